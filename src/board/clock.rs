@@ -1,0 +1,60 @@
+//! Milliseconds, from Timer0.
+
+use core::sync::atomic::{AtomicU8, Ordering};
+
+use avr_device::atmega168::TC0;
+
+use super::CLOCK_HZ;
+
+const PRESCALER: u32 = 64;
+
+/// Timer0 counts from 0 to this in a millisecond.
+const TOP: u8 = {
+    assert!(CLOCK_HZ % (PRESCALER * 1000) == 0);
+    (CLOCK_HZ / PRESCALER / 1000 - 1) as u8
+};
+
+/// Milliseconds, modulo 256. One byte, so that it can be read while the interrupt may come.
+static TICKS: AtomicU8 = AtomicU8::new(0);
+
+#[avr_device::interrupt(atmega168)]
+fn TIMER0_COMPA() {
+    TICKS.store(
+        TICKS.load(Ordering::Relaxed).wrapping_add(1),
+        Ordering::Relaxed,
+    );
+}
+
+/// The clock. It loses time when it is not polled for 256 ms; the watchdog steps in before.
+pub struct Clock {
+    ticks: u8,
+    now_ms: u16,
+}
+
+impl Clock {
+    pub(super) fn new(tc0: TC0) -> Self {
+        tc0.tccr0b().write(|w| w.cs0().no_clock());
+        tc0.tccr0a().write(|w| w.wgm0().ctc());
+        tc0.ocr0a().write(|w| w.set(TOP));
+        tc0.tcnt0().write(|w| w.set(0));
+        tc0.timsk0().write(|w| w.ocie0a().set_bit());
+        tc0.tccr0b().write(|w| w.cs0().prescale_64());
+        Self {
+            ticks: TICKS.load(Ordering::Relaxed),
+            now_ms: 0,
+        }
+    }
+
+    /// Whether at least a millisecond has begun since the last call.
+    pub fn ticked(&mut self) -> bool {
+        let passed = TICKS.load(Ordering::Relaxed).wrapping_sub(self.ticks);
+        self.ticks = self.ticks.wrapping_add(passed);
+        self.now_ms = self.now_ms.wrapping_add(u16::from(passed));
+        passed != 0
+    }
+
+    /// Milliseconds since the start, modulo 65,536, as of the last call of [`ticked`](Self::ticked).
+    pub fn now_ms(&self) -> u16 {
+        self.now_ms
+    }
+}

@@ -1,0 +1,69 @@
+//! The board: an Arduino Diecimila (ATmega168 at 16 MHz) with a CAN-BUS shield (MCP2515 with a 16 MHz crystal).
+//!
+//! All of the firmware's `unsafe` and all its interrupts are in this directory. Every register that is used is written in
+//! full at start, because the program can be restarted without a reset of the chip (see [`guard`]).
+//!
+//! | signal | pin | ATmega168 | how |
+//! | --- | --- | --- | --- |
+//! | MCP2515 INT | D2 | PD2 | input with pull-up, active low, polled as a level |
+//! | MCP2515 CS | D9 | PB1 | output, active low |
+//! | servo | D10 | PB2, OC1B | Timer1; also the SPI's SS, which must be an output for the SPI to stay master |
+//! | MOSI, MISO, SCK | D11, D12, D13 | PB3, PB4, PB5 | SPI at 8 MHz, mode 0,0 |
+//! | temperature | A0 | ADC0 | LM35, against AVCC |
+//! | serial monitor | D0, D1 | RXD, TXD | 115200 baud 8N1 |
+//!
+//! Timer0 counts milliseconds.
+
+mod adc;
+mod clock;
+pub mod flash;
+pub mod guard;
+mod serial;
+mod servo;
+mod spi;
+
+use avr_device::atmega168::Peripherals;
+
+pub use adc::Adc;
+pub use clock::Clock;
+pub use serial::Serial;
+pub use servo::Servo;
+pub use spi::{CanInterrupt, CanSpi};
+
+/// Crystal of the ATmega168, in hertz. Timer0, Timer1, the ADC and the UART are set up for it.
+pub const CLOCK_HZ: u32 = 16_000_000;
+
+/// Crystal of the MCP2515, in hertz.
+pub const CAN_CRYSTAL_HZ: u32 = 16_000_000;
+
+/// The parts of the board, set up.
+pub struct Board {
+    /// Milliseconds.
+    pub clock: Clock,
+    /// The serial monitor.
+    pub serial: Serial,
+    /// The SPI with the MCP2515 at its end.
+    pub can_spi: CanSpi,
+    /// The INT pin of the MCP2515.
+    pub can_interrupt: CanInterrupt,
+    /// The servo output.
+    pub servo: Servo,
+    /// The temperature sensor.
+    pub adc: Adc,
+}
+
+impl Board {
+    /// Sets everything up. To be called once.
+    pub fn new(dp: Peripherals) -> Self {
+        // The servo first: after a restart its timer is still running.
+        let servo = Servo::new(dp.TC1, &dp.PORTB);
+        Self {
+            servo,
+            clock: Clock::new(dp.TC0),
+            serial: Serial::new(dp.USART0),
+            can_spi: CanSpi::new(dp.SPI, dp.PORTB),
+            can_interrupt: CanInterrupt::new(dp.PORTD),
+            adc: Adc::new(dp.ADC),
+        }
+    }
+}

@@ -1,0 +1,42 @@
+//! The UART of the serial monitor, 115200 baud 8N1, polled.
+
+use avr_device::atmega168::USART0;
+
+use super::CLOCK_HZ;
+
+const BAUD: u32 = 115_200;
+
+/// Divisor with U2X: 117,647 baud, 2.1 % fast. Without U2X it would be 3.5 % slow.
+const UBRR: u16 = (CLOCK_HZ / 8 / BAUD - 1) as u16;
+
+/// The UART.
+pub struct Serial {
+    usart: USART0,
+}
+
+impl Serial {
+    pub(super) fn new(usart: USART0) -> Self {
+        usart.ubrr0().write(|w| w.set(UBRR));
+        usart.ucsr0a().write(|w| w.u2x0().set_bit());
+        usart.ucsr0c().write(|w| w.ucsz0().chr8());
+        usart
+            .ucsr0b()
+            .write(|w| w.rxen0().set_bit().txen0().set_bit());
+        Self { usart }
+    }
+
+    /// Sends what `next` gives, if the UART can take a byte now.
+    pub fn send(&mut self, next: impl FnOnce() -> Option<u8>) {
+        if self.usart.ucsr0a().read().udre0().bit_is_set()
+            && let Some(byte) = next()
+        {
+            self.usart.udr0().write(|w| w.set(byte));
+        }
+    }
+
+    /// A byte that came in.
+    pub fn receive(&mut self) -> Option<u8> {
+        let received = self.usart.ucsr0a().read().rxc0().bit_is_set();
+        received.then(|| self.usart.udr0().read().bits())
+    }
+}

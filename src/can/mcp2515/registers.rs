@@ -1,0 +1,71 @@
+//! Instructions, registers and bits of the MCP2515 that the driver uses, by their names in DS20001801J (sections 11, 12).
+
+/// SPI instructions (table 12-1).
+pub mod instruction {
+    pub const WRITE: u8 = 0x02;
+    pub const READ: u8 = 0x03;
+    pub const BIT_MODIFY: u8 = 0x05;
+    /// LOAD TX BUFFER 0 from TXB0SIDH; each further buffer adds 2.
+    pub const LOAD_TX_BUFFER: u8 = 0x40;
+    /// READ RX BUFFER 0 from RXB0SIDH; buffer 1 adds 4. Raising CS clears the buffer's RXnIF.
+    pub const READ_RX_BUFFER: u8 = 0x90;
+    pub const READ_STATUS: u8 = 0xA0;
+    pub const RESET: u8 = 0xC0;
+}
+
+/// Bits that READ STATUS answers (figure 12-8).
+pub mod status {
+    pub const RX0IF: u8 = 1 << 0;
+    pub const RX1IF: u8 = 1 << 1;
+    /// TXREQ of buffer 0; each further buffer's is two bits up.
+    pub const TX0REQ: u8 = 1 << 2;
+}
+
+pub const CANSTAT: u8 = 0x0E;
+pub const CANCTRL: u8 = 0x0F;
+pub const RXM0SIDH: u8 = 0x20;
+/// CNF3, CNF2, CNF1, CANINTE, CANINTF and EFLG follow each other from here.
+pub const CNF3: u8 = 0x28;
+pub const EFLG: u8 = 0x2D;
+/// TXB0CTRL; each further buffer's is 16 up.
+pub const TXB0CTRL: u8 = 0x30;
+pub const RXB0CTRL: u8 = 0x60;
+
+/// CANSTAT: the mode the chip is in.
+pub const OPMOD: u8 = 0b1110_0000;
+/// OPMOD and REQOP: configuration mode, the one after a reset.
+pub const MODE_CONFIGURATION: u8 = 0b1000_0000;
+/// OPMOD and REQOP: normal mode.
+pub const MODE_NORMAL: u8 = 0b0000_0000;
+
+/// CANCTRL: abort all pending transmissions.
+pub const ABAT: u8 = 1 << 4;
+
+/// CANINTE: receive buffer 0 full.
+pub const RX0IE: u8 = 1 << 0;
+/// CANINTE: receive buffer 1 full.
+pub const RX1IE: u8 = 1 << 1;
+
+/// EFLG: a frame was lost because buffer 0 (and with rollover buffer 1) was full.
+pub const RX0OVR: u8 = 1 << 6;
+/// EFLG: a frame was lost because buffer 1 was full.
+pub const RX1OVR: u8 = 1 << 7;
+/// EFLG: bus-off.
+pub const TXBO: u8 = 1 << 5;
+/// EFLG: transmit error-passive.
+pub const TXEP: u8 = 1 << 4;
+/// EFLG: receive error-passive.
+pub const RXEP: u8 = 1 << 3;
+
+/// TXBnCTRL: send this buffer. The two lowest bits are TXP, its priority.
+pub const TXREQ: u8 = 1 << 3;
+
+/// RXB0CTRL: a frame that finds buffer 0 full goes to buffer 1.
+pub const BUKT: u8 = 1 << 2;
+
+/// RXBnSIDL: the frame has an extended identifier. In TXBnSIDL and RXFnSIDL the bit is called EXIDE.
+pub const IDE: u8 = 1 << 3;
+/// RXBnDLC: a remote frame (of those with an extended identifier).
+pub const RTR: u8 = 1 << 6;
+/// RXBnDLC: the data length code. Codes above 8 mean 8 bytes (ISO 11898-1).
+pub const DLC: u8 = 0x0F;

@@ -1,0 +1,137 @@
+//! IEEE 754 half-precision numbers, to and from fixed point: no floating point on the AVR.
+//!
+//! ```text
+//! sign[15] exponent[14:10] fraction[9:0]; value = (1024 + fraction) * 2^(exponent - 25), subnormal below exponent 1
+//! ```
+
+const SIGN: u16 = 0x8000;
+const EXPONENT_OF_INFINITY: u8 = 31;
+
+/// The number as fixed point with `fraction_bits` binary places (at most 20), rounded to nearest, halves away from zero, and
+/// limited to the range of the result. `None` for infinities and NaN.
+#[inline(never)]
+pub fn to_fixed(bits: u16, fraction_bits: u8) -> Option<i32> {
+    let exponent = (bits >> 10) as u8 & 31;
+    let fraction = bits & 0x3FF;
+    if exponent == EXPONENT_OF_INFINITY {
+        return None;
+    }
+    let mut magnitude = u32::from(if exponent == 0 {
+        fraction
+    } else {
+        fraction | 0x400
+    });
+    // The power of two to go from the integer mantissa to the wanted scale.
+    let up = exponent.max(1) + fraction_bits;
+    if up >= 25 {
+        for _ in 25..up {
+            // The largest finite number has 16 integer bits, so that 20 more places could overflow an i32.
+            if magnitude >= 1 << 30 {
+                return Some(if bits & SIGN != 0 { i32::MIN } else { i32::MAX });
+            }
+            magnitude <<= 1;
+        }
+    } else {
+        for _ in up + 1..25 {
+            magnitude >>= 1;
+        }
+        magnitude = (magnitude + 1) >> 1;
+    }
+    let magnitude = magnitude as i32;
+    Some(if bits & SIGN != 0 {
+        magnitude.wrapping_neg()
+    } else {
+        magnitude
+    })
+}
+
+/// The half-precision number nearest to `value` with `fraction_bits` binary places (at most 14), ties to even.
+#[inline(never)]
+pub fn from_fixed(value: u16, fraction_bits: u8) -> u16 {
+    if value == 0 {
+        return 0;
+    }
+    // Normalised so that the leading one is bit 15, which stands for 2^(15 - fraction_bits).
+    let mut mantissa = value;
+    let mut exponent = 15 + 15 - fraction_bits;
+    while mantissa & 0x8000 == 0 {
+        mantissa <<= 1;
+        exponent -= 1;
+    }
+    let rounding = mantissa & 0x1F;
+    let mut bits = u16::from(exponent) << 10 | (mantissa >> 5 & 0x3FF);
+    // Rounding up may carry into the exponent, which is then right.
+    if rounding > 0x10 || rounding == 0x10 && bits & 1 == 1 {
+        bits += 1;
+    }
+    bits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the number is, by the definition of the format.
+    fn value_of(bits: u16) -> f64 {
+        let magnitude = match (bits >> 10 & 31, f64::from(bits & 0x3FF)) {
+            (0, fraction) => fraction * 2f64.powi(-24),
+            (exponent, fraction) => (1024.0 + fraction) * 2f64.powi(i32::from(exponent) - 25),
+        };
+        if bits & SIGN != 0 {
+            -magnitude
+        } else {
+            magnitude
+        }
+    }
+
+    #[test]
+    fn every_number_is_converted_to_the_nearest_fixed_point() {
+        for fraction_bits in [0, 1, 12, 14, 20] {
+            for bits in 0..=u16::MAX {
+                if bits >> 10 & 31 == 31 {
+                    assert_eq!(to_fixed(bits, fraction_bits), None);
+                    continue;
+                }
+                let exact = value_of(bits) * f64::from(1u32 << fraction_bits);
+                let expected = exact
+                    .round()
+                    .clamp(f64::from(i32::MIN), f64::from(i32::MAX))
+                    as i32;
+                assert_eq!(
+                    to_fixed(bits, fraction_bits),
+                    Some(expected),
+                    "{bits:04X} with {fraction_bits} places"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn every_fixed_point_is_converted_to_the_nearest_number() {
+        for fraction_bits in [0, 6, 14] {
+            for value in 0..=u16::MAX {
+                let bits = from_fixed(value, fraction_bits);
+                if bits >= 0x7C00 {
+                    assert!(fraction_bits == 0 && value >= 65520, "{value} overflows");
+                    continue;
+                }
+                let exact = f64::from(value) / f64::from(1u32 << fraction_bits);
+                let error = (value_of(bits) - exact).abs();
+                for neighbour in [bits.saturating_sub(1), bits + 1] {
+                    if neighbour < 0x7C00 {
+                        assert!(
+                            error <= (value_of(neighbour) - exact).abs(),
+                            "{value} with {fraction_bits} places"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn golden_temperature_is_encoded_as_pydronecan_does() {
+        // 298.15 K
+        assert_eq!(from_fixed((298.15 * 64.0) as u16, 6), 0x5CA9);
+    }
+}

@@ -1,0 +1,20 @@
+//! A DroneCAN (UAVCAN v0) servo and temperature node: everything of it that does not touch the chip.
+//!
+//! The layers, each of which knows only those below it:
+//!
+//! * [`node`]: what the node does with commands, its servo, its temperature and its status.
+//! * [`monitor`]: what it tells on the serial monitor.
+//! * [`dronecan`]: the wire format, one file for each message.
+//! * [`can`]: frames, and the MCP2515 over any `embedded-hal` SPI.
+//!
+//! Time comes in as an argument and hardware as `embedded-hal` traits, so all of it is tested on the host. The
+//! ATmega168's registers, interrupts and `unsafe` are in `board`, which belongs to the firmware binary alone.
+
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+pub mod can;
+pub mod dronecan;
+pub mod monitor;
+pub mod node;
