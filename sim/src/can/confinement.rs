@@ -1,0 +1,115 @@
+//! Fault confinement: the two error counters of a node and the state they put it in.
+//!
+//! The rules are lettered in ISO 11898-1:2003 13.1.4.2 (and Bosch CAN 2.0B "Fault confinement");
+//! [`Engine`](super::Engine) decides which rule applies, this file what it does to the counters.
+
+/// How much say a node has on the bus.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
+pub enum ErrorState {
+    /// Sends active (dominant) error flags.
+    Active,
+    /// A counter is at 128 or more: sends passive (recessive) error flags and pauses before sending.
+    Passive,
+    /// The transmit error counter passed 255: drives nothing.
+    BusOff,
+}
+
+/// Either counter at this value makes a node error passive.
+const PASSIVE_AT: u16 = 128;
+/// A transmit error counter above this makes a node leave the bus.
+const TEC_LIMIT: u16 = 255;
+/// Real chips keep eight bits; nothing depends on a higher value.
+const REC_LIMIT: u16 = 255;
+/// The specification allows 119 to 127 after a success beyond 127. The lowest: a single further error
+/// of weight 8 then does not make the node error passive again.
+const REC_AFTER_SUCCESS: u16 = 119;
+/// Weight of a severe error.
+const SEVERE: u16 = 8;
+
+/// TEC and REC.
+#[derive(Clone, Copy, Default, Debug)]
+pub(super) struct Confinement {
+    pub tec: u16,
+    pub rec: u16,
+}
+
+impl Confinement {
+    pub fn state(&self) -> ErrorState {
+        if self.tec > TEC_LIMIT {
+            ErrorState::BusOff
+        } else if self.tec >= PASSIVE_AT || self.rec >= PASSIVE_AT {
+            ErrorState::Passive
+        } else {
+            ErrorState::Active
+        }
+    }
+
+    /// Rule a): a receiver found an error.
+    pub fn receive_error(&mut self) {
+        self.rec = (self.rec + 1).min(REC_LIMIT);
+    }
+
+    /// Rules b), e), f) for a receiver: dominant bits after its flag, a bit error in its flag.
+    pub fn severe_receive_error(&mut self) {
+        self.rec = (self.rec + SEVERE).min(REC_LIMIT);
+    }
+
+    /// Rules c), d), f) for a transmitter. Stops counting once beyond the limit.
+    pub fn transmit_error(&mut self) {
+        if self.tec <= TEC_LIMIT {
+            self.tec += SEVERE;
+        }
+    }
+
+    /// Rule g): a frame was sent and acknowledged.
+    pub fn transmitted(&mut self) {
+        self.tec = self.tec.saturating_sub(1);
+    }
+
+    /// Rule h): a frame was received and acknowledged.
+    pub fn received(&mut self) {
+        self.rec = if self.rec >= PASSIVE_AT { REC_AFTER_SUCCESS } else { self.rec.saturating_sub(1) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_node_is_passive_from_128_and_off_from_256() {
+        let state = |tec, rec| Confinement { tec, rec }.state();
+        assert_eq!(state(127, 127), ErrorState::Active);
+        assert_eq!(state(128, 0), ErrorState::Passive);
+        assert_eq!(state(0, 128), ErrorState::Passive);
+        assert_eq!(state(255, 255), ErrorState::Passive);
+        assert_eq!(state(256, 0), ErrorState::BusOff);
+    }
+
+    #[test]
+    fn success_takes_one_off_and_never_goes_below_zero() {
+        let mut counters = Confinement { tec: 1, rec: 1 };
+        counters.transmitted();
+        counters.transmitted();
+        counters.received();
+        counters.received();
+        assert_eq!((counters.tec, counters.rec), (0, 0));
+    }
+
+    #[test]
+    fn a_success_makes_a_passive_receiver_active_with_119() {
+        for (before, after) in [(127, 126), (128, 119), (255, 119)] {
+            let mut counters = Confinement { tec: 0, rec: before };
+            counters.received();
+            assert_eq!(counters.rec, after);
+        }
+    }
+
+    #[test]
+    fn the_receive_counter_stops_at_255() {
+        let mut counters = Confinement { tec: 0, rec: 250 };
+        counters.severe_receive_error();
+        counters.receive_error();
+        assert_eq!(counters.rec, 255);
+    }
+}

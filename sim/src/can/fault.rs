@@ -1,0 +1,305 @@
+//! What can be made to go wrong on the wire, and the bookkeeping of when.
+//!
+//! Bits of a frame are counted from its SOF (0) through end of frame and intermission, as they pass on
+//! the wire, stuff bits included. "The next frame" is the next SOF after the injection.
+//!
+//! Limits: faults aimed at one station do nothing to a station out of step with the bus (it receives
+//! nothing anyway). With such a station about, what happens to a bit is decided as the bit begins.
+
+use super::port::PortId;
+use super::wire::Level;
+
+/// Something to go wrong. See [`Bus::inject`](super::Bus::inject).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Fault {
+    /// One bit of the next frame is inverted, for everybody.
+    FlipBit {
+        /// Wire bit, 0 is the SOF. Beyond the intermission nothing happens.
+        bit: u32,
+    },
+    /// One bit of the next frame is inverted, but only as this station sees it.
+    FlipBitSeenBy {
+        /// The station.
+        port: PortId,
+        /// Wire bit, 0 is the SOF.
+        bit: u32,
+    },
+    /// Noise: each bit, idle ones too, is inverted for everybody with this probability. 0 ends it.
+    BitErrorRate {
+        /// Errors in a million bits.
+        per_million: u32,
+        /// Equal seeds give equal noise.
+        seed: u64,
+    },
+    /// The station does not notice the next frame of another: its time stands still meanwhile.
+    LoseNextFrame {
+        /// The station.
+        port: PortId,
+    },
+    /// Every ACK slot is recessive.
+    NoAck(bool),
+    /// The wire is shorted: always dominant.
+    StuckDominant(bool),
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Flip {
+    port: Option<PortId>,
+    bit: u32,
+    /// Its frame has begun.
+    armed: bool,
+}
+
+/// What the bus knows about the coming bit when it asks the faults.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BitContext {
+    /// Nothing is going on: a dominant bit would be a SOF.
+    pub idle: bool,
+    /// It is one.
+    pub start_of_frame: bool,
+    pub ack_slot: bool,
+}
+
+/// All faults in force.
+#[derive(Default, Debug)]
+pub(super) struct Faults {
+    /// False if there is nothing to look at: the usual case must cost nothing.
+    any: bool,
+    flips: Vec<Flip>,
+    noise: Option<Noise>,
+    lose: Vec<PortId>,
+    no_ack: bool,
+    stuck: bool,
+    /// Number of the coming bit in its frame.
+    frame_bit: Option<u32>,
+}
+
+/// What happens to one bit.
+#[derive(Clone, Copy, Default, Debug)]
+pub(super) struct Distortion {
+    force: Option<Level>,
+    invert: bool,
+    /// The station that sees the opposite.
+    pub fooled: Option<PortId>,
+}
+
+impl Distortion {
+    /// The level the wire gets.
+    pub fn apply(&self, level: Level) -> Level {
+        let level = self.force.unwrap_or(level);
+        if self.invert { !level } else { level }
+    }
+}
+
+impl Faults {
+    pub fn inject(&mut self, fault: Fault) {
+        match fault {
+            Fault::FlipBit { bit } => self.flips.push(Flip { port: None, bit, armed: false }),
+            Fault::FlipBitSeenBy { port, bit } => {
+                self.flips.push(Flip { port: Some(port), bit, armed: false });
+            }
+            Fault::BitErrorRate { per_million, seed } => {
+                self.noise = (per_million > 0).then(|| Noise::new(per_million, seed));
+            }
+            Fault::LoseNextFrame { port } => self.lose.push(port),
+            Fault::NoAck(on) => self.no_ack = on,
+            Fault::StuckDominant(on) => self.stuck = on,
+        }
+        self.update_any();
+    }
+
+    pub fn clear(&mut self) {
+        *self = Faults::default();
+    }
+
+    pub fn any(&self) -> bool {
+        self.any
+    }
+
+    fn update_any(&mut self) {
+        self.any = !self.flips.is_empty() || self.noise.is_some() || !self.lose.is_empty() || self.no_ack || self.stuck;
+    }
+
+    /// Idle bits that may be skipped before something happens.
+    pub fn harmless_idle_bits(&self) -> u64 {
+        match &self.noise {
+            _ if self.stuck => 0,
+            Some(noise) => noise.clean_bits,
+            None => u64::MAX,
+        }
+    }
+
+    /// Idle bits passed, no more than [`Faults::harmless_idle_bits`].
+    pub fn skip_idle(&mut self, bits: u64) {
+        if let Some(noise) = &mut self.noise {
+            noise.clean_bits -= bits;
+        }
+    }
+
+    /// Takes the stations that are to miss the frame now beginning, if `hears` says they could hear it.
+    pub fn losers(&mut self, mut hears: impl FnMut(PortId) -> bool) {
+        self.lose.retain(|&port| !hears(port));
+        self.update_any();
+    }
+
+    pub fn loses_frames(&self) -> bool {
+        !self.lose.is_empty()
+    }
+
+    /// What happens to the coming bit.
+    pub fn next_bit(&mut self, context: BitContext) -> Distortion {
+        let mut distortion = Distortion::default();
+        if !self.any {
+            return distortion;
+        }
+        self.count_frame_bit(context);
+        if let Some(frame_bit) = self.frame_bit {
+            self.flips.retain(|flip| {
+                let now = flip.armed && flip.bit == frame_bit;
+                match flip.port {
+                    None => distortion.invert ^= now,
+                    Some(_) if now => distortion.fooled = flip.port,
+                    Some(_) => {}
+                }
+                !now
+            });
+        }
+        if let Some(noise) = &mut self.noise {
+            distortion.invert ^= noise.hits();
+        }
+        if self.no_ack && context.ack_slot {
+            distortion.force = Some(Level::Recessive);
+        }
+        if self.stuck {
+            distortion = Distortion { force: Some(Level::Dominant), ..Distortion::default() };
+        }
+        self.update_any();
+        distortion
+    }
+
+    fn count_frame_bit(&mut self, context: BitContext) {
+        if context.start_of_frame {
+            self.flips.retain(|flip| !flip.armed);
+            self.flips.iter_mut().for_each(|flip| flip.armed = true);
+            self.frame_bit = Some(0);
+        } else if context.idle {
+            self.flips.retain(|flip| !flip.armed);
+            self.frame_bit = None;
+        } else {
+            self.frame_bit = self.frame_bit.map(|bit| bit + 1);
+        }
+    }
+}
+
+const MILLION: u64 = 1_000_000;
+
+/// Bit errors as gaps between them, so that idle bits up to the next one can be skipped.
+#[derive(Debug)]
+struct Noise {
+    per_million: u64,
+    random: Random,
+    /// Bits left before the next error.
+    clean_bits: u64,
+}
+
+impl Noise {
+    fn new(per_million: u32, seed: u64) -> Noise {
+        let per_million = u64::from(per_million).min(MILLION);
+        let mut noise = Noise { per_million, random: Random(seed), clean_bits: 0 };
+        noise.draw_gap();
+        noise
+    }
+
+    fn draw_gap(&mut self) {
+        while self.random.below(MILLION) >= self.per_million {
+            self.clean_bits += 1;
+        }
+    }
+
+    fn hits(&mut self) -> bool {
+        if self.clean_bits > 0 {
+            self.clean_bits -= 1;
+            return false;
+        }
+        self.draw_gap();
+        true
+    }
+}
+
+/// SplitMix64 (Steele, Lea, Flood 2014): enough for noise, and the same on every host.
+#[derive(Clone, Debug)]
+pub(super) struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// A number below `limit` (far below 2^64, so the modulo's bias is nothing).
+    pub fn below(&mut self, limit: u64) -> u64 {
+        self.next() % limit
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IDLE: BitContext = BitContext { idle: true, start_of_frame: false, ack_slot: false };
+    const SOF: BitContext = BitContext { idle: true, start_of_frame: true, ack_slot: false };
+    const BUSY: BitContext = BitContext { idle: false, start_of_frame: false, ack_slot: false };
+
+    /// Bits inverted, of an idle bit, a SOF and nine bits of a frame, twice.
+    fn inverted(faults: &mut Faults) -> Vec<usize> {
+        let frame = [IDLE, SOF].into_iter().chain([BUSY; 9]);
+        let bits: Vec<_> = frame.clone().chain(frame).collect();
+        let hit = |context| faults.next_bit(context).apply(Level::Recessive).is_dominant();
+        let hits: Vec<bool> = bits.into_iter().map(hit).collect();
+        (0..hits.len()).filter(|&at| hits[at]).collect()
+    }
+
+    #[test]
+    fn a_flip_hits_its_bit_of_the_next_frame_once() {
+        let mut faults = Faults::default();
+        faults.inject(Fault::FlipBit { bit: 0 });
+        faults.inject(Fault::FlipBit { bit: 3 });
+        assert_eq!(inverted(&mut faults), [1, 4]);
+        assert!(!faults.any());
+    }
+
+    #[test]
+    fn a_flip_beyond_the_frame_expires_with_it() {
+        let mut faults = Faults::default();
+        faults.inject(Fault::FlipBit { bit: 10 });
+        assert_eq!(inverted(&mut faults), []);
+        assert!(!faults.any());
+    }
+
+    #[test]
+    fn noise_has_its_rate_and_repeats_with_its_seed() {
+        let count = |seed| {
+            let mut faults = Faults::default();
+            faults.inject(Fault::BitErrorRate { per_million: 1000, seed });
+            let hits: Vec<u32> =
+                (0..1_000_000).filter(|_| faults.next_bit(BUSY).apply(Level::Recessive).is_dominant()).collect();
+            hits
+        };
+        let hits = count(1);
+        assert!((900..1100).contains(&hits.len()), "{}", hits.len());
+        assert_eq!(hits, count(1));
+        assert_ne!(hits, count(2));
+    }
+
+    #[test]
+    fn idle_bits_are_skippable_up_to_the_next_error() {
+        let mut faults = Faults::default();
+        faults.inject(Fault::BitErrorRate { per_million: 1000, seed: 7 });
+        let clean = faults.harmless_idle_bits();
+        faults.skip_idle(clean);
+        assert!(faults.next_bit(IDLE).apply(Level::Recessive).is_dominant());
+    }
+}

@@ -1,0 +1,132 @@
+//! A station's place on the bus: its cable, its pace, the level it drives.
+//!
+//! A station within [`IN_STEP_PPM`] of the bus's bit rate shares the bus's bits: resynchronisation
+//! would keep a real controller with it. Any other runs on an [`OwnClock`], as a controller with wrong
+//! bit timing does: it drives when its own bits begin and looks at the wire at its own sample points,
+//! and so takes and gives stuff, form and bit errors.
+
+use super::station::StationRef;
+use super::wire::Level;
+
+/// Names a station of a bus.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Hash)]
+pub struct PortId(pub(super) usize);
+
+impl PortId {
+    /// Position in the order of attachment, from 0; the index into the port statistics.
+    pub fn index(self) -> usize {
+        self.0
+    }
+}
+
+/// Two clocks this far apart still synchronise: the tolerance of ISO 11898-1 with a jump width of one
+/// of eight quanta is 0.625 %, rounded down.
+const IN_STEP_PPM: u64 = 5_000;
+
+/// How a station is stepped.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Pace {
+    /// Not on the bus.
+    Off,
+    /// With the bus's bits.
+    InStep,
+    /// With bits of its own.
+    Own(OwnClock),
+}
+
+/// The bits of a station that is out of step.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct OwnClock {
+    bit_ps: u64,
+    start_ps: u64,
+    /// The level at this bit's sample point, once that has passed.
+    pub latched: Option<Level>,
+}
+
+/// Where in a bit the level is looked at: the sample point recommended for 1 Mbit/s, 75 %.
+pub(super) const fn sample_point_ps(bit_ps: u64) -> u64 {
+    bit_ps / 4 * 3
+}
+
+impl OwnClock {
+    /// When the next thing happens in this clock: the sample point, then the end of the bit.
+    pub fn next_event_ps(&self) -> u64 {
+        match self.latched {
+            None => self.start_ps + sample_point_ps(self.bit_ps),
+            Some(_) => self.start_ps + self.bit_ps,
+        }
+    }
+
+    /// Begins the next bit.
+    pub fn begin_bit(&mut self) {
+        self.start_ps += self.bit_ps;
+        self.latched = None;
+    }
+
+    /// Moves to the bit that contains `to_ps`, over an idle wire; returns the bits passed.
+    pub fn skip_idle(&mut self, to_ps: u64) -> u64 {
+        let bits = to_ps.saturating_sub(self.start_ps) / self.bit_ps;
+        self.start_ps += bits * self.bit_ps;
+        let sampled = self.start_ps + sample_point_ps(self.bit_ps) < to_ps;
+        self.latched = sampled.then_some(Level::Recessive);
+        bits
+    }
+}
+
+/// One station and its cable.
+pub(super) struct Port {
+    pub name: String,
+    pub station: StationRef,
+    /// False: the cable is pulled, the station hears only itself.
+    pub connected: bool,
+    /// It is missing a frame: it is not stepped until the frame is over.
+    pub deaf: bool,
+    /// Its bit time as it was when `pace` was derived from it.
+    bit_time_ps: Option<u64>,
+    pub pace: Pace,
+    /// In the current bit.
+    pub driven: Level,
+}
+
+impl Port {
+    pub fn new(name: &str, station: StationRef) -> Port {
+        Port {
+            name: name.to_owned(),
+            station,
+            connected: true,
+            deaf: false,
+            bit_time_ps: None,
+            pace: Pace::Off,
+            driven: Level::Recessive,
+        }
+    }
+
+    /// Takes over a change of the station's bit time; true if there was one.
+    pub fn update_pace(&mut self, bus_bit_ps: u64, now_ps: u64) -> bool {
+        let bit_time_ps = self.station.borrow().bit_time_ps();
+        if bit_time_ps == self.bit_time_ps {
+            return false;
+        }
+        self.bit_time_ps = bit_time_ps;
+        self.driven = Level::Recessive;
+        self.pace = match bit_time_ps {
+            None => Pace::Off,
+            Some(ps) if ps.abs_diff(bus_bit_ps) * 1_000_000 <= bus_bit_ps * IN_STEP_PPM => Pace::InStep,
+            Some(ps) => {
+                assert!(ps >= 4, "a bit time of {ps} ps");
+                Pace::Own(OwnClock { bit_ps: ps, start_ps: now_ps, latched: None })
+            }
+        };
+        true
+    }
+
+    /// Steps with the bus's bits and is not missing a frame.
+    pub fn is_in_step(&self) -> bool {
+        self.pace == Pace::InStep && !self.deaf
+    }
+
+    /// Drives the wire that the others see.
+    pub fn is_heard(&self) -> bool {
+        self.connected && !self.deaf
+    }
+}

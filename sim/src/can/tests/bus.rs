@@ -1,0 +1,337 @@
+//! The bus with well-behaved stations: time, records, figures, horizon, cables.
+
+use super::*;
+use std::cell::Cell;
+
+const COMMAND: &str = "1003F20A#01000038C7";
+
+#[test]
+fn three_nodes_that_start_together_are_heard_by_all_in_the_order_of_their_identifiers() {
+    let mut rig = Rig::of(3);
+    let frames = [frame("00000103#03"), frame("00000101#01"), frame("00000102#02")];
+    (0..3).for_each(|node| rig.send(node, frames[node]));
+    rig.run_bits(500);
+    assert_eq!(rig.received(0), [frames[1], frames[2]]);
+    assert_eq!(rig.received(1), [frames[2], frames[0]]);
+    assert_eq!(rig.received(2), [frames[1], frames[0]]);
+    let recorded = [(frames[1], Some(1), true), (frames[2], Some(2), true), (frames[0], Some(0), true)];
+    assert_eq!(rig.recorded_frames(), recorded);
+}
+
+/// Requests fall between bits and onto boundaries; the idle bits before them are skipped.
+#[test]
+fn a_frame_starts_at_the_first_bit_boundary_from_its_time_on() {
+    for after in [0, 1, 15, 16, 17, 16_000, 1_000_001] {
+        let mut rig = Rig::of(2);
+        let due = rig.bus.now() + after;
+        rig.nodes[0].borrow_mut().send_at(due, frame(COMMAND));
+        rig.run_bits(after / BIT + 300);
+        let record = rig.bus.take_records()[0];
+        assert_eq!(record.start, due.next_multiple_of(BIT), "{after}");
+    }
+}
+
+#[test]
+fn a_record_tells_the_frames_bits_and_times() {
+    let mut rig = Rig::of(2);
+    let start = rig.bus.now();
+    rig.send(0, frame(COMMAND));
+    rig.run_bits(200);
+    let bits = frame(COMMAND).wire_bits().len() as u32;
+    let end = start + u64::from(bits) * BIT;
+    let kind = RecordKind::Frame { frame: frame(COMMAND), from: Some(rig.ports[0]), acked: true };
+    assert_eq!(rig.bus.take_records(), [Record { start, end, bits, kind }]);
+    assert_eq!(rig.bus.take_records(), []);
+    let received = rig.nodes[1].borrow_mut().take_received();
+    assert_eq!(received, [(end - BIT, frame(COMMAND))]);
+}
+
+#[test]
+fn frames_of_one_node_leave_in_the_order_of_their_times_then_of_their_calls() {
+    let mut rig = Rig::of(2);
+    let now = rig.bus.now();
+    {
+        let mut node = rig.nodes[0].borrow_mut();
+        node.send_at(now + 100_000, frame("001#"));
+        node.send(frame("7FF#01"));
+        node.send(frame("7FF#02"));
+        node.send_at(now + 50_000, frame("7FF#03"));
+        node.send_at(now + 50_000, frame("100#04"));
+        assert_eq!(node.queued(), 5);
+    }
+    rig.run_bits(10_000);
+    let order = ["7FF#01", "7FF#02", "7FF#03", "100#04", "001#"].map(frame);
+    assert_eq!(rig.received(1), order);
+    assert_eq!(rig.nodes[0].borrow().queued(), 0);
+}
+
+/// A frame queued for an earlier time must not displace the one on the wire.
+#[test]
+fn a_frame_queued_during_a_transmission_waits_its_turn() {
+    let mut rig = Rig::of(2);
+    rig.send(0, frame("100#01"));
+    rig.run_bits(20);
+    rig.nodes[0].borrow_mut().send_at(0, frame("100#02"));
+    rig.run_bits(200);
+    assert_eq!(rig.received(1), ["100#01", "100#02"].map(frame));
+}
+
+#[test]
+fn a_cleared_queue_keeps_only_the_frame_on_the_wire() {
+    let mut rig = Rig::of(2);
+    rig.send(0, frame("100#01"));
+    rig.send(0, frame("100#02"));
+    rig.run_bits(20);
+    rig.nodes[0].borrow_mut().clear_queue();
+    rig.run_bits(200);
+    assert_eq!(rig.received(1), [frame("100#01")]);
+}
+
+#[test]
+fn the_figures_count_frames_and_busy_bits() {
+    let mut rig = Rig::of(3);
+    let before = rig.bus.stats();
+    assert_eq!((before.busy_bits, before.total_bits), (0, 100));
+    rig.send(0, frame(COMMAND));
+    rig.send(1, frame(COMMAND));
+    rig.send(1, frame("123#"));
+    rig.run_bits(1_000);
+    let stats = rig.bus.stats();
+    let (command, other) = (frame(COMMAND).bit_count(), frame("123#").bit_count());
+    // The two commands are identical and went out as one; it counts for the first sender.
+    assert_eq!((stats.frames, stats.error_frames), (2, 0));
+    assert_eq!(stats.busy_bits, u64::from(command + other));
+    assert_eq!(stats.total_bits, 1_100);
+    assert_eq!((stats.ports[0].frames, stats.ports[0].bits), (1, u64::from(command)));
+    assert_eq!((stats.ports[1].frames, stats.ports[1].bits), (1, u64::from(other)));
+    assert_eq!(stats.ports[1].name, "node 1");
+    let load = stats.load_since(&before);
+    assert!((load - f64::from(command + other) / 1_000.0).abs() < 1e-9);
+}
+
+/// One bit while anything goes on, 32 bits while nothing does.
+#[test]
+fn the_horizon_is_one_bit_on_a_busy_bus_and_32_on_an_idle_one() {
+    let mut rig = Rig::of(2);
+    let now = rig.bus.now();
+    assert_eq!(rig.bus.horizon(), now + 32 * BIT);
+    rig.send(0, frame("123#"));
+    assert_eq!(rig.bus.horizon(), now + BIT, "the SOF must be stepped next");
+    rig.run_bits(10);
+    assert_eq!(rig.bus.horizon(), rig.bus.now() + BIT);
+    rig.run_bits(60);
+    assert_eq!(rig.bus.horizon(), rig.bus.now() + 32 * BIT);
+}
+
+/// A frame due within the next 32 bits pulls the horizon to the end of its SOF.
+#[test]
+fn the_horizon_ends_with_the_first_bit_that_is_not_idle() {
+    let rig = Rig::of(2);
+    let now = rig.bus.now();
+    rig.nodes[0].borrow_mut().send_at(now + 5 * BIT + 3, frame("123#"));
+    assert_eq!(rig.bus.horizon(), now + 7 * BIT);
+}
+
+#[test]
+fn time_passes_in_whole_bits() {
+    let mut rig = Rig::of(1);
+    let now = rig.bus.now();
+    rig.bus.run_until(now + BIT - 1);
+    assert_eq!(rig.bus.now(), now);
+    rig.bus.run_until(now + BIT);
+    assert_eq!(rig.bus.now(), now + BIT);
+    rig.bus.run_until(now);
+    assert_eq!(rig.bus.now(), now + BIT, "it never goes back");
+}
+
+type Outcome = (Vec<Record>, BusStats, Vec<Vec<(Cycles, Frame)>>);
+
+/// All that can be seen of a rig after some traffic with noise, run in steps of `step` or along the
+/// horizon.
+fn outcome(step: Option<Cycles>) -> Outcome {
+    let mut rig = Rig::with_rates(&[1_000_000, 1_000_000, 1_000_000]);
+    rig.bus.inject(Fault::BitErrorRate { per_million: 2_000, seed: 42 });
+    for count in 0..20u8 {
+        let at = 2_000 + u64::from(count) * 3_333;
+        rig.nodes[usize::from(count % 3)]
+            .borrow_mut()
+            .send_at(at, Frame::standard(0x100 + u16::from(count), &[count; 4]));
+    }
+    let end = 200_000;
+    let mut now = rig.bus.now();
+    while now < end {
+        now = step.map_or_else(|| rig.bus.horizon(), |step| now + step).min(end);
+        rig.bus.run_until(now);
+    }
+    let received = rig.nodes.iter().map(|node| node.borrow_mut().take_received()).collect();
+    (rig.bus.take_records(), rig.bus.stats(), received)
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_steps_it_is_run_in() {
+    let reference = outcome(None);
+    assert!(reference.1.error_frames > 0 && reference.1.frames >= 20);
+    for step in [1, 16, 100, 4_321, 200_000] {
+        assert!(outcome(Some(step)) == reference, "steps of {step} cycles");
+    }
+}
+
+#[test]
+fn a_pulled_cable_leaves_a_station_alone_with_itself() {
+    let mut rig = Rig::of(3);
+    rig.bus.connect(rig.ports[0], false);
+    rig.send(0, frame("001#AA"));
+    rig.send(1, frame("123#01"));
+    rig.run_bits(3_000);
+    assert_eq!(rig.received(2), [frame("123#01")]);
+    assert_eq!(rig.received(0), []);
+    assert_eq!(rig.counters(0), (128, 0), "nobody acknowledges");
+    assert_eq!(rig.bus.stats().frames, 1);
+    rig.bus.connect(rig.ports[0], true);
+    rig.run_bits(2_000);
+    assert_eq!(rig.received(2), [frame("001#AA")]);
+    assert_eq!(rig.counters(0), (127, 0));
+}
+
+#[test]
+fn a_babbler_keeps_all_higher_identifiers_off_the_bus() {
+    let mut rig = Rig::of(3);
+    rig.nodes[0].borrow_mut().babble(Some(frame("010#00")));
+    rig.send(0, frame("020#"));
+    rig.send(1, frame("00F#01"));
+    rig.send(1, frame("011#02"));
+    rig.run_bits(10_000);
+    let heard = rig.received(2);
+    assert_eq!(heard.iter().filter(|&&other| other != frame("010#00")).count(), 1);
+    assert_eq!(heard[0], frame("00F#01"));
+    let stats = rig.bus.stats();
+    assert!(stats.busy_bits > 9_990);
+    rig.nodes[0].borrow_mut().babble(None);
+    rig.run_bits(1_000);
+    let rest = rig.received(2);
+    assert_eq!(rest[rest.len() - 2..], ["011#02", "020#"].map(frame));
+}
+
+#[test]
+fn a_node_set_to_listen_hears_and_stays_silent() {
+    let mut rig = Rig::of(2);
+    rig.nodes[1].borrow_mut().set_listen_only(true);
+    rig.run_bits(20);
+    rig.send(1, frame("001#"));
+    rig.send(0, frame("123#"));
+    rig.run_bits(5_000);
+    assert_eq!(rig.counters(0), (128, 0));
+    // Unacknowledged, but complete once the sender's flags are passive.
+    assert!(rig.received(1).len() > 20);
+    let recorded = rig.recorded_frames();
+    assert!(recorded.iter().all(|&record| record == (frame("123#"), Some(0), false)));
+    rig.nodes[1].borrow_mut().set_listen_only(false);
+    rig.run_bits(500);
+    assert_eq!(rig.received(0), [frame("001#")]);
+}
+
+/// The tap sees every edge of the wire, at its time.
+#[test]
+fn the_wire_tap_hears_each_change_of_level() {
+    let mut rig = Rig::of(2);
+    let edges: Rc<RefCell<Vec<(Cycles, Level)>>> = Rc::default();
+    let log = edges.clone();
+    rig.bus.set_wire_tap(Some(Box::new(move |at, level| log.borrow_mut().push((at, level)))));
+    let start = rig.bus.now();
+    rig.send(0, frame(COMMAND));
+    rig.run_bits(200);
+    let mut bits = frame(COMMAND).wire_bits();
+    bits[bits_of(&frame(COMMAND)).ack_slot as usize] = Level::Dominant;
+    let mut expected = Vec::new();
+    let mut last = Level::Recessive;
+    for (at, &level) in (start..).step_by(BIT as usize).zip(&bits) {
+        if level != last {
+            expected.push((at, level));
+        }
+        last = level;
+    }
+    assert_eq!(*edges.borrow(), expected);
+}
+
+/// A station that only counts how it is called.
+#[derive(Default)]
+struct Counter {
+    bit_time_ps: Cell<Option<u64>>,
+    busy: bool,
+    stepped: u64,
+    skipped: u64,
+}
+
+impl Station for Counter {
+    fn drive(&mut self, _at: Cycles) -> Level {
+        Level::Recessive
+    }
+    fn sample(&mut self, _level: Level, _at: Cycles) {
+        self.stepped += 1;
+    }
+    fn quiet(&self, _at: Cycles) -> bool {
+        !self.busy
+    }
+    fn transmitting(&self) -> bool {
+        false
+    }
+    fn bit_time_ps(&self) -> Option<u64> {
+        self.bit_time_ps.get()
+    }
+    fn skip_idle(&mut self, bits: u64) {
+        self.skipped += bits;
+    }
+}
+
+#[test]
+fn every_idle_bit_is_either_stepped_or_skipped() {
+    let counter = Rc::new(RefCell::new(Counter::default()));
+    counter.borrow().bit_time_ps.set(Some(1_000_000));
+    let mut bus = Bus::new(1_000_000);
+    bus.attach("counter", counter.clone());
+    bus.run_until(1_000 * BIT);
+    assert_eq!((counter.borrow().stepped, counter.borrow().skipped), (0, 1_000));
+    counter.borrow_mut().busy = true;
+    bus.run_until(1_500 * BIT);
+    assert_eq!((counter.borrow().stepped, counter.borrow().skipped), (500, 1_000));
+}
+
+#[test]
+fn a_station_without_a_bit_time_is_left_alone() {
+    let counter = Rc::new(RefCell::new(Counter { busy: true, ..Counter::default() }));
+    let mut bus = Bus::new(1_000_000);
+    bus.attach("counter", counter.clone());
+    bus.run_until(100 * BIT);
+    assert_eq!((counter.borrow().stepped, counter.borrow().skipped), (0, 0));
+    counter.borrow().bit_time_ps.set(Some(1_000_000));
+    bus.run_until(200 * BIT);
+    assert_eq!(counter.borrow().stepped, 100);
+}
+
+#[test]
+fn records_that_nobody_takes_are_bounded_and_counted() {
+    let mut rig = Rig::of(2);
+    rig.nodes[0].borrow_mut().babble(Some(frame("555#")));
+    let frames = 65_536 + 10;
+    rig.run_bits(u64::from(frame("555#").bit_count()) * frames);
+    assert_eq!(rig.bus.stats().frames, frames);
+    assert_eq!(rig.bus.stats().lost_records, 10);
+    assert_eq!(rig.bus.take_records().len(), 65_536);
+}
+
+/// 83.333 kbit/s does not divide 16 MHz: bits of 192 and 193 cycles, no drift.
+#[test]
+fn a_bus_at_an_odd_rate_keeps_its_bits_apart() {
+    let node = || Rc::new(RefCell::new(SoftNode::new(83_333)));
+    let (sender, receiver) = (node(), node());
+    let mut bus = Bus::new(83_333);
+    bus.attach("sender", sender.clone());
+    bus.attach("receiver", receiver.clone());
+    sender.borrow_mut().send_at(16_000_000, frame(COMMAND));
+    bus.run_until(17_000_000);
+    let received = receiver.borrow_mut().take_received();
+    assert_eq!(received.len(), 1);
+    let bits = frame(COMMAND).wire_bits().len() as u64;
+    let end = (83_333 + bits - 1) * 16_000_000 / 83_333;
+    assert_eq!(received[0].0, end);
+}

@@ -1,0 +1,157 @@
+//! Stations at another bit rate than the bus.
+
+use super::*;
+
+const COMMAND: &str = "1003F20A#01000038C7";
+
+/// Node 2 is at the wrong rate: it disturbs until its counter makes it passive, and hears nothing.
+fn stranger_at(rate: u32) -> Rig {
+    let mut rig = Rig::with_rates(&[1_000_000, 1_000_000, rate]);
+    for count in 0..40u8 {
+        let at = rig.bus.now() + u64::from(count) * 8_000;
+        let sender = usize::from(count % 2);
+        let sent = Frame::extended(0x1003_F200 + u32::from(count), &[count; 8]);
+        rig.nodes[sender].borrow_mut().send_at(at, sent);
+    }
+    rig.run_bits(100_000);
+    rig
+}
+
+#[test]
+fn a_station_at_half_the_rate_causes_errors_and_never_receives() {
+    for rate in [500_000, 250_000, 125_000] {
+        let rig = stranger_at(rate);
+        assert!(rig.bus.stats().error_frames > 0, "{rate}");
+        assert_eq!(rig.received(2), [], "{rate}");
+        assert!(rig.counters(2).1 > 0, "{rate}");
+    }
+}
+
+#[test]
+fn the_stations_at_the_right_rate_get_through_once_the_stranger_is_passive() {
+    let rig = stranger_at(500_000);
+    assert_eq!(rig.nodes[2].borrow().error_state(), ErrorState::Passive);
+    assert_eq!(rig.nodes[0].borrow().queued() + rig.nodes[1].borrow().queued(), 0);
+    for (receiver, parity) in [(1, 0), (0, 1)] {
+        let received = rig.received(receiver);
+        assert_eq!(received.len(), 20);
+        assert!(received.iter().all(|frame| frame.data()[0] % 2 == parity));
+    }
+}
+
+#[test]
+fn a_faster_station_cannot_talk_to_the_bus_either() {
+    let mut rig = Rig::of(0);
+    rig.bus = Bus::new(500_000);
+    for rate in [500_000, 500_000, 1_000_000] {
+        let node = Rc::new(RefCell::new(SoftNode::new(rate)));
+        rig.ports.push(rig.bus.attach("node", node.clone()));
+        rig.nodes.push(node);
+    }
+    rig.bus.run_until(10_000);
+    rig.send(2, frame(COMMAND));
+    rig.send(0, frame("123#01"));
+    rig.bus.run_until(2_000_000);
+    assert_eq!(rig.received(2), []);
+    assert_eq!(rig.nodes[2].borrow().queued(), 1);
+    assert!(rig.events(2).iter().any(|event| matches!(event, Event::Error { .. })));
+    let received = rig.received(1);
+    assert!(received.iter().all(|&other| other == frame("123#01")), "{received:?}");
+}
+
+#[test]
+fn a_station_within_half_a_percent_keeps_up_with_the_bus() {
+    let mut rig = Rig::with_rates(&[1_000_000, 995_500, 1_004_500]);
+    rig.send(0, frame(COMMAND));
+    rig.send(1, frame("123#01"));
+    rig.send(2, frame("124#02"));
+    rig.run_bits(1_000);
+    assert_eq!(rig.bus.stats().frames, 3);
+    assert_eq!(rig.bus.stats().error_frames, 0);
+}
+
+/// Two strangers at the same rate are strangers to the bus's own listener as well, not to each other.
+#[test]
+fn two_stations_at_another_rate_understand_each_other() {
+    let mut rig = Rig::with_rates(&[500_000, 500_000]);
+    rig.send(0, frame(COMMAND));
+    rig.run_bits(1_000);
+    assert_eq!(rig.received(1), [frame(COMMAND)]);
+    assert_eq!(rig.recorded_frames(), []);
+}
+
+/// The horizon must not let an AVR pass a bit of the faster station.
+#[test]
+fn the_horizon_follows_the_station_that_is_out_of_step() {
+    let mut rig = Rig::of(0);
+    rig.bus = Bus::new(125_000);
+    let node = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
+    rig.bus.attach("fast", node.clone());
+    let mut now = 0;
+    let mut last = 0;
+    node.borrow_mut().send_at(10_000, frame("123#"));
+    while now < 20_000 {
+        now = rig.bus.horizon();
+        assert!(now > last, "no progress at {now}");
+        // After the first idle stretch (the rate is not known yet): its bits are 16 cycles.
+        assert!(now - last <= 16 || last < 128 * 32, "{last} to {now}");
+        rig.bus.run_until(now);
+        last = now;
+    }
+    assert!(!node.borrow_mut().take_events().is_empty());
+}
+
+/// The same outcome in one go and in steps of one cycle.
+#[test]
+fn events_out_of_step_do_not_depend_on_the_steps_they_are_run_in() {
+    let outcome = |step: u64| {
+        let mut rig = Rig::with_rates(&[1_000_000, 1_000_000, 333_333]);
+        let start = rig.bus.now();
+        (0..3).for_each(|node| rig.send(node, frame(COMMAND)));
+        let mut now = start;
+        while now < start + 60_000 {
+            now += step;
+            rig.bus.run_until(now);
+        }
+        let events: Vec<_> = rig.nodes.iter().map(|node| node.borrow_mut().take_events()).collect();
+        (rig.bus.take_records(), events)
+    };
+    assert!(outcome(1) == outcome(60_000));
+}
+
+/// A chip that is configured to the right rate later joins then.
+#[test]
+fn a_station_may_come_into_step_later() {
+    struct Switch(SoftNode, u64);
+    impl Station for Switch {
+        fn drive(&mut self, at: Cycles) -> Level {
+            self.0.drive(at)
+        }
+        fn sample(&mut self, level: Level, at: Cycles) {
+            self.0.sample(level, at);
+        }
+        fn quiet(&self, at: Cycles) -> bool {
+            self.0.quiet(at)
+        }
+        fn transmitting(&self) -> bool {
+            self.0.transmitting()
+        }
+        fn bit_time_ps(&self) -> Option<u64> {
+            Some(self.1)
+        }
+        fn skip_idle(&mut self, bits: u64) {
+            self.0.skip_idle(bits);
+        }
+    }
+    let mut rig = Rig::of(2);
+    let late = Rc::new(RefCell::new(Switch(SoftNode::new(1_000_000), 3_700_000)));
+    rig.bus.attach("late", late.clone());
+    rig.run_bits(500);
+    late.borrow_mut().1 = 1_000_000;
+    rig.run_bits(100);
+    rig.send(0, frame(COMMAND));
+    rig.run_bits(500);
+    let received = late.borrow_mut().0.take_received();
+    assert_eq!(received.len(), 1);
+    assert_eq!(rig.bus.stats().error_frames, 0);
+}

@@ -1,0 +1,341 @@
+//! A frame as the row of levels that goes over the wire: fields, CRC-15 and stuff bits.
+//!
+//! ```text
+//! standard: SOF ID[28:18] RTR IDE=d r0 DLC[3:0] data CRC[14:0] | CRCdel ACK ACKdel EOF*7 | 3 x intermission
+//! extended: SOF ID[28:18] SRR=r IDE=r ID[17:0] RTR r1 r0 DLC[3:0] data CRC[14:0] | (the same)
+//!           '------------------------ stuffed --------------------------------'
+//! ```
+//! d = dominant = 0, r = recessive = 1. After five equal bits in the stuffed part, stuff bits
+//! included, one bit of the other level follows, after the last CRC bit too.
+//!
+//! Source: Bosch CAN 2.0B, "Frame formats", "Bit stream coding"; ISO 11898-1:2003 10.4, 10.5.
+
+use super::frame::{Frame, Id};
+use std::ops::{BitAnd, BitAndAssign, Not};
+
+/// Level of the wire during one bit.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
+#[repr(u8)]
+pub enum Level {
+    /// Driven; logical 0; wins over recessive.
+    Dominant = 0,
+    /// Released; logical 1; an idle wire.
+    Recessive = 1,
+}
+
+impl Level {
+    /// The level of a logical bit: 1 is recessive.
+    pub const fn from_bit(bit: bool) -> Level {
+        if bit { Level::Recessive } else { Level::Dominant }
+    }
+
+    /// True if some station pulls the wire.
+    pub const fn is_dominant(self) -> bool {
+        matches!(self, Level::Dominant)
+    }
+}
+
+impl BitAnd for Level {
+    type Output = Level;
+    /// The level of a wire that both sides drive: dominant wins.
+    fn bitand(self, other: Level) -> Level {
+        Level::from_bit(self as u8 & other as u8 != 0)
+    }
+}
+
+impl BitAndAssign for Level {
+    fn bitand_assign(&mut self, other: Level) {
+        *self = *self & other;
+    }
+}
+
+impl Not for Level {
+    type Output = Level;
+    fn not(self) -> Level {
+        match self {
+            Level::Dominant => Level::Recessive,
+            Level::Recessive => Level::Dominant,
+        }
+    }
+}
+
+/// This many equal bits are followed by a stuff bit.
+pub(super) const STUFF_AFTER: u8 = 5;
+/// Bits of the intermission between frames.
+pub(super) const INTERMISSION_BITS: u8 = 3;
+/// Bits of the end of frame.
+pub(super) const EOF_BITS: u8 = 7;
+/// Bits of the CRC sequence.
+pub(super) const CRC_BITS: u8 = 15;
+
+/// CRC delimiter, ACK slot, ACK delimiter, end of frame: the part of a frame that is not stuffed.
+const TAIL_BITS: u32 = 3 + EOF_BITS as u32;
+/// Stuffed part of a standard frame without data, before stuffing: SOF to CRC.
+const STANDARD_BITS: u32 = 1 + 11 + 1 + 1 + 1 + 4 + CRC_BITS as u32;
+/// The same of an extended frame: SRR, 18 more identifier bits and r1 come on top.
+const EXTENDED_BITS: u32 = STANDARD_BITS + 1 + 18 + 1;
+
+/// x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1, without its top term.
+const CRC_POLYNOMIAL: u16 = 0x4599;
+
+/// The CRC-15 after one more (unstuffed) bit. It starts at 0 with the SOF.
+pub(super) fn crc15(crc: u16, level: Level) -> u16 {
+    // Without a branch: which way it would go is as random as the data.
+    let feedback = ((crc >> 14) & 1) ^ level as u16;
+    ((crc << 1) & 0x7FFF) ^ (CRC_POLYNOMIAL * feedback)
+}
+
+/// Bits of a frame before stuffing, SOF to end of frame.
+const fn unstuffed_bits(extended: bool, len: u32) -> u32 {
+    stuffed_part(extended, len) + TAIL_BITS
+}
+
+const fn stuffed_part(extended: bool, len: u32) -> u32 {
+    (if extended { EXTENDED_BITS } else { STANDARD_BITS }) + 8 * len
+}
+
+impl Frame {
+    /// The levels a sender drives, from SOF to the end of frame; the ACK slot is recessive in it.
+    pub fn wire_bits(&self) -> Vec<Level> {
+        let bits = WireBits::of(self);
+        (0..bits.len()).map(|at| bits.get(at)).collect()
+    }
+
+    /// Exact bits this frame takes: SOF to end of frame with its stuff bits, and the intermission.
+    pub fn bit_count(&self) -> u32 {
+        u32::from(WireBits::of(self).len()) + u32::from(INTERMISSION_BITS)
+    }
+
+    /// The fewest bits that a data frame of `len` bytes can take, intermission included: no stuff bit.
+    pub const fn min_bits(extended: bool, len: u8) -> u32 {
+        unstuffed_bits(extended, len as u32) + INTERMISSION_BITS as u32
+    }
+
+    /// An upper bound of the same: a stuff bit after the first five bits and after every fourth then.
+    pub const fn max_bits(extended: bool, len: u8) -> u32 {
+        Frame::min_bits(extended, len) + (stuffed_part(extended, len as u32) - 1) / 4
+    }
+}
+
+const WORDS: usize = 3;
+const WORD_BITS: u8 = 64;
+// A frame of 8 bytes must fit.
+const _: () = assert!(Frame::max_bits(true, 8) <= WORDS as u32 * WORD_BITS as u32);
+
+/// The stuffed bits of a frame, SOF to end of frame, packed so that a sender needs no heap.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct WireBits {
+    /// Bit 0 of word 0 is the SOF. Bits beyond `len` are 1, recessive.
+    words: [u64; WORDS],
+    len: u8,
+}
+
+impl WireBits {
+    pub fn of(frame: &Frame) -> WireBits {
+        let mut writer = Writer::new();
+        let remote = u32::from(frame.remote);
+        writer.field(0, 1);
+        match frame.id {
+            Id::Standard(id) => {
+                writer.field(u32::from(id), 11);
+                writer.field(remote, 1);
+                writer.field(0, 2);
+            }
+            Id::Extended(id) => {
+                writer.field(id >> 18, 11);
+                writer.field(0b11, 2);
+                writer.field(id & 0x3_FFFF, 18);
+                writer.field(remote, 1);
+                writer.field(0, 2);
+            }
+        }
+        writer.field(u32::from(frame.dlc), 4);
+        for &byte in frame.data() {
+            writer.field(u32::from(byte), 8);
+        }
+        writer.field(u32::from(writer.crc), CRC_BITS);
+        let mut bits = writer.bits;
+        bits.len += TAIL_BITS as u8;
+        bits
+    }
+
+    pub fn len(&self) -> u8 {
+        self.len
+    }
+
+    pub fn get(&self, at: u8) -> Level {
+        Level::from_bit(self.words[usize::from(at / WORD_BITS)] >> (at % WORD_BITS) & 1 != 0)
+    }
+
+    fn push(&mut self, level: Level) {
+        if level.is_dominant() {
+            self.words[usize::from(self.len / WORD_BITS)] &= !(1 << (self.len % WORD_BITS));
+        }
+        self.len += 1;
+    }
+}
+
+/// Appends fields, stuffs them, and keeps the CRC of what went in.
+struct Writer {
+    bits: WireBits,
+    last: Level,
+    run: u8,
+    crc: u16,
+}
+
+impl Writer {
+    fn new() -> Writer {
+        let bits = WireBits { words: [u64::MAX; WORDS], len: 0 };
+        Writer { bits, last: Level::Recessive, run: 0, crc: 0 }
+    }
+
+    /// The lowest `width` bits of `value`, most significant first.
+    fn field(&mut self, value: u32, width: u8) {
+        for shift in (0..width).rev() {
+            let level = Level::from_bit(value >> shift & 1 != 0);
+            self.crc = crc15(self.crc, level);
+            self.push(level);
+            if self.run == STUFF_AFTER {
+                self.push(!level);
+            }
+        }
+    }
+
+    fn push(&mut self, level: Level) {
+        self.run = if level == self.last { self.run + 1 } else { 1 };
+        self.last = level;
+        self.bits.push(level);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fault::Random;
+    use super::*;
+
+    /// CRC-15 as a division of bit lists: an implementation that shares nothing with the one above.
+    fn crc_by_long_division(message: &[u8]) -> Vec<u8> {
+        const DIVISOR: [u8; 16] = [1, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1];
+        let mut rest = message.to_vec();
+        rest.extend([0; 15]);
+        for at in 0..message.len() {
+            if rest[at] == 1 {
+                for (bit, divisor) in rest[at..].iter_mut().zip(DIVISOR) {
+                    *bit ^= divisor;
+                }
+            }
+        }
+        rest.split_off(message.len())
+    }
+
+    /// Stuffing as a rewrite of text.
+    fn stuff_text(text: &str) -> String {
+        let mut out = String::new();
+        for bit in text.chars() {
+            out.push(bit);
+            if out.ends_with("00000") {
+                out.push('1');
+            } else if out.ends_with("11111") {
+                out.push('0');
+            }
+        }
+        out
+    }
+
+    fn as_text(levels: &[Level]) -> String {
+        levels.iter().map(|level| if level.is_dominant() { '0' } else { '1' }).collect()
+    }
+
+    /// Frame text by the book: `header` is SOF to DLC.
+    fn expected(header: &str, data: &[u8]) -> String {
+        let mut text: String = header.split(' ').collect();
+        data.iter().for_each(|byte| text.push_str(&format!("{byte:08b}")));
+        let bits: Vec<u8> = text.bytes().map(|bit| bit - b'0').collect();
+        crc_by_long_division(&bits).iter().for_each(|bit| text.push_str(&bit.to_string()));
+        stuff_text(&text) + "1" + "1" + "1" + "1111111"
+    }
+
+    /// SOF, 11 identifier bits, RTR, IDE, r0, DLC, written out by hand.
+    #[test]
+    fn a_standard_frame_has_the_bits_of_the_specification() {
+        let frame = Frame::standard(0x123, &[0xDE, 0xAD]);
+        let text = expected("0 00100100011 0 0 0 0010", &[0xDE, 0xAD]);
+        assert_eq!(as_text(&frame.wire_bits()), text);
+    }
+
+    #[test]
+    fn an_extended_frame_has_the_bits_of_the_specification() {
+        let data = [0x01, 0x00, 0x00, 0x38, 0xC7];
+        let frame = Frame::extended(0x1003_F20A, &data);
+        let header = "0 10000000000 1 1 111111001000001010 0 0 0 0101";
+        assert_eq!(as_text(&frame.wire_bits()), expected(header, &data));
+    }
+
+    #[test]
+    fn a_remote_frame_carries_its_dlc_but_no_data() {
+        let standard = Frame::remote(Id::Standard(0x7FF), 8);
+        assert_eq!(as_text(&standard.wire_bits()), expected("0 11111111111 1 0 0 1000", &[]));
+        let extended = Frame::remote(Id::Extended(0), 0);
+        let header = "0 00000000000 1 1 000000000000000000 1 0 0 0000";
+        assert_eq!(as_text(&extended.wire_bits()), expected(header, &[]));
+    }
+
+    #[test]
+    fn a_dlc_above_eight_goes_out_as_it_is_with_eight_bytes() {
+        let data = [0xFF; 8];
+        let frame = Frame::with_dlc(Id::Standard(0), 15, data);
+        let header = "0 00000000000 0 0 0 1111";
+        assert_eq!(as_text(&frame.wire_bits()), expected(header, &data));
+    }
+
+    /// The published check value of CRC-15/CAN for the characters 1 to 9.
+    #[test]
+    fn the_crc_has_its_check_value() {
+        let mut crc = 0;
+        for byte in b"123456789" {
+            for shift in (0..8).rev() {
+                crc = crc15(crc, Level::from_bit(byte >> shift & 1 != 0));
+            }
+        }
+        assert_eq!(crc, 0x059E);
+    }
+
+    #[test]
+    fn an_extended_frame_takes_67_bits_and_8_per_byte_before_stuffing() {
+        for len in 0..=8 {
+            assert_eq!(Frame::min_bits(true, len), 67 + 8 * u32::from(len));
+            assert_eq!(Frame::min_bits(false, len), 47 + 8 * u32::from(len));
+        }
+        assert_eq!(Frame::max_bits(true, 8), 160);
+        assert_eq!(Frame::max_bits(false, 8), 135);
+    }
+
+    /// A pattern that stuffs much and one that stuffs little, both inside 131..=160.
+    #[test]
+    fn eight_bytes_take_131_to_160_bits_with_the_intermission() {
+        let most = Frame::extended(0, &[0; 8]).bit_count();
+        let least = Frame::extended(0x1555_5555, &[0x55; 8]).bit_count();
+        assert!((150..=160).contains(&most), "{most}");
+        assert!((131..=135).contains(&least), "{least}");
+    }
+
+    #[test]
+    fn every_frame_has_the_bits_of_the_independent_encoder() {
+        let mut random = Random(0x1D);
+        for round in 0..2_000 {
+            let id = random.below(1 << 29) as u32;
+            let bytes = random.next().to_le_bytes();
+            let data = &bytes[..round % 9];
+            let dlc = data.len();
+            let (base, rest) = (id >> 18, id & 0x3_FFFF);
+            let frame = Frame::extended(id, data);
+            let header = format!("0{base:011b}11{rest:018b}000{dlc:04b}");
+            assert_eq!(as_text(&frame.wire_bits()), expected(&header, data));
+            let possible = Frame::min_bits(true, dlc as u8)..=Frame::max_bits(true, dlc as u8);
+            assert!(possible.contains(&frame.bit_count()));
+            let frame = Frame::standard(base as u16, data);
+            let header = format!("0{base:011b}000{dlc:04b}");
+            assert_eq!(as_text(&frame.wire_bits()), expected(&header, data));
+        }
+    }
+}

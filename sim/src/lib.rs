@@ -1,0 +1,19 @@
+//! The bench: an ATmega168 in simavr, an MCP2515 modelled from its datasheet, and a CAN bus that is
+//! simulated bit by bit on the AVR's clock.
+
+pub mod avr;
+pub mod bench;
+pub mod board;
+pub mod can;
+pub mod mcp2515;
+
+/// Time, in cycles of the 16 MHz AVR clock since the simulation began. It never goes back, not even
+/// when an AVR is reset.
+pub type Cycles = u64;
+
+/// AVR clock, in hertz: the Diecimila's crystal. All simulated time is counted in its cycles.
+pub const F_CPU_HZ: u64 = 16_000_000;
+
+pub mod autopilot;
+pub mod dronecan;
+pub mod ui;
