@@ -1,0 +1,436 @@
+//! The one place that touches simavr's memory: an ATmega168 core behind methods that cannot be
+//! misused from safe code.
+//!
+//! [`Core`] owns simavr's `avr_t` and knows where its peripherals are. Registers are read and
+//! written without side effects; everything a write sets off is decided by the models in this
+//! module's siblings, which replace simavr's own handlers for the SPI, USART0, the EEPROM and the
+//! waveforms of Timer1. simavr keeps the instructions, interrupts, ports, the ADC, Timer0, Timer2,
+//! the watchdog and self-programming.
+
+use std::cell::Cell;
+use std::ffi::{CStr, c_void};
+use std::ptr;
+
+use anyhow::{Result, ensure};
+use simavr_ffi as ffi;
+
+use super::regs;
+use crate::F_CPU_HZ;
+
+unsafe extern "C" {
+    /// Runs instructions until a cycle timer is due or an interrupt is pending; returns the new
+    /// program counter. It is simavr's, but its header cannot be bound.
+    fn avr_run_one(avr: *mut ffi::avr_t) -> ffi::avr_flashaddr_t;
+    /// The C library's, for the memory that simavr allocates and does not free.
+    fn free(memory: *mut c_void);
+}
+
+/// Interrupt sources whose flags the models handle in place of simavr.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Vector {
+    SpiTransferComplete,
+    UsartReceiveComplete,
+    UsartDataRegisterEmpty,
+    UsartTransmitComplete,
+    EepromReady,
+}
+
+/// What the core does at the moment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Activity {
+    Running,
+    Sleeping,
+    Crashed,
+}
+
+/// A handler that simavr had installed for a register write, kept for calling it later.
+pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
+
+/// An ATmega168 in simavr.
+///
+/// Invariant: `avr` and all other pointers stay valid, and are used by this thread only, until
+/// `drop`.
+pub(super) struct Core {
+    avr: *mut ffi::avr_t,
+    ports: [*mut ffi::avr_ioport_t; 3],
+    uart: *mut ffi::avr_uart_t,
+    spi: *mut ffi::avr_spi_t,
+    eeprom: *mut ffi::avr_eeprom_t,
+    adc: *mut ffi::avr_adc_t,
+    timer1: *mut ffi::avr_timer_t,
+    context: Cell<*mut c_void>,
+}
+
+impl Core {
+    /// A chip with erased flash, all supplies at 5 V.
+    pub fn new() -> Result<Core> {
+        // Safety: the name is a C string; the returned chip is ours alone. simavr copies its
+        // template into fresh memory, so chips on several threads do not meet.
+        let avr = unsafe { ffi::avr_make_mcu_by_name(c"atmega168".as_ptr()) };
+        ensure!(!avr.is_null(), "this simavr does not know the atmega168");
+        // Safety: `avr` was just made and has not been initialised before; its fields may be set
+        // before and after avr_init.
+        unsafe {
+            ffi::avr_init(avr);
+            (*avr).frequency = F_CPU_HZ as u32;
+            (*avr).vcc = 5000;
+            (*avr).avcc = 5000;
+            (*avr).aref = 5000;
+            (*avr).set_log(ffi::LOG_NONE as u8);
+        }
+        let core = Core {
+            avr,
+            ports: ['B', 'C', 'D'].map(|name| find(avr, c"port", name).cast()),
+            uart: find(avr, c"uart", '0').cast(),
+            spi: find(avr, c"spi", '\0').cast(),
+            eeprom: find(avr, c"eeprom", '\0').cast(),
+            adc: find(avr, c"adc", '\0').cast(),
+            timer1: find(avr, c"timer", '1').cast(),
+            context: Cell::new(ptr::null_mut()),
+        };
+        let modules: [*mut c_void; 5] =
+            [core.uart.cast(), core.spi.cast(), core.eeprom.cast(), core.adc.cast(), core.timer1.cast()];
+        ensure!(
+            modules.iter().all(|module| !module.is_null()) && core.ports.iter().all(|port| !port.is_null()),
+            "this simavr's atmega168 lacks a peripheral"
+        );
+        Ok(core)
+    }
+
+    /// The pointer that every callback gets as its parameter.
+    pub fn set_context(&self, context: *mut c_void) {
+        self.context.set(context);
+        // Safety: see the invariant of `Core`; simavr itself does not use custom.data after
+        // avr_init.
+        unsafe { (*self.avr).custom.data = context }
+    }
+
+    /// Cycles since the last reset.
+    pub fn cycle(&self) -> u64 {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).cycle }
+    }
+
+    /// Sets simavr's clock. Cycle timers keep their absolute times.
+    pub fn set_cycle(&self, cycle: u64) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).cycle = cycle }
+    }
+
+    /// One byte of the data space (registers, I/O, SRAM), without side effects.
+    pub fn get(&self, address: u16) -> u8 {
+        assert!(address <= regs::RAMEND, "no data at {address:#06x}");
+        // Safety: see the invariant of `Core`; data holds RAMEND + 1 bytes.
+        unsafe { *(*self.avr).data.add(address.into()) }
+    }
+
+    /// Sets one byte of the data space, without side effects.
+    pub fn set(&self, address: u16, value: u8) {
+        assert!(address <= regs::RAMEND, "no data at {address:#06x}");
+        // Safety: see the invariant of `Core`; data holds RAMEND + 1 bytes.
+        unsafe { *(*self.avr).data.add(address.into()) = value }
+    }
+
+    /// Sets the bits of `mask` in a register.
+    pub fn set_bits(&self, address: u16, mask: u8) {
+        self.set(address, self.get(address) | mask);
+    }
+
+    /// Clears the bits of `mask` in a register.
+    pub fn clear_bits(&self, address: u16, mask: u8) {
+        self.set(address, self.get(address) & !mask);
+    }
+
+    /// All of flash.
+    pub fn flash(&self) -> &[u8] {
+        // Safety: see the invariant of `Core`; flash holds FLASH_BYTES bytes and a guard. It
+        // changes only while instructions run, and `run_one` is reached through `&mut Avr` only,
+        // which this borrow excludes.
+        unsafe { std::slice::from_raw_parts((*self.avr).flash, regs::FLASH_BYTES) }
+    }
+
+    /// Copies bytes into flash.
+    pub fn write_flash(&self, address: usize, bytes: &[u8]) {
+        assert!(address + bytes.len() <= regs::FLASH_BYTES, "flash ends at {:#x}", regs::FLASH_BYTES);
+        // Safety: see the invariant of `Core`; the range was checked, and `bytes` cannot overlap
+        // simavr's memory unless it came from `flash`, for which `copy` allows.
+        unsafe { ptr::copy(bytes.as_ptr(), (*self.avr).flash.add(address), bytes.len()) }
+    }
+
+    /// Program counter as a byte address.
+    pub fn pc(&self) -> u32 {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).pc }
+    }
+
+    /// Byte address where a reset continues.
+    pub fn set_reset_pc(&self, address: u32) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).reset_pc = address }
+    }
+
+    /// Global interrupt enable.
+    pub fn interrupts_enabled(&self) -> bool {
+        // Safety: see the invariant of `Core`; sreg has eight flags, of which I is the last.
+        unsafe { (*self.avr).sreg[7] != 0 }
+    }
+
+    /// What the core does.
+    pub fn activity(&self) -> Activity {
+        // Safety: see the invariant of `Core`.
+        match unsafe { (*self.avr).state } as u32 {
+            ffi::cpu_Running => Activity::Running,
+            ffi::cpu_Sleeping => Activity::Sleeping,
+            _ => Activity::Crashed,
+        }
+    }
+
+    /// Wakes the core or sends it to sleep.
+    pub fn set_activity(&self, activity: Activity) {
+        let state = match activity {
+            Activity::Running => ffi::cpu_Running,
+            Activity::Sleeping => ffi::cpu_Sleeping,
+            Activity::Crashed => ffi::cpu_Crashed,
+        };
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).state = state as i32 }
+    }
+
+    /// Runs instructions up to the next cycle timer, interrupt or sleep.
+    pub fn run_one(&self) {
+        // Safety: see the invariant of `Core`. Callbacks come back through pointers to the machine
+        // that owns this core and form shared references only.
+        unsafe { (*self.avr).pc = avr_run_one(self.avr) }
+    }
+
+    /// Calls the cycle timers that are due. Returns the cycles to the next one.
+    pub fn process_timers(&self) -> u64 {
+        // Safety: as `run_one`.
+        unsafe { ffi::avr_cycle_timer_process(self.avr) }
+    }
+
+    /// Enters the handler of a pending interrupt, if any.
+    pub fn service_interrupts(&self) {
+        // Safety: as `run_one`.
+        unsafe {
+            if (*self.avr).interrupt_state != 0 {
+                ffi::avr_service_interrupts(self.avr);
+            }
+        }
+    }
+
+    /// Ends `run_one` after the present instruction.
+    pub fn stop_soon(&self) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).run_cycle_count = 1 }
+    }
+
+    /// Resets the chip; the flags in MCUSR are kept.
+    pub fn reset(&self) {
+        // Safety: as `run_one`.
+        unsafe { ffi::avr_reset(self.avr) }
+    }
+
+    /// Lets `run_one` go on to the next cycle timer. simavr's reset limits it to one instruction.
+    pub fn run_freely(&self) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).run_cycle_limit = u64::MAX }
+    }
+
+    /// Calls `timer` when simavr's clock reaches `cycle`, replacing its earlier date.
+    pub fn schedule(&self, cycle: u64, timer: ffi::avr_cycle_timer_t) {
+        let delay = cycle.saturating_sub(self.cycle());
+        // Safety: see the invariant of `Core`; the context outlives the core.
+        unsafe { ffi::avr_cycle_timer_register(self.avr, delay, timer, self.context.get()) }
+    }
+
+    /// Forgets a date made by `schedule`.
+    pub fn unschedule(&self, timer: ffi::avr_cycle_timer_t) {
+        // Safety: see the invariant of `Core`.
+        unsafe { ffi::avr_cycle_timer_cancel(self.avr, timer, self.context.get()) }
+    }
+
+    /// Sets an interrupt's flag, and requests it if it is enabled.
+    pub fn raise(&self, vector: Vector) {
+        // Safety: see the invariant of `Core`; the vector lies in a peripheral of this chip.
+        unsafe { ffi::avr_raise_interrupt(self.avr, self.vector(vector)) };
+    }
+
+    /// Clears an interrupt's flag and its request.
+    pub fn clear(&self, vector: Vector) {
+        // Safety: see the invariant of `Core`; the vector lies in a peripheral of this chip.
+        unsafe { ffi::avr_clear_interrupt(self.avr, self.vector(vector)) };
+    }
+
+    fn vector(&self, vector: Vector) -> *mut ffi::avr_int_vector_t {
+        // Safety: see the invariant of `Core`; only addresses are formed.
+        unsafe {
+            match vector {
+                Vector::SpiTransferComplete => &raw mut (*self.spi).spi,
+                Vector::UsartReceiveComplete => &raw mut (*self.uart).rxc,
+                Vector::UsartDataRegisterEmpty => &raw mut (*self.uart).udrc,
+                Vector::UsartTransmitComplete => &raw mut (*self.uart).txc,
+                Vector::EepromReady => &raw mut (*self.eeprom).ready,
+            }
+        }
+    }
+
+    /// Puts `handler` in front of a register's write handler and returns the one that was there.
+    pub fn hook_write(&self, address: u16, handler: ffi::avr_io_write_t) -> WriteHandler {
+        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
+        unsafe {
+            let slot = &raw mut (*self.avr).io[usize::from(address - 0x20)].w;
+            let original = ((*slot).c, (*slot).param);
+            (*slot).c = handler;
+            (*slot).param = self.context.get();
+            original
+        }
+    }
+
+    /// Installs `handler` as a register's read handler.
+    pub fn hook_read(&self, address: u16, handler: ffi::avr_io_read_t) {
+        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
+        unsafe {
+            let slot = &raw mut (*self.avr).io[usize::from(address - 0x20)].r;
+            (*slot).c = handler;
+            (*slot).param = self.context.get();
+        }
+    }
+
+    /// Lets a handler that was there before `hook_write` do its work; without one the byte is
+    /// stored.
+    pub fn forward_write(&self, handler: WriteHandler, address: u16, value: u8) {
+        match handler {
+            // Safety: simavr installed this handler with this parameter for this address of this
+            // chip.
+            (Some(function), parameter) => unsafe { function(self.avr, address, value, parameter) },
+            (None, _) => self.set(address, value),
+        }
+    }
+
+    /// Calls `reset` inside each reset, before the peripherals are reset.
+    pub fn hook_reset(&self, reset: unsafe extern "C" fn(*mut ffi::avr_t)) {
+        // Safety: see the invariant of `Core`. The handler replaced is empty for this chip.
+        unsafe { (*self.avr).reset = Some(reset) }
+    }
+
+    /// Calls `notify` with the number of each interrupt that is entered or returned from, and at
+    /// illegal instructions.
+    pub fn hook_interrupts(&self, running: ffi::avr_irq_notify_t, bad_opcode: ffi::avr_irq_notify_t) {
+        // Safety: see the invariant of `Core`; both IRQs exist from avr_init on.
+        unsafe {
+            let entered = &raw mut (*self.avr).interrupts.irq[ffi::AVR_INT_IRQ_RUNNING as usize];
+            ffi::avr_irq_register_notify(entered, running, self.context.get());
+            let bad = (*self.avr).irq.add(ffi::AVR_CORE_BAD_OPCODE as usize);
+            ffi::avr_irq_register_notify(bad, bad_opcode, self.context.get());
+        }
+    }
+
+    /// Calls `trigger` at the moment at which the ADC samples its input.
+    pub fn hook_adc(&self, trigger: ffi::avr_irq_notify_t) {
+        // Safety: see the invariant of `Core`; the ADC has this IRQ.
+        unsafe {
+            let irq = (*self.adc).io.irq.add(ffi::ADC_IRQ_OUT_TRIGGER as usize);
+            ffi::avr_irq_register_notify(irq, trigger, self.context.get());
+        }
+    }
+
+    /// Sets what the ADC's conversion in progress sees, and how many CPU cycles one ADC clock
+    /// takes.
+    pub fn set_adc_input(&self, channel: u8, millivolts: u16, cycles_per_adc_clock: u8) {
+        // Safety: see the invariant of `Core`; the index is masked to the array's 16 entries.
+        unsafe {
+            (*self.adc).adc_values[usize::from(channel & 0xF)] = millivolts;
+            (*self.adc).current_prescale = cycles_per_adc_clock;
+        }
+    }
+
+    /// Reference voltage of the ADC conversion in progress.
+    pub fn adc_reference_millivolts(&self) -> u16 {
+        // Safety: see the invariant of `Core`; the index is masked to the array's 8 entries.
+        let reference = unsafe { (*self.adc).ref_values[usize::from((*self.adc).current_refi & 7)] };
+        // Small values name an external pin, and those are all at 5 V; others are the voltage.
+        if u32::from(reference) < ffi::ADC_VREF_V110 { 5000 } else { reference }
+    }
+
+    /// Calls `notify` when the pin may have changed.
+    pub fn hook_pin(&self, port: usize, bit: u8, notify: ffi::avr_irq_notify_t, parameter: *mut c_void) {
+        assert!(bit < 8);
+        // Safety: see the invariant of `Core`; each port has an IRQ per pin. The caller keeps
+        // `parameter` alive.
+        unsafe { ffi::avr_irq_register_notify((*self.ports[port]).io.irq.add(bit.into()), notify, parameter) }
+    }
+
+    /// Tells a port which pins are driven from outside, and to what levels.
+    pub fn set_external(&self, port: usize, mask: u8, levels: u8) {
+        // Safety: see the invariant of `Core`.
+        unsafe {
+            (*self.ports[port]).external.pull_mask = mask;
+            (*self.ports[port]).external.pull_value = levels;
+        }
+    }
+
+    /// Applies a level from outside to an input pin: PINx, pin change and external interrupts
+    /// follow.
+    pub fn drive_pin(&self, port: usize, bit: u8, level: bool) {
+        assert!(bit < 8);
+        // Safety: see the invariant of `Core`; each port has an IRQ per pin.
+        unsafe { ffi::avr_raise_irq((*self.ports[port]).io.irq.add(bit.into()), level.into()) }
+    }
+
+    /// Restarts the watchdog's time-out, as WDR does.
+    pub fn restart_watchdog(&self) {
+        // Safety: see the invariant of `Core`; this request takes no parameter.
+        unsafe { ffi::avr_ioctl(self.avr, u32::from_be_bytes(*b"wdtr"), ptr::null_mut()) };
+    }
+
+    /// Cuts simavr's Timer1 from OC1A and OC1B: their edges are modelled elsewhere, and simavr
+    /// would write them into PORTB.
+    pub fn disconnect_timer1(&self) {
+        for (compare, bit) in [(0, 1), (1, 2)] {
+            // Safety: see the invariant of `Core`; both IRQs exist. avr_unconnect_irq does nothing
+            // if they are apart.
+            unsafe {
+                let source = (*self.timer1).io.irq.add(ffi::TIMER_IRQ_OUT_COMP as usize + compare);
+                ffi::avr_unconnect_irq(source, (*self.ports[0]).io.irq.add(bit));
+            }
+        }
+    }
+}
+
+impl Drop for Core {
+    fn drop(&mut self) {
+        // Safety: see the invariant of `Core`; nothing uses the chip after this. The chip itself
+        // came from malloc.
+        unsafe {
+            ffi::avr_terminate(self.avr);
+            free(self.avr.cast());
+        }
+    }
+}
+
+/// The peripheral of that kind, and of that name if there are several of the kind; null if there is
+/// none.
+fn find(avr: *mut ffi::avr_t, kind: &CStr, name: char) -> *mut ffi::avr_io_t {
+    // Safety: the chip is initialised, so its list of modules is well formed and ends with null.
+    // Kinds are C strings. Of the kinds asked for by name, each has a struct in which the name can
+    // be read.
+    unsafe {
+        let mut module = (*avr).io_port;
+        while !module.is_null() {
+            if CStr::from_ptr((*module).kind) == kind {
+                let found = match kind.to_bytes() {
+                    b"port" => (*module.cast::<ffi::avr_ioport_t>()).name,
+                    b"uart" => (*module.cast::<ffi::avr_uart_t>()).name,
+                    b"timer" => (*module.cast::<ffi::avr_timer_t>()).name,
+                    _ => 0,
+                };
+                if found as u8 == name as u8 {
+                    return module;
+                }
+            }
+            module = (*module).next;
+        }
+    }
+    ptr::null_mut()
+}

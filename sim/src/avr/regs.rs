@@ -1,0 +1,116 @@
+//! Data-space addresses and bits of the ATmega168 registers that the simulator looks at.
+//!
+//! Names are the datasheet's (Atmel 2545, "Register Summary"). Bits are bit values, not positions.
+
+#![allow(missing_docs, reason = "the names are the documentation: see the datasheet's register summary")]
+
+/// First byte of the internal SRAM.
+pub const RAMSTART: u16 = 0x0100;
+/// Last byte of the internal SRAM.
+pub const RAMEND: u16 = 0x04FF;
+/// Bytes of flash.
+pub const FLASH_BYTES: usize = 16 * 1024;
+/// Bytes of EEPROM.
+pub const EEPROM_BYTES: usize = 512;
+
+pub const PINB: u16 = 0x23;
+pub const DDRB: u16 = 0x24;
+pub const PORTB: u16 = 0x25;
+pub const PIND: u16 = 0x29;
+pub const DDRD: u16 = 0x2A;
+pub const PORTD: u16 = 0x2B;
+
+pub const EECR: u16 = 0x3F;
+pub const EERE: u8 = 1 << 0;
+pub const EEPE: u8 = 1 << 1;
+pub const EEMPE: u8 = 1 << 2;
+pub const EERIE: u8 = 1 << 3;
+pub const EEPM: u8 = 0b11 << 4;
+pub const EEDR: u16 = 0x40;
+pub const EEARL: u16 = 0x41;
+pub const EEARH: u16 = 0x42;
+
+pub const GTCCR: u16 = 0x43;
+pub const PSRSYNC: u8 = 1 << 0;
+
+pub const SPCR: u16 = 0x4C;
+pub const SPE: u8 = 1 << 6;
+pub const DORD: u8 = 1 << 5;
+pub const MSTR: u8 = 1 << 4;
+pub const CPOL: u8 = 1 << 3;
+pub const CPHA: u8 = 1 << 2;
+pub const SPR: u8 = 0b11;
+pub const SPSR: u16 = 0x4D;
+pub const SPIF: u8 = 1 << 7;
+pub const WCOL: u8 = 1 << 6;
+pub const SPI2X: u8 = 1 << 0;
+pub const SPDR: u16 = 0x4E;
+
+pub const SMCR: u16 = 0x53;
+pub const SE: u8 = 1 << 0;
+pub const MCUSR: u16 = 0x54;
+pub const PORF: u8 = 1 << 0;
+pub const EXTRF: u8 = 1 << 1;
+pub const BORF: u8 = 1 << 2;
+pub const WDRF: u8 = 1 << 3;
+pub const MCUCR: u16 = 0x55;
+pub const PUD: u8 = 1 << 4;
+
+pub const SPL: u16 = 0x5D;
+pub const SPH: u16 = 0x5E;
+
+pub const WDTCSR: u16 = 0x60;
+pub const WDIE: u8 = 1 << 6;
+pub const WDE: u8 = 1 << 3;
+pub const WDP: u8 = 0b10_0111;
+
+pub const ADCSRA: u16 = 0x7A;
+pub const ADPS: u8 = 0b111;
+pub const ADMUX: u16 = 0x7C;
+
+pub const TCCR1A: u16 = 0x80;
+pub const TCCR1B: u16 = 0x81;
+pub const TCCR1C: u16 = 0x82;
+pub const TCNT1L: u16 = 0x84;
+pub const TCNT1H: u16 = 0x85;
+pub const ICR1L: u16 = 0x86;
+pub const ICR1H: u16 = 0x87;
+pub const OCR1AL: u16 = 0x88;
+pub const OCR1AH: u16 = 0x89;
+pub const OCR1BL: u16 = 0x8A;
+pub const OCR1BH: u16 = 0x8B;
+
+pub const TCCR2A: u16 = 0xB0;
+pub const TCCR2B: u16 = 0xB1;
+pub const OCR2A: u16 = 0xB3;
+pub const OCR2B: u16 = 0xB4;
+
+pub const UCSR0A: u16 = 0xC0;
+pub const RXC0: u8 = 1 << 7;
+pub const TXC0: u8 = 1 << 6;
+pub const UDRE0: u8 = 1 << 5;
+pub const DOR0: u8 = 1 << 3;
+pub const U2X0: u8 = 1 << 1;
+pub const MPCM0: u8 = 1 << 0;
+pub const UCSR0B: u16 = 0xC1;
+pub const RXCIE0: u8 = 1 << 7;
+pub const UDRIE0: u8 = 1 << 5;
+pub const RXEN0: u8 = 1 << 4;
+pub const TXEN0: u8 = 1 << 3;
+pub const UCSZ02: u8 = 1 << 2;
+pub const UCSR0C: u16 = 0xC2;
+pub const UPM0: u8 = 0b11 << 4;
+pub const USBS0: u8 = 1 << 3;
+pub const UBRR0L: u16 = 0xC4;
+pub const UBRR0H: u16 = 0xC5;
+pub const UDR0: u16 = 0xC6;
+
+/// Address of PINx; DDRx and PORTx follow it.
+pub fn pin_register(port: char) -> u16 {
+    match port {
+        'B' => PINB,
+        'C' => PINB + 3,
+        'D' => PIND,
+        other => panic!("the ATmega168 has no port {other}"),
+    }
+}

@@ -1,0 +1,117 @@
+//! The bench: boards and other stations on one CAN bus, run in lock step.
+//!
+//! The bus tells how far the AVRs may run before it must be stepped (one bit while something goes
+//! on, more while it is idle); each board runs there, then the bus follows, then the boards see
+//! what became of their INT pins. A board is never ahead of the bus by more than that, and
+//! overshoots it by one instruction at most.
+
+use std::path::PathBuf;
+
+use crate::board::Board;
+use crate::can::{Bus, PortId, StationRef};
+use crate::{Cycles, F_CPU_HZ};
+
+/// Boards and other stations on one bus.
+pub struct Bench {
+    boards: Vec<Board>,
+    ports: Vec<PortId>,
+    bus: Bus,
+    now: Cycles,
+}
+
+impl Bench {
+    /// An empty bus at that many bits per second.
+    pub fn new(bit_rate: u32) -> Bench {
+        Bench { boards: Vec::new(), ports: Vec::new(), bus: Bus::new(bit_rate), now: 0 }
+    }
+
+    /// Puts a board on the bus. Returns its number.
+    pub fn add_board(&mut self, board: Board, name: &str) -> usize {
+        self.ports.push(self.bus.attach(name, board.chip()));
+        self.boards.push(board);
+        self.boards.len() - 1
+    }
+
+    /// Puts another station on the bus.
+    pub fn attach(&mut self, name: &str, station: StationRef) -> PortId {
+        self.bus.attach(name, station)
+    }
+
+    /// A board, by its number.
+    pub fn board(&mut self, index: usize) -> &mut Board {
+        &mut self.boards[index]
+    }
+
+    /// All boards.
+    pub fn boards(&mut self) -> &mut [Board] {
+        &mut self.boards
+    }
+
+    /// Where a board is connected to the bus.
+    pub fn port(&self, index: usize) -> PortId {
+        self.ports[index]
+    }
+
+    /// The bus, for faults, records and statistics.
+    pub fn bus(&mut self) -> &mut Bus {
+        &mut self.bus
+    }
+
+    /// The bench's time.
+    pub fn now(&self) -> Cycles {
+        self.now
+    }
+
+    /// Runs everything until `t`.
+    pub fn run_until(&mut self, t: Cycles) {
+        while self.now < t {
+            self.step(t);
+        }
+    }
+
+    /// Runs until `condition` holds; false if it does not within `timeout` cycles.
+    pub fn run_until_or(&mut self, mut condition: impl FnMut(&mut Bench) -> bool, timeout: Cycles) -> bool {
+        let end = self.now + timeout;
+        loop {
+            if condition(self) {
+                return true;
+            }
+            if self.now >= end {
+                return false;
+            }
+            self.step(end);
+        }
+    }
+
+    /// Runs for that many microseconds.
+    pub fn run_for_us(&mut self, microseconds: u64) {
+        self.run_until(self.now + microseconds * F_CPU_HZ / 1_000_000);
+    }
+
+    /// Runs for that many milliseconds.
+    pub fn run_for_ms(&mut self, milliseconds: u64) {
+        self.run_until(self.now + milliseconds * F_CPU_HZ / 1000);
+    }
+
+    fn step(&mut self, end: Cycles) {
+        let horizon = self.bus.horizon().clamp(self.now + 1, end.max(self.now + 1));
+        for board in &mut self.boards {
+            board.run_until(horizon);
+        }
+        self.bus.run_until(horizon);
+        for board in &self.boards {
+            board.update_int();
+        }
+        self.now = horizon;
+    }
+}
+
+/// Where the firmware is: `NODE_ELF`, else the release ELF in cargo's target directory.
+pub fn node_elf() -> PathBuf {
+    if let Some(path) = std::env::var_os("NODE_ELF").filter(|path| !path.is_empty()) {
+        return path.into();
+    }
+    let workspace = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+    PathBuf::from(workspace).join(target).join("avr-atmega168/release/node.elf")
+}

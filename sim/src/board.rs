@@ -1,0 +1,259 @@
+//! The node's board: an ATmega168 (Arduino Diecimila) wired to an MCP2515 with its own 16 MHz
+//! crystal, a servo, an LM35, a light and a button.
+//!
+//! | Signal      | Arduino  | ATmega168    | Here                                               |
+//! | ----------- | -------- | ------------ | -------------------------------------------------- |
+//! | CS          | D9       | PB1          | with a pull-up: high while the AVR is in reset     |
+//! | INT         | D2       | PD2 (INT0)   | follows the chip's pin; high while it has no power |
+//! | SPI         | D11..D13 | PB3..PB5     | modes 0 and 3 only; SCK is at most 8 MHz of its 10 |
+//! | servo       | D10      | PB2 (OC1B)   | pulses measured to the cycle                       |
+//! | temperature | A0       | PC0 (ADC0)   | LM35: 10 mV per degree, nothing below 0 °C         |
+//! | light       | D3       | PD3 (OC2B)   |                                                    |
+//! | button      | D4       | PD4          | closes to ground                                   |
+//! | serial      | D0, D1   | PD0, PD1     | through [`Avr`]                                    |
+//!
+//! The MCP2515's RESET pin is not wired: a reset of the AVR leaves the chip as it is. At power-on
+//! both begin at once; a real AVR with the Diecimila's fuses begins some 65 ms later, so firmware
+//! that is right here has more time there.
+
+use std::cell::{Cell, RefCell};
+use std::path::Path;
+use std::rc::Rc;
+
+use anyhow::Result;
+
+use crate::Cycles;
+use crate::avr::{Avr, InputPin, Noise, Oc, Pulse, PulseMeter, ResetCause, SpiByte, State};
+use crate::mcp2515::Mcp2515;
+
+/// The MCP2515's crystal on the usual boards for this job.
+const MCP2515_OSC_HZ: u32 = 16_000_000;
+/// LM35 datasheet: 10 mV per degree Celsius.
+const LM35_UV_PER_DEGREE: f64 = 10_000.0;
+const TEMPERATURE_CHANNEL: u8 = 0;
+
+/// A mistake of the firmware, found anywhere on the board.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Violation {
+    /// When.
+    pub at: Cycles,
+    /// Who found it: `AVR`, `MCP2515` or `board`.
+    pub source: &'static str,
+    /// What.
+    pub text: String,
+}
+
+/// The wires between the two chips.
+struct Wires {
+    chip: Rc<RefCell<Mcp2515>>,
+    int_input: InputPin,
+    int_level: Cell<bool>,
+    selected: Cell<bool>,
+    /// What MISO reads while the chip has no power; none while it has.
+    dead_miso: Cell<Option<u8>>,
+    noise_per_million: Cell<u32>,
+    noise: RefCell<Noise>,
+    violations: RefCell<Vec<Violation>>,
+}
+
+/// One node.
+pub struct Board {
+    avr: Avr,
+    wires: Rc<Wires>,
+    servo: PulseMeter,
+}
+
+impl Board {
+    /// A board with the firmware of an ELF file, powered on at time 0.
+    ///
+    /// # Errors
+    /// If the file is missing or is no program for an ATmega168.
+    pub fn load(elf: &Path) -> Result<Board> {
+        Ok(Board::new(Avr::load(elf)?))
+    }
+
+    /// A board around a chip.
+    pub fn new(mut avr: Avr) -> Board {
+        let chip = Rc::new(RefCell::new(Mcp2515::new(MCP2515_OSC_HZ)));
+        let wires = Rc::new(Wires {
+            chip,
+            int_input: avr.input_pin('D', 2),
+            int_level: Cell::new(true),
+            selected: Cell::new(false),
+            dead_miso: Cell::new(None),
+            noise_per_million: Cell::new(0),
+            noise: RefCell::new(Noise::new(0)),
+            violations: RefCell::default(),
+        });
+        wires.int_input.drive(true);
+        avr.drive_pin('B', 1, true);
+        let cs = Rc::clone(&wires);
+        avr.watch_pin('B', 1, Box::new(move |level, at| cs.chip_select(level, at)));
+        let spi = Rc::clone(&wires);
+        avr.connect_spi(Box::new(move |byte| spi.exchange(byte)));
+        let mut board = Board { avr, wires, servo: PulseMeter::new() };
+        board.set_temperature_c(20.0);
+        board
+    }
+
+    /// The microcontroller.
+    pub fn avr(&self) -> &Avr {
+        &self.avr
+    }
+
+    /// The microcontroller, to drive its pins and serial port.
+    pub fn avr_mut(&mut self) -> &mut Avr {
+        &mut self.avr
+    }
+
+    /// The CAN controller. Do not hold a borrow of it while the board runs.
+    pub fn chip(&self) -> Rc<RefCell<Mcp2515>> {
+        Rc::clone(&self.wires.chip)
+    }
+
+    /// The board's time.
+    pub fn now(&self) -> Cycles {
+        self.avr.now()
+    }
+
+    /// Runs the firmware until `t`.
+    pub fn run_until(&mut self, t: Cycles) -> State {
+        self.avr.run_until(t)
+    }
+
+    /// Lets the AVR see the chip's INT pin. To be called after the bus has moved.
+    pub fn update_int(&self) {
+        self.wires.update_int();
+    }
+
+    /// Resets the AVR; a power-on restarts the MCP2515 too.
+    pub fn reset(&mut self, cause: ResetCause) {
+        let now = self.avr.now();
+        self.avr.reset(cause);
+        if cause == ResetCause::PowerOn && self.wires.dead_miso.get().is_none() {
+            self.chip_reset_at(now);
+        }
+    }
+
+    /// Pulses the MCP2515's RESET pin, behind the firmware's back.
+    pub fn chip_reset(&mut self) {
+        self.chip_reset_at(self.avr.now());
+    }
+
+    /// Takes the MCP2515's power: it says nothing on the bus, INT is high, and MISO reads `miso`
+    /// (0x00 or 0xFF).
+    pub fn chip_power_off(&mut self, miso: u8) {
+        self.chip_reset();
+        self.wires.dead_miso.set(Some(miso));
+        self.wires.update_int();
+    }
+
+    /// Gives the MCP2515 its power back.
+    pub fn chip_power_on(&mut self) {
+        self.wires.dead_miso.set(None);
+        self.chip_reset();
+        if self.wires.selected.get() {
+            self.wires.chip.borrow_mut().select(self.avr.now());
+        }
+    }
+
+    /// Flips each bit on MOSI and on MISO with this probability.
+    pub fn set_spi_noise(&mut self, per_million: u32, seed: u64) {
+        self.wires.noise_per_million.set(per_million);
+        self.wires.noise.replace(Noise::new(seed));
+    }
+
+    /// Sets the temperature at the sensor.
+    pub fn set_temperature_c(&mut self, celsius: f64) {
+        let microvolts = (celsius.max(0.0) * LM35_UV_PER_DEGREE).round();
+        self.avr.set_analog_uv(TEMPERATURE_CHANNEL, microvolts as u32);
+    }
+
+    /// Sets the voltage at A0: a sensor that is broken, or another one.
+    pub fn set_sensor_millivolts(&mut self, millivolts: u32) {
+        self.avr.set_analog(TEMPERATURE_CHANNEL, millivolts);
+    }
+
+    /// Presses or releases the button.
+    pub fn press_button(&mut self, pressed: bool) {
+        if pressed {
+            self.avr.drive_pin('D', 4, false);
+        } else {
+            self.avr.release_pin('D', 4);
+        }
+    }
+
+    /// Servo pulses that ended since the last call.
+    pub fn take_servo_pulses(&mut self) -> Vec<Pulse> {
+        let edges = self.avr.take_edges(Oc::B);
+        self.servo.feed(edges)
+    }
+
+    /// Brightness of the light, 0 to 1.
+    pub fn light(&self) -> f64 {
+        self.avr.oc2b_duty().unwrap_or(if self.avr.pin('D', 3) { 1.0 } else { 0.0 })
+    }
+
+    /// The firmware's mistakes since the last call, in the order of their times.
+    pub fn take_violations(&mut self) -> Vec<Violation> {
+        let mut all = self.wires.violations.take();
+        let avr = self.avr.take_violations().into_iter();
+        all.extend(avr.map(|violation| Violation { at: violation.at, source: "AVR", text: violation.text }));
+        let chip = self.wires.chip.borrow_mut().take_violations().into_iter();
+        all.extend(chip.map(|violation| Violation { at: violation.at, source: "MCP2515", text: violation.text }));
+        all.sort_by_key(|violation| violation.at);
+        all
+    }
+
+    fn chip_reset_at(&self, at: Cycles) {
+        self.wires.chip.borrow_mut().hardware_reset(at);
+        self.wires.update_int();
+    }
+}
+
+impl Wires {
+    fn update_int(&self) {
+        let level = self.dead_miso.get().is_some() || self.chip.borrow().int_pin();
+        if self.int_level.replace(level) != level {
+            self.int_input.drive(level);
+        }
+    }
+
+    fn chip_select(&self, level: bool, at: Cycles) {
+        self.selected.set(!level);
+        if self.dead_miso.get().is_none() {
+            let mut chip = self.chip.borrow_mut();
+            if level {
+                chip.deselect(at)
+            } else {
+                chip.select(at)
+            }
+            drop(chip);
+            self.update_int();
+        }
+    }
+
+    fn exchange(&self, byte: &SpiByte) -> u8 {
+        if let Some(miso) = self.dead_miso.get() {
+            return miso;
+        }
+        if !matches!(byte.mode, 0 | 3) {
+            let text = format!("SPI mode {}: the MCP2515 takes 0 and 3 only", byte.mode);
+            self.violations.borrow_mut().push(Violation { at: byte.end, source: "board", text });
+            return 0xFF;
+        }
+        let mosi = self.disturb(byte.mosi);
+        let miso = self.chip.borrow_mut().exchange(mosi, byte.end);
+        self.update_int();
+        self.disturb(miso)
+    }
+
+    fn disturb(&self, byte: u8) -> u8 {
+        let per_million = self.noise_per_million.get();
+        if per_million == 0 {
+            return byte;
+        }
+        let mut noise = self.noise.borrow_mut();
+        (0..8).fold(byte, |byte, bit| if noise.chance(per_million) { byte ^ 1 << bit } else { byte })
+    }
+}

@@ -1,0 +1,87 @@
+/* The least that makes an MCP2515 send and receive at 1 Mbit/s: answers each frame that INT announces with one of
+ * standard identifier REPLY_ID, whose first data byte is one more than that received.
+ * SPI_MODE_BITS: CPOL and CPHA. The first byte that CANSTAT gives after the reset instruction is kept. */
+#include <avr/io.h>
+#include <util/delay.h>
+
+#ifndef REPLY_ID
+#define REPLY_ID 0x123
+#endif
+#ifndef SPI_MODE_BITS
+#define SPI_MODE_BITS 0
+#endif
+
+volatile uint8_t canstat;
+volatile uint8_t frames;
+
+static uint8_t exchange(uint8_t byte)
+{
+    SPDR = byte;
+    while (!(SPSR & _BV(SPIF))) { }
+    return SPDR;
+}
+
+static void select(void) { PORTB &= ~_BV(PB1); }
+static void deselect(void) { PORTB |= _BV(PB1); }
+
+static void write(uint8_t address, uint8_t value)
+{
+    select();
+    exchange(0x02);
+    exchange(address);
+    exchange(value);
+    deselect();
+}
+
+static uint8_t read(uint8_t address)
+{
+    select();
+    exchange(0x03);
+    exchange(address);
+    uint8_t value = exchange(0);
+    deselect();
+    return value;
+}
+
+int main(void)
+{
+    PORTB = _BV(PB1);
+    DDRB = _BV(PB1) | _BV(PB2) | _BV(PB3) | _BV(PB5);
+    SPCR = _BV(SPE) | _BV(MSTR) | SPI_MODE_BITS;
+    SPSR = _BV(SPI2X);
+    _delay_us(50);
+    select();
+    exchange(0xC0);
+    deselect();
+    _delay_us(50);
+    canstat = read(0x0E);
+    write(0x2A, 0x00);
+    write(0x29, 0x91);
+    write(0x28, 0x01);
+    write(0x60, 0x60);
+    write(0x2B, 0x01);
+    write(0x0F, 0x00);
+    while (read(0x0E) & 0xE0) { }
+    for (;;) {
+        if (PIND & _BV(PD2))
+            continue;
+        select();
+        exchange(0x92);
+        uint8_t first = exchange(0);
+        deselect();
+        frames++;
+        while (read(0x30) & 0x08) { }
+        select();
+        exchange(0x40);
+        exchange(REPLY_ID >> 3);
+        exchange((REPLY_ID & 7) << 5);
+        exchange(0);
+        exchange(0);
+        exchange(1);
+        exchange(first + 1);
+        deselect();
+        select();
+        exchange(0x81);
+        deselect();
+    }
+}

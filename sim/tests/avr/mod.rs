@@ -1,0 +1,79 @@
+//! Builds a small program in C for the ATmega168 and loads it.
+
+#![allow(dead_code, reason = "not every test file uses everything")]
+
+use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use sim::F_CPU_HZ;
+use sim::avr::{Avr, Violation};
+
+/// CPU cycles of a millisecond.
+pub const MS: u64 = F_CPU_HZ / 1000;
+/// CPU cycles of a microsecond.
+pub const US: u64 = F_CPU_HZ / 1_000_000;
+
+/// Compiles `tests/avr/<name>.c` with the given macros defined, and returns a chip with it, just
+/// powered on.
+#[track_caller]
+pub fn program(name: &str, defines: &[&str]) -> Avr {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let unique = format!("sim-avr-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+    let directory = std::env::temp_dir().join(unique);
+    std::fs::create_dir_all(&directory).expect("a temporary directory");
+    let elf = directory.join("program.elf");
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/avr").join(format!("{name}.c"));
+    let compiled = Command::new("avr-gcc")
+        .args(["-mmcu=atmega168", "-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+        .args(defines.iter().map(|define| format!("-D{define}")))
+        .arg(&source)
+        .arg("-o")
+        .arg(&elf)
+        .status()
+        .expect("avr-gcc, which the Makefile installs");
+    assert!(compiled.success(), "{} does not compile", source.display());
+    let avr = Avr::load(&elf);
+    std::fs::remove_dir_all(&directory).expect("the temporary directory removed");
+    avr.expect("a program that loads")
+}
+
+/// Address of a variable.
+#[track_caller]
+pub fn address(avr: &Avr, name: &str) -> u16 {
+    avr.symbol(name).unwrap_or_else(|| panic!("no variable {name}")).address as u16
+}
+
+/// Value of a variable of one byte.
+#[track_caller]
+pub fn byte(avr: &Avr, name: &str) -> u8 {
+    avr.sram(address(avr, name))
+}
+
+/// Value of a variable of two bytes.
+#[track_caller]
+pub fn word(avr: &Avr, name: &str) -> u16 {
+    let low = address(avr, name);
+    u16::from_le_bytes([avr.sram(low), avr.sram(low + 1)])
+}
+
+/// Value of an array of bytes.
+#[track_caller]
+pub fn bytes(avr: &Avr, name: &str) -> Vec<u8> {
+    let symbol = avr.symbol(name).unwrap_or_else(|| panic!("no variable {name}"));
+    let first = symbol.address as u16;
+    avr.sram_range(first..=first + symbol.size as u16 - 1)
+}
+
+/// Fails if the program made a mistake.
+#[track_caller]
+pub fn assert_no_violation(avr: &mut Avr) {
+    assert_eq!(avr.take_violations(), []);
+}
+
+/// Fails unless there is exactly one mistake, with that text in it.
+#[track_caller]
+pub fn assert_one_violation(avr: &mut Avr, text: &str) {
+    let violations: Vec<Violation> = avr.take_violations();
+    assert!(violations.len() == 1 && violations[0].text.contains(text), "{violations:?}");
+}

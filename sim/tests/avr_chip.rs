@@ -1,0 +1,217 @@
+//! The simulated ATmega168 as a program and its board meet it: time, resets, sleep, pins, memory.
+
+mod avr;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use avr::{MS, US, address, assert_no_violation, byte, program, word};
+use sim::avr::{Avr, ResetCause, State};
+
+#[test]
+fn time_goes_on_through_resets() {
+    let mut avr = program("spin", &[]);
+    avr.run_until(5 * MS);
+    let before = avr.now();
+    assert!((5 * MS..5 * MS + 8).contains(&before), "{before}");
+    avr.reset(ResetCause::External);
+    assert_eq!(avr.now(), before);
+    avr.run_until(7 * MS);
+    assert!((7 * MS..7 * MS + 8).contains(&avr.now()));
+    let causes: Vec<ResetCause> = avr.resets().iter().map(|reset| reset.cause).collect();
+    assert_eq!(causes, [ResetCause::PowerOn, ResetCause::External]);
+    assert_eq!(avr.resets()[1].at, before);
+}
+
+#[test]
+fn a_run_ends_within_an_instruction_of_its_time() {
+    let mut avr = program("spin", &[]);
+    for step in 1..20_000 {
+        let until = step * 7;
+        avr.run_until(until);
+        assert!((until..until + 8).contains(&avr.now()), "{} for {until}", avr.now());
+    }
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_length_of_the_runs() {
+    let count_after = |step: u64| {
+        let mut avr = program("sleep", &[]);
+        let mut at = 0;
+        while at < 50 * MS {
+            at += step;
+            avr.run_until(at.min(50 * MS));
+        }
+        (word(&avr, "ticks"), avr.sp())
+    };
+    assert_eq!(count_after(16), count_after(50 * MS));
+}
+
+/// Datasheet 11.9: the watchdog stays on after its reset, at the shortest time-out, until it is
+/// handled.
+#[test]
+fn the_watchdog_runs_on_after_its_reset() {
+    let mut avr = program("watchdog", &[]);
+    avr.run_until(200 * MS);
+    let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
+    assert!((64 * MS..65 * MS).contains(&at[1]), "{at:?}");
+    for pair in at[1..].windows(2) {
+        assert!((16 * MS..16 * MS + 8).contains(&(pair[1] - pair[0])), "{at:?}");
+    }
+    assert_eq!(usize::from(byte(&avr, "starts")), avr.resets().len());
+    assert_eq!(byte(&avr, "mcusr"), 1 << 3);
+    assert!(avr.resets()[1..].iter().all(|reset| reset.cause == ResetCause::Watchdog));
+}
+
+#[test]
+fn the_watchdog_can_be_armed_again_after_its_reset() {
+    let mut avr = program("watchdog", &["REARM"]);
+    avr.run_until(300 * MS);
+    let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
+    assert_eq!(at.len(), 5);
+    for pair in at.windows(2) {
+        assert!((64 * MS..65 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
+    }
+}
+
+#[test]
+fn the_watchdog_can_be_switched_off_after_its_reset() {
+    let mut avr = program("watchdog", &["DISABLE"]);
+    avr.run_until(500 * MS);
+    assert_eq!(avr.resets().len(), 2);
+}
+
+/// Datasheet 11.9.1: a power-on clears the other flags, other resets add theirs.
+#[test]
+fn mcusr_tells_the_causes() {
+    const MCUSR: u16 = 0x54;
+    let mut avr = program("spin", &[]);
+    assert_eq!(avr.sram(MCUSR), 0b0001);
+    avr.reset(ResetCause::External);
+    assert_eq!(avr.sram(MCUSR), 0b0011);
+    avr.reset(ResetCause::BrownOut);
+    assert_eq!(avr.sram(MCUSR), 0b0111);
+    avr.reset(ResetCause::PowerOn);
+    assert_eq!(avr.sram(MCUSR), 0b0001);
+}
+
+#[test]
+fn sram_holds_garbage_after_power_on_and_its_old_content_after_other_resets() {
+    let contents = |avr: &Avr| avr.sram_range(0x100..=0x4FF);
+    let mut avr = Avr::blank().unwrap();
+    let first = contents(&avr);
+    assert!(first.iter().filter(|byte| **byte == 0).count() < 20);
+    avr.reset(ResetCause::External);
+    assert_eq!(contents(&avr), first);
+    avr.reset(ResetCause::PowerOn);
+    assert_ne!(contents(&avr), first);
+    assert_eq!(contents(&Avr::blank().unwrap()), first, "not repeatable");
+}
+
+#[test]
+fn initialised_data_is_copied_from_flash() {
+    let mut avr = program("sleep", &[]);
+    assert_ne!(byte(&avr, "preset"), 0xC3);
+    avr.run_until(MS);
+    assert_eq!(byte(&avr, "preset"), 0xC3);
+}
+
+#[test]
+fn a_sleeping_program_wakes_for_interrupts_in_simulated_time() {
+    let mut avr = program("sleep", &[]);
+    let state = avr.run_until(1024 * US * 100 + 512 * US);
+    assert_eq!(state, State::Sleeping);
+    assert_eq!(word(&avr, "ticks"), 100);
+    assert_no_violation(&mut avr);
+}
+
+#[test]
+fn a_program_that_sleeps_with_interrupts_off_is_done_but_time_goes_on() {
+    let mut avr = program("sleep", &["FOR_GOOD"]);
+    assert_eq!(avr.run_until(10 * MS), State::Done);
+    assert_eq!(avr.now(), 10 * MS);
+    avr.reset(ResetCause::External);
+    assert_eq!(avr.state(), State::Running);
+}
+
+#[test]
+fn a_program_that_runs_off_its_flash_has_crashed_but_time_goes_on() {
+    let mut avr = Avr::blank().unwrap();
+    assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)));
+    assert_eq!(avr.now(), 10 * MS);
+}
+
+#[test]
+fn an_output_is_watched_with_times() {
+    let mut avr = program("pins", &[]);
+    let seen = Rc::new(RefCell::new(Vec::new()));
+    let log = Rc::clone(&seen);
+    avr.watch_pin('B', 1, Box::new(move |level, at| log.borrow_mut().push((at, level))));
+    avr.drive_pin('D', 2, true);
+    avr.run_until(MS);
+    let seen = seen.borrow();
+    assert!(seen.len() > 100);
+    assert!(seen.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 != pair[1].1));
+}
+
+#[test]
+fn an_input_follows_what_drives_it_also_after_the_port_was_written_and_after_a_reset() {
+    let mut avr = program("pins", &[]);
+    avr.drive_pin('D', 2, true);
+    avr.run_until(MS);
+    assert!(avr.pin('B', 0));
+    avr.drive_pin('D', 2, false);
+    avr.run_until(2 * MS);
+    assert!(!avr.pin('B', 0));
+    avr.drive_pin('D', 2, true);
+    avr.reset(ResetCause::External);
+    assert!(!avr.pin('B', 0));
+    avr.run_until(3 * MS);
+    assert!(avr.pin('B', 0));
+}
+
+#[test]
+fn a_pull_up_yields_to_a_button_and_comes_back() {
+    let pressed = |avr: &mut Avr| {
+        let until = avr.now() + MS;
+        avr.run_until(until);
+        byte(avr, "pind") & 1 << 4 == 0
+    };
+    let mut avr = program("pins", &[]);
+    assert!(!pressed(&mut avr));
+    avr.drive_pin('D', 4, false);
+    assert!(pressed(&mut avr));
+    avr.release_pin('D', 4);
+    assert!(!pressed(&mut avr));
+}
+
+#[test]
+fn falling_edges_of_int0_interrupt() {
+    let mut avr = program("pins", &[]);
+    avr.drive_pin('D', 2, true);
+    avr.run_until(MS);
+    for fall in 1..=5 {
+        avr.drive_pin('D', 2, false);
+        avr.run_until(avr.now() + 10 * US);
+        avr.drive_pin('D', 2, true);
+        avr.run_until(avr.now() + 10 * US);
+        assert_eq!(byte(&avr, "falls"), fall);
+    }
+}
+
+#[test]
+fn the_stack_s_high_water_mark_is_found_in_painted_sram() {
+    let mut avr = Avr::blank().unwrap();
+    (0x200..=0x4FF).for_each(|address| avr.poke_sram(address, 0xC5));
+    assert_eq!(avr.stack_high_water(0xC5, 0x200), 0);
+    avr.poke_sram(0x4F0, 0);
+    assert_eq!(avr.stack_high_water(0xC5, 0x200), 16);
+}
+
+#[test]
+fn symbols_of_data_have_sram_addresses() {
+    let avr = program("sleep", &[]);
+    assert!((0x100..0x500).contains(&address(&avr, "ticks")));
+    assert!(avr.symbol("main").unwrap().address < 0x4000);
+    assert!(avr.symbol("nothing_of_that_name").is_none());
+}
