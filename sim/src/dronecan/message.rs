@@ -1,0 +1,456 @@
+//! Payloads that the bench reads and writes in full, and their text form for the traffic view.
+//!
+//! Layouts from the public DSDL; little endian throughout, float16 by the crate `half`.
+
+use super::{id::CanId, transfer::Transfer, types, types::DataType};
+use half::f16;
+use std::fmt;
+
+/// What a node says of its condition.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Health {
+    #[default]
+    Ok,
+    Warning,
+    Error,
+    Critical,
+}
+
+impl fmt::Display for Health {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Health::Ok => "OK",
+            Health::Warning => "WARNING",
+            Health::Error => "ERROR",
+            Health::Critical => "CRITICAL",
+        })
+    }
+}
+
+/// What a node says it is doing. Numbers 4 to 6 are not defined by the dialect.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    #[default]
+    Operational,
+    Initialization,
+    Maintenance,
+    SoftwareUpdate,
+    Offline,
+    Undefined(u8),
+}
+
+impl Mode {
+    fn from_field(field: u8) -> Mode {
+        match field {
+            0 => Mode::Operational,
+            1 => Mode::Initialization,
+            2 => Mode::Maintenance,
+            3 => Mode::SoftwareUpdate,
+            7 => Mode::Offline,
+            other => Mode::Undefined(other),
+        }
+    }
+
+    fn field(self) -> u8 {
+        match self {
+            Mode::Operational => 0,
+            Mode::Initialization => 1,
+            Mode::Maintenance => 2,
+            Mode::SoftwareUpdate => 3,
+            Mode::Offline => 7,
+            Mode::Undefined(other) => other & 7,
+        }
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Mode::Operational => f.pad("OPERATIONAL"),
+            Mode::Initialization => f.pad("INITIALIZATION"),
+            Mode::Maintenance => f.pad("MAINTENANCE"),
+            Mode::SoftwareUpdate => f.pad("SOFTWARE_UPDATE"),
+            Mode::Offline => f.pad("OFFLINE"),
+            Mode::Undefined(number) => write!(f, "mode {number}"),
+        }
+    }
+}
+
+/// protocol.NodeStatus. Layout: `uptime_sec u32 | health[7:6] mode[5:3] sub_mode[2:0] | vendor code u16`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NodeStatus {
+    pub uptime_s: u32,
+    pub health: Health,
+    pub mode: Mode,
+    pub sub_mode: u8,
+    pub vendor_code: u16,
+}
+
+impl NodeStatus {
+    /// Seven bytes exactly, else `None`.
+    pub fn decode(payload: &[u8]) -> Option<NodeStatus> {
+        let &[u0, u1, u2, u3, state, v0, v1] = payload else {
+            return None;
+        };
+        Some(NodeStatus {
+            uptime_s: u32::from_le_bytes([u0, u1, u2, u3]),
+            health: match state >> 6 {
+                0 => Health::Ok,
+                1 => Health::Warning,
+                2 => Health::Error,
+                _ => Health::Critical,
+            },
+            mode: Mode::from_field(state >> 3 & 7),
+            sub_mode: state & 7,
+            vendor_code: u16::from_le_bytes([v0, v1]),
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = self.uptime_s.to_le_bytes().to_vec();
+        payload.push((self.health as u8) << 6 | self.mode.field() << 3 | self.sub_mode & 7);
+        payload.extend(self.vendor_code.to_le_bytes());
+        payload
+    }
+}
+
+impl fmt::Display for NodeStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.health, self.mode)?;
+        if self.sub_mode != 0 {
+            write!(f, ".{}", self.sub_mode)?;
+        }
+        write!(f, " up {} s vendor {:#06X}", self.uptime_s, self.vendor_code)
+    }
+}
+
+/// Unit of an actuator command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CommandUnit {
+    /// -1 to +1.
+    Unitless,
+    /// Radians of a servo, metres of a linear actuator.
+    Position,
+    Force,
+    Speed,
+    /// Pulse width in microseconds.
+    Pwm,
+    Unknown(u8),
+}
+
+impl CommandUnit {
+    fn from_field(field: u8) -> CommandUnit {
+        match field {
+            0 => CommandUnit::Unitless,
+            1 => CommandUnit::Position,
+            2 => CommandUnit::Force,
+            3 => CommandUnit::Speed,
+            4 => CommandUnit::Pwm,
+            other => CommandUnit::Unknown(other),
+        }
+    }
+
+    fn field(self) -> u8 {
+        match self {
+            CommandUnit::Unitless => 0,
+            CommandUnit::Position => 1,
+            CommandUnit::Force => 2,
+            CommandUnit::Speed => 3,
+            CommandUnit::Pwm => 4,
+            CommandUnit::Unknown(other) => other,
+        }
+    }
+}
+
+impl fmt::Display for CommandUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            CommandUnit::Unitless => f.pad("unitless"),
+            CommandUnit::Position => f.pad("position"),
+            CommandUnit::Force => f.pad("force"),
+            CommandUnit::Speed => f.pad("speed"),
+            CommandUnit::Pwm => f.pad("PWM"),
+            CommandUnit::Unknown(other) => write!(f, "type {other}"),
+        }
+    }
+}
+
+/// One element of equipment.actuator.ArrayCommand: id u8 | type u8 | value float16.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ActuatorCommand {
+    pub actuator: u8,
+    pub unit: CommandUnit,
+    pub value: f16,
+}
+
+/// Bytes of one command in an ArrayCommand.
+const COMMAND_BYTES: usize = 4;
+
+impl ActuatorCommand {
+    /// The commands of a payload; `None` unless it is 0 to 15 whole commands.
+    pub fn decode_array(payload: &[u8]) -> Option<Vec<ActuatorCommand>> {
+        let (commands, rest) = payload.as_chunks::<COMMAND_BYTES>();
+        if !rest.is_empty() || commands.len() > 15 {
+            return None;
+        }
+        let decode = |&[actuator, unit, low, high]: &[u8; COMMAND_BYTES]| ActuatorCommand {
+            actuator,
+            unit: CommandUnit::from_field(unit),
+            value: f16::from_le_bytes([low, high]),
+        };
+        Some(commands.iter().map(decode).collect())
+    }
+
+    /// The payload of an ArrayCommand.
+    pub fn encode_array(commands: &[ActuatorCommand]) -> Vec<u8> {
+        let encode = |command: &ActuatorCommand| {
+            let [low, high] = command.value.to_le_bytes();
+            [command.actuator, command.unit.field(), low, high]
+        };
+        commands.iter().flat_map(encode).collect()
+    }
+}
+
+impl fmt::Display for ActuatorCommand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = self.value.to_f32();
+        write!(f, "id {} {} ", self.actuator, self.unit)?;
+        match self.unit {
+            CommandUnit::Pwm => write!(f, "{value:.0} us"),
+            CommandUnit::Position => write!(f, "{value:+.2} rad"),
+            _ => write!(f, "{value:+.2}"),
+        }
+    }
+}
+
+/// equipment.actuator.Status: `id u8 | position f16 | force f16 | speed f16 | power_percent[6:0]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ActuatorStatus {
+    pub actuator: u8,
+    pub position: f16,
+    pub force: f16,
+    pub speed: f16,
+    /// 0 to 100; 127 means unknown.
+    pub power_percent: u8,
+}
+
+const POWER_MASK: u8 = 0x7F;
+
+impl ActuatorStatus {
+    /// Eight bytes exactly, else `None`.
+    pub fn decode(payload: &[u8]) -> Option<ActuatorStatus> {
+        let &[actuator, p0, p1, f0, f1, s0, s1, power] = payload else {
+            return None;
+        };
+        Some(ActuatorStatus {
+            actuator,
+            position: f16::from_le_bytes([p0, p1]),
+            force: f16::from_le_bytes([f0, f1]),
+            speed: f16::from_le_bytes([s0, s1]),
+            power_percent: power & POWER_MASK,
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = vec![self.actuator];
+        for value in [self.position, self.force, self.speed] {
+            payload.extend(value.to_le_bytes());
+        }
+        payload.push(self.power_percent & POWER_MASK);
+        payload
+    }
+}
+
+impl fmt::Display for ActuatorStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "id {} position {:+.2}", self.actuator, self.position.to_f32())?;
+        if !self.force.is_nan() {
+            write!(f, " force {:.2}", self.force.to_f32())?;
+        }
+        if !self.speed.is_nan() {
+            write!(f, " speed {:.2}", self.speed.to_f32())?;
+        }
+        if self.power_percent != 127 {
+            write!(f, " power {} %", self.power_percent)?;
+        }
+        Ok(())
+    }
+}
+
+/// equipment.device.Temperature: device u16 | kelvin f16 | flags u8 (1 too hot, 2 too cold).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Temperature {
+    pub device: u16,
+    pub kelvin: f16,
+    pub over: bool,
+    pub under: bool,
+}
+
+const FLAG_OVER: u8 = 1 << 0;
+const FLAG_UNDER: u8 = 1 << 1;
+const ZERO_CELSIUS_K: f32 = 273.15;
+
+impl Temperature {
+    /// Five bytes exactly, else `None`.
+    pub fn decode(payload: &[u8]) -> Option<Temperature> {
+        let &[d0, d1, k0, k1, flags] = payload else {
+            return None;
+        };
+        Some(Temperature {
+            device: u16::from_le_bytes([d0, d1]),
+            kelvin: f16::from_le_bytes([k0, k1]),
+            over: flags & FLAG_OVER != 0,
+            under: flags & FLAG_UNDER != 0,
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = self.device.to_le_bytes().to_vec();
+        payload.extend(self.kelvin.to_le_bytes());
+        let over = if self.over { FLAG_OVER } else { 0 };
+        let under = if self.under { FLAG_UNDER } else { 0 };
+        payload.push(over | under);
+        payload
+    }
+
+    /// In degrees Celsius.
+    pub fn celsius(&self) -> f32 {
+        self.kelvin.to_f32() - ZERO_CELSIUS_K
+    }
+}
+
+impl fmt::Display for Temperature {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (kelvin, celsius) = (self.kelvin.to_f32(), self.celsius());
+        write!(f, "device {} {kelvin:.2} K ({celsius:.1} C)", self.device)?;
+        if self.over {
+            write!(f, " OVER")?;
+        }
+        if self.under {
+            write!(f, " UNDER")?;
+        }
+        Ok(())
+    }
+}
+
+/// A transfer with its meaning. `Display` gives "ArrayCommand id 1 unitless +0.50".
+#[derive(Clone, Debug, PartialEq)]
+pub enum Message {
+    NodeStatus(NodeStatus),
+    ArrayCommand(Vec<ActuatorCommand>),
+    ActuatorStatus(ActuatorStatus),
+    Temperature(Temperature),
+    /// Fully armed is 255, disarmed 0.
+    ArmingStatus(u8),
+    /// Servo command of the thesis, 0 to 255 over the full travel.
+    ThesisCommand(u8),
+    /// Degrees Celsius of the thesis.
+    ThesisTemperature(u8),
+    /// A type that is not decoded, or a payload that does not fit its type: name and bytes.
+    Other {
+        name: String,
+        payload: Vec<u8>,
+    },
+}
+
+impl Message {
+    /// Reads a transfer. Never fails: what cannot be read is `Other`.
+    pub fn decode(transfer: &Transfer) -> Message {
+        let payload = transfer.payload.as_slice();
+        Message::decode_known(transfer.id, payload)
+            .unwrap_or_else(|| Message::Other { name: name_of(transfer.id), payload: payload.to_vec() })
+    }
+
+    fn decode_known(id: CanId, payload: &[u8]) -> Option<Message> {
+        let byte = || match *payload {
+            [byte] => Some(byte),
+            _ => None,
+        };
+        match *DataType::of(id)? {
+            types::NODE_STATUS => NodeStatus::decode(payload).map(Message::NodeStatus),
+            types::ARRAY_COMMAND => ActuatorCommand::decode_array(payload).map(Message::ArrayCommand),
+            types::ACTUATOR_STATUS => ActuatorStatus::decode(payload).map(Message::ActuatorStatus),
+            types::TEMPERATURE => Temperature::decode(payload).map(Message::Temperature),
+            types::ARMING_STATUS => byte().map(Message::ArmingStatus),
+            types::THESIS_COMMAND => byte().map(Message::ThesisCommand),
+            types::THESIS_TEMPERATURE => byte().map(Message::ThesisTemperature),
+            _ => None,
+        }
+    }
+
+    /// Type and payload for the wire; `None` for `Other`, whose type is not kept.
+    pub fn encode(&self) -> Option<(&'static DataType, Vec<u8>)> {
+        Some(match self {
+            Message::NodeStatus(status) => (&types::NODE_STATUS, status.encode()),
+            Message::ArrayCommand(commands) => {
+                let payload = ActuatorCommand::encode_array(commands);
+                (&types::ARRAY_COMMAND, payload)
+            }
+            Message::ActuatorStatus(status) => (&types::ACTUATOR_STATUS, status.encode()),
+            Message::Temperature(temperature) => (&types::TEMPERATURE, temperature.encode()),
+            Message::ArmingStatus(byte) => (&types::ARMING_STATUS, vec![*byte]),
+            Message::ThesisCommand(byte) => (&types::THESIS_COMMAND, vec![*byte]),
+            Message::ThesisTemperature(byte) => (&types::THESIS_TEMPERATURE, vec![*byte]),
+            Message::Other { .. } => return None,
+        })
+    }
+}
+
+impl Message {
+    /// Name of its type.
+    pub fn name(&self) -> &str {
+        match self {
+            Message::NodeStatus(_) => types::NODE_STATUS.name,
+            Message::ArrayCommand(_) => types::ARRAY_COMMAND.name,
+            Message::ActuatorStatus(_) => types::ACTUATOR_STATUS.name,
+            Message::Temperature(_) => types::TEMPERATURE.name,
+            Message::ArmingStatus(_) => types::ARMING_STATUS.name,
+            Message::ThesisCommand(_) => types::THESIS_COMMAND.name,
+            Message::ThesisTemperature(_) => types::THESIS_TEMPERATURE.name,
+            Message::Other { name, .. } => name,
+        }
+    }
+}
+
+/// "GetNodeInfo request", "message 2222": the name of what an identifier announces.
+fn name_of(id: CanId) -> String {
+    let direction = match id {
+        CanId::Service { request: true, .. } => " request",
+        CanId::Service { request: false, .. } => " response",
+        _ => "",
+    };
+    let name = match (DataType::of(id), id) {
+        (Some(known), _) => known.name.to_owned(),
+        (None, CanId::Message { type_id, .. }) => format!("message {type_id}"),
+        (None, CanId::Anonymous { type_id, .. }) => format!("message {type_id}"),
+        (None, CanId::Service { service_id, .. }) => format!("service {service_id}"),
+    };
+    name + direction
+}
+
+impl fmt::Display for Message {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.name())?;
+        match self {
+            Message::NodeStatus(status) => write!(f, " {status}"),
+            Message::ArrayCommand(commands) => commands.iter().enumerate().try_for_each(|(index, command)| {
+                let separator = if index == 0 { " " } else { ", " };
+                write!(f, "{separator}{command}")
+            }),
+            Message::ActuatorStatus(status) => write!(f, " {status}"),
+            Message::Temperature(temperature) => write!(f, " {temperature}"),
+            Message::ArmingStatus(0) => write!(f, " disarmed"),
+            Message::ArmingStatus(255) => write!(f, " armed"),
+            Message::ArmingStatus(other) => write!(f, " {other}"),
+            Message::ThesisCommand(byte) => write!(f, " {byte}"),
+            Message::ThesisTemperature(degrees) => write!(f, " {degrees} C"),
+            Message::Other { payload, .. } => payload
+                .iter()
+                .enumerate()
+                .try_for_each(|(index, byte)| write!(f, "{}{byte:02X}", if index == 0 { " " } else { "" })),
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Transfers: the tail byte, splitting a payload into frames, and putting frames together again.
+//!
+//! Tail byte, last in every frame: `start[7] end[6] toggle[5] transfer_id[4:0]`. A payload of up to 7 bytes is one
+//! frame. A longer one is preceded by its CRC, little endian, and cut into frames of 7 bytes with the toggle bit
+//! alternating from 0 (DroneCAN specification, "CAN bus transport layer").
+//!
+//! Assembly invariants: only a start frame opens or replaces a session; a frame that does not continue its session
+//! closes it. Repeated transfer IDs are not filtered, for this is the view of an observer: what was sent is shown.
+
+use super::{crc, id::CanId, types::DataType};
+use crate::{Cycles, F_CPU_HZ};
+use std::collections::HashMap;
+
+const START: u8 = 1 << 7;
+const END: u8 = 1 << 6;
+const TOGGLE: u8 = 1 << 5;
+const ID_MASK: u8 = 0x1F;
+/// Payload bytes of a frame: eight less the tail byte.
+const FRAME_PAYLOAD: usize = 7;
+/// A transfer that is not complete this long after its start is given up (specification, transfer-ID timeout).
+const TIMEOUT_CYCLES: Cycles = 2 * F_CPU_HZ;
+/// Longest payload of a type that is not known: that of file.Read, the longest in use, with room to spare.
+const PAYLOAD_MAX: usize = 512;
+
+/// Number of a transfer, modulo 32.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct TransferId(u8);
+
+impl TransferId {
+    /// The low five bits of `id`.
+    pub const fn new(id: u8) -> TransferId {
+        TransferId(id & ID_MASK)
+    }
+
+    /// The number, 0 to 31.
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+
+    /// Gives the current number and moves on to the next.
+    pub fn advance(&mut self) -> TransferId {
+        let current = *self;
+        *self = TransferId::new(self.0.wrapping_add(1));
+        current
+    }
+}
+
+/// A whole transfer as seen on the bus.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Transfer {
+    pub id: CanId,
+    pub transfer_id: TransferId,
+    pub payload: Vec<u8>,
+    /// Frames that carried it.
+    pub frames: usize,
+}
+
+/// What a frame did to the assembly.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The transfer is whole, and its CRC right where it has one.
+    Complete(Transfer),
+    /// A part, more to come.
+    Partial,
+    /// Not a valid part of anything; the text says why.
+    Invalid(&'static str),
+}
+
+/// Data fields of the frames that carry `payload`, in order. `signature` is that of the data type; a payload of one
+/// frame does not need it.
+pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec<u8>> {
+    if payload.len() <= FRAME_PAYLOAD {
+        let mut data = payload.to_vec();
+        data.push(START | END | transfer_id.0);
+        return vec![data];
+    }
+    let mut stream = crc::transfer(signature, payload).to_le_bytes().to_vec();
+    stream.extend_from_slice(payload);
+    let last = stream.len().div_ceil(FRAME_PAYLOAD) - 1;
+    stream
+        .chunks(FRAME_PAYLOAD)
+        .enumerate()
+        .map(|(index, chunk)| {
+            let start = if index == 0 { START } else { 0 };
+            let end = if index == last { END } else { 0 };
+            let toggle = if index % 2 == 1 { TOGGLE } else { 0 };
+            let mut data = chunk.to_vec();
+            data.push(start | end | toggle | transfer_id.0);
+            data
+        })
+        .collect()
+}
+
+/// A multi-frame transfer in the making.
+struct Session {
+    started_at: Cycles,
+    transfer_id: TransferId,
+    /// Toggle bit that the next frame must have.
+    toggle: bool,
+    frames: usize,
+    stream: Vec<u8>,
+}
+
+/// Puts the frames of all nodes on a bus together. One session per identifier, for frames of one transfer share it.
+#[derive(Default)]
+pub struct Assembler {
+    sessions: HashMap<CanId, Session>,
+}
+
+impl Assembler {
+    /// No session open.
+    pub fn new() -> Assembler {
+        Assembler::default()
+    }
+
+    /// Takes an extended data frame that ended at `at`.
+    pub fn push(&mut self, id: u32, data: &[u8], at: Cycles) -> Outcome {
+        let Some(id) = CanId::parse(id) else {
+            return Outcome::Invalid("service frame of node 0");
+        };
+        let Some((&tail, part)) = data.split_last() else {
+            return Outcome::Invalid("no tail byte");
+        };
+        let transfer_id = TransferId::new(tail);
+        let toggle = tail & TOGGLE != 0;
+        match (tail & START != 0, tail & END != 0) {
+            (true, _) if toggle => Outcome::Invalid("start frame with the toggle bit set"),
+            (true, true) => {
+                self.sessions.remove(&id);
+                Outcome::Complete(Transfer { id, transfer_id, payload: part.to_vec(), frames: 1 })
+            }
+            (true, false) if matches!(id, CanId::Anonymous { .. }) => {
+                Outcome::Invalid("anonymous transfer of several frames")
+            }
+            (true, false) if part.len() < FRAME_PAYLOAD => Outcome::Invalid("start frame that is not full"),
+            (true, false) => {
+                let session = Session { started_at: at, transfer_id, toggle: true, frames: 1, stream: part.to_vec() };
+                self.sessions.insert(id, session);
+                Outcome::Partial
+            }
+            (false, end) => self.go_on(id, transfer_id, toggle, end, part, at),
+        }
+    }
+
+    fn go_on(
+        &mut self,
+        id: CanId,
+        transfer_id: TransferId,
+        toggle: bool,
+        end: bool,
+        part: &[u8],
+        at: Cycles,
+    ) -> Outcome {
+        let Some(mut session) = self.sessions.remove(&id) else {
+            return Outcome::Invalid("continues a transfer that did not start");
+        };
+        if session.transfer_id != transfer_id || session.toggle != toggle {
+            return Outcome::Invalid("a frame of the transfer is missing");
+        }
+        if at.saturating_sub(session.started_at) > TIMEOUT_CYCLES {
+            return Outcome::Invalid("transfer timed out");
+        }
+        session.stream.extend_from_slice(part);
+        session.frames += 1;
+        session.toggle = !toggle;
+        if !end {
+            if part.len() < FRAME_PAYLOAD {
+                return Outcome::Invalid("middle frame that is not full");
+            }
+            if session.stream.len() > PAYLOAD_MAX {
+                return Outcome::Invalid("transfer too long");
+            }
+            self.sessions.insert(id, session);
+            return Outcome::Partial;
+        }
+        let payload = session.stream.split_off(2);
+        let sent_crc = u16::from_le_bytes([session.stream[0], session.stream[1]]);
+        // A type without a known signature cannot be checked; an observer shows it all the same.
+        if let Some(data_type) = DataType::of(id)
+            && let Some(signature) = data_type.signature
+            && crc::transfer(signature, &payload) != sent_crc
+        {
+            return Outcome::Invalid("wrong transfer CRC");
+        }
+        Outcome::Complete(Transfer { id, transfer_id, payload, frames: session.frames })
+    }
+}

@@ -1,0 +1,73 @@
+//! `sim`: the node on a simulated bench, for people and for scripts.
+//!
+//! The story: read the command line, boot the bench, show it live or as lines, say how it ended. See `sim --help`.
+
+use anyhow::{Context, Result};
+use clap::Parser;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use sim::ui::args::Args;
+use sim::ui::plain::summary;
+use sim::ui::run;
+use sim::ui::scene::Scene;
+use std::io::{self, IsTerminal, Write};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+fn main() -> ExitCode {
+    match run(&Args::parse()) {
+        Ok(code) => code,
+        // Whoever read the lines has seen enough, as `| head` does.
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("sim: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: &Args) -> Result<ExitCode> {
+    let stop = stop_on_signals()?;
+    let mut scene = Scene::new(args)?;
+    if args.plain || !io::stdout().is_terminal() {
+        run::plain(&mut scene, args, &stop, io::stdout().lock())?;
+    } else {
+        let speed = run::live(&mut scene, args, &stop)?;
+        io::stdout().write_all(summary(scene.state(), speed).as_bytes())?;
+    }
+    Ok(verdict(&scene))
+}
+
+/// Signals end the run between two slices, so that the terminal is restored and the summary printed.
+fn stop_on_signals() -> Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        // The second one ends the program at once, should the first one not be heeded.
+        signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, stop.clone())
+            .and_then(|_| signal_hook::flag::register(signal, stop.clone()))
+            .context("cannot catch signals")?;
+    }
+    Ok(stop)
+}
+
+/// A script must notice what went wrong inside the node.
+fn verdict(scene: &Scene) -> ExitCode {
+    let state = scene.state();
+    if let Some(crash) = &state.crash {
+        eprintln!("sim: the node crashed: {crash}");
+        return ExitCode::FAILURE;
+    }
+    if let Some((_, text)) = &state.last_violation {
+        let count = state.violations;
+        eprintln!("sim: the node's program made {count} mistakes, the last: {text}");
+        return ExitCode::FAILURE;
+    }
+    ExitCode::SUCCESS
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<io::Error>())
+        .any(|cause| cause.kind() == io::ErrorKind::BrokenPipe)
+}

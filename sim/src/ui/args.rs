@@ -1,0 +1,188 @@
+//! The command line of `sim`.
+
+use super::fault::{self, Injection};
+use super::keys;
+use super::pace::Speed;
+use super::time::parse_duration;
+use crate::autopilot::{CommandType, Settings};
+use crate::dronecan::NodeId;
+use crate::{Cycles, F_CPU_HZ};
+use clap::Parser;
+use std::path::PathBuf;
+
+const ABOUT: &str = "\
+Boots the firmware node.elf on a simulated ATmega168 board with an MCP2515, puts it on a simulated CAN bus, and shows it at
+work: a simulated autopilot (node 1) says that it is alive and sweeps the servo.
+
+On a terminal this is a live view with keys; elsewhere, or with --plain, it is one line for each event, with the simulated
+time in seconds, and a summary at the end. The exit code is 0, or 1 when the node crashed or its driver made a mistake.";
+
+fn after_help() -> String {
+    let keys: String = keys::HELP.iter().map(|(keys, text)| format!("  {keys:15}{text}\n")).collect();
+    format!(
+        "Keys of the live view:\n{keys}\n\
+         Faults for --inject NAME@TIME:\n{}\n\
+         Examples:\n\
+         \x20 sim                                    the live bench\n\
+         \x20 sim --plain --for 5s                   five seconds as lines\n\
+         \x20 sim --for 1m --speed max | tail -9     how fast can it go?\n\
+         \x20 sim --hold 0.5 --command-type pwm      servo held at 1750 us, commanded in microseconds\n\
+         \x20 sim --plain --for 6s --inject cable@2s --inject cable@4s\n\
+         \x20                                        the cable is pulled at 2 s and plugged at 4 s\n\
+         \x20 sim --plain --traffic --for 1s         every message on the bus\n",
+        fault::table()
+    )
+}
+
+/// Options of `sim`.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "sim", version, about = "The node on a simulated bench", long_about = ABOUT,
+          after_long_help = after_help(), max_term_width = 120)]
+pub struct Args {
+    /// Firmware to boot, an ELF file for the ATmega168 [default: the node.elf that "make firmware" builds]
+    #[arg(long, value_name = "PATH")]
+    pub elf: Option<PathBuf>,
+
+    /// End after this simulated time: 500ms, 5s, 2m, 1h [default: run until told to quit]
+    #[arg(long = "for", value_name = "TIME", value_parser = parse_duration)]
+    pub duration: Option<Cycles>,
+
+    /// Simulated seconds for each real second, such as 0.1, or max for as fast as this machine can
+    #[arg(long, value_name = "FACTOR", default_value = "1")]
+    pub speed: Speed,
+
+    /// Bits per second on the bus; a node set to another rate sees nothing but errors
+    #[arg(long, value_name = "BIT/S", default_value_t = 1_000_000, value_parser = bit_rate)]
+    pub bit_rate: u32,
+
+    /// One line for each event, even on a terminal
+    #[arg(long)]
+    pub plain: bool,
+
+    /// In plain lines: print each message on the bus, not only a count each second
+    #[arg(long)]
+    pub traffic: bool,
+
+    /// Node ID of the simulated autopilot, 1 to 127
+    #[arg(long, value_name = "ID", default_value = "1", value_parser = node_id)]
+    pub autopilot_id: NodeId,
+
+    /// Actuator ID that the autopilot commands, 0 to 255
+    #[arg(long, value_name = "ID", default_value_t = 1)]
+    pub actuator: u8,
+
+    /// Unit of the autopilot's commands
+    #[arg(long, value_name = "TYPE", value_enum, default_value_t = CommandType::Unitless)]
+    pub command_type: CommandType,
+
+    /// Hold the servo at this deflection, -1 to 1, instead of sweeping it
+    #[arg(long, value_name = "DEFLECTION", allow_negative_numbers = true, value_parser = deflection)]
+    pub hold: Option<f64>,
+
+    /// Time of one sweep of the servo, there and back
+    #[arg(long, value_name = "TIME", default_value = "4s", value_parser = parse_duration)]
+    pub sweep_period: Cycles,
+
+    /// Temperature at the sensor, in degrees Celsius
+    #[arg(long, value_name = "DEGREES", default_value_t = 25.0, allow_negative_numbers = true)]
+    pub temperature: f64,
+
+    /// Cause a fault at a simulated time, for example chip-reset@2s (repeatable; --help lists the names)
+    #[arg(long, value_name = "NAME@TIME")]
+    pub inject: Vec<Injection>,
+}
+
+impl Args {
+    /// What the autopilot is to be set to.
+    pub fn autopilot(&self) -> Settings {
+        Settings {
+            node_id: self.autopilot_id,
+            actuator: self.actuator,
+            command_type: self.command_type,
+            sweep_period: self.sweep_period.max(F_CPU_HZ / 1000),
+            ..Settings::default()
+        }
+    }
+}
+
+fn bit_rate(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(rate @ (1_000_000 | 500_000 | 250_000 | 125_000)) => Ok(rate),
+        _ => Err(String::from("use 1000000, 500000, 250000 or 125000")),
+    }
+}
+
+fn node_id(text: &str) -> Result<NodeId, String> {
+    let id = text.parse().ok().and_then(NodeId::new);
+    id.ok_or_else(|| String::from("use a number from 1 to 127"))
+}
+
+fn deflection(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(deflection @ -1.0..=1.0) => Ok(deflection),
+        _ => Err(String::from("use a number from -1 to 1")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ui::fault::Fault;
+    use clap::CommandFactory;
+
+    fn parse(line: &str) -> Result<Args, clap::Error> {
+        Args::try_parse_from(line.split(' '))
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn without_options_it_is_the_live_bench_in_real_time() {
+        let args = parse("sim").unwrap();
+        assert_eq!(args.bit_rate, 1_000_000);
+        assert_eq!(args.speed, Speed::Factor(1.0));
+        assert_eq!(args.duration, None);
+        assert_eq!(args.autopilot().node_id.get(), 1);
+        assert!(!args.plain);
+    }
+
+    #[test]
+    fn every_option_of_the_examples_is_understood() {
+        let args = parse("sim --for 5s --speed max --hold -0.5 --command-type pwm --inject cable@2s").unwrap();
+        assert_eq!(args.duration, Some(5 * F_CPU_HZ));
+        assert_eq!(args.hold, Some(-0.5));
+        assert_eq!(args.command_type, CommandType::Pwm);
+        assert_eq!(args.inject[0].fault, Fault::Cable);
+        for line in after_help().lines().filter(|l| l.starts_with("  sim")) {
+            let command = line.trim().split("   ").next().unwrap();
+            let command = command.split(" | ").next().unwrap();
+            assert!(parse(command).is_ok(), "{command}");
+        }
+    }
+
+    #[test]
+    fn wrong_values_are_refused_with_advice() {
+        for (line, advice) in [
+            ("sim --for 5", "5s"),
+            ("sim --bit-rate 800000", "500000"),
+            ("sim --autopilot-id 0", "1 to 127"),
+            ("sim --hold 2", "-1 to 1"),
+            ("sim --speed 0", "max"),
+            ("sim --inject gremlins@1s", "stuck-dominant"),
+        ] {
+            let error = parse(line).unwrap_err().to_string();
+            assert!(error.contains(advice), "{error}");
+        }
+    }
+
+    #[test]
+    fn help_teaches_keys_and_faults() {
+        let help = Args::command().render_long_help().to_string();
+        for expected in ["Ctrl-C", "stuck-dominant", "Examples:", "--bit-rate"] {
+            assert!(help.contains(expected), "{expected} is missing");
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! A bounded list of lines, newest last: what a scrolling pane shows.
+
+use std::collections::VecDeque;
+
+/// Lines kept of the traffic and of the serial monitor: minutes of a usual bus, and far more than any screen shows.
+const LINES_KEPT: usize = 5_000;
+
+/// A bounded history.
+#[derive(Clone, Debug)]
+pub struct Log<T> {
+    lines: VecDeque<T>,
+}
+
+impl<T> Default for Log<T> {
+    fn default() -> Log<T> {
+        Log { lines: VecDeque::new() }
+    }
+}
+
+impl<T> Log<T> {
+    /// Adds the newest; the oldest goes when it is full.
+    pub fn push(&mut self, line: T) {
+        if self.lines.len() == LINES_KEPT {
+            self.lines.pop_front();
+        }
+        self.lines.push_back(line);
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.lines.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.lines.is_empty()
+    }
+
+    /// The last `count` before the newest `skip`, oldest first.
+    pub fn tail(&self, count: usize, skip: usize) -> impl Iterator<Item = &T> {
+        let end = self.lines.len().saturating_sub(skip);
+        self.lines.range(end.saturating_sub(count)..end)
+    }
+
+    /// The newest.
+    pub fn last(&self) -> Option<&T> {
+        self.lines.back()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn histories_are_bounded() {
+        let mut log = Log::default();
+        for number in 0..LINES_KEPT + 10 {
+            log.push(number);
+        }
+        assert_eq!(log.len(), LINES_KEPT);
+        assert_eq!(log.tail(2, 1).copied().collect::<Vec<_>>(), [LINES_KEPT + 7, LINES_KEPT + 8]);
+    }
+}

@@ -1,0 +1,426 @@
+//! Draws the live view. It reads the collected state and the state of the screen, and changes neither.
+//!
+//! The layout fits 80 columns by 24 rows. Where there is more height, a dial joins the servo; where there is more width,
+//! the serial monitor stands beside the traffic.
+
+use super::fault::{Fault, MENU};
+use super::keys;
+use super::pace::Measured;
+use super::state::{FLASH_LIMIT, Origin, RAM_LIMIT, STATICS_LIMIT, State, TrafficLine, error_state_name};
+use super::time::{micros, seconds};
+use crate::can::ErrorState;
+use crate::dronecan::Health;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style, Stylize};
+use ratatui::symbols::Marker;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
+use ratatui::widgets::{Block, Clear, Paragraph};
+
+/// Smallest terminal that shows everything.
+pub const COLUMNS_MIN: u16 = 80;
+pub const ROWS_MIN: u16 = 24;
+
+const READINGS_ROWS: u16 = 6;
+const DIAL_ROWS: u16 = 16;
+/// From this height on there is room for the dial beside a useful length of traffic.
+const DIAL_FROM_ROWS: u16 = 40;
+const BUS_ROWS: u16 = 4;
+const SIDE_BY_SIDE_FROM_COLUMNS: u16 = 140;
+/// Wide enough for the longest line that the node prints for a command.
+const SERIAL_COLUMNS: u16 = 74;
+
+/// The servo picture spans this pulse range, in microseconds; 1500 is the middle.
+const SERVO_MIN_US: f64 = 500.0;
+const SERVO_MAX_US: f64 = 2500.0;
+/// Angle of a standard servo for a pulse: 180 degrees over the range above.
+const DEGREES_PER_US: f64 = 180.0 / (SERVO_MAX_US - SERVO_MIN_US);
+
+const GOOD: Style = Style::new().fg(Color::Green);
+const WARN: Style = Style::new().fg(Color::Yellow);
+const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
+const DIM: Style = Style::new().fg(Color::DarkGray);
+const NODE: Style = Style::new().fg(Color::Cyan);
+
+/// What the user has opened, and how fast time goes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Screen {
+    pub paused: bool,
+    pub help: bool,
+    pub menu: bool,
+    /// Lines of traffic between the newest and the last one shown.
+    pub scroll: usize,
+    pub speed: Measured,
+}
+
+/// Draws everything. Returns the lines of traffic that fit, which is what a page scrolls by.
+pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
+    let area = frame.area();
+    if area.width < COLUMNS_MIN || area.height < ROWS_MIN {
+        let text = format!("sim needs a terminal of {COLUMNS_MIN}x{ROWS_MIN}: please enlarge it");
+        frame.render_widget(Paragraph::new(text), area);
+        return 0;
+    }
+    let with_dial = area.height >= DIAL_FROM_ROWS;
+    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + BUS_ROWS };
+    let [title, top, lists, foot] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Length(top_rows),
+        Constraint::Min(0),
+        Constraint::Length(1),
+    ])
+    .areas(area);
+    frame.render_widget(title_line(state, screen), title);
+    let halves = |area| Layout::horizontal([Constraint::Percentage(50); 2]).areas(area);
+    let [servo, node, bus, controller] = if with_dial {
+        let [left, right] = halves(top);
+        let rows = [Constraint::Min(0), Constraint::Length(BUS_ROWS), Constraint::Length(BUS_ROWS)];
+        let [node, bus, controller] = Layout::vertical(rows).areas(right);
+        [left, node, bus, controller]
+    } else {
+        let rows = [Constraint::Min(0), Constraint::Length(BUS_ROWS)];
+        let [upper, lower] = Layout::vertical(rows).areas(top);
+        let ([servo, node], [bus, controller]) = (halves(upper), halves(lower));
+        [servo, node, bus, controller]
+    };
+    draw_servo(frame, servo, state, with_dial);
+    draw_node(frame, node, state);
+    draw_bus(frame, bus, state);
+    draw_controller(frame, controller, state);
+    let [traffic, serial] = if area.width >= SIDE_BY_SIDE_FROM_COLUMNS {
+        Layout::horizontal([Constraint::Min(0), Constraint::Length(SERIAL_COLUMNS)]).areas(lists)
+    } else {
+        Layout::vertical([Constraint::Percentage(58), Constraint::Percentage(42)]).areas(lists)
+    };
+    draw_traffic(frame, traffic, state, screen.scroll);
+    draw_serial(frame, serial, state);
+    frame.render_widget(foot_line(state, foot.width), foot);
+    if screen.menu {
+        draw_menu(frame, area, state);
+    }
+    if screen.help {
+        draw_help(frame, area);
+    }
+    usize::from(traffic.height.saturating_sub(2))
+}
+
+fn title_line(state: &State, screen: &Screen) -> Line<'static> {
+    let Measured { factor, capacity } = screen.speed;
+    let mut spans = vec![
+        Span::from(format!(" {:.3} s ", seconds(state.now))).bold(),
+        Span::from(format!("speed {factor:.2} (max {capacity:.1})  ")),
+    ];
+    if screen.paused {
+        spans.push(Span::styled(" PAUSED ", WARN.reversed()));
+    }
+    let autopilot = &state.autopilot;
+    let motion = if autopilot.sweeping { "sweeps" } else { "holds" };
+    let text =
+        format!(" autopilot {} {motion} {:+.2} {}", autopilot.node_id, autopilot.deflection, autopilot.command_type);
+    spans.push(if autopilot.silent {
+        Span::styled(format!(" autopilot {} is silent", autopilot.node_id), WARN)
+    } else {
+        Span::from(text)
+    });
+    Line::from(spans)
+}
+
+fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
+    let block = Block::bordered().title(" Servo (D10) and temperature (A0) ");
+    let inner = block.inner(area);
+    frame.render_widget(block, area);
+    let pulse_us = state.servo.pulse.map(micros);
+    let pulse = match (pulse_us, state.servo.period) {
+        (Some(pulse), Some(period)) => Line::from(vec![
+            Span::from(format!("pulse {pulse:.1} us")).bold(),
+            Span::from(format!("  period {:.3} ms", micros(period) / 1e3)),
+        ]),
+        (Some(pulse), None) => Line::from(format!("pulse {pulse:.1} us")).bold(),
+        (None, _) => Line::styled("no pulse: the servo is free", WARN),
+    };
+    let angle = pulse_us.map_or(String::from("-"), |us| format!("{:+.1} deg", angle_degrees(us)));
+    let said = match (state.temperature, state.thesis_temperature_c) {
+        (Some(said), Some(thesis)) => format!("node {:.1} C, {thesis} C", said.celsius()),
+        (Some(said), None) => format!("node {:.1} C", said.celsius()),
+        (None, Some(thesis)) => format!("node {thesis} C"),
+        (None, None) => String::from("node has not said"),
+    };
+    let mut lines = vec![
+        pulse,
+        servo_bar(inner.width, pulse_us),
+        Line::from(format!("angle {angle}  pulses {}", state.servo.count)),
+        Line::from(format!("sensor {:.1} C  {said}", state.sensor_c)),
+    ];
+    if !with_dial {
+        return frame.render_widget(Paragraph::new(lines), inner);
+    }
+    lines.remove(1);
+    let [dial, text] = Layout::vertical([Constraint::Min(0), Constraint::Length(3)]).areas(inner);
+    frame.render_widget(Paragraph::new(lines), text);
+    draw_dial(frame, dial, pulse_us, state.autopilot.deflection);
+}
+
+fn angle_degrees(pulse_us: f64) -> f64 {
+    (pulse_us - (SERVO_MIN_US + SERVO_MAX_US) / 2.0) * DEGREES_PER_US
+}
+
+/// "500 |------+---#---| 2500"
+fn servo_bar(width: u16, pulse_us: Option<f64>) -> Line<'static> {
+    let track = usize::from(width).saturating_sub(12).max(3);
+    let mut cells = vec!['─'; track];
+    cells[0] = '├';
+    cells[track - 1] = '┤';
+    cells[track / 2] = '┼';
+    let mut spans = vec![Span::styled(format!("{SERVO_MIN_US:4.0} "), DIM)];
+    if let Some(pulse_us) = pulse_us {
+        let share = (pulse_us - SERVO_MIN_US) / (SERVO_MAX_US - SERVO_MIN_US);
+        let place = (share.clamp(0.0, 1.0) * (track - 1) as f64).round() as usize;
+        spans.push(Span::from(cells[..place].iter().collect::<String>()));
+        spans.push(Span::styled("█", NODE));
+        spans.push(Span::from(cells[place + 1..].iter().collect::<String>()));
+    } else {
+        spans.push(Span::styled(cells.iter().collect::<String>(), DIM));
+    }
+    spans.push(Span::styled(format!(" {SERVO_MAX_US:4.0}"), DIM));
+    Line::from(spans)
+}
+
+/// A half dial, 0 degrees up, with the servo's horn, and the commanded deflection as a mark outside.
+fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflection: f64) {
+    // A character cell is about twice as high as wide; the bounds keep the dial round.
+    let (bottom, top) = (-0.12, 1.25);
+    let cells = f64::from(area.width) / (2.0 * f64::from(area.height.max(1)));
+    let half_width = cells * (top - bottom) / 2.0;
+    let on_circle = |degrees: f64, radius: f64| {
+        let angle = degrees.to_radians();
+        (radius * angle.sin(), radius * angle.cos())
+    };
+    let stroke = |from: (f64, f64), to: (f64, f64), color| Stroke::new(from.0, from.1, to.0, to.1, color);
+    let paint = |context: &mut Context<'_>| {
+        let arc: Vec<_> = (-90..=90).map(|d| on_circle(f64::from(d), 1.0)).collect();
+        context.draw(&Points { coords: &arc, color: Color::DarkGray });
+        for degrees in (-90..=90).step_by(45) {
+            let degrees = f64::from(degrees);
+            context.draw(&stroke(on_circle(degrees, 0.92), on_circle(degrees, 1.0), Color::Gray));
+        }
+        context.draw(&Circle { x: 0.0, y: 0.0, radius: 0.08, color: Color::Gray });
+        // +-1 commands +-500 us, 45 degrees.
+        let (x, y) = on_circle(deflection * 45.0, 1.1);
+        context.draw(&Circle { x, y, radius: 0.03, color: Color::Yellow });
+        if let Some(pulse_us) = pulse_us {
+            let degrees = angle_degrees(pulse_us).clamp(-100.0, 100.0);
+            context.layer();
+            for offset in [-1.5, 0.0, 1.5] {
+                let tip = on_circle(degrees, 0.88);
+                context.draw(&stroke(on_circle(degrees + 60.0 * offset, 0.06), tip, Color::Cyan));
+            }
+        }
+    };
+    let canvas = Canvas::default()
+        .marker(Marker::Braille)
+        .x_bounds([-half_width, half_width])
+        .y_bounds([bottom, top])
+        .paint(paint);
+    frame.render_widget(canvas, area);
+}
+
+fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
+    let title = match state.status {
+        Some((_, id, _)) => format!(" Node {id} "),
+        None => String::from(" Node "),
+    };
+    let mut lines = match state.status {
+        Some((at, _, status)) => {
+            let style = match status.health {
+                Health::Ok => GOOD,
+                Health::Warning => WARN,
+                Health::Error | Health::Critical => BAD,
+            };
+            let age = seconds(state.now.saturating_sub(at));
+            let heard = format!("  heard {age:.1} s ago");
+            vec![
+                Line::from(vec![
+                    Span::styled(status.health.to_string(), style),
+                    Span::from(format!(" {}  uptime {} s", status.mode, status.uptime_s)),
+                ]),
+                Line::from(vec![
+                    Span::from(format!("vendor code {:#06X}", status.vendor_code)),
+                    // The dialect calls a node offline after 3 s of silence.
+                    Span::styled(heard, if age > 3.0 { BAD } else { Style::new() }),
+                ]),
+            ]
+        }
+        None => vec![Line::styled("no NodeStatus yet", WARN), Line::default()],
+    };
+    if let Some(crash) = &state.crash {
+        lines[0] = Line::styled(format!("CRASHED: {crash}"), BAD);
+    }
+    let memory = &state.memory;
+    lines.push(budget_line("flash", memory.flash, FLASH_LIMIT));
+    lines.push(budget_line("statics", memory.statics, STATICS_LIMIT));
+    if let Some(stack) = memory.stack {
+        let used = memory.statics + stack;
+        let line = format!(", RAM {} of {}", thousands(used), thousands(RAM_LIMIT));
+        let style = if used > RAM_LIMIT { BAD } else { Style::new() };
+        lines[3].push_span(Span::styled(line, style));
+    }
+    let block = Block::bordered().title(title);
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
+fn budget_line(name: &str, used: u32, limit: u32) -> Line<'static> {
+    let text = format!("{name} {} of {} B", thousands(used), thousands(limit));
+    Line::styled(text, if used > limit { BAD } else { Style::new() })
+}
+
+fn thousands(number: u32) -> String {
+    match number {
+        0..1_000 => number.to_string(),
+        _ => format!("{},{:03}", number / 1_000, number % 1_000),
+    }
+}
+
+fn draw_bus(frame: &mut Frame<'_>, area: Rect, state: &State) {
+    let bus = &state.bus;
+    let mut title = vec![Span::from(format!(" Bus {} kbit/s ", bus.bit_rate / 1000))];
+    for fault in &state.active_faults {
+        if *fault != Fault::Silence {
+            title.push(Span::styled(format!(" {fault} "), BAD.reversed()));
+        }
+    }
+    let count = |number: u64| if number == 0 { Style::new() } else { WARN };
+    let lines = vec![
+        Line::from(format!(
+            "load {:.1} %  {} frames/s  all {}",
+            bus.load_percent(state.now),
+            bus.frames_per_second(),
+            bus.frames
+        )),
+        Line::from(vec![
+            Span::styled(format!("error frames {}", bus.error_frames), count(bus.error_frames)),
+            Span::styled(format!("  no ACK {}", bus.unacknowledged), count(bus.unacknowledged)),
+        ]),
+    ];
+    let block = Block::bordered().title(Line::from(title));
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
+fn draw_controller(frame: &mut Frame<'_>, area: Rect, state: &State) {
+    let controller = &state.controller;
+    let style = match controller.error_state {
+        ErrorState::Active => Style::new(),
+        ErrorState::Passive => WARN,
+        ErrorState::BusOff => BAD,
+    };
+    let lost_style = if controller.overflows == 0 { Style::new() } else { BAD };
+    let us = |time: Option<u64>| time.map_or(String::from("-"), |t| format!("{:.0}", micros(t)));
+    let lines = vec![
+        Line::from(vec![
+            Span::styled(error_state_name(&controller.error_state), style),
+            Span::from(format!("  TEC {}  REC {}  ", controller.tec, controller.rec)),
+            Span::styled(format!("lost {}", controller.overflows), lost_style),
+        ]),
+        Line::from(format!("frame served in {} us, worst {} us", us(state.latency.last), us(state.latency.worst))),
+    ];
+    let title = format!(" MCP2515: {} ", controller.mode);
+    let block = Block::bordered().title(title);
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
+fn draw_traffic(frame: &mut Frame<'_>, area: Rect, state: &State, scroll: usize) {
+    let rows = usize::from(area.height.saturating_sub(2));
+    let lines: Vec<_> = state.traffic.tail(rows, scroll).map(traffic_line).collect();
+    let title =
+        if scroll == 0 { String::from(" Traffic ") } else { format!(" Traffic, {scroll} lines back (End: newest) ") };
+    frame.render_widget(Paragraph::new(lines).block(Block::bordered().title(title)), area);
+}
+
+fn traffic_line(line: &TrafficLine) -> Line<'static> {
+    let style = match line.origin {
+        Origin::Node => NODE,
+        Origin::Other => Style::new(),
+        Origin::Broken => BAD,
+    };
+    Line::from(vec![
+        Span::styled(format!("{:10.4} ", seconds(line.at)), DIM),
+        Span::styled(format!("{:>4} {}", line.who, line.text), style),
+    ])
+}
+
+fn draw_serial(frame: &mut Frame<'_>, area: Rect, state: &State) {
+    let rows = usize::from(area.height.saturating_sub(2));
+    let line = |(_, text): &(u64, String)| Line::from(text.clone());
+    let lines: Vec<_> = state.serial.tail(rows, 0).map(line).collect();
+    let block = Block::bordered().title(" Serial monitor ");
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
+/// The keys, or the last driver mistake, which is more important.
+fn foot_line(state: &State, width: u16) -> Line<'static> {
+    if let Some((at, text)) = &state.last_violation {
+        let count = state.violations;
+        let plural = if count == 1 { "" } else { "S" };
+        let text = format!(" {count} DRIVER MISTAKE{plural}, last at {:.4} s: {text}", seconds(*at));
+        return Line::styled(text, BAD.reversed());
+    }
+    let keys = [
+        ("←→", "servo"),
+        ("s", "sweep"),
+        ("tT", "temp"),
+        ("c", "cable"),
+        ("a", "mute"),
+        ("f", "fault"),
+        ("r", "reset"),
+        ("p", "pause"),
+        ("v", "type"),
+    ];
+    let last = [("h", "help"), ("q", "quit")];
+    let length = |(key, text): &(&str, &str)| key.chars().count() + text.len() + 2;
+    let mut room = usize::from(width).saturating_sub(last.iter().map(length).sum());
+    let fits = keys.into_iter().take_while(|key| {
+        let fits = length(key) <= room;
+        room = room.saturating_sub(length(key));
+        fits
+    });
+    let spans = fits
+        .chain(last)
+        .flat_map(|(key, text)| [Span::from(format!(" {key}")).bold(), Span::styled(format!(" {text}"), DIM)]);
+    Line::from(spans.collect::<Vec<_>>())
+}
+
+fn draw_menu(frame: &mut Frame<'_>, area: Rect, state: &State) {
+    let line = |(index, fault): (usize, Fault)| {
+        let on = state.active_faults.contains(&fault);
+        let style = if on { BAD } else { Style::new() };
+        Line::from(vec![
+            Span::from(format!(" {} ", index + 1)).bold(),
+            Span::styled(format!("{fault:15}"), style),
+            Span::styled(fault.explanation(), if on { style } else { DIM }),
+        ])
+    };
+    let lines = MENU.into_iter().enumerate().map(line).collect();
+    popup(frame, area, " Inject a fault: 1 to 9, f closes ", lines, 76);
+}
+
+fn draw_help(frame: &mut Frame<'_>, area: Rect) {
+    let line = |(keys, text): &(&'static str, &'static str)| {
+        Line::from(vec![Span::from(format!(" {keys:14}")).bold(), Span::from(*text)])
+    };
+    let mut lines: Vec<_> = keys::HELP.iter().map(line).collect();
+    lines.push(Line::default());
+    lines.push(Line::styled(" Traffic: time of the frame's end, sender, message. Cyan: the node.", DIM));
+    popup(frame, area, " Keys ", lines, 74);
+}
+
+fn popup(frame: &mut Frame<'_>, area: Rect, title: &str, lines: Vec<Line<'_>>, columns: u16) {
+    let rows = u16::try_from(lines.len()).unwrap_or(u16::MAX).saturating_add(2);
+    let place = area.centered(Constraint::Length(columns), Constraint::Length(rows));
+    frame.render_widget(Clear, place);
+    let block = Block::bordered().title(title.to_owned()).border_style(WARN);
+    frame.render_widget(Paragraph::new(lines).block(block), place);
+}
+
+#[cfg(test)]
+#[path = "live_tests.rs"]
+mod tests;

@@ -1,0 +1,174 @@
+//! The live view drawn into memory: what must be readable, at the smallest size and at a large one.
+
+use super::*;
+use crate::can::{self, Record, RecordKind};
+use crate::ui::state::{AutopilotState, Memory, News};
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+
+const SECOND: u64 = crate::F_CPU_HZ;
+
+/// A bench in the middle of its work.
+fn at_work() -> State {
+    let mut state = State::new(1_000_000);
+    state.sensor_c = 25.0;
+    state.autopilot = AutopilotState {
+        node_id: 1,
+        deflection: 0.5,
+        sweeping: true,
+        command_type: String::from("unitless"),
+        ..AutopilotState::default()
+    };
+    state.memory = Memory { flash: 9_876, statics: 312, stack: Some(200) };
+    state.controller.mode = String::from("Normal");
+    state.controller.tec = 3;
+    state.pulse(11 * SECOND, 28_000, None);
+    state.pulse(11 * SECOND + 320_000, 28_000, Some(320_000));
+    for byte in *b"node 0.1.0 id 42\n" {
+        state.serial_byte(SECOND, byte);
+    }
+    let frames: [(u32, &[u8], bool); 3] = [
+        (0x1003_F201, &[1, 0, 0, 0x38, 0xC7], false),
+        (0x1801_552A, &[12, 0, 0, 0, 0, 0xEF, 0xBE, 0xC0], true),
+        (0x1804_562A, &[1, 0, 0xA9, 0x5C, 0, 0xC2], true),
+    ];
+    for (id, data, from_node) in frames {
+        let record = Record {
+            start: 11 * SECOND,
+            end: 11 * SECOND + 2_000,
+            bits: 125,
+            kind: RecordKind::Frame { frame: can::Frame::extended(id, data), from: None, acked: true },
+        };
+        state.record(&record, from_node, None);
+    }
+    state.served(1_360);
+    state.pass(11 * SECOND + 400_000);
+    state
+}
+
+fn drawn(state: &State, screen: &Screen, columns: u16, rows: u16) -> String {
+    let mut terminal = Terminal::new(TestBackend::new(columns, rows)).unwrap();
+    terminal.draw(|frame| _ = draw(frame, state, screen)).unwrap();
+    terminal.backend().to_string()
+}
+
+#[track_caller]
+fn shows(picture: &str, expected: &[&str]) {
+    for expected in expected {
+        assert!(picture.contains(expected), "{expected} is not in\n{picture}");
+    }
+}
+
+const VALUES: &[&str] = &[
+    "11.025 s",
+    "pulse 1750.0 us",
+    "period 20.000 ms",
+    "angle +22.5 deg",
+    "pulses 2",
+    "sensor 25.0 C  node 25.1 C",
+    "Node 42",
+    "OK OPERATIONAL  uptime 12 s",
+    "vendor code 0xBEEF",
+    "flash 9,876 of 14,336 B",
+    "statics 312 of 640 B, RAM 512 of 960",
+    "Bus 1000 kbit/s",
+    "3 frames/s",
+    "error frames 0",
+    "MCP2515: Normal",
+    "error active  TEC 3  REC 0  lost 0",
+    "frame served in 85 us, worst 85 us",
+    "1 ArrayCommand id 1 unitless +0.50",
+    "42 Temperature device 1 298.25 K",
+    "node 0.1.0 id 42",
+    "autopilot 1 sweeps +0.50 unitless",
+];
+
+#[test]
+fn eighty_by_twenty_four_shows_every_value() {
+    let picture = drawn(&at_work(), &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, VALUES);
+    shows(&picture, &["500 ├", "h help", "q quit"]);
+}
+
+#[test]
+fn a_large_terminal_shows_every_value_and_the_dial() {
+    let picture = drawn(&at_work(), &Screen::default(), 140, 45);
+    shows(&picture, VALUES);
+    let is_braille = |c: char| ('\u{2801}'..='\u{28FF}').contains(&c);
+    assert!(picture.chars().filter(|c| is_braille(*c)).count() > 40, "{picture}");
+}
+
+#[test]
+fn any_size_can_be_drawn() {
+    let state = at_work();
+    let screen = Screen { help: true, menu: true, ..Screen::default() };
+    for (columns, rows) in [(1, 1), (10, 3), (79, 24), (80, 23), (120, 40), (300, 100)] {
+        drawn(&state, &screen, columns, rows);
+    }
+}
+
+#[test]
+fn a_small_terminal_says_what_is_needed() {
+    let picture = drawn(&at_work(), &Screen::default(), 60, 20);
+    shows(&picture, &["80x24"]);
+}
+
+#[test]
+fn driver_mistakes_and_crashes_stand_out() {
+    let mut state = at_work();
+    state.violation(SECOND, String::from("SPI byte with CS high"));
+    state.crashed(SECOND, String::from("invalid instruction"));
+    let picture = drawn(&state, &Screen::default(), 80, 24);
+    shows(&picture, &["1 DRIVER MISTAKE", "SPI byte with CS high", "CRASHED: invalid"]);
+}
+
+#[test]
+fn a_node_that_says_nothing_is_shown_as_such() {
+    let picture = drawn(&State::new(500_000), &Screen::default(), 80, 24);
+    shows(&picture, &["no pulse", "no NodeStatus yet", "node has not said", "Bus 500 kbit/s"]);
+}
+
+#[test]
+fn help_lists_every_key() {
+    let screen = Screen { help: true, ..Screen::default() };
+    let picture = drawn(&at_work(), &screen, 80, 24);
+    for (keys, text) in keys::HELP {
+        shows(&picture, &[keys, text]);
+    }
+}
+
+#[test]
+fn the_menu_lists_the_faults_and_marks_those_that_are_on() {
+    let mut state = at_work();
+    state.active_faults.push(Fault::NoAck);
+    let screen = Screen { menu: true, paused: true, ..Screen::default() };
+    let picture = drawn(&state, &screen, 80, 24);
+    shows(&picture, &["1 bit-error", "8 spi-noise", "PAUSED"]);
+    let closed = drawn(&state, &Screen::default(), 80, 24);
+    shows(&closed, &[" no-ack "]);
+}
+
+#[test]
+fn scrolled_traffic_shows_older_lines() {
+    let mut state = State::new(1_000_000);
+    for number in 0..100u8 {
+        let record = Record {
+            start: 0,
+            end: 0,
+            bits: 100,
+            kind: RecordKind::Frame {
+                frame: can::Frame::extended(0x1004_5701, &[number, 0xC0]),
+                from: None,
+                acked: true,
+            },
+        };
+        state.record(&record, false, None);
+    }
+    assert!(matches!(state.take_news()[0].1, News::Traffic(_)));
+    let newest = drawn(&state, &Screen::default(), 80, 24);
+    shows(&newest, &["thesis.ServoCommand 99"]);
+    let screen = Screen { scroll: 50, ..Screen::default() };
+    let older = drawn(&state, &screen, 80, 24);
+    shows(&older, &["thesis.ServoCommand 49", "50 lines back"]);
+    assert!(!older.contains("thesis.ServoCommand 50"));
+}

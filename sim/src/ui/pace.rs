@@ -1,0 +1,189 @@
+//! Keeps simulated time at a chosen multiple of real time, and measures what was reached.
+//!
+//! The clock is an argument, so that the arithmetic can be tested. A simulation that cannot keep up slips: the lag is
+//! forgotten instead of being run after at full speed later.
+
+use crate::{Cycles, F_CPU_HZ};
+use std::str::FromStr;
+use std::time::Duration;
+
+/// Lag that is made up for; more is forgotten. A few slices, so that a busy host does not bend the mean.
+const LAG_MAX_S: f64 = 0.25;
+/// The factor shown is that of the last stretch of at least this real time.
+const MEASURE_S: f64 = 1.0;
+
+/// Simulated seconds for each real second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Speed {
+    Factor(f64),
+    /// As fast as the host can.
+    Max,
+}
+
+impl FromStr for Speed {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Speed, String> {
+        if text == "max" {
+            return Ok(Speed::Max);
+        }
+        match text.parse::<f64>() {
+            Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(Speed::Factor(factor)),
+            _ => Err(String::from("use a factor above 0, such as 1 or 0.1, or max")),
+        }
+    }
+}
+
+/// What was measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// Simulated over real time.
+    pub factor: f64,
+    /// The same while the simulator was at work, not waiting: what `--speed max` would reach.
+    pub capacity: f64,
+}
+
+/// The pace maker. Real time is given as time since the start of the program.
+pub struct Pace {
+    speed: Speed,
+    /// Real and simulated time that correspond.
+    anchor: (f64, Cycles),
+    stretch: Stretch,
+    last: Measured,
+    /// The whole run, pauses left out.
+    whole: Stretch,
+}
+
+/// A stretch of time being measured.
+#[derive(Clone, Copy, Default)]
+struct Stretch {
+    real_start_s: f64,
+    simulated: Cycles,
+    worked_s: f64,
+}
+
+impl Stretch {
+    fn measured(&self, real_s: f64) -> Measured {
+        let simulated_s = self.simulated as f64 / F_CPU_HZ as f64;
+        let over = |time_s: f64| {
+            if time_s > 0.0 { simulated_s / time_s } else { 0.0 }
+        };
+        Measured { factor: over(real_s - self.real_start_s), capacity: over(self.worked_s) }
+    }
+}
+
+impl Pace {
+    /// Real and simulated time both start at 0.
+    pub fn new(speed: Speed) -> Pace {
+        Pace {
+            speed,
+            anchor: (0.0, 0),
+            stretch: Stretch::default(),
+            last: Measured::default(),
+            whole: Stretch::default(),
+        }
+    }
+
+    /// A slice of simulated time took `worked`; it is `real` now.
+    pub fn worked(&mut self, simulated: Cycles, worked: Duration, real: Duration) {
+        let real_s = real.as_secs_f64();
+        for stretch in [&mut self.stretch, &mut self.whole] {
+            stretch.simulated += simulated;
+            stretch.worked_s += worked.as_secs_f64();
+        }
+        if real_s - self.stretch.real_start_s >= MEASURE_S {
+            self.last = self.stretch.measured(real_s);
+            self.stretch = Stretch { real_start_s: real_s, ..Stretch::default() };
+        }
+    }
+
+    /// Time to wait at `real` before simulating beyond `now`.
+    pub fn wait(&mut self, now: Cycles, real: Duration) -> Duration {
+        let Speed::Factor(factor) = self.speed else {
+            return Duration::ZERO;
+        };
+        let real_s = real.as_secs_f64();
+        let due_s = self.anchor.0 + (now - self.anchor.1) as f64 / F_CPU_HZ as f64 / factor;
+        if real_s - due_s > LAG_MAX_S {
+            self.anchor = (real_s, now);
+        }
+        Duration::from_secs_f64((due_s - real_s).max(0.0))
+    }
+
+    /// Goes on at `real` after a pause of `paused`, as if there had been none.
+    pub fn resume(&mut self, now: Cycles, paused: Duration, real: Duration) {
+        self.anchor = (real.as_secs_f64(), now);
+        self.stretch.real_start_s += paused.as_secs_f64();
+        self.whole.real_start_s += paused.as_secs_f64();
+    }
+
+    /// The whole run up to `real`.
+    pub fn average(&self, real: Duration) -> Measured {
+        self.whole.measured(real.as_secs_f64())
+    }
+
+    /// The last measurement, or the one under way while there is none.
+    pub fn measured(&self, real: Duration) -> Measured {
+        if self.last == Measured::default() { self.stretch.measured(real.as_secs_f64()) } else { self.last }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn speeds_are_factors_or_max() {
+        assert_eq!("max".parse(), Ok(Speed::Max));
+        assert_eq!("0.1".parse(), Ok(Speed::Factor(0.1)));
+        for wrong in ["0", "-1", "inf", "NaN", "fast", ""] {
+            assert!(wrong.parse::<Speed>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn real_time_waits_for_the_rest_of_the_slice() {
+        let mut pace = Pace::new(Speed::Factor(1.0));
+        let wait = pace.wait(F_CPU_HZ / 100, 4 * MS);
+        assert_eq!(wait.as_micros(), 6_000);
+        let mut slow = Pace::new(Speed::Factor(0.1));
+        assert_eq!(slow.wait(F_CPU_HZ / 100, 4 * MS).as_micros(), 96_000);
+        let mut fast = Pace::new(Speed::Max);
+        assert!(fast.wait(F_CPU_HZ, MS).is_zero());
+    }
+
+    /// After a stall the simulation goes on at its pace, it does not race.
+    #[test]
+    fn a_long_lag_is_forgotten_and_a_short_one_made_up_for() {
+        let mut pace = Pace::new(Speed::Factor(1.0));
+        assert!(pace.wait(0, 200 * MS).is_zero());
+        assert!(pace.wait(F_CPU_HZ / 10, 200 * MS).is_zero());
+        assert!(pace.wait(F_CPU_HZ / 10, 5_000 * MS).is_zero());
+        let wait = pace.wait(F_CPU_HZ / 5, 5_000 * MS);
+        assert_eq!(wait.as_millis(), 100);
+    }
+
+    #[test]
+    fn the_factor_and_the_capacity_are_measured() {
+        let mut pace = Pace::new(Speed::Factor(1.0));
+        for slice in 1..=100 {
+            pace.worked(F_CPU_HZ / 100, 2 * MS, slice * 10 * MS);
+        }
+        let measured = pace.measured(1_000 * MS);
+        assert!((measured.factor - 1.0).abs() < 1e-6);
+        assert!((measured.capacity - 5.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_pause_changes_neither_the_pace_nor_the_factor() {
+        let mut pace = Pace::new(Speed::Factor(1.0));
+        pace.worked(F_CPU_HZ / 2, MS, 500 * MS);
+        pace.resume(F_CPU_HZ / 2, 9_500 * MS, 10_000 * MS);
+        assert_eq!(pace.wait(F_CPU_HZ, 10_000 * MS).as_millis(), 500);
+        pace.worked(F_CPU_HZ / 2, MS, 10_500 * MS);
+        assert!((pace.average(10_500 * MS).factor - 1.0).abs() < 1e-6);
+        assert!((pace.measured(10_500 * MS).factor - 1.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,226 @@
+//! Runs a scene against the wall clock: as a live view on the terminal, or as plain lines.
+//!
+//! Both loops are the same: simulate a slice, show it, wait until real time has caught up. A signal, or the end of the
+//! asked time, ends them between two slices. The terminal is restored however the program ends, by a panic too.
+
+use super::args::Args;
+use super::keys::{self, Action};
+use super::live::{self, Screen};
+use super::pace::{Measured, Pace, Speed};
+use super::plain::Plain;
+use super::scene::Scene;
+use crate::{Cycles, F_CPU_HZ};
+use anyhow::{Context, Result};
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, Event};
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// A slice in real time: short enough for keys and motion to feel immediate.
+const SLICE_S: f64 = 0.01;
+/// Limits of a slice in simulated time.
+const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
+const SLICE_MAX: Cycles = F_CPU_HZ / 50;
+/// Pictures for each real second: as many as a terminal over a network can take.
+const PICTURE_PERIOD: Duration = Duration::from_millis(40);
+
+/// Wall clock and pace of a run.
+struct Clock {
+    started: Instant,
+    pace: Pace,
+    slice: Cycles,
+    end: Option<Cycles>,
+}
+
+impl Clock {
+    fn new(args: &Args) -> Clock {
+        let slice = match args.speed {
+            Speed::Factor(factor) => (factor * SLICE_S * F_CPU_HZ as f64) as Cycles,
+            Speed::Max => SLICE_MAX,
+        };
+        Clock {
+            started: Instant::now(),
+            pace: Pace::new(args.speed),
+            slice: slice.clamp(SLICE_MIN, SLICE_MAX),
+            end: args.duration,
+        }
+    }
+
+    fn is_over(&self, scene: &Scene) -> bool {
+        self.end.is_some_and(|end| scene.now() >= end)
+    }
+
+    /// Simulates a slice and says how long to wait after it.
+    fn step(&mut self, scene: &mut Scene) -> Duration {
+        let from = scene.now();
+        let until = (from + self.slice).min(self.end.unwrap_or(Cycles::MAX));
+        let before = self.started.elapsed();
+        scene.advance(until);
+        let after = self.started.elapsed();
+        self.pace.worked(scene.now() - from, after - before, after);
+        self.pace.wait(scene.now(), after)
+    }
+
+    fn measured(&self) -> Measured {
+        self.pace.measured(self.started.elapsed())
+    }
+
+    fn average(&self) -> Measured {
+        self.pace.average(self.started.elapsed())
+    }
+}
+
+/// Runs with one line for each event on `out`, and the summary at the end.
+///
+/// # Errors
+/// Those of the output, a broken pipe among them.
+pub fn plain(scene: &mut Scene, args: &Args, stop: &AtomicBool, out: impl Write) -> Result<()> {
+    let mut clock = Clock::new(args);
+    let mut view = Plain::new(out, args.traffic);
+    while !clock.is_over(scene) && !stop.load(Ordering::Relaxed) {
+        let wait = clock.step(scene);
+        view.step(scene.state_mut())?;
+        std::thread::sleep(wait);
+    }
+    view.summary(scene.state(), clock.average())?;
+    Ok(())
+}
+
+/// Runs on the terminal until the user quits; the summary is left for the caller to print.
+///
+/// # Errors
+/// Those of the terminal.
+pub fn live(scene: &mut Scene, args: &Args, stop: &AtomicBool) -> Result<Measured> {
+    // Also installs a panic hook that restores the terminal before the message is printed.
+    let terminal = ratatui::try_init().context("cannot use this terminal: try --plain")?;
+    let restored = Restored;
+    let result = live_loop(terminal, scene, args, stop);
+    drop(restored);
+    result
+}
+
+/// Restores the terminal when it goes out of scope.
+struct Restored;
+
+impl Drop for Restored {
+    fn drop(&mut self) {
+        ratatui::restore();
+    }
+}
+
+fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop: &AtomicBool) -> Result<Measured> {
+    let mut clock = Clock::new(args);
+    let mut screen = Screen::default();
+    let mut page = 0;
+    let mut paused_at = Duration::ZERO;
+    let mut next_picture = Instant::now();
+    let mut next_slice = Instant::now();
+    loop {
+        if clock.is_over(scene) || stop.load(Ordering::Relaxed) {
+            return Ok(clock.average());
+        }
+        if !screen.paused && Instant::now() >= next_slice {
+            let before = scene.state().traffic_lines;
+            let wait = clock.step(scene);
+            next_slice = Instant::now() + wait;
+            scene.state_mut().take_news();
+            // A view that was scrolled back stays on its lines while new ones come.
+            if screen.scroll > 0 {
+                screen.scroll += (scene.state().traffic_lines - before) as usize;
+            }
+        }
+        if Instant::now() >= next_picture {
+            screen.speed = clock.measured();
+            screen.scroll = screen.scroll.min(scene.state().traffic.len().saturating_sub(page));
+            terminal
+                .draw(|frame| page = live::draw(frame, scene.state(), &screen))
+                .context("cannot draw on the terminal")?;
+            next_picture = Instant::now() + PICTURE_PERIOD;
+        }
+        let next = if screen.paused { next_picture } else { next_slice.min(next_picture) };
+        let mut wait = next.saturating_duration_since(Instant::now());
+        while event::poll(wait).or_else(interrupted)? {
+            wait = Duration::ZERO;
+            let Event::Key(key) = event::read()? else {
+                continue;
+            };
+            match keys::action(key, screen.menu) {
+                None => {}
+                Some(Action::Quit) => return Ok(clock.average()),
+                Some(Action::TogglePause) => {
+                    screen.paused = !screen.paused;
+                    if screen.paused {
+                        paused_at = clock.started.elapsed();
+                    } else {
+                        let now = clock.started.elapsed();
+                        clock.pace.resume(scene.now(), now - paused_at, now);
+                    }
+                }
+                Some(Action::ToggleHelp) => screen.help = !screen.help,
+                Some(Action::ToggleFaultMenu) => screen.menu = !screen.menu,
+                Some(Action::Scroll(pages)) => {
+                    screen.scroll = screen.scroll.saturating_add_signed(isize::from(pages) * page.max(1) as isize);
+                }
+                Some(Action::ScrollEnd) => screen.scroll = 0,
+                Some(Action::Nudge(hundredths)) => scene.nudge(f64::from(hundredths) / 100.0),
+                Some(Action::ToggleSweep) => scene.toggle_sweep(),
+                Some(Action::Warm(degrees)) => scene.warm(f64::from(degrees)),
+                Some(Action::NextCommandType) => scene.next_command_type(),
+                Some(Action::Inject(fault)) => scene.inject(fault),
+            }
+        }
+    }
+}
+
+/// A signal while waiting for a key is not an error: the loop sees its flag.
+fn interrupted(error: io::Error) -> io::Result<bool> {
+    match error.kind() {
+        io::ErrorKind::Interrupted => Ok(false),
+        _ => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::avr::Firmware;
+    use clap::Parser;
+
+    /// A scene with a program that does nothing, run to its end; gives what was printed.
+    fn printed(options: &str, out: impl Write) -> Result<()> {
+        let line = format!("sim --speed max {options}");
+        let args = Args::try_parse_from(line.split_whitespace()).unwrap();
+        let firmware = Firmware { flash: vec![(0, vec![0xFF, 0xCF])], ..Firmware::default() };
+        let mut scene = Scene::boot(&firmware, &args)?;
+        plain(&mut scene, &args, &AtomicBool::new(false), out)
+    }
+
+    #[test]
+    fn a_plain_run_ends_at_the_asked_time_with_the_summary() {
+        let mut out = Vec::new();
+        printed("--for 100ms --traffic", &mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        assert!(text.contains("servo   no pulse"), "{text}");
+        assert!(text.contains("1 NodeStatus OK OPERATIONAL up 0 s"), "{text}");
+        assert!(text.contains("simulated       0.100 s"), "{text}");
+        assert!(text.contains("bus             6 frames, 0 error frames"), "{text}");
+    }
+
+    /// `sim | head` must end, not go on in silence.
+    #[test]
+    fn a_closed_pipe_ends_the_run() {
+        struct Closed;
+        impl Write for Closed {
+            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+                Err(io::ErrorKind::BrokenPipe.into())
+            }
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let error = printed("", Closed).unwrap_err();
+        let cause = error.downcast_ref::<io::Error>().unwrap();
+        assert_eq!(cause.kind(), io::ErrorKind::BrokenPipe);
+    }
+}

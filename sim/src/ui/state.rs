@@ -1,0 +1,472 @@
+//! What a user may want to know of the bench, collected as simulated time passes.
+//!
+//! Plain data and the rules that fill it: no bench, no terminal, no wall clock. The scene feeds it, the live view draws
+//! it, the plain view prints the news in it. Histories are bounded; counters are not.
+
+use super::fault::Fault;
+use super::history::Log;
+use crate::can::{ErrorState, Frame, Id, Record, RecordKind};
+use crate::dronecan::{Assembler, Message, NodeId, NodeStatus, Outcome, Temperature};
+use crate::{Cycles, F_CPU_HZ};
+use std::collections::VecDeque;
+
+/// Load and rates are those of the last second.
+const RATE_WINDOW: Cycles = F_CPU_HZ;
+/// A line of the serial monitor is cut here, should the node forget to end it.
+const SERIAL_LINE_MAX: usize = 200;
+/// A PWM output without a pulse for this long is off: several of the longest usual servo periods.
+const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
+/// Bits between two frames, which no other frame can have.
+const INTERMISSION_BITS: u32 = 3;
+
+/// Where a line of traffic comes from, for its colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// The node under test.
+    Node,
+    /// Any other station.
+    Other,
+    /// Not a valid transfer, or an error frame.
+    Broken,
+}
+
+/// One transfer, or one thing that went wrong, on the bus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrafficLine {
+    pub at: Cycles,
+    pub origin: Origin,
+    /// Sender as text: "1", "anon", "127>42", "-".
+    pub who: String,
+    /// Type for counting.
+    pub name: String,
+    /// What it says.
+    pub text: String,
+}
+
+/// Something worth a line in the plain view.
+#[derive(Clone, Debug, PartialEq)]
+pub enum News {
+    Serial(String),
+    Traffic(TrafficLine),
+    Status(NodeId, NodeStatus),
+    ErrorFrame(String),
+    /// A driver mistake that the models noticed.
+    Violation(String),
+    /// The node's program is broken beyond repair.
+    Crash(String),
+    /// The controller's error state changed.
+    Controller(String),
+    /// Something that the user did to the bench.
+    Fault(String),
+    /// The AVR was reset.
+    Reset(String),
+}
+
+/// Pulses on the servo output.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Servo {
+    /// Width of the last pulse; `None` while there are none.
+    pub pulse: Option<Cycles>,
+    /// From the start of the pulse before to the start of the last.
+    pub period: Option<Cycles>,
+    pub last_start: Cycles,
+    pub count: u64,
+}
+
+/// Counters of the bus.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BusState {
+    pub bit_rate: u32,
+    pub frames: u64,
+    pub error_frames: u64,
+    /// Frames that nobody acknowledged.
+    pub unacknowledged: u64,
+    window: VecDeque<(Cycles, u32, bool)>,
+}
+
+impl BusState {
+    /// Busy share of the last second, in per cent.
+    pub fn load_percent(&self, now: Cycles) -> f64 {
+        let bits: u64 = self.window.iter().map(|w| u64::from(w.1)).sum();
+        let span = now.clamp(1, RATE_WINDOW) as f64 / F_CPU_HZ as f64;
+        (bits as f64 * 100.0 / (f64::from(self.bit_rate.max(1)) * span)).min(100.0)
+    }
+
+    /// Valid frames in the last second.
+    pub fn frames_per_second(&self) -> usize {
+        self.window.iter().filter(|w| w.2).count()
+    }
+
+    fn forget(&mut self, now: Cycles) {
+        let oldest = now.saturating_sub(RATE_WINDOW);
+        while self.window.front().is_some_and(|w| w.0 <= oldest) {
+            self.window.pop_front();
+        }
+    }
+}
+
+/// The node's MCP2515.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Controller {
+    /// Operating mode, as the datasheet calls it.
+    pub mode: String,
+    pub tec: u16,
+    pub rec: u16,
+    pub error_state: ErrorState,
+    /// Frames that found both receive buffers full.
+    pub overflows: u64,
+}
+
+impl Default for Controller {
+    fn default() -> Controller {
+        Controller { mode: String::from("?"), tec: 0, rec: 0, error_state: ErrorState::Active, overflows: 0 }
+    }
+}
+
+/// How long received frames waited in the chip: from the end of the frame to RXnIF cleared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Latency {
+    pub last: Option<Cycles>,
+    pub worst: Option<Cycles>,
+}
+
+/// What the firmware uses of the chip, in bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// .text + .data.
+    pub flash: u32,
+    /// .data + .bss.
+    pub statics: u32,
+    /// Deepest stack so far, where it can be told.
+    pub stack: Option<u32>,
+}
+
+/// Limits of [`Memory`]: what the Arduino bootloader leaves, and the project's budgets for a RAM of 1,024 bytes.
+pub const FLASH_LIMIT: u32 = 14_336;
+pub const STATICS_LIMIT: u32 = 640;
+pub const RAM_LIMIT: u32 = 960;
+
+/// What the autopilot is doing, in words.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AutopilotState {
+    pub node_id: u8,
+    pub deflection: f64,
+    pub sweeping: bool,
+    pub silent: bool,
+    pub command_type: String,
+    pub commands_sent: u64,
+}
+
+/// Everything. Public fields are for the views to read.
+#[derive(Default)]
+pub struct State {
+    pub now: Cycles,
+    pub servo: Servo,
+    /// Temperature at the sensor, in degrees Celsius.
+    pub sensor_c: f64,
+    pub temperature: Option<Temperature>,
+    pub thesis_temperature_c: Option<u8>,
+    /// Last NodeStatus of the node under test, and when it came.
+    pub status: Option<(Cycles, NodeId, NodeStatus)>,
+    pub bus: BusState,
+    pub controller: Controller,
+    pub latency: Latency,
+    pub traffic: Log<TrafficLine>,
+    /// All lines of traffic so far; `traffic` keeps the newest.
+    pub traffic_lines: u64,
+    pub serial: Log<(Cycles, String)>,
+    pub violations: u64,
+    pub last_violation: Option<(Cycles, String)>,
+    pub crash: Option<String>,
+    pub memory: Memory,
+    pub autopilot: AutopilotState,
+    /// Lasting faults that are on.
+    pub active_faults: Vec<Fault>,
+    serial_line: Option<(Cycles, String)>,
+    assembler: Assembler,
+    news: Vec<(Cycles, News)>,
+}
+
+impl State {
+    /// Nothing has happened yet.
+    pub fn new(bit_rate: u32) -> State {
+        let mut state = State::default();
+        state.bus.bit_rate = bit_rate;
+        state
+    }
+
+    /// What happened since the last call, in order of time.
+    pub fn take_news(&mut self) -> Vec<(Cycles, News)> {
+        self.news.sort_by_key(|(at, _)| *at);
+        std::mem::take(&mut self.news)
+    }
+
+    /// Says something to the user.
+    pub fn tell(&mut self, at: Cycles, news: News) {
+        self.news.push((at, news));
+    }
+
+    /// Simulated time has come to `now`.
+    pub fn pass(&mut self, now: Cycles) {
+        self.now = now;
+        self.bus.forget(now);
+        if now.saturating_sub(self.servo.last_start) > PULSE_TIMEOUT {
+            self.servo.pulse = None;
+            self.servo.period = None;
+        }
+    }
+
+    /// A whole servo pulse.
+    pub fn pulse(&mut self, start: Cycles, width: Cycles, period: Option<Cycles>) {
+        let servo = &mut self.servo;
+        servo.period = period.filter(|period| *period < PULSE_TIMEOUT);
+        servo.pulse = Some(width);
+        servo.last_start = start;
+        servo.count += 1;
+    }
+
+    /// A byte from the node's serial port. Bytes that do not print are shown as `\x..`.
+    pub fn serial_byte(&mut self, at: Cycles, byte: u8) {
+        let (_, line) = self.serial_line.get_or_insert((at, String::new()));
+        match byte {
+            b'\r' => return,
+            b'\n' => {}
+            b' '..=b'~' => line.push(char::from(byte)),
+            _ => line.push_str(&format!("\\x{byte:02x}")),
+        }
+        if byte == b'\n' || line.len() >= SERIAL_LINE_MAX {
+            let (at, line) = self.serial_line.take().expect("it was just written to");
+            self.tell(at, News::Serial(line.clone()));
+            self.serial.push((at, line));
+        }
+    }
+
+    /// A driver mistake.
+    pub fn violation(&mut self, at: Cycles, text: String) {
+        self.violations += 1;
+        self.tell(at, News::Violation(text.clone()));
+        self.last_violation = Some((at, text));
+    }
+
+    /// The node's program ended; only the first report counts.
+    pub fn crashed(&mut self, at: Cycles, text: String) {
+        if self.crash.is_none() {
+            self.tell(at, News::Crash(text.clone()));
+            self.crash = Some(text);
+        }
+    }
+
+    /// Looks at the controller.
+    pub fn look_at_controller(&mut self, controller: Controller) {
+        if controller.error_state != self.controller.error_state {
+            let text = format!(
+                "{} (TEC {}, REC {})",
+                error_state_name(&controller.error_state),
+                controller.tec,
+                controller.rec
+            );
+            self.tell(self.now, News::Controller(text));
+        }
+        self.controller = controller;
+    }
+
+    /// How long the driver left a received frame in the chip.
+    pub fn served(&mut self, latency: Cycles) {
+        self.latency.last = Some(latency);
+        self.latency.worst = self.latency.worst.max(Some(latency));
+    }
+
+    /// Something ended on the bus. `from_node`: it came from the node under test; `station` is the sender's name.
+    pub fn record(&mut self, record: &Record, from_node: bool, station: Option<&str>) {
+        let valid = matches!(record.kind, RecordKind::Frame { .. });
+        self.bus.window.push_back((record.end, record.bits + INTERMISSION_BITS, valid));
+        match &record.kind {
+            RecordKind::Frame { frame, acked, .. } => {
+                self.bus.frames += 1;
+                if !acked {
+                    self.bus.unacknowledged += 1;
+                }
+                self.frame(record.end, frame, from_node, station);
+            }
+            RecordKind::ErrorFrame { kind, .. } => {
+                self.bus.error_frames += 1;
+                let mut text = String::from("error frame");
+                if let Some(kind) = kind {
+                    text += &format!(": {} error", format!("{kind:?}").to_lowercase());
+                }
+                if let Some(station) = station {
+                    text += &format!(", {station} was sending");
+                }
+                self.tell(record.end, News::ErrorFrame(text.clone()));
+                self.broken(record.end, "-", "error frame", text);
+            }
+        }
+    }
+
+    fn frame(&mut self, at: Cycles, frame: &Frame, from_node: bool, station: Option<&str>) {
+        let id = match frame.id {
+            Id::Extended(id) if !frame.remote => id,
+            _ => {
+                let who = station.unwrap_or("-");
+                return self.broken(at, who, "foreign frame", format!("foreign frame {frame}"));
+            }
+        };
+        let transfer = match self.assembler.push(id, frame.data(), at) {
+            Outcome::Partial => return,
+            Outcome::Invalid(why) => {
+                let who = station.unwrap_or("-");
+                return self.broken(at, who, "invalid frame", format!("{frame} {why}"));
+            }
+            Outcome::Complete(transfer) => transfer,
+        };
+        let message = Message::decode(&transfer);
+        let source = transfer.id.source();
+        match (&message, source) {
+            (Message::NodeStatus(status), Some(source)) => {
+                self.tell(at, News::Status(source, *status));
+                if from_node {
+                    self.status = Some((at, source, *status));
+                }
+            }
+            (Message::Temperature(temperature), _) if from_node => {
+                self.temperature = Some(*temperature);
+            }
+            (Message::ThesisTemperature(degrees), _) if from_node => {
+                self.thesis_temperature_c = Some(*degrees);
+            }
+            _ => {}
+        }
+        let origin = if from_node { Origin::Node } else { Origin::Other };
+        self.traffic_line(TrafficLine {
+            at,
+            origin,
+            who: transfer.id.to_string(),
+            name: message.name().to_owned(),
+            text: message.to_string(),
+        });
+    }
+
+    fn broken(&mut self, at: Cycles, who: &str, name: &str, text: String) {
+        self.traffic_line(TrafficLine { at, origin: Origin::Broken, who: who.to_owned(), name: name.to_owned(), text });
+    }
+
+    fn traffic_line(&mut self, line: TrafficLine) {
+        self.tell(line.at, News::Traffic(line.clone()));
+        self.traffic.push(line);
+        self.traffic_lines += 1;
+    }
+}
+
+/// Name of an error state, as ISO 11898-1 has it.
+pub fn error_state_name(state: &ErrorState) -> &'static str {
+    match state {
+        ErrorState::Active => "error active",
+        ErrorState::Passive => "error passive",
+        ErrorState::BusOff => "bus-off",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::can::ErrorKind;
+
+    const STATUS: [u8; 8] = [12, 0, 0, 0, 0, 0, 0, 0xC0];
+
+    fn record(end: Cycles, id: u32, data: &[u8]) -> Record {
+        Record {
+            start: end - 2000,
+            end,
+            bits: 125,
+            kind: RecordKind::Frame { frame: Frame::extended(id, data), from: None, acked: true },
+        }
+    }
+
+    #[test]
+    fn a_status_of_the_node_is_kept_and_told() {
+        let mut state = State::new(1_000_000);
+        state.record(&record(16_000, 0x1801_552A, &STATUS), true, Some("node"));
+        let (at, node_id, status) = state.status.unwrap();
+        assert_eq!((at, node_id.get(), status.uptime_s), (16_000, 42, 12));
+        let news = state.take_news();
+        assert!(matches!(news[0].1, News::Status(..)));
+        assert!(state.take_news().is_empty());
+        let line = state.traffic.last().unwrap();
+        assert_eq!(line.origin, Origin::Node);
+        assert_eq!(line.text, "NodeStatus OK OPERATIONAL up 12 s vendor 0x0000");
+    }
+
+    #[test]
+    fn a_status_of_another_is_not_taken_for_the_nodes() {
+        let mut state = State::new(1_000_000);
+        state.record(&record(16_000, 0x1001_5501, &STATUS), false, None);
+        assert_eq!(state.status, None);
+        assert_eq!(state.traffic.last().unwrap().who, "1");
+    }
+
+    #[test]
+    fn load_is_that_of_the_last_second() {
+        let mut state = State::new(1_000_000);
+        for ms in 1..=2000 {
+            state.record(&record(ms * 16_000, 0x1001_5501, &STATUS), false, None);
+        }
+        state.pass(2 * F_CPU_HZ);
+        assert_eq!(state.bus.frames, 2000);
+        assert_eq!(state.bus.frames_per_second(), 1000);
+        assert!((state.bus.load_percent(state.now) - 12.8).abs() < 0.01);
+        state.pass(4 * F_CPU_HZ);
+        assert_eq!(state.bus.load_percent(state.now), 0.0);
+    }
+
+    #[test]
+    fn serial_bytes_become_lines() {
+        let mut state = State::new(1_000_000);
+        for (at, byte) in (100..).zip(*b"node 42\r\n\x07") {
+            state.serial_byte(at, byte);
+        }
+        assert_eq!(state.serial.last(), Some(&(100, String::from("node 42"))));
+        for byte in *b"x\n" {
+            state.serial_byte(200, byte);
+        }
+        assert_eq!(state.serial.last().unwrap().1, "\\x07x");
+    }
+
+    #[test]
+    fn a_servo_without_pulses_is_off_after_a_tenth_of_a_second() {
+        let mut state = State::new(1_000_000);
+        state.pulse(320_000, 24_000, None);
+        assert_eq!(state.servo.period, None);
+        state.pulse(640_000, 24_016, Some(320_000));
+        assert_eq!(state.servo.period, Some(320_000));
+        state.pass(640_000 + PULSE_TIMEOUT);
+        assert_eq!(state.servo.pulse, Some(24_016));
+        state.pass(640_000 + PULSE_TIMEOUT + 1);
+        assert_eq!(state.servo.pulse, None);
+        assert_eq!(state.servo.count, 2);
+    }
+
+    #[test]
+    fn error_frames_and_foreign_frames_are_counted_and_shown() {
+        let mut state = State::new(1_000_000);
+        let mut broken = record(16_000, 0, &[]);
+        broken.kind = RecordKind::ErrorFrame { kind: Some(ErrorKind::Stuff), from: None };
+        state.record(&broken, false, None);
+        assert_eq!(state.bus.error_frames, 1);
+        assert_eq!(state.traffic.last().unwrap().text, "error frame: stuff error");
+        let mut foreign = record(32_000, 0, &[]);
+        foreign.kind = RecordKind::Frame { frame: Frame::standard(0x123, &[1]), from: None, acked: false };
+        state.record(&foreign, false, None);
+        assert_eq!(state.traffic.last().unwrap().text, "foreign frame 123#01");
+        assert_eq!(state.bus.unacknowledged, 1);
+    }
+
+    #[test]
+    fn worst_latency_is_the_largest() {
+        let mut state = State::new(1_000_000);
+        for latency in [100, 300, 200] {
+            state.served(latency);
+        }
+        assert_eq!(state.latency.last, Some(200));
+        assert_eq!(state.latency.worst, Some(300));
+    }
+}
