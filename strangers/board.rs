@@ -1,0 +1,132 @@
+//! The Diecimila under the strangers' firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
+//!
+//! Pins: D9 (PB1) chip select, D10 (PB2) output so that the SPI stays master, D11 MOSI, D12 MISO, D13 SCK, D1 TXD.
+//! It knows nothing of CAN and shares no line with the node's own `src/`: what the simulator's model is measured against
+//! must not come from the firmware that the model was made for.
+//! Source: ATmega48/88/168 datasheet, sections SPI, USART0, 16-bit Timer/Counter1.
+
+use avr_device::atmega168::{PORTB, Peripherals, SPI, TC1, USART0};
+use core::convert::Infallible;
+use embedded_hal::delay::DelayNs;
+use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
+
+/// Crystal of the Diecimila.
+const F_CPU_HZ: u32 = 16_000_000;
+/// 115,200 baud with U2X0: 16 MHz / (8 * (16 + 1)) = 117,647, 2.1 % fast.
+const UBRR_115200: u16 = 16;
+
+/// Sets up the board: SPI mode 0 at 8 MHz, most significant bit first; serial 115200 8N1; Timer1 at 16 MHz.
+pub fn take() -> (CanSpi, Serial, Clock) {
+    let peripherals = Peripherals::take().unwrap();
+
+    let port = peripherals.PORTB;
+    port.portb().write(|w| w.pb1().set_bit());
+    port.ddrb().write(|w| w.pb1().set_bit().pb2().set_bit().pb3().set_bit().pb5().set_bit());
+    let spi = peripherals.SPI;
+    spi.spcr().write(|w| w.spe().set_bit().mstr().set_bit().spr().fosc_4_2());
+    spi.spsr().write(|w| w.spi2x().set_bit());
+
+    let usart = peripherals.USART0;
+    usart.ubrr0().write(|w| w.set(UBRR_115200));
+    usart.ucsr0a().write(|w| w.u2x0().set_bit());
+    usart.ucsr0b().write(|w| w.txen0().set_bit());
+
+    let timer = peripherals.TC1;
+    timer.tccr1b().write(|w| w.cs1().direct());
+
+    (CanSpi { spi, port }, Serial { usart }, Clock { timer })
+}
+
+/// The MCP2515 on its SPI bus, chip select included.
+pub struct CanSpi {
+    spi: SPI,
+    port: PORTB,
+}
+
+impl CanSpi {
+    fn exchange(&mut self, byte: u8) -> u8 {
+        self.spi.spdr().write(|w| w.set(byte));
+        while self.spi.spsr().read().spif().bit_is_clear() {}
+        self.spi.spdr().read().bits()
+    }
+}
+
+impl ErrorType for CanSpi {
+    type Error = Infallible;
+}
+
+impl SpiDevice for CanSpi {
+    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
+        self.port.portb().modify(|_, w| w.pb1().clear_bit());
+        for operation in operations {
+            match operation {
+                Operation::Read(words) => {
+                    for word in words.iter_mut() {
+                        *word = self.exchange(0);
+                    }
+                }
+                Operation::Write(words) => {
+                    for &word in words.iter() {
+                        self.exchange(word);
+                    }
+                }
+                Operation::TransferInPlace(words) => {
+                    for word in words.iter_mut() {
+                        *word = self.exchange(*word);
+                    }
+                }
+                // Neither crate uses these two.
+                Operation::Transfer(..) | Operation::DelayNs(_) => unreachable!(),
+            }
+        }
+        self.port.portb().modify(|_, w| w.pb1().set_bit());
+        Ok(())
+    }
+}
+
+/// The serial port, write only. It waits for room: the strangers are slow on purpose while they report.
+pub struct Serial {
+    usart: USART0,
+}
+
+impl Serial {
+    pub fn write(&mut self, byte: u8) {
+        while self.usart.ucsr0a().read().udre0().bit_is_clear() {}
+        self.usart.udr0().write(|w| w.set(byte));
+    }
+}
+
+/// Timer1, counting CPU cycles; it overflows every 4.096 ms.
+pub struct Clock {
+    timer: TC1,
+}
+
+impl Clock {
+    /// CPU cycles, modulo 65,536.
+    pub fn cycles(&self) -> u16 {
+        self.timer.tcnt1().read().bits()
+    }
+
+    /// Whether the counter overflowed since the last call.
+    pub fn overflowed(&mut self) -> bool {
+        let overflowed = self.timer.tifr1().read().tov1().bit_is_set();
+        if overflowed {
+            self.timer.tifr1().write(|w| w.tov1().set_bit());
+        }
+        overflowed
+    }
+}
+
+/// Busy waiting.
+pub struct Delay;
+
+impl DelayNs for Delay {
+    fn delay_ns(&mut self, ns: u32) {
+        avr_device::asm::delay_cycles(ns / (1_000_000_000 / F_CPU_HZ));
+    }
+}
+
+#[panic_handler]
+fn panic(_info: &core::panic::PanicInfo) -> ! {
+    loop {}
+}
