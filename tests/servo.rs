@@ -25,11 +25,7 @@ fn there_is_no_pulse_before_the_first_command() {
     assert_eq!(rig.pulses, []);
     rig.send_command(1, UNITLESS, 0.0);
     assert_eq!(rig.settled_pulse_us(), 1500.0);
-    assert!(
-        rig.pulses.iter().all(|pulse| pulse.width_us() == 1500.0),
-        "the first pulse is whole: {:?}",
-        rig.pulses
-    );
+    assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1500.0), "the first pulse is whole: {:?}", rig.pulses);
 }
 
 #[test]
@@ -47,11 +43,7 @@ fn each_command_type_moves_the_servo_in_its_own_unit() {
         (PWM, 2000.0, 2000.0),
     ] {
         rig.send_command(1, command_type, value);
-        assert_eq!(
-            rig.settled_pulse_us(),
-            pulse_us,
-            "type {command_type}, value {value}"
-        );
+        assert_eq!(rig.settled_pulse_us(), pulse_us, "type {command_type}, value {value}");
     }
 }
 
@@ -66,11 +58,7 @@ fn commands_beyond_the_travel_stop_at_its_ends() {
         (PWM, 400.0, 1000.0),
     ] {
         rig.send_command(1, command_type, value);
-        assert_eq!(
-            rig.settled_pulse_us(),
-            pulse_us,
-            "type {command_type}, value {value}"
-        );
+        assert_eq!(rig.settled_pulse_us(), pulse_us, "type {command_type}, value {value}");
     }
 }
 
@@ -103,24 +91,12 @@ fn a_command_that_cannot_be_followed_leaves_the_servo_where_it_is() {
     ];
     for (command_type, value) in refused {
         rig.send_command(1, command_type, value);
-        assert_eq!(
-            rig.settled_pulse_us(),
-            1750.0,
-            "type {command_type}, value {value}"
-        );
+        assert_eq!(rig.settled_pulse_us(), 1750.0, "type {command_type}, value {value}");
     }
     rig.run_ms(200);
-    assert_eq!(
-        rig.serial.matches("refused: command from 10").count(),
-        refused.len(),
-        "{}",
-        rig.serial
-    );
+    assert_eq!(rig.serial.matches("refused: command from 10").count(), refused.len(), "{}", rig.serial);
     rig.board().avr_mut().serial_send(b"?");
-    rig.wait_for_line(
-        &format!("commands followed 1, frames refused {}", refused.len()),
-        100,
-    );
+    rig.wait_for_line(&format!("commands followed 1, frames refused {}", refused.len()), 100);
 }
 
 #[test]

@@ -12,8 +12,7 @@ impl Adc {
         adc.admux().write(|w| w.refs().avcc().mux().adc0());
         adc.didr0().write(|w| w.adc0d().set_bit());
         // 125 kHz: the ADC is good for ten bits up to 200 kHz.
-        adc.adcsra()
-            .write(|w| w.aden().set_bit().adsc().set_bit().adps().prescaler_128());
+        adc.adcsra().write(|w| w.aden().set_bit().adsc().set_bit().adps().prescaler_128());
         Self { adc }
     }
 
@@ -23,9 +22,7 @@ impl Adc {
             return None;
         }
         let reading = self.adc.adc().read().bits();
-        self.adc
-            .adcsra()
-            .write(|w| w.aden().set_bit().adsc().set_bit().adps().prescaler_128());
+        self.adc.adcsra().write(|w| w.aden().set_bit().adsc().set_bit().adps().prescaler_128());
         Some(reading)
     }
 }

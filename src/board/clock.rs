@@ -19,10 +19,7 @@ static TICKS: AtomicU8 = AtomicU8::new(0);
 
 #[avr_device::interrupt(atmega168)]
 fn TIMER0_COMPA() {
-    TICKS.store(
-        TICKS.load(Ordering::Relaxed).wrapping_add(1),
-        Ordering::Relaxed,
-    );
+    TICKS.store(TICKS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
 }
 
 /// The clock. It loses time when it is not polled for 256 ms; the watchdog steps in before.
@@ -39,10 +36,7 @@ impl Clock {
         tc0.tcnt0().write(|w| w.set(0));
         tc0.timsk0().write(|w| w.ocie0a().set_bit());
         tc0.tccr0b().write(|w| w.cs0().prescale_64());
-        Self {
-            ticks: TICKS.load(Ordering::Relaxed),
-            now_ms: 0,
-        }
+        Self { ticks: TICKS.load(Ordering::Relaxed), now_ms: 0 }
     }
 
     /// Whether at least a millisecond has begun since the last call.

@@ -3,7 +3,8 @@
 //! The watchdog interrupts when the main loop has not been round for 250 ms, and the program restarts by a jump to its
 //! beginning, with the cause in GPIOR0. It does not leave this to the watchdog's own reset, because the Diecimila's bootloader
 //! leaves the watchdog running after that: it would be reset every 16 ms for ever, in the middle of waiting for an upload.
-//! The reset only follows, after another 250 ms, if even the interrupt was not served.
+//! The reset is only left for a restart that hangs in turn. Nothing hangs with interrupts off: once they are on, no code of
+//! this program turns them off, and its only other handler adds one to a byte.
 //!
 //! A panic, an interrupt without a handler and a collision of the stack with the variables restart the same way.
 
@@ -60,16 +61,11 @@ pub fn reset_cause(cpu: &CPU) -> ResetCause {
         flags if flags & 0b1000 != 0 => ResetCause::Watchdog,
         flags if flags & 0b0100 != 0 => ResetCause::BrownOut,
         flags if flags & 0b0010 != 0 => ResetCause::External,
-        _ => [
-            ResetCause::Watchdog,
-            ResetCause::Panic,
-            ResetCause::StrayInterrupt,
-            ResetCause::StackCollision,
-        ]
-        .into_iter()
-        .find(|&cause| software == RESTARTED | cause as u8)
-        // Some bootloaders clear MCUSR.
-        .unwrap_or(ResetCause::External),
+        _ => [ResetCause::Watchdog, ResetCause::Panic, ResetCause::StrayInterrupt, ResetCause::StackCollision]
+            .into_iter()
+            .find(|&cause| software == RESTARTED | cause as u8)
+            // Some bootloaders clear MCUSR.
+            .unwrap_or(ResetCause::External),
     }
 }
 
@@ -98,9 +94,7 @@ fn restart(cause: ResetCause) -> ! {
     // GPIOR0 = 0x1E.
     // Safety: nothing of the running program is used any more; its beginning sets up the stack and all variables anew, and
     // `Board::new` all registers.
-    unsafe {
-        asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause as u8, options(noreturn))
-    }
+    unsafe { asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause as u8, options(noreturn)) }
 }
 
 #[panic_handler]

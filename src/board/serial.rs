@@ -19,9 +19,7 @@ impl Serial {
         usart.ubrr0().write(|w| w.set(UBRR));
         usart.ucsr0a().write(|w| w.u2x0().set_bit());
         usart.ucsr0c().write(|w| w.ucsz0().chr8());
-        usart
-            .ucsr0b()
-            .write(|w| w.rxen0().set_bit().txen0().set_bit());
+        usart.ucsr0b().write(|w| w.rxen0().set_bit().txen0().set_bit());
         Self { usart }
     }
 

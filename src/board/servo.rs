@@ -15,10 +15,7 @@ const PRESCALER: u32 = 8;
 const RATE_HZ: u32 = 50;
 
 const TOP: u16 = {
-    assert!(
-        CLOCK_HZ / PRESCALER == 2_000_000,
-        "a tick is half a microsecond"
-    );
+    assert!(CLOCK_HZ / PRESCALER == 2_000_000, "a tick is half a microsecond");
     (CLOCK_HZ / PRESCALER / RATE_HZ - 1) as u16
 };
 
@@ -33,9 +30,7 @@ impl Servo {
         // After a restart the timer may be in a pulse: it is left to end, not cut. It is over in at most 2 ms; the turns, of
         // six cycles or more, are bounded all the same.
         for _ in 0..8000 {
-            if tc1.tccr1a().read().com1b().is_disconnected()
-                || portb.pinb().read().pb2().bit_is_clear()
-            {
+            if tc1.tccr1a().read().com1b().is_disconnected() || portb.pinb().read().pb2().bit_is_clear() {
                 break;
             }
         }
@@ -58,9 +53,7 @@ impl Servo {
         if let Some(Ticks(ticks)) = width {
             self.tc1.ocr1b().write(|w| w.set(ticks.wrapping_sub(1)));
             // OC1B's latch is low until the next BOTTOM, so that the first pulse is whole, too.
-            self.tc1
-                .tccr1a()
-                .write(|w| w.wgm1().set(2).com1b().match_clear());
+            self.tc1.tccr1a().write(|w| w.wgm1().set(2).com1b().match_clear());
         }
     }
 }

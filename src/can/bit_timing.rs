@@ -68,12 +68,7 @@ mod tests {
     fn registers_are_those_worked_out_by_hand_for_a_16_mhz_crystal() {
         let cnf = |bit_rate| {
             let timing = BitTiming::new(CRYSTAL_HZ, bit_rate);
-            (
-                timing.cnf1,
-                timing.cnf2,
-                timing.cnf3,
-                timing.sample_point_permille,
-            )
+            (timing.cnf1, timing.cnf2, timing.cnf3, timing.sample_point_permille)
         };
         assert_eq!(cnf(1_000_000), (0x00, 0x91, 0x01, 750));
         assert_eq!(cnf(500_000), (0x00, 0xBC, 0x01, 875));

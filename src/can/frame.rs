@@ -17,11 +17,7 @@ impl Frame {
 
     /// A frame with the low 29 bits of `id` and the first `len` bytes of `data` (all eight where `len` is larger).
     pub fn new(id: u32, data: [u8; Self::MAX_LEN], len: u8) -> Self {
-        Self {
-            id: id & Self::ID_MASK,
-            len: len.min(Self::MAX_LEN as u8),
-            data,
-        }
+        Self { id: id & Self::ID_MASK, len: len.min(Self::MAX_LEN as u8), data }
     }
 
     /// The 29-bit identifier.
@@ -67,9 +63,7 @@ impl embedded_can::Frame for Frame {
 
     fn id(&self) -> embedded_can::Id {
         // The mask in `Frame::new` keeps the identifier in range; zero only satisfies the type.
-        embedded_can::ExtendedId::new(self.id)
-            .unwrap_or(embedded_can::ExtendedId::ZERO)
-            .into()
+        embedded_can::ExtendedId::new(self.id).unwrap_or(embedded_can::ExtendedId::ZERO).into()
     }
 
     fn dlc(&self) -> usize {
@@ -100,10 +94,7 @@ mod tests {
         let id = ExtendedId::new(0x1003_F20A).unwrap();
         let frame = <Frame as embedded_can::Frame>::new(id, &[1, 0, 0, 0x38, 0xC7]).unwrap();
         assert_eq!(embedded_can::Frame::id(&frame), id.into());
-        assert_eq!(
-            (frame.dlc(), frame.is_extended(), frame.is_data_frame()),
-            (5, true, true)
-        );
+        assert_eq!((frame.dlc(), frame.is_extended(), frame.is_data_frame()), (5, true, true));
         assert!(<Frame as embedded_can::Frame>::new(id, &[0; 9]).is_none());
         assert!(<Frame as embedded_can::Frame>::new(StandardId::ZERO, &[]).is_none());
         assert!(<Frame as embedded_can::Frame>::new_remote(id, 0).is_none());

@@ -40,28 +40,14 @@ mod tests {
 
     #[test]
     fn the_messages_of_the_node_pass_from_any_sender_at_any_priority() {
-        for id in [
-            0x1801_552A,
-            0x1001_5501,
-            0x0001_557F,
-            0x1003_F20A,
-            0x1804_5701,
-        ] {
+        for id in [0x1801_552A, 0x1001_5501, 0x0001_557F, 0x1003_F20A, 0x1804_5701] {
             assert!(accepted(id), "{id:08X}");
         }
     }
 
     #[test]
     fn other_messages_and_all_services_stay_out() {
-        for id in [
-            0x1804_562A,
-            0x1803_F32A,
-            0x1E97_4D00,
-            0x1E01_AAFF,
-            0x1E01_F8FF,
-            0x1001_55AA,
-            0x1804_5801,
-        ] {
+        for id in [0x1804_562A, 0x1803_F32A, 0x1E97_4D00, 0x1E01_AAFF, 0x1E01_F8FF, 0x1001_55AA, 0x1804_5801] {
             assert!(!accepted(id), "{id:08X}");
         }
     }

@@ -60,9 +60,7 @@ impl Command {
             COMMAND_TYPE_PWM => (Value::Pwm, 1),
             _ => return Err(Unusable::Type),
         };
-        float16::to_fixed(self.command_value, fraction_bits)
-            .map(value)
-            .ok_or(Unusable::NotFinite)
+        float16::to_fixed(self.command_value, fraction_bits).map(value).ok_or(Unusable::NotFinite)
     }
 }
 
@@ -75,13 +73,11 @@ pub fn commands(payload: &[u8]) -> Result<impl Iterator<Item = Command> + '_, Ma
     let (commands, []) = payload.as_chunks::<COMMAND_LEN>() else {
         return Err(Malformed);
     };
-    Ok(commands
-        .iter()
-        .map(|&[actuator_id, command_type, low, high]| Command {
-            actuator_id,
-            command_type,
-            command_value: u16::from_le_bytes([low, high]),
-        }))
+    Ok(commands.iter().map(|&[actuator_id, command_type, low, high]| Command {
+        actuator_id,
+        command_type,
+        command_value: u16::from_le_bytes([low, high]),
+    }))
 }
 
 #[cfg(test)]
@@ -89,10 +85,7 @@ mod tests {
     use super::*;
 
     fn parse(payload: &[u8]) -> Vec<(u8, Result<Value, Unusable>)> {
-        commands(payload)
-            .unwrap()
-            .map(|command| (command.actuator_id, command.value()))
-            .collect()
+        commands(payload).unwrap().map(|command| (command.actuator_id, command.value())).collect()
     }
 
     #[test]
@@ -102,10 +95,7 @@ mod tests {
         let pulse = (3, Ok(Value::Pwm(3000)));
         assert_eq!(parse(&[1, 0, 0x00, 0x38]), [half]);
         // The payload of the golden transfer of two frames, without its CRC.
-        assert_eq!(
-            parse(&[1, 0, 0x00, 0x38, 2, 0, 0x00, 0xBC, 3, 4, 0xDC, 0x65]),
-            [half, back, pulse]
-        );
+        assert_eq!(parse(&[1, 0, 0x00, 0x38, 2, 0, 0x00, 0xBC, 3, 4, 0xDC, 0x65]), [half, back, pulse]);
     }
 
     #[test]
@@ -124,10 +114,7 @@ mod tests {
     fn infinities_and_nan_are_unusable() {
         for high in [0x7C, 0xFC, 0x7E, 0xFE] {
             for command_type in [0, 1, 4] {
-                assert_eq!(
-                    parse(&[1, command_type, 0, high])[0].1,
-                    Err(Unusable::NotFinite)
-                );
+                assert_eq!(parse(&[1, command_type, 0, high])[0].1, Err(Unusable::NotFinite));
             }
         }
     }

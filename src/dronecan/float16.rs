@@ -16,11 +16,7 @@ pub fn to_fixed(bits: u16, fraction_bits: u8) -> Option<i32> {
     if exponent == EXPONENT_OF_INFINITY {
         return None;
     }
-    let mut magnitude = u32::from(if exponent == 0 {
-        fraction
-    } else {
-        fraction | 0x400
-    });
+    let mut magnitude = u32::from(if exponent == 0 { fraction } else { fraction | 0x400 });
     // The power of two to go from the integer mantissa to the wanted scale.
     let up = exponent.max(1) + fraction_bits;
     if up >= 25 {
@@ -38,11 +34,7 @@ pub fn to_fixed(bits: u16, fraction_bits: u8) -> Option<i32> {
         magnitude = (magnitude + 1) >> 1;
     }
     let magnitude = magnitude as i32;
-    Some(if bits & SIGN != 0 {
-        magnitude.wrapping_neg()
-    } else {
-        magnitude
-    })
+    Some(if bits & SIGN != 0 { magnitude.wrapping_neg() } else { magnitude })
 }
 
 /// The half-precision number nearest to `value` with `fraction_bits` binary places (at most 14), ties to even.
@@ -77,11 +69,7 @@ mod tests {
             (0, fraction) => fraction * 2f64.powi(-24),
             (exponent, fraction) => (1024.0 + fraction) * 2f64.powi(i32::from(exponent) - 25),
         };
-        if bits & SIGN != 0 {
-            -magnitude
-        } else {
-            magnitude
-        }
+        if bits & SIGN != 0 { -magnitude } else { magnitude }
     }
 
     #[test]
@@ -93,15 +81,8 @@ mod tests {
                     continue;
                 }
                 let exact = value_of(bits) * f64::from(1u32 << fraction_bits);
-                let expected = exact
-                    .round()
-                    .clamp(f64::from(i32::MIN), f64::from(i32::MAX))
-                    as i32;
-                assert_eq!(
-                    to_fixed(bits, fraction_bits),
-                    Some(expected),
-                    "{bits:04X} with {fraction_bits} places"
-                );
+                let expected = exact.round().clamp(f64::from(i32::MIN), f64::from(i32::MAX)) as i32;
+                assert_eq!(to_fixed(bits, fraction_bits), Some(expected), "{bits:04X} with {fraction_bits} places");
             }
         }
     }
@@ -119,10 +100,7 @@ mod tests {
                 let error = (value_of(bits) - exact).abs();
                 for neighbour in [bits.saturating_sub(1), bits + 1] {
                     if neighbour < 0x7C00 {
-                        assert!(
-                            error <= (value_of(neighbour) - exact).abs(),
-                            "{value} with {fraction_bits} places"
-                        );
+                        assert!(error <= (value_of(neighbour) - exact).abs(), "{value} with {fraction_bits} places");
                     }
                 }
             }

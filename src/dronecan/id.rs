@@ -51,10 +51,7 @@ impl MessageId {
         if low & SERVICE_NOT_MESSAGE != 0 {
             return None;
         }
-        Some(Self {
-            data_type: u16::from_be_bytes([type_high, type_low]),
-            source: NodeId::new(low),
-        })
+        Some(Self { data_type: u16::from_be_bytes([type_high, type_low]), source: NodeId::new(low) })
     }
 
     /// The identifier of a frame with this message.
@@ -82,18 +79,8 @@ mod tests {
     fn golden_identifiers_go_both_ways() {
         let source = NodeId::new(42).unwrap();
         assert_eq!(MessageId::build(Priority::LOW, 341, source), 0x1801_552A);
-        assert_eq!(
-            MessageId::parse(0x1801_552A),
-            Some(MessageId {
-                data_type: 341,
-                source: Some(source)
-            })
-        );
-        assert_eq!(
-            MessageId::parse(0x1E97_4D00).unwrap().source,
-            None,
-            "anonymous"
-        );
+        assert_eq!(MessageId::parse(0x1801_552A), Some(MessageId { data_type: 341, source: Some(source) }));
+        assert_eq!(MessageId::parse(0x1E97_4D00).unwrap().source, None, "anonymous");
         assert_eq!(MessageId::parse(0x1E01_AAFF), None, "a service request");
     }
 }

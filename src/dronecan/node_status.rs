@@ -60,15 +60,7 @@ impl NodeStatus {
     pub fn emit(&self) -> [u8; LEN] {
         let [u0, u1, u2, u3] = self.uptime_sec.to_le_bytes();
         let [v0, v1] = self.vendor_specific_status_code.to_le_bytes();
-        [
-            u0,
-            u1,
-            u2,
-            u3,
-            (self.health as u8) << 6 | (self.mode as u8) << 3,
-            v0,
-            v1,
-        ]
+        [u0, u1, u2, u3, (self.health as u8) << 6 | (self.mode as u8) << 3, v0, v1]
     }
 }
 
@@ -91,11 +83,7 @@ impl Heard {
         let &[u0, u1, u2, u3, state, _, _] = payload else {
             return Err(Malformed);
         };
-        Ok(Self {
-            uptime_sec: u32::from_le_bytes([u0, u1, u2, u3]),
-            health: state >> 6,
-            mode: state >> 3 & 7,
-        })
+        Ok(Self { uptime_sec: u32::from_le_bytes([u0, u1, u2, u3]), health: state >> 6, mode: state >> 3 & 7 })
     }
 }
 
@@ -114,14 +102,7 @@ mod tests {
             vendor_specific_status_code: 0xBEEF,
         };
         assert_eq!(status.emit(), GOLDEN);
-        assert_eq!(
-            Heard::parse(&GOLDEN),
-            Ok(Heard {
-                uptime_sec: 0x1234_5678,
-                health: 1,
-                mode: 0
-            })
-        );
+        assert_eq!(Heard::parse(&GOLDEN), Ok(Heard { uptime_sec: 0x1234_5678, health: 1, mode: 0 }));
         let starting = NodeStatus {
             uptime_sec: 1,
             health: Health::Ok,
@@ -129,14 +110,7 @@ mod tests {
             vendor_specific_status_code: 0,
         };
         assert_eq!(starting.emit(), [1, 0, 0, 0, 0x08, 0, 0]);
-        assert_eq!(
-            Heard::parse(&starting.emit()),
-            Ok(Heard {
-                uptime_sec: 1,
-                health: 0,
-                mode: 1
-            })
-        );
+        assert_eq!(Heard::parse(&starting.emit()), Ok(Heard { uptime_sec: 1, health: 0, mode: 1 }));
     }
 
     #[test]

@@ -38,10 +38,7 @@ mod tests {
 
     #[test]
     fn golden_bytes_are_made() {
-        let temperature = Temperature {
-            device_id: 1,
-            kelvin_64ths: (298.15 * 64.0) as u16,
-        };
+        let temperature = Temperature { device_id: 1, kelvin_64ths: (298.15 * 64.0) as u16 };
         assert_eq!(temperature.emit(), [0x01, 0x00, 0xA9, 0x5C, 0x00]);
     }
 }

@@ -49,15 +49,10 @@ impl<'a> SingleFrame<'a> {
     /// `None` if the frame has no tail byte, or one of a longer transfer.
     pub fn parse(data: &'a [u8]) -> Option<Self> {
         let (&tail, payload) = data.split_last()?;
-        if tail & (START_OF_TRANSFER | END_OF_TRANSFER | TOGGLE)
-            != START_OF_TRANSFER | END_OF_TRANSFER
-        {
+        if tail & (START_OF_TRANSFER | END_OF_TRANSFER | TOGGLE) != START_OF_TRANSFER | END_OF_TRANSFER {
             return None;
         }
-        Some(Self {
-            transfer_id: TransferId(tail & TransferId::MASK),
-            payload,
-        })
+        Some(Self { transfer_id: TransferId(tail & TransferId::MASK), payload })
     }
 }
 
@@ -94,10 +89,7 @@ mod tests {
     #[test]
     fn only_a_whole_transfer_in_one_frame_is_parsed() {
         let transfer = SingleFrame::parse(&[1, 0, 0, 0x38, 0xC7]).unwrap();
-        assert_eq!(
-            (transfer.transfer_id.get(), transfer.payload),
-            (7, &[1, 0, 0, 0x38][..])
-        );
+        assert_eq!((transfer.transfer_id.get(), transfer.payload), (7, &[1, 0, 0, 0x38][..]));
         assert_eq!(SingleFrame::parse(&[0xDF]).unwrap().payload, []);
         for tail in [0x80, 0x40, 0x00, 0xE0, 0x20, 0x60, 0xA0] {
             assert_eq!(SingleFrame::parse(&[1, tail]), None, "tail {tail:02X}");

@@ -114,8 +114,8 @@ lines! {
     ErrorPassive = "CAN: error-passive",
     /// Error state.
     ErrorActive = "CAN: error-active again",
-    /// No acknowledge for a second.
-    GaveUp = "CAN: nobody acknowledged for 1 s, frames given up (%a times)",
+    /// Nobody acknowledges, or the bus is never free.
+    GaveUp = "CAN: nothing could be sent for 1 s, frames given up (%a times)",
     /// Counters on request.
     CountsIn = "commands followed %a, frames refused %b",
     /// Counters on request.

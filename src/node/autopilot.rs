@@ -19,11 +19,7 @@ pub struct Autopilot {
 
 impl Autopilot {
     /// Nobody has been heard.
-    pub const NONE: Self = Self {
-        id: None,
-        commands: false,
-        heard_ms: 0,
-    };
+    pub const NONE: Self = Self { id: None, commands: false, heard_ms: 0 };
 
     /// Whether there is one.
     pub fn is_present(&self) -> bool {
@@ -54,10 +50,7 @@ impl Autopilot {
     /// Forgets an autopilot that has been silent for too long.
     pub fn tick(&mut self, now_ms: u16) {
         if now_ms.wrapping_sub(self.heard_ms) > OFFLINE_TIMEOUT_MS {
-            *self = Self {
-                heard_ms: now_ms,
-                ..Self::NONE
-            };
+            *self = Self { heard_ms: now_ms, ..Self::NONE };
         }
     }
 }

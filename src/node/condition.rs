@@ -51,9 +51,8 @@ impl Conditions {
     pub const CONTROLLER_LOST: Self = Self(1 << 9);
 
     /// Those that pass [`HOLD_S`] after the last time that they occurred.
-    const PASSING: Self = Self(
-        Self::FRAMES_LOST.0 | Self::BUS_OFF.0 | Self::GAVE_UP_SENDING.0 | Self::CONTROLLER_LOST.0,
-    );
+    const PASSING: Self =
+        Self(Self::FRAMES_LOST.0 | Self::BUS_OFF.0 | Self::GAVE_UP_SENDING.0 | Self::CONTROLLER_LOST.0);
 
     /// What a reset leaves behind. Nothing after a power-on or a pull at the reset pin, which are not faults.
     pub fn after(cause: ResetCause) -> Self {
@@ -74,11 +73,7 @@ impl Conditions {
 
     /// The health that they amount to.
     pub fn health(self) -> Health {
-        if self.0 == 0 {
-            Health::Ok
-        } else {
-            Health::Warning
-        }
+        if self.0 == 0 { Health::Ok } else { Health::Warning }
     }
 
     /// Whether all of these are set.

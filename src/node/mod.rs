@@ -13,9 +13,7 @@ use crate::can::mcp2515::{ErrorFlags, Notice, Received};
 use crate::dronecan::array_command::{self, Unusable, Value};
 use crate::dronecan::node_status::{self, Mode, NodeStatus};
 use crate::dronecan::temperature::{self, Temperature};
-use crate::dronecan::{
-    Malformed, MessageId, NodeId, Payload, Priority, SingleFrame, TransferId, single_frame, thesis,
-};
+use crate::dronecan::{Malformed, MessageId, NodeId, Payload, Priority, SingleFrame, TransferId, single_frame, thesis};
 use crate::monitor::{Event, Line, Monitor};
 use autopilot::Autopilot;
 use condition::{Conditions, HOLD_S, ResetCause};
@@ -100,12 +98,7 @@ impl Node {
             id,
             conditions: Conditions::NONE,
             hold_s: 0,
-            counts: Counts {
-                followed: 0,
-                refused: 0,
-                overruns: 0,
-                given_up: 0,
-            },
+            counts: Counts { followed: 0, refused: 0, overruns: 0, given_up: 0 },
             uptime_sec: 0,
             second_ms: 0,
             autopilot: Autopilot::NONE,
@@ -148,14 +141,8 @@ impl Node {
     #[inline(never)]
     pub fn tick(&mut self, now_ms: u16, monitor: &mut Monitor) {
         self.autopilot.tick(now_ms);
-        let grace_ms = if self.autopilot.is_present() {
-            AUTOPILOT_GRACE_MS
-        } else {
-            0
-        };
-        if now_ms.wrapping_sub(self.occasion_ms)
-            >= node_status::MAX_BROADCASTING_PERIOD_MS + grace_ms
-        {
+        let grace_ms = if self.autopilot.is_present() { AUTOPILOT_GRACE_MS } else { 0 };
+        if now_ms.wrapping_sub(self.occasion_ms) >= node_status::MAX_BROADCASTING_PERIOD_MS + grace_ms {
             self.occasion_ms = now_ms;
             self.status_due = true;
         }
@@ -181,11 +168,11 @@ impl Node {
 
     /// Acts on what the controller received.
     #[inline(never)]
-    pub fn receive(&mut self, received: &Received, now_ms: u16, monitor: &mut Monitor) {
+    pub fn receive(&mut self, received: Received<'_>, now_ms: u16, monitor: &mut Monitor) {
         // Every frame gives one line.
         let event = monitor.tell(Line::RefusedKind);
         let result = match received {
-            Received::Frame(frame) => self.frame(frame, now_ms, event),
+            Received::Frame(id, data) => self.frame(id, data, now_ms, event),
             Received::Standard | Received::Remote => Err(Line::RefusedKind),
         };
         event.line = result.unwrap_or_else(|why| {
@@ -195,19 +182,13 @@ impl Node {
     }
 
     /// Acts on a frame and notes what it says in `event`. The line that tells of it, or why it is refused.
-    fn frame(&mut self, frame: &Frame, now_ms: u16, event: &mut Event) -> Result<Line, Line> {
+    fn frame(&mut self, id: u32, data: &[u8], now_ms: u16, event: &mut Event) -> Result<Line, Line> {
         // The filters let no service through.
-        let MessageId { data_type, source } =
-            MessageId::parse(frame.id()).ok_or(Line::RefusedKind)?;
+        let MessageId { data_type, source } = MessageId::parse(id).ok_or(Line::RefusedKind)?;
         event.a = data_type;
         event.source = source.map_or(0, NodeId::get);
-        let source = source
-            .filter(|&source| source != self.id)
-            .ok_or(Line::RefusedSource)?;
-        let SingleFrame {
-            transfer_id,
-            payload,
-        } = SingleFrame::parse(frame.data()).ok_or(Line::RefusedTransfer)?;
+        let source = source.filter(|&source| source != self.id).ok_or(Line::RefusedSource)?;
+        let SingleFrame { transfer_id, payload } = SingleFrame::parse(data).ok_or(Line::RefusedTransfer)?;
         event.transfer = transfer_id.get();
         match data_type {
             node_status::DATA_TYPE_ID => {
@@ -220,8 +201,7 @@ impl Node {
             array_command::DATA_TYPE_ID => {
                 event.code = ACTUATOR_ID;
                 let mut commands = array_command::commands(payload)?;
-                let Some(command) = commands.find(|command| command.actuator_id == ACTUATOR_ID)
-                else {
+                let Some(command) = commands.find(|command| command.actuator_id == ACTUATOR_ID) else {
                     return Ok(Line::CommandElsewhere);
                 };
                 let value = command.value()?;
@@ -266,10 +246,7 @@ impl Node {
             return;
         }
         self.occasion_ms = now_ms;
-        if self
-            .status_sent_ms
-            .is_none_or(|sent_ms| now_ms.wrapping_sub(sent_ms) >= MIN_STATUS_PERIOD_MS)
-        {
+        if self.is_status_spaced(now_ms) {
             self.status_due = true;
         }
         if self.thesis {
@@ -316,13 +293,8 @@ impl Node {
             monitor.tell(Line::BusOff);
         }
         if flags.error_passive() != self.conditions.has(Conditions::ERROR_PASSIVE) {
-            self.conditions
-                .set(Conditions::ERROR_PASSIVE, flags.error_passive());
-            monitor.tell(if flags.error_passive() {
-                Line::ErrorPassive
-            } else {
-                Line::ErrorActive
-            });
+            self.conditions.set(Conditions::ERROR_PASSIVE, flags.error_passive());
+            monitor.tell(if flags.error_passive() { Line::ErrorPassive } else { Line::ErrorActive });
         }
     }
 
@@ -340,62 +312,54 @@ impl Node {
         (counts_out.a, counts_out.b) = (self.counts.overruns, self.counts.given_up);
     }
 
+    /// Whether [`outgoing`](Self::outgoing) is worth calling.
+    #[inline(always)]
+    pub fn has_outgoing(&self, now_ms: u16) -> bool {
+        self.can_send_status(now_ms) || self.degrees_due || self.temperature_due
+    }
+
     /// The next message to hand to the controller, and its frame.
     #[inline(never)]
     pub fn outgoing(&self, now_ms: u16) -> Option<(Message, Frame)> {
-        let message =
-            if self.status_due && !self.status_in_controller && self.is_status_spaced(now_ms) {
-                Message::NodeStatus
-            } else if self.degrees_due {
-                Message::DegreesCelsius
-            } else if self.temperature_due {
-                Message::Temperature
-            } else {
-                return None;
-            };
+        let message = if self.can_send_status(now_ms) {
+            Message::NodeStatus
+        } else if self.degrees_due {
+            Message::DegreesCelsius
+        } else if self.temperature_due {
+            Message::Temperature
+        } else {
+            return None;
+        };
         let reading = self.thermometer.latest();
         let (data_type, transfer_id, payload) = match message {
             Message::NodeStatus => {
                 let status = NodeStatus {
                     uptime_sec: self.uptime_sec,
                     health: self.conditions.health(),
-                    mode: if reading.is_some() {
-                        Mode::Operational
-                    } else {
-                        Mode::Initialization
-                    },
+                    mode: if reading.is_some() { Mode::Operational } else { Mode::Initialization },
                     vendor_specific_status_code: self.conditions.code(),
                 };
-                (
-                    node_status::DATA_TYPE_ID,
-                    self.status_transfer_id,
-                    Payload::new(status.emit()),
-                )
+                (node_status::DATA_TYPE_ID, self.status_transfer_id, Payload::new(status.emit()))
             }
-            Message::DegreesCelsius => (
-                thesis::DEGREES_CELSIUS_ID,
-                self.degrees_transfer_id,
-                Payload::new([reading?.degrees()]),
-            ),
+            Message::DegreesCelsius => {
+                (thesis::DEGREES_CELSIUS_ID, self.degrees_transfer_id, Payload::new([reading?.degrees()]))
+            }
             Message::Temperature => {
-                let temperature = Temperature {
-                    device_id: TEMPERATURE_DEVICE_ID,
-                    kelvin_64ths: reading?.kelvin_64ths(),
-                };
-                (
-                    temperature::DATA_TYPE_ID,
-                    self.temperature_transfer_id,
-                    Payload::new(temperature.emit()),
-                )
+                let temperature =
+                    Temperature { device_id: TEMPERATURE_DEVICE_ID, kelvin_64ths: reading?.kelvin_64ths() };
+                (temperature::DATA_TYPE_ID, self.temperature_transfer_id, Payload::new(temperature.emit()))
             }
         };
         let id = MessageId::build(Priority::LOW, data_type, self.id);
         Some((message, single_frame(id, transfer_id, payload)))
     }
 
+    fn can_send_status(&self, now_ms: u16) -> bool {
+        self.status_due && !self.status_in_controller && self.is_status_spaced(now_ms)
+    }
+
     fn is_status_spaced(&self, now_ms: u16) -> bool {
-        self.status_sent_ms
-            .is_none_or(|sent_ms| now_ms.wrapping_sub(sent_ms) >= MIN_STATUS_PERIOD_MS)
+        self.status_sent_ms.is_none_or(|sent_ms| now_ms.wrapping_sub(sent_ms) >= MIN_STATUS_PERIOD_MS)
     }
 
     /// The controller has taken the frame of this message.
@@ -429,8 +393,7 @@ impl Node {
 
 /// A fixed-point number in thousandths, limited to what the monitor can show. The product stays below 2^31.
 fn thousandths(value: i32, fraction_bits: u8) -> u16 {
-    (value.clamp(-(1 << 17), 1 << 17).wrapping_mul(1000) >> fraction_bits).clamp(-32_767, 32_767)
-        as u16
+    (value.clamp(-(1 << 17), 1 << 17).wrapping_mul(1000) >> fraction_bits).clamp(-32_767, 32_767) as u16
 }
 
 impl From<Malformed> for Line {

@@ -48,9 +48,7 @@ pub fn pulse(value: Value) -> Option<Ticks> {
     match value {
         Value::Unitless(value) => Some(from_trim::<UNITLESS_ONE>(value)),
         Value::Position(value) => Some(from_trim::<HALF_TRAVEL>(value)),
-        Value::Pwm(half_us) => {
-            (half_us > 0).then(|| Ticks(half_us.clamp(i32::from(MIN.0), i32::from(MAX.0)) as u16))
-        }
+        Value::Pwm(half_us) => (half_us > 0).then(|| Ticks(half_us.clamp(i32::from(MIN.0), i32::from(MAX.0)) as u16)),
     }
 }
 
@@ -76,10 +74,7 @@ mod tests {
         for value in -UNITLESS_ONE..=UNITLESS_ONE {
             let exact = 1500.0 + 500.0 * f64::from(value) / f64::from(UNITLESS_ONE);
             let pulse = pulse(Value::Unitless(value)).unwrap();
-            assert!(
-                (f64::from(pulse.0) / 2.0 - exact).abs() <= 0.26,
-                "{value}: {pulse:?}, exactly {exact} us"
-            );
+            assert!((f64::from(pulse.0) / 2.0 - exact).abs() <= 0.26, "{value}: {pulse:?}, exactly {exact} us");
         }
         assert_eq!(pulse(Value::Unitless(-UNITLESS_ONE)), us(1000.0));
         assert_eq!(pulse(Value::Unitless(0)), us(1500.0));
@@ -105,10 +100,7 @@ mod tests {
     #[test]
     fn nothing_goes_beyond_the_travel() {
         for (low, high) in [
-            (
-                Value::Unitless(-UNITLESS_ONE - 1),
-                Value::Unitless(UNITLESS_ONE + 1),
-            ),
+            (Value::Unitless(-UNITLESS_ONE - 1), Value::Unitless(UNITLESS_ONE + 1)),
             (Value::Unitless(i32::MIN), Value::Unitless(i32::MAX)),
             (Value::Position(i32::MIN), Value::Position(i32::MAX)),
             (Value::Pwm(1), Value::Pwm(i32::MAX)),

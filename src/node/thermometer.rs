@@ -44,11 +44,7 @@ pub struct Thermometer {
 impl Thermometer {
     /// Before the first reading.
     pub const fn new() -> Self {
-        Self {
-            sum: 0,
-            count: 0,
-            latest: None,
-        }
+        Self { sum: 0, count: 0, latest: None }
     }
 
     /// Takes a reading of the ADC, 0 to 1023.
@@ -92,18 +88,9 @@ mod tests {
     fn temperatures_are_right_to_a_tenth_where_there_is_noise() {
         for celsius in [0.0, 0.3, 19.99, 24.5, 25.0, 36.6, 100.0, 150.0] {
             let reading = reading_at(celsius);
-            assert!(
-                (f64::from(reading.kelvin_64ths()) / 64.0 - 273.15 - celsius).abs() < 0.1,
-                "{celsius}"
-            );
-            assert!(
-                (f64::from(reading.tenths_celsius()) / 10.0 - celsius).abs() < 0.1,
-                "{celsius}"
-            );
-            assert!(
-                (f64::from(reading.degrees()) - celsius).abs() <= 0.51,
-                "{celsius}"
-            );
+            assert!((f64::from(reading.kelvin_64ths()) / 64.0 - 273.15 - celsius).abs() < 0.1, "{celsius}");
+            assert!((f64::from(reading.tenths_celsius()) / 10.0 - celsius).abs() < 0.1, "{celsius}");
+            assert!((f64::from(reading.degrees()) - celsius).abs() <= 0.51, "{celsius}");
         }
     }
 

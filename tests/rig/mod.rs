@@ -74,9 +74,7 @@ impl Rig {
     #[track_caller]
     pub fn running() -> Rig {
         let mut rig = Rig::powered();
-        rig.wait_for("the first NodeStatus", 100, |rig| {
-            !rig.statuses().is_empty()
-        });
+        rig.wait_for("the first NodeStatus", 100, |rig| !rig.statuses().is_empty());
         rig.run_ms(150);
         rig.forget();
         rig
@@ -112,19 +110,10 @@ impl Rig {
 
     /// Runs until the condition holds, which it must within so many simulated milliseconds.
     #[track_caller]
-    pub fn wait_for(
-        &mut self,
-        what: &str,
-        timeout_ms: u64,
-        mut condition: impl FnMut(&Rig) -> bool,
-    ) {
+    pub fn wait_for(&mut self, what: &str, timeout_ms: u64, mut condition: impl FnMut(&Rig) -> bool) {
         let end = self.now() + timeout_ms * MS;
         while !condition(self) {
-            assert!(
-                self.now() < end,
-                "no {what} within {timeout_ms} ms\nserial monitor:\n{}",
-                self.serial
-            );
+            assert!(self.now() < end, "no {what} within {timeout_ms} ms\nserial monitor:\n{}", self.serial);
             self.bench.run_until(self.now() + MS / 10);
             self.collect();
         }
@@ -139,18 +128,9 @@ impl Rig {
         }
         let board = self.bench.board(0);
         self.pulses.extend(board.take_servo_pulses());
-        self.serial.extend(
-            board
-                .avr_mut()
-                .serial_take()
-                .into_iter()
-                .map(|(_, byte)| char::from(byte)),
-        );
+        self.serial.extend(board.avr_mut().serial_take().into_iter().map(|(_, byte)| char::from(byte)));
         let violations = board.take_violations();
-        assert!(
-            self.violations_expected || violations.is_empty(),
-            "driver mistakes: {violations:#?}"
-        );
+        assert!(self.violations_expected || violations.is_empty(), "driver mistakes: {violations:#?}");
         self.peer.borrow_mut().take_received();
     }
 
@@ -166,20 +146,14 @@ impl Rig {
     /// The peer sends a NodeStatus as node `source`.
     pub fn send_status_from(&mut self, source: u8) {
         let transfer_id = Self::count(&mut self.status_transfer_id);
-        self.send(
-            NODE_STATUS | u32::from(source),
-            &[10, 0, 0, 0, 0, 0, 0, 0xC0 | transfer_id],
-        );
+        self.send(NODE_STATUS | u32::from(source), &[10, 0, 0, 0, 0, 0, 0, 0xC0 | transfer_id]);
     }
 
     /// The peer sends one command of an ArrayCommand, as node 10.
     pub fn send_command(&mut self, actuator_id: u8, command_type: u8, value: f32) {
         let transfer_id = Self::count(&mut self.command_transfer_id);
         let [low, high] = half::f16::from_f32(value).to_le_bytes();
-        self.send(
-            ARRAY_COMMAND | 10,
-            &[actuator_id, command_type, low, high, 0xC0 | transfer_id],
-        );
+        self.send(ARRAY_COMMAND | 10, &[actuator_id, command_type, low, high, 0xC0 | transfer_id]);
     }
 
     /// The peer sends the thesis's command, as node 1.
@@ -197,11 +171,7 @@ impl Rig {
     /// The frames with this identifier, oldest first.
     pub fn frames(&self, id: u32) -> Vec<(Cycles, Vec<u8>)> {
         let same = |frame: &Frame| matches!(frame.id, Id::Extended(other) if other == id);
-        self.traffic
-            .iter()
-            .filter(|(_, frame)| same(frame))
-            .map(|(at, frame)| (*at, frame.data().to_vec()))
-            .collect()
+        self.traffic.iter().filter(|(_, frame)| same(frame)).map(|(at, frame)| (*at, frame.data().to_vec())).collect()
     }
 
     pub fn statuses(&self) -> Vec<(Cycles, Vec<u8>)> {
@@ -236,10 +206,7 @@ impl Drop for Rig {
         }
         self.collect();
         let lost = self.board().chip().borrow().rx_overflows();
-        assert!(
-            self.overflows_expected || lost == 0,
-            "{lost} frames were lost in the controller"
-        );
+        assert!(self.overflows_expected || lost == 0, "{lost} frames were lost in the controller");
     }
 }
 
@@ -247,10 +214,5 @@ impl Drop for Rig {
 pub fn status_fields(data: &[u8]) -> (u32, u8, u8, u16) {
     assert_eq!(data.len(), 8, "a NodeStatus and its tail byte");
     let uptime = u32::from_le_bytes(data[..4].try_into().unwrap());
-    (
-        uptime,
-        data[4] >> 6,
-        data[4] >> 3 & 7,
-        u16::from_le_bytes(data[5..7].try_into().unwrap()),
-    )
+    (uptime, data[4] >> 6, data[4] >> 3 & 7, u16::from_le_bytes(data[5..7].try_into().unwrap()))
 }

@@ -2,7 +2,7 @@
 //!
 //! simavr scales by 1023 instead of 1024 and, at a prescaler of 128, converts in 256 cycles instead
 //! of 1664. Here each conversion gets the input that makes simavr's formula give the datasheet's
-//! result, `Vin * 1024 / Vref`, and the duration of 13 ADC clocks (25 for the first). Noise is
+//! result, `Vin * 1024 / Vref` with the first transition of an ideal converter at half a step, and the duration of 13 ADC clocks (25 for the first). Noise is
 //! uniform, seeded, and added to each sample.
 
 use super::machine::Machine;
@@ -47,7 +47,8 @@ impl Adc {
         let single_ended = mux & 0b111 == ADC_MUX_SINGLE && usize::from(channel) < CHANNELS;
         let reference_mv = u64::from(core.adc_reference_millivolts());
         let input_uv = if single_ended { self.noisy(channel) } else { 0 };
-        let code = (u64::from(input_uv) * 1024 / (reference_mv * 1000)).min(1023);
+        let reference_uv = reference_mv * 1000;
+        let code = ((u64::from(input_uv) * 1024 + reference_uv / 2) / reference_uv).min(1023);
         let millivolts = (code * reference_mv).div_ceil(1023);
         core.set_adc_input(channel, millivolts as u16, prescaler);
     }

@@ -21,7 +21,7 @@ use super::noise::Noise;
 use super::pins::Pins;
 use super::regs;
 use super::spi::{Spi, SpiByte};
-use super::timer1::Timer1;
+use super::timer1::{Oc, Timer1};
 use super::uart::Uart;
 use super::{Reset, ResetCause, Violation};
 use crate::Cycles;
@@ -72,7 +72,8 @@ const WRITES: [u16; 28] = [
     regs::UDR0,
 ];
 /// Registers whose reads the models answer.
-const READS: [u16; 7] = [regs::EECR, regs::SPSR, regs::SPDR, regs::TCNT1L, regs::TCNT1H, regs::UCSR0A, regs::UDR0];
+const READS: [u16; 8] =
+    [regs::PINB, regs::EECR, regs::SPSR, regs::SPDR, regs::TCNT1L, regs::TCNT1H, regs::UCSR0A, regs::UDR0];
 
 /// A program that errs in a loop makes millions of them: the first ones tell the story.
 const VIOLATIONS_KEPT: usize = 1000;
@@ -323,8 +324,23 @@ impl Machine {
             regs::UDR0 => self.uart.borrow_mut().read_data(self),
             regs::EECR => self.eeprom.borrow().read_control(self),
             regs::TCNT1L | regs::TCNT1H => self.timer1.borrow_mut().read(address, self.now()),
+            regs::PINB => self.read_pinb(),
             _ => self.core.get(address),
         }
+    }
+
+    /// The levels of port B's pins, with what Timer1 drives onto two of them.
+    fn read_pinb(&self) -> u8 {
+        let mut timer1 = self.timer1.borrow_mut();
+        let mut level = |bit| match bit {
+            1 => timer1.output(Oc::A, self.now()),
+            2 => timer1.output(Oc::B, self.now()),
+            _ => None,
+        };
+        (0..8).fold(0, |pins, bit| {
+            let high = level(bit).unwrap_or_else(|| self.pins.level(self, 0, bit));
+            pins | u8::from(high) << bit
+        })
     }
 
     fn spi_transfer_ends(&self) {

@@ -12,8 +12,7 @@
 //! ```
 //!
 //! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; the watchdog's
-//! oscillator runs at exactly 128 kHz; PINB does not show what Timer1 drives. Each file names its
-//! own.
+//! oscillator runs at exactly 128 kHz. Each file names its own.
 //!
 //! This is the one module with `unsafe` code. Its argument is in [`core`](self::core) and
 //! `machine`: simavr's memory lives as long as the machine, everything runs on one thread, and
@@ -147,6 +146,11 @@ impl Avr {
     /// next reset.
     pub fn set_reset_vector(&mut self, address: u32) {
         self.machine.core.set_reset_pc(address);
+    }
+
+    /// A symbol of the ELF whose name has `part` in it: compilers decorate names.
+    pub fn symbol_with(&self, part: &str) -> Option<Symbol> {
+        self.symbols.iter().find(|(name, _)| name.contains(part)).map(|(_, symbol)| *symbol)
     }
 
     /// A symbol of the ELF.

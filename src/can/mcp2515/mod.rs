@@ -7,7 +7,7 @@
 //! chip still has its configuration (a brown-out or a glitch resets it), and at its error flags. Whatever goes wrong, it
 //! tells and starts over, for ever, at most once in [`RETRY_MS`].
 //!
-//! [`Mcp2515::receive`] goes by the level of the INT pin. Waiting for an edge loses the chip when a second frame arrives
+//! [`Mcp2515::calls`] goes by the level of the INT pin. Waiting for an edge loses the chip when a second frame arrives
 //! before the first is read, because then the pin never rises.
 //!
 //! # Cost
@@ -17,7 +17,7 @@
 //!
 //! # Assumptions
 //!
-//! `receive` must be called at least once in two frame times, or the chip, which has two buffers, loses frames. It counts
+//! `receive` must be called for each frame within two frame times, or the chip, which has two buffers, loses frames. It counts
 //! as lost at least one each time that it says so.
 
 mod registers;
@@ -43,9 +43,9 @@ pub const RETRY_MS: u16 = 100;
 /// tick of the clock may be over at once, so two.
 const START_UP_MS: u16 = 2;
 
-/// From the request for normal mode to giving up, in milliseconds. The chip waits for eleven recessive bits (10.5), which a
-/// busy bus offers after every frame.
-const NORMAL_MODE_MS: u16 = 50;
+/// How often to look for normal mode, once a millisecond. The chip waits for eleven recessive bits (10.5), which a busy bus
+/// offers after every frame.
+const NORMAL_MODE_LOOKS: u8 = 50;
 
 /// Until frames that nobody acknowledges are given up, in milliseconds (DroneCAN specification, chapter 4: one second).
 const TX_TIMEOUT_MS: u16 = 1000;
@@ -59,11 +59,11 @@ pub trait Acceptance {
     fn filter(&self, n: u8) -> u32;
 }
 
-/// What came out of a receive buffer.
+/// What came out of a receive buffer. It borrows the driver's copy, because a frame costs 14 cycles a byte to move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Received {
-    /// An extended data frame.
-    Frame(Frame),
+pub enum Received<'a> {
+    /// An extended data frame: its identifier and its bytes.
+    Frame(u32, &'a [u8]),
     /// A frame with a standard identifier.
     Standard,
     /// A remote frame.
@@ -113,14 +113,14 @@ impl ErrorFlags {
 /// Where the chip is on its way to the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// To be reset once the time has come.
-    Down { wait_ms: u16 },
+    /// To be reset.
+    Down,
     /// Reset; its oscillator starts.
     Starting,
     /// Being configured: the number of the next group of registers.
     Configuring { step: u8 },
-    /// Normal mode was asked for.
-    Entering,
+    /// Normal mode was asked for, and was not there yet so many times.
+    Entering { looks: u8 },
     /// On the bus.
     Running,
 }
@@ -135,8 +135,8 @@ pub struct Mcp2515<SPI, INT, A> {
     acceptance: A,
     timing: BitTiming,
     phase: Phase,
-    /// When the phase began; while running, when the chip was last looked at.
-    since_ms: u16,
+    /// When to poll.
+    due_ms: u16,
     rx: RxOrder,
     tx: TxOrder,
     /// Buffers that waited to be sent when last looked at, and since when that has not changed.
@@ -144,6 +144,8 @@ pub struct Mcp2515<SPI, INT, A> {
     tx_since_ms: u16,
     aborting: bool,
     flags: ErrorFlags,
+    /// READ RX BUFFER and what it answers.
+    buffer: [u8; 14],
 }
 
 impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
@@ -154,14 +156,15 @@ impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
             int,
             acceptance,
             timing,
-            phase: Phase::Down { wait_ms: 0 },
-            since_ms: 0,
+            phase: Phase::Down,
+            due_ms: 0,
             rx: RxOrder::new(),
             tx: TxOrder::new(),
             tx_waiting: 0,
             tx_since_ms: 0,
             aborting: false,
             flags: ErrorFlags(0),
+            buffer: [0; 14],
         }
     }
 
@@ -175,64 +178,73 @@ impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
         self.tx_waiting == 0
     }
 
-    /// Does the next short step of start-up or supervision. `now_ms` wraps around.
+    /// Whether it is time to [`poll`](Self::poll). `now_ms` wraps around.
+    pub fn is_due(&self, now_ms: u16) -> bool {
+        now_ms.wrapping_sub(self.due_ms) < 1 << 15
+    }
+
+    /// Does the next short step of start-up or supervision.
     ///
     /// # Errors
     ///
     /// Those of the SPI device; the chip is then started over.
     #[inline(never)]
     pub fn poll(&mut self, now_ms: u16) -> Result<Option<Notice>, SPI::Error> {
-        let elapsed_ms = now_ms.wrapping_sub(self.since_ms);
+        self.due_ms = now_ms;
         match self.phase {
-            Phase::Down { wait_ms } => {
-                if elapsed_ms >= wait_ms {
-                    self.enter(Phase::Starting, now_ms);
-                    self.spi.write(&[instruction::RESET])?;
-                }
+            Phase::Down => {
+                self.phase = Phase::Starting;
+                self.due_ms = now_ms.wrapping_add(START_UP_MS);
+                self.spi.write(&[instruction::RESET])?;
             }
             Phase::Starting => {
-                if elapsed_ms >= START_UP_MS {
-                    let [canstat] = self.read(CANSTAT)?;
-                    if canstat & OPMOD != MODE_CONFIGURATION {
-                        return Ok(Some(self.fail(Notice::NotAnswering(canstat), now_ms)));
-                    }
-                    self.enter(Phase::Configuring { step: 0 }, now_ms);
+                let [canstat] = self.read(CANSTAT)?;
+                if canstat & OPMOD != MODE_CONFIGURATION {
+                    return Ok(self.fail(Notice::NotAnswering(canstat)));
                 }
+                self.phase = Phase::Configuring { step: 0 };
             }
             Phase::Configuring { step } if step < CONFIGURATION_STEPS => {
                 let (address, values) = self.configuration(step);
                 self.write(address, values)?;
                 if self.read(address)? != values {
-                    return Ok(Some(self.fail(Notice::NotKeeping(address), now_ms)));
+                    return Ok(self.fail(Notice::NotKeeping(address)));
                 }
-                self.enter(Phase::Configuring { step: step + 1 }, now_ms);
+                self.phase = Phase::Configuring { step: step + 1 };
             }
             Phase::Configuring { .. } => {
                 self.write(RXB0CTRL, [BUKT])?;
                 self.write(CANCTRL, [MODE_NORMAL])?;
-                self.enter(Phase::Entering, now_ms);
+                self.phase = Phase::Entering { looks: 0 };
             }
-            Phase::Entering => {
+            Phase::Entering { looks } => {
                 let [canstat] = self.read(CANSTAT)?;
                 if canstat & OPMOD == MODE_NORMAL {
+                    self.phase = Phase::Running;
                     self.rx = RxOrder::new();
                     self.tx = TxOrder::new();
                     (self.tx_waiting, self.aborting, self.flags) = (0, false, ErrorFlags(0));
-                    self.enter(Phase::Running, now_ms);
                     return Ok(Some(Notice::Running));
                 }
-                if elapsed_ms >= NORMAL_MODE_MS {
-                    return Ok(Some(self.fail(Notice::NotStarting(canstat), now_ms)));
+                if looks == NORMAL_MODE_LOOKS {
+                    return Ok(self.fail(Notice::NotStarting(canstat)));
                 }
+                self.phase = Phase::Entering { looks: looks + 1 };
+                self.due_ms = now_ms.wrapping_add(1);
             }
             Phase::Running => {
-                if elapsed_ms >= SUPERVISION_MS {
-                    self.since_ms = now_ms;
-                    return self.supervise(now_ms);
-                }
+                self.due_ms = now_ms.wrapping_add(SUPERVISION_MS);
+                return self.supervise(now_ms);
             }
         }
         Ok(None)
+    }
+
+    /// Whether [`receive`](Self::receive) is worth calling. Costs a few cycles, where `receive` would cost 60 to say no.
+    #[inline(always)]
+    pub fn calls(&mut self) -> bool {
+        // A pin that cannot be read counts as low: a look too many costs 2 us, a look too few a frame.
+        self.is_running() && (!self.rx.is_empty() || self.int.is_low().unwrap_or(true))
     }
 
     /// The next frame, oldest first; `None` when there is none.
@@ -241,44 +253,30 @@ impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
     ///
     /// Those of the SPI device.
     #[inline(never)]
-    pub fn receive(&mut self) -> Result<Option<Received>, SPI::Error> {
-        if !self.is_running() {
-            return Ok(None);
-        }
+    pub fn receive(&mut self) -> Result<Option<Received<'_>>, SPI::Error> {
         if self.rx.is_empty() {
-            // A pin that cannot be read counts as low: a look too many costs 2 us, a look too few a frame.
-            if !self.int.is_low().unwrap_or(true) {
-                return Ok(None);
-            }
             let status = self.read_status()?;
-            self.rx
-                .seen_late(status & status::RX0IF != 0, status & status::RX1IF != 0);
+            self.rx.seen_late(status & status::RX0IF != 0, status & status::RX1IF != 0);
         }
-        let Some(buffer) = self.rx.take() else {
-            return Ok(None);
-        };
-        let mut bytes = [0; 14];
-        bytes[0] = match buffer {
+        let Some(buffer) = self.rx.take() else { return Ok(None) };
+        self.buffer[0] = match buffer {
             Buffer::Rxb0 => instruction::READ_RX_BUFFER,
             Buffer::Rxb1 => instruction::READ_RX_BUFFER + 4,
         };
-        self.spi.transfer_in_place(&mut bytes)?;
+        self.spi.transfer_in_place(&mut self.buffer)?;
         if buffer == Buffer::Rxb0 && self.rx.is_empty() {
             let status = self.read_status()?;
-            self.rx
-                .seen_at_once(status & status::RX0IF != 0, status & status::RX1IF != 0);
+            self.rx.seen_at_once(status & status::RX0IF != 0, status & status::RX1IF != 0);
         }
-        let [_, sidh, sidl, eid8, eid0, dlc, data @ ..] = bytes;
+        let [_, sidh, sidl, eid8, eid0, dlc, ref data @ ..] = self.buffer;
         Ok(Some(if sidl & IDE == 0 {
             Received::Standard
         } else if dlc & RTR != 0 {
             Received::Remote
         } else {
-            Received::Frame(Frame::new(
-                identifier([sidh, sidl, eid8, eid0]),
-                data,
-                dlc & DLC,
-            ))
+            // Codes above 8 mean 8.
+            let data = data.get(..usize::from(dlc & DLC)).unwrap_or(data);
+            Received::Frame(identifier([sidh, sidl, eid8, eid0]), data)
         }))
     }
 
@@ -305,9 +303,7 @@ impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
         let (&[d0, d1, d2, d3, d4, d5, d6, d7], len) = frame.padded();
         let load = instruction::LOAD_TX_BUFFER + 2 * slot.buffer;
         // The bytes after the last are sent to the chip, too, which does not use them.
-        self.spi.write(&[
-            load, sidh, sidl, eid8, eid0, len, d0, d1, d2, d3, d4, d5, d6, d7,
-        ])?;
+        self.spi.write(&[load, sidh, sidl, eid8, eid0, len, d0, d1, d2, d3, d4, d5, d6, d7])?;
         self.write(TXB0CTRL + (slot.buffer << 4), [TXREQ | slot.priority])?;
         Ok(true)
     }
@@ -318,11 +314,8 @@ impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
         let [canstat, canctrl] = self.read(CANSTAT)?;
         let [cnf3, cnf2, cnf1, caninte, _, eflg] = self.read(CNF3)?;
         let (_, kept) = self.configuration(CONFIGURATION_STEPS - 1);
-        if canstat & OPMOD != MODE_NORMAL
-            || canctrl & OPMOD != MODE_NORMAL
-            || [cnf3, cnf2, cnf1, caninte] != kept
-        {
-            return Ok(Some(self.fail(Notice::Lost(canstat), now_ms)));
+        if canstat & OPMOD != MODE_NORMAL || canctrl & OPMOD != MODE_NORMAL || [cnf3, cnf2, cnf1, caninte] != kept {
+            return Ok(self.fail(Notice::Lost(canstat)));
         }
 
         let flags = ErrorFlags(eflg);
@@ -358,34 +351,16 @@ impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
         match step {
             // RXF0 to RXF2 begin at address 0, RXF3 to RXF5 at 0x10.
             0..3 => (step << 2, extended_bytes(self.acceptance.filter(step))),
-            3..6 => (
-                (step + 1) << 2,
-                extended_bytes(self.acceptance.filter(step)),
-            ),
-            6 | 7 => (
-                RXM0SIDH + ((step - 6) << 2),
-                identifier_bytes(self.acceptance.mask(step - 6)),
-            ),
-            _ => (
-                CNF3,
-                [
-                    self.timing.cnf3,
-                    self.timing.cnf2,
-                    self.timing.cnf1,
-                    RX0IE | RX1IE,
-                ],
-            ),
+            3..6 => ((step + 1) << 2, extended_bytes(self.acceptance.filter(step))),
+            6 | 7 => (RXM0SIDH + ((step - 6) << 2), identifier_bytes(self.acceptance.mask(step - 6))),
+            _ => (CNF3, [self.timing.cnf3, self.timing.cnf2, self.timing.cnf1, RX0IE | RX1IE]),
         }
     }
 
-    fn enter(&mut self, phase: Phase, now_ms: u16) {
-        self.phase = phase;
-        self.since_ms = now_ms;
-    }
-
-    fn fail(&mut self, notice: Notice, now_ms: u16) -> Notice {
-        self.enter(Phase::Down { wait_ms: RETRY_MS }, now_ms);
-        notice
+    fn fail(&mut self, notice: Notice) -> Option<Notice> {
+        self.phase = Phase::Down;
+        self.due_ms = self.due_ms.wrapping_add(RETRY_MS);
+        Some(notice)
     }
 
     /// TXREQ of the three buffers, as bits 0 to 2.
@@ -412,8 +387,7 @@ impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
     }
 
     fn modify(&mut self, address: u8, mask: u8, value: u8) -> Result<(), SPI::Error> {
-        self.spi
-            .write(&[instruction::BIT_MODIFY, address, mask, value])
+        self.spi.write(&[instruction::BIT_MODIFY, address, mask, value])
     }
 
     fn write<const N: usize>(&mut self, address: u8, values: [u8; N]) -> Result<(), SPI::Error> {
@@ -450,12 +424,7 @@ fn extended_bytes(id: u32) -> [u8; 4] {
 
 /// The identifier from SIDH, SIDL, EID8 and EID0.
 fn identifier([sidh, sidl, eid8, eid0]: [u8; 4]) -> u32 {
-    u32::from_be_bytes([
-        sidh >> 3,
-        sidh << 5 | (sidl & 0b1110_0000) >> 3 | sidl & 0b11,
-        eid8,
-        eid0,
-    ])
+    u32::from_be_bytes([sidh >> 3, sidh << 5 | (sidl & 0b1110_0000) >> 3 | sidl & 0b11, eid8, eid0])
 }
 
 #[cfg(test)]

@@ -27,10 +27,7 @@ pub struct RxOrder {
 impl RxOrder {
     /// Nothing known.
     pub const fn new() -> Self {
-        Self {
-            first: None,
-            second: None,
-        }
+        Self { first: None, second: None }
     }
 
     /// Whether a look at the chip is needed before anything can be read.
@@ -57,18 +54,9 @@ impl RxOrder {
 
     fn of(older: (bool, Buffer), newer: (bool, Buffer)) -> Self {
         match (older.0, newer.0) {
-            (true, true) => Self {
-                first: Some(older.1),
-                second: Some(newer.1),
-            },
-            (true, false) => Self {
-                first: Some(older.1),
-                second: None,
-            },
-            (false, true) => Self {
-                first: Some(newer.1),
-                second: None,
-            },
+            (true, true) => Self { first: Some(older.1), second: Some(newer.1) },
+            (true, false) => Self { first: Some(older.1), second: None },
+            (false, true) => Self { first: Some(newer.1), second: None },
             (false, false) => Self::new(),
         }
     }
@@ -111,11 +99,7 @@ mod tests {
             while due <= now {
                 sent += 1;
                 chip.arrives(sent);
-                due += 9 + if next_random(3) == 0 {
-                    next_random(60)
-                } else {
-                    0
-                };
+                due += 9 + if next_random(3) == 0 { next_random(60) } else { 0 };
             }
         };
         for _ in 0..200_000 {
@@ -129,13 +113,8 @@ mod tests {
                 continue;
             };
             wait(3, &mut chip, &mut next_random);
-            let frame = chip.rxb[buffer as usize]
-                .take()
-                .expect("a known full buffer is full");
-            assert!(
-                frame > last_read,
-                "frame {frame} came out after {last_read}"
-            );
+            let frame = chip.rxb[buffer as usize].take().expect("a known full buffer is full");
+            assert!(frame > last_read, "frame {frame} came out after {last_read}");
             last_read = frame;
             received += 1;
             if buffer == Buffer::Rxb0 && order.is_empty() {
@@ -145,9 +124,6 @@ mod tests {
             let other_work = next_random(12);
             wait(other_work, &mut chip, &mut next_random);
         }
-        assert!(
-            received > 50_000,
-            "{received} frames are too few to prove anything"
-        );
+        assert!(received > 50_000, "{received} frames are too few to prove anything");
     }
 }

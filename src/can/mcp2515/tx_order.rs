@@ -65,9 +65,7 @@ mod tests {
 
     /// The chip's choice among waiting buffers, as the datasheet has it.
     fn chip_sends(waiting: &[Option<(u8, u32)>; 3]) -> Option<usize> {
-        (0..3)
-            .filter(|&b| waiting[b].is_some())
-            .max_by_key(|&b| (waiting[b].unwrap().0, b))
+        (0..3).filter(|&b| waiting[b].is_some()).max_by_key(|&b| (waiting[b].unwrap().0, b))
     }
 
     #[test]
@@ -81,10 +79,7 @@ mod tests {
             let busy = (0..3).fold(0, |mask, b| mask | u8::from(waiting[b].is_some()) << b);
             if random >> 16 & 1 == 0 {
                 if let Some(slot) = order.next(busy) {
-                    assert!(
-                        waiting[usize::from(slot.buffer)].is_none(),
-                        "a busy buffer was handed out"
-                    );
+                    assert!(waiting[usize::from(slot.buffer)].is_none(), "a busy buffer was handed out");
                     waiting[usize::from(slot.buffer)] = Some((slot.priority, loaded));
                     loaded += 1;
                 }

@@ -1,0 +1,165 @@
+//! Whatever comes over the bus: the servo stays where it is, the node answers, and it counts.
+
+mod rig;
+
+use rig::{ARRAY_COMMAND, NODE_STATUS, Rig, SERVO_COMMAND};
+use sim::can::{Frame, Id};
+
+/// A node whose servo is at 1750 us.
+fn positioned() -> Rig {
+    let mut rig = Rig::running();
+    rig.send_command(1, 0, 0.5);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    rig
+}
+
+#[track_caller]
+fn assert_refused(mut rig: Rig, frames: usize, line: &str) {
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    rig.run_ms(300);
+    assert_eq!(rig.serial.matches(line).count(), frames, "{}", rig.serial);
+    rig.board().avr_mut().serial_send(b"?");
+    rig.wait_for_line(&format!("commands followed 1, frames refused {frames}"), 100);
+    // And it goes on.
+    rig.send_command(1, 0, -1.0);
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
+}
+
+#[test]
+fn truncated_and_oversized_commands_are_refused() {
+    let mut rig = positioned();
+    let lengths = [1, 2, 3, 5, 6, 7];
+    for len in lengths {
+        let mut data = vec![1, 0, 0, 0, 0, 0, 0][..len].to_vec();
+        data.push(0xC0);
+        rig.send(ARRAY_COMMAND | 10, &data);
+        rig.run_ms(10);
+    }
+    assert_refused(rig, lengths.len(), "refused: type 1010 from 10 tid 0, wrong length");
+}
+
+#[test]
+fn a_frame_without_a_tail_byte_is_refused() {
+    let mut rig = positioned();
+    rig.send(ARRAY_COMMAND | 10, &[]);
+    assert_refused(rig, 1, "refused: type 1010 from 10, not a transfer of one frame");
+}
+
+#[test]
+fn parts_of_longer_transfers_are_refused() {
+    let mut rig = positioned();
+    // First, middle and last frame of pydronecan's golden transfer of three commands, and toggles that cannot be.
+    rig.send(ARRAY_COMMAND | 10, &[0x12, 0xF3, 0x01, 0x00, 0x00, 0x38, 0x02, 0x88]);
+    rig.send(ARRAY_COMMAND | 10, &[0x00, 0x00, 0xBC, 0x03, 0x04, 0xDC, 0x65, 0x68]);
+    for tail in [0x00, 0x20, 0x40, 0xE0] {
+        rig.run_ms(10);
+        rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, tail]);
+    }
+    assert_refused(rig, 6, "refused: type 1010 from 10, not a transfer of one frame");
+}
+
+#[test]
+fn anonymous_commands_and_ones_with_the_nodes_own_id_are_refused() {
+    let mut rig = positioned();
+    rig.send(ARRAY_COMMAND, &[1, 0, 0, 0, 0xC0]);
+    rig.send(ARRAY_COMMAND | 120, &[1, 0, 0, 0, 0xC0]);
+    rig.send(SERVO_COMMAND, &[0, 0xC0]);
+    rig.send(NODE_STATUS | 120, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
+    assert_refused(rig, 4, "which is anonymous or mine");
+}
+
+#[test]
+fn remote_frames_are_refused() {
+    let mut rig = positioned();
+    rig.send_frame(Frame::remote(Id::Extended(ARRAY_COMMAND | 10), 5));
+    rig.send_frame(Frame::remote(Id::Extended(NODE_STATUS | 1), 8));
+    assert_refused(rig, 2, "refused: a standard or remote frame");
+}
+
+#[test]
+fn standard_frames_do_not_even_arrive() {
+    let mut rig = positioned();
+    for id in 0..0x800 {
+        rig.send_frame(Frame::standard(id, &[1, 0, 0, 0, 0xC0]));
+    }
+    rig.run_ms(300);
+    assert_refused(rig, 0, "refused");
+}
+
+#[test]
+fn a_length_code_above_8_means_8_bytes_and_blocks_nothing() {
+    let mut rig = positioned();
+    for dlc in 9..=15 {
+        let data = [1, 0, 0, 0, 0, 0, 0, 0xC0];
+        rig.send_frame(Frame::with_dlc(Id::Extended(ARRAY_COMMAND | 10), dlc, data));
+        rig.run_ms(10);
+    }
+    assert_refused(rig, 7, "refused: type 1010 from 10 tid 0, wrong length");
+}
+
+#[test]
+fn statuses_of_a_wrong_length_are_refused() {
+    let mut rig = positioned();
+    rig.send(NODE_STATUS | 1, &[0, 0, 0, 0, 0, 0, 0xC0]);
+    rig.send(NODE_STATUS | 1, &[0xC0]);
+    assert_refused(rig, 2, "refused: type 341 from 1 tid 0, wrong length");
+}
+
+#[test]
+fn thesis_commands_of_a_wrong_length_are_refused() {
+    let mut rig = positioned();
+    rig.send(SERVO_COMMAND | 1, &[0xC0]);
+    rig.send(SERVO_COMMAND | 1, &[0, 0, 0xC0]);
+    assert_refused(rig, 2, "refused: type 1111 from 1 tid 0, wrong length");
+}
+
+#[test]
+fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
+    let mut rig = positioned();
+    rig.forget();
+    let others = [0x1804_562A, 0x1803_F32A, 0x1E01_AAFF, 0x1E97_4D00, 0x1804_390A, 0x1004_5801, 0x1803_F2AA];
+    for n in 0..20_000u32 {
+        rig.send(others[n as usize % others.len()], &[0xA5; 8]);
+    }
+    rig.run_ms(2500);
+    assert_eq!(rig.statuses().len(), 2, "the node's own statuses");
+    assert_eq!(rig.traffic.len() - 2 - rig.frames(rig::TEMPERATURE_OF_NODE).len(), 20_000 - rig.peer.borrow().queued());
+    rig.run_ms(1000);
+    assert_refused(rig, 0, "refused");
+}
+
+#[test]
+fn random_frames_of_our_types_never_stop_the_node() {
+    let mut rig = Rig::running();
+    // Faster than the node can follow at times. What it loses it must tell.
+    rig.overflows_expected = true;
+    let mut random = 0x2545_F491_4F6C_DD1Du64;
+    let mut next = || {
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        random
+    };
+    for _ in 0..3000 {
+        let bits = next();
+        let base = [ARRAY_COMMAND, SERVO_COMMAND, NODE_STATUS][(bits % 3) as usize];
+        let data = next().to_le_bytes();
+        let source = (bits >> 8 & 0x7F) as u32;
+        rig.send_frame(Frame::with_dlc(Id::Extended(base | source), (bits >> 16 & 0xF) as u8, data));
+        let pause = rig.now() + (bits >> 24 & 0xFFF);
+        rig.run_until(pause);
+    }
+    rig.run_ms(500);
+    let pulses = rig.pulses.iter().map(|pulse| pulse.width_us());
+    assert!(pulses.into_iter().all(|us| (1000.0..=2000.0).contains(&us)));
+    assert_eq!(rig.board().avr().resets().len(), 1, "only the power-on");
+    let lost = rig.board().chip().borrow().rx_overflows();
+    assert!(lost < 60, "{lost} of 3000 frames lost");
+    rig.forget();
+    rig.board().avr_mut().serial_send(b"?");
+    rig.wait_for_line("receive overruns", 200);
+    assert_eq!(lost > 0, !rig.serial.contains("receive overruns 0"), "{lost} frames were lost: {}", rig.serial);
+    rig.forget();
+    rig.send_command(1, 0, -1.0);
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
+}

@@ -1,0 +1,128 @@
+//! A fault of the program restarts it, and the next status and the next banner say why.
+
+mod rig;
+
+use rig::{Rig, US, status_fields};
+use sim::avr::ResetCause;
+
+/// Bits of the vendor-specific status code.
+const WATCHDOG: u16 = 1 << 0;
+const BROWN_OUT: u16 = 1 << 1;
+const PANIC: u16 = 1 << 2;
+const STRAY_INTERRUPT: u16 = 1 << 3;
+const STACK_COLLISION: u16 = 1 << 4;
+
+/// Waits for the banner of a restart and checks what is said of it.
+#[track_caller]
+fn assert_restarts(rig: &mut Rig, within_ms: u64, cause: &str, bit: u16) {
+    rig.wait_for_line(&format!("reset: {cause}"), within_ms);
+    rig.run_ms(50);
+    let (uptime, health, mode, vendor_code) = status_fields(&rig.statuses().last().expect("a status at once").1);
+    assert_eq!((uptime, mode), (0, 1), "a node that starts");
+    assert_eq!((health, vendor_code), (u8::from(bit != 0), bit));
+    // It works again, with the servo off until it is commanded.
+    rig.run_ms(100);
+    rig.forget();
+    rig.run_ms(100);
+    assert_eq!(rig.pulses, []);
+    rig.send_command(1, 0, 0.5);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+}
+
+/// A node that moves its servo.
+fn moving() -> Rig {
+    let mut rig = Rig::running();
+    rig.send_command(1, 0, 0.0);
+    rig.settled_pulse_us();
+    rig.run_ms(1000);
+    rig.forget();
+    rig
+}
+
+/// Overwrites the main loop where it resets the watchdog; gives the program as it was.
+fn patch_the_main_loop(rig: &mut Rig, instructions: [u8; 4]) -> Vec<u8> {
+    let flash = rig.board().avr().flash().to_vec();
+    // WDR is 0x95A8. Two others come before the loop: at the very start, and where the watchdog is switched on.
+    let wdr = (0x68..0x3800).step_by(2).filter(|&at| flash[at..at + 2] == [0xA8, 0x95]).next_back().unwrap();
+    rig.board().avr_mut().load_flash(wdr, &instructions);
+    flash
+}
+
+/// RJMP to itself.
+const HANG: [u8; 2] = [0xFF, 0xCF];
+
+#[test]
+fn a_hung_program_is_restarted_by_the_watchdog() {
+    let mut rig = moving();
+    let program = patch_the_main_loop(&mut rig, [HANG, HANG].concat().try_into().unwrap());
+    // By now it has restarted, and hangs again.
+    rig.run_ms(300);
+    rig.board().avr_mut().load_flash(0, &program);
+    assert_restarts(&mut rig, 50, "WATCHDOG", WATCHDOG);
+    assert_eq!(
+        rig.board().avr().resets().len(),
+        1,
+        "without a reset of the chip, which the bootloader would not survive"
+    );
+}
+
+#[test]
+fn a_panic_restarts_the_node() {
+    let mut rig = moving();
+    let handler = rig.board().avr().symbol_with("panicking9panic_fmt").expect("the panic handler").address / 2;
+    let [low, high] = (handler as u16).to_le_bytes();
+    // JMP to the handler.
+    let program = patch_the_main_loop(&mut rig, [0x0C, 0x94, low, high]);
+    let soon = rig.now() + 100 * US;
+    rig.run_until(soon);
+    rig.board().avr_mut().load_flash(0, &program);
+    assert_restarts(&mut rig, 50, "PANIC", PANIC);
+}
+
+#[test]
+fn an_interrupt_without_a_handler_restarts_the_node() {
+    let mut rig = moving();
+    // TIMSK1.TOIE1: Timer1 overflows at the end of every servo period, and nobody asked for that.
+    rig.board().avr_mut().poke_sram(0x6F, 1);
+    assert_restarts(&mut rig, 100, "STRAY INTERRUPT", STRAY_INTERRUPT);
+}
+
+#[test]
+fn a_stack_that_reaches_the_variables_restarts_the_node() {
+    let mut rig = moving();
+    let bottom = rig.board().avr().symbol("__heap_start").unwrap().address as u16;
+    rig.board().avr_mut().poke_sram(bottom, 0);
+    assert_restarts(&mut rig, 50, "STACK COLLISION", STACK_COLLISION);
+}
+
+#[test]
+fn resets_from_outside_are_told_apart() {
+    for (cause, told, bit) in [
+        (ResetCause::PowerOn, "power-on", 0),
+        (ResetCause::External, "reset pin", 0),
+        (ResetCause::Watchdog, "WATCHDOG", WATCHDOG),
+        (ResetCause::BrownOut, "BROWN-OUT", BROWN_OUT),
+    ] {
+        let mut rig = moving();
+        rig.board().reset(cause);
+        assert_restarts(&mut rig, 100, told, bit);
+    }
+}
+
+#[test]
+fn a_restart_never_cuts_a_pulse_short() {
+    for delay in 0..40u64 {
+        let mut rig = Rig::running();
+        rig.send_command(1, 0, 1.0);
+        rig.settled_pulse_us();
+        rig.forget();
+        // At all phases of the period, in the middle of the pulse too.
+        let at = rig.now() + delay * 8_011;
+        rig.run_until(at);
+        let bottom = rig.board().avr().symbol("__heap_start").unwrap().address as u16;
+        rig.board().avr_mut().poke_sram(bottom, 0);
+        rig.run_ms(100);
+        assert!(rig.serial.contains("STACK COLLISION"));
+        assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 2000.0), "{:?}", rig.pulses);
+    }
+}

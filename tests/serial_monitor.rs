@@ -1,0 +1,86 @@
+//! The serial monitor tells what happens, at 115200 baud, and never holds anything up.
+
+mod rig;
+
+use rig::{MS, Rig};
+
+#[test]
+fn the_banner_tells_version_node_id_and_reset_cause() {
+    let mut rig = Rig::powered();
+    rig.wait_for_line("CAN: running", 100);
+    let mut lines = rig.serial.lines();
+    let version = env!("CARGO_PKG_VERSION");
+    assert_eq!(
+        lines.next().unwrap(),
+        format!("DroneCAN servo and temperature node {version}, node ID 120, reset: power-on")
+    );
+    assert_eq!(lines.next().unwrap(), "CAN: running");
+}
+
+#[test]
+fn each_command_and_status_gets_a_line() {
+    let mut rig = Rig::running();
+    rig.send_status_from(1);
+    rig.send_command(1, 0, 0.5);
+    rig.send_command(1, 1, -0.5);
+    rig.send_command(1, 4, 1234.0);
+    rig.send_command(7, 4, 1234.0);
+    rig.send_servo_command(90);
+    rig.run_ms(100);
+    for line in [
+        "rx NodeStatus from 1 tid 0: up 10 s, OK, OPERATIONAL",
+        "rx ArrayCommand from 10 tid 0: id 1 unitless +0.500, pulse +1750.0 us",
+        "rx ArrayCommand from 10 tid 1: id 1 position -0.500 rad, pulse +1181.5 us",
+        "rx ArrayCommand from 10 tid 2: id 1 PWM 1234 us, pulse +1234.0 us",
+        "rx ArrayCommand from 10 tid 3: not for actuator 1",
+        "rx thesis.ServoCommand from 1 tid 4: 90, pulse +1353.0 us",
+    ] {
+        assert!(rig.serial.lines().any(|told| told == line), "{line:?} is missing in\n{}", rig.serial);
+    }
+}
+
+#[test]
+fn bytes_come_at_115200_baud_without_gaps() {
+    let mut rig = Rig::powered();
+    rig.bench.run_until(50 * MS);
+    let bytes = rig.board().avr_mut().serial_take();
+    assert!(bytes.len() > 80);
+    // A byte has ten bits of 136 cycles: 117,647 baud, 2.1 % fast, as the Arduino core has it.
+    let gaps: Vec<u64> = bytes.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    assert_eq!(gaps.iter().min(), Some(&1360));
+    let banner = &gaps[..75];
+    assert!(banner.iter().sum::<u64>() / 75 < 1700, "the line is kept busy: {banner:?}");
+}
+
+#[test]
+fn what_does_not_fit_is_dropped_and_counted_and_no_frame_waits_for_it() {
+    let mut rig = Rig::running();
+    // Five times as much as the line carries, for a second.
+    for n in 0..1000u16 {
+        rig.send_command(1, 4, f32::from(1000 + n));
+        let next = rig.now() + MS;
+        rig.run_until(next);
+    }
+    rig.run_ms(300);
+    let lines = rig.serial.matches("rx ArrayCommand").count();
+    let dropped: usize = rig
+        .serial
+        .lines()
+        .filter_map(|line| line.strip_prefix("serial monitor: ")?.split(' ').next()?.parse::<usize>().ok())
+        .sum();
+    assert!(dropped > 500);
+    // Beside the commands there are some temperatures.
+    assert!((1000..=1003).contains(&(lines + dropped)), "{lines} told and {dropped} dropped");
+    assert_eq!(rig.pulses.last().unwrap().width_us(), 1999.0);
+}
+
+#[test]
+fn a_question_mark_brings_the_counters() {
+    let mut rig = Rig::running();
+    rig.send_command(1, 0, 0.0);
+    rig.send(0x1003_F20A, &[]);
+    rig.run_ms(50);
+    rig.board().avr_mut().serial_send(b"x?");
+    rig.wait_for_line("commands followed 1, frames refused 1", 100);
+    rig.wait_for_line("receive overruns 0, sends given up 0", 100);
+}

@@ -1,0 +1,144 @@
+//! The node says how it is: when the autopilot does, and by itself when there is none.
+
+mod rig;
+
+use rig::{MS, Rig, STATUS_OF_NODE, status_fields};
+
+const WARNING: u8 = 1;
+const OPERATIONAL: u8 = 0;
+const INITIALIZATION: u8 = 1;
+
+/// Milliseconds between consecutive frames.
+fn gaps_ms(frames: &[(u64, Vec<u8>)]) -> Vec<f64> {
+    frames.windows(2).map(|pair| (pair[1].0 - pair[0].0) as f64 / MS as f64).collect()
+}
+
+#[test]
+fn without_an_autopilot_a_status_comes_every_second() {
+    let mut rig = Rig::running();
+    rig.run_ms(10_500);
+    let gaps = gaps_ms(&rig.statuses());
+    assert!(gaps.len() >= 9, "{gaps:?}");
+    assert!(gaps.iter().all(|gap| (999.0..1001.0).contains(gap)), "{gaps:?}");
+}
+
+#[test]
+fn a_status_answers_the_autopilots_within_milliseconds() {
+    let mut rig = Rig::running();
+    rig.send_status_from(1);
+    for _ in 0..10 {
+        // Later than a second, as real autopilots are: the node waits for them.
+        rig.run_ms(1001);
+        rig.forget();
+        rig.send_status_from(1);
+        rig.run_ms(5);
+        assert_eq!(rig.statuses().len(), 1);
+    }
+}
+
+#[test]
+fn statuses_are_never_closer_than_half_a_second() {
+    let mut rig = Rig::running();
+    for _ in 0..100 {
+        rig.send_status_from(1);
+        rig.run_ms(97);
+    }
+    let gaps = gaps_ms(&rig.statuses());
+    assert!(gaps.len() > 10);
+    assert!(gaps.iter().all(|gap| (500.0..1030.0).contains(gap)), "{gaps:?}");
+}
+
+#[test]
+fn statuses_of_other_nodes_call_for_no_answer_while_there_is_an_autopilot() {
+    let mut rig = Rig::running();
+    for _ in 0..5 {
+        rig.send_status_from(1);
+        rig.run_ms(10);
+        rig.forget();
+        rig.run_ms(600);
+        rig.send_status_from(42);
+        rig.send_status_from(127);
+        rig.run_ms(350);
+        assert_eq!(rig.statuses(), []);
+    }
+}
+
+#[test]
+fn who_commands_the_servo_is_the_autopilot() {
+    let mut rig = Rig::running();
+    rig.send_status_from(1);
+    rig.run_ms(10);
+    // Node 10 commands; from now on its status counts, and not that of node 1.
+    rig.send_command(1, 0, 0.0);
+    rig.run_ms(700);
+    rig.forget();
+    rig.send_status_from(1);
+    rig.run_ms(20);
+    assert_eq!(rig.statuses(), []);
+    rig.send_status_from(10);
+    rig.run_ms(5);
+    assert_eq!(rig.statuses().len(), 1);
+}
+
+#[test]
+fn a_silent_autopilot_is_replaced_by_the_nodes_own_second() {
+    let mut rig = Rig::running();
+    for _ in 0..3 {
+        rig.send_status_from(1);
+        rig.run_ms(1000);
+    }
+    rig.forget();
+    rig.run_ms(6000);
+    let gaps = gaps_ms(&rig.statuses());
+    assert!(gaps.len() >= 4 && gaps.iter().all(|gap| (995.0..1030.0).contains(gap)), "{gaps:?}");
+}
+
+#[test]
+fn uptime_counts_true_seconds_and_transfer_ids_count_to_31() {
+    let mut rig = Rig::powered();
+    rig.run_ms(70_400);
+    let statuses = rig.statuses();
+    for (n, (at, data)) in statuses.iter().enumerate() {
+        let (uptime, _, _, vendor_code) = status_fields(data);
+        let exact = *at as f64 / (1000 * MS) as f64;
+        assert!((f64::from(uptime) - exact).abs() < 1.02, "uptime {uptime} at {exact:.3} s");
+        assert_eq!(vendor_code, 0);
+        assert_eq!(data[7], 0xC0 | (n % 32) as u8);
+    }
+    assert!(statuses.len() >= 70);
+    assert_eq!(status_fields(&statuses.last().unwrap().1).0, 70);
+}
+
+#[test]
+fn the_first_status_is_of_a_node_that_initializes_and_the_next_of_one_that_works() {
+    let mut rig = Rig::powered();
+    rig.run_ms(1500);
+    let modes: Vec<u8> = rig.statuses().iter().map(|(_, data)| status_fields(data).2).collect();
+    assert_eq!(modes, [INITIALIZATION, OPERATIONAL]);
+    assert!(rig.statuses()[0].0 < 30 * MS, "the first status comes at once");
+}
+
+#[test]
+fn no_acknowledge_makes_the_node_error_passive_and_it_says_so_when_the_bus_is_back() {
+    let mut rig = Rig::running();
+    let port = rig.bench.port(0);
+    rig.bench.bus().connect(port, false);
+    rig.run_ms(3000);
+    assert_eq!(rig.statuses(), []);
+    rig.bench.bus().connect(port, true);
+    rig.run_ms(1500);
+    let statuses = rig.statuses();
+    assert!(gaps_ms(&statuses).iter().all(|gap| *gap >= 500.0), "no pile of old statuses: {:?}", gaps_ms(&statuses));
+    let (_, health, _, vendor_code) = status_fields(&statuses.last().expect("back on the bus").1);
+    assert_eq!(health, WARNING);
+    assert_ne!(vendor_code & 1 << 8, 0, "frames were given up: {vendor_code:#06x}");
+    assert!(rig.serial.contains("CAN: error-passive"), "{}", rig.serial);
+    assert!(rig.serial.contains("CAN: nothing could be sent"), "{}", rig.serial);
+    // It passes.
+    rig.run_ms(20_000);
+    rig.wait_for("another status", 1100, |rig| {
+        rig.traffic.last().is_some_and(|(_, frame)| frame.id == sim::can::Id::Extended(STATUS_OF_NODE))
+    });
+    let (_, health, _, vendor_code) = status_fields(&rig.statuses().last().unwrap().1);
+    assert_eq!((health, vendor_code), (0, 0));
+}
