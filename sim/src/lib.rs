@@ -16,4 +16,6 @@ pub const F_CPU_HZ: u64 = 16_000_000;
 
 pub mod autopilot;
 pub mod dronecan;
+pub mod links;
 pub mod ui;
+pub mod utilisation;
