@@ -1,7 +1,7 @@
 //! The node on its board. See `board` for the pins, and the library for everything that is not hardware.
 //!
 //! One loop, no operating system: each turn serves every part once, and none ever waits for anything. A turn must not take
-//! longer than 250 us, because the CAN controller holds two frames and a frame lasts 131 us or more (docs/timing.md).
+//! longer than 250 us, because the CAN controller holds two frames and a frame lasts 131 us or more (docs/benchmarks.md).
 
 #![cfg_attr(target_arch = "avr", no_std, no_main, feature(asm_experimental_arch, abi_avr_interrupt))]
 #![deny(unsafe_op_in_unsafe_fn, clippy::undocumented_unsafe_blocks)]

@@ -29,11 +29,11 @@ fn each_command_and_status_gets_a_line() {
     rig.run_ms(100);
     for line in [
         "rx NodeStatus from 1 tid 0: up 10 s, OK, OPERATIONAL",
-        "rx ArrayCommand from 10 tid 0: id 1 unitless +0.500, pulse +1750.0 us",
-        "rx ArrayCommand from 10 tid 1: id 1 position -0.500 rad, pulse +1181.5 us",
-        "rx ArrayCommand from 10 tid 2: id 1 PWM 1234 us, pulse +1234.0 us",
+        "rx ArrayCommand from 10 tid 0: id 1 unitless +0.500, pulse 1750.0 us",
+        "rx ArrayCommand from 10 tid 1: id 1 position -0.500 rad, pulse 1181.5 us",
+        "rx ArrayCommand from 10 tid 2: id 1 PWM 1234 us, pulse 1234.0 us",
         "rx ArrayCommand from 10 tid 3: not for actuator 1",
-        "rx thesis.ServoCommand from 1 tid 4: 90, pulse +1353.0 us",
+        "rx thesis.ServoCommand from 1 tid 4: 90, pulse 1353.0 us",
     ] {
         assert!(rig.serial.lines().any(|told| told == line), "{line:?} is missing in\n{}", rig.serial);
     }

@@ -170,7 +170,11 @@ impl Monitor {
             b'b' => self.write(b),
             b'1' => self.write_places(a, 1),
             b'3' => self.write_places(a, 3),
-            b'p' => self.write_places(b.wrapping_mul(5), 1),
+            b'p' => {
+                self.write(b >> 1);
+                self.push(b'.');
+                self.push(if b & 1 == 0 { b'0' } else { b'5' });
+            }
             b'u' => self.write_long(u32::from(b) << 16 | u32::from(a)),
             _ => {}
         }
@@ -268,7 +272,7 @@ mod tests {
     #[test]
     fn a_command_is_told_with_type_source_transfer_and_value() {
         let event = Event { source: 10, transfer: 7, code: 1, a: 500, b: 3500, ..Event::new(Line::CommandUnitless) };
-        assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse +1750.0 us\r\n");
+        assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n");
     }
 
     #[test]

@@ -1,0 +1,73 @@
+# Everything that a user or CI does here. "make sim" and "make test" are all it takes on a fresh machine.
+
+SHELL := /bin/bash
+.DELETE_ON_ERROR:
+
+TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
+NODE_ELF := $(TARGET_DIR)/avr-atmega168/release/node.elf
+AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec
+VENV := .venv
+TOOLS := $(TARGET_DIR)/tools
+
+.PHONY: help sim test firmware strangers flash size bench lint setup clean
+help:
+	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
+	@echo "make test       every test; installs what is missing first"
+	@echo "make firmware   build node.elf, and show how much of the chip it takes"
+	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
+	@echo "make size       how much of the chip node.elf takes, function by function"
+	@echo "make bench      measure timing in cycles of the AVR, and write docs/benchmarks.md"
+	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
+	@echo "make clean      remove what was built"
+
+sim: firmware
+	cargo run --quiet --release -p sim -- $(ARGS)
+
+firmware:
+	@scripts/setup build
+	cargo firmware
+	@scripts/budget $(NODE_ELF)
+
+# Firmwares on third-party drivers that judge the model of the MCP2515. Cargo unites features over the packages of one call,
+# so the one that needs another feature of its crate is a call of its own.
+strangers:
+	@scripts/setup build
+	cargo build $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate
+	cargo build $(AVR) -p stranger-mcp25xx-wrong-rxb1
+
+test: setup lint firmware strangers $(VENV)/installed
+	cargo test --workspace
+	$(VENV)/bin/python -m pytest -q tests/clients
+
+setup:
+	@scripts/setup test
+
+$(VENV)/installed: tests/clients/requirements.txt
+	python3 -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check -r $<
+	touch $@
+
+lint: setup
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy $(AVR) --bin node -- -D warnings
+	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
+	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
+
+bench: firmware
+	cargo bench --bench timing
+
+size: firmware
+	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(NODE_ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40
+
+flash: firmware $(TOOLS)/bin/ravedude
+	@scripts/setup flash
+	PATH="$(abspath $(TOOLS))/bin:$$PATH" $(if $(PORT),RAVEDUDE_PORT=$(PORT)) cargo upload
+
+$(TOOLS)/bin/ravedude:
+	@scripts/setup flash
+	cargo install --quiet ravedude --version 0.2.2 --locked --root $(TOOLS)
+
+clean:
+	cargo clean
+	rm -rf $(VENV)
