@@ -39,7 +39,7 @@ fn main() -> ! {
     static mut CAN: Option<Mcp2515<CanSpi, CanInterrupt, NodeAcceptance>> = None;
 
     // The only call, so there is always something to take.
-    let Some(dp) = avr_device::atmega168::Peripherals::take() else { loop {} };
+    let Some(dp) = avr_device::atmega168::Peripherals::take() else { unreachable!() };
     NODE.start(guard::reset_cause(&dp.CPU), MONITOR);
     let Board { mut clock, mut serial, can_spi, can_interrupt, mut servo, mut adc } = Board::new(dp);
     let can = CAN.insert(Mcp2515::new(can_spi, can_interrupt, NodeAcceptance, BIT_TIMING));

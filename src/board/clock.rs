@@ -10,7 +10,7 @@ const PRESCALER: u32 = 64;
 
 /// Timer0 counts from 0 to this in a millisecond.
 const TOP: u8 = {
-    assert!(CLOCK_HZ % (PRESCALER * 1000) == 0);
+    assert!(CLOCK_HZ.is_multiple_of(PRESCALER * 1000));
     (CLOCK_HZ / PRESCALER / 1000 - 1) as u8
 };
 

@@ -41,7 +41,7 @@ impl BitTiming {
         let ps2 = if quanta < 16 { 2 } else { quanta / 8 };
         let before = quanta - 1 - ps2;
         // Three fifths to PS1, which is as wide as it goes (8) from 16 quanta on; PS1 must not be less than PS2.
-        let ps1 = if before > 12 { 8 } else { (3 * before + 4) / 5 };
+        let ps1 = if before > 12 { 8 } else { (3 * before).div_ceil(5) };
         let prop = before - ps1;
         assert!(prop >= 1 && prop <= 8 && ps1 >= ps2 && ps2 <= 8);
 

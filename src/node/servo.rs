@@ -86,7 +86,7 @@ mod tests {
         assert_eq!(pulse(Value::Position(HALF_TRAVEL)), us(2000.0));
         assert_eq!(pulse(Value::Position(-HALF_TRAVEL)), us(1000.0));
         assert_eq!(pulse(Value::Position(0)), us(1500.0));
-        let eighth = (0.392_699 * 4096.0f64).round() as i32;
+        let eighth = (core::f64::consts::FRAC_PI_8 * 4096.0).round() as i32;
         assert!(pulse(Value::Position(eighth)).unwrap().0.abs_diff(3500) <= 1);
     }
 
