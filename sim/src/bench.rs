@@ -62,9 +62,14 @@ impl Bench {
         self.now
     }
 
-    /// Runs everything until `t`.
+    /// Whether a debugger has halted a board: then nothing moves.
+    pub fn is_halted(&self) -> bool {
+        self.boards.iter().any(|board| board.avr().is_halted())
+    }
+
+    /// Runs everything until `t`, or until a debugger halts a board.
     pub fn run_until(&mut self, t: Cycles) {
-        while self.now < t {
+        while self.now < t && !self.is_halted() {
             self.step(t);
         }
     }
@@ -76,7 +81,7 @@ impl Bench {
             if condition(self) {
                 return true;
             }
-            if self.now >= end {
+            if self.now >= end || self.is_halted() {
                 return false;
             }
             self.step(end);
@@ -97,6 +102,10 @@ impl Bench {
         let horizon = self.bus.horizon().clamp(self.now + 1, end.max(self.now + 1));
         for board in &mut self.boards {
             board.run_until(horizon);
+        }
+        // The others wait, where they are, until the halted board has come to the horizon too.
+        if self.is_halted() {
+            return;
         }
         self.bus.run_until(horizon);
         for board in &self.boards {

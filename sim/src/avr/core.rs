@@ -163,6 +163,43 @@ impl Core {
         unsafe { (*self.avr).pc }
     }
 
+    /// Sets the program counter, a byte address.
+    pub fn set_pc(&self, address: u32) {
+        assert!((address as usize) < regs::FLASH_BYTES, "no flash at {address:#06x}");
+        // Safety: see the invariant of `Core`; simavr expects an even address within flash.
+        unsafe { (*self.avr).pc = address & !1 }
+    }
+
+    /// Status register.
+    pub fn sreg(&self) -> u8 {
+        // Safety: see the invariant of `Core`; sreg has eight flags of 0 or 1.
+        let flags = unsafe { (*self.avr).sreg };
+        flags.iter().enumerate().fold(0, |sreg, (bit, flag)| sreg | u8::from(*flag != 0) << bit)
+    }
+
+    /// Sets the status register. Interrupts that are pending come as after SEI.
+    pub fn set_sreg(&self, value: u8) {
+        let enabled_before = self.interrupts_enabled();
+        // Safety: see the invariant of `Core`. interrupt_state is what simavr's own SREG writes set: -1 for "look
+        // after the next instruction", 0 for none.
+        unsafe {
+            (*self.avr).sreg = std::array::from_fn(|bit| value >> bit & 1);
+            if !self.interrupts_enabled() {
+                (*self.avr).interrupt_state = 0;
+            } else if !enabled_before {
+                (*self.avr).interrupt_state = -1;
+            }
+        }
+    }
+
+    /// Stores a byte in an I/O register, with all that a program's store sets off.
+    pub fn store(&self, address: u16, value: u8) {
+        assert!((regs::IO_FIRST..regs::RAMSTART).contains(&address), "no I/O register at {address:#06x}");
+        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
+        let slot = unsafe { (*self.avr).io[usize::from(address - regs::IO_FIRST)].w };
+        self.forward_write((slot.c, slot.param), address, value);
+    }
+
     /// Byte address where a reset continues.
     pub fn set_reset_pc(&self, address: u32) {
         // Safety: see the invariant of `Core`.

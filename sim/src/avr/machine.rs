@@ -16,6 +16,7 @@ use simavr_ffi as ffi;
 
 use super::adc::Adc;
 use super::core::{Activity, Core, WriteHandler};
+use super::debug::Debug;
 use super::eeprom::Eeprom;
 use super::noise::Noise;
 use super::pins::Pins;
@@ -94,6 +95,7 @@ pub(super) struct Machine {
     pub adc: RefCell<Adc>,
     pub timer1: RefCell<Timer1>,
     pub pins: Pins,
+    pub debug: Debug,
     resets: RefCell<Vec<Reset>>,
     reset_cause: Cell<Option<ResetCause>>,
     violations: RefCell<Vec<Violation>>,
@@ -116,6 +118,7 @@ impl Machine {
             adc: RefCell::new(Adc::new()),
             timer1: RefCell::new(Timer1::new(0)),
             pins: Pins::default(),
+            debug: Debug::default(),
             resets: RefCell::default(),
             reset_cause: Cell::new(None),
             violations: RefCell::default(),
@@ -195,7 +198,7 @@ impl Machine {
         self.after_reset();
     }
 
-    /// Runs to `until`, with all that the chip does on its own.
+    /// Runs to `until`, with all that the chip does on its own, or until a debugger halts it.
     pub fn run_until(&self, until: Cycles) {
         if self.now() >= until {
             return;
@@ -203,6 +206,9 @@ impl Machine {
         let core = &self.core;
         self.schedule(Timer::Stop, until);
         loop {
+            if self.debug.is_watching() && self.debug.halts(&self.core) {
+                return;
+            }
             let asleep_for_good = core.activity() == Activity::Sleeping && !core.interrupts_enabled();
             if core.activity() == Activity::Running {
                 core.run_one();

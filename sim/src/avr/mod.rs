@@ -22,8 +22,10 @@
 
 mod adc;
 mod core;
+mod debug;
 mod eeprom;
 mod elf;
+mod hex;
 mod machine;
 mod noise;
 mod pins;
@@ -40,6 +42,7 @@ use std::rc::{Rc, Weak};
 
 use anyhow::Result;
 
+pub use debug::{Debugger, Halt, Registers};
 pub use elf::{Firmware, Symbol};
 pub use machine::SpiDevice;
 pub use noise::Noise;
@@ -47,6 +50,7 @@ pub use pins::PinWatcher;
 pub use pulse::{Pulse, PulseMeter};
 pub use spi::SpiByte;
 pub use timer1::Oc;
+pub use uart::SerialCharacter;
 
 use self::core::Activity;
 use crate::Cycles;
@@ -164,7 +168,7 @@ impl Avr {
     }
 
     /// Runs the program until `t`; the last instruction or interrupt entry may end later. A chip
-    /// that sleeps or has crashed lets the time pass.
+    /// that sleeps or has crashed lets the time pass; one that a debugger halts does not.
     pub fn run_until(&mut self, t: Cycles) -> State {
         self.machine.run_until(t);
         self.state()
@@ -243,6 +247,12 @@ impl Avr {
         self.machine.uart.borrow_mut().take_sent()
     }
 
+    /// Characters that began on TXD and RXD since the last call, for who draws the lines. The first call begins to
+    /// keep them.
+    pub fn serial_trace(&mut self) -> Vec<SerialCharacter> {
+        self.machine.uart.borrow_mut().take_trace()
+    }
+
     /// Sends bytes to the serial port. They arrive one after the other at the rate that the program
     /// has set, once the receiver is on; a program that is too slow loses some.
     pub fn serial_send(&mut self, bytes: &[u8]) {
@@ -252,6 +262,11 @@ impl Avr {
     /// Bytes given to [`Avr::serial_send`] that have not arrived yet.
     pub fn serial_unsent(&self) -> usize {
         self.machine.uart.borrow().unsent_to_chip()
+    }
+
+    /// Drops the bytes given to [`Avr::serial_send`] that have not begun to arrive.
+    pub fn serial_discard(&mut self) {
+        self.machine.uart.borrow_mut().discard_to_chip();
     }
 
     /// Bytes that the program lost because it read too late.
@@ -326,6 +341,16 @@ impl Avr {
     /// Program counter, as a byte address.
     pub fn pc(&self) -> u32 {
         self.machine.core.pc()
+    }
+
+    /// Whether a debugger has halted the chip. No time passes for it then.
+    pub fn is_halted(&self) -> bool {
+        self.machine.debug.is_halted()
+    }
+
+    /// Access for a debugger.
+    pub fn debugger(&mut self) -> Debugger {
+        Debugger::new(Rc::clone(&self.machine))
     }
 
     /// All of flash.

@@ -4,6 +4,8 @@
 
 #![allow(missing_docs, reason = "the names are the documentation: see the datasheet's register summary")]
 
+/// First I/O register, behind R0 to R31.
+pub const IO_FIRST: u16 = 0x20;
 /// First byte of the internal SRAM.
 pub const RAMSTART: u16 = 0x0100;
 /// Last byte of the internal SRAM.
@@ -58,6 +60,7 @@ pub const PUD: u8 = 1 << 4;
 
 pub const SPL: u16 = 0x5D;
 pub const SPH: u16 = 0x5E;
+pub const SREG: u16 = 0x5F;
 
 pub const WDTCSR: u16 = 0x60;
 pub const WDIE: u8 = 1 << 6;

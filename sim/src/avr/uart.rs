@@ -19,6 +19,21 @@ use crate::Cycles;
 /// Received bytes that wait for the program (section 20.7.3: "two level FIFO").
 const RECEIVE_FIFO: usize = 2;
 
+/// A character on one of the two lines, when it begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SerialCharacter {
+    /// On RXD, to the chip; else on TXD.
+    pub to_chip: bool,
+    /// Beginning of the start bit.
+    pub start: Cycles,
+    /// Length of a bit in CPU cycles.
+    pub cycles_per_bit: u64,
+    /// The levels, start bit first, from bit 0 on.
+    pub levels: u16,
+    /// How many levels: 10 for 8N1. 0: a reset has cut the line's character short, and the line is idle from `start` on.
+    pub bits: u8,
+}
+
 /// USART0 and the line on both sides of it.
 #[derive(Debug, Default)]
 pub(super) struct Uart {
@@ -31,12 +46,19 @@ pub(super) struct Uart {
     waiting: Option<u8>,
     received: VecDeque<u8>,
     overruns: u32,
+    /// Characters begun, if somebody wants to see them.
+    trace: Option<Vec<SerialCharacter>>,
 }
 
 impl Uart {
     /// A reset: bytes in the chip are lost, bytes on the line wait for the receiver.
     pub fn reset(&mut self, machine: &Machine) {
+        if let Some(trace) = self.trace.as_mut().filter(|_| self.sending.is_some()) {
+            let start = machine.now();
+            trace.push(SerialCharacter { to_chip: false, start, cycles_per_bit: 0, levels: 0, bits: 0 });
+        }
         *self = Uart {
+            trace: self.trace.take(),
             sent: std::mem::take(&mut self.sent),
             line: std::mem::take(&mut self.line),
             overruns: self.overruns,
@@ -48,14 +70,28 @@ impl Uart {
 
     /// Duration of one character, from start bit to last stop bit.
     pub fn cycles_per_byte(machine: &Machine) -> u64 {
+        let character = Uart::character(machine, 0);
+        u64::from(character.bits) * character.cycles_per_bit
+    }
+
+    /// A byte as it goes over the line now, in the frame format and at the rate that the program has set.
+    fn character(machine: &Machine, byte: u8) -> SerialCharacter {
         let core = &machine.core;
         let (a, b, c) = (core.get(UCSR0A), core.get(UCSR0B), core.get(UCSR0C));
         let divisor = u64::from(u16::from_le_bytes([core.get(UBRR0L), core.get(UBRR0H) & 0x0F])) + 1;
         let cycles_per_bit = divisor * if a & U2X0 != 0 { 8 } else { 16 };
-        let data_bits = if b & UCSZ02 != 0 { 9 } else { 5 + u64::from((c >> 1) & 0b11) };
-        let parity_bits = u64::from(c & UPM0 != 0);
+        let data_bits = if b & UCSZ02 != 0 { 9 } else { 5 + ((c >> 1) & 0b11) };
         let stop_bits = if c & USBS0 != 0 { 2 } else { 1 };
-        (1 + data_bits + parity_bits + stop_bits) * cycles_per_bit
+        let data = u16::from(byte) & ((1 << data_bits) - 1);
+        let (mut levels, mut bits) = (data << 1, 1 + data_bits);
+        if c & UPM0 != 0 {
+            // Both UPM0 bits: odd parity; the upper one alone: even.
+            let odd = u16::from(c & UPM0 == UPM0);
+            levels |= (data.count_ones() as u16 & 1 ^ odd) << bits;
+            bits += 1;
+        }
+        levels |= ((1 << stop_bits) - 1) << bits;
+        SerialCharacter { to_chip: false, start: machine.now(), cycles_per_bit, levels, bits: bits + stop_bits }
     }
 
     /// Writes UDR0.
@@ -163,9 +199,19 @@ impl Uart {
         self.start_receiving(machine, machine.now());
     }
 
+    /// Drops the bytes from outside that have not begun to arrive.
+    pub fn discard_to_chip(&mut self) {
+        self.line.clear();
+    }
+
     /// Bytes sent by the program, each with the end of its last stop bit.
     pub fn take_sent(&mut self) -> Vec<(Cycles, u8)> {
         std::mem::take(&mut self.sent)
+    }
+
+    /// Characters that began since the last call, on both lines; from the first call on.
+    pub fn take_trace(&mut self) -> Vec<SerialCharacter> {
+        self.trace.replace(Vec::new()).unwrap_or_default()
     }
 
     /// Bytes from outside that have not arrived yet.
@@ -180,7 +226,17 @@ impl Uart {
 
     fn start_sending(&mut self, machine: &Machine, value: u8, at: Cycles) {
         self.sending = Some(value);
-        machine.schedule(Timer::UartSend, at + Uart::cycles_per_byte(machine));
+        let end = self.begin(machine, value, at, false);
+        machine.schedule(Timer::UartSend, end);
+    }
+
+    /// A character begins on a line: returns its end.
+    fn begin(&mut self, machine: &Machine, byte: u8, start: Cycles, to_chip: bool) -> Cycles {
+        let character = SerialCharacter { to_chip, start, ..Uart::character(machine, byte) };
+        if let Some(trace) = &mut self.trace {
+            trace.push(character);
+        }
+        start + u64::from(character.bits) * character.cycles_per_bit
     }
 
     fn start_receiving(&mut self, machine: &Machine, at: Cycles) {
@@ -198,6 +254,7 @@ impl Uart {
             self.overruns += 1;
         }
         self.arriving = Some(byte);
-        machine.schedule(Timer::UartReceive, at + Uart::cycles_per_byte(machine));
+        let end = self.begin(machine, byte, at, true);
+        machine.schedule(Timer::UartReceive, end);
     }
 }

@@ -1,1 +1,449 @@
-//! (to come)
+//! A port for avr-gdb: GDB's remote serial protocol over TCP, on loopback.
+//!
+//! The crate `gdbstub` speaks the protocol; this file gives it the AVR. (simavr has a debugger of its own, but it runs
+//! the chip by itself, past the bench, and on a fixed port.) A debugger that attaches halts the board. While the board
+//! is halted nothing moves: no time passes on the bus and for the other boards, and the simulation goes on where it was.
+//!
+//! Memory is where the AVR tool chain puts it: flash at 0, data space at 0x800000, EEPROM at 0x810000; flash can be
+//! written too, so `load` works. Breakpoints are in the run loop, not in flash: any number, of either kind. `step` goes
+//! into an interrupt that happens to come.
+//!
+//! Limits: one debugger at a time, others wait; no watchpoints; registers of peripherals read without side effects,
+//! so a counter that runs shows the value that was last written or read.
+//!
+//! Source: "GDB Remote Serial Protocol", GDB manual appendix E; register numbers as GDB's avr-tdep.c.
+
+use super::Link;
+use crate::avr::regs::{EEPROM_BYTES, FLASH_BYTES, RAMEND};
+use crate::avr::{Debugger, Halt, Registers};
+use crate::bench::Bench;
+use anyhow::{Context, Result};
+use gdbstub::arch::{Arch, RegId};
+use gdbstub::common::Signal;
+use gdbstub::conn::Connection;
+use gdbstub::stub::state_machine::GdbStubStateMachine as Session;
+use gdbstub::stub::{GdbStub, SingleThreadStopReason};
+use gdbstub::target::ext::base::BaseOps;
+use gdbstub::target::ext::base::single_register_access::{SingleRegisterAccess, SingleRegisterAccessOps};
+use gdbstub::target::ext::base::singlethread::{
+    SingleThreadBase, SingleThreadResume, SingleThreadResumeOps, SingleThreadSingleStep, SingleThreadSingleStepOps,
+};
+use gdbstub::target::ext::breakpoints::{
+    Breakpoints, BreakpointsOps, HwBreakpoint, HwBreakpointOps, SwBreakpoint, SwBreakpointOps,
+};
+use gdbstub::target::{Target, TargetError, TargetResult};
+use std::io::{self, ErrorKind, Read};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::num::NonZeroUsize;
+use std::time::Duration;
+
+/// Addresses of the AVR tool chain.
+const DATA_START: u32 = 0x80_0000;
+const EEPROM_START: u32 = 0x81_0000;
+
+/// A halted bench would spin; a debugger does not feel this pause.
+const HALTED_PAUSE: Duration = Duration::from_millis(1);
+/// Bytes taken from a debugger in one turn: it gets its share, and no more.
+const READ_CHUNK: usize = 4096;
+/// A debugger that asks and does not read the answers is let go at this many bytes of them.
+const UNREAD_MAX: usize = 1 << 20;
+
+/// A port for avr-gdb.
+pub struct Gdb {
+    listener: TcpListener,
+    port: u16,
+    node: usize,
+    chip: Chip,
+    session: Option<Session<'static, Chip, Wire>>,
+}
+
+impl Gdb {
+    /// Waits for avr-gdb on that TCP port of loopback (0: any free one), for the board of that number.
+    ///
+    /// # Errors
+    /// If the port is taken.
+    pub fn open(port: u16, bench: &mut Bench, node: usize) -> Result<Gdb> {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).with_context(|| {
+            format!("cannot wait for avr-gdb on TCP port {port}: is it in use? Choose another with --gdb")
+        })?;
+        listener.set_nonblocking(true)?;
+        let port = listener.local_addr()?.port();
+        let debugger = bench.board(node).avr_mut().debugger();
+        Ok(Gdb { listener, port, node, chip: Chip { debugger, flash_writes: Vec::new() }, session: None })
+    }
+
+    /// The TCP port.
+    pub fn port(&self) -> u16 {
+        self.port
+    }
+
+    fn accept(&mut self) {
+        let Ok((stream, _)) = self.listener.accept() else {
+            return;
+        };
+        let wire = Wire { stream, out: Vec::new() };
+        if wire.stream.set_nonblocking(true).is_err() || wire.stream.set_nodelay(true).is_err() {
+            return;
+        }
+        self.chip.debugger.halt(Halt::Asked);
+        self.session = GdbStub::new(wire).run_state_machine(&mut self.chip).ok();
+        if self.session.is_none() {
+            self.chip.debugger.detach();
+        }
+    }
+
+    /// One turn of a session; none when it has ended.
+    fn converse(&mut self, session: Session<'static, Chip, Wire>) -> Option<Session<'static, Chip, Wire>> {
+        let mut session = self.report(session)?;
+        let mut bytes = [0; READ_CHUNK];
+        let count = match wire(&mut session).stream.read(&mut bytes) {
+            Ok(0) => return None,
+            Ok(count) => count,
+            Err(error) if is_transient(&error) => 0,
+            Err(_) => return None,
+        };
+        for byte in &bytes[..count] {
+            session = match session {
+                Session::Idle(idle) => idle.incoming_data(&mut self.chip, *byte).ok()?,
+                Session::Running(running) => running.incoming_data(&mut self.chip, *byte).ok()?,
+                other => other,
+            };
+            if let Session::CtrlCInterrupt(interrupt) = session {
+                self.chip.debugger.halt(Halt::Asked);
+                let reason = SingleThreadStopReason::Signal(Signal::SIGINT);
+                session = interrupt.interrupt_handled(&mut self.chip, Some(reason)).ok()?;
+            }
+            if matches!(session, Session::Disconnected(_)) {
+                return None;
+            }
+        }
+        let wire = wire(&mut session);
+        wire.push().ok()?;
+        (wire.out.len() <= UNREAD_MAX).then_some(session)
+    }
+
+    /// Tells a debugger that waits for it that the chip has halted.
+    fn report(&mut self, session: Session<'static, Chip, Wire>) -> Option<Session<'static, Chip, Wire>> {
+        let Session::Running(running) = session else {
+            return Some(session);
+        };
+        let debugger = &self.chip.debugger;
+        if debugger.has_crashed() {
+            debugger.halt(Halt::Crashed);
+        }
+        let reason = match debugger.halted() {
+            None => return Some(running.into()),
+            Some(Halt::Asked) => SingleThreadStopReason::Signal(Signal::SIGINT),
+            Some(Halt::Breakpoint) => SingleThreadStopReason::Signal(Signal::SIGTRAP),
+            Some(Halt::Stepped) => SingleThreadStopReason::DoneStep,
+            Some(Halt::Crashed) => SingleThreadStopReason::Signal(Signal::SIGILL),
+        };
+        running.report_stop(&mut self.chip, reason).ok()
+    }
+}
+
+impl Link for Gdb {
+    fn serve(&mut self, bench: &mut Bench) -> Result<()> {
+        match self.session.take() {
+            None => self.accept(),
+            Some(session) => {
+                self.session = self.converse(session);
+                for (address, value) in self.chip.flash_writes.drain(..) {
+                    bench.board(self.node).avr_mut().load_flash(address as usize, &[value]);
+                }
+                if self.session.is_none() {
+                    self.chip.debugger.detach();
+                }
+            }
+        }
+        if self.chip.debugger.halted().is_some() {
+            std::thread::sleep(HALTED_PAUSE);
+        }
+        Ok(())
+    }
+
+    fn status(&self) -> String {
+        let what = match (&self.session, self.chip.debugger.halted()) {
+            (None, _) => "waits for avr-gdb",
+            (Some(_), Some(_)) => "halted by avr-gdb",
+            (Some(_), None) => "avr-gdb attached",
+        };
+        format!("gdb localhost:{}: {what}", self.port)
+    }
+}
+
+impl Drop for Gdb {
+    fn drop(&mut self) {
+        self.chip.debugger.detach();
+    }
+}
+
+fn wire<'a>(session: &'a mut Session<'static, Chip, Wire>) -> &'a mut Wire {
+    match session {
+        Session::Idle(state) => state.borrow_conn(),
+        Session::Running(state) => state.borrow_conn(),
+        Session::CtrlCInterrupt(state) => state.borrow_conn(),
+        Session::Disconnected(state) => state.borrow_conn(),
+    }
+}
+
+fn is_transient(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
+
+/// The connection: what it cannot send at once waits.
+struct Wire {
+    stream: TcpStream,
+    out: Vec<u8>,
+}
+
+impl Wire {
+    fn push(&mut self) -> io::Result<()> {
+        while !self.out.is_empty() {
+            match io::Write::write(&mut self.stream, &self.out) {
+                Ok(count) => drop(self.out.drain(..count)),
+                Err(error) if is_transient(&error) => break,
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Connection for Wire {
+    type Error = io::Error;
+
+    fn write(&mut self, byte: u8) -> io::Result<()> {
+        self.out.push(byte);
+        Ok(())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.push()
+    }
+}
+
+/// What GDB knows as the architecture avr.
+enum AvrArch {}
+
+impl Arch for AvrArch {
+    type Usize = u32;
+    type Registers = Registers;
+    type BreakpointKind = usize;
+    type RegId = Register;
+}
+
+/// A register by GDB's number.
+#[derive(Debug, Clone, Copy)]
+enum Register {
+    R(usize),
+    Sreg,
+    Sp,
+    Pc,
+}
+
+impl RegId for Register {
+    fn from_raw_id(id: usize) -> Option<(Register, Option<NonZeroUsize>)> {
+        let (register, bytes) = match id {
+            0..32 => (Register::R(id), 1),
+            32 => (Register::Sreg, 1),
+            33 => (Register::Sp, 2),
+            34 => (Register::Pc, 4),
+            _ => return None,
+        };
+        Some((register, NonZeroUsize::new(bytes)))
+    }
+}
+
+/// Bytes of all registers together, in GDB's order.
+const REGISTERS_BYTES: usize = 39;
+
+impl gdbstub::arch::Registers for Registers {
+    type ProgramCounter = u32;
+
+    fn pc(&self) -> u32 {
+        self.pc
+    }
+
+    fn gdb_serialize(&self, mut write_byte: impl FnMut(Option<u8>)) {
+        let [spl, sph] = self.sp.to_le_bytes();
+        self.r.into_iter().chain([self.sreg, spl, sph]).chain(self.pc.to_le_bytes()).for_each(|byte| {
+            write_byte(Some(byte));
+        });
+    }
+
+    fn gdb_deserialize(&mut self, bytes: &[u8]) -> Result<(), ()> {
+        let bytes: &[u8; REGISTERS_BYTES] = bytes.try_into().map_err(drop)?;
+        let (r, rest) = bytes.split_at(32);
+        self.r.copy_from_slice(r);
+        self.sreg = rest[0];
+        self.sp = u16::from_le_bytes([rest[1], rest[2]]);
+        self.pc = u32::from_le_bytes([rest[3], rest[4], rest[5], rest[6]]);
+        Ok(())
+    }
+}
+
+/// The board's chip as gdbstub sees it.
+struct Chip {
+    debugger: Debugger,
+    /// Flash changes when nobody can be looking at it: after the turn.
+    flash_writes: Vec<(u32, u8)>,
+}
+
+impl Chip {
+    fn read(&self, address: u32) -> Option<u8> {
+        match address {
+            0..DATA_START => self.debugger.flash(address),
+            DATA_START..EEPROM_START => self.debugger.data(address - DATA_START),
+            EEPROM_START.. => self.debugger.eeprom(address - EEPROM_START),
+        }
+    }
+
+    fn write(&mut self, address: u32, value: u8) -> bool {
+        match address {
+            0..DATA_START => {
+                let exists = (address as usize) < FLASH_BYTES;
+                if exists {
+                    self.flash_writes.push((address, value));
+                }
+                exists
+            }
+            DATA_START..EEPROM_START => self.debugger.set_data(address - DATA_START, value),
+            EEPROM_START.. => self.debugger.set_eeprom(address - EEPROM_START, value),
+        }
+    }
+
+    fn end_of_memory(address: u32) -> u32 {
+        match address {
+            0..DATA_START => FLASH_BYTES as u32,
+            DATA_START..EEPROM_START => DATA_START + u32::from(RAMEND) + 1,
+            EEPROM_START.. => EEPROM_START + EEPROM_BYTES as u32,
+        }
+    }
+}
+
+impl Target for Chip {
+    type Arch = AvrArch;
+    type Error = &'static str;
+
+    fn base_ops(&mut self) -> BaseOps<'_, AvrArch, &'static str> {
+        BaseOps::SingleThread(self)
+    }
+
+    fn support_breakpoints(&mut self) -> Option<BreakpointsOps<'_, Chip>> {
+        Some(self)
+    }
+}
+
+impl SingleThreadBase for Chip {
+    fn read_registers(&mut self, registers: &mut Registers) -> TargetResult<(), Chip> {
+        *registers = self.debugger.registers();
+        Ok(())
+    }
+
+    fn write_registers(&mut self, registers: &Registers) -> TargetResult<(), Chip> {
+        self.debugger.set_registers(registers);
+        Ok(())
+    }
+
+    fn support_single_register_access(&mut self) -> Option<SingleRegisterAccessOps<'_, (), Chip>> {
+        Some(self)
+    }
+
+    fn read_addrs(&mut self, start: u32, data: &mut [u8]) -> TargetResult<usize, Chip> {
+        let available = Chip::end_of_memory(start).saturating_sub(start) as usize;
+        let count = data.len().min(available);
+        for (address, byte) in (start..).zip(&mut data[..count]) {
+            *byte = self.read(address).ok_or(TargetError::NonFatal)?;
+        }
+        if count == 0 { Err(TargetError::NonFatal) } else { Ok(count) }
+    }
+
+    fn write_addrs(&mut self, start: u32, data: &[u8]) -> TargetResult<(), Chip> {
+        let written = (start..).zip(data).all(|(address, byte)| self.write(address, *byte));
+        if written { Ok(()) } else { Err(TargetError::NonFatal) }
+    }
+
+    fn support_resume(&mut self) -> Option<SingleThreadResumeOps<'_, Chip>> {
+        Some(self)
+    }
+}
+
+impl SingleRegisterAccess<()> for Chip {
+    fn read_register(&mut self, (): (), register: Register, buffer: &mut [u8]) -> TargetResult<usize, Chip> {
+        let registers = self.debugger.registers();
+        let bytes = match register {
+            Register::R(index) => &registers.r[index..=index],
+            Register::Sreg => &[registers.sreg][..],
+            Register::Sp => &registers.sp.to_le_bytes()[..],
+            Register::Pc => &registers.pc.to_le_bytes()[..],
+        };
+        buffer[..bytes.len()].copy_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn write_register(&mut self, (): (), register: Register, value: &[u8]) -> TargetResult<(), Chip> {
+        let mut registers = self.debugger.registers();
+        match (register, value) {
+            (Register::R(index), [value]) => registers.r[index] = *value,
+            (Register::Sreg, [value]) => registers.sreg = *value,
+            (Register::Sp, [low, high]) => registers.sp = u16::from_le_bytes([*low, *high]),
+            (Register::Pc, [a, b, c, d]) => registers.pc = u32::from_le_bytes([*a, *b, *c, *d]),
+            _ => return Err(TargetError::NonFatal),
+        }
+        self.debugger.set_registers(&registers);
+        Ok(())
+    }
+}
+
+impl SingleThreadResume for Chip {
+    fn resume(&mut self, _signal: Option<Signal>) -> Result<(), &'static str> {
+        self.debugger.resume(false);
+        Ok(())
+    }
+
+    fn support_single_step(&mut self) -> Option<SingleThreadSingleStepOps<'_, Chip>> {
+        Some(self)
+    }
+}
+
+impl SingleThreadSingleStep for Chip {
+    fn step(&mut self, _signal: Option<Signal>) -> Result<(), &'static str> {
+        self.debugger.resume(true);
+        Ok(())
+    }
+}
+
+impl Breakpoints for Chip {
+    fn support_sw_breakpoint(&mut self) -> Option<SwBreakpointOps<'_, Chip>> {
+        Some(self)
+    }
+
+    fn support_hw_breakpoint(&mut self) -> Option<HwBreakpointOps<'_, Chip>> {
+        Some(self)
+    }
+}
+
+impl SwBreakpoint for Chip {
+    fn add_sw_breakpoint(&mut self, address: u32, _kind: usize) -> TargetResult<bool, Chip> {
+        self.add_hw_breakpoint(address, 0)
+    }
+
+    fn remove_sw_breakpoint(&mut self, address: u32, _kind: usize) -> TargetResult<bool, Chip> {
+        self.remove_hw_breakpoint(address, 0)
+    }
+}
+
+impl HwBreakpoint for Chip {
+    fn add_hw_breakpoint(&mut self, address: u32, _kind: usize) -> TargetResult<bool, Chip> {
+        let exists = (address as usize) < FLASH_BYTES;
+        if exists {
+            self.debugger.set_breakpoint(address);
+        }
+        Ok(exists)
+    }
+
+    fn remove_hw_breakpoint(&mut self, address: u32, _kind: usize) -> TargetResult<bool, Chip> {
+        Ok(self.debugger.clear_breakpoint(address))
+    }
+}

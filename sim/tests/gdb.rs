@@ -1,0 +1,301 @@
+//! avr-gdb, the real one, attached to a board on the bench.
+
+mod avr;
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use avr::MS;
+use sim::avr::Avr;
+use sim::bench::Bench;
+use sim::board::Board;
+use sim::links::Link;
+use sim::links::gdb::Gdb;
+
+/// A test that takes longer has failed.
+const LIMIT: Duration = Duration::from_secs(30);
+
+struct Setup {
+    bench: Bench,
+    gdb: Gdb,
+    elf: PathBuf,
+    directory: PathBuf,
+}
+
+impl Setup {
+    /// Two boards with the program; the first can be debugged.
+    fn new(name: &str) -> Setup {
+        let directory = std::env::temp_dir().join(format!("sim-gdb-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&directory).expect("a temporary directory");
+        let elf = directory.join("debug.elf");
+        let compiled = Command::new("avr-gcc")
+            .args(["-mmcu=atmega168", "-g", "-Og", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+            .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/avr/debug.c"))
+            .arg("-o")
+            .arg(&elf)
+            .status()
+            .expect("avr-gcc, which the Makefile installs");
+        assert!(compiled.success());
+        let mut bench = Bench::new(1_000_000);
+        for name in ["debugged", "other"] {
+            bench.add_board(Board::new(Avr::load(&elf).expect("a program that loads")), name);
+        }
+        let gdb = Gdb::open(0, &mut bench, 0).expect("a free port");
+        Setup { bench, gdb, elf, directory }
+    }
+
+    /// Starts avr-gdb with these commands after it has attached.
+    fn avr_gdb(&self, commands: &[&str]) -> Child {
+        let attach = format!("target remote localhost:{}", self.gdb.port());
+        let mut command = Command::new("avr-gdb");
+        command.args(["-nx", "-batch", "-ex", "set tcp connect-timeout 10", "-ex", &attach]);
+        for line in commands {
+            command.args(["-ex", line]);
+        }
+        command.arg(&self.elf).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.spawn().expect("avr-gdb, which the Makefile installs")
+    }
+
+    /// Runs the bench until avr-gdb has ended; gives what it printed.
+    fn until_end(&mut self, mut child: Child) -> String {
+        let start = Instant::now();
+        while child.try_wait().expect("avr-gdb's state").is_none() {
+            if start.elapsed() > LIMIT {
+                child.kill().expect("avr-gdb ended");
+            }
+            // A debugger on its way finds the chip at its first instruction.
+            if self.gdb.status().contains("waits") && self.bench.now() == 0 {
+                self.gdb.serve(&mut self.bench).expect("a link that goes on");
+            } else {
+                self.turn();
+            }
+        }
+        let output = child.wait_with_output().expect("avr-gdb's output");
+        let text = [output.stdout, output.stderr].concat();
+        let text = String::from_utf8_lossy(&text).into_owned();
+        assert!(start.elapsed() < LIMIT, "{text}");
+        text
+    }
+
+    fn debug(&mut self, commands: &[&str]) -> String {
+        self.until_end(self.avr_gdb(commands))
+    }
+
+    fn turn(&mut self) {
+        self.bench.run_until(self.bench.now() + MS / 10);
+        self.gdb.serve(&mut self.bench).expect("a link that goes on");
+    }
+
+    fn turn_until(&mut self, condition: impl Fn(&Setup) -> bool) {
+        let start = Instant::now();
+        while !condition(self) {
+            assert!(start.elapsed() < LIMIT, "{}", self.gdb.status());
+            self.turn();
+        }
+    }
+
+    fn assert_free(&mut self) {
+        self.turn_until(|setup| setup.gdb.status().contains("waits"));
+        let before = self.bench.now();
+        self.bench.run_for_ms(5);
+        assert_eq!(self.bench.now(), before + 5 * MS);
+    }
+}
+
+impl Drop for Setup {
+    fn drop(&mut self) {
+        std::fs::remove_dir_all(&self.directory).expect("the temporary directory removed");
+    }
+}
+
+#[track_caller]
+fn assert_in_order(text: &str, parts: &[&str]) {
+    let mut rest = text;
+    for part in parts {
+        let Some(at) = rest.find(part) else {
+            panic!("no {part:?} in its place in:\n{text}");
+        };
+        rest = &rest[at + part.len()..];
+    }
+}
+
+#[test]
+fn a_breakpoint_shows_arguments_variables_and_callers() {
+    let mut setup = Setup::new("breakpoint");
+    let text = setup.debug(&[
+        "break inner",
+        "continue",
+        "backtrace",
+        "print rounds",
+        "continue",
+        "print rounds",
+        "finish",
+        "info breakpoints",
+        "delete",
+        "detach",
+    ]);
+    assert_in_order(
+        &text,
+        &[
+            "Breakpoint 1, inner (depth=7",
+            "#0  inner (depth=7",
+            "#1",
+            "in outer (depth=6",
+            "#2",
+            "in main ()",
+            "$1 = 0",
+            "Breakpoint 1, inner",
+            "$2 = 1",
+            "outer (depth=6",
+            "PORTC = depth",
+            "already hit 2 times",
+            "detached",
+        ],
+    );
+    setup.assert_free();
+}
+
+#[test]
+fn steps_go_by_instruction_and_by_line() {
+    let mut setup = Setup::new("step");
+    let text = setup.debug(&[
+        "hbreak outer",
+        "continue",
+        "print/x $pc",
+        "stepi",
+        "print $pc != &outer",
+        "step",
+        "step",
+        "step",
+        "print rounds",
+        "kill",
+    ]);
+    assert_in_order(&text, &["Hardware assisted breakpoint 1", "Breakpoint 1, outer", "inner (depth=", "rounds++"]);
+    setup.assert_free();
+}
+
+#[test]
+fn registers_and_all_memories_are_read_and_written() {
+    let mut setup = Setup::new("memory");
+    let text = setup.debug(&[
+        "break inner",
+        "continue",
+        "set $r5 = 0xA5",
+        "set $SREG = 0xC3",
+        "info registers r5 SREG SP pc",
+        "set var rounds = 4660",
+        "print/x rounds",
+        "set {unsigned char}0x810007 = 0x5A",
+        "x/2xb 0x810007",
+        "set {unsigned char}0x800028 = 0x05",
+        "x/xb 0x800028",
+        "x/i $pc",
+        "x/2xh 0",
+        "set {unsigned char}0x3000 = 0x42",
+        "x/xb 0x3000",
+        "x/xb 0x3fff",
+        "x/xb 0x900000",
+    ]);
+    assert_in_order(
+        &text,
+        &[
+            "0xa5",
+            "0xc3",
+            "SP",
+            "<inner",
+            "$1 = 0x1234",
+            "0x5a\t0xff",
+            "0x05",
+            "=> 0x",
+            "out\t0x05, r24",
+            "0x42",
+            "0xff",
+            "Cannot access memory",
+        ],
+    );
+    let avr = setup.bench.board(0).avr();
+    assert_eq!(avr.eeprom()[7], 0x5A);
+    assert_eq!(avr.flash()[0x3000], 0x42);
+}
+
+#[test]
+fn an_interrupt_from_the_keyboard_halts_a_running_program() {
+    let mut setup = Setup::new("interrupt");
+    let child = setup.avr_gdb(&["continue", "print rounds > 0", "print ticks > 0", "backtrace"]);
+    setup.turn_until(|setup| setup.gdb.status().contains("attached"));
+    for _ in 0..50 {
+        setup.turn();
+    }
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+    assert!(sent.success());
+    let text = setup.until_end(child);
+    assert_in_order(&text, &["Program received signal SIGINT", "$1 = 1", "$2 = 1", "main ()"]);
+    setup.assert_free();
+}
+
+#[test]
+fn the_whole_bench_stands_still_while_the_chip_is_halted() {
+    let mut setup = Setup::new("still");
+    let stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
+    setup.turn_until(|setup| setup.gdb.status().contains("halted"));
+    let (before, others) = (setup.bench.now(), setup.bench.board(1).now());
+    setup.bench.run_for_ms(100);
+    assert_eq!((setup.bench.now(), setup.bench.board(1).now()), (before, others));
+    // A debugger that dies leaves a program that runs.
+    drop(stream);
+    setup.assert_free();
+    assert!(setup.bench.board(1).now() > before);
+}
+
+#[test]
+fn a_debugger_that_talks_nonsense_does_no_harm() {
+    let mut setup = Setup::new("nonsense");
+    let mut stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
+    stream.write_all(b"$m0,ffffffff#00$\xff\x00}}#zz$Z0,ffffffff,2#2b$G00#d7$m3fff,100#5b+").expect("sent");
+    setup.turn_until(|setup| !setup.gdb.status().contains("waits"));
+    for _ in 0..20 {
+        setup.turn();
+    }
+    drop(stream);
+    setup.assert_free();
+    assert!(setup.debug(&["break inner", "continue"]).contains("Breakpoint 1, inner"));
+}
+
+#[test]
+fn a_second_debugger_waits_until_the_first_has_gone() {
+    let mut setup = Setup::new("second");
+    let first = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
+    setup.turn_until(|setup| setup.gdb.status().contains("halted"));
+    let second = setup.avr_gdb(&["print rounds"]);
+    drop(first);
+    assert!(setup.until_end(second).contains("$1 = "));
+}
+
+#[test]
+fn a_port_in_use_is_named_in_the_error() {
+    let mut setup = Setup::new("in-use");
+    let port = setup.gdb.port();
+    let error = Gdb::open(port, &mut setup.bench, 0).err().expect("an error");
+    let text = format!("{error:#}");
+    assert!(text.contains(&port.to_string()) && text.contains("in use"), "{text}");
+}
+
+#[test]
+fn breakpoints_of_one_board_do_not_stop_the_other() {
+    let mut setup = Setup::new("other");
+    let text = setup.debug(&["break inner", "continue", "ignore 1 98", "continue", "print rounds"]);
+    assert_in_order(&text, &["Breakpoint 1, inner", "$1 = 99"]);
+    let mut answer = Vec::new();
+    let mut stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
+    stream.set_nonblocking(true).expect("a socket");
+    stream.write_all(b"$?#3f").expect("sent");
+    setup.turn_until(|setup| setup.gdb.status().contains("halted"));
+    for _ in 0..20 {
+        setup.turn();
+        let _ = stream.read_to_end(&mut answer);
+    }
+    assert!(answer.starts_with(b"+$S05#b8") || answer.starts_with(b"+$T05"), "{}", String::from_utf8_lossy(&answer));
+}
