@@ -23,7 +23,7 @@ use std::rc::Rc;
 use anyhow::Result;
 
 use crate::Cycles;
-use crate::avr::{Avr, InputPin, Noise, Oc, Pulse, PulseMeter, ResetCause, SpiByte, State};
+use crate::avr::{Avr, InputPin, Noise, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte, State};
 use crate::mcp2515::Mcp2515;
 
 /// The MCP2515's crystal on the usual boards for this job.
@@ -43,6 +43,26 @@ pub struct Violation {
     pub text: String,
 }
 
+/// What a probe on the board's wires sees, with the time at which it begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WireEvent {
+    /// New level of CS.
+    Cs(bool),
+    /// New level of INT, when the AVR sees it.
+    Int(bool),
+    /// New level of the servo's signal.
+    Servo(bool),
+    /// A byte on the SPI, as it is at the MCP2515, and what that answered.
+    Spi {
+        /// To the MCP2515.
+        byte: SpiByte,
+        /// From the MCP2515.
+        miso: u8,
+    },
+    /// A character on TXD or RXD.
+    Serial(SerialCharacter),
+}
+
 /// The wires between the two chips.
 struct Wires {
     chip: Rc<RefCell<Mcp2515>>,
@@ -54,6 +74,8 @@ struct Wires {
     noise_per_million: Cell<u32>,
     noise: RefCell<Noise>,
     violations: RefCell<Vec<Violation>>,
+    /// What has passed, if there is a probe.
+    probe: RefCell<Option<Vec<(Cycles, WireEvent)>>>,
 }
 
 /// One node.
@@ -61,6 +83,8 @@ pub struct Board {
     avr: Avr,
     wires: Rc<Wires>,
     servo: PulseMeter,
+    servo_pulses: Vec<Pulse>,
+    servo_level: bool,
 }
 
 impl Board {
@@ -84,6 +108,7 @@ impl Board {
             noise_per_million: Cell::new(0),
             noise: RefCell::new(Noise::new(0)),
             violations: RefCell::default(),
+            probe: RefCell::default(),
         });
         wires.int_input.drive(true);
         avr.drive_pin('B', 1, true);
@@ -91,7 +116,7 @@ impl Board {
         avr.watch_pin('B', 1, Box::new(move |level, at| cs.chip_select(level, at)));
         let spi = Rc::clone(&wires);
         avr.connect_spi(Box::new(move |byte| spi.exchange(byte)));
-        let mut board = Board { avr, wires, servo: PulseMeter::new() };
+        let mut board = Board { avr, wires, servo: PulseMeter::new(), servo_pulses: Vec::new(), servo_level: false };
         board.set_temperature_c(20.0);
         board
     }
@@ -123,7 +148,7 @@ impl Board {
 
     /// Lets the AVR see the chip's INT pin. To be called after the bus has moved.
     pub fn update_int(&self) {
-        self.wires.update_int();
+        self.wires.update_int(self.now());
     }
 
     /// Resets the AVR; a power-on restarts the MCP2515 too.
@@ -145,7 +170,7 @@ impl Board {
     pub fn chip_power_off(&mut self, miso: u8) {
         self.chip_reset();
         self.wires.dead_miso.set(Some(miso));
-        self.wires.update_int();
+        self.update_int();
     }
 
     /// Gives the MCP2515 its power back.
@@ -185,8 +210,40 @@ impl Board {
 
     /// Servo pulses that ended since the last call.
     pub fn take_servo_pulses(&mut self) -> Vec<Pulse> {
+        self.look_at_servo();
+        std::mem::take(&mut self.servo_pulses)
+    }
+
+    /// Puts a probe on the wires and returns their levels now, as events at this time.
+    pub fn attach_probe(&mut self) -> Vec<(Cycles, WireEvent)> {
+        self.look_at_servo();
+        self.avr.serial_trace();
+        self.wires.probe.replace(Some(Vec::new()));
+        let levels = [
+            WireEvent::Cs(!self.wires.selected.get()),
+            WireEvent::Int(self.wires.int_level.get()),
+            WireEvent::Servo(self.servo_level),
+        ];
+        levels.map(|level| (self.now(), level)).into()
+    }
+
+    /// What the probe has seen since the last call: each wire in order, one wire after the other. A byte on the SPI is
+    /// seen when it is over, so it may have begun before the call before this one, by 1024 cycles at most.
+    pub fn take_wire_events(&mut self) -> Vec<(Cycles, WireEvent)> {
+        self.look_at_servo();
+        let serial = self.avr.serial_trace();
+        let mut events = self.wires.probe.borrow_mut().as_mut().map(std::mem::take).unwrap_or_default();
+        events.extend(serial.into_iter().map(|character| (character.start, WireEvent::Serial(character))));
+        events
+    }
+
+    fn look_at_servo(&mut self) {
         let edges = self.avr.take_edges(Oc::B);
-        self.servo.feed(edges)
+        for &(at, level) in &edges {
+            self.servo_level = level;
+            self.wires.note(at, WireEvent::Servo(level));
+        }
+        self.servo_pulses.extend(self.servo.feed(edges));
     }
 
     /// Brightness of the light, 0 to 1.
@@ -207,20 +264,28 @@ impl Board {
 
     fn chip_reset_at(&self, at: Cycles) {
         self.wires.chip.borrow_mut().hardware_reset(at);
-        self.wires.update_int();
+        self.wires.update_int(at);
     }
 }
 
 impl Wires {
-    fn update_int(&self) {
+    fn note(&self, at: Cycles, event: WireEvent) {
+        if let Some(probe) = self.probe.borrow_mut().as_mut() {
+            probe.push((at, event));
+        }
+    }
+
+    fn update_int(&self, at: Cycles) {
         let level = self.dead_miso.get().is_some() || self.chip.borrow().int_pin();
         if self.int_level.replace(level) != level {
+            self.note(at, WireEvent::Int(level));
             self.int_input.drive(level);
         }
     }
 
     fn chip_select(&self, level: bool, at: Cycles) {
         self.selected.set(!level);
+        self.note(at, WireEvent::Cs(level));
         if self.dead_miso.get().is_none() {
             let mut chip = self.chip.borrow_mut();
             if level {
@@ -229,11 +294,19 @@ impl Wires {
                 chip.select(at)
             }
             drop(chip);
-            self.update_int();
+            self.update_int(at);
         }
     }
 
     fn exchange(&self, byte: &SpiByte) -> u8 {
+        let byte = SpiByte { mosi: self.disturb(byte.mosi), ..*byte };
+        let miso = self.answer(&byte);
+        self.note(byte.start, WireEvent::Spi { byte, miso });
+        miso
+    }
+
+    /// What comes back for a byte.
+    fn answer(&self, byte: &SpiByte) -> u8 {
         if let Some(miso) = self.dead_miso.get() {
             return miso;
         }
@@ -242,9 +315,8 @@ impl Wires {
             self.violations.borrow_mut().push(Violation { at: byte.end, source: "board", text });
             return 0xFF;
         }
-        let mosi = self.disturb(byte.mosi);
-        let miso = self.chip.borrow_mut().exchange(mosi, byte.end);
-        self.update_int();
+        let miso = self.chip.borrow_mut().exchange(byte.mosi, byte.end);
+        self.update_int(byte.end);
         self.disturb(miso)
     }
 

@@ -1,1 +1,267 @@
-//! (to come)
+//! The wires of one board and of the bus as a VCD file (value change dump), for sigrok and GTKWave.
+//!
+//! Each wire has one bit, under the names that sigrok's decoders are told: CAN (the bus: 0 is dominant), CS, SCK, MOSI,
+//! MISO, INT, TXD, RXD, SERVO. Times are exact to the cycle of 62.5 ns; the unit is 100 ps. For one sample per cycle, which
+//! loses nothing:
+//!
+//! ```text
+//! sigrok-cli -i run.vcd -I vcd:downsample=625 -P can:can_rx=CAN:nominal_bitrate=1000000 -A can
+//! ```
+//!
+//! SPI and UART are simulated by the byte; their bits are drawn from its start and its bit time. CAN, CS, INT and SERVO are
+//! the edges themselves.
+//!
+//! Limits: a byte on the SPI that a reset interrupts is not drawn. MISO floats while CS is high and until the first bit, and
+//! holds the last bit between bytes; the real chip shows its next bit there. INT falls when the AVR sees it, an instruction
+//! or two after the bit on the bus; TXD and RXD are high when idle, whatever the pins do then.
+
+mod writer;
+
+use super::Link;
+use crate::avr::{SerialCharacter, SpiByte};
+use crate::bench::Bench;
+use crate::board::WireEvent;
+use crate::can;
+use crate::{Cycles, F_CPU_HZ};
+use anyhow::{Context, Result};
+use std::cell::RefCell;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use writer::{Level, NAMES, Wire, Writer};
+
+/// The slowest byte on the SPI takes 8 bits of 128 cycles, and is seen when it is over.
+const SPI_LAG: Cycles = 8 * 128;
+/// A program that is killed leaves all but this much.
+const FLUSH_PERIOD: Cycles = F_CPU_HZ / 100;
+
+/// See the module.
+pub struct Vcd {
+    path: PathBuf,
+    node: usize,
+    writer: Writer<File>,
+    /// Changes of the bus since the last turn.
+    bus: Rc<RefCell<Vec<(Cycles, bool)>>>,
+    drawn: Drawn,
+    seen_to: Cycles,
+    next_flush: Cycles,
+    finished: bool,
+}
+
+impl Vcd {
+    /// Creates the file and puts probes on the bus and on the board with this number. The bus has one tap: of two such
+    /// files only the later one sees CAN.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn create(path: &Path, bench: &mut Bench, node: usize) -> Result<Vcd> {
+        let now = bench.now();
+        let mut levels = [Level::High; NAMES.len()];
+        levels[Wire::Sck as usize] = Level::Low;
+        levels[Wire::Mosi as usize] = Level::Low;
+        levels[Wire::Miso as usize] = Level::Floating;
+        levels[Wire::Can as usize] = (!bench.bus().level().is_dominant()).into();
+        for (_, event) in bench.board(node).attach_probe() {
+            if let Some((wire, level)) = plain_level(event) {
+                levels[wire as usize] = level.into();
+            }
+        }
+        let bus = Rc::new(RefCell::new(Vec::new()));
+        let tap = Rc::clone(&bus);
+        bench.bus().set_wire_tap(Some(Box::new(move |at, level: can::Level| {
+            tap.borrow_mut().push((at, !level.is_dominant()));
+        })));
+        let writer = File::create(path)
+            .and_then(|file| Writer::new(file, now, levels))
+            .with_context(|| format!("--vcd: cannot write {}", path.display()))?;
+        let drawn = Drawn { txd_to: now, rxd_to: now };
+        let path = path.to_owned();
+        Ok(Vcd { path, node, writer, bus, drawn, seen_to: now, next_flush: now, finished: false })
+    }
+
+    /// Writes what is left, and the time of the end. Dropping does the same, but cannot report an error.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn finish(&mut self) -> Result<()> {
+        self.finished = true;
+        self.writer.finish(self.seen_to).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    fn look(&mut self, bench: &mut Bench) {
+        for (at, level) in self.bus.take() {
+            self.writer.change(at, Wire::Can, level);
+        }
+        for (at, event) in bench.board(self.node).take_wire_events() {
+            match event {
+                WireEvent::Cs(high) => {
+                    self.writer.change(at, Wire::Cs, high);
+                    if high {
+                        self.writer.change(at, Wire::Miso, Level::Floating);
+                    }
+                }
+                WireEvent::Spi { byte, miso } => draw_spi(&mut self.writer, &byte, miso),
+                WireEvent::Serial(character) => self.drawn.draw_serial(&mut self.writer, &character),
+                WireEvent::Int(_) | WireEvent::Servo(_) => {
+                    if let Some((wire, level)) = plain_level(event) {
+                        self.writer.change(at, wire, level);
+                    }
+                }
+            }
+        }
+        self.seen_to = bench.now();
+    }
+}
+
+impl Link for Vcd {
+    fn serve(&mut self, bench: &mut Bench) -> Result<()> {
+        self.look(bench);
+        let flush = self.seen_to >= self.next_flush;
+        if flush {
+            self.next_flush = self.seen_to + FLUSH_PERIOD;
+        }
+        let safe = bench.bus().now().min(self.seen_to.saturating_sub(SPI_LAG));
+        let written = self.writer.advance(safe).and_then(|()| if flush { self.writer.flush() } else { Ok(()) });
+        if written.is_err() {
+            // The end would not get any further.
+            self.finished = true;
+        }
+        written.with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    fn status(&self) -> String {
+        format!("wires to {}, {:.1} MB", self.path.display(), self.writer.bytes() as f64 / 1e6)
+    }
+}
+
+impl Drop for Vcd {
+    fn drop(&mut self) {
+        if !self.finished {
+            // Nobody is left to tell. A file that cannot be finished is still readable.
+            let _ = self.finish();
+        }
+    }
+}
+
+/// Events that are the edge of one wire.
+fn plain_level(event: WireEvent) -> Option<(Wire, bool)> {
+    match event {
+        WireEvent::Cs(high) => Some((Wire::Cs, high)),
+        WireEvent::Int(high) => Some((Wire::Int, high)),
+        WireEvent::Servo(high) => Some((Wire::Servo, high)),
+        WireEvent::Spi { .. } | WireEvent::Serial(_) => None,
+    }
+}
+
+/// Draws the bits of a byte (datasheet section 19.4): with CPHA = 0 data is there half a bit before the first edge of SCK,
+/// with CPHA = 1 it changes at the first edge.
+fn draw_spi<W: std::io::Write>(writer: &mut Writer<W>, byte: &SpiByte, miso: u8) {
+    let idle = byte.mode & 0b10 != 0;
+    let late_phase = byte.mode & 0b01 != 0;
+    let half = byte.cycles_per_bit / 2;
+    for bit in 0..8_u8 {
+        let begin = byte.start + u64::from(bit) * byte.cycles_per_bit;
+        let mask = 0x80 >> bit;
+        writer.change(begin, Wire::Mosi, byte.mosi & mask != 0);
+        writer.change(begin, Wire::Miso, miso & mask != 0);
+        writer.change(begin, Wire::Sck, idle ^ late_phase);
+        writer.change(begin + half, Wire::Sck, idle ^ !late_phase);
+    }
+    writer.change(byte.end, Wire::Sck, idle);
+}
+
+/// To where the serial lines have been drawn: characters are drawn when they begin.
+struct Drawn {
+    txd_to: Cycles,
+    rxd_to: Cycles,
+}
+
+impl Drawn {
+    fn draw_serial<W: std::io::Write>(&mut self, writer: &mut Writer<W>, character: &SerialCharacter) {
+        let (wire, drawn_to) =
+            if character.to_chip { (Wire::Rxd, &mut self.rxd_to) } else { (Wire::Txd, &mut self.txd_to) };
+        if character.start < *drawn_to {
+            writer.cut(character.start, wire);
+        }
+        for bit in 0..u64::from(character.bits) {
+            let level = character.levels >> bit & 1 != 0;
+            writer.change(character.start + bit * character.cycles_per_bit, wire, level);
+        }
+        // Stop bits and the idle line are high.
+        let end = character.start + u64::from(character.bits) * character.cycles_per_bit;
+        writer.change(end, wire, true);
+        *drawn_to = end;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Draws and gives the changes of one wire as (cycle, level).
+    fn drawn(wire: &str, draw: impl FnOnce(&mut Writer<&mut Vec<u8>>)) -> Vec<(Cycles, char)> {
+        let mut out = Vec::new();
+        let mut writer = Writer::new(&mut out, 0, [Level::Floating; 9]).unwrap();
+        draw(&mut writer);
+        writer.finish(1_000_000).unwrap();
+        drop(writer);
+        let text = String::from_utf8(out).unwrap();
+        let code = text.lines().find(|line| line.contains(&format!(" {wire} "))).unwrap().split(' ').nth(3).unwrap();
+        let (mut at, mut changes) = (0, Vec::new());
+        for line in text.split_once("$dumpvars").unwrap().1.lines() {
+            if let Some(time) = line.strip_prefix('#') {
+                at = time.parse::<u64>().unwrap() / 625;
+            } else if let Some(level) = line.strip_suffix(code).filter(|level| level.len() == 1) {
+                changes.push((at, level.chars().next().unwrap()));
+            }
+        }
+        changes.retain(|&(_, level)| level != 'z');
+        changes
+    }
+
+    fn byte(mode: u8) -> SpiByte {
+        SpiByte { mosi: 0b1010_0000, start: 100, end: 116, cycles_per_bit: 2, mode }
+    }
+
+    #[test]
+    fn in_mode_0_data_changes_with_the_falling_edge_and_stands_at_the_rising_one() {
+        let clock = drawn("SCK", |writer| draw_spi(writer, &byte(0), 0));
+        let rising: Vec<_> = clock.iter().filter(|(_, level)| *level == '1').map(|(at, _)| *at).collect();
+        assert_eq!(rising, [101, 103, 105, 107, 109, 111, 113, 115]);
+        assert_eq!((clock[0], clock.last()), ((100, '0'), Some(&(116, '0'))));
+        let data = drawn("MOSI", |writer| draw_spi(writer, &byte(0), 0));
+        assert_eq!(data, [(100, '1'), (102, '0'), (104, '1'), (106, '0')]);
+    }
+
+    #[test]
+    fn in_mode_3_the_clock_idles_high_and_data_changes_with_the_falling_edge() {
+        let clock = drawn("SCK", |writer| draw_spi(writer, &byte(3), 0));
+        let falling: Vec<_> = clock.iter().filter(|(_, level)| *level == '0').map(|(at, _)| *at).collect();
+        assert_eq!(falling, [100, 102, 104, 106, 108, 110, 112, 114]);
+        assert_eq!(clock.last(), Some(&(115, '1')));
+        let data = drawn("MISO", |writer| draw_spi(writer, &byte(3), 0x01));
+        assert_eq!(data, [(100, '0'), (114, '1')]);
+    }
+
+    /// 'A' as 8N1: start bit, 0x41 from its lowest bit, stop bit.
+    const CHARACTER: SerialCharacter =
+        SerialCharacter { to_chip: false, start: 1000, cycles_per_bit: 136, levels: 0b10_1000_0010, bits: 10 };
+
+    #[test]
+    fn a_character_has_its_bits_at_the_bit_time() {
+        let mut serial = Drawn { txd_to: 0, rxd_to: 0 };
+        let line = drawn("TXD", |writer| serial.draw_serial(writer, &CHARACTER));
+        let expected = [(0, '0'), (1, '1'), (2, '0'), (7, '1'), (8, '0'), (9, '1')];
+        assert_eq!(line, expected.map(|(bit, level)| (1000 + 136 * bit, level)));
+    }
+
+    #[test]
+    fn a_reset_cuts_a_character_short() {
+        let mut serial = Drawn { txd_to: 0, rxd_to: 0 };
+        let line = drawn("TXD", |writer| {
+            serial.draw_serial(writer, &CHARACTER);
+            serial.draw_serial(writer, &SerialCharacter { start: 1300, levels: 0, bits: 0, ..CHARACTER });
+        });
+        assert_eq!(line, [(1000, '0'), (1136, '1'), (1272, '0'), (1300, '1')]);
+    }
+}

@@ -1,0 +1,253 @@
+//! The file: header, and changes in the order of their times.
+//!
+//! Changes come in out of order, up to a moment before which nothing more will come: what is older is sorted and
+//! written, the rest waits.
+//!
+//! Source: IEEE 1364-2005, section 18.2, "Format of the four-state VCD file".
+
+use crate::{Cycles, F_CPU_HZ};
+use std::io::{self, Write};
+
+/// Units of the time scale in a second: 100 ps, the coarsest power of ten that divides a cycle of 62.5 ns.
+const UNITS_PER_S: u64 = 10_000_000_000;
+const UNITS_PER_CYCLE: u64 = UNITS_PER_S / F_CPU_HZ;
+const _: () = assert!(UNITS_PER_S.is_multiple_of(F_CPU_HZ));
+/// Text is handed to the system in pieces of at least this size, or when `flush` says so. Only whole changes.
+const WRITE_SIZE: usize = 64 * 1024;
+
+/// The wires, in the order of the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wire {
+    Can,
+    Cs,
+    Sck,
+    Mosi,
+    Miso,
+    Int,
+    Txd,
+    Rxd,
+    Servo,
+}
+
+/// Names in the file.
+pub const NAMES: [(Wire, &str); 9] = [
+    (Wire::Can, "CAN"),
+    (Wire::Cs, "CS"),
+    (Wire::Sck, "SCK"),
+    (Wire::Mosi, "MOSI"),
+    (Wire::Miso, "MISO"),
+    (Wire::Int, "INT"),
+    (Wire::Txd, "TXD"),
+    (Wire::Rxd, "RXD"),
+    (Wire::Servo, "SERVO"),
+];
+
+impl Wire {
+    /// Its identifier code.
+    fn code(self) -> u8 {
+        b'!' + self as u8
+    }
+}
+
+/// Level of a wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    Low,
+    High,
+    /// Driven by nobody.
+    Floating,
+}
+
+impl From<bool> for Level {
+    fn from(high: bool) -> Level {
+        if high { Level::High } else { Level::Low }
+    }
+}
+
+impl Level {
+    fn code(self) -> u8 {
+        match self {
+            Level::Low => b'0',
+            Level::High => b'1',
+            Level::Floating => b'z',
+        }
+    }
+}
+
+/// See the module.
+pub struct Writer<W: Write> {
+    out: W,
+    text: Vec<u8>,
+    bytes: u64,
+    /// Not yet written; each wire in order, but for equal times the later wins.
+    pending: Vec<(Cycles, Wire, Level)>,
+    levels: [Level; NAMES.len()],
+    written_to: Cycles,
+}
+
+impl<W: Write> Writer<W> {
+    /// Writes the header, with the levels at `start`.
+    pub fn new(out: W, start: Cycles, levels: [Level; NAMES.len()]) -> io::Result<Writer<W>> {
+        let mut header = String::from(
+            "$comment Time 0 is power-on. One unit is 100 ps, one cycle of the AVR 625 units. $end\n\
+             $timescale 100 ps $end\n$scope module node $end\n",
+        );
+        for (wire, name) in NAMES {
+            header += &format!("$var wire 1 {} {name} $end\n", wire.code() as char);
+        }
+        header += &format!("$upscope $end\n$enddefinitions $end\n#{}\n$dumpvars\n", start * UNITS_PER_CYCLE);
+        let mut text = header.into_bytes();
+        for (wire, _) in NAMES {
+            text.extend([levels[wire as usize].code(), wire.code(), b'\n']);
+        }
+        text.extend(b"$end\n");
+        let mut writer = Writer { out, text, bytes: 0, pending: Vec::new(), levels, written_to: start };
+        writer.flush()?;
+        Ok(writer)
+    }
+
+    /// Notes a change.
+    pub fn change(&mut self, at: Cycles, wire: Wire, level: impl Into<Level>) {
+        self.pending.push((at, wire, level.into()));
+    }
+
+    /// Forgets changes of a wire from `at` on: something else came in between.
+    pub fn cut(&mut self, at: Cycles, wire: Wire) {
+        self.pending.retain(|&(time, other, _)| other != wire || time < at);
+    }
+
+    /// Nothing will change any more before `safe`: writes what is older.
+    pub fn advance(&mut self, safe: Cycles) -> io::Result<()> {
+        self.pending.sort_by_key(|&(at, _, _)| at);
+        let count = self.pending.partition_point(|&(at, _, _)| at < safe);
+        let due: Vec<_> = self.pending.drain(..count).collect();
+        for moment in due.chunk_by(|a, b| a.0 == b.0) {
+            self.write_moment(moment[0].0, moment);
+        }
+        if self.text.len() >= WRITE_SIZE {
+            self.flush()?;
+        }
+        Ok(())
+    }
+
+    fn write_moment(&mut self, at: Cycles, changes: &[(Cycles, Wire, Level)]) {
+        let before = self.levels;
+        for &(_, wire, level) in changes {
+            self.levels[wire as usize] = level;
+        }
+        if self.levels == before {
+            return;
+        }
+        // What was written stays: a late change shows late, and a probe that is late is a mistake in here.
+        debug_assert!(at >= self.written_to, "a change at {at} after {}", self.written_to);
+        self.written_to = self.written_to.max(at);
+        self.write_time(self.written_to);
+        for (wire, _) in NAMES {
+            let level = self.levels[wire as usize];
+            if level != before[wire as usize] {
+                self.text.extend([level.code(), wire.code(), b'\n']);
+            }
+        }
+    }
+
+    fn write_time(&mut self, at: Cycles) {
+        let mut digits = [0; 20];
+        let mut first = digits.len();
+        let mut rest = at * UNITS_PER_CYCLE;
+        while rest > 0 || first == digits.len() {
+            first -= 1;
+            digits[first] = b'0' + (rest % 10) as u8;
+            rest /= 10;
+        }
+        self.text.push(b'#');
+        self.text.extend_from_slice(&digits[first..]);
+        self.text.push(b'\n');
+    }
+
+    /// Hands what is there to the system.
+    pub fn flush(&mut self) -> io::Result<()> {
+        let text = std::mem::take(&mut self.text);
+        self.bytes += text.len() as u64;
+        self.out.write_all(&text)?;
+        self.out.flush()
+    }
+
+    /// Writes all that is left up to `end`, and the time of the end.
+    pub fn finish(&mut self, end: Cycles) -> io::Result<()> {
+        self.advance(end)?;
+        self.pending.clear();
+        if end > self.written_to {
+            self.written_to = end;
+            self.write_time(end);
+        }
+        self.flush()
+    }
+
+    /// Bytes handed to the system.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IDLE: [Level; 9] = [Level::High; 9];
+
+    /// What stands behind the header.
+    fn body(out: &[u8]) -> String {
+        let text = String::from_utf8(out.to_vec()).unwrap();
+        text.split_once("$dumpvars").unwrap().1.split_once("$end\n").unwrap().1.to_owned()
+    }
+
+    #[test]
+    fn the_header_names_each_wire_and_its_first_level() {
+        let mut out = Vec::new();
+        Writer::new(&mut out, 16, IDLE).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        assert!(text.contains("$timescale 100 ps $end\n"), "{text}");
+        assert!(text.contains("$var wire 1 ! CAN $end\n$var wire 1 \" CS $end\n"), "{text}");
+        assert!(text.contains("#10000\n$dumpvars\n1!\n1\"\n"), "{text}");
+    }
+
+    #[test]
+    fn changes_are_written_in_the_order_of_their_times_and_not_too_soon() {
+        let mut out = Vec::new();
+        let mut writer = Writer::new(&mut out, 0, IDLE).unwrap();
+        writer.change(30, Wire::Can, false);
+        writer.change(10, Wire::Cs, false);
+        writer.advance(20).unwrap();
+        writer.change(25, Wire::Sck, false);
+        writer.advance(30).unwrap();
+        writer.flush().unwrap();
+        drop(writer);
+        assert_eq!(body(&out), "#6250\n0\"\n#15625\n0#\n");
+    }
+
+    #[test]
+    fn changes_of_one_moment_share_its_time_and_no_change_is_not_written() {
+        let mut out = Vec::new();
+        let mut writer = Writer::new(&mut out, 0, IDLE).unwrap();
+        writer.change(2, Wire::Miso, false);
+        writer.change(2, Wire::Can, false);
+        writer.change(2, Wire::Miso, Level::Floating);
+        writer.change(3, Wire::Can, false);
+        writer.finish(4).unwrap();
+        drop(writer);
+        assert_eq!(body(&out), "#1250\n0!\nz%\n#2500\n");
+    }
+
+    #[test]
+    fn what_is_cut_does_not_show() {
+        let mut out = Vec::new();
+        let mut writer = Writer::new(&mut out, 0, IDLE).unwrap();
+        writer.change(2, Wire::Txd, false);
+        writer.change(4, Wire::Txd, true);
+        writer.change(5, Wire::Rxd, false);
+        writer.cut(3, Wire::Txd);
+        writer.finish(10).unwrap();
+        drop(writer);
+        assert_eq!(body(&out), "#1250\n0'\n#3125\n0(\n#6250\n");
+    }
+}

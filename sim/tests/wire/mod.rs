@@ -1,0 +1,123 @@
+//! The bench of the tests of logs and wires: the node, an autopilot, and a peer that sends frames of every kind.
+
+// Each test takes what it needs.
+#![allow(dead_code)]
+
+use sim::autopilot::{Autopilot, Settings};
+use sim::bench::{Bench, node_elf};
+use sim::board::Board;
+use sim::can::{Frame, Id, Record, RecordKind, SoftNode};
+use sim::{Cycles, F_CPU_HZ};
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::rc::Rc;
+
+pub const BIT_RATE: u32 = 1_000_000;
+pub const MS: Cycles = F_CPU_HZ / 1000;
+
+/// A directory that goes when the test ends.
+pub struct Directory(PathBuf);
+
+impl Directory {
+    pub fn new(test: &str) -> Directory {
+        let path = std::env::temp_dir().join(format!("sim-wire-{test}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Directory(path)
+    }
+
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+}
+
+impl Drop for Directory {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// See the module.
+pub struct Rig {
+    pub bench: Bench,
+    pub node: usize,
+    autopilot: Autopilot,
+    peer: Rc<RefCell<SoftNode>>,
+}
+
+/// Frames of the peer: both widths, every length, remote frames, runs of equal bits that are stuffed.
+pub fn peer_frames() -> Vec<Frame> {
+    let data = [0x00, 0xFF, 0x55, 0xAA, 0x0F, 0xF8, 0x1C, 0x80];
+    let mut frames = Vec::new();
+    for length in 0..=8 {
+        frames.push(Frame::extended(0x0800_0000 + length as u32, &data[..length]));
+        frames.push(Frame::standard(0x7C0 + length as u16, &data[8 - length..]));
+    }
+    frames.push(Frame::remote(Id::Standard(0x555), 8));
+    frames.push(Frame::remote(Id::Extended(0x1000_FFFF), 0));
+    // With identifier 0, one of tshark's dissectors takes the data for its own and does not show it.
+    frames.push(Frame::extended(1 << 20, &[0; 8]));
+    frames
+}
+
+impl Rig {
+    /// Always the same.
+    pub fn new() -> Rig {
+        let board = Board::load(&node_elf()).expect("run `make firmware`");
+        let mut bench = Bench::new(BIT_RATE);
+        let node = bench.add_board(board, "node");
+        let mut autopilot = Autopilot::new(Settings::default(), BIT_RATE);
+        autopilot.hold(0.5);
+        bench.attach("autopilot", autopilot.station());
+        let peer = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
+        bench.attach("peer", peer.clone());
+        for (frame, number) in peer_frames().into_iter().zip(0..) {
+            peer.borrow_mut().send_at(10 * MS + number * MS, frame);
+        }
+        Rig { bench, node, autopilot, peer }
+    }
+
+    /// Runs for so many milliseconds, and calls `turn` after each, with what has passed on the bus in it.
+    pub fn run(&mut self, milliseconds: u64, mut turn: impl FnMut(&mut Bench, &[Record])) {
+        for _ in 0..milliseconds {
+            let until = self.bench.now() + MS;
+            self.autopilot.advance(until);
+            self.bench.run_until(until);
+            self.autopilot.take_received();
+            self.peer.borrow_mut().take_received();
+            let records = self.bench.bus().take_records();
+            turn(&mut self.bench, &records);
+        }
+    }
+}
+
+/// The frames among the records; there must be no error frames.
+#[track_caller]
+pub fn frames(records: &[Record]) -> Vec<(Cycles, Frame)> {
+    let frame = |record: &Record| match record.kind {
+        RecordKind::Frame { frame, .. } => (record.start, frame),
+        RecordKind::ErrorFrame { .. } => panic!("an error frame: {record:?}"),
+    };
+    records.iter().map(frame).collect()
+}
+
+/// What a program prints.
+#[track_caller]
+pub fn output(program: &str, arguments: &[&str]) -> Vec<u8> {
+    let run = Command::new(program).args(arguments).stdin(Stdio::null()).output();
+    let output = run.unwrap_or_else(|error| panic!("{program} cannot be run ({error}): run `make setup`"));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{program} {arguments:?}: {errors}");
+    output.stdout
+}
+
+#[track_caller]
+pub fn lines(program: &str, arguments: &[&str]) -> Vec<String> {
+    let text = String::from_utf8(output(program, arguments)).unwrap();
+    text.lines().map(str::to_owned).collect()
+}
+
+/// A path as an argument.
+pub fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}

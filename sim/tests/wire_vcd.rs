@@ -1,0 +1,266 @@
+//! The recorded wires, as sigrok's decoders read them. One sample is one cycle of the AVR, so times are compared too.
+
+mod wire;
+
+use sim::Cycles;
+use sim::avr::{Pulse, SpiByte};
+use sim::board::WireEvent;
+use sim::can::{Frame, Id, Record};
+use sim::links::Link;
+use sim::links::vcd::Vcd;
+use std::collections::HashMap;
+use std::path::Path;
+use wire::{Directory, Rig, frames, lines, output, peer_frames, text};
+
+const RUN_MS: u64 = 80;
+/// 625 units of 100 ps: a cycle.
+const INPUT: &str = "vcd:downsample=625";
+
+/// What the simulator itself knows of a run.
+#[derive(Default)]
+struct Known {
+    records: Vec<Record>,
+    serial: Vec<(Cycles, u8)>,
+    pulses: Vec<Pulse>,
+}
+
+fn recorded(path: &Path) -> Known {
+    let mut rig = Rig::new();
+    let node = rig.node;
+    let mut vcd = Vcd::create(path, &mut rig.bench, node).unwrap();
+    let mut known = Known::default();
+    rig.run(RUN_MS, |bench, records| {
+        vcd.serve(bench).unwrap();
+        known.records.extend_from_slice(records);
+        known.serial.extend(bench.board(node).avr_mut().serial_take());
+        known.pulses.extend(bench.board(node).take_servo_pulses());
+    });
+    known
+}
+
+/// The same run without a file: what a probe sees.
+fn probed() -> Vec<(Cycles, WireEvent)> {
+    let mut rig = Rig::new();
+    let node = rig.node;
+    rig.bench.board(node).attach_probe();
+    let mut events = Vec::new();
+    rig.run(RUN_MS, |bench, _| events.extend(bench.board(node).take_wire_events()));
+    events
+}
+
+/// Annotations as (first sample, last sample, text).
+fn decoded(path: &Path, decoder: &str, annotations: &str) -> Vec<(Cycles, Cycles, String)> {
+    let arguments = ["-i", text(path), "-I", INPUT, "-P", decoder, "-A", annotations, "--protocol-decoder-samplenum"];
+    let annotation = |line: &String| {
+        let (samples, rest) = line.split_once(' ').unwrap();
+        let (first, last) = samples.split_once('-').unwrap();
+        let (_, text) = rest.split_once(": ").unwrap();
+        (first.parse().unwrap(), last.parse().unwrap(), text.to_owned())
+    };
+    lines("sigrok-cli", &arguments).iter().map(annotation).collect()
+}
+
+/// CRC-15 of a frame by long division, from its fields as the specification lists them.
+fn crc15(frame: &Frame) -> u16 {
+    let remote = u32::from(frame.remote);
+    let header = match frame.id {
+        Id::Standard(id) => format!("0{id:011b}{remote}00"),
+        Id::Extended(id) => format!("0{:011b}11{:018b}{remote}00", id >> 18, id & 0x3_FFFF),
+    };
+    let data: String = frame.data().iter().map(|byte| format!("{byte:08b}")).collect();
+    let mut bits: Vec<u8> =
+        format!("{header}{:04b}{data}000000000000000", frame.dlc).bytes().map(|digit| digit - b'0').collect();
+    let divisor: Vec<u8> = format!("{:016b}", 0xC599).bytes().map(|digit| digit - b'0').collect();
+    for at in 0..bits.len() - 15 {
+        if bits[at] == 1 {
+            bits[at..].iter_mut().zip(&divisor).for_each(|(bit, divisor)| *bit ^= divisor);
+        }
+    }
+    bits[bits.len() - 15..].iter().fold(0, |crc, &bit| crc << 1 | u16::from(bit))
+}
+
+/// A frame as sigrok's annotations tell it.
+fn as_annotations(frame: &Frame) -> Vec<String> {
+    let mut texts = vec![String::from("Start of frame")];
+    match frame.id {
+        Id::Standard(id) => texts.push(format!("Identifier: {id} ({id:#x})")),
+        Id::Extended(id) => texts.push(format!("Full Identifier: {id} ({id:#x})")),
+    }
+    texts.push(format!("Remote transmission request: {} frame", if frame.remote { "remote" } else { "data" }));
+    texts.push(format!("Data length code: {}", frame.dlc));
+    texts.extend(frame.data().iter().enumerate().map(|(at, byte)| format!("Data byte {at}: {byte:#04x}")));
+    texts.push(format!("CRC-15 sequence: {:#06x}", crc15(frame)));
+    texts.push(String::from("ACK slot: ACK"));
+    texts
+}
+
+#[test]
+fn sigrok_reads_every_frame_with_its_time_and_a_right_crc() {
+    let directory = Directory::new("can");
+    let path = directory.file("run.vcd");
+    let passed = frames(&recorded(&path).records);
+    assert!(passed.len() > peer_frames().len());
+    let annotations = "can=sof:id:full-id:rtr:dlc:data:crc-sequence:ack-slot:warnings";
+    let found = decoded(&path, "can:can_rx=CAN:nominal_bitrate=1000000", annotations);
+    let mut found = found.into_iter().peekable();
+    for (start, frame) in passed {
+        let (first, last, _) = found.peek().expect("one more frame").clone();
+        assert_eq!((first, last), (start, start + 15), "{frame}");
+        let mut texts = Vec::new();
+        while let Some((_, _, text)) = found.next_if(|(_, _, text)| texts.is_empty() || text != "Start of frame") {
+            // The first half of an extended identifier is on its own, too.
+            let half = frame.is_extended() && text.starts_with("Identifier: ");
+            if !half {
+                texts.push(text);
+            }
+        }
+        let mut expected = as_annotations(&frame);
+        if frame.remote && frame.dlc > 0 {
+            // The decoder takes what follows for data; a remote frame has none, whatever its DLC.
+            expected.truncate(4);
+            texts.truncate(4);
+        }
+        assert_eq!(texts, expected, "{frame}");
+    }
+    assert_eq!(found.next(), None);
+}
+
+#[test]
+fn sigrok_reads_every_byte_on_the_spi_both_ways_and_where_cs_ends_a_command() {
+    let directory = Directory::new("spi");
+    let path = directory.file("run.vcd");
+    recorded(&path);
+    let mut commands: Vec<Vec<(SpiByte, u8)>> = Vec::new();
+    let mut events = probed();
+    events.sort_by_key(|(at, _)| *at);
+    for (_, event) in events {
+        match event {
+            WireEvent::Cs(false) => commands.push(Vec::new()),
+            WireEvent::Spi { byte, miso } => commands.last_mut().expect("CS is low").push((byte, miso)),
+            _ => {}
+        }
+    }
+    assert!(commands.len() > 50, "{}", commands.len());
+    let decoder = "spi:clk=SCK:mosi=MOSI:miso=MISO:cs=CS";
+    let hex = |bytes: Vec<u8>| bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
+    let texts = |annotations: &str| -> Vec<_> {
+        decoded(&path, decoder, annotations).into_iter().map(|(_, _, text)| text).collect()
+    };
+    let side = |pick: fn(&(SpiByte, u8)) -> u8| -> Vec<_> {
+        commands.iter().map(|command| hex(command.iter().map(pick).collect())).collect()
+    };
+    assert_eq!(texts("spi=mosi-transfer"), side(|(byte, _)| byte.mosi));
+    assert_eq!(texts("spi=miso-transfer"), side(|(_, miso)| *miso));
+    // The decoder begins a byte at its first sampling edge, half a bit after the start.
+    let starts: Vec<_> = decoded(&path, decoder, "spi=mosi-data").iter().map(|(first, _, _)| *first).collect();
+    let expected = commands.iter().flatten().map(|(byte, _)| byte.start + byte.cycles_per_bit / 2);
+    assert_eq!(starts, expected.collect::<Vec<_>>());
+}
+
+#[test]
+fn sigrok_reads_the_serial_text_at_the_nominal_and_the_true_rate() {
+    let directory = Directory::new("uart");
+    let path = directory.file("run.vcd");
+    let known = recorded(&path);
+    let expected: Vec<u8> = known.serial.iter().map(|(_, byte)| *byte).collect();
+    assert!(expected.starts_with(b"DroneCAN"), "{}", String::from_utf8_lossy(&expected));
+    for rate in ["115200", "117647"] {
+        let decoder = format!("uart:tx=TXD:baudrate={rate}");
+        let found = output("sigrok-cli", &["-i", text(&path), "-I", INPUT, "-P", &decoder, "-B", "uart=tx"]);
+        let (found, last) = found.split_at(expected.len());
+        assert_eq!(String::from_utf8_lossy(found), String::from_utf8_lossy(&expected));
+        assert!(last.len() <= 1, "more than the byte on the line at the end: {last:?}");
+    }
+    let found = decoded(&path, "uart:tx=TXD:baudrate=117647", "uart=tx-warnings");
+    assert_eq!(found, []);
+}
+
+#[test]
+fn sigrok_measures_the_pulses_of_the_servo() {
+    let directory = Directory::new("pwm");
+    let path = directory.file("run.vcd");
+    let known = recorded(&path);
+    let periods: Vec<_> = known
+        .pulses
+        .windows(2)
+        .map(|pair| {
+            let period = pair[1].start - pair[0].start;
+            let duty = pair[0].width_cycles as f64 / period as f64 * 100.0;
+            (pair[0].start, pair[1].start, format!("{duty:.6}%"))
+        })
+        .collect();
+    assert!(periods.len() >= 2, "{:?}", known.pulses);
+    assert_eq!(known.pulses[0].width_cycles, 28_000, "half deflection is 1750 us");
+    assert_eq!(decoded(&path, "pwm:data=SERVO", "pwm=duty-cycle"), periods);
+}
+
+/// Changes of the wires in a file, by name, without their first levels.
+fn changes(path: &Path) -> HashMap<String, Vec<(Cycles, bool)>> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let (header, body) = text.split_once("$dumpvars").unwrap();
+    let (_, body) = body.split_once("$end\n").unwrap();
+    let mut names = HashMap::new();
+    for line in header.lines().filter(|line| line.starts_with("$var wire 1 ")) {
+        let words: Vec<_> = line.split(' ').collect();
+        names.insert(words[3].to_owned(), words[4].to_owned());
+    }
+    assert_eq!(names.len(), 9);
+    let (mut at, mut changes) = (0, HashMap::<_, Vec<_>>::new());
+    for line in body.lines() {
+        match line.split_at(1) {
+            ("#", time) => at = time.parse::<u64>().unwrap(),
+            (level, code) => changes.entry(names[code].clone()).or_default().push((at / 625, level == "1")),
+        }
+        assert_eq!(at % 625, 0);
+    }
+    changes
+}
+
+#[test]
+fn cs_int_and_servo_have_the_edges_of_the_board() {
+    let directory = Directory::new("edges");
+    let path = directory.file("run.vcd");
+    recorded(&path);
+    let mut found = changes(&path);
+    let events = probed();
+    type Pick = fn(&WireEvent) -> Option<bool>;
+    let picks: [(&str, Pick); 3] = [
+        ("CS", |event| if let WireEvent::Cs(level) = event { Some(*level) } else { None }),
+        ("INT", |event| if let WireEvent::Int(level) = event { Some(*level) } else { None }),
+        ("SERVO", |event| if let WireEvent::Servo(level) = event { Some(*level) } else { None }),
+    ];
+    for (name, pick) in picks {
+        let expected: Vec<_> = events.iter().filter_map(|(at, event)| Some((*at, pick(event)?))).collect();
+        assert!(expected.len() > 4, "{name} {expected:?}");
+        assert_eq!(found.remove(name).unwrap(), expected, "{name}");
+    }
+}
+
+/// A run that is killed leaves a file that ends with a whole line, and lacks the last moment only.
+#[test]
+fn the_file_can_be_read_while_it_is_being_written() {
+    let directory = Directory::new("killed");
+    let path = directory.file("run.vcd");
+    let mut rig = Rig::new();
+    let node = rig.node;
+    let mut vcd = Vcd::create(&path, &mut rig.bench, node).unwrap();
+    let mut seen = Vec::new();
+    rig.run(42, |bench, records| {
+        seen.extend_from_slice(records);
+        vcd.serve(bench).unwrap();
+    });
+    assert!(std::fs::read(&path).unwrap().ends_with(b"\n"));
+    let found = decoded(&path, "can:can_rx=CAN:nominal_bitrate=1000000", "can=sof");
+    let before = seen.iter().filter(|record| record.end < 30 * wire::MS).count();
+    assert!(before > 20 && found.len() >= before, "{before} {}", found.len());
+    drop(vcd);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_an_error_that_names_the_file() {
+    let mut rig = Rig::new();
+    let error = Vcd::create(Path::new("/dev/full"), &mut rig.bench, 0).err().unwrap();
+    let error = format!("{error:#}");
+    assert!(error.starts_with("--vcd: cannot write /dev/full: No space left"), "{error}");
+}
