@@ -416,7 +416,7 @@ impl Message {
 }
 
 /// "GetNodeInfo request", "message 2222": the name of what an identifier announces.
-fn name_of(id: CanId) -> String {
+pub(crate) fn name_of(id: CanId) -> String {
     let direction = match id {
         CanId::Service { request: true, .. } => " request",
         CanId::Service { request: false, .. } => " response",
