@@ -5,10 +5,11 @@
 use anyhow::{Context, Result};
 use clap::Parser;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use sim::ui::args::Args;
+use sim::ui::args::{Args, Command};
 use sim::ui::plain::summary;
 use sim::ui::run;
 use sim::ui::scene::Scene;
+use sim::utilisation;
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -27,6 +28,10 @@ fn main() -> ExitCode {
 }
 
 fn run(args: &Args) -> Result<ExitCode> {
+    if let Some(Command::Utilisation(args)) = &args.command {
+        utilisation::run(args, io::stdout().lock())?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let stop = stop_on_signals()?;
     let mut scene = Scene::new(args)?;
     if args.plain || !io::stdout().is_terminal() {

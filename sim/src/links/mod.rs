@@ -3,24 +3,29 @@
 //! A [`Link`] is served between two short slices of simulated time. It never blocks: a client that hangs, floods or dies is
 //! the link's affair, and the simulation goes on.
 
+pub mod eeprom;
 pub mod gdb;
 pub mod log;
 pub mod mcast;
 pub mod pty;
+#[cfg(test)]
+mod scratch;
 pub mod script;
 pub mod serial;
 pub mod slcan;
 pub mod vcd;
 
+use crate::Cycles;
 use crate::bench::Bench;
 use crate::can::Record;
 use anyhow::Result;
 use clap::Args as ClapArgs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Options for what is joined to the bench.
 #[derive(Clone, Debug, Default, ClapArgs)]
 #[command(next_help_heading = "Joining other programs")]
+#[group(id = "links")]
 pub struct Args {
     /// Offer an SLCAN adapter on a pseudo-terminal, linked at PATH (repeatable: one client each, all on the one bus)
     #[arg(long, value_name = "PATH")]
@@ -46,7 +51,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
 
-    /// Record CAN, SPI, INT, UART and servo as one-bit wires for sigrok and GTKWave
+    /// Record CAN, SPI, INT, UART and servo as one-bit wires for sigrok and GTKWave: 1 MB for each simulated second, and up to
+    /// 50 MB on a full bus
     #[arg(long, value_name = "FILE")]
     pub vcd: Option<PathBuf>,
 
@@ -62,9 +68,55 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub nodes: usize,
 
-    /// Keep the node's EEPROM in FILE from run to run
+    /// Keep the node's EEPROM in FILE from run to run; further boards use FILE.1, FILE.2 and so on
     #[arg(long, value_name = "FILE")]
     pub eeprom: Option<PathBuf>,
+}
+
+impl Args {
+    /// Makes everything that was asked for, except for the script. `boards` are the numbers of all boards, the node under
+    /// test first.
+    ///
+    /// # Errors
+    /// If something cannot be had, such as a taken path or port; the message says what to do. What had been made is gone.
+    pub fn open(&self, bench: &mut Bench, boards: &[usize]) -> Result<Vec<Box<dyn Link>>> {
+        let node = boards[0];
+        let mut links: Vec<Box<dyn Link>> = Vec::new();
+        if let Some(path) = &self.eeprom {
+            for (number, board) in boards.iter().enumerate() {
+                links.push(Box::new(eeprom::EepromFile::open(&numbered(path, number), bench, *board)?));
+            }
+        }
+        for path in &self.slcan {
+            links.push(Box::new(slcan::Slcan::open(path, bench)?));
+        }
+        if let Some(path) = &self.serial {
+            links.push(Box::new(serial::SerialPort::open(path, node)?));
+        }
+        if let Some(bus) = self.mcast {
+            links.push(Box::new(mcast::Mcast::open(bus, self.mcast_interface, bench)?));
+        }
+        if let Some(port) = self.gdb {
+            links.push(Box::new(gdb::Gdb::open(port, bench, node)?));
+        }
+        // Files last: what could not be had above leaves none behind.
+        if let Some(path) = &self.log {
+            links.push(Box::new(log::Log::create(path, bench.bus().bit_rate())?));
+        }
+        if let Some(path) = &self.vcd {
+            links.push(Box::new(vcd::Vcd::create(path, bench, node)?));
+        }
+        Ok(links)
+    }
+}
+
+/// `FILE` for number 0, else `FILE.number`.
+fn numbered(path: &Path, number: usize) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    if number > 0 {
+        name.push(format!(".{number}"));
+    }
+    name.into()
 }
 
 /// Something outside of the simulation.
@@ -77,6 +129,17 @@ pub trait Link {
 
     /// A frame or an error frame that has passed on the bus; `from` is the name of its sender, if there is one.
     fn record(&mut self, _record: &Record, _from: Option<&str>) -> Result<()> {
+        Ok(())
+    }
+
+    /// Bytes that a board has sent on its serial port, each with the end of its stop bit.
+    fn serial_output(&mut self, _board: usize, _bytes: &[(Cycles, u8)]) {}
+
+    /// The run is over.
+    ///
+    /// # Errors
+    /// If what was to be kept could not be.
+    fn finish(&mut self, _bench: &mut Bench) -> Result<()> {
         Ok(())
     }
 

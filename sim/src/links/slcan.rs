@@ -1,1 +1,369 @@
-//! (to come)
+//! An SLCAN adapter on a pseudo-terminal: what pydronecan, the DroneCAN GUI Tool and python-can talk to.
+//!
+//! Each adapter is a station of its own on the bus: it arbitrates, acknowledges and waits its bit times while it is open,
+//! and is not there while it is closed. The protocol is in [`protocol`].
+//!
+//! Nothing is lost between a client that reads and a bus that works: a client that writes faster than the bus carries is
+//! held back by its pseudo-terminal. Only what cannot go anywhere is dropped, the oldest first, counted, and shown in the
+//! flags: frames for a client that does not read, and frames for a bus that has taken none for a second.
+//!
+//! Limits: it cannot be seen whether a client is there, so an adapter stays open when its client dies, as a real one
+//! does. One client each: two would steal each other's bytes. Frames that a client sent just before `C` still go out, for
+//! a tenth of a second; some real adapters lose them.
+
+pub mod protocol;
+
+use super::Link;
+use super::pty::{Hold, Pty};
+use crate::bench::Bench;
+use crate::can::{ErrorState, Event, Frame, Level, SoftNode, Station};
+use crate::{Cycles, F_CPU_HZ};
+use anyhow::{Context, Result};
+use protocol::{Command, Lines};
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::path::Path;
+use std::rc::Rc;
+
+const OK: &[u8] = b"\r";
+const ERROR: &[u8] = b"\x07";
+/// Hardware 10, software 13: the versions of the adapter whose protocol this is.
+const VERSION: &[u8] = b"V1013\r";
+const SERIAL_NUMBER: &[u8] = b"NA123\r";
+
+/// Frames that wait for the bus. A fully loaded bus carries about 20 of the shortest between two looks at the client.
+const TO_BUS_MAX: usize = 128;
+/// Lines that wait for the client: half a second of a fully loaded bus.
+const TO_CLIENT_MAX: usize = 4096;
+/// Bytes given to the kernel in one go.
+const CHUNK: usize = 4096;
+/// Bytes obeyed between two slices of simulated time: several times what the bus can carry meanwhile.
+const INPUT_MAX: usize = 16 * 1024;
+/// A full queue that has not moved for this long is given up.
+const BUS_TIMEOUT: Cycles = F_CPU_HZ;
+/// Time for the last frames to go out before the channel is closed.
+const CLOSING_TIMEOUT: Cycles = F_CPU_HZ / 10;
+/// Time stamps count milliseconds of the minute.
+const TIMESTAMP_PERIOD_MS: u64 = 60_000;
+
+/// Bits of the answer to `F`, as in the SJA1000-based adapters.
+mod flag {
+    pub const TO_CLIENT_FULL: u8 = 1 << 0;
+    pub const TO_BUS_FULL: u8 = 1 << 1;
+    pub const ERROR_WARNING: u8 = 1 << 2;
+    pub const OVERRUN: u8 = 1 << 3;
+    pub const ERROR_PASSIVE: u8 = 1 << 5;
+    pub const ARBITRATION_LOST: u8 = 1 << 6;
+    pub const BUS_ERROR: u8 = 1 << 7;
+}
+
+/// Error counters above this make a warning (ISO 11898-1).
+const WARNING_LIMIT: u16 = 96;
+
+/// The adapter's place on the bus: a node while open.
+struct Place {
+    node: Option<SoftNode>,
+}
+
+impl Station for Place {
+    fn drive(&mut self, at: Cycles) -> Level {
+        self.node.as_mut().map_or(Level::Recessive, |node| node.drive(at))
+    }
+
+    fn sample(&mut self, level: Level, at: Cycles) {
+        if let Some(node) = &mut self.node {
+            node.sample(level, at);
+        }
+    }
+
+    fn quiet(&self, at: Cycles) -> bool {
+        self.node.as_ref().is_none_or(|node| node.quiet(at))
+    }
+
+    fn transmitting(&self) -> bool {
+        self.node.as_ref().is_some_and(SoftNode::transmitting)
+    }
+
+    fn bit_time_ps(&self) -> Option<u64> {
+        self.node.as_ref().and_then(SoftNode::bit_time_ps)
+    }
+
+    fn skip_idle(&mut self, bits: u64) {
+        if let Some(node) = &mut self.node {
+            node.skip_idle(bits);
+        }
+    }
+}
+
+/// Lines on their way to the client.
+#[derive(Default)]
+struct Outbox {
+    lines: VecDeque<Vec<u8>>,
+    /// Begun lines, which must be finished.
+    chunk: Vec<u8>,
+}
+
+impl Outbox {
+    /// Queues a line; true if an older one had to go for it.
+    fn push(&mut self, line: Vec<u8>) -> bool {
+        let full = self.lines.len() == TO_CLIENT_MAX;
+        if full {
+            self.lines.pop_front();
+        }
+        self.lines.push_back(line);
+        full
+    }
+
+    fn write_to(&mut self, pty: &Pty) {
+        loop {
+            while self.chunk.len() < CHUNK
+                && let Some(line) = self.lines.pop_front()
+            {
+                self.chunk.extend(line);
+            }
+            if self.chunk.is_empty() {
+                return;
+            }
+            let taken = pty.write(&self.chunk);
+            self.chunk.drain(..taken);
+            if !self.chunk.is_empty() {
+                return;
+            }
+        }
+    }
+}
+
+/// See the module.
+pub struct Slcan {
+    pty: Pty,
+    place: Rc<RefCell<Place>>,
+    bit_rate: u32,
+    /// The client asked for another bit rate than the bus has.
+    wrong_rate: bool,
+    listen_only: bool,
+    timestamps: bool,
+    input: VecDeque<u8>,
+    lines: Lines,
+    outbox: Outbox,
+    flags: u8,
+    /// When the bus last took a frame, or had nothing to take.
+    moved_at: Cycles,
+    closing_until: Option<Cycles>,
+    to_bus: u64,
+    to_client: u64,
+    lost_to_bus: u64,
+    lost_to_client: u64,
+}
+
+impl Slcan {
+    /// Makes an adapter with its port at `path` and puts it on the bus, closed.
+    ///
+    /// # Errors
+    /// If `path` cannot be had; the message says what to do.
+    pub fn open(path: &Path, bench: &mut Bench) -> Result<Slcan> {
+        let pty = Pty::open(path, Hold::Open).context("--slcan")?;
+        let place = Rc::new(RefCell::new(Place { node: None }));
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        bench.attach(&name, place.clone());
+        Ok(Slcan {
+            pty,
+            place,
+            bit_rate: bench.bus().bit_rate(),
+            wrong_rate: false,
+            listen_only: false,
+            timestamps: false,
+            input: VecDeque::new(),
+            lines: Lines::default(),
+            outbox: Outbox::default(),
+            flags: 0,
+            moved_at: 0,
+            closing_until: None,
+            to_bus: 0,
+            to_client: 0,
+            lost_to_bus: 0,
+            lost_to_client: 0,
+        })
+    }
+
+    /// Frames dropped so far: for want of a bus that takes them, and of a client that reads.
+    pub fn lost(&self) -> (u64, u64) {
+        (self.lost_to_bus, self.lost_to_client)
+    }
+
+    fn queued(&self) -> usize {
+        self.place.borrow().node.as_ref().map_or(0, SoftNode::queued)
+    }
+
+    fn is_open(&self) -> bool {
+        self.place.borrow().node.is_some()
+    }
+
+    fn listen_to_bus(&mut self, now: Cycles) {
+        let (frames, events) = match &mut self.place.borrow_mut().node {
+            Some(node) => (node.take_received(), node.take_events()),
+            None => return,
+        };
+        for (_, event) in events {
+            match event {
+                Event::Transmitted(_) => {
+                    self.to_bus += 1;
+                    self.moved_at = now;
+                }
+                Event::ArbitrationLost => self.flags |= flag::ARBITRATION_LOST,
+                Event::Error { .. } | Event::BusOff => self.flags |= flag::BUS_ERROR,
+                _ => {}
+            }
+        }
+        for (at, frame) in frames {
+            let timestamp = (at * 1000 / F_CPU_HZ % TIMESTAMP_PERIOD_MS) as u16;
+            let line = protocol::line(&frame, self.timestamps.then_some(timestamp));
+            self.to_client += 1;
+            if self.outbox.push(line) {
+                self.lost_to_client += 1;
+                self.flags |= flag::TO_CLIENT_FULL | flag::OVERRUN;
+            }
+        }
+    }
+
+    fn listen_to_client(&mut self, now: Cycles) {
+        for _ in 0..INPUT_MAX {
+            if self.closing_until.is_some() && !self.close(now) {
+                return;
+            }
+            if self.queued() >= TO_BUS_MAX {
+                if now - self.moved_at < BUS_TIMEOUT {
+                    return;
+                }
+                self.give_up_on_bus();
+            }
+            if self.input.is_empty() {
+                self.input.extend(self.pty.read());
+            }
+            let Some(byte) = self.input.pop_front() else {
+                return;
+            };
+            match self.lines.push(byte) {
+                None => {}
+                Some(Ok(command)) => self.obey(command, now),
+                Some(Err(())) => self.answer(ERROR),
+            }
+        }
+    }
+
+    fn give_up_on_bus(&mut self) {
+        if let Some(node) = &mut self.place.borrow_mut().node {
+            let before = node.queued();
+            node.clear_queue();
+            self.lost_to_bus += (before - node.queued()) as u64;
+        }
+        self.flags |= flag::TO_BUS_FULL;
+    }
+
+    fn answer(&mut self, text: &[u8]) {
+        self.outbox.push(text.to_vec());
+    }
+
+    fn obey(&mut self, command: Command, now: Cycles) {
+        match command {
+            Command::Nothing | Command::AcceptAll => self.answer(OK),
+            Command::Version => self.answer(VERSION),
+            Command::SerialNumber => self.answer(SERIAL_NUMBER),
+            Command::Flags => {
+                let flags = std::mem::take(&mut self.flags) | self.error_flags();
+                self.answer(format!("F{flags:02X}\r").as_bytes());
+            }
+            Command::Timestamps(on) => {
+                self.timestamps = on;
+                self.answer(OK);
+            }
+            Command::BitRate(_) if self.is_open() => self.answer(ERROR),
+            Command::BitRate(bit_rate) => {
+                // To open it anyway would only show errors; a client that does not look at the answers to its commands
+                // must not get to send either.
+                self.wrong_rate = bit_rate != self.bit_rate;
+                self.answer(if self.wrong_rate { ERROR } else { OK });
+            }
+            Command::Open | Command::Listen if self.wrong_rate => self.answer(ERROR),
+            Command::Open => self.open_channel(false, now),
+            Command::Listen => self.open_channel(true, now),
+            Command::Close => {
+                self.closing_until = Some(now + CLOSING_TIMEOUT);
+                self.close(now);
+            }
+            Command::Send(frame) => self.send(frame, now),
+        }
+    }
+
+    fn open_channel(&mut self, listen_only: bool, now: Cycles) {
+        let mut place = self.place.borrow_mut();
+        if place.node.is_none() {
+            self.flags = 0;
+            self.moved_at = now;
+        }
+        place.node.get_or_insert_with(|| SoftNode::new(self.bit_rate)).set_listen_only(listen_only);
+        drop(place);
+        self.listen_only = listen_only;
+        self.answer(OK);
+    }
+
+    /// Leaves the bus once the last frames are sent, or after a while; true if it has.
+    fn close(&mut self, now: Cycles) -> bool {
+        let waiting = self.queued();
+        if waiting > 0 && self.closing_until.is_some_and(|until| now < until) {
+            return false;
+        }
+        self.closing_until = None;
+        self.lost_to_bus += waiting as u64;
+        if self.place.borrow_mut().node.take().is_some() {
+            // Nobody wants to read, after the next `O`, what was heard before.
+            self.outbox.lines.clear();
+            self.pty.discard_unread();
+        }
+        self.answer(OK);
+        true
+    }
+
+    fn send(&mut self, frame: Frame, now: Cycles) {
+        let mut place = self.place.borrow_mut();
+        let Some(node) = place.node.as_mut().filter(|_| !self.listen_only) else {
+            drop(place);
+            return self.answer(ERROR);
+        };
+        if node.queued() == 0 {
+            self.moved_at = now;
+        }
+        node.send(frame);
+        drop(place);
+        self.answer(if frame.is_extended() { b"Z\r" } else { b"z\r" });
+    }
+
+    fn error_flags(&self) -> u8 {
+        let place = self.place.borrow();
+        let Some(node) = &place.node else {
+            return 0;
+        };
+        let warning = node.tec().max(node.rec()) >= WARNING_LIMIT;
+        let passive = node.error_state() != ErrorState::Active;
+        (if warning { flag::ERROR_WARNING } else { 0 }) | (if passive { flag::ERROR_PASSIVE } else { 0 })
+    }
+}
+
+impl Link for Slcan {
+    fn serve(&mut self, bench: &mut Bench) -> Result<()> {
+        let now = bench.now();
+        self.listen_to_bus(now);
+        self.listen_to_client(now);
+        self.outbox.write_to(&self.pty);
+        Ok(())
+    }
+
+    fn status(&self) -> String {
+        let state = if self.is_open() { "open" } else { "closed" };
+        let (path, lost) = (self.pty.path().display(), self.lost_to_bus + self.lost_to_client);
+        format!("slcan {path}: {state}, {} frames in, {} out, {lost} lost", self.to_bus, self.to_client)
+    }
+
+    fn needs_real_time(&self) -> bool {
+        true
+    }
+}

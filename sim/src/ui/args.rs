@@ -6,6 +6,8 @@ use super::pace::Speed;
 use super::time::parse_duration;
 use crate::autopilot::{CommandType, Settings};
 use crate::dronecan::NodeId;
+use crate::links;
+use crate::utilisation;
 use crate::{Cycles, F_CPU_HZ};
 use clap::Parser;
 use std::path::PathBuf;
@@ -29,16 +31,23 @@ fn after_help() -> String {
          \x20 sim --hold 0.5 --command-type pwm      servo held at 1750 us, commanded in microseconds\n\
          \x20 sim --plain --for 6s --inject cable@2s --inject cable@4s\n\
          \x20                                        the cable is pulled at 2 s and plugged at 4 s\n\
-         \x20 sim --plain --traffic --for 1s         every message on the bus\n",
+         \x20 sim --plain --traffic --for 1s         every message on the bus\n\
+         \x20 sim --no-autopilot --slcan /tmp/can    a port for the DroneCAN GUI Tool: slcan:/tmp/can\n\
+         \x20 sim --serial /tmp/arduino              a port for a terminal program; opening it resets the board\n",
         fault::table()
     )
 }
 
 /// Options of `sim`.
 #[derive(Clone, Debug, Parser)]
+#[command(args_conflicts_with_subcommands = true)]
 #[command(name = "sim", version, about = "The node on a simulated bench", long_about = ABOUT,
           after_long_help = after_help(), max_term_width = 120)]
 pub struct Args {
+    /// Something else than the bench
+    #[command(subcommand)]
+    pub command: Option<Command>,
+
     /// Firmware to boot, an ELF file for the ATmega168 [default: the node.elf that "make firmware" builds]
     #[arg(long, value_name = "PATH")]
     pub elf: Option<PathBuf>,
@@ -90,6 +99,21 @@ pub struct Args {
     /// Cause a fault at a simulated time, for example chip-reset@2s (repeatable; --help lists the names)
     #[arg(long, value_name = "NAME@TIME")]
     pub inject: Vec<Injection>,
+
+    /// Leave the simulated autopilot out: an outside client is to be the only commander
+    #[arg(long, conflicts_with_all = ["hold", "autopilot_id", "actuator", "command_type", "sweep_period"])]
+    pub no_autopilot: bool,
+
+    /// What is joined to the bench.
+    #[command(flatten)]
+    pub links: links::Args,
+}
+
+/// What `sim` does beside the bench.
+#[derive(Clone, Debug, clap::Subcommand)]
+pub enum Command {
+    /// Plan the load of a bus: message types and rates in, per cent out
+    Utilisation(utilisation::Args),
 }
 
 impl Args {
@@ -146,7 +170,8 @@ mod tests {
         assert_eq!(args.speed, Speed::Factor(1.0));
         assert_eq!(args.duration, None);
         assert_eq!(args.autopilot().node_id.get(), 1);
-        assert!(!args.plain);
+        assert!(!args.plain && !args.no_autopilot);
+        assert!(args.links.slcan.is_empty() && args.links.serial.is_none());
     }
 
     #[test]
@@ -172,6 +197,8 @@ mod tests {
             ("sim --hold 2", "-1 to 1"),
             ("sim --speed 0", "max"),
             ("sim --inject gremlins@1s", "stuck-dominant"),
+            ("sim --bootloader boot.hex", "--serial"),
+            ("sim --no-autopilot --hold 0", "--no-autopilot"),
         ] {
             let error = parse(line).unwrap_err().to_string();
             assert!(error.contains(advice), "{error}");

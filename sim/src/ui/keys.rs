@@ -14,6 +14,8 @@ pub enum Action {
     Inject(Fault),
     ToggleFaultMenu,
     TogglePause,
+    /// Shows the load of the bus by node and type in place of the traffic, or the traffic again.
+    ToggleLoad,
     NextCommandType,
     ToggleHelp,
     /// Scrolls the traffic back (positive) or forth by this many pages.
@@ -33,6 +35,7 @@ pub const HELP: &[(&str, &str)] = &[
     ("a", "silence the autopilot, or let it speak"),
     ("f 1..9", "inject a fault; what lasts is ended by the same key"),
     ("r", "press the board's reset button"),
+    ("l", "load of the bus by node and type, or the traffic"),
     ("p space", "pause and resume simulated time"),
     ("PgUp PgDn End", "scroll the bus traffic; End shows the newest"),
     ("h ?", "this help"),
@@ -67,6 +70,7 @@ pub fn action(key: KeyEvent, menu: bool) -> Option<Action> {
         KeyCode::Char('f') => Action::ToggleFaultMenu,
         KeyCode::Char('r') => Action::Inject(Fault::Reset),
         KeyCode::Char('p' | ' ') => Action::TogglePause,
+        KeyCode::Char('l') => Action::ToggleLoad,
         KeyCode::Char('v') => Action::NextCommandType,
         KeyCode::Char('h' | '?') => Action::ToggleHelp,
         KeyCode::Char('q') => Action::Quit,
@@ -95,6 +99,7 @@ mod tests {
             (KeyCode::Char('f'), Action::ToggleFaultMenu),
             (KeyCode::Char('r'), Action::Inject(Fault::Reset)),
             (KeyCode::Char('p'), Action::TogglePause),
+            (KeyCode::Char('l'), Action::ToggleLoad),
             (KeyCode::Char('v'), Action::NextCommandType),
             (KeyCode::Char('?'), Action::ToggleHelp),
             (KeyCode::PageUp, Action::Scroll(1)),

@@ -27,6 +27,9 @@ const DIAL_ROWS: u16 = 16;
 /// From this height on there is room for the dial beside a useful length of traffic.
 const DIAL_FROM_ROWS: u16 = 40;
 const BUS_ROWS: u16 = 4;
+/// Lines for what is joined to the bench, in a small and in a larger terminal.
+const LINK_ROWS_SMALL: u16 = 3;
+const LINK_ROWS: u16 = 12;
 const SIDE_BY_SIDE_FROM_COLUMNS: u16 = 140;
 /// Wide enough for the longest line that the node prints for a command.
 const SERIAL_COLUMNS: u16 = 74;
@@ -49,6 +52,8 @@ pub struct Screen {
     pub paused: bool,
     pub help: bool,
     pub menu: bool,
+    /// The load by node and type is shown in place of the traffic.
+    pub load: bool,
     /// Lines of traffic between the newest and the last one shown.
     pub scroll: usize,
     pub speed: Measured,
@@ -64,9 +69,12 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
     let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + BUS_ROWS };
-    let [title, top, lists, foot] = Layout::vertical([
+    let link_rows_max = if with_dial { LINK_ROWS } else { LINK_ROWS_SMALL };
+    let link_rows = u16::try_from(state.links.len()).unwrap_or(u16::MAX).min(link_rows_max);
+    let [title, top, links, lists, foot] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(top_rows),
+        Constraint::Length(link_rows),
         Constraint::Min(0),
         Constraint::Length(1),
     ])
@@ -88,12 +96,17 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     draw_node(frame, node, state);
     draw_bus(frame, bus, state);
     draw_controller(frame, controller, state);
+    frame.render_widget(link_lines(state, usize::from(link_rows)), links);
     let [traffic, serial] = if area.width >= SIDE_BY_SIDE_FROM_COLUMNS {
         Layout::horizontal([Constraint::Min(0), Constraint::Length(SERIAL_COLUMNS)]).areas(lists)
     } else {
         Layout::vertical([Constraint::Percentage(58), Constraint::Percentage(42)]).areas(lists)
     };
-    draw_traffic(frame, traffic, state, screen.scroll);
+    if screen.load {
+        draw_load(frame, traffic, state);
+    } else {
+        draw_traffic(frame, traffic, state, screen.scroll);
+    }
     draw_serial(frame, serial, state);
     frame.render_widget(foot_line(state, foot.width), foot);
     if screen.menu {
@@ -114,7 +127,10 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
     if screen.paused {
         spans.push(Span::styled(" PAUSED ", WARN.reversed()));
     }
-    let autopilot = &state.autopilot;
+    let Some(autopilot) = &state.autopilot else {
+        spans.push(Span::from(" no autopilot"));
+        return Line::from(spans);
+    };
     let motion = if autopilot.sweeping { "sweeps" } else { "holds" };
     let text =
         format!(" autopilot {} {motion} {:+.2} {}", autopilot.node_id, autopilot.deflection, autopilot.command_type);
@@ -124,6 +140,17 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
         Span::from(text)
     });
     Line::from(spans)
+}
+
+/// What is joined to the bench, with the number of those that do not fit.
+fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
+    let mut lines: Vec<_> = state.links.iter().take(rows).map(|link| Line::from(format!(" {link}"))).collect();
+    let hidden = state.links.len() - lines.len();
+    if hidden > 0 {
+        lines.pop();
+        lines.push(Line::styled(format!(" and {} more", hidden + 1), DIM));
+    }
+    Paragraph::new(lines)
 }
 
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
@@ -158,7 +185,7 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
     lines.remove(1);
     let [dial, text] = Layout::vertical([Constraint::Min(0), Constraint::Length(3)]).areas(inner);
     frame.render_widget(Paragraph::new(lines), text);
-    draw_dial(frame, dial, pulse_us, state.autopilot.deflection);
+    draw_dial(frame, dial, pulse_us, state.autopilot.as_ref().map(|autopilot| autopilot.deflection));
 }
 
 fn angle_degrees(pulse_us: f64) -> f64 {
@@ -187,7 +214,7 @@ fn servo_bar(width: u16, pulse_us: Option<f64>) -> Line<'static> {
 }
 
 /// A half dial, 0 degrees up, with the servo's horn, and the commanded deflection as a mark outside.
-fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflection: f64) {
+fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflection: Option<f64>) {
     // A character cell is about twice as high as wide; the bounds keep the dial round.
     let (bottom, top) = (-0.12, 1.25);
     let cells = f64::from(area.width) / (2.0 * f64::from(area.height.max(1)));
@@ -205,9 +232,11 @@ fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflectio
             context.draw(&stroke(on_circle(degrees, 0.92), on_circle(degrees, 1.0), Color::Gray));
         }
         context.draw(&Circle { x: 0.0, y: 0.0, radius: 0.08, color: Color::Gray });
-        // +-1 commands +-500 us, 45 degrees.
-        let (x, y) = on_circle(deflection * 45.0, 1.1);
-        context.draw(&Circle { x, y, radius: 0.03, color: Color::Yellow });
+        if let Some(deflection) = deflection {
+            // +-1 commands +-500 us, 45 degrees.
+            let (x, y) = on_circle(deflection * 45.0, 1.1);
+            context.draw(&Circle { x, y, radius: 0.03, color: Color::Yellow });
+        }
         if let Some(pulse_us) = pulse_us {
             let degrees = angle_degrees(pulse_us).clamp(-100.0, 100.0);
             context.layer();
@@ -325,6 +354,14 @@ fn draw_controller(frame: &mut Frame<'_>, area: Rect, state: &State) {
     ];
     let title = format!(" MCP2515: {} ", controller.mode);
     let block = Block::bordered().title(title);
+    frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
+fn draw_load(frame: &mut Frame<'_>, area: Rect, state: &State) {
+    let (columns, rows) = (area.width.saturating_sub(2), area.height.saturating_sub(2));
+    let lines = state.load_by_type.borrow_mut().lines(state.now, usize::from(columns), usize::from(rows));
+    let lines: Vec<_> = lines.into_iter().map(Line::from).collect();
+    let block = Block::bordered().title(" Load by node and type (l: traffic) ");
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 

@@ -12,13 +12,13 @@ const SECOND: u64 = crate::F_CPU_HZ;
 fn at_work() -> State {
     let mut state = State::new(1_000_000);
     state.sensor_c = 25.0;
-    state.autopilot = AutopilotState {
+    state.autopilot = Some(AutopilotState {
         node_id: 1,
         deflection: 0.5,
         sweeping: true,
         command_type: String::from("unitless"),
         ..AutopilotState::default()
-    };
+    });
     state.memory = Memory { flash: 9_876, statics: 312, stack: Some(200) };
     state.controller.mode = String::from("Normal");
     state.controller.tec = 3;
@@ -146,6 +146,23 @@ fn the_menu_lists_the_faults_and_marks_those_that_are_on() {
     shows(&picture, &["1 bit-error", "8 spi-noise", "PAUSED"]);
     let closed = drawn(&state, &Screen::default(), 80, 24);
     shows(&closed, &[" no-ack "]);
+}
+
+#[test]
+fn what_is_joined_is_shown_and_leaves_room_for_the_rest() {
+    let mut state = at_work();
+    state.links = (1..=10).map(|number| format!("slcan /tmp/can{number}: open")).collect();
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["slcan /tmp/can1: open", "and 8 more", "42 Temperature device 1 298.25 K", "node 0.1.0 id 42"]);
+    let picture = drawn(&state, &Screen::default(), 140, 45);
+    shows(&picture, &["slcan /tmp/can1: open", "slcan /tmp/can10: open"]);
+}
+
+#[test]
+fn a_bench_without_autopilot_says_so() {
+    let mut state = at_work();
+    state.autopilot = None;
+    shows(&drawn(&state, &Screen::default(), 80, 24), &["no autopilot"]);
 }
 
 #[test]

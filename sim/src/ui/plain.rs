@@ -80,6 +80,7 @@ impl<W: Write> Plain<W> {
             News::Controller(text) => self.line(at, "mcp2515", &text),
             News::Reset(text) => self.line(at, "reset", &text),
             News::Fault(text) => self.line(at, "fault", &text),
+            News::Link(text) => self.line(at, "link", &text),
             News::Crash(text) => self.line(at, "CRASH", &text),
             News::Traffic(line) => self.transfer(at, line),
             News::ErrorFrame(text) => {
@@ -171,12 +172,21 @@ pub fn summary(state: &State, speed: Measured) -> String {
     if let Some(worst) = state.latency.worst {
         line("served within", format!("{:.1} us of the end of a frame", micros(worst)));
     }
-    line("servo", format!("{} pulses for {} commands", state.servo.count, state.autopilot.commands_sent));
+    line(
+        "servo",
+        match &state.autopilot {
+            Some(autopilot) => format!("{} pulses for {} commands", state.servo.count, autopilot.commands_sent),
+            None => format!("{} pulses", state.servo.count),
+        },
+    );
     line("flash", format!("{} of {FLASH_LIMIT} B", memory.flash));
     line("statics", format!("{} of {STATICS_LIMIT} B", memory.statics));
     if let Some(stack) = memory.stack {
         let all = memory.statics + stack;
         line("stack", format!("{stack} B, with statics {all} of {RAM_LIMIT} B"));
+    }
+    for link in &state.links {
+        line("link", link.clone());
     }
     if let Some(crash) = &state.crash {
         line("CRASHED", crash.clone());
@@ -316,6 +326,7 @@ mod tests {
         state.served(1600);
         state.violation(0, String::from("x"));
         state.crashed(0, String::from("jumped into nothing"));
+        state.links.push(String::from("slcan /tmp/can: open"));
         state.pass(5 * F_CPU_HZ);
         let text = summary(&state, Measured { factor: 1.0, capacity: 7.5 });
         for expected in [
@@ -329,6 +340,7 @@ mod tests {
             "312 of 640",
             "512 of 960",
             "jumped into nothing",
+            "link            slcan /tmp/can: open",
         ] {
             assert!(text.contains(expected), "{expected} is missing in\n{text}");
         }

@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 
 /// A slice in real time: short enough for keys and motion to feel immediate.
 const SLICE_S: f64 = 0.01;
+/// The same while clients on the wall clock may wait for an answer.
+const SLICE_WITH_CLIENTS_S: f64 = 0.002;
 /// Limits of a slice in simulated time.
 const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
 const SLICE_MAX: Cycles = F_CPU_HZ / 50;
@@ -34,9 +36,10 @@ struct Clock {
 }
 
 impl Clock {
-    fn new(args: &Args) -> Clock {
+    fn new(args: &Args, scene: &Scene) -> Clock {
+        let slice_s = if scene.needs_real_time() { SLICE_WITH_CLIENTS_S } else { SLICE_S };
         let slice = match args.speed {
-            Speed::Factor(factor) => (factor * SLICE_S * F_CPU_HZ as f64) as Cycles,
+            Speed::Factor(factor) => (factor * slice_s * F_CPU_HZ as f64) as Cycles,
             Speed::Max => SLICE_MAX,
         };
         Clock {
@@ -52,14 +55,14 @@ impl Clock {
     }
 
     /// Simulates a slice and says how long to wait after it.
-    fn step(&mut self, scene: &mut Scene) -> Duration {
+    fn step(&mut self, scene: &mut Scene) -> Result<Duration> {
         let from = scene.now();
         let until = (from + self.slice).min(self.end.unwrap_or(Cycles::MAX));
         let before = self.started.elapsed();
-        scene.advance(until);
+        scene.advance(until)?;
         let after = self.started.elapsed();
         self.pace.worked(scene.now() - from, after - before, after);
-        self.pace.wait(scene.now(), after)
+        Ok(self.pace.wait(scene.now(), after))
     }
 
     fn measured(&self) -> Measured {
@@ -76,13 +79,15 @@ impl Clock {
 /// # Errors
 /// Those of the output, a broken pipe among them.
 pub fn plain(scene: &mut Scene, args: &Args, stop: &AtomicBool, out: impl Write) -> Result<()> {
-    let mut clock = Clock::new(args);
+    let mut clock = Clock::new(args, scene);
     let mut view = Plain::new(out, args.traffic);
     while !clock.is_over(scene) && !stop.load(Ordering::Relaxed) {
-        let wait = clock.step(scene);
+        let wait = clock.step(scene)?;
         view.step(scene.state_mut())?;
         std::thread::sleep(wait);
     }
+    scene.finish()?;
+    view.step(scene.state_mut())?;
     view.summary(scene.state(), clock.average())?;
     Ok(())
 }
@@ -110,25 +115,30 @@ impl Drop for Restored {
 }
 
 fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop: &AtomicBool) -> Result<Measured> {
-    let mut clock = Clock::new(args);
+    let mut clock = Clock::new(args, scene);
     let mut screen = Screen::default();
     let mut page = 0;
     let mut paused_at = Duration::ZERO;
     let mut next_picture = Instant::now();
     let mut next_slice = Instant::now();
-    loop {
+    'run: loop {
         if clock.is_over(scene) || stop.load(Ordering::Relaxed) {
-            return Ok(clock.average());
+            break;
         }
         if !screen.paused && Instant::now() >= next_slice {
             let before = scene.state().traffic_lines;
-            let wait = clock.step(scene);
+            let wait = clock.step(scene)?;
             next_slice = Instant::now() + wait;
             scene.state_mut().take_news();
             // A view that was scrolled back stays on its lines while new ones come.
             if screen.scroll > 0 {
                 screen.scroll += (scene.state().traffic_lines - before) as usize;
             }
+        }
+        if screen.paused {
+            // Clients go on, and would take silence for a broken adapter.
+            scene.serve()?;
+            scene.state_mut().take_news();
         }
         if Instant::now() >= next_picture {
             screen.speed = clock.measured();
@@ -147,7 +157,7 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
             };
             match keys::action(key, screen.menu) {
                 None => {}
-                Some(Action::Quit) => return Ok(clock.average()),
+                Some(Action::Quit) => break 'run,
                 Some(Action::TogglePause) => {
                     screen.paused = !screen.paused;
                     if screen.paused {
@@ -158,6 +168,7 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
                     }
                 }
                 Some(Action::ToggleHelp) => screen.help = !screen.help,
+                Some(Action::ToggleLoad) => screen.load = !screen.load,
                 Some(Action::ToggleFaultMenu) => screen.menu = !screen.menu,
                 Some(Action::Scroll(pages)) => {
                     screen.scroll = screen.scroll.saturating_add_signed(isize::from(pages) * page.max(1) as isize);
@@ -171,6 +182,8 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
             }
         }
     }
+    scene.finish()?;
+    Ok(clock.average())
 }
 
 /// A signal while waiting for a key is not an error: the loop sees its flag.

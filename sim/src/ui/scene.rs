@@ -3,25 +3,32 @@
 //! No terminal and no wall clock, so a scene can be run by a test as well as by a person.
 //!
 //! Three stations share the bus: the node, the autopilot, and a third one that only acknowledges what it hears, as an
-//! analyser does, until it is told to babble. So the autopilot still gets its ACKs when the node's cable is pulled.
+//! analyser does, until it is told to babble. So the autopilot still gets its ACKs when the node's cable is pulled. Further
+//! boards, and stations of the programs that are joined to the bench, come on top. These links are served at least each
+//! simulated millisecond.
 
 use super::args::Args;
 use super::fault::{Fault, Injection};
+use super::pace::Speed;
 use super::state::{AutopilotState, Controller, News, State};
 use crate::autopilot::Autopilot;
 use crate::avr::{self, Avr, Firmware, ResetCause, regs};
 use crate::bench::{Bench, node_elf};
 use crate::board::Board;
 use crate::can::{self, Frame, PortId, SoftNode};
+use crate::links::Link;
+use crate::links::script::{BenchEvent, Script};
 use crate::mcp2515::Fate;
 use crate::{Cycles, F_CPU_HZ};
-use anyhow::Result;
+use anyhow::{Context, Result, bail};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
 /// Byte that node.elf fills its free RAM with at start.
 const STACK_PAINT: u8 = 0xC5;
+/// What a cell of erased flash holds.
+const ERASED: u8 = 0xFF;
 /// First byte behind the statics, where the paint begins.
 const STACK_BOTTOM_SYMBOL: &str = "__heap_start";
 /// The stack is looked at this often.
@@ -37,12 +44,26 @@ const BABBLE_ID: u32 = 0x0000_0A7F;
 /// Full length, and a valid tail byte, for a babbler need not be broken otherwise.
 const BABBLE_DATA: [u8; 8] = [0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0];
 
+/// Longest simulated time between two looks at the links.
+const SERVE_PERIOD: Cycles = F_CPU_HZ / 1000;
+/// The links' own lines are asked for this often.
+const STATUS_PERIOD: Cycles = F_CPU_HZ / 10;
+/// Where the boot loader section of an ATmega168 may begin, as BOOTSZ of the fuses has it (datasheet table 26-4).
+const BOOT_SECTIONS: [usize; 4] = [0x3800, 0x3C00, 0x3E00, 0x3F00];
+
 /// See the module.
 pub struct Scene {
     bench: Bench,
     node: usize,
     node_port: PortId,
-    autopilot: Autopilot,
+    /// Further boards.
+    others: Vec<usize>,
+    autopilot: Option<Autopilot>,
+    links: Vec<Box<dyn Link>>,
+    script: Option<Script>,
+    next_status_at: Cycles,
+    /// Byte address behind the application, if there is a boot loader that may load another.
+    application_end: Option<usize>,
     babbler: Rc<RefCell<SoftNode>>,
     /// Faults to come, in order of time.
     injections: VecDeque<Injection>,
@@ -55,36 +76,71 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Boots the firmware at time 0.
+    /// Boots the firmware at time 0, or the boot loader that is to be given one.
     ///
     /// # Errors
-    /// If there is no firmware, or it cannot be run; the message says what to do.
+    /// If there is no firmware, or it cannot be run, or a link cannot be made; the message says what to do.
     pub fn new(args: &Args) -> Result<Scene> {
-        let path = args.elf.clone().unwrap_or_else(node_elf);
-        Scene::boot(&Firmware::read(&path)?, args)
+        let elf = || Firmware::read(&args.elf.clone().unwrap_or_else(node_elf));
+        let Some(hex) = &args.links.bootloader else {
+            return Scene::boot(&elf()?, args);
+        };
+        let loader = Firmware::read_hex(hex)?;
+        let section = boot_section(&loader).with_context(|| hex.display().to_string())?;
+        // Only further boards have their program already.
+        let others = if args.links.nodes > 0 { elf()? } else { Firmware::default() };
+        Scene::with_programs(&loader, Some(section), &others, args)
     }
 
     /// Boots a firmware that has been read already.
     ///
     /// # Errors
-    /// If simavr does not know the chip.
+    /// If simavr does not know the chip, or a link cannot be made.
     pub fn boot(firmware: &Firmware, args: &Args) -> Result<Scene> {
-        let board = Board::new(Avr::with_firmware(firmware)?);
-        let mut bench = Bench::new(args.bit_rate);
-        let node = bench.add_board(board, "node");
-        let mut autopilot = Autopilot::new(args.autopilot(), args.bit_rate);
-        if let Some(deflection) = args.hold {
-            autopilot.hold(deflection);
+        Scene::with_programs(firmware, None, firmware, args)
+    }
+
+    /// `firmware` is the node's, and begins at `boot_section` if it is a boot loader; `others` is that of further boards.
+    fn with_programs(
+        firmware: &Firmware,
+        boot_section: Option<usize>,
+        others: &Firmware,
+        args: &Args,
+    ) -> Result<Scene> {
+        let mut avr = Avr::with_firmware(firmware)?;
+        if let Some(section) = boot_section {
+            avr.set_reset_vector(section as u32);
+            avr.reset(ResetCause::PowerOn);
         }
-        bench.attach("autopilot", autopilot.station());
+        let resets_seen = avr.resets().len();
+        let mut bench = Bench::new(args.bit_rate);
+        let node = bench.add_board(Board::new(avr), "node");
+        let others = (2..args.links.nodes + 2).map(|number| {
+            let mut avr = Avr::with_firmware(others)?;
+            avr.seed_power_on(number as u64);
+            avr.reset(ResetCause::PowerOn);
+            Ok(bench.add_board(Board::new(avr), &format!("node{number}")))
+        });
+        let others = others.collect::<Result<Vec<usize>>>()?;
+        let autopilot = (!args.no_autopilot).then(|| {
+            let mut autopilot = Autopilot::new(args.autopilot(), args.bit_rate);
+            if let Some(deflection) = args.hold {
+                autopilot.hold(deflection);
+            }
+            bench.attach("autopilot", autopilot.station());
+            autopilot
+        });
         let babbler = Rc::new(RefCell::new(SoftNode::new(args.bit_rate)));
         bench.attach("babbler", babbler.clone());
+        let boards: Vec<usize> = [node].into_iter().chain(others.iter().copied()).collect();
+        let script = args.links.script.as_deref().map(|path| Script::open(path, &mut bench)).transpose()?;
+        let links = args.links.open(&mut bench, &boards)?;
         let mut injections: Vec<_> = args.inject.clone();
         injections.sort_by_key(|injection| injection.at);
 
         let mut state = State::new(args.bit_rate);
         let bytes: usize = firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum();
-        state.memory.flash = bytes as u32;
+        state.memory.flash = if boot_section.is_some() { 0 } else { bytes as u32 };
         let stack_bottom = firmware.symbols.get(STACK_BOTTOM_SYMBOL).map(|s| s.address as u16);
         if let Some(bottom) = stack_bottom {
             state.memory.statics = u32::from(bottom - regs::RAMSTART);
@@ -93,18 +149,35 @@ impl Scene {
             node_port: bench.port(node),
             bench,
             node,
+            others,
             autopilot,
+            links,
+            script,
+            next_status_at: 0,
+            application_end: boot_section,
             babbler,
             injections: injections.into(),
             state,
-            resets_seen: 1,
+            resets_seen,
             stack_bottom,
             next_stack_at: STACK_PERIOD,
             spi_disturbed: false,
         };
         scene.set_temperature(args.temperature);
-        scene.collect();
+        scene.collect()?;
+        scene.look_at_links();
+        scene.say_what_is_joined(args);
         Ok(scene)
+    }
+
+    fn say_what_is_joined(&mut self, args: &Args) {
+        for line in self.state.links.clone() {
+            self.state.tell(0, News::Link(line));
+        }
+        if self.needs_real_time() && args.speed != Speed::Factor(1.0) {
+            let text = "--speed is not 1, but clients keep time by the wall clock: they may time out or be flooded";
+            self.state.tell(0, News::Link(String::from(text)));
+        }
     }
 
     /// Simulated time.
@@ -122,46 +195,143 @@ impl Scene {
         &mut self.state
     }
 
-    /// Simulates until `until`; faults of the command line happen at their times.
-    pub fn advance(&mut self, until: Cycles) {
+    /// Whether clients that keep time by the wall clock may be attached.
+    pub fn needs_real_time(&self) -> bool {
+        self.links.iter().any(|link| link.needs_real_time())
+    }
+
+    /// Simulates until `until`, or until a debugger halts a board; faults of the command line and events of the script
+    /// happen at their times.
+    ///
+    /// # Errors
+    /// Those of the links: what makes going on pointless.
+    pub fn advance(&mut self, until: Cycles) -> Result<()> {
         while self.now() < until {
-            let fault_at = self.injections.front().map_or(until, |injection| injection.at);
-            self.run(until.min(fault_at));
+            let mut next = self.injections.front().map_or(until, |injection| injection.at).min(until);
+            if let Some(at) = self.script.as_ref().and_then(Script::next_event_at).filter(|at| *at > self.now()) {
+                next = next.min(at);
+            }
+            if !self.links.is_empty() || self.script.is_some() {
+                next = next.min(self.now() + SERVE_PERIOD);
+            }
+            self.run(next)?;
             while let Some(injection) = self.injections.pop_front_if(|i| i.at <= self.state.now) {
                 self.inject(injection.fault);
             }
+            let events = self.script.as_mut().map(|script| script.take_events(self.state.now)).unwrap_or_default();
+            for (_, event) in events {
+                self.happen(event);
+            }
+            self.serve_links()?;
+            // The caller must see keys and signals meanwhile.
+            if self.bench.is_halted() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn run(&mut self, until: Cycles) -> Result<()> {
+        if until > self.now() {
+            if let Some(autopilot) = &mut self.autopilot {
+                autopilot.advance(until);
+            }
+            self.bench.run_until(until);
+            self.collect()?;
+        }
+        Ok(())
+    }
+
+    fn happen(&mut self, event: BenchEvent) {
+        match event {
+            BenchEvent::Temperature(celsius) => self.set_temperature(celsius),
+            BenchEvent::Button(pressed) => self.board().press_button(pressed),
+            BenchEvent::Fault(fault) => self.inject(fault),
+            BenchEvent::Serial(bytes) => self.board().avr_mut().serial_send(&bytes),
         }
     }
 
-    fn run(&mut self, until: Cycles) {
-        if until > self.now() {
-            self.autopilot.advance(until);
-            self.bench.run_until(until);
-            self.collect();
+    /// Serves the programs that are joined to the bench, without letting time pass.
+    ///
+    /// # Errors
+    /// Those of the links: what makes going on pointless.
+    pub fn serve(&mut self) -> Result<()> {
+        self.serve_links()?;
+        self.look_at_links();
+        Ok(())
+    }
+
+    fn serve_links(&mut self) -> Result<()> {
+        if let Some(script) = &mut self.script {
+            script.serve(&mut self.bench)?;
         }
+        for link in &mut self.links {
+            link.serve(&mut self.bench)?;
+        }
+        if self.now() >= self.next_status_at {
+            self.next_status_at = self.now() + STATUS_PERIOD;
+            self.look_at_links();
+        }
+        Ok(())
+    }
+
+    /// The run is over: the links write what they keep.
+    ///
+    /// # Errors
+    /// Those of the links.
+    pub fn finish(&mut self) -> Result<()> {
+        if let Some(script) = &mut self.script {
+            script.finish(&mut self.bench)?;
+        }
+        for link in &mut self.links {
+            link.finish(&mut self.bench)?;
+        }
+        self.look_at_links();
+        Ok(())
+    }
+
+    fn look_at_links(&mut self) {
+        let further = match self.others.len() {
+            0 => None,
+            // Real boards would have to be told apart by hand in the same way.
+            1 => {
+                Some(String::from("1 further board, node2, has the same firmware and so the same node ID as the node"))
+            }
+            count => Some(format!(
+                "{count} further boards, node2 to node{}, have the same firmware and so the same node ID as the node",
+                count + 1
+            )),
+        };
+        let script = self.script.as_ref().map(Script::status);
+        let links = self.links.iter().map(|link| link.status());
+        self.state.links = further.into_iter().chain(script).chain(links).filter(|status| !status.is_empty()).collect();
     }
 
     /// Moves the servo by a part of its deflection, and holds it.
     pub fn nudge(&mut self, step: f64) {
-        self.autopilot.nudge(step, self.now());
+        let now = self.now();
+        if let Some(autopilot) = &mut self.autopilot {
+            autopilot.nudge(step, now);
+        }
         self.look_at_autopilot();
     }
 
     /// Sweeps, or holds where it is.
     pub fn toggle_sweep(&mut self) {
         let now = self.now();
-        if self.autopilot.is_sweeping() {
-            self.autopilot.nudge(0.0, now);
-        } else {
-            self.autopilot.sweep(now);
+        match &mut self.autopilot {
+            Some(autopilot) if autopilot.is_sweeping() => autopilot.nudge(0.0, now),
+            Some(autopilot) => autopilot.sweep(now),
+            None => {}
         }
         self.look_at_autopilot();
     }
 
     /// Changes the unit of the commands.
     pub fn next_command_type(&mut self) {
-        let next = self.autopilot.settings().command_type.next();
-        self.autopilot.set_command_type(next);
+        if let Some(autopilot) = &mut self.autopilot {
+            autopilot.set_command_type(autopilot.settings().command_type.next());
+        }
         self.look_at_autopilot();
     }
 
@@ -208,7 +378,11 @@ impl Scene {
             }
             Fault::ChipPower if on => self.board().chip_power_off(0xFF),
             Fault::ChipPower => self.board().chip_power_on(),
-            Fault::Silence => self.autopilot.set_silent(on),
+            Fault::Silence => {
+                if let Some(autopilot) = &mut self.autopilot {
+                    autopilot.set_silent(on);
+                }
+            }
             Fault::Reset => self.board().reset(ResetCause::External),
         }
         let state = match (fault.lasts(), on) {
@@ -226,19 +400,25 @@ impl Scene {
     }
 
     /// Takes everything out of the bench that has come up since the last call.
-    fn collect(&mut self) {
+    fn collect(&mut self) -> Result<()> {
         self.state.pass(self.bench.now());
         self.look_at_board();
+        self.look_at_others();
         self.look_at_chip();
-        self.look_at_bus();
+        self.look_at_bus()?;
         self.look_at_autopilot();
+        Ok(())
     }
 
     fn look_at_board(&mut self) {
         let now = self.state.now;
         let board = self.bench.board(self.node);
-        for (at, byte) in board.avr_mut().serial_take() {
-            self.state.serial_byte(at, byte);
+        let serial = board.avr_mut().serial_take();
+        for (at, byte) in &serial {
+            self.state.serial_byte(*at, *byte);
+        }
+        for link in &mut self.links {
+            link.serial_output(self.node, &serial);
         }
         for pulse in board.take_servo_pulses() {
             self.state.pulse(pulse.start, pulse.width_cycles, pulse.period_cycles);
@@ -257,22 +437,42 @@ impl Scene {
             self.state.tell(reset.at, News::Reset(text));
         }
         self.resets_seen = resets.len();
-        match board.avr().state() {
-            avr::State::Crashed(pc) => {
-                let text = format!("the program counter left the flash at {pc:#06x}");
-                self.state.crashed(now, text);
-            }
-            avr::State::Done => {
-                self.state.crashed(now, String::from("asleep for ever, with interrupts off"));
-            }
-            avr::State::Running | avr::State::Sleeping => {}
+        if let Some(text) = crash(board.avr().state()) {
+            self.state.crashed(now, text);
         }
-        if let Some(bottom) = self.stack_bottom
-            && now >= self.next_stack_at
-        {
-            self.next_stack_at = now + STACK_PERIOD;
+        if now < self.next_stack_at {
+            return;
+        }
+        self.next_stack_at = now + STACK_PERIOD;
+        if let Some(bottom) = self.stack_bottom {
             let used = u32::from(board.avr().stack_high_water(STACK_PAINT, bottom));
             self.state.memory.stack = self.state.memory.stack.max(Some(used));
+        }
+        if let Some(end) = self.application_end {
+            let programmed = board.avr().flash()[..end].iter().rposition(|byte| *byte != ERASED);
+            self.state.memory.flash = programmed.map_or(0, |last| last as u32 + 1);
+        }
+    }
+
+    /// Of further boards only what is wrong is of interest; the rest would pile up.
+    fn look_at_others(&mut self) {
+        let now = self.state.now;
+        for (index, number) in self.others.iter().enumerate() {
+            let name = format!("node{}", index + 2);
+            let board = self.bench.board(*number);
+            let serial = board.avr_mut().serial_take();
+            for link in &mut self.links {
+                link.serial_output(*number, &serial);
+            }
+            board.take_servo_pulses();
+            board.chip().borrow_mut().take_frame_log();
+            for violation in board.take_violations() {
+                let text = format!("{name}: {}: {}", violation.source, violation.text);
+                self.state.violation(violation.at, text);
+            }
+            if let Some(text) = crash(board.avr().state()) {
+                self.state.crashed(now, format!("{name}: {text}"));
+            }
         }
     }
 
@@ -293,7 +493,7 @@ impl Scene {
         });
     }
 
-    fn look_at_bus(&mut self) {
+    fn look_at_bus(&mut self) -> Result<()> {
         for record in self.bench.bus().take_records() {
             let from = match record.kind {
                 can::RecordKind::Frame { from, .. } | can::RecordKind::ErrorFrame { from, .. } => from,
@@ -301,24 +501,50 @@ impl Scene {
             let station = from.map(|port| self.bench.bus().name(port).to_owned());
             let from_node = from == Some(self.node_port);
             self.state.record(&record, from_node, station.as_deref());
+            if let Some(script) = &mut self.script {
+                script.record(&record, station.as_deref())?;
+            }
+            for link in &mut self.links {
+                link.record(&record, station.as_deref())?;
+            }
         }
         // What the stations heard is on the bus's record; kept, it would only grow.
-        self.autopilot.take_received();
-        let mut babbler = self.babbler.borrow_mut();
-        babbler.take_received();
+        if let Some(autopilot) = &mut self.autopilot {
+            autopilot.take_received();
+        }
+        self.babbler.borrow_mut().take_received();
+        Ok(())
     }
 
     fn look_at_autopilot(&mut self) {
-        let autopilot = &self.autopilot;
-        self.state.autopilot = AutopilotState {
+        let now = self.state.now;
+        self.state.autopilot = self.autopilot.as_ref().map(|autopilot| AutopilotState {
             node_id: autopilot.settings().node_id.get(),
-            deflection: autopilot.deflection(self.state.now),
+            deflection: autopilot.deflection(now),
             sweeping: autopilot.is_sweeping(),
             silent: autopilot.is_silent(),
             command_type: autopilot.settings().command_type.to_string(),
             commands_sent: autopilot.commands_sent(),
-        };
+        });
     }
+}
+
+/// What ended a program, if something did.
+fn crash(state: avr::State) -> Option<String> {
+    match state {
+        avr::State::Crashed(pc) => Some(format!("the program counter left the flash at {pc:#06x}")),
+        avr::State::Done => Some(String::from("asleep for ever, with interrupts off")),
+        avr::State::Running | avr::State::Sleeping => None,
+    }
+}
+
+/// Where a boot loader begins, which is where resets go.
+fn boot_section(loader: &Firmware) -> Result<usize> {
+    let first = loader.flash.iter().map(|(address, _)| *address).min().unwrap_or_default();
+    if !BOOT_SECTIONS.contains(&first) {
+        bail!("it begins at {first:#06x}; a boot loader begins at one of {BOOT_SECTIONS:#06x?}");
+    }
+    Ok(first)
 }
 
 #[cfg(test)]
@@ -336,6 +562,10 @@ mod tests {
         Scene::boot(&firmware, &args).unwrap()
     }
 
+    fn autopilot(scene: &Scene) -> &AutopilotState {
+        scene.state().autopilot.as_ref().unwrap()
+    }
+
     fn news(scene: &mut Scene) -> Vec<(Cycles, News)> {
         scene.state_mut().take_news()
     }
@@ -343,7 +573,7 @@ mod tests {
     #[test]
     fn the_autopilot_is_heard_on_the_bus() {
         let mut scene = scene(&IDLE, "");
-        scene.advance(F_CPU_HZ / 2);
+        scene.advance(F_CPU_HZ / 2).unwrap();
         assert_eq!(scene.state().bus.frames, 26);
         assert_eq!(scene.state().bus.unacknowledged, 0);
         let line = scene.state().traffic.last().unwrap();
@@ -354,7 +584,7 @@ mod tests {
     #[test]
     fn faults_happen_at_their_time_in_any_order_and_end_when_repeated() {
         let mut scene = scene(&IDLE, "--inject silence@30ms --inject babble@10ms --inject babble@20ms");
-        scene.advance(F_CPU_HZ / 20);
+        scene.advance(F_CPU_HZ / 20).unwrap();
         let faults: Vec<_> = news(&mut scene)
             .into_iter()
             .filter_map(|(at, news)| match news {
@@ -373,7 +603,7 @@ mod tests {
     #[test]
     fn without_ack_the_frames_are_counted_as_such() {
         let mut scene = scene(&IDLE, "--inject no-ack@0s");
-        scene.advance(F_CPU_HZ / 100);
+        scene.advance(F_CPU_HZ / 100).unwrap();
         assert!(scene.state().bus.error_frames > 0);
         assert_eq!(scene.state().active_faults, [Fault::NoAck]);
     }
@@ -382,14 +612,14 @@ mod tests {
     fn keys_steer_the_autopilot() {
         let mut scene = scene(&IDLE, "--hold 0.5");
         scene.nudge(0.25);
-        assert_eq!(scene.state().autopilot.deflection, 0.75);
+        assert_eq!(autopilot(&scene).deflection, 0.75);
         scene.toggle_sweep();
-        assert!(scene.state().autopilot.sweeping);
+        assert!(autopilot(&scene).sweeping);
         scene.toggle_sweep();
-        assert!(!scene.state().autopilot.sweeping);
-        assert!((scene.state().autopilot.deflection - 0.75).abs() < 1e-9);
+        assert!(!autopilot(&scene).sweeping);
+        assert!((autopilot(&scene).deflection - 0.75).abs() < 1e-9);
         scene.next_command_type();
-        assert_eq!(scene.state().autopilot.command_type, "position");
+        assert_eq!(autopilot(&scene).command_type, "position");
         scene.warm(-1.0);
         assert_eq!(scene.state().sensor_c, 24.0);
     }
@@ -399,7 +629,7 @@ mod tests {
     fn commands_that_could_not_be_sent_are_given_up() {
         let mut scene = scene(&IDLE, "--inject stuck-dominant@0s --inject stuck-dominant@1s");
         for slice in 1..=120 {
-            scene.advance(slice * F_CPU_HZ / 100);
+            scene.advance(slice * F_CPU_HZ / 100).unwrap();
         }
         let frames = scene.state().bus.frames;
         assert!((10..=16).contains(&frames), "{frames} frames in 0.2 s");
@@ -408,8 +638,8 @@ mod tests {
     #[test]
     fn a_program_that_leaves_the_flash_has_crashed() {
         let mut scene = scene(&[0x00, 0x00], "");
-        scene.advance(F_CPU_HZ / 10);
-        scene.advance(F_CPU_HZ / 5);
+        scene.advance(F_CPU_HZ / 10).unwrap();
+        scene.advance(F_CPU_HZ / 5).unwrap();
         let crash = scene.state().crash.clone().unwrap();
         assert!(crash.contains("left the flash"), "{crash}");
         let told = news(&mut scene).into_iter().filter(|(_, n)| matches!(n, News::Crash(_)));
@@ -419,7 +649,7 @@ mod tests {
     #[test]
     fn a_pressed_reset_button_is_told_with_its_cause() {
         let mut scene = scene(&IDLE, "--inject reset@5ms");
-        scene.advance(F_CPU_HZ / 100);
+        scene.advance(F_CPU_HZ / 100).unwrap();
         let told = news(&mut scene)
             .into_iter()
             .any(|(at, n)| matches!(n, News::Reset(text) if text.contains("External")) && at / (F_CPU_HZ / 1000) == 5);
@@ -430,9 +660,36 @@ mod tests {
     fn the_same_options_give_the_same_run() {
         let run = || {
             let mut scene = scene(&IDLE, "--inject error-rate@10ms");
-            scene.advance(F_CPU_HZ / 5);
+            scene.advance(F_CPU_HZ / 5).unwrap();
             news(&mut scene)
         };
         assert_eq!(run(), run());
+    }
+
+    #[test]
+    fn without_autopilot_the_bus_is_silent_and_keys_do_nothing() {
+        let mut scene = scene(&IDLE, "--no-autopilot --inject silence@1ms");
+        scene.nudge(0.5);
+        scene.toggle_sweep();
+        scene.next_command_type();
+        scene.advance(F_CPU_HZ / 10).unwrap();
+        assert_eq!(scene.state().bus.frames, 0);
+        assert_eq!(scene.state().autopilot, None);
+    }
+
+    #[test]
+    fn further_boards_are_announced_and_watched() {
+        let mut scene = scene(&[0x00, 0x00], "--nodes 2");
+        assert!(matches!(&news(&mut scene)[0].1, News::Link(text) if text.contains("node2 to node3")));
+        scene.advance(F_CPU_HZ / 5).unwrap();
+        assert_eq!(scene.bench.boards().len(), 3);
+        assert!(scene.state().crash.is_some());
+    }
+
+    #[test]
+    fn a_boot_loader_must_begin_where_a_reset_can_go() {
+        let loader = |address| Firmware { flash: vec![(address, vec![0])], ..Firmware::default() };
+        assert_eq!(boot_section(&loader(0x3800)).unwrap(), 0x3800);
+        assert!(boot_section(&loader(0)).is_err());
     }
 }

@@ -7,7 +7,9 @@ use super::fault::Fault;
 use super::history::Log;
 use crate::can::{ErrorState, Frame, Id, Record, RecordKind};
 use crate::dronecan::{Assembler, Message, NodeId, NodeStatus, Outcome, Temperature};
+use crate::utilisation::measured::LoadByType;
 use crate::{Cycles, F_CPU_HZ};
+use std::cell::RefCell;
 use std::collections::VecDeque;
 
 /// Load and rates are those of the last second.
@@ -60,6 +62,8 @@ pub enum News {
     Fault(String),
     /// The AVR was reset.
     Reset(String),
+    /// Something about the programs that are joined to the bench.
+    Link(String),
 }
 
 /// Pulses on the servo output.
@@ -169,6 +173,8 @@ pub struct State {
     /// Last NodeStatus of the node under test, and when it came.
     pub status: Option<(Cycles, NodeId, NodeStatus)>,
     pub bus: BusState,
+    /// What the view shows as load by node and type; it forgets what is old when it is drawn.
+    pub load_by_type: RefCell<LoadByType>,
     pub controller: Controller,
     pub latency: Latency,
     pub traffic: Log<TrafficLine>,
@@ -179,7 +185,10 @@ pub struct State {
     pub last_violation: Option<(Cycles, String)>,
     pub crash: Option<String>,
     pub memory: Memory,
-    pub autopilot: AutopilotState,
+    /// None if it was left out.
+    pub autopilot: Option<AutopilotState>,
+    /// What is joined to the bench, a line each.
+    pub links: Vec<String>,
     /// Lasting faults that are on.
     pub active_faults: Vec<Fault>,
     serial_line: Option<(Cycles, String)>,
@@ -192,6 +201,7 @@ impl State {
     pub fn new(bit_rate: u32) -> State {
         let mut state = State::default();
         state.bus.bit_rate = bit_rate;
+        state.load_by_type = RefCell::new(LoadByType::new(bit_rate));
         state
     }
 
@@ -278,6 +288,7 @@ impl State {
 
     /// Something ended on the bus. `from_node`: it came from the node under test; `station` is the sender's name.
     pub fn record(&mut self, record: &Record, from_node: bool, station: Option<&str>) {
+        self.load_by_type.get_mut().record(record);
         let valid = matches!(record.kind, RecordKind::Frame { .. });
         self.bus.window.push_back((record.end, record.bits + INTERMISSION_BITS, valid));
         match &record.kind {

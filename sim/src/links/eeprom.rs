@@ -1,0 +1,138 @@
+//! Keeps the EEPROM of a board in a file from run to run.
+//!
+//! The file is the 512 cells as they are. It is written when they have changed, every few seconds and at the end, under
+//! another name first: there is never half a file. A run that is killed loses the last seconds.
+
+use super::Link;
+use crate::avr::regs::EEPROM_BYTES;
+use crate::bench::Bench;
+use crate::{Cycles, F_CPU_HZ};
+use anyhow::{Context, Result, ensure};
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+const SAVE_PERIOD: Cycles = 2 * F_CPU_HZ;
+
+/// See the module.
+pub struct EepromFile {
+    path: PathBuf,
+    board: usize,
+    saved: Vec<u8>,
+    next_at: Cycles,
+}
+
+impl EepromFile {
+    /// Loads the file into that board's EEPROM, if there is one.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is of another size.
+    pub fn open(path: &Path, bench: &mut Bench, board: usize) -> Result<EepromFile> {
+        let avr = bench.board(board).avr_mut();
+        match fs::read(path) {
+            Ok(cells) => {
+                ensure!(
+                    cells.len() == EEPROM_BYTES,
+                    "{} has {} bytes, and an EEPROM {EEPROM_BYTES}: is it another file?",
+                    path.display(),
+                    cells.len()
+                );
+                avr.set_eeprom(&cells);
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+                ensure!(parent.is_dir(), "no directory {} for an EEPROM", parent.display());
+            }
+            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
+        }
+        Ok(EepromFile { path: path.to_owned(), board, saved: avr.eeprom(), next_at: 0 })
+    }
+
+    fn save(&mut self, bench: &mut Bench) -> Result<()> {
+        let cells = bench.board(self.board).avr().eeprom();
+        if cells == self.saved {
+            return Ok(());
+        }
+        let mut name = OsString::from(&self.path);
+        name.push(".new");
+        File::create(&name)
+            .and_then(|mut file| file.write_all(&cells).and_then(|()| file.sync_data()))
+            .and_then(|()| fs::rename(&name, &self.path))
+            .with_context(|| format!("cannot write {}", self.path.display()))?;
+        self.saved = cells;
+        Ok(())
+    }
+}
+
+impl Link for EepromFile {
+    fn serve(&mut self, bench: &mut Bench) -> Result<()> {
+        if bench.now() < self.next_at {
+            return Ok(());
+        }
+        self.next_at = bench.now() + SAVE_PERIOD;
+        self.save(bench)
+    }
+
+    fn finish(&mut self, bench: &mut Bench) -> Result<()> {
+        self.save(bench)
+    }
+
+    fn status(&self) -> String {
+        format!("EEPROM in {}", self.path.display())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::avr::Avr;
+    use crate::board::Board;
+    use crate::links::scratch::Scratch;
+
+    fn bench() -> Bench {
+        let mut bench = Bench::new(1_000_000);
+        bench.add_board(Board::new(Avr::blank().unwrap()), "node");
+        bench
+    }
+
+    #[test]
+    fn what_one_run_wrote_the_next_finds() {
+        let scratch = Scratch::new();
+        let path = scratch.path("eeprom");
+        let mut first = bench();
+        let mut file = EepromFile::open(&path, &mut first, 0).unwrap();
+        file.serve(&mut first).unwrap();
+        assert!(!path.exists(), "nothing was written, so there is nothing to keep");
+        first.board(0).avr_mut().set_eeprom(&[1, 2, 3]);
+        file.finish(&mut first).unwrap();
+        let mut second = bench();
+        EepromFile::open(&path, &mut second, 0).unwrap();
+        assert_eq!(second.board(0).avr().eeprom()[..4], [1, 2, 3, 0xFF]);
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn changes_are_saved_while_it_runs() {
+        let scratch = Scratch::new();
+        let path = scratch.path("eeprom");
+        let mut bench = bench();
+        let mut file = EepromFile::open(&path, &mut bench, 0).unwrap();
+        file.serve(&mut bench).unwrap();
+        bench.board(0).avr_mut().set_eeprom(&[7]);
+        bench.run_for_ms(2500);
+        file.serve(&mut bench).unwrap();
+        assert_eq!(fs::read(&path).unwrap()[0], 7);
+    }
+
+    #[test]
+    fn a_file_of_another_size_is_left_alone() {
+        let scratch = Scratch::new();
+        let path = scratch.path("letter.txt");
+        fs::write(&path, "dear").unwrap();
+        let error = EepromFile::open(&path, &mut bench(), 0).err().unwrap().to_string();
+        assert!(error.contains("has 4 bytes"), "{error}");
+        assert_eq!(fs::read(&path).unwrap(), b"dear");
+        assert!(EepromFile::open(&scratch.path("no/eeprom"), &mut bench(), 0).is_err());
+    }
+}

@@ -1,0 +1,263 @@
+//! The text protocol of SLCAN adapters: commands in, frames out.
+//!
+//! A command is a letter, its arguments, and a carriage return:
+//!
+//! | Command | Meaning                             | Command     | Meaning                                 |
+//! | ------- | ----------------------------------- | ----------- | --------------------------------------- |
+//! | `S0..8` | bit rate                            | `tiiildd..` | data frame, 11-bit identifier           |
+//! | `O` `L` | open, open to listen only           | `T` + 8 hex | data frame, 29-bit identifier           |
+//! | `C`     | close                               | `r` `R`     | the same as remote frames, without data |
+//! | `F`     | flags                               | `V` `N`     | version, serial number                  |
+//! | `Z0` `Z1` | time stamps off, on               | `M` `m` `W` | acceptance filter: only "everything"    |
+//!
+//! Hexadecimal digits are taken in either case and sent in upper case. A line feed is ignored, an empty line is a
+//! command that does nothing. What is not in the table (`s`, `Q`, `X0`, CAN FD) is refused.
+//!
+//! Source: Lawicel AB, "CAN232 manual" and "CANUSB manual", section "Available commands"; what pydronecan and python-can
+//! send was recorded.
+
+use crate::can::{Frame, Id};
+
+/// Longest command: `T`, identifier, length, eight bytes.
+const LINE_MAX: usize = 1 + 8 + 1 + 16;
+
+/// What a client may ask for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    Nothing,
+    BitRate(u32),
+    Open,
+    Listen,
+    Close,
+    Send(Frame),
+    Flags,
+    Version,
+    SerialNumber,
+    Timestamps(bool),
+    /// A filter that passes everything, which is what there is.
+    AcceptAll,
+}
+
+/// Cuts what comes in into lines.
+#[derive(Debug, Default)]
+pub struct Lines {
+    line: Vec<u8>,
+    too_long: bool,
+}
+
+impl Lines {
+    /// Takes a byte; at the end of a line gives the command in it, or `Err` if it is none.
+    pub fn push(&mut self, byte: u8) -> Option<Result<Command, ()>> {
+        match byte {
+            b'\n' => None,
+            b'\r' => {
+                let too_long = std::mem::take(&mut self.too_long);
+                let command = if too_long { None } else { parse(&self.line) };
+                self.line.clear();
+                Some(command.ok_or(()))
+            }
+            _ if self.line.len() == LINE_MAX => {
+                self.too_long = true;
+                None
+            }
+            _ => {
+                self.line.push(byte);
+                None
+            }
+        }
+    }
+}
+
+fn parse(line: &[u8]) -> Option<Command> {
+    let Some((&letter, rest)) = line.split_first() else {
+        return Some(Command::Nothing);
+    };
+    match (letter, rest) {
+        (b'S', [digit]) => Some(Command::BitRate(bit_rate(*digit)?)),
+        (b'O', []) => Some(Command::Open),
+        (b'L', []) => Some(Command::Listen),
+        (b'C', []) => Some(Command::Close),
+        (b'F', []) => Some(Command::Flags),
+        (b'V', []) => Some(Command::Version),
+        (b'N', []) => Some(Command::SerialNumber),
+        (b'Z', [digit @ (b'0' | b'1')]) => Some(Command::Timestamps(*digit == b'1')),
+        // Acceptance code and mask of the SJA1000: a 1 in the mask is "does not matter".
+        (b'M', [_, ..]) if rest.len() == 8 && hex(rest)? == 0 => Some(Command::AcceptAll),
+        (b'm', [_, ..]) if rest.len() == 8 && hex(rest)? == u32::MAX => Some(Command::AcceptAll),
+        (b'W', [b'0' | b'1']) => Some(Command::AcceptAll),
+        (b't' | b'r', _) => frame(rest, 3, letter == b'r').map(Command::Send),
+        (b'T' | b'R', _) => frame(rest, 8, letter == b'R').map(Command::Send),
+        _ => None,
+    }
+}
+
+fn bit_rate(digit: u8) -> Option<u32> {
+    let kbit_s = match digit {
+        b'0' => 10,
+        b'1' => 20,
+        b'2' => 50,
+        b'3' => 100,
+        b'4' => 125,
+        b'5' => 250,
+        b'6' => 500,
+        b'7' => 800,
+        b'8' => 1000,
+        _ => return None,
+    };
+    Some(kbit_s * 1000)
+}
+
+fn frame(text: &[u8], id_digits: usize, remote: bool) -> Option<Frame> {
+    let (id, rest) = text.split_at_checked(id_digits)?;
+    let (length, data) = rest.split_first()?;
+    let id = hex(id)?;
+    let id = match id_digits {
+        3 if id <= 0x7FF => Id::Standard(id as u16),
+        8 if id <= 0x1FFF_FFFF => Id::Extended(id),
+        _ => return None,
+    };
+    let length = hex(&[*length]).filter(|length| *length <= 8)? as u8;
+    if remote {
+        return data.is_empty().then(|| Frame::remote(id, length));
+    }
+    if data.len() != 2 * usize::from(length) {
+        return None;
+    }
+    let mut bytes = [0; 8];
+    for (byte, digits) in bytes.iter_mut().zip(data.chunks(2)) {
+        *byte = hex(digits)? as u8;
+    }
+    Some(Frame::with_dlc(id, length, bytes))
+}
+
+fn hex(digits: &[u8]) -> Option<u32> {
+    digits.iter().try_fold(0, |value, digit| Some(value << 4 | char::from(*digit).to_digit(16)?))
+}
+
+/// A frame as the client reads it, with the time in milliseconds of the minute if asked for.
+pub fn line(frame: &Frame, timestamp_ms: Option<u16>) -> Vec<u8> {
+    let mut text = match (frame.id, frame.remote) {
+        (Id::Standard(id), false) => format!("t{id:03X}"),
+        (Id::Standard(id), true) => format!("r{id:03X}"),
+        (Id::Extended(id), false) => format!("T{id:08X}"),
+        (Id::Extended(id), true) => format!("R{id:08X}"),
+    };
+    // The protocol has no length codes above 8, which mean eight bytes too.
+    text += &frame.dlc.min(8).to_string();
+    for byte in frame.data() {
+        text += &format!("{byte:02X}");
+    }
+    if let Some(timestamp_ms) = timestamp_ms {
+        text += &format!("{timestamp_ms:04X}");
+    }
+    text.push('\r');
+    text.into_bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn commands(bytes: &[u8]) -> Vec<Result<Command, ()>> {
+        let mut lines = Lines::default();
+        bytes.iter().filter_map(|byte| lines.push(*byte)).collect()
+    }
+
+    #[test]
+    fn what_pydronecan_sends_is_understood() {
+        let frame = Frame::extended(0x1404_562A, &[0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
+        assert_eq!(
+            commands(b"\rC\rS8\rO\rF\rT1404562A60100a95c00c0\r"),
+            [
+                Ok(Command::Nothing),
+                Ok(Command::Close),
+                Ok(Command::BitRate(1_000_000)),
+                Ok(Command::Open),
+                Ok(Command::Flags),
+                Ok(Command::Send(frame)),
+            ]
+        );
+    }
+
+    #[test]
+    fn what_python_can_sends_is_understood() {
+        let expected = [
+            Ok(Command::Version),
+            Ok(Command::SerialNumber),
+            Ok(Command::Send(Frame::extended(0x1E01_AAF8, &[0xC0]))),
+            Ok(Command::Send(Frame::standard(0x123, &[1, 2, 3]))),
+            Ok(Command::Send(Frame::remote(Id::Standard(0x123), 3))),
+        ];
+        assert_eq!(commands(b"V\rN\rT1E01AAF81C0\rt1233010203\rr1233\r"), expected);
+    }
+
+    #[test]
+    fn both_hex_cases_and_line_feeds_are_taken() {
+        let frame = Ok(Command::Send(Frame::extended(0x1ABC_DEF0, &[0xAB])));
+        assert_eq!(commands(b"T1ABCDEF01AB\r\nT1abcdef01ab\r\n"), [frame, frame]);
+    }
+
+    #[test]
+    fn what_is_no_command_is_an_error() {
+        let wrong: [&[u8]; 23] = [
+            b"S9",
+            b"S",
+            b"S88",
+            b"s0014",
+            b"OO",
+            b"o",
+            b"X0",
+            b"?",
+            b"\x07",
+            b"\xFF\x00",
+            b"t800100",
+            b"T2000000000",
+            b"t12",
+            b"t1239",
+            b"t1231",
+            b"t123101FF",
+            b"t1231G0",
+            b"t+231FF",
+            b"T1404562A8",
+            b"r123300",
+            b"M00000001",
+            b"m00000000",
+            b"d12380011223344556677",
+        ];
+        for text in wrong {
+            let line = [text, b"\r"].concat();
+            assert_eq!(commands(&line), [Err(())], "{}", text.escape_ascii());
+        }
+    }
+
+    #[test]
+    fn an_overlong_line_is_one_error_and_the_next_line_counts() {
+        let mut bytes = vec![b'T'; 100_000];
+        bytes.extend(b"\rO\r");
+        assert_eq!(commands(&bytes), [Err(()), Ok(Command::Open)]);
+    }
+
+    #[test]
+    fn frames_read_back_as_they_were_written() {
+        let frames = [
+            Frame::extended(0x1FFF_FFFF, &[1, 2, 3, 4, 5, 6, 7, 0xFF]),
+            Frame::standard(0, &[]),
+            Frame::remote(Id::Extended(1), 8),
+            Frame::remote(Id::Standard(0x7FF), 0),
+        ];
+        for frame in frames {
+            assert_eq!(commands(&line(&frame, None)), [Ok(Command::Send(frame))]);
+        }
+    }
+
+    #[test]
+    fn a_timestamp_follows_the_data() {
+        assert_eq!(line(&Frame::standard(0x123, &[0xAB]), Some(59_999)), b"t1231ABEA5F\r");
+    }
+
+    #[test]
+    fn a_length_code_above_eight_is_said_as_eight() {
+        let frame = Frame::with_dlc(Id::Standard(1), 15, [0; 8]);
+        assert_eq!(line(&frame, None), b"t00180000000000000000\r");
+    }
+}

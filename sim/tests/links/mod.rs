@@ -1,0 +1,99 @@
+//! A client of a link, played by the test: a port opened like a program would, without blocking.
+
+#![allow(dead_code, reason = "not every test file uses everything")]
+
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use rustix::fs::OFlags;
+use sim::F_CPU_HZ;
+use sim::bench::Bench;
+use sim::links::Link;
+
+/// CPU cycles of a millisecond.
+pub const MS: u64 = F_CPU_HZ / 1000;
+
+/// A directory of its own, removed at the end.
+pub struct Scratch(PathBuf);
+
+impl Scratch {
+    pub fn new() -> Scratch {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("sim-test-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+        let directory = std::env::temp_dir().join(name);
+        fs::create_dir_all(&directory).expect("a temporary directory");
+        Scratch(directory)
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A program that has a port open.
+pub struct Client(File);
+
+impl Client {
+    #[track_caller]
+    pub fn open(path: &Path) -> Client {
+        let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
+        Client(File::options().read(true).write(true).custom_flags(flags).open(path).expect("the port opens"))
+    }
+
+    /// Writes all of it; for short texts.
+    #[track_caller]
+    pub fn write(&mut self, bytes: &[u8]) {
+        self.0.write_all(bytes).expect("room in the port");
+    }
+
+    /// Writes what the port takes at once.
+    pub fn write_some(&mut self, bytes: &[u8]) -> usize {
+        self.0.write(bytes).unwrap_or(0)
+    }
+
+    /// What is there to read.
+    pub fn read(&mut self) -> Vec<u8> {
+        let mut all = Vec::new();
+        let mut piece = [0; 4096];
+        while let Ok(count @ 1..) = self.0.read(&mut piece) {
+            all.extend(&piece[..count]);
+        }
+        all
+    }
+}
+
+/// Lets simulated time pass and serves the links, each millisecond.
+pub fn run_ms(bench: &mut Bench, links: &mut [&mut dyn Link], milliseconds: u64) {
+    for _ in 0..milliseconds {
+        bench.run_for_ms(1);
+        for link in links.iter_mut() {
+            link.serve(bench).expect("a link that goes on");
+        }
+    }
+}
+
+/// Compiles `tests/avr/<name>.c` for the board.
+#[track_caller]
+pub fn elf(scratch: &Scratch, name: &str) -> PathBuf {
+    let elf = scratch.path("program.elf");
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/avr").join(format!("{name}.c"));
+    let compiled = Command::new("avr-gcc")
+        .args(["-mmcu=atmega168", "-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+        .arg(&source)
+        .arg("-o")
+        .arg(&elf)
+        .status()
+        .expect("avr-gcc, which the Makefile installs");
+    assert!(compiled.success(), "{} does not compile", source.display());
+    elf
+}

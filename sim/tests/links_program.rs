@@ -1,0 +1,167 @@
+//! The program `sim` with ports: what it leaves behind, what it refuses, and an upload through the genuine boot loader.
+
+mod links;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use links::{Client, Scratch, elf};
+
+/// Where Debian's arduino-core-avr has it; DIECIMILA_HEX names another copy.
+const BOOTLOADER: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega/ATmegaBOOT_168_diecimila.hex";
+/// Longest wait for anything.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A running simulator, ended with the test.
+struct Sim(Child);
+
+impl Sim {
+    fn start(options: &[&str]) -> Sim {
+        let child = sim(options).stdout(Stdio::null()).spawn().expect("sim starts");
+        Sim(child)
+    }
+
+    fn signal(&self, name: &str) {
+        let sent = Command::new("kill").args([&format!("-{name}"), &self.0.id().to_string()]).status();
+        assert!(sent.expect("kill").success());
+    }
+
+    fn end(&mut self) -> bool {
+        wait_for(|| self.0.try_wait().expect("a child").is_some(), "sim to end");
+        self.0.wait().expect("a child").success()
+    }
+}
+
+impl Drop for Sim {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// With a limit of its own, should the test be killed.
+fn sim(options: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sim"));
+    command.args(["--plain", "--for", "3m"]).args(options);
+    command
+}
+
+#[track_caller]
+fn wait_for(mut condition: impl FnMut() -> bool, what: &str) {
+    let start = Instant::now();
+    while !condition() {
+        assert!(start.elapsed() < PATIENCE, "waited in vain for {what}");
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[track_caller]
+fn refused(options: &[&str], expected: &str) {
+    let Output { status, stderr, .. } = sim(options).output().expect("sim starts");
+    let stderr = String::from_utf8_lossy(&stderr);
+    assert!(!status.success() && stderr.contains(expected), "{stderr}");
+}
+
+fn is_link(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok()
+}
+
+#[test]
+fn a_signal_ends_the_run_and_removes_the_ports() {
+    let scratch = Scratch::new();
+    let program = elf(&scratch, "echo");
+    for signal in ["INT", "TERM", "HUP"] {
+        let (can, serial) = (scratch.path("can"), scratch.path("serial"));
+        let ports = ["--slcan", can.to_str().unwrap(), "--serial", serial.to_str().unwrap()];
+        let mut sim = Sim::start(&[&["--elf", program.to_str().unwrap()], ports.as_slice()].concat());
+        wait_for(|| is_link(&can) && is_link(&serial), "the ports");
+        sim.signal(signal);
+        assert!(sim.end(), "{signal}");
+        assert!(!is_link(&can) && !is_link(&serial), "{signal}");
+    }
+}
+
+/// What a killed simulator leaves behind does not keep the next one from starting.
+#[test]
+fn a_port_left_by_a_killed_run_is_taken_over_and_a_live_one_is_not() {
+    let scratch = Scratch::new();
+    let program = elf(&scratch, "echo");
+    let port = scratch.path("can");
+    let options = ["--elf", program.to_str().unwrap(), "--slcan", port.to_str().unwrap()];
+    let mut first = Sim::start(&options);
+    wait_for(|| is_link(&port), "the port");
+    refused(&options, "another sim");
+    first.0.kill().unwrap();
+    first.0.wait().unwrap();
+    assert!(is_link(&port));
+    let stale = fs::read_link(&port).unwrap();
+    let _second = Sim::start(&options);
+    wait_for(|| fs::read_link(&port).is_ok_and(|target| target != stale || target.exists()), "the new port");
+}
+
+#[test]
+fn what_cannot_be_had_is_refused_with_advice() {
+    let scratch = Scratch::new();
+    let program = elf(&scratch, "echo");
+    let program = program.to_str().unwrap();
+    let file = scratch.path("thesis.txt");
+    fs::write(&file, "a thesis").unwrap();
+    refused(&["--elf", program, "--slcan", file.to_str().unwrap()], "choose another path");
+    refused(&["--elf", program, "--serial", "/no/such/place"], "no directory");
+    refused(&["--elf", program, "--eeprom", file.to_str().unwrap()], "8 bytes");
+    refused(&["--serial", scratch.path("s").to_str().unwrap(), "--bootloader", program], program);
+    refused(&["--elf", "/no/such.elf"], "make firmware");
+    assert_eq!(fs::read(&file).unwrap(), b"a thesis");
+    assert!(!is_link(&scratch.path("s")));
+}
+
+fn bootloader() -> Option<PathBuf> {
+    let path = std::env::var_os("DIECIMILA_HEX").map_or(PathBuf::from(BOOTLOADER), PathBuf::from);
+    let there = path.exists() && Command::new("avrdude").arg("-v").stderr(Stdio::null()).status().is_ok();
+    if !there {
+        eprintln!("skipped: needs avrdude and {} (Debian: arduino-core-avr)", path.display());
+    }
+    there.then_some(path)
+}
+
+#[test]
+fn avrdude_uploads_through_the_genuine_boot_loader() {
+    let Some(hex) = bootloader() else {
+        return;
+    };
+    let scratch = Scratch::new();
+    let program = elf(&scratch, "echo");
+    let port = scratch.path("arduino");
+    let _sim = Sim::start(&["--serial", port.to_str().unwrap(), "--bootloader", hex.to_str().unwrap()]);
+    wait_for(|| is_link(&port), "the port");
+    let avrdude = Command::new("avrdude")
+        .args(["-c", "arduino", "-p", "m168", "-b", "19200", "-D", "-P", port.to_str().unwrap()])
+        .args(["-U", &format!("flash:w:{}:e", program.display())])
+        .output()
+        .expect("avrdude");
+    let said = String::from_utf8_lossy(&avrdude.stderr);
+    assert!(avrdude.status.success() && said.contains("verified"), "{said}");
+    // Opening resets again; the boot loader waits before it starts the program.
+    let mut client = Client::open(&port);
+    let opened = Instant::now();
+    let mut heard = Vec::new();
+    wait_for(
+        || {
+            heard.extend(client.read());
+            heard.ends_with(b"ready\n")
+        },
+        "the program to start",
+    );
+    assert!(opened.elapsed() > Duration::from_millis(500), "the boot loader did not wait");
+    client.write(b"hello");
+    wait_for(
+        || {
+            heard.extend(client.read());
+            heard.ends_with(b"hello")
+        },
+        "the echo",
+    );
+}

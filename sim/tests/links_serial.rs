@@ -1,0 +1,113 @@
+//! The Arduino's serial port as programs meet it.
+
+mod avr;
+mod links;
+
+use avr::program;
+use links::{Client, MS, Scratch};
+use sim::avr::{Avr, ResetCause};
+use sim::bench::Bench;
+use sim::board::Board;
+use sim::links::Link;
+use sim::links::serial::SerialPort;
+use std::path::PathBuf;
+
+/// A board with an echoing program, and its port.
+struct Stand {
+    bench: Bench,
+    port: SerialPort,
+    path: PathBuf,
+    _scratch: Scratch,
+}
+
+impl Stand {
+    fn new(avr: Avr) -> Stand {
+        let scratch = Scratch::new();
+        let path = scratch.path("arduino");
+        let mut bench = Bench::new(1_000_000);
+        bench.add_board(Board::new(avr), "node");
+        let port = SerialPort::open(&path, 0).unwrap();
+        Stand { bench, port, path, _scratch: scratch }
+    }
+
+    fn run_ms(&mut self, milliseconds: u64) {
+        for _ in 0..milliseconds {
+            self.bench.run_for_ms(1);
+            let bytes = self.bench.board(0).avr_mut().serial_take();
+            self.port.serial_output(0, &bytes);
+            self.port.serve(&mut self.bench).unwrap();
+        }
+    }
+
+    fn resets(&mut self) -> Vec<ResetCause> {
+        self.bench.board(0).avr().resets().iter().map(|reset| reset.cause).collect()
+    }
+}
+
+#[test]
+fn opening_the_port_resets_the_board_each_time() {
+    let mut stand = Stand::new(program("echo", &[]));
+    stand.run_ms(5);
+    assert_eq!(stand.resets(), [ResetCause::PowerOn]);
+    let client = Client::open(&stand.path);
+    stand.run_ms(5);
+    assert_eq!(stand.resets(), [ResetCause::PowerOn, ResetCause::External]);
+    drop(client);
+    stand.run_ms(5);
+    let _client = Client::open(&stand.path);
+    stand.run_ms(5);
+    assert_eq!(stand.resets().len(), 3);
+}
+
+#[test]
+fn bytes_pass_at_the_pace_of_the_line_both_ways() {
+    let mut stand = Stand::new(program("echo", &[]));
+    let mut client = Client::open(&stand.path);
+    stand.run_ms(5);
+    assert_eq!(client.read(), b"ready\n");
+    let text: Vec<u8> = (0..100).collect();
+    client.write(&text);
+    // 100 characters of ten bits at 115 200 bits per second are 8.7 ms.
+    stand.run_ms(7);
+    let early = client.read();
+    assert!((50..90).contains(&early.len()), "{} bytes", early.len());
+    stand.run_ms(5);
+    assert_eq!([early, client.read()].concat(), text);
+}
+
+/// `echo text > port`: the program is gone before anybody looked.
+#[test]
+fn a_program_that_came_and_went_was_there() {
+    let mut stand = Stand::new(program("echo", &[]));
+    stand.run_ms(5);
+    Client::open(&stand.path).write(b"hello");
+    stand.run_ms(5);
+    assert_eq!(stand.resets().len(), 2);
+    assert_eq!(stand.bench.board(0).avr().serial_unsent(), 0, "the board got it");
+}
+
+#[test]
+fn a_program_that_never_reads_does_not_stop_the_simulation() {
+    let mut stand = Stand::new(program("echo", &[]));
+    let mut client = Client::open(&stand.path);
+    stand.run_ms(5);
+    let flood = [b'x'; 4096];
+    for _ in 0..9000 {
+        client.write_some(&flood);
+        stand.run_ms(1);
+    }
+    assert!(stand.bench.now() >= 9000 * MS);
+    assert!(!stand.port.status().contains(" 0 bytes lost"), "{}", stand.port.status());
+}
+
+/// A board whose receiver is off takes nothing; what was written must not wait for its next program.
+#[test]
+fn bytes_that_nobody_takes_are_dropped() {
+    let mut stand = Stand::new(program("spin", &[]));
+    let mut client = Client::open(&stand.path);
+    stand.run_ms(5);
+    client.write(b"lost");
+    stand.run_ms(300);
+    assert_eq!(stand.bench.board(0).avr().serial_unsent(), 0);
+    assert!(stand.port.status().contains(" 4 bytes lost"), "{}", stand.port.status());
+}
