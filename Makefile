@@ -35,7 +35,7 @@ strangers:
 	cargo build $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate
 	cargo build $(AVR) -p stranger-mcp25xx-wrong-rxb1
 
-test: setup lint firmware strangers $(VENV)/installed
+test: setup lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 	cargo test --workspace
 	$(VENV)/bin/python -m pytest -q tests/clients
 
@@ -66,7 +66,8 @@ flash: firmware $(TOOLS)/bin/ravedude
 
 $(TOOLS)/bin/ravedude:
 	@scripts/setup flash
-	cargo install --quiet ravedude --version 0.2.2 --locked --root $(TOOLS)
+	@echo "Installing ravedude"
+	@cargo install --quiet ravedude --version 0.2.2 --locked --root $(TOOLS)
 
 clean:
 	cargo clean

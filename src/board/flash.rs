@@ -16,7 +16,9 @@ impl FlashText for Text {
         let address = TEXT.as_ptr().wrapping_add(usize::from(index));
         let byte;
         // Safety: LPM has no effect but to read, and every address of the flash can be read.
-        unsafe { asm!("lpm {0}, Z", out(reg) byte, in("Z") address, options(pure, readonly, nostack, preserves_flags)) };
+        unsafe {
+            asm!("lpm {0}, Z", out(reg) byte, in("Z") address, options(pure, readonly, nostack, preserves_flags))
+        };
         byte
     }
 }

@@ -1,0 +1,313 @@
+"""A simulated bench for each test, and the programs of others as its clients.
+
+A case takes three lines:
+
+    def test_the_node_is_warm(bench):
+        client = bench("--temperature", "40").dronecan()
+        assert client.wait_for(dronecan.uavcan.equipment.device.Temperature).temperature > 310
+
+`bench(...)` starts `sim` with these options and `slcan=N` SLCAN adapters, in real time and in a process group of its own.
+When the test is over its clients are closed, the simulator gets Ctrl-C, and then it must end with exit code 0 (it does not
+if the node crashed or its program made a mistake) and leave no link behind. Nothing outlives a test.
+
+The program is $SIM_BIN, or the newer one of cargo's debug and release builds.
+"""
+
+import contextlib
+import importlib
+import os
+import pathlib
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import termios
+import time
+import tty
+
+import dronecan
+import dronecan.app.node_monitor
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
+NODE = 120
+# The node says how it is each second; a busy machine needs more.
+PATIENCE_S = 10
+
+# Our own types, as a user loads them: the directory is the namespace. Loading makes all types anew, the standard ones
+# too, so it comes before anybody uses one; pydronecan's own applications, which hold the old ones, are loaded again.
+dronecan.load_dsdl(str(ROOT / "dsdl" / "thesis"))
+importlib.reload(dronecan.app.node_monitor)
+
+
+def sim_program():
+    if path := os.environ.get("SIM_BIN"):
+        return pathlib.Path(path)
+    built = [path for path in (TARGET / profile / "sim" for profile in ("debug", "release")) if path.exists()]
+    if not built:
+        pytest.exit('there is no sim: run "cargo build -p sim" first', 2)
+    return max(built, key=lambda path: path.stat().st_mtime)
+
+
+def node_elf():
+    return pathlib.Path(os.environ.get("NODE_ELF") or TARGET / "avr-atmega168/release/node.elf")
+
+
+def program(name):
+    """A program that the Makefile installs: in the Python environment, by cargo, or by the system."""
+    path = os.pathsep.join([os.path.dirname(sys.executable), str(TARGET / "tools/bin"), os.environ["PATH"]])
+    found = shutil.which(name, path=path)
+    assert found, f'there is no {name}: "make test" installs it'
+    return found
+
+
+def wait_until(condition, what, timeout=PATIENCE_S):
+    end = time.monotonic() + timeout
+    while not (result := condition()):
+        assert time.monotonic() < end, f"no {what} within {timeout} s"
+        time.sleep(0.02)
+    return result
+
+
+def free_port():
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
+
+
+class Client:
+    """A pydronecan node on one of the bench's SLCAN adapters."""
+
+    def __init__(self, device, node_id=10):
+        info = dronecan.uavcan.protocol.GetNodeInfo.Response()
+        info.name = "org.example.client"
+        self.node = dronecan.make_node(f"slcan:{device}", node_id=node_id, bitrate=1_000_000, node_info=info)
+
+    def close(self):
+        self.node.close()
+
+    def spin(self, seconds):
+        self.node.spin(seconds)
+
+    def gather(self, data_type, count, timeout=PATIENCE_S, source=NODE):
+        """The next messages of that type from that node."""
+        messages = []
+
+        def heard(event):
+            if event.transfer.source_node_id == source:
+                messages.append(event.message)
+
+        handle = self.node.add_handler(data_type, heard)
+        end = time.monotonic() + timeout
+        try:
+            while len(messages) < count:
+                assert time.monotonic() < end, f"{len(messages)} of {count} {data_type} within {timeout} s"
+                self.node.spin(0.05)
+        finally:
+            handle.remove()
+        return messages[:count]
+
+    def wait_for(self, data_type, timeout=PATIENCE_S, source=NODE):
+        return self.gather(data_type, 1, timeout, source)[0]
+
+    def spin_until(self, condition, what, timeout=PATIENCE_S):
+        end = time.monotonic() + timeout
+        while not (result := condition()):
+            assert time.monotonic() < end, f"no {what} within {timeout} s"
+            self.node.spin(0.05)
+        return result
+
+    def command(self, *commands):
+        """Broadcasts an ArrayCommand of (actuator, type, value)."""
+        message = dronecan.uavcan.equipment.actuator.ArrayCommand()
+        for actuator_id, command_type, value in commands:
+            message.commands.append(
+                dronecan.uavcan.equipment.actuator.Command(
+                    actuator_id=actuator_id, command_type=command_type, command_value=value
+                )
+            )
+        self.node.broadcast(message)
+
+
+class Raw:
+    """An SLCAN adapter or serial port without any program's manners, for what well-behaved clients do not do."""
+
+    def __init__(self, path):
+        self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        tty.setraw(self.fd, termios.TCSANOW)
+
+    def write(self, data):
+        """Writes what fits."""
+        try:
+            return os.write(self.fd, data)
+        except BlockingIOError:
+            return 0
+
+    def write_all(self, data, timeout=PATIENCE_S):
+        end = time.monotonic() + timeout
+        while data:
+            data = data[self.write(data) :]
+            assert time.monotonic() < end, f"{len(data)} bytes not taken within {timeout} s"
+            time.sleep(0 if not data else 0.001)
+
+    def read(self, timeout=0.0):
+        """All that comes within this time."""
+        end = time.monotonic() + timeout
+        data = b""
+        while True:
+            try:
+                data += os.read(self.fd, 65536)
+            except BlockingIOError:
+                if time.monotonic() >= end:
+                    return data
+                time.sleep(0.005)
+
+    def ask(self, command, timeout=PATIENCE_S):
+        """The answer to a command, up to its CR or BEL, other lines left out."""
+        self.write_all(command)
+        data = b""
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            data += self.read(0.01)
+            for line in re.findall(rb"[^\r\x07]*[\r\x07]", data):
+                if not line.startswith((b"T", b"t", b"R", b"r")):
+                    return line
+        raise AssertionError(f"no answer to {command}, only {data}")
+
+    def close(self):
+        os.close(self.fd)
+
+
+class Bench:
+    def __init__(self, directory, options, slcan, serial):
+        self.directory = directory
+        self.slcan = [directory / f"can{index}" for index in range(slcan)]
+        self.serial = directory / "serial" if serial else None
+        self.links = self.slcan + ([self.serial] if serial else [])
+        self.output = directory / "sim.txt"
+        self.clients = contextlib.ExitStack()
+        self.exit_code = None
+        line = [sim_program(), "--plain", "--elf", node_elf()]
+        for path in self.slcan:
+            line += ["--slcan", path]
+        if serial:
+            line += ["--serial", self.serial]
+        line += options
+        with open(self.output, "wb") as output:
+            self.process = subprocess.Popen(
+                [str(word) for word in line],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                cwd=directory,
+                start_new_session=True,
+            )
+
+    def wait_for_links(self):
+        wait_until(lambda: self.is_over() or all(path.exists() for path in self.links), "links")
+        assert not self.is_over(), f"sim has ended:\n{self.text()}"
+
+    def text(self):
+        """What the simulator has printed."""
+        return self.output.read_text(errors="replace")
+
+    def is_over(self):
+        return self.process.poll() is not None
+
+    def time_s(self):
+        """Simulated time of the last line."""
+        times = re.findall(r"^ *(\d+\.\d+) ", self.text(), re.M)
+        return float(times[-1]) if times else 0.0
+
+    def wait_for_text(self, pattern, timeout=PATIENCE_S):
+        return wait_until(lambda: re.search(pattern, self.text(), re.M), f"line with {pattern!r}", timeout)
+
+    def pulse_us(self):
+        """Width of the servo's last pulse, as the simulator measured it."""
+        pulses = re.findall(r" servo +pulse ([\d.]+) us", self.text())
+        return float(pulses[-1]) if pulses else None
+
+    def goes_on(self):
+        """Simulated time passes, and the node still speaks."""
+        start = self.time_s()
+        wait_until(lambda: not self.is_over() and self.time_s() > start + 1, "progress of the simulation")
+        return True
+
+    def dronecan(self, adapter=0, node_id=10):
+        client = Client(self.slcan[adapter], node_id)
+        self.clients.callback(client.close)
+        return client
+
+    def raw(self, path=None):
+        return self.clients.enter_context(contextlib.closing(Raw(path or self.slcan[0])))
+
+    def start(self, *line, **options):
+        """Starts a client program in a process group of its own; it is killed at the end if it still runs."""
+        process = subprocess.Popen(
+            [program(str(line[0])), *map(str, line[1:])],
+            stdin=options.pop("stdin", subprocess.DEVNULL),
+            stdout=options.pop("stdout", subprocess.PIPE),
+            stderr=subprocess.STDOUT,
+            cwd=options.pop("cwd", self.directory),
+            start_new_session=True,
+            **options,
+        )
+        self.clients.callback(end_group, process)
+        return process
+
+    def run(self, *line, timeout=30, check=True, **options):
+        """Runs a client program to its end; gives what it printed."""
+        process = self.start(*line, **options)
+        text = process.communicate(timeout=timeout)[0].decode(errors="replace")
+        assert not check or process.returncode == 0, f"{line}: exit code {process.returncode}\n{text}"
+        return text
+
+    def end(self):
+        """Ends the simulation with Ctrl-C; gives its exit code."""
+        if self.exit_code is None:
+            self.clients.close()
+            if not self.is_over():
+                self.process.send_signal(signal.SIGINT)
+            try:
+                self.exit_code = self.process.wait(PATIENCE_S)
+            finally:
+                end_group(self.process)
+        return self.exit_code
+
+
+def end_group(process):
+    """Kills what is left of a process group that was started here."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    if process.stdout:
+        process.stdout.close()
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """Starts a bench: options of `sim`, the number of its SLCAN adapters, and whether it has a serial port."""
+    benches = []
+
+    def start(*options, slcan=1, serial=False, autopilot=False, exit_code=0):
+        directory = tmp_path / f"bench{len(benches)}"
+        directory.mkdir()
+        new = Bench(directory, [*options, *([] if autopilot else ["--no-autopilot"])], slcan, serial)
+        new.expected_exit_code = exit_code
+        benches.append(new)
+        new.wait_for_links()
+        return new
+
+    yield start
+    faults = []
+    for used in benches:
+        try:
+            if used.end() != used.expected_exit_code:
+                faults.append(f"sim: exit code {used.exit_code}\n{used.text()[-3000:]}")
+            faults += [f"{path} is left behind" for path in used.links if os.path.lexists(path)]
+        except subprocess.TimeoutExpired:
+            faults.append(f"sim did not end at Ctrl-C\n{used.text()[-3000:]}")
+    assert not faults, "\n".join(faults)

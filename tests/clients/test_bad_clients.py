@@ -1,0 +1,92 @@
+"""Clients that hang, flood or die: the simulation goes on, and the next client finds everything in order."""
+
+import os
+import signal
+import time
+
+import pytest
+from dronecan import uavcan
+
+from conftest import PATIENCE_S, node_elf, sim_program
+from test_python_can import start_logger
+
+
+def opened(used):
+    port = used.raw()
+    port.ask(b"C\r")
+    assert port.ask(b"S8\r") == port.ask(b"O\r") == b"\r"
+    return port
+
+
+def assert_fine(used):
+    assert used.goes_on()
+    used.dronecan().wait_for(uavcan.protocol.NodeStatus)
+
+
+def test_a_client_that_never_reads_stops_nothing(bench):
+    used = bench(autopilot=True)
+    port = opened(used)
+    used.goes_on()
+    used.goes_on()
+    port.close()
+    used.clients.pop_all()
+    assert_fine(used)
+
+
+def test_a_client_that_floods_stops_nothing(bench):
+    used = bench(slcan=2)
+    port = opened(used)
+    end = time.monotonic() + 3
+    while time.monotonic() < end:
+        port.write(b"T1FFFFFA58FFFFFFFFFFFFFFFF\r" * 100)
+    assert used.goes_on()
+    used.dronecan(1).wait_for(uavcan.protocol.NodeStatus)
+
+
+def test_a_client_that_dies_in_the_middle_of_a_frame_stops_nothing(bench):
+    used = bench()
+    port = opened(used)
+    port.write_all(b"T1404562A60100")
+    used.clients.close()
+    assert_fine(used)
+
+
+def test_rubbish_is_answered_with_errors_and_stops_nothing(bench):
+    used = bench()
+    port = opened(used)
+    for rubbish in [b"T\r", b"T1404562AF00\r", b"t8001\r", b"x" * 10_000 + b"\r", b"\x00\xff\xfe\r", b"TXYZ\r", b"S9\r"]:
+        assert port.ask(rubbish) == b"\x07", rubbish[:20]
+        port.read()
+    port.write_all(os.urandom(20_000))
+    port.read(0.5)
+    port.write_all(b"\rC\r")
+    used.clients.close()
+    assert_fine(used)
+
+
+def test_a_client_that_is_killed_leaves_a_port_for_the_next(bench):
+    used = bench()
+    logger = start_logger(used, "out.log")
+    os.killpg(logger.pid, signal.SIGKILL)
+    logger.wait()
+    assert_fine(used)
+
+
+def test_a_path_in_use_is_named(bench):
+    used = bench()
+    other = used.directory / "file"
+    other.write_text("precious")
+    line = [sim_program(), "--plain", "--no-autopilot", "--for", "1s", "--elf", node_elf(), "--slcan"]
+    for path in (used.slcan[0], other):
+        text = used.run(*line, path, check=False)
+        assert str(path) in text and text.startswith("sim: "), text
+    assert other.read_text() == "precious"
+    assert used.goes_on()
+
+
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_each_signal_removes_the_links(bench, signal_number):
+    used = bench(slcan=2, serial=True)
+    used.process.send_signal(signal_number)
+    assert used.process.wait(PATIENCE_S) == 0
+    assert not any(os.path.lexists(path) for path in used.links)

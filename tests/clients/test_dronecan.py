@@ -1,0 +1,105 @@
+"""pydronecan over SLCAN: the node speaks the dialect as others understand it."""
+
+import pytest
+from dronecan import thirdparty, uavcan
+from dronecan.app.node_monitor import NodeMonitor
+
+from conftest import NODE
+
+UNITLESS, POSITION, PWM = 0, 1, 4
+
+
+def test_the_node_appears_in_the_node_monitor(bench):
+    client = bench().dronecan()
+    monitor = NodeMonitor(client.node)
+    client.spin_until(lambda: monitor.exists(NODE), "node 120 in the monitor")
+    status = monitor.get(NODE).status
+    assert (status.health, status.mode) == (status.HEALTH_OK, status.MODE_OPERATIONAL)
+    # It stays: three seconds of silence would take it out.
+    client.spin(4)
+    assert monitor.exists(NODE)
+
+
+def test_node_status_is_the_standard_type_and_counts_the_uptime(bench):
+    client = bench().dronecan()
+    statuses = client.gather(uavcan.protocol.NodeStatus, 5)
+    uptimes = [status.uptime_sec for status in statuses]
+    # About one in each second: it answers the client's, whose clock is another.
+    assert uptimes == sorted(uptimes) and uptimes[0] < 5 and 3 <= uptimes[4] - uptimes[0] <= 5
+    assert {status.sub_mode for status in statuses} == {0}
+
+
+@pytest.mark.parametrize("celsius", [0, 25, 60.5])
+def test_temperature_is_the_standard_type_in_kelvin(bench, celsius):
+    client = bench("--temperature", celsius).dronecan()
+    message = client.gather(uavcan.equipment.device.Temperature, 2)[-1]
+    # Half a step of the converter, and half one of the float16.
+    assert message.temperature == pytest.approx(celsius + 273.15, abs=0.4)
+    assert (message.device_id, message.error_flags) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    "command_type, value, pulse_us",
+    [(UNITLESS, 0.5, 1750), (UNITLESS, -1.0, 1000), (POSITION, 0.7854, 2000), (PWM, 1234, 1234)],
+)
+def test_an_array_command_moves_the_servo_to_the_right_pulse(bench, command_type, value, pulse_us):
+    used = bench()
+    client = used.dronecan()
+    client.command((7, UNITLESS, -1.0))
+    client.spin(0.2)
+    assert used.pulse_us() is None, "another actuator's command"
+    client.command((1, command_type, value))
+    client.spin_until(used.pulse_us, "pulse")
+    client.spin_until(lambda: used.pulse_us() == pulse_us, f"pulse of {pulse_us} us")
+
+
+def test_what_the_gui_tool_sends_is_survived(bench):
+    """Its actuator panel sends an empty array while nothing is ticked, and several frames for two channels."""
+    used = bench()
+    client = used.dronecan()
+    for _ in range(10):
+        client.command()
+        client.command((1, UNITLESS, 0.1), (2, UNITLESS, 0.2), (3, UNITLESS, 0.3))
+        client.spin(0.05)
+    client.command((1, UNITLESS, 0.5))
+    client.spin_until(lambda: used.pulse_us() == 1750, "pulse of 1750 us")
+
+
+def test_our_own_types_go_both_ways(bench):
+    used = bench("--temperature", "30")
+    client = used.dronecan(node_id=1)
+    client.node.mode = uavcan.protocol.NodeStatus().MODE_OPERATIONAL
+    client.node.broadcast(thirdparty.thesis.ServoCommand(position=255))
+    client.spin_until(lambda: used.pulse_us() == 2000, "pulse of 2000 us")
+    # The node answers every third status of the autopilot, which is this client now.
+    assert client.wait_for(thirdparty.thesis.DegreesCelsius).degrees in (29, 30, 31)
+    client.node.broadcast(thirdparty.thesis.ServoCommand(position=0))
+    client.spin_until(lambda: used.pulse_us() == 1000, "pulse of 1000 us")
+
+
+def test_two_clients_and_the_node_share_the_bus(bench):
+    used = bench(slcan=2)
+    first, second = used.dronecan(0, 10), used.dronecan(1, 11)
+    first.node.broadcast(uavcan.protocol.NodeStatus(uptime_sec=77))
+    heard = []
+    second.node.add_handler(uavcan.protocol.NodeStatus, lambda event: heard.append(event.transfer.source_node_id))
+
+    def both():
+        first.spin(0.05)
+        return {10, NODE} <= set(heard)
+
+    second.spin_until(both, "status of both others")
+
+
+def test_a_client_finds_its_adapter_again(bench):
+    used = bench()
+    for _ in range(3):
+        client = used.dronecan()
+        client.wait_for(uavcan.protocol.NodeStatus)
+        client.close()
+
+
+def test_an_adapter_refuses_another_bit_rate(bench):
+    used = bench("--bit-rate", "500000")
+    assert used.raw().ask(b"S8\r") == b"\x07"
+    assert used.raw().ask(b"S6\r") == b"\r"

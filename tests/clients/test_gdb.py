@@ -1,0 +1,58 @@
+"""avr-gdb attached to the running simulator."""
+
+import signal
+import time
+
+from dronecan import uavcan
+
+from conftest import PATIENCE_S, free_port, node_elf, sim_program, wait_until
+
+
+def debug(used, port, *commands, **options):
+    line = ["avr-gdb", "-nx", "-batch", "-ex", "set tcp connect-timeout 10", "-ex", f"target remote localhost:{port}"]
+    for command in commands:
+        line += ["-ex", command]
+    return used.run(*line, node_elf(), **options)
+
+
+def test_a_breakpoint_in_the_node_and_on_it_goes(bench):
+    port = free_port()
+    used = bench("--gdb", port)
+    text = debug(
+        used,
+        port,
+        "break node::node::Node::tick",
+        "continue",
+        "backtrace 2",
+        "print now_ms",
+        "info registers pc",
+        "stepi",
+        "delete",
+        "detach",
+    )
+    assert "Breakpoint 1" in text and "Node::tick" in text and "#1" in text and "$1 = " in text, text
+    # The node goes on, and has not noticed anything.
+    client = used.dronecan()
+    uptimes = [status.uptime_sec for status in client.gather(uavcan.protocol.NodeStatus, 3)]
+    assert uptimes == sorted(uptimes) and uptimes[2] > uptimes[0]
+
+
+def test_the_bus_waits_while_the_node_is_halted(bench):
+    port = free_port()
+    used = bench("--gdb", port)
+    attach = ["-ex", f"target remote localhost:{port}", "-ex", "shell touch attached; sleep 30"]
+    used.start("avr-gdb", "-nx", "-batch", *attach, node_elf())
+    wait_until((used.directory / "attached").exists, "debugger")
+    halted_at = used.time_s()
+    time.sleep(1.5)
+    assert used.time_s() == halted_at
+    # Ctrl-C is heeded meanwhile.
+    used.process.send_signal(signal.SIGINT)
+    assert used.process.wait(PATIENCE_S) == 0
+
+
+def test_a_port_in_use_is_named(bench):
+    port = free_port()
+    used = bench("--gdb", port)
+    text = used.run(sim_program(), "--plain", "--for", "1s", "--gdb", port, "--elf", node_elf(), check=False)
+    assert str(port) in text and "in use" in text, text
