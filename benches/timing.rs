@@ -76,7 +76,7 @@ struct Turns {
 /// The watchdog reset in the main loop: the last WDR (0x95A8) of the program.
 fn loop_head(rig: &mut Rig) -> u32 {
     let flash = rig.board().avr().flash();
-    (0x68..0x3800).step_by(2).filter(|&at| flash[at..at + 2] == [0xA8, 0x95]).next_back().expect("a main loop") as u32
+    (0x68..0x3800).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).expect("a main loop") as u32
 }
 
 fn measure(load: &Load, duration_ms: u32) -> Turns {

@@ -31,7 +31,7 @@ fn frames_back_to_back_are_received_in_order() {
     for round in 0..40u8 {
         // Two frames fill both buffers, and the others follow while they are read.
         for n in 0..4 {
-            rig.send(0x1003_F20A, &[1, 4, 0, 0x64 + n, 0xC0 | (round * 4 + n) % 32]);
+            rig.send(0x1003_F20A, &[1, 4, 0, 0x64 + n, 0xC0 | ((round * 4 + n) % 32)]);
         }
         rig.run_ms(25);
     }

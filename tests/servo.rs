@@ -2,6 +2,8 @@
 
 mod rig;
 
+use std::f32::consts::FRAC_PI_4;
+
 use rig::{ARRAY_COMMAND, MS, Rig};
 
 const UNITLESS: u8 = 0;
@@ -36,8 +38,8 @@ fn each_command_type_moves_the_servo_in_its_own_unit() {
         (UNITLESS, 1.0, 2000.0),
         (UNITLESS, -0.25, 1375.0),
         (POSITION, 0.0, 1500.0),
-        (POSITION, 0.7854, 2000.0),
-        (POSITION, -0.7854, 1000.0),
+        (POSITION, FRAC_PI_4, 2000.0),
+        (POSITION, -FRAC_PI_4, 1000.0),
         (PWM, 1234.0, 1234.0),
         (PWM, 1001.0, 1001.0),
         (PWM, 2000.0, 2000.0),
