@@ -274,7 +274,7 @@ impl Node {
             }
             Notice::Flags(flags) => return self.flags(flags, monitor),
         };
-        if code != 0 || matches!(notice, Notice::NotAnswering(_)) {
+        if !matches!(notice, Notice::Running | Notice::GaveUpSending) {
             self.happened(Conditions::CONTROLLER_LOST);
         }
         let event = monitor.tell(line);
@@ -408,5 +408,28 @@ impl From<Unusable> for Line {
             Unusable::Type => Self::RefusedType,
             Unusable::NotFinite => Self::RefusedValue,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Zero is what a dead chip reads as, and the address of the first filter.
+    #[test]
+    fn a_controller_in_trouble_shows_in_the_status_whatever_was_read_from_it() {
+        for seen in [0x00, 0x80, 0xFF] {
+            for notice in
+                [Notice::NotAnswering(seen), Notice::NotKeeping(seen), Notice::NotStarting(seen), Notice::Lost(seen)]
+            {
+                let mut node = Node::new(NodeId::new(120).unwrap());
+                node.notice(notice, &mut Monitor::new());
+                assert!(node.conditions.has(Conditions::CONTROLLER_LOST), "{notice:?}");
+            }
+        }
+        let mut node = Node::new(NodeId::new(120).unwrap());
+        node.notice(Notice::Running, &mut Monitor::new());
+        node.notice(Notice::GaveUpSending, &mut Monitor::new());
+        assert!(!node.conditions.has(Conditions::CONTROLLER_LOST));
     }
 }
