@@ -5,15 +5,21 @@
 use anyhow::{Context, Result};
 use clap::Parser;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 use sim::ui::args::{Args, Command};
 use sim::ui::plain::summary;
 use sim::ui::run;
 use sim::ui::scene::Scene;
 use sim::utilisation;
 use std::io::{self, IsTerminal, Write};
-use std::process::ExitCode;
+use std::process::{self, ExitCode};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Signals that come within this time are one.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 fn main() -> ExitCode {
     match run(&Args::parse()) {
@@ -46,12 +52,19 @@ fn run(args: &Args) -> Result<ExitCode> {
 /// Signals end the run between two slices, so that the terminal is restored and the summary printed.
 fn stop_on_signals() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        // The second one ends the program at once, should the first one not be heeded.
-        signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, stop.clone())
-            .and_then(|_| signal_hook::flag::register(signal, stop.clone()))
-            .context("cannot catch signals")?;
-    }
+    let asked = stop.clone();
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP]).context("cannot catch signals")?;
+    thread::spawn(move || {
+        let mut first = None;
+        for signal in signals.forever() {
+            asked.store(true, Ordering::Relaxed);
+            // A later one ends the program at once, should the first one not be heeded. But one wish can come twice:
+            // `timeout` sends it to make and to the whole group, and make passes it on.
+            if first.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+                process::exit(128 + signal);
+            }
+        }
+    });
     Ok(stop)
 }
 

@@ -221,6 +221,45 @@ fn registers_and_all_memories_are_read_and_written() {
     assert_eq!(avr.flash()[0x3000], 0x42);
 }
 
+/// GDB asks which packets there are, and then uses the binary one.
+#[test]
+fn memory_is_written_by_either_packet_whatever_the_bytes() {
+    let mut setup = Setup::new("packets");
+    let every_byte: Vec<u8> = (0..=255).collect();
+    let file = setup.directory.join("bytes");
+    std::fs::write(&file, &every_byte).expect("a file");
+    for (packet, value) in [("off", 0x11), ("on", 0x22)] {
+        let file = file.display();
+        // Between them the bytes are others, so that each packet is seen to write all of them.
+        setup.bench.board(0).avr_mut().set_eeprom(&[0; 512]);
+        setup.bench.board(0).avr_mut().load_flash(0x2000, &[0; 256]);
+        let text = setup.debug(&[
+            "break inner",
+            "continue",
+            &format!("set remote binary-download-packet {packet}"),
+            &format!("set {{char}}0x810004 = {value}"),
+            &format!("set {{char}}0x800304 = {value}"),
+            &format!("set {{char}}0x003004 = {value}"),
+            &format!("restore {file} binary 0x810100"),
+            &format!("restore {file} binary 0x800310"),
+            &format!("restore {file} binary 0x002000"),
+            "set {long}0x8101fe = 0",
+            "delete",
+            "detach",
+        ]);
+        assert!(text.contains("Cannot access memory at address 0x8101fe"), "{text}");
+        let avr = setup.bench.board(0).avr_mut();
+        let eeprom = avr.eeprom();
+        assert_eq!((eeprom[4], avr.flash()[0x3004]), (value, value), "{text}");
+        assert_eq!(eeprom[0x100..], every_byte, "and nothing of what does not fit");
+        assert_eq!(avr.flash()[0x2000..0x2100], every_byte);
+        let debugger = avr.debugger();
+        assert_eq!(debugger.data(0x304), Some(value));
+        let data: Vec<u8> = (0x310..0x410).map(|address| debugger.data(address).unwrap()).collect();
+        assert_eq!(data, every_byte);
+    }
+}
+
 #[test]
 fn an_interrupt_from_the_keyboard_halts_a_running_program() {
     let mut setup = Setup::new("interrupt");

@@ -59,6 +59,59 @@ fn opening_the_port_resets_the_board_each_time() {
     assert_eq!(stand.resets().len(), 3);
 }
 
+/// As ravedude's console does after avrdude. Nothing that was for the first program is there for the second.
+#[test]
+fn a_program_that_opens_the_port_at_once_after_another_resets_the_board_too() {
+    let mut stand = Stand::new(program("echo", &[]));
+    stand.run_ms(5);
+    let mut client = Client::open(&stand.path);
+    stand.run_ms(5);
+    client.write(b"unread");
+    stand.run_ms(2);
+    for resets in 3..6 {
+        drop(client);
+        client = Client::open(&stand.path);
+        stand.run_ms(5);
+        assert_eq!(stand.resets().len(), resets);
+        assert_eq!(client.read(), b"ready\n");
+        client.write(b"unread");
+        stand.run_ms(2);
+    }
+    assert!(stand.port.status().contains("in use, opened 4 times"), "{}", stand.port.status());
+}
+
+/// DTR is up already.
+#[test]
+fn a_second_program_at_an_open_port_does_not_reset_the_board() {
+    let mut stand = Stand::new(program("echo", &[]));
+    let first = Client::open(&stand.path);
+    stand.run_ms(5);
+    assert_eq!(stand.resets().len(), 2);
+    let mut second = Client::open(&stand.path);
+    drop(Client::open(&stand.path));
+    stand.run_ms(5);
+    drop(first);
+    stand.run_ms(5);
+    assert_eq!(stand.resets().len(), 2);
+    second.write(b"still there");
+    stand.run_ms(5);
+    assert!(second.read().ends_with(b"still there"));
+    drop(second);
+    let _third = Client::open(&stand.path);
+    stand.run_ms(5);
+    assert_eq!(stand.resets().len(), 3);
+}
+
+/// `stty`, which says nothing to the board.
+#[test]
+fn a_program_that_came_and_went_without_a_word_was_there() {
+    let mut stand = Stand::new(program("echo", &[]));
+    stand.run_ms(5);
+    drop(Client::open(&stand.path));
+    stand.run_ms(5);
+    assert_eq!(stand.resets(), [ResetCause::PowerOn, ResetCause::External]);
+}
+
 #[test]
 fn bytes_pass_at_the_pace_of_the_line_both_ways() {
     let mut stand = Stand::new(program("echo", &[]));

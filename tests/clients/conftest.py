@@ -79,15 +79,19 @@ def free_port():
 
 
 class Client:
-    """A pydronecan node on one of the bench's SLCAN adapters."""
+    """A pydronecan node on one of the bench's SLCAN adapters, or on its multicast bus."""
 
     def __init__(self, device, node_id=10):
         info = dronecan.uavcan.protocol.GetNodeInfo.Response()
         info.name = "org.example.client"
-        self.node = dronecan.make_node(f"slcan:{device}", node_id=node_id, bitrate=1_000_000, node_info=info)
+        self.node = dronecan.make_node(device, node_id=node_id, bitrate=1_000_000, node_info=info)
 
     def close(self):
         self.node.close()
+        # The multicast driver does not end its process.
+        if process := getattr(self.node.can_driver, "proc", None):
+            process.terminate()
+            process.join(PATIENCE_S)
 
     def spin(self, seconds):
         self.node.spin(seconds)
@@ -236,8 +240,8 @@ class Bench:
         wait_until(lambda: not self.is_over() and self.time_s() > start + 1, "progress of the simulation")
         return True
 
-    def dronecan(self, adapter=0, node_id=10):
-        client = Client(self.slcan[adapter], node_id)
+    def dronecan(self, adapter=0, node_id=10, device=None):
+        client = Client(device or f"slcan:{self.slcan[adapter]}", node_id)
         self.clients.callback(client.close)
         return client
 

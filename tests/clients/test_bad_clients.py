@@ -1,6 +1,7 @@
 """Clients that hang, flood or die: the simulation goes on, and the next client finds everything in order."""
 
 import os
+import re
 import signal
 import time
 
@@ -89,4 +90,14 @@ def test_each_signal_removes_the_links(bench, signal_number):
     used = bench(slcan=2, serial=True)
     used.process.send_signal(signal_number)
     assert used.process.wait(PATIENCE_S) == 0
+    assert not any(os.path.lexists(path) for path in used.links)
+
+
+def test_a_signal_that_comes_twice_is_one(bench):
+    """From `timeout`, and from make on the way."""
+    used = bench(slcan=1, serial=True)
+    for signal_number in (signal.SIGTERM, signal.SIGINT, signal.SIGTERM):
+        used.process.send_signal(signal_number)
+    assert used.process.wait(PATIENCE_S) == 0
+    assert re.search(r"^simulated ", used.text(), re.M)
     assert not any(os.path.lexists(path) for path in used.links)

@@ -1,5 +1,6 @@
 """avr-gdb attached to the running simulator."""
 
+import re
 import signal
 import time
 
@@ -35,6 +36,20 @@ def test_a_breakpoint_in_the_node_and_on_it_goes(bench):
     client = used.dronecan()
     uptimes = [status.uptime_sec for status in client.gather(uavcan.protocol.NodeStatus, 3)]
     assert uptimes == sorted(uptimes) and uptimes[2] > uptimes[0]
+
+
+def test_a_byte_of_each_memory_is_set(bench):
+    """GDB takes the node's language, Rust, which does not know `{char}`."""
+    port = free_port()
+    used = bench("--gdb", port, "--eeprom", "eeprom.bin")
+    commands = []
+    # Where neither program nor stack reach.
+    for address in (0x810004, 0x8003A0, 0x3F00):
+        commands += [f"with language c -- set {{char}}{address} = 5", f"x/xb {address}"]
+    text = debug(used, port, *commands, "detach")
+    assert len(re.findall(r"^0x(?:810004|8003a0|3f00).*:\s0x05$", text, re.M)) == 3, text
+    used.end()
+    assert (used.directory / "eeprom.bin").read_bytes()[:6] == b"\xff\xff\xff\xff\x05\xff"
 
 
 def test_the_bus_waits_while_the_node_is_halted(bench):

@@ -3,7 +3,9 @@
 import os
 import pathlib
 import re
+import shlex
 import signal
+import tomllib
 
 import pytest
 import serial
@@ -15,7 +17,9 @@ from conftest import ROOT, node_elf, program, wait_until
 BOOTLOADER = pathlib.Path(
     "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega/ATmegaBOOT_168_diecimila.hex"
 )
-MONITOR_BAUD = 57600
+MONITOR_BAUD = 115200
+# What a user types. The runner of .cargo/config.toml does the rest; RAVEDUDE_PORT says where the board is.
+CARGO_RUN = "cargo run --release --bin node --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec"
 
 
 @pytest.fixture
@@ -50,19 +54,35 @@ def test_avrdude_uploads_through_the_boot_loader(empty_board):
     used.dronecan().wait_for(uavcan.protocol.NodeStatus)
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(180)
 def test_cargo_run_uploads_with_ravedude_and_shows_the_monitor(empty_board):
     used = empty_board
     ravedude = pathlib.Path(program("ravedude"))
     environment = dict(os.environ, RAVEDUDE_PORT=str(used.serial))
     environment["PATH"] = os.pathsep.join([str(ravedude.parent), environment["PATH"]])
     output = used.directory / "ravedude.txt"
+
+    def shown():
+        """What the console has shown; before it opens its port avrdude has closed it."""
+        return output.read_text(errors="replace").partition(f"Console {used.serial}")[2]
+
     with open(output, "wb") as file:
-        cargo = used.start("cargo", "upload", cwd=ROOT, env=environment, stdout=file)
-        wait_until(
-            lambda: b"temperature" in output.read_bytes() or cargo.poll() is not None, "line of the monitor", timeout=60
-        )
+        cargo = used.start(*shlex.split(CARGO_RUN), cwd=ROOT, env=environment, stdout=file)
+        wait_until(lambda: "temperature +" in shown() or cargo.poll() is not None, "line of the monitor", timeout=120)
+        # As the terminal does at Ctrl-C.
         os.killpg(cargo.pid, signal.SIGINT)
-        cargo.wait(10)
+        exit_code = cargo.wait(10)
     text = output.read_text(errors="replace")
-    assert "bytes of flash verified" in text and "temperature" in text, text
+    assert exit_code == 0 and "bytes of flash verified" in text, text
+    # The board starts when the console opens the port, so its first words are there, once.
+    assert re.search(r"at 115200 baud\s+CTRL\+C to exit\.\s+DroneCAN servo and temperature node", shown()), text
+    assert shown().count("reset:") == 1, text
+    used.end()
+    assert len(re.findall(r" reset +the AVR was reset: External", used.text())) == 2
+    size = re.search(r"(\d+) bytes of flash verified", text)[1]
+    assert f"\nflash           {size} of " in used.text()
+
+
+def test_cargo_upload_is_short_for_cargo_run():
+    alias = tomllib.loads((ROOT / ".cargo/config.toml").read_text())["alias"]["upload"]
+    assert ["cargo", *alias] == shlex.split(CARGO_RUN)

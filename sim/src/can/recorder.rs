@@ -33,7 +33,7 @@ pub enum RecordKind {
     ErrorFrame {
         /// What a listener saw.
         kind: Option<ErrorKind>,
-        /// Who was sending, if that was clear already.
+        /// Who was sending, if that was clear already. None too if nobody was, and noise began it.
         from: Option<PortId>,
     },
 }
@@ -203,18 +203,21 @@ impl Recorder {
             return;
         };
         self.stats.frames += 1;
-        if let Some(port) = self.sender {
+        // Taken: what noise begins on the idle bus is nobody's.
+        let from = self.sender.take();
+        if let Some(port) = from {
             let stats = &mut self.stats.ports[port.0];
             stats.frames += 1;
             stats.bits += u64::from(self.bits) + u64::from(INTERMISSION_BITS);
         }
-        self.record(end, RecordKind::Frame { frame, from: self.sender, acked: self.acked });
+        self.record(end, RecordKind::Frame { frame, from, acked: self.acked });
     }
 
     fn end_error_frame(&mut self, end: Cycles) {
         self.stats.error_frames += 1;
         let kind = self.error.take();
-        self.record(end, RecordKind::ErrorFrame { kind, from: self.sender });
+        let from = self.sender.take();
+        self.record(end, RecordKind::ErrorFrame { kind, from });
     }
 
     fn record(&mut self, end: Cycles, kind: RecordKind) {
@@ -227,5 +230,56 @@ impl Recorder {
 
     pub fn take_records(&mut self) -> Vec<Record> {
         self.records.drain(..).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Bus, Fault, SoftNode};
+    use super::*;
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    const BIT: Cycles = 16;
+
+    /// Who sent each frame (true) and error frame (false) that has been recorded.
+    fn senders(bus: &mut Bus) -> Vec<(bool, Option<PortId>)> {
+        let sender = |record: Record| match record.kind {
+            RecordKind::Frame { from, .. } => (true, from),
+            RecordKind::ErrorFrame { from, .. } => (false, from),
+        };
+        bus.take_records().into_iter().map(sender).collect()
+    }
+
+    #[test]
+    fn noise_on_the_idle_bus_is_not_the_last_senders() {
+        let mut bus = Bus::new(1_000_000);
+        let node = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
+        let port = Some(bus.attach("node", node.clone()));
+        bus.attach("other", Rc::new(RefCell::new(SoftNode::new(1_000_000))));
+        let mut now = 0;
+        let mut run = |bus: &mut Bus, bits: Cycles| {
+            now += bits * BIT;
+            bus.run_until(now);
+        };
+        // After a frame, and after an error frame whose sender was known.
+        node.borrow_mut().send(Frame::extended(1, &[0x55; 8]));
+        run(&mut bus, 300);
+        for noise in [Fault::StuckDominant(true), Fault::StuckDominant(false)] {
+            bus.inject(noise);
+            run(&mut bus, 1);
+        }
+        run(&mut bus, 100);
+        assert_eq!(senders(&mut bus), [(true, port), (false, None)]);
+        bus.inject(Fault::FlipBit { bit: 50 });
+        node.borrow_mut().send(Frame::extended(1, &[0x55; 8]));
+        run(&mut bus, 100);
+        node.borrow_mut().clear_queue();
+        run(&mut bus, 300);
+        bus.inject(Fault::BitErrorRate { per_million: 1000, seed: 1 });
+        run(&mut bus, 10_000);
+        let senders = senders(&mut bus);
+        assert_eq!(senders[..2], [(false, port), (true, port)]);
+        assert!(senders[2..].len() > 5 && senders[2..].iter().all(|sender| *sender == (false, None)), "{senders:?}");
     }
 }

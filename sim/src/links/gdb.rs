@@ -360,6 +360,10 @@ impl SingleThreadBase for Chip {
     }
 
     fn write_addrs(&mut self, start: u32, data: &[u8]) -> TargetResult<(), Chip> {
+        // All or nothing: a debugger that is told of an error must not find half of it written.
+        if data.len() > Chip::end_of_memory(start).saturating_sub(start) as usize {
+            return Err(TargetError::NonFatal);
+        }
         let written = (start..).zip(data).all(|(address, byte)| self.write(address, *byte));
         if written { Ok(()) } else { Err(TargetError::NonFatal) }
     }

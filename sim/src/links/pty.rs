@@ -4,17 +4,19 @@
 //! removed when the port is dropped, and when the program panics. What a killed simulator left behind is replaced; what
 //! another running one offers is not: each name is claimed by an abstract Unix socket, which dies with its process.
 //!
-//! A pseudo-terminal has no modem lines and no baud rate, and the kernel keeps some 70 KiB in each direction. Limit: what
-//! happens between two looks is not noticed, such as one program closing the port and the next opening it at once.
+//! A pseudo-terminal has no modem lines and no baud rate, and the kernel keeps some 70 KiB in each direction. Who opens and
+//! closes it is counted by inotify, because the master itself only tells how it is now.
 
 use anyhow::{Context, Result, bail};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
 use rustix::fs::{Mode, OFlags, fcntl_setfl, open};
 use rustix::io::{Errno, read, write};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 use std::fs;
 use std::io::ErrorKind;
+use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::fs::symlink;
@@ -27,14 +29,25 @@ use std::thread::{self, ThreadId};
 const DEVICES: &str = "/dev/pts/";
 /// Bytes taken from a client in one go.
 const READ_BYTES: usize = 4096;
+/// Notices of openings and closings taken from the kernel in one go.
+const NOTICE_BYTES: usize = 4096;
 
 /// Whether the port is to look open while no program has it open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hold {
     /// Yes: what is written waits for the next program, and it cannot be told whether there is one.
     Open,
-    /// No: [`Pty::attached`] tells whether a program has it open.
+    /// No: [`Pty::visits`] tells whether a program has it open, and had it.
     Released,
+}
+
+/// What programs did with a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Visits {
+    /// How often it was opened while nobody else had it open: when a real port raises DTR.
+    pub begun: u64,
+    /// Whether a program has it open now.
+    pub present: bool,
 }
 
 /// The master end of a pseudo-terminal and the link to its slave end.
@@ -43,6 +56,8 @@ pub struct Pty {
     master: OwnedFd,
     /// The slave end, if it is held open.
     held: Option<OwnedFd>,
+    /// Counts who has it open, if it is not held open.
+    watch: Option<Watch>,
     link: Link,
 }
 
@@ -65,8 +80,11 @@ impl Pty {
         let mut settings = tcgetattr(&slave)?;
         settings.make_raw();
         tcsetattr(&slave, OptionalActions::Now, &settings)?;
+        let held = (hold == Hold::Open).then_some(slave);
+        // After our own opening, which is no visit, and before anybody else's.
+        let watch = if held.is_none() { Some(Watch::new(&device)?) } else { None };
         let link = Link::publish(path, Path::new(&device))?;
-        Ok(Pty { master, held: (hold == Hold::Open).then_some(slave), link })
+        Ok(Pty { master, held, watch, link })
     }
 
     /// Where a program finds the port.
@@ -94,22 +112,29 @@ impl Pty {
         }
     }
 
-    /// Whether a program has it open. Always true if it is held open.
-    pub fn attached(&self) -> bool {
-        let mut ends = [PollFd::new(&self.master, PollFlags::IN)];
-        let now = Timespec { tv_sec: 0, tv_nsec: 0 };
-        match poll(&mut ends, Some(&now)) {
-            Ok(_) => !ends[0].revents().contains(PollFlags::HUP),
-            Err(_) => false,
+    /// What programs did with it since the last call. Of a port that is held open nothing can be told.
+    pub fn visits(&mut self) -> Visits {
+        let Some(watch) = &mut self.watch else {
+            return Visits { begun: 0, present: true };
+        };
+        let (begun, complete) = watch.take();
+        if complete {
+            return Visits { begun, present: watch.openers > 0 };
         }
+        // More than the kernel keeps: that there were visits is sure, and what the port looks like now.
+        let present = is_open(&self.master);
+        watch.openers = usize::from(present);
+        Visits { begun: begun.max(1), present }
     }
 
     /// Drops what the kernel holds for a program that has not read it.
     pub fn discard_unread(&self) {
         // It sits in two places: on its way out of the master, and at the slave's input.
         let _ = tcflush(&self.master, QueueSelector::OFlush);
-        if let Some(slave) = &self.held {
-            let _ = tcflush(slave, QueueSelector::IFlush);
+        match &self.held {
+            Some(slave) => drop(tcflush(slave, QueueSelector::IFlush)),
+            // On Linux the master's settings are those of the slave, and setting them can flush its input.
+            None => drop(tcgetattr(&self.master).map(|s| tcsetattr(&self.master, OptionalActions::Flush, &s))),
         }
     }
 
@@ -119,11 +144,67 @@ impl Pty {
         for _ in 0..20 {
             self.read();
         }
-        // On Linux the master's settings are those of the slave.
+        self.discard_unread();
         if let Ok(mut settings) = tcgetattr(&self.master) {
             settings.make_raw();
             let _ = tcsetattr(&self.master, OptionalActions::Now, &settings);
         }
+    }
+}
+
+/// Whether any program has the slave end open.
+fn is_open(master: &OwnedFd) -> bool {
+    let mut ends = [PollFd::new(master, PollFlags::IN)];
+    let now = Timespec { tv_sec: 0, tv_nsec: 0 };
+    match poll(&mut ends, Some(&now)) {
+        Ok(_) => !ends[0].revents().contains(PollFlags::HUP),
+        Err(_) => false,
+    }
+}
+
+/// Counts the programs that have a device open.
+#[derive(Debug)]
+struct Watch {
+    inotify: OwnedFd,
+    /// inotify's number of the device.
+    device: i32,
+    openers: usize,
+}
+
+impl Watch {
+    fn new(device: &str) -> Result<Watch> {
+        let watch = || {
+            let inotify = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
+            let what = WatchFlags::OPEN | WatchFlags::CLOSE_WRITE | WatchFlags::CLOSE_NOWRITE;
+            // inotify makes one of two equal notices in a row. With those of the directory in between none are equal.
+            inotify::add_watch(&inotify, DEVICES, what)?;
+            let device = inotify::add_watch(&inotify, device, what)?;
+            Ok::<_, Errno>(Watch { inotify, device, openers: 0 })
+        };
+        watch().with_context(|| {
+            format!("cannot watch who opens {device}; do other programs use up fs.inotify.max_user_instances?")
+        })
+    }
+
+    /// How often the device was opened by a first program since the last call, and whether all notices of it were there.
+    fn take(&mut self) -> (u64, bool) {
+        let mut buffer = [MaybeUninit::uninit(); NOTICE_BYTES];
+        let mut notices = Reader::new(&self.inotify, &mut buffer);
+        let (mut begun, mut complete) = (0, true);
+        // The error at the end: there are no more.
+        while let Ok(notice) = notices.next() {
+            let what = notice.events();
+            if what.contains(ReadFlags::QUEUE_OVERFLOW) {
+                complete = false;
+            } else if notice.wd() != self.device {
+            } else if what.contains(ReadFlags::OPEN) {
+                begun += u64::from(self.openers == 0);
+                self.openers += 1;
+            } else if what.intersects(ReadFlags::CLOSE_WRITE | ReadFlags::CLOSE_NOWRITE) {
+                self.openers = self.openers.saturating_sub(1);
+            }
+        }
+        (begun, complete)
     }
 }
 
@@ -278,25 +359,73 @@ mod tests {
     }
 
     #[test]
-    fn a_released_port_knows_whether_it_is_open() {
+    fn a_released_port_counts_its_visits() {
+        let scratch = Scratch::new();
+        let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
+        assert_eq!(pty.visits(), Visits { begun: 0, present: false }, "its own opening");
+        let first = client(pty.path());
+        assert_eq!(pty.visits(), Visits { begun: 1, present: true });
+        drop(first);
+        assert_eq!(pty.visits(), Visits { begun: 0, present: false });
+        drop(client(pty.path()));
+        let _third = client(pty.path());
+        assert_eq!(pty.visits(), Visits { begun: 2, present: true });
+        assert_eq!(pty.visits(), Visits { begun: 0, present: true });
+    }
+
+    #[test]
+    fn a_port_that_several_have_open_is_free_when_the_last_has_closed_it() {
+        let scratch = Scratch::new();
+        let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
+        let clients: Vec<_> = (0..3).map(|_| client(pty.path())).collect();
+        let last = File::open(pty.path()).unwrap();
+        drop(clients);
+        drop(client(pty.path()));
+        assert_eq!(pty.visits(), Visits { begun: 1, present: true });
+        drop(last);
+        assert_eq!(pty.visits(), Visits { begun: 0, present: false });
+    }
+
+    #[test]
+    fn more_visits_than_the_kernel_counts_do_not_confuse_it() {
+        let scratch = Scratch::new();
+        let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
+        let limit: usize =
+            fs::read_to_string("/proc/sys/fs/inotify/max_queued_events").unwrap().trim().parse().unwrap();
+        // Each notice comes twice. What was open when the queue was full, and is closed later, is not missed.
+        let crowd: Vec<_> = (0..100).map(|_| client(pty.path())).collect();
+        for _ in 0..limit / 4 {
+            client(pty.path());
+        }
+        drop(crowd);
+        let visits = pty.visits();
+        assert!(visits.begun >= 1 && !visits.present, "{visits:?}");
+        let _client = client(pty.path());
+        assert_eq!(pty.visits(), Visits { begun: 1, present: true });
+    }
+
+    #[test]
+    fn a_renewed_port_has_nothing_left_of_its_last_program() {
         let scratch = Scratch::new();
         let pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
-        assert!(!pty.attached());
-        let first = client(pty.path());
-        assert!(pty.attached());
-        drop(first);
-        assert!(!pty.attached());
-        let _second = client(pty.path());
-        assert!(pty.attached());
+        client(pty.path()).write_all(b"unread").unwrap();
+        assert_eq!(pty.write(b"unread"), 6);
+        pty.renew();
+        assert_eq!(pty.read(), b"");
+        let mut client = client(pty.path());
+        assert_eq!(pty.write(b"new"), 3);
+        let mut heard = [0; 9];
+        assert_eq!(client.read(&mut heard).unwrap(), 3);
+        assert_eq!(&heard[..3], b"new");
     }
 
     #[test]
     fn a_held_port_survives_its_clients() {
         let scratch = Scratch::new();
-        let pty = Pty::open(&scratch.path("port"), Hold::Open).unwrap();
+        let mut pty = Pty::open(&scratch.path("port"), Hold::Open).unwrap();
         client(pty.path()).write_all(b"first").unwrap();
         assert_eq!(pty.read(), b"first");
-        assert!(pty.attached());
+        assert_eq!(pty.visits(), Visits { begun: 0, present: true });
         client(pty.path()).write_all(b"second").unwrap();
         assert_eq!(pty.read(), b"second");
     }

@@ -1,11 +1,12 @@
 //! The Arduino's USB serial port on a pseudo-terminal: what avrdude, ravedude and terminal programs talk to.
 //!
-//! The real port's DTR line pulses RESET when a program opens it. A pseudo-terminal has no DTR, so the opening itself
-//! resets the board. Bytes pass at the pace of the board's USART, both ways.
+//! The real port's DTR line pulses RESET when a program opens it and no other has it open. A pseudo-terminal has no DTR, so
+//! such an opening itself resets the board. Bytes pass at the pace of the board's USART, both ways.
 //!
 //! Limits: the baud rate that a program sets is not looked at, as if it always matched. While nobody has the port open,
 //! what the board says is lost, as on the real port. Bytes that the board does not take for a tenth of a second, because
-//! its receiver is off, are dropped.
+//! its receiver is off, are dropped. Of a program that closes the port less than a millisecond before the next one opens it,
+//! the last words go to the board after the reset, because nobody can tell whose they are.
 
 use super::Link;
 use super::pty::{Hold, Pty};
@@ -53,8 +54,8 @@ impl SerialPort {
         })
     }
 
-    fn opened(&mut self, bench: &mut Bench) {
-        self.openings += 1;
+    fn opened(&mut self, times: u64, bench: &mut Bench) {
+        self.openings += times;
         self.to_client.clear();
         let board = bench.board(self.board);
         // What the last client wrote must not be taken for the first words of this one.
@@ -83,25 +84,21 @@ impl SerialPort {
 
 impl Link for SerialPort {
     fn serve(&mut self, bench: &mut Bench) -> Result<()> {
-        let was_attached = std::mem::replace(&mut self.attached, self.pty.attached());
-        match (was_attached, self.attached) {
-            (false, true) => self.opened(bench),
-            (true, false) => {
+        let visits = self.pty.visits();
+        let was_attached = std::mem::replace(&mut self.attached, visits.present);
+        if visits.begun > 0 {
+            if was_attached {
+                // One closed it and the next opened it since the last look.
+                self.pty.discard_unread();
+            }
+            self.opened(visits.begun, bench);
+        }
+        if !self.attached {
+            if was_attached || visits.begun > 0 {
                 // The last words of the client, such as `echo` leaves them.
                 self.feed(bench);
                 self.pty.renew();
                 self.to_client.clear();
-            }
-            _ => {}
-        }
-        if !self.attached {
-            if !was_attached {
-                // A program came and went between two looks.
-                let left = self.pty.read();
-                if !left.is_empty() {
-                    self.opened(bench);
-                    bench.board(self.board).avr_mut().serial_send(&left);
-                }
             }
             return Ok(());
         }

@@ -1,0 +1,70 @@
+"""The cases of test_mcast.py, which runs each in a network of its own."""
+
+import re
+
+import pytest
+from dronecan import uavcan
+from dronecan.app.node_monitor import NodeMonitor
+
+from conftest import NODE
+
+BUS = 7
+
+
+@pytest.fixture
+def joined(bench):
+    """A bench on the multicast bus, and a pydronecan node there."""
+
+    def start(*options, **more):
+        used = bench("--mcast", BUS, *options, slcan=0, **more)
+        used.wait_for_text(r" link +mcast:7 at 239\.65\.82\.7:57732 on 127\.0\.0\.1: 0 in, 0 out$")
+        return used, used.dronecan(device=f"mcast:{BUS}")
+
+    return start
+
+
+def test_the_node_appears_in_the_node_monitor(joined):
+    _, client = joined()
+    monitor = NodeMonitor(client.node)
+    client.spin_until(lambda: monitor.exists(NODE), "node 120 in the monitor")
+    status = monitor.get(NODE).status
+    assert (status.health, status.mode) == (status.HEALTH_OK, status.MODE_OPERATIONAL)
+    # It stays: three seconds of silence would take it out.
+    client.spin(4)
+    assert monitor.exists(NODE)
+
+
+def test_an_array_command_moves_the_servo_and_the_temperature_comes_back(joined):
+    used, client = joined("--temperature", "40")
+    for value, pulse_us in [(0.5, 1750), (-1.0, 1000)]:
+        client.command((1, 0, value))
+        client.spin_until(lambda: used.pulse_us() == pulse_us, f"pulse of {pulse_us} us")
+    assert client.wait_for(uavcan.equipment.device.Temperature).temperature == pytest.approx(313.15, abs=0.4)
+
+
+def test_no_frame_is_lost_either_way_and_none_comes_twice(joined):
+    used, client = joined("--log", "sim.log", autopilot=True)
+    seen = {"rx": [], "tx": []}
+    client.node.can_driver.add_io_hook(
+        lambda direction, frame: seen[direction].append(f"{frame.id:08X}#{bytes(frame.data).hex().upper()}")
+    )
+
+    def logged(ours):
+        """The frames on the bus that this client sent, or those of the others."""
+        frames = re.findall(r"^\([\d.]+\) \S+ (\S+)$", (used.directory / "sim.log").read_text(), re.M)
+        return [frame for frame in frames if (re.match("[0-9A-F]{6}0A#", frame) is not None) == ours]
+
+    # The first status of the node that it hears: there is no other with this uptime.
+    mark = client.spin_until(lambda: next((f for f in seen["rx"] if f.startswith("18015578#")), None), "status")
+    for number in range(200):
+        for part in range(5):
+            client.command((1, 4, 1000 + number + part))
+        client.spin(0.01)
+    client.spin_until(lambda: len(logged(ours=True)) == len(seen["tx"]), "last of the frames on the bus")
+    assert logged(ours=True) == seen["tx"]
+    sent = logged(ours=False)
+    sent = sent[sent.index(mark) :]
+    start = seen["rx"].index(mark)
+    client.spin_until(lambda: len(seen["rx"]) >= start + len(sent), "last of the others' frames")
+    assert seen["rx"][start : start + len(sent)] == sent
+    assert len(seen["tx"]) >= 1000 and len(sent) >= 100
