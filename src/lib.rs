@@ -3,6 +3,7 @@
 //! The layers, each of which knows only those below it:
 //!
 //! * [`node`]: what the node does with commands, its servo, its temperature and its status.
+//! * [`progmem`]: constant data that stays in flash.
 //! * [`monitor`]: what it tells on the serial monitor.
 //! * [`dronecan`]: the wire format, one file for each message.
 //! * [`can`]: frames, and the MCP2515 over any `embedded-hal` SPI.
@@ -13,8 +14,11 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
+// The texts are packed while compiling, which takes a second or two.
+#![allow(long_running_const_eval)]
 
 pub mod can;
 pub mod dronecan;
 pub mod monitor;
 pub mod node;
+pub mod progmem;

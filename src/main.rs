@@ -15,34 +15,37 @@ mod board;
 #[cfg(target_arch = "avr")]
 const FRAMES_IN_A_ROW: u8 = 8;
 
-/// The address on the bus: that of the thesis's node.
-#[cfg(target_arch = "avr")]
-const NODE_ID: node::dronecan::NodeId = node::dronecan::NodeId::new(120).unwrap();
-
 #[cfg(target_arch = "avr")]
 use {
-    board::{Board, CanInterrupt, CanSpi, flash::Text, guard},
+    board::{Board, CAN_CRYSTAL_HZ, CanInterrupt, CanSelect, CanSpi, flash::Image, guard},
     node::can::{bit_timing::BitTiming, mcp2515::Mcp2515},
-    node::dronecan::acceptance::NodeAcceptance,
-    node::{monitor::Monitor, node::Node},
+    node::dronecan::{acceptance::NodeAcceptance, receive::Receiver},
+    node::monitor::Monitor,
+    node::node::{Node, condition::ResetCause, parameters::Parameter},
 };
-
-#[cfg(target_arch = "avr")]
-const BIT_TIMING: BitTiming = BitTiming::new(board::CAN_CRYSTAL_HZ, 1_000_000);
 
 #[cfg(target_arch = "avr")]
 #[avr_device::entry]
 fn main() -> ! {
     // In statics and not on the stack, so that the linker counts them.
     static mut MONITOR: Monitor = Monitor::new();
-    static mut NODE: Node = Node::new(NODE_ID);
-    static mut CAN: Option<Mcp2515<CanSpi, CanInterrupt, NodeAcceptance>> = None;
+    static mut RECEIVER: Receiver = Receiver::new();
+    static mut NODE: Node = Node::new();
+    static mut CAN: Option<Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>> = None;
 
-    // The only call, so there is always something to take.
-    let Some(dp) = avr_device::atmega168::Peripherals::take() else { unreachable!() };
-    NODE.start(guard::reset_cause(&dp.CPU), MONITOR);
-    let Board { mut clock, mut serial, can_spi, can_interrupt, mut servo, mut adc } = Board::new(dp);
-    let can = CAN.insert(Mcp2515::new(can_spi, can_interrupt, NodeAcceptance, BIT_TIMING));
+    let mut board = Board::new();
+    NODE.start(guard::reset_cause(&board.cpu), &mut board.eeprom, || board.jitter.sample(), Image, MONITOR);
+    board.servo.set_rate(NODE.parameters.get(Parameter::SrvRate));
+    let timing = BitTiming::at_rate::<CAN_CRYSTAL_HZ>(NODE.parameters.get(Parameter::CanBaudrate) as u8);
+    let acceptance = NODE.acceptance(Image);
+    let can = CAN.insert(Mcp2515::new(
+        board.can_spi,
+        board.can_select,
+        board.can_interrupt,
+        timing,
+        acceptance,
+        acceptance.node.is_none(),
+    ));
     guard::start();
 
     let mut frames_in_a_row = 0u8;
@@ -50,46 +53,53 @@ fn main() -> ! {
     let mut may_send = true;
     loop {
         guard::check();
+        let now_ms = board.clock.now_ms();
 
         // Frames come before all else. Even of an endless flood of them only so many in a row: then the rest has a turn.
-        if can.calls() && frames_in_a_row < FRAMES_IN_A_ROW {
+        if frames_in_a_row < FRAMES_IN_A_ROW && can.calls() {
             frames_in_a_row += 1;
-            let Ok(received) = can.receive();
-            if let Some(received) = received {
-                NODE.receive(received, clock.now_ms(), MONITOR);
-                servo.set(NODE.pulse());
+            if let Some(frame) = can.receive() {
+                NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
+                board.servo.set(NODE.pulse());
             }
             continue;
         }
         frames_in_a_row = 0;
 
         // One thing a turn, the rarer first: that bounds the turn.
-        if clock.ticked() {
+        if board.clock.ticked() {
             may_send = true;
-            NODE.tick(clock.now_ms(), MONITOR);
-            if let Some(reading) = adc.take() {
+            NODE.tick(board.button.is_pressed(), now_ms, &mut board.eeprom, MONITOR);
+            board.servo.set(NODE.pulse());
+            board.light.set(NODE.light());
+            if NODE.is_to_restart(now_ms) {
+                guard::restart(ResetCause::ASKED_FOR);
+            }
+            if let Some(reading) = board.adc.take(NODE.parameters.is_on(Parameter::TempRef)) {
                 NODE.read_temperature(reading);
             }
-        } else if can.is_due(clock.now_ms()) {
-            let Ok(notice) = can.poll(clock.now_ms());
-            if let Some(notice) = notice {
+        } else if can.is_due(now_ms) {
+            if NODE.take_new_id() {
+                can.reconfigure(NODE.acceptance(Image), false);
+            }
+            if let Some(notice) = can.poll(now_ms) {
                 NODE.notice(notice, MONITOR);
             }
             if can.is_empty() {
-                NODE.controller_is_empty(clock.now_ms());
+                NODE.controller_is_empty(now_ms);
             }
-        } else if may_send && NODE.has_outgoing(clock.now_ms()) {
-            if let Some((message, frame)) = NODE.outgoing(clock.now_ms()) {
-                Ok(may_send) = can.transmit(&frame, clock.now_ms());
+        } else if may_send && NODE.has_outgoing() {
+            if NODE.prepare(can.counters(), Image, MONITOR, now_ms) {
+                may_send = can.transmit(NODE.frame());
                 if may_send {
-                    NODE.handed_over(message, clock.now_ms());
+                    NODE.handed_over(now_ms);
                 }
             }
         } else {
-            if serial.receive() == Some(b'?') {
+            if board.serial.receive() == Some(b'?') {
                 NODE.report(MONITOR);
             }
-            serial.send(|| MONITOR.next_byte(&Text));
+            board.serial.send(|| MONITOR.next_byte(Image));
         }
     }
 }

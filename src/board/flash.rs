@@ -1,24 +1,38 @@
-//! Texts that stay in flash.
+//! Constant data that stays in flash.
 
 use core::arch::asm;
 
-use node::monitor::text::{FlashText, PACKED};
+use node::progmem::{IMAGE, Progmem};
 
 // Safety: the section is avr-libc's for constants that are only read with LPM, and this one is.
 #[unsafe(link_section = ".progmem.data")]
-static TEXT: [u8; PACKED.len()] = PACKED;
+static IMAGE_IN_FLASH: [u8; IMAGE.len()] = IMAGE;
 
-/// The texts of the serial monitor.
-pub struct Text;
+/// The image.
+#[derive(Clone, Copy)]
+pub struct Image;
 
-impl FlashText for Text {
-    fn byte(&self, index: u16) -> u8 {
-        let address = TEXT.as_ptr().wrapping_add(usize::from(index));
+impl Progmem for Image {
+    #[inline(always)]
+    fn byte(self, index: u16) -> u8 {
+        let address = IMAGE_IN_FLASH.as_ptr().wrapping_add(usize::from(index));
         let byte;
         // Safety: LPM has no effect but to read, and every address of the flash can be read.
         unsafe {
             asm!("lpm {0}, Z", out(reg) byte, in("Z") address, options(pure, readonly, nostack, preserves_flags))
         };
         byte
+    }
+
+    #[inline(never)]
+    fn word(self, at: u16) -> u16 {
+        let address = IMAGE_IN_FLASH.as_ptr().wrapping_add(usize::from(at));
+        let (low, high): (u8, u8);
+        // Safety: as above.
+        unsafe {
+            asm!("lpm {0}, Z+", "lpm {1}, Z", out(reg) low, out(reg) high, inout("Z") address => _,
+                options(pure, readonly, nostack, preserves_flags))
+        };
+        u16::from_le_bytes([low, high])
     }
 }

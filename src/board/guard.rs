@@ -51,30 +51,33 @@ unsafe extern "C" {
     static __heap_start: [u8; 2];
 }
 
-/// Why the program started. To be called once, first.
+/// Why the program started. To be called once.
 pub fn reset_cause(cpu: &CPU) -> ResetCause {
     let software = cpu.gpior0().read().bits();
     cpu.gpior0().write(|w| w.set(0));
     // The saved MCUSR: WDRF, BORF, EXTRF, PORF from bit 3 down. At power-on the others mean nothing.
-    match cpu.gpior1().read().bits() {
-        flags if flags & 0b0001 != 0 => ResetCause::PowerOn,
-        flags if flags & 0b1000 != 0 => ResetCause::Watchdog,
-        flags if flags & 0b0100 != 0 => ResetCause::BrownOut,
-        flags if flags & 0b0010 != 0 => ResetCause::External,
-        _ => [ResetCause::Watchdog, ResetCause::Panic, ResetCause::StrayInterrupt, ResetCause::StackCollision]
-            .into_iter()
-            .find(|&cause| software == RESTARTED | cause as u8)
-            // Some bootloaders clear MCUSR.
-            .unwrap_or(ResetCause::External),
+    let flags = cpu.gpior1().read().bits();
+    if flags & 0b0001 != 0 {
+        ResetCause::POWER_ON
+    } else if flags & 0b1000 != 0 {
+        ResetCause::WATCHDOG
+    } else if flags & 0b0100 != 0 {
+        ResetCause::BROWN_OUT
+    } else if flags & 0b0010 == 0 && software & 0xF0 == RESTARTED {
+        ResetCause(software & 0x0F)
+    } else {
+        // Some bootloaders clear MCUSR.
+        ResetCause::EXTERNAL
     }
 }
 
 /// Starts the watchdog and lets interrupts in.
 pub fn start() {
     // Safety: writes only WDTCSR, in the sequence that the datasheet asks for, with interrupts off as they are from reset to
-    // here: WDCE | WDE, then within four cycles WDIE | WDE | WDP2 (250 ms).
+    // here: WDCE | WDE, then within four cycles WDIF (to clear it) | WDIE | WDE | WDP2
+    // (250 ms).
     unsafe {
-        asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8, value = in(reg) 0x4Cu8,
+        asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8, value = in(reg) 0xCCu8,
             options(nostack, preserves_flags));
     }
     // Safety: all handlers are in place, and no critical section is open.
@@ -84,32 +87,35 @@ pub fn start() {
 /// To be called once in each turn of the main loop: it is alive, and its stack has kept clear of the variables.
 pub fn check() {
     avr_device::asm::wdr();
+    let floor = (&raw const __heap_start).cast::<u8>();
     // Safety: two bytes of RAM that nothing but the stack can write. Volatile, because that is not for the compiler to know.
-    if unsafe { (&raw const __heap_start).read_volatile() } != [PAINT; 2] {
-        restart(ResetCause::StackCollision);
+    let [first, second] = unsafe { [floor.read_volatile(), floor.add(1).read_volatile()] };
+    if first != PAINT || second != PAINT {
+        restart(ResetCause::STACK_COLLISION);
     }
 }
 
-fn restart(cause: ResetCause) -> ! {
+/// Starts the program over.
+pub fn restart(cause: ResetCause) -> ! {
     // GPIOR0 = 0x1E.
     // Safety: nothing of the running program is used any more; its beginning sets up the stack and all variables anew, and
     // `Board::new` all registers.
-    unsafe { asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause as u8, options(noreturn)) }
+    unsafe { asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause.0, options(noreturn)) }
 }
 
 #[panic_handler]
 fn panic(_info: &PanicInfo) -> ! {
-    restart(ResetCause::Panic)
+    restart(ResetCause::PANIC)
 }
 
 #[avr_device::interrupt(atmega168)]
 fn WDT() {
-    restart(ResetCause::Watchdog)
+    restart(ResetCause::WATCHDOG)
 }
 
 /// avr-libc sends every interrupt here that has no handler.
 // Safety: the name is avr-libc's, with this signature.
 #[unsafe(no_mangle)]
 extern "avr-interrupt" fn __vector_default() {
-    restart(ResetCause::StrayInterrupt)
+    restart(ResetCause::STRAY_INTERRUPT)
 }

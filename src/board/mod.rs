@@ -9,26 +9,36 @@
 //! | MCP2515 CS | D9 | PB1 | output, active low |
 //! | servo | D10 | PB2, OC1B | Timer1; also the SPI's SS, which must be an output for the SPI to stay master |
 //! | MOSI, MISO, SCK | D11, D12, D13 | PB3, PB4, PB5 | SPI at 8 MHz, mode 0,0 |
+//! | light | D3 | PD3, OC2B | Timer2 |
+//! | button | D4 | PD4 | input with pull-up, pressed is low |
 //! | temperature | A0 | ADC0 | LM35, against AVCC |
 //! | serial monitor | D0, D1 | RXD, TXD | 115200 baud 8N1 |
 //!
 //! Timer0 counts milliseconds.
 
 mod adc;
+mod button;
 mod clock;
+mod eeprom;
 pub mod flash;
 pub mod guard;
+mod jitter;
+mod light;
 mod serial;
 mod servo;
 mod spi;
 
-use avr_device::atmega168::Peripherals;
+use avr_device::atmega168::{CPU, PORTD, Peripherals};
 
 pub use adc::Adc;
+pub use button::Button;
 pub use clock::Clock;
+pub use eeprom::Eeprom;
+pub use jitter::Jitter;
+pub use light::Light;
 pub use serial::Serial;
 pub use servo::Servo;
-pub use spi::{CanInterrupt, CanSpi};
+pub use spi::{CanInterrupt, CanSelect, CanSpi};
 
 /// Crystal of the ATmega168, in hertz. Timer0, Timer1, the ADC and the UART are set up for it.
 pub const CLOCK_HZ: u32 = 16_000_000;
@@ -44,26 +54,48 @@ pub struct Board {
     pub serial: Serial,
     /// The SPI with the MCP2515 at its end.
     pub can_spi: CanSpi,
+    /// The CS pin of the MCP2515.
+    pub can_select: CanSelect,
     /// The INT pin of the MCP2515.
     pub can_interrupt: CanInterrupt,
     /// The servo output.
     pub servo: Servo,
     /// The temperature sensor.
     pub adc: Adc,
+    /// The light.
+    pub light: Light,
+    /// The push button.
+    pub button: Button,
+    /// The EEPROM.
+    pub eeprom: Eeprom,
+    /// A source of noise, until the watchdog is started.
+    pub jitter: Jitter,
+    /// Where the cause of the last reset is.
+    pub cpu: CPU,
 }
 
 impl Board {
     /// Sets everything up. To be called once.
-    pub fn new(dp: Peripherals) -> Self {
+    pub fn new() -> Self {
+        // Safety: the only call, at the start of the only thread.
+        let dp = unsafe { Peripherals::steal() };
         // The servo first: after a restart its timer is still running.
-        let servo = Servo::new(dp.TC1, &dp.PORTB);
+        let servo = Servo::new(dp.TC1);
         Self {
             servo,
             clock: Clock::new(dp.TC0),
             serial: Serial::new(dp.USART0),
-            can_spi: CanSpi::new(dp.SPI, dp.PORTB),
+            // Before the SPI, which must find its SS pin an output.
+            can_select: CanSelect::new(dp.PORTB),
+            can_spi: CanSpi::new(dp.SPI),
             can_interrupt: CanInterrupt::new(dp.PORTD),
             adc: Adc::new(dp.ADC),
+            light: Light::new(dp.TC2),
+            // Safety: it only reads its pin, which `CanInterrupt` sets up.
+            button: Button::new(unsafe { PORTD::steal() }),
+            eeprom: Eeprom::new(dp.EEPROM),
+            jitter: Jitter::new(dp.WDT),
+            cpu: dp.CPU,
         }
     }
 }

@@ -23,12 +23,13 @@ impl Serial {
         Self { usart }
     }
 
-    /// Sends what `next` gives, if the UART can take a byte now.
-    pub fn send(&mut self, next: impl FnOnce() -> Option<u8>) {
-        if self.usart.ucsr0a().read().udre0().bit_is_set()
-            && let Some(byte) = next()
-        {
-            self.usart.udr0().write(|w| w.set(byte));
+    /// Sends what `next` gives, if the UART can take a byte now; 0 is none.
+    pub fn send(&mut self, next: impl FnOnce() -> u8) {
+        if self.usart.ucsr0a().read().udre0().bit_is_set() {
+            let byte = next();
+            if byte != 0 {
+                self.usart.udr0().write(|w| w.set(byte));
+            }
         }
     }
 

@@ -11,49 +11,68 @@ use node::node::servo::Ticks;
 
 const PRESCALER: u32 = 8;
 
-/// Periods in a second.
-const RATE_HZ: u32 = 50;
-
-const TOP: u16 = {
+/// Ticks in a second.
+const TICKS: u32 = {
     assert!(CLOCK_HZ / PRESCALER == 2_000_000, "a tick is half a microsecond");
-    (CLOCK_HZ / PRESCALER / RATE_HZ - 1) as u16
+    CLOCK_HZ / PRESCALER
 };
 
 /// The servo output: silent until it is first given a width.
 pub struct Servo {
     tc1: TC1,
-    width: Option<Ticks>,
+    width: Ticks,
 }
 
 impl Servo {
-    pub(super) fn new(tc1: TC1, portb: &PORTB) -> Self {
-        // After a restart the timer may be in a pulse: it is left to end, not cut. It is over in at most 2 ms; the turns, of
+    pub(super) fn new(tc1: TC1) -> Self {
+        // After a restart the timer may be in a pulse: it is left to end, not cut. It is over in 2.5 ms; the turns, of
         // six cycles or more, are bounded all the same.
-        for _ in 0..8000 {
-            if tc1.tccr1a().read().com1b().is_disconnected() || portb.pinb().read().pb2().bit_is_clear() {
-                break;
-            }
+        let mut servo = Self { tc1, width: 0 };
+        let mut turns = 8000u16;
+        while turns != 0 && !servo.is_idle() {
+            turns = turns.wrapping_sub(1);
         }
         // WGM11..0 = 2 and WGM13..2 = 3: mode 14. While COM1B is 0 the pin is an ordinary output, low.
-        tc1.tccr1a().write(|w| w.wgm1().set(2));
-        tc1.tccr1b().write(|w| w.wgm1().set(3));
-        tc1.timsk1().write(|w| w.toie1().clear_bit());
-        tc1.icr1().write(|w| w.set(TOP));
-        tc1.tcnt1().write(|w| w.set(0));
-        tc1.tccr1b().write(|w| w.wgm1().set(3).cs1().prescale_8());
-        Self { tc1, width: None }
+        servo.tc1.tccr1a().write(|w| w.wgm1().set(2));
+        servo.tc1.tccr1b().write(|w| w.wgm1().set(3));
+        servo.tc1.timsk1().write(|w| w.toie1().clear_bit());
+        servo.tc1.tcnt1().write(|w| w.set(0));
+        servo.set_rate(50);
+        servo.tc1.tccr1b().write(|w| w.wgm1().set(3).cs1().prescale_8());
+        servo
     }
 
-    /// The width from the next period on. Nothing happens until the first one.
-    pub fn set(&mut self, width: Option<Ticks>) {
+    /// Pulses a second, 50 to 333. Before the first pulse: the timer must not be beyond its new end.
+    pub fn set_rate(&mut self, rate_hz: u16) {
+        if let Some(period) = TICKS.checked_div(u32::from(rate_hz)) {
+            self.tc1.icr1().write(|w| w.set((period as u16).wrapping_sub(1)));
+            self.tc1.tcnt1().write(|w| w.set(0));
+        }
+    }
+
+    /// Not in a pulse.
+    fn is_idle(&self) -> bool {
+        // Safety: reads the pin, which has no effect.
+        let portb = unsafe { PORTB::steal() };
+        portb.pinb().read().pb2().bit_is_clear()
+    }
+
+    /// The width from the next period on; 0 ends the pulses. A pulse that has begun is not cut, so to end them takes until
+    /// it is called between two.
+    #[inline(never)]
+    pub fn set(&mut self, width: Ticks) {
         if width == self.width {
             return;
         }
-        self.width = width;
-        if let Some(Ticks(ticks)) = width {
-            self.tc1.ocr1b().write(|w| w.set(ticks.wrapping_sub(1)));
+        if width != 0 {
+            self.tc1.ocr1b().write(|w| w.set(width.wrapping_sub(1)));
             // OC1B's latch is low until the next BOTTOM, so that the first pulse is whole, too.
             self.tc1.tccr1a().write(|w| w.wgm1().set(2).com1b().match_clear());
+        } else if self.is_idle() {
+            self.tc1.tccr1a().write(|w| w.wgm1().set(2));
+        } else {
+            return;
         }
+        self.width = width;
     }
 }

@@ -13,8 +13,6 @@ pub struct BitTiming {
     pub cnf2: u8,
     /// Phase 2 segment.
     pub cnf3: u8,
-    /// Where the bit is sampled, in thousandths of the bit.
-    pub sample_point_permille: u16,
 }
 
 /// CNF2: PS2 is what CNF3 says, not the greater of PS1 and 2 TQ.
@@ -45,7 +43,7 @@ impl BitTiming {
         let prop = before - ps1;
         assert!(prop >= 1 && prop <= 8 && ps1 >= ps2 && ps2 <= 8);
 
-        let sample_point_permille = (1000 * (quanta - ps2) / quanta) as u16;
+        let sample_point_permille = 1000 * (quanta - ps2) / quanta;
         let earliest_permille = if bit_rate == 1_000_000 { 750 } else { 850 };
         assert!(sample_point_permille >= earliest_permille && sample_point_permille <= 900);
         Self {
@@ -53,7 +51,31 @@ impl BitTiming {
             cnf1: brp as u8,
             cnf2: BTLMODE | ((ps1 - 1) as u8) << 3 | (prop - 1) as u8,
             cnf3: (ps2 - 1) as u8,
-            sample_point_permille,
+        }
+    }
+
+    /// Timing for `rate` units of 125 kbit/s from a crystal of `F_OSC_HZ`: that for 8, 4, 2 or 1, the highest that is not above.
+    pub fn at_rate<const F_OSC_HZ: u32>(rate: u8) -> Self {
+        // Comparing one register at a time and with `>=` keeps the compiler from making tables, which are in RAM.
+        let select = |[of_8, of_4, of_2, of_1]: [u8; 4]| match rate {
+            8.. => of_8,
+            4.. => of_4,
+            2.. => of_2,
+            _ => of_1,
+        };
+        const fn all(f_osc_hz: u32) -> [BitTiming; 4] {
+            [
+                BitTiming::new(f_osc_hz, 1_000_000),
+                BitTiming::new(f_osc_hz, 500_000),
+                BitTiming::new(f_osc_hz, 250_000),
+                BitTiming::new(f_osc_hz, 125_000),
+            ]
+        }
+        let [a, b, c, d] = const { all(F_OSC_HZ) };
+        Self {
+            cnf1: select([a.cnf1, b.cnf1, c.cnf1, d.cnf1]),
+            cnf2: select([a.cnf2, b.cnf2, c.cnf2, d.cnf2]),
+            cnf3: select([a.cnf3, b.cnf3, c.cnf3, d.cnf3]),
         }
     }
 }
@@ -68,12 +90,12 @@ mod tests {
     fn registers_are_those_worked_out_by_hand_for_a_16_mhz_crystal() {
         let cnf = |bit_rate| {
             let timing = BitTiming::new(CRYSTAL_HZ, bit_rate);
-            (timing.cnf1, timing.cnf2, timing.cnf3, timing.sample_point_permille)
+            (timing.cnf1, timing.cnf2, timing.cnf3)
         };
-        assert_eq!(cnf(1_000_000), (0x00, 0x91, 0x01, 750));
-        assert_eq!(cnf(500_000), (0x00, 0xBC, 0x01, 875));
-        assert_eq!(cnf(250_000), (0x01, 0xBC, 0x01, 875));
-        assert_eq!(cnf(125_000), (0x03, 0xBC, 0x01, 875));
+        assert_eq!(cnf(1_000_000), (0x00, 0x91, 0x01));
+        assert_eq!(cnf(500_000), (0x00, 0xBC, 0x01));
+        assert_eq!(cnf(250_000), (0x01, 0xBC, 0x01));
+        assert_eq!(cnf(125_000), (0x03, 0xBC, 0x01));
     }
 
     #[test]

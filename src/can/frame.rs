@@ -3,37 +3,31 @@
 /// An extended data frame of up to eight bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    id: u32,
-    len: u8,
-    data: [u8; Frame::MAX_LEN],
+    /// The 29-bit identifier, most significant byte first. Bytes and not an `u32`, because the AVR shifts that one bit at a time.
+    ///
+    /// The three highest bits are zero in every frame that DroneCAN knows. [`FOREIGN`](Self::FOREIGN) marks another that
+    /// was received.
+    pub id: [u8; 4],
+    /// How many bytes of `data` count: 0 to 8.
+    pub len: u8,
+    /// The bytes, with whatever follows them.
+    pub data: [u8; Frame::MAX_LEN],
 }
 
 impl Frame {
     /// Bytes that fit in a frame of classic CAN.
     pub const MAX_LEN: usize = 8;
 
-    /// Bits of an extended identifier.
-    pub const ID_MASK: u32 = 0x1FFF_FFFF;
+    /// In the first byte of `id`: the frame has a standard identifier or is a remote frame.
+    pub const FOREIGN: u8 = 1 << 7;
 
-    /// A frame with the low 29 bits of `id` and the first `len` bytes of `data` (all eight where `len` is larger).
-    pub fn new(id: u32, data: [u8; Self::MAX_LEN], len: u8) -> Self {
-        Self { id: id & Self::ID_MASK, len: len.min(Self::MAX_LEN as u8), data }
-    }
+    /// Identifier zero, no bytes.
+    pub const EMPTY: Self = Self { id: [0; 4], len: 0, data: [0; Self::MAX_LEN] };
 
-    /// The 29-bit identifier.
-    pub fn id(&self) -> u32 {
-        self.id
-    }
-
-    /// The bytes of the frame.
+    /// The bytes of the frame: all eight where `len` is larger.
     pub fn data(&self) -> &[u8] {
-        // `get` because an index here would link a panic for a length that `new` has bounded.
+        // `get` because an index here would link a panic.
         self.data.get(..usize::from(self.len)).unwrap_or(&self.data)
-    }
-
-    /// The bytes of the frame with whatever follows them, and how many of them count.
-    pub fn padded(&self) -> (&[u8; Self::MAX_LEN], u8) {
-        (&self.data, self.len)
     }
 }
 
@@ -45,7 +39,7 @@ impl embedded_can::Frame for Frame {
         };
         let mut data = [0; Self::MAX_LEN];
         data.get_mut(..bytes.len())?.copy_from_slice(bytes);
-        Some(Self::new(id.as_raw(), data, bytes.len() as u8))
+        Some(Self { id: id.as_raw().to_be_bytes(), len: bytes.len() as u8, data })
     }
 
     /// `None`: remote frames are no part of DroneCAN.
@@ -62,12 +56,14 @@ impl embedded_can::Frame for Frame {
     }
 
     fn id(&self) -> embedded_can::Id {
-        // The mask in `Frame::new` keeps the identifier in range; zero only satisfies the type.
-        embedded_can::ExtendedId::new(self.id).unwrap_or(embedded_can::ExtendedId::ZERO).into()
+        let [high, rest @ ..] = self.id;
+        let raw = u32::from_be_bytes([high & 0x1F, rest[0], rest[1], rest[2]]);
+        // The mask keeps it in range; zero only satisfies the type.
+        embedded_can::ExtendedId::new(raw).unwrap_or(embedded_can::ExtendedId::ZERO).into()
     }
 
     fn dlc(&self) -> usize {
-        usize::from(self.len)
+        self.data().len()
     }
 
     fn data(&self) -> &[u8] {
@@ -81,18 +77,18 @@ mod tests {
     use embedded_can::{ExtendedId, Frame as _, StandardId};
 
     #[test]
-    fn frame_keeps_only_what_fits_on_the_wire() {
-        let frame = Frame::new(0xFFFF_FFFF, [0xA5; 8], 200);
-        assert_eq!(frame.id(), 0x1FFF_FFFF);
-        assert_eq!(frame.data(), [0xA5; 8]);
-        assert_eq!(Frame::new(1, [0xA5; 8], 0).data(), []);
-        assert_eq!(Frame::new(1, [1, 2, 3, 4, 5, 6, 7, 8], 3).data(), [1, 2, 3]);
+    fn only_the_bytes_that_count_are_data() {
+        let frame = |len| Frame { id: [0; 4], len, data: [1, 2, 3, 4, 5, 6, 7, 8] };
+        assert_eq!(frame(0).data(), []);
+        assert_eq!(frame(3).data(), [1, 2, 3]);
+        assert_eq!(frame(200).data(), [1, 2, 3, 4, 5, 6, 7, 8]);
     }
 
     #[test]
     fn embedded_can_sees_an_extended_data_frame() {
         let id = ExtendedId::new(0x1003_F20A).unwrap();
         let frame = <Frame as embedded_can::Frame>::new(id, &[1, 0, 0, 0x38, 0xC7]).unwrap();
+        assert_eq!(frame.id, [0x10, 0x03, 0xF2, 0x0A]);
         assert_eq!(embedded_can::Frame::id(&frame), id.into());
         assert_eq!((frame.dlc(), frame.is_extended(), frame.is_data_frame()), (5, true, true));
         assert!(<Frame as embedded_can::Frame>::new(id, &[0; 9]).is_none());

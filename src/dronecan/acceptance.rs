@@ -1,54 +1,157 @@
-//! Which identifiers the CAN controller lets through: just the messages that the node uses.
+//! Which identifiers the CAN controller lets through: just what the node uses.
 //!
 //! A message's type is in bits 23 to 8 and bit 7 tells messages from services (see the layout in `id.rs`). The priority and
 //! the sender are open.
 
-use crate::can::mcp2515::Acceptance;
+use crate::can::mcp2515::{Acceptance, Pattern};
 
-use super::{array_command, node_status, thesis};
+use crate::progmem::{self, Progmem};
 
-/// Data type ID, and the bit that tells messages from services.
-const TYPE_MASK: u32 = 0x00FF_FF80;
+use super::NodeId;
 
-/// The filters. The commands have the first buffer, from which a frame rolls over to the second when the first is full;
-/// statuses go to the second.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NodeAcceptance;
+const ARRAY_COMMAND: u16 = 1010;
+const NODE_STATUS: u16 = 341;
+const LIGHTS_COMMAND: u16 = 1081;
+const ARMING_STATUS: u16 = 1100;
+const SERVO_COMMAND: u16 = 1111;
+const ALLOCATION: u16 = 1;
 
-impl Acceptance for NodeAcceptance {
-    fn mask(&self, _n: u8) -> u32 {
-        TYPE_MASK
+/// In the last byte of an identifier: a service.
+const SERVICE: u8 = 1 << 7;
+/// In the byte before: a request.
+const REQUEST: u8 = 1 << 7;
+
+/// Where the masks begin in [`PACKED`].
+const MASKS: u8 = 4 * 6;
+/// Where those for a node without an ID begin.
+const MASKS_WITHOUT_ID: u8 = MASKS + 4;
+/// Where the only filter of a node without an ID begins.
+const FILTER_WITHOUT_ID: u8 = MASKS_WITHOUT_ID + 2 * 4;
+/// The register with the destination of requests.
+const DESTINATION: u8 = 4 + 2;
+
+/// The registers of filters and masks, for flash.
+pub const PACKED: [u8; FILTER_WITHOUT_ID as usize + 4] = {
+    let patterns = [
+        // RXF0 and RXF1.
+        Pattern::filter([0, 0, ARRAY_COMMAND as u8, 0]),
+        Pattern::filter([0, 0, REQUEST, SERVICE]),
+        // RXF2 to RXF5.
+        message(NODE_STATUS),
+        message(LIGHTS_COMMAND),
+        message(ARMING_STATUS),
+        message(SERVO_COMMAND),
+        // RXM0: of messages the low byte of the type only; of services the destination and whether it is a request.
+        Pattern::mask([0x00, 0x00, 0xFF, SERVICE]),
+        // RXM1, and RXM0 of a node without an ID: the type, and that it is a message.
+        Pattern::mask([0x00, 0xFF, 0xFF, SERVICE]),
+        // RXM1 of a node without an ID: what an anonymous message has of its type, and that it has no sender.
+        Pattern::mask([0x00, 0x00, 0x03, 0xFF]),
+        message(ALLOCATION),
+    ];
+    let mut packed = [0; FILTER_WITHOUT_ID as usize + 4];
+    let mut n = 0;
+    while n < packed.len() {
+        packed[n] = patterns[n / 4].registers()[n % 4];
+        n += 1;
     }
+    packed
+};
 
-    fn filter(&self, n: u8) -> u32 {
-        let data_type = match n {
-            0 => array_command::DATA_TYPE_ID,
-            1 => thesis::SERVO_COMMAND_ID,
-            _ => node_status::DATA_TYPE_ID,
+const fn message(data_type: u16) -> Pattern {
+    let [high, low] = data_type.to_be_bytes();
+    Pattern::filter([0, high, low, 0])
+}
+
+/// The filters of a node, by its ID.
+///
+/// With an ID: transfers of several frames, which come in bursts, have the first buffer, from which a frame rolls over to the
+/// second when the first is full. These are ArrayCommand and the requests to the node. Their common mask leaves the high
+/// byte of a message's type open, so messages whose type has the same low byte (0xF2) come through, too. The second buffer is
+/// for NodeStatus, LightsCommand, ArmingStatus and the thesis's command.
+///
+/// Without an ID: Allocation only, from allocators in the first buffer, and from other nodes without an ID in the second.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NodeAcceptance<P> {
+    /// The node's ID; `None` while it has none.
+    pub node: Option<NodeId>,
+    /// Where [`PACKED`] is.
+    pub flash: P,
+}
+
+impl<P: Progmem> Acceptance for NodeAcceptance<P> {
+    #[inline(always)]
+    fn register(&self, n: u8) -> u8 {
+        let at = match self.node {
+            Some(node) if n == DESTINATION => return REQUEST | node.get(),
+            Some(_) => n,
+            None if n < MASKS => FILTER_WITHOUT_ID + n % 4,
+            None => n - MASKS + MASKS_WITHOUT_ID,
         };
-        u32::from(data_type) << 8
+        self.flash.byte(progmem::ACCEPTANCE + u16::from(at))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progmem::InMemory;
 
-    fn accepted(id: u32) -> bool {
-        (0..6).any(|n| (id ^ NodeAcceptance.filter(n)) & NodeAcceptance.mask(n / 2) == 0)
+    const WITH_ID: NodeAcceptance<InMemory> = NodeAcceptance { node: NodeId::new(42), flash: InMemory };
+    const WITHOUT_ID: NodeAcceptance<InMemory> = NodeAcceptance { node: None, flash: InMemory };
+
+    /// SIDH, SIDL, EID8 and EID0 of an identifier, as a number.
+    fn registers(pattern: Pattern) -> u32 {
+        u32::from_be_bytes(pattern.registers())
+    }
+
+    /// The buffer that an extended frame with this identifier goes to, if any.
+    fn buffer(acceptance: NodeAcceptance<InMemory>, id: u32) -> Option<u8> {
+        let pattern = |n: u8| u32::from_be_bytes([0, 1, 2, 3].map(|k| acceptance.register(4 * n + k)));
+        let frame = registers(Pattern::filter(id.to_be_bytes()));
+        let n = (0..6).find(|&n| (frame ^ pattern(n)) & pattern(6 + u8::from(n > 1)) == 0)?;
+        Some(u8::from(n > 1))
     }
 
     #[test]
-    fn the_messages_of_the_node_pass_from_any_sender_at_any_priority() {
-        for id in [0x1801_552A, 0x1001_5501, 0x0001_557F, 0x1003_F20A, 0x1804_5701] {
-            assert!(accepted(id), "{id:08X}");
+    fn bursts_have_the_first_buffer_and_single_messages_the_second() {
+        // From any sender at any priority.
+        for id in [0x1003_F20A, 0x0003_F27F, 0x1E01_AAFF, 0x1E0B_AAFF, 0x1E0A_AA81] {
+            assert_eq!(buffer(WITH_ID, id), Some(0), "{id:08X}");
+        }
+        for id in [0x1801_552A, 0x1001_5501, 0x0001_557F, 0x1804_390A, 0x1804_4C0A, 0x1804_5701] {
+            assert_eq!(buffer(WITH_ID, id), Some(1), "{id:08X}");
         }
     }
 
     #[test]
-    fn other_messages_and_all_services_stay_out() {
-        for id in [0x1804_562A, 0x1803_F32A, 0x1E97_4D00, 0x1E01_AAFF, 0x1E01_F8FF, 0x1001_55AA, 0x1804_5801] {
-            assert!(!accepted(id), "{id:08X}");
+    fn other_messages_other_nodes_requests_and_all_responses_stay_out() {
+        for id in
+            [0x1804_562A, 0x1803_F32A, 0x1E97_4D00, 0x1E00_017F, 0x1E01_ABFF, 0x1E01_2AFF, 0x1001_55AA, 0x1804_5801]
+        {
+            assert_eq!(buffer(WITH_ID, id), None, "{id:08X}");
         }
+    }
+
+    #[test]
+    fn without_an_id_only_allocation_comes_through_from_allocators_and_from_nobody() {
+        assert_eq!(buffer(WITHOUT_ID, 0x1E00_017F), Some(0));
+        // The golden requests of another node: the discriminator is where the type would be.
+        for id in [0x1E97_4D00, 0x1EBC_1100, 0x1E9D_1D00, 0x1EEE_8100] {
+            assert_eq!(buffer(WITHOUT_ID, id), Some(1), "{id:08X}");
+        }
+        for id in [0x1003_F20A, 0x1801_552A, 0x1E01_AAFF, 0x1E01_80FF, 0x1E00_01FF, 0x1E97_4E00, 0x1804_4C0A] {
+            assert_eq!(buffer(WITHOUT_ID, id), None, "{id:08X}");
+        }
+    }
+
+    #[test]
+    fn registers_are_those_worked_out_by_hand() {
+        let all = |acceptance: NodeAcceptance<InMemory>| -> Vec<u32> {
+            (0..8).map(|n| u32::from_be_bytes([0, 1, 2, 3].map(|k| acceptance.register(4 * n + k)))).collect()
+        };
+        let filters = [0x0008_F200, 0x0008_AA80, 0x0009_5500, 0x0028_3900, 0x0028_4C00, 0x0028_5700];
+        assert_eq!(all(WITH_ID), [&filters[..], &[0x0000_FF80, 0x07E3_FF80]].concat());
+        assert_eq!(all(WITHOUT_ID), [&[0x0008_0100; 6][..], &[0x07E3_FF80, 0x0000_03FF]].concat());
     }
 }

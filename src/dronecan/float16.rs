@@ -4,37 +4,45 @@
 //! sign[15] exponent[14:10] fraction[9:0]; value = (1024 + fraction) * 2^(exponent - 25), subnormal below exponent 1
 //! ```
 
-const SIGN: u16 = 0x8000;
-const EXPONENT_OF_INFINITY: u8 = 31;
+/// The sign bit.
+pub const SIGN: u16 = 0x8000;
 
-/// The number as fixed point with `fraction_bits` binary places (at most 20), rounded to nearest, halves away from zero, and
-/// limited to the range of the result. `None` for infinities and NaN.
+/// What stands for "not known": a quiet NaN.
+pub const NAN: u16 = 0x7E00;
+
+/// Whether the number is neither infinite nor a NaN.
+pub fn is_finite(bits: u16) -> bool {
+    (bits >> 8) as u8 & 0x7C != 0x7C
+}
+
+/// A finite number as fixed point with `fraction_bits` binary places (at most 14), rounded to nearest, halves away from
+/// zero, and limited to +-32,767.
 #[inline(never)]
-pub fn to_fixed(bits: u16, fraction_bits: u8) -> Option<i32> {
-    let exponent = (bits >> 10) as u8 & 31;
-    let fraction = bits & 0x3FF;
-    if exponent == EXPONENT_OF_INFINITY {
-        return None;
+pub fn to_fixed(bits: u16, fraction_bits: u8) -> i16 {
+    let exponent = (bits >> 8) as u8 >> 2 & 31;
+    let mut magnitude = bits & 0x3FF;
+    if exponent != 0 {
+        magnitude |= 0x400;
     }
-    let mut magnitude = u32::from(if exponent == 0 { fraction } else { fraction | 0x400 });
-    // The power of two to go from the integer mantissa to the wanted scale.
-    let up = exponent.max(1) + fraction_bits;
-    if up >= 25 {
-        for _ in 25..up {
-            // The largest finite number has 16 integer bits, so that 20 more places could overflow an i32.
-            if magnitude >= 1 << 30 {
-                return Some(if bits & SIGN != 0 { i32::MIN } else { i32::MAX });
-            }
-            magnitude <<= 1;
+    // The power of two to go from the integer mantissa to the wanted scale, and 25.
+    let mut up = exponent.max(1) + fraction_bits;
+    while up > 25 {
+        if magnitude >= 0x4000 {
+            magnitude = i16::MAX as u16;
+            break;
         }
-    } else {
-        for _ in up + 1..25 {
+        magnitude <<= 1;
+        up -= 1;
+    }
+    if up < 25 {
+        while up < 24 {
             magnitude >>= 1;
+            up += 1;
         }
         magnitude = (magnitude + 1) >> 1;
     }
-    let magnitude = magnitude as i32;
-    Some(if bits & SIGN != 0 { magnitude.wrapping_neg() } else { magnitude })
+    let magnitude = magnitude as i16;
+    if bits & SIGN != 0 { -magnitude } else { magnitude }
 }
 
 /// The half-precision number nearest to `value` with `fraction_bits` binary places (at most 14), ties to even.
@@ -74,15 +82,15 @@ mod tests {
 
     #[test]
     fn every_number_is_converted_to_the_nearest_fixed_point() {
-        for fraction_bits in [0, 1, 12, 14, 20] {
+        for fraction_bits in [0, 1, 12, 14] {
             for bits in 0..=u16::MAX {
-                if bits >> 10 & 31 == 31 {
-                    assert_eq!(to_fixed(bits, fraction_bits), None);
+                assert_eq!(is_finite(bits), bits >> 10 & 31 != 31);
+                if !is_finite(bits) {
                     continue;
                 }
                 let exact = value_of(bits) * f64::from(1u32 << fraction_bits);
-                let expected = exact.round().clamp(f64::from(i32::MIN), f64::from(i32::MAX)) as i32;
-                assert_eq!(to_fixed(bits, fraction_bits), Some(expected), "{bits:04X} with {fraction_bits} places");
+                let expected = exact.round().clamp(-32_767.0, 32_767.0) as i16;
+                assert_eq!(to_fixed(bits, fraction_bits), expected, "{bits:04X} with {fraction_bits} places");
             }
         }
     }

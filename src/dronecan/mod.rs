@@ -4,17 +4,10 @@
 //! frame: up to seven bytes of payload and a tail byte.
 
 pub mod acceptance;
-pub mod array_command;
+pub mod crc;
 pub mod float16;
 mod id;
-pub mod node_status;
-pub mod temperature;
-pub mod thesis;
-mod transfer;
+pub mod kind;
+pub mod receive;
 
-pub use id::{MessageId, NodeId, Priority};
-pub use transfer::{Payload, SingleFrame, TransferId, single_frame};
-
-/// A payload that is not what its type says; the transfer is dropped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Malformed;
+pub use id::NodeId;

@@ -1,21 +1,26 @@
 //! The serial monitor: what happens, in lines of text, at the pace of the UART.
 //!
-//! What happened is queued as an [`Event`] of eight bytes, in a few microseconds. Text is made of it later, one character at
-//! a time, whenever the UART has room: so a burst of twelve events needs 96 bytes instead of 600, nothing ever waits, and
-//! the costliest step is one number. When the queue is full, events are dropped and counted, and the count is told.
+//! What happened is queued as an [`Event`] of eight bytes, in a few microseconds. Text is made of it later, in steps of less
+//! than 60 us: so a burst of eight events needs 64 bytes instead of 400, and nothing ever waits. When the queue is full,
+//! events are dropped and counted, and the count is told.
 //!
-//! The text itself stays in flash ([`text`]); numbers are written by `ufmt`.
+//! The text itself stays in flash, packed ([`text`]). It is unpacked on a stack: a code of the text is pushed there as the two
+//! codes that it stands for, and a field as the characters of its value, the last one first.
 
 pub mod text;
 
-use heapless::{Deque, Vec};
-use ufmt::uwrite;
+use heapless::Vec;
+use ufmt::{uWrite, uwrite};
 
-use text::FlashText;
+use crate::progmem::Progmem;
 pub use text::Line;
+use text::{Code, Field};
 
-/// Events that can wait. At 115200 baud a line takes about 5 ms, so this bridges 60 ms of one event every frame slot.
-const QUEUE_LEN: usize = 12;
+/// Events that can wait. At 115200 baud a line takes about 5 ms, so this bridges 40 ms. A power of two.
+const QUEUE_LEN: usize = 8;
+
+/// The longest word or name, with what stood behind it in the codes that it was in (there is a test).
+const STACK_LEN: usize = 40;
 
 /// A line of text to be, with the values for its fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,13 +31,20 @@ pub struct Event {
     pub source: u8,
     /// `%t`: a transfer ID.
     pub transfer: u8,
-    /// `%c` or `%x`: a code, decimal or hexadecimal; `%h` and `%m`: a health and a mode, in its high and low half; `%w`: the
-    /// line to put in here.
+    /// `%c` or `%x`: a code, decimal or hexadecimal; `%w`: a line to put in here.
     pub code: u8,
     /// `%a`: a number; `%1`, `%3`: a signed number in tenths, in thousandths.
     pub a: u16,
-    /// `%b`: a number; `%p`: a number in halves. `%u`: a number of 32 bits, with its low half in `a`.
+    /// `%b`: a number; `%p`: a number in halves; `%v`: another line to put in here; `%n`: where a name is in flash, after its
+    /// length.
     pub b: u16,
+}
+
+impl Line {
+    /// Whether it tells that something was refused.
+    pub fn is_refusal(self) -> bool {
+        self <= Self::RefusedValue
+    }
 }
 
 impl Event {
@@ -44,277 +56,186 @@ impl Event {
 
 /// Turns events into text.
 pub struct Monitor {
-    queue: Deque<Event, QUEUE_LEN>,
+    /// A ring: one that is told, and those that wait.
+    events: [Event; QUEUE_LEN],
+    told: u8,
+    waiting: u8,
     /// Events dropped since that was last told.
-    lost: u16,
-    /// Where the values of a dropped event go.
-    dropped: Event,
-    /// The event that is being told.
-    current: Event,
-    /// The next byte of its text; 0 when nothing is being told.
-    cursor: u16,
-    /// Where to go on after an inserted line; 0 when there is none.
-    resume: u16,
-    /// A number on its way out, and how many of its characters have gone.
-    number: Vec<u8, 10>,
-    number_sent: u8,
-    /// The line feed after a carriage return.
-    line_feed: bool,
+    lost: u8,
+    /// Characters and other codes that come next, the last one first.
+    stack: Vec<u8, STACK_LEN, u8>,
 }
 
 impl Monitor {
     /// With nothing to tell.
     pub const fn new() -> Self {
         Self {
-            queue: Deque::new(),
+            // The line with number 0, so that all of this begins as zeros.
+            events: [Event::new(Line::RefusedKind); QUEUE_LEN],
+            told: 0,
+            waiting: 0,
             lost: 0,
-            dropped: Event::new(Line::Lost),
-            current: Event::new(Line::Lost),
-            cursor: 0,
-            resume: 0,
-            number: Vec::new(),
-            number_sent: 0,
-            line_feed: false,
+            stack: Vec::new(),
         }
     }
 
-    /// Tells a line as soon as the UART allows, with the values that the caller puts into the event, all zero so far. Where
-    /// there is no room it is dropped and counted; the caller fills in an event that nobody reads.
+    /// Tells a line as soon as the UART allows, with the values that the caller puts into the event. Where
+    /// there is no room it takes the place of the last one, and that is counted.
     #[inline(never)]
     pub fn tell(&mut self, line: Line) -> &mut Event {
-        if self.queue.push_back(Event::new(line)).is_err() {
-            self.lost = self.lost.saturating_add(1);
-            return &mut self.dropped;
+        if self.waiting == QUEUE_LEN as u8 - 1 {
+            self.lost = self.lost.wrapping_add(1);
+        } else {
+            self.waiting = self.waiting.wrapping_add(1);
         }
-        match self.queue.back_mut() {
-            Some(event) => event,
-            None => &mut self.dropped,
-        }
+        let event = self.event(self.waiting);
+        event.line = line;
+        event
     }
 
-    /// The next character for the UART.
+    /// The event that is being told, or one that waits.
     #[inline(never)]
-    pub fn next_byte(&mut self, text: &impl FlashText) -> Option<u8> {
-        if core::mem::take(&mut self.line_feed) {
-            return Some(b'\n');
-        }
-        // Each turn either returns or moves on in the text, so the longest way is over a field that is empty.
+    fn event(&mut self, n: u8) -> &mut Event {
+        &mut self.events[usize::from(self.told.wrapping_add(n)) % QUEUE_LEN]
+    }
+
+    #[inline(never)]
+    fn push(&mut self, code: u8) {
+        // The stack is never outgrown; a code that did that would be left out.
+        let _ = self.stack.push(code);
+    }
+
+    /// The next character for the UART; 0 when this step did not get as far as that.
+    #[inline(never)]
+    pub fn next_byte(&mut self, flash: impl Progmem) -> u8 {
         loop {
-            if let Some(&byte) = self.number.get(usize::from(self.number_sent)) {
-                self.number_sent = self.number_sent.wrapping_add(1);
-                return Some(byte);
-            }
-            if self.cursor == 0 {
-                self.current = self.next_event()?;
-                self.cursor = text::start(text, self.current.line as u8);
-            }
-            match self.next_of_text(text) {
-                text::END if self.resume != 0 => self.cursor = core::mem::take(&mut self.resume),
-                text::END => {
-                    self.cursor = 0;
-                    self.line_feed = true;
-                    return Some(b'\r');
+            let Some(code) = self.stack.pop() else {
+                self.begin_line(flash);
+                return 0;
+            };
+            match Code::from(code) {
+                Code::Character(character) => return character,
+                Code::Pair(at) => {
+                    self.push(flash.byte(at.wrapping_add(text::SECOND)));
+                    self.push(flash.byte(at));
                 }
-                b'%' => {
-                    let field = self.next_of_text(text);
-                    self.begin_field(field, text);
+                Code::Field(field) => {
+                    self.push_field(field, flash);
+                    return 0;
                 }
-                byte => return Some(byte),
             }
         }
     }
 
-    fn next_of_text(&mut self, text: &impl FlashText) -> u8 {
-        let byte = text.byte(self.cursor);
-        self.cursor = self.cursor.wrapping_add(1);
-        byte
-    }
-
-    fn next_event(&mut self) -> Option<Event> {
-        if let Some(event) = self.queue.pop_front() {
-            return Some(event);
-        }
-        match core::mem::take(&mut self.lost) {
-            0 => None,
-            lost => Some(Event { a: lost, ..Event::new(Line::Lost) }),
-        }
-    }
-
-    /// Prepares the value of a field: as a number, or as a line to insert.
-    #[inline(never)]
-    fn begin_field(&mut self, field: u8, text: &impl FlashText) {
-        let Event { source, transfer, code, a, b, .. } = self.current;
-        self.number.clear();
-        self.number_sent = 0;
-        let insert = match field {
-            b'h' => Line::Health as u8 + (code >> 4),
-            b'm' => Line::Mode as u8 + (code & 15),
-            b'w' => code,
-            _ => 0,
-        };
-        if insert != 0 {
-            self.resume = self.cursor;
-            self.cursor = text::start(text, insert);
+    fn begin_line(&mut self, flash: impl Progmem) {
+        if self.lost != 0 {
+            let lost = core::mem::take(&mut self.lost);
+            let event = self.event(0);
+            event.line = Line::Lost;
+            event.code = lost;
+        } else if self.waiting != 0 {
+            self.waiting = self.waiting.wrapping_sub(1);
+            self.told = self.told.wrapping_add(1);
+        } else {
             return;
         }
+        self.push(text::LINE_END);
+        let line = self.event(0).line.number();
+        self.push_word(line, flash);
+    }
+
+    /// Pushes the value of a field.
+    #[inline(never)]
+    fn push_field(&mut self, field: u8, flash: impl Progmem) {
+        let &mut Event { source, transfer, code, a, b, .. } = self.event(0);
         match field {
-            b's' => self.write(u16::from(source)),
-            b't' => self.write(u16::from(transfer)),
-            b'c' => self.write(u16::from(code)),
-            b'x' => {
-                for nibble in [code >> 4, code & 15] {
-                    self.push(if nibble < 10 { b'0' + nibble } else { b'A' - 10 + nibble });
-                }
+            Field::HEX => {
+                self.push_nibble(code & 15);
+                self.push_nibble(code >> 4);
             }
-            b'a' => self.write(a),
-            b'b' => self.write(b),
-            b'1' => self.write_places(a, 1),
-            b'3' => self.write_places(a, 3),
-            b'p' => {
-                self.write(b >> 1);
-                self.push(b'.');
+            Field::WORD => self.push_word(code, flash),
+            Field::OTHER_WORD => self.push_word(b as u8, flash),
+            Field::NAME => self.push_text(b, flash.byte(b.wrapping_sub(1)), flash),
+            Field::SOURCE => self.push_number(u16::from(source), 0),
+            Field::TRANSFER => self.push_number(u16::from(transfer), 0),
+            Field::CODE => self.push_number(u16::from(code), 0),
+            Field::B => self.push_number(b, 0),
+            Field::HALVES => {
                 self.push(if b & 1 == 0 { b'0' } else { b'5' });
+                self.push(b'.');
+                self.push_number(b >> 1, 0);
             }
-            b'u' => self.write_long(u32::from(b) << 16 | u32::from(a)),
-            _ => {}
+            Field::TENTHS => self.push_signed(a, 1),
+            Field::THOUSANDTHS => self.push_signed(a, 3),
+            _ => self.push_number(a, 0),
         }
     }
 
-    fn push(&mut self, byte: u8) {
-        // Numbers never outgrow the buffer; a digit that did would be cut.
-        let _ = self.number.push(byte);
+    fn push_signed(&mut self, number: u16, places: u8) {
+        let is_negative = (number as i16) < 0;
+        self.push_number(if is_negative { number.wrapping_neg() } else { number }, places);
+        self.push(if is_negative { b'-' } else { b'+' });
     }
 
-    fn write(&mut self, value: u16) {
-        let _ = uwrite!(self.number, "{}", value);
-    }
-
-    /// Up to 65,535,999, two years in seconds; what is more is cut to that. In two groups of digits, because `ufmt` would
-    /// divide in 32 bits for each digit: 600 cycles and 1.2 KB of flash, against 200 cycles in 16 bits.
-    fn write_long(&mut self, value: u32) {
-        let (thousands, ones) = by_1000(value);
-        if thousands > 0 {
-            self.write(thousands);
-            self.pad(ones);
-        }
-        self.write(ones);
-    }
-
-    fn pad(&mut self, below_1000: u16) {
-        if below_1000 < 100 {
-            self.push(b'0');
-        }
-        if below_1000 < 10 {
-            self.push(b'0');
+    /// Pushes the digits of a number with so many of them after the point, the last one first.
+    #[inline(never)]
+    fn push_number(&mut self, mut number: u16, places: u8) {
+        let mut before_point = places;
+        loop {
+            let quotient = number / 10;
+            let digit = (number as u8).wrapping_sub((quotient as u8).wrapping_mul(10));
+            let mut character = Character(0);
+            let _ = uwrite!(character, "{}", digit.min(9));
+            self.push(character.0);
+            number = quotient;
+            before_point = before_point.wrapping_sub(1);
+            if before_point == 0 {
+                self.push(b'.');
+            } else if number == 0 && before_point >= 0x80 {
+                break;
+            }
         }
     }
 
-    /// A signed number with one or three decimal places.
-    fn write_places(&mut self, value: u16, places: u8) {
-        let value = value as i16;
-        self.push(if value < 0 { b'-' } else { b'+' });
-        let magnitude = value.unsigned_abs();
-        let one = if places == 1 { 10 } else { 1000 };
-        self.write(magnitude / one);
-        self.push(b'.');
-        if places != 1 {
-            self.pad(magnitude % one);
+    #[inline(never)]
+    fn push_nibble(&mut self, nibble: u8) {
+        let digit = if nibble < 10 { b'0' } else { b'A' - 10 };
+        self.push(digit.wrapping_add(nibble));
+    }
+
+    #[inline(never)]
+    fn push_word(&mut self, line: u8, flash: impl Progmem) {
+        let at = text::start(line, flash);
+        self.push_text(at, flash.byte(at.wrapping_sub(1)), flash);
+    }
+
+    /// Pushes a text of this length from the flash.
+    #[inline(never)]
+    fn push_text(&mut self, at: u16, mut left: u8, flash: impl Progmem) {
+        while left > 0 {
+            left = left.wrapping_sub(1);
+            self.push(flash.byte(at.wrapping_add(u16::from(left))));
         }
-        self.write(magnitude % one);
     }
 }
 
-/// Quotient (limited to 16 bits) and remainder. Four bits at a time, so that each step is a division of 16 bits.
-fn by_1000(value: u32) -> (u16, u16) {
-    let (mut quotient, mut remainder) = (0u32, 0u16);
-    for byte in value.to_be_bytes() {
-        for nibble in [byte >> 4, byte & 15] {
-            remainder = remainder << 4 | u16::from(nibble);
-            quotient <<= 4;
-            // The first digits are never that large, and a division takes 220 cycles.
-            if remainder >= 1000 {
-                quotient |= u32::from(remainder / 1000);
-                remainder %= 1000;
-            }
+/// A character that `ufmt` writes.
+struct Character(u8);
+
+impl uWrite for Character {
+    type Error = core::convert::Infallible;
+
+    #[inline(always)]
+    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
+        if let &[character] = text.as_bytes() {
+            self.0 = character;
         }
+        Ok(())
     }
-    (quotient.min(u32::from(u16::MAX)) as u16, remainder)
 }
 
 impl Default for Monitor {
     fn default() -> Self {
         Self::new()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    struct InMemory;
-
-    impl FlashText for InMemory {
-        fn byte(&self, index: u16) -> u8 {
-            text::PACKED[usize::from(index)]
-        }
-    }
-
-    fn told(monitor: &mut Monitor) -> std::string::String {
-        std::iter::from_fn(|| monitor.next_byte(&InMemory)).map(char::from).collect()
-    }
-
-    fn line_of(event: Event) -> std::string::String {
-        let mut monitor = Monitor::new();
-        *monitor.tell(event.line) = event;
-        told(&mut monitor)
-    }
-
-    #[test]
-    fn a_command_is_told_with_type_source_transfer_and_value() {
-        let event = Event { source: 10, transfer: 7, code: 1, a: 500, b: 3500, ..Event::new(Line::CommandUnitless) };
-        assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n");
-    }
-
-    #[test]
-    fn a_status_is_told_with_words_for_health_and_mode() {
-        let event = Event { source: 1, transfer: 31, code: 0x10, a: 57920, b: 1, ..Event::new(Line::Status) };
-        assert_eq!(line_of(event), "rx NodeStatus from 1 tid 31: up 123456 s, WARNING, OPERATIONAL\r\n");
-    }
-
-    #[test]
-    fn numbers_of_every_kind_are_written_right() {
-        let thousandths = |a: i16| line_of(Event { a: a as u16, ..Event::new(Line::CommandUnitless) });
-        for (a, expected) in [(0, "+0.000"), (7, "+0.007"), (-45, "-0.045"), (1000, "+1.000"), (i16::MIN, "-32.768")] {
-            assert!(thousandths(a).contains(expected), "{a}: {}", thousandths(a));
-        }
-        let seconds = |s: u32| line_of(Event { a: s as u16, b: (s >> 16) as u16, ..Event::new(Line::Status) });
-        for s in [0, 9, 999, 1000, 1009, 65_535, 65_536, 1_000_000, 65_535_999] {
-            assert!(seconds(s).contains(&format!("up {s} s")), "{s}: {}", seconds(s));
-        }
-    }
-
-    #[test]
-    fn every_line_ends_and_uses_only_known_fields() {
-        for line in 0..text::LINES.len() {
-            let text = text::LINES[line];
-            let mut rest = text;
-            while let Some((_, after)) = rest.split_once('%') {
-                assert!("stcxab13puhmw".contains(&after[..1]), "unknown field in {text:?}");
-                rest = &after[1..];
-            }
-            assert!(text.bytes().all(|b| (0x20..0x7F).contains(&b)), "{text:?}");
-        }
-    }
-
-    #[test]
-    fn what_does_not_fit_is_dropped_and_counted() {
-        let mut monitor = Monitor::new();
-        for _ in 0..QUEUE_LEN + 5 {
-            monitor.tell(Line::Running);
-        }
-        let text = told(&mut monitor);
-        assert_eq!(text.lines().count(), QUEUE_LEN + 1);
-        assert_eq!(text.lines().last().unwrap(), "serial monitor: 5 lines did not fit and were dropped");
-        assert_eq!(told(&mut monitor), "");
     }
 }

@@ -1,25 +1,34 @@
 //! The texts of the serial monitor, packed for flash.
 //!
-//! On the AVR a string literal is copied to RAM at start. So the lines are packed into one table at compile time, which the
-//! board places in flash and reads byte by byte: a 16-bit offset for each line, then the lines, each with a zero at its end.
-//! A `%` and a letter stand for a value; see [`Event`](super::Event).
+//! On the AVR a string literal is copied to RAM at start. So the texts are packed at compile time into a part of the
+//! [image](crate::progmem) that stays in flash. A `%` and a letter in them stand for a value; see [`Event`](super::Event).
 
-/// The packed texts, where the program runs.
-pub trait FlashText {
-    /// A byte of [`PACKED`].
-    fn byte(&self, index: u16) -> u8;
-}
-
-/// After the last character of a line.
-pub const END: u8 = 0;
+use crate::progmem::{Progmem, TEXTS};
 
 macro_rules! lines {
     ($($(#[doc = $doc:literal])* $name:ident = $text:expr,)*) => {
-        /// A line of text, or a word to insert in one.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u8)]
-        pub enum Line {
-            $($(#[doc = $doc])* $name,)*
+        enum Place {
+            $($name,)*
+        }
+
+        /// A line of text, or a word to insert in one: one of the constants here.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        pub struct Line(u8);
+
+        #[allow(non_upper_case_globals, reason = "they read as the variants of an enumeration, which they are")]
+        impl Line {
+            $($(#[doc = $doc])* pub const $name: Self = Self(Place::$name as u8);)*
+
+            /// The line so many after this one.
+            pub const fn plus(self, n: u8) -> Self {
+                Self(self.0.wrapping_add(n))
+            }
+
+            /// Its number.
+            pub const fn number(self) -> u8 {
+                self.0
+            }
         }
 
         /// The text of each [`Line`].
@@ -28,18 +37,60 @@ macro_rules! lines {
 }
 
 lines! {
-    /// Events were dropped.
-    Lost = "serial monitor: %a lines did not fit and were dropped",
-    /// After a reset.
-    Banner = concat!("DroneCAN servo and temperature node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
+    /// Refused a frame.
+    RefusedKind = "refused: a standard or remote frame",
+    /// Refused a frame.
+    RefusedSource = "refused: type %a from node ID %s, which is anonymous or mine",
+    /// Refused a frame.
+    RefusedTransfer = "refused: type %a from %s, not a transfer of one frame",
+    /// Refused a frame.
+    RefusedBroken = "refused: transfer %a from %s, broken",
+    /// Refused a frame.
+    RefusedInterleaved = "refused: transfer %a from %s, another is under way",
+    /// Refused a frame.
+    RefusedLength = "refused: type %a from %s tid %t, wrong length",
+    /// Refused a command.
+    RefusedType = "refused: command from %s tid %t, type not unitless, position or PWM",
+    /// Refused a command.
+    RefusedDisarmed = "refused: command from %s tid %t, disarmed",
+    /// Refused a request.
+    RefusedBusy = "refused: request from %s tid %t, too many wait",
+    /// Refused a command.
+    RefusedValue = "refused: command from %s tid %t, value not finite or no pulse",
+    /// Received a NodeStatus.
+    Status = "rx NodeStatus from %s tid %t: up %a s, %w, %v",
+    /// Received a command that was followed.
+    CommandUnitless = "rx ArrayCommand from %s tid %t: id %c unitless %3, pulse %p us",
+    /// Received a command that was followed.
+    CommandPosition = "rx ArrayCommand from %s tid %t: id %c position %3 rad, pulse %p us",
+    /// Received a command that was followed.
+    CommandPwm = "rx ArrayCommand from %s tid %t: id %c PWM %a us, pulse %p us",
+    /// Received a command that was followed.
+    CommandThesis = "rx thesis.ServoCommand from %s tid %t: %c, pulse %p us",
+    /// Received a command for others only.
+    CommandElsewhere = "rx ArrayCommand from %s tid %t: not for actuator %c",
+    /// Sent a temperature.
+    Temperature = "temperature %1 C",
+    /// A request.
+    Request = "rx request %a from %s tid %t",
+    /// A parameter was set.
+    ParameterSet = "rx GetSet from %s tid %t: set %n = %a",
+    /// Allocation.
+    AllocationElsewhere = "rx Allocation from %s",
+    /// Lights.
+    Light = "rx LightsCommand from %s tid %t: light %c",
+    /// Arming.
+    Arming = "rx ArmingStatus from %s tid %t: %c",
     /// Reset cause.
     PowerOn = "power-on",
     /// Reset cause.
     External = "reset pin",
     /// Reset cause.
-    BrownOut = "BROWN-OUT",
+    AskedFor = "RestartNode",
     /// Reset cause.
     Watchdog = "WATCHDOG",
+    /// Reset cause.
+    BrownOut = "BROWN-OUT",
     /// Reset cause.
     Panic = "PANIC",
     /// Reset cause.
@@ -70,32 +121,10 @@ lines! {
     Mode6 = "mode 6",
     /// NodeStatus mode 7.
     ModeOffline = "OFFLINE",
-    /// Received a NodeStatus.
-    Status = "rx NodeStatus from %s tid %t: up %u s, %h, %m",
-    /// Received a command that was followed.
-    CommandUnitless = "rx ArrayCommand from %s tid %t: id %c unitless %3, pulse %p us",
-    /// Received a command that was followed.
-    CommandPosition = "rx ArrayCommand from %s tid %t: id %c position %3 rad, pulse %p us",
-    /// Received a command that was followed.
-    CommandPwm = "rx ArrayCommand from %s tid %t: id %c PWM %a us, pulse %p us",
-    /// Received a command that was followed.
-    CommandThesis = "rx thesis.ServoCommand from %s tid %t: %c, pulse %p us",
-    /// Received a command for others only.
-    CommandElsewhere = "rx ArrayCommand from %s tid %t: not for actuator %c",
-    /// Sent a temperature.
-    Temperature = "temperature %1 C",
-    /// Refused a frame.
-    RefusedKind = "refused: a standard or remote frame",
-    /// Refused a frame.
-    RefusedSource = "refused: type %a from node ID %s, which is anonymous or mine",
-    /// Refused a frame.
-    RefusedTransfer = "refused: type %a from %s, not a transfer of one frame",
-    /// Refused a frame.
-    RefusedLength = "refused: type %a from %s tid %t, wrong length",
-    /// Refused a command.
-    RefusedType = "refused: command from %s tid %t, type not unitless, position or PWM",
-    /// Refused a command.
-    RefusedValue = "refused: command from %s tid %t, value not finite or no pulse",
+    /// Events were dropped.
+    Lost = "serial monitor: %c lines did not fit and were dropped",
+    /// After a reset.
+    Banner = concat!("DroneCAN servo and temperature node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
     /// The CAN controller is up.
     Running = "CAN: running",
     /// Nobody at the SPI.
@@ -106,24 +135,119 @@ lines! {
     NotStarting = "CAN: bus never idle, MCP2515 not on it (CANSTAT %x), trying again",
     /// Configuration gone.
     ControllerLost = "CAN: MCP2515 lost its configuration (CANSTAT %x), starting it over",
+    /// Nobody acknowledges, or the bus is never free.
+    GaveUp = "CAN: nothing could be sent for 1 s, frames given up (%a times)",
     /// Overrun.
     FramesLost = "CAN: frames lost, receive buffers were full (%a times)",
     /// Error state.
     BusOff = "CAN: bus-off",
     /// Error state.
     ErrorPassive = "CAN: error-passive",
-    /// Error state.
+    /// It ended.
     ErrorActive = "CAN: error-active again",
-    /// Nobody acknowledges, or the bus is never free.
-    GaveUp = "CAN: nothing could be sent for 1 s, frames given up (%a times)",
+    /// EEPROM.
+    Saved = "parameters saved",
+    /// EEPROM.
+    NotSaved = "parameters NOT saved",
+    /// EEPROM.
+    ParametersLost = "parameters LOST, defaults in force",
+    /// Allocation.
+    Allocated = "node ID %c allocated by %s",
+    /// Begins.
+    Failsafe = "FAILSAFE: no commands",
+    /// Ends.
+    FailsafeEnd = "commands again",
+    /// Begins.
+    Disarmed = "disarmed",
+    /// Ends.
+    DisarmedEnd = "armed",
+    /// Begins.
+    OutOfRange = "temperature OUT OF RANGE",
+    /// Ends.
+    OutOfRangeEnd = "temperature in range",
+    /// Begins.
+    SensorFault = "temperature sensor OPEN OR SHORTED",
+    /// Ends.
+    SensorFaultEnd = "temperature sensor works",
+    /// Button.
+    Button = "button pressed, %a times",
     /// Counters on request.
     CountsIn = "commands followed %a, frames refused %b",
     /// Counters on request.
     CountsOut = "receive overruns %a, sends given up %b",
 }
 
-const fn packed_len() -> usize {
-    let mut len = 2 * LINES.len();
+/// What a byte of a packed text is.
+///
+/// | codes | |
+/// | --- | --- |
+/// | 0x20 to [`LAST_CHARACTER`], carriage return, line feed | characters |
+/// | from [`FIRST_FIELD`] to 0x1F | fields |
+/// | the others, from the one after [`LAST_CHARACTER`] | pairs |
+pub enum Code {
+    /// This character.
+    Character(u8),
+    /// The two codes that are here in the image.
+    Pair(u16),
+    /// The value that this field stands for.
+    Field(u8),
+}
+
+const FIRST_CHARACTER: u8 = b' ';
+const LAST_CHARACTER: u8 = b'z';
+const FIRST_FIELD: u8 = b'\r' + 1;
+const FIELDS: u8 = FIRST_CHARACTER - FIRST_FIELD;
+const FIRST_PAIR: u8 = LAST_CHARACTER + 1;
+/// How many pairs there can be.
+const PAIRS: u8 = b'\n'.wrapping_sub(FIRST_PAIR);
+
+impl From<u8> for Code {
+    #[inline(always)]
+    fn from(code: u8) -> Self {
+        let index = code.wrapping_sub(FIRST_PAIR);
+        if index < PAIRS {
+            return Self::Pair((TEXTS + PAIRS_AT as u16).wrapping_add(u16::from(index)));
+        }
+        let index = code.wrapping_sub(FIRST_FIELD);
+        if index < FIELDS { Self::Field(index) } else { Self::Character(code) }
+    }
+}
+
+/// Ends a line: the pair of carriage return and line feed.
+pub const LINE_END: u8 = FIRST_PAIR;
+
+/// What [`Code::Field`] has.
+pub struct Field;
+
+#[allow(missing_docs)]
+impl Field {
+    pub const SOURCE: u8 = 0;
+    pub const TRANSFER: u8 = 1;
+    pub const CODE: u8 = 2;
+    pub const B: u8 = 3;
+    pub const HALVES: u8 = 4;
+    pub const WORD: u8 = 5;
+    pub const OTHER_WORD: u8 = 6;
+    pub const HEX: u8 = 7;
+    pub const NAME: u8 = 8;
+    pub const A: u8 = 9;
+    pub const TENTHS: u8 = 10;
+    pub const THOUSANDTHS: u8 = 11;
+}
+
+/// The letters of the fields in the order of their codes.
+const FIELD_LETTERS: &[u8] = b"stcbpwvxna13";
+
+const fn field(letter: u8) -> u16 {
+    let mut n = 0;
+    while FIELD_LETTERS[n] != letter {
+        n += 1;
+    }
+    FIRST_FIELD as u16 + n as u16
+}
+
+const fn plain_len() -> usize {
+    let mut len = 0;
     let mut line = 0;
     while line < LINES.len() {
         len += LINES[line].len() + 1;
@@ -132,28 +256,127 @@ const fn packed_len() -> usize {
     len
 }
 
-/// All texts.
-pub const PACKED: [u8; packed_len()] = {
-    let mut packed = [END; packed_len()];
-    let mut at = 2 * LINES.len();
+/// After a line, while it is packed. No code.
+const END: u16 = 0x100;
+
+/// The lines while they are being packed.
+struct Packing {
+    text: [u16; plain_len()],
+    len: usize,
+    pairs: [[u8; 2]; PAIRS as usize],
+    used: usize,
+}
+
+/// Replaces the most frequent pair of codes by a new code, until that saves nothing (byte-pair encoding).
+const PACKING: Packing = {
+    let mut packing = Packing { text: [END; plain_len()], len: 0, pairs: [[0; 2]; PAIRS as usize], used: 0 };
     let mut line = 0;
     while line < LINES.len() {
-        [packed[2 * line], packed[2 * line + 1]] = (at as u16).to_le_bytes();
         let text = LINES[line].as_bytes();
         let mut n = 0;
         while n < text.len() {
-            packed[at] = text[n];
-            at += 1;
+            packing.text[packing.len] = if text[n] == b'%' {
+                n += 1;
+                field(text[n])
+            } else {
+                assert!(FIRST_CHARACTER <= text[n] && text[n] <= LAST_CHARACTER);
+                text[n] as u16
+            };
+            packing.len += 1;
             n += 1;
         }
-        at += 1;
+        packing.text[packing.len] = END;
+        packing.len += 1;
         line += 1;
+    }
+    while packing.used < PAIRS as usize {
+        let mut pair = [END; 2];
+        let mut best_count = 0;
+        // A quarter of all pairs at a time: the AVR, whose sizes hold here, has no array of 65,536.
+        let mut quarter = 0;
+        while quarter < 4 {
+            let mut counts = [0u8; 1 << 14];
+            let mut n = 1;
+            while n < packing.len {
+                let (first, second) = (packing.text[n - 1], packing.text[n]);
+                if first >> 6 == quarter && first != END && second != END {
+                    let place = (first as usize & 63) << 8 | second as usize;
+                    counts[place] = counts[place].saturating_add(1);
+                    if counts[place] > best_count {
+                        best_count = counts[place];
+                        pair = [first, second];
+                    }
+                }
+                n += 1;
+            }
+            quarter += 1;
+        }
+        // What a pair costs in the table.
+        if best_count <= 2 {
+            break;
+        }
+        if packing.used == 0 {
+            pair = [b'\r' as u16, b'\n' as u16];
+        }
+        packing.pairs[packing.used] = [pair[0] as u8, pair[1] as u8];
+        let mut to = 0;
+        let mut from = 0;
+        while from < packing.len {
+            if from + 1 < packing.len && packing.text[from] == pair[0] && packing.text[from + 1] == pair[1] {
+                packing.text[to] = FIRST_PAIR.wrapping_add(packing.used as u8) as u16;
+                from += 2;
+            } else {
+                packing.text[to] = packing.text[from];
+                from += 1;
+            }
+            to += 1;
+        }
+        packing.len = to;
+        packing.used += 1;
+    }
+    packing
+};
+
+/// First halves of the pairs, then the second ones.
+const PAIRS_AT: usize = 0;
+/// From a first half to the second one.
+pub const SECOND: u16 = PACKING.used as u16;
+const LINES_AT: usize = PAIRS_AT + 2 * PACKING.used;
+
+/// All texts: the pairs, then the lines, each with its length before it.
+pub const PACKED: [u8; LINES_AT + PACKING.len] = {
+    let mut packed = [0; LINES_AT + PACKING.len];
+    let mut n = 0;
+    while n < PACKING.used {
+        [packed[PAIRS_AT + n], packed[PAIRS_AT + PACKING.used + n]] = PACKING.pairs[n];
+        n += 1;
+    }
+    let mut length_at = LINES_AT;
+    n = 0;
+    while n < PACKING.len {
+        let at = LINES_AT + n + 1;
+        if PACKING.text[n] == END {
+            length_at = at;
+        } else {
+            packed[at] = PACKING.text[n] as u8;
+            packed[length_at] += 1;
+        }
+        n += 1;
     }
     packed
 };
 
-/// Where the text of a line begins.
-pub fn start(text: &impl FlashText, line: u8) -> u16 {
-    let entry = u16::from(line) << 1;
-    u16::from_le_bytes([text.byte(entry), text.byte(entry + 1)])
+/// Where the text of a line is in the image; before it is its length.
+#[inline(never)]
+pub fn start(mut line: u8, flash: impl Progmem) -> u16 {
+    let mut at = TEXTS + LINES_AT as u16;
+    loop {
+        let len = flash.byte(at);
+        at = at.wrapping_add(1);
+        if line == 0 {
+            return at;
+        }
+        line = line.wrapping_sub(1);
+        at = at.wrapping_add(u16::from(len));
+    }
 }

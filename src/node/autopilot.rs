@@ -6,7 +6,9 @@
 //! silent for three seconds is gone, as the specification has it.
 
 use crate::dronecan::NodeId;
-use crate::dronecan::node_status::OFFLINE_TIMEOUT_MS;
+
+/// A node that is silent for longer counts as gone, in milliseconds (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
+const OFFLINE_TIMEOUT_MS: u16 = 3000;
 
 /// The autopilot, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

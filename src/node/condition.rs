@@ -1,25 +1,26 @@
 //! How the node is: the conditions behind its health and its vendor-specific status code.
 
-use crate::dronecan::node_status::Health;
-
-/// Why the program started.
+/// Why the program started: one of the constants here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum ResetCause {
+pub struct ResetCause(pub u8);
+
+impl ResetCause {
     /// Power came.
-    PowerOn,
+    pub const POWER_ON: Self = Self(0);
     /// The reset pin, which the serial port also pulls.
-    External,
+    pub const EXTERNAL: Self = Self(1);
+    /// RestartNode.
+    pub const ASKED_FOR: Self = Self(2);
+    /// The program hung. This and those that follow are faults, each with its condition.
+    pub const WATCHDOG: Self = Self(3);
     /// The supply dipped.
-    BrownOut,
-    /// The program hung.
-    Watchdog,
+    pub const BROWN_OUT: Self = Self(4);
     /// The program met a condition that it was sure could not be.
-    Panic,
+    pub const PANIC: Self = Self(5);
     /// An interrupt without a handler.
-    StrayInterrupt,
+    pub const STRAY_INTERRUPT: Self = Self(6);
     /// The stack ran into the variables.
-    StackCollision,
+    pub const STACK_COLLISION: Self = Self(7);
 }
 
 /// Bits of the vendor-specific status code (docs/status.md). Any of them makes the health WARNING.
@@ -50,30 +51,42 @@ impl Conditions {
     /// The controller had to be started over.
     pub const CONTROLLER_LOST: Self = Self(1 << 9);
 
-    /// Those that pass [`HOLD_S`] after the last time that they occurred.
-    const PASSING: Self =
-        Self(Self::FRAMES_LOST.0 | Self::BUS_OFF.0 | Self::GAVE_UP_SENDING.0 | Self::CONTROLLER_LOST.0);
+    /// Commands stopped, and the output is where SRV_FAILSAFE has it.
+    pub const FAILSAFE: Self = Self(1 << 10);
+    /// The temperature is below TEMP_MIN or above TEMP_MAX.
+    pub const TEMPERATURE: Self = Self(1 << 11);
+    /// The temperature sensor is open or shorted.
+    pub const SENSOR: Self = Self(1 << 12);
+    /// Neither copy of the parameters in the EEPROM was good; the defaults are in force.
+    pub const PARAMETERS_LOST: Self = Self(1 << 13);
+    /// ARM_REQ asks for an armed vehicle, and it is not.
+    pub const DISARMED: Self = Self(1 << 14);
+    /// Transfers broke: frames missing, a wrong CRC, or two senders at once.
+    pub const TRANSFER_ERRORS: Self = Self(1 << 15);
 
-    /// What a reset leaves behind. Nothing after a power-on or a pull at the reset pin, which are not faults.
+    /// Those that pass [`HOLD_S`] after the last time that they occurred.
+    const PASSING: Self = Self(
+        Self::FRAMES_LOST.0
+            | Self::BUS_OFF.0
+            | Self::GAVE_UP_SENDING.0
+            | Self::CONTROLLER_LOST.0
+            | Self::TRANSFER_ERRORS.0,
+    );
+
+    /// What a reset leaves behind. Nothing where it was no fault.
     pub fn after(cause: ResetCause) -> Self {
-        match cause {
-            ResetCause::PowerOn | ResetCause::External => Self::NONE,
-            ResetCause::BrownOut => Self::RESET_BROWN_OUT,
-            ResetCause::Watchdog => Self::RESET_WATCHDOG,
-            ResetCause::Panic => Self::RESET_PANIC,
-            ResetCause::StrayInterrupt => Self::RESET_STRAY_INTERRUPT,
-            ResetCause::StackCollision => Self::RESET_STACK_COLLISION,
+        let mut code = 0;
+        let mut of = ResetCause::ASKED_FOR.0;
+        while of < cause.0 {
+            code = if code == 0 { Self::RESET_WATCHDOG.0 } else { code << 1 };
+            of += 1;
         }
+        Self(code)
     }
 
     /// The vendor-specific status code.
     pub fn code(self) -> u16 {
         self.0
-    }
-
-    /// The health that they amount to.
-    pub fn health(self) -> Health {
-        if self.0 == 0 { Health::Ok } else { Health::Warning }
     }
 
     /// Whether all of these are set.
@@ -105,14 +118,14 @@ mod tests {
 
     #[test]
     fn a_clean_start_is_healthy_and_a_fault_is_not() {
-        assert_eq!(Conditions::after(ResetCause::PowerOn).health(), Health::Ok);
-        assert_eq!(Conditions::after(ResetCause::External).code(), 0);
+        assert_eq!(Conditions::after(ResetCause::POWER_ON).health(), Health::Ok);
+        assert_eq!(Conditions::after(ResetCause::EXTERNAL).code(), 0);
         let faults = [
-            ResetCause::Watchdog,
-            ResetCause::BrownOut,
-            ResetCause::Panic,
-            ResetCause::StrayInterrupt,
-            ResetCause::StackCollision,
+            ResetCause::WATCHDOG,
+            ResetCause::BROWN_OUT,
+            ResetCause::PANIC,
+            ResetCause::STRAY_INTERRUPT,
+            ResetCause::STACK_COLLISION,
         ];
         for (bit, cause) in faults.into_iter().enumerate() {
             assert_eq!(Conditions::after(cause).code(), 1 << bit);
@@ -122,7 +135,7 @@ mod tests {
 
     #[test]
     fn what_happened_passes_and_what_is_stays() {
-        let mut conditions = Conditions::after(ResetCause::Watchdog);
+        let mut conditions = Conditions::after(ResetCause::WATCHDOG);
         conditions.set(Conditions::FRAMES_LOST, true);
         conditions.set(Conditions::ERROR_PASSIVE, true);
         conditions.pass();

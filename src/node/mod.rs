@@ -1,30 +1,43 @@
-//! What the node does: follows commands, measures its temperature, and says how it is.
+//! What the node does: follows commands, measures its temperature, says how it is, and lets itself be managed.
 //!
-//! [`Node`] takes received frames and the clock, and gives out frames to send and the pulse for the servo. It has no
+//! [`Node`] takes received transfers and the clock, and gives out frames to send and the pulse for the servo. It has no
 //! hardware and never waits.
 
+pub mod allocation;
 pub mod autopilot;
+pub mod button;
 pub mod condition;
+pub mod information;
+pub mod outgoing;
+pub mod parameters;
+mod send;
+mod serve;
 pub mod servo;
+pub mod store;
 pub mod thermometer;
 
 use crate::can::Frame;
-use crate::can::mcp2515::{ErrorFlags, Notice, Received};
-use crate::dronecan::array_command::{self, Unusable, Value};
-use crate::dronecan::node_status::{self, Mode, NodeStatus};
-use crate::dronecan::temperature::{self, Temperature};
-use crate::dronecan::{Malformed, MessageId, NodeId, Payload, Priority, SingleFrame, TransferId, single_frame, thesis};
+use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
+use crate::dronecan::acceptance::NodeAcceptance;
+use crate::dronecan::kind::Kind;
+use crate::dronecan::receive::{Receiver, Refusal, Transfer};
+use crate::dronecan::{NodeId, float16};
 use crate::monitor::{Event, Line, Monitor};
+use crate::progmem::Progmem;
+use allocation::Allocation;
 use autopilot::Autopilot;
+use button::Button;
 use condition::{Conditions, HOLD_S, ResetCause};
-use servo::Ticks;
-use thermometer::Thermometer;
+use outgoing::Outgoing;
+use parameters::{Parameter, Parameters};
+use send::Due;
+use serve::Replies;
+use servo::{CommandType, Ticks, Travel};
+use store::{Eeprom, Store};
+use thermometer::{Thermometer, celsius};
 
-/// The actuator that the node is. ArduPilot counts from 1, so this is its first servo.
-const ACTUATOR_ID: u8 = 1;
-
-/// The device that the temperature is of.
-const TEMPERATURE_DEVICE_ID: u16 = 1;
+/// No node may be silent for longer, in milliseconds (DSDL 341.NodeStatus.uavcan, MAX_BROADCASTING_PERIOD_MS).
+const MAX_BROADCASTING_PERIOD_MS: u16 = 1000;
 
 /// No two statuses closer than this, in milliseconds, however often the autopilot sends its own.
 const MIN_STATUS_PERIOD_MS: u16 = 500;
@@ -36,15 +49,19 @@ const AUTOPILOT_GRACE_MS: u16 = 25;
 /// The thesis's temperature is sent once for so many statuses of the autopilot.
 const STATUSES_PER_DEGREES: u8 = 3;
 
-/// A message to send, in the order in which they go when several are due.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Message {
-    /// uavcan.protocol.NodeStatus
-    NodeStatus,
-    /// thesis.DegreesCelsius
-    DegreesCelsius,
-    /// uavcan.equipment.device.Temperature
-    Temperature,
+/// ArmingStatus comes twice a second from ArduPilot; in the course of so many seconds without one the vehicle counts as
+/// disarmed.
+const ARMING_TIMEOUT_S: u8 = 4;
+
+/// Error flag of a Temperature: below TEMP_MIN. The other, above TEMP_MAX, is 1.
+const OVERCOOLING: u8 = 2;
+
+/// From the last frame of the answer to a restart: the controller gets it out, and the servo reaches its failsafe.
+const RESTART_MS: u16 = 100;
+
+#[inline(never)]
+fn count(counter: &mut u16) {
+    *counter = counter.wrapping_add(1);
 }
 
 /// What happened to the node since it started.
@@ -54,16 +71,27 @@ struct Counts {
     refused: u16,
     overruns: u16,
     given_up: u16,
+    /// Transfers that came whole, that went whole, and that broke.
+    received: u16,
+    sent: u16,
+    broken: u16,
 }
 
 /// The node.
 pub struct Node {
-    id: NodeId,
+    /// What can be set.
+    pub parameters: Parameters,
+    /// 1 to 127; 0 while it has none.
+    id: u8,
+    has_new_id: bool,
+    unique_id: [u8; 16],
+    allocation: Allocation,
+    store: Store,
+
     conditions: Conditions,
     /// Seconds until the passing conditions pass.
     hold_s: u8,
     counts: Counts,
-
     uptime_sec: u32,
     /// Start of the running second.
     second_ms: u16,
@@ -74,62 +102,133 @@ pub struct Node {
     /// Somebody has used the thesis's own command, so its own temperature is understood.
     thesis: bool,
 
-    status_due: bool,
-    degrees_due: bool,
-    temperature_due: bool,
+    due: Due,
+    /// Thousandths of the next message of each rate.
+    pace: [u16; 3],
     /// Last occasion for a status: the autopilot's, or none of it for too long.
     occasion_ms: u16,
-    /// Last status, once there was one: when it left, or until it has left, when it was handed to the controller.
-    status_sent_ms: Option<u16>,
+    /// Last status: when it left, or until it has left, when it was handed to the controller.
+    status_sent_ms: u16,
     status_in_controller: bool,
-
-    status_transfer_id: TransferId,
-    degrees_transfer_id: TransferId,
-    temperature_transfer_id: TransferId,
+    transfer_ids: [u8; send::MESSAGES],
+    outgoing: Outgoing,
+    sending: u8,
+    replies: Replies,
+    /// The reply on its way is to a request to restart, and when to do that once it has left.
+    is_to_restart: bool,
+    restart_ms: u16,
 
     thermometer: Thermometer,
-    pulse: Option<Ticks>,
+    button: Button,
+    light: u8,
+    /// The last temperature: in 64ths of a kelvin, whole degrees, and its error flags.
+    kelvin_64ths: u16,
+    celsius: i16,
+    temperature_flags: u8,
+    travel: Travel,
+    pulse: Ticks,
+    /// A command has been followed, and none has been missing since.
+    is_following: bool,
+    followed_ms: u16,
+    /// Seconds that the vehicle still counts as armed.
+    armed_s: u8,
 }
 
 impl Node {
     /// A node that has yet to start.
-    pub const fn new(id: NodeId) -> Self {
+    pub const fn new() -> Self {
         Self {
-            id,
+            parameters: Parameters::new(),
+            id: 0,
+            has_new_id: false,
+            unique_id: [0; 16],
+            allocation: Allocation::new(),
+            store: Store::new(),
             conditions: Conditions::NONE,
             hold_s: 0,
-            counts: Counts { followed: 0, refused: 0, overruns: 0, given_up: 0 },
+            counts: Counts { followed: 0, refused: 0, overruns: 0, given_up: 0, received: 0, sent: 0, broken: 0 },
             uptime_sec: 0,
             second_ms: 0,
             autopilot: Autopilot::NONE,
             autopilot_statuses: 0,
             thesis: false,
-            status_due: false,
-            degrees_due: false,
-            temperature_due: false,
+            due: Due::NONE,
+            pace: [0; 3],
             occasion_ms: 0,
-            status_sent_ms: None,
+            status_sent_ms: 0,
             status_in_controller: false,
-            status_transfer_id: TransferId::FIRST,
-            degrees_transfer_id: TransferId::FIRST,
-            temperature_transfer_id: TransferId::FIRST,
+            transfer_ids: [0; send::MESSAGES],
+            outgoing: Outgoing::new(),
+            sending: 0,
+            replies: Replies::new(),
+            is_to_restart: false,
+            restart_ms: 0,
             thermometer: Thermometer::new(),
-            pulse: None,
+            button: Button::new(),
+            light: 0,
+            kelvin_64ths: 0,
+            celsius: 0,
+            temperature_flags: 0,
+            travel: Travel::NONE,
+            pulse: 0,
+            is_following: false,
+            followed_ms: 0,
+            armed_s: 0,
         }
     }
 
-    /// Starts the node: says why on the serial monitor, and in the status that is due at once.
-    pub fn start(&mut self, cause: ResetCause, monitor: &mut Monitor) {
+    /// Starts the node with what the EEPROM has: says why on the serial monitor, and in the status that is due at once.
+    pub fn start(
+        &mut self,
+        cause: ResetCause,
+        eeprom: &mut impl Eeprom,
+        noise: impl FnMut() -> u8,
+        flash: impl Progmem,
+        monitor: &mut Monitor,
+    ) {
+        self.store.identify(&mut self.unique_id, eeprom, noise);
         self.conditions = Conditions::after(cause);
-        self.status_due = true;
+        let is_lost = self.store.load(&mut self.parameters, eeprom, flash);
+        self.condition(Conditions::PARAMETERS_LOST, is_lost, [Line::ParametersLost; 2], monitor);
+        self.travel.update(&self.parameters);
+        self.id = self.parameters.get(Parameter::CanNode) as u8;
         let banner = monitor.tell(Line::Banner);
-        banner.source = self.id.get();
-        banner.code = Line::PowerOn as u8 + cause as u8;
+        banner.source = self.id;
+        banner.code = Line::PowerOn.plus(cause.0).number();
+        // The first status need not wait.
+        self.status_sent_ms = MIN_STATUS_PERIOD_MS.wrapping_neg();
+        self.due.set(Due::NODE_STATUS);
+        self.allocation.start(&self.unique_id, 0);
     }
 
-    /// The width of the servo pulse; `None` before the first command.
-    pub fn pulse(&self) -> Option<Ticks> {
+    /// What the controller is to let through.
+    pub fn acceptance<P: Progmem>(&self, flash: P) -> NodeAcceptance<P> {
+        NodeAcceptance { node: NodeId::new(self.id), flash }
+    }
+
+    /// The node's ID; 0 while it has none.
+    pub fn id(&self) -> u8 {
+        self.id
+    }
+
+    /// Whether it has an ID that the controller's filters do not know yet.
+    pub fn take_new_id(&mut self) -> bool {
+        core::mem::take(&mut self.has_new_id)
+    }
+
+    /// The width of the servo pulse; 0 for none.
+    pub fn pulse(&self) -> Ticks {
         self.pulse
+    }
+
+    /// The brightness of the light.
+    pub fn light(&self) -> u8 {
+        self.light
+    }
+
+    /// Whether it is time to restart the program.
+    pub fn is_to_restart(&self, now_ms: u16) -> bool {
+        self.is_to_restart && !self.outgoing.is_busy() && now_ms.wrapping_sub(self.restart_ms) < 1 << 15
     }
 
     /// Takes a reading of the temperature sensor.
@@ -139,106 +238,263 @@ impl Node {
 
     /// To be called at every tick of the millisecond clock.
     #[inline(never)]
-    pub fn tick(&mut self, now_ms: u16, monitor: &mut Monitor) {
+    pub fn tick(&mut self, is_pressed: bool, now_ms: u16, eeprom: &mut impl Eeprom, monitor: &mut Monitor) {
+        self.store.step(&mut self.parameters, eeprom);
         self.autopilot.tick(now_ms);
         let grace_ms = if self.autopilot.is_present() { AUTOPILOT_GRACE_MS } else { 0 };
-        if now_ms.wrapping_sub(self.occasion_ms) >= node_status::MAX_BROADCASTING_PERIOD_MS + grace_ms {
+        if now_ms.wrapping_sub(self.occasion_ms) >= MAX_BROADCASTING_PERIOD_MS.wrapping_add(grace_ms) {
             self.occasion_ms = now_ms;
-            self.status_due = true;
+            self.due.set(Due::NODE_STATUS);
         }
+        self.pace(Due::ACTUATOR_STATUS, 0, self.parameters.get(Parameter::TelemRate));
+        self.pace(Due::TEMPERATURE, 1, self.parameters.get(Parameter::TempRate));
+        self.pace(Due::CAN_STATS, 2, self.parameters.get(Parameter::StatsRate));
+        if self.id == 0 && self.allocation.is_due(now_ms) {
+            self.due.set(Due::ALLOCATION);
+        }
+        if self.button.tick(is_pressed) {
+            monitor.tell(Line::Button).a = self.button.count();
+            self.due.set(Due::BUTTON);
+        }
+        let timeout_ms = self.parameters.get(Parameter::SrvTimeout);
+        if self.is_following && timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms {
+            self.is_following = false;
+            self.fail_safe();
+            self.condition(Conditions::FAILSAFE, true, [Line::Failsafe, Line::FailsafeEnd], monitor);
+        }
+        let is_disarmed = self.parameters.is_on(Parameter::ArmReq) && self.armed_s == 0;
+        if is_disarmed && self.is_following {
+            self.is_following = false;
+            self.fail_safe();
+        }
+        self.condition(Conditions::DISARMED, is_disarmed, [Line::Disarmed, Line::DisarmedEnd], monitor);
         if now_ms.wrapping_sub(self.second_ms) >= 1000 {
             self.second_ms = self.second_ms.wrapping_add(1000);
             self.second(monitor);
         }
     }
 
+    /// A millisecond of a message that is sent so many times a second.
+    #[inline(never)]
+    fn pace(&mut self, message: u8, n: usize, rate: u16) {
+        let Some(pace) = self.pace.get_mut(n) else { return };
+        *pace = pace.wrapping_add(rate);
+        if *pace >= 1000 {
+            *pace = pace.wrapping_sub(1000);
+            self.due.set(message);
+        }
+    }
+
+    /// Sets or clears a condition and tells that it begins or ends; nothing where nothing changes.
+    #[inline(never)]
+    fn condition(&mut self, condition: Conditions, on: bool, [begins, ends]: [Line; 2], monitor: &mut Monitor) {
+        if self.conditions.has(condition) != on {
+            self.conditions.set(condition, on);
+            monitor.tell(if on { begins } else { ends });
+        }
+    }
+
+    /// The pulse for when nobody commands.
+    fn fail_safe(&mut self) {
+        self.pulse = match self.parameters.get(Parameter::SrvFailsafe) as u8 {
+            0 => return,
+            1 => self.travel.trim,
+            2 => self.travel.limit(self.parameters.get(Parameter::SrvFsPwm) << 1),
+            _ => 0,
+        };
+    }
+
+    /// Makes a temperature of the last sum of readings.
+    #[inline(never)]
+    fn measure(&mut self) {
+        self.kelvin_64ths = self.thermometer.kelvin_64ths(&self.parameters);
+        self.celsius = celsius(self.kelvin_64ths);
+        self.temperature_flags = if self.celsius < self.parameters.get(Parameter::TempMin) as i16 {
+            OVERCOOLING
+        } else {
+            u8::from(self.celsius > self.parameters.get(Parameter::TempMax) as i16)
+        };
+    }
+
     fn second(&mut self, monitor: &mut Monitor) {
         self.uptime_sec = self.uptime_sec.wrapping_add(1);
+        self.armed_s = self.armed_s.saturating_sub(1);
         if self.hold_s > 0 {
-            self.hold_s -= 1;
+            self.hold_s = self.hold_s.wrapping_sub(1);
             if self.hold_s == 0 {
                 self.conditions.pass();
             }
         }
-        if let Some(reading) = self.thermometer.latest() {
-            self.temperature_due = true;
-            monitor.tell(Line::Temperature).a = reading.tenths_celsius();
+        if !self.thermometer.has_measured() {
+            return;
+        }
+        self.measure();
+        let fraction = self.kelvin_64ths.wrapping_sub(thermometer::ZERO_CELSIUS) & 63;
+        let tenths = (self.celsius as u16).wrapping_mul(10).wrapping_add(fraction.wrapping_mul(10) >> 6);
+        monitor.tell(Line::Temperature).a = tenths;
+        let is_out = self.temperature_flags != 0;
+        self.condition(Conditions::TEMPERATURE, is_out, [Line::OutOfRange, Line::OutOfRangeEnd], monitor);
+        let is_faulty = self.thermometer.is_sensor_faulty();
+        self.condition(Conditions::SENSOR, is_faulty, [Line::SensorFault, Line::SensorFaultEnd], monitor);
+    }
+
+    /// Takes a frame, and acts on the transfer that it completes.
+    #[inline(never)]
+    pub fn receive(
+        &mut self,
+        frame: &Frame,
+        receiver: &mut Receiver,
+        now_ms: u16,
+        flash: impl Progmem,
+        monitor: &mut Monitor,
+    ) {
+        let actuator_id = self.parameters.get(Parameter::SrvId) as u8;
+        let light_id = self.parameters.get(Parameter::LightId) as u8;
+        if let Some(transfer) = receiver.accept(frame, self.id, actuator_id, light_id, now_ms, flash) {
+            self.act(transfer, now_ms, flash, monitor);
+        } else if receiver.refusal != Refusal::None {
+            self.refuse(receiver.refusal, frame, monitor);
         }
     }
 
-    /// Acts on what the controller received.
     #[inline(never)]
-    pub fn receive(&mut self, received: Received<'_>, now_ms: u16, monitor: &mut Monitor) {
-        // Every frame gives one line.
-        let event = monitor.tell(Line::RefusedKind);
-        let result = match received {
-            Received::Frame(id, data) => self.frame(id, data, now_ms, event),
-            Received::Standard | Received::Remote => Err(Line::RefusedKind),
-        };
-        event.line = result.unwrap_or_else(|why| {
-            self.counts.refused = self.counts.refused.saturating_add(1);
-            why
-        });
+    fn refuse(&mut self, refusal: Refusal, frame: &Frame, monitor: &mut Monitor) {
+        if matches!(refusal, Refusal::Broken | Refusal::Interleaved) {
+            count(&mut self.counts.broken);
+            self.happened(Conditions::TRANSFER_ERRORS);
+        }
+        count(&mut self.counts.refused);
+        let event = monitor.tell(Line::RefusedKind.plus((refusal as u8).wrapping_sub(Refusal::Kind as u8)));
+        let [_, high, low, source] = frame.id;
+        event.a = u16::from_be_bytes([high, low]);
+        event.source = source & 0x7F;
     }
 
-    /// Acts on a frame and notes what it says in `event`. The line that tells of it, or why it is refused.
-    fn frame(&mut self, id: u32, data: &[u8], now_ms: u16, event: &mut Event) -> Result<Line, Line> {
-        // The filters let no service through.
-        let MessageId { data_type, source } = MessageId::parse(id).ok_or(Line::RefusedKind)?;
-        event.a = data_type;
-        event.source = source.map_or(0, NodeId::get);
-        let source = source.filter(|&source| source != self.id).ok_or(Line::RefusedSource)?;
-        let SingleFrame { transfer_id, payload } = SingleFrame::parse(data).ok_or(Line::RefusedTransfer)?;
-        event.transfer = transfer_id.get();
-        match data_type {
-            node_status::DATA_TYPE_ID => {
-                let heard = node_status::Heard::parse(payload)?;
+    /// Acts on a transfer.
+    fn act(&mut self, transfer: &Transfer, now_ms: u16, flash: impl Progmem, monitor: &mut Monitor) {
+        count(&mut self.counts.received);
+        // Every transfer gives one line.
+        let event = monitor.tell(Line::RefusedLength);
+        event.source = transfer.source;
+        event.transfer = transfer.transfer_id();
+        event.a = u16::from(transfer.kind.id_low(flash));
+        event.line = if transfer.kind.is_request() {
+            self.serve(transfer, event, flash)
+        } else {
+            self.heed(transfer, event, now_ms)
+        };
+        if event.line.is_refusal() {
+            count(&mut self.counts.refused);
+        }
+        if self.is_following {
+            self.condition(Conditions::FAILSAFE, false, [Line::Failsafe, Line::FailsafeEnd], monitor);
+        }
+    }
+
+    /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
+    fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16) -> Line {
+        let [b0, _, _, _, b4, ..] = transfer.bytes;
+        let Some(source) = NodeId::new(transfer.source) else {
+            // Only Allocation comes from nobody.
+            return self.hear_allocation(transfer, now_ms);
+        };
+        match transfer.kind {
+            Kind::NODE_STATUS if transfer.len == 7 => {
                 self.status_of(source, now_ms);
-                event.code = heard.health << 4 | heard.mode;
-                [event.a, event.b] = [heard.uptime_sec as u16, (heard.uptime_sec >> 16) as u16];
-                Ok(Line::Status)
+                event.code = Line::Health.plus(b4 >> 6).number();
+                event.b = u16::from(Line::Mode.plus(b4 >> 3 & 7).number());
+                event.a = if transfer.word(2) == 0 { transfer.word(0) } else { u16::MAX };
+                Line::Status
             }
-            array_command::DATA_TYPE_ID => {
-                event.code = ACTUATOR_ID;
-                let mut commands = array_command::commands(payload)?;
-                let Some(command) = commands.find(|command| command.actuator_id == ACTUATOR_ID) else {
-                    return Ok(Line::CommandElsewhere);
-                };
-                let value = command.value()?;
-                let pulse = servo::pulse(value).ok_or(Line::RefusedValue)?;
-                event.b = self.follow(pulse, source, now_ms);
-                Ok(match value {
-                    Value::Unitless(value) => {
-                        event.a = thousandths(value, 14);
-                        Line::CommandUnitless
-                    }
-                    Value::Position(value) => {
-                        event.a = thousandths(value, 12);
-                        Line::CommandPosition
-                    }
-                    Value::Pwm(half_us) => {
-                        event.a = (half_us >> 1).min(i32::from(u16::MAX)) as u16;
+            // Whole entries only.
+            Kind::ARRAY_COMMAND if transfer.len == 0 => {
+                event.code = self.parameters.get(Parameter::SrvId) as u8;
+                if !transfer.has_entry {
+                    return Line::CommandElsewhere;
+                }
+                let value = transfer.entry_value;
+                let Some(command) = CommandType::new(transfer.entry) else { return Line::RefusedType };
+                if !float16::is_finite(value) {
+                    return Line::RefusedValue;
+                }
+                let value = float16::to_fixed(value, command.fraction_bits());
+                let pulse = self.travel.pulse(command, value);
+                if pulse == 0 {
+                    return Line::RefusedValue;
+                }
+                let places = command.fraction_bits();
+                event.a = (i32::from(value).wrapping_mul(1000) >> places) as u16;
+                let line = match command {
+                    CommandType::Unitless => Line::CommandUnitless,
+                    CommandType::Position => Line::CommandPosition,
+                    CommandType::Pwm => {
+                        event.a = (value >> 1) as u16;
                         Line::CommandPwm
                     }
-                })
+                };
+                self.follow(pulse, line, event, source, now_ms)
             }
-            thesis::SERVO_COMMAND_ID => {
-                let position = thesis::servo_command(payload)?;
+            Kind::SERVO_COMMAND if transfer.len == 1 => {
                 self.thesis = true;
-                event.code = position;
-                event.b = self.follow(servo::pulse_of_byte(position), source, now_ms);
-                Ok(Line::CommandThesis)
+                event.code = b0;
+                let pulse = self.travel.pulse_of_byte(b0);
+                self.follow(pulse, Line::CommandThesis, event, source, now_ms)
             }
-            _ => Err(Line::RefusedKind),
+            Kind::LIGHTS_COMMAND if transfer.len == 0 => {
+                if transfer.has_entry {
+                    // Five bits of red, six of green, five of blue; the light has one colour, so the brightest counts.
+                    let (high, low) = (transfer.entry, transfer.entry_value as u8);
+                    let red = high & 0xF8;
+                    let green = high << 5 | (low & 0xE0) >> 3;
+                    let blue = low << 3;
+                    let brightest = red.max(green).max(blue);
+                    // All bits set where the five or six are.
+                    self.light = brightest | brightest >> 5;
+                }
+                event.code = self.light;
+                Line::Light
+            }
+            Kind::ARMING_STATUS if transfer.len == 1 => {
+                const FULLY_ARMED: u8 = 255;
+                self.armed_s = if b0 == FULLY_ARMED { ARMING_TIMEOUT_S } else { 0 };
+                event.code = b0;
+                Line::Arming
+            }
+            Kind::ALLOCATION => {
+                let line = self.hear_allocation(transfer, now_ms);
+                event.code = self.id;
+                line
+            }
+            _ => Line::RefusedLength,
         }
     }
 
-    /// Follows a command; gives the pulse in ticks, for the monitor.
-    fn follow(&mut self, pulse: Ticks, source: NodeId, now_ms: u16) -> u16 {
-        self.pulse = Some(pulse);
-        self.counts.followed = self.counts.followed.saturating_add(1);
+    fn hear_allocation(&mut self, transfer: &Transfer, now_ms: u16) -> Line {
+        if self.id != 0 {
+            return Line::AllocationElsewhere;
+        }
+        self.due.clear(Due::ALLOCATION);
+        self.id = self.allocation.hear(transfer, &self.unique_id, now_ms);
+        if self.id == 0 {
+            return Line::AllocationElsewhere;
+        }
+        self.has_new_id = true;
+        Line::Allocated
+    }
+
+    /// Follows a command, unless the vehicle must be armed for that.
+    #[inline(never)]
+    fn follow(&mut self, pulse: Ticks, line: Line, event: &mut Event, source: NodeId, now_ms: u16) -> Line {
         self.autopilot.commanded_by(source, now_ms);
-        pulse.0
+        if self.conditions.has(Conditions::DISARMED) {
+            return Line::RefusedDisarmed;
+        }
+        self.pulse = pulse;
+        self.is_following = true;
+        self.followed_ms = now_ms;
+        count(&mut self.counts.followed);
+        event.b = pulse;
+        line
     }
 
     fn status_of(&mut self, source: NodeId, now_ms: u16) {
@@ -247,13 +503,13 @@ impl Node {
         }
         self.occasion_ms = now_ms;
         if self.is_status_spaced(now_ms) {
-            self.status_due = true;
+            self.due.set(Due::NODE_STATUS);
         }
         if self.thesis {
-            self.autopilot_statuses += 1;
+            self.autopilot_statuses = self.autopilot_statuses.wrapping_add(1);
             if self.autopilot_statuses == STATUSES_PER_DEGREES {
                 self.autopilot_statuses = 0;
-                self.degrees_due = true;
+                self.due.set(Due::DEGREES_CELSIUS);
             }
         }
     }
@@ -261,30 +517,25 @@ impl Node {
     /// Acts on what the controller has to tell of itself.
     #[inline(never)]
     pub fn notice(&mut self, notice: Notice, monitor: &mut Monitor) {
-        let (line, code) = match notice {
-            Notice::Running => (Line::Running, 0),
-            Notice::NotAnswering(canstat) => (Line::NotAnswering, canstat),
-            Notice::NotKeeping(address) => (Line::NotKeeping, address),
-            Notice::NotStarting(canstat) => (Line::NotStarting, canstat),
-            Notice::Lost(canstat) => (Line::ControllerLost, canstat),
-            Notice::GaveUpSending => {
-                self.counts.given_up = self.counts.given_up.saturating_add(1);
-                self.happened(Conditions::GAVE_UP_SENDING);
-                (Line::GaveUp, 0)
-            }
-            Notice::Flags(flags) => return self.flags(flags, monitor),
-        };
-        if !matches!(notice, Notice::Running | Notice::GaveUpSending) {
+        if notice.event == CanEvent::Flags {
+            return self.flags(ErrorFlags(notice.value), monitor);
+        }
+        if notice.event == CanEvent::GaveUpSending {
+            count(&mut self.counts.given_up);
+            self.happened(Conditions::GAVE_UP_SENDING);
+        } else if notice.event != CanEvent::Running {
             self.happened(Conditions::CONTROLLER_LOST);
         }
+        // In the order of the events.
+        let line = Line::Running.plus(notice.event as u8);
         let event = monitor.tell(line);
-        event.code = code;
+        event.code = notice.value;
         event.a = self.counts.given_up;
     }
 
     fn flags(&mut self, flags: ErrorFlags, monitor: &mut Monitor) {
         if flags.frames_lost() {
-            self.counts.overruns = self.counts.overruns.saturating_add(1);
+            count(&mut self.counts.overruns);
             self.happened(Conditions::FRAMES_LOST);
             monitor.tell(Line::FramesLost).a = self.counts.overruns;
         }
@@ -292,10 +543,12 @@ impl Node {
             self.happened(Conditions::BUS_OFF);
             monitor.tell(Line::BusOff);
         }
-        if flags.error_passive() != self.conditions.has(Conditions::ERROR_PASSIVE) {
-            self.conditions.set(Conditions::ERROR_PASSIVE, flags.error_passive());
-            monitor.tell(if flags.error_passive() { Line::ErrorPassive } else { Line::ErrorActive });
-        }
+        self.condition(
+            Conditions::ERROR_PASSIVE,
+            flags.error_passive(),
+            [Line::ErrorPassive, Line::ErrorActive],
+            monitor,
+        );
     }
 
     fn happened(&mut self, condition: Conditions) {
@@ -311,125 +564,10 @@ impl Node {
         let counts_out = monitor.tell(Line::CountsOut);
         (counts_out.a, counts_out.b) = (self.counts.overruns, self.counts.given_up);
     }
-
-    /// Whether [`outgoing`](Self::outgoing) is worth calling.
-    #[inline(always)]
-    pub fn has_outgoing(&self, now_ms: u16) -> bool {
-        self.can_send_status(now_ms) || self.degrees_due || self.temperature_due
-    }
-
-    /// The next message to hand to the controller, and its frame.
-    #[inline(never)]
-    pub fn outgoing(&self, now_ms: u16) -> Option<(Message, Frame)> {
-        let message = if self.can_send_status(now_ms) {
-            Message::NodeStatus
-        } else if self.degrees_due {
-            Message::DegreesCelsius
-        } else if self.temperature_due {
-            Message::Temperature
-        } else {
-            return None;
-        };
-        let reading = self.thermometer.latest();
-        let (data_type, transfer_id, payload) = match message {
-            Message::NodeStatus => {
-                let status = NodeStatus {
-                    uptime_sec: self.uptime_sec,
-                    health: self.conditions.health(),
-                    mode: if reading.is_some() { Mode::Operational } else { Mode::Initialization },
-                    vendor_specific_status_code: self.conditions.code(),
-                };
-                (node_status::DATA_TYPE_ID, self.status_transfer_id, Payload::new(status.emit()))
-            }
-            Message::DegreesCelsius => {
-                (thesis::DEGREES_CELSIUS_ID, self.degrees_transfer_id, Payload::new([reading?.degrees()]))
-            }
-            Message::Temperature => {
-                let temperature =
-                    Temperature { device_id: TEMPERATURE_DEVICE_ID, kelvin_64ths: reading?.kelvin_64ths() };
-                (temperature::DATA_TYPE_ID, self.temperature_transfer_id, Payload::new(temperature.emit()))
-            }
-        };
-        let id = MessageId::build(Priority::LOW, data_type, self.id);
-        Some((message, single_frame(id, transfer_id, payload)))
-    }
-
-    fn can_send_status(&self, now_ms: u16) -> bool {
-        self.status_due && !self.status_in_controller && self.is_status_spaced(now_ms)
-    }
-
-    fn is_status_spaced(&self, now_ms: u16) -> bool {
-        self.status_sent_ms.is_none_or(|sent_ms| now_ms.wrapping_sub(sent_ms) >= MIN_STATUS_PERIOD_MS)
-    }
-
-    /// The controller has taken the frame of this message.
-    pub fn handed_over(&mut self, message: Message, now_ms: u16) {
-        match message {
-            Message::NodeStatus => {
-                self.status_due = false;
-                self.status_in_controller = true;
-                self.status_sent_ms = Some(now_ms);
-                self.status_transfer_id.take();
-            }
-            Message::DegreesCelsius => {
-                self.degrees_due = false;
-                self.degrees_transfer_id.take();
-            }
-            Message::Temperature => {
-                self.temperature_due = false;
-                self.temperature_transfer_id.take();
-            }
-        }
-    }
-
-    /// The controller has nothing more to send: a status that waited in it for the bus has left only now.
-    pub fn controller_is_empty(&mut self, now_ms: u16) {
-        if self.status_in_controller {
-            self.status_in_controller = false;
-            self.status_sent_ms = Some(now_ms);
-        }
-    }
 }
 
-/// A fixed-point number in thousandths, limited to what the monitor can show. The product stays below 2^31.
-fn thousandths(value: i32, fraction_bits: u8) -> u16 {
-    (value.clamp(-(1 << 17), 1 << 17).wrapping_mul(1000) >> fraction_bits).clamp(-32_767, 32_767) as u16
-}
-
-impl From<Malformed> for Line {
-    fn from(_: Malformed) -> Self {
-        Self::RefusedLength
-    }
-}
-
-impl From<Unusable> for Line {
-    fn from(unusable: Unusable) -> Self {
-        match unusable {
-            Unusable::Type => Self::RefusedType,
-            Unusable::NotFinite => Self::RefusedValue,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Zero is what a dead chip reads as, and the address of the first filter.
-    #[test]
-    fn a_controller_in_trouble_shows_in_the_status_whatever_was_read_from_it() {
-        for seen in [0x00, 0x80, 0xFF] {
-            for notice in
-                [Notice::NotAnswering(seen), Notice::NotKeeping(seen), Notice::NotStarting(seen), Notice::Lost(seen)]
-            {
-                let mut node = Node::new(NodeId::new(120).unwrap());
-                node.notice(notice, &mut Monitor::new());
-                assert!(node.conditions.has(Conditions::CONTROLLER_LOST), "{notice:?}");
-            }
-        }
-        let mut node = Node::new(NodeId::new(120).unwrap());
-        node.notice(Notice::Running, &mut Monitor::new());
-        node.notice(Notice::GaveUpSending, &mut Monitor::new());
-        assert!(!node.conditions.has(Conditions::CONTROLLER_LOST));
+impl Default for Node {
+    fn default() -> Self {
+        Self::new()
     }
 }

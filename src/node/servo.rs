@@ -1,125 +1,145 @@
 //! From commands to the width of the servo pulse.
 
-use crate::dronecan::array_command::Value;
+use super::parameters::{Parameter, Parameters};
+use crate::dronecan::float16;
 
-/// Width of a pulse in ticks of half a microsecond: the unit of the timer that makes it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Ticks(pub u16);
+/// Width of a pulse in ticks of half a microsecond, the unit of the timer that makes it; 0 is no pulse.
+pub type Ticks = u16;
 
-impl Ticks {
-    const fn from_us(us: u16) -> Self {
-        Self(2 * us)
-    }
+/// What a command's value means (DSDL uavcan/equipment/actuator/Command.uavcan).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum CommandType {
+    /// -1 to 1 over the travel.
+    Unitless = 0,
+    /// Radians from the trim.
+    Position = 1,
+    /// Width of the pulse in microseconds.
+    Pwm = 4,
 }
 
-/// Travel of the servo. The limits are those between which ArduPilot maps its unitless commands.
-const MIN: Ticks = Ticks::from_us(1000);
-const TRIM: Ticks = Ticks::from_us(1500);
-const MAX: Ticks = Ticks::from_us(2000);
-
-/// One, as a unitless value with 14 binary places.
-const UNITLESS_ONE: i32 = 1 << 14;
-
-/// Half the travel of a common servo, 45 degrees, in radians with 12 binary places.
-const HALF_TRAVEL: i32 = 3217;
-
-/// Ticks a unit of a position, with 16 binary places, rounded.
-const fn scale(side: i32, one: i32) -> i32 {
-    ((side << 16) + one / 2) / one
-}
-
-/// The position limited and scaled from `-one..=one` to the travel around the trim.
-fn from_trim<const ONE: i32>(value: i32) -> Ticks {
-    let value = value.clamp(-ONE, ONE);
-    let scale = if value < 0 {
-        const { scale((TRIM.0 - MIN.0) as i32, ONE) }
-    } else {
-        const { scale((MAX.0 - TRIM.0) as i32, ONE) }
-    };
-    // A position of one times its scale is the side with 16 binary places: 26 bits, so the product cannot overflow.
-    let offset = (value.wrapping_mul(scale) + (1 << 15)) >> 16;
-    Ticks((i32::from(TRIM.0) + offset) as u16)
-}
-
-/// The pulse for a command; `None` if it asks for none, with a width of zero or less.
-///
-/// Whatever asks for more than the travel gets the end of it.
-pub fn pulse(value: Value) -> Option<Ticks> {
-    match value {
-        Value::Unitless(value) => Some(from_trim::<UNITLESS_ONE>(value)),
-        Value::Position(value) => Some(from_trim::<HALF_TRAVEL>(value)),
-        Value::Pwm(half_us) => (half_us > 0).then(|| Ticks(half_us.clamp(i32::from(MIN.0), i32::from(MAX.0)) as u16)),
-    }
-}
-
-/// The pulse for a position of the thesis's command: 0 to 255 over the full travel.
-pub fn pulse_of_byte(position: u8) -> Ticks {
-    const TRAVEL: u32 = (MAX.0 - MIN.0) as u32;
-    // TRAVEL / 255 with 16 binary places, rounded; exact to a tick for all 256 positions (see the test).
-    const FACTOR: u32 = ((TRAVEL << 16) + 127) / 255;
-    // At most 255 x FACTOR, 28 bits.
-    Ticks(MIN.0 + ((u32::from(position).wrapping_mul(FACTOR) + (1 << 15)) >> 16) as u16)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn us(us: f64) -> Option<Ticks> {
-        Some(Ticks((us * 2.0).round() as u16))
+impl CommandType {
+    /// `None` for a force, a speed, or a type that nobody has defined.
+    pub fn new(raw: u8) -> Option<Self> {
+        Some(match raw {
+            0 => Self::Unitless,
+            1 => Self::Position,
+            4 => Self::Pwm,
+            _ => return None,
+        })
     }
 
-    #[test]
-    fn unitless_goes_from_end_to_end_through_the_trim() {
-        for value in -UNITLESS_ONE..=UNITLESS_ONE {
-            let exact = 1500.0 + 500.0 * f64::from(value) / f64::from(UNITLESS_ONE);
-            let pulse = pulse(Value::Unitless(value)).unwrap();
-            assert!((f64::from(pulse.0) / 2.0 - exact).abs() <= 0.26, "{value}: {pulse:?}, exactly {exact} us");
+    /// Binary places of the value that [`Travel::pulse`] takes.
+    pub fn fraction_bits(self) -> u8 {
+        match self {
+            Self::Unitless => 14,
+            Self::Position => 12,
+            Self::Pwm => 1,
         }
-        assert_eq!(pulse(Value::Unitless(-UNITLESS_ONE)), us(1000.0));
-        assert_eq!(pulse(Value::Unitless(0)), us(1500.0));
-        assert_eq!(pulse(Value::Unitless(UNITLESS_ONE)), us(2000.0));
+    }
+}
+
+/// One, as a unitless value.
+const ONE: u16 = 1 << 14;
+
+/// From 4096ths of a radian to half the travel, with 14 binary places: times this, by 128, by the travel in degrees.
+/// 2^14 / 4096 x 2 x 180 / pi x 128.
+const POSITION_FACTOR: u16 = 58_671;
+
+/// The travel, as the parameters have it now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Travel {
+    low: Ticks,
+    /// The middle, for no deflection.
+    pub trim: Ticks,
+    high: Ticks,
+    is_reversed: bool,
+    range_deg: u16,
+}
+
+impl Travel {
+    /// None at all.
+    pub const NONE: Self = Self { low: 0, trim: 0, high: 0, is_reversed: false, range_deg: 0 };
+
+    /// Takes over the parameters. SRV_MIN and SRV_MAX may be in either order, and SRV_TRIM is taken to be between them:
+    /// parameters are set one at a time.
+    #[inline(never)]
+    pub fn update(&mut self, parameters: &Parameters) {
+        self.low = parameters.get(Parameter::SrvMin) << 1;
+        self.high = parameters.get(Parameter::SrvMax) << 1;
+        if self.high < self.low {
+            core::mem::swap(&mut self.low, &mut self.high);
+        }
+        self.trim = self.limit(parameters.get(Parameter::SrvTrim) << 1);
+        self.is_reversed = parameters.is_on(Parameter::SrvReversed);
+        self.range_deg = parameters.get(Parameter::SrvRange);
     }
 
-    #[test]
-    fn a_position_of_45_degrees_is_the_end_of_the_travel() {
-        assert_eq!(pulse(Value::Position(HALF_TRAVEL)), us(2000.0));
-        assert_eq!(pulse(Value::Position(-HALF_TRAVEL)), us(1000.0));
-        assert_eq!(pulse(Value::Position(0)), us(1500.0));
-        let eighth = (core::f64::consts::FRAC_PI_8 * 4096.0).round() as i32;
-        assert!(pulse(Value::Position(eighth)).unwrap().0.abs_diff(3500) <= 1);
-    }
-
-    #[test]
-    fn a_pulse_width_is_taken_as_it_is_to_half_a_microsecond() {
-        for half_us in i32::from(MIN.0)..=i32::from(MAX.0) {
-            assert_eq!(pulse(Value::Pwm(half_us)), Some(Ticks(half_us as u16)));
+    /// The nearest within the travel.
+    #[inline(never)]
+    pub fn limit(&self, ticks: Ticks) -> Ticks {
+        if ticks < self.low {
+            self.low
+        } else if ticks > self.high {
+            self.high
+        } else {
+            ticks
         }
     }
 
-    #[test]
-    fn nothing_goes_beyond_the_travel() {
-        for (low, high) in [
-            (Value::Unitless(-UNITLESS_ONE - 1), Value::Unitless(UNITLESS_ONE + 1)),
-            (Value::Unitless(i32::MIN), Value::Unitless(i32::MAX)),
-            (Value::Position(i32::MIN), Value::Position(i32::MAX)),
-            (Value::Pwm(1), Value::Pwm(i32::MAX)),
-        ] {
-            assert_eq!((pulse(low), pulse(high)), (Some(MIN), Some(MAX)));
+    /// The pulse for a command; 0 if it asks for none, with a width of zero or less. Whatever asks for more than the travel
+    /// gets the end of it.
+    ///
+    /// A width is taken as it is; the other two are turned around by SRV_REVERSED.
+    #[inline(never)]
+    pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
+        let mut is_low = value < 0;
+        let mut magnitude = value.unsigned_abs();
+        match command {
+            CommandType::Unitless => {}
+            CommandType::Position => magnitude = scaled(magnitude, POSITION_FACTOR, self.range_deg << 7),
+            CommandType::Pwm => return if is_low || value == 0 { 0 } else { self.limit(magnitude) },
+        }
+        if magnitude > ONE {
+            magnitude = ONE;
+        }
+        is_low ^= self.is_reversed;
+        if is_low {
+            self.trim.wrapping_sub(scaled(magnitude, self.trim.wrapping_sub(self.low), ONE))
+        } else {
+            self.trim.wrapping_add(scaled(magnitude, self.high.wrapping_sub(self.trim), ONE))
         }
     }
 
-    #[test]
-    fn a_pulse_of_no_width_is_no_position() {
-        assert_eq!(pulse(Value::Pwm(0)), None);
-        assert_eq!(pulse(Value::Pwm(-3000)), None);
+    /// The pulse for a position of the thesis's command: 0 to 255 over the full travel.
+    pub fn pulse_of_byte(&self, mut position: u8) -> Ticks {
+        if self.is_reversed {
+            position = !position;
+        }
+        self.low.wrapping_add(scaled(u16::from(position), self.high.wrapping_sub(self.low), 255))
     }
 
-    #[test]
-    fn the_byte_of_the_thesis_covers_the_travel_exactly() {
-        for position in 0..=255 {
-            let exact = 1000.0 + 1000.0 * f64::from(position) / 255.0;
-            assert_eq!(Some(pulse_of_byte(position)), us(exact), "{position}");
-        }
+    /// The position that a pulse asks for, as an equal command would have it: a float16 in radians.
+    #[inline(never)]
+    pub fn position(&self, pulse: Ticks) -> u16 {
+        let is_low = pulse < self.trim;
+        let part = if is_low {
+            scaled(self.trim.wrapping_sub(pulse), ONE, self.trim.wrapping_sub(self.low))
+        } else {
+            scaled(pulse.wrapping_sub(self.trim), ONE, self.high.wrapping_sub(self.trim))
+        };
+        let position = float16::from_fixed(scaled(part, self.range_deg << 7, POSITION_FACTOR), 12);
+        if is_low ^ self.is_reversed { position | float16::SIGN } else { position }
     }
+}
+
+/// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0.
+#[inline(never)]
+pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
+    if divisor == 0 {
+        return 0;
+    }
+    let product = u32::from(value).wrapping_mul(u32::from(factor)).wrapping_add(u32::from(divisor >> 1));
+    let quotient = product / u32::from(divisor);
+    if quotient > u32::from(u16::MAX) { u16::MAX } else { quotient as u16 }
 }

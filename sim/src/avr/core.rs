@@ -5,7 +5,7 @@
 //! written without side effects; everything a write sets off is decided by the models in this
 //! module's siblings, which replace simavr's own handlers for the SPI, USART0, the EEPROM and the
 //! waveforms of Timer1. simavr keeps the instructions, interrupts, ports, the ADC, Timer0, Timer2,
-//! the watchdog and self-programming.
+//! the watchdog (but for its oscillator) and self-programming.
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_void};
@@ -58,6 +58,7 @@ pub(super) struct Core {
     eeprom: *mut ffi::avr_eeprom_t,
     adc: *mut ffi::avr_adc_t,
     timer1: *mut ffi::avr_timer_t,
+    watchdog: *mut ffi::avr_watchdog_t,
     context: Cell<*mut c_void>,
 }
 
@@ -86,10 +87,17 @@ impl Core {
             eeprom: find(avr, c"eeprom", '\0').cast(),
             adc: find(avr, c"adc", '\0').cast(),
             timer1: find(avr, c"timer", '1').cast(),
+            watchdog: find(avr, c"watchdog", '\0').cast(),
             context: Cell::new(ptr::null_mut()),
         };
-        let modules: [*mut c_void; 5] =
-            [core.uart.cast(), core.spi.cast(), core.eeprom.cast(), core.adc.cast(), core.timer1.cast()];
+        let modules: [*mut c_void; 6] = [
+            core.uart.cast(),
+            core.spi.cast(),
+            core.eeprom.cast(),
+            core.adc.cast(),
+            core.timer1.cast(),
+            core.watchdog.cast(),
+        ];
         ensure!(
             modules.iter().all(|module| !module.is_null()) && core.ports.iter().all(|port| !port.is_null()),
             "this simavr's atmega168 lacks a peripheral"
@@ -413,6 +421,47 @@ impl Core {
         assert!(bit < 8);
         // Safety: see the invariant of `Core`; each port has an IRQ per pin.
         unsafe { ffi::avr_raise_irq((*self.ports[port]).io.irq.add(bit.into()), level.into()) }
+    }
+
+    /// Calls `notify` with 1 when a time-out of the watchdog ends in its interrupt.
+    pub fn hook_watchdog(&self, notify: ffi::avr_irq_notify_t) {
+        // Safety: see the invariant of `Core`; the vector has this IRQ.
+        unsafe {
+            let irq = &raw mut (*self.watchdog).watchdog.irq[ffi::AVR_INT_IRQ_PENDING as usize];
+            ffi::avr_irq_register_notify(irq, notify, self.context.get());
+        }
+    }
+
+    /// Sets how many CPU cycles the watchdog's next time-out takes. One that runs keeps its date.
+    pub fn set_watchdog_cycles(&self, cycles: u64) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.watchdog).cycle_count = cycles }
+    }
+
+    /// Takes back the watchdog's request for its interrupt. simavr would leave it in its queue, which has room for 63.
+    pub fn withdraw_watchdog(&self) {
+        // Safety: see the invariant of `Core`. The queue is a ring; `read` and `write` stay below its length, and simavr
+        // sets interrupt_state like this after each change of the queue.
+        unsafe {
+            let vector = &raw mut (*self.watchdog).watchdog;
+            (*vector).set_pending(0);
+            let queue = &mut (*self.avr).interrupts.pending;
+            let length = queue.buffer.len() as u16;
+            let mut kept = queue.read;
+            let mut at = queue.read;
+            while at != queue.write {
+                let entry = queue.buffer[usize::from(at)];
+                if entry != vector {
+                    queue.buffer[usize::from(kept)] = entry;
+                    kept = (kept + 1) % length;
+                }
+                at = (at + 1) % length;
+            }
+            queue.write = kept;
+            if (*self.avr).interrupt_state > 0 {
+                (*self.avr).interrupt_state = i8::from(queue.read != queue.write);
+            }
+        }
     }
 
     /// Restarts the watchdog's time-out, as WDR does.

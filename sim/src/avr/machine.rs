@@ -24,6 +24,7 @@ use super::regs;
 use super::spi::{Spi, SpiByte};
 use super::timer1::{Oc, Timer1};
 use super::uart::Uart;
+use super::watchdog::Watchdog;
 use super::{Reset, ResetCause, Violation};
 use crate::Cycles;
 
@@ -94,6 +95,7 @@ pub(super) struct Machine {
     pub eeprom: RefCell<Eeprom>,
     pub adc: RefCell<Adc>,
     pub timer1: RefCell<Timer1>,
+    watchdog: RefCell<Watchdog>,
     pub pins: Pins,
     pub debug: Debug,
     resets: RefCell<Vec<Reset>>,
@@ -117,6 +119,7 @@ impl Machine {
             eeprom: RefCell::new(Eeprom::new()),
             adc: RefCell::new(Adc::new()),
             timer1: RefCell::new(Timer1::new(0)),
+            watchdog: RefCell::new(Watchdog::new(0)),
             pins: Pins::default(),
             debug: Debug::default(),
             resets: RefCell::default(),
@@ -129,6 +132,7 @@ impl Machine {
         core.hook_reset(on_reset);
         core.hook_interrupts(Some(on_interrupt), Some(on_bad_opcode));
         core.hook_adc(Some(on_adc_sample));
+        core.hook_watchdog(Some(on_watchdog));
         for address in WRITES {
             machine.originals.borrow_mut().push((address, core.hook_write(address, Some(on_write))));
         }
@@ -160,8 +164,9 @@ impl Machine {
         self.resets.borrow().clone()
     }
 
-    pub fn seed_power_on(&self, seed: u64) {
+    pub fn seed(&self, seed: u64) {
         self.power_on_noise.replace(Noise::new(seed));
+        self.watchdog.replace(Watchdog::new(seed));
     }
 
     pub fn set_spi_device(&self, device: SpiDevice) {
@@ -254,6 +259,7 @@ impl Machine {
         self.uart.borrow_mut().reset(self);
         self.eeprom.borrow_mut().reset(self);
         self.timer1.borrow_mut().reset(now);
+        self.watchdog.borrow_mut().reset(&self.core);
         self.pins.reapply(self);
     }
 
@@ -275,13 +281,7 @@ impl Machine {
             regs::WDTCSR => {
                 let before = self.core.get(address);
                 self.forward(address, value);
-                let after = self.core.get(address);
-                // simavr lets a running watchdog end at its old date when the time-out changes.
-                // Here it starts over, as it does for programs that heed the datasheet and reset it
-                // before.
-                if (before ^ after) & regs::WDP != 0 && after & (regs::WDE | regs::WDIE) != 0 {
-                    self.core.restart_watchdog();
-                }
+                self.watchdog.borrow_mut().written(&self.core, before, value);
             }
             regs::GTCCR => {
                 if value & regs::PSRSYNC != 0 {
@@ -455,6 +455,14 @@ unsafe extern "C" fn on_adc_sample(_: *mut ffi::avr_irq_t, mux: u32, context: *m
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
     machine.guard((), || machine.adc.borrow_mut().sample(machine, mux));
+}
+
+unsafe extern "C" fn on_watchdog(_: *mut ffi::avr_irq_t, is_raised: u32, context: *mut c_void) {
+    // Safety: simavr passes the context on.
+    let machine = unsafe { machine(context) };
+    if is_raised != 0 {
+        machine.guard((), || machine.watchdog.borrow_mut().timed_out(&machine.core));
+    }
 }
 
 unsafe extern "C" fn on_stop(_: *mut ffi::avr_t, _: ffi::avr_cycle_count_t, _: *mut c_void) -> ffi::avr_cycle_count_t {

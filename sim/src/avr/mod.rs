@@ -8,11 +8,12 @@
 //! Avr ─ machine ─┬─ core (simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog, SPM)
 //!                ├─ spi, uart, eeprom   replace simavr's models
 //!                ├─ timer1              the waveforms of OC1A and OC1B; simavr keeps the interrupts
+//!                ├─ watchdog            its oscillator, which differs from chip to chip and has jitter
 //!                └─ adc, pins           what is outside
 //! ```
 //!
-//! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; the watchdog's
-//! oscillator runs at exactly 128 kHz. Each file names its own.
+//! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect. Each file names
+//! its own.
 //!
 //! This is the one module with `unsafe` code. Its argument is in [`core`](self::core) and
 //! `machine`: simavr's memory lives as long as the machine, everything runs on one thread, and
@@ -34,6 +35,7 @@ pub mod regs;
 mod spi;
 mod timer1;
 mod uart;
+mod watchdog;
 
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
@@ -190,9 +192,10 @@ impl Avr {
         self.machine.reset(cause);
     }
 
-    /// Seed of what SRAM holds after the next power-on.
-    pub fn seed_power_on(&mut self, seed: u64) {
-        self.machine.seed_power_on(seed);
+    /// Seed of what makes one chip differ from another: what SRAM holds after the next power-on, and how the watchdog's
+    /// oscillator runs. Chips that are not told otherwise all have seed 0.
+    pub fn seed(&mut self, seed: u64) {
+        self.machine.seed(seed);
     }
 
     /// All resets so far, the first power-on included.

@@ -63,6 +63,7 @@ pub const SPH: u16 = 0x5E;
 pub const SREG: u16 = 0x5F;
 
 pub const WDTCSR: u16 = 0x60;
+pub const WDIF: u8 = 1 << 7;
 pub const WDIE: u8 = 1 << 6;
 pub const WDE: u8 = 1 << 3;
 pub const WDP: u8 = 0b10_0111;

@@ -117,7 +117,7 @@ impl Scene {
         let node = bench.add_board(Board::new(avr), "node");
         let others = (2..args.links.nodes + 2).map(|number| {
             let mut avr = Avr::with_firmware(others)?;
-            avr.seed_power_on(number as u64);
+            avr.seed(number as u64);
             avr.reset(ResetCause::PowerOn);
             Ok(bench.add_board(Board::new(avr), &format!("node{number}")))
         });

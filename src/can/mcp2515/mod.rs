@@ -2,96 +2,120 @@
 //!
 //! # How it works
 //!
-//! [`Mcp2515::poll`] brings the chip up one short step at a time: reset, then each group of registers written *and read
-//! back*, then normal mode, which must show in CANSTAT. While it runs, `poll` looks every [`SUPERVISION_MS`] whether the
-//! chip still has its configuration (a brown-out or a glitch resets it), and at its error flags. Whatever goes wrong, it
-//! tells and starts over, for ever, at most once in [`RETRY_MS`].
+//! [`Mcp2515::poll`] brings the chip up one short step at a time: reset, then each register written *and read back*, then
+//! normal mode, which must show in CANSTAT. While it runs, `poll` looks every [`SUPERVISION_MS`] whether the chip still has
+//! its configuration (a brown-out or a glitch resets it), and at its errors. Whatever goes wrong, it tells and starts
+//! over, for ever, at most once in [`RETRY_MS`]. Filters and masks are the exception: outside configuration mode the chip
+//! reads them as zero (4.5), so once it runs nobody can see whether it keeps them.
 //!
 //! [`Mcp2515::calls`] goes by the level of the INT pin. Waiting for an edge loses the chip when a second frame arrives
 //! before the first is read, because then the pin never rises.
 //!
 //! # Cost
 //!
-//! A frame is received in three chip selects and 18 bytes: READ STATUS, READ RX BUFFER (which also clears the flag),
-//! and READ STATUS once more for the order (see `rx_order.rs`). It is sent in three and 19 bytes.
+//! A frame is received in two chip selects and 8 bytes besides its data: READ STATUS, and READ RX BUFFER, which also clears
+//! the flag. A third look is needed only if the chip still calls after that (see `rx_order.rs`), and saves that frame
+//! its first. A frame is sent in three chip selects and 11 bytes besides its data.
 //!
 //! # Assumptions
 //!
 //! `receive` must be called for each frame within two frame times, or the chip, which has two buffers, loses frames. It counts
 //! as lost at least one each time that it says so.
+//!
+//! An SPI or a pin that fails is not told apart from a chip that fails: it reads as nonsense, and the chip is started over.
 
 mod registers;
 mod rx_order;
 mod tx_order;
 
-use embedded_hal::digital::InputPin;
-use embedded_hal::spi::SpiDevice;
+use embedded_hal::digital::{InputPin, OutputPin};
+use embedded_hal::spi::SpiBus;
 
 use super::Frame;
 use super::bit_timing::BitTiming;
 use registers::*;
 use rx_order::{Buffer, RxOrder};
-use tx_order::TxOrder;
+use tx_order::{Rank, TxOrder};
 
 /// Between two looks at a running chip, in milliseconds.
-pub const SUPERVISION_MS: u16 = 10;
+pub const SUPERVISION_MS: u8 = 10;
 
 /// From a failure to the next reset of the chip, in milliseconds.
-pub const RETRY_MS: u16 = 100;
+pub const RETRY_MS: u8 = 100;
 
 /// From RESET to the first access, in milliseconds: the oscillator takes 128 cycles to start (8.1), 8 us at 16 MHz. One
 /// tick of the clock may be over at once, so two.
-const START_UP_MS: u16 = 2;
+const START_UP_MS: u8 = 2;
 
 /// How often to look for normal mode, once a millisecond. The chip waits for eleven recessive bits (10.5), which a busy bus
 /// offers after every frame.
 const NORMAL_MODE_LOOKS: u8 = 50;
 
-/// Until frames that nobody acknowledges are given up, in milliseconds (DroneCAN specification, chapter 4: one second).
-const TX_TIMEOUT_MS: u16 = 1000;
+/// Looks until frames that nobody acknowledges are given up (DroneCAN specification, chapter 4: one second).
+const TX_TIMEOUT_LOOKS: u8 = (1000 / SUPERVISION_MS as u16) as u8;
 
-/// What the chip is to accept: two masks and six filters over 29-bit identifiers (DS20001801J 4.5). A mask bit of 1
-/// compares that bit. Filters 0 and 1 go with mask 0 and buffer 0, filters 2 to 5 with mask 1 and buffer 1.
-pub trait Acceptance {
-    /// Mask 0 or 1.
-    fn mask(&self, n: u8) -> u32;
-    /// Filter 0 to 5. All six exist in the chip, so all six need a value.
-    fn filter(&self, n: u8) -> u32;
+/// The registers of a filter or a mask: SIDH, SIDL, EID8 and EID0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pattern([u8; 4]);
+
+impl Pattern {
+    /// A filter for an extended identifier, most significant byte first.
+    pub const fn filter(id: [u8; 4]) -> Self {
+        Self(registers(id))
+    }
+
+    /// A mask: a bit of 1 compares that bit of the identifier.
+    pub const fn mask(id: [u8; 4]) -> Self {
+        let [sidh, sidl, eid8, eid0] = registers(id);
+        // A mask has no bit for the kind of frame.
+        Self([sidh, sidl & !IDE, eid8, eid0])
+    }
+
+    /// SIDH, SIDL, EID8 and EID0.
+    pub const fn registers(self) -> [u8; 4] {
+        self.0
+    }
 }
 
-/// What came out of a receive buffer. It borrows the driver's copy, because a frame costs 14 cycles a byte to move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Received<'a> {
-    /// An extended data frame: its identifier and its bytes.
-    Frame(u32, &'a [u8]),
-    /// A frame with a standard identifier.
-    Standard,
-    /// A remote frame.
-    Remote,
+/// What the chip is to accept: six filters and two masks (DS20001801J 4.5). Filters 0 and 1 go with mask 0 and buffer 0,
+/// filters 2 to 5 with mask 1 and buffer 1. What finds buffer 0 full goes to buffer 1.
+pub trait Acceptance {
+    /// Of four registers each, those of filters 0 to 5, then those of masks 0 and 1: `n` is 0 to 31. See [`Pattern`].
+    fn register(&self, n: u8) -> u8;
 }
 
 /// What [`Mcp2515::poll`] has to tell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Notice {
-    /// The chip is configured and on the bus.
+pub struct Notice {
+    /// What happened.
+    pub event: Event,
+    /// What was read, see [`Event`].
+    pub value: u8,
+}
+
+/// What happened to the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Event {
+    /// The chip is configured and on the bus. The value is CANSTAT.
     Running,
     /// Not in configuration mode after a reset. The value is CANSTAT; 0x00 and 0xFF mean that nobody answers.
-    NotAnswering(u8),
+    NotAnswering,
     /// A register did not read back as written. The value is its address.
-    NotKeeping(u8),
+    NotKeeping,
     /// Normal mode was asked for and did not come: the bus is held dominant. The value is CANSTAT.
-    NotStarting(u8),
+    NotStarting,
     /// The chip lost its configuration while running. The value is CANSTAT.
-    Lost(u8),
-    /// The error flags that are set now (EFLG), because one of them has changed or frames were lost.
-    Flags(ErrorFlags),
-    /// Frames waited for a second without success and were given up.
+    Lost,
+    /// Frames waited for a second without success and were given up. The value is zero.
     GaveUpSending,
+    /// One of the error flags has changed or frames were lost. The value is EFLG, see [`ErrorFlags`].
+    Flags,
 }
 
 /// EFLG, as read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ErrorFlags(u8);
+pub struct ErrorFlags(pub u8);
 
 impl ErrorFlags {
     /// A frame for us was lost because the receive buffers were full.
@@ -110,67 +134,136 @@ impl ErrorFlags {
     }
 }
 
-/// Where the chip is on its way to the bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
-    /// To be reset.
-    Down,
-    /// Reset; its oscillator starts.
-    Starting,
-    /// Being configured: the number of the next group of registers.
-    Configuring { step: u8 },
-    /// Normal mode was asked for, and was not there yet so many times.
-    Entering { looks: u8 },
-    /// On the bus.
-    Running,
+/// What the driver has seen since it was made, in words of 16 bits: those of a dronecan.protocol.CanStats (DSDL 343.CanStats),
+/// in its order. They wrap around; a reset of the chip leaves them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters(pub [u16; 12]);
+
+impl Counters {
+    /// Frames handed to the chip: [`Mcp2515::transmit`] said `true`. 32 bits, the lower word first.
+    pub const TX_REQUESTS: usize = 0;
+    /// Frames that left their transmit buffer without having been given up. In one-shot mode nothing is counted here,
+    /// because there a frame leaves its buffer by failing, too. Frames in the chip when it is started over are never counted.
+    pub const TX_SUCCESS: usize = 4;
+    /// Frames given up after a second.
+    pub const TX_TIMED_OUT: usize = 5;
+    /// Frames read from the chip, foreign ones included. 32 bits.
+    pub const RX_RECEIVED: usize = 7;
+    /// Times that the chip was seen to have lost a received frame, at most once in each receive buffer and look.
+    pub const RX_OVERFLOW: usize = 9;
+    /// What the chip's receive error counter was seen to grow by, from look to look. What it grew and shrank by in between
+    /// does not show: an error adds 1 or 8, a good frame takes 1 away.
+    pub const RX_ERRORS: usize = 10;
+    /// Times that the chip was seen off the bus for having failed too often. At 1 Mbit/s it may be back within 1.4 ms,
+    /// unseen.
+    pub const BUS_OFFS: usize = 11;
+
+    /// Counts one more.
+    #[inline(never)]
+    fn count(&mut self, at: usize) {
+        if let Some(word) = self.0.get_mut(at) {
+            *word = word.wrapping_add(1);
+        }
+    }
+
+    /// Counts one more in 32 bits.
+    #[inline(never)]
+    fn count_long(&mut self, at: usize) {
+        self.count(at);
+        if self.0.get(at) == Some(&0) {
+            self.count(at.wrapping_add(1));
+        }
+    }
 }
 
-/// Groups of four registers: six filters, two masks, and the bit timing with CANINTE.
-const CONFIGURATION_STEPS: u8 = 9;
+/// Steps on the way to the bus. Those in between are the addresses of the registers to configure.
+mod step {
+    /// To be reset.
+    pub const DOWN: u8 = 0xFE;
+    /// Reset; its oscillator starts.
+    pub const STARTING: u8 = 0xFF;
+    /// Normal mode is asked for. The following steps look whether it is there.
+    pub const ENTERING: u8 = super::CANINTE + 1;
+    /// The last look.
+    pub const LAST_LOOK: u8 = ENTERING + super::NORMAL_MODE_LOOKS;
+    /// On the bus.
+    pub const RUNNING: u8 = 0x80;
+}
 
-/// The chip, on an SPI device of mode 0,0 and at most 10 MHz, with its INT pin.
-pub struct Mcp2515<SPI, INT, A> {
+/// The chip with a crystal of `OSC_HZ`, on an SPI of mode 0,0 and at most 10 MHz, with its CS and INT pins.
+pub struct Mcp2515<SPI, CS, INT, A> {
     spi: SPI,
+    cs: CS,
     int: INT,
     acceptance: A,
-    timing: BitTiming,
-    phase: Phase,
-    /// When to poll.
-    due_ms: u16,
+    /// CNF3, CNF2, CNF1 and CANINTE.
+    timing: [u8; 4],
+    /// CANCTRL on the bus: normal mode, with OSM in one-shot mode, and ABAT while frames are being given up.
+    control: u8,
+    step: u8,
+    /// When polled last, and how long to wait from then.
+    polled_ms: u16,
+    wait_ms: u8,
     rx: RxOrder,
     tx: TxOrder,
-    /// Buffers that waited to be sent when last looked at, and since when that has not changed.
+    /// Buffers that waited to be sent when last looked at, as READ STATUS shows them, and for how many looks that has not changed.
     tx_waiting: u8,
-    tx_since_ms: u16,
-    aborting: bool,
-    flags: ErrorFlags,
-    /// READ RX BUFFER and what it answers.
-    buffer: [u8; 14],
+    tx_looks: u8,
+    /// EFLG without the flags of loss.
+    flags: u8,
+    counters: Counters,
+    /// REC when last looked at.
+    rec: u8,
+    /// The frame received last.
+    frame: Frame,
 }
 
-impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
-    /// A chip that is reset at the first [`poll`](Self::poll).
-    pub fn new(spi: SPI, int: INT, acceptance: A, timing: BitTiming) -> Self {
+impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
+    /// A chip that is reset at the first [`poll`](Self::poll), then to run at `rate` units of 125 kbit/s: 8, 4, 2, or 1, which
+    /// every other number counts as. For `acceptance` and `one_shot` see [`reconfigure`](Self::reconfigure).
+    pub const fn new(spi: SPI, cs: CS, int: INT, timing: BitTiming, acceptance: A, one_shot: bool) -> Self {
         Self {
             spi,
+            cs,
             int,
             acceptance,
-            timing,
-            phase: Phase::Down,
-            due_ms: 0,
+            timing: [timing.cnf3, timing.cnf2, timing.cnf1, RX0IE | RX1IE],
+            control: if one_shot { OSM } else { 0 },
+            step: step::DOWN,
+            polled_ms: 0,
+            wait_ms: 0,
             rx: RxOrder::new(),
             tx: TxOrder::new(),
             tx_waiting: 0,
-            tx_since_ms: 0,
-            aborting: false,
-            flags: ErrorFlags(0),
-            buffer: [0; 14],
+            tx_looks: 0,
+            flags: 0,
+            counters: Counters([0; 12]),
+            rec: 0,
+            frame: Frame::EMPTY,
         }
+    }
+
+    /// Starts the chip over with other filters; what it has not sent yet is lost. It is back on the bus within
+    /// [`SUPERVISION_MS`], START_UP_MS and eleven free bits.
+    ///
+    /// `one_shot` sends each frame once only, whether it gets through or not (3.4): what DroneCAN asks for while a node is
+    /// anonymous. The driver requests transmission by RTS in SPI mode 0,0, which erratum 5 (DS80000179) does not concern:
+    /// there a request by WRITE may send a frame again if CS stays low for long.
+    pub fn reconfigure(&mut self, acceptance: A, one_shot: bool) {
+        self.acceptance = acceptance;
+        self.control = if one_shot { OSM } else { 0 };
+        self.step = step::DOWN;
+        self.wait_ms = 0;
+    }
+
+    /// What it has seen.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
     }
 
     /// Whether the chip is on the bus.
     pub fn is_running(&self) -> bool {
-        self.phase == Phase::Running
+        self.step == step::RUNNING
     }
 
     /// Whether, when last looked at, the chip had nothing left to send.
@@ -180,251 +273,310 @@ impl<SPI: SpiDevice, INT: InputPin, A: Acceptance> Mcp2515<SPI, INT, A> {
 
     /// Whether it is time to [`poll`](Self::poll). `now_ms` wraps around.
     pub fn is_due(&self, now_ms: u16) -> bool {
-        now_ms.wrapping_sub(self.due_ms) < 1 << 15
+        now_ms.wrapping_sub(self.polled_ms) >= u16::from(self.wait_ms)
     }
 
     /// Does the next short step of start-up or supervision.
-    ///
-    /// # Errors
-    ///
-    /// Those of the SPI device; the chip is then started over.
     #[inline(never)]
-    pub fn poll(&mut self, now_ms: u16) -> Result<Option<Notice>, SPI::Error> {
-        self.due_ms = now_ms;
-        match self.phase {
-            Phase::Down => {
-                self.phase = Phase::Starting;
-                self.due_ms = now_ms.wrapping_add(START_UP_MS);
-                self.spi.write(&[instruction::RESET])?;
-            }
-            Phase::Starting => {
-                let [canstat] = self.read(CANSTAT)?;
-                if canstat & OPMOD != MODE_CONFIGURATION {
-                    return Ok(self.fail(Notice::NotAnswering(canstat)));
-                }
-                self.phase = Phase::Configuring { step: 0 };
-            }
-            Phase::Configuring { step } if step < CONFIGURATION_STEPS => {
-                let (address, values) = self.configuration(step);
-                self.write(address, values)?;
-                if self.read(address)? != values {
-                    return Ok(self.fail(Notice::NotKeeping(address)));
-                }
-                self.phase = Phase::Configuring { step: step + 1 };
-            }
-            Phase::Configuring { .. } => {
-                self.write(RXB0CTRL, [BUKT])?;
-                self.write(CANCTRL, [MODE_NORMAL])?;
-                self.phase = Phase::Entering { looks: 0 };
-            }
-            Phase::Entering { looks } => {
-                let [canstat] = self.read(CANSTAT)?;
-                if canstat & OPMOD == MODE_NORMAL {
-                    self.phase = Phase::Running;
-                    self.rx = RxOrder::new();
-                    self.tx = TxOrder::new();
-                    (self.tx_waiting, self.aborting, self.flags) = (0, false, ErrorFlags(0));
-                    return Ok(Some(Notice::Running));
-                }
-                if looks == NORMAL_MODE_LOOKS {
-                    return Ok(self.fail(Notice::NotStarting(canstat)));
-                }
-                self.phase = Phase::Entering { looks: looks + 1 };
-                self.due_ms = now_ms.wrapping_add(1);
-            }
-            Phase::Running => {
-                self.due_ms = now_ms.wrapping_add(SUPERVISION_MS);
-                return self.supervise(now_ms);
-            }
+    pub fn poll(&mut self, now_ms: u16) -> Option<Notice> {
+        self.polled_ms = now_ms;
+        let step = self.step;
+        if step == step::RUNNING {
+            return self.supervise();
         }
-        Ok(None)
+        self.step = step.wrapping_add(1);
+        self.wait_ms = 0;
+        if step == step::DOWN {
+            self.wait_ms = START_UP_MS;
+            self.select();
+            self.exchange(instruction::RESET);
+            self.deselect();
+            return None;
+        }
+        if step < step::ENTERING {
+            let value = self.configuration(step);
+            self.access(instruction::WRITE, step, value);
+            if self.access(instruction::READ, step, 0) != value {
+                return self.fail(Event::NotKeeping, step);
+            }
+            // Behind the filters are registers that are not configured: 0x0C to 0x0F, 0x1C to 0x1F.
+            if step == 0x0B || step == 0x1B {
+                self.step = step + 5;
+            }
+            return None;
+        }
+        if step == step::ENTERING {
+            self.access(instruction::WRITE, RXB0CTRL, BUKT);
+            self.set_control(self.control & OSM);
+        }
+        let canstat = self.access(instruction::READ, CANSTAT, 0);
+        let mode = canstat & OPMOD;
+        if step == step::STARTING {
+            if mode != MODE_CONFIGURATION {
+                return self.fail(Event::NotAnswering, canstat);
+            }
+            return None;
+        }
+        self.wait_ms = 1;
+        if mode == MODE_NORMAL {
+            self.step = step::RUNNING;
+            self.rx = RxOrder::new();
+            self.tx_waiting = 0;
+            self.flags = 0;
+            return Some(Notice { event: Event::Running, value: canstat });
+        }
+        if step == step::LAST_LOOK {
+            return self.fail(Event::NotStarting, canstat);
+        }
+        None
     }
 
     /// Whether [`receive`](Self::receive) is worth calling. Costs a few cycles, where `receive` would cost 60 to say no.
     #[inline(always)]
     pub fn calls(&mut self) -> bool {
-        // A pin that cannot be read counts as low: a look too many costs 2 us, a look too few a frame.
-        self.is_running() && (!self.rx.is_empty() || self.int.is_low().unwrap_or(true))
+        self.is_running() && (!self.rx.is_empty() || self.is_int_low())
     }
 
-    /// The next frame, oldest first; `None` when there is none.
-    ///
-    /// # Errors
-    ///
-    /// Those of the SPI device.
+    fn is_int_low(&mut self) -> bool {
+        // A pin that cannot be read counts as low: a look too many costs 2 us, a look too few a frame.
+        self.int.is_low().unwrap_or(true)
+    }
+
+    /// The next frame, oldest first; `None` when there is none. A standard or remote frame is marked
+    /// [`Frame::FOREIGN`].
+    #[inline(always)]
+    pub fn receive(&mut self) -> Option<&Frame> {
+        if self.fetch() { Some(&self.frame) } else { None }
+    }
+
     #[inline(never)]
-    pub fn receive(&mut self) -> Result<Option<Received<'_>>, SPI::Error> {
+    fn fetch(&mut self) -> bool {
         if self.rx.is_empty() {
-            let status = self.read_status()?;
-            self.rx.seen_late(status & status::RX0IF != 0, status & status::RX1IF != 0);
+            let status = self.status();
+            self.rx.seen_late(status);
         }
-        let Some(buffer) = self.rx.take() else { return Ok(None) };
-        self.buffer[0] = match buffer {
-            Buffer::Rxb0 => instruction::READ_RX_BUFFER,
-            Buffer::Rxb1 => instruction::READ_RX_BUFFER + 4,
+        let Some(buffer) = self.rx.take() else {
+            return false;
         };
-        self.spi.transfer_in_place(&mut self.buffer)?;
-        if buffer == Buffer::Rxb0 && self.rx.is_empty() {
-            let status = self.read_status()?;
-            self.rx.seen_at_once(status & status::RX0IF != 0, status & status::RX1IF != 0);
+        self.select();
+        // RXB0 is read by 0x90, RXB1 by 0x94.
+        self.exchange(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);
+        _ = self.spi.read(&mut self.frame.id);
+        let dlc = self.exchange(0);
+        self.frame.len = (dlc & DLC).min(Frame::MAX_LEN as u8);
+        if let Some(data) = self.frame.data.get_mut(..usize::from(self.frame.len)) {
+            _ = self.spi.read(data);
         }
-        let [_, sidh, sidl, eid8, eid0, dlc, ref data @ ..] = self.buffer;
-        Ok(Some(if sidl & IDE == 0 {
-            Received::Standard
-        } else if dlc & RTR != 0 {
-            Received::Remote
-        } else {
-            // Codes above 8 mean 8.
-            let data = data.get(..usize::from(dlc & DLC)).unwrap_or(data);
-            Received::Frame(identifier([sidh, sidl, eid8, eid0]), data)
-        }))
+        self.deselect();
+
+        self.counters.count_long(Counters::RX_RECEIVED);
+        // From SIDH and SIDL; see `registers`.
+        let [sidh, sidl, ..] = self.frame.id;
+        self.frame.id[0] = sidh >> 3;
+        self.frame.id[1] = sidh << 5 | (sidl >> 3) & 0b1_1100 | sidl & 0b11;
+        if sidl & IDE == 0 || dlc & RTR != 0 {
+            self.frame.id[0] |= Frame::FOREIGN;
+        }
+        if buffer == Buffer::Rxb0 && self.rx.is_empty() && self.is_int_low() {
+            let status = self.status();
+            self.rx.seen_at_once(status);
+        }
+        true
     }
 
     /// Hands a frame to the chip, to be sent after all that it has already; `false` if it has no room.
-    ///
-    /// # Errors
-    ///
-    /// Those of the SPI device.
     #[inline(never)]
-    pub fn transmit(&mut self, frame: &Frame, now_ms: u16) -> Result<bool, SPI::Error> {
-        if !self.is_running() || self.aborting {
-            return Ok(false);
-        }
-        let waiting = self.waiting()?;
-        let Some(slot) = self.tx.next(waiting) else {
-            return Ok(false);
+    pub fn transmit(&mut self, frame: &Frame) -> bool {
+        let Some(rank) = self.next_rank() else {
+            return false;
         };
-        if waiting == 0 || waiting != self.tx_waiting {
-            self.tx_since_ms = now_ms;
-        }
-        self.tx_waiting = waiting | 1 << slot.buffer;
+        self.counters.count_long(Counters::TX_REQUESTS);
+        // TXB0, TXB1, TXB2: addresses 0x30, 0x40, 0x50. The priority is in the register before the identifier.
+        self.begin(instruction::WRITE, TXB0CTRL + ((rank.buffer() & 6) << 3));
+        self.exchange(rank.priority());
+        let [b3, b2, ..] = frame.id;
+        self.exchange(sidh(b3, b2));
+        self.exchange(sidl(b2));
+        self.exchange(frame.id[2]);
+        self.exchange(frame.id[3]);
+        self.exchange(frame.len);
+        _ = self.spi.write(frame.data());
+        self.deselect();
+        self.select();
+        self.exchange(instruction::RTS | rank.buffer());
+        self.deselect();
+        true
+    }
 
-        let [sidh, sidl, eid8, eid0] = extended_bytes(frame.id());
-        let (&[d0, d1, d2, d3, d4, d5, d6, d7], len) = frame.padded();
-        let load = instruction::LOAD_TX_BUFFER + 2 * slot.buffer;
-        // The bytes after the last are sent to the chip, too, which does not use them.
-        self.spi.write(&[load, sidh, sidl, eid8, eid0, len, d0, d1, d2, d3, d4, d5, d6, d7])?;
-        self.write(TXB0CTRL + (slot.buffer << 4), [TXREQ | slot.priority])?;
-        Ok(true)
+    /// Where the next frame is to go.
+    #[inline(never)]
+    fn next_rank(&mut self) -> Option<Rank> {
+        if !self.is_running() || self.control & ABAT != 0 {
+            return None;
+        }
+        self.look_at_waiting();
+        let rank = self.tx.next(self.tx_waiting)?;
+        self.tx_waiting |= rank.status();
+        Some(rank)
     }
 
     /// A look at a running chip.
+    fn supervise(&mut self) -> Option<Notice> {
+        self.wait_ms = SUPERVISION_MS;
+        self.begin(instruction::READ, CNF3);
+        let mut wrong = 0;
+        let mut address = CNF3;
+        while address <= CANINTE {
+            wrong |= self.next() ^ self.configuration(address);
+            address += 1;
+        }
+        let _canintf = self.next();
+        let eflg = self.next();
+        let canstat = self.next();
+        let canctrl = self.next();
+        self.deselect();
+        wrong |= canstat & OPMOD ^ MODE_NORMAL;
+        wrong |= (canctrl ^ self.control) & !ABAT;
+        wrong |= self.access(instruction::READ, RXB0CTRL, 0) & (RXM | BUKT) ^ BUKT;
+        if wrong != 0 {
+            return self.fail(Event::Lost, canstat);
+        }
+
+        let rec = self.access(instruction::READ, REC, 0);
+        let [.., rx_errors, _] = &mut self.counters.0;
+        if rec > self.rec {
+            *rx_errors = rx_errors.wrapping_add(u16::from(rec.wrapping_sub(self.rec)));
+        }
+        self.rec = rec;
+
+        let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
+        if eflg != before {
+            if eflg & (RX0OVR | RX1OVR) != 0 {
+                self.counters.count(Counters::RX_OVERFLOW);
+                // The flags of loss stay until they are cleared; the others are read-only.
+                self.access(instruction::WRITE, EFLG, 0);
+            }
+            if eflg & !before & TXBO != 0 {
+                self.counters.count(Counters::BUS_OFFS);
+            }
+            return Some(Notice { event: Event::Flags, value: eflg });
+        }
+
+        self.look_at_waiting();
+        if self.control & ABAT != 0 {
+            self.set_control(self.control & !ABAT);
+        }
+        // It cannot overflow: it is set back long before.
+        self.tx_looks = self.tx_looks.wrapping_add(1);
+        if self.tx_looks == TX_TIMEOUT_LOOKS {
+            self.set_control(self.control | ABAT);
+            return Some(Notice { event: Event::GaveUpSending, value: 0 });
+        }
+        None
+    }
+
     #[inline(never)]
-    fn supervise(&mut self, now_ms: u16) -> Result<Option<Notice>, SPI::Error> {
-        let [canstat, canctrl] = self.read(CANSTAT)?;
-        let [cnf3, cnf2, cnf1, caninte, _, eflg] = self.read(CNF3)?;
-        let (_, kept) = self.configuration(CONFIGURATION_STEPS - 1);
-        if canstat & OPMOD != MODE_NORMAL || canctrl & OPMOD != MODE_NORMAL || [cnf3, cnf2, cnf1, caninte] != kept {
-            return Ok(self.fail(Notice::Lost(canstat)));
-        }
+    fn set_control(&mut self, control: u8) {
+        self.control = control;
+        self.access(instruction::WRITE, CANCTRL, control);
+    }
 
-        let flags = ErrorFlags(eflg);
-        let changed = flags != self.flags;
-        // The flags of loss stay until they are cleared, and only by BIT MODIFY: the others are read-only.
-        if flags.frames_lost() {
-            self.modify(EFLG, RX0OVR | RX1OVR, 0)?;
-        }
-        self.flags = ErrorFlags(eflg & !(RX0OVR | RX1OVR));
-        if changed {
-            return Ok(Some(Notice::Flags(flags)));
-        }
+    /// What a register is to hold; `address` is that of a filter, a mask, CNF1 to CNF3 or CANINTE.
+    #[inline(never)]
+    fn configuration(&self, address: u8) -> u8 {
+        // RXF0 to RXF2 begin at address 0, RXF3 to RXF5 at 0x10, the masks at 0x20, CNF3 at 0x28.
+        let n = address.wrapping_sub((address & 0x30) >> 2);
+        if n < 32 { self.acceptance.register(n) } else { self.timing[usize::from(n & 3)] }
+    }
 
-        if self.aborting {
-            self.aborting = false;
-            self.modify(CANCTRL, ABAT, 0)?;
-        }
-        let waiting = self.waiting()?;
+    #[inline(never)]
+    fn fail(&mut self, event: Event, value: u8) -> Option<Notice> {
+        self.step = step::DOWN;
+        self.wait_ms = RETRY_MS;
+        Some(Notice { event, value })
+    }
+
+    /// Notes which buffers wait to be sent, and counts those that no longer do.
+    #[inline(never)]
+    fn look_at_waiting(&mut self) {
+        let waiting = self.status() & status::TXREQ;
+        let mut gone = self.tx_waiting & !waiting;
         if waiting == 0 || waiting != self.tx_waiting {
             self.tx_waiting = waiting;
-            self.tx_since_ms = now_ms;
-        } else if now_ms.wrapping_sub(self.tx_since_ms) >= TX_TIMEOUT_MS {
-            self.aborting = true;
-            self.modify(CANCTRL, ABAT, ABAT)?;
-            return Ok(Some(Notice::GaveUpSending));
+            self.tx_looks = 0;
         }
-        Ok(None)
+        while gone != 0 {
+            gone &= gone - 1;
+            if self.control & ABAT != 0 {
+                self.counters.count(Counters::TX_TIMED_OUT);
+            } else if self.control & OSM == 0 {
+                self.counters.count(Counters::TX_SUCCESS);
+            }
+        }
     }
 
-    /// Address and values of a group of registers.
+    /// READ STATUS.
     #[inline(never)]
-    fn configuration(&self, step: u8) -> (u8, [u8; 4]) {
-        match step {
-            // RXF0 to RXF2 begin at address 0, RXF3 to RXF5 at 0x10.
-            0..3 => (step << 2, extended_bytes(self.acceptance.filter(step))),
-            3..6 => ((step + 1) << 2, extended_bytes(self.acceptance.filter(step))),
-            6 | 7 => (RXM0SIDH + ((step - 6) << 2), identifier_bytes(self.acceptance.mask(step - 6))),
-            _ => (CNF3, [self.timing.cnf3, self.timing.cnf2, self.timing.cnf1, RX0IE | RX1IE]),
-        }
+    fn status(&mut self) -> u8 {
+        self.select();
+        self.exchange(instruction::READ_STATUS);
+        let status = self.exchange(0);
+        self.deselect();
+        status
     }
 
-    fn fail(&mut self, notice: Notice) -> Option<Notice> {
-        self.phase = Phase::Down;
-        self.due_ms = self.due_ms.wrapping_add(RETRY_MS);
-        Some(notice)
-    }
-
-    /// TXREQ of the three buffers, as bits 0 to 2.
+    /// READ or WRITE of one register.
     #[inline(never)]
-    fn waiting(&mut self) -> Result<u8, SPI::Error> {
-        let status = self.read_status()?;
-        let mut waiting = 0;
-        if status & status::TX0REQ != 0 {
-            waiting |= 1;
-        }
-        if status & status::TX0REQ << 2 != 0 {
-            waiting |= 2;
-        }
-        if status & status::TX0REQ << 4 != 0 {
-            waiting |= 4;
-        }
-        Ok(waiting)
+    fn access(&mut self, instruction: u8, address: u8, value: u8) -> u8 {
+        self.begin(instruction, address);
+        let answer = self.exchange(value);
+        self.deselect();
+        answer
     }
 
-    fn read_status(&mut self) -> Result<u8, SPI::Error> {
-        let mut bytes = [instruction::READ_STATUS, 0];
-        self.spi.transfer_in_place(&mut bytes)?;
-        Ok(bytes[1])
+    /// The beginning of a READ or WRITE.
+    #[inline(never)]
+    fn begin(&mut self, instruction: u8, address: u8) {
+        self.select();
+        self.exchange(instruction);
+        self.exchange(address);
     }
 
-    fn modify(&mut self, address: u8, mask: u8, value: u8) -> Result<(), SPI::Error> {
-        self.spi.write(&[instruction::BIT_MODIFY, address, mask, value])
+    /// The next register of a READ.
+    #[inline(always)]
+    fn next(&mut self) -> u8 {
+        self.exchange(0)
     }
 
-    fn write<const N: usize>(&mut self, address: u8, values: [u8; N]) -> Result<(), SPI::Error> {
-        let mut bytes = [0; 6];
-        let (head, rest) = bytes.split_at_mut(2);
-        head.copy_from_slice(&[instruction::WRITE, address]);
-        rest.split_at_mut(N).0.copy_from_slice(&values);
-        self.spi.write(bytes.split_at(2 + N).0)
+    #[inline(always)]
+    fn select(&mut self) {
+        _ = self.cs.set_low();
     }
 
-    fn read<const N: usize>(&mut self, address: u8) -> Result<[u8; N], SPI::Error> {
-        let mut bytes = [0; 8];
-        bytes[0] = instruction::READ;
-        bytes[1] = address;
-        self.spi.transfer_in_place(bytes.split_at_mut(2 + N).0)?;
-        let mut values = [0; N];
-        values.copy_from_slice(bytes[2..].split_at(N).0);
-        Ok(values)
+    #[inline(always)]
+    fn deselect(&mut self) {
+        _ = self.cs.set_high();
+    }
+
+    #[inline(never)]
+    fn exchange(&mut self, byte: u8) -> u8 {
+        let mut bytes = [byte];
+        _ = self.spi.transfer_in_place(&mut bytes);
+        bytes[0]
     }
 }
 
-/// The identifier in the layout that SIDH, SIDL, EID8 and EID0 share: bits 28..21; 20..18 and 17..16 around the flags; 15..8;
-/// 7..0. Byte by byte, because the AVR shifts an `u32` one bit at a time.
-fn identifier_bytes(id: u32) -> [u8; 4] {
-    let [b3, b2, b1, b0] = id.to_be_bytes();
-    [b3 << 3 | b2 >> 5, (b2 & 0b1_1100) << 3 | b2 & 0b11, b1, b0]
+/// SIDH, SIDL, EID8 and EID0 for an extended identifier: bits 28..21; 20..18, IDE and 17..16; 15..8; 7..0.
+const fn registers([b3, b2, b1, b0]: [u8; 4]) -> [u8; 4] {
+    [sidh(b3, b2), sidl(b2), b1, b0]
 }
 
-/// The same, marked as extended: for filters and for frames to send.
-fn extended_bytes(id: u32) -> [u8; 4] {
-    let [sidh, sidl, eid8, eid0] = identifier_bytes(id);
-    [sidh, sidl | IDE, eid8, eid0]
+const fn sidh(b3: u8, b2: u8) -> u8 {
+    b3 << 3 | b2 >> 5
 }
 
-/// The identifier from SIDH, SIDL, EID8 and EID0.
-fn identifier([sidh, sidl, eid8, eid0]: [u8; 4]) -> u32 {
-    u32::from_be_bytes([sidh >> 3, sidh << 5 | (sidl & 0b1110_0000) >> 3 | sidl & 0b11, eid8, eid0])
+const fn sidl(b2: u8) -> u8 {
+    (b2 << 3) & 0b1110_0000 | IDE | b2 & 0b11
 }
 
 #[cfg(test)]
@@ -435,17 +587,15 @@ mod tests {
     fn identifiers_are_laid_out_as_the_datasheet_draws_them() {
         // Registers 5-4 to 5-7: one bit at a time.
         for bit in 0..29 {
-            let [sidh, sidl, eid8, eid0] = extended_bytes(1 << bit);
+            let id = (1u32 << bit).to_be_bytes();
             let expected = match bit {
-                0..8 => (0, 0x08, 0, 1 << bit),
-                8..16 => (0, 0x08, 1 << (bit - 8), 0),
-                16 | 17 => (0, 0x08 | 1 << (bit - 16), 0, 0),
-                18..21 => (0, 0x08 | 1 << (bit - 18 + 5), 0, 0),
-                _ => (1 << (bit - 21), 0x08, 0, 0),
+                0..8 => [0, 0x08, 0, 1 << bit],
+                8..16 => [0, 0x08, 1 << (bit - 8), 0],
+                16 | 17 => [0, 0x08 | 1 << (bit - 16), 0, 0],
+                18..21 => [0, 0x08 | 1 << (bit - 18 + 5), 0, 0],
+                _ => [1 << (bit - 21), 0x08, 0, 0],
             };
-            assert_eq!((sidh, sidl, eid8, eid0), expected, "bit {bit}");
-            assert_eq!(identifier([sidh, sidl, eid8, eid0]), 1 << bit);
+            assert_eq!(registers(id), expected, "bit {bit}");
         }
-        assert_eq!(identifier([0xFF; 4]), Frame::ID_MASK);
     }
 }

@@ -4,30 +4,29 @@
 pub mod instruction {
     pub const WRITE: u8 = 0x02;
     pub const READ: u8 = 0x03;
-    pub const BIT_MODIFY: u8 = 0x05;
-    /// LOAD TX BUFFER 0 from TXB0SIDH; each further buffer adds 2.
-    pub const LOAD_TX_BUFFER: u8 = 0x40;
+    /// RTS: request to send the buffers whose bits (1, 2, 4) are added.
+    pub const RTS: u8 = 0x80;
     /// READ RX BUFFER 0 from RXB0SIDH; buffer 1 adds 4. Raising CS clears the buffer's RXnIF.
     pub const READ_RX_BUFFER: u8 = 0x90;
     pub const READ_STATUS: u8 = 0xA0;
     pub const RESET: u8 = 0xC0;
 }
 
-/// Bits that READ STATUS answers (figure 12-8).
+/// Bits that READ STATUS answers (figure 12-8). Those of RX0IF and RX1IF are the lowest.
 pub mod status {
-    pub const RX0IF: u8 = 1 << 0;
-    pub const RX1IF: u8 = 1 << 1;
-    /// TXREQ of buffer 0; each further buffer's is two bits up.
-    pub const TX0REQ: u8 = 1 << 2;
+    /// TXREQ of the three buffers.
+    pub const TXREQ: u8 = 1 << 6 | 1 << 4 | 1 << 2;
 }
 
 pub const CANSTAT: u8 = 0x0E;
 pub const CANCTRL: u8 = 0x0F;
-pub const RXM0SIDH: u8 = 0x20;
-/// CNF3, CNF2, CNF1, CANINTE, CANINTF and EFLG follow each other from here.
+/// TEC, REC, CANSTAT and CANCTRL again, the masks, CNF3 and so on to EFLG follow each other from here.
+pub const REC: u8 = 0x1D;
 pub const CNF3: u8 = 0x28;
+pub const CANINTE: u8 = 0x2B;
 pub const EFLG: u8 = 0x2D;
-/// TXB0CTRL; each further buffer's is 16 up.
+/// TXB0CTRL; each further buffer's is 16 up. The two lowest bits are TXP, its priority. SIDH, SIDL, EID8, EID0, DLC and the
+/// data follow.
 pub const TXB0CTRL: u8 = 0x30;
 pub const RXB0CTRL: u8 = 0x60;
 
@@ -40,6 +39,8 @@ pub const MODE_NORMAL: u8 = 0b0000_0000;
 
 /// CANCTRL: abort all pending transmissions.
 pub const ABAT: u8 = 1 << 4;
+/// CANCTRL: one-shot mode.
+pub const OSM: u8 = 1 << 3;
 
 /// CANINTE: receive buffer 0 full.
 pub const RX0IE: u8 = 1 << 0;
@@ -57,9 +58,8 @@ pub const TXEP: u8 = 1 << 4;
 /// EFLG: receive error-passive.
 pub const RXEP: u8 = 1 << 3;
 
-/// TXBnCTRL: send this buffer. The two lowest bits are TXP, its priority.
-pub const TXREQ: u8 = 1 << 3;
-
+/// RXB0CTRL: 00 receives what the filters let through.
+pub const RXM: u8 = 0b0110_0000;
 /// RXB0CTRL: a frame that finds buffer 0 full goes to buffer 1.
 pub const BUKT: u8 = 1 << 2;
 

@@ -4,61 +4,66 @@
 //! before, RXB0 holds the older frame. But a frame can roll over into RXB1 while RXB0 is being read, and the next one then
 //! lands in RXB0: now RXB1 is the older. Both happen between two looks at the chip, and look the same afterwards.
 //!
-//! What tells them apart is time: the driver looks again at once after it has emptied RXB0. No whole frame fits between
-//! the release and that look (a frame takes 67 us or more, the look 5 us), so whatever RXB1 holds then came before
-//! whatever RXB0 holds.
+//! What tells them apart is the moment after RXB0 was emptied. If INT is high then, both buffers are empty. If it is low,
+//! the driver looks at once. No whole frame fits between the release and that look (a frame takes 67 us or more, the look
+//! 5 us), so whatever RXB1 holds then came before whatever RXB0 holds.
+//!
+//! Frames that only RXB1's own filters accept go there at once. They keep their order among themselves, but not with those
+//! that came through RXB0.
 
-/// A receive buffer.
+/// A receive buffer, as the bit of its flag in CANINTF and in READ STATUS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum Buffer {
     /// RXB0
-    Rxb0,
+    Rxb0 = 1 << 0,
     /// RXB1
-    Rxb1,
+    Rxb1 = 1 << 1,
 }
+
+const BOTH: u8 = Buffer::Rxb0 as u8 | Buffer::Rxb1 as u8;
+
+/// Beside the buffers: of two full ones RXB1 is the older.
+const RXB1_FIRST: u8 = 1 << 2;
 
 /// Which buffers are known to be full, and the order to read them in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct RxOrder {
-    first: Option<Buffer>,
-    second: Option<Buffer>,
-}
+pub struct RxOrder(u8);
 
 impl RxOrder {
     /// Nothing known.
     pub const fn new() -> Self {
-        Self { first: None, second: None }
+        Self(0)
     }
 
     /// Whether a look at the chip is needed before anything can be read.
     pub fn is_empty(&self) -> bool {
-        self.first.is_none()
+        self.0 == 0
     }
 
-    /// A look at the chip that comes any time after the buffers were last seen empty.
-    pub fn seen_late(&mut self, rxb0_full: bool, rxb1_full: bool) {
-        *self = Self::of((rxb0_full, Buffer::Rxb0), (rxb1_full, Buffer::Rxb1));
+    /// A look at the chip that comes any time after the buffers were last known to be empty. `status` is what READ STATUS
+    /// answered.
+    pub fn seen_late(&mut self, status: u8) {
+        self.0 = status & BOTH;
     }
 
     /// A look at the chip right after RXB0 was emptied.
-    pub fn seen_at_once(&mut self, rxb0_full: bool, rxb1_full: bool) {
-        *self = Self::of((rxb1_full, Buffer::Rxb1), (rxb0_full, Buffer::Rxb0));
+    pub fn seen_at_once(&mut self, status: u8) {
+        self.seen_late(status);
+        if self.0 == BOTH {
+            self.0 |= RXB1_FIRST;
+        }
     }
 
     /// Takes the buffer to read now.
     pub fn take(&mut self) -> Option<Buffer> {
-        let buffer = self.first;
-        self.first = self.second.take();
-        buffer
-    }
-
-    fn of(older: (bool, Buffer), newer: (bool, Buffer)) -> Self {
-        match (older.0, newer.0) {
-            (true, true) => Self { first: Some(older.1), second: Some(newer.1) },
-            (true, false) => Self { first: Some(older.1), second: None },
-            (false, true) => Self { first: Some(newer.1), second: None },
-            (false, false) => Self::new(),
-        }
+        let buffer = match self.0 {
+            0 => return None,
+            order if order & (Buffer::Rxb0 as u8 | RXB1_FIRST) == Buffer::Rxb0 as u8 => Buffer::Rxb0,
+            _ => Buffer::Rxb1,
+        };
+        self.0 &= BOTH & !(buffer as u8);
+        Some(buffer)
     }
 }
 
@@ -78,8 +83,8 @@ mod tests {
             free.map(|buffer| *buffer = Some(frame)).is_some()
         }
 
-        fn full(&self, n: usize) -> bool {
-            self.rxb[n].is_some()
+        fn status(&self) -> u8 {
+            u8::from(self.rxb[0].is_some()) | u8::from(self.rxb[1].is_some()) << 1
         }
     }
 
@@ -104,7 +109,7 @@ mod tests {
         };
         for _ in 0..200_000 {
             if order.is_empty() {
-                order.seen_late(chip.full(0), chip.full(1));
+                order.seen_late(chip.status());
                 wait(1, &mut chip, &mut next_random);
             }
             let Some(buffer) = order.take() else {
@@ -113,13 +118,13 @@ mod tests {
                 continue;
             };
             wait(3, &mut chip, &mut next_random);
-            let frame = chip.rxb[buffer as usize].take().expect("a known full buffer is full");
+            let frame = chip.rxb[buffer as usize - 1].take().expect("a known full buffer is full");
             assert!(frame > last_read, "frame {frame} came out after {last_read}");
             last_read = frame;
             received += 1;
-            if buffer == Buffer::Rxb0 && order.is_empty() {
+            if buffer == Buffer::Rxb0 && order.is_empty() && chip.status() != 0 {
                 wait(1, &mut chip, &mut next_random);
-                order.seen_at_once(chip.full(0), chip.full(1));
+                order.seen_at_once(chip.status());
             }
             let other_work = next_random(12);
             wait(other_work, &mut chip, &mut next_random);

@@ -1,61 +1,64 @@
 //! Keeps frames in order through the MCP2515's three transmit buffers.
 //!
 //! The chip sends the buffer with the highest TXP first, and of equal ones the buffer with the highest number (DS20001801J
-//! 3.2). Ranking a buffer at a priority as `3 * TXP + buffer`, a frame leaves after all that are waiting if its rank is
-//! lower than theirs. So ranks are handed out downwards from 11, skipping busy buffers; when no lower one is left, the
-//! next frame waits until all have gone, and the ranks start again from the top. At most one gap in twelve frames.
+//! 3.2). So a buffer at a priority has a rank, and a frame leaves after all that are waiting if its rank is lower than
+//! theirs. Ranks are handed out downwards; when none is left, the next frame waits until all have gone, and the ranks start
+//! again from the top. At most one gap in twelve frames.
 
-/// Buffers of the chip.
-pub const BUFFERS: u8 = 3;
+use core::num::NonZeroU8;
 
-/// A transmit buffer and the priority that puts its frame behind all others.
+/// A transmit buffer and a priority: TXP in bits 4 and 3; 4, 2 or 1 for TXB2, TXB1 or TXB0 below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Slot {
-    /// 0 to 2.
-    pub buffer: u8,
+pub struct Rank(NonZeroU8);
+
+impl Rank {
+    const HIGHEST: Self = Self(NonZeroU8::new(3 << 3 | 4).unwrap());
+    const LOWEST: Self = Self(NonZeroU8::new(1).unwrap());
+
     /// TXP, 0 to 3.
-    pub priority: u8,
+    pub fn priority(self) -> u8 {
+        self.0.get() >> 3
+    }
+
+    /// The buffer as a bit: 1, 2 or 4 for TXB0, TXB1 or TXB2.
+    pub fn buffer(self) -> u8 {
+        self.0.get() & 7
+    }
+
+    /// The TXREQ of the buffer in the answer to READ STATUS: 0x04, 0x10 or 0x40 for 1, 2 or 4.
+    pub fn status(self) -> u8 {
+        // The square of a bit is a bit, and the AVR multiplies quicker than it shifts.
+        self.buffer().wrapping_mul(self.buffer()) << 2
+    }
+
+    /// The next lower one.
+    fn next(self) -> Option<Self> {
+        // From TXB0 to TXB2 at the priority below, or to the buffer below.
+        let down = if self.buffer() == 1 { 5 } else { self.buffer() >> 1 };
+        NonZeroU8::new(self.0.get().saturating_sub(down)).map(Self)
+    }
 }
 
 /// The rank handed out last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TxOrder {
-    last: u8,
-}
+pub struct TxOrder(Rank);
 
 impl TxOrder {
     /// For a chip with nothing to send.
     pub const fn new() -> Self {
-        Self { last: 0 }
+        Self(Rank::LOWEST)
     }
 
-    /// The slot for the next frame, given which buffers (bit n for buffer n) still wait or are being sent; `None` while
+    /// The rank for the next frame, given which buffers still wait or are being sent, as READ STATUS shows them; `None` while
     /// there is none that would keep the order.
-    pub fn next(&mut self, busy: u8) -> Option<Slot> {
-        if busy == 0 {
-            self.last = 4 * BUFFERS;
+    pub fn next(&mut self, busy: u8) -> Option<Rank> {
+        let rank = if busy == 0 { Rank::HIGHEST } else { self.0.next()? };
+        // Buffers are handed out in turn and emptied in turn, so if this one is busy, all are.
+        if busy & rank.status() != 0 {
+            return None;
         }
-        let (mut rank, mut priority, mut buffer) = (4 * BUFFERS, 4u8, 0u8);
-        while rank > 0 {
-            rank -= 1;
-            // Counted down alongside, because the AVR has no division.
-            if buffer == 0 {
-                buffer = BUFFERS;
-                priority -= 1;
-            }
-            buffer -= 1;
-            if rank < self.last && busy & (1 << buffer) == 0 {
-                self.last = rank;
-                return Some(Slot { buffer, priority });
-            }
-        }
-        None
-    }
-}
-
-impl Default for TxOrder {
-    fn default() -> Self {
-        Self::new()
+        self.0 = rank;
+        Some(rank)
     }
 }
 
@@ -76,11 +79,12 @@ mod tests {
         let (mut loaded, mut sent) = (0, 0);
         while sent < 10_000 {
             random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            let busy = (0..3).fold(0, |mask, b| mask | u8::from(waiting[b].is_some()) << b);
+            let busy = (0..3).fold(0, |mask, b| mask | u8::from(waiting[b].is_some()) << (2 * b + 2));
             if random >> 16 & 1 == 0 {
-                if let Some(slot) = order.next(busy) {
-                    assert!(waiting[usize::from(slot.buffer)].is_none(), "a busy buffer was handed out");
-                    waiting[usize::from(slot.buffer)] = Some((slot.priority, loaded));
+                if let Some(rank) = order.next(busy) {
+                    let buffer = rank.buffer().trailing_zeros() as usize;
+                    assert!(waiting[buffer].is_none(), "a busy buffer was handed out");
+                    waiting[buffer] = Some((rank.priority(), loaded));
                     loaded += 1;
                 }
             } else if let Some(buffer) = chip_sends(&waiting) {
@@ -95,9 +99,9 @@ mod tests {
         let mut order = TxOrder::new();
         let mut busy = 0;
         for _ in 0..3 {
-            busy |= 1 << order.next(busy).unwrap().buffer;
+            busy |= order.next(busy).unwrap().status();
         }
-        assert_eq!(busy, 0b111);
+        assert_eq!(busy, 0b0101_0100);
         assert_eq!(order.next(busy), None);
     }
 
@@ -106,8 +110,8 @@ mod tests {
         let mut order = TxOrder::new();
         let mut last = order.next(0).unwrap();
         let mut frames = 1;
-        while let Some(slot) = order.next(1 << last.buffer) {
-            last = slot;
+        while let Some(rank) = order.next(last.status()) {
+            last = rank;
             frames += 1;
         }
         assert!(frames >= 11, "{frames}");

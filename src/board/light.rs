@@ -1,0 +1,24 @@
+//! The light on D3, dimmed by Timer2 alone.
+//!
+//! Phase-correct PWM (mode 1) at 490 Hz, which is dark at 0 and steady at 255 (ATmega48/88/168 datasheet 2545, section 17).
+
+use avr_device::atmega168::TC2;
+
+/// The light.
+pub struct Light {
+    tc2: TC2,
+}
+
+impl Light {
+    pub(super) fn new(tc2: TC2) -> Self {
+        tc2.ocr2b().write(|w| w.set(0));
+        tc2.tccr2a().write(|w| w.com2b().match_clear().wgm2().pwm_phase());
+        tc2.tccr2b().write(|w| w.cs2().prescale_64());
+        Self { tc2 }
+    }
+
+    /// Its brightness: 0 is off, 255 full.
+    pub fn set(&mut self, brightness: u8) {
+        self.tc2.ocr2b().write(|w| w.set(brightness));
+    }
+}

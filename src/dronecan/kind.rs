@@ -1,0 +1,168 @@
+//! The data types that the node receives and sends: their IDs and the seeds of their CRCs (DSDL, folder uavcan).
+//!
+//! A seed is what the CRC amounts to after the signature of the type (see [`crc`](super::crc)); types whose transfers always
+//! fit in one frame have none.
+
+use crate::progmem::{KINDS, Progmem};
+
+macro_rules! kinds {
+    ($($(#[doc = $doc:literal])* $id:ident = $space:ident $data_type:literal, $seed:literal;)*) => {
+        /// A data type in one role: the place in the table.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        #[repr(u8)]
+        #[allow(missing_docs)]
+        enum Place { $($id,)* }
+
+        /// What a transfer is: one of the constants here.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        pub struct Kind(pub u8);
+
+        impl Kind {
+            $($(#[doc = $doc])* pub const $id: Self = Self(Place::$id as u8);)*
+        }
+
+        const TABLE: &[(bool, u16, u16)] = &[$((kinds!(@ $space), $data_type, $seed),)*];
+    };
+    (@ message) => { false };
+    (@ service) => { true };
+}
+
+#[allow(non_camel_case_types)]
+mod table {
+    kinds! {
+        /// uavcan.equipment.actuator.ArrayCommand. The first five can be longer than a frame.
+        ARRAY_COMMAND = message 1010, 0x5E37;
+        /// uavcan.equipment.indication.LightsCommand
+        LIGHTS_COMMAND = message 1081, 0x9E31;
+        /// uavcan.protocol.param.GetSet
+        GET_SET = service 11, 0xFB10;
+        /// uavcan.protocol.file.BeginFirmwareUpdate
+        BEGIN_FIRMWARE_UPDATE = service 40, 0x729E;
+        /// uavcan.protocol.dynamic_node_id.Allocation
+        ALLOCATION = message 1, 0xF258;
+        /// uavcan.protocol.NodeStatus
+        NODE_STATUS = message 341, 0;
+        /// uavcan.equipment.safety.ArmingStatus
+        ARMING_STATUS = message 1100, 0;
+        /// thesis.ServoCommand
+        SERVO_COMMAND = message 1111, 0;
+        /// uavcan.protocol.GetNodeInfo. From here to GetTransportStats all are services.
+        GET_NODE_INFO = service 1, 0xD9A7;
+        /// uavcan.protocol.param.ExecuteOpcode
+        EXECUTE_OPCODE = service 10, 0;
+        /// uavcan.protocol.RestartNode
+        RESTART_NODE = service 5, 0;
+        /// uavcan.protocol.GetTransportStats
+        GET_TRANSPORT_STATS = service 4, 0x4D73;
+        /// NodeStatus, as the node sends it. From here on what it sends, in the order in which it goes.
+        OWN_STATUS = message 341, 0;
+        /// thesis.DegreesCelsius
+        DEGREES_CELSIUS = message 1112, 0;
+        /// uavcan.equipment.actuator.Status
+        ACTUATOR_STATUS = message 1011, 0x9A63;
+        /// uavcan.equipment.device.Temperature
+        TEMPERATURE = message 1110, 0;
+        /// dronecan.protocol.CanStats
+        CAN_STATS = message 343, 0xE601;
+        /// uavcan.protocol.debug.KeyValue
+        KEY_VALUE = message 16370, 0;
+    }
+
+    /// Bytes of an entry.
+    const ENTRY_LEN: usize = 4;
+
+    /// The table: for each the ID (of a service its low byte, with 0xFF above it) and the seed, 16 bits each, little-endian.
+    pub const PACKED: [u8; TABLE.len() * ENTRY_LEN] = {
+        let mut packed = [0; TABLE.len() * ENTRY_LEN];
+        let mut n = 0;
+        while n < TABLE.len() {
+            let (is_service, data_type, seed) = TABLE[n];
+            let data_type = if is_service { 0xFF00 | data_type } else { data_type };
+            [packed[4 * n], packed[4 * n + 1]] = data_type.to_le_bytes();
+            [packed[4 * n + 2], packed[4 * n + 3]] = seed.to_le_bytes();
+            n += 1;
+        }
+        packed
+    };
+}
+pub use table::{Kind, PACKED};
+
+/// The upper byte of a service in the table.
+const SERVICE: u8 = 0xFF;
+
+impl Kind {
+    /// Received, but of no kind that the node knows.
+    pub const UNKNOWN: Self = Self::OWN_STATUS;
+
+    /// Whether it is a request to this node.
+    pub fn is_request(self) -> bool {
+        matches!(self, Self::GET_SET | Self::BEGIN_FIRMWARE_UPDATE) || self >= Self::GET_NODE_INFO
+    }
+
+    fn at(self) -> u16 {
+        KINDS.wrapping_add(u16::from(self.0) << 2)
+    }
+
+    /// The received message with this data type ID.
+    pub fn of_message([high, low]: [u8; 2], flash: impl Progmem) -> Self {
+        let mut kind = Self::ARRAY_COMMAND;
+        while kind != Self::UNKNOWN && !(kind.id_low(flash) == low && kind.id_high(flash) == high) {
+            kind.0 = kind.0.wrapping_add(1);
+        }
+        kind
+    }
+
+    /// The request with this data type ID.
+    pub fn of_service(data_type: u8, flash: impl Progmem) -> Self {
+        Self::of_message([SERVICE, data_type], flash)
+    }
+
+    /// The low byte of the data type ID.
+    pub fn id_low(self, flash: impl Progmem) -> u8 {
+        flash.byte(self.at())
+    }
+
+    /// The high byte of the data type ID of a message.
+    pub fn id_high(self, flash: impl Progmem) -> u8 {
+        flash.byte(self.at().wrapping_add(1))
+    }
+
+    /// Where the CRC of a longer transfer begins.
+    pub fn seed(self, flash: impl Progmem) -> u16 {
+        flash.word(self.at().wrapping_add(2))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::crc;
+    use super::*;
+    use crate::progmem::InMemory;
+
+    #[test]
+    fn signatures_of_the_dsdl_amount_to_the_seeds_in_use() {
+        for (signature, kind) in [
+            (0xEE46_8A81_21C4_6A9Eu64, Kind::GET_NODE_INFO),
+            (0xA7B6_22F9_39D1_A4D5, Kind::GET_SET),
+            (0xBE6F_76A7_EC31_2B04, Kind::GET_TRANSPORT_STATS),
+            (0xB7D7_25DF_7272_4126, Kind::BEGIN_FIRMWARE_UPDATE),
+            (0x0B2A_8126_20A1_1D40, Kind::ALLOCATION),
+            (0xD8A7_4862_38EC_3AF3, Kind::ARRAY_COMMAND),
+            (0x2031_D93C_8BDD_1EC4, Kind::LIGHTS_COMMAND),
+            (0x5E9B_BA44_FAF1_EA04, Kind::ACTUATOR_STATUS),
+            (0xCE08_0CAE_3CA3_3C75, Kind::CAN_STATS),
+        ] {
+            let seed = signature.to_le_bytes().iter().fold(0xFFFF, |sum, &byte| crc::add(sum, byte));
+            assert_eq!(seed, kind.seed(InMemory), "{signature:016X}");
+        }
+    }
+
+    #[test]
+    fn messages_and_services_of_the_same_number_are_told_apart() {
+        assert_eq!(Kind::of_message([0, 1], InMemory), Kind::ALLOCATION);
+        assert_eq!(Kind::of_service(1, InMemory), Kind::GET_NODE_INFO);
+        assert_eq!(Kind::of_message([0x03, 0xF2], InMemory), Kind::ARRAY_COMMAND);
+        assert_eq!(Kind::of_message([0x02, 0xF2], InMemory), Kind::UNKNOWN, "the same low byte");
+        assert_eq!(Kind::of_service(48, InMemory), Kind::UNKNOWN);
+    }
+}

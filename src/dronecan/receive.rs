@@ -1,0 +1,256 @@
+//! Received transfers, taken in frame by frame (specification, chapter 4).
+//!
+//! A transfer is not stored. Of a list of commands only the entry for this node is kept, of anything else the first
+//! [`KEPT`] bytes, which is all that a request of interest has; the CRC runs along. What was kept is only used once the
+//! last frame has come and the CRC is right.
+//!
+//! Longer transfers are put together in three lanes, for commands, lights and requests, so that a stream of commands does
+//! not disturb a request. A lane belongs to the sender that began, until its transfer ends or is 2 s old: what another
+//! begins meanwhile is refused and counted. Transfers of a single frame have a lane to themselves and always come through.
+//!
+//! A transfer begins with its first frame whatever its transfer ID, as in libcanard: a sender that restarts is heard at
+//! once. A frame that comes twice is dropped, by its toggle bit, or begins its transfer again.
+
+use super::crc;
+use super::kind::Kind;
+use crate::can::Frame;
+use crate::progmem::Progmem;
+
+/// Bytes of a payload that are kept: those of a GetSet request with an integer and a name of 16 characters.
+pub const KEPT: usize = 26;
+
+/// No transfer takes longer (specification, chapter 4), in milliseconds.
+const TIMEOUT_MS: u16 = 2000;
+
+const START_OF_TRANSFER: u8 = 1 << 7;
+const END_OF_TRANSFER: u8 = 1 << 6;
+const TOGGLE: u8 = 1 << 5;
+const TRANSFER_ID: u8 = 31;
+
+/// In an identifier (specification, chapter 4): the type of message or service is in bits 23 to 8 or 23 to 16, and what it is
+/// in bit 7; of a service bit 15 tells requests from responses.
+const SERVICE_NOT_MESSAGE: u8 = 1 << 7;
+const REQUEST_NOT_RESPONSE: u8 = 1 << 7;
+
+/// Why a frame goes no further.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Refusal {
+    /// It does.
+    None,
+    /// A message or service that the node has no use for.
+    Kind,
+    /// From an anonymous sender, or one with this node's own ID.
+    Source,
+    /// Not a transfer: no tail byte, or a transfer of several frames where one is enough.
+    Form,
+    /// The CRC is wrong, or an earlier transfer of the lane did not end.
+    Broken,
+    /// Another sender's transfer is under way.
+    Interleaved,
+}
+
+/// A transfer: one that has come whole, or is coming.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transfer {
+    /// There is more to come.
+    is_open: bool,
+    /// What it is.
+    pub kind: Kind,
+    /// Who sent it: 1 to 127; 0 if anonymous.
+    pub source: u8,
+    /// Its priority, 0 to 31.
+    pub priority: u8,
+    /// Toggle and transfer ID of the next frame.
+    tail: u8,
+    /// Whether a list had an entry for this node.
+    pub has_entry: bool,
+    /// That entry, without its ID: the type and value of a command, or the colour of a light. The last one if there are
+    /// several.
+    pub entry: u8,
+    /// See [`entry`](Self::entry).
+    pub entry_value: u16,
+    /// Payload bytes so far, or of a list those since its last entry; stays at 255.
+    pub len: u8,
+    started_ms: u16,
+    sum: u16,
+    crc: [u8; 2],
+    /// What was kept: of a list, its last entry.
+    pub bytes: [u8; KEPT],
+}
+
+impl Transfer {
+    const NONE: Self = Self {
+        is_open: false,
+        kind: Kind::ARRAY_COMMAND,
+        source: 0,
+        priority: 0,
+        tail: 0,
+        has_entry: false,
+        entry: 0,
+        entry_value: 0,
+        len: 0,
+        started_ms: 0,
+        sum: 0,
+        crc: [0; 2],
+        bytes: [0; KEPT],
+    };
+
+    /// Two of the bytes that were kept, little-endian.
+    #[inline(never)]
+    pub fn word(&self, at: u8) -> u16 {
+        let word = self.bytes.get(usize::from(at)..).and_then(|bytes| bytes.first_chunk());
+        word.map_or(0, |word| u16::from_le_bytes(*word))
+    }
+
+    /// Its number, 0 to 31.
+    pub fn transfer_id(&self) -> u8 {
+        self.tail & TRANSFER_ID
+    }
+
+    /// Takes payload bytes; the IDs are those of the entries to keep of the lists.
+    #[inline(never)]
+    fn take(&mut self, bytes: &[u8], actuator_id: u8, light_id: u8) {
+        let (entry_len, id) = match self.kind {
+            Kind::ARRAY_COMMAND => (4, actuator_id),
+            Kind::LIGHTS_COMMAND => (3, light_id),
+            _ => (0, 0),
+        };
+        for &byte in bytes {
+            self.sum = crc::add(self.sum, byte);
+            if let Some(place) = self.bytes.get_mut(usize::from(self.len)) {
+                *place = byte;
+            }
+            self.len = self.len.saturating_add(1);
+            if self.len == entry_len {
+                self.len = 0;
+                let [first, second, ..] = self.bytes;
+                if first == id {
+                    self.entry = second;
+                    self.entry_value = self.word(2);
+                    self.has_entry = true;
+                }
+            }
+        }
+    }
+}
+
+/// Puts transfers together.
+pub struct Receiver {
+    lanes: [Transfer; 4],
+    /// Why the last frame went no further.
+    pub refusal: Refusal,
+}
+
+/// The lane of transfers of one frame.
+const WHOLE: u8 = 3;
+
+impl Receiver {
+    /// With nothing under way.
+    pub const fn new() -> Self {
+        Self { lanes: [Transfer::NONE; 4], refusal: Refusal::None }
+    }
+
+    /// Takes a frame. The transfer that it completes; `None` if there is more to come, if the frame came twice, or if it is of no
+    /// use: then [`refusal`](Self::refusal) says why.
+    ///
+    /// `me` is this node's ID (0 if it has none), the other IDs are the entries to keep of the two lists.
+    #[inline(never)]
+    pub fn accept(
+        &mut self,
+        frame: &Frame,
+        me: u8,
+        actuator_id: u8,
+        light_id: u8,
+        now_ms: u16,
+        flash: impl Progmem,
+    ) -> Option<&Transfer> {
+        self.refusal = Refusal::None;
+        let [priority, high, low, last] = frame.id;
+        if priority & Frame::FOREIGN != 0 {
+            return self.refuse(Refusal::Kind);
+        }
+        let kind = if last & SERVICE_NOT_MESSAGE == 0 {
+            Kind::of_message([high, low], flash)
+        } else if low == me | REQUEST_NOT_RESPONSE {
+            Kind::of_service(high, flash)
+        } else {
+            Kind::UNKNOWN
+        };
+        if kind == Kind::UNKNOWN {
+            return self.refuse(Refusal::Kind);
+        }
+        let source = last & !SERVICE_NOT_MESSAGE;
+        if source == me || source == 0 && kind != Kind::ALLOCATION {
+            return self.refuse(Refusal::Source);
+        }
+        let Some((&tail, payload)) = frame.data().split_last() else { return self.refuse(Refusal::Form) };
+        let mut lane = kind.0.min(Kind::GET_SET.0);
+        if tail >= START_OF_TRANSFER | END_OF_TRANSFER {
+            lane = WHOLE;
+        } else if kind >= Kind::NODE_STATUS {
+            return self.refuse(Refusal::Form);
+        }
+        let Some(transfer) = self.lanes.get_mut(usize::from(lane)) else { return None };
+
+        let mut rest = payload;
+        let mut is_broken = false;
+        let is_old = now_ms.wrapping_sub(transfer.started_ms) > TIMEOUT_MS;
+        if tail & START_OF_TRANSFER != 0 {
+            if tail & TOGGLE != 0 {
+                self.refusal = Refusal::Form;
+                return None;
+            }
+            is_broken = transfer.is_open;
+            if is_broken && !is_old && transfer.source != source {
+                self.refusal = Refusal::Interleaved;
+                return None;
+            }
+            transfer.kind = kind;
+            transfer.source = source;
+            transfer.priority = priority;
+            transfer.started_ms = now_ms;
+            transfer.has_entry = false;
+            transfer.len = 0;
+            transfer.sum = kind.seed(flash);
+            transfer.tail = tail & TRANSFER_ID;
+            transfer.is_open = lane != WHOLE;
+            if transfer.is_open {
+                let [c0, c1, ref later @ ..] = *payload else { return None };
+                transfer.crc = [c0, c1];
+                rest = later;
+            }
+        } else if !transfer.is_open
+            || is_old
+            || transfer.source != source
+            || transfer.kind != kind
+            || (transfer.tail ^ tail) & (TOGGLE | TRANSFER_ID) != 0
+        {
+            return None;
+        }
+        transfer.tail ^= TOGGLE;
+        transfer.take(rest, actuator_id, light_id);
+        if tail & END_OF_TRANSFER != 0 {
+            is_broken = transfer.is_open && transfer.sum.to_le_bytes() != transfer.crc;
+            transfer.is_open = false;
+            if !is_broken {
+                return Some(transfer);
+            }
+        }
+        if is_broken {
+            self.refusal = Refusal::Broken;
+        }
+        None
+    }
+
+    fn refuse(&mut self, refusal: Refusal) -> Option<&Transfer> {
+        self.refusal = refusal;
+        None
+    }
+}
+
+impl Default for Receiver {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,88 @@
+//! Asking for a node ID (specification, chapter 6; DSDL uavcan/protocol/dynamic_node_id/1.Allocation.uavcan).
+//!
+//! The node sends its unique ID in three anonymous messages; after each, the allocator repeats all that it has so far, and
+//! that is the node's cue to go on. Whatever other message of this type it hears sends it back to waiting.
+
+use crate::dronecan::crc;
+use crate::dronecan::receive::Transfer;
+
+/// Least time from hearing an Allocation message, or sending one, to the next request, in milliseconds.
+const MIN_REQUEST_PERIOD_MS: u16 = 600;
+
+/// Up to this is added at random, and to a follow-up instead of the period: at most 400 milliseconds.
+const RANDOM_MASK: u16 = 0x17F;
+
+/// Bytes of the unique ID in a request.
+pub const MAX_PART_LEN: u8 = 6;
+
+/// Where the node is on its way to an ID.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Allocation {
+    /// Bytes of the unique ID that the allocator has confirmed.
+    confirmed: u8,
+    due_ms: u16,
+    random: u16,
+}
+
+impl Allocation {
+    /// About to ask.
+    pub const fn new() -> Self {
+        Self { confirmed: 0, due_ms: 0, random: 0 }
+    }
+
+    /// Begins to ask, after a random time that depends on the unique ID.
+    pub fn start(&mut self, unique_id: &[u8; 16], now_ms: u16) {
+        for &byte in unique_id {
+            self.random = crc::add(self.random, byte);
+        }
+        self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
+    }
+
+    fn wait(&mut self, least_ms: u16, now_ms: u16) {
+        self.random = crc::add(self.random, now_ms as u8);
+        self.due_ms = now_ms.wrapping_add(least_ms).wrapping_add(self.random & RANDOM_MASK);
+    }
+
+    /// Whether it is time for a request.
+    pub fn is_due(&self, now_ms: u16) -> bool {
+        now_ms.wrapping_sub(self.due_ms) < 1 << 15
+    }
+
+    /// Bytes of the unique ID that the request leaves out, because the allocator has them already. Unless the allocator
+    /// answers, the next one is from the beginning again.
+    pub fn ask(&mut self, now_ms: u16) -> u8 {
+        self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
+        core::mem::take(&mut self.confirmed)
+    }
+
+    /// Hears an Allocation message; the node ID that it grants to this node, or 0.
+    pub fn hear(&mut self, transfer: &Transfer, unique_id: &[u8; 16], now_ms: u16) -> u8 {
+        self.confirmed = 0;
+        self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
+        let part_len = transfer.len.wrapping_sub(1);
+        // Anonymous messages are other nodes' requests.
+        if transfer.source == 0 || part_len == 0 || part_len > 16 {
+            return 0;
+        }
+        let [first, ref rest @ ..] = transfer.bytes;
+        let mut at = 0;
+        while at < part_len {
+            if rest.get(usize::from(at)) != unique_id.get(usize::from(at)) {
+                return 0;
+            }
+            at = at.wrapping_add(1);
+        }
+        if part_len == 16 {
+            return first >> 1;
+        }
+        self.confirmed = part_len;
+        self.wait(0, now_ms);
+        0
+    }
+}
+
+impl Default for Allocation {
+    fn default() -> Self {
+        Self::new()
+    }
+}

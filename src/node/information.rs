@@ -1,0 +1,52 @@
+//! What the node says of itself in a GetNodeInfo response (DSDL uavcan/protocol/1.GetNodeInfo.uavcan).
+
+/// Name of the node, at most 80 characters of a-z, 0-9, `.`, `-` and `_`.
+pub const NAME: &str = "org.dronecan.servo168";
+
+/// Why there is no update over the bus: the bootloader of the Diecimila listens to the serial port only.
+const NO_UPDATE: &str = "update over USB serial";
+
+/// Bytes of software and hardware version in [`PACKED`].
+pub const VERSIONS_LEN: u8 = 17;
+
+/// Where the text for BeginFirmwareUpdate begins in [`PACKED`], and its length.
+pub const NO_UPDATE_AT: u8 = VERSIONS_LEN + 1 + NAME.len() as u8;
+/// See [`NO_UPDATE_AT`].
+pub const NO_UPDATE_LEN: u8 = NO_UPDATE.len() as u8;
+
+const LEN: usize = NO_UPDATE_AT as usize + NO_UPDATE.len();
+
+/// As sent, up to the unique ID: software major, minor, flags, commit, CRC; hardware major, minor. Then what follows the
+/// unique ID: the length of the certificate, zero, and the name. Then the text for BeginFirmwareUpdate.
+pub const PACKED: [u8; LEN] = {
+    let mut packed = [0; LEN];
+    packed[0] = number(env!("CARGO_PKG_VERSION_MAJOR"), 10) as u8;
+    packed[1] = number(env!("CARGO_PKG_VERSION_MINOR"), 10) as u8;
+    // The commit is known unless the sources are not under version control.
+    let commit = number(env!("NODE_COMMIT"), 16);
+    packed[2] = (commit != 0) as u8;
+    [packed[3], packed[4], packed[5], packed[6]] = commit.to_le_bytes();
+    // The board: an Arduino Diecimila is revision 1.0 of this hardware.
+    packed[15] = 1;
+    let mut at = VERSIONS_LEN as usize + 1;
+    let mut n = 0;
+    while n < NAME.len() {
+        packed[at] = NAME.as_bytes()[n];
+        at += 1;
+        n += 1;
+    }
+    n = 0;
+    while n < NO_UPDATE.len() {
+        packed[at] = NO_UPDATE.as_bytes()[n];
+        at += 1;
+        n += 1;
+    }
+    packed
+};
+
+const fn number(digits: &str, radix: u32) -> u32 {
+    match u32::from_str_radix(digits, radix) {
+        Ok(number) => number,
+        Err(_) => panic!("a number that the build gives is not one"),
+    }
+}

@@ -1,0 +1,241 @@
+//! Transfers on their way out, made byte by byte.
+//!
+//! The payload of a long transfer is never stored: each byte is computed when its turn comes, twice, because the CRC goes
+//! before the bytes that it is of. What could change in between is kept from the start, in [`Outgoing::kept`]. One step
+//! makes up to seven bytes, so that the main loop gets round between frames.
+
+use super::{information, parameters};
+use crate::can::Frame;
+use crate::dronecan::crc;
+use crate::progmem::{INFORMATION, Progmem};
+
+/// How the bytes of a payload come about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Form {
+    /// They are kept.
+    Kept,
+    /// Kept numbers of two bytes, each with four zeros after it (GetTransportStats).
+    Numbers48,
+    /// A parameter (GetSet).
+    Parameter,
+    /// Seven kept bytes, the versions, the unique ID, the name (GetNodeInfo).
+    NodeInfo,
+    /// One kept byte, then a text (BeginFirmwareUpdate).
+    Text,
+}
+
+/// Bytes that can be kept: those of a CanStats.
+pub const KEPT: usize = 25;
+
+/// A transfer on its way out, frame by frame.
+pub struct Outgoing {
+    /// Identifier of its frames, and the frame that is being made, or is ready.
+    pub frame: Frame,
+    /// How its bytes come about.
+    pub form: Form,
+    /// Bytes of its payload.
+    pub len: u8,
+    /// What is kept of it.
+    pub kept: [u8; KEPT],
+    /// The parameter of a [`Form::Parameter`], its value, and where its name is in the flash.
+    pub parameter: u8,
+    /// See [`parameter`](Self::parameter).
+    pub value: u16,
+    /// See [`parameter`](Self::parameter).
+    pub name_at: u16,
+    /// Next byte.
+    at: u8,
+    /// Toggle and transfer ID of the next frame.
+    tail: u8,
+    crc: u16,
+    stage: Stage,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Idle,
+    Summing,
+    Making,
+    Ready,
+}
+
+const START_OF_TRANSFER: u8 = 1 << 7;
+const END_OF_TRANSFER: u8 = 1 << 6;
+const TOGGLE: u8 = 1 << 5;
+
+/// Payload bytes of a frame, beside the tail byte.
+const PER_FRAME: u8 = 7;
+
+impl Outgoing {
+    /// With nothing on its way.
+    pub const fn new() -> Self {
+        Self {
+            frame: Frame::EMPTY,
+            form: Form::Kept,
+            len: 0,
+            kept: [0; KEPT],
+            parameter: 0,
+            value: 0,
+            name_at: 0,
+            at: 0,
+            tail: 0,
+            crc: 0,
+            stage: Stage::Idle,
+        }
+    }
+
+    /// Whether a transfer is on its way.
+    pub fn is_busy(&self) -> bool {
+        self.stage != Stage::Idle
+    }
+
+    /// Whether a frame waits to be handed over.
+    pub fn is_ready(&self) -> bool {
+        self.stage == Stage::Ready
+    }
+
+    /// Forgets what was kept.
+    pub fn clear(&mut self, form: Form) {
+        self.form = form;
+        self.len = 0;
+    }
+
+    /// Keeps another byte of the payload.
+    #[inline(never)]
+    pub fn put8(&mut self, byte: u8) {
+        if let Some(place) = self.kept.get_mut(usize::from(self.len)) {
+            *place = byte;
+        }
+        self.len = self.len.wrapping_add(1);
+    }
+
+    /// Keeps two more, little-endian.
+    #[inline(never)]
+    pub fn put16(&mut self, word: u16) {
+        let [low, high] = word.to_le_bytes();
+        self.put8(low);
+        self.put8(high);
+    }
+
+    /// Keeps four more, little-endian.
+    #[inline(never)]
+    pub fn put32(&mut self, long: u32) {
+        self.put16(long as u16);
+        self.put16((long >> 16) as u16);
+    }
+
+    /// The CRC of what is kept, without a signature.
+    #[inline(never)]
+    pub fn sum(&self) -> u16 {
+        let mut sum = 0xFFFF;
+        let mut at = 0;
+        while at < self.len {
+            sum = crc::add(sum, self.kept(at));
+            at = at.wrapping_add(1);
+        }
+        sum
+    }
+
+    /// Begins a transfer of what is kept, with this transfer ID and, where it needs several frames, CRC seed.
+    pub fn begin(&mut self, transfer_id: u8, seed: u16) {
+        self.tail = START_OF_TRANSFER | transfer_id;
+        self.crc = seed;
+        self.at = 0;
+        self.stage = if self.len > PER_FRAME { Stage::Summing } else { Stage::Making };
+    }
+
+    /// Makes the next bytes, to the end of a frame at most.
+    #[inline(never)]
+    pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Progmem) {
+        let mut filled = 0u8;
+        if self.stage == Stage::Making && self.tail & START_OF_TRANSFER != 0 && self.len > PER_FRAME {
+            [self.frame.data[0], self.frame.data[1]] = self.crc.to_le_bytes();
+            filled = 2;
+        }
+        while filled < PER_FRAME && self.at < self.len {
+            let byte = self.byte(unique_id, flash);
+            if self.stage == Stage::Summing {
+                self.crc = crc::add(self.crc, byte);
+            }
+            self.put(filled, byte);
+            filled = filled.wrapping_add(1);
+            self.at = self.at.wrapping_add(1);
+        }
+        if self.stage == Stage::Summing {
+            if self.at == self.len {
+                self.at = 0;
+                self.stage = Stage::Making;
+            }
+            return;
+        }
+        let end = if self.at == self.len { END_OF_TRANSFER } else { 0 };
+        self.put(filled, self.tail | end);
+        self.frame.len = filled.wrapping_add(1);
+        self.stage = Stage::Ready;
+    }
+
+    fn put(&mut self, at: u8, byte: u8) {
+        if let Some(place) = self.frame.data.get_mut(usize::from(at)) {
+            *place = byte;
+        }
+    }
+
+    /// The frame was handed over; whether it was the last one.
+    pub fn handed_over(&mut self) -> bool {
+        self.tail = (self.tail & !START_OF_TRANSFER) ^ TOGGLE;
+        let is_last = self.at == self.len;
+        self.stage = if is_last { Stage::Idle } else { Stage::Making };
+        is_last
+    }
+
+    #[inline(never)]
+    fn kept(&self, at: u8) -> u8 {
+        self.kept.get(usize::from(at)).copied().unwrap_or(0)
+    }
+
+    #[inline(never)]
+    fn byte(&self, unique_id: &[u8; 16], flash: impl Progmem) -> u8 {
+        let mut at = self.at;
+        match self.form {
+            Form::Kept => self.kept(at),
+            Form::Numbers48 => {
+                let mut number = 0u8;
+                while at >= 6 {
+                    at = at.wrapping_sub(6);
+                    number = number.wrapping_add(2);
+                }
+                if at < 2 { self.kept(number.wrapping_add(at)) } else { 0 }
+            }
+            Form::Parameter if at >= parameters::NUMBERS_LEN => {
+                flash.byte(self.name_at.wrapping_add(u16::from(at.wrapping_sub(parameters::NUMBERS_LEN))))
+            }
+            Form::Parameter => parameters::response_byte(at, self.value, self.parameter, flash),
+            Form::NodeInfo => {
+                const STATUS_LEN: u8 = 7;
+                const ID_AT: u8 = STATUS_LEN + information::VERSIONS_LEN;
+                if at < STATUS_LEN {
+                    return self.kept(at);
+                }
+                let mut skipped = STATUS_LEN;
+                if at >= ID_AT {
+                    if let Some(&byte) = unique_id.get(usize::from(at.wrapping_sub(ID_AT))) {
+                        return byte;
+                    }
+                    skipped = skipped.wrapping_add(16);
+                }
+                flash.byte(INFORMATION.wrapping_add(u16::from(at.wrapping_sub(skipped))))
+            }
+            Form::Text if at == 0 => self.kept(0),
+            Form::Text => {
+                flash.byte(INFORMATION.wrapping_add(u16::from((information::NO_UPDATE_AT - 1).wrapping_add(at))))
+            }
+        }
+    }
+}
+
+impl Default for Outgoing {
+    fn default() -> Self {
+        Self::new()
+    }
+}
