@@ -19,6 +19,8 @@
 
 pub mod can;
 pub mod dronecan;
+#[cfg(test)]
+mod golden;
 pub mod monitor;
 pub mod node;
 pub mod progmem;

@@ -32,6 +32,9 @@ const TRANSFER_ID: u8 = 31;
 const SERVICE_NOT_MESSAGE: u8 = 1 << 7;
 const REQUEST_NOT_RESPONSE: u8 = 1 << 7;
 
+/// Data type ID of Allocation.
+const ALLOCATION: u8 = 1;
+
 /// Why a frame goes no further.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -170,25 +173,30 @@ impl Receiver {
         if priority & Frame::FOREIGN != 0 {
             return self.refuse(Refusal::Kind);
         }
-        let kind = if last & SERVICE_NOT_MESSAGE == 0 {
-            Kind::of_message([high, low], flash)
-        } else if low == me | REQUEST_NOT_RESPONSE {
-            Kind::of_service(high, flash)
-        } else {
-            Kind::UNKNOWN
-        };
+        let source = last & !SERVICE_NOT_MESSAGE;
+        let mut kind = Kind::UNKNOWN;
+        if last == 0 {
+            // Above the lowest two bits of the type is the discriminator. Who has an ID need not hear those without.
+            if low & 0b11 != ALLOCATION || me != 0 {
+                return self.refuse(Refusal::Source);
+            }
+            kind = Kind::ALLOCATION;
+        } else if last == source {
+            kind = Kind::of_message([high, low], flash);
+        } else if low == me | REQUEST_NOT_RESPONSE && me != 0 {
+            kind = Kind::of_service(high, flash);
+        }
         if kind == Kind::UNKNOWN {
             return self.refuse(Refusal::Kind);
         }
-        let source = last & !SERVICE_NOT_MESSAGE;
-        if source == me || source == 0 && kind != Kind::ALLOCATION {
+        if source == me && me != 0 {
             return self.refuse(Refusal::Source);
         }
         let Some((&tail, payload)) = frame.data().split_last() else { return self.refuse(Refusal::Form) };
         let mut lane = kind.0.min(Kind::GET_SET.0);
         if tail >= START_OF_TRANSFER | END_OF_TRANSFER {
             lane = WHOLE;
-        } else if kind >= Kind::NODE_STATUS {
+        } else if kind >= Kind::NODE_STATUS || source == 0 {
             return self.refuse(Refusal::Form);
         }
         let Some(transfer) = self.lanes.get_mut(usize::from(lane)) else { return None };
@@ -214,9 +222,13 @@ impl Receiver {
             transfer.len = 0;
             transfer.sum = kind.seed(flash);
             transfer.tail = tail & TRANSFER_ID;
-            transfer.is_open = lane != WHOLE;
-            if transfer.is_open {
-                let [c0, c1, ref later @ ..] = *payload else { return None };
+            transfer.is_open = false;
+            if lane != WHOLE {
+                let [c0, c1, ref later @ ..] = *payload else {
+                    self.refusal = Refusal::Form;
+                    return None;
+                };
+                transfer.is_open = true;
                 transfer.crc = [c0, c1];
                 rest = later;
             }
@@ -254,3 +266,6 @@ impl Default for Receiver {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -86,3 +86,6 @@ impl Default for Allocation {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -113,34 +113,4 @@ impl Conditions {
 pub const HOLD_S: u8 = 10;
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_clean_start_is_healthy_and_a_fault_is_not() {
-        assert_eq!(Conditions::after(ResetCause::POWER_ON).health(), Health::Ok);
-        assert_eq!(Conditions::after(ResetCause::EXTERNAL).code(), 0);
-        let faults = [
-            ResetCause::WATCHDOG,
-            ResetCause::BROWN_OUT,
-            ResetCause::PANIC,
-            ResetCause::STRAY_INTERRUPT,
-            ResetCause::STACK_COLLISION,
-        ];
-        for (bit, cause) in faults.into_iter().enumerate() {
-            assert_eq!(Conditions::after(cause).code(), 1 << bit);
-            assert_eq!(Conditions::after(cause).health(), Health::Warning);
-        }
-    }
-
-    #[test]
-    fn what_happened_passes_and_what_is_stays() {
-        let mut conditions = Conditions::after(ResetCause::WATCHDOG);
-        conditions.set(Conditions::FRAMES_LOST, true);
-        conditions.set(Conditions::ERROR_PASSIVE, true);
-        conditions.pass();
-        assert_eq!(conditions.code(), 0b100_0001);
-        conditions.set(Conditions::ERROR_PASSIVE, false);
-        assert_eq!(conditions.code(), 1);
-    }
-}
+mod tests;

@@ -114,7 +114,7 @@ pub struct Node {
     outgoing: Outgoing,
     sending: u8,
     replies: Replies,
-    /// The reply on its way is to a request to restart, and when to do that once it has left.
+    /// A request to restart has been answered, and when to do it.
     is_to_restart: bool,
     restart_ms: u16,
 
@@ -228,7 +228,7 @@ impl Node {
 
     /// Whether it is time to restart the program.
     pub fn is_to_restart(&self, now_ms: u16) -> bool {
-        self.is_to_restart && !self.outgoing.is_busy() && now_ms.wrapping_sub(self.restart_ms) < 1 << 15
+        self.is_to_restart && now_ms.wrapping_sub(self.restart_ms) < 1 << 15
     }
 
     /// Takes a reading of the temperature sensor.
@@ -262,7 +262,7 @@ impl Node {
             self.fail_safe();
             self.condition(Conditions::FAILSAFE, true, [Line::Failsafe, Line::FailsafeEnd], monitor);
         }
-        let is_disarmed = self.parameters.is_on(Parameter::ArmReq) && self.armed_s == 0;
+        let is_disarmed = self.is_disarmed();
         if is_disarmed && self.is_following {
             self.is_following = false;
             self.fail_safe();
@@ -292,6 +292,10 @@ impl Node {
             self.conditions.set(condition, on);
             monitor.tell(if on { begins } else { ends });
         }
+    }
+
+    fn is_disarmed(&self) -> bool {
+        self.parameters.is_on(Parameter::ArmReq) && self.armed_s == 0
     }
 
     /// The pulse for when nobody commands.
@@ -486,7 +490,7 @@ impl Node {
     #[inline(never)]
     fn follow(&mut self, pulse: Ticks, line: Line, event: &mut Event, source: NodeId, now_ms: u16) -> Line {
         self.autopilot.commanded_by(source, now_ms);
-        if self.conditions.has(Conditions::DISARMED) {
+        if self.is_disarmed() {
             return Line::RefusedDisarmed;
         }
         self.pulse = pulse;
@@ -571,3 +575,6 @@ impl Default for Node {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

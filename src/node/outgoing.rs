@@ -239,3 +239,6 @@ impl Default for Outgoing {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

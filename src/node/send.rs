@@ -93,8 +93,8 @@ impl Node {
             self.status_in_controller = true;
             self.status_sent_ms = now_ms;
         }
-        if self.sending == REPLY {
-            self.replies.pop();
+        if self.sending == REPLY && self.replies.pop() {
+            self.is_to_restart = true;
             self.restart_ms = now_ms.wrapping_add(RESTART_MS);
         }
     }
@@ -256,3 +256,6 @@ fn float32(number: u16) -> [u16; 2] {
     let [low, high] = mantissa.to_le_bytes();
     [u16::from(exponent) << 7 | u16::from(high & 0x7F), u16::from(low) << 8]
 }
+
+#[cfg(test)]
+mod tests;

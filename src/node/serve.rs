@@ -60,10 +60,12 @@ impl Replies {
         &mut self.waiting[usize::from(self.first.wrapping_add(behind)) % WAITING]
     }
 
-    /// The first reply has left.
-    pub fn pop(&mut self) {
+    /// The first reply has left. Whether it was the answer to a request to restart.
+    pub fn pop(&mut self) -> bool {
+        let &mut Reply { kind, argument, .. } = self.place(0);
         self.count = self.count.wrapping_sub(1);
         self.first = self.first.wrapping_add(1);
+        kind == Kind::RESTART_NODE && argument != 0
     }
 }
 
@@ -73,6 +75,9 @@ impl Node {
     pub(super) fn serve(&mut self, transfer: &Transfer, event: &mut Event, flash: impl Progmem) -> Line {
         let mut line = Line::Request;
         let mut argument = 0;
+        if self.replies.count == WAITING as u8 {
+            return Line::RefusedBusy;
+        }
         match transfer.kind {
             Kind::GET_SET => {
                 if transfer.len < 2 {
@@ -100,9 +105,6 @@ impl Node {
                 }
             }
             _ => {}
-        }
-        if self.replies.count == WAITING as u8 {
-            return Line::RefusedBusy;
         }
         let value = self.parameters.value(argument).unwrap_or(0);
         let reply = self.replies.place(self.replies.count);
@@ -214,7 +216,6 @@ impl Node {
                 self.outgoing.put8(u8::from(is_done) << 7);
             }
             _ => {
-                self.is_to_restart = reply.argument != 0;
                 self.outgoing.put8(reply.argument << 7);
             }
         }

@@ -143,3 +143,6 @@ pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
     let quotient = product / u32::from(divisor);
     if quotient > u32::from(u16::MAX) { u16::MAX } else { quotient as u16 }
 }
+
+#[cfg(test)]
+mod tests;

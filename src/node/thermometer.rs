@@ -79,3 +79,6 @@ impl Default for Thermometer {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests;

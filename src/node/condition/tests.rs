@@ -1,0 +1,68 @@
+use super::*;
+
+const FAULTS: [ResetCause; 5] = [
+    ResetCause::WATCHDOG,
+    ResetCause::BROWN_OUT,
+    ResetCause::PANIC,
+    ResetCause::STRAY_INTERRUPT,
+    ResetCause::STACK_COLLISION,
+];
+
+#[test]
+fn a_clean_start_leaves_nothing_behind() {
+    for cause in [ResetCause::POWER_ON, ResetCause::EXTERNAL, ResetCause::ASKED_FOR] {
+        assert_eq!(Conditions::after(cause), Conditions::NONE);
+    }
+}
+
+#[test]
+fn each_fault_that_resets_has_its_bit() {
+    for (bit, cause) in FAULTS.into_iter().enumerate() {
+        assert_eq!(Conditions::after(cause).code(), 1 << bit);
+    }
+}
+
+#[test]
+fn every_condition_has_a_bit_of_its_own_and_all_bits_are_used() {
+    let mut conditions = Conditions::NONE;
+    for (bit, condition) in [
+        Conditions::RESET_WATCHDOG,
+        Conditions::RESET_BROWN_OUT,
+        Conditions::RESET_PANIC,
+        Conditions::RESET_STRAY_INTERRUPT,
+        Conditions::RESET_STACK_COLLISION,
+        Conditions::FRAMES_LOST,
+        Conditions::ERROR_PASSIVE,
+        Conditions::BUS_OFF,
+        Conditions::GAVE_UP_SENDING,
+        Conditions::CONTROLLER_LOST,
+        Conditions::FAILSAFE,
+        Conditions::TEMPERATURE,
+        Conditions::SENSOR,
+        Conditions::PARAMETERS_LOST,
+        Conditions::DISARMED,
+        Conditions::TRANSFER_ERRORS,
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        assert_eq!(condition.code(), 1 << bit);
+        assert!(!conditions.has(condition));
+        conditions.set(condition, true);
+        assert!(conditions.has(condition));
+    }
+    assert_eq!(conditions.code(), 0xFFFF);
+}
+
+#[test]
+fn what_happened_passes_and_what_is_stays() {
+    let mut conditions = Conditions::NONE;
+    for bit in 0..16 {
+        conditions.set(Conditions(1 << bit), true);
+    }
+    conditions.pass();
+    // Not frames lost (5), bus-off (7), sends given up (8), controller lost (9) and transfers broken (15).
+    assert_eq!(conditions.code(), 0b0111_1100_0101_1111);
+    conditions.set(Conditions::ERROR_PASSIVE, false);
+    assert_eq!(conditions.code(), 0b0111_1100_0001_1111);
+}

@@ -1,0 +1,1097 @@
+//! The node as a whole: frames and milliseconds in, frames and a pulse out.
+
+use super::outgoing::Form;
+use super::*;
+use crate::golden;
+use crate::progmem::InMemory;
+use std::cell::Cell;
+use std::f64::consts::{FRAC_PI_4, FRAC_PI_8};
+
+mod allocate;
+mod manage;
+
+/// An EEPROM that takes its time and does not forgive to be used meanwhile.
+struct Memory {
+    bytes: [u8; 256],
+    busy: Cell<u8>,
+    /// It keeps what it has and nothing else.
+    is_broken: bool,
+}
+
+impl Memory {
+    fn erased() -> Self {
+        Self { bytes: [0xFF; 256], busy: Cell::new(0), is_broken: false }
+    }
+
+    /// With these parameters saved.
+    fn with(values: &[(Parameter, i32)]) -> Self {
+        let mut memory = Self::erased();
+        let mut store = Store::new();
+        assert!(!store.load(&mut Parameters::new(), &memory, InMemory));
+        let mut parameters = golden::parameters(values);
+        store.save();
+        while store.is_saving() {
+            store.step(&mut parameters, &mut memory);
+        }
+        assert!(store.is_saved());
+        memory
+    }
+}
+
+impl Eeprom for Memory {
+    fn read(&self, at: u8) -> u8 {
+        assert_eq!(self.busy.get(), 0);
+        self.bytes[usize::from(at)]
+    }
+
+    fn is_busy(&self) -> bool {
+        self.busy.replace(self.busy.get().saturating_sub(1)) != 0
+    }
+
+    fn begin_write(&mut self, at: u8, byte: u8) {
+        assert_eq!(self.busy.replace(4), 0);
+        if !self.is_broken {
+            self.bytes[usize::from(at)] = byte;
+        }
+    }
+}
+
+/// A node on a bus that takes each frame at once.
+struct Rig {
+    node: Node,
+    receiver: Receiver,
+    monitor: Monitor,
+    memory: Memory,
+    counters: crate::can::mcp2515::Counters,
+    /// Since it started; the node's clock has its lower 16 bits.
+    ms: u32,
+    /// What the ADC says, in turn.
+    readings: [u16; 2],
+    is_pressed: bool,
+    /// The bus takes nothing.
+    is_bus_busy: bool,
+    /// What was sent, and when.
+    sent: Vec<(u32, Frame)>,
+}
+
+impl Rig {
+    fn new() -> Self {
+        Self::with(&[])
+    }
+
+    fn with(values: &[(Parameter, i32)]) -> Self {
+        Self::start(Memory::with(values), ResetCause::POWER_ON)
+    }
+
+    fn start(memory: Memory, cause: ResetCause) -> Self {
+        let mut rig = Self {
+            node: Node::new(),
+            receiver: Receiver::new(),
+            monitor: Monitor::new(),
+            memory,
+            counters: Default::default(),
+            ms: 0,
+            // An average of 51.5 is 25.15 degrees Celsius from an LM35.
+            readings: [51, 52],
+            is_pressed: false,
+            is_bus_busy: false,
+            sent: vec![],
+        };
+        let mut noise = 7u8;
+        let noise = || {
+            noise = noise.wrapping_mul(5).wrapping_add(3);
+            noise
+        };
+        rig.node.start(cause, &mut rig.memory, noise, InMemory, &mut rig.monitor);
+        rig
+    }
+
+    /// Sets a parameter, without the bus.
+    fn set(&mut self, parameter: Parameter, value: i32) {
+        let (low, high) = (value as u16, (value >> 16) as u16);
+        assert!(self.node.parameters.set(parameter as u8, low, high, InMemory));
+        self.node.travel.update(&self.node.parameters);
+    }
+
+    fn now_ms(&self) -> u16 {
+        self.ms as u16
+    }
+
+    /// Runs for so many milliseconds.
+    fn run(&mut self, ms: u32) {
+        for _ in 0..ms {
+            let now_ms = self.now_ms();
+            self.node.tick(self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
+            self.node.read_temperature(self.readings[(self.ms & 1) as usize]);
+            self.send();
+            if !self.is_bus_busy {
+                self.node.controller_is_empty(now_ms);
+            }
+            // What 115,200 baud take in a millisecond.
+            for _ in 0..11 {
+                let _ = self.monitor.next_byte(InMemory);
+            }
+            self.ms += 1;
+        }
+    }
+
+    fn send(&mut self) {
+        let now_ms = self.now_ms();
+        while self.node.has_outgoing() {
+            if self.node.prepare(&self.counters, InMemory, &mut self.monitor, now_ms) {
+                if self.is_bus_busy {
+                    return;
+                }
+                self.sent.push((self.ms, *self.node.frame()));
+                self.node.handed_over(now_ms);
+            } else if !self.node.outgoing.is_busy() {
+                return;
+            }
+        }
+    }
+
+    fn frames(&mut self, frames: &[Frame]) {
+        let now_ms = self.now_ms();
+        for frame in frames {
+            self.node.receive(frame, &mut self.receiver, now_ms, InMemory, &mut self.monitor);
+        }
+    }
+
+    /// Frames of one transfer, written as in [`golden::frames`].
+    fn hear(&mut self, text: &str) {
+        self.frames(&golden::frames(text));
+    }
+
+    /// A command for actuator 1 from node 10.
+    fn command(&mut self, command_type: u8, value: f64) {
+        let [low, high] = half::f16::from_f64(value).to_bits().to_le_bytes();
+        self.frames(&[golden::frame(0x1003_F20A, &[1, command_type, low, high, 0xC0])]);
+    }
+
+    fn status_of(&mut self, source: u32) {
+        self.frames(&[golden::frame(0x1001_5500 | source, &[1, 0, 0, 0, 0, 0, 0, 0xC0])]);
+    }
+
+    /// What was sent with this identifier: when its last frame went, its payload and its transfer ID.
+    fn transfers(&self, id: u32, signature: u64) -> Vec<(u32, Vec<u8>, u8)> {
+        let mut transfers = vec![];
+        let mut frames = vec![];
+        for (ms, frame) in self.sent.iter().filter(|(_, frame)| golden::id(frame) == id) {
+            frames.push(*frame);
+            if frame.data().last().unwrap() & 0x40 != 0 {
+                let (payload, transfer_id) = golden::payload(signature, &frames);
+                transfers.push((*ms, payload, transfer_id));
+                frames.clear();
+            }
+        }
+        assert!(frames.is_empty(), "a transfer without end");
+        transfers
+    }
+
+    /// Times of the node's statuses.
+    fn status_times(&self) -> Vec<u32> {
+        self.transfers(NODE_STATUS, 0).into_iter().map(|(ms, ..)| ms).collect()
+    }
+
+    /// The last status, within a second: byte of health and mode, and vendor-specific code.
+    fn status(&mut self) -> (u8, u16) {
+        self.run(1000);
+        let (_, payload, _) = self.transfers(NODE_STATUS, 0).pop().unwrap();
+        (payload[4], u16::from_le_bytes([payload[5], payload[6]]))
+    }
+}
+
+/// Identifiers of what node 120 sends.
+const NODE_STATUS: u32 = 0x1801_5578;
+const ACTUATOR_STATUS: u32 = 0x1803_F378;
+const TEMPERATURE: u32 = 0x1804_5678;
+const CAN_STATS: u32 = 0x1801_5778;
+const KEY_VALUE: u32 = 0x183F_F278;
+const DEGREES_CELSIUS: u32 = 0x1804_5878;
+
+const UNITLESS: u8 = 0;
+const POSITION: u8 = 1;
+const PWM: u8 = 4;
+
+/// Microseconds.
+fn us(us: f64) -> Ticks {
+    (us * 2.0) as Ticks
+}
+
+fn gaps(times: &[u32]) -> Vec<u32> {
+    times.windows(2).map(|pair| pair[1] - pair[0]).collect()
+}
+
+// Status
+
+#[test]
+fn the_first_status_goes_at_once_and_says_initialization() {
+    let mut rig = Rig::new();
+    rig.run(1);
+    assert_eq!(golden::text(&[rig.sent[0].1]), "18015578 00 00 00 00 08 00 00 C0");
+}
+
+#[test]
+fn alone_on_the_bus_it_sends_its_status_every_second() {
+    let mut rig = Rig::new();
+    rig.run(70_001);
+    let statuses = rig.transfers(NODE_STATUS, 0);
+    assert_eq!(statuses.len(), 71);
+    for (n, (ms, payload, transfer_id)) in statuses.into_iter().enumerate() {
+        assert_eq!(ms, 1000 * n as u32);
+        assert_eq!(usize::from(transfer_id), n % 32);
+        let mode = if n == 0 { 8 } else { 0 };
+        let uptime = u32::from_le_bytes(*payload.first_chunk().unwrap());
+        assert!(uptime.abs_diff(n as u32) <= 1, "{uptime} s");
+        assert_eq!(payload[4..], [mode, 0, 0]);
+    }
+}
+
+#[test]
+fn its_mode_is_operational_once_it_has_measured() {
+    let mut rig = Rig::new();
+    rig.run(10);
+    rig.status_of(10);
+    rig.run(600);
+    rig.status_of(10);
+    rig.run(1);
+    let modes: Vec<u8> = rig.transfers(NODE_STATUS, 0).into_iter().map(|(_, payload, _)| payload[4]).collect();
+    assert_eq!(modes, [8, 0]);
+}
+
+#[test]
+fn its_status_follows_that_of_the_autopilot() {
+    // Also where the autopilot's second is a little long.
+    for period in [1000, 1001, 1010, 1024] {
+        let mut rig = Rig::new();
+        rig.run(300);
+        let mut expected = vec![0];
+        for _ in 0..60 {
+            if rig.ms > 500 {
+                expected.push(rig.ms);
+            }
+            rig.status_of(10);
+            rig.run(period);
+        }
+        assert_eq!(rig.status_times(), expected, "every {period} ms");
+    }
+}
+
+/// The gaps between its own statuses while an autopilot sends one every `period` ms.
+fn gaps_with_an_autopilot_every(period: u32) -> Vec<u32> {
+    let mut rig = Rig::new();
+    for _ in 0..30_000 / period {
+        rig.status_of(10);
+        rig.run(period);
+    }
+    gaps(&rig.status_times())
+}
+
+#[test]
+fn statuses_are_500_to_1025_ms_apart_however_often_the_autopilot_sends_its_own() {
+    for period in [1, 2, 10, 100, 249, 250, 251, 333, 499, 500, 501, 600, 999, 1000, 1001, 1024] {
+        let gaps = gaps_with_an_autopilot_every(period);
+        assert!(gaps.len() >= 28, "{} every {period} ms", gaps.len());
+        for gap in gaps {
+            assert!((500..=1025).contains(&gap), "{gap} ms, every {period} ms");
+        }
+    }
+}
+
+#[test]
+fn an_autopilot_that_sends_its_status_too_seldom_does_not_make_it_silent() {
+    for period in [1026, 1100, 1250, 1500, 1524, 1525, 2000, 2200, 2999] {
+        for gap in gaps_with_an_autopilot_every(period) {
+            // It goes ahead after 1025 ms, and waits again when the other comes less than 500 ms later.
+            assert!((500..=1549).contains(&gap), "{gap} ms, every {period} ms");
+        }
+    }
+}
+
+#[test]
+fn it_sends_every_second_again_when_the_autopilot_has_gone() {
+    let mut rig = Rig::new();
+    for _ in 0..5 {
+        rig.status_of(10);
+        rig.run(1000);
+    }
+    rig.run(20_000);
+    for gap in gaps(&rig.status_times()) {
+        assert!((500..=1025).contains(&gap), "{gap} ms");
+    }
+    assert_eq!(gaps(&rig.status_times()).last(), Some(&1000));
+}
+
+#[test]
+fn a_status_that_waits_in_the_controller_is_not_followed_by_another() {
+    let mut rig = Rig::with(&[(Parameter::TelemRate, 0), (Parameter::TempRate, 0)]);
+    rig.run(100);
+    // The controller takes the frame and cannot get rid of it for three seconds.
+    let mut left = 0;
+    for _ in 0..3000 {
+        let now_ms = rig.now_ms();
+        rig.node.tick(false, now_ms, &mut rig.memory, &mut rig.monitor);
+        if rig.node.prepare(&rig.counters, InMemory, &mut rig.monitor, now_ms) {
+            left += 1;
+            rig.node.handed_over(now_ms);
+        }
+        rig.ms += 1;
+    }
+    assert_eq!(left, 1);
+    rig.sent.clear();
+    let left_ms = rig.ms;
+    let now_ms = rig.now_ms();
+    rig.node.controller_is_empty(now_ms);
+    rig.run(5000);
+    assert!(rig.status_times()[0] >= left_ms + 500, "{:?} after {left_ms}", rig.status_times());
+    assert!(gaps(&rig.status_times()).iter().all(|&gap| gap >= 500));
+}
+
+#[test]
+fn uptime_counts_seconds_past_the_end_of_the_clock() {
+    let mut rig = Rig::new();
+    rig.run(200_000);
+    let (ms, payload, _) = rig.transfers(NODE_STATUS, 0).pop().unwrap();
+    assert_eq!(ms, 199_000);
+    assert!(u32::from_le_bytes(*payload.first_chunk().unwrap()).abs_diff(199) <= 1);
+}
+
+#[test]
+fn transfer_ids_count_for_each_type_by_itself() {
+    let mut rig = Rig::with(&[(Parameter::TelemRate, 7), (Parameter::TempRate, 3), (Parameter::StatsRate, 2)]);
+    rig.run(40_000);
+    for (id, signature) in
+        [(NODE_STATUS, 0), (ACTUATOR_STATUS, golden::ACTUATOR_STATUS), (TEMPERATURE, 0), (CAN_STATS, golden::CAN_STATS)]
+    {
+        let transfers = rig.transfers(id, signature);
+        assert!(transfers.len() > 32);
+        for (n, (_, _, transfer_id)) in transfers.into_iter().enumerate() {
+            assert_eq!(usize::from(transfer_id), n % 32, "{id:08X}");
+        }
+    }
+}
+
+// Health
+
+/// By their bits.
+const CONDITIONS: [Conditions; 16] = [
+    Conditions::RESET_WATCHDOG,
+    Conditions::RESET_BROWN_OUT,
+    Conditions::RESET_PANIC,
+    Conditions::RESET_STRAY_INTERRUPT,
+    Conditions::RESET_STACK_COLLISION,
+    Conditions::FRAMES_LOST,
+    Conditions::ERROR_PASSIVE,
+    Conditions::BUS_OFF,
+    Conditions::GAVE_UP_SENDING,
+    Conditions::CONTROLLER_LOST,
+    Conditions::FAILSAFE,
+    Conditions::TEMPERATURE,
+    Conditions::SENSOR,
+    Conditions::PARAMETERS_LOST,
+    Conditions::DISARMED,
+    Conditions::TRANSFER_ERRORS,
+];
+
+#[test]
+fn health_is_that_of_the_worst_mask_that_a_condition_is_in() {
+    const WARN: i32 = 1 << 6;
+    for (warn, error, critical, health) in [
+        (0, 0, 0, 0),
+        (WARN, 0, 0, 1),
+        (0, WARN, 0, 2),
+        (WARN, WARN, 0, 2),
+        (WARN, WARN, WARN, 3),
+        (0, 0, WARN, 3),
+        (0xFFFF ^ WARN, 0xFFFF ^ WARN, 0xFFFF ^ WARN, 0),
+    ] {
+        let mut rig =
+            Rig::with(&[(Parameter::WarnMask, warn), (Parameter::ErrorMask, error), (Parameter::CritMask, critical)]);
+        rig.run(100);
+        rig.node.conditions.set(Conditions::ERROR_PASSIVE, true);
+        assert_eq!(rig.status(), (health << 6, 1 << 6), "{warn:04X} {error:04X} {critical:04X}");
+    }
+}
+
+#[test]
+fn by_default_a_fault_is_a_warning_failsafe_an_error_and_lost_parameters_critical() {
+    let expected = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 1, 2, 3, 0, 1];
+    for (bit, health) in expected.into_iter().enumerate() {
+        let mut rig = Rig::new();
+        rig.run(2500);
+        rig.node.outgoing.clear(Form::Kept);
+        for (other, condition) in CONDITIONS.into_iter().enumerate() {
+            rig.node.conditions.set(condition, other == bit);
+        }
+        rig.node.put_status();
+        let kept = rig.node.outgoing.kept;
+        assert_eq!((kept[4], [kept[5], kept[6]]), (health << 6, (1u16 << bit).to_le_bytes()), "bit {bit}");
+    }
+}
+
+#[test]
+fn a_fault_that_reset_it_shows_until_the_next_reset() {
+    for (bit, cause) in [
+        ResetCause::WATCHDOG,
+        ResetCause::BROWN_OUT,
+        ResetCause::PANIC,
+        ResetCause::STRAY_INTERRUPT,
+        ResetCause::STACK_COLLISION,
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let mut rig = Rig::start(Memory::with(&[]), cause);
+        rig.run(20_000);
+        assert_eq!(rig.status(), (0x40, 1 << bit));
+    }
+}
+
+#[test]
+fn frames_lost_and_their_like_show_for_nine_to_ten_seconds() {
+    use crate::can::mcp2515::Event::{Flags, GaveUpSending, Lost, NotAnswering, NotKeeping, NotStarting, Running};
+    // Bits of EFLG: RX0OVR 6, RX1OVR 7, TXBO 5.
+    for (event, value, bit) in [
+        (Flags, 0x40, 5),
+        (Flags, 0x80, 5),
+        (Flags, 0x20, 7),
+        (GaveUpSending, 0, 8),
+        (Lost, 0x80, 9),
+        (NotAnswering, 0, 9),
+        (NotKeeping, 0x2A, 9),
+        (NotStarting, 0x80, 9),
+    ] {
+        let mut rig = Rig::new();
+        rig.run(3300);
+        rig.node.notice(Notice { event, value }, &mut rig.monitor);
+        rig.run(8900);
+        assert_eq!(rig.node.conditions.code(), 1 << bit, "{event:?}");
+        rig.run(1101);
+        assert_eq!(rig.node.conditions.code(), 0, "{event:?}");
+    }
+    let mut rig = Rig::new();
+    rig.node.notice(Notice { event: Running, value: 0 }, &mut rig.monitor);
+    assert_eq!(rig.node.conditions.code(), 0);
+}
+
+#[test]
+fn error_passive_shows_while_it_lasts() {
+    use crate::can::mcp2515::Event::Flags;
+    let mut rig = Rig::new();
+    for (eflg, code) in [(0x08, 1 << 6), (0x10, 1 << 6), (0x18, 1 << 6), (0x07, 0), (0x10, 1 << 6), (0, 0)] {
+        rig.node.notice(Notice { event: Flags, value: eflg }, &mut rig.monitor);
+        rig.run(12_000);
+        assert_eq!(rig.node.conditions.code(), code, "EFLG {eflg:02X}");
+    }
+}
+
+#[test]
+fn broken_and_interleaved_transfers_show_and_are_counted() {
+    let mut rig = Rig::new();
+    rig.run(2000);
+    // The golden command with one bit wrong.
+    rig.hear("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 64 68");
+    assert_eq!((rig.node.conditions.code(), rig.node.counts.broken, rig.node.pulse()), (1 << 15, 1, 0));
+    rig.run(10_001);
+    assert_eq!(rig.node.conditions.code(), 0);
+    rig.hear("1003F20A 12 F3 01 00 00 38 02 88");
+    rig.hear("1003F20B 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68");
+    assert_eq!((rig.node.conditions.code(), rig.node.counts.broken, rig.node.pulse()), (1 << 15, 2, 0));
+    rig.hear("1003F20A 00 00 BC 03 04 DC 65 68");
+    assert_eq!(rig.node.pulse(), us(1750.0));
+}
+
+#[test]
+fn frames_that_it_has_no_use_for_are_refused_and_no_error() {
+    let mut rig = Rig::new();
+    rig.run(2000);
+    for text in
+        ["1803F30A 00 C0", "9003F20A 01 00 00 38 C7", "1E01AAFF C3", "10015578 01 00 00 00 08 00 00 C0", "1003F20A"]
+    {
+        let refused = rig.node.counts.refused;
+        rig.hear(text);
+        assert_eq!(rig.node.counts.refused, refused + 1, "{text}");
+    }
+    assert_eq!((rig.node.conditions.code(), rig.node.pulse()), (0, 0));
+}
+
+#[test]
+fn a_temperature_out_of_range_shows() {
+    // Averages of 0.5 and 1022.5 would be a faulty sensor.
+    for (readings, min, max, code, flags) in [
+        ([51, 52], -40, 85, 0, 0),
+        ([51, 52], 26, 85, 1 << 11, 2),
+        ([51, 52], 25, 85, 0, 0),
+        ([51, 52], -40, 24, 1 << 11, 1),
+        ([51, 52], -40, 25, 0, 0),
+        ([300, 300], -40, 85, 1 << 11, 1),
+        ([0, 0], -40, 85, 1 << 12, 0),
+        ([1023, 1023], -40, 85, 1 << 11 | 1 << 12, 1),
+    ] {
+        let mut rig = Rig::with(&[(Parameter::TempMin, min), (Parameter::TempMax, max)]);
+        rig.readings = readings;
+        rig.run(2500);
+        assert_eq!(rig.node.conditions.code(), code, "{readings:?} {min} {max}");
+        let (_, payload, _) = rig.transfers(TEMPERATURE, 0).pop().unwrap();
+        assert_eq!(payload[4], flags, "{readings:?} {min} {max}");
+        rig.readings = [200, 200];
+        rig.set(Parameter::TempMax, 150);
+        rig.set(Parameter::TempMin, -55);
+        rig.run(1100);
+        assert_eq!(rig.node.conditions.code(), 0, "and it passes");
+    }
+}
+
+#[test]
+fn parameters_that_were_lost_are_told_and_ones_that_never_were_are_not() {
+    let mut rig = Rig::start(Memory::erased(), ResetCause::POWER_ON);
+    rig.run(2000);
+    assert_eq!(rig.status(), (0, 0));
+    let mut memory = Memory::with(&[(Parameter::SrvId, 9)]);
+    for byte in &mut memory.bytes[0x20..] {
+        *byte ^= if *byte == 0xFF { 0 } else { 0x10 };
+    }
+    let mut rig = Rig::start(memory, ResetCause::POWER_ON);
+    rig.run(2000);
+    assert_eq!(rig.status(), (0xC0, 1 << 13));
+    assert_eq!(rig.node.parameters.get(Parameter::SrvId), 1, "the default");
+}
+
+// Commands
+
+#[test]
+fn there_is_no_pulse_before_the_first_command() {
+    for failsafe in 0..=3 {
+        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, failsafe)]);
+        rig.run(70_000);
+        assert_eq!(rig.node.pulse(), 0);
+        assert_eq!(rig.node.conditions.code(), 0);
+    }
+}
+
+#[test]
+fn the_golden_commands_move_the_servo() {
+    let mut rig = Rig::new();
+    rig.hear("1003F20A 01 00 00 38 C7");
+    assert_eq!(rig.node.pulse(), us(1750.0));
+    for (actuator, pulse) in [(1, 1750.0), (2, 1000.0), (3, 1500.0)] {
+        let mut rig = Rig::with(&[(Parameter::SrvId, actuator)]);
+        rig.hear("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68");
+        assert_eq!(rig.node.pulse(), us(pulse), "actuator {actuator}");
+    }
+    // Position -0.25 rad: 0.25 / (pi / 4) of 500 us.
+    rig.hear("1003F20A 01 01 00 B4 CC");
+    assert_eq!(rig.node.pulse(), us(1341.0));
+    // PWM 1800.
+    rig.hear("1003F20A 01 04 08 67 CD");
+    assert_eq!(rig.node.pulse(), us(1800.0));
+}
+
+#[test]
+fn each_form_of_command_reaches_the_pulse() {
+    let mut rig = Rig::new();
+    for (command_type, value, expected) in [
+        (UNITLESS, 0.0, 1500.0),
+        (UNITLESS, 1.0, 2000.0),
+        (UNITLESS, -1.0, 1000.0),
+        (UNITLESS, 7.0, 2000.0),
+        (UNITLESS, 65_504.0, 2000.0),
+        (UNITLESS, -0.001, 1499.5),
+        (POSITION, 0.0, 1500.0),
+        (POSITION, FRAC_PI_4, 2000.0),
+        (POSITION, -FRAC_PI_4, 1000.0),
+        (POSITION, 65_504.0, 2000.0),
+        (PWM, 1234.0, 1234.0),
+        (PWM, 1000.5, 1000.5),
+        (PWM, 65_504.0, 2000.0),
+        (PWM, 1.0, 1000.0),
+    ] {
+        rig.command(command_type, value);
+        assert_eq!(f64::from(rig.node.pulse()) / 2.0, expected, "type {command_type}: {value}");
+    }
+}
+
+#[test]
+fn every_bit_pattern_of_a_command_leaves_the_pulse_within_the_travel() {
+    let mut rig = Rig::new();
+    rig.command(PWM, 1700.0);
+    for command_type in 0..=5u8 {
+        for bits in 0..=u16::MAX {
+            let before = rig.node.pulse();
+            let [low, high] = bits.to_le_bytes();
+            rig.frames(&[golden::frame(0x1003_F20A, &[1, command_type, low, high, 0xC0])]);
+            let value = half::f16::from_bits(bits);
+            let is_followed = value.is_finite()
+                && match command_type {
+                    0 | 1 => true,
+                    // Rounded to half a microsecond.
+                    4 => value.to_f64() >= 0.25,
+                    _ => false,
+                };
+            let pulse = rig.node.pulse();
+            if is_followed {
+                assert!((us(1000.0)..=us(2000.0)).contains(&pulse), "{command_type} {bits:04X}: {pulse}");
+            } else {
+                assert_eq!(pulse, before, "{command_type} {bits:04X}");
+            }
+        }
+    }
+}
+
+#[test]
+fn commands_that_cannot_be_followed_are_refused_and_counted() {
+    let mut rig = Rig::new();
+    rig.command(PWM, 1700.0);
+    for (n, text) in [
+        "1003F20A 01 02 00 3C CE",
+        "1003F20A 01 03 00 3C CE",
+        "1003F20A 01 05 00 3C CE",
+        "1003F20A 01 00 FF 7F CF",
+        "1003F20A 01 00 00 7C CF",
+        "1003F20A 01 01 00 FC CF",
+        "1003F20A 01 04 00 00 D0",
+        "1003F20A 01 04 DC E5 D0",
+        "1003F20A 01 00 00 C0",
+        "1003F20A 01 00 00 38 01 C0",
+        "1804570A C0",
+        "1804570A 01 02 C0",
+        "18044C0A C0",
+        "1001550A 01 00 00 00 C0",
+        "1804390A 00 F8 C0",
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        rig.hear(text);
+        assert_eq!((rig.node.pulse(), rig.node.counts.refused), (us(1700.0), n as u16 + 1), "{text}");
+    }
+    assert_eq!(rig.node.counts.followed, 1);
+    assert_eq!(rig.node.light(), 0);
+}
+
+#[test]
+fn commands_for_others_and_empty_lists_are_no_commands_and_no_errors() {
+    let mut rig = Rig::new();
+    rig.hear("1003F20A C9");
+    rig.hear("1003F20A 02 00 00 38 C7");
+    assert_eq!((rig.node.pulse(), rig.node.counts.refused, rig.node.counts.followed), (0, 0, 0));
+}
+
+#[test]
+fn the_command_of_the_thesis_moves_the_servo_over_its_travel() {
+    let mut rig = Rig::new();
+    for (byte, pulse) in [(0, 1000.0), (255, 2000.0), (51, 1200.0)] {
+        rig.hear(&format!("18045701 {byte:02X} C0"));
+        assert_eq!(rig.node.pulse(), us(pulse));
+    }
+}
+
+#[test]
+fn the_temperature_of_the_thesis_is_sent_for_every_third_status_once_its_command_was_used() {
+    let mut rig = Rig::with(&[(Parameter::TelemRate, 0), (Parameter::TempRate, 0), (Parameter::SrvTimeout, 0)]);
+    let second = |rig: &mut Rig| {
+        rig.status_of(1);
+        rig.run(1000);
+    };
+    (0..9).for_each(|_| second(&mut rig));
+    assert_eq!(rig.transfers(DEGREES_CELSIUS, 0), []);
+    rig.hear("18045701 80 C0");
+    (0..9).for_each(|_| second(&mut rig));
+    let transfers = rig.transfers(DEGREES_CELSIUS, 0);
+    assert_eq!(transfers.iter().map(|(_, payload, _)| payload[..].to_vec()).collect::<Vec<_>>(), [[25]; 3]);
+    assert_eq!(gaps(&transfers.iter().map(|(ms, ..)| *ms).collect::<Vec<_>>()), [3000, 3000]);
+    assert_eq!(transfers.iter().map(|(.., transfer_id)| *transfer_id).collect::<Vec<_>>(), [0, 1, 2]);
+}
+
+#[test]
+fn the_temperature_of_the_thesis_stays_within_a_byte() {
+    for (readings, expected) in [([1, 1], 0), ([1022, 1022], 255)] {
+        let mut rig = Rig::with(&[(Parameter::TempOffset, 500)]);
+        rig.readings = readings;
+        rig.hear("18045701 80 C0");
+        for _ in 0..4 {
+            rig.status_of(1);
+            rig.run(1000);
+        }
+        assert_eq!(rig.transfers(DEGREES_CELSIUS, 0)[0].1, [expected]);
+    }
+}
+
+#[test]
+fn the_light_shows_the_brightest_colour_of_its_entry() {
+    for (text, light) in [
+        ("1804390A 00 F8 00 C1", 255),
+        ("1804390A 00 00 1F C1", 255),
+        ("1804390A 00 07 E0 C1", 255),
+        ("1804390A 00 FF FF C1", 255),
+        ("1804390A 00 00 00 C1", 0),
+        // Red 1 of 31, green 2 of 63, blue 16 of 31.
+        ("1804390A 00 08 50 C4", 132),
+        // (7, blue), (0, green 42), (8, white)
+        ("1804390A 68 6B 07 00 1F 00 05 82 | 40 08 FF FF 62", 173),
+    ] {
+        let mut rig = Rig::new();
+        rig.hear(text);
+        assert_eq!(rig.node.light(), light, "{text}");
+        rig.hear("1804390A 05 F8 00 C0");
+        rig.hear("1804390A C0");
+        assert_eq!(rig.node.light(), light, "another's light");
+    }
+}
+
+#[test]
+fn light_never_gets_darker_as_a_colour_gets_brighter() {
+    for (shift, levels) in [(11, 32), (5, 64), (0, 32u16)] {
+        let mut rig = Rig::new();
+        let mut last = 0;
+        for level in 0..levels {
+            let [high, low] = (level << shift).to_be_bytes();
+            rig.frames(&[golden::frame(0x1804_390A, &[0, high, low, 0xC0])]);
+            let light = rig.node.light();
+            assert!(light >= last, "{level} of {levels}: {light}");
+            assert!((f64::from(light) - f64::from(level) * 255.0 / f64::from(levels - 1)).abs() < 8.0);
+            last = light;
+        }
+        assert_eq!(last, 255);
+    }
+}
+
+// Failsafe and arming
+
+#[test]
+fn without_commands_the_servo_goes_where_srv_failsafe_has_it() {
+    for (failsafe, expected) in [(0, 1800.0), (1, 1400.0), (2, 1100.0), (3, 0.0)] {
+        for timeout_ms in [1, 20, 1000, 10_000] {
+            let mut rig = Rig::with(&[
+                (Parameter::SrvFailsafe, failsafe),
+                (Parameter::SrvTimeout, timeout_ms),
+                (Parameter::SrvTrim, 1400),
+                (Parameter::SrvFsPwm, 1100),
+            ]);
+            rig.run(61_234);
+            rig.command(PWM, 1800.0);
+            rig.run(timeout_ms as u32);
+            assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (us(1800.0), 0), "{failsafe} {timeout_ms}");
+            rig.run(1);
+            assert_eq!(
+                (rig.node.pulse(), rig.node.conditions.code()),
+                (us(expected), 1 << 10),
+                "{failsafe} {timeout_ms}"
+            );
+            rig.run(2500);
+            assert_eq!((rig.node.pulse(), rig.status()), (us(expected), (0x80, 1 << 10)));
+            rig.command(PWM, 1700.0);
+            assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (us(1700.0), 0), "commands again");
+        }
+    }
+}
+
+#[test]
+fn the_failsafe_pulse_stays_within_the_travel() {
+    for (width, expected) in [(500, 1000.0), (2500, 2000.0)] {
+        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 2), (Parameter::SrvFsPwm, width)]);
+        rig.command(PWM, 1800.0);
+        rig.run(1001);
+        assert_eq!(rig.node.pulse(), us(expected));
+    }
+}
+
+#[test]
+fn with_a_timeout_of_0_the_servo_stays_for_ever() {
+    let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3), (Parameter::SrvTimeout, 0)]);
+    rig.command(PWM, 1800.0);
+    rig.run(200_000);
+    assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (us(1800.0), 0));
+}
+
+#[test]
+fn only_commands_that_are_followed_keep_the_servo_from_failing_safe() {
+    for text in
+        ["1003F20A 02 00 00 38 C7", "1003F20A 01 00 FF 7F CF", "1003F20A C9", "1001550A 01 00 00 00 00 00 00 C0"]
+    {
+        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3)]);
+        rig.command(PWM, 1800.0);
+        for _ in 0..11 {
+            rig.run(100);
+            rig.hear(text);
+        }
+        assert_eq!(rig.node.pulse(), 0, "{text}");
+    }
+    let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3)]);
+    for _ in 0..100 {
+        rig.command(PWM, 1800.0);
+        rig.run(999);
+        assert_eq!(rig.node.pulse(), us(1800.0));
+    }
+}
+
+const ARMED: &str = "18044C0A FF C0";
+
+#[test]
+fn where_arming_is_required_only_an_armed_vehicle_is_followed() {
+    let mut rig = Rig::with(&[(Parameter::ArmReq, 1)]);
+    rig.run(1);
+    assert_eq!(rig.node.conditions.code(), 1 << 14);
+    rig.command(PWM, 1800.0);
+    rig.hear("18045701 80 C0");
+    assert_eq!((rig.node.pulse(), rig.node.counts.refused), (0, 2));
+    rig.hear(ARMED);
+    rig.run(1);
+    rig.command(PWM, 1800.0);
+    assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (us(1800.0), 0));
+}
+
+#[test]
+fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
+    for (failsafe, expected) in [(0, 1800.0), (1, 1500.0), (2, 1200.0), (3, 0.0)] {
+        for status in [0, 1, 128, 254] {
+            let mut rig =
+                Rig::with(&[(Parameter::ArmReq, 1), (Parameter::SrvFailsafe, failsafe), (Parameter::SrvFsPwm, 1200)]);
+            rig.hear(ARMED);
+            rig.run(1);
+            rig.command(PWM, 1800.0);
+            rig.hear(&format!("18044C0A {status:02X} C0"));
+            rig.run(1);
+            assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (us(expected), 1 << 14), "{failsafe} {status}");
+            rig.command(PWM, 1900.0);
+            rig.run(2000);
+            assert_eq!(rig.node.pulse(), us(expected));
+            assert_eq!(rig.node.conditions.code(), 1 << 14, "no failsafe: it is not that commands were missing");
+        }
+    }
+}
+
+#[test]
+fn arming_ends_three_to_four_seconds_after_the_last_arming_status() {
+    for start in [59_000, 59_001, 59_250, 59_500, 59_999] {
+        let mut rig = Rig::with(&[(Parameter::ArmReq, 1), (Parameter::SrvTimeout, 0), (Parameter::SrvFailsafe, 3)]);
+        rig.run(start);
+        for _ in 0..20 {
+            rig.hear(ARMED);
+            rig.run(500);
+            rig.command(PWM, 1800.0);
+        }
+        assert_eq!(rig.node.pulse(), us(1800.0));
+        rig.run(2500);
+        assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (us(1800.0), 0), "{start}");
+        rig.run(1001);
+        assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (0, 1 << 14), "{start}");
+    }
+}
+
+#[test]
+fn where_arming_is_not_required_it_does_not_matter() {
+    let mut rig = Rig::new();
+    rig.hear("18044C0A 00 C0");
+    rig.run(1);
+    rig.command(PWM, 1800.0);
+    assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (us(1800.0), 0));
+}
+
+#[test]
+fn the_first_command_after_a_start_needs_arming_too() {
+    let mut rig = Rig::with(&[(Parameter::ArmReq, 1)]);
+    // Before the first millisecond is over.
+    rig.command(PWM, 1800.0);
+    assert_eq!(rig.node.pulse(), 0);
+}
+
+// Messages
+
+#[test]
+fn each_rate_is_kept_and_even() {
+    for rate in 0..=50u32 {
+        let mut values = vec![(Parameter::TelemRate, rate as i32), (Parameter::TempRate, rate as i32)];
+        if rate <= 10 {
+            values.push((Parameter::StatsRate, rate as i32));
+        }
+        let mut rig = Rig::with(&values);
+        rig.run(1000);
+        rig.sent.clear();
+        rig.run(10_000);
+        for (id, signature) in [
+            (ACTUATOR_STATUS, golden::ACTUATOR_STATUS),
+            (TEMPERATURE, 0),
+            (CAN_STATS, if rate <= 10 { golden::CAN_STATS } else { 0 }),
+        ] {
+            let expected = if signature == 0 && id == CAN_STATS { 0 } else { rate };
+            let times: Vec<u32> = rig.transfers(id, signature).into_iter().map(|(ms, ..)| ms).collect();
+            assert_eq!(times.len() as u32, 10 * expected, "{id:08X} at {rate} Hz");
+            for gap in gaps(&times) {
+                assert!(gap == 1000 / rate || gap == 1000_u32.div_ceil(rate), "{id:08X} at {rate} Hz: {gap} ms");
+            }
+        }
+    }
+}
+
+#[test]
+fn by_default_it_sends_ten_actuator_statuses_and_a_temperature_a_second() {
+    let mut rig = Rig::new();
+    rig.run(10_000);
+    assert_eq!(rig.transfers(ACTUATOR_STATUS, golden::ACTUATOR_STATUS).len(), 100);
+    assert_eq!(rig.transfers(TEMPERATURE, 0).len(), 10);
+    assert_eq!(rig.transfers(CAN_STATS, golden::CAN_STATS).len(), 0);
+    assert_eq!(rig.sent.len(), 10 + 2 * 100 + 10);
+}
+
+#[test]
+fn the_golden_temperature_is_sent() {
+    let mut rig = Rig::new();
+    rig.run(3500);
+    let mut temperatures = rig.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == TEMPERATURE);
+    // The third has transfer ID 2.
+    assert_eq!(golden::text(temperatures.next_back()), "18045678 01 00 A9 5C 00 C2");
+}
+
+#[test]
+fn the_temperature_has_its_device_id() {
+    let mut rig = Rig::with(&[(Parameter::TempId, 0xBEEF)]);
+    rig.run(1500);
+    assert_eq!(rig.transfers(TEMPERATURE, 0)[0].1[..2], [0xEF, 0xBE]);
+}
+
+#[test]
+fn no_temperature_is_sent_before_there_is_one() {
+    let mut rig = Rig::with(&[(Parameter::TempRate, 50)]);
+    rig.run(200);
+    assert!(rig.transfers(TEMPERATURE, 0)[0].0 >= 63);
+}
+
+#[test]
+fn the_actuator_status_has_the_position_that_was_commanded_and_nothing_that_is_not_known() {
+    let mut rig = Rig::with(&[(Parameter::SrvId, 1), (Parameter::SrvTimeout, 0)]);
+    rig.run(150);
+    let nan = [0x00, 0x7E];
+    let payload = |position: [u8; 2]| [&[1], &position[..], &nan, &nan, &[127]].concat();
+    let last = |rig: &Rig| rig.transfers(ACTUATOR_STATUS, golden::ACTUATOR_STATUS).pop().unwrap().1;
+    assert_eq!(last(&rig), payload(nan), "no pulse");
+    for (unitless, radians) in [(0.0, 0.0), (1.0, FRAC_PI_4), (-1.0, -FRAC_PI_4), (0.5, FRAC_PI_8)] {
+        rig.command(UNITLESS, unitless);
+        rig.run(100);
+        let bytes = last(&rig);
+        let position = half::f16::from_le_bytes([bytes[1], bytes[2]]).to_f64();
+        assert!((position - radians).abs() < 0.0005, "{position} is not {radians}");
+        assert_eq!(bytes, payload([bytes[1], bytes[2]]));
+    }
+}
+
+#[test]
+fn the_golden_can_stats_are_sent() {
+    let mut rig = Rig::with(&[(Parameter::StatsRate, 1)]);
+    rig.counters.0 = [1, 2, 2, 3, 4, 5, 6, 7, 8, 8, 9, 10];
+    rig.run(1500);
+    let stats = rig.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == CAN_STATS);
+    assert_eq!(
+        golden::text(stats),
+        "18015778 73 A5 00 01 00 02 00 80 | 02 00 03 00 04 00 05 20 | 00 06 00 07 00 08 00 00 | 08 00 09 00 0A 00 60"
+    );
+}
+
+#[test]
+fn each_press_of_the_button_sends_its_count() {
+    let mut rig = Rig::new();
+    for _ in 0..2 {
+        rig.is_pressed = true;
+        rig.run(50);
+        rig.is_pressed = false;
+        rig.run(50);
+    }
+    let presses: Vec<_> =
+        rig.sent.iter().map(|(_, frame)| *frame).filter(|frame| golden::id(frame) == KEY_VALUE).collect();
+    assert_eq!(
+        golden::text(&presses),
+        golden::text(
+            &[golden::frames("183FF278 00 00 80 3F 62 74 6E C0"), golden::frames("183FF278 00 00 00 40 62 74 6E C1")]
+                .concat()
+        )
+    );
+}
+
+#[test]
+fn a_bus_that_takes_nothing_gets_each_message_once_when_it_does_again() {
+    let mut rig = Rig::new();
+    rig.run(1500);
+    rig.sent.clear();
+    rig.is_bus_busy = true;
+    rig.run(5000);
+    assert_eq!(rig.sent, []);
+    rig.is_bus_busy = false;
+    rig.run(1);
+    // One that was ready, and one of each that became due: no old news.
+    assert!(rig.sent.len() <= 2 + 1 + 2 + 1, "{:?}", rig.sent);
+}
+
+// Anything at all
+
+#[test]
+fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range() {
+    let mut random = 12_345u32;
+    let mut next = move || {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 16) as u16
+    };
+    let mut rig = Rig::with(&[(Parameter::TelemRate, 50), (Parameter::TempRate, 50), (Parameter::StatsRate, 10)]);
+    let mut set = 0;
+    for n in 0..60_000u32 {
+        let source = u32::from(next() % 3 + 9);
+        let transfer_id = (next() & 31) as u8;
+        let random_bytes: [u8; 7] = std::array::from_fn(|_| next() as u8);
+        match next() % 8 {
+            0 | 1 => {
+                let entries: Vec<u8> =
+                    (0..4 * (next() % 4)).map(|n| if n % 4 < 2 { next() as u8 & 5 } else { next() as u8 }).collect();
+                rig.frames(&golden::transfer(0x1003_F200 | source, golden::ARRAY_COMMAND, transfer_id, &entries));
+            }
+            2 => {
+                // A parameter to its least, most, or any value.
+                let index = (next() % parameters::COUNT as u16) as u8;
+                let value = match next() % 3 {
+                    0 => i64::from(next()),
+                    1 => i64::from(next() % 1000) - 500,
+                    _ => [0, 1, 10, 50, 125, 360, 500, 1000, 1500, 2500, 10_000, 65_535, 125_000]
+                        [usize::from(next() % 13)],
+                };
+                if index == Parameter::CanNode as u8 && n % 2 == 0 {
+                    continue;
+                }
+                let payload = [&[index, 1][..], &value.to_le_bytes()].concat();
+                let before = rig.node.parameters;
+                rig.frames(&golden::transfer(0x1E0B_F880 | source, golden::GET_SET, transfer_id, &payload));
+                set += u32::from(rig.node.parameters != before);
+            }
+            3 => {
+                let service = [1, 4, 5, 10, 11, 40][usize::from(next() % 6)];
+                let id = 0x1E00_F880 | service << 16 | source;
+                rig.frames(&[golden::frame(
+                    id,
+                    &[&random_bytes[..usize::from(next() % 8)], &[0xC0 | transfer_id]].concat(),
+                )]);
+            }
+            4 => {
+                rig.frames(&[golden::frame(0x1001_5500 | source, &[&random_bytes[..], &[0xC0 | transfer_id]].concat())])
+            }
+            5 => {
+                let id = [0x1804_3900, 0x1804_4C00, 0x1804_5700, 0x1E00_0100][usize::from(next() % 4)] | source;
+                rig.frames(&[golden::frame(
+                    id,
+                    &[&random_bytes[..usize::from(next() % 8)], &[0xC0 | transfer_id]].concat(),
+                )]);
+            }
+            6 => {
+                let data: Vec<u8> = (0..next() % 9).map(|_| next() as u8).collect();
+                let ids = [0x1003_F200, 0x1804_3900, 0x1E0B_F880, 0x1E28_F880, 0x1E00_0100];
+                rig.frames(&[golden::frame(ids[usize::from(next() % 5)] | source, &data)]);
+            }
+            _ => {
+                rig.readings = [next() % 1024, next() % 1024];
+                rig.is_pressed = next() & 1 == 0;
+                rig.is_bus_busy = next() & 7 == 0;
+            }
+        }
+        rig.run(u32::from(next() % 4));
+        let pulse = rig.node.pulse();
+        assert!(pulse == 0 || (us(500.0)..=us(2500.0)).contains(&pulse), "{pulse}");
+    }
+    assert!(set > 1000, "{set}");
+    assert!(rig.node.counts.followed > 300, "{:?}", rig.node.counts);
+}

@@ -1,0 +1,167 @@
+//! Without a node ID, and how it gets one.
+
+use super::*;
+
+const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+/// Golden answers of an allocator on node 127.
+const ANSWERS: [&str; 3] = [
+    "1E00017F 00 00 01 02 03 04 05 C0",
+    "1E00017F 58 5D 00 00 01 02 03 81 | 04 05 06 07 08 09 0A 21 | 0B 41",
+    "1E00017F 8A 68 FA 00 01 02 03 82 | 04 05 06 07 08 09 0A 22 | 0B 0C 0D 0E 0F 42",
+];
+
+/// A node without an ID, and with the unique ID of the golden frames.
+fn anonymous() -> Rig {
+    let mut rig = Rig::with(&[(Parameter::CanNode, 0), (Parameter::TelemRate, 50), (Parameter::StatsRate, 10)]);
+    rig.node.unique_id = UNIQUE_ID;
+    rig
+}
+
+/// Runs until it sends a frame: that, and how long it took.
+fn next_frame(rig: &mut Rig) -> (String, u32) {
+    let (before, start) = (rig.sent.len(), rig.ms);
+    while rig.sent.len() == before {
+        assert!(rig.ms < start + 2000, "nothing is sent");
+        rig.run(1);
+    }
+    let (ms, frame) = rig.sent[before];
+    assert_eq!(rig.sent.len(), before + 1);
+    (golden::text(&[frame]), ms - start)
+}
+
+#[test]
+fn the_golden_conversation_gives_it_a_node_id() {
+    let mut rig = anonymous();
+    assert_eq!(rig.node.acceptance(InMemory).node, None);
+    for (request, answer) in [
+        ("1E974D00 01 00 01 02 03 04 05 C0", ANSWERS[0]),
+        ("1EBC1100 00 06 07 08 09 0A 0B C1", ANSWERS[1]),
+        ("1E9D1D00 00 0C 0D 0E 0F C2", ANSWERS[2]),
+    ] {
+        let (frame, waited_ms) = next_frame(&mut rig);
+        assert_eq!(frame, request);
+        let expected = if rig.sent.len() == 1 { 600..=1000 } else { 0..=400 };
+        assert!(expected.contains(&waited_ms), "{waited_ms} ms");
+        assert!(!rig.node.take_new_id());
+        rig.hear(answer);
+    }
+    assert_eq!(rig.node.id(), 125);
+    assert!(rig.node.take_new_id());
+    assert!(!rig.node.take_new_id(), "once");
+    assert_eq!(rig.node.acceptance(InMemory).node, NodeId::new(125));
+    rig.sent.clear();
+    rig.run(3000);
+    assert!(rig.sent.iter().all(|(_, frame)| frame.id[3] == 125), "all from its new ID");
+    assert!(rig.transfers(0x1801_557D, 0).len() >= 3, "statuses");
+}
+
+#[test]
+fn without_an_id_it_sends_nothing_but_requests_600_to_1000_ms_apart() {
+    let mut rig = anonymous();
+    let mut times = vec![0];
+    for n in 0..60u32 {
+        // Whatever goes on.
+        rig.is_pressed = n % 2 == 0;
+        rig.status_of(10);
+        rig.command(PWM, 1500.0);
+        rig.hear("1E0180FF C3");
+        rig.hear("1E01F8FF C3");
+        rig.run(1000);
+    }
+    for (n, (ms, frame)) in rig.sent.iter().enumerate() {
+        let expected = golden::frames(&format!("1E974D00 01 00 01 02 03 04 05 {:02X}", 0xC0 | n & 31));
+        assert_eq!(golden::text(&[*frame]), golden::text(&expected));
+        times.push(*ms);
+    }
+    assert!(times.len() > 60);
+    for gap in gaps(&times) {
+        assert!((600..=1001).contains(&gap), "{gap} ms");
+    }
+}
+
+#[test]
+fn an_answer_to_another_node_makes_it_begin_again() {
+    let mut rig = anonymous();
+    next_frame(&mut rig);
+    rig.hear(ANSWERS[0]);
+    rig.run(1);
+    rig.sent.clear();
+    let ms = rig.ms;
+    // Of another unique ID.
+    rig.hear("1E00017F 00 44 C0 8B 63 5E 05 C0");
+    let (frame, _) = next_frame(&mut rig);
+    assert!(frame.starts_with("1E974D00 01 00 01 02 03 04 05 "), "{frame}");
+    assert!((600..=1000).contains(&(rig.sent[0].0 - ms)), "{} ms", rig.sent[0].0 - ms);
+}
+
+#[test]
+fn a_request_of_another_node_makes_it_begin_again() {
+    // Not so soon that it has followed up before.
+    let mut rig = anonymous();
+    next_frame(&mut rig);
+    rig.hear(ANSWERS[0]);
+    let ms = rig.ms;
+    rig.hear("1EEE8100 01 44 C0 8B 63 5E 05 C0");
+    let (frame, waited_ms) = next_frame(&mut rig);
+    assert!(frame.starts_with("1E974D00 01 00 01 02 03 04 05 "), "{frame}");
+    assert!((600..=1000).contains(&waited_ms), "{waited_ms} ms after {ms}");
+}
+
+#[test]
+fn every_allocation_message_puts_its_next_request_off() {
+    for text in ["1E00017F 00 44 C0 8B 63 5E 05 C0", "1EEE8100 01 44 C0 8B 63 5E 05 C0"] {
+        let mut rig = anonymous();
+        for _ in 0..40 {
+            rig.hear(text);
+            rig.run(500);
+        }
+        assert_eq!(rig.sent, [], "{text}");
+    }
+}
+
+#[test]
+fn a_grant_for_another_node_is_not_taken() {
+    let mut rig = anonymous();
+    rig.hear("1E000101 29 BA FA 44 C0 8B 63 82 | 5E 05 F4 BC 10 96 DF 22 | 11 A8 BA 54 47 42");
+    assert_eq!((rig.node.id(), rig.node.take_new_id()), (0, false));
+    let mut rig = anonymous();
+    rig.node.unique_id = *golden::bytes("44 C0 8B 63 5E 05 F4 BC 10 96 DF 11 A8 BA 54 47").first_chunk().unwrap();
+    rig.hear("1E000101 29 BA FA 44 C0 8B 63 82 | 5E 05 F4 BC 10 96 DF 22 | 11 A8 BA 54 47 42");
+    assert_eq!((rig.node.id(), rig.node.take_new_id()), (125, true), "the same for the right one");
+}
+
+#[test]
+fn with_an_id_of_its_own_it_never_asks_and_takes_no_grant() {
+    let mut rig = Rig::new();
+    rig.node.unique_id = UNIQUE_ID;
+    for answer in ANSWERS {
+        rig.hear(answer);
+        rig.run(1000);
+    }
+    assert_eq!((rig.node.id(), rig.node.take_new_id()), (120, false));
+    assert!(rig.sent.iter().all(|(_, frame)| frame.id[3] & 0x7F == 120));
+}
+
+#[test]
+fn the_id_that_was_granted_is_not_kept() {
+    let mut rig = anonymous();
+    rig.hear(ANSWERS[2]);
+    assert_eq!(rig.node.id(), 125);
+    // ExecuteOpcode SAVE to node 125.
+    rig.hear("1E0AFDFF 00 00 00 00 00 00 00 C4");
+    rig.run(3000);
+    let rig = Rig::start(rig.memory, ResetCause::ASKED_FOR);
+    assert_eq!(rig.node.id(), 0);
+}
+
+#[test]
+fn its_unique_id_is_made_once_and_kept() {
+    let first = Rig::start(Memory::erased(), ResetCause::POWER_ON);
+    let unique_id = first.node.unique_id;
+    assert_ne!(unique_id, [0; 16]);
+    let mut again = Node::new();
+    let mut memory = first.memory;
+    again.start(ResetCause::POWER_ON, &mut memory, || unreachable!(), InMemory, &mut Monitor::new());
+    assert_eq!(again.unique_id, unique_id);
+}

@@ -1,0 +1,530 @@
+//! Requests and their replies.
+
+use super::*;
+
+/// Bit 7 of an identifier.
+const SERVICE: u8 = 0x80;
+
+impl Rig {
+    /// The frames of replies since the last time.
+    fn replies(&mut self) -> Vec<Frame> {
+        let replies = self.sent.iter().map(|(_, frame)| *frame).filter(|frame| frame.id[3] & SERVICE != 0).collect();
+        self.sent.clear();
+        replies
+    }
+
+    /// Sends a request; the reply, which must come within half a second.
+    fn ask(&mut self, text: &str) -> String {
+        self.replies();
+        self.hear(text);
+        self.run(500);
+        golden::text(&self.replies())
+    }
+
+    fn ask_frames(&mut self, frames: &[Frame]) -> Vec<Frame> {
+        self.replies();
+        self.frames(frames);
+        self.run(500);
+        self.replies()
+    }
+
+    /// A GetSet request from node 127 with this payload; the payload of the reply.
+    fn get_set(&mut self, payload: &[u8]) -> Vec<u8> {
+        let replies = self.ask_frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 11, payload));
+        let (payload, transfer_id) = golden::payload(golden::GET_SET, &replies);
+        assert_eq!(transfer_id, 11);
+        payload
+    }
+}
+
+const NO_SUCH_PARAMETER: [u8; 4] = [0; 4];
+
+fn set(index: u16, value: i64, name: &str) -> Vec<u8> {
+    [&[index as u8, (index >> 8 << 3) as u8 | 1], &value.to_le_bytes()[..], name.as_bytes()].concat()
+}
+
+/// Value, default, maximum and minimum of a GetSet response, and the name.
+fn response(payload: &[u8]) -> ([i64; 4], String) {
+    let number = |n: usize| {
+        assert_eq!(payload[9 * n], 1, "an integer");
+        i64::from_le_bytes(payload[9 * n + 1..][..8].try_into().unwrap())
+    };
+    ([0, 1, 2, 3].map(number), String::from_utf8(payload[36..].to_vec()).unwrap())
+}
+
+#[test]
+fn get_node_info_is_answered_with_the_status_of_the_moment() {
+    let mut rig = Rig::start(Memory::with(&[]), ResetCause::WATCHDOG);
+    rig.run(10_500);
+    let replies = rig.ask_frames(&golden::frames("1E01F8FF C3"));
+    assert!(replies.iter().all(|frame| golden::id(frame) == 0x1E01_7FF8));
+    let (payload, transfer_id) = golden::payload(golden::GET_NODE_INFO, &replies);
+    assert_eq!(transfer_id, 3);
+    assert_eq!(payload[..7], [10, 0, 0, 0, 0x40, 1, 0]);
+    assert_eq!(payload[22..24], [1, 0], "hardware 1.0");
+    assert_eq!(payload[24..40], rig.node.unique_id);
+    assert_eq!(&payload[40..], b"\0org.dronecan.servo168");
+}
+
+#[test]
+fn golden_requests_for_parameters_get_golden_replies() {
+    let mut rig = Rig::new();
+    rig.run(1100);
+    assert_eq!(
+        rig.ask("1E0BF8FF 00 00 C0"),
+        "1E0B7FF8 CE 06 01 78 00 00 00 80 | 00 00 00 00 01 78 00 20 | 00 00 00 00 00 00 01 00 | 7D 00 00 00 00 00 00 20 | 00 01 00 \
+         00 00 00 00 00 | 00 00 00 43 41 4E 5F 20 | 4E 4F 44 45 40"
+    );
+    assert_eq!(
+        rig.ask("1E0BF8FF C5 16 00 01 2A 00 00 81 | 00 00 00 00 00 43 41 21 | 4E 5F 4E 4F 44 45 41"),
+        "1E0B7FF8 47 0A 01 2A 00 00 00 81 | 00 00 00 00 01 78 00 21 | 00 00 00 00 00 00 01 01 | 7D 00 00 00 00 00 00 21 | 00 01 00 \
+         00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 45 41"
+    );
+    assert_eq!(
+        rig.ask("1E0BF8FF C1 45 00 01 20 A1 07 82 | 00 00 00 00 00 43 41 22 | 4E 5F 42 41 55 44 52 02 | 41 54 45 62"),
+        "1E0B7FF8 72 EB 01 20 A1 07 00 82 | 00 00 00 00 01 40 42 22 | 0F 00 00 00 00 00 01 02 | 40 42 0F 00 00 00 00 22 | 00 01 48 \
+         E8 01 00 00 02 | 00 00 00 43 41 4E 5F 22 | 42 41 55 44 52 41 54 02 | 45 62"
+    );
+    assert_eq!(
+        rig.ask("1E0BF8FF E3 42 00 01 CE FF FF 83 | FF FF FF FF FF 54 45 23 | 4D 50 5F 4F 46 46 53 03 | 45 54 63"),
+        "1E0B7FF8 F5 05 01 CE FF FF FF 83 | FF FF FF FF 01 00 00 23 | 00 00 00 00 00 00 01 03 | DC 05 00 00 00 00 00 23 | 00 01 0C \
+         FE FF FF FF 03 | FF FF FF 54 45 4D 50 23 | 5F 4F 46 46 53 45 54 43"
+    );
+    assert_eq!(
+        rig.ask("1E0BF8FF 9D BF 00 00 57 41 52 84 | 4E 5F 4D 41 53 4B 64"),
+        "1E0B7FF8 7B 55 01 FF AB 00 00 84 | 00 00 00 00 01 FF AB 24 | 00 00 00 00 00 00 01 04 | FF FF 00 00 00 00 00 24 | 00 01 00 \
+         00 00 00 00 04 | 00 00 00 57 41 52 4E 24 | 5F 4D 41 53 4B 44"
+    );
+    // Index 300, and the name NO_SUCH.
+    assert_eq!(rig.ask("1E0BF8FF 2C 08 C5"), "1E0B7FF8 00 00 00 00 C5");
+    assert_eq!(rig.ask("1E0BF8FF 50 D7 00 00 4E 4F 5F 8A | 53 55 43 48 6A"), "1E0B7FF8 00 00 00 00 CA");
+}
+
+#[test]
+fn all_parameters_are_found_by_index_and_by_name_and_no_more() {
+    let mut rig = Rig::new();
+    let mut names = std::collections::BTreeSet::new();
+    for index in 0..parameters::COUNT as u8 {
+        let by_index = rig.get_set(&[index, 0]);
+        let ([value, default, max, min], name) = response(&by_index);
+        assert!(min <= default && default <= max && value == default, "{name}");
+        assert!(name.len() <= 16 && name.bytes().all(|c| c.is_ascii_uppercase() || c == b'_'), "{name}");
+        // The name wins over the index.
+        assert_eq!(rig.get_set(&[&[25 - index, 0], name.as_bytes()].concat()), by_index);
+        assert!(names.insert(name));
+    }
+    for index in [parameters::COUNT as u16, 255, 256, 300, 0x1FFF] {
+        assert_eq!(rig.get_set(&[index as u8, (index >> 8 << 3) as u8]), NO_SUCH_PARAMETER, "{index}");
+    }
+    let long = "A".repeat(92);
+    for name in ["CAN_NOD", "CAN_NODE_", "can_node", "SRV_MIN\0", "ABCDEFGHIJKLMNOPQ", &long] {
+        assert_eq!(rig.get_set(&[&[0, 0], name.as_bytes()].concat()), NO_SUCH_PARAMETER, "{name}");
+        assert_eq!(rig.get_set(&set(0, 1, name)), NO_SUCH_PARAMETER, "{name}");
+    }
+}
+
+#[test]
+fn every_parameter_takes_both_ends_of_its_range_and_nothing_beyond() {
+    let mut rig = Rig::new();
+    for index in 0..parameters::COUNT as u16 {
+        let ([_, default, max, min], name) = response(&rig.get_set(&[index as u8, 0]));
+        let mut now = default;
+        for value in
+            [min - 1, min, max + 1, max, i64::MIN, i64::MAX, max + (1 << 16), max + (1 << 32), min - (1 << 16), default]
+        {
+            if (min..=max).contains(&value) {
+                now = value;
+            }
+            let expected = ([now, default, max, min], name.clone());
+            assert_eq!(response(&rig.get_set(&set(index, value, ""))), expected, "{value} by index");
+            assert_eq!(response(&rig.get_set(&set(0x1FFF, value, &name))), expected, "{value} by name");
+        }
+    }
+}
+
+#[test]
+fn only_the_four_bit_rates_can_be_set() {
+    let mut rig = Rig::new();
+    let mut now = 1_000_000;
+    for value in [125_000, 250_000, 500_000, 1_000_000, 0, 1, 8, 125_001, 375_000, 750_000, 875_000, 2_000_000, 62_500]
+    {
+        if [125_000, 250_000, 500_000, 1_000_000].contains(&value) {
+            now = value;
+        }
+        let ([value_now, ..], name) = response(&rig.get_set(&set(1, value, "")));
+        assert_eq!((value_now, &name[..]), (now, "CAN_BAUDRATE"), "{value}");
+    }
+}
+
+#[test]
+fn values_of_other_types_change_nothing_and_are_answered_with_what_is_in_force() {
+    let mut rig = Rig::new();
+    // SRV_TIMEOUT as 2.0.
+    let replies = rig
+        .ask_frames(&golden::frames("1E0BF8FF C8 86 00 02 00 00 00 86 | 40 53 52 56 5F 54 49 26 | 4D 45 4F 55 54 46"));
+    assert_eq!(
+        response(&golden::payload(golden::GET_SET, &replies).0),
+        ([1000, 1000, 10_000, 0], "SRV_TIMEOUT".into())
+    );
+    for value in [&[0, 3, 1][..], &[0, 4, 2, b'4', b'2'], &[0, 4, 0]] {
+        let payload = [value, b"SRV_TIMEOUT"].concat();
+        assert_eq!(response(&rig.get_set(&payload)).0[0], 1000, "{value:?}");
+    }
+}
+
+#[test]
+fn a_request_that_ends_too_early_sets_nothing() {
+    let mut rig = Rig::new();
+    for len in 2..10 {
+        rig.get_set(&set(9, 77, "")[..len]);
+        assert_eq!(rig.node.parameters.get(Parameter::SrvTimeout), 1000, "{len} bytes");
+    }
+    rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &[0]));
+    rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &[]));
+    rig.run(100);
+    assert_eq!(rig.replies().len(), 0, "no index");
+}
+
+#[test]
+fn what_is_set_is_in_force_at_once() {
+    let mut rig = Rig::new();
+    rig.command(UNITLESS, 1.0);
+    assert_eq!(rig.node.pulse(), us(2000.0));
+    rig.get_set(&set(0, 2200, "SRV_MAX"));
+    rig.command(UNITLESS, 1.0);
+    assert_eq!(rig.node.pulse(), us(2200.0));
+    rig.get_set(&set(0, 1, "SRV_REVERSED"));
+    rig.command(UNITLESS, 1.0);
+    assert_eq!(rig.node.pulse(), us(1000.0));
+    rig.get_set(&set(0, 7, "SRV_ID"));
+    rig.command(UNITLESS, 0.0);
+    assert_eq!(rig.node.pulse(), us(1000.0), "it is actuator 7 now");
+}
+
+#[test]
+fn a_reply_has_the_value_that_the_request_left_even_when_the_next_has_come() {
+    let mut rig = Rig::new();
+    rig.replies();
+    for (transfer_id, value) in [(1, 100), (2, 200), (3, 300)] {
+        rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, transfer_id, &set(9, value, "")));
+    }
+    rig.run(100);
+    let replies = rig.replies();
+    let values: Vec<i64> = replies
+        .chunks(replies.len() / 3)
+        .map(|frames| response(&golden::payload(golden::GET_SET, frames).0).0[0])
+        .collect();
+    assert_eq!(values, [100, 200, 300]);
+}
+
+#[test]
+fn save_keeps_the_parameters_over_a_restart() {
+    let mut rig = Rig::new();
+    rig.get_set(&set(0, 42, "CAN_NODE"));
+    rig.get_set(&set(0, -100, "TEMP_OFFSET"));
+    assert_eq!(rig.node.id(), 120, "the new ID is for the next start");
+    rig.run(1000);
+    rig.replies();
+    rig.hear("1E0AF8FF 00 00 00 00 00 00 00 C4");
+    let mut waited_ms = 0;
+    while rig.replies().is_empty() {
+        rig.run(1);
+        waited_ms += 1;
+        assert!(waited_ms < 2000);
+    }
+    let rig = Rig::start(rig.memory, ResetCause::POWER_ON);
+    assert_eq!(rig.node.id(), 42);
+    assert_eq!(rig.node.parameters.get(Parameter::TempOffset) as i16, -100);
+}
+
+#[test]
+fn what_is_not_saved_is_gone_after_a_restart() {
+    let mut rig = Rig::new();
+    rig.get_set(&set(0, 42, "CAN_NODE"));
+    rig.run(5000);
+    assert_eq!(Rig::start(rig.memory, ResetCause::POWER_ON).node.id(), 120);
+}
+
+/// Sends ExecuteOpcode and waits; the reply.
+fn execute(rig: &mut Rig, opcode: u8) -> String {
+    rig.replies();
+    rig.frames(&[golden::frame(0x1E0A_F8FF, &[opcode, 0, 0, 0, 0, 0, 0, 0xC4])]);
+    rig.run(2000);
+    golden::text(&rig.replies())
+}
+
+#[test]
+fn opcodes_get_golden_replies() {
+    let mut rig = Rig::new();
+    assert_eq!(execute(&mut rig, 0), "1E0A7FF8 00 00 00 00 00 00 80 C4");
+    assert_eq!(execute(&mut rig, 1), "1E0A7FF8 00 00 00 00 00 00 80 C4");
+    assert_eq!(execute(&mut rig, 2), "1E0A7FF8 00 00 00 00 00 00 00 C4");
+    assert_eq!(execute(&mut rig, 255), "1E0A7FF8 00 00 00 00 00 00 00 C4");
+    rig.memory.is_broken = true;
+    rig.get_set(&set(0, 77, "SRV_TIMEOUT"));
+    assert_eq!(execute(&mut rig, 0), "1E0A7FF8 00 00 00 00 00 00 00 C4", "an EEPROM that keeps nothing");
+    rig.memory.is_broken = false;
+    assert_eq!(execute(&mut rig, 0), "1E0A7FF8 00 00 00 00 00 00 80 C4", "and one that does again");
+}
+
+#[test]
+fn a_failed_save_leaves_the_parameters_that_were_saved_before() {
+    let mut rig = Rig::with(&[(Parameter::SrvTimeout, 55)]);
+    rig.memory.is_broken = true;
+    rig.get_set(&set(0, 77, "SRV_TIMEOUT"));
+    execute(&mut rig, 0);
+    rig.memory.is_broken = false;
+    let rig = Rig::start(rig.memory, ResetCause::POWER_ON);
+    assert_eq!(rig.node.parameters.get(Parameter::SrvTimeout), 55);
+    assert!(!rig.node.conditions.has(Conditions::PARAMETERS_LOST));
+}
+
+#[test]
+fn erase_sets_the_defaults_and_keeps_them() {
+    let mut rig = Rig::with(&[(Parameter::SrvMax, 2400), (Parameter::SrvTimeout, 0)]);
+    rig.command(UNITLESS, 1.0);
+    assert_eq!(rig.node.pulse(), us(2400.0));
+    execute(&mut rig, 1);
+    rig.command(UNITLESS, 1.0);
+    assert_eq!(rig.node.pulse(), us(2000.0));
+    let rig = Rig::start(rig.memory, ResetCause::POWER_ON);
+    assert_eq!(rig.node.parameters.get(Parameter::SrvMax), 2000);
+    assert!(!rig.node.conditions.has(Conditions::PARAMETERS_LOST));
+}
+
+#[test]
+fn an_opcode_of_another_length_is_not_executed() {
+    let mut rig = Rig::with(&[(Parameter::SrvMax, 2400)]);
+    for text in ["1E0AF8FF 01 00 00 00 00 00 C4", "1E0AF8FF C4", "1E0AF8FF 01 C4"] {
+        assert_eq!(rig.ask(text), "");
+    }
+    assert_eq!(rig.node.parameters.get(Parameter::SrvMax), 2400);
+}
+
+#[test]
+fn the_golden_refusal_of_an_update_is_sent() {
+    let mut rig = Rig::new();
+    assert_eq!(
+        rig.ask("1E28F8FF 7F 66 77 2E 62 69 6E C9"),
+        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | 72 69 61 6C 69"
+    );
+    // With the longest path there is.
+    let long = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 9, &[b'a'; 202]);
+    assert_eq!(rig.ask_frames(&long).len(), 4);
+}
+
+#[test]
+fn transport_stats_count_transfers_and_frames() {
+    let mut rig = Rig::with(&[(Parameter::TelemRate, 0), (Parameter::TempRate, 0)]);
+    rig.counters.0 = [0x1234, 9, 9, 9, 9, 9, 9, 0x5678, 9, 9, 0x9ABC, 9];
+    rig.run(1);
+    rig.command(UNITLESS, 0.0);
+    for _ in 0..3 {
+        rig.hear("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 64 68");
+    }
+    // One transfer out, two in with this request, three broken.
+    assert_eq!(
+        rig.ask("1E04F8FF C5"),
+        "1E047FF8 8C B1 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | 12 00 00 00 00 78 56 25 | 00 00 00 \
+         00 BC 9A 00 05 | 00 00 00 65"
+    );
+}
+
+const RESTART: &str = "1E05F8FF 1E 1B 55 CE AC C6";
+
+#[test]
+fn the_golden_request_restarts_it_a_moment_after_the_reply() {
+    for start in [0, 65_400, 65_500] {
+        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 1), (Parameter::SrvTimeout, 0)]);
+        rig.run(start);
+        rig.command(PWM, 1900.0);
+        rig.replies();
+        rig.hear(RESTART);
+        assert!(!rig.node.is_to_restart(rig.now_ms()), "the reply comes first");
+        rig.run(1);
+        assert_eq!(golden::text(&rig.replies()), "1E057FF8 80 C6");
+        assert_eq!(rig.node.pulse(), us(1500.0), "failsafe");
+        let mut waited_ms = 1;
+        while !rig.node.is_to_restart(rig.now_ms()) {
+            rig.run(1);
+            waited_ms += 1;
+            assert!(waited_ms < 300);
+        }
+        assert!((50..=150).contains(&waited_ms), "{waited_ms} ms");
+    }
+}
+
+#[test]
+fn it_restarts_only_for_the_magic_number() {
+    for text in [
+        "1E05F8FF 01 00 00 00 00 C6",
+        "1E05F8FF 1F 1B 55 CE AC C6",
+        "1E05F8FF 1E 1A 55 CE AC C6",
+        "1E05F8FF 1E 1B 54 CE AC C6",
+        "1E05F8FF 1E 1B 55 CF AC C6",
+        "1E05F8FF 1E 1B 55 CE AD C6",
+        "1E05F8FF 1E 1B 55 CE C6",
+        "1E05F8FF 1E 1B 55 CE AC 00 C6",
+        "1E05F8FF C6",
+    ] {
+        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3), (Parameter::SrvTimeout, 0)]);
+        // Also what an earlier, longer request has left in the buffer does not count.
+        rig.hear("1E0AF8FF 1E 1B 55 CE AC CE AC C0");
+        rig.command(PWM, 1900.0);
+        rig.run(10);
+        assert_eq!(rig.ask(text), "1E057FF8 00 C6", "{text}");
+        for _ in 0..70_000 {
+            assert!(!rig.node.is_to_restart(rig.now_ms()), "{text}");
+            rig.run(1);
+        }
+        assert_eq!(rig.node.pulse(), us(1900.0));
+    }
+}
+
+#[test]
+fn a_wrong_request_does_not_call_a_restart_off() {
+    let mut rig = Rig::new();
+    rig.hear(RESTART);
+    rig.run(10);
+    rig.hear("1E05F8FE 01 00 00 00 00 C6");
+    rig.run(200);
+    assert!(rig.node.is_to_restart(rig.now_ms()));
+}
+
+#[test]
+fn it_restarts_though_others_go_on_asking() {
+    let mut rig = Rig::new();
+    rig.hear(RESTART);
+    for _ in 0..40 {
+        rig.run(20);
+        rig.hear("1E01F8FE C3");
+        if rig.node.is_to_restart(rig.now_ms()) {
+            return;
+        }
+    }
+    panic!("never");
+}
+
+/// Five requests at once, as GUI tools send them, of every form; and the service of each.
+const PIPELINED: [(&str, u8); 5] = [
+    ("1E01F8FF C0", 1),
+    ("1E0BF8FF 00 00 C1", 11),
+    ("1E28F8FF 7F 66 77 2E 62 69 6E C2", 40),
+    ("1E0AF8FF 00 00 00 00 00 00 00 C3", 10),
+    ("1E04F8FF C4", 4),
+];
+
+/// Service, transfer ID and destination of each reply, in the order in which they end.
+fn replied(frames: &[Frame]) -> Vec<(u8, u8, u8)> {
+    let mut open = None;
+    let mut replied = vec![];
+    for frame in frames {
+        let tail = frame.data().last().unwrap();
+        let key = (frame.id[1], tail & 31, frame.id[2]);
+        if tail & 0x80 != 0 {
+            assert_eq!(open, None, "one after the other");
+            open = Some(key);
+        }
+        assert_eq!(open, Some(key));
+        if tail & 0x40 != 0 {
+            replied.push(open.take().unwrap());
+        }
+    }
+    replied
+}
+
+#[test]
+fn five_requests_at_once_are_answered_in_order() {
+    let mut rig = Rig::new();
+    // The ring of those that wait is passed many times.
+    for round in 0..20 {
+        rig.replies();
+        for (text, _) in PIPELINED {
+            rig.hear(text);
+        }
+        rig.run(1500);
+        let expected: Vec<_> = PIPELINED.iter().zip(0..).map(|(&(_, service), n)| (service, n, 127)).collect();
+        assert_eq!(replied(&rig.replies()), expected, "round {round}");
+    }
+}
+
+#[test]
+fn requests_of_several_clients_are_answered_in_order_to_each() {
+    let mut rig = Rig::new();
+    rig.replies();
+    for client in [127u32, 126, 1, 127] {
+        rig.frames(&[golden::frame(0x1E01_F880 | client, &[0xC0 | (client & 31) as u8])]);
+    }
+    rig.run(50);
+    assert_eq!(replied(&rig.replies()), [(1, 31, 127), (1, 30, 126), (1, 1, 1), (1, 31, 127)]);
+}
+
+#[test]
+fn more_requests_than_can_wait_are_refused_and_later_ones_are_answered_again() {
+    let mut rig = Rig::new();
+    rig.is_bus_busy = true;
+    rig.run(1);
+    let refused = rig.node.counts.refused;
+    for transfer_id in 0..10 {
+        rig.frames(&[golden::frame(0x1E01_F8FF, &[0xC0 | transfer_id])]);
+    }
+    let answered = 10 - (rig.node.counts.refused - refused) as u8;
+    assert!((5..10).contains(&answered));
+    rig.is_bus_busy = false;
+    rig.run(50);
+    let expected: Vec<_> = (0..answered).map(|transfer_id| (1, transfer_id, 127)).collect();
+    assert_eq!(replied(&rig.replies()), expected);
+    rig.hear("1E01F8FF D0");
+    rig.run(50);
+    assert_eq!(replied(&rig.replies()), [(1, 16, 127)]);
+}
+
+#[test]
+fn a_request_that_is_refused_for_want_of_room_changes_nothing() {
+    let fill = |rig: &mut Rig| {
+        rig.is_bus_busy = true;
+        rig.run(1);
+        for _ in 0..10 {
+            rig.hear("1E01F8FF C0");
+        }
+    };
+    let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3), (Parameter::SrvMax, 2400)]);
+    rig.command(PWM, 1900.0);
+    fill(&mut rig);
+    rig.hear(RESTART);
+    assert_eq!(rig.node.pulse(), us(1900.0), "RestartNode");
+    rig.hear("1E0AF8FF 01 00 00 00 00 00 00 C3");
+    assert_eq!(rig.node.parameters.get(Parameter::SrvMax), 2400, "ExecuteOpcode");
+    rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &set(5, 2000, "")));
+    assert_eq!(rig.node.parameters.get(Parameter::SrvMax), 2400, "GetSet");
+}
+
+#[test]
+fn replies_have_the_priority_of_their_requests() {
+    let mut rig = Rig::new();
+    for priority in 0..32u32 {
+        let replies = rig.ask_frames(&[golden::frame(priority << 24 | 0x01_F8FF, &[0xC3])]);
+        assert!(replies.len() > 1);
+        assert!(replies.iter().all(|frame| golden::id(frame) == priority << 24 | 0x01_7FF8));
+    }
+}
+
+#[test]
+fn requests_to_other_nodes_and_unknown_services_are_not_answered() {
+    let mut rig = Rig::new();
+    for text in ["1E01AAFF C3", "1E30F8FF 00 00 00 00 00 C3", "1E0178FF C3", "1E01F8F8 C3"] {
+        assert_eq!(rig.ask(text), "", "{text}");
+    }
+}
+
+#[test]
+fn statuses_go_on_while_a_client_keeps_asking_and_saving() {
+    let mut rig = Rig::new();
+    for n in 0..2000 {
+        rig.hear(PIPELINED[n % 5].0);
+        rig.run(7);
+    }
+    for gap in gaps(&rig.status_times()) {
+        assert!((500..=1025).contains(&gap), "{gap} ms");
+    }
+}

@@ -1,0 +1,145 @@
+use super::*;
+use crate::golden::parameters;
+
+/// A sensor at an ADC: TEMP_REF, TEMP_OFFSET and TEMP_SLOPE.
+#[derive(Clone, Copy, Debug)]
+struct Setting {
+    reference: i32,
+    offset_mv: i32,
+    slope: i32,
+}
+
+const LM35: Setting = Setting { reference: 0, offset_mv: 0, slope: 100 };
+const LM35_AT_BANDGAP: Setting = Setting { reference: 1, offset_mv: 0, slope: 100 };
+const TMP36: Setting = Setting { reference: 0, offset_mv: 500, slope: 100 };
+const TMP36_AT_BANDGAP: Setting = Setting { reference: 1, offset_mv: 500, slope: 100 };
+const MCP9701: Setting = Setting { reference: 0, offset_mv: 400, slope: 195 };
+const BELOW_ZERO: Setting = Setting { reference: 1, offset_mv: -500, slope: 100 };
+
+impl Setting {
+    fn parameters(self) -> Parameters {
+        parameters(&[
+            (Parameter::TempRef, self.reference),
+            (Parameter::TempOffset, self.offset_mv),
+            (Parameter::TempSlope, self.slope),
+        ])
+    }
+
+    /// What 64 readings that add up to `sum` mean, in kelvin.
+    fn kelvin(self, sum: u16) -> f64 {
+        let full_scale_mv = if self.reference == 0 { 5000.0 } else { 1100.0 };
+        let mv = f64::from(sum) / 65_536.0 * full_scale_mv;
+        (mv - f64::from(self.offset_mv)) * 10.0 / f64::from(self.slope) + 273.15
+    }
+}
+
+/// Readings that add up to `sum`.
+fn measured(sum: u16) -> Thermometer {
+    let mut thermometer = Thermometer::new();
+    for n in 0..64 {
+        assert!(!thermometer.has_measured());
+        thermometer.add(sum / 64 + u16::from(n < sum % 64));
+    }
+    assert!(thermometer.has_measured());
+    thermometer
+}
+
+/// The largest sum.
+const MAX_SUM: u16 = 64 * 1023;
+
+#[test]
+fn a_measurement_takes_64_readings_and_stays_until_the_next() {
+    let mut thermometer = measured(64 * 61);
+    let before = thermometer.kelvin_64ths(&LM35.parameters());
+    for _ in 0..63 {
+        thermometer.add(100);
+        assert_eq!(thermometer.kelvin_64ths(&LM35.parameters()), before);
+    }
+    thermometer.add(100);
+    assert_eq!(thermometer, measured(6400));
+}
+
+#[test]
+fn every_sum_is_right_to_a_tenth_of_a_kelvin_for_the_sensors_that_people_use() {
+    for setting in [LM35, LM35_AT_BANDGAP, TMP36, TMP36_AT_BANDGAP, MCP9701, BELOW_ZERO] {
+        let parameters = setting.parameters();
+        for sum in 0..=MAX_SUM {
+            let kelvin = f64::from(measured(sum).kelvin_64ths(&parameters)) / 64.0;
+            let exact = setting.kelvin(sum).clamp(0.0, 785.14);
+            assert!((kelvin - exact).abs() < 0.1, "{kelvin} K is not {exact} K: {sum} {setting:?}");
+        }
+    }
+}
+
+#[test]
+fn a_little_more_voltage_never_gives_a_lower_temperature() {
+    for setting in [LM35, TMP36_AT_BANDGAP, BELOW_ZERO] {
+        let parameters = setting.parameters();
+        let all = (0..=MAX_SUM).map(|sum| measured(sum).kelvin_64ths(&parameters));
+        assert!(all.is_sorted(), "{setting:?}");
+    }
+}
+
+/// All settings of the parameters, at steps.
+fn settings() -> impl Iterator<Item = Setting> {
+    [0, 1].into_iter().flat_map(|reference| {
+        [-500, -1, 0, 1, 500, 1500].into_iter().flat_map(move |offset_mv| {
+            [10, 11, 20, 50, 67, 100, 200, 500].map(|slope| Setting { reference, offset_mv, slope })
+        })
+    })
+}
+
+#[test]
+fn any_settings_give_the_temperature_or_the_limit_that_it_exceeds() {
+    for setting in settings() {
+        let parameters = setting.parameters();
+        for sum in (0..=MAX_SUM).step_by(31).chain([MAX_SUM]) {
+            // Of a sensor with little slope, 750 K above where it would give no voltage are as far as it goes.
+            if (Setting { offset_mv: 0, ..setting }).kelvin(sum) > 273.0 + 750.0 {
+                continue;
+            }
+            let kelvin = f64::from(measured(sum).kelvin_64ths(&parameters)) / 64.0;
+            let exact = setting.kelvin(sum).clamp(0.0, 785.14);
+            assert!((kelvin - exact).abs() < 0.1, "{kelvin} K is not {exact} K: {sum} {setting:?}");
+        }
+    }
+}
+
+#[test]
+fn no_settings_and_readings_overflow() {
+    for setting in settings() {
+        let parameters = setting.parameters();
+        for sum in (0..=MAX_SUM).step_by(17).chain([MAX_SUM]) {
+            let kelvin_64ths = measured(sum).kelvin_64ths(&parameters);
+            assert!((-274..512).contains(&celsius(kelvin_64ths)), "{kelvin_64ths}: {sum} {setting:?}");
+        }
+    }
+}
+
+#[test]
+fn readings_at_the_ends_of_the_range_are_a_faulty_sensor() {
+    for (sum, is_faulty) in [
+        (0, true),
+        (63, true),
+        (64, false),
+        (64 * 51, false),
+        (64 * 1022, false),
+        (64 * 1022 + 1, true),
+        (MAX_SUM, true),
+    ] {
+        assert_eq!(measured(sum).is_sensor_faulty(), is_faulty, "{sum}");
+    }
+}
+
+#[test]
+fn whole_degrees_are_rounded_down_below_zero_too() {
+    for kelvin_64ths in 0..=ZERO_CELSIUS + 32_767 {
+        let exact = f64::from(i32::from(kelvin_64ths) - i32::from(ZERO_CELSIUS)) / 64.0;
+        assert_eq!(f64::from(celsius(kelvin_64ths)), exact.floor(), "{kelvin_64ths}");
+    }
+}
+
+#[test]
+fn zero_degrees_are_273_15_kelvin_to_the_nearest_64th() {
+    assert!((f64::from(ZERO_CELSIUS) / 64.0 - 273.15).abs() <= 1.0 / 128.0);
+}
