@@ -88,12 +88,10 @@ fn main() -> ! {
             if can.is_empty() {
                 NODE.controller_is_empty(now_ms);
             }
-        } else if may_send && NODE.has_outgoing() {
-            if NODE.prepare(can.counters(), Image, MONITOR, now_ms) {
-                may_send = can.transmit(NODE.frame());
-                if may_send {
-                    NODE.handed_over(now_ms);
-                }
+        } else if may_send && NODE.has_outgoing() && NODE.prepare(can.counters(), Image, MONITOR, now_ms) {
+            may_send = can.transmit(NODE.frame());
+            if may_send {
+                NODE.handed_over(now_ms);
             }
         } else {
             if board.serial.receive() == Some(b'?') {

@@ -3,10 +3,10 @@
 /// An extended data frame of up to eight bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// The 29-bit identifier, most significant byte first. Bytes and not an `u32`, because the AVR shifts that one bit at a time.
+    /// The 29-bit identifier, most significant byte first. Bytes and not an `u32`, because the AVR shifts that one bit at
+    /// a time.
     ///
-    /// The three highest bits are zero in every frame that DroneCAN knows. [`FOREIGN`](Self::FOREIGN) marks another that
-    /// was received.
+    /// The three highest bits are zero, but for [`FOREIGN`](Self::FOREIGN) in a received frame that DroneCAN does not know.
     pub id: [u8; 4],
     /// How many bytes of `data` count: 0 to 8.
     pub len: u8,

@@ -4,7 +4,6 @@
 //! the sender are open.
 
 use crate::can::mcp2515::{Acceptance, Pattern};
-
 use crate::progmem::{self, Progmem};
 
 use super::NodeId;

@@ -120,7 +120,10 @@ impl Transfer {
             _ => (0, 0),
         };
         for &byte in bytes {
-            self.sum = crc::add(self.sum, byte);
+            // Only a transfer of several frames has a CRC.
+            if self.is_open {
+                self.sum = crc::add(self.sum, byte);
+            }
             if let Some(place) = self.bytes.get_mut(usize::from(self.len)) {
                 *place = byte;
             }
@@ -174,23 +177,24 @@ impl Receiver {
             return self.refuse(Refusal::Kind);
         }
         let source = last & !SERVICE_NOT_MESSAGE;
-        let mut kind = Kind::UNKNOWN;
-        if last == 0 {
-            // Above the lowest two bits of the type is the discriminator. Who has an ID need not hear those without.
-            if low & 0b11 != ALLOCATION || me != 0 {
+        let kind = if source == me {
+            // Of messages from nobody, what another node without an ID asks an allocator: above the lowest two bits of the
+            // type is the discriminator.
+            if last != 0 || low & 0b11 != ALLOCATION {
                 return self.refuse(Refusal::Source);
             }
-            kind = Kind::ALLOCATION;
+            Kind::ALLOCATION
+        } else if source == 0 {
+            return self.refuse(Refusal::Source);
         } else if last == source {
-            kind = Kind::of_message([high, low], flash);
+            Kind::of_message([high, low], flash)
         } else if low == me | REQUEST_NOT_RESPONSE && me != 0 {
-            kind = Kind::of_service(high, flash);
-        }
+            Kind::of_service(high, flash)
+        } else {
+            Kind::UNKNOWN
+        };
         if kind == Kind::UNKNOWN {
             return self.refuse(Refusal::Kind);
-        }
-        if source == me && me != 0 {
-            return self.refuse(Refusal::Source);
         }
         let Some((&tail, payload)) = frame.data().split_last() else { return self.refuse(Refusal::Form) };
         let mut lane = kind.0.min(Kind::GET_SET.0);

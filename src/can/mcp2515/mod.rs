@@ -5,8 +5,8 @@
 //! [`Mcp2515::poll`] brings the chip up one short step at a time: reset, then each register written *and read back*, then
 //! normal mode, which must show in CANSTAT. While it runs, `poll` looks every [`SUPERVISION_MS`] whether the chip still has
 //! its configuration (a brown-out or a glitch resets it), and at its errors. Whatever goes wrong, it tells and starts
-//! over, for ever, at most once in [`RETRY_MS`]. Filters and masks are the exception: outside configuration mode the chip
-//! reads them as zero (4.5), so once it runs nobody can see whether it keeps them.
+//! over, for ever, at most once in [`RETRY_MS`]. Filters and masks are the exception: outside configuration mode they read
+//! as zero (4.5), so once the chip runs nobody can see whether it keeps them.
 //!
 //! [`Mcp2515::calls`] goes by the level of the INT pin. Waiting for an edge loses the chip when a second frame arrives
 //! before the first is read, because then the pin never rises.
@@ -14,15 +14,16 @@
 //! # Cost
 //!
 //! A frame is received in two chip selects and 8 bytes besides its data: READ STATUS, and READ RX BUFFER, which also clears
-//! the flag. A third look is needed only if the chip still calls after that (see `rx_order.rs`), and saves that frame
-//! its first. A frame is sent in three chip selects and 11 bytes besides its data.
+//! the flag. Only if the chip still calls after that, there is a look at once (see `rx_order.rs`), which the next frame
+//! then does not need. A frame is sent in three chip selects and 19 bytes: READ STATUS, WRITE, and RTS.
 //!
 //! # Assumptions
 //!
 //! `receive` must be called for each frame within two frame times, or the chip, which has two buffers, loses frames. It counts
 //! as lost at least one each time that it says so.
 //!
-//! An SPI or a pin that fails is not told apart from a chip that fails: it reads as nonsense, and the chip is started over.
+//! An SPI or a pin that reports an error is not told apart from a chip that fails: what it reads is nonsense, and the chip is
+//! started over.
 
 mod registers;
 mod rx_order;
@@ -134,63 +135,70 @@ impl ErrorFlags {
     }
 }
 
-/// What the driver has seen since it was made, in words of 16 bits: those of a dronecan.protocol.CanStats (DSDL 343.CanStats),
-/// in its order. They wrap around; a reset of the chip leaves them.
+/// What the driver has seen since it was made, in words of 16 bits: those of a dronecan.protocol.CanStats (DSDL 343.CanStats)
+/// in its order. Those that nothing is said of here stay zero. They wrap around; a restart of the chip leaves them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters(pub [u16; 12]);
 
 impl Counters {
-    /// Frames handed to the chip: [`Mcp2515::transmit`] said `true`. 32 bits, the lower word first.
+    /// Frames handed to the chip: calls of [`Mcp2515::transmit`] that said `true`. 32 bits, the lower word first.
     pub const TX_REQUESTS: usize = 0;
-    /// Frames that left their transmit buffer without having been given up. In one-shot mode nothing is counted here,
-    /// because there a frame leaves its buffer by failing, too. Frames in the chip when it is started over are never counted.
+    /// Frames whose TXREQ the chip has cleared by itself, counted at the next look or the next frame. In one-shot mode none,
+    /// because there the chip clears it after a failure, too. Frames in the chip when it is started over count nowhere.
     pub const TX_SUCCESS: usize = 4;
-    /// Frames given up after a second.
+    /// Frames given up because nothing had left for a second. One that just got through when it was given up counts here.
     pub const TX_TIMED_OUT: usize = 5;
     /// Frames read from the chip, foreign ones included. 32 bits.
     pub const RX_RECEIVED: usize = 7;
-    /// Times that the chip was seen to have lost a received frame, at most once in each receive buffer and look.
+    /// Looks (every [`SUPERVISION_MS`]) that found RX0OVR or RX1OVR set: one or more frames were lost before each.
     pub const RX_OVERFLOW: usize = 9;
-    /// What the chip's receive error counter was seen to grow by, from look to look. What it grew and shrank by in between
-    /// does not show: an error adds 1 or 8, a good frame takes 1 away.
+    /// What the chip's receive error counter (REC) had grown by at each look, summed. An error adds 1, or 8 to it, and a
+    /// good frame takes 1 away, so errors between good frames show in part only.
     pub const RX_ERRORS: usize = 10;
-    /// Times that the chip was seen off the bus for having failed too often. At 1 Mbit/s it may be back within 1.4 ms,
-    /// unseen.
+    /// Looks that found the chip off the bus where the look before had not. It can be back in 128 x 11 bit times (1.4 ms at
+    /// 1 Mbit/s), unseen.
     pub const BUS_OFFS: usize = 11;
 
-    /// Counts one more.
+    /// Counts one more; whether that was a round.
     #[inline(never)]
-    fn count(&mut self, at: usize) {
-        if let Some(word) = self.0.get_mut(at) {
-            *word = word.wrapping_add(1);
+    fn count(&mut self, at: u8) -> bool {
+        match self.0.get_mut(usize::from(at)) {
+            Some(word) => {
+                *word = word.wrapping_add(1);
+                *word == 0
+            }
+            None => false,
         }
     }
 
     /// Counts one more in 32 bits.
     #[inline(never)]
-    fn count_long(&mut self, at: usize) {
-        self.count(at);
-        if self.0.get(at) == Some(&0) {
+    fn count_long(&mut self, at: u8) {
+        if self.count(at) {
             self.count(at.wrapping_add(1));
         }
     }
 }
 
-/// Steps on the way to the bus. Those in between are the addresses of the registers to configure.
+/// Steps on the way to the bus.
 mod step {
     /// To be reset.
-    pub const DOWN: u8 = 0xFE;
+    pub const DOWN: u8 = 0;
     /// Reset; its oscillator starts.
-    pub const STARTING: u8 = 0xFF;
+    pub const STARTING: u8 = 1;
+    /// The register at address 0 is to be configured. The others follow.
+    pub const CONFIGURING: u8 = 2;
     /// Normal mode is asked for. The following steps look whether it is there.
-    pub const ENTERING: u8 = super::CANINTE + 1;
+    pub const ENTERING: u8 = CONFIGURING + super::CANINTE + 1;
     /// The last look.
     pub const LAST_LOOK: u8 = ENTERING + super::NORMAL_MODE_LOOKS;
-    /// On the bus.
+    /// On the bus. From here on the chip runs.
     pub const RUNNING: u8 = 0x80;
+    /// On the bus, with frames being given up.
+    pub const ABORTING: u8 = RUNNING + 1;
 }
 
-/// The chip with a crystal of `OSC_HZ`, on an SPI of mode 0,0 and at most 10 MHz, with its CS and INT pins.
+/// The chip, on an SPI of mode 0,0 and at most 10 MHz, with its CS and INT pins.
 pub struct Mcp2515<SPI, CS, INT, A> {
     spi: SPI,
     cs: CS,
@@ -198,29 +206,29 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     acceptance: A,
     /// CNF3, CNF2, CNF1 and CANINTE.
     timing: [u8; 4],
-    /// CANCTRL on the bus: normal mode, with OSM in one-shot mode, and ABAT while frames are being given up.
+    /// CANCTRL on the bus: normal mode, with OSM in one-shot mode.
     control: u8,
     step: u8,
-    /// When polled last, and how long to wait from then.
-    polled_ms: u16,
+    /// When polled last, modulo 256, and how long to wait from then.
+    polled_ms: u8,
     wait_ms: u8,
     rx: RxOrder,
     tx: TxOrder,
-    /// Buffers that waited to be sent when last looked at, as READ STATUS shows them, and for how many looks that has not changed.
+    /// Buffers that waited to be sent when last looked at, as READ STATUS shows them, and for how many looks of supervision
+    /// that has not changed.
     tx_waiting: u8,
     tx_looks: u8,
     /// EFLG without the flags of loss.
     flags: u8,
-    counters: Counters,
     /// REC when last looked at.
     rec: u8,
+    counters: Counters,
     /// The frame received last.
     frame: Frame,
 }
 
 impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
-    /// A chip that is reset at the first [`poll`](Self::poll), then to run at `rate` units of 125 kbit/s: 8, 4, 2, or 1, which
-    /// every other number counts as. For `acceptance` and `one_shot` see [`reconfigure`](Self::reconfigure).
+    /// A chip that is reset at the first [`poll`](Self::poll). For `one_shot` see [`reconfigure`](Self::reconfigure).
     pub const fn new(spi: SPI, cs: CS, int: INT, timing: BitTiming, acceptance: A, one_shot: bool) -> Self {
         Self {
             spi,
@@ -237,18 +245,18 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             tx_waiting: 0,
             tx_looks: 0,
             flags: 0,
-            counters: Counters([0; 12]),
             rec: 0,
+            counters: Counters([0; 12]),
             frame: Frame::EMPTY,
         }
     }
 
-    /// Starts the chip over with other filters; what it has not sent yet is lost. It is back on the bus within
-    /// [`SUPERVISION_MS`], START_UP_MS and eleven free bits.
+    /// Starts the chip over with other filters, from the next [`poll`](Self::poll) on; what it has not sent yet is lost. It
+    /// is off the bus for about 5 ms.
     ///
-    /// `one_shot` sends each frame once only, whether it gets through or not (3.4): what DroneCAN asks for while a node is
-    /// anonymous. The driver requests transmission by RTS in SPI mode 0,0, which erratum 5 (DS80000179) does not concern:
-    /// there a request by WRITE may send a frame again if CS stays low for long.
+    /// With `one_shot` each frame is tried once only, whether it gets through or not (3.4), which DroneCAN demands of anonymous
+    /// frames. The driver requests transmission by RTS in SPI mode 0,0; a request by WRITE could send a frame again if CS
+    /// stayed low until it is over (DS80000179, 5).
     pub fn reconfigure(&mut self, acceptance: A, one_shot: bool) {
         self.acceptance = acceptance;
         self.control = if one_shot { OSM } else { 0 };
@@ -263,7 +271,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     /// Whether the chip is on the bus.
     pub fn is_running(&self) -> bool {
-        self.step == step::RUNNING
+        self.step >= step::RUNNING
     }
 
     /// Whether, when last looked at, the chip had nothing left to send.
@@ -271,20 +279,20 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.tx_waiting == 0
     }
 
-    /// Whether it is time to [`poll`](Self::poll). `now_ms` wraps around.
+    /// Whether it is time to [`poll`](Self::poll). `now_ms` wraps around; to be asked every 100 ms at least.
     pub fn is_due(&self, now_ms: u16) -> bool {
-        now_ms.wrapping_sub(self.polled_ms) >= u16::from(self.wait_ms)
+        (now_ms as u8).wrapping_sub(self.polled_ms) >= self.wait_ms
     }
 
     /// Does the next short step of start-up or supervision.
     #[inline(never)]
     pub fn poll(&mut self, now_ms: u16) -> Option<Notice> {
-        self.polled_ms = now_ms;
+        self.polled_ms = now_ms as u8;
         let step = self.step;
-        if step == step::RUNNING {
+        if step >= step::RUNNING {
             return self.supervise();
         }
-        self.step = step.wrapping_add(1);
+        self.step = step + 1;
         self.wait_ms = 0;
         if step == step::DOWN {
             self.wait_ms = START_UP_MS;
@@ -293,21 +301,22 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             self.deselect();
             return None;
         }
-        if step < step::ENTERING {
-            let value = self.configuration(step);
-            self.access(instruction::WRITE, step, value);
-            if self.access(instruction::READ, step, 0) != value {
-                return self.fail(Event::NotKeeping, step);
+        if (step::CONFIGURING..step::ENTERING).contains(&step) {
+            let address = step - step::CONFIGURING;
+            let value = self.configuration(address);
+            self.access(instruction::WRITE, address, value);
+            if self.access(instruction::READ, address, 0) != value {
+                return self.fail(Event::NotKeeping, address);
             }
             // Behind the filters are registers that are not configured: 0x0C to 0x0F, 0x1C to 0x1F.
-            if step == 0x0B || step == 0x1B {
+            if address == 0x0B || address == 0x1B {
                 self.step = step + 5;
             }
             return None;
         }
         if step == step::ENTERING {
             self.access(instruction::WRITE, RXB0CTRL, BUKT);
-            self.set_control(self.control & OSM);
+            self.write_control(0);
         }
         let canstat = self.access(instruction::READ, CANSTAT, 0);
         let mode = canstat & OPMOD;
@@ -369,7 +378,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
         self.deselect();
 
-        self.counters.count_long(Counters::RX_RECEIVED);
+        self.counters.count_long(Counters::RX_RECEIVED as u8);
         // From SIDH and SIDL; see `registers`.
         let [sidh, sidl, ..] = self.frame.id;
         self.frame.id[0] = sidh >> 3;
@@ -390,7 +399,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         let Some(rank) = self.next_rank() else {
             return false;
         };
-        self.counters.count_long(Counters::TX_REQUESTS);
+        self.counters.count_long(Counters::TX_REQUESTS as u8);
         // TXB0, TXB1, TXB2: addresses 0x30, 0x40, 0x50. The priority is in the register before the identifier.
         self.begin(instruction::WRITE, TXB0CTRL + ((rank.buffer() & 6) << 3));
         self.exchange(rank.priority());
@@ -400,7 +409,10 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.exchange(frame.id[2]);
         self.exchange(frame.id[3]);
         self.exchange(frame.len);
-        _ = self.spi.write(frame.data());
+        // What follows the last byte that counts goes to the chip, too, which does not send it.
+        for &byte in &frame.data {
+            self.exchange(byte);
+        }
         self.deselect();
         self.select();
         self.exchange(instruction::RTS | rank.buffer());
@@ -411,7 +423,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// Where the next frame is to go.
     #[inline(never)]
     fn next_rank(&mut self) -> Option<Rank> {
-        if !self.is_running() || self.control & ABAT != 0 {
+        if self.step != step::RUNNING {
             return None;
         }
         self.look_at_waiting();
@@ -435,50 +447,51 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         let canstat = self.next();
         let canctrl = self.next();
         self.deselect();
-        wrong |= canstat & OPMOD ^ MODE_NORMAL;
+        wrong |= (canstat & OPMOD) ^ MODE_NORMAL;
         wrong |= (canctrl ^ self.control) & !ABAT;
-        wrong |= self.access(instruction::READ, RXB0CTRL, 0) & (RXM | BUKT) ^ BUKT;
+        wrong |= (self.access(instruction::READ, RXB0CTRL, 0) & (RXM | BUKT)) ^ BUKT;
         if wrong != 0 {
             return self.fail(Event::Lost, canstat);
         }
 
         let rec = self.access(instruction::READ, REC, 0);
-        let [.., rx_errors, _] = &mut self.counters.0;
         if rec > self.rec {
-            *rx_errors = rx_errors.wrapping_add(u16::from(rec.wrapping_sub(self.rec)));
+            let [.., rx_errors, _] = &mut self.counters.0;
+            *rx_errors = rx_errors.wrapping_add(u16::from(rec - self.rec));
         }
         self.rec = rec;
 
         let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
         if eflg != before {
             if eflg & (RX0OVR | RX1OVR) != 0 {
-                self.counters.count(Counters::RX_OVERFLOW);
+                self.counters.count(Counters::RX_OVERFLOW as u8);
                 // The flags of loss stay until they are cleared; the others are read-only.
                 self.access(instruction::WRITE, EFLG, 0);
             }
             if eflg & !before & TXBO != 0 {
-                self.counters.count(Counters::BUS_OFFS);
+                self.counters.count(Counters::BUS_OFFS as u8);
             }
             return Some(Notice { event: Event::Flags, value: eflg });
         }
 
         self.look_at_waiting();
-        if self.control & ABAT != 0 {
-            self.set_control(self.control & !ABAT);
+        if self.step == step::ABORTING {
+            self.step = step::RUNNING;
+            self.write_control(0);
         }
-        // It cannot overflow: it is set back long before.
+        // It cannot overflow: it is set back at TX_TIMEOUT_LOOKS, when all buffers are emptied.
         self.tx_looks = self.tx_looks.wrapping_add(1);
         if self.tx_looks == TX_TIMEOUT_LOOKS {
-            self.set_control(self.control | ABAT);
+            self.step = step::ABORTING;
+            self.write_control(ABAT);
             return Some(Notice { event: Event::GaveUpSending, value: 0 });
         }
         None
     }
 
     #[inline(never)]
-    fn set_control(&mut self, control: u8) {
-        self.control = control;
-        self.access(instruction::WRITE, CANCTRL, control);
+    fn write_control(&mut self, abort: u8) {
+        self.access(instruction::WRITE, CANCTRL, self.control | abort);
     }
 
     /// What a register is to hold; `address` is that of a filter, a mask, CNF1 to CNF3 or CANINTE.
@@ -507,10 +520,10 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
         while gone != 0 {
             gone &= gone - 1;
-            if self.control & ABAT != 0 {
-                self.counters.count(Counters::TX_TIMED_OUT);
-            } else if self.control & OSM == 0 {
-                self.counters.count(Counters::TX_SUCCESS);
+            if self.step == step::ABORTING {
+                self.counters.count(Counters::TX_TIMED_OUT as u8);
+            } else if self.control == MODE_NORMAL {
+                self.counters.count(Counters::TX_SUCCESS as u8);
             }
         }
     }
@@ -543,7 +556,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     }
 
     /// The next register of a READ.
-    #[inline(always)]
+    #[inline(never)]
     fn next(&mut self) -> u8 {
         self.exchange(0)
     }

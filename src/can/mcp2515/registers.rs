@@ -20,8 +20,8 @@ pub mod status {
 
 pub const CANSTAT: u8 = 0x0E;
 pub const CANCTRL: u8 = 0x0F;
-/// TEC, REC, CANSTAT and CANCTRL again, the masks, CNF3 and so on to EFLG follow each other from here.
 pub const REC: u8 = 0x1D;
+/// CNF3, CNF2, CNF1, CANINTE, CANINTF, EFLG, and CANSTAT and CANCTRL again follow each other from here.
 pub const CNF3: u8 = 0x28;
 pub const CANINTE: u8 = 0x2B;
 pub const EFLG: u8 = 0x2D;

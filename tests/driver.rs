@@ -1,0 +1,589 @@
+//! The MCP2515 driver on the host, against the model of the chip on a simulated bus: what the program on the board does not do
+//! or not often. tests/controller.rs has the rest.
+
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::rc::Rc;
+
+use embedded_hal::digital::{self, InputPin, OutputPin};
+use embedded_hal::spi::{self, SpiBus};
+use node::can::Frame as NodeFrame;
+use node::can::bit_timing::BitTiming;
+use node::can::mcp2515::{Acceptance, Counters, ErrorFlags, Event, Mcp2515, Notice, Pattern};
+use sim::Cycles;
+use sim::can::{Bus, Fault, Frame, Id, PortId, RecordKind, SoftNode};
+use sim::mcp2515::Mcp2515 as Chip;
+
+const CRYSTAL_HZ: u32 = 16_000_000;
+
+const MS: Cycles = 16_000;
+/// An SPI byte as the board sends it, and the way from there to the next.
+const SPI_BYTE: Cycles = 20;
+
+/// Addresses of DS20001801J table 11-1.
+const CANCTRL: u8 = 0x0F;
+const CNF1: u8 = 0x2A;
+const CNF2: u8 = 0x29;
+const CNF3: u8 = 0x28;
+const CANINTE: u8 = 0x2B;
+const EFLG: u8 = 0x2D;
+const REC: u8 = 0x1D;
+const RXB0CTRL: u8 = 0x60;
+const READ: u8 = 0x03;
+const WRITE: u8 = 0x02;
+
+const OSM: u8 = 0x08;
+
+/// Lets all extended frames through that agree with `id` in the bits of `mask`, to buffer 0.
+#[derive(Clone, Copy)]
+struct Accept {
+    id: u32,
+    mask: u32,
+}
+
+const EVERYTHING: Accept = Accept { id: 0, mask: 0 };
+
+impl Acceptance for Accept {
+    fn register(&self, n: u8) -> u8 {
+        let pattern = match n / 4 {
+            0 | 1 => Pattern::filter(self.id.to_be_bytes()),
+            6 => Pattern::mask(self.mask.to_be_bytes()),
+            7 => Pattern::mask([0x1F, 0xFF, 0xFF, 0xFF]),
+            // Nobody sends that.
+            _ => Pattern::filter([0x1F, 0xFF, 0xFF, 0xFF]),
+        };
+        pattern.registers()[usize::from(n % 4)]
+    }
+}
+
+/// The bus, and what the driver has done on the SPI.
+struct World {
+    bus: Bus,
+    chip: Rc<RefCell<Chip>>,
+    now: Cycles,
+    selects: u32,
+    bytes: u32,
+}
+
+impl World {
+    fn run_to(&mut self, t: Cycles) {
+        self.now = t;
+        self.bus.run_until(t);
+    }
+}
+
+/// The driver's hold on SPI and pins.
+#[derive(Clone)]
+struct Wire(Rc<RefCell<World>>);
+
+impl spi::ErrorType for Wire {
+    type Error = Infallible;
+}
+
+impl digital::ErrorType for Wire {
+    type Error = Infallible;
+}
+
+impl SpiBus for Wire {
+    fn read(&mut self, words: &mut [u8]) -> Result<(), Infallible> {
+        words.fill(0);
+        self.transfer_in_place(words)
+    }
+
+    fn write(&mut self, words: &[u8]) -> Result<(), Infallible> {
+        self.transfer_in_place(&mut words.to_vec())
+    }
+
+    fn transfer(&mut self, _read: &mut [u8], _write: &[u8]) -> Result<(), Infallible> {
+        unimplemented!("the driver does not use it")
+    }
+
+    fn transfer_in_place(&mut self, words: &mut [u8]) -> Result<(), Infallible> {
+        let mut world = self.0.borrow_mut();
+        for word in words {
+            let end = world.now + SPI_BYTE;
+            world.run_to(end);
+            world.bytes += 1;
+            *word = world.chip.borrow_mut().exchange(*word, end);
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
+impl OutputPin for Wire {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        let mut world = self.0.borrow_mut();
+        world.selects += 1;
+        world.chip.borrow_mut().select(world.now);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        let mut world = self.0.borrow_mut();
+        let end = world.now + 4;
+        world.run_to(end);
+        world.chip.borrow_mut().deselect(end);
+        Ok(())
+    }
+}
+
+impl InputPin for Wire {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.0.borrow().chip.borrow().int_pin())
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+struct Rig {
+    wire: Wire,
+    driver: Mcp2515<Wire, Wire, Wire, Accept>,
+    peer: Rc<RefCell<SoftNode>>,
+    chip_port: PortId,
+    peer_port: PortId,
+    notices: Vec<Notice>,
+    received: Vec<NodeFrame>,
+    /// The test means to make mistakes on the SPI.
+    violations_expected: bool,
+}
+
+impl Rig {
+    fn at_rate(rate: u8, acceptance: Accept, one_shot: bool) -> Rig {
+        let bit_rate = u32::from(rate) * 125_000;
+        let mut bus = Bus::new(bit_rate);
+        let chip = Rc::new(RefCell::new(Chip::new(CRYSTAL_HZ)));
+        let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
+        let chip_port = bus.attach("chip", chip.clone());
+        let peer_port = bus.attach("peer", peer.clone());
+        let world = World { bus, chip, now: 0, selects: 0, bytes: 0 };
+        let wire = Wire(Rc::new(RefCell::new(world)));
+        let timing = BitTiming::at_rate::<CRYSTAL_HZ>(rate);
+        let driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), timing, acceptance, one_shot);
+        let violations_expected = false;
+        let mut rig =
+            Rig { wire, driver, peer, chip_port, peer_port, notices: vec![], received: vec![], violations_expected };
+        rig.idle_ms(1);
+        rig
+    }
+
+    /// A chip that is on the bus.
+    fn running(acceptance: Accept, one_shot: bool) -> Rig {
+        let mut rig = Rig::at_rate(8, acceptance, one_shot);
+        rig.run_ms(20);
+        assert_eq!(rig.take_events(), [Event::Running]);
+        rig.received.clear();
+        rig
+    }
+
+    fn now_ms(&self) -> u16 {
+        (self.wire.0.borrow().now / MS) as u16
+    }
+
+    /// Time passes without the driver.
+    fn idle_us(&mut self, us: u64) {
+        let mut world = self.wire.0.borrow_mut();
+        let end = world.now + us * MS / 1000;
+        world.run_to(end);
+    }
+
+    fn idle_ms(&mut self, ms: u64) {
+        self.idle_us(1000 * ms);
+    }
+
+    /// A turn of a main loop: everything that there is to receive, then a poll if it is time.
+    fn turn(&mut self) {
+        while self.driver.calls() {
+            let Some(frame) = self.driver.receive() else { break };
+            self.received.push(*frame);
+        }
+        if self.driver.is_due(self.now_ms()) {
+            self.notices.extend(self.driver.poll(self.now_ms()));
+        }
+    }
+
+    fn run_ms(&mut self, ms: u64) {
+        for _ in 0..ms * 20 {
+            self.turn();
+            self.idle_us(50);
+        }
+    }
+
+    fn peer_sends(&mut self, frame: Frame) {
+        self.peer.borrow_mut().send(frame);
+    }
+
+    fn take_events(&mut self) -> Vec<Event> {
+        self.notices.drain(..).map(|notice| notice.event).collect()
+    }
+
+    /// Complete frames of the chip since the last call, and all error frames.
+    fn take_traffic(&mut self) -> (Vec<Frame>, usize) {
+        let records = self.wire.0.borrow_mut().bus.take_records();
+        let (mut frames, mut errors) = (vec![], 0);
+        for record in records {
+            match record.kind {
+                RecordKind::Frame { frame, from, .. } if from == Some(self.chip_port) => frames.push(frame),
+                RecordKind::Frame { .. } => {}
+                RecordKind::ErrorFrame { .. } => errors += 1,
+            }
+        }
+        (frames, errors)
+    }
+
+    fn counter(&self, at: usize) -> u16 {
+        self.driver.counters().0[at]
+    }
+
+    /// Frames requested, successful and given up.
+    fn sent(&self) -> (u16, u16, u16) {
+        (self.counter(Counters::TX_REQUESTS), self.counter(Counters::TX_SUCCESS), self.counter(Counters::TX_TIMED_OUT))
+    }
+
+    fn take_cost(&mut self) -> (u32, u32) {
+        let mut world = self.wire.0.borrow_mut();
+        (std::mem::take(&mut world.selects), std::mem::take(&mut world.bytes))
+    }
+
+    fn register(&self, address: u8) -> u8 {
+        self.wire.0.borrow().chip.borrow().register(address)
+    }
+
+    /// One SPI instruction past the driver.
+    fn meddle(&mut self, bytes: &[u8]) -> u8 {
+        let mut bytes = bytes.to_vec();
+        _ = self.wire.set_low();
+        _ = self.wire.transfer_in_place(&mut bytes);
+        _ = self.wire.set_high();
+        *bytes.last().unwrap()
+    }
+
+    fn connect(&mut self, port: PortId, connected: bool) {
+        self.wire.0.borrow_mut().bus.connect(port, connected);
+    }
+
+    fn inject(&mut self, fault: Fault) {
+        self.wire.0.borrow_mut().bus.inject(fault);
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        if !std::thread::panicking() && !self.violations_expected {
+            let violations = self.wire.0.borrow().chip.borrow_mut().take_violations();
+            assert!(violations.is_empty(), "driver mistakes: {violations:#?}");
+        }
+    }
+}
+
+fn frame(id: u32, data: &[u8]) -> NodeFrame {
+    let mut padded = [0xA5; 8];
+    padded[..data.len()].copy_from_slice(data);
+    NodeFrame { id: id.to_be_bytes(), len: data.len() as u8, data: padded }
+}
+
+#[test]
+fn frames_pass_both_ways_at_each_bit_rate_with_the_sample_point_of_dronecan() {
+    for (rate, registers, permille) in [
+        (8, [0x00, 0x91, 0x01], 750),
+        (4, [0x00, 0xBC, 0x01], 875),
+        (2, [0x01, 0xBC, 0x01], 875),
+        (1, [0x03, 0xBC, 0x01], 875),
+    ] {
+        let mut rig = Rig::at_rate(rate, EVERYTHING, false);
+        rig.run_ms(20);
+        assert_eq!(rig.take_events(), [Event::Running], "rate {rate}");
+        assert_eq!([rig.register(CNF1), rig.register(CNF2), rig.register(CNF3)], registers);
+        assert_eq!(rig.wire.0.borrow().chip.borrow().sample_point_permille(), permille);
+        rig.peer_sends(Frame::extended(0x1234_5678, &[1, 2, 3]));
+        assert!(rig.driver.transmit(&frame(0x0FED_CBA9, &[4, 5])));
+        rig.run_ms(5);
+        let [received] = rig.received[..] else { panic!("{:?}", rig.received) };
+        assert_eq!((received.id, received.data()), ([0x12, 0x34, 0x56, 0x78], &[1, 2, 3][..]));
+        assert_eq!(rig.take_traffic(), (vec![Frame::extended(0x0FED_CBA9, &[4, 5])], 0));
+    }
+}
+
+#[test]
+fn every_identifier_and_length_comes_through_unchanged() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    for n in 0..29 {
+        let (id, len) = (1u32 << n, n as usize % 9);
+        let data = &[n as u8, 0xFF, 0, 0x55, 0xAA, 1, 2, 3][..len];
+        rig.peer_sends(Frame::extended(id, data));
+        assert!(rig.driver.transmit(&frame(id ^ 0x1FFF_FFFF, data)));
+        rig.run_ms(1);
+        let received = rig.received.pop().unwrap();
+        assert_eq!((received.id, received.data()), (id.to_be_bytes(), data));
+        assert_eq!(rig.take_traffic().0, [Frame::extended(id ^ 0x1FFF_FFFF, data)]);
+    }
+    assert_eq!((rig.counter(Counters::RX_RECEIVED), rig.counter(Counters::TX_REQUESTS)), (29, 29));
+}
+
+#[test]
+fn a_remote_frame_is_marked_as_foreign_and_a_length_code_above_8_means_8() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    rig.peer_sends(Frame::remote(Id::Extended(0x1003_F20A), 5));
+    rig.peer_sends(Frame::with_dlc(Id::Extended(0x1003_F20A), 15, [7; 8]));
+    rig.peer_sends(Frame::standard(0x123, &[1]));
+    rig.run_ms(2);
+    let [remote, long] = rig.received[..] else { panic!("{:?}", rig.received) };
+    assert_eq!(remote.id[0], 0x10 | NodeFrame::FOREIGN);
+    assert_eq!((long.id, long.data()), ([0x10, 0x03, 0xF2, 0x0A], &[7; 8][..]));
+}
+
+#[test]
+fn a_frame_costs_two_chip_selects_and_8_bytes_besides_its_data() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    for len in 0..=8 {
+        rig.peer_sends(Frame::extended(0x1003_F20A, &[0x55; 8][..len]));
+        rig.idle_ms(1);
+        rig.take_cost();
+        assert!(rig.driver.calls() && rig.driver.receive().is_some() && !rig.driver.calls());
+        assert_eq!(rig.take_cost(), (2, 8 + len as u32));
+    }
+}
+
+#[test]
+fn frames_back_to_back_stay_in_order_at_no_more_than_two_chip_selects_each() {
+    // Served so late that both buffers fill, and so that a frame rolls over while RXB0 is being read.
+    for service_us in [20, 60, 90, 100, 105, 110, 120, 130, 180, 250] {
+        let mut rig = Rig::running(EVERYTHING, false);
+        for n in 0..60 {
+            rig.peer_sends(Frame::extended(0x1003_F20A, &[n; 8]));
+        }
+        rig.take_cost();
+        while rig.peer.borrow().queued() > 0 || rig.driver.calls() {
+            if rig.driver.calls() {
+                let received = *rig.driver.receive().unwrap();
+                rig.received.push(received);
+            }
+            rig.idle_us(service_us);
+        }
+        let numbers: Vec<u8> = rig.received.iter().map(|frame| frame.data[0]).collect();
+        assert!(numbers.is_sorted_by(|a, b| a < b), "served after {service_us} us: {numbers:?}");
+        assert!(service_us > 105 || numbers.len() == 60, "served after {service_us} us: {numbers:?}");
+        let (selects, _) = rig.take_cost();
+        assert!(selects <= 2 * numbers.len() as u32, "served after {service_us} us: {selects} chip selects");
+    }
+}
+
+#[test]
+fn a_long_transfer_leaves_in_order_with_at_most_one_gap_in_twelve_frames() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    let mut sent = 0;
+    while sent < 60 {
+        if rig.driver.transmit(&frame(0x1E01_7FAA, &[sent; 8])) {
+            sent += 1;
+        }
+        rig.idle_us(15);
+    }
+    rig.idle_ms(1);
+    let records = rig.wire.0.borrow_mut().bus.take_records();
+    let numbers: Vec<u8> = records
+        .iter()
+        .filter_map(|record| match record.kind {
+            RecordKind::Frame { frame, .. } => Some(frame.data()[0]),
+            RecordKind::ErrorFrame { .. } => None,
+        })
+        .collect();
+    assert_eq!(numbers, (0..60).collect::<Vec<u8>>());
+    // Three bits of intermission, and a bit to spare.
+    let gaps = records.windows(2).filter(|pair| pair[1].start - pair[0].end > 4 * 16).count();
+    assert!(gaps <= 60 / 12, "{gaps} gaps");
+    rig.run_ms(20);
+    assert_eq!(rig.counter(Counters::TX_SUCCESS), 60);
+}
+
+#[test]
+fn in_one_shot_mode_a_frame_that_nobody_acknowledges_goes_once_and_blocks_nothing() {
+    let mut rig = Rig::running(EVERYTHING, true);
+    let peer_port = rig.peer_port;
+    rig.connect(peer_port, false);
+    for n in 0..10 {
+        assert!(rig.driver.transmit(&frame(0x1E97_4D00, &[n])), "frame {n}");
+        rig.run_ms(250);
+        assert_eq!(rig.take_traffic(), (vec![], 1), "one attempt");
+        assert!(rig.driver.is_empty());
+    }
+    rig.connect(peer_port, true);
+    rig.run_ms(5);
+    assert!(rig.driver.transmit(&frame(0x1E97_4D00, &[10])));
+    rig.run_ms(5);
+    assert_eq!(rig.take_traffic().0, [Frame::extended(0x1E97_4D00, &[10])]);
+    assert!(!rig.take_events().contains(&Event::GaveUpSending));
+    assert_eq!(rig.sent(), (11, 0, 0));
+}
+
+#[test]
+fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_again() {
+    let mut rig = Rig::running(EVERYTHING, true);
+    for bit in [1, 20, 40, 50, 60] {
+        rig.inject(Fault::FlipBit { bit });
+        assert!(rig.driver.transmit(&frame(0x1E97_4D00, &[1, 2])));
+        rig.run_ms(30);
+        assert_eq!(rig.take_traffic(), (vec![], 1), "bit {bit}");
+    }
+    // Both begin after the frame that is on the bus.
+    rig.peer_sends(Frame::extended(0x0000_0001, &[0; 8]));
+    rig.peer_sends(Frame::extended(0x0000_0001, &[1; 8]));
+    rig.idle_us(50);
+    assert!(rig.driver.transmit(&frame(0x1E97_4D00, &[1, 2])));
+    rig.run_ms(30);
+    assert_eq!(rig.take_traffic(), (vec![], 0));
+}
+
+#[test]
+fn without_one_shot_mode_the_same_frame_is_sent_until_it_is_through_or_given_up() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    rig.inject(Fault::FlipBit { bit: 40 });
+    assert!(rig.driver.transmit(&frame(0x1E97_4D2A, &[1, 2])));
+    rig.run_ms(30);
+    assert_eq!(rig.take_traffic(), (vec![Frame::extended(0x1E97_4D2A, &[1, 2])], 1));
+    assert_eq!(rig.sent(), (1, 1, 0));
+
+    let peer_port = rig.peer_port;
+    rig.connect(peer_port, false);
+    for n in 0..3 {
+        assert!(rig.driver.transmit(&frame(0x1801_552A, &[n])));
+    }
+    rig.run_ms(950);
+    assert!(!rig.take_events().contains(&Event::GaveUpSending));
+    assert!(!rig.driver.transmit(&frame(0x1801_552A, &[3])), "no room");
+    rig.run_ms(100);
+    assert!(rig.take_events().contains(&Event::GaveUpSending));
+    rig.connect(peer_port, true);
+    rig.run_ms(50);
+    assert_eq!(rig.sent(), (4, 1, 3));
+    assert!(rig.driver.transmit(&frame(0x1801_552A, &[4])));
+    rig.run_ms(50);
+    assert_eq!(rig.take_traffic().0.last(), Some(&Frame::extended(0x1801_552A, &[4])));
+    assert_eq!(rig.sent(), (5, 2, 3));
+}
+
+#[test]
+fn other_filters_are_in_force_within_20_ms_and_one_shot_mode_ends_with_them() {
+    let mut rig = Rig::running(Accept { id: 0x0000_0100, mask: 0x00FF_FF80 }, true);
+    assert_eq!(rig.register(CANCTRL), OSM);
+    rig.driver.reconfigure(Accept { id: 0x0001_5500, mask: 0x00FF_FF80 }, false);
+    rig.run_ms(20);
+    assert_eq!(rig.take_events(), [Event::Running]);
+    assert_eq!(rig.register(CANCTRL), 0);
+    rig.peer_sends(Frame::extended(0x1E00_017F, &[1]));
+    rig.peer_sends(Frame::extended(0x1801_5501, &[2]));
+    rig.run_ms(5);
+    assert_eq!(rig.received.iter().map(|frame| frame.data[0]).collect::<Vec<_>>(), [2]);
+}
+
+#[test]
+fn a_change_of_mode_or_of_a_register_by_itself_is_noticed_within_20_ms() {
+    for (register, value) in [(CANCTRL, OSM), (CANCTRL, 0x60), (CANINTE, 0x01), (RXB0CTRL, 0x00), (RXB0CTRL, 0x64)] {
+        let mut rig = Rig::running(EVERYTHING, false);
+        rig.meddle(&[WRITE, register, value]);
+        rig.run_ms(20);
+        assert_eq!(rig.take_events(), [Event::Lost], "register {register:02X}");
+        rig.run_ms(200);
+        assert_eq!(rig.take_events(), [Event::Running]);
+        rig.peer_sends(Frame::extended(1, &[]));
+        rig.run_ms(2);
+        assert_eq!(rig.received.len(), 1);
+    }
+}
+
+/// Why the driver does not look at the filters once it runs.
+#[test]
+fn the_chip_does_not_show_its_filters_outside_configuration_mode() {
+    let mut rig = Rig::running(Accept { id: 0x1FFF_FFFF, mask: 0x1FFF_FFFF }, false);
+    assert_eq!(rig.meddle(&[READ, 0x00, 0]), 0);
+    assert_eq!(rig.meddle(&[READ, 0x20, 0]), 0);
+}
+
+#[test]
+fn each_look_that_finds_frames_lost_counts_and_tells_so() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    for count in 1..=3 {
+        for n in 0..3 {
+            rig.peer_sends(Frame::extended(0x1003_F20A, &[n]));
+        }
+        rig.idle_ms(1);
+        rig.run_ms(50);
+        let [notice] = rig.notices[..] else { panic!("{:?}", rig.notices) };
+        assert_eq!(notice.event, Event::Flags);
+        assert!(ErrorFlags(notice.value).frames_lost());
+        assert_eq!(rig.counter(Counters::RX_OVERFLOW), count);
+        assert_eq!(rig.received.len(), 2);
+        rig.notices.clear();
+        rig.received.clear();
+    }
+}
+
+#[test]
+fn receive_errors_are_counted_as_the_chips_own_counter_grows() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    let mut expected = 0;
+    // Destroyed frames of another, and nothing in between that would take from the counter.
+    for _ in 0..5 {
+        let rec = rig.register(REC);
+        rig.inject(Fault::FlipBit { bit: 40 });
+        rig.peer_sends(Frame::extended(0x1003_F20A, &[0x55; 8]));
+        rig.idle_us(100);
+        rig.peer.borrow_mut().clear_queue();
+        expected += u16::from(rig.register(REC).saturating_sub(rec));
+        rig.run_ms(20);
+    }
+    assert!(expected >= 5);
+    let counted = rig.counter(Counters::RX_ERRORS);
+    // Each frame is repeated and takes 1 away again, before or after the look.
+    assert!((expected - 5..=expected).contains(&counted), "{counted} of {expected}");
+}
+
+#[test]
+fn bus_off_is_counted_once_however_long_it_lasts() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    // The chip hears another bit than it sends, again and again. Then the bus is held dominant, and it cannot come back.
+    let chip_port = rig.chip_port;
+    rig.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
+    assert!(rig.driver.transmit(&frame(0x1801_552A, &[0; 8])));
+    while rig.register(EFLG) & 0x20 == 0 {
+        while rig.take_traffic().1 == 0 {
+            rig.idle_us(1);
+        }
+        rig.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
+    }
+    rig.inject(Fault::StuckDominant(true));
+    rig.run_ms(300);
+    let told = rig.notices.iter().filter(|notice| notice.event == Event::Flags && ErrorFlags(notice.value).bus_off());
+    assert_eq!(told.count(), 1, "{:?}", rig.notices);
+    assert_eq!(rig.counter(Counters::BUS_OFFS), 1);
+    rig.inject(Fault::StuckDominant(false));
+    rig.run_ms(50);
+    assert_eq!(rig.counter(Counters::BUS_OFFS), 1);
+    assert_eq!(rig.take_traffic().0, [Frame::extended(0x1801_552A, &[0; 8])]);
+}
+
+#[test]
+fn counters_outlive_a_restart_of_the_chip() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    rig.peer_sends(Frame::extended(1, &[]));
+    rig.run_ms(2);
+    rig.meddle(&[0xC0]);
+    rig.run_ms(200);
+    assert_eq!(rig.take_events(), [Event::Lost, Event::Running]);
+    assert_eq!(rig.counter(Counters::RX_RECEIVED), 1);
+}
+
+#[test]
+fn frames_are_counted_beyond_16_bits() {
+    let mut rig = Rig::running(EVERYTHING, false);
+    for _ in 0..65_540u32 {
+        while !rig.driver.transmit(&frame(1, &[])) {
+            rig.idle_us(70);
+        }
+    }
+    assert_eq!(rig.driver.counters().0[..2], [4, 1]);
+}
