@@ -61,6 +61,9 @@ fn main() -> ! {
             if let Some(frame) = can.receive() {
                 NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
                 board.servo.set(NODE.pulse());
+                if NODE.take_new_id() {
+                    can.reconfigure(NODE.acceptance(Image), false);
+                }
             }
             continue;
         }
@@ -79,16 +82,17 @@ fn main() -> ! {
                 NODE.read_temperature(reading);
             }
         } else if can.is_due(now_ms) {
-            if NODE.take_new_id() {
-                can.reconfigure(NODE.acceptance(Image), false);
-            }
             if let Some(notice) = can.poll(now_ms) {
                 NODE.notice(notice, MONITOR);
             }
             if can.is_empty() {
                 NODE.controller_is_empty(now_ms);
             }
-        } else if may_send && NODE.has_outgoing() && NODE.prepare(can.counters(), Image, MONITOR, now_ms) {
+        } else if may_send
+            && can.is_running()
+            && NODE.has_outgoing()
+            && NODE.prepare(can.counters(), Image, MONITOR, now_ms)
+        {
             may_send = can.transmit(NODE.frame());
             if may_send {
                 NODE.handed_over(now_ms);

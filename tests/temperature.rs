@@ -14,6 +14,8 @@ fn fields(data: &[u8]) -> (u16, f32, u8) {
 #[test]
 fn a_temperature_comes_every_second_in_kelvin() {
     let mut rig = Rig::running();
+    // No flags up to there.
+    rig.set("TEMP_MAX", 150);
     for celsius in [0.0, 4.0, 25.0, 36.6, 85.0, 150.0] {
         rig.board().set_temperature_c(celsius);
         rig.run_ms(1500);

@@ -1,16 +1,29 @@
 //! A simulated autopilot: the part of a flight controller that the node sees.
 //!
-//! It says that it is alive (NodeStatus, 1 Hz) and commands one servo at 50 Hz, in a unit of choice, sweeping or held.
-//! Its clock is the simulated one, and each frame is queued for its exact time, so that a run can be repeated. It also
-//! listens, as a real one does.
+//! It says that it is alive (NodeStatus, 1 Hz) and commands servos at 50 Hz, one of them sweeping or held as the user wants.
+//! What else it sends, and how, depends on the flight controller that it is like: see [`Profile`]. It answers GetNodeInfo,
+//! and on demand it allocates node IDs: see [`Allocator`].
 //!
-//! Limits: one actuator; it does not answer services and does not allocate node IDs.
+//! Its clock is the simulated one, and each frame is queued for its exact time, so that a run can be repeated. Answers come a
+//! fixed time after what they answer.
+//!
+//! Limits: of the services it knows GetNodeInfo only; a transfer of several frames is queued as a whole.
 
-use crate::can::{Frame, SoftNode, StationRef};
-use crate::dronecan::{ActuatorCommand, CommandUnit, Message, NodeId, NodeStatus, TransferId, split};
+mod allocator;
+mod profile;
+
+pub use allocator::Allocator;
+pub use profile::Profile;
+
+use crate::can::{Frame, Id, SoftNode, StationRef};
+use crate::dronecan::{
+    ActuatorCommand, Allocation, Assembler, CanId, CommandUnit, DataType, Message, NodeId, NodeInfo, NodeStatus,
+    Outcome, Transfer, TransferId, management::hex, split,
+};
 use crate::{Cycles, F_CPU_HZ};
 use half::f16;
 use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::fmt;
 use std::rc::Rc;
@@ -21,16 +34,29 @@ const STATUS_PERIOD: Cycles = F_CPU_HZ;
 const COMMAND_PERIOD: Cycles = F_CPU_HZ / 50;
 /// First command: not at the same time as a status, so that both are never due in the same cycle.
 const COMMAND_OFFSET: Cycles = F_CPU_HZ / 200;
-/// ArduPilot's priority for NodeStatus is lower than for actuators; these are its classes.
-const STATUS_PRIORITY: u8 = 16;
-const COMMAND_PRIORITY: u8 = 8;
+/// First ArmingStatus: not with a status, nor with a command.
+const ARMING_OFFSET: Cycles = F_CPU_HZ / 80;
 
 /// Centre and half travel of a PWM command, in microseconds: the usual 1000 to 2000.
 const PWM_CENTRE_US: f64 = 1500.0;
 const PWM_HALF_TRAVEL_US: f64 = 500.0;
 
-/// Frames that may wait for the bus: a status and a command or two.
+/// Frames that may wait for the bus: a status and a command or two of one frame.
 const OVERDUE_MAX: usize = 3;
+
+/// From hearing something to answering it. No less than a slice of [`Autopilot::advance`], so that slices do not matter.
+const ANSWER_DELAY: Cycles = F_CPU_HZ / 500;
+/// A request that was not answered is made again.
+const REQUEST_PERIOD: Cycles = F_CPU_HZ;
+/// A node that was silent for longer is a new one when it speaks again (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
+const OFFLINE_TIMEOUT: Cycles = 3 * F_CPU_HZ;
+/// Priority of the allocator's messages: libuavcan's OneHigherThanLowest.
+const ALLOCATION_PRIORITY: u8 = 30;
+
+const FULLY_ARMED: u8 = 255;
+const DISARMED: u8 = 0;
+/// Of the safety switch: outputs are free.
+const SAFETY_OFF: u8 = 255;
 
 /// How commands are expressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -43,18 +69,6 @@ pub enum CommandType {
     Pwm,
     /// The thesis's one byte, 0 to 255 over the full travel.
     Thesis,
-}
-
-impl CommandType {
-    /// The next in turn.
-    pub fn next(self) -> CommandType {
-        match self {
-            CommandType::Unitless => CommandType::Position,
-            CommandType::Position => CommandType::Pwm,
-            CommandType::Pwm => CommandType::Thesis,
-            CommandType::Thesis => CommandType::Unitless,
-        }
-    }
 }
 
 impl fmt::Display for CommandType {
@@ -80,26 +94,48 @@ pub enum Motion {
 /// What the autopilot is set to.
 #[derive(Clone, Debug)]
 pub struct Settings {
+    /// Which flight controller it is like.
+    pub profile: Profile,
     pub node_id: NodeId,
-    /// Actuator that it commands.
+    /// Actuator that it moves; a profile with several holds each other one somewhere else.
     pub actuator: u8,
     pub command_type: CommandType,
     /// Time of one sweep there and back.
     pub sweep_period: Cycles,
     /// Angle of full deflection for position commands, in radians.
     pub position_full_rad: f64,
+    /// Whether it gives node IDs to those who ask.
+    pub allocates: bool,
+}
+
+impl Settings {
+    /// What is usual for such a flight controller.
+    pub fn of(profile: Profile) -> Settings {
+        Settings {
+            profile,
+            node_id: profile.node_id(),
+            actuator: 1,
+            command_type: profile.command_types()[0],
+            sweep_period: 4 * F_CPU_HZ,
+            position_full_rad: FRAC_PI_2 / 2.0,
+            allocates: false,
+        }
+    }
 }
 
 impl Default for Settings {
     fn default() -> Settings {
-        Settings {
-            node_id: NodeId::new(1).expect("1 is a node ID"),
-            actuator: 1,
-            command_type: CommandType::Unitless,
-            sweep_period: 4 * F_CPU_HZ,
-            position_full_rad: FRAC_PI_2 / 2.0,
-        }
+        Settings::of(Profile::Plain)
     }
+}
+
+/// A node that the autopilot has heard of.
+#[derive(Clone, Debug, Default)]
+struct Known {
+    heard_at: Cycles,
+    uptime_s: u32,
+    /// When to ask who it is; never once it has said so.
+    ask_at: Option<Cycles>,
 }
 
 /// The autopilot and its place on the bus.
@@ -108,27 +144,39 @@ pub struct Autopilot {
     settings: Settings,
     motion: Motion,
     silent: bool,
+    armed: bool,
     next_status_at: Cycles,
     next_command_at: Cycles,
-    status_transfer: TransferId,
-    array_transfer: TransferId,
-    thesis_transfer: TransferId,
+    next_arming_at: Cycles,
+    /// Answers, in order of time.
+    answers: VecDeque<(Cycles, CanId, TransferId, Message)>,
+    nodes: BTreeMap<NodeId, Known>,
+    allocator: Option<Allocator>,
+    /// Next number of each thing that it sends.
+    transfers: HashMap<CanId, TransferId>,
+    assembler: Assembler,
+    news: Vec<(Cycles, String)>,
     commands_sent: u64,
 }
 
 impl Autopilot {
-    /// An autopilot that starts at time 0, sweeping.
+    /// An autopilot that starts at time 0, armed, sweeping.
     pub fn new(settings: Settings, bit_rate: u32) -> Autopilot {
         Autopilot {
             station: Rc::new(RefCell::new(SoftNode::new(bit_rate))),
+            allocator: settings.allocates.then(|| Allocator::new(settings.node_id)),
             settings,
             motion: Motion::Sweep { since: 0, phase: 0.0 },
             silent: false,
+            armed: true,
             next_status_at: 0,
             next_command_at: COMMAND_OFFSET,
-            status_transfer: TransferId::default(),
-            array_transfer: TransferId::default(),
-            thesis_transfer: TransferId::default(),
+            next_arming_at: ARMING_OFFSET,
+            answers: VecDeque::new(),
+            nodes: BTreeMap::new(),
+            transfers: HashMap::new(),
+            assembler: Assembler::new(),
+            news: Vec::new(),
             commands_sent: 0,
         }
     }
@@ -143,9 +191,9 @@ impl Autopilot {
         &self.settings
     }
 
-    /// Frames that it has heard since the last call, with the time of their end.
-    pub fn take_received(&mut self) -> Vec<(Cycles, Frame)> {
-        self.station.borrow_mut().take_received()
+    /// What it has to tell since the last call: who is there, and what it granted.
+    pub fn take_news(&mut self) -> Vec<(Cycles, String)> {
+        std::mem::take(&mut self.news)
     }
 
     /// Commands queued so far.
@@ -163,14 +211,26 @@ impl Autopilot {
         self.silent = silent;
     }
 
+    /// Whether it says that the vehicle is armed, if it says that at all.
+    pub fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    /// Arms or disarms the vehicle. Commands go on either way.
+    pub fn set_armed(&mut self, armed: bool) {
+        self.armed = armed;
+    }
+
     /// Changes its identity, as a user of a ground station may.
     pub fn set_node_id(&mut self, id: NodeId) {
         self.settings.node_id = id;
     }
 
-    /// Changes the unit of the commands to come.
-    pub fn set_command_type(&mut self, command_type: CommandType) {
-        self.settings.command_type = command_type;
+    /// Commands of the next type in turn, of those that its profile has.
+    pub fn next_command_type(&mut self) {
+        let types = self.settings.profile.command_types();
+        let at = types.iter().position(|other| *other == self.settings.command_type).map_or(0, |at| at + 1);
+        self.settings.command_type = types[at % types.len()];
     }
 
     /// Whether it sweeps.
@@ -205,11 +265,16 @@ impl Autopilot {
         }
     }
 
-    /// Queues everything that is due before `until`, each for its exact time. To be called when the bus has come to the
-    /// `until` of the call before.
+    /// Hears what has come, and queues everything that is due before `until`, each for its exact time. To be called when the
+    /// bus has come to the `until` of the call before.
     pub fn advance(&mut self, until: Cycles) {
+        let heard = self.station.borrow_mut().take_received();
+        for (at, frame) in heard {
+            self.hear(at, &frame);
+        }
         // A controller does not send stale commands after the bus was blocked: what waits too long is given up.
-        if self.station.borrow().queued() > OVERDUE_MAX {
+        let frames_each = self.settings.profile.array().map_or(1, |array| usize::from(array.count));
+        if self.station.borrow().queued() > OVERDUE_MAX * frames_each {
             self.station.borrow_mut().clear_queue();
         }
         for (at, frame) in self.due(until) {
@@ -217,83 +282,220 @@ impl Autopilot {
         }
     }
 
+    // ---- what it hears ----
+
+    fn hear(&mut self, at: Cycles, frame: &Frame) {
+        let Id::Extended(id) = frame.id else { return };
+        if frame.remote {
+            return;
+        }
+        if let Outcome::Complete(transfer) = self.assembler.push(id, frame.data(), at) {
+            self.react(at, &transfer);
+        }
+    }
+
+    fn react(&mut self, at: Cycles, transfer: &Transfer) {
+        match (Message::decode(transfer), transfer.id) {
+            (Message::NodeStatus(status), CanId::Message { source, .. }) => self.see(at, source, status.uptime_s),
+            (Message::Allocation(request), CanId::Anonymous { .. }) => self.allocate(at, &request),
+            (Message::NodeInfo(info), CanId::Service { source, destination, .. }) if self.is_me(destination) => {
+                self.nodes.entry(source).or_default().ask_at = None;
+                self.news.push((at, format!("{source} is {info}")));
+            }
+            (Message::NodeInfoRequest, CanId::Service { priority, service_id, destination, source, .. })
+                if self.is_me(destination) =>
+            {
+                let id =
+                    CanId::Service { priority, service_id, request: false, destination: source, source: destination };
+                let info = Message::NodeInfo(Box::new(self.information(at)));
+                self.answers.push_back((at + ANSWER_DELAY, id, transfer.transfer_id, info));
+            }
+            _ => {}
+        }
+    }
+
+    fn is_me(&self, id: NodeId) -> bool {
+        id == self.settings.node_id
+    }
+
+    fn see(&mut self, at: Cycles, source: NodeId, uptime_s: u32) {
+        if let Some(allocator) = &mut self.allocator {
+            allocator.seen(source);
+        }
+        let is_known = self.nodes.contains_key(&source);
+        let node = self.nodes.entry(source).or_default();
+        let is_new = !is_known || uptime_s < node.uptime_s || at - node.heard_at > OFFLINE_TIMEOUT;
+        if is_new && self.settings.profile.request_priority().is_some() {
+            node.ask_at = Some(at + ANSWER_DELAY);
+        }
+        (node.heard_at, node.uptime_s) = (at, uptime_s);
+    }
+
+    fn allocate(&mut self, at: Cycles, request: &Allocation) {
+        let Some(answer) = self.allocator.as_mut().and_then(|allocator| allocator.hear(request, at)) else { return };
+        if answer.node_id != 0 {
+            let text = format!("{} is allocated to unique ID {}", answer.node_id, hex(&answer.unique_id));
+            self.news.push((at, text));
+        }
+        let message = Message::Allocation(answer);
+        let id = self.broadcast_id(&message, ALLOCATION_PRIORITY);
+        let transfer_id = self.next_transfer(id);
+        self.answers.push_back((at + ANSWER_DELAY, id, transfer_id, message));
+    }
+
+    fn information(&self, at: Cycles) -> NodeInfo {
+        NodeInfo {
+            status: self.condition(at),
+            software: (4, 6),
+            hardware: (1, 0),
+            // Not that of any board: the boards make theirs from noise.
+            unique_id: *b"sim's autopilot ",
+            name: self.settings.profile.name().into(),
+            ..NodeInfo::default()
+        }
+    }
+
+    fn condition(&self, at: Cycles) -> NodeStatus {
+        NodeStatus { uptime_s: u32::try_from(at / F_CPU_HZ).unwrap_or(u32::MAX), ..NodeStatus::default() }
+    }
+
+    // ---- what it sends ----
+
     /// Frames due before `until`, in order of time.
     fn due(&mut self, until: Cycles) -> Vec<(Cycles, Frame)> {
         let mut frames = Vec::new();
-        loop {
-            let at = self.next_status_at.min(self.next_command_at);
-            if at >= until {
-                return frames;
+        while let Some((at, deed)) = self.next_deed().filter(|(at, _)| *at < until) {
+            // Time goes on for one that is silent, but it says nothing.
+            let made = self.perform(deed, at);
+            if !self.silent {
+                frames.extend(made.into_iter().map(|frame| (at, frame)));
             }
-            if at == self.next_status_at {
+        }
+        frames
+    }
+
+    /// What comes next. Of what is due at once, the earlier of this list.
+    fn next_deed(&self) -> Option<(Cycles, Deed)> {
+        let has_arming = self.settings.profile.arming().is_some();
+        let asked = self.nodes.iter().filter_map(|(id, node)| Some((node.ask_at?, Deed::Ask(*id))));
+        [(self.next_status_at, Deed::Status), (self.next_command_at, Deed::Command)]
+            .into_iter()
+            .chain(has_arming.then_some((self.next_arming_at, Deed::Arming)))
+            .chain(self.answers.front().map(|(at, ..)| (*at, Deed::Answer)))
+            .chain(asked)
+            .min_by_key(|(at, _)| *at)
+    }
+
+    fn perform(&mut self, deed: Deed, at: Cycles) -> Vec<Frame> {
+        let profile = self.settings.profile;
+        match deed {
+            Deed::Status => {
                 self.next_status_at += STATUS_PERIOD;
-                if !self.silent {
-                    self.status(at, &mut frames);
-                }
-            } else {
+                let status = Message::NodeStatus(self.condition(at));
+                self.broadcast(&status, profile.status_priority())
+            }
+            Deed::Command => {
                 self.next_command_at += COMMAND_PERIOD;
-                if !self.silent {
-                    self.command(at, &mut frames);
+                self.commands_sent += u64::from(!self.silent);
+                let command = self.command(at);
+                self.broadcast(&command, profile.command_priority())
+            }
+            Deed::Arming => {
+                let (period, priority) = profile.arming().unwrap_or((F_CPU_HZ, 0));
+                self.next_arming_at += period;
+                let mut frames = Vec::new();
+                if profile.has_safety_switch() {
+                    frames = self.broadcast(&Message::SafetyState(SAFETY_OFF), priority);
                 }
+                let armed = Message::ArmingStatus(if self.armed { FULLY_ARMED } else { DISARMED });
+                frames.extend(self.broadcast(&armed, priority));
+                frames
+            }
+            Deed::Answer => {
+                let (_, id, transfer_id, message) = self.answers.pop_front().expect("it was looked at");
+                transfer(id, transfer_id, &message)
+            }
+            Deed::Ask(destination) => {
+                if let Some(node) = self.nodes.get_mut(&destination) {
+                    let is_there = at - node.heard_at <= OFFLINE_TIMEOUT;
+                    node.ask_at = is_there.then_some(at + REQUEST_PERIOD);
+                }
+                let priority = profile.request_priority().unwrap_or(0);
+                let source = self.settings.node_id;
+                let id = CanId::Service { priority, service_id: 1, request: true, destination, source };
+                let transfer_id = self.next_transfer(id);
+                transfer(id, transfer_id, &Message::NodeInfoRequest)
             }
         }
     }
 
-    fn status(&mut self, at: Cycles, frames: &mut Vec<(Cycles, Frame)>) {
-        let uptime_s = u32::try_from(at / F_CPU_HZ).unwrap_or(u32::MAX);
-        let status = Message::NodeStatus(NodeStatus { uptime_s, ..NodeStatus::default() });
-        let transfer = self.status_transfer.advance();
-        self.broadcast(&status, transfer, STATUS_PRIORITY, at, frames);
-    }
-
-    fn command(&mut self, at: Cycles, frames: &mut Vec<(Cycles, Frame)>) {
+    fn command(&self, at: Cycles) -> Message {
+        let Settings { profile, actuator, command_type, .. } = self.settings;
         let deflection = self.deflection(at);
-        let array = |unit, value: f64| {
-            Message::ArrayCommand(vec![ActuatorCommand {
-                actuator: self.settings.actuator,
-                unit,
-                value: f16::from_f64(value),
-            }])
+        if command_type == CommandType::Thesis {
+            return Message::ThesisCommand(((deflection + 1.0) * 127.5).round() as u8);
+        }
+        let Some(array) = profile.array() else {
+            return Message::ArrayCommand(vec![self.actuator_command(actuator, deflection)]);
         };
-        let message = match self.settings.command_type {
-            CommandType::Unitless => array(CommandUnit::Unitless, deflection),
-            CommandType::Position => {
-                let angle_rad = deflection * self.settings.position_full_rad;
-                array(CommandUnit::Position, angle_rad)
-            }
-            CommandType::Pwm => {
-                let pulse_us = PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US;
-                array(CommandUnit::Pwm, pulse_us.round())
-            }
-            CommandType::Thesis => Message::ThesisCommand(((deflection + 1.0) * 127.5).round() as u8),
-        };
-        let transfer = match self.settings.command_type {
-            CommandType::Thesis => self.thesis_transfer.advance(),
-            _ => self.array_transfer.advance(),
-        };
-        self.commands_sent += 1;
-        self.broadcast(&message, transfer, COMMAND_PRIORITY, at, frames);
+        let all = (0..array.count).map(|index| {
+            let id = array.first + index;
+            // The others stand at places of their own, evenly over the travel: who listens to a wrong ID is found out.
+            let place = 2.0 * f64::from(index + 1) / f64::from(array.count + 1) - 1.0;
+            let deflection = if id == actuator { deflection } else { place };
+            // Both have a pulse width, a whole number, before they make it a deflection.
+            let pulse_us = (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round();
+            self.actuator_command(id, (pulse_us - PWM_CENTRE_US) / PWM_HALF_TRAVEL_US)
+        });
+        Message::ArrayCommand(all.collect())
     }
 
-    fn broadcast(
-        &self,
-        message: &Message,
-        transfer: TransferId,
-        priority: u8,
-        at: Cycles,
-        frames: &mut Vec<(Cycles, Frame)>,
-    ) {
-        let (data_type, payload) = message.encode().expect("only encodable messages are made");
-        let id = data_type.message_id(priority, self.settings.node_id).build();
-        let data = split(&payload, transfer, data_type.signature.unwrap_or(0));
-        frames.extend(data.iter().map(|data| (at, Frame::extended(id, data))));
+    fn actuator_command(&self, actuator: u8, deflection: f64) -> ActuatorCommand {
+        let (unit, value) = match self.settings.command_type {
+            CommandType::Position => (CommandUnit::Position, deflection * self.settings.position_full_rad),
+            CommandType::Pwm => (CommandUnit::Pwm, (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round()),
+            CommandType::Unitless | CommandType::Thesis => (CommandUnit::Unitless, deflection),
+        };
+        ActuatorCommand { actuator, unit, value: f16::from_f64(value) }
     }
+
+    fn broadcast_id(&self, message: &Message, priority: u8) -> CanId {
+        let (data_type, _) = message.encode().expect("only encodable messages are made");
+        DataType::message_id(data_type, priority, self.settings.node_id)
+    }
+
+    fn broadcast(&mut self, message: &Message, priority: u8) -> Vec<Frame> {
+        let id = self.broadcast_id(message, priority);
+        // What is not sent takes no number.
+        let transfer_id = if self.silent { TransferId::default() } else { self.next_transfer(id) };
+        transfer(id, transfer_id, message)
+    }
+
+    fn next_transfer(&mut self, id: CanId) -> TransferId {
+        self.transfers.entry(id).or_default().advance()
+    }
+}
+
+/// Something that is due.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Deed {
+    Status,
+    Command,
+    Arming,
+    Answer,
+    Ask(NodeId),
+}
+
+/// The frames of a transfer.
+fn transfer(id: CanId, transfer_id: TransferId, message: &Message) -> Vec<Frame> {
+    let (data_type, payload) = message.encode().expect("only encodable messages are made");
+    let parts = split(&payload, transfer_id, data_type.signature.unwrap_or(0));
+    parts.iter().map(|data| Frame::extended(id.build(), data)).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dronecan::{Assembler, Outcome};
 
     fn autopilot(command_type: CommandType) -> Autopilot {
         let settings = Settings { command_type, ..Settings::default() };
@@ -309,11 +511,34 @@ mod tests {
                 panic!("standard frame");
             };
             match assembler.push(id, frame.data(), at) {
-                Outcome::Complete(transfer) => (at, Message::decode(&transfer)),
+                Outcome::Complete(transfer) => Some((at, Message::decode(&transfer))),
+                Outcome::Partial => None,
                 other => panic!("{other:?}"),
             }
         };
-        frames.into_iter().map(decode).collect()
+        frames.into_iter().filter_map(decode).collect()
+    }
+
+    fn like(profile: Profile) -> Autopilot {
+        Autopilot::new(Settings::of(profile), 1_000_000)
+    }
+
+    /// Lets it hear a transfer that ends at `at`.
+    fn tell(autopilot: &mut Autopilot, at: Cycles, id: u32, message: &Message) {
+        let id = CanId::parse(id).unwrap();
+        for frame in transfer(id, TransferId::new(7), message) {
+            autopilot.hear(at, &frame);
+        }
+    }
+
+    fn status(uptime_s: u32) -> Message {
+        Message::NodeStatus(NodeStatus { uptime_s, ..NodeStatus::default() })
+    }
+
+    /// Times, in milliseconds, at which a frame with this identifier is sent before `until`.
+    fn times_of(autopilot: &mut Autopilot, id: u32, until: Cycles) -> Vec<u64> {
+        let frames = autopilot.due(until).into_iter();
+        frames.filter(|(_, frame)| frame.id == Id::Extended(id)).map(|(at, _)| at * 1000 / F_CPU_HZ).collect()
     }
 
     fn is_command(message: &Message) -> bool {
@@ -404,5 +629,130 @@ mod tests {
         autopilot.set_node_id(NodeId::new(10).unwrap());
         let frames = autopilot.due(1);
         assert_eq!(frames[0].1, Frame::extended(0x1001_550A, frames[0].1.data()));
+    }
+
+    #[test]
+    fn ardupilot_commands_fifteen_actuators_from_1_with_nine_frames() {
+        let mut autopilot = like(Profile::Ardupilot);
+        autopilot.hold(0.5);
+        let frames: Vec<_> = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
+        assert_eq!(frames.len(), 9);
+        assert!(frames.iter().all(|(at, frame)| *at == COMMAND_OFFSET && frame.id == Id::Extended(0x0803_F20A)));
+        let mut autopilot = like(Profile::Ardupilot);
+        autopilot.hold(0.5);
+        let Message::ArrayCommand(commands) = sent(&mut autopilot, COMMAND_OFFSET + 1).remove(1).1 else { panic!() };
+        let ids: Vec<u8> = commands.iter().map(|command| command.actuator).collect();
+        assert_eq!(ids, (1..=15).collect::<Vec<u8>>());
+        assert!(commands.iter().all(|command| command.unit == CommandUnit::Unitless));
+        let values: Vec<f32> = commands.iter().map(|command| command.value.to_f32()).collect();
+        assert_eq!(values[0], 0.5);
+        assert!(values[1..].is_sorted() && values[1] != values[2]);
+    }
+
+    #[test]
+    fn ardupilot_can_command_pulse_widths() {
+        let mut autopilot = like(Profile::ArdupilotPwm);
+        autopilot.hold(-0.5);
+        let messages = sent(&mut autopilot, COMMAND_OFFSET + 1);
+        assert!(messages[1].1.to_string().starts_with("ArrayCommand id 1 PWM 1250 us, id 2 PWM "), "{messages:?}");
+    }
+
+    #[test]
+    fn ardupilot_says_twice_a_second_that_it_is_armed() {
+        let mut autopilot = like(Profile::Ardupilot);
+        let of_a_second = |autopilot: &mut Autopilot, second| {
+            let messages = sent(autopilot, second * F_CPU_HZ).into_iter();
+            messages
+                .map(|(_, message)| message.to_string())
+                .filter(|text| !text.starts_with("ArrayC"))
+                .collect::<Vec<_>>()
+        };
+        let expected = ["NodeStatus OK OPERATIONAL up 0 s vendor 0x0000", "SafetyState off", "ArmingStatus armed"];
+        assert_eq!(of_a_second(&mut autopilot, 1), [&expected[..], &expected[1..]].concat());
+        autopilot.set_armed(false);
+        assert_eq!(of_a_second(&mut autopilot, 2)[2], "ArmingStatus disarmed");
+        assert_eq!(times_of(&mut autopilot, 0x1804_4C0A, 3 * F_CPU_HZ), [2012, 2512]);
+        assert_eq!(times_of(&mut autopilot, 0x1F01_550A, 4 * F_CPU_HZ), [3000]);
+    }
+
+    #[test]
+    fn px4_commands_eight_actuators_from_0_with_five_frames() {
+        let mut autopilot = Autopilot::new(Settings { actuator: 0, ..Settings::of(Profile::Px4) }, 1_000_000);
+        autopilot.hold(-1.0);
+        let frames = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
+        assert_eq!(frames.len(), 5);
+        assert!(frames.iter().all(|(_, frame)| frame.id == Id::Extended(0x0603_F201)));
+        let messages = sent(&mut autopilot, COMMAND_OFFSET + COMMAND_PERIOD + 1);
+        let Some((_, Message::ArrayCommand(commands))) = messages.last() else { panic!("{messages:?}") };
+        assert_eq!((commands.len(), commands[0].actuator, commands[7].actuator), (8, 0, 7));
+        assert_eq!(commands[0].value.to_f32(), -1.0);
+    }
+
+    #[test]
+    fn a_new_node_is_asked_who_it_is_until_it_says_so() {
+        let mut autopilot = like(Profile::Ardupilot);
+        const REQUEST: u32 = 0x1001_F88A;
+        tell(&mut autopilot, 16_000, 0x1801_5578, &status(0));
+        assert_eq!(times_of(&mut autopilot, REQUEST, 2 * F_CPU_HZ + F_CPU_HZ / 2), [3, 1003, 2003]);
+        let info = NodeInfo { name: b"org.example.servo".to_vec(), ..NodeInfo::default() };
+        tell(&mut autopilot, 2 * F_CPU_HZ, 0x1001_0AF8, &Message::NodeInfo(Box::new(info)));
+        assert_eq!(times_of(&mut autopilot, REQUEST, 4 * F_CPU_HZ), []);
+        let news = autopilot.take_news();
+        assert!(news[0].1.starts_with("120 is org.example.servo software 0.0"), "{news:?}");
+        // The same node again, then after a restart.
+        tell(&mut autopilot, 3 * F_CPU_HZ, 0x1801_5578, &status(3));
+        assert_eq!(times_of(&mut autopilot, REQUEST, 5 * F_CPU_HZ), []);
+        tell(&mut autopilot, 5 * F_CPU_HZ, 0x1801_5578, &status(0));
+        assert_eq!(times_of(&mut autopilot, REQUEST, 5 * F_CPU_HZ + F_CPU_HZ / 2), [5002]);
+    }
+
+    #[test]
+    fn a_node_that_is_gone_is_not_asked_for_ever() {
+        let mut autopilot = like(Profile::Px4);
+        tell(&mut autopilot, 0, 0x1801_5578, &status(0));
+        assert_eq!(times_of(&mut autopilot, 0x1E01_F881, 20 * F_CPU_HZ), [2, 1002, 2002, 3002]);
+    }
+
+    #[test]
+    fn it_says_who_it_is() {
+        let mut autopilot = like(Profile::Px4);
+        tell(&mut autopilot, F_CPU_HZ, 0x1E01_81FF, &Message::NodeInfoRequest);
+        let messages = sent(&mut autopilot, 2 * F_CPU_HZ);
+        let (at, answer) = messages.iter().find(|(_, message)| matches!(message, Message::NodeInfo(_))).unwrap();
+        assert_eq!(*at, F_CPU_HZ + ANSWER_DELAY);
+        assert!(answer.to_string().starts_with("GetNodeInfo response org.pixhawk.px4"), "{answer}");
+    }
+
+    #[test]
+    fn it_allocates_node_ids_only_when_told_to() {
+        for allocates in [false, true] {
+            let mut autopilot = Autopilot::new(Settings { allocates, ..Settings::default() }, 1_000_000);
+            let mut answers = Vec::new();
+            for (first, len, at) in [(0, 6, 100), (6, 6, 300), (12, 4, 500)] {
+                let request =
+                    Allocation { node_id: 0, first_part: first == 0, unique_id: (first..first + len).collect() };
+                tell(&mut autopilot, at * 16_000, 0x1E97_4D00, &Message::Allocation(request));
+                let messages = sent(&mut autopilot, (at + 100) * 16_000).into_iter();
+                answers.extend(messages.filter(|(_, message)| matches!(message, Message::Allocation(_))));
+            }
+            let texts: Vec<_> = answers.iter().map(|(at, message)| format!("{} {message}", at / 16_000)).collect();
+            let expected = [
+                "102 Allocation unique ID 000102030405",
+                "302 Allocation unique ID 000102030405060708090A0B",
+                "502 Allocation node ID 125 unique ID 000102030405060708090A0B0C0D0E0F",
+            ];
+            assert_eq!(texts, if allocates { &expected[..] } else { &[] });
+            assert_eq!(autopilot.take_news().len(), usize::from(allocates));
+        }
+    }
+
+    #[test]
+    fn command_types_are_those_of_the_profile() {
+        let mut autopilot = autopilot(CommandType::Thesis);
+        autopilot.next_command_type();
+        assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
+        let mut autopilot = like(Profile::Ardupilot);
+        autopilot.next_command_type();
+        assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
     }
 }

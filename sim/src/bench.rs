@@ -5,10 +5,14 @@
 //! what became of their INT pins. A board is never ahead of the bus by more than that, and
 //! overshoots it by one instruction at most.
 
-use std::path::PathBuf;
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use anyhow::Result;
 
 use crate::board::Board;
-use crate::can::{Bus, PortId, StationRef};
+use crate::can::{Bus, PortId, SoftNode, StationRef};
 use crate::{Cycles, F_CPU_HZ};
 
 /// Boards and other stations on one bus.
@@ -113,6 +117,21 @@ impl Bench {
         }
         self.now = horizon;
     }
+}
+
+/// The EEPROM of a board that has been started once with this firmware. The first start may take its time, to make the board a
+/// unique ID; what is of no concern to a test need not wait for that each time.
+///
+/// # Errors
+/// If the file is missing or is no program for an ATmega168.
+pub fn eeprom_after_first_start(elf: &Path) -> Result<Vec<u8>> {
+    const FIRST_START_MS: u64 = 1500;
+    const BIT_RATE: u32 = 1_000_000;
+    let mut bench = Bench::new(BIT_RATE);
+    let board = bench.add_board(Board::load(elf)?, "node");
+    bench.attach("peer", Rc::new(RefCell::new(SoftNode::new(BIT_RATE))));
+    bench.run_for_ms(FIRST_START_MS);
+    Ok(bench.board(board).avr().eeprom())
 }
 
 /// Where the firmware is: `NODE_ELF`, else the release ELF in cargo's target directory.

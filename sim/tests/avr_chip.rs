@@ -5,7 +5,7 @@ mod avr;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, address, assert_no_violation, byte, program, word};
+use avr::{MS, US, address, assert_no_violation, byte, bytes, program, word};
 use sim::avr::{Avr, ResetCause, State};
 
 #[test]
@@ -54,9 +54,10 @@ fn the_watchdog_runs_on_after_its_reset() {
     let mut avr = program("watchdog", &[]);
     avr.run_until(200 * MS);
     let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
-    assert!((64 * MS..65 * MS).contains(&at[1]), "{at:?}");
+    // The oscillator is off by a tenth at most.
+    assert!((57 * MS..71 * MS).contains(&at[1]), "{at:?}");
     for pair in at[1..].windows(2) {
-        assert!((16 * MS..16 * MS + 8).contains(&(pair[1] - pair[0])), "{at:?}");
+        assert!((14 * MS..18 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
     }
     assert_eq!(usize::from(byte(&avr, "starts")), avr.resets().len());
     assert_eq!(byte(&avr, "mcusr"), 1 << 3);
@@ -68,9 +69,9 @@ fn the_watchdog_can_be_armed_again_after_its_reset() {
     let mut avr = program("watchdog", &["REARM"]);
     avr.run_until(300 * MS);
     let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
-    assert_eq!(at.len(), 5);
+    assert!((4..=6).contains(&at.len()), "{at:?}");
     for pair in at.windows(2) {
-        assert!((64 * MS..65 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
+        assert!((57 * MS..71 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
     }
 }
 
@@ -79,6 +80,26 @@ fn the_watchdog_can_be_switched_off_after_its_reset() {
     let mut avr = program("watchdog", &["DISABLE"]);
     avr.run_until(500 * MS);
     assert_eq!(avr.resets().len(), 2);
+}
+
+/// Datasheet 11.9.2: the flag is polled, and cleared by writing a one to it. What a program counts meanwhile scatters, and
+/// differs from chip to chip; the same seed gives the same again.
+#[test]
+fn time_outs_of_the_watchdog_scatter_and_differ_from_chip_to_chip() {
+    let turns = |seed: u64| {
+        let mut avr = program("watchdog_noise", &[]);
+        avr.seed(seed);
+        avr.reset(ResetCause::PowerOn);
+        avr.run_until(160 * MS);
+        assert_eq!(byte(&avr, "done"), 1);
+        let turns = bytes(&avr, "turns");
+        turns.chunks(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect::<Vec<u16>>()
+    };
+    let first = turns(1);
+    let (least, most) = (first.iter().min().unwrap(), first.iter().max().unwrap());
+    assert!(most - least >= 2 && most - least < most / 1000, "{first:?}");
+    assert_eq!(first, turns(1));
+    assert_ne!(first, turns(2));
 }
 
 /// Datasheet 11.9.1: a power-on clears the other flags, other resets add theirs.

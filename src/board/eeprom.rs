@@ -25,6 +25,7 @@ impl node::node::store::Eeprom for Eeprom {
     #[inline(never)]
     fn read(&self, at: u8) -> u8 {
         self.eeprom.eear().write(|w| w.set(u16::from(at)));
+        // With EEPM 0: a write, too, which comes after a read here, is erase and write in one.
         self.eeprom.eecr().write(|w| w.eere().set_bit());
         self.eeprom.eedr().read().bits()
     }

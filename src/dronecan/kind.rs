@@ -122,6 +122,12 @@ impl Kind {
         kind
     }
 
+    /// The data type ID.
+    pub fn id(self, flash: impl Progmem) -> u16 {
+        let id = flash.word(self.at());
+        if id >= u16::from(SERVICE) << 8 { id & 0xFF } else { id }
+    }
+
     /// The low byte of the data type ID.
     pub fn id_low(self, flash: impl Progmem) -> u8 {
         flash.byte(self.at())

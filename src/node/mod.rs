@@ -381,7 +381,7 @@ impl Node {
         let event = monitor.tell(Line::RefusedLength);
         event.source = transfer.source;
         event.transfer = transfer.transfer_id();
-        event.a = u16::from(transfer.kind.id_low(flash));
+        event.a = transfer.kind.id(flash);
         event.line = if transfer.kind.is_request() {
             self.serve(transfer, event, flash)
         } else {

@@ -252,7 +252,8 @@ impl Parameters {
         NONE
     }
 
-    /// Sets a parameter to a number, in two's complement: its lower and upper 16 bits. Whether it was in range; else nothing changes.
+    /// Sets a parameter to a number in two's complement, of which these are the lower and the upper 16 bits. Whether it was in
+    /// range; else nothing changes.
     pub fn set(&mut self, index: u8, mut low: u16, mut high: u16, flash: impl Progmem) -> bool {
         let Some(value) = self.values.get_mut(usize::from(index)) else { return false };
         if index == Parameter::CanBaudrate as u8 {
@@ -293,5 +294,174 @@ impl Parameters {
 impl Default for Parameters {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progmem::InMemory;
+
+    /// Sets a parameter to a number of 32 bits.
+    fn set(parameters: &mut Parameters, index: u8, number: i64) -> bool {
+        parameters.set(index, number as u16, (number >> 16) as u16, InMemory)
+    }
+
+    fn fresh() -> Parameters {
+        let mut parameters = Parameters::new();
+        parameters.set_defaults(InMemory);
+        parameters
+    }
+
+    /// What a number of the table is on the bus.
+    fn on_the_bus(index: usize, number: i32) -> i64 {
+        i64::from(number) * if index == Parameter::CanBaudrate as usize { 125_000 } else { 1 }
+    }
+
+    fn response(parameters: &Parameters, index: u8) -> std::vec::Vec<u8> {
+        let value = parameters.value(index).unwrap();
+        (0..NUMBERS_LEN).map(|at| response_byte(at, value, index, InMemory)).collect()
+    }
+
+    /// The four numbers of a response, after a look at their tags.
+    fn numbers(parameters: &Parameters, index: u8) -> [i64; 4] {
+        let response = response(parameters, index);
+        core::array::from_fn(|n| {
+            assert_eq!(response[9 * n], 1, "the tag of an integer");
+            i64::from_le_bytes(response[9 * n + 1..9 * n + 9].try_into().unwrap())
+        })
+    }
+
+    #[test]
+    fn every_parameter_answers_with_value_default_maximum_and_minimum() {
+        for (index, &(name, min, max, default)) in TABLE.iter().enumerate() {
+            let [min, max, default] = [min, max, default].map(|number| on_the_bus(index, number));
+            assert_eq!(numbers(&fresh(), index as u8), [default, default, max, min], "{name}");
+        }
+    }
+
+    #[test]
+    fn a_response_is_laid_out_as_pydronecan_does() {
+        // CAN_NODE = 42, default 120, maximum 125, minimum 0.
+        let mut parameters = fresh();
+        assert!(set(&mut parameters, 0, 42));
+        let mut expected = [0; 36];
+        for (number, value) in [42, 120, 125, 0].into_iter().enumerate() {
+            expected[9 * number] = 1;
+            expected[9 * number + 1] = value;
+        }
+        assert_eq!(response(&parameters, 0), expected);
+    }
+
+    #[test]
+    fn all_of_a_range_can_be_set_and_nothing_else() {
+        for (index, &(name, min, max, _)) in TABLE.iter().enumerate() {
+            if index == Parameter::CanBaudrate as usize {
+                continue;
+            }
+            let mut parameters = fresh();
+            for number in -67_000..70_000 {
+                let before = parameters;
+                let is_set = set(&mut parameters, index as u8, number.into());
+                assert_eq!(is_set, (min..=max).contains(&number), "{name} {number}");
+                if is_set {
+                    assert_eq!(parameters.value(index as u8), Some(number as u16));
+                } else {
+                    assert_eq!(parameters, before, "{name} {number}");
+                }
+            }
+            for number in [i32::MIN, i32::MIN + 500, -0x7FFF_0000, 0x0002_0001, 0x00FF_0000, 0x7FFF_FE0C, i32::MAX] {
+                assert!(!set(&mut parameters, index as u8, number.into()), "{name} {number}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_set_is_answered() {
+        let mut parameters = fresh();
+        for (index, &(name, min, max, default)) in TABLE.iter().enumerate() {
+            for number in [min, max, default, (min + max) / 2] {
+                let [number, min, max, default] = [number, min, max, default].map(|number| on_the_bus(index, number));
+                if set(&mut parameters, index as u8, number) {
+                    assert_eq!(numbers(&parameters, index as u8), [number, default, max, min], "{name}");
+                } else {
+                    assert_eq!(name, "CAN_BAUDRATE", "half of the sum of its ends is no bit rate");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_bit_rate_is_one_of_four_in_bits_per_second() {
+        let index = Parameter::CanBaudrate as u8;
+        let mut parameters = fresh();
+        for (rate, units) in [(125_000, 1), (250_000, 2), (500_000, 4), (1_000_000, 8)] {
+            assert!(set(&mut parameters, index, rate), "{rate}");
+            assert_eq!(parameters.get(Parameter::CanBaudrate), units);
+            assert_eq!(numbers(&parameters, index), [rate, 1_000_000, 1_000_000, 125_000]);
+        }
+        let before = parameters;
+        for rate in (-70_000..2_100_000).chain((1..256).map(|high| 125_000 | high << 24)) {
+            if ![125_000, 250_000, 500_000, 1_000_000].contains(&rate) {
+                assert!(!set(&mut parameters, index, rate), "{rate}");
+            }
+        }
+        assert_eq!(parameters, before);
+    }
+
+    #[test]
+    fn every_parameter_is_found_by_its_name_and_has_it() {
+        for (index, (name, ..)) in TABLE.iter().enumerate() {
+            assert_eq!(Parameters::find(name.as_bytes(), InMemory), index as u8, "{name}");
+            let at = name_at(index as u8, InMemory);
+            assert_eq!(InMemory.byte(at - 1), name.len() as u8);
+            let stored: std::vec::Vec<u8> = (0..name.len() as u16).map(|n| InMemory.byte(at + n)).collect();
+            assert_eq!(stored, name.as_bytes());
+        }
+    }
+
+    #[test]
+    fn names_of_nothing_are_not_found() {
+        for name in ["", "C", "CAN_NOD", "CAN_NODE ", "CAN_NODEX", "can_node", "SRV_MIX", "SEVENTEEN_LETTERS", "\0"] {
+            assert_eq!(Parameters::find(name.as_bytes(), InMemory), NONE, "{name:?}");
+        }
+    }
+
+    #[test]
+    fn there_is_no_parameter_after_the_last() {
+        let mut parameters = fresh();
+        for index in COUNT as u8..=255 {
+            assert_eq!(parameters.value(index), None);
+            assert!(!set(&mut parameters, index, 0));
+        }
+        assert_eq!(parameters, fresh());
+    }
+
+    #[test]
+    fn names_are_unique_and_those_of_ardupilot_where_it_has_one() {
+        let names: std::collections::HashSet<_> = TABLE.iter().map(|entry| entry.0).collect();
+        assert_eq!(names.len(), COUNT);
+        for name in names {
+            assert!(name.len() <= 16 && name.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_'), "{name}");
+        }
+    }
+
+    #[test]
+    fn values_below_zero_come_back_below_zero() {
+        let mut parameters = fresh();
+        assert!(set(&mut parameters, Parameter::TempMin as u8, -55));
+        assert_eq!(parameters.get(Parameter::TempMin) as i16, -55);
+        assert_eq!(numbers(&parameters, Parameter::TempMin as u8), [-55, -40, 150, -55]);
+    }
+
+    #[test]
+    fn a_change_is_noted_once_and_a_refusal_is_none() {
+        let mut parameters = fresh();
+        assert!(parameters.take_change(), "defaults are a change");
+        assert!(!parameters.take_change());
+        assert!(!set(&mut parameters, Parameter::SrvMin as u8, 3000));
+        assert!(!parameters.take_change());
+        assert!(set(&mut parameters, Parameter::SrvMin as u8, 900));
+        assert!(parameters.take_change());
     }
 }

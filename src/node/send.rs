@@ -93,7 +93,7 @@ impl Node {
             self.status_in_controller = true;
             self.status_sent_ms = now_ms;
         }
-        if self.sending == REPLY && self.replies.pop() {
+        if self.sending == REPLY && self.replies.pop() && !self.is_to_restart {
             self.is_to_restart = true;
             self.restart_ms = now_ms.wrapping_add(RESTART_MS);
         }

@@ -2,7 +2,7 @@
 
 use super::outgoing::Form;
 use super::parameters::{self, Parameters};
-use super::{Node, information};
+use super::{Node, condition::Conditions, information};
 use crate::can::mcp2515::Counters;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::Transfer;
@@ -207,6 +207,9 @@ impl Node {
                         return false;
                     }
                     is_done = self.store.is_saved();
+                    if is_done {
+                        self.conditions.set(Conditions::PARAMETERS_LOST, false);
+                    }
                     self.replies.is_saving = false;
                     monitor.tell(if is_done { Line::Saved } else { Line::NotSaved });
                 }

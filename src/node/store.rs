@@ -6,7 +6,7 @@
 //! written when the power went can hold anything: so the CRC covers the marker, too.
 //!
 //! Of the parameters there are two records, and a save overwrites the older one. The marker counts the saves, modulo 4,
-//! which tells the newer from the older.
+//! which tells the newer from the older, and has the version of their layout.
 
 use super::parameters::{Parameters, VALUES_LEN};
 use crate::dronecan::crc;
@@ -45,16 +45,26 @@ const _: () = assert!(PARAMETERS[0] + MARKER < PARAMETERS[1] && PARAMETERS[1].ch
 /// The marker of a record that is none: as erased.
 const NO_RECORD: u8 = 0xFF;
 
-/// Markers count modulo 4.
-const MARKER_MASK: u8 = 3;
+/// In the marker of parameters: the lower two bits count the saves.
+const COUNT_MASK: u8 = 3;
 
-/// Version of the layout, in the higher byte: to be changed with the order or the ranges of the parameters. The CRC begins
-/// with it, so records of another version are none.
-const LAYOUT: u16 = 0x0100;
+/// And the others are the version of the layout, 1 to 62: to be changed with the order or the ranges of the parameters.
+/// Records of another version are none. The unique ID has a marker of 0 and outlives them.
+const LAYOUT: u8 = 1 << 2;
 
-/// Where the CRC of a record begins.
+/// The marker of the save after the one with this marker.
+fn next(marker: u8) -> u8 {
+    marker.wrapping_add(1) & COUNT_MASK | LAYOUT
+}
+
+/// Whether a marker is that of parameters in this layout.
+fn is_usable(marker: u8) -> bool {
+    marker & !COUNT_MASK == LAYOUT
+}
+
+/// Where the CRC of a record begins: it covers the marker by this, and a record of zeros is none.
 fn crc_start(marker: u8) -> u16 {
-    LAYOUT | u16::from(marker)
+    0x0100 | u16::from(marker)
 }
 
 /// Samples of noise for a unique ID. One that says "16 ms, as always" still has a random bit or more in it (see
@@ -128,17 +138,17 @@ impl Store {
         let first = eeprom.read(PARAMETERS[0].wrapping_add(MARKER));
         let second = eeprom.read(PARAMETERS[1].wrapping_add(MARKER));
         let mut base = PARAMETERS[0];
-        if second.wrapping_sub(first) & MARKER_MASK == 1 {
+        if second.wrapping_sub(first) & COUNT_MASK == 1 {
             base = PARAMETERS[1];
         }
         let mut marker = read(parameters.bytes(), base, eeprom);
-        if marker == NO_RECORD {
+        if !is_usable(marker) {
             base ^= OTHER;
             marker = read(parameters.bytes(), base, eeprom);
         }
         self.base = base ^ OTHER;
-        self.next_marker = marker.wrapping_add(1) & MARKER_MASK;
-        if marker != NO_RECORD {
+        self.next_marker = next(marker);
+        if is_usable(marker) {
             return false;
         }
         parameters.set_defaults(flash);
@@ -214,7 +224,7 @@ impl Store {
         } else {
             self.saving = Saving::Done;
             self.base ^= OTHER;
-            self.next_marker = self.next_marker.wrapping_add(1) & MARKER_MASK;
+            self.next_marker = next(self.next_marker);
         }
     }
 }
@@ -316,11 +326,11 @@ mod tests {
     }
 
     /// A set of parameters that differs from all others in every value that can.
-    fn set(number: u32) -> Parameters {
+    fn set(number: u16) -> Parameters {
         let mut parameters = defaults();
         for index in 0..COUNT as u8 {
             for value in [number, number + 1000] {
-                parameters.set(index, (value) as u16, ((value) >> 16) as u16, InMemory);
+                parameters.set(index, value, 0, InMemory);
             }
         }
         parameters.take_change();
@@ -347,7 +357,7 @@ mod tests {
     }
 
     /// EEPROMs after so many saves, with what is saved there last.
-    fn after_saves(saves: u32) -> (Model, Parameters) {
+    fn after_saves(saves: u16) -> (Model, Parameters) {
         let mut eeprom = Model::blank();
         let (mut store, mut parameters, _) = loaded(&eeprom);
         for number in 0..saves {
@@ -417,7 +427,7 @@ mod tests {
                     let mut eeprom = start.clone();
                     let (mut store, _, _) = loaded(&eeprom);
                     save_and_cut(&mut store, &mut first.clone(), &mut eeprom, cut);
-                    let garbage = (cut * 31 + again * 17 + saves) as u8;
+                    let garbage = (cut * 31 + again * 17 + u32::from(saves)) as u8;
                     if let Some((at, _)) = eeprom.writing.take() {
                         eeprom.cells[usize::from(at)] = garbage;
                     }
@@ -438,11 +448,11 @@ mod tests {
 
     #[test]
     fn a_parameter_changed_during_a_save_is_saved_and_never_mixed_in() {
-        const VALUE: u32 = 0xABCD;
+        const VALUE: u16 = 0xABCD;
         let (start, old) = after_saves(3);
         let before = set(200);
         let mut after = before;
-        assert!(after.set(Parameter::TempId as u8, (VALUE) as u16, ((VALUE) >> 16) as u16, InMemory));
+        assert!(after.set(Parameter::TempId as u8, VALUE, 0, InMemory));
         after.take_change();
         for changed_at in 0..120 {
             for cut in 0..130 {
@@ -454,7 +464,7 @@ mod tests {
                 store.save();
                 while store.is_saving() && eeprom.writes <= cut {
                     if steps == changed_at {
-                        parameters.set(Parameter::TempId as u8, (VALUE) as u16, ((VALUE) >> 16) as u16, InMemory);
+                        parameters.set(Parameter::TempId as u8, VALUE, 0, InMemory);
                     }
                     store.step(&mut parameters, &mut eeprom);
                     eeprom.busy.set(0);
@@ -555,7 +565,7 @@ mod tests {
     fn without_a_save_a_change_is_not_written() {
         let mut eeprom = Model::blank();
         let (mut store, mut parameters, _) = loaded(&eeprom);
-        parameters.set(Parameter::CanNode as u8, (7) as u16, ((7) >> 16) as u16, InMemory);
+        parameters.set(Parameter::CanNode as u8, 7, 0, InMemory);
         for _ in 0..100 {
             store.step(&mut parameters, &mut eeprom);
         }
@@ -567,7 +577,26 @@ mod tests {
     fn the_layout_s_version_is_that_of_the_names_and_ranges() {
         let but_defaults = PACKED.iter().skip(usize::from(VALUES_LEN));
         let sum = but_defaults.fold(0, |sum, &byte| crc::add(sum, byte));
-        assert_eq!((LAYOUT, sum), (0x0100, 26_985));
+        assert_eq!((LAYOUT, sum), (1 << 2, 26_985));
+    }
+
+    #[test]
+    fn parameters_of_another_layout_are_lost_and_the_unique_id_is_not() {
+        let mut eeprom = Model::blank();
+        let id = identified(&mut eeprom, noise(1));
+        for version in (0..=62u8).filter(|version| version << 2 != LAYOUT) {
+            let (mut store, _, _) = loaded(&eeprom);
+            store.next_marker = version << 2;
+            assert!(save(&mut store, &mut set(1), &mut eeprom));
+            assert_eq!(eeprom.cells[usize::from(PARAMETERS[0] + MARKER)], version << 2, "a whole record");
+            let (mut store, mut parameters, is_lost) = loaded(&eeprom);
+            assert_eq!((parameters, is_lost), (defaults(), true), "{version}");
+            assert_eq!(identified(&mut eeprom, || unreachable!()), id);
+            // And after the next save all is well.
+            assert!(save(&mut store, &mut parameters, &mut eeprom));
+            assert!(!loaded(&eeprom).2);
+            eeprom.cells[0x20..].fill(0xFF);
+        }
     }
 
     /// Noise as a bad source gives it: two bits that change.

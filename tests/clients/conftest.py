@@ -10,6 +10,8 @@ A case takes three lines:
 When the test is over its clients are closed, the simulator gets Ctrl-C, and then it must end with exit code 0 (it does not
 if the node crashed or its program made a mistake) and leave no link behind. Nothing outlives a test.
 
+Boards have been started before, so that none of them takes its time to make a unique ID; `fresh=True` starts new ones.
+
 The program is $SIM_BIN, or the newer one of cargo's debug and release builds.
 """
 
@@ -28,6 +30,7 @@ import time
 import tty
 
 import dronecan
+import dronecan.app.dynamic_node_id
 import dronecan.app.node_monitor
 import pytest
 
@@ -41,6 +44,7 @@ PATIENCE_S = 10
 # too, so it comes before anybody uses one; pydronecan's own applications, which hold the old ones, are loaded again.
 dronecan.load_dsdl(str(ROOT / "dsdl" / "thesis"))
 importlib.reload(dronecan.app.node_monitor)
+importlib.reload(dronecan.app.dynamic_node_id)
 
 
 def sim_program():
@@ -124,6 +128,47 @@ class Client:
             self.node.spin(0.05)
         return result
 
+    def ask(self, request, node=NODE, timeout=PATIENCE_S):
+        """The response to a request; `None` if there is none in pydronecan's time of a second."""
+        events = []
+        self.node.request(request, node, events.append)
+        event = self.spin_until(lambda: events, f"response to {request}", timeout)[0]
+        return event and event.response
+
+    def parameter(self, name="", index=0, node=NODE, **value):
+        """A parameter, after it was set if there is a value: `integer_value=1100`."""
+        request = dronecan.uavcan.protocol.param.GetSet.Request(index=index, name=name)
+        request.value = dronecan.uavcan.protocol.param.Value(**(value or {"empty": dronecan.uavcan.protocol.param.Empty()}))
+        response = self.ask(request, node)
+        assert response is not None, f"no answer for parameter {name or index}"
+        return response
+
+    def get(self, name, node=NODE):
+        return self.parameter(name, node=node).value.integer_value
+
+    def set(self, name, value, node=NODE):
+        response = self.parameter(name, node=node, integer_value=value)
+        assert (str(response.name), response.value.integer_value) == (name, value)
+
+    def execute(self, opcode, node=NODE):
+        """Whether the node says that the opcode was executed."""
+        request = dronecan.uavcan.protocol.param.ExecuteOpcode.Request(opcode=opcode)
+        response = self.ask(request, node)
+        assert response is not None, f"no answer for opcode {opcode}"
+        return response.ok
+
+    def save(self, node=NODE):
+        assert self.execute(dronecan.uavcan.protocol.param.ExecuteOpcode.Request().OPCODE_SAVE, node)
+
+    def restart(self, node=NODE):
+        """Restarts the node and waits until it is up again."""
+        request = dronecan.uavcan.protocol.RestartNode.Request()
+        request.magic_number = request.MAGIC_NUMBER
+        assert self.ask(request, node).ok
+        status = self.wait_for(dronecan.uavcan.protocol.NodeStatus, source=node)
+        while status.mode != status.MODE_INITIALIZATION:
+            status = self.wait_for(dronecan.uavcan.protocol.NodeStatus, source=node)
+
     def command(self, *commands):
         """Broadcasts an ArrayCommand of (actuator, type, value)."""
         message = dronecan.uavcan.equipment.actuator.ArrayCommand()
@@ -186,8 +231,10 @@ class Raw:
 
 
 class Bench:
-    def __init__(self, directory, options, slcan, serial):
+    def __init__(self, directory, options, slcan, serial, eeproms):
         self.directory = directory
+        for number, eeprom in enumerate(eeproms):
+            self.eeprom(number).write_bytes(eeprom)
         self.slcan = [directory / f"can{index}" for index in range(slcan)]
         self.serial = directory / "serial" if serial else None
         self.links = self.slcan + ([self.serial] if serial else [])
@@ -200,6 +247,8 @@ class Bench:
         if serial:
             line += ["--serial", self.serial]
         line += options
+        if "--eeprom" not in options:
+            line += ["--eeprom", self.eeprom(0)]
         with open(self.output, "wb") as output:
             self.process = subprocess.Popen(
                 [str(word) for word in line],
@@ -209,6 +258,10 @@ class Bench:
                 cwd=directory,
                 start_new_session=True,
             )
+
+    def eeprom(self, board):
+        """Where the EEPROM of a board is kept."""
+        return self.directory / ("eeprom" if board == 0 else f"eeprom.{board}")
 
     def wait_for_links(self):
         wait_until(lambda: self.is_over() or all(path.exists() for path in self.links), "links")
@@ -233,6 +286,11 @@ class Bench:
         """Width of the servo's last pulse, as the simulator measured it."""
         pulses = re.findall(r" servo +pulse ([\d.]+) us", self.text())
         return float(pulses[-1]) if pulses else None
+
+    def light_percent(self):
+        """Brightness of the light, as the simulator measured it."""
+        percents = re.findall(r" light +(\d+) %", self.text())
+        return int(percents[-1]) if percents else 0
 
     def goes_on(self):
         """Simulated time passes, and the node still speaks."""
@@ -291,15 +349,37 @@ def end_group(process):
         process.stdout.close()
 
 
+def run_sim(directory, *options):
+    """Runs the simulator alone, as fast as it can."""
+    line = [sim_program(), "--plain", "--speed", "max", "--elf", node_elf(), *options]
+    done = subprocess.run(
+        [str(word) for word in line], cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60
+    )
+    text = done.stdout.decode(errors="replace")
+    assert done.returncode == 0, text
+    return text
+
+
+@pytest.fixture(scope="session")
+def started_eeprom(tmp_path_factory):
+    """The EEPROM of a board that has been started before: it has its unique ID."""
+    directory = tmp_path_factory.mktemp("started")
+    run_sim(directory, "--no-autopilot", "--for", "1500ms", "--eeprom", directory / "eeprom")
+    path = directory / "eeprom"
+    return path.read_bytes() if path.exists() else None
+
+
 @pytest.fixture
-def bench(tmp_path):
+def bench(tmp_path, started_eeprom):
     """Starts a bench: options of `sim`, the number of its SLCAN adapters, and whether it has a serial port."""
     benches = []
 
-    def start(*options, slcan=1, serial=False, autopilot=False, exit_code=0):
+    def start(*options, slcan=1, serial=False, autopilot=False, exit_code=0, fresh=False, eeproms=None):
         directory = tmp_path / f"bench{len(benches)}"
         directory.mkdir()
-        new = Bench(directory, [*options, *([] if autopilot else ["--no-autopilot"])], slcan, serial)
+        if eeproms is None:
+            eeproms = [] if fresh or started_eeprom is None else [started_eeprom]
+        new = Bench(directory, [*options, *([] if autopilot else ["--no-autopilot"])], slcan, serial, eeproms)
         new.expected_exit_code = exit_code
         benches.append(new)
         new.wait_for_links()

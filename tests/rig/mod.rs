@@ -1,17 +1,23 @@
-//! The rig of the black-box tests: the shipped ELF on a simulated board, and one other node on the bus to talk to it.
+//! The rig of the black-box tests: the shipped ELF on one or more simulated boards, and one other node on the bus to talk to it.
 //!
-//! Numbers of the protocol are written out here and in the tests, never taken from the firmware.
+//! Numbers of the protocol are written out here and in the tests, or are the simulator's; they are never taken from the
+//! firmware. What the node is managed by is in [`manage`].
 
 #![allow(dead_code, reason = "each test file uses its own part of the rig")]
 
+pub mod manage;
+
 use std::cell::RefCell;
 use std::rc::Rc;
+use std::sync::OnceLock;
 
 use sim::Cycles;
-use sim::avr::Pulse;
-use sim::bench::{Bench, node_elf};
+use sim::autopilot::{Autopilot, Settings};
+use sim::avr::{Pulse, ResetCause};
+use sim::bench::{Bench, eeprom_after_first_start, node_elf};
 use sim::board::Board;
 use sim::can::{Frame, Id, PortId, RecordKind, SoftNode};
+use sim::dronecan::{ActuatorCommand, Assembler, CommandUnit, Outcome, Transfer, TransferId, split, types};
 
 /// CPU cycles in a millisecond and in a microsecond.
 pub const MS: Cycles = 16_000;
@@ -30,14 +36,28 @@ pub const NODE_STATUS: u32 = 0x1801_5500;
 pub const ARRAY_COMMAND: u32 = 0x1003_F200;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
-/// The board, the bus, and a peer that acknowledges and talks.
+/// EEPROM of a board that has been started before, and so has its unique ID.
+pub fn started() -> &'static [u8] {
+    static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
+    EEPROM.get_or_init(|| eeprom_after_first_start(&node_elf()).unwrap_or_else(|error| panic!("{error:#}")))
+}
+
+/// The boards, the bus, and a peer that acknowledges and talks.
 pub struct Rig {
     pub bench: Bench,
+    boards: usize,
     pub peer: Rc<RefCell<SoftNode>>,
     pub peer_port: PortId,
     /// What passed on the bus: end of frame, and the frame.
     pub traffic: Vec<(Cycles, Frame)>,
     pub error_frames: usize,
+    /// Transfers that passed on the bus: end of the last frame, and the transfer.
+    pub transfers: Vec<(Cycles, Transfer)>,
+    /// Frames that are no part of a transfer.
+    pub broken: Vec<(Cycles, Frame, &'static str)>,
+    assembler: Assembler,
+    autopilot: Option<Autopilot>,
+    /// Of the first board.
     pub pulses: Vec<Pulse>,
     pub serial: String,
     /// Driver mistakes and lost frames that the test means to happen.
@@ -45,39 +65,96 @@ pub struct Rig {
     pub overflows_expected: bool,
     status_transfer_id: u8,
     command_transfer_id: u8,
+    request_transfer_id: u8,
 }
 
 impl Rig {
-    /// A board that gets its power now, on a bus of 1 Mbit/s with the peer.
+    /// A board that gets its power now, and not for the first time, on a bus of 1 Mbit/s with the peer.
     pub fn powered() -> Rig {
+        Rig::with_boards(&[started()])
+    }
+
+    /// A board that gets its power for the first time.
+    pub fn new_board() -> Rig {
+        Rig::with_boards(&[&[]])
+    }
+
+    /// Boards with these EEPROMs, as different from each other as boards are. They get their power now.
+    pub fn with_boards(eeproms: &[&[u8]]) -> Rig {
         let mut bench = Bench::new(1_000_000);
-        let board = Board::load(&node_elf()).unwrap_or_else(|error| panic!("{error:#}"));
-        bench.add_board(board, "node");
+        for (eeprom, number) in eeproms.iter().zip(0..) {
+            let mut board = Board::load(&node_elf()).unwrap_or_else(|error| panic!("{error:#}"));
+            board.avr_mut().set_eeprom(eeprom);
+            if number > 0 {
+                board.avr_mut().seed(number);
+                board.reset(ResetCause::PowerOn);
+            }
+            bench.add_board(board, &format!("node{number}"));
+        }
         let peer = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
         let peer_port = bench.attach("peer", peer.clone());
         Rig {
             bench,
+            boards: eeproms.len(),
             peer,
             peer_port,
             traffic: Vec::new(),
             error_frames: 0,
+            transfers: Vec::new(),
+            broken: Vec::new(),
+            assembler: Assembler::new(),
+            autopilot: None,
             pulses: Vec::new(),
             serial: String::new(),
             violations_expected: false,
             overflows_expected: false,
             status_transfer_id: 0,
             command_transfer_id: 0,
+            request_transfer_id: 0,
         }
+    }
+
+    /// Puts an autopilot on the bus, besides the peer.
+    pub fn attach_autopilot(&mut self, settings: Settings) {
+        let autopilot = Autopilot::new(settings, 1_000_000);
+        self.bench.attach("autopilot", autopilot.station());
+        self.autopilot = Some(autopilot);
+    }
+
+    /// The autopilot, if it was attached.
+    #[track_caller]
+    pub fn autopilot(&mut self) -> &mut Autopilot {
+        self.autopilot.as_mut().expect("an autopilot")
     }
 
     /// A board that is up: it has sent its first status, and that is forgotten again.
     #[track_caller]
     pub fn running() -> Rig {
-        let mut rig = Rig::powered();
-        rig.wait_for("the first NodeStatus", 100, |rig| !rig.statuses().is_empty());
-        rig.run_ms(150);
-        rig.forget();
+        Rig::running_with(started())
+    }
+
+    /// The same with this EEPROM.
+    #[track_caller]
+    pub fn running_with(eeprom: &[u8]) -> Rig {
+        let mut rig = Rig::with_boards(&[eeprom]);
+        rig.wait_until_up();
         rig
+    }
+
+    /// Waits for the first status after a start, and forgets it.
+    #[track_caller]
+    pub fn wait_until_up(&mut self) {
+        self.wait_for("the first NodeStatus", 100, |rig| !rig.statuses().is_empty());
+        self.run_ms(150);
+        self.forget();
+    }
+
+    /// Takes the first board's power, and gives it again.
+    pub fn cut_power(&mut self) {
+        self.board().reset(ResetCause::PowerOn);
+        // What it was just sending is lost; the others see an error there.
+        self.run_ms(1);
+        self.forget();
     }
 
     pub fn board(&mut self) -> &mut Board {
@@ -94,6 +171,8 @@ impl Rig {
         self.pulses.clear();
         self.serial.clear();
         self.error_frames = 0;
+        self.transfers.clear();
+        self.broken.clear();
     }
 
     pub fn run_ms(&mut self, ms: u64) {
@@ -102,10 +181,18 @@ impl Rig {
 
     pub fn run_until(&mut self, t: Cycles) {
         while self.now() < t {
-            // In small steps, so that nothing piles up.
-            self.bench.run_until(t.min(self.now() + 10 * MS));
-            self.collect();
+            // In small steps, so that nothing piles up, and an autopilot has its turn.
+            let step = if self.autopilot.is_some() { MS } else { 10 * MS };
+            self.step(t.min(self.now() + step));
         }
+    }
+
+    fn step(&mut self, until: Cycles) {
+        if let Some(autopilot) = &mut self.autopilot {
+            autopilot.advance(until);
+        }
+        self.bench.run_until(until);
+        self.collect();
     }
 
     /// Runs until the condition holds, which it must within so many simulated milliseconds.
@@ -114,24 +201,42 @@ impl Rig {
         let end = self.now() + timeout_ms * MS;
         while !condition(self) {
             assert!(self.now() < end, "no {what} within {timeout_ms} ms\nserial monitor:\n{}", self.serial);
-            self.bench.run_until(self.now() + MS / 10);
-            self.collect();
+            self.step(self.now() + MS / 10);
         }
     }
 
     fn collect(&mut self) {
         for record in self.bench.bus().take_records() {
             match record.kind {
-                RecordKind::Frame { frame, .. } => self.traffic.push((record.end, frame)),
+                RecordKind::Frame { frame, .. } => {
+                    self.traffic.push((record.end, frame));
+                    self.assemble(record.end, frame);
+                }
                 RecordKind::ErrorFrame { .. } => self.error_frames += 1,
             }
         }
-        let board = self.bench.board(0);
-        self.pulses.extend(board.take_servo_pulses());
-        self.serial.extend(board.avr_mut().serial_take().into_iter().map(|(_, byte)| char::from(byte)));
-        let violations = board.take_violations();
-        assert!(self.violations_expected || violations.is_empty(), "driver mistakes: {violations:#?}");
+        for (board, number) in self.bench.boards().iter_mut().zip(0..) {
+            let (pulses, serial) = (board.take_servo_pulses(), board.avr_mut().serial_take());
+            if number == 0 {
+                self.pulses.extend(pulses);
+                self.serial.extend(serial.into_iter().map(|(_, byte)| char::from(byte)));
+            }
+            let violations = board.take_violations();
+            assert!(self.violations_expected || violations.is_empty(), "driver mistakes: {violations:#?}");
+        }
         self.peer.borrow_mut().take_received();
+    }
+
+    fn assemble(&mut self, at: Cycles, frame: Frame) {
+        let Id::Extended(id) = frame.id else { return };
+        if frame.remote {
+            return;
+        }
+        match self.assembler.push(id, frame.data(), at) {
+            Outcome::Complete(transfer) => self.transfers.push((at, transfer)),
+            Outcome::Invalid(why) => self.broken.push((at, frame, why)),
+            Outcome::Partial => {}
+        }
     }
 
     /// The peer sends a frame.
@@ -154,6 +259,14 @@ impl Rig {
         let transfer_id = Self::count(&mut self.command_transfer_id);
         let [low, high] = half::f16::from_f32(value).to_le_bytes();
         self.send(ARRAY_COMMAND | 10, &[actuator_id, command_type, low, high, 0xC0 | transfer_id]);
+    }
+
+    /// The peer sends an ArrayCommand of several commands (actuator, type, value), as node 10: all frames at once.
+    pub fn send_commands(&mut self, commands: &[(u8, u8, f32)]) {
+        let transfer_id = Self::count(&mut self.command_transfer_id);
+        for data in array_command(commands, transfer_id) {
+            self.send(ARRAY_COMMAND | 10, &data);
+        }
     }
 
     /// The peer sends the thesis's command, as node 1.
@@ -205,9 +318,33 @@ impl Drop for Rig {
             return;
         }
         self.collect();
-        let lost = self.board().chip().borrow().rx_overflows();
-        assert!(self.overflows_expected || lost == 0, "{lost} frames were lost in the controller");
+        for board in self.bench.boards() {
+            let lost = board.chip().borrow().rx_overflows();
+            assert!(self.overflows_expected || lost == 0, "{lost} frames were lost in the controller");
+        }
     }
+}
+
+/// The data of the frames of an ArrayCommand of (actuator, type, value).
+pub fn array_command(commands: &[(u8, u8, f32)], transfer_id: u8) -> Vec<Vec<u8>> {
+    let command = |&(actuator, unit, value)| ActuatorCommand {
+        actuator,
+        unit: CommandUnit::Unknown(unit),
+        value: half::f16::from_f32(value),
+    };
+    let payload = ActuatorCommand::encode_array(&commands.iter().map(command).collect::<Vec<_>>());
+    split(&payload, TransferId::new(transfer_id), types::ARRAY_COMMAND.signature.expect("known"))
+}
+
+/// A frame as it is quoted: "1003F20A 01 00 00 38 C7", or several with `|` between their data.
+#[track_caller]
+pub fn quoted(text: &str) -> Vec<Frame> {
+    let (id, data) = text.split_once(' ').unwrap_or((text, ""));
+    let id = u32::from_str_radix(id, 16).expect("an identifier");
+    let bytes = |part: &str| -> Vec<u8> {
+        part.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).expect("a byte")).collect()
+    };
+    data.split('|').map(|part| Frame::extended(id, &bytes(part))).collect()
 }
 
 /// The uptime, health, mode and vendor code in a NodeStatus.

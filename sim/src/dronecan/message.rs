@@ -2,6 +2,10 @@
 //!
 //! Layouts from the public DSDL; little endian throughout, float16 by the crate `half`.
 
+use super::broadcast::{Allocation, CanStats, KeyValue, LightCommand};
+use super::management::{
+    self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats,
+};
 use super::{id::CanId, transfer::Transfer, types, types::DataType};
 use half::f16;
 use std::fmt;
@@ -340,15 +344,38 @@ impl fmt::Display for Temperature {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Message {
     NodeStatus(NodeStatus),
+    Allocation(Allocation),
     ArrayCommand(Vec<ActuatorCommand>),
     ActuatorStatus(ActuatorStatus),
     Temperature(Temperature),
+    LightsCommand(Vec<LightCommand>),
     /// Fully armed is 255, disarmed 0.
     ArmingStatus(u8),
+    /// ArduPilot's safety switch: outputs are free at 255 ("off") and held at 0 ("on").
+    SafetyState(u8),
+    CanStats(CanStats),
+    KeyValue(KeyValue),
     /// Servo command of the thesis, 0 to 255 over the full travel.
     ThesisCommand(u8),
     /// Degrees Celsius of the thesis.
     ThesisTemperature(u8),
+    NodeInfoRequest,
+    NodeInfo(Box<NodeInfo>),
+    ParameterRequest(ParameterRequest),
+    ParameterResponse(ParameterResponse),
+    ExecuteOpcode(Opcode),
+    /// Whether the opcode was executed.
+    OpcodeExecuted(bool),
+    /// The magic number.
+    RestartNode(u64),
+    /// Whether the node restarts.
+    Restarting(bool),
+    /// Node with the file (0: who asks), and its path.
+    BeginUpdate(NumberAndText),
+    /// Error (0: none), and why.
+    UpdateBegun(NumberAndText),
+    TransportStatsRequest,
+    TransportStats(TransportStats),
     /// A type that is not decoded, or a payload that does not fit its type: name and bytes.
     Other {
         name: String,
@@ -365,18 +392,57 @@ impl Message {
     }
 
     fn decode_known(id: CanId, payload: &[u8]) -> Option<Message> {
+        let data_type = DataType::of(id)?;
+        match id {
+            CanId::Service { request: true, .. } => Message::decode_request(data_type, payload),
+            CanId::Service { request: false, .. } => Message::decode_response(data_type, payload),
+            _ => Message::decode_message(data_type, payload),
+        }
+    }
+
+    fn decode_message(data_type: &DataType, payload: &[u8]) -> Option<Message> {
         let byte = || match *payload {
             [byte] => Some(byte),
             _ => None,
         };
-        match *DataType::of(id)? {
+        match *data_type {
             types::NODE_STATUS => NodeStatus::decode(payload).map(Message::NodeStatus),
+            types::ALLOCATION => Allocation::decode(payload).map(Message::Allocation),
             types::ARRAY_COMMAND => ActuatorCommand::decode_array(payload).map(Message::ArrayCommand),
             types::ACTUATOR_STATUS => ActuatorStatus::decode(payload).map(Message::ActuatorStatus),
             types::TEMPERATURE => Temperature::decode(payload).map(Message::Temperature),
+            types::LIGHTS_COMMAND => LightCommand::decode_array(payload).map(Message::LightsCommand),
             types::ARMING_STATUS => byte().map(Message::ArmingStatus),
+            types::SAFETY_STATE => byte().map(Message::SafetyState),
+            types::CAN_STATS => CanStats::decode(payload).map(Message::CanStats),
+            types::KEY_VALUE => KeyValue::decode(payload).map(Message::KeyValue),
             types::THESIS_COMMAND => byte().map(Message::ThesisCommand),
             types::THESIS_TEMPERATURE => byte().map(Message::ThesisTemperature),
+            _ => None,
+        }
+    }
+
+    fn decode_request(data_type: &DataType, payload: &[u8]) -> Option<Message> {
+        let empty = |message| payload.is_empty().then_some(message);
+        match *data_type {
+            types::GET_NODE_INFO => empty(Message::NodeInfoRequest),
+            types::GET_SET => ParameterRequest::decode(payload).map(Message::ParameterRequest),
+            types::EXECUTE_OPCODE => Opcode::decode(payload).map(Message::ExecuteOpcode),
+            types::RESTART_NODE => management::decode_restart(payload).map(Message::RestartNode),
+            types::BEGIN_FIRMWARE_UPDATE => NumberAndText::decode(payload).map(Message::BeginUpdate),
+            types::GET_TRANSPORT_STATS => empty(Message::TransportStatsRequest),
+            _ => None,
+        }
+    }
+
+    fn decode_response(data_type: &DataType, payload: &[u8]) -> Option<Message> {
+        match *data_type {
+            types::GET_NODE_INFO => NodeInfo::decode(payload).map(|info| Message::NodeInfo(Box::new(info))),
+            types::GET_SET => ParameterResponse::decode(payload).map(Message::ParameterResponse),
+            types::EXECUTE_OPCODE => management::decode_executed(payload).map(Message::OpcodeExecuted),
+            types::RESTART_NODE => management::decode_restarted(payload).map(Message::Restarting),
+            types::BEGIN_FIRMWARE_UPDATE => NumberAndText::decode(payload).map(Message::UpdateBegun),
+            types::GET_TRANSPORT_STATS => TransportStats::decode(payload).map(Message::TransportStats),
             _ => None,
         }
     }
@@ -385,32 +451,63 @@ impl Message {
     pub fn encode(&self) -> Option<(&'static DataType, Vec<u8>)> {
         Some(match self {
             Message::NodeStatus(status) => (&types::NODE_STATUS, status.encode()),
-            Message::ArrayCommand(commands) => {
-                let payload = ActuatorCommand::encode_array(commands);
-                (&types::ARRAY_COMMAND, payload)
-            }
+            Message::Allocation(allocation) => (&types::ALLOCATION, allocation.encode()),
+            Message::ArrayCommand(commands) => (&types::ARRAY_COMMAND, ActuatorCommand::encode_array(commands)),
             Message::ActuatorStatus(status) => (&types::ACTUATOR_STATUS, status.encode()),
             Message::Temperature(temperature) => (&types::TEMPERATURE, temperature.encode()),
+            Message::LightsCommand(commands) => (&types::LIGHTS_COMMAND, LightCommand::encode_array(commands)),
             Message::ArmingStatus(byte) => (&types::ARMING_STATUS, vec![*byte]),
+            Message::SafetyState(byte) => (&types::SAFETY_STATE, vec![*byte]),
+            Message::CanStats(stats) => (&types::CAN_STATS, stats.encode()),
+            Message::KeyValue(pair) => (&types::KEY_VALUE, pair.encode()),
             Message::ThesisCommand(byte) => (&types::THESIS_COMMAND, vec![*byte]),
             Message::ThesisTemperature(byte) => (&types::THESIS_TEMPERATURE, vec![*byte]),
+            Message::NodeInfoRequest => (&types::GET_NODE_INFO, Vec::new()),
+            Message::NodeInfo(info) => (&types::GET_NODE_INFO, info.encode()),
+            Message::ParameterRequest(request) => (&types::GET_SET, request.encode()),
+            Message::ParameterResponse(response) => (&types::GET_SET, response.encode()),
+            Message::ExecuteOpcode(opcode) => (&types::EXECUTE_OPCODE, opcode.encode()),
+            Message::OpcodeExecuted(ok) => (&types::EXECUTE_OPCODE, management::encode_executed(*ok)),
+            Message::RestartNode(magic) => (&types::RESTART_NODE, management::encode_restart(*magic)),
+            Message::Restarting(ok) => (&types::RESTART_NODE, management::encode_restarted(*ok)),
+            Message::BeginUpdate(update) | Message::UpdateBegun(update) => {
+                (&types::BEGIN_FIRMWARE_UPDATE, update.encode())
+            }
+            Message::TransportStatsRequest => (&types::GET_TRANSPORT_STATS, Vec::new()),
+            Message::TransportStats(stats) => (&types::GET_TRANSPORT_STATS, stats.encode()),
             Message::Other { .. } => return None,
         })
     }
-}
 
-impl Message {
-    /// Name of its type.
-    pub fn name(&self) -> &str {
+    /// Whether it is a request (true) or a response (false) of a service; `None` for a broadcast.
+    pub fn is_request(&self) -> Option<bool> {
         match self {
-            Message::NodeStatus(_) => types::NODE_STATUS.name,
-            Message::ArrayCommand(_) => types::ARRAY_COMMAND.name,
-            Message::ActuatorStatus(_) => types::ACTUATOR_STATUS.name,
-            Message::Temperature(_) => types::TEMPERATURE.name,
-            Message::ArmingStatus(_) => types::ARMING_STATUS.name,
-            Message::ThesisCommand(_) => types::THESIS_COMMAND.name,
-            Message::ThesisTemperature(_) => types::THESIS_TEMPERATURE.name,
-            Message::Other { name, .. } => name,
+            Message::NodeInfoRequest
+            | Message::ParameterRequest(_)
+            | Message::ExecuteOpcode(_)
+            | Message::RestartNode(_)
+            | Message::BeginUpdate(_)
+            | Message::TransportStatsRequest => Some(true),
+            Message::NodeInfo(_)
+            | Message::ParameterResponse(_)
+            | Message::OpcodeExecuted(_)
+            | Message::Restarting(_)
+            | Message::UpdateBegun(_)
+            | Message::TransportStats(_) => Some(false),
+            _ => None,
+        }
+    }
+
+    /// Name of its type, with the direction of a service: "GetNodeInfo request".
+    pub fn name(&self) -> String {
+        if let Message::Other { name, .. } = self {
+            return name.clone();
+        }
+        let name = self.encode().map_or("", |(data_type, _)| data_type.name);
+        match self.is_request() {
+            Some(true) => format!("{name} request"),
+            Some(false) => format!("{name} response"),
+            None => name.to_owned(),
         }
     }
 }
@@ -431,22 +528,49 @@ pub(crate) fn name_of(id: CanId) -> String {
     name + direction
 }
 
+/// Writes a list, or what an empty one is.
+fn list<T: fmt::Display>(f: &mut fmt::Formatter<'_>, items: &[T]) -> fmt::Result {
+    if items.is_empty() {
+        return write!(f, " (empty)");
+    }
+    items.iter().enumerate().try_for_each(|(index, item)| {
+        let separator = if index == 0 { " " } else { ", " };
+        write!(f, "{separator}{item}")
+    })
+}
+
 impl fmt::Display for Message {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.name())?;
         match self {
             Message::NodeStatus(status) => write!(f, " {status}"),
-            Message::ArrayCommand(commands) => commands.iter().enumerate().try_for_each(|(index, command)| {
-                let separator = if index == 0 { " " } else { ", " };
-                write!(f, "{separator}{command}")
-            }),
+            Message::Allocation(allocation) => write!(f, " {allocation}"),
+            Message::ArrayCommand(commands) => list(f, commands),
             Message::ActuatorStatus(status) => write!(f, " {status}"),
             Message::Temperature(temperature) => write!(f, " {temperature}"),
+            Message::LightsCommand(commands) => list(f, commands),
             Message::ArmingStatus(0) => write!(f, " disarmed"),
             Message::ArmingStatus(255) => write!(f, " armed"),
-            Message::ArmingStatus(other) => write!(f, " {other}"),
+            Message::SafetyState(0) => write!(f, " on"),
+            Message::SafetyState(255) => write!(f, " off"),
+            Message::ArmingStatus(other) | Message::SafetyState(other) => write!(f, " {other}"),
+            Message::CanStats(stats) => write!(f, " {stats}"),
+            Message::KeyValue(pair) => write!(f, " {pair}"),
             Message::ThesisCommand(byte) => write!(f, " {byte}"),
             Message::ThesisTemperature(degrees) => write!(f, " {degrees} C"),
+            Message::NodeInfoRequest | Message::TransportStatsRequest => Ok(()),
+            Message::NodeInfo(info) => write!(f, " {info}"),
+            Message::ParameterRequest(request) => write!(f, " {request}"),
+            Message::ParameterResponse(response) => write!(f, " {response}"),
+            Message::ExecuteOpcode(opcode) => write!(f, " {opcode}"),
+            Message::OpcodeExecuted(ok) | Message::Restarting(ok) => {
+                write!(f, " {}", if *ok { "ok" } else { "FAILED" })
+            }
+            Message::RestartNode(RESTART_MAGIC) => Ok(()),
+            Message::RestartNode(other) => write!(f, " with the wrong number {other:#012X}"),
+            Message::BeginUpdate(update) => write!(f, " of \"{}\" from node {}", update.text(), update.number),
+            Message::UpdateBegun(update) => write!(f, " {} \"{}\"", update.error(), update.text()),
+            Message::TransportStats(stats) => write!(f, " {stats}"),
             Message::Other { payload, .. } => payload
                 .iter()
                 .enumerate()

@@ -74,13 +74,25 @@ pub const ALLOCATION: DataType = message(1, "Allocation", 0x0B2A_8126_20A1_1D40,
 pub const NODE_STATUS: DataType = message(341, "NodeStatus", 0x0F08_68D0_C1A7_C6F1, fixed(56));
 pub const ARRAY_COMMAND: DataType = message(1010, "ArrayCommand", 0xD8A7_4862_38EC_3AF3, list(0, 32, 15));
 pub const ACTUATOR_STATUS: DataType = message(1011, "actuator.Status", 0x5E9B_BA44_FAF1_EA04, fixed(64));
+pub const LIGHTS_COMMAND: DataType = message(1081, "LightsCommand", 0x2031_D93C_8BDD_1EC4, list(0, 24, 20));
 pub const ARMING_STATUS: DataType = message(1100, "ArmingStatus", 0x8700_F375_556A_8003, fixed(8));
 pub const TEMPERATURE: DataType = message(1110, "Temperature", 0x7026_1C28_A941_44C6, fixed(40));
 /// One byte: servo command, 0..255 over the full travel.
 pub const THESIS_COMMAND: DataType = thesis(1111, "thesis.ServoCommand");
 /// One byte: degrees Celsius.
 pub const THESIS_TEMPERATURE: DataType = thesis(1112, "thesis.DegreesCelsius");
+pub const CAN_STATS: DataType = message(343, "CanStats", 0xCE08_0CAE_3CA3_3C75, fixed(200));
+pub const KEY_VALUE: DataType = message(16370, "debug.KeyValue", 0xE02F_25D6_E0C9_8AE0, list(32, 8, 58));
+/// ArduPilot's safety switch.
+pub const SAFETY_STATE: DataType = message(20000, "SafetyState", 0xE965_701A_95A1_A6A1, fixed(8));
 pub const GET_NODE_INFO: DataType = service(1, "GetNodeInfo", 0xEE46_8A81_21C4_6A9E, fixed(0), list(328, 8, 80));
+pub const GET_TRANSPORT_STATS: DataType =
+    service(4, "GetTransportStats", 0xBE6F_76A7_EC31_2B04, fixed(0), list(144, 144, 3));
+pub const RESTART_NODE: DataType = service(5, "RestartNode", 0x569E_0539_4A30_17F0, fixed(40), fixed(1));
+pub const EXECUTE_OPCODE: DataType = service(10, "param.ExecuteOpcode", 0x3B13_1AC5_EB69_D2CD, fixed(56), fixed(49));
+pub const GET_SET: DataType = service(11, "param.GetSet", 0xA7B6_22F9_39D1_A4D5, list(80, 8, 92), list(288, 8, 92));
+pub const BEGIN_FIRMWARE_UPDATE: DataType =
+    service(40, "BeginFirmwareUpdate", 0xB7D7_25DF_7272_4126, list(8, 8, 200), list(8, 8, 127));
 
 /// All types with a name here.
 pub const KNOWN: &[DataType] = &[
@@ -92,11 +104,19 @@ pub const KNOWN: &[DataType] = &[
     TEMPERATURE,
     THESIS_COMMAND,
     THESIS_TEMPERATURE,
+    LIGHTS_COMMAND,
+    CAN_STATS,
+    KEY_VALUE,
+    SAFETY_STATE,
     GET_NODE_INFO,
+    GET_TRANSPORT_STATS,
+    RESTART_NODE,
+    EXECUTE_OPCODE,
+    GET_SET,
+    BEGIN_FIRMWARE_UPDATE,
     message(4, "GlobalTimeSync", 0x2027_1116_A793_C2DB, fixed(56)),
     message(5, "Panic", 0x8B79_B410_1811_C1D7, list(0, 8, 7)),
     message(342, "Stats", 0x763A_E3B8_A986_F8D1, fixed(224)),
-    message(343, "CanStats", 0xCE08_0CAE_3CA3_3C75, fixed(200)),
     message(380, "enumeration.Indication", 0x884C_B630_50A8_4F35, list(72, 8, 92)),
     message(1001, "ahrs.MagneticFieldStrength", 0xE2A7_D4A9_460B_C2F2, list(48, 16, 9)),
     message(1002, "ahrs.MagneticFieldStrength2", 0xB6AC_0C44_2430_297E, list(56, 16, 9)),
@@ -120,7 +140,6 @@ pub const KNOWN: &[DataType] = &[
     message(1070, "hardpoint.Command", 0xA1A0_3626_8B0C_3455, fixed(24)),
     message(1071, "hardpoint.Status", 0x624A_519D_4255_3D82, fixed(56)),
     message(1080, "BeepCommand", 0xBE9E_A9FE_C2B1_5D52, fixed(32)),
-    message(1081, "LightsCommand", 0x2031_D93C_8BDD_1EC4, list(0, 24, 20)),
     message(1090, "power.PrimaryPowerSupplyStatus", 0xBBA0_5074_AD75_7480, fixed(47)),
     message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56)),
     message(1092, "power.BatteryInfo", 0x249C_2654_8A71_1966, list(184, 8, 31)),
@@ -128,9 +147,7 @@ pub const KNOWN: &[DataType] = &[
     message(1140, "rc.RCInput", 0x7715_55E5_96AA_B4CF, list(28, 12, 32)),
     message(2010, "tunnel.Broadcast", 0x5AA2_D4D9_CF4B_1E85, list(16, 8, 60)),
     message(3001, "tunnel.Targetted", 0xB138_E7EA_72A2_A2E9, list(48, 8, 120)),
-    message(16370, "debug.KeyValue", 0xE02F_25D6_E0C9_8AE0, list(32, 8, 58)),
     message(16383, "debug.LogMessage", 0xD654_A48E_0C04_9D75, list(8, 8, 90)),
-    message(20000, "SafetyState", 0xE965_701A_95A1_A6A1, fixed(8)),
     message(20002, "gnss.Heading", 0x315C_AE39_ECED_3412, fixed(34)),
     message(20003, "gnss.Status", 0xBA3C_B4AB_BB00_7F69, fixed(56)),
     message(20004, "power.BatteryInfoAux", 0x7D7F_49FC_7548_4882, fixed(137)),
@@ -141,12 +158,7 @@ pub const KNOWN: &[DataType] = &[
     message(20012, "power.BatteryCells", 0x5C8B_1ABD_1589_0EA4, fixed(21)),
     message(20790, "trafficmonitor.TrafficReport", 0x68E4_5DB6_0B69_81F8, fixed(375)),
     message(21910, "proximity_sensor.Proximity", 0x99DD_3985_FB32_22CE, fixed(64)),
-    service(4, "GetTransportStats", 0xBE6F_76A7_EC31_2B04, fixed(0), list(144, 144, 3)),
-    service(5, "RestartNode", 0x569E_0539_4A30_17F0, fixed(40), fixed(1)),
-    service(10, "param.ExecuteOpcode", 0x3B13_1AC5_EB69_D2CD, fixed(56), fixed(49)),
-    service(11, "param.GetSet", 0xA7B6_22F9_39D1_A4D5, list(80, 8, 92), list(288, 8, 92)),
     service(15, "enumeration.Begin", 0x196A_E064_26A3_B5D8, list(16, 8, 92), fixed(8)),
-    service(40, "BeginFirmwareUpdate", 0xB7D7_25DF_7272_4126, list(8, 8, 200), list(8, 8, 127)),
     service(45, "file.GetInfo", 0x5004_891E_E8A2_7531, list(0, 8, 200), fixed(64)),
     service(48, "file.Read", 0x8DCD_CA93_9F33_F678, list(40, 8, 200), list(16, 8, 256)),
     service(63, "tunnel.Call", 0xDB11_EDC5_1050_2658, list(16, 8, 60), list(0, 8, 60)),

@@ -1,4 +1,4 @@
-//! The log of the bus: candump text, or pcap if the name of the file ends in .pcap.
+//! The log of the bus: candump text, pcap if the name of the file ends in .pcap, or what was said if it ends in .txt.
 //!
 //! ```text
 //! (2.512352) can0 1404562A#0100A95C00C0
@@ -11,11 +11,18 @@
 //! frames. They are counted, and the status tells. Nor has text a DLC above 8, for python-can and Wireshark give up at it: it
 //! becomes 8, and the pcap has it.
 //!
+//! What was said has a line for each transfer, when its last frame has ended, with its sender and its meaning:
+//!
+//! ```text
+//!      2.514901   127>120 param.GetSet request SRV_MIN = 1100
+//! ```
+//!
 //! Sources: can-utils, log file format (candump.c, lib.h); tcpdump.org, "LINKTYPE_CAN_SOCKETCAN"; Linux, can/error.h.
 
 use super::Link;
 use crate::bench::Bench;
 use crate::can::{ErrorKind, Frame, Id, Record, RecordKind};
+use crate::dronecan::{Assembler, Message, Outcome};
 use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result};
 use std::fs::File;
@@ -51,6 +58,7 @@ const CAN_ERR_DLC: u8 = 8;
 enum Format {
     Candump,
     Pcap,
+    Transfers,
 }
 
 /// See the module.
@@ -63,6 +71,7 @@ pub struct Log {
     frames: u64,
     error_frames: u64,
     failed: bool,
+    assembler: Assembler,
 }
 
 impl Log {
@@ -71,18 +80,33 @@ impl Log {
     /// # Errors
     /// If it cannot be written.
     pub fn create(path: &Path, _bit_rate: u32) -> Result<Log> {
-        let pcap = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("pcap"));
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+        let format = match ending.as_deref() {
+            Some("pcap") => Format::Pcap,
+            Some("txt") => Format::Transfers,
+            _ => Format::Candump,
+        };
         let file = File::create(path).with_context(|| format!("--log: cannot write {}", path.display()))?;
-        Log::new(path, Box::new(file), if pcap { Format::Pcap } else { Format::Candump })
+        Log::new(path, Box::new(file), format)
     }
 
     fn new(path: &Path, out: Box<dyn Write>, format: Format) -> Result<Log> {
         let text = match format {
-            Format::Candump => Vec::new(),
+            Format::Candump | Format::Transfers => Vec::new(),
             Format::Pcap => pcap_header(),
         };
         let path = path.to_owned();
-        let mut log = Log { path, format, out, text, next_write: 0, frames: 0, error_frames: 0, failed: false };
+        let mut log = Log {
+            path,
+            format,
+            out,
+            text,
+            next_write: 0,
+            frames: 0,
+            error_frames: 0,
+            failed: false,
+            assembler: Assembler::new(),
+        };
         log.write()?;
         Ok(log)
     }
@@ -106,6 +130,11 @@ impl Log {
                 writeln!(self.text, "({}.{:06}) can0 {frame}", us / 1_000_000, us % 1_000_000)
             }
             (Format::Candump, RecordKind::ErrorFrame { .. }) => Ok(()),
+            (Format::Transfers, RecordKind::Frame { frame, .. }) => self.add_transfer(record.end, &frame),
+            (Format::Transfers, RecordKind::ErrorFrame { kind, .. }) => {
+                let kind = kind.map_or(String::new(), |kind| format!(": {kind:?}").to_lowercase());
+                self.add_line(record.end, "-", &format!("error frame{kind}"))
+            }
             (Format::Pcap, RecordKind::Frame { frame, .. }) => {
                 pcap_packet(&mut self.text, us, &socketcan_frame(&frame));
                 Ok(())
@@ -115,6 +144,25 @@ impl Log {
                 Ok(())
             }
         }
+    }
+
+    fn add_transfer(&mut self, at: Cycles, frame: &Frame) -> io::Result<()> {
+        let id = match frame.id {
+            Id::Extended(id) if !frame.remote => id,
+            _ => return self.add_line(at, "-", &format!("foreign frame {frame}")),
+        };
+        match self.assembler.push(id, frame.data(), at) {
+            Outcome::Partial => Ok(()),
+            Outcome::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
+            Outcome::Complete(transfer) => {
+                self.add_line(at, &transfer.id.to_string(), &Message::decode(&transfer).to_string())
+            }
+        }
+    }
+
+    fn add_line(&mut self, at: Cycles, who: &str, text: &str) -> io::Result<()> {
+        let us = at / CYCLES_PER_US;
+        writeln!(self.text, "{:6}.{:06} {who:>9} {text}", us / 1_000_000, us % 1_000_000)
     }
 }
 
@@ -140,7 +188,7 @@ impl Link for Log {
     fn status(&self) -> String {
         let errors = match (self.format, self.error_frames) {
             (_, 0) => String::new(),
-            (Format::Pcap, count) => format!(" and {count} error frames"),
+            (Format::Pcap | Format::Transfers, count) => format!(" and {count} error frames"),
             (Format::Candump, count) => format!("; {count} error frames left out"),
         };
         format!("log to {}, {} frames{errors}", self.path.display(), self.frames)
@@ -276,6 +324,32 @@ mod tests {
             "(61.000700) can0 7FF#1122334455667788",
         ];
         assert_eq!(text.lines().collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn what_was_said_has_a_line_for_each_transfer() {
+        let disk = disk(10_000);
+        let mut log = log(&disk, Format::Transfers);
+        for (us, text) in [
+            (100, "1E0BF8FF#4D0D00014C040084"),
+            (300, "1E0BF8FF#0000000000535224"),
+            (500, "1E0BF8FF#565F4D494E44"),
+            (700, "123#01"),
+            (900, "1003F20A#0000000000000020"),
+        ] {
+            log.record(&frame(us, text), None).unwrap();
+        }
+        log.record(&error(ErrorKind::Stuff), None).unwrap();
+        drop(log);
+        let text = String::from_utf8(disk.bytes.take()).unwrap();
+        let lines: Vec<_> = text.lines().map(|line| &line[14..]).collect();
+        let expected = [
+            "  127>120 param.GetSet request SRV_MIN = 1100",
+            "        - foreign frame 123#01",
+            "        - invalid frame 1003F20A#0000000000000020 continues a transfer that did not start",
+            "        - error frame: stuff",
+        ];
+        assert_eq!(lines, expected);
     }
 
     #[test]

@@ -9,7 +9,7 @@ pub mod log;
 pub mod mcast;
 pub mod pty;
 #[cfg(test)]
-mod scratch;
+pub(crate) mod scratch;
 pub mod script;
 pub mod serial;
 pub mod slcan;
@@ -47,7 +47,7 @@ pub struct Args {
     #[arg(long, value_name = "ADDRESS", requires = "mcast")]
     pub mcast_interface: Option<std::net::Ipv4Addr>,
 
-    /// Log the bus: candump text, or pcap if FILE ends in .pcap
+    /// Log the bus: candump text; pcap if FILE ends in .pcap; one line for each transfer, decoded, if it ends in .txt
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
 

@@ -4,17 +4,18 @@ use super::fault::{self, Injection};
 use super::keys;
 use super::pace::Speed;
 use super::time::parse_duration;
-use crate::autopilot::{CommandType, Settings};
+use crate::autopilot::{CommandType, Profile, Settings};
 use crate::dronecan::NodeId;
 use crate::links;
 use crate::utilisation;
 use crate::{Cycles, F_CPU_HZ};
+use anyhow::{Result, ensure};
 use clap::Parser;
 use std::path::PathBuf;
 
 const ABOUT: &str = "\
 Boots the firmware node.elf on a simulated ATmega168 board with an MCP2515, puts it on a simulated CAN bus, and shows it at
-work: a simulated autopilot (node 1) says that it is alive and sweeps the servo.
+work: a simulated autopilot says that it is alive and sweeps the servo.
 
 On a terminal this is a live view with keys; elsewhere, or with --plain, it is one line for each event, with the simulated
 time in seconds, and a summary at the end. The exit code is 0, or 1 when the node crashed or its driver made a mistake.";
@@ -32,6 +33,7 @@ fn after_help() -> String {
          \x20 sim --plain --for 6s --inject cable@2s --inject cable@4s\n\
          \x20                                        the cable is pulled at 2 s and plugged at 4 s\n\
          \x20 sim --plain --traffic --for 1s         every message on the bus\n\
+         \x20 sim --autopilot ardupilot              commands for 15 servos in each message, as from ArduPilot\n\
          \x20 sim --no-autopilot --slcan /tmp/can    a port for the DroneCAN GUI Tool: slcan:/tmp/can\n\
          \x20 sim --serial /tmp/arduino              a port for a terminal program; opening it resets the board\n",
         fault::table()
@@ -72,17 +74,25 @@ pub struct Args {
     #[arg(long)]
     pub traffic: bool,
 
-    /// Node ID of the simulated autopilot, 1 to 127
-    #[arg(long, value_name = "ID", default_value = "1", value_parser = node_id)]
-    pub autopilot_id: NodeId,
+    /// Flight controller that the simulated autopilot is like
+    #[arg(long, value_name = "KIND", value_enum, default_value_t = Profile::Plain)]
+    pub autopilot: Profile,
 
-    /// Actuator ID that the autopilot commands, 0 to 255
+    /// Node ID of the simulated autopilot, 1 to 127 [default: 10 like ArduPilot, else 1]
+    #[arg(long, value_name = "ID", value_parser = node_id)]
+    pub autopilot_id: Option<NodeId>,
+
+    /// Actuator ID that the autopilot moves, 0 to 255; like ArduPilot 1 to 15, like PX4 0 to 7
     #[arg(long, value_name = "ID", default_value_t = 1)]
     pub actuator: u8,
 
-    /// Unit of the autopilot's commands
-    #[arg(long, value_name = "TYPE", value_enum, default_value_t = CommandType::Unitless)]
-    pub command_type: CommandType,
+    /// Unit of a plain autopilot's commands [default: unitless]
+    #[arg(long, value_name = "TYPE", value_enum)]
+    pub command_type: Option<CommandType>,
+
+    /// Let the autopilot allocate node IDs, 125 downwards, to boards that ask (CAN_NODE 0)
+    #[arg(long)]
+    pub allocate: bool,
 
     /// Hold the servo at this deflection, -1 to 1, instead of sweeping it
     #[arg(long, value_name = "DEFLECTION", allow_negative_numbers = true, value_parser = deflection)]
@@ -100,8 +110,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME@TIME")]
     pub inject: Vec<Injection>,
 
-    /// Leave the simulated autopilot out: an outside client is to be the only commander
-    #[arg(long, conflicts_with_all = ["hold", "autopilot_id", "actuator", "command_type", "sweep_period"])]
+    /// The same as --autopilot none
+    #[arg(long, conflicts_with_all = ["autopilot", "hold", "autopilot_id", "actuator", "command_type", "sweep_period", "allocate"])]
     pub no_autopilot: bool,
 
     /// What is joined to the bench.
@@ -117,15 +127,37 @@ pub enum Command {
 }
 
 impl Args {
-    /// What the autopilot is to be set to.
-    pub fn autopilot(&self) -> Settings {
-        Settings {
-            node_id: self.autopilot_id,
-            actuator: self.actuator,
-            command_type: self.command_type,
-            sweep_period: self.sweep_period.max(F_CPU_HZ / 1000),
-            ..Settings::default()
+    /// What the autopilot is to be set to, if there is to be one.
+    ///
+    /// # Errors
+    /// If options do not go together; the message says which.
+    pub fn autopilot(&self) -> Result<Option<Settings>> {
+        if self.no_autopilot || self.autopilot == Profile::None {
+            return Ok(None);
         }
+        let usual = Settings::of(self.autopilot);
+        let command_type = self.command_type.unwrap_or(usual.command_type);
+        ensure!(
+            self.autopilot.command_types().contains(&command_type),
+            "--command-type {command_type} is not for {}: use --autopilot plain",
+            self.autopilot
+        );
+        ensure!(
+            self.autopilot.actuators().contains(&self.actuator),
+            "--actuator {}: {} commands {} to {}",
+            self.actuator,
+            self.autopilot,
+            self.autopilot.actuators().start(),
+            self.autopilot.actuators().end()
+        );
+        Ok(Some(Settings {
+            node_id: self.autopilot_id.unwrap_or(usual.node_id),
+            actuator: self.actuator,
+            command_type,
+            sweep_period: self.sweep_period.max(F_CPU_HZ / 1000),
+            allocates: self.allocate,
+            ..usual
+        }))
     }
 }
 
@@ -169,7 +201,7 @@ mod tests {
         assert_eq!(args.bit_rate, 1_000_000);
         assert_eq!(args.speed, Speed::Factor(1.0));
         assert_eq!(args.duration, None);
-        assert_eq!(args.autopilot().node_id.get(), 1);
+        assert_eq!(args.autopilot().unwrap().unwrap().node_id.get(), 1);
         assert!(!args.plain && !args.no_autopilot);
         assert!(args.links.slcan.is_empty() && args.links.serial.is_none());
     }
@@ -179,7 +211,7 @@ mod tests {
         let args = parse("sim --for 5s --speed max --hold -0.5 --command-type pwm --inject cable@2s").unwrap();
         assert_eq!(args.duration, Some(5 * F_CPU_HZ));
         assert_eq!(args.hold, Some(-0.5));
-        assert_eq!(args.command_type, CommandType::Pwm);
+        assert_eq!(args.command_type, Some(CommandType::Pwm));
         assert_eq!(args.inject[0].fault, Fault::Cable);
         for line in after_help().lines().filter(|l| l.starts_with("  sim")) {
             let command = line.trim().split("   ").next().unwrap();
@@ -201,6 +233,25 @@ mod tests {
             ("sim --no-autopilot --hold 0", "--no-autopilot"),
         ] {
             let error = parse(line).unwrap_err().to_string();
+            assert!(error.contains(advice), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_autopilot_is_like_the_one_that_is_named() {
+        let settings = |line| parse(line).unwrap().autopilot().unwrap();
+        let like = |line| settings(line).map(|s| (s.node_id.get(), s.actuator, s.command_type, s.allocates)).unwrap();
+        assert_eq!(like("sim --autopilot ardupilot --allocate"), (10, 1, CommandType::Unitless, true));
+        assert_eq!(like("sim --autopilot ardupilot-pwm --autopilot-id 3"), (3, 1, CommandType::Pwm, false));
+        assert_eq!(like("sim --autopilot px4 --actuator 0"), (1, 0, CommandType::Unitless, false));
+        assert_eq!(like("sim --autopilot thesis"), (1, 1, CommandType::Thesis, false));
+        assert!(settings("sim --autopilot none").is_none() && settings("sim --no-autopilot").is_none());
+        for (line, advice) in [
+            ("sim --autopilot px4 --command-type pwm", "--autopilot plain"),
+            ("sim --autopilot px4 --actuator 8", "PX4 commands 0 to 7"),
+            ("sim --autopilot ardupilot --actuator 0", "ArduPilot commands 1 to 15"),
+        ] {
+            let error = parse(line).unwrap().autopilot().unwrap_err().to_string();
             assert!(error.contains(advice), "{error}");
         }
     }

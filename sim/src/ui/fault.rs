@@ -19,6 +19,7 @@ pub enum Fault {
     ChipPower,
     Cable,
     Silence,
+    Disarm,
     Reset,
 }
 
@@ -36,7 +37,7 @@ pub const MENU: [Fault; 9] = [
 ];
 
 /// All faults that `--inject` knows: the menu and those with a key of their own.
-pub const ALL: [Fault; 12] = [
+pub const ALL: [Fault; 13] = [
     Fault::BitError,
     Fault::ErrorRate,
     Fault::LoseFrame,
@@ -48,6 +49,7 @@ pub const ALL: [Fault; 12] = [
     Fault::ChipPower,
     Fault::Cable,
     Fault::Silence,
+    Fault::Disarm,
     Fault::Reset,
 ];
 
@@ -66,6 +68,7 @@ impl Fault {
             Fault::ChipPower => "chip-power",
             Fault::Cable => "cable",
             Fault::Silence => "silence",
+            Fault::Disarm => "disarm",
             Fault::Reset => "reset",
         }
     }
@@ -84,6 +87,7 @@ impl Fault {
             Fault::ChipPower => "the MCP2515 has no power (on/off)",
             Fault::Cable => "the node's bus cable is pulled or plugged (on/off)",
             Fault::Silence => "the autopilot falls silent or speaks (on/off)",
+            Fault::Disarm => "the vehicle is disarmed or armed, if the autopilot says so (on/off)",
             Fault::Reset => "the board's reset button is pressed",
         }
     }
@@ -98,7 +102,8 @@ impl Fault {
             | Fault::SpiNoise
             | Fault::ChipPower
             | Fault::Cable
-            | Fault::Silence => true,
+            | Fault::Silence
+            | Fault::Disarm => true,
             Fault::BitError | Fault::LoseFrame | Fault::ChipReset | Fault::Reset => false,
         }
     }

@@ -6,7 +6,9 @@
 use super::fault::{Fault, MENU};
 use super::keys;
 use super::pace::Measured;
-use super::state::{FLASH_LIMIT, Origin, RAM_LIMIT, STATICS_LIMIT, State, TrafficLine, error_state_name};
+use super::state::{
+    AutopilotState, FLASH_LIMIT, Origin, RAM_LIMIT, STATICS_LIMIT, State, TrafficLine, error_state_name,
+};
 use super::time::{micros, seconds};
 use crate::can::ErrorState;
 use crate::dronecan::Health;
@@ -132,13 +134,15 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
         return Line::from(spans);
     };
     let motion = if autopilot.sweeping { "sweeps" } else { "holds" };
-    let text =
-        format!(" autopilot {} {motion} {:+.2} {}", autopilot.node_id, autopilot.deflection, autopilot.command_type);
+    let AutopilotState { node_id, deflection, profile, command_type, .. } = autopilot;
     spans.push(if autopilot.silent {
-        Span::styled(format!(" autopilot {} is silent", autopilot.node_id), WARN)
+        Span::styled(format!(" {profile} {node_id} is silent"), WARN)
     } else {
-        Span::from(text)
+        Span::from(format!(" {profile} {node_id} {motion} {deflection:+.2} {command_type}"))
     });
+    if !autopilot.armed {
+        spans.push(Span::styled("  disarmed", WARN));
+    }
     Line::from(spans)
 }
 
@@ -176,7 +180,10 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
     let mut lines = vec![
         pulse,
         servo_bar(inner.width, pulse_us),
-        Line::from(format!("angle {angle}  pulses {}", state.servo.count)),
+        match state.light_percent {
+            0 => Line::from(format!("angle {angle}  pulses {}", state.servo.count)),
+            percent => Line::from(format!("angle {angle}  light (D3) {percent} %")),
+        },
         Line::from(format!("sensor {:.1} C  {said}", state.sensor_c)),
     ];
     if !with_dial {
@@ -314,7 +321,7 @@ fn draw_bus(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let bus = &state.bus;
     let mut title = vec![Span::from(format!(" Bus {} kbit/s ", bus.bit_rate / 1000))];
     for fault in &state.active_faults {
-        if *fault != Fault::Silence {
+        if !matches!(fault, Fault::Silence | Fault::Disarm) {
             title.push(Span::styled(format!(" {fault} "), BAD.reversed()));
         }
     }

@@ -16,6 +16,8 @@ fn at_work() -> State {
         node_id: 1,
         deflection: 0.5,
         sweeping: true,
+        armed: true,
+        profile: String::from("autopilot"),
         command_type: String::from("unitless"),
         ..AutopilotState::default()
     });
@@ -163,6 +165,17 @@ fn a_bench_without_autopilot_says_so() {
     let mut state = at_work();
     state.autopilot = None;
     shows(&drawn(&state, &Screen::default(), 80, 24), &["no autopilot"]);
+}
+
+#[test]
+fn a_lit_light_and_a_disarmed_vehicle_are_shown() {
+    let mut state = at_work();
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    assert!(!picture.contains("light") && !picture.contains("disarmed"));
+    state.light(SECOND, 0.5);
+    state.autopilot.as_mut().unwrap().armed = false;
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["angle +22.5 deg  light (D3) 50 %", "autopilot 1 sweeps", "disarmed"]);
 }
 
 #[test]

@@ -81,6 +81,8 @@ impl<W: Write> Plain<W> {
             News::Reset(text) => self.line(at, "reset", &text),
             News::Fault(text) => self.line(at, "fault", &text),
             News::Link(text) => self.line(at, "link", &text),
+            News::Node(text) => self.line(at, "node", &text),
+            News::Light(percent) => self.line(at, "light", &format!("{percent} %")),
             News::Crash(text) => self.line(at, "CRASH", &text),
             News::Traffic(line) => self.transfer(at, line),
             News::ErrorFrame(text) => {

@@ -122,8 +122,8 @@ impl Scene {
             Ok(bench.add_board(Board::new(avr), &format!("node{number}")))
         });
         let others = others.collect::<Result<Vec<usize>>>()?;
-        let autopilot = (!args.no_autopilot).then(|| {
-            let mut autopilot = Autopilot::new(args.autopilot(), args.bit_rate);
+        let autopilot = args.autopilot()?.map(|settings| {
+            let mut autopilot = Autopilot::new(settings, args.bit_rate);
             if let Some(deflection) = args.hold {
                 autopilot.hold(deflection);
             }
@@ -211,7 +211,8 @@ impl Scene {
             if let Some(at) = self.script.as_ref().and_then(Script::next_event_at).filter(|at| *at > self.now()) {
                 next = next.min(at);
             }
-            if !self.links.is_empty() || self.script.is_some() {
+            // An autopilot answers what it hears, and must be let to do so.
+            if !self.links.is_empty() || self.script.is_some() || self.autopilot.is_some() {
                 next = next.min(self.now() + SERVE_PERIOD);
             }
             self.run(next)?;
@@ -293,14 +294,10 @@ impl Scene {
     fn look_at_links(&mut self) {
         let further = match self.others.len() {
             0 => None,
-            // Real boards would have to be told apart by hand in the same way.
-            1 => {
-                Some(String::from("1 further board, node2, has the same firmware and so the same node ID as the node"))
+            1 => Some(String::from("1 further board, node2, has the same firmware as the node")),
+            count => {
+                Some(format!("{count} further boards, node2 to node{}, have the same firmware as the node", count + 1))
             }
-            count => Some(format!(
-                "{count} further boards, node2 to node{}, have the same firmware and so the same node ID as the node",
-                count + 1
-            )),
         };
         let script = self.script.as_ref().map(Script::status);
         let links = self.links.iter().map(|link| link.status());
@@ -330,7 +327,7 @@ impl Scene {
     /// Changes the unit of the commands.
     pub fn next_command_type(&mut self) {
         if let Some(autopilot) = &mut self.autopilot {
-            autopilot.set_command_type(autopilot.settings().command_type.next());
+            autopilot.next_command_type();
         }
         self.look_at_autopilot();
     }
@@ -383,6 +380,11 @@ impl Scene {
                     autopilot.set_silent(on);
                 }
             }
+            Fault::Disarm => {
+                if let Some(autopilot) = &mut self.autopilot {
+                    autopilot.set_armed(!on);
+                }
+            }
             Fault::Reset => self.board().reset(ResetCause::External),
         }
         let state = match (fault.lasts(), on) {
@@ -423,6 +425,7 @@ impl Scene {
         for pulse in board.take_servo_pulses() {
             self.state.pulse(pulse.start, pulse.width_cycles, pulse.period_cycles);
         }
+        self.state.light(now, board.light());
         for violation in board.take_violations() {
             let text = format!("{}: {}", violation.source, violation.text);
             if self.spi_disturbed {
@@ -508,21 +511,25 @@ impl Scene {
                 link.record(&record, station.as_deref())?;
             }
         }
-        // What the stations heard is on the bus's record; kept, it would only grow.
-        if let Some(autopilot) = &mut self.autopilot {
-            autopilot.take_received();
-        }
+        // What the babbler heard is on the bus's record; kept, it would only grow.
         self.babbler.borrow_mut().take_received();
         Ok(())
     }
 
     fn look_at_autopilot(&mut self) {
         let now = self.state.now;
+        if let Some(autopilot) = &mut self.autopilot {
+            for (at, text) in autopilot.take_news() {
+                self.state.tell(at, News::Node(text));
+            }
+        }
         self.state.autopilot = self.autopilot.as_ref().map(|autopilot| AutopilotState {
             node_id: autopilot.settings().node_id.get(),
             deflection: autopilot.deflection(now),
             sweeping: autopilot.is_sweeping(),
             silent: autopilot.is_silent(),
+            armed: autopilot.is_armed(),
+            profile: autopilot.settings().profile.to_string(),
             command_type: autopilot.settings().command_type.to_string(),
             commands_sent: autopilot.commands_sent(),
         });
@@ -684,6 +691,46 @@ mod tests {
         scene.advance(F_CPU_HZ / 5).unwrap();
         assert_eq!(scene.bench.boards().len(), 3);
         assert!(scene.state().crash.is_some());
+    }
+
+    /// Boards that are to differ, in their node ID or their unique ID, differ by what is in there.
+    #[test]
+    fn each_board_has_an_eeprom_file_of_its_own() {
+        let scratch = crate::links::scratch::Scratch::new();
+        let path = scratch.path("eeprom");
+        let options = format!("--nodes 2 --eeprom {}", path.display());
+        let mut first = scene(&IDLE, &options);
+        for (number, board) in first.bench.boards().iter_mut().enumerate() {
+            board.avr_mut().set_eeprom(&[number as u8 + 1]);
+        }
+        first.finish().unwrap();
+        for (name, byte) in [("eeprom", 1), ("eeprom.1", 2), ("eeprom.2", 3)] {
+            assert_eq!(std::fs::read(scratch.path(name)).unwrap()[0], byte, "{name}");
+        }
+        let mut second = scene(&IDLE, &options);
+        let bytes: Vec<u8> = second.bench.boards().iter().map(|board| board.avr().eeprom()[0]).collect();
+        assert_eq!(bytes, [1, 2, 3]);
+    }
+
+    #[test]
+    fn the_light_is_told_when_it_changes() {
+        let mut state = State::new(1_000_000);
+        for brightness in [0.0, 0.5, 0.5, 0.502, 0.0] {
+            state.light(7, brightness);
+        }
+        let told: Vec<_> = state.take_news().into_iter().map(|(_, news)| news).collect();
+        assert_eq!(told, [News::Light(50), News::Light(0)]);
+    }
+
+    #[test]
+    fn an_autopilot_like_ardupilot_can_be_disarmed() {
+        let mut scene = scene(&IDLE, "--autopilot ardupilot --inject disarm@100ms");
+        scene.advance(F_CPU_HZ / 2 + F_CPU_HZ / 20).unwrap();
+        assert!(!autopilot(&scene).armed);
+        let texts: Vec<String> = scene.state().traffic.tail(1000, 0).map(|line| line.text.clone()).collect();
+        let said: Vec<_> = texts.iter().filter(|text| text.starts_with("ArmingStatus")).collect();
+        assert_eq!(said, ["ArmingStatus armed", "ArmingStatus disarmed"]);
+        assert!(texts.iter().any(|text| text.contains("id 15 unitless")), "{texts:?}");
     }
 
     #[test]

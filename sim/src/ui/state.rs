@@ -64,6 +64,10 @@ pub enum News {
     Reset(String),
     /// Something about the programs that are joined to the bench.
     Link(String),
+    /// What the autopilot has learned of a node, or given to it.
+    Node(String),
+    /// The light's new brightness, in per cent.
+    Light(u32),
 }
 
 /// Pulses on the servo output.
@@ -157,6 +161,9 @@ pub struct AutopilotState {
     pub deflection: f64,
     pub sweeping: bool,
     pub silent: bool,
+    pub armed: bool,
+    /// Flight controller that it is like.
+    pub profile: String,
     pub command_type: String,
     pub commands_sent: u64,
 }
@@ -166,6 +173,8 @@ pub struct AutopilotState {
 pub struct State {
     pub now: Cycles,
     pub servo: Servo,
+    /// Brightness of the light, in per cent.
+    pub light_percent: u32,
     /// Temperature at the sensor, in degrees Celsius.
     pub sensor_c: f64,
     pub temperature: Option<Temperature>,
@@ -233,6 +242,15 @@ impl State {
         servo.pulse = Some(width);
         servo.last_start = start;
         servo.count += 1;
+    }
+
+    /// How bright the light is, 0 to 1.
+    pub fn light(&mut self, at: Cycles, brightness: f64) {
+        let percent = (brightness * 100.0).round() as u32;
+        if percent != self.light_percent {
+            self.light_percent = percent;
+            self.tell(at, News::Light(percent));
+        }
     }
 
     /// A byte from the node's serial port. Bytes that do not print are shown as `\x..`.
@@ -352,7 +370,7 @@ impl State {
             at,
             origin,
             who: transfer.id.to_string(),
-            name: message.name().to_owned(),
+            name: message.name(),
             text: message.to_string(),
         });
     }

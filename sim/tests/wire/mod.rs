@@ -4,7 +4,7 @@
 #![allow(dead_code)]
 
 use sim::autopilot::{Autopilot, Settings};
-use sim::bench::{Bench, node_elf};
+use sim::bench::{Bench, eeprom_after_first_start, node_elf};
 use sim::board::Board;
 use sim::can::{Frame, Id, Record, RecordKind, SoftNode};
 use sim::{Cycles, F_CPU_HZ};
@@ -12,6 +12,7 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::rc::Rc;
+use std::sync::OnceLock;
 
 pub const BIT_RATE: u32 = 1_000_000;
 pub const MS: Cycles = F_CPU_HZ / 1000;
@@ -60,10 +61,17 @@ pub fn peer_frames() -> Vec<Frame> {
     frames
 }
 
+/// The EEPROM of a node that has been started before.
+fn started() -> &'static [u8] {
+    static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
+    EEPROM.get_or_init(|| eeprom_after_first_start(&node_elf()).expect("run `make firmware`"))
+}
+
 impl Rig {
     /// Always the same.
     pub fn new() -> Rig {
-        let board = Board::load(&node_elf()).expect("run `make firmware`");
+        let mut board = Board::load(&node_elf()).expect("run `make firmware`");
+        board.avr_mut().set_eeprom(started());
         let mut bench = Bench::new(BIT_RATE);
         let node = bench.add_board(board, "node");
         let mut autopilot = Autopilot::new(Settings::default(), BIT_RATE);
@@ -83,7 +91,6 @@ impl Rig {
             let until = self.bench.now() + MS;
             self.autopilot.advance(until);
             self.bench.run_until(until);
-            self.autopilot.take_received();
             self.peer.borrow_mut().take_received();
             let records = self.bench.bus().take_records();
             turn(&mut self.bench, &records);

@@ -245,6 +245,19 @@ fn a_frame_with_another_transfer_id_or_toggle_is_no_part_of_the_transfer() {
 }
 
 #[test]
+fn a_frame_of_another_sender_or_another_service_is_no_part_of_the_transfer() {
+    let request = frames(SET);
+    for id in [0x1E0B_F8FE, 0x1E28_F8FF] {
+        let mut rig = Rig::new();
+        assert_eq!(rig.frame(&request[0]), None);
+        assert_eq!(rig.frame(&golden::frame(id, request[1].data())), None);
+        assert_eq!(rig.frame(&request[1]), None);
+        assert_eq!(rig.frame(&golden::frame(id, request[2].data())), None);
+        assert!(rig.frame(&request[2]).is_some(), "{id:08X}");
+    }
+}
+
+#[test]
 fn a_first_frame_with_its_toggle_set_is_none() {
     let mut rig = Rig::new();
     for tail in [0xE0, 0xA0] {

@@ -1,0 +1,131 @@
+//! What the flight controllers that people use put on the bus: numbers, priorities, rates.
+//!
+//! Sources: ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator, safety_state_send, init); PX4,
+//! src/drivers/uavcan/actuators/servo.cpp at f929353e and arming_status.cpp; priorities of libcanard's canard.h.
+
+use super::CommandType;
+use crate::dronecan::NodeId;
+use crate::{Cycles, F_CPU_HZ};
+use std::fmt;
+
+/// Which flight controller the autopilot is like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Profile {
+    /// No particular one: one command in each message, of any type, and nothing but commands and its status.
+    #[default]
+    Plain,
+    /// The thesis's: as plain, with the thesis's own commands.
+    Thesis,
+    /// ArduPilot: 15 commands in each message, actuators 1 to 15, -1 to +1; armed or not, and the safety switch.
+    Ardupilot,
+    /// ArduPilot with the option to command pulse widths (CAN_Dn_UC_OPTION, bit 4).
+    ArdupilotPwm,
+    /// PX4: 8 commands in each message, actuators 0 to 7, -1 to +1; armed or not.
+    Px4,
+    /// No autopilot: an outside client is to be the only commander.
+    None,
+}
+
+/// How a profile commands several actuators with one message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Array {
+    pub first: u8,
+    pub count: u8,
+}
+
+impl Profile {
+    /// Its usual node ID.
+    pub fn node_id(self) -> NodeId {
+        let id = match self {
+            Profile::Ardupilot | Profile::ArdupilotPwm => 10,
+            _ => 1,
+        };
+        NodeId::new(id).expect("a node ID")
+    }
+
+    /// The name in its GetNodeInfo response.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Profile::Ardupilot | Profile::ArdupilotPwm => "org.ardupilot:0",
+            Profile::Px4 => "org.pixhawk.px4",
+            _ => "org.example.autopilot",
+        }
+    }
+
+    /// Commands of all its actuators go in one message; `None` if it commands just one.
+    pub(super) fn array(self) -> Option<Array> {
+        match self {
+            Profile::Ardupilot | Profile::ArdupilotPwm => Some(Array { first: 1, count: 15 }),
+            Profile::Px4 => Some(Array { first: 0, count: 8 }),
+            _ => None,
+        }
+    }
+
+    /// Actuators that it can command.
+    pub fn actuators(self) -> std::ops::RangeInclusive<u8> {
+        match self.array() {
+            Some(Array { first, count }) => first..=first + count - 1,
+            None => 0..=255,
+        }
+    }
+
+    /// The types of its commands, the usual one first.
+    pub fn command_types(self) -> &'static [CommandType] {
+        use CommandType::{Position, Pwm, Thesis, Unitless};
+        match self {
+            Profile::Thesis => &[Thesis],
+            Profile::Ardupilot | Profile::Px4 => &[Unitless],
+            Profile::ArdupilotPwm => &[Pwm],
+            Profile::Plain | Profile::None => &[Unitless, Position, Pwm, Thesis],
+        }
+    }
+
+    pub(super) fn status_priority(self) -> u8 {
+        match self {
+            Profile::Ardupilot | Profile::ArdupilotPwm => 31,
+            _ => 16,
+        }
+    }
+
+    pub(super) fn command_priority(self) -> u8 {
+        match self {
+            Profile::Px4 => 6,
+            _ => 8,
+        }
+    }
+
+    /// Period and priority of ArmingStatus.
+    pub(super) fn arming(self) -> Option<(Cycles, u8)> {
+        match self {
+            Profile::Ardupilot | Profile::ArdupilotPwm => Some((F_CPU_HZ / 2, 24)),
+            Profile::Px4 => Some((F_CPU_HZ / 10, 16)),
+            _ => None,
+        }
+    }
+
+    /// Whether SafetyState goes with it.
+    pub(super) fn has_safety_switch(self) -> bool {
+        matches!(self, Profile::Ardupilot | Profile::ArdupilotPwm)
+    }
+
+    /// Priority of its requests to nodes that it has not seen before, if it makes them.
+    pub(super) fn request_priority(self) -> Option<u8> {
+        match self {
+            Profile::Ardupilot | Profile::ArdupilotPwm => Some(16),
+            Profile::Px4 => Some(30),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for Profile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Profile::Plain => "autopilot",
+            Profile::Thesis => "autopilot of the thesis",
+            Profile::Ardupilot | Profile::ArdupilotPwm => "ArduPilot",
+            Profile::Px4 => "PX4",
+            Profile::None => "no autopilot",
+        })
+    }
+}

@@ -1,0 +1,189 @@
+//! Payloads of messages beside those that move a servo: getting a node ID, lights, counters, values with a name.
+//!
+//! Layouts from the public DSDL, little endian.
+
+use super::management::{UNIQUE_ID_LEN, hex};
+use std::fmt;
+
+/// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`, the first byte filled from its top.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Allocation {
+    /// Asked for or granted; 0 is any, or none yet.
+    pub node_id: u8,
+    /// A request: the unique ID begins here.
+    pub first_part: bool,
+    /// Of a request the next part, of an answer all that has come so far.
+    pub unique_id: Vec<u8>,
+}
+
+impl Allocation {
+    /// `None` if it is empty, or has more than a unique ID.
+    pub fn decode(payload: &[u8]) -> Option<Allocation> {
+        let (first, unique_id) = payload.split_first()?;
+        let fits = unique_id.len() <= UNIQUE_ID_LEN;
+        fits.then(|| Allocation { node_id: first >> 1, first_part: first & 1 != 0, unique_id: unique_id.to_vec() })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = vec![self.node_id << 1 | u8::from(self.first_part)];
+        payload.extend(&self.unique_id);
+        payload
+    }
+}
+
+impl fmt::Display for Allocation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.node_id != 0 {
+            write!(f, "node ID {} ", self.node_id)?;
+        }
+        if self.first_part {
+            write!(f, "first part ")?;
+        }
+        write!(f, "unique ID {}", hex(&self.unique_id))
+    }
+}
+
+/// One element of equipment.indication.LightsCommand: `light u8 | red u5 | green u6 | blue u5`, the colours filled from the
+/// top of two bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LightCommand {
+    pub light: u8,
+    /// 0 to 31.
+    pub red: u8,
+    /// 0 to 63.
+    pub green: u8,
+    /// 0 to 31.
+    pub blue: u8,
+}
+
+const LIGHT_BYTES: usize = 3;
+const LIGHTS_MAX: usize = 20;
+
+impl LightCommand {
+    /// The commands of a payload; `None` unless it is 0 to 20 whole ones.
+    pub fn decode_array(payload: &[u8]) -> Option<Vec<LightCommand>> {
+        let (commands, rest) = payload.as_chunks::<LIGHT_BYTES>();
+        let decode = |&[light, high, low]: &[u8; LIGHT_BYTES]| LightCommand {
+            light,
+            red: high >> 3,
+            green: (high & 7) << 3 | low >> 5,
+            blue: low & 0x1F,
+        };
+        (rest.is_empty() && commands.len() <= LIGHTS_MAX).then(|| commands.iter().map(decode).collect())
+    }
+
+    /// The payload of a LightsCommand.
+    pub fn encode_array(commands: &[LightCommand]) -> Vec<u8> {
+        let encode = |command: &LightCommand| {
+            [command.light, command.red << 3 | command.green >> 3, command.green << 5 | command.blue & 0x1F]
+        };
+        commands.iter().flat_map(encode).collect()
+    }
+}
+
+impl fmt::Display for LightCommand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "id {} red {} green {} blue {}", self.light, self.red, self.green, self.blue)
+    }
+}
+
+/// dronecan.protocol.CanStats.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CanStats {
+    pub interface: u8,
+    pub tx_requests: u32,
+    pub tx_rejected: u16,
+    pub tx_overflow: u16,
+    pub tx_success: u16,
+    pub tx_timedout: u16,
+    pub tx_abort: u16,
+    pub rx_received: u32,
+    pub rx_overflow: u16,
+    pub rx_errors: u16,
+    pub busoff_errors: u16,
+}
+
+impl CanStats {
+    /// 25 bytes exactly, else `None`.
+    pub fn decode(payload: &[u8]) -> Option<CanStats> {
+        let &[interface, t0, t1, t2, t3, ref rest @ ..] = payload else {
+            return None;
+        };
+        let &[j0, j1, o0, o1, s0, s1, d0, d1, a0, a1, r0, r1, r2, r3, v0, v1, e0, e1, b0, b1] = rest else {
+            return None;
+        };
+        Some(CanStats {
+            interface,
+            tx_requests: u32::from_le_bytes([t0, t1, t2, t3]),
+            tx_rejected: u16::from_le_bytes([j0, j1]),
+            tx_overflow: u16::from_le_bytes([o0, o1]),
+            tx_success: u16::from_le_bytes([s0, s1]),
+            tx_timedout: u16::from_le_bytes([d0, d1]),
+            tx_abort: u16::from_le_bytes([a0, a1]),
+            rx_received: u32::from_le_bytes([r0, r1, r2, r3]),
+            rx_overflow: u16::from_le_bytes([v0, v1]),
+            rx_errors: u16::from_le_bytes([e0, e1]),
+            busoff_errors: u16::from_le_bytes([b0, b1]),
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = vec![self.interface];
+        payload.extend(self.tx_requests.to_le_bytes());
+        let tx = [self.tx_rejected, self.tx_overflow, self.tx_success, self.tx_timedout, self.tx_abort];
+        payload.extend(tx.iter().flat_map(|count| count.to_le_bytes()));
+        payload.extend(self.rx_received.to_le_bytes());
+        let rest = [self.rx_overflow, self.rx_errors, self.busoff_errors];
+        payload.extend(rest.iter().flat_map(|count| count.to_le_bytes()));
+        payload
+    }
+}
+
+impl fmt::Display for CanStats {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "interface {} out {}/{}", self.interface, self.tx_success, self.tx_requests)?;
+        let faults = [
+            ("rejected", self.tx_rejected),
+            ("overflow", self.tx_overflow),
+            ("timed out", self.tx_timedout),
+            ("aborted", self.tx_abort),
+        ];
+        let mut told = |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
+        faults.into_iter().try_for_each(|(name, count)| told(name, count))?;
+        write!(f, ", in {}", self.rx_received)?;
+        let mut told = |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
+        told("overflow", self.rx_overflow)?;
+        told("errors", self.rx_errors)?;
+        told("bus-off", self.busoff_errors)
+    }
+}
+
+/// protocol.debug.KeyValue: `value f32 | key`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct KeyValue {
+    pub value: f32,
+    pub key: Vec<u8>,
+}
+
+impl KeyValue {
+    /// `None` if it is too short.
+    pub fn decode(payload: &[u8]) -> Option<KeyValue> {
+        let (value, key) = payload.split_first_chunk()?;
+        Some(KeyValue { value: f32::from_le_bytes(*value), key: key.to_vec() })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = self.value.to_le_bytes().to_vec();
+        payload.extend(&self.key);
+        payload
+    }
+}
+
+impl fmt::Display for KeyValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} = {}", self.key.escape_ascii(), self.value)
+    }
+}

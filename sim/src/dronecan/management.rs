@@ -1,0 +1,434 @@
+//! Payloads of the services that a node is managed by: who it is, its parameters, restart, update, counters.
+//!
+//! Layouts from the public DSDL (uavcan/protocol and uavcan/protocol/param), little endian. Every field begins with a byte;
+//! what is shorter than a byte has void bits in front of it.
+
+use super::message::NodeStatus;
+use std::fmt;
+
+/// Bytes of a unique ID (HardwareVersion).
+pub const UNIQUE_ID_LEN: usize = 16;
+
+/// Bytes as hexadecimal digits without anything between them.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect()
+}
+
+fn text(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| byte.escape_ascii().to_string()).collect()
+}
+
+/// Takes `N` bytes off the front.
+fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
+    let (front, rest) = bytes.split_first_chunk()?;
+    *bytes = rest;
+    Some(*front)
+}
+
+fn byte(bytes: &mut &[u8]) -> Option<u8> {
+    take::<1>(bytes).map(|[byte]| byte)
+}
+
+/// Numbers of 48 bits, which this dialect likes.
+fn uint48(bytes: &mut &[u8]) -> Option<u64> {
+    take::<6>(bytes).map(|[b0, b1, b2, b3, b4, b5]| u64::from_le_bytes([b0, b1, b2, b3, b4, b5, 0, 0]))
+}
+
+/// protocol.GetNodeInfo, response: `NodeStatus | SoftwareVersion | HardwareVersion | name`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct NodeInfo {
+    pub status: NodeStatus,
+    pub software: (u8, u8),
+    /// The commit that the software was built from.
+    pub commit: Option<u32>,
+    pub image_crc: Option<u64>,
+    pub hardware: (u8, u8),
+    pub unique_id: [u8; UNIQUE_ID_LEN],
+    pub certificate: Vec<u8>,
+    pub name: Vec<u8>,
+}
+
+const FLAG_COMMIT: u8 = 1 << 0;
+const FLAG_CRC: u8 = 1 << 1;
+
+impl NodeInfo {
+    /// `None` if it is too short.
+    pub fn decode(mut payload: &[u8]) -> Option<NodeInfo> {
+        let rest = &mut payload;
+        let status = NodeStatus::decode(&take::<7>(rest)?)?;
+        let software = (byte(rest)?, byte(rest)?);
+        let flags = byte(rest)?;
+        let commit = u32::from_le_bytes(take(rest)?);
+        let image_crc = u64::from_le_bytes(take(rest)?);
+        let hardware = (byte(rest)?, byte(rest)?);
+        let unique_id = take(rest)?;
+        let certificate_len = usize::from(byte(rest)?);
+        let (certificate, name) = rest.split_at_checked(certificate_len)?;
+        Some(NodeInfo {
+            status,
+            software,
+            commit: (flags & FLAG_COMMIT != 0).then_some(commit),
+            image_crc: (flags & FLAG_CRC != 0).then_some(image_crc),
+            hardware,
+            unique_id,
+            certificate: certificate.to_vec(),
+            name: name.to_vec(),
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = self.status.encode();
+        payload.extend([self.software.0, self.software.1]);
+        let flag = |given: bool, flag: u8| if given { flag } else { 0 };
+        payload.push(flag(self.commit.is_some(), FLAG_COMMIT) | flag(self.image_crc.is_some(), FLAG_CRC));
+        payload.extend(self.commit.unwrap_or(0).to_le_bytes());
+        payload.extend(self.image_crc.unwrap_or(0).to_le_bytes());
+        payload.extend([self.hardware.0, self.hardware.1]);
+        payload.extend(self.unique_id);
+        payload.push(self.certificate.len() as u8);
+        payload.extend(&self.certificate);
+        payload.extend(&self.name);
+        payload
+    }
+
+    /// Its name as text.
+    pub fn name(&self) -> String {
+        text(&self.name)
+    }
+}
+
+impl fmt::Display for NodeInfo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} software {}.{}", self.name(), self.software.0, self.software.1)?;
+        if let Some(commit) = self.commit {
+            write!(f, " commit {commit:08x}")?;
+        }
+        write!(f, " hardware {}.{} unique ID {}", self.hardware.0, self.hardware.1, hex(&self.unique_id))
+    }
+}
+
+/// protocol.param.Value and NumericValue: a union whose tag is in the lowest bits of its first byte.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Value {
+    #[default]
+    Empty,
+    Integer(i64),
+    Real(f32),
+    Boolean(bool),
+    Text(Vec<u8>),
+}
+
+const TAG_EMPTY: u8 = 0;
+const TAG_INTEGER: u8 = 1;
+const TAG_REAL: u8 = 2;
+const TAG_BOOLEAN: u8 = 3;
+const TAG_TEXT: u8 = 4;
+/// Width of the tag: a NumericValue has only the first three.
+const TAG_MASK: u8 = 0x07;
+const NUMERIC_TAG_MASK: u8 = 0x03;
+
+impl Value {
+    fn decode(tag: u8, bytes: &mut &[u8]) -> Option<Value> {
+        Some(match tag {
+            TAG_EMPTY => Value::Empty,
+            TAG_INTEGER => Value::Integer(i64::from_le_bytes(take(bytes)?)),
+            TAG_REAL => Value::Real(f32::from_le_bytes(take(bytes)?)),
+            TAG_BOOLEAN => Value::Boolean(byte(bytes)? != 0),
+            TAG_TEXT => {
+                let len = usize::from(byte(bytes)?);
+                let (text, rest) = bytes.split_at_checked(len)?;
+                *bytes = rest;
+                Value::Text(text.to_vec())
+            }
+            _ => return None,
+        })
+    }
+
+    fn tag(&self) -> u8 {
+        match self {
+            Value::Empty => TAG_EMPTY,
+            Value::Integer(_) => TAG_INTEGER,
+            Value::Real(_) => TAG_REAL,
+            Value::Boolean(_) => TAG_BOOLEAN,
+            Value::Text(_) => TAG_TEXT,
+        }
+    }
+
+    fn encode(&self, payload: &mut Vec<u8>) {
+        match self {
+            Value::Empty => {}
+            Value::Integer(number) => payload.extend(number.to_le_bytes()),
+            Value::Real(number) => payload.extend(number.to_le_bytes()),
+            Value::Boolean(boolean) => payload.push(u8::from(*boolean)),
+            Value::Text(text) => {
+                payload.push(text.len() as u8);
+                payload.extend(text);
+            }
+        }
+    }
+
+    /// Whether it is none.
+    pub fn is_empty(&self) -> bool {
+        *self == Value::Empty
+    }
+}
+
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Value::Empty => write!(f, "-"),
+            Value::Integer(number) => write!(f, "{number}"),
+            Value::Real(number) => write!(f, "{number:?}"),
+            Value::Boolean(boolean) => write!(f, "{boolean}"),
+            Value::Text(bytes) => write!(f, "\"{}\"", text(bytes)),
+        }
+    }
+}
+
+/// protocol.param.GetSet, request: `index u13 | value | name`. A name goes before the index; an empty value only reads.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ParameterRequest {
+    pub index: u16,
+    pub value: Value,
+    pub name: Vec<u8>,
+}
+
+impl ParameterRequest {
+    /// `None` if it is too short or has a value of no known type.
+    pub fn decode(mut payload: &[u8]) -> Option<ParameterRequest> {
+        let rest = &mut payload;
+        let [low, high] = take(rest)?;
+        let value = Value::decode(high & TAG_MASK, rest)?;
+        Some(ParameterRequest { index: u16::from(high >> 3) << 8 | u16::from(low), value, name: rest.to_vec() })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let [low, high] = self.index.to_le_bytes();
+        let mut payload = vec![low, high << 3 | self.value.tag()];
+        self.value.encode(&mut payload);
+        payload.extend(&self.name);
+        payload
+    }
+}
+
+impl fmt::Display for ParameterRequest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.name.is_empty() {
+            write!(f, "index {}", self.index)?;
+        } else {
+            write!(f, "{}", text(&self.name))?;
+        }
+        if self.value.is_empty() { Ok(()) } else { write!(f, " = {}", self.value) }
+    }
+}
+
+/// protocol.param.GetSet, response: `value | default | maximum | minimum | name`. All empty if there is no such parameter.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ParameterResponse {
+    pub value: Value,
+    pub default: Value,
+    pub max: Value,
+    pub min: Value,
+    pub name: Vec<u8>,
+}
+
+impl ParameterResponse {
+    /// `None` if it is too short or has a value of no known type.
+    pub fn decode(mut payload: &[u8]) -> Option<ParameterResponse> {
+        let rest = &mut payload;
+        let mut value = |mask: u8| {
+            let tag = byte(rest)? & mask;
+            Value::decode(tag, rest)
+        };
+        let (value, default, max, min) =
+            (value(TAG_MASK)?, value(TAG_MASK)?, value(NUMERIC_TAG_MASK)?, value(NUMERIC_TAG_MASK)?);
+        Some(ParameterResponse { value, default, max, min, name: rest.to_vec() })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = Vec::new();
+        for value in [&self.value, &self.default, &self.max, &self.min] {
+            payload.push(value.tag());
+            value.encode(&mut payload);
+        }
+        payload.extend(&self.name);
+        payload
+    }
+
+    /// Its name as text.
+    pub fn name(&self) -> String {
+        text(&self.name)
+    }
+}
+
+impl fmt::Display for ParameterResponse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.name.is_empty() && self.value.is_empty() {
+            return write!(f, "no such parameter");
+        }
+        write!(f, "{} = {}", self.name(), self.value)?;
+        match (&self.min, &self.max, &self.default) {
+            (Value::Empty, Value::Empty, Value::Empty) => Ok(()),
+            (min, max, default) => write!(f, " ({min} to {max}, default {default})"),
+        }
+    }
+}
+
+/// protocol.param.ExecuteOpcode, request: `opcode u8 | argument i48`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Opcode(pub u8);
+
+impl Opcode {
+    pub const SAVE: Opcode = Opcode(0);
+    pub const ERASE: Opcode = Opcode(1);
+    const LEN: usize = 7;
+
+    /// Seven bytes exactly, else `None`. The argument has no meaning.
+    pub fn decode(payload: &[u8]) -> Option<Opcode> {
+        (payload.len() == Opcode::LEN).then(|| Opcode(payload[0]))
+    }
+
+    /// The payload.
+    pub fn encode(self) -> Vec<u8> {
+        let mut payload = vec![self.0];
+        payload.resize(Opcode::LEN, 0);
+        payload
+    }
+}
+
+impl fmt::Display for Opcode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Opcode::SAVE => f.pad("SAVE"),
+            Opcode::ERASE => f.pad("ERASE"),
+            Opcode(other) => write!(f, "opcode {other}"),
+        }
+    }
+}
+
+/// The bit "ok" of a response: the uppermost of its last byte.
+const OK: u8 = 1 << 7;
+
+/// protocol.param.ExecuteOpcode, response: `argument i48 | ok bool`. Whether it was done.
+pub(super) fn decode_executed(payload: &[u8]) -> Option<bool> {
+    (payload.len() == Opcode::LEN).then(|| payload[Opcode::LEN - 1] & OK != 0)
+}
+
+/// The other way round.
+pub(super) fn encode_executed(ok: bool) -> Vec<u8> {
+    let mut payload = vec![0; Opcode::LEN];
+    payload[Opcode::LEN - 1] = if ok { OK } else { 0 };
+    payload
+}
+
+/// protocol.RestartNode, request: five bytes that must be right.
+pub const RESTART_MAGIC: u64 = 0xAC_CE55_1B1E;
+
+pub(super) fn decode_restart(mut payload: &[u8]) -> Option<u64> {
+    let [b0, b1, b2, b3, b4] = take(&mut payload)?;
+    payload.is_empty().then(|| u64::from_le_bytes([b0, b1, b2, b3, b4, 0, 0, 0]))
+}
+
+pub(super) fn encode_restart(magic: u64) -> Vec<u8> {
+    magic.to_le_bytes()[..5].to_vec()
+}
+
+/// protocol.RestartNode, response: `ok bool`.
+pub(super) fn decode_restarted(payload: &[u8]) -> Option<bool> {
+    let [byte] = payload else { return None };
+    Some(byte & OK != 0)
+}
+
+pub(super) fn encode_restarted(ok: bool) -> Vec<u8> {
+    vec![if ok { OK } else { 0 }]
+}
+
+/// protocol.file.BeginFirmwareUpdate, request: `source node u8 | path`; response: `error u8 | text`. A number and a text.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct NumberAndText {
+    pub number: u8,
+    pub text: Vec<u8>,
+}
+
+impl NumberAndText {
+    /// `None` if it is empty.
+    pub fn decode(payload: &[u8]) -> Option<NumberAndText> {
+        let (number, text) = payload.split_first()?;
+        Some(NumberAndText { number: *number, text: text.to_vec() })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = vec![self.number];
+        payload.extend(&self.text);
+        payload
+    }
+
+    /// Its text.
+    pub fn text(&self) -> String {
+        text(&self.text)
+    }
+
+    /// What the number of a response means.
+    pub(super) fn error(&self) -> String {
+        match self.number {
+            0 => String::from("OK"),
+            1 => String::from("INVALID_MODE"),
+            2 => String::from("IN_PROGRESS"),
+            255 => String::from("UNKNOWN"),
+            other => format!("error {other}"),
+        }
+    }
+}
+
+/// Counters of one interface: frames out, frames in, errors.
+pub type InterfaceStats = [u64; 3];
+
+/// protocol.GetTransportStats, response: three numbers of 48 bits, and three more for each interface.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TransportStats {
+    pub transfers_tx: u64,
+    pub transfers_rx: u64,
+    pub transfer_errors: u64,
+    pub interfaces: Vec<InterfaceStats>,
+}
+
+/// A node has three interfaces at most.
+const INTERFACES_MAX: usize = 3;
+
+impl TransportStats {
+    /// `None` unless it is whole.
+    pub fn decode(mut payload: &[u8]) -> Option<TransportStats> {
+        let rest = &mut payload;
+        let mut stats = TransportStats {
+            transfers_tx: uint48(rest)?,
+            transfers_rx: uint48(rest)?,
+            transfer_errors: uint48(rest)?,
+            interfaces: Vec::new(),
+        };
+        while !rest.is_empty() {
+            stats.interfaces.push([uint48(rest)?, uint48(rest)?, uint48(rest)?]);
+        }
+        (stats.interfaces.len() <= INTERFACES_MAX).then_some(stats)
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = Vec::new();
+        let transfers = [self.transfers_tx, self.transfers_rx, self.transfer_errors];
+        for number in [transfers].iter().chain(&self.interfaces).flatten() {
+            payload.extend(&number.to_le_bytes()[..6]);
+        }
+        payload
+    }
+}
+
+impl fmt::Display for TransportStats {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "transfers out {} in {} errors {}", self.transfers_tx, self.transfers_rx, self.transfer_errors)?;
+        self.interfaces.iter().try_for_each(|[tx, rx, errors]| write!(f, ", frames out {tx} in {rx} errors {errors}"))
+    }
+}

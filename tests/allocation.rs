@@ -1,0 +1,441 @@
+//! With CAN_NODE 0 the node asks an allocator for its ID (specification, chapter 6), and is nobody until it has one.
+//!
+//! The unique ID is the node's own; it is made at the first start.
+
+mod rig;
+
+use std::sync::OnceLock;
+
+use rig::manage::ms_between;
+use rig::{MS, NODE, Rig, SERVO_COMMAND};
+use sim::Cycles;
+use sim::autopilot::Settings;
+use sim::can::{Fault, Frame, Id};
+use sim::dronecan::{Allocation, CanId, Message, NodeId, TransferId, split, types};
+
+/// An allocator's messages.
+const ALLOCATION_FROM_127: u32 = 0x1E00_017F;
+
+/// A request, as the node made it.
+#[derive(Clone, Debug, PartialEq)]
+struct Request {
+    at: Cycles,
+    first_part: bool,
+    part: Vec<u8>,
+}
+
+/// EEPROM of a board that has CAN_NODE 0, and its unique ID.
+fn allocatee() -> (&'static [u8], [u8; 16]) {
+    static EEPROM: OnceLock<(Vec<u8>, [u8; 16])> = OnceLock::new();
+    let (eeprom, unique_id) = EEPROM.get_or_init(|| another_allocatee(0));
+    (eeprom, *unique_id)
+}
+
+/// The same of a board of its own.
+fn another_allocatee(seed: u64) -> (Vec<u8>, [u8; 16]) {
+    let mut rig = Rig::new_board();
+    if seed > 0 {
+        rig.board().avr_mut().seed(seed);
+        rig.cut_power();
+    }
+    rig.wait_for("the first NodeStatus", 2000, |rig| !rig.statuses().is_empty());
+    let unique_id = rig.information().unique_id;
+    rig.set("CAN_NODE", 0);
+    rig.save();
+    (rig.board().avr().eeprom(), unique_id)
+}
+
+/// A board that has just been started and has no ID.
+fn nobody() -> (Rig, [u8; 16]) {
+    let (eeprom, unique_id) = allocatee();
+    (Rig::with_boards(&[eeprom]), unique_id)
+}
+
+/// The node's requests so far. Whatever else it might send fails the test.
+#[track_caller]
+fn requests(rig: &Rig) -> Vec<Request> {
+    let from_others = |id: u32| [10, 127].contains(&(id & 0x7F));
+    let mut requests = Vec::new();
+    for (at, frame) in &rig.traffic {
+        let Id::Extended(id) = frame.id else { panic!("{frame}") };
+        if from_others(id) {
+            continue;
+        }
+        let Some(CanId::Anonymous { priority, type_id, .. }) = CanId::parse(id) else { panic!("{frame} of a nobody") };
+        assert_eq!((priority, type_id), (30, 1), "{frame}");
+        let (tail, payload) = frame.data().split_last().unwrap();
+        assert_eq!(tail & 0xE0, 0xC0, "{frame}");
+        assert_eq!(payload[0] >> 1, 0, "any ID is right: {frame}");
+        requests.push(Request { at: *at, first_part: payload[0] & 1 != 0, part: payload[1..].to_vec() });
+    }
+    requests
+}
+
+/// The next request, within that many milliseconds.
+#[track_caller]
+fn next_request(rig: &mut Rig, within_ms: u64) -> Request {
+    let seen = requests(rig).len();
+    rig.wait_for("request for an ID", within_ms, |rig| requests(rig).len() > seen);
+    requests(rig).remove(seen)
+}
+
+/// An Allocation message of node 127.
+fn allocate(rig: &mut Rig, node_id: u8, unique_id: &[u8]) {
+    let message = Allocation { node_id, first_part: false, unique_id: unique_id.to_vec() };
+    let parts = split(&message.encode(), TransferId::default(), types::ALLOCATION.signature.unwrap());
+    for data in parts {
+        rig.send(ALLOCATION_FROM_127, &data);
+    }
+}
+
+/// Another node's request, of a unique ID that begins with 0xEE.
+fn ask_as_another(rig: &mut Rig) {
+    rig.send(0x1E12_3500, &[1, 0xEE, 1, 2, 3, 4, 5, 0xC0]);
+}
+
+/// Goes through the stages up to the last request.
+#[track_caller]
+fn almost_allocated(rig: &mut Rig, unique_id: [u8; 16]) {
+    assert!(next_request(rig, 1100).first_part);
+    for confirmed in [6, 12] {
+        allocate(rig, 0, &unique_id[..confirmed]);
+        let request = next_request(rig, 450);
+        assert_eq!(request.part, unique_id[confirmed..16.min(confirmed + 6)]);
+    }
+}
+
+#[test]
+fn the_three_stages_have_their_parts_and_their_times() {
+    let (mut rig, unique_id) = nobody();
+    let start = rig.now();
+    let first = next_request(&mut rig, 1100);
+    assert!((600.0..=1050.0).contains(&ms_between(start, first.at)), "{} ms", ms_between(start, first.at));
+    assert_eq!((first.first_part, &first.part[..]), (true, &unique_id[..6]));
+    for (confirmed, len) in [(6, 6), (12, 4)] {
+        allocate(&mut rig, 0, &unique_id[..confirmed]);
+        rig.run_ms(1);
+        let heard = rig.now();
+        let request = next_request(&mut rig, 420);
+        assert!(ms_between(heard, request.at) <= 401.0, "{} ms", ms_between(heard, request.at));
+        assert_eq!((request.first_part, &request.part[..]), (false, &unique_id[confirmed..confirmed + len]));
+    }
+    let asked = requests(&rig).len();
+    allocate(&mut rig, 55, &unique_id);
+    rig.run_ms(1500);
+    // It has an ID: no more requests, a status at once and then each second, and answers.
+    let own = |rig: &Rig| rig.frames(0x1801_5500 | 55);
+    assert!((2..=3).contains(&own(&rig).len()), "{}", own(&rig).len());
+    let anonymous = rig.traffic.iter().filter(|(_, frame)| matches!(frame.id, Id::Extended(id) if id & 0xFF == 0));
+    assert_eq!(anonymous.count(), asked);
+    rig.request_to(55, &Message::NodeInfoRequest);
+    rig.run_ms(50);
+    let Some((_, _, Message::NodeInfo(info))) = rig.answers().pop() else { panic!("no answer") };
+    assert_eq!(info.unique_id, unique_id, "the same as in the requests");
+    rig.send_command(1, 0, 0.5);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    assert!(rig.serial.contains("55"), "the serial monitor tells the ID: {}", rig.serial);
+}
+
+#[test]
+fn unanswered_it_asks_again_and_again_at_random_times() {
+    let (mut rig, unique_id) = nobody();
+    rig.run_ms(20_000);
+    let all = requests(&rig);
+    assert!(all.iter().all(|request| request.first_part && request.part == unique_id[..6]));
+    let gaps: Vec<f64> = all.windows(2).map(|pair| ms_between(pair[0].at, pair[1].at)).collect();
+    assert!(gaps.len() >= 19, "{gaps:?}");
+    assert!(gaps.iter().all(|gap| (600.0..=1010.0).contains(gap)), "{gaps:?}");
+    let (least, most) = (gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max));
+    assert!(most - least > 100.0, "two that ask at the same times would do so for ever: {gaps:?}");
+}
+
+/// Requests of different boards at the same moment must differ in their identifiers, which depend on what they say.
+#[test]
+fn the_identifiers_of_requests_differ_with_their_content() {
+    let (mut rig, unique_id) = nobody();
+    almost_allocated(&mut rig, unique_id);
+    let mut ids: Vec<String> =
+        rig.traffic.iter().map(|(_, frame)| frame.to_string()).filter(|text| text[6..8] == *"00").collect();
+    ids.dedup_by_key(|text| text[..8].to_owned());
+    assert_eq!(ids.len(), 3, "{ids:?}");
+}
+
+#[test]
+fn an_answer_to_another_s_unique_id_is_none() {
+    let (mut rig, unique_id) = nobody();
+    for wrong in 0..6 {
+        let mut other = unique_id;
+        other[wrong] ^= 0x80;
+        assert!(next_request(&mut rig, 1100).first_part);
+        allocate(&mut rig, 0, &other[..6]);
+        let next = next_request(&mut rig, 1100);
+        assert!(next.first_part, "byte {wrong}: it begins again");
+        rig.forget();
+    }
+    // In a later stage.
+    for (stage, wrong) in [(12, 11), (12, 0), (16, 15), (16, 7)] {
+        let (mut rig, unique_id) = nobody();
+        almost_allocated(&mut rig, unique_id);
+        let mut other = unique_id;
+        other[wrong] ^= 1;
+        allocate(&mut rig, if stage == 16 { 55 } else { 0 }, &other[..stage]);
+        let next = next_request(&mut rig, 1100);
+        assert!(next.first_part, "stage {stage}, byte {wrong}");
+    }
+}
+
+#[test]
+fn a_grant_of_0_is_ignored() {
+    let (mut rig, unique_id) = nobody();
+    almost_allocated(&mut rig, unique_id);
+    allocate(&mut rig, 0, &unique_id);
+    assert!(next_request(&mut rig, 1100).first_part, "it goes on asking");
+    rig.forget();
+    almost_allocated(&mut rig, unique_id);
+    allocate(&mut rig, 125, &unique_id);
+    rig.wait_for("status of node 125", 100, |rig| !rig.frames(0x1801_5500 | 125).is_empty());
+}
+
+#[test]
+fn while_others_are_allocated_it_waits() {
+    let (mut rig, _) = nobody();
+    for n in 0..10 {
+        if n % 2 == 0 {
+            ask_as_another(&mut rig);
+        } else {
+            allocate(&mut rig, 0, &[0xEE, 1, 2, 3, 4, 5]);
+        }
+        rig.run_ms(500);
+    }
+    let own: Vec<_> = requests(&rig).into_iter().filter(|request| request.part[0] != 0xEE).collect();
+    assert_eq!(own, [], "each message of this type starts its waiting over");
+    let quiet_from = rig.now() - 500 * MS;
+    let request = next_request(&mut rig, 700);
+    assert!((600.0..=1010.0).contains(&ms_between(quiet_from, request.at)));
+}
+
+#[test]
+fn another_s_request_calls_off_a_follow_up() {
+    let mut called_off = 0;
+    for delay_ms in [0, 5, 20, 50] {
+        let (mut rig, unique_id) = nobody();
+        next_request(&mut rig, 1100);
+        allocate(&mut rig, 0, &unique_id[..6]);
+        rig.run_ms(delay_ms);
+        let before = requests(&rig).len();
+        ask_as_another(&mut rig);
+        rig.run_ms(550);
+        let after: Vec<_> = requests(&rig).split_off(before).into_iter().filter(|r| r.part[0] != 0xEE).collect();
+        // A random follow-up time may be as short as that.
+        if before == 1 {
+            assert_eq!(after, [], "after {delay_ms} ms");
+            assert!(next_request(&mut rig, 600).first_part);
+            called_off += 1;
+        }
+    }
+    assert!(called_off > 0);
+}
+
+/// Who has no ID neither speaks nor listens, whatever is said and to whom.
+#[test]
+fn without_an_id_it_takes_nothing_but_allocation() {
+    let (mut rig, _) = nobody();
+    for n in 0..40u8 {
+        rig.send_status_from(10);
+        rig.send_command(1, 0, 0.5);
+        rig.send_commands(&[(1, 0, 0.5), (1, 0, 0.7), (1, 0, 0.6)]);
+        rig.send(SERVO_COMMAND | 10, &[99, 0xC0]);
+        rig.broadcast(&Message::ArmingStatus(255), n % 32);
+        for destination in [0u32, NODE, 125, 127] {
+            rig.send(0x1E01_8080 | destination << 8 | 10, &[0xC0]);
+            rig.send(0x1E0B_8080 | destination << 8 | 10, &[0, 0, 0xC0]);
+            rig.send(0x1E05_8080 | destination << 8 | 10, &[0x1E, 0x1B, 0x55, 0xCE, 0xAC, 0xC0]);
+        }
+        rig.run_ms(100);
+    }
+    let own = requests(&rig);
+    assert!(own.len() >= 3, "it asks meanwhile");
+    assert_eq!(rig.pulses, []);
+    assert!(!rig.serial.contains("pulse"), "{}", rig.serial);
+    assert_eq!(rig.serial.matches("reset:").count(), 1, "{}", rig.serial);
+}
+
+/// An anonymous frame must not be repeated after an error: another nobody may have sent the same identifier.
+#[test]
+fn a_request_that_met_an_error_is_not_repeated() {
+    for bit in [12, 33, 45, 80, 100] {
+        let (mut rig, _) = nobody();
+        next_request(&mut rig, 1100);
+        rig.forget();
+        rig.bench.bus().inject(Fault::FlipBit { bit });
+        rig.wait_for("error frame", 1100, |rig| rig.error_frames > 0);
+        let error = rig.now();
+        let next = next_request(&mut rig, 1100);
+        let gap = ms_between(error, next.at);
+        assert!((590.0..=1010.0).contains(&gap), "{gap} ms after an error in bit {bit}");
+        assert_eq!(rig.error_frames, 1);
+    }
+}
+
+#[test]
+fn a_request_that_nobody_acknowledges_is_not_repeated() {
+    let (mut rig, unique_id) = nobody();
+    let port = rig.bench.port(0);
+    rig.bench.bus().connect(port, false);
+    rig.run_ms(3500);
+    // Each try counts eight errors. Repeated at once, they would have been hundreds.
+    let tec = rig.board().chip().borrow().tec();
+    assert!((8..=64).contains(&tec), "{tec}");
+    rig.bench.bus().connect(port, true);
+    rig.forget();
+    almost_allocated(&mut rig, unique_id);
+    allocate(&mut rig, 9, &unique_id);
+    rig.wait_for("status of node 9", 100, |rig| !rig.frames(0x1801_5500 | 9).is_empty());
+}
+
+/// A request that loses arbitration is no error, and goes when the bus is free.
+#[test]
+fn a_busy_bus_only_delays_it() {
+    let (mut rig, unique_id) = nobody();
+    for _ in 0..30_000 {
+        rig.send(0x1804_560A, &[0x55; 8]);
+    }
+    rig.run_ms(1000);
+    rig.peer.borrow_mut().clear_queue();
+    rig.forget();
+    almost_allocated(&mut rig, unique_id);
+}
+
+/// A monitor asks who a node is as soon as it hears of it.
+#[test]
+fn with_its_first_status_it_is_ready_for_requests() {
+    for id in [55, 124] {
+        let (mut rig, unique_id) = nobody();
+        almost_allocated(&mut rig, unique_id);
+        allocate(&mut rig, id, &unique_id);
+        rig.wait_for("status", 100, |rig| !rig.frames(0x1801_5500 | u32::from(id)).is_empty());
+        rig.request_to(id, &Message::NodeInfoRequest);
+        rig.run_ms(60);
+        assert_eq!(rig.answers().len(), 1, "node {id}");
+    }
+}
+
+#[test]
+fn an_allocated_id_is_not_kept() {
+    let (mut rig, unique_id) = nobody();
+    almost_allocated(&mut rig, unique_id);
+    allocate(&mut rig, 66, &unique_id);
+    rig.run_ms(300);
+    assert!(!rig.frames(0x1801_5500 | 66).is_empty());
+    rig.cut_power();
+    rig.run_ms(2500);
+    assert!(requests(&rig).len() >= 2);
+}
+
+#[test]
+fn a_node_with_an_id_takes_no_part() {
+    let mut rig = Rig::running();
+    let unique_id = rig.information().unique_id;
+    for n in 0..10 {
+        ask_as_another(&mut rig);
+        allocate(&mut rig, 0, &unique_id[..6]);
+        allocate(&mut rig, 77, &unique_id);
+        rig.run_ms(100 + n);
+    }
+    rig.run_ms(1000);
+    let sent = |id: u32| {
+        let is_its = |frame: &Frame| matches!(frame.id, Id::Extended(other) if other & 0x7F == id);
+        rig.traffic.iter().filter(|(_, frame)| is_its(frame)).count()
+    };
+    assert_eq!((sent(77), sent(0)), (0, 10), "nothing as node 77, no request but the other's");
+    assert!(rig.statuses().len() >= 2);
+}
+
+#[test]
+fn grants_at_the_ends_of_the_range_are_taken() {
+    for id in [1u8, 125, 127] {
+        let (mut rig, unique_id) = nobody();
+        almost_allocated(&mut rig, unique_id);
+        allocate(&mut rig, id, &unique_id);
+        if id == 127 {
+            continue;
+        }
+        rig.wait_for("status", 100, |rig| !rig.frames(0x1801_5500 | u32::from(id)).is_empty());
+    }
+}
+
+/// Two boards that get their power at the same moment, and the simulator's allocator.
+#[test]
+fn two_boards_at_once_get_an_id_each() {
+    let (first, second) = (allocatee(), another_allocatee(5));
+    assert_ne!(first.1, second.1);
+    let mut rig = Rig::with_boards(&[first.0, &second.0]);
+    rig.attach_autopilot(Settings { allocates: true, ..Settings::default() });
+    let statuses = |rig: &Rig, id: u32| rig.frames(0x1801_5500 | id).len();
+    rig.wait_for("status of both", 15_000, |rig| statuses(rig, 125) > 0 && statuses(rig, 124) > 0);
+    let news: Vec<String> = rig.autopilot().take_news().into_iter().map(|(_, text)| text).collect();
+    for (_, unique_id) in [(first.0, first.1), (&second.0, second.1)] {
+        let digits: String = unique_id.iter().map(|byte| format!("{byte:02X}")).collect();
+        assert!(news.iter().any(|text| text.ends_with(&digits)), "{digits}: {news:?}");
+    }
+    rig.forget();
+    rig.run_ms(3000);
+    for id in [124, 125] {
+        assert!((2..=4).contains(&statuses(&rig, id)), "node {id} stays");
+        let node = NodeId::new(id as u8).unwrap().get();
+        rig.request_to(node, &Message::NodeInfoRequest);
+        rig.run_ms(50);
+    }
+    let ids: Vec<_> = rig
+        .answers()
+        .into_iter()
+        .filter_map(|(_, _, answer)| match answer {
+            Message::NodeInfo(info) => Some(info.unique_id),
+            _ => None,
+        })
+        .collect();
+    assert!(ids.contains(&first.1) && ids.contains(&second.1), "{ids:02X?}");
+}
+
+// ---- the unique ID ----
+
+/// The simulated watchdog scatters from a seed, which stands for the difference between boards.
+#[test]
+fn two_new_boards_make_themselves_different_unique_ids_and_keep_them() {
+    let ids: Vec<[u8; 16]> = (1..=4)
+        .map(|seed| {
+            let (eeprom, unique_id) = another_allocatee(seed);
+            let mut rig = Rig::with_boards(&[&eeprom]);
+            let request = next_request(&mut rig, 1100);
+            assert_eq!(request.part, unique_id[..6]);
+            unique_id
+        })
+        .collect();
+    for (n, a) in ids.iter().enumerate() {
+        for b in &ids[..n] {
+            let bits: u32 = a.iter().zip(b).map(|(a, b)| (a ^ b).count_ones()).sum();
+            assert!((30..=98).contains(&bits), "{bits} of 128 bits differ: {ids:02X?}");
+        }
+    }
+}
+
+#[test]
+fn a_power_cut_while_the_unique_id_is_written_leaves_a_good_one() {
+    for cut_ms in (0..80).step_by(7) {
+        let mut rig = Rig::new_board();
+        // To the first byte that is written.
+        while rig.board().avr().eeprom().iter().all(|byte| *byte == 0xFF) {
+            rig.run_ms(1);
+            assert!(rig.now() < 2000 * MS, "nothing is written");
+        }
+        rig.run_ms(cut_ms);
+        rig.cut_power();
+        rig.wait_for("the first NodeStatus", 2000, |rig| !rig.statuses().is_empty());
+        rig.run_ms(20);
+        let unique_id = rig.information().unique_id;
+        rig.cut_power();
+        rig.wait_until_up();
+        assert_eq!(rig.information().unique_id, unique_id, "cut {cut_ms} ms later");
+        assert!(unique_id.iter().any(|byte| *byte != 0xFF) && unique_id.iter().any(|byte| *byte != 0));
+    }
+}

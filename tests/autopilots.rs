@@ -1,0 +1,138 @@
+//! What ArduPilot and PX4 put on the bus, as the simulator has it: the node obeys each with only parameters changed.
+
+mod rig;
+
+use rig::manage::ms_between;
+use rig::{MS, Rig};
+use sim::autopilot::{Profile, Settings};
+use sim::can::Id;
+
+const ARDUPILOT: u32 = 10;
+const PX4: u32 = 1;
+
+/// A node with those parameters, and that autopilot.
+fn flying(profile: Profile, actuator: u8, parameters: &[(&str, i64)]) -> Rig {
+    let mut rig = Rig::running();
+    for (name, value) in parameters {
+        rig.set(name, *value);
+    }
+    rig.attach_autopilot(Settings { actuator, ..Settings::of(profile) });
+    rig.autopilot().hold(0.5);
+    rig.run_ms(30);
+    rig.forget();
+    rig
+}
+
+#[track_caller]
+fn assert_obeys(rig: &mut Rig) {
+    for deflection in [0.5, -1.0, 1.0, 0.0, -0.25] {
+        rig.autopilot().hold(deflection);
+        rig.run_ms(30);
+        assert_eq!(rig.settled_pulse_us(), 1500.0 + 500.0 * deflection);
+    }
+}
+
+#[test]
+fn ardupilot_s_first_servo_needs_no_parameter() {
+    let mut rig = flying(Profile::Ardupilot, 1, &[]);
+    assert_obeys(&mut rig);
+    let frames = rig.traffic.iter().filter(|(_, f)| f.id == Id::Extended(0x0803_F200 | ARDUPILOT)).count();
+    assert_eq!(frames % 9, 0, "fifteen commands are nine frames");
+}
+
+#[test]
+fn ardupilot_s_other_servos_need_their_number() {
+    for actuator in [2, 8, 15] {
+        let mut rig = flying(Profile::Ardupilot, actuator, &[("SRV_ID", i64::from(actuator))]);
+        assert_obeys(&mut rig);
+    }
+}
+
+#[test]
+fn ardupilot_s_pulse_widths_are_followed_too() {
+    let mut rig = flying(Profile::ArdupilotPwm, 3, &[("SRV_ID", 3)]);
+    assert_obeys(&mut rig);
+}
+
+#[test]
+fn px4_counts_its_servos_from_0() {
+    for actuator in [0, 7] {
+        let mut rig = flying(Profile::Px4, actuator, &[("SRV_ID", i64::from(actuator))]);
+        assert_obeys(&mut rig);
+        let frames = rig.traffic.iter().filter(|(_, f)| f.id == Id::Extended(0x0603_F200 | PX4)).count();
+        assert_eq!(frames % 5, 0, "eight commands are five frames");
+    }
+}
+
+/// Each pulse is the one of a command of the last 20 ms or so: none is lost in a stream of nine frames each.
+#[test]
+fn a_sweep_is_followed_step_by_step() {
+    for (profile, actuator) in [(Profile::Ardupilot, 15), (Profile::Px4, 7)] {
+        let mut rig = flying(profile, actuator, &[("SRV_ID", i64::from(actuator))]);
+        let now = rig.now();
+        rig.autopilot().sweep(now);
+        rig.run_ms(60);
+        rig.forget();
+        for _ in 0..4000 / 20 {
+            rig.run_ms(20);
+            let at = rig.now();
+            let Some(last) = rig.pulses.last().copied() else { panic!("no pulse") };
+            let commanded = |t| 1500.0 + 500.0 * rig_deflection(&mut rig, t);
+            // The command in force when the pulse began is up to 20 ms old, the pulse as well.
+            let (now, then) = (last.start, last.start - 45 * MS);
+            let steps: Vec<f64> = (0..=45).map(|ms| then + ms * MS).map(commanded).collect();
+            let (least, most) = steps.iter().fold((f64::MAX, f64::MIN), |(a, b), us| (a.min(*us), b.max(*us)));
+            let width = last.width_us();
+            assert!((least - 1.0..=most + 1.0).contains(&width), "{width} us at {} ({least} to {most})", now / MS);
+            assert!(at - last.start < 25 * MS);
+        }
+    }
+}
+
+fn rig_deflection(rig: &mut Rig, at: u64) -> f64 {
+    rig.autopilot().deflection(at)
+}
+
+#[test]
+fn both_say_that_they_are_armed_as_the_gate_wants_it() {
+    for (profile, actuator) in [(Profile::Ardupilot, 1), (Profile::Px4, 1)] {
+        let mut rig = flying(profile, actuator, &[("ARM_REQ", 1), ("SRV_FAILSAFE", 3)]);
+        rig.run_ms(600);
+        assert_obeys(&mut rig);
+        rig.autopilot().set_armed(false);
+        rig.run_ms(700);
+        rig.forget();
+        rig.run_ms(200);
+        assert_eq!(rig.pulses, [], "disarmed");
+        rig.autopilot().set_armed(true);
+        rig.run_ms(700);
+        assert_obeys(&mut rig);
+    }
+}
+
+#[test]
+fn both_ask_who_the_node_is_and_are_told() {
+    for profile in [Profile::Ardupilot, Profile::Px4] {
+        let mut rig = flying(profile, 1, &[]);
+        rig.run_ms(1500);
+        let news = rig.autopilot().take_news();
+        let [(_, text)] = &news[..] else { panic!("{news:?}") };
+        assert!(text.starts_with("120 is org."), "{text}");
+        assert!(rig.broken.is_empty(), "{:?}", rig.broken);
+    }
+}
+
+#[test]
+fn an_autopilot_that_falls_silent_is_a_failsafe() {
+    let mut rig = flying(Profile::Ardupilot, 1, &[("SRV_FAILSAFE", 1), ("SRV_TIMEOUT", 200)]);
+    rig.run_ms(500);
+    rig.autopilot().set_silent(true);
+    let silent_from = rig.now();
+    rig.run_ms(400);
+    assert_eq!(rig.settled_pulse_us(), 1500.0);
+    let last = rig.pulses.iter().rfind(|pulse| pulse.width_us() == 1750.0).unwrap();
+    assert!((150.0..230.0).contains(&ms_between(silent_from, last.start)));
+    rig.autopilot().set_silent(false);
+    rig.run_ms(60);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+}

@@ -1,0 +1,190 @@
+"""What a GUI tool does with a node, done by pydronecan: who is it, its parameters, save, restart, update, counters."""
+
+import re
+
+import pytest
+from dronecan import uavcan
+from dronecan.app.node_monitor import NodeMonitor
+
+from conftest import NODE
+
+protocol = uavcan.protocol
+UNITLESS, PWM = 0, 4
+
+PARAMETERS = [
+    "CAN_NODE", "CAN_BAUDRATE", "SRV_ID", "SRV_MIN", "SRV_TRIM", "SRV_MAX", "SRV_REVERSED", "SRV_RATE", "SRV_RANGE",
+    "SRV_TIMEOUT", "SRV_FAILSAFE", "SRV_FS_PWM", "ARM_REQ", "TELEM_RATE", "TEMP_RATE", "TEMP_ID", "TEMP_REF",
+    "TEMP_OFFSET", "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "LIGHT_ID", "STATS_RATE", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
+]  # fmt: skip
+
+
+def walk(client):
+    """All parameters by index, until one has no name."""
+    found = {}
+    while name := str((response := client.parameter(index=len(found))).name):
+        assert name not in found
+        found[name] = response
+    return found
+
+
+def test_the_node_monitor_learns_who_the_node_is(bench):
+    client = bench().dronecan()
+    monitor = NodeMonitor(client.node)
+    client.spin_until(lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120")
+    info = monitor.get(NODE).info
+    name = str(info.name)
+    assert re.fullmatch(r"org\.[a-z0-9._-]+", name) and len(name) <= 80
+    assert (info.software_version.major, info.software_version.minor) == (0, 1)
+    version = info.software_version
+    assert version.optional_field_flags == (version.OPTIONAL_FIELD_FLAG_VCS_COMMIT if version.vcs_commit else 0)
+    unique_id = bytes(info.hardware_version.unique_id)
+    assert len(unique_id) == 16 and len(set(unique_id)) > 4
+    assert len(info.hardware_version.certificate_of_authenticity) == 0
+
+
+def test_parameters_are_walked_until_the_empty_name(bench):
+    client = bench().dronecan()
+    found = walk(client)
+    assert list(found) == PARAMETERS
+    for name, response in found.items():
+        assert len(name) <= 16
+        low, high = response.min_value.integer_value, response.max_value.integer_value
+        assert low <= response.default_value.integer_value <= high and low < high
+        assert response.value.integer_value == response.default_value.integer_value, name
+        by_name = client.parameter(name)
+        assert (by_name.name, by_name.value.integer_value) == (response.name, response.value.integer_value)
+
+
+def test_what_is_set_and_saved_is_still_set_after_a_restart(bench):
+    used = bench()
+    client = used.dronecan()
+    client.set("SRV_MIN", 1200)
+    client.set("TEMP_MIN", -12)
+    client.save()
+    client.set("SRV_MAX", 1800)
+    client.restart()
+    assert (client.get("SRV_MIN"), client.get("TEMP_MIN")) == (1200, -12)
+    assert client.get("SRV_MAX") == 2000, "it was not saved"
+    client.command((1, UNITLESS, -1.0))
+    client.spin_until(lambda: used.pulse_us() == 1200, "pulse of 1200 us")
+
+
+def test_what_was_saved_outlives_the_simulation(bench):
+    first = bench()
+    client = first.dronecan()
+    client.set("TEMP_ID", 513)
+    client.save()
+    first.end()
+    second = bench(eeproms=[first.eeprom(0).read_bytes()])
+    assert second.dronecan().get("TEMP_ID") == 513
+
+
+def test_erasing_brings_the_defaults_back(bench):
+    client = bench().dronecan()
+    client.set("SRV_MIN", 1200)
+    client.save()
+    assert client.execute(protocol.param.ExecuteOpcode.Request().OPCODE_ERASE)
+    assert client.get("SRV_MIN") == 1000
+    client.restart()
+    assert client.get("SRV_MIN") == 1000
+
+
+@pytest.mark.parametrize(
+    "name, value, in_force",
+    [
+        ("SRV_MIN", {"integer_value": 2501}, 1000),
+        ("SRV_MIN", {"integer_value": -1}, 1000),
+        ("SRV_MIN", {"real_value": 1100.0}, 1000),
+        ("ARM_REQ", {"boolean_value": 1}, 0),
+        ("SRV_MIN", {"string_value": "1100"}, 1000),
+        ("CAN_BAUDRATE", {"integer_value": 800_000}, 1_000_000),
+    ],
+)
+def test_what_cannot_be_set_is_answered_with_what_is_in_force(bench, name, value, in_force):
+    response = bench().dronecan().parameter(name, **value)
+    assert (str(response.name), response.value.integer_value) == (name, in_force)
+
+
+def test_an_unknown_parameter_is_answered_with_nothing(bench):
+    client = bench().dronecan()
+    for response in (client.parameter("NO_SUCH_THING"), client.parameter(index=26), client.parameter(index=8191)):
+        assert len(response.name) == 0
+        assert dronecan_field(response.value) == "empty"
+
+
+def dronecan_field(union):
+    from dronecan import get_active_union_field
+
+    return get_active_union_field(union)
+
+
+def test_five_requests_at_once_are_answered_in_order(bench):
+    """As the GUI tool fetches parameters, while an autopilot commands."""
+    used = bench(slcan=2)
+    client, autopilot = used.dronecan(0, node_id=127), used.dronecan(1, node_id=10)
+    autopilot.node.periodic(0.02, lambda: autopilot.command((1, PWM, 1600)))
+    for first in range(0, 25, 5):
+        answers = []
+        for index in range(first, first + 5):
+            request = protocol.param.GetSet.Request(index=index)
+            client.node.request(request, NODE, lambda event, index=index: answers.append((index, event)), priority=30)
+        client.spin_until(lambda: len(answers) == 5 or autopilot.spin(0.01), "five answers")
+        assert [index for index, _ in answers] == list(range(first, first + 5))
+        assert all(event is not None for _, event in answers), "one was lost"
+        assert [str(event.response.name) for _, event in answers] == PARAMETERS[first : first + 5]
+    assert used.pulse_us() == 1600
+
+
+def test_a_firmware_update_is_refused_with_a_reason(bench):
+    client = bench().dronecan()
+    request = protocol.file.BeginFirmwareUpdate.Request(source_node_id=0)
+    request.image_file_remote_path.path = "firmware.bin"
+    response = client.ask(request)
+    assert response.error == response.ERROR_INVALID_MODE
+    assert str(response.optional_error_message)
+
+
+def test_transport_statistics_count(bench):
+    client = bench().dronecan()
+    first = client.ask(protocol.GetTransportStats.Request())
+    for _ in range(20):
+        client.command((1, UNITLESS, 0.0))
+        client.spin(0.01)
+    second = client.ask(protocol.GetTransportStats.Request())
+    assert len(first.can_iface_stats) == len(second.can_iface_stats) == 1
+    assert second.transfers_rx - first.transfers_rx >= 21
+    assert second.transfers_tx > first.transfers_tx
+    assert second.can_iface_stats[0].frames_rx > first.can_iface_stats[0].frames_rx
+    assert second.can_iface_stats[0].frames_tx > first.can_iface_stats[0].frames_tx
+    assert second.transfer_errors == first.transfer_errors == 0
+
+
+def test_a_restart_needs_its_magic_number(bench):
+    used = bench()
+    client = used.dronecan()
+    request = protocol.RestartNode.Request()
+    request.magic_number = 0xBEEFCAFE
+    assert not client.ask(request).ok
+    used.goes_on()
+    assert len(re.findall(r"reset: ", used.text())) == 1
+    client.restart()
+    assert len(re.findall(r"reset: ", used.text())) == 2
+
+
+def test_the_simulator_tells_what_was_asked_and_answered(bench):
+    used = bench("--traffic", "--log", "said.txt")
+    client = used.dronecan()
+    client.set("SRV_MIN", 1100)
+    client.ask(protocol.GetNodeInfo.Request())
+    client.save()
+    used.goes_on()
+    for text in (used.text(), (used.directory / "said.txt").read_text()):
+        for line in [
+            r"10>120 param\.GetSet request SRV_MIN = 1100$",
+            r"120>10 param\.GetSet response SRV_MIN = 1100 \(500 to 2500, default 1000\)$",
+            r"120>10 GetNodeInfo response org\.\S+ software 0\.1 .*unique ID [0-9A-F]{32}$",
+            r"10>120 param\.ExecuteOpcode request SAVE$",
+            r"120>10 param\.ExecuteOpcode response ok$",
+            r"120 actuator\.Status id 1 ",
+        ]:
+            assert re.search(line, text, re.M), line

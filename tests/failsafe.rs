@@ -1,0 +1,273 @@
+//! When commands for this output stop, the output goes where its parameters say, and only then; and it moves only while the
+//! vehicle is armed, if it is told to mind that.
+
+mod rig;
+
+use rig::manage::ms_between;
+use rig::{ARRAY_COMMAND, MS, Rig};
+use sim::dronecan::{Message, ParameterRequest};
+
+/// Bits of the vendor-specific status code.
+const FAILSAFE: u16 = 1 << 10;
+const DISARMED: u16 = 1 << 14;
+
+const OK: u8 = 0;
+const ERROR: u8 = 2;
+
+const HOLD: i64 = 0;
+const TRIM: i64 = 1;
+const PULSE: i64 = 2;
+const OFF: i64 = 3;
+
+const ARMED: u8 = 255;
+
+/// A node with that failsafe, whose servo is at 1750 us.
+fn moving(mode: i64, timeout_ms: i64) -> Rig {
+    let mut rig = Rig::running();
+    rig.set("SRV_TRIM", 1450);
+    rig.set("SRV_FS_PWM", 1900);
+    rig.set("SRV_FAILSAFE", mode);
+    rig.set("SRV_TIMEOUT", timeout_ms);
+    // A unitless 0.5 is between trim and maximum.
+    command(&mut rig);
+    rig.run_ms(45);
+    rig
+}
+
+fn command(rig: &mut Rig) {
+    rig.send_command(1, 4, 1750.0);
+}
+
+fn arm(rig: &mut Rig, status: u8) {
+    rig.broadcast(&Message::ArmingStatus(status), 0);
+}
+
+#[test]
+fn hold_keeps_the_last_pulse_and_tells() {
+    let mut rig = moving(HOLD, 1000);
+    rig.run_ms(3000);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
+}
+
+#[test]
+fn trim_pulse_and_off_come_after_the_timeout_and_not_before() {
+    for (mode, expected) in [(TRIM, Some(1450.0)), (PULSE, Some(1900.0)), (OFF, None)] {
+        for timeout_ms in [100, 1000] {
+            let mut rig = moving(mode, timeout_ms);
+            command(&mut rig);
+            rig.run_ms(1);
+            let commanded = rig.now();
+            rig.run_ms(timeout_ms as u64 + 200);
+            let old = rig.pulses.iter().rfind(|pulse| pulse.width_us() == 1750.0).unwrap().start;
+            // The new width begins with a period, so the last old one may have begun up to 20 ms before the time was up.
+            let held_ms = ms_between(commanded, old);
+            let limits = timeout_ms as f64 - 22.0..timeout_ms as f64 + 3.0;
+            assert!(limits.contains(&held_ms), "mode {mode}: held for {held_ms} of {timeout_ms} ms");
+            let after: Vec<f64> = rig.pulses.iter().filter(|p| p.start > old).map(|p| p.width_us()).collect();
+            match expected {
+                Some(width) => {
+                    assert!(after.len() > 5 && after.iter().all(|us| *us == width), "mode {mode}: {after:?}")
+                }
+                None => assert!(after.is_empty(), "mode {mode}: {after:?}"),
+            }
+            assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
+        }
+    }
+}
+
+#[test]
+fn the_next_command_ends_it_at_once_and_the_serial_monitor_tells_both() {
+    for mode in [HOLD, TRIM, PULSE, OFF] {
+        let mut rig = moving(mode, 300);
+        rig.wait_for_line("FAILSAFE", 400);
+        assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
+        rig.run_ms(50);
+        let seen = rig.serial.lines().count();
+        command(&mut rig);
+        assert_eq!(rig.settled_pulse_us(), 1750.0);
+        rig.set("SRV_TIMEOUT", 0);
+        assert_eq!(rig.next_status(), (OK, 0));
+        // The command's own line, and another that says that there are commands again.
+        let told: Vec<&str> = rig.serial.lines().skip(seen).filter(|line| !line.contains("rx ")).collect();
+        assert!(told.iter().any(|line| line.contains("command")), "mode {mode}: {told:?}");
+    }
+}
+
+/// The other nodes of the bus are alive, and even its manager: nobody commands.
+#[test]
+fn other_traffic_does_not_feed_it() {
+    let mut rig = moving(TRIM, 500);
+    for n in 0..60u8 {
+        rig.send_status_from(10);
+        rig.send_command(2, 0, 0.5);
+        rig.run_ms(2);
+        rig.send(ARRAY_COMMAND | 10, &[0xC0]);
+        rig.send_commands(&[(2, 0, 0.5), (3, 0, 0.5)]);
+        rig.run_ms(2);
+        rig.send_command(1, 0, f32::NAN);
+        rig.send_command(1, 2, 0.0);
+        rig.run_ms(2);
+        arm(&mut rig, ARMED);
+        rig.run_ms(2);
+        rig.request(&Message::ParameterRequest(ParameterRequest { index: n.into(), ..ParameterRequest::default() }));
+        rig.run_ms(2);
+    }
+    assert_eq!(rig.settled_pulse_us(), 1450.0);
+    assert_eq!(rig.next_status().1 & FAILSAFE, FAILSAFE);
+}
+
+#[test]
+fn commands_at_their_rate_keep_it_away() {
+    let mut rig = moving(OFF, 100);
+    rig.forget();
+    for _ in 0..40 {
+        command(&mut rig);
+        rig.run_ms(90);
+    }
+    assert!(rig.pulses.len() > 170 && rig.pulses.iter().all(|pulse| pulse.width_us() == 1750.0));
+    assert!(rig.statuses().iter().all(|(_, data)| rig::status_fields(data).3 == 0));
+}
+
+#[test]
+fn long_commands_and_those_of_the_thesis_feed_it_too() {
+    let mut rig = moving(OFF, 100);
+    rig.forget();
+    for n in 0..20 {
+        match n % 2 {
+            0 => rig.send_commands(&[(2, 0, 0.5), (3, 0, 0.5), (1, 4, 1750.0)]),
+            _ => rig.send_servo_command(200),
+        }
+        rig.run_ms(90);
+    }
+    let gap = rig.pulses.windows(2).map(|pair| pair[1].start - pair[0].start).max().unwrap();
+    assert!(gap < 21 * MS, "{} ms without a pulse", gap / MS);
+}
+
+#[test]
+fn a_timeout_of_zero_is_never() {
+    let mut rig = moving(OFF, 0);
+    rig.run_ms(12_000);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    assert_eq!(rig.next_status(), (OK, 0));
+}
+
+#[test]
+fn before_the_first_command_there_is_nothing_to_fail() {
+    for mode in [HOLD, TRIM, PULSE, OFF] {
+        let mut rig = Rig::running();
+        rig.set("SRV_FAILSAFE", mode);
+        rig.run_ms(2500);
+        assert_eq!(rig.pulses, [], "mode {mode}");
+        assert_eq!(rig.next_status(), (OK, 0));
+    }
+}
+
+#[test]
+fn its_pulse_keeps_to_the_travel() {
+    let mut rig = moving(PULSE, 200);
+    rig.set("SRV_FS_PWM", 2400);
+    rig.run_ms(300);
+    assert_eq!(rig.settled_pulse_us(), 2000.0);
+    command(&mut rig);
+    rig.set("SRV_FS_PWM", 500);
+    rig.run_ms(300);
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
+}
+
+#[test]
+fn the_longest_timeout_holds_as_long() {
+    let mut rig = moving(OFF, 10_000);
+    command(&mut rig);
+    rig.run_ms(9_950);
+    assert!(rig.now() - rig.pulses.last().unwrap().start < 25 * MS);
+    rig.run_ms(150);
+    assert!(rig.now() - rig.pulses.last().unwrap().start > 70 * MS);
+}
+
+// ---- the gate ----
+
+#[test]
+fn without_the_request_nobody_need_be_armed() {
+    let mut rig = Rig::running();
+    arm(&mut rig, 0);
+    command(&mut rig);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    assert_eq!(rig.next_status(), (OK, 0));
+}
+
+#[test]
+fn the_gate_opens_and_closes_with_the_arming_status() {
+    let mut rig = Rig::running();
+    rig.set("SRV_FAILSAFE", OFF);
+    rig.set("ARM_REQ", 1);
+    rig.forget();
+    let obeys = |rig: &mut Rig, status: Option<u8>| {
+        rig.forget();
+        for _ in 0..10 {
+            if let Some(status) = status {
+                arm(rig, status);
+            }
+            command(rig);
+            rig.run_ms(20);
+        }
+        // The pulse that was on its way when the gate closed.
+        rig.pulses.iter().any(|pulse| pulse.start + 50 * MS > rig.now())
+    };
+    assert!(!obeys(&mut rig, None), "nobody has armed");
+    assert_eq!(rig.next_status().1 & DISARMED, DISARMED);
+    assert!(!obeys(&mut rig, Some(0)));
+    assert!(obeys(&mut rig, Some(ARMED)));
+    assert_eq!(rig.next_status().1 & DISARMED, 0);
+    assert!(obeys(&mut rig, None), "it stays armed for a while");
+    assert!(!obeys(&mut rig, Some(0)));
+    assert_eq!(rig.next_status().1 & DISARMED, DISARMED);
+    // Only 255 is fully armed.
+    for status in [1, 100, 254] {
+        assert!(!obeys(&mut rig, Some(status)), "{status}");
+    }
+    // Without the request it does not matter any more.
+    rig.set("ARM_REQ", 0);
+    assert!(obeys(&mut rig, Some(0)));
+}
+
+#[test]
+fn disarming_is_a_failsafe() {
+    for (mode, expected) in [(HOLD, Some(1750.0)), (TRIM, Some(1450.0)), (PULSE, Some(1900.0)), (OFF, None)] {
+        let mut rig = moving(mode, 1000);
+        arm(&mut rig, ARMED);
+        rig.run_ms(5);
+        rig.set("ARM_REQ", 1);
+        for _ in 0..5 {
+            command(&mut rig);
+            rig.run_ms(20);
+        }
+        assert_eq!(rig.settled_pulse_us(), 1750.0);
+        arm(&mut rig, 0);
+        rig.run_ms(30);
+        rig.forget();
+        rig.run_ms(100);
+        let widths: Vec<f64> = rig.pulses.iter().map(|pulse| pulse.width_us()).collect();
+        assert_eq!(widths.first().copied(), expected, "mode {mode}");
+    }
+}
+
+#[test]
+fn a_vehicle_that_does_not_say_any_more_that_it_is_armed_is_not() {
+    let mut rig = moving(OFF, 1000);
+    rig.set("ARM_REQ", 1);
+    // Twice a second, as ArduPilot does.
+    for n in 0..400u32 {
+        if n % 25 == 0 && n < 200 {
+            arm(&mut rig, ARMED);
+        }
+        command(&mut rig);
+        rig.run_ms(20);
+        match n {
+            30..=290 => assert!(rig.now() - rig.pulses.last().unwrap().start < 45 * MS, "armed at {n}"),
+            _ => {}
+        }
+    }
+    assert!(rig.now() - rig.pulses.last().unwrap().start > 100 * MS, "not armed");
+    assert_eq!(rig.next_status().1 & DISARMED, DISARMED);
+}

@@ -1,0 +1,279 @@
+//! Garbage: random frames, random transfers and mutated ones, from a seed. After it the servo is where it was, the node answers
+//! as fast as before, nothing was restarted, and the stack kept to its place.
+//!
+//! 20,000 frames; `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some minutes. `FUZZ_SEED` gives others.
+
+mod rig;
+
+use rig::{ARRAY_COMMAND, MS, NODE, Rig};
+use sim::can::{Frame, Id};
+use sim::dronecan::{ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types};
+
+/// What the program paints unused RAM with at its start.
+const PAINT: u8 = 0xC5;
+/// Variables and stack at its deepest.
+const STATICS_AND_STACK_LIMIT: u16 = 960;
+
+const FRAMES: u64 = 20_000;
+const SEED: u64 = 0x5EED;
+
+/// Where the servo is meanwhile.
+const PULSE_US: f64 = 1750.0;
+
+/// SplitMix64 (Steele, Lea, Flood 2014).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, limit: u64) -> u64 {
+        self.next() % limit
+    }
+
+    fn pick<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.below(of.len() as u64) as usize]
+    }
+
+    fn bytes(&mut self, len: u64) -> Vec<u8> {
+        (0..len).map(|_| self.next() as u8).collect()
+    }
+}
+
+fn setting(name: &str, default: u64) -> u64 {
+    std::env::var(name)
+        .ok()
+        .map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is no number: {text}")))
+}
+
+/// Identifiers that the node lets in, without sender.
+const OURS: [u32; 14] = [
+    ARRAY_COMMAND,
+    ARRAY_COMMAND,
+    rig::NODE_STATUS,
+    rig::SERVO_COMMAND,
+    0x1804_3900,             // LightsCommand
+    0x1804_4C00,             // ArmingStatus
+    0x1E00_0100,             // Allocation
+    0x1E01_8080 | NODE << 8, // GetNodeInfo
+    0x1E0B_8080 | NODE << 8, // GetSet
+    0x1E0B_8080 | NODE << 8,
+    0x1E0A_8080 | NODE << 8, // ExecuteOpcode
+    0x1E05_8080 | NODE << 8, // RestartNode
+    0x1E28_8080 | NODE << 8, // BeginFirmwareUpdate
+    0x1E04_8080 | NODE << 8, // GetTransportStats
+];
+
+/// A transfer that makes sense, in frames. Followed, it would leave the servo where it is.
+fn sensible(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
+    let number = TransferId::new(random.next() as u8);
+    let id = random.pick(&OURS);
+    let source = random.pick(&[1, 10, 10, 10, 11, 126, 127]);
+    let name = random.pick(&[b"SRV_ID".as_slice(), b"CAN_NODE", b"SRV_MIN", b"TEMP_OFFSET", b"", b"NOTHING"]);
+    let (payload, data_type) = match id {
+        ARRAY_COMMAND => {
+            let half = half::f16::from_f32(0.5).to_bits();
+            let commands = (0..random.below(16)).map(|_| {
+                let [actuator, unit] = [random.below(20) as u8, random.below(7) as u8];
+                let value = if actuator == 1 { half } else { random.next() as u16 };
+                let unit = if actuator == 1 { 0 } else { unit };
+                [actuator, unit, value as u8, (value >> 8) as u8]
+            });
+            (commands.flatten().collect(), types::ARRAY_COMMAND)
+        }
+        0x1804_3900 => {
+            let len = 3 * random.below(21);
+            (random.bytes(len), types::LIGHTS_COMMAND)
+        }
+        id if id >> 16 == 0x1E0B => {
+            let mut payload = vec![random.next() as u8, 0];
+            payload.extend(name);
+            (payload, types::GET_SET)
+        }
+        id if id >> 16 == 0x1E28 => {
+            let len = random.below(60);
+            (random.bytes(len), types::BEGIN_FIRMWARE_UPDATE)
+        }
+        id if id >> 16 == 0x1E0A => (vec![2 + random.below(3) as u8, 0, 0, 0, 0, 0, 0], types::EXECUTE_OPCODE),
+        0x1E00_0100 => {
+            let len = 1 + random.below(17);
+            (random.bytes(len), types::ALLOCATION)
+        }
+        _ => {
+            let len = random.below(9);
+            (random.bytes(len), types::NODE_STATUS)
+        }
+    };
+    (id | source, split(&payload, number, data_type.signature.unwrap_or(0)))
+}
+
+/// Does something bad to the frames of a transfer.
+fn mutate(random: &mut Random, frames: &mut Vec<Vec<u8>>) {
+    let at = random.below(frames.len() as u64) as usize;
+    match random.below(8) {
+        0 => _ = frames.remove(at),
+        1 => frames.insert(at, frames[at].clone()),
+        2 => frames.swap(at, 0),
+        3 => frames.truncate(at),
+        4 => {
+            let end = frames[at].len() - 1;
+            frames[at][end] ^= 1 << random.below(8);
+        }
+        5 => {
+            let len = random.below(frames[at].len() as u64 + 1) as usize;
+            frames[at].truncate(len);
+        }
+        _ => {
+            let byte = random.below(frames[at].len() as u64) as usize;
+            frames[at][byte] ^= 1 << random.below(8);
+        }
+    }
+}
+
+/// The next frames.
+fn garbage(random: &mut Random) -> Vec<Frame> {
+    match random.below(8) {
+        // Anything at all.
+        0 => {
+            let (id, dlc, data) = (random.next() as u32 & 0x1FFF_FFFF, random.below(16) as u8, random.next());
+            let id = if random.below(8) == 0 { Id::Standard(id as u16 & 0x7FF) } else { Id::Extended(id) };
+            vec![match random.below(16) {
+                0 => Frame::remote(id, dlc.min(8)),
+                _ => Frame::with_dlc(id, dlc, data.to_le_bytes()),
+            }]
+        }
+        // Anything of our types.
+        1..=3 => {
+            let id = random.pick(&OURS) | random.below(128) as u32;
+            let dlc = random.pick(&[0, 1, 2, 3, 5, 6, 8, 8, 8, 15]);
+            let mut data = random.next().to_le_bytes();
+            if random.below(2) == 0 && dlc > 0 {
+                // With a tail that may fit: start, middle, end, both.
+                data[usize::from(dlc.min(8)) - 1] =
+                    random.pick(&[0x80, 0x00, 0x20, 0x40, 0x60, 0xC0]) | random.below(4) as u8;
+            }
+            vec![Frame::with_dlc(Id::Extended(id), dlc, data)]
+        }
+        // A transfer, or what is left of one, or two that interleave.
+        kind => {
+            let (id, mut frames) = sensible(random);
+            if kind < 7 {
+                mutate(random, &mut frames);
+            }
+            let mut all: Vec<Frame> = frames.iter().map(|data| Frame::extended(id, data)).collect();
+            if random.below(4) == 0 {
+                let (other, frames) = sensible(random);
+                for (n, data) in frames.iter().enumerate() {
+                    let place = (2 * n + 1).min(all.len());
+                    all.insert(place, Frame::extended(other, data));
+                }
+            }
+            all
+        }
+    }
+}
+
+/// Whether a transfer is an order that the node would rightly obey, and then not be as before.
+fn is_an_order(transfer: &Transfer) -> bool {
+    let is_half = |command: &ActuatorCommand| {
+        command.actuator != 1 || command.unit == sim::dronecan::CommandUnit::Unitless && command.value.to_f32() == 0.5
+    };
+    let to_node = |id: CanId| !matches!(id, CanId::Service { destination, .. } if u32::from(destination.get()) != NODE);
+    match Message::decode(transfer) {
+        Message::ArrayCommand(commands) => !commands.iter().all(is_half),
+        Message::ThesisCommand(_) | Message::RestartNode(_) | Message::ExecuteOpcode(_) => to_node(transfer.id),
+        Message::ParameterRequest(request) => to_node(transfer.id) && !request.value.is_empty(),
+        _ => false,
+    }
+}
+
+#[test]
+fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
+    let (count, seed) = (setting("FUZZ_FRAMES", FRAMES), setting("FUZZ_SEED", SEED));
+    let mut random = Random(seed);
+    let mut rig = Rig::running();
+    // Faster than the node can follow at times.
+    rig.overflows_expected = true;
+    // Statuses of an invented node must not be those of the autopilot for ever; and errors are told, not acted on.
+    rig.send_command(1, 0, 0.5);
+    assert_eq!(rig.settled_pulse_us(), PULSE_US);
+    let parameters = rig.parameters();
+    let information = rig.information();
+
+    let mut sent = 0u64;
+    let mut held_back = 0u64;
+    let mut next_check = 1000u64;
+    // What has been sent, put together as generously as can be: each source by itself, and without timeouts.
+    let mut assembler = Assembler::new();
+    while sent < count {
+        for frame in garbage(&mut random) {
+            let Id::Extended(id) = frame.id else {
+                rig.send_frame(frame);
+                continue;
+            };
+            // A single frame is an order by itself. The node does not look at the priority.
+            let is_order = !frame.remote
+                && matches!(assembler.push(id & 0x00FF_FFFF, frame.data(), 0), Outcome::Complete(t) if is_an_order(&t));
+            if is_order {
+                held_back += 1;
+                continue;
+            }
+            rig.send_frame(frame);
+            sent += 1;
+        }
+        // Now and then the node has a pause, mostly not.
+        if random.below(3) == 0 {
+            let pause = rig.now() + random.below(3 * MS);
+            rig.run_until(pause);
+        }
+        while rig.peer.borrow().queued() > 40 {
+            rig.run_ms(1);
+        }
+        if sent >= next_check {
+            next_check += 1000;
+            rig.run_ms(20);
+            check(&mut rig);
+        }
+    }
+    rig.run_ms(300);
+    check(&mut rig);
+
+    // As before: five at once, and everything in its place.
+    rig.run_ms(2100);
+    rig.forget();
+    assert_eq!(rig.information().unique_id, information.unique_id);
+    assert_eq!(rig.information().name, information.name);
+    assert_eq!(rig.parameters(), parameters);
+    let numbers: Vec<_> = (0..5).map(|_| rig.request(&Message::NodeInfoRequest)).collect();
+    let before = rig.answers().len();
+    rig.run_ms(100);
+    let heard: Vec<_> = rig.answers()[before..].iter().map(|(_, number, _)| *number).collect();
+    assert_eq!(heard, numbers, "the queue has its five places");
+    rig.send_command(1, 0, -1.0);
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
+    assert_eq!(rig.board().avr().resets().len(), 1, "only the power-on");
+
+    let avr = rig.board().avr();
+    let bottom = avr.symbol("__heap_start").unwrap().address as u16;
+    assert_eq!(avr.sram_range(bottom..=bottom + 1), [PAINT; 2]);
+    let used = bottom - 0x100 + avr.stack_high_water(PAINT, bottom);
+    let lost = rig.board().chip().borrow().rx_overflows();
+    println!("{sent} frames sent, {lost} lost, {held_back} held back, {used} B of RAM");
+    assert!(used <= STATICS_AND_STACK_LIMIT, "{used} B");
+}
+
+/// The servo has not moved, and the program has not been restarted.
+#[track_caller]
+fn check(rig: &mut Rig) {
+    let moved = rig.pulses.iter().find(|pulse| pulse.width_us() != PULSE_US);
+    assert!(moved.is_none(), "{moved:?}");
+    assert!(!rig.serial.contains("reset:"), "{}", rig.serial);
+    let gap = rig.pulses.windows(2).map(|pair| pair[1].start - pair[0].start).max().unwrap_or(0);
+    assert!(gap <= 20 * MS + 16, "a pulse is missing: {gap} cycles");
+    rig.forget();
+}

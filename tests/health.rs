@@ -1,0 +1,175 @@
+//! The node's health: each condition has its bit, the masks say how bad it is, and it clears when its cause does.
+
+mod rig;
+
+use rig::{ARRAY_COMMAND, MS, Rig};
+use sim::dronecan::Message;
+
+/// Bits of the vendor-specific status code.
+const FAILSAFE: u16 = 1 << 10;
+const TEMPERATURE: u16 = 1 << 11;
+const SENSOR: u16 = 1 << 12;
+const DISARMED: u16 = 1 << 14;
+const TRANSFER_ERRORS: u16 = 1 << 15;
+
+const OK: u8 = 0;
+const WARNING: u8 = 1;
+const ERROR: u8 = 2;
+const CRITICAL: u8 = 3;
+
+/// Waits until a status says that.
+#[track_caller]
+fn wait_for_status(rig: &mut Rig, health: u8, code: u16, within_ms: u64) {
+    let seen = rig.statuses().len();
+    let says = |rig: &Rig| {
+        rig.statuses()[seen..].iter().any(|(_, data)| {
+            let (_, told, _, vendor_code) = rig::status_fields(data);
+            (told, vendor_code) == (health, code)
+        })
+    };
+    rig.wait_for(&format!("status with health {health} and code {code:#06x}"), within_ms, says);
+}
+
+/// Kelvin and flags of the last Temperature.
+fn temperature(rig: &Rig) -> Option<sim::dronecan::Temperature> {
+    let told = rig.heard(|message| match message {
+        Message::Temperature(temperature) => Some(temperature),
+        _ => None,
+    });
+    told.last().map(|(_, temperature)| *temperature)
+}
+
+#[test]
+fn a_temperature_out_of_range_is_a_warning_until_it_is_back() {
+    let mut rig = Rig::running();
+    rig.board().set_temperature_c(25.0);
+    wait_for_status(&mut rig, OK, 0, 2500);
+    rig.board().set_temperature_c(90.0);
+    wait_for_status(&mut rig, WARNING, TEMPERATURE, 3000);
+    rig.run_ms(1100);
+    let told = temperature(&rig).unwrap();
+    assert!(told.over && !told.under && (told.celsius() - 90.0).abs() < 0.6, "{told}");
+    assert!(rig.serial.contains("temperature OUT OF RANGE"), "{}", rig.serial);
+    rig.board().set_temperature_c(80.0);
+    wait_for_status(&mut rig, OK, 0, 3000);
+    rig.run_ms(1100);
+    assert!(!temperature(&rig).unwrap().over);
+    assert!(rig.serial.contains("temperature in range"), "{}", rig.serial);
+    rig.set("TEMP_MIN", 82);
+    wait_for_status(&mut rig, WARNING, TEMPERATURE, 3000);
+    rig.run_ms(1100);
+    let told = temperature(&rig).unwrap();
+    assert!(told.under && !told.over, "{told}");
+    rig.set("TEMP_MIN", -40);
+    wait_for_status(&mut rig, OK, 0, 3000);
+}
+
+/// A sensor of half the slope, with an offset, against the other reference.
+#[test]
+fn other_sensors_need_only_other_parameters() {
+    let mut rig = Rig::running();
+    // TMP36: 500 mV at 0 degrees, 10 mV a degree.
+    rig.set("TEMP_OFFSET", 500);
+    for celsius in [-30.0, 0.0, 21.0, 60.0] {
+        rig.board().set_sensor_millivolts((500.0 + 10.0 * celsius) as u32);
+        rig.run_ms(2100);
+        let told = temperature(&rig).unwrap().celsius();
+        assert!((told - celsius).abs() < 0.6, "{told} C at {celsius} C");
+    }
+    // 5 mV a degree against 1.1 V.
+    rig.set("TEMP_OFFSET", 0);
+    rig.set("TEMP_SLOPE", 50);
+    rig.set("TEMP_REF", 1);
+    rig.set("TEMP_ID", 513);
+    for celsius in [10.0, 45.0, 85.0] {
+        rig.board().set_sensor_millivolts((5.0 * celsius) as u32);
+        rig.run_ms(2100);
+        let told = temperature(&rig).unwrap();
+        assert!((told.celsius() - celsius).abs() < 0.6, "{told} at {celsius} C");
+        assert_eq!(told.device, 513);
+    }
+}
+
+#[test]
+fn a_sensor_that_is_open_or_shorted_is_an_error_until_it_works() {
+    for millivolts in [0, 5000] {
+        let mut rig = Rig::running();
+        // So that the range has nothing to say.
+        rig.set("TEMP_MIN", -55);
+        rig.set("WARN_MASK", 0xABFF & !i64::from(TEMPERATURE));
+        rig.board().set_temperature_c(25.0);
+        wait_for_status(&mut rig, OK, 0, 2500);
+        rig.board().set_sensor_millivolts(millivolts);
+        rig.wait_for("status with the sensor's bit", 3000, |rig| {
+            rig.statuses().iter().any(|(_, data)| {
+                let (_, health, _, code) = rig::status_fields(data);
+                health == ERROR && code & SENSOR != 0
+            })
+        });
+        rig.wait_for_line("OPEN OR SHORTED", 50);
+        rig.board().set_temperature_c(25.0);
+        wait_for_status(&mut rig, OK, 0, 3000);
+        rig.wait_for_line("sensor works", 50);
+    }
+}
+
+#[test]
+fn transfer_errors_are_a_warning_for_ten_seconds() {
+    let mut rig = Rig::running();
+    for _ in 0..2 {
+        rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 1, 0, 0, 0x80]);
+    }
+    wait_for_status(&mut rig, WARNING, TRANSFER_ERRORS, 1200);
+    let began = rig.now();
+    wait_for_status(&mut rig, OK, 0, 12_000);
+    let lasted_ms = (rig.now() - began) / MS;
+    assert!((8_500..11_500).contains(&lasted_ms), "{lasted_ms} ms");
+}
+
+#[test]
+fn the_masks_say_how_bad_a_condition_is() {
+    let mut rig = Rig::running();
+    rig.set("SRV_TIMEOUT", 100);
+    rig.send_command(1, 0, 0.0);
+    wait_for_status(&mut rig, ERROR, FAILSAFE, 1500);
+    let failsafe = i64::from(FAILSAFE);
+    for (warning, error, critical, health) in [
+        (0, 0, 0, OK),
+        (failsafe, 0, 0, WARNING),
+        (failsafe, failsafe, 0, ERROR),
+        (0, failsafe, failsafe, CRITICAL),
+        (failsafe, 0, failsafe, CRITICAL),
+        (0xFFFF & !failsafe, 0xFFFF & !failsafe, 0xFFFF & !failsafe, OK),
+    ] {
+        rig.set("WARN_MASK", warning);
+        rig.set("ERROR_MASK", error);
+        rig.set("CRIT_MASK", critical);
+        wait_for_status(&mut rig, health, FAILSAFE, 1500);
+    }
+}
+
+#[test]
+fn conditions_add_up_and_the_worst_counts() {
+    let mut rig = Rig::running();
+    rig.set("ARM_REQ", 1);
+    rig.board().set_temperature_c(120.0);
+    wait_for_status(&mut rig, WARNING, DISARMED | TEMPERATURE, 3000);
+    rig.set("ARM_REQ", 0);
+    rig.set("SRV_TIMEOUT", 100);
+    rig.send_command(1, 0, 0.0);
+    wait_for_status(&mut rig, ERROR, FAILSAFE | TEMPERATURE, 2000);
+    rig.set("SRV_TIMEOUT", 0);
+    rig.send_command(1, 0, 0.0);
+    wait_for_status(&mut rig, WARNING, TEMPERATURE, 2000);
+}
+
+#[test]
+fn being_disarmed_is_told_and_is_no_fault() {
+    let mut rig = Rig::running();
+    rig.set("ARM_REQ", 1);
+    wait_for_status(&mut rig, OK, DISARMED, 1500);
+    rig.broadcast(&Message::ArmingStatus(255), 0);
+    wait_for_status(&mut rig, OK, 0, 1500);
+    rig.run_ms(20);
+    assert!(rig.serial.contains("disarmed") && rig.serial.lines().any(|line| line == "armed"), "{}", rig.serial);
+}

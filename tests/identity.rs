@@ -1,0 +1,97 @@
+//! The unique ID: made at the first start from how the watchdog's oscillator runs against the crystal, and kept in EEPROM.
+//! The simulator gives each chip an oscillator of its own, by its seed.
+
+use sim::Cycles;
+use sim::avr::{Avr, Firmware, ResetCause};
+use sim::bench::{Bench, node_elf};
+use sim::board::Board;
+
+/// CPU cycles in a millisecond.
+const MS: Cycles = 16_000;
+
+/// Where the ID is in the EEPROM (docs/parameters.md): 16 bytes, their CRC, and a marker.
+const ID: std::ops::Range<usize> = 4..20;
+const RECORD: std::ops::Range<usize> = 4..23;
+
+/// A first start is over after this, in milliseconds.
+const FIRST_START_MS: u64 = 1500;
+
+fn chip(seed: u64) -> Avr {
+    let firmware = Firmware::read(&node_elf()).unwrap_or_else(|error| panic!("{error:#}"));
+    let mut avr = Avr::with_firmware(&firmware).unwrap();
+    avr.seed(seed);
+    avr.reset(ResetCause::PowerOn);
+    avr
+}
+
+/// A board that is started with this EEPROM, and what is there after so many milliseconds.
+fn eeprom_after(seed: u64, eeprom: &[u8], ms: u64) -> Vec<u8> {
+    let mut avr = chip(seed);
+    avr.set_eeprom(eeprom);
+    let mut bench = Bench::new(1_000_000);
+    let board = bench.add_board(Board::new(avr), "node");
+    bench.run_for_ms(ms);
+    let violations = bench.board(board).take_violations();
+    assert!(violations.is_empty(), "driver mistakes: {violations:#?}");
+    bench.board(board).avr().eeprom()
+}
+
+fn made(seed: u64) -> Vec<u8> {
+    eeprom_after(seed, &[], FIRST_START_MS)
+}
+
+#[test]
+fn two_boards_of_one_bench_make_different_ids() {
+    let mut bench = Bench::new(1_000_000);
+    for seed in [1, 2] {
+        bench.add_board(Board::new(chip(seed)), "node");
+    }
+    bench.run_for_ms(FIRST_START_MS);
+    let ids: Vec<_> = bench.boards().iter().map(|board| board.avr().eeprom()[ID].to_vec()).collect();
+    assert_ne!(ids[0], ids[1]);
+    let different = ids[0].iter().zip(&ids[1]).filter(|(a, b)| a != b).count();
+    assert!(different >= 12, "{ids:x?}");
+}
+
+#[test]
+fn boards_with_many_seeds_all_differ() {
+    let ids: std::collections::HashSet<_> = (0..12).map(|seed| made(seed)[ID].to_vec()).collect();
+    assert_eq!(ids.len(), 12);
+    assert!(ids.iter().all(|id| id.iter().any(|&byte| byte != 0)));
+}
+
+#[test]
+fn the_same_board_makes_the_same_id_again_if_nothing_else_differs() {
+    assert_eq!(made(3)[RECORD], made(3)[RECORD]);
+}
+
+#[test]
+fn an_id_is_kept_and_the_second_start_takes_no_second() {
+    let first = made(4);
+    // Another chip would make another one: it does not make any.
+    assert_eq!(eeprom_after(5, &first, 100), first);
+    assert_eq!(first[RECORD.end - 1], 0, "its marker");
+    let outside = first.iter().enumerate().filter(|(at, _)| !RECORD.contains(at));
+    assert!(outside.into_iter().all(|(_, &byte)| byte == 0xFF), "nothing else is written");
+}
+
+#[test]
+fn an_id_that_a_power_cut_left_half_written_is_made_again() {
+    let written = made(6);
+    // The record takes 65 ms to be written, and that comes last. A write in progress leaves garbage.
+    for cut_ms in [0, 1, 2, 5, 11, 20, 31, 44, 58] {
+        let mut avr = chip(6);
+        let started = (0..).map(|ms| ms * MS).find(|&at| {
+            avr.run_until(at);
+            avr.eeprom()[ID.start] != 0xFF
+        });
+        avr.run_until(started.unwrap() + cut_ms * MS);
+        avr.reset(ResetCause::PowerOn);
+        let cut = avr.eeprom();
+        assert_ne!(cut[RECORD], written[RECORD], "cut after {cut_ms} ms");
+        avr.run_until(avr.now() + FIRST_START_MS * MS);
+        let after = avr.eeprom();
+        assert_eq!(after[RECORD.end - 1], 0);
+        assert_eq!(eeprom_after(7, &after, 100), after, "it is kept now");
+    }
+}

@@ -1,0 +1,307 @@
+//! Commands for many actuators come in transfers of many frames, back to back: only whole and right ones move the servo.
+
+mod rig;
+
+use rig::{ARRAY_COMMAND, MS, Rig, array_command, quoted, status_fields};
+
+/// Bit of the vendor-specific status code: transfers broke.
+const TRANSFER_ERRORS: u16 = 1 << 15;
+
+/// pydronecan's ArrayCommand of 15: id n has (n - 8) / 8, unitless, from node 10 like ArduPilot's.
+const FIFTEEN: &str = "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 20 | 04 00 00 B8 05 00 00 00 | \
+                       B6 06 00 00 B4 07 00 20 | 00 B0 08 00 00 00 09 00 | 00 00 30 0A 00 00 34 20 | \
+                       0B 00 00 36 0C 00 00 00 | 38 0D 00 00 39 0E 00 20 | 00 3A 0F 00 00 3B 40";
+/// pydronecan's ArrayCommand of 8: id n has (n - 4) / 4, unitless, from node 1 like PX4's.
+const EIGHT: &str = "0603F201 0E 49 00 00 00 BC 01 80 | 00 00 BA 02 00 00 B8 20 | 03 00 00 B4 04 00 00 00 | \
+                     00 05 00 00 34 06 00 20 | 00 38 07 00 00 3A 40";
+
+/// A node whose servo is at 1750 us, commanded by node 10.
+fn positioned() -> Rig {
+    let mut rig = Rig::running();
+    rig.send_command(1, 0, 0.5);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    rig
+}
+
+fn pulse_us(value: f64) -> f64 {
+    1500.0 + 500.0 * value
+}
+
+/// Fifteen commands, of which that for actuator 1 is -1, as frames.
+fn fifteen(transfer_id: u8) -> Vec<Vec<u8>> {
+    let commands: Vec<_> = (1..=15).map(|id| (id, 0, if id == 1 { -1.0 } else { 0.25 })).collect();
+    array_command(&commands, transfer_id)
+}
+
+fn send_all(rig: &mut Rig, source: u32, frames: &[Vec<u8>]) {
+    for data in frames {
+        rig.send(ARRAY_COMMAND | source, data);
+    }
+}
+
+#[track_caller]
+fn assert_unmoved_and_healthy_after(rig: &mut Rig) {
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    send_all(rig, 10, &fifteen(30));
+    assert_eq!(rig.settled_pulse_us(), 1000.0, "the next transfer is followed");
+}
+
+#[test]
+fn golden_commands_of_nine_and_five_frames_back_to_back_move_the_servo() {
+    let mut rig = Rig::running();
+    for (frames, pulse) in [(FIFTEEN, pulse_us(-0.875)), (EIGHT, pulse_us(-0.75))] {
+        for frame in quoted(frames) {
+            rig.send_frame(frame);
+        }
+        assert_eq!(rig.settled_pulse_us(), pulse);
+    }
+}
+
+#[test]
+fn each_actuator_finds_its_own_command_wherever_it_is() {
+    let mut rig = Rig::running();
+    for id in 1..=15 {
+        rig.set("SRV_ID", id);
+        for frame in quoted(FIFTEEN) {
+            rig.send_frame(frame);
+        }
+        assert_eq!(rig.settled_pulse_us(), pulse_us((id as f64 - 8.0) / 8.0), "actuator {id}");
+    }
+    rig.set("SRV_ID", 0);
+    for frame in quoted(EIGHT) {
+        rig.send_frame(frame);
+    }
+    assert_eq!(rig.settled_pulse_us(), 1000.0, "actuator 0");
+}
+
+#[test]
+fn of_several_commands_for_an_actuator_the_last_counts() {
+    let mut rig = Rig::running();
+    for frame in quoted("1003F20A 08 1A 01 00 00 BC 02 84 | 00 00 34 01 00 00 38 64") {
+        rig.send_frame(frame);
+    }
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    rig.send_commands(&[(1, 4, 1100.0), (1, 0, 0.0), (1, 4, 1900.0)]);
+    assert_eq!(rig.settled_pulse_us(), 1900.0);
+}
+
+#[test]
+fn every_length_from_none_to_fifteen_is_understood() {
+    let mut rig = positioned();
+    for count in 0..=15u8 {
+        let pulse = 1100.0 + 50.0 * f32::from(count);
+        let mut commands: Vec<_> = (0..count).map(|n| (20 + n, 0, -1.0)).collect();
+        if let Some(last) = commands.last_mut() {
+            *last = (1, 4, pulse);
+        }
+        rig.send_commands(&commands);
+        let expected = if count == 0 { 1750.0 } else { f64::from(pulse) };
+        assert_eq!(rig.settled_pulse_us(), expected, "{count} commands");
+    }
+}
+
+#[test]
+fn an_empty_command_is_harmless() {
+    let mut rig = positioned();
+    for n in 0..50u8 {
+        rig.send(ARRAY_COMMAND | 10, &[0xC0 | n % 32]);
+        rig.run_ms(20);
+    }
+    assert_unmoved_and_healthy_after(&mut rig);
+    rig.board().avr_mut().serial_send(b"?");
+    rig.wait_for_line("commands followed 2, frames refused 0", 100);
+}
+
+#[test]
+fn fifteen_commands_at_400_hz_are_all_followed() {
+    let mut rig = Rig::running();
+    let mut t = rig.now();
+    for n in 0..400u16 {
+        let commands: Vec<_> = (1..=15)
+            .map(|id| (id, 4, f32::from(1000 + n + 20 * (id - 1))))
+            .map(|(id, unit, value)| (id as u8, unit, value))
+            .collect();
+        rig.send_commands(&commands);
+        t += 5 * MS / 2;
+        rig.run_until(t);
+    }
+    rig.run_ms(100);
+    rig.board().avr_mut().serial_send(b"?");
+    rig.wait_for_line("commands followed 400, frames refused 0", 300);
+    assert_eq!(rig.pulses.last().unwrap().width_us(), 1399.0);
+}
+
+#[test]
+fn a_wrong_byte_anywhere_leaves_the_servo_where_it_is() {
+    let mut rig = positioned();
+    for frame in 0..9 {
+        for byte in [0, 3, 6] {
+            let mut frames = fifteen(frame as u8);
+            // The last byte of a frame is no part of the payload.
+            let payload = frames[frame].len() - 1;
+            if byte >= payload {
+                continue;
+            }
+            frames[frame][byte] ^= 0x10;
+            send_all(&mut rig, 10, &frames);
+            rig.run_ms(3);
+        }
+    }
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    let (_, code) = rig.next_status();
+    assert_eq!(code & TRANSFER_ERRORS, TRANSFER_ERRORS);
+    assert_unmoved_and_healthy_after(&mut rig);
+}
+
+#[test]
+fn a_missing_frame_leaves_the_servo_where_it_is() {
+    for missing in 0..9 {
+        let mut rig = positioned();
+        let mut frames = fifteen(5);
+        frames.remove(missing);
+        send_all(&mut rig, 10, &frames);
+        assert_unmoved_and_healthy_after(&mut rig);
+        rig.run_ms(1000);
+        let (_, _, _, code) = status_fields(&rig.statuses().last().unwrap().1);
+        // Without its first frame nobody knows that there was a transfer.
+        assert_eq!(code & TRANSFER_ERRORS != 0, missing != 0, "without frame {missing}");
+    }
+}
+
+#[test]
+fn frames_in_a_wrong_order_leave_the_servo_where_it_is() {
+    for (a, b) in [(0, 1), (1, 2), (1, 3), (7, 8), (0, 8)] {
+        let mut rig = positioned();
+        let mut frames = fifteen(5);
+        frames.swap(a, b);
+        send_all(&mut rig, 10, &frames);
+        assert_unmoved_and_healthy_after(&mut rig);
+    }
+}
+
+#[test]
+fn wrong_toggle_bits_leave_the_servo_where_it_is() {
+    for wrong in 0..9 {
+        let mut rig = positioned();
+        let mut frames = fifteen(5);
+        *frames[wrong].last_mut().unwrap() ^= 0x20;
+        send_all(&mut rig, 10, &frames);
+        assert_unmoved_and_healthy_after(&mut rig);
+    }
+}
+
+#[test]
+fn a_change_of_the_transfer_id_leaves_the_servo_where_it_is() {
+    let mut rig = positioned();
+    for change in [1, 2, 8] {
+        let mut frames = fifteen(5);
+        *frames[change].last_mut().unwrap() ^= 0x01;
+        send_all(&mut rig, 10, &frames);
+        rig.run_ms(5);
+    }
+    assert_unmoved_and_healthy_after(&mut rig);
+}
+
+/// A sender that did not see the acknowledgement repeats a frame that was received.
+#[test]
+fn a_frame_that_comes_twice_counts_once() {
+    for twice in 0..9 {
+        let mut rig = positioned();
+        let mut frames = fifteen(5);
+        frames.insert(twice, frames[twice].clone());
+        send_all(&mut rig, 10, &frames);
+        assert_eq!(rig.settled_pulse_us(), 1000.0, "frame {twice} twice");
+    }
+}
+
+#[test]
+fn a_transfer_that_takes_longer_than_2_s_is_given_up() {
+    for (pause_ms, pulse) in [(1900, 1000.0), (2100, 1750.0)] {
+        let mut rig = positioned();
+        rig.set("SRV_TIMEOUT", 0);
+        let frames = fifteen(5);
+        send_all(&mut rig, 10, &frames[..4]);
+        rig.run_ms(pause_ms);
+        send_all(&mut rig, 10, &frames[4..]);
+        assert_eq!(rig.settled_pulse_us(), pulse, "{pause_ms} ms");
+        send_all(&mut rig, 10, &fifteen(6));
+        assert_eq!(rig.settled_pulse_us(), 1000.0);
+    }
+}
+
+#[test]
+fn a_sender_that_restarts_is_heard_at_once() {
+    // Whatever the number of its first transfer is.
+    for number in [0, 5, 6, 31] {
+        let mut rig = positioned();
+        send_all(&mut rig, 10, &fifteen(5)[..5]);
+        send_all(&mut rig, 10, &fifteen(number));
+        assert_eq!(rig.settled_pulse_us(), 1000.0, "transfer {number}");
+    }
+}
+
+#[test]
+fn a_second_sender_in_between_is_refused_and_the_first_is_followed() {
+    let mut rig = positioned();
+    let first = fifteen(1);
+    let other: Vec<_> = (1..=15).map(|id| (id, 0, 0.9)).collect();
+    let second = array_command(&other, 9);
+    for (a, b) in first.iter().zip(&second) {
+        rig.send(ARRAY_COMMAND | 10, a);
+        rig.send(ARRAY_COMMAND | 11, b);
+    }
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
+    let (_, code) = rig.next_status();
+    assert_eq!(code & TRANSFER_ERRORS, TRANSFER_ERRORS, "and that is told");
+    // One after the other both are followed.
+    send_all(&mut rig, 11, &second);
+    assert_eq!(rig.settled_pulse_us(), 1950.0);
+    send_all(&mut rig, 10, &first);
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
+}
+
+#[test]
+fn a_sender_that_falls_silent_in_a_transfer_does_not_lock_others_out_for_long() {
+    let mut rig = positioned();
+    send_all(&mut rig, 11, &fifteen(3)[..4]);
+    rig.run_ms(2050);
+    send_all(&mut rig, 10, &fifteen(4));
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
+}
+
+#[test]
+fn commands_of_one_frame_come_through_while_a_long_one_is_under_way() {
+    let mut rig = positioned();
+    let long = fifteen(3);
+    for data in &long[..5] {
+        rig.send(ARRAY_COMMAND | 11, data);
+    }
+    rig.send_command(1, 0, -0.5);
+    assert_eq!(rig.settled_pulse_us(), 1250.0);
+    send_all(&mut rig, 11, &long[5..]);
+    assert_eq!(rig.settled_pulse_us(), 1000.0, "and the long one when it is whole");
+}
+
+/// A length that is no whole number of commands, with a CRC that is right.
+#[test]
+fn a_broken_list_with_a_right_crc_leaves_the_servo_where_it_is() {
+    use sim::dronecan::{TransferId, split, types};
+    let mut rig = positioned();
+    for extra in 1..4 {
+        let mut payload = [1, 0, 0, 0xBC].repeat(3);
+        payload.extend([0; 3].iter().take(extra));
+        let frames = split(&payload, TransferId::new(extra as u8), types::ARRAY_COMMAND.signature.unwrap());
+        send_all(&mut rig, 10, &frames);
+        rig.run_ms(5);
+    }
+    assert_unmoved_and_healthy_after(&mut rig);
+}
+
+#[test]
+fn a_command_in_a_long_transfer_that_cannot_be_followed_leaves_the_servo_where_it_is() {
+    let mut rig = positioned();
+    for (unit, value) in [(0, f32::NAN), (0, f32::INFINITY), (4, 0.0), (2, 0.5), (3, 0.5), (9, 0.5)] {
+        rig.send_commands(&[(2, 0, 0.5), (1, unit, value), (3, 0, 0.5)]);
+        assert_eq!(rig.settled_pulse_us(), 1750.0, "type {unit}, {value}");
+    }
+}

@@ -1,0 +1,350 @@
+//! Parameters: what there is, when it takes effect, and that the EEPROM has the old set or the new one whatever happens.
+
+mod rig;
+
+use rig::manage::{PATIENCE_SAVE_MS, integer, ms_between};
+use rig::{MS, Rig, started};
+use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
+
+/// Bit of the vendor-specific status code: neither copy in the EEPROM was good.
+const PARAMETERS_LOST: u16 = 1 << 13;
+const OK: u8 = 0;
+const CRITICAL: u8 = 3;
+
+/// Name, default, least and greatest value, in order (docs/parameters.md).
+const ALL: [(&str, i64, i64, i64); 26] = [
+    ("CAN_NODE", 120, 0, 125),
+    ("CAN_BAUDRATE", 1_000_000, 125_000, 1_000_000),
+    ("SRV_ID", 1, 0, 255),
+    ("SRV_MIN", 1000, 500, 2500),
+    ("SRV_TRIM", 1500, 500, 2500),
+    ("SRV_MAX", 2000, 500, 2500),
+    ("SRV_REVERSED", 0, 0, 1),
+    ("SRV_RATE", 50, 50, 333),
+    ("SRV_RANGE", 90, 10, 360),
+    ("SRV_TIMEOUT", 1000, 0, 10_000),
+    ("SRV_FAILSAFE", 0, 0, 3),
+    ("SRV_FS_PWM", 1500, 500, 2500),
+    ("ARM_REQ", 0, 0, 1),
+    ("TELEM_RATE", 10, 0, 50),
+    ("TEMP_RATE", 1, 0, 50),
+    ("TEMP_ID", 1, 0, 65_535),
+    ("TEMP_REF", 0, 0, 1),
+    ("TEMP_OFFSET", 0, -500, 1500),
+    ("TEMP_SLOPE", 100, 10, 500),
+    ("TEMP_MIN", -40, -55, 150),
+    ("TEMP_MAX", 85, -55, 150),
+    ("LIGHT_ID", 0, 0, 255),
+    ("STATS_RATE", 0, 0, 10),
+    ("WARN_MASK", 0xABFF, 0, 65_535),
+    ("ERROR_MASK", 0x1400, 0, 65_535),
+    ("CRIT_MASK", 0x2000, 0, 65_535),
+];
+
+/// Parameters all over the set, of which each generation has values of its own. None of them disturbs the tests.
+const MARKED: [&str; 6] = ["SRV_ID", "SRV_TRIM", "SRV_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "LIGHT_ID"];
+
+fn mark(generation: i64) -> [i64; 6] {
+    let g = generation % 200;
+    [g + 3, 1300 + g, 1700 + g, 0x5A00 ^ (g * 257 & 0xFFFF), 3 * g - 300, 250 - g]
+}
+
+fn set_marks(rig: &mut Rig, generation: i64) {
+    for (name, value) in MARKED.into_iter().zip(mark(generation)) {
+        rig.set(name, value);
+    }
+}
+
+#[track_caller]
+fn marks(rig: &mut Rig) -> [i64; 6] {
+    MARKED.map(|name| rig.get(name))
+}
+
+#[track_caller]
+fn assert_defaults(rig: &mut Rig) {
+    let expected: Vec<(String, i64)> = ALL.iter().map(|(name, default, ..)| (String::from(*name), *default)).collect();
+    assert_eq!(rig.parameters(), expected);
+}
+
+#[test]
+fn there_are_26_with_these_names_ranges_and_defaults() {
+    let mut rig = Rig::running();
+    for (index, (name, default, min, max)) in ALL.into_iter().enumerate() {
+        let told = rig.parameter_at(index as u16);
+        assert!(name.len() <= 16);
+        assert_eq!(told.name(), name);
+        let numbers = [&told.value, &told.default, &told.min, &told.max].map(integer);
+        assert_eq!(numbers, [default, default, min, max], "{name}");
+    }
+    assert!(rig.parameter_at(26).name.is_empty());
+}
+
+#[test]
+fn every_parameter_takes_every_end_of_its_range() {
+    let mut rig = Rig::running();
+    for (name, default, min, max) in ALL {
+        for value in [min, max, default] {
+            rig.set(name, value);
+            assert_eq!(rig.get(name), value);
+        }
+    }
+    assert_defaults(&mut rig);
+}
+
+#[test]
+fn what_was_saved_is_there_after_a_restart_and_a_power_cut() {
+    let mut rig = Rig::running();
+    set_marks(&mut rig, 1);
+    rig.save();
+    rig.restart();
+    assert_eq!(marks(&mut rig), mark(1));
+    rig.cut_power();
+    rig.wait_until_up();
+    assert_eq!(marks(&mut rig), mark(1));
+    // Each parameter, at an end of its range that is not its default.
+    for (name, default, min, max) in ALL {
+        // The node would answer under another ID, and at another bit rate.
+        if !["CAN_NODE", "CAN_BAUDRATE"].contains(&name) {
+            rig.set(name, if default == max { min } else { max });
+        }
+    }
+    rig.save();
+    rig.restart();
+    for (name, default, min, max) in ALL {
+        if !["CAN_NODE", "CAN_BAUDRATE"].contains(&name) {
+            assert_eq!(rig.get(name), if default == max { min } else { max }, "{name}");
+        }
+    }
+}
+
+#[test]
+fn what_was_not_saved_is_gone_after_a_restart() {
+    let mut rig = Rig::running();
+    set_marks(&mut rig, 1);
+    rig.save();
+    set_marks(&mut rig, 2);
+    rig.restart();
+    assert_eq!(marks(&mut rig), mark(1));
+}
+
+#[test]
+fn erasing_brings_the_defaults_at_once_and_for_good() {
+    let mut rig = Rig::running();
+    set_marks(&mut rig, 1);
+    rig.save();
+    assert!(rig.execute(Opcode::ERASE));
+    assert_defaults(&mut rig);
+    rig.restart();
+    assert_defaults(&mut rig);
+    assert_eq!(rig.next_status(), (OK, 0), "that is no loss");
+}
+
+#[test]
+fn a_node_id_is_taken_at_the_next_start() {
+    let mut rig = Rig::running();
+    rig.set("CAN_NODE", 42);
+    rig.save();
+    rig.run_ms(1500);
+    assert!(!rig.statuses().is_empty(), "it is still 120");
+    rig.cut_power();
+    rig.run_ms(1500);
+    assert!(rig.statuses().is_empty());
+    assert!(!rig.frames(rig::STATUS_OF_NODE & !0x7F | 42).is_empty());
+    rig.request_to(42, &Message::NodeInfoRequest);
+    rig.run_ms(50);
+    assert!(matches!(rig.answers().pop(), Some((_, _, Message::NodeInfo(_)))));
+    rig.send_command(1, 0, 0.5);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+}
+
+#[test]
+fn a_bit_rate_is_taken_at_the_next_start() {
+    for (rate, cnf) in [(500_000, [0x00, 0xBC, 0x01]), (250_000, [0x01, 0xBC, 0x01]), (125_000, [0x03, 0xBC, 0x01])] {
+        let mut rig = Rig::running();
+        rig.set("CAN_BAUDRATE", rate);
+        rig.save();
+        rig.run_ms(1200);
+        assert!(!rig.statuses().is_empty(), "it is still at 1 Mbit/s");
+        // What it sends at another rate is an error for all.
+        let port = rig.bench.port(0);
+        rig.bench.bus().connect(port, false);
+        rig.cut_power();
+        rig.run_ms(300);
+        let chip = rig.board().chip();
+        let chip = chip.borrow();
+        assert_eq!([0x2A, 0x29, 0x28].map(|address| chip.register(address)), cnf, "{rate} bit/s");
+        assert_eq!(chip.sample_point_permille(), 875);
+    }
+}
+
+/// The bus goes on meanwhile: commands are followed, pulses are whole, other requests wait their turn.
+#[test]
+fn saving_holds_nothing_up() {
+    let mut rig = Rig::running();
+    set_marks(&mut rig, 7);
+    rig.set("SRV_ID", 1);
+    rig.send_command(1, 4, 1500.0);
+    rig.run_ms(60);
+    rig.forget();
+    let begun = rig.now();
+    rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
+    for n in 0..200u16 {
+        rig.send_command(1, 4, f32::from(1200 + n));
+        let next = rig.now() + 5 * MS / 2;
+        rig.run_until(next);
+    }
+    let answers = rig.answers();
+    assert!(matches!(answers[..], [(_, _, Message::OpcodeExecuted(true))]), "{answers:?}");
+    assert!(ms_between(begun, answers[0].0) < 500.0, "{} ms", ms_between(begun, answers[0].0));
+    assert!(rig.pulses.len() >= 24 && rig.pulses.is_sorted_by_key(|pulse| pulse.width_cycles));
+    assert!(rig.pulses.iter().all(|pulse| pulse.period_cycles.unwrap_or(20 * MS) == 20 * MS));
+    // The serial monitor cannot keep up with so many commands.
+    rig.run_ms(300);
+    rig.board().avr_mut().serial_send(b"?");
+    rig.wait_for_line("commands followed 201, frames refused 0", 300);
+}
+
+#[test]
+fn a_parameter_that_is_set_during_a_save_is_saved_whole_or_not_at_all() {
+    for delay_ms in [1, 20, 60, 100, 140] {
+        let mut rig = Rig::running();
+        set_marks(&mut rig, 1);
+        rig.save();
+        set_marks(&mut rig, 2);
+        rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
+        rig.run_ms(delay_ms);
+        let request = ParameterRequest { index: 0, value: Value::Integer(99), name: b"SRV_ID".to_vec() };
+        rig.request(&Message::ParameterRequest(request));
+        rig.run_ms(PATIENCE_SAVE_MS);
+        rig.cut_power();
+        rig.wait_until_up();
+        let mut told = marks(&mut rig);
+        assert!([mark(2)[0], 99].contains(&told[0]), "{told:?}");
+        told[0] = mark(2)[0];
+        assert_eq!(told, mark(2), "after {delay_ms} ms");
+    }
+}
+
+/// The power goes at each moment of a save: each byte that is written is hit, at the beginning of its time and at the end. After
+/// it the node has the set from before or the new one, all of it, and knows of no loss.
+#[test]
+fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_set_or_the_new() {
+    // A byte takes 3.4 ms.
+    const STEP: u64 = 17 * MS / 10;
+    let mut rig = Rig::running();
+    set_marks(&mut rig, 0);
+    rig.save();
+    let (mut generation, mut in_force, mut delay) = (0, 0, 0);
+    let (mut old, mut new) = (0, 0);
+    loop {
+        generation += 1;
+        set_marks(&mut rig, generation);
+        rig.forget();
+        rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
+        // The request has come: else it would come again after the cut.
+        let soon = rig.now() + MS / 2;
+        rig.run_until(soon);
+        let cut = soon + delay;
+        rig.run_until(cut);
+        let answered = !rig.answers().is_empty();
+        rig.cut_power();
+        rig.wait_until_up();
+        let (health, code) = rig.status_now();
+        assert_eq!((health, code & PARAMETERS_LOST), (OK, 0), "cut after {} us", delay / 16);
+        let told = marks(&mut rig);
+        if told == mark(generation) {
+            in_force = generation;
+            new += 1;
+        } else {
+            assert!(!answered, "an answer that was not true, cut after {} us", delay / 16);
+            assert_eq!(told, mark(in_force), "a mix, cut after {} us", delay / 16);
+            old += 1;
+        }
+        if answered {
+            break;
+        }
+        delay += STEP;
+    }
+    println!("{old} cuts left the old set, {new} the new one");
+    assert!(old > 20 && new >= 1, "the cuts were all over the save");
+}
+
+/// Positions of the EEPROM that differ.
+fn difference(a: &[u8], b: &[u8]) -> Vec<usize> {
+    (0..a.len()).filter(|&at| a[at] != b[at]).collect()
+}
+
+/// A node that has saved twice: EEPROMs before, between and after.
+fn saved_twice() -> [Vec<u8>; 3] {
+    let mut rig = Rig::running();
+    let eeprom = |rig: &mut Rig| rig.board().avr().eeprom();
+    let before = eeprom(&mut rig);
+    set_marks(&mut rig, 1);
+    rig.save();
+    let between = eeprom(&mut rig);
+    set_marks(&mut rig, 2);
+    rig.save();
+    [before, between, eeprom(&mut rig)]
+}
+
+#[test]
+fn a_broken_byte_in_the_newest_copy_brings_the_one_before() {
+    let [_, between, after] = saved_twice();
+    let newest = difference(&between, &after);
+    assert!(newest.len() > 20);
+    for at in newest.iter().step_by(5) {
+        let mut broken = after.clone();
+        broken[*at] ^= 0x40;
+        let mut rig = Rig::running_with(&broken);
+        assert_eq!(marks(&mut rig), mark(1), "byte {at}");
+        assert_eq!(rig.next_status(), (OK, 0));
+    }
+}
+
+#[test]
+fn without_a_good_copy_the_defaults_are_in_force_and_the_node_is_critical() {
+    let [before, between, after] = saved_twice();
+    let mut broken = after.clone();
+    for at in difference(&before, &between).into_iter().chain(difference(&between, &after)) {
+        broken[at] = after[at] ^ 0x40;
+    }
+    let mut rig = Rig::with_boards(&[&broken]);
+    rig.wait_for("the first NodeStatus", 100, |rig| !rig.statuses().is_empty());
+    rig.wait_for_line("LOST", 100);
+    assert_eq!(rig.next_status(), (CRITICAL, PARAMETERS_LOST));
+    assert_defaults(&mut rig);
+    // It is a node all the same, and a save repairs it.
+    rig.send_command(1, 0, 0.5);
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    set_marks(&mut rig, 3);
+    rig.save();
+    rig.restart();
+    assert_eq!(marks(&mut rig), mark(3));
+    assert_eq!(rig.next_status(), (OK, 0));
+}
+
+#[test]
+fn an_erased_eeprom_is_no_loss() {
+    let mut rig = Rig::running();
+    assert_eq!(rig.next_status(), (OK, 0));
+    assert_defaults(&mut rig);
+    let mut eeprom = started().to_vec();
+    eeprom.fill(0xFF);
+    let mut rig = Rig::with_boards(&[&eeprom]);
+    rig.run_ms(2500);
+    assert_eq!(rig.next_status(), (OK, 0));
+}
+
+#[test]
+fn save_after_save_the_newest_counts() {
+    let mut rig = Rig::running();
+    for generation in 0..25 {
+        set_marks(&mut rig, generation);
+        rig.save();
+        if generation % 5 == 4 {
+            rig.cut_power();
+            rig.wait_until_up();
+            assert_eq!(marks(&mut rig), mark(generation));
+        }
+    }
+}

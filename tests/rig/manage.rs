@@ -1,0 +1,221 @@
+//! The rig as a tool that manages the node: requests and their answers.
+
+use super::{MS, NODE, Rig, quoted};
+use sim::Cycles;
+use sim::can::{Frame, Id};
+use sim::dronecan::{
+    CanId, Message, NodeId, NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransferId, Value,
+    split,
+};
+
+/// Node ID of the tool.
+pub const TOOL: u8 = 127;
+/// Priority of a GUI tool's requests.
+const PRIORITY: u8 = 30;
+/// The longest that a request may wait for its answer while the node has little else to do.
+pub const PATIENCE_MS: u64 = 50;
+/// The same for one that writes to the EEPROM. Clients wait for a second.
+pub const PATIENCE_SAVE_MS: u64 = 900;
+
+impl Rig {
+    /// The tool sends a request, and does not wait. The number of the transfer.
+    pub fn request(&mut self, request: &Message) -> TransferId {
+        self.request_to(NODE as u8, request)
+    }
+
+    /// The same to a node of choice.
+    pub fn request_to(&mut self, node: u8, request: &Message) -> TransferId {
+        let transfer_id = TransferId::new(Self::count(&mut self.request_transfer_id));
+        let (data_type, payload) = request.encode().expect("a request");
+        let id = CanId::Service {
+            priority: PRIORITY,
+            service_id: data_type.id as u8,
+            request: true,
+            destination: NodeId::new(node).expect("a node ID"),
+            source: NodeId::new(TOOL).expect("a node ID"),
+        };
+        for data in split(&payload, transfer_id, data_type.signature.expect("known")) {
+            self.send(id.build(), &data);
+        }
+        transfer_id
+    }
+
+    /// All answers to the tool so far.
+    pub fn answers(&self) -> Vec<(Cycles, TransferId, Message)> {
+        let to_tool =
+            |id: &CanId| matches!(id, CanId::Service { request: false, destination, .. } if destination.get() == TOOL);
+        let answers = self.transfers.iter().filter(|(_, transfer)| to_tool(&transfer.id));
+        answers.map(|(at, transfer)| (*at, transfer.transfer_id, Message::decode(transfer))).collect()
+    }
+
+    /// Sends a request and waits for its answer.
+    #[track_caller]
+    pub fn ask(&mut self, request: &Message) -> Message {
+        self.ask_for(request, PATIENCE_MS)
+    }
+
+    #[track_caller]
+    fn ask_for(&mut self, request: &Message, patience_ms: u64) -> Message {
+        let seen = self.answers().len();
+        let number = self.request(request);
+        self.wait_for(&format!("answer to {request}"), patience_ms, |rig| rig.answers().len() > seen);
+        let (_, transfer_id, answer) = self.answers().remove(seen);
+        assert_eq!(transfer_id, number, "the answer has the number of the request");
+        answer
+    }
+
+    #[track_caller]
+    fn ask_for_parameter(&mut self, request: ParameterRequest) -> ParameterResponse {
+        match self.ask(&Message::ParameterRequest(request)) {
+            Message::ParameterResponse(response) => response,
+            other => panic!("{other}"),
+        }
+    }
+
+    /// The parameter with this index; without a name if there is none.
+    #[track_caller]
+    pub fn parameter_at(&mut self, index: u16) -> ParameterResponse {
+        self.ask_for_parameter(ParameterRequest { index, ..ParameterRequest::default() })
+    }
+
+    /// What there is to know of a parameter.
+    #[track_caller]
+    pub fn parameter(&mut self, name: &str) -> ParameterResponse {
+        self.ask_for_parameter(ParameterRequest { name: name.into(), ..ParameterRequest::default() })
+    }
+
+    /// The value of a parameter.
+    #[track_caller]
+    pub fn get(&mut self, name: &str) -> i64 {
+        integer(&self.parameter(name).value)
+    }
+
+    /// Asks for another value of a parameter; what is in force then.
+    #[track_caller]
+    pub fn set_to(&mut self, name: &str, value: Value) -> Value {
+        let response = self.ask_for_parameter(ParameterRequest { index: 0, value, name: name.into() });
+        assert_eq!(response.name(), name);
+        response.value
+    }
+
+    /// Sets a parameter, which must succeed.
+    #[track_caller]
+    pub fn set(&mut self, name: &str, value: i64) {
+        assert_eq!(self.set_to(name, Value::Integer(value)), Value::Integer(value), "{name}");
+    }
+
+    /// Names and values of all parameters, in order.
+    #[track_caller]
+    pub fn parameters(&mut self) -> Vec<(String, i64)> {
+        let mut all = Vec::new();
+        loop {
+            let response = self.parameter_at(all.len() as u16);
+            if response.name.is_empty() {
+                return all;
+            }
+            all.push((response.name(), integer(&response.value)));
+        }
+    }
+
+    /// Executes an opcode; whether the node says that it was done.
+    #[track_caller]
+    pub fn execute(&mut self, opcode: Opcode) -> bool {
+        match self.ask_for(&Message::ExecuteOpcode(opcode), PATIENCE_SAVE_MS) {
+            Message::OpcodeExecuted(ok) => ok,
+            other => panic!("{other}"),
+        }
+    }
+
+    /// Saves the parameters.
+    #[track_caller]
+    pub fn save(&mut self) {
+        assert!(self.execute(Opcode::SAVE));
+    }
+
+    /// Restarts the node over the bus, and waits until it is up again.
+    #[track_caller]
+    pub fn restart(&mut self) {
+        assert_eq!(self.ask(&Message::RestartNode(RESTART_MAGIC)), Message::Restarting(true));
+        self.forget();
+        self.wait_for_line("reset:", 400);
+        self.wait_until_up();
+    }
+
+    /// The node's information on itself.
+    #[track_caller]
+    pub fn information(&mut self) -> NodeInfo {
+        match self.ask(&Message::NodeInfoRequest) {
+            Message::NodeInfo(info) => *info,
+            other => panic!("{other}"),
+        }
+    }
+
+    /// Sends quoted frames, and expects those quoted as the next that the node sends to the tool.
+    #[track_caller]
+    pub fn golden(&mut self, request: &str, answer: &str) {
+        self.forget();
+        for frame in quoted(request) {
+            self.send_frame(frame);
+        }
+        let expected = quoted(answer);
+        let wait_ms = if request.contains("0AF8") { PATIENCE_SAVE_MS } else { PATIENCE_MS };
+        self.wait_for(&format!("answer to {request}"), wait_ms, |rig| rig.to_tool().len() >= expected.len());
+        self.run_ms(5);
+        let heard = self.to_tool();
+        let text = |frames: &[Frame]| frames.iter().map(|frame| frame.to_string()).collect::<Vec<_>>();
+        assert_eq!(text(&heard), text(&expected), "answer to {request}");
+    }
+
+    /// Frames of services to the tool, in order.
+    pub fn to_tool(&self) -> Vec<Frame> {
+        let is_to_tool = |id: u32| id & 0x80FF == 0x0080 | NODE && id & 0x7F00 == u32::from(TOOL) << 8;
+        let frames = self.traffic.iter().map(|(_, frame)| *frame);
+        frames.filter(|frame| matches!(frame.id, Id::Extended(id) if is_to_tool(id))).collect()
+    }
+
+    /// Health and vendor-specific status code of the next NodeStatus.
+    #[track_caller]
+    pub fn next_status(&mut self) -> (u8, u16) {
+        let seen = self.statuses().len();
+        self.wait_for("NodeStatus", 1100, |rig| rig.statuses().len() > seen);
+        let (_, health, _, code) = super::status_fields(&self.statuses()[seen].1);
+        (health, code)
+    }
+
+    /// The same of the status in the node's information, without waiting for the next NodeStatus.
+    #[track_caller]
+    pub fn status_now(&mut self) -> (u8, u16) {
+        let status = self.information().status;
+        (status.health as u8, status.vendor_code)
+    }
+
+    /// Broadcasts a message as node 10; all frames at once.
+    pub fn broadcast(&mut self, message: &Message, transfer_id: u8) {
+        let (data_type, payload) = message.encode().expect("a message");
+        let id = data_type.message_id(16, NodeId::new(10).expect("a node ID")).build();
+        for data in split(&payload, TransferId::new(transfer_id), data_type.signature.unwrap_or(0)) {
+            self.send(id, &data);
+        }
+    }
+
+    /// Messages of the node, decoded, of which `pick` makes something.
+    pub fn heard<T>(&self, pick: impl Fn(Message) -> Option<T>) -> Vec<(Cycles, T)> {
+        let from_node = |id: &CanId| id.source().is_some_and(|source| u32::from(source.get()) == NODE);
+        let transfers = self.transfers.iter().filter(|(_, transfer)| from_node(&transfer.id));
+        transfers.filter_map(|(at, transfer)| Some((*at, pick(Message::decode(transfer))?))).collect()
+    }
+}
+
+/// The number in a value.
+#[track_caller]
+pub fn integer(value: &Value) -> i64 {
+    match value {
+        Value::Integer(number) => *number,
+        other => panic!("no integer: {other:?}"),
+    }
+}
+
+/// Milliseconds from one time to another.
+pub fn ms_between(from: Cycles, to: Cycles) -> f64 {
+    to.saturating_sub(from) as f64 / MS as f64
+}

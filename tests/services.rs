@@ -1,0 +1,423 @@
+//! The node lets itself be managed: it says who it is, gives and takes parameters, saves, restarts, and counts.
+//!
+//! The quoted frames were made by pydronecan 1.0.27; tests/clients/test_golden.py holds the two together.
+
+mod rig;
+
+use rig::manage::{PATIENCE_MS, ms_between};
+use rig::{ARRAY_COMMAND, MS, NODE, Rig, quoted};
+use sim::Cycles;
+use sim::can::Frame;
+use sim::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
+
+const GET_NODE_INFO: &str = "1E01F8FF C3";
+
+fn read(index: u16) -> Message {
+    Message::ParameterRequest(ParameterRequest { index, ..ParameterRequest::default() })
+}
+
+// ---- GetNodeInfo ----
+
+#[test]
+fn node_information_has_every_field_in_its_place() {
+    let mut rig = Rig::running();
+    rig.run_ms(2000);
+    rig.send_frame(quoted(GET_NODE_INFO)[0]);
+    rig.run_ms(PATIENCE_MS);
+    let frames = rig.to_tool();
+    // Two bytes of CRC, 41 of fixed fields and the name, seven in a frame, and each with its tail.
+    let (last, full) = frames.split_last().expect("an answer");
+    let tails: Vec<u8> = frames.iter().map(|frame| *frame.data().last().unwrap()).collect();
+    assert!(full.iter().all(|frame| frame.data().len() == 8) && !last.data().is_empty());
+    for (number, tail) in tails.iter().enumerate() {
+        let start = if number == 0 { 0x80 } else { 0 };
+        let end = if number == full.len() { 0x40 } else { 0 };
+        let toggle = if number % 2 == 1 { 0x20 } else { 0 };
+        assert_eq!(*tail, start | end | toggle | 3, "frame {number}");
+    }
+    let stream: Vec<u8> = frames.iter().flat_map(|frame| frame.data().split_last().unwrap().1.to_vec()).collect();
+    let payload = &stream[2..];
+    // The simulator has checked the CRC.
+    let (_, whole) = rig.transfers.iter().rfind(|(_, transfer)| transfer.frames == frames.len()).expect("a transfer");
+    assert_eq!(whole.payload, payload);
+
+    let uptime = u32::from_le_bytes(payload[..4].try_into().unwrap());
+    assert!((2..=3).contains(&uptime), "{uptime} s");
+    assert_eq!(payload[4..7], [0, 0, 0], "OK, OPERATIONAL, vendor code 0");
+    let [major, minor] = [env!("CARGO_PKG_VERSION_MAJOR"), env!("CARGO_PKG_VERSION_MINOR")];
+    assert_eq!(payload[7..9], [major.parse().unwrap(), minor.parse().unwrap()]);
+    let commit = u32::from_le_bytes(payload[10..14].try_into().unwrap());
+    assert_eq!(payload[9], u8::from(commit != 0), "a commit, and no CRC of the image");
+    assert_eq!(payload[14..22], [0; 8]);
+    let unique_id = &payload[24..40];
+    assert!(unique_id.iter().any(|byte| *byte != 0) && unique_id.iter().any(|byte| *byte != 0xFF));
+    assert_eq!(payload[40], 0, "no certificate");
+    let name = std::str::from_utf8(&payload[41..]).expect("ASCII");
+    assert!(name.starts_with("org.") && name.len() <= 80, "{name}");
+    assert!(name.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'.' | b'-' | b'_')), "{name}");
+}
+
+#[test]
+fn the_unique_id_outlives_resets_and_power_cuts() {
+    let mut rig = Rig::running();
+    let NodeInfo { unique_id, .. } = rig.information();
+    rig.restart();
+    assert_eq!(rig.information().unique_id, unique_id);
+    rig.cut_power();
+    rig.wait_until_up();
+    assert_eq!(rig.information().unique_id, unique_id);
+}
+
+#[test]
+fn the_status_in_the_information_is_that_of_the_moment() {
+    let mut rig = Rig::running();
+    rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 0x80]);
+    rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 0x80]);
+    rig.run_ms(1200);
+    let (_, code) = rig.next_status();
+    assert_ne!(code, 0, "transfer errors");
+    assert_eq!(rig.information().status.vendor_code, code);
+}
+
+// ---- GetSet ----
+
+#[test]
+fn a_parameter_is_read_by_index_and_by_name() {
+    let mut rig = Rig::running();
+    rig.golden(
+        "1E0BF8FF 00 00 C0",
+        "1E0B7FF8 CE 06 01 78 00 00 00 80 | 00 00 00 00 01 78 00 20 | 00 00 00 00 00 00 01 00 | \
+         7D 00 00 00 00 00 00 20 | 00 01 00 00 00 00 00 00 | 00 00 00 43 41 4E 5F 20 | 4E 4F 44 45 40",
+    );
+    rig.golden(
+        "1E0BF8FF AC 76 00 00 43 41 4E 82 | 5F 4E 4F 44 45 62",
+        "1E0B7FF8 CE 06 01 78 00 00 00 82 | 00 00 00 00 01 78 00 22 | 00 00 00 00 00 00 01 02 | \
+         7D 00 00 00 00 00 00 22 | 00 01 00 00 00 00 00 02 | 00 00 00 43 41 4E 5F 22 | 4E 4F 44 45 42",
+    );
+}
+
+#[test]
+fn a_parameter_is_set_and_the_answer_has_the_new_value() {
+    let mut rig = Rig::running();
+    rig.golden(
+        "1E0BF8FF 4D 0D 00 01 4C 04 00 84 | 00 00 00 00 00 53 52 24 | 56 5F 4D 49 4E 44",
+        "1E0B7FF8 48 CD 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 | \
+         C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 53 52 56 5F 24 | 4D 49 4E 44",
+    );
+    assert_eq!(rig.get("SRV_MIN"), 1100);
+}
+
+#[test]
+fn negative_numbers_have_their_sign() {
+    let mut rig = Rig::running();
+    let response = rig.parameter("TEMP_MIN");
+    let [value, default, max, min] = [-40, -40, 150, -55].map(Value::Integer);
+    assert_eq!(response, ParameterResponse { value, default, max, min, name: b"TEMP_MIN".to_vec() });
+    rig.set("TEMP_MIN", -55);
+    rig.set("TEMP_OFFSET", -500);
+    rig.set("TEMP_OFFSET", 1500);
+}
+
+#[test]
+fn where_there_is_no_parameter_the_answer_is_empty() {
+    let mut rig = Rig::running();
+    let count = rig.parameters().len() as u16;
+    for index in [count, 255, 256, 0x1FFF] {
+        let response = rig.parameter_at(index);
+        assert_eq!(response, ParameterResponse::default(), "index {index}");
+    }
+    for name in ["SRV_MI", "SRV_MINI", "srv_min", "X", "A_NAME_OF_16_CHR", "A_NAME_OF_17_CHRS", &"N".repeat(92)] {
+        assert_eq!(rig.parameter(name), ParameterResponse::default(), "{name}");
+    }
+    rig.golden("1E0BF8FF 2C 08 C2", "1E0B7FF8 00 00 00 00 C2");
+}
+
+#[test]
+fn a_name_goes_before_the_index() {
+    let mut rig = Rig::running();
+    let request = ParameterRequest { index: 3, value: Value::Empty, name: b"SRV_ID".to_vec() };
+    let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else { panic!() };
+    assert_eq!(response.name(), "SRV_ID");
+}
+
+#[test]
+fn a_parameter_is_set_by_its_index_too() {
+    let mut rig = Rig::running();
+    let index = rig.parameters().iter().position(|(name, _)| name == "SRV_TRIM").unwrap() as u16;
+    let request = ParameterRequest { index, value: Value::Integer(1480), name: Vec::new() };
+    let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else { panic!() };
+    assert_eq!((response.name(), response.value), (String::from("SRV_TRIM"), Value::Integer(1480)));
+    assert_eq!(rig.get("SRV_TRIM"), 1480);
+}
+
+#[test]
+fn what_is_out_of_range_is_answered_with_what_is_in_force() {
+    let mut rig = Rig::running();
+    rig.set("SRV_MIN", 1100);
+    for wrong in [499, 2501, 0, -1, -1100, 1 << 16 | 1100, 1 << 32 | 1100, 1 << 56 | 1100, i64::MAX, i64::MIN] {
+        assert_eq!(rig.set_to("SRV_MIN", Value::Integer(wrong)), Value::Integer(1100), "{wrong}");
+    }
+    for (name, min, max) in
+        [("SRV_MIN", 500, 2500), ("TEMP_MIN", -55, 150), ("WARN_MASK", 0, 65_535), ("ARM_REQ", 0, 1)]
+    {
+        for (value, in_force) in [(min, min), (min - 1, min), (max, max), (max + 1, max)] {
+            assert_eq!(rig.set_to(name, Value::Integer(value)), Value::Integer(in_force), "{name} {value}");
+        }
+    }
+}
+
+#[test]
+fn bit_rates_are_those_that_the_dialect_has() {
+    let mut rig = Rig::running();
+    let [value, max, min] = [1_000_000, 1_000_000, 125_000].map(Value::Integer);
+    let response = rig.parameter("CAN_BAUDRATE");
+    assert_eq!((&response.value, &response.default, &response.max, &response.min), (&value, &value, &max, &min));
+    for rate in [125_000, 250_000, 500_000, 1_000_000] {
+        rig.set("CAN_BAUDRATE", rate);
+    }
+    for wrong in [0, 8, 1, 100_000, 375_000, 800_000, 2_000_000, 1_000_001, 1 << 32 | 500_000, -125_000] {
+        assert_eq!(rig.set_to("CAN_BAUDRATE", Value::Integer(wrong)), value, "{wrong}");
+    }
+}
+
+#[test]
+fn values_of_another_type_change_nothing() {
+    let mut rig = Rig::running();
+    for (name, in_force) in [("SRV_MIN", 1000), ("ARM_REQ", 0), ("SRV_ID", 1)] {
+        for wrong in [Value::Real(1100.0), Value::Boolean(true), Value::Text(b"1100".to_vec())] {
+            assert_eq!(rig.set_to(name, wrong.clone()), Value::Integer(in_force), "{name} {wrong}");
+        }
+    }
+    rig.golden(
+        "1E0BF8FF 0F B0 00 02 00 80 89 85 | 44 53 52 56 5F 4D 49 25 | 4E 45",
+        "1E0B7FF8 B8 80 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 | \
+         C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 53 52 56 5F 25 | 4D 49 4E 45",
+    );
+}
+
+/// Tags 5 to 7 do not exist, and a request may be cut off anywhere.
+#[test]
+fn malformed_requests_set_nothing_and_block_nothing() {
+    let mut rig = Rig::running();
+    let before = rig.parameters();
+    let payloads: &[&[u8]] =
+        &[&[], &[0], &[3, 5], &[3, 7, 1, 2, 3], &[3, 1], &[3, 1, 0x4C], &[3, 1, 0x4C, 4, 0, 0, 0], &[3, 4, 200, 1]];
+    for payload in payloads {
+        let mut data = payload.to_vec();
+        data.push(0xC9);
+        rig.send(0x1E0B_F8FF, &data);
+        rig.run_ms(20);
+    }
+    rig.forget();
+    assert_eq!(rig.parameters(), before);
+}
+
+// ---- ExecuteOpcode ----
+
+#[test]
+fn saving_and_erasing_are_answered_when_they_are_done() {
+    let mut rig = Rig::running();
+    rig.golden("1E0AF8FF 00 00 00 00 00 00 00 C4", "1E0A7FF8 00 00 00 00 00 00 80 C4");
+    rig.golden("1E0AF8FF 01 00 00 00 00 00 00 C5", "1E0A7FF8 00 00 00 00 00 00 80 C5");
+}
+
+#[test]
+fn an_unknown_opcode_is_not_done() {
+    let mut rig = Rig::running();
+    rig.golden("1E0AF8FF 02 00 00 00 00 00 00 C6", "1E0A7FF8 00 00 00 00 00 00 00 C6");
+    rig.golden("1E0AF8FF FF 00 00 00 00 00 00 C7", "1E0A7FF8 00 00 00 00 00 00 00 C7");
+}
+
+// ---- RestartNode ----
+
+#[test]
+fn a_restart_needs_its_magic_number() {
+    let mut rig = Rig::running();
+    rig.golden("1E05F8FF 1E 1B 55 CE AD C7", "1E057FF8 00 C7");
+    rig.golden("1E05F8FF 00 00 00 00 00 C8", "1E057FF8 00 C8");
+    rig.run_ms(500);
+    assert!(!rig.serial.contains("reset:"), "{}", rig.serial);
+}
+
+#[test]
+fn a_restart_is_answered_and_comes_within_200_ms() {
+    let mut rig = Rig::running();
+    rig.run_ms(1500);
+    rig.golden("1E05F8FF 1E 1B 55 CE AC C6", "1E057FF8 80 C6");
+    let asked = rig.now();
+    rig.wait_for("the first NodeStatus", 250, |rig| {
+        rig.statuses().iter().any(|(_, data)| data[..4] == [0; 4] && data[4] >> 3 & 7 == 1)
+    });
+    assert!(ms_between(asked, rig.now()) < 230.0);
+    rig.wait_for_line("reset:", 50);
+    let (_, code) = rig.next_status();
+    assert_eq!(code, 0, "nothing went wrong");
+}
+
+/// On the way the servo goes where SRV_FAILSAFE has it, and no pulse is cut short.
+#[test]
+fn a_restart_takes_the_servo_through_its_failsafe() {
+    for (mode, expected) in [(0, vec![1750.0]), (1, vec![1750.0, 1500.0]), (2, vec![1750.0, 1900.0]), (3, vec![1750.0])]
+    {
+        let mut rig = Rig::running();
+        rig.set("SRV_FS_PWM", 1900);
+        rig.set("SRV_FAILSAFE", mode);
+        rig.send_command(1, 0, 0.5);
+        assert_eq!(rig.settled_pulse_us(), 1750.0);
+        rig.pulses.clear();
+        rig.request(&Message::RestartNode(0xAC_CE55_1B1E));
+        rig.run_ms(400);
+        let mut widths: Vec<f64> = rig.pulses.iter().map(|pulse| pulse.width_us()).collect();
+        if expected.len() > 1 {
+            assert_eq!(widths.last(), Some(&expected[1]), "mode {mode}: {widths:?}");
+        }
+        widths.dedup();
+        assert!(widths == expected || widths == expected[1..], "mode {mode}: {widths:?}");
+        let last = rig.pulses.last().map_or(0, |pulse| pulse.start);
+        assert!(rig.now() - last > 100 * MS, "after the start there are no pulses before the first command");
+    }
+}
+
+// ---- the others ----
+
+#[test]
+fn a_firmware_update_is_refused_with_a_reason() {
+    let mut rig = Rig::running();
+    rig.send_frame(quoted("1E28F8FF 7F 66 77 2E 62 69 6E C9")[0]);
+    rig.run_ms(PATIENCE_MS);
+    let (_, number, answer) = rig.answers().remove(0);
+    let Message::UpdateBegun(answer) = answer else { panic!("{answer}") };
+    const INVALID_MODE: u8 = 1;
+    assert_eq!((number.get(), answer.number), (9, INVALID_MODE));
+    assert!(!answer.text.is_empty() && answer.text.len() <= 127);
+    assert!(answer.text.iter().all(|byte| matches!(byte, b' '..=b'~')), "{}", answer.text());
+    // A long path is a transfer of many frames.
+    let path = Message::BeginUpdate(sim::dronecan::management::NumberAndText { number: 0, text: vec![b'x'; 200] });
+    assert!(matches!(rig.ask(&path), Message::UpdateBegun(answer) if answer.number == INVALID_MODE));
+}
+
+#[test]
+fn transport_statistics_count_transfers_and_frames() {
+    let mut rig = Rig::running();
+    let stats = |rig: &mut Rig| match rig.ask(&Message::TransportStatsRequest) {
+        Message::TransportStats(stats) => stats,
+        other => panic!("{other}"),
+    };
+    let before = stats(&mut rig);
+    assert_eq!(before.interfaces.len(), 1);
+    rig.forget();
+    for _ in 0..20 {
+        rig.send_command(1, 0, 0.5);
+        rig.run_ms(10);
+    }
+    rig.send_commands(&[(2, 0, 0.5), (3, 0, 0.5), (4, 0, 0.0)]);
+    rig.run_ms(1000);
+    // One that breaks off, and one that begins anew.
+    rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 1, 0, 0, 0x80]);
+    rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 1, 0, 0, 0x81]);
+    rig.run_ms(20);
+    let sent_frames = rig.traffic.iter().filter(|(_, frame)| is_from_node(frame)).count() as u64;
+    let after = stats(&mut rig);
+    let [tx, rx, errors] = after.interfaces[0];
+    let [tx_before, rx_before, errors_before] = before.interfaces[0];
+    assert_eq!(after.transfers_rx - before.transfers_rx, 22, "20 commands, a long one, and this request");
+    assert!(after.transfers_tx > before.transfers_tx);
+    assert!(after.transfer_errors > before.transfer_errors);
+    // The answer to the request before was on its way when it counted.
+    assert!((tx - tx_before).abs_diff(sent_frames) <= 12, "{} of {sent_frames}", tx - tx_before);
+    assert_eq!(rx - rx_before, 20 + 2 + 2 + 1);
+    assert_eq!(errors, errors_before);
+}
+
+fn is_from_node(frame: &Frame) -> bool {
+    matches!(frame.id, sim::can::Id::Extended(id) if id & 0x7F == NODE)
+}
+
+#[test]
+fn answers_have_the_priority_and_the_number_of_their_requests() {
+    let mut rig = Rig::running();
+    for (priority, number) in [(0u32, 31u8), (8, 0), (31, 17)] {
+        rig.forget();
+        rig.send(priority << 24 | 0x0B_F8FF, &[1, 0, 0xC0 | number]);
+        rig.run_ms(PATIENCE_MS);
+        let frames = rig.to_tool();
+        assert!(frames.iter().all(|frame| frame.id == sim::can::Id::Extended(priority << 24 | 0x0B_7FF8)));
+        assert_eq!(frames.first().map(|frame| frame.data()[7]), Some(0x80 | number));
+    }
+}
+
+#[test]
+fn requests_for_others_and_of_other_kinds_are_not_answered() {
+    let mut rig = Rig::running();
+    // To node 121; to nobody; a response; from the node itself; services that the node does not have.
+    for text in ["1E01F9FF C0", "1E0180FF C0", "1E0178FF C0", "1E01F8F8 C0", "1E30F8FF 00 C0", "1E63F8FF C0"] {
+        rig.send_frame(quoted(text)[0]);
+        rig.run_ms(20);
+    }
+    let services = rig.traffic.iter().filter(|(_, frame)| is_from_node(frame)).filter(|(_, frame)| {
+        matches!(frame.id, sim::can::Id::Extended(id) if id & 0x80 != 0) && frame.id != quoted("1E01F8F8 C0")[0].id
+    });
+    assert_eq!(services.count(), 0);
+}
+
+/// A GUI tool asks for five parameters at once, again and again, while an autopilot commands at 400 Hz.
+#[test]
+fn five_requests_at_once_get_five_answers_in_order_while_commands_flow() {
+    let mut rig = Rig::running();
+    for round in 0..5u16 {
+        rig.forget();
+        let begun = rig.now();
+        let numbers: Vec<_> = (0..5).map(|n| rig.request(&read(round * 5 + n))).collect();
+        command_for(&mut rig, 100);
+        let answers = rig.answers();
+        let heard: Vec<_> = answers.iter().map(|(_, number, _)| *number).collect();
+        assert_eq!(heard, numbers);
+        let names = answers.iter().map(|(_, _, answer)| match answer {
+            Message::ParameterResponse(response) => response.name(),
+            other => panic!("{other}"),
+        });
+        let expected = ["CAN_NODE", "CAN_BAUDRATE", "SRV_ID", "SRV_MIN", "SRV_TRIM"];
+        if round == 0 {
+            assert_eq!(names.collect::<Vec<_>>(), expected);
+        } else {
+            assert!(names.into_iter().all(|name| !name.is_empty()));
+        }
+        let last = answers.last().unwrap().0;
+        assert!(ms_between(begun, last) < 80.0, "{} ms", ms_between(begun, last));
+        assert!(rig.broken.is_empty(), "{:?}", rig.broken);
+    }
+}
+
+#[test]
+fn node_information_comes_within_50_ms_while_commands_flow() {
+    let mut rig = Rig::running();
+    for _ in 0..10 {
+        rig.forget();
+        let begun = rig.now();
+        rig.request(&Message::NodeInfoRequest);
+        command_for(&mut rig, 60);
+        let answers = rig.answers();
+        assert!(matches!(answers[..], [(_, _, Message::NodeInfo(_))]), "{answers:?}");
+        assert!(ms_between(begun, answers[0].0) < 50.0, "{} ms", ms_between(begun, answers[0].0));
+    }
+}
+
+/// Commands at 400 Hz, each of which must be followed: the pulse is always one of the last two widths.
+fn command_for(rig: &mut Rig, ms: u64) {
+    let seen = rig.pulses.len();
+    let mut given: Vec<(Cycles, f64)> = Vec::new();
+    for n in 0..ms * 2 / 5 {
+        let width = 1100.0 + (n * 7 % 800) as f32;
+        rig.send_command(1, 4, width);
+        given.push((rig.now(), f64::from(width)));
+        let next = rig.now() + 5 * MS / 2;
+        rig.run_until(next);
+    }
+    for pulse in &rig.pulses[seen..] {
+        // The command in force when the pulse began may be one or two ticks old.
+        let candidates: Vec<f64> =
+            given.iter().filter(|(at, _)| *at <= pulse.start).rev().take(3).map(|(_, width)| *width).collect();
+        let is_old = candidates.len() < 3;
+        assert!(is_old || candidates.contains(&pulse.width_us()), "{} us, not one of {candidates:?}", pulse.width_us());
+    }
+}

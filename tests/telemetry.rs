@@ -1,0 +1,345 @@
+//! What the node tells without being asked, beside its status and temperature: where its servo is, how the bus does, and that
+//! its button was pressed. And the light, which is told.
+
+mod rig;
+
+use rig::manage::ms_between;
+use rig::{MS, NODE, Rig};
+use sim::Cycles;
+use sim::can::Id;
+use sim::dronecan::{ActuatorStatus, CanStats, KeyValue, LightCommand, Message};
+
+const ACTUATOR_STATUS_OF_NODE: u32 = 0x1803_F300 | NODE;
+const CAN_STATS_OF_NODE: u32 = 0x1801_5700 | NODE;
+const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
+const POWER_UNKNOWN: u8 = 127;
+
+fn positions(rig: &Rig) -> Vec<(Cycles, ActuatorStatus)> {
+    rig.heard(|message| match message {
+        Message::ActuatorStatus(status) => Some(status),
+        _ => None,
+    })
+}
+
+// ---- actuator.Status ----
+
+#[test]
+fn an_actuator_status_is_two_frames_with_a_crc() {
+    let mut rig = Rig::running();
+    rig.send_command(1, 0, 0.5);
+    rig.run_ms(1000);
+    let frames = rig.frames(ACTUATOR_STATUS_OF_NODE);
+    assert!(frames.len() >= 20);
+    for pair in frames.chunks_exact(2) {
+        let (first, second) = (&pair[0].1, &pair[1].1);
+        let number = first[7] & 0x1F;
+        assert_eq!((first.len(), first[7], second.len(), second[3]), (8, 0x80 | number, 4, 0x60 | number));
+        assert!(ms_between(pair[0].0, pair[1].0) < 1.0, "back to back");
+        // By hand: the CRC's start for this type, then the payload.
+        let payload: Vec<u8> = first[2..7].iter().chain(&second[..3]).copied().collect();
+        let crc = sim::dronecan::crc::feed(0x9A63, &payload);
+        assert_eq!(u16::from_le_bytes([first[0], first[1]]), crc);
+    }
+    assert!(rig.broken.is_empty(), "{:?}", rig.broken);
+    let numbers: Vec<u8> = frames.iter().map(|(_, data)| data.last().unwrap() & 0x1F).collect();
+    assert!(numbers.windows(3).all(|w| w[0] == w[1] || (w[0] + 1) % 32 == w[1]), "{numbers:?}");
+}
+
+#[test]
+fn its_frames_leave_in_order_and_together_whatever_else_is_due() {
+    let mut rig = Rig::running();
+    rig.set("TELEM_RATE", 50);
+    rig.set("TEMP_RATE", 50);
+    rig.set("STATS_RATE", 10);
+    rig.forget();
+    for n in 0..60u16 {
+        rig.send_status_from(1);
+        rig.run_ms(1);
+        rig.request(&Message::NodeInfoRequest);
+        rig.run_ms(1);
+        rig.send_command(1, 4, f32::from(1200 + n));
+        rig.run_ms(15);
+    }
+    assert!(rig.broken.is_empty(), "{:?}", rig.broken);
+    assert!(positions(&rig).len() >= 45);
+    assert_eq!(rig.answers().len(), 60);
+    // Of a transfer that has begun no frame waits for another message of the node.
+    let own: Vec<u32> = rig
+        .traffic
+        .iter()
+        .filter_map(|(_, frame)| match frame.id {
+            Id::Extended(id) if id & 0x7F == NODE => Some((id, *frame.data().last().unwrap())),
+            _ => None,
+        })
+        .scan(None, |open, (id, tail)| {
+            if let Some(expected) = *open {
+                assert_eq!(id, expected, "a frame of another transfer in between");
+            }
+            *open = (tail & 0x40 == 0).then_some(id);
+            Some(id)
+        })
+        .collect();
+    assert!(own.len() > 500);
+}
+
+#[test]
+fn the_position_is_that_of_the_pulse_in_radians() {
+    let mut rig = Rig::running();
+    let quarter = std::f32::consts::FRAC_PI_4;
+    for (command_type, value, radians) in [
+        (0, 0.5, quarter / 2.0),
+        (0, -1.0, -quarter),
+        (1, 0.5, 0.5),
+        (1, -0.25, -0.25),
+        (4, 1500.0, 0.0),
+        (4, 1900.0, 0.8 * quarter),
+        (1, 3.0, quarter),
+    ] {
+        rig.send_command(1, command_type, value);
+        rig.run_ms(20);
+        rig.forget();
+        rig.run_ms(250);
+        let (_, status) = positions(&rig).pop().expect("a status");
+        let position = status.position.to_f32();
+        assert!((position - radians).abs() < 0.002, "{position} rad for type {command_type}, {value}");
+        assert_eq!((status.actuator, status.power_percent), (1, POWER_UNKNOWN));
+        assert!(status.force.is_nan() && status.speed.is_nan(), "nobody measures them");
+    }
+    rig.set("SRV_ID", 77);
+    rig.set("SRV_RANGE", 180);
+    rig.set("SRV_REVERSED", 1);
+    rig.send_command(77, 0, 0.5);
+    rig.run_ms(20);
+    rig.forget();
+    rig.run_ms(250);
+    let (_, status) = positions(&rig).pop().unwrap();
+    assert_eq!(status.actuator, 77);
+    assert!((status.position.to_f32() - quarter).abs() < 0.004, "as an equal command would have it: {status}");
+}
+
+#[test]
+fn what_cannot_be_known_is_nan() {
+    let mut rig = Rig::running();
+    rig.run_ms(500);
+    let told = positions(&rig);
+    assert!(told.len() >= 4 && told.iter().all(|(_, status)| status.position.is_nan()), "no pulse, no position");
+    // The NaN of pydronecan or that of IEEE 754 with the sign clear: others might not be understood.
+    for (_, status) in told {
+        for value in [status.position, status.force, status.speed] {
+            assert!([0x7E00, 0x7FFF].contains(&value.to_bits()), "{:#06x}", value.to_bits());
+        }
+    }
+    rig.set("SRV_FAILSAFE", 3);
+    rig.set("SRV_TIMEOUT", 200);
+    rig.send_command(1, 0, 0.0);
+    rig.run_ms(150);
+    assert_eq!(positions(&rig).last().unwrap().1.position.to_f32(), 0.0);
+    rig.run_ms(400);
+    assert!(positions(&rig).last().unwrap().1.position.is_nan(), "the failsafe has ended the pulses");
+}
+
+#[track_caller]
+fn count_in_2_s(rig: &mut Rig, id: u32, frames_each: usize) -> usize {
+    rig.forget();
+    rig.run_ms(2000);
+    rig.frames(id).len() / frames_each
+}
+
+#[test]
+fn rates_are_those_of_the_parameters_at_once() {
+    let mut rig = Rig::running();
+    assert!((19..=21).contains(&count_in_2_s(&mut rig, ACTUATOR_STATUS_OF_NODE, 2)), "10 Hz if nobody says otherwise");
+    assert_eq!(count_in_2_s(&mut rig, CAN_STATS_OF_NODE, 4), 0);
+    for rate in [0usize, 1, 7, 50] {
+        rig.set("TELEM_RATE", rate as i64);
+        rig.set("TEMP_RATE", rate as i64);
+        let tolerance = 1 + rate / 25;
+        let counts = [(ACTUATOR_STATUS_OF_NODE, 2), (rig::TEMPERATURE_OF_NODE, 1)];
+        for (id, frames) in counts {
+            let count = count_in_2_s(&mut rig, id, frames);
+            assert!(count.abs_diff(2 * rate) <= tolerance.min(2 * rate), "{count} in 2 s at {rate} Hz");
+        }
+    }
+}
+
+// ---- CanStats ----
+
+fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
+    rig.heard(|message| match message {
+        Message::CanStats(stats) => Some(stats),
+        _ => None,
+    })
+}
+
+#[test]
+fn can_statistics_come_at_their_rate_and_count_frames() {
+    let mut rig = Rig::running();
+    rig.set("STATS_RATE", 2);
+    rig.forget();
+    for _ in 0..300 {
+        rig.send_command(1, 0, 0.5);
+        rig.run_ms(10);
+    }
+    let told = stats(&rig);
+    assert!((5..=7).contains(&told.len()), "{} in 3 s", told.len());
+    let ((from, first), (to, last)) = (told[0], told[told.len() - 1]);
+    let within = |id: u32| {
+        rig.traffic.iter().filter(move |(at, frame)| {
+            (from..to).contains(at) && matches!(frame.id, Id::Extended(other) if other & 0x7F == id)
+        })
+    };
+    let (sent, received) = (within(NODE).count() as u32, within(10).count() as u32);
+    let tx = u32::from(last.tx_success.wrapping_sub(first.tx_success));
+    assert!(tx.abs_diff(sent) <= 8, "{tx} of {sent} frames sent");
+    assert!((last.tx_requests - first.tx_requests).abs_diff(sent) <= 8);
+    assert!((last.rx_received - first.rx_received).abs_diff(received) <= 2, "{first} {last}, {received}");
+    for stats in [first, last] {
+        assert_eq!((stats.interface, stats.tx_rejected, stats.tx_timedout, stats.rx_overflow), (0, 0, 0, 0));
+        assert_eq!((stats.rx_errors, stats.busoff_errors), (0, 0));
+    }
+}
+
+#[test]
+fn can_statistics_count_frames_lost_and_given_up() {
+    let mut rig = Rig::running();
+    rig.overflows_expected = true;
+    rig.set("STATS_RATE", 5);
+    for _ in 0..1500 {
+        rig.send(rig::NODE_STATUS | 1, &[]);
+    }
+    rig.run_ms(1000);
+    let lost = rig.board().chip().borrow().rx_overflows();
+    assert!(lost > 10);
+    assert!(stats(&rig).last().unwrap().1.rx_overflow > 0);
+    let port = rig.bench.port(0);
+    rig.bench.bus().connect(port, false);
+    rig.run_ms(3000);
+    rig.bench.bus().connect(port, true);
+    rig.forget();
+    rig.run_ms(1500);
+    let (_, last) = *stats(&rig).last().expect("statistics again");
+    assert!(last.tx_timedout + last.tx_abort > 0, "{last}");
+}
+
+// ---- button ----
+
+/// Presses or releases with so many bounces, a millisecond each.
+fn bounce(rig: &mut Rig, pressed: bool, bounces: u32) {
+    for n in 0..bounces {
+        rig.board().press_button(if n % 2 == 0 { pressed } else { !pressed });
+        rig.run_ms(1);
+    }
+    rig.board().press_button(pressed);
+}
+
+fn presses(rig: &Rig) -> Vec<f32> {
+    let pressed = rig.heard(|message| match message {
+        Message::KeyValue(KeyValue { value, key }) if key == b"btn" => Some(value),
+        _ => None,
+    });
+    pressed.into_iter().map(|(_, value)| value).collect()
+}
+
+#[test]
+fn a_press_of_the_button_publishes_the_count_once_however_it_bounces() {
+    let mut rig = Rig::running();
+    for count in 1..=5u8 {
+        bounce(&mut rig, true, 9);
+        rig.run_ms(200);
+        assert_eq!(presses(&rig).len(), usize::from(count));
+        bounce(&mut rig, false, 9);
+        rig.run_ms(200);
+    }
+    assert_eq!(presses(&rig), [1.0, 2.0, 3.0, 4.0, 5.0]);
+    let frames = rig.frames(KEY_VALUE_OF_NODE);
+    // Golden but for the transfer ID: pydronecan's KeyValue(value=3.0, key="btn").
+    assert_eq!(frames[2].1, [0x00, 0x00, 0x40, 0x40, 0x62, 0x74, 0x6E, 0xC2]);
+}
+
+#[test]
+fn a_spike_on_the_button_s_wire_is_no_press() {
+    let mut rig = Rig::running();
+    for _ in 0..20 {
+        rig.board().press_button(true);
+        rig.run_ms(5);
+        rig.board().press_button(false);
+        rig.run_ms(30);
+    }
+    assert_eq!(presses(&rig), Vec::<f32>::new());
+}
+
+#[test]
+fn a_button_held_at_the_start_and_released_is_no_trouble() {
+    let mut rig = Rig::powered();
+    rig.board().press_button(true);
+    rig.run_ms(500);
+    rig.board().press_button(false);
+    rig.run_ms(200);
+    assert!(presses(&rig).len() <= 1);
+    rig.board().press_button(true);
+    rig.run_ms(200);
+    assert!(!presses(&rig).is_empty());
+}
+
+// ---- light ----
+
+fn light(rig: &mut Rig, commands: &[(u8, u8, u8, u8)]) -> f64 {
+    let command = |&(light, red, green, blue)| LightCommand { light, red, green, blue };
+    rig.broadcast(&Message::LightsCommand(commands.iter().map(command).collect()), 0);
+    rig.run_ms(20);
+    rig.board().light()
+}
+
+#[test]
+fn the_light_is_off_until_it_is_told() {
+    let mut rig = Rig::powered();
+    rig.run_ms(500);
+    assert_eq!(rig.board().light(), 0.0);
+}
+
+#[test]
+fn a_lights_command_dims_the_light() {
+    let mut rig = Rig::running();
+    assert_eq!(light(&mut rig, &[(0, 31, 63, 31)]), 1.0);
+    assert_eq!(light(&mut rig, &[(0, 0, 0, 0)]), 0.0);
+    let red: Vec<f64> = (0..=31).map(|red| light(&mut rig, &[(0, red, 0, 0)])).collect();
+    assert!(red.windows(2).all(|pair| pair[0] < pair[1]), "{red:?}");
+    assert!((red[16] - 0.52).abs() < 0.06, "about half: {}", red[16]);
+    // Its one colour stands for all three.
+    for command in [(0, 31, 0, 0), (0, 0, 63, 0), (0, 0, 0, 31)] {
+        assert!(light(&mut rig, &[command]) > 0.3, "{command:?}");
+    }
+}
+
+#[test]
+fn only_commands_for_its_own_id_reach_the_light() {
+    let mut rig = Rig::running();
+    assert_eq!(light(&mut rig, &[(1, 31, 63, 31), (255, 31, 63, 31)]), 0.0);
+    let half = light(&mut rig, &[(1, 31, 63, 31), (0, 16, 32, 16), (2, 31, 63, 31)]);
+    assert!((0.4..0.6).contains(&half), "{half}");
+    rig.set("LIGHT_ID", 255);
+    assert_eq!(light(&mut rig, &[(0, 0, 0, 0)]), half, "no longer");
+    let all: Vec<_> = (236..=255).map(|id| (id, if id == 255 { 31 } else { 0 }, 0, 0)).collect();
+    assert!(light(&mut rig, &all) > half, "twenty commands");
+}
+
+#[test]
+fn a_wrong_transfer_leaves_the_light_as_it_is() {
+    let mut rig = Rig::running();
+    let half = light(&mut rig, &[(0, 16, 32, 16)]);
+    rig.send(0x1804_390A, &[0, 0xFF, 0xC0]);
+    rig.send(0x1804_390A, &[0x12, 0x34, 0, 0xFF, 0xFF, 1, 0xFF, 0x80]);
+    rig.send(0x1804_390A, &[0xFF, 2, 0xFF, 0xFF, 0x60]);
+    rig.send(0x1804_390A, &[0xC0]);
+    rig.run_ms(50);
+    assert_eq!(rig.board().light(), half);
+    // The servo's pulses are not disturbed by the light, nor the other way round.
+    rig.send_command(1, 4, 1321.0);
+    rig.run_ms(50);
+    rig.forget();
+    for n in 0..40 {
+        light(&mut rig, &[(0, n % 32, 0, 0)]);
+    }
+    assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1321.0));
+    assert!(rig.pulses.iter().all(|pulse| pulse.period_cycles.unwrap_or(20 * MS) == 20 * MS));
+}

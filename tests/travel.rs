@@ -1,0 +1,179 @@
+//! Limits, trim, direction, range and rate of the servo, as its parameters have them.
+
+mod rig;
+
+use std::f32::consts::{FRAC_PI_2, PI};
+
+use rig::{MS, Rig};
+use sim::avr::Pulse;
+
+const UNITLESS: u8 = 0;
+const POSITION: u8 = 1;
+const PWM: u8 = 4;
+
+#[track_caller]
+fn follows(rig: &mut Rig, cases: &[(u8, f32, f64)]) {
+    for (command_type, value, pulse_us) in cases {
+        rig.send_command(1, *command_type, *value);
+        let pulse = rig.settled_pulse_us();
+        assert!((pulse - pulse_us).abs() <= 0.5, "type {command_type}, value {value}: {pulse} us, not {pulse_us} us");
+    }
+}
+
+fn with(parameters: &[(&str, i64)]) -> Rig {
+    let mut rig = Rig::running();
+    for (name, value) in parameters {
+        rig.set(name, *value);
+    }
+    rig
+}
+
+#[test]
+fn both_sides_of_the_trim_are_used_to_their_limits() {
+    let mut rig = with(&[("SRV_MIN", 1200), ("SRV_TRIM", 1400), ("SRV_MAX", 1900)]);
+    follows(
+        &mut rig,
+        &[
+            (UNITLESS, -1.0, 1200.0),
+            (UNITLESS, -0.5, 1300.0),
+            (UNITLESS, 0.0, 1400.0),
+            (UNITLESS, 0.5, 1650.0),
+            (UNITLESS, 1.0, 1900.0),
+            (UNITLESS, 2.0, 1900.0),
+            (PWM, 1000.0, 1200.0),
+            (PWM, 1333.0, 1333.0),
+            (PWM, 2000.0, 1900.0),
+        ],
+    );
+}
+
+#[test]
+fn the_widest_travel_is_500_to_2500() {
+    let mut rig = with(&[("SRV_MIN", 500), ("SRV_MAX", 2500)]);
+    follows(
+        &mut rig,
+        &[
+            (UNITLESS, -1.0, 500.0),
+            (UNITLESS, 1.0, 2500.0),
+            (PWM, 700.0, 700.0),
+            (PWM, 2400.0, 2400.0),
+            (PWM, 3000.0, 2500.0),
+        ],
+    );
+    rig.send_servo_command(0);
+    assert_eq!(rig.settled_pulse_us(), 500.0);
+    rig.send_servo_command(255);
+    assert_eq!(rig.settled_pulse_us(), 2500.0);
+}
+
+#[test]
+fn reversed_turns_deflections_around_and_leaves_widths_alone() {
+    let mut rig = with(&[("SRV_MIN", 1200), ("SRV_TRIM", 1400), ("SRV_MAX", 1900), ("SRV_REVERSED", 1)]);
+    follows(
+        &mut rig,
+        &[
+            (UNITLESS, -1.0, 1900.0),
+            (UNITLESS, 0.0, 1400.0),
+            (UNITLESS, 0.5, 1300.0),
+            (UNITLESS, 1.0, 1200.0),
+            (POSITION, 3.0, 1200.0),
+            (POSITION, -3.0, 1900.0),
+            (PWM, 1333.0, 1333.0),
+        ],
+    );
+    rig.send_servo_command(255);
+    assert_eq!(rig.settled_pulse_us(), 1200.0);
+}
+
+#[test]
+fn positions_are_radians_over_the_range() {
+    for (range, full) in [(180, FRAC_PI_2), (360, PI), (60, PI / 6.0), (10, PI / 36.0)] {
+        let mut rig = with(&[("SRV_RANGE", range)]);
+        let half = f64::from(full * 0.5);
+        let pulse = |radians: f64| 1500.0 + 500.0 * radians / f64::from(full);
+        // The float16 of the value has eleven bits.
+        let sent = |radians: f64| f64::from(half::f16::from_f64(radians).to_f32());
+        follows(
+            &mut rig,
+            &[
+                (POSITION, full, 2000.0),
+                (POSITION, -full, 1000.0),
+                (POSITION, half as f32, pulse(sent(half))),
+                (POSITION, 0.0, 1500.0),
+                (POSITION, 4.0 * full, 2000.0),
+            ],
+        );
+    }
+}
+
+#[test]
+fn limits_in_either_order_and_a_trim_beyond_them_are_borne() {
+    let mut rig = with(&[("SRV_MIN", 1800), ("SRV_MAX", 1200)]);
+    rig.send_command(1, PWM, 1000.0);
+    assert_eq!(rig.settled_pulse_us(), 1200.0);
+    rig.set("SRV_TRIM", 2400);
+    rig.send_command(1, UNITLESS, 0.0);
+    assert_eq!(rig.settled_pulse_us(), 1800.0);
+    rig.set("SRV_MIN", 1500);
+    rig.set("SRV_MAX", 1500);
+    for value in [-1.0, 0.0, 1.0] {
+        rig.send_command(1, UNITLESS, value);
+        assert_eq!(rig.settled_pulse_us(), 1500.0);
+    }
+}
+
+#[test]
+fn limits_hold_at_once_for_the_next_command() {
+    let mut rig = Rig::running();
+    rig.send_command(1, UNITLESS, 1.0);
+    assert_eq!(rig.settled_pulse_us(), 2000.0);
+    rig.set("SRV_MAX", 1700);
+    rig.send_command(1, UNITLESS, 1.0);
+    assert_eq!(rig.settled_pulse_us(), 1700.0);
+}
+
+#[track_caller]
+fn assert_periods(pulses: &[Pulse], period_cycles: u64) {
+    assert!(pulses.len() > 20);
+    for pulse in pulses {
+        // Half a microsecond is the step of the timer.
+        let period = pulse.period_cycles.unwrap_or(period_cycles);
+        assert!(period.abs_diff(period_cycles) <= 8, "{period} cycles, not {period_cycles}");
+    }
+}
+
+#[test]
+fn the_rate_is_that_of_the_parameter_from_the_next_start_on() {
+    for rate in [50, 100, 200, 333] {
+        let mut rig = with(&[("SRV_RATE", rate)]);
+        rig.send_command(1, PWM, 1234.0);
+        rig.run_ms(100);
+        rig.forget();
+        rig.run_ms(600);
+        assert_periods(&rig.pulses, 20 * MS);
+        rig.save();
+        rig.restart();
+        rig.send_command(1, PWM, 1234.0);
+        rig.run_ms(100);
+        rig.forget();
+        rig.run_ms(700);
+        assert_periods(&rig.pulses, 1000 * MS / rate as u64);
+        assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1234.0));
+    }
+}
+
+#[test]
+fn at_333_hz_the_longest_pulse_still_fits() {
+    let mut rig = with(&[("SRV_RATE", 333), ("SRV_MAX", 2500)]);
+    rig.save();
+    rig.restart();
+    for value in [1.0, -1.0, 0.3] {
+        rig.send_command(1, UNITLESS, value);
+        rig.run_ms(20);
+        rig.forget();
+        rig.run_ms(200);
+        assert_periods(&rig.pulses, 1000 * MS / 333);
+        rig.pulses.dedup_by_key(|pulse| pulse.width_cycles);
+        assert_eq!(rig.pulses.len(), 1);
+    }
+}
