@@ -10,7 +10,7 @@ macro_rules! kinds {
         /// A data type in one role: the place in the table.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
         #[repr(u8)]
-        #[allow(missing_docs)]
+        #[allow(clippy::upper_case_acronyms, reason = "only the constants below are used by these names")]
         enum Place { $($id,)* }
 
         /// What a transfer is: one of the constants here.

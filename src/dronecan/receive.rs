@@ -203,7 +203,7 @@ impl Receiver {
         } else if kind >= Kind::NODE_STATUS || source == 0 {
             return self.refuse(Refusal::Form);
         }
-        let Some(transfer) = self.lanes.get_mut(usize::from(lane)) else { return None };
+        let transfer = self.lanes.get_mut(usize::from(lane))?;
 
         let mut rest = payload;
         let mut is_broken = false;

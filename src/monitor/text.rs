@@ -3,7 +3,7 @@
 //! On the AVR a string literal is copied to RAM at start. So the texts are packed at compile time into a part of the
 //! [image](crate::progmem) that stays in flash. A `%` and a letter in them stand for a value; see [`Event`](super::Event).
 
-use crate::progmem::{Progmem, TEXTS};
+use crate::progmem::TEXTS;
 
 macro_rules! lines {
     ($($(#[doc = $doc:literal])* $name:ident = $text:expr,)*) => {
@@ -60,9 +60,9 @@ lines! {
     /// Received a NodeStatus.
     Status = "rx NodeStatus from %s tid %t: up %a s, %w, %v",
     /// Received a command that was followed.
-    CommandUnitless = "rx ArrayCommand from %s tid %t: id %c unitless %3, pulse %p us",
+    CommandUnitless = "rx ArrayCommand from %s tid %t: id %c unitless %+%3, pulse %p us",
     /// Received a command that was followed.
-    CommandPosition = "rx ArrayCommand from %s tid %t: id %c position %3 rad, pulse %p us",
+    CommandPosition = "rx ArrayCommand from %s tid %t: id %c position %+%3 rad, pulse %p us",
     /// Received a command that was followed.
     CommandPwm = "rx ArrayCommand from %s tid %t: id %c PWM %a us, pulse %p us",
     /// Received a command that was followed.
@@ -70,7 +70,7 @@ lines! {
     /// Received a command for others only.
     CommandElsewhere = "rx ArrayCommand from %s tid %t: not for actuator %c",
     /// Sent a temperature.
-    Temperature = "temperature %1 C",
+    Temperature = "temperature %+%1 C",
     /// A request.
     Request = "rx request %a from %s tid %t",
     /// A parameter was set.
@@ -198,6 +198,7 @@ const LAST_CHARACTER: u8 = b'z';
 const FIRST_FIELD: u8 = b'\r' + 1;
 const FIELDS: u8 = FIRST_CHARACTER - FIRST_FIELD;
 const FIRST_PAIR: u8 = LAST_CHARACTER + 1;
+const _: () = assert!(Field::LETTERS.len() <= FIELDS as usize);
 /// How many pairs there can be.
 const PAIRS: u8 = b'\n'.wrapping_sub(FIRST_PAIR);
 
@@ -216,31 +217,42 @@ impl From<u8> for Code {
 /// Ends a line: the pair of carriage return and line feed.
 pub const LINE_END: u8 = FIRST_PAIR;
 
-/// What [`Code::Field`] has.
+/// What [`Code::Field`] has, and the letter that stands for it in a text. See [`Event`](super::Event).
 pub struct Field;
 
-#[allow(missing_docs)]
 impl Field {
+    /// `s`. The first three are places in the bytes of an event.
     pub const SOURCE: u8 = 0;
+    /// `t`
     pub const TRANSFER: u8 = 1;
+    /// `c`
     pub const CODE: u8 = 2;
-    pub const B: u8 = 3;
-    pub const HALVES: u8 = 4;
-    pub const WORD: u8 = 5;
-    pub const OTHER_WORD: u8 = 6;
-    pub const HEX: u8 = 7;
-    pub const NAME: u8 = 8;
+    /// `x`
+    pub const HEX: u8 = 3;
+    /// `w`
+    pub const WORD: u8 = 4;
+    /// `v`
+    pub const OTHER_WORD: u8 = 5;
+    /// `n`
+    pub const NAME: u8 = 6;
+    /// `b`
+    pub const B: u8 = 7;
+    /// `p`
+    pub const HALVES: u8 = 8;
+    /// `a`
     pub const A: u8 = 9;
-    pub const TENTHS: u8 = 10;
-    pub const THOUSANDTHS: u8 = 11;
-}
+    /// `+`
+    pub const SIGN: u8 = 10;
+    /// `0`. Those that follow have one decimal place, two and three.
+    pub const NO_PLACES: u8 = 11;
 
-/// The letters of the fields in the order of their codes.
-const FIELD_LETTERS: &[u8] = b"stcbpwvxna13";
+    /// In the order of the numbers above.
+    const LETTERS: &[u8; 15] = b"stcxwvnbpa+0123";
+}
 
 const fn field(letter: u8) -> u16 {
     let mut n = 0;
-    while FIELD_LETTERS[n] != letter {
+    while Field::LETTERS[n] != letter {
         n += 1;
     }
     FIRST_FIELD as u16 + n as u16
@@ -366,17 +378,5 @@ pub const PACKED: [u8; LINES_AT + PACKING.len] = {
     packed
 };
 
-/// Where the text of a line is in the image; before it is its length.
-#[inline(never)]
-pub fn start(mut line: u8, flash: impl Progmem) -> u16 {
-    let mut at = TEXTS + LINES_AT as u16;
-    loop {
-        let len = flash.byte(at);
-        at = at.wrapping_add(1);
-        if line == 0 {
-            return at;
-        }
-        line = line.wrapping_sub(1);
-        at = at.wrapping_add(u16::from(len));
-    }
-}
+/// Where the text of the first line is, after its length.
+pub const FIRST_LINE: u16 = TEXTS + LINES_AT as u16 + 1;

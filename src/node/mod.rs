@@ -193,8 +193,8 @@ impl Node {
         self.travel.update(&self.parameters);
         self.id = self.parameters.get(Parameter::CanNode) as u8;
         let banner = monitor.tell(Line::Banner);
-        banner.source = self.id;
-        banner.code = Line::PowerOn.plus(cause.0).number();
+        banner.set_source(self.id);
+        banner.set_code(Line::PowerOn.plus(cause.0).number());
         // The first status need not wait.
         self.status_sent_ms = MIN_STATUS_PERIOD_MS.wrapping_neg();
         self.due.set(Due::NODE_STATUS);
@@ -371,7 +371,7 @@ impl Node {
         let event = monitor.tell(Line::RefusedKind.plus((refusal as u8).wrapping_sub(Refusal::Kind as u8)));
         let [_, high, low, source] = frame.id;
         event.a = u16::from_be_bytes([high, low]);
-        event.source = source & 0x7F;
+        event.set_source(source & 0x7F);
     }
 
     /// Acts on a transfer.
@@ -379,8 +379,8 @@ impl Node {
         count(&mut self.counts.received);
         // Every transfer gives one line.
         let event = monitor.tell(Line::RefusedLength);
-        event.source = transfer.source;
-        event.transfer = transfer.transfer_id();
+        event.set_source(transfer.source);
+        event.set_transfer(transfer.transfer_id());
         event.a = transfer.kind.id(flash);
         event.line = if transfer.kind.is_request() {
             self.serve(transfer, event, flash)
@@ -405,14 +405,14 @@ impl Node {
         match transfer.kind {
             Kind::NODE_STATUS if transfer.len == 7 => {
                 self.status_of(source, now_ms);
-                event.code = Line::Health.plus(b4 >> 6).number();
+                event.set_code(Line::Health.plus(b4 >> 6).number());
                 event.b = u16::from(Line::Mode.plus(b4 >> 3 & 7).number());
                 event.a = if transfer.word(2) == 0 { transfer.word(0) } else { u16::MAX };
                 Line::Status
             }
             // Whole entries only.
             Kind::ARRAY_COMMAND if transfer.len == 0 => {
-                event.code = self.parameters.get(Parameter::SrvId) as u8;
+                event.set_code(self.parameters.get(Parameter::SrvId) as u8);
                 if !transfer.has_entry {
                     return Line::CommandElsewhere;
                 }
@@ -440,7 +440,7 @@ impl Node {
             }
             Kind::SERVO_COMMAND if transfer.len == 1 => {
                 self.thesis = true;
-                event.code = b0;
+                event.set_code(b0);
                 let pulse = self.travel.pulse_of_byte(b0);
                 self.follow(pulse, Line::CommandThesis, event, source, now_ms)
             }
@@ -455,18 +455,18 @@ impl Node {
                     // All bits set where the five or six are.
                     self.light = brightest | brightest >> 5;
                 }
-                event.code = self.light;
+                event.set_code(self.light);
                 Line::Light
             }
             Kind::ARMING_STATUS if transfer.len == 1 => {
                 const FULLY_ARMED: u8 = 255;
                 self.armed_s = if b0 == FULLY_ARMED { ARMING_TIMEOUT_S } else { 0 };
-                event.code = b0;
+                event.set_code(b0);
                 Line::Arming
             }
             Kind::ALLOCATION => {
                 let line = self.hear_allocation(transfer, now_ms);
-                event.code = self.id;
+                event.set_code(self.id);
                 line
             }
             _ => Line::RefusedLength,
@@ -533,7 +533,7 @@ impl Node {
         // In the order of the events.
         let line = Line::Running.plus(notice.event as u8);
         let event = monitor.tell(line);
-        event.code = notice.value;
+        event.set_code(notice.value);
         event.a = self.counts.given_up;
     }
 
