@@ -104,7 +104,7 @@ fn every_length_from_none_to_fifteen_is_understood() {
 fn an_empty_command_is_harmless() {
     let mut rig = positioned();
     for n in 0..50u8 {
-        rig.send(ARRAY_COMMAND | 10, &[0xC0 | n % 32]);
+        rig.send(ARRAY_COMMAND | 10, &[0xC0 | (n % 32)]);
         rig.run_ms(20);
     }
     assert_unmoved_and_healthy_after(&mut rig);

@@ -46,7 +46,7 @@ const MARKED: [&str; 6] = ["SRV_ID", "SRV_TRIM", "SRV_FS_PWM", "TEMP_ID", "TEMP_
 
 fn mark(generation: i64) -> [i64; 6] {
     let g = generation % 200;
-    [g + 3, 1300 + g, 1700 + g, 0x5A00 ^ (g * 257 & 0xFFFF), 3 * g - 300, 250 - g]
+    [g + 3, 1300 + g, 1700 + g, 0x5A00 ^ ((g * 257) & 0xFFFF), 3 * g - 300, 250 - g]
 }
 
 fn set_marks(rig: &mut Rig, generation: i64) {

@@ -373,9 +373,9 @@ const fn cost(stranger: Stranger, data_bytes: usize, spi_bytes: usize, chip_sele
 }
 
 const COSTS: [Cost; 9] = [
-    cost(Stranger::Mcp2515, 0, 24, 8, 3585),
-    cost(Stranger::Mcp2515, 1, 25, 8, 3630),
-    cost(Stranger::Mcp2515, 8, 32, 8, 3945),
+    cost(Stranger::Mcp2515, 0, 24, 8, 3222),
+    cost(Stranger::Mcp2515, 1, 25, 8, 3263),
+    cost(Stranger::Mcp2515, 8, 32, 8, 3546),
     cost(Stranger::Mcp25xx, 0, 21, 3, 1593),
     cost(Stranger::Mcp25xx, 1, 21, 3, 1593),
     cost(Stranger::Mcp25xx, 8, 21, 3, 1593),
