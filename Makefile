@@ -9,10 +9,11 @@ AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-t
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim test firmware strangers flash size bench lint setup clean
+.PHONY: help sim test fuzz firmware strangers flash size bench lint setup clean
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
 	@echo "make test       every test; installs what is missing first"
+	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make firmware   build node.elf, and show how much of the chip it takes"
 	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip node.elf takes, function by function"
@@ -38,6 +39,9 @@ strangers:
 test: setup lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 	cargo test --workspace
 	$(VENV)/bin/python -m pytest -q tests/clients
+
+fuzz: firmware
+	FUZZ_FRAMES=1000000 cargo test --test fuzz -- --nocapture
 
 setup:
 	@scripts/setup test

@@ -161,13 +161,13 @@ class Client:
         assert self.execute(dronecan.uavcan.protocol.param.ExecuteOpcode.Request().OPCODE_SAVE, node)
 
     def restart(self, node=NODE):
-        """Restarts the node and waits until it is up again."""
+        """Restarts the node, and waits until it is up again: the first status of one that has its ID is of a node that starts."""
         request = dronecan.uavcan.protocol.RestartNode.Request()
         request.magic_number = request.MAGIC_NUMBER
         assert self.ask(request, node).ok
-        status = self.wait_for(dronecan.uavcan.protocol.NodeStatus, source=node)
-        while status.mode != status.MODE_INITIALIZATION:
-            status = self.wait_for(dronecan.uavcan.protocol.NodeStatus, source=node)
+        end = time.monotonic() + PATIENCE_S
+        while (status := self.wait_for(dronecan.uavcan.protocol.NodeStatus, source=node)).mode != status.MODE_INITIALIZATION:
+            assert time.monotonic() < end, f"node {node} has not started"
 
     def command(self, *commands):
         """Broadcasts an ArrayCommand of (actuator, type, value)."""

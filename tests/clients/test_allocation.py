@@ -76,9 +76,14 @@ def test_it_gets_the_same_id_after_a_restart(bench, nobodies):
     client = allocator.client
     entries = client.spin_until(allocator.allocated, "allocation")
     (node_id,) = entries.values()
-    client.restart(node=node_id)
-    client.spin(1)
+    client.spin_until(lambda: allocator.monitor.get(node_id).info, "information")
+    request = protocol.RestartNode.Request()
+    request.magic_number = request.MAGIC_NUMBER
+    assert client.ask(request, node_id).ok
+    client.spin(4)
+    assert len(re.findall(r" reset: ", used.text())) == 2
     assert allocator.allocated() == entries
+    assert client.get("CAN_NODE", node=node_id) == 0
 
 
 @pytest.mark.timeout(120)

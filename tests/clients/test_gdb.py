@@ -22,16 +22,16 @@ def test_a_breakpoint_in_the_node_and_on_it_goes(bench):
     text = debug(
         used,
         port,
-        "break node::monitor::Monitor::tell",
+        "break node::node::Node::tick<node::board::eeprom::Eeprom>",
         "continue",
         "backtrace 2",
-        "print line",
+        "print now_ms",
         "info registers pc",
         "stepi",
         "delete",
         "detach",
     )
-    assert "Breakpoint 1" in text and "Monitor::tell" in text and "#1" in text and "$1 = " in text, text
+    assert "Breakpoint 1" in text and "Node::tick" in text and "#1" in text and "$1 = " in text, text
     # The node goes on, and has not noticed anything.
     client = used.dronecan()
     uptimes = [status.uptime_sec for status in client.gather(uavcan.protocol.NodeStatus, 3)]
@@ -44,12 +44,12 @@ def test_a_byte_of_each_memory_is_set(bench):
     used = bench("--gdb", port, "--eeprom", "eeprom.bin")
     commands = []
     # Where neither program nor stack reach.
-    for address in (0x810000, 0x8003A0, 0x3F00):
+    for address in (0x810004, 0x8003A0, 0x3F00):
         commands += [f"with language c -- set {{char}}{address} = 5", f"x/xb {address}"]
     text = debug(used, port, *commands, "detach")
-    assert len(re.findall(r"^0x(?:810000|8003a0|3f00).*:\s0x05$", text, re.M)) == 3, text
+    assert len(re.findall(r"^0x(?:810004|8003a0|3f00).*:\s0x05$", text, re.M)) == 3, text
     used.end()
-    assert (used.directory / "eeprom.bin").read_bytes()[:2] == b"\x05\xff"
+    assert (used.directory / "eeprom.bin").read_bytes()[:6] == b"\xff\xff\xff\xff\x05\xff"
 
 
 def test_the_bus_waits_while_the_node_is_halted(bench):

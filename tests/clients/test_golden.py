@@ -2,6 +2,7 @@
 
 import re
 
+import dronecan
 import pytest
 from dronecan import thirdparty, uavcan
 from dronecan.transport import Transfer
@@ -27,6 +28,56 @@ def node_status():
     return message
 
 
+protocol = uavcan.protocol
+EMPTY = protocol.param.Empty()
+
+
+def get_set(name="", index=0, **value):
+    request = protocol.param.GetSet.Request(index=index, name=name)
+    request.value = protocol.param.Value(**(value or {"empty": EMPTY}))
+    return request
+
+
+def parameter(name="", *numbers):
+    """The response for a parameter: value, default, maximum, minimum."""
+    value, default, highest, lowest = [{"integer_value": number} for number in numbers] or [{"empty": EMPTY}] * 4
+    response = protocol.param.GetSet.Response(name=name)
+    response.value, response.default_value = protocol.param.Value(**value), protocol.param.Value(**default)
+    response.max_value = protocol.param.NumericValue(**highest)
+    response.min_value = protocol.param.NumericValue(**lowest)
+    return response
+
+
+def lights(*all_lights):
+    message = uavcan.equipment.indication.LightsCommand()
+    for light_id, red, green, blue in all_lights:
+        color = uavcan.equipment.indication.RGB565(red=red, green=green, blue=blue)
+        message.commands.append(uavcan.equipment.indication.SingleLightCommand(light_id=light_id, color=color))
+    return message
+
+
+def transport_stats():
+    stats = protocol.GetTransportStats.Response(transfers_tx=1, transfers_rx=0x123456789ABC, transfer_errors=3)
+    stats.can_iface_stats.append(protocol.CANIfaceStats(frames_tx=4, frames_rx=5, errors=6))
+    return stats
+
+
+def can_stats():
+    return dronecan.dronecan.protocol.CanStats(
+        interface=0,
+        tx_requests=0x01020304,
+        tx_rejected=1,
+        tx_overflow=2,
+        tx_success=3,
+        tx_timedout=4,
+        tx_abort=5,
+        rx_received=0x0A0B0C0D,
+        rx_overflow=6,
+        rx_errors=7,
+        busoff_errors=8,
+    )
+
+
 HALF = (1, 0, 0.5)
 CASES = {
     "NodeStatus": (node_status, 42, 24, 5, "1801552A 78 56 34 12 40 EF BE C5"),
@@ -45,9 +96,117 @@ CASES = {
         0,
         "18045678 01 00 A9 5C 00 C0",
     ),
+    "ArrayCommand of fifteen": (
+        lambda: commands(*[(n, 0, (n - 8) / 8) for n in range(1, 16)]),
+        10,
+        8,
+        0,
+        "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 20 | 04 00 00 B8 05 00 00 00 | "
+        "B6 06 00 00 B4 07 00 20 | 00 B0 08 00 00 00 09 00 | 00 00 30 0A 00 00 34 20 | "
+        "0B 00 00 36 0C 00 00 00 | 38 0D 00 00 39 0E 00 20 | 00 3A 0F 00 00 3B 40",
+    ),
+    "ArrayCommand of eight": (
+        lambda: commands(*[(n, 0, (n - 4) / 4) for n in range(8)]),
+        1,
+        6,
+        0,
+        "0603F201 0E 49 00 00 00 BC 01 80 | 00 00 BA 02 00 00 B8 20 | 03 00 00 B4 04 00 00 00 | "
+        "00 05 00 00 34 06 00 20 | 00 38 07 00 00 3A 40",
+    ),
+    "ArrayCommand with one ID twice": (
+        lambda: commands((1, 0, -1.0), (2, 0, 0.25), (1, 0, 0.5)),
+        10,
+        16,
+        4,
+        "1003F20A 08 1A 01 00 00 BC 02 84 | 00 00 34 01 00 00 38 64",
+    ),
+    "LightsCommand of three": (
+        lambda: lights((5, 31, 21, 9), (6, 1, 63, 30), (7, 1, 63, 30)),
+        10,
+        24,
+        1,
+        "1804390A BA 95 05 FA A9 06 0F 81 | FE 07 0F FE 61",
+    ),
+    "CanStats": (
+        can_stats,
+        120,
+        24,
+        3,
+        "18015778 63 D2 00 04 03 02 01 83 | 01 00 02 00 03 00 04 23 | 00 05 00 0D 0C 0B 0A 03 | 06 00 07 00 08 00 63",
+    ),
+    "KeyValue": (lambda: protocol.debug.KeyValue(value=3.0, key="btn"), 120, 24, 1, "183FF278 00 00 40 40 62 74 6E C1"),
+    "SafetyState": (lambda: dronecan.ardupilot.indication.SafetyState(status=255), 10, 24, 2, "184E200A FF C2"),
     "thesis.ServoCommand": (lambda: thirdparty.thesis.ServoCommand(position=90), 1, 16, 3, "10045701 5A C3"),
     "thesis.DegreesCelsius": (lambda: thirdparty.thesis.DegreesCelsius(degrees=25), 120, 24, 1, "18045878 19 C1"),
 }
+
+
+# Requests of node 127 to node 120 and its responses, as tests/services.rs and the simulator's decoder quote them.
+SERVICES = [
+    (protocol.GetNodeInfo.Request, True, 3, "1E01F8FF C3"),
+    (get_set, True, 0, "1E0BF8FF 00 00 C0"),
+    (lambda: get_set(index=300), True, 2, "1E0BF8FF 2C 08 C2"),
+    (lambda: get_set("CAN_NODE"), True, 2, "1E0BF8FF AC 76 00 00 43 41 4E 82 | 5F 4E 4F 44 45 62"),
+    (
+        lambda: get_set("SRV_MIN", integer_value=1100),
+        True,
+        4,
+        "1E0BF8FF 4D 0D 00 01 4C 04 00 84 | 00 00 00 00 00 53 52 24 | 56 5F 4D 49 4E 44",
+    ),
+    (lambda: get_set("SRV_MIN", real_value=1100.0), True, 5, "1E0BF8FF 0F B0 00 02 00 80 89 85 | 44 53 52 56 5F 4D 49 25 | 4E 45"),
+    (lambda: get_set("ARM_REQ", boolean_value=1), True, 6, "1E0BF8FF 85 7E 00 03 01 41 52 86 | 4D 5F 52 45 51 66"),
+    (lambda: get_set("SRV_MIN", string_value="abc"), True, 7, "1E0BF8FF F1 FC 00 04 03 61 62 87 | 63 53 52 56 5F 4D 49 27 | 4E 47"),
+    (
+        lambda: parameter("CAN_NODE", 120, 120, 125, 0),
+        False,
+        0,
+        "1E0B7FF8 CE 06 01 78 00 00 00 80 | 00 00 00 00 01 78 00 20 | 00 00 00 00 00 00 01 00 | "
+        "7D 00 00 00 00 00 00 20 | 00 01 00 00 00 00 00 00 | 00 00 00 43 41 4E 5F 20 | 4E 4F 44 45 40",
+    ),
+    (
+        lambda: parameter("SRV_MIN", 1100, 1000, 2500, 500),
+        False,
+        4,
+        "1E0B7FF8 48 CD 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 | "
+        "C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 53 52 56 5F 24 | 4D 49 4E 44",
+    ),
+    (
+        lambda: parameter("SRV_MIN", 1000, 1000, 2500, 500),
+        False,
+        5,
+        "1E0B7FF8 B8 80 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 | "
+        "C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 53 52 56 5F 25 | 4D 49 4E 45",
+    ),
+    (
+        lambda: parameter("TEMP_MIN", -40, -40, 150, -55),
+        False,
+        9,
+        "1E0B7FF8 7E 1C 01 D8 FF FF FF 89 | FF FF FF FF 01 D8 FF 29 | FF FF FF FF FF FF 01 09 | "
+        "96 00 00 00 00 00 00 29 | 00 01 C9 FF FF FF FF 09 | FF FF FF 54 45 4D 50 29 | 5F 4D 49 4E 49",
+    ),
+    (parameter, False, 2, "1E0B7FF8 00 00 00 00 C2"),
+    (lambda: protocol.param.ExecuteOpcode.Request(opcode=0), True, 4, "1E0AF8FF 00 00 00 00 00 00 00 C4"),
+    (lambda: protocol.param.ExecuteOpcode.Request(opcode=1), True, 5, "1E0AF8FF 01 00 00 00 00 00 00 C5"),
+    (lambda: protocol.param.ExecuteOpcode.Response(ok=True), False, 4, "1E0A7FF8 00 00 00 00 00 00 80 C4"),
+    (lambda: protocol.RestartNode.Request(magic_number=0xACCE551B1E), True, 6, "1E05F8FF 1E 1B 55 CE AC C6"),
+    (lambda: protocol.RestartNode.Response(ok=True), False, 6, "1E057FF8 80 C6"),
+    (lambda: protocol.RestartNode.Response(ok=False), False, 7, "1E057FF8 00 C7"),
+    (
+        lambda: protocol.file.BeginFirmwareUpdate.Request(
+            source_node_id=127, image_file_remote_path=protocol.file.Path(path="fw.bin")
+        ),
+        True,
+        9,
+        "1E28F8FF 7F 66 77 2E 62 69 6E C9",
+    ),
+    (
+        transport_stats,
+        False,
+        10,
+        "1E047FF8 F9 20 01 00 00 00 00 8A | 00 BC 9A 78 56 34 12 2A | 03 00 00 00 00 00 04 0A | "
+        "00 00 00 00 00 05 00 2A | 00 00 00 00 06 00 00 0A | 00 00 00 6A",
+    ),
+]
 
 
 def vector(message, source, priority, transfer_id):
@@ -57,6 +216,28 @@ def vector(message, source, priority, transfer_id):
     frames = transfer.to_frames()
     (identifier,) = {frame.message_id for frame in frames}
     return f"{identifier:08X} " + " | ".join(bytes(frame.bytes).hex(" ").upper() for frame in frames)
+
+
+def in_one_piece(path):
+    """The text of a Rust test, with strings that go on in the next line in one piece."""
+    return re.sub(r"\\\n\s*", "", (ROOT / path).read_text())
+
+
+@pytest.mark.parametrize("make, is_request, transfer_id, expected", SERVICES)
+def test_pydronecan_makes_the_requests_and_responses_that_are_quoted(make, is_request, transfer_id, expected):
+    transfer = Transfer(
+        payload=make(),
+        source_node_id=127 if is_request else 120,
+        dest_node_id=120 if is_request else 127,
+        transfer_id=transfer_id,
+        transfer_priority=30,
+        service_not_message=True,
+        request_not_response=is_request,
+    )
+    frames = transfer.to_frames()
+    assert f"{frames[0].message_id:08X} " + " | ".join(bytes(f.bytes).hex(" ").upper() for f in frames) == expected
+    data = expected.split(" ", 1)[1]
+    assert any(f" {data}" in in_one_piece(path) for path in ("tests/services.rs", "sim/src/dronecan/tests.rs"))
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -71,15 +252,20 @@ def test_pydronecan_makes_the_bytes_that_are_quoted(name):
         ("sim/src/dronecan/tests.rs", "NodeStatus", "whole"),
         ("sim/src/dronecan/tests.rs", "ArrayCommand of one", "whole"),
         ("sim/src/dronecan/tests.rs", "ArrayCommand of three", "whole"),
-        ("src/dronecan/node_status.rs", "NodeStatus", "payload"),
-        ("src/dronecan/temperature.rs", "Temperature", "payload"),
+        ("src/node/outgoing/tests.rs", "NodeStatus", "whole"),
         ("tests/servo.rs", "ArrayCommand of one", "data"),
-        ("tests/bad_input.rs", "ArrayCommand of three", "data"),
+        ("sim/src/dronecan/tests.rs", "LightsCommand of three", "whole"),
+        ("sim/src/dronecan/tests.rs", "CanStats", "whole"),
+        ("sim/src/dronecan/tests.rs", "KeyValue", "whole"),
+        ("sim/src/dronecan/tests.rs", "SafetyState", "whole"),
+        ("tests/long_commands.rs", "ArrayCommand of fifteen", "whole"),
+        ("tests/long_commands.rs", "ArrayCommand of eight", "whole"),
+        ("tests/long_commands.rs", "ArrayCommand with one ID twice", "whole"),
     ],
 )
 def test_the_rust_tests_quote_these_bytes(file, name, quoted):
     identifier, data = CASES[name][-1].split(" ", 1)
-    text = (ROOT / file).read_text()
+    text = in_one_piece(file)
     if quoted == "whole":
         assert f'"{identifier} {data}"' in text
         return
