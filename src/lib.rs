@@ -5,7 +5,7 @@
 //! * [`node`]: what the node does with commands, its servo, its temperature and its status.
 //! * [`progmem`]: constant data that stays in flash.
 //! * [`monitor`]: what it tells on the serial monitor.
-//! * [`dronecan`]: the wire format, one file for each message.
+//! * [`dronecan`]: the wire format.
 //! * [`can`]: frames, and the MCP2515 over any `embedded-hal` SPI.
 //!
 //! Time comes in as an argument and hardware as `embedded-hal` traits, so all of it is tested on the host. The

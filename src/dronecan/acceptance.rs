@@ -1,24 +1,14 @@
 //! Which identifiers the CAN controller lets through: just what the node uses.
 //!
-//! A message's type is in bits 23 to 8 and bit 7 tells messages from services (see the layout in `id.rs`). The priority and
+//! A message's type is in bits 23 to 8 and bit 7 tells messages from services (see the layout in `wire.rs`). The priority and
 //! the sender are open.
 
 use crate::can::mcp2515::{Acceptance, Pattern};
 use crate::progmem::{self, Progmem};
 
 use super::NodeId;
-
-const ARRAY_COMMAND: u16 = 1010;
-const NODE_STATUS: u16 = 341;
-const LIGHTS_COMMAND: u16 = 1081;
-const ARMING_STATUS: u16 = 1100;
-const SERVO_COMMAND: u16 = 1111;
-const ALLOCATION: u16 = 1;
-
-/// In the last byte of an identifier: a service.
-const SERVICE: u8 = 1 << 7;
-/// In the byte before: a request.
-const REQUEST: u8 = 1 << 7;
+use super::kind::Kind;
+use super::wire::{REQUEST_NOT_RESPONSE as REQUEST, SERVICE_NOT_MESSAGE as SERVICE};
 
 /// Where the masks begin in [`PACKED`].
 const MASKS: u8 = 4 * 6;
@@ -33,20 +23,20 @@ const DESTINATION: u8 = 4 + 2;
 pub const PACKED: [u8; FILTER_WITHOUT_ID as usize + 4] = {
     let patterns = [
         // RXF0 and RXF1.
-        Pattern::filter([0, 0, ARRAY_COMMAND as u8, 0]),
+        Pattern::filter([0, 0, Kind::ARRAY_COMMAND.data_type() as u8, 0]),
         Pattern::filter([0, 0, REQUEST, SERVICE]),
         // RXF2 to RXF5.
-        message(NODE_STATUS),
-        message(LIGHTS_COMMAND),
-        message(ARMING_STATUS),
-        message(SERVO_COMMAND),
+        message(Kind::NODE_STATUS),
+        message(Kind::LIGHTS_COMMAND),
+        message(Kind::ARMING_STATUS),
+        message(Kind::SERVO_COMMAND),
         // RXM0: of messages the low byte of the type only; of services the destination and whether it is a request.
         Pattern::mask([0x00, 0x00, 0xFF, SERVICE]),
         // RXM1, and RXM0 of a node without an ID: the type, and that it is a message.
         Pattern::mask([0x00, 0xFF, 0xFF, SERVICE]),
         // RXM1 of a node without an ID: what an anonymous message has of its type, and that it has no sender.
         Pattern::mask([0x00, 0x00, 0x03, 0xFF]),
-        message(ALLOCATION),
+        message(Kind::ALLOCATION),
     ];
     let mut packed = [0; FILTER_WITHOUT_ID as usize + 4];
     let mut n = 0;
@@ -57,8 +47,8 @@ pub const PACKED: [u8; FILTER_WITHOUT_ID as usize + 4] = {
     packed
 };
 
-const fn message(data_type: u16) -> Pattern {
-    let [high, low] = data_type.to_be_bytes();
+const fn message(kind: Kind) -> Pattern {
+    let [high, low] = kind.data_type().to_be_bytes();
     Pattern::filter([0, high, low, 0])
 }
 

@@ -68,6 +68,13 @@ mod table {
         KEY_VALUE = message 16370, 0;
     }
 
+    impl Kind {
+        /// The data type ID, where it is known at compile time.
+        pub const fn data_type(self) -> u16 {
+            TABLE[self.0 as usize].1
+        }
+    }
+
     /// Bytes of an entry.
     const ENTRY_LEN: usize = 4;
 

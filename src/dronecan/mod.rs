@@ -1,7 +1,7 @@
-//! The DroneCAN (UAVCAN v0) wire format: identifiers, transfers, and one file for each message that the node uses.
+//! The DroneCAN (UAVCAN v0) wire format: identifiers, data types, received transfers, their CRC, and float16.
 //!
-//! Source: DroneCAN specification, chapters 3 and 4, and the DSDL files named in each module. All messages here fit in one
-//! frame: up to seven bytes of payload and a tail byte.
+//! Source: DroneCAN specification, chapters 3 and 4, and the DSDL files named in each module. What the node sends is made in
+//! [`node::outgoing`](crate::node::outgoing).
 
 pub mod acceptance;
 pub mod crc;
@@ -9,5 +9,6 @@ pub mod float16;
 mod id;
 pub mod kind;
 pub mod receive;
+pub mod wire;
 
 pub use id::NodeId;

@@ -13,6 +13,7 @@
 
 use super::crc;
 use super::kind::Kind;
+use super::wire::{END_OF_TRANSFER, REQUEST_NOT_RESPONSE, SERVICE_NOT_MESSAGE, START_OF_TRANSFER, TOGGLE, TRANSFER_ID};
 use crate::can::Frame;
 use crate::progmem::Progmem;
 
@@ -21,19 +22,6 @@ pub const KEPT: usize = 26;
 
 /// No transfer takes longer (specification, chapter 4), in milliseconds.
 const TIMEOUT_MS: u16 = 2000;
-
-const START_OF_TRANSFER: u8 = 1 << 7;
-const END_OF_TRANSFER: u8 = 1 << 6;
-const TOGGLE: u8 = 1 << 5;
-const TRANSFER_ID: u8 = 31;
-
-/// In an identifier (specification, chapter 4): the type of message or service is in bits 23 to 8 or 23 to 16, and what it is
-/// in bit 7; of a service bit 15 tells requests from responses.
-const SERVICE_NOT_MESSAGE: u8 = 1 << 7;
-const REQUEST_NOT_RESPONSE: u8 = 1 << 7;
-
-/// Data type ID of Allocation.
-const ALLOCATION: u8 = 1;
 
 /// Why a frame goes no further.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -180,7 +168,7 @@ impl Receiver {
         let kind = if source == me {
             // Of messages from nobody, what another node without an ID asks an allocator: above the lowest two bits of the
             // type is the discriminator.
-            if last != 0 || low & 0b11 != ALLOCATION {
+            if last != 0 || low & 0b11 != Kind::ALLOCATION.data_type() as u8 {
                 return self.refuse(Refusal::Source);
             }
             Kind::ALLOCATION

@@ -7,6 +7,7 @@
 use super::{information, parameters};
 use crate::can::Frame;
 use crate::dronecan::crc;
+use crate::dronecan::wire::{END_OF_TRANSFER, START_OF_TRANSFER, TOGGLE};
 use crate::progmem::{INFORMATION, Progmem};
 
 /// How the bytes of a payload come about.
@@ -60,10 +61,6 @@ enum Stage {
     Ready,
 }
 
-const START_OF_TRANSFER: u8 = 1 << 7;
-const END_OF_TRANSFER: u8 = 1 << 6;
-const TOGGLE: u8 = 1 << 5;
-
 /// Payload bytes of a frame, beside the tail byte.
 const PER_FRAME: u8 = 7;
 
@@ -95,9 +92,9 @@ impl Outgoing {
         self.stage == Stage::Ready
     }
 
-    /// Forgets what was kept.
-    pub fn clear(&mut self, form: Form) {
-        self.form = form;
+    /// Forgets what was kept. Unless it is said otherwise, the payload is what is kept from here on.
+    pub fn clear(&mut self) {
+        self.form = Form::Kept;
         self.len = 0;
     }
 

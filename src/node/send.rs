@@ -1,11 +1,11 @@
 //! What the node sends, and when: its messages, and the replies to requests.
 
-use super::outgoing::Form;
 use super::parameters::Parameter;
 use super::{MIN_STATUS_PERIOD_MS, Node, RESTART_MS, allocation, count};
 use crate::can::mcp2515::Counters;
 use crate::dronecan::float16;
 use crate::dronecan::kind::Kind;
+use crate::dronecan::wire::TRANSFER_ID;
 use crate::monitor::Monitor;
 use crate::progmem::Progmem;
 
@@ -176,7 +176,7 @@ impl Node {
         self.due.clear(bit);
         self.sending = message;
 
-        self.outgoing.clear(Form::Kept);
+        self.outgoing.clear();
         let kind = Kind(Kind::OWN_STATUS.0.wrapping_add(message));
         let mut id = [PRIORITY_LOW, kind.id_high(flash), kind.id_low(flash), self.id];
         match bit {
@@ -235,7 +235,7 @@ impl Node {
         self.outgoing.frame.id = id;
         let Some(transfer_id) = self.transfer_ids.get_mut(usize::from(message)) else { return false };
         let current = *transfer_id;
-        *transfer_id = current.wrapping_add(1) & 31;
+        *transfer_id = current.wrapping_add(1) & TRANSFER_ID;
         self.outgoing.begin(current, kind.seed(flash));
         true
     }

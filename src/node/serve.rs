@@ -6,14 +6,12 @@ use super::{Node, condition::Conditions, information};
 use crate::can::mcp2515::Counters;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::Transfer;
+use crate::dronecan::wire::SERVICE_NOT_MESSAGE;
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
 
 /// Requests that can wait for their reply: GUI tools send five at once. A power of two.
 const WAITING: usize = 8;
-
-/// Bit 7 of an identifier (specification, chapter 4).
-const SERVICE_NOT_MESSAGE: u8 = 1 << 7;
 
 const OPCODE_SAVE: u8 = 0;
 const OPCODE_ERASE: u8 = 1;
@@ -160,7 +158,7 @@ impl Node {
             return false;
         }
         let reply = *self.replies.place(0);
-        self.outgoing.clear(Form::Kept);
+        self.outgoing.clear();
         match reply.kind {
             Kind::GET_NODE_INFO => {
                 self.put_status();

@@ -419,7 +419,7 @@ fn by_default_a_fault_is_a_warning_failsafe_an_error_and_lost_parameters_critica
     for (bit, health) in expected.into_iter().enumerate() {
         let mut rig = Rig::new();
         rig.run(2500);
-        rig.node.outgoing.clear(Form::Kept);
+        rig.node.outgoing.clear();
         for (other, condition) in CONDITIONS.into_iter().enumerate() {
             rig.node.conditions.set(condition, other == bit);
         }

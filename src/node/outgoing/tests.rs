@@ -30,7 +30,8 @@ fn sent(outgoing: &mut Outgoing) -> (Vec<Frame>, Vec<usize>) {
 
 fn begin(form: Form, id: u32) -> Outgoing {
     let mut outgoing = Outgoing::new();
-    outgoing.clear(form);
+    outgoing.clear();
+    outgoing.form = form;
     outgoing.frame.id = id.to_be_bytes();
     outgoing
 }
@@ -117,7 +118,7 @@ fn nothing_of_an_earlier_transfer_shows_in_a_later_one() {
     let mut outgoing = kept(0x1E0A_7FF8, &[0xFF; 25]);
     outgoing.begin(31, seed(golden::CAN_STATS));
     sent(&mut outgoing);
-    outgoing.clear(Form::Kept);
+    outgoing.clear();
     outgoing.put8(0x80);
     outgoing.begin(6, 0);
     assert_eq!(golden::text(&sent(&mut outgoing).0), "1E0A7FF8 80 C6");
