@@ -7,7 +7,7 @@
 use avr_device::atmega168::{PORTB, TC1};
 
 use super::CLOCK_HZ;
-use node::node::servo::Ticks;
+use node::node::servo::{Ticks, scaled};
 
 const PRESCALER: u32 = 8;
 
@@ -44,10 +44,8 @@ impl Servo {
 
     /// Pulses a second, 50 to 333. Before the first pulse: the timer must not be beyond its new end.
     pub fn set_rate(&mut self, rate_hz: u16) {
-        if let Some(period) = TICKS.checked_div(u32::from(rate_hz)) {
-            self.tc1.icr1().write(|w| w.set((period as u16).wrapping_sub(1)));
-            self.tc1.tcnt1().write(|w| w.set(0));
-        }
+        self.tc1.icr1().write(|w| w.set(scaled((TICKS / 64) as u16, 64, rate_hz).wrapping_sub(1)));
+        self.tc1.tcnt1().write(|w| w.set(0));
     }
 
     /// Not in a pulse.

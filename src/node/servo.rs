@@ -43,8 +43,8 @@ impl CommandType {
 const ONE: u16 = 1 << 14;
 
 /// From 4096ths of a radian to half the travel, with 14 binary places: times this, by 128, by the travel in degrees.
-/// 2^14 / 4096 x 2 x 180 / pi x 128.
-const POSITION_FACTOR: u16 = 58_671;
+/// 2^14 / 4096 x 2 x 180 / pi x 128, even for [`scaled`].
+const POSITION_FACTOR: u16 = 58_670;
 
 /// The travel, as the parameters have it now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,9 +105,7 @@ impl Travel {
         }
         is_low ^= self.is_reversed;
         let side = if is_low { self.trim.wrapping_sub(self.low) } else { self.high.wrapping_sub(self.trim) };
-        // By ONE, without a division: 15 + 13 bits, and two more so that the shift is by whole bytes.
-        let product = u32::from(magnitude).wrapping_mul(u32::from(side << 2)).wrapping_add(1 << 15);
-        let offset = (product >> 16) as u16;
+        let offset = of_one(magnitude, side);
         if is_low { self.trim.wrapping_sub(offset) } else { self.trim.wrapping_add(offset) }
     }
 
@@ -116,7 +114,10 @@ impl Travel {
         if self.is_reversed {
             position = !position;
         }
-        self.low.wrapping_add(scaled(u16::from(position), self.high.wrapping_sub(self.low), 255))
+        // By 255, to within a 16,384th: the bits repeat themselves, and 255 is to be ONE and not one less.
+        let position = u16::from(position);
+        let part = (position << 6 | position >> 2).wrapping_add(position >> 7);
+        self.low.wrapping_add(of_one(part, self.high.wrapping_sub(self.low)))
     }
 
     /// The position that a pulse asks for, as an equal command would have it: a float16 in radians.
@@ -133,15 +134,40 @@ impl Travel {
     }
 }
 
-/// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0.
+/// `part` x `whole` / [`ONE`], rounded, of a whole below 16,384.
 #[inline(never)]
-pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
+fn of_one(part: u16, whole: u16) -> u16 {
+    // Two bits more, so that the shift is by whole bytes.
+    let product = u32::from(part).wrapping_mul(u32::from(whole << 2)).wrapping_add(1 << 15);
+    (product >> 16) as u16
+}
+
+/// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0. A divisor above 32,767 must be even.
+///
+/// Divides bit by bit. As the divisor and the quotient have only 16 that takes half as long as a division of 32 bits.
+#[inline(never)]
+pub fn scaled(value: u16, factor: u16, mut divisor: u16) -> u16 {
     if divisor == 0 {
         return 0;
     }
-    let product = u32::from(value).wrapping_mul(u32::from(factor)).wrapping_add(u32::from(divisor >> 1));
-    let quotient = product / u32::from(divisor);
-    if quotient > u32::from(u16::MAX) { u16::MAX } else { quotient as u16 }
+    let mut rest = u32::from(value).wrapping_mul(u32::from(factor)).wrapping_add(u32::from(divisor >> 1));
+    if divisor >= 1 << 15 {
+        divisor >>= 1;
+        rest >>= 1;
+    }
+    if (rest >> 16) as u16 >= divisor {
+        return u16::MAX;
+    }
+    // The quotient comes in at the bottom as the rest goes out at the top.
+    let mut bits = 16u8;
+    while bits != 0 {
+        rest <<= 1;
+        if (rest >> 16) as u16 >= divisor {
+            rest = rest.wrapping_sub(u32::from(divisor) << 16).wrapping_add(1);
+        }
+        bits = bits.wrapping_sub(1);
+    }
+    rest as u16
 }
 
 #[cfg(test)]
