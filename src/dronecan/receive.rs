@@ -56,17 +56,14 @@ pub struct Transfer {
     tail: u8,
     /// Whether a list had an entry for this node.
     pub has_entry: bool,
-    /// That entry, without its ID: the type and value of a command, or the colour of a light. The last one if there are
-    /// several.
-    pub entry: u8,
-    /// See [`entry`](Self::entry).
-    pub entry_value: u16,
+    /// Of a list: the entry that is coming is for this node.
+    is_mine: bool,
     /// Payload bytes so far, or of a list those since its last entry; stays at 255.
     pub len: u8,
     started_ms: u16,
     sum: u16,
     crc: [u8; 2],
-    /// What was kept: of a list, its last entry.
+    /// What was kept: of a list, its last entry for this node.
     pub bytes: [u8; KEPT],
 }
 
@@ -78,8 +75,7 @@ impl Transfer {
         priority: 0,
         tail: 0,
         has_entry: false,
-        entry: 0,
-        entry_value: 0,
+        is_mine: false,
         len: 0,
         started_ms: 0,
         sum: 0,
@@ -102,30 +98,44 @@ impl Transfer {
     /// Takes payload bytes; the IDs are those of the entries to keep of the lists.
     #[inline(never)]
     fn take(&mut self, bytes: &[u8], actuator_id: u8, light_id: u8) {
+        // Only a transfer of several frames has a CRC.
+        if self.is_open {
+            let mut sum = self.sum;
+            for &byte in bytes {
+                sum = crc::step(sum, byte);
+            }
+            self.sum = sum;
+        }
+        let mut len = self.len;
         let (entry_len, id) = match self.kind {
             Kind::ARRAY_COMMAND => (4, actuator_id),
             Kind::LIGHTS_COMMAND => (3, light_id),
-            _ => (0, 0),
+            _ => {
+                if let Some(places) = self.bytes.get_mut(usize::from(len)..) {
+                    for (place, &byte) in places.iter_mut().zip(bytes) {
+                        *place = byte;
+                    }
+                }
+                self.len = len.saturating_add(bytes.len() as u8);
+                return;
+            }
         };
         for &byte in bytes {
-            // Only a transfer of several frames has a CRC.
-            if self.is_open {
-                self.sum = crc::add(self.sum, byte);
+            if len == 0 {
+                self.is_mine = byte == id;
             }
-            if let Some(place) = self.bytes.get_mut(usize::from(self.len)) {
-                *place = byte;
-            }
-            self.len = self.len.saturating_add(1);
-            if self.len == entry_len {
-                self.len = 0;
-                let [first, second, ..] = self.bytes;
-                if first == id {
-                    self.entry = second;
-                    self.entry_value = self.word(2);
-                    self.has_entry = true;
+            if self.is_mine {
+                self.has_entry = true;
+                if let Some(place) = self.bytes.get_mut(usize::from(len)) {
+                    *place = byte;
                 }
             }
+            len = len.wrapping_add(1);
+            if len == entry_len {
+                len = 0;
+            }
         }
+        self.len = len;
     }
 }
 

@@ -397,7 +397,7 @@ impl Node {
 
     /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
     fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16) -> Line {
-        let [b0, _, _, _, b4, ..] = transfer.bytes;
+        let [b0, b1, b2, _, b4, ..] = transfer.bytes;
         let Some(source) = NodeId::new(transfer.source) else {
             // Only Allocation comes from nobody.
             return self.hear_allocation(transfer, now_ms);
@@ -416,8 +416,8 @@ impl Node {
                 if !transfer.has_entry {
                     return Line::CommandElsewhere;
                 }
-                let value = transfer.entry_value;
-                let Some(command) = CommandType::new(transfer.entry) else { return Line::RefusedType };
+                let value = transfer.word(2);
+                let Some(command) = CommandType::new(b1) else { return Line::RefusedType };
                 if !float16::is_finite(value) {
                     return Line::RefusedValue;
                 }
@@ -447,7 +447,7 @@ impl Node {
             Kind::LIGHTS_COMMAND if transfer.len == 0 => {
                 if transfer.has_entry {
                     // Five bits of red, six of green, five of blue; the light has one colour, so the brightest counts.
-                    let (high, low) = (transfer.entry, transfer.entry_value as u8);
+                    let (high, low) = (b1, b2);
                     let red = high & 0xF8;
                     let green = high << 5 | (low & 0xE0) >> 3;
                     let blue = low << 3;
