@@ -55,16 +55,24 @@ fn main() -> ! {
         guard::check();
         let now_ms = board.clock.now_ms();
 
-        // Frames come before all else. Even of an endless flood of them only so many in a row: then the rest has a turn.
-        if frames_in_a_row < FRAMES_IN_A_ROW && can.calls() {
-            frames_in_a_row += 1;
-            if let Some(frame) = can.receive() {
-                NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
-                board.servo.set(NODE.pulse());
-                if NODE.take_new_id() {
-                    can.reconfigure(NODE.acceptance(Image), false);
-                }
+        // Frames come before all else: out of the controller, into their transfer, and what that asks for, each a turn of its
+        // own, so that the next frame need not wait for all of it.
+        if can.calls() {
+            can.receive();
+        }
+        if RECEIVER.has_transfer() {
+            NODE.act(RECEIVER, now_ms, Image, MONITOR);
+            board.servo.set(NODE.pulse());
+            if NODE.take_new_id() {
+                can.reconfigure(NODE.acceptance(Image), false);
             }
+            continue;
+        }
+        // Even of an endless flood only so many in a row: then the rest has a turn.
+        if frames_in_a_row < FRAMES_IN_A_ROW && let Some(frame) = can.frame() {
+            frames_in_a_row += 1;
+            NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
+            can.release();
             continue;
         }
         frames_in_a_row = 0;

@@ -111,19 +111,23 @@ impl Kind {
     }
 
     /// The received message with this data type ID.
-    pub fn of_message(id: [u8; 2], flash: impl Progmem) -> Self {
-        if id[0] == SERVICE { Self::UNKNOWN } else { Self::find(id, flash) }
+    #[inline(always)]
+    pub fn of_message([high, low]: [u8; 2], flash: impl Progmem) -> Self {
+        // The low bytes differ: quicker than to go through the table.
+        let mut kind = Self::SERVO_COMMAND;
+        kind = if low == Self::ARRAY_COMMAND.data_type() as u8 { Self::ARRAY_COMMAND } else { kind };
+        kind = if low == Self::NODE_STATUS.data_type() as u8 { Self::NODE_STATUS } else { kind };
+        kind = if low == Self::ARMING_STATUS.data_type() as u8 { Self::ARMING_STATUS } else { kind };
+        kind = if low == Self::LIGHTS_COMMAND.data_type() as u8 { Self::LIGHTS_COMMAND } else { kind };
+        kind = if low == Self::ALLOCATION.data_type() as u8 { Self::ALLOCATION } else { kind };
+        if flash.word(kind.at()) == u16::from_be_bytes([high, low]) { kind } else { Self::UNKNOWN }
     }
 
     /// The request with this data type ID.
-    pub fn of_service(data_type: u8, flash: impl Progmem) -> Self {
-        Self::find([SERVICE, data_type], flash)
-    }
-
     #[inline(never)]
-    fn find([high, low]: [u8; 2], flash: impl Progmem) -> Self {
-        let mut kind = Self::ARRAY_COMMAND;
-        while kind != Self::UNKNOWN && !(kind.id_low(flash) == low && kind.id_high(flash) == high) {
+    pub fn of_service(data_type: u8, flash: impl Progmem) -> Self {
+        let mut kind = Self::GET_SET;
+        while kind != Self::UNKNOWN && !(kind.id_low(flash) == data_type && kind.id_high(flash) == SERVICE) {
             kind.0 = kind.0.wrapping_add(1);
         }
         kind

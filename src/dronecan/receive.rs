@@ -142,21 +142,23 @@ impl Transfer {
 /// Puts transfers together.
 pub struct Receiver {
     lanes: [Transfer; 4],
+    /// One more than the lane whose transfer has come whole; 0 if none has.
+    whole: u8,
     /// Why the last frame went no further.
     pub refusal: Refusal,
 }
 
 /// The lane of transfers of one frame.
-const WHOLE: u8 = 3;
+const SINGLE: u8 = 3;
 
 impl Receiver {
     /// With nothing under way.
     pub const fn new() -> Self {
-        Self { lanes: [Transfer::NONE; 4], refusal: Refusal::None }
+        Self { lanes: [Transfer::NONE; 4], whole: 0, refusal: Refusal::None }
     }
 
-    /// Takes a frame. The transfer that it completes; `None` if there is more to come, if the frame came twice, or if it is of no
-    /// use: then [`refusal`](Self::refusal) says why.
+    /// Takes a frame. If it completes a transfer, that is to be acted on and cleared before the next frame. If it is of no use,
+    /// [`refusal`](Self::refusal) says why. Neither, if there is more to come or the frame came twice.
     ///
     /// `me` is this node's ID (0 if it has none), the other IDs are the entries to keep of the two lists.
     #[inline(never)]
@@ -168,22 +170,52 @@ impl Receiver {
         light_id: u8,
         now_ms: u16,
         flash: impl Progmem,
-    ) -> Option<&Transfer> {
-        self.refusal = Refusal::None;
+    ) {
+        self.refusal = self.sort(frame, me, actuator_id, light_id, now_ms, flash);
+    }
+
+    /// The transfer that the last frame completed.
+    pub fn transfer(&self) -> Option<&Transfer> {
+        self.lanes.get(usize::from(self.whole.wrapping_sub(1)))
+    }
+
+    /// Whether there is one, for the price of a byte.
+    #[inline(always)]
+    pub fn has_transfer(&self) -> bool {
+        self.whole != 0
+    }
+
+    /// It has been acted on.
+    #[inline(always)]
+    pub fn clear(&mut self) {
+        self.whole = 0;
+    }
+
+    /// Puts a frame to its transfer, or says why not.
+    #[inline(always)]
+    fn sort(
+        &mut self,
+        frame: &Frame,
+        me: u8,
+        actuator_id: u8,
+        light_id: u8,
+        now_ms: u16,
+        flash: impl Progmem,
+    ) -> Refusal {
         let [priority, high, low, last] = frame.id;
         if priority & Frame::FOREIGN != 0 {
-            return self.refuse(Refusal::Kind);
+            return Refusal::Kind;
         }
         let source = last & !SERVICE_NOT_MESSAGE;
         let kind = if source == me {
             // Of messages from nobody, what another node without an ID asks an allocator: above the lowest two bits of the
             // type is the discriminator.
             if last != 0 || low & 0b11 != Kind::ALLOCATION.data_type() as u8 {
-                return self.refuse(Refusal::Source);
+                return Refusal::Source;
             }
             Kind::ALLOCATION
         } else if source == 0 {
-            return self.refuse(Refusal::Source);
+            return Refusal::Source;
         } else if last == source {
             Kind::of_message([high, low], flash)
         } else if low == me | REQUEST_NOT_RESPONSE && me != 0 {
@@ -192,29 +224,27 @@ impl Receiver {
             Kind::UNKNOWN
         };
         if kind == Kind::UNKNOWN {
-            return self.refuse(Refusal::Kind);
+            return Refusal::Kind;
         }
-        let Some((&tail, payload)) = frame.data().split_last() else { return self.refuse(Refusal::Form) };
+        let Some((&tail, payload)) = frame.data().split_last() else { return Refusal::Form };
         let mut lane = kind.0.min(Kind::GET_SET.0);
         if tail >= START_OF_TRANSFER | END_OF_TRANSFER {
-            lane = WHOLE;
+            lane = SINGLE;
         } else if kind >= Kind::NODE_STATUS || source == 0 {
-            return self.refuse(Refusal::Form);
+            return Refusal::Form;
         }
-        let transfer = self.lanes.get_mut(usize::from(lane))?;
+        let Some(transfer) = self.lanes.get_mut(usize::from(lane)) else { return Refusal::None };
 
         let mut rest = payload;
         let mut is_broken = false;
         let is_old = now_ms.wrapping_sub(transfer.started_ms) > TIMEOUT_MS;
         if tail & START_OF_TRANSFER != 0 {
             if tail & TOGGLE != 0 {
-                self.refusal = Refusal::Form;
-                return None;
+                return Refusal::Form;
             }
             is_broken = transfer.is_open;
             if is_broken && !is_old && transfer.source != source {
-                self.refusal = Refusal::Interleaved;
-                return None;
+                return Refusal::Interleaved;
             }
             transfer.kind = kind;
             transfer.source = source;
@@ -222,15 +252,14 @@ impl Receiver {
             transfer.started_ms = now_ms;
             transfer.has_entry = false;
             transfer.len = 0;
-            transfer.sum = kind.seed(flash);
             transfer.tail = tail & TRANSFER_ID;
             transfer.is_open = false;
-            if lane != WHOLE {
+            if lane != SINGLE {
                 let [c0, c1, ref later @ ..] = *payload else {
-                    self.refusal = Refusal::Form;
-                    return None;
+                    return Refusal::Form;
                 };
                 transfer.is_open = true;
+                transfer.sum = kind.seed(flash);
                 transfer.crc = [c0, c1];
                 rest = later;
             }
@@ -240,7 +269,7 @@ impl Receiver {
             || transfer.kind != kind
             || (transfer.tail ^ tail) & (TOGGLE | TRANSFER_ID) != 0
         {
-            return None;
+            return Refusal::None;
         }
         transfer.tail ^= TOGGLE;
         transfer.take(rest, actuator_id, light_id);
@@ -248,18 +277,10 @@ impl Receiver {
             is_broken = transfer.is_open && transfer.sum.to_le_bytes() != transfer.crc;
             transfer.is_open = false;
             if !is_broken {
-                return Some(transfer);
+                self.whole = lane.wrapping_add(1);
             }
         }
-        if is_broken {
-            self.refusal = Refusal::Broken;
-        }
-        None
-    }
-
-    fn refuse(&mut self, refusal: Refusal) -> Option<&Transfer> {
-        self.refusal = refusal;
-        None
+        if is_broken { Refusal::Broken } else { Refusal::None }
     }
 }
 

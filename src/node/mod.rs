@@ -342,7 +342,7 @@ impl Node {
         self.condition(Conditions::SENSOR, is_faulty, [Line::SensorFault, Line::SensorFaultEnd], monitor);
     }
 
-    /// Takes a frame, and acts on the transfer that it completes.
+    /// Takes a frame into its transfer. If that is whole then, [`act`](Self::act) must come before the next frame.
     #[inline(never)]
     pub fn receive(
         &mut self,
@@ -354,9 +354,8 @@ impl Node {
     ) {
         let actuator_id = self.parameters.get(Parameter::SrvId) as u8;
         let light_id = self.parameters.get(Parameter::LightId) as u8;
-        if let Some(transfer) = receiver.accept(frame, self.id, actuator_id, light_id, now_ms, flash) {
-            self.act(transfer, now_ms, flash, monitor);
-        } else if receiver.refusal != Refusal::None {
+        receiver.accept(frame, self.id, actuator_id, light_id, now_ms, flash);
+        if receiver.refusal != Refusal::None {
             self.refuse(receiver.refusal, frame, monitor);
         }
     }
@@ -374,29 +373,31 @@ impl Node {
         event.set_source(source & 0x7F);
     }
 
-    /// Acts on a transfer.
-    fn act(&mut self, transfer: &Transfer, now_ms: u16, flash: impl Progmem, monitor: &mut Monitor) {
+    /// Acts on the transfer that has come whole.
+    #[inline(never)]
+    pub fn act(&mut self, receiver: &mut Receiver, now_ms: u16, flash: impl Progmem, monitor: &mut Monitor) {
+        let Some(transfer) = receiver.transfer() else { return };
         count(&mut self.counts.received);
         // Every transfer gives one line.
         let event = monitor.tell(Line::RefusedLength);
         event.set_source(transfer.source);
         event.set_transfer(transfer.transfer_id());
-        event.a = transfer.kind.id(flash);
         event.line = if transfer.kind.is_request() {
             self.serve(transfer, event, flash)
         } else {
-            self.heed(transfer, event, now_ms)
+            self.heed(transfer, event, now_ms, flash)
         };
         if event.line.is_refusal() {
             count(&mut self.counts.refused);
         }
+        receiver.clear();
         if self.is_following {
             self.condition(Conditions::FAILSAFE, false, [Line::Failsafe, Line::FailsafeEnd], monitor);
         }
     }
 
     /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
-    fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16) -> Line {
+    fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16, flash: impl Progmem) -> Line {
         let [b0, b1, b2, _, b4, ..] = transfer.bytes;
         let Some(source) = NodeId::new(transfer.source) else {
             // Only Allocation comes from nobody.
@@ -469,7 +470,10 @@ impl Node {
                 event.set_code(self.id);
                 line
             }
-            _ => Line::RefusedLength,
+            _ => {
+                event.a = transfer.kind.id(flash);
+                Line::RefusedLength
+            }
         }
     }
 

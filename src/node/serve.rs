@@ -73,6 +73,7 @@ impl Node {
     pub(super) fn serve(&mut self, transfer: &Transfer, event: &mut Event, flash: impl Progmem) -> Line {
         let mut line = Line::Request;
         let mut argument = 0;
+        event.a = transfer.kind.id(flash);
         if self.replies.count == WAITING as u8 {
             return Line::RefusedBusy;
         }

@@ -114,10 +114,9 @@ impl Travel {
         if self.is_reversed {
             position = !position;
         }
-        // By 255, to within a 16,384th: the bits repeat themselves, and 255 is to be ONE and not one less.
-        let position = u16::from(position);
-        let part = (position << 6 | position >> 2).wrapping_add(position >> 7);
-        self.low.wrapping_add(of_one(part, self.high.wrapping_sub(self.low)))
+        // By 255, which is 256 less a 256th: right to a sixteenth of a tick.
+        let product = u32::from(u16::from(position)).wrapping_mul(u32::from(self.high.wrapping_sub(self.low)));
+        self.low.wrapping_add((product.wrapping_add(product >> 8).wrapping_add(128) >> 8) as u16)
     }
 
     /// The position that a pulse asks for, as an equal command would have it: a float16 in radians.

@@ -223,8 +223,9 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     /// REC when last looked at.
     rec: u8,
     counters: Counters,
-    /// The frame received last.
+    /// The frame received last, and whether it waits to be taken.
     frame: Frame,
+    has_frame: bool,
 }
 
 impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
@@ -248,6 +249,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             rec: 0,
             counters: Counters([0; 12]),
             frame: Frame::EMPTY,
+            has_frame: false,
         }
     }
 
@@ -343,7 +345,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// Whether [`receive`](Self::receive) is worth calling. Costs a few cycles, where `receive` would cost 60 to say no.
     #[inline(always)]
     pub fn calls(&mut self) -> bool {
-        self.is_running() && (!self.rx.is_empty() || self.is_int_low())
+        !self.has_frame && self.is_running() && (!self.rx.is_empty() || self.is_int_low())
     }
 
     fn is_int_low(&mut self) -> bool {
@@ -351,22 +353,30 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.int.is_low().unwrap_or(true)
     }
 
-    /// The next frame, oldest first; `None` when there is none. A standard or remote frame is marked
-    /// [`Frame::FOREIGN`].
+    /// The frame that has come out of the chip and not been [`release`](Self::release)d yet, oldest first. A standard or remote
+    /// frame is marked [`Frame::FOREIGN`].
     #[inline(always)]
-    pub fn receive(&mut self) -> Option<&Frame> {
-        if self.fetch() { Some(&self.frame) } else { None }
+    pub fn frame(&self) -> Option<&Frame> {
+        if self.has_frame { Some(&self.frame) } else { None }
     }
 
+    /// Makes room for the next one.
+    #[inline(always)]
+    pub fn release(&mut self) {
+        self.has_frame = false;
+    }
+
+    /// Gets the next frame out of the chip, if there is one. Only when [`frame`](Self::frame) has none.
     #[inline(never)]
-    fn fetch(&mut self) -> bool {
+    pub fn receive(&mut self) {
         if self.rx.is_empty() {
             let status = self.status();
             self.rx.seen_late(status);
         }
         let Some(buffer) = self.rx.take() else {
-            return false;
+            return;
         };
+        self.has_frame = true;
         self.select();
         // RXB0 is read by 0x90, RXB1 by 0x94.
         self.exchange(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);
@@ -390,7 +400,6 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             let status = self.status();
             self.rx.seen_at_once(status);
         }
-        true
     }
 
     /// Hands a frame to the chip, to be sent after all that it has already; `false` if it has no room.
