@@ -69,7 +69,9 @@ fn main() -> ! {
             continue;
         }
         // Even of an endless flood only so many in a row: then the rest has a turn.
-        if frames_in_a_row < FRAMES_IN_A_ROW && let Some(frame) = can.frame() {
+        if frames_in_a_row < FRAMES_IN_A_ROW
+            && let Some(frame) = can.frame()
+        {
             frames_in_a_row += 1;
             NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
             can.release();

@@ -162,15 +162,7 @@ impl Receiver {
     ///
     /// `me` is this node's ID (0 if it has none), the other IDs are the entries to keep of the two lists.
     #[inline(never)]
-    pub fn accept(
-        &mut self,
-        frame: &Frame,
-        me: u8,
-        actuator_id: u8,
-        light_id: u8,
-        now_ms: u16,
-        flash: impl Progmem,
-    ) {
+    pub fn accept(&mut self, frame: &Frame, me: u8, actuator_id: u8, light_id: u8, now_ms: u16, flash: impl Progmem) {
         self.refusal = self.sort(frame, me, actuator_id, light_id, now_ms, flash);
     }
 

@@ -5,7 +5,7 @@
 //! events are dropped and counted, and the count is told.
 //!
 //! The text itself stays in flash, packed ([`text`]). It is unpacked on a stack: a code of the text is pushed there as the two
-//! codes that it stands for, and a field as the characters of its value, the last one first.
+//! codes that it stands for, and a number as its characters, the last one first.
 
 pub mod text;
 
@@ -19,8 +19,11 @@ use text::{Code, Field};
 /// Events that can wait. At 115200 baud a line takes about 5 ms, so this bridges 40 ms. A power of two.
 const QUEUE_LEN: usize = 8;
 
-/// The longest line, packed, and its end (there is a test).
-const STACK_LEN: usize = 32;
+/// As deep as unpacking goes (there is a test).
+const STACK_LEN: usize = 10;
+
+/// Texts to skip in a step, on the way to one of them.
+const SKIPPED_AT_ONCE: u8 = 16;
 
 /// A line of text to be, with the values for its fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,6 +82,15 @@ pub struct Monitor {
     lost: u8,
     /// Characters and other codes that come next, the last one first.
     stack: Vec<u8, STACK_LEN, u8>,
+    /// Then comes the rest of a text: where it is in flash, and how long. Before that it is to be found, as the one that is so
+    /// many (and one) after the one whose length is there.
+    text_at: u16,
+    text_left: u8,
+    text_skip: u8,
+    /// Then the rest of the line that it is inserted in, and the end of that line.
+    line_at: u16,
+    line_left: u8,
+    has_end: bool,
 }
 
 impl Monitor {
@@ -91,6 +103,12 @@ impl Monitor {
             waiting: 0,
             lost: 0,
             stack: Vec::new(),
+            text_at: 0,
+            text_left: 0,
+            text_skip: 0,
+            line_at: 0,
+            line_left: 0,
+            has_end: false,
         }
     }
 
@@ -125,9 +143,12 @@ impl Monitor {
     /// The next character for the UART; 0 when this step did not get as far as that.
     #[inline(never)]
     pub fn next_byte(&mut self, flash: impl Progmem) -> u8 {
-        let Some(mut code) = self.stack.pop() else {
-            self.begin_line(flash);
-            return 0;
+        let mut code = match self.stack.pop() {
+            Some(code) => code,
+            None => match self.next_code(flash) {
+                Some(code) => code,
+                None => return 0,
+            },
         };
         loop {
             match Code::from(code) {
@@ -137,14 +158,66 @@ impl Monitor {
                     code = flash.byte(at);
                 }
                 Code::Field(field) => {
-                    self.push_field(field, flash);
+                    self.push_field(field);
                     return 0;
                 }
             }
         }
     }
 
-    fn begin_line(&mut self, flash: impl Progmem) {
+    /// The next code of a text, if this step gets as far as that and there is one.
+    #[inline(always)]
+    fn next_code(&mut self, flash: impl Progmem) -> Option<u8> {
+        if self.text_skip != 0 {
+            self.find_text(flash);
+            return None;
+        }
+        if self.text_left == 0 {
+            self.text_at = self.line_at;
+            self.text_left = core::mem::take(&mut self.line_left);
+            if self.text_left == 0 {
+                if core::mem::take(&mut self.has_end) {
+                    return Some(text::LINE_END);
+                }
+                self.begin_line();
+                return None;
+            }
+        }
+        self.text_left = self.text_left.wrapping_sub(1);
+        let at = self.text_at;
+        self.text_at = at.wrapping_add(1);
+        Some(flash.byte(at))
+    }
+
+    /// Gets nearer to the text.
+    #[inline(never)]
+    fn find_text(&mut self, flash: impl Progmem) {
+        let mut texts = SKIPPED_AT_ONCE;
+        while texts != 0 {
+            let len = flash.byte(self.text_at);
+            self.text_at = self.text_at.wrapping_add(1);
+            self.text_skip = self.text_skip.wrapping_sub(1);
+            if self.text_skip == 0 {
+                self.text_left = len;
+                return;
+            }
+            self.text_at = self.text_at.wrapping_add(u16::from(len));
+            texts = texts.wrapping_sub(1);
+        }
+    }
+
+    /// Inserts a text: the one that is so many after the one whose length is there.
+    #[inline(never)]
+    fn insert(&mut self, at: u16, skip: u8) {
+        self.line_at = self.text_at;
+        self.line_left = self.text_left;
+        self.text_at = at;
+        self.text_left = 0;
+        self.text_skip = skip.wrapping_add(1);
+    }
+
+    #[inline(always)]
+    fn begin_line(&mut self) {
         if self.lost != 0 {
             let lost = core::mem::take(&mut self.lost);
             let event = self.event(0);
@@ -156,14 +229,14 @@ impl Monitor {
         } else {
             return;
         }
-        self.push(text::LINE_END);
         let line = self.event(0).line.number();
-        self.push_word(line, flash);
+        self.insert(text::FIRST_LINE, line);
+        self.has_end = true;
     }
 
     /// Pushes the value of a field.
     #[inline(never)]
-    fn push_field(&mut self, field: u8, flash: impl Progmem) {
+    fn push_field(&mut self, field: u8) {
         let event = self.event(0);
         if let Some(&byte) = event.bytes.get(usize::from(field)) {
             return self.push_number(u16::from(byte), 0);
@@ -174,9 +247,9 @@ impl Monitor {
                 self.push_nibble(code);
                 self.push_nibble(code.rotate_left(4));
             }
-            Field::WORD => self.push_word(code, flash),
-            Field::OTHER_WORD => self.push_word(b as u8, flash),
-            Field::NAME => self.push_text(b, flash),
+            Field::WORD => self.insert(text::FIRST_LINE, code),
+            Field::OTHER_WORD => self.insert(text::FIRST_LINE, b as u8),
+            Field::NAME => self.insert(b.wrapping_sub(1), 0),
             Field::HALVES => {
                 self.push(b'0' | (b as u8 & 1).wrapping_neg() & 5);
                 self.push(b'.');
@@ -215,28 +288,6 @@ impl Monitor {
         let digit = if nibble < 10 { b'0' } else { b'A' - 10 };
         self.push(digit.wrapping_add(nibble));
     }
-
-    /// Pushes the text of a line.
-    #[inline(never)]
-    fn push_word(&mut self, mut line: u8, flash: impl Progmem) {
-        let mut at = text::FIRST_LINE;
-        while line > 0 {
-            at = at.wrapping_add(u16::from(flash.byte(at.wrapping_sub(1)))).wrapping_add(1);
-            line = line.wrapping_sub(1);
-        }
-        self.push_text(at, flash);
-    }
-
-    /// Pushes a text from the flash, which is there after its length.
-    #[inline(never)]
-    fn push_text(&mut self, at: u16, flash: impl Progmem) {
-        let len = flash.byte(at.wrapping_sub(1));
-        let mut at = at.wrapping_add(u16::from(len));
-        for _ in 0..len {
-            at = at.wrapping_sub(1);
-            self.push(flash.byte(at));
-        }
-    }
 }
 
 /// A character that `ufmt` writes.
@@ -269,7 +320,7 @@ mod tests {
 
     /// The next character, after some steps that give none; 0 if none comes.
     fn next(monitor: &mut Monitor) -> u8 {
-        (0..4).map(|_| monitor.next_byte(InMemory)).find(|&byte| byte != 0).unwrap_or(0)
+        (0..12).map(|_| monitor.next_byte(InMemory)).find(|&byte| byte != 0).unwrap_or(0)
     }
 
     fn told(monitor: &mut Monitor) -> String {
@@ -386,7 +437,7 @@ mod tests {
             let mut monitor = Monitor::new();
             *monitor.tell(line) = event;
             let mut told = String::new();
-            for _ in 0..200 {
+            for _ in 0..400 {
                 let byte = monitor.next_byte(InMemory);
                 depth = depth.max(monitor.stack.len());
                 if byte != 0 {

@@ -378,5 +378,5 @@ pub const PACKED: [u8; LINES_AT + PACKING.len] = {
     packed
 };
 
-/// Where the text of the first line is, after its length.
-pub const FIRST_LINE: u16 = TEXTS + LINES_AT as u16 + 1;
+/// Where the length of the first line is, before its text.
+pub const FIRST_LINE: u16 = TEXTS + LINES_AT as u16;

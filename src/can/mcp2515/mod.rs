@@ -223,9 +223,10 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     /// REC when last looked at.
     rec: u8,
     counters: Counters,
-    /// The frame received last, and whether it waits to be taken.
+    /// The frame received last, and how many wait to be taken: none or one. Not a `bool`, or the compiler would use its other
+    /// values for a driver that is none, and have to initialise it all with a copy from flash.
     frame: Frame,
-    has_frame: bool,
+    waiting: u8,
 }
 
 impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
@@ -249,7 +250,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             rec: 0,
             counters: Counters([0; 12]),
             frame: Frame::EMPTY,
-            has_frame: false,
+            waiting: 0,
         }
     }
 
@@ -345,7 +346,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// Whether [`receive`](Self::receive) is worth calling. Costs a few cycles, where `receive` would cost 60 to say no.
     #[inline(always)]
     pub fn calls(&mut self) -> bool {
-        !self.has_frame && self.is_running() && (!self.rx.is_empty() || self.is_int_low())
+        self.waiting == 0 && self.is_running() && (!self.rx.is_empty() || self.is_int_low())
     }
 
     fn is_int_low(&mut self) -> bool {
@@ -357,13 +358,13 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// frame is marked [`Frame::FOREIGN`].
     #[inline(always)]
     pub fn frame(&self) -> Option<&Frame> {
-        if self.has_frame { Some(&self.frame) } else { None }
+        if self.waiting != 0 { Some(&self.frame) } else { None }
     }
 
     /// Makes room for the next one.
     #[inline(always)]
     pub fn release(&mut self) {
-        self.has_frame = false;
+        self.waiting = 0;
     }
 
     /// Gets the next frame out of the chip, if there is one. Only when [`frame`](Self::frame) has none.
@@ -376,7 +377,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         let Some(buffer) = self.rx.take() else {
             return;
         };
-        self.has_frame = true;
+        self.waiting = 1;
         self.select();
         // RXB0 is read by 0x90, RXB1 by 0x94.
         self.exchange(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);

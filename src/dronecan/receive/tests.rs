@@ -13,6 +13,22 @@ const THREE: &str = "1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68"
 const SET: &str = "1E0BF8FF C5 16 00 01 2A 00 00 81 | 00 00 00 00 00 43 41 21 | 4E 5F 4E 4F 44 45 41";
 
 /// A receiver, and what became of the last frame.
+/// Takes a frame. The transfer that it completes.
+fn accept(
+    receiver: &mut Receiver,
+    frame: &Frame,
+    me: u8,
+    actuator_id: u8,
+    light_id: u8,
+    now_ms: u16,
+) -> Option<Transfer> {
+    receiver.accept(frame, me, actuator_id, light_id, now_ms, InMemory);
+    assert_eq!(receiver.has_transfer(), receiver.transfer().is_some());
+    let transfer = receiver.transfer().copied();
+    receiver.clear();
+    transfer
+}
+
 struct Rig {
     receiver: Receiver,
     now_ms: u16,
@@ -26,7 +42,7 @@ impl Rig {
     }
 
     fn frame(&mut self, frame: &Frame) -> Option<Transfer> {
-        let transfer = self.receiver.accept(frame, self.me, ACTUATOR, LIGHT, self.now_ms, InMemory).copied();
+        let transfer = accept(&mut self.receiver, frame, self.me, ACTUATOR, LIGHT, self.now_ms);
         self.refusal = self.receiver.refusal;
         transfer
     }
@@ -47,7 +63,7 @@ impl Rig {
 
 /// Type and value of the command or light in it.
 fn entry(transfer: Option<Transfer>) -> Option<(u8, u16)> {
-    transfer.filter(|transfer| transfer.has_entry).map(|transfer| (transfer.entry, transfer.entry_value))
+    transfer.filter(|transfer| transfer.has_entry).map(|transfer| (transfer.bytes[1], transfer.word(2)))
 }
 
 fn command(source: u32, transfer_id: u8, entries: &[(u8, u8, u16)]) -> Vec<Frame> {
@@ -70,8 +86,8 @@ fn a_command_in_several_frames_gives_the_entry_for_this_actuator_wherever_it_is(
     for (actuator, expected) in [(1, Some((0, 0x3800))), (2, Some((0, 0xBC00))), (3, Some((4, 0x65DC))), (4, None)] {
         let mut receiver = Receiver::new();
         let [first, second] = frames[..] else { panic!() };
-        assert!(receiver.accept(&first, ME, actuator, LIGHT, 0, InMemory).is_none());
-        let transfer = receiver.accept(&second, ME, actuator, LIGHT, 0, InMemory).copied().unwrap();
+        assert!(accept(&mut receiver, &first, ME, actuator, LIGHT, 0).is_none());
+        let transfer = accept(&mut receiver, &second, ME, actuator, LIGHT, 0).unwrap();
         assert_eq!(entry(Some(transfer)), expected, "actuator {actuator}");
         assert_eq!((transfer.transfer_id(), transfer.len), (8, 0));
     }
@@ -91,7 +107,7 @@ fn the_longest_command_of_nine_frames_is_heard_for_each_of_its_fifteen_actuators
         let mut done = None;
         for frame in &frames {
             assert_eq!(done, None);
-            done = receiver.accept(frame, ME, actuator, LIGHT, 0, InMemory).copied();
+            done = accept(&mut receiver, frame, ME, actuator, LIGHT, 0);
         }
         let width = half::f16::from_f64(1000.0 + 100.0 * f64::from(actuator));
         assert_eq!(entry(done), Some((4, width.to_bits())));
@@ -131,8 +147,8 @@ fn a_light_is_found_among_others() {
     let lights = frames("1804390A 68 6B 07 00 1F 00 05 82 | 40 08 FF FF 62");
     for (light, expected) in [(7, Some((0x00, 0x1F))), (0, Some((0x05, 0x40))), (8, Some((0xFF, 0xFF))), (5, None)] {
         let mut receiver = Receiver::new();
-        assert!(receiver.accept(&lights[0], ME, ACTUATOR, light, 0, InMemory).is_none());
-        let transfer = receiver.accept(&lights[1], ME, ACTUATOR, light, 0, InMemory).copied();
+        assert!(accept(&mut receiver, &lights[0], ME, ACTUATOR, light, 0).is_none());
+        let transfer = accept(&mut receiver, &lights[1], ME, ACTUATOR, light, 0);
         assert_eq!(entry(transfer).map(|(high, low)| (high, low as u8)), expected, "light {light}");
     }
 }
