@@ -5,6 +5,7 @@ use std::string::String;
 use std::vec::Vec;
 
 use crate::can::Frame;
+use crate::node::condition::Conditions;
 use crate::node::parameters::{Parameter, Parameters};
 use crate::progmem::InMemory;
 
@@ -110,6 +111,26 @@ pub const CAN_STATS: u64 = 0xCE08_0CAE_3CA3_3C75;
 pub const ARRAY_COMMAND: u64 = 0xD8A7_4862_38EC_3AF3;
 pub const ACTUATOR_STATUS: u64 = 0x5E9B_BA44_FAF1_EA04;
 pub const LIGHTS_COMMAND: u64 = 0x2031_D93C_8BDD_1EC4;
+
+/// Every condition, in the order of the bits.
+pub const CONDITIONS: [Conditions; 16] = [
+    Conditions::RESET_WATCHDOG,
+    Conditions::RESET_BROWN_OUT,
+    Conditions::RESET_PANIC,
+    Conditions::RESET_STRAY_INTERRUPT,
+    Conditions::RESET_STACK_COLLISION,
+    Conditions::FRAMES_LOST,
+    Conditions::ERROR_PASSIVE,
+    Conditions::BUS_OFF,
+    Conditions::GAVE_UP_SENDING,
+    Conditions::CONTROLLER_LOST,
+    Conditions::FAILSAFE,
+    Conditions::TEMPERATURE,
+    Conditions::SENSOR,
+    Conditions::PARAMETERS_LOST,
+    Conditions::DISARMED,
+    Conditions::TRANSFER_ERRORS,
+];
 
 #[test]
 fn the_plain_way_gives_what_pydronecan_gives() {

@@ -23,7 +23,7 @@ impl ResetCause {
     pub const STACK_COLLISION: Self = Self(7);
 }
 
-/// Bits of the vendor-specific status code (docs/status.md). Any of them makes the health WARNING.
+/// Bits of the vendor-specific status code (docs/status.md). WARN_MASK, ERROR_MASK and CRIT_MASK say how bad each is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Conditions(u16);
 

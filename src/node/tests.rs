@@ -376,26 +376,6 @@ fn transfer_ids_count_for_each_type_by_itself() {
 
 // Health
 
-/// By their bits.
-const CONDITIONS: [Conditions; 16] = [
-    Conditions::RESET_WATCHDOG,
-    Conditions::RESET_BROWN_OUT,
-    Conditions::RESET_PANIC,
-    Conditions::RESET_STRAY_INTERRUPT,
-    Conditions::RESET_STACK_COLLISION,
-    Conditions::FRAMES_LOST,
-    Conditions::ERROR_PASSIVE,
-    Conditions::BUS_OFF,
-    Conditions::GAVE_UP_SENDING,
-    Conditions::CONTROLLER_LOST,
-    Conditions::FAILSAFE,
-    Conditions::TEMPERATURE,
-    Conditions::SENSOR,
-    Conditions::PARAMETERS_LOST,
-    Conditions::DISARMED,
-    Conditions::TRANSFER_ERRORS,
-];
-
 #[test]
 fn health_is_that_of_the_worst_mask_that_a_condition_is_in() {
     const WARN: i32 = 1 << 6;
@@ -423,7 +403,7 @@ fn by_default_a_fault_is_a_warning_failsafe_an_error_and_lost_parameters_critica
         let mut rig = Rig::new();
         rig.run(2500);
         rig.node.outgoing.clear();
-        for (other, condition) in CONDITIONS.into_iter().enumerate() {
+        for (other, condition) in golden::CONDITIONS.into_iter().enumerate() {
             rig.node.conditions.set(condition, other == bit);
         }
         rig.node.put_status();

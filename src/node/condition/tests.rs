@@ -1,4 +1,5 @@
 use super::*;
+use crate::golden::CONDITIONS;
 
 const FAULTS: [ResetCause; 5] = [
     ResetCause::WATCHDOG,
@@ -25,27 +26,7 @@ fn each_fault_that_resets_has_its_bit() {
 #[test]
 fn every_condition_has_a_bit_of_its_own_and_all_bits_are_used() {
     let mut conditions = Conditions::NONE;
-    for (bit, condition) in [
-        Conditions::RESET_WATCHDOG,
-        Conditions::RESET_BROWN_OUT,
-        Conditions::RESET_PANIC,
-        Conditions::RESET_STRAY_INTERRUPT,
-        Conditions::RESET_STACK_COLLISION,
-        Conditions::FRAMES_LOST,
-        Conditions::ERROR_PASSIVE,
-        Conditions::BUS_OFF,
-        Conditions::GAVE_UP_SENDING,
-        Conditions::CONTROLLER_LOST,
-        Conditions::FAILSAFE,
-        Conditions::TEMPERATURE,
-        Conditions::SENSOR,
-        Conditions::PARAMETERS_LOST,
-        Conditions::DISARMED,
-        Conditions::TRANSFER_ERRORS,
-    ]
-    .into_iter()
-    .enumerate()
-    {
+    for (bit, condition) in CONDITIONS.into_iter().enumerate() {
         assert_eq!(condition.code(), 1 << bit);
         assert!(!conditions.has(condition));
         conditions.set(condition, true);
