@@ -128,6 +128,16 @@ class Client:
             self.node.spin(0.05)
         return result
 
+    def assert_in_the_node_monitor(self):
+        """The node appears in pydronecan's node monitor as a healthy one, and stays there."""
+        monitor = dronecan.app.node_monitor.NodeMonitor(self.node)
+        self.spin_until(lambda: monitor.exists(NODE), "node 120 in the monitor")
+        status = monitor.get(NODE).status
+        assert (status.health, status.mode) == (status.HEALTH_OK, status.MODE_OPERATIONAL)
+        # Three seconds of silence would take it out.
+        self.spin(4)
+        assert monitor.exists(NODE)
+
     def ask(self, request, node=NODE, timeout=PATIENCE_S):
         """The response to a request; `None` if there is none in pydronecan's time of a second."""
         events = []

@@ -4,9 +4,6 @@ import re
 
 import pytest
 from dronecan import uavcan
-from dronecan.app.node_monitor import NodeMonitor
-
-from conftest import NODE
 
 BUS = 7
 
@@ -25,13 +22,7 @@ def joined(bench):
 
 def test_the_node_appears_in_the_node_monitor(joined):
     _, client = joined()
-    monitor = NodeMonitor(client.node)
-    client.spin_until(lambda: monitor.exists(NODE), "node 120 in the monitor")
-    status = monitor.get(NODE).status
-    assert (status.health, status.mode) == (status.HEALTH_OK, status.MODE_OPERATIONAL)
-    # It stays: three seconds of silence would take it out.
-    client.spin(4)
-    assert monitor.exists(NODE)
+    client.assert_in_the_node_monitor()
 
 
 def test_an_array_command_moves_the_servo_and_the_temperature_comes_back(joined):

@@ -2,7 +2,6 @@
 
 import pytest
 from dronecan import thirdparty, uavcan
-from dronecan.app.node_monitor import NodeMonitor
 
 from conftest import NODE
 
@@ -10,14 +9,7 @@ UNITLESS, POSITION, PWM = 0, 1, 4
 
 
 def test_the_node_appears_in_the_node_monitor(bench):
-    client = bench().dronecan()
-    monitor = NodeMonitor(client.node)
-    client.spin_until(lambda: monitor.exists(NODE), "node 120 in the monitor")
-    status = monitor.get(NODE).status
-    assert (status.health, status.mode) == (status.HEALTH_OK, status.MODE_OPERATIONAL)
-    # It stays: three seconds of silence would take it out.
-    client.spin(4)
-    assert monitor.exists(NODE)
+    bench().dronecan().assert_in_the_node_monitor()
 
 
 def test_node_status_is_the_standard_type_and_counts_the_uptime(bench):
