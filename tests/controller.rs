@@ -2,12 +2,11 @@
 
 mod rig;
 
+use rig::status::{CONTROLLER_LOST, FRAMES_LOST, WARNING};
 use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, status_fields};
 use sim::board::WireEvent;
 use sim::can::Fault;
 use sim::mcp2515::Mode;
-
-const CONTROLLER_LOST: u16 = 1 << 9;
 
 /// Addresses of DS20001801J table 11-1.
 const CNF1: u8 = 0x2A;
@@ -195,7 +194,7 @@ fn a_burst_of_frames_that_cannot_be_followed_is_counted_and_shown_in_the_status(
     let lost = rig.board().chip().borrow().rx_overflows();
     assert!(lost > 5, "only {lost} frames lost: the test asks too little");
     let (_, health, _, vendor_code) = status_fields(&rig.statuses().last().unwrap().1);
-    assert_eq!((health, vendor_code), (1, 1 << 5));
+    assert_eq!((health, vendor_code), (WARNING, FRAMES_LOST));
     rig.board().avr_mut().serial_send(b"?");
     rig.wait_for_line("receive overruns", 300);
     assert!(!rig.serial.contains("receive overruns 0"), "{}", rig.serial);

@@ -4,15 +4,9 @@
 mod rig;
 
 use rig::manage::ms_between;
+use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
 use rig::{ARRAY_COMMAND, MS, Rig};
 use sim::dronecan::{Message, ParameterRequest};
-
-/// Bits of the vendor-specific status code.
-const FAILSAFE: u16 = 1 << 10;
-const DISARMED: u16 = 1 << 14;
-
-const OK: u8 = 0;
-const ERROR: u8 = 2;
 
 const HOLD: i64 = 0;
 const TRIM: i64 = 1;

@@ -2,20 +2,9 @@
 
 mod rig;
 
+use rig::status::{CRITICAL, DISARMED, ERROR, FAILSAFE, OK, SENSOR, TEMPERATURE, TRANSFER_ERRORS, WARNING};
 use rig::{ARRAY_COMMAND, MS, Rig};
 use sim::dronecan::Message;
-
-/// Bits of the vendor-specific status code.
-const FAILSAFE: u16 = 1 << 10;
-const TEMPERATURE: u16 = 1 << 11;
-const SENSOR: u16 = 1 << 12;
-const DISARMED: u16 = 1 << 14;
-const TRANSFER_ERRORS: u16 = 1 << 15;
-
-const OK: u8 = 0;
-const WARNING: u8 = 1;
-const ERROR: u8 = 2;
-const CRITICAL: u8 = 3;
 
 /// Waits until a status says that.
 #[track_caller]

@@ -2,10 +2,8 @@
 
 mod rig;
 
+use rig::status::TRANSFER_ERRORS;
 use rig::{ARRAY_COMMAND, MS, Rig, array_command, quoted, status_fields};
-
-/// Bit of the vendor-specific status code: transfers broke.
-const TRANSFER_ERRORS: u16 = 1 << 15;
 
 /// pydronecan's ArrayCommand of 15: id n has (n - 8) / 8, unitless, from node 10 like ArduPilot's.
 const FIFTEEN: &str = "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 20 | 04 00 00 B8 05 00 00 00 | \

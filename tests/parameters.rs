@@ -3,13 +3,9 @@
 mod rig;
 
 use rig::manage::{PATIENCE_SAVE_MS, integer, ms_between};
+use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Rig, started};
 use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
-
-/// Bit of the vendor-specific status code: neither copy in the EEPROM was good.
-const PARAMETERS_LOST: u16 = 1 << 13;
-const OK: u8 = 0;
-const CRITICAL: u8 = 3;
 
 /// Name, default, least and greatest value, in order (docs/parameters.md).
 const ALL: [(&str, i64, i64, i64); 26] = [

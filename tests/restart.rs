@@ -2,15 +2,9 @@
 
 mod rig;
 
+use rig::status::{BROWN_OUT, INITIALIZATION, PANIC, STACK_COLLISION, STRAY_INTERRUPT, WATCHDOG};
 use rig::{Rig, US, status_fields};
 use sim::avr::ResetCause;
-
-/// Bits of the vendor-specific status code.
-const WATCHDOG: u16 = 1 << 0;
-const BROWN_OUT: u16 = 1 << 1;
-const PANIC: u16 = 1 << 2;
-const STRAY_INTERRUPT: u16 = 1 << 3;
-const STACK_COLLISION: u16 = 1 << 4;
 
 /// Waits for the banner of a restart and checks what is said of it.
 #[track_caller]
@@ -18,7 +12,7 @@ fn assert_restarts(rig: &mut Rig, within_ms: u64, cause: &str, bit: u16) {
     rig.wait_for_line(&format!("reset: {cause}"), within_ms);
     rig.run_ms(50);
     let (uptime, health, mode, vendor_code) = status_fields(&rig.statuses().last().expect("a status at once").1);
-    assert_eq!((uptime, mode), (0, 1), "a node that starts");
+    assert_eq!((uptime, mode), (0, INITIALIZATION), "a node that starts");
     assert_eq!((health, vendor_code), (u8::from(bit != 0), bit));
     // It works again, with the servo off until it is commanded.
     rig.run_ms(100);

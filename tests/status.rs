@@ -2,11 +2,8 @@
 
 mod rig;
 
+use rig::status::{GAVE_UP_SENDING, INITIALIZATION, OK, OPERATIONAL, WARNING};
 use rig::{MS, Rig, STATUS_OF_NODE, status_fields};
-
-const WARNING: u8 = 1;
-const OPERATIONAL: u8 = 0;
-const INITIALIZATION: u8 = 1;
 
 /// Milliseconds between consecutive frames.
 fn gaps_ms(frames: &[(u64, Vec<u8>)]) -> Vec<f64> {
@@ -131,7 +128,7 @@ fn no_acknowledge_makes_the_node_error_passive_and_it_says_so_when_the_bus_is_ba
     assert!(gaps_ms(&statuses).iter().all(|gap| *gap >= 500.0), "no pile of old statuses: {:?}", gaps_ms(&statuses));
     let (_, health, _, vendor_code) = status_fields(&statuses.last().expect("back on the bus").1);
     assert_eq!(health, WARNING);
-    assert_ne!(vendor_code & 1 << 8, 0, "frames were given up: {vendor_code:#06x}");
+    assert_ne!(vendor_code & GAVE_UP_SENDING, 0, "frames were given up: {vendor_code:#06x}");
     assert!(rig.serial.contains("CAN: error-passive"), "{}", rig.serial);
     assert!(rig.serial.contains("CAN: nothing could be sent"), "{}", rig.serial);
     // It passes.
@@ -140,5 +137,5 @@ fn no_acknowledge_makes_the_node_error_passive_and_it_says_so_when_the_bus_is_ba
         rig.traffic.last().is_some_and(|(_, frame)| frame.id == sim::can::Id::Extended(STATUS_OF_NODE))
     });
     let (_, health, _, vendor_code) = status_fields(&rig.statuses().last().unwrap().1);
-    assert_eq!((health, vendor_code), (0, 0));
+    assert_eq!((health, vendor_code), (OK, 0));
 }
