@@ -1,6 +1,5 @@
 //! The node as a whole: frames and milliseconds in, frames and a pulse out.
 
-use super::outgoing::Form;
 use super::*;
 use crate::golden;
 use crate::progmem::InMemory;
