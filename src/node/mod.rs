@@ -333,8 +333,10 @@ impl Node {
             return;
         }
         self.measure();
-        let fraction = self.kelvin_64ths.wrapping_sub(thermometer::ZERO_CELSIUS) & 63;
-        let tenths = (self.celsius as u16).wrapping_mul(10).wrapping_add(fraction.wrapping_mul(10) >> 6);
+        // A whole degree begins five tenths below.
+        let fraction = self.kelvin_64ths.wrapping_sub(thermometer::DEGREE_ZERO) & 63;
+        let tenths =
+            (self.celsius as u16).wrapping_mul(10).wrapping_add(fraction.wrapping_mul(10) >> 6).wrapping_sub(5);
         monitor.tell(Line::Temperature).a = tenths;
         let is_out = self.temperature_flags != 0;
         self.condition(Conditions::TEMPERATURE, is_out, [Line::OutOfRange, Line::OutOfRangeEnd], monitor);

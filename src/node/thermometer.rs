@@ -12,6 +12,8 @@ const READINGS: u8 = 64;
 
 /// 0 degrees Celsius in 64ths of a kelvin, rounded.
 pub const ZERO_CELSIUS: u16 = 17_482;
+/// Where the whole degree 0 begins: half a degree below.
+pub const DEGREE_ZERO: u16 = ZERO_CELSIUS - 32;
 
 /// What the ADC measures against, in units of 0.8 mV, for TEMP_REF 0 and 1 (ATmega168: AVCC of 5 V, and the bandgap of
 /// nominal 1.1 V): from a sum to 64ths of a kelvin it is times this, by 128, by TEMP_SLOPE.
@@ -55,7 +57,7 @@ impl Thermometer {
         self.latest.wrapping_sub(u16::from(READINGS)) > (1022 - 1) * u16::from(READINGS)
     }
 
-    /// In 64ths of a kelvin, rounded, limited to 785 K.
+    /// In 64ths of a kelvin, rounded, limited to 784.6 K.
     #[inline(never)]
     pub fn kelvin_64ths(&self, parameters: &Parameters) -> u16 {
         let reference = if parameters.is_on(Parameter::TempRef) { BANDGAP } else { AVCC };
@@ -65,13 +67,13 @@ impl Thermometer {
         let offset = parameters.get(Parameter::TempOffset) as i16;
         let at_zero = servo::scaled(offset.unsigned_abs(), 640, slope);
         let kelvin_64ths = if offset < 0 { measured.saturating_add(at_zero) } else { measured.saturating_sub(at_zero) };
-        kelvin_64ths.min(ZERO_CELSIUS + 32_767)
+        kelvin_64ths.min(DEGREE_ZERO + 32_767)
     }
 }
 
-/// In whole degrees Celsius, rounded down.
+/// In whole degrees Celsius, rounded to the nearest, and a half up.
 pub fn celsius(kelvin_64ths: u16) -> i16 {
-    (kelvin_64ths.wrapping_sub(ZERO_CELSIUS) as i16) >> 6
+    (kelvin_64ths.wrapping_sub(DEGREE_ZERO) as i16) >> 6
 }
 
 impl Default for Thermometer {

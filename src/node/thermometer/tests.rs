@@ -65,7 +65,7 @@ fn every_sum_is_right_to_a_tenth_of_a_kelvin_for_the_sensors_that_people_use() {
         let parameters = setting.parameters();
         for sum in 0..=MAX_SUM {
             let kelvin = f64::from(measured(sum).kelvin_64ths(&parameters)) / 64.0;
-            let exact = setting.kelvin(sum).clamp(0.0, 785.14);
+            let exact = setting.kelvin(sum).clamp(0.0, 784.64);
             assert!((kelvin - exact).abs() < 0.1, "{kelvin} K is not {exact} K: {sum} {setting:?}");
         }
     }
@@ -99,7 +99,7 @@ fn any_settings_give_the_temperature_or_the_limit_that_it_exceeds() {
                 continue;
             }
             let kelvin = f64::from(measured(sum).kelvin_64ths(&parameters)) / 64.0;
-            let exact = setting.kelvin(sum).clamp(0.0, 785.14);
+            let exact = setting.kelvin(sum).clamp(0.0, 784.64);
             assert!((kelvin - exact).abs() < 0.1, "{kelvin} K is not {exact} K: {sum} {setting:?}");
         }
     }
@@ -132,10 +132,10 @@ fn readings_at_the_ends_of_the_range_are_a_faulty_sensor() {
 }
 
 #[test]
-fn whole_degrees_are_rounded_down_below_zero_too() {
-    for kelvin_64ths in 0..=ZERO_CELSIUS + 32_767 {
+fn whole_degrees_are_rounded_to_the_nearest_below_zero_too() {
+    for kelvin_64ths in 0..=DEGREE_ZERO + 32_767 {
         let exact = f64::from(i32::from(kelvin_64ths) - i32::from(ZERO_CELSIUS)) / 64.0;
-        assert_eq!(f64::from(celsius(kelvin_64ths)), exact.floor(), "{kelvin_64ths}");
+        assert_eq!(f64::from(celsius(kelvin_64ths)), (exact + 0.5).floor(), "{kelvin_64ths}");
     }
 }
 
