@@ -263,7 +263,8 @@ fn memory_is_written_by_either_packet_whatever_the_bytes() {
 #[test]
 fn an_interrupt_from_the_keyboard_halts_a_running_program() {
     let mut setup = Setup::new("interrupt");
-    let child = setup.avr_gdb(&["continue", "print rounds > 0", "print ticks > 0", "backtrace"]);
+    let child =
+        setup.avr_gdb(&["continue", "print rounds > 0", "print ticks > 0", "print/x $pc", "break inner", "continue"]);
     setup.turn_until(|setup| setup.gdb.status().contains("attached"));
     for _ in 0..50 {
         setup.turn();
@@ -271,7 +272,8 @@ fn an_interrupt_from_the_keyboard_halts_a_running_program() {
     let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
     assert!(sent.success());
     let text = setup.until_end(child);
-    assert_in_order(&text, &["Program received signal SIGINT", "$1 = 1", "$2 = 1", "main ()"]);
+    // Not with a backtrace: in the last instructions of a function avr-gdb may not find its caller.
+    assert_in_order(&text, &["Program received signal SIGINT", "$1 = 1", "$2 = 1", "$3 = 0x", "Breakpoint 1, inner"]);
     setup.assert_free();
 }
 
