@@ -91,6 +91,8 @@ fn main() -> ! {
             if let Some(reading) = board.adc.take(NODE.parameters.is_on(Parameter::TempRef)) {
                 NODE.read_temperature(reading);
             }
+        } else if NODE.do_chore(MONITOR) {
+            // What a tick left to be done.
         } else if can.is_due(now_ms) {
             if let Some(notice) = can.poll(now_ms) {
                 NODE.notice(notice, MONITOR);
@@ -98,15 +100,15 @@ fn main() -> ! {
             if can.is_empty() {
                 NODE.controller_is_empty(now_ms);
             }
-        } else if may_send
-            && can.is_running()
-            && NODE.has_outgoing()
-            && NODE.prepare(can.counters(), Image, MONITOR, now_ms)
-        {
-            may_send = can.transmit(NODE.frame());
-            if may_send {
+        } else if can.is_running() && may_send && NODE.is_ready() {
+            if can.has_room() {
+                can.transmit(NODE.frame());
                 NODE.handed_over(now_ms);
+            } else {
+                may_send = can.find_room();
             }
+        } else if can.is_running() && NODE.prepare(can.counters(), Image, MONITOR, now_ms) {
+            // One step nearer to the next frame.
         } else {
             if board.serial.receive() == Some(b'?') {
                 NODE.report(MONITOR);

@@ -114,13 +114,14 @@ impl Kind {
     #[inline(always)]
     pub fn of_message([high, low]: [u8; 2], flash: impl Progmem) -> Self {
         // The low bytes differ: quicker than to go through the table.
-        let mut kind = Self::SERVO_COMMAND;
+        let mut kind = Self::UNKNOWN;
         kind = if low == Self::ARRAY_COMMAND.data_type() as u8 { Self::ARRAY_COMMAND } else { kind };
         kind = if low == Self::NODE_STATUS.data_type() as u8 { Self::NODE_STATUS } else { kind };
+        kind = if low == Self::SERVO_COMMAND.data_type() as u8 { Self::SERVO_COMMAND } else { kind };
         kind = if low == Self::ARMING_STATUS.data_type() as u8 { Self::ARMING_STATUS } else { kind };
         kind = if low == Self::LIGHTS_COMMAND.data_type() as u8 { Self::LIGHTS_COMMAND } else { kind };
         kind = if low == Self::ALLOCATION.data_type() as u8 { Self::ALLOCATION } else { kind };
-        if flash.word(kind.at()) == u16::from_be_bytes([high, low]) { kind } else { Self::UNKNOWN }
+        if kind.id_high(flash) == high { kind } else { Self::UNKNOWN }
     }
 
     /// The request with this data type ID.

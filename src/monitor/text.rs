@@ -40,23 +40,23 @@ lines! {
     /// Refused a frame.
     RefusedKind = "refused: a standard or remote frame",
     /// Refused a frame.
-    RefusedSource = "refused: type %a from node ID %s, which is anonymous or mine",
+    RefusedSource = "refused: type %a from %s, anonymous or mine",
     /// Refused a frame.
     RefusedTransfer = "refused: type %a from %s, not a transfer of one frame",
     /// Refused a frame.
-    RefusedBroken = "refused: transfer %a from %s, broken",
+    RefusedBroken = "refused: type %a from %s, broken",
     /// Refused a frame.
-    RefusedInterleaved = "refused: transfer %a from %s, another is under way",
+    RefusedInterleaved = "refused: type %a from %s, interleaved",
     /// Refused a frame.
     RefusedLength = "refused: type %a from %s tid %t, wrong length",
     /// Refused a command.
-    RefusedType = "refused: command from %s tid %t, type not unitless, position or PWM",
+    RefusedType = "refused: command from %s tid %t, unknown type",
     /// Refused a command.
     RefusedDisarmed = "refused: command from %s tid %t, disarmed",
     /// Refused a request.
-    RefusedBusy = "refused: request from %s tid %t, too many wait",
+    RefusedBusy = "refused: request from %s tid %t, busy",
     /// Refused a command.
-    RefusedValue = "refused: command from %s tid %t, value not finite or no pulse",
+    RefusedValue = "refused: command from %s tid %t, no such pulse",
     /// Received a NodeStatus.
     Status = "rx NodeStatus from %s tid %t: up %a s, %w, %v",
     /// Received a command that was followed.
@@ -122,7 +122,7 @@ lines! {
     /// NodeStatus mode 7.
     ModeOffline = "OFFLINE",
     /// Events were dropped.
-    Lost = "serial monitor: %c lines did not fit and were dropped",
+    Lost = "serial monitor: %c lines dropped",
     /// After a reset.
     Banner = concat!("DroneCAN servo and temperature node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
     /// The CAN controller is up.
@@ -138,7 +138,7 @@ lines! {
     /// Nobody acknowledges, or the bus is never free.
     GaveUp = "CAN: nothing could be sent for 1 s, frames given up (%a times)",
     /// Overrun.
-    FramesLost = "CAN: frames lost, receive buffers were full (%a times)",
+    FramesLost = "CAN: frames lost, buffers full (%a times)",
     /// Error state.
     BusOff = "CAN: bus-off",
     /// Error state.

@@ -53,6 +53,12 @@ const STATUSES_PER_DEGREES: u8 = 3;
 /// disarmed.
 const ARMING_TIMEOUT_S: u8 = 4;
 
+/// A chore: the sensor has been read often enough for a temperature.
+const CHORE_MEASURE: u8 = 1 << 0;
+
+/// A chore: a second is over.
+const CHORE_SECOND: u8 = 1 << 1;
+
 /// Error flag of a Temperature: below TEMP_MIN. The other, above TEMP_MAX, is 1.
 const OVERCOOLING: u8 = 2;
 
@@ -95,6 +101,8 @@ pub struct Node {
     uptime_sec: u32,
     /// Start of the running second.
     second_ms: u16,
+    /// What ticks have left over.
+    chores: u8,
 
     autopilot: Autopilot,
     /// Statuses of the autopilot since the thesis's temperature was last sent.
@@ -149,6 +157,7 @@ impl Node {
             counts: Counts { followed: 0, refused: 0, overruns: 0, given_up: 0, received: 0, sent: 0, broken: 0 },
             uptime_sec: 0,
             second_ms: 0,
+            chores: 0,
             autopilot: Autopilot::NONE,
             autopilot_statuses: 0,
             thesis: false,
@@ -233,7 +242,24 @@ impl Node {
 
     /// Takes a reading of the temperature sensor.
     pub fn read_temperature(&mut self, reading: u16) {
-        self.thermometer.add(reading);
+        if self.thermometer.add(reading) {
+            self.chores |= CHORE_MEASURE;
+        }
+    }
+
+    /// Does one of the things that a tick has left over, so that it does not take too long; whether there was any.
+    #[inline(never)]
+    pub fn do_chore(&mut self, monitor: &mut Monitor) -> bool {
+        if self.chores & CHORE_MEASURE != 0 {
+            self.chores &= !CHORE_MEASURE;
+            self.measure();
+        } else if self.chores != 0 {
+            self.chores = 0;
+            self.second(monitor);
+        } else {
+            return false;
+        }
+        true
     }
 
     /// To be called at every tick of the millisecond clock.
@@ -270,7 +296,7 @@ impl Node {
         self.condition(Conditions::DISARMED, is_disarmed, [Line::Disarmed, Line::DisarmedEnd], monitor);
         if now_ms.wrapping_sub(self.second_ms) >= 1000 {
             self.second_ms = self.second_ms.wrapping_add(1000);
-            self.second(monitor);
+            self.chores |= CHORE_SECOND;
         }
     }
 

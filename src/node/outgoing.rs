@@ -115,6 +115,16 @@ impl Outgoing {
         self.put8(high);
     }
 
+    /// Keeps those of some words after the first byte, quicker than one by one.
+    #[inline(always)]
+    pub fn put_words(&mut self, words: &[u16; (KEPT - 1) / 2]) {
+        let [_, places @ ..] = &mut self.kept;
+        for (place, word) in places.as_chunks_mut().0.iter_mut().zip(words) {
+            *place = word.to_le_bytes();
+        }
+        self.len = KEPT as u8;
+    }
+
     /// Keeps four more, little-endian.
     #[inline(never)]
     pub fn put32(&mut self, long: u32) {
@@ -142,9 +152,12 @@ impl Outgoing {
         self.stage = if self.len > PER_FRAME { Stage::Summing } else { Stage::Making };
     }
 
-    /// Makes the next bytes, to the end of a frame at most.
+    /// Makes the next bytes, to the end of a frame at most; whether there were any to make.
     #[inline(never)]
-    pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Progmem) {
+    pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Progmem) -> bool {
+        if self.stage == Stage::Ready {
+            return false;
+        }
         let mut filled = 0u8;
         if self.stage == Stage::Making && self.tail & START_OF_TRANSFER != 0 && self.len > PER_FRAME {
             [self.frame.data[0], self.frame.data[1]] = self.crc.to_le_bytes();
@@ -164,12 +177,13 @@ impl Outgoing {
                 self.at = 0;
                 self.stage = Stage::Making;
             }
-            return;
+            return true;
         }
         let end = if self.at == self.len { END_OF_TRANSFER } else { 0 };
         self.put(filled, self.tail | end);
         self.frame.len = filled.wrapping_add(1);
         self.stage = Stage::Ready;
+        true
     }
 
     fn put(&mut self, at: u8, byte: u8) {

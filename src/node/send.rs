@@ -55,26 +55,25 @@ impl Due {
 const REPLY: u8 = MESSAGES as u8;
 
 impl Node {
-    /// Whether [`prepare`](Self::prepare) is worth calling.
-    #[inline(always)]
-    pub fn has_outgoing(&self) -> bool {
-        self.due.0 != 0 || self.outgoing.is_busy() || !self.replies.is_empty()
-    }
-
-    /// Does a step towards the next frame; whether it is ready.
+    /// Does a step towards the next frame, if there is one to do; whether there was.
     #[inline(never)]
     pub fn prepare(&mut self, counters: &Counters, flash: impl Progmem, monitor: &mut Monitor, now_ms: u16) -> bool {
-        if !self.outgoing.is_busy() {
-            if self.begin_message(counters, flash, now_ms) {
-            } else if self.id != 0 && self.begin_reply(counters, flash, monitor) {
-                self.sending = REPLY;
-            } else {
-                return false;
-            }
+        if self.outgoing.is_busy() {
+            return self.outgoing.step(&self.unique_id, flash);
         }
-        if !self.outgoing.is_ready() {
-            self.outgoing.step(&self.unique_id, flash);
+        if self.due.0 != 0 && self.begin_message(counters, flash, now_ms) {
+            return true;
         }
+        if self.id != 0 && self.begin_reply(counters, flash, monitor) {
+            self.sending = REPLY;
+            return true;
+        }
+        false
+    }
+
+    /// Whether a frame is ready.
+    #[inline(always)]
+    pub fn is_ready(&self) -> bool {
         self.outgoing.is_ready()
     }
 
@@ -206,18 +205,13 @@ impl Node {
                 self.outgoing.put8(POWER_UNKNOWN);
             }
             Due::TEMPERATURE => {
-                self.measure();
                 self.outgoing.put16(self.parameters.get(Parameter::TempId));
                 self.outgoing.put16(float16::from_fixed(self.kelvin_64ths, 6));
                 self.outgoing.put8(self.temperature_flags);
             }
             Due::CAN_STATS => {
                 self.outgoing.put8(0);
-                let mut at = 0u8;
-                while let Some(&word) = counters.0.get(usize::from(at)) {
-                    self.outgoing.put16(word);
-                    at = at.wrapping_add(1);
-                }
+                self.outgoing.put_words(&counters.0);
             }
             Due::BUTTON => {
                 let [high, low] = float32(self.button.count());

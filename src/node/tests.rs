@@ -122,6 +122,7 @@ impl Rig {
             let now_ms = self.now_ms();
             self.node.tick(self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
             self.node.read_temperature(self.readings[(self.ms & 1) as usize]);
+            while self.node.do_chore(&mut self.monitor) {}
             self.send();
             if !self.is_bus_busy {
                 self.node.controller_is_empty(now_ms);
@@ -136,14 +137,14 @@ impl Rig {
 
     fn send(&mut self) {
         let now_ms = self.now_ms();
-        while self.node.has_outgoing() {
-            if self.node.prepare(&self.counters, InMemory, &mut self.monitor, now_ms) {
+        loop {
+            if self.node.is_ready() {
                 if self.is_bus_busy {
                     return;
                 }
                 self.sent.push((self.ms, *self.node.frame()));
                 self.node.handed_over(now_ms);
-            } else if !self.node.outgoing.is_busy() {
+            } else if !self.node.prepare(&self.counters, InMemory, &mut self.monitor, now_ms) {
                 return;
             }
         }
@@ -333,7 +334,8 @@ fn a_status_that_waits_in_the_controller_is_not_followed_by_another() {
     for _ in 0..3000 {
         let now_ms = rig.now_ms();
         rig.node.tick(false, now_ms, &mut rig.memory, &mut rig.monitor);
-        if rig.node.prepare(&rig.counters, InMemory, &mut rig.monitor, now_ms) {
+        while rig.node.prepare(&rig.counters, InMemory, &mut rig.monitor, now_ms) {}
+        if rig.node.is_ready() {
             left += 1;
             rig.node.handed_over(now_ms);
         }

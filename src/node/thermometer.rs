@@ -35,16 +35,18 @@ impl Thermometer {
         Self { sum: 0, count: 0, latest: 0, has_measured: false }
     }
 
-    /// Takes a reading of the ADC, 0 to 1023.
-    pub fn add(&mut self, reading: u16) {
+    /// Takes a reading of the ADC, 0 to 1023; whether that makes a new temperature.
+    pub fn add(&mut self, reading: u16) -> bool {
         self.sum = self.sum.wrapping_add(reading);
         self.count = self.count.wrapping_add(1);
-        if self.count == READINGS {
-            self.latest = self.sum;
-            self.has_measured = true;
-            self.sum = 0;
-            self.count = 0;
+        if self.count != READINGS {
+            return false;
         }
+        self.latest = self.sum;
+        self.has_measured = true;
+        self.sum = 0;
+        self.count = 0;
+        true
     }
 
     /// Whether there is a full sum: not in the first 64 ms.

@@ -214,10 +214,14 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     wait_ms: u8,
     rx: RxOrder,
     tx: TxOrder,
+    /// Where the next frame is to go.
+    room: Option<Rank>,
     /// Buffers that waited to be sent when last looked at, as READ STATUS shows them, and for how many looks of supervision
     /// that has not changed.
     tx_waiting: u8,
     tx_looks: u8,
+    /// Which part of a look at the running chip was last.
+    look: u8,
     /// EFLG without the flags of loss.
     flags: u8,
     /// REC when last looked at.
@@ -244,8 +248,10 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             wait_ms: 0,
             rx: RxOrder::new(),
             tx: TxOrder::new(),
+            room: None,
             tx_waiting: 0,
             tx_looks: 0,
+            look: 0,
             flags: 0,
             rec: 0,
             counters: Counters([0; 12]),
@@ -333,8 +339,10 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         if mode == MODE_NORMAL {
             self.step = step::RUNNING;
             self.rx = RxOrder::new();
+            self.room = None;
             self.tx_waiting = 0;
             self.flags = 0;
+            self.look = 0;
             return Some(Notice { event: Event::Running, value: canstat });
         }
         if step == step::LAST_LOOK {
@@ -403,12 +411,27 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
     }
 
-    /// Hands a frame to the chip, to be sent after all that it has already; `false` if it has no room.
+    /// Whether a frame can be handed over: [`find_room`](Self::find_room) has found room that is not used yet.
+    #[inline(always)]
+    pub fn has_room(&self) -> bool {
+        self.room.is_some()
+    }
+
+    /// Looks whether the chip has room for a frame that is to be sent after all that it has already; says so.
     #[inline(never)]
-    pub fn transmit(&mut self, frame: &Frame) -> bool {
-        let Some(rank) = self.next_rank() else {
-            return false;
-        };
+    pub fn find_room(&mut self) -> bool {
+        if self.step == step::RUNNING {
+            self.look_at_waiting();
+            self.room = self.tx.next(self.tx_waiting);
+        }
+        self.has_room()
+    }
+
+    /// Hands a frame to the chip. Nothing happens unless there [is room](Self::has_room).
+    #[inline(never)]
+    pub fn transmit(&mut self, frame: &Frame) {
+        let Some(rank) = self.room.take() else { return };
+        self.tx_waiting |= rank.status();
         self.counters.count_long(Counters::TX_REQUESTS as u8);
         // TXB0, TXB1, TXB2: addresses 0x30, 0x40, 0x50. The priority is in the register before the identifier.
         self.begin(instruction::WRITE, TXB0CTRL + ((rank.buffer() & 6) << 3));
@@ -420,31 +443,49 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.exchange(frame.id[3]);
         self.exchange(frame.len);
         // What follows the last byte that counts goes to the chip, too, which does not send it.
-        for &byte in &frame.data {
-            self.exchange(byte);
-        }
+        _ = self.spi.write(&frame.data);
         self.deselect();
         self.select();
         self.exchange(instruction::RTS | rank.buffer());
         self.deselect();
-        true
     }
 
-    /// Where the next frame is to go.
-    #[inline(never)]
-    fn next_rank(&mut self) -> Option<Rank> {
-        if self.step != step::RUNNING {
+    /// A look at a running chip, in three steps.
+    fn supervise(&mut self) -> Option<Notice> {
+        self.look = self.look.wrapping_add(1);
+        if self.look == 1 {
+            return self.look_at_configuration();
+        }
+        if self.look == 2 {
+            let rec = self.access(instruction::READ, REC, 0);
+            if rec > self.rec {
+                let [.., rx_errors, _] = &mut self.counters.0;
+                *rx_errors = rx_errors.wrapping_add(u16::from(rec - self.rec));
+            }
+            self.rec = rec;
+            if self.access(instruction::READ, RXB0CTRL, 0) & (RXM | BUKT) != BUKT {
+                return self.fail(Event::Lost, RXB0CTRL);
+            }
             return None;
         }
+        self.look = 0;
+        self.wait_ms = SUPERVISION_MS;
         self.look_at_waiting();
-        let rank = self.tx.next(self.tx_waiting)?;
-        self.tx_waiting |= rank.status();
-        Some(rank)
+        if self.step == step::ABORTING {
+            self.step = step::RUNNING;
+            self.write_control(0);
+        }
+        // It cannot overflow: it is set back at TX_TIMEOUT_LOOKS, when all buffers are emptied.
+        self.tx_looks = self.tx_looks.wrapping_add(1);
+        if self.tx_looks == TX_TIMEOUT_LOOKS {
+            self.step = step::ABORTING;
+            self.write_control(ABAT);
+            return Some(Notice { event: Event::GaveUpSending, value: 0 });
+        }
+        None
     }
 
-    /// A look at a running chip.
-    fn supervise(&mut self) -> Option<Notice> {
-        self.wait_ms = SUPERVISION_MS;
+    fn look_at_configuration(&mut self) -> Option<Notice> {
         self.begin(instruction::READ, CNF3);
         let mut wrong = 0;
         let mut address = CNF3;
@@ -459,44 +500,22 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.deselect();
         wrong |= (canstat & OPMOD) ^ MODE_NORMAL;
         wrong |= (canctrl ^ self.control) & !ABAT;
-        wrong |= (self.access(instruction::READ, RXB0CTRL, 0) & (RXM | BUKT)) ^ BUKT;
         if wrong != 0 {
             return self.fail(Event::Lost, canstat);
         }
-
-        let rec = self.access(instruction::READ, REC, 0);
-        if rec > self.rec {
-            let [.., rx_errors, _] = &mut self.counters.0;
-            *rx_errors = rx_errors.wrapping_add(u16::from(rec - self.rec));
-        }
-        self.rec = rec;
-
         let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
-        if eflg != before {
-            if eflg & (RX0OVR | RX1OVR) != 0 {
-                self.counters.count(Counters::RX_OVERFLOW as u8);
-                // The flags of loss stay until they are cleared; the others are read-only.
-                self.access(instruction::WRITE, EFLG, 0);
-            }
-            if eflg & !before & TXBO != 0 {
-                self.counters.count(Counters::BUS_OFFS as u8);
-            }
-            return Some(Notice { event: Event::Flags, value: eflg });
+        if eflg == before {
+            return None;
         }
-
-        self.look_at_waiting();
-        if self.step == step::ABORTING {
-            self.step = step::RUNNING;
-            self.write_control(0);
+        if eflg & (RX0OVR | RX1OVR) != 0 {
+            self.counters.count(Counters::RX_OVERFLOW as u8);
+            // The flags of loss stay until they are cleared; the others are read-only.
+            self.access(instruction::WRITE, EFLG, 0);
         }
-        // It cannot overflow: it is set back at TX_TIMEOUT_LOOKS, when all buffers are emptied.
-        self.tx_looks = self.tx_looks.wrapping_add(1);
-        if self.tx_looks == TX_TIMEOUT_LOOKS {
-            self.step = step::ABORTING;
-            self.write_control(ABAT);
-            return Some(Notice { event: Event::GaveUpSending, value: 0 });
+        if eflg & !before & TXBO != 0 {
+            self.counters.count(Counters::BUS_OFFS as u8);
         }
-        None
+        Some(Notice { event: Event::Flags, value: eflg })
     }
 
     #[inline(never)]
