@@ -2,7 +2,7 @@
 //!
 //! The payload of a long transfer is never stored: each byte is computed when its turn comes, twice, because the CRC goes
 //! before the bytes that it is of. What could change in between is kept from the start, in [`Outgoing::kept`]. One step
-//! makes up to seven bytes, so that the main loop gets round between frames.
+//! makes a few bytes only, so that the main loop gets round.
 
 use super::{information, parameters};
 use crate::can::Frame;
@@ -60,6 +60,9 @@ enum Stage {
     Making,
     Ready,
 }
+
+/// Payload bytes that a step makes: one can take 16 us.
+const BYTES_AT_ONCE: u8 = 2;
 
 /// Payload bytes of a frame, beside the tail byte.
 const PER_FRAME: u8 = 7;
@@ -149,52 +152,51 @@ impl Outgoing {
         self.tail = START_OF_TRANSFER | transfer_id;
         self.crc = seed;
         self.at = 0;
+        self.frame.len = 0;
         self.stage = if self.len > PER_FRAME { Stage::Summing } else { Stage::Making };
     }
 
-    /// Makes the next bytes, to the end of a frame at most; whether there were any to make.
+    /// Makes the next bytes of a transfer on its way, to the end of a frame at most. Not while a frame is ready.
     #[inline(never)]
-    pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Progmem) -> bool {
-        if self.stage == Stage::Ready {
-            return false;
-        }
-        let mut filled = 0u8;
-        if self.stage == Stage::Making && self.tail & START_OF_TRANSFER != 0 && self.len > PER_FRAME {
-            [self.frame.data[0], self.frame.data[1]] = self.crc.to_le_bytes();
-            filled = 2;
-        }
-        while filled < PER_FRAME && self.at < self.len {
+    pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Progmem) {
+        let mut left = BYTES_AT_ONCE;
+        while self.at < self.len && self.frame.len < PER_FRAME {
+            if left == 0 {
+                return;
+            }
+            left = left.wrapping_sub(1);
             let byte = self.byte(unique_id, flash);
+            self.at = self.at.wrapping_add(1);
             if self.stage == Stage::Summing {
                 self.crc = crc::add(self.crc, byte);
+            } else {
+                self.put(byte);
             }
-            self.put(filled, byte);
-            filled = filled.wrapping_add(1);
-            self.at = self.at.wrapping_add(1);
         }
         if self.stage == Stage::Summing {
-            if self.at == self.len {
-                self.at = 0;
-                self.stage = Stage::Making;
-            }
-            return true;
+            self.at = 0;
+            self.stage = Stage::Making;
+            [self.frame.data[0], self.frame.data[1]] = self.crc.to_le_bytes();
+            self.frame.len = 2;
+            return;
         }
         let end = if self.at == self.len { END_OF_TRANSFER } else { 0 };
-        self.put(filled, self.tail | end);
-        self.frame.len = filled.wrapping_add(1);
+        self.put(self.tail | end);
         self.stage = Stage::Ready;
-        true
     }
 
-    fn put(&mut self, at: u8, byte: u8) {
-        if let Some(place) = self.frame.data.get_mut(usize::from(at)) {
+    #[inline(never)]
+    fn put(&mut self, byte: u8) {
+        if let Some(place) = self.frame.data.get_mut(usize::from(self.frame.len)) {
             *place = byte;
         }
+        self.frame.len = self.frame.len.wrapping_add(1);
     }
 
     /// The frame was handed over; whether it was the last one.
     pub fn handed_over(&mut self) -> bool {
         self.tail = (self.tail & !START_OF_TRANSFER) ^ TOGGLE;
+        self.frame.len = 0;
         let is_last = self.at == self.len;
         self.stage = if is_last { Stage::Idle } else { Stage::Making };
         is_last

@@ -58,8 +58,12 @@ impl Node {
     /// Does a step towards the next frame, if there is one to do; whether there was.
     #[inline(never)]
     pub fn prepare(&mut self, counters: &Counters, flash: impl Progmem, monitor: &mut Monitor, now_ms: u16) -> bool {
+        if self.outgoing.is_ready() {
+            return false;
+        }
         if self.outgoing.is_busy() {
-            return self.outgoing.step(&self.unique_id, flash);
+            self.outgoing.step(&self.unique_id, flash);
+            return true;
         }
         if self.due.0 != 0 && self.begin_message(counters, flash, now_ms) {
             return true;

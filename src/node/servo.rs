@@ -42,9 +42,9 @@ impl CommandType {
 /// One, as a unitless value.
 const ONE: u16 = 1 << 14;
 
-/// From 4096ths of a radian to half the travel, with 14 binary places: times this, by 128, by the travel in degrees.
-/// 2^14 / 4096 x 2 x 180 / pi x 128, even for [`scaled`].
-const POSITION_FACTOR: u16 = 58_670;
+/// From 4096ths of a radian to half the travel, with 14 binary places: times this, by 64, by the travel in degrees.
+/// 2^14 / 4096 x 2 x 180 / pi x 64.
+const POSITION_FACTOR: u16 = 29_335;
 
 /// The travel, as the parameters have it now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,7 +97,7 @@ impl Travel {
         let mut magnitude = value.unsigned_abs();
         match command {
             CommandType::Unitless => {}
-            CommandType::Position => magnitude = scaled(magnitude, POSITION_FACTOR, self.range_deg << 7),
+            CommandType::Position => magnitude = scaled(magnitude, POSITION_FACTOR, self.range_deg << 6),
             CommandType::Pwm => return if is_low || value == 0 { 0 } else { self.limit(magnitude) },
         }
         if magnitude > ONE {
@@ -128,7 +128,7 @@ impl Travel {
         } else {
             scaled(pulse.wrapping_sub(self.trim), ONE, self.high.wrapping_sub(self.trim))
         };
-        let position = float16::from_fixed(scaled(part, self.range_deg << 7, POSITION_FACTOR), 12);
+        let position = float16::from_fixed(scaled(part, self.range_deg << 6, POSITION_FACTOR), 12);
         if is_low ^ self.is_reversed { position | float16::SIGN } else { position }
     }
 }
@@ -141,19 +141,15 @@ fn of_one(part: u16, whole: u16) -> u16 {
     (product >> 16) as u16
 }
 
-/// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0. A divisor above 32,767 must be even.
+/// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0. The divisor is at most 32,767.
 ///
 /// Divides bit by bit. As the divisor and the quotient have only 16 that takes half as long as a division of 32 bits.
 #[inline(never)]
-pub fn scaled(value: u16, factor: u16, mut divisor: u16) -> u16 {
-    if divisor == 0 {
+pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
+    if value == 0 || divisor == 0 {
         return 0;
     }
     let mut rest = u32::from(value).wrapping_mul(u32::from(factor)).wrapping_add(u32::from(divisor >> 1));
-    if divisor >= 1 << 15 {
-        divisor >>= 1;
-        rest >>= 1;
-    }
     if (rest >> 16) as u16 >= divisor {
         return u16::MAX;
     }
@@ -161,8 +157,9 @@ pub fn scaled(value: u16, factor: u16, mut divisor: u16) -> u16 {
     let mut bits = 16u8;
     while bits != 0 {
         rest <<= 1;
-        if (rest >> 16) as u16 >= divisor {
-            rest = rest.wrapping_sub(u32::from(divisor) << 16).wrapping_add(1);
+        let (less, is_below) = ((rest >> 16) as u16).overflowing_sub(divisor);
+        if !is_below {
+            rest = u32::from(less) << 16 | u32::from(rest as u16 | 1);
         }
         bits = bits.wrapping_sub(1);
     }

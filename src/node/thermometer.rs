@@ -16,7 +16,7 @@ pub const ZERO_CELSIUS: u16 = 17_482;
 pub const DEGREE_ZERO: u16 = ZERO_CELSIUS - 32;
 
 /// What the ADC measures against, in units of 0.8 mV, for TEMP_REF 0 and 1 (ATmega168: AVCC of 5 V, and the bandgap of
-/// nominal 1.1 V): from a sum to 64ths of a kelvin it is times this, by 128, by TEMP_SLOPE.
+/// nominal 1.1 V): from half a sum to 64ths of a kelvin it is times this, by 64, by TEMP_SLOPE.
 const AVCC: u16 = 6250;
 const BANDGAP: u16 = 1375;
 
@@ -64,7 +64,7 @@ impl Thermometer {
     pub fn kelvin_64ths(&self, parameters: &Parameters) -> u16 {
         let reference = if parameters.is_on(Parameter::TempRef) { BANDGAP } else { AVCC };
         let slope = parameters.get(Parameter::TempSlope);
-        let measured = servo::scaled(self.latest, reference, slope << 7).saturating_add(ZERO_CELSIUS);
+        let measured = servo::scaled(self.latest >> 1, reference, slope << 6).saturating_add(ZERO_CELSIUS);
         // A millivolt is ten tenths of a millivolt, and a kelvin 64 of its 64ths.
         let offset = parameters.get(Parameter::TempOffset) as i16;
         let at_zero = servo::scaled(offset.unsigned_abs(), 640, slope);

@@ -244,12 +244,11 @@ fn any_pulse_has_some_position_even_outside_of_a_travel_that_was_just_made_short
 
 #[test]
 fn scaled_is_rounded_and_limited_and_takes_any_numbers() {
-    let numbers = [0, 1, 2, 3, 127, 128, 255, 256, 1000, 32_767, 32_768, 58_670, 65_534, 65_535];
+    let numbers = [0, 1, 2, 3, 127, 128, 255, 256, 1000, 32_767, 32_768, 65_535];
     for value in numbers {
         for factor in numbers {
             assert_eq!(scaled(value, factor, 0), 0);
-            // None that is odd and above 32,767.
-            for divisor in &numbers[1..numbers.len() - 1] {
+            for divisor in numbers.iter().filter(|&&number| number != 0 && number < 32_768) {
                 let exact = f64::from(value) * f64::from(factor) / f64::from(*divisor);
                 let expected = exact.min(65_535.0);
                 assert!(
