@@ -135,6 +135,9 @@ pub struct Node {
     temperature_flags: u8,
     travel: Travel,
     pulse: Ticks,
+    /// The position that the next actuator.Status tells, as a float16, once it is worked out.
+    position: u16,
+    has_position: bool,
     /// A command has been followed, and none has been missing since.
     is_following: bool,
     followed_ms: u16,
@@ -180,6 +183,8 @@ impl Node {
             temperature_flags: 0,
             travel: Travel::NONE,
             pulse: 0,
+            position: 0,
+            has_position: false,
             is_following: false,
             followed_ms: 0,
             armed_s: 0,

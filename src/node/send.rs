@@ -169,6 +169,11 @@ impl Node {
         if due == 0 {
             return false;
         }
+        if due & Due::ACTUATOR_STATUS != 0 && !self.has_position {
+            self.has_position = true;
+            self.position = if self.pulse != 0 { self.travel.position(self.pulse) } else { float16::NAN };
+            return true;
+        }
         let mut message = 0u8;
         let mut bit = 1u8;
         while due & 1 == 0 {
@@ -197,12 +202,9 @@ impl Node {
                 });
             }
             Due::ACTUATOR_STATUS => {
-                let mut position = float16::NAN;
-                if self.pulse != 0 {
-                    position = self.travel.position(self.pulse);
-                }
+                self.has_position = false;
                 self.outgoing.put8(self.parameters.get(Parameter::SrvId) as u8);
-                self.outgoing.put16(position);
+                self.outgoing.put16(self.position);
                 self.outgoing.put16(float16::NAN);
                 self.outgoing.put16(float16::NAN);
                 const POWER_UNKNOWN: u8 = 127;

@@ -107,8 +107,8 @@ fn every_unitless_command_is_within_half_a_tick_of_exact() {
 #[test]
 fn every_position_is_within_half_a_tick_of_exact_but_for_the_rounding_in_between() {
     for case in Case::all() {
-        // Half of 2^-14 of the half range, and a factor of five digits.
-        let tolerance = 0.5 + case.span() / 32_768.0 + case.span() * 2e-5;
+        // Half a 4096th of a radian of the half range.
+        let tolerance = 0.5 + case.span() / case.half_range / 8192.0;
         for value in i16::MIN..=i16::MAX {
             let pulse = case.travel.pulse(CommandType::Position, value);
             let exact = case.ticks(f64::from(value) / 4096.0 / case.half_range);
@@ -212,8 +212,8 @@ fn the_position_told_is_that_of_the_pulse() {
                 exact = -exact;
             }
             let told = f16::from_bits(bits).to_f64();
-            // Halves of 2^-14 of the range, of 4096ths of a radian, and of what a float16 resolves; a factor of five digits.
-            let tolerance = case.half_range / 32_768.0 + 1.0 / 8192.0 + exact.abs() * (1.0 / 2048.0 + 2e-5);
+            // Halves of 4096ths of a radian, of the half range and of the position, and of what a float16 resolves.
+            let tolerance = 1.0 / 4096.0 + exact.abs() / 2048.0;
             assert!((told - exact).abs() <= tolerance, "{pulse}: {told} is not {exact} {:?}", case.travel);
         }
     }
