@@ -213,12 +213,10 @@ impl Outgoing {
         match self.form {
             Form::Kept => self.kept(at),
             Form::Numbers48 => {
-                let mut number = 0u8;
-                while at >= 6 {
-                    at = at.wrapping_sub(6);
-                    number = number.wrapping_add(2);
-                }
-                if at < 2 { self.kept(number.wrapping_add(at)) } else { 0 }
+                // By six, as far as there are bytes.
+                let number = (u16::from(at).wrapping_mul(43) >> 8) as u8;
+                at = at.wrapping_sub(number.wrapping_mul(6));
+                if at < 2 { self.kept(number.wrapping_mul(2).wrapping_add(at)) } else { 0 }
             }
             Form::Parameter if at >= parameters::NUMBERS_LEN => {
                 flash.byte(self.name_at.wrapping_add(u16::from(at.wrapping_sub(parameters::NUMBERS_LEN))))

@@ -397,7 +397,11 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
         self.deselect();
 
-        self.counters.count_long(Counters::RX_RECEIVED as u8);
+        let [.., received_low, received_high, _, _, _] = &mut self.counters.0;
+        *received_low = received_low.wrapping_add(1);
+        if *received_low == 0 {
+            *received_high = received_high.wrapping_add(1);
+        }
         // From SIDH and SIDL; see `registers`.
         let [sidh, sidl, ..] = self.frame.id;
         self.frame.id[0] = sidh >> 3;
