@@ -17,7 +17,7 @@ help:
 	@echo "make firmware   build node.elf, and show how much of the chip it takes"
 	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip node.elf takes, function by function"
-	@echo "make bench      measure timing in cycles of the AVR, and write docs/benchmarks.md"
+	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
 
@@ -58,7 +58,7 @@ lint: setup
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
 
-bench: firmware
+bench: firmware strangers
 	cargo bench --bench timing
 
 size: firmware

@@ -1,6 +1,6 @@
 //! The Diecimila under the strangers' firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
 //!
-//! Pins: D9 (PB1) chip select, D10 (PB2) output so that the SPI stays master, D11 MOSI, D12 MISO, D13 SCK, D1 TXD.
+//! Pins: D4 (PD4) to ground asks for reception only, D9 (PB1) chip select, D10 (PB2) output so that the SPI stays master, D11 MOSI, D12 MISO, D13 SCK, D1 TXD.
 //! It knows nothing of CAN and shares no line with the node's own `src/`: what the simulator's model is measured against
 //! must not come from the firmware that the model was made for.
 //! Source: ATmega48/88/168 datasheet, sections SPI, USART0, 16-bit Timer/Counter1.
@@ -15,8 +15,17 @@ const F_CPU_HZ: u32 = 16_000_000;
 /// 115,200 baud with U2X0: 16 MHz / (8 * (16 + 1)) = 117,647, 2.1 % fast.
 const UBRR_115200: u16 = 16;
 
+/// What the firmware is to do.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Task {
+    /// Answer and report every frame.
+    WholeJob,
+    /// Read every frame, and do nothing else: the loop in which a driver is at its fastest.
+    ReceiveOnly,
+}
+
 /// Sets up the board: SPI mode 0 at 8 MHz, most significant bit first; serial 115200 8N1; Timer1 at 16 MHz.
-pub fn take() -> (CanSpi, Serial, Clock) {
+pub fn take() -> (CanSpi, Serial, Clock, Task) {
     let peripherals = Peripherals::take().unwrap();
 
     let port = peripherals.PORTB;
@@ -34,7 +43,13 @@ pub fn take() -> (CanSpi, Serial, Clock) {
     let timer = peripherals.TC1;
     timer.tccr1b().write(|w| w.cs1().direct());
 
-    (CanSpi { spi, port }, Serial { usart }, Clock { timer })
+    let button = peripherals.PORTD;
+    button.portd().write(|w| w.pd4().set_bit());
+    // The pull-up takes a moment.
+    avr_device::asm::delay_cycles(F_CPU_HZ / 1_000_000);
+    let task = if button.pind().read().pd4().bit_is_set() { Task::WholeJob } else { Task::ReceiveOnly };
+
+    (CanSpi { spi, port }, Serial { usart }, Clock { timer }, task)
 }
 
 /// The MCP2515 on its SPI bus, chip select included.

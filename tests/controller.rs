@@ -12,7 +12,23 @@ use sim::mcp2515::Mode;
 const CNF1: u8 = 0x2A;
 const CNF2: u8 = 0x29;
 const CNF3: u8 = 0x28;
+const CANCTRL: u8 = 0x0F;
+const CANINTE: u8 = 0x2B;
+const CANINTF: u8 = 0x2C;
+const EFLG: u8 = 0x2D;
 const TXB0CTRL: u8 = 0x30;
+
+/// Bits of them.
+const ABAT: u8 = 0x10;
+const ERRIF: u8 = 0x20;
+const MERRF: u8 = 0x80;
+const RX0OVR: u8 = 0x40;
+const RX1OVR: u8 = 0x80;
+
+/// Instructions of table 12-1.
+const WRITE: u8 = 0x02;
+const BIT_MODIFY: u8 = 0x05;
+const RESET: u8 = 0xC0;
 
 #[test]
 fn bit_timing_is_1_mbit_s_with_a_sample_point_of_75_percent() {
@@ -216,4 +232,136 @@ fn a_frame_is_out_of_the_controller_within_450_cycles_of_the_first_chip_select()
         let (done, _) = events[read..].iter().find(edges(true)).expect("the end");
         assert!(done - begun <= 450, "{} cycles", done - begun);
     }
+}
+
+/// Does something on the SPI behind the program's back, while it does nothing there.
+fn meddle(rig: &mut Rig, instructions: &[&[u8]]) {
+    let end = rig.now() + MS;
+    while !rig.board().avr().pin('B', 1) {
+        assert!(rig.now() < end, "CS stays low");
+        let next = rig.now() + 1;
+        rig.bench.run_until(next);
+    }
+    let (chip, at) = (rig.board().chip(), rig.board().now());
+    let mut chip = chip.borrow_mut();
+    for instruction in instructions {
+        chip.select(at);
+        for &byte in *instruction {
+            chip.exchange(byte, at);
+        }
+        chip.deselect(at);
+    }
+}
+
+/// The chip keeps what it was told to forget; the firmware compares all that it can every 10 ms.
+#[track_caller]
+fn put_right_within_100_ms(rig: &mut Rig) {
+    rig.forget();
+    rig.wait_for_line("CAN: MCP2515 lost its configuration", 100);
+    rig.wait_for_line("CAN: running", 200);
+    let chip = rig.board().chip();
+    assert_eq!([CNF1, CNF2, CNF3].map(|address| chip.borrow().register(address)), [0x00, 0x91, 0x01]);
+    assert_eq!((chip.borrow().mode(), chip.borrow().register(CANINTE)), (Mode::Normal, 0x03));
+    rig.send_command(1, 0, 0.25);
+    assert_eq!(rig.settled_pulse_us(), 1625.0);
+}
+
+#[test]
+fn a_bit_timing_that_changed_by_itself_is_noticed_and_put_right() {
+    for (address, value) in [(CNF1, 0x01), (CNF2, 0x99), (CNF3, 0x02)] {
+        let mut rig = Rig::running();
+        meddle(&mut rig, &[&[WRITE, CANCTRL, 0x80], &[WRITE, address, value], &[WRITE, CANCTRL, 0x00]]);
+        put_right_within_100_ms(&mut rig);
+    }
+}
+
+#[test]
+fn a_mode_that_changed_by_itself_is_noticed_and_put_right() {
+    // Sleep, loopback, listen-only and configuration mode, and one-shot mode, which is no mode of its own.
+    for control in [0x20, 0x40, 0x60, 0x80, 0x08] {
+        let mut rig = Rig::running();
+        meddle(&mut rig, &[&[WRITE, CANCTRL, control]]);
+        put_right_within_100_ms(&mut rig);
+    }
+}
+
+/// An enabled error interrupt whose flag nobody clears holds INT low for ever, and hides that no frame is there.
+#[test]
+fn errors_on_the_bus_never_hold_the_int_pin_low() {
+    let mut rig = Rig::running();
+    rig.bench.bus().inject(Fault::BitErrorRate { per_million: 5000, seed: 3 });
+    for _ in 0..100 {
+        rig.send_status_from(1);
+        rig.run_ms(10);
+    }
+    rig.bench.bus().inject(Fault::BitErrorRate { per_million: 0, seed: 3 });
+    rig.run_ms(30);
+    let chip = rig.board().chip();
+    assert!(
+        rig.error_frames > 20 && chip.borrow().register(CANINTF) & (MERRF | ERRIF) != 0,
+        "errors leave their flags"
+    );
+    assert!(chip.borrow().int_pin(), "INT is high");
+    // Nor when the enables changed by themselves.
+    meddle(&mut rig, &[&[WRITE, CANINTE, 0xFF]]);
+    put_right_within_100_ms(&mut rig);
+    assert!(chip.borrow().int_pin());
+}
+
+/// RXnOVR stays set until the program clears it: left alone, the next loss would not be seen.
+#[test]
+fn the_flags_of_lost_frames_are_cleared_and_each_loss_is_told() {
+    let mut rig = Rig::running();
+    let chip = rig.board().chip();
+    for flags in [RX0OVR, RX1OVR, RX0OVR | RX1OVR] {
+        rig.forget();
+        meddle(&mut rig, &[&[BIT_MODIFY, EFLG, flags, flags]]);
+        assert_eq!(chip.borrow().register(EFLG), flags);
+        rig.wait_for("the cleared flags", 30, |_| chip.borrow().register(EFLG) == 0);
+        rig.board().avr_mut().serial_send(b"?");
+        rig.wait_for_line("receive overruns", 300);
+    }
+    assert!(rig.serial.contains("receive overruns 3"), "{}", rig.serial);
+}
+
+/// ABAT aborts all that is asked to be sent as long as it is set.
+#[test]
+fn after_frames_were_given_up_the_node_sends_again() {
+    let mut rig = Rig::running();
+    let port = rig.bench.port(0);
+    rig.bench.bus().connect(port, false);
+    rig.wait_for_line("frames given up", 2600);
+    rig.run_ms(50);
+    let chip = rig.board().chip();
+    assert_eq!(chip.borrow().register(CANCTRL) & ABAT, 0);
+    rig.bench.bus().connect(port, true);
+    rig.forget();
+    rig.run_ms(2200);
+    assert!(rig.statuses().len() >= 2, "{}", rig.serial);
+}
+
+/// DS20001801J 8.1: after power-on and after a reset the chip ignores the SPI for 128 periods of its 16 MHz oscillator.
+#[test]
+fn the_chip_is_left_alone_for_128_oscillator_periods_after_a_reset() {
+    let mut rig = Rig::powered();
+    rig.board().attach_probe();
+    let begun = rig.now();
+    rig.run_ms(150);
+    // A glitch, after which the program resets it by the instruction.
+    rig.board().chip_reset();
+    rig.run_ms(300);
+    let events = rig.board().take_wire_events();
+    let mut instructions: Vec<(u64, u8)> = Vec::new();
+    let mut selected = false;
+    for (at, event) in events {
+        match event {
+            WireEvent::Cs(level) => selected = !level,
+            WireEvent::Spi { byte, .. } if std::mem::take(&mut selected) => instructions.push((at, byte.mosi)),
+            _ => {}
+        }
+    }
+    assert!(instructions[0].0 - begun >= 128, "the first one after {} cycles", instructions[0].0 - begun);
+    let resets = instructions.windows(2).filter(|pair| pair[0].1 == RESET);
+    let pauses: Vec<u64> = resets.map(|pair| pair[1].0 - pair[0].0).collect();
+    assert!(pauses.len() >= 2 && pauses.iter().all(|pause| *pause >= 128 + 16), "{pauses:?}");
 }

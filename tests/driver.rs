@@ -63,6 +63,10 @@ struct World {
     now: Cycles,
     selects: u32,
     bytes: u32,
+    /// The bytes since CS fell.
+    instruction: Vec<u8>,
+    /// The next byte that is written to this register arrives with a wrong bit.
+    spoilt: Option<u8>,
 }
 
 impl World {
@@ -104,6 +108,11 @@ impl SpiBus for Wire {
             let end = world.now + SPI_BYTE;
             world.run_to(end);
             world.bytes += 1;
+            if world.spoilt.is_some_and(|address| world.instruction == [WRITE, address]) {
+                world.spoilt = None;
+                *word ^= 1;
+            }
+            world.instruction.push(*word);
             *word = world.chip.borrow_mut().exchange(*word, end);
         }
         Ok(())
@@ -118,6 +127,7 @@ impl OutputPin for Wire {
     fn set_low(&mut self) -> Result<(), Infallible> {
         let mut world = self.0.borrow_mut();
         world.selects += 1;
+        world.instruction.clear();
         world.chip.borrow_mut().select(world.now);
         Ok(())
     }
@@ -161,7 +171,7 @@ impl Rig {
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         let chip_port = bus.attach("chip", chip.clone());
         let peer_port = bus.attach("peer", peer.clone());
-        let world = World { bus, chip, now: 0, selects: 0, bytes: 0 };
+        let world = World { bus, chip, now: 0, selects: 0, bytes: 0, instruction: Vec::new(), spoilt: None };
         let wire = Wire(Rc::new(RefCell::new(world)));
         let timing = BitTiming::at_rate::<CRYSTAL_HZ>(rate);
         let driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), timing, acceptance, one_shot);
@@ -510,6 +520,22 @@ fn a_change_of_mode_or_of_a_register_by_itself_is_noticed_within_20_ms() {
         rig.peer_sends(Frame::extended(1, &[]));
         rig.run_ms(2);
         assert_eq!(rig.received.len(), 1);
+    }
+}
+
+#[test]
+fn a_register_that_did_not_take_its_value_is_noticed_and_the_chip_is_not_used_like_that() {
+    // RXF0SIDH, RXF5EID0, RXM1SIDL, the bit timing and the enabled interrupts.
+    for register in [0x00, 0x1B, 0x25, CNF3, CNF2, CNF1, CANINTE] {
+        let mut rig = Rig::at_rate(8, EVERYTHING, false);
+        rig.wire.0.borrow_mut().spoilt = Some(register);
+        rig.run_ms(20);
+        let [Notice { event: Event::NotKeeping, value }] = rig.notices[..] else { panic!("{:?}", rig.notices) };
+        assert_eq!(value, register);
+        assert!(!rig.driver.is_running());
+        rig.notices.clear();
+        rig.run_ms(150);
+        assert_eq!(rig.take_events(), [Event::Running], "register {register:02X}");
     }
 }
 

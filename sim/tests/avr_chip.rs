@@ -6,7 +6,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use avr::{MS, US, address, assert_no_violation, byte, bytes, program, word};
-use sim::avr::{Avr, ResetCause, State};
+use sim::avr::{Avr, Halt, ResetCause, State};
 
 #[test]
 fn time_goes_on_through_resets() {
@@ -160,6 +160,56 @@ fn a_program_that_runs_off_its_flash_has_crashed_but_time_goes_on() {
     let mut avr = Avr::blank().unwrap();
     assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)));
     assert_eq!(avr.now(), 10 * MS);
+}
+
+/// LDI r24, 0x0E; STS WDTCSR, r24; LDI r24, 0x08; STS UCSR0B, r24; WDR; NOP; STS UDR0, r24; NOP; NOP; RJMP back to WDR. Arming the
+/// watchdog, resetting it and sending a character each make a date in simavr.
+const WITH_DATES: [u16; 13] =
+    [0xE08E, 0x9380, 0x0060, 0xE088, 0x9380, 0x00C1, 0x95A8, 0x0000, 0x9380, 0x00C6, 0x0000, 0x0000, 0xCFF9];
+
+fn with_dates() -> Avr {
+    let mut avr = Avr::blank().unwrap();
+    avr.load_flash(0, &WITH_DATES.map(u16::to_le_bytes).concat());
+    avr
+}
+
+const ITS_COURSE: [u32; 15] = [0, 2, 6, 8, 12, 14, 16, 20, 22, 24, 12, 14, 16, 20, 22];
+
+#[test]
+fn a_tracer_sees_every_instruction_before_it_runs() {
+    let mut avr = with_dates();
+    let seen = Rc::new(RefCell::new(Vec::new()));
+    let log = Rc::clone(&seen);
+    avr.trace(Some(Box::new(move |moment| log.borrow_mut().push((moment.pc(), moment.at())))));
+    avr.run_until(MS);
+    avr.trace(None);
+    let traced = seen.borrow().len();
+    avr.run_until(2 * MS);
+    let seen = seen.borrow();
+    assert_eq!(seen.len(), traced, "nothing once it has ended");
+    let course: Vec<u32> = seen.iter().map(|&(pc, _)| pc).collect();
+    assert_eq!(course[..15], ITS_COURSE);
+    assert!(seen.windows(2).all(|pair| (1..=2).contains(&(pair[1].1 - pair[0].1))), "one or two cycles each");
+}
+
+#[test]
+fn a_debugger_steps_over_one_instruction_at_a_time_and_meets_every_breakpoint() {
+    let mut avr = with_dates();
+    let debugger = avr.debugger();
+    debugger.halt(Halt::Asked);
+    for pc in ITS_COURSE {
+        assert_eq!((debugger.halted().is_some(), avr.pc()), (true, pc));
+        debugger.resume(true);
+        avr.run_until(MS);
+    }
+    // Right behind WDR, and behind the write to UDR0.
+    for pc in [14, 20, 14, 20] {
+        debugger.set_breakpoint(pc);
+        debugger.resume(false);
+        avr.run_until(MS);
+        assert_eq!((debugger.halted(), avr.pc()), (Some(Halt::Breakpoint), pc));
+        debugger.clear_breakpoint(pc);
+    }
 }
 
 #[test]

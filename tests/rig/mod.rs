@@ -1,11 +1,14 @@
 //! The rig of the black-box tests: the shipped ELF on one or more simulated boards, and one other node on the bus to talk to it.
 //!
 //! Numbers of the protocol are written out here and in the tests, or are the simulator's; they are never taken from the
-//! firmware. What the node is managed by is in [`manage`], what it says of itself in [`status`].
+//! firmware. What the node is managed by is in [`manage`], what it says of itself in [`status`], what its bus is full of in
+//! [`load`], and what its program does meanwhile in [`profile`].
 
 #![allow(dead_code, reason = "each test file uses its own part of the rig")]
 
+pub mod load;
 pub mod manage;
+pub mod profile;
 pub mod status;
 
 use std::cell::RefCell;

@@ -282,6 +282,14 @@ impl Core {
         unsafe { (*self.avr).run_cycle_limit = u64::MAX }
     }
 
+    /// Lets `run_one` run one instruction only. [`Core::stop_soon`] alone does not: simavr forgets it when the instruction makes
+    /// a date, as WDR and a write to UDR0 do.
+    pub fn run_singly(&self) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).run_cycle_limit = 1 }
+        self.stop_soon();
+    }
+
     /// Calls `timer` when simavr's clock reaches `cycle`, replacing its earlier date.
     pub fn schedule(&self, cycle: u64, timer: ffi::avr_cycle_timer_t) {
         let delay = cycle.saturating_sub(self.cycle());

@@ -71,7 +71,7 @@ impl Debug {
                 return true;
             }
         }
-        core.stop_soon();
+        core.run_singly();
         false
     }
 

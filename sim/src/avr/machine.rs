@@ -23,6 +23,7 @@ use super::pins::Pins;
 use super::regs;
 use super::spi::{Spi, SpiByte};
 use super::timer1::{Oc, Timer1};
+use super::trace::Trace;
 use super::uart::Uart;
 use super::watchdog::Watchdog;
 use super::{Reset, ResetCause, Violation};
@@ -98,6 +99,7 @@ pub(super) struct Machine {
     watchdog: RefCell<Watchdog>,
     pub pins: Pins,
     pub debug: Debug,
+    pub trace: Trace,
     resets: RefCell<Vec<Reset>>,
     reset_cause: Cell<Option<ResetCause>>,
     violations: RefCell<Vec<Violation>>,
@@ -122,6 +124,7 @@ impl Machine {
             watchdog: RefCell::new(Watchdog::new(0)),
             pins: Pins::default(),
             debug: Debug::default(),
+            trace: Trace::default(),
             resets: RefCell::default(),
             reset_cause: Cell::new(None),
             violations: RefCell::default(),
@@ -211,11 +214,15 @@ impl Machine {
         let core = &self.core;
         self.schedule(Timer::Stop, until);
         loop {
-            if self.debug.is_watching() && self.debug.halts(&self.core) {
+            core.run_freely();
+            if self.debug.is_watching() && self.debug.halts(core) {
                 return;
             }
             let asleep_for_good = core.activity() == Activity::Sleeping && !core.interrupts_enabled();
             if core.activity() == Activity::Running {
+                if self.trace.is_on() {
+                    self.trace.instruction(self);
+                }
                 core.run_one();
                 if core.activity() == Activity::Sleeping && core.get(regs::SMCR) & regs::SE == 0 {
                     self.violation("SLEEP without SE in SMCR: the chip does not sleep");
@@ -253,7 +260,6 @@ impl Machine {
     /// Puts right what simavr's reset leaves wrong, and what it forgot of the outside world.
     fn after_reset(&self) {
         let now = self.now();
-        self.core.run_freely();
         self.core.disconnect_timer1();
         self.spi.replace(Spi::default());
         self.uart.borrow_mut().reset(self);

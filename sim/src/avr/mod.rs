@@ -34,6 +34,7 @@ mod pulse;
 pub mod regs;
 mod spi;
 mod timer1;
+mod trace;
 mod uart;
 mod watchdog;
 
@@ -52,6 +53,7 @@ pub use pins::PinWatcher;
 pub use pulse::{Pulse, PulseMeter};
 pub use spi::SpiByte;
 pub use timer1::Oc;
+pub use trace::{Moment, Tracer};
 pub use uart::SerialCharacter;
 
 use self::core::Activity;
@@ -354,6 +356,12 @@ impl Avr {
     /// Access for a debugger.
     pub fn debugger(&mut self) -> Debugger {
         Debugger::new(Rc::clone(&self.machine))
+    }
+
+    /// Calls `tracer` before each instruction, which makes the simulation several times slower; `None` ends it. The tracer
+    /// must not run the chip.
+    pub fn trace(&mut self, tracer: Option<Tracer>) {
+        self.machine.trace.set(tracer);
     }
 
     /// All of flash.

@@ -23,7 +23,7 @@ mod firmware {
 
     #[avr_device::entry]
     fn main() -> ! {
-        let (spi, serial, clock) = board::take();
+        let (spi, serial, clock, task) = board::take();
         let mut chip = MCP2515::new(spi);
         // `init` sets filters that let everything in and would leave configuration mode; masks and filters can only be
         // written there.
@@ -40,7 +40,7 @@ mod firmware {
             chip.set_filter(filter, id).unwrap();
         }
         chip.set_mode(OpMode::Normal).unwrap();
-        job::run(Stranger(chip), serial, clock)
+        job::run(Stranger(chip), serial, clock, task)
     }
 
     struct Stranger(MCP2515<CanSpi>);

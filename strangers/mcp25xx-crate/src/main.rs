@@ -30,7 +30,7 @@ mod firmware {
 
     #[avr_device::entry]
     fn main() -> ! {
-        let (spi, serial, clock) = board::take();
+        let (spi, serial, clock, task) = board::take();
         Delay.delay_ms(OSCILLATOR_START_MS);
         let mut chip = MCP25xx { spi };
         let filters = [
@@ -50,7 +50,7 @@ mod firmware {
             .receive_buffer_1(RXB1CTRL::default().with_rxm(RXM::Filter))
             .filters(&filters);
         let Ok(()) = chip.apply_config(&config);
-        job::run(Stranger(chip), serial, clock)
+        job::run(Stranger(chip), serial, clock, task)
     }
 
     struct Stranger(MCP25xx<CanSpi>);

@@ -1,0 +1,218 @@
+//! The node on a full bus: no frame lost, none stuck, none out of order, and the servo as steady as in silence. Everything is on
+//! meanwhile: telemetry at its highest rates, a client that walks, sets and saves the parameters, the light, the serial monitor.
+//!
+//! `make bench` measures the same for longer, and writes the figures down.
+
+mod rig;
+
+use std::sync::{LazyLock, Mutex};
+
+use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
+use rig::profile::{Names, Profile};
+
+/// Simulated time of each load.
+const LOAD_MS: u64 = 2000;
+const BURSTS_MS: u64 = 2500;
+
+/// A load, and what was seen under it.
+struct Run {
+    load: Load,
+    figures: Figures,
+}
+
+/// Every kind of frame at a priority above and below all of the node's own, back to back and in bursts.
+static RUNS: LazyLock<Vec<Run>> = LazyLock::new(|| {
+    let kinds = Kind::MATCHING.into_iter().flat_map(|kind| [(kind, 0), (kind, 31)]);
+    let loads = kinds.flat_map(|(kind, priority)| [Pace::Full, Pace::Bursts].map(|pace| Load { kind, priority, pace }));
+    let loads = Mutex::new(loads.collect::<Vec<_>>());
+    let runs = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some(load) = { loads.lock().unwrap().pop() } {
+                    let mut loaded = Loaded::new(Some(load), Client::Saving);
+                    loaded.run_ms(if load.pace == Pace::Bursts { BURSTS_MS } else { LOAD_MS });
+                    let run = Run { load, figures: loaded.finish() };
+                    runs.lock().unwrap().push(run);
+                }
+            });
+        }
+    });
+    runs.into_inner().unwrap()
+});
+
+/// Fails with all runs for which `wrong` has something to say.
+#[track_caller]
+fn all(select: impl Fn(Load) -> bool, wrong: impl Fn(&Figures) -> Option<String>) {
+    let selected: Vec<&Run> = RUNS.iter().filter(|run| select(run.load)).collect();
+    assert!(!selected.is_empty());
+    let mut wrong: Vec<String> =
+        selected.iter().filter_map(|run| Some(format!("{:?}: {}", run.load, wrong(&run.figures)?))).collect();
+    wrong.sort();
+    assert!(wrong.is_empty(), "{} of {} loads\n{}", wrong.len(), selected.len(), wrong.join("\n"));
+}
+
+/// Every frame read as it was sent, in the order of the bus, and none left behind.
+fn incomplete(figures: &Figures) -> Option<String> {
+    let meter = &figures.meter;
+    let wrong = meter.lost + meter.out_of_order + meter.garbled > 0 || figures.stuck || meter.frames < 1000;
+    wrong.then(|| {
+        format!(
+            "{} frames, {} lost, {} out of order, {} garbled{}",
+            meter.frames,
+            meter.lost,
+            meter.out_of_order,
+            meter.garbled,
+            if figures.stuck { ", one stuck" } else { "" }
+        )
+    })
+}
+
+#[test]
+fn commands_of_every_length_back_to_back_are_all_read_in_order() {
+    all(|load| matches!(load.kind, Kind::Command(_)) && load.pace == Pace::Full, incomplete);
+}
+
+#[test]
+fn commands_of_nine_frames_back_to_back_are_all_read_in_order() {
+    all(|load| load.kind == Kind::LongCommand && load.pace == Pace::Full, incomplete);
+}
+
+#[test]
+fn statuses_and_the_thesis_s_commands_of_every_length_back_to_back_are_all_read_in_order() {
+    all(|load| matches!(load.kind, Kind::Status(_) | Kind::Thesis) && load.pace == Pace::Full, incomplete);
+}
+
+#[test]
+fn requests_back_to_back_are_all_read_in_order() {
+    all(|load| load.kind == Kind::Request && load.pace == Pace::Full, incomplete);
+}
+
+#[test]
+fn bursts_after_silence_are_all_read_in_order() {
+    all(|load| load.pace == Pace::Bursts, incomplete);
+}
+
+/// From the chip select of the look that finds the frame to the end of the instruction that releases its buffer.
+#[test]
+fn half_of_the_frames_are_out_of_the_controller_within_450_cycles_of_the_chip_select() {
+    all(
+        |_| true,
+        |figures| {
+            let (median, max) = (figures.meter.service.median(), figures.meter.service.max());
+            (median == 0 || median > 450).then(|| format!("median {median}, max {max} cycles"))
+        },
+    );
+}
+
+#[test]
+fn every_frame_is_out_of_the_controller_within_1250_cycles_of_its_end() {
+    all(
+        |_| true,
+        |figures| {
+            let latency = &figures.meter.latency;
+            (latency.max() > 1250).then(|| {
+                format!("median {}, 99 % {}, max {} cycles", latency.median(), latency.percentile(99), latency.max())
+            })
+        },
+    );
+}
+
+#[test]
+fn no_frame_takes_more_than_two_chip_selects_and_nine_bytes_besides_its_data() {
+    all(
+        |_| true,
+        |figures| {
+            let (selects, overhead) = (figures.meter.selects.max(), figures.meter.overhead.max());
+            (selects > 2 || overhead > 9).then(|| format!("{selects} chip selects, {overhead} bytes besides the data"))
+        },
+    );
+}
+
+#[test]
+fn a_command_is_in_the_servo_s_register_within_100_us_of_its_end() {
+    all(
+        |load| load.kind.moves(),
+        |figures| {
+            let (moves, max) = (figures.command_to_servo.values().len(), figures.command_to_servo.max());
+            (moves < 100 || max > 1600).then(|| format!("{moves} commands, the slowest after {} us", max / 16))
+        },
+    );
+}
+
+#[test]
+fn the_pulses_of_the_servo_have_no_jitter_under_any_load() {
+    const PERIOD: u64 = 320_000;
+    all(
+        |_| true,
+        |figures| {
+            let (periods, unasked) = (&figures.periods, figures.unasked_moves);
+            (periods.len() != 1 || !periods.contains_key(&PERIOD) || unasked > 0)
+                .then(|| format!("periods {periods:?}, {unasked} moves that nobody asked for"))
+        },
+    );
+    let steady = |figures: &Figures| (figures.widths.len() != 1).then(|| format!("widths {:?}", figures.widths));
+    all(|load| !load.kind.moves(), steady);
+}
+
+#[test]
+fn the_node_s_own_messages_go_out_when_arbitration_lets_them() {
+    // A load that loses every arbitration: telemetry, and answers to the client. Requests have their own answers.
+    all(
+        |load| load.priority == 31 && load.kind != Kind::Request,
+        |figures| {
+            let (frames, answers) = (figures.own_frames, figures.answers);
+            (frames < 200 || answers < 20).then(|| format!("{frames} frames, {answers} answers"))
+        },
+    );
+    // One that wins every arbitration: what waited goes out after it.
+    all(
+        |load| load.priority == 0 && load.pace == Pace::Full,
+        |figures| (figures.own_frames == 0).then(|| "nothing".to_owned()),
+    );
+}
+
+#[test]
+fn its_status_goes_out_each_second_on_a_full_bus() {
+    for kind in [Kind::Command(8), Kind::Status(8), Kind::Foreign] {
+        let mut loaded = Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Full }), Client::Walking);
+        loaded.run_ms(5200);
+        // To an autopilot's statuses it answers with its own, so there may be more.
+        assert!((5..=11).contains(&loaded.figures.own_statuses), "{kind:?}: {} in 5.2 s", loaded.figures.own_statuses);
+    }
+}
+
+#[test]
+fn a_bus_full_of_frames_for_others_costs_nothing() {
+    let run = |load| {
+        let mut loaded = Loaded::new(load, Client::None);
+        let profile = Profile::begin(loaded.rig.board().avr_mut());
+        loaded.run_ms(1500);
+        let (_, mean, _) = profile.turns();
+        (loaded.finish(), mean)
+    };
+    let (silent, silent_mean) = run(None);
+    let (full, full_mean) = run(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }));
+    assert_eq!((full.meter.frames, full.meter.lost), (0, 0), "frames for others that came through the filters");
+    assert_eq!(full.meter.fetched_bytes, silent.meter.fetched_bytes, "bytes on the SPI to read frames");
+    assert!(full_mean.abs_diff(silent_mean) * 50 <= silent_mean, "a turn takes {full_mean} cycles, not {silent_mean}");
+    assert!(full.own_frames.abs_diff(silent.own_frames) <= 3 && full.own_frames > 100);
+}
+
+#[test]
+fn no_turn_of_the_main_loop_takes_longer_than_250_us_with_everything_at_once() {
+    let names = Names::of_node();
+    for load in [
+        Load { kind: Kind::LongCommand, priority: 31, pace: Pace::Bursts },
+        Load { kind: Kind::Command(5), priority: 31, pace: Pace::Full },
+    ] {
+        let mut loaded = Loaded::new(Some(load), Client::Saving);
+        let profile = Profile::begin(loaded.rig.board().avr_mut());
+        loaded.run_ms(3000);
+        let (turns, _, worst) = profile.turns();
+        assert!(turns > 1000);
+        let tasks: Vec<String> =
+            profile.tasks(&names).iter().map(|share| format!("{} {}", share.cycles, share.name)).collect();
+        assert!(worst <= 4000, "{load:?}: a turn of {worst} cycles\n{}", tasks.join("\n"));
+    }
+}

@@ -1,0 +1,605 @@
+//! The rig under load: a sender that fills the bus, a client that keeps the node busy, and what a frame costs, as it is seen on
+//! the wires of the board and in the log of its CAN controller.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, VecDeque};
+use std::rc::Rc;
+
+use sim::Cycles;
+use sim::bench::Bench;
+use sim::board::{Board, WireEvent};
+use sim::can::{Frame, Id, SoftNode};
+use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
+use sim::mcp2515::Fate;
+
+use super::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, array_command};
+
+/// Node ID of the sender that fills the bus.
+const SENDER: u32 = 10;
+/// Frames that wait in its queue, so that there is always a next one.
+const QUEUE: usize = 24;
+/// Of the bits of an identifier, those below the priority.
+const BELOW_PRIORITY: u32 = 0x00FF_FFFF;
+/// A message that the node does not take.
+const FOREIGN: u32 = 0x1804_5600;
+/// What RXF0 of `strangers/job.rs` takes, with RXB1 behind it.
+const STRANGERS: u32 = 0x1234_5600;
+/// LightsCommand.
+const LIGHTS_COMMAND: u32 = 0x1804_3900;
+/// The low byte of OCR1B.
+const OCR1BL: u16 = 0x8A;
+/// What makes the node publish all that it can, as fast as it can.
+const BUSY: [(&str, i64); 3] = [("TELEM_RATE", 50), ("TEMP_RATE", 50), ("STATS_RATE", 10)];
+/// So long a client waits for an answer.
+const CLIENT_PATIENCE_MS: u64 = 300;
+/// RX0IF and RX1IF of CANINTF.
+const CANINTF: u8 = 0x2C;
+const RX_FLAGS: u8 = 0b11;
+
+/// What a frame on a full bus is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A frame of ArrayCommand with so many bytes, of which 5 are a command: it has RXB0, and RXB1 when that is full.
+    Command(usize),
+    /// Frames of ArrayCommands with 15 commands: nine each.
+    LongCommand,
+    /// A frame of NodeStatus with so many bytes, of which 8 are a status: it has RXB1 alone.
+    Status(usize),
+    /// The thesis's command of 2 bytes: RXB1, too.
+    Thesis,
+    /// A request for the node's information: RXB0.
+    Request,
+    /// A frame for others, of 8 bytes.
+    Foreign,
+    /// A frame of so many bytes that the firmwares of `strangers/` take.
+    Stranger(usize),
+}
+
+impl Kind {
+    /// All that the node takes.
+    pub const MATCHING: [Kind; 14] = [
+        Kind::Command(0),
+        Kind::Command(1),
+        Kind::Command(2),
+        Kind::Command(5),
+        Kind::Command(7),
+        Kind::Command(8),
+        Kind::LongCommand,
+        Kind::Status(0),
+        Kind::Status(1),
+        Kind::Status(2),
+        Kind::Status(7),
+        Kind::Status(8),
+        Kind::Thesis,
+        Kind::Request,
+    ];
+
+    /// Whether its frames make the servo move.
+    pub fn moves(self) -> bool {
+        matches!(self, Kind::Command(5) | Kind::LongCommand | Kind::Thesis)
+    }
+}
+
+/// Frames that fill the bus.
+#[derive(Clone, Copy, Debug)]
+pub struct Load {
+    pub kind: Kind,
+    /// 0 wins every arbitration of the node's, 31 loses every one.
+    pub priority: u8,
+    pub pace: Pace,
+}
+
+/// How close together frames are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Back to back.
+    Full,
+    /// Bursts of 1 to 40 frames between silences of up to 10 ms.
+    Bursts,
+    /// One in so many cycles.
+    Every(Cycles),
+}
+
+/// The sender of a [`Load`].
+pub struct Sender {
+    load: Load,
+    station: Rc<RefCell<SoftNode>>,
+    count: u32,
+    transfer_id: u8,
+    /// The frames of the transfer under way.
+    rest: VecDeque<Vec<u8>>,
+    silent_until: Cycles,
+    random: u32,
+    /// Widths in microseconds that the commands to come ask for.
+    widths: VecDeque<f32>,
+}
+
+/// Width of the pulse of the nth valid command, in microseconds.
+fn pulse_us(n: u32) -> f32 {
+    (1000 + n * 37 % 1001) as f32
+}
+
+impl Sender {
+    pub fn attach(bench: &mut Bench, load: Load) -> Sender {
+        let station = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
+        bench.attach("load", station.clone());
+        Sender {
+            load,
+            station,
+            count: 0,
+            transfer_id: 0,
+            rest: VecDeque::new(),
+            silent_until: 0,
+            random: 1,
+            widths: VecDeque::new(),
+        }
+    }
+
+    fn random(&mut self, below: u32) -> u32 {
+        // Numerical Recipes' generator; its upper bits are good enough.
+        self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (self.random >> 16) % below
+    }
+
+    fn next_transfer_id(&mut self) -> u8 {
+        self.transfer_id = (self.transfer_id + 1) % 32;
+        self.transfer_id
+    }
+
+    /// A single frame of so many bytes: `start`, a count, and the tail byte.
+    fn padded(&mut self, start: &[u8], len: usize) -> Vec<u8> {
+        let mut data = start.to_vec();
+        data.resize(7, self.count as u8);
+        data.truncate(len.saturating_sub(1));
+        let tail = 0xC0 | self.next_transfer_id();
+        data.extend((len > 0).then_some(tail));
+        data
+    }
+
+    /// The next frame.
+    pub fn frame(&mut self) -> Frame {
+        self.count += 1;
+        let [low, high] = half::f16::from_f32(pulse_us(self.count)).to_le_bytes();
+        match self.load.kind {
+            Kind::Command(5) => self.widths.push_back(pulse_us(self.count)),
+            Kind::LongCommand if self.rest.is_empty() => self.widths.push_back(pulse_us(self.count)),
+            // Over the whole travel.
+            Kind::Thesis => self.widths.push_back(1000.0 + f32::from(self.count as u8) * 1000.0 / 255.0),
+            _ => {}
+        }
+        let (id, data) = match self.load.kind {
+            Kind::Command(len) => (ARRAY_COMMAND | SENDER, self.padded(&[1, 4, low, high], len)),
+            Kind::Status(len) => (NODE_STATUS | SENDER, self.padded(&[10, 0, 0, 0, 0, 0, 0], len)),
+            Kind::Thesis => (SERVO_COMMAND | SENDER, self.padded(&[self.count as u8], 2)),
+            Kind::Request => (0x1E01_80FF | NODE << 8, self.padded(&[], 1)),
+            Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
+            Kind::Stranger(len) => (STRANGERS, self.padded(&[], len)),
+            Kind::LongCommand => {
+                if self.rest.is_empty() {
+                    let commands: Vec<_> = (1..=15).map(|n| (n, 4, pulse_us(self.count))).collect();
+                    self.rest = array_command(&commands, self.next_transfer_id()).into();
+                }
+                (ARRAY_COMMAND | SENDER, self.rest.pop_front().expect("a frame"))
+            }
+        };
+        let id = match self.load.kind {
+            Kind::Stranger(_) => id,
+            _ => id & BELOW_PRIORITY | u32::from(self.load.priority) << 24,
+        };
+        Frame::extended(id, &data)
+    }
+
+    /// Sees to it that there are frames to send; to be called every millisecond at least.
+    pub fn feed(&mut self, now: Cycles) {
+        self.station.borrow_mut().take_received();
+        let queued = self.station.borrow().queued();
+        match self.load.pace {
+            Pace::Full => self.send((QUEUE - queued.min(QUEUE)) as u32),
+            Pace::Bursts if queued == 0 && now >= self.silent_until => {
+                let (frames, silence_us) = (1 + self.random(40), self.random(10_000));
+                self.send(frames);
+                // A frame takes 160 us at most.
+                self.silent_until = now + Cycles::from(frames * 160 + silence_us) * US;
+            }
+            Pace::Bursts => {}
+            Pace::Every(period) => {
+                self.silent_until = self.silent_until.max(now);
+                while self.silent_until < now + MS {
+                    let frame = self.frame();
+                    self.station.borrow_mut().send_at(self.silent_until, frame);
+                    self.silent_until += period;
+                }
+            }
+        }
+    }
+
+    fn send(&mut self, frames: u32) {
+        for _ in 0..frames {
+            let frame = self.frame();
+            self.station.borrow_mut().send(frame);
+        }
+    }
+
+    /// Ends the load.
+    fn stop(&mut self) {
+        self.load.pace = Pace::Bursts;
+        self.silent_until = Cycles::MAX;
+        self.station.borrow_mut().clear_queue();
+    }
+}
+
+/// Numbers of which the median and the highest are of interest.
+#[derive(Clone, Debug, Default)]
+pub struct Samples {
+    values: Vec<u32>,
+}
+
+impl Samples {
+    pub fn push(&mut self, value: Cycles) {
+        self.values.push(u32::try_from(value).unwrap_or(u32::MAX));
+    }
+
+    pub fn values(&self) -> &[u32] {
+        &self.values
+    }
+
+    /// The value that so many of a hundred do not exceed; 0 if there is none at all.
+    pub fn percentile(&self, percent: usize) -> u32 {
+        let mut sorted = self.values.clone();
+        let at = (sorted.len() * percent).div_ceil(100).saturating_sub(1);
+        if sorted.is_empty() { 0 } else { *sorted.select_nth_unstable(at).1 }
+    }
+
+    pub fn median(&self) -> u32 {
+        self.percentile(50)
+    }
+
+    pub fn max(&self) -> u32 {
+        self.values.iter().copied().max().unwrap_or(0)
+    }
+}
+
+/// One instruction on the SPI, from chip select low to high.
+#[derive(Clone, Debug, Default)]
+struct Instruction {
+    start: Cycles,
+    end: Cycles,
+    mosi: Vec<u8>,
+    miso: Vec<u8>,
+}
+
+/// What an instruction is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Purpose {
+    /// To see whether there is a frame.
+    Look,
+    /// To read or release one.
+    Fetch,
+    /// To send one.
+    Send,
+    Other,
+}
+
+impl Instruction {
+    /// DS20001801J table 12-1.
+    fn purpose(&self) -> Purpose {
+        match self.mosi[..] {
+            [0xA0 | 0xB0, ..] | [0x03, CANINTF, ..] => Purpose::Look,
+            [0x90..=0x96, ..] | [0x03, 0x60..=0x7F, ..] | [0x02 | 0x05, CANINTF, ..] => Purpose::Fetch,
+            [0x40..=0x45 | 0x80..=0x87, ..] | [0x02 | 0x05, 0x30..=0x5F, ..] => Purpose::Send,
+            _ => Purpose::Other,
+        }
+    }
+
+    /// The frame that READ RX BUFFER has read from its beginning on.
+    fn frame_read(&self) -> Option<Frame> {
+        let ([0x90 | 0x94, ..], [_, sidh, sidl, eid8, eid0, dlc, data @ ..]) = (&self.mosi[..], &self.miso[..]) else {
+            return None;
+        };
+        let standard = u32::from(*sidh) << 3 | u32::from(sidl >> 5);
+        let id = standard << 18 | u32::from(sidl & 0b11) << 16 | u32::from(*eid8) << 8 | u32::from(*eid0);
+        let length = usize::from(dlc & 0x0F).min(8);
+        Some(Frame::extended(id, data.get(..length)?))
+    }
+}
+
+/// A pause between the look and the first byte of the frame that is longer than this is no part of the service: the driver had
+/// looked ahead, and the program handled the frame before.
+const PAUSE: Cycles = 300;
+
+/// Watches what a driver does with the frames that its controller takes.
+#[derive(Default)]
+pub struct Meter {
+    open: Option<Instruction>,
+    look: Option<(Cycles, Cycles, usize)>,
+    fetch: Vec<Instruction>,
+    newest_received_at: Cycles,
+    /// Frames read and released.
+    pub frames: u64,
+    /// Frames for which there was no room.
+    pub lost: u64,
+    /// Frames released before an older one.
+    pub out_of_order: u64,
+    /// Frames of which something else was read than what was on the bus.
+    pub garbled: u64,
+    /// From the chip select of the look that saw the frame to the release of its buffer.
+    pub service: Samples,
+    /// From the end of the frame to the release of its buffer.
+    pub latency: Samples,
+    /// Chip selects of a frame.
+    pub selects: Samples,
+    /// Bytes on the SPI besides those of the frame's data.
+    pub overhead: Samples,
+    /// Bytes on the SPI to read or release frames.
+    pub fetched_bytes: u64,
+}
+
+impl Meter {
+    /// Begins now; what was before is forgotten.
+    pub fn attach(board: &mut Board) -> Meter {
+        board.attach_probe();
+        board.take_wire_events();
+        board.chip().borrow_mut().take_frame_log();
+        Meter::default()
+    }
+
+    /// Takes in what happened since the last call.
+    pub fn collect(&mut self, board: &mut Board) {
+        let log = board.chip().borrow_mut().take_frame_log();
+        let mut releases: VecDeque<(Cycles, Cycles, Frame)> = VecDeque::new();
+        for entry in log {
+            match entry.fate {
+                Fate::Lost => self.lost += 1,
+                Fate::Cleared(at) => {
+                    self.frames += 1;
+                    self.latency.push(at - entry.received_at);
+                    if entry.received_at < self.newest_received_at {
+                        self.out_of_order += 1;
+                    }
+                    self.newest_received_at = entry.received_at;
+                    releases.push_back((at, entry.received_at, entry.frame));
+                }
+            }
+        }
+        for (at, event) in board.take_wire_events() {
+            match event {
+                WireEvent::Cs(false) => self.open = Some(Instruction { start: at, ..Instruction::default() }),
+                WireEvent::Spi { byte, miso } => {
+                    if let Some(open) = &mut self.open {
+                        open.mosi.push(byte.mosi);
+                        open.miso.push(miso);
+                    }
+                }
+                WireEvent::Cs(true) => {
+                    if let Some(mut instruction) = self.open.take() {
+                        instruction.end = at;
+                        self.instruction(instruction, &mut releases);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn instruction(&mut self, instruction: Instruction, releases: &mut VecDeque<(Cycles, Cycles, Frame)>) {
+        match instruction.purpose() {
+            Purpose::Look => {
+                self.look = Some((instruction.start, instruction.end, instruction.mosi.len()));
+                self.fetch.clear();
+            }
+            Purpose::Fetch => {
+                self.fetched_bytes += instruction.mosi.len() as u64;
+                self.fetch.push(instruction);
+            }
+            // What it looked at was its own buffers.
+            Purpose::Send => self.look = None,
+            Purpose::Other => {}
+        }
+        let Some(last) = self.fetch.last() else { return };
+        if releases.front().is_none_or(|&(at, ..)| at > last.end) {
+            return;
+        }
+        let (at, _, frame) = releases.pop_front().expect("a release");
+        let read = self.fetch.iter().find_map(Instruction::frame_read);
+        self.garbled += u64::from(read.is_some_and(|read| read != frame));
+        let first = self.fetch[0].start;
+        let begun = match self.look {
+            Some((start, end, _)) if first.saturating_sub(end) <= PAUSE => start,
+            Some((start, end, _)) => first - (end - start),
+            None => first,
+        };
+        self.service.push(at - begun);
+        let bytes = self.fetch.iter().map(|fetch| fetch.mosi.len()).sum::<usize>() + self.look.map_or(0, |look| look.2);
+        self.overhead.push((bytes - frame.data().len()) as Cycles);
+        self.selects.push((self.fetch.len() + usize::from(self.look.is_some())) as Cycles);
+        self.look = None;
+        self.fetch.clear();
+    }
+}
+
+/// What else the node has to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Client {
+    /// Nothing.
+    None,
+    /// A client walks the parameters, lights change, and somebody types `?` on the serial monitor.
+    Walking,
+    /// It also changes and saves them.
+    Saving,
+}
+
+/// What was seen of the node under a load.
+#[derive(Default)]
+pub struct Figures {
+    pub meter: Meter,
+    /// A frame is still in the controller 20 ms after the load.
+    pub stuck: bool,
+    /// Answers that the client had.
+    pub answers: u64,
+    /// Frames of the node that went out, and NodeStatus among them.
+    pub own_frames: u64,
+    pub own_statuses: u64,
+    /// From the end of a command's last frame to the write to OCR1B; the next pulse has that width.
+    pub command_to_servo: Samples,
+    /// Writes to OCR1B of something that no command had asked for.
+    pub unasked_moves: u64,
+    /// Periods and widths of the servo's pulses, in cycles, how often each.
+    pub periods: BTreeMap<u64, u64>,
+    pub widths: BTreeMap<u64, u64>,
+}
+
+/// The node under a load with everything on.
+pub struct Loaded {
+    pub rig: Rig,
+    pub figures: Figures,
+    sender: Option<Sender>,
+    client: Client,
+    ms: u64,
+    asked_at: Cycles,
+    asked: u16,
+    ocr: u16,
+    /// Commands that passed: the end, and the width in microseconds.
+    commands: VecDeque<(Cycles, f32)>,
+}
+
+impl Loaded {
+    /// A node that is up, with the parameters of [`BUSY`], and then the load.
+    pub fn new(load: Option<Load>, client: Client) -> Loaded {
+        let mut rig = Rig::running();
+        rig.overflows_expected = true;
+        for (name, value) in BUSY {
+            rig.set(name, value);
+        }
+        rig.send_command(1, 4, 1500.0);
+        rig.run_ms(100);
+        rig.forget();
+        let sender = load.map(|load| Sender::attach(&mut rig.bench, load));
+        let figures = Figures { meter: Meter::attach(rig.board()), ..Figures::default() };
+        let ocr = ocr1b(rig.board());
+        Loaded { asked_at: rig.now(), rig, figures, sender, client, ms: 0, asked: 0, ocr, commands: VecDeque::new() }
+    }
+
+    pub fn run_ms(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.ms += 1;
+            if let Some(sender) = &mut self.sender {
+                sender.feed(self.rig.now());
+            }
+            self.busy_client();
+            self.millisecond();
+        }
+    }
+
+    /// Ends the load, and sees what is left in the controller after that.
+    pub fn finish(mut self) -> Figures {
+        if let Some(sender) = &mut self.sender {
+            sender.stop();
+        }
+        self.client = Client::None;
+        self.run_ms(20);
+        let chip = self.rig.board().chip();
+        self.figures.stuck = chip.borrow().register(CANINTF) & RX_FLAGS != 0;
+        self.figures
+    }
+
+    fn busy_client(&mut self) {
+        if self.client == Client::None {
+            return;
+        }
+        let rig = &mut self.rig;
+        // The client waits for the whole answer, and asks for the next one.
+        let answered = !rig.answers().is_empty();
+        if answered || rig.now() - self.asked_at > CLIENT_PATIENCE_MS * MS {
+            self.figures.answers += u64::from(answered);
+            self.asked = self.asked.wrapping_add(1);
+            self.asked_at = rig.now();
+            rig.transfers.clear();
+            let saving = self.client == Client::Saving;
+            let request = match self.asked % 32 {
+                31 => Message::NodeInfoRequest,
+                30 if saving => Message::ExecuteOpcode(Opcode::SAVE),
+                29 if saving => Message::ParameterRequest(ParameterRequest {
+                    index: 0,
+                    value: Value::Integer(i64::from(self.asked)),
+                    name: "TEMP_ID".into(),
+                }),
+                // Those beyond the last parameter have an answer, too.
+                index => Message::ParameterRequest(ParameterRequest { index, ..ParameterRequest::default() }),
+            };
+            rig.request(&request);
+        }
+        if self.ms % 50 == 25 {
+            let tail = 0xC0 | (self.ms / 50 % 32) as u8;
+            rig.send(LIGHTS_COMMAND | SENDER, &[0, 0xFF, self.ms as u8, tail]);
+        }
+        if self.ms % 500 == 250 {
+            rig.board().avr_mut().serial_send(b"?");
+        }
+        if self.ms % 1000 == 500 {
+            rig.send_status_from(1);
+        }
+    }
+
+    fn millisecond(&mut self) {
+        let mut writes: Vec<(Cycles, u16)> = Vec::new();
+        let ocr = &mut self.ocr;
+        // It is looked at after each step of the bench, which is a bit at most while there is traffic.
+        self.rig.bench.run_until_or(
+            |bench| {
+                let now = ocr1b(bench.board(0));
+                if now != *ocr {
+                    *ocr = now;
+                    writes.push((bench.now(), now));
+                }
+                false
+            },
+            MS,
+        );
+        let end = self.rig.now() + 1;
+        self.rig.run_until(end);
+        let figures = &mut self.figures;
+        for (at, frame) in self.rig.traffic.drain(..) {
+            let Id::Extended(id) = frame.id else { continue };
+            figures.own_frames += u64::from(id & 0xFF == NODE);
+            figures.own_statuses += u64::from(id == super::STATUS_OF_NODE);
+            let sender = self.sender.as_mut().filter(|_| is_last_of_command(id, &frame));
+            self.commands.extend(sender.and_then(|sender| sender.widths.pop_front()).map(|width| (at, width)));
+        }
+        for (at, written) in writes {
+            // Half a microsecond a step, and the same for rounding.
+            let is_of = |command: &(Cycles, f32)| (command.1 * 2.0 - f32::from(written)).abs() <= 2.0;
+            match self.commands.iter().position(is_of) {
+                Some(found) => {
+                    let (ended_at, _) = self.commands.drain(..=found).next_back().expect("a command");
+                    figures.command_to_servo.push(at.saturating_sub(ended_at));
+                }
+                None => figures.unasked_moves += 1,
+            }
+        }
+        for pulse in self.rig.pulses.drain(..) {
+            *figures.widths.entry(pulse.width_cycles).or_default() += 1;
+            if let Some(period) = pulse.period_cycles {
+                *figures.periods.entry(period).or_default() += 1;
+            }
+        }
+        figures.meter.collect(self.rig.bench.board(0));
+        self.rig.serial.clear();
+        self.rig.broken.clear();
+        if self.client == Client::None {
+            self.rig.transfers.clear();
+        }
+    }
+}
+
+fn ocr1b(board: &Board) -> u16 {
+    u16::from_le_bytes([board.avr().sram(OCR1BL), board.avr().sram(OCR1BL + 1)])
+}
+
+/// A frame that ends a valid command.
+fn is_last_of_command(id: u32, frame: &Frame) -> bool {
+    let below = id & BELOW_PRIORITY;
+    let ends = frame.data().last().is_some_and(|tail| tail & 0x40 != 0);
+    let single = frame.data().last().is_some_and(|tail| tail & 0x80 != 0);
+    below == (ARRAY_COMMAND | SENDER) & BELOW_PRIORITY && ends && (!single || frame.data().len() == 5)
+        || below == (SERVO_COMMAND | SENDER) & BELOW_PRIORITY
+}

@@ -1,0 +1,267 @@
+//! The program seen from outside: how long a turn of its main loop takes and what it does in it, and how deep its stack is and
+//! by which calls. Every instruction is looked at; names come from the debugging information of the ELF.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
+use std::rc::Rc;
+
+use addr2line::Loader;
+use sim::Cycles;
+use sim::avr::{Avr, Moment};
+use sim::bench::node_elf;
+
+/// WDR, which resets the watchdog: once a turn.
+const WDR: u16 = 0x95A8;
+/// What the interrupt vectors end before.
+const VECTORS_END: u32 = 0x68;
+
+/// A call under way.
+#[derive(Clone, Copy, Debug)]
+pub struct Call {
+    /// Byte address of the calling instruction, or of an interrupt's vector.
+    pub from: u32,
+    /// Byte address of the function that was called.
+    pub to: u32,
+    /// Stack pointer in the function that was called.
+    pub sp: u16,
+}
+
+/// An instruction of a turn.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    at: Cycles,
+    /// Where in the main function: the call there, or the instruction itself.
+    in_main: u32,
+    /// What is called there, if anything.
+    called: Option<u32>,
+    pc: u32,
+}
+
+#[derive(Default)]
+struct State {
+    flash: Vec<u8>,
+    /// The watchdog has been reset, so this is the main loop.
+    in_loop: bool,
+    calls: Vec<Call>,
+    before: Option<(u32, u16)>,
+    turn: Vec<Step>,
+    turns: u64,
+    worst: Vec<Step>,
+    worst_cycles: Cycles,
+    sum: Cycles,
+    deepest_sp: u16,
+    deepest: Vec<Call>,
+}
+
+impl State {
+    fn opcode(&self, at: u32) -> u16 {
+        let at = at as usize;
+        u16::from_le_bytes([self.flash[at], self.flash[at + 1]])
+    }
+
+    fn see(&mut self, moment: &Moment) {
+        let (pc, sp, at) = (moment.pc(), moment.sp(), moment.at());
+        if let Some((last_pc, last_sp)) = self.before.replace((pc, sp)) {
+            let last = self.opcode(last_pc);
+            // CALL, RCALL, ICALL.
+            let called = last & 0xFE0E == 0x940E || last & 0xF000 == 0xD000 || last == 0x9509;
+            let interrupted = pc < VECTORS_END && last_pc >= VECTORS_END && sp < last_sp;
+            if interrupted {
+                self.calls.push(Call { from: pc, to: pc, sp });
+            } else if called && sp < last_sp {
+                self.calls.push(Call { from: last_pc, to: pc, sp });
+            } else if matches!(last, 0x9508 | 0x9518) {
+                // RET, RETI.
+                while self.calls.last().is_some_and(|call| call.sp < sp) {
+                    self.calls.pop();
+                }
+            }
+            // PUSH and OUT SPL. Between the writes of its halves the stack pointer means nothing.
+            let moved = called || interrupted || last & 0xFE0F == 0x920F || last & 0xFE0F == 0xBE0D;
+            if self.in_loop && moved && sp < self.deepest_sp {
+                self.deepest_sp = sp;
+                self.deepest = self.calls.clone();
+                self.deepest.push(Call { from: pc, to: pc, sp });
+            }
+        }
+        if self.opcode(pc) == WDR {
+            self.end_turn(at);
+        }
+        if self.in_loop {
+            let call = self.calls.first();
+            let in_main = call.map_or(pc, |call| call.from);
+            self.turn.push(Step { at, in_main, called: call.map(|call| call.to), pc });
+        }
+    }
+
+    fn end_turn(&mut self, at: Cycles) {
+        self.in_loop = true;
+        self.calls.clear();
+        if let Some(first) = self.turn.first() {
+            let cycles = at - first.at;
+            self.turns += 1;
+            self.sum += cycles;
+            if cycles > self.worst_cycles {
+                self.worst_cycles = cycles;
+                self.turn.push(Step { at, in_main: 0, called: None, pc: 0 });
+                std::mem::swap(&mut self.worst, &mut self.turn);
+            }
+        }
+        self.turn.clear();
+    }
+}
+
+/// A profile of a running program.
+pub struct Profile {
+    state: Rc<RefCell<State>>,
+}
+
+/// Cycles spent on something.
+#[derive(Clone, Debug)]
+pub struct Share {
+    pub name: String,
+    pub cycles: Cycles,
+}
+
+impl Profile {
+    /// Begins to look at a program that is in its main loop. The first turn is the one after the next reset of the watchdog.
+    pub fn begin(avr: &mut Avr) -> Profile {
+        let state = State { flash: avr.flash().to_vec(), deepest_sp: u16::MAX, ..State::default() };
+        let state = Rc::new(RefCell::new(state));
+        let seen = Rc::clone(&state);
+        avr.trace(Some(Box::new(move |moment| seen.borrow_mut().see(moment))));
+        Profile { state }
+    }
+
+    /// Turns, the mean and the longest one in cycles.
+    pub fn turns(&self) -> (u64, Cycles, Cycles) {
+        let state = self.state.borrow();
+        (state.turns, state.sum / state.turns.max(1), state.worst_cycles)
+    }
+
+    /// What the longest turn was spent on, by what the main function calls, the longest first.
+    pub fn tasks(&self, names: &Names) -> Vec<Share> {
+        self.shares(|step| names.task(step))
+    }
+
+    /// The longest turn in the order of its tasks.
+    pub fn course(&self, names: &Names) -> Vec<Share> {
+        let state = self.state.borrow();
+        let mut course: Vec<Share> = Vec::new();
+        for pair in state.worst.windows(2) {
+            let (name, cycles) = (names.task(&pair[0]), pair[1].at - pair[0].at);
+            match course.last_mut() {
+                Some(last) if last.name == name => last.cycles += cycles,
+                _ => course.push(Share { name, cycles }),
+            }
+        }
+        course
+    }
+
+    /// The same by the innermost function.
+    pub fn functions(&self, names: &Names) -> Vec<Share> {
+        self.shares(|step| names.functions(step.pc).into_iter().next().unwrap_or_default())
+    }
+
+    fn shares(&self, name: impl Fn(&Step) -> String) -> Vec<Share> {
+        let state = self.state.borrow();
+        let mut shares: BTreeMap<String, Cycles> = BTreeMap::new();
+        for pair in state.worst.windows(2) {
+            *shares.entry(name(&pair[0])).or_default() += pair[1].at - pair[0].at;
+        }
+        let mut shares: Vec<Share> = shares.into_iter().map(|(name, cycles)| Share { name, cycles }).collect();
+        shares.sort_by_key(|share| std::cmp::Reverse(share.cycles));
+        shares
+    }
+
+    /// The lowest stack pointer, and the calls that led there; the last one is where it was.
+    pub fn deepest(&self) -> (u16, Vec<Call>) {
+        let state = self.state.borrow();
+        (state.deepest_sp, state.deepest.clone())
+    }
+}
+
+/// Names of functions by their addresses.
+pub struct Names {
+    loader: Loader,
+    known: RefCell<HashMap<u32, Vec<String>>>,
+}
+
+impl Names {
+    /// Those of the node.
+    pub fn of_node() -> Names {
+        let loader =
+            Loader::new(node_elf()).unwrap_or_else(|error| panic!("debugging information of the ELF: {error}"));
+        Names { loader, known: RefCell::default() }
+    }
+
+    /// The function at an address, the one that it is inlined in, and so on.
+    pub fn functions(&self, pc: u32) -> Vec<String> {
+        if let Some(known) = self.known.borrow().get(&pc) {
+            return known.clone();
+        }
+        let symbol = self.loader.find_symbol(pc.into()).unwrap_or_default();
+        let mut names = Vec::new();
+        let mut outermost = String::new();
+        if let Ok(mut frames) = self.loader.find_frames(pc.into()) {
+            while let Ok(Some(frame)) = frames.next() {
+                let Some(function) = frame.function else { continue };
+                outermost = function.raw_name().map(|name| name.into_owned()).unwrap_or_default();
+                names.extend(function.demangle().map(|name| short(&name)));
+            }
+        }
+        // What the linker has left out is said to be at address 0, where others are.
+        if outermost != symbol && !symbol.is_empty() && !symbol.starts_with("__vector") {
+            names = vec![symbol.to_owned()];
+        }
+        self.known.borrow_mut().insert(pc, names.clone());
+        names
+    }
+
+    /// The function whose code is at an address, of whatever may be inlined there.
+    pub fn function(&self, pc: u32) -> String {
+        if pc < VECTORS_END {
+            return "an interrupt".to_owned();
+        }
+        let functions = self.functions(pc);
+        functions.into_iter().rev().find(|name| !name.starts_with("__vector")).unwrap_or_default()
+    }
+
+    /// What the main function is at: the function that is inlined there or that it calls, or itself.
+    fn task(&self, step: &Step) -> String {
+        if step.in_main < VECTORS_END {
+            return "interrupts".to_owned();
+        }
+        let inlined = self.functions(step.in_main).into_iter().rev().nth(1);
+        let called = || self.functions(step.called?).pop();
+        inlined.or_else(called).unwrap_or_else(|| "the loop itself".to_owned())
+    }
+}
+
+/// `Type::function` of a name in full: `<path::Type<..> as Trait>::function::<..>` or `path::function`.
+fn short(name: &str) -> String {
+    let own = name.strip_prefix('<').and_then(|rest| {
+        let mut depth = 1;
+        let end = rest.find(|letter| {
+            depth += i32::from(letter == '<') - i32::from(letter == '>');
+            depth == 0
+        })?;
+        let of = rest[..end].split(" as ").next()?;
+        Some(format!("{}{}", without_arguments(of), without_arguments(&rest[end + 1..])))
+    });
+    let plain = own.unwrap_or_else(|| without_arguments(name));
+    let parts: Vec<&str> = plain.split("::").filter(|part| !part.is_empty()).collect();
+    parts[parts.len().saturating_sub(2)..].join("::")
+}
+
+/// A path without what is in angle brackets, which is longer than all the rest.
+fn without_arguments(path: &str) -> String {
+    let mut depth = 0;
+    let mut outside = |letter: &char| {
+        depth += i32::from(*letter == '<');
+        let keep = depth == 0;
+        depth -= i32::from(*letter == '>');
+        keep
+    };
+    path.chars().filter(|letter| outside(letter)).collect()
+}
