@@ -12,6 +12,7 @@ pub mod text;
 use heapless::Vec;
 use ufmt::{uWrite, uwrite};
 
+use crate::node::parameters;
 use crate::progmem::Progmem;
 pub use text::Line;
 use text::{Code, Field};
@@ -35,8 +36,7 @@ pub struct Event {
     /// `%a`: a number; `%+`, `%0` to `%3`: sign and magnitude of a signed number, the latter with so many decimal
     /// places.
     pub a: u16,
-    /// `%b`: a number; `%p`: a number in halves; `%v`: another line to put in here; `%n`: where a name is in flash, after its
-    /// length.
+    /// `%b`: a number; `%p`: a number in halves; `%v`: another line to put in here; `%n`: a parameter, of which to put in the name.
     pub b: u16,
 }
 
@@ -249,7 +249,7 @@ impl Monitor {
             }
             Field::WORD => self.insert(text::FIRST_LINE, code),
             Field::OTHER_WORD => self.insert(text::FIRST_LINE, b as u8),
-            Field::NAME => self.insert(b.wrapping_sub(1), 0),
+            Field::NAME => self.insert(parameters::NAMES, b as u8),
             Field::HALVES => {
                 self.push(b'0' | (b as u8 & 1).wrapping_neg() & 5);
                 self.push(b'.');
@@ -314,7 +314,7 @@ impl Default for Monitor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::parameters::{self, Parameter};
+    use crate::node::parameters::Parameter;
     use crate::progmem::InMemory;
     use std::string::String;
 
@@ -350,7 +350,7 @@ mod tests {
     #[test]
     fn a_parameter_is_told_by_its_name() {
         for (parameter, name) in [(Parameter::CanNode, "CAN_NODE"), (Parameter::SrvReversed, "SRV_REVERSED")] {
-            let b = parameters::name_at(parameter as u8, InMemory);
+            let b = parameter as u16;
             let told = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
             assert_eq!(told, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
         }
@@ -423,13 +423,13 @@ mod tests {
     #[test]
     fn every_line_is_unpacked_as_it_was_written_and_the_stack_is_as_large_as_that_takes() {
         let longest_word = Line::ModeSoftwareUpdate.number();
-        let name_at = parameters::name_at(Parameter::SrvReversed as u8, InMemory);
+        
         let mut depth = 0;
         for (number, text) in text::LINES.iter().enumerate() {
             let code = if text.contains("%w") { longest_word } else { 255 };
             let b = match text {
                 text if text.contains("%v") => longest_word.into(),
-                text if text.contains("%n") => name_at,
+                text if text.contains("%n") => Parameter::SrvReversed as u16,
                 _ => 65_535,
             };
             let line = Line::RefusedKind.plus(number as u8);

@@ -89,7 +89,8 @@ pub(super) const VALUES_LEN: u8 = VALUE_LEN * COUNT as u8;
 const DEFAULTS: u16 = PARAMETERS;
 const MAXIMA: u16 = DEFAULTS + VALUES_LEN as u16;
 const MINIMA: u16 = MAXIMA + VALUES_LEN as u16;
-const NAMES: u16 = MINIMA + VALUES_LEN as u16;
+/// Where the names are in the flash, each with its length before it.
+pub const NAMES: u16 = MINIMA + VALUES_LEN as u16;
 
 const LEN: usize = {
     let mut len = 3 * VALUES_LEN as usize;

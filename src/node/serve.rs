@@ -146,7 +146,7 @@ impl Node {
                 *line = Line::ParameterSet;
                 self.travel.update(&self.parameters);
                 event.a = low;
-                event.b = parameters::name_at(parameter, flash);
+                event.b = u16::from(parameter);
             }
         }
         parameter
