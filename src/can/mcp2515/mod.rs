@@ -456,6 +456,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     /// A look at a running chip, in three steps.
     fn supervise(&mut self) -> Option<Notice> {
+        self.wait_ms = 0;
         self.look = self.look.wrapping_add(1);
         if self.look == 1 {
             return self.look_at_configuration();
