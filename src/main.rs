@@ -63,9 +63,6 @@ fn main() -> ! {
         if RECEIVER.has_transfer() {
             NODE.act(RECEIVER, now_ms, Image, MONITOR);
             board.servo.set(NODE.pulse());
-            if NODE.take_new_id() {
-                can.reconfigure(NODE.acceptance(Image), false);
-            }
             continue;
         }
         // Even of an endless flood only so many in a row: then the rest has a turn.
@@ -85,6 +82,9 @@ fn main() -> ! {
             NODE.tick(board.button.is_pressed(), now_ms, &mut board.eeprom, MONITOR);
             board.servo.set(NODE.pulse());
             board.light.set(NODE.light());
+            if NODE.takes_filters() {
+                can.reconfigure(NODE.acceptance(Image), false);
+            }
             if NODE.is_to_restart(now_ms) {
                 guard::restart(ResetCause::ASKED_FOR);
             }

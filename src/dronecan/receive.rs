@@ -23,8 +23,8 @@ pub const KEPT: usize = 26;
 /// No transfer takes longer (specification, chapter 4), in milliseconds.
 const TIMEOUT_MS: u16 = 2000;
 
-/// Why a frame goes no further.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why a frame goes no further. From [`Broken`](Self::Broken) on, a transfer is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Refusal {
     /// It does.

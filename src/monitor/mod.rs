@@ -78,7 +78,8 @@ pub struct Monitor {
     events: [Event; QUEUE_LEN],
     told: u8,
     waiting: u8,
-    /// Events dropped since that was last told, up to 255. That is told before the next line.
+    /// Events dropped since that was last told, up to 255. That is told before the next line, or before
+    /// the one after it if the last line was the same.
     lost: u8,
     /// Characters and other codes that come next, the last one first.
     stack: Vec<u8, STACK_LEN, u8>,
@@ -218,7 +219,8 @@ impl Monitor {
 
     #[inline(always)]
     fn begin_line(&mut self) {
-        if self.lost != 0 {
+        // Never twice running: of an endless flood some lines are to be told, too.
+        if self.lost != 0 && self.event(0).line != Line::Lost {
             let lost = core::mem::take(&mut self.lost);
             let event = self.event(0);
             event.line = Line::Lost;
@@ -423,7 +425,7 @@ mod tests {
     #[test]
     fn every_line_is_unpacked_as_it_was_written_and_the_stack_is_as_large_as_that_takes() {
         let longest_word = Line::ModeSoftwareUpdate.number();
-        
+
         let mut depth = 0;
         for (number, text) in text::LINES.iter().enumerate() {
             let code = if text.contains("%w") { longest_word } else { 255 };

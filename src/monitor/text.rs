@@ -38,11 +38,11 @@ macro_rules! lines {
 
 lines! {
     /// Refused a frame.
-    RefusedKind = "refused: a standard or remote frame",
+    RefusedKind = "refused: standard or remote frame",
     /// Refused a frame.
     RefusedSource = "refused: type %a from %s, anonymous or mine",
     /// Refused a frame.
-    RefusedTransfer = "refused: type %a from %s, not a transfer of one frame",
+    RefusedTransfer = "refused: type %a from %s, not one whole frame",
     /// Refused a frame.
     RefusedBroken = "refused: type %a from %s, broken",
     /// Refused a frame.
@@ -124,7 +124,7 @@ lines! {
     /// Events were dropped.
     Lost = "serial monitor: %c lines dropped",
     /// After a reset.
-    Banner = concat!("DroneCAN servo and temperature node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
+    Banner = concat!("DroneCAN servo node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
     /// The CAN controller is up.
     Running = "CAN: running",
     /// Nobody at the SPI.
@@ -134,7 +134,7 @@ lines! {
     /// No normal mode.
     NotStarting = "CAN: bus never idle, MCP2515 not on it (CANSTAT %x), trying again",
     /// Configuration gone.
-    ControllerLost = "CAN: MCP2515 lost its configuration (CANSTAT %x), starting it over",
+    ControllerLost = "CAN: MCP2515 lost its configuration, starting it over",
     /// Nobody acknowledges, or the bus is never free.
     GaveUp = "CAN: nothing could be sent for 1 s, frames given up (%a times)",
     /// Overrun.

@@ -61,7 +61,7 @@ impl Conditions {
     pub const PARAMETERS_LOST: Self = Self(1 << 13);
     /// ARM_REQ asks for an armed vehicle, and it is not.
     pub const DISARMED: Self = Self(1 << 14);
-    /// Transfers broke: frames missing, a wrong CRC, or two senders at once.
+    /// Transfers broke: frames missing, a wrong CRC, or two senders at once; or another node has this node's ID.
     pub const TRANSFER_ERRORS: Self = Self(1 << 15);
 
     /// Those that pass [`HOLD_S`] after the last time that they occurred.

@@ -89,7 +89,8 @@ pub struct Node {
     pub parameters: Parameters,
     /// 1 to 127; 0 while it has none.
     id: u8,
-    has_new_id: bool,
+    /// See [`takes_filters`](Self::takes_filters).
+    has_filters_to_give: bool,
     unique_id: [u8; 16],
     allocation: Allocation,
     store: Store,
@@ -151,7 +152,7 @@ impl Node {
         Self {
             parameters: Parameters::new(),
             id: 0,
-            has_new_id: false,
+            has_filters_to_give: false,
             unique_id: [0; 16],
             allocation: Allocation::new(),
             store: Store::new(),
@@ -225,9 +226,10 @@ impl Node {
         self.id
     }
 
-    /// Whether it has an ID that the controller's filters do not know yet.
-    pub fn take_new_id(&mut self) -> bool {
-        core::mem::take(&mut self.has_new_id)
+    /// Whether the controller is to get its filters: they do not know the node's ID yet, or commands stopped, and nobody can see
+    /// whether the filters are why.
+    pub fn takes_filters(&mut self) -> bool {
+        core::mem::take(&mut self.has_filters_to_give)
     }
 
     /// The width of the servo pulse; 0 for none.
@@ -290,6 +292,7 @@ impl Node {
         let timeout_ms = self.parameters.get(Parameter::SrvTimeout);
         if self.is_following && timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms {
             self.is_following = false;
+            self.has_filters_to_give = true;
             self.fail_safe();
             self.condition(Conditions::FAILSAFE, true, [Line::Failsafe, Line::FailsafeEnd], monitor);
         }
@@ -395,15 +398,17 @@ impl Node {
 
     #[inline(never)]
     fn refuse(&mut self, refusal: Refusal, frame: &Frame, monitor: &mut Monitor) {
-        if matches!(refusal, Refusal::Broken | Refusal::Interleaved) {
+        let [_, high, low, source] = frame.id;
+        let source = source & 0x7F;
+        // One that has a sender and is refused for it has this node's ID.
+        if refusal >= Refusal::Broken || refusal == Refusal::Source && source != 0 {
             count(&mut self.counts.broken);
             self.happened(Conditions::TRANSFER_ERRORS);
         }
         count(&mut self.counts.refused);
         let event = monitor.tell(Line::RefusedKind.plus((refusal as u8).wrapping_sub(Refusal::Kind as u8)));
-        let [_, high, low, source] = frame.id;
         event.a = u16::from_be_bytes([high, low]);
-        event.set_source(source & 0x7F);
+        event.set_source(source);
     }
 
     /// Acts on the transfer that has come whole.
@@ -519,7 +524,7 @@ impl Node {
         if self.id == 0 {
             return Line::AllocationElsewhere;
         }
-        self.has_new_id = true;
+        self.has_filters_to_give = true;
         Line::Allocated
     }
 
@@ -543,9 +548,8 @@ impl Node {
             return;
         }
         self.occasion_ms = now_ms;
-        if self.is_status_spaced(now_ms) {
-            self.due.set(Due::NODE_STATUS);
-        }
+        // Soon after the last it waits until it may go.
+        self.due.set(Due::NODE_STATUS);
         if self.thesis {
             self.autopilot_statuses = self.autopilot_statuses.wrapping_add(1);
             if self.autopilot_statuses == STATUSES_PER_DEGREES {

@@ -268,7 +268,8 @@ fn its_status_follows_that_of_the_autopilot() {
     for period in [1000, 1001, 1010, 1024] {
         let mut rig = Rig::new();
         rig.run(300);
-        let mut expected = vec![0];
+        // The first comes too soon after its own, and is answered as soon as may be.
+        let mut expected = vec![0, 500];
         for _ in 0..60 {
             if rig.ms > 500 {
                 expected.push(rig.ms);
@@ -292,21 +293,14 @@ fn gaps_with_an_autopilot_every(period: u32) -> Vec<u32> {
 
 #[test]
 fn statuses_are_500_to_1025_ms_apart_however_often_the_autopilot_sends_its_own() {
-    for period in [1, 2, 10, 100, 249, 250, 251, 333, 499, 500, 501, 600, 999, 1000, 1001, 1024] {
+    for period in [
+        1, 2, 10, 100, 249, 250, 251, 333, 499, 500, 501, 600, 999, 1000, 1001, 1024, 1026, 1100, 1250, 1500, 1524,
+        1525, 2000, 2200, 2999,
+    ] {
         let gaps = gaps_with_an_autopilot_every(period);
         assert!(gaps.len() >= 28, "{} every {period} ms", gaps.len());
         for gap in gaps {
             assert!((500..=1025).contains(&gap), "{gap} ms, every {period} ms");
-        }
-    }
-}
-
-#[test]
-fn an_autopilot_that_sends_its_status_too_seldom_does_not_make_it_silent() {
-    for period in [1026, 1100, 1250, 1500, 1524, 1525, 2000, 2200, 2999] {
-        for gap in gaps_with_an_autopilot_every(period) {
-            // It goes ahead after 1025 ms, and waits again when the other comes less than 500 ms later.
-            assert!((500..=1549).contains(&gap), "{gap} ms, every {period} ms");
         }
     }
 }
@@ -486,12 +480,18 @@ fn broken_and_interleaved_transfers_show_and_are_counted() {
 }
 
 #[test]
+fn a_status_with_its_own_node_id_is_a_transfer_error() {
+    let mut rig = Rig::new();
+    rig.run(2000);
+    rig.hear("10015578 01 00 00 00 08 00 00 C0");
+    assert_eq!((rig.node.conditions.code(), rig.node.counts.broken, rig.node.counts.refused), (1 << 15, 1, 1));
+}
+
+#[test]
 fn frames_that_it_has_no_use_for_are_refused_and_no_error() {
     let mut rig = Rig::new();
     rig.run(2000);
-    for text in
-        ["1803F30A 00 C0", "9003F20A 01 00 00 38 C7", "1E01AAFF C3", "10015578 01 00 00 00 08 00 00 C0", "1003F20A"]
-    {
+    for text in ["1803F30A 00 C0", "9003F20A 01 00 00 38 C7", "1E01AAFF C3", "1003F20A"] {
         let refused = rig.node.counts.refused;
         rig.hear(text);
         assert_eq!(rig.node.counts.refused, refused + 1, "{text}");

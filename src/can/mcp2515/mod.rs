@@ -4,9 +4,10 @@
 //!
 //! [`Mcp2515::poll`] brings the chip up one short step at a time: reset, then each register written *and read back*, then
 //! normal mode, which must show in CANSTAT. While it runs, `poll` looks every [`SUPERVISION_MS`] whether the chip still has
-//! its configuration (a brown-out or a glitch resets it), and at its errors. Whatever goes wrong, it tells and starts
-//! over, for ever, at most once in [`RETRY_MS`]. Filters and masks are the exception: outside configuration mode they read
-//! as zero (4.5), so once the chip runs nobody can see whether it keeps them.
+//! its configuration (a brown-out or a glitch resets it), whether INT says what the chip does, and at its errors. Whatever
+//! goes wrong, it tells and starts over, for ever: at once if the chip was running, else after [`RETRY_MS`]. Filters and
+//! masks are the exception: outside configuration mode they read as zero (4.5), so once the chip runs nobody can see whether
+//! it keeps them.
 //!
 //! [`Mcp2515::calls`] goes by the level of the INT pin. Waiting for an edge loses the chip when a second frame arrives
 //! before the first is read, because then the pin never rises.
@@ -41,7 +42,7 @@ use tx_order::{Rank, TxOrder};
 /// Between two looks at a running chip, in milliseconds.
 pub const SUPERVISION_MS: u8 = 10;
 
-/// From a failure to the next reset of the chip, in milliseconds.
+/// From a failure to start to the next reset of the chip, in milliseconds.
 pub const RETRY_MS: u8 = 100;
 
 /// From RESET to the first access, in milliseconds: the oscillator takes 128 cycles to start (8.1), 8 us at 16 MHz. One
@@ -106,7 +107,7 @@ pub enum Event {
     NotKeeping,
     /// Normal mode was asked for and did not come: the bus is held dominant. The value is CANSTAT.
     NotStarting,
-    /// The chip lost its configuration while running. The value is CANSTAT.
+    /// The chip lost its configuration while running, or INT is stuck. The value is zero.
     Lost,
     /// Frames waited for a second without success and were given up. The value is zero.
     GaveUpSending,
@@ -341,7 +342,6 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             self.rx = RxOrder::new();
             self.room = None;
             self.tx_waiting = 0;
-            self.flags = 0;
             self.look = 0;
             return Some(Notice { event: Event::Running, value: canstat });
         }
@@ -468,8 +468,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
                 *rx_errors = rx_errors.wrapping_add(u16::from(rec - self.rec));
             }
             self.rec = rec;
-            if self.access(instruction::READ, RXB0CTRL, 0) & (RXM | BUKT) != BUKT {
-                return self.fail(Event::Lost, RXB0CTRL);
+            if self.access(instruction::READ, RXB0CTRL, 0) & (RXM | BUKT) != BUKT || self.is_int_stuck() {
+                return self.fail(Event::Lost, 0);
             }
             return None;
         }
@@ -506,7 +506,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         wrong |= (canstat & OPMOD) ^ MODE_NORMAL;
         wrong |= (canctrl ^ self.control) & !ABAT;
         if wrong != 0 {
-            return self.fail(Event::Lost, canstat);
+            return self.fail(Event::Lost, 0);
         }
         let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
         if eflg == before {
@@ -521,6 +521,15 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             self.counters.count(Counters::BUS_OFFS as u8);
         }
         Some(Notice { event: Event::Flags, value: eflg })
+    }
+
+    /// INT is low as long as a frame waits. One may come between the looks at the pin and at the chip, but none goes.
+    #[inline(always)]
+    fn is_int_stuck(&mut self) -> bool {
+        if self.is_int_low() {
+            return self.status() & status::RXIF == 0;
+        }
+        self.status() & status::RXIF != 0 && !self.is_int_low()
     }
 
     #[inline(never)]
@@ -538,8 +547,9 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     #[inline(never)]
     fn fail(&mut self, event: Event, value: u8) -> Option<Notice> {
+        // One that was running is reset at once: with another bit timing it would disturb the bus meanwhile.
+        self.wait_ms = if self.is_running() { 0 } else { RETRY_MS };
         self.step = step::DOWN;
-        self.wait_ms = RETRY_MS;
         Some(Notice { event, value })
     }
 

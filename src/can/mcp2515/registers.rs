@@ -12,8 +12,10 @@ pub mod instruction {
     pub const RESET: u8 = 0xC0;
 }
 
-/// Bits that READ STATUS answers (figure 12-8). Those of RX0IF and RX1IF are the lowest.
+/// Bits that READ STATUS answers (figure 12-8).
 pub mod status {
+    /// RX0IF and RX1IF.
+    pub const RXIF: u8 = 1 << 1 | 1 << 0;
     /// TXREQ of the three buffers.
     pub const TXREQ: u8 = 1 << 6 | 1 << 4 | 1 << 2;
 }

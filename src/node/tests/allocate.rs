@@ -43,12 +43,12 @@ fn the_golden_conversation_gives_it_a_node_id() {
         assert_eq!(frame, request);
         let expected = if rig.sent.len() == 1 { 600..=1000 } else { 0..=400 };
         assert!(expected.contains(&waited_ms), "{waited_ms} ms");
-        assert!(!rig.node.take_new_id());
+        assert!(!rig.node.takes_filters());
         rig.hear(answer);
     }
     assert_eq!(rig.node.id(), 125);
-    assert!(rig.node.take_new_id());
-    assert!(!rig.node.take_new_id(), "once");
+    assert!(rig.node.takes_filters());
+    assert!(!rig.node.takes_filters(), "once");
     assert_eq!(rig.node.acceptance(InMemory).node, NodeId::new(125));
     rig.sent.clear();
     rig.run(3000);
@@ -124,11 +124,11 @@ fn every_allocation_message_puts_its_next_request_off() {
 fn a_grant_for_another_node_is_not_taken() {
     let mut rig = anonymous();
     rig.hear("1E000101 29 BA FA 44 C0 8B 63 82 | 5E 05 F4 BC 10 96 DF 22 | 11 A8 BA 54 47 42");
-    assert_eq!((rig.node.id(), rig.node.take_new_id()), (0, false));
+    assert_eq!((rig.node.id(), rig.node.takes_filters()), (0, false));
     let mut rig = anonymous();
     rig.node.unique_id = *golden::bytes("44 C0 8B 63 5E 05 F4 BC 10 96 DF 11 A8 BA 54 47").first_chunk().unwrap();
     rig.hear("1E000101 29 BA FA 44 C0 8B 63 82 | 5E 05 F4 BC 10 96 DF 22 | 11 A8 BA 54 47 42");
-    assert_eq!((rig.node.id(), rig.node.take_new_id()), (125, true), "the same for the right one");
+    assert_eq!((rig.node.id(), rig.node.takes_filters()), (125, true), "the same for the right one");
 }
 
 #[test]
@@ -139,7 +139,7 @@ fn with_an_id_of_its_own_it_never_asks_and_takes_no_grant() {
         rig.hear(answer);
         rig.run(1000);
     }
-    assert_eq!((rig.node.id(), rig.node.take_new_id()), (120, false));
+    assert_eq!((rig.node.id(), rig.node.takes_filters()), (120, false));
     assert!(rig.sent.iter().all(|(_, frame)| frame.id[3] & 0x7F == 120));
 }
 
