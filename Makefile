@@ -9,15 +9,17 @@ AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-t
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim test fuzz firmware strangers flash size bench lint setup clean
+.PHONY: help sim test fuzz soak reliability firmware strangers flash size bench lint setup clean
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
 	@echo "make test       every test; installs what is missing first"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
+	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
 	@echo "make firmware   build node.elf, and show how much of the chip it takes"
 	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip node.elf takes, function by function"
 	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
+	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
 
@@ -43,6 +45,9 @@ test: setup lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test --test fuzz -- --nocapture
 
+soak: firmware
+	SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
+
 setup:
 	@scripts/setup test
 
@@ -60,6 +65,9 @@ lint: setup
 
 bench: firmware strangers
 	cargo bench --bench timing
+
+reliability: firmware
+	cargo bench --profile dev --bench reliability
 
 size: firmware
 	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(NODE_ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40

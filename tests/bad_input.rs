@@ -42,7 +42,7 @@ fn truncated_and_oversized_commands_are_refused() {
 fn a_frame_without_a_tail_byte_is_refused() {
     let mut rig = positioned();
     rig.send(ARRAY_COMMAND | 10, &[]);
-    assert_refused(rig, 1, "refused: type 1010 from 10, not a transfer of one frame");
+    assert_refused(rig, 1, "refused: type 1010 from 10, not one whole frame");
 }
 
 /// Whole transfers of several frames are in long_commands.rs.
@@ -72,7 +72,7 @@ fn remote_frames_are_refused() {
     let mut rig = positioned();
     rig.send_frame(Frame::remote(Id::Extended(ARRAY_COMMAND | 10), 5));
     rig.send_frame(Frame::remote(Id::Extended(NODE_STATUS | 1), 8));
-    assert_refused(rig, 2, "refused: a standard or remote frame");
+    assert_refused(rig, 2, "refused: standard or remote frame");
 }
 
 #[test]

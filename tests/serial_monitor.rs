@@ -10,10 +10,7 @@ fn the_banner_tells_version_node_id_and_reset_cause() {
     rig.wait_for_line("CAN: running", 100);
     let mut lines = rig.serial.lines();
     let version = env!("CARGO_PKG_VERSION");
-    assert_eq!(
-        lines.next().unwrap(),
-        format!("DroneCAN servo and temperature node {version}, node ID 120, reset: power-on")
-    );
+    assert_eq!(lines.next().unwrap(), format!("DroneCAN servo node {version}, node ID 120, reset: power-on"));
     assert_eq!(lines.next().unwrap(), "CAN: running");
 }
 

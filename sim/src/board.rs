@@ -71,6 +71,10 @@ struct Wires {
     selected: Cell<bool>,
     /// What MISO reads while the chip has no power; none while it has.
     dead_miso: Cell<Option<u8>>,
+    /// What MISO reads while it is shorted.
+    stuck_miso: Cell<Option<u8>>,
+    /// The level of INT while it is shorted.
+    stuck_int: Cell<Option<bool>>,
     noise_per_million: Cell<u32>,
     noise: RefCell<Noise>,
     violations: RefCell<Vec<Violation>>,
@@ -105,6 +109,8 @@ impl Board {
             int_level: Cell::new(true),
             selected: Cell::new(false),
             dead_miso: Cell::new(None),
+            stuck_miso: Cell::new(None),
+            stuck_int: Cell::new(None),
             noise_per_million: Cell::new(0),
             noise: RefCell::new(Noise::new(0)),
             violations: RefCell::default(),
@@ -165,6 +171,31 @@ impl Board {
         self.chip_reset_at(self.avr.now());
     }
 
+    /// Dips the MCP2515's supply: its registers hold garbage, and it goes on with that.
+    pub fn chip_brown_out(&mut self, seed: u64) {
+        self.upset(|chip, at| chip.brown_out(seed, at));
+    }
+
+    /// Flips bits of a register of the MCP2515.
+    pub fn chip_flip_bits(&mut self, address: u8, mask: u8) {
+        self.upset(|chip, at| chip.flip_bits(address, mask, at));
+    }
+
+    /// Sends the MCP2515 to sleep.
+    pub fn chip_fall_asleep(&mut self) {
+        self.upset(Mcp2515::fall_asleep);
+    }
+
+    /// Keeps the MCP2515 in configuration mode, or no longer.
+    pub fn chip_hold_in_configuration(&mut self, held: bool) {
+        self.upset(|chip, _| chip.hold_in_configuration(held));
+    }
+
+    fn upset(&mut self, happen: impl FnOnce(&mut Mcp2515, Cycles)) {
+        happen(&mut self.wires.chip.borrow_mut(), self.avr.now());
+        self.update_int();
+    }
+
     /// Takes the MCP2515's power: it says nothing on the bus, INT is high, and MISO reads `miso`
     /// (0x00 or 0xFF).
     pub fn chip_power_off(&mut self, miso: u8) {
@@ -182,6 +213,17 @@ impl Board {
         }
     }
 
+    /// Shorts MISO, so that the AVR reads this byte (0x00 or 0xFF) whatever the chip answers; `None` ends it.
+    pub fn set_stuck_miso(&mut self, miso: Option<u8>) {
+        self.wires.stuck_miso.set(miso);
+    }
+
+    /// Shorts INT to this level, as the AVR sees it; `None` ends it.
+    pub fn set_stuck_int(&mut self, level: Option<bool>) {
+        self.wires.stuck_int.set(level);
+        self.update_int();
+    }
+
     /// Flips each bit on MOSI and on MISO with this probability.
     pub fn set_spi_noise(&mut self, per_million: u32, seed: u64) {
         self.wires.noise_per_million.set(per_million);
@@ -197,6 +239,11 @@ impl Board {
     /// Sets the voltage at A0: a sensor that is broken, or another one.
     pub fn set_sensor_millivolts(&mut self, millivolts: u32) {
         self.avr.set_analog(TEMPERATURE_CHANNEL, millivolts);
+    }
+
+    /// Adds noise of up to plus or minus so many millivolts at A0; 0 ends it. Equal seeds give equal noise.
+    pub fn set_sensor_noise_millivolts(&mut self, amplitude: u32, seed: u64) {
+        self.avr.set_analog_noise_uv(amplitude * 1000, seed);
     }
 
     /// Presses or releases the button.
@@ -277,6 +324,7 @@ impl Wires {
 
     fn update_int(&self, at: Cycles) {
         let level = self.dead_miso.get().is_some() || self.chip.borrow().int_pin();
+        let level = self.stuck_int.get().unwrap_or(level);
         if self.int_level.replace(level) != level {
             self.note(at, WireEvent::Int(level));
             self.int_input.drive(level);
@@ -317,7 +365,7 @@ impl Wires {
         }
         let miso = self.chip.borrow_mut().exchange(byte.mosi, byte.end);
         self.update_int(byte.end);
-        self.disturb(miso)
+        self.disturb(self.stuck_miso.get().unwrap_or(miso))
     }
 
     fn disturb(&self, byte: u8) -> u8 {

@@ -193,3 +193,28 @@ fn a_panic_in_a_watcher_reaches_the_test() {
     avr.watch_pin('B', 1, Box::new(|_, _| panic!("on purpose")));
     avr.run_until(MS);
 }
+
+/// The program answers when INT is low, with the first byte it reads plus one.
+#[test]
+fn a_shorted_int_line_keeps_its_level_until_it_is_freed() {
+    let mut setup = Setup::new(&[&[]]);
+    setup.bench.board(0).set_stuck_int(Some(true));
+    setup.send(1);
+    setup.bench.run_for_ms(1);
+    assert_eq!(setup.answers(), [], "nobody tells the program");
+    setup.bench.board(0).set_stuck_int(None);
+    setup.bench.run_for_ms(1);
+    assert_eq!(setup.answers(), [Frame::standard(0x123, &[2])]);
+    setup.assert_no_violation();
+}
+
+#[test]
+fn a_shorted_miso_reads_its_level_whatever_the_chip_answers() {
+    let mut setup = Setup::new(&[&[]]);
+    for (miso, canstat) in [(Some(0xFF), 0xFF), (Some(0x00), 0x00), (None, 0x80)] {
+        setup.bench.board(0).set_stuck_miso(miso);
+        setup.bench.board(0).reset(ResetCause::PowerOn);
+        setup.bench.run_for_ms(2);
+        assert_eq!(byte(setup.bench.board(0).avr(), "canstat"), canstat);
+    }
+}

@@ -75,7 +75,7 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_monitor(empty_board):
     text = output.read_text(errors="replace")
     assert exit_code == 0 and "bytes of flash verified" in text, text
     # The board starts when the console opens the port, so its first words are there, once.
-    assert re.search(r"at 115200 baud\s+CTRL\+C to exit\.\s+DroneCAN servo and temperature node", shown()), text
+    assert re.search(r"at 115200 baud\s+CTRL\+C to exit\.\s+DroneCAN servo node", shown()), text
     assert shown().count("reset:") == 1, text
     used.end()
     assert len(re.findall(r" reset +the AVR was reset: External", used.text())) == 2

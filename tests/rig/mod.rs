@@ -64,6 +64,7 @@ pub struct Rig {
     /// Of the first board.
     pub pulses: Vec<Pulse>,
     pub serial: String,
+    other_serials: Vec<String>,
     /// Driver mistakes and lost frames that the test means to happen.
     pub violations_expected: bool,
     pub overflows_expected: bool,
@@ -110,12 +111,29 @@ impl Rig {
             autopilot: None,
             pulses: Vec::new(),
             serial: String::new(),
+            other_serials: Vec::new(),
             violations_expected: false,
             overflows_expected: false,
             status_transfer_id: 0,
             command_transfer_id: 0,
             request_transfer_id: 0,
         }
+    }
+
+    /// Puts another board on the bus, which gets its power now. It differs from the first as `seed` says.
+    pub fn add_board(&mut self, eeprom: &[u8], seed: u64) {
+        let mut board = Board::load(&node_elf()).unwrap_or_else(|error| panic!("{error:#}"));
+        board.avr_mut().set_eeprom(eeprom);
+        board.avr_mut().seed(seed);
+        board.run_until(self.now());
+        board.reset(ResetCause::PowerOn);
+        self.boards += 1;
+        self.bench.add_board(board, &format!("node{}", self.boards));
+    }
+
+    /// What the serial monitor of another board than the first has told since the last call.
+    pub fn serial_of(&mut self, board: usize) -> String {
+        self.other_serials.get_mut(board - 1).map(std::mem::take).unwrap_or_default()
     }
 
     /// Puts an autopilot on the bus, besides the peer.
@@ -221,9 +239,13 @@ impl Rig {
         }
         for (board, number) in self.bench.boards().iter_mut().zip(0..) {
             let (pulses, serial) = (board.take_servo_pulses(), board.avr_mut().serial_take());
+            let text = serial.into_iter().map(|(_, byte)| char::from(byte));
             if number == 0 {
                 self.pulses.extend(pulses);
-                self.serial.extend(serial.into_iter().map(|(_, byte)| char::from(byte)));
+                self.serial.extend(text);
+            } else {
+                self.other_serials.resize(self.other_serials.len().max(number), String::new());
+                self.other_serials[number - 1].extend(text);
             }
             let violations = board.take_violations();
             assert!(self.violations_expected || violations.is_empty(), "driver mistakes: {violations:#?}");

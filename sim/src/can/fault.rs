@@ -38,9 +38,14 @@ pub enum Fault {
     },
     /// Every ACK slot is recessive.
     NoAck(bool),
+    /// Every frame is destroyed: its bit 60 is inverted for everybody. In an extended frame that is behind the control field.
+    DestroyFrames(bool),
     /// The wire is shorted: always dominant.
     StuckDominant(bool),
 }
+
+/// See [`Fault::DestroyFrames`].
+const DESTROYED_BIT: u32 = 60;
 
 #[derive(Clone, Copy, Debug)]
 struct Flip {
@@ -69,6 +74,7 @@ pub(super) struct Faults {
     noise: Option<Noise>,
     lose: Vec<PortId>,
     no_ack: bool,
+    destroy: bool,
     stuck: bool,
     /// Number of the coming bit in its frame.
     frame_bit: Option<u32>,
@@ -103,6 +109,7 @@ impl Faults {
             }
             Fault::LoseNextFrame { port } => self.lose.push(port),
             Fault::NoAck(on) => self.no_ack = on,
+            Fault::DestroyFrames(on) => self.destroy = on,
             Fault::StuckDominant(on) => self.stuck = on,
         }
         self.update_any();
@@ -117,7 +124,8 @@ impl Faults {
     }
 
     fn update_any(&mut self) {
-        self.any = !self.flips.is_empty() || self.noise.is_some() || !self.lose.is_empty() || self.no_ack || self.stuck;
+        let lasting = self.no_ack || self.destroy || self.stuck;
+        self.any = lasting || !self.flips.is_empty() || self.noise.is_some() || !self.lose.is_empty();
     }
 
     /// Idle bits that may be skipped before something happens.
@@ -163,6 +171,7 @@ impl Faults {
                 }
                 !now
             });
+            distortion.invert ^= self.destroy && frame_bit == DESTROYED_BIT;
         }
         if let Some(noise) = &mut self.noise {
             distortion.invert ^= noise.hits();

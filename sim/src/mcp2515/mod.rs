@@ -6,7 +6,7 @@
 //!
 //! One job per file: `registers` the map, `spi` the instructions, `access` what a register access does,
 //! `modes` the operating modes and start-up, `timing` CNF1..3, `filters` acceptance, `receive` and
-//! `transmit` the buffers, `station` the bus side.
+//! `transmit` the buffers, `station` the bus side, `upset` what nobody asked for.
 //!
 //! Limits: the pins TXnRTS, RXnBF and CLKOUT are not modelled (their registers are kept); bits are
 //! sampled whole, so SJW, SAM and WAKFIL have no effect; each file names its own limits.
@@ -25,6 +25,7 @@ mod station;
 mod tests;
 mod timing;
 mod transmit;
+mod upset;
 mod violation;
 
 pub use receive::{Fate, LoggedFrame};
@@ -64,6 +65,8 @@ pub struct Mcp2515 {
     waking_until: Option<Cycles>,
     /// SPI instructions before this time are ignored.
     deaf_until: Cycles,
+    /// It stays in configuration mode.
+    is_held: bool,
     /// Bit timing was checked since configuration mode was entered.
     timing_checked: bool,
     tx: [transmit::TxState; 3],
@@ -93,6 +96,7 @@ impl Mcp2515 {
             joining: None,
             waking_until: None,
             deaf_until: 0,
+            is_held: false,
             timing_checked: false,
             tx: Default::default(),
             in_flight: None,

@@ -101,7 +101,7 @@ impl Mcp2515 {
             self.start_engine(self.mode);
         }
         self.request = None;
-        if mode == self.mode {
+        if mode == self.mode || self.is_held {
             return;
         }
         if self.mode == Mode::Sleep && self.waking_until.is_none() {
@@ -200,7 +200,7 @@ impl Mcp2515 {
 
     /// Sets the engine to what `mode` needs. Its counters begin at zero: configuration and listen-only
     /// mode clear them (10.1, 10.3), and the others are entered through one of those.
-    fn start_engine(&mut self, mode: Mode) {
+    pub(super) fn start_engine(&mut self, mode: Mode) {
         self.can.reset();
         match mode {
             Mode::Normal => self.can.set_mode(EngineMode::Normal),
@@ -223,7 +223,7 @@ impl Mcp2515 {
         }
     }
 
-    fn enter(&mut self, mode: Mode) {
+    pub(super) fn enter(&mut self, mode: Mode) {
         self.request = None;
         self.mode = mode;
         self.timing_checked &= mode != Mode::Configuration;

@@ -21,6 +21,21 @@ pub enum Fault {
     Silence,
     Disarm,
     Reset,
+    ErrorStorm,
+    DestroyFrames,
+    WrongRate,
+    SameId,
+    ChipGarbage,
+    ChipRegister,
+    ChipSleep,
+    ChipHeld,
+    MisoLow,
+    MisoHigh,
+    IntLow,
+    IntHigh,
+    SensorNoise,
+    SensorShort,
+    BrownOut,
 }
 
 /// Faults of the menu, in the order of their digits.
@@ -36,8 +51,8 @@ pub const MENU: [Fault; 9] = [
     Fault::ChipPower,
 ];
 
-/// All faults that `--inject` knows: the menu and those with a key of their own.
-pub const ALL: [Fault; 13] = [
+/// All faults that `--inject` and scripts know: the menu, those with a key of their own, and some that are too rare for a key.
+pub const ALL: [Fault; 28] = [
     Fault::BitError,
     Fault::ErrorRate,
     Fault::LoseFrame,
@@ -51,6 +66,21 @@ pub const ALL: [Fault; 13] = [
     Fault::Silence,
     Fault::Disarm,
     Fault::Reset,
+    Fault::ErrorStorm,
+    Fault::DestroyFrames,
+    Fault::WrongRate,
+    Fault::SameId,
+    Fault::ChipGarbage,
+    Fault::ChipRegister,
+    Fault::ChipSleep,
+    Fault::ChipHeld,
+    Fault::MisoLow,
+    Fault::MisoHigh,
+    Fault::IntLow,
+    Fault::IntHigh,
+    Fault::SensorNoise,
+    Fault::SensorShort,
+    Fault::BrownOut,
 ];
 
 impl Fault {
@@ -70,6 +100,21 @@ impl Fault {
             Fault::Silence => "silence",
             Fault::Disarm => "disarm",
             Fault::Reset => "reset",
+            Fault::ErrorStorm => "error-storm",
+            Fault::DestroyFrames => "destroy-frames",
+            Fault::WrongRate => "wrong-rate",
+            Fault::SameId => "same-id",
+            Fault::ChipGarbage => "chip-garbage",
+            Fault::ChipRegister => "chip-register",
+            Fault::ChipSleep => "chip-sleep",
+            Fault::ChipHeld => "chip-held",
+            Fault::MisoLow => "miso-low",
+            Fault::MisoHigh => "miso-high",
+            Fault::IntLow => "int-low",
+            Fault::IntHigh => "int-high",
+            Fault::SensorNoise => "sensor-noise",
+            Fault::SensorShort => "sensor-short",
+            Fault::BrownOut => "brown-out",
         }
     }
 
@@ -89,23 +134,55 @@ impl Fault {
             Fault::Silence => "the autopilot falls silent or speaks (on/off)",
             Fault::Disarm => "the vehicle is disarmed or armed, if the autopilot says so (on/off)",
             Fault::Reset => "the board's reset button is pressed",
+            Fault::ErrorStorm => "1 bit in 100 is inverted (on/off)",
+            Fault::DestroyFrames => "every frame is destroyed, so that senders go bus-off (on/off)",
+            Fault::WrongRate => "another node sends at half the bit rate (on/off)",
+            Fault::SameId => "another node sends one NodeStatus with the node's ID",
+            Fault::ChipGarbage => "the MCP2515's supply dips: all its registers are garbage",
+            Fault::ChipRegister => "one bit of CNF2 of the MCP2515 flips",
+            Fault::ChipSleep => "the MCP2515 falls asleep",
+            Fault::ChipHeld => "the MCP2515 stays in configuration mode (on/off)",
+            Fault::MisoLow => "the SPI reads all zeros (on/off)",
+            Fault::MisoHigh => "the SPI reads all ones (on/off)",
+            Fault::IntLow => "the INT line is shorted to ground (on/off)",
+            Fault::IntHigh => "the INT line is shorted to the supply (on/off)",
+            Fault::SensorNoise => "the sensor's voltage has noise of 100 mV (on/off)",
+            Fault::SensorShort => "the sensor is shorted to ground (on/off)",
+            Fault::BrownOut => "the processor's supply dips",
         }
+    }
+
+    /// Whether the driver meets a chip that is not as it left it, or talks to it through noise: then it makes mistakes that are
+    /// not its own.
+    pub fn upsets_the_chip(self) -> bool {
+        matches!(
+            self,
+            Fault::SpiNoise
+                | Fault::ChipGarbage
+                | Fault::ChipRegister
+                | Fault::ChipSleep
+                | Fault::ChipHeld
+                | Fault::MisoLow
+                | Fault::MisoHigh
+                | Fault::IntLow
+                | Fault::IntHigh
+        )
     }
 
     /// Whether it lasts until it is switched off.
     pub fn lasts(self) -> bool {
-        match self {
-            Fault::ErrorRate
-            | Fault::NoAck
-            | Fault::StuckDominant
-            | Fault::Babble
-            | Fault::SpiNoise
-            | Fault::ChipPower
-            | Fault::Cable
-            | Fault::Silence
-            | Fault::Disarm => true,
-            Fault::BitError | Fault::LoseFrame | Fault::ChipReset | Fault::Reset => false,
-        }
+        !matches!(
+            self,
+            Fault::BitError
+                | Fault::LoseFrame
+                | Fault::ChipReset
+                | Fault::Reset
+                | Fault::SameId
+                | Fault::ChipGarbage
+                | Fault::ChipRegister
+                | Fault::ChipSleep
+                | Fault::BrownOut
+        )
     }
 }
 

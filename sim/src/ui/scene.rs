@@ -37,6 +37,13 @@ const STACK_PERIOD: Cycles = F_CPU_HZ / 10;
 const FLIPPED_BIT: u32 = 50;
 const ERROR_RATE_PER_MILLION: u32 = 200;
 const SPI_NOISE_PER_MILLION: u32 = 100;
+const ERROR_STORM_PER_MILLION: u32 = 10_000;
+const SENSOR_NOISE_MILLIVOLTS: u32 = 100;
+/// Register of the MCP2515.
+const CNF2: u8 = 0x29;
+/// Identifier of a NodeStatus, without its sender, and who sends it where the node has not been heard yet.
+const NODE_STATUS_ID: u32 = 0x1801_5500;
+const DEFAULT_NODE_ID: u8 = 120;
 /// Bus and SPI noise of each run are the same.
 const NOISE_SEED: u64 = 1;
 /// Identifier of the babbler's frame: the most urgent message there is, of no known type, from a tool's node ID.
@@ -65,14 +72,16 @@ pub struct Scene {
     /// Byte address behind the application, if there is a boot loader that may load another.
     application_end: Option<usize>,
     babbler: Rc<RefCell<SoftNode>>,
+    /// A node of another bit rate, once there was one.
+    intruder: Option<(Rc<RefCell<SoftNode>>, PortId)>,
     /// Faults to come, in order of time.
     injections: VecDeque<Injection>,
     state: State,
     resets_seen: usize,
     stack_bottom: Option<u16>,
     next_stack_at: Cycles,
-    /// What a chip does that got noise for commands is not the driver's mistake.
-    spi_disturbed: bool,
+    /// What a chip does that got noise for commands, or is not as it was left, is not the driver's mistake.
+    chip_upset: bool,
 }
 
 impl Scene {
@@ -156,12 +165,13 @@ impl Scene {
             next_status_at: 0,
             application_end: boot_section,
             babbler,
+            intruder: None,
             injections: injections.into(),
             state,
             resets_seen,
             stack_bottom,
             next_stack_at: STACK_PERIOD,
-            spi_disturbed: false,
+            chip_upset: false,
         };
         scene.set_temperature(args.temperature);
         scene.collect()?;
@@ -351,6 +361,7 @@ impl Scene {
                 self.state.active_faults.push(fault);
             }
         }
+        self.chip_upset |= fault.upsets_the_chip();
         let bus = self.bench.bus();
         let node_port = self.node_port;
         match fault {
@@ -369,10 +380,35 @@ impl Scene {
             }
             Fault::ChipReset => self.board().chip_reset(),
             Fault::SpiNoise => {
-                self.spi_disturbed = true;
                 let per_million = if on { SPI_NOISE_PER_MILLION } else { 0 };
                 self.board().set_spi_noise(per_million, NOISE_SEED);
             }
+            Fault::ErrorStorm => bus.inject(can::Fault::BitErrorRate {
+                per_million: if on { ERROR_STORM_PER_MILLION } else { 0 },
+                seed: NOISE_SEED,
+            }),
+            Fault::DestroyFrames => bus.inject(can::Fault::DestroyFrames(on)),
+            Fault::WrongRate => self.intrude(on),
+            Fault::SameId => {
+                let id = self.state.status.map_or(DEFAULT_NODE_ID, |(_, node, _)| node.get());
+                let frame = Frame::extended(NODE_STATUS_ID | u32::from(id), &[1, 0, 0, 0, 0, 0, 0, 0xC0]);
+                self.babbler.borrow_mut().send(frame);
+            }
+            Fault::ChipGarbage => self.board().chip_brown_out(NOISE_SEED),
+            Fault::ChipRegister => self.board().chip_flip_bits(CNF2, 1),
+            Fault::ChipSleep => self.board().chip_fall_asleep(),
+            Fault::ChipHeld => self.board().chip_hold_in_configuration(on),
+            Fault::MisoLow => self.board().set_stuck_miso(on.then_some(0x00)),
+            Fault::MisoHigh => self.board().set_stuck_miso(on.then_some(0xFF)),
+            Fault::IntLow => self.board().set_stuck_int(on.then_some(false)),
+            Fault::IntHigh => self.board().set_stuck_int(on.then_some(true)),
+            Fault::SensorNoise => {
+                let millivolts = if on { SENSOR_NOISE_MILLIVOLTS } else { 0 };
+                self.board().set_sensor_noise_millivolts(millivolts, NOISE_SEED);
+            }
+            Fault::SensorShort if on => self.board().set_sensor_millivolts(0),
+            Fault::SensorShort => self.set_temperature(self.state.sensor_c),
+            Fault::BrownOut => self.board().reset(ResetCause::BrownOut),
             Fault::ChipPower if on => self.board().chip_power_off(0xFF),
             Fault::ChipPower => self.board().chip_power_on(),
             Fault::Silence => {
@@ -395,6 +431,19 @@ impl Scene {
         let text = format!("{fault}{state}: {}", fault.explanation());
         self.state.tell(self.now(), News::Fault(text));
         self.look_at_autopilot();
+    }
+
+    /// Lets a node of half the bit rate babble, or takes it off the bus. While it is there the simulation is slower.
+    fn intrude(&mut self, on: bool) {
+        let bit_rate = self.bench.bus().bit_rate() / 2;
+        let bench = &mut self.bench;
+        let (node, port) = self.intruder.get_or_insert_with(|| {
+            let node = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
+            let port = bench.attach("intruder", node.clone());
+            (node, port)
+        });
+        node.borrow_mut().babble(on.then(|| Frame::extended(BABBLE_ID, &BABBLE_DATA)));
+        self.bench.bus().connect(*port, on);
     }
 
     fn board(&mut self) -> &mut Board {
@@ -428,8 +477,8 @@ impl Scene {
         self.state.light(now, board.light());
         for violation in board.take_violations() {
             let text = format!("{}: {}", violation.source, violation.text);
-            if self.spi_disturbed {
-                self.state.tell(violation.at, News::Fault(format!("after SPI noise, {text}")));
+            if self.chip_upset {
+                self.state.tell(violation.at, News::Fault(format!("after an upset, {text}")));
             } else {
                 self.state.violation(violation.at, text);
             }
@@ -605,6 +654,31 @@ mod tests {
         assert!(faults[1].1.starts_with("babble off"), "{faults:?}");
         assert_eq!(scene.state().active_faults, [Fault::Silence]);
         assert!(scene.state().bus.load_percent(scene.now()) > 10.0);
+    }
+
+    /// Each on its own, so that each does what its name says or at least stops nothing.
+    #[test]
+    fn every_fault_can_be_begun_and_ended() {
+        for fault in super::super::fault::ALL {
+            let mut scene = scene(&IDLE, "");
+            scene.inject(fault);
+            assert_eq!(scene.state().active_faults.contains(&fault), fault.lasts(), "{fault}");
+            scene.advance(F_CPU_HZ / 200).unwrap();
+            scene.inject(fault);
+            scene.advance(F_CPU_HZ / 100).unwrap();
+            assert_eq!(scene.state().active_faults, [], "{fault}");
+            assert_eq!(scene.state().violations, 0, "{fault}");
+        }
+    }
+
+    #[test]
+    fn a_node_of_another_rate_destroys_what_others_send() {
+        let mut scene = scene(&IDLE, "--inject wrong-rate@1ms --inject wrong-rate@50ms");
+        scene.advance(F_CPU_HZ / 20).unwrap();
+        let errors = scene.state().bus.error_frames;
+        assert!(errors > 5, "{errors}");
+        scene.advance(F_CPU_HZ / 5).unwrap();
+        assert!(scene.state().bus.error_frames - errors < 5);
     }
 
     #[test]

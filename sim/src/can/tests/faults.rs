@@ -189,3 +189,18 @@ fn noise_hits_idle_bits_too() {
     rig.run_bits(1_000_000);
     assert_eq!(rig.bus.stats().error_frames, errors);
 }
+
+/// Transmit errors of 8 each, until the sender is bus-off (ISO 11898-1, fault confinement).
+#[test]
+fn destroyed_frames_take_their_sender_off_the_bus_until_they_are_let_through() {
+    let mut rig = Rig::of(3);
+    rig.bus.inject(Fault::DestroyFrames(true));
+    rig.send(0, frame(COMMAND));
+    rig.run_bits(32 * 200);
+    let ends = rig.bus.take_records();
+    assert!(ends.len() >= 32 && ends.iter().all(|record| matches!(record.kind, RecordKind::ErrorFrame { .. })));
+    assert_eq!(rig.received(1), []);
+    rig.bus.inject(Fault::DestroyFrames(false));
+    rig.run_bits(128 * 11 + 500);
+    assert_eq!(rig.received(1), [frame(COMMAND)]);
+}

@@ -16,3 +16,4 @@ mod sleep;
 mod support;
 mod timing;
 mod transmit;
+mod upset;

@@ -1,0 +1,236 @@
+//! Faults of the bus.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use super::{BUS_LIMIT_MS, BUS_OFF, Case, ERROR_PASSIVE, GAVE_UP_SENDING, Measured, Trial};
+use crate::rig::{MS, Rig, started};
+use sim::can::{Fault, Frame, SoftNode};
+
+/// How long they last.
+const LASTS_MS: u64 = 2500;
+
+pub const ALL: [&Case; 13] = [
+    &CABLE,
+    &ALONE,
+    &SHORT,
+    &WRONG_RATE,
+    &BABBLE,
+    &NO_ACKNOWLEDGE,
+    &DESTROYED,
+    &NOISE_5,
+    &NOISE_4,
+    &NOISE_3,
+    &NOISE_2,
+    &BROKEN_WHILE_STARTING,
+    &OWN_RATE_WRONG,
+];
+
+const FAILSAFE: &str = "failsafe after `SRV_TIMEOUT`";
+
+fn during(fault: fn(&mut Rig, bool), line: &'static str, reported: u16) -> Measured {
+    let mut trial = Trial::new();
+    trial.begin(line, |rig| fault(rig, true));
+    trial.live(LASTS_MS);
+    trial.end(|rig| fault(rig, false));
+    trial.recover(BUS_LIMIT_MS, reported)
+}
+
+pub const CABLE: Case = Case {
+    fault: "the node's cable is pulled",
+    noticed: "error-passive (bit 6), frames given up (bit 8)",
+    reaction: "tries each frame for a second, then drops it",
+    servo: FAILSAFE,
+    told_limit_ms: Some(250),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        let pull = |rig: &mut Rig, on: bool| {
+            let port = rig.bench.port(0);
+            rig.bench.bus().connect(port, !on);
+        };
+        during(pull, "CAN: error-passive", GAVE_UP_SENDING)
+    },
+};
+
+pub const ALONE: Case = Case {
+    fault: "no other node on the bus",
+    noticed: "error-passive (bit 6), frames given up (bit 8)",
+    reaction: "tries each frame for a second, then drops it",
+    servo: FAILSAFE,
+    told_limit_ms: Some(250),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        let leave = |rig: &mut Rig, on: bool| {
+            let port = rig.peer_port;
+            rig.bench.bus().connect(port, !on);
+        };
+        during(leave, "CAN: error-passive", GAVE_UP_SENDING)
+    },
+};
+
+pub const SHORT: Case = Case {
+    fault: "bus shorted, held dominant",
+    noticed: "error-passive (bit 6), bus-off (bit 7) or frames given up (bit 8)",
+    reaction: "the controller waits for recessive bits; old frames are dropped",
+    servo: FAILSAFE,
+    told_limit_ms: Some(250),
+    limit_ms: BUS_LIMIT_MS,
+    run: || during(|rig, on| rig.bench.bus().inject(Fault::StuckDominant(on)), "CAN: ", 0),
+};
+
+pub const WRONG_RATE: Case = Case {
+    fault: "another node sends all the time at 500 kbit/s",
+    noticed: "error-passive (bit 6)",
+    reaction: "none needed",
+    servo: FAILSAFE,
+    told_limit_ms: Some(250),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        let mut trial = Trial::new();
+        let intruder = Rc::new(RefCell::new(SoftNode::new(500_000)));
+        let port = trial.rig.bench.attach("intruder", intruder.clone());
+        trial.begin("CAN: error-passive", |_| intruder.borrow_mut().babble(Some(Frame::extended(0x123, &[0x55; 8]))));
+        trial.live(LASTS_MS);
+        trial.end(|rig| {
+            intruder.borrow_mut().babble(None);
+            rig.bench.bus().connect(port, false);
+        });
+        assert!(trial.statistics().rx_errors > 0);
+        trial.recover(BUS_LIMIT_MS, 0)
+    },
+};
+
+pub const BABBLE: Case = Case {
+    fault: "another node floods the bus, before all others",
+    noticed: "frames given up (bit 8)",
+    reaction: "tries each frame for a second, then drops it; what is for others costs nothing",
+    servo: FAILSAFE,
+    told_limit_ms: Some(1300),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        let flood = |rig: &mut Rig, on: bool| {
+            let frame = Frame::extended(0x0000_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
+            rig.peer.borrow_mut().babble(on.then_some(frame));
+        };
+        during(flood, "CAN: nothing could be sent for 1 s", GAVE_UP_SENDING)
+    },
+};
+
+pub const NO_ACKNOWLEDGE: Case = Case {
+    fault: "no frame is acknowledged (error-passive)",
+    noticed: "error-passive (bit 6)",
+    reaction: "sends on; the line that it is error-active again follows with the first frames that get through",
+    servo: FAILSAFE,
+    told_limit_ms: Some(250),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        let mut trial = Trial::new();
+        trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
+        trial.live(500);
+        trial.end(|rig| rig.bench.bus().inject(Fault::NoAck(false)));
+        let measured = trial.recover(BUS_LIMIT_MS, 0);
+        assert!(trial.rig.serial.contains("CAN: error-active again"), "{}", trial.rig.serial);
+        let (_, code) = trial.rig.status_now();
+        assert_eq!(code & ERROR_PASSIVE, 0, "it says so only while it is: {code:#06x}");
+        measured
+    },
+};
+
+pub const DESTROYED: Case = Case {
+    fault: "each frame is destroyed: bus-off through transmit errors",
+    noticed: "bus-off (bit 7), counted in `CanStats`",
+    reaction: "the controller comes back after 128 x 11 recessive bits and tries again",
+    servo: FAILSAFE,
+    told_limit_ms: Some(500),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        let mut trial = Trial::new();
+        trial.begin("CAN: bus-off", |rig| rig.bench.bus().inject(Fault::DestroyFrames(true)));
+        trial.live(LASTS_MS);
+        trial.end(|rig| rig.bench.bus().inject(Fault::DestroyFrames(false)));
+        let measured = trial.recover(BUS_LIMIT_MS, BUS_OFF);
+        let statistics = trial.statistics();
+        assert!(statistics.busoff_errors > 0, "{statistics:?}");
+        measured
+    },
+};
+
+/// Bit errors for some seconds. The node has no line for them, but counts them.
+fn noise(per_million: u32) -> Measured {
+    let mut trial = Trial::new();
+    trial.begin("", |rig| rig.bench.bus().inject(Fault::BitErrorRate { per_million, seed: u64::from(per_million) }));
+    trial.live(LASTS_MS);
+    trial.end(|rig| rig.bench.bus().inject(Fault::BitErrorRate { per_million: 0, seed: 0 }));
+    assert!(trial.rig.error_frames > 0, "a fault that did nothing");
+    let measured = trial.recover(BUS_LIMIT_MS, 0);
+    let statistics = trial.statistics();
+    assert!(statistics.rx_errors > 0 || statistics.busoff_errors > 0, "{statistics:?}");
+    Measured { told_ms: None, ..measured }
+}
+
+const NOISE: Case = Case {
+    fault: "",
+    noticed: "counted in `CanStats`; if it is so bad, error-passive (bit 6) or bus-off (bit 7)",
+    reaction: "the controller sends again what was destroyed",
+    servo: "follows what comes through, else failsafe",
+    told_limit_ms: None,
+    limit_ms: BUS_LIMIT_MS,
+    run: || noise(0),
+};
+pub const NOISE_5: Case = Case { fault: "bit errors, 1 in 100,000", run: || noise(10), ..NOISE };
+pub const NOISE_4: Case = Case { fault: "bit errors, 1 in 10,000", run: || noise(100), ..NOISE };
+pub const NOISE_3: Case = Case { fault: "bit errors, 1 in 1,000", run: || noise(1000), ..NOISE };
+pub const NOISE_2: Case = Case { fault: "bit errors, 1 in 100", run: || noise(10_000), ..NOISE };
+
+pub const BROKEN_WHILE_STARTING: Case = Case {
+    fault: "bus held dominant while the node starts",
+    noticed: "bus never idle (bit 9)",
+    reaction: "starts the controller over, ten times a second",
+    servo: "no pulse before the first command",
+    told_limit_ms: Some(250),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        let mut trial = Trial::new();
+        // When the bus is free the controller may join it before the driver has looked.
+        trial.rig.overflows_expected = true;
+        trial.begin("CAN: bus never idle", |rig| {
+            rig.bench.bus().inject(Fault::StuckDominant(true));
+            rig.cut_power();
+        });
+        trial.live(LASTS_MS);
+        assert_eq!(trial.rig.pulses, []);
+        trial.end(|rig| rig.bench.bus().inject(Fault::StuckDominant(false)));
+        trial.recover(BUS_LIMIT_MS, 0)
+    },
+};
+
+pub const OWN_RATE_WRONG: Case = Case {
+    fault: "the node itself is set to another bit rate than the bus",
+    noticed: "error-passive (bit 6), seen on the serial monitor only",
+    reaction: "none; it cannot be heard, and is to be set right on a bus of its own rate",
+    servo: "no pulse before the first command",
+    told_limit_ms: Some(1500),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        // Set to 500 kbit/s and back while it runs at 1 Mbit/s: the rate is taken at a start.
+        let mut rig = Rig::running_with(started());
+        let right = rig.board().avr().eeprom();
+        rig.set("CAN_BAUDRATE", 500_000);
+        rig.save();
+        let wrong = rig.board().avr().eeprom();
+        let mut trial = Trial::with(rig);
+        trial.begin("CAN: error-passive", |rig| {
+            rig.board().avr_mut().set_eeprom(&wrong);
+            rig.cut_power();
+        });
+        trial.live(LASTS_MS);
+        assert_eq!(trial.rig.pulses, []);
+        trial.end(|rig| {
+            rig.board().avr_mut().set_eeprom(&right);
+            rig.cut_power();
+            let started = rig.now() + MS;
+            rig.run_until(started);
+        });
+        trial.recover(BUS_LIMIT_MS, 0)
+    },
+};

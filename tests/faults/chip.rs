@@ -1,0 +1,191 @@
+//! Faults of the CAN controller and of its wires.
+
+use super::{CHIP_TOLD_LIMIT_MS, CONTROLLER_LOST, Case, Measured, Trial};
+use crate::rig::Rig;
+
+/// How long those last that do: so long that each phase of the retries comes up, which are 100 ms and something apart.
+const LASTS_MS: [u64; 3] = [600, 635, 670];
+/// The controller is started over 100 ms after it failed at the latest, and is on the bus 5 ms later.
+const LIMIT_MS: u64 = 300;
+
+/// Registers of DS20001801J table 11-1 that the driver watches, and their bits that mean something here.
+const WATCHED: [(u8, u8); 6] = [
+    (0x28, 0x07), // CNF3
+    (0x29, 0xBF), // CNF2, but for SAM
+    (0x2A, 0xFF), // CNF1
+    (0x2B, 0xFF), // CANINTE
+    (0x0F, 0xE8), // CANCTRL
+    (0x60, 0x64), // RXB0CTRL
+];
+/// Of the filter for commands: the low byte of the data type.
+const RXF0EID8: u8 = 0x02;
+
+pub const ALL: [&Case; 12] = [
+    &RESET, &BROWN_OUT, &NO_POWER, &HELD, &ASLEEP, &MISO_LOW, &MISO_HIGH, &FLIPPING, &REGISTER, &FILTER, &INT_HIGH,
+    &INT_LOW,
+];
+
+const LOST: &str = "CAN: MCP2515 lost its configuration";
+const FAILSAFE: &str = "failsafe after `SRV_TIMEOUT`";
+const STAYS: &str = "stays; it is over before the failsafe";
+const STARTED_OVER: &str = "started over, each register read back";
+
+/// Something that happens once.
+fn once(line: &'static str, fault: impl FnOnce(&mut Rig)) -> Measured {
+    let mut trial = Trial::new();
+    // The model complains of a driver that goes on with a chip that is not as it left it.
+    trial.rig.violations_expected = true;
+    trial.rig.overflows_expected = true;
+    trial.begin(line, fault);
+    trial.end(|_| {});
+    trial.recover(LIMIT_MS, CONTROLLER_LOST)
+}
+
+/// Something that lasts.
+fn during(line: &'static str, fault: fn(&mut Rig, bool)) -> Measured {
+    let measured = LASTS_MS.map(|lasts_ms| {
+        let mut trial = Trial::new();
+        trial.rig.violations_expected = true;
+        trial.rig.overflows_expected = true;
+        trial.begin(line, |rig| fault(rig, true));
+        trial.live(lasts_ms);
+        trial.end(|rig| fault(rig, false));
+        trial.recover(LIMIT_MS, CONTROLLER_LOST)
+    });
+    measured.into_iter().reduce(Measured::or).expect("some")
+}
+
+const CASE: Case = Case {
+    fault: "",
+    noticed: "supervision every 10 ms (bit 9)",
+    reaction: STARTED_OVER,
+    servo: STAYS,
+    told_limit_ms: Some(CHIP_TOLD_LIMIT_MS),
+    limit_ms: LIMIT_MS,
+    run: Measured::default,
+};
+
+pub const RESET: Case =
+    Case { fault: "MCP2515 reset by a glitch", run: || once(LOST, |rig| rig.board().chip_reset()), ..CASE };
+
+pub const BROWN_OUT: Case = Case {
+    fault: "MCP2515's supply dips: all its registers are garbage",
+    run: || {
+        let all = (1..=12).map(|seed| once(LOST, |rig| rig.board().chip_brown_out(seed)));
+        all.reduce(Measured::or).expect("some")
+    },
+    ..CASE
+};
+
+pub const NO_POWER: Case = Case {
+    fault: "MCP2515 without power",
+    reaction: "tried again ten times a second",
+    servo: FAILSAFE,
+    run: || {
+        let of = |power: fn(&mut Rig, bool)| during("CAN: MCP2515", power);
+        let low = of(|rig, off| if off { rig.board().chip_power_off(0x00) } else { rig.board().chip_power_on() });
+        low.or(of(|rig, off| if off { rig.board().chip_power_off(0xFF) } else { rig.board().chip_power_on() }))
+    },
+    ..CASE
+};
+
+pub const HELD: Case = Case {
+    fault: "MCP2515 stuck in configuration mode",
+    noticed: "supervision every 10 ms, and the mode that is read back at each start (bit 9)",
+    reaction: "tried again, six times a second",
+    servo: FAILSAFE,
+    run: || during(LOST, |rig, held| rig.board().chip_hold_in_configuration(held)),
+    ..CASE
+};
+
+pub const ASLEEP: Case =
+    Case { fault: "MCP2515 asleep", run: || once(LOST, |rig| rig.board().chip_fall_asleep()), ..CASE };
+
+pub const MISO_LOW: Case = Case {
+    fault: "SPI reads all zeros",
+    reaction: "tried again ten times a second",
+    servo: FAILSAFE,
+    run: || during("CAN: MCP2515", |rig, on| rig.board().set_stuck_miso(on.then_some(0x00))),
+    ..CASE
+};
+
+pub const MISO_HIGH: Case = Case {
+    fault: "SPI reads all ones",
+    run: || during("CAN: MCP2515", |rig, on| rig.board().set_stuck_miso(on.then_some(0xFF))),
+    ..MISO_LOW
+};
+
+pub const FLIPPING: Case = Case {
+    fault: "SPI flips bits, 1 in 1,000 each way",
+    noticed: "supervision every 10 ms, and the registers that are read back at each start (bit 9)",
+    servo: "within its travel: a bit that flips in a command cannot be told from another command",
+    told_limit_ms: Some(500),
+    limit_ms: 500,
+    run: || {
+        let mut trial = Trial::new();
+        trial.rig.violations_expected = true;
+        trial.rig.overflows_expected = true;
+        trial.begin("CAN: MCP2515", |rig| rig.board().set_spi_noise(1000, 5));
+        trial.live(2000);
+        for pair in trial.rig.pulses.windows(2) {
+            assert_eq!(pair[1].start - pair[0].start, super::SERVO_PERIOD, "the period");
+        }
+        let widths = trial.rig.pulses.iter().map(|pulse| pulse.width_us());
+        assert!(widths.into_iter().all(|us| (1000.0..=2000.0).contains(&us)), "{:?}", trial.rig.pulses);
+        trial.end_unchecked(|rig| rig.board().set_spi_noise(0, 0));
+        // What was misread is put right by the next command.
+        trial.live(60);
+        trial.rig.pulses.clear();
+        trial.recover(500, CONTROLLER_LOST)
+    },
+    ..CASE
+};
+
+pub const REGISTER: Case = Case {
+    fault: "a bit of CNF1 to CNF3, CANINTE, CANCTRL or RXB0CTRL flips",
+    run: || {
+        let bits = |(address, mask): (u8, u8)| {
+            (0..8).map(|bit| 1 << bit).filter(move |bit| mask & bit != 0).map(move |bit| (address, bit))
+        };
+        // One bit of each kind; the driver compares them all alike.
+        let all = WATCHED.into_iter().flat_map(|register| bits(register).step_by(3));
+        let measured = all.map(|(address, bit)| once(LOST, |rig| rig.board().chip_flip_bits(address, bit)));
+        measured.reduce(Measured::or).expect("some")
+    },
+    ..CASE
+};
+
+pub const FILTER: Case = Case {
+    fault: "a filter or mask changes by itself, and commands are let in no more",
+    noticed: "failsafe (bit 10), because filters cannot be read while the controller runs (DS20001801J 4.5)",
+    reaction: "the failsafe starts the controller over",
+    servo: FAILSAFE,
+    told_limit_ms: Some(400),
+    limit_ms: 1300,
+    run: || {
+        let mut trial = Trial::new();
+        trial.begin("FAILSAFE", |rig| rig.board().chip_flip_bits(RXF0EID8, 0x10));
+        // For as long as the failsafe takes.
+        trial.live(320);
+        trial.end(|_| {});
+        trial.recover(1300, 0)
+    },
+};
+
+pub const INT_HIGH: Case = Case {
+    fault: "INT stuck high",
+    noticed: "supervision every 10 ms: a frame waits, and INT does not say so (bit 9)",
+    reaction: STARTED_OVER,
+    servo: FAILSAFE,
+    run: || during(LOST, |rig, on| rig.board().set_stuck_int(on.then_some(true))),
+    ..CASE
+};
+
+pub const INT_LOW: Case = Case {
+    fault: "INT stuck low",
+    noticed: "supervision every 10 ms: INT says that a frame waits, and there is none (bit 9)",
+    reaction: STARTED_OVER,
+    servo: "follows what comes through, else failsafe",
+    run: || during(LOST, |rig, on| rig.board().set_stuck_int(on.then_some(false))),
+    ..CASE
+};

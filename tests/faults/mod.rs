@@ -1,0 +1,253 @@
+//! What can go wrong, one [`Case`] each: how it is made, and what must become of it. The tests check them, `make reliability`
+//! writes what they measure to docs/reliability.md.
+//!
+//! [`Trial`] is the stand: an autopilot commands the servo to 1750 us 50 times a second and sends its status once a second,
+//! SRV_FAILSAFE is the trim, 1500 us, and SRV_TIMEOUT 300 ms. Whatever happens, each pulse has one of these two widths and
+//! begins 20 ms after the one before. A fault is over when a command with another width is followed *and* a request answered.
+
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+pub mod bus;
+pub mod chip;
+pub mod input;
+pub mod page;
+pub mod processor;
+
+use crate::rig::{MS, NODE, Rig, started};
+use sim::Cycles;
+use sim::can::Id;
+use sim::dronecan::{CanStats, Message};
+
+/// Bits of the vendor-specific status code (docs/status.md).
+pub const RESET_WATCHDOG: u16 = 1 << 0;
+pub const RESET_BROWN_OUT: u16 = 1 << 1;
+pub const RESET_PANIC: u16 = 1 << 2;
+pub const RESET_STRAY_INTERRUPT: u16 = 1 << 3;
+pub const RESET_STACK_COLLISION: u16 = 1 << 4;
+pub const FRAMES_LOST: u16 = 1 << 5;
+pub const ERROR_PASSIVE: u16 = 1 << 6;
+pub const BUS_OFF: u16 = 1 << 7;
+pub const GAVE_UP_SENDING: u16 = 1 << 8;
+pub const CONTROLLER_LOST: u16 = 1 << 9;
+pub const FAILSAFE: u16 = 1 << 10;
+pub const TEMPERATURE: u16 = 1 << 11;
+pub const SENSOR: u16 = 1 << 12;
+pub const TRANSFER_ERRORS: u16 = 1 << 15;
+
+/// From the end of a fault of the bus to the node's full service.
+pub const BUS_LIMIT_MS: u64 = 1000;
+/// From a fault of the controller to the line that tells of it.
+pub const CHIP_TOLD_LIMIT_MS: u64 = 100;
+
+pub const COMMANDED_US: f64 = 1750.0;
+pub const FAILSAFE_US: f64 = 1500.0;
+const AFTERWARDS_US: f64 = 1250.0;
+const SERVO_PERIOD: Cycles = 20 * MS;
+
+/// One fault.
+pub struct Case {
+    /// What goes wrong, as the page has it.
+    pub fault: &'static str,
+    /// Who notices, and what tells of it.
+    pub noticed: &'static str,
+    /// What the node does.
+    pub reaction: &'static str,
+    /// Where the servo is meanwhile.
+    pub servo: &'static str,
+    /// From its beginning to the line on the serial monitor; none where there is none.
+    pub told_limit_ms: Option<u64>,
+    /// From its end to full service.
+    pub limit_ms: u64,
+    /// Makes it, checks what is reported and where the servo is.
+    pub run: fn() -> Measured,
+}
+
+/// What a run of a case has measured, in milliseconds; of several kinds of one fault the worst.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measured {
+    pub told_ms: Option<f64>,
+    pub recovery_ms: f64,
+}
+
+impl Measured {
+    /// The worse of both.
+    pub fn or(self, other: Measured) -> Measured {
+        let told_ms = match (self.told_ms, other.told_ms) {
+            (Some(one), Some(other)) => Some(one.max(other)),
+            (one, other) => one.or(other),
+        };
+        Measured { told_ms, recovery_ms: self.recovery_ms.max(other.recovery_ms) }
+    }
+}
+
+impl Case {
+    /// Runs it and holds it to its limits.
+    #[track_caller]
+    pub fn check(&self) -> Measured {
+        let measured = (self.run)();
+        println!("{}: {measured:?}", self.fault);
+        if let Some(limit) = self.told_limit_ms {
+            let told = measured.told_ms.unwrap_or_else(|| panic!("{}: nothing was told", self.fault));
+            assert!(told <= limit as f64, "{}: told after {told:.1} of {limit} ms", self.fault);
+        }
+        let took = measured.recovery_ms;
+        assert!(took <= self.limit_ms as f64, "{}: recovered after {took:.1} of {} ms", self.fault, self.limit_ms);
+        measured
+    }
+}
+
+/// A node at work, to which something happens.
+pub struct Trial {
+    pub rig: Rig,
+    /// Whether the autopilot's frames go out.
+    pub autopilot: bool,
+    begun: Cycles,
+    ended: Cycles,
+    slot_due: Cycles,
+    status_due: Cycles,
+    /// The line to wait for, and when it came.
+    line: &'static str,
+    told_at: Option<Cycles>,
+}
+
+impl Trial {
+    /// A node whose servo is where it is commanded to be.
+    #[track_caller]
+    pub fn new() -> Trial {
+        Trial::with(Rig::running_with(started()))
+    }
+
+    /// The same with a rig of choice.
+    #[track_caller]
+    pub fn with(mut rig: Rig) -> Trial {
+        rig.set("SRV_FAILSAFE", 1);
+        rig.set("SRV_TIMEOUT", 300);
+        rig.set("STATS_RATE", 10);
+        let mut trial =
+            Trial { rig, autopilot: true, begun: 0, ended: 0, slot_due: 0, status_due: 0, line: "", told_at: None };
+        trial.live(200);
+        trial
+    }
+
+    /// It begins now. `line`: what the serial monitor is to tell.
+    pub fn begin(&mut self, line: &'static str, fault: impl FnOnce(&mut Rig)) {
+        self.rig.forget();
+        (self.line, self.told_at) = (line, None);
+        self.begun = self.rig.now();
+        fault(&mut self.rig);
+    }
+
+    /// Time passes, with the autopilot at work.
+    #[track_caller]
+    pub fn live(&mut self, ms: u64) {
+        self.live_with(ms, COMMANDED_US, |_| {});
+    }
+
+    /// The same, with another command, and with something to do each millisecond.
+    #[track_caller]
+    pub fn live_with(&mut self, ms: u64, command_us: f64, mut also: impl FnMut(&mut Rig)) {
+        for _ in 0..ms {
+            if self.rig.now() >= self.slot_due && self.autopilot {
+                self.slot_due = self.rig.now() + 20 * MS;
+                // What could not be sent is given up, as an autopilot does.
+                self.rig.peer.borrow_mut().clear_queue();
+                self.rig.send_command(1, 4, command_us as f32);
+                if self.rig.now() >= self.status_due {
+                    self.status_due = self.rig.now() + 1000 * MS;
+                    self.rig.send_status_from(10);
+                }
+            }
+            also(&mut self.rig);
+            self.rig.run_ms(1);
+            if self.told_at.is_none() && self.rig.serial.contains(self.line) {
+                self.told_at = Some(self.rig.now());
+            }
+        }
+    }
+
+    /// It ends now. Until here the servo was where it was commanded or at its failsafe, without a gap.
+    #[track_caller]
+    pub fn end(&mut self, fault: impl FnOnce(&mut Rig)) {
+        assert_servo(&self.rig, &[COMMANDED_US, FAILSAFE_US]);
+        self.end_unchecked(fault);
+    }
+
+    /// It ends now, and the servo is looked at by the caller.
+    pub fn end_unchecked(&mut self, fault: impl FnOnce(&mut Rig)) {
+        fault(&mut self.rig);
+        self.ended = self.rig.now();
+    }
+
+    /// Waits for full service: a command with another width followed, and a request answered. Then `reported` must be among
+    /// the conditions, and nobody may have flooded the bus.
+    #[track_caller]
+    pub fn recover(&mut self, limit_ms: u64, reported: u16) -> Measured {
+        self.rig.traffic.clear();
+        self.rig.pulses.clear();
+        let mut errors_before = self.rig.error_frames;
+        let answers = self.rig.answers().len();
+        let mut next_request = 0;
+        loop {
+            if self.rig.now() >= next_request && self.rig.answers().len() == answers {
+                next_request = self.rig.now() + 50 * MS;
+                self.rig.request(&Message::NodeInfoRequest);
+            }
+            self.live_with(1, AFTERWARDS_US, |_| {});
+            if self.rig.now() <= self.ended + 30 * MS {
+                // A fault that happens and is over must be noticed first.
+                errors_before = self.rig.error_frames;
+            }
+            let follows = self.rig.pulses.last().is_some_and(|pulse| pulse.width_us() == AFTERWARDS_US);
+            if follows && self.rig.answers().len() > answers {
+                break;
+            }
+            let took = (self.rig.now() - self.ended) / MS;
+            assert!(took <= limit_ms, "no recovery within {limit_ms} ms\nserial monitor:\n{}", self.rig.serial);
+        }
+        let measured = Measured {
+            told_ms: self.told_at.map(|at| (at - self.begun) as f64 / MS as f64),
+            recovery_ms: (self.rig.now() - self.ended) as f64 / MS as f64,
+        };
+        let in_service = self.rig.now();
+        assert_servo(&self.rig, &[COMMANDED_US, FAILSAFE_US, AFTERWARDS_US]);
+        self.live_with(1000 - measured.recovery_ms.min(900.0) as u64, AFTERWARDS_US, |_| {});
+        // Ten telemetry messages of two frames, statistics of four, statuses, a temperature, answers of eleven frames.
+        let frames = frames_of_node(&self.rig);
+        assert!(frames < 200, "{frames} frames in the second after the fault");
+        let errors = self.rig.error_frames - errors_before;
+        assert!(errors < 50, "{errors} error frames after the fault");
+        // Once it is back it stays.
+        let widths = self.rig.pulses.iter().filter(|pulse| pulse.start > in_service).map(|pulse| pulse.width_us());
+        assert!(widths.into_iter().all(|us| us == AFTERWARDS_US), "the servo wavers");
+        let (_, code) = self.rig.status_now();
+        assert_eq!(code & reported, reported, "vendor code {code:#06x}");
+        measured
+    }
+
+    /// The last statistics that came.
+    #[track_caller]
+    pub fn statistics(&self) -> CanStats {
+        let all = self.rig.heard(|message| match message {
+            Message::CanStats(statistics) => Some(statistics),
+            _ => None,
+        });
+        all.last().expect("statistics come ten times a second").1
+    }
+}
+
+/// Frames that the node got out.
+pub fn frames_of_node(rig: &Rig) -> usize {
+    let from_node = |id: Id| matches!(id, Id::Extended(id) if id & 0x7F == NODE);
+    rig.traffic.iter().filter(|(_, frame)| from_node(frame.id)).count()
+}
+
+/// All pulses have one of these widths, and each begins a period after the one before.
+#[track_caller]
+pub fn assert_servo(rig: &Rig, widths: &[f64]) {
+    for pulse in &rig.pulses {
+        assert!(widths.contains(&pulse.width_us()), "a pulse of {} us\n{}", pulse.width_us(), rig.serial);
+    }
+    for pair in rig.pulses.windows(2) {
+        assert_eq!(pair[1].start - pair[0].start, SERVO_PERIOD, "the period");
+    }
+}

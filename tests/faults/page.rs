@@ -1,0 +1,83 @@
+//! docs/reliability.md: all cases, with what was measured.
+
+use std::fmt::Write as _;
+
+use super::{Case, Measured, bus, chip, input, processor};
+
+const INTRODUCTION: &str = "\
+# Reliability
+
+What can go wrong, what the node makes of it, and how long that takes. `make reliability` measures it with the shipped ELF in the
+simulator, and writes this page; `make test` holds each case to the limits in brackets (`tests/bus_faults.rs`, `chip_faults.rs`,
+`processor_faults.rs` and `input_faults.rs`; the cases themselves are in `tests/faults`).
+
+An autopilot commands the servo 50 times a second, with `SRV_TIMEOUT` 300 ms and `SRV_FAILSAFE` the trim. *Told* is the time from the
+beginning of the fault to the end of the line about it on the serial monitor. *Back* is the time from the end of the fault until a new
+command is seen in a servo pulse **and** a request has been answered: it has the 20 ms between two commands and the 20 ms of the servo's
+period in it, and 53 ms is as fast as it can be measured. The bits are those of the vendor-specific status code
+([status.md](status.md)), which are checked, too. In every fault each pulse of the servo was a whole one, began 20 ms after the one
+before, and had a width that is named here.
+
+After a fault nothing floods the bus: what could not be sent in time is dropped, and a status says how the node is, not how it was.
+";
+
+const SOAK: &str = "
+## In the long run
+
+`make soak HOURS=4` lets the node live for simulated hours: commands 50 times a second, statuses, chatter of other nodes, a client that
+asks, sets and saves now and then, and four times a minute or so one of twenty faults. Each must be over within a second. Between them
+each command is followed and counted, each pulse has the width of a command just given and begins 20 ms after the one before, statuses
+come in time and in order and with the true uptime, nothing is lost in the controller, parameters are what they were set to, and the
+stack keeps to its place. `make test` does that for two minutes (`tests/soak.rs`).
+
+## What is not noticed
+
+* A filter or a mask of the controller that changes by itself: outside configuration mode all of them read as zero (DS20001801J 4.5), and
+  to leave normal mode costs frames. The failsafe gives the controller its filters again, because they may be why commands stopped. A
+  filter that lets too much in costs time only. One that keeps out requests or statuses is put right by the next failsafe or restart.
+* A bit that flips on the SPI while a command is read: a frame of one piece has no checksum that goes as far as the program. The pulse
+  stays within the travel, and the next command puts it right.
+";
+
+/// The chapters and their cases.
+pub const CHAPTERS: [(&str, &[&Case]); 4] = [
+    ("The bus", &bus::ALL),
+    ("The CAN controller", &chip::ALL),
+    ("The processor", &processor::ALL),
+    ("The sensor, and what comes over the bus", &input::ALL),
+];
+
+/// The cells of a case's row; without a measurement those two that have one are empty.
+pub fn row(case: &Case, measured: Option<Measured>) -> [String; 6] {
+    let told = case.told_limit_ms.map(|limit| {
+        let told = measured.and_then(|measured| measured.told_ms);
+        format!("{} ({limit})", told.map_or(String::new(), |ms| format!("{ms:.0}")))
+    });
+    let back = measured.map_or(String::new(), |measured| format!("{:.0}", measured.recovery_ms));
+    [
+        case.fault.into(),
+        case.noticed.into(),
+        told.unwrap_or_default(),
+        case.reaction.into(),
+        case.servo.into(),
+        format!("{back} ({})", case.limit_ms),
+    ]
+}
+
+/// The whole page.
+pub fn page(measure: impl Fn(&Case) -> Measured) -> String {
+    let mut page = String::from(INTRODUCTION);
+    for (title, cases) in CHAPTERS {
+        let _ = write!(
+            page,
+            "\n## {title}\n\n\
+             | what | noticed by | told, ms (limit) | reaction | servo | back, ms (limit) |\n\
+             | --- | --- | ---: | --- | --- | ---: |\n"
+        );
+        for case in cases {
+            let _ = writeln!(page, "| {} |", row(case, Some(measure(case))).join(" | "));
+        }
+    }
+    page.push_str(SOAK);
+    page
+}

@@ -1,0 +1,291 @@
+//! Faults of the processor, its memory and its clock.
+
+use super::{
+    COMMANDED_US, CONTROLLER_LOST, Case, Measured, RESET_BROWN_OUT, RESET_PANIC, RESET_STACK_COLLISION,
+    RESET_STRAY_INTERRUPT, RESET_WATCHDOG, Trial,
+};
+use crate::rig::{MS, Rig, US, status_fields};
+use sim::Cycles;
+use sim::avr::ResetCause;
+use sim::dronecan::{Message, Opcode};
+
+/// Registers of the ATmega168 (datasheet section 16.11.1).
+const TCCR1A: u16 = 0x80;
+const COM1B: u8 = 0x30;
+
+/// From a restart to full service.
+const LIMIT_MS: u64 = 200;
+
+pub const ALL: [&Case; 10] = [
+    &HANG,
+    &PANIC,
+    &STRAY_INTERRUPT,
+    &STACK,
+    &BROWN_OUT,
+    &BROWN_OUT_DURING_SAVE,
+    &RESET_PIN,
+    &POWER_CUT,
+    &MILLISECONDS_WRAP,
+    &UPTIME_WRAPS,
+];
+
+const NO_PULSE: &str = "whole pulses until the restart, then none until a command comes";
+const RESTARTED: &str = "restarted";
+const CASE: Case = Case {
+    fault: "",
+    noticed: "",
+    reaction: RESTARTED,
+    servo: NO_PULSE,
+    told_limit_ms: Some(50),
+    limit_ms: LIMIT_MS,
+    run: Measured::default,
+};
+
+/// Overwrites the main loop where it resets the watchdog; gives the program as it was.
+fn patch_the_main_loop(rig: &mut Rig, instructions: &[u8]) -> Vec<u8> {
+    let flash = rig.board().avr().flash().to_vec();
+    // WDR is 0x95A8. Two others come before the loop: at the very start, and where the watchdog is switched on.
+    let wdr = (0x68..0x3800).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
+    rig.board().avr_mut().load_flash(wdr, instructions);
+    flash
+}
+
+/// The program restarts, by `fault`, and says why. The autopilot does not command before the node is heard again.
+fn restarted_by(line: &'static str, reported: u16, fault: impl FnOnce(&mut Trial)) -> Measured {
+    let mut trial = Trial::new();
+    trial.begin(line, |_| {});
+    fault(&mut trial);
+    trial.end(|_| {});
+    trial.recover(LIMIT_MS, reported)
+}
+
+pub const HANG: Case = Case {
+    fault: "the main loop hangs",
+    noticed: "watchdog, 250 ms (bit 0)",
+    told_limit_ms: Some(350),
+    run: || {
+        let mut trial = Trial::new();
+        let mut program = Vec::new();
+        // RJMP to itself.
+        trial.begin("reset: WATCHDOG", |rig| program = patch_the_main_loop(rig, &[0xFF, 0xCF]));
+        // It is put right once it has restarted: before, TCCR1A has COM1B set for the pulse. It may have hung again by then.
+        let end = trial.begun + 300 * MS;
+        while trial.rig.board().avr().sram(TCCR1A) & COM1B != 0 && trial.rig.now() < end {
+            trial.rig.run_ms(1);
+        }
+        trial.rig.board().avr_mut().load_flash(0, &program);
+        super::assert_servo(&trial.rig, &[COMMANDED_US]);
+        assert!(trial.rig.pulses.len() > 10, "pulses go on while the program hangs");
+        trial.rig.pulses.clear();
+        trial.live(50);
+        trial.end(|_| {});
+        trial.recover(LIMIT_MS, RESET_WATCHDOG)
+    },
+    ..CASE
+};
+
+pub const PANIC: Case = Case {
+    fault: "the program panics",
+    noticed: "panic handler (bit 2)",
+    run: || {
+        restarted_by("reset: PANIC", RESET_PANIC, |trial| {
+            let rig = &mut trial.rig;
+            let handler = rig.board().avr().symbol_with("panicking9panic_fmt").expect("the panic handler").address / 2;
+            let [low, high] = (handler as u16).to_le_bytes();
+            let program = patch_the_main_loop(rig, &[0x0C, 0x94, low, high]);
+            let soon = rig.now() + 100 * US;
+            rig.run_until(soon);
+            rig.board().avr_mut().load_flash(0, &program);
+            trial.live(20);
+        })
+    },
+    ..CASE
+};
+
+pub const STRAY_INTERRUPT: Case = Case {
+    fault: "an interrupt that nobody asked for",
+    noticed: "default handler (bit 3)",
+    run: || {
+        restarted_by("reset: STRAY INTERRUPT", RESET_STRAY_INTERRUPT, |trial| {
+            // TIMSK1.TOIE1: Timer1 overflows at the end of each servo period.
+            trial.rig.board().avr_mut().poke_sram(0x6F, 1);
+            trial.live(40);
+        })
+    },
+    told_limit_ms: Some(70),
+    ..CASE
+};
+
+pub const STACK: Case = Case {
+    fault: "the stack reaches the variables",
+    noticed: "a painted word between them, looked at in each turn (bit 4)",
+    run: || {
+        restarted_by("reset: STACK COLLISION", RESET_STACK_COLLISION, |trial| {
+            let avr = trial.rig.board().avr_mut();
+            let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
+            avr.poke_sram(bottom, 0);
+            trial.live(20);
+        })
+    },
+    ..CASE
+};
+
+fn reset(line: &'static str, cause: ResetCause, reported: u16) -> Measured {
+    let mut trial = Trial::new();
+    trial.begin(line, |rig| rig.board().reset(cause));
+    trial.live(20);
+    assert_cut_short(&trial);
+    trial.end_unchecked(|_| {});
+    trial.recover(LIMIT_MS, reported)
+}
+
+/// A reset of the chip ends the pulse in progress, and there is none after it.
+#[track_caller]
+fn assert_cut_short(trial: &Trial) {
+    let widths: Vec<f64> = trial.rig.pulses.iter().map(|pulse| pulse.width_us()).collect();
+    if let Some((last, whole)) = widths.split_last() {
+        assert!(whole.iter().all(|us| *us == COMMANDED_US) && *last <= COMMANDED_US, "{widths:?}");
+    }
+}
+
+pub const BROWN_OUT: Case = Case {
+    fault: "the processor's supply dips",
+    noticed: "brown-out detector (bit 1)",
+    run: || reset("reset: BROWN-OUT", ResetCause::BrownOut, RESET_BROWN_OUT),
+    servo: "no pulse until a command comes; the pulse in progress is cut short by the reset itself",
+    ..CASE
+};
+
+pub const BROWN_OUT_DURING_SAVE: Case = Case {
+    fault: "the processor's supply dips while it writes its EEPROM",
+    noticed: "brown-out detector (bit 1)",
+    reaction: "restarted, with the parameters of before or the new ones, all of them",
+    run: || {
+        let mut worst = Measured::default();
+        // Anywhere in the save, in the middle of a byte too.
+        for delay in [1, 8, 23, 60, 111, 180, 233] {
+            let mut trial = Trial::new();
+            trial.rig.set("TEMP_ID", 4242);
+            trial.begin("reset: BROWN-OUT", |rig| {
+                rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
+                rig.run_ms(delay);
+                rig.board().reset(ResetCause::BrownOut);
+            });
+            trial.live(20);
+            assert_cut_short(&trial);
+            trial.end_unchecked(|_| {});
+            let told_ms = delay as f64;
+            let measured = trial.recover(LIMIT_MS, RESET_BROWN_OUT);
+            let set = (trial.rig.get("TEMP_ID"), trial.rig.get("SRV_TIMEOUT"));
+            assert!([(1, 1000), (4242, 300)].contains(&set), "{set:?} after a dip {delay} ms into a save");
+            worst = worst.or(Measured { told_ms: measured.told_ms.map(|told| told - told_ms), ..measured });
+        }
+        worst
+    },
+    ..BROWN_OUT
+};
+
+pub const RESET_PIN: Case = Case {
+    fault: "the reset pin is pulled",
+    noticed: "told as such; no fault",
+    run: || reset("reset: reset pin", ResetCause::External, 0),
+    ..BROWN_OUT
+};
+
+pub const POWER_CUT: Case = Case {
+    fault: "the power goes and comes back",
+    noticed: "told as such; no fault",
+    run: || reset("reset: power-on", ResetCause::PowerOn, 0),
+    ..BROWN_OUT
+};
+
+/// Where a counter is in RAM: what has had these values at these times, by the look of it in all of them.
+fn find_counter(rig: &mut Rig, len: usize, tolerance: u64, value_at: impl Fn(Cycles) -> u64, times: u32) -> Vec<u16> {
+    let floor = rig.board().avr().symbol("__heap_start").expect("a symbol").address as u16;
+    let mut found: Vec<u16> = (0x100..floor - len as u16).collect();
+    for _ in 0..times {
+        let now = rig.now();
+        let ram = rig.board().avr().sram_range(0x100..=floor - 1);
+        let expected = value_at(now);
+        found.retain(|&at| {
+            let bytes = &ram[usize::from(at - 0x100)..][..len];
+            let value = bytes.iter().rev().fold(0, |value, byte| value << 8 | u64::from(*byte));
+            expected.saturating_sub(tolerance) <= value && value <= expected + tolerance
+        });
+        rig.run_ms(1337);
+    }
+    found
+}
+
+/// The clock of 16 bits wraps every 65.536 s, and all deadlines with it. Nothing is to be seen of it.
+pub const MILLISECONDS_WRAP: Case = Case {
+    fault: "the millisecond counter wraps, every 65.536 s",
+    noticed: "not to be noticed",
+    reaction: "none needed: only differences count",
+    servo: "follows",
+    told_limit_ms: None,
+    limit_ms: 100,
+    run: || {
+        let mut trial = Trial::new();
+        // Up to a second before it, then through it with commands, statuses and a request under way.
+        let quiet = 64_500 * MS;
+        while trial.rig.now() < quiet {
+            trial.live(500);
+            trial.rig.forget();
+        }
+        trial.begin("", |_| {});
+        trial.live(2500);
+        assert!(trial.rig.serial.lines().all(|line| !line.contains("FAILSAFE") && !line.contains("reset:")));
+        let statuses = trial.rig.statuses();
+        let gaps: Vec<u64> = statuses.windows(2).map(|pair| (pair[1].0 - pair[0].0) / MS).collect();
+        assert!(!gaps.is_empty() && gaps.iter().all(|gap| (980..=1020).contains(gap)), "{gaps:?}");
+        // No pulse but the commanded: no failsafe, no gap.
+        super::assert_servo(&trial.rig, &[COMMANDED_US]);
+        trial.end(|_| {});
+        let measured = trial.recover(100, 0);
+        // A timeout that runs through a wrap is as long as others.
+        assert_eq!(trial.rig.status_now().1, 0);
+        Measured { told_ms: None, ..measured }
+    },
+};
+
+/// The uptime, set forward in RAM: through 49.7 days (2^32 ms) and to the end of its 32 bits. The transfer IDs wrap meanwhile.
+pub const UPTIME_WRAPS: Case = Case {
+    fault: "the uptime passes 49.7 days, and wraps after 136 years",
+    noticed: "not to be noticed",
+    reaction: "none needed",
+    servo: "follows",
+    told_limit_ms: None,
+    limit_ms: 100,
+    run: || {
+        let mut trial = Trial::new();
+        trial.live(8000);
+        // The uptime in whole seconds; it has four bytes, of which the upper ones are zero.
+        let places = find_counter(&mut trial.rig, 4, 0, |now| now / (1000 * MS), 5);
+        let [uptime] = places[..] else { panic!("the uptime is at one of {places:x?}") };
+        for near in [4_294_967 - 3, u32::MAX - 3] {
+            for (byte, at) in near.to_le_bytes().into_iter().zip(uptime..) {
+                trial.rig.board().avr_mut().poke_sram(at, byte);
+            }
+            trial.begin("", |_| {});
+            trial.live(8000);
+            let told: Vec<u32> = trial.rig.statuses().iter().map(|(_, data)| status_fields(data).0).collect();
+            assert!(told.len() >= 7, "{told:?}");
+            for pair in told.windows(2) {
+                assert_eq!(pair[1].wrapping_sub(pair[0]), 1, "{told:?}");
+            }
+            let has_passed = |uptime: &u32| uptime.wrapping_sub(near) >= 4;
+            assert!(told.iter().any(has_passed), "{told:?}");
+            super::assert_servo(&trial.rig, &[COMMANDED_US]);
+        }
+        // More than 32 statuses have wrapped their transfer ID.
+        let numbers = trial.rig.statuses().iter().map(|(_, data)| data[7] & 31).collect::<Vec<_>>();
+        for pair in numbers.windows(2) {
+            assert_eq!(pair[1], (pair[0] + 1) % 32);
+        }
+        trial.end(|_| {});
+        let measured = trial.recover(100, 0);
+        assert_eq!(trial.rig.status_now().1 & CONTROLLER_LOST, 0);
+        Measured { told_ms: None, ..measured }
+    },
+};

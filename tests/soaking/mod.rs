@@ -1,0 +1,587 @@
+//! A long life for a node, from a seed: an autopilot that commands 50 times a second, other traffic, a client now and then, and
+//! every half minute or so a fault. After each fault everything must be as before within [`RECOVERY_LIMIT_MS`]; between faults
+//! nothing may be lost, late or out of place.
+//!
+//! Between faults: each command is followed and counted, each pulse has the width of a command just given and begins 20 ms after
+//! the one before, statuses come in time and in order with the true uptime, the health is OK, no receive buffer overruns,
+//! requests are answered, parameters are what they were set to. At the end the stack has kept to its place.
+//!
+//! In a fault the pulse is the last commanded or the failsafe's, or none after a restart, until a command is followed.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use crate::rig::{MS, NODE_STATUS, Rig, started, status_fields};
+use sim::Cycles;
+use sim::avr::{Noise, ResetCause};
+use sim::can::{Fault, Frame};
+use sim::dronecan::{Message, RESTART_MAGIC};
+
+/// From the end of a fault until commands are followed and requests answered again.
+pub const RECOVERY_LIMIT_MS: u64 = 1000;
+
+/// Between two commands.
+const SLOT_MS: u64 = 20;
+const SERVO_PERIOD: Cycles = 20 * MS;
+/// Where the failsafe puts the servo. No command asks for this width.
+const FAILSAFE_US: f64 = 1500.0;
+/// Conditions that a fault leaves behind have passed after so long.
+const CONDITIONS_PASS: Cycles = 12_500 * MS;
+/// What the program paints unused RAM with at its start.
+const PAINT: u8 = 0xC5;
+/// Variables and stack at its deepest.
+const STATICS_AND_STACK_LIMIT: u16 = 960;
+
+/// What goes wrong. Those that last do so for some tenths of a second to some seconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Trouble {
+    /// The node's cable is pulled.
+    Cable,
+    /// The bus is held dominant.
+    Short,
+    /// No frame is acknowledged.
+    NoAcknowledge,
+    /// Bits are inverted: 1 in 100,000 to 1 in 100.
+    BitErrors,
+    /// Another node sends back to back, before all others.
+    Babble,
+    /// The autopilot falls silent.
+    Silence,
+    /// The controller is reset.
+    ChipReset,
+    /// The controller's registers hold garbage.
+    ChipBrownOut,
+    /// The controller has no power.
+    ChipPower,
+    /// The controller falls asleep.
+    ChipSleep,
+    /// The controller stays in configuration mode.
+    ChipHeld,
+    /// A register of the controller changes by itself.
+    Register,
+    /// MISO reads all zeros or all ones.
+    Miso,
+    /// Bits between the chips are inverted.
+    SpiNoise,
+    /// The supply dips.
+    BrownOut,
+    /// The reset pin is pulled.
+    ResetPin,
+    /// The power goes, perhaps during a save.
+    PowerCut,
+    /// The program hangs.
+    Hang,
+    /// A client restarts the node.
+    Restart,
+    /// Another node uses the node's ID.
+    SameId,
+}
+
+impl Trouble {
+    /// Whether the program starts over.
+    fn restarts(self) -> bool {
+        matches!(self, Self::BrownOut | Self::ResetPin | Self::PowerCut | Self::Hang | Self::Restart)
+    }
+
+    fn lasts(self) -> bool {
+        !self.restarts() && !matches!(self, Self::ChipReset | Self::ChipBrownOut | Self::ChipSleep | Self::Register)
+    }
+}
+
+const TROUBLES: [Trouble; 20] = [
+    Trouble::Cable,
+    Trouble::Short,
+    Trouble::NoAcknowledge,
+    Trouble::BitErrors,
+    Trouble::Babble,
+    Trouble::Silence,
+    Trouble::ChipReset,
+    Trouble::ChipBrownOut,
+    Trouble::ChipPower,
+    Trouble::ChipSleep,
+    Trouble::ChipHeld,
+    Trouble::Register,
+    Trouble::Miso,
+    Trouble::SpiNoise,
+    Trouble::BrownOut,
+    Trouble::ResetPin,
+    Trouble::PowerCut,
+    Trouble::Hang,
+    Trouble::Restart,
+    Trouble::SameId,
+];
+
+/// CNF3, CNF2, CNF1, CANINTE, CANCTRL and RXB0CTRL (DS20001801J table 11-1).
+const WATCHED: [u8; 6] = [0x28, 0x29, 0x2A, 0x2B, 0x0F, 0x60];
+/// Bits of those that the driver has a use for.
+const WATCHED_BITS: [u8; 6] = [0x07, 0xBF, 0xFF, 0x03, 0xE8, 0x64];
+
+/// What has been seen so far.
+#[derive(Default)]
+pub struct Report {
+    /// Of each kind of trouble: how often, and the longest recovery in milliseconds.
+    pub troubles: BTreeMap<Trouble, (u32, f64)>,
+    pub commands: u64,
+    pub requests: u64,
+    pub saves: u64,
+    pub statuses: u64,
+    pub frames: u64,
+    /// Lost in the controller during faults.
+    pub lost_in_faults: u32,
+    /// Variables and stack at its deepest, in bytes.
+    pub ram: u16,
+}
+
+/// A node at work.
+pub struct Soak {
+    rig: Rig,
+    random: Noise,
+    /// Commanded widths in microseconds, with their times: those of the last second.
+    commanded: Vec<(Cycles, u64)>,
+    slot: u64,
+    to_come: Vec<Trouble>,
+    /// When the autopilot is to send its next status.
+    status_due: Cycles,
+    statuses_sent: u8,
+    /// TEMP_ID, which the client plays with: in force and saved.
+    temp_id: [i64; 2],
+    booted: Cycles,
+    /// The bit of the vendor code that stays until the next clean start.
+    restarted_by: u16,
+    troubled: Cycles,
+    pub report: Report,
+}
+
+impl Soak {
+    /// A node that has just been started.
+    pub fn new(seed: u64) -> Soak {
+        let mut rig = Rig::running_with(started());
+        // Lost frames are looked for here, between the faults.
+        rig.overflows_expected = true;
+        rig.set("SRV_FAILSAFE", 1);
+        rig.set("SRV_TIMEOUT", 500);
+        rig.save();
+        let mut soak = Soak {
+            rig,
+            random: Noise::new(seed),
+            commanded: Vec::new(),
+            slot: 0,
+            to_come: Vec::new(),
+            status_due: 0,
+            statuses_sent: 0,
+            temp_id: [1; 2],
+            booted: 0,
+            restarted_by: 0,
+            troubled: 0,
+            report: Report::default(),
+        };
+        soak.rig.forget();
+        soak
+    }
+
+    /// Simulated time so far.
+    pub fn now(&self) -> Cycles {
+        self.rig.now()
+    }
+
+    /// Lives until then, or until it is told to stop, which is looked for every moment.
+    pub fn run_until(&mut self, end: Cycles, stop: &dyn Fn() -> bool) {
+        while self.now() < end && !stop() {
+            let rest_ms = (end - self.now()) / MS;
+            let calm_ms = (4_000 + self.random.below(26_000)).min(rest_ms);
+            self.live_calmly(calm_ms, stop);
+            if self.now() < end && !stop() {
+                let trouble = self.next_trouble();
+                self.suffer(trouble);
+            }
+        }
+        self.look_at_the_stack();
+    }
+
+    /// Any, each of them once before one comes again; but those that restart the program less often: it is to grow old, too.
+    fn next_trouble(&mut self) -> Trouble {
+        loop {
+            if self.to_come.is_empty() {
+                self.to_come.extend(TROUBLES);
+            }
+            let trouble = self.to_come.swap_remove(self.random.below(self.to_come.len() as u64) as usize);
+            if !trouble.restarts() || self.random.below(6) == 0 {
+                return trouble;
+            }
+        }
+    }
+
+    // ---- between faults ----
+
+    fn live_calmly(&mut self, for_ms: u64, stop: &dyn Fn() -> bool) {
+        let end = self.now() + for_ms * MS;
+        let before = self.counters();
+        let lost = self.rig.board().chip().borrow().rx_overflows();
+        let resets = self.rig.board().avr().resets().len();
+        self.rig.forget();
+        let (commands, mut last_status) = (self.report.commands, None);
+        while self.now() < end && !stop() {
+            self.slot();
+            match self.random.below(300) {
+                0..=2 => self.ask(),
+                3 => self.play_with_a_parameter(),
+                4..=9 => self.chatter(),
+                10 => self.rig.board().avr_mut().serial_send(b"\r\n"),
+                11 => {
+                    let celsius = 5.0 + self.random.below(50) as f64;
+                    self.rig.board().set_temperature_c(celsius);
+                }
+                _ => {}
+            }
+            self.check_pulses();
+            self.check_statuses(&mut last_status);
+            let serial = &self.rig.serial;
+            assert!(!serial.contains("reset:"), "a restart in quiet times\n{serial}");
+            // The last line may not be whole yet.
+            let from = self.rig.serial.rfind('\n').map_or(0, |at| at + 1);
+            self.rig.serial.drain(..from);
+            self.rig.broken.clear();
+            self.rig.transfers.clear();
+            self.rig.error_frames = 0;
+            self.report.frames += self.rig.traffic.len() as u64;
+            self.rig.traffic.clear();
+        }
+        let after = self.counters();
+        let commands = (self.report.commands - commands) as u16;
+        assert_eq!(after[0].wrapping_sub(before[0]), commands, "commands followed; refused {before:?} to {after:?}");
+        assert_eq!(after[1..], before[1..], "frames refused, receive overruns, sends given up");
+        assert_eq!(self.rig.board().chip().borrow().rx_overflows(), lost, "frames lost in the controller");
+        assert_eq!(self.rig.board().avr().resets().len(), resets, "resets of the chip");
+        self.rig.board().chip().borrow_mut().take_frame_log();
+        self.rig.peer.borrow_mut().take_events();
+    }
+
+    /// One command, once a second a status, and the time until the next.
+    fn slot(&mut self) {
+        let sweep = (self.slot as f64 / 100.0).sin();
+        let us = 1500.0 + 440.0 * sweep + self.random.below(10) as f64;
+        self.command(us as u64);
+        // Punctual, whatever else goes on here.
+        while self.status_due < self.now() + 500 * MS {
+            self.status_due = self.now().max(self.status_due + 1000 * MS);
+            self.statuses_sent = self.statuses_sent.wrapping_add(1);
+            let data = [10, 0, 0, 0, 0, 0, 0, 0xC0 | (self.statuses_sent % 32)];
+            self.rig.peer.borrow_mut().send_at(self.status_due, Frame::extended(NODE_STATUS | 10, &data));
+        }
+        self.slot += 1;
+        self.rig.run_ms(SLOT_MS);
+    }
+
+    /// Commands so many microseconds, which a float16 has room for.
+    fn command(&mut self, us: u64) {
+        let us = if us as f64 == FAILSAFE_US { us + 1 } else { us };
+        let now = self.now();
+        self.commanded.retain(|(at, _)| at + 1000 * MS > now);
+        self.commanded.push((now, us));
+        self.rig.send_command(1, 4, us as f32);
+        self.report.commands += 1;
+    }
+
+    /// Each pulse has the width of a command just given, and begins a period after the one before.
+    #[track_caller]
+    fn check_pulses(&mut self) {
+        let pulses = &self.rig.pulses;
+        for pair in pulses.windows(2) {
+            assert_eq!(pair[1].start - pair[0].start, SERVO_PERIOD, "the period");
+        }
+        for pulse in pulses {
+            // The newest command that can have come in time for this period, or one a little older.
+            let since = pulse.start.saturating_sub(2 * SERVO_PERIOD + 10 * MS);
+            let given = self.commanded.iter().filter(|(at, _)| *at <= pulse.start);
+            let older = given.clone().rfind(|(at, _)| *at < since);
+            let mut possible = given.filter(|(at, _)| *at >= since).chain(older);
+            let us = pulse.width_us();
+            assert!(
+                possible.any(|(_, wanted)| *wanted as f64 == us),
+                "a pulse of {us} us, commanded {:?}",
+                self.commanded
+            );
+        }
+        let last = self.rig.pulses.pop();
+        self.rig.pulses.clear();
+        self.rig.pulses.extend(last);
+    }
+
+    #[track_caller]
+    fn check_statuses(&mut self, last: &mut Option<(Cycles, u8)>) {
+        for (at, data) in self.rig.statuses() {
+            let (uptime, health, mode, code) = status_fields(&data);
+            let exact = (at - self.booted) as f64 / (1000 * MS) as f64;
+            assert!((f64::from(uptime) - exact).abs() < 1.6, "uptime {uptime} after {exact:.3} s");
+            if at > self.troubled + CONDITIONS_PASS {
+                let expected = (u8::from(self.restarted_by != 0), 0, self.restarted_by);
+                assert_eq!((health, mode, code), expected, "health, mode and vendor code");
+            }
+            if let Some((before, number)) = *last {
+                let gap_ms = (at - before) / MS;
+                // It falls in with the autopilot's, which may come too soon after its own at first.
+                let limit_ms = if at > self.troubled + 4000 * MS { 1100 } else { 1530 };
+                assert!((499..=limit_ms).contains(&gap_ms), "{gap_ms} ms between statuses");
+                assert_eq!(data[7] & 31, (number + 1) % 32, "transfer IDs");
+            }
+            *last = Some((at, data[7] & 31));
+            self.report.statuses += 1;
+        }
+    }
+
+    /// The counters that the serial monitor tells: followed, refused, overruns, given up.
+    #[track_caller]
+    fn counters(&mut self) -> [u16; 4] {
+        // What is on its way is told first.
+        self.rig.run_ms(100);
+        self.rig.serial.clear();
+        self.rig.board().avr_mut().serial_send(b"?");
+        self.rig.wait_for_line("sends given up", 300);
+        let number = |what: &str| {
+            let (_, rest) = self.rig.serial.split_once(what).expect("all counters");
+            let digits: String = rest.trim_start().chars().take_while(char::is_ascii_digit).collect();
+            digits.parse().expect("a number")
+        };
+        ["commands followed", "frames refused", "receive overruns", "sends given up"].map(number)
+    }
+
+    // ---- others on the bus ----
+
+    /// A client looks at the node.
+    fn ask(&mut self) {
+        match self.random.below(3) {
+            0 => {
+                let information = self.rig.information();
+                assert!(information.name().starts_with("org."), "{}", information.name());
+            }
+            1 => {
+                let index = self.random.below(26) as u16;
+                assert!(!self.rig.parameter_at(index).name.is_empty());
+            }
+            _ => _ = self.rig.ask(&Message::TransportStatsRequest),
+        }
+        self.report.requests += 1;
+    }
+
+    /// A client sets a parameter, looks at it, and at times saves all.
+    fn play_with_a_parameter(&mut self) {
+        assert_eq!(self.rig.get("TEMP_ID"), self.temp_id[0]);
+        let value = self.random.below(65_536) as i64;
+        self.rig.set("TEMP_ID", value);
+        self.temp_id[0] = value;
+        self.report.requests += 2;
+        if self.random.below(3) == 0 {
+            self.rig.request(&Message::ExecuteOpcode(sim::dronecan::Opcode::SAVE));
+            // Commands go on meanwhile.
+            for _ in 0..40 {
+                self.slot();
+            }
+            self.temp_id[1] = value;
+            self.report.saves += 1;
+        }
+    }
+
+    /// A burst of frames for others, at any priority.
+    fn chatter(&mut self) {
+        for _ in 0..self.random.below(40) {
+            let [priority, source] = [self.random.below(32) as u32, self.random.below(100) as u32 + 11];
+            let kind = [0x0003_F200, 0x0004_2E00, 0x0004_5600][self.random.below(3) as usize];
+            let id = (priority << 24 | kind | source) & 0x1FFF_FFFF;
+            // An ESC's status is not for the node; an ArrayCommand is, but has no command for it.
+            let data = self.random.next_u64().to_le_bytes();
+            let frame = match kind {
+                0x0003_F200 => Frame::extended(id, &[2, 0, 0, 0x38, 0xC0 | self.random.below(32) as u8]),
+                _ => Frame::extended(id, &data),
+            };
+            self.rig.send_frame(frame);
+        }
+    }
+
+    // ---- faults ----
+
+    fn suffer(&mut self, trouble: Trouble) {
+        let last_width = self.commanded.last().map(|(_, width)| *width);
+        let for_ms = 100 + self.random.below(2900);
+        let lost = self.rig.board().chip().borrow().rx_overflows();
+        self.rig.violations_expected = true;
+        self.rig.forget();
+        self.begin(trouble);
+        let begun = self.now();
+        while trouble.lasts() && self.now() < begun + for_ms * MS {
+            // What cannot be sent is given up, as an autopilot does.
+            self.rig.peer.borrow_mut().clear_queue();
+            if trouble != Trouble::Silence {
+                self.command(last_width.unwrap_or(1200));
+            }
+            if trouble == Trouble::SameId {
+                self.rig.send_status_from(120);
+            }
+            self.rig.run_ms(SLOT_MS);
+        }
+        self.check_pulses_in(trouble, last_width);
+        self.end(trouble);
+        let recovery_ms = self.recover(trouble, last_width);
+        if trouble.restarts() || self.rig.serial.contains("reset:") {
+            self.booted = self.now_booted();
+            self.restarted_by = match trouble {
+                Trouble::Hang => 1 << 0,
+                Trouble::BrownOut => 1 << 1,
+                _ => 0,
+            };
+            self.temp_id[0] = self.temp_id[1];
+        }
+        self.rig.run_ms(50);
+        self.troubled = self.now();
+        self.rig.board().take_violations();
+        self.rig.violations_expected = false;
+        self.report.lost_in_faults += self.rig.board().chip().borrow().rx_overflows() - lost;
+        let (count, worst) = self.report.troubles.entry(trouble).or_default();
+        *count += 1;
+        *worst = worst.max(recovery_ms);
+    }
+
+    fn begin(&mut self, trouble: Trouble) {
+        let port = self.rig.bench.port(0);
+        let seed = self.random.next_u64();
+        match trouble {
+            Trouble::Cable => self.rig.bench.bus().connect(port, false),
+            Trouble::Short => self.rig.bench.bus().inject(Fault::StuckDominant(true)),
+            Trouble::NoAcknowledge => self.rig.bench.bus().inject(Fault::NoAck(true)),
+            Trouble::BitErrors => {
+                let per_million = [10, 100, 1000, 10_000][self.random.below(4) as usize];
+                self.rig.bench.bus().inject(Fault::BitErrorRate { per_million, seed });
+            }
+            Trouble::Babble => self.rig.peer.borrow_mut().babble(Some(Frame::extended(0x0000_0A7F, &[0x55; 8]))),
+            Trouble::Silence | Trouble::SameId => {}
+            Trouble::ChipReset => self.rig.board().chip_reset(),
+            Trouble::ChipBrownOut => self.rig.board().chip_brown_out(seed),
+            Trouble::ChipPower => self.rig.board().chip_power_off([0x00, 0xFF][seed as usize & 1]),
+            Trouble::ChipSleep => self.rig.board().chip_fall_asleep(),
+            Trouble::ChipHeld => self.rig.board().chip_hold_in_configuration(true),
+            Trouble::Register => {
+                let which = self.random.below(WATCHED.len() as u64) as usize;
+                let bits: Vec<u8> = (0..8).map(|bit| 1 << bit).filter(|bit| WATCHED_BITS[which] & bit != 0).collect();
+                let bit = bits[self.random.below(bits.len() as u64) as usize];
+                self.rig.board().chip_flip_bits(WATCHED[which], bit);
+            }
+            Trouble::Miso => self.rig.board().set_stuck_miso(Some([0x00, 0xFF][seed as usize & 1])),
+            Trouble::SpiNoise => self.rig.board().set_spi_noise(100, seed),
+            Trouble::BrownOut => self.reset(ResetCause::BrownOut),
+            Trouble::ResetPin => self.reset(ResetCause::External),
+            Trouble::PowerCut => {
+                if self.random.below(2) == 0 {
+                    // Nothing has changed since the last save, or what has is lost or saved: both are a whole set.
+                    self.rig.set("TEMP_ID", self.temp_id[1]);
+                    self.rig.request(&Message::ExecuteOpcode(sim::dronecan::Opcode::SAVE));
+                    let delay = self.random.below(400);
+                    self.rig.run_ms(delay);
+                }
+                self.reset(ResetCause::PowerOn);
+            }
+            Trouble::Hang => self.hang(),
+            Trouble::Restart => {
+                self.rig.request(&Message::RestartNode(RESTART_MAGIC));
+                self.rig.run_ms(150);
+            }
+        }
+    }
+
+    fn reset(&mut self, cause: ResetCause) {
+        self.rig.board().reset(cause);
+    }
+
+    /// The main loop hangs until the watchdog has ended it.
+    fn hang(&mut self) {
+        let program = self.rig.board().avr().flash().to_vec();
+        // WDR is 0x95A8, that of the main loop the last of the program; RJMP to itself is 0xCFFF.
+        let wdr = (0x68..0x3800).step_by(2).rfind(|&at| program[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
+        self.rig.board().avr_mut().load_flash(wdr, &[0xFF, 0xCF]);
+        self.rig.run_ms(300);
+        self.rig.board().avr_mut().load_flash(0, &program);
+        // It hung again after its restart.
+        self.rig.run_ms(300);
+    }
+
+    fn end(&mut self, trouble: Trouble) {
+        let port = self.rig.bench.port(0);
+        match trouble {
+            Trouble::Cable => self.rig.bench.bus().connect(port, true),
+            Trouble::Short | Trouble::NoAcknowledge | Trouble::BitErrors => self.rig.bench.bus().clear_faults(),
+            Trouble::Babble => self.rig.peer.borrow_mut().babble(None),
+            Trouble::ChipPower => self.rig.board().chip_power_on(),
+            Trouble::ChipHeld => self.rig.board().chip_hold_in_configuration(false),
+            Trouble::Miso => self.rig.board().set_stuck_miso(None),
+            Trouble::SpiNoise => self.rig.board().set_spi_noise(0, 0),
+            _ => {}
+        }
+    }
+
+    /// Where the servo may be in a fault.
+    #[track_caller]
+    fn check_pulses_in(&mut self, trouble: Trouble, last_width: Option<u64>) {
+        for pulse in &self.rig.pulses {
+            let us = pulse.width_us();
+            let expected = last_width.is_some_and(|width| width as f64 == us) || us == FAILSAFE_US;
+            // A bit that is inverted between the chips can be one of a command.
+            let possible = trouble == Trouble::SpiNoise && (1000.0..=2000.0).contains(&us);
+            assert!(expected || possible, "{trouble:?}: {us} us, commanded {last_width:?}");
+        }
+    }
+
+    /// Commands until one is followed, and asks until there is an answer. How long that took, in milliseconds.
+    #[track_caller]
+    fn recover(&mut self, trouble: Trouble, last_width: Option<u64>) -> f64 {
+        self.rig.pulses.clear();
+        let ended = self.now();
+        // Another width than before, so that it shows.
+        let width = if last_width.is_some_and(|width| width < 1500) { 1800 } else { 1200 };
+        let answers = self.rig.answers().len();
+        loop {
+            self.rig.peer.borrow_mut().clear_queue();
+            self.command(width);
+            if self.rig.answers().len() == answers {
+                self.rig.request(&Message::NodeInfoRequest);
+            }
+            self.rig.run_ms(SLOT_MS);
+            let follows = self.rig.pulses.last().is_some_and(|pulse| pulse.width_us() == width as f64);
+            if follows && self.rig.answers().len() > answers {
+                break;
+            }
+            let took_ms = (self.now() - ended) / MS;
+            assert!(took_ms <= RECOVERY_LIMIT_MS, "{trouble:?}: no recovery in {took_ms} ms\n{}", self.rig.serial);
+        }
+        (self.now() - ended) as f64 / MS as f64
+    }
+
+    /// When the program started, by the uptime that it tells.
+    fn now_booted(&mut self) -> Cycles {
+        self.rig.run_ms(20);
+        self.rig.forget();
+        let uptime = self.rig.information().status.uptime_s;
+        self.now() - Cycles::from(uptime) * 1000 * MS - 500 * MS
+    }
+
+    #[track_caller]
+    fn look_at_the_stack(&mut self) {
+        let avr = self.rig.board().avr();
+        let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
+        assert_eq!(avr.sram_range(bottom..=bottom + 1), [PAINT; 2], "the stack has kept clear of the variables");
+        self.report.ram = self.report.ram.max(bottom - 0x100 + avr.stack_high_water(PAINT, bottom));
+        assert!(self.report.ram <= STATICS_AND_STACK_LIMIT, "{} B", self.report.ram);
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} commands, {} requests, {} saves, {} statuses, {} frames; {} frames lost, all of them in faults; {} B of RAM",
+            self.commands, self.requests, self.saves, self.statuses, self.frames, self.lost_in_faults, self.ram
+        )?;
+        writeln!(f, "{:<14}{:>7}  longest recovery", "fault", "times")?;
+        for (trouble, (count, worst)) in &self.troubles {
+            writeln!(f, "{:<14}{count:>7}  {worst:.0} ms", format!("{trouble:?}"))?;
+        }
+        Ok(())
+    }
+}
