@@ -3,12 +3,15 @@
 mod rig;
 
 use rig::status::{CONTROLLER_LOST, FRAMES_LOST, WARNING};
-use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, status_fields};
+use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, status_fields};
 use sim::board::WireEvent;
 use sim::can::Fault;
 use sim::mcp2515::Mode;
 
 /// Addresses of DS20001801J table 11-1.
+/// From node 10.
+const GET_NODE_INFO_REQUEST: u32 = 0x1E01_8080 | NODE << 8 | 10;
+
 const CNF1: u8 = 0x2A;
 const CNF2: u8 = 0x29;
 const CNF3: u8 = 0x28;
@@ -202,9 +205,9 @@ fn frames_that_nobody_acknowledges_are_given_up_after_a_second() {
 fn a_burst_of_frames_that_cannot_be_followed_is_counted_and_shown_in_the_status() {
     let mut rig = Rig::running();
     rig.overflows_expected = true;
-    // Statuses have the second buffer alone, and these are broken ones without a byte: 64 us each, back to back.
-    for _ in 0..2000 {
-        rig.send(NODE_STATUS | 1, &[]);
+    // Requests for information, back to back, each of which is answered with ten frames or refused.
+    for n in 0..12_000u32 {
+        rig.send(GET_NODE_INFO_REQUEST, &[0xC0 | n as u8 % 32]);
     }
     rig.run_ms(1100);
     let lost = rig.board().chip().borrow().rx_overflows();

@@ -48,6 +48,7 @@ fn statuses_are_never_closer_than_half_a_second() {
 #[test]
 fn statuses_of_other_nodes_call_for_no_answer_while_there_is_an_autopilot() {
     let mut rig = Rig::running();
+    rig.run_ms(500);
     for _ in 0..5 {
         rig.send_status_from(1);
         rig.run_ms(10);
@@ -63,6 +64,7 @@ fn statuses_of_other_nodes_call_for_no_answer_while_there_is_an_autopilot() {
 #[test]
 fn who_commands_the_servo_is_the_autopilot() {
     let mut rig = Rig::running();
+    rig.run_ms(500);
     rig.send_status_from(1);
     rig.run_ms(10);
     // Node 10 commands; from now on its status counts, and not that of node 1.

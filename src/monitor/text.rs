@@ -138,7 +138,7 @@ lines! {
     /// Nobody acknowledges, or the bus is never free.
     GaveUp = "CAN: nothing could be sent for 1 s, frames given up (%a times)",
     /// Overrun.
-    FramesLost = "CAN: frames lost, buffers full (%a times)",
+    FramesLost = "CAN: frames lost (%a times)",
     /// Error state.
     BusOff = "CAN: bus-off",
     /// Error state.

@@ -142,6 +142,8 @@ pub struct Node {
     /// A command has been followed, and none has been missing since.
     is_following: bool,
     followed_ms: u16,
+    /// There have been commands since that were not followed.
+    hears_commands: bool,
     /// Seconds that the vehicle still counts as armed.
     armed_s: u8,
 }
@@ -188,6 +190,7 @@ impl Node {
             has_position: false,
             is_following: false,
             followed_ms: 0,
+            hears_commands: false,
             armed_s: 0,
         }
     }
@@ -226,8 +229,8 @@ impl Node {
         self.id
     }
 
-    /// Whether the controller is to get its filters: they do not know the node's ID yet, or commands stopped, and nobody can see
-    /// whether the filters are why.
+    /// Whether the controller is to get its filters: they do not know the node's ID yet, or no command comes any more, and
+    /// nobody can see whether the filters are why.
     pub fn takes_filters(&mut self) -> bool {
         core::mem::take(&mut self.has_filters_to_give)
     }
@@ -292,7 +295,7 @@ impl Node {
         let timeout_ms = self.parameters.get(Parameter::SrvTimeout);
         if self.is_following && timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms {
             self.is_following = false;
-            self.has_filters_to_give = true;
+            self.has_filters_to_give = !self.hears_commands;
             self.fail_safe();
             self.condition(Conditions::FAILSAFE, true, [Line::Failsafe, Line::FailsafeEnd], monitor);
         }
@@ -451,6 +454,7 @@ impl Node {
             }
             // Whole entries only.
             Kind::ARRAY_COMMAND if transfer.len == 0 => {
+                self.hears_commands = true;
                 event.set_code(self.parameters.get(Parameter::SrvId) as u8);
                 if !transfer.has_entry {
                     return Line::CommandElsewhere;
@@ -537,6 +541,7 @@ impl Node {
         }
         self.pulse = pulse;
         self.is_following = true;
+        self.hears_commands = false;
         self.followed_ms = now_ms;
         count(&mut self.counts.followed);
         event.b = pulse;
