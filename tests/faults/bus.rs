@@ -75,7 +75,14 @@ pub const SHORT: Case = Case {
     servo: FAILSAFE,
     told_limit_ms: Some(250),
     limit_ms: BUS_LIMIT_MS,
-    run: || during(|rig, on| rig.bench.bus().inject(Fault::StuckDominant(on)), "CAN: ", 0),
+    run: || {
+        let short = |rig: &mut Rig, on| {
+            // The controller gets its filters again meanwhile, and joins the free bus before the driver has looked.
+            rig.overflows_expected = true;
+            rig.bench.bus().inject(Fault::StuckDominant(on));
+        };
+        during(short, "CAN: ", 0)
+    },
 };
 
 pub const WRONG_RATE: Case = Case {
