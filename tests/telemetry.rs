@@ -204,10 +204,11 @@ fn can_statistics_count_frames_lost_and_given_up() {
     let mut rig = Rig::running();
     rig.overflows_expected = true;
     rig.set("STATS_RATE", 5);
-    for _ in 0..1500 {
-        rig.send(rig::NODE_STATUS | 1, &[]);
+    // Requests for information from node 10, back to back: more than can be answered.
+    for n in 0..12_000u32 {
+        rig.send(0x1E01_8080 | rig::NODE << 8 | 10, &[0xC0 | n as u8 % 32]);
     }
-    rig.run_ms(1000);
+    rig.run_ms(1200);
     let lost = rig.board().chip().borrow().rx_overflows();
     assert!(lost > 10);
     assert!(stats(&rig).last().unwrap().1.rx_overflow > 0);
