@@ -3,7 +3,7 @@
 mod rig;
 
 use rig::status::{CONTROLLER_LOST, FRAMES_LOST, WARNING};
-use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, status_fields};
+use rig::{ARRAY_COMMAND, MS, NODE, Rig, status_fields};
 use sim::board::WireEvent;
 use sim::can::Fault;
 use sim::mcp2515::Mode;
@@ -207,7 +207,7 @@ fn a_burst_of_frames_that_cannot_be_followed_is_counted_and_shown_in_the_status(
     rig.overflows_expected = true;
     // Requests for information, back to back, each of which is answered with ten frames or refused.
     for n in 0..12_000u32 {
-        rig.send(GET_NODE_INFO_REQUEST, &[0xC0 | n as u8 % 32]);
+        rig.send(GET_NODE_INFO_REQUEST, &[0xC0 | (n % 32) as u8]);
     }
     rig.run_ms(1100);
     let lost = rig.board().chip().borrow().rx_overflows();

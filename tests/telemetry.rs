@@ -206,7 +206,7 @@ fn can_statistics_count_frames_lost_and_given_up() {
     rig.set("STATS_RATE", 5);
     // Requests for information from node 10, back to back: more than can be answered.
     for n in 0..12_000u32 {
-        rig.send(0x1E01_8080 | rig::NODE << 8 | 10, &[0xC0 | n as u8 % 32]);
+        rig.send(0x1E01_8080 | rig::NODE << 8 | 10, &[0xC0 | (n % 32) as u8]);
     }
     rig.run_ms(1200);
     let lost = rig.board().chip().borrow().rx_overflows();
