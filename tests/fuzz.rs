@@ -8,6 +8,7 @@ mod rig;
 use rig::{ARRAY_COMMAND, MS, NODE, Rig};
 use sim::can::{Frame, Id};
 use sim::dronecan::{ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types};
+use std::time::Duration;
 
 /// What the program paints unused RAM with at its start.
 const PAINT: u8 = 0xC5;
@@ -218,7 +219,7 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
             };
             // A single frame is an order by itself. The node does not look at the priority.
             let is_order = !frame.remote
-                && matches!(assembler.push(id & 0x00FF_FFFF, frame.data(), 0), Outcome::Complete(t) if is_an_order(&t));
+                && matches!(assembler.push(id & 0x00FF_FFFF, frame.data(), Duration::ZERO), Outcome::Complete(t) if is_an_order(&t));
             if is_order {
                 held_back += 1;
                 continue;

@@ -289,7 +289,7 @@ impl Autopilot {
         if frame.remote {
             return;
         }
-        if let Outcome::Complete(transfer) = self.assembler.push(id, frame.data(), at) {
+        if let Outcome::Complete(transfer) = self.assembler.push(id, frame.data(), crate::elapsed(at)) {
             self.react(at, &transfer);
         }
     }
@@ -510,7 +510,7 @@ mod tests {
             let crate::can::Id::Extended(id) = frame.id else {
                 panic!("standard frame");
             };
-            match assembler.push(id, frame.data(), at) {
+            match assembler.push(id, frame.data(), crate::elapsed(at)) {
                 Outcome::Complete(transfer) => Some((at, Message::decode(&transfer))),
                 Outcome::Partial => None,
                 other => panic!("{other:?}"),

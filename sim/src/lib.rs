@@ -7,6 +7,9 @@ pub mod board;
 pub mod can;
 pub mod mcp2515;
 
+/// The host-side codec: what the bench sends as an autopilot and shows as bus traffic.
+pub use dronecan_host as dronecan;
+
 /// Time, in cycles of the 16 MHz AVR clock since the simulation began. It never goes back, not even
 /// when an AVR is reset.
 pub type Cycles = u64;
@@ -14,8 +17,12 @@ pub type Cycles = u64;
 /// AVR clock, in hertz: the Diecimila's crystal. All simulated time is counted in its cycles.
 pub const F_CPU_HZ: u64 = 16_000_000;
 
+/// Time since the simulation began, to the microsecond below.
+pub fn elapsed(cycles: Cycles) -> std::time::Duration {
+    std::time::Duration::from_micros(cycles / (F_CPU_HZ / 1_000_000))
+}
+
 pub mod autopilot;
-pub mod dronecan;
 pub mod links;
 pub mod ui;
 pub mod utilisation;

@@ -237,7 +237,7 @@ def test_pydronecan_makes_the_requests_and_responses_that_are_quoted(make, is_re
     frames = transfer.to_frames()
     assert f"{frames[0].message_id:08X} " + " | ".join(bytes(f.bytes).hex(" ").upper() for f in frames) == expected
     data = expected.split(" ", 1)[1]
-    assert any(f" {data}" in in_one_piece(path) for path in ("tests/services.rs", "sim/src/dronecan/tests.rs"))
+    assert any(f" {data}" in in_one_piece(path) for path in ("tests/services.rs", "host/src/tests.rs"))
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -249,15 +249,15 @@ def test_pydronecan_makes_the_bytes_that_are_quoted(name):
 @pytest.mark.parametrize(
     "file, name, quoted",
     [
-        ("sim/src/dronecan/tests.rs", "NodeStatus", "whole"),
-        ("sim/src/dronecan/tests.rs", "ArrayCommand of one", "whole"),
-        ("sim/src/dronecan/tests.rs", "ArrayCommand of three", "whole"),
+        ("host/src/tests.rs", "NodeStatus", "whole"),
+        ("host/src/tests.rs", "ArrayCommand of one", "whole"),
+        ("host/src/tests.rs", "ArrayCommand of three", "whole"),
         ("src/node/outgoing/tests.rs", "NodeStatus", "whole"),
         ("tests/servo.rs", "ArrayCommand of one", "data"),
-        ("sim/src/dronecan/tests.rs", "LightsCommand of three", "whole"),
-        ("sim/src/dronecan/tests.rs", "CanStats", "whole"),
-        ("sim/src/dronecan/tests.rs", "KeyValue", "whole"),
-        ("sim/src/dronecan/tests.rs", "SafetyState", "whole"),
+        ("host/src/tests.rs", "LightsCommand of three", "whole"),
+        ("host/src/tests.rs", "CanStats", "whole"),
+        ("host/src/tests.rs", "KeyValue", "whole"),
+        ("host/src/tests.rs", "SafetyState", "whole"),
         ("tests/long_commands.rs", "ArrayCommand of fifteen", "whole"),
         ("tests/long_commands.rs", "ArrayCommand of eight", "whole"),
         ("tests/long_commands.rs", "ArrayCommand with one ID twice", "whole"),

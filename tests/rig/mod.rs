@@ -258,7 +258,7 @@ impl Rig {
         if frame.remote {
             return;
         }
-        match self.assembler.push(id, frame.data(), at) {
+        match self.assembler.push(id, frame.data(), sim::elapsed(at)) {
             Outcome::Complete(transfer) => self.transfers.push((at, transfer)),
             Outcome::Invalid(why) => self.broken.push((at, frame, why)),
             Outcome::Partial => {}

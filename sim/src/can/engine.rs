@@ -37,9 +37,9 @@ mod signalling;
 
 use signalling::{Charge, DELIMITER_BITS};
 
+use super::Frame;
 use super::confinement::{Confinement, ErrorState};
 use super::event::{ErrorKind, Event, Events};
-use super::frame::Frame;
 use super::parser::{Field, Parser, Step};
 use super::wire::{INTERMISSION_BITS, Level, WireBits};
 

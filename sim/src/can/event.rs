@@ -1,6 +1,6 @@
 //! What an [`Engine`](super::Engine) tells its owner after a bit.
 
-use super::frame::Frame;
+use super::Frame;
 
 /// Why a frame was given up.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]

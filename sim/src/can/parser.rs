@@ -5,8 +5,8 @@
 //!
 //! Source: ISO 11898-1:2003 10.4 (formats), 10.5 (stuffing), 10.9 (validity); Bosch CAN 2.0B.
 
-use super::frame::{Frame, Id};
 use super::wire::{CRC_BITS, EOF_BITS, Level, STUFF_AFTER, crc15};
+use super::{Frame, Id};
 
 /// The field that the next (unstuffed) bit belongs to, in the order of the wire.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -249,6 +249,7 @@ impl Parser {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::can::OnWire as _;
 
     /// Feeds the frame's own bits and returns what each led to.
     fn steps(frame: &Frame) -> (Parser, Vec<Step>) {

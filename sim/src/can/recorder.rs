@@ -4,9 +4,9 @@
 //! an error is what a listener could tell: the station that found it first may have seen another kind
 //! (a bit error looks like a stuff error from outside). Overload frames are only counted.
 
+use super::Frame;
 use super::engine::Engine;
 use super::event::{ErrorKind, Event};
-use super::frame::Frame;
 use super::parser::Field;
 use super::port::PortId;
 use super::wire::{INTERMISSION_BITS, Level};

@@ -6,10 +6,10 @@
 //! Limits: received frames are kept until taken, without bound. Of the other events only the newest
 //! [`EVENT_LIMIT`] are kept.
 
+use super::Frame;
 use super::confinement::ErrorState;
 use super::engine::{Engine, EngineMode};
 use super::event::Event;
-use super::frame::Frame;
 use super::station::Station;
 use super::wire::Level;
 use crate::Cycles;

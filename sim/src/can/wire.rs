@@ -10,7 +10,7 @@
 //!
 //! Source: Bosch CAN 2.0B, "Frame formats", "Bit stream coding"; ISO 11898-1:2003 10.4, 10.5.
 
-use super::frame::{Frame, Id};
+use super::{Frame, Id};
 use std::ops::{BitAnd, BitAndAssign, Not};
 
 /// Level of the wire during one bit.
@@ -94,33 +94,40 @@ const fn stuffed_part(extended: bool, len: u32) -> u32 {
     (if extended { EXTENDED_BITS } else { STANDARD_BITS }) + 8 * len
 }
 
-impl Frame {
+/// A frame as the bits that it takes.
+pub trait OnWire {
     /// The levels a sender drives, from SOF to the end of frame; the ACK slot is recessive in it.
-    pub fn wire_bits(&self) -> Vec<Level> {
+    fn wire_bits(&self) -> Vec<Level>;
+
+    /// Exact bits this frame takes: SOF to end of frame with its stuff bits, and the intermission.
+    fn bit_count(&self) -> u32;
+}
+
+impl OnWire for Frame {
+    fn wire_bits(&self) -> Vec<Level> {
         let bits = WireBits::of(self);
         (0..bits.len()).map(|at| bits.get(at)).collect()
     }
 
-    /// Exact bits this frame takes: SOF to end of frame with its stuff bits, and the intermission.
-    pub fn bit_count(&self) -> u32 {
+    fn bit_count(&self) -> u32 {
         u32::from(WireBits::of(self).len()) + u32::from(INTERMISSION_BITS)
     }
+}
 
-    /// The fewest bits that a data frame of `len` bytes can take, intermission included: no stuff bit.
-    pub const fn min_bits(extended: bool, len: u8) -> u32 {
-        unstuffed_bits(extended, len as u32) + INTERMISSION_BITS as u32
-    }
+/// The fewest bits that a data frame of `len` bytes can take, intermission included: no stuff bit.
+pub const fn min_bits(extended: bool, len: u8) -> u32 {
+    unstuffed_bits(extended, len as u32) + INTERMISSION_BITS as u32
+}
 
-    /// An upper bound of the same: a stuff bit after the first five bits and after every fourth then.
-    pub const fn max_bits(extended: bool, len: u8) -> u32 {
-        Frame::min_bits(extended, len) + (stuffed_part(extended, len as u32) - 1) / 4
-    }
+/// An upper bound of the same: a stuff bit after the first five bits and after every fourth then.
+pub const fn max_bits(extended: bool, len: u8) -> u32 {
+    min_bits(extended, len) + (stuffed_part(extended, len as u32) - 1) / 4
 }
 
 const WORDS: usize = 3;
 const WORD_BITS: u8 = 64;
 // A frame of 8 bytes must fit.
-const _: () = assert!(Frame::max_bits(true, 8) <= WORDS as u32 * WORD_BITS as u32);
+const _: () = assert!(max_bits(true, 8) <= WORDS as u32 * WORD_BITS as u32);
 
 /// The stuffed bits of a frame, SOF to end of frame, packed so that a sender needs no heap.
 #[derive(Clone, Copy, Debug)]
@@ -303,11 +310,11 @@ mod tests {
     #[test]
     fn an_extended_frame_takes_67_bits_and_8_per_byte_before_stuffing() {
         for len in 0..=8 {
-            assert_eq!(Frame::min_bits(true, len), 67 + 8 * u32::from(len));
-            assert_eq!(Frame::min_bits(false, len), 47 + 8 * u32::from(len));
+            assert_eq!(min_bits(true, len), 67 + 8 * u32::from(len));
+            assert_eq!(min_bits(false, len), 47 + 8 * u32::from(len));
         }
-        assert_eq!(Frame::max_bits(true, 8), 160);
-        assert_eq!(Frame::max_bits(false, 8), 135);
+        assert_eq!(max_bits(true, 8), 160);
+        assert_eq!(max_bits(false, 8), 135);
     }
 
     /// A pattern that stuffs much and one that stuffs little, both inside 131..=160.
@@ -331,7 +338,7 @@ mod tests {
             let frame = Frame::extended(id, data);
             let header = format!("0{base:011b}11{rest:018b}000{dlc:04b}");
             assert_eq!(as_text(&frame.wire_bits()), expected(&header, data));
-            let possible = Frame::min_bits(true, dlc as u8)..=Frame::max_bits(true, dlc as u8);
+            let possible = min_bits(true, dlc as u8)..=max_bits(true, dlc as u8);
             assert!(possible.contains(&frame.bit_count()));
             let frame = Frame::standard(base as u16, data);
             let header = format!("0{base:011b}000{dlc:04b}");

@@ -151,7 +151,7 @@ impl Log {
             Id::Extended(id) if !frame.remote => id,
             _ => return self.add_line(at, "-", &format!("foreign frame {frame}")),
         };
-        match self.assembler.push(id, frame.data(), at) {
+        match self.assembler.push(id, frame.data(), crate::elapsed(at)) {
             Outcome::Partial => Ok(()),
             Outcome::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
             Outcome::Complete(transfer) => {

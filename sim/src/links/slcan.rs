@@ -1,7 +1,7 @@
 //! An SLCAN adapter on a pseudo-terminal: what pydronecan, the DroneCAN GUI Tool and python-can talk to.
 //!
 //! Each adapter is a station of its own on the bus: it arbitrates, acknowledges and waits its bit times while it is open,
-//! and is not there while it is closed. The protocol is in [`protocol`].
+//! and is not there while it is closed. The protocol is in [`slcan`](crate::dronecan::slcan).
 //!
 //! Nothing is lost between a client that reads and a bus that works: a client that writes faster than the bus carries is
 //! held back by its pseudo-terminal. Only what cannot go anywhere is dropped, the oldest first, counted, and shown in the
@@ -11,15 +11,13 @@
 //! does. One client each: two would steal each other's bytes. Frames that a client sent just before `C` still go out, for
 //! a tenth of a second; some real adapters lose them.
 
-pub mod protocol;
-
-use super::Link;
+pub use super::Link;
 use super::pty::{Hold, Pty};
 use crate::bench::Bench;
 use crate::can::{ErrorState, Event, Frame, Level, SoftNode, Station};
+use crate::dronecan::slcan::{self, Command, Lines};
 use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result};
-use protocol::{Command, Lines};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::path::Path;
@@ -216,7 +214,7 @@ impl Slcan {
         }
         for (at, frame) in frames {
             let timestamp = (at * 1000 / F_CPU_HZ % TIMESTAMP_PERIOD_MS) as u16;
-            let line = protocol::line(&frame, self.timestamps.then_some(timestamp));
+            let line = slcan::line(&frame, self.timestamps.then_some(timestamp));
             self.to_client += 1;
             if self.outbox.push(line) {
                 self.lost_to_client += 1;

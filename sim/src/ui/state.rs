@@ -340,7 +340,7 @@ impl State {
                 return self.broken(at, who, "foreign frame", format!("foreign frame {frame}"));
             }
         };
-        let transfer = match self.assembler.push(id, frame.data(), at) {
+        let transfer = match self.assembler.push(id, frame.data(), crate::elapsed(at)) {
             Outcome::Partial => return,
             Outcome::Invalid(why) => {
                 let who = station.unwrap_or("-");

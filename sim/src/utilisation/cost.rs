@@ -8,7 +8,7 @@
 //! Limits: `least` and `most` are bounds; a given identifier need not reach them. No error frames, no retransmissions.
 
 use super::stream::Stream;
-use crate::can::Frame;
+use crate::can::{self, Frame, OnWire as _};
 use crate::dronecan::{NodeId, TransferId, split};
 
 /// Transfer IDs of one node before they begin anew.
@@ -53,7 +53,7 @@ impl Cost {
         let total = |bits: fn(bool, u8) -> u32| -> f64 {
             template.iter().map(|data| f64::from(bits(true, data.len() as u8))).sum()
         };
-        let bits = Bits { least: total(Frame::min_bits), typical: mean_bits(stream), most: total(Frame::max_bits) };
+        let bits = Bits { least: total(can::min_bits), typical: mean_bits(stream), most: total(can::max_bits) };
         Cost { frames: template.len(), bits }
     }
 }

@@ -166,7 +166,7 @@ fn attribute(record: &Record) -> (Source, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::can::{Bus, Frame, SoftNode};
+    use crate::can::{Bus, Frame, OnWire as _, SoftNode};
     use std::cell::RefCell;
     use std::rc::Rc;
 

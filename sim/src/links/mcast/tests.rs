@@ -4,7 +4,9 @@
 //! or by sudo.
 
 use super::*;
-use crate::can::Frame;
+use crate::dronecan::mcast::datagram::encode;
+use socket2::{Domain, Socket, Type};
+use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
 use std::process::Command;
 use std::time::{Duration, Instant};
 

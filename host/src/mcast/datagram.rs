@@ -12,8 +12,7 @@
 //! Limits: classic data frames. The format has no place for a DLC above eight, and its readers would take a remote frame
 //! for a data frame, so that [`encode`] makes none of it.
 
-use crate::can::{Frame, Id};
-use crate::dronecan::crc;
+use crate::{Frame, Id, crc};
 
 const MAGIC: u16 = 0x2934;
 const FLAG_FD: u16 = 1 << 0;

@@ -16,7 +16,7 @@
 //! Source: Lawicel AB, "CAN232 manual" and "CANUSB manual", section "Available commands"; what pydronecan and python-can
 //! send was recorded.
 
-use crate::can::{Frame, Id};
+use crate::{Frame, Id};
 
 /// Longest command: `T`, identifier, length, eight bytes.
 const LINE_MAX: usize = 1 + 8 + 1 + 16;

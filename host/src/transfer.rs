@@ -8,8 +8,8 @@
 //! closes it. Repeated transfer IDs are not filtered, for this is the view of an observer: what was sent is shown.
 
 use super::{crc, id::CanId, types::DataType};
-use crate::{Cycles, F_CPU_HZ};
 use std::collections::HashMap;
+use std::time::Duration;
 
 const START: u8 = 1 << 7;
 const END: u8 = 1 << 6;
@@ -18,7 +18,7 @@ const ID_MASK: u8 = 0x1F;
 /// Payload bytes of a frame: eight less the tail byte.
 const FRAME_PAYLOAD: usize = 7;
 /// A transfer that is not complete this long after its start is given up (specification, transfer-ID timeout).
-const TIMEOUT_CYCLES: Cycles = 2 * F_CPU_HZ;
+const TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest payload of a type that is not known: that of file.Read, the longest in use, with room to spare.
 const PAYLOAD_MAX: usize = 512;
 
@@ -93,7 +93,7 @@ pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec
 
 /// A multi-frame transfer in the making.
 struct Session {
-    started_at: Cycles,
+    started_at: Duration,
     transfer_id: TransferId,
     /// Toggle bit that the next frame must have.
     toggle: bool,
@@ -113,8 +113,8 @@ impl Assembler {
         Assembler::default()
     }
 
-    /// Takes an extended data frame that ended at `at`.
-    pub fn push(&mut self, id: u32, data: &[u8], at: Cycles) -> Outcome {
+    /// Takes an extended data frame that ended at `at`, counted from any moment that stays the same.
+    pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Outcome {
         let Some(id) = CanId::parse(id) else {
             return Outcome::Invalid("service frame of node 0");
         };
@@ -149,7 +149,7 @@ impl Assembler {
         toggle: bool,
         end: bool,
         part: &[u8],
-        at: Cycles,
+        at: Duration,
     ) -> Outcome {
         let Some(mut session) = self.sessions.remove(&id) else {
             return Outcome::Invalid("continues a transfer that did not start");
@@ -157,7 +157,7 @@ impl Assembler {
         if session.transfer_id != transfer_id || session.toggle != toggle {
             return Outcome::Invalid("a frame of the transfer is missing");
         }
-        if at.saturating_sub(session.started_at) > TIMEOUT_CYCLES {
+        if at.saturating_sub(session.started_at) > TIMEOUT {
             return Outcome::Invalid("transfer timed out");
         }
         session.stream.extend_from_slice(part);

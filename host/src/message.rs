@@ -513,7 +513,7 @@ impl Message {
 }
 
 /// "GetNodeInfo request", "message 2222": the name of what an identifier announces.
-pub(crate) fn name_of(id: CanId) -> String {
+pub fn name_of(id: CanId) -> String {
     let direction = match id {
         CanId::Service { request: true, .. } => " request",
         CanId::Service { request: false, .. } => " response",

@@ -1,0 +1,34 @@
+//! DroneCAN v0 for programs on a host: the wire format, and the formats in which frames reach other programs.
+//!
+//! The simulator and its tests, and the MAVLink bridge, stand on it. It is written from the DroneCAN specification (chapters
+//! 3 to 5) and the public DSDL, and shares nothing with the firmware, so that neither can hide a mistake of the other.
+//! Layers, lowest first: [`Frame`], [`crc`], [`id`] (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly),
+//! [`types`] (names and signatures), and the payloads that are read and written in full: [`message`], [`broadcast`] and,
+//! for services, [`management`]. Beside them [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
+//! multicast bus.
+//!
+//! Limits: extended data frames only, as the dialect has no others; types beyond [`Message`] are named, not decoded.
+
+#![forbid(unsafe_code)]
+
+pub mod broadcast;
+pub mod crc;
+mod frame;
+pub mod id;
+pub mod management;
+pub mod mcast;
+pub mod message;
+pub mod slcan;
+pub mod transfer;
+pub mod types;
+
+#[cfg(test)]
+mod tests;
+
+pub use broadcast::{Allocation, CanStats, KeyValue, LightCommand};
+pub use frame::{Frame, Id, ParseFrameError};
+pub use id::{CanId, NodeId};
+pub use management::{NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value};
+pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Health, Message, Mode, NodeStatus, Temperature};
+pub use transfer::{Assembler, Outcome, Transfer, TransferId, split};
+pub use types::{DataType, Kind};

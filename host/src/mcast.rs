@@ -1,0 +1,154 @@
+//! The UDP multicast bus of pydronecan, libcanard and ArduPilot SITL.
+//!
+//! Bus N is the group 239.65.82.N, port 57732; [`datagram`] is the format. A [`Port`] stays on one interface, loopback unless
+//! another is given: datagrams of other interfaces are not even received. It never blocks.
+//!
+//! Limits: UDP promises nothing, so that a datagram may be lost on the way and no sender is told.
+
+pub mod datagram;
+
+use crate::Frame;
+use anyhow::{Context, Result, anyhow};
+use datagram::{DATAGRAM_MAX, Refused, decode, encode};
+use socket2::{Domain, Protocol, Socket, Type};
+use std::io::{self, ErrorKind};
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd};
+
+/// The UDP port of all buses.
+const UDP_PORT: u16 = 57732;
+/// The kernel's buffer: a burst must outlast a moment in which nobody listens. The kernel may grant less.
+const RECEIVE_BUFFER_BYTES: usize = 1 << 20;
+
+/// A place on one of the buses.
+pub struct Port {
+    group: SocketAddrV4,
+    interface: Ipv4Addr,
+    receiver: UdpSocket,
+    sender: UdpSocket,
+    /// Our datagrams come back from here.
+    own: SocketAddr,
+}
+
+impl Port {
+    /// Joins bus `bus` on the interface with that address, loopback unless given.
+    ///
+    /// # Errors
+    /// With advice, when the address is not of this machine or the UDP port is taken.
+    pub fn open(bus: u8, interface: Option<Ipv4Addr>) -> Result<Port> {
+        let group = SocketAddrV4::new(Ipv4Addr::new(239, 65, 82, bus), UDP_PORT);
+        let interface = interface.unwrap_or(Ipv4Addr::LOCALHOST);
+        let receiver = receiver(group, interface)?;
+        let sender = sender(interface)?;
+        let own = sender.local_addr().context("the multicast sender has no address")?;
+        Ok(Port { group, interface, receiver, sender, own })
+    }
+
+    /// The next datagram, if it is of somebody else: the frame in it, or why there is none.
+    ///
+    /// # Errors
+    /// `WouldBlock` when there is no datagram; anything else is trouble of the network.
+    pub fn receive(&self) -> io::Result<Option<std::result::Result<Frame, Refused>>> {
+        // One byte more, so that a longer datagram is not cut to a valid length.
+        let mut buffer = [0; DATAGRAM_MAX + 1];
+        match self.receiver.recv_from(&mut buffer) {
+            Ok((_, from)) if from == self.own => Ok(None),
+            Ok((length, _)) => Ok(Some(decode(&buffer[..length]))),
+            Err(error) if error.kind() == ErrorKind::Interrupted => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Sends a frame. Whether there is a datagram for it: remote frames have none.
+    ///
+    /// # Errors
+    /// What the network says.
+    pub fn send(&self, frame: &Frame) -> io::Result<bool> {
+        match encode(frame) {
+            Some(datagram) => self.sender.send_to(&datagram, self.group).map(|_| true),
+            None => Ok(false),
+        }
+    }
+
+    /// Address of the bus.
+    pub fn group(&self) -> SocketAddrV4 {
+        self.group
+    }
+
+    /// Address of the interface.
+    pub fn interface(&self) -> Ipv4Addr {
+        self.interface
+    }
+
+    /// Other programs leave the choice of the interface to the routes: what a user must do if that is not ours.
+    pub fn advice(&self) -> Option<String> {
+        let Port { group, interface, .. } = *self;
+        let route = || -> io::Result<SocketAddr> {
+            let probe = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+            // Nothing is sent: this only asks for the route.
+            probe.connect(group)?;
+            probe.local_addr()
+        };
+        let elsewhere = match route() {
+            Ok(local) if local.ip() == interface => return None,
+            // Linux finds no source address for a route that leads to loopback, and does without.
+            Ok(local) if local.ip().is_unspecified() && interface.is_loopback() => return None,
+            Ok(local) => format!("other programs speak on {}", local.ip()),
+            Err(_) => String::from("other programs find no route for multicast"),
+        };
+        Some(match interface {
+            Ipv4Addr::LOCALHOST => format!("{elsewhere}: \"ip route add 239.65.82.0/24 dev lo\" lets them in"),
+            _ => format!("{elsewhere}: set their IP_MULTICAST_IF to {interface}, or a route for 239.65.82.0/24"),
+        })
+    }
+}
+
+/// Readable when there may be something to receive.
+impl AsFd for Port {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.receiver.as_fd()
+    }
+}
+
+/// Hears the group, on this interface only, next to other programs of this machine.
+fn receiver(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
+    let open = || -> io::Result<Socket> {
+        let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
+        socket.set_reuse_address(true)?;
+        socket.set_nonblocking(true)?;
+        socket.set_recv_buffer_size(RECEIVE_BUFFER_BYTES)?;
+        // Without this Linux passes on what comes in by interfaces that other programs have joined on.
+        socket.set_multicast_all_v4(false)?;
+        Ok(socket)
+    };
+    let socket = open().context("cannot make a UDP socket")?;
+    socket.bind(&SocketAddr::from(group).into()).map_err(|error| match error.kind() {
+        ErrorKind::AddrInUse => anyhow!(
+            "{group} is in use by a program that does not share it; find it with \"ss -ulpn\", or choose another bus"
+        ),
+        _ => anyhow!(error).context(format!("cannot listen to {group}")),
+    })?;
+    socket.join_multicast_v4(group.ip(), &interface).map_err(|error| no_such_interface(interface, error))?;
+    Ok(socket.into())
+}
+
+/// Sends from a port of its own, by which our datagrams are told from those of others.
+fn sender(interface: Ipv4Addr) -> Result<UdpSocket> {
+    let open = || -> io::Result<Socket> {
+        let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
+        socket.set_nonblocking(true)?;
+        socket.bind(&SocketAddr::from((interface, 0)).into())?;
+        // No route is needed then, and none can lead elsewhere.
+        socket.set_multicast_if_v4(&interface)?;
+        Ok(socket)
+    };
+    Ok(open().map_err(|error| no_such_interface(interface, error))?.into())
+}
+
+fn no_such_interface(interface: Ipv4Addr, error: io::Error) -> anyhow::Error {
+    let remedy = match interface {
+        Ipv4Addr::LOCALHOST => String::from("is loopback up? \"ip link set lo up\""),
+        _ => String::from("is it an address of this machine? \"ip -4 address\" lists them"),
+    };
+    anyhow!(error).context(format!("cannot join the multicast bus on {interface}; {remedy}"))
+}
