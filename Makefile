@@ -9,9 +9,10 @@ AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-t
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim test fuzz soak reliability firmware strangers flash size bench lint setup clean
+.PHONY: help sim bridge test fuzz soak reliability firmware strangers flash size bench lint setup clean
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
+	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
 	@echo "make test       every test; installs what is missing first"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
@@ -25,6 +26,12 @@ help:
 
 sim: firmware
 	cargo run --quiet --release -p sim -- $(ARGS)
+
+bridge: firmware
+	@scripts/setup bridge
+	@$(MAKE) --no-print-directory $(VENV)/installed
+	@cargo build --quiet --release -p sim -p bridge
+	@$(VENV)/bin/python scripts/bridge-demo $(ARGS)
 
 firmware:
 	@scripts/setup build
@@ -40,6 +47,7 @@ strangers:
 
 test: setup lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 	cargo test --workspace
+	cargo build --package bridge
 	$(VENV)/bin/python -m pytest -q tests/clients
 
 fuzz: firmware
@@ -51,9 +59,10 @@ soak: firmware
 setup:
 	@scripts/setup test
 
-$(VENV)/installed: tests/clients/requirements.txt
+$(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alone.txt
 	python3 -m venv $(VENV)
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check -r $<
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r tests/clients/requirements-alone.txt
 	touch $@
 
 lint: setup

@@ -55,7 +55,8 @@ impl Mode {
         }
     }
 
-    fn field(self) -> u8 {
+    /// The number on the wire.
+    pub fn field(self) -> u8 {
         match self {
             Mode::Operational => 0,
             Mode::Initialization => 1,

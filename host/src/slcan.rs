@@ -134,6 +134,76 @@ fn hex(digits: &[u8]) -> Option<u32> {
     digits.iter().try_fold(0, |value, digit| Some(value << 4 | char::from(*digit).to_digit(16)?))
 }
 
+/// What an adapter says to its client.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reply {
+    /// A command was done, or a frame was taken.
+    Done,
+    /// A command was not done (BEL).
+    Refused,
+    Received(Frame),
+    /// An answer to a question (`V`, `F`), or rubbish.
+    Other,
+}
+
+const BEL: u8 = 0x07;
+
+/// Cuts what an adapter sends into replies.
+#[derive(Debug, Default)]
+pub struct Replies {
+    line: Vec<u8>,
+}
+
+/// Longest reply: a frame with its time stamp.
+const REPLY_MAX: usize = LINE_MAX + 4;
+
+impl Replies {
+    /// Takes a byte; at the end of a reply gives it.
+    pub fn push(&mut self, byte: u8) -> Option<Reply> {
+        match byte {
+            b'\n' => None,
+            BEL => {
+                self.line.clear();
+                Some(Reply::Refused)
+            }
+            b'\r' => {
+                let reply = reply(&self.line);
+                self.line.clear();
+                Some(reply)
+            }
+            _ => {
+                // What is too long is no reply, however it goes on.
+                if self.line.len() <= REPLY_MAX {
+                    self.line.push(byte);
+                }
+                None
+            }
+        }
+    }
+}
+
+fn reply(line: &[u8]) -> Reply {
+    let (letter, rest) = match line {
+        [] | [b'z' | b'Z'] => return Reply::Done,
+        [letter, rest @ ..] => (*letter, rest),
+    };
+    let id_digits = match letter {
+        b't' | b'r' => 3,
+        b'T' | b'R' => 8,
+        _ => return Reply::Other,
+    };
+    let remote = matches!(letter, b'r' | b'R');
+    // The time stamp is there only if it was asked for, or if the adapter likes to.
+    let stamped = || rest.split_last_chunk::<4>().filter(|(_, stamp)| hex(&stamp[..]).is_some());
+    let received = frame(rest, id_digits, remote).or_else(|| frame(stamped()?.0, id_digits, remote));
+    received.map_or(Reply::Other, Reply::Received)
+}
+
+/// The digit of the command `S` for a bit rate, if there is one.
+pub fn rate_digit(bit_rate: u32) -> Option<char> {
+    ('0'..='8').find(|digit| self::bit_rate(*digit as u8) == Some(bit_rate))
+}
+
 /// A frame as the client reads it, with the time in milliseconds of the minute if asked for.
 pub fn line(frame: &Frame, timestamp_ms: Option<u16>) -> Vec<u8> {
     let mut text = match (frame.id, frame.remote) {
@@ -248,6 +318,42 @@ mod tests {
         for frame in frames {
             assert_eq!(commands(&line(&frame, None)), [Ok(Command::Send(frame))]);
         }
+    }
+
+    fn replies(bytes: &[u8]) -> Vec<Reply> {
+        let mut replies = Replies::default();
+        bytes.iter().filter_map(|byte| replies.push(*byte)).collect()
+    }
+
+    #[test]
+    fn a_client_understands_what_an_adapter_says() {
+        let frame = Frame::extended(0x1404_562A, &[0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
+        let stamped = line(&frame, Some(59_999));
+        let said = [b"\r\x07Z\rz\rV1013\r".to_vec(), line(&frame, None), stamped, b"t12\r".to_vec()].concat();
+        let (done, other, received) = (Reply::Done, Reply::Other, Reply::Received(frame));
+        assert_eq!(replies(&said), [done, Reply::Refused, done, done, other, received, received, other]);
+    }
+
+    /// Four digits more are a time stamp, but only behind the data that the length announces.
+    #[test]
+    fn a_time_stamp_is_told_from_data() {
+        let remote = Frame::remote(Id::Standard(0x123), 4);
+        assert_eq!(replies(b"r1234\rr1234ABCD\r"), [Reply::Received(remote); 2]);
+        let data = Frame::standard(0x123, &[0xAB]);
+        assert_eq!(replies(b"t1231ABCDEF\r"), [Reply::Received(data)]);
+        assert_eq!(replies(b"t1231AB12\rt1231AB123G\r"), [Reply::Other; 2]);
+    }
+
+    #[test]
+    fn an_overlong_reply_is_one_rubbish_and_the_next_counts() {
+        let mut bytes = vec![b'T'; 100_000];
+        bytes.extend(b"\rZ\r");
+        assert_eq!(replies(&bytes), [Reply::Other, Reply::Done]);
+    }
+
+    #[test]
+    fn bit_rates_have_their_digits() {
+        assert_eq!((rate_digit(1_000_000), rate_digit(125_000), rate_digit(123)), (Some('8'), Some('4'), None));
     }
 
     #[test]

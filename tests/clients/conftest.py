@@ -12,7 +12,8 @@ if the node crashed or its program made a mistake) and leave no link behind. Not
 
 Boards have been started before, so that none of them takes its time to make a unique ID; `fresh=True` starts new ones.
 
-The program is $SIM_BIN, or the newer one of cargo's debug and release builds.
+The program is $SIM_BIN ($BRIDGE_BIN), or the newer one of cargo's debug and release builds. What a MAVLink ground station sees
+through the bridge is tested with the fixtures of ground.py.
 """
 
 import contextlib
@@ -29,10 +30,15 @@ import termios
 import time
 import tty
 
+# pymavlink, which pydronecan uses too, chooses its messages by it when it is imported.
+os.environ["MAVLINK20"] = "1"
+
 import dronecan
 import dronecan.app.dynamic_node_id
 import dronecan.app.node_monitor
 import pytest
+
+pytest_plugins = ["ground"]
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
@@ -47,12 +53,13 @@ importlib.reload(dronecan.app.node_monitor)
 importlib.reload(dronecan.app.dynamic_node_id)
 
 
-def sim_program():
-    if path := os.environ.get("SIM_BIN"):
+def own_program(name):
+    """One of the project's programs, "sim" or "bridge"."""
+    if path := os.environ.get(f"{name.upper()}_BIN"):
         return pathlib.Path(path)
-    built = [path for path in (TARGET / profile / "sim" for profile in ("debug", "release")) if path.exists()]
+    built = [path for path in (TARGET / profile / name for profile in ("debug", "release")) if path.exists()]
     if not built:
-        pytest.exit('there is no sim: run "cargo build -p sim" first', 2)
+        pytest.exit(f'there is no {name}: run "cargo build -p {name}" first', 2)
     return max(built, key=lambda path: path.stat().st_mtime)
 
 
@@ -251,7 +258,7 @@ class Bench:
         self.output = directory / "sim.txt"
         self.clients = contextlib.ExitStack()
         self.exit_code = None
-        line = [sim_program(), "--plain", "--elf", node_elf()]
+        line = [own_program("sim"), "--plain", "--elf", node_elf()]
         for path in self.slcan:
             line += ["--slcan", path]
         if serial:
@@ -361,7 +368,7 @@ def end_group(process):
 
 def run_sim(directory, *options):
     """Runs the simulator alone, as fast as it can."""
-    line = [sim_program(), "--plain", "--speed", "max", "--elf", node_elf(), *options]
+    line = [own_program("sim"), "--plain", "--speed", "max", "--elf", node_elf(), *options]
     done = subprocess.run(
         [str(word) for word in line], cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60
     )

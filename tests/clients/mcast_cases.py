@@ -5,6 +5,8 @@ import re
 import pytest
 from dronecan import uavcan
 
+from conftest import NODE
+
 BUS = 7
 
 
@@ -59,3 +61,11 @@ def test_no_frame_is_lost_either_way_and_none_comes_twice(joined):
     client.spin_until(lambda: len(seen["rx"]) >= start + len(sent), "last of the others' frames")
     assert seen["rx"][start : start + len(sent)] == sent
     assert len(seen["tx"]) >= 1000 and len(sent) >= 100
+
+
+def test_a_ground_station_sees_the_node_through_the_bridge(bench, bridge, station):
+    bench("--mcast", BUS, slcan=0)
+    bridge(f"mcast:{BUS}")
+    ground = station()
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert len(ground.parameters()) == 26

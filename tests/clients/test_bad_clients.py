@@ -8,7 +8,7 @@ import time
 import pytest
 from dronecan import uavcan
 
-from conftest import PATIENCE_S, node_elf, sim_program
+from conftest import PATIENCE_S, node_elf, own_program
 from test_python_can import start_logger
 
 
@@ -77,7 +77,7 @@ def test_a_path_in_use_is_named(bench):
     used = bench()
     other = used.directory / "file"
     other.write_text("precious")
-    line = [sim_program(), "--plain", "--no-autopilot", "--for", "1s", "--elf", node_elf(), "--slcan"]
+    line = [own_program("sim"), "--plain", "--no-autopilot", "--for", "1s", "--elf", node_elf(), "--slcan"]
     for path in (used.slcan[0], other):
         text = used.run(*line, path, check=False)
         assert str(path) in text and text.startswith("sim: "), text

@@ -6,7 +6,7 @@ import time
 
 from dronecan import uavcan
 
-from conftest import PATIENCE_S, free_port, node_elf, sim_program, wait_until
+from conftest import PATIENCE_S, free_port, node_elf, own_program, wait_until
 
 
 def debug(used, port, *commands, **options):
@@ -69,5 +69,5 @@ def test_the_bus_waits_while_the_node_is_halted(bench):
 def test_a_port_in_use_is_named(bench):
     port = free_port()
     used = bench("--gdb", port)
-    text = used.run(sim_program(), "--plain", "--for", "1s", "--gdb", port, "--elf", node_elf(), check=False)
+    text = used.run(own_program("sim"), "--plain", "--for", "1s", "--gdb", port, "--elf", node_elf(), check=False)
     assert str(port) in text and "in use" in text, text

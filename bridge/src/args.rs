@@ -1,0 +1,164 @@
+//! The command line.
+
+use crate::bus;
+use crate::channel::{self, Integers};
+use crate::message::Versions;
+use clap::Parser;
+use std::net::Ipv4Addr;
+use std::path::PathBuf;
+use std::time::Duration;
+
+const EXAMPLES: &str = "\
+Buses (--bus):
+  slcan:/dev/ttyACM0        SLCAN adapter; slcan:PATH:BAUD where the baud rate matters; \"sim --slcan PATH\" offers one
+  mcast:0                   UDP multicast bus of pydronecan, libcanard, ArduPilot SITL and \"sim --mcast 0\", on loopback
+  socketcan:can0            a CAN interface of the Linux kernel
+
+Channels (--mavlink), any number of them:
+  udpout:HOST:PORT          sends to a ground station that listens: QGroundControl and MAVProxy on port 14550
+  udpin:[ADDRESS:]PORT      listens for ground stations; on loopback unless there is an address
+  tcp:HOST:PORT             connects to one that listens, again and again
+  tcpin:[ADDRESS:]PORT      listens for connections; on loopback unless there is an address
+  serial:PATH[:BAUD]        a radio; 57600 baud unless there is another. It is never filled beyond that
+
+Try it without any hardware, in three terminals:
+  sim --slcan /tmp/can
+  bridge --bus slcan:/tmp/can --mavlink udpout:127.0.0.1:14550
+  mavproxy.py --master=udp:127.0.0.1:14550 --target-component=120
+
+Exit codes:
+  0  ended by Ctrl-C, SIGTERM or --for          3  the bus cannot be opened
+  1  something else went wrong                  4  a channel cannot be opened
+  2  the command line is wrong                  5  --names: no node, or one that does not tell its parameters
+
+docs/bridge.md has the messages, what is dropped first on a full channel, and how to connect which ground station.";
+
+/// Shows the nodes of a DroneCAN bus to MAVLink ground stations: their status and who they are, their parameters to read, set and
+/// save, restart, and the bus itself for the DroneCAN GUI Tool. A node's MAVLink component ID is its node ID.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "bridge", version, after_help = EXAMPLES)]
+pub struct Args {
+    /// The DroneCAN bus: slcan:PATH, mcast:N or socketcan:NAME
+    #[arg(long, value_name = "BUS")]
+    pub bus: bus::Spec,
+
+    /// A MAVLink channel: udpout:HOST:PORT, udpin:PORT, tcp:HOST:PORT, tcpin:PORT or serial:PATH:BAUD (repeatable)
+    #[arg(long, value_name = "CHANNEL", required_unless_present = "names")]
+    pub mavlink: Vec<channel::Spec>,
+
+    /// Bit rate of the bus, for slcan:
+    #[arg(long, value_name = "BIT/S", default_value_t = 1_000_000)]
+    pub bitrate: u32,
+
+    /// Address of the network interface for mcast:, if the bus is to leave this machine
+    #[arg(long, value_name = "ADDRESS")]
+    pub mcast_interface: Option<Ipv4Addr>,
+
+    /// MAVLink system ID of the bridge and all nodes: that of the vehicle
+    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
+    pub system: u8,
+
+    /// MAVLink component ID of the bridge, and its node ID on the bus
+    #[arg(long, value_name = "ID", default_value_t = 126, value_parser = clap::value_parser!(u8).range(1..))]
+    pub component: u8,
+
+    /// The bridge's node ID on the bus, if it is not to be its component ID
+    #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
+    pub node_id: Option<u8>,
+
+    /// At most that many statuses a second of each node; at least 1. Without it every one, as long as the channel is not full
+    #[arg(long, value_name = "HZ", value_parser = status_rate)]
+    pub status_rate: Option<f64>,
+
+    /// Tell all ground stations who the nodes are that often, besides when they appear, restart, or somebody asks
+    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..))]
+    pub info_interval: u64,
+
+    /// Do not send more than goes through a serial line of that rate, on udp and tcp channels that lead to a radio
+    #[arg(long, value_name = "BAUD", value_parser = clap::value_parser!(u32).range(1200..))]
+    pub bandwidth: Option<u32>,
+
+    /// Version of MAVLink to send
+    #[arg(long, value_name = "VERSION", value_enum, default_value_t = Versions::Auto)]
+    pub mavlink_version: Versions,
+
+    /// How integers are written in PARAM_VALUE and read in PARAM_SET
+    #[arg(long, value_name = "HOW", value_enum, default_value_t = Integers::Auto)]
+    pub integers: Integers,
+
+    /// Sign all messages, and take signed ones only. FILE has the passphrase that was given to the ground station, or 64
+    /// hexadecimal digits
+    #[arg(long, value_name = "FILE")]
+    pub signing_key: Option<PathBuf>,
+
+    /// Save a node's parameters by itself, two seconds after the last PARAM_SET
+    #[arg(long)]
+    pub autosave: bool,
+
+    /// Wait for the bus and the channels if they are not there at the start
+    #[arg(long)]
+    pub wait: bool,
+
+    /// Print all parameters of all nodes with the names that they have in MAVLink, and end
+    #[arg(long)]
+    pub names: bool,
+
+    /// Print lines also where the output is a terminal
+    #[arg(long)]
+    pub plain: bool,
+
+    /// End by itself after this time: 500ms, 10s, 5m
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub run_for: Option<Duration>,
+}
+
+fn status_rate(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(rate) if (1.0..=1000.0).contains(&rate) => Ok(rate),
+        _ => Err(String::from("a rate is 1 to 1000 a second; a node must be seen once a second")),
+    }
+}
+
+fn duration(text: &str) -> Result<Duration, String> {
+    let at = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
+    let (number, unit) = text.split_at(at);
+    let unit = match unit {
+        "ms" => 0.001,
+        "s" => 1.0,
+        "m" => 60.0,
+        _ => return Err(format!("\"{text}\" is no time: write for example 500ms, 10s or 5m")),
+    };
+    let seconds = number.parse::<f64>().map_err(|_| format!("\"{number}\" is no number"))? * unit;
+    Duration::try_from_secs_f64(seconds).map_err(|_| format!("\"{text}\" is too long"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(line: &str) -> Result<Args, clap::Error> {
+        Args::try_parse_from(["bridge"].into_iter().chain(line.split_whitespace()))
+    }
+
+    #[test]
+    fn the_shortest_line_is_enough() {
+        let args = parse("--bus slcan:/tmp/can --mavlink udpout:127.0.0.1:14550").unwrap();
+        assert_eq!((args.system, args.component, args.node_id), (1, 126, None));
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused() {
+        for wrong in [
+            "",
+            "--bus mcast:0",
+            "--mavlink udpin:14550",
+            "--bus mcast:0 --mavlink udpin:1 --status-rate 0.5",
+            "--bus mcast:0 --mavlink udpin:1 --system 0",
+            "--bus mcast:0 --mavlink udpin:1 --node-id 128",
+            "--bus mcast:0 --mavlink udpin:1 --for 10",
+        ] {
+            assert!(parse(wrong).is_err(), "{wrong}");
+        }
+        assert!(parse("--bus mcast:0 --names").is_ok());
+    }
+}

@@ -1,0 +1,470 @@
+//! The DroneCAN bus: an SLCAN adapter, the multicast bus, or SocketCAN. It may go away and come back.
+//!
+//! Nothing here blocks. Frames that the bus does not take wait, and beyond [`QUEUE_LIMIT`] the newest are dropped and counted,
+//! as from a full transmit queue: what needs an answer is asked for again anyway.
+
+use anyhow::{Context, Result, anyhow, bail};
+use dronecan_host::mcast;
+use dronecan_host::slcan::{self, Replies, Reply};
+use dronecan_host::{Frame, Id};
+use rustix::io::Errno;
+use serial2::SerialPort;
+use socketcan::{CanSocket, EmbeddedFrame as _, Socket as _};
+use std::collections::VecDeque;
+use std::fmt;
+use std::io::{self, ErrorKind};
+use std::net::Ipv4Addr;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+/// Half a second of a bus with a few requests on it.
+const QUEUE_LIMIT: usize = 1000;
+/// Taken in one turn, so that a flood on the bus cannot keep the ground stations waiting.
+const TAKEN_AT_ONCE: usize = 500;
+/// Between attempts to get a bus back.
+const RETRY: Duration = Duration::from_secs(1);
+/// For each answer of an SLCAN adapter: some never give one, and work all the same.
+const SLCAN_PATIENCE: Duration = Duration::from_millis(500);
+/// Of the adapter's serial port; USB adapters and pseudo-terminals do not care.
+const SLCAN_BAUD: u32 = 115_200;
+
+/// Which bus, as the user writes it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Spec {
+    Slcan { path: PathBuf, baud: u32 },
+    Mcast(u8),
+    SocketCan(String),
+}
+
+impl FromStr for Spec {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Spec, String> {
+        let (kind, rest) = text.split_once(':').unwrap_or((text, ""));
+        match (kind, rest) {
+            (_, "") => Err(String::from("write for example slcan:/dev/ttyACM0, mcast:0 or socketcan:can0")),
+            ("slcan", path) => {
+                let (path, baud) = match path.rsplit_once(':') {
+                    Some((path, baud)) => (path, baud.parse().map_err(|_| format!("\"{baud}\" is no baud rate"))?),
+                    None => (path, SLCAN_BAUD),
+                };
+                Ok(Spec::Slcan { path: path.into(), baud })
+            }
+            ("mcast", bus) => {
+                bus.parse().map(Spec::Mcast).map_err(|_| format!("\"{bus}\" is no bus: 0 to 255, mostly 0"))
+            }
+            ("socketcan", interface) => Ok(Spec::SocketCan(interface.to_owned())),
+            (other, _) => Err(format!("unknown kind of bus \"{other}\": slcan, mcast or socketcan")),
+        }
+    }
+}
+
+impl fmt::Display for Spec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Spec::Slcan { path, .. } => write!(f, "slcan:{}", path.display()),
+            Spec::Mcast(bus) => write!(f, "mcast:{bus}"),
+            Spec::SocketCan(interface) => write!(f, "socketcan:{interface}"),
+        }
+    }
+}
+
+/// What passed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    pub received: u64,
+    pub sent: u64,
+    /// There was no room in the queue, or they were in it when the bus went away.
+    pub dropped: u64,
+}
+
+/// A bus that is there, or that is waited for.
+pub struct Bus {
+    spec: Spec,
+    bit_rate: u32,
+    interface: Option<Ipv4Addr>,
+    line: Option<Line>,
+    retry_at: Duration,
+    queue: VecDeque<Frame>,
+    pub counters: Counters,
+    /// Why it is away, as it was last said.
+    trouble: Option<String>,
+    pub log: Vec<String>,
+}
+
+enum Line {
+    Slcan(Slcan),
+    Mcast(mcast::Port),
+    SocketCan(CanSocket),
+}
+
+impl Bus {
+    /// Does not open it yet.
+    pub fn new(spec: Spec, bit_rate: u32, interface: Option<Ipv4Addr>) -> Bus {
+        Bus {
+            spec,
+            bit_rate,
+            interface,
+            line: None,
+            retry_at: Duration::ZERO,
+            queue: VecDeque::new(),
+            counters: Counters::default(),
+            trouble: None,
+            log: Vec::new(),
+        }
+    }
+
+    /// Opens it.
+    ///
+    /// # Errors
+    /// With advice.
+    pub fn open(&mut self, now: Duration) -> Result<()> {
+        let line = match &self.spec {
+            Spec::Slcan { path, baud } => {
+                let port = SerialPort::open(path, *baud).map_err(|error| match error.kind() {
+                    ErrorKind::NotFound => {
+                        anyhow!("there is no {}; is the adapter plugged in, or sim running?", path.display())
+                    }
+                    ErrorKind::PermissionDenied => {
+                        anyhow!("no permission for {}; members of the group dialout have it", path.display())
+                    }
+                    _ => anyhow!(error).context(format!("cannot open {}", path.display())),
+                })?;
+                Line::Slcan(Slcan::new(port, self.bit_rate, now)?)
+            }
+            Spec::Mcast(bus) => Line::Mcast(mcast::Port::open(*bus, self.interface)?),
+            Spec::SocketCan(name) => {
+                let open = || {
+                    let socket = CanSocket::open(name)?;
+                    socket.set_nonblocking(true)?;
+                    Ok(socket)
+                };
+                let socket: io::Result<CanSocket> = open();
+                Line::SocketCan(socket.map_err(|error| match error.raw_os_error() {
+                    Some(errno) if errno == Errno::AFNOSUPPORT.raw_os_error() => {
+                        anyhow!("this kernel has no SocketCAN; use slcan: or mcast:")
+                    }
+                    _ => {
+                        anyhow!(error).context(format!("cannot open the CAN interface {name}; \"ip link\" lists them"))
+                    }
+                })?)
+            }
+        };
+        self.line = Some(line);
+        Ok(())
+    }
+
+    /// Whether frames can pass.
+    pub fn is_up(&self) -> bool {
+        match &self.line {
+            Some(Line::Slcan(slcan)) => slcan.state == State::Open,
+            Some(_) => true,
+            None => false,
+        }
+    }
+
+    /// Takes what has come, and gets back a bus that was lost.
+    pub fn serve(&mut self, now: Duration) -> Vec<Frame> {
+        if self.line.is_none() && now >= self.retry_at {
+            self.retry_at = now + RETRY;
+            if let Err(error) = self.open(now) {
+                self.say_trouble(format!("{error:#}"));
+            }
+        }
+        let was_up = self.is_up();
+        let mut frames = Vec::new();
+        if let Err(error) = self.receive(now, &mut frames) {
+            self.lost(now, &error);
+        }
+        if self.is_up() && !was_up && self.trouble.take().is_some() {
+            self.log.push(format!("bus {} is back", self.spec));
+        }
+        self.counters.received += frames.len() as u64;
+        self.transmit(now);
+        frames
+    }
+
+    fn receive(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
+        match &mut self.line {
+            Some(Line::Slcan(slcan)) => return slcan.serve(now, frames),
+            Some(Line::Mcast(port)) => {
+                for _ in 0..TAKEN_AT_ONCE {
+                    match port.receive() {
+                        Ok(Some(Ok(frame))) => frames.push(frame),
+                        // Our own, or not a classic frame.
+                        Ok(_) => {}
+                        Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                        Err(error) => return Err(error.into()),
+                    }
+                }
+            }
+            Some(Line::SocketCan(socket)) => {
+                for _ in 0..TAKEN_AT_ONCE {
+                    match socket.read_frame() {
+                        Ok(socketcan::CanFrame::Data(frame)) => {
+                            let id = match frame.id() {
+                                socketcan::Id::Standard(id) => Id::Standard(id.as_raw()),
+                                socketcan::Id::Extended(id) => Id::Extended(id.as_raw()),
+                            };
+                            let mut data = [0; 8];
+                            data[..frame.data().len()].copy_from_slice(frame.data());
+                            frames.push(Frame::with_dlc(id, frame.data().len() as u8, data));
+                        }
+                        Ok(_) => {}
+                        Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                        Err(error) => return Err(error.into()),
+                    }
+                }
+            }
+            None => {}
+        }
+        Ok(())
+    }
+
+    /// Sends a frame, or keeps it until the bus takes it. Into a bus that is away nothing is sent.
+    pub fn send(&mut self, now: Duration, frame: Frame) {
+        if !self.is_up() {
+            return;
+        }
+        if self.queue.len() >= QUEUE_LIMIT {
+            self.counters.dropped += 1;
+            return;
+        }
+        self.queue.push_back(frame);
+        self.transmit(now);
+    }
+
+    fn transmit(&mut self, now: Duration) {
+        while let Some(frame) = self.queue.front() {
+            let sent = match &mut self.line {
+                Some(Line::Slcan(slcan)) if slcan.state == State::Open => slcan.send(frame),
+                Some(Line::Mcast(port)) => port.send(frame).map(|_| true),
+                Some(Line::SocketCan(socket)) => send_socketcan(socket, frame),
+                _ => return,
+            };
+            match sent {
+                Ok(true) => {
+                    self.counters.sent += 1;
+                    self.queue.pop_front();
+                }
+                Ok(false) => return,
+                Err(error) => {
+                    self.lost(now, &error.into());
+                }
+            }
+        }
+    }
+
+    fn lost(&mut self, now: Duration, error: &anyhow::Error) {
+        self.line = None;
+        self.counters.dropped += self.queue.len() as u64;
+        self.queue.clear();
+        self.retry_at = now + RETRY;
+        self.say_trouble(format!("{error:#}"));
+    }
+
+    /// Once, not with each attempt.
+    fn say_trouble(&mut self, why: String) {
+        if self.trouble.is_none() {
+            self.log.push(format!("bus {} is away: {why}", self.spec));
+        }
+        self.trouble = Some(why);
+    }
+
+    /// Why it is away, if it is.
+    pub fn trouble(&self) -> Option<&str> {
+        self.trouble.as_deref()
+    }
+
+    /// What to wait for, and whether for room to write too.
+    pub fn poll_fd(&self) -> Option<(BorrowedFd<'_>, bool)> {
+        match self.line.as_ref()? {
+            Line::Slcan(slcan) => Some((slcan.port.as_fd(), !slcan.out.is_empty())),
+            Line::Mcast(port) => Some((port.as_fd(), false)),
+            Line::SocketCan(socket) => Some((socket.as_fd(), !self.queue.is_empty())),
+        }
+    }
+
+    /// When to look at it again even if nothing comes.
+    pub fn deadline(&self) -> Option<Duration> {
+        match &self.line {
+            None => Some(self.retry_at),
+            Some(Line::Slcan(slcan)) if slcan.state != State::Open => Some(slcan.deadline),
+            Some(_) => None,
+        }
+    }
+
+    /// Leaves the adapter closed.
+    pub fn close(&mut self) {
+        if let Some(Line::Slcan(slcan)) = &mut self.line {
+            let _ = rustix::io::write(&slcan.port, b"C\r");
+        }
+        self.line = None;
+    }
+}
+
+impl fmt::Display for Bus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Counters { received, sent, dropped } = self.counters;
+        write!(f, "bus {}: {received} frames in, {sent} out", self.spec)?;
+        if dropped > 0 {
+            write!(f, ", {dropped} dropped")?;
+        }
+        self.trouble.as_ref().map_or(Ok(()), |why| write!(f, ", away: {why}"))
+    }
+}
+
+/// `false` if there is no room now.
+fn send_socketcan(socket: &CanSocket, frame: &Frame) -> io::Result<bool> {
+    let id: Option<socketcan::Id> = match frame.id {
+        Id::Standard(id) => socketcan::StandardId::new(id).map(Into::into),
+        Id::Extended(id) => socketcan::ExtendedId::new(id).map(Into::into),
+    };
+    let Some(frame) = id.and_then(|id| socketcan::CanDataFrame::new(id, frame.data())) else { return Ok(true) };
+    match socket.write_frame(&frame) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(false),
+        Err(error) if error.raw_os_error() == Some(Errno::NOBUFS.raw_os_error()) => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+/// What an SLCAN adapter has been told so far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Closing,
+    Rate,
+    Opening,
+    Open,
+}
+
+/// An SLCAN adapter on its serial port.
+struct Slcan {
+    port: SerialPort,
+    bit_rate: u32,
+    state: State,
+    deadline: Duration,
+    replies: Replies,
+    /// Bytes of a frame that the port has not taken yet.
+    out: Vec<u8>,
+}
+
+impl Slcan {
+    fn new(port: SerialPort, bit_rate: u32, now: Duration) -> Result<Slcan> {
+        let _ = port.discard_buffers();
+        let mut slcan = Slcan {
+            port,
+            bit_rate,
+            state: State::Closing,
+            deadline: Duration::ZERO,
+            replies: Replies::default(),
+            out: Vec::new(),
+        };
+        // Ends a line that was left unfinished, and a session.
+        slcan.tell(now, State::Closing, b"\rC\r")?;
+        Ok(slcan)
+    }
+
+    fn tell(&mut self, now: Duration, state: State, command: &[u8]) -> io::Result<()> {
+        self.state = state;
+        self.deadline = now + SLCAN_PATIENCE;
+        self.out.extend(command);
+        self.write().map(|_| ())
+    }
+
+    /// Writes what waits; whether all of it is gone.
+    fn write(&mut self) -> io::Result<bool> {
+        while !self.out.is_empty() {
+            match rustix::io::write(&self.port, &self.out) {
+                Ok(written) => drop(self.out.drain(..written)),
+                Err(Errno::INTR) => {}
+                Err(Errno::AGAIN) => return Ok(false),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(true)
+    }
+
+    /// `false` if there is no room now.
+    fn send(&mut self, frame: &Frame) -> io::Result<bool> {
+        if !self.write()? {
+            return Ok(false);
+        }
+        self.out = slcan::line(frame, None);
+        self.write()?;
+        Ok(true)
+    }
+
+    fn serve(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
+        self.write()?;
+        let mut buffer = [0; 4096];
+        // Some adapters answer the empty line before the command, some do not: the rate is told when all has come.
+        while frames.len() < TAKEN_AT_ONCE {
+            match rustix::io::read(&self.port, &mut buffer) {
+                Ok(0) => bail!("the adapter has been unplugged"),
+                Ok(read) => {
+                    for byte in &buffer[..read] {
+                        match self.replies.push(*byte) {
+                            Some(Reply::Received(frame)) if self.state == State::Open => frames.push(frame),
+                            Some(Reply::Done) => self.step(now, true)?,
+                            Some(Reply::Refused) => self.step(now, false)?,
+                            _ => {}
+                        }
+                    }
+                }
+                Err(Errno::INTR) => {}
+                Err(Errno::AGAIN) => break,
+                Err(error) => return Err(io::Error::from(error)).context("the adapter is gone"),
+            }
+        }
+        if self.state != State::Open && now >= self.deadline {
+            self.step(now, true)?;
+        }
+        Ok(())
+    }
+
+    /// Something was answered, or nothing in time: the next command of the way to an open adapter.
+    fn step(&mut self, now: Duration, done: bool) -> Result<()> {
+        match self.state {
+            State::Closing if now < self.deadline => {
+                // Wait a moment for the other answers, so that none is taken for that of the next command.
+                self.deadline = self.deadline.min(now + Duration::from_millis(30));
+            }
+            State::Closing => {
+                let digit = slcan::rate_digit(self.bit_rate).ok_or_else(|| {
+                    anyhow!(
+                        "SLCAN has no {} bit/s: 10, 20, 50, 100, 125, 250, 500, 800 or 1000 thousand",
+                        self.bit_rate
+                    )
+                })?;
+                self.tell(now, State::Rate, format!("S{digit}\r").as_bytes())?;
+            }
+            State::Rate | State::Opening if !done => {
+                bail!("the adapter refuses {} bit/s; does the bus have another rate? (--bitrate)", self.bit_rate)
+            }
+            State::Rate => self.tell(now, State::Opening, b"O\r")?,
+            State::Opening => self.state = State::Open,
+            State::Open => {}
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn buses_are_written_as_the_help_says() {
+        let slcan = |path: &str, baud| Ok(Spec::Slcan { path: path.into(), baud });
+        assert_eq!("slcan:/dev/ttyACM0".parse(), slcan("/dev/ttyACM0", 115_200));
+        assert_eq!("slcan:/dev/ttyUSB0:921600".parse(), slcan("/dev/ttyUSB0", 921_600));
+        assert_eq!("mcast:1".parse(), Ok(Spec::Mcast(1)));
+        assert_eq!("socketcan:can0".parse(), Ok(Spec::SocketCan("can0".into())));
+        for wrong in ["", "slcan", "slcan:", "mcast:x", "mcast:256", "can0", "slcan:/dev/x:y"] {
+            assert!(wrong.parse::<Spec>().is_err(), "{wrong}");
+        }
+    }
+}

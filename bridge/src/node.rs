@@ -1,0 +1,136 @@
+//! What is known of a node on the bus.
+
+use crate::number::Number;
+use crate::{names, parameters::Op};
+use dronecan_host::{NodeInfo, NodeStatus, ParameterResponse};
+use std::collections::{BTreeMap, VecDeque};
+use std::time::Duration;
+
+/// A node that has been heard.
+#[derive(Debug)]
+pub struct Node {
+    pub status: NodeStatus,
+    /// When its last status came.
+    pub heard: Duration,
+    pub online: bool,
+    /// Statuses since it appeared.
+    pub statuses: u64,
+    pub info: Information,
+    /// Its parameters, once they have been asked for.
+    pub table: Option<Table>,
+    /// They are being asked for.
+    pub listing: Option<Listing>,
+    /// What waits for the table.
+    pub waiting: VecDeque<Op>,
+    /// It has been changed, and is to be saved then.
+    pub save_at: Option<Duration>,
+}
+
+impl Node {
+    /// One that was heard for the first time.
+    pub fn new(status: NodeStatus, now: Duration) -> Node {
+        Node {
+            status,
+            heard: now,
+            online: true,
+            statuses: 0,
+            info: Information::default(),
+            table: None,
+            listing: None,
+            waiting: VecDeque::new(),
+            save_at: None,
+        }
+    }
+
+    /// Its name, once it has told.
+    pub fn name(&self) -> Option<String> {
+        self.info.known.as_ref().map(NodeInfo::name)
+    }
+}
+
+/// What it says of itself, and how the bridge comes to know.
+#[derive(Debug, Default)]
+pub struct Information {
+    pub known: Option<NodeInfo>,
+    /// It has been asked and has not answered yet.
+    pub asked: bool,
+    /// Failures in a row.
+    pub failures: u32,
+    pub next_try: Duration,
+    /// When it was last sent to all ground stations.
+    pub sent_at: Duration,
+    /// Commands that wait for it.
+    pub waiting: Vec<u32>,
+}
+
+/// Parameters that are being fetched by index.
+#[derive(Debug, Default)]
+pub struct Listing {
+    /// The next index to ask for.
+    pub next: u16,
+    pub on_their_way: usize,
+    pub got: BTreeMap<u16, ParameterResponse>,
+    /// The lowest index that there is no parameter at.
+    pub end: Option<u16>,
+}
+
+/// A parameter as MAVLink shows it.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    pub full: Vec<u8>,
+    pub short: String,
+    /// As the node told it last.
+    pub last: ParameterResponse,
+}
+
+/// The parameters of a node, in its order, and what MAVLink cannot carry.
+#[derive(Debug, Default)]
+pub struct Table {
+    pub entries: Vec<Entry>,
+    pub left_out: Vec<ParameterResponse>,
+}
+
+impl Table {
+    /// From all that a node has told.
+    pub fn new(parameters: impl IntoIterator<Item = ParameterResponse>) -> Table {
+        let (shown, left_out): (Vec<_>, Vec<_>) =
+            parameters.into_iter().partition(|parameter| Number::of(parameter).is_some());
+        let full: Vec<Vec<u8>> = shown.iter().map(|parameter| parameter.name.clone()).collect();
+        let short = names::shorten(&full);
+        let entries = shown.into_iter().zip(short).map(|(last, short)| Entry { full: last.name.clone(), short, last });
+        Table { entries: entries.collect(), left_out }
+    }
+
+    /// Where the parameter with that short name is. Upper and lower case count only where they must.
+    pub fn find(&self, name: &str) -> Option<usize> {
+        let exact = self.entries.iter().position(|entry| entry.short == name);
+        exact.or_else(|| self.entries.iter().position(|entry| entry.short.eq_ignore_ascii_case(name)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dronecan_host::Value;
+
+    fn parameter(name: &str, value: Value) -> ParameterResponse {
+        ParameterResponse { name: name.into(), value, ..ParameterResponse::default() }
+    }
+
+    #[test]
+    fn a_table_leaves_out_what_mavlink_cannot_carry() {
+        let table = Table::new([
+            parameter("first", Value::Integer(1)),
+            parameter("word", Value::Text(b"x".to_vec())),
+            parameter("last", Value::Real(2.0)),
+        ]);
+        let names: Vec<&str> = table.entries.iter().map(|entry| entry.short.as_str()).collect();
+        assert_eq!((names, table.left_out.len()), (vec!["first", "last"], 1));
+    }
+
+    #[test]
+    fn names_are_found_in_any_case_unless_the_case_tells_them_apart() {
+        let table = Table::new([parameter("limit", Value::Integer(1)), parameter("Rate", Value::Integer(2))]);
+        assert_eq!((table.find("LIMIT"), table.find("rate"), table.find("none")), (Some(0), Some(1), None));
+    }
+}

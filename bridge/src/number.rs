@@ -1,0 +1,267 @@
+//! Values of parameters on their way between DroneCAN and MAVLink.
+//!
+//! PARAM_VALUE and PARAM_SET have four bytes for the value and a byte for its type. Two customs exist for integers, and a
+//! ground station knows by the autopilot which it has to do with: their bytes ([`Custom::Bytewise`]: PX4 and what is no
+//! autopilot; exact), or a float of the same value ([`Custom::Cast`]: ArduPilot; exact up to 2^24). Reals are the same in both.
+//!
+//! | DroneCAN | MAVLink |
+//! | --- | --- |
+//! | integer | INT32 if value and limits fit, else UINT32 if they fit, else REAL32, rounded |
+//! | real | REAL32 |
+//! | boolean | UINT8, 0 or 1 |
+//! | text, empty | not shown |
+//!
+//! What was rounded can be read, and writing it back unchanged changes nothing; another number is set as it is.
+
+use dronecan_host::{ParameterResponse, Value};
+use mavlink::dialects::common::MavParamType;
+
+/// How integers stand in the four bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Custom {
+    Bytewise,
+    Cast,
+}
+
+/// A value that MAVLink can carry, and the type it is shown as.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Number {
+    Int32(i32),
+    Uint32(u32),
+    Boolean(bool),
+    Real(f32),
+    /// An integer that does not fit; shown rounded.
+    Wide(i64),
+}
+
+impl Number {
+    /// `None` for what MAVLink cannot carry.
+    pub fn of(parameter: &ParameterResponse) -> Option<Number> {
+        let value = match parameter.value {
+            Value::Integer(value) => value,
+            Value::Real(value) => return Some(Number::Real(value)),
+            Value::Boolean(value) => return Some(Number::Boolean(value)),
+            Value::Text(_) | Value::Empty => return None,
+        };
+        let limits = [&parameter.min, &parameter.max].into_iter().filter_map(|limit| match limit {
+            Value::Integer(limit) => Some(*limit),
+            _ => None,
+        });
+        let all: Vec<i64> = limits.chain([value]).collect();
+        Some(if let (true, Ok(value)) = (all.iter().all(|n| i32::try_from(*n).is_ok()), i32::try_from(value)) {
+            Number::Int32(value)
+        } else if let (true, Ok(value)) = (all.iter().all(|n| u32::try_from(*n).is_ok()), u32::try_from(value)) {
+            Number::Uint32(value)
+        } else if let Ok(value) = i32::try_from(value) {
+            Number::Int32(value)
+        } else if let Ok(value) = u32::try_from(value) {
+            Number::Uint32(value)
+        } else {
+            Number::Wide(value)
+        })
+    }
+
+    /// The type that goes with it.
+    pub fn kind(self) -> MavParamType {
+        match self {
+            Number::Int32(_) => MavParamType::MAV_PARAM_TYPE_INT32,
+            Number::Uint32(_) => MavParamType::MAV_PARAM_TYPE_UINT32,
+            Number::Boolean(_) => MavParamType::MAV_PARAM_TYPE_UINT8,
+            Number::Real(_) | Number::Wide(_) => MavParamType::MAV_PARAM_TYPE_REAL32,
+        }
+    }
+
+    /// The four bytes, which the crate takes for a float.
+    pub fn encode(self, custom: Custom) -> f32 {
+        match (self, custom) {
+            (Number::Real(value), _) => value,
+            (Number::Wide(value), _) => value as f32,
+            (Number::Int32(value), Custom::Cast) => value as f32,
+            (Number::Uint32(value), Custom::Cast) => value as f32,
+            (Number::Boolean(value), Custom::Cast) => f32::from(u8::from(value)),
+            (Number::Int32(value), Custom::Bytewise) => f32::from_bits(value as u32),
+            (Number::Uint32(value), Custom::Bytewise) => f32::from_bits(value),
+            (Number::Boolean(value), Custom::Bytewise) => f32::from_bits(u32::from(value)),
+        }
+    }
+}
+
+/// Why a PARAM_SET cannot be passed on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unfit {
+    /// Its type has no place in four bytes, or there is no such type.
+    Kind,
+    /// Not a value of the parameter's type: 0.5 for an integer.
+    Value,
+}
+
+/// What a ground station has sent: an integer, or a real.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Sent {
+    Integer(i64),
+    Real(f32),
+}
+
+/// The bytes of a PARAM_SET, read as its type says.
+fn read(kind: u8, value: f32) -> Result<Sent, Unfit> {
+    let [b0, b1, b2, b3] = value.to_le_bytes();
+    Ok(match kind {
+        1 => Sent::Integer(b0.into()),
+        2 => Sent::Integer((b0 as i8).into()),
+        3 => Sent::Integer(u16::from_le_bytes([b0, b1]).into()),
+        4 => Sent::Integer(i16::from_le_bytes([b0, b1]).into()),
+        5 => Sent::Integer(u32::from_le_bytes([b0, b1, b2, b3]).into()),
+        6 => Sent::Integer(i32::from_le_bytes([b0, b1, b2, b3]).into()),
+        9 => Sent::Real(value),
+        _ => return Err(Unfit::Kind),
+    })
+}
+
+fn whole(value: f32) -> Option<i64> {
+    // 2^63 itself does not fit.
+    (value.fract() == 0.0 && (-(2f32.powi(63))..2f32.powi(63)).contains(&value)).then_some(value as i64)
+}
+
+/// The value for the node. `current` is the parameter as the node last told it; `None` if nothing is to be changed.
+///
+/// # Errors
+/// Why there is none.
+pub fn decode(kind: u8, value: f32, custom: Custom, current: &ParameterResponse) -> Result<Option<Value>, Unfit> {
+    let sent = match (read(kind, value)?, custom) {
+        (Sent::Integer(_), Custom::Cast) => Sent::Real(value),
+        (sent, _) => sent,
+    };
+    match (&current.value, sent) {
+        (Value::Integer(now), Sent::Real(value)) if matches!(Number::of(current), Some(Number::Wide(_))) => {
+            // What was rounded when it was read is not to be rounded in the node.
+            if value == *now as f32 {
+                Ok(None)
+            } else {
+                whole(value).map(|n| Some(Value::Integer(n))).ok_or(Unfit::Value)
+            }
+        }
+        (Value::Integer(_), Sent::Real(value)) => {
+            whole(value).map(|number| Some(Value::Integer(number))).ok_or(Unfit::Value)
+        }
+        (Value::Integer(_), Sent::Integer(number)) => {
+            // A station with ArduPilot's custom: only its reading is within the limits.
+            let cast = whole(value).filter(|cast| !within(current, number) && within(current, *cast));
+            Ok(Some(Value::Integer(cast.unwrap_or(number))))
+        }
+        (Value::Real(_), Sent::Real(value)) => Ok(Some(Value::Real(value))),
+        (Value::Real(_), Sent::Integer(number)) => {
+            let real = number as f32;
+            if real as i64 == number { Ok(Some(Value::Real(real))) } else { Err(Unfit::Value) }
+        }
+        (Value::Boolean(_), Sent::Integer(number @ (0 | 1))) => Ok(Some(Value::Boolean(number == 1))),
+        (Value::Boolean(_), Sent::Real(value)) if value == 0.0 || value == 1.0 => {
+            Ok(Some(Value::Boolean(value == 1.0)))
+        }
+        // A cast 1.0 in the bytes of an integer.
+        (Value::Boolean(_), Sent::Integer(_)) if value == 1.0 => Ok(Some(Value::Boolean(true))),
+        (Value::Boolean(_), _) => Err(Unfit::Value),
+        (Value::Text(_) | Value::Empty, _) => Err(Unfit::Kind),
+    }
+}
+
+/// Whether a number is within limits that are there.
+fn within(parameter: &ParameterResponse, number: i64) -> bool {
+    match (&parameter.min, &parameter.max) {
+        (Value::Integer(min), Value::Integer(max)) => (*min..=*max).contains(&number),
+        // Without limits the plain reading counts.
+        _ => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const INT32: u8 = 6;
+    const REAL32: u8 = 9;
+
+    fn parameter(value: Value, limits: Option<(i64, i64)>) -> ParameterResponse {
+        let limit = |at: fn((i64, i64)) -> i64| limits.map_or(Value::Empty, |limits| Value::Integer(at(limits)));
+        ParameterResponse { value, min: limit(|l| l.0), max: limit(|l| l.1), ..ParameterResponse::default() }
+    }
+
+    fn integer(value: i64) -> ParameterResponse {
+        parameter(Value::Integer(value), None)
+    }
+
+    #[test]
+    fn types_follow_value_and_limits() {
+        let limited = |value, min, max| Number::of(&parameter(Value::Integer(value), Some((min, max)))).unwrap();
+        assert_eq!(limited(5, 0, 10), Number::Int32(5));
+        assert_eq!(limited(5, 0, 0xFFFF_FFFF), Number::Uint32(5));
+        assert_eq!(limited(5, i64::MIN, i64::MAX), Number::Int32(5));
+        assert_eq!(limited(1 << 40, 0, i64::MAX), Number::Wide(1 << 40));
+        assert_eq!(Number::of(&parameter(Value::Boolean(true), None)), Some(Number::Boolean(true)));
+        assert_eq!(Number::of(&parameter(Value::Real(0.5), None)), Some(Number::Real(0.5)));
+        assert_eq!(Number::of(&parameter(Value::Text(b"x".to_vec()), None)), None);
+    }
+
+    #[test]
+    fn a_wide_integer_is_not_rounded_by_writing_it_back() {
+        let wide = integer((1 << 40) + 1);
+        let shown = Number::of(&wide).unwrap().encode(Custom::Bytewise);
+        assert_eq!(decode(REAL32, shown, Custom::Bytewise, &wide), Ok(None));
+        assert_eq!(decode(REAL32, 7.0, Custom::Bytewise, &wide), Ok(Some(Value::Integer(7))));
+    }
+
+    #[test]
+    fn types_that_do_not_match_are_read_as_they_say() {
+        let limited = parameter(Value::Integer(1000), Some((500, 2500)));
+        assert_eq!(decode(REAL32, 1900.0, Custom::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
+        assert_eq!(decode(REAL32, 1900.5, Custom::Bytewise, &limited), Err(Unfit::Value));
+        assert_eq!(decode(REAL32, f32::NAN, Custom::Bytewise, &limited), Err(Unfit::Value));
+        assert_eq!(decode(REAL32, f32::INFINITY, Custom::Bytewise, &limited), Err(Unfit::Value));
+        assert_eq!(decode(4, f32::from_bits(1900), Custom::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
+        assert_eq!(decode(10, 1900.0, Custom::Bytewise, &limited), Err(Unfit::Kind));
+        assert_eq!(decode(0, 1900.0, Custom::Bytewise, &limited), Err(Unfit::Kind));
+        let real = parameter(Value::Real(1.0), None);
+        assert_eq!(decode(INT32, f32::from_bits(3), Custom::Bytewise, &real), Ok(Some(Value::Real(3.0))));
+        let boolean = parameter(Value::Boolean(false), None);
+        assert_eq!(decode(REAL32, 1.0, Custom::Bytewise, &boolean), Ok(Some(Value::Boolean(true))));
+        assert_eq!(decode(INT32, f32::from_bits(2), Custom::Bytewise, &boolean), Err(Unfit::Value));
+    }
+
+    /// ArduPilot's way to a bridge that has the other: the limits tell which was meant.
+    #[test]
+    fn a_cast_integer_is_understood_where_only_that_is_within_the_limits() {
+        let limited = parameter(Value::Integer(1000), Some((500, 2500)));
+        assert_eq!(decode(INT32, 1900.0, Custom::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
+        let out_of_limits = f32::from_bits(3000);
+        assert_eq!(decode(INT32, out_of_limits, Custom::Bytewise, &limited), Ok(Some(Value::Integer(3000))));
+        assert_eq!(decode(INT32, 1900.0, Custom::Cast, &integer(0)), Ok(Some(Value::Integer(1900))));
+    }
+
+    proptest! {
+        #[test]
+        fn every_integer_of_32_bits_comes_back_exactly(value: i32) {
+            let current = integer(value.into());
+            let sent = Number::of(&current).unwrap();
+            prop_assert_eq!(sent.kind() as u8, INT32);
+            let back = decode(INT32, sent.encode(Custom::Bytewise), Custom::Bytewise, &current);
+            prop_assert_eq!(back, Ok(Some(Value::Integer(value.into()))));
+        }
+
+        #[test]
+        fn every_real_comes_back_exactly(bits: u32) {
+            let current = parameter(Value::Real(f32::from_bits(bits)), None);
+            for custom in [Custom::Bytewise, Custom::Cast] {
+                let sent = Number::of(&current).unwrap().encode(custom);
+                let Ok(Some(Value::Real(back))) = decode(REAL32, sent, custom, &current) else { panic!("no real") };
+                prop_assert_eq!(back.to_bits(), bits);
+            }
+        }
+
+        #[test]
+        fn a_cast_integer_comes_back_exactly_up_to_2_to_24(value in -(1i64 << 24)..=1 << 24) {
+            let current = integer(value);
+            let sent = Number::of(&current).unwrap().encode(Custom::Cast);
+            prop_assert_eq!(decode(INT32, sent, Custom::Cast, &current), Ok(Some(Value::Integer(value))));
+        }
+    }
+}

@@ -1,0 +1,338 @@
+//! Parameters: PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET on one side, param.GetSet on the other.
+//!
+//! MAVLink wants to know how many parameters there are, and has names that are too short. So a node's parameters are fetched by
+//! index when somebody asks for any of them, several at a time, and make a [`Table`](crate::node::Table); what was asked waits
+//! until it is there. A list is always fetched anew. A single parameter is read and set by its full name, and what the node
+//! answers is what a ground station is told: after a PARAM_SET the value in force, whatever was asked for.
+//!
+//! Where something cannot be done, PARAM_ERROR tells the one who asked.
+
+use crate::calls::Patience;
+use crate::core::{Asker, Bridge, To};
+use crate::message::{Content, chars, text};
+use crate::node::{Listing, Table};
+use crate::number::{self, Number, Unfit};
+use crate::queue::Class;
+use dronecan_host::{NodeId, Opcode, ParameterRequest, ParameterResponse, Value, types};
+use mavlink::dialects::common::{MavMessage, MavParamError, PARAM_ERROR_DATA};
+use std::time::Duration;
+
+/// The GUI tool gives a node 100 ms; one that has to write its memory first needs more.
+const PATIENCE: Patience = Patience::new(300, 5);
+/// The highest index that a GetSet can name.
+const INDEX_MAX: u16 = (1 << 13) - 1;
+/// Fetched at once.
+const AT_ONCE: usize = 5;
+/// Requests that may wait for one node's table.
+const WAITING_MAX: usize = 64;
+
+/// What a ground station wants of a node's parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Op {
+    List(Asker),
+    ReadIndex(Asker, u16),
+    ReadName(Asker, String),
+    Set {
+        asker: Asker,
+        name: String,
+        value: f32,
+        kind: u8,
+    },
+    /// For the table that is printed.
+    Print,
+}
+
+/// What a request to a node is for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Purpose {
+    Info,
+    /// Parameter by index, for the table.
+    Item(u16),
+    /// A parameter by its place in the table; and what was wrong with a PARAM_SET that only reads it.
+    Read {
+        asker: Asker,
+        at: usize,
+        error: Option<MavParamError>,
+    },
+    Set {
+        asker: Asker,
+        at: usize,
+        wanted: Value,
+    },
+    /// Commands, by their number.
+    Opcode(u32),
+    Restart(u32),
+    Autosave,
+}
+
+impl Bridge {
+    /// Does `op` with the node that is component `component`, or with all of them.
+    pub(crate) fn parameter_ops(&mut self, component: u8, op: impl Fn() -> Op) {
+        let all: Vec<NodeId> = match NodeId::new(component) {
+            None if component == 0 => self.online().collect(),
+            None => Vec::new(),
+            Some(id) => self.nodes.contains_key(&id).then_some(id).into_iter().collect(),
+        };
+        for id in all {
+            self.parameter_op(id, op());
+        }
+    }
+
+    fn parameter_op(&mut self, id: NodeId, op: Op) {
+        let Some(node) = self.nodes.get_mut(&id) else { return };
+        let must_list = matches!(op, Op::List(_) | Op::Print) || node.table.is_none();
+        if !must_list && node.listing.is_none() {
+            return self.run(id, op);
+        }
+        // Asked again before the first was answered.
+        if node.waiting.len() < WAITING_MAX && !node.waiting.contains(&op) {
+            node.waiting.push_back(op);
+        }
+        if node.listing.is_none() {
+            self.list(id);
+        }
+    }
+
+    /// Begins to fetch a node's parameters.
+    pub(crate) fn list(&mut self, id: NodeId) {
+        if let Some(node) = self.nodes.get_mut(&id) {
+            node.listing = Some(Listing::default());
+            self.list_on(id);
+        }
+    }
+
+    /// Fetches all nodes' parameters, for the table that is printed.
+    pub fn list_all(&mut self) {
+        self.parameter_ops(0, || Op::Print);
+    }
+
+    fn list_on(&mut self, id: NodeId) {
+        let Some(node) = self.nodes.get_mut(&id) else { return };
+        let Some(listing) = &mut node.listing else { return };
+        while listing.end.is_none() && listing.on_their_way < AT_ONCE && listing.next <= INDEX_MAX {
+            let request = ParameterRequest { index: listing.next, ..ParameterRequest::default() };
+            self.calls.request(id, types::GET_SET, request.encode(), PATIENCE, Purpose::Item(listing.next));
+            listing.next += 1;
+            listing.on_their_way += 1;
+        }
+        let end = listing.end.unwrap_or(INDEX_MAX + 1);
+        if (0..end).all(|index| listing.got.contains_key(&index)) {
+            let got = std::mem::take(&mut listing.got);
+            node.listing = None;
+            self.calls.take_back(id, |purpose| matches!(purpose, Purpose::Item(_)));
+            self.listed(id, Table::new(got.into_iter().take_while(|(index, _)| *index < end).map(|(_, p)| p)));
+        }
+    }
+
+    fn listed(&mut self, id: NodeId, table: Table) {
+        let Some(node) = self.nodes.get_mut(&id) else { return };
+        if node.table.is_none() {
+            let (count, left_out) = (table.entries.len(), table.left_out.len());
+            self.log.push(format!("node {id} has {} parameters", count + left_out));
+            for entry in table.entries.iter().filter(|entry| entry.short.as_bytes() != entry.full) {
+                self.log.push(format!("node {id}: {} is {} in MAVLink", entry.last.name(), entry.short));
+            }
+            for parameter in &table.left_out {
+                self.log.push(format!("node {id}: {} is text, which MAVLink cannot carry", parameter.name()));
+            }
+        }
+        node.table = Some(table);
+        let waiting = std::mem::take(&mut node.waiting);
+        for op in waiting {
+            self.run(id, op);
+        }
+    }
+
+    fn not_listed(&mut self, id: NodeId) {
+        self.calls.take_back(id, |purpose| matches!(purpose, Purpose::Item(_)));
+        let Some(node) = self.nodes.get_mut(&id) else { return };
+        node.listing = None;
+        let waiting = std::mem::take(&mut node.waiting);
+        self.log.push(format!("node {id} does not tell its parameters"));
+        for op in waiting {
+            match op {
+                Op::List(asker) => {
+                    let words = format!("Node {id} does not tell its parameters");
+                    self.post(To::One(asker.peer), Class::Text, id.get(), Content::from(text(&words)));
+                }
+                Op::ReadIndex(asker, index) => self.refuse(id, asker, Some(index), "", READ_FAIL),
+                Op::ReadName(asker, name) | Op::Set { asker, name, .. } => {
+                    self.refuse(id, asker, None, &name, READ_FAIL);
+                }
+                Op::Print => {}
+            }
+        }
+    }
+
+    /// Does what needs the table, which is there.
+    fn run(&mut self, id: NodeId, op: Op) {
+        let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
+        match op {
+            Op::List(asker) => {
+                for at in 0..table.entries.len() {
+                    self.post_parameter(id, at, To::One(asker.peer), Class::Parameter);
+                }
+            }
+            Op::ReadIndex(asker, index) => match usize::from(index) {
+                at if at < table.entries.len() => self.read(id, asker, at, None),
+                _ => self.refuse(id, asker, Some(index), "", DOES_NOT_EXIST),
+            },
+            Op::ReadName(asker, name) => match table.find(&name) {
+                Some(at) => self.read(id, asker, at, None),
+                None => self.refuse(id, asker, None, &name, DOES_NOT_EXIST),
+            },
+            Op::Set { asker, name, value, kind } => match table.find(&name) {
+                Some(at) => self.set(id, asker, at, value, kind),
+                None => self.refuse(id, asker, None, &name, DOES_NOT_EXIST),
+            },
+            Op::Print => {}
+        }
+    }
+
+    fn read(&mut self, id: NodeId, asker: Asker, at: usize, error: Option<MavParamError>) {
+        self.get_set(id, at, Value::Empty, Purpose::Read { asker, at, error });
+    }
+
+    fn set(&mut self, id: NodeId, asker: Asker, at: usize, value: f32, kind: u8) {
+        let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
+        let entry = &table.entries[at];
+        match number::decode(kind, value, asker.custom, &entry.last) {
+            Ok(Some(wanted)) => {
+                self.get_set(id, at, wanted.clone(), Purpose::Set { asker, at, wanted });
+            }
+            // Nothing to be changed, but it is answered all the same.
+            Ok(None) => self.read(id, asker, at, None),
+            Err(Unfit::Kind) => self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED)),
+            Err(Unfit::Value) => self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH)),
+        }
+    }
+
+    fn get_set(&mut self, id: NodeId, at: usize, value: Value, purpose: Purpose) {
+        let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
+        let request = ParameterRequest { index: 0, value, name: table.entries[at].full.clone() };
+        self.calls.request(id, types::GET_SET, request.encode(), PATIENCE, purpose);
+    }
+
+    /// A GetSet was answered, or was not.
+    pub(crate) fn parameter_answer(&mut self, now: Duration, id: NodeId, purpose: Purpose, payload: Option<&[u8]>) {
+        let response = payload.and_then(ParameterResponse::decode);
+        match purpose {
+            Purpose::Item(index) => self.item(id, index, response),
+            Purpose::Read { asker, at, error } => {
+                if self.took(id, asker, at, response) {
+                    self.post_parameter(id, at, To::One(asker.peer), Class::Answer);
+                    if let Some(error) = error {
+                        self.refuse_entry(id, asker, at, error);
+                    }
+                }
+            }
+            Purpose::Set { asker, at, wanted } => {
+                let in_force = response.as_ref().map(|response| response.value.clone());
+                if self.took(id, asker, at, response) {
+                    // Everybody's view of the node changes.
+                    self.post_parameter(id, at, To::All, Class::Answer);
+                    if in_force != Some(wanted) {
+                        self.refuse_entry(id, asker, at, MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE);
+                    } else if let (Some(after), Some(node)) = (self.settings.autosave, self.nodes.get_mut(&id)) {
+                        node.save_at = Some(now + after);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn item(&mut self, id: NodeId, index: u16, response: Option<ParameterResponse>) {
+        let Some(listing) = self.nodes.get_mut(&id).and_then(|node| node.listing.as_mut()) else { return };
+        listing.on_their_way = listing.on_their_way.saturating_sub(1);
+        match response {
+            None => return self.not_listed(id),
+            Some(response) if response.name.is_empty() => {
+                listing.end = Some(listing.end.map_or(index, |end| end.min(index)));
+            }
+            Some(response) => {
+                listing.got.insert(index, response);
+            }
+        }
+        self.list_on(id);
+    }
+
+    /// Keeps what the node has told of a parameter; `false` if it told nothing of use, which the asker is told.
+    fn took(&mut self, id: NodeId, asker: Asker, at: usize, response: Option<ParameterResponse>) -> bool {
+        let Some(node) = self.nodes.get_mut(&id) else { return false };
+        let Some(entry) = node.table.as_mut().and_then(|table| table.entries.get_mut(at)) else {
+            // The node has restarted in between.
+            self.refuse(id, asker, u16::try_from(at).ok(), "", READ_FAIL);
+            return false;
+        };
+        let (error, name) = match response {
+            Some(response) if response.name == entry.full && Number::of(&response).is_some() => {
+                entry.last = response;
+                return true;
+            }
+            Some(_) => (DOES_NOT_EXIST, entry.short.clone()),
+            None => (READ_FAIL, entry.short.clone()),
+        };
+        if error == DOES_NOT_EXIST {
+            // It has other parameters now.
+            node.table = None;
+        }
+        self.refuse(id, asker, None, &name, error);
+        false
+    }
+
+    fn post_parameter(&mut self, id: NodeId, at: usize, to: To, class: Class) {
+        let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
+        let Some(number) = table.entries.get(at).and_then(|entry| Number::of(&entry.last)) else { return };
+        let content = Content::Parameter {
+            name: table.entries[at].short.clone(),
+            number,
+            count: table.entries.len() as u16,
+            index: at as u16,
+        };
+        self.post(to, class, id.get(), content);
+    }
+
+    fn refuse_entry(&mut self, id: NodeId, asker: Asker, at: usize, error: MavParamError) {
+        let table = self.nodes.get(&id).and_then(|node| node.table.as_ref());
+        let name = table.and_then(|table| table.entries.get(at)).map(|entry| entry.short.clone()).unwrap_or_default();
+        self.refuse(id, asker, None, &name, error);
+    }
+
+    /// Tells whoever asked why there is nothing.
+    fn refuse(&mut self, id: NodeId, asker: Asker, index: Option<u16>, name: &str, error: MavParamError) {
+        let data = PARAM_ERROR_DATA {
+            param_index: index.and_then(|index| i16::try_from(index).ok()).unwrap_or(-1),
+            target_system: asker.from.0,
+            target_component: asker.from.1,
+            param_id: chars(name.as_bytes()),
+            error,
+        };
+        self.post(To::One(asker.peer), Class::Answer, id.get(), Content::from(MavMessage::PARAM_ERROR(data)));
+    }
+
+    /// Saves what was set, once nobody sets anything any more.
+    pub(crate) fn autosave(&mut self, now: Duration) {
+        for (id, node) in &mut self.nodes {
+            if node.save_at.is_some_and(|at| now >= at) {
+                node.save_at = None;
+                let payload = Opcode::SAVE.encode();
+                self.calls.request(
+                    *id,
+                    types::EXECUTE_OPCODE,
+                    payload,
+                    crate::commands::OPCODE_PATIENCE,
+                    Purpose::Autosave,
+                );
+            }
+        }
+    }
+
+    /// Whether tables are still being fetched.
+    pub fn is_listing(&self) -> bool {
+        self.nodes.values().any(|node| node.listing.is_some())
+    }
+}
+
+const READ_FAIL: MavParamError = MavParamError::MAV_PARAM_ERROR_READ_FAIL;
+const DOES_NOT_EXIST: MavParamError = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;

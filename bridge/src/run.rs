@@ -1,0 +1,282 @@
+//! The loop that moves frames and messages between the bus, the bridge and the channels.
+
+use crate::args::Args;
+use crate::bus::Bus;
+use crate::channel::{Channel, Options};
+use crate::core::{Bridge, PeerId, Settings};
+use crate::screen::Screen;
+use anyhow::{Context, Error, Result, anyhow};
+use dronecan_host::NodeId;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use sha2::{Digest, Sha256};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant, SystemTime};
+
+/// Why it ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Failure {
+    Other,
+    Usage,
+    Bus,
+    Channel,
+    Names,
+}
+
+/// No turn is longer, so that a key is seen.
+const TURN_MAX: Duration = Duration::from_millis(100);
+/// A bus that opens answers within that.
+const OPENS_WITHIN: Duration = Duration::from_secs(3);
+/// All nodes have said that they are there, and a little more.
+const NODES_SHOW_WITHIN: Duration = Duration::from_millis(2500);
+const NAMES_WITHIN: Duration = Duration::from_secs(60);
+const AUTOSAVE_AFTER: Duration = Duration::from_secs(2);
+
+/// Runs until it is told to end.
+///
+/// # Errors
+/// If something cannot be opened; what goes away later is waited for.
+pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
+    let other = |error: Error| (Failure::Other, error);
+    let ended = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, ended.clone()).map_err(|error| other(error.into()))?;
+    }
+    let (settings, options) = configure(args).map_err(|error| (Failure::Usage, error))?;
+    let mut line = Joined {
+        start: Instant::now(),
+        ended,
+        bus: Bus::new(args.bus.clone(), args.bitrate, args.mcast_interface),
+        channels: Vec::new(),
+        bridge: Bridge::new(settings),
+        ids: 0,
+    };
+    line.open(args, &options)?;
+    let mut screen = Screen::open(args).map_err(|error| (Failure::Other, error))?;
+    let result = if args.names { line.print_names() } else { line.serve(args, &mut screen).map_err(other) };
+    screen.close();
+    line.bus.close();
+    result
+}
+
+/// What the options come to.
+fn configure(args: &Args) -> Result<(Settings, Options)> {
+    let node = match args.node_id {
+        Some(id) => NodeId::new(id),
+        None => NodeId::new(args.component),
+    };
+    let node = node.with_context(|| {
+        format!("component {} is no node ID, which is 1 to 127: give one with --node-id", args.component)
+    })?;
+    let epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    let settings = Settings {
+        system: args.system,
+        component: args.component,
+        node,
+        unique_id: unique_id(args.component),
+        info_interval: Duration::from_secs(args.info_interval),
+        autosave: args.autosave.then_some(AUTOSAVE_AFTER),
+        epoch_us: epoch.as_micros() as u64,
+    };
+    let options = Options {
+        system: args.system,
+        versions: args.mavlink_version,
+        integers: args.integers,
+        // A little less, so that a node's own clock does not make it miss one.
+        status_interval: args.status_rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(0.95 / rate)),
+        byte_rate: args.bandwidth.map(|baud| f64::from(baud) / 10.0 * 0.98),
+        key: args.signing_key.as_deref().map(signing_key).transpose()?,
+    };
+    Ok((settings, options))
+}
+
+/// Of this computer, the same each time, and not to be traced to it.
+fn unique_id(component: u8) -> [u8; 16] {
+    let machine = std::fs::read("/etc/machine-id").unwrap_or_default();
+    let mut hash = Sha256::new();
+    hash.update(b"dronecan mavlink bridge");
+    hash.update([component]);
+    hash.update(machine);
+    let mut id = [0; 16];
+    id.copy_from_slice(&hash.finalize()[..16]);
+    id
+}
+
+/// As MAVProxy and Mission Planner make it of a passphrase.
+fn signing_key(path: &Path) -> Result<[u8; 32]> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the key in {}", path.display()))?;
+    let text = text.trim_end_matches(['\r', '\n']);
+    if text.is_empty() {
+        return Err(anyhow!("{} has no key: write a passphrase into it", path.display()));
+    }
+    let mut key = [0; 32];
+    if text.len() == 2 * key.len() && text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        for (byte, at) in key.iter_mut().zip((0..text.len()).step_by(2)) {
+            *byte = u8::from_str_radix(&text[at..at + 2], 16)?;
+        }
+    } else {
+        key.copy_from_slice(&Sha256::digest(text));
+    }
+    Ok(key)
+}
+
+/// Everything that is open.
+pub struct Joined {
+    start: Instant,
+    ended: Arc<AtomicBool>,
+    pub bus: Bus,
+    pub channels: Vec<Channel>,
+    pub bridge: Bridge,
+    ids: PeerId,
+}
+
+impl Joined {
+    /// Since the start.
+    pub fn now(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    fn is_ended(&self) -> bool {
+        self.ended.load(Ordering::Relaxed)
+    }
+
+    fn open(&mut self, args: &Args, options: &Options) -> Result<(), (Failure, Error)> {
+        for (number, spec) in args.mavlink.iter().enumerate() {
+            let now = self.now();
+            let channel = Channel::open(spec.clone(), number, options.clone(), &mut self.ids, now, args.wait);
+            let named = |error: Error| (Failure::Channel, error.context(format!("--mavlink {spec}")));
+            self.channels.push(channel.map_err(named)?);
+        }
+        if args.wait {
+            return Ok(());
+        }
+        let named = |error: Error| (Failure::Bus, error.context(format!("--bus {}", args.bus)));
+        self.bus.open(self.now()).map_err(named)?;
+        while !self.bus.is_up() && !self.is_ended() {
+            self.turn(None);
+            if let Some(why) = self.bus.trouble() {
+                return Err(named(anyhow!("{why}")));
+            }
+            if self.now() > OPENS_WITHIN {
+                return Err(named(anyhow!("it does not open")));
+            }
+        }
+        Ok(())
+    }
+
+    fn serve(&mut self, args: &Args, screen: &mut Screen) -> Result<()> {
+        let end = args.run_for.map(|time| self.now() + time);
+        while !self.is_ended() && end.is_none_or(|end| self.now() < end) {
+            self.turn(end);
+            if screen.show(self)? {
+                break;
+            }
+        }
+        screen.last(self);
+        Ok(())
+    }
+
+    /// Waits until there is something to do, and does it.
+    fn turn(&mut self, end: Option<Duration>) {
+        self.wait(end);
+        let now = self.now();
+        let was_up = self.bus.is_up();
+        let frames = self.bus.serve(now);
+        if self.bus.is_up() && !was_up {
+            self.bridge.bus_is_back();
+        }
+        for frame in frames {
+            self.bridge.frame(now, &frame);
+            self.deliver(now);
+        }
+        for channel in &mut self.channels {
+            channel.serve(now, &mut self.bridge, &mut self.ids);
+        }
+        self.bridge.poll(now);
+        self.deliver(now);
+        for channel in &mut self.channels {
+            channel.flush(now);
+        }
+    }
+
+    /// What the bridge has for the bus and the channels.
+    fn deliver(&mut self, now: Duration) {
+        for frame in self.bridge.frames.drain(..) {
+            self.bus.send(now, frame);
+        }
+        for post in self.bridge.posts.drain(..) {
+            self.channels.iter_mut().for_each(|channel| channel.post(now, &post));
+        }
+    }
+
+    fn wait(&self, end: Option<Duration>) {
+        let now = self.now();
+        let channels = self.channels.iter().filter_map(Channel::deadline);
+        let deadlines = channels.chain(self.bus.deadline()).chain(end).chain([self.bridge.deadline(), now + TURN_MAX]);
+        let until = deadlines.min().unwrap_or(now);
+        // Rounded up, for a poll that returns early finds nothing to do.
+        let wait = until.saturating_sub(now) + Duration::from_micros(50);
+        let fds = self.channels.iter().flat_map(Channel::poll_fds).chain(self.bus.poll_fd());
+        let flags = |write| if write { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
+        let mut fds: Vec<PollFd<'_>> = fds.map(|(fd, write)| PollFd::from_borrowed_fd(fd, flags(write))).collect();
+        let timeout = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: wait.subsec_nanos().into() };
+        // A signal ends it early; whatever else goes wrong shows when reading.
+        let _ = poll(&mut fds, Some(&timeout));
+    }
+
+    /// Lines that have been written since.
+    pub fn take_log(&mut self) -> Vec<String> {
+        let mut lines = std::mem::take(&mut self.bus.log);
+        for channel in &mut self.channels {
+            lines.append(&mut channel.log);
+        }
+        lines.append(&mut self.bridge.log);
+        lines
+    }
+
+    /// The table of names.
+    fn print_names(&mut self) -> Result<(), (Failure, Error)> {
+        let failed = |text: &str| (Failure::Names, anyhow!("{text}"));
+        let shown = self.now() + NODES_SHOW_WITHIN;
+        while self.now() < shown && !self.is_ended() {
+            self.turn(Some(shown));
+        }
+        let now = self.now();
+        self.bridge.list_all();
+        let end = now + NAMES_WITHIN;
+        while self.bridge.is_listing() && self.now() < end && !self.is_ended() {
+            self.turn(Some(end));
+        }
+        let nodes = self.bridge.nodes();
+        if nodes.is_empty() {
+            return Err(failed("no node has been heard"));
+        }
+        println!("{:>4}  {:<16}  {:<6}  {:<20}  name", "node", "in MAVLink", "type", "value");
+        let mut all = true;
+        for (id, node) in nodes {
+            let Some(table) = &node.table else {
+                eprintln!("bridge: node {id} does not tell its parameters");
+                all = false;
+                continue;
+            };
+            for entry in &table.entries {
+                let kind = crate::number::Number::of(&entry.last).map(|number| format!("{:?}", number.kind()));
+                let kind = kind.as_deref().and_then(|kind| kind.rsplit('_').next()).unwrap_or("-");
+                let value = entry.last.value.to_string();
+                println!("{id:>4}  {:<16}  {kind:<6}  {value:<20}  {}", entry.short, entry.last.name());
+            }
+            for parameter in &table.left_out {
+                println!(
+                    "{id:>4}  {:<16}  {:<6}  {:<20}  {}",
+                    "-",
+                    "text",
+                    parameter.value.to_string(),
+                    parameter.name()
+                );
+            }
+        }
+        if all { Ok(()) } else { Err(failed("not all nodes tell their parameters")) }
+    }
+}

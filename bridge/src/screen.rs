@@ -1,0 +1,185 @@
+//! What a person sees: a live table of nodes in a terminal, lines elsewhere.
+
+use crate::args::Args;
+use crate::node::Node;
+use crate::run::Joined;
+use anyhow::Result;
+use dronecan_host::{Health, NodeId};
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
+use ratatui::layout::{Constraint, Layout};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::Line;
+use ratatui::widgets::{Block, Paragraph, Row, Table};
+use ratatui::{DefaultTerminal, Frame};
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{IsTerminal as _, Write as _};
+use std::time::Duration;
+
+/// Between two pictures.
+const REFRESH: Duration = Duration::from_millis(250);
+/// Lines that are kept for the lower part.
+const LINES_KEPT: usize = 200;
+/// Over which a node's rate is counted.
+const RATE_OVER: Duration = Duration::from_secs(2);
+
+/// Where to.
+pub enum Screen {
+    Live(Box<Live>),
+    Plain,
+}
+
+/// A picture of all nodes.
+pub struct Live {
+    terminal: DefaultTerminal,
+    lines: VecDeque<String>,
+    next: Duration,
+    /// Statuses of each node when its rate was counted last, when that was, and the rate.
+    rates: BTreeMap<NodeId, (u64, Duration, f64)>,
+}
+
+impl Screen {
+    /// A table if the output is a terminal, unless lines were asked for.
+    ///
+    /// # Errors
+    /// If the terminal does not do it.
+    pub fn open(args: &Args) -> Result<Screen> {
+        if args.plain || args.names || !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
+            return Ok(Screen::Plain);
+        }
+        let terminal = ratatui::try_init()?;
+        let (lines, rates) = (VecDeque::new(), BTreeMap::new());
+        Ok(Screen::Live(Box::new(Live { terminal, lines, next: Duration::ZERO, rates })))
+    }
+
+    /// Shows what is new. Whether the user wants to end.
+    ///
+    /// # Errors
+    /// If the terminal is gone.
+    pub fn show(&mut self, joined: &mut Joined) -> Result<bool> {
+        let now = joined.now();
+        let lines = joined.take_log();
+        match self {
+            Screen::Plain => {
+                print(now, &lines);
+                Ok(false)
+            }
+            Screen::Live(live) => {
+                live.lines.extend(lines.into_iter().map(|line| format!("{:8.3} {line}", now.as_secs_f64())));
+                live.lines.drain(..live.lines.len().saturating_sub(LINES_KEPT));
+                if now >= live.next {
+                    live.next = now + REFRESH;
+                    live.count(now, joined);
+                    let Live { terminal, lines, rates, .. } = &mut **live;
+                    terminal.draw(|frame| draw(frame, now, joined, lines, rates))?;
+                }
+                wants_to_end()
+            }
+        }
+    }
+
+    /// The last lines, and what passed in all.
+    pub fn last(&mut self, joined: &mut Joined) {
+        self.close();
+        let now = joined.now();
+        let lines: Vec<String> = joined.take_log().into_iter().chain([joined.bus.to_string()]).collect();
+        print(now, &lines);
+        for line in joined.channels.iter().flat_map(|channel| channel.report()) {
+            print(now, &[line]);
+        }
+    }
+
+    /// Leaves the terminal as it was.
+    pub fn close(&mut self) {
+        if matches!(self, Screen::Live(_)) {
+            ratatui::restore();
+            *self = Screen::Plain;
+        }
+    }
+}
+
+fn print(now: Duration, lines: &[String]) {
+    let mut out = std::io::stdout().lock();
+    // Whoever reads the lines may go away before we do.
+    for line in lines {
+        let _ = writeln!(out, "{:8.3} {line}", now.as_secs_f64());
+    }
+    let _ = out.flush();
+}
+
+fn wants_to_end() -> Result<bool> {
+    while event::poll(Duration::ZERO)? {
+        if let Event::Key(key) = event::read()? {
+            let control_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+            if control_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
+}
+
+impl Live {
+    fn count(&mut self, now: Duration, joined: &Joined) {
+        for (id, node) in joined.bridge.nodes() {
+            let (count, at, rate) = self.rates.entry(*id).or_insert((node.statuses, now, 0.0));
+            let passed = now.saturating_sub(*at);
+            if passed >= RATE_OVER {
+                *rate = (node.statuses - *count) as f64 / passed.as_secs_f64();
+                (*count, *at) = (node.statuses, now);
+            }
+        }
+    }
+}
+
+type Rates = BTreeMap<NodeId, (u64, Duration, f64)>;
+
+fn draw(frame: &mut Frame, now: Duration, joined: &Joined, lines: &VecDeque<String>, rates: &Rates) {
+    let nodes = joined.bridge.nodes();
+    let reports: Vec<String> = std::iter::once(joined.bus.to_string())
+        .chain(joined.channels.iter().flat_map(|channel| channel.report()))
+        .collect();
+    let height = |lines: usize| Constraint::Length(lines as u16 + 2);
+    let [table, channels, log] =
+        Layout::vertical([height(nodes.len().max(1) + 1), height(reports.len()), Constraint::Min(3)])
+            .areas(frame.area());
+    let header = ["node", "name", "health", "mode", "uptime", "vendor", "status", "heard", "parameters"];
+    let rows = nodes.iter().map(|(id, node)| row(now, *id, node, rates.get(id).map_or(0.0, |rate| rate.2)));
+    let widths = [4, 32, 8, 15, 10, 6, 8, 7, 10].map(Constraint::Length);
+    let widget = Table::new(rows, widths)
+        .header(Row::new(header).style(Modifier::BOLD))
+        .block(Block::bordered().title(" Nodes ").title_bottom(" q quits "));
+    frame.render_widget(widget, table);
+    let text: Vec<Line> = reports.into_iter().map(Line::from).collect();
+    frame.render_widget(Paragraph::new(text).block(Block::bordered().title(" Bus and channels ")), channels);
+    let room = usize::from(log.height.saturating_sub(2));
+    let text: Vec<Line> =
+        lines.iter().skip(lines.len().saturating_sub(room)).map(|line| Line::from(line.as_str())).collect();
+    frame.render_widget(Paragraph::new(text).block(Block::bordered().title(" Log ")), log);
+}
+
+fn row(now: Duration, id: NodeId, node: &Node, rate: f64) -> Row<'static> {
+    let style = match (node.online, node.status.health) {
+        (false, _) => Style::new().fg(Color::DarkGray),
+        (_, Health::Ok) => Style::new(),
+        (_, Health::Warning) => Style::new().fg(Color::Yellow),
+        (_, Health::Error | Health::Critical) => Style::new().fg(Color::Red),
+    };
+    let heard = now.saturating_sub(node.heard).as_secs_f64();
+    let parameters = match (&node.table, &node.listing) {
+        (_, Some(listing)) => format!("{}..", listing.got.len()),
+        (Some(table), None) => table.entries.len().to_string(),
+        (None, None) => String::from("-"),
+    };
+    Row::new([
+        id.to_string(),
+        node.name().unwrap_or_else(|| String::from("?")),
+        if node.online { node.status.health.to_string() } else { String::from("offline") },
+        node.status.mode.to_string(),
+        format!("{} s", node.status.uptime_s),
+        format!("{:#06X}", node.status.vendor_code),
+        format!("{rate:.1} Hz"),
+        format!("{heard:.1} s"),
+        parameters,
+    ])
+    .style(style)
+}

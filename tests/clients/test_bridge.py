@@ -1,0 +1,532 @@
+"""The node on a ground station: pymavlink, MAVProxy, and pydronecan through MAVLink, against the bridge and the simulated node."""
+
+import collections
+import hashlib
+import os
+import re
+import struct
+import threading
+import time
+
+import dronecan
+import pytest
+from dronecan import uavcan
+from dronecan.app.node_monitor import NodeMonitor
+
+from conftest import NODE, PATIENCE_S, Client, end_group, free_port, wait_until
+from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, UNSUPPORTED, OldStation, PtyStation, as_float, mavlink, value_of
+from test_management import PARAMETERS
+
+GET_NODE_INFO, REQUEST_MESSAGE = mavlink.MAV_CMD_UAVCAN_GET_NODE_INFO, mavlink.MAV_CMD_REQUEST_MESSAGE
+INT32, REAL32, UINT8 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32, mavlink.MAV_PARAM_TYPE_UINT8
+
+
+@pytest.fixture
+def joined(bench, bridge, station):
+    """A simulated node, the bridge, and a ground station that has heard of the node."""
+
+    def start(*options, **bench_options):
+        used = bench(**bench_options)
+        bridge(used, *options)
+        new = station()
+        new.wait_for("UAVCAN_NODE_INFO", NODE)
+        return used, new
+
+    return start
+
+
+class FakeNode(threading.Thread):
+    """A node of pydronecan's with parameters of all types and long names."""
+
+    def __init__(self, device, node_id, parameters):
+        super().__init__(daemon=True)
+        self.parameters = parameters
+        self.saved = 0
+        self.ended = threading.Event()
+        self.client = Client(device, node_id)
+        self.client.node.mode = uavcan.protocol.NodeStatus().MODE_OPERATIONAL
+        self.client.node.add_handler(uavcan.protocol.param.GetSet, self.get_set)
+        self.client.node.add_handler(uavcan.protocol.param.ExecuteOpcode, self.execute)
+
+    def get_set(self, event):
+        response = uavcan.protocol.param.GetSet.Response()
+        name, names = str(event.request.name), list(self.parameters)
+        if not name and event.request.index < len(names):
+            name = names[event.request.index]
+        if name in self.parameters:
+            field, value = self.parameters[name]
+            if dronecan.get_active_union_field(event.request.value) == field:
+                value = getattr(event.request.value, field)
+                self.parameters[name] = (field, value)
+            response.name = name
+            response.value = uavcan.protocol.param.Value(**{field: value})
+        return response
+
+    def execute(self, event):
+        self.saved += 1
+        return uavcan.protocol.param.ExecuteOpcode.Response(ok=True)
+
+    def run(self):
+        while not self.ended.is_set():
+            self.client.node.spin(0.02)
+
+    def close(self):
+        self.ended.set()
+        self.join(PATIENCE_S)
+        self.client.close()
+
+
+def test_status_and_information_come_from_the_component_that_is_the_node(joined):
+    _, ground = joined()
+    messages = ground.gather(3.5)
+    statuses = [m for m in messages if m.get_type() == "UAVCAN_NODE_STATUS"]
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in statuses} == {(SYSTEM, NODE)}
+    assert len(statuses) in (3, 4)
+    uptimes = [m.uptime_sec for m in statuses]
+    assert uptimes == sorted(uptimes) and uptimes[-1] - uptimes[0] in (2, 3)
+    assert {(m.health, m.mode) for m in statuses} == {(0, 0)}
+    assert abs(statuses[-1].time_usec / 1e6 - time.time()) < 2
+    heartbeats = collections.Counter(m.get_srcComponent() for m in messages if m.get_type() == "HEARTBEAT")
+    assert set(heartbeats) == {NODE, BRIDGE} and min(heartbeats.values()) >= 2
+    assert not any(m.get_type() == "UAVCAN_NODE_INFO" for m in messages), "nobody has asked"
+
+
+@pytest.mark.parametrize("integer", [False, True])
+def test_information_comes_on_command_once_for_each_node(joined, integer):
+    _, ground = joined()
+    for component in (0, BRIDGE, NODE):
+        assert ground.command(GET_NODE_INFO, component=component, integer=integer).result == ACCEPTED
+        infos = ground.gather(0.5, "UAVCAN_NODE_INFO")
+        assert [m.get_srcComponent() for m in infos] == [NODE]
+    assert ground.command(REQUEST_MESSAGE, 311).result == ACCEPTED
+    info = ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert re.fullmatch(r"org\.[a-z0-9._-]+", info.name)
+    assert (info.sw_version_major, info.sw_version_minor) == (0, 1)
+    assert len(set(info.hw_unique_id)) > 4
+
+
+def test_commands_that_cannot_be_done_are_answered(joined):
+    _, ground = joined()
+    assert ground.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1).result == UNSUPPORTED
+    # A command that the bridge has never heard of.
+    assert ground.command(42_650).result == UNSUPPORTED
+    assert ground.command(REQUEST_MESSAGE, 30).result == DENIED
+    assert ground.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 2, component=0).result == DENIED
+    assert ground.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1, component=0).result == DENIED
+    assert ground.command(mavlink.MAV_CMD_CAN_FORWARD, 2, component=0).result == DENIED
+    version = ground.command(REQUEST_MESSAGE, 148) and ground.wait_for("AUTOPILOT_VERSION", NODE)
+    assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+
+
+def test_parameters_are_fetched_set_saved_and_still_there_after_a_restart(joined):
+    used, ground = joined(slcan=2)
+    found = ground.parameters()
+    assert list(found) == PARAMETERS
+    assert [m.param_index for m in found.values()] == list(range(26))
+    assert {m.param_type for m in found.values()} == {INT32}
+    assert value_of(found["SRV_MIN"]) == 1000 and value_of(found["TEMP_MIN"]) < 0
+    assert value_of(ground.set("SRV_MAX", as_float(1900))) == 1900
+    assert value_of(ground.set("TEMP_MIN", as_float(-12))) == -12
+    ground.save()
+    ground.set("SRV_MIN", as_float(1100))
+    ground.restart()
+    assert value_of(ground.read("SRV_MAX")) == 1900
+    assert value_of(ground.read("TEMP_MIN")) == -12
+    assert value_of(ground.read("SRV_MIN")) == 1000, "it was not saved"
+    assert used.dronecan(1).get("SRV_MAX") == 1900
+    assert ground.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 2).result == ACCEPTED
+    assert value_of(ground.read("SRV_MAX")) == 2000
+
+
+def test_parameters_are_read_by_index_and_by_name(joined):
+    _, ground = joined()
+    for index in (25, 0, 13):
+        message = ground.read("", index=index)
+        assert (message.param_id, message.param_index, message.param_count) == (PARAMETERS[index], index, 26)
+    message = ground.read("SRV_TRIM")
+    assert (message.param_index, message.param_count, value_of(message)) == (4, 26, 1500)
+    ground.mav.param_request_list_send(SYSTEM, 0)
+    assert len({ground.wait_for("PARAM_VALUE", NODE).param_id for _ in range(26)}) == 26
+
+
+def test_a_set_of_another_type_does_what_it_says_or_nothing(joined):
+    _, ground = joined()
+    for value, kind, in_force in [
+        (1900.0, REAL32, 1900),
+        (1800.5, REAL32, 1900),
+        (float("nan"), REAL32, 1900),
+        (as_float(1800), mavlink.MAV_PARAM_TYPE_INT16, 1800),
+        # ArduPilot's way of an integer.
+        (1700.0, INT32, 1700),
+        (as_float(9999), INT32, 1700),
+        (1600.0, mavlink.MAV_PARAM_TYPE_REAL64, 1700),
+        (1600.0, 77, 1700),
+    ]:
+        message = ground.set("SRV_MAX", value, kind)
+        assert (message.param_type, value_of(message)) == (INT32, in_force), (value, kind)
+
+
+def test_a_station_with_mavlink_1_is_answered_in_it(joined, station):
+    _, ground = joined()
+    old = station(kind=OldStation)
+    old.mav.param_request_list_send(SYSTEM, NODE)
+    assert {old.wait_for("PARAM_VALUE", NODE).param_id for _ in range(26)} == set(PARAMETERS)
+    old.mav.param_set_send(SYSTEM, NODE, b"SRV_MAX", as_float(1800), INT32)
+    assert value_of(old.wait_for("PARAM_VALUE", NODE)) == 1800
+    old.mav.command_long_send(SYSTEM, NODE, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0)
+    assert old.wait_for("COMMAND_ACK", NODE).result == ACCEPTED
+    old.wait_for("HEARTBEAT", NODE)
+    assert value_of(ground.read("SRV_MAX")) == 1800, "the other station still has version 2"
+    # Where pymavlink could do better, and is only waiting to hear that.
+    assert old.magic[0] == 0xFD
+
+
+def test_two_stations_see_each_others_changes_and_one_may_go(joined, station):
+    _, first = joined()
+    second = station()
+    # The one that is new is told at once who is there.
+    second.wait_for("UAVCAN_NODE_INFO", NODE)
+    first.set("SRV_MAX", as_float(1700))
+    assert value_of(second.wait_for("PARAM_VALUE", NODE)) == 1700
+    assert not second.gather(0.3, "COMMAND_ACK")
+    first.close()
+    assert value_of(second.set("SRV_MAX", as_float(1750))) == 1750
+    assert len(second.gather(2.5, "UAVCAN_NODE_STATUS")) >= 2
+
+
+def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
+    used = bench(slcan=2)
+    port = free_port()
+    bridge(used, channels=[f"udpout:127.0.0.1:{port}"])
+    home = tmp_path / "mavproxy"
+    home.mkdir()
+    options = ["--source-system=255", "--target-system=1", f"--target-component={NODE}", f"--state-basedir={home}"]
+    proxy = used.start(
+        "mavproxy.py", f"--master=udp:127.0.0.1:{port}", *options, "--default-modules=param,cmdlong,misc",
+        stdin=-1, stdout=open(home / "out.txt", "wb"), env={**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+
+    def said(text, timeout=15):
+        wait_until(lambda: text in (home / "out.txt").read_text(errors="replace"), f"{text!r} of MAVProxy", timeout)
+
+    def tell(line):
+        proxy.stdin.write(f"{line}\n".encode())
+        proxy.stdin.flush()
+
+    said("Received 26 parameters")
+    tell("param show SRV_M*")
+    said("SRV_MAX          2000.0")
+    tell("param set SRV_MAX 1900")
+    client = used.dronecan(1)
+    client.spin_until(lambda: client.get("SRV_MAX") == 1900, "SRV_MAX of 1900")
+    tell("param show SRV_MAX")
+    said("SRV_MAX          1900.0")
+    tell("long 5200")
+    said("UAVCAN_GET_NODE_INFO: ACCEPTED")
+    tell("long 245 1")
+    said("PREFLIGHT_STORAGE: ACCEPTED")
+    tell("long 246 1")
+    said("PREFLIGHT_REBOOT_SHUTDOWN: ACCEPTED")
+    said("Node 120 has restarted")
+    tell("param fetch SRV_MAX")
+    said("SRV_MAX = 1900.0")
+    tell("status UAVCAN*")
+    said("UAVCAN_NODE_INFO {")
+    said("UAVCAN_NODE_STATUS {")
+    end_group(proxy)
+
+
+def test_pydronecan_manages_the_node_through_mavlink(bench, bridge):
+    """As the DroneCAN GUI Tool does with its `mavcan:` adapter."""
+    used = bench()
+    port = free_port()
+    bridge(used, channels=[f"udpout:127.0.0.1:{port}"])
+    client = used.dronecan(device=f"mavcan:udpin:127.0.0.1:{port}", node_id=127)
+    monitor = NodeMonitor(client.node)
+    client.spin_until(lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120")
+    names = [str(client.parameter(index=index).name) for index in range(26)]
+    assert names == PARAMETERS
+    client.set("SRV_MIN", 1234)
+    client.save()
+    client.restart()
+    assert client.get("SRV_MIN") == 1234
+    client.command((1, 4, 1600))
+    client.spin_until(lambda: used.pulse_us() == 1600, "pulse of 1600 us")
+    assert monitor.exists(BRIDGE), "the bridge is a node too"
+
+
+def test_three_nodes_and_one_with_long_names(bench, bridge, station):
+    eeproms = []
+    for node in (121, 122):
+        single = bench()
+        client = single.dronecan()
+        client.set("CAN_NODE", node)
+        client.save()
+        single.end()
+        eeproms.append(single.eeprom(0).read_bytes())
+    single = bench()
+    single.end()
+    used = bench("--nodes", "2", slcan=2, eeproms=[single.eeprom(0).read_bytes(), *eeproms])
+    long = "uavcan.equipment.esc.current_limit_"
+    fake = FakeNode(
+        f"slcan:{used.slcan[1]}",
+        42,
+        {
+            "ratio": ("real_value", 0.1),
+            f"{long}max": ("integer_value", 40),
+            f"{long}min": ("integer_value", -2_000_000_001),
+            "enabled": ("boolean_value", 1),
+            "label": ("string_value", "left"),
+            "big": ("integer_value", 1 << 40),
+        },
+    )
+    used.clients.callback(fake.close)
+    fake.start()
+    started = bridge(used)
+    ground = station()
+    told = set()
+    wait_until(lambda: told.update(m.get_srcComponent() for m in ground.gather(0.2, "UAVCAN_NODE_INFO")) or len(told) == 4, "4 nodes")
+    assert told == {42, 120, 121, 122}
+    for node in (120, 121, 122):
+        found = ground.parameters(node)
+        assert list(found) == PARAMETERS and value_of(found["CAN_NODE"]) == node
+    ground.save(component=0)
+    assert fake.saved == 1
+
+    found = ground.parameters(42)
+    assert [m.param_type for m in found.values()] == [REAL32, INT32, INT32, UINT8, REAL32]
+    assert all(m.param_count == 5 for m in found.values()), "text cannot be shown"
+    highest, lowest = list(found)[1:3]
+    assert highest != lowest and max(map(len, found)) == 16
+    assert value_of(found["ratio"]) == struct.unpack("<f", struct.pack("<f", 0.1))[0]
+    assert value_of(found[lowest]) == -2_000_000_001
+    assert value_of(ground.set(highest, as_float(55), component=42)) == 55
+    assert fake.parameters[f"{long}max"][1] == 55 and fake.parameters[f"{long}min"][1] == -2_000_000_001
+    assert value_of(ground.set("ratio", 0.7, REAL32, component=42)) == pytest.approx(0.7)
+    assert value_of(ground.set("enabled", as_float(0), UINT8, component=42)) == 0
+    # What was rounded to be shown is not rounded in the node.
+    ground.set("big", found["big"].param_value, REAL32, component=42)
+    assert fake.parameters["big"][1] == 1 << 40
+    started.wait_for_text(f"{long}max is {highest} in MAVLink")
+    started.end()
+
+    names = bridge(used, "--names", channels=[])
+    assert names.wait(20) == 0
+    assert re.search(rf" 42  {re.escape(highest)}  INT32 +55 +{re.escape(long)}max$", names.text(), re.M)
+    assert len(re.findall(r"^ *12[0-2] ", names.text(), re.M)) == 3 * 26
+
+
+def status_frame(node, uptime):
+    return b"T180155%02X8%sC0\r" % (node, struct.pack("<IBH", uptime, 0, 0).hex().upper().encode())
+
+
+class Crowd(threading.Thread):
+    """Nodes that send their status at a rate, on an SLCAN adapter."""
+
+    def __init__(self, raw, nodes, rate_hz):
+        super().__init__(daemon=True)
+        self.raw, self.nodes, self.interval = raw, nodes, 1 / rate_hz
+        self.ended = threading.Event()
+        raw.ask(b"S8\r")
+        raw.ask(b"O\r")
+
+    def run(self):
+        turn = 0
+        start = time.monotonic()
+        while not self.ended.is_set():
+            self.raw.write_all(b"".join(status_frame(node, turn) for node in self.nodes))
+            self.raw.read()
+            turn += 1
+            self.ended.wait(max(0, start + turn * self.interval - time.monotonic()))
+
+
+def test_thirty_nodes_at_ten_hertz_keep_one_hertz_on_57600_baud(bench, bridge, station):
+    used = bench(slcan=2)
+    crowd = Crowd(used.raw(used.slcan[1]), range(1, 31), 10)
+    started = bridge(used, "--bandwidth", 57_600)
+    ground = station()
+    crowd.start()
+    ground.gather(2)
+    seconds = 6
+    messages = ground.gather(seconds)
+    crowd.ended.set()
+    crowd.join(PATIENCE_S)
+    counts = collections.Counter(m.get_srcComponent() for m in messages if m.get_type() == "UAVCAN_NODE_STATUS")
+    assert set(range(1, 31)) <= set(counts)
+    assert min(counts[node] for node in range(1, 31)) >= seconds, counts
+    # What goes through such a line, and not much less, for the channel is to be used.
+    size = sum(len(m.get_msgbuf()) for m in messages)
+    assert 0.7 * 5760 * seconds < size < 1.02 * 5760 * seconds
+    assert started.end() == 0
+    assert re.search(r"\d+ statuses thinned out", started.text())
+
+
+def test_a_limited_status_rate_is_kept(bench, bridge, station):
+    used = bench(slcan=2)
+    crowd = Crowd(used.raw(used.slcan[1]), [42], 20)
+    bridge(used, "--status-rate", 2)
+    ground = station()
+    crowd.start()
+    ground.gather(1)
+    counts = collections.Counter(m.get_srcComponent() for m in ground.gather(3, "UAVCAN_NODE_STATUS"))
+    crowd.ended.set()
+    crowd.join(PATIENCE_S)
+    # The node's own are called for by the other's, at two a second.
+    assert all(5 <= counts[node] <= 8 for node in (42, NODE)), counts
+
+
+def test_a_node_that_goes_is_said_once_and_comes_back(bench, bridge, station):
+    used = bench(slcan=2)
+    raw = used.raw(used.slcan[1])
+    crowd = Crowd(raw, [42], 5)
+    started = bridge(used)
+    ground = station()
+    crowd.start()
+    ground.wait_for("UAVCAN_NODE_STATUS", 42)
+    crowd.ended.set()
+    gone = time.monotonic()
+    assert "offline" in ground.wait_for("STATUSTEXT", 42).text
+    assert 4.5 < time.monotonic() - gone < 6.5
+    messages = ground.gather(2)
+    assert not [m for m in messages if m.get_srcComponent() == 42]
+    again = Crowd(raw, [42], 5)
+    again.start()
+    ground.wait_for("UAVCAN_NODE_STATUS", 42)
+    again.ended.set()
+    again.join(PATIENCE_S)
+    assert started.text().count("node 42 is gone") == 1
+
+
+def test_the_bus_may_go_away_and_come_back(bench, bridge, station, tmp_path):
+    used = bench()
+    link = tmp_path / "adapter"
+    link.symlink_to(used.slcan[0])
+    started = bridge(f"slcan:{link}")
+    ground = station()
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    used.end()
+    started.wait_for_text("is away")
+    again = bench()
+    link.unlink()
+    link.symlink_to(again.slcan[0])
+    started.wait_for_text("is back")
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert len(ground.parameters()) == 26
+
+
+def test_a_tcp_port_is_listened_to_by_one_station_after_the_other(bench, bridge, station):
+    port = free_port()
+    bridge(bench(), channels=[f"tcpin:{port}"])
+    for _ in range(2):
+        ground = station(f"tcp:127.0.0.1:{port}", retries=20)
+        ground.wait_for("UAVCAN_NODE_INFO", NODE)
+        assert len(ground.parameters()) == 26
+        ground.close()
+
+
+def test_a_tcp_connection_is_made_again_when_the_station_is_back(bench, bridge, station):
+    port = free_port()
+    bridge(bench(), channels=[f"tcp:127.0.0.1:{port}"])
+    for _ in range(2):
+        ground = station(f"tcpin:127.0.0.1:{port}")
+        ground.wait_for("UAVCAN_NODE_INFO", NODE)
+        assert len(ground.parameters()) == 26
+        ground.link.port.close()
+        ground.link.listen.close()
+
+
+def test_a_radio_on_a_serial_port_carries_the_same(bench, bridge, station):
+    ours, theirs = os.openpty()
+    bridge(bench(), channels=[f"serial:{os.ttyname(theirs)}:57600"])
+    ground = station(ours, kind=PtyStation)
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert len(ground.parameters()) == 26
+    os.close(theirs)
+
+
+def test_rubbish_and_a_flood_of_requests_are_survived(joined, bridge):
+    _, ground = joined()
+    ground.mav.file.write(os.urandom(1400))
+    for seed in range(200):
+        ground.mav.file.write(bytes([0xFD, seed, 0, 0, 0, 255, 190]) + os.urandom(seed))
+        ground.mav.file.write(bytes([0xFE, seed]) + os.urandom(seed))
+    for _ in range(300):
+        ground.mav.param_request_list_send(SYSTEM, NODE)
+        ground.mav.command_long_send(SYSTEM, NODE, GET_NODE_INFO, 0, 0, 0, 0, 0, 0, 0, 0)
+        ground.mav.param_request_read_send(SYSTEM, NODE, b"SRV_MAX", -1)
+    ground.gather(1)
+    assert value_of(ground.set("SRV_MAX", as_float(1800))) == 1800
+    assert len(ground.gather(2.5, "UAVCAN_NODE_STATUS")) >= 2
+
+
+def test_with_a_key_only_signed_messages_count(bench, bridge, station, tmp_path):
+    (tmp_path / "key").write_text("correct horse\n")
+    bridge(bench(), "--signing-key", tmp_path / "key")
+    stranger, wrong, ground = station(), station(), station()
+    wrong.link.setup_signing(hashlib.sha256(b"battery staple").digest(), link_id=1)
+    ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=2)
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert len(ground.parameters()) == 26
+    for other in (stranger, wrong):
+        other.mav.param_set_send(SYSTEM, NODE, b"SRV_MAX", as_float(1600), INT32)
+        assert not other.gather(0.7)
+    message = ground.read("SRV_MAX")
+    assert value_of(message) == 2000
+    assert message.get_signed()
+
+
+def test_it_listens_where_it_was_told_to_and_on_loopback(bench, bridge):
+    started = bridge(bench())
+    started.wait_for_text("node 120 is org.")
+
+    def sockets(table):
+        inodes = set()
+        for fd in os.listdir(f"/proc/{started.process.pid}/fd"):
+            target = os.readlink(f"/proc/{started.process.pid}/fd/{fd}")
+            inodes.update(re.findall(r"socket:\[(\d+)\]", target))
+        lines = open(f"/proc/{started.process.pid}/net/{table}").read().splitlines()[1:]
+        return [line.split()[1] for line in lines if line.split()[9] in inodes]
+
+    assert sockets("udp") == [f"0100007F:{bridge.port:04X}"]
+    assert sockets("tcp") == sockets("udp6") == sockets("tcp6") == []
+
+
+@pytest.mark.parametrize(
+    "bus, channel, code, remedy",
+    [
+        ("slcan:no-such-port", "udpin:{port}", 3, "is the adapter plugged in"),
+        ("socketcan:no-such", "udpin:{port}", 3, ""),
+        ("canopen:0", "udpin:{port}", 2, "slcan, mcast or socketcan"),
+        ("mcast:0", "pigeon:{port}", 2, "udpout:127.0.0.1:14550"),
+        ("mcast:0", "udpin:192.0.2.1:{port}", 4, "ip address"),
+        ("mcast:0", "serial:/no/such/port", 4, "is the radio plugged in"),
+        ("mcast:0", "udpout:no.such.host.invalid:1", 4, "there is no host"),
+    ],
+)
+def test_what_cannot_be_opened_is_said_with_a_remedy_and_a_code(bridge, bus, channel, code, remedy):
+    started = bridge(bus, channels=[channel.format(port=bridge.port)])
+    assert started.wait() == code
+    assert remedy in started.text()
+    assert "panicked" not in started.text()
+
+
+def test_a_bus_of_another_rate_is_refused_with_a_remedy(bench, bridge):
+    started = bridge(bench(), "--bitrate", 500_000)
+    assert started.wait() == 3
+    assert "--bitrate" in started.text()
+
+
+def test_a_message_behind_half_of_another_is_not_waited_for(joined):
+    _, ground = joined()
+    ground.mav.file.write(bytes([0xFD, 255, 0, 0, 0, 255, 190, 0, 0, 0]))
+    assert value_of(ground.read("SRV_MAX")) == 2000
+
+
+def test_it_waits_for_a_bus_if_it_is_told_to_and_ends_by_itself(bench, bridge, station, tmp_path):
+    link = tmp_path / "adapter"
+    started = bridge(f"slcan:{link}", "--wait", "--for", "5s")
+    started.wait_for_text("is away")
+    link.symlink_to(bench().slcan[0])
+    station().wait_for("UAVCAN_NODE_INFO", NODE)
+    assert started.wait(15) == 0
+    assert re.search(r"bus slcan:\S+: \d+ frames in, \d+ out", started.text())
