@@ -56,9 +56,11 @@ pub fn run<D: Driver>(mut driver: D, mut serial: Serial, mut clock: Clock, task:
     let mut overflows: u8 = 0;
     let mut count: u16 = 0;
     report(&mut serial, b'I');
-    while task == Task::ReceiveOnly {
-        if let Received::Frame(frame) = driver.receive() {
-            core::hint::black_box(frame);
+    if task == Task::ReceiveOnly {
+        loop {
+            if let Received::Frame(frame) = driver.receive() {
+                core::hint::black_box(frame);
+            }
         }
     }
     loop {
