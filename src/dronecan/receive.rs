@@ -167,8 +167,8 @@ impl Receiver {
     }
 
     /// The transfer that the last frame completed.
-    pub fn transfer(&self) -> Option<&Transfer> {
-        self.lanes.get(usize::from(self.whole.wrapping_sub(1)))
+    pub fn transfer(&mut self) -> Option<&mut Transfer> {
+        self.lanes.get_mut(usize::from(self.whole.wrapping_sub(1)))
     }
 
     /// Whether there is one, for the price of a byte.

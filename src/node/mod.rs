@@ -414,10 +414,13 @@ impl Node {
         event.set_source(source);
     }
 
-    /// Acts on the transfer that has come whole.
+    /// Acts on the transfer that has come whole, or does a step towards that: to be called until the receiver has none.
     #[inline(never)]
     pub fn act(&mut self, receiver: &mut Receiver, now_ms: u16, flash: impl Progmem, monitor: &mut Monitor) {
         let Some(transfer) = receiver.transfer() else { return };
+        if transfer.kind == Kind::GET_SET && serve::look_up(transfer, flash) {
+            return;
+        }
         count(&mut self.counts.received);
         // Every transfer gives one line.
         let event = monitor.tell(Line::RefusedLength);

@@ -19,6 +19,33 @@ const OPCODE_ERASE: u8 = 1;
 /// BeginFirmwareUpdate: not in this state.
 const ERROR_INVALID_MODE: u8 = 1;
 
+/// GetSet: the tag of an integer.
+const INTEGER: u8 = 1;
+
+/// Makes a GetSet request by name one by index, which takes as long as all else with it. Whether it was one by name.
+#[inline(always)]
+pub(super) fn look_up(transfer: &mut Transfer, flash: impl Progmem) -> bool {
+    let [_, tag, b2, ..] = transfer.bytes;
+    let tag = tag & 7;
+    let value_len = match tag {
+        0 => 0,
+        INTEGER => 8,
+        2 => 4,
+        3 => 1,
+        _ => b2.saturating_add(1),
+    };
+    let name_at = value_len.saturating_add(2);
+    if name_at >= transfer.len {
+        return false;
+    }
+    // A name that is longer than any is none.
+    let name = transfer.bytes.get(usize::from(name_at)..usize::from(transfer.len));
+    let index = name.map_or(parameters::NONE, |name| Parameters::find(name, flash));
+    [transfer.bytes[0], transfer.bytes[1]] = [index, tag];
+    transfer.len = name_at;
+    true
+}
+
 /// A reply to be. Eight bytes, so that its place is found by shifting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(align(8))]
@@ -118,26 +145,12 @@ impl Node {
     }
 
     /// Sets what is asked for; which parameter it is.
-    #[inline(never)]
+    #[inline(always)]
     fn get_set(&mut self, transfer: &Transfer, event: &mut Event, flash: impl Progmem, line: &mut Line) -> u8 {
-        let [index, index_and_tag, b2, ..] = transfer.bytes;
-        const INTEGER: u8 = 1;
-        let tag = index_and_tag & 7;
-        let value_len = match tag {
-            0 => 0,
-            INTEGER => 8,
-            2 => 4,
-            3 => 1,
-            _ => b2.saturating_add(1),
-        };
-        let name_at = value_len.saturating_add(2);
-        let mut parameter = if index_and_tag >> 3 == 0 { index } else { parameters::NONE };
-        if name_at < transfer.len {
-            // A name that is longer than any is none.
-            let name = transfer.bytes.get(usize::from(name_at)..usize::from(transfer.len));
-            parameter = name.map_or(parameters::NONE, |name| Parameters::find(name, flash));
-        }
-        if tag == INTEGER && name_at <= transfer.len {
+        let [index, index_and_tag, ..] = transfer.bytes;
+        let parameter = if index_and_tag >> 3 == 0 { index } else { parameters::NONE };
+        // Of an integer there are eight bytes after the index.
+        if index_and_tag & 7 == INTEGER && transfer.len >= 10 {
             let (low, high) = (transfer.word(2), transfer.word(4));
             // The upper half may only repeat the sign.
             let sign = ((high as i16) >> 15) as u16;

@@ -154,7 +154,7 @@ impl Rig {
         let now_ms = self.now_ms();
         for frame in frames {
             self.node.receive(frame, &mut self.receiver, now_ms, InMemory, &mut self.monitor);
-            if self.receiver.has_transfer() {
+            while self.receiver.has_transfer() {
                 self.node.act(&mut self.receiver, now_ms, InMemory, &mut self.monitor);
             }
         }
