@@ -213,13 +213,18 @@ fn an_answer_hit_by_a_bit_error_is_repeated_by_the_chip_and_arrives_once() {
 fn mcp2515_calls_an_answer_failed_that_the_chip_goes_on_to_send() {
     let frame = Frame::standard(RXF3, &[1, 2, 3, 4, 5, 6, 7, 8]);
     let mut stand = Stand::new(Stranger::Mcp2515);
-    stand.serve_with_error_in_answer(frame, 12);
-    let reports = stand.take_reports();
-    assert!(
-        matches!(reports[..], [Report::NotSent, Report::Received(received, _)] if received == frame),
-        "{reports:?}"
-    );
-    assert_eq!(stand.take_answers(), [answer_to(&frame)]);
+    // Which of the first bits have been sent when the crate looks depends on the speed of its code.
+    let mut called_failed = 0;
+    for bit in 1..=12 {
+        stand.serve_with_error_in_answer(frame, bit);
+        match stand.take_reports()[..] {
+            [Report::NotSent, Report::Received(received, _)] if received == frame => called_failed += 1,
+            [Report::Received(received, _)] if received == frame => {}
+            ref reports => panic!("bit {bit}: {reports:?}"),
+        }
+        assert_eq!(stand.take_answers(), [answer_to(&frame)], "bit {bit}");
+    }
+    assert!(called_failed > 0);
     stand.assert_no_violations();
 }
 
