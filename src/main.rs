@@ -17,7 +17,7 @@ const FRAMES_IN_A_ROW: u8 = 8;
 
 #[cfg(target_arch = "avr")]
 use {
-    board::{Board, CAN_CRYSTAL_HZ, CanInterrupt, CanSelect, CanSpi, flash::Image, guard},
+    board::{Board, CAN_CRYSTAL_HZ, CanInterrupt, CanSelect, CanSpi, Clock, Servo, flash::Image, guard},
     node::can::{bit_timing::BitTiming, mcp2515::Mcp2515},
     node::dronecan::{acceptance::NodeAcceptance, receive::Receiver},
     node::monitor::Monitor,
@@ -32,28 +32,39 @@ fn main() -> ! {
     static mut RECEIVER: Receiver = Receiver::new();
     static mut NODE: Node = Node::new();
     static mut CAN: Option<Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>> = None;
+    static mut CLOCK: Option<Clock> = None;
+    static mut SERVO: Option<Servo> = None;
+    static mut IN_A_ROW: u8 = 0;
+    // Whether the controller has no room for a frame: asked again at every tick.
+    static mut IS_FULL: u8 = 0;
 
-    let mut board = Board::new();
-    NODE.start(guard::reset_cause(&board.cpu), &mut board.eeprom, || board.jitter.sample(), Image, MONITOR);
-    board.servo.set_rate(NODE.parameters.get(Parameter::SrvRate));
+    let Board {
+        clock,
+        mut serial,
+        can_spi,
+        can_select,
+        can_interrupt,
+        servo,
+        mut adc,
+        mut light,
+        button,
+        mut eeprom,
+        mut jitter,
+        cpu,
+    } = Board::new();
+    NODE.start(guard::reset_cause(&cpu), &mut eeprom, || jitter.sample(), Image, MONITOR);
+    let servo = SERVO.insert(servo);
+    servo.set_rate(NODE.parameters.get(Parameter::SrvRate));
     let timing = BitTiming::at_rate::<CAN_CRYSTAL_HZ>(NODE.parameters.get(Parameter::CanBaudrate) as u8);
     let acceptance = NODE.acceptance(Image);
-    let can = CAN.insert(Mcp2515::new(
-        board.can_spi,
-        board.can_select,
-        board.can_interrupt,
-        timing,
-        acceptance,
-        acceptance.node.is_none(),
-    ));
+    let can =
+        CAN.insert(Mcp2515::new(can_spi, can_select, can_interrupt, timing, acceptance, acceptance.node.is_none()));
     guard::start();
 
-    let mut frames_in_a_row = 0u8;
-    // Whether the controller may have room: asked again at every tick once it had none.
-    let mut may_send = true;
+    let clock = CLOCK.insert(clock);
     loop {
         guard::check();
-        let now_ms = board.clock.now_ms();
+        let now_ms = clock.now_ms();
 
         // Frames come before all else: out of the controller, into their transfer, and what that asks for, each a turn of its
         // own, so that the next frame need not wait for all of it.
@@ -62,33 +73,33 @@ fn main() -> ! {
         }
         if RECEIVER.has_transfer() {
             NODE.act(RECEIVER, now_ms, Image, MONITOR);
-            board.servo.set(NODE.pulse());
+            servo.set(NODE.pulse());
             continue;
         }
         // Even of an endless flood only so many in a row: then the rest has a turn.
-        if frames_in_a_row < FRAMES_IN_A_ROW
+        if *IN_A_ROW < FRAMES_IN_A_ROW
             && let Some(frame) = can.frame()
         {
-            frames_in_a_row += 1;
+            *IN_A_ROW += 1;
             NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
             can.release();
             continue;
         }
-        frames_in_a_row = 0;
+        *IN_A_ROW = 0;
 
         // One thing a turn, the rarer first: that bounds the turn.
-        if board.clock.ticked() {
-            may_send = true;
-            NODE.tick(board.button.is_pressed(), now_ms, &mut board.eeprom, MONITOR);
-            board.servo.set(NODE.pulse());
-            board.light.set(NODE.light());
+        if clock.ticked() {
+            *IS_FULL = 0;
+            NODE.tick(button.is_pressed(), now_ms, &mut eeprom, MONITOR);
+            servo.set(NODE.pulse());
+            light.set(NODE.light());
             if NODE.takes_filters() {
                 can.reconfigure(NODE.acceptance(Image), false);
             }
             if NODE.is_to_restart(now_ms) {
                 guard::restart(ResetCause::ASKED_FOR);
             }
-            if let Some(reading) = board.adc.take(NODE.parameters.is_on(Parameter::TempRef)) {
+            if let Some(reading) = adc.take(NODE.parameters.is_on(Parameter::TempRef)) {
                 NODE.read_temperature(reading);
             }
         } else if NODE.do_chore(MONITOR) {
@@ -100,20 +111,20 @@ fn main() -> ! {
             if can.is_empty() {
                 NODE.controller_is_empty(now_ms);
             }
-        } else if can.is_running() && may_send && NODE.is_ready() {
+        } else if can.is_running() && *IS_FULL == 0 && NODE.is_ready() {
             if can.has_room() {
                 can.transmit(NODE.frame());
                 NODE.handed_over(now_ms);
             } else {
-                may_send = can.find_room();
+                *IS_FULL = u8::from(!can.find_room());
             }
         } else if can.is_running() && NODE.prepare(can.counters(), Image, MONITOR, now_ms) {
             // One step nearer to the next frame.
         } else {
-            if board.serial.receive() == Some(b'?') {
+            if serial.receive() == Some(b'?') {
                 NODE.report(MONITOR);
             }
-            board.serial.send(|| MONITOR.next_byte(Image));
+            serial.send(|| MONITOR.next_byte(Image));
         }
     }
 }

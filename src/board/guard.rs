@@ -36,6 +36,8 @@ global_asm!(
     "    cpi  r30, 0x00",
     "    cpc  r31, r25",
     "    brlo 1b",
+    "    ldi  r28, lo8(__y_window)",
+    "    ldi  r29, hi8(__y_window)",
     ".text",
     paint = const PAINT,
 );

@@ -2,14 +2,15 @@
 
 /// An extended data frame of up to eight bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Frame {
+    /// How many bytes of `data` count: 0 to 8.
+    pub len: u8,
     /// The 29-bit identifier, most significant byte first. Bytes and not an `u32`, because the AVR shifts that one bit at
     /// a time.
     ///
     /// The three highest bits are zero, but for [`FOREIGN`](Self::FOREIGN) in a received frame that DroneCAN does not know.
     pub id: [u8; 4],
-    /// How many bytes of `data` count: 0 to 8.
-    pub len: u8,
     /// The bytes, with whatever follows them.
     pub data: [u8; Frame::MAX_LEN],
 }

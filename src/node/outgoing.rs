@@ -30,27 +30,29 @@ pub enum Form {
 pub const KEPT: usize = 25;
 
 /// A transfer on its way out, frame by frame.
+#[repr(C)]
 pub struct Outgoing {
-    /// Identifier of its frames, and the frame that is being made, or is ready.
-    pub frame: Frame,
-    /// How its bytes come about.
-    pub form: Form,
+    // What is used most first: see `Node`.
+    stage: Stage,
     /// Bytes of its payload.
     pub len: u8,
-    /// What is kept of it.
-    pub kept: [u8; KEPT],
+    /// Next byte.
+    at: u8,
+    crc: u16,
+    /// How its bytes come about.
+    pub form: Form,
+    /// Toggle and transfer ID of the next frame.
+    tail: u8,
+    /// Identifier of its frames, and the frame that is being made, or is ready.
+    pub frame: Frame,
     /// The parameter of a [`Form::Parameter`], its value, and where its name is in the flash.
     pub parameter: u8,
     /// See [`parameter`](Self::parameter).
     pub value: u16,
     /// See [`parameter`](Self::parameter).
     pub name_at: u16,
-    /// Next byte.
-    at: u8,
-    /// Toggle and transfer ID of the next frame.
-    tail: u8,
-    crc: u16,
-    stage: Stage,
+    /// What is kept of it.
+    pub kept: [u8; KEPT],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -48,7 +48,6 @@ pub(super) fn look_up(transfer: &mut Transfer, flash: impl Progmem) -> bool {
 
 /// A reply to be. Eight bytes, so that its place is found by shifting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(align(8))]
 struct Reply {
     kind: Kind,
     to: u8,
@@ -58,6 +57,7 @@ struct Reply {
     argument: u8,
     /// GetSet: the value then in force.
     value: u16,
+    spare: u8,
 }
 
 /// Replies that wait, oldest first, in a ring.
@@ -71,7 +71,8 @@ pub struct Replies {
 impl Replies {
     /// Nobody waits.
     pub const fn new() -> Self {
-        let none = Reply { kind: Kind::ARRAY_COMMAND, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0 };
+        let none =
+            Reply { kind: Kind::ARRAY_COMMAND, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0, spare: 0 };
         Self { waiting: [none; WAITING], first: 0, count: 0, is_saving: false }
     }
 

@@ -200,38 +200,40 @@ mod step {
 }
 
 /// The chip, on an SPI of mode 0,0 and at most 10 MHz, with its CS and INT pins.
+#[repr(C)]
 pub struct Mcp2515<SPI, CS, INT, A> {
     spi: SPI,
     cs: CS,
     int: INT,
-    acceptance: A,
+    counters: Counters,
+    /// The frame received last, and how many wait to be taken: none or one. Not a `bool`, or the compiler would use its other
+    /// values for a driver that is none, and have to initialise it all with a copy from flash.
+    frame: Frame,
     /// CNF3, CNF2, CNF1 and CANINTE.
     timing: [u8; 4],
-    /// CANCTRL on the bus: normal mode, with OSM in one-shot mode.
-    control: u8,
-    step: u8,
+    /// EFLG without the flags of loss.
+    flags: u8,
+    /// REC when last looked at.
+    rec: u8,
+    // From here on what is used most: see `Node`.
     /// When polled last, modulo 256, and how long to wait from then.
     polled_ms: u8,
     wait_ms: u8,
-    rx: RxOrder,
+    acceptance: A,
     tx: TxOrder,
-    /// Where the next frame is to go.
-    room: Option<Rank>,
     /// Buffers that waited to be sent when last looked at, as READ STATUS shows them, and for how many looks of supervision
     /// that has not changed.
     tx_waiting: u8,
     tx_looks: u8,
     /// Which part of a look at the running chip was last.
     look: u8,
-    /// EFLG without the flags of loss.
-    flags: u8,
-    /// REC when last looked at.
-    rec: u8,
-    counters: Counters,
-    /// The frame received last, and how many wait to be taken: none or one. Not a `bool`, or the compiler would use its other
-    /// values for a driver that is none, and have to initialise it all with a copy from flash.
-    frame: Frame,
     waiting: u8,
+    /// CANCTRL on the bus: normal mode, with OSM in one-shot mode.
+    control: u8,
+    /// Where the next frame is to go.
+    room: Option<Rank>,
+    rx: RxOrder,
+    step: u8,
 }
 
 impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
