@@ -117,8 +117,8 @@ pub const CONDITIONS: [Conditions; 16] = [
     Conditions::RESET_WATCHDOG,
     Conditions::RESET_BROWN_OUT,
     Conditions::RESET_PANIC,
-    Conditions::RESET_STRAY_INTERRUPT,
-    Conditions::RESET_STACK_COLLISION,
+    Conditions::RESET_STRAY,
+    Conditions::TRANSFER_ERRORS,
     Conditions::FRAMES_LOST,
     Conditions::ERROR_PASSIVE,
     Conditions::BUS_OFF,
@@ -129,7 +129,7 @@ pub const CONDITIONS: [Conditions; 16] = [
     Conditions::SENSOR,
     Conditions::PARAMETERS_LOST,
     Conditions::DISARMED,
-    Conditions::TRANSFER_ERRORS,
+    Conditions::DRAFT,
 ];
 
 #[test]

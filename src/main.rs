@@ -31,34 +31,22 @@ fn main() -> ! {
     static mut MONITOR: Monitor = Monitor::new();
     static mut RECEIVER: Receiver = Receiver::new();
     static mut NODE: Node = Node::new();
-    static mut CAN: Option<Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>> = None;
+    static mut CAN: Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>> =
+        Mcp2515::new(CanSpi::new(), CanSelect::new(), CanInterrupt::new(), NodeAcceptance::nobody(Image));
     static mut CLOCK: Option<Clock> = None;
     static mut SERVO: Option<Servo> = None;
     static mut IN_A_ROW: u8 = 0;
     // Whether the controller has no room for a frame: asked again at every tick.
     static mut IS_FULL: u8 = 0;
 
-    let Board {
-        clock,
-        mut serial,
-        can_spi,
-        can_select,
-        can_interrupt,
-        servo,
-        mut adc,
-        mut light,
-        button,
-        mut eeprom,
-        mut jitter,
-        cpu,
-    } = Board::new();
+    let Board { clock, mut serial, servo, mut adc, mut light, button, mut eeprom, mut jitter, cpu } = Board::new();
     NODE.start(guard::reset_cause(&cpu), &mut eeprom, || jitter.sample(), Image, MONITOR);
     let servo = SERVO.insert(servo);
     servo.set_rate(NODE.parameters.get(Parameter::SrvRate));
     let timing = BitTiming::at_rate::<CAN_CRYSTAL_HZ>(NODE.parameters.get(Parameter::CanBaudrate) as u8);
     let acceptance = NODE.acceptance(Image);
-    let can =
-        CAN.insert(Mcp2515::new(can_spi, can_select, can_interrupt, timing, acceptance, acceptance.node.is_none()));
+    let can = CAN;
+    can.configure(timing, acceptance, acceptance.node.is_none());
     guard::start();
 
     let clock = CLOCK.insert(clock);

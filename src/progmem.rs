@@ -3,7 +3,7 @@
 //! On the AVR a constant that is used by reference is copied to RAM at start, of which there is a kilobyte. So all tables
 //! are packed into bytes at compile time, and the board places them in flash and reads them byte by byte.
 
-use crate::dronecan::{acceptance, kind};
+use crate::dronecan::{acceptance, draft, kind};
 use crate::monitor::text;
 use crate::node::{information, parameters};
 
@@ -28,19 +28,23 @@ pub const INFORMATION: u16 = PARAMETERS + parameters::PACKED.len() as u16;
 /// Where the table of data types begins.
 pub const KINDS: u16 = INFORMATION + information::PACKED.len() as u16;
 
+/// Where the table of what the draft has begins.
+pub const DRAFT_KINDS: u16 = KINDS + kind::PACKED.len() as u16;
+
 /// Where the controller's filters begin.
-pub const ACCEPTANCE: u16 = KINDS + kind::PACKED.len() as u16;
+pub const ACCEPTANCE: u16 = DRAFT_KINDS + draft::PACKED.len() as u16;
 
 const LEN: usize = ACCEPTANCE as usize + acceptance::PACKED.len();
 
 /// All of it.
 pub const IMAGE: [u8; LEN] = {
     let mut image = [0; LEN];
-    let parts: [(u16, &[u8]); 5] = [
+    let parts: [(u16, &[u8]); 6] = [
         (TEXTS, &text::PACKED),
         (PARAMETERS, &parameters::PACKED),
         (INFORMATION, &information::PACKED),
         (KINDS, &kind::PACKED),
+        (DRAFT_KINDS, &draft::PACKED),
         (ACCEPTANCE, &acceptance::PACKED),
     ];
     let mut part = 0;

@@ -2,7 +2,7 @@
 
 mod rig;
 
-use rig::status::{BROWN_OUT, INITIALIZATION, PANIC, STACK_COLLISION, STRAY_INTERRUPT, WATCHDOG};
+use rig::status::{BROWN_OUT, INITIALIZATION, PANIC, STRAY, WATCHDOG};
 use rig::{Rig, US, status_fields};
 use sim::avr::ResetCause;
 
@@ -78,7 +78,7 @@ fn an_interrupt_without_a_handler_restarts_the_node() {
     let mut rig = moving();
     // TIMSK1.TOIE1: Timer1 overflows at the end of every servo period, and nobody asked for that.
     rig.board().avr_mut().poke_sram(0x6F, 1);
-    assert_restarts(&mut rig, 100, "STRAY INTERRUPT", STRAY_INTERRUPT);
+    assert_restarts(&mut rig, 100, "STRAY INTERRUPT", STRAY);
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn a_stack_that_reaches_the_variables_restarts_the_node() {
     let mut rig = moving();
     let bottom = rig.board().avr().symbol("__heap_start").unwrap().address as u16;
     rig.board().avr_mut().poke_sram(bottom, 0);
-    assert_restarts(&mut rig, 50, "STACK COLLISION", STACK_COLLISION);
+    assert_restarts(&mut rig, 50, "STACK COLLISION", STRAY);
 }
 
 #[test]

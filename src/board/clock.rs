@@ -1,7 +1,5 @@
 //! Milliseconds, from Timer0.
 
-use core::sync::atomic::{AtomicU8, Ordering};
-
 use avr_device::atmega168::TC0;
 
 use super::CLOCK_HZ;
@@ -15,11 +13,19 @@ const TOP: u8 = {
 };
 
 /// Milliseconds, modulo 256. One byte, so that it can be read while the interrupt may come.
-static TICKS: AtomicU8 = AtomicU8::new(0);
+static mut TICKS: u8 = 0;
 
 #[avr_device::interrupt(atmega168)]
 fn TIMER0_COMPA() {
-    TICKS.store(TICKS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+    // Safety: only this handler writes it, and it is not interrupted.
+    unsafe { (&raw mut TICKS).write_volatile(ticks().wrapping_add(1)) }
+}
+
+/// An `AtomicU8` would be read with interrupts held back, which a byte does not need.
+#[inline(always)]
+fn ticks() -> u8 {
+    // Safety: a byte is read at once. Volatile, because it changes in between.
+    unsafe { (&raw const TICKS).read_volatile() }
 }
 
 /// The clock. It loses time when it is not polled for 256 ms; the watchdog steps in before.
@@ -36,12 +42,12 @@ impl Clock {
         tc0.tcnt0().write(|w| w.set(0));
         tc0.timsk0().write(|w| w.ocie0a().set_bit());
         tc0.tccr0b().write(|w| w.cs0().prescale_64());
-        Self { ticks: TICKS.load(Ordering::Relaxed), now_ms: 0 }
+        Self { ticks: ticks(), now_ms: 0 }
     }
 
     /// Whether at least a millisecond has begun since the last call.
     pub fn ticked(&mut self) -> bool {
-        let passed = TICKS.load(Ordering::Relaxed).wrapping_sub(self.ticks);
+        let passed = ticks().wrapping_sub(self.ticks);
         self.ticks = self.ticks.wrapping_add(passed);
         self.now_ms = self.now_ms.wrapping_add(u16::from(passed));
         passed != 0

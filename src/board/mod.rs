@@ -28,7 +28,7 @@ mod serial;
 mod servo;
 mod spi;
 
-use avr_device::atmega168::{CPU, PORTD, Peripherals};
+use avr_device::atmega168::CPU;
 
 pub use adc::Adc;
 pub use button::Button;
@@ -52,12 +52,6 @@ pub struct Board {
     pub clock: Clock,
     /// The serial monitor.
     pub serial: Serial,
-    /// The SPI with the MCP2515 at its end.
-    pub can_spi: CanSpi,
-    /// The CS pin of the MCP2515.
-    pub can_select: CanSelect,
-    /// The INT pin of the MCP2515.
-    pub can_interrupt: CanInterrupt,
     /// The servo output.
     pub servo: Servo,
     /// The temperature sensor.
@@ -77,25 +71,29 @@ pub struct Board {
 impl Board {
     /// Sets everything up. To be called once.
     pub fn new() -> Self {
-        // Safety: the only call, at the start of the only thread.
-        let dp = unsafe { Peripherals::steal() };
+        // Safety: the only call, at the start of the only thread. One by one, because `Peripherals` keeps a note of it in RAM.
+        macro_rules! peripheral {
+            ($name:ident) => {
+                unsafe { avr_device::atmega168::$name::steal() }
+            };
+        }
         // The servo first: after a restart its timer is still running.
-        let servo = Servo::new(dp.TC1);
+        let servo = Servo::new(peripheral!(TC1));
+        // Before the SPI, which must find its SS pin an output.
+        CanSelect::set_up(&peripheral!(PORTB));
+        CanSpi::set_up(&peripheral!(SPI));
+        CanInterrupt::set_up(&peripheral!(PORTD));
         Self {
             servo,
-            clock: Clock::new(dp.TC0),
-            serial: Serial::new(dp.USART0),
-            // Before the SPI, which must find its SS pin an output.
-            can_select: CanSelect::new(dp.PORTB),
-            can_spi: CanSpi::new(dp.SPI),
-            can_interrupt: CanInterrupt::new(dp.PORTD),
-            adc: Adc::new(dp.ADC),
-            light: Light::new(dp.TC2),
-            // Safety: it only reads its pin, which `CanInterrupt` sets up.
-            button: Button::new(unsafe { PORTD::steal() }),
-            eeprom: Eeprom::new(dp.EEPROM),
-            jitter: Jitter::new(dp.WDT),
-            cpu: dp.CPU,
+            clock: Clock::new(peripheral!(TC0)),
+            serial: Serial::new(peripheral!(USART0)),
+            adc: Adc::new(peripheral!(ADC)),
+            light: Light::new(peripheral!(TC2)),
+            // It only reads its pin, which `CanInterrupt` sets up.
+            button: Button::new(peripheral!(PORTD)),
+            eeprom: Eeprom::new(peripheral!(EEPROM)),
+            jitter: Jitter::new(peripheral!(WDT)),
+            cpu: peripheral!(CPU),
         }
     }
 }

@@ -7,27 +7,38 @@ use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::spi::{self, SpiBus};
 
 /// The SPI in mode 0,0 at 8 MHz (the MCP2515 takes 10).
-pub struct CanSpi {
-    spi: SPI,
-}
+///
+/// This and the two pins are there before the board is set up, so that the driver that has them can be a static that begins as
+/// zeros. They are good for something once [`Board::new`](super::Board::new) has been called.
+pub struct CanSpi(());
 
 impl CanSpi {
-    pub(super) fn new(spi: SPI) -> Self {
+    /// To be made once.
+    pub const fn new() -> Self {
+        Self(())
+    }
+
+    pub(super) fn set_up(spi: &SPI) {
         spi.spcr().write(|w| w.spe().set_bit().mstr().set_bit());
         spi.spsr().write(|w| w.spi2x().set_bit());
-        Self { spi }
+    }
+
+    #[inline(always)]
+    fn spi(&self) -> SPI {
+        // Safety: nobody else uses the SPI after its set-up.
+        unsafe { SPI::steal() }
     }
 
     #[inline(always)]
     fn begin(&mut self, byte: u8) {
-        self.spi.spdr().write(|w| w.set(byte));
+        self.spi().spdr().write(|w| w.set(byte));
     }
 
     /// Sixteen cycles from `begin`, always: the master makes its own clock.
     #[inline(always)]
     fn finish(&mut self) -> u8 {
-        while self.spi.spsr().read().spif().bit_is_clear() {}
-        self.spi.spdr().read().bits()
+        while self.spi().spsr().read().spif().bit_is_clear() {}
+        self.spi().spdr().read().bits()
     }
 
     #[inline(always)]
@@ -93,16 +104,24 @@ impl SpiBus for CanSpi {
 }
 
 /// The CS pin.
-pub struct CanSelect {
-    portb: PORTB,
-}
+pub struct CanSelect(());
 
 impl CanSelect {
-    pub(super) fn new(portb: PORTB) -> Self {
+    /// See [`CanSpi`].
+    pub const fn new() -> Self {
+        Self(())
+    }
+
+    #[inline(always)]
+    fn portb(&self) -> PORTB {
+        // Safety: nobody else writes to this port after its set-up.
+        unsafe { PORTB::steal() }
+    }
+
+    pub(super) fn set_up(portb: &PORTB) {
         // CS high before it becomes an output, and SS (the servo's pin) low. MISO is an input.
         portb.portb().write(|w| w.pb1().set_bit());
         portb.ddrb().write(|w| w.pb1().set_bit().pb2().set_bit().pb3().set_bit().pb5().set_bit());
-        Self { portb }
     }
 }
 
@@ -113,29 +132,37 @@ impl digital::ErrorType for CanSelect {
 impl OutputPin for CanSelect {
     #[inline(always)]
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.portb.portb().modify(|_, w| w.pb1().clear_bit());
+        self.portb().portb().modify(|_, w| w.pb1().clear_bit());
         Ok(())
     }
 
     #[inline(always)]
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.portb.portb().modify(|_, w| w.pb1().set_bit());
+        self.portb().portb().modify(|_, w| w.pb1().set_bit());
         Ok(())
     }
 }
 
 /// The INT pin.
-pub struct CanInterrupt {
-    portd: PORTD,
-}
+pub struct CanInterrupt(());
 
 impl CanInterrupt {
-    pub(super) fn new(portd: PORTD) -> Self {
+    /// See [`CanSpi`].
+    pub const fn new() -> Self {
+        Self(())
+    }
+
+    #[inline(always)]
+    fn portd(&self) -> PORTD {
+        // Safety: the pin is only read.
+        unsafe { PORTD::steal() }
+    }
+
+    pub(super) fn set_up(portd: &PORTD) {
         // The whole port: D1 idles high until the UART has it, D3 is the light, D4 the button. The INT pin is pulled up, so
         // that a shield that is not there asks for nothing.
         portd.ddrd().write(|w| w.pd1().set_bit().pd3().set_bit());
         portd.portd().write(|w| w.pd1().set_bit().pd2().set_bit().pd4().set_bit());
-        Self { portd }
     }
 }
 
@@ -145,10 +172,10 @@ impl digital::ErrorType for CanInterrupt {
 
 impl InputPin for CanInterrupt {
     fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(self.portd.pind().read().pd2().bit_is_set())
+        Ok(self.portd().pind().read().pd2().bit_is_set())
     }
 
     fn is_low(&mut self) -> Result<bool, Infallible> {
-        Ok(self.portd.pind().read().pd2().bit_is_clear())
+        Ok(self.portd().pind().read().pd2().bit_is_clear())
     }
 }

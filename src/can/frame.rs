@@ -11,8 +11,8 @@ pub struct Frame {
     ///
     /// The three highest bits are zero, but for [`FOREIGN`](Self::FOREIGN) in a received frame that DroneCAN does not know.
     pub id: [u8; 4],
-    /// The bytes, with whatever follows them.
-    pub data: [u8; Frame::MAX_LEN],
+    /// The bytes, with whatever follows them. A ninth is for what a frame of another dialect has in its identifier.
+    pub data: [u8; Frame::MAX_LEN + 1],
 }
 
 impl Frame {
@@ -23,9 +23,18 @@ impl Frame {
     pub const FOREIGN: u8 = 1 << 7;
 
     /// Identifier zero, no bytes.
-    pub const EMPTY: Self = Self { id: [0; 4], len: 0, data: [0; Self::MAX_LEN] };
+    pub const EMPTY: Self = Self { id: [0; 4], len: 0, data: [0; Self::MAX_LEN + 1] };
 
-    /// The bytes of the frame: all eight where `len` is larger.
+    /// Adds a byte, if there is room.
+    #[inline(never)]
+    pub fn push(&mut self, byte: u8) {
+        if let Some(place) = self.data.get_mut(usize::from(self.len)) {
+            *place = byte;
+        }
+        self.len = self.len.wrapping_add(1);
+    }
+
+    /// The bytes of the frame: all that there are where `len` is larger.
     pub fn data(&self) -> &[u8] {
         // `get` because an index here would link a panic.
         self.data.get(..usize::from(self.len)).unwrap_or(&self.data)
@@ -38,8 +47,8 @@ impl embedded_can::Frame for Frame {
         let embedded_can::Id::Extended(id) = id.into() else {
             return None;
         };
-        let mut data = [0; Self::MAX_LEN];
-        data.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        let mut data = [0; Self::MAX_LEN + 1];
+        data.get_mut(..Self::MAX_LEN)?.get_mut(..bytes.len())?.copy_from_slice(bytes);
         Some(Self { id: id.as_raw().to_be_bytes(), len: bytes.len() as u8, data })
     }
 
@@ -79,10 +88,11 @@ mod tests {
 
     #[test]
     fn only_the_bytes_that_count_are_data() {
-        let frame = |len| Frame { id: [0; 4], len, data: [1, 2, 3, 4, 5, 6, 7, 8] };
+        let frame = |len| Frame { id: [0; 4], len, data: [1, 2, 3, 4, 5, 6, 7, 8, 9] };
         assert_eq!(frame(0).data(), []);
         assert_eq!(frame(3).data(), [1, 2, 3]);
-        assert_eq!(frame(200).data(), [1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(frame(8).data(), [1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(frame(200).data(), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
     }
 
     #[test]

@@ -40,18 +40,20 @@ mod table {
         BEGIN_FIRMWARE_UPDATE = service 40, 0x729E;
         /// uavcan.protocol.dynamic_node_id.Allocation
         ALLOCATION = message 1, 0xF258;
+        /// ArrayCommand of the draft. From here to RestartNode are what the draft has.
+        DRAFT_COMMAND = message 265, 0xBFEF;
         /// uavcan.protocol.NodeStatus
         NODE_STATUS = message 341, 0;
-        /// uavcan.equipment.safety.ArmingStatus
-        ARMING_STATUS = message 1100, 0;
         /// thesis.ServoCommand
         SERVO_COMMAND = message 1111, 0;
+        /// uavcan.equipment.safety.ArmingStatus
+        ARMING_STATUS = message 1100, 0;
         /// uavcan.protocol.GetNodeInfo. From here to GetTransportStats all are services.
         GET_NODE_INFO = service 1, 0xD9A7;
-        /// uavcan.protocol.param.ExecuteOpcode
-        EXECUTE_OPCODE = service 10, 0;
         /// uavcan.protocol.RestartNode
         RESTART_NODE = service 5, 0;
+        /// uavcan.protocol.param.ExecuteOpcode
+        EXECUTE_OPCODE = service 10, 0;
         /// uavcan.protocol.GetTransportStats
         GET_TRANSPORT_STATS = service 4, 0x4D73;
         /// NodeStatus, as the node sends it. From here on what it sends, in the order in which it goes.
@@ -119,6 +121,7 @@ impl Kind {
         kind = if low == Self::NODE_STATUS.data_type() as u8 { Self::NODE_STATUS } else { kind };
         kind = if low == Self::SERVO_COMMAND.data_type() as u8 { Self::SERVO_COMMAND } else { kind };
         kind = if low == Self::ARMING_STATUS.data_type() as u8 { Self::ARMING_STATUS } else { kind };
+        kind = if low == Self::DRAFT_COMMAND.data_type() as u8 { Self::DRAFT_COMMAND } else { kind };
         kind = if low == Self::LIGHTS_COMMAND.data_type() as u8 { Self::LIGHTS_COMMAND } else { kind };
         kind = if low == Self::ALLOCATION.data_type() as u8 { Self::ALLOCATION } else { kind };
         if kind.id_high(flash) == high { kind } else { Self::UNKNOWN }

@@ -5,6 +5,7 @@
 
 pub mod acceptance;
 pub mod crc;
+pub mod draft;
 pub mod float16;
 mod id;
 pub mod kind;

@@ -12,6 +12,7 @@
 //! once. A frame that comes twice is dropped, by its toggle bit, or begins its transfer again.
 
 use super::crc;
+use super::draft::DRAFT;
 use super::kind::Kind;
 use super::wire::{END_OF_TRANSFER, REQUEST_NOT_RESPONSE, SERVICE_NOT_MESSAGE, START_OF_TRANSFER, TOGGLE, TRANSFER_ID};
 use crate::can::Frame;
@@ -50,7 +51,7 @@ pub struct Transfer {
     pub kind: Kind,
     /// Who sent it: 1 to 127; 0 if anonymous.
     pub source: u8,
-    /// Its priority, 0 to 31.
+    /// Its priority, 0 to 31; [`DRAFT`](super::draft::DRAFT) if it came in the draft.
     pub priority: u8,
     /// Toggle and transfer ID of the next frame.
     tail: u8,
@@ -110,6 +111,7 @@ impl Transfer {
         let (entry_len, id) = match self.kind {
             Kind::ARRAY_COMMAND => (4, actuator_id),
             Kind::LIGHTS_COMMAND => (3, light_id),
+            Kind::DRAFT_COMMAND => (3, actuator_id),
             _ => {
                 if let Some(places) = self.bytes.get_mut(usize::from(len)..) {
                     for (place, &byte) in places.iter_mut().zip(bytes) {
@@ -215,7 +217,7 @@ impl Receiver {
         } else {
             Kind::UNKNOWN
         };
-        if kind == Kind::UNKNOWN {
+        if kind == Kind::UNKNOWN || kind == Kind::DRAFT_COMMAND && priority & DRAFT == 0 {
             return Refusal::Kind;
         }
         let Some((&tail, payload)) = frame.data().split_last() else { return Refusal::Form };

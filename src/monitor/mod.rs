@@ -45,6 +45,11 @@ impl Line {
     pub fn is_refusal(self) -> bool {
         self <= Self::RefusedValue
     }
+
+    /// Whether it tells that an autopilot sent its status or a command.
+    pub fn is_of_autopilot(self) -> bool {
+        Self::Status <= self && self <= Self::CommandElsewhere
+    }
 }
 
 impl Event {

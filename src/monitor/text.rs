@@ -169,6 +169,10 @@ lines! {
     SensorFault = "temperature sensor OPEN OR SHORTED",
     /// Ends.
     SensorFaultEnd = "temperature sensor works",
+    /// Begins.
+    Draft = "dialect: draft",
+    /// Ends.
+    DraftEnd = "dialect: v0",
     /// Button.
     Button = "button pressed, %a times",
     /// Counters on request.

@@ -36,10 +36,10 @@ impl Conditions {
     pub const RESET_BROWN_OUT: Self = Self(1 << 1);
     /// The last reset came from a panic.
     pub const RESET_PANIC: Self = Self(1 << 2);
-    /// The last reset came from an interrupt without a handler.
-    pub const RESET_STRAY_INTERRUPT: Self = Self(1 << 3);
-    /// The last reset came from the stack running into the variables.
-    pub const RESET_STACK_COLLISION: Self = Self(1 << 4);
+    /// The last reset came from an interrupt without a handler, or from the stack running into the variables.
+    pub const RESET_STRAY: Self = Self(1 << 3);
+    /// Transfers broke: frames missing, a wrong CRC, or two senders at once; or another node has this node's ID.
+    pub const TRANSFER_ERRORS: Self = Self(1 << 4);
     /// Frames for the node were lost in the controller.
     pub const FRAMES_LOST: Self = Self(1 << 5);
     /// The controller is error-passive.
@@ -61,8 +61,8 @@ impl Conditions {
     pub const PARAMETERS_LOST: Self = Self(1 << 13);
     /// ARM_REQ asks for an armed vehicle, and it is not.
     pub const DISARMED: Self = Self(1 << 14);
-    /// Transfers broke: frames missing, a wrong CRC, or two senders at once; or another node has this node's ID.
-    pub const TRANSFER_ERRORS: Self = Self(1 << 15);
+    /// The node speaks the draft. In the upper byte, where a status of the draft is taken for one of v0 without harm.
+    pub const DRAFT: Self = Self(1 << 15);
 
     /// Those that pass [`HOLD_S`] after the last time that they occurred.
     const PASSING: Self = Self(
@@ -77,7 +77,7 @@ impl Conditions {
     pub fn after(cause: ResetCause) -> Self {
         let mut code = 0;
         let mut of = ResetCause::ASKED_FOR.0;
-        while of < cause.0 {
+        while of < cause.0 && of < ResetCause::STRAY_INTERRUPT.0 {
             code = if code == 0 { Self::RESET_WATCHDOG.0 } else { code << 1 };
             of += 1;
         }

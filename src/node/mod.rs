@@ -18,7 +18,8 @@ pub mod thermometer;
 
 use crate::can::Frame;
 use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
-use crate::dronecan::acceptance::NodeAcceptance;
+use crate::dronecan::acceptance::{self, NodeAcceptance};
+use crate::dronecan::draft;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::{Receiver, Refusal, Transfer};
 use crate::dronecan::{NodeId, float16};
@@ -65,6 +66,22 @@ const OVERCOOLING: u8 = 2;
 /// From the last frame of the answer to a restart: the controller gets it out, and the servo reaches its failsafe.
 const RESTART_MS: u16 = 100;
 
+/// For so many seconds after an autopilot spoke it the node is sure of the dialect.
+const SURE_S: u8 = 3;
+
+/// What a node speaks, by the numbers of the parameter DIALECT.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Dialect(u8);
+
+impl Dialect {
+    /// Whichever is heard; v0 until then.
+    const ANY: Self = Self(0);
+    /// DroneCAN.
+    const V0: Self = Self(1);
+    /// The draft of 2014.
+    const DRAFT: Self = Self(2);
+}
+
 #[inline(never)]
 fn count(counter: &mut u16) {
     *counter = counter.wrapping_add(1);
@@ -107,13 +124,21 @@ pub struct Node {
     armed_s: u8,
     /// See [`takes_filters`](Self::takes_filters).
     has_filters_to_give: bool,
+    /// What the node speaks; nothing yet is v0.
+    dialect: Dialect,
+    /// Seconds that it is sure of that, and hears nothing else; then it listens to both.
+    sure_s: u8,
+    /// What the controller is to let through, a row of `acceptance`.
+    row: u8,
     /// Last status: when it left, or until it has left, when it was handed to the controller.
     status_sent_ms: u16,
     status_in_controller: bool,
-    allocation: Allocation,
     outgoing: Outgoing,
 
     // From here on what is used less.
+    allocation: Allocation,
+    /// While it listens, what it heard last.
+    heard: Dialect,
     replies: Replies,
     /// What can be set.
     pub parameters: Parameters,
@@ -157,6 +182,10 @@ impl Node {
             parameters: Parameters::new(),
             id: 0,
             has_filters_to_give: false,
+            dialect: Dialect::ANY,
+            sure_s: 0,
+            heard: Dialect::ANY,
+            row: acceptance::EITHER,
             unique_id: [0; 16],
             allocation: Allocation::new(),
             store: Store::new(),
@@ -212,6 +241,9 @@ impl Node {
         self.condition(Conditions::PARAMETERS_LOST, is_lost, [Line::ParametersLost; 2], monitor);
         self.travel.update(&self.parameters);
         self.id = self.parameters.get(Parameter::CanNode) as u8;
+        self.take_dialect();
+        // The controller has yet to get any.
+        self.has_filters_to_give = false;
         let banner = monitor.tell(Line::Banner);
         banner.set_source(self.id);
         banner.set_code(Line::PowerOn.plus(cause.0).number());
@@ -223,7 +255,44 @@ impl Node {
 
     /// What the controller is to let through.
     pub fn acceptance<P: Progmem>(&self, flash: P) -> NodeAcceptance<P> {
-        NodeAcceptance { node: NodeId::new(self.id), flash }
+        NodeAcceptance { node: NodeId::new(self.id), row: self.row, flash }
+    }
+
+    /// Takes over DIALECT.
+    #[inline(never)]
+    fn take_dialect(&mut self) {
+        let dialect = Dialect(self.parameters.get(Parameter::Dialect) as u8);
+        if dialect != Dialect::ANY {
+            self.dialect = dialect;
+            self.sure_s = SURE_S;
+        }
+        let row = if self.sure_s == 0 {
+            acceptance::EITHER
+        } else if self.dialect == Dialect::DRAFT {
+            acceptance::DRAFT
+        } else {
+            acceptance::V0
+        };
+        if self.row != row {
+            self.row = row;
+            self.has_filters_to_give = true;
+        }
+    }
+
+    /// An autopilot speaks this.
+    #[inline(always)]
+    fn hear(&mut self, dialect: Dialect) {
+        if self.sure_s == 0 {
+            if self.heard != dialect {
+                self.heard = dialect;
+                return;
+            }
+            self.dialect = dialect;
+        }
+        if self.dialect == dialect {
+            self.sure_s = SURE_S;
+            self.take_dialect();
+        }
     }
 
     /// The node's ID; 0 while it has none.
@@ -361,6 +430,10 @@ impl Node {
 
     fn second(&mut self, monitor: &mut Monitor) {
         self.uptime_sec = self.uptime_sec.wrapping_add(1);
+        self.sure_s = self.sure_s.saturating_sub(1);
+        self.take_dialect();
+        let is_draft = self.dialect == Dialect::DRAFT;
+        self.condition(Conditions::DRAFT, is_draft, [Line::Draft, Line::DraftEnd], monitor);
         self.armed_s = self.armed_s.saturating_sub(1);
         if self.hold_s > 0 {
             self.hold_s = self.hold_s.wrapping_sub(1);
@@ -387,12 +460,15 @@ impl Node {
     #[inline(never)]
     pub fn receive(
         &mut self,
-        frame: &Frame,
+        frame: &mut Frame,
         receiver: &mut Receiver,
         now_ms: u16,
         flash: impl Progmem,
         monitor: &mut Monitor,
     ) {
+        if self.sure_s == 0 || self.dialect == Dialect::DRAFT {
+            draft::translate(frame, flash);
+        }
         let actuator_id = self.parameters.get(Parameter::SrvId) as u8;
         let light_id = self.parameters.get(Parameter::LightId) as u8;
         receiver.accept(frame, self.id, actuator_id, light_id, now_ms, flash);
@@ -436,6 +512,9 @@ impl Node {
         if event.line.is_refusal() {
             count(&mut self.counts.refused);
         }
+        if event.line.is_of_autopilot() {
+            self.hear(if transfer.priority & draft::DRAFT != 0 { Dialect::DRAFT } else { Dialect::V0 });
+        }
         receiver.clear();
         if self.is_following {
             self.condition(Conditions::FAILSAFE, false, [Line::Failsafe, Line::FailsafeEnd], monitor);
@@ -444,28 +523,42 @@ impl Node {
 
     /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
     fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16, flash: impl Progmem) -> Line {
-        let [b0, b1, b2, _, b4, ..] = transfer.bytes;
+        let [b0, b1, b2, b3, mut b4, ..] = transfer.bytes;
+        let is_draft = transfer.priority & draft::DRAFT != 0;
         let Some(source) = NodeId::new(transfer.source) else {
             // Only Allocation comes from nobody.
             return self.hear_allocation(transfer, now_ms);
         };
         match transfer.kind {
-            Kind::NODE_STATUS if transfer.len == 7 => {
+            Kind::NODE_STATUS if transfer.len == 7 || is_draft && transfer.len >= 4 => {
                 self.status_of(source, now_ms);
+                if is_draft {
+                    // 0 is OK, 1 initialising, 2 a warning, 3 critical, 15 offline; where v0 has health and mode.
+                    b4 = if b3 & 2 == 0 {
+                        b3 << 3
+                    } else if b3 & 1 == 0 {
+                        1 << 6
+                    } else {
+                        3 << 6
+                    };
+                }
                 event.set_code(Line::Health.plus(b4 >> 6).number());
                 event.b = u16::from(Line::Mode.plus(b4 >> 3 & 7).number());
                 event.a = if transfer.word(2) == 0 { transfer.word(0) } else { u16::MAX };
                 Line::Status
             }
             // Whole entries only.
-            Kind::ARRAY_COMMAND if transfer.len == 0 => {
+            Kind::ARRAY_COMMAND | Kind::DRAFT_COMMAND if transfer.len == 0 => {
                 self.hears_commands = true;
                 event.set_code(self.parameters.get(Parameter::SrvId) as u8);
                 if !transfer.has_entry {
                     return Line::CommandElsewhere;
                 }
-                let value = transfer.word(2);
-                let Some(command) = CommandType::new(b1) else { return Line::RefusedType };
+                let (mut value, mut command) = (transfer.word(2), CommandType::new(b1));
+                if is_draft {
+                    (value, command) = (transfer.word(1), Some(CommandType::Unitless));
+                }
+                let Some(command) = command else { return Line::RefusedType };
                 if !float16::is_finite(value) {
                     return Line::RefusedValue;
                 }
@@ -560,7 +653,7 @@ impl Node {
         self.occasion_ms = now_ms;
         // Soon after the last it waits until it may go.
         self.due.set(Due::NODE_STATUS);
-        if self.thesis {
+        if self.thesis || self.dialect == Dialect::DRAFT {
             self.autopilot_statuses = self.autopilot_statuses.wrapping_add(1);
             if self.autopilot_statuses == STATUSES_PER_DEGREES {
                 self.autopilot_statuses = 0;

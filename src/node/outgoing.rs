@@ -7,6 +7,7 @@
 use super::{information, parameters};
 use crate::can::Frame;
 use crate::dronecan::crc;
+use crate::dronecan::draft;
 use crate::dronecan::wire::{END_OF_TRANSFER, START_OF_TRANSFER, TOGGLE};
 use crate::progmem::{INFORMATION, Progmem};
 
@@ -43,6 +44,12 @@ pub struct Outgoing {
     pub form: Form,
     /// Toggle and transfer ID of the next frame.
     tail: u8,
+    /// It is one of the draft.
+    pub is_draft: bool,
+    /// Bytes before the payload, of each frame: 1 in a reply of the draft, whose destination is there.
+    lead: u8,
+    /// Of the draft: frames before this one, times 16.
+    index: u8,
     /// Identifier of its frames, and the frame that is being made, or is ready.
     pub frame: Frame,
     /// The parameter of a [`Form::Parameter`], its value, and where its name is in the flash.
@@ -84,6 +91,9 @@ impl Outgoing {
             tail: 0,
             crc: 0,
             stage: Stage::Idle,
+            is_draft: false,
+            lead: 0,
+            index: 0,
         }
     }
 
@@ -97,10 +107,26 @@ impl Outgoing {
         self.stage == Stage::Ready
     }
 
-    /// Forgets what was kept. Unless it is said otherwise, the payload is what is kept from here on.
-    pub fn clear(&mut self) {
+    /// Forgets what was kept. Unless it is said otherwise, the payload is what is kept from here on, and a message.
+    #[inline(never)]
+    pub fn clear(&mut self, is_draft: bool) {
+        self.is_draft = is_draft;
+        self.lead = 0;
         self.form = Form::Kept;
         self.len = 0;
+    }
+
+    /// To whom a reply of the draft goes.
+    #[inline(always)]
+    pub fn reply_to(&mut self, to: u8) {
+        self.lead = 1;
+        self.frame.data[0] = to;
+    }
+
+    /// The identifier of a transfer of the draft.
+    #[inline(never)]
+    pub fn address(&mut self, [b0, b1]: [u8; 2], source: u8) {
+        self.frame.id = [b0, b1 | source >> 6, source << 2, 0];
     }
 
     /// Keeps another byte of the payload.
@@ -130,13 +156,6 @@ impl Outgoing {
         self.len = KEPT as u8;
     }
 
-    /// Keeps four more, little-endian.
-    #[inline(never)]
-    pub fn put32(&mut self, long: u32) {
-        self.put16(long as u16);
-        self.put16((long >> 16) as u16);
-    }
-
     /// The CRC of what is kept, without a signature.
     #[inline(never)]
     pub fn sum(&self) -> u16 {
@@ -153,8 +172,9 @@ impl Outgoing {
     pub fn begin(&mut self, transfer_id: u8, seed: u16) {
         self.tail = START_OF_TRANSFER | transfer_id;
         self.crc = seed;
-        self.at = 0;
-        self.frame.len = 0;
+        self.at = self.first();
+        self.index = 0;
+        self.frame.len = self.lead;
         self.stage = if self.len > PER_FRAME { Stage::Summing } else { Stage::Making };
     }
 
@@ -162,7 +182,7 @@ impl Outgoing {
     #[inline(never)]
     pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Progmem) {
         let mut left = BYTES_AT_ONCE;
-        while self.at < self.len && self.frame.len < PER_FRAME {
+        while self.at < self.len && self.frame.len < PER_FRAME + self.lead {
             if left == 0 {
                 return;
             }
@@ -172,33 +192,36 @@ impl Outgoing {
             if self.stage == Stage::Summing {
                 self.crc = crc::add(self.crc, byte);
             } else {
-                self.put(byte);
+                self.frame.push(byte);
             }
         }
         if self.stage == Stage::Summing {
-            self.at = 0;
+            self.at = self.first();
             self.stage = Stage::Making;
-            [self.frame.data[0], self.frame.data[1]] = self.crc.to_le_bytes();
-            self.frame.len = 2;
+            let [low, high] = self.crc.to_le_bytes();
+            self.frame.push(low);
+            self.frame.push(high);
             return;
         }
-        let end = if self.at == self.len { END_OF_TRANSFER } else { 0 };
-        self.put(self.tail | end);
         self.stage = Stage::Ready;
+        let end = if self.at == self.len { END_OF_TRANSFER } else { 0 };
+        if !self.is_draft {
+            return self.frame.push(self.tail | end);
+        }
+        // No transfer of the node has 16 frames, so the index is all here.
+        self.frame.id[3] = self.index | self.tail & draft::TRANSFER_ID | end >> 3;
+        self.index = self.index.wrapping_add(1 << 4);
     }
 
-    #[inline(never)]
-    fn put(&mut self, byte: u8) {
-        if let Some(place) = self.frame.data.get_mut(usize::from(self.frame.len)) {
-            *place = byte;
-        }
-        self.frame.len = self.frame.len.wrapping_add(1);
+    /// The first byte. The status in a GetNodeInfo of the draft is a byte shorter, so its first is left out.
+    fn first(&self) -> u8 {
+        u8::from(self.is_draft && self.form == Form::NodeInfo)
     }
 
     /// The frame was handed over; whether it was the last one.
     pub fn handed_over(&mut self) -> bool {
         self.tail = (self.tail & !START_OF_TRANSFER) ^ TOGGLE;
-        self.frame.len = 0;
+        self.frame.len = self.lead;
         let is_last = self.at == self.len;
         self.stage = if is_last { Stage::Idle } else { Stage::Making };
         is_last

@@ -63,11 +63,13 @@ parameters! {
     /// CanStats a second.
     StatsRate "STATS_RATE" 0..10 = 0,
     /// Conditions that make the health WARNING.
-    WarnMask "WARN_MASK" 0..65535 = 0xABFF,
+    WarnMask "WARN_MASK" 0..65535 = 0x2BFF,
     /// Conditions that make it ERROR.
     ErrorMask "ERROR_MASK" 0..65535 = 0x1400,
     /// Conditions that make it CRITICAL.
     CritMask "CRIT_MASK" 0..65535 = 0x2000,
+    /// What the node speaks: 0 what it hears, 1 DroneCAN v0, 2 the draft of 2014.
+    Dialect "DIALECT" 0..2 = 0,
 }
 
 /// How many there are.

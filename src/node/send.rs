@@ -1,11 +1,11 @@
 //! What the node sends, and when: its messages, and the replies to requests.
 
 use super::parameters::Parameter;
-use super::{MIN_STATUS_PERIOD_MS, Node, RESTART_MS, allocation, count};
+use super::{Dialect, MIN_STATUS_PERIOD_MS, Node, RESTART_MS, allocation, count};
 use crate::can::mcp2515::Counters;
-use crate::dronecan::float16;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::wire::TRANSFER_ID;
+use crate::dronecan::{draft, float16};
 use crate::monitor::Monitor;
 use crate::progmem::Progmem;
 
@@ -114,7 +114,7 @@ impl Node {
         now_ms.wrapping_sub(self.status_sent_ms) >= MIN_STATUS_PERIOD_MS
     }
 
-    /// Puts the payload of a NodeStatus.
+    /// Puts the payload of a NodeStatus, in the dialect of what is going out.
     #[inline(never)]
     pub(super) fn put_status(&mut self) {
         let code = self.conditions.code();
@@ -129,8 +129,21 @@ impl Node {
         };
         const INITIALIZATION: u8 = 1 << 3;
         let mode = if self.thermometer.has_measured() { 0 } else { INITIALIZATION };
-        self.outgoing.put32(self.uptime_sec);
-        self.outgoing.put8(health | mode);
+        let [u0, u1, u2, u3] = self.uptime_sec.to_le_bytes();
+        self.outgoing.put16(u16::from_le_bytes([u0, u1]));
+        self.outgoing.put8(u2);
+        if self.outgoing.is_draft {
+            // 28 bits of uptime; 0 is OK, 1 initialising, 2 a warning, 3 anything worse.
+            let status = match health >> 6 {
+                0 => mode >> 3,
+                1 => 2,
+                _ => 3,
+            };
+            self.outgoing.put8(u3 << 4 | status);
+        } else {
+            self.outgoing.put8(u3);
+            self.outgoing.put8(health | mode);
+        }
         self.outgoing.put16(code);
     }
 
@@ -166,6 +179,10 @@ impl Node {
                 due &= !(Due::TEMPERATURE | Due::DEGREES_CELSIUS);
             }
         }
+        let is_draft = self.dialect == Dialect::DRAFT;
+        if is_draft {
+            due &= Due::NODE_STATUS | Due::DEGREES_CELSIUS | Due::BUTTON;
+        }
         if due == 0 {
             return false;
         }
@@ -184,7 +201,7 @@ impl Node {
         self.due.clear(bit);
         self.sending = message;
 
-        self.outgoing.clear();
+        self.outgoing.clear(is_draft);
         let kind = Kind(Kind::OWN_STATUS.0.wrapping_add(message));
         let mut id = [PRIORITY_LOW, kind.id_high(flash), kind.id_low(flash), self.id];
         match bit {
@@ -219,6 +236,11 @@ impl Node {
                 self.outgoing.put8(0);
                 self.outgoing.put_words(&counters.0);
             }
+            // In the draft the thesis's measurement, too.
+            Due::BUTTON if is_draft => {
+                message = 1;
+                self.outgoing.put8(self.button.count() as u8);
+            }
             Due::BUTTON => {
                 let [high, low] = float32(self.button.count());
                 self.outgoing.put16(low);
@@ -233,6 +255,9 @@ impl Node {
             }
         }
         self.outgoing.frame.id = id;
+        if is_draft {
+            self.outgoing.address(if message == 0 { draft::NODE_STATUS } else { draft::MEASUREMENT }, self.id);
+        }
         let Some(transfer_id) = self.transfer_ids.get_mut(usize::from(message)) else { return false };
         let current = *transfer_id;
         *transfer_id = current.wrapping_add(1) & TRANSFER_ID;

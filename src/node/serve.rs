@@ -4,6 +4,7 @@ use super::outgoing::Form;
 use super::parameters::{self, Parameters};
 use super::{Node, condition::Conditions, information};
 use crate::can::mcp2515::Counters;
+use crate::dronecan::draft;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::Transfer;
 use crate::dronecan::wire::SERVICE_NOT_MESSAGE;
@@ -125,8 +126,11 @@ impl Node {
             }
             Kind::RESTART_NODE => {
                 // 0xACCE551B1E, 40 bits (DSDL 5.RestartNode.uavcan).
-                let [_, _, _, _, last, ..] = transfer.bytes;
-                if transfer.len == 5 && transfer.word(0) == 0x1B1E && transfer.word(2) == 0xCE55 && last == 0xAC {
+                let at = u8::from(transfer.priority & draft::DRAFT != 0);
+                let is_magic = transfer.word(at) == 0x1B1E
+                    && transfer.word(at.wrapping_add(2)) == 0xCE55
+                    && transfer.word(at.wrapping_add(4)) as u8 == 0xAC;
+                if is_magic && transfer.len == at.wrapping_add(5) {
                     argument = 1;
                     self.fail_safe();
                 }
@@ -173,9 +177,13 @@ impl Node {
             return false;
         }
         let reply = *self.replies.place(0);
-        self.outgoing.clear();
+        let is_draft = reply.priority & draft::DRAFT != 0;
+        self.outgoing.clear(is_draft);
         match reply.kind {
             Kind::GET_NODE_INFO => {
+                if is_draft {
+                    self.outgoing.put8(0);
+                }
                 self.put_status();
                 self.outgoing.form = Form::NodeInfo;
                 self.outgoing.len = 7 + information::VERSIONS_LEN + 16 + 1 + information::NAME.len() as u8;
@@ -235,8 +243,15 @@ impl Node {
                 self.outgoing.put8(reply.argument << 7);
             }
         }
+        let mut seed = reply.kind.seed(flash);
         self.outgoing.frame.id = [reply.priority, reply.kind.id_low(flash), reply.to, SERVICE_NOT_MESSAGE | self.id];
-        self.outgoing.begin(reply.transfer_id, reply.kind.seed(flash));
+        if is_draft {
+            let is_info = reply.kind == Kind::GET_NODE_INFO;
+            self.outgoing.address(if is_info { draft::NODE_INFO } else { draft::RESTARTED }, self.id);
+            self.outgoing.reply_to(reply.to);
+            seed = draft::NODE_INFO_SEED;
+        }
+        self.outgoing.begin(reply.transfer_id, seed);
         true
     }
 }

@@ -22,8 +22,8 @@ use sim::dronecan::{CanStats, Message};
 pub const RESET_WATCHDOG: u16 = 1 << 0;
 pub const RESET_BROWN_OUT: u16 = 1 << 1;
 pub const RESET_PANIC: u16 = 1 << 2;
-pub const RESET_STRAY_INTERRUPT: u16 = 1 << 3;
-pub const RESET_STACK_COLLISION: u16 = 1 << 4;
+pub const RESET_STRAY: u16 = 1 << 3;
+pub const TRANSFER_ERRORS: u16 = 1 << 4;
 pub const FRAMES_LOST: u16 = 1 << 5;
 pub const ERROR_PASSIVE: u16 = 1 << 6;
 pub const BUS_OFF: u16 = 1 << 7;
@@ -32,7 +32,6 @@ pub const CONTROLLER_LOST: u16 = 1 << 9;
 pub const FAILSAFE: u16 = 1 << 10;
 pub const TEMPERATURE: u16 = 1 << 11;
 pub const SENSOR: u16 = 1 << 12;
-pub const TRANSFER_ERRORS: u16 = 1 << 15;
 
 /// From the end of a fault of the bus to the node's full service.
 pub const BUS_LIMIT_MS: u64 = 1000;

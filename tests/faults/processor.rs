@@ -1,8 +1,7 @@
 //! Faults of the processor, its memory and its clock.
 
 use super::{
-    COMMANDED_US, CONTROLLER_LOST, Case, Measured, RESET_BROWN_OUT, RESET_PANIC, RESET_STACK_COLLISION,
-    RESET_STRAY_INTERRUPT, RESET_WATCHDOG, Trial,
+    COMMANDED_US, CONTROLLER_LOST, Case, Measured, RESET_BROWN_OUT, RESET_PANIC, RESET_STRAY, RESET_WATCHDOG, Trial,
 };
 use crate::rig::{MS, Rig, US, status_fields};
 use sim::Cycles;
@@ -106,7 +105,7 @@ pub const STRAY_INTERRUPT: Case = Case {
     fault: "an interrupt that nobody asked for",
     noticed: "default handler (bit 3)",
     run: || {
-        restarted_by("reset: STRAY INTERRUPT", RESET_STRAY_INTERRUPT, |trial| {
+        restarted_by("reset: STRAY INTERRUPT", RESET_STRAY, |trial| {
             // TIMSK1.TOIE1: Timer1 overflows at the end of each servo period.
             trial.rig.board().avr_mut().poke_sram(0x6F, 1);
             trial.live(40);
@@ -120,7 +119,7 @@ pub const STACK: Case = Case {
     fault: "the stack reaches the variables",
     noticed: "a painted word between them, looked at in each turn (bit 4)",
     run: || {
-        restarted_by("reset: STACK COLLISION", RESET_STACK_COLLISION, |trial| {
+        restarted_by("reset: STACK COLLISION", RESET_STRAY, |trial| {
             let avr = trial.rig.board().avr_mut();
             let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
             avr.poke_sram(bottom, 0);

@@ -14,8 +14,9 @@ pub const INITIALIZATION: u8 = 1;
 pub const WATCHDOG: u16 = 1 << 0;
 pub const BROWN_OUT: u16 = 1 << 1;
 pub const PANIC: u16 = 1 << 2;
-pub const STRAY_INTERRUPT: u16 = 1 << 3;
-pub const STACK_COLLISION: u16 = 1 << 4;
+/// A stray interrupt, or the stack ran into the variables.
+pub const STRAY: u16 = 1 << 3;
+pub const TRANSFER_ERRORS: u16 = 1 << 4;
 pub const FRAMES_LOST: u16 = 1 << 5;
 pub const GAVE_UP_SENDING: u16 = 1 << 8;
 pub const CONTROLLER_LOST: u16 = 1 << 9;
@@ -24,4 +25,4 @@ pub const TEMPERATURE: u16 = 1 << 11;
 pub const SENSOR: u16 = 1 << 12;
 pub const PARAMETERS_LOST: u16 = 1 << 13;
 pub const DISARMED: u16 = 1 << 14;
-pub const TRANSFER_ERRORS: u16 = 1 << 15;
+pub const DRAFT: u16 = 1 << 15;

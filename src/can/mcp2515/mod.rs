@@ -216,11 +216,11 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     /// REC when last looked at.
     rec: u8,
     // From here on what is used most: see `Node`.
+    acceptance: A,
+    tx: TxOrder,
     /// When polled last, modulo 256, and how long to wait from then.
     polled_ms: u8,
     wait_ms: u8,
-    acceptance: A,
-    tx: TxOrder,
     /// Buffers that waited to be sent when last looked at, as READ STATUS shows them, and for how many looks of supervision
     /// that has not changed.
     tx_waiting: u8,
@@ -238,14 +238,14 @@ pub struct Mcp2515<SPI, CS, INT, A> {
 
 impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
     /// A chip that is reset at the first [`poll`](Self::poll). For `one_shot` see [`reconfigure`](Self::reconfigure).
-    pub const fn new(spi: SPI, cs: CS, int: INT, timing: BitTiming, acceptance: A, one_shot: bool) -> Self {
+    pub const fn new(spi: SPI, cs: CS, int: INT, acceptance: A) -> Self {
         Self {
             spi,
             cs,
             int,
             acceptance,
-            timing: [timing.cnf3, timing.cnf2, timing.cnf1, RX0IE | RX1IE],
-            control: if one_shot { OSM } else { 0 },
+            timing: [0; 4],
+            control: 0,
             step: step::DOWN,
             polled_ms: 0,
             wait_ms: 0,
@@ -261,6 +261,13 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             frame: Frame::EMPTY,
             waiting: 0,
         }
+    }
+
+    /// Takes over bit timing and filters; to be called before anything else.
+    #[inline(always)]
+    pub fn configure(&mut self, timing: BitTiming, acceptance: A, one_shot: bool) {
+        self.timing = [timing.cnf3, timing.cnf2, timing.cnf1, RX0IE | RX1IE];
+        self.reconfigure(acceptance, one_shot);
     }
 
     /// Starts the chip over with other filters, from the next [`poll`](Self::poll) on; what it has not sent yet is lost. It
@@ -367,8 +374,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// The frame that has come out of the chip and not been [`release`](Self::release)d yet, oldest first. A standard or remote
     /// frame is marked [`Frame::FOREIGN`].
     #[inline(always)]
-    pub fn frame(&self) -> Option<&Frame> {
-        if self.waiting != 0 { Some(&self.frame) } else { None }
+    pub fn frame(&mut self) -> Option<&mut Frame> {
+        if self.waiting != 0 { Some(&mut self.frame) } else { None }
     }
 
     /// Makes room for the next one.
@@ -449,7 +456,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.exchange(frame.id[3]);
         self.exchange(frame.len);
         // What follows the last byte that counts goes to the chip, too, which does not send it.
-        _ = self.spi.write(&frame.data);
+        _ = self.spi.write(&frame.data[..Frame::MAX_LEN]);
         self.deselect();
         self.select();
         self.exchange(instruction::RTS | rank.buffer());

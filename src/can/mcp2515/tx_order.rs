@@ -13,7 +13,6 @@ pub struct Rank(NonZeroU8);
 
 impl Rank {
     const HIGHEST: Self = Self(NonZeroU8::new(3 << 3 | 4).unwrap());
-    const LOWEST: Self = Self(NonZeroU8::new(1).unwrap());
 
     /// TXP, 0 to 3.
     pub fn priority(self) -> u8 {
@@ -41,23 +40,23 @@ impl Rank {
 
 /// The rank handed out last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TxOrder(Rank);
+pub struct TxOrder(Option<Rank>);
 
 impl TxOrder {
     /// For a chip with nothing to send.
     pub const fn new() -> Self {
-        Self(Rank::LOWEST)
+        Self(None)
     }
 
     /// The rank for the next frame, given which buffers still wait or are being sent, as READ STATUS shows them; `None` while
     /// there is none that would keep the order.
     pub fn next(&mut self, busy: u8) -> Option<Rank> {
-        let rank = if busy == 0 { Rank::HIGHEST } else { self.0.next()? };
+        let rank = if busy == 0 { Rank::HIGHEST } else { self.0?.next()? };
         // Buffers are handed out in turn and emptied in turn, so if this one is busy, all are.
         if busy & rank.status() != 0 {
             return None;
         }
-        self.0 = rank;
+        self.0 = Some(rank);
         Some(rank)
     }
 }

@@ -18,8 +18,9 @@ fn a_clean_start_leaves_nothing_behind() {
 
 #[test]
 fn each_fault_that_resets_has_its_bit() {
+    // The last two have one bit.
     for (bit, cause) in FAULTS.into_iter().enumerate() {
-        assert_eq!(Conditions::after(cause).code(), 1 << bit);
+        assert_eq!(Conditions::after(cause).code(), 1 << bit.min(3));
     }
 }
 
@@ -42,8 +43,8 @@ fn what_happened_passes_and_what_is_stays() {
         conditions.set(Conditions(1 << bit), true);
     }
     conditions.pass();
-    // Not frames lost (5), bus-off (7), sends given up (8), controller lost (9) and transfers broken (15).
-    assert_eq!(conditions.code(), 0b0111_1100_0101_1111);
+    // Not transfers broken (4), frames lost (5), bus-off (7), sends given up (8) and controller lost (9).
+    assert_eq!(conditions.code(), 0b1111_1100_0100_1111);
     conditions.set(Conditions::ERROR_PASSIVE, false);
-    assert_eq!(conditions.code(), 0b0111_1100_0001_1111);
+    assert_eq!(conditions.code(), 0b1111_1100_0000_1111);
 }

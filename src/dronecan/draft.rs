@@ -1,0 +1,167 @@
+//! The UAVCAN draft of 2014, which older autopilots speak: its frames are made into frames of v0 that say the same.
+//!
+//! ```text
+//! message: data_type_id[28:19] 2[18:17] source_node_id[16:10] frame_index[9:4] last_frame[3] transfer_id[2:0]
+//! service: data_type_id[28:19] 0 or 1   the same
+//! ```
+//!
+//! There is no priority and no tail byte, and the first byte of a service's frame is the destination. What the tail byte of
+//! v0 says is in the identifier, so a frame can be eight bytes of payload, and nine with the tail byte. (libuavcan at the end
+//! of 2014, `uc_frame.cpp` and `transfer.hpp`.)
+
+use super::kind::Kind;
+use super::wire::{END_OF_TRANSFER, REQUEST_NOT_RESPONSE, SERVICE_NOT_MESSAGE, START_OF_TRANSFER, TOGGLE};
+use crate::can::Frame;
+use crate::progmem::{DRAFT_KINDS, Progmem};
+
+/// In the first byte of an identifier, above the priority: the frame was one of the draft.
+pub const DRAFT: u8 = 1 << 6;
+
+/// In the last byte of an identifier.
+pub const LAST_FRAME: u8 = 1 << 3;
+/// In the last byte of an identifier: the number of the transfer, 0 to 7.
+pub const TRANSFER_ID: u8 = 7;
+/// In the second byte of an identifier: the highest bit of the sender.
+const SOURCE: u8 = 1;
+
+/// Upper bytes of the identifiers of what the node sends, without its ID: NodeStatus 550.
+pub const NODE_STATUS: [u8; 2] = upper(550, MESSAGE);
+/// The thesis's measurement, 761.
+pub const MEASUREMENT: [u8; 2] = upper(761, MESSAGE);
+/// The response of GetNodeInfo, 551.
+pub const NODE_INFO: [u8; 2] = upper(551, RESPONSE);
+/// The response of RestartNode, 560.
+pub const RESTARTED: [u8; 2] = upper(560, RESPONSE);
+
+/// A type of transfer.
+pub const RESPONSE: u16 = 0;
+/// A type of transfer.
+pub const REQUEST: u16 = 1;
+/// A type of transfer: a message to everybody.
+pub const MESSAGE: u16 = 2;
+
+/// The upper bytes of an identifier without its sender, by data type ID and type of transfer.
+pub const fn upper(data_type: u16, transfer: u16) -> [u8; 2] {
+    (data_type << 3 | transfer << 1).to_be_bytes()
+}
+
+/// Where the CRC of a GetNodeInfo response begins; nothing else that the node sends in the draft is longer than a frame.
+pub const NODE_INFO_SEED: u16 = 0x14BB;
+
+/// What the node takes: the upper bytes of the identifier without the sender, and the type in v0 (of a request its upper byte,
+/// and [`SERVICE`]).
+pub const PACKED: [u8; KINDS as usize * ENTRY_LEN as usize] = {
+    let entries = [
+        (upper(265, MESSAGE), Kind::DRAFT_COMMAND),
+        (upper(760, MESSAGE), Kind::SERVO_COMMAND),
+        (upper(550, MESSAGE), Kind::NODE_STATUS),
+        (upper(551, REQUEST), Kind::GET_NODE_INFO),
+        (upper(560, REQUEST), Kind::RESTART_NODE),
+    ];
+    let mut packed = [0; KINDS as usize * ENTRY_LEN as usize];
+    let mut n = 0;
+    while n < entries.len() {
+        let ([b0, b1], kind) = entries[n];
+        let [high, low] = kind.data_type().to_be_bytes();
+        let entry = if kind.0 >= Kind::GET_NODE_INFO.0 { [b0, b1, low, SERVICE] } else { [b0, b1, high, low] };
+        let mut k = 0;
+        while k < entry.len() {
+            packed[4 * n + k] = entry[k];
+            k += 1;
+        }
+        n += 1;
+    }
+    packed
+};
+
+/// Entries of [`PACKED`], and bytes of one.
+const KINDS: u8 = 5;
+const ENTRY_LEN: u8 = 4;
+/// No message that the draft has ends like this in v0.
+const SERVICE: u8 = 0xFF;
+
+/// Makes a frame of v0 of one of the draft, if it is one that the node has a use for; otherwise leaves it as it is. Of a request
+/// the destination stays before the payload.
+#[inline(never)]
+pub fn translate(frame: &mut Frame, flash: impl Progmem) {
+    let [b0, b1, b2, b3] = frame.id;
+    let mut at = DRAFT_KINDS;
+    let mut left = KINDS;
+    while flash.byte(at) != b0 || flash.byte(at.wrapping_add(1)) != b1 & !SOURCE {
+        at = at.wrapping_add(u16::from(ENTRY_LEN));
+        left = left.wrapping_sub(1);
+        if left == 0 {
+            return;
+        }
+    }
+    let mut last = b2 >> 2;
+    if b1 & SOURCE != 0 {
+        last |= 1 << 6;
+    }
+    let high = flash.byte(at.wrapping_add(2));
+    let mut low = flash.byte(at.wrapping_add(3));
+    if low == SERVICE {
+        low = REQUEST_NOT_RESPONSE | frame.data[0];
+        last |= SERVICE_NOT_MESSAGE;
+    }
+    frame.id = [DRAFT, high, low, last];
+    let mut tail = b3 & TRANSFER_ID;
+    // The index of the frame.
+    if b2 & 0b11 | b3 & 0xF0 == 0 {
+        tail |= START_OF_TRANSFER;
+    }
+    if b3 & LAST_FRAME != 0 {
+        tail |= END_OF_TRANSFER;
+    }
+    if b3 & 1 << 4 != 0 {
+        tail |= TOGGLE;
+    }
+    frame.push(tail);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::golden::{frames, text};
+    use crate::progmem::InMemory;
+
+    fn translated(draft: &str) -> std::string::String {
+        let mut frames = frames(draft);
+        translate(&mut frames[0], InMemory);
+        text(&frames)
+    }
+
+    #[test]
+    fn messages_are_made_into_messages_with_a_tail_byte() {
+        // NodeStatus of node 120, the thesis's command of node 1, a command for two actuators, and the second frame of a longer one.
+        assert_eq!(translated("1135E00B EF CD AB 02 EF BE"), "40015578 EF CD AB 02 EF BE C3");
+        assert_eq!(translated("17C40409 5A"), "40045701 5A C1");
+        assert_eq!(translated("084C040A 01 00 38 02 00 BC"), "40010901 01 00 38 02 00 BC C2");
+        assert_eq!(translated("084C0412 01 00 38 02 00 BC 03 04"), "40010901 01 00 38 02 00 BC 03 04 22");
+        assert_eq!(translated("084C042A 00"), "40010901 00 42");
+    }
+
+    #[test]
+    fn requests_keep_their_destination_byte() {
+        assert_eq!(translated("113BFC0D 78"), "4001F8FF 78 C5");
+        assert_eq!(translated("1183FC0E 78 1E 1B 55 CE AC"), "4005F8FF 78 1E 1B 55 CE AC C6");
+    }
+
+    #[test]
+    fn a_request_without_a_destination_is_for_nobody_that_counts() {
+        assert_eq!(translated("113BFC0D"), "400180FF C5");
+    }
+
+    #[test]
+    fn everything_else_stays_as_it_is() {
+        for frame in [
+            "1801550A 0A 00 00 00 00 00 00 C1",
+            "1003F20A 01 04 00 66 C0",
+            "1139E005 7F 00",
+            "17CDE008 17",
+            "1139FC0D 78",
+        ] {
+            assert_eq!(translated(frame), text(&frames(frame)));
+        }
+    }
+}
