@@ -38,7 +38,8 @@ impl NodeId {
         self.0
     }
 
-    fn from_field(field: u32) -> Option<NodeId> {
+    /// The lowest seven bits of an identifier's part.
+    pub(crate) fn from_field(field: u32) -> Option<NodeId> {
         NodeId::new((field & NODE_MASK) as u8)
     }
 }

@@ -1,10 +1,12 @@
-//! DroneCAN v0 for programs on a host: the wire format, and the formats in which frames reach other programs.
+//! DroneCAN v0 for programs on a host: the wire format, and the formats in which frames reach other programs. And the draft
+//! of 2014 that came before it.
 //!
 //! The simulator and its tests, and the MAVLink bridge, stand on it. It is written from the DroneCAN specification (chapters
 //! 3 to 5) and the public DSDL, and shares nothing with the firmware, so that neither can hide a mistake of the other.
 //! Layers, lowest first: [`Frame`], [`crc`], [`id`] (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly),
 //! [`types`] (names and signatures), and the payloads that are read and written in full: [`message`], [`broadcast`] and,
-//! for services, [`management`]. Beside them [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
+//! for services, [`management`]. [`draft`] has the same layers for the draft, on the same foundation, and [`dialect`] tells
+//! the two apart on a bus. Beside them [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
 //! multicast bus.
 //!
 //! Limits: extended data frames only, as the dialect has no others; types beyond [`Message`] are named, not decoded.
@@ -13,6 +15,8 @@
 
 pub mod broadcast;
 pub mod crc;
+pub mod dialect;
+pub mod draft;
 mod frame;
 pub mod id;
 pub mod management;
@@ -26,6 +30,7 @@ pub mod types;
 mod tests;
 
 pub use broadcast::{Allocation, CanStats, KeyValue, LightCommand};
+pub use dialect::{Dialect, Heard, Observer, Said};
 pub use frame::{Frame, Id, ParseFrameError};
 pub use id::{CanId, NodeId};
 pub use management::{NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value};

@@ -34,10 +34,21 @@ fn uint48(bytes: &mut &[u8]) -> Option<u64> {
     take::<6>(bytes).map(|[b0, b1, b2, b3, b4, b5]| u64::from_le_bytes([b0, b1, b2, b3, b4, b5, 0, 0]))
 }
 
-/// protocol.GetNodeInfo, response: `NodeStatus | SoftwareVersion | HardwareVersion | name`.
+/// What a GetNodeInfo response begins with: a NodeStatus, as the dialect writes it.
+pub trait StatusField: Sized {
+    /// Bytes of it in a response.
+    const LEN: usize;
+    /// That many bytes, else `None`.
+    fn read(bytes: &[u8]) -> Option<Self>;
+    /// The other way round.
+    fn bytes(&self) -> Vec<u8>;
+}
+
+/// protocol.GetNodeInfo, response: `NodeStatus | SoftwareVersion | HardwareVersion | name`. All but the status is the same in
+/// each dialect.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct NodeInfo {
-    pub status: NodeStatus,
+pub struct NodeInfo<S = NodeStatus> {
+    pub status: S,
     pub software: (u8, u8),
     /// The commit that the software was built from.
     pub commit: Option<u32>,
@@ -51,11 +62,12 @@ pub struct NodeInfo {
 const FLAG_COMMIT: u8 = 1 << 0;
 const FLAG_CRC: u8 = 1 << 1;
 
-impl NodeInfo {
+impl<S: StatusField> NodeInfo<S> {
     /// `None` if it is too short.
-    pub fn decode(mut payload: &[u8]) -> Option<NodeInfo> {
-        let rest = &mut payload;
-        let status = NodeStatus::decode(&take::<7>(rest)?)?;
+    pub fn decode(payload: &[u8]) -> Option<NodeInfo<S>> {
+        let (status, mut rest) = payload.split_at_checked(S::LEN)?;
+        let status = S::read(status)?;
+        let rest = &mut rest;
         let software = (byte(rest)?, byte(rest)?);
         let flags = byte(rest)?;
         let commit = u32::from_le_bytes(take(rest)?);
@@ -78,7 +90,7 @@ impl NodeInfo {
 
     /// The payload.
     pub fn encode(&self) -> Vec<u8> {
-        let mut payload = self.status.encode();
+        let mut payload = self.status.bytes();
         payload.extend([self.software.0, self.software.1]);
         let flag = |given: bool, flag: u8| if given { flag } else { 0 };
         payload.push(flag(self.commit.is_some(), FLAG_COMMIT) | flag(self.image_crc.is_some(), FLAG_CRC));
@@ -91,14 +103,16 @@ impl NodeInfo {
         payload.extend(&self.name);
         payload
     }
+}
 
+impl<S> NodeInfo<S> {
     /// Its name as text.
     pub fn name(&self) -> String {
         text(&self.name)
     }
 }
 
-impl fmt::Display for NodeInfo {
+impl<S> fmt::Display for NodeInfo<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} software {}.{}", self.name(), self.software.0, self.software.1)?;
         if let Some(commit) = self.commit {
@@ -313,12 +327,12 @@ impl fmt::Display for Opcode {
 const OK: u8 = 1 << 7;
 
 /// protocol.param.ExecuteOpcode, response: `argument i48 | ok bool`. Whether it was done.
-pub(super) fn decode_executed(payload: &[u8]) -> Option<bool> {
+pub(crate) fn decode_executed(payload: &[u8]) -> Option<bool> {
     (payload.len() == Opcode::LEN).then(|| payload[Opcode::LEN - 1] & OK != 0)
 }
 
 /// The other way round.
-pub(super) fn encode_executed(ok: bool) -> Vec<u8> {
+pub(crate) fn encode_executed(ok: bool) -> Vec<u8> {
     let mut payload = vec![0; Opcode::LEN];
     payload[Opcode::LEN - 1] = if ok { OK } else { 0 };
     payload
@@ -327,22 +341,32 @@ pub(super) fn encode_executed(ok: bool) -> Vec<u8> {
 /// protocol.RestartNode, request: five bytes that must be right.
 pub const RESTART_MAGIC: u64 = 0xAC_CE55_1B1E;
 
-pub(super) fn decode_restart(mut payload: &[u8]) -> Option<u64> {
+/// Writes nothing of the right number.
+pub(crate) fn write_magic(f: &mut fmt::Formatter<'_>, magic: u64) -> fmt::Result {
+    if magic == RESTART_MAGIC { Ok(()) } else { write!(f, " with the wrong number {magic:#012X}") }
+}
+
+/// Writes whether something was done.
+pub(crate) fn write_ok(f: &mut fmt::Formatter<'_>, ok: bool) -> fmt::Result {
+    write!(f, " {}", if ok { "ok" } else { "FAILED" })
+}
+
+pub(crate) fn decode_restart(mut payload: &[u8]) -> Option<u64> {
     let [b0, b1, b2, b3, b4] = take(&mut payload)?;
     payload.is_empty().then(|| u64::from_le_bytes([b0, b1, b2, b3, b4, 0, 0, 0]))
 }
 
-pub(super) fn encode_restart(magic: u64) -> Vec<u8> {
+pub(crate) fn encode_restart(magic: u64) -> Vec<u8> {
     magic.to_le_bytes()[..5].to_vec()
 }
 
 /// protocol.RestartNode, response: `ok bool`.
-pub(super) fn decode_restarted(payload: &[u8]) -> Option<bool> {
+pub(crate) fn decode_restarted(payload: &[u8]) -> Option<bool> {
     let [byte] = payload else { return None };
     Some(byte & OK != 0)
 }
 
-pub(super) fn encode_restarted(ok: bool) -> Vec<u8> {
+pub(crate) fn encode_restarted(ok: bool) -> Vec<u8> {
     vec![if ok { OK } else { 0 }]
 }
 
@@ -373,7 +397,7 @@ impl NumberAndText {
     }
 
     /// What the number of a response means.
-    pub(super) fn error(&self) -> String {
+    pub(crate) fn error(&self) -> String {
         match self.number {
             0 => String::from("OK"),
             1 => String::from("INVALID_MODE"),

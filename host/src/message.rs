@@ -4,7 +4,7 @@
 
 use super::broadcast::{Allocation, CanStats, KeyValue, LightCommand};
 use super::management::{
-    self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats,
+    self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, StatusField, TransportStats,
 };
 use super::{id::CanId, transfer::Transfer, types, types::DataType};
 use half::f16;
@@ -89,6 +89,18 @@ pub struct NodeStatus {
     pub mode: Mode,
     pub sub_mode: u8,
     pub vendor_code: u16,
+}
+
+impl StatusField for NodeStatus {
+    const LEN: usize = 7;
+
+    fn read(bytes: &[u8]) -> Option<NodeStatus> {
+        NodeStatus::decode(bytes)
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        self.encode()
+    }
 }
 
 impl NodeStatus {
@@ -529,8 +541,13 @@ pub fn name_of(id: CanId) -> String {
     name + direction
 }
 
+/// Writes what is not decoded: nothing, or a space and its bytes.
+pub(crate) fn write_raw(f: &mut fmt::Formatter<'_>, payload: &[u8]) -> fmt::Result {
+    if payload.is_empty() { Ok(()) } else { write!(f, " {}", management::hex(payload)) }
+}
+
 /// Writes a list, or what an empty one is.
-fn list<T: fmt::Display>(f: &mut fmt::Formatter<'_>, items: &[T]) -> fmt::Result {
+pub(crate) fn list<T: fmt::Display>(f: &mut fmt::Formatter<'_>, items: &[T]) -> fmt::Result {
     if items.is_empty() {
         return write!(f, " (empty)");
     }
@@ -564,18 +581,12 @@ impl fmt::Display for Message {
             Message::ParameterRequest(request) => write!(f, " {request}"),
             Message::ParameterResponse(response) => write!(f, " {response}"),
             Message::ExecuteOpcode(opcode) => write!(f, " {opcode}"),
-            Message::OpcodeExecuted(ok) | Message::Restarting(ok) => {
-                write!(f, " {}", if *ok { "ok" } else { "FAILED" })
-            }
-            Message::RestartNode(RESTART_MAGIC) => Ok(()),
-            Message::RestartNode(other) => write!(f, " with the wrong number {other:#012X}"),
+            Message::OpcodeExecuted(ok) | Message::Restarting(ok) => management::write_ok(f, *ok),
+            Message::RestartNode(magic) => management::write_magic(f, *magic),
             Message::BeginUpdate(update) => write!(f, " of \"{}\" from node {}", update.text(), update.number),
             Message::UpdateBegun(update) => write!(f, " {} \"{}\"", update.error(), update.text()),
             Message::TransportStats(stats) => write!(f, " {stats}"),
-            Message::Other { payload, .. } => payload
-                .iter()
-                .enumerate()
-                .try_for_each(|(index, byte)| write!(f, "{}{byte:02X}", if index == 0 { " " } else { "" })),
+            Message::Other { payload, .. } => write_raw(f, payload),
         }
     }
 }

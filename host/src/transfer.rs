@@ -14,7 +14,6 @@ use std::time::Duration;
 const START: u8 = 1 << 7;
 const END: u8 = 1 << 6;
 const TOGGLE: u8 = 1 << 5;
-const ID_MASK: u8 = 0x1F;
 /// Payload bytes of a frame: eight less the tail byte.
 const FRAME_PAYLOAD: usize = 7;
 /// A transfer that is not complete this long after its start is given up (specification, transfer-ID timeout).
@@ -22,25 +21,30 @@ const TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest payload of a type that is not known: that of file.Read, the longest in use, with room to spare.
 const PAYLOAD_MAX: usize = 512;
 
-/// Number of a transfer, modulo 32.
+/// Number of a transfer, counted in so many bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct TransferId(u8);
+pub struct TransferNumber<const BITS: u32>(u8);
 
-impl TransferId {
-    /// The low five bits of `id`.
-    pub const fn new(id: u8) -> TransferId {
-        TransferId(id & ID_MASK)
+/// Number of a transfer, modulo 32.
+pub type TransferId = TransferNumber<5>;
+
+impl<const BITS: u32> TransferNumber<BITS> {
+    const MASK: u8 = (1 << BITS) - 1;
+
+    /// The low bits of `id`.
+    pub const fn new(id: u8) -> TransferNumber<BITS> {
+        TransferNumber(id & Self::MASK)
     }
 
-    /// The number, 0 to 31.
+    /// The number, from 0 on.
     pub const fn get(self) -> u8 {
         self.0
     }
 
     /// Gives the current number and moves on to the next.
-    pub fn advance(&mut self) -> TransferId {
+    pub fn advance(&mut self) -> TransferNumber<BITS> {
         let current = *self;
-        *self = TransferId::new(self.0.wrapping_add(1));
+        *self = TransferNumber::new(self.0.wrapping_add(1));
         current
     }
 }

@@ -1,0 +1,331 @@
+//! Payloads of the draft that are read and written in full, and their text form for the traffic view.
+
+use super::bits::{Reader, Writer};
+use super::id::TransferType;
+use super::parameters;
+use super::transfer::{Route, Transfer};
+use super::types::{self, DataType};
+use crate::management::{self, ParameterRequest, ParameterResponse, StatusField};
+use crate::message::{Health, Mode, list, write_raw};
+use crate::types::Kind;
+use half::f16;
+use std::fmt;
+
+/// What a node says of its condition.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StatusCode {
+    #[default]
+    Ok,
+    Initializing,
+    Warning,
+    Critical,
+    Offline,
+    /// 4 to 14: not defined.
+    Undefined(u8),
+}
+
+impl StatusCode {
+    fn from_field(field: u8) -> StatusCode {
+        match field {
+            0 => StatusCode::Ok,
+            1 => StatusCode::Initializing,
+            2 => StatusCode::Warning,
+            3 => StatusCode::Critical,
+            15 => StatusCode::Offline,
+            other => StatusCode::Undefined(other),
+        }
+    }
+
+    /// The number on the wire, 0 to 15.
+    pub fn field(self) -> u8 {
+        match self {
+            StatusCode::Ok => 0,
+            StatusCode::Initializing => 1,
+            StatusCode::Warning => 2,
+            StatusCode::Critical => 3,
+            StatusCode::Offline => 15,
+            StatusCode::Undefined(other) => other & 0xF,
+        }
+    }
+}
+
+impl fmt::Display for StatusCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            StatusCode::Ok => f.pad("OK"),
+            StatusCode::Initializing => f.pad("INITIALIZING"),
+            StatusCode::Warning => f.pad("WARNING"),
+            StatusCode::Critical => f.pad("CRITICAL"),
+            StatusCode::Offline => f.pad("OFFLINE"),
+            StatusCode::Undefined(number) => write!(f, "status {number}"),
+        }
+    }
+}
+
+/// The vendor's own part of a status: there was none until 2015-02-03, then one of 32 bits, and from 2015-03-19 one of 16.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum VendorCode {
+    #[default]
+    None,
+    Short(u16),
+    Long(u32),
+}
+
+impl VendorCode {
+    /// In 16 bits: none is 0, and of a long one the low half is left.
+    pub fn low(self) -> u16 {
+        match self {
+            VendorCode::None => 0,
+            VendorCode::Short(code) => code,
+            VendorCode::Long(code) => code as u16,
+        }
+    }
+}
+
+/// protocol.NodeStatus. Layout: `uptime_sec u28 | status code u4 | vendor code`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NodeStatus {
+    /// Of 28 bits.
+    pub uptime_s: u32,
+    pub code: StatusCode,
+    pub vendor_code: VendorCode,
+}
+
+const UPTIME_BITS: u32 = 28;
+const CODE_BITS: u32 = 4;
+
+impl NodeStatus {
+    /// Four, six or eight bytes, else `None`; or seven, which are the fields of v0 in which the thesis's node says it:
+    /// `uptime_sec u32 | state u8 | vendor code u16`. To a parser of the draft the uptime's top byte is the status code, so
+    /// that such a node is OK for its first 194 days, whatever its state.
+    pub fn decode(payload: &[u8]) -> Option<NodeStatus> {
+        let mut bits = Reader::new(payload);
+        let uptime_s = bits.take(UPTIME_BITS)? as u32;
+        let code = StatusCode::from_field(bits.take(CODE_BITS)? as u8);
+        let vendor_code = match payload {
+            [_, _, _, _] => VendorCode::None,
+            [_, _, _, _, low, high] => VendorCode::Short(u16::from_le_bytes([*low, *high])),
+            [_, _, _, _, _, low, high] => VendorCode::Short(u16::from_le_bytes([*low, *high])),
+            [_, _, _, _, b0, b1, b2, b3] => VendorCode::Long(u32::from_le_bytes([*b0, *b1, *b2, *b3])),
+            _ => return None,
+        };
+        Some(NodeStatus { uptime_s, code, vendor_code })
+    }
+
+    /// The payload: four, six or eight bytes, as the vendor code is.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut bits = Writer::default();
+        bits.put(u64::from(self.uptime_s), UPTIME_BITS);
+        bits.put(u64::from(self.code.field()), CODE_BITS);
+        match self.vendor_code {
+            VendorCode::None => {}
+            VendorCode::Short(code) => bits.put(u64::from(code), 16),
+            VendorCode::Long(code) => bits.put(u64::from(code), 32),
+        }
+        bits.into_bytes()
+    }
+}
+
+impl fmt::Display for NodeStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} up {} s", self.code, self.uptime_s)?;
+        match self.vendor_code {
+            VendorCode::None => Ok(()),
+            VendorCode::Short(code) => write!(f, " vendor {code:#06X}"),
+            VendorCode::Long(code) => write!(f, " vendor {code:#010X}"),
+        }
+    }
+}
+
+/// As v0 has it, for a view that shows either. Of a long vendor code the low half is left.
+impl From<NodeStatus> for crate::NodeStatus {
+    fn from(status: NodeStatus) -> crate::NodeStatus {
+        let (health, mode) = match status.code {
+            StatusCode::Ok | StatusCode::Undefined(_) => (Health::Ok, Mode::Operational),
+            StatusCode::Initializing => (Health::Ok, Mode::Initialization),
+            StatusCode::Warning => (Health::Warning, Mode::Operational),
+            StatusCode::Critical => (Health::Critical, Mode::Operational),
+            StatusCode::Offline => (Health::Ok, Mode::Offline),
+        };
+        crate::NodeStatus {
+            uptime_s: status.uptime_s,
+            health,
+            mode,
+            sub_mode: 0,
+            vendor_code: status.vendor_code.low(),
+        }
+    }
+}
+
+/// In a GetNodeInfo response it has six bytes.
+impl StatusField for NodeStatus {
+    const LEN: usize = 6;
+
+    fn read(bytes: &[u8]) -> Option<NodeStatus> {
+        NodeStatus::decode(bytes)
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        NodeStatus { vendor_code: VendorCode::Short(self.vendor_code.low()), ..*self }.encode()
+    }
+}
+
+/// protocol.GetNodeInfo, response.
+pub type NodeInfo = management::NodeInfo<NodeStatus>;
+
+/// One element of equipment.actuator.ArrayCommand: `actuator u8 | command f16`. A servo's command goes from -1 to +1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ActuatorCommand {
+    pub actuator: u8,
+    pub value: f16,
+}
+
+const COMMAND_LEN: usize = 3;
+/// Commands in one message.
+const COMMANDS_MAX: usize = 31;
+
+impl ActuatorCommand {
+    /// The commands of a payload; `None` unless it is 0 to 31 whole ones.
+    pub fn decode_array(payload: &[u8]) -> Option<Vec<ActuatorCommand>> {
+        let (commands, rest) = payload.as_chunks::<COMMAND_LEN>();
+        let decode = |&[actuator, low, high]: &[u8; COMMAND_LEN]| ActuatorCommand {
+            actuator,
+            value: f16::from_le_bytes([low, high]),
+        };
+        (rest.is_empty() && commands.len() <= COMMANDS_MAX).then(|| commands.iter().map(decode).collect())
+    }
+
+    /// The payload of an ArrayCommand.
+    pub fn encode_array(commands: &[ActuatorCommand]) -> Vec<u8> {
+        let encode = |command: &ActuatorCommand| {
+            let [low, high] = command.value.to_le_bytes();
+            [command.actuator, low, high]
+        };
+        commands.iter().flat_map(encode).collect()
+    }
+}
+
+impl fmt::Display for ActuatorCommand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "id {} {:+.2}", self.actuator, self.value.to_f32())
+    }
+}
+
+/// A transfer with its meaning. `Display` gives "draft.ArrayCommand id 1 +0.50".
+#[derive(Clone, Debug, PartialEq)]
+pub enum Message {
+    NodeStatus(NodeStatus),
+    ArrayCommand(Vec<ActuatorCommand>),
+    /// Servo command of the thesis, 0 to 255 over the full travel.
+    ThesisCommand(u8),
+    /// What a node of the thesis measures: degrees Celsius, or how often its button was pressed.
+    ThesisMeasurement(u8),
+    NodeInfoRequest,
+    NodeInfo(Box<NodeInfo>),
+    /// The magic number.
+    RestartNode(u64),
+    /// Whether the node restarts.
+    Restarting(bool),
+    ParameterRequest(ParameterRequest),
+    ParameterResponse(ParameterResponse),
+    /// A type that is not decoded, or a payload that does not fit its type: name and bytes.
+    Other {
+        name: String,
+        payload: Vec<u8>,
+    },
+}
+
+impl Message {
+    /// Reads a transfer. Never fails: what cannot be read is `Other`.
+    pub fn decode(transfer: &Transfer) -> Message {
+        Message::decode_known(transfer).unwrap_or_else(|| Message::Other {
+            name: name_of(transfer.type_id, transfer.route.transfer_type()),
+            payload: transfer.payload.clone(),
+        })
+    }
+
+    fn decode_known(transfer: &Transfer) -> Option<Message> {
+        let payload = transfer.payload.as_slice();
+        let byte = || match *payload {
+            [byte] => Some(byte),
+            _ => None,
+        };
+        let data_type = DataType::of(transfer.type_id, transfer.route.transfer_type())?;
+        match (*data_type, transfer.route) {
+            (types::NODE_STATUS, _) => NodeStatus::decode(payload).map(Message::NodeStatus),
+            (types::ARRAY_COMMAND, _) => ActuatorCommand::decode_array(payload).map(Message::ArrayCommand),
+            (types::THESIS_COMMAND, _) => byte().map(Message::ThesisCommand),
+            (types::THESIS_MEASUREMENT, _) => byte().map(Message::ThesisMeasurement),
+            (types::GET_NODE_INFO, Route::Request(_)) => payload.is_empty().then_some(Message::NodeInfoRequest),
+            (types::GET_NODE_INFO, _) => NodeInfo::decode(payload).map(|info| Message::NodeInfo(Box::new(info))),
+            (types::RESTART_NODE, Route::Request(_)) => management::decode_restart(payload).map(Message::RestartNode),
+            (types::RESTART_NODE, _) => management::decode_restarted(payload).map(Message::Restarting),
+            (types::GET_SET, Route::Request(_)) => parameters::decode_request(payload).map(Message::ParameterRequest),
+            (types::GET_SET, _) => parameters::decode_response(payload).map(Message::ParameterResponse),
+            _ => None,
+        }
+    }
+
+    /// Type and payload for the wire; `None` for `Other`, whose type is not kept.
+    pub fn encode(&self) -> Option<(&'static DataType, Vec<u8>)> {
+        Some(match self {
+            Message::NodeStatus(status) => (&types::NODE_STATUS, status.encode()),
+            Message::ArrayCommand(commands) => (&types::ARRAY_COMMAND, ActuatorCommand::encode_array(commands)),
+            Message::ThesisCommand(byte) => (&types::THESIS_COMMAND, vec![*byte]),
+            Message::ThesisMeasurement(byte) => (&types::THESIS_MEASUREMENT, vec![*byte]),
+            Message::NodeInfoRequest => (&types::GET_NODE_INFO, Vec::new()),
+            Message::NodeInfo(info) => (&types::GET_NODE_INFO, info.encode()),
+            Message::RestartNode(magic) => (&types::RESTART_NODE, management::encode_restart(*magic)),
+            Message::Restarting(ok) => (&types::RESTART_NODE, management::encode_restarted(*ok)),
+            Message::ParameterRequest(request) => (&types::GET_SET, parameters::encode_request(request)),
+            Message::ParameterResponse(response) => (&types::GET_SET, parameters::encode_response(response)),
+            Message::Other { .. } => return None,
+        })
+    }
+
+    /// Name of its type, with the direction of a service: "draft.GetNodeInfo request".
+    pub fn name(&self) -> String {
+        if let Message::Other { name, .. } = self {
+            return name.clone();
+        }
+        let name = self.encode().map_or("", |(data_type, _)| data_type.name);
+        let direction = match self {
+            Message::NodeInfoRequest | Message::RestartNode(_) | Message::ParameterRequest(_) => " request",
+            Message::NodeInfo(_) | Message::Restarting(_) | Message::ParameterResponse(_) => " response",
+            _ => "",
+        };
+        format!("{name}{direction}")
+    }
+}
+
+/// "draft.GetNodeInfo request", "draft message 222": the name of a type that goes this way.
+pub fn name_of(type_id: u16, transfer_type: TransferType) -> String {
+    let direction = match transfer_type {
+        TransferType::ServiceRequest => " request",
+        TransferType::ServiceResponse => " response",
+        TransferType::MessageBroadcast | TransferType::MessageUnicast => "",
+    };
+    match (DataType::of(type_id, transfer_type), transfer_type.kind()) {
+        (Some(known), _) => format!("{}{direction}", known.name),
+        (None, Kind::Message) => format!("draft message {type_id}"),
+        (None, Kind::Service) => format!("draft service {type_id}{direction}"),
+    }
+}
+
+impl fmt::Display for Message {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.name())?;
+        match self {
+            Message::NodeStatus(status) => write!(f, " {status}"),
+            Message::ArrayCommand(commands) => list(f, commands),
+            Message::ThesisCommand(byte) | Message::ThesisMeasurement(byte) => write!(f, " {byte}"),
+            Message::NodeInfoRequest => Ok(()),
+            Message::NodeInfo(info) => write!(f, " {info}"),
+            Message::RestartNode(magic) => management::write_magic(f, *magic),
+            Message::Restarting(ok) => management::write_ok(f, *ok),
+            Message::ParameterRequest(request) => write!(f, " {request}"),
+            Message::ParameterResponse(response) => write!(f, " {response}"),
+            Message::Other { payload, .. } => write_raw(f, payload),
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! Transfers of the draft: splitting a payload into frames, and putting frames together again.
+//!
+//! A broadcast has eight bytes of payload in a frame; in everything else the first byte of each frame is the destination, and
+//! seven are left. What does not fit one frame is preceded by its CRC, little endian, and cut. There is no toggle bit: the
+//! identifier counts the frames.
+//!
+//! Assembly invariants: only frame 0 opens or replaces a session; a frame that does not continue its session closes it.
+//! Repeated transfer IDs are not filtered, for this is the view of an observer: what was sent is shown.
+
+use super::id::{CanId, INDEX_MAX, TransferId, TransferType};
+use super::types::DataType;
+use crate::{Frame, NodeId, crc};
+use std::collections::HashMap;
+use std::time::Duration;
+
+/// Data bytes of a CAN frame.
+const FRAME_DATA: usize = 8;
+const CRC_LEN: usize = 2;
+/// Longest payload: so many frames as there are indexes, with seven bytes each, less the CRC (transfer.hpp).
+pub const PAYLOAD_MAX: usize = (INDEX_MAX as usize + 1) * (FRAME_DATA - 1) - CRC_LEN;
+/// A transfer that is not complete this long after its start is given up: five times the interval that a receiver assumes
+/// of a sender it does not know (transfer_receiver.cpp).
+const TIMEOUT: Duration = Duration::from_secs(5);
+/// Of the destination byte, never set.
+const DESTINATION_RESERVED: u8 = 1 << 7;
+
+/// To whom a transfer goes, and what for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Route {
+    /// A message to all.
+    Broadcast,
+    /// A message to one node.
+    Unicast(NodeId),
+    /// A request to the node that serves.
+    Request(NodeId),
+    /// A response to the node that asked.
+    Response(NodeId),
+}
+
+impl Route {
+    fn of(transfer_type: TransferType, destination: Option<NodeId>) -> Option<Route> {
+        match transfer_type {
+            TransferType::MessageBroadcast => Some(Route::Broadcast),
+            TransferType::MessageUnicast => destination.map(Route::Unicast),
+            TransferType::ServiceRequest => destination.map(Route::Request),
+            TransferType::ServiceResponse => destination.map(Route::Response),
+        }
+    }
+
+    /// The same in the identifier.
+    pub fn transfer_type(self) -> TransferType {
+        match self {
+            Route::Broadcast => TransferType::MessageBroadcast,
+            Route::Unicast(_) => TransferType::MessageUnicast,
+            Route::Request(_) => TransferType::ServiceRequest,
+            Route::Response(_) => TransferType::ServiceResponse,
+        }
+    }
+
+    /// The one node that it is for.
+    pub fn destination(self) -> Option<NodeId> {
+        match self {
+            Route::Broadcast => None,
+            Route::Unicast(node) | Route::Request(node) | Route::Response(node) => Some(node),
+        }
+    }
+}
+
+/// A whole transfer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Transfer {
+    /// Number of the data type, 0 to 1023.
+    pub type_id: u16,
+    pub source: NodeId,
+    pub route: Route,
+    pub transfer_id: TransferId,
+    pub payload: Vec<u8>,
+}
+
+impl Transfer {
+    /// Sender and, of what goes to one node, destination: "1", "127>42".
+    pub fn who(&self) -> String {
+        match self.route.destination() {
+            Some(destination) => format!("{}>{destination}", self.source),
+            None => self.source.to_string(),
+        }
+    }
+
+    /// Its frames, in order. `signature` is that of the data type; a payload of one frame does not need it. Panics if the
+    /// payload is longer than [`PAYLOAD_MAX`].
+    pub fn split(&self, signature: u64) -> Vec<Frame> {
+        assert!(self.payload.len() <= PAYLOAD_MAX, "a payload of {} bytes", self.payload.len());
+        let destination = self.route.destination().map(NodeId::get);
+        let room = FRAME_DATA - usize::from(destination.is_some());
+        let mut stream = Vec::new();
+        if self.payload.len() > room {
+            stream.extend(crc::transfer(signature, &self.payload).to_le_bytes());
+        }
+        stream.extend(&self.payload);
+        let last = stream.len().div_ceil(room).saturating_sub(1);
+        let frame = |index: usize| {
+            let part = stream.chunks(room).nth(index).unwrap_or_default();
+            let data: Vec<u8> = destination.iter().chain(part).copied().collect();
+            let id = CanId {
+                type_id: self.type_id,
+                transfer_type: self.route.transfer_type(),
+                source: self.source,
+                index: index as u8,
+                last: index == last,
+                transfer_id: self.transfer_id,
+            };
+            Frame::extended(id.build(), &data)
+        };
+        (0..=last).map(frame).collect()
+    }
+}
+
+/// What a frame did to the assembly.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The transfer is whole, and its CRC right where it has one.
+    Complete(Transfer),
+    /// A part, more to come.
+    Partial,
+    /// Not a valid part of anything; the text says why.
+    Invalid(&'static str),
+}
+
+/// What the frames of a transfer have in common, but for the transfer ID.
+type Key = (u16, NodeId, Route);
+
+/// A multi-frame transfer in the making.
+struct Session {
+    started_at: Duration,
+    transfer_id: TransferId,
+    /// Index that the next frame must have.
+    next: u8,
+    stream: Vec<u8>,
+}
+
+/// Puts the frames of all nodes on a bus together, one session for each sender, data type and destination.
+#[derive(Default)]
+pub struct Assembler {
+    sessions: HashMap<Key, Session>,
+}
+
+impl Assembler {
+    /// No session open.
+    pub fn new() -> Assembler {
+        Assembler::default()
+    }
+
+    /// Takes an extended data frame that ended at `at`, counted from any moment that stays the same.
+    pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Outcome {
+        let Some(id) = CanId::parse(id) else {
+            return Outcome::Invalid("forbidden identifier");
+        };
+        let (destination, part) = match data.split_first() {
+            _ if !id.transfer_type.has_destination() => (None, data),
+            None => return Outcome::Invalid("no destination"),
+            Some((node, _)) if node & DESTINATION_RESERVED != 0 => return Outcome::Invalid("no valid destination"),
+            Some((node, part)) => (NodeId::new(*node), part),
+        };
+        let Some(route) = Route::of(id.transfer_type, destination) else {
+            return Outcome::Invalid("no valid destination");
+        };
+        if destination == Some(id.source) {
+            return Outcome::Invalid("to its own sender");
+        }
+        let key = (id.type_id, id.source, route);
+        match (id.index, id.last) {
+            (0, true) => {
+                self.sessions.remove(&key);
+                Outcome::Complete(transfer(key, id.transfer_id, part.to_vec()))
+            }
+            (0, false) if data.len() < FRAME_DATA => Outcome::Invalid("start frame that is not full"),
+            (0, false) => {
+                let (transfer_id, stream) = (id.transfer_id, part.to_vec());
+                self.sessions.insert(key, Session { started_at: at, transfer_id, next: 1, stream });
+                Outcome::Partial
+            }
+            _ => self.go_on(key, id, data.len() == FRAME_DATA, part, at),
+        }
+    }
+
+    fn go_on(&mut self, key: Key, id: CanId, full: bool, part: &[u8], at: Duration) -> Outcome {
+        let Some(mut session) = self.sessions.remove(&key) else {
+            return Outcome::Invalid("continues a transfer that did not start");
+        };
+        if session.transfer_id != id.transfer_id || session.next != id.index {
+            return Outcome::Invalid("a frame of the transfer is missing");
+        }
+        if at.saturating_sub(session.started_at) > TIMEOUT {
+            return Outcome::Invalid("transfer timed out");
+        }
+        session.stream.extend_from_slice(part);
+        session.next += 1;
+        if !id.last {
+            if !full {
+                return Outcome::Invalid("middle frame that is not full");
+            }
+            self.sessions.insert(key, session);
+            return Outcome::Partial;
+        }
+        let payload = session.stream.split_off(CRC_LEN);
+        if payload.len() > PAYLOAD_MAX {
+            return Outcome::Invalid("transfer too long");
+        }
+        let sent_crc = u16::from_le_bytes([session.stream[0], session.stream[1]]);
+        // A type without a known signature cannot be checked; an observer shows it all the same.
+        if let Some(signature) = DataType::of(id.type_id, id.transfer_type).and_then(|known| known.signature)
+            && crc::transfer(signature, &payload) != sent_crc
+        {
+            return Outcome::Invalid("wrong transfer CRC");
+        }
+        Outcome::Complete(transfer(key, id.transfer_id, payload))
+    }
+}
+
+fn transfer((type_id, source, route): Key, transfer_id: TransferId, payload: Vec<u8>) -> Transfer {
+    Transfer { type_id, source, route, transfer_id, payload }
+}
