@@ -2,7 +2,7 @@
 //!
 //! It says that it is alive (NodeStatus, 1 Hz) and commands servos at 50 Hz, one of them sweeping or held as the user wants.
 //! What else it sends, and how, depends on the flight controller that it is like: see [`Profile`]. It answers GetNodeInfo,
-//! and on demand it allocates node IDs: see [`Allocator`].
+//! and on demand it allocates node IDs: see [`Allocator`]. It speaks one dialect, and to the other it is deaf.
 //!
 //! Its clock is the simulated one, and each frame is queued for its exact time, so that a run can be repeated. Answers come a
 //! fixed time after what they answer.
@@ -10,6 +10,7 @@
 //! Limits: of the services it knows GetNodeInfo only; a transfer of several frames is queued as a whole.
 
 mod allocator;
+mod in_draft;
 mod profile;
 
 pub use allocator::Allocator;
@@ -17,8 +18,8 @@ pub use profile::Profile;
 
 use crate::can::{Frame, Id, SoftNode, StationRef};
 use crate::dronecan::{
-    ActuatorCommand, Allocation, Assembler, CanId, CommandUnit, DataType, Message, NodeId, NodeInfo, NodeStatus,
-    Outcome, Transfer, TransferId, management::hex, split,
+    ActuatorCommand, Allocation, CanId, CommandUnit, DataType, Dialect, Heard, Message, NodeId, NodeInfo, NodeStatus,
+    Observer, Said, Transfer, TransferId, draft, management::hex, split,
 };
 use crate::{Cycles, F_CPU_HZ};
 use half::f16;
@@ -82,6 +83,15 @@ impl fmt::Display for CommandType {
     }
 }
 
+/// All that an autopilot says, if it does not say all that it might.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Only {
+    /// That it is alive, and no commands.
+    Status,
+    /// Commands, and not that it is alive.
+    Commands,
+}
+
 /// Where the servo is told to go.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
@@ -96,6 +106,7 @@ pub enum Motion {
 pub struct Settings {
     /// Which flight controller it is like.
     pub profile: Profile,
+    pub dialect: Dialect,
     pub node_id: NodeId,
     /// Actuator that it moves; a profile with several holds each other one somewhere else.
     pub actuator: u8,
@@ -104,22 +115,40 @@ pub struct Settings {
     pub sweep_period: Cycles,
     /// Angle of full deflection for position commands, in radians.
     pub position_full_rad: f64,
-    /// Whether it gives node IDs to those who ask.
+    /// Whether it gives node IDs to those who ask. The draft has no such thing.
     pub allocates: bool,
+    /// If it is to leave something out. It answers all the same.
+    pub only: Option<Only>,
 }
 
 impl Settings {
-    /// What is usual for such a flight controller.
+    /// What is usual for such a flight controller of today.
     pub fn of(profile: Profile) -> Settings {
+        let dialect = Dialect::V0;
         Settings {
             profile,
+            dialect,
             node_id: profile.node_id(),
             actuator: 1,
-            command_type: profile.command_types()[0],
+            command_type: profile.command_types(dialect)[0],
             sweep_period: 4 * F_CPU_HZ,
             position_full_rad: FRAC_PI_2 / 2.0,
             allocates: false,
+            only: None,
         }
+    }
+
+    /// As near to this as can be in a dialect: a flight controller that does not speak it becomes a plain one, and a type of
+    /// commands that it does not have becomes the usual one.
+    pub fn in_dialect(mut self, dialect: Dialect) -> Settings {
+        if self.profile.command_types(dialect).is_empty() {
+            self.profile = Profile::Plain;
+        }
+        let types = self.profile.command_types(dialect);
+        if !types.contains(&self.command_type) {
+            self.command_type = types[0];
+        }
+        Settings { dialect, ..self }
     }
 }
 
@@ -142,19 +171,23 @@ struct Known {
 pub struct Autopilot {
     station: Rc<RefCell<SoftNode>>,
     settings: Settings,
+    powered_at: Cycles,
     motion: Motion,
     silent: bool,
+    /// What it does now is not to be heard.
+    mute: bool,
     armed: bool,
     next_status_at: Cycles,
     next_command_at: Cycles,
     next_arming_at: Cycles,
     /// Answers, in order of time.
-    answers: VecDeque<(Cycles, CanId, TransferId, Message)>,
+    answers: VecDeque<(Cycles, Vec<Frame>)>,
     nodes: BTreeMap<NodeId, Known>,
     allocator: Option<Allocator>,
     /// Next number of each thing that it sends.
     transfers: HashMap<CanId, TransferId>,
-    assembler: Assembler,
+    draft_transfers: HashMap<u16, draft::TransferId>,
+    observer: Observer,
     news: Vec<(Cycles, String)>,
     commands_sent: u64,
 }
@@ -162,20 +195,28 @@ pub struct Autopilot {
 impl Autopilot {
     /// An autopilot that starts at time 0, armed, sweeping.
     pub fn new(settings: Settings, bit_rate: u32) -> Autopilot {
+        Autopilot::powered(settings, bit_rate, 0)
+    }
+
+    /// An autopilot that starts at `now`, armed, sweeping.
+    pub fn powered(settings: Settings, bit_rate: u32, now: Cycles) -> Autopilot {
         Autopilot {
             station: Rc::new(RefCell::new(SoftNode::new(bit_rate))),
             allocator: settings.allocates.then(|| Allocator::new(settings.node_id)),
             settings,
-            motion: Motion::Sweep { since: 0, phase: 0.0 },
+            powered_at: now,
+            motion: Motion::Sweep { since: now, phase: 0.0 },
             silent: false,
+            mute: false,
             armed: true,
-            next_status_at: 0,
-            next_command_at: COMMAND_OFFSET,
-            next_arming_at: ARMING_OFFSET,
+            next_status_at: now,
+            next_command_at: now + COMMAND_OFFSET,
+            next_arming_at: now + ARMING_OFFSET,
             answers: VecDeque::new(),
             nodes: BTreeMap::new(),
             transfers: HashMap::new(),
-            assembler: Assembler::new(),
+            draft_transfers: HashMap::new(),
+            observer: Observer::new(),
             news: Vec::new(),
             commands_sent: 0,
         }
@@ -184,6 +225,19 @@ impl Autopilot {
     /// Its end of the bus, to be attached.
     pub fn station(&self) -> StationRef {
         self.station.clone()
+    }
+
+    /// Takes its power, for good: a frame on the wire is cut off, and it sends and acknowledges nothing more.
+    pub fn switch_off(self) {
+        let mut station = self.station.borrow_mut();
+        station.set_listen_only(true);
+        station.clear_queue();
+    }
+
+    /// One of other settings in its place, which starts at `now` and has the same orders: where to hold, armed, silent.
+    pub fn successor(&self, settings: Settings, bit_rate: u32, now: Cycles) -> Autopilot {
+        let (motion, silent, armed) = (self.motion, self.silent, self.armed);
+        Autopilot { motion, silent, armed, ..Autopilot::powered(settings, bit_rate, now) }
     }
 
     /// What it is set to.
@@ -228,7 +282,7 @@ impl Autopilot {
 
     /// Commands of the next type in turn, of those that its profile has.
     pub fn next_command_type(&mut self) {
-        let types = self.settings.profile.command_types();
+        let types = self.settings.profile.command_types(self.settings.dialect);
         let at = types.iter().position(|other| *other == self.settings.command_type).map_or(0, |at| at + 1);
         self.settings.command_type = types[at % types.len()];
     }
@@ -289,13 +343,19 @@ impl Autopilot {
         if frame.remote {
             return;
         }
-        if let Outcome::Complete(transfer) = self.assembler.push(id, frame.data(), crate::elapsed(at)) {
-            self.react(at, &transfer);
+        match self.observer.push(id, frame.data(), crate::elapsed(at)) {
+            Heard::Said(Said::V0(transfer, message)) if self.settings.dialect == Dialect::V0 => {
+                self.react(at, &transfer, message);
+            }
+            Heard::Said(Said::Draft(transfer, message)) if self.settings.dialect == Dialect::Draft => {
+                self.react_in_draft(at, &transfer, message);
+            }
+            Heard::Said(_) | Heard::Partial | Heard::Invalid(_) => {}
         }
     }
 
-    fn react(&mut self, at: Cycles, transfer: &Transfer) {
-        match (Message::decode(transfer), transfer.id) {
+    fn react(&mut self, at: Cycles, transfer: &Transfer, message: Message) {
+        match (message, transfer.id) {
             (Message::NodeStatus(status), CanId::Message { source, .. }) => self.see(at, source, status.uptime_s),
             (Message::Allocation(request), CanId::Anonymous { .. }) => self.allocate(at, &request),
             (Message::NodeInfo(info), CanId::Service { source, destination, .. }) if self.is_me(destination) => {
@@ -307,8 +367,8 @@ impl Autopilot {
             {
                 let id =
                     CanId::Service { priority, service_id, request: false, destination: source, source: destination };
-                let info = Message::NodeInfo(Box::new(self.information(at)));
-                self.answers.push_back((at + ANSWER_DELAY, id, transfer.transfer_id, info));
+                let info = Message::NodeInfo(Box::new(self.information(self.condition(at))));
+                self.answers.push_back((at + ANSWER_DELAY, frames(id, transfer.transfer_id, &info)));
             }
             _ => {}
         }
@@ -325,7 +385,7 @@ impl Autopilot {
         let is_known = self.nodes.contains_key(&source);
         let node = self.nodes.entry(source).or_default();
         let is_new = !is_known || uptime_s < node.uptime_s || at - node.heard_at > OFFLINE_TIMEOUT;
-        if is_new && self.settings.profile.request_priority().is_some() {
+        if is_new && self.settings.dialect == Dialect::V0 && self.settings.profile.request_priority().is_some() {
             node.ask_at = Some(at + ANSWER_DELAY);
         }
         (node.heard_at, node.uptime_s) = (at, uptime_s);
@@ -340,12 +400,12 @@ impl Autopilot {
         let message = Message::Allocation(answer);
         let id = self.broadcast_id(&message, ALLOCATION_PRIORITY);
         let transfer_id = self.next_transfer(id);
-        self.answers.push_back((at + ANSWER_DELAY, id, transfer_id, message));
+        self.answers.push_back((at + ANSWER_DELAY, frames(id, transfer_id, &message)));
     }
 
-    fn information(&self, at: Cycles) -> NodeInfo {
+    fn information<S: Default>(&self, status: S) -> NodeInfo<S> {
         NodeInfo {
-            status: self.condition(at),
+            status,
             software: (4, 6),
             hardware: (1, 0),
             // Not that of any board: the boards make theirs from noise.
@@ -355,8 +415,12 @@ impl Autopilot {
         }
     }
 
+    fn uptime_s(&self, at: Cycles) -> u32 {
+        u32::try_from((at - self.powered_at) / F_CPU_HZ).unwrap_or(u32::MAX)
+    }
+
     fn condition(&self, at: Cycles) -> NodeStatus {
-        NodeStatus { uptime_s: u32::try_from(at / F_CPU_HZ).unwrap_or(u32::MAX), ..NodeStatus::default() }
+        NodeStatus { uptime_s: self.uptime_s(at), ..NodeStatus::default() }
     }
 
     // ---- what it sends ----
@@ -366,17 +430,27 @@ impl Autopilot {
         let mut frames = Vec::new();
         while let Some((at, deed)) = self.next_deed().filter(|(at, _)| *at < until) {
             // Time goes on for one that is silent, but it says nothing.
+            self.mute = self.silent || !self.says(deed);
             let made = self.perform(deed, at);
-            if !self.silent {
+            if !self.mute {
                 frames.extend(made.into_iter().map(|frame| (at, frame)));
             }
         }
         frames
     }
 
+    fn says(&self, deed: Deed) -> bool {
+        match (self.settings.only, deed) {
+            (None, _) | (_, Deed::Answer | Deed::Ask(_)) => true,
+            (Some(only), Deed::Status) => only == Only::Status,
+            (Some(only), Deed::Command) => only == Only::Commands,
+            (Some(_), Deed::Arming) => false,
+        }
+    }
+
     /// What comes next. Of what is due at once, the earlier of this list.
     fn next_deed(&self) -> Option<(Cycles, Deed)> {
-        let has_arming = self.settings.profile.arming().is_some();
+        let has_arming = self.settings.dialect == Dialect::V0 && self.settings.profile.arming().is_some();
         let asked = self.nodes.iter().filter_map(|(id, node)| Some((node.ask_at?, Deed::Ask(*id))));
         [(self.next_status_at, Deed::Status), (self.next_command_at, Deed::Command)]
             .into_iter()
@@ -391,12 +465,18 @@ impl Autopilot {
         match deed {
             Deed::Status => {
                 self.next_status_at += STATUS_PERIOD;
+                if self.settings.dialect == Dialect::Draft {
+                    return self.broadcast_in_draft(&self.status_in_draft(at));
+                }
                 let status = Message::NodeStatus(self.condition(at));
                 self.broadcast(&status, profile.status_priority())
             }
             Deed::Command => {
                 self.next_command_at += COMMAND_PERIOD;
-                self.commands_sent += u64::from(!self.silent);
+                self.commands_sent += u64::from(!self.mute);
+                if self.settings.dialect == Dialect::Draft {
+                    return self.broadcast_in_draft(&self.command_in_draft(at));
+                }
                 let command = self.command(at);
                 self.broadcast(&command, profile.command_priority())
             }
@@ -412,8 +492,8 @@ impl Autopilot {
                 frames
             }
             Deed::Answer => {
-                let (_, id, transfer_id, message) = self.answers.pop_front().expect("it was looked at");
-                transfer(id, transfer_id, &message)
+                let (_, frames) = self.answers.pop_front().expect("it was looked at");
+                frames
             }
             Deed::Ask(destination) => {
                 if let Some(node) = self.nodes.get_mut(&destination) {
@@ -424,7 +504,7 @@ impl Autopilot {
                 let source = self.settings.node_id;
                 let id = CanId::Service { priority, service_id: 1, request: true, destination, source };
                 let transfer_id = self.next_transfer(id);
-                transfer(id, transfer_id, &Message::NodeInfoRequest)
+                frames(id, transfer_id, &Message::NodeInfoRequest)
             }
         }
     }
@@ -433,7 +513,7 @@ impl Autopilot {
         let Settings { profile, actuator, command_type, .. } = self.settings;
         let deflection = self.deflection(at);
         if command_type == CommandType::Thesis {
-            return Message::ThesisCommand(((deflection + 1.0) * 127.5).round() as u8);
+            return Message::ThesisCommand(thesis_position(deflection));
         }
         let Some(array) = profile.array() else {
             return Message::ArrayCommand(vec![self.actuator_command(actuator, deflection)]);
@@ -467,8 +547,8 @@ impl Autopilot {
     fn broadcast(&mut self, message: &Message, priority: u8) -> Vec<Frame> {
         let id = self.broadcast_id(message, priority);
         // What is not sent takes no number.
-        let transfer_id = if self.silent { TransferId::default() } else { self.next_transfer(id) };
-        transfer(id, transfer_id, message)
+        let transfer_id = if self.mute { TransferId::default() } else { self.next_transfer(id) };
+        frames(id, transfer_id, message)
     }
 
     fn next_transfer(&mut self, id: CanId) -> TransferId {
@@ -486,8 +566,13 @@ enum Deed {
     Ask(NodeId),
 }
 
+/// The thesis's byte for a deflection: 0 to 255 over the full travel.
+fn thesis_position(deflection: f64) -> u8 {
+    ((deflection + 1.0) * 127.5).round() as u8
+}
+
 /// The frames of a transfer.
-fn transfer(id: CanId, transfer_id: TransferId, message: &Message) -> Vec<Frame> {
+fn frames(id: CanId, transfer_id: TransferId, message: &Message) -> Vec<Frame> {
     let (data_type, payload) = message.encode().expect("only encodable messages are made");
     let parts = split(&payload, transfer_id, data_type.signature.unwrap_or(0));
     parts.iter().map(|data| Frame::extended(id.build(), data)).collect()
@@ -496,6 +581,7 @@ fn transfer(id: CanId, transfer_id: TransferId, message: &Message) -> Vec<Frame>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dronecan::{Assembler, Outcome};
 
     fn autopilot(command_type: CommandType) -> Autopilot {
         let settings = Settings { command_type, ..Settings::default() };
@@ -526,7 +612,7 @@ mod tests {
     /// Lets it hear a transfer that ends at `at`.
     fn tell(autopilot: &mut Autopilot, at: Cycles, id: u32, message: &Message) {
         let id = CanId::parse(id).unwrap();
-        for frame in transfer(id, TransferId::new(7), message) {
+        for frame in frames(id, TransferId::new(7), message) {
             autopilot.hear(at, &frame);
         }
     }
@@ -754,5 +840,110 @@ mod tests {
         let mut autopilot = like(Profile::Ardupilot);
         autopilot.next_command_type();
         assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
+    }
+
+    fn in_draft(profile: Profile, only: Option<Only>) -> Autopilot {
+        let settings = Settings { only, ..Settings::of(profile).in_dialect(Dialect::Draft) };
+        Autopilot::new(settings, 1_000_000)
+    }
+
+    /// What it sends before `until`, as candump has it.
+    fn frames_of(autopilot: &mut Autopilot, until: Cycles) -> Vec<String> {
+        autopilot.due(until).into_iter().map(|(_, frame)| frame.to_string()).collect()
+    }
+
+    #[test]
+    fn in_the_draft_it_says_its_status_and_its_commands_in_the_draft_s_frames() {
+        let mut autopilot = in_draft(Profile::Plain, None);
+        autopilot.hold(0.5);
+        let frames = frames_of(&mut autopilot, 2 * F_CPU_HZ);
+        assert_eq!(frames[..3], ["11340408#000000000000", "084C0408#010038", "084C0409#010038"]);
+        assert_eq!(frames[51], "11340409#010000000000");
+        assert_eq!(frames.iter().filter(|frame| frame.starts_with("1134")).count(), 2);
+        assert_eq!(frames.iter().filter(|frame| frame.starts_with("084C")).count(), 100);
+        // The eight numbers are used up, and begin anew.
+        assert_eq!((frames[8].as_str(), frames[9].as_str()), ("084C040F#010038", "084C0408#010038"));
+    }
+
+    #[test]
+    fn the_autopilot_of_the_thesis_commands_one_byte_in_the_draft() {
+        let mut autopilot = in_draft(Profile::Thesis, None);
+        for (deflection, expected) in [(-1.0, "00"), (0.0, "80"), (1.0, "FF")] {
+            autopilot.hold(deflection);
+            let until = autopilot.next_command_at + 1;
+            let frame = frames_of(&mut autopilot, until).pop().unwrap();
+            assert_eq!(&frame[..8], format!("17C4040{:X}", 8 + autopilot.commands_sent() - 1));
+            assert_eq!(&frame[9..], expected);
+        }
+    }
+
+    #[test]
+    fn it_can_say_its_status_only_or_commands_only_in_either_dialect() {
+        let said = |settings: Settings| {
+            let mut autopilot = Autopilot::new(settings, 1_000_000);
+            let frames = autopilot.due(2 * F_CPU_HZ);
+            let commands = autopilot.commands_sent();
+            (frames.len(), commands, frames[1].1.to_string())
+        };
+        for (dialect, status, command) in [
+            (Dialect::V0, "10015501#01000000000000C1", "0803F201#"),
+            (Dialect::Draft, "11340409#010000000000", "084C0409#"),
+        ] {
+            let with = |only| Settings { only: Some(only), ..Settings::default().in_dialect(dialect) };
+            assert_eq!(said(with(Only::Status)), (2, 0, String::from(status)));
+            let (frames, commands, text) = said(with(Only::Commands));
+            assert_eq!((frames, commands), (100, 100));
+            assert!(text.starts_with(command), "{text}");
+        }
+        let only = Settings { only: Some(Only::Status), ..Settings::of(Profile::Ardupilot) };
+        assert_eq!(said(only).0, 2, "nothing of arming");
+    }
+
+    #[test]
+    fn it_says_who_it_is_in_the_dialect_that_it_speaks_and_is_deaf_to_the_other() {
+        for (profile, heard) in [(Profile::Px4, "1E0181FF#C7"), (Profile::Plain, "113BFC08#01")] {
+            for dialect in [Dialect::V0, Dialect::Draft] {
+                let mut autopilot = Autopilot::new(Settings::of(profile).in_dialect(dialect), 1_000_000);
+                autopilot.set_silent(false);
+                autopilot.hear(F_CPU_HZ, &heard.parse().unwrap());
+                let asked_in = if heard.starts_with("1E") { Dialect::V0 } else { Dialect::Draft };
+                assert_eq!(autopilot.answers.len(), usize::from(dialect == asked_in), "{heard} {dialect}");
+            }
+        }
+        let mut autopilot = in_draft(Profile::Plain, None);
+        autopilot.hear(F_CPU_HZ, &"113BFC0D#01".parse().unwrap());
+        let (at, frames) = autopilot.answers.pop_front().unwrap();
+        assert_eq!(at, F_CPU_HZ + ANSWER_DELAY);
+        // To 127, of 1, with the request's number; it has been up for a second.
+        assert_eq!(frames[0].id, Id::Extended(0x1138_0405));
+        assert_eq!(frames[0].data()[..1], [0x7F]);
+        assert_eq!(frames[0].data()[3..8], [1, 0, 0, 0, 0]);
+        let text: Vec<u8> = frames.iter().flat_map(|frame| frame.data()[1..].to_vec()).collect();
+        assert!(text.ends_with(b"org.example.autopilot"), "{frames:?}");
+    }
+
+    #[test]
+    fn one_that_starts_later_counts_its_uptime_from_then_and_sends_nothing_of_the_past() {
+        let mut autopilot = Autopilot::powered(Settings::default(), 1_000_000, 10 * F_CPU_HZ);
+        let messages = sent(&mut autopilot, 12 * F_CPU_HZ);
+        assert_eq!(messages.len(), 2 + 100);
+        assert!(messages.iter().all(|(at, _)| *at >= 10 * F_CPU_HZ));
+        assert_eq!(messages[0].1, status(0));
+        assert_eq!(messages[51].1, status(1));
+    }
+
+    #[test]
+    fn settings_for_the_other_dialect_are_as_near_as_can_be() {
+        let settings = Settings { actuator: 3, ..Settings::of(Profile::ArdupilotPwm) }.in_dialect(Dialect::Draft);
+        assert_eq!((settings.profile, settings.command_type), (Profile::Plain, CommandType::Unitless));
+        assert_eq!((settings.actuator, settings.node_id.get()), (3, 10));
+        let settings = Settings::of(Profile::Thesis).in_dialect(Dialect::Draft).in_dialect(Dialect::V0);
+        assert_eq!((settings.profile, settings.command_type), (Profile::Thesis, CommandType::Thesis));
+        let mut autopilot = in_draft(Profile::Plain, None);
+        let types = [(); 3].map(|()| {
+            autopilot.next_command_type();
+            autopilot.settings().command_type
+        });
+        assert_eq!(types, [CommandType::Thesis, CommandType::Unitless, CommandType::Thesis]);
     }
 }

@@ -41,6 +41,11 @@ impl Bench {
         self.bus.attach(name, station)
     }
 
+    /// Pulls a station's plug, for good.
+    pub fn detach(&mut self, port: PortId) {
+        self.bus.connect(port, false);
+    }
+
     /// A board, by its number.
     pub fn board(&mut self, index: usize) -> &mut Board {
         &mut self.boards[index]

@@ -4,7 +4,7 @@
 //! src/drivers/uavcan/actuators/servo.cpp at f929353e and arming_status.cpp; priorities of libcanard's canard.h.
 
 use super::CommandType;
-use crate::dronecan::NodeId;
+use crate::dronecan::{Dialect, NodeId};
 use crate::{Cycles, F_CPU_HZ};
 use std::fmt;
 
@@ -14,9 +14,9 @@ pub enum Profile {
     /// No particular one: one command in each message, of any type, and nothing but commands and its status.
     #[default]
     Plain,
-    /// The thesis's: as plain, with the thesis's own commands.
+    /// The thesis's: as plain, with the thesis's own commands. In the draft it is the one that the thesis had.
     Thesis,
-    /// ArduPilot: 15 commands in each message, actuators 1 to 15, -1 to +1; armed or not, and the safety switch.
+    /// ArduPilot of today: 15 commands in each message, actuators 1 to 15, -1 to +1; armed or not, and the safety switch.
     Ardupilot,
     /// ArduPilot with the option to command pulse widths (CAN_Dn_UC_OPTION, bit 4).
     ArdupilotPwm,
@@ -69,14 +69,17 @@ impl Profile {
         }
     }
 
-    /// The types of its commands, the usual one first.
-    pub fn command_types(self) -> &'static [CommandType] {
+    /// The types of its commands in a dialect, the usual one first; none if it does not speak that dialect.
+    pub fn command_types(self, dialect: Dialect) -> &'static [CommandType] {
         use CommandType::{Position, Pwm, Thesis, Unitless};
-        match self {
-            Profile::Thesis => &[Thesis],
-            Profile::Ardupilot | Profile::Px4 => &[Unitless],
-            Profile::ArdupilotPwm => &[Pwm],
-            Profile::Plain | Profile::None => &[Unitless, Position, Pwm, Thesis],
+        match (self, dialect) {
+            (Profile::Thesis, _) => &[Thesis],
+            (Profile::Plain | Profile::None, Dialect::V0) => &[Unitless, Position, Pwm, Thesis],
+            // A command of the draft has no unit.
+            (Profile::Plain | Profile::None, Dialect::Draft) => &[Unitless, Thesis],
+            (Profile::Ardupilot | Profile::Px4, Dialect::V0) => &[Unitless],
+            (Profile::ArdupilotPwm, Dialect::V0) => &[Pwm],
+            (Profile::Ardupilot | Profile::ArdupilotPwm | Profile::Px4, Dialect::Draft) => &[],
         }
     }
 

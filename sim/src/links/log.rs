@@ -17,12 +17,14 @@
 //!      2.514901   127>120 param.GetSet request SRV_MIN = 1100
 //! ```
 //!
+//! The dialect of each line is found as [`dialect`](crate::dronecan::dialect) has it; what is of the draft says so.
+//!
 //! Sources: can-utils, log file format (candump.c, lib.h); tcpdump.org, "LINKTYPE_CAN_SOCKETCAN"; Linux, can/error.h.
 
 use super::Link;
 use crate::bench::Bench;
 use crate::can::{ErrorKind, Frame, Id, Record, RecordKind};
-use crate::dronecan::{Assembler, Message, Outcome};
+use crate::dronecan::{Heard, Observer};
 use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result};
 use std::fs::File;
@@ -71,7 +73,7 @@ pub struct Log {
     frames: u64,
     error_frames: u64,
     failed: bool,
-    assembler: Assembler,
+    observer: Observer,
 }
 
 impl Log {
@@ -105,7 +107,7 @@ impl Log {
             frames: 0,
             error_frames: 0,
             failed: false,
-            assembler: Assembler::new(),
+            observer: Observer::new(),
         };
         log.write()?;
         Ok(log)
@@ -151,12 +153,10 @@ impl Log {
             Id::Extended(id) if !frame.remote => id,
             _ => return self.add_line(at, "-", &format!("foreign frame {frame}")),
         };
-        match self.assembler.push(id, frame.data(), crate::elapsed(at)) {
-            Outcome::Partial => Ok(()),
-            Outcome::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
-            Outcome::Complete(transfer) => {
-                self.add_line(at, &transfer.id.to_string(), &Message::decode(&transfer).to_string())
-            }
+        match self.observer.push(id, frame.data(), crate::elapsed(at)) {
+            Heard::Partial => Ok(()),
+            Heard::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
+            Heard::Said(said) => self.add_line(at, &said.who(), &said.to_string()),
         }
     }
 
@@ -336,6 +336,7 @@ mod tests {
             (500, "1E0BF8FF#565F4D494E44"),
             (700, "123#01"),
             (900, "1003F20A#0000000000000020"),
+            (950, "17C40409#5A"),
         ] {
             log.record(&frame(us, text), None).unwrap();
         }
@@ -347,6 +348,7 @@ mod tests {
             "  127>120 param.GetSet request SRV_MIN = 1100",
             "        - foreign frame 123#01",
             "        - invalid frame 1003F20A#0000000000000020 continues a transfer that did not start",
+            "        1 draft.ThesisCommand 90",
             "        - error frame: stuff",
         ];
         assert_eq!(lines, expected);

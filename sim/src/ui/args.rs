@@ -4,8 +4,8 @@ use super::fault::{self, Injection};
 use super::keys;
 use super::pace::Speed;
 use super::time::parse_duration;
-use crate::autopilot::{CommandType, Profile, Settings};
-use crate::dronecan::NodeId;
+use crate::autopilot::{CommandType, Only, Profile, Settings};
+use crate::dronecan::{Dialect, NodeId};
 use crate::links;
 use crate::utilisation;
 use crate::{Cycles, F_CPU_HZ};
@@ -34,6 +34,10 @@ fn after_help() -> String {
          \x20                                        the cable is pulled at 2 s and plugged at 4 s\n\
          \x20 sim --plain --traffic --for 1s         every message on the bus\n\
          \x20 sim --autopilot ardupilot              commands for 15 servos in each message, as from ArduPilot\n\
+         \x20 sim --dialect draft --autopilot thesis\n\
+         \x20                                        the autopilot of the thesis, in the UAVCAN of 2014\n\
+         \x20 sim --plain --for 9s --inject other-dialect@4s\n\
+         \x20                                        an autopilot of the other dialect takes its place at 4 s\n\
          \x20 sim --no-autopilot --slcan /tmp/can    a port for the DroneCAN GUI Tool: slcan:/tmp/can\n\
          \x20 sim --serial /tmp/arduino              a port for a terminal program; opening it resets the board\n",
         fault::table()
@@ -78,6 +82,14 @@ pub struct Args {
     #[arg(long, value_name = "KIND", value_enum, default_value_t = Profile::Plain)]
     pub autopilot: Profile,
 
+    /// What the autopilot speaks: v0, which is DroneCAN, or draft, the UAVCAN of 2014; plain and thesis speak either
+    #[arg(long, value_name = "DIALECT", default_value_t = Dialect::V0, value_parser = dialect)]
+    pub dialect: Dialect,
+
+    /// All that the autopilot says: status or commands [default: both, and what else such a flight controller says]
+    #[arg(long, value_name = "WHAT", value_enum)]
+    pub only: Option<Only>,
+
     /// Node ID of the simulated autopilot, 1 to 127 [default: 10 like ArduPilot, else 1]
     #[arg(long, value_name = "ID", value_parser = node_id)]
     pub autopilot_id: Option<NodeId>,
@@ -86,7 +98,7 @@ pub struct Args {
     #[arg(long, value_name = "ID", default_value_t = 1)]
     pub actuator: u8,
 
-    /// Unit of a plain autopilot's commands [default: unitless]
+    /// Unit of a plain autopilot's commands; in the draft only unitless and thesis [default: unitless]
     #[arg(long, value_name = "TYPE", value_enum)]
     pub command_type: Option<CommandType>,
 
@@ -111,7 +123,7 @@ pub struct Args {
     pub inject: Vec<Injection>,
 
     /// The same as --autopilot none
-    #[arg(long, conflicts_with_all = ["autopilot", "hold", "autopilot_id", "actuator", "command_type", "sweep_period", "allocate"])]
+    #[arg(long, conflicts_with_all = ["autopilot", "hold", "autopilot_id", "actuator", "command_type", "sweep_period", "allocate", "dialect", "only"])]
     pub no_autopilot: bool,
 
     /// What is joined to the bench.
@@ -135,12 +147,24 @@ impl Args {
         if self.no_autopilot || self.autopilot == Profile::None {
             return Ok(None);
         }
-        let usual = Settings::of(self.autopilot);
+        let types = self.autopilot.command_types(self.dialect);
+        ensure!(
+            !types.is_empty(),
+            "--dialect {} is not for {}: use --autopilot plain or thesis",
+            self.dialect,
+            self.autopilot
+        );
+        let usual = Settings::of(self.autopilot).in_dialect(self.dialect);
         let command_type = self.command_type.unwrap_or(usual.command_type);
         ensure!(
-            self.autopilot.command_types().contains(&command_type),
-            "--command-type {command_type} is not for {}: use --autopilot plain",
-            self.autopilot
+            types.contains(&command_type),
+            "--command-type {command_type} is not for {}: use --autopilot plain{}",
+            self.autopilot,
+            if self.dialect == Dialect::Draft { " --dialect v0" } else { "" }
+        );
+        ensure!(
+            !self.allocate || self.dialect == Dialect::V0,
+            "--allocate: there is no allocation in the draft, use --dialect v0"
         );
         ensure!(
             self.autopilot.actuators().contains(&self.actuator),
@@ -156,6 +180,7 @@ impl Args {
             command_type,
             sweep_period: self.sweep_period.max(F_CPU_HZ / 1000),
             allocates: self.allocate,
+            only: self.only,
             ..usual
         }))
     }
@@ -166,6 +191,11 @@ fn bit_rate(text: &str) -> Result<u32, String> {
         Ok(rate @ (1_000_000 | 500_000 | 250_000 | 125_000)) => Ok(rate),
         _ => Err(String::from("use 1000000, 500000, 250000 or 125000")),
     }
+}
+
+fn dialect(text: &str) -> Result<Dialect, String> {
+    let named = |dialect: &Dialect| dialect.to_string() == text;
+    [Dialect::V0, Dialect::Draft].into_iter().find(named).ok_or_else(|| String::from("use v0 or draft"))
 }
 
 fn node_id(text: &str) -> Result<NodeId, String> {
@@ -227,6 +257,8 @@ mod tests {
             ("sim --bit-rate 800000", "500000"),
             ("sim --autopilot-id 0", "1 to 127"),
             ("sim --hold 2", "-1 to 1"),
+            ("sim --dialect v1", "v0 or draft"),
+            ("sim --no-autopilot --dialect draft", "--no-autopilot"),
             ("sim --speed 0", "max"),
             ("sim --inject gremlins@1s", "stuck-dominant"),
             ("sim --bootloader boot.hex", "--serial"),
@@ -245,11 +277,20 @@ mod tests {
         assert_eq!(like("sim --autopilot ardupilot-pwm --autopilot-id 3"), (3, 1, CommandType::Pwm, false));
         assert_eq!(like("sim --autopilot px4 --actuator 0"), (1, 0, CommandType::Unitless, false));
         assert_eq!(like("sim --autopilot thesis"), (1, 1, CommandType::Thesis, false));
+        let speaks = |line| settings(line).map(|s| (s.dialect, s.command_type, s.only)).unwrap();
+        assert_eq!(speaks("sim"), (Dialect::V0, CommandType::Unitless, None));
+        let draft = speaks("sim --dialect draft --only status");
+        assert_eq!(draft, (Dialect::Draft, CommandType::Unitless, Some(Only::Status)));
+        let draft = speaks("sim --dialect draft --autopilot thesis --only commands");
+        assert_eq!(draft, (Dialect::Draft, CommandType::Thesis, Some(Only::Commands)));
         assert!(settings("sim --autopilot none").is_none() && settings("sim --no-autopilot").is_none());
         for (line, advice) in [
             ("sim --autopilot px4 --command-type pwm", "--autopilot plain"),
             ("sim --autopilot px4 --actuator 8", "PX4 commands 0 to 7"),
             ("sim --autopilot ardupilot --actuator 0", "ArduPilot commands 1 to 15"),
+            ("sim --autopilot px4 --dialect draft", "--autopilot plain or thesis"),
+            ("sim --dialect draft --command-type pwm", "--dialect v0"),
+            ("sim --dialect draft --allocate", "--dialect v0"),
         ] {
             let error = parse(line).unwrap().autopilot().unwrap_err().to_string();
             assert!(error.contains(advice), "{error}");

@@ -36,6 +36,7 @@ pub enum Fault {
     SensorNoise,
     SensorShort,
     BrownOut,
+    OtherDialect,
 }
 
 /// Faults of the menu, in the order of their digits.
@@ -52,7 +53,7 @@ pub const MENU: [Fault; 9] = [
 ];
 
 /// All faults that `--inject` and scripts know: the menu, those with a key of their own, and some that are too rare for a key.
-pub const ALL: [Fault; 28] = [
+pub const ALL: [Fault; 29] = [
     Fault::BitError,
     Fault::ErrorRate,
     Fault::LoseFrame,
@@ -81,6 +82,7 @@ pub const ALL: [Fault; 28] = [
     Fault::SensorNoise,
     Fault::SensorShort,
     Fault::BrownOut,
+    Fault::OtherDialect,
 ];
 
 impl Fault {
@@ -115,6 +117,7 @@ impl Fault {
             Fault::SensorNoise => "sensor-noise",
             Fault::SensorShort => "sensor-short",
             Fault::BrownOut => "brown-out",
+            Fault::OtherDialect => "other-dialect",
         }
     }
 
@@ -149,6 +152,7 @@ impl Fault {
             Fault::SensorNoise => "the sensor's voltage has noise of 100 mV (on/off)",
             Fault::SensorShort => "the sensor is shorted to ground (on/off)",
             Fault::BrownOut => "the processor's supply dips",
+            Fault::OtherDialect => "the autopilot is replaced by one of the other dialect, v0 or the draft of 2014",
         }
     }
 
@@ -182,6 +186,7 @@ impl Fault {
                 | Fault::ChipRegister
                 | Fault::ChipSleep
                 | Fault::BrownOut
+                | Fault::OtherDialect
         )
     }
 }

@@ -11,7 +11,7 @@ use super::state::{
 };
 use super::time::{micros, seconds};
 use crate::can::ErrorState;
-use crate::dronecan::Health;
+use crate::dronecan::{Dialect, Health};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
@@ -135,15 +135,24 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
     };
     let motion = if autopilot.sweeping { "sweeps" } else { "holds" };
     let AutopilotState { node_id, deflection, profile, command_type, .. } = autopilot;
+    let dialect = dialect_note(autopilot.dialect);
     spans.push(if autopilot.silent {
-        Span::styled(format!(" {profile} {node_id} is silent"), WARN)
+        Span::styled(format!(" {profile} {node_id}{dialect} is silent"), WARN)
     } else {
-        Span::from(format!(" {profile} {node_id} {motion} {deflection:+.2} {command_type}"))
+        Span::from(format!(" {profile} {node_id}{dialect} {motion} {deflection:+.2} {command_type}"))
     });
     if !autopilot.armed {
         spans.push(Span::styled("  disarmed", WARN));
     }
     Line::from(spans)
+}
+
+/// Only what is not spoken today is worth a note.
+fn dialect_note(dialect: Dialect) -> &'static str {
+    match dialect {
+        Dialect::V0 => "",
+        Dialect::Draft => " (draft)",
+    }
 }
 
 /// What is joined to the bench, with the number of those that do not fit.
@@ -175,7 +184,10 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         (Some(said), Some(thesis)) => format!("node {:.1} C, {thesis} C", said.celsius()),
         (Some(said), None) => format!("node {:.1} C", said.celsius()),
         (None, Some(thesis)) => format!("node {thesis} C"),
-        (None, None) => String::from("node has not said"),
+        (None, None) => match state.draft_measurement {
+            Some(number) => format!("node says {number}"),
+            None => String::from("node has not said"),
+        },
     };
     let mut lines = vec![
         pulse,
@@ -263,7 +275,7 @@ fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflectio
 
 fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let title = match state.status {
-        Some((_, id, _)) => format!(" Node {id} "),
+        Some((_, id, _)) => format!(" Node {id}{} ", dialect_note(state.dialect)),
         None => String::from(" Node "),
     };
     let mut lines = match state.status {

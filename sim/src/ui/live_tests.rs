@@ -101,6 +101,28 @@ fn a_large_terminal_shows_every_value_and_the_dial() {
 }
 
 #[test]
+fn a_bench_of_the_draft_says_so() {
+    let mut state = at_work();
+    state.autopilot = state.autopilot.map(|autopilot| AutopilotState { dialect: Dialect::Draft, ..autopilot });
+    let frames: [(u32, &[u8]); 2] = [(0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]), (0x17CD_E008, &[23])];
+    for (id, data) in frames {
+        let (start, end) = (state.now, state.now + 2_000);
+        let kind = RecordKind::Frame { frame: can::Frame::extended(id, data), from: None, acked: true };
+        state.record(&Record { start, end, bits: 125, kind }, true, None);
+    }
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    let expected = [
+        "autopilot 1 (draft) sweeps +0.50 unitless",
+        "Node 120 (draft)",
+        "WARNING OPERATIONAL",
+        "vendor code 0xBEEF",
+        "node says 23",
+        "120 draft.NodeStatus WARNING up 11259375 s",
+    ];
+    shows(&picture, &expected);
+}
+
+#[test]
 fn any_size_can_be_drawn() {
     let state = at_work();
     let screen = Screen { help: true, menu: true, ..Screen::default() };

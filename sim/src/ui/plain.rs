@@ -76,7 +76,7 @@ impl<W: Write> Plain<W> {
     fn news(&mut self, at: Cycles, news: News) -> io::Result<()> {
         match news {
             News::Serial(text) => self.line(at, "serial", &text),
-            News::Status(node, status) => self.line(at, "status", &format!("node {node}: {status}")),
+            News::Status(node, text) => self.line(at, "status", &format!("node {node}: {text}")),
             News::Controller(text) => self.line(at, "mcp2515", &text),
             News::Reset(text) => self.line(at, "reset", &text),
             News::Fault(text) => self.line(at, "fault", &text),
@@ -224,7 +224,7 @@ mod tests {
         let mut state = State::new(1_000_000);
         state.tell(F_CPU_HZ / 2, News::Serial(String::from("node 42 ready")));
         let node = NodeId::new(42).unwrap();
-        state.tell(F_CPU_HZ, News::Status(node, NodeStatus::default()));
+        state.tell(F_CPU_HZ, News::Status(node, NodeStatus::default().to_string()));
         state.violation(F_CPU_HZ, String::from("SPI with CS high"));
         let text = printed(&mut state, false);
         let lines: Vec<_> = text.lines().collect();

@@ -11,7 +11,7 @@ use super::args::Args;
 use super::fault::{Fault, Injection};
 use super::pace::Speed;
 use super::state::{AutopilotState, Controller, News, State};
-use crate::autopilot::Autopilot;
+use crate::autopilot::{Autopilot, Settings};
 use crate::avr::{self, Avr, Firmware, ResetCause, regs};
 use crate::bench::{Bench, node_elf};
 use crate::board::Board;
@@ -65,7 +65,9 @@ pub struct Scene {
     node_port: PortId,
     /// Further boards.
     others: Vec<usize>,
-    autopilot: Option<Autopilot>,
+    autopilot: Option<(Autopilot, PortId)>,
+    /// What the autopilot was set to before one of the other dialect took its place.
+    replaced: Option<Settings>,
     links: Vec<Box<dyn Link>>,
     script: Option<Script>,
     next_status_at: Cycles,
@@ -136,8 +138,8 @@ impl Scene {
             if let Some(deflection) = args.hold {
                 autopilot.hold(deflection);
             }
-            bench.attach("autopilot", autopilot.station());
-            autopilot
+            let port = bench.attach("autopilot", autopilot.station());
+            (autopilot, port)
         });
         let babbler = Rc::new(RefCell::new(SoftNode::new(args.bit_rate)));
         bench.attach("babbler", babbler.clone());
@@ -160,6 +162,7 @@ impl Scene {
             node,
             others,
             autopilot,
+            replaced: None,
             links,
             script,
             next_status_at: 0,
@@ -244,7 +247,7 @@ impl Scene {
 
     fn run(&mut self, until: Cycles) -> Result<()> {
         if until > self.now() {
-            if let Some(autopilot) = &mut self.autopilot {
+            if let Some((autopilot, _)) = &mut self.autopilot {
                 autopilot.advance(until);
             }
             self.bench.run_until(until);
@@ -317,7 +320,7 @@ impl Scene {
     /// Moves the servo by a part of its deflection, and holds it.
     pub fn nudge(&mut self, step: f64) {
         let now = self.now();
-        if let Some(autopilot) = &mut self.autopilot {
+        if let Some((autopilot, _)) = &mut self.autopilot {
             autopilot.nudge(step, now);
         }
         self.look_at_autopilot();
@@ -327,8 +330,8 @@ impl Scene {
     pub fn toggle_sweep(&mut self) {
         let now = self.now();
         match &mut self.autopilot {
-            Some(autopilot) if autopilot.is_sweeping() => autopilot.nudge(0.0, now),
-            Some(autopilot) => autopilot.sweep(now),
+            Some((autopilot, _)) if autopilot.is_sweeping() => autopilot.nudge(0.0, now),
+            Some((autopilot, _)) => autopilot.sweep(now),
             None => {}
         }
         self.look_at_autopilot();
@@ -336,7 +339,7 @@ impl Scene {
 
     /// Changes the unit of the commands.
     pub fn next_command_type(&mut self) {
-        if let Some(autopilot) = &mut self.autopilot {
+        if let Some((autopilot, _)) = &mut self.autopilot {
             autopilot.next_command_type();
         }
         self.look_at_autopilot();
@@ -412,16 +415,17 @@ impl Scene {
             Fault::ChipPower if on => self.board().chip_power_off(0xFF),
             Fault::ChipPower => self.board().chip_power_on(),
             Fault::Silence => {
-                if let Some(autopilot) = &mut self.autopilot {
+                if let Some((autopilot, _)) = &mut self.autopilot {
                     autopilot.set_silent(on);
                 }
             }
             Fault::Disarm => {
-                if let Some(autopilot) = &mut self.autopilot {
+                if let Some((autopilot, _)) = &mut self.autopilot {
                     autopilot.set_armed(!on);
                 }
             }
             Fault::Reset => self.board().reset(ResetCause::External),
+            Fault::OtherDialect => self.replace_autopilot(),
         }
         let state = match (fault.lasts(), on) {
             (true, true) => " on",
@@ -431,6 +435,21 @@ impl Scene {
         let text = format!("{fault}{state}: {}", fault.explanation());
         self.state.tell(self.now(), News::Fault(text));
         self.look_at_autopilot();
+    }
+
+    /// Takes the autopilot off the bus, and puts one of the other dialect in its place, which has just got its power. The
+    /// one after that is as the first was.
+    fn replace_autopilot(&mut self) {
+        let Some((autopilot, port)) = self.autopilot.take() else { return };
+        let old = autopilot.settings().clone();
+        let dialect = old.dialect.other();
+        let new = self.replaced.replace(old.clone()).unwrap_or_else(|| old.in_dialect(dialect));
+        let (bit_rate, now) = (self.bench.bus().bit_rate(), self.now());
+        let successor = autopilot.successor(new, bit_rate, now);
+        autopilot.switch_off();
+        self.bench.detach(port);
+        let port = self.bench.attach("autopilot", successor.station());
+        self.autopilot = Some((successor, port));
     }
 
     /// Lets a node of half the bit rate babble, or takes it off the bus. While it is there the simulation is slower.
@@ -567,17 +586,18 @@ impl Scene {
 
     fn look_at_autopilot(&mut self) {
         let now = self.state.now;
-        if let Some(autopilot) = &mut self.autopilot {
+        if let Some((autopilot, _)) = &mut self.autopilot {
             for (at, text) in autopilot.take_news() {
                 self.state.tell(at, News::Node(text));
             }
         }
-        self.state.autopilot = self.autopilot.as_ref().map(|autopilot| AutopilotState {
+        self.state.autopilot = self.autopilot.as_ref().map(|(autopilot, _)| AutopilotState {
             node_id: autopilot.settings().node_id.get(),
             deflection: autopilot.deflection(now),
             sweeping: autopilot.is_sweeping(),
             silent: autopilot.is_silent(),
             armed: autopilot.is_armed(),
+            dialect: autopilot.settings().dialect,
             profile: autopilot.settings().profile.to_string(),
             command_type: autopilot.settings().command_type.to_string(),
             commands_sent: autopilot.commands_sent(),
@@ -606,6 +626,7 @@ fn boot_section(loader: &Firmware) -> Result<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dronecan::Dialect;
     use clap::Parser;
 
     /// `rjmp .`: a program that does nothing for ever.
@@ -703,6 +724,35 @@ mod tests {
         assert_eq!(autopilot(&scene).command_type, "position");
         scene.warm(-1.0);
         assert_eq!(scene.state().sensor_c, 24.0);
+    }
+
+    /// The new one's uptime begins anew, and it holds where the old one did.
+    #[test]
+    fn an_autopilot_of_the_other_dialect_takes_the_place_of_the_first_and_back() {
+        let mut scene = scene(&IDLE, "--autopilot ardupilot --hold 0.5 --inject other-dialect@1500ms");
+        scene.advance(F_CPU_HZ * 3 / 2).unwrap();
+        assert_eq!(autopilot(&scene).dialect, Dialect::Draft);
+        scene.state_mut().take_news();
+        scene.advance(3 * F_CPU_HZ).unwrap();
+        let said = |scene: &mut Scene| {
+            let line = |(at, news)| match news {
+                News::Traffic(line) => Some((at, line.who, line.text)),
+                _ => None,
+            };
+            news(scene).into_iter().filter_map(line).collect::<Vec<_>>()
+        };
+        let lines = said(&mut scene);
+        assert!(lines.iter().all(|(_, who, text)| who == "10" && text.starts_with("draft.")), "{lines:?}");
+        assert_eq!(lines[0].2, "draft.NodeStatus OK up 0 s vendor 0x0000");
+        assert_eq!(lines[1].2, "draft.ArrayCommand id 1 +0.50");
+        assert_eq!(lines.iter().filter(|(_, _, text)| text.contains("NodeStatus")).count(), 2);
+        scene.inject(Fault::OtherDialect);
+        assert_eq!((autopilot(&scene).dialect, autopilot(&scene).profile.as_str()), (Dialect::V0, "ArduPilot"));
+        scene.advance(4 * F_CPU_HZ).unwrap();
+        let lines = said(&mut scene);
+        assert!(lines.iter().any(|(_, _, text)| text.starts_with("ArmingStatus")), "{lines:?}");
+        assert!(!lines.iter().any(|(_, _, text)| text.starts_with("draft.")), "{lines:?}");
+        assert_eq!(scene.state().bus.unacknowledged, 0);
     }
 
     /// What blocked the bus must not be followed by a burst of commands from the past.

@@ -6,7 +6,7 @@
 use super::fault::Fault;
 use super::history::Log;
 use crate::can::{ErrorState, Frame, Id, Record, RecordKind};
-use crate::dronecan::{Assembler, Message, NodeId, NodeStatus, Outcome, Temperature};
+use crate::dronecan::{Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft};
 use crate::utilisation::measured::LoadByType;
 use crate::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
@@ -50,7 +50,8 @@ pub struct TrafficLine {
 pub enum News {
     Serial(String),
     Traffic(TrafficLine),
-    Status(NodeId, NodeStatus),
+    /// What a node says of its condition.
+    Status(NodeId, String),
     ErrorFrame(String),
     /// A driver mistake that the models noticed.
     Violation(String),
@@ -162,6 +163,7 @@ pub struct AutopilotState {
     pub sweeping: bool,
     pub silent: bool,
     pub armed: bool,
+    pub dialect: Dialect,
     /// Flight controller that it is like.
     pub profile: String,
     pub command_type: String,
@@ -179,8 +181,12 @@ pub struct State {
     pub sensor_c: f64,
     pub temperature: Option<Temperature>,
     pub thesis_temperature_c: Option<u8>,
-    /// Last NodeStatus of the node under test, and when it came.
+    /// What the node measures in the draft: degrees Celsius, or how often its button was pressed.
+    pub draft_measurement: Option<u8>,
+    /// Last NodeStatus of the node under test, and when it came. One of the draft is put as v0 has it.
     pub status: Option<(Cycles, NodeId, NodeStatus)>,
+    /// In which dialect that was.
+    pub dialect: Dialect,
     pub bus: BusState,
     /// What the view shows as load by node and type; it forgets what is old when it is drawn.
     pub load_by_type: RefCell<LoadByType>,
@@ -201,7 +207,7 @@ pub struct State {
     /// Lasting faults that are on.
     pub active_faults: Vec<Fault>,
     serial_line: Option<(Cycles, String)>,
-    assembler: Assembler,
+    observer: Observer,
     news: Vec<(Cycles, News)>,
 }
 
@@ -340,39 +346,43 @@ impl State {
                 return self.broken(at, who, "foreign frame", format!("foreign frame {frame}"));
             }
         };
-        let transfer = match self.assembler.push(id, frame.data(), crate::elapsed(at)) {
-            Outcome::Partial => return,
-            Outcome::Invalid(why) => {
+        let said = match self.observer.push(id, frame.data(), crate::elapsed(at)) {
+            Heard::Partial => return,
+            Heard::Invalid(why) => {
                 let who = station.unwrap_or("-");
                 return self.broken(at, who, "invalid frame", format!("{frame} {why}"));
             }
-            Outcome::Complete(transfer) => transfer,
+            Heard::Said(said) => said,
         };
-        let message = Message::decode(&transfer);
-        let source = transfer.id.source();
-        match (&message, source) {
-            (Message::NodeStatus(status), Some(source)) => {
-                self.tell(at, News::Status(source, *status));
-                if from_node {
-                    self.status = Some((at, source, *status));
-                }
+        if let Some((source, status, text)) = status_in(&said) {
+            self.tell(at, News::Status(source, text));
+            if from_node {
+                self.node_status(at, source, status, said.dialect());
             }
-            (Message::Temperature(temperature), _) if from_node => {
-                self.temperature = Some(*temperature);
-            }
-            (Message::ThesisTemperature(degrees), _) if from_node => {
-                self.thesis_temperature_c = Some(*degrees);
-            }
-            _ => {}
+        }
+        if from_node {
+            self.measurement(&said);
         }
         let origin = if from_node { Origin::Node } else { Origin::Other };
-        self.traffic_line(TrafficLine {
-            at,
-            origin,
-            who: transfer.id.to_string(),
-            name: message.name(),
-            text: message.to_string(),
-        });
+        self.traffic_line(TrafficLine { at, origin, who: said.who(), name: said.name(), text: said.to_string() });
+    }
+
+    /// A node that changes its dialect begins anew: what it measured in the other one is of the past.
+    fn node_status(&mut self, at: Cycles, node: NodeId, status: NodeStatus, dialect: Dialect) {
+        if dialect != self.dialect {
+            (self.temperature, self.thesis_temperature_c, self.draft_measurement) = (None, None, None);
+        }
+        self.dialect = dialect;
+        self.status = Some((at, node, status));
+    }
+
+    fn measurement(&mut self, said: &Said) {
+        match said {
+            Said::V0(_, Message::Temperature(temperature)) => self.temperature = Some(*temperature),
+            Said::V0(_, Message::ThesisTemperature(degrees)) => self.thesis_temperature_c = Some(*degrees),
+            Said::Draft(_, draft::Message::ThesisMeasurement(number)) => self.draft_measurement = Some(*number),
+            _ => {}
+        }
     }
 
     fn broken(&mut self, at: Cycles, who: &str, name: &str, text: String) {
@@ -384,6 +394,16 @@ impl State {
         self.traffic.push(line);
         self.traffic_lines += 1;
     }
+}
+
+/// The NodeStatus in a transfer: of whom, as v0 has it, and in words.
+fn status_in(said: &Said) -> Option<(NodeId, NodeStatus, String)> {
+    let (status, text) = match said {
+        Said::V0(_, Message::NodeStatus(status)) => (*status, status.to_string()),
+        Said::Draft(_, draft::Message::NodeStatus(status)) => ((*status).into(), format!("draft, {status}")),
+        _ => return None,
+    };
+    Some((said.source()?, status, text))
 }
 
 /// Name of an error state, as ISO 11898-1 has it.
@@ -423,6 +443,26 @@ mod tests {
         let line = state.traffic.last().unwrap();
         assert_eq!(line.origin, Origin::Node);
         assert_eq!(line.text, "NodeStatus OK OPERATIONAL up 12 s vendor 0x0000");
+    }
+
+    #[test]
+    fn a_node_of_the_draft_is_followed_too() {
+        let mut state = State::new(1_000_000);
+        state.record(&record(8_000, 0x1801_5578, &STATUS), true, Some("node"));
+        state.record(&record(9_000, 0x1804_5678, &[1, 0, 0xA9, 0x5C, 0, 0xC2]), true, Some("node"));
+        assert!(state.temperature.is_some());
+        state.record(&record(16_000, 0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]), true, Some("node"));
+        state.record(&record(17_000, 0x17CD_E008, &[23]), true, Some("node"));
+        state.record(&record(18_000, 0x17C4_0409, &[90]), false, Some("autopilot"));
+        let (at, node_id, status) = state.status.unwrap();
+        assert_eq!((at, node_id.get(), state.dialect), (16_000, 120, Dialect::Draft));
+        assert_eq!(status.to_string(), "WARNING OPERATIONAL up 11259375 s vendor 0xBEEF");
+        assert_eq!((state.temperature, state.draft_measurement), (None, Some(23)));
+        let news = state.take_news();
+        let told = News::Status(node_id, String::from("draft, WARNING up 11259375 s vendor 0xBEEF"));
+        assert!(news.contains(&(16_000, told)), "{news:?}");
+        let line = state.traffic.last().unwrap();
+        assert_eq!((line.who.as_str(), line.text.as_str()), ("1", "draft.ThesisCommand 90"));
     }
 
     #[test]

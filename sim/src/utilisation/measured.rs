@@ -4,7 +4,7 @@
 //! that a frame at the edge of the second counts as a whole or not at all.
 
 use crate::can::{Id, Record, RecordKind};
-use crate::dronecan::{CanId, message};
+use crate::dronecan::dialect::{Ear, announced};
 use crate::{Cycles, F_CPU_HZ};
 use std::collections::{HashMap, VecDeque};
 
@@ -49,6 +49,7 @@ pub struct LoadByType {
     window: VecDeque<Passed>,
     sums: HashMap<Key, Sum>,
     names: Vec<String>,
+    ear: Ear,
 }
 
 impl LoadByType {
@@ -59,7 +60,7 @@ impl LoadByType {
 
     /// Counts a frame or error frame that has passed. Records come in order of time.
     pub fn record(&mut self, record: &Record) {
-        let (source, name) = attribute(record);
+        let (source, name) = attribute(record, &mut self.ear);
         let key = (source, self.name_index(name));
         let bits = record.bits + INTERMISSION_BITS;
         let sum = self.sums.entry(key).or_default();
@@ -147,20 +148,19 @@ impl Source {
     }
 }
 
-fn attribute(record: &Record) -> (Source, String) {
+fn attribute(record: &Record, ear: &mut Ear) -> (Source, String) {
     let frame = match record.kind {
         RecordKind::Frame { frame, .. } => frame,
         RecordKind::ErrorFrame { .. } => return (Source::Bus, String::from("error frames")),
     };
-    let id = match frame.id {
-        Id::Extended(id) if !frame.remote => CanId::parse(id),
+    let known = match frame.id {
+        Id::Extended(id) if !frame.remote => announced(ear.dialect(id, frame.data()), id),
         _ => None,
     };
-    let Some(id) = id else {
+    let Some((source, name)) = known else {
         return (Source::Foreign, String::from("not DroneCAN"));
     };
-    let source = id.source().map_or(Source::Anonymous, |node| Source::Node(node.get()));
-    (source, message::name_of(id))
+    (source.map_or(Source::Anonymous, |node| Source::Node(node.get())), name)
 }
 
 #[cfg(test)]
@@ -231,6 +231,18 @@ mod tests {
             "   - not DroneCAN",
             "   - error frames",
         ] {
+            assert!(text.contains(expected), "{expected} is missing:\n{text}");
+        }
+    }
+
+    #[test]
+    fn frames_of_the_draft_are_attributed_as_such() {
+        let mut load = LoadByType::new(1_000_000);
+        load.record(&record(Frame::extended(0x17C4_0409, &[90]), 100));
+        load.record(&record(Frame::extended(0x1003_F20A, &[1, 0, 0, 0x38, 0xC7]), 200));
+        load.record(&record(Frame::extended(0x1139_E005, &[0x7F; 8]), 300));
+        let text = load.lines(F_CPU_HZ, 80, 10).join("\n");
+        for expected in ["   1 draft.ThesisCommand", "  10 ArrayCommand", " 120 draft.GetNodeInfo response"] {
             assert!(text.contains(expected), "{expected} is missing:\n{text}");
         }
     }
