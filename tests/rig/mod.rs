@@ -21,7 +21,7 @@ use sim::avr::{Pulse, ResetCause};
 use sim::bench::{Bench, eeprom_after_first_start, node_elf};
 use sim::board::Board;
 use sim::can::{Frame, Id, PortId, RecordKind, SoftNode};
-use sim::dronecan::{ActuatorCommand, Assembler, CommandUnit, Outcome, Transfer, TransferId, split, types};
+use sim::dronecan::{ActuatorCommand, CommandUnit, Heard, Observer, Said, Transfer, TransferId, draft, split, types};
 
 /// CPU cycles in a millisecond and in a microsecond.
 pub const MS: Cycles = 16_000;
@@ -57,10 +57,12 @@ pub struct Rig {
     pub error_frames: usize,
     /// Transfers that passed on the bus: end of the last frame, and the transfer.
     pub transfers: Vec<(Cycles, Transfer)>,
+    /// The same of the draft of 2014, with their meaning.
+    pub drafts: Vec<(Cycles, draft::Transfer, draft::Message)>,
     /// Frames that are no part of a transfer.
     pub broken: Vec<(Cycles, Frame, &'static str)>,
-    assembler: Assembler,
-    autopilot: Option<Autopilot>,
+    observer: Observer,
+    autopilot: Option<(Autopilot, PortId)>,
     /// Of the first board.
     pub pulses: Vec<Pulse>,
     pub serial: String,
@@ -106,8 +108,9 @@ impl Rig {
             traffic: Vec::new(),
             error_frames: 0,
             transfers: Vec::new(),
+            drafts: Vec::new(),
             broken: Vec::new(),
-            assembler: Assembler::new(),
+            observer: Observer::new(),
             autopilot: None,
             pulses: Vec::new(),
             serial: String::new(),
@@ -138,15 +141,32 @@ impl Rig {
 
     /// Puts an autopilot on the bus, besides the peer.
     pub fn attach_autopilot(&mut self, settings: Settings) {
-        let autopilot = Autopilot::new(settings, 1_000_000);
-        self.bench.attach("autopilot", autopilot.station());
-        self.autopilot = Some(autopilot);
+        self.join(Autopilot::new(settings, 1_000_000));
+    }
+
+    /// Puts an autopilot on the bus that gets its power now, and takes the one before it off.
+    pub fn replace_autopilot(&mut self, settings: Settings) {
+        self.detach_autopilot();
+        self.join(Autopilot::powered(settings, 1_000_000, self.now()));
+    }
+
+    /// Takes the autopilot off the bus, if there is one.
+    pub fn detach_autopilot(&mut self) {
+        if let Some((autopilot, port)) = self.autopilot.take() {
+            autopilot.switch_off();
+            self.bench.detach(port);
+        }
+    }
+
+    fn join(&mut self, autopilot: Autopilot) {
+        let port = self.bench.attach("autopilot", autopilot.station());
+        self.autopilot = Some((autopilot, port));
     }
 
     /// The autopilot, if it was attached.
     #[track_caller]
     pub fn autopilot(&mut self) -> &mut Autopilot {
-        self.autopilot.as_mut().expect("an autopilot")
+        self.autopilot.as_mut().map(|(autopilot, _)| autopilot).expect("an autopilot")
     }
 
     /// A board that is up: it has sent its first status, and that is forgotten again.
@@ -194,6 +214,7 @@ impl Rig {
         self.serial.clear();
         self.error_frames = 0;
         self.transfers.clear();
+        self.drafts.clear();
         self.broken.clear();
     }
 
@@ -210,7 +231,7 @@ impl Rig {
     }
 
     fn step(&mut self, until: Cycles) {
-        if let Some(autopilot) = &mut self.autopilot {
+        if let Some((autopilot, _)) = &mut self.autopilot {
             autopilot.advance(until);
         }
         self.bench.run_until(until);
@@ -258,10 +279,11 @@ impl Rig {
         if frame.remote {
             return;
         }
-        match self.assembler.push(id, frame.data(), sim::elapsed(at)) {
-            Outcome::Complete(transfer) => self.transfers.push((at, transfer)),
-            Outcome::Invalid(why) => self.broken.push((at, frame, why)),
-            Outcome::Partial => {}
+        match self.observer.push(id, frame.data(), sim::elapsed(at)) {
+            Heard::Said(Said::V0(transfer, _)) => self.transfers.push((at, transfer)),
+            Heard::Said(Said::Draft(transfer, message)) => self.drafts.push((at, transfer, message)),
+            Heard::Invalid(why) => self.broken.push((at, frame, why)),
+            Heard::Partial => {}
         }
     }
 
