@@ -5,6 +5,7 @@
 mod rig;
 
 use rig::manage::{PATIENCE_MS, TOOL, ms_between};
+use rig::status::{DRAFT, TEMPERATURE};
 use rig::{MS, NODE, NODE_STATUS, Rig, quoted};
 use sim::Cycles;
 use sim::autopilot::{Only, Profile, Settings};
@@ -19,7 +20,6 @@ const STATUS_MS: u64 = 1100;
 /// Of a message to all, of one frame.
 const BROADCAST: u32 = 2 << 17;
 const LAST: u32 = 1 << 3;
-const TEMPERATURE: u16 = 1 << 11;
 
 fn message_id(type_id: u32, source: u32, transfer_id: u32) -> u32 {
     type_id << 19 | BROADCAST | source << 10 | LAST | (transfer_id % 8)
@@ -338,7 +338,7 @@ fn its_status_is_that_of_march_2015() {
     for (at, status) in statuses(&rig) {
         let up_s = sim::elapsed(at).as_secs_f64();
         assert!((f64::from(status.uptime_s) - up_s).abs() < 1.02, "{status} at {up_s:.3} s");
-        assert_eq!((status.code, status.vendor_code), (StatusCode::Ok, VendorCode::Short(0)));
+        assert_eq!((status.code, status.vendor_code), (StatusCode::Ok, VendorCode::Short(DRAFT)));
     }
     assert!(rig.broken.is_empty(), "{:?}", rig.broken);
 }
@@ -353,9 +353,9 @@ fn what_is_wrong_is_in_its_status() {
         }
     };
     rig.board().set_temperature_c(90.0);
-    rig.wait_for("status with a warning", 3000, is(StatusCode::Warning, TEMPERATURE));
+    rig.wait_for("status with a warning", 3000, is(StatusCode::Warning, DRAFT | TEMPERATURE));
     rig.board().set_temperature_c(25.0);
-    rig.wait_for("status without", 3000, is(StatusCode::Ok, 0));
+    rig.wait_for("status without", 3000, is(StatusCode::Ok, DRAFT));
 }
 
 #[test]

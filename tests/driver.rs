@@ -311,7 +311,7 @@ impl Drop for Rig {
 }
 
 fn frame(id: u32, data: &[u8]) -> NodeFrame {
-    let mut padded = [0xA5; 8];
+    let mut padded = [0xA5; 9];
     padded[..data.len()].copy_from_slice(data);
     NodeFrame { id: id.to_be_bytes(), len: data.len() as u8, data: padded }
 }

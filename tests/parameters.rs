@@ -8,7 +8,7 @@ use rig::{MS, Rig, started};
 use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
 
 /// Name, default, least and greatest value, in order (docs/parameters.md).
-const ALL: [(&str, i64, i64, i64); 26] = [
+const ALL: [(&str, i64, i64, i64); 27] = [
     ("CAN_NODE", 120, 0, 125),
     ("CAN_BAUDRATE", 1_000_000, 125_000, 1_000_000),
     ("SRV_ID", 1, 0, 255),
@@ -32,9 +32,10 @@ const ALL: [(&str, i64, i64, i64); 26] = [
     ("TEMP_MAX", 85, -55, 150),
     ("LIGHT_ID", 0, 0, 255),
     ("STATS_RATE", 0, 0, 10),
-    ("WARN_MASK", 0xABFF, 0, 65_535),
+    ("WARN_MASK", 0x2BFF, 0, 65_535),
     ("ERROR_MASK", 0x1400, 0, 65_535),
     ("CRIT_MASK", 0x2000, 0, 65_535),
+    ("DIALECT", 0, 0, 2),
 ];
 
 /// Parameters all over the set, of which each generation has values of its own. None of them disturbs the tests.
@@ -63,7 +64,7 @@ fn assert_defaults(rig: &mut Rig) {
 }
 
 #[test]
-fn there_are_26_with_these_names_ranges_and_defaults() {
+fn there_are_27_with_these_names_ranges_and_defaults() {
     let mut rig = Rig::running();
     for (index, (name, default, min, max)) in ALL.into_iter().enumerate() {
         let told = rig.parameter_at(index as u16);
@@ -72,7 +73,7 @@ fn there_are_26_with_these_names_ranges_and_defaults() {
         let numbers = [&told.value, &told.default, &told.min, &told.max].map(integer);
         assert_eq!(numbers, [default, default, min, max], "{name}");
     }
-    assert!(rig.parameter_at(26).name.is_empty());
+    assert!(rig.parameter_at(27).name.is_empty());
 }
 
 #[test]

@@ -66,8 +66,8 @@ const OVERCOOLING: u8 = 2;
 /// From the last frame of the answer to a restart: the controller gets it out, and the servo reaches its failsafe.
 const RESTART_MS: u16 = 100;
 
-/// For so many seconds after an autopilot spoke it the node is sure of the dialect.
-const SURE_S: u8 = 3;
+/// For so long after an autopilot has spoken it the node is sure of the dialect, in milliseconds.
+const SURE_MS: u16 = 1500;
 
 /// What a node speaks, by the numbers of the parameter DIALECT.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,6 +80,11 @@ impl Dialect {
     const V0: Self = Self(1);
     /// The draft of 2014.
     const DRAFT: Self = Self(2);
+
+    /// The one that this is not.
+    fn other(self) -> Self {
+        Self(self.0 ^ Self::V0.0 ^ Self::DRAFT.0)
+    }
 }
 
 #[inline(never)]
@@ -126,8 +131,10 @@ pub struct Node {
     has_filters_to_give: bool,
     /// What the node speaks; nothing yet is v0.
     dialect: Dialect,
-    /// Seconds that it is sure of that, and hears nothing else; then it listens to both.
-    sure_s: u8,
+    /// Sure of that, it hears nothing else.
+    is_sure: bool,
+    /// What the last frame was in.
+    spoken: Dialect,
     /// What the controller is to let through, a row of `acceptance`.
     row: u8,
     /// Last status: when it left, or until it has left, when it was handed to the controller.
@@ -137,8 +144,10 @@ pub struct Node {
 
     // From here on what is used less.
     allocation: Allocation,
-    /// While it listens, what it heard last.
+    /// While it is not sure, what it heard last. Twice the same makes sure.
     heard: Dialect,
+    /// When it heard the autopilot.
+    sure_ms: u16,
     replies: Replies,
     /// What can be set.
     pub parameters: Parameters,
@@ -183,8 +192,10 @@ impl Node {
             id: 0,
             has_filters_to_give: false,
             dialect: Dialect::ANY,
-            sure_s: 0,
+            is_sure: false,
+            sure_ms: 0,
             heard: Dialect::ANY,
+            spoken: Dialect::ANY,
             row: acceptance::EITHER,
             unique_id: [0; 16],
             allocation: Allocation::new(),
@@ -258,15 +269,18 @@ impl Node {
         NodeAcceptance { node: NodeId::new(self.id), row: self.row, flash }
     }
 
-    /// Takes over DIALECT.
+    /// Takes over DIALECT, and what is known of the autopilot.
     #[inline(never)]
     fn take_dialect(&mut self) {
         let dialect = Dialect(self.parameters.get(Parameter::Dialect) as u8);
         if dialect != Dialect::ANY {
             self.dialect = dialect;
-            self.sure_s = SURE_S;
         }
-        let row = if self.sure_s == 0 {
+        if dialect == Dialect::V0 {
+            self.is_sure = true;
+        }
+        let row = if !self.is_sure {
+            // Also where the draft is asked for: in v0 that can be taken back.
             acceptance::EITHER
         } else if self.dialect == Dialect::DRAFT {
             acceptance::DRAFT
@@ -279,10 +293,11 @@ impl Node {
         }
     }
 
-    /// An autopilot speaks this.
-    #[inline(always)]
-    fn hear(&mut self, dialect: Dialect) {
-        if self.sure_s == 0 {
+    /// An autopilot has spoken.
+    #[inline(never)]
+    fn hear(&mut self, now_ms: u16) {
+        let dialect = self.spoken;
+        if !self.is_sure {
             if self.heard != dialect {
                 self.heard = dialect;
                 return;
@@ -290,7 +305,8 @@ impl Node {
             self.dialect = dialect;
         }
         if self.dialect == dialect {
-            self.sure_s = SURE_S;
+            self.is_sure = true;
+            self.sure_ms = now_ms;
             self.take_dialect();
         }
     }
@@ -348,6 +364,13 @@ impl Node {
     pub fn tick(&mut self, is_pressed: bool, now_ms: u16, eeprom: &mut impl Eeprom, monitor: &mut Monitor) {
         self.store.step(&mut self.parameters, eeprom);
         self.autopilot.tick(now_ms);
+        if self.is_sure && now_ms.wrapping_sub(self.sure_ms) >= SURE_MS {
+            self.sure_ms = now_ms;
+            self.is_sure = false;
+            // Of the other dialect one frame is enough now, of noise it would take two.
+            self.heard = self.dialect.other();
+            self.take_dialect();
+        }
         let grace_ms = if self.autopilot.is_present() { AUTOPILOT_GRACE_MS } else { 0 };
         if now_ms.wrapping_sub(self.occasion_ms) >= MAX_BROADCASTING_PERIOD_MS.wrapping_add(grace_ms) {
             self.occasion_ms = now_ms;
@@ -430,8 +453,6 @@ impl Node {
 
     fn second(&mut self, monitor: &mut Monitor) {
         self.uptime_sec = self.uptime_sec.wrapping_add(1);
-        self.sure_s = self.sure_s.saturating_sub(1);
-        self.take_dialect();
         let is_draft = self.dialect == Dialect::DRAFT;
         self.condition(Conditions::DRAFT, is_draft, [Line::Draft, Line::DraftEnd], monitor);
         self.armed_s = self.armed_s.saturating_sub(1);
@@ -466,9 +487,10 @@ impl Node {
         flash: impl Progmem,
         monitor: &mut Monitor,
     ) {
-        if self.sure_s == 0 || self.dialect == Dialect::DRAFT {
+        if !self.is_sure || self.dialect == Dialect::DRAFT {
             draft::translate(frame, flash);
         }
+        self.spoken = if frame.id[0] & draft::DRAFT != 0 { Dialect::DRAFT } else { Dialect::V0 };
         let actuator_id = self.parameters.get(Parameter::SrvId) as u8;
         let light_id = self.parameters.get(Parameter::LightId) as u8;
         receiver.accept(frame, self.id, actuator_id, light_id, now_ms, flash);
@@ -513,7 +535,7 @@ impl Node {
             count(&mut self.counts.refused);
         }
         if event.line.is_of_autopilot() {
-            self.hear(if transfer.priority & draft::DRAFT != 0 { Dialect::DRAFT } else { Dialect::V0 });
+            self.hear(now_ms);
         }
         receiver.clear();
         if self.is_following {
@@ -524,15 +546,20 @@ impl Node {
     /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
     fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16, flash: impl Progmem) -> Line {
         let [b0, b1, b2, b3, mut b4, ..] = transfer.bytes;
-        let is_draft = transfer.priority & draft::DRAFT != 0;
+        let wanted = Dialect(self.parameters.get(Parameter::Dialect) as u8);
+        if wanted != Dialect::ANY && wanted != self.spoken {
+            return Line::RefusedType;
+        }
         let Some(source) = NodeId::new(transfer.source) else {
             // Only Allocation comes from nobody.
             return self.hear_allocation(transfer, now_ms);
         };
         match transfer.kind {
-            Kind::NODE_STATUS if transfer.len == 7 || is_draft && transfer.len >= 4 => {
+            Kind::NODE_STATUS
+                if transfer.len == 7 || self.spoken == Dialect::DRAFT && transfer.len >= 4 && transfer.len != 5 =>
+            {
                 self.status_of(source, now_ms);
-                if is_draft {
+                if self.spoken == Dialect::DRAFT {
                     // 0 is OK, 1 initialising, 2 a warning, 3 critical, 15 offline; where v0 has health and mode.
                     b4 = if b3 & 2 == 0 {
                         b3 << 3
@@ -555,7 +582,7 @@ impl Node {
                     return Line::CommandElsewhere;
                 }
                 let (mut value, mut command) = (transfer.word(2), CommandType::new(b1));
-                if is_draft {
+                if self.spoken == Dialect::DRAFT {
                     (value, command) = (transfer.word(1), Some(CommandType::Unitless));
                 }
                 let Some(command) = command else { return Line::RefusedType };

@@ -121,6 +121,7 @@ impl Node {
                 if opcode == OPCODE_ERASE {
                     self.parameters.set_defaults(flash);
                     self.travel.update(&self.parameters);
+                    self.take_dialect();
                 }
                 argument = u8::from(opcode == OPCODE_SAVE || opcode == OPCODE_ERASE);
             }
@@ -163,6 +164,7 @@ impl Node {
             {
                 *line = Line::ParameterSet;
                 self.travel.update(&self.parameters);
+                self.take_dialect();
                 event.a = low;
                 event.b = u16::from(parameter);
             }

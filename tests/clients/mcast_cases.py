@@ -68,4 +68,4 @@ def test_a_ground_station_sees_the_node_through_the_bridge(bench, bridge, statio
     bridge(f"mcast:{BUS}")
     ground = station()
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    assert len(ground.parameters()) == 26
+    assert len(ground.parameters()) == 27

@@ -107,7 +107,7 @@ def test_what_cannot_be_set_is_answered_with_what_is_in_force(bench, name, value
 
 def test_an_unknown_parameter_is_answered_with_nothing(bench):
     client = bench().dronecan()
-    for response in (client.parameter("NO_SUCH_THING"), client.parameter(index=26), client.parameter(index=8191)):
+    for response in (client.parameter("NO_SUCH_THING"), client.parameter(index=27), client.parameter(index=8191)):
         assert len(response.name) == 0
         assert dronecan_field(response.value) == "empty"
 
