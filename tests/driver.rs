@@ -174,7 +174,7 @@ impl Rig {
         let world = World { bus, chip, now: 0, selects: 0, bytes: 0, instruction: Vec::new(), spoilt: None };
         let wire = Wire(Rc::new(RefCell::new(world)));
         let timing = BitTiming::at_rate::<CRYSTAL_HZ>(rate);
-        let mut driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), acceptance.clone());
+        let mut driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), acceptance);
         driver.configure(timing, acceptance, one_shot);
         let violations_expected = false;
         let mut rig =

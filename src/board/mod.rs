@@ -71,9 +71,10 @@ pub struct Board {
 impl Board {
     /// Sets everything up. To be called once.
     pub fn new() -> Self {
-        // Safety: the only call, at the start of the only thread. One by one, because `Peripherals` keeps a note of it in RAM.
+        // One by one, because `Peripherals` keeps a note of having been taken in RAM.
         macro_rules! peripheral {
             ($name:ident) => {
+                // Safety: the only call, at the start of the only thread.
                 unsafe { avr_device::atmega168::$name::steal() }
             };
         }

@@ -153,7 +153,7 @@ impl Rig {
     fn frames(&mut self, frames: &[Frame]) {
         let now_ms = self.now_ms();
         for frame in frames {
-            self.node.receive(&mut frame.clone(), &mut self.receiver, now_ms, InMemory, &mut self.monitor);
+            self.node.receive(&mut { *frame }, &mut self.receiver, now_ms, InMemory, &mut self.monitor);
             while self.receiver.has_transfer() {
                 self.node.act(&mut self.receiver, now_ms, InMemory, &mut self.monitor);
             }
