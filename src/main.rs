@@ -15,6 +15,15 @@ mod board;
 #[cfg(target_arch = "avr")]
 const FRAMES_IN_A_ROW: u8 = 8;
 
+/// What the main loop keeps in mind from one turn to the next.
+#[cfg(target_arch = "avr")]
+struct Pace {
+    /// Frames handled without a pause.
+    in_a_row: u8,
+    /// The controller had no room for a frame: it is asked again at the next tick.
+    is_full: bool,
+}
+
 #[cfg(target_arch = "avr")]
 use {
     board::{Board, CAN_CRYSTAL_HZ, CanInterrupt, CanSelect, CanSpi, Clock, Servo, flash::Image, guard},
@@ -35,9 +44,7 @@ fn main() -> ! {
         Mcp2515::new(CanSpi::new(), CanSelect::new(), CanInterrupt::new(), NodeAcceptance::nobody(Image));
     static mut CLOCK: Option<Clock> = None;
     static mut SERVO: Option<Servo> = None;
-    static mut IN_A_ROW: u8 = 0;
-    // Whether the controller has no room for a frame: asked again at every tick.
-    static mut IS_FULL: u8 = 0;
+    static mut PACE: Pace = Pace { in_a_row: 0, is_full: false };
 
     let Board { clock, mut serial, servo, mut adc, mut light, button, mut eeprom, mut jitter, cpu } = Board::new();
     NODE.start(guard::reset_cause(&cpu), &mut eeprom, || jitter.sample(), Image, MONITOR);
@@ -65,19 +72,19 @@ fn main() -> ! {
             continue;
         }
         // Even of an endless flood only so many in a row: then the rest has a turn.
-        if *IN_A_ROW < FRAMES_IN_A_ROW
+        if PACE.in_a_row < FRAMES_IN_A_ROW
             && let Some(frame) = can.frame()
         {
-            *IN_A_ROW += 1;
+            PACE.in_a_row += 1;
             NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
             can.release();
             continue;
         }
-        *IN_A_ROW = 0;
+        PACE.in_a_row = 0;
 
         // One thing a turn, the rarer first: that bounds the turn.
         if clock.ticked() {
-            *IS_FULL = 0;
+            PACE.is_full = false;
             NODE.tick(button.is_pressed(), now_ms, &mut eeprom, MONITOR);
             servo.set(NODE.pulse());
             light.set(NODE.light());
@@ -99,12 +106,12 @@ fn main() -> ! {
             if can.is_empty() {
                 NODE.controller_is_empty(now_ms);
             }
-        } else if can.is_running() && *IS_FULL == 0 && NODE.is_ready() {
+        } else if can.is_running() && !PACE.is_full && NODE.is_ready() {
             if can.has_room() {
                 can.transmit(NODE.frame());
                 NODE.handed_over(now_ms);
             } else {
-                *IS_FULL = u8::from(!can.find_room());
+                PACE.is_full = !can.find_room();
             }
         } else if can.is_running() && NODE.prepare(can.counters(), Image, MONITOR, now_ms) {
             // One step nearer to the next frame.
