@@ -172,6 +172,25 @@ fn it_changes_over_when_the_autopilot_is_replaced_by_one_of_the_other_kind() {
     }
 }
 
+/// The moment decides how old the last word of the first autopilot is when the node begins to doubt its dialect.
+#[test]
+fn it_changes_over_in_time_whenever_that_happens() {
+    for only in [None, Some(Only::Status), Some(Only::Commands)] {
+        for dialect in [Dialect::V0, Dialect::Draft] {
+            for moment_ms in [100, 400, 700] {
+                let mut rig = Rig::running();
+                let settings = Settings { only, ..Settings::default() };
+                rig.replace_autopilot(settings.clone().in_dialect(dialect));
+                rig.run_ms(3000 + moment_ms);
+                rig.replace_autopilot(settings.in_dialect(dialect.other()));
+                rig.run_ms(CHANGE_MS);
+                let what = format!("only {only:?}, no more {dialect} at {moment_ms} ms");
+                assert_speaks_after(&mut rig, dialect.other(), &what);
+            }
+        }
+    }
+}
+
 /// 4 bytes of 2014, 6 of March 2015, 8 in between, and the 7 of the thesis.
 #[test]
 fn a_status_of_the_draft_counts_in_each_of_its_lengths() {
