@@ -179,7 +179,8 @@ impl Node {
                 due &= !(Due::TEMPERATURE | Due::DEGREES_CELSIUS);
             }
         }
-        let is_draft = self.dialect == Dialect::DRAFT;
+        // The draft has no allocation: without an ID it is v0 that the node speaks.
+        let is_draft = self.dialect == Dialect::DRAFT && self.id != 0;
         if is_draft {
             due &= Due::NODE_STATUS | Due::DEGREES_CELSIUS | Due::BUTTON;
         }

@@ -165,3 +165,20 @@ fn its_unique_id_is_made_once_and_kept() {
     again.start(ResetCause::POWER_ON, &mut memory, || unreachable!(), InMemory, &mut Monitor::new());
     assert_eq!(again.unique_id, unique_id);
 }
+
+#[test]
+fn set_to_the_draft_which_has_no_allocation_it_asks_in_v0_and_goes_on_in_the_draft() {
+    let mut rig = Rig::with(&[(Parameter::CanNode, 0), (Parameter::Dialect, 2)]);
+    rig.run(2000);
+    assert!(
+        !rig.sent.is_empty() && rig.sent.iter().all(|(_, frame)| frame.id[3] == 0 && frame.id[2] & 3 == 1),
+        "{:?}",
+        rig.sent
+    );
+    rig.node.id = 42;
+    rig.sent.clear();
+    rig.run(1100);
+    // NodeStatus 550 of node 42, OK.
+    let frame = rig.sent[0].1;
+    assert_eq!((frame.id[..3].to_vec(), frame.len, frame.data[3]), (vec![0x11, 0x34, 42 << 2], 6, 0));
+}
