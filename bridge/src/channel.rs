@@ -426,7 +426,7 @@ impl Channel {
     fn take(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, bytes: &[u8]) {
         let Some(peer) = self.peers.get_mut(&id) else { return };
         peer.parser.feed(bytes);
-        while let Some(message) = peer.parser.next() {
+        while let Some(message) = peer.parser.message() {
             match message {
                 Ok((version, message)) => {
                     peer.heard = Some(version);
@@ -567,7 +567,7 @@ impl Channel {
 fn has_message(bytes: &[u8]) -> bool {
     let mut parser = Parser::new(None);
     parser.feed(bytes);
-    matches!(parser.next(), Some(Ok(_)))
+    matches!(parser.message(), Some(Ok(_)))
 }
 
 /// Writes what is left of a message; whether it is all gone. Errors show when reading.

@@ -270,7 +270,7 @@ impl Parser {
     }
 
     /// The next message, with its version; `None` when all bytes are used up.
-    pub fn next(&mut self) -> Option<Result<(MavlinkVersion, In), Refused>> {
+    pub fn message(&mut self) -> Option<Result<(MavlinkVersion, In), Refused>> {
         let raw = match self.reader.read_any_raw_message::<MavMessage>() {
             Ok(raw) => raw,
             Err(MessageReadError::Io(_)) => return None,

@@ -40,7 +40,7 @@ fn sent(message: &MavMessage) -> Vec<u8> {
 fn parsed(bytes: &[u8]) -> Vec<In> {
     let mut parser = Parser::new(None);
     parser.feed(bytes);
-    std::iter::from_fn(|| parser.next()).filter_map(|message| message.ok().map(|(_, message)| message)).collect()
+    std::iter::from_fn(|| parser.message()).filter_map(|message| message.ok().map(|(_, message)| message)).collect()
 }
 
 #[test]
@@ -138,7 +138,7 @@ fn with_a_key_only_messages_signed_with_it_count_and_each_once() {
     let mut parser = Parser::new(key(1));
     let mut take = |bytes: &[u8]| {
         parser.feed(bytes);
-        parser.next().unwrap().map(|(_, message)| message.request)
+        parser.message().unwrap().map(|(_, message)| message.request)
     };
     assert_eq!(take(&bytes), Ok(Request::ParameterList));
     assert_eq!(take(&bytes), Err(Refused::Signature), "it was heard before");
@@ -159,7 +159,7 @@ fn a_message_is_found_between_rubbish_and_in_pieces() {
     let mut found = 0;
     for byte in bytes {
         parser.feed(&[byte]);
-        found += std::iter::from_fn(|| parser.next()).filter(Result::is_ok).count();
+        found += std::iter::from_fn(|| parser.message()).filter(Result::is_ok).count();
     }
     assert_eq!(found, 3);
 }

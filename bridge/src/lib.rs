@@ -1,0 +1,26 @@
+//! A DroneCAN bus on a MAVLink ground station's screen.
+//!
+//! ```text
+//! Bus (slcan, mcast, socketcan) ── frames ──> Bridge ── posts ──> Queue ── Writer ──> Channel (udp, tcp, serial)
+//!                               <── frames ──        <── requests ── Parser ──────────
+//! ```
+//! [`core::Bridge`] decides; it neither opens nor waits. [`bus`] and [`channel`] are what it is joined to, and never block.
+//! [`run`] moves between them what there is. See docs/bridge.md.
+
+#![forbid(unsafe_code)]
+
+pub mod args;
+mod bus;
+mod calls;
+mod channel;
+mod commands;
+pub mod core;
+mod forward;
+pub mod message;
+mod names;
+mod node;
+pub mod number;
+mod parameters;
+pub mod queue;
+pub mod run;
+mod screen;
