@@ -50,8 +50,9 @@ pub enum BenchEvent {
     Serial(Vec<u8>),
 }
 
+/// What a line asks for.
 #[derive(Clone, Debug, PartialEq)]
-enum Action {
+pub enum Action {
     Send(Frame),
     Do(BenchEvent),
     /// An error frame of a log.
@@ -127,8 +128,11 @@ impl Link for Script {
     }
 }
 
-/// All lines in the order of their times; those of the same time as they come. An error has the number of its line.
-fn parse(text: &str) -> Result<Vec<(Cycles, Action)>, (usize, String)> {
+/// All lines in the order of their times; those of the same time as they come.
+///
+/// # Errors
+/// If a line is not understood: its number, and why.
+pub fn parse(text: &str) -> Result<Vec<(Cycles, Action)>, (usize, String)> {
     let mut lines = Vec::new();
     for (line, number) in text.lines().zip(1..) {
         let line = line.trim();
