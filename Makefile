@@ -9,12 +9,13 @@ AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-t
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim bridge test fuzz soak reliability firmware strangers flash size bench lint setup clean
+.PHONY: help sim bridge test fuzz fuzz-coverage soak reliability firmware strangers flash size bench lint setup clean
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
 	@echo "make test       every test; installs what is missing first"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
+	@echo "make fuzz-coverage   the parsers in libFuzzer, which looks for new ways through them, a minute each  (TIME=900)"
 	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
 	@echo "make firmware   build node.elf, and show how much of the chip it takes"
 	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
@@ -53,6 +54,17 @@ test: setup lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test --test fuzz -- --nocapture
 
+# What it finds of new ways stays in the target directory; fuzz/corpus is read only. See docs/fuzzing.md.
+FUZZED := node eeprom host sim bridge
+TIME := 60
+fuzz-coverage: $(TOOLS)/bin/cargo-fuzz
+	@set -e; for target in $(FUZZED); do \
+		found=$(abspath $(TARGET_DIR))/fuzz/corpus/$$target; \
+		mkdir -p $$found; \
+		$(abspath $<) run --fuzz-dir fuzz --target-dir $(abspath $(TARGET_DIR))/fuzz -s none $$target \
+			$$found fuzz/corpus/$$target -- -max_total_time=$(TIME) -max_len=2048 -timeout=20 -print_final_stats=1; \
+	done
+
 soak: firmware
 	SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
 
@@ -67,6 +79,7 @@ $(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alo
 
 lint: setup
 	cargo fmt --all --check
+	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	cargo clippy --workspace --all-targets -- -D warnings
 	cargo clippy $(AVR) --bin node -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
@@ -89,6 +102,11 @@ $(TOOLS)/bin/ravedude:
 	@scripts/setup flash
 	@echo "Installing ravedude"
 	@cargo install --quiet ravedude --version 0.2.2 --locked --root $(TOOLS)
+
+$(TOOLS)/bin/cargo-fuzz:
+	@scripts/setup fuzz
+	@echo "Installing cargo-fuzz"
+	@cargo install --quiet cargo-fuzz --version 0.13.2 --locked --root $(TOOLS)
 
 clean:
 	cargo clean

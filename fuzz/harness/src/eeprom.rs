@@ -1,0 +1,109 @@
+//! The EEPROM: anything in it when the node starts, and a supply that fails during a save.
+//!
+//! Bytes of the input: what to put right, an index and two values of a parameter, when the supply fails and what that makes of a
+//! byte; then the EEPROM from its first address, 0xFF behind that.
+//!
+//! The node starts, and starts again, with all that. If it has a usable node ID then, it must keep what it says that it has
+//! saved, keep its unique ID, and after the failure have the old value or the new one.
+
+use dronecan_host::{Message, Value, crc};
+use node::node::condition::ResetCause;
+use node::node::parameters::{self, Parameter};
+
+use crate::board::Memory;
+use crate::rig::Rig;
+use crate::steps::Type;
+
+/// Where the records are (docs/parameters.md, EEPROM), and the bit that asks for it to be put right.
+const RECORDS: [(usize, usize, u8); 3] =
+    [(0x04, 16, 1 << 0), (0x20, 2 * parameters::COUNT, 1 << 1), (0x90, 2 * parameters::COUNT, 1 << 2)];
+
+/// Gives a record the CRC that its bytes and its marker ask for.
+fn put_right(cells: &mut [u8; 256], start: usize, len: usize) {
+    let marker = cells[start + len + 2];
+    let crc = crc::feed(0x0100 | u16::from(marker), &cells[start..start + len]);
+    cells[start + len..start + len + 2].copy_from_slice(&crc.to_be_bytes());
+}
+
+/// Sets a parameter; the number that is in force then.
+fn set(rig: &mut Rig, index: u8, number: u16) -> u16 {
+    let [low, high] = number.to_le_bytes();
+    rig.ask(Type::GetSet, &[index, 1, low, high, 0, 0, 0, 0, 0, 0]);
+    rig.parameter(index).expect("a parameter")
+}
+
+/// Saves.
+fn save(rig: &mut Rig) {
+    let answer = rig.ask(Type::ExecuteOpcode, &[0; 7]);
+    assert_eq!(answer, Some(Message::OpcodeExecuted(true)));
+}
+
+/// Whether the parameters that commands depend on are in their ranges (docs/parameters.md). A record is taken to be what the
+/// node has written, so that those of one that was put right here can be anything.
+fn has_travel(rig: &Rig) -> bool {
+    const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 9] = [
+        (Parameter::SrvId, 0..=255),
+        (Parameter::SrvMin, 500..=2500),
+        (Parameter::SrvTrim, 500..=2500),
+        (Parameter::SrvMax, 500..=2500),
+        (Parameter::SrvReversed, 0..=1),
+        (Parameter::SrvRange, 10..=360),
+        (Parameter::SrvFailsafe, 0..=3),
+        (Parameter::SrvFsPwm, 500..=2500),
+        (Parameter::ArmReq, 0..=1),
+    ];
+    RANGES.iter().all(|(parameter, range)| range.contains(&rig.parameter(*parameter as u8).unwrap_or(0)))
+}
+
+/// Starts the node again, as after a power cut.
+fn restart(rig: &mut Rig) {
+    rig.memory.fails_after = None;
+    rig.start(ResetCause::POWER_ON);
+}
+
+/// See the module.
+pub fn run(input: &[u8]) {
+    let Some((&[right, index, a0, a1, b0, b1, failure, garbage], cells)) = input.split_first_chunk() else { return };
+    let mut memory = Memory::blank();
+    for (cell, &byte) in memory.cells.iter_mut().zip(cells) {
+        *cell = byte;
+    }
+    for (start, len, bit) in RECORDS {
+        if right & bit != 0 {
+            put_right(&mut memory.cells, start, len);
+        }
+    }
+    let mut rig = Rig::new(memory);
+    rig.wait(1100);
+    if rig.id() > 125 {
+        return;
+    }
+    rig.leave(100);
+    if rig.id() == 0 {
+        return;
+    }
+
+    let id = rig.who().map(|info| info.unique_id);
+    let index = index % parameters::COUNT as u8;
+    let first = set(&mut rig, index, u16::from_le_bytes([a0, a1]));
+    let told = rig.ask(Type::GetSet, &[index, 0]);
+    assert!(matches!(told, Some(Message::ParameterResponse(told)) if matches!(told.value, Value::Integer(_))));
+    save(&mut rig);
+    restart(&mut rig);
+    assert_eq!(rig.parameter(index), Some(first), "a saved value is kept");
+    if !(1..=125).contains(&rig.id()) {
+        return;
+    }
+    assert_eq!(rig.who().map(|info| info.unique_id), id, "the unique ID is kept");
+
+    let second = set(&mut rig, index, u16::from_le_bytes([b0, b1]));
+    rig.memory.fails_after = Some((failure.into(), garbage));
+    // It may find that it cannot save; that is not the question.
+    rig.ask(Type::ExecuteOpcode, &[0; 7]);
+    restart(&mut rig);
+    let kept = rig.parameter(index);
+    assert!([Some(first), Some(second)].contains(&kept), "{kept:?} is neither {first} nor {second}");
+    if has_travel(&rig) {
+        rig.still_works();
+    }
+}

@@ -1,0 +1,298 @@
+//! What may move the servo, worked out from the frames and the parameters: each sender by itself, with what the specification
+//! says of transfers (chapter 4) and README.md of commands.
+
+use std::collections::HashMap;
+
+use dronecan_host::{CanId, DataType, NodeId, RESTART_MAGIC, crc, draft, types};
+use half::f16;
+use node::node::parameters::{Parameter, Parameters};
+
+const START: u8 = 1 << 7;
+const END: u8 = 1 << 6;
+const TOGGLE: u8 = 1 << 5;
+const NUMBER: u8 = 0x1F;
+
+/// A frame that comes later belongs to no transfer (specification, chapter 4).
+const TIMEOUT_MS: u64 = 2000;
+
+/// Bytes of the CRC before the payload of a transfer of several frames.
+const SUM: usize = 2;
+
+/// Of a command array the entries have so many bytes.
+const ENTRY: usize = 4;
+/// And in the draft.
+const DRAFT_ENTRY: usize = 3;
+
+/// What the value of an entry is (DSDL uavcan/equipment/actuator/Command.uavcan).
+const UNITLESS: u8 = 0;
+const POSITION: u8 = 1;
+const PWM: u8 = 4;
+
+/// The node does not look at the priority: frames that differ only in it belong together.
+const WITHOUT_PRIORITY: u32 = 0x00FF_FFFF;
+/// And those of the draft have none.
+const DRAFT: u32 = 1 << 31;
+
+/// A transfer that may be whole for the node: it can still have had reason to give it up for another sender's.
+pub struct Heard {
+    pub id: CanId,
+    pub number: u8,
+    pub payload: Vec<u8>,
+    /// The node has no reason to give it up: it is of one frame, or a command array while no other sender has begun one.
+    pub is_sure: bool,
+    /// It came in the draft of 2014, which the node hears only at times.
+    pub is_draft: bool,
+    /// SRV_ID was changed while it came: then it is not known which entry the node has taken.
+    is_unclear: bool,
+}
+
+struct Session {
+    number: u8,
+    toggle: bool,
+    stream: Vec<u8>,
+    started_ms: u64,
+    actuator: u16,
+    is_alone: bool,
+}
+
+/// The transfers of all senders.
+#[derive(Default)]
+pub struct Transfers {
+    sessions: HashMap<u32, Session>,
+}
+
+impl Transfers {
+    /// Takes a frame with a 29-bit identifier; the transfer that is whole by it.
+    pub fn push(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Heard> {
+        let signature = CanId::parse(id).and_then(DataType::of).and_then(|known| known.signature);
+        self.take(id, data, now_ms, parameters, signature, false)
+    }
+
+    /// Takes it as a frame of the draft, if it is one that the node can have a use for. It is made one of v0 that says the same.
+    pub fn push_draft(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Heard> {
+        let service = matches!(id >> 17 & 3, 1);
+        let upper = match (id >> 19, id >> 17 & 3) {
+            (265, 2) => 265 << 8,
+            (550, 2) => u32::from(types::NODE_STATUS.id) << 8,
+            (760, 2) => u32::from(types::THESIS_COMMAND.id) << 8,
+            (551, 1) => u32::from(types::GET_NODE_INFO.id) << 16,
+            (560, 1) => u32::from(types::RESTART_NODE.id) << 16,
+            _ => return None,
+        };
+        let to = u32::from(data.first().copied().unwrap_or(0) & 0x7F);
+        let lower = if service { 0x8080 | to << 8 } else { 0 };
+        let bit = |on: bool, bit: u8| if on { bit } else { 0 };
+        let index = id >> 4 & 0x3F;
+        let tail = bit(index == 0, START) | bit(id & 8 != 0, END) | bit(index & 1 != 0, TOGGLE) | (id & 7) as u8;
+        let data = [data, &[tail]].concat();
+        let signature = draft::types::ARRAY_COMMAND.signature;
+        self.take(upper | lower | id >> 10 & 0x7F, &data, now_ms, parameters, signature, true)
+    }
+
+    fn take(
+        &mut self,
+        id: u32,
+        data: &[u8],
+        now_ms: u64,
+        parameters: &Parameters,
+        signature: Option<u64>,
+        is_draft: bool,
+    ) -> Option<Heard> {
+        let actuator = parameters.get(Parameter::SrvId);
+        let can_id = CanId::parse(id)?;
+        let key = id & WITHOUT_PRIORITY | if is_draft { DRAFT } else { 0 };
+        let (&tail, part) = data.split_last()?;
+        let (number, toggle) = (tail & NUMBER, tail & TOGGLE != 0);
+        let heard = |payload, is_sure, is_unclear| {
+            Some(Heard { id: can_id, number, payload, is_sure: is_sure && !is_draft, is_draft, is_unclear })
+        };
+        if tail & START != 0 {
+            if toggle {
+                return None;
+            }
+            if tail & END != 0 {
+                return heard(part.to_vec(), true, false);
+            }
+            let is_alone = self.is_alone(key, now_ms) && part.len() >= SUM;
+            let stream = part.to_vec();
+            self.sessions.insert(key, Session { number, toggle: true, stream, started_ms: now_ms, actuator, is_alone });
+            return None;
+        }
+        let session = self.sessions.get_mut(&key)?;
+        if session.number != number || session.toggle != toggle || now_ms - session.started_ms > TIMEOUT_MS {
+            return None;
+        }
+        session.toggle = !toggle;
+        session.stream.extend(part);
+        if tail & END == 0 {
+            return None;
+        }
+        let session = self.sessions.remove(&key)?;
+        let (sum, payload) = session.stream.split_first_chunk::<SUM>()?;
+        (u16::from_le_bytes(*sum) == crc::transfer(signature?, payload)).then_some(())?;
+        heard(payload.to_vec(), session.is_alone, session.actuator != actuator)
+    }
+
+    /// Whether a transfer that begins is a command array, and no other sender's is under way. It takes that from the others.
+    fn is_alone(&mut self, key: u32, now_ms: u64) -> bool {
+        let is_array = |key: u32| matches!(CanId::parse(key), Some(CanId::Message { type_id, .. }) if type_id == types::ARRAY_COMMAND.id);
+        if !is_array(key) {
+            return false;
+        }
+        let mut is_alone = true;
+        for (_, session) in self.sessions.iter_mut().filter(|(other, _)| **other != key && is_array(**other)) {
+            is_alone &= now_ms - session.started_ms > TIMEOUT_MS;
+            session.is_alone = false;
+        }
+        is_alone
+    }
+}
+
+/// A width of the servo pulse in ticks of half a microsecond, and how far from it is near enough.
+#[derive(Clone, Copy, Debug)]
+pub struct Width {
+    pub ticks: f64,
+    pub tolerance: f64,
+}
+
+impl Width {
+    fn exactly(ticks: f64) -> Width {
+        Width { ticks, tolerance: 0.0 }
+    }
+
+    /// Whether a pulse has it.
+    pub fn fits(self, ticks: u16) -> bool {
+        (f64::from(ticks) - self.ticks).abs() <= self.tolerance
+    }
+}
+
+/// What the parameters make of commands.
+#[derive(Debug)]
+pub struct Travel {
+    low: f64,
+    trim: f64,
+    high: f64,
+    is_reversed: bool,
+    half_range_rad: f64,
+}
+
+const TICKS_PER_US: f64 = 2.0;
+
+impl Travel {
+    pub fn of(parameters: &Parameters) -> Travel {
+        let ticks = |parameter| f64::from(parameters.get(parameter)) * TICKS_PER_US;
+        let (a, b) = (ticks(Parameter::SrvMin), ticks(Parameter::SrvMax));
+        let (low, high) = (a.min(b), a.max(b));
+        Travel {
+            low,
+            trim: ticks(Parameter::SrvTrim).clamp(low, high),
+            high,
+            is_reversed: parameters.get(Parameter::SrvReversed) != 0,
+            half_range_rad: f64::from(parameters.get(Parameter::SrvRange)).to_radians() / 2.0,
+        }
+    }
+
+    /// From the trim, -1 to 1 of the travel on that side, with the error that the fraction may have.
+    fn deflected(&self, fraction: f64, error: f64) -> Width {
+        let fraction = fraction.clamp(-1.0, 1.0) * if self.is_reversed { -1.0 } else { 1.0 };
+        let side = if fraction < 0.0 { self.trim - self.low } else { self.high - self.trim };
+        Width { ticks: self.trim + fraction * side, tolerance: 1.0 + error * side }
+    }
+
+    fn of_entry(&self, unit: u8, value: f16) -> Option<Width> {
+        /// What the node can tell apart, in radians.
+        const ANGLE_STEP: f64 = 1.0 / 4096.0;
+        let value = Some(value.to_f64()).filter(|value| value.is_finite())?;
+        match unit {
+            UNITLESS => Some(self.deflected(value, 0.0)),
+            POSITION => Some(self.deflected(value / self.half_range_rad, ANGLE_STEP / self.half_range_rad)),
+            PWM => {
+                let ticks = value * TICKS_PER_US;
+                (ticks > 0.0).then(|| Width { ticks: ticks.clamp(self.low, self.high), tolerance: 1.0 })
+            }
+            _ => None,
+        }
+    }
+
+    fn of_byte(&self, byte: u8) -> Width {
+        let fraction = f64::from(if self.is_reversed { !byte } else { byte }) / 255.0;
+        Width { ticks: self.low + fraction * (self.high - self.low), tolerance: 1.0 }
+    }
+}
+
+/// Where the output goes when it fails safe; `None` if it stays.
+pub fn failsafe(parameters: &Parameters) -> Option<Width> {
+    let travel = Travel::of(parameters);
+    match parameters.get(Parameter::SrvFailsafe) {
+        0 => None,
+        1 => Some(Width::exactly(travel.trim)),
+        2 => {
+            let ticks = f64::from(parameters.get(Parameter::SrvFsPwm)) * TICKS_PER_US;
+            Some(Width::exactly(ticks.clamp(travel.low, travel.high)))
+        }
+        _ => Some(Width::exactly(0.0)),
+    }
+}
+
+/// What a transfer asks of the servo.
+#[derive(Debug)]
+pub enum Order {
+    /// To go to one of these, if the vehicle may move.
+    Go {
+        widths: Vec<Width>,
+        /// The node has no choice: it was one entry, and a width that is not rounded to none.
+        is_clear: bool,
+    },
+    /// To fail safe, because the node is to restart.
+    Restart,
+    Arm(bool),
+}
+
+impl Heard {
+    /// The order in it, if the node with this ID and these parameters is to follow it.
+    pub fn order(&self, me: u8, parameters: &Parameters) -> Option<Order> {
+        if self.id.source().map(NodeId::get) == Some(me) {
+            return None;
+        }
+        // The draft has the destination before the payload.
+        let skipped = usize::from(self.is_draft && matches!(self.id, CanId::Service { .. }));
+        match (self.id, self.payload.get(skipped..)?) {
+            (CanId::Message { type_id, .. }, payload) if self.is_draft && type_id == draft::types::ARRAY_COMMAND.id => {
+                let actuator = parameters.get(Parameter::SrvId);
+                let travel = Travel::of(parameters);
+                let (entries, []) = payload.as_chunks::<DRAFT_ENTRY>() else { return None };
+                let mine = |entry: &&[u8; DRAFT_ENTRY]| self.is_unclear || u16::from(entry[0]) == actuator;
+                let width =
+                    |&[_, low, high]: &[u8; DRAFT_ENTRY]| travel.of_entry(UNITLESS, f16::from_le_bytes([low, high]));
+                let count = if self.is_unclear { entries.len() } else { 1 };
+                let widths = entries.iter().rev().filter(mine).take(count).filter_map(width).collect();
+                Some(Order::Go { widths, is_clear: false })
+            }
+            (CanId::Message { type_id, .. }, payload) if type_id == types::ARRAY_COMMAND.id => {
+                let actuator = parameters.get(Parameter::SrvId);
+                let travel = Travel::of(parameters);
+                let (entries, []) = payload.as_chunks::<ENTRY>() else { return None };
+                let width =
+                    |&[_, unit, low, high]: &[u8; ENTRY]| travel.of_entry(unit, f16::from_le_bytes([low, high]));
+                if self.is_unclear {
+                    return Some(Order::Go { widths: entries.iter().filter_map(width).collect(), is_clear: false });
+                }
+                let last = entries.iter().rev().find(|entry| u16::from(entry[0]) == actuator)?;
+                let is_clear = !matches!(*last, [_, PWM, low, high] if f16::from_le_bytes([low, high]) < f16::ONE);
+                Some(Order::Go { widths: vec![width(last)?], is_clear })
+            }
+            (CanId::Message { type_id, .. }, &[byte]) if type_id == types::THESIS_COMMAND.id => {
+                Some(Order::Go { widths: vec![Travel::of(parameters).of_byte(byte)], is_clear: true })
+            }
+            (CanId::Message { type_id, .. }, &[byte]) if type_id == types::ARMING_STATUS.id => {
+                Some(Order::Arm(byte == 255))
+            }
+            (CanId::Service { service_id, request: true, destination, .. }, payload)
+                if u16::from(service_id) == types::RESTART_NODE.id && destination.get() == me =>
+            {
+                (payload == &RESTART_MAGIC.to_le_bytes()[..5]).then_some(Order::Restart)
+            }
+            _ => None,
+        }
+    }
+}
