@@ -97,6 +97,8 @@ pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec
 
 /// A multi-frame transfer in the making.
 struct Session {
+    /// Sessions opened before it.
+    number: u64,
     started_at: Duration,
     transfer_id: TransferId,
     /// Toggle bit that the next frame must have.
@@ -105,10 +107,15 @@ struct Session {
     stream: Vec<u8>,
 }
 
-/// Puts the frames of all nodes on a bus together. One session per identifier, for frames of one transfer share it.
+/// Transfers that can be in the making at once: 32 of each node.
+const SESSIONS_MAX: usize = 4096;
+
+/// Puts the frames of all nodes on a bus together. One session per identifier, for frames of one transfer share it. Of transfers
+/// that never end only the newest are kept.
 #[derive(Default)]
 pub struct Assembler {
     sessions: HashMap<CanId, Session>,
+    opened: u64,
 }
 
 impl Assembler {
@@ -138,11 +145,27 @@ impl Assembler {
             }
             (true, false) if part.len() < FRAME_PAYLOAD => Outcome::Invalid("start frame that is not full"),
             (true, false) => {
-                let session = Session { started_at: at, transfer_id, toggle: true, frames: 1, stream: part.to_vec() };
+                self.make_room(id, at);
+                let (number, stream) = (self.opened, part.to_vec());
+                self.opened += 1;
+                let session = Session { number, started_at: at, transfer_id, toggle: true, frames: 1, stream };
                 self.sessions.insert(id, session);
                 Outcome::Partial
             }
             (false, end) => self.go_on(id, transfer_id, toggle, end, part, at),
+        }
+    }
+
+    /// Forgets transfers that are too old if there are very many, or else the oldest one.
+    fn make_room(&mut self, id: CanId, at: Duration) {
+        if self.sessions.len() < SESSIONS_MAX || self.sessions.contains_key(&id) {
+            return;
+        }
+        self.sessions.retain(|_, session| at.saturating_sub(session.started_at) <= TIMEOUT);
+        if self.sessions.len() == SESSIONS_MAX
+            && let Some(oldest) = self.sessions.iter().min_by_key(|(_, session)| session.number).map(|(id, _)| *id)
+        {
+            self.sessions.remove(&oldest);
         }
     }
 
@@ -187,5 +210,39 @@ impl Assembler {
             return Outcome::Invalid("wrong transfer CRC");
         }
         Outcome::Complete(Transfer { id, transfer_id, payload, frames: session.frames })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FIRST: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, START];
+
+    /// The first frame of a transfer under each of so many identifiers.
+    fn begin(assembler: &mut Assembler, count: u32, at: Duration) {
+        for n in 0..count {
+            assert_eq!(assembler.push(0x1000_0001 + (n << 8), &FIRST, at), Outcome::Partial);
+        }
+    }
+
+    #[test]
+    fn transfers_that_never_end_do_not_pile_up_and_hinder_no_other() {
+        let mut assembler = Assembler::new();
+        begin(&mut assembler, 50_000, Duration::ZERO);
+        assert_eq!(assembler.sessions.len(), SESSIONS_MAX);
+        // A type that nobody knows, whose CRC cannot be checked.
+        assert_eq!(assembler.push(0x1FFF_F002, &FIRST, Duration::ZERO), Outcome::Partial);
+        let end = assembler.push(0x1FFF_F002, &[8, END | TOGGLE], Duration::ZERO);
+        assert!(matches!(end, Outcome::Complete(Transfer { payload, .. }) if payload == [3, 4, 5, 6, 7, 8]));
+    }
+
+    #[test]
+    fn of_very_many_transfers_those_that_are_too_old_are_forgotten_first() {
+        let mut assembler = Assembler::new();
+        begin(&mut assembler, SESSIONS_MAX as u32, Duration::ZERO);
+        let later = TIMEOUT + Duration::from_millis(1);
+        assert_eq!(assembler.push(0x1FFF_F002, &FIRST, later), Outcome::Partial);
+        assert_eq!(assembler.sessions.len(), 1);
     }
 }
