@@ -41,7 +41,7 @@ fn save(rig: &mut Rig) {
 /// Whether the parameters that commands depend on are in their ranges (docs/parameters.md). A record is taken to be what the
 /// node has written, so that those of one that was put right here can be anything.
 fn has_travel(rig: &Rig) -> bool {
-    const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 9] = [
+    const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 10] = [
         (Parameter::SrvId, 0..=255),
         (Parameter::SrvMin, 500..=2500),
         (Parameter::SrvTrim, 500..=2500),
@@ -51,6 +51,7 @@ fn has_travel(rig: &Rig) -> bool {
         (Parameter::SrvFailsafe, 0..=3),
         (Parameter::SrvFsPwm, 500..=2500),
         (Parameter::ArmReq, 0..=1),
+        (Parameter::Dialect, 0..=2),
     ];
     RANGES.iter().all(|(parameter, range)| range.contains(&rig.parameter(*parameter as u8).unwrap_or(0)))
 }
