@@ -542,3 +542,23 @@ fn it_restarts_when_told_to_with_the_right_number_and_finds_the_draft_again() {
     assert_speaks(&mut rig, Dialect::Draft);
     assert_obeys(&mut rig);
 }
+
+/// The session that the thesis prints: identifier 398722057 is type 760 of node 1, transfer 1, with the value 1; a byte is 0 to 180
+/// degrees. Its filters were 0x11340408 and 0x17C40408, for statuses and commands of node 1; here any node will do.
+#[test]
+fn the_session_that_the_thesis_prints_goes_as_it_says() {
+    let mut rig = flying(in_draft(Profile::Thesis));
+    rig.detach_autopilot();
+    let degrees = |rig: &mut Rig, id: u32, value: u8| {
+        rig.send(id, &[value]);
+        rig.run_ms(45);
+        (rig.settled_pulse_us() - 1000.0) * 180.0 / 1000.0
+    };
+    assert!((degrees(&mut rig, 398_722_057, 1) - 180.0 / 255.0).abs() < 0.1);
+    for value in 0..=255u8 {
+        let id = message_id(760, if value % 2 == 0 { 1 } else { 77 }, value.into());
+        let seen = degrees(&mut rig, id, value);
+        assert!((seen - f64::from(value) * 180.0 / 255.0).abs() < 0.1, "{value}: {seen} degrees");
+    }
+    assert!(rig.serial.contains("rx thesis.ServoCommand from 1 tid 1: 1, pulse 1004.0 us"), "{}", rig.serial);
+}
