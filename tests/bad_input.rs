@@ -123,6 +123,9 @@ fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
         rig.send(NODE_STATUS | 10, &autopilot);
         rig.run_ms(600);
     }
+    // The first that gets through makes it give the controller closer filters, for which that leaves the bus.
+    rig.send(0x1804_562A, &[0xA5; 8]);
+    rig.run_ms(10);
     rig.forget();
     let others = [0x1804_562A, 0x1803_F32A, 0x1E01_AAFF, 0x1E97_4D00, 0x1804_2E0A, 0x1004_5801, 0x1803_F2AA];
     for n in 0..20_000u32 {
@@ -137,7 +140,9 @@ fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
     let of_others = rig.traffic.iter().filter(|(_, frame)| !from_node(frame)).count();
     assert_eq!(of_others, 20_003 - rig.peer.borrow().queued());
     rig.run_ms(1000);
-    assert_refused(rig, 0, "refused");
+    assert_eq!(rig.serial.matches("refused").count(), 0, "{}", rig.serial);
+    rig.send_command(1, 0, -1.0);
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
 }
 
 #[test]

@@ -112,7 +112,7 @@ fn a_chip_that_was_reset_by_a_glitch_is_noticed_and_set_up_again() {
     rig.send_command(1, 0, 0.5);
     rig.settled_pulse_us();
     rig.board().chip_reset();
-    rig.wait_for_line("CAN: MCP2515 lost its configuration, starting it over", 50);
+    rig.wait_for_line("CAN: MCP2515 lost its configuration", 50);
     rig.wait_for_line("CAN: running", 200);
     rig.run_ms(50);
     assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1750.0), "the servo holds meanwhile");
@@ -136,7 +136,7 @@ fn a_bus_that_is_held_dominant_is_told_of_and_survived() {
     let mut rig = Rig::powered();
     rig.bench.bus().inject(Fault::StuckDominant(true));
     rig.run_ms(1000);
-    assert!(rig.serial.contains("CAN: bus never idle, MCP2515 not on it (CANSTAT 80), trying again"), "{}", rig.serial);
+    assert!(rig.serial.contains("CAN: bus never idle (CANSTAT 80), trying again"), "{}", rig.serial);
     rig.bench.bus().inject(Fault::StuckDominant(false));
     rig.wait_for_line("CAN: running", 400);
     rig.wait_for("a status", 600, |rig| !rig.statuses().is_empty());
@@ -194,11 +194,11 @@ fn frames_that_nobody_acknowledges_are_given_up_after_a_second() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
-    rig.wait_for_line("CAN: nothing could be sent for 1 s, frames given up (1 times)", 2600);
+    rig.wait_for_line("CAN: nothing could be sent for 1 s (1 times)", 2600);
     let chip = rig.board().chip();
     rig.run_ms(30);
     let waiting = (0..3).any(|n| chip.borrow().register(TXB0CTRL + 16 * n) & 0x08 != 0);
-    assert!(!waiting || rig.serial.matches("given up").count() == 1);
+    assert!(!waiting || rig.serial.matches("nothing could be sent").count() == 1);
 }
 
 #[test]
@@ -333,7 +333,7 @@ fn after_frames_were_given_up_the_node_sends_again() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
-    rig.wait_for_line("frames given up", 2600);
+    rig.wait_for_line("nothing could be sent", 2600);
     rig.run_ms(50);
     let chip = rig.board().chip();
     assert_eq!(chip.borrow().register(CANCTRL) & ABAT, 0);

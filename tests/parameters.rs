@@ -99,18 +99,20 @@ fn what_was_saved_is_there_after_a_restart_and_a_power_cut() {
     rig.wait_until_up();
     assert_eq!(marks(&mut rig), mark(1));
     // Each parameter, at an end of its range that is not its default.
-    for (name, default, min, max) in ALL {
-        // The node would answer under another ID, and at another bit rate.
-        if !["CAN_NODE", "CAN_BAUDRATE"].contains(&name) {
-            rig.set(name, if default == max { min } else { max });
-        }
+    let ends: Vec<_> = ALL
+        .into_iter()
+        // The node would answer under another ID, at another bit rate, and in another dialect.
+        .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE", "DIALECT"].contains(name))
+        .map(|(name, default, min, max)| (name, if default == max { min } else { max }))
+        .chain([("DIALECT", 1)])
+        .collect();
+    for &(name, end) in &ends {
+        rig.set(name, end);
     }
     rig.save();
     rig.restart();
-    for (name, default, min, max) in ALL {
-        if !["CAN_NODE", "CAN_BAUDRATE"].contains(&name) {
-            assert_eq!(rig.get(name), if default == max { min } else { max }, "{name}");
-        }
+    for (name, end) in ends {
+        assert_eq!(rig.get(name), end, "{name}");
     }
 }
 

@@ -52,7 +52,7 @@ pub const NODE_INFO_SEED: u16 = 0x14BB;
 /// and [`SERVICE`]).
 pub const PACKED: [u8; KINDS as usize * ENTRY_LEN as usize] = {
     let entries = [
-        (upper(265, MESSAGE), Kind::DRAFT_COMMAND),
+        (upper(265, MESSAGE), Kind::ARRAY_COMMAND),
         (upper(760, MESSAGE), Kind::SERVO_COMMAND),
         (upper(550, MESSAGE), Kind::NODE_STATUS),
         (upper(551, REQUEST), Kind::GET_NODE_INFO),
@@ -80,18 +80,25 @@ const ENTRY_LEN: u8 = 4;
 /// No message that the draft has ends like this in v0.
 const SERVICE: u8 = 0xFF;
 
-/// Makes a frame of v0 of one of the draft, if it is one that the node has a use for; otherwise leaves it as it is. Of a request
-/// the destination stays before the payload.
+/// No frame of the draft that the node takes has less in the second byte of its identifier.
+const LOWEST: u8 = 0x34;
+
+/// Makes a frame of v0 of one of the draft, if it is one that the node has a use for; otherwise leaves it as it is. Whether it
+/// was. Of a request the destination stays before the payload.
 #[inline(never)]
-pub fn translate(frame: &mut Frame, flash: impl Progmem) {
+pub fn translate(frame: &mut Frame, flash: impl Progmem) -> bool {
     let [b0, b1, b2, b3] = frame.id;
+    // What a frame of v0 that is of use never has.
+    if b1 < LOWEST {
+        return false;
+    }
     let mut at = DRAFT_KINDS;
     let mut left = KINDS;
     while flash.byte(at) != b0 || flash.byte(at.wrapping_add(1)) != b1 & !SOURCE {
         at = at.wrapping_add(u16::from(ENTRY_LEN));
         left = left.wrapping_sub(1);
         if left == 0 {
-            return;
+            return false;
         }
     }
     let mut last = b2 >> 2;
@@ -117,6 +124,7 @@ pub fn translate(frame: &mut Frame, flash: impl Progmem) {
         tail |= TOGGLE;
     }
     frame.push(tail);
+    true
 }
 
 #[cfg(test)]
@@ -136,9 +144,9 @@ mod tests {
         // NodeStatus of node 120, the thesis's command of node 1, a command for two actuators, and the second frame of a longer one.
         assert_eq!(translated("1135E00B EF CD AB 02 EF BE"), "40015578 EF CD AB 02 EF BE C3");
         assert_eq!(translated("17C40409 5A"), "40045701 5A C1");
-        assert_eq!(translated("084C040A 01 00 38 02 00 BC"), "40010901 01 00 38 02 00 BC C2");
-        assert_eq!(translated("084C0412 01 00 38 02 00 BC 03 04"), "40010901 01 00 38 02 00 BC 03 04 22");
-        assert_eq!(translated("084C042A 00"), "40010901 00 42");
+        assert_eq!(translated("084C040A 01 00 38 02 00 BC"), "4003F201 01 00 38 02 00 BC C2");
+        assert_eq!(translated("084C0412 01 00 38 02 00 BC 03 04"), "4003F201 01 00 38 02 00 BC 03 04 22");
+        assert_eq!(translated("084C042A 00"), "4003F201 00 42");
     }
 
     #[test]

@@ -40,7 +40,7 @@ mod table {
         BEGIN_FIRMWARE_UPDATE = service 40, 0x729E;
         /// uavcan.protocol.dynamic_node_id.Allocation
         ALLOCATION = message 1, 0xF258;
-        /// ArrayCommand of the draft. From here to RestartNode are what the draft has.
+        /// ArrayCommand of the draft, which has another form.
         DRAFT_COMMAND = message 265, 0xBFEF;
         /// uavcan.protocol.NodeStatus
         NODE_STATUS = message 341, 0;
@@ -121,7 +121,6 @@ impl Kind {
         kind = if low == Self::NODE_STATUS.data_type() as u8 { Self::NODE_STATUS } else { kind };
         kind = if low == Self::SERVO_COMMAND.data_type() as u8 { Self::SERVO_COMMAND } else { kind };
         kind = if low == Self::ARMING_STATUS.data_type() as u8 { Self::ARMING_STATUS } else { kind };
-        kind = if low == Self::DRAFT_COMMAND.data_type() as u8 { Self::DRAFT_COMMAND } else { kind };
         kind = if low == Self::LIGHTS_COMMAND.data_type() as u8 { Self::LIGHTS_COMMAND } else { kind };
         kind = if low == Self::ALLOCATION.data_type() as u8 { Self::ALLOCATION } else { kind };
         if kind.id_high(flash) == high { kind } else { Self::UNKNOWN }

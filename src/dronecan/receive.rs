@@ -217,9 +217,10 @@ impl Receiver {
         } else {
             Kind::UNKNOWN
         };
-        if kind == Kind::UNKNOWN || kind == Kind::DRAFT_COMMAND && priority & DRAFT == 0 {
+        if kind == Kind::UNKNOWN {
             return Refusal::Kind;
         }
+        let kind = if kind == Kind::ARRAY_COMMAND && priority & DRAFT != 0 { Kind::DRAFT_COMMAND } else { kind };
         let Some((&tail, payload)) = frame.data().split_last() else { return Refusal::Form };
         let mut lane = kind.0.min(Kind::GET_SET.0);
         if tail >= START_OF_TRANSFER | END_OF_TRANSFER {

@@ -130,13 +130,13 @@ lines! {
     /// Nobody at the SPI.
     NotAnswering = "CAN: MCP2515 does not answer (CANSTAT %x), trying again",
     /// A register did not read back.
-    NotKeeping = "CAN: MCP2515 register %x does not keep its value, trying again",
+    NotKeeping = "CAN: MCP2515 does not keep register %x, trying again",
     /// No normal mode.
-    NotStarting = "CAN: bus never idle, MCP2515 not on it (CANSTAT %x), trying again",
+    NotStarting = "CAN: bus never idle (CANSTAT %x), trying again",
     /// Configuration gone.
-    ControllerLost = "CAN: MCP2515 lost its configuration, starting it over",
+    ControllerLost = "CAN: MCP2515 lost its configuration",
     /// Nobody acknowledges, or the bus is never free.
-    GaveUp = "CAN: nothing could be sent for 1 s, frames given up (%a times)",
+    GaveUp = "CAN: nothing could be sent for 1 s (%a times)",
     /// Overrun.
     FramesLost = "CAN: frames lost (%a times)",
     /// Error state.
@@ -150,7 +150,7 @@ lines! {
     /// EEPROM.
     NotSaved = "parameters NOT saved",
     /// EEPROM.
-    ParametersLost = "parameters LOST, defaults in force",
+    ParametersLost = "parameters LOST, defaults",
     /// Allocation.
     Allocated = "node ID %c allocated by %s",
     /// Begins.
@@ -166,13 +166,13 @@ lines! {
     /// Ends.
     OutOfRangeEnd = "temperature in range",
     /// Begins.
-    SensorFault = "temperature sensor OPEN OR SHORTED",
+    SensorFault = "temperature sensor OPEN OR SHORT",
     /// Ends.
     SensorFaultEnd = "temperature sensor works",
     /// Begins.
-    Draft = "dialect: draft",
+    Draft = "draft of 2014",
     /// Ends.
-    DraftEnd = "dialect: v0",
+    DraftEnd = "DroneCAN v0",
     /// Button.
     Button = "button pressed, %a times",
     /// Counters on request.

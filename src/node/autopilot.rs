@@ -30,10 +30,7 @@ impl Autopilot {
 
     /// A command from `source` was accepted.
     pub fn commanded_by(&mut self, source: NodeId, now_ms: u16) {
-        if self.id != Some(source) {
-            self.heard_ms = now_ms;
-        }
-        (self.id, self.commands) = (Some(source), true);
+        *self = Self { id: Some(source), commands: true, heard_ms: now_ms };
     }
 
     /// A status of `source` came; whether it is the autopilot's.
@@ -49,11 +46,18 @@ impl Autopilot {
         is_better
     }
 
-    /// Forgets an autopilot that has been silent for too long.
-    pub fn tick(&mut self, now_ms: u16) {
-        if now_ms.wrapping_sub(self.heard_ms) > OFFLINE_TIMEOUT_MS {
+    /// Forgets an autopilot that has been silent for too long. For how long it has been silent, in milliseconds.
+    pub fn tick(&mut self, now_ms: u16) -> u16 {
+        let silent_ms = now_ms.wrapping_sub(self.heard_ms);
+        if silent_ms > OFFLINE_TIMEOUT_MS {
             *self = Self { heard_ms: now_ms, ..Self::NONE };
         }
+        silent_ms
+    }
+
+    /// Whoever it was, the next that is heard is it, as if the one with the highest ID had been until then.
+    pub fn replace(&mut self, now_ms: u16) {
+        *self = Self { id: NodeId::new(127), commands: false, heard_ms: now_ms };
     }
 }
 

@@ -146,8 +146,6 @@ pub struct Node {
     allocation: Allocation,
     /// While it is not sure, what it heard last. Twice the same makes sure.
     heard: Dialect,
-    /// When it heard the autopilot.
-    sure_ms: u16,
     replies: Replies,
     /// What can be set.
     pub parameters: Parameters,
@@ -193,7 +191,6 @@ impl Node {
             has_filters_to_give: false,
             dialect: Dialect::ANY,
             is_sure: false,
-            sure_ms: 0,
             heard: Dialect::ANY,
             spoken: Dialect::ANY,
             row: acceptance::EITHER,
@@ -278,35 +275,44 @@ impl Node {
         }
         if dialect == Dialect::V0 {
             self.is_sure = true;
+            self.spoken = dialect;
         }
-        let row = if !self.is_sure {
-            // Also where the draft is asked for: in v0 that can be taken back.
-            acceptance::EITHER
-        } else if self.dialect == Dialect::DRAFT {
-            acceptance::DRAFT
-        } else {
-            acceptance::V0
-        };
+        if self.is_sure && self.dialect == Dialect::DRAFT {
+            self.take_row(acceptance::DRAFT);
+        } else if !self.is_sure || self.row == acceptance::DRAFT {
+            // Also where the draft is asked for: in v0 that can be taken back. To be sure of v0 does not ask for other filters by
+            // itself, because it takes the controller off the bus: see `refuse`.
+            self.take_row(acceptance::EITHER);
+        }
+    }
+
+    /// Other filters, if they are others.
+    #[inline(never)]
+    fn take_row(&mut self, row: u8) {
         if self.row != row {
             self.row = row;
             self.has_filters_to_give = true;
         }
     }
 
-    /// An autopilot has spoken.
+    /// Whether what was said is not in the dialect that DIALECT asks for.
+    #[inline(always)]
+    fn is_foreign(&self) -> bool {
+        let wanted = Dialect(self.parameters.get(Parameter::Dialect) as u8);
+        wanted != Dialect::ANY && wanted != self.spoken
+    }
+
+    /// An autopilot has spoken, while the node is not sure what.
     #[inline(never)]
     fn hear(&mut self, now_ms: u16) {
         let dialect = self.spoken;
-        if !self.is_sure {
-            if self.heard != dialect {
-                self.heard = dialect;
-                return;
-            }
+        if self.heard != dialect {
+            self.heard = dialect;
+        } else {
             self.dialect = dialect;
-        }
-        if self.dialect == dialect {
             self.is_sure = true;
-            self.sure_ms = now_ms;
+            // Another one than before, perhaps.
+            self.autopilot.replace(now_ms);
             self.take_dialect();
         }
     }
@@ -363,9 +369,7 @@ impl Node {
     #[inline(never)]
     pub fn tick(&mut self, is_pressed: bool, now_ms: u16, eeprom: &mut impl Eeprom, monitor: &mut Monitor) {
         self.store.step(&mut self.parameters, eeprom);
-        self.autopilot.tick(now_ms);
-        if self.is_sure && now_ms.wrapping_sub(self.sure_ms) >= SURE_MS {
-            self.sure_ms = now_ms;
+        if self.autopilot.tick(now_ms) >= SURE_MS && self.is_sure {
             self.is_sure = false;
             // Of the other dialect one frame is enough now, of noise it would take two.
             self.heard = self.dialect.other();
@@ -487,10 +491,10 @@ impl Node {
         flash: impl Progmem,
         monitor: &mut Monitor,
     ) {
+        // Sure of v0, it has last been spoken to in v0.
         if !self.is_sure || self.dialect == Dialect::DRAFT {
-            draft::translate(frame, flash);
+            self.spoken = if draft::translate(frame, flash) { Dialect::DRAFT } else { Dialect::V0 };
         }
-        self.spoken = if frame.id[0] & draft::DRAFT != 0 { Dialect::DRAFT } else { Dialect::V0 };
         let actuator_id = self.parameters.get(Parameter::SrvId) as u8;
         let light_id = self.parameters.get(Parameter::LightId) as u8;
         receiver.accept(frame, self.id, actuator_id, light_id, now_ms, flash);
@@ -507,6 +511,10 @@ impl Node {
         if refusal >= Refusal::Broken || refusal == Refusal::Source && source != 0 {
             count(&mut self.counts.broken);
             self.happened(Conditions::TRANSFER_ERRORS);
+        }
+        // Filters for v0 alone would not have let it through.
+        if refusal == Refusal::Kind && self.is_sure && self.row == acceptance::EITHER {
+            self.take_row(acceptance::V0);
         }
         count(&mut self.counts.refused);
         let event = monitor.tell(Line::RefusedKind.plus((refusal as u8).wrapping_sub(Refusal::Kind as u8)));
@@ -528,13 +536,15 @@ impl Node {
         event.set_transfer(transfer.transfer_id());
         event.line = if transfer.kind.is_request() {
             self.serve(transfer, event, flash)
+        } else if !self.is_sure && self.is_foreign() {
+            Line::RefusedType
         } else {
             self.heed(transfer, event, now_ms, flash)
         };
         if event.line.is_refusal() {
             count(&mut self.counts.refused);
         }
-        if event.line.is_of_autopilot() {
+        if !self.is_sure && event.line.is_of_autopilot() {
             self.hear(now_ms);
         }
         receiver.clear();
@@ -546,10 +556,6 @@ impl Node {
     /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
     fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16, flash: impl Progmem) -> Line {
         let [b0, b1, b2, b3, mut b4, ..] = transfer.bytes;
-        let wanted = Dialect(self.parameters.get(Parameter::Dialect) as u8);
-        if wanted != Dialect::ANY && wanted != self.spoken {
-            return Line::RefusedType;
-        }
         let Some(source) = NodeId::new(transfer.source) else {
             // Only Allocation comes from nobody.
             return self.hear_allocation(transfer, now_ms);

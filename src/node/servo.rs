@@ -120,9 +120,14 @@ impl Travel {
         if self.is_reversed {
             position = !position;
         }
+        // The product by 256, and what is left of it: two multiplications of bytes are a quarter of one of words.
+        let [low, high] = self.high.wrapping_sub(self.low).to_le_bytes();
+        let position = u16::from(position);
+        let [rest, carry] = position.wrapping_mul(u16::from(low)).to_le_bytes();
+        let by_256 = position.wrapping_mul(u16::from(high)).wrapping_add(u16::from(carry));
         // By 255, which is 256 less a 256th: right to a sixteenth of a tick.
-        let product = u32::from(u16::from(position)).wrapping_mul(u32::from(self.high.wrapping_sub(self.low)));
-        self.low.wrapping_add((product.wrapping_add(product >> 8).wrapping_add(128) >> 8) as u16)
+        let more = by_256.wrapping_add(u16::from(rest)).wrapping_add(128) >> 8;
+        self.low.wrapping_add(by_256).wrapping_add(more)
     }
 
     /// The position that a pulse asks for, as an equal command would have it: a float16 in radians.

@@ -474,6 +474,11 @@ impl Loaded {
         }
         rig.send_command(1, 4, 1500.0);
         rig.run_ms(100);
+        // An autopilot: the node is sure of its dialect.
+        for _ in 0..2 {
+            rig.send_status_from(1);
+            rig.run_ms(10);
+        }
         rig.forget();
         let sender = load.map(|load| Sender::attach(&mut rig.bench, load));
         let figures = Figures { meter: Meter::attach(rig.board()), ..Figures::default() };

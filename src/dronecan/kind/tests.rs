@@ -60,8 +60,6 @@ fn of_all_messages_that_a_bus_may_carry_only_the_six_in_use_are_known() {
     // Standard and vendor-specific types (specification, chapter 5).
     for data_type in 0..=20_999u16 {
         let expected = RECEIVED.iter().find(|&&(_, id)| id == data_type).map_or(Kind::UNKNOWN, |&(kind, _)| kind);
-        // Which is in no message of v0 (see `Receiver`).
-        let expected = if data_type == 265 { Kind::DRAFT_COMMAND } else { expected };
         assert_eq!(Kind::of_message(data_type.to_be_bytes(), InMemory), expected, "message {data_type}");
     }
 }
