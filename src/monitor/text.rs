@@ -144,7 +144,7 @@ lines! {
     /// Error state.
     ErrorPassive = "CAN: error-passive",
     /// It ended.
-    ErrorActive = "CAN: error-active again",
+    ErrorActive = "CAN: error-active",
     /// EEPROM.
     Saved = "parameters saved",
     /// EEPROM.

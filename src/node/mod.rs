@@ -309,10 +309,11 @@ impl Node {
         if self.heard != dialect {
             self.heard = dialect;
         } else {
+            if (self.dialect.0 ^ dialect.0) & Dialect::DRAFT.0 != 0 {
+                self.autopilot.replace(now_ms);
+            }
             self.dialect = dialect;
             self.is_sure = true;
-            // Another one than before, perhaps.
-            self.autopilot.replace(now_ms);
             self.take_dialect();
         }
     }
@@ -505,15 +506,15 @@ impl Node {
 
     #[inline(never)]
     fn refuse(&mut self, refusal: Refusal, frame: &Frame, monitor: &mut Monitor) {
-        let [_, high, low, source] = frame.id;
+        let [first, high, low, source] = frame.id;
         let source = source & 0x7F;
         // One that has a sender and is refused for it has this node's ID.
         if refusal >= Refusal::Broken || refusal == Refusal::Source && source != 0 {
             count(&mut self.counts.broken);
             self.happened(Conditions::TRANSFER_ERRORS);
         }
-        // Filters for v0 alone would not have let it through.
-        if refusal == Refusal::Kind && self.is_sure && self.row == acceptance::EITHER {
+        // Filters for v0 alone would not have let it through; a standard frame none.
+        if refusal == Refusal::Kind && self.is_sure && self.row == acceptance::EITHER && first < Frame::FOREIGN {
             self.take_row(acceptance::V0);
         }
         count(&mut self.counts.refused);

@@ -125,6 +125,9 @@ impl Trial {
         let mut trial =
             Trial { rig, autopilot: true, begun: 0, ended: 0, slot_due: 0, status_due: 0, line: "", told_at: None };
         trial.live(200);
+        // Something for others, after which the filters are those of the dialect alone.
+        trial.rig.send(0x1804_2E0A, &[0xC0]);
+        trial.live(100);
         trial
     }
 
