@@ -230,7 +230,7 @@ fn a_bus_full_of_frames_for_others_costs_nothing() {
         loaded.run_ms(20);
         loaded.figures = Figures { meter: Meter::attach(loaded.rig.board()), ..Figures::default() };
         let profile = Profile::begin(loaded.rig.board().avr_mut());
-        loaded.run_ms(1400);
+        loaded.run_ms(1200);
         let (_, mean, _) = profile.turns();
         (loaded.finish(), mean)
     };
