@@ -16,7 +16,8 @@ use avr_device::atmega168::CPU;
 use node::node::condition::ResetCause;
 
 // Before anything else runs: save and clear the reset flags, stop the watchdog (which may still run from before, and must be
-// written within four cycles), and paint the RAM that the stack can grow into. r1 is zero and the stack unused at .init3.
+// written within four cycles), paint the RAM that the stack can grow into, and point Y to the variables that are used most, where it
+// stays (scripts/link-small). r1 is zero and the stack unused at .init3.
 //
 // GPIOR1 = 0x2A, MCUSR = 0x34, WDTCSR = 0x60, RAM ends at 0x4FF.
 global_asm!(

@@ -60,12 +60,12 @@ pub const PACKED: [u8; FILTER_WITHOUT_ID as usize + 4] = {
         // RXM1, and RXM0 of a node without an ID: the type, and that it is a message.
         Pattern::mask([0x00, 0xFF, 0xFF, SERVICE]),
         // The draft: commands first, which can be longer than a frame.
-        draft(265, draft::MESSAGE),
-        draft(760, draft::MESSAGE),
-        draft(550, draft::MESSAGE),
-        draft(551, draft::REQUEST),
-        draft(560, draft::REQUEST),
-        draft(560, draft::REQUEST),
+        draft(draft::ARRAY_COMMAND),
+        draft(draft::SERVO_COMMAND),
+        draft(draft::NODE_STATUS),
+        draft(draft::GET_NODE_INFO),
+        draft(draft::RESTART_NODE),
+        draft(draft::RESTART_NODE),
         drafts,
         drafts,
         // RXM0 and RXM1 of a node without an ID: the type, and what an anonymous message has of its type, and that it has no sender.
@@ -82,8 +82,7 @@ pub const PACKED: [u8; FILTER_WITHOUT_ID as usize + 4] = {
     packed
 };
 
-const fn draft(data_type: u16, transfer: u16) -> Pattern {
-    let [b0, b1] = draft::upper(data_type, transfer);
+const fn draft([b0, b1]: [u8; 2]) -> Pattern {
     Pattern::filter([b0, b1, 0, 0])
 }
 

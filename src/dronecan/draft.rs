@@ -24,24 +24,30 @@ pub const TRANSFER_ID: u8 = 7;
 /// In the second byte of an identifier: the highest bit of the sender.
 const SOURCE: u8 = 1;
 
-/// Upper bytes of the identifiers of what the node sends, without its ID: NodeStatus 550.
-pub const NODE_STATUS: [u8; 2] = upper(550, MESSAGE);
-/// The thesis's measurement, 761.
+/// Upper bytes of an identifier, without the sender: ArrayCommand.
+pub const ARRAY_COMMAND: [u8; 2] = upper(265, MESSAGE);
+/// The same of the thesis's command.
+pub const SERVO_COMMAND: [u8; 2] = upper(760, MESSAGE);
+/// The same of its measurement.
 pub const MEASUREMENT: [u8; 2] = upper(761, MESSAGE);
-/// The response of GetNodeInfo, 551.
+/// The same of NodeStatus.
+pub const NODE_STATUS: [u8; 2] = upper(550, MESSAGE);
+/// The same of a request to GetNodeInfo.
+pub const GET_NODE_INFO: [u8; 2] = upper(551, REQUEST);
+/// The same of the response.
 pub const NODE_INFO: [u8; 2] = upper(551, RESPONSE);
-/// The response of RestartNode, 560.
+/// The same of a request to RestartNode.
+pub const RESTART_NODE: [u8; 2] = upper(560, REQUEST);
+/// The same of the response.
 pub const RESTARTED: [u8; 2] = upper(560, RESPONSE);
 
-/// A type of transfer.
-pub const RESPONSE: u16 = 0;
-/// A type of transfer.
-pub const REQUEST: u16 = 1;
-/// A type of transfer: a message to everybody.
-pub const MESSAGE: u16 = 2;
+// Types of transfer; a message is one to everybody.
+const RESPONSE: u16 = 0;
+const REQUEST: u16 = 1;
+const MESSAGE: u16 = 2;
 
-/// The upper bytes of an identifier without its sender, by data type ID and type of transfer.
-pub const fn upper(data_type: u16, transfer: u16) -> [u8; 2] {
+/// By data type ID and type of transfer.
+const fn upper(data_type: u16, transfer: u16) -> [u8; 2] {
     (data_type << 3 | transfer << 1).to_be_bytes()
 }
 
@@ -52,11 +58,11 @@ pub const NODE_INFO_SEED: u16 = 0x14BB;
 /// and [`SERVICE`]).
 pub const PACKED: [u8; KINDS as usize * ENTRY_LEN as usize] = {
     let entries = [
-        (upper(265, MESSAGE), Kind::ARRAY_COMMAND),
-        (upper(760, MESSAGE), Kind::SERVO_COMMAND),
-        (upper(550, MESSAGE), Kind::NODE_STATUS),
-        (upper(551, REQUEST), Kind::GET_NODE_INFO),
-        (upper(560, REQUEST), Kind::RESTART_NODE),
+        (ARRAY_COMMAND, Kind::ARRAY_COMMAND),
+        (SERVO_COMMAND, Kind::SERVO_COMMAND),
+        (NODE_STATUS, Kind::NODE_STATUS),
+        (GET_NODE_INFO, Kind::GET_NODE_INFO),
+        (RESTART_NODE, Kind::RESTART_NODE),
     ];
     let mut packed = [0; KINDS as usize * ENTRY_LEN as usize];
     let mut n = 0;

@@ -206,8 +206,7 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     cs: CS,
     int: INT,
     counters: Counters,
-    /// The frame received last, and how many wait to be taken: none or one. Not a `bool`, or the compiler would use its other
-    /// values for a driver that is none, and have to initialise it all with a copy from flash.
+    /// The frame received last.
     frame: Frame,
     /// CNF3, CNF2, CNF1 and CANINTE.
     timing: [u8; 4],
@@ -227,6 +226,7 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     tx_looks: u8,
     /// Which part of a look at the running chip was last.
     look: u8,
+    /// How many frames wait to be taken: none or one.
     waiting: u8,
     /// CANCTRL on the bus: normal mode, with OSM in one-shot mode.
     control: u8,
