@@ -22,6 +22,7 @@ pub mod id;
 pub mod management;
 pub mod mcast;
 pub mod message;
+mod sessions;
 pub mod slcan;
 pub mod transfer;
 pub mod types;

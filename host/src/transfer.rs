@@ -7,8 +7,7 @@
 //! Assembly invariants: only a start frame opens or replaces a session; a frame that does not continue its session
 //! closes it. Repeated transfer IDs are not filtered, for this is the view of an observer: what was sent is shown.
 
-use super::{crc, id::CanId, types::DataType};
-use std::collections::HashMap;
+use super::{crc, id::CanId, sessions::Sessions, types::DataType};
 use std::time::Duration;
 
 const START: u8 = 1 << 7;
@@ -95,11 +94,8 @@ pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec
         .collect()
 }
 
-/// A multi-frame transfer in the making.
-struct Session {
-    /// Sessions opened before it.
-    number: u64,
-    started_at: Duration,
+/// What there is of a transfer in the making.
+struct SoFar {
     transfer_id: TransferId,
     /// Toggle bit that the next frame must have.
     toggle: bool,
@@ -107,21 +103,22 @@ struct Session {
     stream: Vec<u8>,
 }
 
-/// Transfers that can be in the making at once: 32 of each node.
-const SESSIONS_MAX: usize = 4096;
-
 /// Puts the frames of all nodes on a bus together. One session per identifier, for frames of one transfer share it. Of transfers
 /// that never end only the newest are kept.
-#[derive(Default)]
 pub struct Assembler {
-    sessions: HashMap<CanId, Session>,
-    opened: u64,
+    sessions: Sessions<CanId, SoFar>,
+}
+
+impl Default for Assembler {
+    fn default() -> Assembler {
+        Assembler::new()
+    }
 }
 
 impl Assembler {
     /// No session open.
     pub fn new() -> Assembler {
-        Assembler::default()
+        Assembler { sessions: Sessions::new(TIMEOUT) }
     }
 
     /// Takes an extended data frame that ended at `at`, counted from any moment that stays the same.
@@ -137,7 +134,7 @@ impl Assembler {
         match (tail & START != 0, tail & END != 0) {
             (true, _) if toggle => Outcome::Invalid("start frame with the toggle bit set"),
             (true, true) => {
-                self.sessions.remove(&id);
+                self.sessions.take(&id);
                 Outcome::Complete(Transfer { id, transfer_id, payload: part.to_vec(), frames: 1 })
             }
             (true, false) if matches!(id, CanId::Anonymous { .. }) => {
@@ -145,27 +142,11 @@ impl Assembler {
             }
             (true, false) if part.len() < FRAME_PAYLOAD => Outcome::Invalid("start frame that is not full"),
             (true, false) => {
-                self.make_room(id, at);
-                let (number, stream) = (self.opened, part.to_vec());
-                self.opened += 1;
-                let session = Session { number, started_at: at, transfer_id, toggle: true, frames: 1, stream };
-                self.sessions.insert(id, session);
+                let so_far = SoFar { transfer_id, toggle: true, frames: 1, stream: part.to_vec() };
+                self.sessions.open(id, at, so_far);
                 Outcome::Partial
             }
             (false, end) => self.go_on(id, transfer_id, toggle, end, part, at),
-        }
-    }
-
-    /// Forgets transfers that are too old if there are very many, or else the oldest one.
-    fn make_room(&mut self, id: CanId, at: Duration) {
-        if self.sessions.len() < SESSIONS_MAX || self.sessions.contains_key(&id) {
-            return;
-        }
-        self.sessions.retain(|_, session| at.saturating_sub(session.started_at) <= TIMEOUT);
-        if self.sessions.len() == SESSIONS_MAX
-            && let Some(oldest) = self.sessions.iter().min_by_key(|(_, session)| session.number).map(|(id, _)| *id)
-        {
-            self.sessions.remove(&oldest);
         }
     }
 
@@ -178,30 +159,32 @@ impl Assembler {
         part: &[u8],
         at: Duration,
     ) -> Outcome {
-        let Some(mut session) = self.sessions.remove(&id) else {
+        let Some(mut session) = self.sessions.take(&id) else {
             return Outcome::Invalid("continues a transfer that did not start");
         };
-        if session.transfer_id != transfer_id || session.toggle != toggle {
+        let so_far = &session.so_far;
+        if so_far.transfer_id != transfer_id || so_far.toggle != toggle {
             return Outcome::Invalid("a frame of the transfer is missing");
         }
-        if at.saturating_sub(session.started_at) > TIMEOUT {
+        if self.sessions.is_late(&session, at) {
             return Outcome::Invalid("transfer timed out");
         }
-        session.stream.extend_from_slice(part);
-        session.frames += 1;
-        session.toggle = !toggle;
+        let so_far = &mut session.so_far;
+        so_far.stream.extend_from_slice(part);
+        so_far.frames += 1;
+        so_far.toggle = !toggle;
         if !end {
             if part.len() < FRAME_PAYLOAD {
                 return Outcome::Invalid("middle frame that is not full");
             }
-            if session.stream.len() > PAYLOAD_MAX {
+            if so_far.stream.len() > PAYLOAD_MAX {
                 return Outcome::Invalid("transfer too long");
             }
-            self.sessions.insert(id, session);
+            self.sessions.put_back(id, session);
             return Outcome::Partial;
         }
-        let payload = session.stream.split_off(2);
-        let sent_crc = u16::from_le_bytes([session.stream[0], session.stream[1]]);
+        let payload = so_far.stream.split_off(2);
+        let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
         // A type without a known signature cannot be checked; an observer shows it all the same.
         if let Some(data_type) = DataType::of(id)
             && let Some(signature) = data_type.signature
@@ -209,13 +192,14 @@ impl Assembler {
         {
             return Outcome::Invalid("wrong transfer CRC");
         }
-        Outcome::Complete(Transfer { id, transfer_id, payload, frames: session.frames })
+        Outcome::Complete(Transfer { id, transfer_id, payload, frames: session.so_far.frames })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sessions::SESSIONS_MAX;
 
     const FIRST: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, START];
 

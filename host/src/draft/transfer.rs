@@ -9,8 +9,8 @@
 
 use super::id::{CanId, INDEX_MAX, TransferId, TransferType};
 use super::types::DataType;
+use crate::sessions::Sessions;
 use crate::{Frame, NodeId, crc};
-use std::collections::HashMap;
 use std::time::Duration;
 
 /// Data bytes of a CAN frame.
@@ -129,25 +129,30 @@ pub enum Outcome {
 /// What the frames of a transfer have in common, but for the transfer ID.
 type Key = (u16, NodeId, Route);
 
-/// A multi-frame transfer in the making.
-struct Session {
-    started_at: Duration,
+/// What there is of a transfer in the making.
+struct SoFar {
     transfer_id: TransferId,
     /// Index that the next frame must have.
     next: u8,
     stream: Vec<u8>,
 }
 
-/// Puts the frames of all nodes on a bus together, one session for each sender, data type and destination.
-#[derive(Default)]
+/// Puts the frames of all nodes on a bus together, one session for each sender, data type and destination. Of transfers that never
+/// end only the newest are kept.
 pub struct Assembler {
-    sessions: HashMap<Key, Session>,
+    sessions: Sessions<Key, SoFar>,
+}
+
+impl Default for Assembler {
+    fn default() -> Assembler {
+        Assembler::new()
+    }
 }
 
 impl Assembler {
     /// No session open.
     pub fn new() -> Assembler {
-        Assembler::default()
+        Assembler { sessions: Sessions::new(TIMEOUT) }
     }
 
     /// Takes an extended data frame that ended at `at`, counted from any moment that stays the same.
@@ -170,13 +175,13 @@ impl Assembler {
         let key = (id.type_id, id.source, route);
         match (id.index, id.last) {
             (0, true) => {
-                self.sessions.remove(&key);
+                self.sessions.take(&key);
                 Outcome::Complete(transfer(key, id.transfer_id, part.to_vec()))
             }
             (0, false) if data.len() < FRAME_DATA => Outcome::Invalid("start frame that is not full"),
             (0, false) => {
-                let (transfer_id, stream) = (id.transfer_id, part.to_vec());
-                self.sessions.insert(key, Session { started_at: at, transfer_id, next: 1, stream });
+                let so_far = SoFar { transfer_id: id.transfer_id, next: 1, stream: part.to_vec() };
+                self.sessions.open(key, at, so_far);
                 Outcome::Partial
             }
             _ => self.go_on(key, id, data.len() == FRAME_DATA, part, at),
@@ -184,29 +189,31 @@ impl Assembler {
     }
 
     fn go_on(&mut self, key: Key, id: CanId, full: bool, part: &[u8], at: Duration) -> Outcome {
-        let Some(mut session) = self.sessions.remove(&key) else {
+        let Some(mut session) = self.sessions.take(&key) else {
             return Outcome::Invalid("continues a transfer that did not start");
         };
-        if session.transfer_id != id.transfer_id || session.next != id.index {
+        let so_far = &session.so_far;
+        if so_far.transfer_id != id.transfer_id || so_far.next != id.index {
             return Outcome::Invalid("a frame of the transfer is missing");
         }
-        if at.saturating_sub(session.started_at) > TIMEOUT {
+        if self.sessions.is_late(&session, at) {
             return Outcome::Invalid("transfer timed out");
         }
-        session.stream.extend_from_slice(part);
-        session.next += 1;
+        let so_far = &mut session.so_far;
+        so_far.stream.extend_from_slice(part);
+        so_far.next += 1;
         if !id.last {
             if !full {
                 return Outcome::Invalid("middle frame that is not full");
             }
-            self.sessions.insert(key, session);
+            self.sessions.put_back(key, session);
             return Outcome::Partial;
         }
-        let payload = session.stream.split_off(CRC_LEN);
+        let payload = so_far.stream.split_off(CRC_LEN);
         if payload.len() > PAYLOAD_MAX {
             return Outcome::Invalid("transfer too long");
         }
-        let sent_crc = u16::from_le_bytes([session.stream[0], session.stream[1]]);
+        let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
         // A type without a known signature cannot be checked; an observer shows it all the same.
         if let Some(signature) = DataType::of(id.type_id, id.transfer_type).and_then(|known| known.signature)
             && crc::transfer(signature, &payload) != sent_crc
@@ -219,4 +226,21 @@ impl Assembler {
 
 fn transfer((type_id, source, route): Key, transfer_id: TransferId, payload: Vec<u8>) -> Transfer {
     Transfer { type_id, source, route, transfer_id, payload }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sessions::SESSIONS_MAX;
+
+    #[test]
+    fn transfers_that_never_end_do_not_pile_up() {
+        let mut assembler = Assembler::new();
+        // The first frames of broadcasts of so many types from every node.
+        for (type_id, source) in (0u32..50).flat_map(|type_id| (1u32..128).map(move |source| (type_id, source))) {
+            let id = type_id << 19 | 2 << 17 | source << 10;
+            assert_eq!(assembler.push(id, &[0; FRAME_DATA], Duration::ZERO), Outcome::Partial);
+        }
+        assert_eq!(assembler.sessions.len(), SESSIONS_MAX);
+    }
 }
