@@ -36,13 +36,21 @@ fn during(fault: fn(&mut Rig, bool), line: &'static str, reported: u16) -> Measu
     trial.recover(BUS_LIMIT_MS, reported)
 }
 
+/// What most cases have in common.
+const CASE: Case = Case {
+    fault: "",
+    noticed: "error-passive (bit 6)",
+    reaction: "none needed",
+    servo: FAILSAFE,
+    told_limit_ms: Some(250),
+    limit_ms: BUS_LIMIT_MS,
+    run: || unreachable!("each case has its own"),
+};
+
 pub const CABLE: Case = Case {
     fault: "the node's cable is pulled",
     noticed: "error-passive (bit 6), frames given up (bit 8)",
     reaction: "tries each frame for a second, then drops it",
-    servo: FAILSAFE,
-    told_limit_ms: Some(250),
-    limit_ms: BUS_LIMIT_MS,
     run: || {
         let pull = |rig: &mut Rig, on: bool| {
             let port = rig.bench.port(0);
@@ -50,15 +58,13 @@ pub const CABLE: Case = Case {
         };
         during(pull, "CAN: error-passive", GAVE_UP_SENDING)
     },
+    ..CASE
 };
 
 pub const ALONE: Case = Case {
     fault: "no other node on the bus",
     noticed: "error-passive (bit 6), frames given up (bit 8)",
     reaction: "tries each frame for a second, then drops it",
-    servo: FAILSAFE,
-    told_limit_ms: Some(250),
-    limit_ms: BUS_LIMIT_MS,
     run: || {
         let leave = |rig: &mut Rig, on: bool| {
             let port = rig.peer_port;
@@ -66,15 +72,13 @@ pub const ALONE: Case = Case {
         };
         during(leave, "CAN: error-passive", GAVE_UP_SENDING)
     },
+    ..CASE
 };
 
 pub const SHORT: Case = Case {
     fault: "bus shorted, held dominant",
     noticed: "error-passive (bit 6), bus-off (bit 7) or frames given up (bit 8)",
     reaction: "the controller waits for recessive bits; old frames are dropped",
-    servo: FAILSAFE,
-    told_limit_ms: Some(250),
-    limit_ms: BUS_LIMIT_MS,
     run: || {
         let short = |rig: &mut Rig, on| {
             // The controller gets its filters again meanwhile, and joins the free bus before the driver has looked.
@@ -83,15 +87,11 @@ pub const SHORT: Case = Case {
         };
         during(short, "CAN: ", 0)
     },
+    ..CASE
 };
 
 pub const WRONG_RATE: Case = Case {
     fault: "another node sends all the time at 500 kbit/s",
-    noticed: "error-passive (bit 6)",
-    reaction: "none needed",
-    servo: FAILSAFE,
-    told_limit_ms: Some(250),
-    limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::new();
         let intruder = Rc::new(RefCell::new(SoftNode::new(500_000)));
@@ -105,6 +105,7 @@ pub const WRONG_RATE: Case = Case {
         assert!(trial.statistics().rx_errors > 0);
         trial.recover(BUS_LIMIT_MS, 0)
     },
+    ..CASE
 };
 
 pub const BABBLE: Case = Case {
@@ -125,11 +126,7 @@ pub const BABBLE: Case = Case {
 
 pub const NO_ACKNOWLEDGE: Case = Case {
     fault: "no frame is acknowledged (error-passive)",
-    noticed: "error-passive (bit 6)",
     reaction: "sends on; the line that it is error-active again follows with the first frames that get through",
-    servo: FAILSAFE,
-    told_limit_ms: Some(250),
-    limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::new();
         trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
@@ -141,6 +138,7 @@ pub const NO_ACKNOWLEDGE: Case = Case {
         assert_eq!(code & ERROR_PASSIVE, 0, "it says so only while it is: {code:#06x}");
         measured
     },
+    ..CASE
 };
 
 pub const DESTROYED: Case = Case {
