@@ -1,0 +1,78 @@
+"""The instructions of an object, and taking some of them out."""
+
+import bisect
+import struct
+
+from link_small.elf import R_AVR_16, Reader, executed
+
+
+def is_load_or_store(word):
+    return word & 0xFC0F == 0x9000  # lds, sts
+
+
+def is_branch(word):
+    return word & 0xF800 == 0xF000  # brbs, brbc
+
+
+def is_jump(word):
+    return word & 0xF000 == 0xC000  # rjmp
+
+
+def is_skip(word):
+    return word & 0xFC00 == 0x1000 or word & 0xFC08 == 0xFC00 or word & 0xFD00 == 0x9900  # cpse; sbrc, sbrs; sbic, sbis
+
+
+def uses_carry(word):
+    # cpc, sbc, adc; sbci; ror; brcs, brcc; in of SREG
+    return (word & 0xFC00 in (0x0400, 0x0800, 0x1C00) or word & 0xF000 == 0x4000 or word & 0xFE0F == 0x9407
+            or word & 0xF807 == 0xF000 or word & 0xFE0F == 0xB60F)
+
+
+def instructions(section):
+    """Where each is, and its first word."""
+    code = Reader(section.data)
+    while code.more():
+        at, word = code.at, code.number(2)
+        yield at, word
+        if is_load_or_store(word) or word & 0xFE0C == 0x940C:  # jmp, call
+            code.skip(2)
+
+
+def branch_without_relocation(object):
+    """Where one is, if there is one."""
+    for section in executed(object):
+        for at, word in instructions(section):
+            if (is_branch(word) or is_jump(word & ~0x1000)) and at not in section.relocations:  # and rcall
+                return f"{section.name}+{at:#x}"
+    return None
+
+
+def loads_and_stores(object):
+    """Those of variables: the code, where in it, and the variable (symbol, and what is added to it)."""
+    for section in executed(object):
+        for at, word in instructions(section):
+            what, addend = section.relocations.get(at + 2, (0, 0))
+            if is_load_or_store(word) and what & 0xFF == R_AVR_16:
+                yield section, at, what, addend
+
+
+def cut(object, cuts):
+    """Deletes the two bytes at these places of each section, and corrects what refers to what is behind them."""
+
+    def moved(section, at):
+        return at - 2 * bisect.bisect_left(cuts.get(section, ()), at)
+
+    for section in object.sections:
+        relocations = {}
+        for where, (what, addend) in section.relocations.items():
+            target, value = object.section_of(what), object.value_of(what)
+            relocations[moved(section, where)] = what, moved(target, value + addend) - moved(target, value)
+        section.relocations = relocations
+    for at in range(0, len(object.symbols), 16):
+        value, size = struct.unpack_from("<2I", object.symbols, at + 4)
+        section = object.section_of(at << 4)
+        begin = moved(section, value)
+        struct.pack_into("<2I", object.symbols, at + 4, begin, moved(section, value + size) - begin)
+    for section, places in cuts.items():
+        for at in reversed(places):
+            del section.data[at : at + 2]
