@@ -8,7 +8,7 @@ MAY_BE_RELAXED = 0x80  # in e_flags
 RELA, NOBITS = 4, 8
 EXECUTED = 0x4
 FUNCTION = 2
-R_AVR_7_PCREL, R_AVR_16, R_AVR_CALL = 2, 4, 18
+R_AVR_7_PCREL, R_AVR_13_PCREL, R_AVR_16, R_AVR_CALL = 2, 3, 4, 18
 
 
 def fail(why):
@@ -52,12 +52,22 @@ class Object:
     def value_of(self, what):
         return struct.unpack_from("<I", self.symbols, 16 * (what >> 8) + 4)[0]
 
+    def name_of(self, what):
+        name = struct.unpack_from("<I", self.symbols, 16 * (what >> 8))[0]
+        return self.names[name : self.names.index(0, name)].decode()
+
     def named(self):
         """Its symbols: the name, the value, the kind, and the section that it is in, if it is in one."""
         for at in range(0, len(self.symbols), 16):
             name, value, _, kind, _, index = struct.unpack_from("<3I2BH", self.symbols, at)
             name = self.names[name : self.names.index(0, name)].decode()
             yield name, value, kind & 0xF, self.sections[index] if 0 < index < len(self.sections) else None
+
+    def sections_of_globals(self):
+        """Those that have a symbol which another object can refer to."""
+        for at in range(0, len(self.symbols), 16):
+            if self.symbols[at + 12] >> 4:
+                yield self.section_of(at << 4)
 
     def update(self, section):
         """What has changed goes to the end of the file."""
