@@ -76,3 +76,34 @@ def cut(object, cuts):
     for section, places in cuts.items():
         for at in reversed(places):
             del section.data[at : at + 2]
+
+
+class Edit:
+    """New words and deletions in the code of an object, made all at once."""
+
+    def __init__(self, object):
+        self.object, self.cuts = object, {}
+        self.changes = 0
+
+    def replace(self, section, at, word):
+        struct.pack_into("<H", section.data, at, word)
+        self.changes += 1
+
+    def delete(self, section, one):
+        places = self.cuts.setdefault(section, set())
+        for at in range(one.at, one.at + one.size, 2):
+            section.relocations.pop(at, None)
+            places.add(at)
+        self.changes += 1
+
+    def cut(self, section, at):
+        """Two bytes."""
+        self.cuts.setdefault(section, set()).add(at)
+
+    def keep(self, section, at):
+        self.cuts[section].discard(at)
+
+    def make(self):
+        """Whether there were any."""
+        cut(self.object, {section: sorted(places) for section, places in self.cuts.items()})
+        return bool(self.changes)

@@ -184,5 +184,11 @@ def relocate_debug_information(object):
     if aranges:  # what .debug_ranges says too, with sizes
         aranges.data, aranges.relocations = b"", {}
     for section in filter(None, sections):
-        spare_returns(object, section)
         object.update(section)
+    spare_returns_in_debug_information(object)
+
+
+def spare_returns_in_debug_information(object):
+    for section in object.sections:
+        if section.name.startswith(".debug_") and section.relocations:
+            spare_returns(object, section)

@@ -59,8 +59,8 @@ def two_registers(word):
             return Effect("plain", both if d != r else 0, ARITHMETIC | bit(d))
         case 0x04:
             return Effect("skip", both)
-        case 0x08 | 0x0A:  # and, or
-            return Effect("plain", both, LOGIC | bit(d))
+        case 0x08 | 0x0A:  # and, or; of a register with itself they are tests
+            return Effect("plain", both, LOGIC | (bit(d) if d != r else 0))
         case 0x09:  # eor
             return Effect("plain", both if d != r else 0, LOGIC | bit(d))
         case 0x0B:  # mov
@@ -187,3 +187,75 @@ def effect(word):
 
 def is_stack_pointer(word):
     return word & 0xF000 == 0xB000 and word & 15 | word >> 5 & 0x30 in (SPL, SPH)
+
+
+def fields(word):
+    """The registers that an instruction names: for each the first bit of its number, or "low" for the one in bits 0 to 3 and 9, its
+    size in bits, the register of number 0, and how many registers a number is for."""
+    if word & 0xFF00 == 0x0100:
+        return (4, 4, 0, 2), (0, 4, 0, 2)
+    if word & 0xFF00 == 0x0200:
+        return (4, 4, 16, 1), (0, 4, 16, 1)
+    if word >> 10 in (*range(0x01, 0x0C), 0x27):
+        return (4, 5, 0, 1), ("low", 5, 0, 1)
+    if word >> 12 in (0x3, 0x4, 0x5, 0x6, 0x7, 0xE):
+        return ((4, 4, 16, 1),)
+    if word & 0xFE00 == 0x9600:
+        return ((4, 2, 24, 2),)
+    does = effect(word)
+    if does and (does.register is not None and word != 0x95C8 or word & 0xFE00 == 0x9400 and word & 15 in (0, 1, 2, 3, 5, 6, 7, 10)):
+        return ((4, 5, 0, 1),)
+    return ()
+
+
+def named(word, field):
+    at, size, first, step = field
+    number = low_register(word) if at == "low" else word >> at & (1 << size) - 1
+    return first + number * step
+
+
+def with_named(word, field, register):
+    """The instruction with another register there; None if it cannot be."""
+    at, size, first, step = field
+    number, rest = divmod(register - first, step)
+    if rest or not 0 <= number < 1 << size:
+        return None
+    if at == "low":
+        return word & ~0x020F | number & 15 | number << 5 & 0x0200
+    return word & ~((1 << size) - 1 << at) | number << at
+
+
+def translated(registers, names):
+    return sum(bit(names.get(n, n)) for n in range(32) if registers >> n & 1) | registers & FLAGS
+
+
+def rename(word, reads, writes):
+    """The instruction with other registers; None if it cannot be. It is said for those that it reads and for those that it writes
+    which others take their place."""
+    before, places = effect(word), fields(word)
+    for first in (writes, reads):
+        new = word
+        for n, field in enumerate(places):
+            register, names = named(word, field), first if n == 0 or not before.uses else reads
+            to = names.get(register, register)
+            if any(names.get(register + n, register + n) != to + n for n in range(field[3])):
+                new = None
+            elif new is not None and to != register:
+                new = with_named(new, field, to)
+        if new is None:
+            continue
+        after = effect(new)
+        if (after.uses, after.sets, after.kind) == (translated(before.uses, reads), translated(before.sets, writes), before.kind):
+            return new
+    return None
+
+
+def reading(word, old, new):
+    """The instruction with another register where it reads one and does not write it; None if it cannot be."""
+    for field in reversed(fields(word)):
+        if named(word, field) == old and (changed := with_named(word, field, new)) is not None:
+            before, after = effect(word), effect(changed)
+            width = (1 << field[3]) - 1
+            if before.sets == after.sets and before.kind == after.kind and after.uses & ~before.uses & ~(width << new) == 0 and before.uses != after.uses:
+                return changed
+    return None

@@ -56,6 +56,14 @@ class Object:
         name = struct.unpack_from("<I", self.symbols, 16 * (what >> 8))[0]
         return self.names[name : self.names.index(0, name)].decode()
 
+    def symbol_of(self, section):
+        """A symbol in this section, for a relocation, without its type."""
+        index = self.sections.index(section)
+        for at in range(0, len(self.symbols), 16):
+            if struct.unpack_from("<H", self.symbols, at + 14)[0] == index:
+                return at // 16 << 8
+        return fail(f"there is no symbol in {section.name}")
+
     def named(self):
         """Its symbols: the name, the value, the kind, and the section that it is in, if it is in one."""
         for at in range(0, len(self.symbols), 16):

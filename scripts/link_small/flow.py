@@ -13,7 +13,7 @@ Sections that are not one function each (there are some of assembly) are left al
 known.
 """
 
-from link_small.code import instructions
+from link_small.code import instructions, is_load_or_store
 from link_small.effects import EVERYTHING, effect, is_stack_pointer, pair
 from link_small.elf import FUNCTION, R_AVR_7_PCREL, R_AVR_13_PCREL, R_AVR_CALL, executed
 
@@ -43,6 +43,7 @@ KNOWN = {
 class Instruction:
     def __init__(self, at, word, does):
         self.at, self.word, self.does = at, word, does
+        self.size = 4 if is_load_or_store(word) or does.kind in ("jump", "call") and word & 0xFE0C == 0x940C else 2
         self.kind, self.register = does.kind, does.register
         self.next = ()  # the indices of those that can follow
         self.called = None  # by a call, or a jump that leaves the function
@@ -130,18 +131,21 @@ class Function:
                 for n in (push, *its):
                     code[n].saved = 1 << 40 + number
 
-    def before(self, one, live):
-        """What is live before an instruction, from what is after it."""
+    def before(self, one, live, for_nothing=True):
+        """What is live before an instruction, from what is after it. An instruction whose result is not uses nothing, or else does so
+        nevertheless: what it uses depends on what is live at the end, which cannot be said in sets that are worked out only once."""
         does = one.does
         if one.called:
-            return one.called.uses | live & one.called.passes
+            return one.called.uses | live & (one.called.passes | ~EVERYTHING)  # what is on the stack passes
         if one.saved:
             register = does.uses | does.sets
             have, get = (one.saved, register) if one.kind == "push" else (register, one.saved)
             return live & ~have | (get if live & have else 0)
+        if for_nothing and one.kind == "plain" and not live & does.sets:
+            return live
         return live & ~does.sets | does.uses
 
-    def solve(self, at_end):
+    def solve(self, at_end, for_nothing):
         """What is live after each instruction, given what is at the end. What is at the beginning."""
         code = self.code
         before = [0] * len(code) + [EVERYTHING]
@@ -154,7 +158,7 @@ class Function:
                 for following in one.next:
                     live |= before[following]
                 one.live = live
-                live = self.before(one, live)
+                live = self.before(one, live, for_nothing)
                 if live != before[n]:
                     before[n] = live
                     changed = True
@@ -163,7 +167,7 @@ class Function:
     def summarize(self):
         """Works out what it uses, what passes it, and what it changes. Whether that is news."""
         old = self.uses, self.passes, self.changes
-        self.uses, self.passes, self.changes = self.solve(0), self.solve(EVERYTHING), self.changed()
+        self.uses, self.passes, self.changes = self.solve(0, False), self.solve(EVERYTHING, False), self.changed()
         return old != (self.uses, self.passes, self.changes)
 
     def changed(self):
@@ -263,7 +267,7 @@ def analyze(object):
     todo = list(functions.values())
     while todo:
         function = todo.pop()
-        function.solve(function.live_at_end)
+        function.solve(function.live_at_end, True)
         for one in function.code:
             if isinstance(one.called, Function) and one.live & ~one.called.live_at_end:
                 one.called.live_at_end |= one.live & EVERYTHING
