@@ -243,6 +243,24 @@ def called_from_elsewhere(object, functions):
     return reached
 
 
+def those_called_first(functions):
+    """The functions, each after those that it calls, but for recursion."""
+    order = {}
+
+    def visit(function):
+        if function not in seen:
+            seen.add(function)
+            for one in function.code:
+                if isinstance(one.called, Function):
+                    visit(one.called)
+            order[function] = None
+
+    seen = set()
+    for function in functions.values():
+        visit(function)
+    return list(order)
+
+
 def analyze(object):
     """The functions of an object that are understood, by their sections, with what is live after each instruction."""
     functions = understood(object)
@@ -251,12 +269,15 @@ def analyze(object):
             if isinstance(one.called, Function):
                 one.called.callers.append(function)
 
+    in_order = those_called_first(functions)
+
     def until_there_is_no_news(ask):
-        todo = list(functions.values())
+        todo = dict.fromkeys(in_order)
         while todo:
-            function = todo.pop()
+            function = next(iter(todo))
+            del todo[function]
             if ask(function):
-                todo += [caller for caller in function.callers if caller not in todo]
+                todo |= dict.fromkeys(function.callers)
 
     until_there_is_no_news(lambda function: not function.returns and function.find_whether_it_returns())
     for function in functions.values():
@@ -264,13 +285,13 @@ def analyze(object):
     until_there_is_no_news(Function.summarize)
     for section in called_from_elsewhere(object, functions):
         functions[section].live_at_end = EVERYTHING
-    todo = list(functions.values())
+    todo = dict.fromkeys(reversed(in_order))
     while todo:
-        function = todo.pop()
+        function = next(iter(todo))
+        del todo[function]
         function.solve(function.live_at_end, True)
         for one in function.code:
-            if isinstance(one.called, Function) and one.live & ~one.called.live_at_end:
+            if isinstance(one.called, Function) and one.live & EVERYTHING & ~one.called.live_at_end:
                 one.called.live_at_end |= one.live & EVERYTHING
-                if one.called not in todo:
-                    todo.append(one.called)
+                todo[one.called] = None
     return functions
