@@ -1,0 +1,289 @@
+"""What `scripts/link-small` makes of small programs of assembly: what it leaves out, and what it must not touch."""
+
+import re
+import subprocess
+
+import pytest
+
+from conftest import ROOT
+
+# PINC and PORTC, for values that the linker cannot know, and for results that somebody wants.
+IN, OUT = "0x06", "0x08"
+
+# `main` calls `f` for ever. Y is set to the window, which is how a program asks for being made smaller.
+START = """
+    .section .init3,"ax",@progbits
+    ldi r28, lo8(__y_window)
+    ldi r29, hi8(__y_window)
+"""
+MAIN = """
+    .section .text.main,"ax",@progbits
+    .global main
+    .type main,@function
+main:
+1:  call f
+    rjmp 1b
+"""
+
+
+@pytest.fixture
+def linked(tmp_path):
+    """Links functions, given by name and code, with a `main`; a function that gives the instructions of one in the program."""
+
+    def link(main=MAIN, also="", **functions):
+        source = START + main + also
+        for name, code in functions.items():
+            source += f'\n    .section .text.{name},"ax",@progbits\n    .type {name},@function\n{name}:\n{code}\n'
+        (tmp_path / "program.s").write_text(source)
+        assembler = ["avr-gcc", "-mmcu=atmega168", "-mrelax", "-Wa,-mlink-relax", "-c", tmp_path / "program.s", "-o", tmp_path / "program.o"]
+        subprocess.run(assembler, check=True)
+        linker = [ROOT / "scripts" / "link-small", "-mmcu=atmega168", tmp_path / "program.o", "-o", tmp_path / "program.elf"]
+        subprocess.run(linker, check=True)
+        listing = subprocess.run(["avr-objdump", "-d", "--no-show-raw-insn", tmp_path / "program.elf"], check=True, capture_output=True, text=True)
+
+        def instructions(name):
+            found = []
+            _, _, rest = listing.stdout.partition(f"<{name}>:\n")
+            for line in rest.partition("\n\n")[0].splitlines():
+                text = line.partition(":")[2].partition(";")[0].split()
+                found.append(" ".join(text))
+            return found
+
+        return instructions
+
+    return link
+
+
+def without_jumps(instructions):
+    return [one for one in instructions if not re.match(r"(rjmp|jmp|br\w\w) ", one)]
+
+
+def sink(*registers):
+    return "".join(f"    out {OUT}, {register}\n" for register in registers)
+
+
+SAVING = f"""
+    push r16
+    in   r16, {IN}
+    inc  r16
+    out  {OUT}, r16
+    pop  r16
+    ret
+"""
+
+
+def test_a_register_that_no_caller_uses_is_not_saved(linked):
+    program = linked(f=SAVING)
+    assert program("f") == [f"in r16, {IN}", "inc r16", f"out {OUT}, r16", "ret"]
+
+
+def test_a_register_that_a_caller_uses_after_the_call_stays_saved(linked):
+    caller = f"    in r16, {IN}\n    call g\n    out {OUT}, r16\n    ret\n"
+    assert "push r16" in linked(f=caller, g=SAVING)("g")
+
+
+def test_a_register_that_a_caller_of_the_caller_uses_stays_saved(linked):
+    outer = f"    in r16, {IN}\n    call g\n    out {OUT}, r16\n    ret\n"
+    between = "    wdr\n    call h\n    wdr\n    ret\n"
+    program = linked(f=outer, g=between, h=SAVING)
+    assert "push r16" in program("h") and "pop r16" in program("h")
+
+
+def test_a_register_that_is_used_after_a_tail_call_stays_saved(linked):
+    outer = f"    in r16, {IN}\n    call g\n    out {OUT}, r16\n    ret\n"
+    assert "push r16" in linked(f=outer, g="    wdr\n    rjmp h\n", h=SAVING)("h")
+
+
+def test_what_is_saved_by_the_function_between_stays_what_it_was_for_its_caller(linked):
+    """`g` calls, so what it has saved must come through the call."""
+    outer = f"    in r16, {IN}\n    call g\n    out {OUT}, r16\n    ret\n"
+    saving = f"    push r16\n    in r16, {IN}\n    call h\n    out {OUT}, r16\n    pop r16\n    ret\n"
+    program = linked(f=outer, g=saving, h="    wdr\n    ret\n")
+    assert "push r16" in program("g")
+    assert program("f")[0] == f"in r16, {IN}", "what is saved is what is read before the call"
+
+
+def test_a_function_that_others_can_reach_saves_what_it_did(linked):
+    assert "push r16" in linked(also="    .global f\n", f=SAVING)("f")
+    table = "    .section .rodata\n    .word pm(f)\n"
+    assert "push r16" in linked(also=table, f=SAVING)("f")
+
+
+def test_an_interrupt_handler_saves_all_that_it_changes(linked):
+    handler = f"    push r24\n    in r24, 0x3F\n    push r24\n    in r24, {IN}\n    inc r24\n    out {OUT}, r24\n    pop r24\n    out 0x3F, r24\n    pop r24\n    reti\n"
+    before = [" ".join(line.split()).replace("0x3F", "0x3f") for line in handler.splitlines()]
+    assert linked(also="    .global __vector_14\n", f="    wdr\n    ret\n", __vector_14=handler)("__vector_14") == before
+
+
+def test_a_push_whose_value_goes_to_another_register_stays(linked):
+    moving = f"    in r16, {IN}\n    push r16\n    call g\n    pop r17\n    out {OUT}, r17\n    ret\n"
+    program = linked(f=moving, g="    wdr\n    ret\n")("f")
+    assert "push r16" in program and "pop r17" in program
+
+
+def test_a_function_that_reads_the_stack_pointer_is_left_alone(linked):
+    code = f"    push r16\n    in r30, 0x3D\n    in r31, 0x3E\n    ldd r24, Z+1\n    out {OUT}, r24\n    pop r16\n    ret\n"
+    assert "push r16" in linked(f=code)("f")
+
+
+def test_a_result_that_nobody_reads_is_not_worked_out(linked):
+    code = f"    in r24, {IN}\n    ldi r25, 5\n    add r25, r24\n    out {OUT}, r24\n    ret\n"
+    assert linked(f=code)("f") == [f"in r24, {IN}", f"out {OUT}, r24", "ret"]
+
+
+def test_a_result_that_a_caller_reads_is_worked_out(linked):
+    caller = f"    call g\n{sink('r25')}    ret\n"
+    assert "ldi r25, 0x05" in linked(f=caller, g="    ldi r25, 5\n    ret\n")("g")
+
+
+def test_a_result_that_is_passed_on_is_worked_out(linked):
+    """`h` copies its argument to what it returns."""
+    caller = f"    ldi r22, 5\n    call h\n{sink('r24')}    ret\n"
+    assert "ldi r22, 0x05" in linked(f=caller, h="    wdr\n    mov r24, r22\n    wdr\n    ret\n")("f")
+
+
+def test_flags_that_are_read_are_worked_out(linked):
+    """The sum itself is not read, its carry is."""
+    code = f"    in r24, {IN}\n    in r25, {IN}\n    add r24, r25\n    brcs 1f\n    out {OUT}, r25\n1:  ret\n"
+    assert "add r24, r25" in linked(f=code)("f")
+
+
+def test_ports_are_read_though_nobody_wants_the_value(linked):
+    code = f"    in r24, {IN}\n    lds r25, 0x60\n    ret\n"
+    assert linked(f=code)("f") == [f"in r24, {IN}", "lds r25, 0x0060", "ret"]
+
+
+def test_a_copy_of_what_a_register_holds_already_goes(linked):
+    code = f"    in r26, {IN}\n    in r27, {IN}\n    movw r30, r26\n    ldd r24, Z+1\n    movw r30, r26\n    ldd r25, Z+2\n{sink('r24', 'r25')}    ret\n"
+    assert without_jumps(linked(f=code)("f")).count("movw r30, r26") <= 1
+
+
+def test_a_copy_stays_where_the_register_holds_something_else_on_another_way_there(linked):
+    code = f"""
+    in   r26, {IN}
+    in   r27, {IN}
+    movw r30, r26
+    sbiw r26, 1
+    breq 1f
+    movw r30, r26
+1:  ld   r24, Z
+    movw r30, r26
+    ldd  r25, Z+2
+    {sink('r24', 'r25')}
+    ret
+"""
+    assert "movw r30, r26" in linked(f=code)("f")[-5:]
+
+
+def test_zero_is_taken_from_r1(linked):
+    code = f"    ldi r24, 0\n    out {OUT}, r24\n    ret\n"
+    assert linked(f=code)("f") == [f"out {OUT}, r1", "ret"]
+
+
+def test_zero_is_not_taken_from_r1_where_a_product_is_in_it(linked):
+    code = f"    in r24, {IN}\n    mul r24, r24\n    ldi r25, 0\n    out {OUT}, r25\n    out {OUT}, r1\n    eor r1, r1\n    ret\n"
+    assert f"out {OUT}, r25" in linked(f=code)("f")
+
+
+def test_r1_is_not_trusted_if_a_function_is_called_with_something_else_in_it(linked):
+    caller = f"    in r24, {IN}\n    mul r24, r24\n    call g\n    out {OUT}, r1\n    eor r1, r1\n    ret\n"
+    assert "ldi r24, 0x00" in linked(f=caller, g=f"    ldi r24, 0\n    out {OUT}, r24\n    ret\n")("g")
+
+
+def test_a_number_that_is_there_already_is_not_loaded_again(linked):
+    code = f"    ldi r24, 7\n    out {OUT}, r24\n    ldi r24, 7\n    out {OUT}, r24\n    ret\n"
+    assert linked(f=code)("f").count("ldi r24, 0x07") == 1
+
+
+def test_a_number_is_loaded_again_behind_a_label_that_is_reached_with_another(linked):
+    code = f"""
+    in   r25, {IN}
+    ldi  r24, 7
+    cpi  r25, 9
+    brcs 1f
+    ldi  r24, 8
+    out  {OUT}, r24
+1:  ldi  r24, 7
+    out  {OUT}, r24
+    ret
+"""
+    assert linked(f=code)("f").count("ldi r24, 0x07") == 1 and "ldi r24, 0x08" in linked(f=code)("f")
+
+
+def test_what_is_copied_and_not_read_again_is_made_where_it_is_wanted(linked):
+    code = f"    in r18, {IN}\n    inc r18\n    mov r24, r18\n    out {OUT}, r24\n    ret\n"
+    program = linked(f=code)("f")
+    assert len(program) == 4 and not [one for one in program if one.startswith("mov")]
+
+
+def test_what_is_copied_and_changed_while_the_original_is_read_again_stays_copied(linked):
+    code = f"    in r18, {IN}\n    mov r24, r18\n    inc r24\n{sink('r24', 'r18')}    ret\n"
+    assert "mov r24, r18" in linked(f=code)("f")
+
+
+def test_jumps_go_where_they_lead_to(linked):
+    code = f"    in r24, {IN}\n    cpi r24, 3\n    brcs 1f\n    out {OUT}, r24\n    rjmp 2f\n1:  wdr\n2:  rjmp 3f\n    nop\n3:  ret\n"
+    program = linked(f=code)("f")
+    assert not [one for one in program if one.startswith(("rjmp", "nop"))]
+
+
+def test_of_equal_ends_one_is_left(linked):
+    end = f"    swap r24\n    out {OUT}, r24\n    com r24\n    out {OUT}, r24\n    ret\n"
+    code = f"    in r24, {IN}\n    cpi r24, 3\n    brcs 1f\n    wdr\n{end}1:  sleep\n{end}"
+    program = linked(f=code)("f")
+    assert program.count("swap r24") == 1 and [one for one in program if one.startswith("rjmp")]
+
+
+def test_ends_that_differ_are_left(linked):
+    def end(register):
+        return f"    swap {register}\n    out {OUT}, {register}\n    com {register}\n    out {OUT}, {register}\n    ret\n"
+
+    code = f"    in r24, {IN}\n    in r25, {IN}\n    cpi r24, 3\n    brcs 1f\n    wdr\n{end('r24')}1:  sleep\n{end('r25')}"
+    program = linked(f=code)("f")
+    assert "swap r24" in program and "swap r25" in program
+
+
+def test_a_pair_is_copied_at_once(linked):
+    code = f"    in r18, {IN}\n    in r19, {IN}\n    call g\n{sink('r18', 'r19')}    ret\n"
+    copying = f"    in r22, {IN}\n    mov r24, r18\n    mov r25, r19\n    add r24, r22\n    adc r25, r1\n{sink('r24', 'r25')}    ret\n"
+    assert "movw r24, r18" in linked(f=code, g=copying)("g")
+
+
+def test_a_small_number_is_added_to_a_pair_at_once_unless_the_carry_is_read(linked):
+    def code(rest):
+        return f"    in r24, {IN}\n    in r25, {IN}\n    subi r24, 0xFE\n    sbci r25, 0xFF\n{rest}{sink('r24', 'r25')}    ret\n"
+
+    assert "adiw r24, 0x02" in linked(f=code(""))("f")
+    assert "sbci r25, 0xFF" in linked(f=code("    brcs 1f\n    wdr\n1:\n"))("f")
+
+
+TESTED = f"""
+    in   r24, {IN}
+    mov  r25, r24
+    andi r25, 0x40
+    breq 1f
+    out  {OUT}, r24
+1:  out  {OUT}, {{read}}
+    ret
+"""
+
+
+def test_a_bit_is_tested_by_a_skip(linked):
+    assert linked(f=TESTED.format(read="r24"))("f") == [f"in r24, {IN}", "sbrc r24, 6", f"out {OUT}, r24", f"out {OUT}, r24", "ret"]
+
+
+def test_a_bit_that_is_read_again_is_worked_out(linked):
+    program = linked(f=TESTED.format(read="r25"))("f")
+    assert "andi r25, 0x40" in program and not [one for one in program if one.startswith("sbr")]
+
+
+def test_a_call_before_a_return_is_not_skipped(linked):
+    """ld makes a jump of the two: what is skipped to would be gone."""
+    code = f"    in r24, {IN}\n    andi r24, 1\n    breq 1f\n    call g\n1:  ret\n"
+    program = linked(f=code, g="    wdr\n    sleep\n    ret\n")("f")
+    assert not [one for one in program if one.startswith("sbr")]
+
+
+def test_a_function_that_skips_is_left_alone(linked):
+    code = f"    in r24, {IN}\n    sbrc r24, 1\n    ldi r25, 7\n    ldi r25, 7\n    out {OUT}, r24\n    ret\n"
+    assert linked(f=code)("f").count("ldi r25, 0x07") == 2
