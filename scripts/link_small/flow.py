@@ -7,7 +7,7 @@ called it, so this is worked out for the program as a whole, from these rules:
   calls. Nothing else is known of one that others can reach (a global symbol, a pointer to it): everything is live at its end.
 * What a call makes of what is live after it is said in two sets for each function: what it uses, and what passes it unchanged.
 * A register that is pushed and popped passes. It is not used by that: if nobody wants it after the pop, nobody wants it at all.
-* A function of another object keeps to the calling convention of the AVR.
+* A function of another object keeps to the calling convention of the AVR. One of this object that is not understood may do anything.
 
 Sections that are not one function each (there are some of assembly) are left alone, and so is what has an instruction that is not
 known.
@@ -26,17 +26,19 @@ BRANCHES = R_AVR_7_PCREL, R_AVR_13_PCREL, R_AVR_CALL
 
 
 class Foreign:
-    """A function of another object, or one of this that is not understood."""
+    """A function that is not looked into."""
 
-    def __init__(self, uses=ARGUMENTS, sets=0):
-        self.uses, self.passes, self.changes, self.returns = uses, EVERYTHING & ~sets, CLOBBERED, True
+    def __init__(self, uses, sets, changes):
+        self.uses, self.passes, self.changes, self.returns = uses, EVERYTHING & ~sets, changes, True
 
 
-FOREIGN = Foreign()
+# Of another object; and of this one, where it is not understood: LLVM has calling conventions of its own for these (IPRA).
+FOREIGN = Foreign(ARGUMENTS, 0, CLOBBERED)
+NOT_UNDERSTOOD = Foreign(EVERYTHING, 0, EVERYTHING)
 # libgcc's of which more is known (GCC Wiki, "avr-gcc", "Exceptions to the Calling Convention"; lib1funcs.S).
 KNOWN = {
     # r25:r22 *= r21:r18
-    "__mulsi3": Foreign(sum(1 << n for n in range(18, 26)) | 1 << 1, sum(1 << n for n in range(22, 26))),
+    "__mulsi3": Foreign(sum(1 << n for n in range(18, 26)) | 1 << 1, sum(1 << n for n in range(22, 26)), CLOBBERED),
 }
 
 
@@ -98,7 +100,7 @@ class Function:
         elif one.kind == "branch" or target in functions and offset:
             return f"the jump at {one.at:#x}"
         else:
-            one.called = functions.get(target) or KNOWN.get(object.name_of(what), FOREIGN)
+            one.called = functions.get(target) or (NOT_UNDERSTOOD if target and target.name else KNOWN.get(object.name_of(what), FOREIGN))
         return None
 
     def pair_saves(self):

@@ -110,30 +110,77 @@ def read_the_original(object):
     return edit.make()
 
 
+class Web:
+    """A value that is in a register, whichever way the program goes: the instructions that make it, and those where it is there and
+    will be read. It is free to be in another register unless it is an argument, a result, or on the stack."""
+
+    def __init__(self, function, leads, register, start):
+        self.function, self.register = function, bit(register)
+        self.made, self.needed, self.free = set(), set(), True
+        todo = [start]
+        while todo and self.free:
+            n = todo.pop()
+            if n in self.needed:
+                continue
+            self.needed.add(n)
+            one = function.code[n]
+            # What is there at the beginning is an argument.
+            self.free = n > 0 and self.can_change(one)
+            if not self.is_made_by(one):
+                todo += self.after(n)
+            for before in leads[n]:
+                other = function.code[before]
+                if other.called and other.called.changes & self.register:
+                    self.free = False
+                elif self.is_made_by(other):
+                    self.made.add(before)
+                    self.free &= self.can_change(other)
+                    todo += self.after(before)
+                else:
+                    todo.append(before)
+
+    def is_made_by(self, one):
+        return not one.called and bool(one.does.sets & ~one.does.uses & self.register)
+
+    def after(self, n):
+        following = [following for following in self.function.code[n].next if following < len(self.function.code)]
+        return [n for n in following if live_before(self.function, n) & self.register]
+
+    def can_change(self, one):
+        if one.called:
+            return one.kind == "call" and not self.register & (one.called.uses | one.called.changes)
+        return one.kind != "return" and (one.kind not in ("push", "pop") or not self.register & (one.does.uses | one.does.sets))
+
+
 def merge_copies(object):
-    """Leaves out copies of what nobody reads again: where the original was made in the same stretch of code, it is made in the
-    register that it would be copied to; or else what follows uses the original. Between them nothing may use the other register."""
+    """Leaves out copies of what nobody reads again: the original is in the register of the copy from the beginning, or the copy
+    in that of the original, wherever they are used, if the two are never needed at the same time."""
     edit = Edit(object)
     for function in tidied(analyze(object)):
-        code = function.code
-        labels = {following for n, one in enumerate(code) for following in one.next if following != n + 1}
-        touched = set()
+        code, touched = function.code, set()
+        leads = [[] for _ in code]
+        for n, one in enumerate(code):
+            for following in one.next if one.goes_on() else ():
+                if following < len(code):
+                    leads[following].append(n)
         for n, one in enumerate(code):
             names = dict(copies(one.word))
             if not names or names.keys() & set(names.values()) or one.live & mask(names) or (mask(names) | mask(names.values())) & FIXED:
                 continue
-            for new in made_there(function, n, names, labels), used_as_it_was(function, n, {to: origin for origin, to in names.items()}, labels):
-                if new is None:
-                    continue
-                stretch = set(range(min(n, *new), max(n, *new) + 1)) if new else {n}
-                if touched & stretch:
-                    continue
-                touched |= stretch
-                for place, word in new.items():
-                    if word != code[place].word:
-                        edit.replace(function.section, code[place].at, word)
-                edit.delete(function.section, one)
-                break
+            there = {origin: (Web(function, leads, origin, n), to) for origin, to in names.items()}
+            new = in_others(function, n, there)
+            if new is None:
+                following = [after for after in one.next if after < len(code)]
+                back = {to: (Web(function, leads, to, following[0]), origin) for origin, to in names.items() if following and live_before(function, following[0]) >> to & 1}
+                if len(back) == len(names):
+                    new = in_others(function, n, back)
+            if new is None or touched & {n, *new}:
+                continue
+            touched |= {n, *new}
+            for place, word in new.items():
+                if word != code[place].word and place != n:
+                    edit.replace(function.section, code[place].at, word)
+            edit.delete(function.section, one)
     return edit.make()
 
 
@@ -146,70 +193,24 @@ def live_before(function, n):
     return function.before(one, one.live)
 
 
-def elsewhere(function, n):
-    """What is live where the instruction may jump to."""
-    live = 0
-    for following in function.code[n].next:
-        if following != n + 1:
-            live |= live_before(function, following)
-    return live
-
-
-def stands_in_the_way(function, n, registers):
-    """Whether these registers cannot change places for others across this instruction."""
-    one = function.code[n]
-    if one.called and one.kind == "call":
-        return registers & (one.called.uses | one.called.changes)
-    return one.kind not in ("plain", "acts", "branch") or registers & elsewhere(function, n)
-
-
-def made_there(function, n, names, labels):
-    """The instructions between where the originals are made and their copy, with the registers of the copy; None if that cannot
-    be."""
-    new, names, place = {}, dict(names), n
-    while names:
-        if place in labels or place == 0:
+def in_others(function, copy, webs):
+    """The instructions of these webs, by register, with other registers; None if they cannot be."""
+    new = {}
+    if not all(web.free for web, _ in webs.values()):
+        return None
+    for n in set().union(*(web.made | web.needed for web, _ in webs.values())):
+        one, reads, writes = function.code[n], {}, {}
+        for register, (web, to) in webs.items():
+            if n in web.needed:
+                if live_before(function, n) >> to & 1:
+                    return None
+                reads[register] = to
+            if n in web.made or n in web.needed and not web.is_made_by(one):
+                writes[register] = to
+                # What is written to the other register while this is needed would be lost.
+                if n != copy and one.live >> register & 1 and (one.called.changes if one.called else one.does.sets) >> to & 1:
+                    return None
+        new[n] = one.word if n == copy or one.called else rename(one.word, reads, writes)
+        if new[n] is None:
             return None
-        place -= 1
-        one = function.code[place]
-        if stands_in_the_way(function, place, mask(names) | mask(names.values())):
-            return None
-        if one.called:
-            new[place] = one.word
-            continue
-        # Those that begin here. The instruction may still read what is in the other register before.
-        made = {origin for origin in names if one.does.sets & ~one.does.uses & bit(origin)}
-        rest = {origin: to for origin, to in names.items() if origin not in made}
-        if one.does.sets & mask(names.values()) or one.does.uses & mask(rest.values()):
-            return None
-        new[place] = rename(one.word, rest, names)
-        if new[place] is None:
-            return None
-        names = rest
     return new
-
-
-def used_as_it_was(function, n, names, labels):
-    """The instructions that follow a copy, with the registers that were copied, as far as the copy is used; None if that cannot be."""
-    new, names, place = {}, dict(names), n
-    while True:
-        place += 1
-        if place == len(function.code):
-            return None
-        one = function.code[place]
-        names = {to: origin for to, origin in names.items() if live_before(function, place) & bit(to)}
-        if not names:
-            return new
-        if place in labels or stands_in_the_way(function, place, mask(names) | mask(names.values())):
-            return None
-        new[place] = one.word
-        if one.called:
-            continue
-        ended = {to for to in names if one.does.sets & ~one.does.uses & bit(to)}
-        rest = {to: origin for to, origin in names.items() if to not in ended}
-        if one.does.sets & mask(names.values()):
-            return None
-        new[place] = rename(one.word, names, rest)
-        if new[place] is None:
-            return None
-        names = rest
