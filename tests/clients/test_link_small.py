@@ -221,6 +221,47 @@ def test_what_is_copied_and_changed_while_the_original_is_read_again_stays_copie
     assert "mov r24, r18" in linked(f=code)("f")
 
 
+def test_a_copy_goes_though_its_original_is_made_on_two_ways(linked):
+    code = f"""
+    in   r24, {IN}
+    cpi  r24, 3
+    brcs 1f
+    in   r18, {IN}
+    rjmp 2f
+1:  in   r18, {OUT}
+2:  mov  r19, r18
+    inc  r19
+    out  {OUT}, r19
+    ret
+"""
+    assert not [one for one in linked(f=code)("f") if one.startswith("mov")]
+
+
+def test_what_a_call_returns_is_not_looked_for_in_another_register(linked):
+    """The original is made by a call on one of two ways: it is copied from where the call leaves it."""
+    code = f"""
+    in   r20, {IN}
+    in   r24, {IN}
+    cpi  r24, 3
+    brcs 1f
+    call g
+1:  mov  r18, r24
+    in   r24, {IN}
+    add  r18, r24
+    out  {OUT}, r18
+    ret
+"""
+    program = linked(f=code, g=f"    in r24, {IN}\n    swap r24\n    ret\n")
+    call = next(n for n, one in enumerate(program("f")) if "call" in one)
+    assert "mov r18, r24" in program("f")[call:]
+
+
+def test_an_original_stays_where_the_other_register_is_needed_at_the_same_time(linked):
+    code = f"    in r18, {IN}\n    in r24, {OUT}\n    out {OUT}, r24\n    add r24, r18\n    out {OUT}, r24\n    mov r24, r18\n    inc r24\n    out {OUT}, r24\n    ret\n"
+    program = linked(f=code)("f")
+    assert program[:2] == [f"in r18, {IN}", f"in r24, {OUT}"] and "add r24, r18" in program
+
+
 def test_jumps_go_where_they_lead_to(linked):
     code = f"    in r24, {IN}\n    cpi r24, 3\n    brcs 1f\n    out {OUT}, r24\n    rjmp 2f\n1:  wdr\n2:  rjmp 3f\n    nop\n3:  ret\n"
     program = linked(f=code)("f")
