@@ -17,6 +17,8 @@ from link_small.code import instructions, is_load_or_store
 from link_small.effects import EVERYTHING, effect, is_stack_pointer, pair
 from link_small.elf import FUNCTION, R_AVR_7_PCREL, R_AVR_13_PCREL, R_AVR_CALL, executed
 
+# r1 is zero where a function begins and ends, for those who rely on it and for those who will when others do no more.
+ZERO_REGISTER = 1 << 1
 # What a function of another object may read: arguments are in r8 to r25, and functions of libgcc get some in X and Z; r1 is zero,
 # and Y is not theirs.
 ARGUMENTS = sum(1 << n for n in range(8, 28)) | pair(0) | pair(28) | pair(30)
@@ -138,7 +140,7 @@ class Function:
         nevertheless: what it uses depends on what is live at the end, which cannot be said in sets that are worked out only once."""
         does = one.does
         if one.called:
-            return one.called.uses | live & (one.called.passes | ~EVERYTHING)  # what is on the stack passes
+            return one.called.uses | ZERO_REGISTER | live & (one.called.passes | ~EVERYTHING)  # what is on the stack passes
         if one.saved:
             register = does.uses | does.sets
             have, get = (one.saved, register) if one.kind == "push" else (register, one.saved)
@@ -156,7 +158,7 @@ class Function:
             changed = False
             for n in range(len(code) - 1, -1, -1):
                 one = code[n]
-                live = at_end if one.kind == "return" or one.kind == "jump" and one.called else 0
+                live = at_end | ZERO_REGISTER if one.kind == "return" or one.kind == "jump" and one.called else 0
                 for following in one.next:
                     live |= before[following]
                 one.live = live

@@ -83,7 +83,8 @@ class Values:
                 if equal and one.kind == "branch" and one.does.uses == ZERO and place == (one.word >> 10 & 1):
                     register, value = equal
                     name = held[register]
-                    on_the_way = [value if this == register or name and it == name else it for this, it in enumerate(held)]
+                    if name is None or name[0] == "copy":
+                        on_the_way = [value if this == register or name and it == name else it for this, it in enumerate(held)]
                 old = self.states.get(following)
                 new = on_the_way, equal
                 if old is not None:

@@ -190,6 +190,17 @@ def test_r1_is_not_trusted_if_a_function_is_called_with_something_else_in_it(lin
     assert "ldi r24, 0x00" in linked(f=caller, g=f"    ldi r24, 0\n    out {OUT}, r24\n    ret\n")("g")
 
 
+def test_r1_is_cleared_behind_a_product_before_a_return_though_nobody_reads_it_yet(linked):
+    code = f"    in r24, {IN}\n    mul r24, r24\n    movw r24, r0\n    eor r1, r1\n{sink('r24', 'r25')}    ret\n"
+    assert "eor r1, r1" in linked(f=code)("f")
+
+
+def test_a_comparison_that_cannot_be_equal_says_nothing_of_r1(linked):
+    """The copy of r1 is not 5 behind the branch, which is never taken, and so neither is r1."""
+    code = f"    mov r24, r1\n    cpi r24, 5\n    breq 1f\n    out {OUT}, r24\n1:  ldi r25, 0\n    out {OUT}, r25\n    ret\n"
+    assert linked(f=code)("f").count(f"out {OUT}, r1") == 2
+
+
 def test_a_number_that_is_there_already_is_not_loaded_again(linked):
     code = f"    ldi r24, 7\n    out {OUT}, r24\n    ldi r24, 7\n    out {OUT}, r24\n    ret\n"
     assert linked(f=code)("f").count("ldi r24, 0x07") == 1
