@@ -4,9 +4,9 @@ A function that has an instruction which skips another (LLVM makes none) is left
 """
 
 from link_small.code import Edit
-from link_small.effects import FLAGS, INTERRUPT, REGISTERS, bit, effect, fields, named, reading, rename
+from link_small.effects import FLAGS, INTERRUPT, REGISTERS, ZERO, bit, effect, fields, named, reading, rename
 from link_small.flow import analyze
-from link_small.values import R1, Values, copies, is_clear, number, result
+from link_small.values import R1, Values, comparison_for_equality, copies, number, result
 
 # Instructions with a constant for those of two registers: cp, sub, sbc, and, or, mov.
 WITH_CONSTANT = {0x05: 0x3000, 0x06: 0x5000, 0x02: 0x4000, 0x08: 0x7000, 0x0A: 0x6000, 0x0B: 0xE000}
@@ -107,6 +107,19 @@ def read_the_original(object):
                 edit.delete(function.section, one)
             elif new is not None and new != one.word:
                 edit.replace(function.section, one.at, new)
+    return edit.make()
+
+
+def drop_comparisons(object):
+    """Leaves out comparisons with a number for whether they are equal, where Z says so already."""
+    functions = analyze(object)
+    found = all_values(functions)
+    edit = Edit(object)
+    for function in tidied(functions):
+        for n, one in enumerate(function.code):
+            says = comparison_for_equality(one.word) if one.at not in function.section.relocations else None
+            if says and says == found[function].zero_says[n] and not one.live & one.does.sets & FLAGS & ~ZERO:
+                edit.delete(function.section, one)
     return edit.make()
 
 

@@ -51,10 +51,28 @@ def result(one, held, relocation):
     return None
 
 
+def comparison_for_equality(word):
+    """The register and the number that a comparison, or a test, compares."""
+    if word >> 12 == 0x3:  # cpi
+        return named(word, fields_of(word)[0]), number(constant(word))
+    if word >> 10 in (0x08, 0x0A) and len({named(word, field) for field in fields_of(word)}) == 1:
+        return named(word, fields_of(word)[0]), number(0)
+    return None
+
+
+def says_whether_it_is_zero(word):
+    """Whether Z is set if, and only if, the register that the instruction writes becomes zero: add, adc, sub, and, eor, or; subi, ori,
+    andi; com, neg, inc, dec, asr, lsr, ror. Of sbc, sbci, and those of pairs it is about more."""
+    return (word >> 10 in (0x03, 0x06, 0x07, 0x08, 0x09, 0x0A) or word >> 12 in (0x5, 0x6, 0x7)
+            or word & 0xFE00 == 0x9400 and word & 15 in (0x0, 0x1, 0x3, 0x5, 0x6, 0x7, 0xA))
+
+
 class Values:
     def __init__(self, function, zero_in_r1):
         self.function, self.zero_in_r1 = function, zero_in_r1
+        # What registers hold before each instruction, and what Z says there.
         self.before = [None] * len(function.code)
+        self.zero_says = [None] * len(function.code)
         self.keeps_zero = True
         start = [None] * 32
         if zero_in_r1:
@@ -69,7 +87,7 @@ class Values:
             n = min(todo)
             todo.discard(n)
             held, equal = self.states[n]
-            self.before[n] = list(held)
+            self.before[n], self.zero_says[n] = list(held), equal
             held = list(held)
             one = code[n]
             equal = self.step(n, one, held, equal)
@@ -126,9 +144,7 @@ class Values:
         if equal and does.sets & bit(equal[0]):
             equal = None
         if does.sets & ZERO:
-            equal = None
-            if word >> 12 == 0x3 and not relocation:
-                equal = named(word, fields_of(word)[0]), number(constant(word))
-            elif word >> 10 in (0x08, 0x0A) and not does.sets & REGISTERS:  # a test
+            equal = comparison_for_equality(word) if not relocation else None
+            if says_whether_it_is_zero(word):
                 equal = named(word, fields_of(word)[0]), number(0)
         return equal

@@ -221,6 +221,29 @@ def test_a_number_is_loaded_again_behind_a_label_that_is_reached_with_another(li
     assert linked(f=code)("f").count("ldi r24, 0x07") == 1 and "ldi r24, 0x08" in linked(f=code)("f")
 
 
+DECREMENTED = f"""
+    in   r24, {IN}
+    {{work_out}}
+    out  {OUT}, r24
+    cpi  r24, 0
+    {{branch}} 1f
+    wdr
+    wdr
+1:  sleep
+    ret
+"""
+
+
+def test_a_comparison_with_zero_that_has_been_made_goes(linked):
+    assert "cpi r24, 0x00" not in linked(f=DECREMENTED.format(work_out="dec r24", branch="breq"))("f")
+
+
+@pytest.mark.parametrize("work_out, branch", [("dec r24", "brge"), ("sbc r24, r1", "breq"), ("mov r25, r24", "breq")])
+def test_a_comparison_with_zero_that_says_something_else_stays(linked, work_out, branch):
+    """The sign of a comparison is not that of a decrement, which may overflow; Z of a subtraction with a carry is of more than one byte."""
+    assert "cpi r24, 0x00" in linked(f=DECREMENTED.format(work_out=work_out, branch=branch))("f")
+
+
 def test_what_is_copied_and_not_read_again_is_made_where_it_is_wanted(linked):
     code = f"    in r18, {IN}\n    inc r18\n    mov r24, r18\n    out {OUT}, r24\n    ret\n"
     program = linked(f=code)("f")
