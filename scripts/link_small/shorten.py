@@ -6,7 +6,7 @@ import struct
 import subprocess
 
 from link_small.code import cut, instructions, is_branch, is_jump, is_skip, loads_and_stores, uses_carry
-from link_small.elf import FUNCTION, R_AVR_7_PCREL, executed
+from link_small.elf import FUNCTION, R_AVR_7_PCREL, R_AVR_NONE, executed
 
 # What Y points to, and how far LDD and STD reach from there.
 Y_WINDOW = "__y_window"
@@ -34,7 +34,9 @@ def shorten(objects, trial):
                 word = struct.unpack_from("<H", section.data, at)[0]
                 displacement = (place & 0x20) << 8 | (place & 0x18) << 7 | place & 7
                 struct.pack_into("<H", section.data, at, 0x8008 | word & 0x03F0 | displacement)
-                del section.relocations[at + 2]
+                what, addend = section.relocations.pop(at + 2)
+                # Says nothing but that the variable is in use, or --gc-sections would leave it out, and move those behind it.
+                section.relocations[at + 1] = what & ~0xFF | R_AVR_NONE, addend
                 cuts.setdefault(section, []).append(at + 2)
         cut(object, cuts)
     return window
