@@ -271,6 +271,26 @@ fn falling_edges_of_int0_interrupt() {
 }
 
 #[test]
+fn a_falling_edge_while_int0_is_masked_interrupts_once_when_it_no_longer_is() {
+    let mut avr = program("pins", &[]);
+    let run = |avr: &mut Avr, masked: bool, levels: &[bool]| {
+        avr.drive_pin('D', 3, !masked);
+        avr.run_until(avr.now() + 20 * US);
+        for &level in levels {
+            avr.drive_pin('D', 2, level);
+            avr.run_until(avr.now() + 10 * US);
+        }
+        byte(avr, "falls")
+    };
+    assert_eq!(run(&mut avr, false, &[true]), 0);
+    assert_eq!(run(&mut avr, true, &[false, true, false, true]), 0);
+    assert_eq!(run(&mut avr, false, &[]), 1);
+    assert_eq!(run(&mut avr, true, &[]), 1);
+    assert_eq!(run(&mut avr, false, &[]), 1, "not again");
+    assert_eq!(run(&mut avr, false, &[false]), 2);
+}
+
+#[test]
 fn the_stack_s_high_water_mark_is_found_in_painted_sram() {
     let mut avr = Avr::blank().unwrap();
     (0x200..=0x4FF).for_each(|address| avr.poke_sram(address, 0xC5));

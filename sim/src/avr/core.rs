@@ -33,6 +33,8 @@ pub(super) enum Vector {
     UsartDataRegisterEmpty,
     UsartTransmitComplete,
     EepromReady,
+    /// INT0 and INT1, by their number.
+    External(u8),
 }
 
 /// What the core does at the moment.
@@ -59,6 +61,7 @@ pub(super) struct Core {
     adc: *mut ffi::avr_adc_t,
     timer1: *mut ffi::avr_timer_t,
     watchdog: *mut ffi::avr_watchdog_t,
+    extint: *mut ffi::avr_extint_t,
     context: Cell<*mut c_void>,
 }
 
@@ -88,15 +91,17 @@ impl Core {
             adc: find(avr, c"adc", '\0').cast(),
             timer1: find(avr, c"timer", '1').cast(),
             watchdog: find(avr, c"watchdog", '\0').cast(),
+            extint: find(avr, c"extint", '\0').cast(),
             context: Cell::new(ptr::null_mut()),
         };
-        let modules: [*mut c_void; 6] = [
+        let modules: [*mut c_void; 7] = [
             core.uart.cast(),
             core.spi.cast(),
             core.eeprom.cast(),
             core.adc.cast(),
             core.timer1.cast(),
             core.watchdog.cast(),
+            core.extint.cast(),
         ];
         ensure!(
             modules.iter().all(|module| !module.is_null()) && core.ports.iter().all(|port| !port.is_null()),
@@ -324,6 +329,7 @@ impl Core {
                 Vector::UsartDataRegisterEmpty => &raw mut (*self.uart).udrc,
                 Vector::UsartTransmitComplete => &raw mut (*self.uart).txc,
                 Vector::EepromReady => &raw mut (*self.eeprom).ready,
+                Vector::External(n) => &raw mut (*self.extint).eint[usize::from(n)].vector,
             }
         }
     }

@@ -15,7 +15,7 @@ use anyhow::Result;
 use simavr_ffi as ffi;
 
 use super::adc::Adc;
-use super::core::{Activity, Core, WriteHandler};
+use super::core::{Activity, Core, Vector, WriteHandler};
 use super::debug::Debug;
 use super::eeprom::Eeprom;
 use super::noise::Noise;
@@ -44,10 +44,12 @@ pub(super) enum Timer {
 }
 
 /// Registers whose writes the models see, or handle in place of simavr.
-const WRITES: [u16; 28] = [
+const WRITES: [u16; 30] = [
     regs::PINB,
     regs::DDRB,
     regs::PORTB,
+    regs::EIFR,
+    regs::EIMSK,
     regs::EECR,
     regs::EEARL,
     regs::EEARH,
@@ -288,6 +290,22 @@ impl Machine {
                 let before = self.core.get(address);
                 self.forward(address, value);
                 self.watchdog.borrow_mut().written(&self.core, before, value);
+            }
+            // simavr forgets an edge that comes while its interrupt is masked.
+            // > [...] an edge [...] triggers an interrupt request, INTF0 becomes set [...]. If the I-bit in SREG and the INT0 bit
+            // > in EIMSK are set (one), the MCU will jump to the corresponding Interrupt Vector. (section 13.2.3)
+            regs::EIMSK => {
+                self.core.set(address, value);
+                let flags = self.core.get(regs::EIFR);
+                for n in [0, 1].into_iter().filter(|n| value & flags & 1 << n != 0) {
+                    self.core.raise(Vector::External(n));
+                }
+            }
+            // > Alternatively, the flag can be cleared by writing a logical one to it. (section 13.2.3)
+            regs::EIFR => {
+                for n in [0, 1].into_iter().filter(|n| value & 1 << n != 0) {
+                    self.core.clear(Vector::External(n));
+                }
             }
             regs::GTCCR => {
                 if value & regs::PSRSYNC != 0 {

@@ -22,6 +22,9 @@ pub const PIND: u16 = 0x29;
 pub const DDRD: u16 = 0x2A;
 pub const PORTD: u16 = 0x2B;
 
+pub const EIFR: u16 = 0x3C;
+pub const EIMSK: u16 = 0x3D;
+
 pub const EECR: u16 = 0x3F;
 pub const EERE: u8 = 1 << 0;
 pub const EEPE: u8 = 1 << 1;

@@ -1,4 +1,4 @@
-/* PB0 follows PD2; the pull-up of PD4 is on; falling edges of PD2 are counted by interrupt; PB1 toggles for ever. */
+/* While PD3 is low, INT0 is masked. PB0 follows PD2; the pull-ups of PD3 and PD4 are on; falling edges of PD2 are counted by interrupt; PB1 toggles for ever. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 
@@ -13,7 +13,7 @@ ISR(INT0_vect)
 int main(void)
 {
     DDRB = _BV(PB0) | _BV(PB1);
-    PORTD = _BV(PD4);
+    PORTD = _BV(PD3) | _BV(PD4);
     EICRA = _BV(ISC01);
     EIMSK = _BV(INT0);
     EIFR = _BV(INTF0);
@@ -24,6 +24,10 @@ int main(void)
             PORTB |= _BV(PB0);
         else
             PORTB &= ~_BV(PB0);
+        if (pind & _BV(PD3))
+            EIMSK |= _BV(INT0);
+        else
+            EIMSK &= ~_BV(INT0);
         PINB = _BV(PB1);
     }
 }
