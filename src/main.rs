@@ -26,11 +26,11 @@ struct Pace {
 
 #[cfg(target_arch = "avr")]
 use {
-    board::{Board, CAN_CRYSTAL_HZ, CanInterrupt, CanSelect, CanSpi, Clock, Servo, flash::Image, guard},
-    node::can::{bit_timing::BitTiming, mcp2515::Mcp2515},
-    node::dronecan::{acceptance::NodeAcceptance, receive::Receiver},
+    board::{Board, CAN_CRYSTAL_HZ, CanCounters, Clock, Servo, flash::Image, guard},
+    node::can::bit_timing::BitTiming,
+    node::dronecan::receive::Receiver,
     node::monitor::Monitor,
-    node::node::{Node, condition::ResetCause, parameters::Parameter},
+    node::node::{Node, condition::ResetCause, parameters::Parameter, servo::Output},
 };
 
 #[cfg(target_arch = "avr")]
@@ -40,20 +40,18 @@ fn main() -> ! {
     static mut MONITOR: Monitor = Monitor::new();
     static mut RECEIVER: Receiver = Receiver::new();
     static mut NODE: Node = Node::new();
-    static mut CAN: Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>> =
-        Mcp2515::new(CanSpi::new(), CanSelect::new(), CanInterrupt::new(), NodeAcceptance::nobody(Image));
     static mut CLOCK: Option<Clock> = None;
     static mut SERVO: Option<Servo> = None;
     static mut PACE: Pace = Pace { in_a_row: 0, is_full: false };
 
-    let Board { clock, mut serial, servo, mut adc, mut light, button, mut eeprom, mut jitter, cpu } = Board::new();
+    let Board { clock, mut serial, mut bus, servo, mut adc, mut light, button, mut eeprom, mut jitter, cpu } =
+        Board::new();
     NODE.start(guard::reset_cause(&cpu), &mut eeprom, || jitter.sample(), Image, MONITOR);
     let servo = SERVO.insert(servo);
     servo.set_rate(NODE.parameters.get(Parameter::SrvRate));
     let timing = BitTiming::at_rate::<CAN_CRYSTAL_HZ>(NODE.parameters.get(Parameter::CanBaudrate) as u8);
     let acceptance = NODE.acceptance(Image);
-    let can = CAN;
-    can.configure(timing, acceptance, acceptance.node.is_none());
+    bus.can().configure(timing, acceptance, acceptance.node.is_none());
     guard::start();
 
     let clock = CLOCK.insert(clock);
@@ -63,21 +61,19 @@ fn main() -> ! {
 
         // Frames come before all else: out of the controller, into their transfer, and what that asks for, each a turn of its
         // own, so that the next frame need not wait for all of it.
-        if can.calls() {
-            can.receive();
-        }
+        bus.receive();
         if RECEIVER.has_transfer() {
-            NODE.act(RECEIVER, now_ms, Image, MONITOR);
-            servo.set(NODE.pulse());
+            // A request, whose answer can take long.
+            bus.meanwhile(|| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
             continue;
         }
         // Even of an endless flood only so many in a row: then the rest has a turn.
-        if PACE.in_a_row < FRAMES_IN_A_ROW
-            && let Some(frame) = can.frame()
+        if PACE.in_a_row < FRAMES_IN_A_ROW && bus.handle(|frame| NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR))
         {
             PACE.in_a_row += 1;
-            NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
-            can.release();
+            if RECEIVER.has_message() {
+                bus.meanwhile(|| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
+            }
             continue;
         }
         PACE.in_a_row = 0;
@@ -85,11 +81,11 @@ fn main() -> ! {
         // One thing a turn, the rarer first: that bounds the turn.
         if clock.ticked() {
             PACE.is_full = false;
-            NODE.tick(button.is_pressed(), now_ms, &mut eeprom, MONITOR);
+            bus.meanwhile(|| NODE.tick(button.is_pressed(), now_ms, &mut eeprom, MONITOR));
             servo.set(NODE.pulse());
             light.set(NODE.light());
             if NODE.takes_filters() {
-                can.reconfigure(NODE.acceptance(Image), false);
+                bus.can().reconfigure(NODE.acceptance(Image), false);
             }
             if NODE.is_to_restart(now_ms) {
                 guard::restart(ResetCause::ASKED_FOR);
@@ -97,29 +93,35 @@ fn main() -> ! {
             if let Some(reading) = adc.take(NODE.parameters.is_on(Parameter::TempRef)) {
                 NODE.read_temperature(reading);
             }
-        } else if NODE.do_chore(MONITOR) {
-            // What a tick left to be done.
-        } else if can.is_due(now_ms) {
-            if let Some(notice) = can.poll(now_ms) {
+        } else if NODE.has_chores() {
+            bus.meanwhile(|| NODE.do_chore(MONITOR));
+        } else if bus.can().is_due(now_ms) {
+            if let Some(notice) = bus.can().poll(now_ms) {
                 NODE.notice(notice, MONITOR);
             }
-            if can.is_empty() {
+            if bus.can().is_empty() {
                 NODE.controller_is_empty(now_ms);
             }
-        } else if can.is_running() && !PACE.is_full && NODE.is_ready() {
-            if can.has_room() {
-                can.transmit(NODE.frame());
-                NODE.handed_over(now_ms);
+        } else if bus.can().is_running() && !PACE.is_full && NODE.is_ready() {
+            if bus.can().has_room() {
+                bus.can().transmit(NODE.frame());
+                bus.meanwhile(|| NODE.handed_over(now_ms));
             } else {
-                PACE.is_full = !can.find_room();
+                PACE.is_full = !bus.can().find_room();
             }
-        } else if can.is_running() && NODE.prepare(can.counters(), Image, MONITOR, now_ms) {
+        } else if bus.can().is_running()
+            && NODE.has_to_send()
+            && bus.meanwhile(|| NODE.prepare(&CanCounters, Image, MONITOR, now_ms))
+        {
             // One step nearer to the next frame.
         } else {
             if serial.receive() == Some(b'?') {
                 NODE.report(MONITOR);
             }
-            serial.send(|| MONITOR.next_byte(Image));
+            // A frame that has come since is not kept waiting for that.
+            if serial.can_send() && !bus.has_frame() {
+                bus.meanwhile(|| serial.send(MONITOR.next_byte(Image)));
+            }
         }
     }
 }

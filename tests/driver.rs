@@ -209,10 +209,8 @@ impl Rig {
 
     /// The next frame that the driver gets out of the chip.
     fn receive(&mut self) -> Option<NodeFrame> {
-        self.driver.receive();
-        let frame = self.driver.frame().copied();
-        self.driver.release();
-        frame
+        let mut frame = NodeFrame::EMPTY;
+        self.driver.receive(&mut frame).then_some(frame)
     }
 
     /// Whether the chip has taken the frame.

@@ -17,6 +17,7 @@
 //! Timer0 counts milliseconds.
 
 mod adc;
+mod bus;
 mod button;
 mod clock;
 mod eeprom;
@@ -30,7 +31,10 @@ mod spi;
 
 use avr_device::atmega168::CPU;
 
+use spi::{CanInterrupt, CanSelect, CanSpi};
+
 pub use adc::Adc;
+pub use bus::{Bus, CanCounters};
 pub use button::Button;
 pub use clock::Clock;
 pub use eeprom::Eeprom;
@@ -38,7 +42,6 @@ pub use jitter::Jitter;
 pub use light::Light;
 pub use serial::Serial;
 pub use servo::Servo;
-pub use spi::{CanInterrupt, CanSelect, CanSpi};
 
 /// Crystal of the ATmega168, in hertz. Timer0, Timer1, the ADC and the UART are set up for it.
 pub const CLOCK_HZ: u32 = 16_000_000;
@@ -52,6 +55,8 @@ pub struct Board {
     pub clock: Clock,
     /// The serial monitor.
     pub serial: Serial,
+    /// The CAN controller.
+    pub bus: Bus,
     /// The servo output.
     pub servo: Servo,
     /// The temperature sensor.
@@ -86,6 +91,7 @@ impl Board {
         CanInterrupt::set_up(&peripheral!(PORTD));
         Self {
             servo,
+            bus: Bus::new(),
             clock: Clock::new(peripheral!(TC0)),
             serial: Serial::new(peripheral!(USART0)),
             adc: Adc::new(peripheral!(ADC)),

@@ -23,13 +23,15 @@ impl Serial {
         Self { usart }
     }
 
-    /// Sends what `next` gives, if the UART can take a byte now; 0 is none.
-    pub fn send(&mut self, next: impl FnOnce() -> u8) {
-        if self.usart.ucsr0a().read().udre0().bit_is_set() {
-            let byte = next();
-            if byte != 0 {
-                self.usart.udr0().write(|w| w.set(byte));
-            }
+    /// Whether the UART can take a byte now.
+    pub fn can_send(&self) -> bool {
+        self.usart.ucsr0a().read().udre0().bit_is_set()
+    }
+
+    /// Sends a byte, when it [can](Self::can_send); 0 is none.
+    pub fn send(&mut self, byte: u8) {
+        if byte != 0 {
+            self.usart.udr0().write(|w| w.set(byte));
         }
     }
 

@@ -7,7 +7,7 @@
 use avr_device::atmega168::{PORTB, TC1};
 
 use super::CLOCK_HZ;
-use node::node::servo::{Ticks, scaled};
+use node::node::servo::{Output, Ticks, scaled};
 
 const PRESCALER: u32 = 8;
 
@@ -54,11 +54,11 @@ impl Servo {
         let portb = unsafe { PORTB::steal() };
         portb.pinb().read().pb2().bit_is_clear()
     }
+}
 
-    /// The width from the next period on; 0 ends the pulses. A pulse that has begun is not cut, so to end them takes until
-    /// it is called between two.
+impl Output for Servo {
     #[inline(never)]
-    pub fn set(&mut self, width: Ticks) {
+    fn set(&mut self, width: Ticks) {
         if width == self.width {
             return;
         }

@@ -57,8 +57,8 @@ pub struct Transfer {
     tail: u8,
     /// Whether a list had an entry for this node.
     pub has_entry: bool,
-    /// Of a list: the entry that is coming is for this node.
-    is_mine: bool,
+    /// Of a list: 0 if the entry that is coming is for this node.
+    other: u8,
     /// Payload bytes so far, or of a list those since its last entry; stays at 255.
     pub len: u8,
     started_ms: u16,
@@ -76,7 +76,7 @@ impl Transfer {
         priority: 0,
         tail: 0,
         has_entry: false,
-        is_mine: false,
+        other: 0,
         len: 0,
         started_ms: 0,
         sum: 0,
@@ -122,12 +122,14 @@ impl Transfer {
                 return;
             }
         };
+        let mut other = self.other;
+        let mut has_entry = self.has_entry;
         for &byte in bytes {
             if len == 0 {
-                self.is_mine = byte == id;
+                other = byte ^ id;
             }
-            if self.is_mine {
-                self.has_entry = true;
+            if other == 0 {
+                has_entry = true;
                 if let Some(place) = self.bytes.get_mut(usize::from(len)) {
                     *place = byte;
                 }
@@ -137,6 +139,8 @@ impl Transfer {
                 len = 0;
             }
         }
+        self.other = other;
+        self.has_entry = has_entry;
         self.len = len;
     }
 }
@@ -177,6 +181,12 @@ impl Receiver {
     #[inline(always)]
     pub fn has_transfer(&self) -> bool {
         self.whole != 0
+    }
+
+    /// Whether there is one, and it is no request.
+    #[inline(always)]
+    pub fn has_message(&mut self) -> bool {
+        self.transfer().is_some_and(|transfer| !transfer.kind.is_request())
     }
 
     /// It has been acted on.

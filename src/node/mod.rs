@@ -33,7 +33,7 @@ use outgoing::Outgoing;
 use parameters::{Parameter, Parameters};
 use send::Due;
 use serve::Replies;
-use servo::{CommandType, Ticks, Travel};
+use servo::{CommandType, Output, Ticks, Travel};
 use store::{Eeprom, Store};
 use thermometer::{Thermometer, celsius};
 
@@ -351,19 +351,22 @@ impl Node {
         }
     }
 
-    /// Does one of the things that a tick has left over, so that it does not take too long; whether there was any.
+    /// Whether ticks have left something over.
+    #[inline(always)]
+    pub fn has_chores(&self) -> bool {
+        self.chores != 0
+    }
+
+    /// Does one of the things that ticks have left over, so that none takes too long.
     #[inline(never)]
-    pub fn do_chore(&mut self, monitor: &mut Monitor) -> bool {
+    pub fn do_chore(&mut self, monitor: &mut Monitor) {
         if self.chores & CHORE_MEASURE != 0 {
             self.chores &= !CHORE_MEASURE;
             self.measure();
-        } else if self.chores != 0 {
+        } else {
             self.chores = 0;
             self.second(monitor);
-        } else {
-            return false;
         }
-        true
     }
 
     /// To be called at every tick of the millisecond clock.
@@ -470,7 +473,6 @@ impl Node {
         if !self.thermometer.has_measured() {
             return;
         }
-        self.measure();
         // A whole degree begins five tenths below.
         let fraction = self.kelvin_64ths.wrapping_sub(thermometer::DEGREE_ZERO) & 63;
         let tenths =
@@ -525,7 +527,14 @@ impl Node {
 
     /// Acts on the transfer that has come whole, or does a step towards that: to be called until the receiver has none.
     #[inline(never)]
-    pub fn act(&mut self, receiver: &mut Receiver, now_ms: u16, flash: impl Progmem, monitor: &mut Monitor) {
+    pub fn act(
+        &mut self,
+        receiver: &mut Receiver,
+        now_ms: u16,
+        flash: impl Progmem,
+        monitor: &mut Monitor,
+        servo: &mut impl Output,
+    ) {
         let Some(transfer) = receiver.transfer() else { return };
         if transfer.kind == Kind::GET_SET && serve::look_up(transfer, flash) {
             return;
@@ -540,7 +549,7 @@ impl Node {
         } else if !self.is_sure && self.is_foreign() {
             Line::RefusedType
         } else {
-            self.heed(transfer, event, now_ms, flash)
+            self.heed(transfer, event, now_ms, flash, servo)
         };
         if event.line.is_refusal() {
             count(&mut self.counts.refused);
@@ -555,7 +564,14 @@ impl Node {
     }
 
     /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
-    fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16, flash: impl Progmem) -> Line {
+    fn heed(
+        &mut self,
+        transfer: &Transfer,
+        event: &mut Event,
+        now_ms: u16,
+        flash: impl Progmem,
+        servo: &mut impl Output,
+    ) -> Line {
         let [b0, b1, b2, b3, mut b4, ..] = transfer.bytes;
         let Some(source) = NodeId::new(transfer.source) else {
             // Only Allocation comes from nobody.
@@ -611,13 +627,13 @@ impl Node {
                         Line::CommandPwm
                     }
                 };
-                self.follow(pulse, line, event, source, now_ms)
+                self.follow(pulse, line, event, source, now_ms, servo)
             }
             Kind::SERVO_COMMAND if transfer.len == 1 => {
                 self.thesis = true;
                 event.set_code(b0);
                 let pulse = self.travel.pulse_of_byte(b0);
-                self.follow(pulse, Line::CommandThesis, event, source, now_ms)
+                self.follow(pulse, Line::CommandThesis, event, source, now_ms, servo)
             }
             Kind::LIGHTS_COMMAND if transfer.len == 0 => {
                 if transfer.has_entry {
@@ -666,12 +682,21 @@ impl Node {
 
     /// Follows a command, unless the vehicle must be armed for that.
     #[inline(never)]
-    fn follow(&mut self, pulse: Ticks, line: Line, event: &mut Event, source: NodeId, now_ms: u16) -> Line {
+    fn follow(
+        &mut self,
+        pulse: Ticks,
+        line: Line,
+        event: &mut Event,
+        source: NodeId,
+        now_ms: u16,
+        servo: &mut impl Output,
+    ) -> Line {
         self.autopilot.commanded_by(source, now_ms);
         if self.is_disarmed() {
             return Line::RefusedDisarmed;
         }
         self.pulse = pulse;
+        servo.set(pulse);
         self.is_following = true;
         self.hears_commands = false;
         self.followed_ms = now_ms;

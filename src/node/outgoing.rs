@@ -6,6 +6,7 @@
 
 use super::{information, parameters};
 use crate::can::Frame;
+use crate::can::mcp2515::Counted;
 use crate::dronecan::crc;
 use crate::dronecan::draft;
 use crate::dronecan::wire::{END_OF_TRANSFER, START_OF_TRANSFER, TOGGLE};
@@ -148,10 +149,12 @@ impl Outgoing {
 
     /// Keeps those of some words after the first byte, quicker than one by one.
     #[inline(always)]
-    pub fn put_words(&mut self, words: &[u16; (KEPT - 1) / 2]) {
+    pub fn put_words(&mut self, words: &impl Counted) {
         let [_, places @ ..] = &mut self.kept;
-        for (place, word) in places.as_chunks_mut().0.iter_mut().zip(words) {
-            *place = word.to_le_bytes();
+        let mut n = 0;
+        for place in places.as_chunks_mut().0 {
+            *place = words.word(n).to_le_bytes();
+            n = n.wrapping_add(1);
         }
         self.len = KEPT as u8;
     }

@@ -2,7 +2,7 @@
 
 use super::parameters::Parameter;
 use super::{Dialect, MIN_STATUS_PERIOD_MS, Node, RESTART_MS, allocation, count};
-use crate::can::mcp2515::Counters;
+use crate::can::mcp2515::Counted;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::wire::TRANSFER_ID;
 use crate::dronecan::{draft, float16};
@@ -55,9 +55,21 @@ impl Due {
 const REPLY: u8 = MESSAGES as u8;
 
 impl Node {
+    /// Whether it may be worth to [`prepare`](Self::prepare) something.
+    #[inline(always)]
+    pub fn has_to_send(&self) -> bool {
+        self.due.0 != 0 || self.outgoing.is_busy() || !self.replies.is_empty()
+    }
+
     /// Does a step towards the next frame, if there is one to do; whether there was.
     #[inline(never)]
-    pub fn prepare(&mut self, counters: &Counters, flash: impl Progmem, monitor: &mut Monitor, now_ms: u16) -> bool {
+    pub fn prepare(
+        &mut self,
+        counters: &impl Counted,
+        flash: impl Progmem,
+        monitor: &mut Monitor,
+        now_ms: u16,
+    ) -> bool {
         if self.outgoing.is_ready() {
             return false;
         }
@@ -166,7 +178,7 @@ impl Node {
 
     /// Begins the first message that is due and can go.
     #[inline(never)]
-    fn begin_message(&mut self, counters: &Counters, flash: impl Progmem, now_ms: u16) -> bool {
+    fn begin_message(&mut self, counters: &impl Counted, flash: impl Progmem, now_ms: u16) -> bool {
         let mut due = self.due.0;
         if self.id == 0 {
             due &= Due::ALLOCATION;
@@ -235,7 +247,7 @@ impl Node {
             }
             Due::CAN_STATS => {
                 self.outgoing.put8(0);
-                self.outgoing.put_words(&counters.0);
+                self.outgoing.put_words(counters);
             }
             // In the draft the thesis's measurement, too.
             Due::BUTTON if is_draft => {

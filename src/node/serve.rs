@@ -3,7 +3,7 @@
 use super::outgoing::Form;
 use super::parameters::{self, Parameters};
 use super::{Node, condition::Conditions, information};
-use crate::can::mcp2515::Counters;
+use crate::can::mcp2515::{Counted, Counters};
 use crate::dronecan::draft;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::Transfer;
@@ -174,7 +174,7 @@ impl Node {
 
     /// Begins the reply to the request that has waited longest, if it is done.
     #[inline(never)]
-    pub(super) fn begin_reply(&mut self, counters: &Counters, flash: impl Progmem, monitor: &mut Monitor) -> bool {
+    pub(super) fn begin_reply(&mut self, counters: &impl Counted, flash: impl Progmem, monitor: &mut Monitor) -> bool {
         if self.replies.is_empty() {
             return false;
         }
@@ -194,9 +194,9 @@ impl Node {
                 self.outgoing.put16(self.counts.sent);
                 self.outgoing.put16(self.counts.received);
                 self.outgoing.put16(self.counts.broken);
-                self.outgoing.put16(counters.0[Counters::TX_REQUESTS]);
-                self.outgoing.put16(counters.0[Counters::RX_RECEIVED]);
-                self.outgoing.put16(counters.0[Counters::RX_ERRORS]);
+                self.outgoing.put16(counters.word(Counters::TX_REQUESTS as u8));
+                self.outgoing.put16(counters.word(Counters::RX_RECEIVED as u8));
+                self.outgoing.put16(counters.word(Counters::RX_ERRORS as u8));
                 self.outgoing.form = Form::Numbers48;
                 self.outgoing.len = 36;
             }

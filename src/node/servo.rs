@@ -41,6 +41,13 @@ impl CommandType {
     }
 }
 
+/// What makes the pulses.
+pub trait Output {
+    /// The width from the next period on; 0 ends the pulses. A pulse that has begun is not cut, so to end them takes until
+    /// it is called between two.
+    fn set(&mut self, width: Ticks);
+}
+
 /// One, as a unitless value.
 const ONE: u16 = 1 << 14;
 

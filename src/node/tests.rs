@@ -55,10 +55,20 @@ impl Eeprom for Memory {
     }
 }
 
+/// The last width that a command was given at once.
+struct Pulses(Ticks);
+
+impl Output for Pulses {
+    fn set(&mut self, width: Ticks) {
+        self.0 = width;
+    }
+}
+
 /// A node on a bus that takes each frame at once.
 struct Rig {
     node: Node,
     receiver: Receiver,
+    servo: Pulses,
     monitor: Monitor,
     memory: Memory,
     counters: crate::can::mcp2515::Counters,
@@ -86,6 +96,7 @@ impl Rig {
         let mut rig = Self {
             node: Node::new(),
             receiver: Receiver::new(),
+            servo: Pulses(0),
             monitor: Monitor::new(),
             memory,
             counters: Default::default(),
@@ -122,7 +133,9 @@ impl Rig {
             let now_ms = self.now_ms();
             self.node.tick(self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
             self.node.read_temperature(self.readings[(self.ms & 1) as usize]);
-            while self.node.do_chore(&mut self.monitor) {}
+            while self.node.has_chores() {
+                self.node.do_chore(&mut self.monitor);
+            }
             self.send();
             if !self.is_bus_busy {
                 self.node.controller_is_empty(now_ms);
@@ -155,7 +168,11 @@ impl Rig {
         for frame in frames {
             self.node.receive(&mut { *frame }, &mut self.receiver, now_ms, InMemory, &mut self.monitor);
             while self.receiver.has_transfer() {
-                self.node.act(&mut self.receiver, now_ms, InMemory, &mut self.monitor);
+                let followed = self.node.counts.followed;
+                self.servo.0 = 0;
+                self.node.act(&mut self.receiver, now_ms, InMemory, &mut self.monitor, &mut self.servo);
+                let is_followed = self.node.counts.followed != followed;
+                assert_eq!(self.servo.0, if is_followed { self.node.pulse() } else { 0 });
             }
         }
     }

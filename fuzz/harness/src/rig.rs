@@ -18,6 +18,7 @@ use node::monitor::Monitor;
 use node::node::Node;
 use node::node::condition::ResetCause;
 use node::node::parameters::Parameter;
+use node::node::servo::{Output, Ticks};
 
 use crate::board::{Flash, Memory};
 use crate::orders::{self, Heard, Order, Transfers};
@@ -78,6 +79,13 @@ pub struct Rig {
     /// When a command that had to be was last followed, and since when the vehicle is armed.
     followed_ms: Option<u64>,
     armed_ms: Option<u64>,
+}
+
+/// A servo that is looked at in the node.
+struct Nowhere;
+
+impl Output for Nowhere {
+    fn set(&mut self, _width: Ticks) {}
 }
 
 impl Rig {
@@ -243,7 +251,7 @@ impl Rig {
         self.node.receive(&mut frame, &mut self.receiver, now_ms, Flash, &mut self.monitor);
         let mut turns = 0;
         while self.receiver.has_transfer() {
-            self.node.act(&mut self.receiver, now_ms, Flash, &mut self.monitor);
+            self.node.act(&mut self.receiver, now_ms, Flash, &mut self.monitor, &mut Nowhere);
             turns += 1;
             assert!(turns < 5, "it acts on a transfer for ever");
         }
@@ -323,7 +331,8 @@ impl Rig {
         }
         self.node.read_temperature(self.sensor);
         let mut chores = 0;
-        while self.node.do_chore(&mut self.monitor) {
+        while self.node.has_chores() {
+            self.node.do_chore(&mut self.monitor);
             chores += 1;
             assert!(chores < 5, "chores for ever");
         }

@@ -1,0 +1,172 @@
+//! The CAN controller, and the interrupt that gets frames out of it while the main loop does something else.
+//!
+//! The controller holds two frames, of some kinds only one, and the next may end 67 us after the last. So whatever takes
+//! longer is done [`meanwhile`](Bus::meanwhile): with INT0 let in, whose handler takes the controller's frames to where the main
+//! loop will find them. The rest of the time INT0 is masked, and the main loop has the controller to itself: then it looks
+//! at the level of the pin, which is quicker than an interrupt.
+//!
+//! The handler lets other interrupts in, so the watchdog sees one that hangs.
+
+use core::sync::atomic::{Ordering, compiler_fence};
+
+use avr_device::atmega168::EXINT;
+
+use super::flash::Image;
+use super::spi::{CanInterrupt, CanSelect, CanSpi};
+use node::can::Frame;
+use node::can::mcp2515::{Counted, Mcp2515};
+use node::dronecan::acceptance::NodeAcceptance;
+
+/// The CAN controller with its driver.
+pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
+
+/// INT0 in EIMSK, and its flag in EIFR.
+const INT0_BIT: u8 = 1 << 0;
+
+/// The frame that the main loop is to handle next, and the one after it.
+static mut FRAMES: [Frame; 2] = [Frame::EMPTY; 2];
+
+/// The controller and what came out of it, with what is used most at the end: see [`node::node::Node`].
+#[repr(C)]
+struct Received {
+    /// How many of [`FRAMES`] there are. The others are the handler's.
+    waiting: u8,
+    can: Can,
+}
+
+static mut RECEIVED: Received = Received {
+    waiting: 0,
+    can: Mcp2515::new(CanSpi::new(), CanSelect::new(), CanInterrupt::new(), NodeAcceptance::nobody(Image)),
+};
+
+impl Received {
+    /// Whether the controller has a frame, or seems to, that there is room for.
+    #[inline(always)]
+    fn is_called(&mut self) -> bool {
+        self.waiting < 2 && self.can.calls()
+    }
+
+    /// Gets a frame out of the controller.
+    #[inline(never)]
+    fn fetch(&mut self) {
+        // What comes from here on calls again. The bit is the only one that a write changes.
+        exint().eifr().write(|w| w.intf().set(INT0_BIT));
+        // Safety: one that is not waiting is not the main loop's.
+        let frame = unsafe { if self.waiting == 0 { &mut *(&raw mut FRAMES[0]) } else { &mut *(&raw mut FRAMES[1]) } };
+        if self.can.receive(frame) {
+            self.waiting = self.waiting.wrapping_add(1);
+        }
+    }
+}
+
+#[inline(always)]
+fn exint() -> EXINT {
+    // Safety: nobody else uses these registers.
+    unsafe { EXINT::steal() }
+}
+
+#[inline(always)]
+fn mask() {
+    exint().eimsk().modify(|r, w| w.int().set(r.int().bits() & !INT0_BIT));
+    // Or the compiler would move what comes next.
+    compiler_fence(Ordering::SeqCst);
+}
+
+#[inline(always)]
+fn unmask() {
+    compiler_fence(Ordering::SeqCst);
+    exint().eimsk().modify(|r, w| w.int().set(r.int().bits() | INT0_BIT));
+}
+
+#[avr_device::interrupt(atmega168)]
+fn INT0() {
+    mask();
+    // Safety: INT0 is masked, so this handler is not interrupted by itself.
+    unsafe { avr_device::interrupt::enable() };
+    // Safety: only `Bus` uses this besides, and has no reference to it while INT0 is let in.
+    let received = unsafe { &mut *(&raw mut RECEIVED) };
+    while received.is_called() {
+        received.fetch();
+    }
+    avr_device::interrupt::disable();
+    unmask();
+}
+
+/// The main loop's side of it.
+pub struct Bus(());
+
+impl Bus {
+    pub(super) fn new() -> Self {
+        exint().eimsk().write(|w| w.int().set(0));
+        // A falling edge, which is remembered while masked.
+        exint().eicra().write(|w| w.isc0().set(2));
+        Self(())
+    }
+
+    #[inline(always)]
+    fn received(&mut self) -> &mut Received {
+        // Safety: there is one `Bus`, which is borrowed for as long as this is, and the handler does not run meanwhile.
+        unsafe { &mut *(&raw mut RECEIVED) }
+    }
+
+    /// The controller.
+    #[inline(always)]
+    pub fn can(&mut self) -> &mut Can {
+        &mut self.received().can
+    }
+
+    /// Does something that takes its time, while frames are received.
+    #[inline(always)]
+    pub fn meanwhile<R>(&mut self, what: impl FnOnce() -> R) -> R {
+        unmask();
+        let result = what();
+        mask();
+        result
+    }
+
+    /// Gets a frame out of the controller, if it has one.
+    #[inline(always)]
+    pub fn receive(&mut self) {
+        let received = self.received();
+        if received.is_called() {
+            received.fetch();
+        }
+    }
+
+    /// Whether there is a frame to [`handle`](Self::handle).
+    #[inline(always)]
+    pub fn has_frame(&mut self) -> bool {
+        self.received().waiting != 0
+    }
+
+    /// Handles the oldest frame that has come out of the controller, while others are received; whether there is one.
+    #[inline(always)]
+    pub fn handle(&mut self, what: impl FnOnce(&mut Frame)) -> bool {
+        if !self.has_frame() {
+            return false;
+        }
+        // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
+        what(unsafe { &mut *(&raw mut FRAMES[0]) });
+        let received = self.received();
+        received.waiting = received.waiting.wrapping_sub(1);
+        if received.waiting != 0 {
+            // Safety: the handler does not run meanwhile.
+            unsafe { (*(&raw mut FRAMES[0])).copy_from(&*(&raw const FRAMES[1])) };
+        }
+        true
+    }
+}
+
+/// What the controller has counted, to be read whenever.
+pub struct CanCounters;
+
+impl Counted for CanCounters {
+    #[inline(never)]
+    fn word(&self, n: u8) -> u16 {
+        mask();
+        // Safety: the handler does not run meanwhile, and the main loop, which calls this, has no reference to it.
+        let word = unsafe { &*(&raw const RECEIVED) }.can.counters().0.get(usize::from(n)).copied();
+        unmask();
+        word.unwrap_or(0)
+    }
+}
