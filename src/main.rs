@@ -62,13 +62,21 @@ fn main() -> ! {
         // Frames come before all else: out of the controller, into their transfer, and what that asks for, each a turn of its
         // own, so that the next frame need not wait for all of it.
         bus.receive();
+        if PACE.in_a_row < FRAMES_IN_A_ROW && bus.handle(|frame| NODE.follow_at_once(frame, now_ms, MONITOR, servo)) {
+            PACE.in_a_row += 1;
+            continue;
+        }
         if RECEIVER.has_transfer() {
             // A request, whose answer can take long.
             bus.meanwhile(|| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
             continue;
         }
         // Even of an endless flood only so many in a row: then the rest has a turn.
-        if PACE.in_a_row < FRAMES_IN_A_ROW && bus.handle(|frame| NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR))
+        if PACE.in_a_row < FRAMES_IN_A_ROW
+            && bus.handle(|frame| {
+                NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
+                true
+            })
         {
             PACE.in_a_row += 1;
             if RECEIVER.has_message() {

@@ -139,21 +139,25 @@ impl Bus {
         self.received().waiting != 0
     }
 
-    /// Handles the oldest frame that has come out of the controller, while others are received; whether there is one.
+    /// Handles the oldest frame that has come out of the controller, if there is one; it stays if it was not handled. Whether one was.
     #[inline(always)]
-    pub fn handle(&mut self, what: impl FnOnce(&mut Frame)) -> bool {
-        if !self.has_frame() {
+    pub fn handle(&mut self, what: impl FnOnce(&mut Frame) -> bool) -> bool {
+        // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
+        if !self.has_frame() || !what(unsafe { &mut *(&raw mut FRAMES[0]) }) {
             return false;
         }
-        // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
-        what(unsafe { &mut *(&raw mut FRAMES[0]) });
+        self.release();
+        true
+    }
+
+    #[inline(never)]
+    fn release(&mut self) {
         let received = self.received();
         received.waiting = received.waiting.wrapping_sub(1);
         if received.waiting != 0 {
             // Safety: the handler does not run meanwhile.
             unsafe { (*(&raw mut FRAMES[0])).copy_from(&*(&raw const FRAMES[1])) };
         }
-        true
     }
 }
 

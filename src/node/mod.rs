@@ -22,6 +22,7 @@ use crate::dronecan::acceptance::{self, NodeAcceptance};
 use crate::dronecan::draft;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::{Receiver, Refusal, Transfer};
+use crate::dronecan::wire::{END_OF_TRANSFER, START_OF_TRANSFER, TOGGLE, TRANSFER_ID};
 use crate::dronecan::{NodeId, float16};
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
@@ -544,23 +545,16 @@ impl Node {
         let event = monitor.tell(Line::RefusedLength);
         event.set_source(transfer.source);
         event.set_transfer(transfer.transfer_id());
-        event.line = if transfer.kind.is_request() {
+        let line = if transfer.kind.is_request() {
             self.serve(transfer, event, flash)
         } else if !self.is_sure && self.is_foreign() {
             Line::RefusedType
         } else {
             self.heed(transfer, event, now_ms, flash, servo)
         };
-        if event.line.is_refusal() {
-            count(&mut self.counts.refused);
-        }
-        if !self.is_sure && event.line.is_of_autopilot() {
-            self.hear(now_ms);
-        }
+        event.line = line;
         receiver.clear();
-        if self.is_following {
-            self.condition(Conditions::FAILSAFE, false, [Line::Failsafe, Line::FailsafeEnd], monitor);
-        }
+        self.conclude(line, now_ms, monitor);
     }
 
     /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
@@ -604,30 +598,12 @@ impl Node {
                 if !transfer.has_entry {
                     return Line::CommandElsewhere;
                 }
-                let (mut value, mut command) = (transfer.word(2), CommandType::new(b1));
+                let mut value = transfer.word(2);
+                let mut command = b1;
                 if self.spoken == Dialect::DRAFT {
-                    (value, command) = (transfer.word(1), Some(CommandType::Unitless));
+                    (value, command) = (transfer.word(1), CommandType::Unitless as u8);
                 }
-                let Some(command) = command else { return Line::RefusedType };
-                if !float16::is_finite(value) {
-                    return Line::RefusedValue;
-                }
-                let value = float16::to_fixed(value, command.fraction_bits());
-                let pulse = self.travel.pulse(command, value);
-                if pulse == 0 {
-                    return Line::RefusedValue;
-                }
-                let places = command.fraction_bits();
-                event.a = (i32::from(value).wrapping_mul(1000) >> places) as u16;
-                let line = match command {
-                    CommandType::Unitless => Line::CommandUnitless,
-                    CommandType::Position => Line::CommandPosition,
-                    CommandType::Pwm => {
-                        event.a = (value >> 1) as u16;
-                        Line::CommandPwm
-                    }
-                };
-                self.follow(pulse, line, event, source, now_ms, servo)
+                self.obey(command, value, event, source, now_ms, servo)
             }
             Kind::SERVO_COMMAND if transfer.len == 1 => {
                 self.thesis = true;
@@ -678,6 +654,96 @@ impl Node {
         }
         self.has_filters_to_give = true;
         Line::Allocated
+    }
+
+    /// Follows the command of an entry.
+    #[inline(never)]
+    fn obey(
+        &mut self,
+        command: u8,
+        value: u16,
+        event: &mut Event,
+        source: NodeId,
+        now_ms: u16,
+        servo: &mut impl Output,
+    ) -> Line {
+        let Some(command) = CommandType::new(command) else { return Line::RefusedType };
+        if !float16::is_finite(value) {
+            return Line::RefusedValue;
+        }
+        let value = float16::to_fixed(value, command.fraction_bits());
+        let pulse = self.travel.pulse(command, value);
+        if pulse == 0 {
+            return Line::RefusedValue;
+        }
+        let line = self.follow(pulse, Line::CommandUnitless, event, source, now_ms, servo);
+        let places = command.fraction_bits();
+        event.a = (i32::from(value).wrapping_mul(1000) >> places) as u16;
+        if line.is_refusal() {
+            return line;
+        }
+        match command {
+            CommandType::Unitless => line,
+            CommandType::Position => Line::CommandPosition,
+            CommandType::Pwm => {
+                event.a = (value >> 1) as u16;
+                Line::CommandPwm
+            }
+        }
+    }
+
+    /// Follows a command for this actuator that is a single frame, without the detour over its transfer; whether it was one. Only when
+    /// the node is sure that it is v0 that is spoken.
+    #[inline(always)]
+    pub fn follow_at_once(
+        &mut self,
+        frame: &Frame,
+        now_ms: u16,
+        monitor: &mut Monitor,
+        servo: &mut impl Output,
+    ) -> bool {
+        const COMMAND: [u8; 2] = Kind::ARRAY_COMMAND.data_type().to_be_bytes();
+        const ONE_FRAME: u8 = START_OF_TRANSFER | END_OF_TRANSFER;
+        let [first, high, low, source] = frame.id;
+        let [actuator_id, command, v0, v1, tail, ..] = frame.data;
+        if low != COMMAND[1]
+            || frame.len != 5
+            || actuator_id != self.parameters.get(Parameter::SrvId) as u8
+            || tail & (ONE_FRAME | TOGGLE) != ONE_FRAME
+            || high != COMMAND[0]
+            || first & Frame::FOREIGN != 0
+            || source == self.id
+            || !self.is_sure
+            || self.dialect == Dialect::DRAFT
+        {
+            return false;
+        }
+        // A service has the highest bit of the sender set.
+        let Some(source) = NodeId::new(source) else { return false };
+        let event = monitor.tell(Line::RefusedType);
+        event.set_source(source.get());
+        event.set_transfer(tail & TRANSFER_ID);
+        event.set_code(actuator_id);
+        self.hears_commands = true;
+        let line = self.obey(command, u16::from_le_bytes([v0, v1]), event, source, now_ms, servo);
+        event.line = line;
+        count(&mut self.counts.received);
+        self.conclude(line, now_ms, monitor);
+        true
+    }
+
+    /// What is done about a transfer in the end, whatever it was.
+    #[inline(never)]
+    fn conclude(&mut self, line: Line, now_ms: u16, monitor: &mut Monitor) {
+        if line.is_refusal() {
+            count(&mut self.counts.refused);
+        }
+        if !self.is_sure && line.is_of_autopilot() {
+            self.hear(now_ms);
+        }
+        if self.is_following {
+            self.condition(Conditions::FAILSAFE, false, [Line::Failsafe, Line::FailsafeEnd], monitor);
+        }
     }
 
     /// Follows a command, unless the vehicle must be armed for that.
