@@ -14,7 +14,7 @@ use avr_device::atmega168::EXINT;
 use super::flash::Image;
 use super::spi::{CanInterrupt, CanSelect, CanSpi};
 use node::can::Frame;
-use node::can::mcp2515::{Counted, Mcp2515};
+use node::can::mcp2515::{Counted, Counters, Mcp2515};
 use node::dronecan::acceptance::NodeAcceptance;
 
 /// The CAN controller with its driver.
@@ -164,13 +164,26 @@ impl Bus {
 /// What the controller has counted, to be read whenever.
 pub struct CanCounters;
 
+impl CanCounters {
+    /// Looks at them while nobody counts.
+    #[inline(always)]
+    fn look<R>(what: impl FnOnce(&Counters) -> R) -> R {
+        mask();
+        // Safety: the handler does not run meanwhile, and the main loop, which calls this, has no reference to it.
+        let result = what(unsafe { &*(&raw const RECEIVED) }.can.counters());
+        unmask();
+        result
+    }
+}
+
 impl Counted for CanCounters {
     #[inline(never)]
     fn word(&self, n: u8) -> u16 {
-        mask();
-        // Safety: the handler does not run meanwhile, and the main loop, which calls this, has no reference to it.
-        let word = unsafe { &*(&raw const RECEIVED) }.can.counters().0.get(usize::from(n)).copied();
-        unmask();
-        word.unwrap_or(0)
+        Self::look(|counters| counters.word(n))
+    }
+
+    #[inline(never)]
+    fn copy(&self, places: &mut [[u8; 2]]) {
+        Self::look(|counters| counters.copy(places));
     }
 }

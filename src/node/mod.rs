@@ -703,14 +703,24 @@ impl Node {
         servo: &mut impl Output,
     ) -> bool {
         const COMMAND: [u8; 2] = Kind::ARRAY_COMMAND.data_type().to_be_bytes();
+        const THESIS: [u8; 2] = Kind::SERVO_COMMAND.data_type().to_be_bytes();
         const ONE_FRAME: u8 = START_OF_TRANSFER | END_OF_TRANSFER;
         let [first, high, low, source] = frame.id;
-        let [actuator_id, command, v0, v1, tail, ..] = frame.data;
-        if low != COMMAND[1]
+        let [code, command, v0, v1, mut tail, ..] = frame.data;
+        let is_thesis = low == THESIS[1];
+        if is_thesis {
+            tail = command;
+            if frame.len != 2 || high != THESIS[0] {
+                return false;
+            }
+        } else if low != COMMAND[1]
             || frame.len != 5
-            || actuator_id != self.parameters.get(Parameter::SrvId) as u8
-            || tail & (ONE_FRAME | TOGGLE) != ONE_FRAME
+            || code != self.parameters.get(Parameter::SrvId) as u8
             || high != COMMAND[0]
+        {
+            return false;
+        }
+        if tail & (ONE_FRAME | TOGGLE) != ONE_FRAME
             || first & Frame::FOREIGN != 0
             || source == self.id
             || !self.is_sure
@@ -723,9 +733,15 @@ impl Node {
         let event = monitor.tell(Line::RefusedType);
         event.set_source(source.get());
         event.set_transfer(tail & TRANSFER_ID);
-        event.set_code(actuator_id);
-        self.hears_commands = true;
-        let line = self.obey(command, u16::from_le_bytes([v0, v1]), event, source, now_ms, servo);
+        event.set_code(code);
+        let line = if is_thesis {
+            self.thesis = true;
+            let pulse = self.travel.pulse_of_byte(code);
+            self.follow(pulse, Line::CommandThesis, event, source, now_ms, servo)
+        } else {
+            self.hears_commands = true;
+            self.obey(command, u16::from_le_bytes([v0, v1]), event, source, now_ms, servo)
+        };
         event.line = line;
         count(&mut self.counts.received);
         self.conclude(line, now_ms, monitor);

@@ -151,11 +151,7 @@ impl Outgoing {
     #[inline(always)]
     pub fn put_words(&mut self, words: &impl Counted) {
         let [_, places @ ..] = &mut self.kept;
-        let mut n = 0;
-        for place in places.as_chunks_mut().0 {
-            *place = words.word(n).to_le_bytes();
-            n = n.wrapping_add(1);
-        }
+        words.copy(places.as_chunks_mut().0);
         self.len = KEPT as u8;
     }
 

@@ -123,6 +123,7 @@ impl Travel {
     }
 
     /// The pulse for a position of the thesis's command: 0 to 255 over the full travel.
+    #[inline(never)]
     pub fn pulse_of_byte(&self, mut position: u8) -> Ticks {
         if self.is_reversed {
             position = !position;

@@ -145,11 +145,22 @@ pub struct Counters(pub [u16; 12]);
 pub trait Counted {
     /// One of the words of [`Counters`]; 0 where there is none.
     fn word(&self, n: u8) -> u16;
+
+    /// Writes the words of [`Counters`], little-endian, as many as there are places.
+    fn copy(&self, places: &mut [[u8; 2]]);
 }
 
 impl Counted for Counters {
+    #[inline(always)]
     fn word(&self, n: u8) -> u16 {
         self.0.get(usize::from(n)).copied().unwrap_or(0)
+    }
+
+    #[inline(always)]
+    fn copy(&self, places: &mut [[u8; 2]]) {
+        for (place, word) in places.iter_mut().zip(&self.0) {
+            *place = word.to_le_bytes();
+        }
     }
 }
 
