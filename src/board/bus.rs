@@ -46,16 +46,18 @@ impl Received {
         self.waiting < 2 && self.can.calls()
     }
 
-    /// Gets a frame out of the controller.
+    /// Gets a frame out of the controller; whether there was one.
     #[inline(never)]
-    fn fetch(&mut self) {
+    fn fetch(&mut self) -> bool {
         // What comes from here on calls again. The bit is the only one that a write changes.
         exint().eifr().write(|w| w.intf().set(INT0_BIT));
         // Safety: one that is not waiting is not the main loop's.
         let frame = unsafe { if self.waiting == 0 { &mut *(&raw mut FRAMES[0]) } else { &mut *(&raw mut FRAMES[1]) } };
-        if self.can.receive(frame) {
+        let is_one = self.can.receive(frame);
+        if is_one {
             self.waiting = self.waiting.wrapping_add(1);
         }
+        is_one
     }
 }
 
@@ -85,9 +87,8 @@ fn INT0() {
     unsafe { avr_device::interrupt::enable() };
     // Safety: only `Bus` uses this besides, and has no reference to it while INT0 is let in.
     let received = unsafe { &mut *(&raw mut RECEIVED) };
-    while received.is_called() {
-        received.fetch();
-    }
+    // A line that stays low without a frame is the main loop's, which looks for that every 10 ms.
+    while received.is_called() && received.fetch() {}
     avr_device::interrupt::disable();
     unmask();
 }
