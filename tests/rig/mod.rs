@@ -329,6 +329,26 @@ impl Rig {
         current
     }
 
+    /// INT has a bad contact for 2 ms, in which statuses come back to back: more than the controller has room for. How many are
+    /// lost in it. The program looks every 10 ms whether the line is stuck, and this is between two of its looks.
+    #[track_caller]
+    pub fn lose_frames(&mut self) -> u32 {
+        let before = self.board().chip().borrow().rx_overflows();
+        let end = self.now() + 20 * MS;
+        while self.board().avr().pin('B', 1) {
+            assert!(self.now() < end, "CS stays high");
+            self.run_until(self.now() + US);
+        }
+        self.run_ms(1);
+        for _ in 0..12 {
+            self.send_status_from(10);
+        }
+        self.board().set_stuck_int(Some(true));
+        self.run_ms(2);
+        self.board().set_stuck_int(None);
+        self.board().chip().borrow().rx_overflows() - before
+    }
+
     /// The frames with this identifier, oldest first.
     pub fn frames(&self, id: u32) -> Vec<(Cycles, Vec<u8>)> {
         let same = |frame: &Frame| matches!(frame.id, Id::Extended(other) if other == id);
