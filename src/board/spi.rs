@@ -72,9 +72,18 @@ impl SpiBus for CanSpi {
         Ok(())
     }
 
+    /// Loads each byte while the SPI shifts the one before.
     #[inline(always)]
     fn write(&mut self, words: &[u8]) -> Result<(), Infallible> {
-        words.iter().for_each(|&word| _ = self.exchange(word));
+        let mut words = words.iter();
+        if let Some(&first) = words.next() {
+            self.begin(first);
+            for &next in words {
+                self.finish();
+                self.begin(next);
+            }
+            self.finish();
+        }
         Ok(())
     }
 

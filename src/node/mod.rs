@@ -175,7 +175,7 @@ pub struct Node {
     kelvin_64ths: u16,
     celsius: i16,
     temperature_flags: u8,
-    /// The position that the next actuator.Status tells, as a float16, once it is worked out.
+    /// The position that the next actuator.Status tells (see [`servo::radians`]), once it is worked out.
     position: u16,
     has_position: bool,
     followed_ms: u16,

@@ -1,7 +1,7 @@
 //! What the node sends, and when: its messages, and the replies to requests.
 
 use super::parameters::Parameter;
-use super::{Dialect, MIN_STATUS_PERIOD_MS, Node, RESTART_MS, allocation, count};
+use super::{Dialect, MIN_STATUS_PERIOD_MS, Node, RESTART_MS, allocation, count, servo};
 use crate::can::mcp2515::Counted;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::wire::TRANSFER_ID;
@@ -50,6 +50,9 @@ impl Due {
         self.0 &= !message;
     }
 }
+
+/// The servo gets no pulse. No position is as far away as that.
+const NO_POSITION: u16 = u16::MAX;
 
 /// What is being sent when it is a reply and no message.
 const REPLY: u8 = MESSAGES as u8;
@@ -201,7 +204,7 @@ impl Node {
         }
         if due & Due::ACTUATOR_STATUS != 0 && !self.has_position {
             self.has_position = true;
-            self.position = if self.pulse != 0 { self.travel.position(self.pulse) } else { float16::NAN };
+            self.position = if self.pulse != 0 { self.travel.position(self.pulse) } else { NO_POSITION };
             return true;
         }
         let mut message = 0u8;
@@ -234,7 +237,8 @@ impl Node {
             Due::ACTUATOR_STATUS => {
                 self.has_position = false;
                 self.outgoing.put8(self.parameters.get(Parameter::SrvId) as u8);
-                self.outgoing.put16(self.position);
+                let position = self.position;
+                self.outgoing.put16(if position == NO_POSITION { float16::NAN } else { servo::radians(position) });
                 self.outgoing.put16(float16::NAN);
                 self.outgoing.put16(float16::NAN);
                 const POWER_UNKNOWN: u8 = 127;

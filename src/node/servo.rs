@@ -138,7 +138,8 @@ impl Travel {
         self.low.wrapping_add(by_256).wrapping_add(more)
     }
 
-    /// The position that a pulse asks for, as an equal command would have it: a float16 in radians.
+    /// The position that a pulse asks for, as an equal command would have it: in 4096ths of a radian, with the sign in the highest bit
+    /// (see [`radians`]).
     #[inline(never)]
     pub fn position(&self, pulse: Ticks) -> u16 {
         let is_low = pulse < self.trim;
@@ -147,9 +148,15 @@ impl Travel {
         } else {
             (pulse.wrapping_sub(self.trim), self.high.wrapping_sub(self.trim))
         };
-        let position = float16::from_fixed(scaled(offset, self.half_range, side), 12);
+        let position = scaled(offset, self.half_range, side) & !float16::SIGN;
         if is_low ^ self.is_reversed { position | float16::SIGN } else { position }
     }
+}
+
+/// A [position](Travel::position) as a float16.
+#[inline(always)]
+pub fn radians(position: u16) -> u16 {
+    float16::from_fixed(position & !float16::SIGN, 12) | position & float16::SIGN
 }
 
 /// `part` x `whole` / [`ONE`], rounded, of a whole below 16,384.
