@@ -181,6 +181,8 @@ pub struct Node {
     followed_ms: u16,
     /// There have been commands since that were not followed.
     hears_commands: bool,
+    /// What the last command said, in the fixed point of its type.
+    value: i16,
 }
 
 impl Node {
@@ -231,6 +233,7 @@ impl Node {
             is_following: false,
             followed_ms: 0,
             hears_commands: false,
+            value: 0,
             armed_s: 0,
         }
     }
@@ -603,13 +606,14 @@ impl Node {
                 if self.spoken == Dialect::DRAFT {
                     (value, command) = (transfer.word(1), CommandType::Unitless as u8);
                 }
-                self.obey(command, value, event, source, now_ms, servo)
+                let line = self.obey(command, value, source, now_ms, servo);
+                self.note(line, event)
             }
             Kind::SERVO_COMMAND if transfer.len == 1 => {
                 self.thesis = true;
                 event.set_code(b0);
-                let pulse = self.travel.pulse_of_byte(b0);
-                self.follow(pulse, Line::CommandThesis, event, source, now_ms, servo)
+                let line = self.obey_thesis(b0, source, now_ms, servo);
+                self.note(line, event)
             }
             Kind::LIGHTS_COMMAND if transfer.len == 0 => {
                 if transfer.has_entry {
@@ -658,15 +662,7 @@ impl Node {
 
     /// Follows the command of an entry.
     #[inline(never)]
-    fn obey(
-        &mut self,
-        command: u8,
-        value: u16,
-        event: &mut Event,
-        source: NodeId,
-        now_ms: u16,
-        servo: &mut impl Output,
-    ) -> Line {
+    fn obey(&mut self, command: u8, value: u16, source: NodeId, now_ms: u16, servo: &mut impl Output) -> Line {
         let Some(command) = CommandType::new(command) else { return Line::RefusedType };
         if !float16::is_finite(value) {
             return Line::RefusedValue;
@@ -676,20 +672,33 @@ impl Node {
         if pulse == 0 {
             return Line::RefusedValue;
         }
-        let line = self.follow(pulse, Line::CommandUnitless, event, source, now_ms, servo);
-        let places = command.fraction_bits();
-        event.a = (i32::from(value).wrapping_mul(1000) >> places) as u16;
-        if line.is_refusal() {
-            return line;
-        }
-        match command {
-            CommandType::Unitless => line,
+        let line = match command {
+            CommandType::Unitless => Line::CommandUnitless,
             CommandType::Position => Line::CommandPosition,
-            CommandType::Pwm => {
-                event.a = (value >> 1) as u16;
-                Line::CommandPwm
-            }
-        }
+            CommandType::Pwm => Line::CommandPwm,
+        };
+        self.value = value;
+        self.follow(pulse, line, source, now_ms, servo)
+    }
+
+    /// Follows the thesis's command.
+    #[inline(never)]
+    fn obey_thesis(&mut self, position: u8, source: NodeId, now_ms: u16, servo: &mut impl Output) -> Line {
+        self.thesis = true;
+        let pulse = self.travel.pulse_of_byte(position);
+        self.follow(pulse, Line::CommandThesis, source, now_ms, servo)
+    }
+
+    /// Notes what the last command said in its event, but for the line.
+    #[inline(never)]
+    fn note(&self, line: Line, event: &mut Event) -> Line {
+        event.b = self.pulse;
+        event.a = match line {
+            Line::CommandPwm => (self.value >> 1) as u16,
+            Line::CommandPosition => (i32::from(self.value).wrapping_mul(1000) >> 12) as u16,
+            _ => (i32::from(self.value).wrapping_mul(1000) >> 14) as u16,
+        };
+        line
     }
 
     /// Follows a command for this actuator that is a single frame, without the detour over its transfer; whether it was one. Only when
@@ -730,19 +739,18 @@ impl Node {
         }
         // A service has the highest bit of the sender set.
         let Some(source) = NodeId::new(source) else { return false };
-        let event = monitor.tell(Line::RefusedType);
+        // The pulse comes first.
+        let line = if is_thesis {
+            self.obey_thesis(code, source, now_ms, servo)
+        } else {
+            self.hears_commands = true;
+            self.obey(command, u16::from_le_bytes([v0, v1]), source, now_ms, servo)
+        };
+        let event = monitor.tell(line);
         event.set_source(source.get());
         event.set_transfer(tail & TRANSFER_ID);
         event.set_code(code);
-        let line = if is_thesis {
-            self.thesis = true;
-            let pulse = self.travel.pulse_of_byte(code);
-            self.follow(pulse, Line::CommandThesis, event, source, now_ms, servo)
-        } else {
-            self.hears_commands = true;
-            self.obey(command, u16::from_le_bytes([v0, v1]), event, source, now_ms, servo)
-        };
-        event.line = line;
+        self.note(line, event);
         count(&mut self.counts.received);
         self.conclude(line, now_ms, monitor);
         true
@@ -762,17 +770,9 @@ impl Node {
         }
     }
 
-    /// Follows a command, unless the vehicle must be armed for that.
+    /// Sets a pulse, unless the vehicle must be armed for that.
     #[inline(never)]
-    fn follow(
-        &mut self,
-        pulse: Ticks,
-        line: Line,
-        event: &mut Event,
-        source: NodeId,
-        now_ms: u16,
-        servo: &mut impl Output,
-    ) -> Line {
+    fn follow(&mut self, pulse: Ticks, line: Line, source: NodeId, now_ms: u16, servo: &mut impl Output) -> Line {
         self.autopilot.commanded_by(source, now_ms);
         if self.is_disarmed() {
             return Line::RefusedDisarmed;
@@ -783,7 +783,6 @@ impl Node {
         self.hears_commands = false;
         self.followed_ms = now_ms;
         count(&mut self.counts.followed);
-        event.b = pulse;
         line
     }
 
