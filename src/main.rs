@@ -1,7 +1,7 @@
 //! The node on its board. See `board` for the pins, and the library for everything that is not hardware.
 //!
-//! One loop, no operating system: each turn serves every part once, and none ever waits for anything. A turn must not take
-//! longer than 250 us, because the CAN controller holds two frames and a frame lasts 131 us or more (docs/benchmarks.md).
+//! One loop, no operating system: each turn does one thing, and none ever waits for anything. One interrupt gets frames out of the CAN
+//! controller while a turn takes long, and a second counts milliseconds. No turn takes longer than 250 us (docs/benchmarks.md).
 
 #![cfg_attr(target_arch = "avr", no_std, no_main, feature(asm_experimental_arch, abi_avr_interrupt))]
 #![deny(unsafe_op_in_unsafe_fn, clippy::undocumented_unsafe_blocks)]
@@ -26,7 +26,7 @@ struct Pace {
 
 #[cfg(target_arch = "avr")]
 use {
-    board::{Board, CAN_CRYSTAL_HZ, CanCounters, Clock, Servo, flash::Image, guard},
+    board::{Board, CAN_CRYSTAL_HZ, Clock, Servo, flash::Image, guard},
     node::can::bit_timing::BitTiming,
     node::dronecan::receive::Receiver,
     node::monitor::Monitor,
@@ -59,19 +59,20 @@ fn main() -> ! {
         guard::check();
         let now_ms = clock.now_ms();
 
-        // Frames come before all else: out of the controller, into their transfer, and what that asks for, each a turn of its
-        // own, so that the next frame need not wait for all of it.
+        // Frames come before all else, and commands before all others: 100 us after its end one of a single frame is in the servo's
+        // register, whatever else the node is at.
         bus.receive();
         if PACE.in_a_row < FRAMES_IN_A_ROW && bus.handle(|frame| NODE.follow_at_once(frame, now_ms, MONITOR, servo)) {
             PACE.in_a_row += 1;
             continue;
         }
         if RECEIVER.has_transfer() {
-            // A request, whose answer can take long.
-            bus.meanwhile(|| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
+            // A request: what it asks for can take long, so that is a turn of its own, or two.
+            bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
             continue;
         }
-        // Even of an endless flood only so many in a row: then the rest has a turn.
+        // Into its transfer, and if that is a message and whole, what it asks for. Even of an endless flood only so many in a row: then the
+        // rest has a turn.
         if PACE.in_a_row < FRAMES_IN_A_ROW
             && bus.handle(|frame| {
                 NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
@@ -80,7 +81,7 @@ fn main() -> ! {
         {
             PACE.in_a_row += 1;
             if RECEIVER.has_message() {
-                bus.meanwhile(|| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
+                bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
             }
             continue;
         }
@@ -89,7 +90,7 @@ fn main() -> ! {
         // One thing a turn, the rarer first: that bounds the turn.
         if clock.ticked() {
             PACE.is_full = false;
-            bus.meanwhile(|| NODE.tick(button.is_pressed(), now_ms, &mut eeprom, MONITOR));
+            bus.meanwhile(|_| NODE.tick(button.is_pressed(), now_ms, &mut eeprom, MONITOR));
             servo.set(NODE.pulse());
             light.set(NODE.light());
             if NODE.takes_filters() {
@@ -102,7 +103,7 @@ fn main() -> ! {
                 NODE.read_temperature(reading);
             }
         } else if NODE.has_chores() {
-            bus.meanwhile(|| NODE.do_chore(MONITOR));
+            bus.meanwhile(|_| NODE.do_chore(MONITOR));
         } else if bus.can().is_due(now_ms) {
             if let Some(notice) = bus.can().poll(now_ms) {
                 NODE.notice(notice, MONITOR);
@@ -113,13 +114,13 @@ fn main() -> ! {
         } else if bus.can().is_running() && !PACE.is_full && NODE.is_ready() {
             if bus.can().has_room() {
                 bus.can().transmit(NODE.frame());
-                bus.meanwhile(|| NODE.handed_over(now_ms));
+                bus.meanwhile(|_| NODE.handed_over(now_ms));
             } else {
                 PACE.is_full = !bus.can().find_room();
             }
         } else if bus.can().is_running()
             && NODE.has_to_send()
-            && bus.meanwhile(|| NODE.prepare(&CanCounters, Image, MONITOR, now_ms))
+            && bus.meanwhile(|counters| NODE.prepare(counters, Image, MONITOR, now_ms))
         {
             // One step nearer to the next frame.
         } else {
@@ -128,7 +129,7 @@ fn main() -> ! {
             }
             // A frame that has come since is not kept waiting for that.
             if serial.can_send() && !bus.has_frame() {
-                bus.meanwhile(|| serial.send(MONITOR.next_byte(Image)));
+                bus.meanwhile(|_| serial.send(MONITOR.next_byte(Image)));
             }
         }
     }

@@ -84,9 +84,9 @@ fn statuses_and_the_thesis_s_commands_back_to_back_are_all_read_in_order() {
     all(|load| matches!(load.kind, Kind::Status(3..) | Kind::Thesis) && load.pace == Pace::Full, incomplete);
 }
 
-/// One in 300 lost at most, and told: where a position is worked out, or a parameter set, between two of the shortest.
+/// One in 10,000 lost at most, and told: where a parameter is set by its name, and frames follow of which there are 14,000 a second.
 fn nearly_incomplete(figures: &Figures) -> Option<String> {
-    let is_few = figures.meter.lost * 300 <= figures.meter.frames;
+    let is_few = figures.meter.lost <= 1 + figures.meter.frames / 10_000;
     if is_few && figures.meter.out_of_order + figures.meter.garbled == 0 && !figures.stuck {
         None
     } else {
@@ -95,33 +95,27 @@ fn nearly_incomplete(figures: &Figures) -> Option<String> {
 }
 
 #[test]
-fn of_broken_statuses_of_two_bytes_at_most_back_to_back_one_in_300_is_lost_at_most() {
+fn of_broken_statuses_of_two_bytes_at_most_back_to_back_one_in_10000_is_lost_at_most() {
     all(|load| matches!(load.kind, Kind::Status(..3)) && load.pace == Pace::Full, nearly_incomplete);
 }
 
 /// More than can be answered: each that is not read is counted and told.
 #[test]
-fn of_requests_back_to_back_one_in_12_is_lost_at_most() {
+fn of_requests_back_to_back_one_in_50_is_lost_at_most() {
     all(
         |load| load.kind == Kind::Request,
-        |figures| (figures.meter.lost * 12 > figures.meter.frames).then(|| format!("{} lost", figures.meter.lost)),
+        |figures| (figures.meter.lost * 50 > figures.meter.frames).then(|| format!("{} lost", figures.meter.lost)),
     );
 }
 
 #[test]
-fn bursts_of_commands_after_silence_are_all_read_in_order() {
-    all(
-        |load| load.pace == Pace::Bursts && (load.kind == Kind::LongCommand || matches!(load.kind, Kind::Command(_))),
-        incomplete,
-    );
+fn bursts_of_frames_after_silence_are_all_read_in_order() {
+    all(|load| load.pace == Pace::Bursts && !matches!(load.kind, Kind::Request | Kind::Status(..3)), incomplete);
 }
 
 #[test]
-fn bursts_of_statuses_and_the_thesis_s_commands_after_silence_lose_one_in_300_at_most() {
-    all(
-        |load| load.pace == Pace::Bursts && (load.kind == Kind::Thesis || matches!(load.kind, Kind::Status(_))),
-        nearly_incomplete,
-    );
+fn of_bursts_of_broken_statuses_of_two_bytes_at_most_one_in_10000_is_lost_at_most() {
+    all(|load| load.pace == Pace::Bursts && matches!(load.kind, Kind::Status(..3)), nearly_incomplete);
 }
 
 /// From the chip select of the look that finds the frame to the end of the instruction that releases its buffer.
@@ -136,16 +130,15 @@ fn half_of_the_frames_are_out_of_the_controller_within_450_cycles_of_the_chip_se
     );
 }
 
-/// The slowest is one that comes while a parameter is looked up by its name, or a position is worked out.
 #[test]
-fn all_but_one_in_a_hundred_frames_are_out_of_the_controller_within_1250_cycles_of_their_end_and_all_within_2500() {
+fn all_frames_are_out_of_the_controller_within_1250_cycles_of_their_end() {
     all(
         |load| load.kind != Kind::Request,
         |figures| {
             let latency = &figures.meter.latency;
-            (latency.percentile(99) > 1250 || latency.max() > 2500).then(|| {
-                format!("median {}, 99 % {}, max {} cycles", latency.median(), latency.percentile(99), latency.max())
-            })
+            // Where one is lost, the one before it was late.
+            (latency.max() > 1250 && figures.meter.lost == 0)
+                .then(|| format!("median {}, max {} cycles", latency.median(), latency.max()))
         },
     );
 }
@@ -162,17 +155,25 @@ fn no_frame_takes_more_than_two_chip_selects_and_nine_bytes_besides_its_data() {
     );
 }
 
+/// Fails unless the middle one of the commands, and the slowest, are in the servo's register within so many microseconds.
+#[track_caller]
+fn in_the_register(select: impl Fn(Load) -> bool, median_us: u64, max_us: u64) {
+    all(select, |figures| {
+        let to_servo = &figures.command_to_servo;
+        let (moves, median, max) = (to_servo.values().len(), to_servo.median() / 16, to_servo.max() / 16);
+        (moves < 100 || median > median_us || max > max_us)
+            .then(|| format!("{moves} commands, the middle one after {median} us, the slowest after {max} us"))
+    });
+}
+
 #[test]
-fn half_of_the_commands_are_in_the_servo_s_register_within_130_us_of_their_end_and_all_within_300() {
-    all(
-        |load| load.kind.moves(),
-        |figures| {
-            let to_servo = &figures.command_to_servo;
-            let (moves, median, max) = (to_servo.values().len(), to_servo.median() / 16, to_servo.max() / 16);
-            (moves < 100 || median > 130 || max > 300)
-                .then(|| format!("{moves} commands, the middle one after {median} us, the slowest after {max} us"))
-        },
-    );
+fn every_command_of_a_single_frame_is_in_the_servo_s_register_within_100_us_of_its_end() {
+    in_the_register(|load| load.kind.moves() && load.kind != Kind::LongCommand, 70, 100);
+}
+
+#[test]
+fn every_command_of_nine_frames_is_in_the_servo_s_register_within_220_us_of_its_end_and_half_within_130() {
+    in_the_register(|load| load.kind == Kind::LongCommand, 130, 220);
 }
 
 #[test]

@@ -116,11 +116,11 @@ impl Bus {
         &mut self.received().can
     }
 
-    /// Does something that takes its time, while frames are received.
+    /// Does something that takes its time, while frames are received, and counted.
     #[inline(always)]
-    pub fn meanwhile<R>(&mut self, what: impl FnOnce() -> R) -> R {
+    pub fn meanwhile<R>(&mut self, what: impl FnOnce(&CanCounters) -> R) -> R {
         unmask();
-        let result = what();
+        let result = what(&CanCounters(()));
         mask();
         result
     }
@@ -158,19 +158,21 @@ impl Bus {
         if received.waiting != 0 {
             // Safety: the handler does not run meanwhile.
             unsafe { (*(&raw mut FRAMES[0])).copy_from(&*(&raw const FRAMES[1])) };
+            // One that there was no room for does not call again.
+            self.receive();
         }
     }
 }
 
-/// What the controller has counted, to be read whenever.
-pub struct CanCounters;
+/// What the controller has counted, for what is done [`meanwhile`](Bus::meanwhile).
+pub struct CanCounters(());
 
 impl CanCounters {
     /// Looks at them while nobody counts.
     #[inline(always)]
     fn look<R>(what: impl FnOnce(&Counters) -> R) -> R {
         mask();
-        // Safety: the handler does not run meanwhile, and the main loop, which calls this, has no reference to it.
+        // Safety: the handler does not run now, and the `Bus` is borrowed for as long as this exists.
         let result = what(unsafe { &*(&raw const RECEIVED) }.can.counters());
         unmask();
         result

@@ -3,8 +3,8 @@
 //! The watchdog interrupts when the main loop has not been round for 250 ms, and the program restarts by a jump to its
 //! beginning, with the cause in GPIOR0. It does not leave this to the watchdog's own reset, because the Diecimila's bootloader
 //! leaves the watchdog running after that: it would be reset every 16 ms for ever, in the middle of waiting for an upload.
-//! The reset is only left for a restart that hangs in turn. Nothing hangs with interrupts off: once they are on, no code of
-//! this program turns them off, and its only other handler adds one to a byte.
+//! The reset is only left for a restart that hangs in turn. Nothing hangs with interrupts off: once they are on, they are off only where
+//! a handler begins and ends, and while Timer0's adds one to a byte.
 //!
 //! A panic, an interrupt without a handler and a collision of the stack with the variables restart the same way.
 

@@ -5,7 +5,7 @@
 //!
 //! | signal | pin | ATmega168 | how |
 //! | --- | --- | --- | --- |
-//! | MCP2515 INT | D2 | PD2 | input with pull-up, active low, polled as a level |
+//! | MCP2515 INT | D2 | PD2, INT0 | input with pull-up, active low: a level to look at, and an interrupt while something takes long (see [`bus`]) |
 //! | MCP2515 CS | D9 | PB1 | output, active low |
 //! | servo | D10 | PB2, OC1B | Timer1; also the SPI's SS, which must be an output for the SPI to stay master |
 //! | MOSI, MISO, SCK | D11, D12, D13 | PB3, PB4, PB5 | SPI at 8 MHz, mode 0,0 |
@@ -14,7 +14,7 @@
 //! | temperature | A0 | ADC0 | LM35, against AVCC |
 //! | serial monitor | D0, D1 | RXD, TXD | 115200 baud 8N1 |
 //!
-//! Timer0 counts milliseconds.
+//! Timer0 counts milliseconds, by an interrupt.
 
 mod adc;
 mod bus;
@@ -34,7 +34,7 @@ use avr_device::atmega168::CPU;
 use spi::{CanInterrupt, CanSelect, CanSpi};
 
 pub use adc::Adc;
-pub use bus::{Bus, CanCounters};
+pub use bus::Bus;
 pub use button::Button;
 pub use clock::Clock;
 pub use eeprom::Eeprom;

@@ -69,6 +69,8 @@ struct Rig {
     node: Node,
     receiver: Receiver,
     servo: Pulses,
+    /// Commands take the way of all other transfers.
+    is_slow: bool,
     monitor: Monitor,
     memory: Memory,
     counters: crate::can::mcp2515::Counters,
@@ -97,6 +99,7 @@ impl Rig {
             node: Node::new(),
             receiver: Receiver::new(),
             servo: Pulses(0),
+            is_slow: false,
             monitor: Monitor::new(),
             memory,
             counters: Default::default(),
@@ -164,17 +167,24 @@ impl Rig {
     }
 
     fn frames(&mut self, frames: &[Frame]) {
-        let now_ms = self.now_ms();
         for frame in frames {
+            self.frame(frame);
+        }
+    }
+
+    /// Takes a frame as the main loop does.
+    fn frame(&mut self, frame: &Frame) {
+        let now_ms = self.now_ms();
+        let followed = self.node.counts.followed;
+        self.servo.0 = 0;
+        if self.is_slow || !self.node.follow_at_once(frame, now_ms, &mut self.monitor, &mut self.servo) {
             self.node.receive(&mut { *frame }, &mut self.receiver, now_ms, InMemory, &mut self.monitor);
             while self.receiver.has_transfer() {
-                let followed = self.node.counts.followed;
-                self.servo.0 = 0;
                 self.node.act(&mut self.receiver, now_ms, InMemory, &mut self.monitor, &mut self.servo);
-                let is_followed = self.node.counts.followed != followed;
-                assert_eq!(self.servo.0, if is_followed { self.node.pulse() } else { 0 });
             }
         }
+        let is_followed = self.node.counts.followed != followed;
+        assert_eq!(self.servo.0, if is_followed { self.node.pulse() } else { 0 });
     }
 
     /// Frames of one transfer, written as in [`golden::frames`].
@@ -637,6 +647,49 @@ fn every_bit_pattern_of_a_command_leaves_the_pulse_within_the_travel() {
             }
         }
     }
+}
+
+#[test]
+fn a_command_that_is_followed_at_once_comes_to_the_same_as_by_the_way_of_all_transfers() {
+    let mut random = 99u32;
+    let mut next = move |below: u16| {
+        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (random >> 16) as u16 % below
+    };
+    let mut rigs = [Rig::new(), Rig::new()];
+    rigs[1].is_slow = true;
+    let mut at_once = 0;
+    for n in 0..20_000 {
+        let id =
+            [0x1003_F20A, 0x0004_5701, 0x1F03_F20B, 0x1003_F278, 0x1003_F200, 0x1003_F28A, 0x1002_F20A, 0x9003_F20A]
+                [usize::from(if n % 2 == 0 { next(2) } else { next(8) })];
+        let mut data = vec![next(3) as u8, [0, 1, 2, 4][usize::from(next(4))], next(256) as u8, next(256) as u8];
+        if id & 0xFF_FF00 == 0x04_5700 {
+            data.truncate(1);
+        }
+        if next(8) == 0 {
+            data.truncate(usize::from(next(5)));
+        }
+        data.push([0xC0, 0xC7, 0xDF, 0xE0, 0x80, 0x41][usize::from(if n % 2 == 0 { next(3) } else { next(6) })]);
+        let mut frame = golden::frame(id & 0x1FFF_FFFF, &data);
+        frame.id[0] |= (id >> 24) as u8 & Frame::FOREIGN;
+        let arming = (n % 500 == 0).then(|| i32::from(next(2)));
+        let seen = rigs.each_mut().map(|rig| {
+            if let Some(arming) = arming {
+                rig.set(Parameter::ArmReq, arming);
+            }
+            rig.frame(&frame);
+            let node = &rig.node;
+            let seen = (node.counts, node.pulse(), node.autopilot, node.thesis, node.hears_commands, node.is_following);
+            let text: String =
+                (0..400).map(|_| rig.monitor.next_byte(InMemory) as char).filter(|&c| c != '\0').collect();
+            rig.run(1);
+            (seen, text)
+        });
+        at_once += u32::from(seen[0].1.contains("pulse") && rigs[0].node.is_sure);
+        assert_eq!(seen[0], seen[1], "{frame:?}");
+    }
+    assert!(at_once > 2000, "{at_once}");
 }
 
 #[test]

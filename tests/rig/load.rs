@@ -550,18 +550,21 @@ impl Loaded {
     fn millisecond(&mut self) {
         let mut writes: Vec<(Cycles, u16)> = Vec::new();
         let ocr = &mut self.ocr;
-        // It is looked at after each step of the bench, which is a bit at most while there is traffic.
-        self.rig.bench.run_until_or(
-            |bench| {
-                let now = ocr1b(bench.board(0));
-                if now != *ocr {
-                    *ocr = now;
-                    writes.push((bench.now(), now));
-                }
-                false
-            },
-            MS,
-        );
+        // It is looked at after each step of the bench, which can be long while there is no traffic.
+        let end = self.rig.now() + MS;
+        while self.rig.now() < end && !self.rig.bench.is_halted() {
+            self.rig.bench.run_until_or(
+                |bench| {
+                    let now = ocr1b(bench.board(0));
+                    if now != *ocr {
+                        *ocr = now;
+                        writes.push((bench.now(), now));
+                    }
+                    false
+                },
+                US,
+            );
+        }
         let end = self.rig.now() + 1;
         self.rig.run_until(end);
         let figures = &mut self.figures;

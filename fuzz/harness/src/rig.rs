@@ -248,7 +248,9 @@ impl Rig {
         frame.data[..data.len()].copy_from_slice(data);
         let (before, now_ms) = (self.node.pulse(), self.clock());
         let parameters = self.node.parameters;
-        self.node.receive(&mut frame, &mut self.receiver, now_ms, Flash, &mut self.monitor);
+        if !self.node.follow_at_once(&frame, now_ms, &mut self.monitor, &mut Nowhere) {
+            self.node.receive(&mut frame, &mut self.receiver, now_ms, Flash, &mut self.monitor);
+        }
         let mut turns = 0;
         while self.receiver.has_transfer() {
             self.node.act(&mut self.receiver, now_ms, Flash, &mut self.monitor, &mut Nowhere);
