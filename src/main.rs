@@ -67,7 +67,7 @@ fn main() -> ! {
             continue;
         }
         if RECEIVER.has_transfer() {
-            // A request: what it asks for can take long, so that is a turn of its own, or two.
+            // Mostly a request: what it asks for can take long, so that is a turn of its own, or two.
             bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
             continue;
         }
@@ -80,7 +80,8 @@ fn main() -> ! {
             })
         {
             PACE.in_a_row += 1;
-            if RECEIVER.has_message() {
+            // If there is another frame already, that may be a command.
+            if RECEIVER.has_message() && !bus.has_frame() {
                 bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
             }
             continue;

@@ -157,7 +157,7 @@ fn no_frame_takes_more_than_two_chip_selects_and_nine_bytes_besides_its_data() {
 
 /// Fails unless the middle one of the commands, and the slowest, are in the servo's register within so many microseconds.
 #[track_caller]
-fn in_the_register(select: impl Fn(Load) -> bool, median_us: u64, max_us: u64) {
+fn in_the_register(select: impl Fn(Load) -> bool, median_us: u32, max_us: u32) {
     all(select, |figures| {
         let to_servo = &figures.command_to_servo;
         let (moves, median, max) = (to_servo.values().len(), to_servo.median() / 16, to_servo.max() / 16);
