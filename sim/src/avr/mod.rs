@@ -8,6 +8,7 @@
 //! Avr ─ machine ─┬─ core (simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog, SPM)
 //!                ├─ spi, uart, eeprom   replace simavr's models
 //!                ├─ timer1              the waveforms of OC1A and OC1B; simavr keeps the interrupts
+//!                ├─ machine             edges of INT0 and INT1 that come while masked, which simavr forgets
 //!                ├─ watchdog            its oscillator, which differs from chip to chip and has jitter
 //!                └─ adc, pins           what is outside
 //! ```

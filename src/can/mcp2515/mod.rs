@@ -20,8 +20,8 @@
 //!
 //! # Assumptions
 //!
-//! `receive` must be called for each frame within two frame times, or the chip, which has two buffers, loses frames. It counts
-//! as lost at least one each time that it says so.
+//! `receive` must be called for each frame within two frame times (one where the filters leave it one buffer), or the chip loses
+//! frames. It counts as lost at least one each time that it says so. An interrupt may call it where the driver is not in use.
 //!
 //! An SPI or a pin that reports an error is not told apart from a chip that fails: what it reads is nonsense, and the chip is
 //! started over.
