@@ -30,7 +30,7 @@ use {
     node::can::bit_timing::BitTiming,
     node::dronecan::receive::Receiver,
     node::monitor::Monitor,
-    node::node::{Node, condition::ResetCause, parameters::Parameter, servo::Output},
+    node::node::{Node, condition::ResetCause, is_like_a_command, parameters::Parameter, servo::Output},
 };
 
 #[cfg(target_arch = "avr")]
@@ -80,8 +80,8 @@ fn main() -> ! {
             })
         {
             PACE.in_a_row += 1;
-            // If there is another frame already, that may be a command.
-            if RECEIVER.has_message() && !bus.has_frame() {
+            // If a command waits already, that comes first.
+            if RECEIVER.has_message() && !bus.has_frame_like(is_like_a_command) {
                 bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
             }
             continue;

@@ -140,6 +140,13 @@ impl Bus {
         self.received().waiting != 0
     }
 
+    /// Whether there is one, and that is such a one.
+    #[inline(always)]
+    pub fn has_frame_like(&mut self, is_such: impl FnOnce(&Frame) -> bool) -> bool {
+        // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
+        self.has_frame() && is_such(unsafe { &*(&raw const FRAMES[0]) })
+    }
+
     /// Handles the oldest frame that has come out of the controller, if there is one; it stays if it was not handled. Whether one was.
     #[inline(always)]
     pub fn handle(&mut self, what: impl FnOnce(&mut Frame) -> bool) -> bool {

@@ -88,6 +88,18 @@ impl Dialect {
     }
 }
 
+/// The type of ArrayCommand, as it is in an identifier.
+const COMMAND: [u8; 2] = Kind::ARRAY_COMMAND.data_type().to_be_bytes();
+
+/// That of the thesis's command.
+const THESIS: [u8; 2] = Kind::SERVO_COMMAND.data_type().to_be_bytes();
+
+/// Whether a frame has the lower byte of a command's type.
+#[inline(always)]
+pub fn is_like_a_command(frame: &Frame) -> bool {
+    frame.id[2] == COMMAND[1] || frame.id[2] == THESIS[1]
+}
+
 #[inline(never)]
 fn count(counter: &mut u16) {
     *counter = counter.wrapping_add(1);
@@ -711,8 +723,6 @@ impl Node {
         monitor: &mut Monitor,
         servo: &mut impl Output,
     ) -> bool {
-        const COMMAND: [u8; 2] = Kind::ARRAY_COMMAND.data_type().to_be_bytes();
-        const THESIS: [u8; 2] = Kind::SERVO_COMMAND.data_type().to_be_bytes();
         const ONE_FRAME: u8 = START_OF_TRANSFER | END_OF_TRANSFER;
         let [first, high, low, source] = frame.id;
         let [code, command, v0, v1, mut tail, ..] = frame.data;
