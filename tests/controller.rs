@@ -3,14 +3,12 @@
 mod rig;
 
 use rig::status::{CONTROLLER_LOST, FRAMES_LOST, WARNING};
-use rig::{ARRAY_COMMAND, MS, NODE, Rig, status_fields};
+use rig::{ARRAY_COMMAND, MS, Rig, status_fields};
 use sim::board::WireEvent;
 use sim::can::Fault;
 use sim::mcp2515::Mode;
 
 /// Addresses of DS20001801J table 11-1.
-/// From node 10.
-
 const CNF1: u8 = 0x2A;
 const CNF2: u8 = 0x29;
 const CNF3: u8 = 0x28;

@@ -52,7 +52,7 @@ impl Received {
         // What comes from here on calls again. The bit is the only one that a write changes.
         exint().eifr().write(|w| w.intf().set(INT0_BIT));
         // Safety: one that is not waiting is not the main loop's.
-        let frame = unsafe { if self.waiting == 0 { &mut *(&raw mut FRAMES[0]) } else { &mut *(&raw mut FRAMES[1]) } };
+        let frame = unsafe { if self.waiting == 0 { &mut FRAMES[0] } else { &mut FRAMES[1] } };
         let is_one = self.can.receive(frame);
         if is_one {
             self.waiting = self.waiting.wrapping_add(1);
@@ -86,7 +86,7 @@ fn INT0() {
     // Safety: INT0 is masked, so this handler is not interrupted by itself.
     unsafe { avr_device::interrupt::enable() };
     // Safety: only `Bus` uses this besides, and has no reference to it while INT0 is let in.
-    let received = unsafe { &mut *(&raw mut RECEIVED) };
+    let received = unsafe { &mut RECEIVED };
     // A line that stays low without a frame is the main loop's, which looks for that every 10 ms.
     while received.is_called() && received.fetch() {}
     avr_device::interrupt::disable();
@@ -107,7 +107,7 @@ impl Bus {
     #[inline(always)]
     fn received(&mut self) -> &mut Received {
         // Safety: there is one `Bus`, which is borrowed for as long as this is, and the handler does not run meanwhile.
-        unsafe { &mut *(&raw mut RECEIVED) }
+        unsafe { &mut RECEIVED }
     }
 
     /// The controller.
@@ -144,14 +144,14 @@ impl Bus {
     #[inline(always)]
     pub fn has_frame_like(&mut self, is_such: impl FnOnce(&Frame) -> bool) -> bool {
         // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
-        self.has_frame() && is_such(unsafe { &*(&raw const FRAMES[0]) })
+        self.has_frame() && is_such(unsafe { &FRAMES[0] })
     }
 
     /// Handles the oldest frame that has come out of the controller, if there is one; it stays if it was not handled. Whether one was.
     #[inline(always)]
     pub fn handle(&mut self, what: impl FnOnce(&mut Frame) -> bool) -> bool {
         // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
-        if !self.has_frame() || !what(unsafe { &mut *(&raw mut FRAMES[0]) }) {
+        if !self.has_frame() || !what(unsafe { &mut FRAMES[0] }) {
             return false;
         }
         self.release();
@@ -163,8 +163,9 @@ impl Bus {
         let received = self.received();
         received.waiting = received.waiting.wrapping_sub(1);
         if received.waiting != 0 {
-            // Safety: the handler does not run meanwhile.
-            unsafe { (*(&raw mut FRAMES[0])).copy_from(&*(&raw const FRAMES[1])) };
+            // Safety: the handler does not run meanwhile, and nobody else has a reference.
+            let [first, second] = unsafe { &mut FRAMES };
+            first.copy_from(second);
             // One that there was no room for does not call again.
             self.receive();
         }
@@ -180,7 +181,7 @@ impl CanCounters {
     fn look<R>(what: impl FnOnce(&Counters) -> R) -> R {
         mask();
         // Safety: the handler does not run now, and the `Bus` is borrowed for as long as this exists.
-        let result = what(unsafe { &*(&raw const RECEIVED) }.can.counters());
+        let result = what(unsafe { &RECEIVED }.can.counters());
         unmask();
         result
     }

@@ -227,14 +227,14 @@ impl Names {
         functions.into_iter().rev().find(|name| !name.starts_with("__vector")).unwrap_or_default()
     }
 
-    /// What the main function is at: the function that is inlined there or that it calls, or itself.
+    /// What the main function is at: the function that it calls, or that is inlined there, or itself.
     fn task(&self, step: &Step) -> String {
         if step.in_main < VECTORS_END {
             return "interrupts".to_owned();
         }
-        let inlined = self.functions(step.in_main).into_iter().rev().nth(1);
-        let called = || self.functions(step.called?).pop();
-        inlined.or_else(called).unwrap_or_else(|| "the loop itself".to_owned())
+        let called = step.called.and_then(|called| self.functions(called).pop());
+        let inlined = || self.functions(step.in_main).into_iter().rev().nth(1);
+        called.or_else(inlined).unwrap_or_else(|| "the loop itself".to_owned())
     }
 }
 
