@@ -37,7 +37,7 @@ def linked(tmp_path):
         (tmp_path / "program.s").write_text(source)
         assembler = ["avr-gcc", "-mmcu=atmega168", "-mrelax", "-Wa,-mlink-relax", "-c", tmp_path / "program.s", "-o", tmp_path / "program.o"]
         subprocess.run(assembler, check=True)
-        linker = [ROOT / "scripts" / "link-small", "-mmcu=atmega168", tmp_path / "program.o", "-o", tmp_path / "program.elf"]
+        linker = [ROOT / "scripts" / "link-small", "-mmcu=atmega168", "-Wl,--gc-sections", tmp_path / "program.o", "-o", tmp_path / "program.elf"]
         subprocess.run(linker, check=True)
         listing = subprocess.run(["avr-objdump", "-d", "--no-show-raw-insn", tmp_path / "program.elf"], check=True, capture_output=True, text=True)
 
@@ -52,6 +52,22 @@ def linked(tmp_path):
         return instructions
 
     return link
+
+
+def addresses(tmp_path):
+    listing = subprocess.run(["avr-nm", tmp_path / "program.elf"], check=True, capture_output=True, text=True).stdout
+    return {name: int(value, 16) for value, _, name in (line.split() for line in listing.splitlines()) if value != "w"}
+
+
+def test_variables_that_only_y_reaches_stay_where_y_reaches_them(linked, tmp_path):
+    """The linker leaves out a variable that nothing refers to, and those behind it would move."""
+    variables = "".join(
+        f'    .section .bss.{name},"aw",@nobits\n    .type {name},@object\n    .size {name}, 1\n{name}: .zero 1\n' for name in ("first", "second")
+    )
+    program = linked(also=variables, f="    lds r24, first\n    sts second, r24\n    ret\n")
+    found = addresses(tmp_path)
+    reached = [int(re.search(r"Y\+?(\d*)", one)[1] or 0) + found["__y_window"] for one in program("f")[:2]]
+    assert reached == [found["first"], found["second"]]
 
 
 def without_jumps(instructions):
