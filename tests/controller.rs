@@ -3,7 +3,7 @@
 mod rig;
 
 use rig::status::{CONTROLLER_LOST, FRAMES_LOST, WARNING};
-use rig::{ARRAY_COMMAND, MS, Rig, status_fields};
+use rig::{ARRAY_COMMAND, MS, Rig, US, status_fields};
 use sim::board::WireEvent;
 use sim::can::Fault;
 use sim::mcp2515::Mode;
@@ -302,6 +302,24 @@ fn errors_on_the_bus_never_hold_the_int_pin_low() {
     meddle(&mut rig, &[&[WRITE, CANINTE, 0xFF]]);
     put_right_within_100_ms(&mut rig);
     assert!(chip.borrow().int_pin());
+}
+
+/// The edge may come while the program waits for frames by interrupt, or while it looks at the line itself.
+#[test]
+fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_hold_the_program_up() {
+    let mut rig = Rig::running();
+    for n in 0..20 {
+        rig.forget();
+        rig.send_command(1, 0, 0.25);
+        let moment = rig.now() + MS + n * 37 * US;
+        rig.run_until(moment);
+        rig.board().set_stuck_int(Some(false));
+        rig.run_ms(300);
+        rig.board().set_stuck_int(None);
+        rig.run_ms(200);
+        assert!(!rig.serial.contains("reset:"), "at moment {n}\n{}", rig.serial);
+        assert!(rig.serial.contains("CAN: MCP2515 lost its configuration"), "{}", rig.serial);
+    }
 }
 
 /// RXnOVR stays set until the program clears it: left alone, the next loss would not be seen.
