@@ -113,7 +113,7 @@ pub const BABBLE: Case = Case {
     noticed: "frames given up (bit 8)",
     reaction: "tries each frame for a second, then drops it; what is for others costs nothing",
     servo: FAILSAFE,
-    told_limit_ms: Some(1300),
+    told_limit_ms: Some(1500),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let flood = |rig: &mut Rig, on: bool| {
