@@ -7,7 +7,7 @@ mod rig;
 
 use std::sync::{LazyLock, Mutex};
 
-use rig::load::{Client, Figures, Kind, Load, Loaded, Meter, Pace};
+use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
 use rig::profile::{Names, Profile};
 
 /// Simulated time of each load.
@@ -227,9 +227,6 @@ fn its_status_goes_out_each_second_on_a_full_bus() {
 fn a_bus_full_of_frames_for_others_costs_nothing() {
     let run = |load| {
         let mut loaded = Loaded::new(load, Client::None);
-        // The first of them makes the node, which is sure of its dialect, give the controller closer filters.
-        loaded.run_ms(20);
-        loaded.figures = Figures { meter: Meter::attach(loaded.rig.board()), ..Figures::default() };
         let profile = Profile::begin(loaded.rig.board().avr_mut());
         loaded.run_ms(1200);
         let (_, mean, _) = profile.turns();

@@ -450,11 +450,8 @@ fn main() {
     let soak = Load { kind: Kind::Thesis, priority: 31, pace: Pace::Full };
     runs.push((soak, SOAK_MS, node_under(soak, SOAK_MS)));
     loads(&mut page, &runs);
-    let mut foreign =
-        Loaded::new(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }), Client::Saving);
-    // The first of them makes the node, which is sure of its dialect, give the controller closer filters. It is sure for 1.5 s.
-    foreign.run_ms(20);
-    foreign.figures = Figures { meter: Meter::attach(foreign.rig.board()), ..Figures::default() };
+    let mut foreign = Loaded::new(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }), Client::Saving);
+    // The node is sure of its dialect for 1.5 s.
     foreign.run_ms(FOREIGN_MS);
     let foreign = foreign.finish();
     let _ = writeln!(
@@ -462,10 +459,7 @@ fn main() {
         "\nA bus full of messages for others costs nothing where there is an autopilot: the filters keep them out, and the {} frames that \
          the node\n\
          read in {} ms of it were the client's. {} of its own went out meanwhile, {} NodeStatus among them.",
-        foreign.meter.frames,
-        FOREIGN_MS,
-        foreign.own_frames,
-        foreign.own_statuses
+        foreign.meter.frames, FOREIGN_MS, foreign.own_frames, foreign.own_statuses
     );
     page.push_str(
         "\n### The floor\n\n\

@@ -142,6 +142,9 @@ pub struct Node {
     armed_s: u8,
     /// See [`takes_filters`](Self::takes_filters).
     has_filters_to_give: bool,
+    /// The controller is to have other filters after the next command, or status if there are no commands: they are five milliseconds in
+    /// which it hears nothing.
+    wants_filters: bool,
     /// What the node speaks; nothing yet is v0.
     dialect: Dialect,
     /// Sure of that, it hears nothing else.
@@ -204,6 +207,7 @@ impl Node {
             parameters: Parameters::new(),
             id: 0,
             has_filters_to_give: false,
+            wants_filters: false,
             dialect: Dialect::ANY,
             is_sure: false,
             heard: Dialect::ANY,
@@ -342,6 +346,7 @@ impl Node {
     /// Whether the controller is to get its filters: they do not know the node's ID yet, or no command comes any more, and
     /// nobody can see whether the filters are why.
     pub fn takes_filters(&mut self) -> bool {
+        self.wants_filters &= !self.has_filters_to_give;
         core::mem::take(&mut self.has_filters_to_give)
     }
 
@@ -533,7 +538,8 @@ impl Node {
         }
         // Filters for v0 alone would not have let it through; a standard frame none.
         if refusal == Refusal::Kind && self.is_sure && self.row == acceptance::EITHER && first < Frame::FOREIGN {
-            self.take_row(acceptance::V0);
+            self.row = acceptance::V0;
+            self.wants_filters = true;
         }
         count(&mut self.counts.refused);
         let event = monitor.tell(Line::RefusedKind.plus((refusal as u8).wrapping_sub(Refusal::Kind as u8)));
@@ -772,8 +778,12 @@ impl Node {
         if line.is_refusal() {
             count(&mut self.counts.refused);
         }
-        if !self.is_sure && line.is_of_autopilot() {
-            self.hear(now_ms);
+        if line.is_of_autopilot() {
+            if !self.is_sure {
+                self.hear(now_ms);
+            }
+            // Another node's status may come just before a command.
+            self.has_filters_to_give |= self.wants_filters && (line != Line::Status || !self.is_following);
         }
         if self.is_following {
             self.condition(Conditions::FAILSAFE, false, [Line::Failsafe, Line::FailsafeEnd], monitor);

@@ -248,11 +248,8 @@ impl Soak {
         }
         let after = self.counters();
         let commands = (self.report.commands - commands) as u16;
-        // Once after a fault: the first frames that v0's own filters would have kept out are refused, and have the controller given
-        // those filters, which takes it off the bus for 5 ms (docs/dialects.md). One command falls into that at most.
-        let missed = commands.wrapping_sub(after[0].wrapping_sub(before[0]));
-        let allowed = u16::from(after[1] != before[1]);
-        assert!(missed <= allowed, "{missed} of {commands} commands not followed; counters {before:?} to {after:?}");
+        let followed = after[0].wrapping_sub(before[0]);
+        assert_eq!(followed, commands, "commands followed; counters {before:?} to {after:?}");
         assert_eq!(after[3], before[3], "sends given up");
         // A node that was not sure of its dialect a moment ago has filters that let through some of what is for others, and
         // they come back to back.
