@@ -4,7 +4,7 @@
 //! beginning, with the cause in GPIOR0. It does not leave this to the watchdog's own reset, because the Diecimila's bootloader
 //! leaves the watchdog running after that: it would be reset every 16 ms for ever, in the middle of waiting for an upload.
 //! The reset is only left for a restart that hangs in turn. Nothing hangs with interrupts off: once they are on, they are off only where
-//! a handler begins and ends, and while Timer0's adds one to a byte.
+//! a handler begins and ends, while Timer0's adds one to a byte, and for seven cycles where a byte of the EEPROM is begun.
 //!
 //! A panic, an interrupt without a handler and a collision of the stack with the variables restart the same way.
 
