@@ -142,8 +142,8 @@ pub struct Node {
     armed_s: u8,
     /// See [`takes_filters`](Self::takes_filters).
     has_filters_to_give: bool,
-    /// The controller is to have other filters after the next command, or status if there are no commands: they are five milliseconds in
-    /// which it hears nothing.
+    /// The controller is to have other filters right after a command that was followed, or after the autopilot's status where there are none:
+    /// they are five milliseconds in which it hears nothing.
     wants_filters: bool,
     /// What the node speaks; nothing yet is v0.
     dialect: Dialect,
@@ -778,12 +778,8 @@ impl Node {
         if line.is_refusal() {
             count(&mut self.counts.refused);
         }
-        if line.is_of_autopilot() {
-            if !self.is_sure {
-                self.hear(now_ms);
-            }
-            // Another node's status may come just before a command.
-            self.has_filters_to_give |= self.wants_filters && (line != Line::Status || !self.is_following);
+        if !self.is_sure && line.is_of_autopilot() {
+            self.hear(now_ms);
         }
         if self.is_following {
             self.condition(Conditions::FAILSAFE, false, [Line::Failsafe, Line::FailsafeEnd], monitor);
@@ -802,6 +798,7 @@ impl Node {
         self.is_following = true;
         self.hears_commands = false;
         self.followed_ms = now_ms;
+        self.has_filters_to_give |= self.wants_filters;
         count(&mut self.counts.followed);
         line
     }
@@ -811,6 +808,7 @@ impl Node {
             return;
         }
         self.occasion_ms = now_ms;
+        self.has_filters_to_give |= self.wants_filters && !self.is_following;
         // Soon after the last it waits until it may go.
         self.due.set(Due::NODE_STATUS);
         if self.thesis || self.dialect == Dialect::DRAFT {
