@@ -123,9 +123,11 @@ fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
         rig.send(NODE_STATUS | 10, &autopilot);
         rig.run_ms(600);
     }
-    // The first that gets through makes it give the controller closer filters, for which that leaves the bus.
+    // The first that gets through makes it give the controller closer filters after the autopilot's next message, for which that leaves the
+    // bus.
     rig.send(0x1804_562A, &[0xA5; 8]);
-    rig.run_ms(10);
+    rig.send(NODE_STATUS | 10, &autopilot);
+    rig.run_ms(600);
     rig.forget();
     let others = [0x1804_562A, 0x1803_F32A, 0x1E01_AAFF, 0x1E97_4D00, 0x1804_2E0A, 0x1004_5801, 0x1803_F2AA];
     for n in 0..20_000u32 {

@@ -808,7 +808,8 @@ impl Node {
             return;
         }
         self.occasion_ms = now_ms;
-        self.has_filters_to_give |= self.wants_filters && !self.is_following;
+        const NO_COMMANDS_MS: u16 = 256;
+        self.has_filters_to_give |= self.wants_filters && now_ms.wrapping_sub(self.followed_ms) >= NO_COMMANDS_MS;
         // Soon after the last it waits until it may go.
         self.due.set(Due::NODE_STATUS);
         if self.thesis || self.dialect == Dialect::DRAFT {

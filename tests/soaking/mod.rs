@@ -251,9 +251,9 @@ impl Soak {
         let followed = after[0].wrapping_sub(before[0]);
         assert_eq!(followed, commands, "commands followed; counters {before:?} to {after:?}");
         assert_eq!(after[3], before[3], "sends given up");
-        // A node that was not sure of its dialect a moment ago has filters that let through some of what is for others, and
-        // they come back to back.
-        assert!(after[1].wrapping_sub(before[1]) <= 20, "frames refused {before:?} to {after:?}");
+        // A node that was not sure of its dialect a moment ago has filters that let through some of what is for others, until the next
+        // command, and they come back to back.
+        assert!(after[1].wrapping_sub(before[1]) <= 40, "frames refused {before:?} to {after:?}");
         assert!(after[2].wrapping_sub(before[2]) <= 2, "receive overruns {before:?} to {after:?}");
         assert!(self.rig.board().chip().borrow().rx_overflows() <= lost + 2, "frames lost in the controller");
         assert_eq!(self.rig.board().avr().resets().len(), resets, "resets of the chip");
