@@ -479,11 +479,13 @@ impl Loaded {
             rig.send_status_from(1);
             rig.run_ms(10);
         }
-        // A message for others shows it that its filters let through what they need not, and a command is when it takes closer ones.
-        rig.send(FOREIGN | SENDER, &[0xC0]);
-        rig.run_ms(2);
-        rig.send_command(1, 4, 1500.0);
-        rig.run_ms(20);
+        if load.is_none_or(|load| load.kind == Kind::Foreign) {
+            // A message for others shows it that its filters let through what they need not, and a command is when it takes closer ones.
+            rig.send(FOREIGN | SENDER, &[0xC0]);
+            rig.run_ms(2);
+            rig.send_command(1, 4, 1500.0);
+            rig.run_ms(20);
+        }
         rig.forget();
         let sender = load.map(|load| Sender::attach(&mut rig.bench, load));
         let figures = Figures { meter: Meter::attach(rig.board()), ..Figures::default() };
