@@ -343,8 +343,8 @@ impl Node {
         self.id
     }
 
-    /// Whether the controller is to get its filters: they do not know the node's ID yet, or no command comes any more, and
-    /// nobody can see whether the filters are why.
+    /// Whether the controller is to get its filters: they do not know the node's ID yet; or they let through what is for others; or no
+    /// command comes any more, and nobody can see whether the filters are why.
     pub fn takes_filters(&mut self) -> bool {
         self.wants_filters &= !self.has_filters_to_give;
         core::mem::take(&mut self.has_filters_to_give)
@@ -625,13 +625,14 @@ impl Node {
                     (value, command) = (transfer.word(1), CommandType::Unitless as u8);
                 }
                 let line = self.obey(command, value, source, now_ms, servo);
-                self.note(line, event)
+                self.note(line, event);
+                line
             }
             Kind::SERVO_COMMAND if transfer.len == 1 => {
-                self.thesis = true;
                 event.set_code(b0);
                 let line = self.obey_thesis(b0, source, now_ms, servo);
-                self.note(line, event)
+                self.note(line, event);
+                line
             }
             Kind::LIGHTS_COMMAND if transfer.len == 0 => {
                 if transfer.has_entry {
@@ -709,14 +710,13 @@ impl Node {
 
     /// Notes what the last command said in its event, but for the line.
     #[inline(never)]
-    fn note(&self, line: Line, event: &mut Event) -> Line {
+    fn note(&self, line: Line, event: &mut Event) {
         event.b = self.pulse;
         event.a = match line {
             Line::CommandPwm => (self.value >> 1) as u16,
             Line::CommandPosition => (i32::from(self.value).wrapping_mul(1000) >> 12) as u16,
             _ => (i32::from(self.value).wrapping_mul(1000) >> 14) as u16,
         };
-        line
     }
 
     /// Follows a command for this actuator that is a single frame, without the detour over its transfer; whether it was one. Only when
