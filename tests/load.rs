@@ -138,8 +138,8 @@ fn all_frames_are_out_of_the_controller_within_1300_cycles_of_their_end() {
         |figures| {
             let latency = &figures.meter.latency;
             // Where one is lost, the one before it was late.
-            (latency.max() > 1300 && figures.meter.lost == 0)
-                .then(|| format!("median {}, max {} cycles", latency.median(), latency.max()))
+            let limit = if figures.meter.lost == 0 { 1300 } else { 2000 };
+            (latency.max() > limit).then(|| format!("median {}, max {} cycles", latency.median(), latency.max()))
         },
     );
 }
@@ -200,7 +200,7 @@ fn the_node_s_own_messages_go_out_when_arbitration_lets_them() {
         |load| load.priority == 31 && !matches!(load.kind, Kind::Request | Kind::Thesis),
         |figures| {
             let (frames, answers) = (figures.own_frames, figures.answers);
-            (frames < 200 || answers < 8).then(|| format!("{frames} frames, {answers} answers"))
+            (frames < 200 || answers < 20).then(|| format!("{frames} frames, {answers} answers"))
         },
     );
     // The thesis's commands leave the least time: each is a whole command, in the shortest frame that can be one.
