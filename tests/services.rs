@@ -402,6 +402,25 @@ fn node_information_comes_within_50_ms_while_commands_flow() {
     }
 }
 
+/// Every request of a burst is either answered or refused, told and counted.
+#[test]
+fn of_a_burst_of_requests_those_whose_replies_would_have_no_room_are_refused() {
+    const BURST: usize = 30;
+    for request in [Message::NodeInfoRequest, read(0)] {
+        let mut rig = Rig::running();
+        for _ in 0..BURST {
+            rig.request(&request);
+        }
+        rig.run_ms(300);
+        let answered = rig.answers().len();
+        assert!((8..BURST).contains(&answered), "{answered}");
+        rig.wait_for_line("refused: request from 127, busy", 300);
+        rig.board().avr_mut().serial_send(b"?");
+        rig.wait_for_line(&format!("commands followed 0, frames refused {}", BURST - answered), 300);
+        assert_eq!(rig.board().chip().borrow().rx_overflows(), 0);
+    }
+}
+
 /// Commands at 400 Hz, each of which must be followed: the pulse is always one of the last two widths.
 fn command_for(rig: &mut Rig, ms: u64) {
     let seen = rig.pulses.len();

@@ -36,6 +36,8 @@ pub enum Refusal {
     Source,
     /// Not a transfer: no tail byte, or a transfer of several frames where one is enough.
     Form,
+    /// A request, while there is no room for its reply.
+    Busy,
     /// The CRC is wrong, or an earlier transfer of the lane did not end.
     Broken,
     /// Another sender's transfer is under way.

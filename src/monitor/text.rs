@@ -43,6 +43,8 @@ lines! {
     RefusedSource = "refused: type %a from %s, anonymous or mine",
     /// Refused a frame.
     RefusedTransfer = "refused: type %a from %s, not one whole frame",
+    /// Refused a request.
+    RefusedBusy = "refused: request from %s, busy",
     /// Refused a frame.
     RefusedBroken = "refused: type %a from %s, broken",
     /// Refused a frame.
@@ -53,8 +55,6 @@ lines! {
     RefusedType = "refused: command from %s tid %t, unknown type",
     /// Refused a command.
     RefusedDisarmed = "refused: command from %s tid %t, disarmed",
-    /// Refused a request.
-    RefusedBusy = "refused: request from %s tid %t, busy",
     /// Refused a command.
     RefusedValue = "refused: command from %s tid %t, no such pulse",
     /// Received a NodeStatus.

@@ -22,7 +22,7 @@ use crate::dronecan::acceptance::{self, NodeAcceptance};
 use crate::dronecan::draft;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::{Receiver, Refusal, Transfer};
-use crate::dronecan::wire::{END_OF_TRANSFER, START_OF_TRANSFER, TOGGLE, TRANSFER_ID};
+use crate::dronecan::wire::{END_OF_TRANSFER, SERVICE_NOT_MESSAGE, START_OF_TRANSFER, TOGGLE, TRANSFER_ID};
 use crate::dronecan::{NodeId, float16};
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
@@ -98,6 +98,13 @@ const THESIS: [u8; 2] = Kind::SERVO_COMMAND.data_type().to_be_bytes();
 #[inline(always)]
 pub fn is_like_a_command(frame: &Frame) -> bool {
     frame.id[2] == COMMAND[1] || frame.id[2] == THESIS[1]
+}
+
+/// Whether a frame is a whole request, to whomever: the filters let through those to this node.
+#[inline(always)]
+fn is_request(frame: &Frame) -> bool {
+    frame.id[3] & SERVICE_NOT_MESSAGE != 0
+        && frame.data().last().is_some_and(|&tail| tail >= START_OF_TRANSFER | END_OF_TRANSFER)
 }
 
 #[inline(never)]
@@ -518,6 +525,9 @@ impl Node {
         // Sure of v0, it has last been spoken to in v0.
         if !self.is_sure || self.dialect == Dialect::DRAFT {
             self.spoken = if draft::translate(frame, flash) { Dialect::DRAFT } else { Dialect::V0 };
+        }
+        if self.replies.is_full() && is_request(frame) {
+            return self.refuse(Refusal::Busy, frame, monitor);
         }
         let actuator_id = self.parameters.get(Parameter::SrvId) as u8;
         let light_id = self.parameters.get(Parameter::LightId) as u8;

@@ -77,6 +77,12 @@ impl Replies {
         Self { waiting: [none; WAITING], first: 0, count: 0, is_saving: false }
     }
 
+    /// Whether no more can wait.
+    #[inline(always)]
+    pub fn is_full(&self) -> bool {
+        self.count == WAITING as u8
+    }
+
     /// Whether nobody waits.
     pub fn is_empty(&self) -> bool {
         self.count == 0
@@ -103,7 +109,7 @@ impl Node {
         let mut line = Line::Request;
         let mut argument = 0;
         event.a = transfer.kind.id(flash);
-        if self.replies.count == WAITING as u8 {
+        if self.replies.is_full() {
             return Line::RefusedBusy;
         }
         match transfer.kind {

@@ -9,7 +9,7 @@ use sim::Cycles;
 use sim::bench::Bench;
 use sim::board::{Board, WireEvent};
 use sim::can::{Frame, Id, SoftNode};
-use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
+use sim::dronecan::{Message, Opcode, ParameterRequest, TransferId, Value, split, types};
 use sim::mcp2515::Fate;
 
 use super::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, array_command};
@@ -51,6 +51,10 @@ pub enum Kind {
     Thesis,
     /// A request for the node's information: RXB0.
     Request,
+    /// A request for a parameter by its index, of 3 bytes.
+    ParameterRequest,
+    /// A request for a parameter by its name, of three frames.
+    LongRequest,
     /// A frame for others, of 8 bytes.
     Foreign,
     /// A frame of so many bytes that the firmwares of `strangers/` take.
@@ -59,7 +63,7 @@ pub enum Kind {
 
 impl Kind {
     /// All that the node takes.
-    pub const MATCHING: [Kind; 14] = [
+    pub const MATCHING: [Kind; 16] = [
         Kind::Command(0),
         Kind::Command(1),
         Kind::Command(2),
@@ -74,7 +78,14 @@ impl Kind {
         Kind::Status(8),
         Kind::Thesis,
         Kind::Request,
+        Kind::ParameterRequest,
+        Kind::LongRequest,
     ];
+
+    /// Whether its frames are requests to the node.
+    pub fn is_request(self) -> bool {
+        matches!(self, Kind::Request | Kind::ParameterRequest | Kind::LongRequest)
+    }
 
     /// Whether its frames make the servo move.
     pub fn moves(self) -> bool {
@@ -174,6 +185,15 @@ impl Sender {
             Kind::Status(len) => (NODE_STATUS | SENDER, self.padded(&[10, 0, 0, 0, 0, 0, 0], len)),
             Kind::Thesis => (SERVO_COMMAND | SENDER, self.padded(&[self.count as u8], 2)),
             Kind::Request => (0x1E01_80FF | NODE << 8, self.padded(&[], 1)),
+            Kind::ParameterRequest => (0x1E0B_80FF | NODE << 8, self.padded(&[0, 0], 3)),
+            Kind::LongRequest => {
+                if self.rest.is_empty() {
+                    let request = ParameterRequest { name: "SRV_REVERSED".into(), ..ParameterRequest::default() };
+                    let signature = types::GET_SET.signature.expect("known");
+                    self.rest = split(&request.encode(), TransferId::new(self.next_transfer_id()), signature).into();
+                }
+                (0x1E0B_80FF | NODE << 8, self.rest.pop_front().expect("a frame"))
+            }
             Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
             Kind::Stranger(len) => (STRANGERS, self.padded(&[], len)),
             Kind::LongCommand => {
