@@ -101,32 +101,32 @@ impl Transfer {
     /// Takes payload bytes; the IDs are those of the entries to keep of the lists.
     #[inline(never)]
     fn take(&mut self, bytes: &[u8], actuator_id: u8, light_id: u8) {
-        // Only a transfer of several frames has a CRC.
-        if self.is_open {
-            let mut sum = self.sum;
-            for &byte in bytes {
-                sum = crc::step(sum, byte);
-            }
-            self.sum = sum;
-        }
+        let mut sum = self.sum;
         let mut len = self.len;
         let (entry_len, id) = match self.kind {
             Kind::ARRAY_COMMAND => (4, actuator_id),
             Kind::LIGHTS_COMMAND => (3, light_id),
             Kind::DRAFT_COMMAND => (3, actuator_id),
             _ => {
-                if let Some(places) = self.bytes.get_mut(usize::from(len)..) {
-                    for (place, &byte) in places.iter_mut().zip(bytes) {
+                for &byte in bytes {
+                    // Only a transfer of several frames has a CRC.
+                    if self.is_open {
+                        sum = crc::add(sum, byte);
+                    }
+                    if let Some(place) = self.bytes.get_mut(usize::from(len)) {
                         *place = byte;
                     }
+                    len = len.saturating_add(1);
                 }
-                self.len = len.saturating_add(bytes.len() as u8);
+                self.len = len;
+                self.sum = sum;
                 return;
             }
         };
         let mut other = self.other;
         let mut has_entry = self.has_entry;
         for &byte in bytes {
+            sum = crc::step(sum, byte);
             if len == 0 {
                 other = byte ^ id;
             }
@@ -141,6 +141,7 @@ impl Transfer {
                 len = 0;
             }
         }
+        self.sum = sum;
         self.other = other;
         self.has_entry = has_entry;
         self.len = len;

@@ -571,6 +571,13 @@ impl Node {
         if transfer.kind == Kind::GET_SET && serve::look_up(transfer, flash) {
             return;
         }
+        if let Some(line) = self.heed_command(transfer, now_ms, servo) {
+            let (source, transfer_id) = (transfer.source, transfer.transfer_id());
+            let is_thesis = transfer.kind == Kind::SERVO_COMMAND;
+            let code = if is_thesis { transfer.bytes[0] } else { self.parameters.get(Parameter::SrvId) as u8 };
+            receiver.clear();
+            return self.tell_command(line, source, transfer_id, code, now_ms, monitor);
+        }
         count(&mut self.counts.received);
         // Every transfer gives one line.
         let event = monitor.tell(Line::RefusedLength);
@@ -581,22 +588,64 @@ impl Node {
         } else if !self.is_sure && self.is_foreign() {
             Line::RefusedType
         } else {
-            self.heed(transfer, event, now_ms, flash, servo)
+            self.heed(transfer, event, now_ms, flash)
         };
         event.line = line;
         receiver.clear();
         self.conclude(line, now_ms, monitor);
     }
 
-    /// Acts on a message and notes what it says in `event`. The line that tells of it, or why it is refused.
-    fn heed(
+    /// Acts on a command, if it is one and well-formed: the pulse comes before anything is noted of it.
+    #[inline(always)]
+    fn heed_command(&mut self, transfer: &Transfer, now_ms: u16, servo: &mut impl Output) -> Option<Line> {
+        let source = NodeId::new(transfer.source)?;
+        let is_thesis = match transfer.kind {
+            // Whole entries only.
+            Kind::ARRAY_COMMAND | Kind::DRAFT_COMMAND if transfer.len == 0 => false,
+            Kind::SERVO_COMMAND if transfer.len == 1 => true,
+            _ => return None,
+        };
+        if !self.is_sure && self.is_foreign() {
+            return Some(Line::RefusedType);
+        }
+        let [b0, b1, b2, b3, ..] = transfer.bytes;
+        if is_thesis {
+            return Some(self.obey_thesis(b0, source, now_ms, servo));
+        }
+        self.hears_commands = true;
+        if !transfer.has_entry {
+            return Some(Line::CommandElsewhere);
+        }
+        let mut command = b1;
+        let mut value = [b2, b3];
+        if self.spoken == Dialect::DRAFT {
+            (command, value) = (CommandType::Unitless as u8, [b1, b2]);
+        }
+        Some(self.obey(command, u16::from_le_bytes(value), source, now_ms, servo))
+    }
+
+    /// Tells what became of a command.
+    #[inline(never)]
+    fn tell_command(
         &mut self,
-        transfer: &Transfer,
-        event: &mut Event,
+        line: Line,
+        source: u8,
+        transfer_id: u8,
+        code: u8,
         now_ms: u16,
-        flash: impl Progmem,
-        servo: &mut impl Output,
-    ) -> Line {
+        monitor: &mut Monitor,
+    ) {
+        let event = monitor.tell(line);
+        event.set_source(source);
+        event.set_transfer(transfer_id);
+        event.set_code(code);
+        self.note(line, event);
+        count(&mut self.counts.received);
+        self.conclude(line, now_ms, monitor);
+    }
+
+    /// Acts on another message and notes what it says in `event`. The line that tells of it, or why it is refused.
+    fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16, flash: impl Progmem) -> Line {
         let [b0, b1, b2, b3, mut b4, ..] = transfer.bytes;
         let Some(source) = NodeId::new(transfer.source) else {
             // Only Allocation comes from nobody.
@@ -621,28 +670,6 @@ impl Node {
                 event.b = u16::from(Line::Mode.plus(b4 >> 3 & 7).number());
                 event.a = if transfer.word(2) == 0 { transfer.word(0) } else { u16::MAX };
                 Line::Status
-            }
-            // Whole entries only.
-            Kind::ARRAY_COMMAND | Kind::DRAFT_COMMAND if transfer.len == 0 => {
-                self.hears_commands = true;
-                event.set_code(self.parameters.get(Parameter::SrvId) as u8);
-                if !transfer.has_entry {
-                    return Line::CommandElsewhere;
-                }
-                let mut value = transfer.word(2);
-                let mut command = b1;
-                if self.spoken == Dialect::DRAFT {
-                    (value, command) = (transfer.word(1), CommandType::Unitless as u8);
-                }
-                let line = self.obey(command, value, source, now_ms, servo);
-                self.note(line, event);
-                line
-            }
-            Kind::SERVO_COMMAND if transfer.len == 1 => {
-                event.set_code(b0);
-                let line = self.obey_thesis(b0, source, now_ms, servo);
-                self.note(line, event);
-                line
             }
             Kind::LIGHTS_COMMAND if transfer.len == 0 => {
                 if transfer.has_entry {
@@ -719,14 +746,19 @@ impl Node {
     }
 
     /// Notes what the last command said in its event, but for the line.
-    #[inline(never)]
+    #[inline(always)]
     fn note(&self, line: Line, event: &mut Event) {
         event.b = self.pulse;
-        event.a = match line {
-            Line::CommandPwm => (self.value >> 1) as u16,
-            Line::CommandPosition => (i32::from(self.value).wrapping_mul(1000) >> 12) as u16,
-            _ => (i32::from(self.value).wrapping_mul(1000) >> 14) as u16,
-        };
+        if line == Line::CommandPwm {
+            event.a = (self.value >> 1) as u16;
+            return;
+        }
+        // 1000 x value / 2^14, or / 2^12 of a position.
+        let mut product = i32::from(self.value).wrapping_mul(4000);
+        if line == Line::CommandPosition {
+            product <<= 2;
+        }
+        event.a = (product >> 16) as u16;
     }
 
     /// Follows a command for this actuator that is a single frame, without the detour over its transfer; whether it was one. Only when
@@ -772,13 +804,7 @@ impl Node {
             self.hears_commands = true;
             self.obey(command, u16::from_le_bytes([v0, v1]), source, now_ms, servo)
         };
-        let event = monitor.tell(line);
-        event.set_source(source.get());
-        event.set_transfer(tail & TRANSFER_ID);
-        event.set_code(code);
-        self.note(line, event);
-        count(&mut self.counts.received);
-        self.conclude(line, now_ms, monitor);
+        self.tell_command(line, source.get(), tail & TRANSFER_ID, code, now_ms, monitor);
         true
     }
 
