@@ -15,11 +15,18 @@ mod board;
 #[cfg(target_arch = "avr")]
 const FRAMES_IN_A_ROW: u8 = 8;
 
+/// While a command of several frames is coming, its next frame is waited for so many turns, one frame and some, so that the last one finds
+/// nothing in its way.
+#[cfg(target_arch = "avr")]
+const TURNS_TO_WAIT: u8 = 200;
+
 /// What the main loop keeps in mind from one turn to the next.
 #[cfg(target_arch = "avr")]
 struct Pace {
     /// Frames handled without a pause.
     in_a_row: u8,
+    /// Turns that are still to be spent on waiting for the rest of a command; in the first something else may be done.
+    waiting: u8,
     /// The controller had no room for a frame: it is asked again at the next tick.
     is_full: bool,
 }
@@ -42,7 +49,7 @@ fn main() -> ! {
     static mut NODE: Node = Node::new();
     static mut CLOCK: Option<Clock> = None;
     static mut SERVO: Option<Servo> = None;
-    static mut PACE: Pace = Pace { in_a_row: 0, is_full: false };
+    static mut PACE: Pace = Pace { in_a_row: 0, waiting: 0, is_full: false };
 
     let Board { clock, mut serial, mut bus, servo, mut adc, mut light, button, mut eeprom, mut jitter, cpu } =
         Board::new();
@@ -61,7 +68,7 @@ fn main() -> ! {
 
         // Frames come before all else, and commands before all others: 100 us after its end one of a single frame is in the servo's
         // register, whatever else the node is at.
-        bus.receive();
+        let is_prompt = bus.receive();
         if PACE.in_a_row < FRAMES_IN_A_ROW && bus.handle(|frame| NODE.follow_at_once(frame, now_ms, MONITOR, servo)) {
             PACE.in_a_row += 1;
             continue;
@@ -80,6 +87,13 @@ fn main() -> ! {
             })
         {
             PACE.in_a_row += 1;
+            PACE.waiting = if !RECEIVER.awaits_command() {
+                0
+            } else if is_prompt {
+                TURNS_TO_WAIT
+            } else {
+                TURNS_TO_WAIT - 1
+            };
             // If a command waits already, that comes first.
             if RECEIVER.has_message() && !bus.has_frame_like(is_like_a_command) {
                 bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
@@ -87,6 +101,12 @@ fn main() -> ! {
             continue;
         }
         PACE.in_a_row = 0;
+        if PACE.waiting != 0 {
+            PACE.waiting -= 1;
+            if PACE.waiting != TURNS_TO_WAIT - 1 {
+                continue;
+            }
+        }
 
         // One thing a turn, the rarer first: that bounds the turn.
         if clock.ticked() {

@@ -48,7 +48,7 @@ def better(one, held, relocation):
     """An instruction that does the same, and reads what may make another unnecessary; 0 if none is needed."""
     word, does = one.word, one.does
     moved = copies(word)
-    if moved and all(held[origin] is not None and held[origin] == held[to] for origin, to in moved):
+    if moved and all(origin == to or held[origin] is not None and held[origin] == held[to] for origin, to in moved):
         return 0
     written = does.sets & REGISTERS
     if does.kind == "plain" and written and not written & written - 1 and not one.live & does.sets & FLAGS:

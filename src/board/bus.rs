@@ -125,13 +125,11 @@ impl Bus {
         result
     }
 
-    /// Gets a frame out of the controller, if it has one.
+    /// Gets a frame out of the controller, if it has one. Whether it had.
     #[inline(always)]
-    pub fn receive(&mut self) {
+    pub fn receive(&mut self) -> bool {
         let received = self.received();
-        if received.is_called() {
-            received.fetch();
-        }
+        received.is_called() && received.fetch()
     }
 
     /// Whether there is a frame to [`handle`](Self::handle).

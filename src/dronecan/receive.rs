@@ -192,6 +192,13 @@ impl Receiver {
         self.transfer().is_some_and(|transfer| !transfer.kind.is_request())
     }
 
+    /// Whether more frames of a command are to come.
+    #[inline(always)]
+    pub fn awaits_command(&self) -> bool {
+        let [commands, ..] = &self.lanes;
+        commands.is_open
+    }
+
     /// It has been acted on.
     #[inline(always)]
     pub fn clear(&mut self) {

@@ -61,6 +61,9 @@ const CHORE_MEASURE: u8 = 1 << 0;
 /// A chore: a second is over.
 const CHORE_SECOND: u8 = 1 << 1;
 
+/// A chore: parameters have been set.
+const CHORE_PARAMETERS: u8 = 1 << 2;
+
 /// Error flag of a Temperature: below TEMP_MIN. The other, above TEMP_MAX, is 1.
 const OVERCOOLING: u8 = 2;
 
@@ -132,7 +135,7 @@ struct Counts {
 #[repr(C)]
 pub struct Node {
     due: Due,
-    /// What ticks have left over.
+    /// What has been left over.
     chores: u8,
     conditions: Conditions,
     /// 1 to 127; 0 while it has none.
@@ -274,11 +277,8 @@ impl Node {
         self.conditions = Conditions::after(cause);
         let is_lost = self.store.load(&mut self.parameters, eeprom, flash);
         self.condition(Conditions::PARAMETERS_LOST, is_lost, [Line::ParametersLost; 2], monitor);
-        self.travel.update(&self.parameters);
+        self.chores = CHORE_PARAMETERS;
         self.id = self.parameters.get(Parameter::CanNode) as u8;
-        self.take_dialect();
-        // The controller has yet to get any.
-        self.has_filters_to_give = false;
         let banner = monitor.tell(Line::Banner);
         banner.set_source(self.id);
         banner.set_code(Line::PowerOn.plus(cause.0).number());
@@ -379,16 +379,20 @@ impl Node {
         }
     }
 
-    /// Whether ticks have left something over.
+    /// Whether ticks or requests have left something over.
     #[inline(always)]
     pub fn has_chores(&self) -> bool {
         self.chores != 0
     }
 
-    /// Does one of the things that ticks have left over, so that none takes too long.
+    /// Does one of the things that have been left over, so that none takes too long.
     #[inline(never)]
     pub fn do_chore(&mut self, monitor: &mut Monitor) {
-        if self.chores & CHORE_MEASURE != 0 {
+        if self.chores & CHORE_PARAMETERS != 0 {
+            self.chores &= !CHORE_PARAMETERS;
+            self.travel.update(&self.parameters);
+            self.take_dialect();
+        } else if self.chores & CHORE_MEASURE != 0 {
             self.chores &= !CHORE_MEASURE;
             self.measure();
         } else {

@@ -2,7 +2,7 @@
 
 use super::outgoing::Form;
 use super::parameters::{self, Parameters};
-use super::{Node, condition::Conditions, information};
+use super::{CHORE_PARAMETERS, Node, condition::Conditions, information};
 use crate::can::mcp2515::{Counted, Counters};
 use crate::dronecan::draft;
 use crate::dronecan::kind::Kind;
@@ -126,8 +126,7 @@ impl Node {
                 }
                 if opcode == OPCODE_ERASE {
                     self.parameters.set_defaults(flash);
-                    self.travel.update(&self.parameters);
-                    self.take_dialect();
+                    self.chores |= CHORE_PARAMETERS;
                 }
                 argument = u8::from(opcode == OPCODE_SAVE || opcode == OPCODE_ERASE);
             }
@@ -169,8 +168,7 @@ impl Node {
             if transfer.word(6) == sign && transfer.word(8) == sign && self.parameters.set(parameter, low, high, flash)
             {
                 *line = Line::ParameterSet;
-                self.travel.update(&self.parameters);
-                self.take_dialect();
+                self.chores |= CHORE_PARAMETERS;
                 event.a = low;
                 event.b = u16::from(parameter);
             }

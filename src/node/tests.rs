@@ -116,7 +116,15 @@ impl Rig {
             noise
         };
         rig.node.start(cause, &mut rig.memory, noise, InMemory, &mut rig.monitor);
+        rig.do_chores();
         rig
+    }
+
+    /// What the main loop does before the bus is up, and between two frames.
+    fn do_chores(&mut self) {
+        while self.node.has_chores() {
+            self.node.do_chore(&mut self.monitor);
+        }
     }
 
     /// Sets a parameter, without the bus.
@@ -136,9 +144,7 @@ impl Rig {
             let now_ms = self.now_ms();
             self.node.tick(self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
             self.node.read_temperature(self.readings[(self.ms & 1) as usize]);
-            while self.node.has_chores() {
-                self.node.do_chore(&mut self.monitor);
-            }
+            self.do_chores();
             self.send();
             if !self.is_bus_busy {
                 self.node.controller_is_empty(now_ms);

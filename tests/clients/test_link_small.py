@@ -174,6 +174,11 @@ def test_a_copy_of_what_a_register_holds_already_goes(linked):
     assert without_jumps(linked(f=code)("f")).count("movw r30, r26") <= 1
 
 
+def test_a_copy_to_itself_goes(linked):
+    code = f"    in r24, {IN}\n    mov r24, r24\n    movw r24, r24\n    ret\n"
+    assert linked(f=code)("f") == [f"in r24, {IN}", "ret"]
+
+
 def test_a_copy_stays_where_the_register_holds_something_else_on_another_way_there(linked):
     code = f"""
     in   r26, {IN}
