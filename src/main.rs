@@ -69,36 +69,32 @@ fn main() -> ! {
         // Frames come before all else, and commands before all others: 100 us after its end one of a single frame is in the servo's
         // register, whatever else the node is at.
         let is_prompt = bus.receive();
-        if PACE.in_a_row < FRAMES_IN_A_ROW && bus.handle(|frame| NODE.follow_at_once(frame, now_ms, MONITOR, servo)) {
+        // Even of an endless flood only so many in a row: then the rest has a turn.
+        if PACE.in_a_row < FRAMES_IN_A_ROW {
             PACE.in_a_row += 1;
-            continue;
-        }
-        if RECEIVER.has_transfer() {
-            // Mostly a request: what it asks for can take long, so that is a turn of its own, or two.
-            bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
-            continue;
-        }
-        // Into its transfer, and if that is a message and whole, what it asks for. Even of an endless flood only so many in a row: then the
-        // rest has a turn.
-        if PACE.in_a_row < FRAMES_IN_A_ROW
-            && bus.handle(|frame| {
-                NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR);
-                true
-            })
-        {
-            PACE.in_a_row += 1;
-            PACE.waiting = if !RECEIVER.awaits_command() {
-                0
-            } else if is_prompt {
-                TURNS_TO_WAIT
-            } else {
-                TURNS_TO_WAIT - 1
-            };
-            // If a command waits already, that comes first.
-            if RECEIVER.has_message() && !bus.has_frame_like(is_like_a_command) {
-                bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
+            if bus.handle_first(is_like_a_command, |frame| NODE.follow_at_once(frame, now_ms, MONITOR, servo)) {
+                continue;
             }
-            continue;
+            if RECEIVER.has_transfer() {
+                // Mostly a request: what it asks for can take long, so that is a turn of its own, or two.
+                bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
+                continue;
+            }
+            // Into its transfer, and if that is a message and whole, what it asks for.
+            if bus.handle(|frame| NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR)) {
+                PACE.waiting = if !RECEIVER.awaits_command() {
+                    0
+                } else if is_prompt {
+                    TURNS_TO_WAIT
+                } else {
+                    TURNS_TO_WAIT - 1
+                };
+                // If a command waits already, that comes first.
+                if RECEIVER.has_message() && !bus.has_frame_like(is_like_a_command) {
+                    bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
+                }
+                continue;
+            }
         }
         PACE.in_a_row = 0;
         if PACE.waiting != 0 {

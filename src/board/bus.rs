@@ -145,25 +145,45 @@ impl Bus {
         self.has_frame() && is_such(unsafe { &FRAMES[0] })
     }
 
-    /// Handles the oldest frame that has come out of the controller, if there is one; it stays if it was not handled. Whether one was.
+    /// Handles the oldest frame that has come out of the controller, if there is one. Whether there was.
     #[inline(always)]
-    pub fn handle(&mut self, what: impl FnOnce(&mut Frame) -> bool) -> bool {
-        // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
-        if !self.has_frame() || !what(unsafe { &mut FRAMES[0] }) {
+    pub fn handle(&mut self, what: impl FnOnce(&mut Frame)) -> bool {
+        if !self.has_frame() {
             return false;
         }
-        self.release();
+        // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
+        what(unsafe { &mut FRAMES[0] });
+        self.release(0);
+        true
+    }
+
+    /// Handles the oldest frame that is to be handled so, if there is one; it stays if it was not handled. Whether one was.
+    #[inline(always)]
+    pub fn handle_first(&mut self, is_such: impl Fn(&Frame) -> bool, what: impl FnOnce(&Frame) -> bool) -> bool {
+        let waiting = self.received().waiting;
+        if waiting == 0 {
+            return false;
+        }
+        // Safety: as above.
+        let [first, second] = unsafe { &FRAMES };
+        let n = u8::from(waiting == 2 && !is_such(first));
+        if !what(if n == 0 { first } else { second }) {
+            return false;
+        }
+        self.release(n);
         true
     }
 
     #[inline(never)]
-    fn release(&mut self) {
+    fn release(&mut self, n: u8) {
         let received = self.received();
         received.waiting = received.waiting.wrapping_sub(1);
         if received.waiting != 0 {
-            // Safety: the handler does not run meanwhile, and nobody else has a reference.
-            let [first, second] = unsafe { &mut FRAMES };
-            first.copy_from(second);
+            if n == 0 {
+                // Safety: the handler does not run meanwhile, and nobody else has a reference.
+                let [first, second] = unsafe { &mut FRAMES };
+                first.copy_from(second);
+            }
             // One that there was no room for does not call again.
             self.receive();
         }
