@@ -35,7 +35,7 @@ struct Pace {
 use {
     board::{Board, CAN_CRYSTAL_HZ, Clock, Servo, flash::Image, guard},
     node::can::bit_timing::BitTiming,
-    node::dronecan::receive::Receiver,
+    node::dronecan::{kind::Kind, receive::Receiver},
     node::monitor::Monitor,
     node::node::{Node, condition::ResetCause, is_like_a_command, parameters::Parameter, servo::Output},
 };
@@ -71,8 +71,8 @@ fn main() -> ! {
         let is_prompt = bus.receive();
         // Even of an endless flood only so many in a row: then the rest has a turn.
         if PACE.in_a_row < FRAMES_IN_A_ROW {
-            PACE.in_a_row += 1;
             if bus.handle_first(is_like_a_command, |frame| NODE.follow_at_once(frame, now_ms, MONITOR, servo)) {
+                PACE.in_a_row += 1;
                 continue;
             }
             if RECEIVER.has_transfer() {
@@ -82,6 +82,7 @@ fn main() -> ! {
             }
             // Into its transfer, and if that is a message and whole, what it asks for.
             if bus.handle(|frame| NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR)) {
+                PACE.in_a_row += 1;
                 PACE.waiting = if !RECEIVER.awaits_command() {
                     0
                 } else if is_prompt {
@@ -90,7 +91,10 @@ fn main() -> ! {
                     TURNS_TO_WAIT - 1
                 };
                 // If a command waits already, that comes first.
-                if RECEIVER.has_message() && !bus.has_frame_like(is_like_a_command) {
+                if RECEIVER
+                    .message()
+                    .is_some_and(|kind| kind == Kind::ARRAY_COMMAND || !bus.has_frame_like(is_like_a_command))
+                {
                     bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
                 }
                 continue;

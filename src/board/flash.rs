@@ -4,8 +4,10 @@ use core::arch::asm;
 
 use node::progmem::{IMAGE, Progmem};
 
-// Safety: the section is avr-libc's for constants that are only read with LPM, and this one is.
+// Safety: the section is avr-libc's for constants that are only read with LPM, and this one is. Nothing else has that name.
 #[unsafe(link_section = ".progmem.data")]
+#[unsafe(no_mangle)]
+#[used]
 static IMAGE_IN_FLASH: [u8; IMAGE.len()] = IMAGE;
 
 /// The image.
@@ -14,23 +16,19 @@ pub struct Image;
 
 impl Progmem for Image {
     #[inline(always)]
-    fn byte(self, index: u16) -> u8 {
-        let address = IMAGE_IN_FLASH.as_ptr().wrapping_add(usize::from(index));
+    fn byte(self, at: u16) -> u8 {
         let byte;
         // Safety: LPM has no effect but to read, and every address of the flash can be read.
-        unsafe {
-            asm!("lpm {0}, Z", out(reg) byte, in("Z") address, options(pure, readonly, nostack, preserves_flags))
-        };
+        unsafe { asm!("lpm {0}, Z", out(reg) byte, in("Z") at, options(pure, readonly, nostack, preserves_flags)) };
         byte
     }
 
     #[inline(never)]
     fn word(self, at: u16) -> u16 {
-        let address = IMAGE_IN_FLASH.as_ptr().wrapping_add(usize::from(at));
         let (low, high): (u8, u8);
         // Safety: as above.
         unsafe {
-            asm!("lpm {0}, Z+", "lpm {1}, Z", out(reg) low, out(reg) high, inout("Z") address => _,
+            asm!("lpm {0}, Z+", "lpm {1}, Z", out(reg) low, out(reg) high, inout("Z") at => _,
                 options(pure, readonly, nostack, preserves_flags))
         };
         u16::from_le_bytes([low, high])

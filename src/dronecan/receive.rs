@@ -98,15 +98,14 @@ impl Transfer {
         self.tail & TRANSFER_ID
     }
 
-    /// Takes payload bytes; the IDs are those of the entries to keep of the lists.
+    /// Takes payload bytes; of a list, the entries with this ID are to be kept.
     #[inline(never)]
-    fn take(&mut self, bytes: &[u8], actuator_id: u8, light_id: u8) {
+    fn take(&mut self, bytes: &[u8], id: u8) {
         let mut sum = self.sum;
         let mut len = self.len;
-        let (entry_len, id) = match self.kind {
-            Kind::ARRAY_COMMAND => (4, actuator_id),
-            Kind::LIGHTS_COMMAND => (3, light_id),
-            Kind::DRAFT_COMMAND => (3, actuator_id),
+        let entry_len = match self.kind {
+            Kind::ARRAY_COMMAND => 4,
+            Kind::LIGHTS_COMMAND | Kind::DRAFT_COMMAND => 3,
             _ => {
                 for &byte in bytes {
                     // Only a transfer of several frames has a CRC.
@@ -151,8 +150,9 @@ impl Transfer {
 /// Puts transfers together.
 pub struct Receiver {
     lanes: [Transfer; 4],
-    /// One more than the lane whose transfer has come whole; 0 if none has.
-    whole: u8,
+    /// The lane of the last frame, and whether its transfer has come whole.
+    lane: u8,
+    is_whole: bool,
     /// Why the last frame went no further.
     pub refusal: Refusal,
 }
@@ -163,33 +163,33 @@ const SINGLE: u8 = 3;
 impl Receiver {
     /// With nothing under way.
     pub const fn new() -> Self {
-        Self { lanes: [Transfer::NONE; 4], whole: 0, refusal: Refusal::None }
+        Self { lanes: [Transfer::NONE; 4], lane: 0, is_whole: false, refusal: Refusal::None }
     }
 
     /// Takes a frame. If it completes a transfer, that is to be acted on and cleared before the next frame. If it is of no use,
     /// [`refusal`](Self::refusal) says why. Neither, if there is more to come or the frame came twice.
     ///
-    /// `me` is this node's ID (0 if it has none), the other IDs are the entries to keep of the two lists.
+    /// `me` is this node's ID (0 if it has none), `entry` tells the ID of the entries to keep of a list.
     #[inline(never)]
-    pub fn accept(&mut self, frame: &Frame, me: u8, actuator_id: u8, light_id: u8, now_ms: u16, flash: impl Progmem) {
-        self.refusal = self.sort(frame, me, actuator_id, light_id, now_ms, flash);
+    pub fn accept(&mut self, frame: &Frame, me: u8, entry: impl Fn(Kind) -> u8, now_ms: u16, flash: impl Progmem) {
+        self.refusal = self.sort(frame, me, entry, now_ms, flash);
     }
 
     /// The transfer that the last frame completed.
     pub fn transfer(&mut self) -> Option<&mut Transfer> {
-        self.lanes.get_mut(usize::from(self.whole.wrapping_sub(1)))
+        if self.is_whole { self.lanes.get_mut(usize::from(self.lane)) } else { None }
     }
 
     /// Whether there is one, for the price of a byte.
     #[inline(always)]
     pub fn has_transfer(&self) -> bool {
-        self.whole != 0
+        self.is_whole
     }
 
-    /// Whether there is one, and it is no request.
+    /// What it is, if there is one and it is no request.
     #[inline(always)]
-    pub fn has_message(&mut self) -> bool {
-        self.transfer().is_some_and(|transfer| !transfer.kind.is_request())
+    pub fn message(&mut self) -> Option<Kind> {
+        self.transfer().map(|transfer| transfer.kind).filter(|kind| !kind.is_request())
     }
 
     /// Whether more frames of a command are to come.
@@ -202,20 +202,12 @@ impl Receiver {
     /// It has been acted on.
     #[inline(always)]
     pub fn clear(&mut self) {
-        self.whole = 0;
+        self.is_whole = false;
     }
 
     /// Puts a frame to its transfer, or says why not.
     #[inline(always)]
-    fn sort(
-        &mut self,
-        frame: &Frame,
-        me: u8,
-        actuator_id: u8,
-        light_id: u8,
-        now_ms: u16,
-        flash: impl Progmem,
-    ) -> Refusal {
+    fn sort(&mut self, frame: &Frame, me: u8, entry: impl Fn(Kind) -> u8, now_ms: u16, flash: impl Progmem) -> Refusal {
         let [priority, high, low, last] = frame.id;
         if priority & Frame::FOREIGN != 0 {
             return Refusal::Kind;
@@ -248,18 +240,21 @@ impl Receiver {
         } else if kind >= Kind::NODE_STATUS || source == 0 {
             return Refusal::Form;
         }
+        self.lane = lane;
         let Some(transfer) = self.lanes.get_mut(usize::from(lane)) else { return Refusal::None };
 
         let mut rest = payload;
-        let mut is_broken = false;
+        self.refusal = Refusal::None;
         let is_old = now_ms.wrapping_sub(transfer.started_ms) > TIMEOUT_MS;
         if tail & START_OF_TRANSFER != 0 {
             if tail & TOGGLE != 0 {
                 return Refusal::Form;
             }
-            is_broken = transfer.is_open;
-            if is_broken && !is_old && transfer.source != source {
-                return Refusal::Interleaved;
+            if transfer.is_open {
+                if !is_old && transfer.source != source {
+                    return Refusal::Interleaved;
+                }
+                self.refusal = Refusal::Broken;
             }
             transfer.kind = kind;
             transfer.source = source;
@@ -287,15 +282,16 @@ impl Receiver {
             return Refusal::None;
         }
         transfer.tail ^= TOGGLE;
-        transfer.take(rest, actuator_id, light_id);
+        transfer.take(rest, entry(kind));
         if tail & END_OF_TRANSFER != 0 {
-            is_broken = transfer.is_open && transfer.sum.to_le_bytes() != transfer.crc;
-            transfer.is_open = false;
-            if !is_broken {
-                self.whole = lane.wrapping_add(1);
+            if transfer.is_open && transfer.sum.to_le_bytes() != transfer.crc {
+                self.refusal = Refusal::Broken;
+            } else {
+                self.is_whole = true;
             }
+            transfer.is_open = false;
         }
-        if is_broken { Refusal::Broken } else { Refusal::None }
+        self.refusal
     }
 }
 

@@ -533,9 +533,12 @@ impl Node {
         if self.replies.is_full() && is_request(frame) {
             return self.refuse(Refusal::Busy, frame, monitor);
         }
-        let actuator_id = self.parameters.get(Parameter::SrvId) as u8;
-        let light_id = self.parameters.get(Parameter::LightId) as u8;
-        receiver.accept(frame, self.id, actuator_id, light_id, now_ms, flash);
+        let parameters = &self.parameters;
+        let entry = |list| {
+            let id = if list == Kind::LIGHTS_COMMAND { Parameter::LightId } else { Parameter::SrvId };
+            parameters.get(id) as u8
+        };
+        receiver.accept(frame, self.id, entry, now_ms, flash);
         if receiver.refusal != Refusal::None {
             self.refuse(receiver.refusal, frame, monitor);
         }
@@ -630,15 +633,7 @@ impl Node {
 
     /// Tells what became of a command.
     #[inline(never)]
-    fn tell_command(
-        &mut self,
-        line: Line,
-        source: u8,
-        transfer_id: u8,
-        code: u8,
-        now_ms: u16,
-        monitor: &mut Monitor,
-    ) {
+    fn tell_command(&mut self, line: Line, source: u8, transfer_id: u8, code: u8, now_ms: u16, monitor: &mut Monitor) {
         let event = monitor.tell(line);
         event.set_source(source);
         event.set_transfer(transfer_id);
@@ -753,16 +748,17 @@ impl Node {
     #[inline(always)]
     fn note(&self, line: Line, event: &mut Event) {
         event.b = self.pulse;
-        if line == Line::CommandPwm {
-            event.a = (self.value >> 1) as u16;
-            return;
-        }
-        // 1000 x value / 2^14, or / 2^12 of a position.
-        let mut product = i32::from(self.value).wrapping_mul(4000);
-        if line == Line::CommandPosition {
-            product <<= 2;
-        }
-        event.a = (product >> 16) as u16;
+        // Thousandths: x 1000 / 2^14, or / 2^12 of a position.
+        let factor = match line {
+            Line::CommandPwm => {
+                event.a = (self.value >> 1) as u16;
+                return;
+            }
+            Line::CommandUnitless => 4000,
+            Line::CommandPosition => 16_000,
+            _ => return,
+        };
+        event.a = (i32::from(self.value).wrapping_mul(factor) >> 16) as u16;
     }
 
     /// Follows a command for this actuator that is a single frame, without the detour over its transfer; whether it was one. Only when

@@ -22,7 +22,8 @@ fn accept(
     light_id: u8,
     now_ms: u16,
 ) -> Option<Transfer> {
-    receiver.accept(frame, me, actuator_id, light_id, now_ms, InMemory);
+    let entry = |list| if list == Kind::LIGHTS_COMMAND { light_id } else { actuator_id };
+    receiver.accept(frame, me, entry, now_ms, InMemory);
     assert_eq!(receiver.has_transfer(), receiver.transfer().is_some());
     let transfer = receiver.transfer().copied();
     receiver.clear();

@@ -11,7 +11,7 @@ fn message(source: u8, node_id: u8, unique_id: &[u8]) -> Transfer {
     let mut receiver = Receiver::new();
     let mut done = None;
     for frame in golden::transfer(0x1E00_017F, golden::ALLOCATION, 0, &payload) {
-        receiver.accept(&frame, 0, 0, 0, 0, InMemory);
+        receiver.accept(&frame, 0, |_| 0, 0, InMemory);
         done = receiver.transfer().copied();
     }
     let mut transfer = done.unwrap();
