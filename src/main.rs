@@ -90,12 +90,12 @@ fn main() -> ! {
                 } else {
                     TURNS_TO_WAIT - 1
                 };
-                // If a command waits already, that comes first.
-                if RECEIVER
-                    .message()
-                    .is_some_and(|kind| kind == Kind::ARRAY_COMMAND || !bus.has_frame_like(is_like_a_command))
-                {
-                    bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
+                if let Some(kind) = RECEIVER.message() {
+                    // A command is not interrupted. Of what is none, if a command waits already, that comes first.
+                    let is_command = kind == Kind::ARRAY_COMMAND;
+                    if is_command || !bus.has_frame_like(is_like_a_command) {
+                        bus.meanwhile_if(!is_command, |_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
+                    }
                 }
                 continue;
             }

@@ -7,6 +7,7 @@
 //!
 //! The handler lets other interrupts in, so the watchdog sees one that hangs.
 
+use core::arch::asm;
 use core::sync::atomic::{Ordering, compiler_fence};
 
 use avr_device::atmega168::EXINT;
@@ -25,6 +26,30 @@ const INT0_BIT: u8 = 1 << 0;
 
 /// The frame that the main loop is to handle next, and the one after it.
 static mut FRAMES: [Frame; 2] = [Frame::EMPTY; 2];
+
+/// Makes the second frame the first: 7 cycles a byte, of those that count, where a compiler's loop takes 12.
+///
+/// # Safety
+///
+/// Nobody else may have a reference to either.
+#[inline(always)]
+unsafe fn move_up() {
+    // Safety: these are bytes of the two frames, whose order in memory is fixed: the length, the identifier, the data.
+    unsafe {
+        asm!(
+            "1:",
+            "ldd {byte}, Z+{size}",
+            "st Z+, {byte}",
+            "dec {left}",
+            "brne 1b",
+            byte = out(reg) _,
+            size = const size_of::<Frame>(),
+            left = inout(reg) FRAMES[1].len.wrapping_add(5) => _,
+            inout("Z") &raw mut FRAMES => _,
+            options(nostack),
+        );
+    }
+}
 
 /// The controller and what came out of it, with what is used most at the end: see [`node::node::Node`].
 #[repr(C)]
@@ -119,7 +144,15 @@ impl Bus {
     /// Does something that takes its time, while frames are received, and counted.
     #[inline(always)]
     pub fn meanwhile<R>(&mut self, what: impl FnOnce(&CanCounters) -> R) -> R {
-        unmask();
+        self.meanwhile_if(true, what)
+    }
+
+    /// The same, if that is wanted; otherwise it is just done.
+    #[inline(always)]
+    pub fn meanwhile_if<R>(&mut self, are_received: bool, what: impl FnOnce(&CanCounters) -> R) -> R {
+        if are_received {
+            unmask();
+        }
         let result = what(&CanCounters(()));
         mask();
         result
@@ -181,8 +214,7 @@ impl Bus {
         if received.waiting != 0 {
             if n == 0 {
                 // Safety: the handler does not run meanwhile, and nobody else has a reference.
-                let [first, second] = unsafe { &mut FRAMES };
-                first.copy_from(second);
+                unsafe { move_up() };
             }
             // One that there was no room for does not call again.
             self.receive();

@@ -25,21 +25,6 @@ impl Frame {
     /// Identifier zero, no bytes.
     pub const EMPTY: Self = Self { id: [0; 4], len: 0, data: [0; Self::MAX_LEN + 1] };
 
-    /// Becomes the same as another: a copy of what counts.
-    #[inline(always)]
-    pub fn copy_from(&mut self, other: &Self) {
-        self.len = other.len;
-        self.id = other.id;
-        let mut left = self.len;
-        for (to, from) in self.data.iter_mut().zip(&other.data) {
-            if left == 0 {
-                break;
-            }
-            *to = *from;
-            left = left.wrapping_sub(1);
-        }
-    }
-
     /// Adds a byte, if there is room.
     #[inline(never)]
     pub fn push(&mut self, byte: u8) {
