@@ -1,10 +1,14 @@
 //! The SPI and the pins of the MCP2515.
 
+use core::arch::asm;
 use core::convert::Infallible;
 
 use avr_device::atmega168::{PORTB, PORTD, SPI};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::spi::{self, SpiBus};
+
+/// SPDR, as IN and OUT have it.
+const SPDR: u8 = 0x2E;
 
 /// The SPI in mode 0,0 at 8 MHz (the MCP2515 takes 10).
 ///
@@ -72,16 +76,32 @@ impl SpiBus for CanSpi {
         Ok(())
     }
 
-    /// Loads each byte while the SPI shifts the one before.
+    /// Counts the cycles of a byte instead of waiting for the flag, which takes half as long again.
     #[inline(always)]
     fn write(&mut self, words: &[u8]) -> Result<(), Infallible> {
-        let mut words = words.iter();
-        if let Some(&first) = words.next() {
-            self.begin(first);
-            for &next in words {
-                self.finish();
-                self.begin(next);
+        if !words.is_empty() {
+            // Safety: reads the words, and writes to the SPI only. A byte takes 16 cycles, and the next is begun after 18; an interrupt
+            // makes that more.
+            unsafe {
+                asm!(
+                    "1:",
+                    "ld {byte}, X+",
+                    "out {spdr}, {byte}",
+                    "ldi {rest}, 4",
+                    "2:",
+                    "dec {rest}",
+                    "brne 2b",
+                    "dec {left}",
+                    "brne 1b",
+                    byte = out(reg) _,
+                    rest = out(reg_upper) _,
+                    left = inout(reg) words.len() as u8 => _,
+                    inout("X") words.as_ptr() => _,
+                    spdr = const SPDR,
+                    options(nostack),
+                );
             }
+            // Clears the flag.
             self.finish();
         }
         Ok(())
