@@ -64,17 +64,17 @@ fn main() -> ! {
     let clock = CLOCK.insert(clock);
     loop {
         guard::check();
-        let now_ms = clock.now_ms();
 
         // Frames come before all else, and commands before all others: 100 us after its end one of a single frame is in the servo's
         // register, whatever else the node is at.
         let is_prompt = bus.receive();
         // Even of an endless flood only so many in a row: then the rest has a turn.
         if PACE.in_a_row < FRAMES_IN_A_ROW {
-            if bus.handle_first(is_like_a_command, |frame| NODE.follow_at_once(frame, now_ms, MONITOR, servo)) {
+            if bus.handle_first(is_like_a_command, |frame| NODE.follow_at_once(frame, clock.now_ms(), MONITOR, servo)) {
                 PACE.in_a_row += 1;
                 continue;
             }
+            let now_ms = clock.now_ms();
             if RECEIVER.has_transfer() {
                 // Mostly a request: what it asks for can take long, so that is a turn of its own, or two.
                 bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
@@ -108,6 +108,7 @@ fn main() -> ! {
             }
         }
 
+        let now_ms = clock.now_ms();
         // One thing a turn, the rarer first: that bounds the turn.
         if clock.ticked() {
             PACE.is_full = false;

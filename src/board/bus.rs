@@ -199,8 +199,14 @@ impl Bus {
         }
         // Safety: as above.
         let [first, second] = unsafe { &FRAMES };
-        let n = u8::from(waiting == 2 && !is_such(first));
-        if !what(if n == 0 { first } else { second }) {
+        let (n, frame) = if is_such(first) {
+            (0, first)
+        } else if waiting == 2 && is_such(second) {
+            (1, second)
+        } else {
+            return false;
+        };
+        if !what(frame) {
             return false;
         }
         self.release(n);

@@ -54,7 +54,9 @@ impl Clock {
     }
 
     /// Milliseconds since the start, modulo 65,536, as of the last call of [`ticked`](Self::ticked).
+    #[inline(always)]
     pub fn now_ms(&self) -> u16 {
-        self.now_ms
+        // Safety: it is there. Volatile, so that it is read where it is used: to keep it takes two registers that the main loop has not.
+        unsafe { (&raw const self.now_ms).read_volatile() }
     }
 }
