@@ -37,7 +37,9 @@ use {
     node::can::bit_timing::BitTiming,
     node::dronecan::{kind::Kind, receive::Receiver},
     node::monitor::Monitor,
-    node::node::{Node, condition::ResetCause, is_like_a_command, parameters::Parameter, servo::Output},
+    node::node::{
+        Node, condition::ResetCause, is_like_a_command, may_be_followed_at_once, parameters::Parameter, servo::Output,
+    },
 };
 
 #[cfg(target_arch = "avr")]
@@ -67,7 +69,7 @@ fn main() -> ! {
 
         // Frames come before all else, and commands before all others: 100 us after its end one of a single frame is in the servo's
         // register, whatever else the node is at.
-        let is_prompt = bus.receive();
+        let is_prompt = !bus.has_frame_like(may_be_followed_at_once) && bus.receive();
         // Even of an endless flood only so many in a row: then the rest has a turn.
         if PACE.in_a_row < FRAMES_IN_A_ROW {
             if bus.handle_first(is_like_a_command, |frame| NODE.follow_at_once(frame, clock.now_ms(), MONITOR, servo)) {

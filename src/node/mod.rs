@@ -110,6 +110,12 @@ fn is_request(frame: &Frame) -> bool {
         && frame.data().last().is_some_and(|&tail| tail >= START_OF_TRANSFER | END_OF_TRANSFER)
 }
 
+/// Whether it has the length, too, of one that [can be followed at once](Node::follow_at_once).
+#[inline(always)]
+pub fn may_be_followed_at_once(frame: &Frame) -> bool {
+    frame.id[2] == COMMAND[1] && frame.len == 5 || frame.id[2] == THESIS[1] && frame.len == 2
+}
+
 #[inline(never)]
 fn count(counter: &mut u16) {
     *counter = counter.wrapping_add(1);
