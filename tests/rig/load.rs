@@ -45,6 +45,8 @@ pub enum Kind {
     Command(usize),
     /// Frames of ArrayCommands with 15 commands: nine each.
     LongCommand,
+    /// First frames of ArrayCommands, of which the rest never comes.
+    Beginning,
     /// A frame of NodeStatus with so many bytes, of which 8 are a status: it has RXB1 alone.
     Status(usize),
     /// The thesis's command of 2 bytes: RXB1, too.
@@ -63,7 +65,7 @@ pub enum Kind {
 
 impl Kind {
     /// All that the node takes.
-    pub const MATCHING: [Kind; 16] = [
+    pub const MATCHING: [Kind; 17] = [
         Kind::Command(0),
         Kind::Command(1),
         Kind::Command(2),
@@ -71,6 +73,7 @@ impl Kind {
         Kind::Command(7),
         Kind::Command(8),
         Kind::LongCommand,
+        Kind::Beginning,
         Kind::Status(0),
         Kind::Status(1),
         Kind::Status(2),
@@ -196,6 +199,10 @@ impl Sender {
             }
             Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
             Kind::Stranger(len) => (STRANGERS, self.padded(&[], len)),
+            Kind::Beginning => {
+                let commands: Vec<_> = (1..=15).map(|n| (n, 4, pulse_us(self.count))).collect();
+                (ARRAY_COMMAND | SENDER, array_command(&commands, self.next_transfer_id()).swap_remove(0))
+            }
             Kind::LongCommand => {
                 if self.rest.is_empty() {
                     let commands: Vec<_> = (1..=15).map(|n| (n, 4, pulse_us(self.count))).collect();
