@@ -9,6 +9,7 @@ mod rig;
 mod strangers;
 
 use std::fmt::Write as _;
+use std::sync::Mutex;
 use std::time::Instant;
 
 use plot::{Axis, Plot};
@@ -23,6 +24,17 @@ use strangers::{Stranger, receive};
 const LOAD_MS: u64 = 3000;
 const FOREIGN_MS: u64 = 1200;
 const SOAK_MS: u64 = 600_000;
+/// Loads for that.
+const SOAKED: [Kind; 8] = [
+    Kind::Command(0),
+    Kind::Command(1),
+    Kind::Command(5),
+    Kind::Command(7),
+    Kind::Command(8),
+    Kind::LongCommand,
+    Kind::Status(0),
+    Kind::Thesis,
+];
 const PROFILE_MS: u64 = 4000;
 const LOSS_MS: u64 = 500;
 const SPEED_MS: u64 = 2000;
@@ -41,10 +53,13 @@ fn name(kind: Kind) -> String {
         Kind::Command(5) => "ArrayCommand, 5 B: a command".to_owned(),
         Kind::Command(length) => format!("ArrayCommand, {length} B"),
         Kind::LongCommand => "ArrayCommand of 9 frames".to_owned(),
+        Kind::Beginning => "ArrayCommand: first frames only, 8 B".to_owned(),
         Kind::Status(8) => "NodeStatus, 8 B".to_owned(),
         Kind::Status(length) => format!("NodeStatus, {length} B: broken"),
         Kind::Thesis => "thesis's command, 2 B".to_owned(),
         Kind::Request => "GetNodeInfo request, 1 B".to_owned(),
+        Kind::ParameterRequest => "GetSet request by index, 3 B".to_owned(),
+        Kind::LongRequest => "GetSet request by name, 3 frames".to_owned(),
         Kind::Foreign => "messages for others, 8 B".to_owned(),
         Kind::Stranger(length) => format!("{length} B"),
     }
@@ -67,6 +82,33 @@ fn node_under(load: Load, ms: u64) -> Figures {
     let mut loaded = Loaded::new(Some(load), Client::Saving);
     loaded.run_ms(ms);
     loaded.finish()
+}
+
+/// The node under each of these loads for so long, as many at a time as there are cores, the last first: they are the longest.
+fn nodes_under(loads: &[(Load, u64)]) -> Vec<(Load, u64, Figures)> {
+    let left = Mutex::new((0..loads.len()).collect::<Vec<_>>());
+    let runs = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some(n) = { left.lock().unwrap().pop() } {
+                    let (load, ms) = loads[n];
+                    let figures = node_under(load, ms);
+                    eprintln!(
+                        "{}, priority {}, {}: {} frames",
+                        named(load, ms),
+                        load.priority,
+                        pace(load),
+                        figures.meter.frames
+                    );
+                    runs.lock().unwrap().push((n, (load, ms, figures)));
+                }
+            });
+        }
+    });
+    let mut runs = runs.into_inner().unwrap();
+    runs.sort_by_key(|(n, _)| *n);
+    runs.into_iter().map(|(_, run)| run).collect()
 }
 
 fn us(cycles: impl Into<f64>) -> f64 {
@@ -446,9 +488,8 @@ fn main() {
     );
     let paces = [(0, Pace::Full), (31, Pace::Full), (31, Pace::Bursts)];
     let all = Kind::MATCHING.into_iter().flat_map(|kind| paces.map(|(priority, pace)| Load { kind, priority, pace }));
-    let mut runs: Vec<(Load, u64, Figures)> = all.map(|load| (load, LOAD_MS, node_under(load, LOAD_MS))).collect();
-    let soak = Load { kind: Kind::Thesis, priority: 31, pace: Pace::Full };
-    runs.push((soak, SOAK_MS, node_under(soak, SOAK_MS)));
+    let long = SOAKED.map(|kind| (Load { kind, priority: 31, pace: Pace::Full }, SOAK_MS));
+    let runs = nodes_under(&all.map(|load| (load, LOAD_MS)).chain(long).collect::<Vec<_>>());
     loads(&mut page, &runs);
     let mut foreign = Loaded::new(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }), Client::Saving);
     // The node is sure of its dialect for 1.5 s.
