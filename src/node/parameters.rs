@@ -206,18 +206,6 @@ pub struct Parameters {
     has_changed: bool,
 }
 
-/// Whether there is this name; apart from the loop over the names, which is quicker so.
-#[inline(never)]
-fn is_at(name: &[u8], mut at: u16, flash: impl Progmem) -> bool {
-    for &byte in name {
-        if flash.byte(at) != byte {
-            return false;
-        }
-        at = at.wrapping_add(1);
-    }
-    true
-}
-
 impl Parameters {
     /// All zero, until they are loaded.
     pub const fn new() -> Self {
@@ -249,15 +237,20 @@ impl Parameters {
     /// The parameter of this name; [`NONE`] if there is none.
     pub fn find(name: &[u8], flash: impl Progmem) -> u8 {
         let mut at = NAMES;
-        let mut index = 0;
-        while index < COUNT as u8 {
+        for index in 0..COUNT as u8 {
             let len = flash.byte(at);
             at = at.wrapping_add(1);
-            if len == name.len() as u8 && is_at(name, at, flash) {
+            let mut byte_at = at;
+            if usize::from(len) == name.len()
+                && name.iter().all(|&byte| {
+                    let expected = flash.byte(byte_at);
+                    byte_at = byte_at.wrapping_add(1);
+                    byte == expected
+                })
+            {
                 return index;
             }
             at = at.wrapping_add(u16::from(len));
-            index = index.wrapping_add(1);
         }
         NONE
     }
