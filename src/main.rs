@@ -15,17 +15,17 @@ mod board;
 #[cfg(target_arch = "avr")]
 const FRAMES_IN_A_ROW: u8 = 8;
 
-/// While a command of several frames is coming, its next frame is waited for so many turns, one frame and some, so that the last one finds
-/// nothing in its way.
+/// While a command of several frames is coming, its next frame is waited for so many turns, 0.2 ms, so that the last one finds nothing in
+/// its way.
 #[cfg(target_arch = "avr")]
-const TURNS_TO_WAIT: u8 = 200;
+const TURNS_TO_WAIT: u8 = 60;
 
 /// What the main loop keeps in mind from one turn to the next.
 #[cfg(target_arch = "avr")]
 struct Pace {
     /// Frames handled without a pause.
     in_a_row: u8,
-    /// Turns that are still to be spent on waiting for the rest of a command; in the first something else may be done.
+    /// Turns that are still to be spent on waiting for the rest of a command; in the first of them something else may be done.
     waiting: u8,
     /// The controller had no room for a frame: it is asked again at the next tick.
     is_full: bool,
@@ -85,16 +85,15 @@ fn main() -> ! {
             // Into its transfer, and if that is a message and whole, what it asks for.
             if bus.handle(|frame| NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR)) {
                 PACE.in_a_row += 1;
-                PACE.waiting = if !RECEIVER.awaits_command() {
-                    0
-                } else if is_prompt {
-                    TURNS_TO_WAIT
-                } else {
-                    TURNS_TO_WAIT - 1
-                };
+                if RECEIVER.awaits_command() {
+                    PACE.waiting = if is_prompt { TURNS_TO_WAIT } else { TURNS_TO_WAIT - 1 };
+                }
                 if let Some(kind) = RECEIVER.message() {
                     // A command is not interrupted. Of what is none, if a command waits already, that comes first.
                     let is_command = kind == Kind::ARRAY_COMMAND;
+                    if is_command {
+                        PACE.waiting = 0;
+                    }
                     if is_command || !bus.has_frame_like(is_like_a_command) {
                         bus.meanwhile_if(!is_command, |_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
                     }

@@ -9,6 +9,7 @@ use std::sync::{LazyLock, Mutex};
 
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
 use rig::profile::{Names, Profile};
+use rig::{ARRAY_COMMAND, array_command};
 
 /// Simulated time of each load.
 const LOAD_MS: u64 = 2000;
@@ -152,10 +153,10 @@ fn every_command_of_nine_frames_is_in_the_servo_s_register_within_130_us_of_its_
     in_the_register(|load| load.kind == Kind::LongCommand && load.pace == Pace::Full, 95, 130);
 }
 
-/// A silence in its middle is waited for no longer than 0.6 ms; then a step of something else can be in the way.
+/// A silence in its middle is waited for no longer than 0.2 ms; then a step of something else can be in the way.
 #[test]
-fn every_command_of_nine_frames_with_silences_in_it_is_in_the_servo_s_register_within_150_us_of_its_end() {
-    in_the_register(|load| load.kind == Kind::LongCommand && load.pace == Pace::Bursts, 95, 150);
+fn every_command_of_nine_frames_with_silences_in_it_is_in_the_servo_s_register_within_170_us_of_its_end() {
+    in_the_register(|load| load.kind == Kind::LongCommand && load.pace == Pace::Bursts, 95, 170);
 }
 
 #[test]
@@ -208,16 +209,33 @@ fn its_status_goes_out_each_second_on_a_full_bus() {
 /// While a command of several frames is coming, the node leaves other things for later, but not for ever.
 #[test]
 fn commands_that_never_end_do_not_keep_it_from_its_other_work() {
-    for period in [4000, 9000, 16_000] {
+    for period in [2500, 4000, 6000, 10_000] {
         let load = Load { kind: Kind::Beginning, priority: 31, pace: Pace::Every(period) };
         let mut loaded = Loaded::new(Some(load), Client::Walking);
         loaded.run_ms(3200);
         let Figures { own_frames, own_statuses, answers, .. } = loaded.finish();
         assert!(
-            own_statuses >= 3 && own_frames > 300 && answers > 40,
+            own_statuses >= 3 && own_frames > 450 && answers > 40,
             "a beginning each {period} cycles: {own_statuses} statuses, {own_frames} frames, {answers} answers in 3.2 s"
         );
     }
+}
+
+/// The half of it that came is waited upon for 0.2 ms, not whenever something else comes.
+#[test]
+fn a_command_that_was_given_up_half_way_slows_nothing_down() {
+    let answers = |with_a_beginning: bool| {
+        let load = Load { kind: Kind::Status(8), priority: 31, pace: Pace::Every(10_000) };
+        let mut loaded = Loaded::new(Some(load), Client::Walking);
+        if with_a_beginning {
+            let commands: Vec<_> = (1..=15).map(|n| (n, 4, 1500.0)).collect();
+            loaded.rig.send(ARRAY_COMMAND | 20, &array_command(&commands, 0)[0]);
+        }
+        loaded.run_ms(2000);
+        loaded.finish().answers
+    };
+    let (before, after) = (answers(false), answers(true));
+    assert!(before > 100 && after * 50 >= before * 49, "{after} answers, not {before}");
 }
 
 #[test]

@@ -192,11 +192,11 @@ impl Receiver {
         self.transfer().map(|transfer| transfer.kind).filter(|kind| !kind.is_request())
     }
 
-    /// Whether more frames of a command are to come.
+    /// Whether the last frame was one of a command, and more of it are to come.
     #[inline(always)]
     pub fn awaits_command(&self) -> bool {
         let [commands, ..] = &self.lanes;
-        commands.is_open
+        self.lane == Kind::ARRAY_COMMAND.0 && commands.is_open
     }
 
     /// It has been acted on.
@@ -208,6 +208,7 @@ impl Receiver {
     /// Puts a frame to its transfer, or says why not.
     #[inline(always)]
     fn sort(&mut self, frame: &Frame, me: u8, entry: impl Fn(Kind) -> u8, now_ms: u16, flash: impl Progmem) -> Refusal {
+        self.lane = SINGLE;
         let [priority, high, low, last] = frame.id;
         if priority & Frame::FOREIGN != 0 {
             return Refusal::Kind;
