@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use node::node::store::Eeprom;
-use node::progmem::{IMAGE, Progmem};
+use node::progmem::{BEGIN, IMAGE, Progmem};
 
 /// The constants, as the chip has them in flash.
 #[derive(Clone, Copy)]
@@ -11,7 +11,7 @@ pub struct Flash;
 
 impl Progmem for Flash {
     fn byte(self, at: u16) -> u8 {
-        IMAGE[usize::from(at)]
+        IMAGE[usize::from(at - BEGIN)]
     }
 }
 

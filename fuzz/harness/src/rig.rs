@@ -135,6 +135,7 @@ impl Rig {
             noise
         };
         self.node.start(cause, &mut self.memory, jitter, Flash, &mut self.monitor);
+        self.do_chores();
         assert_eq!(self.node.pulse(), 0, "a pulse before any command");
     }
 
@@ -257,6 +258,7 @@ impl Rig {
             turns += 1;
             assert!(turns < 5, "it acts on a transfer for ever");
         }
+        self.do_chores();
         let after = self.node.pulse();
         let raw = u32::from_be_bytes(id);
         // Whether the node hears the draft is for it to know; what it does not hear there does not move it.
@@ -312,6 +314,16 @@ impl Rig {
         }
     }
 
+    /// What the main loop does when there is no frame to handle.
+    fn do_chores(&mut self) {
+        let mut chores = 0;
+        while self.node.has_chores() {
+            self.node.do_chore(&mut self.monitor);
+            chores += 1;
+            assert!(chores < 5, "chores for ever");
+        }
+    }
+
     fn tick(&mut self) {
         self.now_ms += 1;
         let now_ms = self.clock();
@@ -332,12 +344,7 @@ impl Rig {
             return self.start(ResetCause::ASKED_FOR);
         }
         self.node.read_temperature(self.sensor);
-        let mut chores = 0;
-        while self.node.has_chores() {
-            self.node.do_chore(&mut self.monitor);
-            chores += 1;
-            assert!(chores < 5, "chores for ever");
-        }
+        self.do_chores();
         self.node.controller_is_empty(now_ms);
         for _ in 0..if self.silent_for < QUIET { 2 * BYTES_PER_MS } else { 2 } {
             self.tell();
