@@ -9,11 +9,10 @@ mod rig;
 mod strangers;
 
 use std::fmt::Write as _;
-use std::sync::Mutex;
 use std::time::Instant;
 
 use plot::{Axis, Plot};
-use rig::load::{Client, Figures, Kind, Load, Loaded, Meter, Pace, Samples};
+use rig::load::{Client, Figures, Kind, Load, Loaded, Meter, Pace, Samples, run, run_all};
 use rig::profile::{Names, Profile};
 use rig::{MS, Rig};
 use sim::Cycles;
@@ -75,40 +74,6 @@ fn pace(load: Load) -> &'static str {
         Pace::Bursts => "bursts",
         Pace::Every(_) => "part",
     }
-}
-
-/// The node under a load.
-fn node_under(load: Load, ms: u64) -> Figures {
-    let mut loaded = Loaded::new(Some(load), Client::Saving);
-    loaded.run_ms(ms);
-    loaded.finish()
-}
-
-/// The node under each of these loads for so long, as many at a time as there are cores, the last first: they are the longest.
-fn nodes_under(loads: &[(Load, u64)]) -> Vec<(Load, u64, Figures)> {
-    let left = Mutex::new((0..loads.len()).collect::<Vec<_>>());
-    let runs = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
-            scope.spawn(|| {
-                while let Some(n) = { left.lock().unwrap().pop() } {
-                    let (load, ms) = loads[n];
-                    let figures = node_under(load, ms);
-                    eprintln!(
-                        "{}, priority {}, {}: {} frames",
-                        named(load, ms),
-                        load.priority,
-                        pace(load),
-                        figures.meter.frames
-                    );
-                    runs.lock().unwrap().push((n, (load, ms, figures)));
-                }
-            });
-        }
-    });
-    let mut runs = runs.into_inner().unwrap();
-    runs.sort_by_key(|(n, _)| *n);
-    runs.into_iter().map(|(_, run)| run).collect()
 }
 
 fn us(cycles: impl Into<f64>) -> f64 {
@@ -313,7 +278,7 @@ impl Firmware {
     }
 
     fn node(name: &'static str, full: Cycles, kind: Kind) -> Firmware {
-        Firmware::measure(name, full, |pace| node_under(Load { kind, priority: 31, pace }, LOSS_MS).meter)
+        Firmware::measure(name, full, |pace| run(Load { kind, priority: 31, pace }, LOSS_MS).meter)
     }
 }
 
@@ -452,7 +417,7 @@ fn speeds() -> String {
         let _ = writeln!(page, "| {boards} | {speed:.1} | {:.1} |", speed * boards as f64);
     }
     let started = Instant::now();
-    _ = node_under(Load { kind: Kind::Command(8), priority: 31, pace: Pace::Full }, SPEED_MS);
+    _ = run(Load { kind: Kind::Command(8), priority: 31, pace: Pace::Full }, SPEED_MS);
     let full = SPEED_MS as f64 / 1000.0 / started.elapsed().as_secs_f64();
     let _ = writeln!(
         page,
@@ -489,7 +454,11 @@ fn main() {
     let paces = [(0, Pace::Full), (31, Pace::Full), (31, Pace::Bursts)];
     let all = Kind::MATCHING.into_iter().flat_map(|kind| paces.map(|(priority, pace)| Load { kind, priority, pace }));
     let long = SOAKED.map(|kind| (Load { kind, priority: 31, pace: Pace::Full }, SOAK_MS));
-    let runs = nodes_under(&all.map(|load| (load, LOAD_MS)).chain(long).collect::<Vec<_>>());
+    let all: Vec<_> = all.map(|load| (load, LOAD_MS)).chain(long).collect();
+    let runs = run_all(&all, |load, ms, figures| {
+        let (name, frames) = (named(load, ms), figures.meter.frames);
+        eprintln!("{name}, priority {}, {}: {frames} frames", load.priority, pace(load));
+    });
     loads(&mut page, &runs);
     let mut foreign = Loaded::new(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }), Client::Saving);
     // The node is sure of its dialect for 1.5 s.

@@ -4,6 +4,7 @@
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
+use std::sync::Mutex;
 
 use sim::Cycles;
 use sim::bench::Bench;
@@ -116,6 +117,35 @@ pub enum Pace {
     Every(Cycles),
 }
 
+/// The node under each of these loads, with a client that [saves](Client::Saving), for so many milliseconds, as many at a time as there are
+/// cores, the last first. In their order; `seen` is told of each when it is done.
+pub fn run_all(loads: &[(Load, u64)], seen: impl Fn(Load, u64, &Figures) + Sync) -> Vec<(Load, u64, Figures)> {
+    let left = Mutex::new((0..loads.len()).collect::<Vec<_>>());
+    let runs = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some(n) = { left.lock().unwrap().pop() } {
+                    let (load, ms) = loads[n];
+                    let figures = run(load, ms);
+                    seen(load, ms, &figures);
+                    runs.lock().unwrap().push((n, (load, ms, figures)));
+                }
+            });
+        }
+    });
+    let mut runs = runs.into_inner().unwrap();
+    runs.sort_by_key(|(n, _)| *n);
+    runs.into_iter().map(|(_, run)| run).collect()
+}
+
+/// The node under one of them.
+pub fn run(load: Load, ms: u64) -> Figures {
+    let mut loaded = Loaded::new(Some(load), Client::Saving);
+    loaded.run_ms(ms);
+    loaded.finish()
+}
+
 /// The sender of a [`Load`].
 pub struct Sender {
     load: Load,
@@ -128,6 +158,12 @@ pub struct Sender {
     random: u32,
     /// Widths in microseconds that the commands to come ask for.
     widths: VecDeque<f32>,
+}
+
+/// The frames of a transfer of 15 commands: nine.
+pub fn long_command(width_us: f32, transfer_id: u8) -> Vec<Vec<u8>> {
+    let commands: Vec<_> = (1..=15).map(|actuator| (actuator, 4, width_us)).collect();
+    array_command(&commands, transfer_id)
 }
 
 /// Width of the pulse of the nth valid command, in microseconds.
@@ -200,13 +236,11 @@ impl Sender {
             Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
             Kind::Stranger(len) => (STRANGERS, self.padded(&[], len)),
             Kind::Beginning => {
-                let commands: Vec<_> = (1..=15).map(|n| (n, 4, pulse_us(self.count))).collect();
-                (ARRAY_COMMAND | SENDER, array_command(&commands, self.next_transfer_id()).swap_remove(0))
+                (ARRAY_COMMAND | SENDER, long_command(pulse_us(self.count), self.next_transfer_id()).swap_remove(0))
             }
             Kind::LongCommand => {
                 if self.rest.is_empty() {
-                    let commands: Vec<_> = (1..=15).map(|n| (n, 4, pulse_us(self.count))).collect();
-                    self.rest = array_command(&commands, self.next_transfer_id()).into();
+                    self.rest = long_command(pulse_us(self.count), self.next_transfer_id()).into();
                 }
                 (ARRAY_COMMAND | SENDER, self.rest.pop_front().expect("a frame"))
             }
