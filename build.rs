@@ -1,5 +1,5 @@
 //! Finds the commit for GetNodeInfo: the first eight digits of git's HEAD, or zero where there is no repository. And has the linker
-//! check where the constants are.
+//! check where the constants are, and spare the functions that have to be quick.
 
 use std::process::Command;
 
@@ -12,8 +12,10 @@ fn main() {
         .and_then(|output| String::from_utf8(output.stdout).ok());
     println!("cargo::rustc-env=NODE_COMMIT={}", commit.as_deref().unwrap_or("0").trim().get(..8).unwrap_or("0"));
     if std::env::var("CARGO_CFG_TARGET_ARCH").as_deref() == Ok("avr") {
-        println!("cargo::rustc-link-arg-bin=node={}/avr-specs/image.ld", env!("CARGO_MANIFEST_DIR"));
-        println!("cargo::rerun-if-changed=avr-specs/image.ld");
+        let specs = concat!(env!("CARGO_MANIFEST_DIR"), "/avr-specs");
+        println!("cargo::rustc-link-arg-bin=node={specs}/image.ld");
+        println!("cargo::rustc-link-arg-bin=node=--quick={specs}/quick.txt");
+        println!("cargo::rerun-if-changed=avr-specs");
     }
     // The reflog changes with every commit, checkout and merge.
     println!("cargo::rerun-if-changed=.git/logs/HEAD");

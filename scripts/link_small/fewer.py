@@ -3,7 +3,7 @@
 from link_small.code import Edit
 from link_small.effects import ARITHMETIC, HALF, bit, fields, named
 from link_small.elf import R_AVR_13_PCREL
-from link_small.flow import analyze
+from link_small.flow import analyze, labels_of
 from link_small.jumps import JUMP
 from link_small.tidy import all_values, live_before, tidied
 from link_small.values import R1, number
@@ -12,10 +12,6 @@ MOV, ADIW, SBIW, MOVW = 0x0B, 0x9600, 0x9700, 0x0100
 CPSE, SBRC, SBRS = 0x1000, 0xFC00, 0xFE00
 # How far apart two copies may be.
 APART = 8
-
-
-def labels_of(code):
-    return {following for n, one in enumerate(code) for following in one.next if following != n + 1}
 
 
 def copy_pairs(object):

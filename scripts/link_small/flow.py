@@ -210,6 +210,11 @@ class Function:
         return self.returns
 
 
+def labels_of(code):
+    """The indices of the instructions that something else than the one before leads to."""
+    return {following for n, one in enumerate(code) for following in one.next if following != n + 1}
+
+
 def understood(object):
     """The functions of an object that are understood, by their sections."""
     symbols = {}

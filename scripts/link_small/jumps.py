@@ -2,7 +2,7 @@
 
 from link_small.code import Edit
 from link_small.elf import R_AVR_13_PCREL
-from link_small.flow import analyze
+from link_small.flow import analyze, labels_of
 from link_small.tidy import tidied
 
 RETURN, JUMP = 0x9508, 0xC000
@@ -68,7 +68,7 @@ def merge_tails(object):
     edit = Edit(object)
     for function in tidied(analyze(object)):
         code, section = function.code, function.section
-        labels = {following for n, one in enumerate(code) for following in one.next if following != n + 1}
+        labels = labels_of(code)
 
         def same(a, b):
             a, b = code[a], code[b]

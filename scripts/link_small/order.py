@@ -20,17 +20,19 @@ def arrange(object, seed):
     calls = []
     for section in functions:
         for where, (what, addend) in section.relocations.items():
-            target = number.get(object.section_of(what))
-            if what & 0xFF == R_AVR_CALL and target is not None and target != number[section]:
+            # Those of other objects come behind all of these.
+            target = number.get(object.section_of(what), len(functions))
+            if what & 0xFF == R_AVR_CALL and target != number[section]:
                 calls.append((number[section], where, target))
     shorter = collections.Counter(caller for caller, _, _ in calls)
     sizes = [len(section.data) - 2 * shorter[n] for n, section in enumerate(functions)]
 
     def out_of_reach(order):
-        begins, at = [0] * len(order), 0
+        begins, at = [0] * (len(order) + 1), 0
         for n in order:
             begins[n] = at
             at += sizes[n]
+        begins[-1] = at
         return sum(abs(begins[caller] + where - begins[target]) > CALL_REACH for caller, where, target in calls)
 
     chance = random.Random(seed)
@@ -47,18 +49,21 @@ def arrange(object, seed):
 
 
 def rearrange(object, functions):
-    """Changes places in the table of sections, whose order the linker keeps."""
-    places = sorted(section.header for section in functions)
-    old = {section: (section.header, bytes(object.elf[section.header : section.header + 40])) for section in functions}
+    """Changes places in the table of sections. The linker takes them in the order in which it comes upon them there or upon their
+    relocations, so these go along."""
+    moved = [one for section in functions for one in (section, section.table) if one]
+    places = sorted(one.header for one in moved)
+    old = {one: (one.header, bytes(object.elf[one.header : one.header + 40])) for one in moved}
     first = min(section.header for section in object.sections)
     renumbered = {}
-    for place, section in zip(places, functions):
+    for place, section in zip(places, moved):
         before, header = old[section]
         object.elf[place : place + 40] = header
         renumbered[(before - first) // 40] = (place - first) // 40
     for section in object.sections:
         if section.type == RELA:
-            header = section.header
+            number = (section.header - first) // 40
+            header = first + 40 * renumbered.get(number, number)
             index = struct.unpack_from("<I", object.elf, header + 28)[0]
             struct.pack_into("<I", object.elf, header + 28, renumbered.get(index, index))
     table = object.section(".symtab")

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import sys
 
 import pytest
 
@@ -30,7 +31,7 @@ main:
 def linked(tmp_path):
     """Links functions, given by name and code, with a `main`; a function that gives the instructions of one in the program."""
 
-    def link(main=MAIN, also="", **functions):
+    def link(main=MAIN, also="", quick=None, **functions):
         source = START + main + also
         for name, code in functions.items():
             source += f'\n    .section .text.{name},"ax",@progbits\n    .type {name},@function\n{name}:\n{code}\n'
@@ -38,6 +39,9 @@ def linked(tmp_path):
         assembler = ["avr-gcc", "-mmcu=atmega168", "-mrelax", "-Wa,-mlink-relax", "-c", tmp_path / "program.s", "-o", tmp_path / "program.o"]
         subprocess.run(assembler, check=True)
         linker = [ROOT / "scripts" / "link-small", "-mmcu=atmega168", "-Wl,--gc-sections", tmp_path / "program.o", "-o", tmp_path / "program.elf"]
+        if quick is not None:
+            (tmp_path / "quick.txt").write_text(quick)
+            linker.append(f"--quick={tmp_path / 'quick.txt'}")
         subprocess.run(linker, check=True)
         listing = subprocess.run(["avr-objdump", "-d", "--no-show-raw-insn", tmp_path / "program.elf"], check=True, capture_output=True, text=True)
 
@@ -383,3 +387,121 @@ def test_a_call_before_a_return_is_not_skipped(linked):
 def test_a_function_that_skips_is_left_alone(linked):
     code = f"    in r24, {IN}\n    sbrc r24, 1\n    ldi r25, 7\n    ldi r25, 7\n    out {OUT}, r24\n    ret\n"
     assert linked(f=code)("f").count("ldi r25, 0x07") == 2
+
+
+# Four instructions that something else is around, in three functions.
+COMMON = "    lds r24, some\n    swap r24\n    inc r24\n    sts other, r24\n"
+VARIABLES = "".join(f'    .section .bss.{name},"aw",@nobits\n    .type {name},@object\n    .size {name}, 1\n{name}: .zero 1\n' for name in ("some", "other"))
+THREE = {
+    "f": f"    sleep\n    call g\n{COMMON}    call h\n    sleep\n    ret\n",
+    "g": f"    wdr\n{COMMON}    wdr\n    ret\n",
+    "h": f"    cli\n{COMMON}    sei\n    ret\n",
+}
+
+
+def copies(program, instruction="swap r24"):
+    return {name: program(name).count(instruction) for name in "fgh"}
+
+
+def test_of_code_that_occurs_in_several_functions_one_is_left_and_called(linked):
+    program = linked(also=VARIABLES, **THREE)
+    assert sum(copies(program).values()) == 1
+    owner = next(name for name, count in copies(program).items() if count)
+    # It is behind one of them, with a return, and does what it did.
+    assert [one.split()[0] for one in program(owner)[-5:]] in (["ldd", "swap", "inc", "std", "ret"], ["ld", "swap", "inc", "std", "ret"])
+    assert program(owner).count("ret") == 2
+    assert [re.sub(r" .*", "", one) for one in program("h")[:4]] == ["cli", "rcall", "sei", "ret"]
+
+
+def test_a_function_that_ends_with_it_is_called_there(linked):
+    """Its return is theirs: no copy is made."""
+    ending = {**THREE, "g": f"    wdr\n{COMMON}    ret\n"}
+    program = linked(also=VARIABLES, **ending)
+    assert copies(program) == {"f": 0, "g": 1, "h": 0}
+    assert program("g")[-1] == "ret" and program("g").count("ret") == 1
+
+
+def test_of_equal_ends_of_two_functions_one_is_jumped_to(linked):
+    end = {"f": f"    call g\n    call h\n    ret\n", "g": f"    wdr\n{COMMON}    ret\n", "h": f"    cli\n{COMMON}    ret\n"}
+    program = linked(also=VARIABLES, **end)
+    assert sorted(copies(program).values()) == [0, 0, 1]
+    without = program("h") if program("h").count("swap r24") == 0 else program("g")
+    assert re.match(r"rjmp ", without[-1]) and len(without) == 2
+
+
+def test_functions_that_have_to_be_quick_keep_their_code(linked):
+    program = linked(also=VARIABLES, quick="# these two\nf\n\nh\n", **THREE)
+    assert copies(program) == {"f": 1, "g": 1, "h": 1}
+    program = linked(also=VARIABLES, quick="h\n", **THREE)
+    assert copies(program)["h"] == 1 and not [one for one in program("h") if "call" in one]
+
+
+def test_a_name_of_a_quick_function_that_does_not_exist_is_an_error(linked, capfd):
+    with pytest.raises(subprocess.CalledProcessError):
+        linked(also=VARIABLES, quick="f\nnobody\n", **THREE)
+    assert "there is no function nobody" in capfd.readouterr().err
+
+
+def test_a_list_of_quick_functions_that_is_not_there_is_an_error():
+    linker = subprocess.run([ROOT / "scripts" / "link-small", "--quick=/nowhere/quick.txt", "some.o"], capture_output=True, text=True)
+    assert linker.returncode == 1
+    assert linker.stderr == "link-small: the list of the functions that have to be quick, /nowhere/quick.txt: No such file or directory\n"
+
+
+def test_loops_keep_their_code(linked):
+    def loop(name):
+        return f"    ldi r20, 7\n1:  wdr\n{COMMON}    dec r20\n    brne 1b\n    {name}\n    ret\n"
+
+    program = linked(also=VARIABLES, f=f"    call g\n    call h\n{loop('wdr')}", g=loop("sei"), h=loop("cli"))
+    assert copies(program) == {"f": 1, "g": 1, "h": 1}
+
+
+def test_code_that_something_jumps_into_stays(linked):
+    def jumping(name):
+        return f"    in r25, {IN}\n    {name}\n    cpi r25, 3\n    brcs 1f\n    lds r24, some\n    swap r24\n1:  inc r24\n    sts other, r24\n    {name}\n    ret\n"
+
+    program = linked(also=VARIABLES, f=f"    call g\n    call h\n{jumping('wdr')}", g=jumping("sei"), h=jumping("cli"))
+    assert copies(program) == {"f": 1, "g": 1, "h": 1}
+
+
+def test_nothing_comes_between_ports_that_are_written_shortly_after_each_other(linked):
+    """EEPE must be set within four cycles of EEMPE."""
+
+    def writing(bit):
+        return f"    wdr\n    sbi 0x1F, {bit}\n    swap r24\n    com r24\n    inc r24\n    out 0x1F, r24\n    ret\n"
+
+    program = linked(f=f"    in r24, {IN}\n    call g\n    call h\n{writing(2)}", g=writing(3), h=writing(4))
+    for name, bit in ("f", 2), ("g", 3), ("h", 4):
+        at = program(name).index(f"sbi 0x1f, {bit}")
+        assert program(name)[at + 1 : at + 5] == ["swap r24", "com r24", "inc r24", "out 0x1f, r24"]
+
+
+def test_a_port_in_code_that_is_called_is_written_once_each_time(linked):
+    def writing(name):
+        return f"    {name}\n    nop\n    nop\n    nop\n    swap r24\n    com r24\n    inc r24\n    out 0x1F, r24\n    nop\n    nop\n    nop\n    nop\n    {name}\n    ret\n"
+
+    program = linked(f=f"    in r24, {IN}\n    call g\n    call h\n{writing('wdr')}", g=writing("sei"), h=writing("cli"))
+    assert sum(copies(program, "out 0x1f, r24").values()) == 1
+
+
+def test_the_linker_keeps_the_order_of_the_functions(tmp_path, monkeypatch):
+    """It takes a section when it comes upon its relocations, if that is earlier; some functions have none."""
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    from link_small.elf import Object, executed
+    from link_small.order import rearrange
+
+    names = [f"f{n}" for n in range(9)]
+    code = "".join(f'    .section .text.{name},"ax",@progbits\n    .global {name}\n{name}:\n{"    call f0" if n % 3 else "    nop"}\n    ret\n' for n, name in enumerate(names))
+    (tmp_path / "some.s").write_text(code)
+    subprocess.run(["avr-gcc", "-mmcu=atmega168", "-c", tmp_path / "some.s", "-o", tmp_path / "some.o"], check=True)
+    object = Object((tmp_path / "some.o").read_bytes())
+    wanted = ["f4", "f0", "f8", "f2", "f6", "f5", "f1", "f7", "f3"]
+    sections = {section.name.removeprefix(".text."): section for section in executed(object)}
+    rearrange(object, [sections[name] for name in wanted])
+    (tmp_path / "other.o").write_bytes(object.elf)
+    subprocess.run(["avr-gcc", "-mmcu=atmega168", "-nostartfiles", tmp_path / "other.o", "-o", tmp_path / "program.elf"], check=True)
+    found = addresses(tmp_path)
+    assert sorted(names, key=found.get) == wanted
+    listing = subprocess.run(["avr-objdump", "-d", "--no-show-raw-insn", tmp_path / "program.elf"], check=True, capture_output=True, text=True).stdout
+    assert len(re.findall(r"call\s+0x\w+\s+; 0x\w+ <f0>", listing)) == 6, "their relocations went along"
