@@ -15,18 +15,22 @@ mod board;
 #[cfg(target_arch = "avr")]
 const FRAMES_IN_A_ROW: u8 = 8;
 
-/// While a command of several frames is coming, its next frame is waited for so many turns, 0.2 ms, so that the last one finds nothing in
-/// its way.
+/// While a command of several frames is coming its next frame is waited for, so that the last one finds nothing in its way: 0.1 ms at a
+/// time, as long as there is patience. That comes back by so much in a millisecond: a sender that is slow, or gave up half way, leaves a
+/// sixth of the time, and one other thing for each of its frames.
 #[cfg(target_arch = "avr")]
-const TURNS_TO_WAIT: u8 = 60;
+const PATIENCE_PER_MS: u8 = 8;
 
 /// What the main loop keeps in mind from one turn to the next.
 #[cfg(target_arch = "avr")]
 struct Pace {
     /// Frames handled without a pause.
     in_a_row: u8,
-    /// Turns that are still to be spent on waiting for the rest of a command; in the first of them something else may be done.
-    waiting: u8,
+    /// 0 while no rest of a command is coming, 1 while it is waited for, 2 while that costs no patience yet, 3 while there is time for one other
+    /// thing before that.
+    coming: u8,
+    /// How often it may still be waited for: see [`PATIENCE_PER_MS`].
+    patience: u8,
     /// The controller had no room for a frame: it is asked again at the next tick.
     is_full: bool,
 }
@@ -38,7 +42,8 @@ use {
     node::dronecan::{kind::Kind, receive::Receiver},
     node::monitor::Monitor,
     node::node::{
-        Node, condition::ResetCause, is_like_a_command, may_be_followed_at_once, parameters::Parameter, servo::Output,
+        Node, condition::ResetCause, is_like_a_command, is_of_service, may_be_followed_at_once, parameters::Parameter,
+        servo::Output,
     },
 };
 
@@ -51,7 +56,7 @@ fn main() -> ! {
     static mut NODE: Node = Node::new();
     static mut CLOCK: Option<Clock> = None;
     static mut SERVO: Option<Servo> = None;
-    static mut PACE: Pace = Pace { in_a_row: 0, waiting: 0, is_full: false };
+    static mut PACE: Pace = Pace { in_a_row: 0, coming: 0, patience: 0, is_full: false };
 
     let Board { clock, mut serial, mut bus, servo, mut adc, mut light, button, mut eeprom, mut jitter, cpu } =
         Board::new();
@@ -65,55 +70,77 @@ fn main() -> ! {
 
     let clock = CLOCK.insert(clock);
     loop {
-        guard::check();
+        guard::is_alive();
 
         // Frames come before all else, and commands before all others: 100 us after its end one of a single frame is in the servo's
         // register, whatever else the node is at.
         let is_prompt = !bus.has_frame_like(may_be_followed_at_once) && bus.receive();
+        let now_ms = clock.now_ms();
         // Even of an endless flood only so many in a row: then the rest has a turn.
-        if PACE.in_a_row < FRAMES_IN_A_ROW {
-            if bus.handle_first(is_like_a_command, |frame| NODE.follow_at_once(frame, clock.now_ms(), MONITOR, servo)) {
-                PACE.in_a_row += 1;
-                continue;
-            }
-            let now_ms = clock.now_ms();
-            if RECEIVER.has_transfer() {
-                // Mostly a request: what it asks for can take long, so that is a turn of its own, or two.
-                bus.meanwhile(|_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
-                continue;
-            }
+        let is_their_turn = PACE.in_a_row < FRAMES_IN_A_ROW;
+        if is_their_turn
+            && bus.handle_first(is_like_a_command, |frame| NODE.follow_at_once(frame, now_ms, MONITOR, servo))
+        {
+            PACE.in_a_row = PACE.in_a_row.wrapping_add(1);
+            continue;
+        }
+        // Something may have to be done before the next frame can be taken. A request of several frames can wait while messages pass it.
+        let is_urgent = RECEIVER.has_transfer() || RECEIVER.holds_request() && bus.has_frame_like(is_of_service);
+        if !is_urgent {
             // Into its transfer, and if that is a message and whole, what it asks for.
-            if bus.handle(|frame| NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR)) {
-                PACE.in_a_row += 1;
+            if is_their_turn
+                && bus.handle(|frame, door| NODE.receive(frame, RECEIVER, now_ms, Image, MONITOR, || door.open()))
+            {
+                PACE.in_a_row = PACE.in_a_row.wrapping_add(1);
                 if RECEIVER.awaits_command() {
-                    PACE.waiting = if is_prompt { TURNS_TO_WAIT } else { TURNS_TO_WAIT - 1 };
+                    PACE.coming = if is_prompt { 3 } else { 2 };
                 }
                 if let Some(kind) = RECEIVER.message() {
-                    // A command is not interrupted. Of what is none, if a command waits already, that comes first.
-                    let is_command = kind == Kind::ARRAY_COMMAND;
-                    if is_command {
-                        PACE.waiting = 0;
+                    if kind == Kind::ARRAY_COMMAND {
+                        PACE.coming = 0;
+                        // Until it is in the servo's register no frame is fetched. If it is late already, another may have come.
+                        if !is_prompt {
+                            bus.receive();
+                        }
+                    } else if bus.has_frame_like(is_like_a_command) {
+                        // That comes first.
+                        continue;
                     }
-                    if is_command || !bus.has_frame_like(is_like_a_command) {
-                        bus.meanwhile_if(!is_command, |_| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo));
-                    }
+                    bus.and_then_meanwhile(|door| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo, || door.open()));
                 }
                 continue;
             }
-        }
-        PACE.in_a_row = 0;
-        if PACE.waiting != 0 {
-            PACE.waiting -= 1;
-            if PACE.waiting != TURNS_TO_WAIT - 1 {
-                continue;
+            // The next frame of a command is waited for, but not while the controller is off the bus for its filters.
+            if PACE.coming != 0 && bus.can().is_running() {
+                let coming = PACE.coming;
+                if coming != 1 {
+                    PACE.coming = coming.wrapping_sub(1);
+                } else if PACE.patience == 0 {
+                    PACE.coming = 0;
+                } else {
+                    PACE.patience = PACE.patience.wrapping_sub(1);
+                }
+                if coming != 3 {
+                    PACE.in_a_row = 0;
+                    bus.wait();
+                    continue;
+                }
             }
         }
+        if RECEIVER.has_transfer() || RECEIVER.recall() {
+            // Mostly a request: what it asks for can take long, so that is a turn of its own, or two.
+            bus.and_then_meanwhile(|door| NODE.act(RECEIVER, now_ms, Image, MONITOR, servo, || door.open()));
+            continue;
+        }
+        PACE.in_a_row = 0;
 
-        let now_ms = clock.now_ms();
         // One thing a turn, the rarer first: that bounds the turn.
-        if clock.ticked() {
+        let passed_ms = clock.ticked();
+        if passed_ms != 0 {
+            guard::check_stack();
             PACE.is_full = false;
-            bus.meanwhile(|_| NODE.tick(button.is_pressed(), now_ms, &mut eeprom, MONITOR));
+            PACE.patience = PACE.patience.saturating_add(passed_ms.wrapping_mul(PATIENCE_PER_MS));
+            bus.meanwhile(|_| NODE.tick(passed_ms, button.is_pressed(), now_ms, &mut eeprom, MONITOR));
             servo.set(NODE.pulse());
             light.set(NODE.light());
             if NODE.takes_filters() {
@@ -137,10 +164,14 @@ fn main() -> ! {
         } else if bus.can().is_running() && !PACE.is_full && NODE.is_ready() {
             if bus.can().has_room() {
                 bus.can().transmit(NODE.frame());
-                bus.meanwhile(|_| NODE.handed_over(now_ms));
+                // That takes so long that one may have come.
+                bus.receive();
+                NODE.handed_over(now_ms);
             } else {
                 PACE.is_full = !bus.can().find_room();
             }
+        } else if bus.receive() {
+            // What has come since the turn began is not kept waiting for what follows.
         } else if bus.can().is_running()
             && NODE.has_to_send()
             && bus.meanwhile(|counters| NODE.prepare(counters, Image, MONITOR, now_ms))
@@ -149,9 +180,8 @@ fn main() -> ! {
         } else {
             if serial.receive() == Some(b'?') {
                 NODE.report(MONITOR);
-            }
-            // A frame that has come since is not kept waiting for that.
-            if serial.can_send() && !bus.has_frame() {
+            } else if serial.can_send() && !bus.has_frame() {
+                // A frame that has come since is not kept waiting for that.
                 bus.meanwhile(|_| serial.send(MONITOR.next_byte(Image)));
             }
         }

@@ -4,9 +4,10 @@
 
 mod rig;
 
+use rig::load::ocr1b;
 use rig::manage::{PATIENCE_MS, TOOL, ms_between};
 use rig::status::{DRAFT, TEMPERATURE};
-use rig::{MS, NODE, NODE_STATUS, Rig, quoted};
+use rig::{MS, NODE, NODE_STATUS, Rig, US, quoted};
 use sim::Cycles;
 use sim::autopilot::{Only, Profile, Settings};
 use sim::can::Frame;
@@ -446,6 +447,31 @@ fn it_finds_its_command_among_those_for_others() {
         }
         assert_eq!(rig.settled_pulse_us(), pulse_us, "actuator {srv_id}");
     }
+}
+
+/// It goes the long way, and a step of something else can be before it.
+#[test]
+fn a_command_of_the_draft_is_in_the_servo_s_register_within_140_us_of_its_end() {
+    let mut rig = alone_in_draft();
+    let mut cycles: Vec<Cycles> = Vec::new();
+    for n in 0..500u32 {
+        let pause = rig.now() + MS / 4 + Cycles::from(n * 7919 % 3001) * MS / 1000;
+        rig.run_until(pause);
+        rig.forget();
+        let before = ocr1b(rig.board());
+        let [low, high] = half::f16::from_f32((1 + n * 37 % 101) as f32 / 102.0).to_le_bytes();
+        rig.send(message_id(265, 9, n), &[1, low, high]);
+        while ocr1b(rig.board()) == before && rig.now() < pause + MS {
+            rig.run_until(rig.now() + US / 2);
+        }
+        let written = rig.now();
+        rig.run_until(written + US);
+        let ended = rig.traffic.iter().rfind(|(_, frame)| frame.data() == [1, low, high]).expect("the command").0;
+        cycles.push(written - ended);
+    }
+    cycles.sort();
+    let (median, max) = (cycles[250] / US, cycles[499] / US);
+    assert!(median <= 110 && max <= 140, "half within {median} us, the slowest after {max} us");
 }
 
 #[test]

@@ -314,6 +314,22 @@ fn frame(id: u32, data: &[u8]) -> NodeFrame {
     NodeFrame { id: id.to_be_bytes(), len: data.len() as u8, data: padded }
 }
 
+/// When it is on the bus it has a frame after 130 us, and room for two.
+#[test]
+fn frames_that_come_as_soon_as_it_is_on_the_bus_are_not_lost() {
+    let mut rig = Rig::at_rate(8, EVERYTHING, false);
+    for n in 0..40 {
+        rig.peer_sends(Frame::extended(0x1234_5600 + n, &[n as u8; 8]));
+    }
+    for _ in 0..1000 {
+        rig.turn();
+        rig.idle_us(20);
+    }
+    let numbers: Vec<u8> = rig.received.iter().map(|frame| frame.data[0]).collect();
+    assert_eq!(numbers, (0..40).collect::<Vec<u8>>());
+    assert_eq!(rig.wire.0.borrow().chip.borrow().rx_overflows(), 0);
+}
+
 #[test]
 fn frames_pass_both_ways_at_each_bit_rate_with_the_sample_point_of_dronecan() {
     for (rate, registers, permille) in [

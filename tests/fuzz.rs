@@ -265,6 +265,8 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     let used = bottom - 0x100 + avr.stack_high_water(PAINT, bottom);
     let lost = rig.board().chip().borrow().rx_overflows();
     println!("{sent} frames sent, {lost} lost, {held_back} held back, {used} B of RAM");
+    // Many of them are back to back, and now and then the controller gets other filters.
+    assert!(u64::from(lost) <= sent / 100_000, "{lost} frames lost of {sent}");
     assert!(used <= STATICS_AND_STACK_LIMIT, "{used} B");
 }
 

@@ -11,6 +11,11 @@ use rig::ARRAY_COMMAND;
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace, long_command, run_all};
 use rig::profile::{Names, Profile};
 
+/// Registers of the MCP2515.
+const CANSTAT: u8 = 0x0E;
+const MODE: u8 = 0b1110_0000;
+const CONFIGURATION: u8 = 0b1000_0000;
+
 /// Simulated time of each load.
 const LOAD_MS: u64 = 2000;
 const BURSTS_MS: u64 = 2500;
@@ -73,6 +78,11 @@ fn requests_back_to_back_are_all_read_in_order() {
 }
 
 #[test]
+fn frames_of_all_kinds_at_random_back_to_back_are_all_read_in_order() {
+    all(|load| load.kind == Kind::Mixed && load.pace == Pace::Full, incomplete);
+}
+
+#[test]
 fn bursts_of_frames_after_silence_are_all_read_in_order() {
     all(|load| load.pace == Pace::Bursts, incomplete);
 }
@@ -124,19 +134,26 @@ fn in_the_register(select: impl Fn(Load) -> bool, median_us: u32, max_us: u32) {
 
 #[test]
 fn every_command_of_a_single_frame_is_in_the_servo_s_register_within_100_us_of_its_end() {
-    in_the_register(|load| load.kind.moves() && load.kind != Kind::LongCommand, 70, 100);
+    in_the_register(|load| matches!(load.kind, Kind::Command(5) | Kind::Thesis), 70, 100);
 }
 
-/// What can be in the way is a request to set a parameter, between its last two frames.
 #[test]
-fn every_command_of_nine_frames_is_in_the_servo_s_register_within_130_us_of_its_end_and_half_within_95() {
-    in_the_register(|load| load.kind == Kind::LongCommand && load.pace == Pace::Full, 95, 130);
+fn every_command_of_nine_frames_is_in_the_servo_s_register_within_100_us_of_its_end() {
+    in_the_register(|load| load.kind == Kind::LongCommand, 95, 100);
 }
 
-/// A silence in its middle is waited for no longer than 0.2 ms; then a step of something else can be in the way.
+/// Between others, broken ones among them, and of one frame or nine.
 #[test]
-fn every_command_of_nine_frames_with_silences_in_it_is_in_the_servo_s_register_within_170_us_of_its_end() {
-    in_the_register(|load| load.kind == Kind::LongCommand && load.pace == Pace::Bursts, 95, 170);
+fn commands_among_frames_of_all_kinds_are_in_the_servo_s_register_within_100_us_of_their_end_but_for_one_in_a_hundred()
+{
+    in_the_register(|load| load.kind == Kind::Mixed, 75, 170);
+    all(
+        |load| load.kind == Kind::Mixed,
+        |figures| {
+            let most = figures.command_to_servo.percentile(99) / 16;
+            (most > 100).then(|| format!("99 of 100 after {most} us"))
+        },
+    );
 }
 
 #[test]
@@ -201,7 +218,29 @@ fn commands_that_never_end_do_not_keep_it_from_its_other_work() {
     }
 }
 
-/// The half of it that came is waited upon for 0.2 ms, not whenever something else comes.
+/// A bus of 125 kbit/s takes a millisecond for a frame, an adapter on a serial port at 115,200 baud 2.3 ms. The next frame of a command is
+/// waited for, but not all the time.
+#[test]
+fn commands_that_take_long_to_come_leave_time_for_everything_else() {
+    for period in [8000, 16_000, 36_800, 80_000] {
+        let load = Load { kind: Kind::LongCommand, priority: 31, pace: Pace::Every(period) };
+        let mut loaded = Loaded::new(Some(load), Client::Walking);
+        loaded.run_ms(3200);
+        let Figures { own_frames, own_statuses, answers, command_to_servo, .. } = loaded.finish();
+        assert!(
+            own_statuses >= 3 && own_frames > 400 && answers > 40,
+            "a frame each {period} cycles: {own_statuses} statuses, {own_frames} frames, {answers} answers in 3.2 s"
+        );
+        let max = command_to_servo.max() / 16;
+        let limit = if period <= 16_000 { 100 } else { 200 };
+        assert!(
+            max <= limit,
+            "a frame each {period} cycles: {max} us from the end of a command to the servo's register"
+        );
+    }
+}
+
+/// The half of it that came is waited upon for 25 ms at most, not whenever something else comes.
 #[test]
 fn a_command_that_was_given_up_half_way_slows_nothing_down() {
     let answers = |with_a_beginning: bool| {
@@ -215,6 +254,25 @@ fn a_command_that_was_given_up_half_way_slows_nothing_down() {
     };
     let (before, after) = (answers(false), answers(true));
     assert!(before > 100 && after * 50 >= before * 49, "{after} answers, not {before}");
+}
+
+/// They take the controller off the bus for some milliseconds. What it has acknowledged before and after that is not lost.
+#[test]
+fn other_filters_in_the_middle_of_a_command_lose_no_frame() {
+    for kind in [Kind::LongCommand, Kind::Command(5), Kind::Thesis] {
+        let mut loaded = Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Full }), Client::Walking);
+        loaded.run_ms(20);
+        // Of use to nobody here: closer filters are taken after the next command.
+        loaded.rig.send(0x0004_5600 | 20, &[0xC0]);
+        let mut takes_filters = false;
+        for _ in 0..100 {
+            loaded.run_ms(1);
+            takes_filters |= loaded.rig.board().chip().borrow().register(CANSTAT) & MODE == CONFIGURATION;
+        }
+        assert!(takes_filters, "{kind:?}");
+        let figures = loaded.finish();
+        assert_eq!((figures.meter.lost, figures.meter.garbled), (0, 0), "{kind:?}: of {}", figures.meter.frames);
+    }
 }
 
 #[test]

@@ -24,7 +24,7 @@ const LOAD_MS: u64 = 3000;
 const FOREIGN_MS: u64 = 1200;
 const SOAK_MS: u64 = 600_000;
 /// Loads for that.
-const SOAKED: [Kind; 8] = [
+const SOAKED: [Kind; 9] = [
     Kind::Command(0),
     Kind::Command(1),
     Kind::Command(5),
@@ -33,6 +33,7 @@ const SOAKED: [Kind; 8] = [
     Kind::LongCommand,
     Kind::Status(0),
     Kind::Thesis,
+    Kind::Mixed,
 ];
 const PROFILE_MS: u64 = 4000;
 const LOSS_MS: u64 = 500;
@@ -59,6 +60,7 @@ fn name(kind: Kind) -> String {
         Kind::Request => "GetNodeInfo request, 1 B".to_owned(),
         Kind::ParameterRequest => "GetSet request by index, 3 B".to_owned(),
         Kind::LongRequest => "GetSet request by name, 3 frames".to_owned(),
+        Kind::Mixed => "all of these at random".to_owned(),
         Kind::Foreign => "messages for others, 8 B".to_owned(),
         Kind::Stranger(length) => format!("{length} B"),
     }

@@ -8,6 +8,7 @@
 //! The handler lets other interrupts in, so the watchdog sees one that hangs.
 
 use core::arch::asm;
+use core::marker::PhantomData;
 use core::sync::atomic::{Ordering, compiler_fence};
 
 use avr_device::atmega168::EXINT;
@@ -23,6 +24,10 @@ pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
 
 /// INT0 in EIMSK, and its flag in EIFR.
 const INT0_BIT: u8 = 1 << 0;
+
+/// The INT pin: its port, as IN has it, and its bit.
+const PIND: u8 = 0x09;
+const INT_PIN: u8 = 1 << 2;
 
 /// The frame that the main loop is to handle next, and the one after it.
 static mut FRAMES: [Frame; 2] = [Frame::EMPTY; 2];
@@ -54,21 +59,21 @@ unsafe fn move_up() {
 /// The controller and what came out of it, with what is used most at the end: see [`node::node::Node`].
 #[repr(C)]
 struct Received {
+    can: Can,
     /// How many of [`FRAMES`] there are. The others are the handler's.
     waiting: u8,
-    can: Can,
 }
 
 static mut RECEIVED: Received = Received {
-    waiting: 0,
     can: Mcp2515::new(CanSpi::new(), CanSelect::new(), CanInterrupt::new(), NodeAcceptance::nobody(Image)),
+    waiting: 0,
 };
 
 impl Received {
     /// Whether the controller has a frame, or seems to, that there is room for.
     #[inline(always)]
     fn is_called(&mut self) -> bool {
-        self.waiting < 2 && self.can.calls()
+        self.can.calls() && self.waiting < 2
     }
 
     /// Gets a frame out of the controller; whether there was one.
@@ -144,25 +149,50 @@ impl Bus {
     /// Does something that takes its time, while frames are received, and counted.
     #[inline(always)]
     pub fn meanwhile<R>(&mut self, what: impl FnOnce(&CanCounters) -> R) -> R {
-        self.meanwhile_if(true, what)
-    }
-
-    /// The same, if that is wanted; otherwise it is just done.
-    #[inline(always)]
-    pub fn meanwhile_if<R>(&mut self, are_received: bool, what: impl FnOnce(&CanCounters) -> R) -> R {
-        if are_received {
-            unmask();
-        }
+        unmask();
         let result = what(&CanCounters(()));
         mask();
         result
     }
 
-    /// Gets a frame out of the controller, if it has one. Whether it had.
+    /// Does something that has to be quick at first, and may take its time from where it says so.
     #[inline(always)]
+    pub fn and_then_meanwhile(&mut self, what: impl for<'a> FnOnce(Door<'a>)) {
+        what(Door(PhantomData));
+        mask();
+    }
+
+    /// Gets a frame out of the controller, if it has one. Whether it had.
+    #[inline(never)]
     pub fn receive(&mut self) -> bool {
         let received = self.received();
         received.is_called() && received.fetch()
+    }
+
+    /// Waits until there is one, but no longer than 0.1 ms.
+    #[inline(always)]
+    pub fn wait(&mut self) {
+        let received = self.received();
+        if received.waiting != 0 || received.can.has_seen_one() {
+            return;
+        }
+        // Safety: reads the port only. A round takes 6 cycles, a compiler's twice as many.
+        unsafe {
+            asm!(
+                "1:",
+                "in {pins}, {pind}",
+                "andi {pins}, {int}",
+                "breq 2f",
+                "dec {rounds}",
+                "brne 1b",
+                "2:",
+                pins = out(reg_upper) _,
+                rounds = inout(reg) 250u8 => _,
+                pind = const PIND,
+                int = const INT_PIN,
+                options(nostack, readonly),
+            );
+        }
     }
 
     /// Whether there is a frame to [`handle`](Self::handle).
@@ -178,14 +208,16 @@ impl Bus {
         self.has_frame() && is_such(unsafe { &FRAMES[0] })
     }
 
-    /// Handles the oldest frame that has come out of the controller, if there is one. Whether there was.
+    /// Handles the oldest frame that has come out of the controller, if there is one: what has to be quick at first, and may
+    /// take its time from where it says so. Whether there was one.
     #[inline(always)]
-    pub fn handle(&mut self, what: impl FnOnce(&mut Frame)) -> bool {
+    pub fn handle(&mut self, what: impl for<'a> FnOnce(&mut Frame, Door<'a>)) -> bool {
         if !self.has_frame() {
             return false;
         }
         // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
-        what(unsafe { &mut FRAMES[0] });
+        what(unsafe { &mut FRAMES[0] }, Door(PhantomData));
+        mask();
         self.release(0);
         true
     }
@@ -224,6 +256,20 @@ impl Bus {
             }
             // One that there was no room for does not call again.
             self.receive();
+        }
+    }
+}
+
+/// What lets frames in, for what is done [`and_then_meanwhile`](Bus::and_then_meanwhile), or a frame is [`handle`d](Bus::handle).
+pub struct Door<'a>(PhantomData<&'a ()>);
+
+impl Door<'_> {
+    /// From here on frames are received, if there is a place for one: otherwise an interrupt would be for nothing.
+    #[inline(always)]
+    pub fn open(self) {
+        // Safety: the handler does not run yet, and the `Bus` is borrowed for as long as this exists.
+        if unsafe { &RECEIVED }.waiting < 2 {
+            unmask();
         }
     }
 }

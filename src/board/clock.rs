@@ -45,12 +45,12 @@ impl Clock {
         Self { ticks: ticks(), now_ms: 0 }
     }
 
-    /// Whether at least a millisecond has begun since the last call.
-    pub fn ticked(&mut self) -> bool {
+    /// How many milliseconds have begun since the last call.
+    pub fn ticked(&mut self) -> u8 {
         let passed = ticks().wrapping_sub(self.ticks);
         self.ticks = self.ticks.wrapping_add(passed);
         self.now_ms = self.now_ms.wrapping_add(u16::from(passed));
-        passed != 0
+        passed
     }
 
     /// Milliseconds since the start, modulo 65,536, as of the last call of [`ticked`](Self::ticked).

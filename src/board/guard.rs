@@ -87,9 +87,14 @@ pub fn start() {
     unsafe { avr_device::interrupt::enable() };
 }
 
-/// To be called once in each turn of the main loop: it is alive, and its stack has kept clear of the variables.
-pub fn check() {
+/// To be called once in each turn of the main loop: it is alive.
+#[inline(always)]
+pub fn is_alive() {
     avr_device::asm::wdr();
+}
+
+/// To be called once a millisecond: the stack has kept clear of the variables, or the program starts over.
+pub fn check_stack() {
     let floor = (&raw const __heap_start).cast::<u8>();
     // Safety: two bytes of RAM that nothing but the stack can write. Volatile, because that is not for the compiler to know.
     let [first, second] = unsafe { [floor.read_volatile(), floor.add(1).read_volatile()] };

@@ -69,7 +69,7 @@ pub const PACKED: [u8; KINDS as usize * ENTRY_LEN as usize] = {
     while n < entries.len() {
         let ([b0, b1], kind) = entries[n];
         let [high, low] = kind.data_type().to_be_bytes();
-        let entry = if kind.0 >= Kind::GET_NODE_INFO.0 { [b0, b1, low, SERVICE] } else { [b0, b1, high, low] };
+        let entry = if kind.is_request() { [b0, b1, low, SERVICE] } else { [b0, b1, high, low] };
         let mut k = 0;
         while k < entry.len() {
             packed[4 * n + k] = entry[k];

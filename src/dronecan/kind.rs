@@ -30,25 +30,19 @@ macro_rules! kinds {
 #[allow(non_camel_case_types)]
 mod table {
     kinds! {
-        /// uavcan.equipment.actuator.ArrayCommand. The first five can be longer than a frame.
+        /// uavcan.equipment.actuator.ArrayCommand. The first six can be longer than a frame.
         ARRAY_COMMAND = message 1010, 0x5E37;
         /// uavcan.equipment.indication.LightsCommand
         LIGHTS_COMMAND = message 1081, 0x9E31;
-        /// uavcan.protocol.param.GetSet
-        GET_SET = service 11, 0xFB10;
-        /// uavcan.protocol.file.BeginFirmwareUpdate
-        BEGIN_FIRMWARE_UPDATE = service 40, 0x729E;
         /// uavcan.protocol.dynamic_node_id.Allocation
         ALLOCATION = message 1, 0xF258;
         /// ArrayCommand of the draft, which has another form.
         DRAFT_COMMAND = message 265, 0xBFEF;
-        /// uavcan.protocol.NodeStatus
-        NODE_STATUS = message 341, 0;
-        /// thesis.ServoCommand
-        SERVO_COMMAND = message 1111, 0;
-        /// uavcan.equipment.safety.ArmingStatus
-        ARMING_STATUS = message 1100, 0;
-        /// uavcan.protocol.GetNodeInfo. From here to GetTransportStats all are services.
+        /// uavcan.protocol.param.GetSet. From here to GetTransportStats all are services.
+        GET_SET = service 11, 0xFB10;
+        /// uavcan.protocol.file.BeginFirmwareUpdate
+        BEGIN_FIRMWARE_UPDATE = service 40, 0x729E;
+        /// uavcan.protocol.GetNodeInfo
         GET_NODE_INFO = service 1, 0xD9A7;
         /// uavcan.protocol.RestartNode
         RESTART_NODE = service 5, 0;
@@ -56,6 +50,12 @@ mod table {
         EXECUTE_OPCODE = service 10, 0;
         /// uavcan.protocol.GetTransportStats
         GET_TRANSPORT_STATS = service 4, 0x4D73;
+        /// uavcan.protocol.NodeStatus
+        NODE_STATUS = message 341, 0;
+        /// thesis.ServoCommand
+        SERVO_COMMAND = message 1111, 0;
+        /// uavcan.equipment.safety.ArmingStatus
+        ARMING_STATUS = message 1100, 0;
         /// NodeStatus, as the node sends it. From here on what it sends, in the order in which it goes.
         OWN_STATUS = message 341, 0;
         /// thesis.DegreesCelsius
@@ -104,8 +104,8 @@ impl Kind {
     pub const UNKNOWN: Self = Self::OWN_STATUS;
 
     /// Whether it is a request to this node.
-    pub fn is_request(self) -> bool {
-        matches!(self, Self::GET_SET | Self::BEGIN_FIRMWARE_UPDATE) || self >= Self::GET_NODE_INFO
+    pub const fn is_request(self) -> bool {
+        self.0 >= Self::GET_SET.0 && self.0 < Self::NODE_STATUS.0
     }
 
     fn at(self) -> u16 {
@@ -115,14 +115,14 @@ impl Kind {
     /// The received message with this data type ID.
     #[inline(always)]
     pub fn of_message([high, low]: [u8; 2], flash: impl Progmem) -> Self {
-        // The low bytes differ: quicker than to go through the table.
+        // The low bytes differ: quicker than to go through the table. The last one is looked for first.
         let mut kind = Self::UNKNOWN;
-        kind = if low == Self::ARRAY_COMMAND.data_type() as u8 { Self::ARRAY_COMMAND } else { kind };
-        kind = if low == Self::NODE_STATUS.data_type() as u8 { Self::NODE_STATUS } else { kind };
         kind = if low == Self::SERVO_COMMAND.data_type() as u8 { Self::SERVO_COMMAND } else { kind };
         kind = if low == Self::ARMING_STATUS.data_type() as u8 { Self::ARMING_STATUS } else { kind };
         kind = if low == Self::LIGHTS_COMMAND.data_type() as u8 { Self::LIGHTS_COMMAND } else { kind };
         kind = if low == Self::ALLOCATION.data_type() as u8 { Self::ALLOCATION } else { kind };
+        kind = if low == Self::NODE_STATUS.data_type() as u8 { Self::NODE_STATUS } else { kind };
+        kind = if low == Self::ARRAY_COMMAND.data_type() as u8 { Self::ARRAY_COMMAND } else { kind };
         if kind.id_high(flash) == high { kind } else { Self::UNKNOWN }
     }
 

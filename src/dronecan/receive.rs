@@ -36,7 +36,7 @@ pub enum Refusal {
     Source,
     /// Not a transfer: no tail byte, or a transfer of several frames where one is enough.
     Form,
-    /// A request, while there is no room for its reply.
+    /// A request, while there is no room for its reply, or while one of several frames waits and this is another.
     Busy,
     /// The CRC is wrong, or an earlier transfer of the lane did not end.
     Broken,
@@ -85,6 +85,12 @@ impl Transfer {
         crc: [0; 2],
         bytes: [0; KEPT],
     };
+
+    /// Whether it has been under way for too long.
+    #[inline(always)]
+    fn is_old(&self, now_ms: u16) -> bool {
+        now_ms.wrapping_sub(self.started_ms) > TIMEOUT_MS
+    }
 
     /// Two of the bytes that were kept, little-endian.
     #[inline(never)]
@@ -150,9 +156,12 @@ impl Transfer {
 /// Puts transfers together.
 pub struct Receiver {
     lanes: [Transfer; 4],
-    /// The lane of the last frame, and whether its transfer has come whole.
+    /// The lane of the last frame, what it is a frame of, and whether its transfer has come whole.
     lane: u8,
+    kind: Kind,
     is_whole: bool,
+    /// A request of several frames has come whole, and waits in its lane.
+    is_held: bool,
     /// Why the last frame went no further.
     pub refusal: Refusal,
 }
@@ -160,10 +169,20 @@ pub struct Receiver {
 /// The lane of transfers of one frame.
 const SINGLE: u8 = 3;
 
+/// The lane of requests of several frames.
+const REQUESTS: u8 = 2;
+
 impl Receiver {
     /// With nothing under way.
     pub const fn new() -> Self {
-        Self { lanes: [Transfer::NONE; 4], lane: 0, is_whole: false, refusal: Refusal::None }
+        Self {
+            lanes: [Transfer::NONE; 4],
+            lane: 0,
+            kind: Kind::ARRAY_COMMAND,
+            is_whole: false,
+            is_held: false,
+            refusal: Refusal::None,
+        }
     }
 
     /// Takes a frame. If it completes a transfer, that is to be acted on and cleared before the next frame. If it is of no use,
@@ -186,17 +205,45 @@ impl Receiver {
         self.is_whole
     }
 
-    /// What it is, if there is one and it is no request.
+    /// What it is, if there is one and it is no request: to be asked after [`accept`](Self::accept) only.
     #[inline(always)]
-    pub fn message(&mut self) -> Option<Kind> {
-        self.transfer().map(|transfer| transfer.kind).filter(|kind| !kind.is_request())
+    pub fn message(&self) -> Option<Kind> {
+        (self.is_whole && !self.kind.is_request()).then_some(self.kind)
     }
 
-    /// Whether the last frame was one of a command, and more of it are to come.
+    /// Whether the last frame was one of a command, and more of it are to come. Not after one that broke the command before it: of those
+    /// there may be many, and nothing come of any.
     #[inline(always)]
     pub fn awaits_command(&self) -> bool {
         let [commands, ..] = &self.lanes;
-        self.lane == Kind::ARRAY_COMMAND.0 && commands.is_open
+        self.lane == Kind::ARRAY_COMMAND.0 && commands.is_open && self.refusal == Refusal::None
+    }
+
+    /// Whether there is a request of several frames that [waits](Self::recall).
+    #[inline(always)]
+    pub fn holds_request(&self) -> bool {
+        self.is_held
+    }
+
+    /// Makes the request of several frames that waits the transfer to act on. Whether there is one.
+    #[inline(always)]
+    pub fn recall(&mut self) -> bool {
+        let is_held = core::mem::take(&mut self.is_held);
+        if is_held {
+            self.lane = REQUESTS;
+            self.is_whole = true;
+        }
+        is_held
+    }
+
+    /// More is to be done about the transfer: a request of several frames can wait for that, what is a single frame is to be done
+    /// before the next frame.
+    #[inline(always)]
+    pub fn hold(&mut self) {
+        if self.lane == REQUESTS {
+            self.is_whole = false;
+            self.is_held = true;
+        }
     }
 
     /// It has been acted on.
@@ -235,24 +282,27 @@ impl Receiver {
         }
         let kind = if kind == Kind::ARRAY_COMMAND && priority & DRAFT != 0 { Kind::DRAFT_COMMAND } else { kind };
         let Some((&tail, payload)) = frame.data().split_last() else { return Refusal::Form };
-        let mut lane = kind.0.min(Kind::GET_SET.0);
+        let mut lane = kind.0.min(REQUESTS);
         if tail >= START_OF_TRANSFER | END_OF_TRANSFER {
             lane = SINGLE;
-        } else if kind >= Kind::NODE_STATUS || source == 0 {
+        } else if kind >= Kind::GET_NODE_INFO || source == 0 {
             return Refusal::Form;
         }
+        if lane == REQUESTS && self.is_held {
+            return Refusal::Busy;
+        }
         self.lane = lane;
+        self.kind = kind;
         let Some(transfer) = self.lanes.get_mut(usize::from(lane)) else { return Refusal::None };
 
         let mut rest = payload;
         self.refusal = Refusal::None;
-        let is_old = now_ms.wrapping_sub(transfer.started_ms) > TIMEOUT_MS;
         if tail & START_OF_TRANSFER != 0 {
             if tail & TOGGLE != 0 {
                 return Refusal::Form;
             }
             if transfer.is_open {
-                if !is_old && transfer.source != source {
+                if !transfer.is_old(now_ms) && transfer.source != source {
                     return Refusal::Interleaved;
                 }
                 self.refusal = Refusal::Broken;
@@ -275,7 +325,7 @@ impl Receiver {
                 rest = later;
             }
         } else if !transfer.is_open
-            || is_old
+            || transfer.is_old(now_ms)
             || transfer.source != source
             || transfer.kind != kind
             || (transfer.tail ^ tail) & (TOGGLE | TRANSFER_ID) != 0
@@ -287,6 +337,8 @@ impl Receiver {
         if tail & END_OF_TRANSFER != 0 {
             if transfer.is_open && transfer.sum.to_le_bytes() != transfer.crc {
                 self.refusal = Refusal::Broken;
+            } else if lane == REQUESTS && transfer.kind != Kind::ALLOCATION {
+                self.is_held = true;
             } else {
                 self.is_whole = true;
             }

@@ -18,13 +18,13 @@ impl Button {
         Self { is_pressed: false, other_ms: 0, count: 0 }
     }
 
-    /// Takes the state of the pin, once a millisecond. Whether a press has begun.
-    pub fn tick(&mut self, is_pressed: bool) -> bool {
+    /// Takes the state of the pin, as it has been for so many milliseconds. Whether a press has begun.
+    pub fn tick(&mut self, is_pressed: bool, passed_ms: u8) -> bool {
         if is_pressed == self.is_pressed {
             self.other_ms = 0;
             return false;
         }
-        self.other_ms = self.other_ms.wrapping_add(1);
+        self.other_ms = self.other_ms.wrapping_add(passed_ms);
         if self.other_ms < STEADY_MS {
             return false;
         }
@@ -56,7 +56,7 @@ mod tests {
     fn a_press_that_bounces_counts_once() {
         let mut button = Button::new();
         let mut presses = 0;
-        let mut hold = |level: bool, ms: u32| (0..ms).filter(|_| button.tick(level)).count();
+        let mut hold = |level: bool, ms: u32| (0..ms).filter(|_| button.tick(level, 1)).count();
         for _ in 0..3 {
             for _ in 0..5 {
                 presses += hold(true, 3) + hold(false, 2);

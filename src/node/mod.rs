@@ -103,11 +103,16 @@ pub fn is_like_a_command(frame: &Frame) -> bool {
     frame.id[2] == COMMAND[1] || frame.id[2] == THESIS[1]
 }
 
+/// Whether a frame is of a request, or of an answer to one.
+#[inline(always)]
+pub fn is_of_service(frame: &Frame) -> bool {
+    frame.id[3] & SERVICE_NOT_MESSAGE != 0
+}
+
 /// Whether a frame is a whole request, to whomever: the filters let through those to this node.
 #[inline(always)]
 fn is_request(frame: &Frame) -> bool {
-    frame.id[3] & SERVICE_NOT_MESSAGE != 0
-        && frame.data().last().is_some_and(|&tail| tail >= START_OF_TRANSFER | END_OF_TRANSFER)
+    is_of_service(frame) && frame.data().last().is_some_and(|&tail| tail >= START_OF_TRANSFER | END_OF_TRANSFER)
 }
 
 /// Whether it has the length, too, of one that [can be followed at once](Node::follow_at_once).
@@ -407,9 +412,16 @@ impl Node {
         }
     }
 
-    /// To be called at every tick of the millisecond clock.
+    /// To be called at every tick of the millisecond clock, or after `passed_ms` of them.
     #[inline(never)]
-    pub fn tick(&mut self, is_pressed: bool, now_ms: u16, eeprom: &mut impl Eeprom, monitor: &mut Monitor) {
+    pub fn tick(
+        &mut self,
+        passed_ms: u8,
+        is_pressed: bool,
+        now_ms: u16,
+        eeprom: &mut impl Eeprom,
+        monitor: &mut Monitor,
+    ) {
         self.store.step(&mut self.parameters, eeprom);
         if self.autopilot.tick(now_ms) >= SURE_MS && self.is_sure {
             self.is_sure = false;
@@ -422,13 +434,13 @@ impl Node {
             self.occasion_ms = now_ms;
             self.due.set(Due::NODE_STATUS);
         }
-        self.pace(Due::ACTUATOR_STATUS, 0, self.parameters.get(Parameter::TelemRate));
-        self.pace(Due::TEMPERATURE, 1, self.parameters.get(Parameter::TempRate));
-        self.pace(Due::CAN_STATS, 2, self.parameters.get(Parameter::StatsRate));
+        self.pace(Due::ACTUATOR_STATUS, 0, passed_ms, self.parameters.get(Parameter::TelemRate) as u8);
+        self.pace(Due::TEMPERATURE, 1, passed_ms, self.parameters.get(Parameter::TempRate) as u8);
+        self.pace(Due::CAN_STATS, 2, passed_ms, self.parameters.get(Parameter::StatsRate) as u8);
         if self.id == 0 && self.allocation.is_due(now_ms) {
             self.due.set(Due::ALLOCATION);
         }
-        if self.button.tick(is_pressed) {
+        if self.button.tick(is_pressed, passed_ms) {
             monitor.tell(Line::Button).a = self.button.count();
             self.due.set(Due::BUTTON);
         }
@@ -451,11 +463,11 @@ impl Node {
         }
     }
 
-    /// A millisecond of a message that is sent so many times a second.
+    /// Milliseconds of a message that is sent so many times a second.
     #[inline(never)]
-    fn pace(&mut self, message: u8, n: usize, rate: u16) {
-        let Some(pace) = self.pace.get_mut(n) else { return };
-        *pace = pace.wrapping_add(rate);
+    fn pace(&mut self, message: u8, n: u8, passed_ms: u8, rate: u8) {
+        let Some(pace) = self.pace.get_mut(usize::from(n)) else { return };
+        *pace = pace.wrapping_add(u16::from(rate).wrapping_mul(u16::from(passed_ms)));
         if *pace >= 1000 {
             *pace = pace.wrapping_sub(1000);
             self.due.set(message);
@@ -531,22 +543,25 @@ impl Node {
         now_ms: u16,
         flash: impl Progmem,
         monitor: &mut Monitor,
+        the_quick_part_is_done: impl FnOnce(),
     ) {
         // Sure of v0, it has last been spoken to in v0.
         if !self.is_sure || self.dialect == Dialect::DRAFT {
             self.spoken = if draft::translate(frame, flash) { Dialect::DRAFT } else { Dialect::V0 };
         }
-        if self.replies.is_full() && is_request(frame) {
-            return self.refuse(Refusal::Busy, frame, monitor);
+        let mut refusal = Refusal::Busy;
+        if !self.replies.is_full() || !is_request(frame) {
+            let parameters = &self.parameters;
+            let entry = |list| {
+                let id = if list == Kind::LIGHTS_COMMAND { Parameter::LightId } else { Parameter::SrvId };
+                parameters.get(id) as u8
+            };
+            receiver.accept(frame, self.id, entry, now_ms, flash);
+            refusal = receiver.refusal;
         }
-        let parameters = &self.parameters;
-        let entry = |list| {
-            let id = if list == Kind::LIGHTS_COMMAND { Parameter::LightId } else { Parameter::SrvId };
-            parameters.get(id) as u8
-        };
-        receiver.accept(frame, self.id, entry, now_ms, flash);
-        if receiver.refusal != Refusal::None {
-            self.refuse(receiver.refusal, frame, monitor);
+        if refusal != Refusal::None {
+            the_quick_part_is_done();
+            self.refuse(refusal, frame, monitor);
         }
     }
 
@@ -571,6 +586,7 @@ impl Node {
     }
 
     /// Acts on the transfer that has come whole, or does a step towards that: to be called until the receiver has none.
+    /// `the_quick_part_is_done` is called when a command is in the servo's register, or it is none.
     #[inline(never)]
     pub fn act(
         &mut self,
@@ -579,17 +595,20 @@ impl Node {
         flash: impl Progmem,
         monitor: &mut Monitor,
         servo: &mut impl Output,
+        the_quick_part_is_done: impl FnOnce(),
     ) {
         let Some(transfer) = receiver.transfer() else { return };
-        if transfer.kind == Kind::GET_SET && serve::look_up(transfer, flash) {
-            return;
-        }
         if let Some(line) = self.heed_command(transfer, now_ms, servo) {
+            the_quick_part_is_done();
             let (source, transfer_id) = (transfer.source, transfer.transfer_id());
             let is_thesis = transfer.kind == Kind::SERVO_COMMAND;
             let code = if is_thesis { transfer.bytes[0] } else { self.parameters.get(Parameter::SrvId) as u8 };
             receiver.clear();
             return self.tell_command(line, source, transfer_id, code, now_ms, monitor);
+        }
+        the_quick_part_is_done();
+        if transfer.kind == Kind::GET_SET && serve::look_up(transfer, flash) {
+            return receiver.hold();
         }
         count(&mut self.counts.received);
         // Every transfer gives one line.
@@ -650,6 +669,7 @@ impl Node {
     }
 
     /// Acts on another message and notes what it says in `event`. The line that tells of it, or why it is refused.
+    #[inline(always)]
     fn heed(&mut self, transfer: &Transfer, event: &mut Event, now_ms: u16, flash: impl Progmem) -> Line {
         let [b0, b1, b2, b3, mut b4, ..] = transfer.bytes;
         let Some(source) = NodeId::new(transfer.source) else {
@@ -779,18 +799,18 @@ impl Node {
     ) -> bool {
         const ONE_FRAME: u8 = START_OF_TRANSFER | END_OF_TRANSFER;
         let [first, high, low, source] = frame.id;
-        let [code, command, v0, v1, mut tail, ..] = frame.data;
+        // Most frames are not, which their lengths show.
         let is_thesis = low == THESIS[1];
+        if frame.len != if is_thesis { 2 } else { 5 } {
+            return false;
+        }
+        let [code, command, v0, v1, mut tail, ..] = frame.data;
         if is_thesis {
             tail = command;
-            if frame.len != 2 || high != THESIS[0] {
+            if high != THESIS[0] {
                 return false;
             }
-        } else if low != COMMAND[1]
-            || frame.len != 5
-            || code != self.parameters.get(Parameter::SrvId) as u8
-            || high != COMMAND[0]
-        {
+        } else if low != COMMAND[1] || code != self.parameters.get(Parameter::SrvId) as u8 || high != COMMAND[0] {
             return false;
         }
         if tail & (ONE_FRAME | TOGGLE) != ONE_FRAME

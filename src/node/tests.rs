@@ -141,20 +141,25 @@ impl Rig {
     /// Runs for so many milliseconds.
     fn run(&mut self, ms: u32) {
         for _ in 0..ms {
-            let now_ms = self.now_ms();
-            self.node.tick(self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
-            self.node.read_temperature(self.readings[(self.ms & 1) as usize]);
-            self.do_chores();
-            self.send();
-            if !self.is_bus_busy {
-                self.node.controller_is_empty(now_ms);
-            }
-            // What 115,200 baud take in a millisecond.
-            for _ in 0..11 {
-                let _ = self.monitor.next_byte(InMemory);
-            }
-            self.ms += 1;
+            self.step(1);
         }
+    }
+
+    /// Runs for as long as the main loop was at something else.
+    fn step(&mut self, passed_ms: u8) {
+        let now_ms = self.now_ms();
+        self.node.tick(passed_ms, self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
+        self.node.read_temperature(self.readings[(self.ms & 1) as usize]);
+        self.do_chores();
+        self.send();
+        if !self.is_bus_busy {
+            self.node.controller_is_empty(now_ms);
+        }
+        // What 115,200 baud take in a millisecond.
+        for _ in 0..11 {
+            let _ = self.monitor.next_byte(InMemory);
+        }
+        self.ms += u32::from(passed_ms);
     }
 
     fn send(&mut self) {
@@ -178,15 +183,21 @@ impl Rig {
         }
     }
 
+    /// A step of what the transfer that has come asks for.
+    fn act(&mut self) {
+        let now_ms = self.now_ms();
+        self.node.act(&mut self.receiver, now_ms, InMemory, &mut self.monitor, &mut self.servo, || ());
+    }
+
     /// Takes a frame as the main loop does.
     fn frame(&mut self, frame: &Frame) {
         let now_ms = self.now_ms();
         let followed = self.node.counts.followed;
         self.servo.0 = 0;
         if self.is_slow || !self.node.follow_at_once(frame, now_ms, &mut self.monitor, &mut self.servo) {
-            self.node.receive(&mut { *frame }, &mut self.receiver, now_ms, InMemory, &mut self.monitor);
-            while self.receiver.has_transfer() {
-                self.node.act(&mut self.receiver, now_ms, InMemory, &mut self.monitor, &mut self.servo);
+            self.node.receive(&mut { *frame }, &mut self.receiver, now_ms, InMemory, &mut self.monitor, || ());
+            while self.receiver.has_transfer() || self.receiver.recall() {
+                self.act();
             }
         }
         let is_followed = self.node.counts.followed != followed;
@@ -360,7 +371,7 @@ fn a_status_that_waits_in_the_controller_is_not_followed_by_another() {
     let mut left = 0;
     for _ in 0..3000 {
         let now_ms = rig.now_ms();
-        rig.node.tick(false, now_ms, &mut rig.memory, &mut rig.monitor);
+        rig.node.tick(1, false, now_ms, &mut rig.memory, &mut rig.monitor);
         while rig.node.prepare(&rig.counters, InMemory, &mut rig.monitor, now_ms) {}
         if rig.node.is_ready() {
             left += 1;
@@ -398,6 +409,25 @@ fn transfer_ids_count_for_each_type_by_itself() {
         assert!(transfers.len() > 32);
         for (n, (_, _, transfer_id)) in transfers.into_iter().enumerate() {
             assert_eq!(usize::from(transfer_id), n % 32, "{id:08X}");
+        }
+    }
+}
+
+#[test]
+fn messages_keep_their_rates_while_the_main_loop_counts_several_milliseconds_at_once() {
+    for passed_ms in [1, 2, 5, 10] {
+        let mut rig = Rig::with(&[(Parameter::TelemRate, 50), (Parameter::TempRate, 7), (Parameter::StatsRate, 2)]);
+        // Until there is a temperature.
+        rig.run(1000);
+        rig.sent.clear();
+        let begun = rig.ms;
+        while rig.ms < begun + 10_000 {
+            rig.step(passed_ms);
+        }
+        let sent = [(ACTUATOR_STATUS, golden::ACTUATOR_STATUS), (TEMPERATURE, 0), (CAN_STATS, golden::CAN_STATS)]
+            .map(|(id, signature)| rig.transfers(id, signature).len());
+        for (sent, asked) in sent.into_iter().zip([500, 70, 20]) {
+            assert!(sent.abs_diff(asked) <= 1, "{sent} in ten seconds instead of {asked}, {passed_ms} ms at once");
         }
     }
 }

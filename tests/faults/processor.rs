@@ -117,7 +117,7 @@ pub const STRAY_INTERRUPT: Case = Case {
 
 pub const STACK: Case = Case {
     fault: "the stack reaches the variables",
-    noticed: "a painted word between them, looked at in each turn (bit 3)",
+    noticed: "a painted word between them, looked at each millisecond (bit 3)",
     run: || {
         restarted_by("reset: STACK COLLISION", RESET_STRAY, |trial| {
             let avr = trial.rig.board().avr_mut();

@@ -58,6 +58,8 @@ pub enum Kind {
     ParameterRequest,
     /// A request for a parameter by its name, of three frames.
     LongRequest,
+    /// Any of these at random, one after the other; transfers of several frames are sent whole.
+    Mixed,
     /// A frame for others, of 8 bytes.
     Foreign,
     /// A frame of so many bytes that the firmwares of `strangers/` take.
@@ -66,7 +68,7 @@ pub enum Kind {
 
 impl Kind {
     /// All that the node takes.
-    pub const MATCHING: [Kind; 17] = [
+    pub const MATCHING: [Kind; 18] = [
         Kind::Command(0),
         Kind::Command(1),
         Kind::Command(2),
@@ -84,6 +86,7 @@ impl Kind {
         Kind::Request,
         Kind::ParameterRequest,
         Kind::LongRequest,
+        Kind::Mixed,
     ];
 
     /// Whether its frames are requests to the node.
@@ -91,9 +94,9 @@ impl Kind {
         matches!(self, Kind::Request | Kind::ParameterRequest | Kind::LongRequest)
     }
 
-    /// Whether its frames make the servo move.
+    /// Whether some of its frames make the servo move.
     pub fn moves(self) -> bool {
-        matches!(self, Kind::Command(5) | Kind::LongCommand | Kind::Thesis)
+        matches!(self, Kind::Command(5) | Kind::LongCommand | Kind::Thesis | Kind::Mixed)
     }
 }
 
@@ -149,6 +152,8 @@ pub fn run(load: Load, ms: u64) -> Figures {
 /// The sender of a [`Load`].
 pub struct Sender {
     load: Load,
+    /// What the last frame of a mixture was.
+    mixed: Kind,
     station: Rc<RefCell<SoftNode>>,
     count: u32,
     transfer_id: u8,
@@ -177,6 +182,7 @@ impl Sender {
         bench.attach("load", station.clone());
         Sender {
             load,
+            mixed: Kind::Mixed,
             station,
             count: 0,
             transfer_id: 0,
@@ -211,15 +217,23 @@ impl Sender {
     /// The next frame.
     pub fn frame(&mut self) -> Frame {
         self.count += 1;
+        let kind = match self.load.kind {
+            Kind::Mixed if !self.rest.is_empty() => self.mixed,
+            Kind::Mixed => {
+                self.mixed = Kind::MATCHING[self.random(Kind::MATCHING.len() as u32 - 1) as usize];
+                self.mixed
+            }
+            kind => kind,
+        };
         let [low, high] = half::f16::from_f32(pulse_us(self.count)).to_le_bytes();
-        match self.load.kind {
+        match kind {
             Kind::Command(5) => self.widths.push_back(pulse_us(self.count)),
             Kind::LongCommand if self.rest.is_empty() => self.widths.push_back(pulse_us(self.count)),
             // Over the whole travel.
             Kind::Thesis => self.widths.push_back(1000.0 + f32::from(self.count as u8) * 1000.0 / 255.0),
             _ => {}
         }
-        let (id, data) = match self.load.kind {
+        let (id, data) = match kind {
             Kind::Command(len) => (ARRAY_COMMAND | SENDER, self.padded(&[1, 4, low, high], len)),
             Kind::Status(len) => (NODE_STATUS | SENDER, self.padded(&[10, 0, 0, 0, 0, 0, 0], len)),
             Kind::Thesis => (SERVO_COMMAND | SENDER, self.padded(&[self.count as u8], 2)),
@@ -233,6 +247,7 @@ impl Sender {
                 }
                 (0x1E0B_80FF | NODE << 8, self.rest.pop_front().expect("a frame"))
             }
+            Kind::Mixed => unreachable!("it is one of the others"),
             Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
             Kind::Stranger(len) => (STRANGERS, self.padded(&[], len)),
             Kind::Beginning => {
@@ -669,7 +684,8 @@ impl Loaded {
     }
 }
 
-fn ocr1b(board: &Board) -> u16 {
+/// The compare register of the servo's timer.
+pub fn ocr1b(board: &Board) -> u16 {
     u16::from_le_bytes([board.avr().sram(OCR1BL), board.avr().sram(OCR1BL + 1)])
 }
 

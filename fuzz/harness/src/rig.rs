@@ -250,11 +250,11 @@ impl Rig {
         let (before, now_ms) = (self.node.pulse(), self.clock());
         let parameters = self.node.parameters;
         if !self.node.follow_at_once(&frame, now_ms, &mut self.monitor, &mut Nowhere) {
-            self.node.receive(&mut frame, &mut self.receiver, now_ms, Flash, &mut self.monitor);
+            self.node.receive(&mut frame, &mut self.receiver, now_ms, Flash, &mut self.monitor, || ());
         }
         let mut turns = 0;
-        while self.receiver.has_transfer() {
-            self.node.act(&mut self.receiver, now_ms, Flash, &mut self.monitor, &mut Nowhere);
+        while self.receiver.has_transfer() || self.receiver.recall() {
+            self.node.act(&mut self.receiver, now_ms, Flash, &mut self.monitor, &mut Nowhere, || ());
             turns += 1;
             assert!(turns < 5, "it acts on a transfer for ever");
         }
@@ -328,7 +328,7 @@ impl Rig {
         self.now_ms += 1;
         let now_ms = self.clock();
         let before = self.node.pulse();
-        self.node.tick(self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
+        self.node.tick(1, self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
         let after = self.node.pulse();
         if after != before {
             let parameters = &self.node.parameters;

@@ -316,8 +316,10 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     }
 
     /// Whether it is time to [`poll`](Self::poll). `now_ms` wraps around; to be asked every 100 ms at least.
-    pub fn is_due(&self, now_ms: u16) -> bool {
+    pub fn is_due(&mut self, now_ms: u16) -> bool {
         (now_ms as u8).wrapping_sub(self.polled_ms) >= self.wait_ms
+            // On the bus already, with a frame: the next one may be there in 70 us.
+            || (step::ENTERING..step::RUNNING).contains(&self.step) && self.is_int_low()
     }
 
     /// Does the next short step of start-up or supervision.
@@ -380,7 +382,13 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// Whether [`receive`](Self::receive) is worth calling. Costs a few cycles, where `receive` would cost 60 to say no.
     #[inline(always)]
     pub fn calls(&mut self) -> bool {
-        self.is_running() && (!self.rx.is_empty() || self.is_int_low())
+        (self.has_seen_one() || self.is_int_low()) && self.is_running()
+    }
+
+    /// Whether the last look at the chip showed one frame more than was received.
+    #[inline(always)]
+    pub fn has_seen_one(&self) -> bool {
+        !self.rx.is_empty()
     }
 
     fn is_int_low(&mut self) -> bool {

@@ -24,6 +24,7 @@ fn accept(
 ) -> Option<Transfer> {
     let entry = |list| if list == Kind::LIGHTS_COMMAND { light_id } else { actuator_id };
     receiver.accept(frame, me, entry, now_ms, InMemory);
+    receiver.recall();
     assert_eq!(receiver.has_transfer(), receiver.transfer().is_some());
     let transfer = receiver.transfer().copied();
     receiver.clear();
@@ -162,6 +163,71 @@ fn a_request_of_several_frames_is_kept_whole() {
     assert_eq!(transfer.bytes[..18], golden::bytes("00 01 2A 00 00 00 00 00 00 00 43 41 4E 5F 4E 4F 44 45"));
     assert_eq!((transfer.word(2), transfer.word(10)), (42, 0x4143));
     assert_eq!(transfer.word(25), 0, "one byte only is left there");
+}
+
+/// Takes frames and acts on nothing; why the last one went no further.
+fn take_only(receiver: &mut Receiver, frames: &[Frame]) -> Refusal {
+    for frame in frames {
+        receiver.accept(frame, ME, |_| ACTUATOR, 0, InMemory);
+    }
+    receiver.refusal
+}
+
+#[test]
+fn a_request_of_several_frames_waits_while_messages_pass_it() {
+    let mut receiver = Receiver::new();
+    take_only(&mut receiver, &frames(SET));
+    assert!(receiver.holds_request() && !receiver.has_transfer());
+    for text in [THREE, "1003F20A 01 00 00 38 C7", "1804390A 05 F8 00 C0"] {
+        assert_eq!(take_only(&mut receiver, &frames(text)), Refusal::None);
+        let message = *receiver.transfer().expect(text);
+        assert!(entry(Some(message)).is_some() || message.kind == Kind::LIGHTS_COMMAND, "{text}");
+        receiver.clear();
+    }
+    assert!(receiver.recall() && receiver.has_transfer() && !receiver.holds_request());
+    let request = receiver.transfer().copied();
+    assert_eq!(request, Rig::new().text(SET), "as if nothing had come after it");
+    receiver.clear();
+    assert!(!receiver.recall(), "once");
+}
+
+#[test]
+fn a_request_about_which_more_is_to_be_done_can_wait_again() {
+    let mut receiver = Receiver::new();
+    take_only(&mut receiver, &frames(SET));
+    receiver.recall();
+    receiver.hold();
+    assert!(receiver.holds_request() && !receiver.has_transfer());
+    take_only(&mut receiver, &frames("1003F20A 01 00 00 38 C7"));
+    receiver.clear();
+    assert!(receiver.recall());
+    assert_eq!(receiver.transfer().map(|transfer| transfer.kind), Some(Kind::GET_SET));
+    // A single frame shares its lane with the next one, so it is done with first.
+    receiver.clear();
+    take_only(&mut receiver, &frames("1E01F8FF C3"));
+    receiver.hold();
+    assert!(receiver.has_transfer() && !receiver.holds_request());
+}
+
+#[test]
+fn no_other_request_of_several_frames_takes_the_place_of_one_that_waits() {
+    let mut receiver = Receiver::new();
+    take_only(&mut receiver, &frames(SET));
+    let other = golden::transfer(0x1E0B_F8FE, golden::GET_SET, 5, &[7; 12]);
+    assert_eq!(take_only(&mut receiver, &other), Refusal::Busy);
+    receiver.recall();
+    assert_eq!(receiver.transfer().map(|transfer| transfer.source), Some(127));
+    receiver.clear();
+    take_only(&mut receiver, &other);
+    receiver.recall();
+    assert_eq!(receiver.transfer().map(|transfer| transfer.source), Some(126));
+}
+
+#[test]
+fn an_allocation_of_several_frames_does_not_wait() {
+    let mut receiver = Receiver::new();
+    take_only(&mut receiver, &frames("1E00017F 58 5D 00 00 01 02 03 81 | 04 05 06 07 08 09 0A 21 | 0B 41"));
+    assert!(receiver.has_transfer() && !receiver.holds_request());
 }
 
 #[test]
