@@ -2,6 +2,8 @@
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
+# Or cargo would look for make's jobs.
+unexport MAKEFLAGS MFLAGS
 
 TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
 NODE_ELF := $(TARGET_DIR)/avr-atmega168/release/node.elf
@@ -20,7 +22,7 @@ help:
 	@echo "make firmware   build node.elf, and show how much of the chip it takes"
 	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip node.elf takes, function by function"
-	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (twenty minutes)"
+	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (half an hour)"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
@@ -46,10 +48,12 @@ strangers:
 	cargo build $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate
 	cargo build $(AVR) -p stranger-mcp25xx-wrong-rxb1
 
-test: setup lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
+# What has to be there first does not need each other.
+test: setup
+	@$(MAKE) --no-print-directory -j2 --output-sync=line lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 	cargo test --workspace
-	cargo build --package bridge
-	$(VENV)/bin/python -m pytest -q tests/clients
+	@# They mostly wait for real time.
+	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/clients
 
 fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test --test fuzz -- --nocapture

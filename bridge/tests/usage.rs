@@ -1,0 +1,32 @@
+//! What the program says to somebody who does not know it yet, or gets it wrong. That it is started here has cargo build it with the
+//! tests, for those of `tests/clients`.
+
+use std::process::Command;
+
+/// Whether it ends well, and what it says there.
+fn bridge(arguments: &[&str]) -> (bool, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_bridge")).args(arguments).output().expect("it starts");
+    let said = if output.status.success() { output.stdout } else { output.stderr };
+    (output.status.success(), String::from_utf8(said).expect("text"))
+}
+
+#[test]
+fn the_help_has_examples_and_every_kind_of_bus_and_channel() {
+    let (is_well, said) = bridge(&["--help"]);
+    assert!(is_well);
+    for word in ["slcan:", "mcast:", "socketcan:", "udpout:", "udpin:", "tcp:", "tcpin:", "serial:", "bridge --bus "] {
+        assert!(said.contains(word), "no {word} in\n{said}");
+    }
+}
+
+#[test]
+fn whoever_writes_a_bus_or_a_channel_wrongly_is_told_how_to_write_it() {
+    for (arguments, advice) in [
+        (["--bus", "nonsense:1", "--mavlink", "udpin:14550"], "slcan, mcast or socketcan"),
+        (["--bus", "mcast:0", "--mavlink", "udpout:nowhere"], "write for example udpout:127.0.0.1:14550"),
+        (["--bus", "slcan:/nowhere", "--mavlink", "udpin:0"], "/nowhere"),
+    ] {
+        let (is_well, said) = bridge(&arguments);
+        assert!(!is_well && said.contains(advice), "{arguments:?}: {said}");
+    }
+}
