@@ -46,6 +46,9 @@ NODE = 120
 # The node says how it is each second; a busy machine needs more.
 PATIENCE_S = 10
 
+# Run in the background of a script Ctrl-C is ignored, and who is started from here would ignore it, too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 # Our own types, as a user loads them: the directory is the namespace. Loading makes all types anew, the standard ones
 # too, so it comes before anybody uses one; pydronecan's own applications, which hold the old ones, are loaded again.
 dronecan.load_dsdl(str(ROOT / "dsdl" / "thesis"))

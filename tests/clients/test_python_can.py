@@ -4,7 +4,6 @@ import os
 import random
 import re
 import signal
-import subprocess
 import time
 
 import pytest
@@ -45,17 +44,6 @@ def random_frames(count, seed):
     return made
 
 
-def interrupt(process):
-    """Ctrl-C, once more if Python was where it swallows the exception (in a callback of its own)."""
-    for _ in range(5):
-        process.send_signal(signal.SIGINT)
-        try:
-            return process.wait(PATIENCE_S / 5)
-        except subprocess.TimeoutExpired:
-            pass
-    return process.wait(0)
-
-
 def test_can_logger_records_what_can_player_plays(bench):
     used = bench("--log", "sim.log", slcan=2)
     played = random_frames(400, seed=1)
@@ -64,7 +52,8 @@ def test_can_logger_records_what_can_player_plays(bench):
     used.run("can_player", *ADAPTER, used.slcan[1], "in.log")
     # What the player has left to the adapter goes out, and to the logger.
     time.sleep(0.5)
-    interrupt(logger)
+    logger.send_signal(signal.SIGINT)
+    logger.wait(PATIENCE_S)
     assert frames(used.directory / "out.log") == played
     used.end()
     assert frames(used.directory / "sim.log") == played
