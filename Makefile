@@ -22,7 +22,7 @@ help:
 	@echo "make firmware   build node.elf, and show how much of the chip it takes"
 	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip node.elf takes, function by function"
-	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (half an hour)"
+	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (twenty minutes)"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"

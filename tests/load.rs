@@ -203,18 +203,24 @@ fn its_status_goes_out_each_second_on_a_full_bus() {
     }
 }
 
+/// A load of a frame each `period` cycles, under which the node has time for everything else, too.
+fn with_time_for_the_rest(kind: Kind, period: u64) -> Figures {
+    let mut loaded = Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Every(period) }), Client::Walking);
+    loaded.run_ms(3200);
+    let figures = loaded.finish();
+    let Figures { own_frames, own_statuses, answers, .. } = figures;
+    assert!(
+        own_statuses >= 3 && own_frames > 450 && answers > 40,
+        "a frame each {period} cycles: {own_statuses} statuses, {own_frames} frames, {answers} answers in 3.2 s"
+    );
+    figures
+}
+
 /// While a command of several frames is coming, the node leaves other things for later, but not for ever.
 #[test]
 fn commands_that_never_end_do_not_keep_it_from_its_other_work() {
     for period in [2500, 4000, 6000, 10_000] {
-        let load = Load { kind: Kind::Beginning, priority: 31, pace: Pace::Every(period) };
-        let mut loaded = Loaded::new(Some(load), Client::Walking);
-        loaded.run_ms(3200);
-        let Figures { own_frames, own_statuses, answers, .. } = loaded.finish();
-        assert!(
-            own_statuses >= 3 && own_frames > 450 && answers > 40,
-            "a beginning each {period} cycles: {own_statuses} statuses, {own_frames} frames, {answers} answers in 3.2 s"
-        );
+        with_time_for_the_rest(Kind::Beginning, period);
     }
 }
 
@@ -223,15 +229,7 @@ fn commands_that_never_end_do_not_keep_it_from_its_other_work() {
 #[test]
 fn commands_that_take_long_to_come_leave_time_for_everything_else() {
     for period in [8000, 16_000, 36_800, 80_000] {
-        let load = Load { kind: Kind::LongCommand, priority: 31, pace: Pace::Every(period) };
-        let mut loaded = Loaded::new(Some(load), Client::Walking);
-        loaded.run_ms(3200);
-        let Figures { own_frames, own_statuses, answers, command_to_servo, .. } = loaded.finish();
-        assert!(
-            own_statuses >= 3 && own_frames > 400 && answers > 40,
-            "a frame each {period} cycles: {own_statuses} statuses, {own_frames} frames, {answers} answers in 3.2 s"
-        );
-        let max = command_to_servo.max() / 16;
+        let max = with_time_for_the_rest(Kind::LongCommand, period).command_to_servo.max() / 16;
         let limit = if period <= 16_000 { 100 } else { 200 };
         assert!(
             max <= limit,
