@@ -56,33 +56,43 @@ def loads_and_stores(object):
                 yield section, at, what, addend
 
 
-def cut(object, cuts):
-    """Deletes the two bytes at these places of each section, and corrects what refers to what is behind them."""
+def cut(object, cuts, added={}):
+    """Deletes the two bytes at these places of each section, adds the words that are said for others (with their relocations, or None)
+    before what is there, and corrects what refers to what is behind them. Who jumps to such a place comes to what was added."""
+    sizes = {section: [(at, 2 * len(words)) for at, words in sorted(places.items())] for section, places in added.items()}
 
-    def moved(section, at):
-        return at - 2 * bisect.bisect_left(cuts.get(section, ()), at)
+    def moved(section, at, with_what_is_there=False):
+        grown = sum(size for place, size in sizes.get(section, ()) if place < at or with_what_is_there and place == at)
+        return at + grown - 2 * bisect.bisect_left(cuts.get(section, ()), at)
 
     for section in object.sections:
         relocations = {}
         for where, (what, addend) in section.relocations.items():
             target, value = object.section_of(what), object.value_of(what)
-            relocations[moved(section, where)] = what, moved(target, value + addend) - moved(target, value)
+            relocations[moved(section, where, True)] = what, moved(target, value + addend) - moved(target, value)
+        for at, words in added.get(section, {}).items():
+            for n, (_, relocation) in enumerate(words):
+                if relocation:
+                    relocations[moved(section, at) + 2 * n] = relocation
         section.relocations = relocations
     for at in range(0, len(object.symbols), 16):
         value, size = struct.unpack_from("<2I", object.symbols, at + 4)
         section = object.section_of(at << 4)
         begin = moved(section, value)
         struct.pack_into("<2I", object.symbols, at + 4, begin, moved(section, value + size) - begin)
-    for section, places in cuts.items():
-        for at in reversed(places):
-            del section.data[at : at + 2]
+    for section in cuts.keys() | added.keys():
+        changes = [(at, at + 2, b"") for at in cuts.get(section, ())]
+        for at, words in added.get(section, {}).items():
+            changes.append((at, at, b"".join(struct.pack("<H", word) for word, _ in words)))
+        for begin, end, data in sorted(changes, reverse=True):
+            section.data[begin:end] = data
 
 
 class Edit:
     """New words and deletions in the code of an object, made all at once."""
 
     def __init__(self, object):
-        self.object, self.cuts = object, {}
+        self.object, self.cuts, self.added = object, {}, {}
         self.changes = 0
 
     def replace(self, section, at, word):
@@ -103,7 +113,12 @@ class Edit:
     def keep(self, section, at):
         self.cuts[section].discard(at)
 
+    def insert(self, section, at, words):
+        """Words, each with its relocation or None, before what is there."""
+        self.added.setdefault(section, {})[at] = words
+        self.changes += 1
+
     def make(self):
         """Whether there were any."""
-        cut(self.object, {section: sorted(places) for section, places in self.cuts.items()})
+        cut(self.object, {section: sorted(places) for section, places in self.cuts.items()}, self.added)
         return bool(self.changes)

@@ -8,7 +8,7 @@ MAY_BE_RELAXED = 0x80  # in e_flags
 RELA, NOBITS = 4, 8
 EXECUTED = 0x4
 FUNCTION = 2
-R_AVR_NONE, R_AVR_7_PCREL, R_AVR_13_PCREL, R_AVR_16, R_AVR_CALL = 0, 2, 3, 4, 18
+R_AVR_NONE, R_AVR_7_PCREL, R_AVR_13_PCREL, R_AVR_16, R_AVR_LO8_LDI, R_AVR_HI8_LDI, R_AVR_CALL = 0, 2, 3, 4, 6, 7, 18
 
 
 def fail(why):
@@ -82,6 +82,8 @@ class Object:
         if section.table:
             section.table.data = b"".join(struct.pack("<IIi", where, *to) for where, to in sorted(section.relocations.items()))
             self.update(section.table)
+        elif section.relocations:
+            fail(f"{section.name} has relocations now, and the object no place for them")
         struct.pack_into("<2I", self.elf, section.header + 16, len(self.elf), len(section.data))
         self.elf += section.data
 

@@ -99,7 +99,8 @@ def repeated(object, functions, quick):
                     break
                 # ld makes a jump of a call and a return.
                 returns = row[end : end + 1] == [None] and function.code[begin + end - 1].kind != "call"
-                has_time = function not in quick and begin + first not in loops[function]
+                # An object has no place for the relocation of a call where there was none before.
+                has_time = function not in quick and function.section.table is not None and begin + first not in loops[function]
                 place = Place(function, begin + first, begin + end, returns, has_time)
                 if not is_timed(place):
                     found[tuple(row[first:end])].append(place)

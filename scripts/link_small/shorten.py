@@ -5,40 +5,47 @@ import re
 import struct
 import subprocess
 
-from link_small.code import cut, instructions, is_branch, is_jump, is_skip, loads_and_stores, uses_carry
+from link_small.code import Edit, cut, instructions, is_branch, is_jump, is_skip, loads_and_stores, uses_carry
 from link_small.elf import FUNCTION, R_AVR_7_PCREL, R_AVR_NONE, executed
 
 # What Y points to, and how far LDD and STD reach from there.
 Y_WINDOW = "__y_window"
-Y_REACH = 64
+REACH = 64
+# LDD with these pointers.
+Y, Z = 0x8008, 0x8000
+
+
+def addresses_in(object, trial):
+    """The loads and stores of variables: the code, where in it, and the address."""
+    final = {name: value & 0xFFFF for name, value, _, section in trial.named() if name and section}
+    bases = {section: final[name] - value for name, value, _, section in object.named() if section and name in final}
+    for section, at, what, addend in loads_and_stores(object):
+        base = bases.get(object.section_of(what))
+        if base is not None:
+            yield section, at, base + object.value_of(what) + addend
+
+
+def through(edit, section, at, pointer, place):
+    """Makes LDD or STD of a load or store, with what the pointer is with displacement 0, and the place behind it."""
+    word = struct.unpack_from("<H", section.data, at)[0]
+    edit.replace(section, at, pointer | word & 0x03F0 | (place & 0x20) << 8 | (place & 0x18) << 7 | place & 7)
+    what, addend = section.relocations.pop(at + 2)
+    # Says nothing but that the variable is in use, or --gc-sections would leave it out, and move those behind it.
+    section.relocations[at + 1] = what & ~0xFF | R_AVR_NONE, addend
+    edit.cut(section, at + 2)
 
 
 def shorten(objects, trial):
     """Makes LDD and STD of loads and stores within reach of Y. Where Y has to point to."""
-    final = {name: value & 0xFFFF for name, value, _, section in trial.named() if name and section}
-    found, uses = [], collections.Counter()
-    for object in objects:
-        bases = {section: final[name] - value for name, value, _, section in object.named() if section and name in final}
-        for section, at, what, addend in loads_and_stores(object):
-            base = bases.get(object.section_of(what))
-            if base is not None:
-                address = base + object.value_of(what) + addend
-                found.append((object, section, at, address))
-                uses[address] += 1
-    window = max(uses, key=lambda begin: sum(uses[begin + n] for n in range(Y_REACH)), default=0)
-    for object in objects:
-        cuts = {}
-        for owner, section, at, address in found:
-            if owner is object and 0 <= address - window < Y_REACH:
-                place = address - window
-                word = struct.unpack_from("<H", section.data, at)[0]
-                displacement = (place & 0x20) << 8 | (place & 0x18) << 7 | place & 7
-                struct.pack_into("<H", section.data, at, 0x8008 | word & 0x03F0 | displacement)
-                what, addend = section.relocations.pop(at + 2)
-                # Says nothing but that the variable is in use, or --gc-sections would leave it out, and move those behind it.
-                section.relocations[at + 1] = what & ~0xFF | R_AVR_NONE, addend
-                cuts.setdefault(section, []).append(at + 2)
-        cut(object, cuts)
+    found = {object: list(addresses_in(object, trial)) for object in objects}
+    uses = collections.Counter(address for places in found.values() for *_, address in places)
+    window = max(uses, key=lambda begin: sum(uses[begin + n] for n in range(REACH)), default=0)
+    for object, places in found.items():
+        edit = Edit(object)
+        for section, at, address in places:
+            if 0 <= address - window < REACH:
+                through(edit, section, at, Y, address - window)
+        edit.make()
     return window
 
 

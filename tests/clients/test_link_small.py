@@ -476,12 +476,26 @@ def test_nothing_comes_between_ports_that_are_written_shortly_after_each_other(l
         assert program(name)[at + 1 : at + 5] == ["swap r24", "com r24", "inc r24", "out 0x1f, r24"]
 
 
+WRITING = "    nop\n    nop\n    nop\n    swap r24\n    com r24\n    inc r24\n    out 0x1F, r24\n    nop\n    nop\n    nop\n    nop\n"
+
+
 def test_a_port_in_code_that_is_called_is_written_once_each_time(linked):
     def writing(name):
-        return f"    {name}\n    nop\n    nop\n    nop\n    swap r24\n    com r24\n    inc r24\n    out 0x1F, r24\n    nop\n    nop\n    nop\n    nop\n    {name}\n    ret\n"
+        return f"    {name}\n    lds r24, some\n{WRITING}    {name}\n    ret\n"
+
+    program = linked(also=VARIABLES, f=f"    call g\n    call h\n{writing('wdr')}", g=writing("sei"), h=writing("cli"))
+    assert sum(copies(program, "out 0x1f, r24").values()) == 1
+
+
+def test_a_function_that_refers_to_nothing_keeps_its_code(linked):
+    """There is no place in the object for the relocation of a call."""
+
+    def writing(name):
+        return f"    {name}\n{WRITING}    {name}\n    ret\n"
 
     program = linked(f=f"    in r24, {IN}\n    call g\n    call h\n{writing('wdr')}", g=writing("sei"), h=writing("cli"))
-    assert sum(copies(program, "out 0x1f, r24").values()) == 1
+    for name in "gh":
+        assert program(name).count("out 0x1f, r24") == 1 and not [one for one in program(name) if re.match("r?jmp|r?call", one)]
 
 
 def test_the_linker_keeps_the_order_of_the_functions(tmp_path, monkeypatch):
@@ -505,3 +519,66 @@ def test_the_linker_keeps_the_order_of_the_functions(tmp_path, monkeypatch):
     assert sorted(names, key=found.get) == wanted
     listing = subprocess.run(["avr-objdump", "-d", "--no-show-raw-insn", tmp_path / "program.elf"], check=True, capture_output=True, text=True).stdout
     assert len(re.findall(r"call\s+0x\w+\s+; 0x\w+ <f0>", listing)) == 6, "their relocations went along"
+
+
+# Sixty-four bytes that are used more than any others, so that Y points to them, and four more.
+USED_MOST = '    .section .bss.most,"aw",@nobits\n    .type most,@object\n    .size most, 64\nmost: .zero 64\n'
+FAR = '    .section .bss.far,"aw",@nobits\n    .type far,@object\n    .size far, 80\nfar: .zero 80\n'
+USING_MOST = "".join(f"    lds r24, most+{n}\n    sts most+{n}, r24\n" for n in range(64)) + "    ret\n"
+
+
+def loads(*places):
+    return "".join(f"    lds r{18 + n}, far+{place}\n" for n, place in enumerate(places)) + sink(*(f"r{18 + n}" for n in range(len(places))))
+
+
+@pytest.fixture
+def with_far_variables(linked, tmp_path):
+    """The instructions of `f`, and where the variables are that Y does not reach."""
+
+    def link(code, **functions):
+        program = linked(also=USED_MOST + FAR, f=f"    call most_used\n{code}", most_used=USING_MOST, **functions)
+        return program("f"), addresses(tmp_path)["far"] & 0xFFFF
+
+    return link
+
+
+def test_variables_near_each_other_are_reached_through_z(with_far_variables):
+    code, far = with_far_variables(loads(3, 0, 63) + "    ret\n")
+    assert code[1:6] == [f"ldi r30, 0x{far & 0xFF:02X}", f"ldi r31, 0x{far >> 8:02X}", "ldd r18, Z+3", "ld r19, Z", "ldd r20, Z+63"]
+
+
+def test_two_are_too_few_and_those_out_of_reach_are_left(with_far_variables):
+    code, _ = with_far_variables(loads(0, 1) + "    ret\n")
+    assert not [one for one in code if "Z" in one]
+    code, _ = with_far_variables(loads(0, 1, 2, 70) + "    ret\n")
+    assert [one.split()[0] for one in code[1:7]] == ["ldi", "ldi", "ld", "ldd", "ldd", "lds"]
+
+
+def test_a_branch_away_may_come_between(with_far_variables):
+    code, _ = with_far_variables(f"    lds r18, far\n    lds r19, far+1\n    cp r18, r19\n    breq 1f\n    lds r18, far+2\n{sink('r18')}1:  ret\n")
+    assert [one.split()[0] for one in code[1:8]] == ["ldi", "ldi", "ld", "ldd", "cp", "breq", "ldd"]
+
+
+def test_z_is_left_to_those_who_need_it(with_far_variables):
+    code, _ = with_far_variables(f"    in r30, {IN}\n{loads(0, 1, 2, 3)}{sink('r30')}    ret\n")
+    assert len([one for one in code if one.startswith("lds")]) == 4
+    for between in f"    in r30, {IN}\n{sink('r30')}", "    call g\n":
+        code, _ = with_far_variables(f"{loads(0, 1)}{between}{loads(2, 3)}    ret\n", g=f"    in r30, {IN}\n{sink('r30')}    ret\n")
+        assert len([one for one in code if one.startswith("lds")]) == 4
+    code, _ = with_far_variables(f"{loads(0, 1)}    call g\n{loads(2, 3)}    ret\n", g=f"    in r26, {IN}\n{sink('r26')}    ret\n")
+    assert not [one for one in code if one.startswith("lds")]
+
+
+def test_who_comes_from_elsewhere_finds_z_set(with_far_variables):
+    code, _ = with_far_variables(f"    in r24, {IN}\n    cpi r24, 3\n    breq 1f\n{loads(0, 1)}1:\n{loads(2, 3)}    ret\n")
+    assert not [one for one in code if "Z" in one]
+    # Where he comes to the first of them.
+    code, _ = with_far_variables(f"1:\n{loads(0, 1, 2)}    in r24, {IN}\n    cpi r24, 3\n    breq 1b\n    ret\n")
+    jump = next(one for one in code if one.startswith("breq"))
+    assert int(jump.split(".")[1]) == -2 * (code.index(jump) + 1 - code.index(next(one for one in code if one.startswith("ldi"))))
+
+
+def test_a_skip_skips_what_it_did(with_far_variables):
+    code, _ = with_far_variables(f"    in r24, {IN}\n    sbrc r24, 0\n{loads(0, 1, 2, 3)}    ret\n")
+    at = next(n for n, one in enumerate(code) if one.startswith("sbrc"))
+    assert [one.split()[0] for one in code[at + 1 : at + 7]] == ["lds", "ldi", "ldi", "ld", "ldd", "ldd"]
