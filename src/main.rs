@@ -39,7 +39,7 @@ struct Pace {
 use {
     board::{Board, CAN_CRYSTAL_HZ, Clock, Servo, flash::Image, guard},
     node::can::bit_timing::BitTiming,
-    node::dronecan::{kind::Kind, receive::Receiver},
+    node::dronecan::{draft::translate, kind::Kind, receive::Receiver},
     node::monitor::Monitor,
     node::node::{
         Node, condition::ResetCause, is_like_a_command, is_of_service, may_be_followed_at_once, parameters::Parameter,
@@ -76,6 +76,10 @@ fn main() -> ! {
         // register, whatever else the node is at.
         let is_prompt = !bus.has_frame_like(may_be_followed_at_once) && bus.receive();
         let now_ms = clock.now_ms();
+        if NODE.hears_draft() {
+            // Made into one of v0, if it is one of the draft.
+            bus.prepare(|frame| translate(frame, Image));
+        }
         // Even of an endless flood only so many in a row: then the rest has a turn.
         let is_their_turn = PACE.in_a_row < FRAMES_IN_A_ROW;
         if is_their_turn

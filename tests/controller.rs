@@ -89,7 +89,7 @@ fn a_chip_that_does_not_answer_is_told_of_and_taken_on_when_it_does() {
         let mut rig = Rig::powered();
         rig.board().chip_power_off(floating);
         rig.run_ms(1000);
-        let line = format!("CAN: MCP2515 does not answer (CANSTAT {floating:02X}), trying again");
+        let line = format!("CAN: MCP2515 silent (CANSTAT {floating:02X}), trying again");
         let told = rig.serial.lines().filter(|told| *told == line).count();
         assert!((5..=11).contains(&told), "about ten tries a second, each told: {}", rig.serial);
         assert_eq!(rig.pulses, []);
@@ -109,7 +109,7 @@ fn a_chip_that_was_reset_by_a_glitch_is_noticed_and_set_up_again() {
     rig.send_command(1, 0, 0.5);
     rig.settled_pulse_us();
     rig.board().chip_reset();
-    rig.wait_for_line("CAN: MCP2515 lost its configuration", 50);
+    rig.wait_for_line("CAN: MCP2515 lost its settings", 50);
     rig.wait_for_line("CAN: running", 200);
     rig.run_ms(50);
     assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1750.0), "the servo holds meanwhile");
@@ -121,7 +121,7 @@ fn a_chip_that_was_reset_by_a_glitch_is_noticed_and_set_up_again() {
 fn a_chip_that_dies_while_running_is_noticed_and_taken_on_again() {
     let mut rig = Rig::running();
     rig.board().chip_power_off(0xFF);
-    rig.wait_for_line("CAN: MCP2515 does not answer (CANSTAT FF)", 400);
+    rig.wait_for_line("CAN: MCP2515 silent (CANSTAT FF)", 400);
     rig.board().chip_power_on();
     rig.wait_for_line("CAN: running", 400);
     rig.send_command(1, 0, 0.0);
@@ -191,11 +191,11 @@ fn frames_that_nobody_acknowledges_are_given_up_after_a_second() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
-    rig.wait_for_line("CAN: nothing could be sent for 1 s (1 times)", 2600);
+    rig.wait_for_line("CAN: nothing sent for 1 s (1 times)", 2600);
     let chip = rig.board().chip();
     rig.run_ms(30);
     let waiting = (0..3).any(|n| chip.borrow().register(TXB0CTRL + 16 * n) & 0x08 != 0);
-    assert!(!waiting || rig.serial.matches("nothing could be sent").count() == 1);
+    assert!(!waiting || rig.serial.matches("nothing sent").count() == 1);
 }
 
 #[test]
@@ -208,8 +208,8 @@ fn frames_that_the_controller_had_no_room_for_are_counted_and_shown_in_the_statu
     let (_, health, _, vendor_code) = status_fields(&rig.statuses().last().unwrap().1);
     assert_eq!((health, vendor_code), (WARNING, FRAMES_LOST));
     rig.board().avr_mut().serial_send(b"?");
-    rig.wait_for_line("receive overruns", 300);
-    assert!(!rig.serial.contains("receive overruns 0"), "{}", rig.serial);
+    rig.wait_for_line("overruns", 300);
+    assert!(!rig.serial.contains("overruns 0"), "{}", rig.serial);
 }
 
 /// From CS low for the first look to CS high behind the frame, which clears RXnIF.
@@ -253,7 +253,7 @@ fn meddle(rig: &mut Rig, instructions: &[&[u8]]) {
 #[track_caller]
 fn put_right_within_100_ms(rig: &mut Rig) {
     rig.forget();
-    rig.wait_for_line("CAN: MCP2515 lost its configuration", 100);
+    rig.wait_for_line("CAN: MCP2515 lost its settings", 100);
     rig.wait_for_line("CAN: running", 200);
     let chip = rig.board().chip();
     assert_eq!([CNF1, CNF2, CNF3].map(|address| chip.borrow().register(address)), [0x00, 0x91, 0x01]);
@@ -318,7 +318,7 @@ fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_hold_the_program_
         rig.board().set_stuck_int(None);
         rig.run_ms(200);
         assert!(!rig.serial.contains("reset:"), "at moment {n}\n{}", rig.serial);
-        assert!(rig.serial.contains("CAN: MCP2515 lost its configuration"), "{}", rig.serial);
+        assert!(rig.serial.contains("CAN: MCP2515 lost its settings"), "{}", rig.serial);
     }
 }
 
@@ -333,9 +333,9 @@ fn the_flags_of_lost_frames_are_cleared_and_each_loss_is_told() {
         assert_eq!(chip.borrow().register(EFLG), flags);
         rig.wait_for("the cleared flags", 30, |_| chip.borrow().register(EFLG) == 0);
         rig.board().avr_mut().serial_send(b"?");
-        rig.wait_for_line("receive overruns", 300);
+        rig.wait_for_line("overruns", 300);
     }
-    assert!(rig.serial.contains("receive overruns 3"), "{}", rig.serial);
+    assert!(rig.serial.contains("overruns 3"), "{}", rig.serial);
 }
 
 /// ABAT aborts all that is asked to be sent as long as it is set.
@@ -344,7 +344,7 @@ fn after_frames_were_given_up_the_node_sends_again() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
-    rig.wait_for_line("nothing could be sent", 2600);
+    rig.wait_for_line("nothing sent", 2600);
     rig.run_ms(50);
     let chip = rig.board().chip();
     assert_eq!(chip.borrow().register(CANCTRL) & ABAT, 0);

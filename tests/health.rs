@@ -98,7 +98,7 @@ fn a_sensor_that_is_open_or_shorted_is_an_error_until_it_works() {
         rig.wait_for_line("OPEN OR SHORT", 50);
         rig.board().set_temperature_c(25.0);
         wait_for_status(&mut rig, OK, 0, 3000);
-        rig.wait_for_line("sensor works", 50);
+        rig.wait_for_line("sensor OK", 50);
     }
 }
 

@@ -245,7 +245,7 @@ fn a_command_that_was_given_up_half_way_slows_nothing_down() {
         let load = Load { kind: Kind::Status(8), priority: 31, pace: Pace::Every(10_000) };
         let mut loaded = Loaded::new(Some(load), Client::Walking);
         if with_a_beginning {
-            loaded.rig.send(ARRAY_COMMAND | 20, &long_command(1500.0, 0)[0]);
+            loaded.rig.send(ARRAY_COMMAND | 20, &long_command((4, 1500.0), 0)[0]);
         }
         loaded.run_ms(2000);
         loaded.finish().answers

@@ -19,27 +19,23 @@ pub fn is_finite(bits: u16) -> bool {
 /// zero, and limited to +-32,767.
 #[inline(never)]
 pub fn to_fixed(bits: u16, fraction_bits: u8) -> i16 {
-    let exponent = (bits >> 8) as u8 >> 2 & 31;
+    let mut exponent = (bits >> 8) as u8 >> 2 & 31;
     let mut magnitude = bits & 0x3FF;
     if exponent != 0 {
         magnitude |= 0x400;
+    } else {
+        exponent = 1;
     }
     // The power of two to go from the integer mantissa to the wanted scale, and 25.
-    let mut up = exponent.max(1) + fraction_bits;
-    while up > 25 {
-        if magnitude >= 0x4000 {
-            magnitude = i16::MAX as u16;
-            break;
-        }
-        magnitude <<= 1;
-        up -= 1;
-    }
-    if up < 25 {
-        while up < 24 {
-            magnitude >>= 1;
-            up += 1;
-        }
-        magnitude = (magnitude + 1) >> 1;
+    let up = exponent.wrapping_add(fraction_bits);
+    if up > 25 + 4 {
+        magnitude = i16::MAX as u16;
+    } else if up >= 25 {
+        magnitude = magnitude.wrapping_shl(u32::from(up.wrapping_sub(25)));
+    } else {
+        // Of 11 bits nothing is left by then.
+        magnitude = magnitude.wrapping_shr(u32::from(24u8.wrapping_sub(up).min(11)));
+        magnitude = magnitude.wrapping_add(1) >> 1;
     }
     let magnitude = magnitude as i16;
     if bits & SIGN != 0 { -magnitude } else { magnitude }

@@ -12,7 +12,7 @@
 //! once. A frame that comes twice is dropped, by its toggle bit, or begins its transfer again.
 
 use super::crc;
-use super::draft::DRAFT;
+use super::draft::SHORT;
 use super::kind::Kind;
 use super::wire::{END_OF_TRANSFER, REQUEST_NOT_RESPONSE, SERVICE_NOT_MESSAGE, START_OF_TRANSFER, TOGGLE, TRANSFER_ID};
 use crate::can::Frame;
@@ -280,7 +280,7 @@ impl Receiver {
         if kind == Kind::UNKNOWN {
             return Refusal::Kind;
         }
-        let kind = if kind == Kind::ARRAY_COMMAND && priority & DRAFT != 0 { Kind::DRAFT_COMMAND } else { kind };
+        let kind = if kind == Kind::ARRAY_COMMAND && priority & SHORT != 0 { Kind::DRAFT_COMMAND } else { kind };
         let Some((&tail, payload)) = frame.data().split_last() else { return Refusal::Form };
         let mut lane = kind.0.min(REQUESTS);
         if tail >= START_OF_TRANSFER | END_OF_TRANSFER {

@@ -199,17 +199,21 @@ impl Monitor {
     #[inline(never)]
     fn find_text(&mut self, flash: impl Progmem) {
         let mut texts = SKIPPED_AT_ONCE;
+        let mut at = self.text_at;
+        let mut skip = self.text_skip;
         while texts != 0 {
-            let len = flash.byte(self.text_at);
-            self.text_at = self.text_at.wrapping_add(1);
-            self.text_skip = self.text_skip.wrapping_sub(1);
-            if self.text_skip == 0 {
+            let len = flash.byte(at);
+            at = at.wrapping_add(1);
+            skip = skip.wrapping_sub(1);
+            if skip == 0 {
                 self.text_left = len;
-                return;
+                break;
             }
-            self.text_at = self.text_at.wrapping_add(u16::from(len));
+            at = at.wrapping_add(u16::from(len));
             texts = texts.wrapping_sub(1);
         }
+        self.text_at = at;
+        self.text_skip = skip;
     }
 
     /// Inserts a text: the one that is so many after the one whose length is there.
@@ -484,7 +488,7 @@ mod tests {
         let lines: std::vec::Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), QUEUE_LEN + 1);
         assert_eq!(lines[0], "AN: running");
-        assert!(lines[1].starts_with("serial monitor: 5 lines"), "{}", lines[1]);
+        assert!(lines[1].starts_with("5 lines"), "{}", lines[1]);
         assert!(lines[2..].iter().all(|&line| line == "CAN: bus-off"));
         assert_eq!(told(&mut monitor), "");
     }

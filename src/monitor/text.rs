@@ -42,7 +42,7 @@ lines! {
     /// Refused a frame.
     RefusedSource = "refused: type %a from %s, anonymous or mine",
     /// Refused a frame.
-    RefusedTransfer = "refused: type %a from %s, not one whole frame",
+    RefusedTransfer = "refused: type %a from %s, not a whole frame",
     /// Refused a request.
     RefusedBusy = "refused: request from %s, busy",
     /// Refused a frame.
@@ -122,21 +122,21 @@ lines! {
     /// NodeStatus mode 7.
     ModeOffline = "OFFLINE",
     /// Events were dropped.
-    Lost = "serial monitor: %c lines dropped",
+    Lost = "%c lines dropped",
     /// After a reset.
     Banner = concat!("DroneCAN servo node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
     /// The CAN controller is up.
     Running = "CAN: running",
     /// Nobody at the SPI.
-    NotAnswering = "CAN: MCP2515 does not answer (CANSTAT %x), trying again",
+    NotAnswering = "CAN: MCP2515 silent (CANSTAT %x), trying again",
     /// A register did not read back.
-    NotKeeping = "CAN: MCP2515 does not keep register %x, trying again",
+    NotKeeping = "CAN: MCP2515 forgets register %x, trying again",
     /// No normal mode.
     NotStarting = "CAN: bus never idle (CANSTAT %x), trying again",
     /// Configuration gone.
-    ControllerLost = "CAN: MCP2515 lost its configuration",
+    ControllerLost = "CAN: MCP2515 lost its settings",
     /// Nobody acknowledges, or the bus is never free.
-    GaveUp = "CAN: nothing could be sent for 1 s (%a times)",
+    GaveUp = "CAN: nothing sent for 1 s (%a times)",
     /// Overrun.
     FramesLost = "CAN: frames lost (%a times)",
     /// Error state.
@@ -168,17 +168,17 @@ lines! {
     /// Begins.
     SensorFault = "temperature sensor OPEN OR SHORT",
     /// Ends.
-    SensorFaultEnd = "temperature sensor works",
+    SensorFaultEnd = "temperature sensor OK",
     /// Begins.
     Draft = "draft of 2014",
     /// Ends.
     DraftEnd = "DroneCAN v0",
     /// Button.
-    Button = "button pressed, %a times",
+    Button = "button pressed %a times",
     /// Counters on request.
     CountsIn = "commands followed %a, frames refused %b",
     /// Counters on request.
-    CountsOut = "receive overruns %a, sends given up %b",
+    CountsOut = "overruns %a, given up %b",
 }
 
 /// What a byte of a packed text is.

@@ -19,7 +19,7 @@ pub mod thermometer;
 use crate::can::Frame;
 use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
 use crate::dronecan::acceptance::{self, NodeAcceptance};
-use crate::dronecan::draft;
+use crate::dronecan::draft::DRAFT;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::{Receiver, Refusal, Transfer};
 use crate::dronecan::wire::{END_OF_TRANSFER, SERVICE_NOT_MESSAGE, START_OF_TRANSFER, TOGGLE, TRANSFER_ID};
@@ -36,7 +36,7 @@ use send::Due;
 use serve::Replies;
 use servo::{CommandType, Output, Ticks, Travel};
 use store::{Eeprom, Store};
-use thermometer::{Thermometer, celsius};
+use thermometer::{Thermometer, celsius, corrected};
 
 /// No node may be silent for longer, in milliseconds (DSDL 341.NodeStatus.uavcan, MAX_BROADCASTING_PERIOD_MS).
 const MAX_BROADCASTING_PERIOD_MS: u16 = 1000;
@@ -58,11 +58,18 @@ const ARMING_TIMEOUT_S: u8 = 4;
 /// A chore: the sensor has been read often enough for a temperature.
 const CHORE_MEASURE: u8 = 1 << 0;
 
+/// A chore that follows that one.
+const CHORE_CORRECT: u8 = 1 << 3;
+
 /// A chore: a second is over.
 const CHORE_SECOND: u8 = 1 << 1;
 
 /// A chore: parameters have been set.
 const CHORE_PARAMETERS: u8 = 1 << 2;
+
+/// A chore that follows that one: how many of the two gains are to be worked out.
+const CHORE_GAIN: u8 = 1 << 4;
+const CHORE_GAINS: u8 = 2 * CHORE_GAIN;
 
 /// Error flag of a Temperature: below TEMP_MIN. The other, above TEMP_MAX, is 1.
 const OVERCOOLING: u8 = 2;
@@ -313,7 +320,6 @@ impl Node {
         }
         if dialect == Dialect::V0 {
             self.is_sure = true;
-            self.spoken = dialect;
         }
         if self.is_sure && self.dialect == Dialect::DRAFT {
             self.take_row(acceptance::DRAFT);
@@ -403,9 +409,18 @@ impl Node {
             self.chores &= !CHORE_PARAMETERS;
             self.travel.update(&self.parameters);
             self.take_dialect();
+            self.chores |= CHORE_GAINS;
+        } else if self.chores >= CHORE_GAIN {
+            // One, then the other.
+            self.chores = self.chores.wrapping_sub(CHORE_GAIN);
+            self.travel.work_out(self.chores & CHORE_GAIN != 0);
         } else if self.chores & CHORE_MEASURE != 0 {
-            self.chores &= !CHORE_MEASURE;
-            self.measure();
+            self.chores = self.chores & !CHORE_MEASURE | CHORE_CORRECT;
+            self.kelvin_64ths = self.thermometer.uncorrected(&self.parameters);
+        } else if self.chores & CHORE_CORRECT != 0 {
+            // Before any message: chores come before those.
+            self.chores &= !CHORE_CORRECT;
+            self.correct();
         } else {
             self.chores = 0;
             self.second(monitor);
@@ -499,8 +514,8 @@ impl Node {
 
     /// Makes a temperature of the last sum of readings.
     #[inline(never)]
-    fn measure(&mut self) {
-        self.kelvin_64ths = self.thermometer.kelvin_64ths(&self.parameters);
+    fn correct(&mut self) {
+        self.kelvin_64ths = corrected(self.kelvin_64ths, &self.parameters);
         self.celsius = celsius(self.kelvin_64ths);
         self.temperature_flags = if self.celsius < self.parameters.get(Parameter::TempMin) as i16 {
             OVERCOOLING
@@ -534,21 +549,23 @@ impl Node {
         self.condition(Conditions::SENSOR, is_faulty, [Line::SensorFault, Line::SensorFaultEnd], monitor);
     }
 
+    /// Whether a frame may be one of the draft.
+    #[inline(always)]
+    pub fn hears_draft(&self) -> bool {
+        !self.is_sure || self.dialect == Dialect::DRAFT
+    }
+
     /// Takes a frame into its transfer. If that is whole then, [`act`](Self::act) must come before the next frame.
     #[inline(never)]
     pub fn receive(
         &mut self,
-        frame: &mut Frame,
+        frame: &Frame,
         receiver: &mut Receiver,
         now_ms: u16,
         flash: impl Progmem,
         monitor: &mut Monitor,
         the_quick_part_is_done: impl FnOnce(),
     ) {
-        // Sure of v0, it has last been spoken to in v0.
-        if !self.is_sure || self.dialect == Dialect::DRAFT {
-            self.spoken = if draft::translate(frame, flash) { Dialect::DRAFT } else { Dialect::V0 };
-        }
         let mut refusal = Refusal::Busy;
         if !self.replies.is_full() || !is_request(frame) {
             let parameters = &self.parameters;
@@ -598,6 +615,7 @@ impl Node {
         the_quick_part_is_done: impl FnOnce(),
     ) {
         let Some(transfer) = receiver.transfer() else { return };
+        self.spoken = if transfer.priority & DRAFT != 0 { Dialect::DRAFT } else { Dialect::V0 };
         if let Some(line) = self.heed_command(transfer, now_ms, servo) {
             the_quick_part_is_done();
             let (source, transfer_id) = (transfer.source, transfer.transfer_id());
@@ -650,7 +668,7 @@ impl Node {
         }
         let mut command = b1;
         let mut value = [b2, b3];
-        if self.spoken == Dialect::DRAFT {
+        if transfer.kind == Kind::DRAFT_COMMAND {
             (command, value) = (CommandType::Unitless as u8, [b1, b2]);
         }
         Some(self.obey(command, u16::from_le_bytes(value), source, now_ms, servo))
@@ -753,11 +771,8 @@ impl Node {
         if pulse == 0 {
             return Line::RefusedValue;
         }
-        let line = match command {
-            CommandType::Unitless => Line::CommandUnitless,
-            CommandType::Position => Line::CommandPosition,
-            CommandType::Pwm => Line::CommandPwm,
-        };
+        // Their lines are in the order of 0, 1 and 4.
+        let line = Line::CommandUnitless.plus((command as u8).wrapping_add(1) >> 1);
         self.value = value;
         self.follow(pulse, line, source, now_ms, servo)
     }
@@ -788,7 +803,7 @@ impl Node {
     }
 
     /// Follows a command for this actuator that is a single frame, without the detour over its transfer; whether it was one. Only when
-    /// the node is sure that it is v0 that is spoken.
+    /// the node is sure of the dialect.
     #[inline(always)]
     pub fn follow_at_once(
         &mut self,
@@ -814,10 +829,9 @@ impl Node {
             return false;
         }
         if tail & (ONE_FRAME | TOGGLE) != ONE_FRAME
-            || first & Frame::FOREIGN != 0
+            || (first ^ self.dialect.0 << 5) & (Frame::FOREIGN | DRAFT) != 0
             || source == self.id
             || !self.is_sure
-            || self.dialect == Dialect::DRAFT
         {
             return false;
         }
@@ -851,17 +865,19 @@ impl Node {
     /// Sets a pulse, unless the vehicle must be armed for that.
     #[inline(never)]
     fn follow(&mut self, pulse: Ticks, line: Line, source: NodeId, now_ms: u16, servo: &mut impl Output) -> Line {
-        self.autopilot.commanded_by(source, now_ms);
+        let mut line = line;
         if self.is_disarmed() {
-            return Line::RefusedDisarmed;
+            line = Line::RefusedDisarmed;
+        } else {
+            servo.set(pulse);
+            self.pulse = pulse;
+            self.is_following = true;
+            self.hears_commands = false;
+            self.followed_ms = now_ms;
+            self.has_filters_to_give |= self.wants_filters;
+            count(&mut self.counts.followed);
         }
-        self.pulse = pulse;
-        servo.set(pulse);
-        self.is_following = true;
-        self.hears_commands = false;
-        self.followed_ms = now_ms;
-        self.has_filters_to_give |= self.wants_filters;
-        count(&mut self.counts.followed);
+        self.autopilot.commanded_by(source, now_ms);
         line
     }
 

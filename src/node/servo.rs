@@ -54,13 +54,28 @@ const ONE: u16 = 1 << 14;
 /// From degrees of the whole travel to 4096ths of a radian of half of it: times this, by 65,536. 4096 x pi / 360 x 65,536.
 const HALF_RANGE_FACTOR: u32 = 2_342_530;
 
+/// The way from the trim to one end of the travel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Side {
+    ticks: Ticks,
+    /// Ticks for 16 radians; or [`UNKNOWN`](Self::UNKNOWN).
+    gain: u16,
+}
+
+impl Side {
+    const NONE: Self = Self { ticks: 0, gain: Self::UNKNOWN };
+
+    /// A gain that is not worked out yet, or is larger than there is room for: then a position takes a division.
+    const UNKNOWN: u16 = 0;
+}
+
 /// The travel, as the parameters have it now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Travel {
-    low: Ticks,
     /// The middle, for no deflection.
     pub trim: Ticks,
-    high: Ticks,
+    below: Side,
+    above: Side,
     is_reversed: bool,
     /// Half the travel, in 4096ths of a radian.
     half_range: u16,
@@ -68,30 +83,55 @@ pub struct Travel {
 
 impl Travel {
     /// None at all.
-    pub const NONE: Self = Self { low: 0, trim: 0, high: 0, is_reversed: false, half_range: 0 };
+    pub const NONE: Self = Self { trim: 0, below: Side::NONE, above: Side::NONE, is_reversed: false, half_range: 0 };
 
     /// Takes over the parameters. SRV_MIN and SRV_MAX may be in either order, and SRV_TRIM is taken to be between them:
     /// parameters are set one at a time.
     #[inline(never)]
     pub fn update(&mut self, parameters: &Parameters) {
-        self.low = parameters.get(Parameter::SrvMin) << 1;
-        self.high = parameters.get(Parameter::SrvMax) << 1;
-        if self.high < self.low {
-            core::mem::swap(&mut self.low, &mut self.high);
+        let mut low = parameters.get(Parameter::SrvMin) << 1;
+        let mut high = parameters.get(Parameter::SrvMax) << 1;
+        if high < low {
+            core::mem::swap(&mut low, &mut high);
         }
-        self.trim = self.limit(parameters.get(Parameter::SrvTrim) << 1);
+        let trim = (parameters.get(Parameter::SrvTrim) << 1).clamp(low, high);
+        self.trim = trim;
+        self.below = Side { ticks: trim.wrapping_sub(low), ..Side::NONE };
+        self.above = Side { ticks: high.wrapping_sub(trim), ..Side::NONE };
         self.is_reversed = parameters.is_on(Parameter::SrvReversed);
         let range_deg = u32::from(parameters.get(Parameter::SrvRange));
         self.half_range = (range_deg.wrapping_mul(HALF_RANGE_FACTOR).wrapping_add(1 << 15) >> 16) as u16;
     }
 
+    /// Works out the gain of one side, after [`update`](Self::update). A division takes 300 cycles, for which a command should not have
+    /// to wait.
+    #[inline(never)]
+    pub fn work_out(&mut self, is_low: bool) {
+        let half_range = self.half_range;
+        let side = if is_low { &mut self.below } else { &mut self.above };
+        let gain = scaled(side.ticks, u16::MAX, half_range);
+        if gain != u16::MAX {
+            side.gain = gain;
+        }
+    }
+
+    #[inline(always)]
+    fn side(&self, is_low: bool) -> &Side {
+        if is_low { &self.below } else { &self.above }
+    }
+
+    fn low(&self) -> Ticks {
+        self.trim.wrapping_sub(self.below.ticks)
+    }
+
     /// The nearest within the travel.
     #[inline(never)]
     pub fn limit(&self, ticks: Ticks) -> Ticks {
-        if ticks < self.low {
-            self.low
-        } else if ticks > self.high {
-            self.high
+        let (low, high) = (self.low(), self.trim.wrapping_add(self.above.ticks));
+        if ticks < low {
+            low
+        } else if ticks > high {
+            high
         } else {
             ticks
         }
@@ -105,19 +145,23 @@ impl Travel {
     pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
         let mut is_low = value < 0;
         let magnitude = value.unsigned_abs();
-        let full = match command {
-            CommandType::Unitless => ONE,
-            CommandType::Position => self.half_range,
-            CommandType::Pwm => return if is_low || value == 0 { 0 } else { self.limit(magnitude) },
-        };
+        if command == CommandType::Pwm {
+            return if is_low || value == 0 { 0 } else { self.limit(magnitude) };
+        }
         is_low ^= self.is_reversed;
-        let side = if is_low { self.trim.wrapping_sub(self.low) } else { self.high.wrapping_sub(self.trim) };
-        let offset = if magnitude >= full {
-            side
-        } else if command == CommandType::Unitless {
-            of_one(magnitude, side)
+        let side = self.side(is_low);
+        let (full, gain) = if command == CommandType::Unitless {
+            // Of a product by 2^14 and one by 2^2 the upper half is one by 2^14.
+            (ONE, side.ticks << 2)
         } else {
-            scaled(magnitude, side, full)
+            (self.half_range, side.gain)
+        };
+        let offset = if magnitude >= full {
+            side.ticks
+        } else if gain == Side::UNKNOWN {
+            scaled(magnitude, side.ticks, full)
+        } else {
+            upper_half(magnitude, gain)
         };
         if is_low { self.trim.wrapping_sub(offset) } else { self.trim.wrapping_add(offset) }
     }
@@ -129,13 +173,13 @@ impl Travel {
             position = !position;
         }
         // The product by 256, and what is left of it: two multiplications of bytes are a quarter of one of words.
-        let [low, high] = self.high.wrapping_sub(self.low).to_le_bytes();
+        let [low, high] = self.below.ticks.wrapping_add(self.above.ticks).to_le_bytes();
         let position = u16::from(position);
         let [rest, carry] = position.wrapping_mul(u16::from(low)).to_le_bytes();
         let by_256 = position.wrapping_mul(u16::from(high)).wrapping_add(u16::from(carry));
         // By 255, which is 256 less a 256th: right to a sixteenth of a tick.
         let more = by_256.wrapping_add(u16::from(rest)).wrapping_add(128) >> 8;
-        self.low.wrapping_add(by_256).wrapping_add(more)
+        self.low().wrapping_add(by_256).wrapping_add(more)
     }
 
     /// The position that a pulse asks for, as an equal command would have it: in 4096ths of a radian, with the sign in the highest bit
@@ -143,11 +187,8 @@ impl Travel {
     #[inline(never)]
     pub fn position(&self, pulse: Ticks) -> u16 {
         let is_low = pulse < self.trim;
-        let (offset, side) = if is_low {
-            (self.trim.wrapping_sub(pulse), self.trim.wrapping_sub(self.low))
-        } else {
-            (pulse.wrapping_sub(self.trim), self.high.wrapping_sub(self.trim))
-        };
+        let offset = if is_low { self.trim.wrapping_sub(pulse) } else { pulse.wrapping_sub(self.trim) };
+        let side = self.side(is_low).ticks;
         let position = scaled(offset, self.half_range, side) & !float16::SIGN;
         if is_low ^ self.is_reversed { position | float16::SIGN } else { position }
     }
@@ -159,12 +200,15 @@ pub fn radians(position: u16) -> u16 {
     float16::from_fixed(position & !float16::SIGN, 12) | position & float16::SIGN
 }
 
-/// `part` x `whole` / [`ONE`], rounded, of a whole below 16,384.
+/// `a` x `b` / 65,536, rounded: four multiplications of bytes, where one of words, for which there is a function, is twice as long.
 #[inline(never)]
-fn of_one(part: u16, whole: u16) -> u16 {
-    // Two bits more, so that the shift is by whole bytes.
-    let product = u32::from(part).wrapping_mul(u32::from(whole << 2)).wrapping_add(1 << 15);
-    (product >> 16) as u16
+fn upper_half(a: u16, b: u16) -> u16 {
+    let product = |a: u8, b: u8| u16::from(a).wrapping_mul(u16::from(b));
+    let ([a0, a1], [b0, b1]) = (a.to_le_bytes(), b.to_le_bytes());
+    let [_, carry] = product(a0, b0).to_le_bytes();
+    let [middle, upper] = product(a1, b0).wrapping_add(u16::from(carry)).to_le_bytes();
+    let [_, more] = product(a0, b1).wrapping_add(u16::from(middle)).wrapping_add(1 << 7).to_le_bytes();
+    product(a1, b1).wrapping_add(u16::from(upper)).wrapping_add(u16::from(more))
 }
 
 /// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0. The divisor is at most 32,767.
@@ -175,22 +219,30 @@ pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
     if value == 0 || divisor == 0 {
         return 0;
     }
-    let mut rest = u32::from(value).wrapping_mul(u32::from(factor)).wrapping_add(u32::from(divisor >> 1));
-    if (rest >> 16) as u16 >= divisor {
+    let product = u32::from(value).wrapping_mul(u32::from(factor)).wrapping_add(u32::from(divisor >> 1));
+    let mut rest = (product >> 16) as u16;
+    if rest >= divisor {
         return u16::MAX;
     }
     // The quotient comes in at the bottom as the rest goes out at the top.
+    let mut quotient = product as u16;
     let mut bits = 16u8;
     while bits != 0 {
         rest <<= 1;
-        if (rest >> 16) as u16 >= divisor {
-            // Makes the compiler branch once, where it would choose each half by a comparison of its own.
+        // The fences make the compiler branch once, where it would choose each half by a comparison of its own, or shift by 15.
+        if quotient & 1 << 15 != 0 {
             compiler_fence(Ordering::SeqCst);
-            rest = rest.wrapping_sub(u32::from(divisor) << 16) | 1;
+            rest |= 1;
+        }
+        quotient <<= 1;
+        if rest >= divisor {
+            compiler_fence(Ordering::SeqCst);
+            rest = rest.wrapping_sub(divisor);
+            quotient |= 1;
         }
         bits = bits.wrapping_sub(1);
     }
-    rest as u16
+    quotient
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The node as a whole: frames and milliseconds in, frames and a pulse out.
 
 use super::*;
+use crate::dronecan::draft::translate;
 use crate::golden;
 use crate::progmem::InMemory;
 use std::cell::Cell;
@@ -194,8 +195,13 @@ impl Rig {
         let now_ms = self.now_ms();
         let followed = self.node.counts.followed;
         self.servo.0 = 0;
+        let mut frame = *frame;
+        if self.node.hears_draft() {
+            translate(&mut frame, InMemory);
+        }
+        let frame = &frame;
         if self.is_slow || !self.node.follow_at_once(frame, now_ms, &mut self.monitor, &mut self.servo) {
-            self.node.receive(&mut { *frame }, &mut self.receiver, now_ms, InMemory, &mut self.monitor, || ());
+            self.node.receive(frame, &mut self.receiver, now_ms, InMemory, &mut self.monitor, || ());
             while self.receiver.has_transfer() || self.receiver.recall() {
                 self.act();
             }

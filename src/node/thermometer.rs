@@ -59,18 +59,23 @@ impl Thermometer {
         self.latest.wrapping_sub(u16::from(READINGS)) > (1022 - 1) * u16::from(READINGS)
     }
 
-    /// In 64ths of a kelvin, rounded, limited to 784.6 K.
-    #[inline(never)]
-    pub fn kelvin_64ths(&self, parameters: &Parameters) -> u16 {
+    /// What a sensor of 0 V at 0 degrees would have measured, in 64ths of a kelvin, rounded.
+    #[inline(always)]
+    pub fn uncorrected(&self, parameters: &Parameters) -> u16 {
         let reference = if parameters.is_on(Parameter::TempRef) { BANDGAP } else { AVCC };
         let slope = parameters.get(Parameter::TempSlope);
-        let measured = servo::scaled(self.latest >> 1, reference, slope << 6).saturating_add(ZERO_CELSIUS);
-        // A millivolt is ten tenths of a millivolt, and a kelvin 64 of its 64ths.
-        let offset = parameters.get(Parameter::TempOffset) as i16;
-        let at_zero = servo::scaled(offset.unsigned_abs(), 640, slope);
-        let kelvin_64ths = if offset < 0 { measured.saturating_add(at_zero) } else { measured.saturating_sub(at_zero) };
-        kelvin_64ths.min(DEGREE_ZERO + 32_767)
+        servo::scaled(self.latest >> 1, reference, slope << 6).saturating_add(ZERO_CELSIUS)
     }
+}
+
+/// What was [measured](Thermometer::uncorrected), corrected by TEMP_OFFSET: in 64ths of a kelvin, rounded, limited to 784.6 K.
+#[inline(always)]
+pub fn corrected(measured: u16, parameters: &Parameters) -> u16 {
+    // A millivolt is ten tenths of a millivolt, and a kelvin 64 of its 64ths.
+    let offset = parameters.get(Parameter::TempOffset) as i16;
+    let at_zero = servo::scaled(offset.unsigned_abs(), 640, parameters.get(Parameter::TempSlope));
+    let kelvin_64ths = if offset < 0 { measured.saturating_add(at_zero) } else { measured.saturating_sub(at_zero) };
+    kelvin_64ths.min(DEGREE_ZERO + 32_767)
 }
 
 /// In whole degrees Celsius, rounded to the nearest, and a half up.

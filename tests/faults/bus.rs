@@ -118,7 +118,7 @@ pub const BABBLE: Case = Case {
             let frame = Frame::extended(0x0000_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
             rig.peer.borrow_mut().babble(on.then_some(frame));
         };
-        during(flood, "CAN: nothing could be sent for 1 s", GAVE_UP_SENDING)
+        during(flood, "CAN: nothing sent for 1 s", GAVE_UP_SENDING)
     },
     ..CASE
 };

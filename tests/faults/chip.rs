@@ -25,7 +25,7 @@ pub const ALL: [&Case; 12] = [
     &INT_LOW,
 ];
 
-const LOST: &str = "CAN: MCP2515 lost its configuration";
+const LOST: &str = "CAN: MCP2515 lost its settings";
 const FAILSAFE: &str = "failsafe after `SRV_TIMEOUT`";
 const STAYS: &str = "stays; it is over before the failsafe";
 const STARTED_OVER: &str = "started over, each register read back";

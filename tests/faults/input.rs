@@ -19,7 +19,7 @@ fn broken_sensor(millivolts: u32) -> Measured {
     assert_servo(&trial.rig, &[COMMANDED_US]);
     trial.end(|rig| rig.board().set_temperature_c(25.0));
     let measured = trial.recover(BUS_LIMIT_MS, 0);
-    trial.rig.wait_for_line("sensor works", 1200);
+    trial.rig.wait_for_line("sensor OK", 1200);
     measured
 }
 

@@ -3,6 +3,7 @@
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
+use std::f32::consts::FRAC_PI_4;
 use std::rc::Rc;
 use std::sync::Mutex;
 
@@ -166,14 +167,27 @@ pub struct Sender {
 }
 
 /// The frames of a transfer of 15 commands: nine.
-pub fn long_command(width_us: f32, transfer_id: u8) -> Vec<Vec<u8>> {
-    let commands: Vec<_> = (1..=15).map(|actuator| (actuator, 4, width_us)).collect();
+pub fn long_command((command_type, value): (u8, f32), transfer_id: u8) -> Vec<Vec<u8>> {
+    let commands: Vec<_> = (1..=15).map(|actuator| (actuator, command_type, value)).collect();
     array_command(&commands, transfer_id)
 }
 
 /// Width of the pulse of the nth valid command, in microseconds.
 fn pulse_us(n: u32) -> f32 {
     (1000 + n * 37 % 1001) as f32
+}
+
+/// The nth valid command, which asks for that width: its type and value. The three types take turns, also where only each ninth frame
+/// begins one.
+fn command(n: u32) -> (u8, f32) {
+    let width_us = pulse_us(n);
+    let deflection = (width_us - 1500.0) / 500.0;
+    match (n + n / 9) % 3 {
+        0 => (4, width_us),
+        1 => (0, deflection),
+        // SRV_RANGE is 90 degrees.
+        _ => (1, deflection * FRAC_PI_4),
+    }
 }
 
 impl Sender {
@@ -225,7 +239,8 @@ impl Sender {
             }
             kind => kind,
         };
-        let [low, high] = half::f16::from_f32(pulse_us(self.count)).to_le_bytes();
+        let (command_type, value) = command(self.count);
+        let [low, high] = half::f16::from_f32(value).to_le_bytes();
         match kind {
             Kind::Command(5) => self.widths.push_back(pulse_us(self.count)),
             Kind::LongCommand if self.rest.is_empty() => self.widths.push_back(pulse_us(self.count)),
@@ -234,7 +249,7 @@ impl Sender {
             _ => {}
         }
         let (id, data) = match kind {
-            Kind::Command(len) => (ARRAY_COMMAND | SENDER, self.padded(&[1, 4, low, high], len)),
+            Kind::Command(len) => (ARRAY_COMMAND | SENDER, self.padded(&[1, command_type, low, high], len)),
             Kind::Status(len) => (NODE_STATUS | SENDER, self.padded(&[10, 0, 0, 0, 0, 0, 0], len)),
             Kind::Thesis => (SERVO_COMMAND | SENDER, self.padded(&[self.count as u8], 2)),
             Kind::Request => (0x1E01_80FF | NODE << 8, self.padded(&[], 1)),
@@ -251,11 +266,11 @@ impl Sender {
             Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
             Kind::Stranger(len) => (STRANGERS, self.padded(&[], len)),
             Kind::Beginning => {
-                (ARRAY_COMMAND | SENDER, long_command(pulse_us(self.count), self.next_transfer_id()).swap_remove(0))
+                (ARRAY_COMMAND | SENDER, long_command(command(self.count), self.next_transfer_id()).swap_remove(0))
             }
             Kind::LongCommand => {
                 if self.rest.is_empty() {
-                    self.rest = long_command(pulse_us(self.count), self.next_transfer_id()).into();
+                    self.rest = long_command(command(self.count), self.next_transfer_id()).into();
                 }
                 (ARRAY_COMMAND | SENDER, self.rest.pop_front().expect("a frame"))
             }

@@ -341,13 +341,13 @@ impl Soak {
         self.rig.run_ms(100);
         self.rig.serial.clear();
         self.rig.board().avr_mut().serial_send(b"?");
-        self.rig.wait_for_line("sends given up", 300);
+        self.rig.wait_for_line("given up", 300);
         let number = |what: &str| {
             let (_, rest) = self.rig.serial.split_once(what).expect("all counters");
             let digits: String = rest.trim_start().chars().take_while(char::is_ascii_digit).collect();
             digits.parse().expect("a number")
         };
-        ["commands followed", "frames refused", "receive overruns", "sends given up"].map(number)
+        ["commands followed", "frames refused", "overruns", "given up"].map(number)
     }
 
     // ---- others on the bus ----

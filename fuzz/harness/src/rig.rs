@@ -13,6 +13,7 @@ use std::time::Duration;
 use dronecan_host::{CanId, Heard as Observed, Message, NodeInfo, Observer, Said, Transfer, draft, split, types};
 use node::can::Frame;
 use node::can::mcp2515::{Counters, Event, Notice};
+use node::dronecan::draft::translate;
 use node::dronecan::receive::Receiver;
 use node::monitor::Monitor;
 use node::node::Node;
@@ -249,8 +250,11 @@ impl Rig {
         frame.data[..data.len()].copy_from_slice(data);
         let (before, now_ms) = (self.node.pulse(), self.clock());
         let parameters = self.node.parameters;
+        if self.node.hears_draft() {
+            translate(&mut frame, Flash);
+        }
         if !self.node.follow_at_once(&frame, now_ms, &mut self.monitor, &mut Nowhere) {
-            self.node.receive(&mut frame, &mut self.receiver, now_ms, Flash, &mut self.monitor, || ());
+            self.node.receive(&frame, &mut self.receiver, now_ms, Flash, &mut self.monitor, || ());
         }
         let mut turns = 0;
         while self.receiver.has_transfer() || self.receiver.recall() {
