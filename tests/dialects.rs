@@ -474,37 +474,35 @@ fn a_command_of_the_draft_is_in_the_servo_s_register_within_100_us_of_its_end() 
     assert!(median <= 75 && max <= 100, "half within {median} us, the slowest after {max} us");
 }
 
-/// Frames of the draft that the node takes, one of each kind, good and broken.
-fn some_of_the_draft(n: u32) -> [(u32, Vec<u8>); 6] {
+/// Frames of the draft that the node takes, one of each kind.
+fn some_of_the_draft(n: u32) -> [(u32, Vec<u8>); 4] {
     let [low, high] = half::f16::from_f32((1 + n * 37 % 101) as f32 / 102.0).to_le_bytes();
     [
         (message_id(265, 9, n), vec![1, low, high]),
         (message_id(265, 9, n), vec![2, low, high, 1, low, high]),
-        (message_id(265, 9, n), vec![]),
         (message_id(760, 9, n), vec![n as u8]),
         (message_id(550, 9, n), vec![n as u8, 0, 0, 0, 0, 0]),
-        (message_id(550, 9, n), vec![n as u8]),
     ]
 }
 
 #[test]
 fn frames_of_the_draft_back_to_back_are_all_read_in_order() {
-    for only in [Some(0), Some(4), None] {
+    for only in [Some(0), Some(3), None] {
         let mut rig = alone_in_draft();
         rig.overflows_expected = true;
         let mut meter = Meter::attach(rig.board());
         for n in 0..12_000u32 {
             let mut kinds = some_of_the_draft(n);
-            let (id, data) = std::mem::take(&mut kinds[only.unwrap_or((n * 7919 >> 4) as usize % 6)]);
+            let (id, data) = std::mem::take(&mut kinds[only.unwrap_or((n * 7919 >> 4) as usize % 4)]);
             rig.send(id, &data);
         }
-        let mut before = u64::MAX;
-        while meter.frames != before {
-            before = meter.frames;
-            let next = rig.now() + 20 * MS;
-            rig.run_until(next);
+        let mut silent_ms = 0;
+        while silent_ms < 20 {
+            let before = meter.frames;
+            rig.run_ms(1);
             meter.collect(rig.board());
             rig.forget();
+            silent_ms = if meter.frames == before { silent_ms + 1 } else { 0 };
         }
         // But for those that pass while the controller gets other filters.
         assert!(meter.frames > 11_800, "{only:?}: {}", meter.frames);

@@ -96,8 +96,9 @@ impl Travel {
         }
         let trim = (parameters.get(Parameter::SrvTrim) << 1).clamp(low, high);
         self.trim = trim;
-        self.below = Side { ticks: trim.wrapping_sub(low), ..Side::NONE };
-        self.above = Side { ticks: high.wrapping_sub(trim), ..Side::NONE };
+        // Their gains follow, in turns of their own: until then the old ones count, within the new travel.
+        self.below.ticks = trim.wrapping_sub(low);
+        self.above.ticks = high.wrapping_sub(trim);
         self.is_reversed = parameters.is_on(Parameter::SrvReversed);
         let range_deg = u32::from(parameters.get(Parameter::SrvRange));
         self.half_range = (range_deg.wrapping_mul(HALF_RANGE_FACTOR).wrapping_add(1 << 15) >> 16) as u16;
@@ -110,9 +111,7 @@ impl Travel {
         let half_range = self.half_range;
         let side = if is_low { &mut self.below } else { &mut self.above };
         let gain = scaled(side.ticks, u16::MAX, half_range);
-        if gain != u16::MAX {
-            side.gain = gain;
-        }
+        side.gain = if gain == u16::MAX { Side::UNKNOWN } else { gain };
     }
 
     #[inline(always)]
@@ -156,13 +155,10 @@ impl Travel {
         } else {
             (self.half_range, side.gain)
         };
-        let offset = if magnitude >= full {
-            side.ticks
-        } else if gain == Side::UNKNOWN {
-            scaled(magnitude, side.ticks, full)
-        } else {
-            upper_half(magnitude, gain)
-        };
+        let offset =
+            if gain == Side::UNKNOWN { scaled(magnitude, side.ticks, full) } else { upper_half(magnitude, gain) };
+        // Whatever asks for more gets the end.
+        let offset = offset.min(side.ticks);
         if is_low { self.trim.wrapping_sub(offset) } else { self.trim.wrapping_add(offset) }
     }
 
