@@ -493,7 +493,7 @@ fn frames_of_the_draft_back_to_back_are_all_read_in_order() {
         let mut meter = Meter::attach(rig.board());
         for n in 0..12_000u32 {
             let mut kinds = some_of_the_draft(n);
-            let (id, data) = std::mem::take(&mut kinds[only.unwrap_or((n * 7919 >> 4) as usize % 4)]);
+            let (id, data) = std::mem::take(&mut kinds[only.unwrap_or((n * 7919 / 16) as usize % 4)]);
             rig.send(id, &data);
         }
         let mut silent_ms = 0;
