@@ -173,12 +173,12 @@ fn the_pulses_of_the_servo_have_no_jitter_under_any_load() {
 
 #[test]
 fn the_node_s_own_messages_go_out_when_arbitration_lets_them() {
-    // A load that loses every arbitration: telemetry, and answers to the client.
+    // A load that loses every arbitration: telemetry, and answers to the client. Of garbage of a byte there are 18,000 frames a second.
     all(
         |load| load.priority == 31 && load.kind != Kind::Thesis,
         |figures| {
             let (frames, answers) = (figures.own_frames, figures.answers);
-            (frames < 200 || answers < 20).then(|| format!("{frames} frames, {answers} answers"))
+            (frames < 200 || answers < 15).then(|| format!("{frames} frames, {answers} answers"))
         },
     );
     // The thesis's commands leave the least time: each is a whole command, in the shortest frame that can be one.
