@@ -222,12 +222,12 @@ impl Bus {
     /// Handles the oldest frame that has come out of the controller, if there is one: what has to be quick at first, and may
     /// take its time from where it says so. Whether there was one.
     #[inline(always)]
-    pub fn handle(&mut self, what: impl for<'a> FnOnce(&mut Frame, Door<'a>)) -> bool {
+    pub fn handle(&mut self, what: impl for<'a> FnOnce(&Frame, Door<'a>)) -> bool {
         if !self.has_frame() {
             return false;
         }
         // Safety: while it waits it is not the handler's, and there is one `Bus`, which is borrowed.
-        what(unsafe { &mut FRAMES[0] }, Door(PhantomData));
+        what(unsafe { &FRAMES[0] }, Door(PhantomData));
         mask();
         self.release(0);
         true
@@ -271,7 +271,8 @@ impl Bus {
     }
 }
 
-/// What lets frames in, for what is done [`and_then_meanwhile`](Bus::and_then_meanwhile), or a frame is [`handle`d](Bus::handle).
+/// What lets frames in, for what is done [`and_then_meanwhile`](Bus::and_then_meanwhile), or while a frame is
+/// [`prepare`d](Bus::prepare) or [`handle`d](Bus::handle).
 pub struct Door<'a>(PhantomData<&'a ()>);
 
 impl Door<'_> {

@@ -109,8 +109,7 @@ pub fn translate(frame: &mut Frame, flash: impl Progmem) {
     let mut at = DRAFT_KINDS;
     while flash.byte(at) != b0 || flash.byte(at.wrapping_add(1)) ^ b1 > SOURCE {
         at = at.wrapping_add(u16::from(ENTRY_LEN));
-        // The table is shorter than 256 bytes.
-        if at as u8 == END as u8 {
+        if at == END {
             return;
         }
     }

@@ -512,7 +512,7 @@ impl Node {
         };
     }
 
-    /// Makes a temperature of the last sum of readings.
+    /// Makes a temperature of what the last sum of readings has measured.
     #[inline(never)]
     fn correct(&mut self) {
         self.kelvin_64ths = corrected(self.kelvin_64ths, &self.parameters);
@@ -864,8 +864,7 @@ impl Node {
 
     /// Sets a pulse, unless the vehicle must be armed for that.
     #[inline(never)]
-    fn follow(&mut self, pulse: Ticks, line: Line, source: NodeId, now_ms: u16, servo: &mut impl Output) -> Line {
-        let mut line = line;
+    fn follow(&mut self, pulse: Ticks, mut line: Line, source: NodeId, now_ms: u16, servo: &mut impl Output) -> Line {
         if self.is_disarmed() {
             line = Line::RefusedDisarmed;
         } else {
