@@ -62,7 +62,7 @@ fn main() -> ! {
         Board::new();
     NODE.start(guard::reset_cause(&cpu), &mut eeprom, || jitter.sample(), Image, MONITOR);
     let servo = SERVO.insert(servo);
-    servo.set_rate(NODE.parameters.get(Parameter::SrvRate));
+    servo.set_rate(NODE.parameters.get(Parameter::OutRate));
     let timing = BitTiming::at_rate::<CAN_CRYSTAL_HZ>(NODE.parameters.get(Parameter::CanBaudrate) as u8);
     let acceptance = NODE.acceptance(Image);
     bus.can().configure(timing, acceptance, acceptance.node.is_none());

@@ -43,21 +43,21 @@ fn ardupilot_s_first_servo_needs_no_parameter() {
 #[test]
 fn ardupilot_s_other_servos_need_their_number() {
     for actuator in [2, 8, 15] {
-        let mut rig = flying(Profile::Ardupilot, actuator, &[("SRV_ID", i64::from(actuator))]);
+        let mut rig = flying(Profile::Ardupilot, actuator, &[("OUT1_ID", i64::from(actuator))]);
         assert_obeys(&mut rig);
     }
 }
 
 #[test]
 fn ardupilot_s_pulse_widths_are_followed_too() {
-    let mut rig = flying(Profile::ArdupilotPwm, 3, &[("SRV_ID", 3)]);
+    let mut rig = flying(Profile::ArdupilotPwm, 3, &[("OUT1_ID", 3)]);
     assert_obeys(&mut rig);
 }
 
 #[test]
 fn px4_counts_its_servos_from_0() {
     for actuator in [0, 7] {
-        let mut rig = flying(Profile::Px4, actuator, &[("SRV_ID", i64::from(actuator))]);
+        let mut rig = flying(Profile::Px4, actuator, &[("OUT1_ID", i64::from(actuator))]);
         assert_obeys(&mut rig);
         let frames = rig.traffic.iter().filter(|(_, f)| f.id == Id::Extended(0x0603_F200 | PX4)).count();
         assert_eq!(frames % 5, 0, "eight commands are five frames");
@@ -68,7 +68,7 @@ fn px4_counts_its_servos_from_0() {
 #[test]
 fn a_sweep_is_followed_step_by_step() {
     for (profile, actuator) in [(Profile::Ardupilot, 15), (Profile::Px4, 7)] {
-        let mut rig = flying(profile, actuator, &[("SRV_ID", i64::from(actuator))]);
+        let mut rig = flying(profile, actuator, &[("OUT1_ID", i64::from(actuator))]);
         let now = rig.now();
         rig.autopilot().sweep(now);
         rig.run_ms(60);
@@ -96,7 +96,7 @@ fn rig_deflection(rig: &mut Rig, at: u64) -> f64 {
 #[test]
 fn both_say_that_they_are_armed_as_the_gate_wants_it() {
     for (profile, actuator) in [(Profile::Ardupilot, 1), (Profile::Px4, 1)] {
-        let mut rig = flying(profile, actuator, &[("ARM_REQ", 1), ("SRV_FAILSAFE", 3)]);
+        let mut rig = flying(profile, actuator, &[("ARM_REQ", 1), ("OUT1_FS", 3)]);
         rig.run_ms(600);
         assert_obeys(&mut rig);
         rig.autopilot().set_armed(false);
@@ -124,7 +124,7 @@ fn both_ask_who_the_node_is_and_are_told() {
 
 #[test]
 fn an_autopilot_that_falls_silent_is_a_failsafe() {
-    let mut rig = flying(Profile::Ardupilot, 1, &[("SRV_FAILSAFE", 1), ("SRV_TIMEOUT", 200)]);
+    let mut rig = flying(Profile::Ardupilot, 1, &[("OUT1_FS", 1), ("OUT1_TIMEOUT", 200)]);
     rig.run_ms(500);
     rig.autopilot().set_silent(true);
     let silent_from = rig.now();

@@ -116,7 +116,7 @@ fn thesis_commands_of_a_wrong_length_are_refused() {
 fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
     let mut rig = positioned();
     // Or the controller would get its filters again when the commands stop, and acknowledge nothing meanwhile.
-    rig.set("SRV_TIMEOUT", 0);
+    rig.set("OUT1_TIMEOUT", 0);
     // An autopilot, or the node would listen for the other dialect, and the filters would let more through.
     let autopilot = [10, 0, 0, 0, 0, 0, 0, 0xC0];
     for _ in 0..2 {

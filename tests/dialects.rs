@@ -438,7 +438,7 @@ fn a_press_of_the_button_publishes_the_count() {
 fn it_finds_its_command_among_those_for_others() {
     for (srv_id, pulse_us) in [(1, 1750.0), (2, 1000.0), (3, 1625.0), (4, 2000.0)] {
         let mut rig = Rig::running();
-        rig.set("SRV_ID", srv_id);
+        rig.set("OUT1_ID", srv_id);
         rig.replace_autopilot(Settings { only: Some(Only::Status), ..in_draft(Profile::Plain) });
         rig.run_ms(CHANGE_MS);
         for frame in quoted("084C2403 BE 8D 01 00 38 02 00 BC").into_iter().chain(quoted("084C241B 03 00 34 04 00 3C"))
@@ -544,8 +544,8 @@ fn a_command_that_cannot_be_followed_leaves_the_servo_where_it_is() {
 #[test]
 fn an_autopilot_of_the_draft_that_falls_silent_is_a_failsafe() {
     let mut rig = Rig::running();
-    rig.set("SRV_FAILSAFE", 1);
-    rig.set("SRV_TIMEOUT", 200);
+    rig.set("OUT1_FS", 1);
+    rig.set("OUT1_TIMEOUT", 200);
     rig.replace_autopilot(in_draft(Profile::Thesis));
     rig.autopilot().hold(1.0);
     rig.run_ms(CHANGE_MS);

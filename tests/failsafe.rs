@@ -18,10 +18,10 @@ const ARMED: u8 = 255;
 /// A node with that failsafe, whose servo is at 1750 us.
 fn moving(mode: i64, timeout_ms: i64) -> Rig {
     let mut rig = Rig::running();
-    rig.set("SRV_TRIM", 1450);
-    rig.set("SRV_FS_PWM", 1900);
-    rig.set("SRV_FAILSAFE", mode);
-    rig.set("SRV_TIMEOUT", timeout_ms);
+    rig.set("OUT1_TRIM", 1450);
+    rig.set("OUT1_FS_PWM", 1900);
+    rig.set("OUT1_FS", mode);
+    rig.set("OUT1_TIMEOUT", timeout_ms);
     // A unitless 0.5 is between trim and maximum.
     command(&mut rig);
     rig.run_ms(45);
@@ -80,7 +80,7 @@ fn the_next_command_ends_it_at_once_and_the_serial_monitor_tells_both() {
         let seen = rig.serial.lines().count();
         command(&mut rig);
         assert_eq!(rig.settled_pulse_us(), 1750.0);
-        rig.set("SRV_TIMEOUT", 0);
+        rig.set("OUT1_TIMEOUT", 0);
         assert_eq!(rig.next_status(), (OK, 0));
         // The command's own line, and another that says that there are commands again.
         let told: Vec<&str> = rig.serial.lines().skip(seen).filter(|line| !line.contains("rx ")).collect();
@@ -150,7 +150,7 @@ fn a_timeout_of_zero_is_never() {
 fn before_the_first_command_there_is_nothing_to_fail() {
     for mode in [HOLD, TRIM, PULSE, OFF] {
         let mut rig = Rig::running();
-        rig.set("SRV_FAILSAFE", mode);
+        rig.set("OUT1_FS", mode);
         rig.run_ms(2500);
         assert_eq!(rig.pulses, [], "mode {mode}");
         assert_eq!(rig.next_status(), (OK, 0));
@@ -160,11 +160,11 @@ fn before_the_first_command_there_is_nothing_to_fail() {
 #[test]
 fn its_pulse_keeps_to_the_travel() {
     let mut rig = moving(PULSE, 200);
-    rig.set("SRV_FS_PWM", 2400);
+    rig.set("OUT1_FS_PWM", 2400);
     rig.run_ms(300);
     assert_eq!(rig.settled_pulse_us(), 2000.0);
     command(&mut rig);
-    rig.set("SRV_FS_PWM", 500);
+    rig.set("OUT1_FS_PWM", 500);
     rig.run_ms(300);
     assert_eq!(rig.settled_pulse_us(), 1000.0);
 }
@@ -193,7 +193,7 @@ fn without_the_request_nobody_need_be_armed() {
 #[test]
 fn the_gate_opens_and_closes_with_the_arming_status() {
     let mut rig = Rig::running();
-    rig.set("SRV_FAILSAFE", OFF);
+    rig.set("OUT1_FS", OFF);
     rig.set("ARM_REQ", 1);
     rig.forget();
     let obeys = |rig: &mut Rig, status: Option<u8>| {

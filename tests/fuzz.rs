@@ -75,7 +75,7 @@ fn sensible(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
     let number = TransferId::new(random.next() as u8);
     let id = random.pick(&OURS);
     let source = random.pick(&[1, 10, 10, 10, 11, 126, 127]);
-    let name = random.pick(&[b"SRV_ID".as_slice(), b"CAN_NODE", b"SRV_MIN", b"TEMP_OFFSET", b"", b"NOTHING"]);
+    let name = random.pick(&[b"OUT1_ID".as_slice(), b"CAN_NODE", b"OUT1_MIN", b"TEMP_OFFSET", b"", b"NOTHING"]);
     let (payload, data_type) = match id {
         ARRAY_COMMAND => {
             let half = half::f16::from_f32(0.5).to_bits();

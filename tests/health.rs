@@ -118,7 +118,7 @@ fn transfer_errors_are_a_warning_for_ten_seconds() {
 #[test]
 fn the_masks_say_how_bad_a_condition_is() {
     let mut rig = Rig::running();
-    rig.set("SRV_TIMEOUT", 100);
+    rig.set("OUT1_TIMEOUT", 100);
     rig.send_command(1, 0, 0.0);
     wait_for_status(&mut rig, ERROR, FAILSAFE, 1500);
     let failsafe = i64::from(FAILSAFE);
@@ -144,10 +144,10 @@ fn conditions_add_up_and_the_worst_counts() {
     rig.board().set_temperature_c(120.0);
     wait_for_status(&mut rig, WARNING, DISARMED | TEMPERATURE, 3000);
     rig.set("ARM_REQ", 0);
-    rig.set("SRV_TIMEOUT", 100);
+    rig.set("OUT1_TIMEOUT", 100);
     rig.send_command(1, 0, 0.0);
     wait_for_status(&mut rig, ERROR, FAILSAFE | TEMPERATURE, 2000);
-    rig.set("SRV_TIMEOUT", 0);
+    rig.set("OUT1_TIMEOUT", 0);
     rig.send_command(1, 0, 0.0);
     wait_for_status(&mut rig, WARNING, TEMPERATURE, 2000);
 }

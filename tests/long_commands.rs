@@ -59,13 +59,13 @@ fn golden_commands_of_nine_and_five_frames_back_to_back_move_the_servo() {
 fn each_actuator_finds_its_own_command_wherever_it_is() {
     let mut rig = Rig::running();
     for id in 1..=15 {
-        rig.set("SRV_ID", id);
+        rig.set("OUT1_ID", id);
         for frame in quoted(FIFTEEN) {
             rig.send_frame(frame);
         }
         assert_eq!(rig.settled_pulse_us(), pulse_us((id as f64 - 8.0) / 8.0), "actuator {id}");
     }
-    rig.set("SRV_ID", 0);
+    rig.set("OUT1_ID", 0);
     for frame in quoted(EIGHT) {
         rig.send_frame(frame);
     }
@@ -216,7 +216,7 @@ fn a_frame_that_comes_twice_counts_once() {
 fn a_transfer_that_takes_longer_than_2_s_is_given_up() {
     for (pause_ms, pulse) in [(1900, 1000.0), (2100, 1750.0)] {
         let mut rig = positioned();
-        rig.set("SRV_TIMEOUT", 0);
+        rig.set("OUT1_TIMEOUT", 0);
         let frames = fifteen(5);
         send_all(&mut rig, 10, &frames[..4]);
         rig.run_ms(pause_ms);

@@ -11,16 +11,16 @@ use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
 const ALL: [(&str, i64, i64, i64); 27] = [
     ("CAN_NODE", 120, 0, 125),
     ("CAN_BAUDRATE", 1_000_000, 125_000, 1_000_000),
-    ("SRV_ID", 1, 0, 255),
-    ("SRV_MIN", 1000, 500, 2500),
-    ("SRV_TRIM", 1500, 500, 2500),
-    ("SRV_MAX", 2000, 500, 2500),
-    ("SRV_REVERSED", 0, 0, 1),
-    ("SRV_RATE", 50, 50, 333),
-    ("SRV_RANGE", 90, 10, 360),
-    ("SRV_TIMEOUT", 1000, 0, 10_000),
-    ("SRV_FAILSAFE", 0, 0, 3),
-    ("SRV_FS_PWM", 1500, 500, 2500),
+    ("OUT1_ID", 1, 0, 255),
+    ("OUT1_MIN", 1000, 500, 2500),
+    ("OUT1_TRIM", 1500, 500, 2500),
+    ("OUT1_MAX", 2000, 500, 2500),
+    ("OUT1_REVERSED", 0, 0, 1),
+    ("OUT_RATE", 50, 50, 333),
+    ("OUT1_RANGE", 90, 10, 360),
+    ("OUT1_TIMEOUT", 1000, 0, 10_000),
+    ("OUT1_FS", 0, 0, 3),
+    ("OUT1_FS_PWM", 1500, 500, 2500),
     ("ARM_REQ", 0, 0, 1),
     ("TELEM_RATE", 10, 0, 50),
     ("TEMP_RATE", 1, 0, 50),
@@ -39,7 +39,7 @@ const ALL: [(&str, i64, i64, i64); 27] = [
 ];
 
 /// Parameters all over the set, of which each generation has values of its own. None of them disturbs the tests.
-const MARKED: [&str; 6] = ["SRV_ID", "SRV_TRIM", "SRV_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "LIGHT_ID"];
+const MARKED: [&str; 6] = ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "LIGHT_ID"];
 
 fn mark(generation: i64) -> [i64; 6] {
     let g = generation % 200;
@@ -181,7 +181,7 @@ fn a_bit_rate_is_taken_at_the_next_start() {
 fn saving_holds_nothing_up() {
     let mut rig = Rig::running();
     set_marks(&mut rig, 7);
-    rig.set("SRV_ID", 1);
+    rig.set("OUT1_ID", 1);
     rig.send_command(1, 4, 1500.0);
     rig.run_ms(60);
     rig.forget();
@@ -212,7 +212,7 @@ fn a_parameter_that_is_set_during_a_save_is_saved_whole_or_not_at_all() {
         set_marks(&mut rig, 2);
         rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
         rig.run_ms(delay_ms);
-        let request = ParameterRequest { index: 0, value: Value::Integer(99), name: b"SRV_ID".to_vec() };
+        let request = ParameterRequest { index: 0, value: Value::Integer(99), name: b"OUT1_ID".to_vec() };
         rig.request(&Message::ParameterRequest(request));
         rig.run_ms(PATIENCE_SAVE_MS);
         rig.cut_power();

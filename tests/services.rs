@@ -104,7 +104,7 @@ fn a_parameter_is_set_and_the_answer_has_the_new_value() {
         "1E0B7FF8 48 CD 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 | \
          C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 53 52 56 5F 24 | 4D 49 4E 44",
     );
-    assert_eq!(rig.get("SRV_MIN"), 1100);
+    assert_eq!(rig.get("OUT1_MIN"), 1100);
 }
 
 #[test]
@@ -126,7 +126,7 @@ fn where_there_is_no_parameter_the_answer_is_empty() {
         let response = rig.parameter_at(index);
         assert_eq!(response, ParameterResponse::default(), "index {index}");
     }
-    for name in ["SRV_MI", "SRV_MINI", "srv_min", "X", "A_NAME_OF_16_CHR", "A_NAME_OF_17_CHRS", &"N".repeat(92)] {
+    for name in ["OUT1_MI", "OUT1_MINI", "srv_min", "X", "A_NAME_OF_16_CHR", "A_NAME_OF_17_CHRS", &"N".repeat(92)] {
         assert_eq!(rig.parameter(name), ParameterResponse::default(), "{name}");
     }
     rig.golden("1E0BF8FF 2C 08 C2", "1E0B7FF8 00 00 00 00 C2");
@@ -135,30 +135,30 @@ fn where_there_is_no_parameter_the_answer_is_empty() {
 #[test]
 fn a_name_goes_before_the_index() {
     let mut rig = Rig::running();
-    let request = ParameterRequest { index: 3, value: Value::Empty, name: b"SRV_ID".to_vec() };
+    let request = ParameterRequest { index: 3, value: Value::Empty, name: b"OUT1_ID".to_vec() };
     let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else { panic!() };
-    assert_eq!(response.name(), "SRV_ID");
+    assert_eq!(response.name(), "OUT1_ID");
 }
 
 #[test]
 fn a_parameter_is_set_by_its_index_too() {
     let mut rig = Rig::running();
-    let index = rig.parameters().iter().position(|(name, _)| name == "SRV_TRIM").unwrap() as u16;
+    let index = rig.parameters().iter().position(|(name, _)| name == "OUT1_TRIM").unwrap() as u16;
     let request = ParameterRequest { index, value: Value::Integer(1480), name: Vec::new() };
     let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else { panic!() };
-    assert_eq!((response.name(), response.value), (String::from("SRV_TRIM"), Value::Integer(1480)));
-    assert_eq!(rig.get("SRV_TRIM"), 1480);
+    assert_eq!((response.name(), response.value), (String::from("OUT1_TRIM"), Value::Integer(1480)));
+    assert_eq!(rig.get("OUT1_TRIM"), 1480);
 }
 
 #[test]
 fn what_is_out_of_range_is_answered_with_what_is_in_force() {
     let mut rig = Rig::running();
-    rig.set("SRV_MIN", 1100);
+    rig.set("OUT1_MIN", 1100);
     for wrong in [499, 2501, 0, -1, -1100, 1 << 16 | 1100, 1 << 32 | 1100, 1 << 56 | 1100, i64::MAX, i64::MIN] {
-        assert_eq!(rig.set_to("SRV_MIN", Value::Integer(wrong)), Value::Integer(1100), "{wrong}");
+        assert_eq!(rig.set_to("OUT1_MIN", Value::Integer(wrong)), Value::Integer(1100), "{wrong}");
     }
     for (name, min, max) in
-        [("SRV_MIN", 500, 2500), ("TEMP_MIN", -55, 150), ("WARN_MASK", 0, 65_535), ("ARM_REQ", 0, 1)]
+        [("OUT1_MIN", 500, 2500), ("TEMP_MIN", -55, 150), ("WARN_MASK", 0, 65_535), ("ARM_REQ", 0, 1)]
     {
         for (value, in_force) in [(min, min), (min - 1, min), (max, max), (max + 1, max)] {
             assert_eq!(rig.set_to(name, Value::Integer(value)), Value::Integer(in_force), "{name} {value}");
@@ -183,7 +183,7 @@ fn bit_rates_are_those_that_the_dialect_has() {
 #[test]
 fn values_of_another_type_change_nothing() {
     let mut rig = Rig::running();
-    for (name, in_force) in [("SRV_MIN", 1000), ("ARM_REQ", 0), ("SRV_ID", 1)] {
+    for (name, in_force) in [("OUT1_MIN", 1000), ("ARM_REQ", 0), ("OUT1_ID", 1)] {
         for wrong in [Value::Real(1100.0), Value::Boolean(true), Value::Text(b"1100".to_vec())] {
             assert_eq!(rig.set_to(name, wrong.clone()), Value::Integer(in_force), "{name} {wrong}");
         }
@@ -254,14 +254,14 @@ fn a_restart_is_answered_and_comes_within_200_ms() {
     assert_eq!(code, 0, "nothing went wrong");
 }
 
-/// On the way the servo goes where SRV_FAILSAFE has it, and no pulse is cut short.
+/// On the way the servo goes where OUT1_FS has it, and no pulse is cut short.
 #[test]
 fn a_restart_takes_the_servo_through_its_failsafe() {
     for (mode, expected) in [(0, vec![1750.0]), (1, vec![1750.0, 1500.0]), (2, vec![1750.0, 1900.0]), (3, vec![1750.0])]
     {
         let mut rig = Rig::running();
-        rig.set("SRV_FS_PWM", 1900);
-        rig.set("SRV_FAILSAFE", mode);
+        rig.set("OUT1_FS_PWM", 1900);
+        rig.set("OUT1_FS", mode);
         rig.send_command(1, 0, 0.5);
         assert_eq!(rig.settled_pulse_us(), 1750.0);
         rig.pulses.clear();
@@ -376,7 +376,7 @@ fn five_requests_at_once_get_five_answers_in_order_while_commands_flow() {
             Message::ParameterResponse(response) => response.name(),
             other => panic!("{other}"),
         });
-        let expected = ["CAN_NODE", "CAN_BAUDRATE", "SRV_ID", "SRV_MIN", "SRV_TRIM"];
+        let expected = ["CAN_NODE", "CAN_BAUDRATE", "OUT1_ID", "OUT1_MIN", "OUT1_TRIM"];
         if round == 0 {
             assert_eq!(names.collect::<Vec<_>>(), expected);
         } else {

@@ -105,9 +105,9 @@ fn the_position_is_that_of_the_pulse_in_radians() {
         assert_eq!((status.actuator, status.power_percent), (1, POWER_UNKNOWN));
         assert!(status.force.is_nan() && status.speed.is_nan(), "nobody measures them");
     }
-    rig.set("SRV_ID", 77);
-    rig.set("SRV_RANGE", 180);
-    rig.set("SRV_REVERSED", 1);
+    rig.set("OUT1_ID", 77);
+    rig.set("OUT1_RANGE", 180);
+    rig.set("OUT1_REVERSED", 1);
     rig.send_command(77, 0, 0.5);
     rig.run_ms(20);
     rig.forget();
@@ -129,8 +129,8 @@ fn what_cannot_be_known_is_nan() {
             assert!([0x7E00, 0x7FFF].contains(&value.to_bits()), "{:#06x}", value.to_bits());
         }
     }
-    rig.set("SRV_FAILSAFE", 3);
-    rig.set("SRV_TIMEOUT", 200);
+    rig.set("OUT1_FS", 3);
+    rig.set("OUT1_TIMEOUT", 200);
     rig.send_command(1, 0, 0.0);
     rig.run_ms(150);
     assert_eq!(positions(&rig).last().unwrap().1.position.to_f32(), 0.0);

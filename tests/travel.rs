@@ -30,7 +30,7 @@ fn with(parameters: &[(&str, i64)]) -> Rig {
 
 #[test]
 fn both_sides_of_the_trim_are_used_to_their_limits() {
-    let mut rig = with(&[("SRV_MIN", 1200), ("SRV_TRIM", 1400), ("SRV_MAX", 1900)]);
+    let mut rig = with(&[("OUT1_MIN", 1200), ("OUT1_TRIM", 1400), ("OUT1_MAX", 1900)]);
     follows(
         &mut rig,
         &[
@@ -49,7 +49,7 @@ fn both_sides_of_the_trim_are_used_to_their_limits() {
 
 #[test]
 fn the_widest_travel_is_500_to_2500() {
-    let mut rig = with(&[("SRV_MIN", 500), ("SRV_MAX", 2500)]);
+    let mut rig = with(&[("OUT1_MIN", 500), ("OUT1_MAX", 2500)]);
     follows(
         &mut rig,
         &[
@@ -68,7 +68,7 @@ fn the_widest_travel_is_500_to_2500() {
 
 #[test]
 fn reversed_turns_deflections_around_and_leaves_widths_alone() {
-    let mut rig = with(&[("SRV_MIN", 1200), ("SRV_TRIM", 1400), ("SRV_MAX", 1900), ("SRV_REVERSED", 1)]);
+    let mut rig = with(&[("OUT1_MIN", 1200), ("OUT1_TRIM", 1400), ("OUT1_MAX", 1900), ("OUT1_REVERSED", 1)]);
     follows(
         &mut rig,
         &[
@@ -88,7 +88,7 @@ fn reversed_turns_deflections_around_and_leaves_widths_alone() {
 #[test]
 fn positions_are_radians_over_the_range() {
     for (range, full) in [(180, FRAC_PI_2), (360, PI), (60, PI / 6.0), (10, PI / 36.0)] {
-        let mut rig = with(&[("SRV_RANGE", range)]);
+        let mut rig = with(&[("OUT1_RANGE", range)]);
         let half = f64::from(full * 0.5);
         let pulse = |radians: f64| 1500.0 + 500.0 * radians / f64::from(full);
         // The float16 of the value has eleven bits.
@@ -108,14 +108,14 @@ fn positions_are_radians_over_the_range() {
 
 #[test]
 fn limits_in_either_order_and_a_trim_beyond_them_are_borne() {
-    let mut rig = with(&[("SRV_MIN", 1800), ("SRV_MAX", 1200)]);
+    let mut rig = with(&[("OUT1_MIN", 1800), ("OUT1_MAX", 1200)]);
     rig.send_command(1, PWM, 1000.0);
     assert_eq!(rig.settled_pulse_us(), 1200.0);
-    rig.set("SRV_TRIM", 2400);
+    rig.set("OUT1_TRIM", 2400);
     rig.send_command(1, UNITLESS, 0.0);
     assert_eq!(rig.settled_pulse_us(), 1800.0);
-    rig.set("SRV_MIN", 1500);
-    rig.set("SRV_MAX", 1500);
+    rig.set("OUT1_MIN", 1500);
+    rig.set("OUT1_MAX", 1500);
     for value in [-1.0, 0.0, 1.0] {
         rig.send_command(1, UNITLESS, value);
         assert_eq!(rig.settled_pulse_us(), 1500.0);
@@ -127,7 +127,7 @@ fn limits_hold_at_once_for_the_next_command() {
     let mut rig = Rig::running();
     rig.send_command(1, UNITLESS, 1.0);
     assert_eq!(rig.settled_pulse_us(), 2000.0);
-    rig.set("SRV_MAX", 1700);
+    rig.set("OUT1_MAX", 1700);
     rig.send_command(1, UNITLESS, 1.0);
     assert_eq!(rig.settled_pulse_us(), 1700.0);
 }
@@ -145,7 +145,7 @@ fn assert_periods(pulses: &[Pulse], period_cycles: u64) {
 #[test]
 fn the_rate_is_that_of_the_parameter_from_the_next_start_on() {
     for rate in [50, 100, 200, 333] {
-        let mut rig = with(&[("SRV_RATE", rate)]);
+        let mut rig = with(&[("OUT_RATE", rate)]);
         rig.send_command(1, PWM, 1234.0);
         rig.run_ms(100);
         rig.forget();
@@ -164,7 +164,7 @@ fn the_rate_is_that_of_the_parameter_from_the_next_start_on() {
 
 #[test]
 fn at_333_hz_the_longest_pulse_still_fits() {
-    let mut rig = with(&[("SRV_RATE", 333), ("SRV_MAX", 2500)]);
+    let mut rig = with(&[("OUT_RATE", 333), ("OUT1_MAX", 2500)]);
     rig.save();
     rig.restart();
     for value in [1.0, -1.0, 0.3] {

@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn names_that_fit_stay_as_they_are() {
-        assert_eq!(shortened(&["SRV_MIN", "a", "ABCDEFGHIJKLMNOP"]), ["SRV_MIN", "a", "ABCDEFGHIJKLMNOP"]);
+        assert_eq!(shortened(&["OUT1_MIN", "a", "ABCDEFGHIJKLMNOP"]), ["OUT1_MIN", "a", "ABCDEFGHIJKLMNOP"]);
     }
 
     #[test]
@@ -85,7 +85,7 @@ mod tests {
         let alone = shortened(&["uavcan.equipment.esc.current_limit_max"]);
         assert_eq!(alone, ["uavca~KW5~it_max"]);
         let among =
-            shortened(&["SRV_MIN", "uavcan.equipment.esc.current_limit_min", "uavcan.equipment.esc.current_limit_max"]);
+            shortened(&["OUT1_MIN", "uavcan.equipment.esc.current_limit_min", "uavcan.equipment.esc.current_limit_max"]);
         assert_eq!(among[2], alone[0]);
         assert_ne!(among[1], alone[0]);
     }

@@ -187,8 +187,8 @@ fn parameter_requests_equal_pydronecan() {
     );
     both_ways(
         "1E0BF8FF 0F B0 00 02 00 80 89 85 | 44 53 52 56 5F 4D 49 25 | 4E 45",
-        request(0, Value::Real(1100.0), b"SRV_MIN"),
-        "param.GetSet request SRV_MIN = 1100.0",
+        request(0, Value::Real(1100.0), b"OUT1_MIN"),
+        "param.GetSet request OUT1_MIN = 1100.0",
     );
     both_ways(
         "1E0BF8FF 85 7E 00 03 01 41 52 86 | 4D 5F 52 45 51 66",
@@ -197,8 +197,8 @@ fn parameter_requests_equal_pydronecan() {
     );
     both_ways(
         "1E0BF8FF F1 FC 00 04 03 61 62 87 | 63 53 52 56 5F 4D 49 27 | 4E 47",
-        request(0, Value::Text(b"abc".to_vec()), b"SRV_MIN"),
-        "param.GetSet request SRV_MIN = \"abc\"",
+        request(0, Value::Text(b"abc".to_vec()), b"OUT1_MIN"),
+        "param.GetSet request OUT1_MIN = \"abc\"",
     );
 }
 

@@ -376,7 +376,7 @@ mod tests {
 
     #[test]
     fn a_parameter_is_told_by_its_name() {
-        for (parameter, name) in [(Parameter::CanNode, "CAN_NODE"), (Parameter::SrvReversed, "SRV_REVERSED")] {
+        for (parameter, name) in [(Parameter::CanNode, "CAN_NODE"), (Parameter::Out1Reversed, "OUT1_REVERSED")] {
             let b = parameter as u16;
             let told = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
             assert_eq!(told, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
@@ -439,7 +439,7 @@ mod tests {
                 "3" => fixed(3),
                 "b" => b.to_string(),
                 "p" => format!("{}.{}", b / 2, b % 2 * 5),
-                "n" => "SRV_REVERSED".to_string(),
+                "n" => "OUT1_REVERSED".to_string(),
                 _ => panic!("unknown field in {text:?}"),
             };
             told += rest;
@@ -456,7 +456,7 @@ mod tests {
             let code = if text.contains("%w") { longest_word } else { 255 };
             let b = match text {
                 text if text.contains("%v") => longest_word.into(),
-                text if text.contains("%n") => Parameter::SrvReversed as u16,
+                text if text.contains("%n") => Parameter::Out1Reversed as u16,
                 _ => 65_535,
             };
             let line = Line::RefusedKind.plus(number as u8);

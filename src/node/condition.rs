@@ -51,7 +51,7 @@ impl Conditions {
     /// The controller had to be started over.
     pub const CONTROLLER_LOST: Self = Self(1 << 9);
 
-    /// Commands stopped, and the output is where SRV_FAILSAFE has it.
+    /// Commands stopped, and the output is where OUT1_FS has it.
     pub const FAILSAFE: Self = Self(1 << 10);
     /// The temperature is below TEMP_MIN or above TEMP_MAX.
     pub const TEMPERATURE: Self = Self(1 << 11);

@@ -459,7 +459,7 @@ impl Node {
             monitor.tell(Line::Button).a = self.button.count();
             self.due.set(Due::BUTTON);
         }
-        let timeout_ms = self.parameters.get(Parameter::SrvTimeout);
+        let timeout_ms = self.parameters.get(Parameter::Out1Timeout);
         if self.is_following && timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms {
             self.is_following = false;
             self.has_filters_to_give = !self.hears_commands;
@@ -504,10 +504,10 @@ impl Node {
 
     /// The pulse for when nobody commands.
     fn fail_safe(&mut self) {
-        self.pulse = match self.parameters.get(Parameter::SrvFailsafe) as u8 {
+        self.pulse = match self.parameters.get(Parameter::Out1Fs) as u8 {
             0 => return,
             1 => self.travel.trim,
-            2 => self.travel.limit(self.parameters.get(Parameter::SrvFsPwm) << 1),
+            2 => self.travel.limit(self.parameters.get(Parameter::Out1FsPwm) << 1),
             _ => 0,
         };
     }
@@ -570,7 +570,7 @@ impl Node {
         if !self.replies.is_full() || !is_request(frame) {
             let parameters = &self.parameters;
             let entry = |list| {
-                let id = if list == Kind::LIGHTS_COMMAND { Parameter::LightId } else { Parameter::SrvId };
+                let id = if list == Kind::LIGHTS_COMMAND { Parameter::LightId } else { Parameter::Out1Id };
                 parameters.get(id) as u8
             };
             receiver.accept(frame, self.id, entry, now_ms, flash);
@@ -620,7 +620,7 @@ impl Node {
             the_quick_part_is_done();
             let (source, transfer_id) = (transfer.source, transfer.transfer_id());
             let is_thesis = transfer.kind == Kind::SERVO_COMMAND;
-            let code = if is_thesis { transfer.bytes[0] } else { self.parameters.get(Parameter::SrvId) as u8 };
+            let code = if is_thesis { transfer.bytes[0] } else { self.parameters.get(Parameter::Out1Id) as u8 };
             receiver.clear();
             return self.tell_command(line, source, transfer_id, code, now_ms, monitor);
         }
@@ -825,7 +825,7 @@ impl Node {
             if high != THESIS[0] {
                 return false;
             }
-        } else if low != COMMAND[1] || code != self.parameters.get(Parameter::SrvId) as u8 || high != COMMAND[0] {
+        } else if low != COMMAND[1] || code != self.parameters.get(Parameter::Out1Id) as u8 || high != COMMAND[0] {
             return false;
         }
         if tail & (ONE_FRAME | TOGGLE) != ONE_FRAME

@@ -21,25 +21,25 @@ parameters! {
     /// Bit rate, in units of 125 kbit/s: 1, 2, 4 or 8. On the bus it is in bit/s.
     CanBaudrate "CAN_BAUDRATE" 1..8 = 8,
     /// The actuator that the node is.
-    SrvId "SRV_ID" 0..255 = 1,
+    Out1Id "OUT1_ID" 0..255 = 1,
     /// One end of the travel, in microseconds.
-    SrvMin "SRV_MIN" 500..2500 = 1000,
+    Out1Min "OUT1_MIN" 500..2500 = 1000,
     /// The pulse for no deflection, in microseconds.
-    SrvTrim "SRV_TRIM" 500..2500 = 1500,
+    Out1Trim "OUT1_TRIM" 500..2500 = 1500,
     /// The other end of the travel, in microseconds.
-    SrvMax "SRV_MAX" 500..2500 = 2000,
+    Out1Max "OUT1_MAX" 500..2500 = 2000,
     /// Whether the direction is turned around.
-    SrvReversed "SRV_REVERSED" 0..1 = 0,
+    Out1Reversed "OUT1_REVERSED" 0..1 = 0,
     /// Pulses a second.
-    SrvRate "SRV_RATE" 50..333 = 50,
+    OutRate "OUT_RATE" 50..333 = 50,
     /// The whole travel in degrees, for commands of position.
-    SrvRange "SRV_RANGE" 10..360 = 90,
+    Out1Range "OUT1_RANGE" 10..360 = 90,
     /// Without a command for so many milliseconds the output fails safe; 0 is never.
-    SrvTimeout "SRV_TIMEOUT" 0..10000 = 1000,
-    /// How: 0 holds the pulse, 1 goes to the trim, 2 to SRV_FS_PWM, 3 ends the pulses.
-    SrvFailsafe "SRV_FAILSAFE" 0..3 = 0,
-    /// The pulse for SRV_FAILSAFE 2, in microseconds.
-    SrvFsPwm "SRV_FS_PWM" 500..2500 = 1500,
+    Out1Timeout "OUT1_TIMEOUT" 0..10000 = 1000,
+    /// How: 0 holds the pulse, 1 goes to the trim, 2 to OUT1_FS_PWM, 3 ends the pulses.
+    Out1Fs "OUT1_FS" 0..3 = 0,
+    /// The pulse for OUT1_FS 2, in microseconds.
+    Out1FsPwm "OUT1_FS_PWM" 500..2500 = 1500,
     /// Whether commands are followed only while the vehicle is armed.
     ArmReq "ARM_REQ" 0..1 = 0,
     /// actuator.Status a second.
@@ -425,7 +425,7 @@ mod tests {
 
     #[test]
     fn names_of_nothing_are_not_found() {
-        for name in ["", "C", "CAN_NOD", "CAN_NODE ", "CAN_NODEX", "can_node", "SRV_MIX", "SEVENTEEN_LETTERS", "\0"] {
+        for name in ["", "C", "CAN_NOD", "CAN_NODE ", "CAN_NODEX", "can_node", "OUT1_MIX", "SEVENTEEN_LETTERS", "\0"] {
             assert_eq!(Parameters::find(name.as_bytes(), InMemory), NONE, "{name:?}");
         }
     }
@@ -462,9 +462,9 @@ mod tests {
         let mut parameters = fresh();
         assert!(parameters.take_change(), "defaults are a change");
         assert!(!parameters.take_change());
-        assert!(!set(&mut parameters, Parameter::SrvMin as u8, 3000));
+        assert!(!set(&mut parameters, Parameter::Out1Min as u8, 3000));
         assert!(!parameters.take_change());
-        assert!(set(&mut parameters, Parameter::SrvMin as u8, 900));
+        assert!(set(&mut parameters, Parameter::Out1Min as u8, 900));
         assert!(parameters.take_change());
     }
 }

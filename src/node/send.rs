@@ -236,7 +236,7 @@ impl Node {
             }
             Due::ACTUATOR_STATUS => {
                 self.has_position = false;
-                self.outgoing.put8(self.parameters.get(Parameter::SrvId) as u8);
+                self.outgoing.put8(self.parameters.get(Parameter::Out1Id) as u8);
                 let position = self.position;
                 self.outgoing.put16(if position == NO_POSITION { float16::NAN } else { servo::radians(position) });
                 self.outgoing.put16(float16::NAN);

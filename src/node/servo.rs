@@ -85,22 +85,22 @@ impl Travel {
     /// None at all.
     pub const NONE: Self = Self { trim: 0, below: Side::NONE, above: Side::NONE, is_reversed: false, half_range: 0 };
 
-    /// Takes over the parameters. SRV_MIN and SRV_MAX may be in either order, and SRV_TRIM is taken to be between them:
+    /// Takes over the parameters. OUT1_MIN and OUT1_MAX may be in either order, and OUT1_TRIM is taken to be between them:
     /// parameters are set one at a time.
     #[inline(never)]
     pub fn update(&mut self, parameters: &Parameters) {
-        let mut low = parameters.get(Parameter::SrvMin) << 1;
-        let mut high = parameters.get(Parameter::SrvMax) << 1;
+        let mut low = parameters.get(Parameter::Out1Min) << 1;
+        let mut high = parameters.get(Parameter::Out1Max) << 1;
         if high < low {
             core::mem::swap(&mut low, &mut high);
         }
-        let trim = (parameters.get(Parameter::SrvTrim) << 1).clamp(low, high);
+        let trim = (parameters.get(Parameter::Out1Trim) << 1).clamp(low, high);
         self.trim = trim;
         // Their gains follow, in turns of their own: until then the old ones count, within the new travel.
         self.below.ticks = trim.wrapping_sub(low);
         self.above.ticks = high.wrapping_sub(trim);
-        self.is_reversed = parameters.is_on(Parameter::SrvReversed);
-        let range_deg = u32::from(parameters.get(Parameter::SrvRange));
+        self.is_reversed = parameters.is_on(Parameter::Out1Reversed);
+        let range_deg = u32::from(parameters.get(Parameter::Out1Range));
         self.half_range = (range_deg.wrapping_mul(HALF_RANGE_FACTOR).wrapping_add(1 << 15) >> 16) as u16;
     }
 
@@ -139,7 +139,7 @@ impl Travel {
     /// The pulse for a command; 0 if it asks for none, with a width of zero or less. Whatever asks for more than the travel
     /// gets the end of it.
     ///
-    /// A width is taken as it is; the other two are turned around by SRV_REVERSED.
+    /// A width is taken as it is; the other two are turned around by OUT1_REVERSED.
     #[inline(never)]
     pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
         let mut is_low = value < 0;

@@ -600,14 +600,14 @@ fn parameters_that_were_lost_are_told_and_ones_that_never_were_are_not() {
     let mut rig = Rig::start(Memory::erased(), ResetCause::POWER_ON);
     rig.run(2000);
     assert_eq!(rig.status(), (0, 0));
-    let mut memory = Memory::with(&[(Parameter::SrvId, 9)]);
+    let mut memory = Memory::with(&[(Parameter::Out1Id, 9)]);
     for byte in &mut memory.bytes[0x20..] {
         *byte ^= if *byte == 0xFF { 0 } else { 0x10 };
     }
     let mut rig = Rig::start(memory, ResetCause::POWER_ON);
     rig.run(2000);
     assert_eq!(rig.status(), (0xC0, 1 << 13));
-    assert_eq!(rig.node.parameters.get(Parameter::SrvId), 1, "the default");
+    assert_eq!(rig.node.parameters.get(Parameter::Out1Id), 1, "the default");
 }
 
 // Commands
@@ -615,7 +615,7 @@ fn parameters_that_were_lost_are_told_and_ones_that_never_were_are_not() {
 #[test]
 fn there_is_no_pulse_before_the_first_command() {
     for failsafe in 0..=3 {
-        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, failsafe)]);
+        let mut rig = Rig::with(&[(Parameter::Out1Fs, failsafe)]);
         rig.run(70_000);
         assert_eq!(rig.node.pulse(), 0);
         assert_eq!(rig.node.conditions.code(), 0);
@@ -628,7 +628,7 @@ fn the_golden_commands_move_the_servo() {
     rig.hear("1003F20A 01 00 00 38 C7");
     assert_eq!(rig.node.pulse(), us(1750.0));
     for (actuator, pulse) in [(1, 1750.0), (2, 1000.0), (3, 1500.0)] {
-        let mut rig = Rig::with(&[(Parameter::SrvId, actuator)]);
+        let mut rig = Rig::with(&[(Parameter::Out1Id, actuator)]);
         rig.hear("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68");
         assert_eq!(rig.node.pulse(), us(pulse), "actuator {actuator}");
     }
@@ -784,7 +784,7 @@ fn the_command_of_the_thesis_moves_the_servo_over_its_travel() {
 
 #[test]
 fn the_temperature_of_the_thesis_is_sent_for_every_third_status_once_its_command_was_used() {
-    let mut rig = Rig::with(&[(Parameter::TelemRate, 0), (Parameter::TempRate, 0), (Parameter::SrvTimeout, 0)]);
+    let mut rig = Rig::with(&[(Parameter::TelemRate, 0), (Parameter::TempRate, 0), (Parameter::Out1Timeout, 0)]);
     let second = |rig: &mut Rig| {
         rig.status_of(1);
         rig.run(1000);
@@ -859,10 +859,10 @@ fn without_commands_the_servo_goes_where_srv_failsafe_has_it() {
     for (failsafe, expected) in [(0, 1800.0), (1, 1400.0), (2, 1100.0), (3, 0.0)] {
         for timeout_ms in [1, 20, 1000, 10_000] {
             let mut rig = Rig::with(&[
-                (Parameter::SrvFailsafe, failsafe),
-                (Parameter::SrvTimeout, timeout_ms),
-                (Parameter::SrvTrim, 1400),
-                (Parameter::SrvFsPwm, 1100),
+                (Parameter::Out1Fs, failsafe),
+                (Parameter::Out1Timeout, timeout_ms),
+                (Parameter::Out1Trim, 1400),
+                (Parameter::Out1FsPwm, 1100),
             ]);
             rig.run(61_234);
             rig.command(PWM, 1800.0);
@@ -885,7 +885,7 @@ fn without_commands_the_servo_goes_where_srv_failsafe_has_it() {
 #[test]
 fn the_failsafe_pulse_stays_within_the_travel() {
     for (width, expected) in [(500, 1000.0), (2500, 2000.0)] {
-        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 2), (Parameter::SrvFsPwm, width)]);
+        let mut rig = Rig::with(&[(Parameter::Out1Fs, 2), (Parameter::Out1FsPwm, width)]);
         rig.command(PWM, 1800.0);
         rig.run(1001);
         assert_eq!(rig.node.pulse(), us(expected));
@@ -894,7 +894,7 @@ fn the_failsafe_pulse_stays_within_the_travel() {
 
 #[test]
 fn with_a_timeout_of_0_the_servo_stays_for_ever() {
-    let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3), (Parameter::SrvTimeout, 0)]);
+    let mut rig = Rig::with(&[(Parameter::Out1Fs, 3), (Parameter::Out1Timeout, 0)]);
     rig.command(PWM, 1800.0);
     rig.run(200_000);
     assert_eq!((rig.node.pulse(), rig.node.conditions.code()), (us(1800.0), 0));
@@ -905,7 +905,7 @@ fn only_commands_that_are_followed_keep_the_servo_from_failing_safe() {
     for text in
         ["1003F20A 02 00 00 38 C7", "1003F20A 01 00 FF 7F CF", "1003F20A C9", "1001550A 01 00 00 00 00 00 00 C0"]
     {
-        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3)]);
+        let mut rig = Rig::with(&[(Parameter::Out1Fs, 3)]);
         rig.command(PWM, 1800.0);
         for _ in 0..11 {
             rig.run(100);
@@ -913,7 +913,7 @@ fn only_commands_that_are_followed_keep_the_servo_from_failing_safe() {
         }
         assert_eq!(rig.node.pulse(), 0, "{text}");
     }
-    let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3)]);
+    let mut rig = Rig::with(&[(Parameter::Out1Fs, 3)]);
     for _ in 0..100 {
         rig.command(PWM, 1800.0);
         rig.run(999);
@@ -942,7 +942,7 @@ fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
     for (failsafe, expected) in [(0, 1800.0), (1, 1500.0), (2, 1200.0), (3, 0.0)] {
         for status in [0, 1, 128, 254] {
             let mut rig =
-                Rig::with(&[(Parameter::ArmReq, 1), (Parameter::SrvFailsafe, failsafe), (Parameter::SrvFsPwm, 1200)]);
+                Rig::with(&[(Parameter::ArmReq, 1), (Parameter::Out1Fs, failsafe), (Parameter::Out1FsPwm, 1200)]);
             rig.hear(ARMED);
             rig.run(1);
             rig.command(PWM, 1800.0);
@@ -960,7 +960,7 @@ fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
 #[test]
 fn arming_ends_three_to_four_seconds_after_the_last_arming_status() {
     for start in [59_000, 59_001, 59_250, 59_500, 59_999] {
-        let mut rig = Rig::with(&[(Parameter::ArmReq, 1), (Parameter::SrvTimeout, 0), (Parameter::SrvFailsafe, 3)]);
+        let mut rig = Rig::with(&[(Parameter::ArmReq, 1), (Parameter::Out1Timeout, 0), (Parameter::Out1Fs, 3)]);
         rig.run(start);
         for _ in 0..20 {
             rig.hear(ARMED);
@@ -1055,7 +1055,7 @@ fn no_temperature_is_sent_before_there_is_one() {
 
 #[test]
 fn the_actuator_status_has_the_position_that_was_commanded_and_nothing_that_is_not_known() {
-    let mut rig = Rig::with(&[(Parameter::SrvId, 1), (Parameter::SrvTimeout, 0)]);
+    let mut rig = Rig::with(&[(Parameter::Out1Id, 1), (Parameter::Out1Timeout, 0)]);
     rig.run(150);
     let nan = [0x00, 0x7E];
     let payload = |position: [u8; 2]| [&[1], &position[..], &nan, &nan, &[127]].concat();

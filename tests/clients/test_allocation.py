@@ -101,7 +101,7 @@ def test_five_boards_at_once_are_allocated_five_ids(bench, nobodies):
     client.spin(3)
     assert allocator.allocated() == entries
     for node_id in entries.values():
-        assert client.get("SRV_ID", node=node_id) == 1
+        assert client.get("OUT1_ID", node=node_id) == 1
 
 
 def test_the_simulated_autopilot_allocates_too(bench, nobodies):

@@ -124,18 +124,18 @@ def test_parameters_are_fetched_set_saved_and_still_there_after_a_restart(joined
     assert list(found) == PARAMETERS
     assert [m.param_index for m in found.values()] == list(range(27))
     assert {m.param_type for m in found.values()} == {INT32}
-    assert value_of(found["SRV_MIN"]) == 1000 and value_of(found["TEMP_MIN"]) < 0
-    assert value_of(ground.set("SRV_MAX", as_float(1900))) == 1900
+    assert value_of(found["OUT1_MIN"]) == 1000 and value_of(found["TEMP_MIN"]) < 0
+    assert value_of(ground.set("OUT1_MAX", as_float(1900))) == 1900
     assert value_of(ground.set("TEMP_MIN", as_float(-12))) == -12
     ground.save()
-    ground.set("SRV_MIN", as_float(1100))
+    ground.set("OUT1_MIN", as_float(1100))
     ground.restart()
-    assert value_of(ground.read("SRV_MAX")) == 1900
+    assert value_of(ground.read("OUT1_MAX")) == 1900
     assert value_of(ground.read("TEMP_MIN")) == -12
-    assert value_of(ground.read("SRV_MIN")) == 1000, "it was not saved"
-    assert used.dronecan(1).get("SRV_MAX") == 1900
+    assert value_of(ground.read("OUT1_MIN")) == 1000, "it was not saved"
+    assert used.dronecan(1).get("OUT1_MAX") == 1900
     assert ground.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 2).result == ACCEPTED
-    assert value_of(ground.read("SRV_MAX")) == 2000
+    assert value_of(ground.read("OUT1_MAX")) == 2000
 
 
 def test_parameters_are_read_by_index_and_by_name(joined):
@@ -143,7 +143,7 @@ def test_parameters_are_read_by_index_and_by_name(joined):
     for index in (25, 0, 13):
         message = ground.read("", index=index)
         assert (message.param_id, message.param_index, message.param_count) == (PARAMETERS[index], index, 27)
-    message = ground.read("SRV_TRIM")
+    message = ground.read("OUT1_TRIM")
     assert (message.param_index, message.param_count, value_of(message)) == (4, 27, 1500)
     ground.mav.param_request_list_send(SYSTEM, 0)
     assert len({ground.wait_for("PARAM_VALUE", NODE).param_id for _ in range(27)}) == 27
@@ -162,7 +162,7 @@ def test_a_set_of_another_type_does_what_it_says_or_nothing(joined):
         (1600.0, mavlink.MAV_PARAM_TYPE_REAL64, 1700),
         (1600.0, 77, 1700),
     ]:
-        message = ground.set("SRV_MAX", value, kind)
+        message = ground.set("OUT1_MAX", value, kind)
         assert (message.param_type, value_of(message)) == (INT32, in_force), (value, kind)
 
 
@@ -171,12 +171,12 @@ def test_a_station_with_mavlink_1_is_answered_in_it(joined, station):
     old = station(kind=OldStation)
     old.mav.param_request_list_send(SYSTEM, NODE)
     assert {old.wait_for("PARAM_VALUE", NODE).param_id for _ in range(27)} == set(PARAMETERS)
-    old.mav.param_set_send(SYSTEM, NODE, b"SRV_MAX", as_float(1800), INT32)
+    old.mav.param_set_send(SYSTEM, NODE, b"OUT1_MAX", as_float(1800), INT32)
     assert value_of(old.wait_for("PARAM_VALUE", NODE)) == 1800
     old.mav.command_long_send(SYSTEM, NODE, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0)
     assert old.wait_for("COMMAND_ACK", NODE).result == ACCEPTED
     old.wait_for("HEARTBEAT", NODE)
-    assert value_of(ground.read("SRV_MAX")) == 1800, "the other station still has version 2"
+    assert value_of(ground.read("OUT1_MAX")) == 1800, "the other station still has version 2"
     # Where pymavlink could do better, and is only waiting to hear that.
     assert old.magic[0] == 0xFD
 
@@ -186,11 +186,11 @@ def test_two_stations_see_each_others_changes_and_one_may_go(joined, station):
     second = station()
     # The one that is new is told at once who is there.
     second.wait_for("UAVCAN_NODE_INFO", NODE)
-    first.set("SRV_MAX", as_float(1700))
+    first.set("OUT1_MAX", as_float(1700))
     assert value_of(second.wait_for("PARAM_VALUE", NODE)) == 1700
     assert not second.gather(0.3, "COMMAND_ACK")
     first.close()
-    assert value_of(second.set("SRV_MAX", as_float(1750))) == 1750
+    assert value_of(second.set("OUT1_MAX", as_float(1750))) == 1750
     assert len(second.gather(2.5, "UAVCAN_NODE_STATUS")) >= 2
 
 
@@ -214,13 +214,13 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
         proxy.stdin.flush()
 
     said("Received 27 parameters")
-    tell("param show SRV_M*")
-    said("SRV_MAX          2000.0")
-    tell("param set SRV_MAX 1900")
+    tell("param show OUT1_M*")
+    said("OUT1_MAX          2000.0")
+    tell("param set OUT1_MAX 1900")
     client = used.dronecan(1)
-    client.spin_until(lambda: client.get("SRV_MAX") == 1900, "SRV_MAX of 1900")
-    tell("param show SRV_MAX")
-    said("SRV_MAX          1900.0")
+    client.spin_until(lambda: client.get("OUT1_MAX") == 1900, "OUT1_MAX of 1900")
+    tell("param show OUT1_MAX")
+    said("OUT1_MAX          1900.0")
     tell("long 5200")
     said("UAVCAN_GET_NODE_INFO: ACCEPTED")
     tell("long 245 1")
@@ -228,8 +228,8 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
     tell("long 246 1")
     said("PREFLIGHT_REBOOT_SHUTDOWN: ACCEPTED")
     said("Node 120 has restarted")
-    tell("param fetch SRV_MAX")
-    said("SRV_MAX = 1900.0")
+    tell("param fetch OUT1_MAX")
+    said("OUT1_MAX = 1900.0")
     tell("status UAVCAN*")
     said("UAVCAN_NODE_INFO {")
     said("UAVCAN_NODE_STATUS {")
@@ -246,10 +246,10 @@ def test_pydronecan_manages_the_node_through_mavlink(bench, bridge):
     client.spin_until(lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120")
     names = [str(client.parameter(index=index).name) for index in range(27)]
     assert names == PARAMETERS
-    client.set("SRV_MIN", 1234)
+    client.set("OUT1_MIN", 1234)
     client.save()
     client.restart()
-    assert client.get("SRV_MIN") == 1234
+    assert client.get("OUT1_MIN") == 1234
     client.command((1, 4, 1600))
     client.spin_until(lambda: used.pulse_us() == 1600, "pulse of 1600 us")
     assert monitor.exists(BRIDGE), "the bridge is a node too"
@@ -453,9 +453,9 @@ def test_rubbish_and_a_flood_of_requests_are_survived(joined, bridge):
     for _ in range(300):
         ground.mav.param_request_list_send(SYSTEM, NODE)
         ground.mav.command_long_send(SYSTEM, NODE, GET_NODE_INFO, 0, 0, 0, 0, 0, 0, 0, 0)
-        ground.mav.param_request_read_send(SYSTEM, NODE, b"SRV_MAX", -1)
+        ground.mav.param_request_read_send(SYSTEM, NODE, b"OUT1_MAX", -1)
     ground.gather(1)
-    assert value_of(ground.set("SRV_MAX", as_float(1800))) == 1800
+    assert value_of(ground.set("OUT1_MAX", as_float(1800))) == 1800
     assert len(ground.gather(2.5, "UAVCAN_NODE_STATUS")) >= 2
 
 
@@ -468,9 +468,9 @@ def test_with_a_key_only_signed_messages_count(bench, bridge, station, tmp_path)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
     assert len(ground.parameters()) == 27
     for other in (stranger, wrong):
-        other.mav.param_set_send(SYSTEM, NODE, b"SRV_MAX", as_float(1600), INT32)
+        other.mav.param_set_send(SYSTEM, NODE, b"OUT1_MAX", as_float(1600), INT32)
         assert not other.gather(0.7)
-    message = ground.read("SRV_MAX")
+    message = ground.read("OUT1_MAX")
     assert value_of(message) == 2000
     assert message.get_signed()
 
@@ -519,7 +519,7 @@ def test_a_bus_of_another_rate_is_refused_with_a_remedy(bench, bridge):
 def test_a_message_behind_half_of_another_is_not_waited_for(joined):
     _, ground = joined()
     ground.mav.file.write(bytes([0xFD, 255, 0, 0, 0, 255, 190, 0, 0, 0]))
-    assert value_of(ground.read("SRV_MAX")) == 2000
+    assert value_of(ground.read("OUT1_MAX")) == 2000
 
 
 def test_it_waits_for_a_bus_if_it_is_told_to_and_ends_by_itself(bench, bridge, station, tmp_path):

@@ -95,11 +95,11 @@ CASES = [
     (frames(560, RESPONSE, NODE, 7, restarted(False), TOOL), "1181E00F 7F 00"),
     (frames(599, REQUEST, TOOL, 0, get_set(index=3), NODE), "12BBFC08 78 00 30"),
     (
-        frames(599, REQUEST, TOOL, 1, get_set("SRV_MIN"), NODE, "GetSet"),
+        frames(599, REQUEST, TOOL, 1, get_set("OUT1_MIN"), NODE, "GetSet"),
         "12BBFC01 78 7E 96 00 05 35 25 65 | 12BBFC19 78 F4 D4 94 E0",
     ),
     (
-        frames(599, REQUEST, TOOL, 2, get_set("SRV_MIN", int=1100), NODE, "GetSet"),
+        frames(599, REQUEST, TOOL, 2, get_set("OUT1_MIN", int=1100), NODE, "GetSet"),
         "12BBFC02 78 74 7A 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 05 35 25 | 12BBFC2A 78 65 F4 D4 94 E0",
     ),
     (
@@ -109,7 +109,7 @@ CASES = [
     (frames(599, REQUEST, TOOL, 4, get_set("X", float=1.5), NODE), "12BBFC0C 78 20 00 18 07 E0 05 80"),
     (frames(599, REQUEST, TOOL, 5, get_set("X", string="abc"), NODE), "12BBFC0D 78 10 D8 58 98 C0 16 00"),
     (
-        frames(599, RESPONSE, NODE, 2, parameter("SRV_MIN", 1100, 1000, 2500, -500), TOOL, "GetSet"),
+        frames(599, RESPONSE, NODE, 2, parameter("OUT1_MIN", 1100, 1000, 2500, -500), TOOL, "GetSet"),
         "12B9E002 7F 90 05 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | "
         "12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 53 52 56 5F 4D 49 | "
         "12B9E06A 7F 4E",
@@ -152,11 +152,11 @@ def test_the_thesis_s_identifier_is_taken_apart_as_it_says():
 def test_what_is_packed_can_be_read():
     message = unpack("NodeStatus", status(0xF012345, 3, 0x1234))
     assert (message.uptime_sec, message.status_code, message.vendor_specific_status_code) == (0xF012345, 3, 0x1234)
-    response = unpack("GetSet", parameter("SRV_MIN", 1100, 1000, 2500, -500), "response")
+    response = unpack("GetSet", parameter("OUT1_MIN", 1100, 1000, 2500, -500), "response")
     assert [v.value_int[0] for v in (response.value, response.default_value, response.max_value, response.min_value)] == [
         1100,
         1000,
         2500,
         -500,
     ]
-    assert response.name.decode() == "SRV_MIN"
+    assert response.name.decode() == "OUT1_MIN"

@@ -12,8 +12,8 @@ protocol = uavcan.protocol
 UNITLESS, PWM = 0, 4
 
 PARAMETERS = [
-    "CAN_NODE", "CAN_BAUDRATE", "SRV_ID", "SRV_MIN", "SRV_TRIM", "SRV_MAX", "SRV_REVERSED", "SRV_RATE", "SRV_RANGE",
-    "SRV_TIMEOUT", "SRV_FAILSAFE", "SRV_FS_PWM", "ARM_REQ", "TELEM_RATE", "TEMP_RATE", "TEMP_ID", "TEMP_REF",
+    "CAN_NODE", "CAN_BAUDRATE", "OUT1_ID", "OUT1_MIN", "OUT1_TRIM", "OUT1_MAX", "OUT1_REVERSED", "OUT_RATE", "OUT1_RANGE",
+    "OUT1_TIMEOUT", "OUT1_FS", "OUT1_FS_PWM", "ARM_REQ", "TELEM_RATE", "TEMP_RATE", "TEMP_ID", "TEMP_REF",
     "TEMP_OFFSET", "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "LIGHT_ID", "STATS_RATE", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
     "DIALECT",
 ]  # fmt: skip
@@ -59,13 +59,13 @@ def test_parameters_are_walked_until_the_empty_name(bench):
 def test_what_is_set_and_saved_is_still_set_after_a_restart(bench):
     used = bench()
     client = used.dronecan()
-    client.set("SRV_MIN", 1200)
+    client.set("OUT1_MIN", 1200)
     client.set("TEMP_MIN", -12)
     client.save()
-    client.set("SRV_MAX", 1800)
+    client.set("OUT1_MAX", 1800)
     client.restart()
-    assert (client.get("SRV_MIN"), client.get("TEMP_MIN")) == (1200, -12)
-    assert client.get("SRV_MAX") == 2000, "it was not saved"
+    assert (client.get("OUT1_MIN"), client.get("TEMP_MIN")) == (1200, -12)
+    assert client.get("OUT1_MAX") == 2000, "it was not saved"
     client.command((1, UNITLESS, -1.0))
     client.spin_until(lambda: used.pulse_us() == 1200, "pulse of 1200 us")
 
@@ -82,22 +82,22 @@ def test_what_was_saved_outlives_the_simulation(bench):
 
 def test_erasing_brings_the_defaults_back(bench):
     client = bench().dronecan()
-    client.set("SRV_MIN", 1200)
+    client.set("OUT1_MIN", 1200)
     client.save()
     assert client.execute(protocol.param.ExecuteOpcode.Request().OPCODE_ERASE)
-    assert client.get("SRV_MIN") == 1000
+    assert client.get("OUT1_MIN") == 1000
     client.restart()
-    assert client.get("SRV_MIN") == 1000
+    assert client.get("OUT1_MIN") == 1000
 
 
 @pytest.mark.parametrize(
     "name, value, in_force",
     [
-        ("SRV_MIN", {"integer_value": 2501}, 1000),
-        ("SRV_MIN", {"integer_value": -1}, 1000),
-        ("SRV_MIN", {"real_value": 1100.0}, 1000),
+        ("OUT1_MIN", {"integer_value": 2501}, 1000),
+        ("OUT1_MIN", {"integer_value": -1}, 1000),
+        ("OUT1_MIN", {"real_value": 1100.0}, 1000),
         ("ARM_REQ", {"boolean_value": 1}, 0),
-        ("SRV_MIN", {"string_value": "1100"}, 1000),
+        ("OUT1_MIN", {"string_value": "1100"}, 1000),
         ("CAN_BAUDRATE", {"integer_value": 800_000}, 1_000_000),
     ],
 )
@@ -175,14 +175,14 @@ def test_a_restart_needs_its_magic_number(bench):
 def test_the_simulator_tells_what_was_asked_and_answered(bench):
     used = bench("--traffic", "--log", "said.txt")
     client = used.dronecan()
-    client.set("SRV_MIN", 1100)
+    client.set("OUT1_MIN", 1100)
     client.ask(protocol.GetNodeInfo.Request())
     client.save()
     used.goes_on()
     for text in (used.text(), (used.directory / "said.txt").read_text()):
         for line in [
-            r"10>120 param\.GetSet request SRV_MIN = 1100$",
-            r"120>10 param\.GetSet response SRV_MIN = 1100 \(500 to 2500, default 1000\)$",
+            r"10>120 param\.GetSet request OUT1_MIN = 1100$",
+            r"120>10 param\.GetSet response OUT1_MIN = 1100 \(500 to 2500, default 1000\)$",
             r"120>10 GetNodeInfo response org\.\S+ software 0\.1 .*unique ID [0-9A-F]{32}$",
             r"10>120 param\.ExecuteOpcode request SAVE$",
             r"120>10 param\.ExecuteOpcode response ok$",

@@ -89,14 +89,14 @@ def test_a_failsafe_shows_in_the_status_until_commands_come_again(bench):
     used = bench()
     client = used.dronecan()
     status_type = uavcan.protocol.NodeStatus
-    client.set("SRV_FAILSAFE", 1)
-    client.set("SRV_TIMEOUT", 300)
+    client.set("OUT1_FS", 1)
+    client.set("OUT1_TIMEOUT", 300)
     client.command((1, PWM, 1900))
     client.spin_until(lambda: used.pulse_us() == 1900, "pulse of 1900 us")
     client.spin_until(lambda: used.pulse_us() == 1500, "trim")
     status = client.gather(status_type, 2)[-1]
     assert (status.health, status.vendor_specific_status_code) == (status.HEALTH_ERROR, 1 << 10)
-    client.set("SRV_TIMEOUT", 0)
+    client.set("OUT1_TIMEOUT", 0)
     client.command((1, PWM, 1900))
     status = client.gather(status_type, 2)[-1]
     assert (status.health, status.vendor_specific_status_code) == (status.HEALTH_OK, 0)
@@ -118,7 +118,7 @@ def stream(client, used, make, expected_us):
 def test_fifteen_commands_as_from_ardupilot(bench, servo, unit):
     used = bench()
     client = used.dronecan(node_id=10)
-    client.set("SRV_ID", servo)
+    client.set("OUT1_ID", servo)
     widths = {number: 1000 + 50 * number for number in range(1, 16)}
     value = (lambda us: us) if unit == PWM else (lambda us: us / 500 - 3)
     commands = [(number, unit, value(us)) for number, us in widths.items()]
@@ -136,7 +136,7 @@ def test_fifteen_commands_as_from_ardupilot(bench, servo, unit):
 def test_eight_commands_as_from_px4(bench, servo, expected_us):
     used = bench()
     client = used.dronecan(node_id=1)
-    client.set("SRV_ID", servo)
+    client.set("OUT1_ID", servo)
     stream(client, used, lambda: [(number, UNITLESS, number / 4 - 1) for number in range(8)], expected_us)
 
 
@@ -144,6 +144,6 @@ def test_eight_commands_as_from_px4(bench, servo, expected_us):
 def test_the_simulated_autopilots_are_obeyed(bench, kind, servo):
     used = bench("--autopilot", kind, "--actuator", servo, "--hold", "0.5", autopilot=True)
     client = used.dronecan(node_id=127)
-    client.set("SRV_ID", servo)
+    client.set("OUT1_ID", servo)
     client.spin_until(lambda: used.pulse_us() == 1750, "pulse of 1750 us")
     used.wait_for_text(r" node +120 is org\.\S+ software ")

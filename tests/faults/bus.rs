@@ -26,7 +26,7 @@ pub const ALL: [&Case; 13] = [
     &OWN_RATE_WRONG,
 ];
 
-const FAILSAFE: &str = "failsafe after `SRV_TIMEOUT`";
+const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
 
 fn during(fault: fn(&mut Rig, bool), line: &'static str, reported: u16) -> Measured {
     let mut trial = Trial::new();

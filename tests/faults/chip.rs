@@ -26,7 +26,7 @@ pub const ALL: [&Case; 12] = [
 ];
 
 const LOST: &str = "CAN: MCP2515 lost its settings";
-const FAILSAFE: &str = "failsafe after `SRV_TIMEOUT`";
+const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
 const STAYS: &str = "stays; it is over before the failsafe";
 const STARTED_OVER: &str = "started over, each register read back";
 

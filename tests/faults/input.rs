@@ -96,7 +96,7 @@ pub const NOT_FINITE: Case = Case {
     fault: "commands that are NaN or infinite, 2,000 a second",
     noticed: "each is refused, counted and told as fast as the serial monitor can; failsafe (bit 10)",
     reaction: "not followed; they do not keep the failsafe away",
-    servo: "stays, then failsafe after `SRV_TIMEOUT`",
+    servo: "stays, then failsafe after `OUT1_TIMEOUT`",
     told_limit_ms: Some(100),
     limit_ms: BUS_LIMIT_MS,
     run: || {
@@ -110,7 +110,7 @@ pub const OUT_OF_RANGE: Case = Case {
     fault: "commands out of range, 2,000 a second",
     noticed: "limited to the travel; microseconds that are no pulse are refused and told",
     reaction: "followed as far as the travel goes",
-    servo: "never beyond `SRV_MIN` and `SRV_MAX`",
+    servo: "never beyond `OUT1_MIN` and `OUT1_MAX`",
     told_limit_ms: Some(1000),
     limit_ms: BUS_LIMIT_MS,
     run: || {

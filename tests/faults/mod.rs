@@ -2,7 +2,7 @@
 //! writes what they measure to docs/reliability.md.
 //!
 //! [`Trial`] is the stand: an autopilot commands the servo to 1750 us 50 times a second and sends its status once a second,
-//! SRV_FAILSAFE is the trim, 1500 us, and SRV_TIMEOUT 300 ms. Whatever happens, each pulse has one of these two widths and
+//! OUT1_FS is the trim, 1500 us, and OUT1_TIMEOUT 300 ms. Whatever happens, each pulse has one of these two widths and
 //! begins 20 ms after the one before. A fault is over when a command with another width is followed *and* a request answered.
 
 #![allow(dead_code, reason = "each test file uses its own part")]
@@ -119,8 +119,8 @@ impl Trial {
     /// The same with a rig of choice.
     #[track_caller]
     pub fn with(mut rig: Rig) -> Trial {
-        rig.set("SRV_FAILSAFE", 1);
-        rig.set("SRV_TIMEOUT", 300);
+        rig.set("OUT1_FS", 1);
+        rig.set("OUT1_TIMEOUT", 300);
         rig.set("STATS_RATE", 10);
         let mut trial =
             Trial { rig, autopilot: true, begun: 0, ended: 0, slot_due: 0, status_due: 0, line: "", told_at: None };

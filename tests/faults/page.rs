@@ -11,7 +11,7 @@ What can go wrong, what the node makes of it, and how long that takes. `make rel
 simulator, and writes this page; `make test` holds each case to the limits in brackets (`tests/bus_faults.rs`, `chip_faults.rs`,
 `processor_faults.rs` and `input_faults.rs`; the cases themselves are in `tests/faults`).
 
-An autopilot commands the servo 50 times a second, with `SRV_TIMEOUT` 300 ms and `SRV_FAILSAFE` the trim. *Told* is the time from the
+An autopilot commands the servo 50 times a second, with `OUT1_TIMEOUT` 300 ms and `OUT1_FS` the trim. *Told* is the time from the
 beginning of the fault to the end of the line about it on the serial monitor. *Back* is the time from the end of the fault until a new
 command is seen in a servo pulse **and** a request has been answered: it has the 20 ms between two commands and the 20 ms of the servo's
 period in it, and 53 ms is as fast as it can be measured. The bits are those of the vendor-specific status code

@@ -175,7 +175,7 @@ pub const BROWN_OUT_DURING_SAVE: Case = Case {
             trial.end_unchecked(|_| {});
             let told_ms = delay as f64;
             let measured = trial.recover(LIMIT_MS, RESET_BROWN_OUT);
-            let set = (trial.rig.get("TEMP_ID"), trial.rig.get("SRV_TIMEOUT"));
+            let set = (trial.rig.get("TEMP_ID"), trial.rig.get("OUT1_TIMEOUT"));
             assert!([(1, 1000), (4242, 300)].contains(&set), "{set:?} after a dip {delay} ms into a save");
             worst = worst.or(Measured { told_ms: measured.told_ms.map(|told| told - told_ms), ..measured });
         }

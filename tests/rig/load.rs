@@ -33,7 +33,7 @@ const OCR1BL: u16 = 0x8A;
 /// What makes the node publish all that it can, as fast as it can.
 const BUSY: [(&str, i64); 4] =
     // Without the failsafe, after which the controller gets its filters again and hears nothing for 5 ms.
-    [("TELEM_RATE", 50), ("TEMP_RATE", 50), ("STATS_RATE", 10), ("SRV_TIMEOUT", 0)];
+    [("TELEM_RATE", 50), ("TEMP_RATE", 50), ("STATS_RATE", 10), ("OUT1_TIMEOUT", 0)];
 /// So long a client waits for an answer.
 const CLIENT_PATIENCE_MS: u64 = 300;
 /// RX0IF and RX1IF of CANINTF.
@@ -185,7 +185,7 @@ fn command(n: u32) -> (u8, f32) {
     match (n + n / 9) % 3 {
         0 => (4, width_us),
         1 => (0, deflection),
-        // SRV_RANGE is 90 degrees.
+        // OUT1_RANGE is 90 degrees.
         _ => (1, deflection * FRAC_PI_4),
     }
 }
@@ -256,7 +256,7 @@ impl Sender {
             Kind::ParameterRequest => (0x1E0B_80FF | NODE << 8, self.padded(&[0, 0], 3)),
             Kind::LongRequest => {
                 if self.rest.is_empty() {
-                    let request = ParameterRequest { name: "SRV_REVERSED".into(), ..ParameterRequest::default() };
+                    let request = ParameterRequest { name: "OUT1_REVERSED".into(), ..ParameterRequest::default() };
                     let signature = types::GET_SET.signature.expect("known");
                     self.rest = split(&request.encode(), TransferId::new(self.next_transfer_id()), signature).into();
                 }

@@ -158,8 +158,8 @@ impl Soak {
         let mut rig = Rig::running_with(started());
         // Lost frames are looked for here, between the faults.
         rig.overflows_expected = true;
-        rig.set("SRV_FAILSAFE", 1);
-        rig.set("SRV_TIMEOUT", 500);
+        rig.set("OUT1_FS", 1);
+        rig.set("OUT1_TIMEOUT", 500);
         rig.save();
         let mut soak = Soak {
             rig,

@@ -131,7 +131,7 @@ fn set(number: u8, index: u8, value: i64) -> Step {
 
 /// Lives in which something happens.
 fn lives() -> Vec<(&'static str, Vec<Step>)> {
-    const SRV_FAILSAFE: u8 = 10;
+    const OUT1_FS: u8 = 10;
     const ARM_REQ: u8 = 12;
     const MAGIC: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
     let wait = |ms| [Step::Wait(ms), Step::Leave(0)];
@@ -158,7 +158,7 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
                     sent(Type::GetTransportStats, 1, &[]),
                     sent(Type::FileRead, 2, &[0]),
                 ],
-                vec![sent(Type::BeginFirmwareUpdate, 3, b"\x7Ffirmware.bin"), by_name(b"SRV_MIN"), by_name(b"NONE")],
+                vec![sent(Type::BeginFirmwareUpdate, 3, b"\x7Ffirmware.bin"), by_name(b"OUT1_MIN"), by_name(b"NONE")],
                 wait(100).to_vec(),
             ]
             .concat(),
@@ -189,7 +189,7 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
         (
             "failsafe",
             [
-                vec![set(1, SRV_FAILSAFE, 1), sent(Type::ArrayCommand, 0, &half)],
+                vec![set(1, OUT1_FS, 1), sent(Type::ArrayCommand, 0, &half)],
                 wait(1500).to_vec(),
                 vec![sent(Type::ThesisCommand, 1, &[200])],
                 wait(1500).to_vec(),
@@ -359,8 +359,8 @@ fn bridge() -> Vec<(&'static str, Vec<u8>)> {
         .into_iter()
         .flat_map(|(number, first)| [command(number, first, 120), wait.to_vec()].concat())
         .collect();
-    let set = [&1.5f32.to_le_bytes(), [1, 120].as_slice(), b"SRV_MIN\0\0\0\0\0\0\0\0\0\x06"].concat();
-    let read = [&[0, 0, 1, 120], b"SRV_MIN\0\0\0\0\0\0\0\0\0".as_slice()].concat();
+    let set = [&1.5f32.to_le_bytes(), [1, 120].as_slice(), b"OUT1_MIN\0\0\0\0\0\0\0\0\0\x06"].concat();
+    let read = [&[0, 0, 1, 120], b"OUT1_MIN\0\0\0\0\0\0\0\0\0".as_slice()].concat();
     let frame = [&0x9404_562Au32.to_le_bytes(), [1, 0, 0, 8].as_slice(), &[1, 2, 3, 4, 5, 6, 7, 0xC0]].concat();
     vec![
         ("commands", [status.as_slice(), &commands].concat()),

@@ -42,14 +42,14 @@ fn save(rig: &mut Rig) {
 /// node has written, so that those of one that was put right here can be anything.
 fn has_travel(rig: &Rig) -> bool {
     const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 10] = [
-        (Parameter::SrvId, 0..=255),
-        (Parameter::SrvMin, 500..=2500),
-        (Parameter::SrvTrim, 500..=2500),
-        (Parameter::SrvMax, 500..=2500),
-        (Parameter::SrvReversed, 0..=1),
-        (Parameter::SrvRange, 10..=360),
-        (Parameter::SrvFailsafe, 0..=3),
-        (Parameter::SrvFsPwm, 500..=2500),
+        (Parameter::Out1Id, 0..=255),
+        (Parameter::Out1Min, 500..=2500),
+        (Parameter::Out1Trim, 500..=2500),
+        (Parameter::Out1Max, 500..=2500),
+        (Parameter::Out1Reversed, 0..=1),
+        (Parameter::Out1Range, 10..=360),
+        (Parameter::Out1Fs, 0..=3),
+        (Parameter::Out1FsPwm, 500..=2500),
         (Parameter::ArmReq, 0..=1),
         (Parameter::Dialect, 0..=2),
     ];

@@ -42,7 +42,7 @@ pub struct Heard {
     pub is_sure: bool,
     /// It came in the draft of 2014, which the node hears only at times.
     pub is_draft: bool,
-    /// SRV_ID was changed while it came: then it is not known which entry the node has taken.
+    /// OUT1_ID was changed while it came: then it is not known which entry the node has taken.
     is_unclear: bool,
 }
 
@@ -98,7 +98,7 @@ impl Transfers {
         signature: Option<u64>,
         is_draft: bool,
     ) -> Option<Heard> {
-        let actuator = parameters.get(Parameter::SrvId);
+        let actuator = parameters.get(Parameter::Out1Id);
         let can_id = CanId::parse(id)?;
         let key = id & WITHOUT_PRIORITY | if is_draft { DRAFT } else { 0 };
         let (&tail, part) = data.split_last()?;
@@ -181,14 +181,14 @@ const TICKS_PER_US: f64 = 2.0;
 impl Travel {
     pub fn of(parameters: &Parameters) -> Travel {
         let ticks = |parameter| f64::from(parameters.get(parameter)) * TICKS_PER_US;
-        let (a, b) = (ticks(Parameter::SrvMin), ticks(Parameter::SrvMax));
+        let (a, b) = (ticks(Parameter::Out1Min), ticks(Parameter::Out1Max));
         let (low, high) = (a.min(b), a.max(b));
         Travel {
             low,
-            trim: ticks(Parameter::SrvTrim).clamp(low, high),
+            trim: ticks(Parameter::Out1Trim).clamp(low, high),
             high,
-            is_reversed: parameters.get(Parameter::SrvReversed) != 0,
-            half_range_rad: f64::from(parameters.get(Parameter::SrvRange)).to_radians() / 2.0,
+            is_reversed: parameters.get(Parameter::Out1Reversed) != 0,
+            half_range_rad: f64::from(parameters.get(Parameter::Out1Range)).to_radians() / 2.0,
         }
     }
 
@@ -223,11 +223,11 @@ impl Travel {
 /// Where the output goes when it fails safe; `None` if it stays.
 pub fn failsafe(parameters: &Parameters) -> Option<Width> {
     let travel = Travel::of(parameters);
-    match parameters.get(Parameter::SrvFailsafe) {
+    match parameters.get(Parameter::Out1Fs) {
         0 => None,
         1 => Some(Width::exactly(travel.trim)),
         2 => {
-            let ticks = f64::from(parameters.get(Parameter::SrvFsPwm)) * TICKS_PER_US;
+            let ticks = f64::from(parameters.get(Parameter::Out1FsPwm)) * TICKS_PER_US;
             Some(Width::exactly(ticks.clamp(travel.low, travel.high)))
         }
         _ => Some(Width::exactly(0.0)),
@@ -258,7 +258,7 @@ impl Heard {
         let skipped = usize::from(self.is_draft && matches!(self.id, CanId::Service { .. }));
         match (self.id, self.payload.get(skipped..)?) {
             (CanId::Message { type_id, .. }, payload) if self.is_draft && type_id == draft::types::ARRAY_COMMAND.id => {
-                let actuator = parameters.get(Parameter::SrvId);
+                let actuator = parameters.get(Parameter::Out1Id);
                 let travel = Travel::of(parameters);
                 let (entries, []) = payload.as_chunks::<DRAFT_ENTRY>() else { return None };
                 let mine = |entry: &&[u8; DRAFT_ENTRY]| self.is_unclear || u16::from(entry[0]) == actuator;
@@ -269,7 +269,7 @@ impl Heard {
                 Some(Order::Go { widths, is_clear: false })
             }
             (CanId::Message { type_id, .. }, payload) if type_id == types::ARRAY_COMMAND.id => {
-                let actuator = parameters.get(Parameter::SrvId);
+                let actuator = parameters.get(Parameter::Out1Id);
                 let travel = Travel::of(parameters);
                 let (entries, []) = payload.as_chunks::<ENTRY>() else { return None };
                 let width =

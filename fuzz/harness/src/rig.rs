@@ -336,7 +336,7 @@ impl Rig {
         let after = self.node.pulse();
         if after != before {
             let parameters = &self.node.parameters;
-            let timeout_ms = u64::from(parameters.get(Parameter::SrvTimeout));
+            let timeout_ms = u64::from(parameters.get(Parameter::Out1Timeout));
             let is_late = self.followed_ms.is_none_or(|followed| self.now_ms - followed >= timeout_ms);
             let has_reason = timeout_ms != 0 && is_late || parameters.get(Parameter::ArmReq) != 0;
             let goal = orders::failsafe(parameters);
@@ -487,7 +487,7 @@ impl Rig {
         assert!(!info.name.is_empty(), "{info}");
         let source = self.other();
         let command = |rig: &mut Rig, value: f32| {
-            let actuator = rig.node.parameters.get(Parameter::SrvId) as u8;
+            let actuator = rig.node.parameters.get(Parameter::Out1Id) as u8;
             let [low, high] = half::f16::from_f32(value).to_le_bytes();
             rig.send(
                 &Sent { what: Type::ArrayCommand, source, number: 0, payload: vec![actuator, 0, low, high] },

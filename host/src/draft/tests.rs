@@ -215,13 +215,13 @@ fn parameter_requests_are_packed_bit_by_bit() {
     both_ways("12BBFC08 78 00 30", request(3, Value::Empty, b""), "draft.param.GetSet request index 3");
     both_ways(
         "12BBFC01 78 7E 96 00 05 35 25 65 | 12BBFC19 78 F4 D4 94 E0",
-        request(0, Value::Empty, b"SRV_MIN"),
-        "draft.param.GetSet request SRV_MIN",
+        request(0, Value::Empty, b"OUT1_MIN"),
+        "draft.param.GetSet request OUT1_MIN",
     );
     both_ways(
         "12BBFC02 78 74 7A 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 05 35 25 | 12BBFC2A 78 65 F4 D4 94 E0",
-        request(0, Value::Integer(1100), b"SRV_MIN"),
-        "draft.param.GetSet request SRV_MIN = 1100",
+        request(0, Value::Integer(1100), b"OUT1_MIN"),
+        "draft.param.GetSet request OUT1_MIN = 1100",
     );
     both_ways(
         "12BBFC03 78 86 E9 C0 02 0A 92 6A | 12BBFC1B 78 FA 92 2A 88",
@@ -247,8 +247,8 @@ fn parameter_responses_are_packed_bit_by_bit() {
         "12B9E002 7F 90 05 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | \
          12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 53 52 56 5F 4D 49 | \
          12B9E06A 7F 4E",
-        Message::ParameterResponse(ParameterResponse { value, default, max, min, name: b"SRV_MIN".to_vec() }),
-        "draft.param.GetSet response SRV_MIN = 1100 (-500 to 2500, default 1000)",
+        Message::ParameterResponse(ParameterResponse { value, default, max, min, name: b"OUT1_MIN".to_vec() }),
+        "draft.param.GetSet response OUT1_MIN = 1100 (-500 to 2500, default 1000)",
     );
     both_ways(
         "12B9E00A 7F 00 00",

@@ -3,7 +3,7 @@ use crate::golden::parameters;
 use half::f16;
 use std::f64::consts::PI;
 
-/// SRV_MIN, SRV_TRIM, SRV_MAX, SRV_RANGE.
+/// OUT1_MIN, OUT1_TRIM, OUT1_MAX, OUT1_RANGE.
 const TRAVELS: [[i32; 4]; 14] = [
     [1000, 1500, 2000, 90],
     [500, 1500, 2500, 180],
@@ -35,11 +35,11 @@ impl Case {
     fn new([min, trim, max, range]: [i32; 4], is_reversed: bool) -> Self {
         let mut travel = Travel::NONE;
         travel.update(&parameters(&[
-            (Parameter::SrvMin, min),
-            (Parameter::SrvTrim, trim),
-            (Parameter::SrvMax, max),
-            (Parameter::SrvRange, range),
-            (Parameter::SrvReversed, is_reversed.into()),
+            (Parameter::Out1Min, min),
+            (Parameter::Out1Trim, trim),
+            (Parameter::Out1Max, max),
+            (Parameter::Out1Range, range),
+            (Parameter::Out1Reversed, is_reversed.into()),
         ]));
         let (low, high) = (min.min(max), min.max(max));
         let ticks = |us: i32| f64::from(2 * us);

@@ -117,7 +117,7 @@ fn all_parameters_are_found_by_index_and_by_name_and_no_more() {
         assert_eq!(rig.get_set(&[index as u8, (index >> 8 << 3) as u8]), NO_SUCH_PARAMETER, "{index}");
     }
     let long = "A".repeat(92);
-    for name in ["CAN_NOD", "CAN_NODE_", "can_node", "SRV_MIN\0", "ABCDEFGHIJKLMNOPQ", &long] {
+    for name in ["CAN_NOD", "CAN_NODE_", "can_node", "OUT1_MIN\0", "ABCDEFGHIJKLMNOPQ", &long] {
         assert_eq!(rig.get_set(&[&[0, 0], name.as_bytes()].concat()), NO_SUCH_PARAMETER, "{name}");
         assert_eq!(rig.get_set(&set(0, 1, name)), NO_SUCH_PARAMETER, "{name}");
     }
@@ -159,15 +159,15 @@ fn only_the_four_bit_rates_can_be_set() {
 #[test]
 fn values_of_other_types_change_nothing_and_are_answered_with_what_is_in_force() {
     let mut rig = Rig::new();
-    // SRV_TIMEOUT as 2.0.
+    // OUT1_TIMEOUT as 2.0.
     let replies = rig
         .ask_frames(&golden::frames("1E0BF8FF C8 86 00 02 00 00 00 86 | 40 53 52 56 5F 54 49 26 | 4D 45 4F 55 54 46"));
     assert_eq!(
         response(&golden::payload(golden::GET_SET, &replies).0),
-        ([1000, 1000, 10_000, 0], "SRV_TIMEOUT".into())
+        ([1000, 1000, 10_000, 0], "OUT1_TIMEOUT".into())
     );
     for value in [&[0, 3, 1][..], &[0, 4, 2, b'4', b'2'], &[0, 4, 0]] {
-        let payload = [value, b"SRV_TIMEOUT"].concat();
+        let payload = [value, b"OUT1_TIMEOUT"].concat();
         assert_eq!(response(&rig.get_set(&payload)).0[0], 1000, "{value:?}");
     }
 }
@@ -177,7 +177,7 @@ fn a_request_that_ends_too_early_sets_nothing() {
     let mut rig = Rig::new();
     for len in 2..10 {
         rig.get_set(&set(9, 77, "")[..len]);
-        assert_eq!(rig.node.parameters.get(Parameter::SrvTimeout), 1000, "{len} bytes");
+        assert_eq!(rig.node.parameters.get(Parameter::Out1Timeout), 1000, "{len} bytes");
     }
     rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &[0]));
     rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &[]));
@@ -190,13 +190,13 @@ fn what_is_set_is_in_force_at_once() {
     let mut rig = Rig::new();
     rig.command(UNITLESS, 1.0);
     assert_eq!(rig.node.pulse(), us(2000.0));
-    rig.get_set(&set(0, 2200, "SRV_MAX"));
+    rig.get_set(&set(0, 2200, "OUT1_MAX"));
     rig.command(UNITLESS, 1.0);
     assert_eq!(rig.node.pulse(), us(2200.0));
-    rig.get_set(&set(0, 1, "SRV_REVERSED"));
+    rig.get_set(&set(0, 1, "OUT1_REVERSED"));
     rig.command(UNITLESS, 1.0);
     assert_eq!(rig.node.pulse(), us(1000.0));
-    rig.get_set(&set(0, 7, "SRV_ID"));
+    rig.get_set(&set(0, 7, "OUT1_ID"));
     rig.command(UNITLESS, 0.0);
     assert_eq!(rig.node.pulse(), us(1000.0), "it is actuator 7 now");
 }
@@ -261,7 +261,7 @@ fn opcodes_get_golden_replies() {
     assert_eq!(execute(&mut rig, 2), "1E0A7FF8 00 00 00 00 00 00 00 C4");
     assert_eq!(execute(&mut rig, 255), "1E0A7FF8 00 00 00 00 00 00 00 C4");
     rig.memory.is_broken = true;
-    rig.get_set(&set(0, 77, "SRV_TIMEOUT"));
+    rig.get_set(&set(0, 77, "OUT1_TIMEOUT"));
     assert_eq!(execute(&mut rig, 0), "1E0A7FF8 00 00 00 00 00 00 00 C4", "an EEPROM that keeps nothing");
     rig.memory.is_broken = false;
     assert_eq!(execute(&mut rig, 0), "1E0A7FF8 00 00 00 00 00 00 80 C4", "and one that does again");
@@ -269,36 +269,36 @@ fn opcodes_get_golden_replies() {
 
 #[test]
 fn a_failed_save_leaves_the_parameters_that_were_saved_before() {
-    let mut rig = Rig::with(&[(Parameter::SrvTimeout, 55)]);
+    let mut rig = Rig::with(&[(Parameter::Out1Timeout, 55)]);
     rig.memory.is_broken = true;
-    rig.get_set(&set(0, 77, "SRV_TIMEOUT"));
+    rig.get_set(&set(0, 77, "OUT1_TIMEOUT"));
     execute(&mut rig, 0);
     rig.memory.is_broken = false;
     let rig = Rig::start(rig.memory, ResetCause::POWER_ON);
-    assert_eq!(rig.node.parameters.get(Parameter::SrvTimeout), 55);
+    assert_eq!(rig.node.parameters.get(Parameter::Out1Timeout), 55);
     assert!(!rig.node.conditions.has(Conditions::PARAMETERS_LOST));
 }
 
 #[test]
 fn erase_sets_the_defaults_and_keeps_them() {
-    let mut rig = Rig::with(&[(Parameter::SrvMax, 2400), (Parameter::SrvTimeout, 0)]);
+    let mut rig = Rig::with(&[(Parameter::Out1Max, 2400), (Parameter::Out1Timeout, 0)]);
     rig.command(UNITLESS, 1.0);
     assert_eq!(rig.node.pulse(), us(2400.0));
     execute(&mut rig, 1);
     rig.command(UNITLESS, 1.0);
     assert_eq!(rig.node.pulse(), us(2000.0));
     let rig = Rig::start(rig.memory, ResetCause::POWER_ON);
-    assert_eq!(rig.node.parameters.get(Parameter::SrvMax), 2000);
+    assert_eq!(rig.node.parameters.get(Parameter::Out1Max), 2000);
     assert!(!rig.node.conditions.has(Conditions::PARAMETERS_LOST));
 }
 
 #[test]
 fn an_opcode_of_another_length_is_not_executed() {
-    let mut rig = Rig::with(&[(Parameter::SrvMax, 2400)]);
+    let mut rig = Rig::with(&[(Parameter::Out1Max, 2400)]);
     for text in ["1E0AF8FF 01 00 00 00 00 00 C4", "1E0AF8FF C4", "1E0AF8FF 01 C4"] {
         assert_eq!(rig.ask(text), "");
     }
-    assert_eq!(rig.node.parameters.get(Parameter::SrvMax), 2400);
+    assert_eq!(rig.node.parameters.get(Parameter::Out1Max), 2400);
 }
 
 #[test]
@@ -335,7 +335,7 @@ const RESTART: &str = "1E05F8FF 1E 1B 55 CE AC C6";
 #[test]
 fn the_golden_request_restarts_it_a_moment_after_the_reply() {
     for start in [0, 65_400, 65_500] {
-        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 1), (Parameter::SrvTimeout, 0)]);
+        let mut rig = Rig::with(&[(Parameter::Out1Fs, 1), (Parameter::Out1Timeout, 0)]);
         rig.run(start);
         rig.command(PWM, 1900.0);
         rig.replies();
@@ -367,7 +367,7 @@ fn it_restarts_only_for_the_magic_number() {
         "1E05F8FF 1E 1B 55 CE AC 00 C6",
         "1E05F8FF C6",
     ] {
-        let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3), (Parameter::SrvTimeout, 0)]);
+        let mut rig = Rig::with(&[(Parameter::Out1Fs, 3), (Parameter::Out1Timeout, 0)]);
         // Also what an earlier, longer request has left in the buffer does not count.
         rig.hear("1E0AF8FF 1E 1B 55 CE AC CE AC C0");
         rig.command(PWM, 1900.0);
@@ -488,15 +488,15 @@ fn a_request_that_is_refused_for_want_of_room_changes_nothing() {
             rig.hear("1E01F8FF C0");
         }
     };
-    let mut rig = Rig::with(&[(Parameter::SrvFailsafe, 3), (Parameter::SrvMax, 2400)]);
+    let mut rig = Rig::with(&[(Parameter::Out1Fs, 3), (Parameter::Out1Max, 2400)]);
     rig.command(PWM, 1900.0);
     fill(&mut rig);
     rig.hear(RESTART);
     assert_eq!(rig.node.pulse(), us(1900.0), "RestartNode");
     rig.hear("1E0AF8FF 01 00 00 00 00 00 00 C3");
-    assert_eq!(rig.node.parameters.get(Parameter::SrvMax), 2400, "ExecuteOpcode");
+    assert_eq!(rig.node.parameters.get(Parameter::Out1Max), 2400, "ExecuteOpcode");
     rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &set(5, 2000, "")));
-    assert_eq!(rig.node.parameters.get(Parameter::SrvMax), 2400, "GetSet");
+    assert_eq!(rig.node.parameters.get(Parameter::Out1Max), 2400, "GetSet");
 }
 
 #[test]
