@@ -14,7 +14,6 @@ fn main() {
     if std::env::var("CARGO_CFG_TARGET_ARCH").as_deref() == Ok("avr") {
         let specs = concat!(env!("CARGO_MANIFEST_DIR"), "/avr-specs");
         println!("cargo::rustc-link-arg-bin=node={specs}/image.ld");
-        println!("cargo::rustc-link-arg-bin=node=--quick={specs}/quick.txt");
         println!("cargo::rerun-if-changed=avr-specs");
     }
     // The reflog changes with every commit, checkout and merge.

@@ -95,8 +95,7 @@ pub fn parameters(values: &[(Parameter, i32)]) -> Parameters {
     let mut parameters = Parameters::new();
     parameters.set_defaults(InMemory);
     for &(parameter, value) in values {
-        let (low, high) = (value as u16, (value >> 16) as u16);
-        assert!(parameters.set(parameter as u8, low, high, InMemory), "{parameter:?} {value}");
+        assert!(parameters.set(parameter as u8, value, InMemory), "{parameter:?} {value}");
     }
     parameters
 }

@@ -3,7 +3,7 @@
 //! On the AVR a constant that is used by reference is copied to RAM at start, of which there is a kilobyte. So all tables
 //! are packed into bytes at compile time, and the board places them in flash and reads them byte by byte.
 
-use crate::dronecan::{acceptance, draft, kind};
+use crate::dronecan::acceptance;
 use crate::monitor::text;
 use crate::node::{information, parameters};
 
@@ -13,6 +13,7 @@ pub trait Progmem: Copy {
     fn byte(self, at: u16) -> u8;
 
     /// Two bytes of [`IMAGE`], the lower one first, by the address of that.
+    #[inline(never)]
     fn word(self, at: u16) -> u16 {
         u16::from_le_bytes([self.byte(at), self.byte(at.wrapping_add(1))])
     }
@@ -29,26 +30,18 @@ pub const PARAMETERS: u16 = TEXTS + text::PACKED.len() as u16;
 /// Where the node's information about itself begins.
 pub const INFORMATION: u16 = PARAMETERS + parameters::PACKED.len() as u16;
 
-/// Where the table of data types begins.
-pub const KINDS: u16 = INFORMATION + information::PACKED.len() as u16;
-
-/// Where the table of what the draft has begins.
-pub const DRAFT_KINDS: u16 = KINDS + kind::PACKED.len() as u16;
-
 /// Where the controller's filters begin.
-pub const ACCEPTANCE: u16 = DRAFT_KINDS + draft::PACKED.len() as u16;
+pub const ACCEPTANCE: u16 = INFORMATION + information::PACKED.len() as u16;
 
 const LEN: usize = (ACCEPTANCE - BEGIN) as usize + acceptance::PACKED.len();
 
 /// All of it.
 pub const IMAGE: [u8; LEN] = {
     let mut image = [0; LEN];
-    let parts: [(u16, &[u8]); 6] = [
+    let parts: [(u16, &[u8]); 4] = [
         (TEXTS, &text::PACKED),
         (PARAMETERS, &parameters::PACKED),
         (INFORMATION, &information::PACKED),
-        (KINDS, &kind::PACKED),
-        (DRAFT_KINDS, &draft::PACKED),
         (ACCEPTANCE, &acceptance::PACKED),
     ];
     let mut part = 0;

@@ -45,18 +45,23 @@ impl Clock {
         Self { ticks: ticks(), now_ms: 0 }
     }
 
-    /// How many milliseconds have begun since the last call.
-    pub fn ticked(&mut self) -> u8 {
-        let passed = ticks().wrapping_sub(self.ticks);
-        self.ticks = self.ticks.wrapping_add(passed);
-        self.now_ms = self.now_ms.wrapping_add(u16::from(passed));
-        passed
+    /// Whether a millisecond or more has begun since the last [`tick`](Self::tick).
+    #[inline(always)]
+    pub fn has_ticked(&self) -> bool {
+        ticks() != self.ticks
     }
 
-    /// Milliseconds since the start, modulo 65,536, as of the last call of [`ticked`](Self::ticked).
+    /// Takes note of the milliseconds that have begun since the last call: how many.
+    pub fn tick(&mut self) -> u8 {
+        let passed_ms = ticks().wrapping_sub(self.ticks);
+        self.ticks = self.ticks.wrapping_add(passed_ms);
+        self.now_ms = self.now_ms.wrapping_add(u16::from(passed_ms));
+        passed_ms
+    }
+
+    /// Milliseconds since the start, modulo 65,536, as of the last [`tick`](Self::tick).
     #[inline(always)]
     pub fn now_ms(&self) -> u16 {
-        // Safety: it is there. Volatile, so that it is read where it is used: to keep it takes two registers that the main loop has not.
-        unsafe { (&raw const self.now_ms).read_volatile() }
+        self.now_ms
     }
 }

@@ -22,15 +22,4 @@ impl Progmem for Image {
         unsafe { asm!("lpm {0}, Z", out(reg) byte, in("Z") at, options(pure, readonly, nostack, preserves_flags)) };
         byte
     }
-
-    #[inline(never)]
-    fn word(self, at: u16) -> u16 {
-        let (low, high): (u8, u8);
-        // Safety: as above.
-        unsafe {
-            asm!("lpm {0}, Z+", "lpm {1}, Z", out(reg) low, out(reg) high, inout("Z") at => _,
-                options(pure, readonly, nostack, preserves_flags))
-        };
-        u16::from_le_bytes([low, high])
-    }
 }

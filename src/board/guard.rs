@@ -16,8 +16,7 @@ use avr_device::atmega168::CPU;
 use node::node::condition::ResetCause;
 
 // Before anything else runs: save and clear the reset flags, stop the watchdog (which may still run from before, and must be
-// written within four cycles), paint the RAM that the stack can grow into, and point Y to the variables that are used most, where it
-// stays (scripts/link-small). r1 is zero and the stack unused at .init3.
+// written within four cycles), and paint the RAM that the stack can grow into. r1 is zero and the stack unused at .init3.
 //
 // GPIOR1 = 0x2A, MCUSR = 0x34, WDTCSR = 0x60, RAM ends at 0x4FF.
 global_asm!(
@@ -37,8 +36,6 @@ global_asm!(
     "    cpi  r30, 0x00",
     "    cpc  r31, r25",
     "    brlo 1b",
-    "    ldi  r28, lo8(__y_window)",
-    "    ldi  r29, hi8(__y_window)",
     ".text",
     paint = const PAINT,
 );

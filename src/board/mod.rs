@@ -18,12 +18,14 @@
 
 mod adc;
 mod bus;
+#[cfg(feature = "button")]
 mod button;
 mod clock;
 mod eeprom;
 pub mod flash;
 pub mod guard;
 mod jitter;
+#[cfg(feature = "lights")]
 mod light;
 mod serial;
 mod servo;
@@ -35,10 +37,12 @@ use spi::{CanInterrupt, CanSelect, CanSpi};
 
 pub use adc::Adc;
 pub use bus::Bus;
+#[cfg(feature = "button")]
 pub use button::Button;
 pub use clock::Clock;
 pub use eeprom::Eeprom;
 pub use jitter::Jitter;
+#[cfg(feature = "lights")]
 pub use light::Light;
 pub use serial::Serial;
 pub use servo::Servo;
@@ -62,8 +66,10 @@ pub struct Board {
     /// The temperature sensor.
     pub adc: Adc,
     /// The light.
+    #[cfg(feature = "lights")]
     pub light: Light,
     /// The push button.
+    #[cfg(feature = "button")]
     pub button: Button,
     /// The EEPROM.
     pub eeprom: Eeprom,
@@ -95,8 +101,10 @@ impl Board {
             clock: Clock::new(peripheral!(TC0)),
             serial: Serial::new(peripheral!(USART0)),
             adc: Adc::new(peripheral!(ADC)),
+            #[cfg(feature = "lights")]
             light: Light::new(peripheral!(TC2)),
             // It only reads its pin, which `CanInterrupt` sets up.
+            #[cfg(feature = "button")]
             button: Button::new(peripheral!(PORTD)),
             eeprom: Eeprom::new(peripheral!(EEPROM)),
             jitter: Jitter::new(peripheral!(WDT)),

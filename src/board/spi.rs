@@ -1,14 +1,10 @@
 //! The SPI and the pins of the MCP2515.
 
-use core::arch::asm;
 use core::convert::Infallible;
 
 use avr_device::atmega168::{PORTB, PORTD, SPI};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::spi::{self, SpiBus};
-
-/// SPDR, as IN and OUT have it.
-const SPDR: u8 = 0x2E;
 
 /// The SPI in mode 0,0 at 8 MHz (the MCP2515 takes 10).
 ///
@@ -66,8 +62,6 @@ impl SpiBus for CanSpi {
             for next in words {
                 let received = self.finish();
                 self.begin(0);
-                // A cycle later, the poll of SPIF finds it three cycles sooner.
-                avr_device::asm::nop();
                 *current = received;
                 current = next;
             }
@@ -76,33 +70,10 @@ impl SpiBus for CanSpi {
         Ok(())
     }
 
-    /// Counts the cycles of a byte instead of waiting for the flag, which takes half as long again.
-    #[inline(always)]
+    #[inline(never)]
     fn write(&mut self, words: &[u8]) -> Result<(), Infallible> {
-        if !words.is_empty() {
-            // Safety: reads the words, and writes to the SPI only. A byte takes 16 cycles, and the next is begun after 18; an interrupt
-            // makes that more.
-            unsafe {
-                asm!(
-                    "1:",
-                    "ld {byte}, X+",
-                    "out {spdr}, {byte}",
-                    "ldi {rest}, 4",
-                    "2:",
-                    "dec {rest}",
-                    "brne 2b",
-                    "dec {left}",
-                    "brne 1b",
-                    byte = out(reg) _,
-                    rest = out(reg_upper) _,
-                    left = inout(reg) words.len() as u8 => _,
-                    inout("X") words.as_ptr() => _,
-                    spdr = const SPDR,
-                    options(nostack),
-                );
-            }
-            // Clears the flag.
-            self.finish();
+        for &word in words {
+            self.exchange(word);
         }
         Ok(())
     }
@@ -185,6 +156,13 @@ impl CanInterrupt {
     fn portd(&self) -> PORTD {
         // Safety: the pin is only read.
         unsafe { PORTD::steal() }
+    }
+
+    /// Whether the pin is low.
+    #[inline(always)]
+    pub fn is_low_now() -> bool {
+        // Safety: the pin is only read.
+        unsafe { PORTD::steal() }.pind().read().pd2().bit_is_clear()
     }
 
     pub(super) fn set_up(portd: &PORTD) {

@@ -2,7 +2,6 @@
 
 /// An extended data frame of up to eight bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(C)]
 pub struct Frame {
     /// How many bytes of `data` count: 0 to 8.
     pub len: u8,
@@ -11,8 +10,8 @@ pub struct Frame {
     ///
     /// The three highest bits are zero, but for [`FOREIGN`](Self::FOREIGN) in a received frame that DroneCAN does not know.
     pub id: [u8; 4],
-    /// The bytes, with whatever follows them. A ninth is for what a frame of another dialect has in its identifier.
-    pub data: [u8; Frame::MAX_LEN + 1],
+    /// The bytes, with whatever follows them.
+    pub data: [u8; Frame::MAX_LEN],
 }
 
 impl Frame {
@@ -23,7 +22,13 @@ impl Frame {
     pub const FOREIGN: u8 = 1 << 7;
 
     /// Identifier zero, no bytes.
-    pub const EMPTY: Self = Self { id: [0; 4], len: 0, data: [0; Self::MAX_LEN + 1] };
+    pub const EMPTY: Self = Self { id: [0; 4], len: 0, data: [0; Self::MAX_LEN] };
+
+    /// A standard or a remote frame: see [`FOREIGN`](Self::FOREIGN).
+    #[inline(always)]
+    pub const fn is_foreign(&self) -> bool {
+        self.id[0] & Self::FOREIGN != 0
+    }
 
     /// Adds a byte, if there is room.
     #[inline(never)]
@@ -47,8 +52,8 @@ impl embedded_can::Frame for Frame {
         let embedded_can::Id::Extended(id) = id.into() else {
             return None;
         };
-        let mut data = [0; Self::MAX_LEN + 1];
-        data.get_mut(..Self::MAX_LEN)?.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        let mut data = [0; Self::MAX_LEN];
+        data.get_mut(..bytes.len())?.copy_from_slice(bytes);
         Some(Self { id: id.as_raw().to_be_bytes(), len: bytes.len() as u8, data })
     }
 
@@ -88,11 +93,11 @@ mod tests {
 
     #[test]
     fn only_the_bytes_that_count_are_data() {
-        let frame = |len| Frame { id: [0; 4], len, data: [1, 2, 3, 4, 5, 6, 7, 8, 9] };
+        let frame = |len| Frame { id: [0; 4], len, data: [1, 2, 3, 4, 5, 6, 7, 8] };
         assert_eq!(frame(0).data(), []);
         assert_eq!(frame(3).data(), [1, 2, 3]);
         assert_eq!(frame(8).data(), [1, 2, 3, 4, 5, 6, 7, 8]);
-        assert_eq!(frame(200).data(), [1, 2, 3, 4, 5, 6, 7, 8, 9]);
+        assert_eq!(frame(200).data(), [1, 2, 3, 4, 5, 6, 7, 8]);
     }
 
     #[test]

@@ -1,136 +1,255 @@
-//! Which identifiers the CAN controller lets through: just what the node uses.
+//! Which identifiers the CAN controller lets through, from the table of received types ([`kind`](super::kind)).
 //!
-//! A message's type is in bits 23 to 8 and bit 7 tells messages from services (see the layout in `wire.rs`). The priority and
-//! the sender are open.
+//! The priority and the sender are open. Types whose transfers can be several frames, which come in bursts, have RXB0, from which a frame
+//! rolls over to RXB1 when RXB0 is full: ArrayCommand and the requests to this node. Their common mask leaves the high byte of a message's type
+//! open, because for a service that byte is the service ID. So messages whose type is 1010 modulo 256 come through, too.
+//!
+//! All other types share the four filters of RXB1. As long as there are no more than four of them, all 16 bits of the type are compared; if
+//! there are more, only as many bits of the low byte as let all of them through ([`Wide`]).
 
 use crate::can::mcp2515::{Acceptance, Pattern};
 use crate::progmem::{self, Progmem};
 
 use super::NodeId;
-use super::draft;
 use super::kind::Kind;
-use super::wire::{REQUEST_NOT_RESPONSE as REQUEST, SERVICE_NOT_MESSAGE as SERVICE};
+use super::wire::Id;
 
-/// Six filters and two masks.
-const ROW: u8 = 4 * 8;
-/// Where the masks begin in a row.
-const MASKS: u8 = 4 * 6;
-/// Where the masks for a node without an ID begin in [`PACKED`].
-const MASKS_WITHOUT_ID: u8 = 3 * ROW;
-/// Where the only filter of a node without an ID begins.
-const FILTER_WITHOUT_ID: u8 = MASKS_WITHOUT_ID + 2 * 4;
-/// The register with the destination of requests.
+/// Bytes of a row: registers of six filters and two masks.
+const ROW: usize = 4 * 8;
+
+/// The register with the destination of requests: EID8 of RXF1.
 const DESTINATION: u8 = 4 + 2;
 
-/// What a node with an ID takes: which row of [`PACKED`].
-pub const EITHER: u8 = 0;
-/// See [`EITHER`].
-pub const V0: u8 = ROW;
-/// See [`EITHER`].
-pub const DRAFT: u8 = 2 * ROW;
+/// Filters that RXB1 has.
+const SLOTS: usize = 4;
 
-/// The registers of filters and masks, for flash.
-pub const PACKED: [u8; FILTER_WITHOUT_ID as usize + 4] = {
-    // RXF0 and RXF1 of v0.
-    let commands = Pattern::filter([0, 0, Kind::ARRAY_COMMAND.data_type() as u8, 0]);
-    let requests = Pattern::filter([0, 0, REQUEST, SERVICE]);
-    // RXM0 of v0: of messages the low byte of the type only; of services the destination and whether it is a request.
-    let bursts = Pattern::mask([0x00, 0x00, 0xFF, SERVICE]);
-    // The type of a draft, message or request, without the sender.
-    let drafts = Pattern::mask([0xFF, 0xFE, 0x00, 0x00]);
-    let patterns = [
-        // Either dialect.
-        commands,
-        requests,
-        // Of v0 what is with NodeStatus (1), and with the others (4); of the draft NodeStatus, and what both kinds of commands have.
-        Pattern::filter([0, 0x00, 0, 0]),
-        Pattern::filter([0, 0x04, 0, 0]),
-        Pattern::filter([0, 0x34, 0, 0]),
-        Pattern::filter([0, 0x44, 0, 0]),
-        bursts,
-        Pattern::mask([0x00, 0x76, 0x00, SERVICE]),
-        // v0: RXF0 and RXF1, RXF2 to RXF5.
-        commands,
-        requests,
-        message(Kind::NODE_STATUS),
-        message(Kind::LIGHTS_COMMAND),
-        message(Kind::ARMING_STATUS),
-        message(Kind::SERVO_COMMAND),
-        bursts,
-        // RXM1, and RXM0 of a node without an ID: the type, and that it is a message.
-        Pattern::mask([0x00, 0xFF, 0xFF, SERVICE]),
-        // The draft: commands first, which can be longer than a frame.
-        draft(draft::ARRAY_COMMAND),
-        draft(draft::SERVO_COMMAND),
-        draft(draft::NODE_STATUS),
-        draft(draft::GET_NODE_INFO),
-        draft(draft::RESTART_NODE),
-        draft(draft::RESTART_NODE),
-        drafts,
-        drafts,
-        // RXM0 and RXM1 of a node without an ID: the type, and what an anonymous message has of its type, and that it has no sender.
-        Pattern::mask([0x00, 0xFF, 0xFF, SERVICE]),
-        Pattern::mask([0x00, 0x00, 0x03, 0xFF]),
-        message(Kind::ALLOCATION),
+/// A set of filters and masks: a row of [`PACKED`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Row {
+    /// DroneCAN v0, for a node with an ID.
+    V0,
+    /// A node without an ID: Allocation only, from allocators to RXB0, and from other nodes without an ID to RXB1.
+    #[cfg(feature = "allocation")]
+    WithoutId,
+    /// Both dialects: in RXB1 all messages whose type has certain values in three bits of its high byte, which are those of NodeStatus and commands
+    /// of both dialects, and of requests of the draft.
+    #[cfg(feature = "draft")]
+    Either,
+    /// The types of the thesis's node, in the draft. The sender is open, where the thesis's filters asked for node 1.
+    #[cfg(feature = "draft")]
+    Thesis,
+}
+
+const ROWS: usize = 1 + cfg!(feature = "allocation") as usize + 2 * cfg!(feature = "draft") as usize;
+
+/// Types for a number of filters: a mask, and what is left of the types under it.
+struct Wide {
+    mask: u16,
+    filters: [u16; SLOTS],
+}
+
+impl Wide {
+    const fn new(types: &[u16]) -> Self {
+        let mut best = Self { mask: 0, filters: [0; SLOTS] };
+        // All 16 bits, else of the masks of the low byte the one with the most bits.
+        let mut candidate = 0x100u16;
+        while candidate > 0 {
+            candidate -= 1;
+            let mask = if candidate == 0xFF && Self::fit(types, 0xFFFF).is_some() { 0xFFFF } else { candidate };
+            if mask.count_ones() > best.mask.count_ones()
+                && let Some(filters) = Self::fit(types, mask)
+            {
+                best = Self { mask, filters };
+            }
+        }
+        best
+    }
+
+    /// The types under a mask, if there are filters enough. What is left over repeats the first.
+    const fn fit(types: &[u16], mask: u16) -> Option<[u16; SLOTS]> {
+        let mut filters = [types[0] & mask; SLOTS];
+        let mut used = 1;
+        let mut n = 1;
+        while n < types.len() {
+            let mut at = 0;
+            while at < used && filters[at] != types[n] & mask {
+                at += 1;
+            }
+            if at == SLOTS {
+                return None;
+            }
+            filters[at] = types[n] & mask;
+            if at == used {
+                used += 1;
+            }
+            n += 1;
+        }
+        Some(filters)
+    }
+}
+
+/// How many types of the table go to RXB1.
+const SINGLES: usize = {
+    let mut count = 0;
+    let mut n = 0;
+    while n < Kind::ALL.len() {
+        count += is_single(Kind::ALL[n]) as usize;
+        n += 1;
+    }
+    count
+};
+
+/// A message, and neither ArrayCommand, which has RXB0, nor Allocation, which a node with an ID has no use for, nor of the draft.
+const fn is_single(kind: Kind) -> bool {
+    match kind {
+        Kind::ArrayCommand => false,
+        #[cfg(feature = "allocation")]
+        Kind::Allocation => false,
+        #[cfg(feature = "draft")]
+        Kind::DraftCommand => false,
+        kind => !kind.is_request(),
+    }
+}
+
+const fn message(data_type: u16) -> Pattern {
+    Pattern::filter(Id::message(0, data_type, 0).0)
+}
+
+/// A mask of so many bits of a message's type, and of the bit that tells messages from services.
+const fn message_mask(bits: u16) -> Pattern {
+    let [priority, high, low, service] = Id::message(0, bits, 0).0;
+    Pattern::mask([priority, high, low, service | SERVICE])
+}
+
+/// The bit that tells messages from services.
+const SERVICE: u8 = 1 << 7;
+
+const V0: [Pattern; 8] = {
+    let mut types = [0; SINGLES];
+    let (mut count, mut n) = (0, 0);
+    while n < Kind::ALL.len() {
+        if is_single(Kind::ALL[n]) {
+            types[count] = Kind::ALL[n].id();
+            count += 1;
+        }
+        n += 1;
+    }
+    let wide = Wide::new(&types);
+    [
+        message(Kind::ArrayCommand.id() & 0xFF),
+        // Of a request the service ID is open, and the destination is put in place of the 0.
+        Pattern::filter(Id::request(0, 0, 0, 0).0),
+        message(wide.filters[0]),
+        message(wide.filters[1]),
+        message(wide.filters[2]),
+        message(wide.filters[3]),
+        message_mask(0x00FF),
+        message_mask(wide.mask),
+    ]
+};
+
+#[cfg(feature = "allocation")]
+const WITHOUT_ID: [Pattern; 8] = {
+    let allocation = message(Kind::Allocation.id());
+    let [.., anonymous] = Id::message(0, 0, 0x7F).0;
+    [
+        allocation,
+        allocation,
+        allocation,
+        allocation,
+        allocation,
+        allocation,
+        message_mask(0xFFFF),
+        // Of an anonymous message's type there are two bits, and its sender is 0.
+        Pattern::mask([0, 0, 0b11, SERVICE | anonymous]),
+    ]
+};
+
+#[cfg(feature = "draft")]
+const EITHER: [Pattern; 8] = {
+    let [commands, requests, .., bursts, _] = V0;
+    const fn high(bits: u16) -> Pattern {
+        message(bits << 8)
+    }
+    // Of v0: NodeStatus 0x01, others 0x04. Of the draft: NodeStatus 0x34, ArrayCommand 0x4C, the thesis's command 0xC4, GetNodeInfo 0x3A,
+    // RestartNode 0x82; the lowest bit is one of the sender.
+    [commands, requests, high(0x00), high(0x04), high(0x30), high(0x34), bursts, message_mask(0x3400)]
+};
+
+#[cfg(feature = "draft")]
+const THESIS: [Pattern; 8] = {
+    const COMMAND: [u8; 4] = 0x17C4_0408u32.to_be_bytes();
+    const STATUS: [u8; 4] = 0x1134_0408u32.to_be_bytes();
+    // Data type, kind of transfer, and that it is the last frame.
+    const MASK: [u8; 4] = 0x1FFE_0008u32.to_be_bytes();
+    let (command, status, mask) = (Pattern::filter(COMMAND), Pattern::filter(STATUS), Pattern::mask(MASK));
+    [command, status, command, status, command, status, mask, mask]
+};
+
+/// The registers of the filters and masks of each [`Row`], for flash.
+pub const PACKED: [u8; ROW * ROWS] = {
+    let rows: [[Pattern; 8]; ROWS] = [
+        V0,
+        #[cfg(feature = "allocation")]
+        WITHOUT_ID,
+        #[cfg(feature = "draft")]
+        EITHER,
+        #[cfg(feature = "draft")]
+        THESIS,
     ];
-    let mut packed = [0; FILTER_WITHOUT_ID as usize + 4];
+    let mut packed = [0; ROW * ROWS];
     let mut n = 0;
     while n < packed.len() {
-        packed[n] = patterns[n / 4].registers()[n % 4];
+        packed[n] = rows[n / ROW][n % ROW / 4].registers()[n % 4];
         n += 1;
     }
     packed
 };
 
-const fn draft([b0, b1]: [u8; 2]) -> Pattern {
-    Pattern::filter([b0, b1, 0, 0])
-}
-
-const fn message(kind: Kind) -> Pattern {
-    let [high, low] = kind.data_type().to_be_bytes();
-    Pattern::filter([0, high, low, 0])
-}
-
-/// The filters of a node, by its ID.
-///
-/// With an ID: transfers of several frames, which come in bursts, have the first buffer, from which a frame rolls over to the
-/// second when the first is full. These are ArrayCommand and the requests to the node. Their common mask leaves the high
-/// byte of a message's type open, so messages whose type has the same low byte (0xF2) come through, too. The second buffer is
-/// for NodeStatus, LightsCommand, ArmingStatus and the thesis's command.
-///
-/// In the draft: commands have the first buffer, NodeStatus and requests the second; the destination of requests is in the data,
-/// where no filter looks. For either dialect: as in v0, but what the second buffer takes of NodeStatus and commands of the draft, and of
-/// single messages of v0, is let through by five bits of the identifier, and much else with it. Requests of the draft are not.
-///
-/// Without an ID: Allocation only, from allocators in the first buffer, and from other nodes without an ID in the second.
+/// The filters of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeAcceptance<P> {
     /// The node's ID; `None` while it has none.
     pub node: Option<NodeId>,
-    /// What a node with an ID takes: [`EITHER`], [`V0`], or [`DRAFT`].
-    pub row: u8,
+    /// What it takes.
+    pub row: Row,
     /// Where [`PACKED`] is.
     pub flash: P,
 }
 
 impl<P> NodeAcceptance<P> {
-    /// The filters of a node without an ID.
+    /// The filters of a node whose ID is not known yet.
     pub const fn nobody(flash: P) -> Self {
-        Self { node: None, row: EITHER, flash }
+        Self { node: None, row: Row::V0, flash }
     }
 }
 
 impl<P: Progmem> Acceptance for NodeAcceptance<P> {
     #[inline(always)]
     fn register(&self, n: u8) -> u8 {
-        let at = match self.node {
-            // In the draft no mask looks there.
-            Some(node) if n == DESTINATION => return REQUEST | node.get(),
-            Some(_) => n + self.row,
-            None if n < MASKS => FILTER_WITHOUT_ID + n % 4,
-            None => n - MASKS + MASKS_WITHOUT_ID,
-        };
-        self.flash.byte(progmem::ACCEPTANCE + u16::from(at))
+        // No mask of a node without an ID, nor of one in the draft, compares this register with a request.
+        if n == DESTINATION
+            && let Some(node) = self.node
+            && self.row.has_requests()
+        {
+            let [_, _, destination, _] = Id::request(0, 0, node.get(), 0).0;
+            return destination;
+        }
+        self.flash.byte(progmem::ACCEPTANCE + self.row as u16 * ROW as u16 + u16::from(n))
+    }
+}
+
+impl Row {
+    /// RXF1 is that of requests.
+    const fn has_requests(self) -> bool {
+        match self {
+            Self::V0 => true,
+            #[cfg(feature = "draft")]
+            Self::Either => true,
+            #[allow(unreachable_patterns, reason = "a build may have no others")]
+            _ => false,
+        }
     }
 }
 

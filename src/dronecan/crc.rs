@@ -11,7 +11,7 @@ pub fn add(crc: u16, byte: u8) -> u16 {
 
 /// [`add`] for where it must be quick: in the place of the call, twice its size.
 #[inline(always)]
-pub fn step(crc: u16, byte: u8) -> u16 {
+pub const fn step(crc: u16, byte: u8) -> u16 {
     // A byte at a time, without a table of 512 bytes: the byte that leaves at the top, with its high nibble added to its low
     // one, is the quotient; the polynomial 0x1021 puts it in three places. In bytes, which are cheaper here than words.
     let [low, high] = crc.to_le_bytes();

@@ -63,9 +63,35 @@ pub fn from_fixed(value: u16, fraction_bits: u8) -> u16 {
     bits
 }
 
+/// A whole number as an IEEE 754 single: its upper and lower half.
+#[cfg(feature = "button")]
+pub fn to_float32(number: u16) -> [u16; 2] {
+    if number == 0 {
+        return [0; 2];
+    }
+    let mut mantissa = number;
+    let mut exponent = 127 + 15u8;
+    while mantissa & 0x8000 == 0 {
+        mantissa <<= 1;
+        exponent -= 1;
+    }
+    // The leading one is understood.
+    let [low, high] = mantissa.to_le_bytes();
+    [u16::from(exponent) << 7 | u16::from(high & 0x7F), u16::from(low) << 8]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(feature = "button")]
+    #[test]
+    fn every_count_is_the_single_precision_number_that_it_is() {
+        for number in 0..=u16::MAX {
+            let bits = f32::from(number).to_bits();
+            assert_eq!(to_float32(number), [(bits >> 16) as u16, bits as u16], "{number}");
+        }
+    }
 
     /// What the number is, by the definition of the format.
     fn value_of(bits: u16) -> f64 {

@@ -5,6 +5,7 @@
 
 pub mod acceptance;
 pub mod crc;
+#[cfg(feature = "draft")]
 pub mod draft;
 pub mod float16;
 mod id;

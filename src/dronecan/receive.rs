@@ -1,351 +1,336 @@
-//! Received transfers, taken in frame by frame (specification, chapter 4).
+//! Puts received transfers together, frame by frame (specification, chapter 4).
 //!
-//! A transfer is not stored. Of a list of commands only the entry for this node is kept, of anything else the first
-//! [`KEPT`] bytes, which is all that a request of interest has; the CRC runs along. What was kept is only used once the
-//! last frame has come and the CRC is right.
+//! Goals: a transfer is acted on only when its last frame has come and its CRC is right; whoever commands the servo is always
+//! received, whatever else is on the bus; nothing is stored that is not used. Of a list only the entry for this node is kept, of a longer
+//! request its first [`KEPT`] bytes.
 //!
-//! Longer transfers are put together in three lanes, for commands, lights and requests, so that a stream of commands does
-//! not disturb a request. A lane belongs to the sender that began, until its transfer ends or is 2 s old: what another
-//! begins meanwhile is refused and counted. Transfers of a single frame have a lane to themselves and always come through.
+//! Transfers of several frames are put together in lanes: [`LIST_LANES`] for lists, [`REQUEST_LANES`] for requests. A lane belongs to the
+//! sender of its transfer.
 //!
-//! A transfer begins with its first frame whatever its transfer ID, as in libcanard: a sender that restarts is heard at
-//! once. A frame that comes twice is dropped, by its toggle bit, or begins its transfer again.
+//! Invariants:
+//!
+//! * Only the first frame of a transfer opens a lane. It takes the sender's own lane, else a free one, else that of another sender,
+//!   whose transfer is lost and counted; but never that of the commander (the node whose command was followed last).
+//! * A frame continues a transfer of the same sender and kind whose tail it [follows](Tail::follows). Any other frame that is not a first one
+//!   is ignored: it came twice, or its transfer is lost and counted already.
+//! * A transfer that has not ended [`TIMEOUT_MS`] after its first frame is never completed.
+//! * Transfers of one frame have a lane to themselves, so they always come through.
+//!
+//! A transfer begins with its first frame whatever its transfer ID, as in libcanard: a sender that restarts is heard at once.
 
 use super::crc;
-use super::draft::SHORT;
 use super::kind::Kind;
-use super::wire::{END_OF_TRANSFER, REQUEST_NOT_RESPONSE, SERVICE_NOT_MESSAGE, START_OF_TRANSFER, TOGGLE, TRANSFER_ID};
+use super::wire::{Id, Tail};
 use crate::can::Frame;
-use crate::progmem::Progmem;
 
-/// Bytes of a payload that are kept: those of a GetSet request with an integer and a name of 16 characters.
-pub const KEPT: usize = 26;
+/// Bytes that are kept of a request: those of a GetSet with an integer and a name of 16 characters, and one more, so that a longer name is
+/// not taken for a part of it.
+pub const KEPT: usize = 27;
+
+/// Lists that can come at the same time, each from another sender.
+pub const LIST_LANES: usize = 1;
+
+/// Requests of several frames that can come at the same time.
+pub const REQUEST_LANES: usize = 1;
 
 /// No transfer takes longer (specification, chapter 4), in milliseconds.
-const TIMEOUT_MS: u16 = 2000;
+pub const TIMEOUT_MS: u16 = 2000;
 
-/// Why a frame goes no further. From [`Broken`](Self::Broken) on, a transfer is lost.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u8)]
-pub enum Refusal {
-    /// It does.
-    None,
-    /// A message or service that the node has no use for.
-    Kind,
-    /// From an anonymous sender, or one with this node's own ID.
-    Source,
-    /// Not a transfer: no tail byte, or a transfer of several frames where one is enough.
-    Form,
-    /// A request, while there is no room for its reply, or while one of several frames waits and this is another.
+/// A frame as a part of a transfer, in whichever dialect it came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Segment<'a> {
+    /// What it is a part of.
+    pub kind: Kind,
+    /// Node ID of the sender; 0 of an anonymous one.
+    pub source: u8,
+    /// Priority of the frame, 0 to 31; the reply to a request has the same. A dialect may use the bits above.
+    pub priority: u8,
+    /// Its place in the transfer.
+    pub tail: Tail,
+    /// What it brings.
+    pub payload: &'a [u8],
+}
+
+/// What became of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict<'a> {
+    /// Its transfer is not complete yet, or the frame came twice.
+    More,
+    /// It completes a message.
+    Message(&'a Transfer),
+    /// It completes a request to this node.
+    Request(&'a Transfer),
+    /// It, or the transfer before it, is dropped.
+    Rejected(Rejection),
+}
+
+/// Why a frame or a transfer is dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rejection {
+    /// A message or service that the node has no use for; a standard or a remote frame.
+    Unknown,
+    /// The sender is anonymous.
+    Anonymous,
+    /// The sender has this node's ID.
+    OwnId,
+    /// No tail byte, a first frame with its toggle bit set, or one of several frames where one is enough.
+    Malformed,
+    /// A list that ends within an entry.
+    Length,
+    /// A request while there is no room for its reply.
     Busy,
-    /// The CRC is wrong, or an earlier transfer of the lane did not end.
+    /// The CRC is wrong, or the sender began another transfer before this one ended.
     Broken,
-    /// Another sender's transfer is under way.
+    /// Another sender's transfer had the lane.
     Interleaved,
 }
 
-/// A transfer: one that has come whole, or is coming.
+impl Rejection {
+    /// A transfer for this node was lost.
+    pub const fn is_loss(self) -> bool {
+        matches!(self, Self::Broken | Self::Interleaved)
+    }
+}
+
+/// Reads a frame of DroneCAN v0 for the node with this ID (0 if it has none).
+#[inline(always)]
+pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
+    if frame.is_foreign() {
+        return Err(Rejection::Unknown);
+    }
+    let id = Id(frame.id);
+    let source = id.source();
+    let kind = if source == 0 {
+        anonymous(id, node)?
+    } else if source == node {
+        return Err(Rejection::OwnId);
+    } else if !id.is_service() {
+        Kind::of_message(id.data_type())
+    } else if node != 0 && id.is_request_to(node) {
+        Kind::of_request(id.service())
+    } else {
+        return Err(Rejection::Unknown);
+    };
+    if kind == Kind::Unknown {
+        return Err(Rejection::Unknown);
+    }
+    let (&tail, payload) = frame.data().split_last().ok_or(Rejection::Malformed)?;
+    Ok(Segment { kind, source, priority: id.priority(), tail: Tail(tail), payload })
+}
+
+/// What an anonymous frame is. A node without an ID hears other nodes ask an allocator for theirs.
+#[inline(always)]
+fn anonymous(id: Id, node: u8) -> Result<Kind, Rejection> {
+    #[cfg(feature = "allocation")]
+    if node == 0 && !id.is_service() && id.anonymous_data_type() == Kind::Allocation.id() {
+        return Ok(Kind::Allocation);
+    }
+    let _ = (id, node);
+    Err(Rejection::Anonymous)
+}
+
+/// A transfer that comes, or has come whole. Those of several frames are put together in their lane; it is what the lane holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer {
-    /// There is more to come.
+    /// Frames are missing.
     is_open: bool,
     /// What it is.
     pub kind: Kind,
-    /// Who sent it: 1 to 127; 0 if anonymous.
+    /// Node ID of the sender; 0 of an anonymous one.
     pub source: u8,
-    /// Its priority, 0 to 31; [`DRAFT`](super::draft::DRAFT) if it came in the draft.
+    /// See [`Segment::priority`].
     pub priority: u8,
-    /// Toggle and transfer ID of the next frame.
-    tail: u8,
-    /// Whether a list had an entry for this node.
-    pub has_entry: bool,
-    /// Of a list: 0 if the entry that is coming is for this node.
-    other: u8,
-    /// Payload bytes so far, or of a list those since its last entry; stays at 255.
-    pub len: u8,
+    /// Tail of the last frame.
+    tail: Tail,
+    /// Bytes of the payload so far; stays at 255. Of a list, those since its last entry.
+    len: u8,
+    /// What comes is kept: of a list, the entry that is coming is for this node.
+    is_kept: bool,
+    /// Of a list: there was an entry for this node.
+    has_entry: bool,
     started_ms: u16,
     sum: u16,
     crc: [u8; 2],
-    /// What was kept: of a list, its last entry for this node.
-    pub bytes: [u8; KEPT],
+    bytes: [u8; KEPT],
 }
 
 impl Transfer {
     const NONE: Self = Self {
         is_open: false,
-        kind: Kind::ARRAY_COMMAND,
+        kind: Kind::Unknown,
         source: 0,
         priority: 0,
-        tail: 0,
-        has_entry: false,
-        other: 0,
+        tail: Tail(0),
         len: 0,
+        is_kept: false,
+        has_entry: false,
         started_ms: 0,
         sum: 0,
         crc: [0; 2],
         bytes: [0; KEPT],
     };
 
-    /// Whether it has been under way for too long.
-    #[inline(always)]
-    fn is_old(&self, now_ms: u16) -> bool {
-        now_ms.wrapping_sub(self.started_ms) > TIMEOUT_MS
-    }
-
-    /// Two of the bytes that were kept, little-endian.
-    #[inline(never)]
-    pub fn word(&self, at: u8) -> u16 {
-        let word = self.bytes.get(usize::from(at)..).and_then(|bytes| bytes.first_chunk());
-        word.map_or(0, |word| u16::from_le_bytes(*word))
-    }
-
     /// Its number, 0 to 31.
     pub fn transfer_id(&self) -> u8 {
-        self.tail & TRANSFER_ID
+        self.tail.transfer_id()
     }
 
-    /// Takes payload bytes; of a list, the entries with this ID are to be kept.
+    /// Its payload, as far as it was kept. Of a list its last entry for this node, empty if there is none.
+    #[inline(always)]
+    pub fn payload(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
+    }
+
+    /// Bytes of the payload, at most 255.
+    #[inline(always)]
+    pub fn len(&self) -> u8 {
+        self.len
+    }
+
+    /// The first bytes of the payload, with whatever follows them.
+    #[inline(always)]
+    pub fn bytes(&self) -> &[u8; KEPT] {
+        &self.bytes
+    }
+
     #[inline(never)]
-    fn take(&mut self, bytes: &[u8], id: u8) {
-        let mut sum = self.sum;
-        let mut len = self.len;
-        let entry_len = match self.kind {
-            Kind::ARRAY_COMMAND => 4,
-            Kind::LIGHTS_COMMAND | Kind::DRAFT_COMMAND => 3,
-            _ => {
-                for &byte in bytes {
-                    // Only a transfer of several frames has a CRC.
-                    if self.is_open {
-                        sum = crc::add(sum, byte);
-                    }
-                    if let Some(place) = self.bytes.get_mut(usize::from(len)) {
-                        *place = byte;
-                    }
-                    len = len.saturating_add(1);
-                }
-                self.len = len;
-                self.sum = sum;
-                return;
-            }
-        };
-        let mut other = self.other;
-        let mut has_entry = self.has_entry;
-        for &byte in bytes {
-            sum = crc::step(sum, byte);
-            if len == 0 {
-                other = byte ^ id;
-            }
-            if other == 0 {
-                has_entry = true;
-                if let Some(place) = self.bytes.get_mut(usize::from(len)) {
-                    *place = byte;
-                }
-            }
-            len = len.wrapping_add(1);
-            if len == entry_len {
-                len = 0;
-            }
+    fn is_alive(&self, now_ms: u16) -> bool {
+        self.is_open && now_ms.wrapping_sub(self.started_ms) <= TIMEOUT_MS
+    }
+
+    /// Begins with the first frame.
+    #[inline(always)]
+    fn begin(&mut self, kind: Kind, source: u8, priority: u8, now_ms: u16) {
+        self.is_open = true;
+        self.kind = kind;
+        self.source = source;
+        self.priority = priority;
+        self.len = 0;
+        self.is_kept = true;
+        self.has_entry = false;
+        self.started_ms = now_ms;
+        self.sum = kind.seed();
+    }
+
+    /// Takes a byte of the payload. `entry_len` is that of a list, or 0.
+    #[inline(never)]
+    fn take(&mut self, byte: u8, entry_len: u8, own_id: u8) {
+        self.sum = crc::add(self.sum, byte);
+        if entry_len != 0 && self.len == 0 {
+            self.is_kept = byte == own_id;
+            self.has_entry |= self.is_kept;
         }
-        self.sum = sum;
-        self.other = other;
-        self.has_entry = has_entry;
-        self.len = len;
+        if self.is_kept
+            && let Some(place) = self.bytes.get_mut(usize::from(self.len))
+        {
+            *place = byte;
+        }
+        self.len = self.len.saturating_add(1);
+        if self.len == entry_len {
+            self.len = 0;
+        }
     }
 }
 
 /// Puts transfers together.
 pub struct Receiver {
-    lanes: [Transfer; 4],
-    /// The lane of the last frame, what it is a frame of, and whether its transfer has come whole.
-    lane: u8,
-    kind: Kind,
-    is_whole: bool,
-    /// A request of several frames has come whole, and waits in its lane.
-    is_held: bool,
-    /// Why the last frame went no further.
-    pub refusal: Refusal,
+    lists: [Transfer; LIST_LANES],
+    requests: [Transfer; REQUEST_LANES],
+    /// That of one frame.
+    single: Transfer,
 }
-
-/// The lane of transfers of one frame.
-const SINGLE: u8 = 3;
-
-/// The lane of requests of several frames.
-const REQUESTS: u8 = 2;
 
 impl Receiver {
     /// With nothing under way.
     pub const fn new() -> Self {
-        Self {
-            lanes: [Transfer::NONE; 4],
-            lane: 0,
-            kind: Kind::ARRAY_COMMAND,
-            is_whole: false,
-            is_held: false,
-            refusal: Refusal::None,
-        }
+        Self { lists: [Transfer::NONE; LIST_LANES], requests: [Transfer::NONE; REQUEST_LANES], single: Transfer::NONE }
     }
 
-    /// Takes a frame. If it completes a transfer, that is to be acted on and cleared before the next frame. If it is of no use,
-    /// [`refusal`](Self::refusal) says why. Neither, if there is more to come or the frame came twice.
-    ///
-    /// `me` is this node's ID (0 if it has none), `entry` tells the ID of the entries to keep of a list.
-    #[inline(never)]
-    pub fn accept(&mut self, frame: &Frame, me: u8, entry: impl Fn(Kind) -> u8, now_ms: u16, flash: impl Progmem) {
-        self.refusal = self.sort(frame, me, entry, now_ms, flash);
+    /// A transfer of several frames is under way.
+    pub fn is_receiving(&self, now_ms: u16) -> bool {
+        self.lists.iter().chain(&self.requests).any(|lane| lane.is_alive(now_ms))
     }
 
-    /// The transfer that the last frame completed.
-    pub fn transfer(&mut self) -> Option<&mut Transfer> {
-        if self.is_whole { self.lanes.get_mut(usize::from(self.lane)) } else { None }
-    }
-
-    /// Whether there is one, for the price of a byte.
+    /// Takes a frame. Of a list the entries with `own_id` are for this node; `commander` is the node whose command was followed last, or 0.
     #[inline(always)]
-    pub fn has_transfer(&self) -> bool {
-        self.is_whole
-    }
-
-    /// What it is, if there is one and it is no request: to be asked after [`accept`](Self::accept) only.
-    #[inline(always)]
-    pub fn message(&self) -> Option<Kind> {
-        (self.is_whole && !self.kind.is_request()).then_some(self.kind)
-    }
-
-    /// Whether the last frame was one of a command, and more of it are to come. Not after one that broke the command before it: of those
-    /// there may be many, and nothing come of any.
-    #[inline(always)]
-    pub fn awaits_command(&self) -> bool {
-        let [commands, ..] = &self.lanes;
-        self.lane == Kind::ARRAY_COMMAND.0 && commands.is_open && self.refusal == Refusal::None
-    }
-
-    /// Whether there is a request of several frames that [waits](Self::recall).
-    #[inline(always)]
-    pub fn holds_request(&self) -> bool {
-        self.is_held
-    }
-
-    /// Makes the request of several frames that waits the transfer to act on. Whether there is one.
-    #[inline(always)]
-    pub fn recall(&mut self) -> bool {
-        let is_held = core::mem::take(&mut self.is_held);
-        if is_held {
-            self.lane = REQUESTS;
-            self.is_whole = true;
-        }
-        is_held
-    }
-
-    /// More is to be done about the transfer: a request of several frames can wait for that, what is a single frame is to be done
-    /// before the next frame.
-    #[inline(always)]
-    pub fn hold(&mut self) {
-        if self.lane == REQUESTS {
-            self.is_whole = false;
-            self.is_held = true;
-        }
-    }
-
-    /// It has been acted on.
-    #[inline(always)]
-    pub fn clear(&mut self) {
-        self.is_whole = false;
-    }
-
-    /// Puts a frame to its transfer, or says why not.
-    #[inline(always)]
-    fn sort(&mut self, frame: &Frame, me: u8, entry: impl Fn(Kind) -> u8, now_ms: u16, flash: impl Progmem) -> Refusal {
-        self.lane = SINGLE;
-        let [priority, high, low, last] = frame.id;
-        if priority & Frame::FOREIGN != 0 {
-            return Refusal::Kind;
-        }
-        let source = last & !SERVICE_NOT_MESSAGE;
-        let kind = if source == me {
-            // Of messages from nobody, what another node without an ID asks an allocator: above the lowest two bits of the
-            // type is the discriminator.
-            if last != 0 || low & 0b11 != Kind::ALLOCATION.data_type() as u8 {
-                return Refusal::Source;
-            }
-            Kind::ALLOCATION
-        } else if source == 0 {
-            return Refusal::Source;
-        } else if last == source {
-            Kind::of_message([high, low], flash)
-        } else if low == me | REQUEST_NOT_RESPONSE && me != 0 {
-            Kind::of_service(high, flash)
+    pub fn accept(&mut self, segment: Segment, own_id: u8, commander: u8, now_ms: u16) -> Verdict<'_> {
+        let Segment { kind, source, priority, tail, mut payload } = segment;
+        let entry_len = kind.entry_len();
+        let lane = if tail.is_single() {
+            Some(&mut self.single)
+        } else if !kind.is_long() || source == 0 {
+            return Verdict::Rejected(Rejection::Malformed);
+        } else if entry_len != 0 {
+            lane(&mut self.lists, source, tail.is_start(), commander, now_ms)
         } else {
-            Kind::UNKNOWN
+            lane(&mut self.requests, source, tail.is_start(), 0, now_ms)
         };
-        if kind == Kind::UNKNOWN {
-            return Refusal::Kind;
-        }
-        let kind = if kind == Kind::ARRAY_COMMAND && priority & SHORT != 0 { Kind::DRAFT_COMMAND } else { kind };
-        let Some((&tail, payload)) = frame.data().split_last() else { return Refusal::Form };
-        let mut lane = kind.0.min(REQUESTS);
-        if tail >= START_OF_TRANSFER | END_OF_TRANSFER {
-            lane = SINGLE;
-        } else if kind >= Kind::GET_NODE_INFO || source == 0 {
-            return Refusal::Form;
-        }
-        if lane == REQUESTS && self.is_held {
-            return Refusal::Busy;
-        }
-        self.lane = lane;
-        self.kind = kind;
-        let Some(transfer) = self.lanes.get_mut(usize::from(lane)) else { return Refusal::None };
-
-        let mut rest = payload;
-        self.refusal = Refusal::None;
-        if tail & START_OF_TRANSFER != 0 {
-            if tail & TOGGLE != 0 {
-                return Refusal::Form;
+        let mut verdict = Verdict::More;
+        let Some(lane) = lane else {
+            // What continues no transfer came twice, or its transfer is lost and counted already.
+            return if tail.is_start() { Verdict::Rejected(Rejection::Interleaved) } else { verdict };
+        };
+        if tail.is_start() {
+            if tail.toggle() {
+                return Verdict::Rejected(Rejection::Malformed);
             }
-            if transfer.is_open {
-                if !transfer.is_old(now_ms) && transfer.source != source {
-                    return Refusal::Interleaved;
-                }
-                self.refusal = Refusal::Broken;
+            if lane.is_open {
+                let is_own = lane.source == source;
+                verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
             }
-            transfer.kind = kind;
-            transfer.source = source;
-            transfer.priority = priority;
-            transfer.started_ms = now_ms;
-            transfer.has_entry = false;
-            transfer.len = 0;
-            transfer.tail = tail & TRANSFER_ID;
-            transfer.is_open = false;
-            if lane != SINGLE {
-                let [c0, c1, ref later @ ..] = *payload else {
-                    return Refusal::Form;
-                };
-                transfer.is_open = true;
-                transfer.sum = kind.seed(flash);
-                transfer.crc = [c0, c1];
-                rest = later;
+            lane.begin(kind, source, priority, now_ms);
+            if !tail.is_end() {
+                let &[low, high, ref rest @ ..] = payload else { return Verdict::Rejected(Rejection::Malformed) };
+                lane.crc = [low, high];
+                payload = rest;
             }
-        } else if !transfer.is_open
-            || transfer.is_old(now_ms)
-            || transfer.source != source
-            || transfer.kind != kind
-            || (transfer.tail ^ tail) & (TOGGLE | TRANSFER_ID) != 0
-        {
-            return Refusal::None;
+        } else if lane.kind != kind || !tail.follows(lane.tail) {
+            return verdict;
         }
-        transfer.tail ^= TOGGLE;
-        transfer.take(rest, entry(kind));
-        if tail & END_OF_TRANSFER != 0 {
-            if transfer.is_open && transfer.sum.to_le_bytes() != transfer.crc {
-                self.refusal = Refusal::Broken;
-            } else if lane == REQUESTS && transfer.kind != Kind::ALLOCATION {
-                self.is_held = true;
-            } else {
-                self.is_whole = true;
-            }
-            transfer.is_open = false;
+        lane.tail = tail;
+        for &byte in payload {
+            lane.take(byte, entry_len, own_id);
         }
-        self.refusal
+        if !tail.is_end() {
+            return verdict;
+        }
+        lane.is_open = false;
+        if !tail.is_single() && lane.sum.to_le_bytes() != lane.crc {
+            return Verdict::Rejected(Rejection::Broken);
+        }
+        if entry_len != 0 {
+            if lane.len != 0 {
+                return Verdict::Rejected(Rejection::Length);
+            }
+            lane.len = if lane.has_entry { entry_len } else { 0 };
+        }
+        if kind.is_request() { Verdict::Request(lane) } else { Verdict::Message(lane) }
     }
+}
+
+/// The lane of this sender's transfer, or one for a transfer that begins: see the module's invariants.
+#[inline(always)]
+fn lane<const N: usize>(
+    lanes: &mut [Transfer; N],
+    source: u8,
+    is_start: bool,
+    commander: u8,
+    now_ms: u16,
+) -> Option<&mut Transfer> {
+    let mut chosen = None;
+    // Rather a free lane than another sender's.
+    let mut is_free = false;
+    for lane in lanes {
+        let is_alive = lane.is_alive(now_ms);
+        if is_alive && lane.source == source {
+            return Some(lane);
+        }
+        if is_start && !is_free && (!is_alive || lane.source != commander) {
+            is_free = !is_alive;
+            chosen = Some(lane);
+        }
+    }
+    chosen
 }
 
 impl Default for Receiver {

@@ -10,7 +10,6 @@
 pub mod text;
 
 use heapless::Vec;
-use ufmt::{uWrite, uwrite};
 
 use crate::node::parameters;
 use crate::progmem::Progmem;
@@ -44,11 +43,6 @@ impl Line {
     /// Whether it tells that something was refused.
     pub fn is_refusal(self) -> bool {
         self <= Self::RefusedValue
-    }
-
-    /// Whether it tells that an autopilot sent its status or a command.
-    pub fn is_of_autopilot(self) -> bool {
-        Self::Status <= self && self <= Self::CommandElsewhere
     }
 }
 
@@ -132,6 +126,12 @@ impl Monitor {
         let event = self.event(self.waiting);
         event.line = line;
         event
+    }
+
+    /// Tells a line with the values of this event.
+    #[inline(never)]
+    pub fn log(&mut self, event: &Event) {
+        *self.tell(event.line) = *event;
     }
 
     /// The event that is being told, or one that waits.
@@ -284,9 +284,7 @@ impl Monitor {
                 digit = digit.wrapping_sub(10);
                 quotient = quotient.wrapping_add(1);
             }
-            let mut character = Character(0);
-            let _ = uwrite!(character, "{}", digit.min(9));
-            self.push(character.0);
+            self.push(b'0' + digit);
             number = quotient;
             before_point = before_point.wrapping_sub(1);
             if before_point == 0 {
@@ -310,21 +308,6 @@ fn nearly_a_tenth(number: u16) -> u16 {
     eighths = eighths.wrapping_add(eighths >> 4);
     eighths = eighths.wrapping_add(eighths >> 8);
     eighths >> 3
-}
-
-/// A character that `ufmt` writes.
-struct Character(u8);
-
-impl uWrite for Character {
-    type Error = core::convert::Infallible;
-
-    #[inline(always)]
-    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-        if let &[character] = text.as_bytes() {
-            self.0 = character;
-        }
-        Ok(())
-    }
 }
 
 impl Default for Monitor {

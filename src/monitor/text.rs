@@ -6,10 +6,10 @@
 use crate::progmem::TEXTS;
 
 macro_rules! lines {
-    ($($(#[doc = $doc:literal])* $name:ident = $text:expr,)*) => {
+    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $name:ident = $text:expr,)*) => {
         #[repr(u8)]
         enum Place {
-            $($name,)*
+            $($(#[cfg($if)])? $name,)*
         }
 
         /// A line of text, or a word to insert in one: one of the constants here.
@@ -18,7 +18,7 @@ macro_rules! lines {
 
         #[allow(non_upper_case_globals, reason = "they read as the variants of an enumeration, which they are")]
         impl Line {
-            $($(#[doc = $doc])* pub const $name: Self = Self(Place::$name as u8);)*
+            $($(#[doc = $doc])* $(#[cfg($if)])? pub const $name: Self = Self(Place::$name as u8);)*
 
             /// The line so many after this one.
             pub const fn plus(self, n: u8) -> Self {
@@ -32,7 +32,7 @@ macro_rules! lines {
         }
 
         /// The text of each [`Line`].
-        pub const LINES: &[&str] = &[$($text,)*];
+        pub const LINES: &[&str] = &[$($(#[cfg($if)])? $text,)*];
     };
 }
 
@@ -54,6 +54,7 @@ lines! {
     /// Refused a command.
     RefusedType = "refused: command from %s tid %t, unknown type",
     /// Refused a command.
+    #[cfg(feature = "standard")]
     RefusedDisarmed = "refused: command from %s tid %t, disarmed",
     /// Refused a command.
     RefusedValue = "refused: command from %s tid %t, no such pulse",
@@ -74,12 +75,16 @@ lines! {
     /// A request.
     Request = "rx request %a from %s tid %t",
     /// A parameter was set.
+    #[cfg(feature = "standard")]
     ParameterSet = "rx GetSet from %s tid %t: set %n = %a",
     /// Allocation.
+    #[cfg(feature = "allocation")]
     AllocationElsewhere = "rx Allocation from %s",
     /// Lights.
+    #[cfg(feature = "lights")]
     Light = "rx LightsCommand from %s tid %t: light %c",
     /// Arming.
+    #[cfg(feature = "standard")]
     Arming = "rx ArmingStatus from %s tid %t: %c",
     /// Reset cause.
     PowerOn = "power-on",
@@ -113,13 +118,7 @@ lines! {
     ModeMaintenance = "MAINTENANCE",
     /// NodeStatus mode 3.
     ModeSoftwareUpdate = "SOFTWARE_UPDATE",
-    /// NodeStatus mode 4.
-    Mode4 = "mode 4",
-    /// NodeStatus mode 5.
-    Mode5 = "mode 5",
-    /// NodeStatus mode 6.
-    Mode6 = "mode 6",
-    /// NodeStatus mode 7.
+    /// NodeStatus mode 7, and those between that mean nothing yet.
     ModeOffline = "OFFLINE",
     /// Events were dropped.
     Lost = "%c lines dropped",
@@ -146,20 +145,25 @@ lines! {
     /// It ended.
     ErrorActive = "CAN: error-active",
     /// EEPROM.
+    #[cfg(feature = "standard")]
     Saved = "parameters saved",
     /// EEPROM.
+    #[cfg(feature = "standard")]
     NotSaved = "parameters NOT saved",
     /// EEPROM.
     ParametersLost = "parameters LOST, defaults",
     /// Allocation.
+    #[cfg(feature = "allocation")]
     Allocated = "node ID %c allocated by %s",
     /// Begins.
     Failsafe = "FAILSAFE: no commands",
     /// Ends.
     FailsafeEnd = "commands again",
     /// Begins.
+    #[cfg(feature = "standard")]
     Disarmed = "disarmed",
     /// Ends.
+    #[cfg(feature = "standard")]
     DisarmedEnd = "armed",
     /// Begins.
     OutOfRange = "temperature OUT OF RANGE",
@@ -170,10 +174,13 @@ lines! {
     /// Ends.
     SensorFaultEnd = "temperature sensor OK",
     /// Begins.
+    #[cfg(feature = "draft")]
     Draft = "draft of 2014",
     /// Ends.
+    #[cfg(feature = "draft")]
     DraftEnd = "DroneCAN v0",
     /// Button.
+    #[cfg(feature = "button")]
     Button = "button pressed %a times",
     /// Counters on request.
     CountsIn = "commands followed %a, frames refused %b",

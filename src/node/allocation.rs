@@ -13,7 +13,7 @@ const MIN_REQUEST_PERIOD_MS: u16 = 600;
 const RANDOM_MASK: u16 = 0x17F;
 
 /// Bytes of the unique ID in a request.
-pub const MAX_PART_LEN: u8 = 6;
+const MAX_PART_LEN: u8 = 6;
 
 /// Where the node is on its way to an ID.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,32 +48,39 @@ impl Allocation {
         now_ms.wrapping_sub(self.due_ms) < 1 << 15
     }
 
-    /// Bytes of the unique ID that the request leaves out, because the allocator has them already. Unless the allocator
-    /// answers, the next one is from the beginning again.
-    pub fn ask(&mut self, now_ms: u16) -> u8 {
+    /// Makes a request: puts its payload byte by byte. Unless the allocator answers, the next one is from the beginning again.
+    #[inline(always)]
+    pub fn ask(&mut self, unique_id: &[u8; 16], now_ms: u16, mut put: impl FnMut(u8)) {
         self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
-        core::mem::take(&mut self.confirmed)
+        let mut at = core::mem::take(&mut self.confirmed);
+        // Any node ID will do; the lowest bit says that this is the first part.
+        put(u8::from(at == 0));
+        for _ in 0..MAX_PART_LEN {
+            if let Some(&byte) = unique_id.get(usize::from(at)) {
+                put(byte);
+            }
+            at += 1;
+        }
     }
 
     /// Hears an Allocation message; the node ID that it grants to this node, or 0.
+    #[inline(always)]
     pub fn hear(&mut self, transfer: &Transfer, unique_id: &[u8; 16], now_ms: u16) -> u8 {
         self.confirmed = 0;
         self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
-        let part_len = transfer.len.wrapping_sub(1);
+        let [node_and_flag, ref part @ ..] = *transfer.bytes();
+        let part_len = transfer.len().saturating_sub(1);
         // Anonymous messages are other nodes' requests.
         if transfer.source == 0 || part_len == 0 || part_len > 16 {
             return 0;
         }
-        let [first, ref rest @ ..] = transfer.bytes;
-        let mut at = 0;
-        while at < part_len {
-            if rest.get(usize::from(at)) != unique_id.get(usize::from(at)) {
+        for at in 0..part_len {
+            if part.get(usize::from(at)) != unique_id.get(usize::from(at)) {
                 return 0;
             }
-            at = at.wrapping_add(1);
         }
         if part_len == 16 {
-            return first >> 1;
+            return node_and_flag >> 1;
         }
         self.confirmed = part_len;
         self.wait(0, now_ms);

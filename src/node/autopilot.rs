@@ -14,14 +14,14 @@ const OFFLINE_TIMEOUT_MS: u16 = 3000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Autopilot {
     id: Option<NodeId>,
-    /// Its ID comes from a command and not from the order of IDs.
-    commands: bool,
+    /// The node whose command was followed last, or 0. Then it is the autopilot, whatever the order of IDs.
+    commander: u8,
     heard_ms: u16,
 }
 
 impl Autopilot {
     /// Nobody has been heard.
-    pub const NONE: Self = Self { id: None, commands: false, heard_ms: 0 };
+    pub const NONE: Self = Self { id: None, commander: 0, heard_ms: 0 };
 
     /// Whether there is one.
     pub fn is_present(&self) -> bool {
@@ -29,15 +29,16 @@ impl Autopilot {
     }
 
     /// A command from `source` was accepted.
+    #[inline(never)]
     pub fn commanded_by(&mut self, source: NodeId, now_ms: u16) {
-        *self = Self { id: Some(source), commands: true, heard_ms: now_ms };
+        *self = Self { id: Some(source), commander: source.get(), heard_ms: now_ms };
     }
 
     /// A status of `source` came; whether it is the autopilot's.
     pub fn is_status_of(&mut self, source: NodeId, now_ms: u16) -> bool {
         let is_better = match self.id {
             None => true,
-            Some(id) => id == source || !self.commands && source < id,
+            Some(id) => id == source || self.commander == 0 && source < id,
         };
         if is_better {
             self.id = Some(source);
@@ -46,18 +47,16 @@ impl Autopilot {
         is_better
     }
 
-    /// Forgets an autopilot that has been silent for too long. For how long it has been silent, in milliseconds.
-    pub fn tick(&mut self, now_ms: u16) -> u16 {
-        let silent_ms = now_ms.wrapping_sub(self.heard_ms);
-        if silent_ms > OFFLINE_TIMEOUT_MS {
-            *self = Self { heard_ms: now_ms, ..Self::NONE };
-        }
-        silent_ms
+    /// The node whose command was followed last, or 0.
+    pub fn commander(&self) -> u8 {
+        self.commander
     }
 
-    /// Whoever it was, the next that is heard is it, as if the one with the highest ID had been until then.
-    pub fn replace(&mut self, now_ms: u16) {
-        *self = Self { id: NodeId::new(127), commands: false, heard_ms: now_ms };
+    /// Forgets an autopilot that has been silent for too long.
+    pub fn tick(&mut self, now_ms: u16) {
+        if now_ms.wrapping_sub(self.heard_ms) > OFFLINE_TIMEOUT_MS {
+            *self = Self { heard_ms: now_ms, ..Self::NONE };
+        }
     }
 }
 

@@ -95,6 +95,7 @@ impl Conditions {
     }
 
     /// Sets or clears.
+    #[inline(never)]
     pub fn set(&mut self, condition: Self, on: bool) {
         if on {
             self.0 |= condition.0;

@@ -4,37 +4,40 @@
 //! before the bytes that it is of. What could change in between is kept from the start, in [`Outgoing::kept`]. One step
 //! makes a few bytes only, so that the main loop gets round.
 
-use super::{information, parameters};
+use super::information;
 use crate::can::Frame;
-use crate::can::mcp2515::Counted;
 use crate::dronecan::crc;
-use crate::dronecan::draft;
-use crate::dronecan::wire::{END_OF_TRANSFER, START_OF_TRANSFER, TOGGLE};
+use crate::dronecan::wire::Tail;
 use crate::progmem::{INFORMATION, Progmem};
+
+#[cfg(feature = "standard")]
+use super::parameters;
+#[cfg(feature = "draft")]
+use crate::dronecan::draft;
 
 /// How the bytes of a payload come about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
 pub enum Form {
     /// They are kept.
     Kept,
-    /// Kept numbers of two bytes, each with four zeros after it (GetTransportStats).
-    Numbers48,
-    /// A parameter (GetSet).
-    Parameter,
     /// Seven kept bytes, the versions, the unique ID, the name (GetNodeInfo).
     NodeInfo,
+    /// A parameter (GetSet).
+    #[cfg(feature = "standard")]
+    Parameter,
     /// One kept byte, then a text (BeginFirmwareUpdate).
+    #[cfg(feature = "standard")]
     Text,
+    /// Kept numbers of two bytes, each with four zeros after it (GetTransportStats).
+    #[cfg(feature = "stats")]
+    Numbers48,
 }
 
-/// Bytes that can be kept: those of a CanStats.
-pub const KEPT: usize = 25;
+/// Bytes that can be kept: those of a CanStats, or else of an actuator.Status.
+pub const KEPT: usize = if cfg!(feature = "stats") { 25 } else { 8 };
 
 /// A transfer on its way out, frame by frame.
-#[repr(C)]
 pub struct Outgoing {
-    // What is used most first: see `Node`.
     stage: Stage,
     /// Bytes of its payload.
     pub len: u8,
@@ -45,22 +48,25 @@ pub struct Outgoing {
     pub form: Form,
     /// Toggle and transfer ID of the next frame.
     tail: u8,
-    /// It is one of the draft.
-    pub is_draft: bool,
-    /// Bytes before the payload, of each frame: 1 in a reply of the draft, whose destination is there.
-    lead: u8,
-    /// Of the draft: frames before this one, times 16.
-    index: u8,
-    /// Identifier of its frames, and the frame that is being made, or is ready.
+    /// The frame that is being made, or is ready.
     pub frame: Frame,
     /// The parameter of a [`Form::Parameter`], its value, and where its name is in the flash.
-    pub parameter: u8,
-    /// See [`parameter`](Self::parameter).
-    pub value: u16,
-    /// See [`parameter`](Self::parameter).
-    pub name_at: u16,
+    #[cfg(feature = "standard")]
+    pub parameter: (u8, u16, u16),
     /// What is kept of it.
-    pub kept: [u8; KEPT],
+    kept: [u8; KEPT],
+    #[cfg(feature = "draft")]
+    framing: Framing,
+}
+
+/// What differs in a transfer of the draft.
+#[cfg(feature = "draft")]
+struct Framing {
+    is_draft: bool,
+    /// Bytes before the payload of each frame: 1 in a reply, whose destination is there.
+    lead: u8,
+    /// Frames before this one.
+    index: u8,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +78,7 @@ enum Stage {
 }
 
 /// Payload bytes that a step makes: one can take 16 us.
-const BYTES_AT_ONCE: u8 = 2;
+const BYTES_AT_ONCE: u8 = 4;
 
 /// Payload bytes of a frame, beside the tail byte.
 const PER_FRAME: u8 = 7;
@@ -85,16 +91,14 @@ impl Outgoing {
             form: Form::Kept,
             len: 0,
             kept: [0; KEPT],
-            parameter: 0,
-            value: 0,
-            name_at: 0,
+            #[cfg(feature = "standard")]
+            parameter: (0, 0, 0),
             at: 0,
             tail: 0,
             crc: 0,
             stage: Stage::Idle,
-            is_draft: false,
-            lead: 0,
-            index: 0,
+            #[cfg(feature = "draft")]
+            framing: Framing { is_draft: false, lead: 0, index: 0 },
         }
     }
 
@@ -108,26 +112,30 @@ impl Outgoing {
         self.stage == Stage::Ready
     }
 
+    /// Whether it is one of the draft.
+    #[cfg(feature = "draft")]
+    pub fn is_draft(&self) -> bool {
+        self.framing.is_draft
+    }
+
     /// Forgets what was kept. Unless it is said otherwise, the payload is what is kept from here on, and a message.
     #[inline(never)]
     pub fn clear(&mut self, is_draft: bool) {
-        self.is_draft = is_draft;
-        self.lead = 0;
+        #[cfg(feature = "draft")]
+        {
+            self.framing = Framing { is_draft, lead: 0, index: 0 };
+        }
+        let _ = is_draft;
         self.form = Form::Kept;
         self.len = 0;
     }
 
     /// To whom a reply of the draft goes.
+    #[cfg(feature = "draft")]
     #[inline(always)]
     pub fn reply_to(&mut self, to: u8) {
-        self.lead = 1;
+        self.framing.lead = 1;
         self.frame.data[0] = to;
-    }
-
-    /// The identifier of a transfer of the draft.
-    #[inline(never)]
-    pub fn address(&mut self, [b0, b1]: [u8; 2], source: u8) {
-        self.frame.id = [b0, b1 | source >> 6, source << 2, 0];
     }
 
     /// Keeps another byte of the payload.
@@ -135,8 +143,8 @@ impl Outgoing {
     pub fn put8(&mut self, byte: u8) {
         if let Some(place) = self.kept.get_mut(usize::from(self.len)) {
             *place = byte;
+            self.len += 1;
         }
-        self.len = self.len.wrapping_add(1);
     }
 
     /// Keeps two more, little-endian.
@@ -147,33 +155,20 @@ impl Outgoing {
         self.put8(high);
     }
 
-    /// Keeps those of some words after the first byte, quicker than one by one.
-    #[inline(always)]
-    pub fn put_words(&mut self, words: &impl Counted) {
-        let [_, places @ ..] = &mut self.kept;
-        words.copy(places.as_chunks_mut().0);
-        self.len = KEPT as u8;
-    }
-
     /// The CRC of what is kept, without a signature.
-    #[inline(never)]
+    #[cfg(feature = "allocation")]
     pub fn sum(&self) -> u16 {
-        let mut sum = 0xFFFF;
-        let mut at = 0;
-        while at < self.len {
-            sum = crc::add(sum, self.kept(at));
-            at = at.wrapping_add(1);
-        }
-        sum
+        (0..self.len).fold(0xFFFF, |sum, at| crc::add(sum, self.kept(at)))
     }
 
-    /// Begins a transfer of what is kept, with this transfer ID and, where it needs several frames, CRC seed.
-    pub fn begin(&mut self, transfer_id: u8, seed: u16) {
-        self.tail = START_OF_TRANSFER | transfer_id;
+    /// Begins a transfer with this identifier, transfer ID and, where it needs several frames, CRC seed.
+    #[inline(never)]
+    pub fn begin(&mut self, id: [u8; 4], transfer_id: u8, seed: u16) {
+        self.frame.id = id;
+        self.tail = Tail::START | transfer_id;
         self.crc = seed;
         self.at = self.first();
-        self.index = 0;
-        self.frame.len = self.lead;
+        self.frame.len = self.lead();
         self.stage = if self.len > PER_FRAME { Stage::Summing } else { Stage::Making };
     }
 
@@ -181,13 +176,13 @@ impl Outgoing {
     #[inline(never)]
     pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Progmem) {
         let mut left = BYTES_AT_ONCE;
-        while self.at < self.len && self.frame.len < PER_FRAME + self.lead {
+        while self.at < self.len && self.frame.len < PER_FRAME + self.lead() {
             if left == 0 {
                 return;
             }
-            left = left.wrapping_sub(1);
+            left -= 1;
             let byte = self.byte(unique_id, flash);
-            self.at = self.at.wrapping_add(1);
+            self.at += 1;
             if self.stage == Stage::Summing {
                 self.crc = crc::add(self.crc, byte);
             } else {
@@ -203,24 +198,41 @@ impl Outgoing {
             return;
         }
         self.stage = Stage::Ready;
-        let end = if self.at == self.len { END_OF_TRANSFER } else { 0 };
-        if !self.is_draft {
-            return self.frame.push(self.tail | end);
+        let end = if self.at == self.len { Tail::END } else { 0 };
+        #[cfg(feature = "draft")]
+        if self.framing.is_draft {
+            let last = if end != 0 { draft::LAST_FRAME } else { 0 };
+            // No transfer of the node has 16 frames, so the index is all here.
+            let index = self.framing.index << draft::INDEX_SHIFT;
+            self.frame.id[3] = index | self.tail & draft::TRANSFER_ID | last;
+            self.framing.index += 1;
+            return;
         }
-        // No transfer of the node has 16 frames, so the index is all here.
-        self.frame.id[3] = self.index | self.tail & draft::TRANSFER_ID | end >> 3;
-        self.index = self.index.wrapping_add(1 << 4);
+        self.frame.push(self.tail | end);
+    }
+
+    /// Bytes before the payload of each frame.
+    #[inline(always)]
+    fn lead(&self) -> u8 {
+        #[cfg(feature = "draft")]
+        return self.framing.lead;
+        #[cfg(not(feature = "draft"))]
+        return 0;
     }
 
     /// The first byte. The status in a GetNodeInfo of the draft is a byte shorter, so its first is left out.
+    #[inline(always)]
     fn first(&self) -> u8 {
-        u8::from(self.is_draft && self.form == Form::NodeInfo)
+        #[cfg(feature = "draft")]
+        return u8::from(self.framing.is_draft && self.form == Form::NodeInfo);
+        #[cfg(not(feature = "draft"))]
+        return 0;
     }
 
     /// The frame was handed over; whether it was the last one.
     pub fn handed_over(&mut self) -> bool {
-        self.tail = (self.tail & !START_OF_TRANSFER) ^ TOGGLE;
-        self.frame.len = self.lead;
+        self.tail = (self.tail & !Tail::START) ^ Tail::TOGGLE;
+        self.frame.len = self.lead();
         let is_last = self.at == self.len;
         self.stage = if is_last { Stage::Idle } else { Stage::Making };
         is_last
@@ -233,19 +245,9 @@ impl Outgoing {
 
     #[inline(never)]
     fn byte(&self, unique_id: &[u8; 16], flash: impl Progmem) -> u8 {
-        let mut at = self.at;
+        let at = self.at;
         match self.form {
             Form::Kept => self.kept(at),
-            Form::Numbers48 => {
-                // By six, as far as there are bytes.
-                let number = (u16::from(at).wrapping_mul(43) >> 8) as u8;
-                at = at.wrapping_sub(number.wrapping_mul(6));
-                if at < 2 { self.kept(number.wrapping_mul(2).wrapping_add(at)) } else { 0 }
-            }
-            Form::Parameter if at >= parameters::NUMBERS_LEN => {
-                flash.byte(self.name_at.wrapping_add(u16::from(at.wrapping_sub(parameters::NUMBERS_LEN))))
-            }
-            Form::Parameter => parameters::response_byte(at, self.value, self.parameter, flash),
             Form::NodeInfo => {
                 const STATUS_LEN: u8 = 7;
                 const ID_AT: u8 = STATUS_LEN + information::VERSIONS_LEN;
@@ -254,16 +256,29 @@ impl Outgoing {
                 }
                 let mut skipped = STATUS_LEN;
                 if at >= ID_AT {
-                    if let Some(&byte) = unique_id.get(usize::from(at.wrapping_sub(ID_AT))) {
+                    if let Some(&byte) = unique_id.get(usize::from(at - ID_AT)) {
                         return byte;
                     }
-                    skipped = skipped.wrapping_add(16);
+                    skipped += 16;
                 }
-                flash.byte(INFORMATION.wrapping_add(u16::from(at.wrapping_sub(skipped))))
+                flash.byte(INFORMATION + u16::from(at - skipped))
             }
+            #[cfg(feature = "standard")]
+            Form::Parameter => {
+                let (index, value, name_at) = self.parameter;
+                match at.checked_sub(parameters::NUMBERS_LEN) {
+                    Some(n) => flash.byte(name_at + u16::from(n)),
+                    None => parameters::response_byte(at, value, index, flash),
+                }
+            }
+            #[cfg(feature = "standard")]
             Form::Text if at == 0 => self.kept(0),
-            Form::Text => {
-                flash.byte(INFORMATION.wrapping_add(u16::from((information::NO_UPDATE_AT - 1).wrapping_add(at))))
+            #[cfg(feature = "standard")]
+            Form::Text => flash.byte(INFORMATION + u16::from(information::NO_UPDATE_AT - 1 + at)),
+            #[cfg(feature = "stats")]
+            Form::Numbers48 => {
+                let (number, at) = (at / 6, at % 6);
+                if at < 2 { self.kept(number * 2 + at) } else { 0 }
             }
         }
     }

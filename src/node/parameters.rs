@@ -1,17 +1,19 @@
 //! What can be set over the bus: names, ranges and defaults (docs/parameters.md).
 
+use crate::dronecan::crc;
 use crate::progmem::{PARAMETERS, Progmem};
 
 macro_rules! parameters {
-    ($($(#[doc = $doc:literal])* $id:ident $name:literal $min:literal .. $max:literal = $default:literal,)*) => {
+    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $id:ident $name:literal $min:literal .. $max:literal = $default:expr,)*) => {
         /// A parameter: its index on the bus.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u8)]
         pub enum Parameter {
-            $($(#[doc = $doc])* $id,)*
+            $($(#[doc = $doc])* $(#[cfg($if)])? $id,)*
         }
 
-        const TABLE: &[(&str, i32, i32, i32)] = &[$(($name, $min, $max, $default),)*];
+        /// Name, minimum, maximum and default.
+        const TABLE: &[(&str, i32, i32, i32)] = &[$($(#[cfg($if)])? ($name, $min, $max, $default),)*];
     };
 }
 
@@ -41,8 +43,10 @@ parameters! {
     /// The pulse for OUT1_FS 2, in microseconds.
     Out1FsPwm "OUT1_FS_PWM" 500..2500 = 1500,
     /// Whether commands are followed only while the vehicle is armed.
+    #[cfg(feature = "standard")]
     ArmReq "ARM_REQ" 0..1 = 0,
     /// actuator.Status a second.
+    #[cfg(feature = "standard")]
     TelemRate "TELEM_RATE" 0..50 = 10,
     /// device.Temperature a second.
     TempRate "TEMP_RATE" 0..50 = 1,
@@ -58,18 +62,21 @@ parameters! {
     TempMin "TEMP_MIN" -55..150 = -40,
     /// Above so many.
     TempMax "TEMP_MAX" -55..150 = 85,
-    /// The light that the node is.
-    LightId "LIGHT_ID" 0..255 = 0,
-    /// CanStats a second.
-    StatsRate "STATS_RATE" 0..10 = 0,
     /// Conditions that make the health WARNING.
     WarnMask "WARN_MASK" 0..65535 = 0x2BFF,
     /// Conditions that make it ERROR.
     ErrorMask "ERROR_MASK" 0..65535 = 0x1400,
     /// Conditions that make it CRITICAL.
     CritMask "CRIT_MASK" 0..65535 = 0x2000,
+    /// The light that the node is.
+    #[cfg(feature = "lights")]
+    LightId "LIGHT_ID" 0..255 = 0,
+    /// CanStats a second.
+    #[cfg(feature = "stats")]
+    StatsRate "STATS_RATE" 0..10 = 0,
     /// What the node speaks: 0 what it hears, 1 DroneCAN v0, 2 the draft of 2014.
-    Dialect "DIALECT" 0..2 = 0,
+    #[cfg(feature = "draft")]
+    Dialect "DIALECT" 0..2 = if cfg!(feature = "standard") { 0 } else { 2 },
 }
 
 /// How many there are.
@@ -133,6 +140,26 @@ pub const PACKED: [u8; LEN] = {
         n += 1;
     }
     packed
+};
+
+/// The CRC of all names and ranges.
+pub(super) const DIGEST: u16 = {
+    let mut digest = 0xFFFF;
+    let mut n = 0;
+    while n < COUNT {
+        let (name, min, max, _) = TABLE[n];
+        let [min_low, min_high] = (min as u16).to_le_bytes();
+        let [max_low, max_high] = (max as u16).to_le_bytes();
+        let range = [min_low, min_high, max_low, max_high];
+        let mut at = 0;
+        while at < name.len() + range.len() {
+            let byte = if at < name.len() { name.as_bytes()[at] } else { range[at - name.len()] };
+            digest = crc::step(digest, byte);
+            at += 1;
+        }
+        n += 1;
+    }
+    digest
 };
 
 /// A bit rate is kept as a number of units of 125 kbit/s. The lower 16 bits of the rate, from the number of half units: 2, 4,
@@ -255,10 +282,11 @@ impl Parameters {
         NONE
     }
 
-    /// Sets a parameter to a number in two's complement, of which these are the lower and the upper 16 bits. Whether it was in
-    /// range; else nothing changes.
-    pub fn set(&mut self, index: u8, mut low: u16, mut high: u16, flash: impl Progmem) -> bool {
+    /// Sets a parameter to a number. Whether there is one with this index and the number is in its range; else nothing changes.
+    #[inline(never)]
+    pub fn set(&mut self, index: u8, number: i32, flash: impl Progmem) -> bool {
         let Some(value) = self.values.get_mut(usize::from(index)) else { return false };
+        let (mut low, mut high) = (number as u16, (number >> 16) as u16);
         if index == Parameter::CanBaudrate as u8 {
             let halves = (high as u8).wrapping_add(1);
             if low != rate(halves) || halves & high as u8 != 0 {
@@ -307,7 +335,7 @@ mod tests {
 
     /// Sets a parameter to a number of 32 bits.
     fn set(parameters: &mut Parameters, index: u8, number: i64) -> bool {
-        parameters.set(index, number as u16, (number >> 16) as u16, InMemory)
+        i32::try_from(number).is_ok_and(|number| parameters.set(index, number, InMemory))
     }
 
     fn fresh() -> Parameters {

@@ -8,7 +8,7 @@
 //! Of the parameters there are two records, and a save overwrites the older one. The marker counts the saves, modulo 4,
 //! which tells the newer from the older, and has the version of their layout.
 
-use super::parameters::{Parameters, VALUES_LEN};
+use super::parameters::{self, Parameters, VALUES_LEN};
 use crate::dronecan::crc;
 use crate::progmem::Progmem;
 
@@ -48,9 +48,9 @@ const NO_RECORD: u8 = 0xFF;
 /// In the marker of parameters: the lower two bits count the saves.
 const COUNT_MASK: u8 = 3;
 
-/// And the others are the version of the layout, 1 to 62: to be changed with the order or the ranges of the parameters.
-/// Records of another version are none. The unique ID has a marker of 0 and outlives them.
-const LAYOUT: u8 = 2 << 2;
+/// And the others are the version of the layout, 1 to 62. Records of another version are none. The unique ID has a marker of 0 and
+/// outlives them.
+const LAYOUT: u8 = 3 << 2;
 
 /// The marker of the save after the one with this marker.
 fn next(marker: u8) -> u8 {
@@ -62,9 +62,14 @@ fn is_usable(marker: u8) -> bool {
     marker & !COUNT_MASK == LAYOUT
 }
 
-/// Where the CRC of a record begins: it covers the marker by this, and a record of zeros is none.
+/// The marker of the unique ID.
+const UNIQUE_ID_MARKER: u8 = 0;
+
+/// Where the CRC of a record begins: it covers the marker by this, and a record of zeros is none. That of parameters covers the names and ranges
+/// that they have in this build, so that a record of another table is none.
 fn crc_start(marker: u8) -> u16 {
-    0x0100 | u16::from(marker)
+    let start = if marker == UNIQUE_ID_MARKER { 0x0100 } else { parameters::DIGEST };
+    start ^ u16::from(marker)
 }
 
 /// Samples of noise for a unique ID. One that says "16 ms, as always" still has a random bit or more in it (see
@@ -183,6 +188,7 @@ impl Store {
     }
 
     /// Begins to write the record at hand, whose marker is at `end`, by erasing that.
+    #[inline(never)]
     fn begin(&mut self, end: u8) {
         self.place = end;
         self.marker = NO_RECORD;

@@ -26,6 +26,7 @@
 //! An SPI or a pin that reports an error is not told apart from a chip that fails: what it reads is nonsense, and the chip is
 //! started over.
 
+mod counters;
 mod registers;
 mod rx_order;
 mod tx_order;
@@ -35,6 +36,7 @@ use embedded_hal::spi::SpiBus;
 
 use super::Frame;
 use super::bit_timing::BitTiming;
+pub use counters::{Counted, Counter, Counters, WORDS};
 use registers::*;
 use rx_order::{Buffer, RxOrder};
 use tx_order::{Rank, TxOrder};
@@ -115,6 +117,19 @@ pub enum Event {
     Flags,
 }
 
+/// What the driver knows of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct State {
+    /// It is time to [`poll`](Mcp2515::poll).
+    pub is_due: bool,
+    /// The chip is on the bus.
+    pub is_running: bool,
+    /// When last looked at, the chip had nothing left to send.
+    pub is_empty: bool,
+    /// The chip has room for a frame.
+    pub has_room: bool,
+}
+
 /// EFLG, as read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ErrorFlags(pub u8);
@@ -133,74 +148,6 @@ impl ErrorFlags {
     /// 128 or more errors in either counter.
     pub fn error_passive(self) -> bool {
         self.0 & (TXEP | RXEP) != 0
-    }
-}
-
-/// What the driver has seen since it was made, in words of 16 bits: those of a dronecan.protocol.CanStats (DSDL 343.CanStats)
-/// in its order. Those that nothing is said of here stay zero. They wrap around; a restart of the chip leaves them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters(pub [u16; 12]);
-
-/// Where the counters are.
-pub trait Counted {
-    /// One of the words of [`Counters`]; 0 where there is none.
-    fn word(&self, n: u8) -> u16;
-
-    /// Writes the words of [`Counters`], little-endian, as many as there are places.
-    fn copy(&self, places: &mut [[u8; 2]]);
-}
-
-impl Counted for Counters {
-    #[inline(always)]
-    fn word(&self, n: u8) -> u16 {
-        self.0.get(usize::from(n)).copied().unwrap_or(0)
-    }
-
-    #[inline(always)]
-    fn copy(&self, places: &mut [[u8; 2]]) {
-        for (place, word) in places.iter_mut().zip(&self.0) {
-            *place = word.to_le_bytes();
-        }
-    }
-}
-
-impl Counters {
-    /// Frames handed to the chip: calls of [`Mcp2515::transmit`] that said `true`. 32 bits, the lower word first.
-    pub const TX_REQUESTS: usize = 0;
-    /// Frames whose TXREQ the chip has cleared by itself, counted at the next look or the next frame. In one-shot mode none,
-    /// because there the chip clears it after a failure, too. Frames in the chip when it is started over count nowhere.
-    pub const TX_SUCCESS: usize = 4;
-    /// Frames given up because nothing had left for a second. One that just got through when it was given up counts here.
-    pub const TX_TIMED_OUT: usize = 5;
-    /// Frames read from the chip, foreign ones included. 32 bits.
-    pub const RX_RECEIVED: usize = 7;
-    /// Looks (every [`SUPERVISION_MS`]) that found RX0OVR or RX1OVR set: one or more frames were lost before each.
-    pub const RX_OVERFLOW: usize = 9;
-    /// What the chip's receive error counter (REC) had grown by at each look, summed. An error adds 1, or 8 to it, and a
-    /// good frame takes 1 away, so errors between good frames show in part only.
-    pub const RX_ERRORS: usize = 10;
-    /// Looks that found the chip off the bus where the look before had not. It can be back in 128 x 11 bit times (1.4 ms at
-    /// 1 Mbit/s), unseen.
-    pub const BUS_OFFS: usize = 11;
-
-    /// Counts one more; whether that was a round.
-    #[inline(never)]
-    fn count(&mut self, at: u8) -> bool {
-        match self.0.get_mut(usize::from(at)) {
-            Some(word) => {
-                *word = word.wrapping_add(1);
-                *word == 0
-            }
-            None => false,
-        }
-    }
-
-    /// Counts one more in 32 bits.
-    #[inline(never)]
-    fn count_long(&mut self, at: u8) {
-        if self.count(at) {
-            self.count(at.wrapping_add(1));
-        }
     }
 }
 
@@ -223,7 +170,6 @@ mod step {
 }
 
 /// The chip, on an SPI of mode 0,0 and at most 10 MHz, with its CS and INT pins.
-#[repr(C)]
 pub struct Mcp2515<SPI, CS, INT, A> {
     spi: SPI,
     cs: CS,
@@ -235,7 +181,6 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     flags: u8,
     /// REC when last looked at.
     rec: u8,
-    // From here on what is used most: see `Node`.
     acceptance: A,
     tx: TxOrder,
     /// When polled last, modulo 256, and how long to wait from then.
@@ -276,7 +221,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             look: 0,
             flags: 0,
             rec: 0,
-            counters: Counters([0; 12]),
+            counters: Counters::new(),
         }
     }
 
@@ -310,13 +255,19 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.step >= step::RUNNING
     }
 
-    /// Whether, when last looked at, the chip had nothing left to send.
-    pub fn is_empty(&self) -> bool {
-        self.tx_waiting == 0
+    /// What the driver knows of the chip without asking it. `now_ms` wraps around; to be asked every 100 ms at least.
+    #[inline(always)]
+    pub fn state(&mut self, now_ms: u16) -> State {
+        State {
+            is_due: self.is_due(now_ms),
+            is_running: self.is_running(),
+            is_empty: self.tx_waiting == 0,
+            has_room: self.room.is_some(),
+        }
     }
 
-    /// Whether it is time to [`poll`](Self::poll). `now_ms` wraps around; to be asked every 100 ms at least.
-    pub fn is_due(&mut self, now_ms: u16) -> bool {
+    #[inline(always)]
+    fn is_due(&mut self, now_ms: u16) -> bool {
         (now_ms as u8).wrapping_sub(self.polled_ms) >= self.wait_ms
             // On the bus already, with a frame: the next one may be there in 70 us.
             || (step::ENTERING..step::RUNNING).contains(&self.step) && self.is_int_low()
@@ -409,20 +360,16 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         };
         self.select();
         // RXB0 is read by 0x90, RXB1 by 0x94.
-        self.exchange_quickly(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);
+        self.exchange(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);
         _ = self.spi.read(&mut frame.id);
-        let dlc = self.exchange_quickly(0);
+        let dlc = self.exchange(0);
         frame.len = (dlc & DLC).min(Frame::MAX_LEN as u8);
         if let Some(data) = frame.data.get_mut(..usize::from(frame.len)) {
             _ = self.spi.read(data);
         }
         self.deselect();
 
-        let [.., received_low, received_high, _, _, _] = &mut self.counters.0;
-        *received_low = received_low.wrapping_add(1);
-        if *received_low == 0 {
-            *received_high = received_high.wrapping_add(1);
-        }
+        self.counters.count_long(Counter::RxReceived);
         // From SIDH and SIDL; see `registers`.
         let [sidh, sidl, ..] = frame.id;
         frame.id[0] = sidh >> 3;
@@ -437,28 +384,21 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         true
     }
 
-    /// Whether a frame can be handed over: [`find_room`](Self::find_room) has found room that is not used yet.
-    #[inline(always)]
-    pub fn has_room(&self) -> bool {
-        self.room.is_some()
-    }
-
-    /// Looks whether the chip has room for a frame that is to be sent after all that it has already; says so.
+    /// Looks whether the chip has room for a frame that is to be sent after all that it has already.
     #[inline(never)]
-    pub fn find_room(&mut self) -> bool {
+    pub fn find_room(&mut self) {
         if self.step == step::RUNNING {
             self.look_at_waiting();
             self.room = self.tx.next(self.tx_waiting);
         }
-        self.has_room()
     }
 
-    /// Hands a frame to the chip. Nothing happens unless there [is room](Self::has_room).
+    /// Hands a frame to the chip. Nothing happens unless [`find_room`](Self::find_room) has found room.
     #[inline(never)]
     pub fn transmit(&mut self, frame: &Frame) {
         let Some(rank) = self.room.take() else { return };
         self.tx_waiting |= rank.status();
-        self.counters.count_long(Counters::TX_REQUESTS as u8);
+        self.counters.count_long(Counter::TxRequests);
         // TXB0, TXB1, TXB2: addresses 0x30, 0x40, 0x50. The priority is in the register before the identifier.
         self.begin(instruction::WRITE, TXB0CTRL + ((rank.buffer() & 6) << 3));
         self.exchange(rank.priority());
@@ -469,7 +409,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.exchange(frame.id[3]);
         self.exchange(frame.len);
         // What follows the last byte that counts goes to the chip, too, which does not send it.
-        _ = self.spi.write(&frame.data[..Frame::MAX_LEN]);
+        _ = self.spi.write(&frame.data);
         self.deselect();
         self.select();
         self.exchange(instruction::RTS | rank.buffer());
@@ -485,10 +425,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
         if self.look == 2 {
             let rec = self.access(instruction::READ, REC, 0);
-            if rec > self.rec {
-                let [.., rx_errors, _] = &mut self.counters.0;
-                *rx_errors = rx_errors.wrapping_add(u16::from(rec - self.rec));
-            }
+            self.counters.add(Counter::RxErrors, rec.saturating_sub(self.rec));
             self.rec = rec;
             if self.access(instruction::READ, RXB0CTRL, 0) & (RXM | BUKT) != BUKT || self.is_int_stuck() {
                 return self.fail(Event::Lost, 0);
@@ -535,12 +472,12 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             return None;
         }
         if eflg & (RX0OVR | RX1OVR) != 0 {
-            self.counters.count(Counters::RX_OVERFLOW as u8);
+            self.counters.add(Counter::RxOverflow, 1);
             // The flags of loss stay until they are cleared; the others are read-only.
             self.access(instruction::WRITE, EFLG, 0);
         }
         if eflg & !before & TXBO != 0 {
-            self.counters.count(Counters::BUS_OFFS as u8);
+            self.counters.add(Counter::BusOffs, 1);
         }
         Some(Notice { event: Event::Flags, value: eflg })
     }
@@ -587,9 +524,9 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         while gone != 0 {
             gone &= gone - 1;
             if self.step == step::ABORTING {
-                self.counters.count(Counters::TX_TIMED_OUT as u8);
+                self.counters.add(Counter::TxTimedOut, 1);
             } else if self.control == MODE_NORMAL {
-                self.counters.count(Counters::TX_SUCCESS as u8);
+                self.counters.add(Counter::TxSuccess, 1);
             }
         }
     }
@@ -598,8 +535,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     #[inline(never)]
     fn status(&mut self) -> u8 {
         self.select();
-        self.exchange_quickly(instruction::READ_STATUS);
-        let status = self.exchange_quickly(0);
+        self.exchange(instruction::READ_STATUS);
+        let status = self.exchange(0);
         self.deselect();
         status
     }
@@ -639,12 +576,6 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     #[inline(never)]
     fn exchange(&mut self, byte: u8) -> u8 {
-        self.exchange_quickly(byte)
-    }
-
-    /// [`exchange`](Self::exchange) in the place of the call: 7 cycles less.
-    #[inline(always)]
-    fn exchange_quickly(&mut self, byte: u8) -> u8 {
         let mut bytes = [byte];
         _ = self.spi.transfer_in_place(&mut bytes);
         bytes[0]

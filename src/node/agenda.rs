@@ -1,0 +1,199 @@
+//! What to do next. The main loop gathers [`Facts`], and does the one [`Turn`] that they ask for; then it begins again. Nothing waits.
+//!
+//! Frames come first, because the place for them is small: an interrupt takes them out of the controller during whatever turn, and a few
+//! of them can wait. But after [`FRAMES_IN_A_ROW`] something else has a turn, so that not even an endless flood of frames stops the clock, the
+//! failsafe and the node's own messages. All else goes by how rare it is, the rarest first, so that nothing is starved by what is always to
+//! be done.
+
+/// After so many frames without a pause something else has a turn.
+pub const FRAMES_IN_A_ROW: u8 = 8;
+
+/// What there is to do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Facts {
+    /// A received frame waits.
+    pub has_frame: bool,
+    /// A millisecond or more has begun.
+    pub has_ticked: bool,
+    /// Something was left over for a turn of its own: see [`Node::has_chore`](super::Node::has_chore).
+    pub has_chore: bool,
+    /// The controller is to be looked at, or to be brought up a step further.
+    pub is_controller_due: bool,
+    /// The controller is to get other filters, and that disturbs nothing now.
+    pub wants_filters: bool,
+    /// The controller is on the bus.
+    pub is_on_bus: bool,
+    /// The controller has room for a frame.
+    pub has_room: bool,
+    /// A frame is ready to be handed to the controller.
+    pub has_frame_to_send: bool,
+    /// There are messages or replies to make frames of.
+    pub has_to_send: bool,
+}
+
+/// What to do now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// Take the oldest received frame, and act on the transfer that it completes.
+    TakeFrame,
+    /// Do what there is to do each millisecond.
+    Tick,
+    /// Do one of the things that were left over.
+    DoChore,
+    /// Look after the controller.
+    PollController,
+    /// Give the controller other filters.
+    SetFilters,
+    /// Ask the controller for room.
+    FindRoom,
+    /// Hand the frame that is ready to the controller.
+    SendFrame,
+    /// Do a step towards the next frame to send.
+    PrepareFrame,
+    /// Send a character of the serial monitor.
+    Monitor,
+}
+
+/// Remembers what facts do not say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Agenda {
+    frames_in_a_row: u8,
+    /// The controller had no room. It is not asked again before the next tick.
+    is_full: bool,
+}
+
+impl Agenda {
+    /// At the start.
+    pub const fn new() -> Self {
+        Self { frames_in_a_row: 0, is_full: false }
+    }
+
+    /// What to do now.
+    #[inline(always)]
+    pub fn next(&mut self, facts: &Facts) -> Turn {
+        if facts.has_frame && self.frames_in_a_row < FRAMES_IN_A_ROW {
+            self.frames_in_a_row += 1;
+            return Turn::TakeFrame;
+        }
+        self.frames_in_a_row = 0;
+        if facts.has_ticked {
+            self.is_full = false;
+            return Turn::Tick;
+        }
+        if facts.has_chore {
+            return Turn::DoChore;
+        }
+        if facts.is_controller_due {
+            return Turn::PollController;
+        }
+        if facts.wants_filters {
+            return Turn::SetFilters;
+        }
+        if facts.is_on_bus {
+            if facts.has_frame_to_send {
+                if facts.has_room {
+                    return Turn::SendFrame;
+                }
+                if !self.is_full {
+                    // Until it is known better.
+                    self.is_full = true;
+                    return Turn::FindRoom;
+                }
+            } else if facts.has_to_send {
+                return Turn::PrepareFrame;
+            }
+        }
+        Turn::Monitor
+    }
+}
+
+impl Default for Agenda {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The turns that the same facts ask for, one after the other.
+    fn turns(facts: Facts) -> impl Iterator<Item = Turn> {
+        let mut agenda = Agenda::new();
+        std::iter::from_fn(move || Some(agenda.next(&facts)))
+    }
+
+    fn first(facts: Facts) -> Turn {
+        turns(facts).next().unwrap()
+    }
+
+    const EVERYTHING: Facts = Facts {
+        has_frame: true,
+        has_ticked: true,
+        has_chore: true,
+        is_controller_due: true,
+        wants_filters: true,
+        is_on_bus: true,
+        has_room: true,
+        has_frame_to_send: true,
+        has_to_send: true,
+    };
+
+    #[test]
+    fn frames_come_before_everything_else_but_not_for_ever() {
+        let turns: Vec<Turn> = turns(EVERYTHING).take(17).collect();
+        let frames = [Turn::TakeFrame; FRAMES_IN_A_ROW as usize];
+        assert_eq!(turns[..8], frames);
+        assert_eq!(turns[8], Turn::Tick);
+        assert_eq!(turns[9..], frames);
+    }
+
+    #[test]
+    fn without_a_frame_the_rarest_comes_first() {
+        let mut facts = Facts { has_frame: false, ..EVERYTHING };
+        let mut order = vec![];
+        loop {
+            let turn = first(facts);
+            order.push(turn);
+            match turn {
+                Turn::Tick => facts.has_ticked = false,
+                Turn::DoChore => facts.has_chore = false,
+                Turn::PollController => facts.is_controller_due = false,
+                Turn::SetFilters => facts.wants_filters = false,
+                Turn::SendFrame => facts.has_frame_to_send = false,
+                Turn::PrepareFrame => facts.has_to_send = false,
+                Turn::Monitor => break,
+                turn => panic!("{turn:?}"),
+            }
+        }
+        use Turn::*;
+        assert_eq!(order, [Tick, DoChore, PollController, SetFilters, SendFrame, PrepareFrame, Monitor]);
+    }
+
+    #[test]
+    fn a_controller_without_room_is_asked_once_a_millisecond() {
+        let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
+        let mut agenda = Agenda::new();
+        for _ in 0..3 {
+            assert_eq!(agenda.next(&facts), Turn::FindRoom);
+            for _ in 0..5 {
+                assert_eq!(agenda.next(&facts), Turn::Monitor);
+            }
+            assert_eq!(agenda.next(&Facts { has_ticked: true, ..facts }), Turn::Tick);
+        }
+    }
+
+    #[test]
+    fn a_frame_goes_as_soon_as_there_is_room() {
+        let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
+        let mut agenda = Agenda::new();
+        assert_eq!(agenda.next(&facts), Turn::FindRoom);
+        assert_eq!(agenda.next(&Facts { has_room: true, ..facts }), Turn::SendFrame);
+    }
+
+    #[test]
+    fn nothing_is_sent_while_the_controller_is_not_on_the_bus() {
+        let facts = Facts { has_frame_to_send: true, has_to_send: true, has_room: true, ..Facts::default() };
+        assert_eq!(first(facts), Turn::Monitor);
+    }
+}

@@ -1,0 +1,156 @@
+//! Which dialect the node speaks: DroneCAN v0, or with the feature `draft` the UAVCAN draft of 2014, as DIALECT and the autopilot have it
+//! (docs/dialects.md).
+//!
+//! With DIALECT 0 the node speaks v0 as long as anybody does: one message of v0 is enough, at any time. It follows the draft once v0 has been
+//! silent for [`V0_TIMEOUT_S`]; so no frame of the draft can keep a v0 autopilot out.
+
+#[cfg(feature = "draft")]
+pub use two::Dialect;
+
+#[cfg(not(feature = "draft"))]
+pub use one::Dialect;
+
+#[cfg(feature = "draft")]
+mod two {
+    use crate::can::Frame;
+    use crate::dronecan::acceptance::Row;
+    use crate::dronecan::draft;
+    use crate::dronecan::receive::{self, Rejection, Segment};
+    use crate::node::parameters::{Parameter, Parameters};
+
+    /// In the course of so many seconds without a message of v0 nobody speaks it.
+    const V0_TIMEOUT_S: u8 = 4;
+
+    /// DIALECT: what the node speaks.
+    const V0: u8 = 1;
+    /// See [`V0`].
+    const DRAFT: u8 = 2;
+
+    /// Which dialect the node speaks.
+    pub struct Dialect {
+        is_draft: bool,
+        /// Seconds until nobody speaks v0.
+        v0_s: u8,
+    }
+
+    impl Dialect {
+        /// Nobody has spoken.
+        pub const fn new() -> Self {
+            Self { is_draft: false, v0_s: 0 }
+        }
+
+        fn wanted(parameters: &Parameters) -> u8 {
+            parameters.get(Parameter::Dialect) as u8
+        }
+
+        /// Takes over DIALECT.
+        pub fn update(&mut self, parameters: &Parameters) {
+            match Self::wanted(parameters) {
+                V0 => self.is_draft = false,
+                DRAFT => self.is_draft = true,
+                _ => {}
+            }
+        }
+
+        /// The node sends its messages in the draft.
+        pub fn is_draft(&self) -> bool {
+            self.is_draft
+        }
+
+        /// What the controller is to let through.
+        pub fn row(&self, parameters: &Parameters) -> Row {
+            match Self::wanted(parameters) {
+                V0 => Row::V0,
+                // Only a build whose parameters cannot be set over the bus may be deaf to v0.
+                DRAFT if cfg!(not(feature = "standard")) => Row::Thesis,
+                _ => Row::Either,
+            }
+        }
+
+        /// Reads a frame, in whichever dialect it is.
+        #[inline(always)]
+        pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
+            match draft::segment(frame, node) {
+                Err(Rejection::Unknown) => receive::segment(frame, node),
+                result => result,
+            }
+        }
+
+        /// Whether a transfer came in the draft.
+        pub fn is_of_draft(priority: u8) -> bool {
+            priority & draft::IS_DRAFT != 0
+        }
+
+        /// An autopilot's message came, in the draft or in v0. Whether the node follows it.
+        #[inline(never)]
+        pub fn hear(&mut self, is_draft: bool, parameters: &Parameters) -> bool {
+            match Self::wanted(parameters) {
+                V0 => return !is_draft,
+                DRAFT => return is_draft,
+                _ => {}
+            }
+            if !is_draft {
+                self.v0_s = V0_TIMEOUT_S;
+                self.is_draft = false;
+            } else if self.v0_s == 0 {
+                self.is_draft = true;
+            }
+            is_draft == self.is_draft
+        }
+
+        /// To be called once a second.
+        pub fn second(&mut self) {
+            self.v0_s = self.v0_s.saturating_sub(1);
+        }
+    }
+}
+
+#[cfg(not(feature = "draft"))]
+mod one {
+    use crate::can::Frame;
+    use crate::dronecan::acceptance::Row;
+    use crate::dronecan::receive::{self, Rejection, Segment};
+    use crate::node::parameters::Parameters;
+
+    /// It is v0.
+    pub struct Dialect;
+
+    impl Dialect {
+        /// Always the same.
+        pub const fn new() -> Self {
+            Self
+        }
+
+        /// There is no choice.
+        pub fn update(&mut self, _parameters: &Parameters) {}
+
+        /// The node sends its messages in v0.
+        pub fn is_draft(&self) -> bool {
+            false
+        }
+
+        /// What the controller is to let through.
+        pub fn row(&self, _parameters: &Parameters) -> Row {
+            Row::V0
+        }
+
+        /// Reads a frame.
+        #[inline(always)]
+        pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
+            receive::segment(frame, node)
+        }
+
+        /// No transfer comes in the draft.
+        pub fn is_of_draft(_priority: u8) -> bool {
+            false
+        }
+
+        /// An autopilot's message came, and is followed.
+        pub fn hear(&mut self, _is_draft: bool, _parameters: &Parameters) -> bool {
+            true
+        }
+
+        /// Nothing to do.
+        pub fn second(&mut self) {}
+    }
+}

@@ -1,0 +1,178 @@
+//! How the node is: its conditions, what it has counted, and the health that follows by WARN_MASK, ERROR_MASK and CRIT_MASK.
+
+use super::condition::{Conditions, HOLD_S, ResetCause};
+use super::parameters::{Parameter, Parameters};
+use crate::monitor::{Line, Monitor};
+
+/// What happened to the node since it started. All modulo 65,536.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Commands that were followed.
+    pub followed: u16,
+    /// Frames and transfers that were rejected.
+    pub refused: u16,
+    /// Times that the controller said that it lost frames.
+    pub overruns: u16,
+    /// Times that frames waited for a second without success and were given up.
+    pub given_up: u16,
+}
+
+/// Transfers, for GetTransportStats. All modulo 65,536; not counted without the feature `stats`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Transfers {
+    /// Came whole.
+    #[cfg(feature = "stats")]
+    pub received: u16,
+    /// Went whole.
+    #[cfg(feature = "stats")]
+    pub sent: u16,
+    /// Broke.
+    #[cfg(feature = "stats")]
+    pub broken: u16,
+}
+
+impl Transfers {
+    /// One came whole.
+    #[inline(always)]
+    pub fn received(&mut self) {
+        #[cfg(feature = "stats")]
+        count(&mut self.received);
+    }
+
+    /// One went whole.
+    #[inline(always)]
+    pub fn sent(&mut self) {
+        #[cfg(feature = "stats")]
+        count(&mut self.sent);
+    }
+
+    /// One broke.
+    #[inline(always)]
+    pub fn broken(&mut self) {
+        #[cfg(feature = "stats")]
+        count(&mut self.broken);
+    }
+}
+
+/// One more, modulo 65,536.
+#[inline(never)]
+pub fn count(counter: &mut u16) {
+    *counter = counter.wrapping_add(1);
+}
+
+/// The health of a NodeStatus (DSDL 341.NodeStatus.uavcan).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Level {
+    /// All is well.
+    Ok = 0,
+    /// It works, with something amiss.
+    Warning = 1,
+    /// It does not do all that it should.
+    Error = 2,
+    /// It does not work.
+    Critical = 3,
+}
+
+/// The node's health.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Health {
+    conditions: Conditions,
+    /// Seconds until the passing conditions are cleared.
+    hold_s: u8,
+    /// What happened since the start.
+    pub counts: Counts,
+    /// Transfers since the start.
+    pub transfers: Transfers,
+}
+
+impl Health {
+    /// All is well.
+    pub const fn new() -> Self {
+        Self {
+            conditions: Conditions::NONE,
+            hold_s: 0,
+            counts: Counts { followed: 0, refused: 0, overruns: 0, given_up: 0 },
+            transfers: Transfers {
+                #[cfg(feature = "stats")]
+                received: 0,
+                #[cfg(feature = "stats")]
+                sent: 0,
+                #[cfg(feature = "stats")]
+                broken: 0,
+            },
+        }
+    }
+
+    /// Begins with what the reset left behind.
+    pub fn start(&mut self, cause: ResetCause) {
+        self.conditions = Conditions::after(cause);
+    }
+
+    /// The vendor-specific status code.
+    pub fn code(&self) -> u16 {
+        self.conditions.code()
+    }
+
+    /// The worst level that a condition has by the masks.
+    #[inline(always)]
+    pub fn level(&self, parameters: &Parameters) -> Level {
+        let code = self.code();
+        if code & parameters.get(Parameter::CritMask) != 0 {
+            Level::Critical
+        } else if code & parameters.get(Parameter::ErrorMask) != 0 {
+            Level::Error
+        } else if code & parameters.get(Parameter::WarnMask) != 0 {
+            Level::Warning
+        } else {
+            Level::Ok
+        }
+    }
+
+    /// Sets or clears a condition, and logs that it begins or ends; nothing where nothing changes.
+    #[inline(never)]
+    pub fn set(&mut self, condition: Conditions, on: bool, [begins, ends]: [Line; 2], monitor: &mut Monitor) {
+        if self.conditions.has(condition) != on {
+            self.conditions.set(condition, on);
+            monitor.tell(if on { begins } else { ends });
+        }
+    }
+
+    /// Clears a condition without a line of the log.
+    pub fn clear(&mut self, condition: Conditions) {
+        self.conditions.set(condition, false);
+    }
+
+    /// Sets a condition that passes [`HOLD_S`] after the last time.
+    #[inline(never)]
+    pub fn happened(&mut self, condition: Conditions) {
+        self.conditions.set(condition, true);
+        self.hold_s = HOLD_S;
+    }
+
+    /// To be called once a second.
+    #[inline(always)]
+    pub fn second(&mut self) {
+        if self.hold_s > 0 {
+            self.hold_s -= 1;
+            if self.hold_s == 0 {
+                self.conditions.pass();
+            }
+        }
+    }
+
+    /// Logs the counters.
+    #[inline(never)]
+    pub fn report(&self, monitor: &mut Monitor) {
+        let counts_in = monitor.tell(Line::CountsIn);
+        (counts_in.a, counts_in.b) = (self.counts.followed, self.counts.refused);
+        let counts_out = monitor.tell(Line::CountsOut);
+        (counts_out.a, counts_out.b) = (self.counts.overruns, self.counts.given_up);
+    }
+}
+
+impl Default for Health {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,175 @@
+//! What is in the node's messages.
+
+#[cfg(feature = "draft")]
+use super::health::Level;
+use super::parameters::Parameter;
+use super::publisher::Publication;
+use super::{Node, Sending};
+use crate::can::mcp2515::Counted;
+use crate::dronecan::float16;
+use crate::dronecan::wire::Id;
+use crate::monitor::Monitor;
+use crate::progmem::Progmem;
+
+#[cfg(feature = "draft")]
+use crate::dronecan::draft;
+
+/// Priority of periodic messages: that of ArduPilot's own peripherals.
+const PRIORITY_LOW: u8 = 24;
+
+/// Priority of Allocation requests, as in the specification's example.
+#[cfg(feature = "allocation")]
+const PRIORITY_LOWER: u8 = 30;
+
+/// NodeStatus: the node has measured no temperature yet.
+const MODE_INITIALIZATION: u8 = 1;
+
+impl Node {
+    /// Whether it may be worth to [`prepare`](Self::prepare) something.
+    #[inline(always)]
+    pub fn has_to_send(&self) -> bool {
+        self.publisher.is_due() || self.outgoing.is_busy() || !self.services.is_empty()
+    }
+
+    /// Does a step towards the next frame, if there is one to do; whether there was.
+    #[inline(never)]
+    pub fn prepare(
+        &mut self,
+        counters: &impl Counted,
+        flash: impl Progmem,
+        monitor: &mut Monitor,
+        now_ms: u16,
+    ) -> bool {
+        if self.outgoing.is_ready() {
+            return false;
+        }
+        if self.outgoing.is_busy() {
+            self.outgoing.step(&self.unique_id, flash);
+            return true;
+        }
+        self.begin_message(counters, now_ms) || self.id != 0 && self.begin_reply(counters, flash, monitor)
+    }
+
+    /// Whether a frame is ready.
+    #[inline(always)]
+    pub fn is_ready(&self) -> bool {
+        self.outgoing.is_ready()
+    }
+
+    /// The frame that is ready.
+    pub fn frame(&self) -> &crate::can::Frame {
+        &self.outgoing.frame
+    }
+
+    /// The controller has taken the frame.
+    pub fn handed_over(&mut self, now_ms: u16) {
+        if !self.outgoing.handed_over() {
+            return;
+        }
+        self.health.transfers.sent();
+        match self.sending {
+            Sending::Status => self.publisher.status_handed_over(now_ms),
+            Sending::Message => {}
+            Sending::Reply => self.services.replied(now_ms),
+        }
+    }
+
+    /// The controller has nothing more to send.
+    pub fn controller_is_empty(&mut self, now_ms: u16) {
+        self.publisher.controller_is_empty(now_ms);
+    }
+
+    /// Puts the payload of a NodeStatus, in the dialect of what is going out.
+    #[inline(never)]
+    pub(super) fn put_status(&mut self) {
+        let level = self.health.level(&self.parameters);
+        let mode = if self.temperature.is_known() { 0 } else { MODE_INITIALIZATION };
+        let [u0, u1, u2, u3] = self.uptime_sec.to_le_bytes();
+        self.outgoing.put16(u16::from_le_bytes([u0, u1]));
+        self.outgoing.put8(u2);
+        #[cfg(feature = "draft")]
+        if self.outgoing.is_draft() {
+            // 28 bits of uptime, and 0 is OK, 1 initialising, 2 a warning, 3 anything worse.
+            let status = match level {
+                Level::Ok => mode,
+                Level::Warning => 2,
+                _ => 3,
+            };
+            self.outgoing.put8(u3 << 4 | status);
+            return self.outgoing.put16(self.health.code());
+        }
+        self.outgoing.put8(u3);
+        self.outgoing.put8((level as u8) << 6 | mode << 3);
+        self.outgoing.put16(self.health.code());
+    }
+
+    /// Begins the first message that is due and can go; whether there was one.
+    #[inline(never)]
+    fn begin_message(&mut self, counters: &impl Counted, now_ms: u16) -> bool {
+        // The draft has no allocation: without an ID it is v0 that the node speaks.
+        let is_draft = self.dialect.is_draft() && self.id != 0;
+        let has_temperature = self.temperature.is_known();
+        let Some((publication, transfer_id)) = self.publisher.next(now_ms, self.id != 0, has_temperature, is_draft)
+        else {
+            return false;
+        };
+        self.sending = if publication == Publication::NodeStatus { Sending::Status } else { Sending::Message };
+        self.outgoing.clear(is_draft);
+        #[allow(unused_mut, reason = "a build may have no anonymous message")]
+        let mut id = Id::message(PRIORITY_LOW, publication.data_type(), self.id);
+        match publication {
+            Publication::NodeStatus => self.put_status(),
+            Publication::DegreesCelsius => self.outgoing.put8(self.temperature.celsius().clamp(0, 255) as u8),
+            #[cfg(feature = "standard")]
+            Publication::ActuatorStatus => {
+                self.outgoing.put8(self.parameters.get(Parameter::Out1Id) as u8);
+                self.outgoing.put16(self.actuator.position());
+                // Force and speed.
+                self.outgoing.put16(float16::NAN);
+                self.outgoing.put16(float16::NAN);
+                const POWER_UNKNOWN: u8 = 127;
+                self.outgoing.put8(POWER_UNKNOWN);
+            }
+            Publication::Temperature => {
+                self.outgoing.put16(self.parameters.get(Parameter::TempId));
+                self.outgoing.put16(float16::from_fixed(self.temperature.kelvin_64ths(), 6));
+                self.outgoing.put8(self.temperature.flags());
+            }
+            #[cfg(feature = "stats")]
+            Publication::CanStats => {
+                self.outgoing.put8(0);
+                for n in 0..crate::can::mcp2515::WORDS {
+                    self.outgoing.put16(counters.word(n));
+                }
+            }
+            // In the draft the thesis's measurement, too.
+            #[cfg(feature = "button")]
+            Publication::KeyValue if is_draft => self.outgoing.put8(self.button.count() as u8),
+            #[cfg(feature = "button")]
+            Publication::KeyValue => {
+                let [high, low] = float16::to_float32(self.button.count());
+                self.outgoing.put16(low);
+                self.outgoing.put16(high);
+                self.outgoing.put16(u16::from_le_bytes(*b"bt"));
+                self.outgoing.put8(b'n');
+            }
+            #[cfg(feature = "allocation")]
+            Publication::Allocation => {
+                self.allocation.ask(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));
+                // The upper 14 bits of the type are the discriminator, which makes the request differ from other nodes'.
+                let discriminator = self.outgoing.sum() << 1 & !0b11;
+                id = Id::message(PRIORITY_LOWER, discriminator | Publication::Allocation.data_type(), 0);
+            }
+        }
+        let _ = counters;
+        #[cfg(feature = "draft")]
+        if is_draft {
+            let is_status = publication == Publication::NodeStatus;
+            let upper = if is_status { draft::sent::NODE_STATUS } else { draft::sent::MEASUREMENT };
+            self.outgoing.begin(draft::id(upper, self.id), transfer_id, 0);
+            return true;
+        }
+        self.outgoing.begin(id.0, transfer_id, publication.seed());
+        true
+    }
+}

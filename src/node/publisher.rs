@@ -1,0 +1,329 @@
+//! When the node sends its messages: in which order, how often, and with which transfer IDs. What is in them is in
+//! [`messages`](super::messages).
+
+use super::parameters::{Parameter, Parameters};
+use crate::dronecan::wire::Tail;
+
+/// No node may be silent for longer, in milliseconds (DSDL 341.NodeStatus.uavcan, MAX_BROADCASTING_PERIOD_MS).
+const MAX_BROADCASTING_PERIOD_MS: u16 = 1000;
+
+/// No two statuses closer than this, in milliseconds, however often the autopilot sends its own.
+const MIN_STATUS_PERIOD_MS: u16 = 500;
+
+/// How much longer than a second to wait for the autopilot's status while there is an autopilot, in milliseconds. One that
+/// sends every 1000 ms sends every 1001 at times, and would always come a moment after the node had gone ahead without it.
+const AUTOPILOT_GRACE_MS: u16 = 25;
+
+/// The thesis's temperature is sent once for so many statuses of the autopilot.
+const STATUSES_PER_DEGREES: u8 = 3;
+
+macro_rules! publications {
+    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $name:ident = $data_type:literal, $seed:literal;)*) => {
+        /// A message that the node sends.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(u8)]
+        pub enum Publication {
+            $($(#[doc = $doc])* $(#[cfg($if)])? $name,)*
+        }
+
+        impl Publication {
+            /// All of them, in the order in which they go when several are due.
+            pub const ALL: &[Self] = &[$($(#[cfg($if)])? Self::$name,)*];
+
+            /// The data type ID.
+            #[inline(always)]
+            pub const fn data_type(self) -> u16 {
+                match self {
+                    $($(#[cfg($if)])? Self::$name => $data_type,)*
+                }
+            }
+
+            /// Where the CRC of a transfer of several frames begins; 0 where there is never more than one.
+            #[inline(always)]
+            pub const fn seed(self) -> u16 {
+                match self {
+                    $($(#[cfg($if)])? Self::$name => $seed,)*
+                }
+            }
+        }
+
+        impl Due {
+            /// The first message that is due.
+            #[inline(always)]
+            fn first(self) -> Option<Publication> {
+                $($(#[cfg($if)])? if self.has(Publication::$name) {
+                    return Some(Publication::$name);
+                })*
+                None
+            }
+        }
+    };
+}
+
+publications! {
+    /// uavcan.protocol.NodeStatus
+    NodeStatus = 341, 0;
+    /// thesis.DegreesCelsius
+    DegreesCelsius = 1112, 0;
+    /// uavcan.equipment.actuator.Status
+    #[cfg(feature = "standard")]
+    ActuatorStatus = 1011, 0x9A63;
+    /// uavcan.equipment.device.Temperature
+    Temperature = 1110, 0;
+    /// dronecan.protocol.CanStats
+    #[cfg(feature = "stats")]
+    CanStats = 343, 0xE601;
+    /// uavcan.protocol.debug.KeyValue, with the presses of the button.
+    #[cfg(feature = "button")]
+    KeyValue = 16370, 0;
+    /// uavcan.protocol.dynamic_node_id.Allocation
+    #[cfg(feature = "allocation")]
+    Allocation = 1, 0;
+}
+
+/// How many messages there are, each with its own transfer IDs.
+const COUNT: usize = Publication::ALL.len();
+const _: () = assert!(COUNT <= 8, "each has a bit of `Due`");
+
+/// A set of messages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Due(u8);
+
+impl Due {
+    const fn bit(publication: Publication) -> u8 {
+        1 << publication as u8
+    }
+
+    const fn has(self, publication: Publication) -> bool {
+        self.0 & Self::bit(publication) != 0
+    }
+
+    const fn without(self, publication: Publication) -> Self {
+        Self(self.0 & !Self::bit(publication))
+    }
+
+    /// Those that are in both.
+    const fn only(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// Of some messages.
+    const fn of(publications: &[Publication]) -> Self {
+        let mut due = 0;
+        let mut n = 0;
+        while n < publications.len() {
+            due |= Self::bit(publications[n]);
+            n += 1;
+        }
+        Self(due)
+    }
+}
+
+/// What a node without an ID sends.
+const WITHOUT_ID: Due = Due::of(&[
+    #[cfg(feature = "allocation")]
+    Publication::Allocation,
+]);
+
+/// What a node sends in the draft of 2014.
+#[cfg(feature = "draft")]
+const IN_DRAFT: Due = Due::of(&[
+    Publication::NodeStatus,
+    Publication::DegreesCelsius,
+    #[cfg(feature = "button")]
+    Publication::KeyValue,
+]);
+
+/// Messages with a rate of their own, in the order of [`Publisher::pace`].
+const PACED: usize = 2 + cfg!(feature = "stats") as usize;
+
+/// When the node sends its messages.
+pub struct Publisher {
+    due: Due,
+    /// Thousandths of the next message of each rate.
+    pace: [u16; PACED],
+    transfer_ids: [u8; COUNT],
+    /// Last occasion for a status: the autopilot's, or none of it for too long.
+    occasion_ms: u16,
+    /// Last status: when it left, or until it has left, when it was handed to the controller.
+    status_sent_ms: u16,
+    is_status_in_controller: bool,
+    /// Statuses of the autopilot since the thesis's temperature was last sent.
+    autopilot_statuses: u8,
+}
+
+impl Publisher {
+    /// With nothing to send.
+    pub const fn new() -> Self {
+        Self {
+            due: Due(0),
+            pace: [0; PACED],
+            transfer_ids: [0; COUNT],
+            occasion_ms: 0,
+            status_sent_ms: 0,
+            is_status_in_controller: false,
+            autopilot_statuses: 0,
+        }
+    }
+
+    /// Makes the first status due, which need not wait.
+    pub fn start(&mut self) {
+        self.status_sent_ms = MIN_STATUS_PERIOD_MS.wrapping_neg();
+        self.publish(Publication::NodeStatus);
+    }
+
+    /// Makes a message due.
+    #[inline(always)]
+    pub fn publish(&mut self, publication: Publication) {
+        self.due.0 |= Due::bit(publication);
+    }
+
+    /// Takes a message back.
+    #[inline(always)]
+    pub fn withdraw(&mut self, publication: Publication) {
+        self.due = self.due.without(publication);
+    }
+
+    /// Whether a message is due, if it may go.
+    #[inline(always)]
+    pub fn is_due(&self) -> bool {
+        self.due.0 != 0
+    }
+
+    /// To be called once in each `passed_ms` milliseconds.
+    #[inline(always)]
+    pub fn tick(&mut self, passed_ms: u8, now_ms: u16, has_autopilot: bool, parameters: &Parameters) {
+        let grace_ms = if has_autopilot { AUTOPILOT_GRACE_MS } else { 0 };
+        if now_ms.wrapping_sub(self.occasion_ms) >= MAX_BROADCASTING_PERIOD_MS + grace_ms {
+            self.occasion_ms = now_ms;
+            self.publish(Publication::NodeStatus);
+        }
+        self.pace(Publication::Temperature, 0, passed_ms, parameters.get(Parameter::TempRate) as u8);
+        #[cfg(feature = "standard")]
+        self.pace(Publication::ActuatorStatus, 1, passed_ms, parameters.get(Parameter::TelemRate) as u8);
+        #[cfg(feature = "stats")]
+        self.pace(Publication::CanStats, 2, passed_ms, parameters.get(Parameter::StatsRate) as u8);
+    }
+
+    /// Milliseconds of a message that is sent `rate` times a second, at most 255.
+    #[inline(never)]
+    fn pace(&mut self, publication: Publication, n: usize, passed_ms: u8, rate: u8) {
+        let pace = &mut self.pace[n];
+        *pace += u16::from(rate) * u16::from(passed_ms);
+        if *pace >= 1000 {
+            *pace -= 1000;
+            self.publish(publication);
+        }
+    }
+
+    /// The autopilot has sent its status, which is the occasion for the node's.
+    #[inline(always)]
+    pub fn autopilot_status(&mut self, now_ms: u16, wants_degrees: bool) {
+        self.occasion_ms = now_ms;
+        // Soon after the last it waits until it may go.
+        self.publish(Publication::NodeStatus);
+        if wants_degrees {
+            self.autopilot_statuses += 1;
+            if self.autopilot_statuses == STATUSES_PER_DEGREES {
+                self.autopilot_statuses = 0;
+                self.publish(Publication::DegreesCelsius);
+            }
+        }
+    }
+
+    /// Takes the first message that is due and may go, and its transfer ID.
+    #[inline(always)]
+    pub fn next(
+        &mut self,
+        now_ms: u16,
+        has_id: bool,
+        has_temperature: bool,
+        is_draft: bool,
+    ) -> Option<(Publication, u8)> {
+        let mut due = self.due;
+        if !has_id {
+            due = due.only(WITHOUT_ID);
+        } else {
+            #[cfg(feature = "allocation")]
+            {
+                due = due.without(Publication::Allocation);
+            }
+            if self.is_status_in_controller || now_ms.wrapping_sub(self.status_sent_ms) < MIN_STATUS_PERIOD_MS {
+                due = due.without(Publication::NodeStatus);
+            }
+            if !has_temperature {
+                due = due.without(Publication::Temperature).without(Publication::DegreesCelsius);
+            }
+            #[cfg(feature = "draft")]
+            if is_draft {
+                due = due.only(IN_DRAFT);
+            }
+        }
+        let _ = is_draft;
+        let publication = due.first()?;
+        self.withdraw(publication);
+        // In the draft both are the thesis's measurement.
+        #[cfg(all(feature = "draft", feature = "button"))]
+        let counted =
+            if is_draft && publication == Publication::KeyValue { Publication::DegreesCelsius } else { publication };
+        #[cfg(not(all(feature = "draft", feature = "button")))]
+        let counted = publication;
+        let transfer_id = &mut self.transfer_ids[counted as usize];
+        let current = *transfer_id;
+        *transfer_id = (current + 1) & Tail::TRANSFER_ID;
+        Some((publication, current))
+    }
+
+    /// The controller has taken the last frame of a status.
+    pub fn status_handed_over(&mut self, now_ms: u16) {
+        self.is_status_in_controller = true;
+        self.status_sent_ms = now_ms;
+    }
+
+    /// The controller has nothing more to send: a status that waited in it for the bus has left only now.
+    pub fn controller_is_empty(&mut self, now_ms: u16) {
+        if self.is_status_in_controller {
+            self.is_status_in_controller = false;
+            self.status_sent_ms = now_ms;
+        }
+    }
+}
+
+impl Default for Publisher {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_go_in_the_order_of_the_table() {
+        let mut publisher = Publisher::new();
+        publisher.start();
+        for &publication in Publication::ALL {
+            publisher.publish(publication);
+        }
+        let order: Vec<Publication> =
+            std::iter::from_fn(|| publisher.next(0, true, true, false)).map(|(publication, _)| publication).collect();
+        let expected: Vec<Publication> =
+            Publication::ALL.iter().copied().filter(|&publication| !WITHOUT_ID.has(publication)).collect();
+        assert_eq!(order, expected);
+    }
+
+    #[test]
+    fn a_message_with_a_rate_is_due_that_many_times_a_second() {
+        for rate in [0, 1, 7, 50] {
+            let mut publisher = Publisher::new();
+            let mut count = 0;
+            for _ in 0..10_000 {
+                publisher.pace(Publication::Temperature, 0, 1, rate);
+                count += u32::from(publisher.due.has(Publication::Temperature));
+                publisher.withdraw(Publication::Temperature);
+            }
+            assert_eq!(count, 10 * u32::from(rate));
+        }
+    }
+}

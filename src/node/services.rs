@@ -1,0 +1,310 @@
+//! Requests of those who manage the node, and its replies, one at a time and in order.
+
+use super::outgoing::Form;
+use super::{Node, Sending, information};
+use crate::can::mcp2515::Counted;
+use crate::dronecan::kind::Kind;
+use crate::dronecan::receive::Transfer;
+use crate::dronecan::wire::Id;
+use crate::monitor::{Line, Monitor};
+use crate::progmem::Progmem;
+
+#[cfg(feature = "draft")]
+use super::dialect::Dialect;
+#[cfg(feature = "standard")]
+use super::{Chore, condition::Conditions, parameters, parameters::Parameters};
+#[cfg(feature = "draft")]
+use crate::dronecan::draft;
+
+/// Requests that can wait for their reply: GUI tools send five at once. A power of two.
+const WAITING: usize = 8;
+
+/// From the last frame of the answer to a restart: the controller gets it out, and the servo reaches its failsafe.
+const RESTART_MS: u16 = 100;
+
+#[cfg(feature = "standard")]
+const OPCODE_SAVE: u8 = 0;
+#[cfg(feature = "standard")]
+const OPCODE_ERASE: u8 = 1;
+
+/// BeginFirmwareUpdate: not in this state.
+#[cfg(feature = "standard")]
+const ERROR_INVALID_MODE: u8 = 1;
+
+/// A reply that waits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Reply {
+    kind: Kind,
+    to: u8,
+    priority: u8,
+    transfer_id: u8,
+    /// GetSet: the parameter. ExecuteOpcode, RestartNode: 1 if it is done, else 0.
+    argument: u8,
+    /// GetSet: the value then in force.
+    value: u16,
+}
+
+impl Reply {
+    const NONE: Self = Self { kind: Kind::Unknown, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0 };
+}
+
+/// Requests under way.
+pub struct Services {
+    /// A ring, from `first` on.
+    waiting: [Reply; WAITING],
+    first: u8,
+    count: u8,
+    /// The reply that is next waits for a save.
+    #[cfg(feature = "standard")]
+    is_saving: bool,
+    /// An answer to a restart is on its way.
+    is_to_restart: bool,
+    /// When to restart then.
+    restart_ms: u16,
+}
+
+impl Services {
+    /// Nobody waits.
+    pub const fn new() -> Self {
+        Self {
+            waiting: [Reply::NONE; WAITING],
+            first: 0,
+            count: 0,
+            #[cfg(feature = "standard")]
+            is_saving: false,
+            is_to_restart: false,
+            restart_ms: 0,
+        }
+    }
+
+    /// No more can wait.
+    #[inline(always)]
+    pub fn is_full(&self) -> bool {
+        self.count == WAITING as u8
+    }
+
+    /// Nobody waits.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// The place of the reply that is so many behind the oldest.
+    #[inline(never)]
+    fn place(&mut self, behind: u8) -> &mut Reply {
+        &mut self.waiting[usize::from(self.first + behind) % WAITING]
+    }
+
+    /// The oldest reply has left.
+    pub fn replied(&mut self, now_ms: u16) {
+        let &mut Reply { kind, argument, .. } = self.place(0);
+        self.count -= 1;
+        self.first = (self.first + 1) % WAITING as u8;
+        if kind == Kind::RestartNode && argument != 0 && !self.is_to_restart {
+            self.is_to_restart = true;
+            self.restart_ms = now_ms.wrapping_add(RESTART_MS);
+        }
+    }
+
+    /// Whether it is time to restart the program.
+    #[inline(always)]
+    pub fn is_to_restart(&self, now_ms: u16) -> bool {
+        self.is_to_restart && now_ms.wrapping_sub(self.restart_ms) < 1 << 15
+    }
+}
+
+impl Default for Services {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Node {
+    /// Acts on a request, and makes a note to reply. The line that tells of it.
+    #[inline(never)]
+    pub(super) fn serve(&mut self, request: &Transfer, flash: impl Progmem) -> Line {
+        #[allow(unused_mut, reason = "a build may have no other line")]
+        let mut line = Line::Request;
+        let mut argument = 0;
+        #[allow(unused_mut, reason = "a build may have no parameters over the bus")]
+        let mut value = 0;
+        match request.kind {
+            #[cfg(feature = "standard")]
+            Kind::GetSet => {
+                let Some(get_set) = GetSet::read(request, flash) else { return Line::RefusedLength };
+                if let Some(value) = get_set.value
+                    && self.parameters.set(get_set.parameter, value, flash)
+                {
+                    line = Line::ParameterSet;
+                    self.chores.add(Chore::TakeParameters);
+                    self.note.a = value as u16;
+                    self.note.b = u16::from(get_set.parameter);
+                }
+                argument = get_set.parameter;
+                value = self.parameters.value(get_set.parameter).unwrap_or(0);
+            }
+            #[cfg(feature = "standard")]
+            Kind::ExecuteOpcode => {
+                let &[opcode, ..] = request.bytes();
+                if request.len() != 7 {
+                    return Line::RefusedLength;
+                }
+                if opcode == OPCODE_ERASE {
+                    self.parameters.set_defaults(flash);
+                    self.chores.add(Chore::TakeParameters);
+                }
+                argument = u8::from(opcode == OPCODE_SAVE || opcode == OPCODE_ERASE);
+            }
+            // 0xACCE551B1E (DSDL 5.RestartNode.uavcan).
+            Kind::RestartNode
+                if request.len() == 5 && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]) =>
+            {
+                argument = 1;
+                self.actuator.fail_safe(&self.parameters);
+            }
+            _ => {}
+        }
+        let _ = flash;
+        let services = &mut self.services;
+        let reply = services.place(services.count);
+        reply.kind = request.kind;
+        reply.to = request.source;
+        reply.priority = request.priority;
+        reply.transfer_id = request.transfer_id();
+        reply.argument = argument;
+        reply.value = value;
+        services.count += 1;
+        line
+    }
+
+    /// Begins the reply to the request that has waited longest, if it can be given; whether it could.
+    #[inline(never)]
+    pub(super) fn begin_reply(&mut self, counters: &impl Counted, flash: impl Progmem, monitor: &mut Monitor) -> bool {
+        if self.services.is_empty() {
+            return false;
+        }
+        let reply = *self.services.place(0);
+        #[cfg(feature = "draft")]
+        let is_draft = Dialect::is_of_draft(reply.priority);
+        #[cfg(not(feature = "draft"))]
+        let is_draft = false;
+        self.outgoing.clear(is_draft);
+        match reply.kind {
+            Kind::GetNodeInfo => {
+                if is_draft {
+                    self.outgoing.put8(0);
+                }
+                self.put_status();
+                self.outgoing.form = Form::NodeInfo;
+                self.outgoing.len = information::NODE_INFO_LEN;
+            }
+            #[cfg(feature = "stats")]
+            Kind::GetTransportStats => {
+                use crate::can::mcp2515::Counter;
+                self.outgoing.put16(self.health.transfers.sent);
+                self.outgoing.put16(self.health.transfers.received);
+                self.outgoing.put16(self.health.transfers.broken);
+                for counter in [Counter::TxRequests, Counter::RxReceived, Counter::RxErrors] {
+                    self.outgoing.put16(counters.word(counter as u8));
+                }
+                self.outgoing.form = Form::Numbers48;
+                self.outgoing.len = 36;
+            }
+            #[cfg(feature = "standard")]
+            Kind::GetSet if reply.argument >= parameters::COUNT as u8 => {
+                // No such parameter: four empty values and no name.
+                self.outgoing.put16(0);
+                self.outgoing.put16(0);
+            }
+            #[cfg(feature = "standard")]
+            Kind::GetSet => {
+                let name_at = parameters::name_at(reply.argument, flash);
+                self.outgoing.form = Form::Parameter;
+                self.outgoing.parameter = (reply.argument, reply.value, name_at);
+                self.outgoing.len = parameters::NUMBERS_LEN + flash.byte(name_at - 1);
+            }
+            #[cfg(feature = "standard")]
+            Kind::BeginFirmwareUpdate => {
+                self.outgoing.put8(ERROR_INVALID_MODE);
+                self.outgoing.form = Form::Text;
+                self.outgoing.len = 1 + information::NO_UPDATE_LEN;
+            }
+            #[cfg(feature = "standard")]
+            Kind::ExecuteOpcode => {
+                let mut is_done = reply.argument != 0;
+                if is_done {
+                    if !self.services.is_saving {
+                        self.services.is_saving = true;
+                        self.store.save();
+                    }
+                    if self.store.is_saving() {
+                        return false;
+                    }
+                    is_done = self.store.is_saved();
+                    if is_done {
+                        self.health.clear(Conditions::PARAMETERS_LOST);
+                    }
+                    self.services.is_saving = false;
+                    monitor.tell(if is_done { Line::Saved } else { Line::NotSaved });
+                }
+                for byte in [0, 0, 0, 0, 0, 0, u8::from(is_done) << 7] {
+                    self.outgoing.put8(byte);
+                }
+            }
+            _ => self.outgoing.put8(reply.argument << 7),
+        }
+        let _ = (counters, flash, monitor);
+        self.sending = Sending::Reply;
+        #[cfg(feature = "draft")]
+        if is_draft {
+            let is_info = reply.kind == Kind::GetNodeInfo;
+            self.outgoing.reply_to(reply.to);
+            let upper = if is_info { draft::sent::NODE_INFO } else { draft::sent::RESTARTED };
+            self.outgoing.begin(draft::id(upper, self.id), reply.transfer_id, draft::NODE_INFO_SEED);
+            return true;
+        }
+        let id = Id::response(reply.priority, reply.kind.id() as u8, reply.to, self.id);
+        self.outgoing.begin(id.0, reply.transfer_id, reply.kind.seed());
+        true
+    }
+}
+
+/// What a GetSet asks for.
+#[cfg(feature = "standard")]
+struct GetSet {
+    /// The parameter, by its index; [`parameters::NONE`] if there is none.
+    parameter: u8,
+    /// The number to set it to, if there is one and it fits in 32 bits.
+    value: Option<i32>,
+}
+
+#[cfg(feature = "standard")]
+impl GetSet {
+    /// Reads a request (DSDL 11.GetSet.uavcan): 13 bits of index, 3 of tag, the value, the name. `None` if it is too short.
+    #[inline(always)]
+    fn read(request: &Transfer, flash: impl Progmem) -> Option<Self> {
+        const INTEGER: u8 = 1;
+        let &[index, index_and_tag, v0, v1, v2, v3, v4, v5, v6, v7, ..] = request.bytes();
+        let tag = index_and_tag & 7;
+        let value_len = match tag {
+            0 => 0,
+            INTEGER => 8,
+            2 => 4,
+            3 => 1,
+            _ => v0.saturating_add(1),
+        };
+        let name_at = value_len.saturating_add(2);
+        if name_at > request.len() {
+            return None;
+        }
+        let mut parameter = if index_and_tag >> 3 == 0 { index } else { parameters::NONE };
+        if name_at != request.len() {
+            let name = request.payload().get(usize::from(name_at)..);
+            parameter = name.map_or(parameters::NONE, |name| Parameters::find(name, flash));
+        }
+        let number = i32::from_le_bytes([v0, v1, v2, v3]);
+        // The upper half may only repeat the sign.
+        let sign = (v3 as i8 >> 7) as u8;
+        let is_number = tag == INTEGER && v4 == sign && v5 == sign && v6 == sign && v7 == sign;
+        Some(Self { parameter, value: is_number.then_some(number) })
+    }
+}
