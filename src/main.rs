@@ -43,17 +43,18 @@ fn main() -> ! {
     loop {
         guard::is_alive();
         let now_ms = board.clock.now_ms();
-        let controller = board.bus.controller(|can| can.state(now_ms));
-        let turn = agenda.next(&Facts {
-            has_frame: board.bus.has_frame(),
-            has_ticked: board.clock.has_ticked(),
-            has_chore: node.has_chore(),
-            is_controller_due: controller.is_due,
-            wants_filters: node.wants_filters(controller.is_empty, receiver, now_ms),
-            is_on_bus: controller.is_running,
-            has_room: controller.has_room,
-            has_frame_to_send: node.is_ready(),
-            has_to_send: node.has_to_send(),
+        let turn = agenda.next(board.bus.has_frame(), || {
+            let controller = board.bus.controller(|can| can.state(now_ms));
+            Facts {
+                has_ticked: board.clock.has_ticked(),
+                has_chore: node.has_chore(),
+                is_controller_due: controller.is_due,
+                wants_filters: node.wants_filters(controller.is_empty, receiver, now_ms),
+                is_on_bus: controller.is_running,
+                has_room: controller.has_room,
+                has_frame_to_send: node.is_ready(),
+                has_to_send: node.has_to_send(),
+            }
         });
         match turn {
             Turn::TakeFrame => {
@@ -81,7 +82,7 @@ fn main() -> ! {
                 if let Some(notice) = board.bus.controller(|can| can.poll(now_ms)) {
                     node.notice(notice, monitor);
                 }
-                if controller.is_empty {
+                if board.bus.controller(|can| can.state(now_ms).is_empty) {
                     node.controller_is_empty(now_ms);
                 }
             }

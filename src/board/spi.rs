@@ -56,17 +56,14 @@ impl SpiBus for CanSpi {
     /// Stores each byte while the SPI shifts the next.
     #[inline(never)]
     fn read(&mut self, words: &mut [u8]) -> Result<(), Infallible> {
-        let mut words = words.iter_mut();
-        if let Some(mut current) = words.next() {
+        let Some((last, others)) = words.split_last_mut() else { return Ok(()) };
+        self.begin(0);
+        for word in others {
+            let received = self.finish();
             self.begin(0);
-            for next in words {
-                let received = self.finish();
-                self.begin(0);
-                *current = received;
-                current = next;
-            }
-            *current = self.finish();
+            *word = received;
         }
+        *last = self.finish();
         Ok(())
     }
 

@@ -209,26 +209,32 @@ impl Transfer {
         self.is_kept = true;
         self.has_entry = false;
         self.started_ms = now_ms;
-        self.sum = kind.seed();
     }
 
-    /// Takes a byte of the payload. `entry_len` is that of a list, or 0.
-    #[inline(never)]
-    fn take(&mut self, byte: u8, entry_len: u8, own_id: u8) {
-        self.sum = crc::add(self.sum, byte);
-        if entry_len != 0 && self.len == 0 {
-            self.is_kept = byte == own_id;
-            self.has_entry |= self.is_kept;
+    /// Takes bytes of the payload. `entry_len` is that of a list, or 0.
+    #[inline(always)]
+    fn take(&mut self, payload: &[u8], entry_len: u8, own_id: u8) {
+        let (mut len, mut is_kept) = (self.len, self.is_kept);
+        for &byte in payload {
+            // A transfer of one frame has no CRC.
+            if self.is_open {
+                self.sum = crc::add(self.sum, byte);
+            }
+            if entry_len != 0 && len == 0 {
+                is_kept = byte == own_id;
+                self.has_entry |= is_kept;
+            }
+            if is_kept
+                && let Some(place) = self.bytes.get_mut(usize::from(len))
+            {
+                *place = byte;
+            }
+            len = len.saturating_add(1);
+            if len == entry_len {
+                len = 0;
+            }
         }
-        if self.is_kept
-            && let Some(place) = self.bytes.get_mut(usize::from(self.len))
-        {
-            *place = byte;
-        }
-        self.len = self.len.saturating_add(1);
-        if self.len == entry_len {
-            self.len = 0;
-        }
+        (self.len, self.is_kept) = (len, is_kept);
     }
 }
 
@@ -279,18 +285,19 @@ impl Receiver {
                 verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
             }
             lane.begin(kind, source, priority, now_ms);
-            if !tail.is_end() {
+            if tail.is_end() {
+                lane.is_open = false;
+            } else {
                 let &[low, high, ref rest @ ..] = payload else { return Verdict::Rejected(Rejection::Malformed) };
                 lane.crc = [low, high];
+                lane.sum = kind.seed();
                 payload = rest;
             }
         } else if lane.kind != kind || !tail.follows(lane.tail) {
             return verdict;
         }
         lane.tail = tail;
-        for &byte in payload {
-            lane.take(byte, entry_len, own_id);
-        }
+        lane.take(payload, entry_len, own_id);
         if !tail.is_end() {
             return verdict;
         }

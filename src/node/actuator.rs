@@ -130,15 +130,15 @@ impl Actuator {
         if pulse == 0 {
             return Line::RefusedValue;
         }
+        // What is logged are microseconds, of two halves, or thousandths: of 2^14, and of 2^12 to a radian.
+        event.a = (value >> 1) as u16;
         let (line, scale) = match unit {
-            // Thousandths: of 2^14, and of 2^12 to a radian. Microseconds of two halves.
             CommandType::Unitless => (Line::CommandUnitless, 4000),
             CommandType::Position => (Line::CommandPosition, 16_000),
-            CommandType::Pwm => (Line::CommandPwm, 1 << 15),
+            CommandType::Pwm => return self.follow(pulse, Line::CommandPwm, event, now_ms, parameters, servo),
         };
-        let line = self.follow(pulse, line, event, now_ms, parameters, servo);
-        event.a = (i32::from(value) * scale >> 16) as u16;
-        line
+        event.a = ((i32::from(value) * scale) >> 16) as u16;
+        self.follow(pulse, line, event, now_ms, parameters, servo)
     }
 
     /// Takes the thesis's command: 0 to 255 over the full travel.

@@ -6,13 +6,11 @@
 //! be done.
 
 /// After so many frames without a pause something else has a turn.
-pub const FRAMES_IN_A_ROW: u8 = 8;
+pub const FRAMES_IN_A_ROW: u8 = 16;
 
 /// What there is to do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Facts {
-    /// A received frame waits.
-    pub has_frame: bool,
     /// A millisecond or more has begun.
     pub has_ticked: bool,
     /// Something was left over for a turn of its own: see [`Node::has_chore`](super::Node::has_chore).
@@ -68,14 +66,15 @@ impl Agenda {
         Self { frames_in_a_row: 0, is_full: false }
     }
 
-    /// What to do now.
+    /// What to do now. A received frame waits if `has_frame`; the other facts are only asked for if that does not settle it.
     #[inline(always)]
-    pub fn next(&mut self, facts: &Facts) -> Turn {
-        if facts.has_frame && self.frames_in_a_row < FRAMES_IN_A_ROW {
+    pub fn next(&mut self, has_frame: bool, facts: impl FnOnce() -> Facts) -> Turn {
+        if has_frame && self.frames_in_a_row < FRAMES_IN_A_ROW {
             self.frames_in_a_row += 1;
             return Turn::TakeFrame;
         }
         self.frames_in_a_row = 0;
+        let facts = facts();
         if facts.has_ticked {
             self.is_full = false;
             return Turn::Tick;
@@ -118,17 +117,16 @@ mod tests {
     use super::*;
 
     /// The turns that the same facts ask for, one after the other.
-    fn turns(facts: Facts) -> impl Iterator<Item = Turn> {
+    fn turns(has_frame: bool, facts: Facts) -> impl Iterator<Item = Turn> {
         let mut agenda = Agenda::new();
-        std::iter::from_fn(move || Some(agenda.next(&facts)))
+        std::iter::from_fn(move || Some(agenda.next(has_frame, || facts)))
     }
 
     fn first(facts: Facts) -> Turn {
-        turns(facts).next().unwrap()
+        turns(false, facts).next().unwrap()
     }
 
     const EVERYTHING: Facts = Facts {
-        has_frame: true,
         has_ticked: true,
         has_chore: true,
         is_controller_due: true,
@@ -141,7 +139,7 @@ mod tests {
 
     #[test]
     fn frames_come_before_everything_else_but_not_for_ever() {
-        let turns: Vec<Turn> = turns(EVERYTHING).take(17).collect();
+        let turns: Vec<Turn> = turns(true, EVERYTHING).take(17).collect();
         let frames = [Turn::TakeFrame; FRAMES_IN_A_ROW as usize];
         assert_eq!(turns[..8], frames);
         assert_eq!(turns[8], Turn::Tick);
@@ -150,7 +148,7 @@ mod tests {
 
     #[test]
     fn without_a_frame_the_rarest_comes_first() {
-        let mut facts = Facts { has_frame: false, ..EVERYTHING };
+        let mut facts = EVERYTHING;
         let mut order = vec![];
         loop {
             let turn = first(facts);
@@ -175,11 +173,11 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..3 {
-            assert_eq!(agenda.next(&facts), Turn::FindRoom);
+            assert_eq!(agenda.next(false, || facts), Turn::FindRoom);
             for _ in 0..5 {
-                assert_eq!(agenda.next(&facts), Turn::Monitor);
+                assert_eq!(agenda.next(false, || facts), Turn::Monitor);
             }
-            assert_eq!(agenda.next(&Facts { has_ticked: true, ..facts }), Turn::Tick);
+            assert_eq!(agenda.next(false, || Facts { has_ticked: true, ..facts }), Turn::Tick);
         }
     }
 
@@ -187,8 +185,8 @@ mod tests {
     fn a_frame_goes_as_soon_as_there_is_room() {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
-        assert_eq!(agenda.next(&facts), Turn::FindRoom);
-        assert_eq!(agenda.next(&Facts { has_room: true, ..facts }), Turn::SendFrame);
+        assert_eq!(agenda.next(false, || facts), Turn::FindRoom);
+        assert_eq!(agenda.next(false, || Facts { has_room: true, ..facts }), Turn::SendFrame);
     }
 
     #[test]

@@ -345,7 +345,7 @@ impl Node {
     }
 
     /// Takes a received frame, and acts on the transfer that it completes.
-    #[inline(never)]
+    #[inline(always)]
     pub fn receive(
         &mut self,
         frame: &Frame,

@@ -173,7 +173,7 @@ pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
     if (rest_and_quotient >> 16) as u16 >= divisor {
         return u16::MAX;
     }
-    for _ in 0..16 {
+    for _ in 0..16u8 {
         rest_and_quotient <<= 1;
         if (rest_and_quotient >> 16) as u16 >= divisor {
             rest_and_quotient -= u32::from(divisor) << 16;

@@ -31,9 +31,9 @@ const LIGHTS_COMMAND: u32 = 0x1804_3900;
 /// The low byte of OCR1B.
 const OCR1BL: u16 = 0x8A;
 /// What makes the node publish all that it can, as fast as it can.
-const BUSY: [(&str, i64); 4] =
+const BUSY: [(&str, i64); 3] =
     // Without the failsafe, after which the controller gets its filters again and hears nothing for 5 ms.
-    [("TELEM_RATE", 50), ("TEMP_RATE", 50), ("STATS_RATE", 10), ("OUT1_TIMEOUT", 0)];
+    [("TELEM_RATE", 50), ("TEMP_RATE", 50), ("OUT1_TIMEOUT", 0)];
 /// So long a client waits for an answer.
 const CLIENT_PATIENCE_MS: u64 = 300;
 /// RX0IF and RX1IF of CANINTF.
