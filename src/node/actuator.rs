@@ -111,7 +111,7 @@ impl Actuator {
     }
 
     /// Takes a command for this output: a command type, and its value as a float16.
-    #[inline(never)]
+    #[inline(always)]
     fn take_command(
         &mut self,
         unit: u8,

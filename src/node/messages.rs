@@ -32,7 +32,7 @@ impl Node {
     }
 
     /// Does a step towards the next frame, if there is one to do; whether there was.
-    #[inline(never)]
+    #[inline(always)]
     pub fn prepare(
         &mut self,
         counters: &impl Counted,
@@ -104,7 +104,7 @@ impl Node {
     }
 
     /// Begins the first message that is due and can go; whether there was one.
-    #[inline(never)]
+    #[inline(always)]
     fn begin_message(&mut self, counters: &impl Counted, now_ms: u16) -> bool {
         // The draft has no allocation: without an ID it is v0 that the node speaks.
         let is_draft = self.dialect.is_draft() && self.id != 0;

@@ -120,7 +120,7 @@ impl Default for Services {
 
 impl Node {
     /// Acts on a request, and makes a note to reply. The line that tells of it.
-    #[inline(never)]
+    #[inline(always)]
     pub(super) fn serve(&mut self, request: &Transfer, flash: impl Progmem) -> Line {
         #[allow(unused_mut, reason = "a build may have no other line")]
         let mut line = Line::Request;

@@ -349,7 +349,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     /// Gets the next frame out of the chip, if there is one; whether there was. A standard or remote frame is marked
     /// [`Frame::FOREIGN`].
-    #[inline(never)]
+    #[inline(always)]
     pub fn receive(&mut self, frame: &mut Frame) -> bool {
         if self.rx.is_empty() {
             let status = self.status();
