@@ -1,5 +1,5 @@
 //! Finds the commit for GetNodeInfo: the first eight digits of git's HEAD, or zero where there is no repository. And has the linker
-//! check where the constants are, and spare the functions that have to be quick.
+//! check where the constants are.
 
 use std::process::Command;
 
@@ -14,7 +14,6 @@ fn main() {
     if std::env::var("CARGO_CFG_TARGET_ARCH").as_deref() == Ok("avr") {
         let specs = concat!(env!("CARGO_MANIFEST_DIR"), "/avr-specs");
         println!("cargo::rustc-link-arg-bin=node={specs}/image.ld");
-        println!("cargo::rustc-link-arg-bin=node=--quick={specs}/quick.txt");
         println!("cargo::rerun-if-changed=avr-specs");
     }
     // The reflog changes with every commit, checkout and merge.
