@@ -84,8 +84,11 @@ mod tests {
     fn a_long_name_keeps_its_ends_and_is_the_same_every_time() {
         let alone = shortened(&["uavcan.equipment.esc.current_limit_max"]);
         assert_eq!(alone, ["uavca~KW5~it_max"]);
-        let among =
-            shortened(&["OUT1_MIN", "uavcan.equipment.esc.current_limit_min", "uavcan.equipment.esc.current_limit_max"]);
+        let among = shortened(&[
+            "OUT1_MIN",
+            "uavcan.equipment.esc.current_limit_min",
+            "uavcan.equipment.esc.current_limit_max",
+        ]);
         assert_eq!(among[2], alone[0]);
         assert_ne!(among[1], alone[0]);
     }
