@@ -6,12 +6,16 @@ SHELL := /bin/bash
 unexport MAKEFLAGS MFLAGS
 
 TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
-NODE_ELF := $(TARGET_DIR)/avr-atmega168/release/node.elf
 AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec
+# What the firmware has: a preset (default, full, thesis, none), or a list of features with commas.
+FEATURES ?= default
+ELF = $(shell scripts/firmware --path '$(FEATURES)')
+# Builds that the tests on simulated boards use.
+SHIPPED := default thesis none allocation button,lights,stats
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim bridge test fuzz fuzz-coverage soak reliability firmware strangers flash size bench lint setup clean
+.PHONY: help sim bridge test fuzz fuzz-coverage soak reliability firmware firmwares strangers flash size bench lint setup clean
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
@@ -19,16 +23,19 @@ help:
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make fuzz-coverage   the parsers in libFuzzer, which looks for new ways through them, a minute each  (TIME=900)"
 	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
-	@echo "make firmware   build node.elf, and show how much of the chip it takes"
-	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
-	@echo "make size       how much of the chip node.elf takes, function by function"
-	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (twenty minutes)"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
+	@echo "make firmware   build the firmware, and show how much of the chip it takes"
+	@echo "make flash      upload it to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
+	@echo "make size       how much of the chip it takes, function by function"
+	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (twenty minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
+	@echo
+	@echo "FEATURES=thesis chooses another preset for sim, firmware, flash, size and bench: default, full, thesis or none;"
+	@echo "FEATURES=allocation,lights these features only."
 
 sim: firmware
-	cargo run --quiet --release -p sim -- $(ARGS)
+	NODE_ELF=$(ELF) cargo run --quiet --release -p sim -- $(ARGS)
 
 bridge: firmware
 	@scripts/setup bridge
@@ -38,8 +45,11 @@ bridge: firmware
 
 firmware:
 	@scripts/setup build
-	cargo firmware
-	@scripts/budget $(NODE_ELF)
+	@scripts/firmware '$(FEATURES)'
+
+firmwares:
+	@scripts/setup build
+	@scripts/firmware $(SHIPPED)
 
 # Firmwares on third-party drivers that judge the model of the MCP2515. Cargo unites features over the packages of one call,
 # so the one that needs another feature of its crate is a call of its own.
@@ -50,13 +60,13 @@ strangers:
 
 # What has to be there first does not need each other.
 test: setup
-	@$(MAKE) --no-print-directory -j2 --output-sync=line lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
+	@$(MAKE) --no-print-directory -j2 --output-sync=line lint firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 	cargo test --workspace
 	@# They mostly wait for real time.
 	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/clients
 
 fuzz: firmware
-	FUZZ_FRAMES=1000000 cargo test --test fuzz -- --nocapture
+	FUZZ_FRAMES=1000000 cargo test -p node --test fuzz -- --nocapture
 
 # What it finds of new ways stays in the target directory; fuzz/corpus is read only. See docs/fuzzing.md.
 FUZZED := node eeprom host sim bridge
@@ -89,18 +99,19 @@ lint: setup
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
 
+# The pages are of the default preset.
 bench: firmware strangers
-	cargo bench --bench timing
+	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
 
 reliability: firmware
 	cargo bench --profile dev --bench reliability
 
 size: firmware
-	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(NODE_ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40
+	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40
 
 flash: firmware $(TOOLS)/bin/ravedude
 	@scripts/setup flash
-	PATH="$(abspath $(TOOLS))/bin:$$PATH" $(if $(PORT),RAVEDUDE_PORT=$(PORT)) cargo upload
+	$(if $(PORT),RAVEDUDE_PORT=$(PORT)) $(TOOLS)/bin/ravedude $(ELF)
 
 $(TOOLS)/bin/ravedude:
 	@scripts/setup flash

@@ -429,7 +429,11 @@ fn speeds() -> String {
     page
 }
 
+/// The pages are of the default preset: of another firmware they are only printed.
 fn write(file: &str, text: &str) {
+    if std::env::var_os("NODE_ELF").is_some_and(|path| !path.is_empty()) {
+        return;
+    }
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
     std::fs::write(&path, text).unwrap_or_else(|error| panic!("{} cannot be written: {error}", path.display()));
 }
