@@ -10,14 +10,16 @@ AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-t
 # What the firmware has: a preset (default, full, thesis, none), or a list of features with commas.
 FEATURES ?= default
 ELF = $(shell scripts/firmware --path '$(FEATURES)')
+GDB_ELF = $(shell scripts/firmware --path --gdb '$(FEATURES)')
 # Builds that the tests on simulated boards use.
 SHIPPED := default thesis none allocation button,lights,stats
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim bridge test fuzz fuzz-coverage soak reliability firmware firmwares strangers flash size bench lint setup clean
+.PHONY: help sim gdb bridge test fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size bench lint setup clean
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
+	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
 	@echo "make test       every test; installs what is missing first"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
@@ -31,11 +33,15 @@ help:
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
 	@echo
-	@echo "FEATURES=thesis chooses another preset for sim, firmware, flash, size and bench: default, full, thesis or none;"
+	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, thesis or none;"
 	@echo "FEATURES=allocation,lights these features only."
 
 sim: firmware
 	NODE_ELF=$(ELF) cargo run --quiet --release -p sim -- $(ARGS)
+
+# Debugs an ELF of its own: see docs/bench.md.
+gdb: firmware-gdb
+	NODE_ELF=$(GDB_ELF) cargo run --quiet --release -p sim -- --plain --gdb 3333 $(ARGS)
 
 bridge: firmware
 	@scripts/setup bridge
@@ -47,9 +53,14 @@ firmware:
 	@scripts/setup build
 	@scripts/firmware '$(FEATURES)'
 
+firmware-gdb:
+	@scripts/setup build
+	@scripts/firmware --gdb '$(FEATURES)'
+
 firmwares:
 	@scripts/setup build
 	@scripts/firmware $(SHIPPED)
+	@scripts/firmware --gdb
 
 # Firmwares on third-party drivers that judge the model of the MCP2515. Cargo unites features over the packages of one call,
 # so the one that needs another feature of its crate is a call of its own.
