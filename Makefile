@@ -11,17 +11,20 @@ AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-t
 FEATURES ?= default
 ELF = $(shell scripts/firmware --path '$(FEATURES)')
 GDB_ELF = $(shell scripts/firmware --path --gdb '$(FEATURES)')
-# Builds that the tests on simulated boards use.
+# Builds that the tests on simulated boards use. The node's library is tested with all features, too.
 SHIPPED := default thesis none allocation button,lights,stats
+TESTED := $(SHIPPED) full
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim gdb bridge test fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size bench lint setup clean
+.PHONY: help sim gdb bridge test test-all fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size bench lint setup clean
+.PHONY: test-library test-host test-firmware test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
-	@echo "make test       every test; installs what is missing first"
+	@echo "make test       every test that CI runs, in less than 20 minutes; installs what is missing first"
+	@echo "make test-all   that, and then the long ones below, some hours"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make fuzz-coverage   the parsers in libFuzzer, which looks for new ways through them, a minute each  (TIME=900)"
 	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
@@ -72,9 +75,29 @@ strangers:
 # What has to be there first does not need each other.
 test: setup
 	@$(MAKE) --no-print-directory -j2 --output-sync=line lint firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
-	cargo test --workspace
-	@# They mostly wait for real time.
+	@$(MAKE) --no-print-directory test-library test-host test-firmware test-clients
+
+# One call for each set of features: cargo unites features over the packages and targets of a call.
+test-library:
+	@set -e; for features in $(TESTED); do \
+		options="-p node --lib $$(scripts/firmware --cargo $$features)"; \
+		echo "cargo test $$options"; cargo test $$options; \
+	done
+
+test-host:
+	cargo test -p bridge -p dronecan-host -p fuzz-harness -p sim
+
+test-firmware:
+	cargo test -p node --test '*'
+
+# They mostly wait for real time.
+test-clients:
 	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/clients
+
+# What takes long, one after the other; a new one goes to the end of the list.
+LONG := reliability fuzz fuzz-coverage soak
+test-all: test
+	@set -e; for target in $(LONG); do echo "make $$target"; $(MAKE) --no-print-directory $$target; done
 
 fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test -p node --test fuzz -- --nocapture
@@ -102,11 +125,16 @@ $(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alo
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r tests/clients/requirements-alone.txt
 	touch $@
 
+# The node with each set of features: what one of them does not use is a warning only there. The first call has all of them.
 lint: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	cargo clippy --workspace --all-targets -- -D warnings
-	cargo clippy $(AVR) --bin node -- -D warnings
+	cargo clippy -p node --lib --profile test --no-default-features -- -D warnings
+	@set -e; for features in $(TESTED); do \
+		options="$(AVR) --bin node $$(scripts/firmware --cargo $$features)"; \
+		echo "cargo clippy $$options"; cargo clippy $$options -- -D warnings; \
+	done
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
 

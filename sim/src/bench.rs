@@ -168,3 +168,15 @@ pub fn firmware(features: &str) -> Result<PathBuf> {
     ensure!(path.exists(), "{} is missing: run \"make firmware FEATURES={features}\"", path.display());
     Ok(path)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_firmware_that_is_missing_is_named_with_what_builds_it() {
+        let error = firmware("stats,no-such").unwrap_err().to_string();
+        assert!(error.contains("firmware/diecimila-seeed-no-such+stats.elf is missing"), "{error}");
+        assert!(error.ends_with("run \"make firmware FEATURES=stats,no-such\""), "{error}");
+    }
+}
