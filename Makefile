@@ -130,7 +130,7 @@ lint: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	cargo clippy --workspace --all-targets -- -D warnings
-	cargo clippy -p node --lib --profile test --no-default-features -- -D warnings
+	cargo clippy -p node --lib --profile test $$(scripts/firmware --cargo none) -- -D warnings
 	@set -e; for features in $(TESTED); do \
 		options="$(AVR) --bin node $$(scripts/firmware --cargo $$features)"; \
 		echo "cargo clippy $$options"; cargo clippy $$options -- -D warnings; \
