@@ -11,9 +11,9 @@ AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-t
 FEATURES ?= default
 ELF = $(shell scripts/firmware --path '$(FEATURES)')
 GDB_ELF = $(shell scripts/firmware --path --gdb '$(FEATURES)')
-# Builds that the tests on simulated boards use. The node's library is tested with all features, too.
+# Presets with which the node's library is tested, and builds that the tests on simulated boards use.
+PRESETS := default full thesis none
 SHIPPED := default thesis none allocation button,lights,stats
-TESTED := $(SHIPPED) full
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
@@ -73,13 +73,14 @@ strangers:
 	cargo build $(AVR) -p stranger-mcp25xx-wrong-rxb1
 
 # What has to be there first does not need each other.
+test: export CARGO_BUILD_WARNINGS := deny
 test: setup
 	@$(MAKE) --no-print-directory -j2 --output-sync=line lint firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 	@$(MAKE) --no-print-directory test-library test-host test-firmware test-clients
 
-# One call for each set of features: cargo unites features over the packages and targets of a call.
+# A call for each: cargo unites features over the packages and targets of a call.
 test-library:
-	@set -e; for features in $(TESTED); do \
+	@set -e; for features in $(PRESETS); do \
 		options="-p node --lib $$(scripts/firmware --cargo $$features)"; \
 		echo "cargo test $$options"; cargo test $$options; \
 	done
@@ -125,16 +126,13 @@ $(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alo
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r tests/clients/requirements-alone.txt
 	touch $@
 
-# The node with each set of features: what one of them does not use is a warning only there. The first call has all of them.
+# "make test" denies warnings in all that it builds: what clippy does not see is what a set with fewer features does not use.
 lint: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	cargo clippy --workspace --all-targets -- -D warnings
-	cargo clippy -p node --lib --profile test $$(scripts/firmware --cargo none) -- -D warnings
-	@set -e; for features in $(TESTED); do \
-		options="$(AVR) --bin node $$(scripts/firmware --cargo $$features)"; \
-		echo "cargo clippy $$options"; cargo clippy $$options -- -D warnings; \
-	done
+	cargo clippy $(AVR) -p node --bin node -- -D warnings
+	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
 
