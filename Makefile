@@ -6,29 +6,45 @@ SHELL := /bin/bash
 unexport MAKEFLAGS MFLAGS
 
 TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
-NODE_ELF := $(TARGET_DIR)/avr-atmega168/release/node.elf
 AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec
+# What the firmware has: a preset (default, full, thesis, none), or a list of features with commas.
+FEATURES ?= default
+ELF = $(shell scripts/firmware --path '$(FEATURES)')
+GDB_ELF = $(shell scripts/firmware --path --gdb '$(FEATURES)')
+# Presets with which the node's library is tested, and builds that the tests on simulated boards use.
+PRESETS := default full thesis none
+SHIPPED := default thesis none allocation button,lights,stats
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim bridge test fuzz fuzz-coverage soak reliability firmware strangers flash size bench lint setup clean
+.PHONY: help sim gdb bridge test test-all fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size bench lint setup clean
+.PHONY: test-library test-host test-firmware test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
+	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
-	@echo "make test       every test; installs what is missing first"
+	@echo "make test       every test that CI runs, in less than 20 minutes; installs what is missing first"
+	@echo "make test-all   that, and then the long ones below"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make fuzz-coverage   the parsers in libFuzzer, which looks for new ways through them, a minute each  (TIME=900)"
 	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
-	@echo "make firmware   build node.elf, and show how much of the chip it takes"
-	@echo "make flash      upload node.elf to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
-	@echo "make size       how much of the chip node.elf takes, function by function"
-	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (twenty minutes)"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
+	@echo "make firmware   build the firmware, and show how much of the chip it takes"
+	@echo "make flash      upload it to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
+	@echo "make size       how much of the chip it takes, function by function"
+	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (twenty minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
+	@echo
+	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, thesis or none;"
+	@echo "FEATURES=allocation,lights these features only."
 
 sim: firmware
-	cargo run --quiet --release -p sim -- $(ARGS)
+	NODE_ELF=$(ELF) cargo run --quiet --release -p sim -- $(ARGS)
+
+# Debugs an ELF of its own: see docs/bench.md.
+gdb: firmware-gdb
+	NODE_ELF=$(GDB_ELF) cargo run --quiet --release -p sim -- --plain --gdb 3333 $(ARGS)
 
 bridge: firmware
 	@scripts/setup bridge
@@ -38,8 +54,16 @@ bridge: firmware
 
 firmware:
 	@scripts/setup build
-	cargo firmware
-	@scripts/budget $(NODE_ELF)
+	@scripts/firmware '$(FEATURES)'
+
+firmware-gdb:
+	@scripts/setup build
+	@scripts/firmware --gdb '$(FEATURES)'
+
+firmwares:
+	@scripts/setup build
+	@scripts/firmware $(SHIPPED)
+	@scripts/firmware --gdb
 
 # Firmwares on third-party drivers that judge the model of the MCP2515. Cargo unites features over the packages of one call,
 # so the one that needs another feature of its crate is a call of its own.
@@ -49,14 +73,35 @@ strangers:
 	cargo build $(AVR) -p stranger-mcp25xx-wrong-rxb1
 
 # What has to be there first does not need each other.
+test: export CARGO_BUILD_WARNINGS := deny
 test: setup
-	@$(MAKE) --no-print-directory -j2 --output-sync=line lint firmware strangers $(VENV)/installed $(TOOLS)/bin/ravedude
-	cargo test --workspace
-	@# They mostly wait for real time.
+	@$(MAKE) --no-print-directory -j2 --output-sync=line lint firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
+	@$(MAKE) --no-print-directory test-library test-host test-firmware test-clients
+
+# A call for each: cargo unites features over the packages and targets of a call.
+test-library:
+	@set -e; for features in $(PRESETS); do \
+		options="-p node --lib $$(scripts/firmware --cargo $$features)"; \
+		echo "cargo test $$options"; cargo test $$options; \
+	done
+
+test-host:
+	cargo test -p bridge -p dronecan-host -p fuzz-harness -p sim
+
+test-firmware:
+	cargo test -p node --test '*'
+
+# They mostly wait for real time.
+test-clients:
 	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/clients
 
+# What takes long, one after the other; a new one goes to the end of the list.
+LONG := reliability fuzz fuzz-coverage soak
+test-all: test
+	@set -e; for target in $(LONG); do echo "make $$target"; $(MAKE) --no-print-directory $$target; done
+
 fuzz: firmware
-	FUZZ_FRAMES=1000000 cargo test --test fuzz -- --nocapture
+	FUZZ_FRAMES=1000000 cargo test -p node --test fuzz -- --nocapture
 
 # What it finds of new ways stays in the target directory; fuzz/corpus is read only. See docs/fuzzing.md.
 FUZZED := node eeprom host sim bridge
@@ -81,26 +126,29 @@ $(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alo
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r tests/clients/requirements-alone.txt
 	touch $@
 
+# "make test" denies warnings in all that it builds: what clippy does not see is what a set with fewer features does not use.
 lint: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	cargo clippy --workspace --all-targets -- -D warnings
-	cargo clippy $(AVR) --bin node -- -D warnings
+	cargo clippy $(AVR) -p node --bin node -- -D warnings
+	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
 
+# The pages are of the default preset.
 bench: firmware strangers
-	cargo bench --bench timing
+	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
 
 reliability: firmware
 	cargo bench --profile dev --bench reliability
 
 size: firmware
-	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(NODE_ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40
+	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40
 
 flash: firmware $(TOOLS)/bin/ravedude
 	@scripts/setup flash
-	PATH="$(abspath $(TOOLS))/bin:$$PATH" $(if $(PORT),RAVEDUDE_PORT=$(PORT)) cargo upload
+	$(if $(PORT),RAVEDUDE_PORT=$(PORT)) $(TOOLS)/bin/ravedude $(ELF)
 
 $(TOOLS)/bin/ravedude:
 	@scripts/setup flash

@@ -1,12 +1,9 @@
-//! The budgets: flash, variables, and variables with the stack at its deepest.
+//! The budgets of avr-specs/budget.toml: flash, variables, and variables with the stack at its deepest.
 
 mod rig;
 
 use rig::Rig;
-
-const FLASH_LIMIT: u64 = 14_336;
-const STATICS_LIMIT: u64 = 640;
-const STATICS_AND_STACK_LIMIT: u16 = 960;
+use sim::budget::budget;
 
 /// What the program paints unused RAM with at its start.
 const PAINT: u8 = 0xC5;
@@ -14,12 +11,21 @@ const PAINT: u8 = 0xC5;
 #[test]
 fn flash_and_variables_keep_to_their_budgets() {
     let mut rig = Rig::powered();
-    let mut end = |name: &str| u64::from(rig.bench.board(0).avr().symbol(name).unwrap().address);
-    let flash = end("__data_load_end");
-    let statics = end("__heap_start") - 0x100;
-    println!("flash {flash} of {FLASH_LIMIT}, statics {statics} of {STATICS_LIMIT}");
-    assert!(flash > 4000 && flash <= FLASH_LIMIT);
-    assert!(statics > 50 && statics <= STATICS_LIMIT);
+    let mut address = |name: &str| rig.bench.board(0).avr().symbol(name).unwrap().address;
+    let flash = address("__data_load_end");
+    let statics = address("__heap_start") - budget().ram_start;
+    let (flash_limit, statics_limit) = (budget().flash_of_default, budget().statics);
+    println!("flash {flash} of {flash_limit}, statics {statics} of {statics_limit}");
+    assert!(flash > 4000 && flash <= flash_limit);
+    assert!(statics > 50 && statics <= statics_limit);
+}
+
+#[test]
+fn the_linker_refuses_more_than_the_bootloader_leaves_and_than_the_variables_may_have() {
+    let mut rig = Rig::powered();
+    let mut value = |name: &str| rig.bench.board(0).avr().symbol(name).unwrap().address;
+    assert_eq!(value("__TEXT_REGION_LENGTH__"), budget().flash);
+    assert_eq!(value("__DATA_REGION_LENGTH__"), budget().statics);
 }
 
 /// Everything that makes the stack deep: all kinds of messages, refusals, errors, a lost chip, counters on request.
@@ -49,8 +55,9 @@ fn the_stack_at_its_deepest_stays_within_its_budget() {
     let avr = rig.board().avr();
     let bottom = avr.symbol("__heap_start").unwrap().address as u16;
     let stack = avr.stack_high_water(PAINT, bottom);
-    let used = bottom - 0x100 + stack;
-    println!("statics {} and stack {stack}: {used} of {STATICS_AND_STACK_LIMIT}", bottom - 0x100);
+    let statics = u32::from(bottom) - budget().ram_start;
+    let (used, limit) = (statics + u32::from(stack), budget().statics_and_stack);
+    println!("statics {statics} and stack {stack}: {used} of {limit}");
     assert!(stack > 10, "the paint is where the test looks for it");
-    assert!(used <= STATICS_AND_STACK_LIMIT);
+    assert!(used <= limit);
 }

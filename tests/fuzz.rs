@@ -6,14 +6,13 @@
 mod rig;
 
 use rig::{ARRAY_COMMAND, MS, NODE, Rig};
+use sim::budget::budget;
 use sim::can::{Frame, Id};
 use sim::dronecan::{ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types};
 use std::time::Duration;
 
 /// What the program paints unused RAM with at its start.
 const PAINT: u8 = 0xC5;
-/// Variables and stack at its deepest.
-const STATICS_AND_STACK_LIMIT: u16 = 960;
 
 const FRAMES: u64 = 20_000;
 const SEED: u64 = 0x5EED;
@@ -267,7 +266,7 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     println!("{sent} frames sent, {lost} lost, {held_back} held back, {used} B of RAM");
     // Many of them are back to back, and now and then the controller gets other filters.
     assert!(u64::from(lost) <= sent / 100_000, "{lost} frames lost of {sent}");
-    assert!(used <= STATICS_AND_STACK_LIMIT, "{used} B");
+    assert!(u32::from(used) <= budget().statics_and_stack, "{used} B");
 }
 
 /// The servo has not moved, and the program has not been restarted.

@@ -17,6 +17,7 @@ use rig::profile::{Names, Profile};
 use rig::{MS, Rig};
 use sim::Cycles;
 use sim::autopilot::{Profile as Autopilot, Settings};
+use sim::budget::budget;
 use strangers::{Stranger, receive};
 
 /// Simulated times.
@@ -41,8 +42,6 @@ const SPEED_MS: u64 = 2000;
 
 /// What the program paints unused RAM with at its start.
 const PAINT: u8 = 0xC5;
-/// Variables and stack may have so many bytes.
-const RAM_LIMIT: u16 = 960;
 
 /// Loads in per cent of a full bus, for the plot.
 const PERCENTS: [u64; 13] = [5, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 98, 100];
@@ -238,10 +237,11 @@ fn turns(page: &mut String) {
         if deepest.as_ref().is_none_or(|(most, _)| depth > *most) {
             let (statics, depth_seen) = (bottom - 0x100, top - sp);
             let mut table = format!(
-                "{depth} bytes at the deepest, with {what}; with {statics} bytes of variables {} of {RAM_LIMIT}. The calls \
+                "{depth} bytes at the deepest, with {what}; with {statics} bytes of variables {} of {}. The calls \
                  that\nlead there, {depth_seen} bytes, with what is in use when each makes the next one:\n\n\
                  | bytes | function |\n| ---: | --- |\n",
-                statics + depth
+                statics + depth,
+                budget().statics_and_stack
             );
             for call in &calls {
                 row(&mut table, &[(top - call.sp).to_string(), format!("`{}`", names.function(call.from))]);
@@ -429,7 +429,11 @@ fn speeds() -> String {
     page
 }
 
+/// The pages are of the default preset: of another firmware they are only printed.
 fn write(file: &str, text: &str) {
+    if std::env::var_os("NODE_ELF").is_some_and(|path| !path.is_empty()) {
+        return;
+    }
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
     std::fs::write(&path, text).unwrap_or_else(|error| panic!("{} cannot be written: {error}", path.display()));
 }

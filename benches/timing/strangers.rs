@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use crate::rig::MS;
 use crate::rig::load::{Load, Meter, Sender};
-use sim::bench::{Bench, node_elf};
+use sim::bench::{Bench, target_dir};
 use sim::board::Board;
 
 /// More than they take to boot.
@@ -23,7 +23,7 @@ impl Stranger {
             Stranger::Mcp2515 => "stranger-mcp2515-crate.elf",
             Stranger::Mcp25xx => "stranger-mcp25xx-crate.elf",
         };
-        let path = node_elf().with_file_name(file);
+        let path = target_dir().join("avr-atmega168/release").join(file);
         assert!(path.exists(), "{} is missing: run `make strangers`", path.display());
         path
     }

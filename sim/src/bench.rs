@@ -9,7 +9,7 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 
 use crate::board::Board;
 use crate::can::{Bus, PortId, SoftNode, StationRef};
@@ -139,12 +139,44 @@ pub fn eeprom_after_first_start(elf: &Path) -> Result<Vec<u8>> {
     Ok(bench.board(board).avr().eeprom())
 }
 
-/// Where the firmware is: `NODE_ELF`, else the release ELF in cargo's target directory.
-pub fn node_elf() -> PathBuf {
-    if let Some(path) = std::env::var_os("NODE_ELF").filter(|path| !path.is_empty()) {
-        return path.into();
-    }
-    let workspace = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+/// Cargo's target directory of this project.
+pub fn target_dir() -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
-    PathBuf::from(workspace).join(target).join("avr-atmega168/release/node.elf")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(target)
+}
+
+/// Where the firmware is: `NODE_ELF`, else what `make firmware` leaves.
+pub fn node_elf() -> PathBuf {
+    match std::env::var_os("NODE_ELF").filter(|path| !path.is_empty()) {
+        Some(path) => path.into(),
+        None => target_dir().join("firmware/diecimila-seeed.elf"),
+    }
+}
+
+/// Where the firmware of a preset is, such as "thesis", or of a list of features, such as "lights,stats". The default preset's is
+/// [`node_elf`].
+///
+/// # Errors
+/// If it has not been built; the message says how to.
+pub fn firmware(features: &str) -> Result<PathBuf> {
+    let mut names: Vec<&str> = features.split(',').collect();
+    names.sort_unstable();
+    let path = match names[..] {
+        ["default"] => node_elf(),
+        _ => target_dir().join(format!("firmware/diecimila-seeed-{}.elf", names.join("+"))),
+    };
+    ensure!(path.exists(), "{} is missing: run \"make firmware FEATURES={features}\"", path.display());
+    Ok(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_firmware_that_is_missing_is_named_with_what_builds_it() {
+        let error = firmware("stats,no-such").unwrap_err().to_string();
+        assert!(error.contains("firmware/diecimila-seeed-no-such+stats.elf is missing"), "{error}");
+        assert!(error.ends_with("run \"make firmware FEATURES=stats,no-such\""), "{error}");
+    }
 }

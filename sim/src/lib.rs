@@ -4,6 +4,7 @@
 pub mod avr;
 pub mod bench;
 pub mod board;
+pub mod budget;
 pub mod can;
 pub mod mcp2515;
 

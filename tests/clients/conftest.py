@@ -10,13 +10,15 @@ A case takes three lines:
 When the test is over its clients are closed, the simulator gets Ctrl-C, and then it must end with exit code 0 (it does not
 if the node crashed or its program made a mistake) and leave no link behind. Nothing outlives a test.
 
-Boards have been started before, so that none of them takes its time to make a unique ID; `fresh=True` starts new ones.
+Boards have been started before, so that none of them takes its time to make a unique ID; `fresh=True` starts new ones. Their
+firmware is the default preset's, or `elf=node_elf("thesis")`.
 
 The program is $SIM_BIN ($BRIDGE_BIN), or the newer one of cargo's debug and release builds. What a MAVLink ground station sees
 through the bridge is tested with the fixtures of ground.py.
 """
 
 import contextlib
+import functools
 import importlib
 import os
 import pathlib
@@ -66,8 +68,19 @@ def own_program(name):
     return max(built, key=lambda path: path.stat().st_mtime)
 
 
-def node_elf():
-    return pathlib.Path(os.environ.get("NODE_ELF") or TARGET / "avr-atmega168/release/node.elf")
+def node_elf(features="default", gdb=False):
+    """The firmware of a preset, or of a list of features such as "lights,stats"; for avr-gdb if it says so."""
+    if features == "default" and not gdb and (path := os.environ.get("NODE_ELF")):
+        return pathlib.Path(path)
+    name = ["diecimila-seeed"]
+    if features != "default":
+        name.append("+".join(sorted(features.split(","))))
+    if gdb:
+        name.append("gdb")
+    path = TARGET / "firmware" / ("-".join(name) + ".elf")
+    target = "firmware-gdb" if gdb else "firmware"
+    assert path.exists(), f'{path} is missing: run "make {target} FEATURES={features}"'
+    return path
 
 
 def program(name):
@@ -251,7 +264,7 @@ class Raw:
 
 
 class Bench:
-    def __init__(self, directory, options, slcan, serial, eeproms):
+    def __init__(self, directory, elf, options, slcan, serial, eeproms):
         self.directory = directory
         for number, eeprom in enumerate(eeproms):
             self.eeprom(number).write_bytes(eeprom)
@@ -261,7 +274,7 @@ class Bench:
         self.output = directory / "sim.txt"
         self.clients = contextlib.ExitStack()
         self.exit_code = None
-        line = [own_program("sim"), "--plain", "--elf", node_elf()]
+        line = [own_program("sim"), "--plain", "--elf", elf]
         for path in self.slcan:
             line += ["--slcan", path]
         if serial:
@@ -369,9 +382,9 @@ def end_group(process):
         process.stdout.close()
 
 
-def run_sim(directory, *options):
+def run_sim(directory, *options, elf=None):
     """Runs the simulator alone, as fast as it can."""
-    line = [own_program("sim"), "--plain", "--speed", "max", "--elf", node_elf(), *options]
+    line = [own_program("sim"), "--plain", "--speed", "max", "--elf", elf or node_elf(), *options]
     done = subprocess.run(
         [str(word) for word in line], cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60
     )
@@ -382,11 +395,15 @@ def run_sim(directory, *options):
 
 @pytest.fixture(scope="session")
 def started_eeprom(tmp_path_factory):
-    """The EEPROM of a board that has been started before: it has its unique ID."""
-    directory = tmp_path_factory.mktemp("started")
-    run_sim(directory, "--no-autopilot", "--for", "1500ms", "--eeprom", directory / "eeprom")
-    path = directory / "eeprom"
-    return path.read_bytes() if path.exists() else None
+    """The EEPROM of a board that has been started with an ELF before: it has its unique ID."""
+
+    @functools.cache
+    def started(elf):
+        path = tmp_path_factory.mktemp("started") / "eeprom"
+        run_sim(path.parent, "--no-autopilot", "--for", "1500ms", "--eeprom", path, elf=elf)
+        return path.read_bytes() if path.exists() else None
+
+    return started
 
 
 @pytest.fixture
@@ -394,12 +411,14 @@ def bench(tmp_path, started_eeprom):
     """Starts a bench: options of `sim`, the number of its SLCAN adapters, and whether it has a serial port."""
     benches = []
 
-    def start(*options, slcan=1, serial=False, autopilot=False, exit_code=0, fresh=False, eeproms=None):
+    def start(*options, slcan=1, serial=False, autopilot=False, exit_code=0, fresh=False, eeproms=None, elf=None):
         directory = tmp_path / f"bench{len(benches)}"
         directory.mkdir()
+        elf = elf or node_elf()
         if eeproms is None:
-            eeproms = [] if fresh or started_eeprom is None else [started_eeprom]
-        new = Bench(directory, [*options, *([] if autopilot else ["--no-autopilot"])], slcan, serial, eeproms)
+            eeprom = None if fresh else started_eeprom(elf)
+            eeproms = [] if eeprom is None else [eeprom]
+        new = Bench(directory, elf, [*options, *([] if autopilot else ["--no-autopilot"])], slcan, serial, eeproms)
         new.expected_exit_code = exit_code
         benches.append(new)
         new.wait_for_links()

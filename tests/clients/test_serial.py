@@ -19,7 +19,7 @@ BOOTLOADER = pathlib.Path(
 )
 MONITOR_BAUD = 115200
 # What a user types. The runner of .cargo/config.toml does the rest; RAVEDUDE_PORT says where the board is.
-CARGO_RUN = "cargo run --release --bin node --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec"
+CARGO_RUN = "cargo run --release -p node --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec"
 
 
 @pytest.fixture

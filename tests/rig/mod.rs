@@ -12,13 +12,15 @@ pub mod profile;
 pub mod status;
 
 use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use std::sync::OnceLock;
+use std::sync::{Mutex, PoisonError};
 
 use sim::Cycles;
 use sim::autopilot::{Autopilot, Settings};
 use sim::avr::{Pulse, ResetCause};
-use sim::bench::{Bench, eeprom_after_first_start, node_elf};
+use sim::bench::{Bench, eeprom_after_first_start, firmware, node_elf};
 use sim::board::Board;
 use sim::can::{Frame, Id, PortId, RecordKind, SoftNode};
 use sim::dronecan::{ActuatorCommand, CommandUnit, Heard, Observer, Said, Transfer, TransferId, draft, split, types};
@@ -42,13 +44,24 @@ pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
 /// EEPROM of a board that has been started before, and so has its unique ID.
 pub fn started() -> &'static [u8] {
-    static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
-    EEPROM.get_or_init(|| eeprom_after_first_start(&node_elf()).unwrap_or_else(|error| panic!("{error:#}")))
+    started_with(&node_elf())
+}
+
+/// The same of a board with another firmware.
+pub fn started_with(elf: &Path) -> &'static [u8] {
+    static EEPROMS: Mutex<BTreeMap<PathBuf, &[u8]>> = Mutex::new(BTreeMap::new());
+    // A thread that failed here has put nothing in.
+    let mut eeproms = EEPROMS.lock().unwrap_or_else(PoisonError::into_inner);
+    eeproms.entry(elf.to_owned()).or_insert_with(|| {
+        let eeprom = eeprom_after_first_start(elf).unwrap_or_else(|error| panic!("{error:#}"));
+        eeprom.leak()
+    })
 }
 
 /// The boards, the bus, and a peer that acknowledges and talks.
 pub struct Rig {
     pub bench: Bench,
+    elf: PathBuf,
     boards: usize,
     pub peer: Rc<RefCell<SoftNode>>,
     pub peer_port: PortId,
@@ -86,11 +99,26 @@ impl Rig {
         Rig::with_boards(&[&[]])
     }
 
+    /// The same as [`Rig::powered`] with the firmware of a preset or of a list of features, such as "thesis" or "allocation".
+    pub fn of(features: &str) -> Rig {
+        Rig::with_firmware(&firmware(features).unwrap_or_else(|error| panic!("{error:#}")))
+    }
+
+    /// The same as [`Rig::powered`] with this ELF.
+    pub fn with_firmware(elf: &Path) -> Rig {
+        Rig::with_boards_of(elf, &[started_with(elf)])
+    }
+
     /// Boards with these EEPROMs, as different from each other as boards are. They get their power now.
     pub fn with_boards(eeproms: &[&[u8]]) -> Rig {
+        Rig::with_boards_of(&node_elf(), eeproms)
+    }
+
+    /// The same with this ELF.
+    pub fn with_boards_of(elf: &Path, eeproms: &[&[u8]]) -> Rig {
         let mut bench = Bench::new(1_000_000);
         for (eeprom, number) in eeproms.iter().zip(0..) {
-            let mut board = Board::load(&node_elf()).unwrap_or_else(|error| panic!("{error:#}"));
+            let mut board = Board::load(elf).unwrap_or_else(|error| panic!("{error:#}"));
             board.avr_mut().set_eeprom(eeprom);
             if number > 0 {
                 board.avr_mut().seed(number);
@@ -102,6 +130,7 @@ impl Rig {
         let peer_port = bench.attach("peer", peer.clone());
         Rig {
             bench,
+            elf: elf.to_owned(),
             boards: eeproms.len(),
             peer,
             peer_port,
@@ -125,7 +154,7 @@ impl Rig {
 
     /// Puts another board on the bus, which gets its power now. It differs from the first as `seed` says.
     pub fn add_board(&mut self, eeprom: &[u8], seed: u64) {
-        let mut board = Board::load(&node_elf()).unwrap_or_else(|error| panic!("{error:#}"));
+        let mut board = Board::load(&self.elf).unwrap_or_else(|error| panic!("{error:#}"));
         board.avr_mut().set_eeprom(eeprom);
         board.avr_mut().seed(seed);
         board.run_until(self.now());

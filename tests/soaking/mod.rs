@@ -14,6 +14,7 @@ use std::fmt;
 use crate::rig::{MS, NODE_STATUS, Rig, started, status_fields};
 use sim::Cycles;
 use sim::avr::{Noise, ResetCause};
+use sim::budget::budget;
 use sim::can::{Fault, Frame};
 use sim::dronecan::{Message, RESTART_MAGIC};
 
@@ -29,8 +30,6 @@ const FAILSAFE_US: f64 = 1500.0;
 const CONDITIONS_PASS: Cycles = 12_500 * MS;
 /// What the program paints unused RAM with at its start.
 const PAINT: u8 = 0xC5;
-/// Variables and stack at its deepest.
-const STATICS_AND_STACK_LIMIT: u16 = 960;
 
 /// What goes wrong. Those that last do so for some tenths of a second to some seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -572,7 +571,7 @@ impl Soak {
         let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
         assert_eq!(avr.sram_range(bottom..=bottom + 1), [PAINT; 2], "the stack has kept clear of the variables");
         self.report.ram = self.report.ram.max(bottom - 0x100 + avr.stack_high_water(PAINT, bottom));
-        assert!(self.report.ram <= STATICS_AND_STACK_LIMIT, "{} B", self.report.ram);
+        assert!(u32::from(self.report.ram) <= budget().statics_and_stack, "{} B", self.report.ram);
     }
 }
 

@@ -345,7 +345,7 @@ mod tests {
         let text = String::from_utf8(disk.bytes.take()).unwrap();
         let lines: Vec<_> = text.lines().map(|line| &line[14..]).collect();
         let expected = [
-            "  127>120 param.GetSet request OUT1_MIN = 1100",
+            "  127>120 param.GetSet request SRV_MIN = 1100",
             "        - foreign frame 123#01",
             "        - invalid frame 1003F20A#0000000000000020 continues a transfer that did not start",
             "        1 draft.ThesisCommand 90",

@@ -14,7 +14,7 @@ use clap::Parser;
 use std::path::PathBuf;
 
 const ABOUT: &str = "\
-Boots the firmware node.elf on a simulated ATmega168 board with an MCP2515, puts it on a simulated CAN bus, and shows it at
+Boots the firmware on a simulated ATmega168 board with an MCP2515, puts it on a simulated CAN bus, and shows it at
 work: a simulated autopilot says that it is alive and sweeps the servo.
 
 On a terminal this is a live view with keys; elsewhere, or with --plain, it is one line for each event, with the simulated
@@ -54,7 +54,7 @@ pub struct Args {
     #[command(subcommand)]
     pub command: Option<Command>,
 
-    /// Firmware to boot, an ELF file for the ATmega168 [default: the node.elf that "make firmware" builds]
+    /// Firmware to boot, an ELF file for the ATmega168 [default: what "make firmware" has built]
     #[arg(long, value_name = "PATH")]
     pub elf: Option<PathBuf>,
 

@@ -6,10 +6,9 @@
 use super::fault::{Fault, MENU};
 use super::keys;
 use super::pace::Measured;
-use super::state::{
-    AutopilotState, FLASH_LIMIT, Origin, RAM_LIMIT, STATICS_LIMIT, State, TrafficLine, error_state_name,
-};
+use super::state::{AutopilotState, Origin, State, TrafficLine, error_state_name};
 use super::time::{micros, seconds};
+use crate::budget::budget;
 use crate::can::ErrorState;
 use crate::dronecan::{Dialect, Health};
 use ratatui::Frame;
@@ -304,13 +303,13 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     if let Some(crash) = &state.crash {
         lines[0] = Line::styled(format!("CRASHED: {crash}"), BAD);
     }
-    let memory = &state.memory;
-    lines.push(budget_line("flash", memory.flash, FLASH_LIMIT));
-    lines.push(budget_line("statics", memory.statics, STATICS_LIMIT));
+    let (memory, budget) = (&state.memory, budget());
+    lines.push(budget_line("flash", memory.flash, budget.flash));
+    lines.push(budget_line("statics", memory.statics, budget.statics));
     if let Some(stack) = memory.stack {
         let used = memory.statics + stack;
-        let line = format!(", RAM {} of {}", thousands(used), thousands(RAM_LIMIT));
-        let style = if used > RAM_LIMIT { BAD } else { Style::new() };
+        let line = format!(", RAM {} of {}", thousands(used), thousands(budget.statics_and_stack));
+        let style = if used > budget.statics_and_stack { BAD } else { Style::new() };
         lines[3].push_span(Span::styled(line, style));
     }
     let block = Block::bordered().title(title);

@@ -7,8 +7,9 @@
 //! pulses each half second while they change, error frames above a few each second.
 
 use super::pace::Measured;
-use super::state::{FLASH_LIMIT, News, RAM_LIMIT, STATICS_LIMIT, State, TrafficLine};
+use super::state::{News, State, TrafficLine};
 use super::time::{micros, seconds};
+use crate::budget::budget;
 use crate::{Cycles, F_CPU_HZ};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -181,11 +182,11 @@ pub fn summary(state: &State, speed: Measured) -> String {
             None => format!("{} pulses", state.servo.count),
         },
     );
-    line("flash", format!("{} of {FLASH_LIMIT} B", memory.flash));
-    line("statics", format!("{} of {STATICS_LIMIT} B", memory.statics));
+    line("flash", format!("{} of {} B", memory.flash, budget().flash));
+    line("statics", format!("{} of {} B", memory.statics, budget().statics));
     if let Some(stack) = memory.stack {
         let all = memory.statics + stack;
-        line("stack", format!("{stack} B, with statics {all} of {RAM_LIMIT} B"));
+        line("stack", format!("{stack} B, with statics {all} of {} B", budget().statics_and_stack));
     }
     for link in &state.links {
         line("link", link.clone());
@@ -338,9 +339,9 @@ mod tests {
             "1 driver mistakes",
             "100.0 us",
             "1 pulses",
-            "9876 of 14336",
-            "312 of 640",
-            "512 of 960",
+            &format!("9876 of {}", budget().flash),
+            &format!("312 of {}", budget().statics),
+            &format!("512 of {}", budget().statics_and_stack),
             "jumped into nothing",
             "link            slcan /tmp/can: open",
         ] {

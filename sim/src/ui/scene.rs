@@ -25,7 +25,7 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// Byte that node.elf fills its free RAM with at start.
+/// Byte that the firmware fills its free RAM with at start.
 const STACK_PAINT: u8 = 0xC5;
 /// What a cell of erased flash holds.
 const ERASED: u8 = 0xFF;

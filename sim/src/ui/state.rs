@@ -150,11 +150,6 @@ pub struct Memory {
     pub stack: Option<u32>,
 }
 
-/// Limits of [`Memory`]: what the Arduino bootloader leaves, and the project's budgets for a RAM of 1,024 bytes.
-pub const FLASH_LIMIT: u32 = 14_336;
-pub const STATICS_LIMIT: u32 = 640;
-pub const RAM_LIMIT: u32 = 960;
-
 /// What the autopilot is doing, in words.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotState {

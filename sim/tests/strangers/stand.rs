@@ -4,7 +4,7 @@
 
 use sim::Cycles;
 use sim::avr::SpiByte;
-use sim::bench::Bench;
+use sim::bench::{Bench, target_dir};
 use sim::board::Board;
 use sim::can::{Fault, Frame, Id, SoftNode};
 use sim::mcp2515::{LoggedFrame, Mcp2515};
@@ -39,15 +39,8 @@ impl Stranger {
             Stranger::Mcp25xx => "stranger-mcp25xx-crate.elf",
             Stranger::Mcp25xxWrongRxb1 => "stranger-mcp25xx-wrong-rxb1.elf",
         };
-        let directory = std::env::var_os("STRANGERS_DIR").map_or_else(
-            || {
-                let workspace = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
-                std::env::var_os("CARGO_TARGET_DIR")
-                    .map_or_else(|| workspace.join("target"), PathBuf::from)
-                    .join("avr-atmega168/release")
-            },
-            PathBuf::from,
-        );
+        let built = || target_dir().join("avr-atmega168/release");
+        let directory = std::env::var_os("STRANGERS_DIR").map_or_else(built, PathBuf::from);
         let path = directory.join(file);
         assert!(path.exists(), "{} is missing: run `make strangers`", path.display());
         path

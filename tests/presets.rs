@@ -1,0 +1,38 @@
+//! Each firmware that `make test` builds starts, and follows a command.
+
+mod rig;
+
+use rig::Rig;
+
+#[track_caller]
+fn starts_and_follows_a_command(features: &str) {
+    let mut rig = Rig::of(features);
+    rig.wait_until_up();
+    rig.send_command(1, 0, 0.5);
+    assert_eq!(rig.settled_pulse_us(), 1750.0, "{features}");
+}
+
+#[test]
+fn the_default_preset_works() {
+    starts_and_follows_a_command("default");
+}
+
+#[test]
+fn the_preset_of_the_thesis_works() {
+    starts_and_follows_a_command("thesis");
+}
+
+#[test]
+fn the_preset_without_any_feature_works() {
+    starts_and_follows_a_command("none");
+}
+
+#[test]
+fn allocation_works_without_other_features() {
+    starts_and_follows_a_command("allocation");
+}
+
+#[test]
+fn button_lights_and_stats_work_without_other_features() {
+    starts_and_follows_a_command("button,lights,stats");
+}
