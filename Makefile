@@ -13,7 +13,7 @@ ELF = $(shell scripts/firmware --path '$(FEATURES)')
 GDB_ELF = $(shell scripts/firmware --path --gdb '$(FEATURES)')
 # Presets with which the node's library is tested, and builds that the tests on simulated boards use.
 PRESETS := default full thesis none
-SHIPPED := default thesis none allocation button,lights,stats
+SHIPPED := default thesis none allocation button,lights stats
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 

@@ -224,9 +224,7 @@ impl Transfer {
                 is_kept = byte == own_id;
                 self.has_entry |= is_kept;
             }
-            if is_kept
-                && let Some(place) = self.bytes.get_mut(usize::from(len))
-            {
+            if is_kept && let Some(place) = self.bytes.get_mut(usize::from(len)) {
                 *place = byte;
             }
             len = len.saturating_add(1);
