@@ -473,7 +473,11 @@ mod tests {
         let names: std::collections::HashSet<_> = TABLE.iter().map(|entry| entry.0).collect();
         assert_eq!(names.len(), COUNT);
         for name in names {
-            assert!(name.len() <= 16 && name.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_'), "{name}");
+            assert!(
+                name.len() <= 16
+                    && name.bytes().all(|byte| byte.is_ascii_uppercase() || byte.is_ascii_digit() || byte == b'_'),
+                "{name}"
+            );
         }
     }
 
