@@ -28,6 +28,8 @@ mod two {
 
     /// Which dialect the node speaks.
     pub struct Dialect {
+        /// DIALECT.
+        wanted: u8,
         is_draft: bool,
         /// Seconds until nobody speaks v0.
         v0_s: u8,
@@ -36,16 +38,13 @@ mod two {
     impl Dialect {
         /// Nobody has spoken.
         pub const fn new() -> Self {
-            Self { is_draft: false, v0_s: 0 }
-        }
-
-        fn wanted(parameters: &Parameters) -> u8 {
-            parameters.get(Parameter::Dialect) as u8
+            Self { wanted: 0, is_draft: false, v0_s: 0 }
         }
 
         /// Takes over DIALECT.
         pub fn update(&mut self, parameters: &Parameters) {
-            match Self::wanted(parameters) {
+            self.wanted = parameters.get(Parameter::Dialect) as u8;
+            match self.wanted {
                 V0 => self.is_draft = false,
                 DRAFT => self.is_draft = true,
                 _ => {}
@@ -58,8 +57,8 @@ mod two {
         }
 
         /// What the controller is to let through.
-        pub fn row(&self, parameters: &Parameters) -> Row {
-            match Self::wanted(parameters) {
+        pub fn row(&self) -> Row {
+            match self.wanted {
                 V0 => Row::V0,
                 // Only a build whose parameters cannot be set over the bus may be deaf to v0.
                 DRAFT if cfg!(not(feature = "standard")) => Row::Thesis,
@@ -83,8 +82,8 @@ mod two {
 
         /// An autopilot's message came, in the draft or in v0. Whether the node follows it.
         #[inline(never)]
-        pub fn hear(&mut self, is_draft: bool, parameters: &Parameters) -> bool {
-            match Self::wanted(parameters) {
+        pub fn hear(&mut self, is_draft: bool) -> bool {
+            match self.wanted {
                 V0 => return !is_draft,
                 DRAFT => return is_draft,
                 _ => {}
@@ -130,7 +129,7 @@ mod one {
         }
 
         /// What the controller is to let through.
-        pub fn row(&self, _parameters: &Parameters) -> Row {
+        pub fn row(&self) -> Row {
             Row::V0
         }
 
@@ -146,7 +145,7 @@ mod one {
         }
 
         /// An autopilot's message came, and is followed.
-        pub fn hear(&mut self, _is_draft: bool, _parameters: &Parameters) -> bool {
+        pub fn hear(&mut self, _is_draft: bool) -> bool {
             true
         }
 
