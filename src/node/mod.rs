@@ -359,9 +359,6 @@ impl Node {
             Ok(segment) => segment,
             Err(rejection) => return self.reject(rejection, frame, monitor),
         };
-        if segment.kind.is_request() && segment.tail.is_end() && self.services.is_full() {
-            return self.reject(Rejection::Busy, frame, monitor);
-        }
         let own_id = self.parameters.get(match segment.kind {
             #[cfg(feature = "lights")]
             Kind::LightsCommand => Parameter::LightId,
@@ -375,6 +372,7 @@ impl Node {
                 let line = self.act(message, now_ms, servo);
                 self.conclude(line, message, monitor);
             }
+            Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),
             Verdict::Request(request) => {
                 self.note.a = request.kind.id();
                 let line = self.serve(request, flash);
