@@ -274,16 +274,16 @@ impl Receiver {
             if tail.toggle() {
                 return Verdict::Rejected(Rejection::Malformed);
             }
-            if lane.is_open {
-                let is_own = lane.source == source;
-                verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
-            }
-            lane.begin(kind, source, priority, now_ms);
             if !tail.is_end() {
                 let &[low, high, ref rest @ ..] = payload else { return Verdict::Rejected(Rejection::Malformed) };
                 lane.crc = [low, high];
                 payload = rest;
             }
+            if lane.is_open {
+                let is_own = lane.source == source;
+                verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
+            }
+            lane.begin(kind, source, priority, now_ms);
         } else if lane.kind != kind || !tail.follows(lane.tail) {
             return verdict;
         }
