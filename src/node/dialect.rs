@@ -153,3 +153,68 @@ mod one {
         pub fn second(&mut self) {}
     }
 }
+
+#[cfg(all(test, feature = "draft"))]
+mod tests {
+    use super::*;
+    use crate::dronecan::acceptance::Row;
+    use crate::golden;
+    use crate::node::parameters::Parameter;
+
+    fn dialect(wanted: i32) -> Dialect {
+        let mut dialect = Dialect::new();
+        dialect.update(&golden::parameters(&[(Parameter::Dialect, wanted)]));
+        dialect
+    }
+
+    #[test]
+    fn with_dialect_0_v0_is_followed_at_any_time() {
+        let mut dialect = dialect(0);
+        for _ in 0..3 {
+            assert!(dialect.hear(true) && dialect.is_draft(), "nobody speaks v0");
+            assert!(dialect.hear(false) && !dialect.is_draft());
+            for _ in 0..10 {
+                dialect.second();
+            }
+        }
+    }
+
+    #[test]
+    fn with_dialect_0_the_draft_is_followed_after_the_fourth_second_without_v0() {
+        for seconds in 0..10 {
+            let mut dialect = dialect(0);
+            // What came before does not count.
+            dialect.hear(false);
+            dialect.second();
+            dialect.hear(false);
+            for _ in 0..seconds {
+                assert!(!dialect.is_draft());
+                dialect.second();
+            }
+            assert_eq!(dialect.hear(true), seconds >= 4, "{seconds}");
+            assert_eq!(dialect.is_draft(), seconds >= 4, "{seconds}");
+        }
+    }
+
+    #[test]
+    fn with_dialect_1_or_2_it_is_that_one_whatever_is_heard() {
+        for (wanted, is_draft) in [(1, false), (2, true)] {
+            let mut dialect = dialect(wanted);
+            for n in 0..100 {
+                assert_eq!((dialect.hear(n % 3 == 0), dialect.is_draft()), ((n % 3 == 0) == is_draft, is_draft));
+                dialect.second();
+            }
+        }
+    }
+
+    #[test]
+    fn another_dialect_has_another_row() {
+        let mut dialect = dialect(1);
+        assert_eq!(dialect.row(), Row::V0);
+        dialect.update(&golden::parameters(&[(Parameter::Dialect, 0)]));
+        assert_eq!(dialect.row(), Row::Either);
+        dialect.update(&golden::parameters(&[(Parameter::Dialect, 2)]));
+        assert_eq!(dialect.row(), if cfg!(feature = "standard") { Row::Either } else { Row::Thesis });
+        assert!(dialect.is_draft());
+    }
+}
