@@ -241,7 +241,7 @@ impl Desk {
             Turn::SendFrame => {
                 can.has_found_room = false;
                 if can.room != u32::MAX {
-                    can.room -= 1;
+                    can.room = can.room.saturating_sub(1);
                 }
                 can.sent.push((self.ms, *node.frame()));
                 can.is_empty = false;

@@ -143,7 +143,7 @@ pub const PACKED: [u8; LEN] = {
 };
 
 /// The CRC of all names and ranges.
-pub(super) const DIGEST: u16 = {
+pub const DIGEST: u16 = {
     let mut digest = 0xFFFF;
     let mut n = 0;
     while n < COUNT {

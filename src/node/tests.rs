@@ -86,6 +86,11 @@ impl Rig {
         self.node.health.code()
     }
 
+    /// The health of the moment.
+    fn level(&self) -> u8 {
+        self.node.health.level(&self.node.parameters) as u8
+    }
+
     /// Sets a condition, or clears it.
     fn set_condition(&mut self, condition: Conditions, on: bool) {
         self.node.health.set(condition, on, [Line::Running; 2], &mut self.monitor);
@@ -357,8 +362,7 @@ fn by_default_a_fault_is_a_warning_failsafe_an_error_and_lost_parameters_critica
         for (other, condition) in golden::CONDITIONS.into_iter().enumerate() {
             rig.set_condition(condition, other == bit);
         }
-        let level = rig.node.health.level(&rig.node.parameters) as u8;
-        assert_eq!((level, rig.code()), (health, 1 << bit), "bit {bit}");
+        assert_eq!((rig.level(), rig.code()), (health, 1 << bit), "bit {bit}");
     }
 }
 
@@ -514,16 +518,18 @@ fn a_temperature_out_of_range_shows() {
 
 #[test]
 fn parameters_that_were_lost_are_told_and_ones_that_never_were_are_not() {
+    // By default the thesis's node speaks the draft.
+    let draft = if cfg!(feature = "standard") { 0 } else { Conditions::DRAFT.code() };
     let mut rig = Rig::start(Memory::blank(), ResetCause::POWER_ON);
     rig.run(2000);
-    assert_eq!(rig.status(), (0, 0));
+    assert_eq!((rig.level(), rig.code()), (0, draft));
     let mut memory = Memory::with(&[(Parameter::Out1Id, 9)]);
     for byte in &mut memory.cells[0x20..] {
         *byte ^= if *byte == 0xFF { 0 } else { 0x10 };
     }
     let mut rig = Rig::start(memory, ResetCause::POWER_ON);
     rig.run(2000);
-    assert_eq!(rig.status(), (0xC0, 1 << 13));
+    assert_eq!((rig.level(), rig.code()), (3, 1 << 13 | draft));
     assert_eq!(rig.node.parameters.get(Parameter::Out1Id), 1, "the default");
 }
 

@@ -697,7 +697,20 @@ fn a_first_frame_too_short_for_a_crc_begins_nothing() {
 #[test]
 fn no_bytes_whatever_make_it_panic() {
     let mut rig = Rig::new();
-    let ids = [0x1003_F20Au32, 0x1003_F20B, 0x1804_390A, 0x1E0B_F8FF, 0x1E28_F8FF, 0x1E00_017F, 0x1E97_4D00];
+    let ids: &[u32] = &[
+        0x1003_F20A,
+        0x1003_F20B,
+        #[cfg(feature = "lights")]
+        0x1804_390A,
+        #[cfg(feature = "standard")]
+        0x1E0B_F8FF,
+        #[cfg(feature = "standard")]
+        0x1E28_F8FF,
+        #[cfg(feature = "allocation")]
+        0x1E00_017F,
+        #[cfg(feature = "allocation")]
+        0x1E97_4D00,
+    ];
     let mut random = 1u32;
     let mut next = || {
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -715,5 +728,6 @@ fn no_bytes_whatever_make_it_panic() {
         rig.now_ms = rig.now_ms.wrapping_add(next() % 8);
         came += usize::from(rig.frame(&frame).is_some());
     }
-    assert!(came > 10_000, "{came}");
+    // Most lists end within an entry.
+    assert!(came > if cfg!(feature = "standard") { 10_000 } else { 4_000 }, "{came}");
 }

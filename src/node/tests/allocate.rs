@@ -172,6 +172,7 @@ fn its_unique_id_is_made_once_and_kept() {
     assert_eq!(again.unique_id, unique_id);
 }
 
+#[cfg(feature = "draft")]
 #[test]
 fn set_to_the_draft_which_has_no_allocation_it_asks_in_v0_and_goes_on_in_the_draft() {
     let mut rig = Rig::with(&[(Parameter::CanNode, 0), (Parameter::Dialect, 2)]);
