@@ -7,17 +7,20 @@
 //! * [`monitor`]: what it tells on the serial monitor.
 //! * [`dronecan`]: the wire format.
 //! * [`can`]: frames, and the MCP2515 over any `embedded-hal` SPI.
+//! * `desk`: a board of plain variables for the node, with which it is tested.
 //!
 //! Time comes in as an argument and hardware as `embedded-hal` traits, so all of it is tested on the host. The
 //! ATmega168's registers, interrupts and `unsafe` are in `board`, which belongs to the firmware binary alone.
 
-#![cfg_attr(not(test), no_std)]
+#![cfg_attr(not(any(test, feature = "desk")), no_std)]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 // The texts are packed while compiling, which takes a second or two.
 #![allow(long_running_const_eval)]
 
 pub mod can;
+#[cfg(any(test, feature = "desk"))]
+pub mod desk;
 pub mod dronecan;
 #[cfg(test)]
 mod golden;

@@ -96,10 +96,9 @@ fn main() -> ! {
                 board.bus.controller(|can| can.transmit(node.frame()));
                 node.handed_over(now_ms);
             }
-            Turn::PrepareFrame => {
-                node.prepare(&board.bus, Image, monitor, now_ms);
-            }
-            Turn::Monitor => {
+            Turn::PrepareFrame if node.prepare(&board.bus, Image, monitor, now_ms) => {}
+            // What is due may have to wait; meanwhile the monitor goes on.
+            Turn::PrepareFrame | Turn::Monitor => {
                 if board.serial.receive() == Some(b'?') {
                     node.report(monitor);
                 } else if board.serial.can_send() {

@@ -58,11 +58,11 @@ pub const IMAGE: [u8; LEN] = {
 };
 
 /// The image as the host has it, for tests.
-#[cfg(test)]
-#[derive(Clone, Copy)]
+#[cfg(any(test, feature = "desk"))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InMemory;
 
-#[cfg(test)]
+#[cfg(any(test, feature = "desk"))]
 impl Progmem for InMemory {
     fn byte(self, at: u16) -> u8 {
         IMAGE[usize::from(at - BEGIN)]

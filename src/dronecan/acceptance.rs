@@ -258,19 +258,33 @@ mod tests {
     use super::*;
     use crate::progmem::InMemory;
 
-    const WITH_ID: NodeAcceptance<InMemory> = NodeAcceptance { node: NodeId::new(42), row: V0, flash: InMemory };
-    const WITHOUT_ID: NodeAcceptance<InMemory> = NodeAcceptance { node: None, row: V0, flash: InMemory };
+    const WITH_ID: NodeAcceptance<InMemory> = NodeAcceptance { node: NodeId::new(42), row: Row::V0, flash: InMemory };
+
+    /// The type of each message that has RXB1 in v0.
+    const SINGLE_TYPES: &[u16] = &[
+        341,
+        1111,
+        #[cfg(feature = "standard")]
+        1100,
+        #[cfg(feature = "lights")]
+        1081,
+    ];
 
     /// SIDH, SIDL, EID8 and EID0 of an identifier, as a number.
     fn registers(pattern: Pattern) -> u32 {
         u32::from_be_bytes(pattern.registers())
     }
 
+    /// All registers: six filters and two masks.
+    fn all(acceptance: NodeAcceptance<InMemory>) -> [u32; 8] {
+        [0, 1, 2, 3, 4, 5, 6, 7].map(|n| u32::from_be_bytes([0, 1, 2, 3].map(|k| acceptance.register(4 * n + k))))
+    }
+
     /// The buffer that an extended frame with this identifier goes to, if any.
     fn buffer(acceptance: NodeAcceptance<InMemory>, id: u32) -> Option<u8> {
-        let pattern = |n: u8| u32::from_be_bytes([0, 1, 2, 3].map(|k| acceptance.register(4 * n + k)));
+        let all = all(acceptance);
         let frame = registers(Pattern::filter(id.to_be_bytes()));
-        let n = (0..6).find(|&n| (frame ^ pattern(n)) & pattern(6 + u8::from(n > 1)) == 0)?;
+        let n = (0..6).find(|&n| (frame ^ all[n]) & all[6 + usize::from(n > 1)] == 0)?;
         Some(u8::from(n > 1))
     }
 
@@ -280,8 +294,11 @@ mod tests {
         for id in [0x1003_F20A, 0x0003_F27F, 0x1E01_AAFF, 0x1E0B_AAFF, 0x1E0A_AA81] {
             assert_eq!(buffer(WITH_ID, id), Some(0), "{id:08X}");
         }
-        for id in [0x1801_552A, 0x1001_5501, 0x0001_557F, 0x1804_390A, 0x1804_4C0A, 0x1804_5701] {
-            assert_eq!(buffer(WITH_ID, id), Some(1), "{id:08X}");
+        for &data_type in SINGLE_TYPES {
+            for (priority, source) in [(24, 42), (16, 1), (0, 127), (31, 10)] {
+                let id = u32::from_be_bytes(Id::message(priority, data_type, source).0);
+                assert_eq!(buffer(WITH_ID, id), Some(1), "{id:08X}");
+            }
         }
     }
 
@@ -294,8 +311,73 @@ mod tests {
         }
     }
 
+    /// There are no more types than filters, so all of the type is compared. Of the others some look like ArrayCommand.
+    #[test]
+    fn of_all_messages_only_those_in_use_and_look_alikes_of_a_command_come_through() {
+        for data_type in 0..=u16::MAX {
+            let id = u32::from_be_bytes(Id::message(16, data_type, 10).0);
+            let expected = if data_type & 0xFF == 1010 & 0xFF {
+                Some(0)
+            } else if SINGLE_TYPES.contains(&data_type) {
+                Some(1)
+            } else {
+                None
+            };
+            assert_eq!(buffer(WITH_ID, id), expected, "{data_type}");
+        }
+    }
+
+    #[test]
+    fn registers_are_those_worked_out_by_hand() {
+        let (third, fourth) = match SINGLE_TYPES {
+            [_, _] => (0x0009_5500, 0x0009_5500),
+            [_, _, 1100] => (0x0028_4C00, 0x0009_5500),
+            [_, _, 1100, 1081] => (0x0028_4C00, 0x0028_3900),
+            other => panic!("{other:?}"),
+        };
+        let filters = [0x0008_F200, 0x0008_AA80, 0x0009_5500, 0x0028_5700, third, fourth];
+        assert_eq!(all(WITH_ID)[..], [&filters[..], &[0x0000_FF80, 0x07E3_FF80]].concat());
+    }
+
+    #[test]
+    fn types_that_fit_are_compared_in_all_their_bits() {
+        for types in [&[341][..], &[341, 1111], &[1, 2, 3, 4], &[0x0155, 0x0255, 0x0355, 0x0455], &[7, 7, 8, 8, 9, 9]] {
+            let wide = Wide::new(types);
+            assert_eq!(wide.mask, 0xFFFF, "{types:?}");
+            assert!(types.iter().all(|data_type| wide.filters.contains(data_type)), "{types:?}");
+            assert!(wide.filters.iter().all(|filter| types.contains(filter)), "{types:?}: nothing else");
+        }
+    }
+
+    #[test]
+    fn of_types_that_do_not_fit_as_many_bits_of_the_low_byte_are_compared_as_possible() {
+        for types in [
+            &[341, 1010, 1081, 1100, 1111][..],
+            &[1, 2, 3, 4, 5, 6, 7, 8],
+            &[0x0155, 0x0455, 0x0456, 0x0457, 0x0458, 0x0459, 0x1055],
+            // The low bytes are the same: all of them are compared.
+            &[0x0001, 0x0101, 0x0201, 0x0301, 0x0401],
+        ] {
+            let wide = Wide::new(types);
+            let distinct = |mask: u16| {
+                let masked: std::collections::HashSet<u16> = types.iter().map(|data_type| data_type & mask).collect();
+                masked.len()
+            };
+            assert!(distinct(0xFFFF) > SLOTS, "{types:?}");
+            let most = (0..=0xFFu16).filter(|&mask| distinct(mask) <= SLOTS).map(u16::count_ones).max();
+            assert_eq!((wide.mask & 0xFF00, Some(wide.mask.count_ones())), (0, most), "{types:?}");
+            assert!(types.iter().all(|data_type| wide.filters.contains(&(data_type & wide.mask))), "{types:?}");
+            let is_one = |&filter: &u16| types.iter().any(|data_type| data_type & wide.mask == filter);
+            assert!(wide.filters.iter().all(is_one), "{types:?}");
+        }
+        assert_eq!(Wide::new(&[0x0001, 0x0101, 0x0201, 0x0301, 0x0401]).mask, 0x00FF);
+    }
+
+    #[cfg(feature = "allocation")]
     #[test]
     fn without_an_id_only_allocation_comes_through_from_allocators_and_from_nobody() {
+        const WITHOUT_ID: NodeAcceptance<InMemory> =
+            NodeAcceptance { node: None, row: Row::WithoutId, flash: InMemory };
         assert_eq!(buffer(WITHOUT_ID, 0x1E00_017F), Some(0));
         // The golden requests of another node: the discriminator is where the type would be.
         for id in [0x1E97_4D00, 0x1EBC_1100, 0x1E9D_1D00, 0x1EEE_8100] {
@@ -304,32 +386,13 @@ mod tests {
         for id in [0x1003_F20A, 0x1801_552A, 0x1E01_AAFF, 0x1E01_80FF, 0x1E00_01FF, 0x1E97_4E00, 0x1804_4C0A] {
             assert_eq!(buffer(WITHOUT_ID, id), None, "{id:08X}");
         }
+        assert_eq!(all(WITHOUT_ID)[..], [&[0x0008_0100; 6][..], &[0x07E3_FF80, 0x0000_03FF]].concat());
     }
 
+    #[cfg(feature = "draft")]
     #[test]
-    fn in_the_draft_commands_have_the_first_buffer_and_all_else_that_is_of_use_the_second() {
-        let draft = NodeAcceptance { row: DRAFT, ..WITH_ID };
-        // The thesis's own filters: 0x11340408 and 0x17C40408.
-        for (id, first) in [
-            (0x084C_040A, 0),
-            (0x085D_E0FF, 1),
-            (0x17C4_0408, 0),
-            (0x17C5_E009, 0),
-            (0x1134_0408, 1),
-            (0x1135_E00B, 1),
-            (0x113B_FC08, 1),
-            (0x1183_FC0E, 1),
-        ] {
-            assert_eq!(buffer(draft, id), (id != 0x085D_E0FF).then_some(first), "{id:08X}");
-        }
-        for id in [0x1003_F20A, 0x1801_550A, 0x1E01_AAFF, 0x17CD_E008, 0x1139_E005] {
-            assert_eq!(buffer(draft, id), None, "{id:08X}");
-        }
-    }
-
-    #[test]
-    fn while_either_is_possible_commands_and_statuses_of_both_come_through() {
-        let either = NodeAcceptance { row: EITHER, ..WITH_ID };
+    fn while_either_is_possible_commands_and_statuses_of_both_and_requests_come_through() {
+        let either = NodeAcceptance { row: Row::Either, ..WITH_ID };
         for id in [0x1003_F20A, 0x1E01_AAFF] {
             assert_eq!(buffer(either, id), Some(0), "{id:08X}");
         }
@@ -343,21 +406,56 @@ mod tests {
             0x17C4_0409,
             0x1134_0408,
             0x1135_E00B,
+            // GetNodeInfo and RestartNode of the draft, from 127.
+            0x113B_FC0D,
+            0x1183_FC0E,
         ] {
             assert_eq!(buffer(either, id), Some(1), "{id:08X}");
         }
-        for id in [0x1803_F32A, 0x1E01_2AFF, 0x1E00_017F & !0x80 | 0x0200_0080, 0x1807_000A, 0x1840_000A] {
+        for id in [0x1803_F32A | 0x0010_0000, 0x1E01_2AFF, 0x1E01_ABFF, 0x1210_0008, 0x1840_80AA] {
             assert_eq!(buffer(either, id), None, "{id:08X}");
         }
     }
 
+    #[cfg(feature = "draft")]
     #[test]
-    fn registers_are_those_worked_out_by_hand() {
-        let all = |acceptance: NodeAcceptance<InMemory>| -> Vec<u32> {
-            (0..8).map(|n| u32::from_be_bytes([0, 1, 2, 3].map(|k| acceptance.register(4 * n + k)))).collect()
-        };
-        let filters = [0x0008_F200, 0x0008_AA80, 0x0009_5500, 0x0028_3900, 0x0028_4C00, 0x0028_5700];
-        assert_eq!(all(WITH_ID), [&filters[..], &[0x0000_FF80, 0x07E3_FF80]].concat());
-        assert_eq!(all(WITHOUT_ID), [&[0x0008_0100; 6][..], &[0x07E3_FF80, 0x0000_03FF]].concat());
+    fn the_row_of_the_thesis_has_its_filters_with_the_sender_left_open() {
+        let thesis = NodeAcceptance { row: Row::Thesis, ..WITH_ID };
+        let (command, status) = (0x17C4_0408u32, 0x1134_0408u32);
+        let [filter_1, filter_2] = [command, status].map(|id| registers(Pattern::filter(id.to_be_bytes())));
+        let all = all(thesis);
+        assert_eq!(all[..6], [filter_1, filter_2, filter_1, filter_2, filter_1, filter_2]);
+        // From anyone, with any transfer ID. What is in a frame that is not the last one, or in another type, stays out.
+        for id in [command, status] {
+            for other in [0, 1, 7, 0x0001_F800] {
+                assert_eq!(buffer(thesis, id | other), Some(0), "{:08X}", id | other);
+            }
+            assert_eq!(buffer(thesis, id & !8), None);
+        }
+        for id in [0x084C_040A, 0x113B_FC0D, 0x1183_FC0E, 0x1003_F20A, 0x1801_550A, 0x1E01_AAFF, 0x17CC_0408] {
+            assert_eq!(buffer(thesis, id), None, "{id:08X}");
+        }
+    }
+
+    /// A filter is only worth something if what it lets through is what a table has: each kind reaches the node with the row for it.
+    #[test]
+    fn every_kind_of_the_table_comes_through_in_v0() {
+        for &kind in Kind::ALL {
+            let id = if kind.is_request() {
+                Id::request(16, kind.id() as u8, 42, 10)
+            } else {
+                Id::message(16, kind.id(), 10)
+            };
+            #[cfg(feature = "allocation")]
+            if kind == Kind::Allocation {
+                continue;
+            }
+            #[cfg(feature = "draft")]
+            if kind == Kind::DraftCommand {
+                continue;
+            }
+            let expected = u8::from(is_single(kind));
+            assert_eq!(buffer(WITH_ID, u32::from_be_bytes(id.0)), Some(expected), "{kind:?}");
+        }
     }
 }

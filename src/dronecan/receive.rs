@@ -201,7 +201,6 @@ impl Transfer {
     /// Begins with the first frame.
     #[inline(always)]
     fn begin(&mut self, kind: Kind, source: u8, priority: u8, now_ms: u16) {
-        self.is_open = true;
         self.kind = kind;
         self.source = source;
         self.priority = priority;
@@ -278,19 +277,19 @@ impl Receiver {
             if tail.toggle() {
                 return Verdict::Rejected(Rejection::Malformed);
             }
-            if lane.is_open {
-                let is_own = lane.source == source;
-                verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
-            }
-            lane.begin(kind, source, priority, now_ms);
-            if tail.is_end() {
-                lane.is_open = false;
-            } else {
+            if !tail.is_end() {
                 let &[low, high, ref rest @ ..] = payload else { return Verdict::Rejected(Rejection::Malformed) };
                 lane.crc = [low, high];
                 lane.sum = kind.seed();
                 payload = rest;
             }
+            if lane.is_open {
+                let is_own = lane.source == source;
+                verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
+            }
+            lane.begin(kind, source, priority, now_ms);
+            // A transfer of one frame has no CRC.
+            lane.is_open = !tail.is_end();
         } else if lane.kind != kind || !tail.follows(lane.tail) {
             return verdict;
         }

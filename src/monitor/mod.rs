@@ -357,6 +357,7 @@ mod tests {
         assert_eq!(line_of(event), "rx NodeStatus from 1 tid 31: up 65535 s, WARNING, SOFTWARE_UPDATE\r\n");
     }
 
+    #[cfg(feature = "standard")]
     #[test]
     fn a_parameter_is_told_by_its_name() {
         for (parameter, name) in [(Parameter::CanNode, "CAN_NODE"), (Parameter::Out1Reversed, "OUT1_REVERSED")] {

@@ -218,3 +218,168 @@ impl Default for Actuator {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::desk::Servo;
+    use crate::dronecan::receive::{Receiver, Verdict, segment};
+    use crate::golden;
+
+    /// An actuator, its servo, and its parameters.
+    struct Rig {
+        actuator: Actuator,
+        servo: Servo,
+        parameters: Parameters,
+        now_ms: u16,
+    }
+
+    impl Rig {
+        fn new(values: &[(Parameter, i32)]) -> Self {
+            let parameters = golden::parameters(values);
+            let mut actuator = Actuator::new();
+            actuator.update(&parameters);
+            Self { actuator, servo: Servo(0), parameters, now_ms: 0 }
+        }
+
+        /// Gives it an ArrayCommand in one frame, from which it takes the entries for actuator 1.
+        fn command(&mut self, payload: &[u8]) -> (Line, Event) {
+            let frame = golden::frame(0x1003_F20A, &[payload, &[0xC0]].concat());
+            let mut receiver = Receiver::new();
+            let Verdict::Message(command) = receiver.accept(segment(&frame, 120).unwrap(), 1, 0, 0) else { panic!() };
+            let mut event = Event::new(Line::Running);
+            let (parameters, servo) = (&self.parameters, &mut self.servo);
+            (self.actuator.take_array_command(command, &mut event, self.now_ms, parameters, servo), event)
+        }
+
+        fn pwm(&mut self, width: f32) -> Line {
+            let [low, high] = half::f16::from_f32(width).to_le_bytes();
+            self.command(&[1, 4, low, high]).0
+        }
+
+        /// Lets so many milliseconds pass; after how many of them the failsafe began.
+        fn run(&mut self, ms: u16) -> Option<u16> {
+            let mut began = None;
+            for n in 1..=ms {
+                self.now_ms = self.now_ms.wrapping_add(1);
+                if self.actuator.tick(self.now_ms, &self.parameters) {
+                    assert_eq!(began.replace(n), None, "once");
+                }
+            }
+            began
+        }
+    }
+
+    #[test]
+    fn a_command_sets_the_pulse_of_node_and_servo_and_is_told() {
+        for (payload, line, a, pulse) in [
+            ([1, 0, 0x00, 0x38], Line::CommandUnitless, 500, 3500),
+            ([1, 0, 0x00, 0xBC], Line::CommandUnitless, -1000i16 as u16, 2000),
+            // A quarter of a radian.
+            ([1, 1, 0x00, 0x34], Line::CommandPosition, 250, 3318),
+            ([1, 4, 0x08, 0x67], Line::CommandPwm, 1800, 3600),
+        ] {
+            let mut rig = Rig::new(&[]);
+            let (told, event) = rig.command(&payload);
+            assert_eq!((told, event.a, event.b), (line, a, pulse), "{payload:02X?}");
+            assert_eq!((rig.actuator.pulse(), rig.servo.0), (pulse, pulse), "{payload:02X?}");
+            assert!(rig.actuator.is_following() && rig.actuator.hears_nothing());
+        }
+    }
+
+    #[test]
+    fn what_is_refused_or_for_others_changes_no_pulse() {
+        let mut rig = Rig::new(&[]);
+        rig.pwm(1700.0);
+        rig.servo.0 = 0;
+        for (payload, line) in [
+            (&[1, 2, 0, 0x3C][..], Line::RefusedType),
+            (&[1, 5, 0, 0x3C], Line::RefusedType),
+            (&[1, 0, 0xFF, 0x7F], Line::RefusedValue),
+            (&[1, 4, 0, 0], Line::RefusedValue),
+            (&[2, 0, 0, 0x38], Line::CommandElsewhere),
+            (&[], Line::CommandElsewhere),
+        ] {
+            assert_eq!(rig.command(payload).0, line, "{payload:02X?}");
+            assert_eq!((rig.actuator.pulse(), rig.servo.0), (3400, 0), "{payload:02X?}");
+            assert!(!rig.actuator.hears_nothing(), "{payload:02X?}");
+        }
+    }
+
+    #[test]
+    fn the_thesis_command_goes_over_the_travel() {
+        let mut rig = Rig::new(&[]);
+        for (byte, pulse) in [(0, 2000), (255, 4000), (51, 2400)] {
+            let mut event = Event::new(Line::Running);
+            let line = rig.actuator.take_servo_command(byte, &mut event, 0, &rig.parameters, &mut rig.servo);
+            assert_eq!((line, event.b, rig.servo.0), (Line::CommandThesis, pulse, pulse));
+        }
+    }
+
+    #[test]
+    fn the_failsafe_begins_after_the_timeout_once_and_goes_where_out1_fs_says() {
+        for (failsafe, pulse) in [(0, 3600), (1, 2800), (2, 2200), (3, 0)] {
+            for timeout_ms in [1, 250, 10_000] {
+                let mut rig = Rig::new(&[
+                    (Parameter::Out1Fs, failsafe),
+                    (Parameter::Out1Timeout, timeout_ms),
+                    (Parameter::Out1Trim, 1400),
+                    (Parameter::Out1FsPwm, 1100),
+                ]);
+                rig.now_ms = 65_000;
+                assert_eq!(rig.run(20_000), None, "before the first command");
+                rig.pwm(1800.0);
+                assert_eq!(rig.run(30_000), Some(timeout_ms as u16), "{failsafe}");
+                assert_eq!((rig.actuator.pulse(), rig.actuator.is_following()), (pulse, false), "{failsafe}");
+                rig.pwm(1700.0);
+                assert_eq!((rig.actuator.pulse(), rig.actuator.is_following()), (3400, true), "commands again");
+            }
+        }
+    }
+
+    #[test]
+    fn with_a_timeout_of_0_there_is_no_failsafe() {
+        let mut rig = Rig::new(&[(Parameter::Out1Timeout, 0), (Parameter::Out1Fs, 3)]);
+        rig.pwm(1800.0);
+        for _ in 0..4 {
+            assert_eq!(rig.run(50_000), None);
+        }
+        assert_eq!(rig.actuator.pulse(), 3600);
+    }
+
+    #[test]
+    fn the_position_is_unknown_without_a_pulse_and_else_that_of_the_command() {
+        let mut rig = Rig::new(&[]);
+        assert!(half::f16::from_bits(rig.actuator.position()).is_nan());
+        rig.pwm(2000.0);
+        let position = half::f16::from_bits(rig.actuator.position()).to_f64();
+        assert!((position - std::f64::consts::FRAC_PI_4).abs() < 0.001, "{position}");
+    }
+
+    #[cfg(feature = "standard")]
+    #[test]
+    fn an_armed_vehicle_counts_as_such_for_four_seconds_begun() {
+        let mut rig = Rig::new(&[(Parameter::ArmReq, 1), (Parameter::Out1Fs, 3)]);
+        assert_eq!((rig.pwm(1800.0), rig.servo.0), (Line::RefusedDisarmed, 0));
+        for status in [0, 1, 254] {
+            rig.actuator.arm(255);
+            assert!(!rig.actuator.is_disarmed(&rig.parameters));
+            rig.actuator.arm(status);
+            assert!(rig.actuator.is_disarmed(&rig.parameters), "{status}");
+        }
+        rig.actuator.arm(255);
+        assert_eq!(rig.pwm(1800.0), Line::CommandPwm);
+        for second in 1..=4 {
+            assert_eq!(rig.actuator.pulse(), 3600, "{second}");
+            rig.actuator.second();
+            assert_eq!(rig.run(1), None, "disarmed is no failsafe");
+        }
+        assert_eq!((rig.actuator.pulse(), rig.actuator.is_following()), (0, false));
+    }
+
+    #[cfg(feature = "standard")]
+    #[test]
+    fn where_arming_is_not_required_nobody_is_disarmed() {
+        assert!(!Rig::new(&[]).actuator.is_disarmed(&golden::parameters(&[])));
+    }
+}

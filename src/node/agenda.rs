@@ -46,7 +46,7 @@ pub enum Turn {
     FindRoom,
     /// Hand the frame that is ready to the controller.
     SendFrame,
-    /// Do a step towards the next frame to send.
+    /// Do a step towards the next frame to send. If all that is to be sent has to wait: as [`Monitor`](Self::Monitor).
     PrepareFrame,
     /// Send a character of the serial monitor.
     Monitor,
@@ -91,6 +91,7 @@ impl Agenda {
         if facts.is_on_bus {
             if facts.has_frame_to_send {
                 if facts.has_room {
+                    self.is_full = false;
                     return Turn::SendFrame;
                 }
                 if !self.is_full {
@@ -187,6 +188,18 @@ mod tests {
         let mut agenda = Agenda::new();
         assert_eq!(agenda.next(false, || facts), Turn::FindRoom);
         assert_eq!(agenda.next(false, || Facts { has_room: true, ..facts }), Turn::SendFrame);
+    }
+
+    #[test]
+    fn as_many_frames_go_in_a_millisecond_as_there_is_room_for() {
+        let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
+        let mut agenda = Agenda::new();
+        for _ in 0..3 {
+            assert_eq!(agenda.next(&facts), Turn::FindRoom);
+            assert_eq!(agenda.next(&Facts { has_room: true, ..facts }), Turn::SendFrame);
+        }
+        assert_eq!(agenda.next(&facts), Turn::FindRoom);
+        assert_eq!(agenda.next(&facts), Turn::Monitor);
     }
 
     #[test]

@@ -28,6 +28,8 @@ mod two {
 
     /// Which dialect the node speaks.
     pub struct Dialect {
+        /// DIALECT.
+        wanted: u8,
         is_draft: bool,
         /// Seconds until nobody speaks v0.
         v0_s: u8,
@@ -36,16 +38,13 @@ mod two {
     impl Dialect {
         /// Nobody has spoken.
         pub const fn new() -> Self {
-            Self { is_draft: false, v0_s: 0 }
-        }
-
-        fn wanted(parameters: &Parameters) -> u8 {
-            parameters.get(Parameter::Dialect) as u8
+            Self { wanted: 0, is_draft: false, v0_s: 0 }
         }
 
         /// Takes over DIALECT.
         pub fn update(&mut self, parameters: &Parameters) {
-            match Self::wanted(parameters) {
+            self.wanted = parameters.get(Parameter::Dialect) as u8;
+            match self.wanted {
                 V0 => self.is_draft = false,
                 DRAFT => self.is_draft = true,
                 _ => {}
@@ -58,8 +57,8 @@ mod two {
         }
 
         /// What the controller is to let through.
-        pub fn row(&self, parameters: &Parameters) -> Row {
-            match Self::wanted(parameters) {
+        pub fn row(&self) -> Row {
+            match self.wanted {
                 V0 => Row::V0,
                 // Only a build whose parameters cannot be set over the bus may be deaf to v0.
                 DRAFT if cfg!(not(feature = "standard")) => Row::Thesis,
@@ -83,8 +82,8 @@ mod two {
 
         /// An autopilot's message came, in the draft or in v0. Whether the node follows it.
         #[inline(never)]
-        pub fn hear(&mut self, is_draft: bool, parameters: &Parameters) -> bool {
-            match Self::wanted(parameters) {
+        pub fn hear(&mut self, is_draft: bool) -> bool {
+            match self.wanted {
                 V0 => return !is_draft,
                 DRAFT => return is_draft,
                 _ => {}
@@ -130,7 +129,7 @@ mod one {
         }
 
         /// What the controller is to let through.
-        pub fn row(&self, _parameters: &Parameters) -> Row {
+        pub fn row(&self) -> Row {
             Row::V0
         }
 
@@ -146,11 +145,76 @@ mod one {
         }
 
         /// An autopilot's message came, and is followed.
-        pub fn hear(&mut self, _is_draft: bool, _parameters: &Parameters) -> bool {
+        pub fn hear(&mut self, _is_draft: bool) -> bool {
             true
         }
 
         /// Nothing to do.
         pub fn second(&mut self) {}
+    }
+}
+
+#[cfg(all(test, feature = "draft"))]
+mod tests {
+    use super::*;
+    use crate::dronecan::acceptance::Row;
+    use crate::golden;
+    use crate::node::parameters::Parameter;
+
+    fn dialect(wanted: i32) -> Dialect {
+        let mut dialect = Dialect::new();
+        dialect.update(&golden::parameters(&[(Parameter::Dialect, wanted)]));
+        dialect
+    }
+
+    #[test]
+    fn with_dialect_0_v0_is_followed_at_any_time() {
+        let mut dialect = dialect(0);
+        for _ in 0..3 {
+            assert!(dialect.hear(true) && dialect.is_draft(), "nobody speaks v0");
+            assert!(dialect.hear(false) && !dialect.is_draft());
+            for _ in 0..10 {
+                dialect.second();
+            }
+        }
+    }
+
+    #[test]
+    fn with_dialect_0_the_draft_is_followed_after_the_fourth_second_without_v0() {
+        for seconds in 0..10 {
+            let mut dialect = dialect(0);
+            // What came before does not count.
+            dialect.hear(false);
+            dialect.second();
+            dialect.hear(false);
+            for _ in 0..seconds {
+                assert!(!dialect.is_draft());
+                dialect.second();
+            }
+            assert_eq!(dialect.hear(true), seconds >= 4, "{seconds}");
+            assert_eq!(dialect.is_draft(), seconds >= 4, "{seconds}");
+        }
+    }
+
+    #[test]
+    fn with_dialect_1_or_2_it_is_that_one_whatever_is_heard() {
+        for (wanted, is_draft) in [(1, false), (2, true)] {
+            let mut dialect = dialect(wanted);
+            for n in 0..100 {
+                assert_eq!((dialect.hear(n % 3 == 0), dialect.is_draft()), ((n % 3 == 0) == is_draft, is_draft));
+                dialect.second();
+            }
+        }
+    }
+
+    #[test]
+    fn another_dialect_has_another_row() {
+        let mut dialect = dialect(1);
+        assert_eq!(dialect.row(), Row::V0);
+        dialect.update(&golden::parameters(&[(Parameter::Dialect, 0)]));
+        assert_eq!(dialect.row(), Row::Either);
+        dialect.update(&golden::parameters(&[(Parameter::Dialect, 2)]));
+        assert_eq!(dialect.row(), if cfg!(feature = "standard") { Row::Either } else { Row::Thesis });
+        assert!(dialect.is_draft());
     }
 }

@@ -176,3 +176,90 @@ impl Default for Health {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::golden;
+    use crate::progmem::InMemory;
+
+    const LINES: [Line; 2] = [Line::ErrorPassive, Line::ErrorActive];
+
+    fn told(monitor: &mut Monitor) -> String {
+        (0..2000).map(|_| monitor.next_byte(InMemory)).filter(|&byte| byte != 0).map(char::from).collect()
+    }
+
+    #[test]
+    fn a_condition_is_told_when_it_begins_and_when_it_ends() {
+        let (mut health, mut monitor) = (Health::new(), Monitor::new());
+        for _ in 0..3 {
+            health.set(Conditions::ERROR_PASSIVE, true, LINES, &mut monitor);
+        }
+        assert_eq!(told(&mut monitor), "CAN: error-passive\r\n");
+        for _ in 0..3 {
+            health.set(Conditions::ERROR_PASSIVE, false, LINES, &mut monitor);
+        }
+        assert_eq!(told(&mut monitor), "CAN: error-active\r\n");
+        assert_eq!(health.code(), 0);
+    }
+
+    #[test]
+    fn what_happened_shows_for_ten_seconds_after_the_last_time_and_what_is_for_as_long_as_it_is() {
+        let (mut health, mut monitor) = (Health::new(), Monitor::new());
+        health.set(Conditions::FAILSAFE, true, LINES, &mut monitor);
+        for again in [3, 9, 0] {
+            health.happened(Conditions::BUS_OFF);
+            for _ in 0..again {
+                health.second();
+            }
+        }
+        health.happened(Conditions::FRAMES_LOST);
+        for second in 0..10 {
+            assert_eq!(health.code(), 1 << 5 | 1 << 7 | 1 << 10, "{second}");
+            health.second();
+        }
+        assert_eq!(health.code(), 1 << 10);
+        health.clear(Conditions::FAILSAFE);
+        assert_eq!(health.code(), 0);
+    }
+
+    #[test]
+    fn the_worst_of_the_masks_counts() {
+        for (bit, condition) in golden::CONDITIONS.into_iter().enumerate() {
+            let (mut health, mut monitor) = (Health::new(), Monitor::new());
+            let masks = |warn: u16, error: u16, critical: u16| {
+                golden::parameters(&[
+                    (Parameter::WarnMask, warn.into()),
+                    (Parameter::ErrorMask, error.into()),
+                    (Parameter::CritMask, critical.into()),
+                ])
+            };
+            let mask = 1 << bit;
+            assert_eq!(health.level(&masks(0xFFFF, 0xFFFF, 0xFFFF)), Level::Ok);
+            health.set(condition, true, LINES, &mut monitor);
+            assert_eq!(health.level(&masks(!mask, !mask, !mask)), Level::Ok, "{bit}");
+            assert_eq!(health.level(&masks(mask, 0, 0)), Level::Warning, "{bit}");
+            assert_eq!(health.level(&masks(mask, mask, 0)), Level::Error, "{bit}");
+            assert_eq!(health.level(&masks(mask, mask, mask)), Level::Critical, "{bit}");
+        }
+    }
+
+    #[test]
+    fn the_counters_are_told_when_asked_for() {
+        let (mut health, mut monitor) = (Health::new(), Monitor::new());
+        health.counts = Counts { followed: 12_345, refused: 2, overruns: 321, given_up: 4 };
+        health.report(&mut monitor);
+        let told = told(&mut monitor);
+        for count in ["12345", "2", "321", "4"] {
+            assert!(told.contains(count), "{told}");
+        }
+    }
+
+    #[test]
+    fn a_count_goes_round() {
+        let mut counter = 65_534;
+        count(&mut counter);
+        count(&mut counter);
+        assert_eq!(counter, 0);
+    }
+}

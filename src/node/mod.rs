@@ -210,7 +210,7 @@ impl Node {
     /// What the controller is to let through.
     pub fn acceptance<P: Progmem>(&self, flash: P) -> NodeAcceptance<P> {
         #[allow(unused_mut, reason = "a build may have no other row")]
-        let mut row = self.dialect.row(&self.parameters);
+        let mut row = self.dialect.row();
         #[cfg(feature = "allocation")]
         if self.id == 0 {
             row = crate::dronecan::acceptance::Row::WithoutId;
@@ -285,9 +285,9 @@ impl Node {
 
     fn take_parameters(&mut self) {
         self.actuator.update(&self.parameters);
-        let row = self.dialect.row(&self.parameters);
+        let row = self.dialect.row();
         self.dialect.update(&self.parameters);
-        if row != self.dialect.row(&self.parameters) {
+        if row != self.dialect.row() {
             self.change_filters();
         }
     }
@@ -359,9 +359,6 @@ impl Node {
             Ok(segment) => segment,
             Err(rejection) => return self.reject(rejection, frame, monitor),
         };
-        if segment.kind.is_request() && segment.tail.is_end() && self.services.is_full() {
-            return self.reject(Rejection::Busy, frame, monitor);
-        }
         let own_id = self.parameters.get(match segment.kind {
             #[cfg(feature = "lights")]
             Kind::LightsCommand => Parameter::LightId,
@@ -375,6 +372,7 @@ impl Node {
                 let line = self.act(message, now_ms, servo);
                 self.conclude(line, message, monitor);
             }
+            Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),
             Verdict::Request(request) => {
                 self.note.a = request.kind.id();
                 let line = self.serve(request, flash);
@@ -433,7 +431,7 @@ impl Node {
             return Line::RefusedSource;
         };
         let is_draft = Dialect::is_of_draft(transfer.priority);
-        if (kind.is_command() || kind == Kind::NodeStatus) && !self.dialect.hear(is_draft, &self.parameters) {
+        if (kind.is_command() || kind == Kind::NodeStatus) && !self.dialect.hear(is_draft) {
             return Line::RefusedType;
         }
         let line = match kind {

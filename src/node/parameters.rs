@@ -143,7 +143,7 @@ pub const PACKED: [u8; LEN] = {
 };
 
 /// The CRC of all names and ranges.
-pub(super) const DIGEST: u16 = {
+pub const DIGEST: u16 = {
     let mut digest = 0xFFFF;
     let mut n = 0;
     while n < COUNT {
@@ -473,7 +473,11 @@ mod tests {
         let names: std::collections::HashSet<_> = TABLE.iter().map(|entry| entry.0).collect();
         assert_eq!(names.len(), COUNT);
         for name in names {
-            assert!(name.len() <= 16 && name.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_'), "{name}");
+            assert!(
+                name.len() <= 16
+                    && name.bytes().all(|byte| byte.is_ascii_uppercase() || byte.is_ascii_digit() || byte == b'_'),
+                "{name}"
+            );
         }
     }
 

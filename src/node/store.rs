@@ -42,8 +42,11 @@ const MARKER: u8 = VALUES_LEN + CRC_LEN;
 const _: () = assert!(UNIQUE_ID + UNIQUE_ID_LEN + CRC_LEN < PARAMETERS[0]);
 const _: () = assert!(PARAMETERS[0] + MARKER < PARAMETERS[1] && PARAMETERS[1].checked_add(MARKER).is_some());
 
-/// The marker of a record that is none: as erased.
-const NO_RECORD: u8 = 0xFF;
+/// A byte that was erased.
+const ERASED: u8 = 0xFF;
+
+/// The marker of a record that is none.
+const NO_RECORD: u8 = ERASED;
 
 /// In the marker of parameters: the lower two bits count the saves.
 const COUNT_MASK: u8 = 3;
@@ -157,8 +160,8 @@ impl Store {
             return false;
         }
         parameters.set_defaults(flash);
-        // With both markers erased nothing was ever saved, or the first save did not come to its end.
-        first & second != NO_RECORD
+        // The first save was to the first address, and begins with CAN_NODE. The markers of a table of another length are elsewhere.
+        eeprom.read(PARAMETERS[0]) != ERASED
     }
 
     /// Begins to save what is in force.
@@ -262,7 +265,7 @@ impl Default for Store {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::node::parameters::{COUNT, PACKED, Parameter};
+    use crate::node::parameters::{COUNT, Parameter};
     use crate::progmem::InMemory;
 
     /// An EEPROM whose supply can be cut.
@@ -336,7 +339,7 @@ mod tests {
         let mut parameters = defaults();
         for index in 0..COUNT as u8 {
             for value in [number, number + 1000] {
-                parameters.set(index, value, 0, InMemory);
+                parameters.set(index, value.into(), InMemory);
             }
         }
         parameters.take_change();
@@ -397,7 +400,7 @@ mod tests {
                 if !save_and_cut(&mut store, &mut new.clone(), &mut eeprom, writes) {
                     break;
                 }
-                let (at, byte) = eeprom.writing.unwrap();
+                let (at, _) = eeprom.writing.unwrap();
                 for garbage in 0..=255 {
                     let mut cells = eeprom.cells;
                     cells[usize::from(at)] = garbage;
@@ -407,8 +410,9 @@ mod tests {
                     assert!(parameters == old || parameters == new, "{saves} saves, {writes} writes, {garbage:#x}");
                     kept_old += u32::from(parameters == old);
                     kept_new += u32::from(parameters == new);
-                    // Before anything was saved, a marker cut in two looks like a copy that cannot be used.
-                    assert!(!is_lost || saves == 0 && garbage != byte && at == PARAMETERS[0] + MARKER);
+                    // The very first save leaves something that cannot be used, unless it is cut before it begins or at its end.
+                    let has_begun = after.cells[usize::from(PARAMETERS[0])] != 0xFF;
+                    assert_eq!(is_lost, saves == 0 && parameters == old && has_begun, "{writes} writes, {garbage:#x}");
                     // And it goes on from there.
                     if garbage % 51 == 0 {
                         let mut eeprom = after;
@@ -458,7 +462,7 @@ mod tests {
         let (start, old) = after_saves(3);
         let before = set(200);
         let mut after = before;
-        assert!(after.set(Parameter::TempId as u8, VALUE, 0, InMemory));
+        assert!(after.set(Parameter::TempId as u8, VALUE.into(), InMemory));
         after.take_change();
         for changed_at in 0..120 {
             for cut in 0..130 {
@@ -470,7 +474,7 @@ mod tests {
                 store.save();
                 while store.is_saving() && eeprom.writes <= cut {
                     if steps == changed_at {
-                        parameters.set(Parameter::TempId as u8, VALUE, 0, InMemory);
+                        parameters.set(Parameter::TempId as u8, VALUE.into(), InMemory);
                     }
                     store.step(&mut parameters, &mut eeprom);
                     eeprom.busy.set(0);
@@ -571,19 +575,63 @@ mod tests {
     fn without_a_save_a_change_is_not_written() {
         let mut eeprom = Model::blank();
         let (mut store, mut parameters, _) = loaded(&eeprom);
-        parameters.set(Parameter::CanNode as u8, 7, 0, InMemory);
+        parameters.set(Parameter::CanNode as u8, 7, InMemory);
         for _ in 0..100 {
             store.step(&mut parameters, &mut eeprom);
         }
         assert_eq!(eeprom.writes, 0);
     }
 
-    /// If this fails: change `LAYOUT`, or what older firmware has saved is taken for something else; then adapt this test.
+    /// Thesis builds, say, have fewer parameters, and another build may have more.
     #[test]
-    fn the_layout_s_version_is_that_of_the_names_and_ranges() {
-        let but_defaults = PACKED.iter().skip(usize::from(VALUES_LEN));
-        let sum = but_defaults.fold(0, |sum, &byte| crc::add(sum, byte));
-        assert_eq!((LAYOUT, sum), (2 << 2, 55_677));
+    fn parameters_of_a_longer_or_a_shorter_table_are_lost() {
+        for saves in 1..4 {
+            for len in (2..2 * (COUNT + 8)).filter(|&len| len != 2 * COUNT && len <= 0x70 - 3) {
+                let mut eeprom = Model::blank();
+                for (save, &base) in PARAMETERS.iter().enumerate().take(saves) {
+                    let marker = LAYOUT | save as u8;
+                    let values: Vec<u8> =
+                        (0..len).map(|n| if n % 2 == 0 { 120 } else { 0xFF * (n % 4 / 3) as u8 }).collect();
+                    let sum = values.iter().fold(0x1234 ^ u16::from(marker), |sum, &byte| crc::add(sum, byte));
+                    let record = [&values, &sum.to_be_bytes()[..], &[marker]].concat();
+                    eeprom.cells[usize::from(base)..][..record.len()].copy_from_slice(&record);
+                }
+                let (_, parameters, is_lost) = loaded(&eeprom);
+                assert_eq!((parameters, is_lost), (defaults(), true), "{len} bytes, {saves} saves");
+            }
+        }
+    }
+
+    /// Makes of the record at `base` what it would be in a build whose table of parameters has another digest.
+    fn of_another_table(eeprom: &mut Model, base: u8, digest: u16) {
+        let base = usize::from(base);
+        let marker = eeprom.cells[base + usize::from(MARKER)];
+        let values = &eeprom.cells[base..base + usize::from(VALUES_LEN)];
+        let sum = values.iter().fold(digest ^ u16::from(marker), |sum, &byte| crc::add(sum, byte));
+        eeprom.cells[base + usize::from(VALUES_LEN)..][..2].copy_from_slice(&sum.to_be_bytes());
+    }
+
+    #[test]
+    fn parameters_of_another_table_are_lost_and_the_unique_id_is_not() {
+        for saves in 1..4 {
+            for bit in 0..16 {
+                let (mut eeprom, saved) = after_saves(saves);
+                let id = identified(&mut eeprom, noise(1));
+                for base in PARAMETERS {
+                    of_another_table(&mut eeprom, base, parameters::DIGEST);
+                }
+                assert_eq!(loaded(&eeprom).1, saved, "of this table");
+                for base in PARAMETERS {
+                    of_another_table(&mut eeprom, base, parameters::DIGEST ^ 1 << bit);
+                }
+                let (mut store, mut parameters, is_lost) = loaded(&eeprom);
+                assert_eq!((parameters, is_lost), (defaults(), true), "{saves} saves, bit {bit}");
+                assert_eq!(identified(&mut eeprom, || unreachable!()), id);
+                // And after the next save all is well.
+                assert!(save(&mut store, &mut parameters, &mut eeprom));
+                assert!(!loaded(&eeprom).2);
+            }
+        }
     }
 
     #[test]

@@ -7,21 +7,24 @@
 //! saved, keep its unique ID, and after the failure have the old value or the new one.
 
 use dronecan_host::{Message, Value, crc};
+use node::desk::Memory;
 use node::node::condition::ResetCause;
 use node::node::parameters::{self, Parameter};
 
-use crate::board::Memory;
 use crate::rig::Rig;
 use crate::steps::Type;
 
-/// Where the records are (docs/parameters.md, EEPROM), and the bit that asks for it to be put right.
-const RECORDS: [(usize, usize, u8); 3] =
-    [(0x04, 16, 1 << 0), (0x20, 2 * parameters::COUNT, 1 << 1), (0x90, 2 * parameters::COUNT, 1 << 2)];
+/// Where the records are (docs/parameters.md, EEPROM), where their CRCs begin, and the bit that asks for one to be put right.
+const RECORDS: [(usize, usize, u16, u8); 3] = [
+    (0x04, 16, 0x0100, 1 << 0),
+    (0x20, 2 * parameters::COUNT, parameters::DIGEST, 1 << 1),
+    (0x90, 2 * parameters::COUNT, parameters::DIGEST, 1 << 2),
+];
 
 /// Gives a record the CRC that its bytes and its marker ask for.
-fn put_right(cells: &mut [u8; 256], start: usize, len: usize) {
+fn put_right(cells: &mut [u8; 256], start: usize, len: usize, sum: u16) {
     let marker = cells[start + len + 2];
-    let crc = crc::feed(0x0100 | u16::from(marker), &cells[start..start + len]);
+    let crc = crc::feed(sum ^ u16::from(marker), &cells[start..start + len]);
     cells[start + len..start + len + 2].copy_from_slice(&crc.to_be_bytes());
 }
 
@@ -58,7 +61,7 @@ fn has_travel(rig: &Rig) -> bool {
 
 /// Starts the node again, as after a power cut.
 fn restart(rig: &mut Rig) {
-    rig.memory.fails_after = None;
+    rig.desk.memory.fails_after = None;
     rig.start(ResetCause::POWER_ON);
 }
 
@@ -69,9 +72,9 @@ pub fn run(input: &[u8]) {
     for (cell, &byte) in memory.cells.iter_mut().zip(cells) {
         *cell = byte;
     }
-    for (start, len, bit) in RECORDS {
+    for (start, len, sum, bit) in RECORDS {
         if right & bit != 0 {
-            put_right(&mut memory.cells, start, len);
+            put_right(&mut memory.cells, start, len, sum);
         }
     }
     let mut rig = Rig::new(memory);
@@ -98,7 +101,7 @@ pub fn run(input: &[u8]) {
     assert_eq!(rig.who().map(|info| info.unique_id), id, "the unique ID is kept");
 
     let second = set(&mut rig, index, u16::from_le_bytes([b0, b1]));
-    rig.memory.fails_after = Some((failure.into(), garbage));
+    rig.desk.memory.fails_after = Some((failure.into(), garbage));
     // It may find that it cannot save; that is not the question.
     rig.ask(Type::ExecuteOpcode, &[0; 7]);
     restart(&mut rig);

@@ -7,7 +7,6 @@
 
 #![forbid(unsafe_code)]
 
-mod board;
 pub mod bridge;
 pub mod eeprom;
 pub mod host;

@@ -1,7 +1,8 @@
 //! The firmware's library: anything on the bus, at any time, with restarts, the button, the sensor and the controller's
 //! notices in between. See [`crate::rig`] for what must hold meanwhile, and [`crate::steps`] for the input.
 
-use crate::board::Memory;
+use node::desk::Memory;
+
 use crate::rig::Rig;
 use crate::steps::steps;
 

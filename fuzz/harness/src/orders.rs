@@ -113,7 +113,10 @@ impl Transfers {
             if tail & END != 0 {
                 return heard(part.to_vec(), true, false);
             }
-            let is_alone = self.is_alone(key, now_ms) && part.len() >= SUM;
+            if part.len() < SUM {
+                return None;
+            }
+            let is_alone = self.is_alone(key, now_ms);
             let stream = part.to_vec();
             self.sessions.insert(key, Session { number, toggle: true, stream, started_ms: now_ms, actuator, is_alone });
             return None;
@@ -133,14 +136,17 @@ impl Transfers {
         heard(payload.to_vec(), session.is_alone, session.actuator != actuator)
     }
 
-    /// Whether a transfer that begins is a command array, and no other sender's is under way. It takes that from the others.
+    /// Whether a transfer that begins is a list, and no other is under way. It takes that from the others.
     fn is_alone(&mut self, key: u32, now_ms: u64) -> bool {
-        let is_array = |key: u32| matches!(CanId::parse(key), Some(CanId::Message { type_id, .. }) if type_id == types::ARRAY_COMMAND.id);
-        if !is_array(key) {
+        let is_list = |key: u32| {
+            let lists = [types::ARRAY_COMMAND.id, types::LIGHTS_COMMAND.id, draft::types::ARRAY_COMMAND.id];
+            matches!(CanId::parse(key & !DRAFT), Some(CanId::Message { type_id, .. }) if lists.contains(&type_id))
+        };
+        if !is_list(key) {
             return false;
         }
         let mut is_alone = true;
-        for (_, session) in self.sessions.iter_mut().filter(|(other, _)| **other != key && is_array(**other)) {
+        for (_, session) in self.sessions.iter_mut().filter(|(other, _)| **other != key && is_list(**other)) {
             is_alone &= now_ms - session.started_ms > TIMEOUT_MS;
             session.is_alone = false;
         }

@@ -1,27 +1,23 @@
-//! The firmware's library on a board of plain variables, served as `src/main.rs` does it, and watched all the time:
+//! The firmware's library on its [desk](node::desk), watched all the time:
 //!
 //! * The servo moves only by a valid command for this output, and then to where that asks; by the failsafe, when there is a
 //!   reason for that; and not before the first command. A command in one frame always moves it, and one in several if no
 //!   other sender is at it. It restarts only if asked to.
 //! * What the node sends is valid DroneCAN, of types that are known, from its own ID; and each reply was asked for.
 //! * What it tells on the serial monitor is lines of printable ASCII.
-//! * Nothing goes on for ever.
+//! * The servo output has what the node wants it to have, and nothing goes on for ever.
 
 use std::collections::HashSet;
 use std::time::Duration;
 
 use dronecan_host::{CanId, Heard as Observed, Message, NodeInfo, Observer, Said, Transfer, draft, split, types};
 use node::can::Frame;
-use node::can::mcp2515::{Counters, Event, Notice};
-use node::dronecan::draft::translate;
-use node::dronecan::receive::Receiver;
-use node::monitor::Monitor;
-use node::node::Node;
+use node::can::mcp2515::{Event, Notice};
+use node::desk::{Desk, Memory};
+use node::node::agenda::Agenda;
 use node::node::condition::ResetCause;
 use node::node::parameters::Parameter;
-use node::node::servo::{Output, Ticks};
 
-use crate::board::{Flash, Memory};
 use crate::orders::{self, Heard, Order, Transfers};
 use crate::steps::{Damage, Input, Sent, Step, Type};
 
@@ -30,13 +26,6 @@ const REQUEST: u32 = 0x1E00_8080;
 
 /// Priority of the messages: the middle.
 const MESSAGE: u32 = 0x1000_0000;
-
-/// What the UART takes in a millisecond at 115200 baud.
-const BYTES_PER_MS: u32 = 11;
-
-/// So many steps of the serial monitor without a character mean that it has nothing to tell. Then it is looked at less often,
-/// which saves half of the time.
-const QUIET: u32 = 40;
 
 /// No line is longer; the longest are about 80 characters.
 const LINE_MAX: usize = 120;
@@ -55,17 +44,10 @@ const ASKER: u8 = 126;
 
 /// See the module.
 pub struct Rig {
-    node: Node,
-    receiver: Receiver,
-    monitor: Monitor,
-    /// What survives a reset.
-    pub memory: Memory,
-    is_pressed: bool,
-    sensor: u16,
-    now_ms: u64,
+    /// The node, and what is around it. The controller has room for frames in [`leave`](Self::leave) only.
+    pub desk: Desk,
+    /// The line that the serial monitor is at.
     line: Vec<u8>,
-    /// Steps of the serial monitor since its last character.
-    silent_for: u32,
 
     heard: Transfers,
     /// Requests: service, who asked, transfer ID.
@@ -82,26 +64,12 @@ pub struct Rig {
     armed_ms: Option<u64>,
 }
 
-/// A servo that is looked at in the node.
-struct Nowhere;
-
-impl Output for Nowhere {
-    fn set(&mut self, _width: Ticks) {}
-}
-
 impl Rig {
     /// A node that has just started, with this EEPROM.
     pub fn new(memory: Memory) -> Rig {
         let mut rig = Rig {
-            node: Node::new(),
-            receiver: Receiver::new(),
-            monitor: Monitor::new(),
-            memory,
-            is_pressed: false,
-            sensor: 51,
-            now_ms: 0,
+            desk: Desk::start(memory, ResetCause::POWER_ON),
             line: Vec::new(),
-            silent_for: 0,
             heard: Transfers::default(),
             asked: HashSet::new(),
             sent: Observer::new(),
@@ -111,16 +79,17 @@ impl Rig {
             followed_ms: None,
             armed_ms: None,
         };
-        rig.start(ResetCause::POWER_ON);
+        rig.begin();
         rig
     }
 
     /// The board is reset, or asked to restart.
     pub fn start(&mut self, cause: ResetCause) {
-        self.memory.settle();
-        self.node = Node::new();
-        self.receiver = Receiver::new();
-        self.monitor = Monitor::new();
+        let memory = std::mem::replace(&mut self.desk.memory, Memory::blank());
+        // What is on the desk and not of the node stays as it is.
+        let (readings, is_pressed) = (self.desk.readings, self.desk.is_pressed);
+        self.desk = Desk::start(memory, cause);
+        (self.desk.readings, self.desk.is_pressed) = (readings, is_pressed);
         self.line.clear();
         self.heard = Transfers::default();
         self.asked.clear();
@@ -129,29 +98,28 @@ impl Rig {
         self.has_heard_draft = false;
         self.followed_ms = None;
         self.armed_ms = None;
-        self.now_ms = 0;
-        let mut noise = 0u8;
-        let jitter = || {
-            noise = noise.wrapping_mul(37).wrapping_add(11);
-            noise
-        };
-        self.node.start(cause, &mut self.memory, jitter, Flash, &mut self.monitor);
-        self.do_chores();
-        assert_eq!(self.node.pulse(), 0, "a pulse before any command");
+        self.begin();
+    }
+
+    fn begin(&mut self) {
+        self.desk.can.room = 0;
+        self.desk.settle();
+        assert_eq!(self.desk.node.pulse(), 0, "a pulse before any command");
     }
 
     /// The node's ID; 0 while it has none.
     pub fn id(&self) -> u8 {
-        self.node.id()
+        self.desk.node.id()
     }
 
     /// The value of a parameter, in 16 bits.
     pub fn parameter(&self, index: u8) -> Option<u16> {
-        self.node.parameters.value(index)
+        self.desk.node.parameters.value(index)
     }
 
-    fn clock(&self) -> u16 {
-        self.now_ms as u16
+    /// Since the start.
+    fn now_ms(&self) -> u64 {
+        self.desk.ms.into()
     }
 
     /// Does what the step says.
@@ -173,11 +141,11 @@ impl Rig {
 
     fn input(&mut self, input: Input) {
         match input {
-            Input::Pressed => self.is_pressed = true,
-            Input::Released => self.is_pressed = false,
-            Input::Question => self.node.report(&mut self.monitor),
+            Input::Pressed => self.desk.is_pressed = true,
+            Input::Released => self.desk.is_pressed = false,
+            Input::Question => self.desk.is_asked = true,
             Input::Reset => self.start(ResetCause::EXTERNAL),
-            Input::Sensor(reading) => self.sensor = reading,
+            Input::Sensor(reading) => self.desk.readings = [reading; 2],
             Input::Controller(event, value) => {
                 let events = [
                     Event::Running,
@@ -189,7 +157,7 @@ impl Rig {
                     Event::Flags,
                 ];
                 let event = events[usize::from(event) % events.len()];
-                self.node.notice(Notice { event, value }, &mut self.monitor);
+                self.desk.node.notice(Notice { event, value }, &mut self.desk.monitor);
             }
         }
     }
@@ -197,7 +165,7 @@ impl Rig {
     /// The identifier of frames of a type to the node.
     fn identifier(&self, what: Type, source: u8) -> [u8; 4] {
         let message = |data_type: u16| MESSAGE | u32::from(data_type) << 8;
-        let me = u32::from(self.node.id());
+        let me = u32::from(self.desk.node.id());
         let request = |service: u16| REQUEST | u32::from(service) << 16 | me << 8;
         let id = match what {
             Type::ArrayCommand => message(types::ARRAY_COMMAND.id),
@@ -248,29 +216,17 @@ impl Rig {
     pub fn receive(&mut self, id: [u8; 4], data: &[u8]) {
         let mut frame = Frame { id, len: data.len() as u8, ..Frame::EMPTY };
         frame.data[..data.len()].copy_from_slice(data);
-        let (before, now_ms) = (self.node.pulse(), self.clock());
-        let parameters = self.node.parameters;
-        if self.node.hears_draft() {
-            translate(&mut frame, Flash);
-        }
-        if !self.node.follow_at_once(&frame, now_ms, &mut self.monitor, &mut Nowhere) {
-            self.node.receive(&frame, &mut self.receiver, now_ms, Flash, &mut self.monitor, || ());
-        }
-        let mut turns = 0;
-        while self.receiver.has_transfer() || self.receiver.recall() {
-            self.node.act(&mut self.receiver, now_ms, Flash, &mut self.monitor, &mut Nowhere, || ());
-            turns += 1;
-            assert!(turns < 5, "it acts on a transfer for ever");
-        }
-        self.do_chores();
-        let after = self.node.pulse();
+        let (before, now_ms) = (self.desk.node.pulse(), self.now_ms());
+        let parameters = self.desk.node.parameters;
+        self.desk.hear(&frame);
+        let after = self.desk.node.pulse();
         let raw = u32::from_be_bytes(id);
         // Whether the node hears the draft is for it to know; what it does not hear there does not move it.
         let (v0, draft) = if id[0] & Frame::FOREIGN != 0 {
             (None, None)
         } else {
-            let v0 = self.heard.push(raw, data, self.now_ms, &parameters);
-            (v0, self.heard.push_draft(raw, data, self.now_ms, &parameters))
+            let v0 = self.heard.push(raw, data, now_ms, &parameters);
+            (v0, self.heard.push_draft(raw, data, now_ms, &parameters))
         };
         let is_ambiguous = draft.is_some();
         self.has_heard_draft |= is_ambiguous;
@@ -282,111 +238,87 @@ impl Rig {
             // With DIALECT 1 or 2 it takes messages of that one only.
             let dialect = parameters.get(Parameter::Dialect);
             let is_taken = dialect == 0 || dialect == if heard.is_draft { DRAFT } else { 1 };
-            match heard.order(self.node.id(), &parameters) {
+            match heard.order(self.desk.node.id(), &parameters) {
                 Some(Order::Go { .. } | Order::Arm(_)) if !is_taken => {}
                 Some(Order::Go { widths, is_clear }) => {
                     let needs_arming = parameters.get(Parameter::ArmReq) != 0;
-                    let armed_for = self.armed_ms.map(|since| self.now_ms - since);
+                    let armed_for = self.armed_ms.map(|since| now_ms - since);
                     if !needs_arming || armed_for.is_some_and(|ms| ms <= ARMED_FOR_MS.1) {
                         goals.extend(widths);
                         let is_armed = !needs_arming || armed_for.is_some_and(|ms| ms < ARMED_FOR_MS.0);
-                        must_move = is_clear && heard.is_sure && !is_ambiguous && is_armed && self.node.id() != 0;
+                        must_move = is_clear && heard.is_sure && !is_ambiguous && is_armed && self.desk.node.id() != 0;
                     }
                 }
                 Some(Order::Restart) => {
                     self.may_restart = true;
                     goals.extend(orders::failsafe(&parameters));
                 }
-                Some(Order::Arm(on)) if heard.is_sure => self.armed_ms = on.then_some(self.now_ms),
+                Some(Order::Arm(on)) if heard.is_sure => self.armed_ms = on.then_some(now_ms),
                 Some(Order::Arm(_)) | None => {}
             }
         }
         let is_there = goals.iter().any(|width| width.fits(after));
         assert!(is_there || !must_move && after == before, "from {before} to {after} ticks, where {goals:?} may be");
         if must_move {
-            self.followed_ms = Some(self.now_ms);
+            self.followed_ms = Some(now_ms);
         }
     }
 
     /// So much time passes.
     pub fn wait(&mut self, ms: u16) {
         for _ in 0..ms {
-            if self.now_ms >= LIFE_MS {
+            if self.now_ms() >= LIFE_MS {
                 return;
             }
             self.tick();
         }
     }
 
-    /// What the main loop does when there is no frame to handle.
-    fn do_chores(&mut self) {
-        let mut chores = 0;
-        while self.node.has_chores() {
-            self.node.do_chore(&mut self.monitor);
-            chores += 1;
-            assert!(chores < 5, "chores for ever");
-        }
-    }
-
     fn tick(&mut self) {
-        self.now_ms += 1;
-        let now_ms = self.clock();
-        let before = self.node.pulse();
-        self.node.tick(1, self.is_pressed, now_ms, &mut self.memory, &mut self.monitor);
-        let after = self.node.pulse();
+        let (before, now_ms) = (self.desk.node.pulse(), self.now_ms());
+        self.desk.pass(1);
+        let after = self.desk.node.pulse();
+        assert_eq!(self.desk.servo.0, after, "the servo has another pulse");
         if after != before {
-            let parameters = &self.node.parameters;
+            let parameters = &self.desk.node.parameters;
             let timeout_ms = u64::from(parameters.get(Parameter::Out1Timeout));
-            let is_late = self.followed_ms.is_none_or(|followed| self.now_ms - followed >= timeout_ms);
+            let is_late = self.followed_ms.is_none_or(|followed| now_ms - followed >= timeout_ms);
             let has_reason = timeout_ms != 0 && is_late || parameters.get(Parameter::ArmReq) != 0;
             let goal = orders::failsafe(parameters);
             assert!(has_reason && goal.is_some_and(|goal| goal.fits(after)), "from {before} to {after} by itself");
         }
-        self.node.takes_filters();
-        if self.node.is_to_restart(now_ms) {
+        self.read();
+        if self.desk.is_to_restart {
             assert!(self.may_restart, "nobody asked it to restart");
-            return self.start(ResetCause::ASKED_FOR);
+            self.start(ResetCause::ASKED_FOR);
         }
-        self.node.read_temperature(self.sensor);
-        self.do_chores();
-        self.node.controller_is_empty(now_ms);
-        for _ in 0..if self.silent_for < QUIET { 2 * BYTES_PER_MS } else { 2 } {
-            self.tell();
-        }
-        assert_eq!(self.node.pulse(), after, "moved by a chore");
     }
 
-    /// A step of the serial monitor.
-    fn tell(&mut self) {
-        let byte = self.monitor.next_byte(Flash);
-        self.silent_for = if byte == 0 { self.silent_for.saturating_add(1) } else { 0 };
-        match byte {
-            0 => {}
-            b'\r' | b'\n' => self.line.clear(),
-            byte => {
-                assert!((0x20..0x7F).contains(&byte), "a character {byte:#04x}");
-                self.line.push(byte);
-                assert!(self.line.len() <= LINE_MAX, "a line without end: {}", String::from_utf8_lossy(&self.line));
+    /// Reads what was told on the serial monitor.
+    fn read(&mut self) {
+        for byte in self.desk.told.drain(..) {
+            match byte {
+                b'\r' | b'\n' => self.line.clear(),
+                byte => {
+                    assert!((0x20..0x7F).contains(&byte), "a character {byte:#04x}");
+                    self.line.push(byte);
+                    assert!(self.line.len() <= LINE_MAX, "a line without end: {}", String::from_utf8_lossy(&self.line));
+                }
             }
         }
     }
 
     /// The controller takes so many frames, as far as the node has them.
-    pub fn leave(&mut self, mut frames: u32) {
-        let mut steps = 0;
-        while frames != 0 {
-            steps += 1;
-            assert!(steps < 10_000, "it sends for ever");
-            let now_ms = self.clock();
-            if self.node.is_ready() {
-                let frame = *self.node.frame();
-                self.node.handed_over(now_ms);
-                self.check(&frame);
-                frames -= 1;
-            } else if !self.node.prepare(&Counters::default(), Flash, &mut self.monitor, now_ms) {
-                return;
-            }
+    pub fn leave(&mut self, frames: u32) {
+        self.desk.can.room = frames;
+        // As if a millisecond had begun: then the controller is asked for room again.
+        self.desk.agenda = Agenda::new();
+        self.desk.idle();
+        self.desk.can.room = 0;
+        for (_, frame) in std::mem::take(&mut self.desk.can.sent) {
+            self.check(&frame);
         }
+        self.read();
     }
 
     /// What the node sends must be right.
@@ -480,14 +412,14 @@ impl Rig {
                 self.leave(u32::MAX);
             }
             // The draft has no way to ask.
-            let is_v0 = !self.has_heard_draft && self.node.parameters.get(Parameter::Dialect) != DRAFT;
+            let is_v0 = !self.has_heard_draft && self.desk.node.parameters.get(Parameter::Dialect) != DRAFT;
             assert!(!is_v0 || !self.transfers.is_empty(), "it does not ask for an ID");
             return;
         };
         assert!(!info.name.is_empty(), "{info}");
         let source = self.other();
         let command = |rig: &mut Rig, value: f32| {
-            let actuator = rig.node.parameters.get(Parameter::Out1Id) as u8;
+            let actuator = rig.desk.node.parameters.get(Parameter::Out1Id) as u8;
             let [low, high] = half::f16::from_f32(value).to_le_bytes();
             rig.send(
                 &Sent { what: Type::ArrayCommand, source, number: 0, payload: vec![actuator, 0, low, high] },
@@ -498,6 +430,6 @@ impl Rig {
         // The rig sees to it that both move the servo.
         command(self, 0.5);
         command(self, -0.5);
-        assert!(self.node.pulse() != 0 || self.node.parameters.get(Parameter::Dialect) == DRAFT);
+        assert!(self.desk.node.pulse() != 0 || self.desk.node.parameters.get(Parameter::Dialect) == DRAFT);
     }
 }

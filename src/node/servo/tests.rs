@@ -203,7 +203,7 @@ fn the_byte_of_the_thesis_covers_the_travel_exactly() {
 fn the_position_told_is_that_of_the_pulse() {
     for case in Case::all() {
         for pulse in case.low as Ticks..=case.high as Ticks {
-            let bits = radians(case.travel.position(pulse));
+            let bits = case.travel.position(pulse);
             assert!(float16::is_finite(bits));
             let ticks = f64::from(pulse) - case.trim;
             let half = if ticks < 0.0 { case.trim - case.low } else { case.high - case.trim };
@@ -223,7 +223,7 @@ fn the_position_told_is_that_of_the_pulse() {
 fn a_command_of_the_position_told_gives_the_pulse_again() {
     for case in Case::all() {
         for pulse in case.low as Ticks..=case.high as Ticks {
-            let value = float16::to_fixed(radians(case.travel.position(pulse)), CommandType::Position.fraction_bits());
+            let value = float16::to_fixed(case.travel.position(pulse), CommandType::Position.fraction_bits());
             let again = case.travel.pulse(CommandType::Position, value);
             let ticks = (f64::from(pulse) - case.trim).abs();
             // As above, in ticks, and half of one.
@@ -237,7 +237,7 @@ fn a_command_of_the_position_told_gives_the_pulse_again() {
 fn any_pulse_has_some_position_even_outside_of_a_travel_that_was_just_made_shorter() {
     for case in Case::all() {
         for pulse in 0..=u16::MAX {
-            assert!(float16::is_finite(radians(case.travel.position(pulse))), "{pulse} {:?}", case.travel);
+            assert!(float16::is_finite(case.travel.position(pulse)), "{pulse} {:?}", case.travel);
         }
     }
 }

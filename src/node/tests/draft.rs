@@ -1,0 +1,190 @@
+//! The UAVCAN draft of 2014, beside DroneCAN v0.
+
+use super::*;
+use crate::dronecan::acceptance::Row;
+
+/// Of the draft, from node 1: actuator 1 to 0.5, and to -1.
+const DRAFT_HALF: &str = "084C040A 01 00 38";
+const DRAFT_LOW: &str = "084C040B 01 00 BC";
+
+/// The thesis's command of node 1 in the draft: to the upper end.
+const DRAFT_THESIS: &str = "17C40409 FF";
+
+/// NodeStatus of node 1 in the draft.
+const DRAFT_STATUS: &str = "1134040B 01 00 00 00 00 00";
+
+/// The same in v0, from node 10.
+const V0_HALF: &str = "1003F20A 01 00 00 38 C7";
+const V0_STATUS: &str = "1001550A 01 00 00 00 00 00 00 C0";
+
+/// NodeStatus of node 120 in the draft, without its transfer ID.
+const OWN_STATUS: [u8; 3] = [0x11, 0x35, 0xE0];
+
+/// Whether the last status was sent in the draft.
+fn speaks_draft(rig: &mut Rig) -> bool {
+    rig.can.sent.clear();
+    rig.run(1100);
+    let statuses: Vec<bool> = rig
+        .can
+        .sent
+        .iter()
+        .filter_map(|(_, frame)| {
+            let is_draft = frame.id[..3] == OWN_STATUS;
+            (is_draft || golden::id(frame) == NODE_STATUS).then_some(is_draft)
+        })
+        .collect();
+    *statuses.last().expect("a status a second")
+}
+
+#[test]
+fn commands_of_the_draft_move_the_servo_where_nobody_speaks_v0() {
+    let mut rig = Rig::new();
+    for (text, pulse) in [(DRAFT_HALF, 1750.0), (DRAFT_LOW, 1000.0), (DRAFT_THESIS, 2000.0)] {
+        rig.text(text);
+        assert_eq!(rig.node.pulse(), us(pulse), "{text}");
+    }
+    assert!(speaks_draft(&mut rig));
+    assert_eq!(rig.code() & Conditions::DRAFT.code(), Conditions::DRAFT.code());
+}
+
+#[test]
+fn a_command_of_the_draft_in_two_frames_is_put_together() {
+    let payload = [2, 0x00, 0xBC, 1, 0x00, 0x38, 3, 0x00, 0x00];
+    // Where the CRC of this type begins is known from the autopilot of the thesis; its sum is made the plain way here.
+    let mut sum = Kind::DraftCommand.seed();
+    for byte in payload {
+        sum = crate::dronecan::crc::add(sum, byte);
+    }
+    let all = [&sum.to_le_bytes(), &payload[..]].concat();
+    let mut rig = Rig::new();
+    rig.frames(&[golden::frame(0x084C_0402, &all[..8]), golden::frame(0x084C_041A, &all[8..])]);
+    assert_eq!(rig.node.pulse(), us(1750.0));
+}
+
+#[test]
+fn v0_wins_at_once_and_the_draft_is_followed_only_after_v0_has_been_silent_for_three_to_four_seconds() {
+    for v0 in [V0_HALF, V0_STATUS] {
+        for start in [2000, 2300, 2999, 64_990] {
+            let mut rig = Rig::with(&[(Parameter::Out1Timeout, 0)]);
+            rig.run(start);
+            rig.text(DRAFT_LOW);
+            assert_eq!(rig.node.pulse(), us(1000.0));
+            rig.text(v0);
+            assert_eq!(rig.node.pulse(), if v0 == V0_HALF { us(1750.0) } else { us(1000.0) }, "at once");
+            let mut silent_ms = 0;
+            while rig.node.pulse() != us(2000.0) {
+                rig.run(1);
+                silent_ms += 1;
+                assert!(silent_ms <= 4000, "{v0}");
+                rig.text(DRAFT_THESIS);
+            }
+            assert!(silent_ms >= 3000, "{silent_ms} ms after {v0}");
+        }
+    }
+}
+
+#[test]
+fn no_flood_of_the_draft_keeps_v0_out() {
+    let mut rig = Rig::new();
+    for _ in 0..100 {
+        for _ in 0..10 {
+            rig.text(DRAFT_LOW);
+            rig.text(DRAFT_STATUS);
+            rig.run(1);
+        }
+        rig.text(V0_HALF);
+        assert_eq!(rig.node.pulse(), us(1750.0));
+        rig.text(DRAFT_LOW);
+        assert_eq!(rig.node.pulse(), us(1750.0), "v0 is still there");
+    }
+    assert!(!speaks_draft(&mut rig));
+}
+
+#[test]
+fn with_dialect_1_nothing_of_the_draft_is_followed() {
+    let mut rig = Rig::with(&[(Parameter::Dialect, 1)]);
+    for _ in 0..10 {
+        rig.text(DRAFT_HALF);
+        rig.text(DRAFT_STATUS);
+        rig.run(1000);
+    }
+    assert_eq!(rig.node.pulse(), 0);
+    assert!(!speaks_draft(&mut rig));
+    rig.text(V0_HALF);
+    assert_eq!(rig.node.pulse(), us(1750.0));
+}
+
+#[test]
+fn with_dialect_2_nothing_of_v0_is_followed_and_all_is_sent_in_the_draft() {
+    let mut rig = Rig::with(&[(Parameter::Dialect, 2)]);
+    for _ in 0..10 {
+        rig.text(V0_HALF);
+        rig.text(V0_STATUS);
+        rig.run(1000);
+    }
+    assert_eq!(rig.node.pulse(), 0);
+    assert!(speaks_draft(&mut rig));
+    assert!(
+        rig.can.sent.iter().all(|(_, frame)| frame.id[1] & 1 == 1 && frame.id[2] & 0xFC == 0xE0),
+        "{:?}",
+        rig.can.sent
+    );
+    rig.text(DRAFT_HALF);
+    assert_eq!(rig.node.pulse(), us(1750.0));
+}
+
+#[test]
+fn the_controller_is_told_what_to_let_through_by_dialect() {
+    let deaf = if cfg!(feature = "standard") { Row::Either } else { Row::Thesis };
+    for (dialect, row) in [(0, Row::Either), (1, Row::V0), (2, deaf)] {
+        let mut rig = Rig::with(&[(Parameter::Dialect, dialect)]);
+        assert_eq!(rig.node.acceptance(InMemory).row, row, "{dialect}");
+        rig.run(5000);
+        assert_eq!(rig.can.filters_set, 0, "from the start on");
+    }
+}
+
+#[test]
+fn with_another_dialect_the_controller_gets_other_filters() {
+    let mut rig = Rig::with(&[(Parameter::Dialect, 1)]);
+    rig.run(1000);
+    rig.set(Parameter::Dialect, 0);
+    rig.run(1);
+    assert_eq!((rig.can.filters_set, rig.can.filters.map(|filters| filters.row)), (1, Some(Row::Either)));
+    rig.set(Parameter::Out1Id, 2);
+    rig.run(1000);
+    assert_eq!(rig.can.filters_set, 1, "another parameter");
+    rig.set(Parameter::Dialect, 1);
+    rig.run(1);
+    assert_eq!((rig.can.filters_set, rig.can.filters.map(|filters| filters.row)), (2, Some(Row::V0)));
+}
+
+#[test]
+fn requests_of_the_draft_are_answered_in_it() {
+    let mut rig = Rig::new();
+    rig.run(100);
+    rig.can.sent.clear();
+    // GetNodeInfo from node 127 to node 120.
+    rig.text("113BFC0D 78");
+    rig.run(10);
+    let reply: Vec<Frame> =
+        rig.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| frame.id[..3] == [0x11, 0x39, 0xE0]).collect();
+    // Each with the destination, the index, the transfer ID, and whether it is the last.
+    for (n, frame) in reply.iter().enumerate() {
+        let last = if n + 1 == reply.len() { 8 } else { 0 };
+        assert_eq!((frame.data[0], frame.id[3]), (127, (n as u8) << 4 | last | 5), "{reply:?}");
+    }
+    let payload: Vec<u8> = reply.iter().flat_map(|frame| frame.data()[1..].to_vec()).skip(2).collect();
+    // A status of six bytes, then the versions, the unique ID and the name.
+    assert_eq!(payload.len(), usize::from(information::NODE_INFO_LEN) - 1);
+    assert_eq!(payload[23..39], rig.node.unique_id);
+    assert!(payload.ends_with(information::NAME.as_bytes()));
+    // RestartNode with its magic number.
+    rig.can.sent.clear();
+    rig.text("1183FC0E 78 1E 1B 55 CE AC");
+    rig.run(5);
+    let restarted = rig.can.sent.iter().find(|(_, frame)| frame.id == [0x11, 0x81, 0xE0, 0x0E]);
+    assert_eq!(restarted.map(|(_, frame)| frame.data().to_vec()), Some(vec![127, 0x80]));
+    rig.run(150);
+    assert!(rig.is_to_restart);
+}
