@@ -89,7 +89,8 @@ test-host:
 	cargo test -p bridge -p dronecan-host -p fuzz-harness -p sim
 
 test-firmware:
-	cargo test -p node --test '*'
+	cargo test -p node $(patsubst tests/%.rs,--test %,$(filter-out tests/driver.rs,$(wildcard tests/*.rs)))
+	cargo test -p node --features full --test driver
 
 # They mostly wait for real time.
 test-clients:

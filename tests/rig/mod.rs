@@ -42,9 +42,22 @@ pub const NODE_STATUS: u32 = 0x1801_5500;
 pub const ARRAY_COMMAND: u32 = 0x1003_F200;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
+/// The firmware of a test file: the default, or one with the features that the file is about.
+pub fn elf() -> PathBuf {
+    let features = match env!("CARGO_CRATE_NAME") {
+        "allocation" => "allocation",
+        // They read the counters.
+        "bus_faults" | "chip_faults" | "input_faults" | "processor_faults" | "reliability" | "soak" | "stats" => "stats",
+        "lights" => "button,lights",
+        "thesis" => "thesis",
+        _ => return node_elf(),
+    };
+    firmware(features).unwrap_or_else(|error| panic!("{error:#}"))
+}
+
 /// EEPROM of a board that has been started before, and so has its unique ID.
 pub fn started() -> &'static [u8] {
-    started_with(&node_elf())
+    started_with(&elf())
 }
 
 /// The same of a board with another firmware.
@@ -111,7 +124,7 @@ impl Rig {
 
     /// Boards with these EEPROMs, as different from each other as boards are. They get their power now.
     pub fn with_boards(eeproms: &[&[u8]]) -> Rig {
-        Rig::with_boards_of(&node_elf(), eeproms)
+        Rig::with_boards_of(&elf(), eeproms)
     }
 
     /// The same with this ELF.

@@ -8,7 +8,6 @@ use std::rc::Rc;
 use addr2line::Loader;
 use sim::Cycles;
 use sim::avr::{Avr, Moment};
-use sim::bench::node_elf;
 
 /// WDR, which resets the watchdog: once a turn.
 const WDR: u16 = 0x95A8;
@@ -191,7 +190,7 @@ impl Names {
     /// Those of the node.
     pub fn of_node() -> Names {
         let loader =
-            Loader::new(node_elf()).unwrap_or_else(|error| panic!("debugging information of the ELF: {error}"));
+            Loader::new(super::elf()).unwrap_or_else(|error| panic!("debugging information of the ELF: {error}"));
         Names { loader, known: RefCell::default() }
     }
 

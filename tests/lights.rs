@@ -1,0 +1,146 @@
+//! The button, whose presses are published, and the light, which is told, in the build that has them.
+
+mod rig;
+
+use rig::manage::ms_between;
+use rig::{MS, NODE, Rig};
+use sim::Cycles;
+use sim::can::Id;
+use sim::dronecan::{ActuatorStatus, CanStats, KeyValue, LightCommand, Message};
+
+const ACTUATOR_STATUS_OF_NODE: u32 = 0x1803_F300 | NODE;
+const CAN_STATS_OF_NODE: u32 = 0x1801_5700 | NODE;
+const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
+const POWER_UNKNOWN: u8 = 127;
+
+fn positions(rig: &Rig) -> Vec<(Cycles, ActuatorStatus)> {
+    rig.heard(|message| match message {
+        Message::ActuatorStatus(status) => Some(status),
+        _ => None,
+    })
+}
+
+// ---- actuator.Status ----
+
+// ---- button ----
+
+/// Presses or releases with so many bounces, a millisecond each.
+fn bounce(rig: &mut Rig, pressed: bool, bounces: u32) {
+    for n in 0..bounces {
+        rig.board().press_button(if n % 2 == 0 { pressed } else { !pressed });
+        rig.run_ms(1);
+    }
+    rig.board().press_button(pressed);
+}
+
+fn presses(rig: &Rig) -> Vec<f32> {
+    let pressed = rig.heard(|message| match message {
+        Message::KeyValue(KeyValue { value, key }) if key == b"btn" => Some(value),
+        _ => None,
+    });
+    pressed.into_iter().map(|(_, value)| value).collect()
+}
+
+#[test]
+fn a_press_of_the_button_publishes_the_count_once_however_it_bounces() {
+    let mut rig = Rig::running();
+    for count in 1..=5u8 {
+        bounce(&mut rig, true, 9);
+        rig.run_ms(200);
+        assert_eq!(presses(&rig).len(), usize::from(count));
+        bounce(&mut rig, false, 9);
+        rig.run_ms(200);
+    }
+    assert_eq!(presses(&rig), [1.0, 2.0, 3.0, 4.0, 5.0]);
+    let frames = rig.frames(KEY_VALUE_OF_NODE);
+    // Golden but for the transfer ID: pydronecan's KeyValue(value=3.0, key="btn").
+    assert_eq!(frames[2].1, [0x00, 0x00, 0x40, 0x40, 0x62, 0x74, 0x6E, 0xC2]);
+}
+
+#[test]
+fn a_spike_on_the_button_s_wire_is_no_press() {
+    let mut rig = Rig::running();
+    for _ in 0..20 {
+        rig.board().press_button(true);
+        rig.run_ms(5);
+        rig.board().press_button(false);
+        rig.run_ms(30);
+    }
+    assert_eq!(presses(&rig), Vec::<f32>::new());
+}
+
+#[test]
+fn a_button_held_at_the_start_and_released_is_no_trouble() {
+    let mut rig = Rig::powered();
+    rig.board().press_button(true);
+    rig.run_ms(500);
+    rig.board().press_button(false);
+    rig.run_ms(200);
+    assert!(presses(&rig).len() <= 1);
+    rig.board().press_button(true);
+    rig.run_ms(200);
+    assert!(!presses(&rig).is_empty());
+}
+
+// ---- light ----
+
+fn light(rig: &mut Rig, commands: &[(u8, u8, u8, u8)]) -> f64 {
+    let command = |&(light, red, green, blue)| LightCommand { light, red, green, blue };
+    rig.broadcast(&Message::LightsCommand(commands.iter().map(command).collect()), 0);
+    rig.run_ms(20);
+    rig.board().light()
+}
+
+#[test]
+fn the_light_is_off_until_it_is_told() {
+    let mut rig = Rig::powered();
+    rig.run_ms(500);
+    assert_eq!(rig.board().light(), 0.0);
+}
+
+#[test]
+fn a_lights_command_dims_the_light() {
+    let mut rig = Rig::running();
+    assert_eq!(light(&mut rig, &[(0, 31, 63, 31)]), 1.0);
+    assert_eq!(light(&mut rig, &[(0, 0, 0, 0)]), 0.0);
+    let red: Vec<f64> = (0..=31).map(|red| light(&mut rig, &[(0, red, 0, 0)])).collect();
+    assert!(red.windows(2).all(|pair| pair[0] < pair[1]), "{red:?}");
+    assert!((red[16] - 0.52).abs() < 0.06, "about half: {}", red[16]);
+    // Its one colour stands for all three.
+    for command in [(0, 31, 0, 0), (0, 0, 63, 0), (0, 0, 0, 31)] {
+        assert!(light(&mut rig, &[command]) > 0.3, "{command:?}");
+    }
+}
+
+#[test]
+fn only_commands_for_its_own_id_reach_the_light() {
+    let mut rig = Rig::running();
+    assert_eq!(light(&mut rig, &[(1, 31, 63, 31), (255, 31, 63, 31)]), 0.0);
+    let half = light(&mut rig, &[(1, 31, 63, 31), (0, 16, 32, 16), (2, 31, 63, 31)]);
+    assert!((0.4..0.6).contains(&half), "{half}");
+    rig.set("LIGHT_ID", 255);
+    assert_eq!(light(&mut rig, &[(0, 0, 0, 0)]), half, "no longer");
+    let all: Vec<_> = (236..=255).map(|id| (id, if id == 255 { 31 } else { 0 }, 0, 0)).collect();
+    assert!(light(&mut rig, &all) > half, "twenty commands");
+}
+
+#[test]
+fn a_wrong_transfer_leaves_the_light_as_it_is() {
+    let mut rig = Rig::running();
+    let half = light(&mut rig, &[(0, 16, 32, 16)]);
+    rig.send(0x1804_390A, &[0, 0xFF, 0xC0]);
+    rig.send(0x1804_390A, &[0x12, 0x34, 0, 0xFF, 0xFF, 1, 0xFF, 0x80]);
+    rig.send(0x1804_390A, &[0xFF, 2, 0xFF, 0xFF, 0x60]);
+    rig.send(0x1804_390A, &[0xC0]);
+    rig.run_ms(50);
+    assert_eq!(rig.board().light(), half);
+    // The servo's pulses are not disturbed by the light, nor the other way round.
+    rig.send_command(1, 4, 1321.0);
+    rig.run_ms(50);
+    rig.forget();
+    for n in 0..40 {
+        light(&mut rig, &[(0, n % 32, 0, 0)]);
+    }
+    assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1321.0));
+    assert!(rig.pulses.iter().all(|pulse| pulse.period_cycles.unwrap_or(20 * MS) == 20 * MS));
+}

@@ -1,0 +1,79 @@
+//! What the node counts of its bus: CanStats, in the build that has it.
+
+mod rig;
+
+use rig::manage::ms_between;
+use rig::{MS, NODE, Rig};
+use sim::Cycles;
+use sim::can::Id;
+use sim::dronecan::{ActuatorStatus, CanStats, KeyValue, LightCommand, Message};
+
+const ACTUATOR_STATUS_OF_NODE: u32 = 0x1803_F300 | NODE;
+const CAN_STATS_OF_NODE: u32 = 0x1801_5700 | NODE;
+const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
+const POWER_UNKNOWN: u8 = 127;
+
+fn positions(rig: &Rig) -> Vec<(Cycles, ActuatorStatus)> {
+    rig.heard(|message| match message {
+        Message::ActuatorStatus(status) => Some(status),
+        _ => None,
+    })
+}
+
+// ---- actuator.Status ----
+
+fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
+    rig.heard(|message| match message {
+        Message::CanStats(stats) => Some(stats),
+        _ => None,
+    })
+}
+
+#[test]
+fn can_statistics_come_at_their_rate_and_count_frames() {
+    let mut rig = Rig::running();
+    rig.set("STATS_RATE", 2);
+    rig.forget();
+    for _ in 0..300 {
+        rig.send_command(1, 0, 0.5);
+        rig.run_ms(10);
+    }
+    let told = stats(&rig);
+    assert!((5..=7).contains(&told.len()), "{} in 3 s", told.len());
+    let ((from, first), (to, last)) = (told[0], told[told.len() - 1]);
+    let within = |id: u32| {
+        rig.traffic.iter().filter(move |(at, frame)| {
+            (from..to).contains(at) && matches!(frame.id, Id::Extended(other) if other & 0x7F == id)
+        })
+    };
+    let (sent, received) = (within(NODE).count() as u32, within(10).count() as u32);
+    let tx = u32::from(last.tx_success.wrapping_sub(first.tx_success));
+    assert!(tx.abs_diff(sent) <= 8, "{tx} of {sent} frames sent");
+    assert!((last.tx_requests - first.tx_requests).abs_diff(sent) <= 8);
+    assert!((last.rx_received - first.rx_received).abs_diff(received) <= 2, "{first} {last}, {received}");
+    for stats in [first, last] {
+        assert_eq!((stats.interface, stats.tx_rejected, stats.tx_timedout, stats.rx_overflow), (0, 0, 0, 0));
+        assert_eq!((stats.rx_errors, stats.busoff_errors), (0, 0));
+    }
+}
+
+#[test]
+fn can_statistics_count_frames_lost_and_given_up() {
+    let mut rig = Rig::running();
+    rig.overflows_expected = true;
+    rig.set("STATS_RATE", 5);
+    rig.run_ms(300);
+    assert_eq!(stats(&rig).last().unwrap().1.rx_overflow, 0);
+    assert!(rig.lose_frames() > 5);
+    rig.run_ms(300);
+    assert!(stats(&rig).last().unwrap().1.rx_overflow > 0);
+    let port = rig.bench.port(0);
+    rig.bench.bus().connect(port, false);
+    rig.run_ms(3000);
+    rig.bench.bus().connect(port, true);
+    rig.forget();
+    rig.run_ms(1500);
+    let (_, last) = *stats(&rig).last().expect("statistics again");
+    assert!(last.tx_timedout + last.tx_abort > 0, "{last}");
+}
+
