@@ -8,7 +8,7 @@ use rig::{MS, Rig, started};
 use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
 
 /// Name, default, least and greatest value, in order (docs/parameters.md).
-const ALL: [(&str, i64, i64, i64); 27] = [
+const ALL: [(&str, i64, i64, i64); 24] = [
     ("CAN_NODE", 120, 0, 125),
     ("CAN_BAUDRATE", 1_000_000, 125_000, 1_000_000),
     ("OUT1_ID", 1, 0, 255),
@@ -30,16 +30,13 @@ const ALL: [(&str, i64, i64, i64); 27] = [
     ("TEMP_SLOPE", 100, 10, 500),
     ("TEMP_MIN", -40, -55, 150),
     ("TEMP_MAX", 85, -55, 150),
-    ("LIGHT_ID", 0, 0, 255),
-    ("STATS_RATE", 0, 0, 10),
     ("WARN_MASK", 0x2BFF, 0, 65_535),
     ("ERROR_MASK", 0x1400, 0, 65_535),
     ("CRIT_MASK", 0x2000, 0, 65_535),
-    ("DIALECT", 0, 0, 2),
 ];
 
 /// Parameters all over the set, of which each generation has values of its own. None of them disturbs the tests.
-const MARKED: [&str; 6] = ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "LIGHT_ID"];
+const MARKED: [&str; 6] = ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "ERROR_MASK"];
 
 fn mark(generation: i64) -> [i64; 6] {
     let g = generation % 200;
@@ -64,7 +61,7 @@ fn assert_defaults(rig: &mut Rig) {
 }
 
 #[test]
-fn there_are_27_with_these_names_ranges_and_defaults() {
+fn there_are_24_with_these_names_ranges_and_defaults() {
     let mut rig = Rig::running();
     for (index, (name, default, min, max)) in ALL.into_iter().enumerate() {
         let told = rig.parameter_at(index as u16);
@@ -73,7 +70,7 @@ fn there_are_27_with_these_names_ranges_and_defaults() {
         let numbers = [&told.value, &told.default, &told.min, &told.max].map(integer);
         assert_eq!(numbers, [default, default, min, max], "{name}");
     }
-    assert!(rig.parameter_at(27).name.is_empty());
+    assert!(rig.parameter_at(24).name.is_empty());
 }
 
 #[test]
@@ -102,9 +99,8 @@ fn what_was_saved_is_there_after_a_restart_and_a_power_cut() {
     let ends: Vec<_> = ALL
         .into_iter()
         // The node would answer under another ID, at another bit rate, and in another dialect.
-        .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE", "DIALECT"].contains(name))
+        .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE"].contains(name))
         .map(|(name, default, min, max)| (name, if default == max { min } else { max }))
-        .chain([("DIALECT", 1)])
         .collect();
     for &(name, end) in &ends {
         rig.set(name, end);

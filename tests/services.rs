@@ -297,43 +297,6 @@ fn a_firmware_update_is_refused_with_a_reason() {
 }
 
 #[test]
-fn transport_statistics_count_transfers_and_frames() {
-    let mut rig = Rig::running();
-    let stats = |rig: &mut Rig| match rig.ask(&Message::TransportStatsRequest) {
-        Message::TransportStats(stats) => stats,
-        other => panic!("{other}"),
-    };
-    let before = stats(&mut rig);
-    assert_eq!(before.interfaces.len(), 1);
-    rig.forget();
-    for _ in 0..20 {
-        rig.send_command(1, 0, 0.5);
-        rig.run_ms(10);
-    }
-    rig.send_commands(&[(2, 0, 0.5), (3, 0, 0.5), (4, 0, 0.0)]);
-    rig.run_ms(1000);
-    // One that breaks off, and one that begins anew.
-    rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 1, 0, 0, 0x80]);
-    rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 1, 0, 0, 0x81]);
-    rig.run_ms(20);
-    let sent_frames = rig.traffic.iter().filter(|(_, frame)| is_from_node(frame)).count() as u64;
-    let after = stats(&mut rig);
-    let [tx, rx, errors] = after.interfaces[0];
-    let [tx_before, rx_before, errors_before] = before.interfaces[0];
-    assert_eq!(after.transfers_rx - before.transfers_rx, 22, "20 commands, a long one, and this request");
-    assert!(after.transfers_tx > before.transfers_tx);
-    assert!(after.transfer_errors > before.transfer_errors);
-    // The answer to the request before was on its way when it counted.
-    assert!((tx - tx_before).abs_diff(sent_frames) <= 12, "{} of {sent_frames}", tx - tx_before);
-    assert_eq!(rx - rx_before, 20 + 2 + 2 + 1);
-    assert_eq!(errors, errors_before);
-}
-
-fn is_from_node(frame: &Frame) -> bool {
-    matches!(frame.id, sim::can::Id::Extended(id) if id & 0x7F == NODE)
-}
-
-#[test]
 fn answers_have_the_priority_and_the_number_of_their_requests() {
     let mut rig = Rig::running();
     for (priority, number) in [(0u32, 31u8), (8, 0), (31, 17)] {

@@ -50,7 +50,6 @@ fn its_frames_leave_in_order_and_together_whatever_else_is_due() {
     let mut rig = Rig::running();
     rig.set("TELEM_RATE", 50);
     rig.set("TEMP_RATE", 50);
-    rig.set("STATS_RATE", 10);
     rig.forget();
     for n in 0..60u16 {
         rig.send_status_from(1);

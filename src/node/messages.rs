@@ -47,6 +47,10 @@ impl Node {
             self.outgoing.step(&self.unique_id, flash);
             return true;
         }
+        // Other filters take the controller off the bus, and what it has not sent yet is lost.
+        if self.awaits_filters() {
+            return false;
+        }
         self.begin_message(counters, now_ms) || self.id != 0 && self.begin_reply(counters, flash, monitor)
     }
 

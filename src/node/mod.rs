@@ -233,6 +233,11 @@ impl Node {
                 || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving(now_ms))
     }
 
+    /// The controller is to get other filters as soon as it can.
+    fn awaits_filters(&self) -> bool {
+        self.filters_s != 0
+    }
+
     /// The controller has got its filters.
     pub fn filters_are_set(&mut self) {
         self.filters_s = 0;

@@ -47,7 +47,9 @@ pub fn elf() -> PathBuf {
     let features = match env!("CARGO_CRATE_NAME") {
         "allocation" => "allocation",
         // They read the counters.
-        "bus_faults" | "chip_faults" | "input_faults" | "processor_faults" | "reliability" | "soak" | "stats" => "stats",
+        "bus_faults" | "chip_faults" | "input_faults" | "processor_faults" | "reliability" | "soak" | "stats" => {
+            "stats"
+        }
         "lights" => "button,lights",
         "thesis" => "thesis",
         _ => return node_elf(),
