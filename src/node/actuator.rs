@@ -137,7 +137,7 @@ impl Actuator {
             CommandType::Pwm => (Line::CommandPwm, 1 << 15),
         };
         let line = self.follow(pulse, line, event, now_ms, parameters, servo);
-        event.a = (i32::from(value) * scale >> 16) as u16;
+        event.a = ((i32::from(value) * scale) >> 16) as u16;
         line
     }
 
