@@ -194,8 +194,7 @@ impl Desk {
         let now_ms = self.now_ms();
         let Self { node, receiver, monitor, can, memory, servo, .. } = self;
         let is_empty = can.is_empty;
-        let turn = self.agenda.next(&Facts {
-            has_frame: !can.received.is_empty(),
+        let turn = self.agenda.next(!can.received.is_empty(), || Facts {
             has_ticked: self.passed_ms != 0,
             has_chore: node.has_chore(),
             is_controller_due: can.is_due,

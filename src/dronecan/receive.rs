@@ -183,6 +183,7 @@ impl Transfer {
 
     /// Bytes of the payload, at most 255.
     #[inline(always)]
+    #[allow(clippy::len_without_is_empty, reason = "nobody asks")]
     pub fn len(&self) -> u8 {
         self.len
     }

@@ -52,14 +52,13 @@ impl Allocation {
     #[inline(always)]
     pub fn ask(&mut self, unique_id: &[u8; 16], now_ms: u16, mut put: impl FnMut(u8)) {
         self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
-        let mut at = core::mem::take(&mut self.confirmed);
+        let first = core::mem::take(&mut self.confirmed);
         // Any node ID will do; the lowest bit says that this is the first part.
-        put(u8::from(at == 0));
-        for _ in 0..MAX_PART_LEN {
+        put(u8::from(first == 0));
+        for at in first..first + MAX_PART_LEN {
             if let Some(&byte) = unique_id.get(usize::from(at)) {
                 put(byte);
             }
-            at += 1;
         }
     }
 

@@ -27,6 +27,7 @@ mod two {
     const DRAFT: u8 = 2;
 
     /// Which dialect the node speaks.
+    #[derive(Default)]
     pub struct Dialect {
         /// DIALECT.
         wanted: u8,
@@ -112,6 +113,7 @@ mod one {
     use crate::node::parameters::Parameters;
 
     /// It is v0.
+    #[derive(Default)]
     pub struct Dialect;
 
     impl Dialect {

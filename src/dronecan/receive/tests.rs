@@ -421,7 +421,7 @@ fn commands_and_requests_and_transfers_of_one_frame_may_interleave() {
 fn of_requests_the_commanders_are_no_different() {
     let mut rig = Rig { commander: 127, ..Rig::new() };
     for n in 0..REQUEST_LANES as u32 {
-        assert_eq!(rig.rejects(&golden::transfer(0x1E0B_F880 | 127 - n, golden::GET_SET, 0, &[0; 12])[0]), None);
+        assert_eq!(rig.rejects(&golden::transfer(0x1E0B_F8FF - n, golden::GET_SET, 0, &[0; 12])[0]), None);
     }
     let newcomer = golden::transfer(0x1E0B_F881, golden::GET_SET, 5, &[7; 12]);
     assert_eq!(rig.rejects(&newcomer[0]), Some(Rejection::Interleaved));
