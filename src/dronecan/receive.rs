@@ -202,6 +202,7 @@ impl Transfer {
     /// Begins with the first frame.
     #[inline(always)]
     fn begin(&mut self, kind: Kind, source: u8, priority: u8, now_ms: u16) {
+        self.is_open = true;
         self.kind = kind;
         self.source = source;
         self.priority = priority;
