@@ -6,6 +6,7 @@ import pytest
 from dronecan import uavcan
 
 from conftest import NODE
+from test_management import PARAMETERS
 
 BUS = 7
 
@@ -68,4 +69,4 @@ def test_a_ground_station_sees_the_node_through_the_bridge(bench, bridge, statio
     bridge(f"mcast:{BUS}")
     ground = station()
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    assert len(ground.parameters()) == 27
+    assert len(ground.parameters()) == len(PARAMETERS)

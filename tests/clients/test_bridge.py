@@ -122,7 +122,7 @@ def test_parameters_are_fetched_set_saved_and_still_there_after_a_restart(joined
     used, ground = joined(slcan=2)
     found = ground.parameters()
     assert list(found) == PARAMETERS
-    assert [m.param_index for m in found.values()] == list(range(27))
+    assert [m.param_index for m in found.values()] == list(range(len(PARAMETERS)))
     assert {m.param_type for m in found.values()} == {INT32}
     assert value_of(found["OUT1_MIN"]) == 1000 and value_of(found["TEMP_MIN"]) < 0
     assert value_of(ground.set("OUT1_MAX", as_float(1900))) == 1900
@@ -140,13 +140,13 @@ def test_parameters_are_fetched_set_saved_and_still_there_after_a_restart(joined
 
 def test_parameters_are_read_by_index_and_by_name(joined):
     _, ground = joined()
-    for index in (25, 0, 13):
+    for index in (len(PARAMETERS) - 2, 0, 13):
         message = ground.read("", index=index)
-        assert (message.param_id, message.param_index, message.param_count) == (PARAMETERS[index], index, 27)
+        assert (message.param_id, message.param_index, message.param_count) == (PARAMETERS[index], index, len(PARAMETERS))
     message = ground.read("OUT1_TRIM")
-    assert (message.param_index, message.param_count, value_of(message)) == (4, 27, 1500)
+    assert (message.param_index, message.param_count, value_of(message)) == (4, len(PARAMETERS), 1500)
     ground.mav.param_request_list_send(SYSTEM, 0)
-    assert len({ground.wait_for("PARAM_VALUE", NODE).param_id for _ in range(27)}) == 27
+    assert len({ground.wait_for("PARAM_VALUE", NODE).param_id for _ in range(len(PARAMETERS))}) == len(PARAMETERS)
 
 
 def test_a_set_of_another_type_does_what_it_says_or_nothing(joined):
@@ -170,7 +170,7 @@ def test_a_station_with_mavlink_1_is_answered_in_it(joined, station):
     _, ground = joined()
     old = station(kind=OldStation)
     old.mav.param_request_list_send(SYSTEM, NODE)
-    assert {old.wait_for("PARAM_VALUE", NODE).param_id for _ in range(27)} == set(PARAMETERS)
+    assert {old.wait_for("PARAM_VALUE", NODE).param_id for _ in range(len(PARAMETERS))} == set(PARAMETERS)
     old.mav.param_set_send(SYSTEM, NODE, b"OUT1_MAX", as_float(1800), INT32)
     assert value_of(old.wait_for("PARAM_VALUE", NODE)) == 1800
     old.mav.command_long_send(SYSTEM, NODE, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0)
@@ -213,7 +213,7 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
         proxy.stdin.write(f"{line}\n".encode())
         proxy.stdin.flush()
 
-    said("Received 27 parameters")
+    said(f"Received {len(PARAMETERS)} parameters")
     tell("param show OUT1_M*")
     said("OUT1_MAX         2000.0")
     tell("param set OUT1_MAX 1900")
@@ -244,7 +244,7 @@ def test_pydronecan_manages_the_node_through_mavlink(bench, bridge):
     client = used.dronecan(device=f"mavcan:udpin:127.0.0.1:{port}", node_id=127)
     monitor = NodeMonitor(client.node)
     client.spin_until(lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120")
-    names = [str(client.parameter(index=index).name) for index in range(27)]
+    names = [str(client.parameter(index=index).name) for index in range(len(PARAMETERS))]
     assert names == PARAMETERS
     client.set("OUT1_MIN", 1234)
     client.save()
@@ -313,7 +313,7 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
     names = bridge(used, "--names", channels=[])
     assert names.wait(20) == 0
     assert re.search(rf" 42  {re.escape(highest)}  INT32 +55 +{re.escape(long)}max$", names.text(), re.M)
-    assert len(re.findall(r"^ *12[0-2] ", names.text(), re.M)) == 3 * 27
+    assert len(re.findall(r"^ *12[0-2] ", names.text(), re.M)) == 3 * len(PARAMETERS)
 
 
 def status_frame(node, uptime):
@@ -411,7 +411,7 @@ def test_the_bus_may_go_away_and_come_back(bench, bridge, station, tmp_path):
     link.symlink_to(again.slcan[0])
     started.wait_for_text("is back")
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    assert len(ground.parameters()) == 27
+    assert len(ground.parameters()) == len(PARAMETERS)
 
 
 def test_a_tcp_port_is_listened_to_by_one_station_after_the_other(bench, bridge, station):
@@ -420,7 +420,7 @@ def test_a_tcp_port_is_listened_to_by_one_station_after_the_other(bench, bridge,
     for _ in range(2):
         ground = station(f"tcp:127.0.0.1:{port}", retries=20)
         ground.wait_for("UAVCAN_NODE_INFO", NODE)
-        assert len(ground.parameters()) == 27
+        assert len(ground.parameters()) == len(PARAMETERS)
         ground.close()
 
 
@@ -430,7 +430,7 @@ def test_a_tcp_connection_is_made_again_when_the_station_is_back(bench, bridge, 
     for _ in range(2):
         ground = station(f"tcpin:127.0.0.1:{port}")
         ground.wait_for("UAVCAN_NODE_INFO", NODE)
-        assert len(ground.parameters()) == 27
+        assert len(ground.parameters()) == len(PARAMETERS)
         ground.link.port.close()
         ground.link.listen.close()
 
@@ -440,7 +440,7 @@ def test_a_radio_on_a_serial_port_carries_the_same(bench, bridge, station):
     bridge(bench(), channels=[f"serial:{os.ttyname(theirs)}:57600"])
     ground = station(ours, kind=PtyStation)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    assert len(ground.parameters()) == 27
+    assert len(ground.parameters()) == len(PARAMETERS)
     os.close(theirs)
 
 
@@ -466,7 +466,7 @@ def test_with_a_key_only_signed_messages_count(bench, bridge, station, tmp_path)
     wrong.link.setup_signing(hashlib.sha256(b"battery staple").digest(), link_id=1)
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=2)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    assert len(ground.parameters()) == 27
+    assert len(ground.parameters()) == len(PARAMETERS)
     for other in (stranger, wrong):
         other.mav.param_set_send(SYSTEM, NODE, b"OUT1_MAX", as_float(1600), INT32)
         assert not other.gather(0.7)

@@ -96,11 +96,11 @@ CASES = [
     (frames(599, REQUEST, TOOL, 0, get_set(index=3), NODE), "12BBFC08 78 00 30"),
     (
         frames(599, REQUEST, TOOL, 1, get_set("OUT1_MIN"), NODE, "GetSet"),
-        "12BBFC01 78 7E 96 00 05 35 25 65 | 12BBFC19 78 F4 D4 94 E0",
+        "12BBFC01 78 88 C3 00 04 F5 55 43 | 12BBFC19 78 15 F4 D4 94 E0",
     ),
     (
         frames(599, REQUEST, TOOL, 2, get_set("OUT1_MIN", int=1100), NODE, "GetSet"),
-        "12BBFC02 78 74 7A 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 05 35 25 | 12BBFC2A 78 65 F4 D4 94 E0",
+        "12BBFC02 78 2A F5 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 04 F5 55 | 12BBFC2A 78 43 15 F4 D4 94 E0",
     ),
     (
         frames(599, REQUEST, TOOL, 3, get_set("ARM_REQ", bool=True), NODE, "GetSet"),
@@ -110,9 +110,9 @@ CASES = [
     (frames(599, REQUEST, TOOL, 5, get_set("X", string="abc"), NODE), "12BBFC0D 78 10 D8 58 98 C0 16 00"),
     (
         frames(599, RESPONSE, NODE, 2, parameter("OUT1_MIN", 1100, 1000, 2500, -500), TOOL, "GetSet"),
-        "12B9E002 7F 90 05 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | "
-        "12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 53 52 56 5F 4D 49 | "
-        "12B9E06A 7F 4E",
+        "12B9E002 7F 44 B2 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | "
+        "12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 4F 55 54 31 5F 4D | "
+        "12B9E06A 7F 49 4E",
     ),
     (frames(599, RESPONSE, NODE, 2, parameter(), TOOL), "12B9E00A 7F 00 00"),
 ]

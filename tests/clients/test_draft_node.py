@@ -7,7 +7,7 @@ import pytest
 from draft import BROADCAST, REQUEST, RESPONSE, fields, frames, new, pack, signature, unpack
 from dronecan.dsdl.common import bytes_from_crc64, crc16_from_bytes
 
-from conftest import NODE, PATIENCE_S
+from conftest import NODE, PATIENCE_S, node_elf
 
 AUTOPILOT, TOOL = 1, 126
 LINE = re.compile(rb"T([0-9A-F]{8})([0-8])((?:[0-9A-F]{2})*)[^\r]*\r")
@@ -67,7 +67,7 @@ def data_of(heard, type_id, source):
 
 
 def on_the_bus(bench, *options):
-    used = bench("--dialect", "draft", *options, autopilot=True)
+    used = bench("--dialect", "draft", *options, autopilot=True, elf=node_elf("thesis"))
     listener = Listener(used.raw())
     used.wait_for_text(rf"status  node {NODE}: draft, OK")
     return used, listener
@@ -103,12 +103,3 @@ def test_the_node_says_who_it_is_and_restarts(bench):
     right = pack(new("RestartNode", "request", magic_number=0xACCE551B1E))
     assert listener.ask(560, right, "RestartNode", 5) == b"\x80"
     used.wait_for_text("reset: RestartNode")
-
-
-def test_the_node_changes_over_with_its_autopilot(bench):
-    used = bench("--inject", "other-dialect@3s", "--inject", "other-dialect@8s", autopilot=True)
-    says = rf"status  node {NODE}:"
-    used.wait_for_text(rf"{says} OK")
-    used.wait_for_text(rf"(?s)other-dialect.*{says} draft, OK")
-    used.wait_for_text(rf"(?s)other-dialect.*{says} draft, OK.*other-dialect.*{says} OK", 2 * PATIENCE_S)
-    assert used.goes_on()

@@ -151,11 +151,11 @@ SERVICES = [
         lambda: get_set("OUT1_MIN", integer_value=1100),
         True,
         4,
-        "1E0BF8FF 4D 0D 00 01 4C 04 00 84 | 00 00 00 00 00 53 52 24 | 56 5F 4D 49 4E 44",
+        "1E0BF8FF 4C EE 00 01 4C 04 00 84 | 00 00 00 00 00 4F 55 24 | 54 31 5F 4D 49 4E 44",
     ),
-    (lambda: get_set("OUT1_MIN", real_value=1100.0), True, 5, "1E0BF8FF 0F B0 00 02 00 80 89 85 | 44 53 52 56 5F 4D 49 25 | 4E 45"),
+    (lambda: get_set("OUT1_MIN", real_value=1100.0), True, 5, "1E0BF8FF 3A DA 00 02 00 80 89 85 | 44 4F 55 54 31 5F 4D 25 | 49 4E 45"),
     (lambda: get_set("ARM_REQ", boolean_value=1), True, 6, "1E0BF8FF 85 7E 00 03 01 41 52 86 | 4D 5F 52 45 51 66"),
-    (lambda: get_set("OUT1_MIN", string_value="abc"), True, 7, "1E0BF8FF F1 FC 00 04 03 61 62 87 | 63 53 52 56 5F 4D 49 27 | 4E 47"),
+    (lambda: get_set("OUT1_MIN", string_value="abc"), True, 7, "1E0BF8FF 72 AD 00 04 03 61 62 87 | 63 4F 55 54 31 5F 4D 27 | 49 4E 47"),
     (
         lambda: parameter("CAN_NODE", 120, 120, 125, 0),
         False,
@@ -167,15 +167,15 @@ SERVICES = [
         lambda: parameter("OUT1_MIN", 1100, 1000, 2500, 500),
         False,
         4,
-        "1E0B7FF8 48 CD 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 | "
-        "C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 53 52 56 5F 24 | 4D 49 4E 44",
+        "1E0B7FF8 00 32 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 | "
+        "C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 4F 55 54 31 24 | 5F 4D 49 4E 44",
     ),
     (
         lambda: parameter("OUT1_MIN", 1000, 1000, 2500, 500),
         False,
         5,
-        "1E0B7FF8 B8 80 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 | "
-        "C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 53 52 56 5F 25 | 4D 49 4E 45",
+        "1E0B7FF8 69 5B 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 | "
+        "C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 4F 55 54 31 25 | 5F 4D 49 4E 45",
     ),
     (
         lambda: parameter("TEMP_MIN", -40, -40, 150, -55),

@@ -6,7 +6,7 @@ import pytest
 from dronecan import uavcan
 from dronecan.app.node_monitor import NodeMonitor
 
-from conftest import NODE
+from conftest import NODE, node_elf
 
 protocol = uavcan.protocol
 UNITLESS, PWM = 0, 4
@@ -14,8 +14,7 @@ UNITLESS, PWM = 0, 4
 PARAMETERS = [
     "CAN_NODE", "CAN_BAUDRATE", "OUT1_ID", "OUT1_MIN", "OUT1_TRIM", "OUT1_MAX", "OUT1_REVERSED", "OUT_RATE", "OUT1_RANGE",
     "OUT1_TIMEOUT", "OUT1_FS", "OUT1_FS_PWM", "ARM_REQ", "TELEM_RATE", "TEMP_RATE", "TEMP_ID", "TEMP_REF",
-    "TEMP_OFFSET", "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "LIGHT_ID", "STATS_RATE", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
-    "DIALECT",
+    "TEMP_OFFSET", "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
 ]  # fmt: skip
 
 
@@ -54,6 +53,11 @@ def test_parameters_are_walked_until_the_empty_name(bench):
         assert response.value.integer_value == response.default_value.integer_value, name
         by_name = client.parameter(name)
         assert (by_name.name, by_name.value.integer_value) == (response.name, response.value.integer_value)
+
+
+@pytest.mark.parametrize("features, more", [("button,lights", "LIGHT_ID"), ("stats", "STATS_RATE")])
+def test_a_parameter_of_a_feature_comes_after_the_others(bench, features, more):
+    assert list(walk(bench(elf=node_elf(features)).dronecan())) == [*PARAMETERS, more]
 
 
 def test_what_is_set_and_saved_is_still_set_after_a_restart(bench):
@@ -108,7 +112,7 @@ def test_what_cannot_be_set_is_answered_with_what_is_in_force(bench, name, value
 
 def test_an_unknown_parameter_is_answered_with_nothing(bench):
     client = bench().dronecan()
-    for response in (client.parameter("NO_SUCH_THING"), client.parameter(index=27), client.parameter(index=8191)):
+    for response in (client.parameter("NO_SUCH_THING"), client.parameter(index=len(PARAMETERS)), client.parameter(index=8191)):
         assert len(response.name) == 0
         assert dronecan_field(response.value) == "empty"
 
@@ -132,7 +136,7 @@ def test_five_requests_at_once_are_answered_in_order(bench):
         client.spin_until(lambda: len(answers) == 5 or autopilot.spin(0.01), "five answers")
         assert [index for index, _ in answers] == list(range(first, first + 5))
         assert all(event is not None for _, event in answers), "one was lost"
-        assert [str(event.response.name) for _, event in answers] == PARAMETERS[first : first + 5]
+        assert [str(event.response.name) for _, event in answers] == [*PARAMETERS, ""][first : first + 5]
     assert used.pulse_us() == 1600
 
 
@@ -146,7 +150,7 @@ def test_a_firmware_update_is_refused_with_a_reason(bench):
 
 
 def test_transport_statistics_count(bench):
-    client = bench().dronecan()
+    client = bench(elf=node_elf("stats")).dronecan()
     first = client.ask(protocol.GetTransportStats.Request())
     for _ in range(20):
         client.command((1, UNITLESS, 0.0))

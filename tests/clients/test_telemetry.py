@@ -6,6 +6,8 @@ import dronecan
 import pytest
 from dronecan import uavcan
 
+from conftest import node_elf
+
 UNITLESS, POSITION, PWM = 0, 1, 4
 
 actuator = uavcan.equipment.actuator
@@ -25,7 +27,7 @@ def test_the_actuator_status_tells_the_position(bench):
 
 
 def test_a_lights_command_dims_the_light(bench):
-    used = bench()
+    used = bench(elf=node_elf("button,lights"))
     client = used.dronecan()
     indication = uavcan.equipment.indication
 
@@ -48,13 +50,13 @@ def test_a_lights_command_dims_the_light(bench):
 def test_the_button_publishes_its_count(bench, tmp_path):
     script = tmp_path / "script"
     script.write_text("".join(f"({2 + n}.0) button press\n({2 + n}.2) button release\n" for n in range(3)))
-    client = bench("--script", script).dronecan()
+    client = bench("--script", script, elf=node_elf("button,lights")).dronecan()
     counts = client.gather(uavcan.protocol.debug.KeyValue, 3)
     assert [(str(count.key), count.value) for count in counts] == [("btn", 1.0), ("btn", 2.0), ("btn", 3.0)]
 
 
 def test_can_statistics_count(bench):
-    client = bench().dronecan()
+    client = bench(elf=node_elf("stats")).dronecan()
     client.set("STATS_RATE", 5)
     first = client.wait_for(dronecan.dronecan.protocol.CanStats)
     for _ in range(20):
