@@ -186,7 +186,7 @@ fn parameter_requests_equal_pydronecan() {
         "param.GetSet request CAN_NODE = 42",
     );
     both_ways(
-        "1E0BF8FF 0F B0 00 02 00 80 89 85 | 44 53 52 56 5F 4D 49 25 | 4E 45",
+        "1E0BF8FF 3A DA 00 02 00 80 89 85 | 44 4F 55 54 31 5F 4D 25 | 49 4E 45",
         request(0, Value::Real(1100.0), b"OUT1_MIN"),
         "param.GetSet request OUT1_MIN = 1100.0",
     );
@@ -196,7 +196,7 @@ fn parameter_requests_equal_pydronecan() {
         "param.GetSet request ARM_REQ = true",
     );
     both_ways(
-        "1E0BF8FF F1 FC 00 04 03 61 62 87 | 63 53 52 56 5F 4D 49 27 | 4E 47",
+        "1E0BF8FF 72 AD 00 04 03 61 62 87 | 63 4F 55 54 31 5F 4D 27 | 49 4E 47",
         request(0, Value::Text(b"abc".to_vec()), b"OUT1_MIN"),
         "param.GetSet request OUT1_MIN = \"abc\"",
     );

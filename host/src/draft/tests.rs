@@ -214,12 +214,12 @@ fn request(index: u16, value: Value, name: &[u8]) -> Message {
 fn parameter_requests_are_packed_bit_by_bit() {
     both_ways("12BBFC08 78 00 30", request(3, Value::Empty, b""), "draft.param.GetSet request index 3");
     both_ways(
-        "12BBFC01 78 7E 96 00 05 35 25 65 | 12BBFC19 78 F4 D4 94 E0",
+        "12BBFC01 78 88 C3 00 04 F5 55 43 | 12BBFC19 78 15 F4 D4 94 E0",
         request(0, Value::Empty, b"OUT1_MIN"),
         "draft.param.GetSet request OUT1_MIN",
     );
     both_ways(
-        "12BBFC02 78 74 7A 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 05 35 25 | 12BBFC2A 78 65 F4 D4 94 E0",
+        "12BBFC02 78 2A F5 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 04 F5 55 | 12BBFC2A 78 43 15 F4 D4 94 E0",
         request(0, Value::Integer(1100), b"OUT1_MIN"),
         "draft.param.GetSet request OUT1_MIN = 1100",
     );
@@ -244,9 +244,7 @@ fn parameter_requests_are_packed_bit_by_bit() {
 fn parameter_responses_are_packed_bit_by_bit() {
     let [value, default, max, min] = [1100, 1000, 2500, -500].map(Value::Integer);
     both_ways(
-        "12B9E002 7F 90 05 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | \
-         12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 53 52 56 5F 4D 49 | \
-         12B9E06A 7F 4E",
+        "12B9E002 7F 44 B2 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | 12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 4F 55 54 31 5F 4D | 12B9E06A 7F 49 4E",
         Message::ParameterResponse(ParameterResponse { value, default, max, min, name: b"OUT1_MIN".to_vec() }),
         "draft.param.GetSet response OUT1_MIN = 1100 (-500 to 2500, default 1000)",
     );
