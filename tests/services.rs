@@ -401,3 +401,7 @@ fn command_for(rig: &mut Rig, ms: u64) {
         assert!(is_old || candidates.contains(&pulse.width_us()), "{} us, not one of {candidates:?}", pulse.width_us());
     }
 }
+
+fn is_from_node(frame: &Frame) -> bool {
+    matches!(frame.id, sim::can::Id::Extended(id) if id & 0x7F == NODE)
+}
