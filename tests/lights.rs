@@ -2,16 +2,11 @@
 
 mod rig;
 
-use rig::manage::ms_between;
 use rig::{MS, NODE, Rig};
 use sim::Cycles;
-use sim::can::Id;
-use sim::dronecan::{ActuatorStatus, CanStats, KeyValue, LightCommand, Message};
+use sim::dronecan::{ActuatorStatus, KeyValue, LightCommand, Message};
 
-const ACTUATOR_STATUS_OF_NODE: u32 = 0x1803_F300 | NODE;
-const CAN_STATS_OF_NODE: u32 = 0x1801_5700 | NODE;
 const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
-const POWER_UNKNOWN: u8 = 127;
 
 fn positions(rig: &Rig) -> Vec<(Cycles, ActuatorStatus)> {
     rig.heard(|message| match message {

@@ -5,7 +5,7 @@
 mod rig;
 
 use rig::manage::{PATIENCE_MS, ms_between};
-use rig::{ARRAY_COMMAND, MS, NODE, Rig, quoted};
+use rig::{ARRAY_COMMAND, MS, NODE, Rig, is_from_node, quoted};
 use sim::Cycles;
 use sim::can::Frame;
 use sim::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
@@ -400,8 +400,4 @@ fn command_for(rig: &mut Rig, ms: u64) {
         let is_old = candidates.len() < 3;
         assert!(is_old || candidates.contains(&pulse.width_us()), "{} us, not one of {candidates:?}", pulse.width_us());
     }
-}
-
-fn is_from_node(frame: &Frame) -> bool {
-    matches!(frame.id, sim::can::Id::Extended(id) if id & 0x7F == NODE)
 }

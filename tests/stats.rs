@@ -2,16 +2,10 @@
 
 mod rig;
 
-use rig::manage::ms_between;
-use rig::{MS, NODE, Rig};
+use rig::{ARRAY_COMMAND, NODE, Rig, is_from_node};
 use sim::Cycles;
 use sim::can::Id;
-use sim::dronecan::{ActuatorStatus, CanStats, KeyValue, LightCommand, Message};
-
-const ACTUATOR_STATUS_OF_NODE: u32 = 0x1803_F300 | NODE;
-const CAN_STATS_OF_NODE: u32 = 0x1801_5700 | NODE;
-const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
-const POWER_UNKNOWN: u8 = 127;
+use sim::dronecan::{ActuatorStatus, CanStats, Message};
 
 fn positions(rig: &Rig) -> Vec<(Cycles, ActuatorStatus)> {
     rig.heard(|message| match message {
@@ -108,8 +102,4 @@ fn transport_statistics_count_transfers_and_frames() {
     assert!((tx - tx_before).abs_diff(sent_frames) <= 12, "{} of {sent_frames}", tx - tx_before);
     assert_eq!(rx - rx_before, 20 + 2 + 2 + 1);
     assert_eq!(errors, errors_before);
-}
-
-fn is_from_node(frame: &Frame) -> bool {
-    matches!(frame.id, sim::can::Id::Extended(id) if id & 0x7F == NODE)
 }

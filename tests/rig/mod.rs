@@ -73,6 +73,11 @@ pub fn started_with(elf: &Path) -> &'static [u8] {
     })
 }
 
+/// Whether a frame is one of the node's.
+pub fn is_from_node(frame: &Frame) -> bool {
+    matches!(frame.id, Id::Extended(id) if id & 0x7F == NODE)
+}
+
 /// The boards, the bus, and a peer that acknowledges and talks.
 pub struct Rig {
     pub bench: Bench,
