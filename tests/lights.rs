@@ -3,20 +3,9 @@
 mod rig;
 
 use rig::{MS, NODE, Rig};
-use sim::Cycles;
-use sim::dronecan::{ActuatorStatus, KeyValue, LightCommand, Message};
+use sim::dronecan::{KeyValue, LightCommand, Message};
 
 const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
-
-fn positions(rig: &Rig) -> Vec<(Cycles, ActuatorStatus)> {
-    rig.heard(|message| match message {
-        Message::ActuatorStatus(status) => Some(status),
-        _ => None,
-    })
-}
-
-// ---- actuator.Status ----
-
 // ---- button ----
 
 /// Presses or releases with so many bounces, a millisecond each.

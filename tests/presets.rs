@@ -33,6 +33,11 @@ fn allocation_works_without_other_features() {
 }
 
 #[test]
-fn button_lights_and_stats_work_without_other_features() {
-    starts_and_follows_a_command("button,lights,stats");
+fn button_and_lights_work_without_other_features() {
+    starts_and_follows_a_command("button,lights");
+}
+
+#[test]
+fn stats_works_without_other_features() {
+    starts_and_follows_a_command("stats");
 }

@@ -5,9 +5,8 @@
 mod rig;
 
 use rig::manage::{PATIENCE_MS, ms_between};
-use rig::{ARRAY_COMMAND, MS, NODE, Rig, is_from_node, quoted};
+use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, quoted};
 use sim::Cycles;
-use sim::can::Frame;
 use sim::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
 
 const GET_NODE_INFO: &str = "1E01F8FF C3";

@@ -5,17 +5,7 @@ mod rig;
 use rig::{ARRAY_COMMAND, NODE, Rig, is_from_node};
 use sim::Cycles;
 use sim::can::Id;
-use sim::dronecan::{ActuatorStatus, CanStats, Message};
-
-fn positions(rig: &Rig) -> Vec<(Cycles, ActuatorStatus)> {
-    rig.heard(|message| match message {
-        Message::ActuatorStatus(status) => Some(status),
-        _ => None,
-    })
-}
-
-// ---- actuator.Status ----
-
+use sim::dronecan::{CanStats, Message};
 fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
     rig.heard(|message| match message {
         Message::CanStats(stats) => Some(stats),

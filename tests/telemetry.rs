@@ -7,7 +7,7 @@ use rig::manage::ms_between;
 use rig::{NODE, Rig};
 use sim::Cycles;
 use sim::can::Id;
-use sim::dronecan::{ActuatorStatus, CanStats, Message};
+use sim::dronecan::{ActuatorStatus, Message};
 
 const ACTUATOR_STATUS_OF_NODE: u32 = 0x1803_F300 | NODE;
 const CAN_STATS_OF_NODE: u32 = 0x1801_5700 | NODE;
