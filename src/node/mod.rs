@@ -227,10 +227,9 @@ impl Node {
     /// see whether the filters are why. That takes the controller off the bus for 5 ms. So it waits until nothing is on its way out
     /// (`is_controller_empty`) or in.
     #[inline(always)]
-    pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver, now_ms: u16) -> bool {
+    pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver) -> bool {
         self.filters_s != 0
-            && (self.filters_s == 1
-                || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving(now_ms))
+            && (self.filters_s == 1 || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving())
     }
 
     /// The controller is to get other filters as soon as it can.
@@ -294,6 +293,14 @@ impl Node {
         self.dialect.update(&self.parameters);
         if row != self.dialect.row() {
             self.change_filters();
+        }
+    }
+
+    /// Gives up transfers that have taken too long. To be called at every tick.
+    #[inline(always)]
+    pub fn expire(&mut self, receiver: &mut Receiver, now_ms: u16, monitor: &mut Monitor) {
+        if let Some(transfer) = receiver.expire(now_ms) {
+            self.lose(Rejection::Broken, transfer.kind.id(), transfer.source, monitor);
         }
     }
 
@@ -405,6 +412,13 @@ impl Node {
     /// Counts and logs a frame that is dropped.
     #[inline(never)]
     fn reject(&mut self, rejection: Rejection, frame: &Frame, monitor: &mut Monitor) {
+        let id = Id(frame.id);
+        self.lose(rejection, id.data_type(), id.source(), monitor);
+    }
+
+    /// Counts and logs a frame or a transfer that is dropped.
+    #[inline(never)]
+    fn lose(&mut self, rejection: Rejection, data_type: u16, source: u8, monitor: &mut Monitor) {
         if rejection.is_loss() || rejection == Rejection::OwnId {
             self.health.transfers.broken();
             self.health.happened(Conditions::TRANSFER_ERRORS);
@@ -419,9 +433,8 @@ impl Node {
             Rejection::Interleaved => Line::RefusedInterleaved,
             Rejection::Length => Line::RefusedLength,
         });
-        let id = Id(frame.id);
-        event.a = id.data_type();
-        event.set_source(id.source());
+        event.a = data_type;
+        event.set_source(source);
     }
 
     /// Acts on a message, and notes what it says. The line that tells of it, or why it is refused.
