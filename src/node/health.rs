@@ -181,7 +181,7 @@ impl Default for Health {
 mod tests {
     use super::*;
     use crate::golden;
-    use crate::progmem::InMemory;
+    use crate::image::InMemory;
 
     const LINES: [Line; 2] = [Line::ErrorPassive, Line::ErrorActive];
 

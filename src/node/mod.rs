@@ -41,7 +41,7 @@ pub mod thermometer;
 use crate::can::Frame;
 use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
 use crate::dronecan::NodeId;
-use crate::dronecan::acceptance::NodeAcceptance;
+use crate::dronecan::acceptance::{Filters, NodeAcceptance};
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::{Receiver, Rejection, Transfer, Verdict};
 use crate::dronecan::wire::Id;
@@ -54,8 +54,9 @@ use dialect::Dialect;
 #[cfg(feature = "draft")]
 use health::Level;
 use health::{Health, count};
+use information::Information;
 use outgoing::Outgoing;
-use parameters::{Parameter, Parameters};
+use parameters::{Descriptions, Parameter, Parameters};
 use publisher::Publisher;
 use services::Services;
 use servo::{Output, Ticks};
@@ -70,6 +71,17 @@ use button::Button;
 use lights::Lights;
 #[cfg(any(feature = "allocation", feature = "button"))]
 use publisher::Publication;
+
+/// The flash with all tables of the node.
+pub trait Constants: Progmem<Descriptions> + Progmem<Information> {
+    /// A byte of [`information::PACKED`].
+    #[inline(always)]
+    fn information(self, at: u8) -> u8 {
+        Progmem::<Information>::byte(self, u16::from(at))
+    }
+}
+
+impl<P: Progmem<Descriptions> + Progmem<Information>> Constants for P {}
 
 /// What is left over for a turn of its own, because it takes long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -189,7 +201,7 @@ impl Node {
         cause: ResetCause,
         eeprom: &mut impl Eeprom,
         noise: impl FnMut() -> u8,
-        flash: impl Progmem,
+        flash: impl Progmem<Descriptions>,
         monitor: &mut Monitor,
     ) {
         self.store.identify(&mut self.unique_id, eeprom, noise);
@@ -208,7 +220,7 @@ impl Node {
     }
 
     /// What the controller is to let through.
-    pub fn acceptance<P: Progmem>(&self, flash: P) -> NodeAcceptance<P> {
+    pub fn acceptance<P: Progmem<Filters>>(&self, flash: P) -> NodeAcceptance<P> {
         #[allow(unused_mut, reason = "a build may have no other row")]
         let mut row = self.dialect.row();
         #[cfg(feature = "allocation")]
@@ -363,7 +375,7 @@ impl Node {
         frame: &Frame,
         receiver: &mut Receiver,
         now_ms: u16,
-        flash: impl Progmem,
+        flash: impl Progmem<Descriptions>,
         monitor: &mut Monitor,
         servo: &mut impl Output,
     ) {
