@@ -44,7 +44,6 @@ use crate::dronecan::NodeId;
 use crate::dronecan::acceptance::NodeAcceptance;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::{Receiver, Rejection, Transfer, Verdict};
-use crate::dronecan::wire::Id;
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
 use actuator::Actuator;
@@ -202,6 +201,8 @@ impl Node {
         let banner = monitor.tell(Line::Banner);
         banner.set_source(self.id);
         banner.set_code(Line::PowerOn.plus(cause.0).number());
+        #[cfg(feature = "draft")]
+        self.show_dialect(monitor);
         self.publisher.start();
         #[cfg(feature = "allocation")]
         self.allocation.start(&self.unique_id, 0);
@@ -345,8 +346,15 @@ impl Node {
         #[cfg(feature = "draft")]
         {
             self.dialect.second();
-            self.health.set(Conditions::DRAFT, self.dialect.is_draft(), [Line::Draft, Line::DraftEnd], monitor);
+            self.show_dialect(monitor);
         }
+    }
+
+    /// In the status and on the serial monitor.
+    #[cfg(feature = "draft")]
+    #[inline(never)]
+    fn show_dialect(&mut self, monitor: &mut Monitor) {
+        self.health.set(Conditions::DRAFT, self.dialect.is_draft(), [Line::Draft, Line::DraftEnd], monitor);
     }
 
     /// Takes a received frame, and acts on the transfer that it completes.
@@ -373,8 +381,10 @@ impl Node {
             Verdict::More => {}
             Verdict::Rejected(rejection) => self.reject(rejection, frame, monitor),
             Verdict::Message(message) => {
-                self.note.a = message.kind.id();
                 let line = self.act(message, now_ms, servo);
+                if line.is_refusal() {
+                    self.note.a = Dialect::data_type(message, frame);
+                }
                 self.conclude(line, message, monitor);
             }
             Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),
@@ -397,7 +407,7 @@ impl Node {
         self.note.set_source(transfer.source);
         self.note.set_transfer(transfer.transfer_id());
         monitor.log(&self.note);
-        if self.actuator.is_following() {
+        if self.health.has(Conditions::FAILSAFE) && self.actuator.is_following() {
             self.health.set(Conditions::FAILSAFE, false, [Line::FailsafeEnd; 2], monitor);
         }
     }
@@ -419,9 +429,9 @@ impl Node {
             Rejection::Interleaved => Line::RefusedInterleaved,
             Rejection::Length => Line::RefusedLength,
         });
-        let id = Id(frame.id);
-        event.a = id.data_type();
-        event.set_source(id.source());
+        let (data_type, source) = Dialect::origin(frame);
+        event.a = data_type;
+        event.set_source(source);
     }
 
     /// Acts on a message, and notes what it says. The line that tells of it, or why it is refused.
@@ -488,6 +498,8 @@ impl Node {
     fn act_on_status(&mut self, status: &Transfer, is_draft: bool, source: NodeId, now_ms: u16) -> Line {
         let &[u0, u1, u2, u3, state, ..] = status.bytes();
         let (level, mode);
+        // In the draft the lower four bits are no uptime.
+        let highest = if is_draft { u3 >> 4 } else { u3 };
         #[cfg(feature = "draft")]
         if is_draft {
             if !matches!(status.len(), 4 | 6 | 7 | 8) {
@@ -495,8 +507,9 @@ impl Node {
             }
             // 0 is OK, 1 initialising, 2 a warning, 3 critical, 15 offline.
             (level, mode) = match u3 & 15 {
+                status @ (0 | 1) => (Level::Ok as u8, status),
                 2 => (Level::Warning as u8, 0),
-                status => (if status & 2 != 0 { Level::Critical as u8 } else { 0 }, status & 1),
+                _ => (Level::Critical as u8, 0),
             };
         } else if status.len() == 7 {
             (level, mode) = (state >> 6, state >> 3 & 7);
@@ -511,7 +524,7 @@ impl Node {
         }
         self.note.set_code(Line::Health.plus(level).number());
         self.note.b = u16::from(Line::Mode.plus(mode.min(4)).number());
-        self.note.a = if u2 | u3 == 0 { u16::from_le_bytes([u0, u1]) } else { u16::MAX };
+        self.note.a = if u2 | highest == 0 { u16::from_le_bytes([u0, u1]) } else { u16::MAX };
         if self.autopilot.is_status_of(source, now_ms) {
             self.publisher.autopilot_status(now_ms, self.thesis || self.dialect.is_draft());
         }
