@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use rig::load::{Meter, ocr1b};
 use rig::manage::ms_between;
-use rig::status::{BROWN_OUT, DRAFT, FAILSAFE, SENSOR, TEMPERATURE, TRANSFER_ERRORS, WATCHDOG};
+use rig::status::{BROWN_OUT, DRAFT, FAILSAFE, PARAMETERS_LOST, SENSOR, TEMPERATURE, TRANSFER_ERRORS, WATCHDOG};
 use rig::{DRAFT_STATUS_OF_NODE, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, quoted};
 use sim::Cycles;
 use sim::autopilot::{Profile, Settings};
@@ -209,7 +209,7 @@ fn a_restart_is_told_and_leaves_the_servo_off() {
     }
 }
 
-/// Those of another build are in no order that this one knows.
+/// Its parameters are others, so a record of theirs is none. It cannot save any, and says so as long as they are there.
 #[test]
 fn parameters_that_another_build_saved_are_not_used() {
     let mut other = Rig::of("none");
@@ -222,6 +222,7 @@ fn parameters_that_another_build_saved_are_not_used() {
     assert!(rig.board().avr().eeprom() == eeprom, "it writes nothing");
     command(&mut rig, OTHER, 255);
     assert_at(&mut rig, 255, "the default travel");
+    wait_for_condition(&mut rig, StatusCode::Critical, DRAFT | PARAMETERS_LOST, 1100);
 }
 
 // ---- the filters ----
