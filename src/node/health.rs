@@ -114,6 +114,12 @@ impl Health {
         self.conditions.code()
     }
 
+    /// Whether this condition is set.
+    #[inline(always)]
+    pub fn has(&self, condition: Conditions) -> bool {
+        self.conditions.has(condition)
+    }
+
     /// The worst level that a condition has by the masks.
     #[inline(always)]
     pub fn level(&self, parameters: &Parameters) -> Level {

@@ -44,7 +44,6 @@ use crate::dronecan::NodeId;
 use crate::dronecan::acceptance::{Filters, NodeAcceptance};
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::{Receiver, Rejection, Transfer, Verdict};
-use crate::dronecan::wire::Id;
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
 use actuator::Actuator;
@@ -214,6 +213,8 @@ impl Node {
         let banner = monitor.tell(Line::Banner);
         banner.set_source(self.id);
         banner.set_code(Line::PowerOn.plus(cause.0).number());
+        #[cfg(feature = "draft")]
+        self.show_dialect(monitor);
         self.publisher.start();
         #[cfg(feature = "allocation")]
         self.allocation.start(&self.unique_id, 0);
@@ -364,8 +365,15 @@ impl Node {
         #[cfg(feature = "draft")]
         {
             self.dialect.second();
-            self.health.set(Conditions::DRAFT, self.dialect.is_draft(), [Line::Draft, Line::DraftEnd], monitor);
+            self.show_dialect(monitor);
         }
+    }
+
+    /// In the status and on the serial monitor.
+    #[cfg(feature = "draft")]
+    #[inline(never)]
+    fn show_dialect(&mut self, monitor: &mut Monitor) {
+        self.health.set(Conditions::DRAFT, self.dialect.is_draft(), [Line::Draft, Line::DraftEnd], monitor);
     }
 
     /// Takes a received frame, and acts on the transfer that it completes.
@@ -392,8 +400,10 @@ impl Node {
             Verdict::More => {}
             Verdict::Rejected(rejection) => self.reject(rejection, frame, monitor),
             Verdict::Message(message) => {
-                self.note.a = message.kind.id();
                 let line = self.act(message, now_ms, servo);
+                if line.is_refusal() {
+                    self.note.a = Dialect::data_type(message, frame);
+                }
                 self.conclude(line, message, monitor);
             }
             Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),
@@ -416,7 +426,7 @@ impl Node {
         self.note.set_source(transfer.source);
         self.note.set_transfer(transfer.transfer_id());
         monitor.log(&self.note);
-        if self.actuator.is_following() {
+        if self.health.has(Conditions::FAILSAFE) && self.actuator.is_following() {
             self.health.set(Conditions::FAILSAFE, false, [Line::FailsafeEnd; 2], monitor);
         }
     }
@@ -424,8 +434,8 @@ impl Node {
     /// Counts and logs a frame that is dropped.
     #[inline(never)]
     fn reject(&mut self, rejection: Rejection, frame: &Frame, monitor: &mut Monitor) {
-        let id = Id(frame.id);
-        self.lose(rejection, id.data_type(), id.source(), monitor);
+        let (data_type, source) = Dialect::origin(frame);
+        self.lose(rejection, data_type, source, monitor);
     }
 
     /// Counts and logs a frame or a transfer that is dropped.
@@ -513,6 +523,8 @@ impl Node {
     fn act_on_status(&mut self, status: &Transfer, is_draft: bool, source: NodeId, now_ms: u16) -> Line {
         let &[u0, u1, u2, u3, state, ..] = status.bytes();
         let (level, mode);
+        // In the draft the lower four bits are no uptime.
+        let highest = if is_draft { u3 >> 4 } else { u3 };
         #[cfg(feature = "draft")]
         if is_draft {
             if !matches!(status.len(), 4 | 6 | 7 | 8) {
@@ -520,8 +532,9 @@ impl Node {
             }
             // 0 is OK, 1 initialising, 2 a warning, 3 critical, 15 offline.
             (level, mode) = match u3 & 15 {
+                status @ (0 | 1) => (Level::Ok as u8, status),
                 2 => (Level::Warning as u8, 0),
-                status => (if status & 2 != 0 { Level::Critical as u8 } else { 0 }, status & 1),
+                _ => (Level::Critical as u8, 0),
             };
         } else if status.len() == 7 {
             (level, mode) = (state >> 6, state >> 3 & 7);
@@ -536,7 +549,7 @@ impl Node {
         }
         self.note.set_code(Line::Health.plus(level).number());
         self.note.b = u16::from(Line::Mode.plus(mode.min(4)).number());
-        self.note.a = if u2 | u3 == 0 { u16::from_le_bytes([u0, u1]) } else { u16::MAX };
+        self.note.a = if u2 | highest == 0 { u16::from_le_bytes([u0, u1]) } else { u16::MAX };
         if self.autopilot.is_status_of(source, now_ms) {
             self.publisher.autopilot_status(now_ms, self.thesis || self.dialect.is_draft());
         }
