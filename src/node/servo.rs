@@ -1,5 +1,7 @@
 //! From commands to the width of the servo pulse.
 
+use core::sync::atomic::{Ordering, compiler_fence};
+
 use super::parameters::{Parameter, Parameters};
 use crate::dronecan::float16;
 
@@ -142,12 +144,10 @@ impl Travel {
         if self.is_reversed {
             position = !position;
         }
-        let position = u16::from(position);
+        // By 255: 257 times that is 65,535.
+        let position = u16::from_le_bytes([position; 2]);
         let travel = self.below + self.above;
-        // By 255: by 256, and a 256th of that.
-        let product = u32::from(position) * u32::from(travel);
-        let offset = (product + (product >> 8) + (1 << 7)) >> 8;
-        self.low() + offset as u16
+        self.low() + ((u32::from(position) * u32::from(travel) + (1 << 15)) >> 16) as u16
     }
 
     /// The position that a pulse asks for, as an equal command would have it: in radians, as a float16.
@@ -165,22 +165,33 @@ impl Travel {
 /// Divides bit by bit. As the divisor and the quotient have only 16 that takes half as long as a division of 32 bits.
 #[inline(never)]
 pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
-    if value == 0 || divisor == 0 {
+    if divisor == 0 {
         return 0;
     }
-    // The rest in the upper half, and the quotient, which comes in as the rest goes out, in the lower one.
-    let mut rest_and_quotient = u32::from(value) * u32::from(factor) + u32::from(divisor >> 1);
-    if (rest_and_quotient >> 16) as u16 >= divisor {
+    let product = u32::from(value) * u32::from(factor) + u32::from(divisor >> 1);
+    let mut rest = (product >> 16) as u16;
+    if rest >= divisor {
         return u16::MAX;
     }
-    for _ in 0..16u8 {
-        rest_and_quotient <<= 1;
-        if (rest_and_quotient >> 16) as u16 >= divisor {
-            rest_and_quotient -= u32::from(divisor) << 16;
-            rest_and_quotient |= 1;
+    // The quotient comes in at the bottom as the rest goes out at the top.
+    let mut quotient = product as u16;
+    let mut bits = 16u8;
+    while bits != 0 {
+        rest <<= 1;
+        // The fences make LLVM branch once, where it would choose each half by a comparison of its own.
+        if quotient & 1 << 15 != 0 {
+            compiler_fence(Ordering::SeqCst);
+            rest |= 1;
         }
+        quotient <<= 1;
+        if rest >= divisor {
+            compiler_fence(Ordering::SeqCst);
+            rest -= divisor;
+            quotient |= 1;
+        }
+        bits -= 1;
     }
-    rest_and_quotient as u16
+    quotient
 }
 
 #[cfg(test)]
