@@ -139,9 +139,9 @@ impl Actuator {
                 line = Line::CommandUnitless;
                 logged >>= 2;
             }
-            // 1024ths.
+            // From 1024ths, with which no product overflows.
             logged >>= 1;
-            logged -= logged * 3 >> 7;
+            logged -= (logged * 3) >> 7;
         }
         event.a = logged as u16;
         self.follow(pulse, line, event, now_ms, parameters, servo)
