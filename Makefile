@@ -32,7 +32,7 @@ help:
 	@echo "make firmware   build the firmware, and show how much of the chip it takes"
 	@echo "make flash      upload it to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"
-	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (twenty minutes)"
+	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (ten minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
 	@echo
