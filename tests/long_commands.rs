@@ -238,33 +238,59 @@ fn a_sender_that_restarts_is_heard_at_once() {
     }
 }
 
-#[test]
-fn a_second_sender_in_between_is_refused_and_the_first_is_followed() {
-    let mut rig = positioned();
-    let first = fifteen(1);
-    let other: Vec<_> = (1..=15).map(|id| (id, 0, 0.9)).collect();
-    let second = array_command(&other, 9);
-    for (a, b) in first.iter().zip(&second) {
-        rig.send(ARRAY_COMMAND | 10, a);
-        rig.send(ARRAY_COMMAND | 11, b);
+/// Two commands of nine frames, one for 1000 us and one for 1950 us, frame by frame in turn.
+fn send_in_turn(rig: &mut Rig, first: u32, second: u32) {
+    let low = fifteen(1);
+    let high = array_command(&(1..=15).map(|id| (id, 0, 0.9)).collect::<Vec<_>>(), 9);
+    for (a, b) in low.iter().zip(&high) {
+        rig.send(ARRAY_COMMAND | first, a);
+        rig.send(ARRAY_COMMAND | second, b);
     }
-    assert_eq!(rig.settled_pulse_us(), 1000.0);
-    let (_, code) = rig.next_status();
-    assert_eq!(code & TRANSFER_ERRORS, TRANSFER_ERRORS, "and that is told");
-    // One after the other both are followed.
-    send_all(&mut rig, 11, &second);
-    assert_eq!(rig.settled_pulse_us(), 1950.0);
-    send_all(&mut rig, 10, &first);
-    assert_eq!(rig.settled_pulse_us(), 1000.0);
+}
+
+/// The commander is the node whose command was followed last.
+#[test]
+fn a_second_sender_in_between_is_refused_and_the_commander_is_followed() {
+    for is_first in [true, false] {
+        let mut rig = positioned();
+        if is_first {
+            send_in_turn(&mut rig, 10, 11);
+        } else {
+            // What is open already gives way to the commander.
+            send_in_turn(&mut rig, 11, 10);
+        }
+        assert_eq!(rig.settled_pulse_us(), if is_first { 1000.0 } else { 1950.0 });
+        let (_, code) = rig.next_status();
+        assert_eq!(code & TRANSFER_ERRORS, TRANSFER_ERRORS, "and the status says so");
+        // One after the other both are followed.
+        let (low, high) = (fifteen(2), array_command(&[(1, 0, 0.9), (2, 0, 0.0)], 10));
+        send_all(&mut rig, 11, &high);
+        assert_eq!(rig.settled_pulse_us(), 1950.0);
+        send_all(&mut rig, 10, &low);
+        assert_eq!(rig.settled_pulse_us(), 1000.0);
+    }
 }
 
 #[test]
-fn a_sender_that_falls_silent_in_a_transfer_does_not_lock_others_out_for_long() {
+fn of_two_senders_neither_of_which_is_the_commander_the_one_that_begins_later_is_followed() {
     let mut rig = positioned();
-    send_all(&mut rig, 11, &fifteen(3)[..4]);
-    rig.run_ms(2050);
-    send_all(&mut rig, 10, &fifteen(4));
-    assert_eq!(rig.settled_pulse_us(), 1000.0);
+    send_in_turn(&mut rig, 11, 12);
+    assert_eq!(rig.settled_pulse_us(), 1950.0);
+    let (_, code) = rig.next_status();
+    assert_eq!(code & TRANSFER_ERRORS, TRANSFER_ERRORS, "and the status says so");
+}
+
+/// Not even for a moment, unless it is the commander: then for two seconds.
+#[test]
+fn a_sender_that_falls_silent_in_a_transfer_does_not_lock_others_out_for_long() {
+    for (silent, other, wait_ms, pulse) in [(11, 10, 5, 1000.0), (10, 11, 1900, 1750.0), (10, 11, 2050, 1000.0)] {
+        let mut rig = positioned();
+        rig.set("OUT1_TIMEOUT", 0);
+        send_all(&mut rig, silent, &fifteen(3)[..4]);
+        rig.run_ms(wait_ms);
+        send_all(&mut rig, other, &fifteen(4));
+        assert_eq!(rig.settled_pulse_us(), pulse, "{silent} is silent, {other} sends after {wait_ms} ms");
+    }
 }
 
 #[test]

@@ -131,13 +131,19 @@ impl Actuator {
             return Line::RefusedValue;
         }
         // What is logged are microseconds, of two halves, or thousandths: of 2^14, and of 2^12 to a radian.
-        event.a = (value >> 1) as u16;
-        let (line, scale) = match unit {
-            CommandType::Unitless => (Line::CommandUnitless, 4000),
-            CommandType::Position => (Line::CommandPosition, 16_000),
-            CommandType::Pwm => return self.follow(pulse, Line::CommandPwm, event, now_ms, parameters, servo),
-        };
-        event.a = ((i32::from(value) * scale) >> 16) as u16;
+        let mut logged = value >> 1;
+        let mut line = Line::CommandPwm;
+        if unit != CommandType::Pwm {
+            line = Line::CommandPosition;
+            if unit == CommandType::Unitless {
+                line = Line::CommandUnitless;
+                logged >>= 2;
+            }
+            // From 1024ths, with which no product overflows.
+            logged >>= 1;
+            logged -= (logged * 3) >> 7;
+        }
+        event.a = logged as u16;
         self.follow(pulse, line, event, now_ms, parameters, servo)
     }
 

@@ -166,7 +166,7 @@ mod one {
         /// Data type ID of a message.
         #[inline(always)]
         pub fn data_type(_message: &Transfer, frame: &Frame) -> u16 {
-            Id(frame.id).data_type()
+            _message.kind.id()
         }
 
         /// No transfer comes in the draft.

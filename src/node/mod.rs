@@ -400,10 +400,8 @@ impl Node {
             Verdict::More => {}
             Verdict::Rejected(rejection) => self.reject(rejection, frame, monitor),
             Verdict::Message(message) => {
+                self.note.a = Dialect::data_type(message, frame);
                 let line = self.act(message, now_ms, servo);
-                if line.is_refusal() {
-                    self.note.a = Dialect::data_type(message, frame);
-                }
                 self.conclude(line, message, monitor);
             }
             Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),

@@ -165,7 +165,7 @@ impl Travel {
 /// Divides bit by bit. As the divisor and the quotient have only 16 that takes half as long as a division of 32 bits.
 #[inline(never)]
 pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
-    if value == 0 || divisor == 0 {
+    if divisor == 0 {
         return 0;
     }
     // The rest in the upper half, and the quotient, which comes in as the rest goes out, in the lower one.

@@ -11,7 +11,7 @@ use sim::Cycles;
 use sim::bench::Bench;
 use sim::board::{Board, WireEvent};
 use sim::can::{Frame, Id, SoftNode};
-use sim::dronecan::{Message, Opcode, ParameterRequest, TransferId, Value, split, types};
+use sim::dronecan::{DataType, Message, Opcode, ParameterRequest, TransferId, Value, split, types};
 use sim::mcp2515::Fate;
 
 use super::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, array_command};
@@ -30,12 +30,18 @@ const STRANGERS: u32 = 0x1234_5600;
 const LIGHTS_COMMAND: u32 = 0x1804_3900;
 /// The low byte of OCR1B.
 const OCR1BL: u16 = 0x8A;
+/// ArmingStatus.
+const ARMING_STATUS: u32 = 0x1804_4C00;
+/// A message of a manufacturer's, type 20210, whose low byte is that of ArrayCommand.
+const LOOK_ALIKE: u32 = 0x184E_F200;
+/// A node without an ID asks for one: type 1 of an anonymous message. With this discriminator the frame is what a NodeStatus of node 0 would be.
+const ANONYMOUS: u32 = 0x1801_5500;
 /// What makes the node publish all that it can, as fast as it can.
 const BUSY: [(&str, i64); 3] =
-    // Without the failsafe, after which the controller gets its filters again and hears nothing for 5 ms.
+    // Without the failsafe, at which the controller gets its filters again and hears nothing for 5 ms.
     [("TELEM_RATE", 50), ("TEMP_RATE", 50), ("OUT1_TIMEOUT", 0)];
-/// So long a client waits for an answer.
-const CLIENT_PATIENCE_MS: u64 = 300;
+/// A client waits this long for an answer.
+const CLIENT_TIMEOUT_MS: u64 = 300;
 /// RX0IF and RX1IF of CANINTF.
 const CANINTF: u8 = 0x2C;
 const RX_FLAGS: u8 = 0b11;
@@ -45,6 +51,8 @@ const RX_FLAGS: u8 = 0b11;
 pub enum Kind {
     /// A frame of ArrayCommand with so many bytes, of which 5 are a command: it has RXB0, and RXB1 when that is full.
     Command(usize),
+    /// A command of 5 bytes for a position, which takes a division.
+    Position,
     /// Frames of ArrayCommands with 15 commands: nine each.
     LongCommand,
     /// First frames of ArrayCommands, of which the rest never comes.
@@ -53,13 +61,29 @@ pub enum Kind {
     Status(usize),
     /// The thesis's command of 2 bytes: RXB1, too.
     Thesis,
+    /// An ArmingStatus of 2 bytes: RXB1, too.
+    Arming,
     /// A request for the node's information: RXB0.
     Request,
     /// A request for a parameter by its index, of 3 bytes.
     ParameterRequest,
     /// A request for a parameter by its name, of three frames.
     LongRequest,
-    /// Any of these at random, one after the other; transfers of several frames are sent whole.
+    /// A request to save the parameters, of 8 bytes.
+    OpcodeRequest,
+    /// A request to restart with a wrong number, of 6 bytes.
+    RestartRequest,
+    /// A request for a firmware update, of four frames.
+    UpdateRequest,
+    /// A frame of another type, with so many bytes, whose type has the low byte of ArrayCommand's: it has RXB0 and RXB1.
+    LookAlike(usize),
+    /// A request to the node for a service that it does not have, of so many bytes: RXB0 and RXB1.
+    UnknownRequest(usize),
+    /// A request for a node ID from a node without one, which looks like a NodeStatus: RXB1.
+    Anonymous,
+    /// A command from a sender that has the node's own ID.
+    OwnId,
+    /// Any of these at random, one after the other, but for positions; transfers of several frames are sent whole.
     Mixed,
     /// A frame for others, of 8 bytes.
     Foreign,
@@ -68,8 +92,12 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All that the node takes.
-    pub const MATCHING: [Kind; 18] = [
+    /// All that its filters let through (`src/dronecan/acceptance.rs`): what the node takes, and what it refuses when it has read it. That is
+    /// other messages whose type has the low byte of ArrayCommand's, requests to the node for services that it does not have, whatever has
+    /// one of its types and comes from nobody or from its own ID, and frames of wrong lengths.
+    ///
+    /// [`Position`](Self::Position) is not one of them: it has tests of its own.
+    pub const MATCHING: [Kind; 28] = [
         Kind::Command(0),
         Kind::Command(1),
         Kind::Command(2),
@@ -84,20 +112,43 @@ impl Kind {
         Kind::Status(7),
         Kind::Status(8),
         Kind::Thesis,
+        Kind::Arming,
         Kind::Request,
         Kind::ParameterRequest,
         Kind::LongRequest,
+        Kind::OpcodeRequest,
+        Kind::RestartRequest,
+        Kind::UpdateRequest,
+        Kind::LookAlike(1),
+        Kind::LookAlike(2),
+        Kind::LookAlike(8),
+        Kind::UnknownRequest(1),
+        Kind::Anonymous,
+        Kind::OwnId,
         Kind::Mixed,
     ];
 
-    /// Whether its frames are requests to the node.
+    /// Whether its frames are requests to the node that it answers.
     pub fn is_request(self) -> bool {
-        matches!(self, Kind::Request | Kind::ParameterRequest | Kind::LongRequest)
+        matches!(
+            self,
+            Kind::Request
+                | Kind::ParameterRequest
+                | Kind::LongRequest
+                | Kind::OpcodeRequest
+                | Kind::RestartRequest
+                | Kind::UpdateRequest
+        )
+    }
+
+    /// Whether its frames come through the filters, and the node has no use for them.
+    pub fn is_other(self) -> bool {
+        matches!(self, Kind::LookAlike(_) | Kind::UnknownRequest(_) | Kind::Anonymous | Kind::OwnId)
     }
 
     /// Whether some of its frames make the servo move.
     pub fn moves(self) -> bool {
-        matches!(self, Kind::Command(5) | Kind::LongCommand | Kind::Thesis | Kind::Mixed)
+        matches!(self, Kind::Command(5) | Kind::Position | Kind::LongCommand | Kind::Thesis | Kind::Mixed)
     }
 }
 
@@ -180,14 +231,25 @@ fn pulse_us(n: u32) -> f32 {
 /// The nth valid command, which asks for that width: its type and value. The three types take turns, also where only each ninth frame
 /// begins one.
 fn command(n: u32) -> (u8, f32) {
-    let width_us = pulse_us(n);
-    let deflection = (width_us - 1500.0) / 500.0;
     match (n + n / 9) % 3 {
-        0 => (4, width_us),
-        1 => (0, deflection),
-        // OUT1_RANGE is 90 degrees.
-        _ => (1, deflection * FRAC_PI_4),
+        0 => (4, pulse_us(n)),
+        1 => (0, deflection(n)),
+        _ => position(n),
     }
+}
+
+fn deflection(n: u32) -> f32 {
+    (pulse_us(n) - 1500.0) / 500.0
+}
+
+/// The same as a position. OUT1_RANGE is 90 degrees.
+fn position(n: u32) -> (u8, f32) {
+    (1, deflection(n) * FRAC_PI_4)
+}
+
+/// The identifier of a request to the node, from node 127.
+fn request_id(service: u32) -> u32 {
+    0x1E00_80FF | service << 16 | NODE << 8
 }
 
 impl Sender {
@@ -239,10 +301,10 @@ impl Sender {
             }
             kind => kind,
         };
-        let (command_type, value) = command(self.count);
+        let (command_type, value) = if kind == Kind::Position { position(self.count) } else { command(self.count) };
         let [low, high] = half::f16::from_f32(value).to_le_bytes();
         match kind {
-            Kind::Command(5) => self.widths.push_back(pulse_us(self.count)),
+            Kind::Command(5) | Kind::Position => self.widths.push_back(pulse_us(self.count)),
             Kind::LongCommand if self.rest.is_empty() => self.widths.push_back(pulse_us(self.count)),
             // Over the whole travel.
             Kind::Thesis => self.widths.push_back(1000.0 + f32::from(self.count as u8) * 1000.0 / 255.0),
@@ -250,18 +312,28 @@ impl Sender {
         }
         let (id, data) = match kind {
             Kind::Command(len) => (ARRAY_COMMAND | SENDER, self.padded(&[1, command_type, low, high], len)),
+            Kind::Position => (ARRAY_COMMAND | SENDER, self.padded(&[1, command_type, low, high], 5)),
             Kind::Status(len) => (NODE_STATUS | SENDER, self.padded(&[10, 0, 0, 0, 0, 0, 0], len)),
             Kind::Thesis => (SERVO_COMMAND | SENDER, self.padded(&[self.count as u8], 2)),
-            Kind::Request => (0x1E01_80FF | NODE << 8, self.padded(&[], 1)),
-            Kind::ParameterRequest => (0x1E0B_80FF | NODE << 8, self.padded(&[0, 0], 3)),
+            // Armed.
+            Kind::Arming => (ARMING_STATUS | SENDER, self.padded(&[255], 2)),
+            Kind::Request => (request_id(1), self.padded(&[], 1)),
+            Kind::ParameterRequest => (request_id(11), self.padded(&[0, 0], 3)),
+            Kind::OpcodeRequest => (request_id(10), self.padded(&[0; 7], 8)),
+            Kind::RestartRequest => (request_id(5), self.padded(&[1, 2, 3, 4, 5], 6)),
             Kind::LongRequest => {
-                if self.rest.is_empty() {
-                    let request = ParameterRequest { name: "OUT1_REVERSED".into(), ..ParameterRequest::default() };
-                    let signature = types::GET_SET.signature.expect("known");
-                    self.rest = split(&request.encode(), TransferId::new(self.next_transfer_id()), signature).into();
-                }
-                (0x1E0B_80FF | NODE << 8, self.rest.pop_front().expect("a frame"))
+                let request = ParameterRequest { name: "OUT1_REVERSED".into(), ..ParameterRequest::default() };
+                (request_id(11), self.next_of(&types::GET_SET, &request.encode()))
             }
+            Kind::UpdateRequest => {
+                // From node 127.
+                let update = [&[127], &b"firmware/servo-node.bin"[..]].concat();
+                (request_id(40), self.next_of(&types::BEGIN_FIRMWARE_UPDATE, &update))
+            }
+            Kind::LookAlike(len) => (LOOK_ALIKE | SENDER, self.padded(&[], len)),
+            Kind::UnknownRequest(len) => (request_id(45), self.padded(&[], len)),
+            Kind::Anonymous => (ANONYMOUS, self.padded(&[0; 7], 8)),
+            Kind::OwnId => (ARRAY_COMMAND | NODE, self.padded(&[1, command_type, low, high], 5)),
             Kind::Mixed => unreachable!("it is one of the others"),
             Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
             Kind::Stranger(len) => (STRANGERS, self.padded(&[], len)),
@@ -280,6 +352,15 @@ impl Sender {
             _ => id & BELOW_PRIORITY | u32::from(self.load.priority) << 24,
         };
         Frame::extended(id, &data)
+    }
+
+    /// The next frame of a request of several frames.
+    fn next_of(&mut self, data_type: &DataType, payload: &[u8]) -> Vec<u8> {
+        if self.rest.is_empty() {
+            let transfer_id = TransferId::new(self.next_transfer_id());
+            self.rest = split(payload, transfer_id, data_type.signature.expect("known")).into();
+        }
+        self.rest.pop_front().expect("a frame")
     }
 
     /// Sees to it that there are frames to send; to be called every millisecond at least.
@@ -565,17 +646,10 @@ impl Loaded {
         }
         rig.send_command(1, 4, 1500.0);
         rig.run_ms(100);
-        // An autopilot: the node is sure of its dialect.
+        // An autopilot.
         for _ in 0..2 {
             rig.send_status_from(1);
             rig.run_ms(10);
-        }
-        if load.is_none_or(|load| load.kind == Kind::Foreign) {
-            // A message for others shows it that its filters let through what they need not, and a command is when it takes closer ones.
-            rig.send(FOREIGN | SENDER, &[0xC0]);
-            rig.run_ms(2);
-            rig.send_command(1, 4, 1500.0);
-            rig.run_ms(20);
         }
         rig.forget();
         let sender = load.map(|load| Sender::attach(&mut rig.bench, load));
@@ -614,7 +688,7 @@ impl Loaded {
         let rig = &mut self.rig;
         // The client waits for the whole answer, and asks for the next one.
         let answered = !rig.answers().is_empty();
-        if answered || rig.now() - self.asked_at > CLIENT_PATIENCE_MS * MS {
+        if answered || rig.now() - self.asked_at > CLIENT_TIMEOUT_MS * MS {
             self.figures.answers += u64::from(answered);
             self.asked = self.asked.wrapping_add(1);
             self.asked_at = rig.now();
