@@ -150,9 +150,9 @@ lines! {
     Saved = "parameters saved",
     /// EEPROM.
     #[cfg(feature = "standard")]
-    NotSaved = "parameters NOT saved",
+    NotSaved = "parameters not saved",
     /// EEPROM.
-    ParametersLost = "parameters LOST, defaults",
+    ParametersLost = "parameters lost, defaults",
     /// Allocation.
     #[cfg(feature = "allocation")]
     Allocated = "node ID %c allocated by %s",
@@ -167,11 +167,11 @@ lines! {
     #[cfg(feature = "standard")]
     DisarmedEnd = "armed",
     /// Begins.
-    OutOfRange = "temperature OUT OF RANGE",
+    OutOfRange = "temperature out of range",
     /// Ends.
     OutOfRangeEnd = "temperature in range",
     /// Begins.
-    SensorFault = "temperature sensor OPEN OR SHORT",
+    SensorFault = "temperature sensor open or short",
     /// Ends.
     SensorFaultEnd = "temperature sensor OK",
     /// Begins.

@@ -12,7 +12,7 @@ const FOLLOWS: &str = "follows";
 
 fn broken_sensor(millivolts: u32) -> Measured {
     let mut trial = Trial::new();
-    trial.begin("OPEN OR SHORT", |rig| rig.board().set_sensor_millivolts(millivolts));
+    trial.begin("open or short", |rig| rig.board().set_sensor_millivolts(millivolts));
     trial.live(2500);
     let (_, code) = trial.rig.status_now();
     assert_eq!(code & SENSOR, SENSOR, "{code:#06x}");
@@ -46,7 +46,7 @@ pub const SENSOR_NOISY: Case = Case {
         let mut trial = Trial::new();
         trial.rig.board().set_temperature_c(25.0);
         trial.live(1100);
-        trial.begin("OPEN OR SHORT", |rig| rig.board().set_sensor_noise_millivolts(100, 3));
+        trial.begin("open or short", |rig| rig.board().set_sensor_noise_millivolts(100, 3));
         trial.live(6000);
         let told = trial.rig.heard(|message| match message {
             Message::Temperature(temperature) => Some(temperature.celsius()),
