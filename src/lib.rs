@@ -6,7 +6,7 @@
 //! * [`progmem`]: constant data that stays in flash.
 //! * [`monitor`]: what it tells on the serial monitor.
 //! * [`dronecan`]: the wire format.
-//! * [`can`]: frames, and the MCP2515 over any `embedded-hal` SPI.
+//! * [`mcp2515_ordered`]: frames, and the driver of the MCP2515 over any `embedded-hal` SPI, a crate of its own.
 //! * `desk`: a board of plain variables for the node, with which it is tested.
 //!
 //! Time comes in as an argument and hardware as `embedded-hal` traits, so all of it is tested on the host. The
@@ -18,7 +18,6 @@
 // The texts are packed while compiling, which takes a second or two.
 #![allow(long_running_const_eval)]
 
-pub mod can;
 #[cfg(any(test, feature = "desk"))]
 pub mod desk;
 pub mod dronecan;

@@ -14,7 +14,7 @@ mod board;
 #[cfg(target_arch = "avr")]
 use {
     board::{Board, CAN_CRYSTAL_HZ, flash::Image, guard},
-    node::can::bit_timing::BitTiming,
+    mcp2515_ordered::BitTiming,
     node::dronecan::receive::Receiver,
     node::monitor::Monitor,
     node::node::agenda::{Agenda, Facts, Turn},

@@ -18,9 +18,9 @@ use avr_device::atmega168::EXINT;
 
 use super::flash::Image;
 use super::spi::{CanInterrupt, CanSelect, CanSpi};
-use node::can::Frame;
-use node::can::mcp2515::{Counted, Mcp2515};
+use mcp2515_ordered::{Frame, Mcp2515};
 use node::dronecan::acceptance::NodeAcceptance;
+use node::node::health::CanCounters;
 
 /// The CAN controller with its driver.
 pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
@@ -147,7 +147,7 @@ impl Bus {
     }
 }
 
-impl Counted for Bus {
+impl CanCounters for Bus {
     #[inline(never)]
     fn word(&self, n: u8) -> u16 {
         mask();

@@ -12,11 +12,11 @@ pub use one::Dialect;
 
 #[cfg(feature = "draft")]
 mod two {
-    use crate::can::Frame;
     use crate::dronecan::acceptance::Row;
     use crate::dronecan::draft;
     use crate::dronecan::receive::{self, Rejection, Segment};
     use crate::node::parameters::{Parameter, Parameters};
+    use mcp2515_ordered::Frame;
 
     /// In the course of so many seconds without a message of v0 nobody speaks it.
     const V0_TIMEOUT_S: u8 = 4;
@@ -107,10 +107,10 @@ mod two {
 
 #[cfg(not(feature = "draft"))]
 mod one {
-    use crate::can::Frame;
     use crate::dronecan::acceptance::Row;
     use crate::dronecan::receive::{self, Rejection, Segment};
     use crate::node::parameters::Parameters;
+    use mcp2515_ordered::Frame;
 
     /// It is v0.
     #[derive(Default)]

@@ -38,8 +38,8 @@ pub mod store;
 pub mod temperature;
 pub mod thermometer;
 
-use crate::can::Frame;
-use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
+use mcp2515_ordered::{ErrorFlags, Event as CanEvent, Frame, Notice};
+
 use crate::dronecan::NodeId;
 use crate::dronecan::acceptance::NodeAcceptance;
 use crate::dronecan::kind::Kind;

@@ -1,8 +1,8 @@
 //! Requests of those who manage the node, and its replies, one at a time and in order.
 
+use super::health::CanCounters;
 use super::outgoing::Form;
 use super::{Node, Sending, information};
-use crate::can::mcp2515::Counted;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::Transfer;
 use crate::dronecan::wire::Id;
@@ -178,7 +178,12 @@ impl Node {
 
     /// Begins the reply to the request that has waited longest, if it can be given; whether it could.
     #[inline(never)]
-    pub(super) fn begin_reply(&mut self, counters: &impl Counted, flash: impl Progmem, monitor: &mut Monitor) -> bool {
+    pub(super) fn begin_reply(
+        &mut self,
+        counters: &impl CanCounters,
+        flash: impl Progmem,
+        monitor: &mut Monitor,
+    ) -> bool {
         if self.services.is_empty() {
             return false;
         }
@@ -199,7 +204,7 @@ impl Node {
             }
             #[cfg(feature = "stats")]
             Kind::GetTransportStats => {
-                use crate::can::mcp2515::Counter;
+                use mcp2515_ordered::Counter;
                 self.outgoing.put16(self.health.transfers.sent);
                 self.outgoing.put16(self.health.transfers.received);
                 self.outgoing.put16(self.health.transfers.broken);

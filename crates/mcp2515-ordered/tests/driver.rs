@@ -7,9 +7,8 @@ use std::rc::Rc;
 
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::spi::{self, SpiBus};
-use node::can::Frame as NodeFrame;
-use node::can::bit_timing::BitTiming;
-use node::can::mcp2515::{Acceptance, Counted, Counter, ErrorFlags, Event, Mcp2515, Notice, Pattern};
+use mcp2515_ordered::Frame as DriverFrame;
+use mcp2515_ordered::{Acceptance, BitTiming, Counter, ErrorFlags, Event, Mcp2515, Notice, Pattern};
 use sim::Cycles;
 use sim::can::{Bus, Fault, Frame, Id, PortId, RecordKind, SoftNode};
 use sim::mcp2515::Mcp2515 as Chip;
@@ -158,7 +157,7 @@ struct Rig {
     chip_port: PortId,
     peer_port: PortId,
     notices: Vec<Notice>,
-    received: Vec<NodeFrame>,
+    received: Vec<DriverFrame>,
     /// The test means to make mistakes on the SPI.
     violations_expected: bool,
 }
@@ -208,13 +207,13 @@ impl Rig {
     }
 
     /// The next frame that the driver gets out of the chip.
-    fn receive(&mut self) -> Option<NodeFrame> {
-        let mut frame = NodeFrame::EMPTY;
+    fn receive(&mut self) -> Option<DriverFrame> {
+        let mut frame = DriverFrame::EMPTY;
         self.driver.receive(&mut frame).then_some(frame)
     }
 
     /// Whether the chip has taken the frame.
-    fn transmit(&mut self, frame: &NodeFrame) -> bool {
+    fn transmit(&mut self, frame: &DriverFrame) -> bool {
         self.driver.find_room();
         let now_ms = self.now_ms();
         let has_room = self.driver.state(now_ms).has_room;
@@ -310,10 +309,10 @@ impl Drop for Rig {
     }
 }
 
-fn frame(id: u32, data: &[u8]) -> NodeFrame {
+fn frame(id: u32, data: &[u8]) -> DriverFrame {
     let mut padded = [0xA5; 8];
     padded[..data.len()].copy_from_slice(data);
-    NodeFrame { id: id.to_be_bytes(), len: data.len() as u8, data: padded }
+    DriverFrame { id: id.to_be_bytes(), len: data.len() as u8, data: padded }
 }
 
 /// When it is on the bus it has a frame after 130 us, and room for two.
@@ -378,7 +377,7 @@ fn a_remote_frame_is_marked_as_foreign_and_a_length_code_above_8_means_8() {
     rig.peer_sends(Frame::standard(0x123, &[1]));
     rig.run_ms(2);
     let [remote, long] = rig.received[..] else { panic!("{:?}", rig.received) };
-    assert_eq!(remote.id[0], 0x10 | NodeFrame::FOREIGN);
+    assert_eq!(remote.id[0], 0x10 | DriverFrame::FOREIGN);
     assert_eq!((long.id, long.data()), ([0x10, 0x03, 0xF2, 0x0A], &[7; 8][..]));
 }
 

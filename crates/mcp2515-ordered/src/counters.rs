@@ -24,21 +24,15 @@ pub enum Counter {
     BusOffs = 11,
 }
 
-/// 16-bit words of a CanStats.
+/// Words of [`Counters`].
 pub const WORDS: u8 = 12;
 
-/// Where the counters can be read.
-pub trait Counted {
-    /// One of the [`WORDS`] of a CanStats; 0 where there is none.
-    fn word(&self, n: u8) -> u16;
-}
-
 /// The counters since the driver was made. They wrap around; a restart of the chip leaves them.
-#[cfg(feature = "stats")]
+#[cfg(feature = "counters")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters(pub [u16; WORDS as usize]);
 
-#[cfg(feature = "stats")]
+#[cfg(feature = "counters")]
 impl Counters {
     /// All zero.
     pub const fn new() -> Self {
@@ -64,20 +58,21 @@ impl Counters {
     }
 }
 
-#[cfg(feature = "stats")]
-impl Counted for Counters {
+#[cfg(feature = "counters")]
+impl Counters {
+    /// The word `n`; 0 if there is none.
     #[inline(always)]
-    fn word(&self, n: u8) -> u16 {
+    pub fn word(&self, n: u8) -> u16 {
         self.0.get(usize::from(n)).copied().unwrap_or(0)
     }
 }
 
 /// Counts nothing.
-#[cfg(not(feature = "stats"))]
+#[cfg(not(feature = "counters"))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters;
 
-#[cfg(not(feature = "stats"))]
+#[cfg(not(feature = "counters"))]
 impl Counters {
     /// Nothing.
     pub const fn new() -> Self {
@@ -91,10 +86,11 @@ impl Counters {
     pub(super) fn count_long(&mut self, _counter: Counter) {}
 }
 
-#[cfg(not(feature = "stats"))]
-impl Counted for Counters {
+#[cfg(not(feature = "counters"))]
+impl Counters {
+    /// The word `n`; 0 if there is none.
     #[inline(always)]
-    fn word(&self, _n: u8) -> u16 {
+    pub fn word(&self, _n: u8) -> u16 {
         0
     }
 }

@@ -26,20 +26,15 @@
 //! An SPI or a pin that reports an error is not told apart from a chip that fails: what it reads is nonsense, and the chip is
 //! started over.
 
-mod counters;
-mod registers;
-mod rx_order;
-mod tx_order;
-
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::spi::SpiBus;
 
-use super::Frame;
-use super::bit_timing::BitTiming;
-pub use counters::{Counted, Counter, Counters, WORDS};
-use registers::*;
-use rx_order::{Buffer, RxOrder};
-use tx_order::{Rank, TxOrder};
+use crate::bit_timing::BitTiming;
+use crate::counters::{Counter, Counters};
+use crate::frame::Frame;
+use crate::registers::*;
+use crate::rx_order::{Buffer, RxOrder};
+use crate::tx_order::{Rank, TxOrder};
 
 /// Between two looks at a running chip, in milliseconds.
 pub const SUPERVISION_MS: u8 = 10;
