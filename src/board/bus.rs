@@ -32,7 +32,8 @@ const QUEUE_LEN: u8 = 4;
 /// INT0 in EIMSK, and its flag in EIFR.
 const INT0_BIT: u8 = 1 << 0;
 
-static mut CAN: Can = Mcp2515::new(CanSpi::new(), CanSelect::new(), CanInterrupt::new(), NodeAcceptance::nobody(Image));
+static mut CAN: Can =
+    Mcp2515::unconfigured(CanSpi::new(), CanSelect::new(), CanInterrupt::new(), NodeAcceptance::nobody(Image));
 
 /// The queue. Frames written and read so far are counted modulo 256.
 static mut QUEUE: [Frame; QUEUE_LEN as usize] = [Frame::EMPTY; QUEUE_LEN as usize];
@@ -70,7 +71,7 @@ fn unmask() {
 fn fetch() {
     // Safety: INT0 is masked, so whoever calls this owns the controller.
     let can = unsafe { &mut *(&raw mut CAN) };
-    while can.calls() {
+    while can.has_frame() {
         let written = load(&raw const WRITTEN);
         if written.wrapping_sub(load(&raw const READ)) == QUEUE_LEN {
             return;
