@@ -205,13 +205,12 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         if step.is_running() {
             return self.supervise();
         }
-        self.step = step.next();
         self.wait_ms = 0;
+        if step == Step::DOWN && !self.configuration.timing.is_set() {
+            return None;
+        }
+        self.step = step.next();
         if step == Step::DOWN {
-            if !self.configuration.timing.is_set() {
-                self.step = Step::DOWN;
-                return None;
-            }
             self.wait_ms = START_UP_MS;
             self.chip.reset();
             return None;

@@ -28,6 +28,7 @@ const CNF2: u8 = 0x29;
 const CNF3: u8 = 0x28;
 const CANINTE: u8 = 0x2B;
 const EFLG: u8 = 0x2D;
+#[cfg(feature = "counters")]
 const REC: u8 = 0x1D;
 const RXB0CTRL: u8 = 0x60;
 const READ: u8 = 0x03;
