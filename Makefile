@@ -87,11 +87,11 @@ test-library:
 	done
 
 test-host:
-	cargo test -p bridge -p dronecan-host -p fuzz-harness -p sim
+	cargo test -p bridge -p dronecan-host -p fuzz-harness -p mcp2515-ordered -p sim
+	cargo test -p mcp2515-ordered
 
 test-firmware:
-	cargo test -p node $(patsubst tests/%.rs,--test %,$(filter-out tests/driver.rs,$(wildcard tests/*.rs)))
-	cargo test -p node --features full --test driver
+	cargo test -p node $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs))
 
 # They mostly wait for real time.
 test-clients:
@@ -133,6 +133,7 @@ lint: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy --target thumbv6m-none-eabi -p mcp2515-ordered -- -D warnings
 	cargo clippy $(AVR) -p node --bin node -- -D warnings
 	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings

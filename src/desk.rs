@@ -7,8 +7,8 @@ use std::cell::Cell;
 use std::collections::VecDeque;
 use std::vec::Vec;
 
-use crate::can::Frame;
-use crate::can::mcp2515::Counters;
+use mcp2515_ordered::{Counters, Frame};
+
 use crate::dronecan::acceptance::NodeAcceptance;
 use crate::dronecan::receive::Receiver;
 use crate::image::InMemory;

@@ -4,7 +4,8 @@
 use std::string::String;
 use std::vec::Vec;
 
-use crate::can::Frame;
+use mcp2515_ordered::Frame;
+
 use crate::image::InMemory;
 use crate::node::condition::Conditions;
 use crate::node::parameters::{Parameter, Parameters};

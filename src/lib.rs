@@ -7,7 +7,7 @@
 //! * [`monitor`]: what it tells on the serial monitor.
 //! * [`dronecan`]: the wire format.
 //! * [`progmem`]: how a table of constants in flash is read.
-//! * [`can`]: frames, and the MCP2515 over any `embedded-hal` SPI.
+//! * [`mcp2515_ordered`]: frames, and the driver of the MCP2515 over any `embedded-hal` SPI, a crate of its own.
 //! * `desk`: a board of plain variables for the node, with which it is tested.
 //!
 //! Time comes in as an argument and hardware as `embedded-hal` traits, so all of it is tested on the host. The
@@ -19,7 +19,6 @@
 // The texts are packed while compiling, which takes a second or two.
 #![allow(long_running_const_eval)]
 
-pub mod can;
 #[cfg(any(test, feature = "desk"))]
 pub mod desk;
 pub mod dronecan;

@@ -14,11 +14,11 @@ mod board;
 #[cfg(target_arch = "avr")]
 use {
     board::{Board, CAN_CRYSTAL_HZ, flash::Image, guard},
-    node::can::bit_timing::BitTiming,
+    mcp2515_ordered::Configuration,
     node::dronecan::receive::Receiver,
     node::monitor::Monitor,
     node::node::agenda::{Agenda, Facts, Turn},
-    node::node::{Node, condition::ResetCause, parameters::Parameter, servo::Output},
+    node::node::{Node, bit_rate, condition::ResetCause, parameters::Parameter, servo::Output},
 };
 
 #[cfg(target_arch = "avr")]
@@ -35,9 +35,9 @@ fn main() -> ! {
     let board = BOARD.insert(Board::new());
     node.start(guard::reset_cause(&board.cpu), &mut board.eeprom, || board.jitter.sample(), Image, monitor);
     board.servo.set_rate(node.parameters.get(Parameter::OutRate));
-    let timing = BitTiming::at_rate::<CAN_CRYSTAL_HZ>(node.parameters.get(Parameter::CanBaudrate) as u8);
-    let acceptance = node.acceptance(Image);
-    board.bus.controller(|can| can.configure(timing, acceptance, acceptance.node.is_none()));
+    let timing = bit_rate::timing::<CAN_CRYSTAL_HZ>(node.parameters.get(Parameter::CanBaudrate) as u8);
+    let (acceptance, attempts) = (node.acceptance(Image), node.attempts());
+    board.bus.controller(|can| can.configure(Configuration { timing, acceptance, attempts }));
     guard::start();
 
     loop {
@@ -89,7 +89,13 @@ fn main() -> ! {
             }
             Turn::SetFilters => {
                 let acceptance = node.acceptance(Image);
-                board.bus.controller(|can| can.reconfigure(acceptance, acceptance.node.is_none()));
+                let attempts = node.attempts();
+                board.bus.controller(|can| {
+                    can.reconfigure(|configuration| {
+                        configuration.acceptance = acceptance;
+                        configuration.attempts = attempts;
+                    });
+                });
                 node.filters_are_set();
             }
             Turn::FindRoom => board.bus.controller(|can| can.find_room()),

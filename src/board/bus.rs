@@ -19,9 +19,9 @@ use avr_device::atmega168::{EXINT, SPI};
 use super::flash::Image;
 use super::pins::{CanInterrupt, CanSelect};
 use super::spi::CanSpi;
-use node::can::Frame;
-use node::can::mcp2515::{Counted, Mcp2515};
+use mcp2515_ordered::{Frame, Mcp2515};
 use node::dronecan::acceptance::NodeAcceptance;
+use node::node::health::CanCounters;
 
 /// The CAN controller with its driver.
 pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
@@ -35,8 +35,9 @@ const INT0_BIT: u8 = 1 << 0;
 
 // Safety: these are the only values of the SPI and of CS, for `Pins` has no other. `Bus::new`, without which there is no `Bus` and no
 // interrupt, is called after both are set up.
-static mut CAN: Can =
-    unsafe { Mcp2515::new(CanSpi::steal(), CanSelect::steal(), CanInterrupt::new(), NodeAcceptance::nobody(Image)) };
+static mut CAN: Can = unsafe {
+    Mcp2515::unconfigured(CanSpi::steal(), CanSelect::steal(), CanInterrupt::new(), NodeAcceptance::nobody(Image))
+};
 
 /// The driver.
 ///
@@ -91,7 +92,7 @@ fn unmask() {
 unsafe fn fetch() {
     // Safety: with INT0 masked, the handler cannot get a reference beside this one; the caller has none.
     let can = unsafe { can() };
-    while can.calls() {
+    while can.has_frame() {
         let written = load(&raw const WRITTEN);
         if written.wrapping_sub(load(&raw const READ)) == QUEUE_LEN {
             return;
@@ -174,7 +175,7 @@ impl Bus {
     }
 }
 
-impl Counted for Bus {
+impl CanCounters for Bus {
     #[inline(never)]
     fn word(&self, n: u8) -> u16 {
         mask();

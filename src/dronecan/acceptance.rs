@@ -7,7 +7,8 @@
 //! All other types share the four filters of RXB1. As long as there are no more than four of them, all 16 bits of the type are compared; if
 //! there are more, only as many bits of the low byte as let all of them through ([`Wide`]).
 
-use crate::can::mcp2515::{Acceptance, Pattern};
+use mcp2515_ordered::{Acceptance, Pattern};
+
 use crate::progmem::Progmem;
 
 use super::NodeId;

@@ -8,10 +8,11 @@
 //! There is no priority and no tail byte, and the first byte of each frame of a service is the destination. (libuavcan at the end of 2014,
 //! `uc_frame.cpp` and `transfer.hpp`.)
 
+use mcp2515_ordered::Frame;
+
 use super::kind::Kind;
 use super::receive::{Rejection, Segment};
 use super::wire::Tail;
-use crate::can::Frame;
 
 /// In [`Segment::priority`], above the priority: the frame is one of the draft.
 pub const IS_DRAFT: u8 = 1 << 6;

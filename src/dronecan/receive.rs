@@ -18,10 +18,11 @@
 //!
 //! A transfer begins with its first frame whatever its transfer ID, as in libcanard: a sender that restarts is heard at once.
 
+use mcp2515_ordered::Frame;
+
 use super::crc;
 use super::kind::Kind;
 use super::wire::{Id, Tail};
-use crate::can::Frame;
 
 /// Bytes that are kept of a request: those of a GetSet with an integer and a name of 16 characters, and one more, so that a longer name is
 /// not taken for a part of it.

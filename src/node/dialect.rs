@@ -12,12 +12,12 @@ pub use one::Dialect;
 
 #[cfg(feature = "draft")]
 mod two {
-    use crate::can::Frame;
     use crate::dronecan::acceptance::Row;
     use crate::dronecan::draft;
     use crate::dronecan::receive::{self, Rejection, Segment, Transfer};
     use crate::dronecan::wire::Id;
     use crate::node::parameters::{Parameter, Parameters};
+    use mcp2515_ordered::Frame;
 
     /// In the course of so many seconds without a message of v0 nobody speaks it.
     const V0_TIMEOUT_S: u8 = 4;
@@ -121,11 +121,11 @@ mod two {
 
 #[cfg(not(feature = "draft"))]
 mod one {
-    use crate::can::Frame;
     use crate::dronecan::acceptance::Row;
     use crate::dronecan::receive::{self, Rejection, Segment, Transfer};
     use crate::dronecan::wire::Id;
     use crate::node::parameters::Parameters;
+    use mcp2515_ordered::Frame;
 
     /// It is v0.
     #[derive(Default)]
@@ -165,8 +165,8 @@ mod one {
 
         /// Data type ID of a message.
         #[inline(always)]
-        pub fn data_type(_message: &Transfer, frame: &Frame) -> u16 {
-            _message.kind.id()
+        pub fn data_type(message: &Transfer, _frame: &Frame) -> u16 {
+            message.kind.id()
         }
 
         /// No transfer comes in the draft.

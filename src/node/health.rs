@@ -1,5 +1,7 @@
 //! How the node is: its conditions, what it has counted, and the health that follows by WARN_MASK, ERROR_MASK and CRIT_MASK.
 
+use mcp2515_ordered::Counters;
+
 use super::condition::{Conditions, HOLD_S, ResetCause};
 use super::parameters::{Parameter, Parameters};
 use crate::monitor::{Line, Monitor};
@@ -15,6 +17,19 @@ pub struct Counts {
     pub overruns: u16,
     /// Times that frames waited for a second without success and were given up.
     pub given_up: u16,
+}
+
+/// The counters of the CAN controller's driver, wherever they are.
+pub trait CanCounters {
+    /// One of the 16-bit words of [`Counters`].
+    fn word(&self, n: u8) -> u16;
+}
+
+impl CanCounters for Counters {
+    #[inline(always)]
+    fn word(&self, n: u8) -> u16 {
+        Counters::word(self, n)
+    }
 }
 
 /// Transfers, for GetTransportStats. All modulo 65,536; not counted without the feature `stats`.

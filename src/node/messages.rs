@@ -1,11 +1,13 @@
 //! What is in the node's messages.
 
+use mcp2515_ordered::Frame;
+
+use super::health::CanCounters;
 #[cfg(feature = "draft")]
 use super::health::Level;
 use super::parameters::Parameter;
 use super::publisher::Publication;
 use super::{Constants, Node, Sending};
-use crate::can::mcp2515::Counted;
 use crate::dronecan::float16;
 use crate::dronecan::wire::Id;
 use crate::monitor::Monitor;
@@ -34,7 +36,7 @@ impl Node {
     #[inline(always)]
     pub fn prepare(
         &mut self,
-        counters: &impl Counted,
+        counters: &impl CanCounters,
         flash: impl Constants,
         monitor: &mut Monitor,
         now_ms: u16,
@@ -60,7 +62,7 @@ impl Node {
     }
 
     /// The frame that is ready.
-    pub fn frame(&self) -> &crate::can::Frame {
+    pub fn frame(&self) -> &Frame {
         &self.outgoing.frame
     }
 
@@ -108,7 +110,7 @@ impl Node {
 
     /// Begins the first message that is due and can go; whether there was one.
     #[inline(always)]
-    fn begin_message(&mut self, counters: &impl Counted, now_ms: u16) -> bool {
+    fn begin_message(&mut self, counters: &impl CanCounters, now_ms: u16) -> bool {
         // The draft has no allocation: without an ID it is v0 that the node speaks.
         let is_draft = self.dialect.is_draft() && self.id != 0;
         let has_temperature = self.temperature.is_known();
@@ -141,7 +143,7 @@ impl Node {
             #[cfg(feature = "stats")]
             Publication::CanStats => {
                 self.outgoing.put8(0);
-                for n in 0..crate::can::mcp2515::WORDS {
+                for n in 0..mcp2515_ordered::WORDS {
                     self.outgoing.put16(counters.word(n));
                 }
             }

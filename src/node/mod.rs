@@ -20,6 +20,7 @@ pub mod agenda;
 #[cfg(feature = "allocation")]
 pub mod allocation;
 pub mod autopilot;
+pub mod bit_rate;
 #[cfg(feature = "button")]
 pub mod button;
 pub mod condition;
@@ -38,8 +39,8 @@ pub mod store;
 pub mod temperature;
 pub mod thermometer;
 
-use crate::can::Frame;
-use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
+use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Frame, Notice};
+
 use crate::dronecan::NodeId;
 use crate::dronecan::acceptance::{Filters, NodeAcceptance};
 use crate::dronecan::kind::Kind;
@@ -229,6 +230,13 @@ impl Node {
             row = crate::dronecan::acceptance::Row::WithoutId;
         }
         NodeAcceptance { node: NodeId::new(self.id), row, flash }
+    }
+
+    /// How often the controller tries to send a frame. Anonymous frames are sent once: others may send some with the same identifier
+    /// (specification, chapter 4).
+    #[inline(always)]
+    pub fn attempts(&self) -> Attempts {
+        if self.id == 0 { Attempts::Once } else { Attempts::UntilSent }
     }
 
     /// The node's ID; 0 while it has none.

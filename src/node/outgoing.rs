@@ -4,8 +4,9 @@
 //! before the bytes that it is of. What could change in between is kept from the start, in [`Outgoing::kept`]. One step
 //! makes a few bytes only, so that the main loop gets round.
 
+use mcp2515_ordered::Frame;
+
 use super::{Constants, information};
-use crate::can::Frame;
 use crate::dronecan::crc;
 use crate::dronecan::wire::Tail;
 

@@ -1,9 +1,9 @@
 //! Requests of those who manage the node, and its replies, one at a time and in order.
 
+use super::health::CanCounters;
 use super::outgoing::Form;
 use super::parameters::Descriptions;
 use super::{Node, Sending, information};
-use crate::can::mcp2515::Counted;
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::Transfer;
 use crate::dronecan::wire::Id;
@@ -181,7 +181,7 @@ impl Node {
     #[inline(never)]
     pub(super) fn begin_reply(
         &mut self,
-        counters: &impl Counted,
+        counters: &impl CanCounters,
         flash: impl Progmem<Descriptions>,
         monitor: &mut Monitor,
     ) -> bool {
@@ -205,7 +205,7 @@ impl Node {
             }
             #[cfg(feature = "stats")]
             Kind::GetTransportStats => {
-                use crate::can::mcp2515::Counter;
+                use mcp2515_ordered::Counter;
                 self.outgoing.put16(self.health.transfers.sent);
                 self.outgoing.put16(self.health.transfers.received);
                 self.outgoing.put16(self.health.transfers.broken);

@@ -386,7 +386,7 @@ fn a_fault_that_reset_it_shows_until_the_next_reset() {
 
 #[test]
 fn frames_lost_and_their_like_show_for_nine_to_ten_seconds() {
-    use crate::can::mcp2515::Event::{Flags, GaveUpSending, Lost, NotAnswering, NotKeeping, NotStarting, Running};
+    use mcp2515_ordered::Event::{Flags, GaveUpSending, Lost, NotAnswering, NotKeeping, NotStarting, Running};
     // Bits of EFLG: RX0OVR 6, RX1OVR 7, TXBO 5.
     for (event, value, bit) in [
         (Flags, 0x40, 5),
@@ -413,7 +413,7 @@ fn frames_lost_and_their_like_show_for_nine_to_ten_seconds() {
 
 #[test]
 fn error_passive_shows_while_it_lasts() {
-    use crate::can::mcp2515::Event::Flags;
+    use mcp2515_ordered::Event::Flags;
     let mut rig = Rig::new();
     for (eflg, code) in [(0x08, 1 << 6), (0x10, 1 << 6), (0x18, 1 << 6), (0x07, 0), (0x10, 1 << 6), (0, 0)] {
         rig.node.notice(Notice { event: Flags, value: eflg }, &mut rig.monitor);

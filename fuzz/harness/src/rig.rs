@@ -11,8 +11,7 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use dronecan_host::{CanId, Heard as Observed, Message, NodeInfo, Observer, Said, Transfer, draft, split, types};
-use node::can::Frame;
-use node::can::mcp2515::{Event, Notice};
+use mcp2515_ordered::{Event, Frame, Notice};
 use node::desk::{Desk, Memory};
 use node::node::agenda::Agenda;
 use node::node::condition::ResetCause;

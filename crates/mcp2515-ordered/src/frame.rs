@@ -1,4 +1,4 @@
-//! A CAN 2.0B extended data frame, the only kind that DroneCAN uses (specification, chapter 4).
+//! A CAN 2.0B extended data frame.
 
 /// An extended data frame of up to eight bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -8,7 +8,7 @@ pub struct Frame {
     /// The 29-bit identifier, most significant byte first. Bytes and not an `u32`, because the AVR shifts that one bit at
     /// a time.
     ///
-    /// The three highest bits are zero, but for [`FOREIGN`](Self::FOREIGN) in a received frame that DroneCAN does not know.
+    /// The three highest bits are zero, but for [`FOREIGN`](Self::FOREIGN) in a received frame of another kind.
     pub id: [u8; 4],
     /// The bytes, with whatever follows them.
     pub data: [u8; Frame::MAX_LEN],
@@ -18,7 +18,9 @@ impl Frame {
     /// Bytes that fit in a frame of classic CAN.
     pub const MAX_LEN: usize = 8;
 
-    /// In the first byte of `id`: the frame has a standard identifier or is a remote frame.
+    /// In the first byte of `id`: the frame that was received has a standard identifier or is a remote frame. The driver delivers it
+    /// because it takes up a buffer of the chip; the other bits of `id` are an identifier only if it is an extended one. Filters for extended
+    /// identifiers keep standard frames out; no filter keeps remote frames out.
     pub const FOREIGN: u8 = 1 << 7;
 
     /// Identifier zero, no bytes.
@@ -30,7 +32,7 @@ impl Frame {
         self.id[0] & Self::FOREIGN != 0
     }
 
-    /// Adds a byte, if there is room.
+    /// Adds a byte. One more than fit is counted in `len`, and lost.
     #[inline(never)]
     pub fn push(&mut self, byte: u8) {
         if let Some(place) = self.data.get_mut(usize::from(self.len)) {
@@ -47,7 +49,7 @@ impl Frame {
 }
 
 impl embedded_can::Frame for Frame {
-    /// `None` for a standard identifier: DroneCAN has no use for one.
+    /// `None` for a standard identifier, and for more than eight bytes.
     fn new(id: impl Into<embedded_can::Id>, bytes: &[u8]) -> Option<Self> {
         let embedded_can::Id::Extended(id) = id.into() else {
             return None;
@@ -57,11 +59,12 @@ impl embedded_can::Frame for Frame {
         Some(Self { id: id.as_raw().to_be_bytes(), len: bytes.len() as u8, data })
     }
 
-    /// `None`: remote frames are no part of DroneCAN.
+    /// `None`: the crate sends data frames only.
     fn new_remote(_id: impl Into<embedded_can::Id>, _dlc: usize) -> Option<Self> {
         None
     }
 
+    /// True, also if it [`is_foreign`](Self::is_foreign).
     fn is_extended(&self) -> bool {
         true
     }
