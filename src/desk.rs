@@ -9,14 +9,14 @@ use std::vec::Vec;
 
 use crate::can::Frame;
 use crate::can::mcp2515::Counters;
-use crate::dronecan::acceptance::NodeAcceptance;
-use crate::dronecan::receive::Receiver;
 use crate::monitor::Monitor;
 use crate::node::Node;
+use crate::node::acceptance::NodeAcceptance;
 use crate::node::agenda::{Agenda, Facts, Turn};
 use crate::node::condition::ResetCause;
 use crate::node::servo::{Output, Ticks};
 use crate::node::store::Eeprom;
+use crate::node::wire::Receiver;
 use crate::progmem::InMemory;
 
 /// What the UART takes in a millisecond at 115200 baud.

@@ -5,8 +5,8 @@
 //! * [`node`]: what the node does with commands, its servo, its temperature and its status.
 //! * [`progmem`]: constant data that stays in flash.
 //! * [`monitor`]: what it tells on the serial monitor.
-//! * [`dronecan`]: the wire format.
 //! * [`can`]: frames, and the MCP2515 over any `embedded-hal` SPI.
+//! * [`dronecan_wire`]: the wire format, a crate of its own.
 //! * `desk`: a board of plain variables for the node, with which it is tested.
 //!
 //! Time comes in as an argument and hardware as `embedded-hal` traits, so all of it is tested on the host. The
@@ -21,7 +21,6 @@
 pub mod can;
 #[cfg(any(test, feature = "desk"))]
 pub mod desk;
-pub mod dronecan;
 #[cfg(test)]
 mod golden;
 pub mod monitor;

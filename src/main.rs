@@ -15,10 +15,9 @@ mod board;
 use {
     board::{Board, CAN_CRYSTAL_HZ, flash::Image, guard},
     node::can::bit_timing::BitTiming,
-    node::dronecan::receive::Receiver,
     node::monitor::Monitor,
     node::node::agenda::{Agenda, Facts, Turn},
-    node::node::{Node, condition::ResetCause, parameters::Parameter, servo::Output},
+    node::node::{Node, condition::ResetCause, parameters::Parameter, servo::Output, wire::Receiver},
 };
 
 #[cfg(target_arch = "avr")]

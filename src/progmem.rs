@@ -3,9 +3,8 @@
 //! On the AVR a constant that is used by reference is copied to RAM at start, of which there is a kilobyte. So all tables
 //! are packed into bytes at compile time, and the board places them in flash and reads them byte by byte.
 
-use crate::dronecan::acceptance;
 use crate::monitor::text;
-use crate::node::{information, parameters};
+use crate::node::{acceptance, information, parameters};
 
 /// The image, where the program runs.
 pub trait Progmem: Copy {

@@ -20,7 +20,7 @@ use super::flash::Image;
 use super::spi::{CanInterrupt, CanSelect, CanSpi};
 use node::can::Frame;
 use node::can::mcp2515::{Counted, Mcp2515};
-use node::dronecan::acceptance::NodeAcceptance;
+use node::node::acceptance::NodeAcceptance;
 
 /// The CAN controller with its driver.
 pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;

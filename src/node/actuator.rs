@@ -2,9 +2,9 @@
 
 use super::parameters::{Parameter, Parameters};
 use super::servo::{CommandType, Output, Ticks, Travel};
-use crate::dronecan::float16;
-use crate::dronecan::receive::Transfer;
+use super::wire::Transfer;
 use crate::monitor::{Event, Line};
+use dronecan_wire::float16;
 
 /// ArmingStatus comes twice a second from ArduPilot; in the course of so many seconds without one the vehicle counts as disarmed.
 #[cfg(feature = "standard")]
@@ -223,8 +223,9 @@ impl Default for Actuator {
 mod tests {
     use super::*;
     use crate::desk::Servo;
-    use crate::dronecan::receive::{Receiver, Verdict, segment};
     use crate::golden;
+    use crate::node::wire::{Receiver, segment};
+    use dronecan_wire::Verdict;
 
     /// An actuator, its servo, and its parameters.
     struct Rig {

@@ -13,10 +13,11 @@ pub use one::Dialect;
 #[cfg(feature = "draft")]
 mod two {
     use crate::can::Frame;
-    use crate::dronecan::acceptance::Row;
-    use crate::dronecan::draft;
-    use crate::dronecan::receive::{self, Rejection, Segment};
+    use crate::node::acceptance::Row;
+    use crate::node::draft;
     use crate::node::parameters::{Parameter, Parameters};
+    use crate::node::wire::{self, Segment};
+    use dronecan_wire::Rejection;
 
     /// In the course of so many seconds without a message of v0 nobody speaks it.
     const V0_TIMEOUT_S: u8 = 4;
@@ -71,7 +72,7 @@ mod two {
         #[inline(always)]
         pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
             match draft::segment(frame, node) {
-                Err(Rejection::Unknown) => receive::segment(frame, node),
+                Err(Rejection::Unknown) => wire::segment(frame, node),
                 result => result,
             }
         }
@@ -108,9 +109,10 @@ mod two {
 #[cfg(not(feature = "draft"))]
 mod one {
     use crate::can::Frame;
-    use crate::dronecan::acceptance::Row;
-    use crate::dronecan::receive::{self, Rejection, Segment};
+    use crate::node::acceptance::Row;
     use crate::node::parameters::Parameters;
+    use crate::node::wire::{self, Segment};
+    use dronecan_wire::Rejection;
 
     /// It is v0.
     #[derive(Default)]
@@ -138,7 +140,7 @@ mod one {
         /// Reads a frame.
         #[inline(always)]
         pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
-            receive::segment(frame, node)
+            wire::segment(frame, node)
         }
 
         /// No transfer comes in the draft.
@@ -159,8 +161,8 @@ mod one {
 #[cfg(all(test, feature = "draft"))]
 mod tests {
     use super::*;
-    use crate::dronecan::acceptance::Row;
     use crate::golden;
+    use crate::node::acceptance::Row;
     use crate::node::parameters::Parameter;
 
     fn dialect(wanted: i32) -> Dialect {

@@ -15,6 +15,7 @@
 //! | [`services`] | requests and replies |
 //! | [`temperature`] | the temperature; [`thermometer`] makes it of readings |
 
+pub mod acceptance;
 pub mod actuator;
 pub mod agenda;
 #[cfg(feature = "allocation")]
@@ -24,8 +25,11 @@ pub mod autopilot;
 pub mod button;
 pub mod condition;
 pub mod dialect;
+#[cfg(feature = "draft")]
+pub mod draft;
 pub mod health;
 pub mod information;
+pub mod kind;
 #[cfg(feature = "lights")]
 pub mod lights;
 mod messages;
@@ -37,23 +41,22 @@ pub mod servo;
 pub mod store;
 pub mod temperature;
 pub mod thermometer;
+pub mod wire;
 
 use crate::can::Frame;
 use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
-use crate::dronecan::NodeId;
-use crate::dronecan::acceptance::NodeAcceptance;
-use crate::dronecan::kind::Kind;
-use crate::dronecan::receive::{Receiver, Rejection, Transfer, Verdict};
-use crate::dronecan::wire::Id;
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
+use acceptance::NodeAcceptance;
 use actuator::Actuator;
 use autopilot::Autopilot;
 use condition::{Conditions, ResetCause};
 use dialect::Dialect;
+use dronecan_wire::{Id, NodeId, Rejection, Verdict};
 #[cfg(feature = "draft")]
 use health::Level;
 use health::{Health, count};
+use kind::Kind;
 use outgoing::Outgoing;
 use parameters::{Parameter, Parameters};
 use publisher::Publisher;
@@ -61,6 +64,7 @@ use services::Services;
 use servo::{Output, Ticks};
 use store::{Eeprom, Store};
 use temperature::Temperature;
+use wire::{Receiver, Transfer};
 
 #[cfg(feature = "allocation")]
 use allocation::Allocation;
@@ -213,7 +217,7 @@ impl Node {
         let mut row = self.dialect.row();
         #[cfg(feature = "allocation")]
         if self.id == 0 {
-            row = crate::dronecan::acceptance::Row::WithoutId;
+            row = acceptance::Row::WithoutId;
         }
         NodeAcceptance { node: NodeId::new(self.id), row, flash }
     }
@@ -412,7 +416,7 @@ impl Node {
     /// Counts and logs a frame that is dropped.
     #[inline(never)]
     fn reject(&mut self, rejection: Rejection, frame: &Frame, monitor: &mut Monitor) {
-        let id = Id(frame.id);
+        let id = Id::from_bytes(frame.id);
         self.lose(rejection, id.data_type(), id.source(), monitor);
     }
 

@@ -1,7 +1,7 @@
 //! What can be set over the bus: names, ranges and defaults (docs/parameters.md).
 
-use crate::dronecan::crc;
 use crate::progmem::{PARAMETERS, Progmem};
+use dronecan_wire::crc;
 
 macro_rules! parameters {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $id:ident $name:literal $min:literal .. $max:literal = $default:expr,)*) => {

@@ -9,8 +9,8 @@
 //! which tells the newer from the older, and has the version of their layout.
 
 use super::parameters::{self, Parameters, VALUES_LEN};
-use crate::dronecan::crc;
 use crate::progmem::Progmem;
+use dronecan_wire::crc;
 
 /// An EEPROM of 256 bytes, in which a byte takes milliseconds to be written.
 pub trait Eeprom {

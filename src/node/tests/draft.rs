@@ -1,7 +1,7 @@
 //! The UAVCAN draft of 2014, beside DroneCAN v0.
 
 use super::*;
-use crate::dronecan::acceptance::Row;
+use crate::node::acceptance::Row;
 
 /// Of the draft, from node 1: actuator 1 to 0.5, and to -1.
 const DRAFT_HALF: &str = "084C040A 01 00 38";
@@ -53,7 +53,7 @@ fn a_command_of_the_draft_in_two_frames_is_put_together() {
     // Where the CRC of this type begins is known from the autopilot of the thesis; its sum is made the plain way here.
     let mut sum = Kind::DraftCommand.seed();
     for byte in payload {
-        sum = crate::dronecan::crc::add(sum, byte);
+        sum = dronecan_wire::crc::add(sum, byte);
     }
     let all = [&sum.to_le_bytes(), &payload[..]].concat();
     let mut rig = Rig::new();
