@@ -87,7 +87,7 @@ test-library:
 	done
 
 test-host:
-	cargo test -p bridge -p dronecan-host -p fuzz-harness -p sim
+	cargo test -p bridge -p dronecan-host -p dronecan-wire -p fuzz-harness -p sim
 
 test-firmware:
 	cargo test -p node $(patsubst tests/%.rs,--test %,$(filter-out tests/driver.rs,$(wildcard tests/*.rs)))
@@ -133,6 +133,7 @@ lint: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -- -D warnings
 	cargo clippy $(AVR) -p node --bin node -- -D warnings
 	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
