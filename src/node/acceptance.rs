@@ -7,11 +7,12 @@
 //! All other types share the four filters of RXB1. As long as there are no more than four of them, all 16 bits of the type are compared; if
 //! there are more, only as many bits of the low byte as let all of them through ([`Wide`]).
 
+use dronecan_wire::{Id, NodeId};
+
 use crate::can::mcp2515::{Acceptance, Pattern};
 use crate::progmem::{self, Progmem};
 
 use super::kind::Kind;
-use dronecan_wire::{Id, NodeId};
 
 /// Bytes of a row: registers of six filters and two masks.
 const ROW: usize = 4 * 8;

@@ -1,10 +1,11 @@
 //! The servo output: which commands it follows, when the vehicle has to be armed for that, and where it goes when commands stop.
 
+use dronecan_wire::float16;
+
 use super::parameters::{Parameter, Parameters};
 use super::servo::{CommandType, Output, Ticks, Travel};
 use super::wire::Transfer;
 use crate::monitor::{Event, Line};
-use dronecan_wire::float16;
 
 /// ArmingStatus comes twice a second from ArduPilot; in the course of so many seconds without one the vehicle counts as disarmed.
 #[cfg(feature = "standard")]

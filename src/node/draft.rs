@@ -8,10 +8,11 @@
 //! There is no priority and no tail byte, and the first byte of each frame of a service is the destination. (libuavcan at the end of 2014,
 //! `uc_frame.cpp` and `transfer.hpp`.)
 
+use dronecan_wire::{Rejection, Tail};
+
 use super::kind::Kind;
 use super::wire::Segment;
 use crate::can::Frame;
-use dronecan_wire::{Rejection, Tail};
 
 /// In [`Segment::priority`], above the priority: the frame is one of the draft.
 pub const IS_DRAFT: u8 = 1 << 6;

@@ -1,5 +1,7 @@
 //! What is in the node's messages.
 
+use dronecan_wire::{Id, float16};
+
 use super::parameters::Parameter;
 use super::publisher::Publication;
 use super::{Node, Sending};
@@ -8,7 +10,6 @@ use super::{draft, health::Level};
 use crate::can::mcp2515::Counted;
 use crate::monitor::Monitor;
 use crate::progmem::Progmem;
-use dronecan_wire::{Id, float16};
 
 /// Priority of periodic messages: that of ArduPilot's own peripherals.
 const PRIORITY_LOW: u8 = 24;

@@ -9,6 +9,7 @@
 //! | [`actuator`] | the pulse, arming, the failsafe; [`servo`] the travel |
 //! | [`autopilot`] | which node is the autopilot |
 //! | [`dialect`] | whether the node speaks DroneCAN v0 or the draft of 2014 |
+//! | [`kind`] | the data types that it receives; [`acceptance`] makes filters of them, [`wire`] says how they are put together |
 //! | [`health`] | conditions and counters; [`condition`] their bits |
 //! | [`parameters`] | what can be set; [`store`] keeps it in EEPROM |
 //! | [`publisher`] | when messages go; [`messages`] what is in them; [`outgoing`] makes frames of them |
@@ -43,6 +44,8 @@ pub mod temperature;
 pub mod thermometer;
 pub mod wire;
 
+use dronecan_wire::{Id, NodeId, Rejection, Verdict};
+
 use crate::can::Frame;
 use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
 use crate::monitor::{Event, Line, Monitor};
@@ -52,7 +55,6 @@ use actuator::Actuator;
 use autopilot::Autopilot;
 use condition::{Conditions, ResetCause};
 use dialect::Dialect;
-use dronecan_wire::{Id, NodeId, Rejection, Verdict};
 #[cfg(feature = "draft")]
 use health::Level;
 use health::{Health, count};

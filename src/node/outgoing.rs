@@ -3,10 +3,11 @@
 //! The payload of a long transfer is never stored: the sender asks for each byte twice. What could change in between is kept from the start, in
 //! [`Payload::kept`].
 
+use dronecan_wire::{Buffer, Sender};
+
 use super::information;
 use crate::can::Frame;
 use crate::progmem::{INFORMATION, Progmem};
-use dronecan_wire::{Buffer, Sender};
 
 #[cfg(feature = "draft")]
 use super::draft;

@@ -1,7 +1,8 @@
 //! What can be set over the bus: names, ranges and defaults (docs/parameters.md).
 
-use crate::progmem::{PARAMETERS, Progmem};
 use dronecan_wire::crc;
+
+use crate::progmem::{PARAMETERS, Progmem};
 
 macro_rules! parameters {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $id:ident $name:literal $min:literal .. $max:literal = $default:expr,)*) => {

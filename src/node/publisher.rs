@@ -1,9 +1,10 @@
 //! When the node sends its messages: in which order, how often, and with which transfer IDs. What is in them is in
 //! [`messages`](super::messages).
 
-use super::parameters::{Parameter, Parameters};
 use dronecan_wire::Tail;
 use dronecan_wire::types::{self, Message};
+
+use super::parameters::{Parameter, Parameters};
 
 /// No node may be silent for longer, in milliseconds (DSDL 341.NodeStatus.uavcan, MAX_BROADCASTING_PERIOD_MS).
 const MAX_BROADCASTING_PERIOD_MS: u16 = 1000;

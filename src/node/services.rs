@@ -1,5 +1,7 @@
 //! Requests of those who manage the node, and its replies, one at a time and in order.
 
+use dronecan_wire::Id;
+
 use super::kind::Kind;
 use super::outgoing::Form;
 use super::wire::Transfer;
@@ -7,7 +9,6 @@ use super::{Node, Sending, information};
 use crate::can::mcp2515::Counted;
 use crate::monitor::{Line, Monitor};
 use crate::progmem::Progmem;
-use dronecan_wire::Id;
 
 #[cfg(feature = "standard")]
 use super::{Chore, condition::Conditions, parameters, parameters::Parameters};

@@ -8,9 +8,10 @@
 //! Of the parameters there are two records, and a save overwrites the older one. The marker counts the saves, modulo 4,
 //! which tells the newer from the older, and has the version of their layout.
 
+use dronecan_wire::crc;
+
 use super::parameters::{self, Parameters, VALUES_LEN};
 use crate::progmem::Progmem;
-use dronecan_wire::crc;
 
 /// An EEPROM of 256 bytes, in which a byte takes milliseconds to be written.
 pub trait Eeprom {

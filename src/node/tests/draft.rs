@@ -124,11 +124,7 @@ fn with_dialect_2_nothing_of_v0_is_followed_and_all_is_sent_in_the_draft() {
     }
     assert_eq!(rig.node.pulse(), 0);
     assert!(speaks_draft(&mut rig));
-    assert!(
-        rig.can.sent.iter().all(|(_, frame)| frame.id[1] & 1 == 1 && frame.id[2] & 0xFC == 0xE0),
-        "{:?}",
-        rig.can.sent
-    );
+    assert!(rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x0001_FC00 == 0x0001_E000), "{:?}", rig.can.sent);
     rig.text(DRAFT_HALF);
     assert_eq!(rig.node.pulse(), us(1750.0));
 }
@@ -168,11 +164,11 @@ fn requests_of_the_draft_are_answered_in_it() {
     rig.text("113BFC0D 78");
     rig.run(10);
     let reply: Vec<Frame> =
-        rig.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| frame.id[..3] == [0x11, 0x39, 0xE0]).collect();
+        rig.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| golden::id(frame) & !0xFF == 0x1139_E000).collect();
     // Each with the destination, the index, the transfer ID, and whether it is the last.
     for (n, frame) in reply.iter().enumerate() {
         let last = if n + 1 == reply.len() { 8 } else { 0 };
-        assert_eq!((frame.data[0], frame.id[3]), (127, (n as u8) << 4 | last | 5), "{reply:?}");
+        assert_eq!((frame.data[0], golden::id(frame) & 0xFF), (127, (n as u32) << 4 | last | 5), "{reply:?}");
     }
     let payload: Vec<u8> = reply.iter().flat_map(|frame| frame.data()[1..].to_vec()).skip(2).collect();
     // A status of six bytes, then the versions, the unique ID and the name.

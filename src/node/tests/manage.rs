@@ -2,14 +2,16 @@
 
 use super::*;
 
-/// Bit 7 of an identifier.
-const SERVICE: u8 = 0x80;
-
 impl Rig {
     /// The frames of replies since the last time.
     fn replies(&mut self) -> Vec<Frame> {
-        let replies =
-            self.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| frame.id[3] & SERVICE != 0).collect();
+        let replies = self
+            .can
+            .sent
+            .iter()
+            .map(|(_, frame)| *frame)
+            .filter(|frame| Id::from_bytes(frame.id).is_service())
+            .collect();
         self.can.sent.clear();
         replies
     }
@@ -454,7 +456,8 @@ fn replied(frames: &[Frame]) -> Vec<(u8, u8, u8)> {
     let mut replied = vec![];
     for frame in frames {
         let tail = frame.data().last().unwrap();
-        let key = (frame.id[1], tail & 31, frame.id[2]);
+        let id = Id::from_bytes(frame.id);
+        let key = (id.service(), tail & 31, id.destination());
         if tail & 0x80 != 0 {
             assert_eq!(open, None, "one after the other");
             open = Some(key);
