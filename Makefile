@@ -87,7 +87,7 @@ test-library:
 	done
 
 test-host:
-	cargo test -p bridge -p dronecan-host -p fuzz-harness -p mcp2515-ordered -p sim
+	cargo test -p bridge -p dronecan-host -p dronecan-wire -p fuzz-harness -p mcp2515-ordered -p sim
 	cargo test -p mcp2515-ordered
 
 test-firmware:
@@ -133,7 +133,7 @@ lint: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	cargo clippy --workspace --all-targets -- -D warnings
-	cargo clippy --target thumbv6m-none-eabi -p mcp2515-ordered -- -D warnings
+	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	cargo clippy $(AVR) -p node --bin node -- -D warnings
 	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings

@@ -9,15 +9,15 @@ use std::vec::Vec;
 
 use mcp2515_ordered::{Counters, Frame};
 
-use crate::dronecan::acceptance::NodeAcceptance;
-use crate::dronecan::receive::Receiver;
 use crate::image::InMemory;
 use crate::monitor::Monitor;
 use crate::node::Node;
+use crate::node::acceptance::NodeAcceptance;
 use crate::node::agenda::{Agenda, Facts, Turn};
 use crate::node::condition::ResetCause;
 use crate::node::servo::{Output, Ticks};
 use crate::node::store::Eeprom;
+use crate::node::wire::Receiver;
 
 /// What the UART takes in a millisecond at 115200 baud.
 const BYTES_PER_MS: u32 = 11;

@@ -131,34 +131,3 @@ pub const CONDITIONS: [Conditions; 16] = [
     Conditions::DISARMED,
     Conditions::DRAFT,
 ];
-
-#[test]
-fn the_plain_way_gives_what_pydronecan_gives() {
-    for (signature, golden) in [
-        (ARRAY_COMMAND, "1003F20A 01 00 00 38 C7"),
-        (ARRAY_COMMAND, "1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68"),
-        (ACTUATOR_STATUS, "1803F32A 67 C0 01 00 34 FF 7F 81 | FF 7F 7F 61"),
-        (LIGHTS_COMMAND, "1804390A 68 6B 07 00 1F 00 05 82 | 40 08 FF FF 62"),
-        (ALLOCATION, "1E00017F 8A 68 FA 00 01 02 03 82 | 04 05 06 07 08 09 0A 22 | 0B 0C 0D 0E 0F 42"),
-        (GET_SET, "1E0BAAFF C5 16 00 01 2A 00 00 81 | 00 00 00 00 00 43 41 21 | 4E 5F 4E 4F 44 45 41"),
-        (
-            BEGIN_FIRMWARE_UPDATE,
-            "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | \
-            72 69 61 6C 69",
-        ),
-        (
-            CAN_STATS,
-            "18015778 73 A5 00 01 00 02 00 80 | 02 00 03 00 04 00 05 20 | 00 06 00 07 00 08 00 00 | \
-            08 00 09 00 0A 00 60",
-        ),
-        (
-            GET_TRANSPORT_STATS,
-            "1E047FF8 8C B1 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | \
-            12 00 00 00 00 78 56 25 | 00 00 00 00 BC 9A 00 05 | 00 00 00 65",
-        ),
-    ] {
-        // Does the comparing.
-        payload(signature, &frames(golden));
-        assert_eq!(text(&frames(golden)), golden.split_whitespace().collect::<Vec<_>>().join(" "));
-    }
-}

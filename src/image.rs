@@ -1,8 +1,8 @@
 //! All tables of constants as one image, as the flash has it (see [`progmem`](crate::progmem)).
 
-use crate::dronecan::acceptance::{self, Filters};
 use crate::monitor::TextsAndNames;
 use crate::monitor::text::{self, Texts};
+use crate::node::acceptance::{self, Filters};
 use crate::node::information::{self, Information};
 use crate::node::parameters::{self, Descriptions};
 use crate::progmem::Progmem;

@@ -5,8 +5,8 @@
 //! * [`image`]: the constants of all of them, as the flash has them.
 //! * [`node`]: what the node does with commands, its servo, its temperature and its status.
 //! * [`monitor`]: what it tells on the serial monitor.
-//! * [`dronecan`]: the wire format.
 //! * [`progmem`]: how a table of constants in flash is read.
+//! * [`dronecan_wire`]: the wire format, a crate of its own.
 //! * [`mcp2515_ordered`]: frames, and the driver of the MCP2515 over any `embedded-hal` SPI, a crate of its own.
 //! * `desk`: a board of plain variables for the node, with which it is tested.
 //!
@@ -21,7 +21,6 @@
 
 #[cfg(any(test, feature = "desk"))]
 pub mod desk;
-pub mod dronecan;
 #[cfg(test)]
 mod golden;
 pub mod image;

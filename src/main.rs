@@ -15,10 +15,9 @@ mod board;
 use {
     board::{Board, CAN_CRYSTAL_HZ, flash::Image, guard},
     mcp2515_ordered::Configuration,
-    node::dronecan::receive::Receiver,
     node::monitor::Monitor,
     node::node::agenda::{Agenda, Facts, Turn},
-    node::node::{Node, bit_rate, condition::ResetCause, parameters::Parameter, servo::Output},
+    node::node::{Node, bit_rate, condition::ResetCause, parameters::Parameter, servo::Output, wire::Receiver},
 };
 
 #[cfg(target_arch = "avr")]

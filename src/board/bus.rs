@@ -20,7 +20,7 @@ use super::flash::Image;
 use super::pins::{CanInterrupt, CanSelect};
 use super::spi::CanSpi;
 use mcp2515_ordered::{Frame, Mcp2515};
-use node::dronecan::acceptance::NodeAcceptance;
+use node::node::acceptance::NodeAcceptance;
 use node::node::health::CanCounters;
 
 /// The CAN controller with its driver.

@@ -1,9 +1,10 @@
 //! The servo output: which commands it follows, when the vehicle has to be armed for that, and where it goes when commands stop.
 
+use dronecan_wire::float16;
+
 use super::parameters::{Parameter, Parameters};
 use super::servo::{CommandType, Output, Ticks, Travel};
-use crate::dronecan::float16;
-use crate::dronecan::receive::Transfer;
+use super::wire::Transfer;
 use crate::monitor::{Event, Line};
 
 /// ArmingStatus comes twice a second from ArduPilot; in the course of so many seconds without one the vehicle counts as disarmed.
@@ -229,8 +230,9 @@ impl Default for Actuator {
 mod tests {
     use super::*;
     use crate::desk::Servo;
-    use crate::dronecan::receive::{Receiver, Verdict, segment};
     use crate::golden;
+    use crate::node::wire::{Receiver, segment};
+    use dronecan_wire::Verdict;
 
     /// An actuator, its servo, and its parameters.
     struct Rig {

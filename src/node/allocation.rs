@@ -3,8 +3,9 @@
 //! The node sends its unique ID in three anonymous messages; after each, the allocator repeats all that it has so far, and
 //! that is the node's cue to go on. Whatever other message of this type it hears sends it back to waiting.
 
-use crate::dronecan::crc;
-use crate::dronecan::receive::Transfer;
+use dronecan_wire::crc;
+
+use super::wire::Transfer;
 
 /// Least time from hearing an Allocation message, or sending one, to the next request, in milliseconds.
 const MIN_REQUEST_PERIOD_MS: u16 = 600;

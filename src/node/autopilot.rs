@@ -5,7 +5,7 @@
 //! lowest node ID that sends its status, because flight controllers are numbered low and tools high. One that has been
 //! silent for three seconds is gone, as the specification has it.
 
-use crate::dronecan::NodeId;
+use dronecan_wire::NodeId;
 
 /// A node that is silent for longer counts as gone, in milliseconds (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
 const OFFLINE_TIMEOUT_MS: u16 = 3000;

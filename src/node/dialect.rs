@@ -12,11 +12,11 @@ pub use one::Dialect;
 
 #[cfg(feature = "draft")]
 mod two {
-    use crate::dronecan::acceptance::Row;
-    use crate::dronecan::draft;
-    use crate::dronecan::receive::{self, Rejection, Segment, Transfer};
-    use crate::dronecan::wire::Id;
+    use crate::node::acceptance::Row;
+    use crate::node::draft;
     use crate::node::parameters::{Parameter, Parameters};
+    use crate::node::wire::{self, Segment, Transfer};
+    use dronecan_wire::{Id, Rejection};
     use mcp2515_ordered::Frame;
 
     /// In the course of so many seconds without a message of v0 nobody speaks it.
@@ -72,7 +72,7 @@ mod two {
         #[inline(always)]
         pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
             match draft::segment(frame, node) {
-                Err(Rejection::Unknown) => receive::segment(frame, node),
+                Err(Rejection::Unknown) => wire::segment(frame, node),
                 result => result,
             }
         }
@@ -80,7 +80,7 @@ mod two {
         /// Data type ID and sender of a frame, in whichever dialect it is.
         #[inline(always)]
         pub fn origin(frame: &Frame) -> (u16, u8) {
-            let id = Id(frame.id);
+            let id = Id::from_bytes(frame.id);
             draft::origin(frame).unwrap_or_else(|| (id.data_type(), id.source()))
         }
 
@@ -121,10 +121,10 @@ mod two {
 
 #[cfg(not(feature = "draft"))]
 mod one {
-    use crate::dronecan::acceptance::Row;
-    use crate::dronecan::receive::{self, Rejection, Segment, Transfer};
-    use crate::dronecan::wire::Id;
+    use crate::node::acceptance::Row;
     use crate::node::parameters::Parameters;
+    use crate::node::wire::{self, Segment, Transfer};
+    use dronecan_wire::{Id, Rejection};
     use mcp2515_ordered::Frame;
 
     /// It is v0.
@@ -153,13 +153,13 @@ mod one {
         /// Reads a frame.
         #[inline(always)]
         pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
-            receive::segment(frame, node)
+            wire::segment(frame, node)
         }
 
         /// Data type ID and sender of a frame.
         #[inline(always)]
         pub fn origin(frame: &Frame) -> (u16, u8) {
-            let id = Id(frame.id);
+            let id = Id::from_bytes(frame.id);
             (id.data_type(), id.source())
         }
 
@@ -187,8 +187,8 @@ mod one {
 #[cfg(all(test, feature = "draft"))]
 mod tests {
     use super::*;
-    use crate::dronecan::acceptance::Row;
     use crate::golden;
+    use crate::node::acceptance::Row;
     use crate::node::parameters::Parameter;
 
     fn dialect(wanted: i32) -> Dialect {

@@ -1,19 +1,15 @@
 //! What is in the node's messages.
 
+use dronecan_wire::{Id, float16};
 use mcp2515_ordered::Frame;
 
 use super::health::CanCounters;
-#[cfg(feature = "draft")]
-use super::health::Level;
 use super::parameters::Parameter;
 use super::publisher::Publication;
 use super::{Constants, Node, Sending};
-use crate::dronecan::float16;
-use crate::dronecan::wire::Id;
-use crate::monitor::Monitor;
-
 #[cfg(feature = "draft")]
-use crate::dronecan::draft;
+use super::{draft, health::Level};
+use crate::monitor::Monitor;
 
 /// Priority of periodic messages: that of ArduPilot's own peripherals.
 const PRIORITY_LOW: u8 = 24;
@@ -161,9 +157,8 @@ impl Node {
             #[cfg(feature = "allocation")]
             Publication::Allocation => {
                 self.allocation.ask(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));
-                // The upper 14 bits of the type are the discriminator, which makes the request differ from other nodes'.
-                let discriminator = self.outgoing.sum() << 1 & !0b11;
-                id = Id::message(PRIORITY_LOWER, discriminator | Publication::Allocation.data_type(), 0);
+                // 14 bits of the CRC are the discriminator, which makes the request differ from other nodes'.
+                id = Id::anonymous(PRIORITY_LOWER, Publication::Allocation.data_type(), self.outgoing.sum() >> 1);
             }
         }
         let _ = counters;
@@ -174,7 +169,7 @@ impl Node {
             self.outgoing.begin(draft::id(upper, self.id), transfer_id, 0);
             return true;
         }
-        self.outgoing.begin(id.0, transfer_id, publication.seed());
+        self.outgoing.begin(id.to_bytes(), transfer_id, publication.seed());
         true
     }
 }

@@ -9,12 +9,14 @@
 //! | [`actuator`] | the pulse, arming, the failsafe; [`servo`] the travel |
 //! | [`autopilot`] | which node is the autopilot |
 //! | [`dialect`] | whether the node speaks DroneCAN v0 or the draft of 2014 |
+//! | [`kind`] | the data types that it receives; [`acceptance`] makes filters of them, [`wire`] says how they are put together |
 //! | [`health`] | conditions and counters; [`condition`] their bits |
 //! | [`parameters`] | what can be set; [`store`] keeps it in EEPROM |
 //! | [`publisher`] | when messages go; [`messages`] what is in them; [`outgoing`] makes frames of them |
 //! | [`services`] | requests and replies |
 //! | [`temperature`] | the temperature; [`thermometer`] makes it of readings |
 
+pub mod acceptance;
 pub mod actuator;
 pub mod agenda;
 #[cfg(feature = "allocation")]
@@ -25,8 +27,11 @@ pub mod bit_rate;
 pub mod button;
 pub mod condition;
 pub mod dialect;
+#[cfg(feature = "draft")]
+pub mod draft;
 pub mod health;
 pub mod information;
+pub mod kind;
 #[cfg(feature = "lights")]
 pub mod lights;
 mod messages;
@@ -38,15 +43,14 @@ pub mod servo;
 pub mod store;
 pub mod temperature;
 pub mod thermometer;
+pub mod wire;
 
+use dronecan_wire::{NodeId, Rejection, Verdict};
 use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Frame, Notice};
 
-use crate::dronecan::NodeId;
-use crate::dronecan::acceptance::{Filters, NodeAcceptance};
-use crate::dronecan::kind::Kind;
-use crate::dronecan::receive::{Receiver, Rejection, Transfer, Verdict};
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
+use acceptance::{Filters, NodeAcceptance};
 use actuator::Actuator;
 use autopilot::Autopilot;
 use condition::{Conditions, ResetCause};
@@ -55,6 +59,7 @@ use dialect::Dialect;
 use health::Level;
 use health::{Health, count};
 use information::Information;
+use kind::Kind;
 use outgoing::Outgoing;
 use parameters::{Descriptions, Parameter, Parameters};
 use publisher::Publisher;
@@ -62,6 +67,7 @@ use services::Services;
 use servo::{Output, Ticks};
 use store::{Eeprom, Store};
 use temperature::Temperature;
+use wire::{Receiver, Transfer};
 
 #[cfg(feature = "allocation")]
 use allocation::Allocation;
@@ -227,7 +233,7 @@ impl Node {
         let mut row = self.dialect.row();
         #[cfg(feature = "allocation")]
         if self.id == 0 {
-            row = crate::dronecan::acceptance::Row::WithoutId;
+            row = acceptance::Row::WithoutId;
         }
         NodeAcceptance { node: NodeId::new(self.id), row, flash }
     }

@@ -1,21 +1,22 @@
-//! Transfers on their way out, made byte by byte.
+//! Transfers on their way out: the payloads that a [`Sender`] splits into frames.
 //!
-//! The payload of a long transfer is never stored: each byte is computed when its turn comes, twice, because the CRC goes
-//! before the bytes that it is of. What could change in between is kept from the start, in [`Outgoing::kept`]. One step
-//! makes a few bytes only, so that the main loop gets round.
+//! The payload of a long transfer is never stored: the sender asks for each byte twice. What could change in between is kept from the start, in
+//! [`Payload::kept`].
+
+use dronecan_wire::{Buffer, Sender};
 
 use mcp2515_ordered::Frame;
 
 use super::{Constants, information};
-use crate::dronecan::crc;
-use crate::dronecan::wire::Tail;
 
+#[cfg(feature = "draft")]
+use super::draft;
 #[cfg(feature = "standard")]
 use super::parameters::{self, Descriptions};
-#[cfg(feature = "draft")]
-use crate::dronecan::draft;
 #[cfg(feature = "standard")]
 use crate::progmem::Progmem;
+#[cfg(feature = "allocation")]
+use dronecan_wire::crc;
 
 /// How the bytes of a payload come about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,25 +41,26 @@ pub const KEPT: usize = if cfg!(feature = "stats") { 25 } else { 8 };
 
 /// A transfer on its way out, frame by frame.
 pub struct Outgoing {
-    stage: Stage,
-    /// Bytes of its payload.
-    pub len: u8,
-    /// Next byte.
-    at: u8,
-    crc: u16,
-    /// How its bytes come about.
-    pub form: Form,
-    /// Toggle and transfer ID of the next frame.
-    tail: u8,
+    sender: Sender,
+    /// What is sent.
+    pub payload: Payload,
     /// The frame that is being made, or is ready.
     pub frame: Frame,
+    #[cfg(feature = "draft")]
+    framing: Framing,
+}
+
+/// The payload of a transfer.
+pub struct Payload {
+    /// How many bytes it has.
+    pub len: u8,
+    /// How its bytes come about.
+    pub form: Form,
     /// The parameter of a [`Form::Parameter`], its value, and where its name is in the flash.
     #[cfg(feature = "standard")]
     pub parameter: (u8, u16, u16),
     /// What is kept of it.
     kept: [u8; KEPT],
-    #[cfg(feature = "draft")]
-    framing: Framing,
 }
 
 /// What differs in a transfer of the draft.
@@ -71,50 +73,76 @@ struct Framing {
     index: u8,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stage {
-    Idle,
-    Summing,
-    Making,
-    Ready,
+/// A payload, and where its bytes come from that are not kept.
+struct Source<'a, P> {
+    payload: &'a Payload,
+    /// Bytes at the beginning that are left out.
+    skipped: u8,
+    unique_id: &'a [u8; 16],
+    flash: P,
 }
 
-/// Payload bytes that a step makes: one can take 16 us.
-const BYTES_AT_ONCE: u8 = 4;
+impl<P: Constants> dronecan_wire::Payload for Source<'_, P> {
+    #[inline(always)]
+    fn len(&self) -> u8 {
+        self.payload.len - self.skipped
+    }
 
-/// Payload bytes of a frame, beside the tail byte.
-const PER_FRAME: u8 = 7;
+    #[inline(always)]
+    fn byte(&self, at: u8) -> u8 {
+        self.payload.byte(at + self.skipped, self.unique_id, self.flash)
+    }
+}
+
+/// The data of a frame, behind the bytes before its payload.
+struct Data<'a> {
+    frame: &'a mut Frame,
+    lead: u8,
+}
+
+impl Buffer for Data<'_> {
+    #[inline(always)]
+    fn len(&self) -> u8 {
+        self.frame.len - self.lead
+    }
+
+    #[inline(always)]
+    fn push(&mut self, byte: u8) {
+        self.frame.push(byte);
+    }
+}
 
 impl Outgoing {
     /// With nothing on its way.
     pub const fn new() -> Self {
         Self {
+            sender: Sender::new(),
+            payload: Payload {
+                len: 0,
+                form: Form::Kept,
+                #[cfg(feature = "standard")]
+                parameter: (0, 0, 0),
+                kept: [0; KEPT],
+            },
             frame: Frame::EMPTY,
-            form: Form::Kept,
-            len: 0,
-            kept: [0; KEPT],
-            #[cfg(feature = "standard")]
-            parameter: (0, 0, 0),
-            at: 0,
-            tail: 0,
-            crc: 0,
-            stage: Stage::Idle,
             #[cfg(feature = "draft")]
             framing: Framing { is_draft: false, lead: 0, index: 0 },
         }
     }
 
-    /// Whether a transfer is on its way.
+    /// True while a transfer is on its way.
+    #[inline(always)]
     pub fn is_busy(&self) -> bool {
-        self.stage != Stage::Idle
+        self.sender.is_busy()
     }
 
-    /// Whether a frame waits to be handed over.
+    /// True if a frame waits to be handed over.
+    #[inline(always)]
     pub fn is_ready(&self) -> bool {
-        self.stage == Stage::Ready
+        self.sender.is_ready()
     }
 
-    /// Whether it is one of the draft.
+    /// True if it is a transfer of the draft.
     #[cfg(feature = "draft")]
     pub fn is_draft(&self) -> bool {
         self.framing.is_draft
@@ -128,8 +156,8 @@ impl Outgoing {
             self.framing = Framing { is_draft, lead: 0, index: 0 };
         }
         let _ = is_draft;
-        self.form = Form::Kept;
-        self.len = 0;
+        self.payload.form = Form::Kept;
+        self.payload.len = 0;
     }
 
     /// To whom a reply of the draft goes.
@@ -137,15 +165,17 @@ impl Outgoing {
     #[inline(always)]
     pub fn reply_to(&mut self, to: u8) {
         self.framing.lead = 1;
-        self.frame.data[0] = to;
+        let [destination, ..] = &mut self.frame.data;
+        *destination = to;
     }
 
     /// Keeps another byte of the payload.
     #[inline(never)]
     pub fn put8(&mut self, byte: u8) {
-        if let Some(place) = self.kept.get_mut(usize::from(self.len)) {
+        let payload = &mut self.payload;
+        if let Some(place) = payload.kept.get_mut(usize::from(payload.len)) {
             *place = byte;
-            self.len += 1;
+            payload.len += 1;
         }
     }
 
@@ -160,57 +190,31 @@ impl Outgoing {
     /// The CRC of what is kept, without a signature.
     #[cfg(feature = "allocation")]
     pub fn sum(&self) -> u16 {
-        (0..self.len).fold(0xFFFF, |sum, at| crc::add(sum, self.kept(at)))
+        (0..self.payload.len).fold(0xFFFF, |sum, at| crc::add(sum, self.payload.kept(at)))
     }
 
     /// Begins a transfer with this identifier, transfer ID and, where it needs several frames, CRC seed.
     #[inline(never)]
     pub fn begin(&mut self, id: [u8; 4], transfer_id: u8, seed: u16) {
         self.frame.id = id;
-        self.tail = Tail::START | transfer_id;
-        self.crc = seed;
-        self.at = self.first();
         self.frame.len = self.lead();
-        self.stage = if self.len > PER_FRAME { Stage::Summing } else { Stage::Making };
+        self.sender.begin(self.payload.len - self.skipped(), transfer_id, seed);
     }
 
     /// Makes the next bytes of a transfer on its way, to the end of a frame at most. Not while a frame is ready.
     #[inline(never)]
     pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Constants) {
-        let mut left = BYTES_AT_ONCE;
-        while self.at < self.len && self.frame.len < PER_FRAME + self.lead() {
-            if left == 0 {
-                return;
-            }
-            left -= 1;
-            let byte = self.byte(unique_id, flash);
-            self.at += 1;
-            if self.stage == Stage::Summing {
-                self.crc = crc::add(self.crc, byte);
-            } else {
-                self.frame.push(byte);
-            }
-        }
-        if self.stage == Stage::Summing {
-            self.at = self.first();
-            self.stage = Stage::Making;
-            let [low, high] = self.crc.to_le_bytes();
-            self.frame.push(low);
-            self.frame.push(high);
-            return;
-        }
-        self.stage = Stage::Ready;
-        let end = if self.at == self.len { Tail::END } else { 0 };
+        let source = Source { payload: &self.payload, skipped: self.skipped(), unique_id, flash };
+        let lead = self.lead();
+        let mut data = Data { frame: &mut self.frame, lead };
+        let Some(tail) = self.sender.fill(&source, &mut data) else { return };
         #[cfg(feature = "draft")]
         if self.framing.is_draft {
-            let last = if end != 0 { draft::LAST_FRAME } else { 0 };
-            // No transfer of the node has 16 frames, so the index is all here.
-            let index = self.framing.index << draft::INDEX_SHIFT;
-            self.frame.id[3] = index | self.tail & draft::TRANSFER_ID | last;
+            draft::set_place(&mut self.frame.id, self.framing.index, tail);
             self.framing.index += 1;
             return;
         }
-        self.frame.push(self.tail | end);
+        self.frame.push(tail.0);
     }
 
     /// Bytes before the payload of each frame.
@@ -222,32 +226,31 @@ impl Outgoing {
         return 0;
     }
 
-    /// The first byte. The status in a GetNodeInfo of the draft is a byte shorter, so its first is left out.
+    /// Bytes of the payload that are left out. The status in a GetNodeInfo of the draft is a byte shorter, so its first is left out.
     #[inline(always)]
-    fn first(&self) -> u8 {
+    fn skipped(&self) -> u8 {
         #[cfg(feature = "draft")]
-        return u8::from(self.framing.is_draft && self.form == Form::NodeInfo);
+        return u8::from(self.framing.is_draft && self.payload.form == Form::NodeInfo);
         #[cfg(not(feature = "draft"))]
         return 0;
     }
 
-    /// The frame was handed over; whether it was the last one.
+    /// The frame was handed over. Returns true if it was the last one.
+    #[inline(always)]
     pub fn handed_over(&mut self) -> bool {
-        self.tail = (self.tail & !Tail::START) ^ Tail::TOGGLE;
         self.frame.len = self.lead();
-        let is_last = self.at == self.len;
-        self.stage = if is_last { Stage::Idle } else { Stage::Making };
-        is_last
+        self.sender.sent()
     }
+}
 
+impl Payload {
     #[inline(never)]
     fn kept(&self, at: u8) -> u8 {
         self.kept.get(usize::from(at)).copied().unwrap_or(0)
     }
 
     #[inline(never)]
-    fn byte(&self, unique_id: &[u8; 16], flash: impl Constants) -> u8 {
-        let at = self.at;
+    fn byte(&self, at: u8, unique_id: &[u8; 16], flash: impl Constants) -> u8 {
         match self.form {
             Form::Kept => self.kept(at),
             Form::NodeInfo => {

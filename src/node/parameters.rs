@@ -1,6 +1,7 @@
 //! What can be set over the bus: names, ranges and defaults (docs/parameters.md).
 
-use crate::dronecan::crc;
+use dronecan_wire::crc;
+
 use crate::progmem::Progmem;
 
 macro_rules! parameters {

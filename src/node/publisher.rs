@@ -1,8 +1,10 @@
 //! When the node sends its messages: in which order, how often, and with which transfer IDs. What is in them is in
 //! [`messages`](super::messages).
 
+use dronecan_wire::Tail;
+use dronecan_wire::types::{self, Message};
+
 use super::parameters::{Parameter, Parameters};
-use crate::dronecan::wire::Tail;
 
 /// No node may be silent for longer, in milliseconds (DSDL 341.NodeStatus.uavcan, MAX_BROADCASTING_PERIOD_MS).
 const MAX_BROADCASTING_PERIOD_MS: u16 = 1000;
@@ -17,8 +19,9 @@ const AUTOPILOT_GRACE_MS: u16 = 25;
 /// The thesis's temperature is sent once for so many statuses of the autopilot.
 const STATUSES_PER_DEGREES: u8 = 3;
 
+/// A row is `name = type, form;`. A transfer of the form `short` is one frame.
 macro_rules! publications {
-    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $name:ident = $data_type:literal, $seed:literal;)*) => {
+    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $name:ident = $type:path, $form:ident;)*) => {
         /// A message that the node sends.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u8)]
@@ -34,15 +37,15 @@ macro_rules! publications {
             #[inline(always)]
             pub const fn data_type(self) -> u16 {
                 match self {
-                    $($(#[cfg($if)])? Self::$name => $data_type,)*
+                    $($(#[cfg($if)])? Self::$name => $type.id,)*
                 }
             }
 
-            /// Where the CRC of a transfer of several frames begins; 0 where there is never more than one.
+            /// The CRC of a transfer of several frames starts with this value; 0 where there is never more than one frame.
             #[inline(always)]
             pub const fn seed(self) -> u16 {
                 match self {
-                    $($(#[cfg($if)])? Self::$name => $seed,)*
+                    $($(#[cfg($if)])? Self::$name => publications!(@$form $type),)*
                 }
             }
         }
@@ -58,27 +61,32 @@ macro_rules! publications {
             }
         }
     };
+    (@short $type:path) => { 0 };
+    (@long $type:path) => { $type.seed };
 }
+
+/// The thesis's temperature; its transfers have one frame, and no CRC.
+const DEGREES_CELSIUS: Message = Message { id: 1112, seed: 0 };
 
 publications! {
     /// uavcan.protocol.NodeStatus
-    NodeStatus = 341, 0;
+    NodeStatus = types::NODE_STATUS, short;
     /// thesis.DegreesCelsius
-    DegreesCelsius = 1112, 0;
+    DegreesCelsius = DEGREES_CELSIUS, short;
     /// uavcan.equipment.actuator.Status
     #[cfg(feature = "standard")]
-    ActuatorStatus = 1011, 0x9A63;
+    ActuatorStatus = types::ACTUATOR_STATUS, long;
     /// uavcan.equipment.device.Temperature
-    Temperature = 1110, 0;
+    Temperature = types::DEVICE_TEMPERATURE, short;
     /// dronecan.protocol.CanStats
     #[cfg(feature = "stats")]
-    CanStats = 343, 0xE601;
+    CanStats = types::CAN_STATS, long;
     /// uavcan.protocol.debug.KeyValue, with the presses of the button.
     #[cfg(feature = "button")]
-    KeyValue = 16370, 0;
+    KeyValue = types::KEY_VALUE, short;
     /// uavcan.protocol.dynamic_node_id.Allocation
     #[cfg(feature = "allocation")]
-    Allocation = 1, 0;
+    Allocation = types::ALLOCATION, short;
 }
 
 /// How many messages there are, each with its own transfer IDs.

@@ -1,21 +1,20 @@
 //! Requests of those who manage the node, and its replies, one at a time and in order.
 
+use dronecan_wire::Id;
+
 use super::health::CanCounters;
+use super::kind::Kind;
 use super::outgoing::Form;
 use super::parameters::Descriptions;
+use super::wire::Transfer;
 use super::{Node, Sending, information};
-use crate::dronecan::kind::Kind;
-use crate::dronecan::receive::Transfer;
-use crate::dronecan::wire::Id;
 use crate::monitor::{Line, Monitor};
 use crate::progmem::Progmem;
 
-#[cfg(feature = "draft")]
-use super::dialect::Dialect;
 #[cfg(feature = "standard")]
 use super::{Chore, condition::Conditions, parameters, parameters::Parameters};
 #[cfg(feature = "draft")]
-use crate::dronecan::draft;
+use super::{dialect::Dialect, draft};
 
 /// Requests that can wait for their reply: GUI tools send five at once. A power of two.
 const WAITING: usize = 8;
@@ -200,8 +199,8 @@ impl Node {
                     self.outgoing.put8(0);
                 }
                 self.put_status();
-                self.outgoing.form = Form::NodeInfo;
-                self.outgoing.len = information::NODE_INFO_LEN;
+                self.outgoing.payload.form = Form::NodeInfo;
+                self.outgoing.payload.len = information::NODE_INFO_LEN;
             }
             #[cfg(feature = "stats")]
             Kind::GetTransportStats => {
@@ -212,8 +211,8 @@ impl Node {
                 for counter in [Counter::TxRequests, Counter::RxReceived, Counter::RxErrors] {
                     self.outgoing.put16(counters.word(counter as u8));
                 }
-                self.outgoing.form = Form::Numbers48;
-                self.outgoing.len = 36;
+                self.outgoing.payload.form = Form::Numbers48;
+                self.outgoing.payload.len = 36;
             }
             #[cfg(feature = "standard")]
             Kind::GetSet if reply.argument >= parameters::COUNT as u8 => {
@@ -224,15 +223,15 @@ impl Node {
             #[cfg(feature = "standard")]
             Kind::GetSet => {
                 let name_at = parameters::name_at(reply.argument, flash);
-                self.outgoing.form = Form::Parameter;
-                self.outgoing.parameter = (reply.argument, reply.value, name_at);
-                self.outgoing.len = parameters::NUMBERS_LEN + flash.byte(name_at - 1);
+                self.outgoing.payload.form = Form::Parameter;
+                self.outgoing.payload.parameter = (reply.argument, reply.value, name_at);
+                self.outgoing.payload.len = parameters::NUMBERS_LEN + flash.byte(name_at - 1);
             }
             #[cfg(feature = "standard")]
             Kind::BeginFirmwareUpdate => {
                 self.outgoing.put8(ERROR_INVALID_MODE);
-                self.outgoing.form = Form::Text;
-                self.outgoing.len = 1 + information::NO_UPDATE_LEN;
+                self.outgoing.payload.form = Form::Text;
+                self.outgoing.payload.len = 1 + information::NO_UPDATE_LEN;
             }
             #[cfg(feature = "standard")]
             Kind::ExecuteOpcode => {
@@ -269,7 +268,7 @@ impl Node {
             return true;
         }
         let id = Id::response(reply.priority, reply.kind.id() as u8, reply.to, self.id);
-        self.outgoing.begin(id.0, reply.transfer_id, reply.kind.seed());
+        self.outgoing.begin(id.to_bytes(), reply.transfer_id, reply.kind.seed());
         true
     }
 }

@@ -1,7 +1,8 @@
 //! From commands to the width of the servo pulse.
 
+use dronecan_wire::float16;
+
 use super::parameters::{Parameter, Parameters};
-use crate::dronecan::float16;
 
 /// Width of a pulse in ticks of half a microsecond, the unit of the timer that makes it; 0 is no pulse.
 pub type Ticks = u16;

@@ -8,8 +8,9 @@
 //! Of the parameters there are two records, and a save overwrites the older one. The marker counts the saves, modulo 4,
 //! which tells the newer from the older, and has the version of their layout.
 
+use dronecan_wire::crc;
+
 use super::parameters::{self, Descriptions, Parameters, VALUES_LEN};
-use crate::dronecan::crc;
 use crate::progmem::Progmem;
 
 /// An EEPROM of 256 bytes, in which a byte takes milliseconds to be written.

@@ -447,11 +447,11 @@ fn broken_and_interleaved_transfers_show_and_are_counted() {
     assert_eq!((rig.code(), broken(&rig), rig.node.pulse()), (1 << 4, if_counted(1), 0));
     rig.run(10_001);
     assert_eq!(rig.code(), 0);
-    for source in 0..=crate::dronecan::receive::LIST_LANES {
+    for source in 0..=crate::node::wire::LIST_LANES {
         rig.text(&format!("1003F2{:02X} 12 F3 01 00 00 38 02 88", 0x0A + source));
     }
     assert_eq!((rig.code(), broken(&rig), rig.node.pulse()), (1 << 4, if_counted(2), 0));
-    let last = 0x0A + crate::dronecan::receive::LIST_LANES;
+    let last = 0x0A + crate::node::wire::LIST_LANES;
     rig.text(&format!("1003F2{last:02X} 00 00 BC 03 04 DC 65 68"));
     assert_eq!((rig.node.pulse(), broken(&rig)), (us(1750.0), if_counted(2)));
 }

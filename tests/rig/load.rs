@@ -92,7 +92,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All that its filters let through (`src/dronecan/acceptance.rs`): what the node takes, and what it refuses when it has read it. That is
+    /// All that its filters let through (`src/node/acceptance.rs`): what the node takes, and what it refuses when it has read it. That is
     /// other messages whose type has the low byte of ArrayCommand's, requests to the node for services that it does not have, whatever has
     /// one of its types and comes from nobody or from its own ID, and frames of wrong lengths.
     ///

@@ -35,7 +35,7 @@ fn sent(outgoing: &mut Outgoing) -> (Vec<Frame>, Vec<usize>) {
 fn new(form: Form) -> Outgoing {
     let mut outgoing = Outgoing::new();
     outgoing.clear(false);
-    outgoing.form = form;
+    outgoing.payload.form = form;
     outgoing
 }
 
@@ -94,7 +94,7 @@ fn numbers_are_kept_low_byte_first() {
     outgoing.put16(0x1234);
     outgoing.put8(0x40);
     outgoing.put16(0xBEEF);
-    assert_eq!((outgoing.len, &outgoing.kept[..5]), (5, &[0x34, 0x12, 0x40, 0xEF, 0xBE][..]));
+    assert_eq!((outgoing.payload.len, &outgoing.payload.kept[..5]), (5, &[0x34, 0x12, 0x40, 0xEF, 0xBE][..]));
 }
 
 #[test]
@@ -146,7 +146,7 @@ fn transport_stats_have_48_bits_for_each_number() {
     for number in [1, 2, 3, 0x1234, 0x5678, 0x9ABC] {
         outgoing.put16(number);
     }
-    outgoing.len = 36;
+    outgoing.payload.len = 36;
     begin(&mut outgoing, 0x1E04_7FF8, 5, golden::GET_TRANSPORT_STATS);
     assert_eq!(
         golden::text(&sent(&mut outgoing).0),
@@ -159,8 +159,8 @@ fn transport_stats_have_48_bits_for_each_number() {
 fn parameter(parameter: Parameter, value: i16, transfer_id: u8) -> String {
     let mut outgoing = new(Form::Parameter);
     let name_at = parameters::name_at(parameter as u8, InMemory);
-    outgoing.parameter = (parameter as u8, value as u16, name_at);
-    outgoing.len = parameters::NUMBERS_LEN + Progmem::<Descriptions>::byte(InMemory, name_at - 1);
+    outgoing.payload.parameter = (parameter as u8, value as u16, name_at);
+    outgoing.payload.len = parameters::NUMBERS_LEN + Progmem::<Descriptions>::byte(InMemory, name_at - 1);
     begin(&mut outgoing, 0x1E0B_7FF8, transfer_id, golden::GET_SET);
     golden::text(&sent(&mut outgoing).0)
 }
@@ -194,8 +194,8 @@ fn golden_parameters_come_out_byte_for_byte() {
 #[test]
 fn the_answer_to_get_node_info_has_status_versions_unique_id_and_name() {
     let mut outgoing = kept(&[0x0A, 0, 0, 0, 0, 0, 0]);
-    outgoing.form = Form::NodeInfo;
-    outgoing.len = information::NODE_INFO_LEN;
+    outgoing.payload.form = Form::NodeInfo;
+    outgoing.payload.len = information::NODE_INFO_LEN;
     begin(&mut outgoing, 0x1E01_7FF8, 3, golden::GET_NODE_INFO);
     let (payload, transfer_id) = golden::payload(golden::GET_NODE_INFO, &sent(&mut outgoing).0);
     assert_eq!(transfer_id, 3);
@@ -217,12 +217,12 @@ fn the_answer_to_get_node_info_has_status_versions_unique_id_and_name() {
 #[test]
 fn the_golden_refusal_of_an_update_comes_out_byte_for_byte() {
     let mut outgoing = kept(&[1]);
-    outgoing.form = Form::Text;
-    outgoing.len = 1 + information::NO_UPDATE_LEN;
+    outgoing.payload.form = Form::Text;
+    outgoing.payload.len = 1 + information::NO_UPDATE_LEN;
     begin(&mut outgoing, 0x1E28_7FF8, 9, golden::BEGIN_FIRMWARE_UPDATE);
     assert_eq!(
         golden::text(&sent(&mut outgoing).0),
-        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | 72 69 61 6C 69"
+        "1E287FF8 C4 6D 01 55 53 42 20 89 | 73 65 72 69 61 6C 20 29 | 6F 6E 6C 79 49"
     );
 }
 

@@ -1,6 +1,7 @@
 //! Without a node ID, and how it gets one.
 
 use super::*;
+use dronecan_wire::Id;
 
 const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
@@ -58,7 +59,7 @@ fn the_golden_conversation_gives_it_a_node_id() {
     assert_eq!(rig.node.acceptance(InMemory).node, NodeId::new(125));
     rig.can.sent.clear();
     rig.run(3000);
-    assert!(rig.can.sent.iter().all(|(_, frame)| frame.id[3] == 125), "all from its new ID");
+    assert!(rig.can.sent.iter().all(|(_, frame)| Id::from_bytes(frame.id).source() == 125), "all from its new ID");
     assert!(rig.transfers(0x1801_557D, 0).len() >= 3, "statuses");
 }
 
@@ -146,7 +147,7 @@ fn with_an_id_of_its_own_it_never_asks_and_takes_no_grant() {
         rig.run(1000);
     }
     assert_eq!((rig.node.id(), takes_filters(&mut rig)), (120, false));
-    assert!(rig.can.sent.iter().all(|(_, frame)| frame.id[3] & 0x7F == 120));
+    assert!(rig.can.sent.iter().all(|(_, frame)| Id::from_bytes(frame.id).source() == 120));
 }
 
 #[test]
@@ -178,7 +179,7 @@ fn set_to_the_draft_which_has_no_allocation_it_asks_in_v0_and_goes_on_in_the_dra
     let mut rig = Rig::with(&[(Parameter::CanNode, 0), (Parameter::Dialect, 2)]);
     rig.run(2000);
     assert!(
-        !rig.can.sent.is_empty() && rig.can.sent.iter().all(|(_, frame)| frame.id[3] == 0 && frame.id[2] & 3 == 1),
+        !rig.can.sent.is_empty() && rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x03FF == 0x0100),
         "{:?}",
         rig.can.sent
     );

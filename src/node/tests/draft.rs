@@ -1,7 +1,7 @@
 //! The UAVCAN draft of 2014, beside DroneCAN v0.
 
 use super::*;
-use crate::dronecan::acceptance::Row;
+use crate::node::acceptance::Row;
 
 /// Of the draft, from node 1: actuator 1 to 0.5, and to -1.
 const DRAFT_HALF: &str = "084C040A 01 00 38";
@@ -122,11 +122,7 @@ fn with_dialect_2_nothing_of_v0_is_followed_and_all_is_sent_in_the_draft() {
     }
     assert_eq!(rig.node.pulse(), 0);
     assert!(speaks_draft(&mut rig));
-    assert!(
-        rig.can.sent.iter().all(|(_, frame)| frame.id[1] & 1 == 1 && frame.id[2] & 0xFC == 0xE0),
-        "{:?}",
-        rig.can.sent
-    );
+    assert!(rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x0001_FC00 == 0x0001_E000), "{:?}", rig.can.sent);
     rig.text(DRAFT_HALF);
     assert_eq!(rig.node.pulse(), us(1750.0));
 }
@@ -166,17 +162,17 @@ fn requests_of_the_draft_are_answered_in_it() {
     rig.text("113BFC0D 78");
     rig.run(10);
     let reply: Vec<Frame> =
-        rig.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| frame.id[..3] == [0x11, 0x39, 0xE0]).collect();
+        rig.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| golden::id(frame) & !0xFF == 0x1139_E000).collect();
     // Each with the destination, the index, the transfer ID, and whether it is the last.
     for (n, frame) in reply.iter().enumerate() {
         let last = if n + 1 == reply.len() { 8 } else { 0 };
-        assert_eq!((frame.data[0], frame.id[3]), (127, (n as u8) << 4 | last | 5), "{reply:?}");
+        assert_eq!((frame.data[0], golden::id(frame) & 0xFF), (127, (n as u32) << 4 | last | 5), "{reply:?}");
     }
     let stream: Vec<u8> = reply.iter().flat_map(|frame| frame.data()[1..].to_vec()).collect();
     let (crc, payload) = stream.split_at(2);
     // The signature of GetNodeInfo as pydronecan makes it (tests/clients/test_draft.py), and then the payload.
     let summed = 0x1CC6_F807_395C_AE42u64.to_le_bytes();
-    let sum = summed.iter().chain(payload).fold(0xFFFF, |sum, &byte| crate::dronecan::crc::add(sum, byte));
+    let sum = summed.iter().chain(payload).fold(0xFFFF, |sum, &byte| dronecan_wire::crc::add(sum, byte));
     assert_eq!(crc, sum.to_le_bytes());
     // A status of six bytes, then the versions, the unique ID and the name.
     assert_eq!(payload.len(), usize::from(information::NODE_INFO_LEN) - 1);

@@ -1,15 +1,18 @@
 //! Requests and their replies.
 
 use super::*;
-
-/// Bit 7 of an identifier.
-const SERVICE: u8 = 0x80;
+use dronecan_wire::Id;
 
 impl Rig {
     /// The frames of replies since the last time.
     fn replies(&mut self) -> Vec<Frame> {
-        let replies =
-            self.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| frame.id[3] & SERVICE != 0).collect();
+        let replies = self
+            .can
+            .sent
+            .iter()
+            .map(|(_, frame)| *frame)
+            .filter(|frame| Id::from_bytes(frame.id).is_service())
+            .collect();
         self.can.sent.clear();
         replies
     }
@@ -334,7 +337,7 @@ fn the_golden_refusal_of_an_update_is_sent() {
     let mut rig = Rig::new();
     assert_eq!(
         rig.ask("1E28F8FF 7F 66 77 2E 62 69 6E C9"),
-        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | 72 69 61 6C 69"
+        "1E287FF8 C4 6D 01 55 53 42 20 89 | 73 65 72 69 61 6C 20 29 | 6F 6E 6C 79 49"
     );
     // With the longest path there is.
     let long = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 9, &[b'a'; 202]);
@@ -454,7 +457,8 @@ fn replied(frames: &[Frame]) -> Vec<(u8, u8, u8)> {
     let mut replied = vec![];
     for frame in frames {
         let tail = frame.data().last().unwrap();
-        let key = (frame.id[1], tail & 31, frame.id[2]);
+        let id = Id::from_bytes(frame.id);
+        let key = (id.service(), tail & 31, id.destination());
         if tail & 0x80 != 0 {
             assert_eq!(open, None, "one after the other");
             open = Some(key);

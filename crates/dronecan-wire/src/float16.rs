@@ -1,4 +1,4 @@
-//! IEEE 754 half-precision numbers, to and from fixed point: no floating point on the AVR.
+//! IEEE 754 half-precision numbers, to and from fixed point: no floating point needed.
 //!
 //! ```text
 //! sign[15] exponent[14:10] fraction[9:0]; value = (1024 + fraction) * 2^(exponent - 25), subnormal below exponent 1
@@ -7,10 +7,10 @@
 /// The sign bit.
 pub const SIGN: u16 = 0x8000;
 
-/// What stands for "not known": a quiet NaN.
+/// A quiet NaN, which stands for "not known".
 pub const NAN: u16 = 0x7E00;
 
-/// Whether the number is neither infinite nor a NaN.
+/// True unless the number is infinite or a NaN.
 pub fn is_finite(bits: u16) -> bool {
     (bits >> 8) as u8 & 0x7C != 0x7C
 }
@@ -64,7 +64,6 @@ pub fn from_fixed(value: u16, fraction_bits: u8) -> u16 {
 }
 
 /// A whole number as an IEEE 754 single: its upper and lower half.
-#[cfg(feature = "button")]
 pub fn to_float32(number: u16) -> [u16; 2] {
     if number == 0 {
         return [0; 2];
@@ -84,7 +83,6 @@ pub fn to_float32(number: u16) -> [u16; 2] {
 mod tests {
     use super::*;
 
-    #[cfg(feature = "button")]
     #[test]
     fn every_count_is_the_single_precision_number_that_it_is() {
         for number in 0..=u16::MAX {

@@ -8,21 +8,21 @@
 //! There is no priority and no tail byte, and the first byte of each frame of a service is the destination. (libuavcan at the end of 2014,
 //! `uc_frame.cpp` and `transfer.hpp`.)
 
+use dronecan_wire::{Rejection, Tail};
 use mcp2515_ordered::Frame;
 
 use super::kind::Kind;
-use super::receive::{Rejection, Segment};
-use super::wire::Tail;
+use super::wire::Segment;
 
 /// In [`Segment::priority`], above the priority: the frame is one of the draft.
 pub const IS_DRAFT: u8 = 1 << 6;
 
 /// In the last byte of an identifier.
-pub const LAST_FRAME: u8 = 1 << 3;
-/// In the last byte of an identifier: the number of the transfer, 0 to 7.
-pub const TRANSFER_ID: u8 = 7;
+const LAST_FRAME: u8 = 1 << 3;
+/// In the last byte of an identifier: the transfer ID, 0 to 7.
+const TRANSFER_ID: u8 = 7;
 /// In the last byte of an identifier: the lower bits of the index of the frame begin here.
-pub const INDEX_SHIFT: u8 = 4;
+const INDEX_SHIFT: u8 = 4;
 
 /// Kinds of transfer.
 const RESPONSE: u16 = 0;
@@ -61,6 +61,13 @@ pub const NODE_INFO_SEED: u16 = 0x14BB;
 pub fn id(upper: u16, source: u8) -> [u8; 4] {
     let [b0, b1] = upper.to_be_bytes();
     [b0, b1 | source >> 6, source << 2, 0]
+}
+
+/// Puts into an identifier what the tail byte says in DroneCAN v0. `index` is less than 16, the longest transfer of the node.
+#[inline(always)]
+pub fn set_place(id: &mut [u8; 4], index: u8, tail: Tail) {
+    let [.., last] = id;
+    *last = index << INDEX_SHIFT | tail.0 & TRANSFER_ID | if tail.is_end() { LAST_FRAME } else { 0 };
 }
 
 /// What a frame of the draft is a part of.

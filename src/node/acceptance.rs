@@ -7,13 +7,12 @@
 //! All other types share the four filters of RXB1. As long as there are no more than four of them, all 16 bits of the type are compared; if
 //! there are more, only as many bits of the low byte as let all of them through ([`Wide`]).
 
+use dronecan_wire::{Id, NodeId};
 use mcp2515_ordered::{Acceptance, Pattern};
 
 use crate::progmem::Progmem;
 
-use super::NodeId;
 use super::kind::Kind;
-use super::wire::Id;
 
 /// Bytes of a row: registers of six filters and two masks.
 const ROW: usize = 4 * 8;
@@ -114,12 +113,12 @@ const fn is_single(kind: Kind) -> bool {
 }
 
 const fn message(data_type: u16) -> Pattern {
-    Pattern::filter(Id::message(0, data_type, 0).0)
+    Pattern::filter(Id::message(0, data_type, 0).to_bytes())
 }
 
 /// A mask of so many bits of a message's type, and of the bit that tells messages from services.
 const fn message_mask(bits: u16) -> Pattern {
-    let [priority, high, low, service] = Id::message(0, bits, 0).0;
+    let [priority, high, low, service] = Id::message(0, bits, 0).to_bytes();
     Pattern::mask([priority, high, low, service | SERVICE])
 }
 
@@ -140,7 +139,7 @@ const V0: [Pattern; 8] = {
     [
         message(Kind::ArrayCommand.id() & 0xFF),
         // Of a request the service ID is open, and the destination is put in place of the 0.
-        Pattern::filter(Id::request(0, 0, 0, 0).0),
+        Pattern::filter(Id::request(0, 0, 0, 0).to_bytes()),
         message(wide.filters[0]),
         message(wide.filters[1]),
         message(wide.filters[2]),
@@ -153,7 +152,7 @@ const V0: [Pattern; 8] = {
 #[cfg(feature = "allocation")]
 const WITHOUT_ID: [Pattern; 8] = {
     let allocation = message(Kind::Allocation.id());
-    let [.., anonymous] = Id::message(0, 0, 0x7F).0;
+    let [.., anonymous] = Id::message(0, 0, 0x7F).to_bytes();
     [
         allocation,
         allocation,
@@ -237,7 +236,7 @@ impl<P: Progmem<Filters>> Acceptance for NodeAcceptance<P> {
             && let Some(node) = self.node
             && self.row.has_requests()
         {
-            let [_, _, destination, _] = Id::request(0, 0, node.get(), 0).0;
+            let [_, _, destination, _] = Id::request(0, 0, node.get(), 0).to_bytes();
             return destination;
         }
         self.flash.byte(self.row as u16 * ROW as u16 + u16::from(n))
@@ -300,7 +299,7 @@ mod tests {
         }
         for &data_type in SINGLE_TYPES {
             for (priority, source) in [(24, 42), (16, 1), (0, 127), (31, 10)] {
-                let id = u32::from_be_bytes(Id::message(priority, data_type, source).0);
+                let id = u32::from_be_bytes(Id::message(priority, data_type, source).to_bytes());
                 assert_eq!(buffer(WITH_ID, id), Some(1), "{id:08X}");
             }
         }
@@ -319,7 +318,7 @@ mod tests {
     #[test]
     fn of_all_messages_only_those_in_use_and_look_alikes_of_a_command_come_through() {
         for data_type in 0..=u16::MAX {
-            let id = u32::from_be_bytes(Id::message(16, data_type, 10).0);
+            let id = u32::from_be_bytes(Id::message(16, data_type, 10).to_bytes());
             let expected = if data_type & 0xFF == 1010 & 0xFF {
                 Some(0)
             } else if SINGLE_TYPES.contains(&data_type) {
@@ -459,7 +458,7 @@ mod tests {
                 continue;
             }
             let expected = u8::from(is_single(kind));
-            assert_eq!(buffer(WITH_ID, u32::from_be_bytes(id.0)), Some(expected), "{kind:?}");
+            assert_eq!(buffer(WITH_ID, u32::from_be_bytes(id.to_bytes())), Some(expected), "{kind:?}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Addresses of nodes (specification, chapter 4).
 
-/// The address of a node: 1 to 127. Zero, the address of anonymous nodes, is none.
+/// The address of a node: 1 to 127. Zero means that the node is anonymous, and is no `NodeId`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct NodeId(core::num::NonZeroU8);
 

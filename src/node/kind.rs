@@ -1,7 +1,8 @@
 //! The data types that the node receives: one table, from which come their IDs, the seeds of their CRCs, how they are put together,
 //! and the filters of the controller ([`acceptance`](super::acceptance)).
-//!
-//! A seed is what the CRC amounts to after the signature of the type (see [`crc`](super::crc)).
+
+use dronecan_wire::Received;
+use dronecan_wire::types::{self, Message};
 
 /// In the number of a [`Kind`], above its ID: a request.
 const REQUEST: u16 = 1 << 15;
@@ -12,15 +13,17 @@ const LONG: u16 = 1 << 14;
 /// In the number of a [`Kind`]: the ID of the data type or service.
 const ID: u16 = LONG - 1;
 
+/// A row is `name = space type, form;` or for a request `name = space type, form of the request, form of the response;`. The space `draft` is for messages
+/// that only the UAVCAN draft has. A transfer of the form `short` is one frame.
 macro_rules! received {
-    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $kind:ident = $space:ident $id:literal, $form:ident, $seed:literal;)*) => {
+    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $kind:ident = $space:ident $type:path, $form:ident $(, $response:ident)?;)*) => {
         /// What a received transfer is. Its number is the ID of the data type or service, and of what kind it is.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u16)]
         pub enum Kind {
             /// Nothing that the node takes.
             Unknown = 0,
-            $($(#[doc = $doc])* $(#[cfg($if)])? $kind = received!(@$space) | received!(@$form) | $id,)*
+            $($(#[doc = $doc])* $(#[cfg($if)])? $kind = received!(@$space) | received!(@$form) | $type.id as u16,)*
         }
 
         impl Kind {
@@ -29,63 +32,79 @@ macro_rules! received {
 
             #[inline(always)]
             const fn of(space_and_id: u16) -> Self {
-                $($(#[cfg($if)])? if space_and_id == received!(@$space) | $id {
+                $($(#[cfg($if)])? if received!(@is_v0 $space) && space_and_id == received!(@$space) | $type.id as u16 {
                     return Self::$kind;
                 })*
                 Self::Unknown
             }
 
-            /// Where the CRC of a transfer of several frames begins, also that of the response; 0 where there is never more than one.
+            /// The CRC of a transfer of several frames starts with this value, also that of the response; 0 where there is never more than one frame.
             #[inline(never)]
             pub const fn seed(self) -> u16 {
-                $($(#[cfg($if)])? if $seed != 0 && self as u16 == Self::$kind as u16 {
-                    return $seed;
+                $($(#[cfg($if)])? if (received!(@is_long $form) $(|| received!(@is_long $response))?) && self as u16 == Self::$kind as u16 {
+                    return $type.seed;
                 })*
                 0
             }
         }
+
+        const _: () = {
+            $($(#[cfg($if)])? assert!(($type.id as u16) < LONG, "the bits above are taken");)*
+        };
     };
     (@message) => { 0 };
+    (@draft) => { 0 };
     (@request) => { REQUEST };
+    (@is_v0 draft) => { false };
+    (@is_v0 $space:ident) => { true };
+    (@is_long long) => { true };
+    (@is_long short) => { false };
     (@short) => { 0 };
     (@long) => { LONG };
 }
 
+/// thesis.ServoCommand; its transfers have one frame, and no CRC.
+const SERVO_COMMAND: Message = Message { id: 1111, seed: 0 };
+
+/// ArrayCommand of the draft of 2014.
+#[cfg(feature = "draft")]
+const DRAFT_COMMAND: Message = Message { id: 265, seed: 0xBFEF };
+
 received! {
     /// uavcan.equipment.actuator.ArrayCommand
-    ArrayCommand = message 1010, long, 0x5E37;
+    ArrayCommand = message types::ARRAY_COMMAND, long;
     /// uavcan.protocol.NodeStatus
-    NodeStatus = message 341, short, 0;
+    NodeStatus = message types::NODE_STATUS, short;
     /// thesis.ServoCommand
-    ServoCommand = message 1111, short, 0;
+    ServoCommand = message SERVO_COMMAND, short;
     /// uavcan.equipment.safety.ArmingStatus
     #[cfg(feature = "standard")]
-    ArmingStatus = message 1100, short, 0;
+    ArmingStatus = message types::ARMING_STATUS, short;
     /// uavcan.equipment.indication.LightsCommand
     #[cfg(feature = "lights")]
-    LightsCommand = message 1081, long, 0x9E31;
+    LightsCommand = message types::LIGHTS_COMMAND, long;
     /// uavcan.protocol.dynamic_node_id.Allocation
     #[cfg(feature = "allocation")]
-    Allocation = message 1, long, 0xF258;
+    Allocation = message types::ALLOCATION, long;
     /// uavcan.protocol.GetNodeInfo
-    GetNodeInfo = request 1, short, 0xD9A7;
+    GetNodeInfo = request types::GET_NODE_INFO, short, long;
     /// uavcan.protocol.RestartNode
-    RestartNode = request 5, short, 0;
+    RestartNode = request types::RESTART_NODE, short, short;
     /// uavcan.protocol.param.GetSet
     #[cfg(feature = "standard")]
-    GetSet = request 11, long, 0xFB10;
+    GetSet = request types::GET_SET, long, long;
     /// uavcan.protocol.param.ExecuteOpcode
     #[cfg(feature = "standard")]
-    ExecuteOpcode = request 10, short, 0;
+    ExecuteOpcode = request types::EXECUTE_OPCODE, short, short;
     /// uavcan.protocol.file.BeginFirmwareUpdate
     #[cfg(feature = "standard")]
-    BeginFirmwareUpdate = request 40, long, 0x729E;
+    BeginFirmwareUpdate = request types::BEGIN_FIRMWARE_UPDATE, long, long;
     /// uavcan.protocol.GetTransportStats
     #[cfg(feature = "stats")]
-    GetTransportStats = request 4, short, 0x4D73;
+    GetTransportStats = request types::GET_TRANSPORT_STATS, short, long;
     /// ArrayCommand of the draft of 2014: entries of three bytes, without a type.
     #[cfg(feature = "draft")]
-    DraftCommand = message 265, long, 0xBFEF;
+    DraftCommand = draft DRAFT_COMMAND, long;
 }
 
 impl Kind {
@@ -93,9 +112,6 @@ impl Kind {
     #[inline(always)]
     pub const fn of_message(data_type: u16) -> Self {
         match Self::of(data_type & !REQUEST) {
-            // In DroneCAN v0 that is another type.
-            #[cfg(feature = "draft")]
-            Self::DraftCommand => Self::Unknown,
             _ if data_type >= LONG => Self::Unknown,
             kind => kind,
         }
@@ -153,6 +169,47 @@ impl Kind {
             Self::DraftCommand => true,
             _ => false,
         }
+    }
+}
+
+impl Received for Kind {
+    const UNKNOWN: Self = Self::Unknown;
+
+    #[inline(always)]
+    fn of_message(data_type: u16) -> Self {
+        Self::of_message(data_type)
+    }
+
+    #[inline(always)]
+    fn of_request(service: u8) -> Self {
+        Self::of_request(service)
+    }
+
+    /// A node without an ID hears how other nodes ask an allocator for theirs.
+    #[cfg(feature = "allocation")]
+    #[inline(always)]
+    fn of_anonymous(data_type: u8, node: u8) -> Self {
+        if node == 0 && u16::from(data_type) == Self::Allocation.id() { Self::Allocation } else { Self::Unknown }
+    }
+
+    #[inline(always)]
+    fn is_request(self) -> bool {
+        self.is_request()
+    }
+
+    #[inline(always)]
+    fn is_multi_frame(self) -> bool {
+        self.is_long()
+    }
+
+    #[inline(always)]
+    fn entry_len(self) -> u8 {
+        self.entry_len()
+    }
+
+    #[inline(always)]
+    fn seed(self) -> u16 {
+        self.seed()
     }
 }
 

@@ -1,0 +1,264 @@
+//! Identifiers and tail bytes: the bits that DroneCAN adds to a CAN frame (specification, chapter 4).
+//!
+//! ```text
+//!            byte 0           byte 1                byte 2                          byte 3
+//! message:   priority[28:24]  data_type[23:16]      data_type[15:8]                 0[7] source[6:0]
+//! anonymous: priority[28:24]  discriminator[23:16]  discriminator[15:10] type[9:8]  0[7] 0[6:0]
+//! service:   priority[28:24]  service[23:16]        request[15] destination[14:8]   1[7] source[6:0]
+//!
+//! tail:      start_of_transfer[7] end_of_transfer[6] toggle[5] transfer_id[4:0]
+//! ```
+
+use embedded_can::ExtendedId;
+
+/// The byte of an [`Id`] that a field is in. Only [`Id`] looks into the bytes.
+mod byte {
+    pub const PRIORITY: usize = 0;
+    pub const DATA_TYPE_HIGH: usize = 1;
+    pub const SERVICE: usize = 1;
+    pub const DATA_TYPE_LOW: usize = 2;
+    pub const DESTINATION: usize = 2;
+    pub const SOURCE: usize = 3;
+}
+
+/// A 29-bit identifier, most significant byte first. It holds bytes and not a `u32`, because an AVR shifts one bit at a time.
+///
+/// The three highest bits have no meaning. The accessors of messages and of services read different fields of the same bits, so ask
+/// [`is_service`](Self::is_service) first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Id([u8; 4]);
+
+impl Id {
+    /// The bits of [`priority`](Self::priority) in the first byte.
+    const PRIORITY: u8 = 0x1F;
+    /// In the last byte: the frame belongs to a service.
+    const SERVICE: u8 = 1 << 7;
+    /// In the byte of the destination: the frame belongs to a request.
+    const REQUEST: u8 = 1 << 7;
+    /// The bits of a node ID.
+    const NODE: u8 = 0x7F;
+    /// The bits of the data type ID that an anonymous message has.
+    const ANONYMOUS_TYPE: u8 = 0b11;
+
+    /// The identifier with these bytes, the most significant first.
+    #[inline(always)]
+    pub const fn from_bytes(bytes: [u8; 4]) -> Self {
+        Self(bytes)
+    }
+
+    /// The bytes, the most significant first.
+    #[inline(always)]
+    pub const fn to_bytes(self) -> [u8; 4] {
+        self.0
+    }
+
+    /// The identifier of a message. Source 0 is an anonymous node.
+    #[inline(always)]
+    pub const fn message(priority: u8, data_type: u16, source: u8) -> Self {
+        let [high, low] = data_type.to_be_bytes();
+        Self([priority, high, low, source])
+    }
+
+    /// The identifier of an anonymous message. Of the data type ID only the lower two bits fit. The lower 14 bits of `discriminator`,
+    /// which is random or a checksum of the payload, keep two nodes from sending the same identifier.
+    #[inline(always)]
+    pub const fn anonymous(priority: u8, data_type: u16, discriminator: u16) -> Self {
+        Self::message(priority, discriminator << 2 | data_type & Self::ANONYMOUS_TYPE as u16, 0)
+    }
+
+    /// The identifier of a request to a node.
+    #[inline(always)]
+    pub const fn request(priority: u8, service: u8, destination: u8, source: u8) -> Self {
+        Self([priority, service, Self::REQUEST | destination, Self::SERVICE | source])
+    }
+
+    /// The identifier of the response to a request.
+    #[inline(always)]
+    pub const fn response(priority: u8, service: u8, destination: u8, source: u8) -> Self {
+        Self([priority, service, destination, Self::SERVICE | source])
+    }
+
+    /// 0 (wins every arbitration) to 31.
+    #[inline(always)]
+    pub const fn priority(self) -> u8 {
+        self.0[byte::PRIORITY] & Self::PRIORITY
+    }
+
+    /// True for a service, false for a message.
+    #[inline(always)]
+    pub const fn is_service(self) -> bool {
+        self.0[byte::SOURCE] & Self::SERVICE != 0
+    }
+
+    /// Of a message: the data type ID.
+    #[inline(always)]
+    pub const fn data_type(self) -> u16 {
+        u16::from_le_bytes([self.0[byte::DATA_TYPE_LOW], self.0[byte::DATA_TYPE_HIGH]])
+    }
+
+    /// Of an anonymous message: the lower two bits of the data type ID.
+    #[inline(always)]
+    pub const fn anonymous_data_type(self) -> u8 {
+        self.0[byte::DATA_TYPE_LOW] & Self::ANONYMOUS_TYPE
+    }
+
+    /// Of a service: the service ID.
+    #[inline(always)]
+    pub const fn service(self) -> u8 {
+        self.0[byte::SERVICE]
+    }
+
+    /// Of a service: true for a request, false for a response.
+    #[inline(always)]
+    pub const fn is_request(self) -> bool {
+        self.0[byte::DESTINATION] & Self::REQUEST != 0
+    }
+
+    /// Of a service: true for a request to this node.
+    #[inline(always)]
+    pub const fn is_request_to(self, node: u8) -> bool {
+        self.0[byte::DESTINATION] == Self::REQUEST | node
+    }
+
+    /// Of a service: the node ID of the receiver.
+    #[inline(always)]
+    pub const fn destination(self) -> u8 {
+        self.0[byte::DESTINATION] & Self::NODE
+    }
+
+    /// Node ID of the sender: 1 to 127, or 0 if it is anonymous.
+    #[inline(always)]
+    pub const fn source(self) -> u8 {
+        self.0[byte::SOURCE] & Self::NODE
+    }
+}
+
+impl From<ExtendedId> for Id {
+    fn from(id: ExtendedId) -> Self {
+        Self(id.as_raw().to_be_bytes())
+    }
+}
+
+impl From<Id> for ExtendedId {
+    fn from(id: Id) -> Self {
+        let raw = u32::from_be_bytes(id.0) & ExtendedId::MAX.as_raw();
+        // The mask keeps it in range; zero only satisfies the type.
+        ExtendedId::new(raw).unwrap_or(ExtendedId::ZERO)
+    }
+}
+
+impl From<Id> for embedded_can::Id {
+    fn from(id: Id) -> Self {
+        Self::Extended(id.into())
+    }
+}
+
+/// The last data byte of each frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tail(pub u8);
+
+impl Tail {
+    /// First frame of a transfer.
+    pub const START: u8 = 1 << 7;
+    /// Last frame of a transfer.
+    pub const END: u8 = 1 << 6;
+    /// Alternates from frame to frame, from 0.
+    pub const TOGGLE: u8 = 1 << 5;
+    /// The transfer ID, which counts the transfers modulo 32.
+    pub const TRANSFER_ID: u8 = 31;
+
+    /// The first frame.
+    #[inline(always)]
+    pub const fn is_start(self) -> bool {
+        self.0 & Self::START != 0
+    }
+
+    /// The last frame.
+    #[inline(always)]
+    pub const fn is_end(self) -> bool {
+        self.0 & Self::END != 0
+    }
+
+    /// A transfer of one frame.
+    #[inline(always)]
+    pub const fn is_single(self) -> bool {
+        self.0 >= Self::START | Self::END
+    }
+
+    /// The toggle bit.
+    #[inline(always)]
+    pub const fn toggle(self) -> bool {
+        self.0 & Self::TOGGLE != 0
+    }
+
+    /// 0 to 31.
+    #[inline(always)]
+    pub const fn transfer_id(self) -> u8 {
+        self.0 & Self::TRANSFER_ID
+    }
+
+    /// True if a frame with this tail may come after a frame with the tail `before`: the same transfer, the other toggle.
+    #[inline(always)]
+    pub const fn follows(self, before: Self) -> bool {
+        (before.0 ^ self.0) & (Self::TOGGLE | Self::TRANSFER_ID) == Self::TOGGLE
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fields_of_an_identifier_are_where_the_specification_draws_them() {
+        for (source, data_type, priority) in [(1, 0, 0), (127, 0xFFFF, 31), (42, 341, 24), (10, 1010, 16)] {
+            let id = Id::message(priority, data_type, source);
+            let number = u32::from_be_bytes(id.to_bytes());
+            assert_eq!(number, u32::from(priority) << 24 | u32::from(data_type) << 8 | u32::from(source));
+            assert!(!id.is_service());
+            assert_eq!((id.priority(), id.data_type(), id.source()), (priority, data_type, source));
+        }
+        // GetNodeInfo from 127 to 42, and the answer, by pydronecan.
+        let (request, response) = (Id::request(30, 1, 42, 127), Id::response(30, 1, 127, 42));
+        assert_eq!((request.to_bytes(), response.to_bytes()), ([0x1E, 0x01, 0xAA, 0xFF], [0x1E, 0x01, 0x7F, 0xAA]));
+        assert!(request.is_service() && request.is_request_to(42) && !request.is_request_to(43));
+        assert!(response.is_service() && !response.is_request_to(127));
+        assert_eq!((request.service(), request.source(), response.source()), (1, 127, 42));
+        assert_eq!((request.is_request(), request.destination()), (true, 42));
+        assert_eq!((response.is_request(), response.destination()), (false, 127));
+    }
+
+    #[test]
+    fn an_anonymous_message_has_two_bits_of_its_type_and_no_source() {
+        // An Allocation request, by pydronecan.
+        let id = Id::from_bytes([0x1E, 0x97, 0x4D, 0x00]);
+        assert_eq!(Id::anonymous(30, 1, 0x974D >> 2), id);
+        assert_eq!(Id::anonymous(30, 0xFFFD, 0xC000 | 0x974D >> 2), id, "what does not fit");
+        assert_eq!((id.priority(), id.anonymous_data_type(), id.source(), id.is_service()), (30, 1, 0, false));
+    }
+
+    #[test]
+    fn identifiers_go_to_embedded_can_and_back() {
+        for raw in [0, 1, 0x1003_F20A, 0x1E01_AAFF, 0x1FFF_FFFF] {
+            let extended = ExtendedId::new(raw).unwrap();
+            assert_eq!(Id::from(extended).to_bytes(), raw.to_be_bytes());
+            assert_eq!(ExtendedId::from(Id::from(extended)), extended);
+            assert_eq!(embedded_can::Id::from(Id::from(extended)), embedded_can::Id::Extended(extended));
+        }
+        let beyond = Id::from_bytes([0xFF, 0x03, 0xF2, 0x0A]);
+        assert_eq!(ExtendedId::from(beyond).as_raw(), 0x1F03_F20A, "the three highest bits have no meaning");
+    }
+
+    #[test]
+    fn a_frame_follows_with_the_other_toggle_and_the_same_transfer_id() {
+        let first = Tail(Tail::START | 5);
+        assert!(Tail(Tail::TOGGLE | 5).follows(first) && Tail(Tail::END | Tail::TOGGLE | 5).follows(first));
+        assert!(!Tail(5).follows(first) && !Tail(Tail::TOGGLE | 6).follows(first));
+    }
+
+    #[test]
+    fn only_a_first_frame_that_is_also_the_last_is_a_whole_transfer() {
+        for tail in 0..=u8::MAX {
+            assert_eq!(Tail(tail).is_single(), Tail(tail).is_start() && Tail(tail).is_end(), "{tail:02X}");
+        }
+    }
+}

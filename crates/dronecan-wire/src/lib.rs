@@ -1,0 +1,19 @@
+#![doc = include_str!("../README.md")]
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+mod bits;
+pub mod crc;
+pub mod float16;
+#[cfg(test)]
+mod golden;
+mod node_id;
+pub mod receive;
+pub mod send;
+pub mod types;
+
+pub use bits::{Id, Tail};
+pub use node_id::NodeId;
+pub use receive::{Received, Receiver, Rejection, Segment, Transfer, Verdict};
+pub use send::{Buffer, Data, Payload, Sender};

@@ -1,0 +1,418 @@
+//! Puts received transfers together, frame by frame (specification, chapter 4).
+//!
+//! Goals: a transfer is handed out only when its last frame has come and its CRC is right; one sender, whom the caller names, is always
+//! received, whatever else is on the bus; no byte is stored that is not used. Of a list the receiver keeps only the entry for this node, of a
+//! longer payload the first `KEPT` bytes.
+//!
+//! Transfers of several frames are put together in lanes: `LISTS` of them for lists, `OTHERS` for everything else. A lane belongs to
+//! the sender of its transfer.
+//!
+//! Invariants:
+//!
+//! * Only the first frame of a transfer opens a lane. It takes the sender's own lane, else a free one, else the lane of another sender,
+//!   whose transfer is lost and reported; but never a list lane of the sender that the caller protects.
+//! * A frame continues a transfer of the same sender and type whose tail it [follows](Tail::follows). Any other frame that is not a first frame
+//!   is ignored: it came twice, or its transfer is lost and was reported already.
+//! * A transfer that has not ended [`TIMEOUT_MS`] after its first frame is given up: see [`Receiver::expire`].
+//! * A transfer of one frame needs none of these lanes, so it always comes through.
+//!
+//! A transfer begins with its first frame whatever its transfer ID, as in libcanard: a sender that restarts is heard at once.
+
+use crate::bits::{Id, Tail};
+use crate::crc;
+
+/// No transfer takes longer (specification, chapter 4), in milliseconds.
+pub const TIMEOUT_MS: u16 = 2000;
+
+/// The types that a node receives: a value of the implementing type stands for one of them.
+///
+/// ```
+/// use dronecan_wire::{Received, types};
+///
+/// #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// enum Kind {
+///     Unknown,
+///     NodeStatus,
+///     ArrayCommand,
+///     GetNodeInfo,
+/// }
+///
+/// impl Received for Kind {
+///     const UNKNOWN: Self = Self::Unknown;
+///
+///     fn of_message(data_type: u16) -> Self {
+///         match data_type {
+///             id if id == types::NODE_STATUS.id => Self::NodeStatus,
+///             id if id == types::ARRAY_COMMAND.id => Self::ArrayCommand,
+///             _ => Self::Unknown,
+///         }
+///     }
+///
+///     fn of_request(service: u8) -> Self {
+///         if service == types::GET_NODE_INFO.id { Self::GetNodeInfo } else { Self::Unknown }
+///     }
+///
+///     fn is_request(self) -> bool {
+///         self == Self::GetNodeInfo
+///     }
+///
+///     fn is_multi_frame(self) -> bool {
+///         self == Self::ArrayCommand
+///     }
+///
+///     fn entry_len(self) -> u8 {
+///         if self == Self::ArrayCommand { 4 } else { 0 }
+///     }
+///
+///     fn seed(self) -> u16 {
+///         if self == Self::ArrayCommand { types::ARRAY_COMMAND.seed } else { 0 }
+///     }
+/// }
+/// ```
+pub trait Received: Copy + PartialEq {
+    /// Stands for all types that the node does not receive.
+    const UNKNOWN: Self;
+
+    /// The message with this data type ID, or [`UNKNOWN`](Self::UNKNOWN).
+    fn of_message(data_type: u16) -> Self;
+
+    /// The request with this service ID, or [`UNKNOWN`](Self::UNKNOWN).
+    fn of_request(service: u8) -> Self;
+
+    /// The anonymous message with these lower two bits of its data type ID, or [`UNKNOWN`](Self::UNKNOWN), which most nodes return always.
+    /// `node` is this node's own ID, or 0: a node without an ID may want to hear how other nodes ask for theirs.
+    #[inline(always)]
+    fn of_anonymous(_data_type: u8, _node: u8) -> Self {
+        Self::UNKNOWN
+    }
+
+    /// True for a request, false for a message.
+    fn is_request(self) -> bool;
+
+    /// True if a transfer may have several frames. The receiver rejects such transfers of all other types.
+    fn is_multi_frame(self) -> bool;
+
+    /// Of a list: the length of an entry in bytes. The first byte of an entry says whom it is for; the receiver keeps the last entry that is for
+    /// this node. 0 for every payload that is to be kept from its beginning.
+    #[inline(always)]
+    fn entry_len(self) -> u8 {
+        0
+    }
+
+    /// The CRC of a transfer of several frames starts with this value: see [`crc`].
+    fn seed(self) -> u16;
+}
+
+/// A frame as a part of a transfer. [`read`](Self::read) makes one of a DroneCAN frame. A program that speaks another dialect, too, can make it of
+/// other frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Segment<'a, K> {
+    /// The type of the transfer.
+    pub kind: K,
+    /// Node ID of the sender; 0 if it is anonymous.
+    pub source: u8,
+    /// Priority of the frame, 0 to 31; the response to a request has the same. A dialect may use the bits above.
+    pub priority: u8,
+    /// Its place in the transfer.
+    pub tail: Tail,
+    /// The bytes before the tail.
+    pub payload: &'a [u8],
+}
+
+/// What a frame did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict<'a, K, const KEPT: usize> {
+    /// Its transfer is not complete yet, or the frame came twice.
+    More,
+    /// It completed a message.
+    Message(&'a Transfer<K, KEPT>),
+    /// It completed a request to this node.
+    Request(&'a Transfer<K, KEPT>),
+    /// The frame, or the transfer before it, is dropped.
+    Rejected(Rejection),
+}
+
+/// Why a frame or a transfer is dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rejection {
+    /// A message or service that the node does not receive, or a request to another node.
+    Unknown,
+    /// The sender is anonymous.
+    Anonymous,
+    /// The sender has this node's ID.
+    OwnId,
+    /// No tail byte, a first frame whose toggle bit is set or that is too short for the CRC, or several frames where one is enough.
+    Malformed,
+    /// A list that ends within an entry.
+    Length,
+    /// A request that the program cannot take now. This crate never returns it; it is here so that a program has one type for all reasons.
+    Busy,
+    /// The CRC is wrong, or the sender began another transfer before this one ended.
+    Broken,
+    /// Another sender's transfer had the lane.
+    Interleaved,
+}
+
+impl Rejection {
+    /// True if a transfer for this node was lost.
+    pub const fn is_loss(self) -> bool {
+        matches!(self, Self::Broken | Self::Interleaved)
+    }
+}
+
+impl<'a, K: Received> Segment<'a, K> {
+    /// Reads a frame with an extended identifier for the node with the ID `node`, which is 0 if the node is anonymous itself.
+    #[inline(always)]
+    pub fn read(id: Id, data: &'a [u8], node: u8) -> Result<Self, Rejection> {
+        let source = id.source();
+        let kind = if source == 0 {
+            let kind = if id.is_service() { K::UNKNOWN } else { K::of_anonymous(id.anonymous_data_type(), node) };
+            if kind == K::UNKNOWN {
+                return Err(Rejection::Anonymous);
+            }
+            kind
+        } else if source == node {
+            return Err(Rejection::OwnId);
+        } else if !id.is_service() {
+            K::of_message(id.data_type())
+        } else if node != 0 && id.is_request_to(node) {
+            K::of_request(id.service())
+        } else {
+            return Err(Rejection::Unknown);
+        };
+        if kind == K::UNKNOWN {
+            return Err(Rejection::Unknown);
+        }
+        let (&tail, payload) = data.split_last().ok_or(Rejection::Malformed)?;
+        Ok(Self { kind, source, priority: id.priority(), tail: Tail(tail), payload })
+    }
+}
+
+/// A transfer that is coming in, or is complete. A lane of the [`Receiver`] holds one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Transfer<K, const KEPT: usize> {
+    /// Frames are missing.
+    is_open: bool,
+    /// Its type.
+    pub kind: K,
+    /// Node ID of the sender; 0 if it is anonymous.
+    pub source: u8,
+    /// See [`Segment::priority`].
+    pub priority: u8,
+    /// Tail of the last frame.
+    tail: Tail,
+    /// Bytes of the payload so far; stays at 255. Of a list, the bytes of the entry that is coming.
+    len: u8,
+    /// The bytes that come are kept: of a list, the entry that is coming is for this node.
+    is_kept: bool,
+    /// Of a list: an entry was for this node.
+    has_entry: bool,
+    started_ms: u16,
+    sum: u16,
+    crc: [u8; 2],
+    bytes: [u8; KEPT],
+}
+
+impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
+    const NONE: Self = Self {
+        is_open: false,
+        kind: K::UNKNOWN,
+        source: 0,
+        priority: 0,
+        tail: Tail(0),
+        len: 0,
+        is_kept: false,
+        has_entry: false,
+        started_ms: 0,
+        sum: 0,
+        crc: [0; 2],
+        bytes: [0; KEPT],
+    };
+
+    /// Its transfer ID, 0 to 31.
+    pub fn transfer_id(&self) -> u8 {
+        self.tail.transfer_id()
+    }
+
+    /// Its payload, at most the first `KEPT` bytes. Of a list the last entry for this node; empty if there is none.
+    #[inline(always)]
+    pub fn payload(&self) -> &[u8] {
+        self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
+    }
+
+    /// Length of the payload in bytes, also of those that were not kept; at most 255.
+    #[inline(always)]
+    #[allow(clippy::len_without_is_empty, reason = "nobody asks")]
+    pub fn len(&self) -> u8 {
+        self.len
+    }
+
+    /// The bytes of [`payload`](Self::payload), followed by anything.
+    #[inline(always)]
+    pub fn bytes(&self) -> &[u8; KEPT] {
+        &self.bytes
+    }
+
+    /// Begins a transfer with its first frame.
+    #[inline(always)]
+    fn begin(&mut self, kind: K, source: u8, priority: u8, now_ms: u16) {
+        self.is_open = true;
+        self.kind = kind;
+        self.source = source;
+        self.priority = priority;
+        self.len = 0;
+        self.is_kept = true;
+        self.has_entry = false;
+        self.started_ms = now_ms;
+    }
+
+    /// Takes bytes of the payload. See [`Received::entry_len`].
+    #[inline(always)]
+    #[allow(clippy::implicit_saturating_add, reason = "of LLVM 22 it takes 8 instructions a byte instead of 3")]
+    fn take(&mut self, payload: &[u8], entry_len: u8, own_id: u8) {
+        let (mut len, mut is_kept, is_open) = (self.len, self.is_kept, self.is_open);
+        for &byte in payload {
+            // A transfer of one frame has no CRC.
+            if is_open {
+                self.sum = crc::add(self.sum, byte);
+            }
+            if entry_len != 0 && len == 0 {
+                is_kept = byte == own_id;
+                self.has_entry |= is_kept;
+            }
+            if is_kept && let Some(place) = self.bytes.get_mut(usize::from(len)) {
+                *place = byte;
+            }
+            if len != u8::MAX {
+                len += 1;
+            }
+            if len == entry_len {
+                len = 0;
+            }
+        }
+        (self.len, self.is_kept) = (len, is_kept);
+    }
+}
+
+/// Puts transfers together: at the same time `LISTS` lists of several frames and `OTHERS` other transfers of several frames. It keeps `KEPT` bytes
+/// of each, which must be enough for the longest entry of a list. See the [module](self).
+pub struct Receiver<K, const LISTS: usize, const OTHERS: usize, const KEPT: usize> {
+    lists: [Transfer<K, KEPT>; LISTS],
+    others: [Transfer<K, KEPT>; OTHERS],
+    /// The transfer of one frame.
+    single: Transfer<K, KEPT>,
+}
+
+impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Receiver<K, LISTS, OTHERS, KEPT> {
+    /// A receiver that has received nothing.
+    pub const fn new() -> Self {
+        Self { lists: [Transfer::NONE; LISTS], others: [Transfer::NONE; OTHERS], single: Transfer::NONE }
+    }
+
+    /// True while a transfer of several frames is coming in.
+    pub fn is_receiving(&self) -> bool {
+        self.lists.iter().chain(&self.others).any(|lane| lane.is_open)
+    }
+
+    /// Gives up one transfer that has taken too long, and returns it. Call it each millisecond or so, and at least once a minute, because the
+    /// clock wraps.
+    #[inline(always)]
+    pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT>> {
+        let mut lanes = self.lists.iter_mut().chain(&mut self.others);
+        let lane = lanes.find(|lane| lane.is_open && now_ms.wrapping_sub(lane.started_ms) > TIMEOUT_MS)?;
+        lane.is_open = false;
+        Some(lane)
+    }
+
+    /// Takes a frame. The entries of a list that begin with `own_id` are for this node. No other sender takes the list lane of the node
+    /// `protected`, for example the node that was obeyed last; 0 protects nobody. `now_ms` is a clock that wraps.
+    #[inline(always)]
+    pub fn accept(&mut self, segment: Segment<'_, K>, own_id: u8, protected: u8, now_ms: u16) -> Verdict<'_, K, KEPT> {
+        let Segment { kind, source, priority, tail, mut payload } = segment;
+        let entry_len = kind.entry_len();
+        let lane = if tail.is_single() {
+            Some(&mut self.single)
+        } else if !kind.is_multi_frame() || source == 0 {
+            return Verdict::Rejected(Rejection::Malformed);
+        } else if entry_len != 0 {
+            lane(&mut self.lists, source, tail.is_start(), protected)
+        } else {
+            lane(&mut self.others, source, tail.is_start(), 0)
+        };
+        let mut verdict = Verdict::More;
+        let Some(lane) = lane else {
+            // A frame that continues no transfer came twice, or its transfer is lost and was reported already.
+            return if tail.is_start() { Verdict::Rejected(Rejection::Interleaved) } else { verdict };
+        };
+        if tail.is_start() {
+            if tail.toggle() {
+                return Verdict::Rejected(Rejection::Malformed);
+            }
+            if !tail.is_end() {
+                let &[low, high, ref rest @ ..] = payload else { return Verdict::Rejected(Rejection::Malformed) };
+                lane.crc = [low, high];
+                lane.sum = kind.seed();
+                payload = rest;
+            }
+            if lane.is_open {
+                let is_own = lane.source == source;
+                verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
+            }
+            lane.begin(kind, source, priority, now_ms);
+            // A transfer of one frame has no CRC.
+            lane.is_open = !tail.is_end();
+        } else if lane.kind != kind || !tail.follows(lane.tail) {
+            return verdict;
+        }
+        lane.tail = tail;
+        lane.take(payload, entry_len, own_id);
+        if !tail.is_end() {
+            return verdict;
+        }
+        lane.is_open = false;
+        if !tail.is_single() && lane.sum.to_le_bytes() != lane.crc {
+            return Verdict::Rejected(Rejection::Broken);
+        }
+        if entry_len != 0 {
+            if lane.len != 0 {
+                return Verdict::Rejected(Rejection::Length);
+            }
+            lane.len = if lane.has_entry { entry_len } else { 0 };
+        }
+        if kind.is_request() { Verdict::Request(lane) } else { Verdict::Message(lane) }
+    }
+}
+
+/// The lane of this sender's transfer, or a lane for a transfer that begins: see the module's invariants.
+#[inline(always)]
+fn lane<K, const N: usize, const KEPT: usize>(
+    lanes: &mut [Transfer<K, KEPT>; N],
+    source: u8,
+    is_start: bool,
+    protected: u8,
+) -> Option<&mut Transfer<K, KEPT>> {
+    let mut chosen = None;
+    // A free lane is better than another sender's.
+    let mut is_free = false;
+    for lane in lanes {
+        if lane.is_open && lane.source == source {
+            return Some(lane);
+        }
+        if is_start && !is_free && (!lane.is_open || lane.source != protected) {
+            is_free = !lane.is_open;
+            chosen = Some(lane);
+        }
+    }
+    chosen
+}
+
+impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Default
+    for Receiver<K, LISTS, OTHERS, KEPT>
+{
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests;
