@@ -165,8 +165,8 @@ mod one {
 
         /// Data type ID of a message.
         #[inline(always)]
-        pub fn data_type(_message: &Transfer, frame: &Frame) -> u16 {
-            _message.kind.id()
+        pub fn data_type(message: &Transfer, _frame: &Frame) -> u16 {
+            message.kind.id()
         }
 
         /// No transfer comes in the draft.
