@@ -103,13 +103,18 @@ pub fn parameters(values: &[(Parameter, i32)]) -> Parameters {
 
 pub const NODE_STATUS: u64 = 0x0F08_68D0_C1A7_C6F1;
 pub const GET_NODE_INFO: u64 = 0xEE46_8A81_21C4_6A9E;
+#[allow(dead_code, reason = "a build may not have it")]
 pub const ALLOCATION: u64 = 0x0B2A_8126_20A1_1D40;
 pub const GET_SET: u64 = 0xA7B6_22F9_39D1_A4D5;
+#[allow(dead_code, reason = "a build may not have it")]
 pub const GET_TRANSPORT_STATS: u64 = 0xBE6F_76A7_EC31_2B04;
+#[allow(dead_code, reason = "a build may not have it")]
 pub const BEGIN_FIRMWARE_UPDATE: u64 = 0xB7D7_25DF_7272_4126;
+#[allow(dead_code, reason = "a build may not have it")]
 pub const CAN_STATS: u64 = 0xCE08_0CAE_3CA3_3C75;
 pub const ARRAY_COMMAND: u64 = 0xD8A7_4862_38EC_3AF3;
 pub const ACTUATOR_STATUS: u64 = 0x5E9B_BA44_FAF1_EA04;
+#[allow(dead_code, reason = "a build may not have it")]
 pub const LIGHTS_COMMAND: u64 = 0x2031_D93C_8BDD_1EC4;
 
 /// Every condition, in the order of the bits.
