@@ -17,7 +17,7 @@ SHIPPED := default thesis none allocation button,lights stats
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim gdb bridge test test-all fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size bench lint setup clean
+.PHONY: help sim gdb bridge test test-all fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
@@ -32,6 +32,7 @@ help:
 	@echo "make firmware   build the firmware, and show how much of the chip it takes"
 	@echo "make flash      upload it to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"
+	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
 	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (ten minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
@@ -143,6 +144,11 @@ bench: firmware strangers
 
 reliability: firmware
 	cargo bench --profile dev --bench reliability
+
+# The tables of docs/budget.md and the README.
+budget:
+	@scripts/setup build
+	@scripts/budget-page
 
 size: firmware
 	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40

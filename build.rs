@@ -1,5 +1,5 @@
 //! Finds the commit for GetNodeInfo: the first eight digits of git's HEAD, or zero where there is no repository. For an AVR it also
-//! hands the limits of avr-specs/budget.toml to the linker, and has it check where the constants are.
+//! hands the limits of avr-specs/budget.toml to the linker.
 
 use std::process::Command;
 
@@ -36,7 +36,6 @@ fn link() {
     // The target says that nothing is allowed above the limits; scripts/firmware allows more for firmware that is not for a chip. It
     // cannot replace a limit, because of two definitions the later one counts, and cargo puts these last.
     for argument in [
-        concat!(env!("CARGO_MANIFEST_DIR"), "/avr-specs/image.ld").to_owned(),
         format!("-Wl,--defsym=__TEXT_REGION_LENGTH__={}+__ABOVE_LIMITS__", limit("flash")),
         format!("-Wl,--defsym=__DATA_REGION_LENGTH__={}+__ABOVE_LIMITS__", limit("statics")),
     ] {

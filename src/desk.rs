@@ -11,13 +11,13 @@ use crate::can::Frame;
 use crate::can::mcp2515::Counters;
 use crate::dronecan::acceptance::NodeAcceptance;
 use crate::dronecan::receive::Receiver;
+use crate::image::InMemory;
 use crate::monitor::Monitor;
 use crate::node::Node;
 use crate::node::agenda::{Agenda, Facts, Turn};
 use crate::node::condition::ResetCause;
 use crate::node::servo::{Output, Ticks};
 use crate::node::store::Eeprom;
-use crate::progmem::InMemory;
 
 /// What the UART takes in a millisecond at 115200 baud.
 const BYTES_PER_MS: u32 = 11;
@@ -198,7 +198,7 @@ impl Desk {
             has_ticked: self.passed_ms != 0,
             has_chore: node.has_chore(),
             is_controller_due: can.is_due,
-            wants_filters: node.wants_filters(is_empty, receiver, now_ms),
+            wants_filters: node.wants_filters(is_empty, receiver),
             is_on_bus: true,
             has_room: can.has_found_room,
             has_frame_to_send: node.is_ready(),
@@ -213,6 +213,7 @@ impl Desk {
             Turn::Tick => {
                 let passed_ms = core::mem::take(&mut self.passed_ms);
                 can.is_due = true;
+                node.expire(receiver, now_ms, monitor);
                 node.tick(passed_ms, now_ms, memory, monitor);
                 servo.set(node.pulse());
                 #[cfg(feature = "button")]

@@ -5,9 +5,9 @@ use std::string::String;
 use std::vec::Vec;
 
 use crate::can::Frame;
+use crate::image::InMemory;
 use crate::node::condition::Conditions;
 use crate::node::parameters::{Parameter, Parameters};
-use crate::progmem::InMemory;
 
 /// Frames of one transfer, written as an identifier and their data, divided by `|`, all in hexadecimal.
 pub fn frames(text: &str) -> Vec<Frame> {

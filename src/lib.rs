@@ -2,10 +2,11 @@
 //!
 //! The layers, each of which knows only those below it:
 //!
+//! * [`image`]: the constants of all of them, as the flash has them.
 //! * [`node`]: what the node does with commands, its servo, its temperature and its status.
-//! * [`progmem`]: constant data that stays in flash.
 //! * [`monitor`]: what it tells on the serial monitor.
 //! * [`dronecan`]: the wire format.
+//! * [`progmem`]: how a table of constants in flash is read.
 //! * [`can`]: frames, and the MCP2515 over any `embedded-hal` SPI.
 //! * `desk`: a board of plain variables for the node, with which it is tested.
 //!
@@ -24,6 +25,7 @@ pub mod desk;
 pub mod dronecan;
 #[cfg(test)]
 mod golden;
+pub mod image;
 pub mod monitor;
 pub mod node;
 pub mod progmem;

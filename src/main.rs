@@ -49,7 +49,7 @@ fn main() -> ! {
                 has_ticked: board.clock.has_ticked(),
                 has_chore: node.has_chore(),
                 is_controller_due: controller.is_due,
-                wants_filters: node.wants_filters(controller.is_empty, receiver, now_ms),
+                wants_filters: node.wants_filters(controller.is_empty, receiver),
                 is_on_bus: controller.is_running,
                 has_room: controller.has_room,
                 has_frame_to_send: node.is_ready(),
@@ -64,6 +64,7 @@ fn main() -> ! {
                 let passed_ms = board.clock.tick();
                 let now_ms = board.clock.now_ms();
                 guard::check_stack();
+                node.expire(receiver, now_ms, monitor);
                 node.tick(passed_ms, now_ms, &mut board.eeprom, monitor);
                 board.servo.set(node.pulse());
                 #[cfg(feature = "lights")]

@@ -1,4 +1,4 @@
-//! Each firmware that `make test` builds starts, and follows a command.
+//! Each firmware of v0 that `make test` builds starts, and follows a command. That of the thesis has its own tests, `thesis.rs`.
 
 mod rig;
 
@@ -15,11 +15,6 @@ fn starts_and_follows_a_command(features: &str) {
 #[test]
 fn the_default_preset_works() {
     starts_and_follows_a_command("default");
-}
-
-#[test]
-fn the_preset_of_the_thesis_works() {
-    starts_and_follows_a_command("thesis");
 }
 
 #[test]

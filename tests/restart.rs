@@ -2,8 +2,8 @@
 
 mod rig;
 
-use rig::status::{BROWN_OUT, INITIALIZATION, PANIC, STRAY, WATCHDOG};
-use rig::{Rig, US, status_fields};
+use rig::status::{BROWN_OUT, INITIALIZATION, STRAY, WATCHDOG};
+use rig::{Rig, status_fields};
 use sim::avr::ResetCause;
 
 /// Waits for the banner of a restart and checks what is said of it.
@@ -60,17 +60,14 @@ fn a_hung_program_is_restarted_by_the_watchdog() {
     );
 }
 
+/// The compiler has proved it: there is no check left that could fail, and the linker has dropped the handler.
 #[test]
-fn a_panic_restarts_the_node() {
-    let mut rig = moving();
-    let handler = rig.board().avr().symbol_with("panicking9panic_fmt").expect("the panic handler").address / 2;
-    let [low, high] = (handler as u16).to_le_bytes();
-    // JMP to the handler.
-    let program = patch_the_main_loop(&mut rig, [0x0C, 0x94, low, high]);
-    let soon = rig.now() + 100 * US;
-    rig.run_until(soon);
-    rig.board().avr_mut().load_flash(0, &program);
-    assert_restarts(&mut rig, 50, "PANIC", PANIC);
+fn nothing_in_the_programs_can_panic() {
+    for features in ["default", "thesis", "allocation", "button,lights", "stats"] {
+        let mut rig = Rig::of(features);
+        let avr = rig.board().avr();
+        assert!(avr.symbol("main").is_some() && avr.symbol_with("panic").is_none(), "{features}");
+    }
 }
 
 #[test]

@@ -14,10 +14,11 @@
 
 use core::sync::atomic::{Ordering, compiler_fence};
 
-use avr_device::atmega168::EXINT;
+use avr_device::atmega168::{EXINT, SPI};
 
 use super::flash::Image;
-use super::spi::{CanInterrupt, CanSelect, CanSpi};
+use super::pins::{CanInterrupt, CanSelect};
+use super::spi::CanSpi;
 use node::can::Frame;
 use node::can::mcp2515::{Counted, Mcp2515};
 use node::dronecan::acceptance::NodeAcceptance;
@@ -32,7 +33,22 @@ const QUEUE_LEN: u8 = 4;
 /// INT0 in EIMSK, and its flag in EIFR.
 const INT0_BIT: u8 = 1 << 0;
 
-static mut CAN: Can = Mcp2515::new(CanSpi::new(), CanSelect::new(), CanInterrupt::new(), NodeAcceptance::nobody(Image));
+// Safety: these are the only values of the SPI and of CS, for `Pins` has no other. `Bus::new`, without which there is no `Bus` and no
+// interrupt, is called after both are set up.
+static mut CAN: Can =
+    unsafe { Mcp2515::new(CanSpi::steal(), CanSelect::steal(), CanInterrupt::new(), NodeAcceptance::nobody(Image)) };
+
+/// The driver.
+///
+/// # Safety
+///
+/// INT0 is masked as long as the reference is alive, and there is no other.
+#[inline(always)]
+unsafe fn can<'a>() -> &'a mut Can {
+    let can = &raw mut CAN;
+    // Safety: the static is always valid, and who calls this sees to it that there is no other reference.
+    unsafe { &mut *can }
+}
 
 /// The queue. Frames written and read so far are counted modulo 256.
 static mut QUEUE: [Frame; QUEUE_LEN as usize] = [Frame::EMPTY; QUEUE_LEN as usize];
@@ -42,13 +58,14 @@ static mut READ: u8 = 0;
 /// Reads a counter that the other side may change. An `AtomicU8` would hold interrupts back for it, which a byte does not need.
 #[inline(always)]
 fn load(counter: *const u8) -> u8 {
-    // Safety: both counters are always there and valid, and a byte is read at once. Volatile, because it changes in between.
+    // Safety: only `WRITTEN` and `READ` are passed, which are statics and thus valid. A byte is read by one instruction, so it cannot be torn;
+    // volatile, because the other side changes it in between.
     unsafe { counter.read_volatile() }
 }
 
 #[inline(always)]
 fn exint() -> EXINT {
-    // Safety: no other code uses these three registers, and each is written by one instruction.
+    // Safety: `Bus::new` has consumed these registers, so only this module uses them; each is written by one instruction.
     unsafe { EXINT::steal() }
 }
 
@@ -65,11 +82,15 @@ fn unmask() {
     exint().eimsk().modify(|r, w| w.int().set(r.int().bits() | INT0_BIT));
 }
 
-/// Moves frames from the controller to the queue, as long as there are some, and room. Only with INT0 masked.
+/// Moves frames from the controller to the queue, as long as there are some, and room.
+///
+/// # Safety
+///
+/// INT0 is masked, and no reference to the controller is alive.
 #[inline(never)]
-fn fetch() {
-    // Safety: INT0 is masked, so whoever calls this owns the controller.
-    let can = unsafe { &mut *(&raw mut CAN) };
+unsafe fn fetch() {
+    // Safety: with INT0 masked, the handler cannot get a reference beside this one; the caller has none.
+    let can = unsafe { can() };
     while can.calls() {
         let written = load(&raw const WRITTEN);
         if written.wrapping_sub(load(&raw const READ)) == QUEUE_LEN {
@@ -91,22 +112,27 @@ fn fetch() {
 #[avr_device::interrupt(atmega168)]
 fn INT0() {
     mask();
-    // Safety: INT0 is masked, so this handler is not interrupted by itself.
+    // Safety: INT0 is masked, so this handler is not interrupted by itself, and no other handler uses the controller or the queue.
     unsafe { avr_device::interrupt::enable() };
-    fetch();
+    // Safety: INT0 is masked. It was not before, and outside `Bus::controller` and `Bus::word`, which mask it, nobody has a reference.
+    unsafe { fetch() };
     avr_device::interrupt::disable();
     unmask();
 }
 
 /// The main loop's side of it.
-pub struct Bus(());
+pub struct Bus {
+    interrupt: CanInterrupt,
+}
 
 impl Bus {
-    pub(super) fn new() -> Self {
+    /// Sets up the SPI and INT0. The pins must be set up.
+    pub(super) fn new(spi: SPI, exint: EXINT, interrupt: CanInterrupt) -> Self {
+        CanSpi::set_up(spi);
         // A falling edge.
-        exint().eicra().write(|w| w.isc0().set(2));
-        exint().eimsk().write(|w| w.int().set(INT0_BIT));
-        Self(())
+        exint.eicra().write(|w| w.isc0().set(2));
+        exint.eimsk().write(|w| w.int().set(INT0_BIT));
+        Self { interrupt }
     }
 
     /// Does something with the controller. Meanwhile no frame is received.
@@ -114,7 +140,7 @@ impl Bus {
     pub fn controller<R>(&mut self, what: impl FnOnce(&mut Can) -> R) -> R {
         mask();
         // Safety: INT0 is masked until this reference is gone, and there is one `Bus`, which is borrowed.
-        let result = what(unsafe { &mut *(&raw mut CAN) });
+        let result = what(unsafe { can() });
         unmask();
         result
     }
@@ -123,11 +149,12 @@ impl Bus {
     #[inline(always)]
     pub fn has_frame(&mut self) -> bool {
         if load(&raw const WRITTEN) == load(&raw const READ) {
-            if !CanInterrupt::is_low_now() {
+            if !self.interrupt.is_pulled_low() {
                 return false;
             }
             mask();
-            fetch();
+            // Safety: INT0 is masked, and this method has no reference to the controller.
+            unsafe { fetch() };
             unmask();
         }
         load(&raw const WRITTEN) != load(&raw const READ)
@@ -151,8 +178,8 @@ impl Counted for Bus {
     #[inline(never)]
     fn word(&self, n: u8) -> u16 {
         mask();
-        // Safety: INT0 is masked, so nobody counts.
-        let word = unsafe { &*(&raw const CAN) }.counters().word(n);
+        // Safety: INT0 is masked until this reference is gone, so the handler, which counts, has none.
+        let word = unsafe { can() }.counters().word(n);
         unmask();
         word
     }

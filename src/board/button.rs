@@ -1,19 +1,19 @@
 //! The push button on D4.
 
-use avr_device::atmega168::PORTD;
+use super::pins::ButtonSignal;
 
 /// The button, which pulls its pin low.
 pub struct Button {
-    portd: PORTD,
+    signal: ButtonSignal,
 }
 
 impl Button {
-    pub(super) fn new(portd: PORTD) -> Self {
-        Self { portd }
+    pub(super) fn new(signal: ButtonSignal) -> Self {
+        Self { signal }
     }
 
     /// Whether it is pressed now, bouncing or not.
     pub fn is_pressed(&self) -> bool {
-        self.portd.pind().read().pd4().bit_is_clear()
+        self.signal.is_pulled_low()
     }
 }

@@ -5,7 +5,7 @@
 //!
 //! | signal | pin | ATmega168 | how |
 //! | --- | --- | --- | --- |
-//! | MCP2515 INT | D2 | PD2, INT0 | input with pull-up, active low: a level to look at, and an interrupt while something takes long (see [`bus`]) |
+//! | MCP2515 INT | D2 | PD2, INT0 | input with pull-up, active low: an interrupt, and a level to look at (see [`bus`]) |
 //! | MCP2515 CS | D9 | PB1 | output, active low |
 //! | servo | D10 | PB2, OC1B | Timer1; also the SPI's SS, which must be an output for the SPI to stay master |
 //! | MOSI, MISO, SCK | D11, D12, D13 | PB3, PB4, PB5 | SPI at 8 MHz, mode 0,0 |
@@ -27,13 +27,14 @@ pub mod guard;
 mod jitter;
 #[cfg(feature = "lights")]
 mod light;
+mod pins;
 mod serial;
 mod servo;
 mod spi;
 
 use avr_device::atmega168::CPU;
 
-use spi::{CanInterrupt, CanSelect, CanSpi};
+use pins::Pins;
 
 pub use adc::Adc;
 pub use bus::Bus;
@@ -85,27 +86,24 @@ impl Board {
         // One by one, because `Peripherals` keeps a note of having been taken in RAM.
         macro_rules! peripheral {
             ($name:ident) => {
-                // Safety: the only call, at the start of the only thread.
+                // Safety: each register block is named once below, and this function is called once, by `main`, before any interrupt is let
+                // in. The modules that steal a block again argue for it.
                 unsafe { avr_device::atmega168::$name::steal() }
             };
         }
-        // The servo first: after a restart its timer is still running.
-        let servo = Servo::new(peripheral!(TC1));
-        // Before the SPI, which must find its SS pin an output.
-        CanSelect::set_up(&peripheral!(PORTB));
-        CanSpi::set_up(&peripheral!(SPI));
-        CanInterrupt::set_up(&peripheral!(PORTD));
+        // The servo's timer is still running after a restart, and drives its pin whatever the port is told. Before the SPI, which must find its SS
+        // pin an output.
+        let pins = Pins::new(peripheral!(PORTB), peripheral!(PORTD));
         Self {
-            servo,
-            bus: Bus::new(),
+            servo: Servo::new(peripheral!(TC1), pins.servo),
+            bus: Bus::new(peripheral!(SPI), peripheral!(EXINT), pins.can_interrupt),
             clock: Clock::new(peripheral!(TC0)),
             serial: Serial::new(peripheral!(USART0)),
             adc: Adc::new(peripheral!(ADC)),
             #[cfg(feature = "lights")]
             light: Light::new(peripheral!(TC2)),
-            // It only reads its pin, which `CanInterrupt` sets up.
             #[cfg(feature = "button")]
-            button: Button::new(peripheral!(PORTD)),
+            button: Button::new(pins.button),
             eeprom: Eeprom::new(peripheral!(EEPROM)),
             jitter: Jitter::new(peripheral!(WDT)),
             cpu: peripheral!(CPU),

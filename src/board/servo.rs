@@ -4,9 +4,10 @@
 //! over at BOTTOM only (ATmega48/88/168 datasheet 2545, section 15). So a new width begins with a period, whenever it is
 //! written, and the pulse lasts OCR1B + 1 ticks.
 
-use avr_device::atmega168::{PORTB, TC1};
+use avr_device::atmega168::TC1;
 
 use super::CLOCK_HZ;
+use super::pins::ServoSignal;
 use node::node::servo::{Output, Ticks, scaled};
 
 const PRESCALER: u32 = 8;
@@ -20,14 +21,15 @@ const TICKS: u32 = {
 /// The servo output: silent until it is first given a width.
 pub struct Servo {
     tc1: TC1,
+    signal: ServoSignal,
     width: Ticks,
 }
 
 impl Servo {
-    pub(super) fn new(tc1: TC1) -> Self {
+    pub(super) fn new(tc1: TC1, signal: ServoSignal) -> Self {
         // After a restart the timer may be in a pulse: it is left to end, not cut. It is over in 2.5 ms; the turns, of
         // six cycles or more, are bounded all the same.
-        let mut servo = Self { tc1, width: 0 };
+        let mut servo = Self { tc1, signal, width: 0 };
         let mut turns = 8000u16;
         while turns != 0 && !servo.is_idle() {
             turns = turns.wrapping_sub(1);
@@ -50,9 +52,7 @@ impl Servo {
 
     /// Not in a pulse.
     fn is_idle(&self) -> bool {
-        // Safety: reads the pin, which has no effect.
-        let portb = unsafe { PORTB::steal() };
-        portb.pinb().read().pb2().bit_is_clear()
+        !self.signal.is_driven_high()
     }
 }
 

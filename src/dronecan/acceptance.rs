@@ -8,7 +8,7 @@
 //! there are more, only as many bits of the low byte as let all of them through ([`Wide`]).
 
 use crate::can::mcp2515::{Acceptance, Pattern};
-use crate::progmem::{self, Progmem};
+use crate::progmem::Progmem;
 
 use super::NodeId;
 use super::kind::Kind;
@@ -207,6 +207,9 @@ pub const PACKED: [u8; ROW * ROWS] = {
     packed
 };
 
+/// The table in flash: [`PACKED`].
+pub struct Filters;
+
 /// The filters of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeAcceptance<P> {
@@ -225,7 +228,7 @@ impl<P> NodeAcceptance<P> {
     }
 }
 
-impl<P: Progmem> Acceptance for NodeAcceptance<P> {
+impl<P: Progmem<Filters>> Acceptance for NodeAcceptance<P> {
     #[inline(always)]
     fn register(&self, n: u8) -> u8 {
         // No mask of a node without an ID, nor of one in the draft, compares this register with a request.
@@ -236,7 +239,7 @@ impl<P: Progmem> Acceptance for NodeAcceptance<P> {
             let [_, _, destination, _] = Id::request(0, 0, node.get(), 0).0;
             return destination;
         }
-        self.flash.byte(progmem::ACCEPTANCE + self.row as u16 * ROW as u16 + u16::from(n))
+        self.flash.byte(self.row as u16 * ROW as u16 + u16::from(n))
     }
 }
 
@@ -256,7 +259,7 @@ impl Row {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progmem::InMemory;
+    use crate::image::InMemory;
 
     const WITH_ID: NodeAcceptance<InMemory> = NodeAcceptance { node: NodeId::new(42), row: Row::V0, flash: InMemory };
 

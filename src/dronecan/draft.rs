@@ -62,23 +62,57 @@ pub fn id(upper: u16, source: u8) -> [u8; 4] {
     [b0, b1 | source >> 6, source << 2, 0]
 }
 
+/// What a frame of the draft is a part of.
+#[inline(always)]
+fn kind(frame: &Frame) -> Kind {
+    match upper_half(frame) & !1 {
+        SERVO_COMMAND => Kind::ServoCommand,
+        NODE_STATUS => Kind::NodeStatus,
+        ARRAY_COMMAND => Kind::DraftCommand,
+        GET_NODE_INFO => Kind::GetNodeInfo,
+        RESTART_NODE => Kind::RestartNode,
+        _ => Kind::Unknown,
+    }
+}
+
+/// The upper half of the identifier. As two bytes one after the other the AVR's code generator would swap them the long way.
+#[inline(always)]
+fn upper_half(frame: &Frame) -> u16 {
+    let [b0, b1, ..] = frame.id;
+    u16::from_le_bytes([b1, b0])
+}
+
+#[inline(always)]
+fn source(frame: &Frame) -> u8 {
+    let [_, b1, b2, _] = frame.id;
+    (b1 << 6 | b2 >> 2) & 0x7F
+}
+
+/// Data type ID of a frame of the draft.
+#[inline(always)]
+pub fn data_type(frame: &Frame) -> u16 {
+    upper_half(frame) >> 3
+}
+
+/// Data type ID and sender of a frame of the draft; `None` if it is of no type that the node takes.
+#[inline(never)]
+pub fn origin(frame: &Frame) -> Option<(u16, u8)> {
+    (kind(frame) != Kind::Unknown).then(|| (data_type(frame), source(frame)))
+}
+
 /// Reads a frame of the draft for the node with this ID (0 if it has none). [`Rejection::Unknown`] if it is of no type that the node takes:
 /// it may be one of v0 then.
-#[inline(never)]
+#[inline(always)]
 pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
     if frame.is_foreign() {
         return Err(Rejection::Unknown);
     }
-    let [b0, b1, b2, b3] = frame.id;
-    let kind = match u16::from_be_bytes([b0, b1 & !1]) {
-        ARRAY_COMMAND => Kind::DraftCommand,
-        SERVO_COMMAND => Kind::ServoCommand,
-        NODE_STATUS => Kind::NodeStatus,
-        GET_NODE_INFO => Kind::GetNodeInfo,
-        RESTART_NODE => Kind::RestartNode,
-        _ => return Err(Rejection::Unknown),
-    };
-    let source = (u16::from_be_bytes([b1, b2]) >> 2) as u8 & 0x7F;
+    let kind = kind(frame);
+    if kind == Kind::Unknown {
+        return Err(Rejection::Unknown);
+    }
+    let source = source(frame);
+    let [.., b2, b3] = frame.id;
     if source == 0 {
         return Err(Rejection::Anonymous);
     }
@@ -148,6 +182,20 @@ mod tests {
     fn a_frame_with_this_nodes_id_or_with_none_is_rejected() {
         assert_eq!(read("1135E00B EF CD AB 02"), Err(Rejection::OwnId));
         assert_eq!(read("1134000B EF CD AB 02"), Err(Rejection::Anonymous));
+    }
+
+    #[test]
+    fn a_frame_that_is_rejected_has_a_type_and_a_sender_all_the_same() {
+        for (text, expected) in [
+            ("17C40409 5A", Some((760, 1))),
+            ("17C42419", Some((760, 9))),
+            ("17C40008 00", Some((760, 0))),
+            ("1135E00B EF CD AB 02", Some((550, 120))),
+            ("1135FC0B EF", Some((550, 127))),
+            ("1003F20A 01 04 00 66 C0", None),
+        ] {
+            assert_eq!(origin(&frames(text)[0]), expected, "{text}");
+        }
     }
 
     #[test]

@@ -13,7 +13,7 @@
 //!   whose transfer is lost and counted; but never that of the commander (the node whose command was followed last).
 //! * A frame continues a transfer of the same sender and kind whose tail it [follows](Tail::follows). Any other frame that is not a first one
 //!   is ignored: it came twice, or its transfer is lost and counted already.
-//! * A transfer that has not ended [`TIMEOUT_MS`] after its first frame is never completed.
+//! * A transfer that has not ended [`TIMEOUT_MS`] after its first frame is given up: [`Receiver::expire`], which is called each millisecond.
 //! * Transfers of one frame have a lane to themselves, so they always come through.
 //!
 //! A transfer begins with its first frame whatever its transfer ID, as in libcanard: a sender that restarts is heard at once.
@@ -194,11 +194,6 @@ impl Transfer {
         &self.bytes
     }
 
-    #[inline(never)]
-    fn is_alive(&self, now_ms: u16) -> bool {
-        self.is_open && now_ms.wrapping_sub(self.started_ms) <= TIMEOUT_MS
-    }
-
     /// Begins with the first frame.
     #[inline(always)]
     fn begin(&mut self, kind: Kind, source: u8, priority: u8, now_ms: u16) {
@@ -216,10 +211,10 @@ impl Transfer {
     #[inline(always)]
     #[allow(clippy::implicit_saturating_add, reason = "of LLVM 22 it takes 8 instructions a byte instead of 3")]
     fn take(&mut self, payload: &[u8], entry_len: u8, own_id: u8) {
-        let (mut len, mut is_kept, is_open) = (self.len, self.is_kept, self.is_open);
+        let (mut len, mut is_kept) = (self.len, self.is_kept);
         for &byte in payload {
             // A transfer of one frame has no CRC.
-            if is_open {
+            if self.is_open {
                 self.sum = crc::add(self.sum, byte);
             }
             if entry_len != 0 && len == 0 {
@@ -255,8 +250,17 @@ impl Receiver {
     }
 
     /// A transfer of several frames is under way.
-    pub fn is_receiving(&self, now_ms: u16) -> bool {
-        self.lists.iter().chain(&self.requests).any(|lane| lane.is_alive(now_ms))
+    pub fn is_receiving(&self) -> bool {
+        self.lists.iter().chain(&self.requests).any(|lane| lane.is_open)
+    }
+
+    /// Gives up a transfer that has taken too long, and says which. To be called at least once a minute, because the clock wraps.
+    #[inline(always)]
+    pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer> {
+        let mut lanes = self.lists.iter_mut().chain(&mut self.requests);
+        let lane = lanes.find(|lane| lane.is_open && now_ms.wrapping_sub(lane.started_ms) > TIMEOUT_MS)?;
+        lane.is_open = false;
+        Some(lane)
     }
 
     /// Takes a frame. Of a list the entries with `own_id` are for this node; `commander` is the node whose command was followed last, or 0.
@@ -269,9 +273,9 @@ impl Receiver {
         } else if !kind.is_long() || source == 0 {
             return Verdict::Rejected(Rejection::Malformed);
         } else if entry_len != 0 {
-            lane(&mut self.lists, source, tail.is_start(), commander, now_ms)
+            lane(&mut self.lists, source, tail.is_start(), commander)
         } else {
-            lane(&mut self.requests, source, tail.is_start(), 0, now_ms)
+            lane(&mut self.requests, source, tail.is_start(), 0)
         };
         let mut verdict = Verdict::More;
         let Some(lane) = lane else {
@@ -319,23 +323,16 @@ impl Receiver {
 
 /// The lane of this sender's transfer, or one for a transfer that begins: see the module's invariants.
 #[inline(always)]
-fn lane<const N: usize>(
-    lanes: &mut [Transfer; N],
-    source: u8,
-    is_start: bool,
-    commander: u8,
-    now_ms: u16,
-) -> Option<&mut Transfer> {
+fn lane<const N: usize>(lanes: &mut [Transfer; N], source: u8, is_start: bool, commander: u8) -> Option<&mut Transfer> {
     let mut chosen = None;
     // Rather a free lane than another sender's.
     let mut is_free = false;
     for lane in lanes {
-        let is_alive = lane.is_alive(now_ms);
-        if is_alive && lane.source == source {
+        if lane.is_open && lane.source == source {
             return Some(lane);
         }
-        if is_start && !is_free && (!is_alive || lane.source != commander) {
-            is_free = !is_alive;
+        if is_start && !is_free && (!lane.is_open || lane.source != commander) {
+            is_free = !lane.is_open;
             chosen = Some(lane);
         }
     }

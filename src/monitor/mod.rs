@@ -11,10 +11,9 @@ pub mod text;
 
 use heapless::Vec;
 
-use crate::node::parameters;
 use crate::progmem::Progmem;
 pub use text::Line;
-use text::{Code, Field};
+use text::{Code, Field, Texts};
 
 /// Events that can wait. At 115200 baud a line takes about 5 ms, so this bridges 40 ms. A power of two.
 const QUEUE_LEN: usize = 8;
@@ -69,6 +68,12 @@ impl Event {
     pub fn set_code(&mut self, code: u8) {
         self.bytes[Field::CODE as usize] = code;
     }
+}
+
+/// The flash with the texts, and the names that `%n` stands for.
+pub trait TextsAndNames: Progmem<Texts> {
+    /// Where the names begin, counted from the beginning of the texts. Each has its length before it.
+    const NAMES: u16;
 }
 
 /// Turns events into text.
@@ -148,7 +153,7 @@ impl Monitor {
 
     /// The next character for the UART; 0 when this step did not get as far as that.
     #[inline(never)]
-    pub fn next_byte(&mut self, flash: impl Progmem) -> u8 {
+    pub fn next_byte<F: TextsAndNames>(&mut self, flash: F) -> u8 {
         let mut code = match self.stack.pop() {
             Some(code) => code,
             None => match self.next_code(flash) {
@@ -164,7 +169,7 @@ impl Monitor {
                     code = flash.byte(at);
                 }
                 Code::Field(field) => {
-                    self.push_field(field);
+                    self.push_field::<F>(field);
                     return 0;
                 }
             }
@@ -173,7 +178,7 @@ impl Monitor {
 
     /// The next code of a text, if this step gets as far as that and there is one.
     #[inline(always)]
-    fn next_code(&mut self, flash: impl Progmem) -> Option<u8> {
+    fn next_code(&mut self, flash: impl Progmem<Texts>) -> Option<u8> {
         if self.text_skip != 0 {
             self.find_text(flash);
             return None;
@@ -197,7 +202,7 @@ impl Monitor {
 
     /// Gets nearer to the text.
     #[inline(never)]
-    fn find_text(&mut self, flash: impl Progmem) {
+    fn find_text(&mut self, flash: impl Progmem<Texts>) {
         let mut texts = SKIPPED_AT_ONCE;
         let mut at = self.text_at;
         let mut skip = self.text_skip;
@@ -247,7 +252,7 @@ impl Monitor {
 
     /// Pushes the value of a field.
     #[inline(never)]
-    fn push_field(&mut self, field: u8) {
+    fn push_field<F: TextsAndNames>(&mut self, field: u8) {
         let event = self.event(0);
         if let Some(&byte) = event.bytes.get(usize::from(field)) {
             return self.push_number(u16::from(byte), 0);
@@ -260,7 +265,7 @@ impl Monitor {
             }
             Field::WORD => self.insert(text::FIRST_LINE, code),
             Field::OTHER_WORD => self.insert(text::FIRST_LINE, b as u8),
-            Field::NAME => self.insert(parameters::NAMES, b as u8),
+            Field::NAME => self.insert(F::NAMES, b as u8),
             Field::HALVES => {
                 self.push(b'0' | (b as u8 & 1).wrapping_neg() & 5);
                 self.push(b'.');
@@ -319,8 +324,8 @@ impl Default for Monitor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::InMemory;
     use crate::node::parameters::Parameter;
-    use crate::progmem::InMemory;
     use std::string::String;
 
     /// The next character, after some steps that give none; 0 if none comes.

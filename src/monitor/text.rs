@@ -1,9 +1,10 @@
 //! The texts of the serial monitor, packed for flash.
 //!
-//! On the AVR a string literal is copied to RAM at start. So the texts are packed at compile time into a part of the
-//! [image](crate::progmem) that stays in flash. A `%` and a letter in them stand for a value; see [`Event`](super::Event).
+//! On the AVR a string literal is copied to RAM at start. So the texts are packed at compile time into a
+//! table that stays in flash. A `%` and a letter in them stand for a value; see [`Event`](super::Event).
 
-use crate::progmem::TEXTS;
+/// The table: [`PACKED`].
+pub struct Texts;
 
 macro_rules! lines {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $name:ident = $text:expr,)*) => {
@@ -218,7 +219,7 @@ impl From<u8> for Code {
     fn from(code: u8) -> Self {
         let index = code.wrapping_sub(FIRST_PAIR);
         if index < PAIRS {
-            return Self::Pair((TEXTS + PAIRS_AT as u16).wrapping_add(u16::from(index)));
+            return Self::Pair((PAIRS_AT as u16).wrapping_add(u16::from(index)));
         }
         let index = code.wrapping_sub(FIRST_FIELD);
         if index < FIELDS { Self::Field(index) } else { Self::Character(code) }
@@ -390,4 +391,4 @@ pub const PACKED: [u8; LINES_AT + PACKING.len] = {
 };
 
 /// Where the length of the first line is, before its text.
-pub const FIRST_LINE: u16 = TEXTS + LINES_AT as u16;
+pub const FIRST_LINE: u16 = LINES_AT as u16;

@@ -29,7 +29,7 @@ impl Autopilot {
     }
 
     /// A command from `source` was accepted.
-    #[inline(never)]
+    #[inline(always)]
     pub fn commanded_by(&mut self, source: NodeId, now_ms: u16) {
         *self = Self { id: Some(source), commander: source.get(), heard_ms: now_ms };
     }

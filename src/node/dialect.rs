@@ -15,7 +15,8 @@ mod two {
     use crate::can::Frame;
     use crate::dronecan::acceptance::Row;
     use crate::dronecan::draft;
-    use crate::dronecan::receive::{self, Rejection, Segment};
+    use crate::dronecan::receive::{self, Rejection, Segment, Transfer};
+    use crate::dronecan::wire::Id;
     use crate::node::parameters::{Parameter, Parameters};
 
     /// In the course of so many seconds without a message of v0 nobody speaks it.
@@ -76,13 +77,26 @@ mod two {
             }
         }
 
+        /// Data type ID and sender of a frame, in whichever dialect it is.
+        #[inline(always)]
+        pub fn origin(frame: &Frame) -> (u16, u8) {
+            let id = Id(frame.id);
+            draft::origin(frame).unwrap_or_else(|| (id.data_type(), id.source()))
+        }
+
+        /// Data type ID of a message whose last frame this is.
+        #[inline(always)]
+        pub fn data_type(message: &Transfer, frame: &Frame) -> u16 {
+            if Self::is_of_draft(message.priority) { draft::data_type(frame) } else { message.kind.id() }
+        }
+
         /// Whether a transfer came in the draft.
         pub fn is_of_draft(priority: u8) -> bool {
             priority & draft::IS_DRAFT != 0
         }
 
         /// An autopilot's message came, in the draft or in v0. Whether the node follows it.
-        #[inline(never)]
+        #[inline(always)]
         pub fn hear(&mut self, is_draft: bool) -> bool {
             match self.wanted {
                 V0 => return !is_draft,
@@ -109,7 +123,8 @@ mod two {
 mod one {
     use crate::can::Frame;
     use crate::dronecan::acceptance::Row;
-    use crate::dronecan::receive::{self, Rejection, Segment};
+    use crate::dronecan::receive::{self, Rejection, Segment, Transfer};
+    use crate::dronecan::wire::Id;
     use crate::node::parameters::Parameters;
 
     /// It is v0.
@@ -139,6 +154,19 @@ mod one {
         #[inline(always)]
         pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
             receive::segment(frame, node)
+        }
+
+        /// Data type ID and sender of a frame.
+        #[inline(always)]
+        pub fn origin(frame: &Frame) -> (u16, u8) {
+            let id = Id(frame.id);
+            (id.data_type(), id.source())
+        }
+
+        /// Data type ID of a message.
+        #[inline(always)]
+        pub fn data_type(_message: &Transfer, frame: &Frame) -> u16 {
+            Id(frame.id).data_type()
         }
 
         /// No transfer comes in the draft.

@@ -114,6 +114,12 @@ impl Health {
         self.conditions.code()
     }
 
+    /// Whether this condition is set.
+    #[inline(always)]
+    pub fn has(&self, condition: Conditions) -> bool {
+        self.conditions.has(condition)
+    }
+
     /// The worst level that a condition has by the masks.
     #[inline(always)]
     pub fn level(&self, parameters: &Parameters) -> Level {
@@ -181,7 +187,7 @@ impl Default for Health {
 mod tests {
     use super::*;
     use crate::golden;
-    use crate::progmem::InMemory;
+    use crate::image::InMemory;
 
     const LINES: [Line; 2] = [Line::ErrorPassive, Line::ErrorActive];
 

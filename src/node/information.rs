@@ -17,6 +17,9 @@ pub const NO_UPDATE_LEN: u8 = NO_UPDATE.len() as u8;
 /// Bytes of a GetNodeInfo response: a NodeStatus, the versions, the unique ID, the length of the certificate, the name.
 pub const NODE_INFO_LEN: u8 = 7 + VERSIONS_LEN + 16 + 1 + NAME.len() as u8;
 
+/// The table in flash: [`PACKED`].
+pub struct Information;
+
 const LEN: usize = NO_UPDATE_AT as usize + NO_UPDATE.len();
 
 /// As sent, up to the unique ID: software major, minor, flags, commit, CRC; hardware major, minor. Then what follows the

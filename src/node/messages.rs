@@ -4,12 +4,11 @@
 use super::health::Level;
 use super::parameters::Parameter;
 use super::publisher::Publication;
-use super::{Node, Sending};
+use super::{Constants, Node, Sending};
 use crate::can::mcp2515::Counted;
 use crate::dronecan::float16;
 use crate::dronecan::wire::Id;
 use crate::monitor::Monitor;
-use crate::progmem::Progmem;
 
 #[cfg(feature = "draft")]
 use crate::dronecan::draft;
@@ -36,7 +35,7 @@ impl Node {
     pub fn prepare(
         &mut self,
         counters: &impl Counted,
-        flash: impl Progmem,
+        flash: impl Constants,
         monitor: &mut Monitor,
         now_ms: u16,
     ) -> bool {

@@ -41,10 +41,9 @@ pub mod thermometer;
 use crate::can::Frame;
 use crate::can::mcp2515::{ErrorFlags, Event as CanEvent, Notice};
 use crate::dronecan::NodeId;
-use crate::dronecan::acceptance::NodeAcceptance;
+use crate::dronecan::acceptance::{Filters, NodeAcceptance};
 use crate::dronecan::kind::Kind;
 use crate::dronecan::receive::{Receiver, Rejection, Transfer, Verdict};
-use crate::dronecan::wire::Id;
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
 use actuator::Actuator;
@@ -54,8 +53,9 @@ use dialect::Dialect;
 #[cfg(feature = "draft")]
 use health::Level;
 use health::{Health, count};
+use information::Information;
 use outgoing::Outgoing;
-use parameters::{Parameter, Parameters};
+use parameters::{Descriptions, Parameter, Parameters};
 use publisher::Publisher;
 use services::Services;
 use servo::{Output, Ticks};
@@ -70,6 +70,17 @@ use button::Button;
 use lights::Lights;
 #[cfg(any(feature = "allocation", feature = "button"))]
 use publisher::Publication;
+
+/// The flash with all tables of the node.
+pub trait Constants: Progmem<Descriptions> + Progmem<Information> {
+    /// A byte of [`information::PACKED`].
+    #[inline(always)]
+    fn information(self, at: u8) -> u8 {
+        Progmem::<Information>::byte(self, u16::from(at))
+    }
+}
+
+impl<P: Progmem<Descriptions> + Progmem<Information>> Constants for P {}
 
 /// What is left over for a turn of its own, because it takes long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -189,7 +200,7 @@ impl Node {
         cause: ResetCause,
         eeprom: &mut impl Eeprom,
         noise: impl FnMut() -> u8,
-        flash: impl Progmem,
+        flash: impl Progmem<Descriptions>,
         monitor: &mut Monitor,
     ) {
         self.store.identify(&mut self.unique_id, eeprom, noise);
@@ -202,13 +213,15 @@ impl Node {
         let banner = monitor.tell(Line::Banner);
         banner.set_source(self.id);
         banner.set_code(Line::PowerOn.plus(cause.0).number());
+        #[cfg(feature = "draft")]
+        self.show_dialect(monitor);
         self.publisher.start();
         #[cfg(feature = "allocation")]
         self.allocation.start(&self.unique_id, 0);
     }
 
     /// What the controller is to let through.
-    pub fn acceptance<P: Progmem>(&self, flash: P) -> NodeAcceptance<P> {
+    pub fn acceptance<P: Progmem<Filters>>(&self, flash: P) -> NodeAcceptance<P> {
         #[allow(unused_mut, reason = "a build may have no other row")]
         let mut row = self.dialect.row();
         #[cfg(feature = "allocation")]
@@ -227,10 +240,9 @@ impl Node {
     /// see whether the filters are why. That takes the controller off the bus for 5 ms. So it waits until nothing is on its way out
     /// (`is_controller_empty`) or in.
     #[inline(always)]
-    pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver, now_ms: u16) -> bool {
+    pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver) -> bool {
         self.filters_s != 0
-            && (self.filters_s == 1
-                || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving(now_ms))
+            && (self.filters_s == 1 || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving())
     }
 
     /// The controller is to get other filters as soon as it can.
@@ -297,6 +309,14 @@ impl Node {
         }
     }
 
+    /// Gives up transfers that have taken too long. To be called at every tick.
+    #[inline(always)]
+    pub fn expire(&mut self, receiver: &mut Receiver, now_ms: u16, monitor: &mut Monitor) {
+        if let Some(transfer) = receiver.expire(now_ms) {
+            self.lose(Rejection::Broken, transfer.kind.id(), transfer.source, monitor);
+        }
+    }
+
     /// To be called at every tick of the millisecond clock, or after `passed_ms` of them.
     #[inline(never)]
     pub fn tick(&mut self, passed_ms: u8, now_ms: u16, eeprom: &mut impl Eeprom, monitor: &mut Monitor) {
@@ -345,8 +365,15 @@ impl Node {
         #[cfg(feature = "draft")]
         {
             self.dialect.second();
-            self.health.set(Conditions::DRAFT, self.dialect.is_draft(), [Line::Draft, Line::DraftEnd], monitor);
+            self.show_dialect(monitor);
         }
+    }
+
+    /// In the status and on the serial monitor.
+    #[cfg(feature = "draft")]
+    #[inline(never)]
+    fn show_dialect(&mut self, monitor: &mut Monitor) {
+        self.health.set(Conditions::DRAFT, self.dialect.is_draft(), [Line::Draft, Line::DraftEnd], monitor);
     }
 
     /// Takes a received frame, and acts on the transfer that it completes.
@@ -356,7 +383,7 @@ impl Node {
         frame: &Frame,
         receiver: &mut Receiver,
         now_ms: u16,
-        flash: impl Progmem,
+        flash: impl Progmem<Descriptions>,
         monitor: &mut Monitor,
         servo: &mut impl Output,
     ) {
@@ -373,8 +400,10 @@ impl Node {
             Verdict::More => {}
             Verdict::Rejected(rejection) => self.reject(rejection, frame, monitor),
             Verdict::Message(message) => {
-                self.note.a = message.kind.id();
                 let line = self.act(message, now_ms, servo);
+                if line.is_refusal() {
+                    self.note.a = Dialect::data_type(message, frame);
+                }
                 self.conclude(line, message, monitor);
             }
             Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),
@@ -397,7 +426,7 @@ impl Node {
         self.note.set_source(transfer.source);
         self.note.set_transfer(transfer.transfer_id());
         monitor.log(&self.note);
-        if self.actuator.is_following() {
+        if self.health.has(Conditions::FAILSAFE) && self.actuator.is_following() {
             self.health.set(Conditions::FAILSAFE, false, [Line::FailsafeEnd; 2], monitor);
         }
     }
@@ -405,6 +434,13 @@ impl Node {
     /// Counts and logs a frame that is dropped.
     #[inline(never)]
     fn reject(&mut self, rejection: Rejection, frame: &Frame, monitor: &mut Monitor) {
+        let (data_type, source) = Dialect::origin(frame);
+        self.lose(rejection, data_type, source, monitor);
+    }
+
+    /// Counts and logs a frame or a transfer that is dropped.
+    #[inline(never)]
+    fn lose(&mut self, rejection: Rejection, data_type: u16, source: u8, monitor: &mut Monitor) {
         if rejection.is_loss() || rejection == Rejection::OwnId {
             self.health.transfers.broken();
             self.health.happened(Conditions::TRANSFER_ERRORS);
@@ -419,9 +455,8 @@ impl Node {
             Rejection::Interleaved => Line::RefusedInterleaved,
             Rejection::Length => Line::RefusedLength,
         });
-        let id = Id(frame.id);
-        event.a = id.data_type();
-        event.set_source(id.source());
+        event.a = data_type;
+        event.set_source(source);
     }
 
     /// Acts on a message, and notes what it says. The line that tells of it, or why it is refused.
@@ -488,6 +523,8 @@ impl Node {
     fn act_on_status(&mut self, status: &Transfer, is_draft: bool, source: NodeId, now_ms: u16) -> Line {
         let &[u0, u1, u2, u3, state, ..] = status.bytes();
         let (level, mode);
+        // In the draft the lower four bits are no uptime.
+        let highest = if is_draft { u3 >> 4 } else { u3 };
         #[cfg(feature = "draft")]
         if is_draft {
             if !matches!(status.len(), 4 | 6 | 7 | 8) {
@@ -495,8 +532,9 @@ impl Node {
             }
             // 0 is OK, 1 initialising, 2 a warning, 3 critical, 15 offline.
             (level, mode) = match u3 & 15 {
+                status @ (0 | 1) => (Level::Ok as u8, status),
                 2 => (Level::Warning as u8, 0),
-                status => (if status & 2 != 0 { Level::Critical as u8 } else { 0 }, status & 1),
+                _ => (Level::Critical as u8, 0),
             };
         } else if status.len() == 7 {
             (level, mode) = (state >> 6, state >> 3 & 7);
@@ -511,7 +549,7 @@ impl Node {
         }
         self.note.set_code(Line::Health.plus(level).number());
         self.note.b = u16::from(Line::Mode.plus(mode.min(4)).number());
-        self.note.a = if u2 | u3 == 0 { u16::from_le_bytes([u0, u1]) } else { u16::MAX };
+        self.note.a = if u2 | highest == 0 { u16::from_le_bytes([u0, u1]) } else { u16::MAX };
         if self.autopilot.is_status_of(source, now_ms) {
             self.publisher.autopilot_status(now_ms, self.thesis || self.dialect.is_draft());
         }

@@ -4,16 +4,17 @@
 //! before the bytes that it is of. What could change in between is kept from the start, in [`Outgoing::kept`]. One step
 //! makes a few bytes only, so that the main loop gets round.
 
-use super::information;
+use super::{Constants, information};
 use crate::can::Frame;
 use crate::dronecan::crc;
 use crate::dronecan::wire::Tail;
-use crate::progmem::{INFORMATION, Progmem};
 
 #[cfg(feature = "standard")]
-use super::parameters;
+use super::parameters::{self, Descriptions};
 #[cfg(feature = "draft")]
 use crate::dronecan::draft;
+#[cfg(feature = "standard")]
+use crate::progmem::Progmem;
 
 /// How the bytes of a payload come about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -174,7 +175,7 @@ impl Outgoing {
 
     /// Makes the next bytes of a transfer on its way, to the end of a frame at most. Not while a frame is ready.
     #[inline(never)]
-    pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Progmem) {
+    pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Constants) {
         let mut left = BYTES_AT_ONCE;
         while self.at < self.len && self.frame.len < PER_FRAME + self.lead() {
             if left == 0 {
@@ -244,7 +245,7 @@ impl Outgoing {
     }
 
     #[inline(never)]
-    fn byte(&self, unique_id: &[u8; 16], flash: impl Progmem) -> u8 {
+    fn byte(&self, unique_id: &[u8; 16], flash: impl Constants) -> u8 {
         let at = self.at;
         match self.form {
             Form::Kept => self.kept(at),
@@ -261,20 +262,20 @@ impl Outgoing {
                     }
                     skipped += 16;
                 }
-                flash.byte(INFORMATION + u16::from(at - skipped))
+                flash.information(at - skipped)
             }
             #[cfg(feature = "standard")]
             Form::Parameter => {
                 let (index, value, name_at) = self.parameter;
                 match at.checked_sub(parameters::NUMBERS_LEN) {
-                    Some(n) => flash.byte(name_at + u16::from(n)),
+                    Some(n) => Progmem::<Descriptions>::byte(flash, name_at + u16::from(n)),
                     None => parameters::response_byte(at, value, index, flash),
                 }
             }
             #[cfg(feature = "standard")]
             Form::Text if at == 0 => self.kept(0),
             #[cfg(feature = "standard")]
-            Form::Text => flash.byte(INFORMATION + u16::from(information::NO_UPDATE_AT - 1 + at)),
+            Form::Text => flash.information(information::NO_UPDATE_AT - 1 + at),
             #[cfg(feature = "stats")]
             Form::Numbers48 => {
                 let (number, at) = (at / 6, at % 6);

@@ -1,7 +1,7 @@
 //! What can be set over the bus: names, ranges and defaults (docs/parameters.md).
 
 use crate::dronecan::crc;
-use crate::progmem::{PARAMETERS, Progmem};
+use crate::progmem::Progmem;
 
 macro_rules! parameters {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $id:ident $name:literal $min:literal .. $max:literal = $default:expr,)*) => {
@@ -79,6 +79,9 @@ parameters! {
     Dialect "DIALECT" 0..2 = if cfg!(feature = "standard") { 0 } else { 2 },
 }
 
+/// The table in flash: [`PACKED`].
+pub struct Descriptions;
+
 /// How many there are.
 pub const COUNT: usize = TABLE.len();
 
@@ -95,7 +98,7 @@ const VALUE_LEN: u8 = 2;
 pub(super) const VALUES_LEN: u8 = VALUE_LEN * COUNT as u8;
 
 // In the flash: all defaults, all maxima, all minima, and all names, with its length before each.
-const DEFAULTS: u16 = PARAMETERS;
+const DEFAULTS: u16 = 0;
 const MAXIMA: u16 = DEFAULTS + VALUES_LEN as u16;
 const MINIMA: u16 = MAXIMA + VALUES_LEN as u16;
 /// Where the names are in the flash, each with its length before it.
@@ -185,7 +188,7 @@ fn place(table: u16, index: u8) -> u16 {
 }
 
 /// Where the name of a parameter is in the flash; its length is the byte before.
-pub fn name_at(index: u8, flash: impl Progmem) -> u16 {
+pub fn name_at(index: u8, flash: impl Progmem<Descriptions>) -> u16 {
     let mut at = NAMES + 1;
     for _ in 0..index {
         at = at.wrapping_add(u16::from(flash.byte(at.wrapping_sub(1)))).wrapping_add(1);
@@ -201,7 +204,7 @@ const TAG_INTEGER: u8 = 1;
 pub const NUMBERS_LEN: u8 = 4 * NUMBER_LEN;
 
 /// A byte of a GetSet response, before the name, about the parameter with this index and a value of it.
-pub fn response_byte(mut at: u8, value: u16, index: u8, flash: impl Progmem) -> u8 {
+pub fn response_byte(mut at: u8, value: u16, index: u8, flash: impl Progmem<Descriptions>) -> u8 {
     let mut low = value;
     let mut number_at = place(DEFAULTS, index);
     while at >= NUMBER_LEN {
@@ -262,7 +265,7 @@ impl Parameters {
     }
 
     /// The parameter of this name; [`NONE`] if there is none.
-    pub fn find(name: &[u8], flash: impl Progmem) -> u8 {
+    pub fn find(name: &[u8], flash: impl Progmem<Descriptions>) -> u8 {
         let mut at = NAMES;
         for index in 0..COUNT as u8 {
             let len = flash.byte(at);
@@ -284,7 +287,7 @@ impl Parameters {
 
     /// Sets a parameter to a number. Whether there is one with this index and the number is in its range; else nothing changes.
     #[inline(never)]
-    pub fn set(&mut self, index: u8, number: i32, flash: impl Progmem) -> bool {
+    pub fn set(&mut self, index: u8, number: i32, flash: impl Progmem<Descriptions>) -> bool {
         let Some(value) = self.values.get_mut(usize::from(index)) else { return false };
         let (mut low, mut high) = (number as u16, (number >> 16) as u16);
         if index == Parameter::CanBaudrate as u8 {
@@ -312,7 +315,7 @@ impl Parameters {
 
     /// Sets all to their defaults.
     #[inline(never)]
-    pub fn set_defaults(&mut self, flash: impl Progmem) {
+    pub fn set_defaults(&mut self, flash: impl Progmem<Descriptions>) {
         let mut at = DEFAULTS;
         for byte in self.bytes() {
             *byte = flash.byte(at);
@@ -331,7 +334,7 @@ impl Default for Parameters {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progmem::InMemory;
+    use crate::image::InMemory;
 
     /// Sets a parameter to a number of 32 bits.
     fn set(parameters: &mut Parameters, index: u8, number: i64) -> bool {
@@ -445,8 +448,9 @@ mod tests {
         for (index, (name, ..)) in TABLE.iter().enumerate() {
             assert_eq!(Parameters::find(name.as_bytes(), InMemory), index as u8, "{name}");
             let at = name_at(index as u8, InMemory);
-            assert_eq!(InMemory.byte(at - 1), name.len() as u8);
-            let stored: std::vec::Vec<u8> = (0..name.len() as u16).map(|n| InMemory.byte(at + n)).collect();
+            let byte = |at| Progmem::<Descriptions>::byte(InMemory, at);
+            assert_eq!(byte(at - 1), name.len() as u8);
+            let stored: std::vec::Vec<u8> = (0..name.len() as u16).map(|n| byte(at + n)).collect();
             assert_eq!(stored, name.as_bytes());
         }
     }

@@ -1,6 +1,7 @@
 //! Requests of those who manage the node, and its replies, one at a time and in order.
 
 use super::outgoing::Form;
+use super::parameters::Descriptions;
 use super::{Node, Sending, information};
 use crate::can::mcp2515::Counted;
 use crate::dronecan::kind::Kind;
@@ -121,7 +122,7 @@ impl Default for Services {
 impl Node {
     /// Acts on a request, and makes a note to reply. The line that tells of it.
     #[inline(always)]
-    pub(super) fn serve(&mut self, request: &Transfer, flash: impl Progmem) -> Line {
+    pub(super) fn serve(&mut self, request: &Transfer, flash: impl Progmem<Descriptions>) -> Line {
         #[allow(unused_mut, reason = "a build may have no other line")]
         let mut line = Line::Request;
         let mut argument = 0;
@@ -178,7 +179,12 @@ impl Node {
 
     /// Begins the reply to the request that has waited longest, if it can be given; whether it could.
     #[inline(never)]
-    pub(super) fn begin_reply(&mut self, counters: &impl Counted, flash: impl Progmem, monitor: &mut Monitor) -> bool {
+    pub(super) fn begin_reply(
+        &mut self,
+        counters: &impl Counted,
+        flash: impl Progmem<Descriptions>,
+        monitor: &mut Monitor,
+    ) -> bool {
         if self.services.is_empty() {
             return false;
         }
@@ -281,7 +287,7 @@ struct GetSet {
 impl GetSet {
     /// Reads a request (DSDL 11.GetSet.uavcan): 13 bits of index, 3 of tag, the value, the name. `None` if it is too short.
     #[inline(always)]
-    fn read(request: &Transfer, flash: impl Progmem) -> Option<Self> {
+    fn read(request: &Transfer, flash: impl Progmem<Descriptions>) -> Option<Self> {
         const INTEGER: u8 = 1;
         let &[index, index_and_tag, v0, v1, v2, v3, v4, v5, v6, v7, ..] = request.bytes();
         let tag = index_and_tag & 7;

@@ -139,15 +139,17 @@ impl Travel {
     }
 
     /// The pulse for a position of the thesis's command: 0 to 255 over the full travel.
-    #[inline(never)]
+    #[inline(always)]
     pub fn pulse_of_byte(&self, mut position: u8) -> Ticks {
         if self.is_reversed {
             position = !position;
         }
-        // By 255: 257 times that is 65,535.
-        let position = u16::from_le_bytes([position; 2]);
-        let travel = self.below + self.above;
-        self.low() + ((u32::from(position) * u32::from(travel) + (1 << 15)) >> 16) as u16
+        let [low, high] = (self.below + self.above).to_le_bytes();
+        // The product of 24 bits is 256 times `product`, and `rest`: the AVR multiplies bytes.
+        let [rest, carry] = (u16::from(position) * u16::from(low)).to_le_bytes();
+        let product = u16::from(position) * u16::from(high) + u16::from(carry);
+        // By 255: by 256, and a 256th of that.
+        self.low() + product + ((product + u16::from(rest) + (1 << 7)) >> 8)
     }
 
     /// The position that a pulse asks for, as an equal command would have it: in radians, as a float16.

@@ -8,7 +8,7 @@
 //! Of the parameters there are two records, and a save overwrites the older one. The marker counts the saves, modulo 4,
 //! which tells the newer from the older, and has the version of their layout.
 
-use super::parameters::{self, Parameters, VALUES_LEN};
+use super::parameters::{self, Descriptions, Parameters, VALUES_LEN};
 use crate::dronecan::crc;
 use crate::progmem::Progmem;
 
@@ -142,7 +142,12 @@ impl Store {
 
     /// Loads the newest parameters, or else sets the defaults. Whether there were some that cannot be used. To be called
     /// before the main loop, and before any save.
-    pub fn load(&mut self, parameters: &mut Parameters, eeprom: &impl Eeprom, flash: impl Progmem) -> bool {
+    pub fn load(
+        &mut self,
+        parameters: &mut Parameters,
+        eeprom: &impl Eeprom,
+        flash: impl Progmem<Descriptions>,
+    ) -> bool {
         let first = eeprom.read(PARAMETERS[0].wrapping_add(MARKER));
         let second = eeprom.read(PARAMETERS[1].wrapping_add(MARKER));
         let mut base = PARAMETERS[0];
@@ -265,8 +270,8 @@ impl Default for Store {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::InMemory;
     use crate::node::parameters::{COUNT, Parameter};
-    use crate::progmem::InMemory;
 
     /// An EEPROM whose supply can be cut.
     #[derive(Clone)]

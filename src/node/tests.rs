@@ -3,7 +3,7 @@
 use super::*;
 use crate::desk::{Desk as Rig, Memory};
 use crate::golden;
-use crate::progmem::InMemory;
+use crate::image::InMemory;
 use std::f64::consts::FRAC_PI_4;
 
 #[cfg(feature = "allocation")]

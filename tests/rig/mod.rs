@@ -36,6 +36,10 @@ pub const NODE: u32 = 120;
 pub const STATUS_OF_NODE: u32 = 0x1801_5500 | NODE;
 pub const TEMPERATURE_OF_NODE: u32 = 0x1804_5600 | NODE;
 pub const DEGREES_OF_NODE: u32 = 0x1804_5800 | NODE;
+/// NodeStatus of the draft of 2014, with transfer ID 0 of its eight.
+pub const DRAFT_STATUS_OF_NODE: u32 = 0x1134_0008 | NODE << 10;
+/// Bits of an identifier of the draft.
+const TRANSFER_ID_OF_DRAFT: u32 = 7;
 
 /// CAN identifiers, without a sender, of what it takes.
 pub const NODE_STATUS: u32 = 0x1801_5500;
@@ -232,10 +236,14 @@ impl Rig {
         rig
     }
 
-    /// Waits for the first status after a start, and forgets it.
+    /// Waits for the first status after a start, in either dialect, and forgets it.
     #[track_caller]
     pub fn wait_until_up(&mut self) {
-        self.wait_for("the first NodeStatus", 100, |rig| !rig.statuses().is_empty());
+        let is_of_draft =
+            |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID_OF_DRAFT == DRAFT_STATUS_OF_NODE);
+        self.wait_for("the first NodeStatus", 100, |rig| {
+            !rig.statuses().is_empty() || rig.traffic.iter().any(|(_, frame)| is_of_draft(frame))
+        });
         self.run_ms(150);
         self.forget();
     }

@@ -367,8 +367,8 @@ fn the_transfer_of_the_commander_is_never_displaced() {
 #[test]
 fn who_finds_no_lane_is_told_so_once_and_comes_through_afterwards() {
     let mut lanes = [Transfer::NONE; 1];
-    lane(&mut lanes, 10, true, 10, 0).unwrap().begin(Kind::ArrayCommand, 10, 16, 0);
-    assert!(lane(&mut lanes, 11, true, 10, 0).is_none());
+    lane(&mut lanes, 10, true, 10).unwrap().begin(Kind::ArrayCommand, 10, 16, 0);
+    assert!(lane(&mut lanes, 11, true, 10).is_none());
     if LIST_LANES > 1 {
         return;
     }
@@ -434,74 +434,79 @@ fn after_two_seconds_another_sender_takes_over_even_from_the_commander() {
     for n in 0..LIST_LANES as u32 {
         rig.frame(&two(10 + n, 1, 1)[0]);
     }
-    rig.now_ms = 2001;
+    for _ in 0..LIST_LANES {
+        assert_eq!(rig.receiver.expire(2000), None);
+        assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::ArrayCommand));
+    }
+    assert_eq!(rig.receiver.expire(2001), None, "all are told");
     let theirs = two(100, 1, 2);
-    assert_eq!(rig.rejects(&theirs[0]), Some(Rejection::Interleaved), "the old one did not end");
+    assert_eq!(rig.rejects(&theirs[0]), None);
     assert_eq!(entry(rig.frame(&theirs[1])), Some((0, 2)));
 }
 
 #[test]
-fn a_transfer_is_under_way_from_its_first_frame_to_its_last_or_for_two_seconds() {
+fn a_transfer_is_under_way_from_its_first_frame_to_its_last_or_until_it_expires() {
     let mut rig = Rig::new();
-    assert!(!rig.receiver.is_receiving(0));
+    assert!(!rig.receiver.is_receiving());
     rig.text("1003F20A 01 00 00 38 C7");
-    assert!(!rig.receiver.is_receiving(0), "of one frame");
+    assert!(!rig.receiver.is_receiving(), "of one frame");
     let frames = two(10, 1, 1);
     rig.frame(&frames[0]);
-    assert!(rig.receiver.is_receiving(0) && rig.receiver.is_receiving(2000) && !rig.receiver.is_receiving(2001));
+    assert!(rig.receiver.is_receiving());
     rig.frame(&frames[1]);
-    assert!(!rig.receiver.is_receiving(0));
+    assert!(!rig.receiver.is_receiving());
+    rig.frame(&frames[0]);
+    assert_eq!(rig.receiver.expire(2001).map(|lost| lost.source), Some(10));
+    assert!(!rig.receiver.is_receiving());
     #[cfg(feature = "standard")]
     {
         rig.frame(&golden::frames(SET)[0]);
-        assert!(rig.receiver.is_receiving(0), "a request");
+        assert!(rig.receiver.is_receiving(), "a request");
+        assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::GetSet));
     }
 }
 
-/// Two lanes, open for these senders since these times.
-fn two_lanes(open: [Option<(u8, u16)>; 2]) -> [Transfer; 2] {
+/// Two lanes, open for these senders.
+fn two_lanes(open: [Option<u8>; 2]) -> [Transfer; 2] {
     open.map(|open| {
         let mut lane = Transfer::NONE;
-        if let Some((source, started_ms)) = open {
-            lane.begin(Kind::ArrayCommand, source, 16, started_ms);
+        if let Some(source) = open {
+            lane.begin(Kind::ArrayCommand, source, 16, 0);
         }
         lane
     })
 }
 
-/// Which of two lanes a sender gets at 2500 ms.
-fn chosen(open: [Option<(u8, u16)>; 2], source: u8, is_start: bool, commander: u8) -> Option<usize> {
+/// Which of two lanes a sender gets.
+fn chosen(open: [Option<u8>; 2], source: u8, is_start: bool, commander: u8) -> Option<usize> {
     let mut lanes = two_lanes(open);
     let first = &raw const lanes[0];
-    let lane = lane(&mut lanes, source, is_start, commander, 2500)?;
+    let lane = lane(&mut lanes, source, is_start, commander)?;
     Some(usize::from(!std::ptr::eq(lane, first)))
 }
 
 #[test]
 fn of_two_lanes_a_sender_has_its_own() {
     for is_start in [false, true] {
-        assert_eq!(chosen([Some((10, 2000)), Some((11, 2000))], 10, is_start, 11), Some(0));
-        assert_eq!(chosen([Some((10, 2000)), Some((11, 2000))], 11, is_start, 10), Some(1));
-        assert_eq!(chosen([None, Some((11, 2000))], 11, is_start, 11), Some(1), "though another is free");
+        assert_eq!(chosen([Some(10), Some(11)], 10, is_start, 11), Some(0));
+        assert_eq!(chosen([Some(10), Some(11)], 11, is_start, 10), Some(1));
+        assert_eq!(chosen([None, Some(11)], 11, is_start, 11), Some(1), "though another is free");
     }
 }
 
 #[test]
 fn of_two_lanes_a_newcomer_gets_a_free_one_or_else_one_that_is_not_the_commanders() {
     assert_eq!(chosen([None, None], 12, true, 0), Some(0));
-    assert_eq!(chosen([Some((10, 2000)), None], 12, true, 0), Some(1));
-    assert_eq!(chosen([None, Some((11, 2000))], 12, true, 0), Some(0));
-    // What is two seconds old is free.
-    assert_eq!(chosen([Some((10, 2000)), Some((11, 499))], 12, true, 11), Some(1));
-    assert_eq!(chosen([Some((10, 2000)), Some((11, 2000))], 12, true, 10), Some(1));
-    assert_eq!(chosen([Some((10, 2000)), Some((11, 2000))], 12, true, 11), Some(0));
-    assert!(chosen([Some((10, 2000)), Some((11, 2000))], 12, true, 0).is_some());
+    assert_eq!(chosen([Some(10), None], 12, true, 0), Some(1));
+    assert_eq!(chosen([None, Some(11)], 12, true, 0), Some(0));
+    assert_eq!(chosen([Some(10), Some(11)], 12, true, 10), Some(1));
+    assert_eq!(chosen([Some(10), Some(11)], 12, true, 11), Some(0));
+    assert!(chosen([Some(10), Some(11)], 12, true, 0).is_some());
 }
 
 #[test]
 fn what_does_not_begin_a_transfer_gets_no_lane_but_its_own() {
-    for open in [[None, None], [Some((10, 2000)), None], [Some((10, 2000)), Some((11, 2000))], [Some((12, 499)), None]]
-    {
+    for open in [[None, None], [Some(10), None], [Some(10), Some(11)]] {
         assert_eq!(chosen(open, 12, false, 0), None, "{open:?}");
     }
 }
@@ -524,6 +529,7 @@ fn a_transfer_may_take_two_seconds_and_no_longer() {
             rig.now_ms = start;
             rig.frame(&frames[0]);
             rig.now_ms = start.wrapping_add(took_ms);
+            assert_eq!(rig.receiver.expire(rig.now_ms).is_some(), !comes, "{took_ms} ms");
             assert_eq!(rig.frame(&frames[1]).is_some(), comes, "{took_ms} ms");
         }
     }

@@ -1,8 +1,8 @@
 use super::*;
 use crate::golden;
+use crate::image::InMemory;
 #[cfg(feature = "standard")]
 use crate::node::parameters::Parameter;
-use crate::progmem::InMemory;
 
 const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
@@ -160,7 +160,7 @@ fn parameter(parameter: Parameter, value: i16, transfer_id: u8) -> String {
     let mut outgoing = new(Form::Parameter);
     let name_at = parameters::name_at(parameter as u8, InMemory);
     outgoing.parameter = (parameter as u8, value as u16, name_at);
-    outgoing.len = parameters::NUMBERS_LEN + InMemory.byte(name_at - 1);
+    outgoing.len = parameters::NUMBERS_LEN + Progmem::<Descriptions>::byte(InMemory, name_at - 1);
     begin(&mut outgoing, 0x1E0B_7FF8, transfer_id, golden::GET_SET);
     golden::text(&sent(&mut outgoing).0)
 }

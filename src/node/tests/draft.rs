@@ -49,16 +49,14 @@ fn commands_of_the_draft_move_the_servo_where_nobody_speaks_v0() {
 
 #[test]
 fn a_command_of_the_draft_in_two_frames_is_put_together() {
-    let payload = [2, 0x00, 0xBC, 1, 0x00, 0x38, 3, 0x00, 0x00];
-    // Where the CRC of this type begins is known from the autopilot of the thesis; its sum is made the plain way here.
-    let mut sum = Kind::DraftCommand.seed();
-    for byte in payload {
-        sum = crate::dronecan::crc::add(sum, byte);
+    // 0.5, -1, 0.25 and 1 for actuators 1 to 4, as pydronecan makes it (tests/clients/test_draft.py).
+    let first = golden::frame(0x084C_0403, &golden::bytes("BE 8D 01 00 38 02 00 BC"));
+    let second = golden::frame(0x084C_041B, &golden::bytes("03 00 34 04 00 3C"));
+    for (own_id, pulse) in [(1, 1750.0), (2, 1000.0), (3, 1625.0), (4, 2000.0)] {
+        let mut rig = Rig::with(&[(Parameter::Out1Id, own_id)]);
+        rig.frames(&[first, second]);
+        assert_eq!(rig.node.pulse(), us(pulse), "actuator {own_id}");
     }
-    let all = [&sum.to_le_bytes(), &payload[..]].concat();
-    let mut rig = Rig::new();
-    rig.frames(&[golden::frame(0x084C_0402, &all[..8]), golden::frame(0x084C_041A, &all[8..])]);
-    assert_eq!(rig.node.pulse(), us(1750.0));
 }
 
 #[test]
@@ -174,7 +172,12 @@ fn requests_of_the_draft_are_answered_in_it() {
         let last = if n + 1 == reply.len() { 8 } else { 0 };
         assert_eq!((frame.data[0], frame.id[3]), (127, (n as u8) << 4 | last | 5), "{reply:?}");
     }
-    let payload: Vec<u8> = reply.iter().flat_map(|frame| frame.data()[1..].to_vec()).skip(2).collect();
+    let stream: Vec<u8> = reply.iter().flat_map(|frame| frame.data()[1..].to_vec()).collect();
+    let (crc, payload) = stream.split_at(2);
+    // The signature of GetNodeInfo as pydronecan makes it (tests/clients/test_draft.py), and then the payload.
+    let summed = 0x1CC6_F807_395C_AE42u64.to_le_bytes();
+    let sum = summed.iter().chain(payload).fold(0xFFFF, |sum, &byte| crate::dronecan::crc::add(sum, byte));
+    assert_eq!(crc, sum.to_le_bytes());
     // A status of six bytes, then the versions, the unique ID and the name.
     assert_eq!(payload.len(), usize::from(information::NODE_INFO_LEN) - 1);
     assert_eq!(payload[23..39], rig.node.unique_id);

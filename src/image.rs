@@ -1,0 +1,65 @@
+//! All tables of constants as one image, as the flash has it (see [`progmem`](crate::progmem)).
+
+use crate::dronecan::acceptance::{self, Filters};
+use crate::monitor::TextsAndNames;
+use crate::monitor::text::{self, Texts};
+use crate::node::information::{self, Information};
+use crate::node::parameters::{self, Descriptions};
+use crate::progmem::Progmem;
+
+/// A table of the image.
+pub trait Table {
+    /// Where it begins in [`IMAGE`].
+    const BEGIN: u16;
+}
+
+impl Table for Texts {
+    const BEGIN: u16 = 0;
+}
+
+impl Table for Descriptions {
+    const BEGIN: u16 = Texts::BEGIN + text::PACKED.len() as u16;
+}
+
+impl Table for Information {
+    const BEGIN: u16 = Descriptions::BEGIN + parameters::PACKED.len() as u16;
+}
+
+impl Table for Filters {
+    const BEGIN: u16 = Information::BEGIN + information::PACKED.len() as u16;
+}
+
+impl<P: Progmem<Texts> + Progmem<Descriptions>> TextsAndNames for P {
+    const NAMES: u16 = Descriptions::BEGIN - Texts::BEGIN + parameters::NAMES;
+}
+
+const LEN: usize = Filters::BEGIN as usize + acceptance::PACKED.len();
+
+/// All of it.
+pub const IMAGE: [u8; LEN] = {
+    let mut image = [0; LEN];
+    let parts: [&[u8]; 4] = [&text::PACKED, &parameters::PACKED, &information::PACKED, &acceptance::PACKED];
+    let (mut at, mut part) = (0, 0);
+    while part < parts.len() {
+        let mut n = 0;
+        while n < parts[part].len() {
+            image[at] = parts[part][n];
+            at += 1;
+            n += 1;
+        }
+        part += 1;
+    }
+    image
+};
+
+/// The image as the host has it, for tests.
+#[cfg(any(test, feature = "desk"))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InMemory;
+
+#[cfg(any(test, feature = "desk"))]
+impl<T: Table> Progmem<T> for InMemory {
+    fn byte(self, at: u16) -> u8 {
+        IMAGE[usize::from(T::BEGIN + at)]
+    }
+}
