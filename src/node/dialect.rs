@@ -123,7 +123,7 @@ mod two {
 mod one {
     use crate::can::Frame;
     use crate::dronecan::acceptance::Row;
-    use crate::dronecan::receive::{self, Rejection, Segment, Transfer};
+    use crate::dronecan::receive::{self, Rejection, Segment};
     use crate::dronecan::wire::Id;
     use crate::node::parameters::Parameters;
 
@@ -161,12 +161,6 @@ mod one {
         pub fn origin(frame: &Frame) -> (u16, u8) {
             let id = Id(frame.id);
             (id.data_type(), id.source())
-        }
-
-        /// Data type ID of a message.
-        #[inline(always)]
-        pub fn data_type(message: &Transfer, _frame: &Frame) -> u16 {
-            message.kind.id()
         }
 
         /// No transfer comes in the draft.
