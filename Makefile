@@ -33,7 +33,7 @@ help:
 	@echo "make flash      upload it to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
-	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (ten minutes)"
+	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
 	@echo

@@ -305,7 +305,7 @@ fn without_a_good_copy_the_defaults_are_in_force_and_the_node_is_critical() {
     }
     let mut rig = Rig::with_boards(&[&broken]);
     rig.wait_for("the first NodeStatus", 100, |rig| !rig.statuses().is_empty());
-    rig.wait_for_line("LOST", 100);
+    rig.wait_for_line("parameters lost", 100);
     assert_eq!(rig.next_status(), (CRITICAL, PARAMETERS_LOST));
     assert_defaults(&mut rig);
     // It is a node all the same, and a save repairs it.

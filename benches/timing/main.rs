@@ -21,9 +21,9 @@ use sim::budget::budget;
 use strangers::{Stranger, receive};
 
 /// Simulated times.
-const LOAD_MS: u64 = 3000;
+const LOAD_MS: u64 = 2000;
 const FOREIGN_MS: u64 = 1200;
-const SOAK_MS: u64 = 240_000;
+const SOAK_MS: u64 = 60_000;
 /// Loads for that.
 const SOAKED: [Kind; 8] = [
     Kind::Command(0),
@@ -74,7 +74,7 @@ fn name(kind: Kind) -> String {
 }
 
 fn named(load: Load, ms: u64) -> String {
-    name(load.kind) + if ms == SOAK_MS { ", four minutes" } else { "" }
+    name(load.kind) + if ms == SOAK_MS { ", a minute" } else { "" }
 }
 
 fn pace(load: Load) -> &'static str {

@@ -123,7 +123,7 @@ mod two {
 mod one {
     use crate::node::acceptance::Row;
     use crate::node::parameters::Parameters;
-    use crate::node::wire::{self, Segment, Transfer};
+    use crate::node::wire::{self, Segment};
     use dronecan_wire::{Id, Rejection};
     use mcp2515_ordered::Frame;
 
@@ -161,12 +161,6 @@ mod one {
         pub fn origin(frame: &Frame) -> (u16, u8) {
             let id = Id::from_bytes(frame.id);
             (id.data_type(), id.source())
-        }
-
-        /// Data type ID of a message.
-        #[inline(always)]
-        pub fn data_type(message: &Transfer, _frame: &Frame) -> u16 {
-            message.kind.id()
         }
 
         /// No transfer comes in the draft.

@@ -4,7 +4,7 @@
 pub const NAME: &str = "org.dronecan.servo168";
 
 /// Why there is no update over the bus: the bootloader of the Diecimila listens to the serial port only.
-const NO_UPDATE: &str = "USB serial only";
+const NO_UPDATE: &str = "update over USB serial";
 
 /// Bytes of software and hardware version in [`PACKED`].
 pub const VERSIONS_LEN: u8 = 17;

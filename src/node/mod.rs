@@ -414,8 +414,16 @@ impl Node {
             Verdict::More => {}
             Verdict::Rejected(rejection) => self.reject(rejection, frame, monitor),
             Verdict::Message(message) => {
-                self.note.a = Dialect::data_type(message, frame);
+                #[cfg(not(feature = "draft"))]
+                {
+                    self.note.a = message.kind.id();
+                }
                 let line = self.act(message, now_ms, servo);
+                // In the draft the same kind has another type.
+                #[cfg(feature = "draft")]
+                if line.is_refusal() {
+                    self.note.a = Dialect::data_type(message, frame);
+                }
                 self.conclude(line, message, monitor);
             }
             Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),

@@ -117,7 +117,7 @@ impl Travel {
     /// gets the end of it.
     ///
     /// A width is taken as it is; the other two are turned around by OUT1_REVERSED.
-    #[inline(always)]
+    #[inline(never)]
     pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
         let mut is_low = value < 0;
         let magnitude = value.unsigned_abs();

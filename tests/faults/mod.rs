@@ -21,7 +21,6 @@ use sim::dronecan::{CanStats, Message};
 /// Bits of the vendor-specific status code (docs/status.md).
 pub const RESET_WATCHDOG: u16 = 1 << 0;
 pub const RESET_BROWN_OUT: u16 = 1 << 1;
-pub const RESET_PANIC: u16 = 1 << 2;
 pub const RESET_STRAY: u16 = 1 << 3;
 pub const TRANSFER_ERRORS: u16 = 1 << 4;
 pub const FRAMES_LOST: u16 = 1 << 5;

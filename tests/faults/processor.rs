@@ -1,9 +1,7 @@
 //! Faults of the processor, its memory and its clock.
 
-use super::{
-    COMMANDED_US, CONTROLLER_LOST, Case, Measured, RESET_BROWN_OUT, RESET_PANIC, RESET_STRAY, RESET_WATCHDOG, Trial,
-};
-use crate::rig::{MS, Rig, US, status_fields};
+use super::{COMMANDED_US, CONTROLLER_LOST, Case, Measured, RESET_BROWN_OUT, RESET_STRAY, RESET_WATCHDOG, Trial};
+use crate::rig::{MS, Rig, status_fields};
 use sim::Cycles;
 use sim::avr::ResetCause;
 use sim::dronecan::{Message, Opcode};
@@ -15,9 +13,8 @@ const COM1B: u8 = 0x30;
 /// From a restart to full service.
 const LIMIT_MS: u64 = 200;
 
-pub const ALL: [&Case; 10] = [
+pub const ALL: [&Case; 9] = [
     &HANG,
-    &PANIC,
     &STRAY_INTERRUPT,
     &STACK,
     &BROWN_OUT,
@@ -79,24 +76,6 @@ pub const HANG: Case = Case {
         trial.live(50);
         trial.end(|_| {});
         trial.recover(LIMIT_MS, RESET_WATCHDOG)
-    },
-    ..CASE
-};
-
-pub const PANIC: Case = Case {
-    fault: "the program panics",
-    noticed: "panic handler (bit 2)",
-    run: || {
-        restarted_by("reset: PANIC", RESET_PANIC, |trial| {
-            let rig = &mut trial.rig;
-            let handler = rig.board().avr().symbol_with("panicking9panic_fmt").expect("the panic handler").address / 2;
-            let [low, high] = (handler as u16).to_le_bytes();
-            let program = patch_the_main_loop(rig, &[0x0C, 0x94, low, high]);
-            let soon = rig.now() + 100 * US;
-            rig.run_until(soon);
-            rig.board().avr_mut().load_flash(0, &program);
-            trial.live(20);
-        })
     },
     ..CASE
 };

@@ -359,7 +359,8 @@ impl Soak {
                 assert!(information.name().starts_with("org."), "{}", information.name());
             }
             1 => {
-                let index = self.random.below(26) as u16;
+                // All that this firmware has.
+                let index = self.random.below(25) as u16;
                 assert!(!self.rig.parameter_at(index).name.is_empty());
             }
             _ => _ = self.rig.ask(&Message::TransportStatsRequest),

@@ -270,10 +270,10 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     #[inline(always)]
     #[allow(clippy::implicit_saturating_add, reason = "of LLVM 22 it takes 8 instructions a byte instead of 3")]
     fn take(&mut self, payload: &[u8], entry_len: u8, own_id: u8) {
-        let (mut len, mut is_kept, is_open) = (self.len, self.is_kept, self.is_open);
+        let (mut len, mut is_kept) = (self.len, self.is_kept);
         for &byte in payload {
             // A transfer of one frame has no CRC.
-            if is_open {
+            if self.is_open {
                 self.sum = crc::add(self.sum, byte);
             }
             if entry_len != 0 && len == 0 {
