@@ -291,72 +291,86 @@ struct Packing {
     used: usize,
 }
 
-/// Replaces the most frequent pair of codes by a new code, until that saves nothing (byte-pair encoding).
-const PACKING: Packing = {
-    let mut packing = Packing { text: [END; plain_len()], len: 0, pairs: [[0; 2]; PAIRS as usize], used: 0 };
-    let mut line = 0;
-    while line < LINES.len() {
-        let text = LINES[line].as_bytes();
-        let mut n = 0;
-        while n < text.len() {
-            packing.text[packing.len] = if text[n] == b'%' {
-                n += 1;
-                field(text[n])
-            } else {
-                assert!(FIRST_CHARACTER <= text[n] && text[n] <= LAST_CHARACTER);
-                text[n] as u16
-            };
-            packing.len += 1;
-            n += 1;
-        }
-        packing.text[packing.len] = END;
-        packing.len += 1;
-        line += 1;
-    }
-    while packing.used < PAIRS as usize {
-        let mut pair = [END; 2];
-        let mut best_count = 0;
-        // A quarter of all pairs at a time: the AVR, whose sizes hold here, has no array of 65,536.
-        let mut quarter = 0;
-        while quarter < 4 {
-            let mut counts = [0u8; 1 << 14];
-            let mut n = 1;
-            while n < packing.len {
-                let (first, second) = (packing.text[n - 1], packing.text[n]);
-                if first >> 6 == quarter && first != END && second != END {
-                    let place = (first as usize & 63) << 8 | second as usize;
-                    counts[place] = counts[place].saturating_add(1);
-                    if counts[place] > best_count {
-                        best_count = counts[place];
-                        pair = [first, second];
-                    }
-                }
+impl Packing {
+    /// The lines with a code for each character and each field.
+    const fn new() -> Self {
+        let mut packing = Self { text: [END; plain_len()], len: 0, pairs: [[0; 2]; PAIRS as usize], used: 0 };
+        let mut line = 0;
+        while line < LINES.len() {
+            let text = LINES[line].as_bytes();
+            let mut n = 0;
+            while n < text.len() {
+                packing.text[packing.len] = if text[n] == b'%' {
+                    n += 1;
+                    field(text[n])
+                } else {
+                    assert!(FIRST_CHARACTER <= text[n] && text[n] <= LAST_CHARACTER);
+                    text[n] as u16
+                };
+                packing.len += 1;
                 n += 1;
             }
-            quarter += 1;
+            packing.text[packing.len] = END;
+            packing.len += 1;
+            line += 1;
         }
-        // What a pair costs in the table.
-        if best_count <= 2 {
-            break;
-        }
-        if packing.used == 0 {
-            pair = [b'\r' as u16, b'\n' as u16];
-        }
-        packing.pairs[packing.used] = [pair[0] as u8, pair[1] as u8];
-        let mut to = 0;
-        let mut from = 0;
-        while from < packing.len {
-            if from + 1 < packing.len && packing.text[from] == pair[0] && packing.text[from + 1] == pair[1] {
-                packing.text[to] = FIRST_PAIR.wrapping_add(packing.used as u8) as u16;
-                from += 2;
-            } else {
-                packing.text[to] = packing.text[from];
+        packing
+    }
+
+    /// Replaces a pair of codes by one code wherever it is, and counts the pairs that are there afterwards: the most frequent one, and how often it
+    /// is there. One pass for both, because the compiler does this slowly, and for each crate that needs the result.
+    const fn replace(&mut self, old: [u16; 2], new: u16) -> ([u16; 2], u8) {
+        // A quarter of all pairs each: the AVR, whose sizes hold here, has no array of 65,536.
+        const QUARTER: usize = 1 << 14;
+        let mut q0 = [0u8; QUARTER];
+        let mut q1 = [0u8; QUARTER];
+        let mut q2 = [0u8; QUARTER];
+        let mut q3 = [0u8; QUARTER];
+        let (mut best, mut best_count) = ([END; 2], 0);
+        let (mut from, mut to, mut first) = (0, 0, END);
+        while from < self.len {
+            let mut second = self.text[from];
+            from += 1;
+            if second == old[0] && from < self.len && self.text[from] == old[1] {
+                second = new;
                 from += 1;
             }
+            self.text[to] = second;
             to += 1;
+            if first != END && second != END {
+                let counts = match first >> 6 {
+                    0 => &mut q0,
+                    1 => &mut q1,
+                    2 => &mut q2,
+                    _ => &mut q3,
+                };
+                let count = &mut counts[((first & 63) << 8 | second) as usize];
+                *count = count.saturating_add(1);
+                if *count > best_count {
+                    (best, best_count) = ([first, second], *count);
+                }
+            }
+            first = second;
         }
-        packing.len = to;
+        self.len = to;
+        (best, best_count)
+    }
+}
+
+/// Replaces the most frequent pair of codes by a new code, until that saves nothing (byte-pair encoding).
+const PACKING: Packing = {
+    let mut packing = Packing::new();
+    // What ends a line is a pair, too.
+    packing.pairs[0] = *b"\r\n";
+    packing.used = 1;
+    // No two ends are side by side, so this only counts.
+    let (mut pair, mut count) = packing.replace([END; 2], END);
+    // What a pair costs in the table.
+    while count > 2 && packing.used < PAIRS as usize {
+        packing.pairs[packing.used] = [pair[0] as u8, pair[1] as u8];
+        let code = FIRST_PAIR.wrapping_add(packing.used as u8);
         packing.used += 1;
+        (pair, count) = packing.replace(pair, code as u16);
     }
     packing
 };
