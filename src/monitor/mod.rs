@@ -121,10 +121,8 @@ impl Monitor {
     /// field for are left as they were. Where there is no room it takes the place of the last one, and that is counted.
     #[inline(never)]
     pub fn tell(&mut self, line: Line) -> &mut Event {
-        if self.waiting == QUEUE_LEN as u8 - 1 {
-            if self.lost != u8::MAX {
-                self.lost = self.lost.wrapping_add(1);
-            }
+        if self.is_full() {
+            self.lose();
         } else {
             self.waiting = self.waiting.wrapping_add(1);
         }
@@ -133,10 +131,26 @@ impl Monitor {
         event
     }
 
-    /// Tells a line with the values of this event.
+    /// Tells a line with the values of this event, if there is room; else it only counts it, because such lines come as fast as frames do.
     #[inline(never)]
     pub fn log(&mut self, event: &Event) {
-        *self.tell(event.line) = *event;
+        if self.is_full() {
+            self.lose();
+        } else {
+            *self.tell(event.line) = *event;
+        }
+    }
+
+    fn is_full(&self) -> bool {
+        self.waiting == QUEUE_LEN as u8 - 1
+    }
+
+    /// Counts a line that there is no room for.
+    #[inline(always)]
+    fn lose(&mut self) {
+        if self.lost != u8::MAX {
+            self.lost = self.lost.wrapping_add(1);
+        }
     }
 
     /// The event that is being told, or one that waits.
