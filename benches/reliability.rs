@@ -1,16 +1,11 @@
-//! Measures every fault of `tests/faults`, prints docs/reliability.md and writes it. `make reliability`.
-
-#[path = "../tests/faults/mod.rs"]
-mod faults;
-#[path = "../tests/rig/mod.rs"]
-mod rig;
+//! Measures every fault of `rig/src/faults`, prints docs/reliability.md and writes it. `make reliability`.
 
 fn main() {
     // Cargo asks bench targets for their tests, too.
     if std::env::args().any(|argument| argument == "--list") {
         return;
     }
-    let page = faults::page::page(|case| case.check());
+    let page = rig::faults::page::page(|case| case.check());
     println!("\n{page}");
     std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/reliability.md"), page)
         .expect("docs/reliability.md can be written");

@@ -1,9 +1,4 @@
-//! Simulated hours of a node's life: see `tests/soaking`. `make soak HOURS=4`, or see `--help`.
-
-#[path = "../tests/rig/mod.rs"]
-mod rig;
-#[path = "../tests/soaking/mod.rs"]
-mod soaking;
+//! Simulated hours of a node's life: see `rig::soak`. `make soak HOURS=4`, or see `--help`.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
@@ -12,10 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use rig::MS;
+use rig::soak::Soak;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use sim::Cycles;
-use soaking::Soak;
 
 const HELP: &str = "\
 Lets the firmware live for hours of simulated time: an autopilot commands its servo, other nodes talk, a client asks, sets and

@@ -2,8 +2,6 @@
 //!
 //! The unique ID is the node's own; it is made at the first start.
 
-mod rig;
-
 use std::sync::OnceLock;
 
 use rig::manage::ms_between;

@@ -1,7 +1,5 @@
 //! What ArduPilot and PX4 put on the bus, as the simulator has it: the node obeys each with only parameters changed.
 
-mod rig;
-
 use rig::manage::ms_between;
 use rig::{MS, Rig};
 use sim::autopilot::{Profile, Settings};

@@ -1,8 +1,7 @@
 //! Whatever comes over the bus: the servo stays where it is, the node answers, and it counts.
 
-mod rig;
-
 use rig::{ARRAY_COMMAND, NODE_STATUS, Rig, SERVO_COMMAND, array_command};
+use sim::avr::Noise;
 use sim::can::{Frame, Id};
 
 /// A node whose servo is at 1750 us.
@@ -169,17 +168,11 @@ fn random_frames_of_our_types_never_stop_the_node() {
     let mut rig = Rig::running();
     // Faster than the node can follow at times. What it loses it must tell.
     rig.overflows_expected = true;
-    let mut random = 0x2545_F491_4F6C_DD1Du64;
-    let mut next = || {
-        random ^= random << 13;
-        random ^= random >> 7;
-        random ^= random << 17;
-        random
-    };
+    let mut random = Noise::new(1);
     for _ in 0..3000 {
-        let bits = next();
+        let bits = random.next_u64();
         let base = [ARRAY_COMMAND, SERVO_COMMAND, NODE_STATUS][(bits % 3) as usize];
-        let data = next().to_le_bytes();
+        let data = random.next_u64().to_le_bytes();
         let source = (bits >> 8 & 0x7F) as u32;
         rig.send_frame(Frame::with_dlc(Id::Extended(base | source), (bits >> 16 & 0xF) as u8, data));
         let pause = rig.now() + (bits >> 24 & 0xFFF);

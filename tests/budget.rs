@@ -1,12 +1,7 @@
 //! The budgets of avr-specs/budget.toml: flash, variables, and variables with the stack at its deepest.
 
-mod rig;
-
 use rig::Rig;
-use sim::budget::budget;
-
-/// What the program paints unused RAM with at its start.
-const PAINT: u8 = 0xC5;
+use sim::budget::{PAINT, budget};
 
 #[test]
 fn flash_and_variables_keep_to_their_budgets() {

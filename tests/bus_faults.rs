@@ -1,10 +1,7 @@
 //! Whatever happens to the bus: the node notices, tells, keeps its servo safe, and is back within a second of the fault's end
 //! without flooding the bus. The cases are in `faults/bus.rs`, what they measure in docs/reliability.md.
 
-mod faults;
-mod rig;
-
-use faults::bus;
+use rig::faults::bus;
 
 #[test]
 fn a_pulled_cable_is_told_of_and_forgotten_when_it_is_back() {

@@ -1,10 +1,7 @@
 //! Whatever happens to the CAN controller and its wires: it is noticed and told of within 100 ms, the controller is started over,
 //! and the servo is where it was or at its failsafe. The cases are in `faults/chip.rs`, what they measure in docs/reliability.md.
 
-mod faults;
-mod rig;
-
-use faults::chip;
+use rig::faults::chip;
 
 #[test]
 fn a_controller_that_was_reset_is_set_up_again_before_the_servo_feels_it() {

@@ -1,7 +1,5 @@
 //! The MCP2515 is set up right, keeps frames in order both ways, and is brought back whatever happens to it.
 
-mod rig;
-
 use rig::status::{CONTROLLER_LOST, FRAMES_LOST, WARNING};
 use rig::{ARRAY_COMMAND, MS, Rig, US, status_fields};
 use sim::board::WireEvent;

@@ -1,8 +1,6 @@
 //! When commands for this output stop, the output goes where its parameters say, and only then; and it moves only while the
 //! vehicle is armed, if it is told to mind that.
 
-mod rig;
-
 use rig::manage::ms_between;
 use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
 use rig::{ARRAY_COMMAND, MS, Rig};

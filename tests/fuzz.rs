@@ -3,16 +3,12 @@
 //!
 //! 20,000 frames; `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some minutes. `FUZZ_SEED` gives others.
 
-mod rig;
-
 use rig::{ARRAY_COMMAND, MS, NODE, Rig};
-use sim::budget::budget;
+use sim::avr::Noise;
+use sim::budget::{PAINT, budget};
 use sim::can::{Frame, Id};
 use sim::dronecan::{ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types};
 use std::time::Duration;
-
-/// What the program paints unused RAM with at its start.
-const PAINT: u8 = 0xC5;
 
 const FRAMES: u64 = 20_000;
 const SEED: u64 = 0x5EED;
@@ -20,20 +16,16 @@ const SEED: u64 = 0x5EED;
 /// Where the servo is meanwhile.
 const PULSE_US: f64 = 1750.0;
 
-/// SplitMix64 (Steele, Lea, Flood 2014).
-struct Random(u64);
+/// What it tries.
+struct Random(Noise);
 
 impl Random {
     fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
+        self.0.next_u64()
     }
 
     fn below(&mut self, limit: u64) -> u64 {
-        self.next() % limit
+        self.0.below(limit)
     }
 
     fn pick<T: Copy>(&mut self, of: &[T]) -> T {
@@ -195,7 +187,7 @@ fn is_an_order(transfer: &Transfer) -> bool {
 #[test]
 fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     let (count, seed) = (setting("FUZZ_FRAMES", FRAMES), setting("FUZZ_SEED", SEED));
-    let mut random = Random(seed);
+    let mut random = Random(Noise::new(seed));
     let mut rig = Rig::running();
     // Faster than the node can follow at times.
     rig.overflows_expected = true;

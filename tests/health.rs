@@ -1,7 +1,5 @@
 //! The node's health: each condition has its bit, the masks say how bad it is, and it clears when its cause does.
 
-mod rig;
-
 use rig::status::{CRITICAL, DISARMED, ERROR, FAILSAFE, OK, SENSOR, TEMPERATURE, TRANSFER_ERRORS, WARNING};
 use rig::{ARRAY_COMMAND, MS, Rig};
 use sim::dronecan::Message;

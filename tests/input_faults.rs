@@ -1,10 +1,7 @@
 //! Whatever the sensor says and whatever comes over the bus: the servo follows sensible commands and nothing else. The cases are
 //! in `faults/input.rs`, what they measure in docs/reliability.md.
 
-mod faults;
-mod rig;
-
-use faults::input;
+use rig::faults::input;
 
 #[test]
 fn a_sensor_that_is_open_or_shorted_does_not_touch_the_servo() {

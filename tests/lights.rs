@@ -1,7 +1,5 @@
 //! The button, whose presses are published, and the light, which is told, in the build that has them.
 
-mod rig;
-
 use rig::{MS, NODE, Rig};
 use sim::dronecan::{KeyValue, LightCommand, Message};
 

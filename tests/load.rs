@@ -5,8 +5,6 @@
 //!
 //! `make bench` measures the same for longer, and writes the figures down.
 
-mod rig;
-
 use std::sync::LazyLock;
 
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace, run, run_all};

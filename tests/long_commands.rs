@@ -1,7 +1,5 @@
 //! Commands for many actuators come in transfers of many frames, back to back: only whole and right ones move the servo.
 
-mod rig;
-
 use rig::status::TRANSFER_ERRORS;
 use rig::{ARRAY_COMMAND, MS, Rig, array_command, quoted, status_fields};
 

@@ -1,7 +1,5 @@
 //! Parameters: what there is, when it takes effect, and that the EEPROM has the old set or the new one whatever happens.
 
-mod rig;
-
 use rig::manage::{PATIENCE_SAVE_MS, integer, ms_between};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Rig, started};

@@ -1,7 +1,5 @@
 //! Each firmware of v0 that `make test` builds starts, and follows a command. That of the thesis has its own tests, `thesis.rs`.
 
-mod rig;
-
 use rig::Rig;
 
 #[track_caller]

@@ -2,10 +2,7 @@
 //! soon as it is heard. Nothing in the program can panic (restart.rs). Its counters wrap without a trace. The cases are in `faults/processor.rs`; a cut at each byte of a save is
 //! in parameters.rs, pulses across a restart are in restart.rs.
 
-mod faults;
-mod rig;
-
-use faults::processor;
+use rig::faults::processor;
 
 #[test]
 fn a_main_loop_that_hangs_is_restarted_by_the_watchdog() {

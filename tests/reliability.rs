@@ -1,9 +1,6 @@
 //! docs/reliability.md has every fault that is tested, with the limits that it is held to, and what was measured is within them.
 
-mod faults;
-mod rig;
-
-use faults::page::{CHAPTERS, row};
+use rig::faults::page::{CHAPTERS, row};
 
 /// The number before the limit, and the limit.
 fn numbers(cell: &str) -> Option<(f64, f64)> {

@@ -1,7 +1,5 @@
 //! A fault of the program restarts it, and the next status and the next banner say why.
 
-mod rig;
-
 use rig::status::{BROWN_OUT, INITIALIZATION, STRAY, WATCHDOG};
 use rig::{Rig, status_fields};
 use sim::avr::ResetCause;

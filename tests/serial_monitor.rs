@@ -1,7 +1,5 @@
 //! The serial monitor tells what happens, at 115200 baud, and never holds anything up.
 
-mod rig;
-
 use rig::{MS, Rig};
 
 #[test]

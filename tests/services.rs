@@ -2,8 +2,6 @@
 //!
 //! The quoted frames were made by pydronecan 1.0.27; tests/clients/test_golden.py holds the two together.
 
-mod rig;
-
 use rig::manage::{PATIENCE_MS, ms_between};
 use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, quoted};
 use sim::Cycles;

@@ -1,7 +1,5 @@
 //! The servo follows commands, exactly, and nothing else.
 
-mod rig;
-
 use std::f32::consts::FRAC_PI_4;
 
 use rig::{ARRAY_COMMAND, MS, Rig};

@@ -1,10 +1,7 @@
 //! Two minutes of a node's life, with all that can go wrong in them. `make soak HOURS=4` lives longer.
 
-mod rig;
-mod soaking;
-
 use rig::MS;
-use soaking::Soak;
+use rig::soak::Soak;
 
 #[test]
 fn in_a_life_full_of_faults_nothing_is_lost_between_them_and_each_is_over_within_a_second() {

@@ -1,7 +1,5 @@
 //! What the node counts of its bus: CanStats, in the build that has it.
 
-mod rig;
-
 use rig::{ARRAY_COMMAND, NODE, Rig, is_from_node};
 use sim::Cycles;
 use sim::can::Id;

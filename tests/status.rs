@@ -1,7 +1,5 @@
 //! The node says how it is: when the autopilot does, and by itself when there is none.
 
-mod rig;
-
 use rig::status::{GAVE_UP_SENDING, INITIALIZATION, OK, OPERATIONAL, WARNING};
 use rig::{MS, Rig, STATUS_OF_NODE, status_fields};
 

@@ -1,8 +1,6 @@
 //! What the node tells without being asked, beside its status and temperature: where its servo is, how the bus does, and that
 //! its button was pressed. And the light, which is told.
 
-mod rig;
-
 use rig::manage::ms_between;
 use rig::{NODE, Rig};
 use sim::Cycles;

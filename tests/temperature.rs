@@ -1,7 +1,5 @@
 //! The node measures its temperature and sends it.
 
-mod rig;
-
 use rig::{DEGREES_OF_NODE, MS, Rig, TEMPERATURE_OF_NODE};
 
 /// Device ID, kelvin and flags in a Temperature.

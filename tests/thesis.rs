@@ -2,8 +2,6 @@
 //!
 //! Identifiers of the draft: type\[28:19\] transfer type\[18:17\] source\[16:10\] frame index\[9:4\] last\[3\] transfer ID\[2:0\].
 
-mod rig;
-
 use std::collections::VecDeque;
 
 use rig::load::{Meter, ocr1b};

@@ -1,7 +1,5 @@
 //! Limits, trim, direction, range and rate of the servo, as its parameters have them.
 
-mod rig;
-
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use rig::{MS, Rig};

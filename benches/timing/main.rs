@@ -4,8 +4,6 @@
 //! Everything is measured from outside: at the pins, on the SPI, on the bus, and by the program counter.
 
 mod plot;
-#[path = "../../tests/rig/mod.rs"]
-mod rig;
 mod strangers;
 
 use std::fmt::Write as _;
@@ -17,7 +15,7 @@ use rig::profile::{Names, Profile};
 use rig::{MS, Rig};
 use sim::Cycles;
 use sim::autopilot::{Profile as Autopilot, Settings};
-use sim::budget::budget;
+use sim::budget::{PAINT, budget};
 use strangers::{Stranger, receive};
 
 /// Simulated times.
@@ -38,9 +36,6 @@ const SOAKED: [Kind; 8] = [
 const PROFILE_MS: u64 = 4000;
 const LOSS_MS: u64 = 500;
 const SPEED_MS: u64 = 2000;
-
-/// What the program paints unused RAM with at its start.
-const PAINT: u8 = 0xC5;
 
 /// Loads in per cent of a full bus, for the plot.
 const PERCENTS: [u64; 13] = [5, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 98, 100];

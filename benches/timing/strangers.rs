@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::rig::MS;
-use crate::rig::load::{Load, Meter, Sender};
+use rig::MS;
+use rig::load::{Load, Meter, Sender};
 use sim::bench::{Bench, target_dir};
 use sim::board::Board;
 

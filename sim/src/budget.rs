@@ -5,6 +5,9 @@ use toml::Table;
 
 const TEXT: &str = include_str!("../../avr-specs/budget.toml");
 
+/// The node's program fills the RAM with this at its start, so that one can see how deep its stack has been.
+pub const PAINT: u8 = 0xC5;
+
 /// Limits in bytes. The file says what each is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {

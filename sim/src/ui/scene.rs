@@ -15,6 +15,7 @@ use crate::autopilot::{Autopilot, Settings};
 use crate::avr::{self, Avr, Firmware, ResetCause, regs};
 use crate::bench::{Bench, node_elf};
 use crate::board::Board;
+use crate::budget::PAINT;
 use crate::can::{self, Frame, PortId, SoftNode};
 use crate::links::Link;
 use crate::links::script::{BenchEvent, Script};
@@ -25,8 +26,6 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// Byte that the firmware fills its free RAM with at start.
-const STACK_PAINT: u8 = 0xC5;
 /// What a cell of erased flash holds.
 const ERASED: u8 = 0xFF;
 /// First byte behind the statics, where the paint begins.
@@ -516,7 +515,7 @@ impl Scene {
         }
         self.next_stack_at = now + STACK_PERIOD;
         if let Some(bottom) = self.stack_bottom {
-            let used = u32::from(board.avr().stack_high_water(STACK_PAINT, bottom));
+            let used = u32::from(board.avr().stack_high_water(PAINT, bottom));
             self.state.memory.stack = self.state.memory.stack.max(Some(used));
         }
         if let Some(end) = self.application_end {

@@ -8,6 +8,7 @@ use std::rc::Rc;
 use std::sync::Mutex;
 
 use sim::Cycles;
+use sim::avr::Noise;
 use sim::bench::Bench;
 use sim::board::{Board, WireEvent};
 use sim::can::{Frame, Id, SoftNode};
@@ -212,7 +213,7 @@ pub struct Sender {
     /// The frames of the transfer under way.
     rest: VecDeque<Vec<u8>>,
     silent_until: Cycles,
-    random: u32,
+    random: Noise,
     /// Widths in microseconds that the commands to come ask for.
     widths: VecDeque<f32>,
 }
@@ -264,15 +265,9 @@ impl Sender {
             transfer_id: 0,
             rest: VecDeque::new(),
             silent_until: 0,
-            random: 1,
+            random: Noise::new(1),
             widths: VecDeque::new(),
         }
-    }
-
-    fn random(&mut self, below: u32) -> u32 {
-        // Numerical Recipes' generator; its upper bits are good enough.
-        self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (self.random >> 16) % below
     }
 
     fn next_transfer_id(&mut self) -> u8 {
@@ -296,7 +291,7 @@ impl Sender {
         let kind = match self.load.kind {
             Kind::Mixed if !self.rest.is_empty() => self.mixed,
             Kind::Mixed => {
-                self.mixed = Kind::MATCHING[self.random(Kind::MATCHING.len() as u32 - 1) as usize];
+                self.mixed = Kind::MATCHING[self.random.below(Kind::MATCHING.len() as u64 - 1) as usize];
                 self.mixed
             }
             kind => kind,
@@ -368,12 +363,12 @@ impl Sender {
         self.station.borrow_mut().take_received();
         let queued = self.station.borrow().queued();
         match self.load.pace {
-            Pace::Full => self.send((QUEUE - queued.min(QUEUE)) as u32),
+            Pace::Full => self.send((QUEUE - queued.min(QUEUE)) as u64),
             Pace::Bursts if queued == 0 && now >= self.silent_until => {
-                let (frames, silence_us) = (1 + self.random(40), self.random(10_000));
+                let (frames, silence_us) = (1 + self.random.below(40), self.random.below(10_000));
                 self.send(frames);
                 // A frame takes 160 us at most.
-                self.silent_until = now + Cycles::from(frames * 160 + silence_us) * US;
+                self.silent_until = now + (frames * 160 + silence_us) * US;
             }
             Pace::Bursts => {}
             Pace::Every(period) => {
@@ -387,7 +382,7 @@ impl Sender {
         }
     }
 
-    fn send(&mut self, frames: u32) {
+    fn send(&mut self, frames: u64) {
         for _ in 0..frames {
             let frame = self.frame();
             self.station.borrow_mut().send(frame);

@@ -5,32 +5,16 @@
 //! OUT1_FS is the trim, 1500 us, and OUT1_TIMEOUT 300 ms. Whatever happens, each pulse has one of these two widths and
 //! begins 20 ms after the one before. A fault is over when a command with another width is followed *and* a request answered.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
-
 pub mod bus;
 pub mod chip;
 pub mod input;
 pub mod page;
 pub mod processor;
 
-use crate::rig::{MS, NODE, Rig, started};
+use crate::{MS, NODE, Rig, started};
 use sim::Cycles;
 use sim::can::Id;
 use sim::dronecan::{CanStats, Message};
-
-/// Bits of the vendor-specific status code (docs/status.md).
-pub const RESET_WATCHDOG: u16 = 1 << 0;
-pub const RESET_BROWN_OUT: u16 = 1 << 1;
-pub const RESET_STRAY: u16 = 1 << 3;
-pub const TRANSFER_ERRORS: u16 = 1 << 4;
-pub const FRAMES_LOST: u16 = 1 << 5;
-pub const ERROR_PASSIVE: u16 = 1 << 6;
-pub const BUS_OFF: u16 = 1 << 7;
-pub const GAVE_UP_SENDING: u16 = 1 << 8;
-pub const CONTROLLER_LOST: u16 = 1 << 9;
-pub const FAILSAFE: u16 = 1 << 10;
-pub const TEMPERATURE: u16 = 1 << 11;
-pub const SENSOR: u16 = 1 << 12;
 
 /// From the end of a fault of the bus to the node's full service.
 pub const BUS_LIMIT_MS: u64 = 1000;

@@ -1,7 +1,8 @@
 //! Faults of the processor, its memory and its clock.
 
-use super::{COMMANDED_US, CONTROLLER_LOST, Case, Measured, RESET_BROWN_OUT, RESET_STRAY, RESET_WATCHDOG, Trial};
-use crate::rig::{MS, Rig, status_fields};
+use super::{COMMANDED_US, Case, Measured, Trial};
+use crate::status::{self, CONTROLLER_LOST, STRAY, WATCHDOG};
+use crate::{MS, Rig, status_fields};
 use sim::Cycles;
 use sim::avr::ResetCause;
 use sim::dronecan::{Message, Opcode};
@@ -75,7 +76,7 @@ pub const HANG: Case = Case {
         trial.rig.pulses.clear();
         trial.live(50);
         trial.end(|_| {});
-        trial.recover(LIMIT_MS, RESET_WATCHDOG)
+        trial.recover(LIMIT_MS, WATCHDOG)
     },
     ..CASE
 };
@@ -84,7 +85,7 @@ pub const STRAY_INTERRUPT: Case = Case {
     fault: "an interrupt that nobody asked for",
     noticed: "default handler (bit 3)",
     run: || {
-        restarted_by("reset: STRAY INTERRUPT", RESET_STRAY, |trial| {
+        restarted_by("reset: STRAY INTERRUPT", STRAY, |trial| {
             // TIMSK1.TOIE1: Timer1 overflows at the end of each servo period.
             trial.rig.board().avr_mut().poke_sram(0x6F, 1);
             trial.live(40);
@@ -98,7 +99,7 @@ pub const STACK: Case = Case {
     fault: "the stack reaches the variables",
     noticed: "a painted word between them, looked at each millisecond (bit 3)",
     run: || {
-        restarted_by("reset: STACK COLLISION", RESET_STRAY, |trial| {
+        restarted_by("reset: STACK COLLISION", STRAY, |trial| {
             let avr = trial.rig.board().avr_mut();
             let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
             avr.poke_sram(bottom, 0);
@@ -129,7 +130,7 @@ fn assert_cut_short(trial: &Trial) {
 pub const BROWN_OUT: Case = Case {
     fault: "the processor's supply dips",
     noticed: "brown-out detector (bit 1)",
-    run: || reset("reset: BROWN-OUT", ResetCause::BrownOut, RESET_BROWN_OUT),
+    run: || reset("reset: BROWN-OUT", ResetCause::BrownOut, status::BROWN_OUT),
     servo: "no pulse until a command comes; the pulse in progress is cut short by the reset itself",
     ..CASE
 };
@@ -153,7 +154,7 @@ pub const BROWN_OUT_DURING_SAVE: Case = Case {
             assert_cut_short(&trial);
             trial.end_unchecked(|_| {});
             let told_ms = delay as f64;
-            let measured = trial.recover(LIMIT_MS, RESET_BROWN_OUT);
+            let measured = trial.recover(LIMIT_MS, status::BROWN_OUT);
             let set = (trial.rig.get("TEMP_ID"), trial.rig.get("OUT1_TIMEOUT"));
             assert!([(1, 1000), (4242, 300)].contains(&set), "{set:?} after a dip {delay} ms into a save");
             worst = worst.or(Measured { told_ms: measured.told_ms.map(|told| told - told_ms), ..measured });

@@ -1,7 +1,8 @@
 //! Faults of the sensor, and of what comes over the bus.
 
-use super::{BUS_LIMIT_MS, COMMANDED_US, Case, FAILSAFE_US, Measured, SENSOR, TRANSFER_ERRORS, Trial, assert_servo};
-use crate::rig::{ARRAY_COMMAND, MS, NODE, Rig, started, status_fields};
+use super::{BUS_LIMIT_MS, COMMANDED_US, Case, FAILSAFE_US, Measured, Trial, assert_servo};
+use crate::status::{SENSOR, TRANSFER_ERRORS};
+use crate::{ARRAY_COMMAND, MS, NODE, Rig, started, status_fields};
 use sim::can::Frame;
 use sim::dronecan::{Message, ParameterRequest};
 

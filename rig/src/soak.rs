@@ -11,10 +11,10 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::rig::{MS, NODE_STATUS, Rig, started, status_fields};
+use crate::{MS, NODE_STATUS, Rig, started, status_fields};
 use sim::Cycles;
 use sim::avr::{Noise, ResetCause};
-use sim::budget::budget;
+use sim::budget::{PAINT, budget};
 use sim::can::{Fault, Frame};
 use sim::dronecan::{Message, RESTART_MAGIC};
 
@@ -28,8 +28,6 @@ const SERVO_PERIOD: Cycles = 20 * MS;
 const FAILSAFE_US: f64 = 1500.0;
 /// Conditions that a fault leaves behind have passed after so long.
 const CONDITIONS_PASS: Cycles = 12_500 * MS;
-/// What the program paints unused RAM with at its start.
-const PAINT: u8 = 0xC5;
 
 /// What goes wrong. Those that last do so for some tenths of a second to some seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -4,11 +4,11 @@
 //! firmware. What the node is managed by is in [`manage`], what it says of itself in [`status`], what its bus is full of in
 //! [`load`], and what its program does meanwhile in [`profile`].
 
-#![allow(dead_code, reason = "each test file uses its own part of the rig")]
-
+pub mod faults;
 pub mod load;
 pub mod manage;
 pub mod profile;
+pub mod soak;
 pub mod status;
 
 use std::cell::RefCell;
@@ -46,9 +46,12 @@ pub const NODE_STATUS: u32 = 0x1801_5500;
 pub const ARRAY_COMMAND: u32 = 0x1003_F200;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
-/// The firmware of a test file: the default, or one with the features that the file is about.
+/// The firmware of a test file: the default, or one with the features that the file is about. The running program is the test file's, named
+/// after it and a hash.
 pub fn elf() -> PathBuf {
-    let features = match env!("CARGO_CRATE_NAME") {
+    let program = std::env::current_exe().unwrap_or_else(|error| panic!("the path of this program: {error}"));
+    let name = program.file_stem().unwrap_or_default().to_string_lossy();
+    let features = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
         "allocation" => "allocation",
         // They read the counters.
         "bus_faults" | "chip_faults" | "input_faults" | "processor_faults" | "reliability" | "soak" | "stats" => {

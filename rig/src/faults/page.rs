@@ -9,7 +9,7 @@ const INTRODUCTION: &str = "\
 
 What can go wrong, what the node makes of it, and how long that takes. `make reliability` measures it with the shipped ELF in the
 simulator, and writes this page; `make test` holds each case to the limits in brackets (`tests/bus_faults.rs`, `chip_faults.rs`,
-`processor_faults.rs` and `input_faults.rs`; the cases themselves are in `tests/faults`).
+`processor_faults.rs` and `input_faults.rs`; the cases themselves are in `rig/src/faults`).
 
 An autopilot commands the servo 50 times a second, with `OUT1_TIMEOUT` 300 ms and `OUT1_FS` the trim. *Told* is the time from the
 beginning of the fault to the end of the line about it on the serial monitor. *Back* is the time from the end of the fault until a new

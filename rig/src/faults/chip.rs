@@ -1,7 +1,8 @@
 //! Faults of the CAN controller and of its wires.
 
-use super::{CHIP_TOLD_LIMIT_MS, CONTROLLER_LOST, Case, Measured, Trial};
-use crate::rig::Rig;
+use super::{CHIP_TOLD_LIMIT_MS, Case, Measured, Trial};
+use crate::Rig;
+use crate::status::CONTROLLER_LOST;
 
 /// How long those last that do: so long that each phase of the retries comes up, which are 100 ms and something apart.
 const LASTS_MS: [u64; 3] = [600, 635, 670];

@@ -3,8 +3,9 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use super::{BUS_LIMIT_MS, BUS_OFF, Case, ERROR_PASSIVE, GAVE_UP_SENDING, Measured, Trial};
-use crate::rig::{MS, Rig, started};
+use super::{BUS_LIMIT_MS, Case, Measured, Trial};
+use crate::status::{BUS_OFF, ERROR_PASSIVE, GAVE_UP_SENDING};
+use crate::{MS, Rig, started};
 use sim::can::{Fault, Frame, SoftNode};
 
 /// How long they last.
