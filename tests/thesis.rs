@@ -598,9 +598,9 @@ fn it_says_its_temperature_in_whole_degrees_at_every_third_status_of_the_autopil
         rig.board().set_sensor_millivolts(millivolts);
         rig.run_ms(3_000);
         rig.forget();
-        rig.run_ms(9_000);
+        rig.run_ms(6_000);
         let measured = measurements(&rig);
-        assert_eq!(measured.len(), 3, "at {millivolts} mV {measured:?}");
+        assert_eq!(measured.len(), 2, "at {millivolts} mV {measured:?}");
         assert!(measured.iter().all(|number| number.abs_diff(expected) <= 1), "at {millivolts} mV {measured:?}");
     }
 }
@@ -794,19 +794,14 @@ impl Loaded {
     }
 }
 
-/// Commands come each 78 us at 100 % load, and one takes the node as long. So of those some are lost, as soon as something else has a turn.
-const LOST_AT_MOST: u64 = 12_000 / 200;
-
 /// One frame more than two: the shortest come each 67 us, and the queue has room for four.
 #[test]
 fn frames_back_to_back_are_all_read_in_order() {
     const FRAMES: u32 = 12_000;
     for load in [Load::Commands, Load::Empty, Load::Statuses, Load::Wrong] {
         let meter = Loaded::run(load, FRAMES).meter;
-        let lost_at_most = if matches!(load, Load::Commands) { LOST_AT_MOST } else { 0 };
-        assert!(meter.lost <= lost_at_most, "{load:?}: {}", meter.lost);
-        assert_eq!((meter.out_of_order, meter.garbled), (0, 0), "{load:?}");
-        assert_eq!(meter.frames + meter.lost, u64::from(FRAMES), "{load:?}");
+        assert_eq!((meter.lost, meter.out_of_order, meter.garbled), (0, 0, 0), "{load:?}");
+        assert_eq!(meter.frames, u64::from(FRAMES), "{load:?}");
     }
 }
 
@@ -814,9 +809,7 @@ fn frames_back_to_back_are_all_read_in_order() {
 fn on_a_full_bus_every_command_is_in_the_servo_s_register_within_500_us_of_its_end() {
     for load in [Load::Commands, Load::Mixed] {
         let mut loaded = Loaded::run(load, 12_000);
-        let lost = if matches!(load, Load::Commands) { loaded.meter.lost } else { 0 };
-        assert_eq!((loaded.meter.lost, loaded.left_out as u64, loaded.waiting.len()), (lost, lost, 0), "{load:?}");
-        assert!(lost <= LOST_AT_MOST, "{load:?}: {lost}");
+        assert_eq!((loaded.meter.lost, loaded.left_out, loaded.waiting.len()), (0, 0, 0), "{load:?}");
         loaded.to_servo.sort();
         let (count, max) = (loaded.to_servo.len(), loaded.to_servo.last().expect("commands") / US);
         assert!(count > 3000 && max <= 500, "{load:?}: of {count} the slowest after {max} us");

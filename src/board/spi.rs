@@ -68,7 +68,7 @@ impl SpiBus for CanSpi {
         Ok(())
     }
 
-    #[inline(never)]
+    #[inline(always)]
     fn write(&mut self, words: &[u8]) -> Result<(), Infallible> {
         for &word in words {
             self.exchange(word);

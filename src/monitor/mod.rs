@@ -146,7 +146,7 @@ impl Monitor {
     }
 
     /// Counts a line that there is no room for.
-    #[inline(always)]
+    #[inline(never)]
     fn lose(&mut self) {
         if self.lost != u8::MAX {
             self.lost = self.lost.wrapping_add(1);
@@ -215,7 +215,7 @@ impl Monitor {
     }
 
     /// Gets nearer to the text.
-    #[inline(never)]
+    #[inline(always)]
     fn find_text(&mut self, flash: impl Progmem<Texts>) {
         let mut texts = SKIPPED_AT_ONCE;
         let mut at = self.text_at;
@@ -321,7 +321,7 @@ impl Monitor {
 }
 
 /// A tenth of a number, or one less, without division or multiplication of words: the sum of its parts 1/2, 1/4, 1/32, and so on.
-#[inline(always)]
+#[inline(never)]
 fn nearly_a_tenth(number: u16) -> u16 {
     let mut eighths = (number >> 1).wrapping_add(number >> 2);
     eighths = eighths.wrapping_add(eighths >> 4);

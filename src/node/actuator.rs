@@ -163,7 +163,7 @@ impl Actuator {
     }
 
     /// Sets a pulse, unless the vehicle must be armed for that.
-    #[inline(never)]
+    #[inline(always)]
     fn follow(
         &mut self,
         pulse: Ticks,

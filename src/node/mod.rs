@@ -81,7 +81,7 @@ use publisher::Publication;
 /// The flash with all tables of the node.
 pub trait Constants: Progmem<Descriptions> + Progmem<Information> {
     /// A byte of [`information::PACKED`].
-    #[inline(always)]
+    #[inline(never)]
     fn information(self, at: u8) -> u8 {
         Progmem::<Information>::byte(self, u16::from(at))
     }
