@@ -324,7 +324,7 @@ impl Node {
     }
 
     /// Gives up transfers that have taken too long. To be called at every tick.
-    #[inline(never)]
+    #[inline(always)]
     pub fn expire(&mut self, receiver: &mut Receiver, now_ms: u16, monitor: &mut Monitor) {
         if let Some(transfer) = receiver.expire(now_ms) {
             self.lose(Rejection::Broken, transfer.kind.id(), transfer.source, monitor);
