@@ -222,7 +222,7 @@ fn the_golden_refusal_of_an_update_comes_out_byte_for_byte() {
     begin(&mut outgoing, 0x1E28_7FF8, 9, golden::BEGIN_FIRMWARE_UPDATE);
     assert_eq!(
         golden::text(&sent(&mut outgoing).0),
-        "1E287FF8 C4 6D 01 55 53 42 20 89 | 73 65 72 69 61 6C 20 29 | 6F 6E 6C 79 49"
+        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | 72 69 61 6C 69"
     );
 }
 

@@ -337,7 +337,7 @@ fn the_golden_refusal_of_an_update_is_sent() {
     let mut rig = Rig::new();
     assert_eq!(
         rig.ask("1E28F8FF 7F 66 77 2E 62 69 6E C9"),
-        "1E287FF8 C4 6D 01 55 53 42 20 89 | 73 65 72 69 61 6C 20 29 | 6F 6E 6C 79 49"
+        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | 72 69 61 6C 69"
     );
     // With the longest path there is.
     let long = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 9, &[b'a'; 202]);
