@@ -1,37 +1,9 @@
 //! Parameters: what there is, when it takes effect, and that the EEPROM has the old set or the new one whatever happens.
 
-use rig::manage::{PATIENCE_SAVE_MS, integer, ms_between};
+use rig::manage::{PARAMETERS, PATIENCE_SAVE_MS, integer, ms_between};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Rig, started};
 use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
-
-/// Name, default, least and greatest value, in order (docs/parameters.md).
-const ALL: [(&str, i64, i64, i64); 24] = [
-    ("CAN_NODE", 120, 0, 125),
-    ("CAN_BAUDRATE", 1_000_000, 125_000, 1_000_000),
-    ("OUT1_ID", 1, 0, 255),
-    ("OUT1_MIN", 1000, 500, 2500),
-    ("OUT1_TRIM", 1500, 500, 2500),
-    ("OUT1_MAX", 2000, 500, 2500),
-    ("OUT1_REVERSED", 0, 0, 1),
-    ("OUT_RATE", 50, 50, 333),
-    ("OUT1_RANGE", 90, 10, 360),
-    ("OUT1_TIMEOUT", 1000, 0, 10_000),
-    ("OUT1_FS", 0, 0, 3),
-    ("OUT1_FS_PWM", 1500, 500, 2500),
-    ("ARM_REQ", 0, 0, 1),
-    ("TELEM_RATE", 10, 0, 50),
-    ("TEMP_RATE", 1, 0, 50),
-    ("TEMP_ID", 1, 0, 65_535),
-    ("TEMP_REF", 0, 0, 1),
-    ("TEMP_OFFSET", 0, -500, 1500),
-    ("TEMP_SLOPE", 100, 10, 500),
-    ("TEMP_MIN", -40, -55, 150),
-    ("TEMP_MAX", 85, -55, 150),
-    ("WARN_MASK", 0x2BFF, 0, 65_535),
-    ("ERROR_MASK", 0x1400, 0, 65_535),
-    ("CRIT_MASK", 0x2000, 0, 65_535),
-];
 
 /// Parameters all over the set, of which each generation has values of its own. None of them disturbs the tests.
 const MARKED: [&str; 6] = ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "ERROR_MASK"];
@@ -54,14 +26,15 @@ fn marks(rig: &mut Rig) -> [i64; 6] {
 
 #[track_caller]
 fn assert_defaults(rig: &mut Rig) {
-    let expected: Vec<(String, i64)> = ALL.iter().map(|(name, default, ..)| (String::from(*name), *default)).collect();
+    let expected: Vec<(String, i64)> =
+        PARAMETERS.iter().map(|(name, default, ..)| (String::from(*name), *default)).collect();
     assert_eq!(rig.parameters(), expected);
 }
 
 #[test]
 fn there_are_24_with_these_names_ranges_and_defaults() {
     let mut rig = Rig::running();
-    for (index, (name, default, min, max)) in ALL.into_iter().enumerate() {
+    for (index, (name, default, min, max)) in PARAMETERS.into_iter().enumerate() {
         let told = rig.parameter_at(index as u16);
         assert!(name.len() <= 16);
         assert_eq!(told.name(), name);
@@ -74,7 +47,7 @@ fn there_are_24_with_these_names_ranges_and_defaults() {
 #[test]
 fn every_parameter_takes_every_end_of_its_range() {
     let mut rig = Rig::running();
-    for (name, default, min, max) in ALL {
+    for (name, default, min, max) in PARAMETERS {
         for value in [min, max, default] {
             rig.set(name, value);
             assert_eq!(rig.get(name), value);
@@ -94,7 +67,7 @@ fn what_was_saved_is_there_after_a_restart_and_a_power_cut() {
     rig.wait_until_up();
     assert_eq!(marks(&mut rig), mark(1));
     // Each parameter, at an end of its range that is not its default.
-    let ends: Vec<_> = ALL
+    let ends: Vec<_> = PARAMETERS
         .into_iter()
         // The node would answer under another ID, at another bit rate, and in another dialect.
         .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE"].contains(name))

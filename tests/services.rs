@@ -2,7 +2,7 @@
 //!
 //! The quoted frames were made by pydronecan 1.0.27; tests/clients/test_golden.py holds the two together.
 
-use rig::manage::{PATIENCE_MS, ms_between};
+use rig::manage::{PARAMETERS, PATIENCE_MS, ms_between};
 use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, quoted};
 use sim::Cycles;
 use sim::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
@@ -318,9 +318,6 @@ fn requests_for_others_and_of_other_kinds_are_not_answered() {
     assert_eq!(services.count(), 0);
 }
 
-/// In the default preset.
-const PARAMETERS: u16 = 24;
-
 /// A GUI tool asks for five parameters at once, again and again, while an autopilot commands at 400 Hz.
 #[test]
 fn five_requests_at_once_get_five_answers_in_order_while_commands_flow() {
@@ -328,7 +325,7 @@ fn five_requests_at_once_get_five_answers_in_order_while_commands_flow() {
     for round in 0..5u16 {
         rig.forget();
         let begun = rig.now();
-        let numbers: Vec<_> = (0..5).map(|n| rig.request(&read((round * 5 + n) % PARAMETERS))).collect();
+        let numbers: Vec<_> = (0..5).map(|n| rig.request(&read((round * 5 + n) % PARAMETERS.len() as u16))).collect();
         command_for(&mut rig, 100);
         let answers = rig.answers();
         let heard: Vec<_> = answers.iter().map(|(_, number, _)| *number).collect();

@@ -8,6 +8,35 @@ use sim::dronecan::{
     split,
 };
 
+/// The parameters of the default preset, in order: name, default, least and greatest value (docs/parameters.md). A build with a feature has those of the
+/// feature after them.
+pub const PARAMETERS: [(&str, i64, i64, i64); 24] = [
+    ("CAN_NODE", 120, 0, 125),
+    ("CAN_BAUDRATE", 1_000_000, 125_000, 1_000_000),
+    ("OUT1_ID", 1, 0, 255),
+    ("OUT1_MIN", 1000, 500, 2500),
+    ("OUT1_TRIM", 1500, 500, 2500),
+    ("OUT1_MAX", 2000, 500, 2500),
+    ("OUT1_REVERSED", 0, 0, 1),
+    ("OUT_RATE", 50, 50, 333),
+    ("OUT1_RANGE", 90, 10, 360),
+    ("OUT1_TIMEOUT", 1000, 0, 10_000),
+    ("OUT1_FS", 0, 0, 3),
+    ("OUT1_FS_PWM", 1500, 500, 2500),
+    ("ARM_REQ", 0, 0, 1),
+    ("TELEM_RATE", 10, 0, 50),
+    ("TEMP_RATE", 1, 0, 50),
+    ("TEMP_ID", 1, 0, 65_535),
+    ("TEMP_REF", 0, 0, 1),
+    ("TEMP_OFFSET", 0, -500, 1500),
+    ("TEMP_SLOPE", 100, 10, 500),
+    ("TEMP_MIN", -40, -55, 150),
+    ("TEMP_MAX", 85, -55, 150),
+    ("WARN_MASK", 0x2BFF, 0, 65_535),
+    ("ERROR_MASK", 0x1400, 0, 65_535),
+    ("CRIT_MASK", 0x2000, 0, 65_535),
+];
+
 /// Node ID of the tool.
 pub const TOOL: u8 = 127;
 /// Priority of a GUI tool's requests.

@@ -11,6 +11,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use crate::manage::PARAMETERS;
 use crate::{MS, NODE_STATUS, Rig, started, status_fields};
 use sim::Cycles;
 use sim::avr::{Noise, ResetCause};
@@ -357,8 +358,8 @@ impl Soak {
                 assert!(information.name().starts_with("org."), "{}", information.name());
             }
             1 => {
-                // All that this firmware has.
-                let index = self.random.below(25) as u16;
+                // All that this firmware has: the feature `stats` has one.
+                let index = self.random.below(PARAMETERS.len() as u64 + 1) as u16;
                 assert!(!self.rig.parameter_at(index).name.is_empty());
             }
             _ => _ = self.rig.ask(&Message::TransportStatsRequest),

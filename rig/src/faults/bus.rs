@@ -30,7 +30,7 @@ pub const ALL: [&Case; 13] = [
 const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
 
 fn during(fault: fn(&mut Rig, bool), line: &'static str, reported: u16) -> Measured {
-    let mut trial = Trial::new();
+    let mut trial = Trial::running();
     trial.begin(line, |rig| fault(rig, true));
     trial.live(LASTS_MS);
     trial.end(|rig| fault(rig, false));
@@ -94,7 +94,7 @@ pub const SHORT: Case = Case {
 pub const WRONG_RATE: Case = Case {
     fault: "another node sends all the time at 500 kbit/s",
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         let intruder = Rc::new(RefCell::new(SoftNode::new(500_000)));
         let port = trial.rig.bench.attach("intruder", intruder.clone());
         trial.begin("CAN: error-passive", |_| intruder.borrow_mut().babble(Some(Frame::extended(0x123, &[0x55; 8]))));
@@ -128,7 +128,7 @@ pub const NO_ACKNOWLEDGE: Case = Case {
     fault: "no frame is acknowledged (error-passive)",
     reaction: "sends on; the line that it is error-active again follows with the first frames that get through",
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
         trial.live(500);
         trial.end(|rig| rig.bench.bus().inject(Fault::NoAck(false)));
@@ -149,7 +149,7 @@ pub const DESTROYED: Case = Case {
     told_limit_ms: Some(500),
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         trial.begin("CAN: bus-off", |rig| rig.bench.bus().inject(Fault::DestroyFrames(true)));
         trial.live(LASTS_MS);
         trial.end(|rig| rig.bench.bus().inject(Fault::DestroyFrames(false)));
@@ -162,7 +162,7 @@ pub const DESTROYED: Case = Case {
 
 /// Bit errors for some seconds. The node has no line for them, but counts them.
 fn noise(per_million: u32) -> Measured {
-    let mut trial = Trial::new();
+    let mut trial = Trial::running();
     trial.begin("", |rig| rig.bench.bus().inject(Fault::BitErrorRate { per_million, seed: u64::from(per_million) }));
     trial.live(LASTS_MS);
     trial.end(|rig| rig.bench.bus().inject(Fault::BitErrorRate { per_million: 0, seed: 0 }));
@@ -195,7 +195,7 @@ pub const BROKEN_WHILE_STARTING: Case = Case {
     told_limit_ms: Some(250),
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         // When the bus is free the controller may join it before the driver has looked.
         trial.rig.overflows_expected = true;
         trial.begin("CAN: bus never idle", |rig| {

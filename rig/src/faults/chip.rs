@@ -33,7 +33,7 @@ const STARTED_OVER: &str = "started over, each register read back";
 
 /// Something that happens once.
 fn once(line: &'static str, fault: impl FnOnce(&mut Rig)) -> Measured {
-    let mut trial = Trial::new();
+    let mut trial = Trial::running();
     // The model complains of a driver that goes on with a chip that is not as it left it.
     trial.rig.violations_expected = true;
     trial.rig.overflows_expected = true;
@@ -45,7 +45,7 @@ fn once(line: &'static str, fault: impl FnOnce(&mut Rig)) -> Measured {
 /// Something that lasts.
 fn during(line: &'static str, fault: fn(&mut Rig, bool)) -> Measured {
     let measured = LASTS_MS.map(|lasts_ms| {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         trial.rig.violations_expected = true;
         trial.rig.overflows_expected = true;
         trial.begin(line, |rig| fault(rig, true));
@@ -123,7 +123,7 @@ pub const FLIPPING: Case = Case {
     told_limit_ms: Some(500),
     limit_ms: 500,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         trial.rig.violations_expected = true;
         trial.rig.overflows_expected = true;
         trial.begin("CAN: MCP2515", |rig| rig.board().set_spi_noise(1000, 5));
@@ -164,7 +164,7 @@ pub const FILTER: Case = Case {
     told_limit_ms: Some(400),
     limit_ms: 1300,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         trial.begin("FAILSAFE", |rig| rig.board().chip_flip_bits(RXF0EID8, 0x10));
         // For as long as the failsafe takes.
         trial.live(320);

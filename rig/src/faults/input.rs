@@ -12,7 +12,7 @@ pub const ALL: [&Case; 8] =
 const FOLLOWS: &str = "follows";
 
 fn broken_sensor(millivolts: u32) -> Measured {
-    let mut trial = Trial::new();
+    let mut trial = Trial::running();
     trial.begin("open or short", |rig| rig.board().set_sensor_millivolts(millivolts));
     trial.live(2500);
     let (_, code) = trial.rig.status_now();
@@ -44,7 +44,7 @@ pub const SENSOR_NOISY: Case = Case {
     told_limit_ms: None,
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         trial.rig.board().set_temperature_c(25.0);
         trial.live(1100);
         trial.begin("open or short", |rig| rig.board().set_sensor_noise_millivolts(100, 3));
@@ -101,7 +101,7 @@ pub const NOT_FINITE: Case = Case {
     told_limit_ms: Some(100),
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         let values = [0, 1, 4].map(|kind| [HALF_NAN, HALF_INFINITY, HALF_MINUS_INFINITY].map(|value| (kind, value)));
         commands_at_2_khz(&mut trial, &values.concat(), |us| us == COMMANDED_US || us == FAILSAFE_US)
     },
@@ -115,7 +115,7 @@ pub const OUT_OF_RANGE: Case = Case {
     told_limit_ms: Some(1000),
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         let values = [0, 1, 4].map(|kind| [HALF_MAX, HALF_MIN, HALF_MAX - 0x0400].map(|value| (kind, value)));
         commands_at_2_khz(&mut trial, &values.concat(), |us| {
             us == COMMANDED_US || us == FAILSAFE_US || us == 1000.0 || us == 2000.0
@@ -131,7 +131,7 @@ pub const REQUESTS: Case = Case {
     told_limit_ms: None,
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         trial.begin("", |_| {});
         // Commands come along with them.
         trial.autopilot = false;
@@ -164,7 +164,7 @@ pub const SAME_ID: Case = Case {
     told_limit_ms: Some(50),
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         let mut ms = 0u32;
         trial.begin("refused: type 341 from 120", |_| {});
         trial.live_with(3000, COMMANDED_US, |rig| {

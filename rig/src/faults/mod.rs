@@ -95,7 +95,7 @@ pub struct Trial {
 impl Trial {
     /// A node whose servo is where it is commanded to be.
     #[track_caller]
-    pub fn new() -> Trial {
+    pub fn running() -> Trial {
         Trial::with(Rig::running_with(started()))
     }
 

@@ -49,7 +49,7 @@ fn patch_the_main_loop(rig: &mut Rig, instructions: &[u8]) -> Vec<u8> {
 
 /// The program restarts, by `fault`, and says why. The autopilot does not command before the node is heard again.
 fn restarted_by(line: &'static str, reported: u16, fault: impl FnOnce(&mut Trial)) -> Measured {
-    let mut trial = Trial::new();
+    let mut trial = Trial::running();
     trial.begin(line, |_| {});
     fault(&mut trial);
     trial.end(|_| {});
@@ -61,7 +61,7 @@ pub const HANG: Case = Case {
     noticed: "watchdog, 250 ms (bit 0)",
     told_limit_ms: Some(350),
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         let mut program = Vec::new();
         // RJMP to itself.
         trial.begin("reset: WATCHDOG", |rig| program = patch_the_main_loop(rig, &[0xFF, 0xCF]));
@@ -110,7 +110,7 @@ pub const STACK: Case = Case {
 };
 
 fn reset(line: &'static str, cause: ResetCause, reported: u16) -> Measured {
-    let mut trial = Trial::new();
+    let mut trial = Trial::running();
     trial.begin(line, |rig| rig.board().reset(cause));
     trial.live(20);
     assert_cut_short(&trial);
@@ -143,7 +143,7 @@ pub const BROWN_OUT_DURING_SAVE: Case = Case {
         let mut worst = Measured::default();
         // Anywhere in the save, in the middle of a byte too.
         for delay in [1, 8, 23, 60, 111, 180, 233] {
-            let mut trial = Trial::new();
+            let mut trial = Trial::running();
             trial.rig.set("TEMP_ID", 4242);
             trial.begin("reset: BROWN-OUT", |rig| {
                 rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
@@ -205,7 +205,7 @@ pub const MILLISECONDS_WRAP: Case = Case {
     told_limit_ms: None,
     limit_ms: 100,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         // Up to a second before it, then through it with commands, statuses and a request under way.
         let quiet = 64_500 * MS;
         while trial.rig.now() < quiet {
@@ -237,7 +237,7 @@ pub const UPTIME_WRAPS: Case = Case {
     told_limit_ms: None,
     limit_ms: 100,
     run: || {
-        let mut trial = Trial::new();
+        let mut trial = Trial::running();
         trial.live(8000);
         // The uptime in whole seconds; it has four bytes, of which the upper ones are zero.
         let places = find_counter(&mut trial.rig, 4, 0, |now| now / (1000 * MS), 5);
