@@ -341,7 +341,7 @@ fn the_golden_refusal_of_an_update_is_sent() {
     );
     // With the longest path there is.
     let long = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 9, &[b'a'; 202]);
-    assert_eq!(rig.ask_frames(&long).len(), 3);
+    assert_eq!(rig.ask_frames(&long).len(), 4);
 }
 
 #[cfg(feature = "stats")]
