@@ -158,10 +158,11 @@ flash: firmware $(TOOLS)/bin/ravedude
 	@scripts/setup flash
 	$(if $(PORT),RAVEDUDE_PORT=$(PORT)) $(TOOLS)/bin/ravedude $(ELF)
 
+# It waits for the serial port, so it need not be optimised, which takes twice as long.
 $(TOOLS)/bin/ravedude:
 	@scripts/setup flash
 	@echo "Installing ravedude"
-	@cargo install --quiet ravedude --version 0.2.2 --locked --root $(TOOLS)
+	@cargo install --quiet --debug ravedude --version 0.2.2 --locked --root $(TOOLS)
 
 $(TOOLS)/bin/cargo-fuzz:
 	@scripts/setup fuzz
