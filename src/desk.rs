@@ -1,7 +1,7 @@
 //! The node on a desk: a board of plain variables, for the tests and the fuzzer.
 //!
-//! [`Desk::turn`] is the main loop of `src/main.rs`, turn by turn, with the same [`Agenda`]. Time stands still while turns are taken, and
-//! passes only in [`Desk::pass`]. Whoever uses a desk looks at what is on it, and changes that at will.
+//! [`Desk::turn`] takes one turn of the main loop in `src/main.rs`, with the same [`Agenda`]. Time stands still during turns and passes only in
+//! [`Desk::pass`]. A test can read and change every part of the desk at any time.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -19,30 +19,29 @@ use crate::node::servo::{Output, Ticks};
 use crate::node::store::Eeprom;
 use crate::node::wire::Receiver;
 
-/// What the UART takes in a millisecond at 115200 baud.
+/// Bytes that the UART sends in a millisecond at 115200 baud.
 const BYTES_PER_MS: u32 = 11;
 
-/// No millisecond has so many turns, unless something goes on for ever.
+/// More turns than any millisecond needs. Reaching this limit means an endless loop.
 const TURNS_MAX: u32 = 10_000;
 
-/// An EEPROM whose supply can fail, and that does not forgive to be used while it writes.
+/// An EEPROM whose supply can fail. It panics when it is read or written while a write is in progress.
 #[derive(Clone)]
 pub struct Memory {
-    /// What it holds.
+    /// The contents.
     pub cells: [u8; 256],
-    /// It keeps what it has and nothing else.
+    /// True if writes have no effect.
     pub is_broken: bool,
-    /// Writes until the supply fails, and what becomes of the byte that is being written then. What comes later is lost.
+    /// Number of writes until the supply fails, and the value that the last of them leaves. Later writes have no effect.
     pub fails_after: Option<(u16, u8)>,
     busy_for: Cell<u8>,
 }
 
 impl Memory {
-    /// How often it is asked until a byte is written: at every tick of a millisecond, and a byte takes 3.4 ms (datasheet 2545,
-    /// section 8.4).
+    /// Polls of `is_busy` until a byte is written: one at every tick of a millisecond, and a byte takes 3.4 ms (datasheet 2545, section 8.4).
     const BUSY_FOR: u8 = 4;
 
-    /// As it leaves the factory.
+    /// An erased EEPROM, as delivered.
     pub fn blank() -> Self {
         Self { cells: [0xFF; 256], is_broken: false, fails_after: None, busy_for: Cell::new(0) }
     }
@@ -81,7 +80,7 @@ impl Eeprom for Memory {
     }
 }
 
-/// The servo: the width that its output was given last.
+/// The servo, with the last width that its output got.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Servo(pub Ticks);
 
@@ -91,60 +90,60 @@ impl Output for Servo {
     }
 }
 
-/// The CAN controller. It is always on the bus, which takes each frame at once.
+/// The CAN controller. It is always on the bus, and the bus takes each frame at once.
 pub struct Controller {
-    /// Received frames that wait.
+    /// Received frames that wait in the queue.
     pub received: VecDeque<Frame>,
-    /// What it was given to send, and when.
+    /// Frames handed over to send, with the time in milliseconds.
     pub sent: Vec<(u32, Frame)>,
-    /// How many frames it has room for.
+    /// Number of frames that it has room for.
     pub room: u32,
-    /// It gets rid of none.
+    /// True if it sends no frames.
     pub is_held: bool,
-    /// What it was told to let through, after the start, and how often. It lets everything through all the same.
+    /// The last filters set after the start. They have no effect: every frame passes.
     pub filters: Option<NodeAcceptance<InMemory>>,
-    /// See [`filters`](Self::filters).
+    /// How often [`filters`](Self::filters) were set.
     pub filters_set: u32,
-    /// What CanStats are made of.
+    /// The counters for CanStats.
     pub counters: Counters,
     is_due: bool,
     is_empty: bool,
     has_found_room: bool,
 }
 
-/// See the module.
+/// The node and its board. See the module.
 pub struct Desk {
     /// The node.
     pub node: Node,
-    /// Its transfers that come in.
+    /// The node's incoming transfers.
     pub receiver: Receiver,
-    /// Its serial monitor.
+    /// The node's log.
     pub monitor: Monitor,
-    /// What the main loop does next.
+    /// Chooses the next turn of the main loop.
     pub agenda: Agenda,
-    /// What survives a reset.
+    /// The EEPROM, which survives a reset.
     pub memory: Memory,
     /// The servo output.
     pub servo: Servo,
     /// The CAN controller.
     pub can: Controller,
-    /// Milliseconds since the start; the node's clock has the lower 16 bits of them.
+    /// Milliseconds since the start; the node's clock has the lower 16 bits.
     pub ms: u32,
-    /// What the ADC says, in turn.
+    /// Readings of the ADC, used alternately.
     pub readings: [u16; 2],
-    /// The button.
+    /// True while the button is pressed.
     pub is_pressed: bool,
-    /// A question mark has come on the serial port.
+    /// True if a question mark was received on the serial port.
     pub is_asked: bool,
-    /// What was told on the serial port.
+    /// The bytes logged on the serial port.
     pub told: Vec<u8>,
-    /// The program was to be restarted.
+    /// True once the node asked for a restart of the program.
     pub is_to_restart: bool,
     passed_ms: u8,
 }
 
 impl Desk {
-    /// A node that has just started, with this EEPROM.
+    /// Starts a node with this EEPROM.
     pub fn start(mut memory: Memory, cause: ResetCause) -> Self {
         memory.settle();
         let mut desk = Self {
@@ -167,7 +166,7 @@ impl Desk {
                 has_found_room: false,
             },
             ms: 0,
-            // An average of 51.5 is 25.15 degrees Celsius from an LM35.
+            // The average of 51.5 is 25.15 degrees Celsius for an LM35.
             readings: [51, 52],
             is_pressed: false,
             is_asked: false,
@@ -189,7 +188,7 @@ impl Desk {
         self.ms as u16
     }
 
-    /// A turn of the main loop; which one it was.
+    /// Takes one turn of the main loop. Returns the turn.
     pub fn turn(&mut self) -> Turn {
         let now_ms = self.now_ms();
         let Self { node, receiver, monitor, can, memory, servo, .. } = self;
@@ -245,7 +244,7 @@ impl Desk {
                 }
                 can.sent.push((self.ms, *node.frame()));
                 can.is_empty = false;
-                // Frames leave at once, so it is looked at again at once.
+                // A frame leaves at once, so the next turn polls the controller again.
                 can.is_due = true;
                 node.handed_over(now_ms);
             }
@@ -265,7 +264,7 @@ impl Desk {
         turn
     }
 
-    /// Takes turns for as long as there are received frames or what was left over.
+    /// Takes turns until no received frame and no chore is left.
     pub fn settle(&mut self) {
         let mut turns = 0;
         while !self.can.received.is_empty() || self.node.has_chore() {
@@ -275,8 +274,7 @@ impl Desk {
         }
     }
 
-    /// Takes turns until there is nothing more to do than to tell on the serial monitor, and then for as much of that as a millisecond has time
-    /// for.
+    /// Takes turns until only logging is left, and then logs as many bytes as the UART sends in a millisecond.
     pub fn idle(&mut self) {
         let (mut turns, mut told) = (0, 0);
         while told < BYTES_PER_MS {
@@ -286,13 +284,13 @@ impl Desk {
         }
     }
 
-    /// A frame comes, and the node acts on it.
+    /// Receives a frame; the node acts on it.
     pub fn hear(&mut self, frame: &Frame) {
         self.can.received.push_back(*frame);
         self.settle();
     }
 
-    /// So many milliseconds pass, of which the main loop hears at once.
+    /// Lets `ms` milliseconds pass. The main loop gets them as one tick.
     pub fn pass(&mut self, ms: u8) {
         self.passed_ms = ms;
         self.idle();

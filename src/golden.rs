@@ -1,5 +1,5 @@
-//! What the tests compare with: frames as pydronecan 1.0.27 makes them, and a second, plainer way to make and to take apart
-//! transfers, from the specification (chapter 4) alone.
+//! Reference data for the tests: frames that pydronecan 1.0.27 makes, and a second, simpler way to make and to parse transfers, written from the
+//! specification (chapter 4) alone.
 
 use std::string::String;
 use std::vec::Vec;
@@ -10,7 +10,7 @@ use crate::image::InMemory;
 use crate::node::condition::Conditions;
 use crate::node::parameters::{Parameter, Parameters};
 
-/// Frames of one transfer, written as an identifier and their data, divided by `|`, all in hexadecimal.
+/// Frames of one transfer, written in hexadecimal: an identifier, then the data of each frame, separated by `|`.
 pub fn frames(text: &str) -> Vec<Frame> {
     let (id, data) = text.split_once(' ').unwrap_or((text, ""));
     data.split('|').map(|data| frame(u32::from_str_radix(id, 16).unwrap(), &bytes(data))).collect()
@@ -21,7 +21,7 @@ pub fn bytes(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-/// A frame.
+/// A frame with this identifier and data.
 pub fn frame(id: u32, data: &[u8]) -> Frame {
     let mut frame = Frame { id: id.to_be_bytes(), len: data.len() as u8, ..Frame::EMPTY };
     frame.data[..data.len()].copy_from_slice(data);
@@ -33,7 +33,7 @@ pub fn id(frame: &Frame) -> u32 {
     u32::from_be_bytes(frame.id)
 }
 
-/// Frames of one transfer, as [`frames`] reads them.
+/// Writes frames of one transfer in the format that [`frames`] reads.
 pub fn text<'a>(frames: impl IntoIterator<Item = &'a Frame>) -> String {
     let mut text = String::new();
     let mut first = None;
@@ -80,7 +80,7 @@ pub fn transfer(id: u32, signature: u64, transfer_id: u8, payload: &[u8]) -> Vec
     all.chunks(7).enumerate().map(with_tail).collect()
 }
 
-/// The payload and the transfer ID of the frames of a transfer, which must be as the specification has them.
+/// The payload and the transfer ID of a transfer's frames. Panics if the frames do not follow the specification.
 pub fn payload(signature: u64, frames: &[Frame]) -> (Vec<u8>, u8) {
     let mut all: Vec<u8> = frames.iter().flat_map(|frame| frame.data().split_last().unwrap().1.to_vec()).collect();
     let transfer_id = frames[0].data().last().unwrap() & 31;
@@ -91,7 +91,7 @@ pub fn payload(signature: u64, frames: &[Frame]) -> (Vec<u8>, u8) {
     (all, transfer_id)
 }
 
-/// The defaults, but for these.
+/// The default parameters, changed by `values`.
 pub fn parameters(values: &[(Parameter, i32)]) -> Parameters {
     let mut parameters = Parameters::new();
     parameters.set_defaults(InMemory);

@@ -1,11 +1,11 @@
-//! Which identifiers the CAN controller lets through, from the table of received types ([`kind`](super::kind)).
+//! The filters and masks of the CAN controller, derived from the table of received types ([`kind`](super::kind)).
 //!
-//! The priority and the sender are open. Types whose transfers can be several frames, which come in bursts, have RXB0, from which a frame
-//! rolls over to RXB1 when RXB0 is full: ArrayCommand and the requests to this node. Their common mask leaves the high byte of a message's type
-//! open, because for a service that byte is the service ID. So messages whose type is 1010 modulo 256 come through, too.
+//! Every priority and every source passes. Transfers of several frames come in bursts: ArrayCommand and the requests to this node. They get RXB0,
+//! from which a frame rolls over to RXB1 when RXB0 is full. Their common mask ignores the high byte of a message's type, because that byte is the
+//! service ID in a service. So messages with a type of 1010 modulo 256 also pass.
 //!
-//! All other types share the four filters of RXB1. As long as there are no more than four of them, all 16 bits of the type are compared; if
-//! there are more, only as many bits of the low byte as let all of them through ([`Wide`]).
+//! All other types share the four filters of RXB1. For up to four types the mask compares all 16 bits of the type. For more types it compares only as
+//! many bits of the low byte as let all of them pass ([`Wide`]).
 
 use dronecan_wire::{Id, NodeId};
 use mcp2515_ordered::{Acceptance, Pattern};
@@ -20,7 +20,7 @@ const ROW: usize = 4 * 8;
 /// The register with the destination of requests: EID8 of RXF1.
 const DESTINATION: u8 = 4 + 2;
 
-/// Filters that RXB1 has.
+/// Filters of RXB1.
 const SLOTS: usize = 4;
 
 /// A set of filters and masks: a row of [`PACKED`].
@@ -29,21 +29,20 @@ const SLOTS: usize = 4;
 pub enum Row {
     /// DroneCAN v0, for a node with an ID.
     V0,
-    /// A node without an ID: Allocation only, from allocators to RXB0, and from other nodes without an ID to RXB1.
+    /// A node without an ID takes Allocation only: from allocators in RXB0, from other nodes without an ID in RXB1.
     #[cfg(feature = "allocation")]
     WithoutId,
-    /// Both dialects: in RXB1 all messages whose type has certain values in three bits of its high byte, which are those of NodeStatus and commands
-    /// of both dialects, and of requests of the draft.
+    /// Both dialects. RXB1 compares three bits of the type's high byte. NodeStatus and the commands of both dialects pass, and requests of the draft.
     #[cfg(feature = "draft")]
     Either,
-    /// The types of the thesis's node, in the draft. The sender is open, where the thesis's filters asked for node 1.
+    /// The types of the thesis's node, in the draft. Every source passes; the thesis's filters passed node 1 only.
     #[cfg(feature = "draft")]
     Thesis,
 }
 
 const ROWS: usize = 1 + cfg!(feature = "allocation") as usize + 2 * cfg!(feature = "draft") as usize;
 
-/// Types for a number of filters: a mask, and what is left of the types under it.
+/// A mask for types, and the filters under it.
 struct Wide {
     mask: u16,
     filters: [u16; SLOTS],
@@ -52,7 +51,7 @@ struct Wide {
 impl Wide {
     const fn new(types: &[u16]) -> Self {
         let mut best = Self { mask: 0, filters: [0; SLOTS] };
-        // All 16 bits, else of the masks of the low byte the one with the most bits.
+        // Use all 16 bits if they fit, else the mask of the low byte with the most bits.
         let mut candidate = 0x100u16;
         while candidate > 0 {
             candidate -= 1;
@@ -66,7 +65,7 @@ impl Wide {
         best
     }
 
-    /// The types under a mask, if there are filters enough. What is left over repeats the first.
+    /// The types under a mask. `None` if there are not enough filters. Unused filters repeat the first.
     const fn fit(types: &[u16], mask: u16) -> Option<[u16; SLOTS]> {
         let mut filters = [types[0] & mask; SLOTS];
         let mut used = 1;
@@ -89,7 +88,7 @@ impl Wide {
     }
 }
 
-/// How many types of the table go to RXB1.
+/// Types of the table that RXB1 takes.
 const SINGLES: usize = {
     let mut count = 0;
     let mut n = 0;
@@ -100,7 +99,7 @@ const SINGLES: usize = {
     count
 };
 
-/// A message, and neither ArrayCommand, which has RXB0, nor Allocation, which a node with an ID has no use for, nor of the draft.
+/// True for a message of v0, except ArrayCommand, which RXB0 takes, and Allocation, which a node with an ID does not need.
 const fn is_single(kind: Kind) -> bool {
     match kind {
         Kind::ArrayCommand => false,
@@ -116,13 +115,13 @@ const fn message(data_type: u16) -> Pattern {
     Pattern::filter(Id::message(0, data_type, 0).to_bytes())
 }
 
-/// A mask of so many bits of a message's type, and of the bit that tells messages from services.
+/// A mask with these bits of a message's type, and the bit that distinguishes services from messages.
 const fn message_mask(bits: u16) -> Pattern {
     let [priority, high, low, service] = Id::message(0, bits, 0).to_bytes();
     Pattern::mask([priority, high, low, service | SERVICE])
 }
 
-/// The bit that tells messages from services.
+/// The bit that distinguishes services from messages.
 const SERVICE: u8 = 1 << 7;
 
 const V0: [Pattern; 8] = {
@@ -138,7 +137,7 @@ const V0: [Pattern; 8] = {
     let wide = Wide::new(&types);
     [
         message(Kind::ArrayCommand.id() & 0xFF),
-        // Of a request the service ID is open, and the destination is put in place of the 0.
+        // Every service ID passes. `register` puts the destination in place of the 0.
         Pattern::filter(Id::request(0, 0, 0, 0).to_bytes()),
         message(wide.filters[0]),
         message(wide.filters[1]),
@@ -161,7 +160,7 @@ const WITHOUT_ID: [Pattern; 8] = {
         allocation,
         allocation,
         message_mask(0xFFFF),
-        // Of an anonymous message's type there are two bits, and its sender is 0.
+        // An anonymous message has two bits of its type, and a source of 0.
         Pattern::mask([0, 0, 0b11, SERVICE | anonymous]),
     ]
 };
@@ -172,8 +171,8 @@ const EITHER: [Pattern; 8] = {
     const fn high(bits: u16) -> Pattern {
         message(bits << 8)
     }
-    // Of v0: NodeStatus 0x01, others 0x04. Of the draft: NodeStatus 0x34, ArrayCommand 0x4C, the thesis's command 0xC4, GetNodeInfo 0x3A,
-    // RestartNode 0x82; the lowest bit is one of the sender.
+    // High bytes in v0: NodeStatus 0x01, others 0x04. In the draft: NodeStatus 0x34, ArrayCommand 0x4C, the thesis's command 0xC4, GetNodeInfo 0x3A,
+    // RestartNode 0x82. The lowest bit is a bit of the source in the draft.
     [commands, requests, high(0x00), high(0x04), high(0x30), high(0x34), bursts, message_mask(0x3400)]
 };
 
@@ -181,7 +180,7 @@ const EITHER: [Pattern; 8] = {
 const THESIS: [Pattern; 8] = {
     const COMMAND: [u8; 4] = 0x17C4_0408u32.to_be_bytes();
     const STATUS: [u8; 4] = 0x1134_0408u32.to_be_bytes();
-    // Data type, kind of transfer, and that it is the last frame.
+    // Compares the data type, the kind of transfer, and the last-frame bit.
     const MASK: [u8; 4] = 0x1FFE_0008u32.to_be_bytes();
     let (command, status, mask) = (Pattern::filter(COMMAND), Pattern::filter(STATUS), Pattern::mask(MASK));
     [command, status, command, status, command, status, mask, mask]
@@ -215,9 +214,9 @@ pub struct Filters;
 pub struct NodeAcceptance<P> {
     /// The node's ID; `None` while it has none.
     pub node: Option<NodeId>,
-    /// What it takes.
+    /// The set of filters.
     pub row: Row,
-    /// Where [`PACKED`] is.
+    /// The flash with [`PACKED`].
     pub flash: P,
 }
 
@@ -231,7 +230,7 @@ impl<P> NodeAcceptance<P> {
 impl<P: Progmem<Filters>> Acceptance for NodeAcceptance<P> {
     #[inline(always)]
     fn register(&self, n: u8) -> u8 {
-        // No mask of a node without an ID, nor of one in the draft, compares this register with a request.
+        // The other rows do not use RXF1 for requests.
         if n == DESTINATION
             && let Some(node) = self.node
             && self.row.has_requests()
@@ -244,7 +243,7 @@ impl<P: Progmem<Filters>> Acceptance for NodeAcceptance<P> {
 }
 
 impl Row {
-    /// RXF1 is that of requests.
+    /// True if RXF1 is the filter for requests.
     const fn has_requests(self) -> bool {
         match self {
             Self::V0 => true,
@@ -263,7 +262,7 @@ mod tests {
 
     const WITH_ID: NodeAcceptance<InMemory> = NodeAcceptance { node: NodeId::new(42), row: Row::V0, flash: InMemory };
 
-    /// The type of each message that has RXB1 in v0.
+    /// The type of each message that RXB1 takes in v0.
     const SINGLE_TYPES: &[u16] = &[
         341,
         1111,
@@ -283,7 +282,7 @@ mod tests {
         [0, 1, 2, 3, 4, 5, 6, 7].map(|n| u32::from_be_bytes([0, 1, 2, 3].map(|k| acceptance.register(4 * n + k))))
     }
 
-    /// The buffer that an extended frame with this identifier goes to, if any.
+    /// The receive buffer for an extended frame with this identifier. `None` if no filter matches.
     fn buffer(acceptance: NodeAcceptance<InMemory>, id: u32) -> Option<u8> {
         let all = all(acceptance);
         let frame = registers(Pattern::filter(id.to_be_bytes()));
@@ -293,7 +292,7 @@ mod tests {
 
     #[test]
     fn bursts_have_the_first_buffer_and_single_messages_the_second() {
-        // From any sender at any priority.
+        // From several sources, at several priorities.
         for id in [0x1003_F20A, 0x0003_F27F, 0x1E01_AAFF, 0x1E0B_AAFF, 0x1E0A_AA81] {
             assert_eq!(buffer(WITH_ID, id), Some(0), "{id:08X}");
         }
@@ -314,9 +313,9 @@ mod tests {
         }
     }
 
-    /// There are no more types than filters, so all of the type is compared. Of the others some look like ArrayCommand.
+    /// There are at most four types, so the mask of RXB1 compares all bits. RXB0 also takes messages with the low byte of ArrayCommand.
     #[test]
-    fn of_all_messages_only_those_in_use_and_look_alikes_of_a_command_come_through() {
+    fn only_messages_in_use_and_those_with_the_low_byte_of_array_command_pass() {
         for data_type in 0..=u16::MAX {
             let id = u32::from_be_bytes(Id::message(16, data_type, 10).to_bytes());
             let expected = if data_type & 0xFF == 1010 & 0xFF {
@@ -358,7 +357,7 @@ mod tests {
             &[341, 1010, 1081, 1100, 1111][..],
             &[1, 2, 3, 4, 5, 6, 7, 8],
             &[0x0155, 0x0455, 0x0456, 0x0457, 0x0458, 0x0459, 0x1055],
-            // The low bytes are the same: all of them are compared.
+            // The low bytes are equal, so the mask compares all eight bits.
             &[0x0001, 0x0101, 0x0201, 0x0301, 0x0401],
         ] {
             let wide = Wide::new(types);
@@ -378,11 +377,11 @@ mod tests {
 
     #[cfg(feature = "allocation")]
     #[test]
-    fn without_an_id_only_allocation_comes_through_from_allocators_and_from_nobody() {
+    fn without_an_id_only_allocation_passes() {
         const WITHOUT_ID: NodeAcceptance<InMemory> =
             NodeAcceptance { node: None, row: Row::WithoutId, flash: InMemory };
         assert_eq!(buffer(WITHOUT_ID, 0x1E00_017F), Some(0));
-        // The golden requests of another node: the discriminator is where the type would be.
+        // The golden requests of another node. The discriminator is in place of the type.
         for id in [0x1E97_4D00, 0x1EBC_1100, 0x1E9D_1D00, 0x1EEE_8100] {
             assert_eq!(buffer(WITHOUT_ID, id), Some(1), "{id:08X}");
         }
@@ -409,7 +408,7 @@ mod tests {
             0x17C4_0409,
             0x1134_0408,
             0x1135_E00B,
-            // GetNodeInfo and RestartNode of the draft, from 127.
+            // GetNodeInfo and RestartNode of the draft, from node 127.
             0x113B_FC0D,
             0x1183_FC0E,
         ] {
@@ -428,7 +427,7 @@ mod tests {
         let [filter_1, filter_2] = [command, status].map(|id| registers(Pattern::filter(id.to_be_bytes())));
         let all = all(thesis);
         assert_eq!(all[..6], [filter_1, filter_2, filter_1, filter_2, filter_1, filter_2]);
-        // From anyone, with any transfer ID. What is in a frame that is not the last one, or in another type, stays out.
+        // Every source and every transfer ID passes. Frames that are not the last of their transfer, and other types, do not pass.
         for id in [command, status] {
             for other in [0, 1, 7, 0x0001_F800] {
                 assert_eq!(buffer(thesis, id | other), Some(0), "{:08X}", id | other);
@@ -440,7 +439,7 @@ mod tests {
         }
     }
 
-    /// A filter is only worth something if what it lets through is what a table has: each kind reaches the node with the row for it.
+    /// The filters must pass each kind of the table, except the kinds that only another row passes.
     #[test]
     fn every_kind_of_the_table_comes_through_in_v0() {
         for &kind in Kind::ALL {

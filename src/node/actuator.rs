@@ -1,4 +1,4 @@
-//! The servo output: which commands it follows, when the vehicle has to be armed for that, and where it goes when commands stop.
+//! The servo output: which commands it follows, when it requires an armed vehicle, and what it does when commands stop.
 
 use dronecan_wire::float16;
 
@@ -7,13 +7,13 @@ use super::servo::{CommandType, Output, Ticks, Travel};
 use super::wire::Transfer;
 use crate::monitor::{Event, Line};
 
-/// ArmingStatus comes twice a second from ArduPilot; in the course of so many seconds without one the vehicle counts as disarmed.
+/// The vehicle counts as disarmed after this time without an ArmingStatus, in seconds. ArduPilot sends two a second.
 #[cfg(feature = "standard")]
 const ARMING_TIMEOUT_S: u8 = 4;
 
 /// OUT1_FS: what the output does when commands stop. 3 ends the pulses.
 mod failsafe {
-    /// Keeps the pulse.
+    /// Holds the pulse.
     pub const HOLD: u8 = 0;
     /// Goes to OUT1_TRIM.
     pub const TRIM: u8 = 1;
@@ -25,23 +25,23 @@ mod failsafe {
 pub struct Actuator {
     travel: Travel,
     pulse: Ticks,
-    /// A command was followed, and none has been missing since.
+    /// True from a followed command until the failsafe.
     is_following: bool,
-    /// When the last command was followed.
+    /// Time of the last followed command, in milliseconds.
     followed_ms: u16,
-    /// There have been commands since that were not followed.
+    /// True if an ArrayCommand came after the last followed command.
     hears_commands: bool,
     /// Seconds that the vehicle still counts as armed.
     armed_s: u8,
 }
 
 impl Actuator {
-    /// Without a pulse.
+    /// An actuator that gives no pulse yet.
     pub const fn new() -> Self {
         Self { travel: Travel::NONE, pulse: 0, is_following: false, followed_ms: 0, hears_commands: false, armed_s: 0 }
     }
 
-    /// Takes over the parameters of the travel.
+    /// Applies the parameters of the travel.
     pub fn update(&mut self, parameters: &Parameters) {
         self.travel.update(parameters);
     }
@@ -51,23 +51,23 @@ impl Actuator {
         self.pulse
     }
 
-    /// A command was followed, and none has been missing since.
+    /// True from a followed command until the failsafe.
     pub fn is_following(&self) -> bool {
         self.is_following
     }
 
-    /// No command came since the last one that was followed, not even for others.
+    /// True if no ArrayCommand came after the last followed command, not even one for other actuators.
     pub fn hears_nothing(&self) -> bool {
         !self.hears_commands
     }
 
-    /// The position that the pulse asks for, in radians as a float16; not a number without a pulse.
+    /// The position that the pulse asks for, in radians as a float16; NaN without a pulse.
     #[inline(always)]
     pub fn position(&self) -> u16 {
         if self.pulse == 0 { float16::NAN } else { self.travel.position(self.pulse) }
     }
 
-    /// ARM_REQ asks for an armed vehicle, and it is not.
+    /// True if ARM_REQ requires an armed vehicle, and the vehicle is disarmed.
     #[inline(never)]
     pub fn is_disarmed(&self, parameters: &Parameters) -> bool {
         #[cfg(feature = "standard")]
@@ -102,7 +102,7 @@ impl Actuator {
         if command.len() == 0 {
             return Line::CommandElsewhere;
         }
-        // The draft has no type.
+        // An entry of the draft has no command type.
         #[cfg(feature = "draft")]
         if command.len() == 3 {
             let value = u16::from_le_bytes([b1, b2]);
@@ -131,7 +131,7 @@ impl Actuator {
         if pulse == 0 {
             return Line::RefusedValue;
         }
-        // What is logged are microseconds, of two halves, or thousandths: of 2^14, and of 2^12 to a radian.
+        // The log has microseconds for PWM (`value` has halves), and thousandths for the others: `value` has 2^14 to 1, or 2^12 to a radian.
         let mut logged = value >> 1;
         let mut line = Line::CommandPwm;
         if unit != CommandType::Pwm {
@@ -140,7 +140,7 @@ impl Actuator {
                 line = Line::CommandUnitless;
                 logged >>= 2;
             }
-            // From 1024ths, with which no product overflows.
+            // Converts 1024ths to thousandths: 1 - 3/128 is 1000/1024. No product overflows.
             logged >>= 1;
             logged -= (logged * 3) >> 7;
         }
@@ -162,7 +162,7 @@ impl Actuator {
         self.follow(pulse, Line::CommandThesis, event, now_ms, parameters, servo)
     }
 
-    /// Sets a pulse, unless the vehicle must be armed for that.
+    /// Sets a pulse, unless the vehicle has to be armed and is not.
     #[inline(always)]
     fn follow(
         &mut self,
@@ -187,7 +187,7 @@ impl Actuator {
         line
     }
 
-    /// To be called once a millisecond. Whether the failsafe has begun, because no command was followed for OUT1_TIMEOUT.
+    /// Starts the failsafe when it is due. Call once a millisecond. Returns true if it starts because no command was followed for OUT1_TIMEOUT.
     #[inline(always)]
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
         if !self.is_following {
@@ -201,7 +201,7 @@ impl Actuator {
         is_late
     }
 
-    /// Goes where OUT1_FS says, until the next command.
+    /// Does what OUT1_FS says, until the next command.
     #[inline(never)]
     pub fn fail_safe(&mut self, parameters: &Parameters) {
         self.is_following = false;
@@ -213,7 +213,7 @@ impl Actuator {
         };
     }
 
-    /// To be called once a second.
+    /// Counts down the arming timeout. Call once a second.
     #[inline(always)]
     pub fn second(&mut self) {
         self.armed_s = self.armed_s.saturating_sub(1);
@@ -250,7 +250,7 @@ mod tests {
             Self { actuator, servo: Servo(0), parameters, now_ms: 0 }
         }
 
-        /// Gives it an ArrayCommand in one frame, from which it takes the entries for actuator 1.
+        /// Gives the actuator an ArrayCommand in one frame. The receiver keeps the entries for actuator 1.
         fn command(&mut self, payload: &[u8]) -> (Line, Event) {
             let frame = golden::frame(0x1003_F20A, &[payload, &[0xC0]].concat());
             let mut receiver = Receiver::new();
@@ -265,7 +265,7 @@ mod tests {
             self.command(&[1, 4, low, high]).0
         }
 
-        /// Lets so many milliseconds pass; after how many of them the failsafe began.
+        /// Runs for `ms` milliseconds. Returns how many had passed when the failsafe began.
         fn run(&mut self, ms: u16) -> Option<u16> {
             let mut began = None;
             for n in 1..=ms {
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_sets_the_pulse_of_node_and_servo_and_is_told() {
+    fn a_command_sets_the_pulse_of_node_and_servo_and_is_logged() {
         for (payload, line, a, pulse) in [
             ([1, 0, 0x00, 0x38], Line::CommandUnitless, 500, 3500),
             ([1, 0, 0x00, 0xBC], Line::CommandUnitless, -1000i16 as u16, 2000),
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_refused_or_for_others_changes_no_pulse() {
+    fn commands_that_are_rejected_or_for_others_change_no_pulse() {
         let mut rig = Rig::new(&[]);
         rig.pwm(1700.0);
         rig.servo.0 = 0;
@@ -366,7 +366,7 @@ mod tests {
 
     #[cfg(feature = "standard")]
     #[test]
-    fn an_armed_vehicle_counts_as_such_for_four_seconds_begun() {
+    fn arming_times_out_at_the_fourth_second() {
         let mut rig = Rig::new(&[(Parameter::ArmReq, 1), (Parameter::Out1Fs, 3)]);
         assert_eq!((rig.pwm(1800.0), rig.servo.0), (Line::RefusedDisarmed, 0));
         for status in [0, 1, 254] {

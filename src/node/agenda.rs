@@ -1,23 +1,22 @@
-//! What to do next. The main loop gathers [`Facts`], and does the one [`Turn`] that they ask for; then it begins again. Nothing waits.
+//! Chooses what to do next. The main loop collects [`Facts`], does the one [`Turn`] that they select, and begins again. No turn waits.
 //!
-//! Frames come first, because the place for them is small: an interrupt takes them out of the controller during whatever turn, and a few
-//! of them can wait. But after [`FRAMES_IN_A_ROW`] something else has a turn, so that not even an endless flood of frames stops the clock, the
-//! failsafe and the node's own messages. All else goes by how rare it is, the rarest first, so that nothing is starved by what is always to
-//! be done.
+//! Received frames come first, because their queue is short: an interrupt reads them from the controller during any turn. After [`FRAMES_IN_A_ROW`]
+//! frames another turn follows, so that a flood of frames cannot stop the clock, the failsafe and the node's own messages. All other work is ordered
+//! by how rare it is, the rarest first, so that frequent work cannot starve rare work.
 
-/// After so many frames without a pause something else has a turn.
+/// Frames in a row after which another turn follows.
 pub const FRAMES_IN_A_ROW: u8 = 16;
 
-/// What there is to do.
+/// The work that is pending.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Facts {
     /// A millisecond or more has begun.
     pub has_ticked: bool,
-    /// Something was left over for a turn of its own: see [`Node::has_chore`](super::Node::has_chore).
+    /// A chore is pending: see [`Node::has_chore`](super::Node::has_chore).
     pub has_chore: bool,
-    /// The controller is to be looked at, or to be brought up a step further.
+    /// The controller needs a poll, or the next step of its start.
     pub is_controller_due: bool,
-    /// The controller is to get other filters, and that disturbs nothing now.
+    /// The controller should get new filters, and now is a good moment.
     pub wants_filters: bool,
     /// The controller is on the bus.
     pub is_on_bus: bool,
@@ -25,7 +24,7 @@ pub struct Facts {
     pub has_room: bool,
     /// A frame is ready to be handed to the controller.
     pub has_frame_to_send: bool,
-    /// There are messages or replies to make frames of.
+    /// Messages or responses are due, or a transfer is in progress.
     pub has_to_send: bool,
 }
 
@@ -34,39 +33,39 @@ pub struct Facts {
 pub enum Turn {
     /// Take the oldest received frame, and act on the transfer that it completes.
     TakeFrame,
-    /// Do what there is to do each millisecond.
+    /// Do the work of each millisecond.
     Tick,
-    /// Do one of the things that were left over.
+    /// Do one pending chore.
     DoChore,
-    /// Look after the controller.
+    /// Poll the controller.
     PollController,
-    /// Give the controller other filters.
+    /// Set new filters in the controller.
     SetFilters,
-    /// Ask the controller for room.
+    /// Ask the controller if it has room for a frame.
     FindRoom,
-    /// Hand the frame that is ready to the controller.
+    /// Hand the ready frame to the controller.
     SendFrame,
-    /// Do a step towards the next frame to send. If all that is to be sent has to wait: as [`Monitor`](Self::Monitor).
+    /// Do a step towards the next frame to send. If nothing can be sent yet: do as for [`Monitor`](Self::Monitor).
     PrepareFrame,
-    /// Send a character of the serial monitor.
+    /// Send a character of the log.
     Monitor,
 }
 
-/// Remembers what facts do not say.
+/// The state between turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Agenda {
     frames_in_a_row: u8,
-    /// The controller had no room. It is not asked again before the next tick.
+    /// The controller had no room. The node asks again after the next tick.
     is_full: bool,
 }
 
 impl Agenda {
-    /// At the start.
+    /// No turn taken yet.
     pub const fn new() -> Self {
         Self { frames_in_a_row: 0, is_full: false }
     }
 
-    /// What to do now. A received frame waits if `has_frame`; the other facts are only asked for if that does not settle it.
+    /// Chooses the next turn. A received frame waits if `has_frame`. Calls `facts` only if that does not decide.
     #[inline(always)]
     pub fn next(&mut self, has_frame: bool, facts: impl FnOnce() -> Facts) -> Turn {
         if has_frame && self.frames_in_a_row < FRAMES_IN_A_ROW {
@@ -95,7 +94,7 @@ impl Agenda {
                     return Turn::SendFrame;
                 }
                 if !self.is_full {
-                    // Until it is known better.
+                    // Assume no room until the controller reports some.
                     self.is_full = true;
                     return Turn::FindRoom;
                 }
@@ -117,7 +116,7 @@ impl Default for Agenda {
 mod tests {
     use super::*;
 
-    /// The turns that the same facts ask for, one after the other.
+    /// The turns for constant facts, one after the other.
     fn turns(has_frame: bool, facts: Facts) -> impl Iterator<Item = Turn> {
         let mut agenda = Agenda::new();
         std::iter::from_fn(move || Some(agenda.next(has_frame, || facts)))

@@ -1,22 +1,22 @@
-//! Asking for a node ID (specification, chapter 6; DSDL uavcan/protocol/dynamic_node_id/1.Allocation.uavcan).
+//! Requests a node ID from an allocator (specification, chapter 6; DSDL uavcan/protocol/dynamic_node_id/1.Allocation.uavcan).
 //!
-//! The node sends its unique ID in three anonymous messages; after each, the allocator repeats all that it has so far, and
-//! that is the node's cue to go on. Whatever other message of this type it hears sends it back to waiting.
+//! The node sends its unique ID in three anonymous messages. After each, the allocator sends back all the bytes that it has so far, and the node
+//! continues with the next part. After any other message of this type the node waits and begins again.
 
 use dronecan_wire::crc;
 
 use super::wire::Transfer;
 
-/// Least time from hearing an Allocation message, or sending one, to the next request, in milliseconds.
+/// Minimum time from an Allocation message, received or sent, to the next request, in milliseconds.
 const MIN_REQUEST_PERIOD_MS: u16 = 600;
 
-/// Up to this is added at random, and to a follow-up instead of the period: at most 400 milliseconds.
+/// Maximum random time in milliseconds, added to the minimum, or alone before a follow-up. The DSDL allows 400.
 const RANDOM_MASK: u16 = 0x17F;
 
 /// Bytes of the unique ID in a request.
 const MAX_PART_LEN: u8 = 6;
 
-/// Where the node is on its way to an ID.
+/// The state of the allocation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Allocation {
     /// Bytes of the unique ID that the allocator has confirmed.
@@ -26,12 +26,12 @@ pub struct Allocation {
 }
 
 impl Allocation {
-    /// About to ask.
+    /// The state before the first request.
     pub const fn new() -> Self {
         Self { confirmed: 0, due_ms: 0, random: 0 }
     }
 
-    /// Begins to ask, after a random time that depends on the unique ID.
+    /// Schedules the first request, after a random time that depends on the unique ID.
     pub fn start(&mut self, unique_id: &[u8; 16], now_ms: u16) {
         for &byte in unique_id {
             self.random = crc::add(self.random, byte);
@@ -44,17 +44,17 @@ impl Allocation {
         self.due_ms = now_ms.wrapping_add(least_ms).wrapping_add(self.random & RANDOM_MASK);
     }
 
-    /// Whether it is time for a request.
+    /// True if it is time for a request.
     pub fn is_due(&self, now_ms: u16) -> bool {
         now_ms.wrapping_sub(self.due_ms) < 1 << 15
     }
 
-    /// Makes a request: puts its payload byte by byte. Unless the allocator answers, the next one is from the beginning again.
+    /// Puts the payload of a request, byte by byte. Without a response of the allocator, the next request begins again with the first part.
     #[inline(always)]
     pub fn ask(&mut self, unique_id: &[u8; 16], now_ms: u16, mut put: impl FnMut(u8)) {
         self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
         let first = core::mem::take(&mut self.confirmed);
-        // Any node ID will do; the lowest bit says that this is the first part.
+        // A node ID of 0 requests any ID; the lowest bit is set for the first part.
         put(u8::from(first == 0));
         for at in first..first + MAX_PART_LEN {
             if let Some(&byte) = unique_id.get(usize::from(at)) {
@@ -63,14 +63,14 @@ impl Allocation {
         }
     }
 
-    /// Hears an Allocation message; the node ID that it grants to this node, or 0.
+    /// Takes an Allocation message. Returns the node ID that it grants to this node, or 0.
     #[inline(always)]
     pub fn hear(&mut self, transfer: &Transfer, unique_id: &[u8; 16], now_ms: u16) -> u8 {
         self.confirmed = 0;
         self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
         let [node_and_flag, ref part @ ..] = *transfer.bytes();
         let part_len = transfer.len().saturating_sub(1);
-        // Anonymous messages are other nodes' requests.
+        // Anonymous messages are requests of other nodes.
         if transfer.source == 0 || part_len == 0 || part_len > 16 {
             return 0;
         }

@@ -1,40 +1,40 @@
-//! Which of the nodes on the bus is the autopilot.
+//! Finds the autopilot among the nodes on the bus.
 //!
-//! ArduPilot is node 10 unless told otherwise, PX4 and the thesis's autopilot are node 1, and a bench may command the servo
-//! from a GUI tool. So the autopilot is the node that last gave an accepted command; before the first command, the
-//! lowest node ID that sends its status, because flight controllers are numbered low and tools high. One that has been
-//! silent for three seconds is gone, as the specification has it.
+//! ArduPilot is node 10 by default, PX4 and the thesis's autopilot are node 1, and on a bench a GUI tool may command the servo. So the autopilot is
+//! the node that sent the last valid command: one that was followed, or rejected only because the vehicle was disarmed. Before the first command it
+//! is the lowest node ID that sends a NodeStatus, because flight controllers have low IDs and tools have high ones. An autopilot that is silent for
+//! three seconds is offline, as in the specification.
 
 use dronecan_wire::NodeId;
 
-/// A node that is silent for longer counts as gone, in milliseconds (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
+/// Timeout after which a silent node is offline, in milliseconds (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
 const OFFLINE_TIMEOUT_MS: u16 = 3000;
 
 /// The autopilot, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Autopilot {
     id: Option<NodeId>,
-    /// The node whose command was followed last, or 0. Then it is the autopilot, whatever the order of IDs.
+    /// The node that sent the last valid command, or 0. It is the autopilot even if its ID is not the lowest.
     commander: u8,
     heard_ms: u16,
 }
 
 impl Autopilot {
-    /// Nobody has been heard.
+    /// No autopilot.
     pub const NONE: Self = Self { id: None, commander: 0, heard_ms: 0 };
 
-    /// Whether there is one.
+    /// True if there is an autopilot.
     pub fn is_present(&self) -> bool {
         self.id.is_some()
     }
 
-    /// A command from `source` was accepted.
+    /// Takes note of a valid command from `source`.
     #[inline(always)]
     pub fn commanded_by(&mut self, source: NodeId, now_ms: u16) {
         *self = Self { id: Some(source), commander: source.get(), heard_ms: now_ms };
     }
 
-    /// A status of `source` came; whether it is the autopilot's.
+    /// Takes note of a NodeStatus from `source`. Returns true if it is the autopilot's.
     pub fn is_status_of(&mut self, source: NodeId, now_ms: u16) -> bool {
         let is_better = match self.id {
             None => true,
@@ -47,12 +47,12 @@ impl Autopilot {
         is_better
     }
 
-    /// The node whose command was followed last, or 0.
+    /// The node that sent the last valid command, or 0.
     pub fn commander(&self) -> u8 {
         self.commander
     }
 
-    /// Forgets an autopilot that has been silent for too long.
+    /// Forgets an autopilot that is offline.
     pub fn tick(&mut self, now_ms: u16) {
         if now_ms.wrapping_sub(self.heard_ms) > OFFLINE_TIMEOUT_MS {
             *self = Self { heard_ms: now_ms, ..Self::NONE };

@@ -2,10 +2,10 @@
 
 use mcp2515_ordered::BitTiming;
 
-/// Timing for `rate` units of 125 kbit/s from a crystal of `F_OSC_HZ`: that for 8, 4, 2 or 1, the highest that is not above. The sample
-/// point is in the range of DroneCAN's specification, chapter 8, or this does not compile.
+/// The timing for `rate` units of 125 kbit/s and a crystal of `F_OSC_HZ`. A rate other than 8, 4, 2 or 1 gives the next lower one; 0 gives 1. The
+/// code does not compile if a sample point is outside the range of DroneCAN's specification, chapter 8.
 pub fn timing<const F_OSC_HZ: u32>(rate: u8) -> BitTiming {
-    // Comparing one register at a time and with `>=` keeps the compiler from making tables, which are in RAM.
+    // The compiler would put a lookup table into RAM. Comparing with ranges, one register at a time, avoids that.
     let select = |[of_8, of_4, of_2, of_1]: [u8; 4]| match rate {
         8.. => of_8,
         4.. => of_4,
@@ -27,7 +27,7 @@ pub fn timing<const F_OSC_HZ: u32>(rate: u8) -> BitTiming {
     )
 }
 
-/// A timing whose sample point is not before `earliest_permille`, nor after 90 %.
+/// A timing. Panics if its sample point is before `earliest_permille` or after 90 %.
 const fn checked(f_osc_hz: u32, bit_rate: u32, earliest_permille: u16) -> BitTiming {
     let timing = BitTiming::new(f_osc_hz, bit_rate);
     assert!(timing.sample_point_permille() >= earliest_permille && timing.sample_point_permille() <= 900);

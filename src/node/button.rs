@@ -1,24 +1,24 @@
-//! The push button, freed of its bouncing.
+//! Debounces the push button and counts its presses.
 
-/// It counts as pressed or released once it has been that for so many milliseconds.
+/// Time that the pin must be stable before the button counts as pressed or released, in milliseconds.
 const STEADY_MS: u8 = 20;
 
 /// A push button that counts its presses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Button {
     is_pressed: bool,
-    /// Milliseconds that it has been otherwise.
+    /// Milliseconds that the pin has differed from `is_pressed`.
     other_ms: u8,
     count: u16,
 }
 
 impl Button {
-    /// Released, and never pressed.
+    /// A button that is released and was never pressed.
     pub const fn new() -> Self {
         Self { is_pressed: false, other_ms: 0, count: 0 }
     }
 
-    /// Takes the state of the pin, as it has been for so many milliseconds. Whether a press has begun.
+    /// Takes the state of the pin during the last `passed_ms` milliseconds. Returns true if a press has begun.
     pub fn tick(&mut self, is_pressed: bool, passed_ms: u8) -> bool {
         if is_pressed == self.is_pressed {
             self.other_ms = 0;

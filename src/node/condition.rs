@@ -1,70 +1,70 @@
-//! How the node is: the conditions behind its health and its vendor-specific status code.
+//! The conditions behind the node's health and its vendor-specific status code.
 
-/// Why the program started: one of the constants here.
+/// The reset cause: one of the constants below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResetCause(pub u8);
 
 impl ResetCause {
-    /// Power came.
+    /// Power-on.
     pub const POWER_ON: Self = Self(0);
     /// The reset pin, which the serial port also pulls.
     pub const EXTERNAL: Self = Self(1);
-    /// RestartNode.
+    /// A RestartNode request.
     pub const ASKED_FOR: Self = Self(2);
-    /// The program hung. This and those that follow are faults, each with its condition.
+    /// The watchdog: the program hung. This cause and all below are faults, and each sets a condition.
     pub const WATCHDOG: Self = Self(3);
-    /// The supply dipped.
+    /// Brown-out: the supply voltage dropped.
     pub const BROWN_OUT: Self = Self(4);
-    /// The program met a condition that it was sure could not be.
+    /// A panic: the program detected an impossible state.
     pub const PANIC: Self = Self(5);
     /// An interrupt without a handler.
     pub const STRAY_INTERRUPT: Self = Self(6);
-    /// The stack ran into the variables.
+    /// A stack overflow into the variables.
     pub const STACK_COLLISION: Self = Self(7);
 }
 
-/// Bits of the vendor-specific status code (docs/status.md). WARN_MASK, ERROR_MASK and CRIT_MASK say how bad each is.
+/// Bits of the vendor-specific status code (docs/status.md). WARN_MASK, ERROR_MASK and CRIT_MASK set the health level of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Conditions(u16);
 
 impl Conditions {
-    /// All is well.
+    /// No condition.
     pub const NONE: Self = Self(0);
-    /// The last reset came from the watchdog.
+    /// The watchdog caused the last reset.
     pub const RESET_WATCHDOG: Self = Self(1 << 0);
-    /// The last reset came from a dip of the supply.
+    /// A brown-out caused the last reset.
     pub const RESET_BROWN_OUT: Self = Self(1 << 1);
-    /// The last reset came from a panic.
+    /// A panic caused the last reset.
     pub const RESET_PANIC: Self = Self(1 << 2);
-    /// The last reset came from an interrupt without a handler, or from the stack running into the variables.
+    /// An interrupt without a handler, or a stack overflow into the variables, caused the last reset.
     pub const RESET_STRAY: Self = Self(1 << 3);
-    /// Transfers broke: frames missing, a wrong CRC, or two senders at once; or another node has this node's ID.
+    /// Transfers broke (missing frames, a wrong CRC, or interleaved senders), or another node uses this node's ID.
     pub const TRANSFER_ERRORS: Self = Self(1 << 4);
-    /// Frames for the node were lost in the controller.
+    /// The controller lost received frames.
     pub const FRAMES_LOST: Self = Self(1 << 5);
     /// The controller is error-passive.
     pub const ERROR_PASSIVE: Self = Self(1 << 6);
     /// The controller went bus-off.
     pub const BUS_OFF: Self = Self(1 << 7);
-    /// Frames were given up because nobody acknowledged them.
+    /// Sending was given up: no node acknowledged the frames.
     pub const GAVE_UP_SENDING: Self = Self(1 << 8);
-    /// The controller had to be started over.
+    /// The controller was started again.
     pub const CONTROLLER_LOST: Self = Self(1 << 9);
 
-    /// Commands stopped, and the output is where OUT1_FS has it.
+    /// Commands stopped, and the output does what OUT1_FS says.
     pub const FAILSAFE: Self = Self(1 << 10);
     /// The temperature is below TEMP_MIN or above TEMP_MAX.
     pub const TEMPERATURE: Self = Self(1 << 11);
     /// The temperature sensor is open or shorted.
     pub const SENSOR: Self = Self(1 << 12);
-    /// Neither copy of the parameters in the EEPROM was good; the defaults are in force.
+    /// Neither copy of the parameters in the EEPROM was valid; the defaults are in force.
     pub const PARAMETERS_LOST: Self = Self(1 << 13);
-    /// ARM_REQ asks for an armed vehicle, and it is not.
+    /// ARM_REQ requires an armed vehicle, and the vehicle is disarmed.
     pub const DISARMED: Self = Self(1 << 14);
-    /// The node speaks the draft. In the upper byte, where a status of the draft is taken for one of v0 without harm.
+    /// The node sends in the draft. The bit is in the upper byte, so that a draft status does no harm if it is read as one of v0.
     pub const DRAFT: Self = Self(1 << 15);
 
-    /// Those that pass [`HOLD_S`] after the last time that they occurred.
+    /// Temporary conditions, which are cleared [`HOLD_S`] after their last event.
     const PASSING: Self = Self(
         Self::FRAMES_LOST.0
             | Self::BUS_OFF.0
@@ -73,7 +73,7 @@ impl Conditions {
             | Self::TRANSFER_ERRORS.0,
     );
 
-    /// What a reset leaves behind. Nothing where it was no fault.
+    /// The condition that a reset cause sets; none if the cause is not a fault.
     pub fn after(cause: ResetCause) -> Self {
         let mut code = 0;
         let mut of = ResetCause::ASKED_FOR.0;
@@ -89,12 +89,12 @@ impl Conditions {
         self.0
     }
 
-    /// Whether all of these are set.
+    /// True if all bits of `condition` are set.
     pub fn has(self, condition: Self) -> bool {
         self.0 & condition.0 == condition.0
     }
 
-    /// Sets or clears.
+    /// Sets or clears a condition.
     #[inline(never)]
     pub fn set(&mut self, condition: Self, on: bool) {
         if on {
@@ -104,13 +104,13 @@ impl Conditions {
         }
     }
 
-    /// Clears those that pass with time.
+    /// Clears the temporary conditions.
     pub fn pass(&mut self) {
         self.set(Self::PASSING, false);
     }
 }
 
-/// How long a passing condition is shown, in seconds: ten statuses, so that nobody misses it.
+/// How long a temporary condition stays set, in seconds. It appears in ten statuses, so that no receiver misses it.
 pub const HOLD_S: u8 = 10;
 
 #[cfg(test)]

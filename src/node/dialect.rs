@@ -1,8 +1,8 @@
-//! Which dialect the node speaks: DroneCAN v0, or with the feature `draft` the UAVCAN draft of 2014, as DIALECT and the autopilot have it
+//! Chooses the dialect of the node by DIALECT and the autopilot: DroneCAN v0, or with the feature `draft` the UAVCAN draft of 2014
 //! (docs/dialects.md).
 //!
-//! With DIALECT 0 the node speaks v0 as long as anybody does: one message of v0 is enough, at any time. It follows the draft once v0 has been
-//! silent for [`V0_TIMEOUT_S`]; so no frame of the draft can keep a v0 autopilot out.
+//! With DIALECT 0 one command or NodeStatus of v0 selects v0, at any time and from any node. The node follows the draft only after [`V0_TIMEOUT_S`]
+//! without either. So no frame of the draft can keep a v0 autopilot out.
 
 #[cfg(feature = "draft")]
 pub use two::Dialect;
@@ -19,31 +19,31 @@ mod two {
     use dronecan_wire::{Id, Rejection};
     use mcp2515_ordered::Frame;
 
-    /// In the course of so many seconds without a message of v0 nobody speaks it.
+    /// Time without a command or NodeStatus of v0 after which the node follows the draft, in seconds.
     const V0_TIMEOUT_S: u8 = 4;
 
-    /// DIALECT: what the node speaks.
+    /// DIALECT: the node speaks v0 only.
     const V0: u8 = 1;
-    /// See [`V0`].
+    /// DIALECT: the node speaks the draft only.
     const DRAFT: u8 = 2;
 
-    /// Which dialect the node speaks.
+    /// The dialect that the node speaks.
     #[derive(Default)]
     pub struct Dialect {
-        /// DIALECT.
+        /// The value of DIALECT.
         wanted: u8,
         is_draft: bool,
-        /// Seconds until nobody speaks v0.
+        /// Seconds until the node may follow the draft.
         v0_s: u8,
     }
 
     impl Dialect {
-        /// Nobody has spoken.
+        /// No message received yet.
         pub const fn new() -> Self {
             Self { wanted: 0, is_draft: false, v0_s: 0 }
         }
 
-        /// Takes over DIALECT.
+        /// Applies DIALECT.
         pub fn update(&mut self, parameters: &Parameters) {
             self.wanted = parameters.get(Parameter::Dialect) as u8;
             match self.wanted {
@@ -53,22 +53,22 @@ mod two {
             }
         }
 
-        /// The node sends its messages in the draft.
+        /// True if the node sends its messages in the draft.
         pub fn is_draft(&self) -> bool {
             self.is_draft
         }
 
-        /// What the controller is to let through.
+        /// The set of filters for the CAN controller.
         pub fn row(&self) -> Row {
             match self.wanted {
                 V0 => Row::V0,
-                // Only a build whose parameters cannot be set over the bus may be deaf to v0.
+                // A build with parameters over the bus must always receive v0, so that DIALECT can be set again.
                 DRAFT if cfg!(not(feature = "standard")) => Row::Thesis,
                 _ => Row::Either,
             }
         }
 
-        /// Reads a frame, in whichever dialect it is.
+        /// Reads a frame of either dialect.
         #[inline(always)]
         pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
             match draft::segment(frame, node) {
@@ -77,25 +77,25 @@ mod two {
             }
         }
 
-        /// Data type ID and sender of a frame, in whichever dialect it is.
+        /// Data type ID and source of a frame of either dialect.
         #[inline(always)]
         pub fn origin(frame: &Frame) -> (u16, u8) {
             let id = Id::from_bytes(frame.id);
             draft::origin(frame).unwrap_or_else(|| (id.data_type(), id.source()))
         }
 
-        /// Data type ID of a message whose last frame this is.
+        /// Data type ID of a message, by its last frame.
         #[inline(always)]
         pub fn data_type(message: &Transfer, frame: &Frame) -> u16 {
             if Self::is_of_draft(message.priority) { draft::data_type(frame) } else { message.kind.id() }
         }
 
-        /// Whether a transfer came in the draft.
+        /// True if a transfer with this priority field came in the draft.
         pub fn is_of_draft(priority: u8) -> bool {
             priority & draft::IS_DRAFT != 0
         }
 
-        /// An autopilot's message came, in the draft or in v0. Whether the node follows it.
+        /// Takes note of a command or NodeStatus, in the draft or in v0. Returns true if the node follows it.
         #[inline(always)]
         pub fn hear(&mut self, is_draft: bool) -> bool {
             match self.wanted {
@@ -112,7 +112,7 @@ mod two {
             is_draft == self.is_draft
         }
 
-        /// To be called once a second.
+        /// Counts down the timeout. Call once a second.
         pub fn second(&mut self) {
             self.v0_s = self.v0_s.saturating_sub(1);
         }
@@ -127,25 +127,25 @@ mod one {
     use dronecan_wire::{Id, Rejection};
     use mcp2515_ordered::Frame;
 
-    /// It is v0.
+    /// A node that speaks v0 only.
     #[derive(Default)]
     pub struct Dialect;
 
     impl Dialect {
-        /// Always the same.
+        /// The only state.
         pub const fn new() -> Self {
             Self
         }
 
-        /// There is no choice.
+        /// Does nothing: there is no parameter DIALECT.
         pub fn update(&mut self, _parameters: &Parameters) {}
 
-        /// The node sends its messages in v0.
+        /// False: the node sends its messages in v0.
         pub fn is_draft(&self) -> bool {
             false
         }
 
-        /// What the controller is to let through.
+        /// The set of filters for the CAN controller.
         pub fn row(&self) -> Row {
             Row::V0
         }
@@ -156,24 +156,24 @@ mod one {
             wire::segment(frame, node)
         }
 
-        /// Data type ID and sender of a frame.
+        /// Data type ID and source of a frame.
         #[inline(always)]
         pub fn origin(frame: &Frame) -> (u16, u8) {
             let id = Id::from_bytes(frame.id);
             (id.data_type(), id.source())
         }
 
-        /// No transfer comes in the draft.
+        /// False: no transfer comes in the draft.
         pub fn is_of_draft(_priority: u8) -> bool {
             false
         }
 
-        /// An autopilot's message came, and is followed.
+        /// Returns true: the node follows every command and NodeStatus.
         pub fn hear(&mut self, _is_draft: bool) -> bool {
             true
         }
 
-        /// Nothing to do.
+        /// Does nothing: there is no timeout.
         pub fn second(&mut self) {}
     }
 }
@@ -207,7 +207,7 @@ mod tests {
     fn with_dialect_0_the_draft_is_followed_after_the_fourth_second_without_v0() {
         for seconds in 0..10 {
             let mut dialect = dialect(0);
-            // What came before does not count.
+            // The second message of v0 restarts the timeout.
             dialect.hear(false);
             dialect.second();
             dialect.hear(false);

@@ -1,11 +1,11 @@
-//! The UAVCAN draft of 2014, which older autopilots speak: reads its frames, and has the identifiers of what the node sends in it.
+//! The UAVCAN draft of 2014, which older autopilots speak: reads its frames, and defines the identifiers of the frames that the node sends.
 //!
 //! ```text
 //! message: data_type[28:19] 2[18:17]          source[16:10] frame_index[9:4] last_frame[3] transfer_id[2:0]
 //! service: data_type[28:19] 0 or 1[18:17]     the same; 1 is a request
 //! ```
 //!
-//! There is no priority and no tail byte, and the first byte of each frame of a service is the destination. (libuavcan at the end of 2014,
+//! The draft has no priority and no tail byte. The first byte of each frame of a service is the destination. (Source: libuavcan at the end of 2014,
 //! `uc_frame.cpp` and `transfer.hpp`.)
 
 use dronecan_wire::{Rejection, Tail};
@@ -14,14 +14,14 @@ use mcp2515_ordered::Frame;
 use super::kind::Kind;
 use super::wire::Segment;
 
-/// In [`Segment::priority`], above the priority: the frame is one of the draft.
+/// Bit of [`Segment::priority`], above the priority: set for a frame of the draft.
 pub const IS_DRAFT: u8 = 1 << 6;
 
-/// In the last byte of an identifier.
+/// In the last byte of an identifier: the last frame of a transfer.
 const LAST_FRAME: u8 = 1 << 3;
 /// In the last byte of an identifier: the transfer ID, 0 to 7.
 const TRANSFER_ID: u8 = 7;
-/// In the last byte of an identifier: the lower bits of the index of the frame begin here.
+/// In the last byte of an identifier: shift of the lower bits of the frame index.
 const INDEX_SHIFT: u8 = 4;
 
 /// Kinds of transfer.
@@ -29,7 +29,7 @@ const RESPONSE: u16 = 0;
 const REQUEST: u16 = 1;
 const MESSAGE: u16 = 2;
 
-/// The upper half of an identifier, without the sender.
+/// The upper half of an identifier, with the source bit clear.
 const fn upper(data_type: u16, transfer: u16) -> u16 {
     data_type << 3 | transfer << 1
 }
@@ -40,7 +40,7 @@ const NODE_STATUS: u16 = upper(550, MESSAGE);
 const GET_NODE_INFO: u16 = upper(551, REQUEST);
 const RESTART_NODE: u16 = upper(560, REQUEST);
 
-/// Identifiers of what the node sends: the upper half, without the sender.
+/// Identifiers of the transfers that the node sends: the upper half, with the source bit clear.
 pub mod sent {
     use super::{MESSAGE, RESPONSE, upper};
     /// NodeStatus.
@@ -53,24 +53,24 @@ pub mod sent {
     pub const RESTARTED: u16 = upper(560, RESPONSE);
 }
 
-/// Where the CRC of a GetNodeInfo response begins; nothing else that the node sends in the draft is longer than a frame.
+/// The initial CRC of a GetNodeInfo response. No other transfer that the node sends in the draft needs more than one frame.
 pub const NODE_INFO_SEED: u16 = 0x14BB;
 
-/// The identifier of a frame of the node with this ID, before its index, its transfer ID, and whether it is the last.
+/// The identifier of a frame from node `source`, without frame index, last-frame bit and transfer ID.
 #[inline(never)]
 pub fn id(upper: u16, source: u8) -> [u8; 4] {
     let [b0, b1] = upper.to_be_bytes();
     [b0, b1 | source >> 6, source << 2, 0]
 }
 
-/// Puts into an identifier what the tail byte says in DroneCAN v0. `index` is less than 16, the longest transfer of the node.
+/// Puts the frame index, the last-frame bit and the transfer ID into an identifier. `index` is less than 16: no transfer of the node has more frames.
 #[inline(always)]
 pub fn set_place(id: &mut [u8; 4], index: u8, tail: Tail) {
     let [.., last] = id;
     *last = index << INDEX_SHIFT | tail.0 & TRANSFER_ID | if tail.is_end() { LAST_FRAME } else { 0 };
 }
 
-/// What a frame of the draft is a part of.
+/// The kind of transfer that a frame of the draft belongs to.
 #[inline(always)]
 fn kind(frame: &Frame) -> Kind {
     match upper_half(frame) & !1 {
@@ -83,7 +83,7 @@ fn kind(frame: &Frame) -> Kind {
     }
 }
 
-/// The upper half of the identifier. As two bytes one after the other the AVR's code generator would swap them the long way.
+/// The upper half of the identifier. Swapping the bytes here avoids a slow 16-bit swap in the AVR's generated code.
 #[inline(always)]
 fn upper_half(frame: &Frame) -> u16 {
     let [b0, b1, ..] = frame.id;
@@ -102,14 +102,14 @@ pub fn data_type(frame: &Frame) -> u16 {
     upper_half(frame) >> 3
 }
 
-/// Data type ID and sender of a frame of the draft; `None` if it is of no type that the node takes.
+/// Data type ID and source of a frame of the draft. `None` if the node does not take its type.
 #[inline(never)]
 pub fn origin(frame: &Frame) -> Option<(u16, u8)> {
     (kind(frame) != Kind::Unknown).then(|| (data_type(frame), source(frame)))
 }
 
-/// Reads a frame of the draft for the node with this ID (0 if it has none). [`Rejection::Unknown`] if it is of no type that the node takes:
-/// it may be one of v0 then.
+/// Reads a frame of the draft for the node with this ID (0 if it has none). Returns [`Rejection::Unknown`] if the node does not take its type; the
+/// frame may then be one of v0.
 #[inline(always)]
 pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
     if frame.is_foreign() {
@@ -135,7 +135,7 @@ pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
         }
     }
     let mut tail = b3 & TRANSFER_ID;
-    // The index of the frame.
+    // The frame index is 0.
     if b2 & 0b11 | b3 & 0xF0 == 0 {
         tail |= Tail::START;
     }
@@ -160,7 +160,8 @@ mod tests {
 
     #[test]
     fn messages_are_read_with_their_place_in_the_transfer() {
-        // NodeStatus of node 120 (of another with this ID: 119), the thesis's command of node 1, a command for two actuators, and parts of longer ones.
+        // NodeStatus from node 119 (120 is this node's own ID), the thesis's command from node 1, a command for two actuators, and parts of longer
+        // commands.
         for (text, kind, source, tail, payload) in [
             ("1135DC0B EF CD AB 02 EF BE", Kind::NodeStatus, 119, 0xC3, "EF CD AB 02 EF BE"),
             ("17C40409 5A", Kind::ServoCommand, 1, 0xC1, "5A"),

@@ -1,4 +1,4 @@
-//! How the node is: its conditions, what it has counted, and the health that follows by WARN_MASK, ERROR_MASK and CRIT_MASK.
+//! The node's health: its conditions, its counters, and the level that WARN_MASK, ERROR_MASK and CRIT_MASK give the conditions.
 
 use mcp2515_ordered::Counters;
 
@@ -6,22 +6,22 @@ use super::condition::{Conditions, HOLD_S, ResetCause};
 use super::parameters::{Parameter, Parameters};
 use crate::monitor::{Line, Monitor};
 
-/// What happened to the node since it started. All modulo 65,536.
+/// Events since the start. All counters are modulo 65,536.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Commands that were followed.
     pub followed: u16,
     /// Frames and transfers that were rejected.
     pub refused: u16,
-    /// Times that the controller said that it lost frames.
+    /// Times that the controller reported lost frames.
     pub overruns: u16,
-    /// Times that frames waited for a second without success and were given up.
+    /// Times that sending was given up, because frames waited for a second without success.
     pub given_up: u16,
 }
 
-/// The counters of the CAN controller's driver, wherever they are.
+/// Access to the counters of the CAN controller's driver.
 pub trait CanCounters {
-    /// One of the 16-bit words of [`Counters`].
+    /// Word `n` of the 16-bit words of [`Counters`].
     fn word(&self, n: u8) -> u16;
 }
 
@@ -32,36 +32,36 @@ impl CanCounters for Counters {
     }
 }
 
-/// Transfers, for GetTransportStats. All modulo 65,536; not counted without the feature `stats`.
+/// Transfer counters for GetTransportStats. All are modulo 65,536. Without the feature `stats` nothing is counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Transfers {
-    /// Came whole.
+    /// Transfers received complete.
     #[cfg(feature = "stats")]
     pub received: u16,
-    /// Went whole.
+    /// Transfers sent complete.
     #[cfg(feature = "stats")]
     pub sent: u16,
-    /// Broke.
+    /// Broken transfers.
     #[cfg(feature = "stats")]
     pub broken: u16,
 }
 
 impl Transfers {
-    /// One came whole.
+    /// Counts a transfer that was received complete.
     #[inline(always)]
     pub fn received(&mut self) {
         #[cfg(feature = "stats")]
         count(&mut self.received);
     }
 
-    /// One went whole.
+    /// Counts a transfer that was sent complete.
     #[inline(always)]
     pub fn sent(&mut self) {
         #[cfg(feature = "stats")]
         count(&mut self.sent);
     }
 
-    /// One broke.
+    /// Counts a broken transfer.
     #[inline(always)]
     pub fn broken(&mut self) {
         #[cfg(feature = "stats")]
@@ -69,40 +69,40 @@ impl Transfers {
     }
 }
 
-/// One more, modulo 65,536.
+/// Increments a counter, modulo 65,536.
 #[inline(never)]
 pub fn count(counter: &mut u16) {
     *counter = counter.wrapping_add(1);
 }
 
-/// The health of a NodeStatus (DSDL 341.NodeStatus.uavcan).
+/// The health field of NodeStatus (DSDL 341.NodeStatus.uavcan).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Level {
-    /// All is well.
+    /// The node works without a fault.
     Ok = 0,
-    /// It works, with something amiss.
+    /// The node works, with a minor fault.
     Warning = 1,
-    /// It does not do all that it should.
+    /// A function of the node has failed.
     Error = 2,
-    /// It does not work.
+    /// The node does not work.
     Critical = 3,
 }
 
-/// The node's health.
+/// The node's conditions and counters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
     conditions: Conditions,
-    /// Seconds until the passing conditions are cleared.
+    /// Seconds until the temporary conditions are cleared.
     hold_s: u8,
-    /// What happened since the start.
+    /// Events since the start.
     pub counts: Counts,
     /// Transfers since the start.
     pub transfers: Transfers,
 }
 
 impl Health {
-    /// All is well.
+    /// No condition set, all counters 0.
     pub const fn new() -> Self {
         Self {
             conditions: Conditions::NONE,
@@ -119,7 +119,7 @@ impl Health {
         }
     }
 
-    /// Begins with what the reset left behind.
+    /// Sets the condition for the reset cause, and clears all others.
     pub fn start(&mut self, cause: ResetCause) {
         self.conditions = Conditions::after(cause);
     }
@@ -129,13 +129,13 @@ impl Health {
         self.conditions.code()
     }
 
-    /// Whether this condition is set.
+    /// True if this condition is set.
     #[inline(always)]
     pub fn has(&self, condition: Conditions) -> bool {
         self.conditions.has(condition)
     }
 
-    /// The worst level that a condition has by the masks.
+    /// The worst level that the masks give to a condition that is set.
     #[inline(always)]
     pub fn level(&self, parameters: &Parameters) -> Level {
         let code = self.code();
@@ -150,7 +150,7 @@ impl Health {
         }
     }
 
-    /// Sets or clears a condition, and logs that it begins or ends; nothing where nothing changes.
+    /// Sets or clears a condition. Logs `begins` or `ends` if the condition changed.
     #[inline(never)]
     pub fn set(&mut self, condition: Conditions, on: bool, [begins, ends]: [Line; 2], monitor: &mut Monitor) {
         if self.conditions.has(condition) != on {
@@ -159,19 +159,19 @@ impl Health {
         }
     }
 
-    /// Clears a condition without a line of the log.
+    /// Clears a condition without logging it.
     pub fn clear(&mut self, condition: Conditions) {
         self.conditions.set(condition, false);
     }
 
-    /// Sets a condition that passes [`HOLD_S`] after the last time.
+    /// Sets a temporary condition. [`second`](Self::second) clears it [`HOLD_S`] after the last event.
     #[inline(never)]
     pub fn happened(&mut self, condition: Conditions) {
         self.conditions.set(condition, true);
         self.hold_s = HOLD_S;
     }
 
-    /// To be called once a second.
+    /// Clears the temporary conditions when their time is over. Call once a second.
     #[inline(always)]
     pub fn second(&mut self) {
         if self.hold_s > 0 {
@@ -206,26 +206,26 @@ mod tests {
 
     const LINES: [Line; 2] = [Line::ErrorPassive, Line::ErrorActive];
 
-    fn told(monitor: &mut Monitor) -> String {
+    fn logged(monitor: &mut Monitor) -> String {
         (0..2000).map(|_| monitor.next_byte(InMemory)).filter(|&byte| byte != 0).map(char::from).collect()
     }
 
     #[test]
-    fn a_condition_is_told_when_it_begins_and_when_it_ends() {
+    fn a_condition_is_logged_when_it_begins_and_when_it_ends() {
         let (mut health, mut monitor) = (Health::new(), Monitor::new());
         for _ in 0..3 {
             health.set(Conditions::ERROR_PASSIVE, true, LINES, &mut monitor);
         }
-        assert_eq!(told(&mut monitor), "CAN: error-passive\r\n");
+        assert_eq!(logged(&mut monitor), "CAN: error-passive\r\n");
         for _ in 0..3 {
             health.set(Conditions::ERROR_PASSIVE, false, LINES, &mut monitor);
         }
-        assert_eq!(told(&mut monitor), "CAN: error-active\r\n");
+        assert_eq!(logged(&mut monitor), "CAN: error-active\r\n");
         assert_eq!(health.code(), 0);
     }
 
     #[test]
-    fn what_happened_shows_for_ten_seconds_after_the_last_time_and_what_is_for_as_long_as_it_is() {
+    fn temporary_conditions_stay_set_for_ten_seconds_and_others_until_cleared() {
         let (mut health, mut monitor) = (Health::new(), Monitor::new());
         health.set(Conditions::FAILSAFE, true, LINES, &mut monitor);
         for again in [3, 9, 0] {
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_of_the_masks_counts() {
+    fn the_worst_mask_decides() {
         for (bit, condition) in golden::CONDITIONS.into_iter().enumerate() {
             let (mut health, mut monitor) = (Health::new(), Monitor::new());
             let masks = |warn: u16, error: u16, critical: u16| {
@@ -266,18 +266,18 @@ mod tests {
     }
 
     #[test]
-    fn the_counters_are_told_when_asked_for() {
+    fn the_counters_are_logged_on_request() {
         let (mut health, mut monitor) = (Health::new(), Monitor::new());
         health.counts = Counts { followed: 12_345, refused: 2, overruns: 321, given_up: 4 };
         health.report(&mut monitor);
-        let told = told(&mut monitor);
+        let told = logged(&mut monitor);
         for count in ["12345", "2", "321", "4"] {
             assert!(told.contains(count), "{told}");
         }
     }
 
     #[test]
-    fn a_count_goes_round() {
+    fn a_counter_wraps_around() {
         let mut counter = 65_534;
         count(&mut counter);
         count(&mut counter);

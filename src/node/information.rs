@@ -1,17 +1,17 @@
-//! What the node says of itself in a GetNodeInfo response (DSDL uavcan/protocol/1.GetNodeInfo.uavcan).
+//! The constant part of a GetNodeInfo response (DSDL uavcan/protocol/1.GetNodeInfo.uavcan).
 
 /// Name of the node, at most 80 characters of a-z, 0-9, `.`, `-` and `_`.
 pub const NAME: &str = "org.dronecan.servo168";
 
-/// Why there is no update over the bus: the bootloader of the Diecimila listens to the serial port only.
+/// How to update instead: the bootloader of the Diecimila listens to the serial port only.
 const NO_UPDATE: &str = "update over USB serial";
 
 /// Bytes of software and hardware version in [`PACKED`].
 pub const VERSIONS_LEN: u8 = 17;
 
-/// Where the text for BeginFirmwareUpdate begins in [`PACKED`], and its length.
+/// Start of the text for BeginFirmwareUpdate in [`PACKED`].
 pub const NO_UPDATE_AT: u8 = VERSIONS_LEN + 1 + NAME.len() as u8;
-/// See [`NO_UPDATE_AT`].
+/// Length of the text at [`NO_UPDATE_AT`].
 pub const NO_UPDATE_LEN: u8 = NO_UPDATE.len() as u8;
 
 /// Bytes of a GetNodeInfo response: a NodeStatus, the versions, the unique ID, the length of the certificate, the name.
@@ -22,17 +22,17 @@ pub struct Information;
 
 const LEN: usize = NO_UPDATE_AT as usize + NO_UPDATE.len();
 
-/// As sent, up to the unique ID: software major, minor, flags, commit, CRC; hardware major, minor. Then what follows the
-/// unique ID: the length of the certificate, zero, and the name. Then the text for BeginFirmwareUpdate.
+/// The bytes in the order of a GetNodeInfo response. Before the unique ID: software major, minor, flags, commit, CRC; hardware major, minor. After
+/// the unique ID: the length of the certificate (zero) and the name. Then the text for BeginFirmwareUpdate.
 pub const PACKED: [u8; LEN] = {
     let mut packed = [0; LEN];
     packed[0] = number(env!("CARGO_PKG_VERSION_MAJOR"), 10) as u8;
     packed[1] = number(env!("CARGO_PKG_VERSION_MINOR"), 10) as u8;
-    // The commit is known unless the sources are not under version control.
+    // The commit is 0 if the sources are not under version control.
     let commit = number(env!("NODE_COMMIT"), 16);
     packed[2] = (commit != 0) as u8;
     [packed[3], packed[4], packed[5], packed[6]] = commit.to_le_bytes();
-    // The board: an Arduino Diecimila is revision 1.0 of this hardware.
+    // An Arduino Diecimila is revision 1.0 of this hardware.
     packed[15] = 1;
     let mut at = VERSIONS_LEN as usize + 1;
     let mut n = 0;

@@ -1,33 +1,33 @@
-//! The data types that the node receives: one table, from which come their IDs, the seeds of their CRCs, how they are put together,
-//! and the filters of the controller ([`acceptance`](super::acceptance)).
+//! The table of data types that the node receives. It defines their IDs, the seeds of their CRCs, their reassembly, and the filters of the controller
+//! ([`acceptance`](super::acceptance)).
 
 use dronecan_wire::Received;
 use dronecan_wire::types::{self, Message};
 
-/// In the number of a [`Kind`], above its ID: a request.
+/// Bit of a [`Kind`]'s number: the transfer is a request.
 const REQUEST: u16 = 1 << 15;
 
-/// In the number of a [`Kind`], above its ID: a transfer can be several frames.
+/// Bit of a [`Kind`]'s number: the transfer can have several frames.
 const LONG: u16 = 1 << 14;
 
-/// In the number of a [`Kind`]: the ID of the data type or service.
+/// Mask of a [`Kind`]'s number: the ID of the data type or service.
 const ID: u16 = LONG - 1;
 
-/// A row is `name = space type, form;` or for a request `name = space type, form of the request, form of the response;`. The space `draft` is for messages
-/// that only the UAVCAN draft has. A transfer of the form `short` is one frame.
+/// A row is `name = space type, form;`, or for a request `name = space type, form of the request, form of the response;`. The space `draft` is for
+/// messages that only the UAVCAN draft has. A transfer of the form `short` has one frame.
 macro_rules! received {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $kind:ident = $space:ident $type:path, $form:ident $(, $response:ident)?;)*) => {
-        /// What a received transfer is. Its number is the ID of the data type or service, and of what kind it is.
+        /// The kind of a received transfer. Its number is the ID of the data type or service, and the bits `REQUEST` and `LONG`.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u16)]
         pub enum Kind {
-            /// Nothing that the node takes.
+            /// A type that the node does not take.
             Unknown = 0,
             $($(#[doc = $doc])* $(#[cfg($if)])? $kind = received!(@$space) | received!(@$form) | $type.id as u16,)*
         }
 
         impl Kind {
-            /// All of them.
+            /// All kinds except `Unknown`.
             pub const ALL: &[Self] = &[$($(#[cfg($if)])? Self::$kind,)*];
 
             #[inline(always)]
@@ -38,7 +38,7 @@ macro_rules! received {
                 Self::Unknown
             }
 
-            /// The CRC of a transfer of several frames starts with this value, also that of the response; 0 where there is never more than one frame.
+            /// The initial CRC of a transfer of several frames, also of the response. 0 if no transfer has more than one frame.
             #[inline(never)]
             pub const fn seed(self) -> u16 {
                 $($(#[cfg($if)])? if (received!(@is_long $form) $(|| received!(@is_long $response))?) && self as u16 == Self::$kind as u16 {
@@ -63,7 +63,7 @@ macro_rules! received {
     (@long) => { LONG };
 }
 
-/// thesis.ServoCommand; its transfers have one frame, and no CRC.
+/// thesis.ServoCommand. Its transfers have one frame, and no CRC.
 const SERVO_COMMAND: Message = Message { id: 1111, seed: 0 };
 
 /// ArrayCommand of the draft of 2014.
@@ -102,13 +102,13 @@ received! {
     /// uavcan.protocol.GetTransportStats
     #[cfg(feature = "stats")]
     GetTransportStats = request types::GET_TRANSPORT_STATS, short, long;
-    /// ArrayCommand of the draft of 2014: entries of three bytes, without a type.
+    /// ArrayCommand of the draft of 2014: entries of three bytes, without a command type.
     #[cfg(feature = "draft")]
     DraftCommand = draft DRAFT_COMMAND, long;
 }
 
 impl Kind {
-    /// The message with this data type ID.
+    /// The kind of a message with this data type ID.
     #[inline(always)]
     pub const fn of_message(data_type: u16) -> Self {
         match Self::of(data_type & !REQUEST) {
@@ -117,7 +117,7 @@ impl Kind {
         }
     }
 
-    /// The request with this service ID.
+    /// The kind of a request with this service ID.
     #[inline(always)]
     pub const fn of_request(service: u8) -> Self {
         Self::of(REQUEST | service as u16)
@@ -129,19 +129,19 @@ impl Kind {
         self as u16 & ID
     }
 
-    /// A request to this node.
+    /// True for a request to this node.
     #[inline(always)]
     pub const fn is_request(self) -> bool {
         self as u16 & REQUEST != 0
     }
 
-    /// A transfer can be several frames.
+    /// True if a transfer can have several frames.
     #[inline(always)]
     pub const fn is_long(self) -> bool {
         self as u16 & LONG != 0
     }
 
-    /// Of a list, of which only the entries with this node's ID are kept: the bytes of an entry. Otherwise 0.
+    /// Bytes of an entry for a list, of which the node keeps only the entries with its own ID; 0 for other transfers.
     #[inline(always)]
     pub const fn entry_len(self) -> u8 {
         match self {
@@ -154,13 +154,13 @@ impl Kind {
         }
     }
 
-    /// Of a list, of which only the entries with this node's ID are kept.
+    /// True for a list, of which the node keeps only the entries with its own ID.
     #[inline(always)]
     pub const fn is_list(self) -> bool {
         self.entry_len() != 0
     }
 
-    /// A command for the actuator.
+    /// True for a command for the actuator.
     #[inline(always)]
     pub const fn is_command(self) -> bool {
         match self {
@@ -185,7 +185,7 @@ impl Received for Kind {
         Self::of_request(service)
     }
 
-    /// A node without an ID hears how other nodes ask an allocator for theirs.
+    /// A node without an ID receives the Allocation requests of other nodes.
     #[cfg(feature = "allocation")]
     #[inline(always)]
     fn of_anonymous(data_type: u8, node: u8) -> Self {

@@ -1,4 +1,4 @@
-//! What is in the node's messages.
+//! The payloads of the node's messages.
 
 use dronecan_wire::{Id, float16};
 use mcp2515_ordered::Frame;
@@ -11,24 +11,24 @@ use super::{Constants, Node, Sending};
 use super::{draft, health::Level};
 use crate::monitor::Monitor;
 
-/// Priority of periodic messages: that of ArduPilot's own peripherals.
+/// Priority of periodic messages. ArduPilot's own peripherals use the same.
 const PRIORITY_LOW: u8 = 24;
 
 /// Priority of Allocation requests, as in the specification's example.
 #[cfg(feature = "allocation")]
 const PRIORITY_LOWER: u8 = 30;
 
-/// NodeStatus: the node has measured no temperature yet.
+/// NodeStatus mode: the node has measured no temperature yet.
 const MODE_INITIALIZATION: u8 = 1;
 
 impl Node {
-    /// Whether it may be worth to [`prepare`](Self::prepare) something.
+    /// True if [`prepare`](Self::prepare) may have something to do.
     #[inline(always)]
     pub fn has_to_send(&self) -> bool {
         self.publisher.is_due() || self.outgoing.is_busy() || !self.services.is_empty()
     }
 
-    /// Does a step towards the next frame, if there is one to do; whether there was.
+    /// Does one step towards the next frame. Returns false if there was nothing to do.
     #[inline(always)]
     pub fn prepare(
         &mut self,
@@ -44,14 +44,14 @@ impl Node {
             self.outgoing.step(&self.unique_id, flash);
             return true;
         }
-        // Other filters take the controller off the bus, and what it has not sent yet is lost.
+        // Setting filters takes the controller off the bus and loses the frames that it has not sent. So no new transfer begins before.
         if self.awaits_filters() {
             return false;
         }
         self.begin_message(counters, now_ms) || self.id != 0 && self.begin_reply(counters, flash, monitor)
     }
 
-    /// Whether a frame is ready.
+    /// True if a frame is ready.
     #[inline(always)]
     pub fn is_ready(&self) -> bool {
         self.outgoing.is_ready()
@@ -62,7 +62,7 @@ impl Node {
         &self.outgoing.frame
     }
 
-    /// The controller has taken the frame.
+    /// Notes that the controller took the frame.
     pub fn handed_over(&mut self, now_ms: u16) {
         if !self.outgoing.handed_over() {
             return;
@@ -75,12 +75,12 @@ impl Node {
         }
     }
 
-    /// The controller has nothing more to send.
+    /// Notes that the controller has sent all its frames.
     pub fn controller_is_empty(&mut self, now_ms: u16) {
         self.publisher.controller_is_empty(now_ms);
     }
 
-    /// Puts the payload of a NodeStatus, in the dialect of what is going out.
+    /// Puts the payload of a NodeStatus, in the dialect of the current transfer.
     #[inline(never)]
     pub(super) fn put_status(&mut self) {
         let level = self.health.level(&self.parameters);
@@ -90,7 +90,7 @@ impl Node {
         self.outgoing.put8(u2);
         #[cfg(feature = "draft")]
         if self.outgoing.is_draft() {
-            // 28 bits of uptime, and 0 is OK, 1 initialising, 2 a warning, 3 anything worse.
+            // 28 bits of uptime, then the status: 0 is OK, 1 initialising, 2 warning, 3 critical.
             let status = match level {
                 Level::Ok => mode,
                 Level::Warning => 2,
@@ -104,10 +104,10 @@ impl Node {
         self.outgoing.put16(self.health.code());
     }
 
-    /// Begins the first message that is due and can go; whether there was one.
+    /// Begins the first message that is due and can be sent. Returns false if there is none.
     #[inline(always)]
     fn begin_message(&mut self, counters: &impl CanCounters, now_ms: u16) -> bool {
-        // The draft has no allocation: without an ID it is v0 that the node speaks.
+        // The draft has no Allocation, so a node without an ID sends in v0.
         let is_draft = self.dialect.is_draft() && self.id != 0;
         let has_temperature = self.temperature.is_known();
         let Some((publication, transfer_id)) = self.publisher.next(now_ms, self.id != 0, has_temperature, is_draft)
@@ -125,7 +125,7 @@ impl Node {
             Publication::ActuatorStatus => {
                 self.outgoing.put8(self.parameters.get(Parameter::Out1Id) as u8);
                 self.outgoing.put16(self.actuator.position());
-                // Force and speed.
+                // Force and speed are not measured.
                 self.outgoing.put16(float16::NAN);
                 self.outgoing.put16(float16::NAN);
                 const POWER_UNKNOWN: u8 = 127;
@@ -143,7 +143,7 @@ impl Node {
                     self.outgoing.put16(counters.word(n));
                 }
             }
-            // In the draft the thesis's measurement, too.
+            // The draft has no KeyValue: the node sends the count as the thesis's measurement.
             #[cfg(feature = "button")]
             Publication::KeyValue if is_draft => self.outgoing.put8(self.button.count() as u8),
             #[cfg(feature = "button")]
@@ -157,7 +157,7 @@ impl Node {
             #[cfg(feature = "allocation")]
             Publication::Allocation => {
                 self.allocation.ask(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));
-                // 14 bits of the CRC are the discriminator, which makes the request differ from other nodes'.
+                // The discriminator is 14 bits of the CRC, so that requests of different nodes have different identifiers.
                 id = Id::anonymous(PRIORITY_LOWER, Publication::Allocation.data_type(), self.outgoing.sum() >> 1);
             }
         }

@@ -1,20 +1,20 @@
-//! What the node does: follows commands, measures its temperature, says how it is, and lets itself be managed.
+//! The node: follows commands, measures the temperature, publishes its status, and answers requests.
 //!
-//! [`Node`] takes received frames and the clock, and gives out frames to send and the pulse for the servo. It has no hardware and never
-//! waits. This file only sends what comes to the part that it concerns; each part has its state to itself:
+//! [`Node`] takes received frames and the clock, and gives frames to send and the pulse for the servo. It accesses no hardware and never waits. This
+//! file passes each event to the part that handles it. Each part owns its state:
 //!
-//! | part | what it knows |
+//! | part | task |
 //! | --- | --- |
-//! | [`agenda`] | what to do next |
-//! | [`actuator`] | the pulse, arming, the failsafe; [`servo`] the travel |
-//! | [`autopilot`] | which node is the autopilot |
-//! | [`dialect`] | whether the node speaks DroneCAN v0 or the draft of 2014 |
-//! | [`kind`] | the data types that it receives; [`acceptance`] makes filters of them, [`wire`] says how they are put together |
+//! | [`agenda`] | chooses what to do next |
+//! | [`actuator`] | the pulse, arming, the failsafe; [`servo`] computes the travel |
+//! | [`autopilot`] | finds the autopilot among the nodes |
+//! | [`dialect`] | chooses between DroneCAN v0 and the draft of 2014 |
+//! | [`kind`] | the received data types; [`acceptance`] derives the filters from them, [`wire`] configures how transfers are reassembled |
 //! | [`health`] | conditions and counters; [`condition`] their bits |
-//! | [`parameters`] | what can be set; [`store`] keeps it in EEPROM |
-//! | [`publisher`] | when messages go; [`messages`] what is in them; [`outgoing`] makes frames of them |
-//! | [`services`] | requests and replies |
-//! | [`temperature`] | the temperature; [`thermometer`] makes it of readings |
+//! | [`parameters`] | the parameters; [`store`] keeps them in EEPROM |
+//! | [`publisher`] | when to send messages; [`messages`] fills in their payload; [`outgoing`] splits it into frames |
+//! | [`services`] | requests and responses |
+//! | [`temperature`] | the temperature; [`thermometer`] computes it from ADC readings |
 
 pub mod acceptance;
 pub mod actuator;
@@ -80,7 +80,7 @@ use publisher::Publication;
 
 /// The flash with all tables of the node.
 pub trait Constants: Progmem<Descriptions> + Progmem<Information> {
-    /// A byte of [`information::PACKED`].
+    /// The byte at index `at` of [`information::PACKED`].
     #[inline(never)]
     fn information(self, at: u8) -> u8 {
         Progmem::<Information>::byte(self, u16::from(at))
@@ -89,15 +89,15 @@ pub trait Constants: Progmem<Descriptions> + Progmem<Information> {
 
 impl<P: Progmem<Descriptions> + Progmem<Information>> Constants for P {}
 
-/// What is left over for a turn of its own, because it takes long.
+/// Work that takes long and therefore gets a turn of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 enum Chore {
-    /// Parameters were set: what follows from them.
+    /// Apply parameters that were set.
     TakeParameters = 1 << 0,
-    /// The sensor was read often enough for a temperature.
+    /// Compute a temperature: the sum of readings is complete.
     Measure = 1 << 1,
-    /// A second is over.
+    /// Do the work of each second.
     Second = 1 << 2,
 }
 
@@ -111,7 +111,7 @@ impl Chores {
         self.0 |= chore as u8;
     }
 
-    /// Takes a chore, if it is there.
+    /// Removes a chore. Returns true if it was in the set.
     #[inline(always)]
     fn take(&mut self, chore: Chore) -> bool {
         let has = self.0 & chore as u8 != 0;
@@ -120,30 +120,30 @@ impl Chores {
     }
 }
 
-/// What the frames that go out are of.
+/// The transfer that the outgoing frames belong to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sending {
     /// The node's status.
     Status,
     /// Another message.
     Message,
-    /// The reply to the request that has waited longest.
+    /// The response to the oldest request.
     Reply,
 }
 
-/// How long to wait for a moment without a transfer before the controller gets other filters, in seconds: longer than a transfer may take.
+/// The longest time that new filters wait for a moment without a transfer, in seconds. Longer than a transfer may take.
 const FILTERS_WAIT_S: u8 = 4;
 
 /// The node.
 pub struct Node {
-    /// 1 to 127; 0 while it has none.
+    /// 1 to 127; 0 while the node has no ID.
     id: u8,
     unique_id: [u8; 16],
     uptime_sec: u32,
-    /// Start of the running second.
+    /// Start of the current second, in milliseconds.
     second_ms: u16,
     chores: Chores,
-    /// What can be set.
+    /// The parameters in force.
     pub parameters: Parameters,
     store: Store,
     actuator: Actuator,
@@ -155,11 +155,11 @@ pub struct Node {
     services: Services,
     outgoing: Outgoing,
     sending: Sending,
-    /// The line about the transfer at hand.
+    /// The log line about the current transfer.
     note: Event,
-    /// Somebody has used the thesis's own command, so its own temperature is understood.
+    /// True once a thesis command was received. The node then also sends the thesis's temperature message.
     thesis: bool,
-    /// The controller is to get other filters: seconds until that can wait no longer. 0 if it is not.
+    /// Seconds until new filters are set even during a transfer. 0 if no new filters are pending.
     filters_s: u8,
     #[cfg(feature = "allocation")]
     allocation: Allocation,
@@ -170,7 +170,7 @@ pub struct Node {
 }
 
 impl Node {
-    /// A node that has yet to start.
+    /// A node before [`start`](Self::start).
     pub const fn new() -> Self {
         Self {
             id: 0,
@@ -201,7 +201,7 @@ impl Node {
         }
     }
 
-    /// Starts the node with what the EEPROM has: says why on the serial monitor, and in the status that is due at once.
+    /// Starts the node with the contents of the EEPROM. Logs the reset cause and makes a status due at once, which also reports the cause.
     pub fn start(
         &mut self,
         cause: ResetCause,
@@ -227,7 +227,7 @@ impl Node {
         self.allocation.start(&self.unique_id, 0);
     }
 
-    /// What the controller is to let through.
+    /// The filters and masks for the CAN controller.
     pub fn acceptance<P: Progmem<Filters>>(&self, flash: P) -> NodeAcceptance<P> {
         #[allow(unused_mut, reason = "a build may have no other row")]
         let mut row = self.dialect.row();
@@ -238,7 +238,7 @@ impl Node {
         NodeAcceptance { node: NodeId::new(self.id), row, flash }
     }
 
-    /// How often the controller tries to send a frame. Anonymous frames are sent once: others may send some with the same identifier
+    /// How often the controller tries to send a frame. An anonymous frame is sent once, because other nodes may send frames with the same identifier
     /// (specification, chapter 4).
     #[inline(always)]
     pub fn attempts(&self) -> Attempts {
@@ -250,21 +250,22 @@ impl Node {
         self.id
     }
 
-    /// Whether the controller is to get other filters now: the node has an ID since, or DIALECT was set, or commands have stopped and nobody can
-    /// see whether the filters are why. That takes the controller off the bus for 5 ms. So it waits until nothing is on its way out
-    /// (`is_controller_empty`) or in.
+    /// True if the controller should get new filters now. New filters are pending after the node got an ID, after DIALECT was set, and after a
+    /// failsafe during which no command was received, because wrong filters may be the cause. Setting filters takes the controller off the bus for 5
+    /// ms. So the node waits, for `FILTERS_WAIT_S` at most, until no transfer is in progress in either direction and the controller has sent all its
+    /// frames (`is_controller_empty`).
     #[inline(always)]
     pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver) -> bool {
         self.filters_s != 0
             && (self.filters_s == 1 || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving())
     }
 
-    /// The controller is to get other filters as soon as it can.
+    /// True if new filters are pending.
     fn awaits_filters(&self) -> bool {
         self.filters_s != 0
     }
 
-    /// The controller has got its filters.
+    /// Notes that the controller got its filters.
     pub fn filters_are_set(&mut self) {
         self.filters_s = 0;
     }
@@ -284,7 +285,7 @@ impl Node {
         self.lights.brightness()
     }
 
-    /// Whether it is time to restart the program.
+    /// True if it is time to restart the program.
     pub fn is_to_restart(&self, now_ms: u16) -> bool {
         self.services.is_to_restart(now_ms)
     }
@@ -296,13 +297,13 @@ impl Node {
         }
     }
 
-    /// Whether something was left over for a turn of its own.
+    /// True if a chore is pending.
     #[inline(always)]
     pub fn has_chore(&self) -> bool {
         self.chores.0 != 0
     }
 
-    /// Does one of the things that were left over.
+    /// Does one pending chore.
     #[inline(never)]
     pub fn do_chore(&mut self, monitor: &mut Monitor) {
         if self.chores.take(Chore::TakeParameters) {
@@ -323,7 +324,7 @@ impl Node {
         }
     }
 
-    /// Gives up transfers that have taken too long. To be called at every tick.
+    /// Drops transfers that timed out. Call at every tick.
     #[inline(always)]
     pub fn expire(&mut self, receiver: &mut Receiver, now_ms: u16, monitor: &mut Monitor) {
         if let Some(transfer) = receiver.expire(now_ms) {
@@ -331,7 +332,7 @@ impl Node {
         }
     }
 
-    /// To be called at every tick of the millisecond clock, or after `passed_ms` of them.
+    /// Does the work of `passed_ms` milliseconds. Call at every tick of the millisecond clock, or after several of them.
     #[inline(never)]
     pub fn tick(&mut self, passed_ms: u8, now_ms: u16, eeprom: &mut impl Eeprom, monitor: &mut Monitor) {
         self.store.step(&mut self.parameters, eeprom);
@@ -357,7 +358,7 @@ impl Node {
         }
     }
 
-    /// Takes the state of the button, as it has been for so many milliseconds.
+    /// Takes the state of the button during the last `passed_ms` milliseconds.
     #[cfg(feature = "button")]
     pub fn read_button(&mut self, is_pressed: bool, passed_ms: u8, monitor: &mut Monitor) {
         if self.button.tick(is_pressed, passed_ms) {
@@ -366,10 +367,10 @@ impl Node {
         }
     }
 
-    /// What there is to do each second.
+    /// Does the work of each second.
     fn second(&mut self, monitor: &mut Monitor) {
         self.uptime_sec = self.uptime_sec.wrapping_add(1);
-        // 1 is waited for no longer.
+        // At 1 the node waits no longer: see `wants_filters`.
         if self.filters_s > 1 {
             self.filters_s -= 1;
         }
@@ -383,7 +384,7 @@ impl Node {
         }
     }
 
-    /// In the status and on the serial monitor.
+    /// Reports the dialect in the status and in the log.
     #[cfg(feature = "draft")]
     #[inline(never)]
     fn show_dialect(&mut self, monitor: &mut Monitor) {
@@ -419,7 +420,7 @@ impl Node {
                     self.note.a = message.kind.id();
                 }
                 let line = self.act(message, now_ms, servo);
-                // In the draft the same kind has another type.
+                // The draft has another data type ID for the same kind.
                 #[cfg(feature = "draft")]
                 if line.is_refusal() {
                     self.note.a = Dialect::data_type(message, frame);
@@ -435,7 +436,7 @@ impl Node {
         }
     }
 
-    /// Counts and logs a transfer, and ends the failsafe if a command was followed.
+    /// Counts and logs a transfer. Ends the failsafe if a command was followed.
     #[inline(never)]
     fn conclude(&mut self, line: Line, transfer: &Transfer, monitor: &mut Monitor) {
         self.health.transfers.received();
@@ -479,13 +480,13 @@ impl Node {
         event.set_source(source);
     }
 
-    /// Acts on a message, and notes what it says. The line that tells of it, or why it is refused.
+    /// Acts on a message, and fills in the values of the log line. Returns the line to log, or the line for the reason of a rejection.
     #[inline(always)]
     fn act(&mut self, transfer: &Transfer, now_ms: u16, servo: &mut impl Output) -> Line {
         let (kind, len) = (transfer.kind, transfer.len());
         let &[b0, ..] = transfer.bytes();
         let Some(source) = NodeId::new(transfer.source) else {
-            // Only a request for a node ID comes from nobody.
+            // The only anonymous message that the node takes is an Allocation request.
             #[cfg(feature = "allocation")]
             self.hear_allocation(transfer, now_ms);
             return Line::RefusedSource;
@@ -529,7 +530,7 @@ impl Node {
         if is_followed {
             count(&mut self.health.counts.followed);
         }
-        // While disarmed the sender is the autopilot all the same.
+        // A command that is rejected because the vehicle is disarmed still identifies the autopilot.
         #[cfg(feature = "standard")]
         let is_followed = is_followed || line == Line::RefusedDisarmed;
         if is_followed {
@@ -543,14 +544,14 @@ impl Node {
     fn act_on_status(&mut self, status: &Transfer, is_draft: bool, source: NodeId, now_ms: u16) -> Line {
         let &[u0, u1, u2, u3, state, ..] = status.bytes();
         let (level, mode);
-        // In the draft the lower four bits are no uptime.
+        // In the draft the lower four bits are the status, not uptime.
         let highest = if is_draft { u3 >> 4 } else { u3 };
         #[cfg(feature = "draft")]
         if is_draft {
             if !matches!(status.len(), 4 | 6 | 7 | 8) {
                 return Line::RefusedLength;
             }
-            // 0 is OK, 1 initialising, 2 a warning, 3 critical, 15 offline.
+            // 0 is OK, 1 initialising, 2 warning, 3 critical, 15 offline.
             (level, mode) = match u3 & 15 {
                 status @ (0 | 1) => (Level::Ok as u8, status),
                 2 => (Level::Warning as u8, 0),
@@ -591,7 +592,7 @@ impl Node {
         Line::Allocated
     }
 
-    /// Acts on what the controller has to tell of itself.
+    /// Acts on an event of the CAN controller.
     #[inline(never)]
     pub fn notice(&mut self, notice: Notice, monitor: &mut Monitor) {
         let line = match notice.event {

@@ -1,7 +1,7 @@
-//! Transfers on their way out: the payloads that a [`Sender`] splits into frames.
+//! Outgoing transfers: the payloads that a [`Sender`] splits into frames.
 //!
-//! The payload of a long transfer is never stored: the sender asks for each byte twice. What could change in between is kept from the start, in
-//! [`Payload::kept`].
+//! The payload of a long transfer is never stored: the sender asks for each byte twice. Values that could change in between are kept from the start,
+//! in [`Payload::kept`].
 
 use dronecan_wire::{Buffer, Sender};
 
@@ -18,10 +18,10 @@ use crate::progmem::Progmem;
 #[cfg(feature = "allocation")]
 use dronecan_wire::crc;
 
-/// How the bytes of a payload come about.
+/// The source of a payload's bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Form {
-    /// They are kept.
+    /// All bytes are kept.
     Kept,
     /// Seven kept bytes, the versions, the unique ID, the name (GetNodeInfo).
     NodeInfo,
@@ -31,18 +31,18 @@ pub enum Form {
     /// One kept byte, then a text (BeginFirmwareUpdate).
     #[cfg(feature = "standard")]
     Text,
-    /// Kept numbers of two bytes, each with four zeros after it (GetTransportStats).
+    /// Kept numbers of two bytes, each followed by four zeros (GetTransportStats).
     #[cfg(feature = "stats")]
     Numbers48,
 }
 
-/// Bytes that can be kept: those of a CanStats, or else of an actuator.Status.
+/// The largest number of kept bytes: a CanStats, or without `stats` an actuator.Status.
 pub const KEPT: usize = if cfg!(feature = "stats") { 25 } else { 8 };
 
-/// A transfer on its way out, frame by frame.
+/// An outgoing transfer, frame by frame.
 pub struct Outgoing {
     sender: Sender,
-    /// What is sent.
+    /// The payload of the transfer.
     pub payload: Payload,
     /// The frame that is being made, or is ready.
     pub frame: Frame,
@@ -52,31 +52,31 @@ pub struct Outgoing {
 
 /// The payload of a transfer.
 pub struct Payload {
-    /// How many bytes it has.
+    /// Length in bytes.
     pub len: u8,
-    /// How its bytes come about.
+    /// The source of the bytes.
     pub form: Form,
-    /// The parameter of a [`Form::Parameter`], its value, and where its name is in the flash.
+    /// The parameter of a [`Form::Parameter`], its value, and the place of its name in the flash.
     #[cfg(feature = "standard")]
     pub parameter: (u8, u16, u16),
-    /// What is kept of it.
+    /// The kept bytes.
     kept: [u8; KEPT],
 }
 
-/// What differs in a transfer of the draft.
+/// Framing of a transfer of the draft.
 #[cfg(feature = "draft")]
 struct Framing {
     is_draft: bool,
-    /// Bytes before the payload of each frame: 1 in a reply, whose destination is there.
+    /// Bytes before the payload of each frame: 1 in a response, for the destination.
     lead: u8,
-    /// Frames before this one.
+    /// Number of frames before this one.
     index: u8,
 }
 
-/// A payload, and where its bytes come from that are not kept.
+/// A payload, and the sources of the bytes that are not kept.
 struct Source<'a, P> {
     payload: &'a Payload,
-    /// Bytes at the beginning that are left out.
+    /// Bytes left out at the beginning.
     skipped: u8,
     unique_id: &'a [u8; 16],
     flash: P,
@@ -94,7 +94,7 @@ impl<P: Constants> dronecan_wire::Payload for Source<'_, P> {
     }
 }
 
-/// The data of a frame, behind the bytes before its payload.
+/// The data of a frame after the bytes before its payload.
 struct Data<'a> {
     frame: &'a mut Frame,
     lead: u8,
@@ -113,7 +113,7 @@ impl Buffer for Data<'_> {
 }
 
 impl Outgoing {
-    /// With nothing on its way.
+    /// No transfer in progress.
     pub const fn new() -> Self {
         Self {
             sender: Sender::new(),
@@ -130,7 +130,7 @@ impl Outgoing {
         }
     }
 
-    /// True while a transfer is on its way.
+    /// True while a transfer is in progress.
     #[inline(always)]
     pub fn is_busy(&self) -> bool {
         self.sender.is_busy()
@@ -142,13 +142,13 @@ impl Outgoing {
         self.sender.is_ready()
     }
 
-    /// True if it is a transfer of the draft.
+    /// True if the transfer is one of the draft.
     #[cfg(feature = "draft")]
     pub fn is_draft(&self) -> bool {
         self.framing.is_draft
     }
 
-    /// Forgets what was kept. Unless it is said otherwise, the payload is what is kept from here on, and a message.
+    /// Begins a new payload without any bytes: a message whose bytes are kept. Set another [`Form`] or call `reply_to` afterwards.
     #[inline(never)]
     pub fn clear(&mut self, is_draft: bool) {
         #[cfg(feature = "draft")]
@@ -160,7 +160,7 @@ impl Outgoing {
         self.payload.len = 0;
     }
 
-    /// To whom a reply of the draft goes.
+    /// Sets the destination of a response of the draft.
     #[cfg(feature = "draft")]
     #[inline(always)]
     pub fn reply_to(&mut self, to: u8) {
@@ -179,7 +179,7 @@ impl Outgoing {
         }
     }
 
-    /// Keeps two more, little-endian.
+    /// Keeps two more bytes, little-endian.
     #[inline(never)]
     pub fn put16(&mut self, word: u16) {
         let [low, high] = word.to_le_bytes();
@@ -187,13 +187,13 @@ impl Outgoing {
         self.put8(high);
     }
 
-    /// The CRC of what is kept, without a signature.
+    /// The CRC of the kept bytes, without a signature.
     #[cfg(feature = "allocation")]
     pub fn sum(&self) -> u16 {
         (0..self.payload.len).fold(0xFFFF, |sum, at| crc::add(sum, self.payload.kept(at)))
     }
 
-    /// Begins a transfer with this identifier, transfer ID and, where it needs several frames, CRC seed.
+    /// Begins a transfer with this identifier and transfer ID. `seed` is the initial CRC of a transfer of several frames.
     #[inline(never)]
     pub fn begin(&mut self, id: [u8; 4], transfer_id: u8, seed: u16) {
         self.frame.id = id;
@@ -201,7 +201,7 @@ impl Outgoing {
         self.sender.begin(self.payload.len - self.skipped(), transfer_id, seed);
     }
 
-    /// Makes the next bytes of a transfer on its way, to the end of a frame at most. Not while a frame is ready.
+    /// Makes the next bytes of the transfer, up to the end of the frame. Do not call while a frame is ready.
     #[inline(never)]
     pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Constants) {
         let source = Source { payload: &self.payload, skipped: self.skipped(), unique_id, flash };
@@ -226,7 +226,7 @@ impl Outgoing {
         return 0;
     }
 
-    /// Bytes of the payload that are left out. The status in a GetNodeInfo of the draft is a byte shorter, so its first is left out.
+    /// Bytes of the payload that are left out. The status in a GetNodeInfo response of the draft is one byte shorter, so the first byte is left out.
     #[inline(always)]
     fn skipped(&self) -> u8 {
         #[cfg(feature = "draft")]
@@ -235,7 +235,7 @@ impl Outgoing {
         return 0;
     }
 
-    /// The frame was handed over. Returns true if it was the last one.
+    /// Notes that the frame was handed over. Returns true if it was the last of the transfer.
     #[inline(always)]
     pub fn handed_over(&mut self) -> bool {
         self.frame.len = self.lead();

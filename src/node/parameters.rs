@@ -1,4 +1,4 @@
-//! What can be set over the bus: names, ranges and defaults (docs/parameters.md).
+//! The parameters that can be set over the bus: names, ranges and defaults (docs/parameters.md).
 
 use dronecan_wire::crc;
 
@@ -6,7 +6,7 @@ use crate::progmem::Progmem;
 
 macro_rules! parameters {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $id:ident $name:literal $min:literal .. $max:literal = $default:expr,)*) => {
-        /// A parameter: its index on the bus.
+        /// A parameter. Its number is its index on the bus.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u8)]
         pub enum Parameter {
@@ -19,11 +19,11 @@ macro_rules! parameters {
 }
 
 parameters! {
-    /// The node ID; 0 asks an allocator for one.
+    /// The node ID; 0 requests one from an allocator.
     CanNode "CAN_NODE" 0..125 = 120,
     /// Bit rate, in units of 125 kbit/s: 1, 2, 4 or 8. On the bus it is in bit/s.
     CanBaudrate "CAN_BAUDRATE" 1..8 = 8,
-    /// The actuator that the node is.
+    /// The actuator ID of the servo output.
     Out1Id "OUT1_ID" 0..255 = 1,
     /// One end of the travel, in microseconds.
     Out1Min "OUT1_MIN" 500..2500 = 1000,
@@ -31,51 +31,51 @@ parameters! {
     Out1Trim "OUT1_TRIM" 500..2500 = 1500,
     /// The other end of the travel, in microseconds.
     Out1Max "OUT1_MAX" 500..2500 = 2000,
-    /// Whether the direction is turned around.
+    /// 1 reverses the direction.
     Out1Reversed "OUT1_REVERSED" 0..1 = 0,
     /// Pulses a second.
     OutRate "OUT_RATE" 50..333 = 50,
-    /// The whole travel in degrees, for commands of position.
+    /// The whole travel in degrees, for position commands.
     Out1Range "OUT1_RANGE" 10..360 = 90,
-    /// Without a command for so many milliseconds the output fails safe; 0 is never.
+    /// Time without a command until the failsafe, in milliseconds; 0 disables it.
     Out1Timeout "OUT1_TIMEOUT" 0..10000 = 1000,
-    /// How: 0 holds the pulse, 1 goes to the trim, 2 to OUT1_FS_PWM, 3 ends the pulses.
+    /// The failsafe: 0 holds the pulse, 1 goes to the trim, 2 to OUT1_FS_PWM, 3 ends the pulses.
     Out1Fs "OUT1_FS" 0..3 = 0,
     /// The pulse for OUT1_FS 2, in microseconds.
     Out1FsPwm "OUT1_FS_PWM" 500..2500 = 1500,
-    /// Whether commands are followed only while the vehicle is armed.
+    /// 1 follows commands only while the vehicle is armed.
     #[cfg(feature = "standard")]
     ArmReq "ARM_REQ" 0..1 = 0,
-    /// actuator.Status a second.
+    /// Rate of actuator.Status, in messages a second.
     #[cfg(feature = "standard")]
     TelemRate "TELEM_RATE" 0..50 = 10,
-    /// device.Temperature a second.
+    /// Rate of device.Temperature, in messages a second.
     TempRate "TEMP_RATE" 0..50 = 1,
-    /// The device that the temperature is of.
+    /// The device ID of the temperature sensor.
     TempId "TEMP_ID" 0..65535 = 1,
-    /// What the sensor is measured against: 0 is 5 V, 1 is 1.1 V.
+    /// The reference voltage of the ADC: 0 is 5 V, 1 is 1.1 V.
     TempRef "TEMP_REF" 0..1 = 0,
     /// Voltage of the sensor at 0 degrees Celsius, in millivolts.
     TempOffset "TEMP_OFFSET" -500..1500 = 0,
-    /// Tenths of a millivolt a kelvin.
+    /// Slope of the sensor, in tenths of a millivolt per kelvin.
     TempSlope "TEMP_SLOPE" 10..500 = 100,
-    /// Below so many degrees Celsius the temperature is out of range.
+    /// Lower limit of the temperature, in degrees Celsius.
     TempMin "TEMP_MIN" -55..150 = -40,
-    /// Above so many.
+    /// Upper limit of the temperature, in degrees Celsius.
     TempMax "TEMP_MAX" -55..150 = 85,
     /// Conditions that make the health WARNING.
     WarnMask "WARN_MASK" 0..65535 = 0x2BFF,
-    /// Conditions that make it ERROR.
+    /// Conditions that make the health ERROR.
     ErrorMask "ERROR_MASK" 0..65535 = 0x1400,
-    /// Conditions that make it CRITICAL.
+    /// Conditions that make the health CRITICAL.
     CritMask "CRIT_MASK" 0..65535 = 0x2000,
-    /// The light that the node is.
+    /// The ID of the light.
     #[cfg(feature = "lights")]
     LightId "LIGHT_ID" 0..255 = 0,
-    /// CanStats a second.
+    /// Rate of CanStats, in messages a second.
     #[cfg(feature = "stats")]
     StatsRate "STATS_RATE" 0..10 = 0,
-    /// What the node speaks: 0 what it hears, 1 DroneCAN v0, 2 the draft of 2014.
+    /// The dialect: 0 chooses by the received messages, 1 is DroneCAN v0, 2 is the draft of 2014.
     #[cfg(feature = "draft")]
     Dialect "DIALECT" 0..2 = if cfg!(feature = "standard") { 0 } else { 2 },
 }
@@ -83,26 +83,26 @@ parameters! {
 /// The table in flash: [`PACKED`].
 pub struct Descriptions;
 
-/// How many there are.
+/// Number of parameters.
 pub const COUNT: usize = TABLE.len();
 
-/// The index of no parameter.
+/// An index that no parameter has.
 pub const NONE: u8 = 0xFF;
 
-/// A name has no more characters than ArduPilot's.
+/// Maximum length of a name, as in ArduPilot.
 const MAX_NAME_LEN: usize = 16;
 
-/// Bytes of a value, here and in EEPROM: little-endian, two's complement where it can be negative.
+/// Bytes of a value, in RAM and in EEPROM: little-endian, two's complement if the minimum is negative.
 const VALUE_LEN: u8 = 2;
 
-/// Bytes of a value of each parameter.
+/// Bytes of the values of all parameters.
 pub(super) const VALUES_LEN: u8 = VALUE_LEN * COUNT as u8;
 
-// In the flash: all defaults, all maxima, all minima, and all names, with its length before each.
+// Layout of the flash: all defaults, all maxima, all minima, then all names, each with its length before it.
 const DEFAULTS: u16 = 0;
 const MAXIMA: u16 = DEFAULTS + VALUES_LEN as u16;
 const MINIMA: u16 = MAXIMA + VALUES_LEN as u16;
-/// Where the names are in the flash, each with its length before it.
+/// Start of the names in the flash, each with its length before it.
 pub const NAMES: u16 = MINIMA + VALUES_LEN as u16;
 
 const LEN: usize = {
@@ -115,8 +115,7 @@ const LEN: usize = {
     len
 };
 
-/// The table. A range may begin below zero or end above 32,767, so what is compared is always how far a value is above the
-/// minimum, modulo 65,536.
+/// The table. A range may begin below zero or end above 32,767. So the code compares distances from the minimum, modulo 65,536.
 pub const PACKED: [u8; LEN] = {
     let mut packed = [0; LEN];
     let mut at = 3 * VALUES_LEN as usize;
@@ -166,8 +165,8 @@ pub const DIGEST: u16 = {
     digest
 };
 
-/// A bit rate is kept as a number of units of 125 kbit/s. The lower 16 bits of the rate, from the number of half units: 2, 4,
-/// 8 or 16. The bits above those are one less than that: 1, 3, 7 or 15.
+/// The lower 16 bits of a bit rate in bit/s. `halves` is twice the kept value, which is in units of 125 kbit/s: 2, 4, 8 or 16. The bits above the
+/// lower 16 are `halves` - 1: 1, 3, 7 or 15.
 #[inline(never)]
 fn rate(mut halves: u8) -> u16 {
     let mut low = 62_500;
@@ -178,7 +177,7 @@ fn rate(mut halves: u8) -> u16 {
     low
 }
 
-/// What is above the lower 16 bits of a value: its sign if the minimum is negative (the maximum is below 32,768 then).
+/// The bits above the lower 16 of a value: its sign if the minimum is negative (then the maximum is below 32,768).
 fn sign(low: u16, min: u16) -> u16 {
     ((low & min) as i16 >> 15) as u16
 }
@@ -188,7 +187,7 @@ fn place(table: u16, index: u8) -> u16 {
     table.wrapping_add(u16::from(index.wrapping_mul(VALUE_LEN)))
 }
 
-/// Where the name of a parameter is in the flash; its length is the byte before.
+/// The place of a parameter's name in the flash. The byte before it is the length.
 pub fn name_at(index: u8, flash: impl Progmem<Descriptions>) -> u16 {
     let mut at = NAMES + 1;
     for _ in 0..index {
@@ -197,14 +196,14 @@ pub fn name_at(index: u8, flash: impl Progmem<Descriptions>) -> u16 {
     at
 }
 
-/// A number in a GetSet response: a tag, then eight bytes.
+/// Bytes of a number in a GetSet response: a tag, then eight bytes.
 const NUMBER_LEN: u8 = 9;
 const TAG_INTEGER: u8 = 1;
 
 /// Bytes of a GetSet response before the name: value, default, maximum and minimum.
 pub const NUMBERS_LEN: u8 = 4 * NUMBER_LEN;
 
-/// A byte of a GetSet response, before the name, about the parameter with this index and a value of it.
+/// A byte of a GetSet response, before the name, for the parameter with this index and a value of it.
 pub fn response_byte(mut at: u8, value: u16, index: u8, flash: impl Progmem<Descriptions>) -> u8 {
     let mut low = value;
     let mut number_at = place(DEFAULTS, index);
@@ -233,23 +232,23 @@ pub fn response_byte(mut at: u8, value: u16, index: u8, flash: impl Progmem<Desc
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameters {
     values: [[u8; VALUE_LEN as usize]; COUNT],
-    /// Whether one was changed since that was last asked.
+    /// True if a value may have changed since the last [`take_change`](Self::take_change).
     has_changed: bool,
 }
 
 impl Parameters {
-    /// All zero, until they are loaded.
+    /// All values zero, until they are loaded.
     pub const fn new() -> Self {
         Self { values: [[0; VALUE_LEN as usize]; COUNT], has_changed: false }
     }
 
-    /// The value of a parameter; as two's complement where it can be negative.
+    /// The value of a parameter, in two's complement if its minimum is negative.
     #[inline(always)]
     pub fn get(&self, parameter: Parameter) -> u16 {
         u16::from_le_bytes(self.values[parameter as usize])
     }
 
-    /// Whether a parameter is not zero, for those below 256.
+    /// True if a parameter is not zero. For parameters below 256 only.
     #[inline(always)]
     pub fn is_on(&self, parameter: Parameter) -> bool {
         self.values[parameter as usize][0] != 0
@@ -260,12 +259,12 @@ impl Parameters {
         self.values.as_flattened_mut()
     }
 
-    /// Whether a value may have been changed since this was last asked.
+    /// True if a value may have changed since the last call.
     pub(super) fn take_change(&mut self) -> bool {
         core::mem::take(&mut self.has_changed)
     }
 
-    /// The parameter of this name; [`NONE`] if there is none.
+    /// The index of the parameter with this name; [`NONE`] if no parameter has it.
     pub fn find(name: &[u8], flash: impl Progmem<Descriptions>) -> u8 {
         let mut at = NAMES;
         for index in 0..COUNT as u8 {
@@ -286,7 +285,7 @@ impl Parameters {
         NONE
     }
 
-    /// Sets a parameter to a number. Whether there is one with this index and the number is in its range; else nothing changes.
+    /// Sets a parameter to a number. Returns false, and changes nothing, if the index does not exist or the number is out of range.
     #[inline(never)]
     pub fn set(&mut self, index: u8, number: i32, flash: impl Progmem<Descriptions>) -> bool {
         let Some(value) = self.values.get_mut(usize::from(index)) else { return false };
@@ -309,12 +308,12 @@ impl Parameters {
         true
     }
 
-    /// The value of the parameter with this index, if there is one.
+    /// The value of the parameter with this index. `None` if the index does not exist.
     pub fn value(&self, index: u8) -> Option<u16> {
         self.values.get(usize::from(index)).map(|&value| u16::from_le_bytes(value))
     }
 
-    /// Sets all to their defaults.
+    /// Sets all parameters to their defaults.
     #[inline(never)]
     pub fn set_defaults(&mut self, flash: impl Progmem<Descriptions>) {
         let mut at = DEFAULTS;
@@ -337,7 +336,7 @@ mod tests {
     use super::*;
     use crate::image::InMemory;
 
-    /// Sets a parameter to a number of 32 bits.
+    /// Sets a parameter to a number. Returns false if it does not fit in 32 bits.
     fn set(parameters: &mut Parameters, index: u8, number: i64) -> bool {
         i32::try_from(number).is_ok_and(|number| parameters.set(index, number, InMemory))
     }
@@ -348,7 +347,7 @@ mod tests {
         parameters
     }
 
-    /// What a number of the table is on the bus.
+    /// The value on the bus for a number of the table.
     fn on_the_bus(index: usize, number: i32) -> i64 {
         i64::from(number) * if index == Parameter::CanBaudrate as usize { 125_000 } else { 1 }
     }
@@ -358,7 +357,7 @@ mod tests {
         (0..NUMBERS_LEN).map(|at| response_byte(at, value, index, InMemory)).collect()
     }
 
-    /// The four numbers of a response, after a look at their tags.
+    /// The four numbers of a response. Checks their tags.
     fn numbers(parameters: &Parameters, index: u8) -> [i64; 4] {
         let response = response(parameters, index);
         core::array::from_fn(|n| {

@@ -1,25 +1,24 @@
-//! When the node sends its messages: in which order, how often, and with which transfer IDs. What is in them is in
-//! [`messages`](super::messages).
+//! When the node sends its messages: their order, rates and transfer IDs. [`messages`](super::messages) has their payloads.
 
 use dronecan_wire::Tail;
 use dronecan_wire::types::{self, Message};
 
 use super::parameters::{Parameter, Parameters};
 
-/// No node may be silent for longer, in milliseconds (DSDL 341.NodeStatus.uavcan, MAX_BROADCASTING_PERIOD_MS).
+/// The longest time between two statuses, in milliseconds (DSDL 341.NodeStatus.uavcan, MAX_BROADCASTING_PERIOD_MS).
 const MAX_BROADCASTING_PERIOD_MS: u16 = 1000;
 
-/// No two statuses closer than this, in milliseconds, however often the autopilot sends its own.
+/// The shortest time between two statuses, in milliseconds, at any rate of the autopilot's statuses.
 const MIN_STATUS_PERIOD_MS: u16 = 500;
 
-/// How much longer than a second to wait for the autopilot's status while there is an autopilot, in milliseconds. One that
-/// sends every 1000 ms sends every 1001 at times, and would always come a moment after the node had gone ahead without it.
+/// Extra time to wait for the autopilot's status, in milliseconds. An autopilot that sends every 1000 ms sometimes takes 1001. Without the extra time
+/// its status would come just after the node's own.
 const AUTOPILOT_GRACE_MS: u16 = 25;
 
-/// The thesis's temperature is sent once for so many statuses of the autopilot.
+/// The node sends the thesis's temperature once for this number of statuses from the autopilot.
 const STATUSES_PER_DEGREES: u8 = 3;
 
-/// A row is `name = type, form;`. A transfer of the form `short` is one frame.
+/// A row is `name = type, form;`. A transfer of the form `short` has one frame.
 macro_rules! publications {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $name:ident = $type:path, $form:ident;)*) => {
         /// A message that the node sends.
@@ -30,7 +29,7 @@ macro_rules! publications {
         }
 
         impl Publication {
-            /// All of them, in the order in which they go when several are due.
+            /// All messages, in the order in which the node sends them when several are due.
             pub const ALL: &[Self] = &[$($(#[cfg($if)])? Self::$name,)*];
 
             /// The data type ID.
@@ -41,7 +40,7 @@ macro_rules! publications {
                 }
             }
 
-            /// The CRC of a transfer of several frames starts with this value; 0 where there is never more than one frame.
+            /// The initial CRC of a transfer of several frames. 0 if no transfer has more than one frame.
             #[inline(always)]
             pub const fn seed(self) -> u16 {
                 match self {
@@ -65,7 +64,7 @@ macro_rules! publications {
     (@long $type:path) => { $type.seed };
 }
 
-/// The thesis's temperature; its transfers have one frame, and no CRC.
+/// The thesis's temperature. Its transfers have one frame, and no CRC.
 const DEGREES_CELSIUS: Message = Message { id: 1112, seed: 0 };
 
 publications! {
@@ -89,7 +88,7 @@ publications! {
     Allocation = types::ALLOCATION, short;
 }
 
-/// How many messages there are, each with its own transfer IDs.
+/// Number of messages, each with its own transfer IDs.
 const COUNT: usize = Publication::ALL.len();
 const _: () = assert!(COUNT <= 8, "each has a bit of `Due`");
 
@@ -110,12 +109,12 @@ impl Due {
         Self(self.0 & !Self::bit(publication))
     }
 
-    /// Those that are in both.
+    /// The messages that are in both sets.
     const fn only(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
-    /// Of some messages.
+    /// The set of these messages.
     const fn of(publications: &[Publication]) -> Self {
         let mut due = 0;
         let mut n = 0;
@@ -127,13 +126,13 @@ impl Due {
     }
 }
 
-/// What a node without an ID sends.
+/// The messages that a node without an ID sends.
 const WITHOUT_ID: Due = Due::of(&[
     #[cfg(feature = "allocation")]
     Publication::Allocation,
 ]);
 
-/// What a node sends in the draft of 2014.
+/// The messages that a node sends in the draft of 2014.
 #[cfg(feature = "draft")]
 const IN_DRAFT: Due = Due::of(&[
     Publication::NodeStatus,
@@ -142,26 +141,26 @@ const IN_DRAFT: Due = Due::of(&[
     Publication::KeyValue,
 ]);
 
-/// Messages with a rate of their own, in the order of [`Publisher::pace`].
+/// Number of messages with a rate, in the order of [`Publisher::pace`].
 const PACED: usize = 2 + cfg!(feature = "stats") as usize;
 
 /// When the node sends its messages.
 pub struct Publisher {
     due: Due,
-    /// Thousandths of the next message of each rate.
+    /// For each message with a rate: progress to the next one, in thousandths of a period.
     pace: [u16; PACED],
     transfer_ids: [u8; COUNT],
-    /// Last occasion for a status: the autopilot's, or none of it for too long.
+    /// Time when a status last became due, in milliseconds: at a status of the autopilot, or after too long without one.
     occasion_ms: u16,
-    /// Last status: when it left, or until it has left, when it was handed to the controller.
+    /// Time when the last status was sent, in milliseconds; while the controller has it, time when it was handed over.
     status_sent_ms: u16,
     is_status_in_controller: bool,
-    /// Statuses of the autopilot since the thesis's temperature was last sent.
+    /// Statuses of the autopilot since the thesis's temperature was last due.
     autopilot_statuses: u8,
 }
 
 impl Publisher {
-    /// With nothing to send.
+    /// No message due.
     pub const fn new() -> Self {
         Self {
             due: Due(0),
@@ -174,7 +173,7 @@ impl Publisher {
         }
     }
 
-    /// Makes the first status due, which need not wait.
+    /// Makes the first status due, without the minimum time.
     pub fn start(&mut self) {
         self.status_sent_ms = MIN_STATUS_PERIOD_MS.wrapping_neg();
         self.publish(Publication::NodeStatus);
@@ -186,19 +185,19 @@ impl Publisher {
         self.due.0 |= Due::bit(publication);
     }
 
-    /// Takes a message back.
+    /// Makes a message no longer due.
     #[inline(always)]
     pub fn withdraw(&mut self, publication: Publication) {
         self.due = self.due.without(publication);
     }
 
-    /// Whether a message is due, if it may go.
+    /// True if a message is due, even if it has to wait.
     #[inline(always)]
     pub fn is_due(&self) -> bool {
         self.due.0 != 0
     }
 
-    /// To be called once in each `passed_ms` milliseconds.
+    /// Makes messages due by time. Call once for each `passed_ms` milliseconds.
     #[inline(always)]
     pub fn tick(&mut self, passed_ms: u8, now_ms: u16, has_autopilot: bool, parameters: &Parameters) {
         let grace_ms = if has_autopilot { AUTOPILOT_GRACE_MS } else { 0 };
@@ -213,7 +212,7 @@ impl Publisher {
         self.pace(Publication::CanStats, 2, passed_ms, parameters.get(Parameter::StatsRate) as u8);
     }
 
-    /// Milliseconds of a message that is sent `rate` times a second, at most 255.
+    /// Advances a message by `passed_ms` milliseconds. Makes it due `rate` times a second, at most 255.
     #[inline(never)]
     fn pace(&mut self, publication: Publication, n: usize, passed_ms: u8, rate: u8) {
         let pace = &mut self.pace[n];
@@ -224,11 +223,11 @@ impl Publisher {
         }
     }
 
-    /// The autopilot has sent its status, which is the occasion for the node's.
+    /// Takes note of the autopilot's status, which makes the node's own due.
     #[inline(always)]
     pub fn autopilot_status(&mut self, now_ms: u16, wants_degrees: bool) {
         self.occasion_ms = now_ms;
-        // Soon after the last it waits until it may go.
+        // If the last status was too recent, `next` delays this one.
         self.publish(Publication::NodeStatus);
         if wants_degrees {
             self.autopilot_statuses += 1;
@@ -239,7 +238,7 @@ impl Publisher {
         }
     }
 
-    /// Takes the first message that is due and may go, and its transfer ID.
+    /// Takes the first message that is due and can be sent, and its transfer ID.
     #[inline(always)]
     pub fn next(
         &mut self,
@@ -270,7 +269,7 @@ impl Publisher {
         let _ = is_draft;
         let publication = due.first()?;
         self.withdraw(publication);
-        // In the draft both are the thesis's measurement.
+        // In the draft both are the thesis's measurement, so they share their transfer IDs.
         #[cfg(all(feature = "draft", feature = "button"))]
         let counted =
             if is_draft && publication == Publication::KeyValue { Publication::DegreesCelsius } else { publication };
@@ -282,13 +281,13 @@ impl Publisher {
         Some((publication, current))
     }
 
-    /// The controller has taken the last frame of a status.
+    /// Notes that the controller took the last frame of a status.
     pub fn status_handed_over(&mut self, now_ms: u16) {
         self.is_status_in_controller = true;
         self.status_sent_ms = now_ms;
     }
 
-    /// The controller has nothing more to send: a status that waited in it for the bus has left only now.
+    /// Notes that the controller has sent all its frames. So a status that waited in it for the bus was sent just now.
     pub fn controller_is_empty(&mut self, now_ms: u16) {
         if self.is_status_in_controller {
             self.is_status_in_controller = false;

@@ -1,4 +1,4 @@
-//! Requests of those who manage the node, and its replies, one at a time and in order.
+//! Requests of clients, and the node's responses, one at a time and in order.
 
 use dronecan_wire::Id;
 
@@ -16,10 +16,11 @@ use super::{Chore, condition::Conditions, parameters, parameters::Parameters};
 #[cfg(feature = "draft")]
 use super::{dialect::Dialect, draft};
 
-/// Requests that can wait for their reply: GUI tools send five at once. A power of two.
+/// Requests that can wait for their response. A power of two. GUI tools send five at once.
 const WAITING: usize = 8;
 
-/// From the last frame of the answer to a restart: the controller gets it out, and the servo reaches its failsafe.
+/// Time from the last frame of a RestartNode response to the restart, in milliseconds. In this time the controller sends the frame, and the servo
+/// reaches its failsafe position.
 const RESTART_MS: u16 = 100;
 
 #[cfg(feature = "standard")]
@@ -27,20 +28,20 @@ const OPCODE_SAVE: u8 = 0;
 #[cfg(feature = "standard")]
 const OPCODE_ERASE: u8 = 1;
 
-/// BeginFirmwareUpdate: not in this state.
+/// BeginFirmwareUpdate: ERROR_INVALID_MODE, the node cannot do it in this state.
 #[cfg(feature = "standard")]
 const ERROR_INVALID_MODE: u8 = 1;
 
-/// A reply that waits.
+/// A response that waits to be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Reply {
     kind: Kind,
     to: u8,
     priority: u8,
     transfer_id: u8,
-    /// GetSet: the parameter. ExecuteOpcode, RestartNode: 1 if it is done, else 0.
+    /// GetSet: the index of the parameter. ExecuteOpcode, RestartNode: 1 if accepted, else 0.
     argument: u8,
-    /// GetSet: the value then in force.
+    /// GetSet: the value after the request.
     value: u16,
 }
 
@@ -48,23 +49,23 @@ impl Reply {
     const NONE: Self = Self { kind: Kind::Unknown, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0 };
 }
 
-/// Requests under way.
+/// The pending requests.
 pub struct Services {
-    /// A ring, from `first` on.
+    /// A ring that starts at `first`.
     waiting: [Reply; WAITING],
     first: u8,
     count: u8,
-    /// The reply that is next waits for a save.
+    /// True while the oldest response waits for a save.
     #[cfg(feature = "standard")]
     is_saving: bool,
-    /// An answer to a restart is on its way.
+    /// True once the response to an accepted RestartNode was handed over.
     is_to_restart: bool,
-    /// When to restart then.
+    /// When to restart, in milliseconds. Valid if `is_to_restart`.
     restart_ms: u16,
 }
 
 impl Services {
-    /// Nobody waits.
+    /// No pending requests.
     pub const fn new() -> Self {
         Self {
             waiting: [Reply::NONE; WAITING],
@@ -77,24 +78,24 @@ impl Services {
         }
     }
 
-    /// No more can wait.
+    /// True if the queue has no room for another request.
     #[inline(always)]
     pub fn is_full(&self) -> bool {
         self.count == WAITING as u8
     }
 
-    /// Nobody waits.
+    /// True if no request is pending.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// The place of the reply that is so many behind the oldest.
+    /// The response `behind` places after the oldest.
     #[inline(never)]
     fn place(&mut self, behind: u8) -> &mut Reply {
         &mut self.waiting[usize::from(self.first + behind) % WAITING]
     }
 
-    /// The oldest reply has left.
+    /// Removes the oldest response, whose last frame was handed over.
     pub fn replied(&mut self, now_ms: u16) {
         let &mut Reply { kind, argument, .. } = self.place(0);
         self.count -= 1;
@@ -105,7 +106,7 @@ impl Services {
         }
     }
 
-    /// Whether it is time to restart the program.
+    /// True if it is time to restart the program.
     #[inline(always)]
     pub fn is_to_restart(&self, now_ms: u16) -> bool {
         self.is_to_restart && now_ms.wrapping_sub(self.restart_ms) < 1 << 15
@@ -119,7 +120,7 @@ impl Default for Services {
 }
 
 impl Node {
-    /// Acts on a request, and makes a note to reply. The line that tells of it.
+    /// Acts on a request and queues its response. Returns the line to log.
     #[inline(always)]
     pub(super) fn serve(&mut self, request: &Transfer, flash: impl Progmem<Descriptions>) -> Line {
         #[allow(unused_mut, reason = "a build may have no other line")]
@@ -154,7 +155,7 @@ impl Node {
                 }
                 argument = u8::from(opcode == OPCODE_SAVE || opcode == OPCODE_ERASE);
             }
-            // 0xACCE551B1E (DSDL 5.RestartNode.uavcan).
+            // The magic number is 0xACCE551B1E (DSDL 5.RestartNode.uavcan).
             Kind::RestartNode
                 if request.len() == 5 && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]) =>
             {
@@ -176,7 +177,7 @@ impl Node {
         line
     }
 
-    /// Begins the reply to the request that has waited longest, if it can be given; whether it could.
+    /// Begins the response to the oldest request. Returns false if there is none, or if it waits for a save.
     #[inline(never)]
     pub(super) fn begin_reply(
         &mut self,
@@ -216,7 +217,7 @@ impl Node {
             }
             #[cfg(feature = "standard")]
             Kind::GetSet if reply.argument >= parameters::COUNT as u8 => {
-                // No such parameter: four empty values and no name.
+                // No such parameter: four empty values and an empty name.
                 self.outgoing.put16(0);
                 self.outgoing.put16(0);
             }
@@ -273,18 +274,18 @@ impl Node {
     }
 }
 
-/// What a GetSet asks for.
+/// A decoded GetSet request.
 #[cfg(feature = "standard")]
 struct GetSet {
-    /// The parameter, by its index; [`parameters::NONE`] if there is none.
+    /// The index of the parameter; [`parameters::NONE`] if the name is unknown or the index does not fit in eight bits.
     parameter: u8,
-    /// The number to set it to, if there is one and it fits in 32 bits.
+    /// The value to set. `None` if the request has no integer, or one that does not fit in 32 bits.
     value: Option<i32>,
 }
 
 #[cfg(feature = "standard")]
 impl GetSet {
-    /// Reads a request (DSDL 11.GetSet.uavcan): 13 bits of index, 3 of tag, the value, the name. `None` if it is too short.
+    /// Reads a request (DSDL 11.GetSet.uavcan): 13 bits of index, 3 of tag, the value, the name. Returns `None` if it is too short.
     #[inline(always)]
     fn read(request: &Transfer, flash: impl Progmem<Descriptions>) -> Option<Self> {
         const INTEGER: u8 = 1;
@@ -307,7 +308,7 @@ impl GetSet {
             parameter = name.map_or(parameters::NONE, |name| Parameters::find(name, flash));
         }
         let number = i32::from_le_bytes([v0, v1, v2, v3]);
-        // The upper half may only repeat the sign.
+        // The upper four bytes may only repeat the sign.
         let sign = (v3 as i8 >> 7) as u8;
         let is_number = tag == INTEGER && v4 == sign && v5 == sign && v6 == sign && v7 == sign;
         Some(Self { parameter, value: is_number.then_some(number) })

@@ -1,13 +1,13 @@
-//! From commands to the width of the servo pulse.
+//! Converts commands to the width of the servo pulse.
 
 use dronecan_wire::float16;
 
 use super::parameters::{Parameter, Parameters};
 
-/// Width of a pulse in ticks of half a microsecond, the unit of the timer that makes it; 0 is no pulse.
+/// Width of a pulse in ticks of half a microsecond, the unit of the timer; 0 is no pulse.
 pub type Ticks = u16;
 
-/// What a command's value means (DSDL uavcan/equipment/actuator/Command.uavcan).
+/// The unit of a command's value (DSDL uavcan/equipment/actuator/Command.uavcan).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum CommandType {
@@ -20,7 +20,7 @@ pub enum CommandType {
 }
 
 impl CommandType {
-    /// `None` for a force, a speed, or a type that nobody has defined.
+    /// The type with this number. `None` for a force, a speed, or an undefined type.
     pub fn new(raw: u8) -> Option<Self> {
         Some(match raw {
             0 => Self::Unitless,
@@ -30,7 +30,7 @@ impl CommandType {
         })
     }
 
-    /// Binary places of the value that [`Travel::pulse`] takes.
+    /// Fractional bits of the value that [`Travel::pulse`] takes.
     pub fn fraction_bits(self) -> u8 {
         match self {
             Self::Unitless => 14,
@@ -40,22 +40,22 @@ impl CommandType {
     }
 }
 
-/// What makes the pulses.
+/// The output that makes the pulses.
 pub trait Output {
-    /// The width from the next period on; 0 ends the pulses. A pulse that has begun is not cut, so to end them takes until
-    /// it is called between two.
+    /// Sets the width from the next period on; 0 ends the pulses. Does not cut a pulse that has begun, so the pulses end at the first call between
+    /// two pulses.
     fn set(&mut self, width: Ticks);
 }
 
-/// From degrees of the whole travel to 4096ths of a radian of half of it: times this, by 65,536. 4096 x pi / 360 x 65,536.
+/// 4096 x pi / 360 x 65,536. Converts the whole travel in degrees to half of it in 4096ths of a radian, times 65,536.
 const HALF_RANGE_FACTOR: u32 = 2_342_530;
 
-/// The travel, as the parameters have it now.
+/// The travel that the parameters define.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Travel {
-    /// The middle, for no deflection.
+    /// The pulse for no deflection.
     trim: Ticks,
-    /// From the trim down to the lower end, and up to the upper one.
+    /// Distance from the trim to the lower end, and to the upper end.
     below: Ticks,
     above: Ticks,
     is_reversed: bool,
@@ -64,11 +64,11 @@ pub struct Travel {
 }
 
 impl Travel {
-    /// None at all.
+    /// No travel.
     pub const NONE: Self = Self { trim: 0, below: 0, above: 0, is_reversed: false, half_range: 0 };
 
-    /// Takes over the parameters. OUT1_MIN and OUT1_MAX may be in either order, and OUT1_TRIM is taken to be between them:
-    /// parameters are set one at a time.
+    /// Applies the parameters. Accepts OUT1_MIN and OUT1_MAX in either order, and clamps OUT1_TRIM between them, because the bus sets one parameter
+    /// at a time.
     #[inline(never)]
     pub fn update(&mut self, parameters: &Parameters) {
         let mut low = parameters.get(Parameter::Out1Min) << 1;
@@ -90,7 +90,7 @@ impl Travel {
         self.trim
     }
 
-    /// From the trim to one end.
+    /// Distance from the trim to one end.
     #[inline(always)]
     fn side(&self, is_low: bool) -> Ticks {
         if is_low { self.below } else { self.above }
@@ -100,7 +100,7 @@ impl Travel {
         self.trim - self.below
     }
 
-    /// The nearest within the travel.
+    /// Clamps a pulse to the travel.
     #[inline(never)]
     pub fn limit(&self, ticks: Ticks) -> Ticks {
         let (low, high) = (self.low(), self.trim + self.above);
@@ -113,10 +113,9 @@ impl Travel {
         }
     }
 
-    /// The pulse for a command; 0 if it asks for none, with a width of zero or less. Whatever asks for more than the travel
-    /// gets the end of it.
+    /// The pulse for a command; 0 for a width of zero or less. A command beyond the travel gets the end of the travel.
     ///
-    /// A width is taken as it is; the other two are turned around by OUT1_REVERSED.
+    /// OUT1_REVERSED reverses unitless and position commands, but not a width.
     #[inline(never)]
     pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
         let mut is_low = value < 0;
@@ -127,12 +126,12 @@ impl Travel {
         is_low ^= self.is_reversed;
         let side = self.side(is_low);
         let offset = if command == CommandType::Unitless {
-            // By 2^14, rounded.
+            // Divides by 2^14, rounded.
             ((u32::from(magnitude) * u32::from(side << 2) + (1 << 15)) >> 16) as u16
         } else {
             scaled(magnitude, side, self.half_range)
         };
-        // Whatever asks for more gets the end.
+        // Limits a command beyond the travel to the end.
         let offset = offset.min(side);
         if is_low { self.trim - offset } else { self.trim + offset }
     }
@@ -144,14 +143,14 @@ impl Travel {
             position = !position;
         }
         let [low, high] = (self.below + self.above).to_le_bytes();
-        // The product of 24 bits is 256 times `product`, and `rest`: the AVR multiplies bytes.
+        // The product of 24 bits is 256 x `product` + `rest`. It is computed byte by byte, because the AVR multiplies bytes.
         let [rest, carry] = (u16::from(position) * u16::from(low)).to_le_bytes();
         let product = u16::from(position) * u16::from(high) + u16::from(carry);
-        // By 255: by 256, and a 256th of that.
+        // Divides by 255: 1/255 is nearly 1/256 + 1/65,536.
         self.low() + product + ((product + u16::from(rest) + (1 << 7)) >> 8)
     }
 
-    /// The position that a pulse asks for, as an equal command would have it: in radians, as a float16.
+    /// The position of a pulse, in radians as a float16. A command of that position gives the pulse again.
     #[inline(always)]
     pub fn position(&self, pulse: Ticks) -> u16 {
         let is_low = pulse < self.trim;
@@ -163,13 +162,13 @@ impl Travel {
 
 /// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0. The divisor is at most 32,767.
 ///
-/// Divides bit by bit. As the divisor and the quotient have only 16 that takes half as long as a division of 32 bits.
+/// Divides bit by bit. Divisor and quotient have only 16 bits, so it takes half as long as a division of 32 bits.
 #[inline(never)]
 pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
     if divisor == 0 {
         return 0;
     }
-    // The rest in the upper half, and the quotient, which comes in as the rest goes out, in the lower one.
+    // The upper half is the rest. The lower half shifts the dividend out and the quotient in.
     let mut rest_and_quotient = u32::from(value) * u32::from(factor) + u32::from(divisor >> 1);
     if (rest_and_quotient >> 16) as u16 >= divisor {
         return u16::MAX;

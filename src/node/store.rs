@@ -1,67 +1,67 @@
-//! Keeps the parameters and the unique ID in EEPROM, so that a power cut at any moment leaves the old ones or the new ones
+//! Keeps the parameters and the unique ID in EEPROM. After a power cut at any moment the EEPROM has either the old or the new parameters
 //! (docs/parameters.md).
 //!
-//! What is kept is a record: its bytes, their CRC (high byte first), and a marker. To overwrite one, first its marker is
-//! erased, so that it is none any more, then come the bytes and the CRC, and last its new marker. A byte that was being
-//! written when the power went can hold anything: so the CRC covers the marker, too.
+//! A record is its bytes, their CRC (high byte first), and a marker. To overwrite a record, the store first erases its marker, which makes the record
+//! invalid. Then it writes the bytes and the CRC, and last the new marker. A byte that is being written during a power cut can get any value, so the
+//! CRC also covers the marker.
 //!
-//! Of the parameters there are two records, and a save overwrites the older one. The marker counts the saves, modulo 4,
-//! which tells the newer from the older, and has the version of their layout.
+//! The parameters have two records, and a save overwrites the older one. The marker has a count of the saves, modulo 4, which distinguishes the newer
+//! record from the older, and the version of the layout.
 
 use dronecan_wire::crc;
 
 use super::parameters::{self, Descriptions, Parameters, VALUES_LEN};
 use crate::progmem::Progmem;
 
-/// An EEPROM of 256 bytes, in which a byte takes milliseconds to be written.
+/// An EEPROM of 256 bytes. Writing a byte takes milliseconds.
 pub trait Eeprom {
-    /// The byte at an address. Only while nothing is being written.
+    /// The byte at an address. Do not call while a byte is being written.
     fn read(&self, at: u8) -> u8;
-    /// Whether a byte is being written.
+    /// True while a byte is being written.
     fn is_busy(&self) -> bool;
-    /// Begins to write a byte. Only while nothing is being written.
+    /// Begins to write a byte. Do not call while a byte is being written.
     fn begin_write(&mut self, at: u8, byte: u8);
 }
 
 /// Bytes of a unique ID (DSDL uavcan/protocol/HardwareVersion.uavcan).
 pub const UNIQUE_ID_LEN: u8 = 16;
 
-/// Where the unique ID is. The first addresses are left free: a failing supply is likeliest to write there.
+/// Address of the unique ID. The first addresses are unused: a failing supply most likely corrupts them.
 const UNIQUE_ID: u8 = 0x04;
 
-/// Where the parameters are, twice.
+/// Addresses of the two records of the parameters.
 const PARAMETERS: [u8; 2] = [0x20, 0x90];
 
-/// Makes one of the two addresses the other.
+/// XOR with this turns one of the two addresses into the other.
 const OTHER: u8 = PARAMETERS[0] ^ PARAMETERS[1];
 
 const CRC_LEN: u8 = 2;
 
-/// Where the marker is in a record of the parameters.
+/// Offset of the marker in a record of the parameters.
 const MARKER: u8 = VALUES_LEN + CRC_LEN;
 
 const _: () = assert!(UNIQUE_ID + UNIQUE_ID_LEN + CRC_LEN < PARAMETERS[0]);
 const _: () = assert!(PARAMETERS[0] + MARKER < PARAMETERS[1] && PARAMETERS[1].checked_add(MARKER).is_some());
 
-/// A byte that was erased.
+/// The value of an erased byte.
 const ERASED: u8 = 0xFF;
 
-/// The marker of a record that is none.
+/// The marker of an invalid record.
 const NO_RECORD: u8 = ERASED;
 
 /// In the marker of parameters: the lower two bits count the saves.
 const COUNT_MASK: u8 = 3;
 
-/// And the others are the version of the layout, 1 to 62. Records of another version are none. The unique ID has a marker of 0 and
-/// outlives them.
+/// In the marker of parameters: the upper six bits are the version of the layout, 1 to 62. Records of another version are invalid. The unique ID has
+/// a marker of 0 and stays valid.
 const LAYOUT: u8 = 3 << 2;
 
-/// The marker of the save after the one with this marker.
+/// The marker of the next save.
 fn next(marker: u8) -> u8 {
     marker.wrapping_add(1) & COUNT_MASK | LAYOUT
 }
 
-/// Whether a marker is that of parameters in this layout.
+/// True if a marker belongs to parameters in this layout.
 fn is_usable(marker: u8) -> bool {
     marker & !COUNT_MASK == LAYOUT
 }
@@ -69,52 +69,52 @@ fn is_usable(marker: u8) -> bool {
 /// The marker of the unique ID.
 const UNIQUE_ID_MARKER: u8 = 0;
 
-/// Where the CRC of a record begins: it covers the marker by this, and a record of zeros is none. That of parameters covers the names and ranges
-/// that they have in this build, so that a record of another table is none.
+/// The initial CRC of a record. It includes the marker, and it makes a record of zeros invalid. For parameters it is based on the digest of names and
+/// ranges, so that a record of a build with another table is invalid.
 fn crc_start(marker: u8) -> u16 {
     let start = if marker == UNIQUE_ID_MARKER { 0x0100 } else { parameters::DIGEST };
     start ^ u16::from(marker)
 }
 
-/// Samples of noise for a unique ID. One that says "16 ms, as always" still has a random bit or more in it (see
-/// `board::jitter`); with 64 of them two in a million boards are alike with a probability of 3e-8.
+/// Samples of noise in a unique ID. Even a sample near the typical 16 ms has a random bit or more (see `board::jitter`). With 64 samples, the
+/// probability that two in a million boards have the same ID is 3e-8.
 const SAMPLES: u8 = 64;
 
-/// How a save went.
+/// The state of a save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 enum Saving {
-    /// The EEPROM has what was in force.
+    /// The EEPROM has the parameters that were in force.
     Done,
-    /// The EEPROM does not keep it.
+    /// The EEPROM did not keep a byte.
     Failed,
-    /// It goes on.
+    /// The save is in progress.
     Going,
-    /// It goes on, and a byte has been written that is to be looked at.
+    /// The save is in progress, and the byte that was written last is not checked yet.
     Trying,
 }
 
-/// The EEPROM, and what is being written there.
+/// The state of the EEPROM, and of the record that is being written.
 pub struct Store {
     saving: Saving,
-    /// The record that is being written, or will be next.
+    /// Address of the record that is being written, or is next.
     base: u8,
-    /// Its marker once all else is written, and for now.
+    /// The record's new marker, and the marker to write now.
     next_marker: u8,
     marker: u8,
-    /// What is being written of it, and the CRC of what comes before.
+    /// Offset of the next byte in the record, and the CRC of the bytes before it.
     place: u8,
     crc: u16,
 }
 
 impl Store {
-    /// Of what nothing is known yet.
+    /// A store before [`identify`](Self::identify) and [`load`](Self::load).
     pub const fn new() -> Self {
         Self { saving: Saving::Done, base: 0, next_marker: 0, marker: 0, place: 0, crc: 0 }
     }
 
-    /// Gives the unique ID: from EEPROM, or if there is none, a new one of 64 samples of `noise`, which is then kept. That
-    /// takes a second: only before the main loop.
+    /// Gives the unique ID from EEPROM. If there is none, makes one from 64 samples of `noise` and stores it. That takes a second, so call it before
+    /// the main loop only.
     pub fn identify(
         &mut self,
         id: &mut [u8; UNIQUE_ID_LEN as usize],
@@ -126,14 +126,14 @@ impl Store {
         }
         for sample in 0..SAMPLES {
             let byte = &mut id[usize::from(sample % UNIQUE_ID_LEN)];
-            // The noise is in the lowest bits of a sample.
+            // The lowest bits of a sample have the noise.
             *byte = byte.rotate_left(2) ^ noise();
         }
-        // Zero would be no ID.
+        // An ID of zeros would be invalid.
         id[0] |= 1;
         self.base = UNIQUE_ID;
         self.begin(UNIQUE_ID_LEN + CRC_LEN);
-        // 20 bytes of 3.4 ms, in turns of 25 cycles or more. An EEPROM that never ends is given up.
+        // Writes 20 bytes of 3.4 ms each; a turn takes 25 cycles or more. The limit ends the loop if the EEPROM stays busy.
         let mut turns = u16::MAX;
         while turns != 0 && self.is_saving() {
             turns -= 1;
@@ -141,8 +141,8 @@ impl Store {
         }
     }
 
-    /// Loads the newest parameters, or else sets the defaults. Whether there were some that cannot be used. To be called
-    /// before the main loop, and before any save.
+    /// Loads the newest parameters, or sets the defaults. Returns true if the EEPROM has parameters but no valid record of them. Call before the main
+    /// loop, and before any save.
     pub fn load(
         &mut self,
         parameters: &mut Parameters,
@@ -166,27 +166,28 @@ impl Store {
             return false;
         }
         parameters.set_defaults(flash);
-        // The first save was to the first address, and begins with CAN_NODE. The markers of a table of another length are elsewhere.
+        // The first save writes to the first address, beginning with CAN_NODE. The marker is no test, because tables of other lengths have it
+        // elsewhere.
         eeprom.read(PARAMETERS[0]) != ERASED
     }
 
-    /// Begins to save what is in force.
+    /// Begins to save the parameters in force.
     pub fn save(&mut self) {
         self.begin(MARKER);
     }
 
-    /// Whether a save goes on.
+    /// True while a save is in progress.
     pub fn is_saving(&self) -> bool {
         self.saving >= Saving::Going
     }
 
-    /// Whether the last save went well: all of it was read back.
+    /// True if the last save succeeded: every byte was read back.
     pub fn is_saved(&self) -> bool {
         self.saving == Saving::Done
     }
 
-    /// Takes a save one byte further, if one goes on. A parameter that is changed meanwhile makes it begin again. To be called
-    /// in the main loop: takes 10 us, or next to nothing while a byte is being written.
+    /// Does the next step of a save in progress. Starts the save again if a parameter changed. Call in the main loop: takes 10 us, or much less while
+    /// a byte is being written.
     pub fn step(&mut self, parameters: &mut Parameters, eeprom: &mut impl Eeprom) {
         if self.is_saving() {
             if parameters.take_change() {
@@ -196,7 +197,7 @@ impl Store {
         }
     }
 
-    /// Begins to write the record at hand, whose marker is at `end`, by erasing that.
+    /// Begins to write the current record: erases its marker, which is at offset `end`.
     #[inline(never)]
     fn begin(&mut self, end: u8) {
         self.place = end;
@@ -204,7 +205,7 @@ impl Store {
         self.saving = Saving::Going;
     }
 
-    /// Writes the next byte of the record at hand, or sees that it is right.
+    /// Writes the next byte of the current record, or checks the byte that was written.
     #[inline(never)]
     fn write(&mut self, bytes: &[u8], eeprom: &mut impl Eeprom) {
         if eeprom.is_busy() {
@@ -213,7 +214,7 @@ impl Store {
         let end = (bytes.len() as u8).wrapping_add(CRC_LEN);
         let mut byte = self.marker;
         if self.place != end {
-            // A CRC that takes in its own high byte has its low byte there next.
+            // After the bytes comes the high byte of the CRC. Adding that byte to the CRC moves the low byte into its place.
             byte = bytes.get(usize::from(self.place)).copied().unwrap_or((self.crc >> 8) as u8);
         }
         let at = self.base.wrapping_add(self.place);
@@ -244,7 +245,7 @@ impl Store {
     }
 }
 
-/// Reads the record at an address. Its marker; [`NO_RECORD`] if it is none.
+/// Reads the record at an address. Returns its marker; [`NO_RECORD`] if it is invalid.
 #[inline(never)]
 fn read(bytes: &mut [u8], base: u8, eeprom: &impl Eeprom) -> u8 {
     let marker = eeprom.read(base.wrapping_add(bytes.len() as u8).wrapping_add(CRC_LEN));
@@ -282,7 +283,7 @@ mod tests {
         /// Calls of `is_busy` until the byte is written.
         busy: std::cell::Cell<u8>,
         writes: u32,
-        /// A cell that has worn out: it stays as it is.
+        /// Address of a worn-out cell, which keeps its value.
         stuck: Option<u8>,
     }
 
@@ -328,7 +329,7 @@ mod tests {
         }
     }
 
-    /// The parameters that a node has after a start with this EEPROM, and whether it says that some were lost.
+    /// The store and the parameters after a start with this EEPROM, and true if parameters were lost.
     fn loaded(eeprom: &Model) -> (Store, Parameters, bool) {
         let (mut store, mut parameters) = (Store::new(), Parameters::new());
         let is_lost = store.load(&mut parameters, eeprom, InMemory);
@@ -340,7 +341,7 @@ mod tests {
         loaded(&Model::blank()).1
     }
 
-    /// A set of parameters that differs from all others in every value that can.
+    /// A set of parameters that depends on `number` in every value whose range allows it.
     fn set(number: u16) -> Parameters {
         let mut parameters = defaults();
         for index in 0..COUNT as u8 {
@@ -352,7 +353,7 @@ mod tests {
         parameters
     }
 
-    /// Saves, and cuts the supply when `writes` bytes have been written and another one is; whether it came to that.
+    /// Saves, and cuts the supply during the write after the first `writes`. Returns false if the save ended before.
     fn save_and_cut(store: &mut Store, parameters: &mut Parameters, eeprom: &mut Model, writes: u32) -> bool {
         eeprom.writes = 0;
         store.save();
@@ -371,7 +372,7 @@ mod tests {
         store.is_saved()
     }
 
-    /// EEPROMs after so many saves, with what is saved there last.
+    /// An EEPROM after this many saves, and the parameters saved last.
     fn after_saves(saves: u16) -> (Model, Parameters) {
         let mut eeprom = Model::blank();
         let (mut store, mut parameters, _) = loaded(&eeprom);
@@ -383,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_saved_last_is_loaded_however_often_that_was() {
+    fn the_last_save_is_loaded_after_any_number_of_saves() {
         for saves in 1..20 {
             let (eeprom, saved) = after_saves(saves);
             let (_, parameters, is_lost) = loaded(&eeprom);
@@ -391,8 +392,8 @@ mod tests {
         }
     }
 
-    /// The proof of the layout: at every byte of a save, with anything in the byte that was being written, from both copies
-    /// and all markers, and from no save at all.
+    /// Verifies the layout: cuts a save at every byte, with every value in the byte that was being written, for both copies and all markers, and for
+    /// an EEPROM without a save.
     #[test]
     fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new_parameters() {
         let mut cuts = 0;
@@ -416,10 +417,10 @@ mod tests {
                     assert!(parameters == old || parameters == new, "{saves} saves, {writes} writes, {garbage:#x}");
                     kept_old += u32::from(parameters == old);
                     kept_new += u32::from(parameters == new);
-                    // The very first save leaves something that cannot be used, unless it is cut before it begins or at its end.
+                    // A cut of the very first save loses parameters, unless it is cut before the first byte of the record or at its end.
                     let has_begun = after.cells[usize::from(PARAMETERS[0])] != 0xFF;
                     assert_eq!(is_lost, saves == 0 && parameters == old && has_begun, "{writes} writes, {garbage:#x}");
-                    // And it goes on from there.
+                    // The next save succeeds.
                     if garbage % 51 == 0 {
                         let mut eeprom = after;
                         parameters = set(300);
@@ -527,7 +528,7 @@ mod tests {
     }
 
     #[test]
-    fn copies_that_cannot_be_used_give_the_defaults_and_that_is_told() {
+    fn invalid_copies_give_the_defaults_and_are_reported() {
         for saves in 1..6 {
             let (start, _) = after_saves(saves);
             let mut eeprom = start.clone();
@@ -559,7 +560,7 @@ mod tests {
         let (mut eeprom, mut parameters) = after_saves(2);
         let (mut store, _, _) = loaded(&eeprom);
         assert!(save(&mut store, &mut parameters, &mut eeprom));
-        // Twice the same: now both copies have the values, so only the markers and the CRCs change.
+        // After two saves of the same values both copies have them. So only the markers and the CRCs change.
         assert!(save(&mut store, &mut parameters, &mut eeprom));
         assert!(eeprom.writes <= 4, "{}", eeprom.writes);
     }
@@ -588,7 +589,7 @@ mod tests {
         assert_eq!(eeprom.writes, 0);
     }
 
-    /// Thesis builds, say, have fewer parameters, and another build may have more.
+    /// For example, thesis builds have fewer parameters, and another build may have more.
     #[test]
     fn parameters_of_a_longer_or_a_shorter_table_are_lost() {
         for saves in 1..4 {
@@ -608,7 +609,7 @@ mod tests {
         }
     }
 
-    /// Makes of the record at `base` what it would be in a build whose table of parameters has another digest.
+    /// Changes the record at `base` to that of a build whose table of parameters has this digest.
     fn of_another_table(eeprom: &mut Model, base: u8, digest: u16) {
         let base = usize::from(base);
         let marker = eeprom.cells[base + usize::from(MARKER)];
@@ -633,7 +634,7 @@ mod tests {
                 let (mut store, mut parameters, is_lost) = loaded(&eeprom);
                 assert_eq!((parameters, is_lost), (defaults(), true), "{saves} saves, bit {bit}");
                 assert_eq!(identified(&mut eeprom, || unreachable!()), id);
-                // And after the next save all is well.
+                // The next save clears the loss.
                 assert!(save(&mut store, &mut parameters, &mut eeprom));
                 assert!(!loaded(&eeprom).2);
             }
@@ -652,14 +653,14 @@ mod tests {
             let (mut store, mut parameters, is_lost) = loaded(&eeprom);
             assert_eq!((parameters, is_lost), (defaults(), true), "{version}");
             assert_eq!(identified(&mut eeprom, || unreachable!()), id);
-            // And after the next save all is well.
+            // The next save clears the loss.
             assert!(save(&mut store, &mut parameters, &mut eeprom));
             assert!(!loaded(&eeprom).2);
             eeprom.cells[0x20..].fill(0xFF);
         }
     }
 
-    /// Noise as a bad source gives it: two bits that change.
+    /// Poor noise: only two bits change.
     fn noise(mut seed: u32) -> impl FnMut() -> u8 {
         move || {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -704,7 +705,7 @@ mod tests {
                 let mut eeprom = Model::blank();
                 let (mut store, mut id) = (Store::new(), [0; 16]);
                 store.identify(&mut id, &mut eeprom, noise(1));
-                // As it was when the next byte was being written: they come in order, the marker last.
+                // The state while the next byte was being written. The bytes are written in order, the marker last.
                 let mut cells = [0xFF; 256];
                 let written = usize::from(UNIQUE_ID) + writes as usize;
                 cells[..written].copy_from_slice(&eeprom.cells[..written]);

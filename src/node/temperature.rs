@@ -1,4 +1,4 @@
-//! The temperature: what was measured last, and whether it is within its limits.
+//! The temperature: the last measurement, and its limits.
 
 use super::condition::Conditions;
 use super::health::Health;
@@ -6,9 +6,9 @@ use super::parameters::{Parameter, Parameters};
 use super::thermometer::{DEGREE_ZERO, Thermometer, celsius, corrected};
 use crate::monitor::{Line, Monitor};
 
-/// Error flags of a Temperature (DSDL 1110.Temperature.uavcan).
+/// Error flag of a Temperature: above the limit (DSDL 1110.Temperature.uavcan).
 const OVERHEATING: u8 = 1;
-/// The other.
+/// Error flag of a Temperature: below the limit.
 const OVERCOOLING: u8 = 2;
 
 /// The temperature.
@@ -20,27 +20,27 @@ pub struct Temperature {
 }
 
 impl Temperature {
-    /// Not measured yet.
+    /// A temperature that is not measured yet.
     pub const fn new() -> Self {
         Self { thermometer: Thermometer::new(), kelvin_64ths: 0, celsius: 0, flags: 0 }
     }
 
-    /// Takes a reading of the ADC; whether that makes it time to [`measure`](Self::measure).
+    /// Takes a reading of the ADC. Returns true if it is time to [`measure`](Self::measure).
     pub fn add(&mut self, reading: u16) -> bool {
         self.thermometer.add(reading)
     }
 
-    /// Whether there has been one: not in the first 64 ms.
+    /// True if a sum of readings is complete. False in the first 64 ms.
     pub fn is_known(&self) -> bool {
         self.thermometer.has_measured()
     }
 
-    /// In 64ths of a kelvin.
+    /// The temperature in 64ths of a kelvin.
     pub fn kelvin_64ths(&self) -> u16 {
         self.kelvin_64ths
     }
 
-    /// In whole degrees Celsius.
+    /// The temperature in whole degrees Celsius.
     pub fn celsius(&self) -> i16 {
         self.celsius
     }
@@ -50,7 +50,7 @@ impl Temperature {
         self.flags
     }
 
-    /// Makes a temperature of the last sum of readings.
+    /// Computes the temperature from the last sum of readings, and compares it with TEMP_MIN and TEMP_MAX.
     #[inline(never)]
     pub fn measure(&mut self, parameters: &Parameters) {
         self.kelvin_64ths = corrected(self.thermometer.uncorrected(parameters), parameters);
@@ -64,13 +64,13 @@ impl Temperature {
         };
     }
 
-    /// Logs the temperature, and whether it and its sensor are well. To be called once a second.
+    /// Logs the temperature, and sets or clears the conditions for its limits and its sensor. Call once a second.
     #[inline(always)]
     pub fn second(&self, health: &mut Health, monitor: &mut Monitor) {
         if !self.is_known() {
             return;
         }
-        // A whole degree begins five tenths below.
+        // A whole degree begins five tenths below its value.
         let fraction = self.kelvin_64ths.wrapping_sub(DEGREE_ZERO) & 63;
         let tenths = (self.celsius as u16).wrapping_mul(10).wrapping_add((fraction * 10) >> 6).wrapping_sub(5);
         monitor.tell(Line::Temperature).a = tenths;

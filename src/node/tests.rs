@@ -1,4 +1,4 @@
-//! The node as a whole: frames and milliseconds in, frames and a pulse out.
+//! The whole node: takes frames and milliseconds, gives frames and a pulse.
 
 use super::*;
 use crate::desk::{Desk as Rig, Memory};
@@ -12,7 +12,7 @@ mod allocate;
 mod draft;
 mod manage;
 
-/// These parameters, and in a build that speaks the draft by default that it does not.
+/// These parameters. In a build that speaks the draft by default, also DIALECT 0.
 fn but_v0(values: &[(Parameter, i32)]) -> Vec<(Parameter, i32)> {
     #[cfg(all(feature = "draft", not(feature = "standard")))]
     return [&[(Parameter::Dialect, 0)], values].concat();
@@ -21,7 +21,7 @@ fn but_v0(values: &[(Parameter, i32)]) -> Vec<(Parameter, i32)> {
 }
 
 impl Memory {
-    /// With these parameters saved.
+    /// An EEPROM with these parameters saved.
     fn with(values: &[(Parameter, i32)]) -> Self {
         let mut memory = Self::blank();
         let mut store = Store::new();
@@ -54,7 +54,7 @@ impl Rig {
         self.settle();
     }
 
-    /// Runs for so many milliseconds.
+    /// Runs for `ms` milliseconds.
     fn run(&mut self, ms: u32) {
         for _ in 0..ms {
             self.pass(1);
@@ -67,7 +67,7 @@ impl Rig {
         }
     }
 
-    /// Takes a frame. If it is a command that is followed the servo has the pulse at once, else nothing.
+    /// Receives a frame. Asserts that the servo gets the pulse at once if a command was followed, and nothing otherwise.
     fn frame(&mut self, frame: &Frame) {
         let followed = self.node.health.counts.followed;
         self.servo.0 = 0;
@@ -76,7 +76,7 @@ impl Rig {
         assert_eq!(self.servo.0, if is_followed { self.node.pulse() } else { 0 });
     }
 
-    /// Frames of one transfer, written as in [`golden::frames`].
+    /// Receives the frames of one transfer, written as for [`golden::frames`].
     fn text(&mut self, text: &str) {
         self.frames(&golden::frames(text));
     }
@@ -86,17 +86,17 @@ impl Rig {
         self.node.health.code()
     }
 
-    /// The health of the moment.
+    /// The current health.
     fn level(&self) -> u8 {
         self.node.health.level(&self.node.parameters) as u8
     }
 
-    /// Sets a condition, or clears it.
+    /// Sets or clears a condition.
     fn set_condition(&mut self, condition: Conditions, on: bool) {
         self.node.health.set(condition, on, [Line::Running; 2], &mut self.monitor);
     }
 
-    /// A command for actuator 1 from node 10.
+    /// Receives a command for actuator 1 from node 10.
     fn command(&mut self, command_type: u8, value: f64) {
         let [low, high] = half::f16::from_f64(value).to_bits().to_le_bytes();
         self.frames(&[golden::frame(0x1003_F20A, &[1, command_type, low, high, 0xC0])]);
@@ -106,7 +106,7 @@ impl Rig {
         self.frames(&[golden::frame(0x1001_5500 | source, &[1, 0, 0, 0, 0, 0, 0, 0xC0])]);
     }
 
-    /// What was sent with this identifier: when its last frame went, its payload and its transfer ID.
+    /// The transfers sent with this identifier: the time of the last frame, the payload and the transfer ID.
     fn transfers(&self, id: u32, signature: u64) -> Vec<(u32, Vec<u8>, u8)> {
         let mut transfers = vec![];
         let mut frames = vec![];
@@ -127,7 +127,7 @@ impl Rig {
         self.transfers(NODE_STATUS, 0).into_iter().map(|(ms, ..)| ms).collect()
     }
 
-    /// The last status, within a second: byte of health and mode, and vendor-specific code.
+    /// The last status after another second: the byte of health and mode, and the vendor-specific code.
     fn status(&mut self) -> (u8, u16) {
         self.run(1000);
         let (_, payload, _) = self.transfers(NODE_STATUS, 0).pop().unwrap();
@@ -135,7 +135,7 @@ impl Rig {
     }
 }
 
-/// Identifiers of what node 120 sends.
+/// Identifiers of the messages of node 120.
 const NODE_STATUS: u32 = 0x1801_5578;
 #[cfg(feature = "standard")]
 const ACTUATOR_STATUS: u32 = 0x1803_F378;
@@ -171,7 +171,7 @@ const PACED: &[(u32, u64)] = &[
     (CAN_STATS, golden::CAN_STATS),
 ];
 
-/// Microseconds.
+/// Converts microseconds to ticks.
 fn us(us: f64) -> Ticks {
     (us * 2.0) as Ticks
 }
@@ -219,11 +219,11 @@ fn its_mode_is_operational_once_it_has_measured() {
 
 #[test]
 fn its_status_follows_that_of_the_autopilot() {
-    // Also where the autopilot's second is a little long.
+    // The autopilot's period may also be slightly longer than a second.
     for period in [1000, 1001, 1010, 1024] {
         let mut rig = Rig::new();
         rig.run(300);
-        // The first comes too soon after its own, and is answered as soon as may be.
+        // The first status of the autopilot comes less than 500 ms after the node's own, so the node's next one waits until 500 ms.
         let mut expected = vec![0, 500];
         for _ in 0..60 {
             if rig.ms > 500 {
@@ -236,7 +236,7 @@ fn its_status_follows_that_of_the_autopilot() {
     }
 }
 
-/// The gaps between its own statuses while an autopilot sends one every `period` ms.
+/// The gaps between the node's statuses while an autopilot sends one every `period` ms.
 fn gaps_with_an_autopilot_every(period: u32) -> Vec<u32> {
     let mut rig = Rig::new();
     for _ in 0..30_000 / period {
@@ -279,7 +279,7 @@ fn a_status_that_waits_in_the_controller_is_not_followed_by_another() {
     let mut rig = Rig::with(&rates(0, 0, 0));
     rig.run(100);
     rig.can.sent.clear();
-    // The controller takes the frame and cannot get rid of it for three seconds.
+    // The controller takes the frame and cannot send it for three seconds.
     rig.can.is_held = true;
     rig.run(3000);
     assert_eq!(rig.status_times().len(), 1);
@@ -318,7 +318,7 @@ fn messages_keep_their_rates_while_the_main_loop_counts_several_milliseconds_at_
     for passed_ms in [1, 2, 5, 10] {
         let rates = rates(50, 7, 2);
         let mut rig = Rig::with(&rates);
-        // Until there is a temperature.
+        // Wait for the first temperature.
         rig.run(1000);
         rig.can.sent.clear();
         let begun = rig.ms;
@@ -385,7 +385,7 @@ fn a_fault_that_reset_it_shows_until_the_next_reset() {
 }
 
 #[test]
-fn frames_lost_and_their_like_show_for_nine_to_ten_seconds() {
+fn temporary_conditions_show_for_nine_to_ten_seconds() {
     use mcp2515_ordered::Event::{Flags, GaveUpSending, Lost, NotAnswering, NotKeeping, NotStarting, Running};
     // Bits of EFLG: RX0OVR 6, RX1OVR 7, TXBO 5.
     for (event, value, bit) in [
@@ -422,7 +422,7 @@ fn error_passive_shows_while_it_lasts() {
     }
 }
 
-/// Transfers that broke.
+/// Broken transfers; `None` in a build that does not count them.
 fn broken(rig: &Rig) -> Option<u16> {
     #[cfg(feature = "stats")]
     return Some(rig.node.health.transfers.broken);
@@ -433,7 +433,7 @@ fn broken(rig: &Rig) -> Option<u16> {
     }
 }
 
-/// As many, where they are counted.
+/// The count; `None` in a build that does not count.
 fn if_counted(count: u16) -> Option<u16> {
     cfg!(feature = "stats").then_some(count)
 }
@@ -457,7 +457,7 @@ fn broken_and_interleaved_transfers_show_and_are_counted() {
 }
 
 #[test]
-fn nobody_keeps_the_commander_from_the_servo() {
+fn transfers_of_other_nodes_do_not_break_those_of_the_commander() {
     let mut rig = Rig::new();
     rig.command(PWM, 1200.0);
     let frames = golden::frames("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68");
@@ -478,7 +478,7 @@ fn a_status_with_its_own_node_id_is_a_transfer_error() {
 }
 
 #[test]
-fn frames_that_it_has_no_use_for_are_refused_and_no_error() {
+fn frames_of_no_use_are_rejected_and_are_no_error() {
     let mut rig = Rig::new();
     rig.run(2000);
     for text in ["1803F30A 00 C0", "9003F20A 01 00 00 38 C7", "1E01AAFF C3", "1003F20A"] {
@@ -491,7 +491,7 @@ fn frames_that_it_has_no_use_for_are_refused_and_no_error() {
 
 #[test]
 fn a_temperature_out_of_range_shows() {
-    // Averages of 0.5 and 1022.5 would be a faulty sensor.
+    // Averages below 1 and above 1022 mean a faulty sensor.
     for (readings, min, max, code, flags) in [
         ([51, 52], -40, 85, 0, 0),
         ([51, 52], 26, 85, 1 << 11, 2),
@@ -517,8 +517,8 @@ fn a_temperature_out_of_range_shows() {
 }
 
 #[test]
-fn parameters_that_were_lost_are_told_and_ones_that_never_were_are_not() {
-    // By default the thesis's node speaks the draft.
+fn lost_parameters_are_reported_and_a_blank_eeprom_is_not() {
+    // The thesis build speaks the draft by default.
     let draft = if cfg!(feature = "standard") { 0 } else { Conditions::DRAFT.code() };
     let mut rig = Rig::start(Memory::blank(), ResetCause::POWER_ON);
     rig.run(2000);
@@ -780,7 +780,7 @@ fn with_a_timeout_of_0_the_servo_stays_for_ever() {
 }
 
 #[test]
-fn only_commands_that_are_followed_keep_the_servo_from_failing_safe() {
+fn only_followed_commands_prevent_the_failsafe() {
     for text in
         ["1003F20A 02 00 00 38 C7", "1003F20A 01 00 FF 7F CF", "1003F20A C9", "1001550A 01 00 00 00 00 00 00 C0"]
     {
@@ -871,7 +871,7 @@ fn where_arming_is_not_required_it_does_not_matter() {
 #[test]
 fn the_first_command_after_a_start_needs_arming_too() {
     let mut rig = Rig::with(&[(Parameter::ArmReq, 1)]);
-    // Before the first millisecond is over.
+    // Before the end of the first millisecond.
     rig.command(PWM, 1800.0);
     assert_eq!(rig.node.pulse(), 0);
 }
@@ -914,7 +914,7 @@ fn the_golden_temperature_is_sent() {
     let mut rig = Rig::new();
     rig.run(3500);
     let mut temperatures = rig.can.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == TEMPERATURE);
-    // The third has transfer ID 2.
+    // The third temperature has transfer ID 2.
     assert_eq!(golden::text(temperatures.next_back()), "18045678 01 00 A9 5C 00 C2");
 }
 
@@ -995,14 +995,14 @@ fn a_bus_that_takes_nothing_gets_each_message_once_when_it_does_again() {
     assert_eq!(rig.can.sent, []);
     rig.can.room = u32::MAX;
     rig.run(1);
-    // One that was ready, and one of each that became due: no old news.
+    // One that was ready, and one of each message that became due: no outdated messages.
     assert!(rig.can.sent.len() <= 2 + 1 + 2 + 1, "{:?}", rig.can.sent);
 }
 
 #[test]
 fn the_serial_monitor_goes_on_while_what_is_due_has_to_wait() {
     let mut rig = Rig::new();
-    // A second status, that may not go before half a second is over, and no temperature yet.
+    // A second status that has to wait for half a second, and no temperature yet.
     rig.run(3);
     rig.status_of(10);
     rig.told.clear();
@@ -1032,7 +1032,7 @@ fn filters_stay_as_they_are_while_commands_are_heard_that_cannot_be_followed_or_
     rig.command(PWM, 1800.0);
     for _ in 0..50 {
         rig.run(100);
-        // For another actuator.
+        // A command for another actuator.
         rig.text("1003F20A 02 00 00 38 C7");
     }
     assert_eq!((rig.can.filters_set, rig.code()), (0, 1 << 10));
@@ -1048,14 +1048,14 @@ fn filters_wait_until_nothing_goes_out_or_comes_in_and_for_four_seconds_at_most(
         rig
     };
     let first = golden::frames("1003F20B 12 F3 01 00 00 38 02 88").pop().unwrap();
-    // A transfer that comes in is over after two seconds.
+    // An incoming transfer times out after two seconds.
     let mut rig = start();
     rig.frame(&first);
     rig.run(100);
     assert_eq!(rig.can.filters_set, 0);
     rig.run(2000);
     assert_eq!(rig.can.filters_set, 1, "it never ended");
-    // One after the other, or a controller that gets rid of nothing.
+    // One transfer after the other, or a controller that sends nothing.
     for is_held in [false, true] {
         let mut rig = start();
         rig.can.is_held = is_held;
@@ -1074,7 +1074,7 @@ fn filters_wait_until_nothing_goes_out_or_comes_in_and_for_four_seconds_at_most(
     }
 }
 
-// Anything at all
+// Random input
 
 #[cfg(feature = "standard")]
 #[test]
@@ -1097,7 +1097,7 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
                 rig.frames(&golden::transfer(0x1003_F200 | source, golden::ARRAY_COMMAND, transfer_id, &entries));
             }
             2 => {
-                // A parameter to its least, most, or any value.
+                // Set a parameter to a random value, a small value, or a limit of some parameter.
                 let index = (next() % parameters::COUNT as u16) as u8;
                 let value = match next() % 3 {
                     0 => i64::from(next()),

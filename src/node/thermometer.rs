@@ -1,22 +1,22 @@
-//! Temperature from a sensor whose voltage rises with it, at a 10-bit ADC.
+//! Computes the temperature from a sensor whose voltage rises with it, read by a 10-bit ADC.
 //!
-//! By default an LM35 (10 mV per degree Celsius, 0 V at zero) against 5 V, where a step of the ADC is 0.49 degrees. Sixty-four
-//! readings are added up, one each millisecond, so that the noise of the ADC, half a step or more, spreads them over its
-//! steps and the sum resolves finer.
+//! The default is an LM35 (10 mV per degree Celsius, 0 V at zero) against 5 V, where a step of the ADC is 0.49 degrees. The node adds up 64 readings,
+//! one each millisecond. The noise of the ADC is half a step or more and spreads the readings over several steps, so the sum has a finer resolution
+//! than one reading.
 
 use super::parameters::{Parameter, Parameters};
 use super::servo;
 
-/// Readings in a sum. Their largest possible sum, 64 x 1023, just fits in 16 bits.
+/// Readings in a sum. The largest possible sum, 64 x 1023, fits in 16 bits.
 const READINGS: u8 = 64;
 
 /// 0 degrees Celsius in 64ths of a kelvin, rounded.
 pub const ZERO_CELSIUS: u16 = 17_482;
-/// Where the whole degree 0 begins: half a degree below.
+/// The lower limit of the whole degree 0: half a degree below zero.
 pub const DEGREE_ZERO: u16 = ZERO_CELSIUS - 32;
 
-/// What the ADC measures against, in units of 0.8 mV, for TEMP_REF 0 and 1 (ATmega168: AVCC of 5 V, and the bandgap of
-/// nominal 1.1 V): from half a sum to 64ths of a kelvin it is times this, by 64, by TEMP_SLOPE.
+/// The reference voltage of the ADC in units of 0.8 mV, for TEMP_REF 0 and 1 (ATmega168: AVCC of 5 V, and the bandgap of nominal 1.1 V). 64ths of a
+/// kelvin are half a sum x this / (64 x TEMP_SLOPE).
 const AVCC: u16 = 6250;
 const BANDGAP: u16 = 1375;
 
@@ -30,12 +30,12 @@ pub struct Thermometer {
 }
 
 impl Thermometer {
-    /// Before the first reading.
+    /// A thermometer without readings.
     pub const fn new() -> Self {
         Self { sum: 0, count: 0, latest: 0, has_measured: false }
     }
 
-    /// Takes a reading of the ADC, 0 to 1023; whether that makes a new temperature.
+    /// Takes a reading of the ADC, 0 to 1023. Returns true if it completes a sum.
     pub fn add(&mut self, reading: u16) -> bool {
         self.sum = self.sum.wrapping_add(reading);
         self.count = self.count.wrapping_add(1);
@@ -49,17 +49,17 @@ impl Thermometer {
         true
     }
 
-    /// Whether there is a full sum: not in the first 64 ms.
+    /// True if a sum is complete. False in the first 64 ms.
     pub fn has_measured(&self) -> bool {
         self.has_measured
     }
 
-    /// The sensor pulls to either end of the range, where none works: it is open or shorted, or so is its cable.
+    /// True if the readings are at either end of the range, which no working sensor gives: the sensor or its cable is open or shorted.
     pub fn is_sensor_faulty(&self) -> bool {
         self.latest.wrapping_sub(u16::from(READINGS)) > (1022 - 1) * u16::from(READINGS)
     }
 
-    /// What a sensor of 0 V at 0 degrees would have measured, in 64ths of a kelvin, rounded.
+    /// The temperature for a sensor with 0 V at 0 degrees, in 64ths of a kelvin, rounded.
     #[inline(always)]
     pub fn uncorrected(&self, parameters: &Parameters) -> u16 {
         let reference = if parameters.is_on(Parameter::TempRef) { BANDGAP } else { AVCC };
@@ -68,17 +68,18 @@ impl Thermometer {
     }
 }
 
-/// What was [measured](Thermometer::uncorrected), corrected by TEMP_OFFSET: in 64ths of a kelvin, rounded, limited to 784.6 K.
+/// Corrects a temperature from [`uncorrected`](Thermometer::uncorrected) by TEMP_OFFSET. The result is in 64ths of a kelvin, rounded, and at most
+/// 784.6 K.
 #[inline(always)]
 pub fn corrected(measured: u16, parameters: &Parameters) -> u16 {
-    // A millivolt is ten tenths of a millivolt, and a kelvin 64 of its 64ths.
+    // TEMP_OFFSET is in mV and TEMP_SLOPE in 0.1 mV per kelvin: times 10 for the unit and times 64 for 64ths of a kelvin is 640.
     let offset = parameters.get(Parameter::TempOffset) as i16;
     let at_zero = servo::scaled(offset.unsigned_abs(), 640, parameters.get(Parameter::TempSlope));
     let kelvin_64ths = if offset < 0 { measured.saturating_add(at_zero) } else { measured.saturating_sub(at_zero) };
     kelvin_64ths.min(DEGREE_ZERO + 32_767)
 }
 
-/// In whole degrees Celsius, rounded to the nearest, and a half up.
+/// Whole degrees Celsius, rounded to the nearest; halves are rounded up.
 pub fn celsius(kelvin_64ths: u16) -> i16 {
     (kelvin_64ths.wrapping_sub(DEGREE_ZERO) as i16) >> 6
 }

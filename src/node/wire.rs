@@ -1,21 +1,21 @@
-//! What the node sets in [`dronecan_wire`]: how much it receives at the same time, and how a frame of the driver is read.
+//! The node's configuration of [`dronecan_wire`]: the number of concurrent transfers, and how to read a frame of the driver.
 
 use dronecan_wire::{Id, Rejection};
 use mcp2515_ordered::Frame;
 
 use super::kind::Kind;
 
-/// Bytes that are kept of a request: those of a GetSet with an integer and a name of 16 characters, and one more, so that a longer name is
-/// not taken for a part of it.
+/// Bytes kept of a request: a GetSet with an integer and a name of 16 characters, and one more byte, so that a longer name does not match by its
+/// first 16 characters.
 pub const KEPT: usize = 27;
 
-/// Lists that can come at the same time, each from another sender.
+/// Lists that can be received at the same time, each from another sender.
 pub const LIST_LANES: usize = 1;
 
-/// Requests of several frames that can come at the same time.
+/// Requests of several frames that can be received at the same time.
 pub const REQUEST_LANES: usize = 1;
 
-/// Puts received transfers together.
+/// Reassembles received transfers.
 pub type Receiver = dronecan_wire::Receiver<Kind, LIST_LANES, REQUEST_LANES, KEPT>;
 
 /// A received transfer.
@@ -55,7 +55,7 @@ mod tests {
         }
     }
 
-    /// The types of all other anonymous messages look the same to a node without an ID.
+    /// All anonymous messages look the same to a node without an ID, whatever their type.
     #[test]
     fn an_anonymous_message_is_an_allocation_while_the_node_has_no_id() {
         let frame = golden::frame(0x1E97_4D00, &[1, 0, 1, 2, 3, 4, 5, 0xC0]);

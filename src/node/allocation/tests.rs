@@ -5,7 +5,7 @@ use dronecan_wire::Verdict;
 
 const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// An Allocation message of node 127 (or of nobody) with these bytes of a unique ID.
+/// An Allocation message with this source (0 for anonymous), node ID, and bytes of a unique ID.
 fn message(source: u8, node_id: u8, unique_id: &[u8]) -> Transfer {
     let payload = [&[node_id << 1], unique_id].concat();
     let mut receiver = Receiver::new();
@@ -21,7 +21,7 @@ fn message(source: u8, node_id: u8, unique_id: &[u8]) -> Transfer {
     transfer
 }
 
-/// Has it ask; how many bytes of its unique ID it skips, because the allocator has them.
+/// Makes a request. Returns how many bytes of the unique ID it skips because the allocator has them.
 fn ask(allocation: &mut Allocation, unique_id: &[u8; 16], now_ms: u16) -> usize {
     let mut payload = vec![];
     allocation.ask(unique_id, now_ms, |byte| payload.push(byte));
@@ -35,7 +35,7 @@ fn answer(confirmed: usize) -> Transfer {
     message(127, 0, &UNIQUE_ID[..confirmed])
 }
 
-/// Unique IDs that differ in anything from one bit to all.
+/// Unique IDs that differ in one bit, in several, or in all.
 fn unique_ids() -> impl Iterator<Item = [u8; 16]> {
     (0..2000u32).map(|n| {
         let mut id = UNIQUE_ID;
@@ -58,7 +58,7 @@ fn asking(unique_id: &[u8; 16], now_ms: u16) -> Allocation {
     allocation
 }
 
-/// How long after `now_ms` a request is due.
+/// Milliseconds from `now_ms` until a request is due.
 fn waits(allocation: &Allocation, now_ms: u16) -> u16 {
     (0..5000).find(|&later| allocation.is_due(now_ms.wrapping_add(later))).unwrap()
 }
@@ -160,7 +160,7 @@ fn a_follow_up_that_is_not_answered_begins_all_over_after_600_ms_or_more() {
     assert_eq!(ask(&mut allocation, &UNIQUE_ID, asked_ms + period), 0);
 }
 
-/// After stage one was answered, hears `transfer`: it must send the node back to the beginning, without an ID.
+/// Asserts that after `transfer` the node waits and begins with the first part again, without an ID, from every stage.
 fn sends_back(transfer: &Transfer, what: &str) {
     for confirmed in [0, 6, 12] {
         let mut allocation = asking(&UNIQUE_ID, 0);
@@ -210,7 +210,7 @@ fn answers_with_no_or_too_much_of_a_unique_id_are_none() {
 
 #[test]
 fn a_grant_is_taken_without_any_request_before_it() {
-    // As when the answer to a repeated request comes late.
+    // For example, the response to a repeated request comes late.
     for node_id in [1, 42, 125, 127] {
         let mut allocation = asking(&UNIQUE_ID, 0);
         assert_eq!(allocation.hear(&message(127, node_id, &UNIQUE_ID), &UNIQUE_ID, 5), node_id);

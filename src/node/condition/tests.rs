@@ -18,7 +18,7 @@ fn a_clean_start_leaves_nothing_behind() {
 
 #[test]
 fn each_fault_that_resets_has_its_bit() {
-    // The last two have one bit.
+    // The last two faults share a bit.
     for (bit, cause) in FAULTS.into_iter().enumerate() {
         assert_eq!(Conditions::after(cause).code(), 1 << bit.min(3));
     }
@@ -37,13 +37,13 @@ fn every_condition_has_a_bit_of_its_own_and_all_bits_are_used() {
 }
 
 #[test]
-fn what_happened_passes_and_what_is_stays() {
+fn temporary_conditions_are_cleared_and_others_stay() {
     let mut conditions = Conditions::NONE;
     for bit in 0..16 {
         conditions.set(Conditions(1 << bit), true);
     }
     conditions.pass();
-    // Not transfers broken (4), frames lost (5), bus-off (7), sends given up (8) and controller lost (9).
+    // Cleared: transfer errors (4), frames lost (5), bus-off (7), gave up sending (8) and controller lost (9).
     assert_eq!(conditions.code(), 0b1111_1100_0100_1111);
     conditions.set(Conditions::ERROR_PASSIVE, false);
     assert_eq!(conditions.code(), 0b1111_1100_0000_1111);

@@ -68,7 +68,7 @@ fn whatever_can_be_several_frames_has_a_seed() {
 }
 
 #[test]
-fn messages_and_services_of_the_same_number_are_told_apart() {
+fn messages_and_services_of_the_same_number_are_distinguished() {
     #[cfg(feature = "allocation")]
     assert_eq!(Kind::of_message(1), Kind::Allocation);
     assert_eq!(Kind::of_request(1), Kind::GetNodeInfo);
@@ -78,7 +78,7 @@ fn messages_and_services_of_the_same_number_are_told_apart() {
 }
 
 #[test]
-fn of_all_services_only_those_that_are_served_are_known() {
+fn only_services_in_use_are_known() {
     for service in 0..=u8::MAX {
         let expected = REQUESTS.iter().find(|&&(_, id)| id == service).map_or(Kind::Unknown, |&(kind, _)| kind);
         assert_eq!(Kind::of_request(service), expected, "service {service}");
@@ -86,7 +86,7 @@ fn of_all_services_only_those_that_are_served_are_known() {
 }
 
 #[test]
-fn of_all_messages_whatsoever_only_those_in_use_are_known() {
+fn only_messages_in_use_are_known() {
     for data_type in 0..=u16::MAX {
         let expected = RECEIVED.iter().find(|&&(_, id)| id == data_type).map_or(Kind::Unknown, |&(kind, _)| kind);
         assert_eq!(Kind::of_message(data_type), expected, "message {data_type}");

@@ -6,15 +6,15 @@ use crate::node::parameters::Parameter;
 
 const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// What the CRC amounts to after the signature of the type.
+/// The CRC after the signature of the type.
 fn seed(signature: u64) -> u16 {
     golden::crc(signature, &[])
 }
 
-/// The signature of a type whose transfers have several frames, for transfers of kept bytes.
+/// The signature of a type with transfers of several frames, for transfers of kept bytes.
 const SIGNATURE: u64 = golden::ACTUATOR_STATUS;
 
-/// Frames until the last is handed over, and the steps that each took.
+/// Hands over frames until the last. Returns the frames, and the steps that each took.
 fn sent(outgoing: &mut Outgoing) -> (Vec<Frame>, Vec<usize>) {
     let (mut frames, mut steps) = (vec![], vec![]);
     let mut n = 0;
@@ -47,7 +47,7 @@ fn kept(bytes: &[u8]) -> Outgoing {
     outgoing
 }
 
-/// Begins with this identifier and the signature of a type.
+/// Begins a transfer with this identifier and the signature of a type.
 fn begin(outgoing: &mut Outgoing, id: u32, transfer_id: u8, signature: u64) {
     outgoing.begin(id.to_be_bytes(), transfer_id, seed(signature));
 }
@@ -173,7 +173,7 @@ fn golden_parameters_come_out_byte_for_byte() {
         "1E0B7FF8 47 0A 01 2A 00 00 00 81 | 00 00 00 00 01 78 00 21 | 00 00 00 00 00 00 01 01 | 7D 00 00 00 00 00 00 21 | 00 01 00 \
          00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 45 41"
     );
-    // 500 kbit/s; by default and at most 1 Mbit/s, at least 125 kbit/s.
+    // 500 kbit/s; default and maximum 1 Mbit/s, minimum 125 kbit/s.
     assert_eq!(
         parameter(Parameter::CanBaudrate, 4, 2),
         "1E0B7FF8 72 EB 01 20 A1 07 00 82 | 00 00 00 00 01 40 42 22 | 0F 00 00 00 00 00 01 02 | 40 42 0F 00 00 00 00 22 | 00 01 48 \
@@ -229,7 +229,7 @@ fn the_golden_refusal_of_an_update_comes_out_byte_for_byte() {
 #[cfg(feature = "allocation")]
 #[test]
 fn the_sum_is_that_of_the_kept_bytes_from_0xffff() {
-    // Of these the golden request 1E974D00 has its discriminator: bits 1 to 14 of the CRC.
+    // The golden request 1E974D00 has its discriminator from these bytes: bits 1 to 14 of the CRC.
     let outgoing = kept(&[0x01, 0, 1, 2, 3, 4, 5]);
     assert_eq!(u32::from(outgoing.sum()) >> 1 & 0x3FFF, 0x1E97_4D00 >> 10 & 0x3FFF);
     let check = kept(b"12345678");

@@ -21,7 +21,7 @@ const TRAVELS: [[i32; 4]; 14] = [
     [799, 1234, 2345, 271],
 ];
 
-/// A travel and, in ticks and radians, what it is to be: its low end, trim, high end, and half its range.
+/// A travel and its expected values: low end, trim and high end in ticks, and half its range in radians.
 struct Case {
     travel: Travel,
     low: f64,
@@ -62,7 +62,7 @@ impl Case {
         (self.trim - self.low).max(self.high - self.trim)
     }
 
-    /// Where a deflection is, -1 to 1.
+    /// The exact pulse for a deflection of -1 to 1, in ticks.
     fn ticks(&self, deflection: f64) -> f64 {
         let deflection = deflection.clamp(-1.0, 1.0) * if self.is_reversed { -1.0 } else { 1.0 };
         let half = if deflection < 0.0 { self.trim - self.low } else { self.high - self.trim };
@@ -107,7 +107,7 @@ fn every_unitless_command_is_within_half_a_tick_of_exact() {
 #[test]
 fn every_position_is_within_half_a_tick_of_exact_but_for_the_rounding_in_between() {
     for case in Case::all() {
-        // Half a 4096th of a radian of the half range.
+        // Half a 4096th of a radian, which is the rounding of the half range.
         let tolerance = 0.5 + case.span() / case.half_range / 8192.0;
         for value in i16::MIN..=i16::MAX {
             let pulse = case.travel.pulse(CommandType::Position, value);
@@ -160,15 +160,15 @@ fn the_position_of_half_the_range_is_the_end_of_the_travel() {
     for range in 10..=360 {
         for is_reversed in [false, true] {
             let case = Case::new([1000, 1500, 2000, range], is_reversed);
-            // As a command has it: the nearest float16, whose resolution is 2^-11.
+            // The nearest float16, as in a command. Its resolution is 2^-11.
             let bits = f16::from_f64(case.half_range).to_bits();
             for (bits, deflection) in [(bits, 1.0), (bits | float16::SIGN, -1.0)] {
                 let value = float16::to_fixed(bits, CommandType::Position.fraction_bits());
                 let pulse = f64::from(case.travel.pulse(CommandType::Position, value));
-                // For small ranges, halves of 4096ths of a radian are more.
+                // For small ranges the rounding to 4096ths of a radian is larger.
                 let tolerance = 0.5 + case.span() / 4096.0 + case.span() / 8192.0 / case.half_range;
                 assert!((pulse - case.ticks(deflection)).abs() <= tolerance, "{range} degrees: {pulse}");
-                // And anything beyond it is the end.
+                // A position beyond the range gives the end.
                 let beyond = float16::to_fixed(f16::from_f64(case.half_range * 1.002 * deflection).to_bits(), 12);
                 assert_eq!(f64::from(case.travel.pulse(CommandType::Position, beyond)), case.ticks(deflection));
             }
@@ -200,7 +200,7 @@ fn the_byte_of_the_thesis_covers_the_travel_exactly() {
 }
 
 #[test]
-fn the_position_told_is_that_of_the_pulse() {
+fn the_reported_position_matches_the_pulse() {
     for case in Case::all() {
         for pulse in case.low as Ticks..=case.high as Ticks {
             let bits = case.travel.position(pulse);
@@ -212,7 +212,7 @@ fn the_position_told_is_that_of_the_pulse() {
                 exact = -exact;
             }
             let told = f16::from_bits(bits).to_f64();
-            // Halves of 4096ths of a radian, of the half range and of the position, and of what a float16 resolves.
+            // Roundings of the half range and of the position to 4096ths of a radian, and the resolution of a float16.
             let tolerance = 1.0 / 4096.0 + exact.abs() / 2048.0;
             assert!((told - exact).abs() <= tolerance, "{pulse}: {told} is not {exact} {:?}", case.travel);
         }
@@ -220,13 +220,13 @@ fn the_position_told_is_that_of_the_pulse() {
 }
 
 #[test]
-fn a_command_of_the_position_told_gives_the_pulse_again() {
+fn a_command_of_the_reported_position_gives_the_pulse_again() {
     for case in Case::all() {
         for pulse in case.low as Ticks..=case.high as Ticks {
             let value = float16::to_fixed(case.travel.position(pulse), CommandType::Position.fraction_bits());
             let again = case.travel.pulse(CommandType::Position, value);
             let ticks = (f64::from(pulse) - case.trim).abs();
-            // As above, in ticks, and half of one.
+            // The same roundings in ticks, and half a tick.
             let tolerance = 0.5 + case.span() / 16_384.0 + case.span() / 8192.0 / case.half_range + ticks * 0.0006;
             assert!((f64::from(again) - f64::from(pulse)).abs() <= tolerance, "{pulse} {again} {:?}", case.travel);
         }

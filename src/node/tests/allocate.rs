@@ -1,31 +1,31 @@
-//! Without a node ID, and how it gets one.
+//! The node without a node ID, and how it gets one.
 
 use super::*;
 use dronecan_wire::Id;
 
 const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// Golden answers of an allocator on node 127.
+/// Golden responses of an allocator on node 127.
 const ANSWERS: [&str; 3] = [
     "1E00017F 00 00 01 02 03 04 05 C0",
     "1E00017F 58 5D 00 00 01 02 03 81 | 04 05 06 07 08 09 0A 21 | 0B 41",
     "1E00017F 8A 68 FA 00 01 02 03 82 | 04 05 06 07 08 09 0A 22 | 0B 0C 0D 0E 0F 42",
 ];
 
-/// A node without an ID, and with the unique ID of the golden frames.
+/// A node without an ID, with the unique ID of the golden frames.
 fn anonymous() -> Rig {
     let mut rig = Rig::with(&[&rates(50, 1, 10)[..], &[(Parameter::CanNode, 0)]].concat());
     rig.node.unique_id = UNIQUE_ID;
     rig
 }
 
-/// Whether the controller has got other filters since it was last asked that.
+/// True if the controller got new filters since the last call.
 fn takes_filters(rig: &mut Rig) -> bool {
     rig.idle();
     core::mem::take(&mut rig.can.filters_set) != 0
 }
 
-/// Runs until it sends a frame: that, and how long it took.
+/// Runs until the node sends a frame. Returns the frame, and the milliseconds that it took.
 fn next_frame(rig: &mut Rig) -> (String, u32) {
     let (before, start) = (rig.can.sent.len(), rig.ms);
     while rig.can.sent.len() == before {
@@ -68,7 +68,7 @@ fn without_an_id_it_sends_nothing_but_requests_600_to_1000_ms_apart() {
     let mut rig = anonymous();
     let mut times = vec![0];
     for n in 0..60u32 {
-        // Whatever goes on.
+        // Events that must not make the node send anything else.
         rig.is_pressed = n % 2 == 0;
         rig.status_of(10);
         rig.command(PWM, 1500.0);
@@ -95,7 +95,7 @@ fn an_answer_to_another_node_makes_it_begin_again() {
     rig.run(1);
     rig.can.sent.clear();
     let ms = rig.ms;
-    // Of another unique ID.
+    // The response has another unique ID.
     rig.text("1E00017F 00 44 C0 8B 63 5E 05 C0");
     let (frame, _) = next_frame(&mut rig);
     assert!(frame.starts_with("1E974D00 01 00 01 02 03 04 05 "), "{frame}");
@@ -104,7 +104,7 @@ fn an_answer_to_another_node_makes_it_begin_again() {
 
 #[test]
 fn a_request_of_another_node_makes_it_begin_again() {
-    // Not so soon that it has followed up before.
+    // Received before the follow-up is due.
     let mut rig = anonymous();
     next_frame(&mut rig);
     rig.text(ANSWERS[0]);

@@ -3,24 +3,24 @@
 use super::*;
 use crate::node::acceptance::Row;
 
-/// Of the draft, from node 1: actuator 1 to 0.5, and to -1.
+/// In the draft, from node 1: actuator 1 to 0.5, and to -1.
 const DRAFT_HALF: &str = "084C040A 01 00 38";
 const DRAFT_LOW: &str = "084C040B 01 00 BC";
 
-/// The thesis's command of node 1 in the draft: to the upper end.
+/// The thesis's command in the draft, from node 1: to the upper end.
 const DRAFT_THESIS: &str = "17C40409 FF";
 
 /// NodeStatus of node 1 in the draft.
 const DRAFT_STATUS: &str = "1134040B 01 00 00 00 00 00";
 
-/// The same in v0, from node 10.
+/// Actuator 1 to 0.5, and a NodeStatus, in v0 from node 10.
 const V0_HALF: &str = "1003F20A 01 00 00 38 C7";
 const V0_STATUS: &str = "1001550A 01 00 00 00 00 00 00 C0";
 
 /// NodeStatus of node 120 in the draft, without its transfer ID.
 const OWN_STATUS: [u8; 3] = [0x11, 0x35, 0xE0];
 
-/// Whether the last status was sent in the draft.
+/// True if the node sent its last status in the draft.
 fn speaks_draft(rig: &mut Rig) -> bool {
     rig.can.sent.clear();
     rig.run(1100);
@@ -128,9 +128,9 @@ fn with_dialect_2_nothing_of_v0_is_followed_and_all_is_sent_in_the_draft() {
 }
 
 #[test]
-fn the_controller_is_told_what_to_let_through_by_dialect() {
-    let deaf = if cfg!(feature = "standard") { Row::Either } else { Row::Thesis };
-    for (dialect, row) in [(0, Row::Either), (1, Row::V0), (2, deaf)] {
+fn dialect_selects_the_filters() {
+    let draft_row = if cfg!(feature = "standard") { Row::Either } else { Row::Thesis };
+    for (dialect, row) in [(0, Row::Either), (1, Row::V0), (2, draft_row)] {
         let mut rig = Rig::with(&[(Parameter::Dialect, dialect)]);
         assert_eq!(rig.node.acceptance(InMemory).row, row, "{dialect}");
         rig.run(5000);
@@ -163,14 +163,14 @@ fn requests_of_the_draft_are_answered_in_it() {
     rig.run(10);
     let reply: Vec<Frame> =
         rig.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| golden::id(frame) & !0xFF == 0x1139_E000).collect();
-    // Each with the destination, the index, the transfer ID, and whether it is the last.
+    // Each frame has the destination, the index, the transfer ID, and the last-frame bit.
     for (n, frame) in reply.iter().enumerate() {
         let last = if n + 1 == reply.len() { 8 } else { 0 };
         assert_eq!((frame.data[0], golden::id(frame) & 0xFF), (127, (n as u32) << 4 | last | 5), "{reply:?}");
     }
     let stream: Vec<u8> = reply.iter().flat_map(|frame| frame.data()[1..].to_vec()).collect();
     let (crc, payload) = stream.split_at(2);
-    // The signature of GetNodeInfo as pydronecan makes it (tests/clients/test_draft.py), and then the payload.
+    // The CRC is over the signature of GetNodeInfo as pydronecan makes it (tests/clients/test_draft.py), and then the payload.
     let summed = 0x1CC6_F807_395C_AE42u64.to_le_bytes();
     let sum = summed.iter().chain(payload).fold(0xFFFF, |sum, &byte| dronecan_wire::crc::add(sum, byte));
     assert_eq!(crc, sum.to_le_bytes());

@@ -1,10 +1,10 @@
-//! Requests and their replies.
+//! Requests and their responses.
 
 use super::*;
 use dronecan_wire::Id;
 
 impl Rig {
-    /// The frames of replies since the last time.
+    /// The frames of responses since the last call.
     fn replies(&mut self) -> Vec<Frame> {
         let replies = self
             .can
@@ -17,7 +17,7 @@ impl Rig {
         replies
     }
 
-    /// Sends a request; the reply, which must come within half a second.
+    /// Sends a request. Returns the response, which must come within half a second.
     fn ask(&mut self, text: &str) -> String {
         self.replies();
         self.text(text);
@@ -33,7 +33,7 @@ impl Rig {
     }
 
     #[cfg(feature = "standard")]
-    /// A GetSet request from node 127 with this payload; the payload of the reply.
+    /// Sends a GetSet request with this payload from node 127. Returns the payload of the response.
     fn get_set(&mut self, payload: &[u8]) -> Vec<u8> {
         let replies = self.ask_frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 11, payload));
         let (payload, transfer_id) = golden::payload(golden::GET_SET, &replies);
@@ -122,7 +122,7 @@ fn all_parameters_are_found_by_index_and_by_name_and_no_more() {
             name.len() <= 16 && name.bytes().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == b'_'),
             "{name}"
         );
-        // The name wins over the index.
+        // The name takes precedence over the index.
         assert_eq!(rig.get_set(&[&[parameters::COUNT as u8 - 1 - index, 0], name.as_bytes()].concat()), by_index);
         assert!(names.insert(name));
     }
@@ -271,7 +271,7 @@ fn what_is_not_saved_is_gone_after_a_restart() {
 }
 
 #[cfg(feature = "standard")]
-/// Sends ExecuteOpcode and waits; the reply.
+/// Sends ExecuteOpcode and waits. Returns the response.
 fn execute(rig: &mut Rig, opcode: u8) -> String {
     rig.replies();
     rig.frames(&[golden::frame(0x1E0A_F8FF, &[opcode, 0, 0, 0, 0, 0, 0, 0xC4])]);
@@ -339,7 +339,7 @@ fn the_golden_refusal_of_an_update_is_sent() {
         rig.ask("1E28F8FF 7F 66 77 2E 62 69 6E C9"),
         "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | 72 69 61 6C 69"
     );
-    // With the longest path there is.
+    // The longest possible path.
     let long = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 9, &[b'a'; 202]);
     assert_eq!(rig.ask_frames(&long).len(), 4);
 }
@@ -354,7 +354,7 @@ fn transport_stats_count_transfers_and_frames() {
     for _ in 0..3 {
         rig.text("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 64 68");
     }
-    // One transfer out, two in with this request, three broken.
+    // One transfer sent, two received including this request, three broken.
     assert_eq!(
         rig.ask("1E04F8FF C5"),
         "1E047FF8 8C B1 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | 12 00 00 00 00 78 56 25 | 00 00 00 \
@@ -400,7 +400,7 @@ fn it_restarts_only_for_the_magic_number() {
         "1E05F8FF C6",
     ] {
         let mut rig = Rig::with(&[(Parameter::Out1Fs, 3), (Parameter::Out1Timeout, 0)]);
-        // Also what an earlier, longer request has left in the buffer does not count.
+        // Bytes that an earlier, longer request left in the buffer must not count either.
         rig.text("1E0AF8FF 1E 1B 55 CE AC CE AC C0");
         rig.command(PWM, 1900.0);
         rig.run(10);
@@ -437,7 +437,7 @@ fn it_restarts_though_others_go_on_asking() {
     panic!("never");
 }
 
-/// Requests at once, as GUI tools send them, of every form; the service of each, and its transfer ID.
+/// Requests of every form, sent at once as GUI tools do: with the service and the transfer ID of each.
 const PIPELINED: &[(&str, u8, u8)] = &[
     ("1E01F8FF C0", 1, 0),
     #[cfg(feature = "standard")]
@@ -451,7 +451,7 @@ const PIPELINED: &[(&str, u8, u8)] = &[
     ("1E05F8FF 00 00 00 00 00 C5", 5, 5),
 ];
 
-/// Service, transfer ID and destination of each reply, in the order in which they end.
+/// Service, transfer ID and destination of each response, in the order in which they end.
 fn replied(frames: &[Frame]) -> Vec<(u8, u8, u8)> {
     let mut open = None;
     let mut replied = vec![];
@@ -474,7 +474,7 @@ fn replied(frames: &[Frame]) -> Vec<(u8, u8, u8)> {
 #[test]
 fn several_requests_at_once_are_answered_in_order() {
     let mut rig = Rig::new();
-    // The ring of those that wait is passed many times.
+    // Goes around the ring of pending requests many times.
     for round in 0..20 {
         rig.replies();
         for (text, ..) in PIPELINED {
@@ -517,7 +517,7 @@ fn more_requests_than_can_wait_are_refused_and_later_ones_are_answered_again() {
     assert_eq!(replied(&rig.replies()), [(1, 16, 127)]);
 }
 
-/// It is refused once, and is no broken transfer when the client asks again.
+/// The node rejects the request once, and does not count a broken transfer when the client sends it again.
 #[cfg(feature = "standard")]
 #[test]
 fn a_request_of_several_frames_that_is_refused_for_want_of_room_is_over() {

@@ -25,7 +25,7 @@ impl Setting {
         ])
     }
 
-    /// What 64 readings that add up to `sum` mean, in kelvin.
+    /// The exact temperature for 64 readings with this sum, in kelvin.
     fn kelvin(self, sum: u16) -> f64 {
         let full_scale_mv = if self.reference == 0 { 5000.0 } else { 1100.0 };
         let mv = f64::from(sum) / 65_536.0 * full_scale_mv;
@@ -33,7 +33,7 @@ impl Setting {
     }
 }
 
-/// Readings that add up to `sum`.
+/// A thermometer after 64 readings with this sum.
 fn measured(sum: u16) -> Thermometer {
     let mut thermometer = Thermometer::new();
     for n in 0..64 {
@@ -44,7 +44,7 @@ fn measured(sum: u16) -> Thermometer {
     thermometer
 }
 
-/// The temperature, in the two steps that the node takes to it.
+/// The temperature, computed in the two steps that the node uses.
 fn kelvin_64ths(thermometer: &Thermometer, parameters: &Parameters) -> u16 {
     corrected(thermometer.uncorrected(parameters), parameters)
 }
@@ -85,7 +85,7 @@ fn a_little_more_voltage_never_gives_a_lower_temperature() {
     }
 }
 
-/// All settings of the parameters, at steps.
+/// Settings over the ranges of the parameters, in steps.
 fn settings() -> impl Iterator<Item = Setting> {
     [0, 1].into_iter().flat_map(|reference| {
         [-500, -1, 0, 1, 500, 1500].into_iter().flat_map(move |offset_mv| {
@@ -99,7 +99,7 @@ fn any_settings_give_the_temperature_or_the_limit_that_it_exceeds() {
     for setting in settings() {
         let parameters = setting.parameters();
         for sum in (0..=MAX_SUM).step_by(31).chain([MAX_SUM]) {
-            // Of a sensor with little slope, 750 K above where it would give no voltage are as far as it goes.
+            // For a sensor with a small slope the range ends 750 K above the temperature at which it gives 0 V.
             if (Setting { offset_mv: 0, ..setting }).kelvin(sum) > 273.0 + 750.0 {
                 continue;
             }
