@@ -211,6 +211,16 @@ mod tests {
     }
 
     #[test]
+    fn by_default_a_fault_is_a_warning_failsafe_an_error_and_lost_parameters_critical() {
+        let expected = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 1, 2, 3, 0, 0];
+        for (bit, level) in expected.into_iter().enumerate() {
+            let (mut health, mut monitor) = (Health::new(), Monitor::new());
+            health.set(golden::CONDITIONS[bit], true, LINES, &mut monitor);
+            assert_eq!((health.level(&golden::parameters(&[])) as u8, health.code()), (level, 1 << bit), "bit {bit}");
+        }
+    }
+
+    #[test]
     fn a_condition_is_logged_when_it_begins_and_when_it_ends() {
         let (mut health, mut monitor) = (Health::new(), Monitor::new());
         for _ in 0..3 {

@@ -274,6 +274,16 @@ impl Node {
         self.filters_s = FILTERS_WAIT_S;
     }
 
+    /// How the node is: its conditions and its counters.
+    pub fn health(&self) -> &Health {
+        &self.health
+    }
+
+    /// The unique ID of the hardware.
+    pub fn unique_id(&self) -> &[u8; 16] {
+        &self.unique_id
+    }
+
     /// The width of the servo pulse; 0 for none.
     pub fn pulse(&self) -> Ticks {
         self.actuator.pulse()
@@ -315,7 +325,8 @@ impl Node {
         }
     }
 
-    fn take_parameters(&mut self) {
+    /// Applies the parameters after some were set.
+    pub fn take_parameters(&mut self) {
         self.actuator.update(&self.parameters);
         let row = self.dialect.row();
         self.dialect.update(&self.parameters);

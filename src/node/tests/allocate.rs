@@ -1,7 +1,7 @@
 //! The node without a node ID, and how it gets one.
 
 use super::*;
-use dronecan_wire::Id;
+use dronecan_wire::{Id, crc};
 
 const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
@@ -14,8 +14,18 @@ const ANSWERS: [&str; 3] = [
 
 /// A node without an ID, with the unique ID of the golden frames.
 fn anonymous() -> Rig {
-    let mut rig = Rig::with(&[&rates(50, 1, 10)[..], &[(Parameter::CanNode, 0)]].concat());
-    rig.node.unique_id = UNIQUE_ID;
+    with_unique_id(&UNIQUE_ID, &[&rates(50, 1, 10)[..], &[(Parameter::CanNode, 0)]].concat())
+}
+
+/// A node whose EEPROM has this unique ID, as docs/parameters.md lays it out, and these parameters.
+fn with_unique_id(unique_id: &[u8; 16], values: &[(Parameter, i32)]) -> Rig {
+    let mut memory = Memory::with(values);
+    let crc = unique_id.iter().fold(0x0100, |crc, &byte| crc::add(crc, byte));
+    memory.cells[0x04..0x14].copy_from_slice(unique_id);
+    memory.cells[0x14..0x16].copy_from_slice(&crc.to_be_bytes());
+    memory.cells[0x16] = 0;
+    let mut rig = Rig::start(memory, ResetCause::POWER_ON);
+    rig.settle();
     rig
 }
 
@@ -132,16 +142,15 @@ fn a_grant_for_another_node_is_not_taken() {
     let mut rig = anonymous();
     rig.text("1E000101 29 BA FA 44 C0 8B 63 82 | 5E 05 F4 BC 10 96 DF 22 | 11 A8 BA 54 47 42");
     assert_eq!((rig.node.id(), takes_filters(&mut rig)), (0, false));
-    let mut rig = anonymous();
-    rig.node.unique_id = *golden::bytes("44 C0 8B 63 5E 05 F4 BC 10 96 DF 11 A8 BA 54 47").first_chunk().unwrap();
+    let unique_id = golden::bytes("44 C0 8B 63 5E 05 F4 BC 10 96 DF 11 A8 BA 54 47");
+    let mut rig = with_unique_id(unique_id.first_chunk().unwrap(), &[(Parameter::CanNode, 0)]);
     rig.text("1E000101 29 BA FA 44 C0 8B 63 82 | 5E 05 F4 BC 10 96 DF 22 | 11 A8 BA 54 47 42");
     assert_eq!((rig.node.id(), takes_filters(&mut rig)), (125, true), "the same for the right one");
 }
 
 #[test]
 fn with_an_id_of_its_own_it_never_asks_and_takes_no_grant() {
-    let mut rig = Rig::new();
-    rig.node.unique_id = UNIQUE_ID;
+    let mut rig = with_unique_id(&UNIQUE_ID, &[]);
     for answer in ANSWERS {
         rig.text(answer);
         rig.run(1000);
@@ -165,12 +174,12 @@ fn the_id_that_was_granted_is_not_kept() {
 #[test]
 fn its_unique_id_is_made_once_and_kept() {
     let first = Rig::start(Memory::blank(), ResetCause::POWER_ON);
-    let unique_id = first.node.unique_id;
+    let unique_id = *first.node.unique_id();
     assert_ne!(unique_id, [0; 16]);
     let mut again = Node::new();
     let mut memory = first.memory;
     again.start(ResetCause::POWER_ON, &mut memory, || unreachable!(), InMemory, &mut Monitor::new());
-    assert_eq!(again.unique_id, unique_id);
+    assert_eq!(*again.unique_id(), unique_id);
 }
 
 #[cfg(feature = "draft")]

@@ -176,7 +176,7 @@ fn requests_of_the_draft_are_answered_in_it() {
     assert_eq!(crc, sum.to_le_bytes());
     // A status of six bytes, then the versions, the unique ID and the name.
     assert_eq!(payload.len(), usize::from(information::NODE_INFO_LEN) - 1);
-    assert_eq!(payload[23..39], rig.node.unique_id);
+    assert_eq!(payload[23..39], *rig.node.unique_id());
     assert!(payload.ends_with(information::NAME.as_bytes()));
     // RestartNode with its magic number.
     rig.can.sent.clear();

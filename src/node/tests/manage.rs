@@ -70,7 +70,7 @@ fn get_node_info_is_answered_with_the_status_of_the_moment() {
     assert_eq!(transfer_id, 3);
     assert_eq!(payload[..7], [10, 0, 0, 0, 0x40, 1, 0]);
     assert_eq!(payload[22..24], [1, 0], "hardware 1.0");
-    assert_eq!(payload[24..40], rig.node.unique_id);
+    assert_eq!(payload[24..40], *rig.node.unique_id());
     assert_eq!(&payload[40..], b"\0org.dronecan.servo168");
 }
 
@@ -194,11 +194,11 @@ fn values_of_other_types_change_nothing_and_are_answered_with_what_is_in_force()
 fn a_request_that_ends_too_early_sets_nothing() {
     let mut rig = Rig::new();
     for len in 2..10 {
-        let refused = rig.node.health.counts.refused;
+        let refused = rig.node.health().counts.refused;
         let request = golden::transfer(0x1E0B_F8FF, golden::GET_SET, 11, &set(9, 77, "")[..len]);
         assert_eq!(rig.ask_frames(&request), [], "{len} bytes");
         assert_eq!(rig.node.parameters.get(Parameter::Out1Timeout), 1000, "{len} bytes");
-        assert_eq!(rig.node.health.counts.refused, refused + 1, "{len} bytes");
+        assert_eq!(rig.node.health().counts.refused, refused + 1, "{len} bytes");
     }
     rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &[0]));
     rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &[]));
@@ -502,11 +502,11 @@ fn more_requests_than_can_wait_are_refused_and_later_ones_are_answered_again() {
     let mut rig = Rig::new();
     rig.can.room = 0;
     rig.run(1);
-    let refused = rig.node.health.counts.refused;
+    let refused = rig.node.health().counts.refused;
     for transfer_id in 0..10 {
         rig.frames(&[golden::frame(0x1E01_F8FF, &[0xC0 | transfer_id])]);
     }
-    let answered = 10 - (rig.node.health.counts.refused - refused) as u8;
+    let answered = 10 - (rig.node.health().counts.refused - refused) as u8;
     assert!((5..10).contains(&answered));
     rig.can.room = u32::MAX;
     rig.run(50);
@@ -527,11 +527,11 @@ fn a_request_of_several_frames_that_is_refused_for_want_of_room_is_over() {
     for _ in 0..8 {
         rig.text("1E01F8FF C0");
     }
-    let refused = rig.node.health.counts.refused;
+    let refused = rig.node.health().counts.refused;
     for transfer_id in 0..3 {
         rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, transfer_id, &set(9, 77, "")));
     }
-    assert_eq!((rig.node.health.counts.refused, rig.code()), (refused + 3, 0));
+    assert_eq!((rig.node.health().counts.refused, rig.code()), (refused + 3, 0));
     assert_eq!(rig.node.parameters.get(Parameter::Out1Timeout), 1000);
 }
 
