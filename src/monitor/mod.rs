@@ -80,7 +80,7 @@ pub trait TextsAndNames: Progmem<Texts> {
 pub struct Monitor {
     /// A ring: one that is told, and those that wait.
     events: [Event; QUEUE_LEN],
-    told: u8,
+    sent: u8,
     waiting: u8,
     /// Events dropped since that was last told, up to 255. That is told before the next line, or before
     /// the one after it if the last line was the same.
@@ -104,7 +104,7 @@ impl Monitor {
         Self {
             // The line with number 0, so that all of this begins as zeros.
             events: [Event::new(Line::RefusedKind); QUEUE_LEN],
-            told: 0,
+            sent: 0,
             waiting: 0,
             lost: 0,
             stack: Vec::new(),
@@ -120,7 +120,7 @@ impl Monitor {
     /// Tells a line as soon as the UART allows, with the values that the caller puts into the event; those that the line has no
     /// field for are left as they were. Where there is no room it takes the place of the last one, and that is counted.
     #[inline(never)]
-    pub fn tell(&mut self, line: Line) -> &mut Event {
+    pub fn log_line(&mut self, line: Line) -> &mut Event {
         if self.is_full() {
             self.lose();
         } else {
@@ -137,7 +137,7 @@ impl Monitor {
         if self.is_full() {
             self.lose();
         } else {
-            *self.tell(event.line) = *event;
+            *self.log_line(event.line) = *event;
         }
     }
 
@@ -156,7 +156,7 @@ impl Monitor {
     /// The event that is being told, or one that waits.
     #[inline(never)]
     fn event(&mut self, n: u8) -> &mut Event {
-        &mut self.events[usize::from(self.told.wrapping_add(n)) % QUEUE_LEN]
+        &mut self.events[usize::from(self.sent.wrapping_add(n)) % QUEUE_LEN]
     }
 
     #[inline(never)]
@@ -255,7 +255,7 @@ impl Monitor {
             event.set_code(lost);
         } else if self.waiting != 0 {
             self.waiting = self.waiting.wrapping_sub(1);
-            self.told = self.told.wrapping_add(1);
+            self.sent = self.sent.wrapping_add(1);
         } else {
             return;
         }
@@ -347,14 +347,14 @@ mod tests {
         (0..12).map(|_| monitor.next_byte(InMemory)).find(|&byte| byte != 0).unwrap_or(0)
     }
 
-    fn told(monitor: &mut Monitor) -> String {
+    fn logged(monitor: &mut Monitor) -> String {
         std::iter::from_fn(|| Some(next(monitor)).filter(|&byte| byte != 0)).map(char::from).collect()
     }
 
     fn line_of(event: Event) -> String {
         let mut monitor = Monitor::new();
-        *monitor.tell(event.line) = event;
-        told(&mut monitor)
+        *monitor.log_line(event.line) = event;
+        logged(&mut monitor)
     }
 
     #[test]
@@ -363,13 +363,13 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_told_with_type_source_transfer_and_value() {
+    fn a_command_is_logged_with_type_source_transfer_and_value() {
         let event = Event { line: Line::CommandUnitless, bytes: [10, 7, 1], a: 500, b: 3500 };
         assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n");
     }
 
     #[test]
-    fn a_status_is_told_with_words_for_health_and_mode() {
+    fn a_status_is_logged_with_words_for_health_and_mode() {
         let health = Line::Health.plus(1).number();
         let mode = Line::Mode.plus(3).number();
         let event = Event { line: Line::Status, bytes: [1, 31, health], a: 65_535, b: mode.into() };
@@ -378,19 +378,19 @@ mod tests {
 
     #[cfg(feature = "standard")]
     #[test]
-    fn a_parameter_is_told_by_its_name() {
+    fn a_parameter_is_logged_by_its_name() {
         for (parameter, name) in [(Parameter::CanNode, "CAN_NODE"), (Parameter::Out1Reversed, "OUT1_REVERSED")] {
             let b = parameter as u16;
-            let told = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
-            assert_eq!(told, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
+            let line = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
+            assert_eq!(line, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
         }
     }
 
     #[test]
     fn numbers_of_every_kind_are_written_right() {
         let field_of = |line, bytes, a, b, before, after| {
-            let told = line_of(Event { line, bytes, a, b });
-            let (_, rest) = told.split_once(before).unwrap();
+            let line = line_of(Event { line, bytes, a, b });
+            let (_, rest) = line.split_once(before).unwrap();
             rest.split_once(after).unwrap().0.to_string()
         };
         let zero = [0; 3];
@@ -426,10 +426,10 @@ mod tests {
             format!("{whole}.{rest}")
         };
         let mut parts = text.split('%');
-        let mut told = parts.next().unwrap().to_string();
+        let mut line = parts.next().unwrap().to_string();
         for part in parts {
             let (field, rest) = part.split_at(1);
-            told += &match field {
+            line += &match field {
                 "s" => source.to_string(),
                 "t" => transfer.to_string(),
                 "c" => code.to_string(),
@@ -445,9 +445,9 @@ mod tests {
                 "n" => "OUT1_REVERSED".to_string(),
                 _ => panic!("unknown field in {text:?}"),
             };
-            told += rest;
+            line += rest;
         }
-        told + "\r\n"
+        line + "\r\n"
     }
 
     #[test]
@@ -465,16 +465,16 @@ mod tests {
             let line = Line::RefusedKind.plus(number as u8);
             let event = Event { line, bytes: [125, 31, code], a: -10_000i16 as u16, b };
             let mut monitor = Monitor::new();
-            *monitor.tell(line) = event;
-            let mut told = String::new();
+            *monitor.log_line(line) = event;
+            let mut sent = String::new();
             for _ in 0..400 {
                 let byte = monitor.next_byte(InMemory);
                 depth = depth.max(monitor.stack.len());
                 if byte != 0 {
-                    told.push(char::from(byte));
+                    sent.push(char::from(byte));
                 }
             }
-            assert_eq!(told, expected(text, event));
+            assert_eq!(sent, expected(text, event));
         }
         assert!((STACK_LEN - 2..=STACK_LEN).contains(&depth), "{depth}");
     }
@@ -482,28 +482,28 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_dropped_and_counted() {
         let mut monitor = Monitor::new();
-        monitor.tell(Line::Running);
+        monitor.log_line(Line::Running);
         assert_eq!(next(&mut monitor), b'C');
         for _ in 0..QUEUE_LEN - 1 + 5 {
-            monitor.tell(Line::BusOff);
+            monitor.log_line(Line::BusOff);
         }
-        let text = told(&mut monitor);
+        let text = logged(&mut monitor);
         let lines: std::vec::Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), QUEUE_LEN + 1);
         assert_eq!(lines[0], "AN: running");
         assert!(lines[1].starts_with("5 lines"), "{}", lines[1]);
         assert!(lines[2..].iter().all(|&line| line == "CAN: bus-off"));
-        assert_eq!(told(&mut monitor), "");
+        assert_eq!(logged(&mut monitor), "");
     }
 
     #[test]
-    fn a_line_that_is_being_told_is_not_overwritten() {
+    fn a_line_that_is_being_sent_is_not_overwritten() {
         let mut monitor = Monitor::new();
-        monitor.tell(Line::Temperature).a = 245;
+        monitor.log_line(Line::Temperature).a = 245;
         assert_eq!(next(&mut monitor), b't');
         for n in 0..40 {
-            monitor.tell(Line::Temperature).a = n;
+            monitor.log_line(Line::Temperature).a = n;
         }
-        assert!(told(&mut monitor).starts_with("emperature +24.5 C\r\n"));
+        assert!(logged(&mut monitor).starts_with("emperature +24.5 C\r\n"));
     }
 }
