@@ -1,4 +1,4 @@
-//! All tables of constants as one image, as the flash has it (see [`progmem`](crate::progmem)).
+//! Joins all tables of constants into the one image that lies in flash (see [`progmem`](crate::progmem)).
 
 use crate::monitor::TextsAndNames;
 use crate::monitor::text::{self, Texts};
@@ -9,7 +9,7 @@ use crate::progmem::Progmem;
 
 /// A table of the image.
 pub trait Table {
-    /// Where it begins in [`IMAGE`].
+    /// Index in [`IMAGE`] of the first byte of the table.
     const BEGIN: u16;
 }
 
@@ -35,7 +35,7 @@ impl<P: Progmem<Texts> + Progmem<Descriptions>> TextsAndNames for P {
 
 const LEN: usize = Filters::BEGIN as usize + acceptance::PACKED.len();
 
-/// All of it.
+/// All tables, one after the other.
 pub const IMAGE: [u8; LEN] = {
     let mut image = [0; LEN];
     let parts: [&[u8]; 4] = [&text::PACKED, &parameters::PACKED, &information::PACKED, &acceptance::PACKED];
@@ -52,7 +52,7 @@ pub const IMAGE: [u8; LEN] = {
     image
 };
 
-/// The image as the host has it, for tests.
+/// The image in the memory of the host, for tests.
 #[cfg(any(test, feature = "desk"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InMemory;

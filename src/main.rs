@@ -1,11 +1,12 @@
-//! The node on its board. See `board` for the pins, and the library for everything that is not hardware.
+//! The firmware: runs the node on its board. `board` has the pins and all hardware access; the library has everything else.
 //!
-//! One loop, no operating system. Each turn does one thing and waits for nothing; what comes next is decided in [`node::node::agenda`]. Two
-//! interrupts: one moves frames from the CAN controller to a queue, the other counts milliseconds. The servo pulse is made by a timer alone.
+//! The firmware has one main loop and no operating system. Each turn of the loop does one thing and never waits. [`node::node::agenda`] decides
+//! what the next turn does. INT0 moves frames from the CAN controller to a queue, and Timer0 counts milliseconds: normal operation needs no
+//! other interrupt. Timer1 makes the servo pulse without software.
 
 #![cfg_attr(target_arch = "avr", no_std, no_main, feature(asm_experimental_arch, abi_avr_interrupt))]
 #![deny(unsafe_op_in_unsafe_fn, clippy::undocumented_unsafe_blocks)]
-// `avr_device::entry` hands the statics of `main` to it as references, once.
+// `avr_device::entry` calls `main` once and gives it a `&mut` reference to each of its statics.
 #![cfg_attr(target_arch = "avr", allow(static_mut_refs))]
 
 #[cfg(target_arch = "avr")]
@@ -23,7 +24,7 @@ use {
 #[cfg(target_arch = "avr")]
 #[avr_device::entry]
 fn main() -> ! {
-    // In statics and not on the stack, so that the linker counts them.
+    // These are statics and not on the stack, so that the linker counts their RAM.
     static mut MONITOR: Monitor = Monitor::new();
     static mut RECEIVER: Receiver = Receiver::new();
     static mut NODE: Node = Node::new();
@@ -103,7 +104,7 @@ fn main() -> ! {
                 node.handed_over(now_ms);
             }
             Turn::PrepareFrame if node.prepare(&board.bus, Image, monitor, now_ms) => {}
-            // What is due may have to wait; meanwhile the monitor goes on.
+            // A message that is due may have to wait. The serial monitor then uses the turn.
             Turn::PrepareFrame | Turn::Monitor => {
                 if board.serial.receive() == Some(b'?') {
                     node.report(monitor);
@@ -115,7 +116,7 @@ fn main() -> ! {
     }
 }
 
-/// The firmware is for the ATmega168; on the host this only says how to build it.
+/// Prints how to build the firmware: it runs on an ATmega168 and not on the host.
 #[cfg(not(target_arch = "avr"))]
 fn main() {
     eprintln!(

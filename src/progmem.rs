@@ -1,15 +1,14 @@
 //! Tables of constants that stay in flash.
 //!
-//! On the AVR a constant that is used by reference is copied to RAM at start, of which there is a kilobyte. So a table is packed into bytes at
-//! compile time, by the module that it belongs to; [`image`](crate::image) puts all tables together, and the board places them in flash
-//! and reads them byte by byte.
+//! The start-up code of the AVR copies a constant that is used by reference to RAM, and RAM is one kilobyte. So each module packs its table into
+//! bytes at compile time, [`image`](crate::image) joins the tables, and the board places the image in flash and reads it byte by byte.
 
-/// The flash that has the table `T`.
+/// Access to the table `T` in flash.
 pub trait Progmem<T>: Copy {
-    /// A byte of the table. `at` counts from its beginning.
+    /// Reads the byte at index `at` of the table.
     fn byte(self, at: u16) -> u8;
 
-    /// Two bytes of the table, the lower one first; `at` is the place of that.
+    /// Reads two bytes of the table, little-endian, from index `at` on.
     #[inline(never)]
     fn word(self, at: u16) -> u16 {
         u16::from_le_bytes([self.byte(at), self.byte(at.wrapping_add(1))])

@@ -1,16 +1,18 @@
-//! The CAN controller, and the interrupt that takes frames out of it whatever the main loop does.
+//! The CAN controller, and the interrupt INT0, which reads frames from it at any point of the main loop.
 //!
-//! The controller holds two frames, of some types only one, and the next may end 67 us after the last. So INT0 moves each frame to a queue of
-//! [`QUEUE_LEN`] as soon as it is there, and the main loop takes them from the queue.
+//! The controller holds two frames, of some types only one, and a frame may end 67 us after the one before it. So INT0 moves each frame to a
+//! queue of [`QUEUE_LEN`] frames as soon as it arrives, and the main loop takes the frames from the queue.
 //!
-//! The controller, its SPI and its pins have one owner at a time: the handler while INT0 is let in, and the main loop while it is masked, which
-//! is only within [`Bus::controller`]. The queue has one writer and one reader: the handler fills the place at `written` before it counts that
-//! up, and the main loop empties the place at `read` before it counts that up.
+//! The controller, its SPI and its pins have one owner at a time. While INT0 is enabled, the handler owns them. While INT0 is masked, the code
+//! that masked it owns them: the handler itself, or a method of [`Bus`]. The queue has one writer at a time, the owner of the controller, and
+//! one reader, the main loop. The writer fills the place at `WRITTEN` and then increments `WRITTEN`. The reader empties the place at `READ` and
+//! then increments `READ`.
 //!
-//! The interrupt is that of the falling edge, which is remembered while masked: a level would come back for ever where INT is stuck. What it
-//! misses, because the queue was full or INT fell and stayed low, [`Bus::has_frame`] finds by a look at the pin.
+//! INT0 triggers on the falling edge, and the chip remembers an edge while INT0 is masked. A level interrupt would repeat for ever if INT is
+//! stuck low. INT0 misses a frame if the queue is full, or if INT stays low for another frame. [`Bus::has_frame`] checks the pin and fetches
+//! these frames.
 //!
-//! The handler lets other interrupts in, so that milliseconds are counted and the watchdog sees a handler that hangs.
+//! The handler enables other interrupts, so that Timer0 counts milliseconds and the watchdog detects a handler that hangs.
 
 use core::sync::atomic::{Ordering, compiler_fence};
 
@@ -26,86 +28,89 @@ use node::node::health::CanCounters;
 /// The CAN controller with its driver.
 pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
 
-/// Frames that can wait for the main loop. A power of two. The longest turn of the main loop, 250 us, is as long as three of the shortest frames
-/// of a transfer.
+/// Frames that can wait for the main loop. A power of two. The longest turn of the main loop takes 250 us, which is as long as three of the
+/// shortest frames of a transfer.
 const QUEUE_LEN: u8 = 4;
 
-/// INT0 in EIMSK, and its flag in EIFR.
+/// The bit of INT0 in EIMSK, and of its flag in EIFR.
 const INT0_BIT: u8 = 1 << 0;
 
-// Safety: these are the only values of the SPI and of CS, for `Pins` has no other. `Bus::new`, without which there is no `Bus` and no
-// interrupt, is called after both are set up.
+// Safety: these are the only values of the SPI and of CS: `Pins` has none. Nothing uses them before they are set up: CS is set up by
+// `Pins::new`, which makes the argument of `Bus::new`, and `Bus::new` sets up the SPI before it enables INT0 and returns the `Bus`.
 static mut CAN: Can = unsafe {
     Mcp2515::unconfigured(CanSpi::steal(), CanSelect::steal(), CanInterrupt::new(), NodeAcceptance::nobody(Image))
 };
 
-/// The driver.
+/// Returns the driver.
 ///
 /// # Safety
 ///
-/// INT0 is masked as long as the reference is alive, and there is no other.
+/// INT0 must stay masked as long as the reference is alive, and there must be no other reference.
 #[inline(always)]
 unsafe fn can<'a>() -> &'a mut Can {
     let can = &raw mut CAN;
-    // Safety: the static is always valid, and who calls this sees to it that there is no other reference.
+    // Safety: the pointer is to a static, so it is always valid. The caller guarantees that there is no other reference.
     unsafe { &mut *can }
 }
 
-/// The queue. Frames written and read so far are counted modulo 256.
+/// The queue. `WRITTEN` and `READ` count the frames written and read so far, modulo 256.
 static mut QUEUE: [Frame; QUEUE_LEN as usize] = [Frame::EMPTY; QUEUE_LEN as usize];
 static mut WRITTEN: u8 = 0;
 static mut READ: u8 = 0;
 
-/// Reads a counter that the other side may change. An `AtomicU8` would hold interrupts back for it, which a byte does not need.
+/// Reads a counter that the other side may change. An `AtomicU8` would disable interrupts for the read, and a byte does not need that.
 #[inline(always)]
 fn load(counter: *const u8) -> u8 {
-    // Safety: only `WRITTEN` and `READ` are passed, which are statics and thus valid. A byte is read by one instruction, so it cannot be torn;
-    // volatile, because the other side changes it in between.
+    // Safety: callers pass only `WRITTEN` and `READ`, which are statics and thus valid. One instruction reads a byte, so the value is never torn.
+    // The read is volatile because the other side changes the counter between two reads.
     unsafe { counter.read_volatile() }
 }
 
 #[inline(always)]
 fn exint() -> EXINT {
-    // Safety: `Bus::new` has consumed these registers, so only this module uses them; each is written by one instruction.
+    // Safety: `Bus::new` has consumed these registers, so only this module uses them. One instruction writes each register, so an interrupt
+    // cannot come between a read and a write.
     unsafe { EXINT::steal() }
 }
 
 #[inline(always)]
 fn mask() {
     exint().eimsk().modify(|r, w| w.int().set(r.int().bits() & !INT0_BIT));
-    // The compiler must not move what belongs to the owner of the controller out of the time in which it owns it.
+    // The compiler must not move an access to the controller to before the mask is set.
     compiler_fence(Ordering::SeqCst);
 }
 
 #[inline(always)]
 fn unmask() {
+    // The compiler must not move an access to the controller to after the mask is cleared.
     compiler_fence(Ordering::SeqCst);
     exint().eimsk().modify(|r, w| w.int().set(r.int().bits() | INT0_BIT));
 }
 
-/// Moves frames from the controller to the queue, as long as there are some, and room.
+/// Moves frames from the controller to the queue until the controller is empty or the queue is full.
 ///
 /// # Safety
 ///
-/// INT0 is masked, and no reference to the controller is alive.
+/// INT0 must be masked, and no reference to the controller may be alive.
 #[inline(never)]
 unsafe fn fetch() {
-    // Safety: with INT0 masked, the handler cannot get a reference beside this one; the caller has none.
+    // Safety: the caller guarantees that INT0 is masked, so the handler gets no reference, and that no other reference is alive.
     let can = unsafe { can() };
     while can.has_frame() {
         let written = load(&raw const WRITTEN);
         if written.wrapping_sub(load(&raw const READ)) == QUEUE_LEN {
             return;
         }
-        // What comes from here on calls again. The bit is the only one that a write changes.
+        // Clears the flag, so that an edge from here on triggers INT0 again. A write changes only the bits that are 1.
         exint().eifr().write(|w| w.intf().set(INT0_BIT));
-        // Safety: this place is not among those between READ and WRITTEN, which the main loop may have a reference to.
+        // Safety: the index is less than the length. The main loop has references only to places from READ to WRITTEN, and this place is not
+        // among them, because the queue is not full.
         let place = unsafe { &mut *(&raw mut QUEUE).cast::<Frame>().add(usize::from(written % QUEUE_LEN)) };
         if !can.receive(place) {
-            // INT is low without a frame: the driver looks into that every 10 ms.
+            // INT is low without a frame. The driver checks for that every 10 ms.
             return;
         }
-        // Safety: only the owner of the controller writes this counter.
+        // Safety: the pointer is to a static. Only the owner of the controller writes this counter, and that is the caller.
         unsafe { (&raw mut WRITTEN).write_volatile(written.wrapping_add(1)) };
     }
 }
@@ -113,40 +118,42 @@ unsafe fn fetch() {
 #[avr_device::interrupt(atmega168)]
 fn INT0() {
     mask();
-    // Safety: INT0 is masked, so this handler is not interrupted by itself, and no other handler uses the controller or the queue.
+    // Safety: INT0 is masked, so this handler cannot interrupt itself, and no other handler uses the controller or the queue.
     unsafe { avr_device::interrupt::enable() };
-    // Safety: INT0 is masked. It was not before, and outside `Bus::controller` and `Bus::word`, which mask it, nobody has a reference.
+    // Safety: INT0 is masked since `mask()`. It was enabled when this handler started, and the main loop has a reference to the controller only
+    // in the methods of `Bus` that mask INT0.
     unsafe { fetch() };
     avr_device::interrupt::disable();
     unmask();
 }
 
-/// The main loop's side of it.
+/// The main loop's access to the controller and the queue.
 pub struct Bus {
     interrupt: CanInterrupt,
 }
 
 impl Bus {
-    /// Sets up the SPI and INT0. The pins must be set up.
+    /// Sets up the SPI, and enables INT0. The pins must be set up.
     pub(super) fn new(spi: SPI, exint: EXINT, interrupt: CanInterrupt) -> Self {
         CanSpi::set_up(spi);
-        // A falling edge.
+        // ISC01..0 = 2: the falling edge.
         exint.eicra().write(|w| w.isc0().set(2));
         exint.eimsk().write(|w| w.int().set(INT0_BIT));
         Self { interrupt }
     }
 
-    /// Does something with the controller. Meanwhile no frame is received.
+    /// Calls `what` with the controller. INT0 is masked meanwhile, so no frame is received.
     #[inline(always)]
     pub fn controller<R>(&mut self, what: impl FnOnce(&mut Can) -> R) -> R {
         mask();
-        // Safety: INT0 is masked until this reference is gone, and there is one `Bus`, which is borrowed.
+        // Safety: INT0 stays masked until the reference ends. There is one `Bus`, and this method borrows it mutably, so no other method has a
+        // reference.
         let result = what(unsafe { can() });
         unmask();
         result
     }
 
-    /// Whether a received frame waits.
+    /// True if a received frame waits. Fetches frames that INT0 missed.
     #[inline(always)]
     pub fn has_frame(&mut self) -> bool {
         if load(&raw const WRITTEN) == load(&raw const READ) {
@@ -154,23 +161,23 @@ impl Bus {
                 return false;
             }
             mask();
-            // Safety: INT0 is masked, and this method has no reference to the controller.
+            // Safety: INT0 is masked. This method borrows the one `Bus` mutably and has no reference to the controller itself.
             unsafe { fetch() };
             unmask();
         }
         load(&raw const WRITTEN) != load(&raw const READ)
     }
 
-    /// Does something with the oldest received frame, if there is one.
+    /// Calls `what` with the oldest received frame, if there is one, and removes the frame from the queue.
     #[inline(always)]
     pub fn take_frame(&mut self, what: impl FnOnce(&Frame)) {
         let read = load(&raw const READ);
         if load(&raw const WRITTEN) == read {
             return;
         }
-        // Safety: this place is between READ and WRITTEN, so the handler leaves it alone until READ is counted up.
+        // Safety: the index is less than the length. The place is from READ to WRITTEN, so `fetch` does not write it before READ is incremented.
         what(unsafe { &*(&raw const QUEUE).cast::<Frame>().add(usize::from(read % QUEUE_LEN)) });
-        // Safety: only the main loop writes this counter, and the reference is gone.
+        // Safety: the pointer is to a static. Only the main loop writes this counter. The reference to the frame has ended, so the place is free.
         unsafe { (&raw mut READ).write_volatile(read.wrapping_add(1)) };
     }
 }
@@ -179,7 +186,8 @@ impl CanCounters for Bus {
     #[inline(never)]
     fn word(&self, n: u8) -> u16 {
         mask();
-        // Safety: INT0 is masked until this reference is gone, so the handler, which counts, has none.
+        // Safety: INT0 stays masked until the reference ends, so the handler has none. `controller` and `has_frame` borrow the one `Bus` mutably, so
+        // neither is active.
         let word = unsafe { can() }.counters().word(n);
         unmask();
         word

@@ -2,7 +2,7 @@
 
 use super::pins::ButtonSignal;
 
-/// The button, which pulls its pin low.
+/// The button. It pulls its pin low while it is pressed.
 pub struct Button {
     signal: ButtonSignal,
 }
@@ -12,7 +12,7 @@ impl Button {
         Self { signal }
     }
 
-    /// Whether it is pressed now, bouncing or not.
+    /// True if the button is pressed now. Not debounced.
     pub fn is_pressed(&self) -> bool {
         self.signal.is_pulled_low()
     }

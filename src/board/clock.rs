@@ -1,4 +1,4 @@
-//! Milliseconds, from Timer0.
+//! The millisecond clock, from Timer0.
 
 use avr_device::atmega168::TC0;
 
@@ -6,29 +6,30 @@ use super::CLOCK_HZ;
 
 const PRESCALER: u32 = 64;
 
-/// Timer0 counts from 0 to this in a millisecond.
+/// TOP of Timer0: it counts from 0 to this in a millisecond.
 const TOP: u8 = {
     assert!(CLOCK_HZ.is_multiple_of(PRESCALER * 1000));
     (CLOCK_HZ / PRESCALER / 1000 - 1) as u8
 };
 
-/// Milliseconds, modulo 256. One byte, so that it can be read while the interrupt may come.
+/// Milliseconds, modulo 256. One byte, so that the main loop can read it with interrupts enabled.
 static mut TICKS: u8 = 0;
 
 #[avr_device::interrupt(atmega168)]
 fn TIMER0_COMPA() {
-    // Safety: only this handler writes it, and it is not interrupted.
+    // Safety: the pointer is to a static. Only this handler writes it, and interrupts are disabled in the handler.
     unsafe { (&raw mut TICKS).write_volatile(ticks().wrapping_add(1)) }
 }
 
-/// An `AtomicU8` would be read with interrupts held back, which a byte does not need.
+/// Reads the milliseconds, modulo 256. An `AtomicU8` would disable interrupts for the read, and a byte does not need that.
 #[inline(always)]
 fn ticks() -> u8 {
-    // Safety: a byte is read at once. Volatile, because it changes in between.
+    // Safety: the pointer is to a static. One instruction reads a byte, so the value is never torn. The read is volatile because the handler
+    // changes the byte between two reads.
     unsafe { (&raw const TICKS).read_volatile() }
 }
 
-/// The clock. It loses time when it is not polled for 256 ms; the watchdog steps in before.
+/// The clock. It loses time if `tick` is not called for 256 ms; the watchdog restarts the program before that, after 250 ms.
 pub struct Clock {
     ticks: u8,
     now_ms: u16,
@@ -45,13 +46,13 @@ impl Clock {
         Self { ticks: ticks(), now_ms: 0 }
     }
 
-    /// Whether a millisecond or more has begun since the last [`tick`](Self::tick).
+    /// True if a millisecond or more has begun since the last [`tick`](Self::tick).
     #[inline(always)]
     pub fn has_ticked(&self) -> bool {
         ticks() != self.ticks
     }
 
-    /// Takes note of the milliseconds that have begun since the last call: how many.
+    /// Adds the milliseconds that have begun since the last call to the time, and returns their number.
     pub fn tick(&mut self) -> u8 {
         let passed_ms = ticks().wrapping_sub(self.ticks);
         self.ticks = self.ticks.wrapping_add(passed_ms);

@@ -5,12 +5,13 @@ use core::arch::asm;
 use node::image::{IMAGE, Table};
 use node::progmem::Progmem;
 
-// Safety: the section is avr-libc's for constants that are only read with LPM, and this one is. Nothing else has that name.
+// Safety: `.progmem.data` is avr-libc's section for constants in flash. This constant is read only by LPM, in `Image::byte`. No other symbol of
+// the program has this name.
 #[unsafe(link_section = ".progmem.data")]
 #[unsafe(no_mangle)]
 static IMAGE_IN_FLASH: [u8; IMAGE.len()] = IMAGE;
 
-/// The image.
+/// Access to the image in flash.
 #[derive(Clone, Copy)]
 pub struct Image;
 
@@ -19,7 +20,7 @@ impl<T: Table> Progmem<T> for Image {
     fn byte(self, at: u16) -> u8 {
         let byte;
         let address = (&raw const IMAGE_IN_FLASH).addr() as u16 + T::BEGIN + at;
-        // Safety: LPM has no effect but to read, and every address of the flash can be read.
+        // Safety: LPM only reads flash and changes no memory, whatever the address.
         unsafe {
             asm!("lpm {0}, Z", out(reg) byte, in("Z") address, options(pure, readonly, nostack, preserves_flags))
         };

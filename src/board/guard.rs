@@ -1,12 +1,14 @@
-//! Restarts the program when it goes wrong, and remembers why.
+//! Restarts the program after a fault, and keeps the cause.
 //!
-//! The watchdog interrupts when the main loop has not been round for 250 ms, and the program restarts by a jump to its
-//! beginning, with the cause in GPIOR0. It does not leave this to the watchdog's own reset, because the Diecimila's bootloader
-//! leaves the watchdog running after that: it would be reset every 16 ms for ever, in the middle of waiting for an upload.
-//! The reset is only left for a restart that hangs in turn. Nothing hangs with interrupts off: once they are on, they are off only where
-//! a handler begins and ends, while Timer0's adds one to a byte, and for seven cycles where a byte of the EEPROM is begun.
+//! If the main loop completes no turn for 250 ms, the watchdog triggers its interrupt. The handler stores the cause in GPIOR0 and jumps to
+//! the start of the program. The watchdog's own reset is not used for this, because the Diecimila's bootloader leaves the watchdog running
+//! after it: the watchdog would reset the bootloader every 16 ms for ever, while it waits for an upload. That reset remains for a
+//! restart that hangs itself.
 //!
-//! A panic, an interrupt without a handler and a collision of the stack with the variables restart the same way.
+//! The program cannot hang with interrupts disabled. After `start` they are disabled only at the beginning and the end of a handler, while
+//! Timer0's handler increments a byte, and for seven cycles where the write of an EEPROM byte starts.
+//!
+//! A panic, an interrupt without a handler, and a collision of the stack with the variables restart the program in the same way.
 
 use core::arch::{asm, global_asm};
 use core::panic::PanicInfo;
@@ -15,8 +17,8 @@ use avr_device::atmega168::CPU;
 
 use node::node::condition::ResetCause;
 
-// Before anything else runs: save and clear the reset flags, stop the watchdog (which may still run from before, and must be
-// written within four cycles), and paint the RAM that the stack can grow into. r1 is zero and the stack unused at .init3.
+// Runs before everything else. Saves MCUSR in GPIOR1 and clears it. Stops the watchdog, which may still run; the second write to WDTCSR must
+// follow within four cycles. Paints the RAM that the stack can grow into. At .init3 r1 is zero and the stack is unused.
 //
 // GPIOR1 = 0x2A, MCUSR = 0x34, WDTCSR = 0x60, RAM ends at 0x4FF.
 global_asm!(
@@ -40,10 +42,10 @@ global_asm!(
     paint = const PAINT,
 );
 
-/// What unused RAM is filled with at start.
+/// The value of unused RAM after the start.
 const PAINT: u8 = 0xC5;
 
-/// Marks GPIOR0 as written by [`restart`].
+/// Upper half of GPIOR0 after [`restart`]. The lower half is the cause.
 const RESTARTED: u8 = 0xA0;
 
 unsafe extern "C" {
@@ -51,11 +53,11 @@ unsafe extern "C" {
     static __heap_start: [u8; 2];
 }
 
-/// Why the program started. To be called once.
+/// Returns why the program started. Call it once: it clears GPIOR0.
 pub fn reset_cause(cpu: &CPU) -> ResetCause {
     let software = cpu.gpior0().read().bits();
     cpu.gpior0().write(|w| w.set(0));
-    // The saved MCUSR: WDRF, BORF, EXTRF, PORF from bit 3 down. At power-on the others mean nothing.
+    // The saved MCUSR: WDRF, BORF, EXTRF, PORF from bit 3 down. After a power-on the other flags are undefined.
     let flags = cpu.gpior1().read().bits();
     if flags & 0b0001 != 0 {
         ResetCause::POWER_ON
@@ -66,45 +68,46 @@ pub fn reset_cause(cpu: &CPU) -> ResetCause {
     } else if flags & 0b0010 == 0 && software & 0xF0 == RESTARTED {
         ResetCause(software & 0x0F)
     } else {
-        // Some bootloaders clear MCUSR.
+        // EXTRF, or no flag at all: some bootloaders clear MCUSR.
         ResetCause::EXTERNAL
     }
 }
 
-/// Starts the watchdog and lets interrupts in.
+/// Starts the watchdog and enables interrupts.
 pub fn start() {
-    // Safety: writes only WDTCSR, in the sequence that the datasheet asks for, with interrupts off as they are from reset to
-    // here: WDCE | WDE, then within four cycles WDIF (to clear it) | WDIE | WDE | WDP2
-    // (250 ms).
+    // WDCE | WDE, then within four cycles WDIF (to clear it) | WDIE | WDE | WDP2 (250 ms).
+    // Safety: the block writes only WDTCSR, in the sequence that the datasheet requires. Interrupts are disabled from the reset to here, so none
+    // comes in between.
     unsafe {
         asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8, value = in(reg) 0xCCu8,
             options(nostack, preserves_flags));
     }
-    // Safety: all handlers are in place, and no critical section is open.
+    // Safety: `main` calls this once, after `Board::new` has set up all that the handlers use, and outside every critical section.
     unsafe { avr_device::interrupt::enable() };
 }
 
-/// To be called once in each turn of the main loop: it is alive.
+/// Resets the watchdog. Call it once in each turn of the main loop.
 #[inline(always)]
 pub fn is_alive() {
     avr_device::asm::wdr();
 }
 
-/// To be called once a millisecond: the stack has kept clear of the variables, or the program starts over.
+/// Restarts the program if the stack has reached the variables. Call it once a millisecond.
 pub fn check_stack() {
     let floor = (&raw const __heap_start).cast::<u8>();
-    // Safety: two bytes of RAM that nothing but the stack can write. Volatile, because that is not for the compiler to know.
+    // Safety: the linker places `__heap_start` after the variables, so these are two valid bytes of RAM that only the stack can write. The read
+    // is volatile because the compiler does not see the writes of the stack.
     let [first, second] = unsafe { [floor.read_volatile(), floor.add(1).read_volatile()] };
     if first != PAINT || second != PAINT {
         restart(ResetCause::STACK_COLLISION);
     }
 }
 
-/// Starts the program over.
+/// Restarts the program, and stores the cause in GPIOR0.
 pub fn restart(cause: ResetCause) -> ! {
     // GPIOR0 = 0x1E.
-    // Safety: nothing of the running program is used any more; its beginning sets up the stack and all variables anew, and
-    // `Board::new` all registers.
+    // Safety: the block does not return, so the running program uses nothing any more. The start code sets up the stack and all variables
+    // again, and `Board::new` all registers.
     unsafe { asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause.0, options(noreturn)) }
 }
 
@@ -118,8 +121,8 @@ fn WDT() {
     restart(ResetCause::WATCHDOG)
 }
 
-/// avr-libc sends every interrupt here that has no handler.
-// Safety: the name is avr-libc's, with this signature.
+/// The handler that avr-libc calls for every interrupt without a handler.
+// Safety: avr-libc declares this name as a weak symbol for this purpose, and calls it as an interrupt handler, which this function is.
 #[unsafe(no_mangle)]
 extern "avr-interrupt" fn __vector_default() {
     restart(ResetCause::STRAY_INTERRUPT)

@@ -1,13 +1,13 @@
-//! Noise: how the watchdog's oscillator runs against the crystal (datasheet 2545, section 11.8).
+//! Random bits from the jitter of the watchdog's oscillator against the crystal (datasheet 2545, section 11.8).
 //!
-//! A time-out of 2,048 cycles of the oscillator, nominally 16 ms, lasts some 23,000 turns of the loop below. How many exactly
-//! nobody can tell: an RC oscillator has jitter. The random generators for the Arduino that are built on it count on one bit a
-//! time-out (W. Anderson's Entropy library makes 32 bits of 32 samples, endolith's "probably random" 8 of 8 and puts a raw
-//! one at 4.4), and so does `node::store`.
+//! The watchdog's timeout is 2,048 cycles of its RC oscillator, nominally 16 ms. The loop below counts about 23,000 turns in that time, and the
+//! jitter of the oscillator makes the exact number random. Random generators for the Arduino that use this jitter assume one random bit for
+//! each timeout: W. Anderson's Entropy library makes 32 bits of 32 samples, and endolith's "probably random" 8 bits of 8 samples, although it
+//! estimates 4.4 bits in a raw sample. `node::store` assumes one bit, too.
 
 use avr_device::atmega168::WDT;
 
-/// The watchdog as a source of noise, before it is used as a watchdog.
+/// The watchdog as a source of random bits, before its use as a watchdog.
 pub struct Jitter {
     wdt: WDT,
 }
@@ -17,14 +17,14 @@ impl Jitter {
         Self { wdt }
     }
 
-    /// Counts through a time-out of the watchdog, 16 ms, and gives the lowest bits. Only before [`guard::start`], which takes
-    /// the watchdog over.
+    /// Counts during one timeout of the watchdog, 16 ms, and returns the lowest eight bits. Call it only before [`guard::start`], which uses the
+    /// watchdog from then on.
     ///
     /// [`guard::start`]: super::guard::start
     pub fn sample(&mut self) -> u8 {
-        // In interrupt mode, but with interrupts off: it only sets its flag, which a one clears.
+        // Interrupt mode, with interrupts disabled: the timeout only sets WDIF. Writing a 1 clears WDIF.
         self.wdt.wdtcsr().write(|w| w.wdif().set_bit().wdie().set_bit());
-        // A watchdog that stands still is given up after 45 ms.
+        // If the watchdog does not run, the loop ends after 45 ms.
         let mut turns = u16::MAX;
         while turns != 0 && self.wdt.wdtcsr().read().wdif().bit_is_clear() {
             turns -= 1;

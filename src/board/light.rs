@@ -1,6 +1,6 @@
-//! The light on D3, dimmed by Timer2 alone.
+//! The light on D3, dimmed by Timer2 without software.
 //!
-//! Phase-correct PWM (mode 1) at 490 Hz, which is dark at 0 and steady at 255 (ATmega48/88/168 datasheet 2545, section 17).
+//! Phase-correct PWM (mode 1) at 490 Hz: constantly off at 0 and constantly on at 255 (ATmega48/88/168 datasheet 2545, section 17).
 
 use avr_device::atmega168::TC2;
 
@@ -17,7 +17,7 @@ impl Light {
         Self { tc2 }
     }
 
-    /// Its brightness: 0 is off, 255 full.
+    /// Sets the brightness: 0 is off, 255 is full.
     pub fn set(&mut self, brightness: u8) {
         self.tc2.ocr2b().write(|w| w.set(brightness));
     }

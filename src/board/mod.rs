@@ -1,20 +1,20 @@
 //! The board: an Arduino Diecimila (ATmega168 at 16 MHz) with a CAN-BUS shield (MCP2515 with a 16 MHz crystal).
 //!
-//! All of the firmware's `unsafe` and all its interrupts are in this directory. Every register that is used is written in
-//! full at start, because the program can be restarted without a reset of the chip (see [`guard`]).
+//! All of the firmware's `unsafe` and all its interrupts are in this directory. The start code writes every register in use in full, because
+//! the program can restart without a reset of the chip (see [`guard`]).
 //!
-//! | signal | pin | ATmega168 | how |
+//! | signal | pin | ATmega168 | use |
 //! | --- | --- | --- | --- |
-//! | MCP2515 INT | D2 | PD2, INT0 | input with pull-up, active low: an interrupt, and a level to look at (see [`bus`]) |
+//! | MCP2515 INT | D2 | PD2, INT0 | input with pull-up, active low: an interrupt, and a level to poll (see [`bus`]) |
 //! | MCP2515 CS | D9 | PB1 | output, active low |
-//! | servo | D10 | PB2, OC1B | Timer1; also the SPI's SS, which must be an output for the SPI to stay master |
+//! | servo | D10 | PB2, OC1B | Timer1. The pin is also the SPI's SS, which must be an output so that the SPI stays master |
 //! | MOSI, MISO, SCK | D11, D12, D13 | PB3, PB4, PB5 | SPI at 8 MHz, mode 0,0 |
 //! | light | D3 | PD3, OC2B | Timer2 |
-//! | button | D4 | PD4 | input with pull-up, pressed is low |
-//! | temperature | A0 | ADC0 | LM35, against AVCC |
+//! | button | D4 | PD4 | input with pull-up, low while pressed |
+//! | temperature | A0 | ADC0 | LM35, against AVCC or the bandgap |
 //! | serial monitor | D0, D1 | RXD, TXD | 115200 baud 8N1 |
 //!
-//! Timer0 counts milliseconds, by an interrupt.
+//! Timer0 counts milliseconds with an interrupt.
 
 mod adc;
 mod bus;
@@ -48,15 +48,15 @@ pub use light::Light;
 pub use serial::Serial;
 pub use servo::Servo;
 
-/// Crystal of the ATmega168, in hertz. Timer0, Timer1, the ADC and the UART are set up for it.
+/// Crystal of the ATmega168, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on it.
 pub const CLOCK_HZ: u32 = 16_000_000;
 
 /// Crystal of the MCP2515, in hertz.
 pub const CAN_CRYSTAL_HZ: u32 = 16_000_000;
 
-/// The parts of the board, set up.
+/// The parts of the board, ready for use.
 pub struct Board {
-    /// Milliseconds.
+    /// The millisecond clock.
     pub clock: Clock,
     /// The serial monitor.
     pub serial: Serial,
@@ -74,25 +74,25 @@ pub struct Board {
     pub button: Button,
     /// The EEPROM.
     pub eeprom: Eeprom,
-    /// A source of noise, until the watchdog is started.
+    /// A source of random bits, until [`guard::start`] starts the watchdog.
     pub jitter: Jitter,
-    /// Where the cause of the last reset is.
+    /// The registers with the cause of the last reset.
     pub cpu: CPU,
 }
 
 impl Board {
-    /// Sets everything up. To be called once.
+    /// Sets up all parts. Call it once.
     pub fn new() -> Self {
-        // One by one, because `Peripherals` keeps a note of having been taken in RAM.
+        // Each register block separately: `Peripherals::take` stores in RAM that it was called.
         macro_rules! peripheral {
             ($name:ident) => {
-                // Safety: each register block is named once below, and this function is called once, by `main`, before any interrupt is let
-                // in. The modules that steal a block again argue for it.
+                // Safety: each register block is named once below, and `main` calls this function once, before interrupts are enabled. So each
+                // value is the only one of its block here. A module that steals a block again argues for that at its place.
                 unsafe { avr_device::atmega168::$name::steal() }
             };
         }
-        // The servo's timer is still running after a restart, and drives its pin whatever the port is told. Before the SPI, which must find its SS
-        // pin an output.
+        // The pins come before the SPI, whose SS pin must be an output. After a restart Timer1 still runs and drives the servo's pin, whatever the
+        // port registers hold.
         let pins = Pins::new(peripheral!(PORTB), peripheral!(PORTD));
         Self {
             servo: Servo::new(peripheral!(TC1), pins.servo),

@@ -1,6 +1,6 @@
-//! The pins, by type: a pin belongs to whoever has its value, and there is one value of each.
+//! The pins as types. Each output pin has one value, and the owner of the value owns the pin.
 //!
-//! This is the place where a pin is chosen. Two choices are the chip's: OC1B and OC2B are where their timers are, and INT0 is on PD2.
+//! This file assigns the pins. The chip fixes some of them: OC1B is on PB2, OC2B on PD3, and INT0 on PD2.
 
 use core::convert::Infallible;
 use core::marker::PhantomData;
@@ -18,14 +18,14 @@ pub type ServoSignal = Output<B, 2>;
 #[cfg(feature = "button")]
 pub type ButtonSignal = Input<D, 4>;
 
-/// MOSI and SCK: D11 and D13. The SPI has them.
+/// MOSI and SCK: D11 and D13. The SPI drives them.
 const MOSI: u8 = 3;
 const SCK: u8 = 5;
-/// TXD: D1. It idles high until the UART has it.
+/// TXD: D1. The port drives it high until the UART takes it over.
 const TXD: u8 = 1;
-/// Light: D3, OC2B. Timer2 has it.
+/// Light: D3, OC2B. Timer2 drives it.
 const LIGHT: u8 = 3;
-/// Button: D4. Pulled up whether the build has the feature or not.
+/// Button: D4. The pull-up is on even without the feature `button`.
 const BUTTON: u8 = 4;
 
 /// Port B.
@@ -35,13 +35,13 @@ pub struct D;
 
 /// The registers of a port.
 pub trait Port {
-    /// Makes a bit of PORTx 1 or 0.
+    /// Sets or clears a bit of PORTx.
     ///
     /// # Safety
     ///
-    /// The bit belongs to the caller.
+    /// The caller must own the pin of this bit.
     unsafe fn set(bit: u8, is_high: bool);
-    /// A bit of PINx.
+    /// Returns true if the bit of PINx is 1.
     fn is_high(bit: u8) -> bool;
 }
 
@@ -50,19 +50,19 @@ macro_rules! port {
         impl Port for $port {
             #[inline(always)]
             unsafe fn set(bit: u8, is_high: bool) {
-                // Safety: `Pins::new` has consumed the port. The bit belongs to the caller, and with a constant bit this is one `sbi` or
-                // `cbi`, so no interrupt can come between reading and writing the other bits.
+                // Safety: `Pins::new` has consumed the port, so only this module uses it, and the caller owns the pin. The bit is a constant, so
+                // this is one `sbi` or `cbi`: no interrupt can come between reading and writing the other bits.
                 let registers = unsafe { $registers::steal() };
                 registers.$portx().modify(|r, w| {
                     let bits = if is_high { r.bits() | 1 << bit } else { r.bits() & !(1 << bit) };
-                    // Safety: PORTx takes any value.
+                    // Safety: every value of PORTx is valid.
                     unsafe { w.bits(bits) }
                 });
             }
 
             #[inline(always)]
             fn is_high(bit: u8) -> bool {
-                // Safety: reading PINx has no effect, whoever owns the port.
+                // Safety: this only reads PINx, which has no side effect, so the owner of the port does not matter.
                 unsafe { $registers::steal() }.$pinx().read().bits() & 1 << bit != 0
             }
         }
@@ -72,32 +72,32 @@ macro_rules! port {
 port!(B, PORTB, portb, pinb);
 port!(D, PORTD, portd, pind);
 
-/// A pin that is driven.
+/// An output pin.
 pub struct Output<P, const BIT: u8>(PhantomData<P>);
 
-/// A pin that is read, with its pull-up.
+/// An input pin with its pull-up.
 pub struct Input<P, const BIT: u8>(PhantomData<P>);
 
 impl<P, const BIT: u8> Output<P, BIT> {
-    /// The pin, without its [`Pins`].
+    /// Makes a value of the pin without [`Pins`].
     ///
     /// # Safety
     ///
-    /// There is no other value of this pin, and it is not used before [`Pins::new`].
+    /// There must be no other value of this pin, and nothing may use it before [`Pins::new`].
     pub const unsafe fn steal() -> Self {
         Self(PhantomData)
     }
 }
 
 impl<P, const BIT: u8> Input<P, BIT> {
-    /// The pin. Reading has no effect, so there may be several values of it.
+    /// Makes a value of the pin. Reading has no side effect, so there may be several values.
     pub const fn new() -> Self {
         Self(PhantomData)
     }
 }
 
 impl<P: Port, const BIT: u8> Output<P, BIT> {
-    /// The level of the pin, whoever drives it.
+    /// Returns true if the level of the pin is high, also when a timer drives it.
     #[inline(always)]
     pub fn is_driven_high(&self) -> bool {
         P::is_high(BIT)
@@ -105,7 +105,7 @@ impl<P: Port, const BIT: u8> Output<P, BIT> {
 }
 
 impl<P: Port, const BIT: u8> Input<P, BIT> {
-    /// The level of the pin.
+    /// Returns true if the level of the pin is low.
     #[inline(always)]
     pub fn is_pulled_low(&self) -> bool {
         !P::is_high(BIT)
@@ -119,14 +119,14 @@ impl<P, const BIT: u8> ErrorType for Output<P, BIT> {
 impl<P: Port, const BIT: u8> OutputPin for Output<P, BIT> {
     #[inline(always)]
     fn set_low(&mut self) -> Result<(), Infallible> {
-        // Safety: this value is the only one of its pin.
+        // Safety: there is one value of each output pin, and `&mut self` is that value, so the caller owns the pin.
         unsafe { P::set(BIT, false) };
         Ok(())
     }
 
     #[inline(always)]
     fn set_high(&mut self) -> Result<(), Infallible> {
-        // Safety: this value is the only one of its pin.
+        // Safety: `&mut self` is the one value of this output pin, so the caller owns the pin.
         unsafe { P::set(BIT, true) };
         Ok(())
     }
@@ -146,24 +146,24 @@ impl<P: Port, const BIT: u8> InputPin for Input<P, BIT> {
     }
 }
 
-/// The pins that have no owner yet.
+/// The pins that other modules take.
 pub struct Pins {
-    /// The servo's.
+    /// The servo's pin.
     pub servo: ServoSignal,
-    /// The CAN controller's interrupt.
+    /// The CAN controller's INT pin.
     pub can_interrupt: CanInterrupt,
-    /// The button's.
+    /// The button's pin.
     #[cfg(feature = "button")]
     pub button: ButtonSignal,
 }
 
 impl Pins {
-    /// Sets up both ports, in full.
+    /// Sets up both ports, all bits.
     pub fn new(portb: PORTB, portd: PORTD) -> Self {
         let select = bit::<CanSelect>();
-        // CS is high before it becomes an output, the servo low. MISO is an input.
-        // INT is pulled up, so that a shield that is not there asks for nothing.
-        // Safety: PORTx and DDRx take any value.
+        // CS is high and the servo's pin low before they become outputs. MISO is an input. INT has a pull-up, so that without a shield it stays
+        // high and triggers nothing.
+        // Safety: every value of PORTx and DDRx is valid.
         unsafe {
             portb.portb().write(|w| w.bits(select));
             portb.ddrb().write(|w| w.bits(select | bit::<ServoSignal>() | 1 << MOSI | 1 << SCK));
@@ -179,7 +179,7 @@ impl Pins {
     }
 }
 
-/// A pin's place in its port.
+/// The number of a pin in its port.
 trait Bit {
     const BIT: u8;
 }
@@ -192,7 +192,7 @@ impl<P, const BIT: u8> Bit for Input<P, BIT> {
     const BIT: u8 = BIT;
 }
 
-/// A pin's bit in its port.
+/// The bit mask of a pin in its port.
 const fn bit<T: Bit>() -> u8 {
     1 << T::BIT
 }

@@ -6,7 +6,7 @@ use super::CLOCK_HZ;
 
 const BAUD: u32 = 115_200;
 
-/// Divisor with U2X: 117,647 baud, 2.1 % fast. Without U2X it would be 3.5 % slow.
+/// Divisor with U2X. It gives 117,647 baud, 2.1 % too fast. Without U2X the rate would be 3.5 % too slow.
 const UBRR: u16 = (CLOCK_HZ / 8 / BAUD - 1) as u16;
 
 /// The UART.
@@ -23,19 +23,19 @@ impl Serial {
         Self { usart }
     }
 
-    /// Whether the UART can take a byte now.
+    /// True if the UART can accept a byte now.
     pub fn can_send(&self) -> bool {
         self.usart.ucsr0a().read().udre0().bit_is_set()
     }
 
-    /// Sends a byte, when it [can](Self::can_send); 0 is none.
+    /// Sends a byte, but not a 0. Call it only when the UART [can](Self::can_send) accept a byte.
     pub fn send(&mut self, byte: u8) {
         if byte != 0 {
             self.usart.udr0().write(|w| w.set(byte));
         }
     }
 
-    /// A byte that came in.
+    /// Returns the received byte, if there is one.
     pub fn receive(&mut self) -> Option<u8> {
         let received = self.usart.ucsr0a().read().rxc0().bit_is_set();
         received.then(|| self.usart.udr0().read().bits())

@@ -1,8 +1,8 @@
-//! The servo pulse, made by Timer1 alone: no interrupt, so no jitter.
+//! The servo pulse. Timer1 makes it without an interrupt, so it has no jitter.
 //!
-//! Fast PWM with ICR1 as TOP (mode 14): OC1B goes high at BOTTOM and low after a compare match with OCR1B, which Timer1 takes
-//! over at BOTTOM only (ATmega48/88/168 datasheet 2545, section 15). So a new width begins with a period, whenever it is
-//! written, and the pulse lasts OCR1B + 1 ticks.
+//! Timer1 is in fast PWM mode with ICR1 as TOP (mode 14): OC1B goes high at BOTTOM, and low after a compare match with OCR1B. OCR1B is double
+//! buffered and updated only at BOTTOM (ATmega48/88/168 datasheet 2545, section 15). So a new width takes effect at the start of a
+//! period, and the pulse lasts OCR1B + 1 ticks.
 
 use avr_device::atmega168::TC1;
 
@@ -18,7 +18,7 @@ const TICKS: u32 = {
     CLOCK_HZ / PRESCALER
 };
 
-/// The servo output: silent until it is first given a width.
+/// The servo output. It makes no pulse before the first [`set`](Output::set).
 pub struct Servo {
     tc1: TC1,
     signal: ServoSignal,
@@ -27,14 +27,14 @@ pub struct Servo {
 
 impl Servo {
     pub(super) fn new(tc1: TC1, signal: ServoSignal) -> Self {
-        // After a restart the timer may be in a pulse: it is left to end, not cut. It is over in 2.5 ms; the turns, of
-        // six cycles or more, are bounded all the same.
+        // After a restart of the program the timer may be in a pulse. The pulse must end and not be cut; it takes 2.5 ms at most. The loop has a
+        // limit all the same: 8,000 turns of six cycles or more are 3 ms.
         let mut servo = Self { tc1, signal, width: 0 };
         let mut turns = 8000u16;
         while turns != 0 && !servo.is_idle() {
             turns = turns.wrapping_sub(1);
         }
-        // WGM11..0 = 2 and WGM13..2 = 3: mode 14. While COM1B is 0 the pin is an ordinary output, low.
+        // WGM11..0 = 2 and WGM13..2 = 3: mode 14. While COM1B is 0, the port drives the pin low.
         servo.tc1.tccr1a().write(|w| w.wgm1().set(2));
         servo.tc1.tccr1b().write(|w| w.wgm1().set(3));
         servo.tc1.timsk1().write(|w| w.toie1().clear_bit());
@@ -44,13 +44,14 @@ impl Servo {
         servo
     }
 
-    /// Pulses a second, 50 to 333. Before the first pulse: the timer must not be beyond its new end.
+    /// Sets the rate in pulses a second, 50 to 333. Call it before the first pulse: it restarts the period, so that the timer is never above the new
+    /// TOP.
     pub fn set_rate(&mut self, rate_hz: u16) {
         self.tc1.icr1().write(|w| w.set(scaled((TICKS / 64) as u16, 64, rate_hz).wrapping_sub(1)));
         self.tc1.tcnt1().write(|w| w.set(0));
     }
 
-    /// Not in a pulse.
+    /// True if no pulse is active.
     fn is_idle(&self) -> bool {
         !self.signal.is_driven_high()
     }
@@ -64,7 +65,7 @@ impl Output for Servo {
         }
         if width != 0 {
             self.tc1.ocr1b().write(|w| w.set(width.wrapping_sub(1)));
-            // OC1B's latch is low until the next BOTTOM, so that the first pulse is whole, too.
+            // OC1B stays low until the next BOTTOM, so the first pulse has its full width, too.
             self.tc1.tccr1a().write(|w| w.wgm1().set(2).com1b().match_clear());
         } else if self.is_idle() {
             self.tc1.tccr1a().write(|w| w.wgm1().set(2));

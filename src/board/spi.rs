@@ -1,24 +1,24 @@
-//! The SPI of the MCP2515.
+//! The SPI bus of the MCP2515.
 
 use core::convert::Infallible;
 
 use avr_device::atmega168::SPI;
 use embedded_hal::spi::{self, SpiBus};
 
-/// The SPI in mode 0,0 at 8 MHz (the MCP2515 takes 10).
+/// The SPI in mode 0,0 at 8 MHz. The MCP2515 allows 10 MHz.
 pub struct CanSpi(());
 
 impl CanSpi {
-    /// The SPI before it is set up, so that the driver that has it can be a static that begins as zeros.
+    /// Makes the value before the SPI is set up, so that the driver that owns it can be a static of zero bytes.
     ///
     /// # Safety
     ///
-    /// There is no other value of this type, and it is not used before [`set_up`](Self::set_up).
+    /// There must be no other value of this type, and nothing may use it before [`set_up`](Self::set_up).
     pub const unsafe fn steal() -> Self {
         Self(())
     }
 
-    /// Sets the SPI up. SS must be an output by then. It consumes the registers, which are the driver's from here on.
+    /// Sets up the SPI. SS must be an output before. Consumes the registers: from here on only the driver uses them.
     pub fn set_up(spi: SPI) {
         spi.spcr().write(|w| w.spe().set_bit().mstr().set_bit());
         spi.spsr().write(|w| w.spi2x().set_bit());
@@ -26,7 +26,7 @@ impl CanSpi {
 
     #[inline(always)]
     fn spi(&self) -> SPI {
-        // Safety: `set_up` has consumed the registers, and there is no other value of this type, so nobody else uses them.
+        // Safety: `set_up` has consumed the registers, and `steal` requires that there is no other value of this type. So nothing else uses them.
         unsafe { SPI::steal() }
     }
 
@@ -35,7 +35,8 @@ impl CanSpi {
         self.spi().spdr().write(|w| w.set(byte));
     }
 
-    /// Sixteen cycles from `begin`, always: the master makes its own clock.
+    /// Waits for the end of the byte, and returns the received byte. The wait always ends 16 cycles after `begin`, because the master makes the
+    /// clock.
     #[inline(always)]
     fn finish(&mut self) -> u8 {
         while self.spi().spsr().read().spif().bit_is_clear() {}
@@ -54,7 +55,7 @@ impl spi::ErrorType for CanSpi {
 }
 
 impl SpiBus for CanSpi {
-    /// Stores each byte while the SPI shifts the next.
+    /// Reads the bytes. Stores each byte while the SPI shifts the next one.
     #[inline(never)]
     fn read(&mut self, words: &mut [u8]) -> Result<(), Infallible> {
         let Some((last, others)) = words.split_last_mut() else { return Ok(()) };
@@ -88,7 +89,7 @@ impl SpiBus for CanSpi {
 
     #[inline(always)]
     fn transfer_in_place(&mut self, words: &mut [u8]) -> Result<(), Infallible> {
-        // One byte is what the driver exchanges, and needs no loop.
+        // The driver exchanges one byte at a time, which needs no loop.
         match words {
             [word] => *word = self.exchange(*word),
             words => words.iter_mut().for_each(|word| *word = self.exchange(*word)),

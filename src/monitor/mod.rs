@@ -1,11 +1,11 @@
-//! The serial monitor: what happens, in lines of text, at the pace of the UART.
+//! The serial monitor: logs events as lines of text, at the rate of the UART.
 //!
-//! What happened is queued as an [`Event`] of eight bytes, in a few microseconds. Text is made of it later, in steps of
-//! at most 125 us: so a burst of eight events needs 64 bytes instead of 400, and nothing ever waits. When the queue is full,
-//! events are dropped and counted, and the count is told.
+//! The node queues an [`Event`] of eight bytes, which takes a few microseconds. The monitor makes the text later, in steps of at most
+//! 125 us. So the caller never waits, and a burst of eight events needs 64 bytes of RAM; its text would need 400. When the queue is full, the
+//! monitor drops events, counts them, and logs the count.
 //!
-//! The text itself stays in flash, packed ([`text`]). It is unpacked on a stack: a code of the text is pushed there as the two
-//! codes that it stands for, and a number as its characters, the last one first.
+//! The texts stay in flash, packed ([`text`]). The monitor unpacks them on a stack: it replaces a code that stands for a pair by the two codes
+//! of the pair, and a field by the characters of its value. It pushes the last code first.
 
 pub mod text;
 
@@ -15,96 +15,99 @@ use crate::progmem::Progmem;
 pub use text::Line;
 use text::{Code, Field, Texts};
 
-/// Events that can wait. At 115200 baud a line takes about 5 ms, so this bridges 40 ms. A power of two.
+/// Events in the ring: the one that is being sent, and seven that wait. At 115200 baud a line takes about 5 ms, so this bridges 40 ms. A power
+/// of two.
 const QUEUE_LEN: usize = 8;
 
-/// As deep as unpacking goes (there is a test).
+/// Codes on the stack at most. A test checks the depth.
 const STACK_LEN: usize = 10;
 
-/// Texts to skip in a step, on the way to one of them.
+/// Texts that one step of the search for a text skips at most.
 const SKIPPED_AT_ONCE: u8 = 16;
 
-/// A line of text to be, with the values for its fields.
+/// A line to log, with the values for its fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Event {
     /// The text.
     pub line: Line,
-    /// The values of the fields that are a byte, in the order of their codes: source, transfer, code.
+    /// The values of the fields of one byte, in the order of their codes: source, transfer, code.
     bytes: [u8; 3],
-    /// `%a`: a number; `%+`, `%0` to `%3`: sign and magnitude of a signed number, the latter with so many decimal
-    /// places.
+    /// `%a`: a number. `%+`: the sign of a signed number. `%0` to `%3`: its magnitude with 0 to 3 decimal places.
     pub a: u16,
-    /// `%b`: a number; `%p`: a number in halves; `%v`: another line to put in here; `%n`: a parameter, of which to put in the name.
+    /// `%b`: a number. `%p`: a number in halves. `%v`: the number of a line to insert. `%n`: the number of a parameter whose name to insert.
     pub b: u16,
 }
 
 impl Line {
-    /// Whether it tells that something was refused.
+    /// True if the line logs that something was refused.
     pub fn is_refusal(self) -> bool {
         self <= Self::RefusedValue
     }
 }
 
 impl Event {
-    /// The line with all values zero.
+    /// An event of this line with all values zero.
     pub const fn new(line: Line) -> Self {
         Self { line, bytes: [0; 3], a: 0, b: 0 }
     }
 
-    /// `%s`: a node ID.
+    /// Sets `%s`: a node ID.
     #[inline(always)]
     pub fn set_source(&mut self, source: u8) {
         self.bytes[Field::SOURCE as usize] = source;
     }
 
-    /// `%t`: a transfer ID.
+    /// Sets `%t`: a transfer ID.
     #[inline(always)]
     pub fn set_transfer(&mut self, transfer: u8) {
         self.bytes[Field::TRANSFER as usize] = transfer;
     }
 
-    /// `%c` or `%x`: a code, decimal or hexadecimal; `%w`: a line to put in here.
+    /// Sets `%c` or `%x`, a code in decimal or hexadecimal, or `%w`, the number of a line to insert.
     #[inline(always)]
     pub fn set_code(&mut self, code: u8) {
         self.bytes[Field::CODE as usize] = code;
     }
 }
 
-/// The flash with the texts, and the names that `%n` stands for.
+/// Access to the texts and to the names of the parameters (`%n`) in flash.
 pub trait TextsAndNames: Progmem<Texts> {
-    /// Where the names begin, counted from the beginning of the texts. Each has its length before it.
+    /// Index of the first name, counted from the first byte of the texts. The length of each name is stored before it.
     const NAMES: u16;
 }
 
-/// Turns events into text.
+/// Queues events and makes text of them.
 pub struct Monitor {
-    /// A ring: one that is told, and those that wait.
+    /// A ring: the event that is being sent, and after it those that wait.
     events: [Event; QUEUE_LEN],
-    told: u8,
+    /// Place of the event that is being sent, modulo [`QUEUE_LEN`].
+    sent: u8,
+    /// Events that wait.
     waiting: u8,
-    /// Events dropped since that was last told, up to 255. That is told before the next line, or before
-    /// the one after it if the last line was the same.
+    /// Events dropped since the last [`Line::Lost`], at most 255. The monitor logs the count before the next line; after a [`Line::Lost`] it
+    /// logs another line first.
     lost: u8,
-    /// Characters and other codes that come next, the last one first.
+    /// Codes to send next. The top of the stack is the first.
     stack: Vec<u8, STACK_LEN, u8>,
-    /// Then comes the rest of a text: where it is in flash, and how long. Before that it is to be found, as the one that is so
-    /// many (and one) after the one whose length is there.
+    /// After the stack: index in flash of the rest of a text, and its length. While `text_skip` is not 0 the text is still to be found:
+    /// `text_at` is the index of the length of some text, and the text to send is `text_skip - 1` texts after that one.
     text_at: u16,
     text_left: u8,
     text_skip: u8,
-    /// Then the rest of the line that it is inserted in, and the end of that line.
+    /// After the text: index and length of the rest of the line that the text is inserted in.
     line_at: u16,
     line_left: u8,
+    /// The end of the line is still to be sent.
     has_end: bool,
 }
 
 impl Monitor {
-    /// With nothing to tell.
+    /// An empty monitor.
     pub const fn new() -> Self {
         Self {
-            // The line with number 0, so that all of this begins as zeros.
+            // Line number 0, so that the initial value is all zero bytes.
             events: [Event::new(Line::RefusedKind); QUEUE_LEN],
-            told: 0,
+            sent: 0,
             waiting: 0,
             lost: 0,
             stack: Vec::new(),
@@ -117,10 +120,10 @@ impl Monitor {
         }
     }
 
-    /// Tells a line as soon as the UART allows, with the values that the caller puts into the event; those that the line has no
-    /// field for are left as they were. Where there is no room it takes the place of the last one, and that is counted.
+    /// Queues a line and returns its event, into which the caller puts the values. Values that the caller does not set are those of an earlier
+    /// event. If the queue is full, the line replaces the last one, which is counted as dropped.
     #[inline(never)]
-    pub fn tell(&mut self, line: Line) -> &mut Event {
+    pub fn log_line(&mut self, line: Line) -> &mut Event {
         if self.is_full() {
             self.lose();
         } else {
@@ -131,13 +134,13 @@ impl Monitor {
         event
     }
 
-    /// Tells a line with the values of this event, if there is room; else it only counts it, because such lines come as fast as frames do.
+    /// Queues a copy of this event. If the queue is full, drops and counts it: such lines come as fast as frames do, and must not replace others.
     #[inline(never)]
     pub fn log(&mut self, event: &Event) {
         if self.is_full() {
             self.lose();
         } else {
-            *self.tell(event.line) = *event;
+            *self.log_line(event.line) = *event;
         }
     }
 
@@ -145,7 +148,7 @@ impl Monitor {
         self.waiting == QUEUE_LEN as u8 - 1
     }
 
-    /// Counts a line that there is no room for.
+    /// Counts a line that was dropped because the queue was full.
     #[inline(never)]
     fn lose(&mut self) {
         if self.lost != u8::MAX {
@@ -153,19 +156,19 @@ impl Monitor {
         }
     }
 
-    /// The event that is being told, or one that waits.
+    /// The event that is being sent (0), or the `n`th one that waits.
     #[inline(never)]
     fn event(&mut self, n: u8) -> &mut Event {
-        &mut self.events[usize::from(self.told.wrapping_add(n)) % QUEUE_LEN]
+        &mut self.events[usize::from(self.sent.wrapping_add(n)) % QUEUE_LEN]
     }
 
     #[inline(never)]
     fn push(&mut self, code: u8) {
-        // The stack is never outgrown; a code that did that would be left out.
+        // The stack is deep enough (see `STACK_LEN`). A code beyond it would be dropped.
         let _ = self.stack.push(code);
     }
 
-    /// The next character for the UART; 0 when this step did not get as far as that.
+    /// Does one step and returns the next character for the UART, or 0 if this step made none.
     #[inline(never)]
     pub fn next_byte<F: TextsAndNames>(&mut self, flash: F) -> u8 {
         let mut code = match self.stack.pop() {
@@ -190,7 +193,7 @@ impl Monitor {
         }
     }
 
-    /// The next code of a text, if this step gets as far as that and there is one.
+    /// Returns the next code of the text, or `None` if this step finds none.
     #[inline(always)]
     fn next_code(&mut self, flash: impl Progmem<Texts>) -> Option<u8> {
         if self.text_skip != 0 {
@@ -214,7 +217,7 @@ impl Monitor {
         Some(flash.byte(at))
     }
 
-    /// Gets nearer to the text.
+    /// Does one step of the search for the text.
     #[inline(always)]
     fn find_text(&mut self, flash: impl Progmem<Texts>) {
         let mut texts = SKIPPED_AT_ONCE;
@@ -235,7 +238,7 @@ impl Monitor {
         self.text_skip = skip;
     }
 
-    /// Inserts a text: the one that is so many after the one whose length is there.
+    /// Inserts the text that is `skip` texts after the text whose length is at `at`.
     #[inline(never)]
     fn insert(&mut self, at: u16, skip: u8) {
         self.line_at = self.text_at;
@@ -247,7 +250,7 @@ impl Monitor {
 
     #[inline(always)]
     fn begin_line(&mut self) {
-        // Never twice running: of an endless flood some lines are to be told, too.
+        // Never twice in a row, so that during an endless flood other lines are sent, too.
         if self.lost != 0 && self.event(0).line != Line::Lost {
             let lost = core::mem::take(&mut self.lost);
             let event = self.event(0);
@@ -255,7 +258,7 @@ impl Monitor {
             event.set_code(lost);
         } else if self.waiting != 0 {
             self.waiting = self.waiting.wrapping_sub(1);
-            self.told = self.told.wrapping_add(1);
+            self.sent = self.sent.wrapping_add(1);
         } else {
             return;
         }
@@ -292,7 +295,7 @@ impl Monitor {
         }
     }
 
-    /// Pushes the digits of a number with so many of them after the point, the last one first.
+    /// Pushes the digits of a number with `places` decimal places, the last digit first.
     #[inline(never)]
     fn push_number(&mut self, mut number: u16, places: u8) {
         let mut before_point = places as i8;
@@ -320,7 +323,8 @@ impl Monitor {
     }
 }
 
-/// A tenth of a number, or one less, without division or multiplication of words: the sum of its parts 1/2, 1/4, 1/32, and so on.
+/// A tenth of a number, rounded down, or one less. It adds the parts 1/2, 1/4, 1/32 and so on: the AVR has no division, and no multiplication of
+/// words.
 #[inline(never)]
 fn nearly_a_tenth(number: u16) -> u16 {
     let mut eighths = (number >> 1).wrapping_add(number >> 2);
@@ -342,34 +346,34 @@ mod tests {
     use crate::node::parameters::Parameter;
     use std::string::String;
 
-    /// The next character, after some steps that give none; 0 if none comes.
+    /// The next character, or 0 if twelve steps make none.
     fn next(monitor: &mut Monitor) -> u8 {
         (0..12).map(|_| monitor.next_byte(InMemory)).find(|&byte| byte != 0).unwrap_or(0)
     }
 
-    fn told(monitor: &mut Monitor) -> String {
+    fn logged(monitor: &mut Monitor) -> String {
         std::iter::from_fn(|| Some(next(monitor)).filter(|&byte| byte != 0)).map(char::from).collect()
     }
 
     fn line_of(event: Event) -> String {
         let mut monitor = Monitor::new();
-        *monitor.tell(event.line) = event;
-        told(&mut monitor)
+        *monitor.log_line(event.line) = event;
+        logged(&mut monitor)
     }
 
     #[test]
-    fn of_every_number_a_tenth_is_found_or_one_less() {
+    fn nearly_a_tenth_is_a_tenth_or_one_less() {
         assert!((0..=u16::MAX).all(|number| number / 10 - nearly_a_tenth(number) <= 1));
     }
 
     #[test]
-    fn a_command_is_told_with_type_source_transfer_and_value() {
+    fn a_command_is_logged_with_type_source_transfer_and_value() {
         let event = Event { line: Line::CommandUnitless, bytes: [10, 7, 1], a: 500, b: 3500 };
         assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n");
     }
 
     #[test]
-    fn a_status_is_told_with_words_for_health_and_mode() {
+    fn a_status_is_logged_with_words_for_health_and_mode() {
         let health = Line::Health.plus(1).number();
         let mode = Line::Mode.plus(3).number();
         let event = Event { line: Line::Status, bytes: [1, 31, health], a: 65_535, b: mode.into() };
@@ -378,19 +382,19 @@ mod tests {
 
     #[cfg(feature = "standard")]
     #[test]
-    fn a_parameter_is_told_by_its_name() {
+    fn a_parameter_is_logged_by_its_name() {
         for (parameter, name) in [(Parameter::CanNode, "CAN_NODE"), (Parameter::Out1Reversed, "OUT1_REVERSED")] {
             let b = parameter as u16;
-            let told = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
-            assert_eq!(told, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
+            let line = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
+            assert_eq!(line, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
         }
     }
 
     #[test]
-    fn numbers_of_every_kind_are_written_right() {
+    fn all_number_fields_are_formatted_correctly() {
         let field_of = |line, bytes, a, b, before, after| {
-            let told = line_of(Event { line, bytes, a, b });
-            let (_, rest) = told.split_once(before).unwrap();
+            let line = line_of(Event { line, bytes, a, b });
+            let (_, rest) = line.split_once(before).unwrap();
             rest.split_once(after).unwrap().0.to_string()
         };
         let zero = [0; 3];
@@ -416,7 +420,7 @@ mod tests {
         }
     }
 
-    /// A text with its values put in, the plain way.
+    /// The line that the text and the values of the event give, made with `format!`.
     fn expected(text: &str, event: Event) -> String {
         let Event { bytes: [source, transfer, code], a, b, .. } = event;
         let word = |line: usize| text::LINES[line].to_string();
@@ -426,10 +430,10 @@ mod tests {
             format!("{whole}.{rest}")
         };
         let mut parts = text.split('%');
-        let mut told = parts.next().unwrap().to_string();
+        let mut line = parts.next().unwrap().to_string();
         for part in parts {
             let (field, rest) = part.split_at(1);
-            told += &match field {
+            line += &match field {
                 "s" => source.to_string(),
                 "t" => transfer.to_string(),
                 "c" => code.to_string(),
@@ -445,13 +449,13 @@ mod tests {
                 "n" => "OUT1_REVERSED".to_string(),
                 _ => panic!("unknown field in {text:?}"),
             };
-            told += rest;
+            line += rest;
         }
-        told + "\r\n"
+        line + "\r\n"
     }
 
     #[test]
-    fn every_line_is_unpacked_as_it_was_written_and_the_stack_is_as_large_as_that_takes() {
+    fn every_line_unpacks_to_its_text_within_the_stack() {
         let longest_word = Line::ModeSoftwareUpdate.number();
 
         let mut depth = 0;
@@ -465,45 +469,45 @@ mod tests {
             let line = Line::RefusedKind.plus(number as u8);
             let event = Event { line, bytes: [125, 31, code], a: -10_000i16 as u16, b };
             let mut monitor = Monitor::new();
-            *monitor.tell(line) = event;
-            let mut told = String::new();
+            *monitor.log_line(line) = event;
+            let mut sent = String::new();
             for _ in 0..400 {
                 let byte = monitor.next_byte(InMemory);
                 depth = depth.max(monitor.stack.len());
                 if byte != 0 {
-                    told.push(char::from(byte));
+                    sent.push(char::from(byte));
                 }
             }
-            assert_eq!(told, expected(text, event));
+            assert_eq!(sent, expected(text, event));
         }
         assert!((STACK_LEN - 2..=STACK_LEN).contains(&depth), "{depth}");
     }
 
     #[test]
-    fn what_does_not_fit_is_dropped_and_counted() {
+    fn lines_that_do_not_fit_are_dropped_and_counted() {
         let mut monitor = Monitor::new();
-        monitor.tell(Line::Running);
+        monitor.log_line(Line::Running);
         assert_eq!(next(&mut monitor), b'C');
         for _ in 0..QUEUE_LEN - 1 + 5 {
-            monitor.tell(Line::BusOff);
+            monitor.log_line(Line::BusOff);
         }
-        let text = told(&mut monitor);
+        let text = logged(&mut monitor);
         let lines: std::vec::Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), QUEUE_LEN + 1);
         assert_eq!(lines[0], "AN: running");
         assert!(lines[1].starts_with("5 lines"), "{}", lines[1]);
         assert!(lines[2..].iter().all(|&line| line == "CAN: bus-off"));
-        assert_eq!(told(&mut monitor), "");
+        assert_eq!(logged(&mut monitor), "");
     }
 
     #[test]
-    fn a_line_that_is_being_told_is_not_overwritten() {
+    fn a_line_that_is_being_sent_is_not_overwritten() {
         let mut monitor = Monitor::new();
-        monitor.tell(Line::Temperature).a = 245;
+        monitor.log_line(Line::Temperature).a = 245;
         assert_eq!(next(&mut monitor), b't');
         for n in 0..40 {
-            monitor.tell(Line::Temperature).a = n;
+            monitor.log_line(Line::Temperature).a = n;
         }
-        assert!(told(&mut monitor).starts_with("emperature +24.5 C\r\n"));
+        assert!(logged(&mut monitor).starts_with("emperature +24.5 C\r\n"));
     }
 }

@@ -1,7 +1,7 @@
 //! The texts of the serial monitor, packed for flash.
 //!
-//! On the AVR a string literal is copied to RAM at start. So the texts are packed at compile time into a
-//! table that stays in flash. A `%` and a letter in them stand for a value; see [`Event`](super::Event).
+//! The start-up code of the AVR copies a string literal to RAM. So the texts are packed at compile time into a table that stays in flash. In a
+//! text a `%` and a letter stand for a value: see [`Event`](super::Event).
 
 /// The table: [`PACKED`].
 pub struct Texts;
@@ -13,7 +13,7 @@ macro_rules! lines {
             $($(#[cfg($if)])? $name,)*
         }
 
-        /// A line of text, or a word to insert in one: one of the constants here.
+        /// A line of text, or a word to insert in a line. The constants here are the only values.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
         pub struct Line(u8);
 
@@ -21,12 +21,12 @@ macro_rules! lines {
         impl Line {
             $($(#[doc = $doc])* $(#[cfg($if)])? pub const $name: Self = Self(Place::$name as u8);)*
 
-            /// The line so many after this one.
+            /// The line that is `n` lines after this one.
             pub const fn plus(self, n: u8) -> Self {
                 Self(self.0.wrapping_add(n))
             }
 
-            /// Its number.
+            /// The number of the line: its index in [`LINES`].
             pub const fn number(self) -> u8 {
                 self.0
             }
@@ -38,53 +38,53 @@ macro_rules! lines {
 }
 
 lines! {
-    /// Refused a frame.
+    /// Rejected: a frame of a type that the node does not receive, or a standard or remote frame.
     RefusedKind = "refused: standard or remote frame",
-    /// Refused a frame.
+    /// Rejected: a frame of an anonymous sender, or with this node's own ID.
     RefusedSource = "refused: type %a from %s, anonymous or mine",
-    /// Refused a frame.
+    /// Rejected: a malformed frame.
     RefusedTransfer = "refused: type %a from %s, not a whole frame",
-    /// Refused a request.
+    /// Rejected: a request while the queue of requests is full.
     RefusedBusy = "refused: request from %s, busy",
-    /// Refused a frame.
+    /// Rejected: a transfer with a wrong CRC, or one that did not complete.
     RefusedBroken = "refused: type %a from %s, broken",
-    /// Refused a frame.
+    /// Rejected: a transfer, because the transfer of another sender has the lane.
     RefusedInterleaved = "refused: type %a from %s, interleaved",
-    /// Refused a frame.
+    /// Rejected: a transfer of a wrong length.
     RefusedLength = "refused: type %a from %s tid %t, wrong length",
-    /// Refused a command.
+    /// Rejected: a command of an unknown type, or a command or NodeStatus in a dialect that the node does not follow.
     RefusedType = "refused: command from %s tid %t, unknown type",
-    /// Refused a command.
+    /// Rejected: a command while the vehicle is disarmed.
     #[cfg(feature = "standard")]
     RefusedDisarmed = "refused: command from %s tid %t, disarmed",
-    /// Refused a command.
+    /// Rejected: a command that gives no valid pulse.
     RefusedValue = "refused: command from %s tid %t, no such pulse",
     /// Received a NodeStatus.
     Status = "rx NodeStatus from %s tid %t: up %a s, %w, %v",
-    /// Received a command that was followed.
+    /// Received and followed a unitless command.
     CommandUnitless = "rx ArrayCommand from %s tid %t: id %c unitless %+%3, pulse %p us",
-    /// Received a command that was followed.
+    /// Received and followed a position command.
     CommandPosition = "rx ArrayCommand from %s tid %t: id %c position %+%3 rad, pulse %p us",
-    /// Received a command that was followed.
+    /// Received and followed a PWM command.
     CommandPwm = "rx ArrayCommand from %s tid %t: id %c PWM %a us, pulse %p us",
-    /// Received a command that was followed.
+    /// Received and followed a command of the thesis.
     CommandThesis = "rx thesis.ServoCommand from %s tid %t: %c, pulse %p us",
-    /// Received a command for others only.
+    /// Received a command without an entry for this node.
     CommandElsewhere = "rx ArrayCommand from %s tid %t: not for actuator %c",
-    /// Sent a temperature.
+    /// The temperature, logged once a second.
     Temperature = "temperature %+%1 C",
-    /// A request.
+    /// Received a request.
     Request = "rx request %a from %s tid %t",
     /// A parameter was set.
     #[cfg(feature = "standard")]
     ParameterSet = "rx GetSet from %s tid %t: set %n = %a",
-    /// Allocation.
+    /// Received an Allocation that gives this node no ID.
     #[cfg(feature = "allocation")]
     AllocationElsewhere = "rx Allocation from %s",
-    /// Lights.
+    /// Received a LightsCommand.
     #[cfg(feature = "lights")]
     Light = "rx LightsCommand from %s tid %t: light %c",
-    /// Arming.
+    /// Received an ArmingStatus.
     #[cfg(feature = "standard")]
     Arming = "rx ArmingStatus from %s tid %t: %c",
     /// Reset cause.
@@ -119,77 +119,77 @@ lines! {
     ModeMaintenance = "MAINTENANCE",
     /// NodeStatus mode 3.
     ModeSoftwareUpdate = "SOFTWARE_UPDATE",
-    /// NodeStatus mode 7, and those between that mean nothing yet.
+    /// NodeStatus mode 7. Also the unassigned modes 4 to 6.
     ModeOffline = "OFFLINE",
-    /// Events were dropped.
+    /// The monitor dropped lines because its queue was full.
     Lost = "%c lines dropped",
-    /// After a reset.
+    /// The first line after a reset.
     Banner = concat!("DroneCAN servo node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
-    /// The CAN controller is up.
+    /// The CAN controller is on the bus.
     Running = "CAN: running",
-    /// Nobody at the SPI.
+    /// No chip answers on the SPI.
     NotAnswering = "CAN: MCP2515 silent (CANSTAT %x), trying again",
-    /// A register did not read back.
+    /// A register did not read back as written.
     NotKeeping = "CAN: MCP2515 forgets register %x, trying again",
-    /// No normal mode.
+    /// The CAN controller did not enter normal mode.
     NotStarting = "CAN: bus never idle (CANSTAT %x), trying again",
-    /// Configuration gone.
+    /// The CAN controller lost its configuration.
     ControllerLost = "CAN: MCP2515 lost its settings",
-    /// Nobody acknowledges, or the bus is never free.
+    /// No node acknowledges, or the bus is never idle.
     GaveUp = "CAN: nothing sent for 1 s (%a times)",
-    /// Overrun.
+    /// The CAN controller lost received frames.
     FramesLost = "CAN: frames lost (%a times)",
-    /// Error state.
+    /// The CAN controller is bus-off.
     BusOff = "CAN: bus-off",
-    /// Error state.
+    /// The CAN controller is error-passive.
     ErrorPassive = "CAN: error-passive",
-    /// It ended.
+    /// The CAN controller is error-active again.
     ErrorActive = "CAN: error-active",
-    /// EEPROM.
+    /// The parameters are saved in EEPROM.
     #[cfg(feature = "standard")]
     Saved = "parameters saved",
-    /// EEPROM.
+    /// Saving the parameters in EEPROM failed.
     #[cfg(feature = "standard")]
     NotSaved = "parameters not saved",
-    /// EEPROM.
+    /// The EEPROM has no good copy of the parameters. The defaults apply.
     ParametersLost = "parameters lost, defaults",
-    /// Allocation.
+    /// An allocator gave this node its ID.
     #[cfg(feature = "allocation")]
     Allocated = "node ID %c allocated by %s",
-    /// Begins.
+    /// The failsafe begins.
     Failsafe = "FAILSAFE: no commands",
-    /// Ends.
+    /// The failsafe ends.
     FailsafeEnd = "commands again",
-    /// Begins.
+    /// The vehicle is disarmed.
     #[cfg(feature = "standard")]
     Disarmed = "disarmed",
-    /// Ends.
+    /// The vehicle is armed again.
     #[cfg(feature = "standard")]
     DisarmedEnd = "armed",
-    /// Begins.
+    /// The temperature leaves its range.
     OutOfRange = "temperature out of range",
-    /// Ends.
+    /// The temperature is in its range again.
     OutOfRangeEnd = "temperature in range",
-    /// Begins.
+    /// The sensor fault begins.
     SensorFault = "temperature sensor open or short",
-    /// Ends.
+    /// The sensor fault ends.
     SensorFaultEnd = "temperature sensor OK",
-    /// Begins.
+    /// The node changes to the draft of 2014.
     #[cfg(feature = "draft")]
     Draft = "draft of 2014",
-    /// Ends.
+    /// The node changes back to DroneCAN v0.
     #[cfg(feature = "draft")]
     DraftEnd = "DroneCAN v0",
-    /// Button.
+    /// The button was pressed.
     #[cfg(feature = "button")]
     Button = "button pressed %a times",
-    /// Counters on request.
+    /// On request: counts of commands followed and frames rejected.
     CountsIn = "commands followed %a, frames refused %b",
-    /// Counters on request.
+    /// On request: counts of overruns and of frames given up.
     CountsOut = "overruns %a, given up %b",
 }
 
-/// What a byte of a packed text is.
+/// A byte of a packed text, decoded.
 ///
 /// | codes | |
 /// | --- | --- |
@@ -199,9 +199,9 @@ lines! {
 pub enum Code {
     /// This character.
     Character(u8),
-    /// The two codes that are here in the image.
+    /// A pair of codes. The first is at this index of [`PACKED`], the other [`SECOND`] bytes after it.
     Pair(u16),
-    /// The value that this field stands for.
+    /// The value of this field.
     Field(u8),
 }
 
@@ -211,7 +211,7 @@ const FIRST_FIELD: u8 = b'\r' + 1;
 const FIELDS: u8 = FIRST_CHARACTER - FIRST_FIELD;
 const FIRST_PAIR: u8 = LAST_CHARACTER + 1;
 const _: () = assert!(Field::LETTERS.len() <= FIELDS as usize);
-/// How many pairs there can be.
+/// Number of codes that can stand for a pair.
 const PAIRS: u8 = b'\n'.wrapping_sub(FIRST_PAIR);
 
 impl From<u8> for Code {
@@ -229,11 +229,11 @@ impl From<u8> for Code {
 /// Ends a line: the pair of carriage return and line feed.
 pub const LINE_END: u8 = FIRST_PAIR;
 
-/// What [`Code::Field`] has, and the letter that stands for it in a text. See [`Event`](super::Event).
+/// The numbers of the fields in [`Code::Field`], and their letters in a text. See [`Event`](super::Event).
 pub struct Field;
 
 impl Field {
-    /// `s`. The first three are places in the bytes of an event.
+    /// `s`. This number and the next two are also indices in the bytes of an event.
     pub const SOURCE: u8 = 0;
     /// `t`
     pub const TRANSFER: u8 = 1;
@@ -255,10 +255,10 @@ impl Field {
     pub const A: u8 = 9;
     /// `+`
     pub const SIGN: u8 = 10;
-    /// `0`. Those that follow have one decimal place, two and three.
+    /// `0`. The next three numbers stand for one, two and three decimal places.
     pub const NO_PLACES: u8 = 11;
 
-    /// In the order of the numbers above.
+    /// The letters in the order of the numbers.
     const LETTERS: &[u8; 15] = b"stcxwvnbpa+0123";
 }
 
@@ -280,10 +280,10 @@ const fn plain_len() -> usize {
     len
 }
 
-/// After a line, while it is packed. No code.
+/// Marks the end of a line during packing. Larger than every code.
 const END: u16 = 0x100;
 
-/// The lines while they are being packed.
+/// The lines during packing.
 struct Packing {
     text: [u16; plain_len()],
     len: usize,
@@ -292,7 +292,7 @@ struct Packing {
 }
 
 impl Packing {
-    /// The lines with a code for each character and each field.
+    /// The lines unpacked: one code for each character and each field.
     const fn new() -> Self {
         let mut packing = Self { text: [END; plain_len()], len: 0, pairs: [[0; 2]; PAIRS as usize], used: 0 };
         let mut line = 0;
@@ -317,10 +317,10 @@ impl Packing {
         packing
     }
 
-    /// Replaces a pair of codes by one code wherever it is, and counts the pairs that are there afterwards: the most frequent one, and how often it
-    /// is there. One pass for both, because the compiler does this slowly, and for each crate that needs the result.
+    /// Replaces each occurrence of the pair `old` by the code `new`, and counts the pairs of the result. Returns the most frequent pair and its
+    /// count. One pass does both, because the compiler evaluates this slowly, once for each crate that needs the result.
     const fn replace(&mut self, old: [u16; 2], new: u16) -> ([u16; 2], u8) {
-        // A quarter of all pairs each: the AVR, whose sizes hold here, has no array of 65,536.
+        // Each array counts a quarter of all pairs: on the AVR, whose sizes apply here, an array of 65,536 bytes is too large.
         const QUARTER: usize = 1 << 14;
         let mut q0 = [0u8; QUARTER];
         let mut q1 = [0u8; QUARTER];
@@ -357,15 +357,15 @@ impl Packing {
     }
 }
 
-/// Replaces the most frequent pair of codes by a new code, until that saves nothing (byte-pair encoding).
+/// Byte-pair encoding: replaces the most frequent pair of codes by a new code, as long as that makes the table shorter.
 const PACKING: Packing = {
     let mut packing = Packing::new();
-    // What ends a line is a pair, too.
+    // The first pair is the end of a line.
     packing.pairs[0] = *b"\r\n";
     packing.used = 1;
-    // No two ends are side by side, so this only counts.
+    // No two `END`s are side by side, so this call only counts.
     let (mut pair, mut count) = packing.replace([END; 2], END);
-    // What a pair costs in the table.
+    // A pair takes two bytes of the table, so a count of two saves nothing.
     while count > 2 && packing.used < PAIRS as usize {
         packing.pairs[packing.used] = [pair[0] as u8, pair[1] as u8];
         let code = FIRST_PAIR.wrapping_add(packing.used as u8);
@@ -375,13 +375,13 @@ const PACKING: Packing = {
     packing
 };
 
-/// First halves of the pairs, then the second ones.
+/// Index of the first halves of the pairs. The second halves follow.
 const PAIRS_AT: usize = 0;
-/// From a first half to the second one.
+/// Distance from the first half of a pair to its second half.
 pub const SECOND: u16 = PACKING.used as u16;
 const LINES_AT: usize = PAIRS_AT + 2 * PACKING.used;
 
-/// All texts: the pairs, then the lines, each with its length before it.
+/// All texts: the pairs, then the lines. The length of each line is stored before it.
 pub const PACKED: [u8; LINES_AT + PACKING.len] = {
     let mut packed = [0; LINES_AT + PACKING.len];
     let mut n = 0;
@@ -404,5 +404,5 @@ pub const PACKED: [u8; LINES_AT + PACKING.len] = {
     packed
 };
 
-/// Where the length of the first line is, before its text.
+/// Index of the length of the first line.
 pub const FIRST_LINE: u16 = LINES_AT as u16;

@@ -155,7 +155,7 @@ impl Health {
     pub fn set(&mut self, condition: Conditions, on: bool, [begins, ends]: [Line; 2], monitor: &mut Monitor) {
         if self.conditions.has(condition) != on {
             self.conditions.set(condition, on);
-            monitor.tell(if on { begins } else { ends });
+            monitor.log_line(if on { begins } else { ends });
         }
     }
 
@@ -185,9 +185,9 @@ impl Health {
     /// Logs the counters.
     #[inline(never)]
     pub fn report(&self, monitor: &mut Monitor) {
-        let counts_in = monitor.tell(Line::CountsIn);
+        let counts_in = monitor.log_line(Line::CountsIn);
         (counts_in.a, counts_in.b) = (self.counts.followed, self.counts.refused);
-        let counts_out = monitor.tell(Line::CountsOut);
+        let counts_out = monitor.log_line(Line::CountsOut);
         (counts_out.a, counts_out.b) = (self.counts.overruns, self.counts.given_up);
     }
 }

@@ -217,7 +217,7 @@ impl Node {
         self.take_parameters();
         self.filters_s = 0;
         self.id = self.parameters.get(Parameter::CanNode) as u8;
-        let banner = monitor.tell(Line::Banner);
+        let banner = monitor.log_line(Line::Banner);
         banner.set_source(self.id);
         banner.set_code(Line::PowerOn.plus(cause.0).number());
         #[cfg(feature = "draft")]
@@ -373,7 +373,7 @@ impl Node {
     #[cfg(feature = "button")]
     pub fn read_button(&mut self, is_pressed: bool, passed_ms: u8, monitor: &mut Monitor) {
         if self.button.tick(is_pressed, passed_ms) {
-            monitor.tell(Line::Button).a = self.button.count();
+            monitor.log_line(Line::Button).a = self.button.count();
             self.publisher.publish(Publication::KeyValue);
         }
     }
@@ -478,7 +478,7 @@ impl Node {
             self.health.happened(Conditions::TRANSFER_ERRORS);
         }
         count(&mut self.health.counts.refused);
-        let event = monitor.tell(match rejection {
+        let event = monitor.log_line(match rejection {
             Rejection::Unknown => Line::RefusedKind,
             Rejection::Anonymous | Rejection::OwnId => Line::RefusedSource,
             Rejection::Malformed => Line::RefusedTransfer,
@@ -621,7 +621,7 @@ impl Node {
         } else if notice.event != CanEvent::Running {
             self.health.happened(Conditions::CONTROLLER_LOST);
         }
-        let event = monitor.tell(line);
+        let event = monitor.log_line(line);
         event.set_code(notice.value);
         event.a = self.health.counts.given_up;
     }
@@ -630,11 +630,11 @@ impl Node {
         if flags.frames_lost() {
             count(&mut self.health.counts.overruns);
             self.health.happened(Conditions::FRAMES_LOST);
-            monitor.tell(Line::FramesLost).a = self.health.counts.overruns;
+            monitor.log_line(Line::FramesLost).a = self.health.counts.overruns;
         }
         if flags.bus_off() {
             self.health.happened(Conditions::BUS_OFF);
-            monitor.tell(Line::BusOff);
+            monitor.log_line(Line::BusOff);
         }
         let is_passive = flags.error_passive();
         self.health.set(Conditions::ERROR_PASSIVE, is_passive, [Line::ErrorPassive, Line::ErrorActive], monitor);

@@ -250,7 +250,7 @@ impl Node {
                         self.health.clear(Conditions::PARAMETERS_LOST);
                     }
                     self.services.is_saving = false;
-                    monitor.tell(if is_done { Line::Saved } else { Line::NotSaved });
+                    monitor.log_line(if is_done { Line::Saved } else { Line::NotSaved });
                 }
                 for byte in [0, 0, 0, 0, 0, 0, u8::from(is_done) << 7] {
                     self.outgoing.put8(byte);

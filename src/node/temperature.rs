@@ -73,7 +73,7 @@ impl Temperature {
         // A whole degree begins five tenths below its value.
         let fraction = self.kelvin_64ths.wrapping_sub(DEGREE_ZERO) & 63;
         let tenths = (self.celsius as u16).wrapping_mul(10).wrapping_add((fraction * 10) >> 6).wrapping_sub(5);
-        monitor.tell(Line::Temperature).a = tenths;
+        monitor.log_line(Line::Temperature).a = tenths;
         health.set(Conditions::TEMPERATURE, self.flags != 0, [Line::OutOfRange, Line::OutOfRangeEnd], monitor);
         let is_faulty = self.thermometer.is_sensor_faulty();
         health.set(Conditions::SENSOR, is_faulty, [Line::SensorFault, Line::SensorFaultEnd], monitor);

@@ -1,4 +1,4 @@
-//! Receives and sends a few transfers as pydronecan makes them: `cargo run --example golden_frames`.
+//! Receives and sends a few transfers that agree with those of pydronecan: `cargo run --example golden_frames`.
 
 use dronecan_wire::{Data, Id, Received, Receiver, Segment, Sender, Verdict, float16, types};
 
@@ -8,7 +8,7 @@ const NODE: u8 = 120;
 /// The actuator that this node moves.
 const ACTUATOR: u8 = 2;
 
-/// What this node receives.
+/// The data types that this node receives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Unknown,
@@ -62,14 +62,14 @@ impl Received for Kind {
     }
 }
 
-/// What comes from the bus: identifiers and data.
+/// The frames that come from the bus: identifiers and data.
 const RECEIVED: &[(u32, &[u8])] = &[
     // NodeStatus of node 10.
     (0x1801_550A, &[0x0A, 0, 0, 0, 0, 0, 0, 0xC1]),
     // ArrayCommand: actuator 1 to 0.5, actuator 2 to -1.0, actuator 3 to a pulse of 1500 us.
     (0x1003_F20A, &[0x12, 0xF3, 0x01, 0x00, 0x00, 0x38, 0x02, 0x88]),
     (0x1003_F20A, &[0x00, 0x00, 0xBC, 0x03, 0x04, 0xDC, 0x65, 0x68]),
-    // GetNodeInfo, to this node and to another.
+    // GetNodeInfo to this node, and to another node.
     (0x1E01_F8FF, &[0xC3]),
     (0x1E01_AAFF, &[0xC3]),
     // GetSet of a parameter by its name.

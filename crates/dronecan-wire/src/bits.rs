@@ -11,7 +11,7 @@
 
 use embedded_can::ExtendedId;
 
-/// The byte of an [`Id`] that a field is in. Only [`Id`] looks into the bytes.
+/// Index of the byte of an [`Id`] that holds a field. Only [`Id`] reads the bytes.
 mod byte {
     pub const PRIORITY: usize = 0;
     pub const DATA_TYPE_HIGH: usize = 1;
@@ -23,24 +23,24 @@ mod byte {
 
 /// A 29-bit identifier, most significant byte first. It holds bytes and not a `u32`, because an AVR shifts one bit at a time.
 ///
-/// The three highest bits have no meaning. The accessors of messages and of services read different fields of the same bits, so ask
-/// [`is_service`](Self::is_service) first.
+/// The three highest bits have no meaning. Messages and services have different fields in the same bits, so call
+/// [`is_service`](Self::is_service) before the accessors of either.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Id([u8; 4]);
 
 impl Id {
-    /// The bits of [`priority`](Self::priority) in the first byte.
+    /// The bits of the priority in the first byte.
     const PRIORITY: u8 = 0x1F;
-    /// In the last byte: the frame belongs to a service.
+    /// Bit in the last byte: the frame belongs to a service.
     const SERVICE: u8 = 1 << 7;
-    /// In the byte of the destination: the frame belongs to a request.
+    /// Bit in the byte of the destination: the frame belongs to a request.
     const REQUEST: u8 = 1 << 7;
     /// The bits of a node ID.
     const NODE: u8 = 0x7F;
-    /// The bits of the data type ID that an anonymous message has.
+    /// The bits of the data type ID in an anonymous message.
     const ANONYMOUS_TYPE: u8 = 0b11;
 
-    /// The identifier with these bytes, the most significant first.
+    /// Makes an identifier of its bytes, the most significant first.
     #[inline(always)]
     pub const fn from_bytes(bytes: [u8; 4]) -> Self {
         Self(bytes)
@@ -52,33 +52,33 @@ impl Id {
         self.0
     }
 
-    /// The identifier of a message. Source 0 is an anonymous node.
+    /// Makes the identifier of a message. Source 0 is an anonymous node.
     #[inline(always)]
     pub const fn message(priority: u8, data_type: u16, source: u8) -> Self {
         let [high, low] = data_type.to_be_bytes();
         Self([priority, high, low, source])
     }
 
-    /// The identifier of an anonymous message. Of the data type ID only the lower two bits fit. The lower 14 bits of `discriminator`,
-    /// which is random or a checksum of the payload, keep two nodes from sending the same identifier.
+    /// Makes the identifier of an anonymous message. It holds only the lower two bits of the data type ID, and the lower 14 bits of
+    /// `discriminator`. The discriminator is random or a checksum of the payload, so that two nodes do not send the same identifier.
     #[inline(always)]
     pub const fn anonymous(priority: u8, data_type: u16, discriminator: u16) -> Self {
         Self::message(priority, discriminator << 2 | data_type & Self::ANONYMOUS_TYPE as u16, 0)
     }
 
-    /// The identifier of a request to a node.
+    /// Makes the identifier of a request to a node.
     #[inline(always)]
     pub const fn request(priority: u8, service: u8, destination: u8, source: u8) -> Self {
         Self([priority, service, Self::REQUEST | destination, Self::SERVICE | source])
     }
 
-    /// The identifier of the response to a request.
+    /// Makes the identifier of the response to a request.
     #[inline(always)]
     pub const fn response(priority: u8, service: u8, destination: u8, source: u8) -> Self {
         Self([priority, service, destination, Self::SERVICE | source])
     }
 
-    /// 0 (wins every arbitration) to 31.
+    /// The priority: 0 (wins every arbitration) to 31.
     #[inline(always)]
     pub const fn priority(self) -> u8 {
         self.0[byte::PRIORITY] & Self::PRIORITY
@@ -90,43 +90,43 @@ impl Id {
         self.0[byte::SOURCE] & Self::SERVICE != 0
     }
 
-    /// Of a message: the data type ID.
+    /// The data type ID of a message.
     #[inline(always)]
     pub const fn data_type(self) -> u16 {
         u16::from_le_bytes([self.0[byte::DATA_TYPE_LOW], self.0[byte::DATA_TYPE_HIGH]])
     }
 
-    /// Of an anonymous message: the lower two bits of the data type ID.
+    /// The lower two bits of the data type ID of an anonymous message.
     #[inline(always)]
     pub const fn anonymous_data_type(self) -> u8 {
         self.0[byte::DATA_TYPE_LOW] & Self::ANONYMOUS_TYPE
     }
 
-    /// Of a service: the service ID.
+    /// The service ID of a service.
     #[inline(always)]
     pub const fn service(self) -> u8 {
         self.0[byte::SERVICE]
     }
 
-    /// Of a service: true for a request, false for a response.
+    /// True for a request, false for a response. Only for a service.
     #[inline(always)]
     pub const fn is_request(self) -> bool {
         self.0[byte::DESTINATION] & Self::REQUEST != 0
     }
 
-    /// Of a service: true for a request to this node.
+    /// True for a request to `node`. Only for a service.
     #[inline(always)]
     pub const fn is_request_to(self, node: u8) -> bool {
         self.0[byte::DESTINATION] == Self::REQUEST | node
     }
 
-    /// Of a service: the node ID of the receiver.
+    /// The node ID of the receiver of a service.
     #[inline(always)]
     pub const fn destination(self) -> u8 {
         self.0[byte::DESTINATION] & Self::NODE
     }
 
-    /// Node ID of the sender: 1 to 127, or 0 if it is anonymous.
+    /// The node ID of the sender: 1 to 127, or 0 if the sender is anonymous.
     #[inline(always)]
     pub const fn source(self) -> u8 {
         self.0[byte::SOURCE] & Self::NODE
@@ -142,7 +142,7 @@ impl From<ExtendedId> for Id {
 impl From<Id> for ExtendedId {
     fn from(id: Id) -> Self {
         let raw = u32::from_be_bytes(id.0) & ExtendedId::MAX.as_raw();
-        // The mask keeps it in range; zero only satisfies the type.
+        // The mask keeps the value in range, so the fallback to zero never applies.
         ExtendedId::new(raw).unwrap_or(ExtendedId::ZERO)
     }
 }
@@ -153,51 +153,51 @@ impl From<Id> for embedded_can::Id {
     }
 }
 
-/// The last data byte of each frame.
+/// The tail byte: the last data byte of each frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tail(pub u8);
 
 impl Tail {
-    /// First frame of a transfer.
+    /// The frame is the first of its transfer.
     pub const START: u8 = 1 << 7;
-    /// Last frame of a transfer.
+    /// The frame is the last of its transfer.
     pub const END: u8 = 1 << 6;
-    /// Alternates from frame to frame, from 0.
+    /// The toggle bit: 0 in the first frame, and inverted in each further frame.
     pub const TOGGLE: u8 = 1 << 5;
-    /// The transfer ID, which counts the transfers modulo 32.
+    /// The bits of the transfer ID, which counts the transfers modulo 32.
     pub const TRANSFER_ID: u8 = 31;
 
-    /// The first frame.
+    /// True for the first frame of a transfer.
     #[inline(always)]
     pub const fn is_start(self) -> bool {
         self.0 & Self::START != 0
     }
 
-    /// The last frame.
+    /// True for the last frame of a transfer.
     #[inline(always)]
     pub const fn is_end(self) -> bool {
         self.0 & Self::END != 0
     }
 
-    /// A transfer of one frame.
+    /// True for the only frame of a transfer.
     #[inline(always)]
     pub const fn is_single(self) -> bool {
         self.0 >= Self::START | Self::END
     }
 
-    /// The toggle bit.
+    /// True if the toggle bit is set.
     #[inline(always)]
     pub const fn toggle(self) -> bool {
         self.0 & Self::TOGGLE != 0
     }
 
-    /// 0 to 31.
+    /// The transfer ID: 0 to 31.
     #[inline(always)]
     pub const fn transfer_id(self) -> u8 {
         self.0 & Self::TRANSFER_ID
     }
 
-    /// True if a frame with this tail may come after a frame with the tail `before`: the same transfer, the other toggle.
+    /// True if a frame with this tail can follow a frame with the tail `before`: the transfer ID is the same and the toggle bit is inverted.
     #[inline(always)]
     pub const fn follows(self, before: Self) -> bool {
         (before.0 ^ self.0) & (Self::TOGGLE | Self::TRANSFER_ID) == Self::TOGGLE
@@ -209,7 +209,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_fields_of_an_identifier_are_where_the_specification_draws_them() {
+    fn the_fields_of_an_identifier_are_where_the_specification_has_them() {
         for (source, data_type, priority) in [(1, 0, 0), (127, 0xFFFF, 31), (42, 341, 24), (10, 1010, 16)] {
             let id = Id::message(priority, data_type, source);
             let number = u32::from_be_bytes(id.to_bytes());
@@ -217,7 +217,7 @@ mod tests {
             assert!(!id.is_service());
             assert_eq!((id.priority(), id.data_type(), id.source()), (priority, data_type, source));
         }
-        // GetNodeInfo from 127 to 42, and the answer, by pydronecan.
+        // GetNodeInfo from 127 to 42, and the response, by pydronecan.
         let (request, response) = (Id::request(30, 1, 42, 127), Id::response(30, 1, 127, 42));
         assert_eq!((request.to_bytes(), response.to_bytes()), ([0x1E, 0x01, 0xAA, 0xFF], [0x1E, 0x01, 0x7F, 0xAA]));
         assert!(request.is_service() && request.is_request_to(42) && !request.is_request_to(43));
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_first_frame_that_is_also_the_last_is_a_whole_transfer() {
+    fn is_single_means_that_the_first_frame_is_also_the_last() {
         for tail in 0..=u8::MAX {
             assert_eq!(Tail(tail).is_single(), Tail(tail).is_start() && Tail(tail).is_end(), "{tail:02X}");
         }

@@ -1,15 +1,15 @@
 //! The CRC of multi-frame transfers: CRC-16-CCITT-FALSE, polynomial 0x1021, not reflected (specification, chapter 4).
 //!
-//! It runs over the 64-bit signature of the data type and then over the payload. Its value after the signature is the *seed* of the type, which
-//! a program can know at compile time: see [`seed`] and [`types`](crate::types).
+//! The CRC covers the 64-bit signature of the data type and then the payload. The value after the signature is the *seed* of the type, which
+//! a program can compute at compile time: see [`seed`] and [`types`](crate::types).
 
-/// The CRC after one more byte.
+/// Returns the CRC after one more byte.
 #[inline(never)]
 pub fn add(crc: u16, byte: u8) -> u16 {
     step(crc, byte)
 }
 
-/// The seed of the data type with this signature.
+/// Computes the seed of the data type with this signature.
 pub const fn seed(signature: u64) -> u16 {
     let bytes = signature.to_le_bytes();
     let (mut crc, mut n) = (0xFFFF, 0);
@@ -20,11 +20,11 @@ pub const fn seed(signature: u64) -> u16 {
     crc
 }
 
-/// The same as [`add`], inlined: for loops that must be fast, and for constants.
+/// Does the same as [`add`], but inlined: for fast loops and for constants.
 #[inline(always)]
 pub const fn step(crc: u16, byte: u8) -> u16 {
-    // A byte at a time, without a table of 512 bytes: the byte that leaves at the top, with its high nibble added to its low
-    // one, is the quotient; the polynomial 0x1021 puts it in three places. In bytes, which are cheaper than words on an AVR.
+    // Divides a byte at a time, without a table. The quotient is the byte that leaves at the top, with its high nibble added to its low nibble.
+    // The polynomial 0x1021 adds the quotient in three places. An AVR computes with bytes faster than with words.
     let [low, high] = crc.to_le_bytes();
     let mut x = high ^ byte;
     x ^= x >> 4;
@@ -40,7 +40,7 @@ mod tests {
     }
 
     #[test]
-    fn the_check_value_is_that_of_the_algorithm() {
+    fn the_check_value_of_the_algorithm_is_right() {
         assert_eq!(crc(0xFFFF, b"123456789"), 0x29B1);
     }
 

@@ -1,4 +1,4 @@
-//! IEEE 754 half-precision numbers, to and from fixed point: no floating point needed.
+//! Converts IEEE 754 half-precision numbers to and from fixed point, without floating point.
 //!
 //! ```text
 //! sign[15] exponent[14:10] fraction[9:0]; value = (1024 + fraction) * 2^(exponent - 25), subnormal below exponent 1
@@ -7,16 +7,16 @@
 /// The sign bit.
 pub const SIGN: u16 = 0x8000;
 
-/// A quiet NaN, which stands for "not known".
+/// A quiet NaN. In a message it means that the value is not known.
 pub const NAN: u16 = 0x7E00;
 
-/// True unless the number is infinite or a NaN.
+/// False if the number is infinite or a NaN.
 pub fn is_finite(bits: u16) -> bool {
     (bits >> 8) as u8 & 0x7C != 0x7C
 }
 
-/// A finite number as fixed point with `fraction_bits` binary places (at most 14), rounded to nearest, halves away from
-/// zero, and limited to +-32,767.
+/// Converts a finite number to fixed point with `fraction_bits` binary places (at most 14). Rounds to nearest, halves away from zero, and limits
+/// the result to +-32,767.
 #[inline(never)]
 pub fn to_fixed(bits: u16, fraction_bits: u8) -> i16 {
     let mut exponent = (bits >> 8) as u8 >> 2 & 31;
@@ -26,14 +26,14 @@ pub fn to_fixed(bits: u16, fraction_bits: u8) -> i16 {
     } else {
         exponent = 1;
     }
-    // The power of two to go from the integer mantissa to the wanted scale, and 25.
+    // 25 plus the left shift from the integer mantissa to the fixed point.
     let up = exponent.wrapping_add(fraction_bits);
     if up > 25 + 4 {
         magnitude = i16::MAX as u16;
     } else if up >= 25 {
         magnitude = magnitude.wrapping_shl(u32::from(up.wrapping_sub(25)));
     } else {
-        // Of 11 bits nothing is left by then.
+        // The magnitude has 11 bits, so a shift by 11 or more leaves nothing.
         magnitude = magnitude.wrapping_shr(u32::from(24u8.wrapping_sub(up).min(11)));
         magnitude = magnitude.wrapping_add(1) >> 1;
     }
@@ -41,13 +41,13 @@ pub fn to_fixed(bits: u16, fraction_bits: u8) -> i16 {
     if bits & SIGN != 0 { -magnitude } else { magnitude }
 }
 
-/// The half-precision number nearest to `value` with `fraction_bits` binary places (at most 14), ties to even.
+/// Converts `value`, fixed point with `fraction_bits` binary places (at most 14), to the nearest half-precision number, ties to even.
 #[inline(never)]
 pub fn from_fixed(value: u16, fraction_bits: u8) -> u16 {
     if value == 0 {
         return 0;
     }
-    // Normalised so that the leading one is bit 15, which stands for 2^(15 - fraction_bits).
+    // Normalises the mantissa so that its leading one is bit 15, which has the value 2^(15 - fraction_bits).
     let mut mantissa = value;
     let mut exponent = 15 + 15 - fraction_bits;
     while mantissa & 0x8000 == 0 {
@@ -56,14 +56,14 @@ pub fn from_fixed(value: u16, fraction_bits: u8) -> u16 {
     }
     let rounding = mantissa & 0x1F;
     let mut bits = u16::from(exponent) << 10 | (mantissa >> 5 & 0x3FF);
-    // Rounding up may carry into the exponent, which is then right.
+    // Rounding up may carry into the exponent. The result is then right, too.
     if rounding > 0x10 || rounding == 0x10 && bits & 1 == 1 {
         bits += 1;
     }
     bits
 }
 
-/// A whole number as an IEEE 754 single: its upper and lower half.
+/// Converts a whole number to an IEEE 754 single. Returns its upper and its lower half.
 pub fn to_float32(number: u16) -> [u16; 2] {
     if number == 0 {
         return [0; 2];
@@ -74,7 +74,7 @@ pub fn to_float32(number: u16) -> [u16; 2] {
         mantissa <<= 1;
         exponent -= 1;
     }
-    // The leading one is understood.
+    // The format does not store the leading one.
     let [low, high] = mantissa.to_le_bytes();
     [u16::from(exponent) << 7 | u16::from(high & 0x7F), u16::from(low) << 8]
 }
@@ -84,14 +84,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_count_is_the_single_precision_number_that_it_is() {
+    fn to_float32_is_exact_for_every_number() {
         for number in 0..=u16::MAX {
             let bits = f32::from(number).to_bits();
             assert_eq!(to_float32(number), [(bits >> 16) as u16, bits as u16], "{number}");
         }
     }
 
-    /// What the number is, by the definition of the format.
+    /// The value of the number, by the definition of the format.
     fn value_of(bits: u16) -> f64 {
         let magnitude = match (bits >> 10 & 31, f64::from(bits & 0x3FF)) {
             (0, fraction) => fraction * 2f64.powi(-24),

@@ -1,5 +1,5 @@
-//! What the tests compare with: frames as pydronecan 1.0.27 makes them, and a second, plainer way to make and to take apart
-//! transfers, from the specification (chapter 4) alone.
+//! Reference data of the tests: frames that pydronecan 1.0.27 made, and a second, simpler implementation of transfers, written from the
+//! specification (chapter 4) alone.
 
 use std::format;
 use std::string::String;
@@ -13,23 +13,23 @@ pub struct Frame {
     pub data: Vec<u8>,
 }
 
-/// Frames of one transfer, written as an identifier and their data, divided by `|`, all in hexadecimal.
+/// Reads the frames of one transfer: the identifier, then the data of each frame with `|` between the frames, all in hexadecimal.
 pub fn frames(text: &str) -> Vec<Frame> {
     let (id, data) = text.split_once(' ').unwrap_or((text, ""));
     data.split('|').map(|data| frame(u32::from_str_radix(id, 16).unwrap(), &bytes(data))).collect()
 }
 
-/// Bytes written in hexadecimal.
+/// Reads bytes in hexadecimal.
 pub fn bytes(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-/// A frame.
+/// Makes a frame.
 pub fn frame(id: u32, data: &[u8]) -> Frame {
     Frame { id, data: data.to_vec() }
 }
 
-/// Frames of one transfer, as [`frames`] reads them.
+/// Writes the frames of one transfer in the form that [`frames`] reads.
 pub fn text<'a>(frames: impl IntoIterator<Item = &'a Frame>) -> String {
     let mut text = String::new();
     let mut first = None;
@@ -47,7 +47,7 @@ pub fn text<'a>(frames: impl IntoIterator<Item = &'a Frame>) -> String {
     text
 }
 
-/// CRC-16-CCITT-FALSE, a bit at a time, over the signature of the type and the payload.
+/// Computes CRC-16-CCITT-FALSE, a bit at a time, over the signature of the type and the payload.
 pub fn crc(signature: u64, payload: &[u8]) -> u16 {
     signature.to_le_bytes().iter().chain(payload).fold(0xFFFF, |crc, &byte| add(crc, byte))
 }
@@ -60,7 +60,7 @@ fn add(mut crc: u16, byte: u8) -> u16 {
     crc
 }
 
-/// The frames of a transfer.
+/// Makes the frames of a transfer.
 pub fn transfer(id: u32, signature: u64, transfer_id: u8, payload: &[u8]) -> Vec<Frame> {
     if payload.len() <= 7 {
         return vec![frame(id, &[payload, &[0xC0 | transfer_id]].concat())];
@@ -76,7 +76,7 @@ pub fn transfer(id: u32, signature: u64, transfer_id: u8, payload: &[u8]) -> Vec
     all.chunks(7).enumerate().map(with_tail).collect()
 }
 
-/// The payload and the transfer ID of the frames of a transfer, which must be as the specification has them.
+/// Returns the payload and the transfer ID of a transfer. Asserts that its frames are as the specification has them.
 pub fn payload(signature: u64, frames: &[Frame]) -> (Vec<u8>, u8) {
     let mut all: Vec<u8> = frames.iter().flat_map(|frame| frame.data.split_last().unwrap().1.to_vec()).collect();
     let transfer_id = frames[0].data.last().unwrap() & 31;
@@ -97,7 +97,7 @@ pub const ARRAY_COMMAND: u64 = 0xD8A7_4862_38EC_3AF3;
 pub const ACTUATOR_STATUS: u64 = 0x5E9B_BA44_FAF1_EA04;
 pub const LIGHTS_COMMAND: u64 = 0x2031_D93C_8BDD_1EC4;
 
-/// Transfers as pydronecan makes them, with the signatures of their types.
+/// Transfers that pydronecan made, with the signatures of their types.
 pub const TRANSFERS: &[(u64, &str)] = &[
     (ARRAY_COMMAND, "1003F20A 01 00 00 38 C7"),
     (ARRAY_COMMAND, "1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68"),
@@ -133,9 +133,9 @@ pub const TRANSFERS: &[(u64, &str)] = &[
 ];
 
 #[test]
-fn the_plain_way_gives_what_pydronecan_gives() {
+fn the_second_implementation_agrees_with_pydronecan() {
     for &(signature, golden) in TRANSFERS {
-        // Does the comparing.
+        // Asserts that the frames agree.
         payload(signature, &frames(golden));
         assert_eq!(text(&frames(golden)), golden.split_whitespace().collect::<Vec<_>>().join(" "));
     }

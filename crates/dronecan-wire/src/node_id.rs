@@ -1,11 +1,11 @@
 //! Addresses of nodes (specification, chapter 4).
 
-/// The address of a node: 1 to 127. Zero means that the node is anonymous, and is no `NodeId`.
+/// The address of a node: 1 to 127. Zero means an anonymous node and is not a valid `NodeId`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct NodeId(core::num::NonZeroU8);
 
 impl NodeId {
-    /// `None` unless `raw` is 1 to 127.
+    /// Makes a node ID. Returns `None` unless `raw` is 1 to 127.
     pub const fn new(raw: u8) -> Option<Self> {
         if raw > 127 {
             return None;
@@ -16,7 +16,7 @@ impl NodeId {
         }
     }
 
-    /// 1 to 127.
+    /// The number: 1 to 127.
     pub const fn get(self) -> u8 {
         self.0.get()
     }

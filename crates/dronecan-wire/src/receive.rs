@@ -1,30 +1,32 @@
-//! Puts received transfers together, frame by frame (specification, chapter 4).
+//! Reassembles received transfers, frame by frame (specification, chapter 4).
 //!
-//! Goals: a transfer is handed out only when its last frame has come and its CRC is right; one sender, whom the caller names, is always
-//! received, whatever else is on the bus; no byte is stored that is not used. Of a list the receiver keeps only the entry for this node, of a
-//! longer payload the first `KEPT` bytes.
+//! Goals:
 //!
-//! Transfers of several frames are put together in lanes: `LISTS` of them for lists, `OTHERS` for everything else. A lane belongs to
+//! * The receiver returns a transfer only after its last frame, and only if its CRC is right.
+//! * The lists of one sender, which the caller names, are always received, whatever other traffic is on the bus.
+//! * The receiver stores only bytes that the program uses: of a list the entry for this node, of any other payload the first `KEPT` bytes.
+//!
+//! The receiver reassembles multi-frame transfers in lanes: `LISTS` lanes for lists, `OTHERS` lanes for all other transfers. A lane belongs to
 //! the sender of its transfer.
 //!
 //! Invariants:
 //!
-//! * Only the first frame of a transfer opens a lane. It takes the sender's own lane, else a free one, else the lane of another sender,
-//!   whose transfer is lost and reported; but never a list lane of the sender that the caller protects.
-//! * A frame continues a transfer of the same sender and type whose tail it [follows](Tail::follows). Any other frame that is not a first frame
-//!   is ignored: it came twice, or its transfer is lost and was reported already.
-//! * A transfer that has not ended [`TIMEOUT_MS`] after its first frame is given up: see [`Receiver::expire`].
-//! * A transfer of one frame needs none of these lanes, so it always comes through.
+//! * Only the first frame of a transfer opens a lane. The transfer takes the sender's own lane, else a free lane, else the lane of another
+//!   sender, whose transfer is then lost and reported. It never takes a list lane of the sender that the caller protects.
+//! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows) the last one. The receiver ignores any other
+//!   frame that is not a first frame: either it came twice, or its transfer was lost and reported before.
+//! * A transfer that is not complete [`TIMEOUT_MS`] after its first frame is lost: see [`Receiver::expire`].
+//! * A single-frame transfer needs no lane, so it is always received.
 //!
-//! A transfer begins with its first frame whatever its transfer ID, as in libcanard: a sender that restarts is heard at once.
+//! A first frame begins a transfer whatever its transfer ID, as in libcanard. So the receiver accepts a sender that restarts at once.
 
 use crate::bits::{Id, Tail};
 use crate::crc;
 
-/// No transfer takes longer (specification, chapter 4), in milliseconds.
+/// The timeout of a transfer, in milliseconds (specification, chapter 4).
 pub const TIMEOUT_MS: u16 = 2000;
 
-/// The types that a node receives: a value of the implementing type stands for one of them.
+/// The data types that a node receives. Each value of the implementing type stands for one data type.
 ///
 /// ```
 /// use dronecan_wire::{Received, types};
@@ -70,17 +72,17 @@ pub const TIMEOUT_MS: u16 = 2000;
 /// }
 /// ```
 pub trait Received: Copy + PartialEq {
-    /// Stands for all types that the node does not receive.
+    /// Stands for every data type that the node does not receive.
     const UNKNOWN: Self;
 
-    /// The message with this data type ID, or [`UNKNOWN`](Self::UNKNOWN).
+    /// Returns the message with this data type ID, or [`UNKNOWN`](Self::UNKNOWN).
     fn of_message(data_type: u16) -> Self;
 
-    /// The request with this service ID, or [`UNKNOWN`](Self::UNKNOWN).
+    /// Returns the request with this service ID, or [`UNKNOWN`](Self::UNKNOWN).
     fn of_request(service: u8) -> Self;
 
-    /// The anonymous message with these lower two bits of its data type ID, or [`UNKNOWN`](Self::UNKNOWN), which most nodes return always.
-    /// `node` is this node's own ID, or 0: a node without an ID may want to hear how other nodes ask for theirs.
+    /// Returns the anonymous message with these lower two bits of its data type ID, or [`UNKNOWN`](Self::UNKNOWN). Most nodes always return
+    /// [`UNKNOWN`](Self::UNKNOWN). `node` is this node's own ID, or 0: a node without an ID may evaluate how other nodes request an ID.
     #[inline(always)]
     fn of_anonymous(_data_type: u8, _node: u8) -> Self {
         Self::UNKNOWN
@@ -89,46 +91,46 @@ pub trait Received: Copy + PartialEq {
     /// True for a request, false for a message.
     fn is_request(self) -> bool;
 
-    /// True if a transfer may have several frames. The receiver rejects such transfers of all other types.
+    /// True if a transfer may have several frames. The receiver rejects multi-frame transfers of all other types.
     fn is_multi_frame(self) -> bool;
 
-    /// Of a list: the length of an entry in bytes. The first byte of an entry says whom it is for; the receiver keeps the last entry that is for
-    /// this node. 0 for every payload that is to be kept from its beginning.
+    /// The length of an entry of a list in bytes. The first byte of an entry is the ID that the entry is for; the receiver keeps the last entry
+    /// with the ID of this node. 0 for a type that is not a list: the receiver keeps its payload from the beginning.
     #[inline(always)]
     fn entry_len(self) -> u8 {
         0
     }
 
-    /// The CRC of a transfer of several frames starts with this value: see [`crc`].
+    /// The initial value of the CRC of a multi-frame transfer: see [`crc`].
     fn seed(self) -> u16;
 }
 
-/// A frame as a part of a transfer. [`read`](Self::read) makes one of a DroneCAN frame. A program that speaks another dialect, too, can make it of
+/// A frame as a part of a transfer. [`read`](Self::read) makes a segment of a DroneCAN frame. A program for another dialect can make segments of
 /// other frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Segment<'a, K> {
     /// The type of the transfer.
     pub kind: K,
-    /// Node ID of the sender; 0 if it is anonymous.
+    /// Node ID of the sender, or 0 if the sender is anonymous.
     pub source: u8,
-    /// Priority of the frame, 0 to 31; the response to a request has the same. A dialect may use the bits above.
+    /// Priority of the frame, 0 to 31. The response to a request has the same priority. A dialect may use the higher bits.
     pub priority: u8,
-    /// Its place in the transfer.
+    /// The tail: the place of the frame in the transfer.
     pub tail: Tail,
-    /// The bytes before the tail.
+    /// The payload bytes before the tail.
     pub payload: &'a [u8],
 }
 
-/// What a frame did.
+/// The result of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict<'a, K, const KEPT: usize> {
-    /// Its transfer is not complete yet, or the frame came twice.
+    /// Accepted. The transfer is not complete yet; or ignored, because the frame came twice or its transfer was lost.
     More,
-    /// It completed a message.
+    /// The frame completed a message.
     Message(&'a Transfer<K, KEPT>),
-    /// It completed a request to this node.
+    /// The frame completed a request to this node.
     Request(&'a Transfer<K, KEPT>),
-    /// The frame, or the transfer before it, is dropped.
+    /// The frame is dropped, or it caused another transfer to be dropped.
     Rejected(Rejection),
 }
 
@@ -141,15 +143,16 @@ pub enum Rejection {
     Anonymous,
     /// The sender has this node's ID.
     OwnId,
-    /// No tail byte, a first frame whose toggle bit is set or that is too short for the CRC, or several frames where one is enough.
+    /// The frame has no tail byte; it is a first frame with its toggle bit set, or too short for the CRC; or its transfer has several frames and must
+    /// have one.
     Malformed,
-    /// A list that ends within an entry.
+    /// A list ends within an entry.
     Length,
-    /// A request that the program cannot take now. This crate never returns it; it is here so that a program has one type for all reasons.
+    /// The program cannot take a request now. This crate never returns this value; it exists so that a program has one type for all reasons.
     Busy,
-    /// The CRC is wrong, or the sender began another transfer before this one ended.
+    /// The CRC is wrong, or the sender began another transfer before this one was complete.
     Broken,
-    /// Another sender's transfer had the lane.
+    /// There was no lane for the transfer, or another sender's transfer took its lane.
     Interleaved,
 }
 
@@ -161,7 +164,7 @@ impl Rejection {
 }
 
 impl<'a, K: Received> Segment<'a, K> {
-    /// Reads a frame with an extended identifier for the node with the ID `node`, which is 0 if the node is anonymous itself.
+    /// Reads a frame with an extended identifier, for the node with the ID `node`, or 0 if the node has no ID.
     #[inline(always)]
     pub fn read(id: Id, data: &'a [u8], node: u8) -> Result<Self, Rejection> {
         let source = id.source();
@@ -188,24 +191,24 @@ impl<'a, K: Received> Segment<'a, K> {
     }
 }
 
-/// A transfer that is coming in, or is complete. A lane of the [`Receiver`] holds one.
+/// A transfer that is being received, or is complete. Each lane of the [`Receiver`] holds one transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer<K, const KEPT: usize> {
-    /// Frames are missing.
+    /// The transfer is not complete.
     is_open: bool,
-    /// Its type.
+    /// The type of the transfer.
     pub kind: K,
-    /// Node ID of the sender; 0 if it is anonymous.
+    /// Node ID of the sender, or 0 if the sender is anonymous.
     pub source: u8,
     /// See [`Segment::priority`].
     pub priority: u8,
     /// Tail of the last frame.
     tail: Tail,
-    /// Bytes of the payload so far; stays at 255. Of a list, the bytes of the entry that is coming.
+    /// Number of payload bytes so far, at most 255. In a list: number of bytes of the current entry.
     len: u8,
-    /// The bytes that come are kept: of a list, the entry that is coming is for this node.
+    /// The receiver keeps the current bytes. In a list: the current entry is for this node.
     is_kept: bool,
-    /// Of a list: an entry was for this node.
+    /// In a list: an entry was for this node.
     has_entry: bool,
     started_ms: u16,
     sum: u16,
@@ -229,25 +232,25 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         bytes: [0; KEPT],
     };
 
-    /// Its transfer ID, 0 to 31.
+    /// The transfer ID, 0 to 31.
     pub fn transfer_id(&self) -> u8 {
         self.tail.transfer_id()
     }
 
-    /// Its payload, at most the first `KEPT` bytes. Of a list the last entry for this node; empty if there is none.
+    /// The payload, at most its first `KEPT` bytes. For a list: the last entry for this node, or empty if the list has none.
     #[inline(always)]
     pub fn payload(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
     }
 
-    /// Length of the payload in bytes, also of those that were not kept; at most 255.
+    /// Length of the payload in bytes, at most 255. Counts also the bytes that were not kept. For a list: as [`payload`](Self::payload).
     #[inline(always)]
     #[allow(clippy::len_without_is_empty, reason = "nobody asks")]
     pub fn len(&self) -> u8 {
         self.len
     }
 
-    /// The bytes of [`payload`](Self::payload), followed by anything.
+    /// The buffer that begins with [`payload`](Self::payload). The bytes after the payload are undefined.
     #[inline(always)]
     pub fn bytes(&self) -> &[u8; KEPT] {
         &self.bytes
@@ -266,13 +269,13 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.started_ms = now_ms;
     }
 
-    /// Takes bytes of the payload. See [`Received::entry_len`].
+    /// Takes payload bytes. See [`Received::entry_len`].
     #[inline(always)]
     #[allow(clippy::implicit_saturating_add, reason = "of LLVM 22 it takes 8 instructions a byte instead of 3")]
     fn take(&mut self, payload: &[u8], entry_len: u8, own_id: u8) {
         let (mut len, mut is_kept) = (self.len, self.is_kept);
         for &byte in payload {
-            // A transfer of one frame has no CRC.
+            // A single-frame transfer is not open: it has no CRC.
             if self.is_open {
                 self.sum = crc::add(self.sum, byte);
             }
@@ -294,28 +297,28 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     }
 }
 
-/// Puts transfers together: at the same time `LISTS` lists of several frames and `OTHERS` other transfers of several frames. It keeps `KEPT` bytes
-/// of each, which must be enough for the longest entry of a list. See the [module](self).
+/// Reassembles transfers: `LISTS` multi-frame lists and `OTHERS` other multi-frame transfers at the same time. It keeps `KEPT` bytes of each, which
+/// must be enough for the longest entry of a list. See the [module](self).
 pub struct Receiver<K, const LISTS: usize, const OTHERS: usize, const KEPT: usize> {
     lists: [Transfer<K, KEPT>; LISTS],
     others: [Transfer<K, KEPT>; OTHERS],
-    /// The transfer of one frame.
+    /// The last single-frame transfer.
     single: Transfer<K, KEPT>,
 }
 
 impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Receiver<K, LISTS, OTHERS, KEPT> {
-    /// A receiver that has received nothing.
+    /// A receiver without transfers.
     pub const fn new() -> Self {
         Self { lists: [Transfer::NONE; LISTS], others: [Transfer::NONE; OTHERS], single: Transfer::NONE }
     }
 
-    /// True while a transfer of several frames is coming in.
+    /// True while a multi-frame transfer is being received.
     pub fn is_receiving(&self) -> bool {
         self.lists.iter().chain(&self.others).any(|lane| lane.is_open)
     }
 
-    /// Gives up one transfer that has taken too long, and returns it. Call it each millisecond or so, and at least once a minute, because the
-    /// clock wraps.
+    /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so, and at least once a minute, because the clock
+    /// wraps.
     #[inline(always)]
     pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT>> {
         let mut lanes = self.lists.iter_mut().chain(&mut self.others);
@@ -325,7 +328,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
     }
 
     /// Takes a frame. The entries of a list that begin with `own_id` are for this node. No other sender takes the list lane of the node
-    /// `protected`, for example the node that was obeyed last; 0 protects nobody. `now_ms` is a clock that wraps.
+    /// `protected`, for example the node whose command was followed last; 0 protects no node. `now_ms` is a clock that wraps.
     #[inline(always)]
     pub fn accept(&mut self, segment: Segment<'_, K>, own_id: u8, protected: u8, now_ms: u16) -> Verdict<'_, K, KEPT> {
         let Segment { kind, source, priority, tail, mut payload } = segment;
@@ -341,7 +344,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
         };
         let mut verdict = Verdict::More;
         let Some(lane) = lane else {
-            // A frame that continues no transfer came twice, or its transfer is lost and was reported already.
+            // A frame that continues no transfer came twice, or its transfer was lost and reported before.
             return if tail.is_start() { Verdict::Rejected(Rejection::Interleaved) } else { verdict };
         };
         if tail.is_start() {
@@ -359,7 +362,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
                 verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
             }
             lane.begin(kind, source, priority, now_ms);
-            // A transfer of one frame has no CRC.
+            // A single-frame transfer is complete at once.
             lane.is_open = !tail.is_end();
         } else if lane.kind != kind || !tail.follows(lane.tail) {
             return verdict;
@@ -383,7 +386,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
     }
 }
 
-/// The lane of this sender's transfer, or a lane for a transfer that begins: see the module's invariants.
+/// Returns the lane of this sender's transfer, or a lane for a transfer that begins: see the module's invariants.
 #[inline(always)]
 fn lane<K, const N: usize, const KEPT: usize>(
     lanes: &mut [Transfer<K, KEPT>; N],
@@ -392,7 +395,7 @@ fn lane<K, const N: usize, const KEPT: usize>(
     protected: u8,
 ) -> Option<&mut Transfer<K, KEPT>> {
     let mut chosen = None;
-    // A free lane is better than another sender's.
+    // A free lane is preferred to the lane of another sender.
     let mut is_free = false;
     for lane in lanes {
         if lane.is_open && lane.source == source {

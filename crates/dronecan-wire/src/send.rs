@@ -1,35 +1,35 @@
 //! Splits a payload into the frames of a transfer, a few bytes at a time (specification, chapter 4).
 //!
-//! The [`Sender`] stores no payload. It asks a [`Payload`] for each byte when it needs it: once, or twice if the transfer has several frames, because
-//! their CRC goes before the payload. So a response of 50 bytes needs no buffer of 50 bytes; but its bytes must not change until the last
-//! frame is made. [`Sender::step`] makes at most [`BYTES_PER_STEP`] bytes, so that no step takes long.
+//! The [`Sender`] stores no payload. It asks a [`Payload`] for each byte once, or twice in a multi-frame transfer, because the CRC goes before the
+//! payload. So a response of 50 bytes needs no buffer of 50 bytes, but its bytes must not change until the last frame is made.
+//! [`Sender::step`] makes at most [`BYTES_PER_STEP`] bytes, so that each step is short.
 //!
-//! All frames of a transfer have the same [`Id`](crate::Id), which the sender does not need to know.
+//! All frames of a transfer have the same [`Id`](crate::Id). The sender does not need it.
 
 use crate::bits::Tail;
 use crate::crc;
 
-/// The payload bytes that a step makes at most.
+/// Payload bytes that one step makes at most.
 pub const BYTES_PER_STEP: u8 = 4;
 
-/// The payload bytes in a frame, before the tail byte.
+/// Payload bytes in a frame, before the tail byte.
 pub const BYTES_PER_FRAME: u8 = 7;
 
 /// The bytes to send.
 pub trait Payload {
-    /// How many bytes there are.
+    /// The number of bytes.
     fn len(&self) -> u8;
 
-    /// True if there are none.
+    /// True if there are no bytes.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The byte at this index, which is less than [`len`](Self::len).
+    /// Returns the byte at index `at`, which is less than [`len`](Self::len).
     fn byte(&self, at: u8) -> u8;
 }
 
-/// The first 255 bytes.
+/// Sends the first 255 bytes of the slice.
 impl Payload for [u8] {
     fn len(&self) -> u8 {
         u8::try_from(self.len()).unwrap_or(u8::MAX)
@@ -40,21 +40,21 @@ impl Payload for [u8] {
     }
 }
 
-/// Where the data of a frame is put together.
+/// A buffer for the data of one frame.
 pub trait Buffer {
-    /// How many bytes of the frame's data are there.
+    /// The number of bytes in the buffer.
     fn len(&self) -> u8;
 
-    /// True if there are none.
+    /// True if there are no bytes.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Adds a byte. There are never more than eight.
+    /// Adds a byte. The sender adds at most eight.
     fn push(&mut self, byte: u8);
 }
 
-/// The data of a frame: a [`Buffer`] for programs that have none of their own.
+/// The data of a frame: a ready-made [`Buffer`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Data {
     bytes: [u8; 8],
@@ -62,10 +62,10 @@ pub struct Data {
 }
 
 impl Data {
-    /// No data yet.
+    /// An empty buffer.
     pub const EMPTY: Self = Self { bytes: [0; 8], len: 0 };
 
-    /// The bytes.
+    /// The bytes in the buffer.
     pub fn as_slice(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
     }
@@ -84,22 +84,22 @@ impl Buffer for Data {
     }
 }
 
-/// What the sender does next.
+/// The next action of the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
-    /// Nothing: there is no transfer.
+    /// None: there is no transfer.
     Idle,
-    /// It computes the CRC.
+    /// Compute the CRC.
     Summing,
-    /// It makes a frame.
+    /// Make a frame.
     Making,
-    /// It waits until the frame is sent.
+    /// Wait until the frame is sent.
     Ready,
-    /// It waits until the last frame is sent.
+    /// Wait until the last frame is sent.
     LastReady,
 }
 
-/// Makes the frames of one transfer at a time. See the [module](self).
+/// Makes the frames of one transfer at a time: see the [module](self).
 ///
 /// ```
 /// use dronecan_wire::{Data, Id, Sender, types};
@@ -126,7 +126,7 @@ pub struct Sender {
     /// Index of the next byte.
     at: u8,
     crc: u16,
-    /// Tail of the next frame, but for [`Tail::END`].
+    /// Tail of the next frame, without [`Tail::END`].
     tail: u8,
 }
 
@@ -136,20 +136,20 @@ impl Sender {
         Self { stage: Stage::Idle, at: 0, crc: 0, tail: 0 }
     }
 
-    /// True from [`begin`](Self::begin) until the last frame is [`sent`](Self::sent).
+    /// True from [`begin`](Self::begin) until [`sent`](Self::sent) for the last frame.
     #[inline(always)]
     pub fn is_busy(&self) -> bool {
         self.stage != Stage::Idle
     }
 
-    /// True if a frame is complete and waits until it is [`sent`](Self::sent).
+    /// True if a frame is complete and waits for [`sent`](Self::sent).
     #[inline(always)]
     pub fn is_ready(&self) -> bool {
         matches!(self.stage, Stage::Ready | Stage::LastReady)
     }
 
-    /// Begins a transfer of `len` bytes of payload. `transfer_id` is 0 to 31. `seed` is the seed of the type ([`types`](crate::types)); a transfer of
-    /// one frame does not need it.
+    /// Begins a transfer of `len` bytes of payload. `transfer_id` is 0 to 31. `seed` is the seed of the type (see [`types`](crate::types)); it has no
+    /// effect on a single-frame transfer.
     #[inline(always)]
     pub fn begin(&mut self, len: u8, transfer_id: u8, seed: u16) {
         self.tail = Tail::START | transfer_id;
@@ -158,8 +158,8 @@ impl Sender {
         self.stage = if len > BYTES_PER_FRAME { Stage::Summing } else { Stage::Making };
     }
 
-    /// Makes the next bytes, at most to the end of a frame. Call it until [`is_ready`](Self::is_ready), each time with the same payload, and with
-    /// a buffer that was empty when the frame began. Do not call it while a frame is ready or without a transfer.
+    /// Makes the next bytes, at most to the end of the frame. Call it until [`is_ready`](Self::is_ready). Pass the same payload in each call, and a
+    /// buffer that was empty at the beginning of the frame. Do not call it while a frame is ready or without a transfer.
     #[inline(always)]
     pub fn step(&mut self, payload: &(impl Payload + ?Sized), buffer: &mut impl Buffer) {
         if let Some(tail) = self.fill(payload, buffer) {
@@ -167,8 +167,8 @@ impl Sender {
         }
     }
 
-    /// The same as [`step`](Self::step), but leaves out the tail byte and returns it, when the frame is complete. A program that speaks another dialect,
-    /// too, can put it elsewhere.
+    /// Does the same as [`step`](Self::step), but returns the tail byte of a complete frame and does not add it. A program for another
+    /// dialect can put the tail elsewhere.
     #[inline(always)]
     pub fn fill(&mut self, payload: &(impl Payload + ?Sized), buffer: &mut impl Buffer) -> Option<Tail> {
         let mut left = BYTES_PER_STEP;
@@ -202,7 +202,7 @@ impl Sender {
         Some(Tail(tail))
     }
 
-    /// The program has sent the frame. Returns true if it was the last one.
+    /// Notes that the program has sent the frame. Returns true if it was the last one of the transfer.
     #[inline(always)]
     pub fn sent(&mut self) -> bool {
         self.tail = (self.tail & !Tail::START) ^ Tail::TOGGLE;
@@ -226,7 +226,7 @@ mod tests {
     use super::*;
     use crate::golden::{self, Frame};
 
-    /// Frames until the last is sent, and the steps that each took.
+    /// Sends the rest of the transfer. Returns the frames, and the number of steps of each.
     fn sent(sender: &mut Sender, id: u32, payload: &[u8]) -> (Vec<Frame>, Vec<usize>) {
         let (mut frames, mut steps) = (vec![], vec![]);
         while sender.is_busy() {
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn payloads_of_every_length_go_as_the_specification_has_it() {
+    fn payloads_of_every_length_are_split_as_specified() {
         for len in 0..=255 {
             let bytes: Vec<u8> = (0..len).map(|n| (n * 37 + 5) as u8).collect();
             for transfer_id in [0, 1, 31] {
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn of_a_payload_that_is_too_long_255_bytes_are_sent() {
+    fn a_longer_payload_is_cut_to_255_bytes() {
         let bytes = [0xA5; 300];
         let (frames, _) = transfer(0, 0, 0, &bytes);
         assert_eq!(golden::text(&frames), golden::text(&golden::transfer(0, 0, 0, &bytes[..255])));
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_of_an_earlier_transfer_shows_in_a_later_one() {
+    fn an_earlier_transfer_does_not_affect_a_later_one() {
         let mut sender = Sender::new();
         sender.begin(25, 31, 0x1234);
         sent(&mut sender, 0x1E0A_7FF8, &[0xFF; 25]);

@@ -1,4 +1,4 @@
-//! The standard data types: the ID and the CRC seed of each message and service.
+//! The standard data types: ID and CRC seed of each message and service.
 //!
 //! Source: the public DSDL, namespaces `uavcan`, `dronecan` and `ardupilot`; signatures computed by pydronecan 1.0.27. For your own types use
 //! [`Message::new`] and [`Service::new`].
@@ -10,12 +10,12 @@ use crate::crc;
 pub struct Message {
     /// The data type ID.
     pub id: u16,
-    /// The CRC of a transfer of several frames starts with this value.
+    /// The initial value of the CRC of a multi-frame transfer.
     pub seed: u16,
 }
 
 impl Message {
-    /// The type with this data type ID and signature.
+    /// Makes the type with this data type ID and signature.
     pub const fn new(id: u16, signature: u64) -> Self {
         Self { id, seed: crc::seed(signature) }
     }
@@ -26,12 +26,12 @@ impl Message {
 pub struct Service {
     /// The service ID.
     pub id: u8,
-    /// The CRC of a transfer of several frames starts with this value.
+    /// The initial value of the CRC of a multi-frame transfer.
     pub seed: u16,
 }
 
 impl Service {
-    /// The service with this ID and signature.
+    /// Makes the service with this ID and signature.
     pub const fn new(id: u8, signature: u64) -> Self {
         Self { id, seed: crc::seed(signature) }
     }
@@ -160,7 +160,7 @@ mod tests {
     use super::*;
     use crate::golden;
 
-    /// The second implementation works bit by bit.
+    /// Compares with the second implementation, which works bit by bit.
     #[test]
     fn every_seed_is_the_crc_of_the_signature() {
         for &(message, signature) in MESSAGES {
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn no_id_is_there_twice_and_all_are_in_order() {
+    fn ids_are_unique_and_in_order() {
         assert!(MESSAGES.windows(2).all(|pair| pair[0].0.id < pair[1].0.id));
         assert!(SERVICES.windows(2).all(|pair| pair[0].0.id < pair[1].0.id));
     }

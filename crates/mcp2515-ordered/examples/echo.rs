@@ -1,4 +1,4 @@
-//! The driver on a host, on a chip of a hundred lines: sends back what it receives, in order.
+//! Runs the driver on a host, with a model of the chip of a hundred lines. Sends all received frames back, in order.
 //!
 //!     cargo run --example echo
 
@@ -22,7 +22,7 @@ fn main() {
     let mut replies: VecDeque<Frame> = VecDeque::new();
     let mut frame = Frame::EMPTY;
 
-    // A turn takes a millisecond here. A real main loop turns much more often.
+    // A turn takes a millisecond here. The turns of a real main loop are much shorter.
     for now_ms in 0..80u16 {
         if can.state(now_ms).is_due
             && let Some(notice) = can.poll(now_ms)
@@ -55,7 +55,7 @@ fn text(id: [u8; 4], data: &[u8]) -> String {
     format!("{:08X} {}", u32::from_be_bytes(id), String::from_utf8_lossy(data))
 }
 
-/// As much of an MCP2515 as the driver needs here: no bus, no errors, and modes that change at once.
+/// A model of the MCP2515 that is sufficient for the driver: no bus, no errors, and modes that change at once.
 struct Chip {
     registers: [u8; 128],
     /// The bytes of the instruction since CS fell.
@@ -71,7 +71,7 @@ const RXBNSIDH: [usize; 2] = [0x61, 0x71];
 const CONFIGURATION_MODE: u8 = 0x80;
 
 impl Chip {
-    /// A frame arrives, in the first buffer that is free.
+    /// Puts an arriving frame in the first free buffer.
     fn arrives(&mut self, [b3, b2, b1, b0]: [u8; 4], data: &[u8]) {
         let Some(n) = (0..2).find(|n| self.registers[CANINTF] & 1 << n == 0) else { return };
         let buffer = &mut self.registers[RXBNSIDH[n]..][..13];
@@ -81,7 +81,7 @@ impl Chip {
         self.registers[CANINTF] |= 1 << n;
     }
 
-    /// Sends the frames that wait: the highest priority first, and of equal ones the highest buffer.
+    /// Sends the frames that wait: the highest priority first, and at equal priority the highest buffer first.
     fn sends(&mut self) -> Vec<([u8; 4], Vec<u8>)> {
         let mut frames = vec![];
         loop {
@@ -94,7 +94,7 @@ impl Chip {
         }
     }
 
-    /// One byte of an instruction (DS20001801J table 12-1), and the answer to it.
+    /// Takes one byte of an instruction (DS20001801J table 12-1), and returns the answer to it.
     fn exchange(&mut self, byte: u8) -> u8 {
         self.instruction.push(byte);
         let n = self.instruction.len() - 1;
@@ -126,7 +126,7 @@ impl Chip {
         0
     }
 
-    /// The receive buffer that READ RX BUFFER is about.
+    /// The number of the receive buffer that READ RX BUFFER selects.
     fn buffer_read(&self) -> usize {
         usize::from(self.instruction[0] == 0x94)
     }
@@ -139,7 +139,7 @@ impl Chip {
     }
 }
 
-/// SPI, CS and INT of the chip.
+/// The SPI, CS and INT of the chip.
 #[derive(Clone)]
 struct Pins(Rc<RefCell<Chip>>);
 

@@ -1,24 +1,24 @@
 //! Bit timing of the MCP2515, derived from its crystal and the bit rate at compile time.
 //!
 //! A bit is 1 (sync) + PROP + PS1 + PS2 time quanta of 2 x (BRP + 1) / F_OSC each (DS20001801J section 5). CAN in Automation recommends a
-//! sample point of 87.5 %. PS2 cannot be less than two quanta, so a bit of eight quanta, all that a 16 MHz crystal gives at 1 Mbit/s, is
-//! sampled at 75 %.
+//! sample point of 87.5 %. A 16 MHz crystal gives eight quanta at 1 Mbit/s. PS2 must have at least two quanta, so the sample point is then at
+//! 75 %.
 
 /// Contents of CNF1, CNF2 and CNF3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitTiming(
-    /// CNF3, CNF2 and CNF1: the order of their addresses.
+    /// CNF3, CNF2 and CNF1, in the order of their addresses.
     pub(crate) [u8; 3],
 );
 
-/// CNF2: PS2 is what CNF3 says, not the greater of PS1 and 2 TQ.
+/// CNF2: CNF3 sets PS2. Otherwise PS2 is the greater of PS1 and 2 TQ.
 const BTLMODE: u8 = 1 << 7;
 
 impl BitTiming {
-    /// Of a driver that has no configuration yet.
+    /// The value in a driver without a configuration.
     pub(crate) const UNSET: Self = Self([0; 3]);
 
-    /// Timing for `bit_rate` from a crystal of `f_osc_hz`, with a sample point of 75 to 90 %, as near to 87.5 % as possible.
+    /// Computes the timing for `bit_rate` with a crystal of `f_osc_hz`. The sample point is between 75 and 90 %, as near to 87.5 % as possible.
     ///
     /// ```
     /// # use mcp2515_ordered::BitTiming;
@@ -29,11 +29,11 @@ impl BitTiming {
     ///
     /// # Panics
     ///
-    /// In a `const` this is a compile error: when the crystal does not divide to the bit rate, or gives less than eight quanta a bit. An
-    /// 8 MHz crystal gives eight quanta at 500 kbit/s, and cannot do 1 Mbit/s.
+    /// If the crystal does not divide to the bit rate, or gives less than eight quanta in a bit. In a `const` this is a compile error. An 8 MHz
+    /// crystal gives eight quanta at 500 kbit/s, so 1 Mbit/s is not possible.
     pub const fn new(f_osc_hz: u32, bit_rate: u32) -> Self {
-        // The smallest prescaler gives the most quanta, and the most quanta place the sample point best. With more than 20, PROP and PS1,
-        // of eight quanta each, end too early.
+        // The smallest prescaler gives the most quanta, and more quanta place the sample point more exactly. But with more than 20 quanta, PROP
+        // and PS1, which have eight quanta at most, end too early.
         let mut brp = 0;
         let mut quanta = f_osc_hz / (2 * bit_rate);
         while quanta > 20 || quanta * 2 * (brp + 1) * bit_rate != f_osc_hz {
@@ -43,42 +43,42 @@ impl BitTiming {
         }
         assert!(quanta >= 8, "bit rate too high for this crystal");
 
-        // An eighth of the bit.
+        // PS2 is about an eighth of the bit.
         let ps2 = if quanta < 20 { 2 } else { 3 };
         let before = quanta - 1 - ps2;
-        // Three fifths to PS1, which is as wide as it goes (8) from 16 quanta on; PS1 must not be less than PS2.
+        // PS1 gets three fifths of the rest, and its maximum of 8 from 16 quanta on. PS1 must not be less than PS2.
         let ps1 = if before > 12 { 8 } else { (3 * before).div_ceil(5) };
         let prop = before - ps1;
         assert!(prop >= 1 && prop <= 8 && ps1 >= ps2);
 
-        // A jump width of one quantum: PS2 must stay larger than it (DS20001801J 5.3).
+        // The jump width is one quantum. PS2 must be larger than the jump width (DS20001801J 5.3).
         let timing = Self::from_registers(brp as u8, ((ps1 - 1) as u8) << 3 | (prop - 1) as u8, (ps2 - 1) as u8);
         assert!(timing.sample_point_permille() >= 750 && timing.sample_point_permille() <= 900);
         timing
     }
 
-    /// Timing from registers that were worked out elsewhere. BTLMODE is always set: PS2 is what `cnf3` says.
+    /// Makes a timing of register values from elsewhere. Always sets BTLMODE, so that `cnf3` sets PS2.
     #[inline(always)]
     pub const fn from_registers(cnf1: u8, cnf2: u8, cnf3: u8) -> Self {
         Self([cnf3, BTLMODE | cnf2, cnf1])
     }
 
-    /// Synchronisation jump width and baud rate prescaler.
+    /// CNF1: synchronisation jump width and baud rate prescaler.
     pub const fn cnf1(self) -> u8 {
         self.0[2]
     }
 
-    /// Propagation and phase 1 segments.
+    /// CNF2: propagation and phase 1 segments.
     pub const fn cnf2(self) -> u8 {
         self.0[1]
     }
 
-    /// Phase 2 segment.
+    /// CNF3: phase 2 segment.
     pub const fn cnf3(self) -> u8 {
         self.0[0]
     }
 
-    /// Where in a bit the chip samples it, in thousandths of a bit.
+    /// The sample point, in thousandths of a bit.
     pub const fn sample_point_permille(self) -> u16 {
         const fn width(bits: u8) -> u16 {
             (bits & 7) as u16 + 1
@@ -87,7 +87,7 @@ impl BitTiming {
         1000 * before / (before + width(self.cnf3()))
     }
 
-    /// False before the first configuration.
+    /// True unless this is [`UNSET`](Self::UNSET).
     #[inline(always)]
     pub(crate) const fn is_set(self) -> bool {
         self.0[1] & BTLMODE != 0
@@ -101,7 +101,7 @@ mod tests {
     const CRYSTAL_HZ: u32 = 16_000_000;
 
     #[test]
-    fn registers_are_those_worked_out_by_hand_for_a_16_mhz_crystal() {
+    fn registers_for_a_16_mhz_crystal_match_the_calculation_by_hand() {
         let cnf = |bit_rate| {
             let timing = BitTiming::new(CRYSTAL_HZ, bit_rate);
             (timing.cnf1(), timing.cnf2(), timing.cnf3())
@@ -112,7 +112,7 @@ mod tests {
         assert_eq!(cnf(125_000), (0x03, 0xBC, 0x01));
     }
 
-    /// As DS20001801J section 5 has the registers, for all crystals and rates that divide.
+    /// Decodes the registers by DS20001801J section 5, for all crystals and rates that divide.
     #[test]
     fn each_timing_has_the_bit_rate_asked_for_and_keeps_the_limits_of_the_datasheet() {
         let mut pairs = 0;
@@ -140,13 +140,13 @@ mod tests {
 
     #[test]
     #[should_panic = "bit rate too high"]
-    fn an_8_mhz_crystal_is_refused_at_1_mbit_s() {
+    fn an_8_mhz_crystal_is_rejected_at_1_mbit_s() {
         BitTiming::new(8_000_000, 1_000_000);
     }
 
     #[test]
     #[should_panic = "does not divide"]
-    fn a_rate_that_the_crystal_does_not_divide_to_is_refused() {
+    fn a_rate_that_the_crystal_does_not_divide_to_is_rejected() {
         BitTiming::new(CRYSTAL_HZ, 300_000);
     }
 }

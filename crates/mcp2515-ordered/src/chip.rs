@@ -1,7 +1,7 @@
-//! The chip on its SPI, and what may be written to it when.
+//! Access to the chip over its SPI, and the steps in which a register may be written.
 //!
-//! The MCP2515 takes bit timing, filters and masks in configuration mode only (DS20001801J 10.1). [`ConfigurationMode`] is the only way to
-//! write these registers, and exists only in the [`Step`]s between a reset and normal mode.
+//! The MCP2515 accepts bit timing, filters and masks in configuration mode only (DS20001801J 10.1). Only [`ConfigurationMode`] can write these
+//! registers, and it exists only in the [`Step`]s between a reset and normal mode.
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::SpiBus;
@@ -12,28 +12,28 @@ use crate::registers::*;
 use crate::rx_order::Buffer;
 use crate::tx_order::Rank;
 
-/// How often to check for normal mode, once a millisecond. The chip waits for eleven recessive bits (10.5), which a busy bus offers after
-/// every frame.
+/// Number of checks for normal mode, one in each millisecond. The chip waits for eleven recessive bits (10.5), which a busy bus has after every
+/// frame.
 const NORMAL_MODE_CHECKS: u8 = 50;
 
-/// A step on the way to the bus.
+/// A step of the start-up.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Step(u8);
 
 impl Step {
-    /// To be reset. Zero, so that an unconfigured driver is all zero bytes.
+    /// Reset the chip. Zero, so that an unconfigured driver is all zero bytes.
     pub const DOWN: Self = Self(0);
-    /// Reset; its oscillator starts.
+    /// Check that the chip is in configuration mode: its oscillator has started after the reset.
     pub const STARTING: Self = Self(1);
-    /// The register at address 0 is to be written. The others follow.
+    /// Write the register at address 0. The other registers follow.
     const CONFIGURING: Self = Self(2);
-    /// To leave configuration mode. The following steps check for normal mode.
+    /// Leave configuration mode. The following steps check for normal mode.
     pub const ENTERING: Self = Self(Self::CONFIGURING.0 + CANINTE + 1);
-    /// The last check.
+    /// Check for normal mode for the last time.
     pub const LAST_CHECK: Self = Self(Self::ENTERING.0 + NORMAL_MODE_CHECKS);
-    /// On the bus. From here on the chip runs.
+    /// The chip is on the bus. From this step on the chip runs.
     pub const RUNNING: Self = Self(0x80);
-    /// On the bus, with frames being given up.
+    /// The chip is on the bus and aborts all frames that wait.
     pub const ABORTING: Self = Self(0x81);
 
     #[inline(always)]
@@ -48,33 +48,33 @@ impl Step {
     }
 }
 
-/// The chip between a reset and normal mode.
+/// Access to the chip between a reset and normal mode.
 pub struct ConfigurationMode<'c, SPI, CS> {
     chip: &'c mut Chip<SPI, CS>,
     step: Step,
 }
 
 impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
-    /// The register to write in this step: one of a filter or a mask, CNF1 to CNF3, or CANINTE. `None` if all are written.
+    /// Returns the register to write in this step: of a filter or a mask, CNF1 to CNF3, or CANINTE. `None` if all are written.
     #[inline(always)]
     pub fn register(&self) -> Option<u8> {
         (self.step != Step::ENTERING).then_some(self.step.0.wrapping_sub(Step::CONFIGURING.0))
     }
 
-    /// Writes the register, and reads it back. True if it holds the value.
+    /// Writes the register and reads it back. Returns true if it holds the value.
     #[inline(always)]
     pub fn write(&mut self, register: u8, value: u8) -> bool {
         self.chip.access(instruction::WRITE, register, value);
         self.chip.read(register) == value
     }
 
-    /// The step after this one, where registers follow that are not configured: 0x0C to 0x0F, 0x1C to 0x1F.
+    /// Returns the next step if the registers after this one are not part of the configuration: 0x0C to 0x0F, and 0x1C to 0x1F.
     #[inline(always)]
     pub fn step_over(self, register: u8) -> Option<Step> {
         (register == 0x0B || register == 0x1B).then_some(Step(self.step.0 + 5))
     }
 
-    /// Leaves for the mode that `canctrl` requests. RXB0 receives by its filters, and what finds it full goes to RXB1.
+    /// Requests the mode in `canctrl`. Sets RXB0 to use its filters, and to roll a frame over to RXB1 if RXB0 is full.
     #[inline(always)]
     pub fn leave(self, canctrl: u8) {
         self.chip.access(instruction::WRITE, RXB0CTRL, BUKT);
@@ -82,7 +82,7 @@ impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
     }
 }
 
-/// The chip on its SPI.
+/// The chip, on its SPI and with its CS pin.
 pub struct Chip<SPI, CS> {
     spi: SPI,
     cs: CS,
@@ -95,13 +95,13 @@ impl<SPI, CS> Chip<SPI, CS> {
 }
 
 impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
-    /// Configuration mode, if the chip is in it at `step`.
+    /// Returns access to configuration mode, if the chip is in it at `step`.
     #[inline(always)]
     pub fn configuration_mode(&mut self, step: Step) -> Option<ConfigurationMode<'_, SPI, CS>> {
         (Step::CONFIGURING..=Step::ENTERING).contains(&step).then_some(ConfigurationMode { chip: self, step })
     }
 
-    /// RESET.
+    /// Sends RESET.
     #[inline(always)]
     pub fn reset(&mut self) {
         self.select();
@@ -109,7 +109,7 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.deselect();
     }
 
-    /// READ STATUS.
+    /// Sends READ STATUS and returns the answer.
     #[inline(never)]
     pub fn status(&mut self) -> u8 {
         self.select();
@@ -119,25 +119,25 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         status
     }
 
-    /// READ of one register.
+    /// Reads one register.
     #[inline(always)]
     pub fn read(&mut self, register: u8) -> u8 {
         self.access(instruction::READ, register, 0)
     }
 
-    /// The beginning of a READ of several registers: [`next`](Self::next) gives them, [`deselect`](Self::deselect) ends it.
+    /// Begins a READ of several registers. [`next`](Self::next) reads them, and [`deselect`](Self::deselect) ends the READ.
     #[inline(always)]
     pub fn begin_read(&mut self, register: u8) {
         self.begin(instruction::READ, register);
     }
 
-    /// The next register of a READ.
+    /// Reads the next register of a READ.
     #[inline(never)]
     pub fn next(&mut self) -> u8 {
         self.exchange(0)
     }
 
-    /// WRITE to CANCTRL.
+    /// Writes CANCTRL.
     #[inline(always)]
     pub fn write_canctrl(&mut self, value: u8) {
         self.access(instruction::WRITE, CANCTRL, value);
@@ -149,11 +149,11 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.access(instruction::WRITE, EFLG, 0);
     }
 
-    /// READ RX BUFFER. In place of the identifier there are SIDH, SIDL, EID8 and EID0. Returns RXBnDLC.
+    /// Reads a receive buffer with READ RX BUFFER. Stores SIDH, SIDL, EID8 and EID0 in place of the identifier. Returns RXBnDLC.
     #[inline(always)]
     pub fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
         self.select();
-        // RXB0 is read by 0x90, RXB1 by 0x94.
+        // The instruction is 0x90 for RXB0 and 0x94 for RXB1.
         self.exchange(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);
         _ = self.spi.read(&mut frame.id);
         let dlc = self.exchange(0);
@@ -165,10 +165,10 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         dlc
     }
 
-    /// WRITE to a transmit buffer, and RTS for it.
+    /// Writes a transmit buffer, and sends RTS for it.
     #[inline(always)]
     pub fn send_frame(&mut self, rank: Rank, frame: &Frame) {
-        // TXB0, TXB1, TXB2: addresses 0x30, 0x40, 0x50. The priority is in the register before the identifier.
+        // TXB0, TXB1 and TXB2 are at 0x30, 0x40 and 0x50. The register before the identifier holds the priority.
         self.begin(instruction::WRITE, TXB0CTRL + ((rank.buffer() & 6) << 3));
         self.exchange(rank.priority());
         let [b3, b2, ..] = frame.id;
@@ -177,7 +177,7 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.exchange(frame.id[2]);
         self.exchange(frame.id[3]);
         self.exchange(frame.len);
-        // The chip does not send what follows the last byte that counts.
+        // Always eight bytes: the chip sends only the first `len` bytes.
         _ = self.spi.write(&frame.data);
         self.deselect();
         self.select();
@@ -185,7 +185,7 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.deselect();
     }
 
-    /// READ or WRITE of one register.
+    /// Reads or writes one register. Returns the byte that the chip answers.
     #[inline(never)]
     fn access(&mut self, instruction: u8, register: u8, value: u8) -> u8 {
         self.begin(instruction, register);
@@ -194,7 +194,7 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         answer
     }
 
-    /// The beginning of a READ or WRITE.
+    /// Begins a READ or WRITE.
     #[inline(never)]
     fn begin(&mut self, instruction: u8, register: u8) {
         self.select();
@@ -207,7 +207,7 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         _ = self.cs.set_low();
     }
 
-    /// Ends an instruction, when the SPI has sent all of it.
+    /// Ends an instruction, after the SPI has sent all of it.
     #[inline(always)]
     pub fn deselect(&mut self) {
         _ = self.spi.flush();

@@ -1,4 +1,4 @@
-//! The driver: start-up, supervision, and frames both ways.
+//! The driver: start-up, supervision, and received and sent frames.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::spi::SpiBus;
@@ -12,114 +12,114 @@ use crate::registers::*;
 use crate::rx_order::{Buffer, RxOrder};
 use crate::tx_order::{Rank, TxOrder};
 
-/// Between two checks of a running chip, in milliseconds.
+/// Time between two supervisions of a running chip, in milliseconds.
 pub const SUPERVISION_MS: u8 = 10;
 
-/// From a failure to start to the next reset of the chip, in milliseconds.
+/// Time from a failed start-up to the next reset of the chip, in milliseconds.
 pub const RETRY_MS: u8 = 100;
 
-/// Frames that wait for longer without success are given up, in milliseconds: a frame that is older is of no use to most receivers.
+/// Timeout of frames that wait to be sent, in milliseconds. An older frame is of no use to most receivers.
 pub const TX_TIMEOUT_MS: u16 = 1000;
 
-/// From RESET to the first access, in milliseconds: the oscillator takes 128 cycles to start (DS20001801J 8.1), 8 us at 16 MHz. One tick
-/// of the clock may be over at once, so two.
+/// Time from RESET to the first access, in milliseconds. The oscillator takes 128 cycles to start (DS20001801J 8.1), 8 us at 16 MHz. The first
+/// tick of the clock may come at once, so two ticks are necessary.
 const START_UP_MS: u8 = 2;
 
-/// Supervisions until waiting frames are given up.
+/// Number of supervisions until the driver gives up the frames that wait.
 const TX_TIMEOUT_CHECKS: u8 = (TX_TIMEOUT_MS / SUPERVISION_MS as u16) as u8;
 
-/// What [`Mcp2515::poll`] reports.
+/// A report of [`Mcp2515::poll`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// What happened.
+    /// The event.
     pub event: Event,
-    /// What was read, see [`Event`].
+    /// A value that the chip returned: see [`Event`].
     pub value: u8,
 }
 
-/// What happened to the chip.
+/// An event of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Event {
     /// The chip is configured and on the bus. The value is CANSTAT.
     Running,
-    /// Not in configuration mode after a reset. The value is CANSTAT; 0x00 and 0xFF mean that no chip answers.
+    /// The chip was not in configuration mode after a reset. The value is CANSTAT; 0x00 and 0xFF mean that no chip answers.
     NotAnswering,
     /// A register did not read back as written. The value is its address.
     NotKeeping,
-    /// The chip did not enter normal mode: the bus is held dominant. The value is CANSTAT.
+    /// The chip did not enter normal mode, because the bus is stuck dominant. The value is CANSTAT.
     NotStarting,
     /// The chip lost its configuration while running, or INT is stuck. The value is zero.
     Lost,
-    /// Frames waited for [`TX_TIMEOUT_MS`] without success and were given up. The value is zero.
+    /// The driver gave up frames that waited for [`TX_TIMEOUT_MS`]. The value is zero.
     GaveUpSending,
-    /// One of the error flags has changed or frames were lost. The value is EFLG, see [`ErrorFlags`].
+    /// An error flag changed, or frames were lost. The value is EFLG: see [`ErrorFlags`].
     Flags,
 }
 
-/// What the driver knows of the chip.
+/// The state of the chip, as far as the driver knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct State {
-    /// It is time to [`poll`](Mcp2515::poll).
+    /// [`poll`](Mcp2515::poll) is due.
     pub is_due: bool,
     /// The chip is on the bus.
     pub is_running: bool,
-    /// When last checked, the chip had nothing left to send.
+    /// At the last check the chip had no frame left to send.
     pub is_empty: bool,
-    /// The chip has room for a frame: [`find_room`](Mcp2515::find_room) has found a buffer that no frame has taken since.
+    /// The chip has room for a frame: [`find_room`](Mcp2515::find_room) has found a buffer, and no frame has taken it since.
     pub has_room: bool,
 }
 
-/// EFLG, as read.
+/// The value of EFLG.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ErrorFlags(pub u8);
 
 impl ErrorFlags {
-    /// An accepted frame was lost because the receive buffers were full.
+    /// True if an accepted frame was lost because the receive buffers were full.
     pub fn frames_lost(self) -> bool {
         self.0 & (RX0OVR | RX1OVR) != 0
     }
 
-    /// The chip is off the bus, and comes back by itself after 128 x 11 recessive bits.
+    /// True if the chip is bus-off. It recovers by itself after 128 x 11 recessive bits.
     pub fn bus_off(self) -> bool {
         self.0 & TXBO != 0
     }
 
-    /// 128 or more errors in either counter.
+    /// True if either error counter is 128 or more.
     pub fn error_passive(self) -> bool {
         self.0 & (TXEP | RXEP) != 0
     }
 }
 
-/// The chip, on an SPI of mode 0,0 and at most 10 MHz, with its CS and INT pins.
+/// The driver of a chip on an SPI in mode 0,0 with at most 10 MHz, with its CS and INT pins.
 ///
-/// The SPI is the chip's alone ([`SpiBus`]): the driver holds CS low over several calls of it.
+/// Only the chip may be on the SPI ([`SpiBus`]): the driver keeps CS low during several calls of the bus.
 pub struct Mcp2515<SPI, CS, INT, A> {
     chip: Chip<SPI, CS>,
     int: INT,
     counters: Counters,
     configuration: Configuration<A>,
-    /// EFLG without the flags of loss.
+    /// EFLG at the last check, without RX0OVR and RX1OVR.
     flags: u8,
-    /// REC when last checked.
+    /// REC at the last check.
     rec: u8,
     tx: TxOrder,
-    /// When polled last, modulo 256, and how long to wait from then.
+    /// Time of the last poll, modulo 256, and time from then to the next poll.
     polled_ms: u8,
     wait_ms: u8,
-    /// Buffers that waited to be sent when last checked, as READ STATUS shows them, and for how many supervisions that has not changed.
+    /// Buffers that waited to be sent at the last check, as bits of READ STATUS, and number of supervisions since that changed.
     tx_waiting: u8,
     tx_checks: u8,
-    /// Which part of a supervision was last.
+    /// The last part of a supervision that was done.
     part: u8,
-    /// Where the next frame is to go.
+    /// The rank for the next frame, if there is room.
     room: Option<Rank>,
     rx: RxOrder,
     step: Step,
 }
 
 impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
-    /// A chip that the first [`poll`](Self::poll) resets.
+    /// Makes a driver. The first [`poll`](Self::poll) resets the chip.
     pub const fn new(spi: SPI, cs: CS, int: INT, configuration: Configuration<A>) -> Self {
         Self {
             chip: Chip::new(spi, cs),
@@ -140,15 +140,15 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
     }
 
-    /// A chip that [`poll`](Self::poll) leaves alone until [`configure`](Self::configure) is called. All zero bytes but for the four
-    /// arguments: in a `static` it takes no flash.
+    /// Makes a driver that does not access the chip before [`configure`](Self::configure). The value is all zero bytes apart from the four
+    /// arguments, so that the start-up code need not copy a `static` from flash.
     pub const fn unconfigured(spi: SPI, cs: CS, int: INT, acceptance: A) -> Self {
         let configuration =
             Configuration { timing: crate::BitTiming::UNSET, acceptance, attempts: Attempts::UntilSent };
         Self::new(spi, cs, int, configuration)
     }
 
-    /// Starts the chip over with `configuration`, from the next [`poll`](Self::poll) on. Frames that it has not sent yet are lost. It is
+    /// Restarts the chip with `configuration`, from the next [`poll`](Self::poll) on. Frames that the chip has not sent yet are lost. The chip is
     /// off the bus for about 5 ms.
     #[inline(always)]
     pub fn configure(&mut self, configuration: Configuration<A>) {
@@ -156,7 +156,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.restart();
     }
 
-    /// Changes the configuration, and starts the chip over as [`configure`](Self::configure) does.
+    /// Changes the configuration, and restarts the chip as [`configure`](Self::configure) does.
     #[inline(always)]
     pub fn reconfigure(&mut self, change: impl FnOnce(&mut Configuration<A>)) {
         change(&mut self.configuration);
@@ -169,7 +169,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.wait_ms = 0;
     }
 
-    /// What the driver has counted.
+    /// The counters of the driver.
     pub fn counters(&self) -> &Counters {
         &self.counters
     }
@@ -179,7 +179,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.step.is_running()
     }
 
-    /// What the driver knows of the chip without asking it. `now_ms` wraps around; call this every 100 ms at least.
+    /// Returns the state without an access to the chip. `now_ms` wraps around, so call this at least every 100 ms.
     #[inline(always)]
     pub fn state(&mut self, now_ms: u16) -> State {
         State {
@@ -193,11 +193,11 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     #[inline(always)]
     fn is_due(&mut self, now_ms: u16) -> bool {
         (now_ms as u8).wrapping_sub(self.polled_ms) >= self.wait_ms
-            // On the bus already, with a frame: the next one may be there in 70 us.
+            // The chip is on the bus already and has a frame. The next one may arrive within 70 us.
             || (Step::ENTERING..Step::RUNNING).contains(&self.step) && self.is_int_low()
     }
 
-    /// Does the next short step of start-up or supervision. Call it when [`State::is_due`].
+    /// Does the next short step of start-up or supervision. Call it when [`State::is_due`] is true.
     #[inline(never)]
     pub fn poll(&mut self, now_ms: u16) -> Option<Notice> {
         self.polled_ms = now_ms as u8;
@@ -251,19 +251,19 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         None
     }
 
-    /// True if [`receive`](Self::receive) is likely to find a frame. Costs a few cycles, where `receive` takes an SPI instruction to
-    /// find none.
+    /// True if [`receive`](Self::receive) is likely to find a frame. Takes a few cycles; `receive` needs an SPI instruction to find that there is
+    /// none.
     #[inline(always)]
     pub fn has_frame(&mut self) -> bool {
         (!self.rx.is_empty() || self.is_int_low()) && self.is_running()
     }
 
     fn is_int_low(&mut self) -> bool {
-        // A pin that cannot be read counts as low: a check too many costs 2 us, a check too few a frame.
+        // A pin that cannot be read counts as low: an unnecessary check costs 2 us, and a missing check loses a frame.
         self.int.is_low().unwrap_or(true)
     }
 
-    /// Reads the next frame from the chip. Returns false if there is none. Marks a standard or remote frame with [`Frame::FOREIGN`].
+    /// Reads the next frame from the chip. Returns false if there is none. It marks a standard or remote frame with [`Frame::FOREIGN`].
     #[inline(always)]
     pub fn receive(&mut self, frame: &mut Frame) -> bool {
         if self.rx.is_empty() {
@@ -276,7 +276,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         let dlc = self.chip.read_frame(buffer, frame);
 
         self.counters.count_long(Counter::RxReceived);
-        // From SIDH and SIDL; see `filters::registers`.
+        // Converts SIDH and SIDL: see `filters::registers`.
         let [sidh, sidl, ..] = frame.id;
         frame.id[0] = sidh >> 3;
         frame.id[1] = sidh << 5 | (sidl >> 3) & 0b1_1100 | sidl & 0b11;
@@ -290,7 +290,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         true
     }
 
-    /// Checks whether the chip has a buffer for a frame that is to be sent after all that it has already: then [`State::has_room`].
+    /// Checks if the chip has a buffer from which a frame is sent after all frames that wait. Then [`State::has_room`] is true.
     #[inline(never)]
     pub fn find_room(&mut self) {
         if self.step == Step::RUNNING {
@@ -299,7 +299,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
     }
 
-    /// Hands a frame to the chip. Nothing happens unless [`find_room`](Self::find_room) has found room.
+    /// Passes a frame to the chip. Does nothing unless [`find_room`](Self::find_room) has found room.
     #[inline(never)]
     pub fn transmit(&mut self, frame: &Frame) {
         let Some(rank) = self.room.take() else { return };
@@ -308,7 +308,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.chip.send_frame(rank, frame);
     }
 
-    /// Checks a running chip, in three parts.
+    /// Does the next of the three parts of a supervision.
     fn supervise(&mut self) -> Option<Notice> {
         self.wait_ms = 0;
         self.part = self.part.wrapping_add(1);
@@ -331,7 +331,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             self.step = Step::RUNNING;
             self.write_canctrl(0);
         }
-        // It cannot overflow: it is set back at TX_TIMEOUT_CHECKS, when all buffers are emptied.
+        // This cannot overflow: at TX_TIMEOUT_CHECKS the driver aborts all buffers, and the next check sets the count to 0.
         self.tx_checks = self.tx_checks.wrapping_add(1);
         if self.tx_checks == TX_TIMEOUT_CHECKS {
             self.step = Step::ABORTING;
@@ -373,7 +373,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         Some(Notice { event: Event::Flags, value: eflg })
     }
 
-    /// INT is low as long as a frame waits. One may come between the checks of the pin and of the chip, but none goes.
+    /// True if INT does not agree with the flags of the chip: it must be low while a frame waits. Between the two checks a frame may arrive, but none
+    /// can leave.
     #[inline(always)]
     fn is_int_stuck(&mut self) -> bool {
         if self.is_int_low() {
@@ -389,13 +390,13 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     #[inline(never)]
     fn fail(&mut self, event: Event, value: u8) -> Option<Notice> {
-        // A chip that was running is reset at once: with another bit timing it would disturb the bus meanwhile.
+        // Resets a chip that was running at once: with a wrong bit timing it would disturb the bus.
         self.wait_ms = if self.is_running() { 0 } else { RETRY_MS };
         self.step = Step::DOWN;
         Some(Notice { event, value })
     }
 
-    /// Notes which buffers wait to be sent, and counts those that no longer do.
+    /// Notes the buffers that wait to be sent, and counts those that no longer wait.
     #[inline(never)]
     fn check_waiting(&mut self) {
         let waiting = self.chip.status() & status::TXREQ;

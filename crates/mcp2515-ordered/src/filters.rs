@@ -7,15 +7,15 @@ use crate::registers::IDE;
 pub struct Pattern([u8; 4]);
 
 impl Pattern {
-    /// A filter for an extended identifier, most significant byte first.
+    /// Makes a filter for an extended identifier, most significant byte first.
     pub const fn filter(id: [u8; 4]) -> Self {
         Self(registers(id))
     }
 
-    /// A mask: a bit of 1 compares that bit of the identifier.
+    /// Makes a mask. The chip compares the bits of the identifier that are 1 in the mask.
     pub const fn mask(id: [u8; 4]) -> Self {
         let [sidh, sidl, eid8, eid0] = registers(id);
-        // A mask has no bit for the kind of frame.
+        // A mask has no bit for standard or extended.
         Self([sidh, sidl & !IDE, eid8, eid0])
     }
 
@@ -25,26 +25,26 @@ impl Pattern {
     }
 }
 
-/// What the chip accepts: six filters and two masks. Filters 0 and 1 go with mask 0 and buffer 0, filters 2 to 5 with mask 1 and
-/// buffer 1. What finds buffer 0 full goes to buffer 1.
+/// The acceptance of the chip: six filters and two masks. Filters 0 and 1 belong to mask 0 and buffer 0, filters 2 to 5 to mask 1 and buffer 1.
+/// A frame that finds buffer 0 full goes to buffer 1.
 ///
-/// A trait, so that the registers need not be in RAM. [`Filters`] implements it for those that are.
+/// It is a trait so that the registers need not be in RAM. [`Filters`] implements it for registers in RAM.
 pub trait Acceptance {
-    /// Register `n` of 32: four of each filter from 0 to 5, then four of each mask. See [`Pattern`].
+    /// Returns register `n` of 32: four registers of each filter from 0 to 5, then four of each mask. See [`Pattern`].
     fn register(&self, n: u8) -> u8;
 }
 
 /// Six filters and two masks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Filters {
-    /// Two of buffer 0, four of buffer 1.
+    /// Two filters of buffer 0, four of buffer 1.
     pub filters: [Pattern; 6],
-    /// One of buffer 0, one of buffer 1.
+    /// One mask of buffer 0, one of buffer 1.
     pub masks: [Pattern; 2],
 }
 
 impl Filters {
-    /// Accepts every frame with an extended identifier, in buffer 0 first, so that all frames stay in order.
+    /// Accepts every frame with an extended identifier, first in buffer 0, so that all frames stay in order.
     pub const ALL_EXTENDED: Self =
         Self { filters: [Pattern::filter([0; 4]); 6], masks: [Pattern::mask([0; 4]), Pattern::mask([0; 4])] };
 }
@@ -62,12 +62,12 @@ const fn registers([b3, b2, b1, b0]: [u8; 4]) -> [u8; 4] {
     [sidh(b3, b2), sidl(b2), b1, b0]
 }
 
-/// SIDH from the first two bytes of an identifier.
+/// SIDH, from the first two bytes of an identifier.
 pub const fn sidh(b3: u8, b2: u8) -> u8 {
     b3 << 3 | b2 >> 5
 }
 
-/// SIDL from the second byte of an identifier.
+/// SIDL, from the second byte of an identifier.
 pub const fn sidl(b2: u8) -> u8 {
     (b2 << 3) & 0b1110_0000 | IDE | b2 & 0b11
 }
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn identifiers_are_laid_out_as_the_datasheet_draws_them() {
+    fn identifiers_have_the_layout_of_the_datasheet() {
         // Registers 5-4 to 5-7: one bit at a time.
         for bit in 0..29 {
             let id = (1u32 << bit).to_be_bytes();

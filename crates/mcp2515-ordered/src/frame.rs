@@ -3,36 +3,35 @@
 /// An extended data frame of up to eight bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// How many bytes of `data` count: 0 to 8.
+    /// Number of valid bytes in `data`: 0 to 8.
     pub len: u8,
-    /// The 29-bit identifier, most significant byte first. Bytes and not an `u32`, because the AVR shifts that one bit at
-    /// a time.
+    /// The 29-bit identifier, most significant byte first. It is bytes and not a `u32`, because an AVR shifts one bit at a time.
     ///
-    /// The three highest bits are zero, but for [`FOREIGN`](Self::FOREIGN) in a received frame of another kind.
+    /// The three highest bits are zero, except [`FOREIGN`](Self::FOREIGN) in a received standard or remote frame.
     pub id: [u8; 4],
-    /// The bytes, with whatever follows them.
+    /// The data bytes. The bytes after the first `len` are undefined.
     pub data: [u8; Frame::MAX_LEN],
 }
 
 impl Frame {
-    /// Bytes that fit in a frame of classic CAN.
+    /// Data bytes of a classic CAN frame at most.
     pub const MAX_LEN: usize = 8;
 
-    /// In the first byte of `id`: the frame that was received has a standard identifier or is a remote frame. The driver delivers it
-    /// because it takes up a buffer of the chip; the other bits of `id` are an identifier only if it is an extended one. Filters for extended
-    /// identifiers keep standard frames out; no filter keeps remote frames out.
+    /// Bit in the first byte of `id`: the received frame has a standard identifier, or is a remote frame. The driver returns the frame because it
+    /// occupies a buffer of the chip. The other bits of `id` are valid only for an extended identifier. Filters for extended identifiers
+    /// reject standard frames; no filter rejects remote frames.
     pub const FOREIGN: u8 = 1 << 7;
 
-    /// Identifier zero, no bytes.
+    /// A frame with identifier zero and no data.
     pub const EMPTY: Self = Self { id: [0; 4], len: 0, data: [0; Self::MAX_LEN] };
 
-    /// A standard or a remote frame: see [`FOREIGN`](Self::FOREIGN).
+    /// True for a standard or a remote frame: see [`FOREIGN`](Self::FOREIGN).
     #[inline(always)]
     pub const fn is_foreign(&self) -> bool {
         self.id[0] & Self::FOREIGN != 0
     }
 
-    /// Adds a byte. One more than fit is counted in `len`, and lost.
+    /// Adds a byte. A byte that does not fit is dropped, but counted in `len`.
     #[inline(never)]
     pub fn push(&mut self, byte: u8) {
         if let Some(place) = self.data.get_mut(usize::from(self.len)) {
@@ -41,15 +40,15 @@ impl Frame {
         self.len = self.len.wrapping_add(1);
     }
 
-    /// The bytes of the frame: all that there are where `len` is larger.
+    /// The data of the frame: the first `len` bytes, or all eight if `len` is larger.
     pub fn data(&self) -> &[u8] {
-        // `get` because an index here would link a panic.
+        // `get` and not an index, because an index adds a panic to the program.
         self.data.get(..usize::from(self.len)).unwrap_or(&self.data)
     }
 }
 
 impl embedded_can::Frame for Frame {
-    /// `None` for a standard identifier, and for more than eight bytes.
+    /// Returns `None` for a standard identifier, and for more than eight bytes.
     fn new(id: impl Into<embedded_can::Id>, bytes: &[u8]) -> Option<Self> {
         let embedded_can::Id::Extended(id) = id.into() else {
             return None;
@@ -59,12 +58,12 @@ impl embedded_can::Frame for Frame {
         Some(Self { id: id.as_raw().to_be_bytes(), len: bytes.len() as u8, data })
     }
 
-    /// `None`: the crate sends data frames only.
+    /// Returns `None`: the crate sends data frames only.
     fn new_remote(_id: impl Into<embedded_can::Id>, _dlc: usize) -> Option<Self> {
         None
     }
 
-    /// True, also if it [`is_foreign`](Self::is_foreign).
+    /// Returns true, also if the frame [`is_foreign`](Self::is_foreign).
     fn is_extended(&self) -> bool {
         true
     }
@@ -76,7 +75,7 @@ impl embedded_can::Frame for Frame {
     fn id(&self) -> embedded_can::Id {
         let [high, rest @ ..] = self.id;
         let raw = u32::from_be_bytes([high & 0x1F, rest[0], rest[1], rest[2]]);
-        // The mask keeps it in range; zero only satisfies the type.
+        // The mask keeps the value in range, so the fallback to zero never applies.
         embedded_can::ExtendedId::new(raw).unwrap_or(embedded_can::ExtendedId::ZERO).into()
     }
 
@@ -95,7 +94,7 @@ mod tests {
     use embedded_can::{ExtendedId, Frame as _, StandardId};
 
     #[test]
-    fn only_the_bytes_that_count_are_data() {
+    fn only_the_first_len_bytes_are_data() {
         let frame = |len| Frame { id: [0; 4], len, data: [1, 2, 3, 4, 5, 6, 7, 8] };
         assert_eq!(frame(0).data(), []);
         assert_eq!(frame(3).data(), [1, 2, 3]);

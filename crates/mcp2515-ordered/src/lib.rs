@@ -1,17 +1,17 @@
 //! A driver for the CAN controller MCP2515 (datasheet DS20001801J) that never waits, keeps frames in order, and supervises the chip.
 //!
-//! # How to begin
+//! # Getting started
 //!
-//! [`Mcp2515::new`] takes an SPI bus that is the chip's alone, the pins CS and INT, and a [`Configuration`]. A main loop calls
-//! [`Mcp2515::poll`] when [`State::is_due`], and [`Mcp2515::receive`] when [`Mcp2515::has_frame`], or from the interrupt of INT. Time is an
-//! argument: milliseconds of 16 bits that wrap around.
+//! [`Mcp2515::new`] takes an SPI bus that only the chip uses, the pins CS and INT, and a [`Configuration`]. A main loop calls
+//! [`Mcp2515::poll`] when [`State::is_due`] is true, and [`Mcp2515::receive`] when [`Mcp2515::has_frame`] is true; the interrupt of INT may call
+//! `receive` instead. The caller passes the time: 16 bits of milliseconds that wrap around.
 //!
 //! ```
 //! use embedded_hal::digital::{InputPin, OutputPin};
 //! use embedded_hal::spi::SpiBus;
 //! use mcp2515_ordered::{Attempts, BitTiming, Configuration, Event, Filters, Frame, Mcp2515};
 //!
-//! /// Sends back what it receives, with the next higher identifier.
+//! /// Sends each received frame back, with bit 0 of its identifier inverted.
 //! fn echo(spi: impl SpiBus, cs: impl OutputPin, int: impl InputPin, now_ms: impl Fn() -> u16) -> ! {
 //!     let mut can = Mcp2515::new(spi, cs, int, Configuration {
 //!         timing: const { BitTiming::new(16_000_000, 500_000) },
@@ -37,7 +37,7 @@
 //!         {
 //!             match notice.event {
 //!                 Event::Running => { /* on the bus */ }
-//!                 Event::NotAnswering => { /* check the wiring; the driver tries again */ }
+//!                 Event::NotAnswering => { /* check the wiring; the driver retries */ }
 //!                 _ => {}
 //!             }
 //!         }
@@ -45,47 +45,50 @@
 //! }
 //! ```
 //!
-//! `cargo run --example echo` runs such a loop on a host.
+//! `cargo run --example echo` runs a main loop like this on a host.
 //!
 //! # How it works
 //!
-//! [`Mcp2515::poll`] brings the chip up one short step at a time: reset, then each register written *and read back*, then
-//! normal mode, which must show in CANSTAT. While the chip runs, `poll` checks every [`SUPERVISION_MS`] that it still has
-//! its configuration (a brown-out or a glitch resets it), that INT agrees with the chip's flags, and its errors. After any failure it
-//! returns a [`Notice`] and starts the chip over, without a limit: at once if the chip was running, else after [`RETRY_MS`]. Filters and
-//! masks are the exception: outside configuration mode they read as zero (4.5), so nothing shows whether a running chip keeps them.
+//! [`Mcp2515::poll`] starts the chip one short step at a time: it resets the chip, writes each register *and reads it back*, and requests normal
+//! mode, which CANSTAT must confirm. While the chip runs, `poll` checks every [`SUPERVISION_MS`] that the chip still has its
+//! configuration (a brown-out or a glitch resets it) and that INT agrees with its flags, and reads its error flags and counters. After any
+//! failure it returns a [`Notice`] and restarts the chip, any number of times: at once if the chip was running, else after
+//! [`RETRY_MS`]. It cannot check filters and masks of a running chip: outside configuration mode they read as zero (4.5).
 //!
-//! What the chip takes in configuration mode only is a value, [`Configuration`]. [`Mcp2515::configure`] and
-//! [`Mcp2515::reconfigure`] are the only ways to change it, and both start the chip over. Inside the driver these registers are written through a
-//! type that exists only in the steps between reset and normal mode.
+//! The registers that the chip accepts in configuration mode only are one value, [`Configuration`]. Only [`Mcp2515::configure`] and
+//! [`Mcp2515::reconfigure`] change it, and both restart the chip. Inside the driver, only a type that exists between reset and normal mode can
+//! write these registers.
 //!
-//! [`Mcp2515::has_frame`] goes by the level of the INT pin. Waiting for an edge loses the chip when a second frame arrives
-//! before the first is read, because then the pin never rises.
+//! [`Mcp2515::has_frame`] polls the level of the INT pin. An edge is not enough: if a second frame arrives before the first is read, the pin stays
+//! low, and no further edge comes.
 //!
 //! # Order
 //!
-//! Frames leave in the order of [`Mcp2515::transmit`], although the chip sends the highest of its three buffers first. Frames come out of
-//! [`Mcp2515::receive`] in the order in which they arrived, although the chip has two buffers and no order between them; except that
-//! frames which only buffer 1's own filters accept are in order among themselves, but not with those of buffer 0. See [`Acceptance`].
+//! The driver sends frames in the order of [`Mcp2515::transmit`], although the chip sends the highest of its three buffers first.
+//! [`Mcp2515::receive`] returns frames in the order in which they arrived, although the chip has two buffers and no order between them. There is
+//! one exception: frames that only buffer 1's own filters accept are in order among themselves, but not with the frames of buffer 0. See
+//! [`Acceptance`].
 //!
 //! # Cost
 //!
-//! A frame is received in two chip selects and 8 bytes besides its data: READ STATUS, and READ RX BUFFER, which also clears
-//! the flag. Only if INT is still low after that, the driver reads the status at once, which the next frame then does not need. A frame
-//! is sent in three chip selects and 19 bytes: READ STATUS, WRITE, and RTS.
+//! To receive a frame takes two chip selects and 8 bytes besides its data: READ STATUS, and READ RX BUFFER, which also clears the flag. If INT is
+//! still low after that, the driver reads the status at once, and the next frame needs no READ STATUS. To send a frame takes three chip
+//! selects and 19 bytes: READ STATUS, WRITE, and RTS.
 //!
 //! # Assumptions and limits
 //!
-//! * `receive` must be called for each frame within two frame times (one where the filters leave it one buffer), or the chip loses
-//!   frames. The driver reports each check that finds frames lost. An interrupt may call `receive` where the driver is not in use.
+//! * The application must call `receive` for each frame within two frame times, or the chip loses frames; within one frame time if the filters
+//!   give the frame one buffer only. The driver reports each check that finds frames lost. An interrupt may call `receive` while the main loop does
+//!   not use the driver.
 //! * The driver requests transmission by RTS in SPI mode 0,0. A request by WRITE could send a frame twice in one-shot mode if CS stayed low until
-//!   the frame is over (errata DS80000179, 5).
-//! * An SPI or a pin that reports an error counts as a chip that fails: what was read is nonsense, and the chip is started over.
-//! * Extended data frames only. Others that the filters let through are marked [`Frame::FOREIGN`].
+//!   the end of the frame (errata DS80000179, 5).
+//! * The driver does not report an error of the SPI or of a pin itself. The values that it then reads are wrong, so its checks find a failure and
+//!   it restarts the chip.
+//! * The driver handles extended data frames only. It marks other frames that the filters accept with [`Frame::FOREIGN`].
 //!
 //! # Features
 //!
-//! `counters`: [`Counters`] count. Without it they are zero, and take no memory.
+//! `counters`: the driver counts in [`Counters`]. Without the feature they are zero and take no memory.
 
 #![no_std]
 #![forbid(unsafe_code)]

@@ -4,15 +4,15 @@
 pub mod instruction {
     pub const WRITE: u8 = 0x02;
     pub const READ: u8 = 0x03;
-    /// RTS: request to send the buffers whose bits (1, 2, 4) are added.
+    /// Request to send (RTS). The bits 1, 2 and 4 select the buffers.
     pub const RTS: u8 = 0x80;
-    /// READ RX BUFFER 0 from RXB0SIDH; buffer 1 adds 4. Raising CS clears the buffer's RXnIF.
+    /// READ RX BUFFER of RXB0, from RXB0SIDH on; add 4 for RXB1. The rising edge of CS clears the buffer's RXnIF.
     pub const READ_RX_BUFFER: u8 = 0x90;
     pub const READ_STATUS: u8 = 0xA0;
     pub const RESET: u8 = 0xC0;
 }
 
-/// Bits that READ STATUS answers (figure 12-8).
+/// Bits in the answer to READ STATUS (figure 12-8).
 pub mod status {
     /// RX0IF and RX1IF.
     pub const RXIF: u8 = 1 << 1 | 1 << 0;
@@ -23,18 +23,18 @@ pub mod status {
 pub const CANSTAT: u8 = 0x0E;
 pub const CANCTRL: u8 = 0x0F;
 pub const REC: u8 = 0x1D;
-/// CNF3, CNF2, CNF1, CANINTE, CANINTF, EFLG, and CANSTAT and CANCTRL again follow each other from here.
+/// From here on follow CNF3, CNF2, CNF1, CANINTE, CANINTF, EFLG, and CANSTAT and CANCTRL again.
 pub const CNF3: u8 = 0x28;
 pub const CANINTE: u8 = 0x2B;
 pub const EFLG: u8 = 0x2D;
-/// TXB0CTRL; each further buffer's is 16 up. The two lowest bits are TXP, its priority. SIDH, SIDL, EID8, EID0, DLC and the
-/// data follow.
+/// TXBnCTRL of the other buffers are 16 and 32 higher. The two lowest bits are TXP, the priority. SIDH, SIDL, EID8, EID0, DLC and the data
+/// follow.
 pub const TXB0CTRL: u8 = 0x30;
 pub const RXB0CTRL: u8 = 0x60;
 
-/// CANSTAT: the mode the chip is in.
+/// CANSTAT: the current mode of the chip.
 pub const OPMOD: u8 = 0b1110_0000;
-/// OPMOD and REQOP: configuration mode, the one after a reset.
+/// OPMOD and REQOP: configuration mode, which is also the mode after a reset.
 pub const MODE_CONFIGURATION: u8 = 0b1000_0000;
 /// OPMOD and REQOP: normal mode.
 pub const MODE_NORMAL: u8 = 0b0000_0000;
@@ -49,7 +49,7 @@ pub const RX0IE: u8 = 1 << 0;
 /// CANINTE: receive buffer 1 full.
 pub const RX1IE: u8 = 1 << 1;
 
-/// EFLG: a frame was lost because buffer 0 (and with rollover buffer 1) was full.
+/// EFLG: a frame was lost because buffer 0 (and, with rollover, buffer 1) was full.
 pub const RX0OVR: u8 = 1 << 6;
 /// EFLG: a frame was lost because buffer 1 was full.
 pub const RX1OVR: u8 = 1 << 7;
@@ -60,14 +60,14 @@ pub const TXEP: u8 = 1 << 4;
 /// EFLG: receive error-passive.
 pub const RXEP: u8 = 1 << 3;
 
-/// RXB0CTRL: 00 receives what the filters let through.
+/// RXB0CTRL: 00 receives the frames that the filters accept.
 pub const RXM: u8 = 0b0110_0000;
 /// RXB0CTRL: a frame that finds buffer 0 full goes to buffer 1.
 pub const BUKT: u8 = 1 << 2;
 
-/// RXBnSIDL: the frame has an extended identifier. In TXBnSIDL and RXFnSIDL the bit is called EXIDE.
+/// RXBnSIDL: the frame has an extended identifier. The name of the bit in TXBnSIDL and RXFnSIDL is EXIDE.
 pub const IDE: u8 = 1 << 3;
-/// RXBnDLC: a remote frame (of those with an extended identifier).
+/// RXBnDLC: the frame is a remote frame. Only for an extended identifier.
 pub const RTR: u8 = 1 << 6;
 /// RXBnDLC: the data length code. Codes above 8 mean 8 bytes (ISO 11898-1).
 pub const DLC: u8 = 0x0F;

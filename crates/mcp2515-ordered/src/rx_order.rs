@@ -1,17 +1,16 @@
 //! Keeps frames in order through the MCP2515's two receive buffers.
 //!
-//! With BUKT set a frame that finds RXB0 full goes on to RXB1. So of two full buffers, seen when both had been seen empty
-//! before, RXB0 holds the older frame. But a frame can roll over into RXB1 while RXB0 is being read, and the next one then
-//! lands in RXB0: now RXB1 is the older. Both happen between two looks at the chip, and look the same afterwards.
+//! With BUKT set, a frame that finds RXB0 full goes to RXB1. So if a check finds both buffers full and the last check found both empty, RXB0
+//! holds the older frame. But a frame can roll over to RXB1 while the driver reads RXB0, and the next frame then goes to RXB0: now RXB1
+//! holds the older frame. Both sequences can happen between two checks of the chip, and the flags are the same afterwards.
 //!
-//! What tells them apart is the moment after RXB0 was emptied. If INT is high then, both buffers are empty. If it is low,
-//! the driver looks at once. No whole frame fits between the release and that look (a frame takes 67 us or more, the look
-//! 5 us), so whatever RXB1 holds then came before whatever RXB0 holds.
+//! The driver distinguishes them right after it has emptied RXB0. If INT is high then, both buffers are empty. If INT is low, the driver
+//! checks the flags at once. No whole frame fits between the release of RXB0 and this check, because a frame takes 67 us or more and the check 5 us.
+//! So if RXB1 is full at this check, its frame is older than a frame in RXB0.
 //!
-//! Frames that only RXB1's own filters accept go there at once. They keep their order among themselves, but not with those
-//! that came through RXB0.
+//! Frames that only RXB1's own filters accept go directly to RXB1. They keep their order among themselves, but not with frames from RXB0.
 
-/// A receive buffer, as the bit of its flag in CANINTF and in READ STATUS.
+/// A receive buffer. The value is the bit of its flag in CANINTF and in READ STATUS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Buffer {
@@ -23,31 +22,30 @@ pub enum Buffer {
 
 const BOTH: u8 = Buffer::Rxb0 as u8 | Buffer::Rxb1 as u8;
 
-/// Beside the buffers: of two full ones RXB1 is the older.
+/// Bit beside the bits of the buffers: both are full, and RXB1 holds the older frame.
 const RXB1_FIRST: u8 = 1 << 2;
 
-/// Which buffers are known to be full, and the order to read them in.
+/// The buffers that are known to be full, and the order in which to read them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RxOrder(u8);
 
 impl RxOrder {
-    /// Nothing known.
+    /// No buffer is known to be full.
     pub const fn new() -> Self {
         Self(0)
     }
 
-    /// Whether a look at the chip is needed before anything can be read.
+    /// True if no buffer is known to be full, so that the driver must check the flags before it reads a frame.
     pub fn is_empty(&self) -> bool {
         self.0 == 0
     }
 
-    /// A look at the chip that comes any time after the buffers were last known to be empty. `status` is what READ STATUS
-    /// answered.
+    /// Takes the result of a check at any time after both buffers were known to be empty. `status` is the answer to READ STATUS.
     pub fn seen_late(&mut self, status: u8) {
         self.0 = status & BOTH;
     }
 
-    /// A look at the chip right after RXB0 was emptied.
+    /// Takes the result of a check right after the driver emptied RXB0.
     pub fn seen_at_once(&mut self, status: u8) {
         self.seen_late(status);
         if self.0 == BOTH {
@@ -55,7 +53,7 @@ impl RxOrder {
         }
     }
 
-    /// Takes the buffer to read now.
+    /// Removes and returns the buffer to read now.
     pub fn take(&mut self) -> Option<Buffer> {
         let buffer = match self.0 {
             0 => return None,
@@ -71,7 +69,7 @@ impl RxOrder {
 mod tests {
     use super::*;
 
-    /// Two buffers with rollover; frames are numbers.
+    /// Two buffers with rollover. Frames are numbers.
     #[derive(Default)]
     struct Chip {
         rxb: [Option<u32>; 2],
@@ -88,7 +86,7 @@ mod tests {
         }
     }
 
-    /// Frames arrive at random moments, at least 9 steps apart; a read takes 3 steps, a look 1, other work up to 40.
+    /// Frames arrive at random times, at least 9 steps apart. A read takes 3 steps, a check 1, and other work up to 40.
     #[test]
     fn frames_come_out_in_order_whenever_they_arrive() {
         let mut random: u32 = 7;

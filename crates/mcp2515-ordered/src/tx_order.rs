@@ -1,9 +1,9 @@
 //! Keeps frames in order through the MCP2515's three transmit buffers.
 //!
-//! The chip sends the buffer with the highest TXP first, and of equal ones the buffer with the highest number (DS20001801J
-//! 3.2). So a buffer at a priority has a rank, and a frame leaves after all that are waiting if its rank is lower than
-//! theirs. Ranks are handed out downwards; when none is left, the next frame waits until all have gone, and the ranks start
-//! again from the top. At most one gap in twelve frames.
+//! The chip sends the buffer with the highest TXP first, and of buffers with equal TXP the one with the highest number (DS20001801J 3.2). So a
+//! buffer and a priority together are a rank, and the chip sends a frame after all waiting frames if its rank is lower than theirs. The
+//! driver assigns ranks downwards. When none is left, the next frame waits until all buffers are empty, and the ranks start again from
+//! the top. So there is at most one gap in twelve frames.
 
 use core::num::NonZeroU8;
 
@@ -24,35 +24,35 @@ impl Rank {
         self.0.get() & 7
     }
 
-    /// The TXREQ of the buffer in the answer to READ STATUS: 0x04, 0x10 or 0x40 for 1, 2 or 4.
+    /// The TXREQ of the buffer in the answer to READ STATUS: 0x04, 0x10 or 0x40 for buffer 1, 2 or 4.
     pub fn status(self) -> u8 {
-        // The square of a bit is a bit, and the AVR multiplies quicker than it shifts.
+        // The square of a power of two is a power of two, and an AVR multiplies faster than it shifts.
         self.buffer().wrapping_mul(self.buffer()) << 2
     }
 
-    /// The next lower one.
+    /// Returns the next lower rank.
     fn next(self) -> Option<Self> {
-        // From TXB0 to TXB2 at the priority below, or to the buffer below.
+        // From TXB0 to TXB2 of the next lower priority, or to the next lower buffer.
         let down = if self.buffer() == 1 { 5 } else { self.buffer() >> 1 };
         NonZeroU8::new(self.0.get().saturating_sub(down)).map(Self)
     }
 }
 
-/// The rank handed out last.
+/// The rank that was assigned last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TxOrder(Option<Rank>);
 
 impl TxOrder {
-    /// For a chip with nothing to send.
+    /// The order for a chip without frames to send.
     pub const fn new() -> Self {
         Self(None)
     }
 
-    /// The rank for the next frame, given which buffers still wait or are being sent, as READ STATUS shows them; `None` while
-    /// there is none that would keep the order.
+    /// Returns the rank for the next frame, or `None` if no free rank keeps the order. `busy` is the buffers that wait or are being sent, as bits
+    /// of READ STATUS.
     pub fn next(&mut self, busy: u8) -> Option<Rank> {
         let rank = if busy == 0 { Rank::HIGHEST } else { self.0?.next()? };
-        // Buffers are handed out in turn and emptied in turn, so if this one is busy, all are.
+        // The driver fills the buffers in a fixed order, and the chip empties them in the same order. So if this one is busy, all are.
         if busy & rank.status() != 0 {
             return None;
         }
@@ -65,13 +65,13 @@ impl TxOrder {
 mod tests {
     use super::*;
 
-    /// The chip's choice among waiting buffers, as the datasheet has it.
+    /// Returns the buffer that the chip sends next, by the datasheet.
     fn chip_sends(waiting: &[Option<(u8, u32)>; 3]) -> Option<usize> {
         (0..3).filter(|&b| waiting[b].is_some()).max_by_key(|&b| (waiting[b].unwrap().0, b))
     }
 
     #[test]
-    fn frames_leave_in_order_however_loading_and_sending_interleave() {
+    fn frames_are_sent_in_order_with_any_interleaving_of_loading_and_sending() {
         let mut random: u32 = 1;
         let mut order = TxOrder::new();
         let mut waiting: [Option<(u8, u32)>; 3] = [None; 3];

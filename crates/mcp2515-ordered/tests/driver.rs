@@ -1,4 +1,4 @@
-//! The driver against the simulator's model of the chip, on a simulated bus.
+//! Tests the driver with the simulator's model of the chip, on a simulated bus.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -18,10 +18,10 @@ use sim::mcp2515::Mcp2515 as Chip;
 const CRYSTAL_HZ: u32 = 16_000_000;
 
 const MS: Cycles = 16_000;
-/// An SPI byte as the board sends it, and the way from there to the next.
+/// Time of an SPI byte on the board, including the time to the next byte.
 const SPI_BYTE: Cycles = 20;
 
-/// Addresses of DS20001801J table 11-1.
+/// Register addresses and instructions (DS20001801J tables 11-1 and 12-1).
 const CANCTRL: u8 = 0x0F;
 const CNF1: u8 = 0x2A;
 const CNF2: u8 = 0x29;
@@ -36,7 +36,7 @@ const WRITE: u8 = 0x02;
 
 const OSM: u8 = 0x08;
 
-/// Lets all extended frames through that agree with `id` in the bits of `mask`, to buffer 0.
+/// Accepts, in buffer 0, all extended frames that agree with `id` in the bits of `mask`.
 #[derive(Clone, Copy)]
 struct Accept {
     id: u32,
@@ -51,14 +51,14 @@ impl Acceptance for Accept {
             0 | 1 => Pattern::filter(self.id.to_be_bytes()),
             6 => Pattern::mask(self.mask.to_be_bytes()),
             7 => Pattern::mask([0x1F, 0xFF, 0xFF, 0xFF]),
-            // Nobody sends that.
+            // No test sends this identifier.
             _ => Pattern::filter([0x1F, 0xFF, 0xFF, 0xFF]),
         };
         pattern.registers()[usize::from(n % 4)]
     }
 }
 
-/// The bus, and what the driver has done on the SPI.
+/// The bus with the chip, and a record of the SPI.
 struct World {
     bus: Bus,
     chip: Rc<RefCell<Chip>>,
@@ -67,8 +67,8 @@ struct World {
     bytes: u32,
     /// The bytes since CS fell.
     instruction: Vec<u8>,
-    /// The next byte that is written to this register arrives with a wrong bit.
-    spoilt: Option<u8>,
+    /// The next byte written to this register arrives with a wrong bit.
+    corrupted: Option<u8>,
 }
 
 impl World {
@@ -78,7 +78,7 @@ impl World {
     }
 }
 
-/// The driver's hold on SPI and pins.
+/// The driver's access to the SPI and the pins.
 #[derive(Clone)]
 struct Wire(Rc<RefCell<World>>);
 
@@ -110,8 +110,8 @@ impl SpiBus for Wire {
             let end = world.now + SPI_BYTE;
             world.run_to(end);
             world.bytes += 1;
-            if world.spoilt.is_some_and(|address| world.instruction == [WRITE, address]) {
-                world.spoilt = None;
+            if world.corrupted.is_some_and(|address| world.instruction == [WRITE, address]) {
+                world.corrupted = None;
                 *word ^= 1;
             }
             world.instruction.push(*word);
@@ -161,7 +161,7 @@ struct Rig {
     peer_port: PortId,
     notices: Vec<Notice>,
     received: Vec<DriverFrame>,
-    /// The test means to make mistakes on the SPI.
+    /// The test makes mistakes on the SPI on purpose.
     violations_expected: bool,
 }
 
@@ -173,7 +173,7 @@ impl Rig {
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         let chip_port = bus.attach("chip", chip.clone());
         let peer_port = bus.attach("peer", peer.clone());
-        let world = World { bus, chip, now: 0, selects: 0, bytes: 0, instruction: Vec::new(), spoilt: None };
+        let world = World { bus, chip, now: 0, selects: 0, bytes: 0, instruction: Vec::new(), corrupted: None };
         let wire = Wire(Rc::new(RefCell::new(world)));
         let configuration = Configuration { timing: BitTiming::new(CRYSTAL_HZ, bit_rate), acceptance, attempts };
         let driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), configuration);
@@ -184,7 +184,7 @@ impl Rig {
         rig
     }
 
-    /// A chip that is on the bus.
+    /// Makes a chip that is on the bus.
     fn running(acceptance: Accept, attempts: Attempts) -> Rig {
         let mut rig = Rig::at_rate(8, acceptance, attempts);
         rig.run_ms(20);
@@ -197,7 +197,7 @@ impl Rig {
         (self.wire.0.borrow().now / MS) as u16
     }
 
-    /// Time passes without the driver.
+    /// Lets time pass without calls of the driver.
     fn idle_us(&mut self, us: u64) {
         let mut world = self.wire.0.borrow_mut();
         let end = world.now + us * MS / 1000;
@@ -208,13 +208,13 @@ impl Rig {
         self.idle_us(1000 * ms);
     }
 
-    /// The next frame that the driver gets out of the chip.
+    /// Returns the next frame that the driver reads from the chip.
     fn receive(&mut self) -> Option<DriverFrame> {
         let mut frame = DriverFrame::EMPTY;
         self.driver.receive(&mut frame).then_some(frame)
     }
 
-    /// Whether the chip has taken the frame.
+    /// Passes the frame to the chip. Returns true if there was room.
     fn transmit(&mut self, frame: &DriverFrame) -> bool {
         self.driver.find_room();
         let now_ms = self.now_ms();
@@ -226,7 +226,7 @@ impl Rig {
         has_room
     }
 
-    /// A turn of a main loop: everything that there is to receive, then a poll if it is time.
+    /// Does a turn of a main loop: receives all frames, then polls if that is due.
     fn turn(&mut self) {
         while self.driver.has_frame() {
             let Some(frame) = self.receive() else { break };
@@ -252,7 +252,7 @@ impl Rig {
         self.notices.drain(..).map(|notice| notice.event).collect()
     }
 
-    /// Complete frames of the chip since the last call, and all error frames.
+    /// Returns the complete frames of the chip and the number of error frames since the last call.
     fn take_traffic(&mut self) -> (Vec<Frame>, usize) {
         let records = self.wire.0.borrow_mut().bus.take_records();
         let (mut frames, mut errors) = (vec![], 0);
@@ -270,7 +270,7 @@ impl Rig {
         self.driver.counters().get(counter)
     }
 
-    /// Without the feature `counters` all are zero.
+    /// Asserts these counts. Without the feature `counters` all are zero.
     #[track_caller]
     fn assert_counts(&self, expected: &[(Counter, u32)]) {
         for &(counter, count) in expected {
@@ -279,7 +279,7 @@ impl Rig {
         }
     }
 
-    /// Frames requested, successful and given up.
+    /// Asserts the counts of frames requested, successful and given up.
     #[track_caller]
     fn assert_sent(&self, requests: u32, success: u32, timed_out: u32) {
         self.assert_counts(&[(TxRequests, requests), (TxSuccess, success), (TxTimedOut, timed_out)]);
@@ -294,8 +294,8 @@ impl Rig {
         self.wire.0.borrow().chip.borrow().register(address)
     }
 
-    /// One SPI instruction past the driver.
-    fn meddle(&mut self, bytes: &[u8]) -> u8 {
+    /// Does one SPI instruction without the driver.
+    fn direct_spi(&mut self, bytes: &[u8]) -> u8 {
         let mut bytes = bytes.to_vec();
         _ = self.wire.set_low();
         _ = self.wire.transfer_in_place(&mut bytes);
@@ -327,9 +327,9 @@ fn frame(id: u32, data: &[u8]) -> DriverFrame {
     DriverFrame { id: id.to_be_bytes(), len: data.len() as u8, data: padded }
 }
 
-/// When it is on the bus it has a frame after 130 us, and room for two.
+/// On the bus, the chip receives a frame every 130 us, and has room for two.
 #[test]
-fn frames_that_come_as_soon_as_it_is_on_the_bus_are_not_lost() {
+fn frames_that_arrive_as_soon_as_the_chip_is_on_the_bus_are_not_lost() {
     let mut rig = Rig::at_rate(8, EVERYTHING, Attempts::UntilSent);
     for n in 0..40 {
         rig.peer_sends(Frame::extended(0x1234_5600 + n, &[n as u8; 8]));
@@ -366,7 +366,7 @@ fn frames_pass_both_ways_at_each_bit_rate_with_the_latest_sample_point() {
 }
 
 #[test]
-fn every_identifier_and_length_comes_through_unchanged() {
+fn every_identifier_and_length_is_transferred_unchanged() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     for n in 0..29 {
         let (id, len) = (1u32 << n, n as usize % 9);
@@ -407,7 +407,7 @@ fn a_frame_costs_two_chip_selects_and_8_bytes_besides_its_data() {
 
 #[test]
 fn frames_back_to_back_stay_in_order_at_no_more_than_two_chip_selects_each() {
-    // Served so late that both buffers fill, and so that a frame rolls over while RXB0 is being read.
+    // Some of these times fill both buffers, and some roll a frame over while the driver reads RXB0.
     for service_us in [20, 60, 90, 100, 105, 110, 120, 130, 180, 250] {
         let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
         for n in 0..60 {
@@ -430,7 +430,7 @@ fn frames_back_to_back_stay_in_order_at_no_more_than_two_chip_selects_each() {
 }
 
 #[test]
-fn a_long_transfer_leaves_in_order_with_at_most_one_gap_in_twelve_frames() {
+fn a_long_transfer_is_sent_in_order_with_at_most_one_gap_in_twelve_frames() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     let mut sent = 0;
     while sent < 60 {
@@ -449,7 +449,7 @@ fn a_long_transfer_leaves_in_order_with_at_most_one_gap_in_twelve_frames() {
         })
         .collect();
     assert_eq!(numbers, (0..60).collect::<Vec<u8>>());
-    // Three bits of intermission, and a bit to spare.
+    // The intermission is three bits; one more bit is tolerance.
     let gaps = records.windows(2).filter(|pair| pair[1].start - pair[0].end > 4 * 16).count();
     assert!(gaps <= 60 / 12, "{gaps} gaps");
     rig.run_ms(20);
@@ -457,7 +457,7 @@ fn a_long_transfer_leaves_in_order_with_at_most_one_gap_in_twelve_frames() {
 }
 
 #[test]
-fn in_one_shot_mode_a_frame_that_nobody_acknowledges_goes_once_and_blocks_nothing() {
+fn in_one_shot_mode_a_frame_without_acknowledgement_is_sent_once_and_blocks_nothing() {
     let mut rig = Rig::running(EVERYTHING, Attempts::Once);
     let peer_port = rig.peer_port;
     rig.connect(peer_port, false);
@@ -485,7 +485,7 @@ fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_a
         rig.run_ms(30);
         assert_eq!(rig.take_traffic(), (vec![], 1), "bit {bit}");
     }
-    // Both begin after the frame that is on the bus.
+    // The second frame of the peer and the frame of the chip both begin after the frame that is on the bus.
     rig.peer_sends(Frame::extended(0x0000_0001, &[0; 8]));
     rig.peer_sends(Frame::extended(0x0000_0001, &[1; 8]));
     rig.idle_us(50);
@@ -495,7 +495,7 @@ fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_a
 }
 
 #[test]
-fn without_one_shot_mode_the_same_frame_is_sent_until_it_is_through_or_given_up() {
+fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_given_up() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     rig.inject(Fault::FlipBit { bit: 40 });
     assert!(rig.transmit(&frame(0x1E97_4D2A, &[1, 2])));
@@ -523,7 +523,7 @@ fn without_one_shot_mode_the_same_frame_is_sent_until_it_is_through_or_given_up(
 }
 
 #[test]
-fn other_filters_are_in_force_within_20_ms_and_one_shot_mode_ends_with_them() {
+fn a_new_configuration_applies_within_20_ms() {
     let mut rig = Rig::running(Accept { id: 0x0000_0100, mask: 0x00FF_FF80 }, Attempts::Once);
     assert_eq!(rig.register(CANCTRL), OSM);
     rig.driver.reconfigure(|configuration| {
@@ -540,10 +540,10 @@ fn other_filters_are_in_force_within_20_ms_and_one_shot_mode_ends_with_them() {
 }
 
 #[test]
-fn a_change_of_mode_or_of_a_register_by_itself_is_noticed_and_put_right_within_20_ms() {
+fn a_changed_mode_or_register_is_detected_and_repaired_within_20_ms() {
     for (register, value) in [(CANCTRL, OSM), (CANCTRL, 0x60), (CANINTE, 0x01), (RXB0CTRL, 0x00), (RXB0CTRL, 0x64)] {
         let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
-        rig.meddle(&[WRITE, register, value]);
+        rig.direct_spi(&[WRITE, register, value]);
         rig.run_ms(20);
         assert_eq!(rig.take_events(), [Event::Lost, Event::Running], "register {register:02X}");
         rig.peer_sends(Frame::extended(1, &[]));
@@ -553,11 +553,11 @@ fn a_change_of_mode_or_of_a_register_by_itself_is_noticed_and_put_right_within_2
 }
 
 #[test]
-fn a_register_that_did_not_take_its_value_is_noticed_and_the_chip_is_not_used_like_that() {
+fn a_register_that_reads_back_wrong_is_reported_and_the_chip_stays_off_the_bus() {
     // RXF0SIDH, RXF5EID0, RXM1SIDL, the bit timing and the enabled interrupts.
     for register in [0x00, 0x1B, 0x25, CNF3, CNF2, CNF1, CANINTE] {
         let mut rig = Rig::at_rate(8, EVERYTHING, Attempts::UntilSent);
-        rig.wire.0.borrow_mut().spoilt = Some(register);
+        rig.wire.0.borrow_mut().corrupted = Some(register);
         rig.run_ms(20);
         let [Notice { event: Event::NotKeeping, value }] = rig.notices[..] else { panic!("{:?}", rig.notices) };
         assert_eq!(value, register);
@@ -569,7 +569,7 @@ fn a_register_that_did_not_take_its_value_is_noticed_and_the_chip_is_not_used_li
 }
 
 #[test]
-fn without_a_configuration_it_leaves_the_chip_alone_until_it_gets_one() {
+fn without_a_configuration_the_driver_does_not_access_the_chip() {
     let mut rig = Rig::at_rate(8, EVERYTHING, Attempts::UntilSent);
     let wire = rig.wire.clone();
     rig.driver = Mcp2515::unconfigured(wire.clone(), wire.clone(), wire, EVERYTHING);
@@ -583,16 +583,16 @@ fn without_a_configuration_it_leaves_the_chip_alone_until_it_gets_one() {
     assert_eq!(rig.take_events(), [Event::Running]);
 }
 
-/// Why the driver does not look at the filters once it runs.
+/// This is the reason why the driver does not check the filters of a running chip.
 #[test]
 fn the_chip_does_not_show_its_filters_outside_configuration_mode() {
     let mut rig = Rig::running(Accept { id: 0x1FFF_FFFF, mask: 0x1FFF_FFFF }, Attempts::UntilSent);
-    assert_eq!(rig.meddle(&[READ, 0x00, 0]), 0);
-    assert_eq!(rig.meddle(&[READ, 0x20, 0]), 0);
+    assert_eq!(rig.direct_spi(&[READ, 0x00, 0]), 0);
+    assert_eq!(rig.direct_spi(&[READ, 0x20, 0]), 0);
 }
 
 #[test]
-fn each_look_that_finds_frames_lost_counts_and_tells_so() {
+fn each_check_that_finds_frames_lost_counts_and_reports_it() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     for count in 1..=3 {
         for n in 0..3 {
@@ -612,10 +612,10 @@ fn each_look_that_finds_frames_lost_counts_and_tells_so() {
 
 #[test]
 #[cfg(feature = "counters")]
-fn receive_errors_are_counted_as_the_chips_own_counter_grows() {
+fn receive_errors_are_counted_as_rec_increases() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     let mut expected = 0;
-    // Destroyed frames of another, and nothing in between that would take from the counter.
+    // Destroyed frames of the peer, without good frames in between, which would decrease REC.
     for _ in 0..5 {
         let rec = rig.register(REC);
         rig.inject(Fault::FlipBit { bit: 40 });
@@ -627,14 +627,14 @@ fn receive_errors_are_counted_as_the_chips_own_counter_grows() {
     }
     assert!(expected >= 5);
     let counted = rig.counter(Counter::RxErrors);
-    // Each frame is repeated and takes 1 away again, before or after the look.
+    // The peer may repeat a frame, which decreases REC by 1, before or after the check.
     assert!((expected - 5..=expected).contains(&counted), "{counted} of {expected}");
 }
 
 #[test]
-fn bus_off_is_counted_once_however_long_it_lasts() {
+fn a_long_bus_off_is_counted_once() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
-    // The chip hears another bit than it sends, again and again. Then the bus is held dominant, and it cannot come back.
+    // The chip sees another bit than it sends, until it is bus-off. Then the bus is stuck dominant, so that the chip cannot recover.
     let chip_port = rig.chip_port;
     rig.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
     assert!(rig.transmit(&frame(0x1801_552A, &[0; 8])));
@@ -646,8 +646,9 @@ fn bus_off_is_counted_once_however_long_it_lasts() {
     }
     rig.inject(Fault::StuckDominant(true));
     rig.run_ms(300);
-    let told = rig.notices.iter().filter(|notice| notice.event == Event::Flags && ErrorFlags(notice.value).bus_off());
-    assert_eq!(told.count(), 1, "{:?}", rig.notices);
+    let bus_offs =
+        rig.notices.iter().filter(|notice| notice.event == Event::Flags && ErrorFlags(notice.value).bus_off());
+    assert_eq!(bus_offs.count(), 1, "{:?}", rig.notices);
     rig.assert_counts(&[(BusOffs, 1)]);
     rig.inject(Fault::StuckDominant(false));
     rig.run_ms(50);
@@ -656,11 +657,11 @@ fn bus_off_is_counted_once_however_long_it_lasts() {
 }
 
 #[test]
-fn counters_outlive_a_restart_of_the_chip() {
+fn a_restart_of_the_chip_does_not_change_the_counters() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     rig.peer_sends(Frame::extended(1, &[]));
     rig.run_ms(2);
-    rig.meddle(&[0xC0]);
+    rig.direct_spi(&[0xC0]);
     rig.run_ms(200);
     assert_eq!(rig.take_events(), [Event::Lost, Event::Running]);
     rig.assert_counts(&[(RxReceived, 1)]);

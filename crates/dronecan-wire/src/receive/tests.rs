@@ -20,7 +20,7 @@ const REQUEST_LANES: usize = 1;
 
 type Transfer = super::Transfer<Kind, KEPT>;
 
-/// What the node of these tests receives.
+/// The data types that the node of these tests receives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Unknown,
@@ -98,7 +98,7 @@ fn read(frame: &Frame, node: u8) -> Result<Segment<'_, Kind>, Rejection> {
     Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, node)
 }
 
-/// A receiver, and why the last frame, or the transfer before it, was dropped.
+/// A receiver, and the rejection that the last frame caused.
 struct Rig {
     receiver: Receiver<Kind, LIST_LANES, REQUEST_LANES, KEPT>,
     now_ms: u16,
@@ -126,7 +126,7 @@ impl Rig {
         Self { actuator, ..Self::new() }
     }
 
-    /// Takes a frame. The transfer that it completes.
+    /// Takes a frame. Returns the transfer that the frame completes.
     fn frame(&mut self, frame: &Frame) -> Option<Transfer> {
         self.rejection = None;
         let segment = match read(frame, self.me) {
@@ -157,13 +157,13 @@ impl Rig {
         }
     }
 
-    /// Takes a frame that completes nothing. Why it, or the transfer before it, was dropped.
+    /// Takes a frame that completes no transfer. Returns the rejection that it causes.
     fn rejects(&mut self, frame: &Frame) -> Option<Rejection> {
         assert_eq!(self.frame(frame), None);
         self.rejection
     }
 
-    /// Takes frames of which none but the last may complete a transfer; what that one completes.
+    /// Takes frames. Only the last may complete a transfer, which is returned.
     fn all(&mut self, frames: &[Frame]) -> Option<Transfer> {
         let (last, rest) = frames.split_last().unwrap();
         for frame in rest {
@@ -177,7 +177,7 @@ impl Rig {
     }
 }
 
-/// Type and value of the command or light in it.
+/// Type and value of the command, or colour of the light, in the transfer.
 fn entry(transfer: Option<Transfer>) -> Option<(u8, u16)> {
     transfer
         .filter(|transfer| transfer.len != 0)
@@ -191,7 +191,7 @@ fn command(source: u32, transfer_id: u8, entries: &[(u8, u8, u16)]) -> Vec<Frame
 }
 
 #[test]
-fn a_command_in_one_frame_is_taken_apart() {
+fn a_command_in_one_frame_is_decoded() {
     let transfer = Rig::new().text("1003F20A 01 00 00 38 C7").unwrap();
     assert_eq!((transfer.kind, transfer.source, transfer.priority), (Kind::ArrayCommand, 10, 16));
     assert_eq!((transfer.transfer_id(), transfer.payload()), (7, &[1, 0, 0, 0x38][..]));
@@ -209,7 +209,7 @@ fn a_command_in_several_frames_gives_the_entry_for_this_actuator_wherever_it_is(
 }
 
 #[test]
-fn the_longest_command_of_nine_frames_is_heard_for_each_of_its_fifteen_actuators() {
+fn the_longest_command_has_an_entry_for_each_of_fifteen_actuators() {
     // 1100, 1200, ... 2500 us.
     let frames = frames(
         "1003F20A 49 48 01 04 4C 64 02 8A | 04 B0 64 03 04 14 65 2A | 04 04 78 65 05 04 DC 0A | 65 06 04 40 66 07 04 2A | \
@@ -232,7 +232,7 @@ fn the_last_of_several_entries_for_this_actuator_counts() {
 }
 
 #[test]
-fn an_empty_list_comes_whole_and_has_no_entry() {
+fn an_empty_list_is_complete_and_has_no_entry() {
     let mut rig = Rig::new();
     rig.text("1003F20A 01 00 00 38 C7");
     let transfer = rig.text("1003F20A C9").unwrap();
@@ -240,7 +240,7 @@ fn an_empty_list_comes_whole_and_has_no_entry() {
 }
 
 #[test]
-fn a_list_that_ends_within_an_entry_is_refused() {
+fn a_list_that_ends_within_an_entry_is_rejected() {
     let mut rig = Rig::new();
     for len in [1, 2, 3, 5, 6, 7] {
         let payload = &[1, 0, 0, 0x38, 1, 0, 0][..len];
@@ -264,7 +264,7 @@ fn a_light_is_found_among_others() {
 }
 
 #[test]
-fn a_request_of_several_frames_is_kept_whole() {
+fn a_request_of_several_frames_is_kept_in_full() {
     let transfer = Rig::new().text(SET).unwrap();
     assert_eq!((transfer.kind, transfer.source, transfer.priority), (Kind::GetSet, 127, 30));
     assert_eq!((transfer.transfer_id(), transfer.len), (1, 18));
@@ -294,7 +294,7 @@ fn a_request_longer_than_what_is_kept_still_counts_its_bytes_and_checks_its_crc(
 }
 
 #[test]
-fn every_single_bit_that_is_wrong_makes_the_crc_wrong_or_the_transfer_another() {
+fn each_single_wrong_bit_breaks_the_transfer() {
     let good = frames(SET);
     for n in 0..good.len() {
         let payload_bits = 8 * (good[n].data.len() - 1);
@@ -303,7 +303,7 @@ fn every_single_bit_that_is_wrong_makes_the_crc_wrong_or_the_transfer_another() 
             frames[n].data[bit / 8] ^= 1 << (bit % 8);
             let mut rig = Rig::new();
             assert_eq!((rig.all(&frames), rig.rejection), (None, Some(Rejection::Broken)), "frame {n} bit {bit}");
-            // The lane is free for anyone.
+            // The lane is free for every sender.
             assert!(rig.all(&golden::transfer(0x1E0B_F8FE, golden::GET_SET, 0, &[0; 10])).is_some());
         }
     }
@@ -349,7 +349,7 @@ fn a_frame_that_comes_twice_changes_nothing() {
 }
 
 #[test]
-fn a_sender_that_begins_again_is_heard_at_once_whatever_its_transfer_id() {
+fn a_sender_that_begins_again_is_accepted_with_any_transfer_id() {
     let mut rig = Rig::new();
     for transfer_id in [3, 3, 2, 31, 0, 17] {
         assert!(rig.all(&command(10, transfer_id, &[(1, 0, 1), (2, 0, 2)])).is_some(), "{transfer_id}");
@@ -360,7 +360,7 @@ fn a_sender_that_begins_again_is_heard_at_once_whatever_its_transfer_id() {
 }
 
 #[test]
-fn a_frame_with_another_transfer_id_or_toggle_is_no_part_of_the_transfer() {
+fn a_frame_with_another_transfer_id_or_toggle_is_ignored() {
     let frames = command(10, 1, &[(1, 0, 1); 4]);
     for (n, changed_bits) in [(1, 1), (1, 16), (1, 0x20), (2, 2), (2, 0x20)] {
         let mut rig = Rig::new();
@@ -375,7 +375,7 @@ fn a_frame_with_another_transfer_id_or_toggle_is_no_part_of_the_transfer() {
 }
 
 #[test]
-fn a_frame_of_another_sender_or_another_service_is_no_part_of_the_transfer() {
+fn a_frame_of_another_sender_or_another_service_is_not_part_of_the_transfer() {
     let request = frames(SET);
     for id in [0x1E0B_F8FE, 0x1E28_F8FF] {
         let mut rig = Rig::new();
@@ -388,7 +388,7 @@ fn a_frame_of_another_sender_or_another_service_is_no_part_of_the_transfer() {
 }
 
 #[test]
-fn a_first_frame_with_its_toggle_set_is_none() {
+fn a_first_frame_with_its_toggle_set_is_rejected() {
     let mut rig = Rig::new();
     for tail in [0xE0, 0xA0] {
         let frame = golden::frame(0x1003_F20A, &[1, 0, 0, 0x38, tail]);
@@ -398,13 +398,13 @@ fn a_first_frame_with_its_toggle_set_is_none() {
 
 // Lanes
 
-/// A command of two frames; `value` tells it from others.
+/// A command of two frames. `value` identifies it.
 fn two(source: u32, transfer_id: u8, value: u16) -> [Frame; 2] {
     command(source, transfer_id, &[(1, 0, value), (2, 0, 2)]).try_into().unwrap()
 }
 
 #[test]
-fn as_many_senders_as_there_are_lanes_come_through_and_one_more_takes_the_place_of_one_of_them() {
+fn each_lane_serves_one_sender_and_one_more_sender_displaces_one() {
     let mut rig = Rig::new();
     let first: Vec<[Frame; 2]> = (0..LIST_LANES as u32).map(|n| two(10 + n, 1, 100 + n as u16)).collect();
     for frames in &first {
@@ -430,7 +430,7 @@ fn the_list_of_the_protected_sender_is_never_displaced() {
         let transfer = rig.frame(frame);
         assert_eq!(rig.rejection, None, "frame {n}");
         completed += usize::from(transfer.is_some());
-        // More senders than there are lanes, over and over.
+        // After each frame as many other senders as there are lanes begin a list.
         if n + 1 < ours.len() {
             for source in 0..LIST_LANES as u32 {
                 rig.frame(&two(20 + source, n as u8, 7)[0]);
@@ -441,7 +441,7 @@ fn the_list_of_the_protected_sender_is_never_displaced() {
 }
 
 #[test]
-fn who_finds_no_lane_is_told_so_once_and_comes_through_afterwards() {
+fn a_transfer_without_a_lane_is_rejected_once_and_the_next_one_is_received() {
     let mut lanes = [Transfer::NONE; 1];
     lane(&mut lanes, 10, true, 10).unwrap().begin(Kind::ArrayCommand, 10, 16, 0);
     assert!(lane(&mut lanes, 11, true, 10).is_none());
@@ -458,7 +458,7 @@ fn who_finds_no_lane_is_told_so_once_and_comes_through_afterwards() {
 }
 
 #[test]
-fn a_sender_that_begins_again_has_its_own_lane_and_leaves_the_others_alone() {
+fn a_sender_that_begins_again_takes_only_its_own_lane() {
     let mut rig = Rig::new();
     let others: Vec<[Frame; 2]> = (1..LIST_LANES as u32).map(|n| two(20 + n, 1, 9)).collect();
     for frames in &others {
@@ -501,7 +501,7 @@ fn a_request_of_the_protected_sender_may_be_displaced() {
 }
 
 #[test]
-fn after_two_seconds_another_sender_takes_over_even_from_the_protected_one() {
+fn after_the_timeout_another_sender_takes_even_the_protected_lane() {
     let mut rig = Rig { protected: 10, ..Rig::new() };
     for n in 0..LIST_LANES as u32 {
         rig.frame(&two(10 + n, 1, 1)[0]);
@@ -517,7 +517,7 @@ fn after_two_seconds_another_sender_takes_over_even_from_the_protected_one() {
 }
 
 #[test]
-fn a_transfer_is_under_way_from_its_first_frame_to_its_last_or_until_it_expires() {
+fn is_receiving_is_true_from_the_first_frame_to_the_last_or_until_the_transfer_expires() {
     let mut rig = Rig::new();
     assert!(!rig.receiver.is_receiving());
     rig.text("1003F20A 01 00 00 38 C7");
@@ -537,7 +537,7 @@ fn a_transfer_is_under_way_from_its_first_frame_to_its_last_or_until_it_expires(
     }
 }
 
-/// Two lanes, open for these senders.
+/// Two lanes with open transfers of these senders.
 fn two_lanes(open: [Option<u8>; 2]) -> [Transfer; 2] {
     open.map(|open| {
         let mut lane = Transfer::NONE;
@@ -548,7 +548,7 @@ fn two_lanes(open: [Option<u8>; 2]) -> [Transfer; 2] {
     })
 }
 
-/// Which of two lanes a sender gets.
+/// Returns the index of the lane that a sender gets of two lanes.
 fn chosen(open: [Option<u8>; 2], source: u8, is_start: bool, protected: u8) -> Option<usize> {
     let mut lanes = two_lanes(open);
     let first = &raw const lanes[0];
@@ -557,7 +557,7 @@ fn chosen(open: [Option<u8>; 2], source: u8, is_start: bool, protected: u8) -> O
 }
 
 #[test]
-fn of_two_lanes_a_sender_has_its_own() {
+fn of_two_lanes_a_sender_gets_its_own() {
     for is_start in [false, true] {
         assert_eq!(chosen([Some(10), Some(11)], 10, is_start, 11), Some(0));
         assert_eq!(chosen([Some(10), Some(11)], 11, is_start, 10), Some(1));
@@ -566,7 +566,7 @@ fn of_two_lanes_a_sender_has_its_own() {
 }
 
 #[test]
-fn of_two_lanes_a_newcomer_gets_a_free_one_or_else_one_that_is_not_protected() {
+fn of_two_lanes_a_new_sender_gets_a_free_one_or_else_one_that_is_not_protected() {
     assert_eq!(chosen([None, None], 12, true, 0), Some(0));
     assert_eq!(chosen([Some(10), None], 12, true, 0), Some(1));
     assert_eq!(chosen([None, Some(11)], 12, true, 0), Some(0));
@@ -576,14 +576,14 @@ fn of_two_lanes_a_newcomer_gets_a_free_one_or_else_one_that_is_not_protected() {
 }
 
 #[test]
-fn what_does_not_begin_a_transfer_gets_no_lane_but_its_own() {
+fn a_later_frame_gets_no_lane_but_that_of_its_sender() {
     for open in [[None, None], [Some(10), None], [Some(10), Some(11)]] {
         assert_eq!(chosen(open, 12, false, 0), None, "{open:?}");
     }
 }
 
 #[test]
-fn a_command_in_one_frame_comes_through_while_a_longer_one_is_under_way() {
+fn a_command_in_one_frame_is_received_during_a_longer_one() {
     let mut rig = Rig::new();
     let long = command(10, 1, &[(1, 0, 1), (2, 0, 2)]);
     rig.frame(&long[0]);
@@ -607,7 +607,7 @@ fn a_transfer_may_take_two_seconds_and_no_longer() {
 }
 
 #[test]
-fn frames_without_a_beginning_are_passed_over() {
+fn frames_without_a_first_frame_are_ignored() {
     let mut rig = Rig::new();
     for frame in &frames(THREE)[1..] {
         assert_eq!((rig.frame(frame), rig.rejection), (None, None));
@@ -617,13 +617,13 @@ fn frames_without_a_beginning_are_passed_over() {
 }
 
 #[test]
-fn a_frame_without_a_tail_byte_is_refused() {
+fn a_frame_without_a_tail_byte_is_rejected() {
     let mut rig = Rig::new();
     assert_eq!((rig.frame(&golden::frame(0x1003_F20A, &[])), rig.rejection), (None, Some(Rejection::Malformed)));
 }
 
 #[test]
-fn several_frames_where_one_is_enough_are_refused() {
+fn several_frames_of_a_single_frame_type_are_rejected() {
     let mut rig = Rig::new();
     let ids = [0x1801_550A, 0x1E01_F8FF, 0x1E05_F8FF, 0x1804_4C0A, 0x1E0A_F8FF];
     for id in ids {
@@ -634,7 +634,7 @@ fn several_frames_where_one_is_enough_are_refused() {
 }
 
 #[test]
-fn unknown_types_are_refused() {
+fn unknown_types_are_rejected() {
     let mut rig = Rig::new();
     for id in [0x1803_F30A, 0x1002_F20A, 0x1E30_F8FF, 0x1E02_F8FF] {
         assert_eq!(
@@ -646,9 +646,9 @@ fn unknown_types_are_refused() {
 }
 
 #[test]
-fn requests_to_others_and_responses_are_refused() {
+fn requests_to_other_nodes_and_responses_are_rejected() {
     let mut rig = Rig::new();
-    // To 42 and to 0; a response to us and one to another.
+    // Requests to 42 and to 0, a response to this node, and a response to another node.
     for id in [0x1E01_AAFF, 0x1E01_80FF, 0x1E01_78FF, 0x1E01_7FAA] {
         assert_eq!(
             (rig.frame(&golden::frame(id, &[0xC3])), rig.rejection),
@@ -660,7 +660,7 @@ fn requests_to_others_and_responses_are_refused() {
 }
 
 #[test]
-fn what_has_this_nodes_own_id_as_sender_is_refused() {
+fn frames_with_this_nodes_own_id_are_rejected() {
     let mut rig = Rig::new();
     for id in [0x1003_F278, 0x1801_5578, 0x1E01_F8F8, 0x1E00_0178] {
         assert_eq!(
@@ -672,7 +672,7 @@ fn what_has_this_nodes_own_id_as_sender_is_refused() {
 }
 
 #[test]
-fn commands_from_nobody_are_refused() {
+fn anonymous_frames_are_rejected() {
     let mut rig = Rig::new();
     for id in [0x1003_F200, 0x1801_5500, 0x1804_4C00, 0x1E01_F880] {
         assert_eq!(
@@ -684,7 +684,7 @@ fn commands_from_nobody_are_refused() {
 }
 
 #[test]
-fn without_an_id_the_golden_answers_of_an_allocator_come_through() {
+fn without_an_id_the_golden_replies_of_an_allocator_are_received() {
     let mut rig = Rig::new();
     rig.me = 0;
     let id: Vec<u8> = (0..16).collect();
@@ -701,7 +701,7 @@ fn without_an_id_the_golden_answers_of_an_allocator_come_through() {
 }
 
 #[test]
-fn without_an_id_the_anonymous_requests_of_other_nodes_come_through() {
+fn without_an_id_the_anonymous_requests_of_other_nodes_are_received() {
     let mut rig = Rig::new();
     rig.me = 0;
     for text in
@@ -722,32 +722,32 @@ fn without_an_id_no_request_is_for_this_node() {
 }
 
 #[test]
-fn a_message_of_a_type_that_looks_like_a_service_is_no_request() {
-    // Type 0xFF01: no such type is allowed, but such a frame may come.
+fn a_message_whose_type_looks_like_a_service_is_not_a_request() {
+    // Type 0xFF01 is not allowed, but a frame with it may come.
     assert_eq!(Rig::new().frame(&golden::frame(0x18FF_010A, &[0xC3])), None);
 }
 
 #[test]
-fn anonymous_transfers_of_several_frames_are_no_transfers() {
+fn anonymous_multi_frame_transfers_are_dropped() {
     let mut rig = Rig::new();
     for me in [0, ME] {
         rig.me = me;
         for frame in golden::transfer(0x1E00_0100, golden::ALLOCATION, 0, &[0; 17]) {
             assert_eq!(rig.frame(&frame), None);
         }
-        // And they do not keep the lane from anyone.
+        // They do not occupy a lane.
         let answer = "1E00017F 58 5D 00 00 01 02 03 81 | 04 05 06 07 08 09 0A 21 | 0B 41";
         assert!(rig.text(answer).is_some(), "node {me}");
     }
 }
 
 #[test]
-fn a_first_frame_too_short_for_a_crc_begins_nothing() {
+fn a_first_frame_too_short_for_a_crc_is_rejected_and_changes_nothing() {
     for data in [&[0x81][..], &[0x00, 0x81]] {
         let mut rig = Rig::new();
         assert_eq!(rig.frame(&golden::frame(0x1003_F20A, data)), None);
         assert_eq!(entry(rig.all(&command(11, 1, &[(1, 0, 1), (2, 0, 2)]))), Some((0, 1)), "{data:02X?}");
-        // Nor does it end what is under way, of whomever.
+        // It does not end an open transfer of any sender.
         for source in [10, 11] {
             let frames = two(source, 2, 3);
             assert_eq!(rig.rejects(&frames[0]), None);
@@ -758,7 +758,7 @@ fn a_first_frame_too_short_for_a_crc_begins_nothing() {
 }
 
 #[test]
-fn no_bytes_whatever_make_it_panic() {
+fn random_frames_cause_no_panic() {
     let mut rig = Rig::new();
     let ids: &[u32] = &[0x1003_F20A, 0x1003_F20B, 0x1804_390A, 0x1E0B_F8FF, 0x1E28_F8FF, 0x1E00_017F, 0x1E97_4D00];
     let mut random = 1u32;
@@ -771,12 +771,12 @@ fn no_bytes_whatever_make_it_panic() {
         let mut frame = golden::frame(ids[usize::from(next()) % ids.len()], &[]);
         frame.data = (0..next() % 9).map(|_| next() as u8).collect();
         if let Some(tail) = frame.data.last_mut() {
-            // Few transfer IDs, so that frames do go together.
+            // Only two transfer IDs, so that some frames continue a transfer.
             *tail &= 0xE1;
         }
         rig.now_ms = rig.now_ms.wrapping_add(next() % 8);
         came += usize::from(rig.frame(&frame).is_some());
     }
-    // Most lists end within an entry.
+    // Most lists end within an entry and are rejected.
     assert!(came > 10_000, "{came}");
 }
