@@ -136,7 +136,7 @@ pub struct Desk {
     /// True if a question mark was received on the serial port.
     pub is_asked: bool,
     /// The bytes logged on the serial port.
-    pub told: Vec<u8>,
+    pub log: Vec<u8>,
     /// True once the node asked for a restart of the program.
     pub is_to_restart: bool,
     passed_ms: u8,
@@ -170,7 +170,7 @@ impl Desk {
             readings: [51, 52],
             is_pressed: false,
             is_asked: false,
-            told: Vec::new(),
+            log: Vec::new(),
             is_to_restart: false,
             passed_ms: 0,
         };
@@ -255,7 +255,7 @@ impl Desk {
                 } else {
                     let byte = monitor.next_byte(InMemory);
                     if byte != 0 {
-                        self.told.push(byte);
+                        self.log.push(byte);
                     }
                 }
                 return Turn::Monitor;
@@ -276,9 +276,9 @@ impl Desk {
 
     /// Takes turns until only logging is left, and then logs as many bytes as the UART sends in a millisecond.
     pub fn idle(&mut self) {
-        let (mut turns, mut told) = (0, 0);
-        while told < BYTES_PER_MS {
-            told += u32::from(self.turn() == Turn::Monitor);
+        let (mut turns, mut log) = (0, 0);
+        while log < BYTES_PER_MS {
+            log += u32::from(self.turn() == Turn::Monitor);
             turns += 1;
             assert!(turns < TURNS_MAX, "it goes on for ever");
         }

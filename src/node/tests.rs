@@ -989,9 +989,9 @@ fn the_serial_monitor_goes_on_while_what_is_due_has_to_wait() {
     // A second status that has to wait for half a second, and no temperature yet.
     rig.run(3);
     rig.status_of(10);
-    rig.told.clear();
+    rig.log.clear();
     rig.run(100);
-    let told = String::from_utf8(rig.told.clone()).unwrap();
+    let told = String::from_utf8(rig.log.clone()).unwrap();
     assert!(told.contains("rx NodeStatus from 10"), "{told}");
 }
 

@@ -295,7 +295,7 @@ impl Rig {
 
     /// Reads what was told on the serial monitor.
     fn read(&mut self) {
-        for byte in self.desk.told.drain(..) {
+        for byte in self.desk.log.drain(..) {
             match byte {
                 b'\r' | b'\n' => self.line.clear(),
                 byte => {
