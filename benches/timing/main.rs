@@ -473,10 +473,16 @@ fn main() {
         eprintln!("{name}, priority {}, {}: {frames} frames", load.priority, pace(load));
     });
     loads(&mut page, &runs);
-    page.push_str(
-        "\nA command for a position takes a division, 2,050 cycles with all the rest, where such a frame lasts 1,900. So of a bus full of\n\
-         nothing but those, 8,700 a second, one in ten is lost. What would help is a factor that is worked out when a parameter changes,\n\
-         for 80 bytes of flash.\n",
+    let lost = |(_, _, figures): &(Load, u64, Figures)| {
+        let meter = &figures.meter;
+        100.0 * meter.lost as f64 / (meter.frames + meter.lost) as f64
+    };
+    let positions = runs.iter().filter(|(load, ..)| load.kind == Kind::Position && load.pace == Pace::Full);
+    let most = positions.map(lost).fold(0.0, f64::max);
+    let _ = writeln!(
+        page,
+        "\nA command for a position takes a division, and with it more than the 1,900 cycles that such a frame lasts. A bus full of nothing\n\
+         but those has 8,400 a second, of which up to {most:.1} % are lost and reported (docs/decisions.md)."
     );
     let mut foreign = Loaded::new(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }), Client::Saving);
     foreign.run_ms(FOREIGN_MS);
