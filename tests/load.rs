@@ -138,8 +138,8 @@ fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_o
     );
 }
 
-/// The division of a position takes 2,050 cycles with all the rest, and such a frame lasts 1,900. So of a bus full of nothing but positions, 8,700
-/// a second, one in eight is lost. Up to four fifths of that none is.
+/// With its division a position takes longer than the 1,840 cycles that such a frame lasts. Of a bus full of nothing but positions, 8,700 a
+/// second, the node loses one in eleven (docs/decisions.md). Up to four fifths of that rate it loses none.
 #[test]
 fn positions_are_all_read_and_followed_up_to_four_fifths_of_a_full_bus() {
     let load = |pace| Load { kind: Kind::Position, priority: 31, pace };
@@ -148,7 +148,7 @@ fn positions_are_all_read_and_followed_up_to_four_fifths_of_a_full_bus() {
     assert!(figures.command_to_servo.max() <= 500 * 16, "{} cycles", figures.command_to_servo.max());
     let full = run(load(Pace::Full), LOAD_MS);
     let (frames, lost) = (full.meter.frames, full.meter.lost);
-    assert!(lost * 6 < frames && full.meter.garbled == 0, "{lost} lost beside {frames}");
+    assert!(lost * 8 < frames && full.meter.garbled == 0, "{lost} lost beside {frames}");
 }
 
 #[test]

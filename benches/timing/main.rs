@@ -481,8 +481,8 @@ fn main() {
     let most = positions.map(lost).fold(0.0, f64::max);
     let _ = writeln!(
         page,
-        "\nA command for a position takes a division, and with it more than the 1,900 cycles that such a frame lasts. A bus full of nothing\n\
-         but those has 8,400 a second, of which up to {most:.1} % are lost and reported (docs/decisions.md)."
+        "\nA command for a position takes a division, and with it more than the 1,840 cycles that such a frame lasts. A bus full of nothing\n\
+         but those has 8,700 a second, of which up to {most:.1} % are lost and reported (docs/decisions.md)."
     );
     let mut foreign = Loaded::new(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }), Client::Saving);
     foreign.run_ms(FOREIGN_MS);
