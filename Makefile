@@ -95,7 +95,7 @@ test-firmware:
 
 # They mostly wait for real time.
 test-clients:
-	$(VENV)/bin/python -m pytest -q -n 2 --dist loadfile tests/clients
+	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile tests/clients
 
 # What takes long, one after the other; a new one goes to the end of the list.
 LONG := reliability fuzz fuzz-coverage soak

@@ -1,4 +1,4 @@
-//! Two minutes of a node's life, with all that can go wrong in them. `make soak HOURS=4` lives longer.
+//! A minute of a node's life, with all that can go wrong in them. `make soak HOURS=4` lives longer.
 
 use rig::MS;
 use rig::soak::Soak;
@@ -6,7 +6,7 @@ use rig::soak::Soak;
 #[test]
 fn in_a_life_full_of_faults_nothing_is_lost_between_them_and_each_is_over_within_a_second() {
     let mut soak = Soak::new(1);
-    soak.run_until(120_000 * MS, &|| false);
+    soak.run_until(60_000 * MS, &|| false);
     println!("{}", soak.report);
-    assert!(soak.report.commands > 4000 && soak.report.troubles.len() > 3);
+    assert!(soak.report.commands > 2000 && soak.report.troubles.len() > 1);
 }
