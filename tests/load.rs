@@ -11,7 +11,7 @@ use rig::load::{Client, Figures, Kind, Load, Loaded, Pace, run, run_all};
 use rig::profile::{Names, Profile};
 
 /// Simulated time of each load.
-const LOAD_MS: u64 = 250;
+const LOAD_MS: u64 = 350;
 const BURSTS_MS: u64 = 400;
 
 /// Every kind of frame back to back, at a priority above and below all of the node's own, and in bursts.
@@ -175,7 +175,7 @@ fn the_node_s_own_messages_go_out_when_arbitration_lets_them() {
     // A load that loses every arbitration: telemetry, and answers to the client. Of saved parameters there are few answers.
     all(
         |load| load.priority == 31 && !matches!(load.kind, Kind::Command(5) | Kind::Thesis),
-        |figures| (figures.own_frames < 30 || figures.answers == 0).then(|| own(figures)),
+        |figures| (figures.own_frames < 40 || figures.answers == 0).then(|| own(figures)),
     );
     // Commands leave the least time: each frame is a whole one.
     all(|load| load.priority == 31, |figures| (figures.own_frames < 5).then(|| own(figures)));
