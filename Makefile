@@ -24,7 +24,7 @@ help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
-	@echo "make test       every test that CI runs, in less than 20 minutes; installs what is missing first"
+	@echo "make test       every test that CI runs, about 20 minutes the first time; installs what is missing first"
 	@echo "make test-all   that, and then the long ones below"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make fuzz-coverage   the parsers in libFuzzer, which looks for new ways through them, a minute each  (TIME=900)"
