@@ -1,6 +1,6 @@
 //! Parameters: what there is, when it takes effect, and that the EEPROM has the old set or the new one whatever happens.
 
-use rig::manage::{PARAMETERS, PATIENCE_SAVE_MS, integer, ms_between};
+use rig::manage::{PARAMETERS, SAVE_TIMEOUT_MS, integer, ms_between};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Rig, started};
 use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
@@ -181,7 +181,7 @@ fn a_parameter_that_is_set_during_a_save_is_saved_whole_or_not_at_all() {
         rig.run_ms(delay_ms);
         let request = ParameterRequest { index: 0, value: Value::Integer(99), name: b"OUT1_ID".to_vec() };
         rig.request(&Message::ParameterRequest(request));
-        rig.run_ms(PATIENCE_SAVE_MS);
+        rig.run_ms(SAVE_TIMEOUT_MS);
         rig.cut_power();
         rig.wait_until_up();
         let mut told = marks(&mut rig);

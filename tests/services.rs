@@ -2,7 +2,7 @@
 //!
 //! The quoted frames were made by pydronecan 1.0.27; tests/clients/test_golden.py holds the two together.
 
-use rig::manage::{PARAMETERS, PATIENCE_MS, ms_between};
+use rig::manage::{ANSWER_TIMEOUT_MS, PARAMETERS, ms_between};
 use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, quoted};
 use sim::Cycles;
 use sim::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
@@ -20,7 +20,7 @@ fn node_information_has_every_field_in_its_place() {
     let mut rig = Rig::running();
     rig.run_ms(2000);
     rig.send_frame(quoted(GET_NODE_INFO)[0]);
-    rig.run_ms(PATIENCE_MS);
+    rig.run_ms(ANSWER_TIMEOUT_MS);
     let frames = rig.to_tool();
     // Two bytes of CRC, 41 of fixed fields and the name, seven in a frame, and each with its tail.
     let (last, full) = frames.split_last().expect("an answer");
@@ -279,7 +279,7 @@ fn a_restart_takes_the_servo_through_its_failsafe() {
 fn a_firmware_update_is_refused_with_a_reason() {
     let mut rig = Rig::running();
     rig.send_frame(quoted("1E28F8FF 7F 66 77 2E 62 69 6E C9")[0]);
-    rig.run_ms(PATIENCE_MS);
+    rig.run_ms(ANSWER_TIMEOUT_MS);
     let (_, number, answer) = rig.answers().remove(0);
     let Message::UpdateBegun(answer) = answer else { panic!("{answer}") };
     const INVALID_MODE: u8 = 1;
@@ -297,7 +297,7 @@ fn answers_have_the_priority_and_the_number_of_their_requests() {
     for (priority, number) in [(0u32, 31u8), (8, 0), (31, 17)] {
         rig.forget();
         rig.send(priority << 24 | 0x0B_F8FF, &[1, 0, 0xC0 | number]);
-        rig.run_ms(PATIENCE_MS);
+        rig.run_ms(ANSWER_TIMEOUT_MS);
         let frames = rig.to_tool();
         assert!(frames.iter().all(|frame| frame.id == sim::can::Id::Extended(priority << 24 | 0x0B_7FF8)));
         assert_eq!(frames.first().map(|frame| frame.data()[7]), Some(0x80 | number));

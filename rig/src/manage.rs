@@ -42,9 +42,9 @@ pub const TOOL: u8 = 127;
 /// Priority of a GUI tool's requests.
 const PRIORITY: u8 = 30;
 /// The longest that a request may wait for its answer while the node has little else to do.
-pub const PATIENCE_MS: u64 = 50;
+pub const ANSWER_TIMEOUT_MS: u64 = 50;
 /// The same for one that writes to the EEPROM. Clients wait for a second.
-pub const PATIENCE_SAVE_MS: u64 = 900;
+pub const SAVE_TIMEOUT_MS: u64 = 900;
 
 impl Rig {
     /// The tool sends a request, and does not wait. The number of the transfer.
@@ -80,7 +80,7 @@ impl Rig {
     /// Sends a request and waits for its answer.
     #[track_caller]
     pub fn ask(&mut self, request: &Message) -> Message {
-        self.ask_for(request, PATIENCE_MS)
+        self.ask_for(request, ANSWER_TIMEOUT_MS)
     }
 
     #[track_caller]
@@ -149,7 +149,7 @@ impl Rig {
     /// Executes an opcode; whether the node says that it was done.
     #[track_caller]
     pub fn execute(&mut self, opcode: Opcode) -> bool {
-        match self.ask_for(&Message::ExecuteOpcode(opcode), PATIENCE_SAVE_MS) {
+        match self.ask_for(&Message::ExecuteOpcode(opcode), SAVE_TIMEOUT_MS) {
             Message::OpcodeExecuted(ok) => ok,
             other => panic!("{other}"),
         }
@@ -187,7 +187,7 @@ impl Rig {
             self.send_frame(frame);
         }
         let expected = quoted(answer);
-        let wait_ms = if request.contains("0AF8") { PATIENCE_SAVE_MS } else { PATIENCE_MS };
+        let wait_ms = if request.contains("0AF8") { SAVE_TIMEOUT_MS } else { ANSWER_TIMEOUT_MS };
         self.wait_for(&format!("answer to {request}"), wait_ms, |rig| rig.to_tool().len() >= expected.len());
         self.run_ms(5);
         let heard = self.to_tool();
