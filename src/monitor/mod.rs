@@ -501,6 +501,18 @@ mod tests {
     }
 
     #[test]
+    fn a_line_about_a_frame_takes_no_other_line_s_place() {
+        let mut monitor = Monitor::new();
+        for _ in 0..QUEUE_LEN - 1 {
+            monitor.log_line(Line::BusOff);
+        }
+        monitor.log(&Event::new(Line::Running));
+        let text = logged(&mut monitor);
+        assert!(text.starts_with("1 lines dropped") && !text.contains("running"), "{text}");
+        assert_eq!(text.matches("CAN: bus-off").count(), QUEUE_LEN - 1);
+    }
+
+    #[test]
     fn a_line_that_is_being_sent_is_not_overwritten() {
         let mut monitor = Monitor::new();
         monitor.log_line(Line::Temperature).a = 245;
