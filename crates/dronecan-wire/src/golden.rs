@@ -1,4 +1,4 @@
-//! Reference data of the tests: frames that pydronecan 1.0.27 made, and a second, simpler implementation of transfers, written from the
+//! Reference data for tests, also those of programs that use this crate: frames that pydronecan 1.0.27 made, and a second, simpler implementation of transfers, written from the
 //! specification (chapter 4) alone.
 
 use std::format;
@@ -9,7 +9,9 @@ use std::vec::Vec;
 /// A frame with an extended identifier.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
+    /// The identifier.
     pub id: u32,
+    /// The data, at most 8 bytes.
     pub data: Vec<u8>,
 }
 
@@ -87,14 +89,25 @@ pub fn payload(signature: u64, frames: &[Frame]) -> (Vec<u8>, u8) {
     (all, transfer_id)
 }
 
+/// Signature of uavcan.protocol.NodeStatus.
 pub const NODE_STATUS: u64 = 0x0F08_68D0_C1A7_C6F1;
+/// Signature of uavcan.protocol.GetNodeInfo.
+pub const GET_NODE_INFO: u64 = 0xEE46_8A81_21C4_6A9E;
+/// Signature of uavcan.protocol.dynamic_node_id.Allocation.
 pub const ALLOCATION: u64 = 0x0B2A_8126_20A1_1D40;
+/// Signature of uavcan.protocol.param.GetSet.
 pub const GET_SET: u64 = 0xA7B6_22F9_39D1_A4D5;
+/// Signature of uavcan.protocol.GetTransportStats.
 pub const GET_TRANSPORT_STATS: u64 = 0xBE6F_76A7_EC31_2B04;
+/// Signature of uavcan.protocol.file.BeginFirmwareUpdate.
 pub const BEGIN_FIRMWARE_UPDATE: u64 = 0xB7D7_25DF_7272_4126;
+/// Signature of dronecan.protocol.CanStats.
 pub const CAN_STATS: u64 = 0xCE08_0CAE_3CA3_3C75;
+/// Signature of uavcan.equipment.actuator.ArrayCommand.
 pub const ARRAY_COMMAND: u64 = 0xD8A7_4862_38EC_3AF3;
+/// Signature of uavcan.equipment.actuator.Status.
 pub const ACTUATOR_STATUS: u64 = 0x5E9B_BA44_FAF1_EA04;
+/// Signature of uavcan.equipment.indication.LightsCommand.
 pub const LIGHTS_COMMAND: u64 = 0x2031_D93C_8BDD_1EC4;
 
 /// Transfers that pydronecan made, with the signatures of their types.
@@ -132,6 +145,7 @@ pub const TRANSFERS: &[(u64, &str)] = &[
     ),
 ];
 
+#[cfg(test)]
 #[test]
 fn the_second_implementation_agrees_with_pydronecan() {
     for &(signature, golden) in TRANSFERS {

@@ -1,13 +1,13 @@
 #![doc = include_str!("../README.md")]
-#![cfg_attr(not(test), no_std)]
+#![cfg_attr(not(any(test, feature = "golden")), no_std)]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
 mod bits;
 pub mod crc;
 pub mod float16;
-#[cfg(test)]
-mod golden;
+#[cfg(any(test, feature = "golden"))]
+pub mod golden;
 mod node_id;
 pub mod receive;
 pub mod send;
