@@ -288,8 +288,8 @@ mod tests {
             ([1, 4, 0x08, 0x67], Line::CommandPwm, 1800, 3600),
         ] {
             let mut rig = Rig::new(&[]);
-            let (told, event) = rig.command(&payload);
-            assert_eq!((told, event.a, event.b), (line, a, pulse), "{payload:02X?}");
+            let (logged, event) = rig.command(&payload);
+            assert_eq!((logged, event.a, event.b), (line, a, pulse), "{payload:02X?}");
             assert_eq!((rig.actuator.pulse(), rig.servo.0), (pulse, pulse), "{payload:02X?}");
             assert!(rig.actuator.is_following() && rig.actuator.hears_nothing());
         }

@@ -280,9 +280,9 @@ mod tests {
         let (mut health, mut monitor) = (Health::new(), Monitor::new());
         health.counts = Counts { followed: 12_345, refused: 2, overruns: 321, given_up: 4 };
         health.report(&mut monitor);
-        let told = logged(&mut monitor);
+        let log = logged(&mut monitor);
         for count in ["12345", "2", "321", "4"] {
-            assert!(told.contains(count), "{told}");
+            assert!(log.contains(count), "{log}");
         }
     }
 

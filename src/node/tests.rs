@@ -991,8 +991,8 @@ fn the_serial_monitor_goes_on_while_what_is_due_has_to_wait() {
     rig.status_of(10);
     rig.log.clear();
     rig.run(100);
-    let told = String::from_utf8(rig.log.clone()).unwrap();
-    assert!(told.contains("rx NodeStatus from 10"), "{told}");
+    let log = String::from_utf8(rig.log.clone()).unwrap();
+    assert!(log.contains("rx NodeStatus from 10"), "{log}");
 }
 
 // Filters

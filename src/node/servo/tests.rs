@@ -211,10 +211,10 @@ fn the_reported_position_matches_the_pulse() {
             if case.is_reversed {
                 exact = -exact;
             }
-            let told = f16::from_bits(bits).to_f64();
+            let reported = f16::from_bits(bits).to_f64();
             // Roundings of the half range and of the position to 4096ths of a radian, and the resolution of a float16.
             let tolerance = 1.0 / 4096.0 + exact.abs() / 2048.0;
-            assert!((told - exact).abs() <= tolerance, "{pulse}: {told} is not {exact} {:?}", case.travel);
+            assert!((reported - exact).abs() <= tolerance, "{pulse}: {reported} is not {exact} {:?}", case.travel);
         }
     }
 }

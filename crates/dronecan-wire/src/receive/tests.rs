@@ -510,7 +510,7 @@ fn after_the_timeout_another_sender_takes_even_the_protected_lane() {
         assert_eq!(rig.receiver.expire(2000), None);
         assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::ArrayCommand));
     }
-    assert_eq!(rig.receiver.expire(2001), None, "all are told");
+    assert_eq!(rig.receiver.expire(2001), None, "all are reported");
     let theirs = two(100, 1, 2);
     assert_eq!(rig.rejects(&theirs[0]), None);
     assert_eq!(entry(rig.frame(&theirs[1])), Some((0, 2)));
