@@ -78,6 +78,9 @@ lines! {
     /// A parameter was set.
     #[cfg(feature = "standard")]
     ParameterSet = "rx GetSet from %s tid %t: set %n = %a",
+    /// A parameter was not set: the value is out of range.
+    #[cfg(feature = "standard")]
+    ParameterRejected = "rx GetSet from %s tid %t: out of range for %n",
     /// Received an Allocation that gives this node no ID.
     #[cfg(feature = "allocation")]
     AllocationElsewhere = "rx Allocation from %s",

@@ -132,11 +132,13 @@ impl Node {
             #[cfg(feature = "standard")]
             Kind::GetSet => {
                 let Some(get_set) = GetSet::read(request, flash) else { return Line::RefusedLength };
-                if let Some(value) = get_set.value
-                    && self.parameters.set(get_set.parameter, value, flash)
-                {
-                    line = Line::ParameterSet;
-                    self.chores.add(Chore::TakeParameters);
+                if let Some(value) = get_set.value {
+                    if self.parameters.set(get_set.parameter, value, flash) {
+                        line = Line::ParameterSet;
+                        self.chores.add(Chore::TakeParameters);
+                    } else if get_set.parameter < parameters::COUNT as u8 {
+                        line = Line::ParameterRejected;
+                    }
                     self.note.a = value as u16;
                     self.note.b = u16::from(get_set.parameter);
                 }
