@@ -6,13 +6,14 @@
 //! * [`node`]: the behaviour of the node: commands, servo, temperature, status.
 //! * [`monitor`]: the serial monitor.
 //! * [`progmem`]: reads a table of constants from flash.
+//! * [`hardware`]: the board that the program is built for.
 //! * [`dronecan_wire`]: the wire format, a separate crate.
 //! * [`mcp2515_ordered`]: frames, and the driver of the MCP2515 over any `embedded-hal` SPI, a separate crate.
 //!
 //! `desk` is a board of plain variables that the tests run the node on.
 //!
 //! The caller passes the time as an argument and the hardware as traits (`embedded-hal` for SPI and pins), so all of the library is tested on
-//! the host. The ATmega168's registers, interrupts and `unsafe` are in `board`, which belongs to the firmware binary alone.
+//! the host. The chip's registers, interrupts and `unsafe` are in `board`, which belongs to the firmware binary alone.
 //!
 //! # Glossary
 //!
@@ -51,6 +52,7 @@
 pub mod desk;
 #[cfg(test)]
 mod golden;
+pub mod hardware;
 pub mod image;
 pub mod monitor;
 pub mod node;

@@ -14,7 +14,7 @@ mod board;
 
 #[cfg(target_arch = "avr")]
 use {
-    board::{Board, CAN_CRYSTAL_HZ, flash::Image, guard},
+    board::{Board, flash::Image, guard},
     mcp2515_ordered::Configuration,
     node::monitor::Monitor,
     node::node::agenda::{Agenda, Facts, Turn},
@@ -35,7 +35,7 @@ fn main() -> ! {
     let board = BOARD.insert(Board::new());
     node.start(guard::reset_cause(&board.cpu), &mut board.eeprom, || board.jitter.sample(), Image, monitor);
     board.servo.set_rate(node.parameters.get(Parameter::OutRate));
-    let timing = bit_rate::timing::<CAN_CRYSTAL_HZ>(node.parameters.get(Parameter::CanBaudrate) as u8);
+    let timing = bit_rate::timing(node.parameters.get(Parameter::CanBaudrate) as u8);
     let (acceptance, attempts) = (node.acceptance(Image), node.attempts());
     board.bus.controller(|can| can.configure(Configuration { timing, acceptance, attempts }));
     guard::start();
@@ -116,11 +116,9 @@ fn main() -> ! {
     }
 }
 
-/// Prints how to build the firmware: it runs on an ATmega168 and not on the host.
+/// Prints how to flash and how to simulate: the firmware runs on an Arduino and not on the host.
 #[cfg(not(target_arch = "avr"))]
 fn main() {
-    eprintln!(
-        "This is firmware for an ATmega168. `make firmware` builds it, `make flash` uploads it, `make sim` runs it here."
-    );
+    eprintln!("This is firmware for an Arduino: `make flash PORT=/dev/ttyUSB0` uploads it, `make sim` runs it here.");
     std::process::exit(2);
 }

@@ -2,7 +2,7 @@
 //!
 //! A conversion takes 104 us. The main loop starts it, collects the result later, and never waits.
 
-use avr_device::atmega168::ADC;
+use super::chip::ADC;
 
 /// The ADC.
 pub struct Adc {

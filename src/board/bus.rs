@@ -1,4 +1,5 @@
-//! The CAN controller, and the interrupt INT0, which reads frames from it at any point of the main loop.
+//! The CAN controller, and its interrupt, which reads frames from it at any point of the main loop. The interrupt is INT0, or INT1 on boards
+//! with the controller's INT on D3. The comments say INT0 for both.
 //!
 //! The controller holds two frames, of some types only one, and a frame may end 67 us after the one before it. So INT0 moves each frame to a
 //! queue of [`QUEUE_LEN`] frames as soon as it arrives, and the main loop takes the frames from the queue.
@@ -16,12 +17,13 @@
 
 use core::sync::atomic::{Ordering, compiler_fence};
 
-use avr_device::atmega168::{EXINT, SPI};
+use super::chip::{EXINT, SPI};
 
 use super::flash::Image;
 use super::pins::{CanInterrupt, CanSelect};
 use super::spi::CanSpi;
 use mcp2515_ordered::{Frame, Mcp2515};
+use node::hardware::CAN_INTERRUPT;
 use node::node::acceptance::NodeAcceptance;
 use node::node::health::CanCounters;
 
@@ -32,8 +34,14 @@ pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
 /// shortest frames of a transfer.
 const QUEUE_LEN: u8 = 4;
 
-/// The bit of INT0 in EIMSK, and of its flag in EIFR.
-const INT0_BIT: u8 = 1 << 0;
+/// The number of the interrupt: INT0 is on D2, INT1 on D3.
+const INTERRUPT: u8 = CAN_INTERRUPT.bit - 2;
+
+/// The bit of the interrupt in EIMSK, and of its flag in EIFR.
+const INT0_BIT: u8 = 1 << INTERRUPT;
+
+/// ISC01..0 = 2 in EICRA: the falling edge. The bits of INT1 follow those of INT0.
+const FALLING_EDGE: u8 = 2 << (2 * INTERRUPT);
 
 // Safety: these are the only values of the SPI and of CS: `Pins` has none. Nothing uses them before they are set up: CS is set up by
 // `Pins::new`, which makes the argument of `Bus::new`, and `Bus::new` sets up the SPI before it enables INT0 and returns the `Bus`.
@@ -75,7 +83,8 @@ fn exint() -> EXINT {
 
 #[inline(always)]
 fn mask() {
-    exint().eimsk().modify(|r, w| w.int().set(r.int().bits() & !INT0_BIT));
+    // Safety: every value of EIMSK is valid.
+    exint().eimsk().modify(|r, w| unsafe { w.bits(r.bits() & !INT0_BIT) });
     // The compiler must not move an access to the controller to before the mask is set.
     compiler_fence(Ordering::SeqCst);
 }
@@ -84,7 +93,8 @@ fn mask() {
 fn unmask() {
     // The compiler must not move an access to the controller to after the mask is cleared.
     compiler_fence(Ordering::SeqCst);
-    exint().eimsk().modify(|r, w| w.int().set(r.int().bits() | INT0_BIT));
+    // Safety: every value of EIMSK is valid.
+    exint().eimsk().modify(|r, w| unsafe { w.bits(r.bits() | INT0_BIT) });
 }
 
 /// Moves frames from the controller to the queue until the controller is empty or the queue is full.
@@ -102,7 +112,8 @@ unsafe fn fetch() {
             return;
         }
         // Clears the flag, so that an edge from here on triggers INT0 again. A write changes only the bits that are 1.
-        exint().eifr().write(|w| w.intf().set(INT0_BIT));
+        // Safety: every value of EIFR is valid.
+        exint().eifr().write(|w| unsafe { w.bits(INT0_BIT) });
         // Safety: the index is less than the length. The main loop has references only to places from READ to WRITTEN, and this place is not
         // among them, because the queue is not full.
         let place = unsafe { &mut *(&raw mut QUEUE).cast::<Frame>().add(usize::from(written % QUEUE_LEN)) };
@@ -115,8 +126,9 @@ unsafe fn fetch() {
     }
 }
 
-#[avr_device::interrupt(atmega168)]
-fn INT0() {
+/// The handler of the interrupt.
+#[inline(always)]
+fn handle_interrupt() {
     mask();
     // Safety: INT0 is masked, so this handler cannot interrupt itself, and no other handler uses the controller or the queue.
     unsafe { avr_device::interrupt::enable() };
@@ -127,6 +139,11 @@ fn INT0() {
     unmask();
 }
 
+#[cfg(can_interrupt = "INT0")]
+interrupt!(INT0 { handle_interrupt() });
+#[cfg(can_interrupt = "INT1")]
+interrupt!(INT1 { handle_interrupt() });
+
 /// The main loop's access to the controller and the queue.
 pub struct Bus {
     interrupt: CanInterrupt,
@@ -136,9 +153,11 @@ impl Bus {
     /// Sets up the SPI, and enables INT0. The pins must be set up.
     pub(super) fn new(spi: SPI, exint: EXINT, interrupt: CanInterrupt) -> Self {
         CanSpi::set_up(spi);
-        // ISC01..0 = 2: the falling edge.
-        exint.eicra().write(|w| w.isc0().set(2));
-        exint.eimsk().write(|w| w.int().set(INT0_BIT));
+        // Safety: every value of EICRA and EIMSK is valid.
+        unsafe {
+            exint.eicra().write(|w| w.bits(FALLING_EDGE));
+            exint.eimsk().write(|w| w.bits(INT0_BIT));
+        }
         Self { interrupt }
     }
 

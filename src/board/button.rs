@@ -1,4 +1,4 @@
-//! The push button on D4.
+//! The push button.
 
 use super::pins::ButtonSignal;
 

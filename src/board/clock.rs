@@ -1,6 +1,6 @@
 //! The millisecond clock, from Timer0.
 
-use avr_device::atmega168::TC0;
+use super::chip::TC0;
 
 use super::CLOCK_HZ;
 
@@ -15,11 +15,10 @@ const TOP: u8 = {
 /// Milliseconds, modulo 256. One byte, so that the main loop can read it with interrupts enabled.
 static mut TICKS: u8 = 0;
 
-#[avr_device::interrupt(atmega168)]
-fn TIMER0_COMPA() {
+interrupt!(TIMER0_COMPA {
     // Safety: the pointer is to a static. Only this handler writes it, and interrupts are disabled in the handler.
     unsafe { (&raw mut TICKS).write_volatile(ticks().wrapping_add(1)) }
-}
+});
 
 /// Reads the milliseconds, modulo 256. An `AtomicU8` would disable interrupts for the read, and a byte does not need that.
 #[inline(always)]

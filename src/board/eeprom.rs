@@ -2,7 +2,7 @@
 
 use core::arch::asm;
 
-use avr_device::atmega168::EEPROM;
+use super::chip::EEPROM;
 
 /// The first 256 of the 512 bytes of the EEPROM.
 pub struct Eeprom {

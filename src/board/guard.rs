@@ -13,14 +13,14 @@
 use core::arch::{asm, global_asm};
 use core::panic::PanicInfo;
 
-use avr_device::atmega168::CPU;
+use super::chip::CPU;
 
 use node::node::condition::ResetCause;
 
 // Runs before everything else. Saves MCUSR in GPIOR1 and clears it. Stops the watchdog, which may still run; the second write to WDTCSR must
 // follow within four cycles. Paints the RAM that the stack can grow into. At .init3 r1 is zero and the stack is unused.
 //
-// GPIOR1 = 0x2A, MCUSR = 0x34, WDTCSR = 0x60, RAM ends at 0x4FF.
+// GPIOR1 = 0x2A, MCUSR = 0x34, WDTCSR = 0x60. avr-libc's `__stack` is the last byte of the RAM.
 global_asm!(
     ".section .init3,\"ax\",@progbits",
     "    wdr",
@@ -33,9 +33,9 @@ global_asm!(
     "    ldi  r30, lo8(__heap_start)",
     "    ldi  r31, hi8(__heap_start)",
     "    ldi  r24, {paint}",
-    "    ldi  r25, 0x05",
+    "    ldi  r25, hi8(__stack + 1)",
     "1:  st   Z+, r24",
-    "    cpi  r30, 0x00",
+    "    cpi  r30, lo8(__stack + 1)",
     "    cpc  r31, r25",
     "    brlo 1b",
     ".text",
@@ -116,10 +116,7 @@ fn panic(_info: &PanicInfo) -> ! {
     restart(ResetCause::PANIC)
 }
 
-#[avr_device::interrupt(atmega168)]
-fn WDT() {
-    restart(ResetCause::WATCHDOG)
-}
+interrupt!(WDT { restart(ResetCause::WATCHDOG) });
 
 /// The handler that avr-libc calls for every interrupt without a handler.
 // Safety: avr-libc declares this name as a weak symbol for this purpose, and calls it as an interrupt handler, which this function is.

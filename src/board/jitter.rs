@@ -5,7 +5,7 @@
 //! each timeout: W. Anderson's Entropy library makes 32 bits of 32 samples, and endolith's "probably random" 8 bits of 8 samples, although it
 //! estimates 4.4 bits in a raw sample. `node::store` assumes one bit, too.
 
-use avr_device::atmega168::WDT;
+use super::chip::WDT;
 
 /// The watchdog as a source of random bits, before its use as a watchdog.
 pub struct Jitter {

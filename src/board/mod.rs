@@ -1,20 +1,30 @@
-//! The board: an Arduino Diecimila (ATmega168 at 16 MHz) with a CAN-BUS shield (MCP2515 with a 16 MHz crystal).
+//! The board: an Arduino at 16 MHz with an ATmega168 or ATmega328P, and a CAN board with an MCP2515. avr-specs/boards.toml is the table of
+//! boards; [`node::hardware`] has what differs between them. The two chips differ in the sizes of their memories only.
 //!
 //! All of the firmware's `unsafe` and all its interrupts are in this directory. The start code writes every register in use in full, because
 //! the program can restart without a reset of the chip (see [`guard`]).
 //!
-//! | signal | pin | ATmega168 | use |
+//! | signal | pin | of the chip | use |
 //! | --- | --- | --- | --- |
-//! | MCP2515 INT | D2 | PD2, INT0 | input with pull-up, active low: an interrupt, and a level to poll (see [`bus`]) |
-//! | MCP2515 CS | D9 | PB1 | output, active low |
-//! | servo | D10 | PB2, OC1B | Timer1. The pin is also the SPI's SS, which must be an output so that the SPI stays master |
+//! | MCP2515 INT | D2 or D3 | INT0 or INT1 | input with pull-up, active low: an interrupt, and a level to poll (see [`bus`]) |
+//! | MCP2515 CS | D9, D10 or another | | output, active low |
+//! | servo | D10, or D9 if CS is on D10 | OC1B or OC1A | Timer1. D10 is also the SPI's SS, which must be an output so that the SPI stays master |
 //! | MOSI, MISO, SCK | D11, D12, D13 | PB3, PB4, PB5 | SPI at 8 MHz, mode 0,0 |
-//! | light | D3 | PD3, OC2B | Timer2 |
+//! | light | D3, unless INT is there | PD3, OC2B | Timer2 |
 //! | button | D4 | PD4 | input with pull-up, low while pressed |
 //! | temperature | A0 | ADC0 | LM35, against AVCC or the bandgap |
 //! | serial monitor | D0, D1 | RXD, TXD | 115200 baud 8N1 |
 //!
 //! Timer0 counts milliseconds with an interrupt.
+
+/// Makes a function the handler of an interrupt. `avr_device` wants the name of the chip.
+macro_rules! interrupt {
+    ($name:ident $body:block) => {
+        #[cfg_attr(chip = "atmega168", avr_device::interrupt(atmega168))]
+        #[cfg_attr(chip = "atmega328p", avr_device::interrupt(atmega328p))]
+        fn $name() $body
+    };
+}
 
 mod adc;
 mod bus;
@@ -25,6 +35,7 @@ mod eeprom;
 pub mod flash;
 pub mod guard;
 mod jitter;
+mod label;
 #[cfg(feature = "lights")]
 mod light;
 mod pins;
@@ -32,8 +43,13 @@ mod serial;
 mod servo;
 mod spi;
 
-use avr_device::atmega168::CPU;
+/// The registers of the chip.
+#[cfg(chip = "atmega168")]
+use avr_device::atmega168 as chip;
+#[cfg(chip = "atmega328p")]
+use avr_device::atmega328p as chip;
 
+use chip::CPU;
 use pins::Pins;
 
 pub use adc::Adc;
@@ -48,11 +64,8 @@ pub use light::Light;
 pub use serial::Serial;
 pub use servo::Servo;
 
-/// Crystal of the ATmega168, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on it.
+/// Crystal of the Arduino, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on it.
 pub const CLOCK_HZ: u32 = 16_000_000;
-
-/// Crystal of the MCP2515, in hertz.
-pub const CAN_CRYSTAL_HZ: u32 = 16_000_000;
 
 /// The parts of the board, ready for use.
 pub struct Board {
@@ -88,12 +101,12 @@ impl Board {
             ($name:ident) => {
                 // Safety: each register block is named once below, and `main` calls this function once, before interrupts are enabled. So each
                 // value is the only one of its block here. A module that steals a block again argues for that at its place.
-                unsafe { avr_device::atmega168::$name::steal() }
+                unsafe { chip::$name::steal() }
             };
         }
         // The pins come before the SPI, whose SS pin must be an output. After a restart Timer1 still runs and drives the servo's pin, whatever the
         // port registers hold.
-        let pins = Pins::new(peripheral!(PORTB), peripheral!(PORTD));
+        let pins = Pins::new(peripheral!(PORTB), peripheral!(PORTC), peripheral!(PORTD));
         Self {
             servo: Servo::new(peripheral!(TC1), pins.servo),
             bus: Bus::new(peripheral!(SPI), peripheral!(EXINT), pins.can_interrupt),

@@ -1,142 +1,158 @@
 //! The pins as types. Each output pin has one value, and the owner of the value owns the pin.
 //!
-//! This file assigns the pins. The chip fixes some of them: OC1B is on PB2, OC2B on PD3, and INT0 on PD2.
+//! [`node::hardware`] says which pins the board of this build has. The chip fixes some of them: OC1A is on PB1, OC1B on PB2, OC2B on PD3, INT0 on
+//! PD2 and INT1 on PD3.
 
 use core::convert::Infallible;
-use core::marker::PhantomData;
 
-use avr_device::atmega168::{PORTB, PORTD};
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
+use node::hardware::{BUTTON, CAN_INTERRUPT, CAN_SELECT, LIGHT, Pin, SERVO};
 
-/// MCP2515 CS: D9.
-pub type CanSelect = Output<B, 1>;
-/// MCP2515 INT: D2.
-pub type CanInterrupt = Input<D, 2>;
-/// Servo: D10, OC1B, and the SPI's SS.
-pub type ServoSignal = Output<B, 2>;
-/// Button: D4.
+use super::chip::{PORTB, PORTC, PORTD};
+
+/// MCP2515 CS.
+pub type CanSelect = Output<{ CAN_SELECT.port }, { CAN_SELECT.bit }>;
+/// MCP2515 INT.
+pub type CanInterrupt = Input<{ CAN_INTERRUPT.port }, { CAN_INTERRUPT.bit }>;
+/// The servo's signal.
+pub type ServoSignal = Output<{ SERVO.port }, { SERVO.bit }>;
+/// The button.
 #[cfg(feature = "button")]
-pub type ButtonSignal = Input<D, 4>;
+pub type ButtonSignal = Input<{ BUTTON.port }, { BUTTON.bit }>;
 
-/// MOSI and SCK: D11 and D13. The SPI drives them.
-const MOSI: u8 = 3;
-const SCK: u8 = 5;
-/// TXD: D1. The port drives it high until the UART takes it over.
-const TXD: u8 = 1;
-/// Light: D3, OC2B. Timer2 drives it.
-const LIGHT: u8 = 3;
-/// Button: D4. The pull-up is on even without the feature `button`.
-const BUTTON: u8 = 4;
+/// The SPI's SS: D10. It must be an output, so that the SPI stays master.
+const SS: Pin = Pin::named("D10");
+/// The SPI drives these.
+const MOSI: Pin = Pin::named("D11");
+const SCK: Pin = Pin::named("D13");
+/// The port drives TXD high until the UART takes it over.
+const TXD: Pin = Pin::named("D1");
 
-/// Port B.
-pub struct B;
-/// Port D.
-pub struct D;
+/// Pins that are outputs. Timer1 drives the servo's pin, Timer2 the light's.
+const OUTPUTS: [Option<Pin>; 7] = [Some(CAN_SELECT), Some(SERVO), Some(SS), Some(MOSI), Some(SCK), Some(TXD), LIGHT];
+/// Outputs that start high, and inputs with a pull-up. The pull-up of INT keeps it high without a CAN board. The button's is on even without the
+/// feature `button`.
+const HIGH: [Option<Pin>; 4] = [Some(CAN_SELECT), Some(TXD), Some(CAN_INTERRUPT), Some(BUTTON)];
 
-/// The registers of a port.
-pub trait Port {
-    /// Sets or clears a bit of PORTx.
-    ///
-    /// # Safety
-    ///
-    /// The caller must own the pin of this bit.
-    unsafe fn set(bit: u8, is_high: bool);
-    /// Returns true if the bit of PINx is 1.
-    fn is_high(bit: u8) -> bool;
+/// The bits of a port among `pins`.
+const fn mask(pins: &[Option<Pin>], port: char) -> u8 {
+    let mut mask = 0;
+    let mut n = 0;
+    while n < pins.len() {
+        match pins[n] {
+            Some(pin) if pin.port == port => mask |= pin.mask(),
+            _ => {}
+        }
+        n += 1;
+    }
+    mask
 }
 
-macro_rules! port {
-    ($port:ident, $registers:ident, $portx:ident, $pinx:ident) => {
-        impl Port for $port {
-            #[inline(always)]
-            unsafe fn set(bit: u8, is_high: bool) {
-                // Safety: `Pins::new` has consumed the port, so only this module uses it, and the caller owns the pin. The bit is a constant, so
-                // this is one `sbi` or `cbi`: no interrupt can come between reading and writing the other bits.
-                let registers = unsafe { $registers::steal() };
-                registers.$portx().modify(|r, w| {
-                    let bits = if is_high { r.bits() | 1 << bit } else { r.bits() & !(1 << bit) };
-                    // Safety: every value of PORTx is valid.
-                    unsafe { w.bits(bits) }
-                });
-            }
+/// Sets or clears a bit of PORTx.
+///
+/// # Safety
+///
+/// The caller must own the pin of this bit. `PORT` and `BIT` must be constants of an [`Output`].
+#[inline(always)]
+unsafe fn set<const PORT: char, const BIT: u8>(is_high: bool) {
+    macro_rules! write {
+        ($registers:ident, $portx:ident) => {{
+            // Safety: `Pins::new` has consumed the port, so only this module uses it, and the caller owns the pin. The bit is a constant, so this
+            // is one `sbi` or `cbi`: no interrupt can come between reading and writing the other bits.
+            let registers = unsafe { $registers::steal() };
+            registers.$portx().modify(|r, w| {
+                let bits = if is_high { r.bits() | 1 << BIT } else { r.bits() & !(1 << BIT) };
+                // Safety: every value of PORTx is valid.
+                unsafe { w.bits(bits) }
+            });
+        }};
+    }
+    match PORT {
+        'B' => write!(PORTB, portb),
+        'C' => write!(PORTC, portc),
+        _ => write!(PORTD, portd),
+    }
+}
 
-            #[inline(always)]
-            fn is_high(bit: u8) -> bool {
-                // Safety: this only reads PINx, which has no side effect, so the owner of the port does not matter.
-                unsafe { $registers::steal() }.$pinx().read().bits() & 1 << bit != 0
-            }
+/// Returns true if the bit of PINx is 1.
+#[inline(always)]
+fn is_high<const PORT: char, const BIT: u8>() -> bool {
+    // Safety: this only reads PINx, which has no side effect, so the owner of the port does not matter.
+    let pins = unsafe {
+        match PORT {
+            'B' => PORTB::steal().pinb().read().bits(),
+            'C' => PORTC::steal().pinc().read().bits(),
+            _ => PORTD::steal().pind().read().bits(),
         }
     };
+    pins & 1 << BIT != 0
 }
 
-port!(B, PORTB, portb, pinb);
-port!(D, PORTD, portd, pind);
-
 /// An output pin.
-pub struct Output<P, const BIT: u8>(PhantomData<P>);
+pub struct Output<const PORT: char, const BIT: u8>(());
 
 /// An input pin with its pull-up.
-pub struct Input<P, const BIT: u8>(PhantomData<P>);
+pub struct Input<const PORT: char, const BIT: u8>(());
 
-impl<P, const BIT: u8> Output<P, BIT> {
+impl<const PORT: char, const BIT: u8> Output<PORT, BIT> {
     /// Makes a value of the pin without [`Pins`].
     ///
     /// # Safety
     ///
     /// There must be no other value of this pin, and nothing may use it before [`Pins::new`].
     pub const unsafe fn steal() -> Self {
-        Self(PhantomData)
+        Self(())
     }
 }
 
-impl<P, const BIT: u8> Input<P, BIT> {
+impl<const PORT: char, const BIT: u8> Input<PORT, BIT> {
     /// Makes a value of the pin. Reading has no side effect, so there may be several values.
     pub const fn new() -> Self {
-        Self(PhantomData)
+        Self(())
     }
 }
 
-impl<P: Port, const BIT: u8> Output<P, BIT> {
+impl<const PORT: char, const BIT: u8> Output<PORT, BIT> {
     /// Returns true if the level of the pin is high, also when a timer drives it.
     #[inline(always)]
     pub fn is_driven_high(&self) -> bool {
-        P::is_high(BIT)
+        is_high::<PORT, BIT>()
     }
 }
 
-impl<P: Port, const BIT: u8> Input<P, BIT> {
+impl<const PORT: char, const BIT: u8> Input<PORT, BIT> {
     /// Returns true if the level of the pin is low.
     #[inline(always)]
     pub fn is_pulled_low(&self) -> bool {
-        !P::is_high(BIT)
+        !is_high::<PORT, BIT>()
     }
 }
 
-impl<P, const BIT: u8> ErrorType for Output<P, BIT> {
+impl<const PORT: char, const BIT: u8> ErrorType for Output<PORT, BIT> {
     type Error = Infallible;
 }
 
-impl<P: Port, const BIT: u8> OutputPin for Output<P, BIT> {
+impl<const PORT: char, const BIT: u8> OutputPin for Output<PORT, BIT> {
     #[inline(always)]
     fn set_low(&mut self) -> Result<(), Infallible> {
         // Safety: there is one value of each output pin, and `&mut self` is that value, so the caller owns the pin.
-        unsafe { P::set(BIT, false) };
+        unsafe { set::<PORT, BIT>(false) };
         Ok(())
     }
 
     #[inline(always)]
     fn set_high(&mut self) -> Result<(), Infallible> {
         // Safety: `&mut self` is the one value of this output pin, so the caller owns the pin.
-        unsafe { P::set(BIT, true) };
+        unsafe { set::<PORT, BIT>(true) };
         Ok(())
     }
 }
 
-impl<P, const BIT: u8> ErrorType for Input<P, BIT> {
+impl<const PORT: char, const BIT: u8> ErrorType for Input<PORT, BIT> {
     type Error = Infallible;
 }
 
-impl<P: Port, const BIT: u8> InputPin for Input<P, BIT> {
+impl<const PORT: char, const BIT: u8> InputPin for Input<PORT, BIT> {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         Ok(!self.is_pulled_low())
     }
@@ -158,41 +174,25 @@ pub struct Pins {
 }
 
 impl Pins {
-    /// Sets up both ports, all bits.
-    pub fn new(portb: PORTB, portd: PORTD) -> Self {
-        let select = bit::<CanSelect>();
-        // CS is high and the servo's pin low before they become outputs. MISO is an input. INT has a pull-up, so that without a shield it stays
-        // high and triggers nothing.
+    /// Sets up all ports. Outputs get their level before they become outputs.
+    pub fn new(portb: PORTB, portc: PORTC, portd: PORTD) -> Self {
         // Safety: every value of PORTx and DDRx is valid.
         unsafe {
-            portb.portb().write(|w| w.bits(select));
-            portb.ddrb().write(|w| w.bits(select | bit::<ServoSignal>() | 1 << MOSI | 1 << SCK));
-            portd.ddrd().write(|w| w.bits(1 << TXD | 1 << LIGHT));
-            portd.portd().write(|w| w.bits(1 << TXD | bit::<CanInterrupt>() | 1 << BUTTON));
+            portb.portb().write(|w| w.bits(const { mask(&HIGH, 'B') }));
+            portb.ddrb().write(|w| w.bits(const { mask(&OUTPUTS, 'B') }));
+            // Only a wired CS can be on port C.
+            if const { mask(&OUTPUTS, 'C') } != 0 {
+                portc.portc().write(|w| w.bits(const { mask(&HIGH, 'C') }));
+                portc.ddrc().write(|w| w.bits(const { mask(&OUTPUTS, 'C') }));
+            }
+            portd.portd().write(|w| w.bits(const { mask(&HIGH, 'D') }));
+            portd.ddrd().write(|w| w.bits(const { mask(&OUTPUTS, 'D') }));
         }
         Self {
-            servo: Output(PhantomData),
-            can_interrupt: Input(PhantomData),
+            servo: Output(()),
+            can_interrupt: Input(()),
             #[cfg(feature = "button")]
-            button: Input(PhantomData),
+            button: Input(()),
         }
     }
-}
-
-/// The number of a pin in its port.
-trait Bit {
-    const BIT: u8;
-}
-
-impl<P, const BIT: u8> Bit for Output<P, BIT> {
-    const BIT: u8 = BIT;
-}
-
-impl<P, const BIT: u8> Bit for Input<P, BIT> {
-    const BIT: u8 = BIT;
-}
-
-/// The bit mask of a pin in its port.
-const fn bit<T: Bit>() -> u8 {
-    1 << T::BIT
 }

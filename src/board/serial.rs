@@ -1,6 +1,6 @@
 //! The UART of the serial monitor, 115200 baud 8N1, polled.
 
-use avr_device::atmega168::USART0;
+use super::chip::USART0;
 
 use super::CLOCK_HZ;
 

@@ -1,14 +1,18 @@
 //! The servo pulse. Timer1 makes it without an interrupt, so it has no jitter.
 //!
-//! Timer1 is in fast PWM mode with ICR1 as TOP (mode 14): OC1B goes high at BOTTOM, and low after a compare match with OCR1B. OCR1B is double
+//! Timer1 is in fast PWM mode with ICR1 as TOP (mode 14): OC1x goes high at BOTTOM, and low after a compare match with OCR1x. OCR1x is double
 //! buffered and updated only at BOTTOM (ATmega48/88/168 datasheet 2545, section 15). So a new width takes effect at the start of a
-//! period, and the pulse lasts OCR1B + 1 ticks.
+//! period, and the pulse lasts OCR1x + 1 ticks. The servo is on OC1A (D9) or OC1B (D10).
 
-use avr_device::atmega168::TC1;
+use super::chip::TC1;
 
 use super::CLOCK_HZ;
 use super::pins::ServoSignal;
+use node::hardware::SERVO;
 use node::node::servo::{Output, Ticks, scaled};
+
+/// Whether the servo is on OC1A, and not on OC1B.
+const IS_A: bool = SERVO.bit == 1;
 
 const PRESCALER: u32 = 8;
 
@@ -34,7 +38,7 @@ impl Servo {
         while turns != 0 && !servo.is_idle() {
             turns = turns.wrapping_sub(1);
         }
-        // WGM11..0 = 2 and WGM13..2 = 3: mode 14. While COM1B is 0, the port drives the pin low.
+        // WGM11..0 = 2 and WGM13..2 = 3: mode 14. While COM1x is 0, the port drives the pin low.
         servo.tc1.tccr1a().write(|w| w.wgm1().set(2));
         servo.tc1.tccr1b().write(|w| w.wgm1().set(3));
         servo.tc1.timsk1().write(|w| w.toie1().clear_bit());
@@ -64,9 +68,16 @@ impl Output for Servo {
             return;
         }
         if width != 0 {
-            self.tc1.ocr1b().write(|w| w.set(width.wrapping_sub(1)));
-            // OC1B stays low until the next BOTTOM, so the first pulse has its full width, too.
-            self.tc1.tccr1a().write(|w| w.wgm1().set(2).com1b().match_clear());
+            if IS_A {
+                self.tc1.ocr1a().write(|w| w.set(width.wrapping_sub(1)));
+            } else {
+                self.tc1.ocr1b().write(|w| w.set(width.wrapping_sub(1)));
+            }
+            // OC1x stays low until the next BOTTOM, so the first pulse has its full width, too.
+            self.tc1.tccr1a().write(|w| {
+                let w = w.wgm1().set(2);
+                if IS_A { w.com1a().match_clear() } else { w.com1b().match_clear() }
+            });
         } else if self.is_idle() {
             self.tc1.tccr1a().write(|w| w.wgm1().set(2));
         } else {

@@ -2,7 +2,7 @@
 
 use core::convert::Infallible;
 
-use avr_device::atmega168::SPI;
+use super::chip::SPI;
 use embedded_hal::spi::{self, SpiBus};
 
 /// The SPI in mode 0,0 at 8 MHz. The MCP2515 allows 10 MHz.

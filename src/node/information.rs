@@ -1,9 +1,8 @@
 //! The constant part of a GetNodeInfo response (DSDL uavcan/protocol/1.GetNodeInfo.uavcan).
 
-/// Name of the node, at most 80 characters of a-z, 0-9, `.`, `-` and `_`.
-pub const NAME: &str = "org.dronecan.servo168";
+use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME as NAME};
 
-/// How to update instead: the bootloader of the Diecimila listens to the serial port only.
+/// How to update instead: the bootloaders of the Arduinos listen to the serial port only.
 const NO_UPDATE: &str = "update over USB serial";
 
 /// Bytes of software and hardware version in [`PACKED`].
@@ -32,8 +31,8 @@ pub const PACKED: [u8; LEN] = {
     let commit = number(env!("NODE_COMMIT"), 16);
     packed[2] = (commit != 0) as u8;
     [packed[3], packed[4], packed[5], packed[6]] = commit.to_le_bytes();
-    // An Arduino Diecimila is revision 1.0 of this hardware.
-    packed[15] = 1;
+    packed[15] = HARDWARE_MAJOR;
+    packed[16] = HARDWARE_MINOR;
     let mut at = VERSIONS_LEN as usize + 1;
     let mut n = 0;
     while n < NAME.len() {

@@ -2,10 +2,11 @@
 
 use dronecan_wire::crc;
 
+use crate::node::bit_rate::HIGHEST_RATE;
 use crate::progmem::Progmem;
 
 macro_rules! parameters {
-    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $id:ident $name:literal $min:literal .. $max:literal = $default:expr,)*) => {
+    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $id:ident $name:literal $min:literal .. $max:tt = $default:expr,)*) => {
         /// A parameter. Its number is its index on the bus.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u8)]
@@ -21,8 +22,8 @@ macro_rules! parameters {
 parameters! {
     /// The node ID; 0 requests one from an allocator.
     CanNode "CAN_NODE" 0..125 = 120,
-    /// Bit rate, in units of 125 kbit/s: 1, 2, 4 or 8. On the bus it is in bit/s.
-    CanBaudrate "CAN_BAUDRATE" 1..8 = 8,
+    /// Bit rate, in units of 125 kbit/s: 1, 2, 4 or 8. On the bus it is in bit/s. The default is the highest rate of the CAN board.
+    CanBaudrate "CAN_BAUDRATE" 1..HIGHEST_RATE = (HIGHEST_RATE),
     /// The actuator ID of the servo output.
     Out1Id "OUT1_ID" 0..255 = 1,
     /// One end of the travel, in microseconds.
@@ -426,17 +427,23 @@ mod tests {
     }
 
     #[test]
-    fn the_bit_rate_is_one_of_four_in_bits_per_second() {
+    fn the_bit_rate_is_one_of_the_board_s_in_bits_per_second() {
         let index = Parameter::CanBaudrate as u8;
+        let highest = if crate::hardware::CAN_CRYSTAL_HZ == 8_000_000 { 500_000 } else { 1_000_000 };
         let mut parameters = fresh();
+        let mut rates = vec![];
         for (rate, units) in [(125_000, 1), (250_000, 2), (500_000, 4), (1_000_000, 8)] {
+            if rate > highest {
+                continue;
+            }
             assert!(set(&mut parameters, index, rate), "{rate}");
             assert_eq!(parameters.get(Parameter::CanBaudrate), units);
-            assert_eq!(numbers(&parameters, index), [rate, 1_000_000, 1_000_000, 125_000]);
+            assert_eq!(numbers(&parameters, index), [rate, highest, highest, 125_000]);
+            rates.push(rate);
         }
         let before = parameters;
         for rate in (-70_000..2_100_000).chain((1..256).map(|high| 125_000 | high << 24)) {
-            if ![125_000, 250_000, 500_000, 1_000_000].contains(&rate) {
+            if !rates.contains(&rate) {
                 assert!(!set(&mut parameters, index, rate), "{rate}");
             }
         }

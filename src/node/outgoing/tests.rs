@@ -1,5 +1,6 @@
 use super::*;
 use crate::golden;
+use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME};
 use crate::image::InMemory;
 #[cfg(feature = "standard")]
 use crate::node::parameters::Parameter;
@@ -173,12 +174,7 @@ fn golden_parameters_come_out_byte_for_byte() {
         "1E0B7FF8 47 0A 01 2A 00 00 00 81 | 00 00 00 00 01 78 00 21 | 00 00 00 00 00 00 01 01 | 7D 00 00 00 00 00 00 21 | 00 01 00 \
          00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 45 41"
     );
-    // 500 kbit/s; default and maximum 1 Mbit/s, minimum 125 kbit/s.
-    assert_eq!(
-        parameter(Parameter::CanBaudrate, 4, 2),
-        "1E0B7FF8 72 EB 01 20 A1 07 00 82 | 00 00 00 00 01 40 42 22 | 0F 00 00 00 00 00 01 02 | 40 42 0F 00 00 00 00 22 | 00 01 48 \
-         E8 01 00 00 02 | 00 00 00 43 41 4E 5F 22 | 42 41 55 44 52 41 54 02 | 45 62"
-    );
+    assert_eq!(parameter(Parameter::CanBaudrate, 4, 2), golden::BAUDRATE_IS_500_KBIT);
     assert_eq!(
         parameter(Parameter::TempOffset, -50, 3),
         "1E0B7FF8 F5 05 01 CE FF FF FF 83 | FF FF FF FF 01 00 00 23 | 00 00 00 00 00 00 01 03 | DC 05 00 00 00 00 00 23 | 00 01 0C \
@@ -207,10 +203,10 @@ fn the_answer_to_get_node_info_has_status_versions_unique_id_and_name() {
     assert_eq!(payload[9], u8::from(commit != 0), "whether there is a commit");
     assert_eq!(payload[10..14], commit.to_le_bytes());
     assert_eq!(payload[14..22], [0; 8], "no CRC of the image");
-    assert_eq!(payload[22..24], [1, 0], "hardware");
+    assert_eq!(payload[22..24], [HARDWARE_MAJOR, HARDWARE_MINOR], "hardware");
     assert_eq!(payload[24..40], UNIQUE_ID);
     assert_eq!(payload[40], 0, "no certificate");
-    assert_eq!(&payload[41..], b"org.dronecan.servo168");
+    assert_eq!(&payload[41..], NODE_NAME.as_bytes());
 }
 
 #[cfg(feature = "standard")]

@@ -1,6 +1,7 @@
 //! The UAVCAN draft of 2014, beside DroneCAN v0.
 
 use super::*;
+use crate::hardware;
 use crate::node::acceptance::Row;
 
 /// In the draft, from node 1: actuator 1 to 0.5, and to -1.
@@ -177,7 +178,7 @@ fn requests_of_the_draft_are_answered_in_it() {
     // A status of six bytes, then the versions, the unique ID and the name.
     assert_eq!(payload.len(), usize::from(information::NODE_INFO_LEN) - 1);
     assert_eq!(payload[23..39], *rig.node.unique_id());
-    assert!(payload.ends_with(information::NAME.as_bytes()));
+    assert!(payload.ends_with(hardware::NODE_NAME.as_bytes()));
     // RestartNode with its magic number.
     rig.can.sent.clear();
     rig.text("1183FC0E 78 1E 1B 55 CE AC");

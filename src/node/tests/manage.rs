@@ -1,6 +1,7 @@
 //! Requests and their responses.
 
 use super::*;
+use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME};
 use dronecan_wire::Id;
 
 impl Rig {
@@ -69,9 +70,10 @@ fn get_node_info_is_answered_with_the_status_of_the_moment() {
     let (payload, transfer_id) = golden::payload(golden::GET_NODE_INFO, &replies);
     assert_eq!(transfer_id, 3);
     assert_eq!(payload[..7], [10, 0, 0, 0, 0x40, 1, 0]);
-    assert_eq!(payload[22..24], [1, 0], "hardware 1.0");
+    assert_eq!(payload[22..24], [HARDWARE_MAJOR, HARDWARE_MINOR], "hardware");
     assert_eq!(payload[24..40], *rig.node.unique_id());
-    assert_eq!(&payload[40..], b"\0org.dronecan.servo168");
+    assert_eq!(payload[40], 0, "no certificate");
+    assert_eq!(&payload[41..], NODE_NAME.as_bytes());
 }
 
 #[cfg(feature = "standard")]
@@ -91,8 +93,7 @@ fn golden_requests_for_parameters_get_golden_replies() {
     );
     assert_eq!(
         rig.ask("1E0BF8FF C1 45 00 01 20 A1 07 82 | 00 00 00 00 00 43 41 22 | 4E 5F 42 41 55 44 52 02 | 41 54 45 62"),
-        "1E0B7FF8 72 EB 01 20 A1 07 00 82 | 00 00 00 00 01 40 42 22 | 0F 00 00 00 00 00 01 02 | 40 42 0F 00 00 00 00 22 | 00 01 48 \
-         E8 01 00 00 02 | 00 00 00 43 41 4E 5F 22 | 42 41 55 44 52 41 54 02 | 45 62"
+        golden::BAUDRATE_IS_500_KBIT
     );
     assert_eq!(
         rig.ask("1E0BF8FF E3 42 00 01 CE FF FF 83 | FF FF FF FF FF 54 45 23 | 4D 50 5F 4F 46 46 53 03 | 45 54 63"),
@@ -158,17 +159,33 @@ fn every_parameter_takes_both_ends_of_its_range_and_nothing_beyond() {
 
 #[cfg(feature = "standard")]
 #[test]
-fn only_the_four_bit_rates_can_be_set() {
+fn only_the_bit_rates_of_the_board_can_be_set() {
     let mut rig = Rig::new();
-    let mut now = 1_000_000;
+    let rates = &[125_000, 250_000, 500_000, 1_000_000][..if bit_rate::HIGHEST_RATE == 8 { 4 } else { 3 }];
+    let mut now = rates[rates.len() - 1];
     for value in [125_000, 250_000, 500_000, 1_000_000, 0, 1, 8, 125_001, 375_000, 750_000, 875_000, 2_000_000, 62_500]
     {
-        if [125_000, 250_000, 500_000, 1_000_000].contains(&value) {
+        if rates.contains(&value) {
             now = value;
         }
         let ([value_now, ..], name) = response(&rig.get_set(&set(1, value, "")));
         assert_eq!((value_now, &name[..]), (now, "CAN_BAUDRATE"), "{value}");
     }
+}
+
+#[cfg(feature = "standard")]
+#[test]
+fn a_number_out_of_range_is_logged_with_the_parameter() {
+    let mut rig = Rig::new();
+    rig.get_set(&set(1, 2_000_000, ""));
+    // Neither a number for a parameter that does not exist, nor a request that only reads.
+    rig.get_set(&set(200, 5, ""));
+    rig.get_set(&set(0x1FFF, 5, "NO_SUCH"));
+    rig.get_set(&[2, 0, 0]);
+    rig.run(100);
+    let log = String::from_utf8(rig.log.clone()).unwrap();
+    let lines: Vec<_> = log.lines().filter(|line| line.contains("out of range")).collect();
+    assert_eq!(lines, ["rx GetSet from 127 tid 11: out of range for CAN_BAUDRATE"], "{log}");
 }
 
 #[cfg(feature = "standard")]

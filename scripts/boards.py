@@ -1,0 +1,122 @@
+"""The table of boards, avr-specs/boards.toml, and the choice of a board that the scripts get as options."""
+
+import dataclasses
+import pathlib
+import sys
+import tomllib
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+TABLE = tomllib.loads((ROOT / "avr-specs/boards.toml").read_text())
+LIMITS = tomllib.loads((ROOT / "avr-specs/budget.toml").read_text())
+
+# The serial port, and the SPI but its SS, which is D10.
+TAKEN = ["D0", "D1", "D11", "D12", "D13"]
+PINS = [f"D{n}" for n in range(14)] + [f"A{n}" for n in range(6)]
+INTERRUPTS = ["D2", "D3"]
+CRYSTALS_MHZ = [8, 16]
+# Hardware version of wiring that no entry of the table has.
+OWN_WIRING = 255
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """A board, a CAN board, and how it is wired."""
+
+    board: str
+    shield: str
+    cs: str
+    int: str
+    crystal_mhz: int
+
+    @property
+    def chip(self):
+        return TABLE["boards"][self.board]["chip"]
+
+    @property
+    def limits(self):
+        return LIMITS[self.chip]
+
+    @property
+    def preset(self):
+        """The preset that is built if nobody asks for another."""
+        return TABLE["chips"][self.chip]["preset"]
+
+    @property
+    def servo(self):
+        return next(pin for pin in TABLE["pins"]["servo"] if pin != self.cs)
+
+    @property
+    def light(self):
+        """None if INT has its pin."""
+        return None if self.int == TABLE["pins"]["light"] else TABLE["pins"]["light"]
+
+    @property
+    def target(self):
+        return f"avr-specs/avr-{self.chip}.json"
+
+    @property
+    def bit_rate(self):
+        """The highest one, and the default."""
+        return 1_000_000 if self.crystal_mhz == 16 else 500_000
+
+    @property
+    def name(self):
+        """Of the ELF."""
+        entry = TABLE["shields"][self.shield]
+        own = [
+            text
+            for key, text in [("cs", f"cs{self.cs}"), ("int", f"int{self.int}"), ("crystal_mhz", f"{self.crystal_mhz}MHz")]
+            if getattr(self, key) != entry[key]
+        ]
+        return "-".join([self.board, self.shield, *own])
+
+    @property
+    def environment(self):
+        """For build.rs."""
+        return {
+            "NODE_BOARD": self.board,
+            "NODE_SHIELD": self.shield,
+            "NODE_CS": self.cs,
+            "NODE_INT": self.int,
+            "NODE_CRYSTAL_MHZ": str(self.crystal_mhz),
+        }
+
+
+def add_options(parser):
+    group = parser.add_argument_group("board")
+    group.add_argument("--board", default="", help=f"one of {', '.join(TABLE['boards'])} [default: {TABLE['default_board']}]")
+    group.add_argument("--shield", default="", help=f"one of {', '.join(TABLE['shields'])} [default: {TABLE['default_shield']}]")
+    group.add_argument("--cs", default="", help="pin of the MCP2515's CS, such as D8, if it is not the shield's")
+    group.add_argument("--int", default="", help="pin of its INT, D2 or D3")
+    group.add_argument("--crystal", default="", help="its crystal in MHz, 8 or 16")
+
+
+def choose(arguments):
+    """The choice that the options say. Ends the program with the right names if one is wrong."""
+    board = entry("BOARD", "boards", arguments.board or TABLE["default_board"])
+    shield = entry("SHIELD", "shields", arguments.shield or TABLE["default_shield"])
+    wiring = TABLE["shields"][shield]
+    cs = pin("CS", arguments.cs) if arguments.cs else wiring["cs"]
+    interrupt = pin("INT", arguments.int) if arguments.int else wiring["int"]
+    if interrupt not in INTERRUPTS:
+        sys.exit(f"INT={arguments.int}: use {' or '.join(INTERRUPTS)}. Only they have an interrupt of their own.")
+    taken = {*TAKEN, *INTERRUPTS, *(TABLE["pins"][name] for name in ("light", "button", "sensor"))}
+    if cs in taken:
+        free = [name for name in PINS if name not in taken]
+        sys.exit(f"CS={arguments.cs}: the pin is taken. Use one of {', '.join(free)}.")
+    crystal = arguments.crystal.upper().removesuffix("MHZ").strip() if arguments.crystal else str(wiring["crystal_mhz"])
+    if crystal not in map(str, CRYSTALS_MHZ):
+        sys.exit(f"CRYSTAL={arguments.crystal}: use {' or '.join(map(str, CRYSTALS_MHZ))}, in MHz, as it is stamped on the crystal.")
+    return Choice(board, shield, cs, interrupt, int(crystal))
+
+
+def entry(option, table, name):
+    if name not in TABLE[table]:
+        sys.exit(f"{option}={name} is wrong. Use one of {', '.join(TABLE[table])}.")
+    return name
+
+
+def pin(option, name):
+    if name.upper() not in PINS:
+        sys.exit(f"{option}={name}: no pin has this name. Use the Arduino's names, such as D10.")
+    return name.upper()

@@ -1,0 +1,83 @@
+//! The board that this program is built for: what `build.rs` found in avr-specs/boards.toml.
+
+/// Name of the node in GetNodeInfo, at most 80 characters of a-z, 0-9, `.`, `-` and `_`.
+pub const NODE_NAME: &str = env!("NODE_NAME");
+
+/// Major hardware version in GetNodeInfo: the chip.
+pub const HARDWARE_MAJOR: u8 = decimal(env!("NODE_HARDWARE_MAJOR"));
+/// Minor hardware version in GetNodeInfo: the wiring of the CAN board; 255 is wiring that is not in the table.
+pub const HARDWARE_MINOR: u8 = decimal(env!("NODE_HARDWARE_MINOR"));
+
+/// Crystal of the MCP2515, in hertz.
+pub const CAN_CRYSTAL_HZ: u32 = decimal(env!("NODE_CRYSTAL_MHZ")) as u32 * 1_000_000;
+
+/// MCP2515 CS.
+pub const CAN_SELECT: Pin = Pin::named(env!("NODE_CS"));
+/// MCP2515 INT.
+pub const CAN_INTERRUPT: Pin = Pin::named(env!("NODE_INT"));
+/// The servo's signal: D9 (OC1A) or D10 (OC1B).
+pub const SERVO: Pin = Pin::named(env!("NODE_SERVO"));
+/// The light (OC2B). `None` if INT is on its pin.
+pub const LIGHT: Option<Pin> = if env!("NODE_LIGHT").is_empty() { None } else { Some(Pin::named(env!("NODE_LIGHT"))) };
+/// The button.
+pub const BUTTON: Pin = Pin::named(env!("NODE_BUTTON"));
+
+/// A pin of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pin {
+    /// `B`, `C` or `D`.
+    pub port: char,
+    /// 0 to 7.
+    pub bit: u8,
+}
+
+impl Pin {
+    /// The pin with a name of the Arduino: D0 to D13, A0 to A5. Panics if there is none.
+    pub const fn named(name: &str) -> Self {
+        let (kind, number) = name.split_at(1);
+        let number = decimal(number);
+        match (kind.as_bytes()[0], number) {
+            (b'D', 0..=7) => Self { port: 'D', bit: number },
+            (b'D', 8..=13) => Self { port: 'B', bit: number - 8 },
+            (b'A', 0..=5) => Self { port: 'C', bit: number },
+            _ => panic!("no pin of the Arduino has this name"),
+        }
+    }
+
+    /// The bit mask of the pin in its port.
+    pub const fn mask(self) -> u8 {
+        1 << self.bit
+    }
+}
+
+const fn decimal(digits: &str) -> u8 {
+    match u8::from_str_radix(digits, 10) {
+        Ok(number) => number,
+        Err(_) => panic!("a number of avr-specs/boards.toml is not from 0 to 255"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pins_have_the_places_that_the_arduino_gives_them() {
+        for (name, port, bit) in
+            [("D0", 'D', 0), ("D7", 'D', 7), ("D8", 'B', 0), ("D10", 'B', 2), ("D13", 'B', 5), ("A5", 'C', 5)]
+        {
+            assert_eq!(Pin::named(name), Pin { port, bit }, "{name}");
+        }
+    }
+
+    #[test]
+    fn no_two_signals_share_a_pin() {
+        let mut pins =
+            vec![CAN_SELECT, CAN_INTERRUPT, SERVO, BUTTON, Pin::named("A0"), Pin::named("D0"), Pin::named("D1")];
+        pins.extend(["D11", "D12", "D13"].map(Pin::named));
+        pins.extend(LIGHT);
+        for (n, pin) in pins.iter().enumerate() {
+            assert!(!pins[..n].contains(pin), "{pin:?}");
+        }
+    }
+}
