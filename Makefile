@@ -6,11 +6,20 @@ SHELL := /bin/bash
 unexport MAKEFLAGS MFLAGS
 
 TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
-AVR := --release --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec
-# What the firmware has: a preset (default, full, thesis, none), or a list of features with commas.
-FEATURES ?= default
-ELF = $(shell scripts/firmware --path '$(FEATURES)')
-GDB_ELF = $(shell scripts/firmware --path --gdb '$(FEATURES)')
+BUILD_STD := -Zbuild-std=core -Zjson-target-spec
+AVR := --release --target avr-specs/avr-atmega168.json $(BUILD_STD)
+AVR_328P := --release --target avr-specs/avr-atmega328p.json $(BUILD_STD)
+# The board and the CAN board, entries of avr-specs/boards.toml, and wires of one's own. Empty: the table's default.
+BOARD ?=
+SHIELD ?=
+CS ?=
+INT ?=
+CRYSTAL ?=
+WIRING := --board '$(BOARD)' --shield '$(SHIELD)' --cs '$(CS)' --int '$(INT)' --crystal '$(CRYSTAL)'
+# What the firmware has: a preset (default, full, thesis, none), or a list of features with commas. Empty: the preset of the board's chip.
+FEATURES ?=
+ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)')
+GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)')
 # Presets with which the node's library is tested, and builds that the tests on simulated boards use. "none" is the same program as "default" on
 # this chip, so "make test" links it, and only "make test-all" tests it once more.
 PRESETS := default full thesis
@@ -56,11 +65,11 @@ bridge: firmware
 
 firmware:
 	@scripts/setup build
-	@scripts/firmware '$(FEATURES)'
+	@scripts/firmware $(WIRING) '$(FEATURES)'
 
 firmware-gdb:
 	@scripts/setup build
-	@scripts/firmware --gdb '$(FEATURES)'
+	@scripts/firmware --gdb $(WIRING) '$(FEATURES)'
 
 firmwares:
 	@scripts/setup build
@@ -160,9 +169,12 @@ budget:
 size: firmware
 	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40
 
-flash: firmware $(TOOLS)/bin/ravedude
+# A wrong port ends it before anything is installed or built.
+flash:
+	@scripts/flash --check --port '$(PORT)' $(WIRING)
 	@scripts/setup flash
-	$(if $(PORT),RAVEDUDE_PORT=$(PORT)) $(TOOLS)/bin/ravedude $(ELF)
+	@$(MAKE) --no-print-directory firmware $(TOOLS)/bin/ravedude
+	@scripts/flash --port '$(PORT)' $(WIRING) '$(FEATURES)'
 
 # It waits for the serial port, so it need not be optimised, which takes twice as long.
 $(TOOLS)/bin/ravedude:
