@@ -27,7 +27,7 @@ SHIPPED := default thesis none allocation button,lights stats
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help sim gdb bridge lint-firmware test test-all fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge lint-firmware test test-all fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
@@ -40,15 +40,18 @@ help:
 	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
 	@echo "make firmware   build the firmware, and show how much of the chip it takes"
-	@echo "make flash      upload it to an Arduino Diecimila and open its serial monitor  (PORT=/dev/ttyUSB0)"
+	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
+	@echo "make wiring     write docs/wiring.md from avr-specs/boards.toml"
 	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
 	@echo
 	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, thesis or none;"
 	@echo "FEATURES=allocation,lights these features only."
+	@echo "BOARD=uno SHIELD=module chooses another board for them and for test; a wrong name lists the right ones. CS=D8 INT=D3 CRYSTAL=8 are for"
+	@echo "wires of your own. See docs/wiring.md."
 
 sim: firmware
 	NODE_ELF=$(ELF) cargo run --quiet --release -p sim -- $(ARGS)
@@ -165,6 +168,10 @@ reliability: firmware
 budget:
 	@scripts/setup build
 	@scripts/budget-page
+
+# docs/wiring.md, and the drawing of the README.
+wiring:
+	@scripts/wiring-page
 
 size: firmware
 	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40

@@ -1,5 +1,7 @@
-"""What `make firmware` says to FEATURES."""
+"""What `make firmware` and `make flash` say to FEATURES, BOARD, SHIELD and PORT."""
 
+import os
+import pty
 import subprocess
 
 import pytest
@@ -7,10 +9,14 @@ import pytest
 from conftest import ROOT, TARGET
 
 
-def firmware(*arguments):
+def script(name, *arguments):
     """Nothing can be built: there is no cargo."""
-    line = [ROOT / "scripts/firmware", *arguments]
+    line = [ROOT / "scripts" / name, *arguments]
     return subprocess.run(line, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin", "CARGO_TARGET_DIR": str(TARGET)})
+
+
+def firmware(*arguments):
+    return script("firmware", *arguments)
 
 
 @pytest.mark.parametrize("wrong", ["lihgts", "allocation,lihgts", "thesis,lights"])
@@ -32,3 +38,58 @@ def test_a_wrong_name_is_answered_with_the_right_ones(wrong):
 )
 def test_each_set_of_features_has_an_elf_of_its_own(features, name):
     assert firmware("--path", features).stdout == f"{TARGET}/firmware/diecimila-seeed{name}.elf\n"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right"),
+    [
+        (["--board", "unu"], "BOARD=unu is wrong. Use one of diecimila, nano168, uno, nano, nano-new, duemilanove, promini."),
+        (["--shield", "seed"], "SHIELD=seed is wrong. Use one of seeed, seeed-v1.0, sparkfun, module, module-16mhz."),
+        (["--cs", "D13"], "Use one of D5, D6, D7, D8, D9, D10, A1, A2, A3, A4, A5."),
+        (["--int", "D4"], "use D2 or D3"),
+        (["--crystal", "12"], "use 8 or 16"),
+        (["--int", "D3", "button,lights"], "FEATURES=button"),
+    ],
+)
+def test_a_wrong_board_or_pin_is_answered_with_the_right_ones(wrong, right):
+    done = firmware(*wrong)
+    assert done.returncode == 1 and done.stdout == "" and right in done.stderr and done.stderr.count("\n") == 1, done
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        (["--board", "uno", "--shield", "module"], "uno-module"),
+        (["--board", "uno", "--shield", "module", "full"], "uno-module"),
+        (["--board", "uno", "default"], "uno-seeed-default"),
+        (["--board", "nano", "--shield", "module", "--cs", "d8", "--int", "D3", "--crystal", "16MHz", "stats"], "nano-module-csD8-intD3-16MHz-stats"),
+        (["--shield", "module", "--cs", "D10", "--crystal", "8"], "diecimila-module"),
+    ],
+)
+def test_each_board_has_an_elf_of_its_own(options, name):
+    assert firmware("--path", *options).stdout == f"{TARGET}/firmware/{name}.elf\n"
+
+
+def test_the_drawings_are_those_of_the_table():
+    done = script("wiring-page", "--check")
+    assert done.returncode == 0, done.stderr
+
+
+def test_flash_checks_the_port_before_anything_else():
+    for port, answer in [("/dev/no-such", "PORT=/dev/no-such does not exist."), (__file__, "is no serial port.")]:
+        done = subprocess.run(["make", "flash", f"PORT={port}"], cwd=ROOT, capture_output=True, text=True, timeout=5)
+        assert done.returncode == 2 and answer in done.stderr and "machine" in done.stderr, done
+    # A terminal is a port, but no board has this name.
+    keyboard, port = pty.openpty()
+    done = script("flash", "--check", "--port", os.ttyname(port))
+    assert done.returncode == 0, done
+    done = script("flash", "--check", "--port", os.ttyname(port), "--board", "unu")
+    assert done.returncode == 1 and "BOARD=unu" in done.stderr, done
+    os.close(keyboard)
+    os.close(port)
+
+
+def test_cargo_run_ends_with_how_to_flash_and_how_to_simulate():
+    done = subprocess.run(["cargo", "run", "--quiet"], cwd=ROOT, capture_output=True, text=True)
+    last = done.stderr.splitlines()[-1]
+    assert "make flash" in last and "make sim" in last, done
