@@ -92,18 +92,19 @@ test: setup
 	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 	@$(MAKE) --no-print-directory test-library test-host test-firmware test-clients
 
-# A call for each: cargo unites features over the packages and targets of a call.
+# A call for each: cargo unites features over the packages and targets of a call. "bridge" and "rig" are only named so that the crates below the
+# simulator have the same features in all calls: cargo builds the simulator once, and not twice.
 test-library:
 	@set -e; for features in $(PRESETS); do \
-		options="-p node --lib $$(scripts/firmware --cargo $$features)"; \
+		options="-p node -p bridge --lib $$(scripts/firmware --cargo $$features)"; \
 		echo "cargo test $$options"; cargo test $$options; \
 	done
 
 test-host:
-	cargo test -p bridge -p dronecan-host -p dronecan-wire -p fuzz-harness -p mcp2515-ordered -p sim
+	cargo test -p bridge -p dronecan-host -p dronecan-wire -p fuzz-harness -p mcp2515-ordered -p sim -p rig
 
 test-firmware:
-	cargo test -p node $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs))
+	cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs))
 
 # They mostly wait for real time.
 test-clients:
