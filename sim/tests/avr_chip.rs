@@ -1,12 +1,12 @@
-//! The simulated ATmega168 as a program and its board meet it: time, resets, sleep, pins, memory.
+//! The simulated AVR as a program and its board meet it: time, resets, sleep, pins, memory.
 
 mod avr;
 
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, address, assert_no_violation, byte, bytes, program, word};
-use sim::avr::{Avr, Halt, ResetCause, State};
+use avr::{MS, US, address, assert_no_violation, byte, bytes, program, program_for, word};
+use sim::avr::{Avr, Chip, Halt, Oc, ResetCause, State};
 
 #[test]
 fn time_goes_on_through_resets() {
@@ -118,15 +118,18 @@ fn mcusr_tells_the_causes() {
 
 #[test]
 fn sram_holds_garbage_after_power_on_and_its_old_content_after_other_resets() {
-    let contents = |avr: &Avr| avr.sram_range(0x100..=0x4FF);
-    let mut avr = Avr::blank().unwrap();
-    let first = contents(&avr);
-    assert!(first.iter().filter(|byte| **byte == 0).count() < 20);
-    avr.reset(ResetCause::External);
-    assert_eq!(contents(&avr), first);
-    avr.reset(ResetCause::PowerOn);
-    assert_ne!(contents(&avr), first);
-    assert_eq!(contents(&Avr::blank().unwrap()), first, "not repeatable");
+    for (chip, ram_end) in [(Chip::Atmega168, 0x4FF), (Chip::Atmega328p, 0x8FF)] {
+        let contents = |avr: &Avr| avr.sram_range(0x100..=ram_end);
+        let mut avr = Avr::blank(chip).unwrap();
+        let first = contents(&avr);
+        assert!(first.iter().filter(|byte| **byte == 0).count() < 20);
+        assert!(first[first.len() - 20..].iter().any(|byte| *byte != 0));
+        avr.reset(ResetCause::External);
+        assert_eq!(contents(&avr), first);
+        avr.reset(ResetCause::PowerOn);
+        assert_ne!(contents(&avr), first);
+        assert_eq!(contents(&Avr::blank(chip).unwrap()), first, "not repeatable");
+    }
 }
 
 #[test]
@@ -157,7 +160,7 @@ fn a_program_that_sleeps_with_interrupts_off_is_done_but_time_goes_on() {
 
 #[test]
 fn a_program_that_runs_off_its_flash_has_crashed_but_time_goes_on() {
-    let mut avr = Avr::blank().unwrap();
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)));
     assert_eq!(avr.now(), 10 * MS);
 }
@@ -168,7 +171,7 @@ const WITH_DATES: [u16; 13] =
     [0xE08E, 0x9380, 0x0060, 0xE088, 0x9380, 0x00C1, 0x95A8, 0x0000, 0x9380, 0x00C6, 0x0000, 0x0000, 0xCFF9];
 
 fn with_dates() -> Avr {
-    let mut avr = Avr::blank().unwrap();
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     avr.load_flash(0, &WITH_DATES.map(u16::to_le_bytes).concat());
     avr
 }
@@ -292,11 +295,46 @@ fn a_falling_edge_while_int0_is_masked_interrupts_once_when_it_no_longer_is() {
 
 #[test]
 fn the_stack_s_high_water_mark_is_found_in_painted_sram() {
-    let mut avr = Avr::blank().unwrap();
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     (0x200..=0x4FF).for_each(|address| avr.poke_sram(address, 0xC5));
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 0);
     avr.poke_sram(0x4F0, 0);
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 16);
+}
+
+/// The linker notes the chip, and the simulator reads the note.
+#[test]
+fn a_program_runs_on_the_chip_that_it_was_linked_for() {
+    for chip in Chip::ALL {
+        let mut avr = program_for(chip, "sleep", &[]);
+        assert_eq!(avr.chip(), chip);
+        assert_eq!(avr.run_until(1024 * US * 100 + 512 * US), State::Sleeping);
+        assert_eq!(word(&avr, "ticks"), 100);
+        // main's return address and locals are at the end of the RAM.
+        assert!((chip.ram_end() - 32..=chip.ram_end()).contains(&avr.sp()), "{:#x}", avr.sp());
+        assert_eq!((avr.flash().len(), avr.eeprom().len()), (chip.flash_bytes(), chip.eeprom_bytes()));
+        assert_no_violation(&mut avr);
+    }
+}
+
+/// The same cycles, too: what a chip has more of does not slow it.
+#[test]
+fn both_chips_run_a_program_alike() {
+    for (name, results) in [("adc", "result"), ("spi", "received"), ("servo", "")] {
+        let run = |chip| {
+            let mut avr = program_for(chip, name, &[]);
+            avr.set_analog(0, 1234);
+            avr.connect_spi(Box::new(|byte| byte.mosi ^ 0x5A));
+            let sent = Rc::new(RefCell::new(Vec::new()));
+            let log = Rc::clone(&sent);
+            avr.watch_pin('B', 1, Box::new(move |level, at| log.borrow_mut().push((at, level))));
+            avr.run_until(45 * MS);
+            let result = avr.symbol(results).map(|_| bytes(&avr, results));
+            (result, sent.take(), avr.take_edges(Oc::B), avr.take_violations())
+        };
+        let [small, large] = Chip::ALL.map(run);
+        assert_eq!(small, large, "{name}");
+    }
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The one place that touches simavr's memory: an ATmega168 core behind methods that cannot be
+//! The one place that touches simavr's memory: an AVR core behind methods that cannot be
 //! misused from safe code.
 //!
 //! [`Core`] owns simavr's `avr_t` and knows where its peripherals are. Registers are read and
@@ -8,12 +8,13 @@
 //! the watchdog (but for its oscillator) and self-programming.
 
 use std::cell::Cell;
-use std::ffi::{CStr, c_void};
+use std::ffi::{CStr, CString, c_void};
 use std::ptr;
 
 use anyhow::{Result, ensure};
 use simavr_ffi as ffi;
 
+use super::chip::Chip;
 use super::regs;
 use crate::F_CPU_HZ;
 
@@ -48,11 +49,12 @@ pub(super) enum Activity {
 /// A handler that simavr had installed for a register write, kept for calling it later.
 pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
 
-/// An ATmega168 in simavr.
+/// A chip in simavr.
 ///
 /// Invariant: `avr` and all other pointers stay valid, and are used by this thread only, until
 /// `drop`.
 pub(super) struct Core {
+    chip: Chip,
     avr: *mut ffi::avr_t,
     ports: [*mut ffi::avr_ioport_t; 3],
     uart: *mut ffi::avr_uart_t,
@@ -67,11 +69,12 @@ pub(super) struct Core {
 
 impl Core {
     /// A chip with erased flash, all supplies at 5 V.
-    pub fn new() -> Result<Core> {
+    pub fn new(chip: Chip) -> Result<Core> {
+        let name = CString::new(chip.name())?;
         // Safety: the name is a C string; the returned chip is ours alone. simavr copies its
         // template into fresh memory, so chips on several threads do not meet.
-        let avr = unsafe { ffi::avr_make_mcu_by_name(c"atmega168".as_ptr()) };
-        ensure!(!avr.is_null(), "this simavr does not know the atmega168");
+        let avr = unsafe { ffi::avr_make_mcu_by_name(name.as_ptr()) };
+        ensure!(!avr.is_null(), "this simavr does not know the {chip}");
         // Safety: `avr` was just made and has not been initialised before; its fields may be set
         // before and after avr_init.
         unsafe {
@@ -83,6 +86,7 @@ impl Core {
             (*avr).set_log(ffi::LOG_NONE as u8);
         }
         let core = Core {
+            chip,
             avr,
             ports: ['B', 'C', 'D'].map(|name| find(avr, c"port", name).cast()),
             uart: find(avr, c"uart", '0').cast(),
@@ -105,9 +109,14 @@ impl Core {
         ];
         ensure!(
             modules.iter().all(|module| !module.is_null()) && core.ports.iter().all(|port| !port.is_null()),
-            "this simavr's atmega168 lacks a peripheral"
+            "this simavr's {chip} lacks a peripheral"
         );
         Ok(core)
+    }
+
+    /// Which chip it is.
+    pub fn chip(&self) -> Chip {
+        self.chip
     }
 
     /// The pointer that every callback gets as its parameter.
@@ -132,15 +141,15 @@ impl Core {
 
     /// One byte of the data space (registers, I/O, SRAM), without side effects.
     pub fn get(&self, address: u16) -> u8 {
-        assert!(address <= regs::RAMEND, "no data at {address:#06x}");
-        // Safety: see the invariant of `Core`; data holds RAMEND + 1 bytes.
+        assert!(address <= self.chip.ram_end(), "no data at {address:#06x}");
+        // Safety: see the invariant of `Core`; data holds ram_end + 1 bytes.
         unsafe { *(*self.avr).data.add(address.into()) }
     }
 
     /// Sets one byte of the data space, without side effects.
     pub fn set(&self, address: u16, value: u8) {
-        assert!(address <= regs::RAMEND, "no data at {address:#06x}");
-        // Safety: see the invariant of `Core`; data holds RAMEND + 1 bytes.
+        assert!(address <= self.chip.ram_end(), "no data at {address:#06x}");
+        // Safety: see the invariant of `Core`; data holds ram_end + 1 bytes.
         unsafe { *(*self.avr).data.add(address.into()) = value }
     }
 
@@ -156,15 +165,16 @@ impl Core {
 
     /// All of flash.
     pub fn flash(&self) -> &[u8] {
-        // Safety: see the invariant of `Core`; flash holds FLASH_BYTES bytes and a guard. It
+        // Safety: see the invariant of `Core`; flash holds flash_bytes bytes and a guard. It
         // changes only while instructions run, and `run_one` is reached through `&mut Avr` only,
         // which this borrow excludes.
-        unsafe { std::slice::from_raw_parts((*self.avr).flash, regs::FLASH_BYTES) }
+        unsafe { std::slice::from_raw_parts((*self.avr).flash, self.chip.flash_bytes()) }
     }
 
     /// Copies bytes into flash.
     pub fn write_flash(&self, address: usize, bytes: &[u8]) {
-        assert!(address + bytes.len() <= regs::FLASH_BYTES, "flash ends at {:#x}", regs::FLASH_BYTES);
+        let end = self.chip.flash_bytes();
+        assert!(address + bytes.len() <= end, "flash ends at {end:#x}");
         // Safety: see the invariant of `Core`; the range was checked, and `bytes` cannot overlap
         // simavr's memory unless it came from `flash`, for which `copy` allows.
         unsafe { ptr::copy(bytes.as_ptr(), (*self.avr).flash.add(address), bytes.len()) }
@@ -178,7 +188,7 @@ impl Core {
 
     /// Sets the program counter, a byte address.
     pub fn set_pc(&self, address: u32) {
-        assert!((address as usize) < regs::FLASH_BYTES, "no flash at {address:#06x}");
+        assert!((address as usize) < self.chip.flash_bytes(), "no flash at {address:#06x}");
         // Safety: see the invariant of `Core`; simavr expects an even address within flash.
         unsafe { (*self.avr).pc = address & !1 }
     }

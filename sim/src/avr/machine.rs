@@ -15,6 +15,7 @@ use anyhow::Result;
 use simavr_ffi as ffi;
 
 use super::adc::Adc;
+use super::chip::Chip;
 use super::core::{Activity, Core, Vector, WriteHandler};
 use super::debug::Debug;
 use super::eeprom::Eeprom;
@@ -110,9 +111,9 @@ pub(super) struct Machine {
 
 impl Machine {
     /// A chip that waits for its first reset.
-    pub fn new() -> Result<Rc<Machine>> {
+    pub fn new(chip: Chip) -> Result<Rc<Machine>> {
         let machine = Rc::new(Machine {
-            core: Core::new()?,
+            core: Core::new(chip)?,
             base: Cell::new(0),
             attention: Cell::new(false),
             panic: Cell::new(None),
@@ -120,7 +121,7 @@ impl Machine {
             spi: RefCell::default(),
             spi_device: RefCell::default(),
             uart: RefCell::default(),
-            eeprom: RefCell::new(Eeprom::new()),
+            eeprom: RefCell::new(Eeprom::new(chip.eeprom_bytes())),
             adc: RefCell::new(Adc::new()),
             timer1: RefCell::new(Timer1::new(0)),
             watchdog: RefCell::new(Watchdog::new(0)),
@@ -198,7 +199,7 @@ impl Machine {
         self.core.set(regs::MCUSR, flags);
         if cause == ResetCause::PowerOn {
             let mut noise = self.power_on_noise.borrow_mut();
-            for address in (0..0x20).chain(regs::RAMSTART..=regs::RAMEND) {
+            for address in (0..0x20).chain(regs::RAMSTART..=self.core.chip().ram_end()) {
                 self.core.set(address, noise.next_u64() as u8);
             }
             self.eeprom.borrow_mut().lose_power(noise.next_u64() as u8);

@@ -1,4 +1,4 @@
-//! An ATmega168 at 16 MHz, simulated by simavr and put right where the datasheet says otherwise.
+//! An ATmega168 or ATmega328P at 16 MHz, simulated by simavr and corrected where the datasheet says otherwise.
 //!
 //! [`Avr`] runs a program up to a given time and lets a board around it drive and watch its pins,
 //! be its SPI device, talk to its serial port, and feed its ADC. Time is counted from the start of
@@ -20,9 +20,10 @@
 //! `machine`: simavr's memory lives as long as the machine, everything runs on one thread, and
 //! callbacks see the machine through shared references only.
 //!
-//! Source: Atmel 2545, "ATmega48/88/168", cited by section; simavr as bundled by simavr-ffi 1.2.
+//! Source: Atmel 2545, "ATmega48/88/168", cited by section, which holds for the ATmega328P, too; simavr as bundled by simavr-ffi 1.2.
 
 mod adc;
+mod chip;
 mod core;
 mod debug;
 mod eeprom;
@@ -44,8 +45,9 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::rc::{Rc, Weak};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
+pub use chip::Chip;
 pub use debug::{Debugger, Halt, Registers};
 pub use elf::{Firmware, Symbol};
 pub use machine::SpiDevice;
@@ -105,7 +107,7 @@ pub enum State {
     Done,
 }
 
-/// A simulated ATmega168.
+/// A simulated chip.
 pub struct Avr {
     machine: Rc<Machine>,
     symbols: HashMap<String, Symbol>,
@@ -116,26 +118,35 @@ impl Avr {
     ///
     /// # Errors
     /// If simavr does not know the chip.
-    pub fn blank() -> Result<Avr> {
-        let machine = Machine::new()?;
+    pub fn blank(chip: Chip) -> Result<Avr> {
+        let machine = Machine::new(chip)?;
         machine.reset(ResetCause::PowerOn);
         Ok(Avr { machine, symbols: HashMap::new() })
     }
 
-    /// A chip with the program of an ELF file, just powered on.
+    /// The chip that an ELF file is for, with its program, just powered on. It is an ATmega168 if the file does not say.
     ///
     /// # Errors
-    /// If the file is missing or is no program for this chip; the message says what to do.
+    /// If the file is missing or is no program for such a chip; the message says what to do.
     pub fn load(elf: &Path) -> Result<Avr> {
-        Avr::with_firmware(&Firmware::read(elf)?)
+        Avr::with_firmware(&Firmware::read(elf)?).with_context(|| elf.display().to_string())
+    }
+
+    /// The chip that a program is for, with the program. It is an ATmega168 if the program does not say.
+    ///
+    /// # Errors
+    /// If there is no such chip, or the program does not fit.
+    pub fn with_firmware(firmware: &Firmware) -> Result<Avr> {
+        Avr::programmed(firmware.chip()?.unwrap_or_default(), firmware)
     }
 
     /// A chip with a program that has been read already.
     ///
     /// # Errors
-    /// If simavr does not know the chip.
-    pub fn with_firmware(firmware: &Firmware) -> Result<Avr> {
-        let mut avr = Avr::blank()?;
+    /// If the program does not fit.
+    pub fn programmed(chip: Chip, firmware: &Firmware) -> Result<Avr> {
+        firmware.check_fits(chip)?;
+        let mut avr = Avr::blank(chip)?;
         for (address, bytes) in &firmware.flash {
             avr.load_flash(*address, bytes);
         }
@@ -144,6 +155,11 @@ impl Avr {
         }
         avr.symbols.clone_from(&firmware.symbols);
         Ok(avr)
+    }
+
+    /// Which chip it is.
+    pub fn chip(&self) -> Chip {
+        self.machine.core.chip()
     }
 
     /// Writes bytes to flash from a byte address on.
@@ -373,8 +389,8 @@ impl Avr {
     /// Bytes of stack ever used by a program that filled SRAM from `bottom` on with `paint` at its
     /// start.
     pub fn stack_high_water(&self, paint: u8, bottom: u16) -> u16 {
-        let untouched = (bottom..=regs::RAMEND).take_while(|address| self.sram(*address) == paint).count();
-        regs::RAMEND + 1 - bottom - untouched as u16
+        let untouched = (bottom..=self.chip().ram_end()).take_while(|address| self.sram(*address) == paint).count();
+        self.chip().ram_end() + 1 - bottom - untouched as u16
     }
 
     /// The EEPROM's cells.

@@ -11,6 +11,7 @@ use super::time::{micros, seconds};
 use crate::budget::budget;
 use crate::can::ErrorState;
 use crate::dronecan::{Dialect, Health};
+use crate::thousands;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
@@ -308,7 +309,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     lines.push(budget_line("statics", memory.statics, budget.statics));
     if let Some(stack) = memory.stack {
         let used = memory.statics + stack;
-        let line = format!(", RAM {} of {}", thousands(used), thousands(budget.statics_and_stack));
+        let line = format!(", RAM {} of {}", thousands(used as usize), thousands(budget.statics_and_stack as usize));
         let style = if used > budget.statics_and_stack { BAD } else { Style::new() };
         lines[3].push_span(Span::styled(line, style));
     }
@@ -317,15 +318,8 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
 }
 
 fn budget_line(name: &str, used: u32, limit: u32) -> Line<'static> {
-    let text = format!("{name} {} of {} B", thousands(used), thousands(limit));
+    let text = format!("{name} {} of {} B", thousands(used as usize), thousands(limit as usize));
     Line::styled(text, if used > limit { BAD } else { Style::new() })
-}
-
-fn thousands(number: u32) -> String {
-    match number {
-        0..1_000 => number.to_string(),
-        _ => format!("{},{:03}", number / 1_000, number % 1_000),
-    }
 }
 
 fn draw_bus(frame: &mut Frame<'_>, area: Rect, state: &State) {

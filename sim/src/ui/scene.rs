@@ -12,7 +12,7 @@ use super::fault::{Fault, Injection};
 use super::pace::Speed;
 use super::state::{AutopilotState, Controller, News, State};
 use crate::autopilot::{Autopilot, Settings};
-use crate::avr::{self, Avr, Firmware, ResetCause, regs};
+use crate::avr::{self, Avr, Chip, Firmware, ResetCause, regs};
 use crate::bench::{Bench, node_elf};
 use crate::board::Board;
 use crate::budget::PAINT;
@@ -54,8 +54,6 @@ const BABBLE_DATA: [u8; 8] = [0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0];
 const SERVE_PERIOD: Cycles = F_CPU_HZ / 1000;
 /// The links' own lines are asked for this often.
 const STATUS_PERIOD: Cycles = F_CPU_HZ / 10;
-/// Where the boot loader section of an ATmega168 may begin, as BOOTSZ of the fuses has it (datasheet table 26-4).
-const BOOT_SECTIONS: [usize; 4] = [0x3800, 0x3C00, 0x3E00, 0x3F00];
 
 /// See the module.
 pub struct Scene {
@@ -96,7 +94,7 @@ impl Scene {
             return Scene::boot(&elf()?, args);
         };
         let loader = Firmware::read_hex(hex)?;
-        let section = boot_section(&loader).with_context(|| hex.display().to_string())?;
+        let section = boot_section(Chip::default(), &loader).with_context(|| hex.display().to_string())?;
         // Only further boards have their program already.
         let others = if args.links.nodes > 0 { elf()? } else { Firmware::default() };
         Scene::with_programs(&loader, Some(section), &others, args)
@@ -614,10 +612,12 @@ fn crash(state: avr::State) -> Option<String> {
 }
 
 /// Where a boot loader begins, which is where resets go.
-fn boot_section(loader: &Firmware) -> Result<usize> {
+fn boot_section(chip: Chip, loader: &Firmware) -> Result<usize> {
+    loader.check_fits(chip)?;
     let first = loader.flash.iter().map(|(address, _)| *address).min().unwrap_or_default();
-    if !BOOT_SECTIONS.contains(&first) {
-        bail!("it begins at {first:#06x}; a boot loader begins at one of {BOOT_SECTIONS:#06x?}");
+    if !chip.boot_sections().contains(&first) {
+        let starts = chip.boot_sections().map(|start| format!("{start:#06x}")).join(", ");
+        bail!("it begins at {first:#06x}; a boot loader of an {chip} begins at one of {starts}");
     }
     Ok(first)
 }
@@ -859,7 +859,10 @@ mod tests {
     #[test]
     fn a_boot_loader_must_begin_where_a_reset_can_go() {
         let loader = |address| Firmware { flash: vec![(address, vec![0])], ..Firmware::default() };
-        assert_eq!(boot_section(&loader(0x3800)).unwrap(), 0x3800);
-        assert!(boot_section(&loader(0)).is_err());
+        assert_eq!(boot_section(Chip::Atmega168, &loader(0x3800)).unwrap(), 0x3800);
+        assert_eq!(boot_section(Chip::Atmega328p, &loader(0x7E00)).unwrap(), 0x7E00);
+        let error = |chip, address| boot_section(chip, &loader(address)).unwrap_err().to_string();
+        assert!(error(Chip::Atmega168, 0).ends_with("begins at one of 0x3800, 0x3c00, 0x3e00, 0x3f00"));
+        assert!(error(Chip::Atmega168, 0x7E00).ends_with("--mcu atmega328p"));
     }
 }
