@@ -7,6 +7,7 @@ pub mod board;
 pub mod budget;
 pub mod can;
 pub mod mcp2515;
+pub mod wiring;
 
 /// The host-side codec: what the bench sends as an autopilot and shows as bus traffic.
 pub use dronecan_host as dronecan;

@@ -17,11 +17,13 @@ use object::read::elf::{FileHeader, ProgramHeader, SectionHeader, Sym};
 
 use super::Chip;
 use crate::thousands;
+use crate::wiring::Wiring;
 
 const SRAM_OFFSET: u32 = 0x80_0000;
 const EEPROM_OFFSET: u32 = 0x81_0000;
 const EEPROM_END: u32 = 0x82_0000;
 const DEVICE_NOTE: &[u8] = b".note.gnu.avr.deviceinfo";
+const BOARD_SECTION: &[u8] = b".board";
 
 /// A symbol of the firmware. Data addresses are those the program uses, without the tool chain's
 /// 0x800000.
@@ -44,6 +46,8 @@ pub struct Firmware {
     pub symbols: HashMap<String, Symbol>,
     /// The device that the linker notes, such as "atmega328p".
     pub device: Option<String>,
+    /// What the section `.board` says, in programs of this project.
+    pub wiring: Option<Wiring>,
 }
 
 impl Firmware {
@@ -82,6 +86,9 @@ impl Firmware {
         if let Some((_, note)) = sections.section_by_name(endian, DEVICE_NOTE) {
             firmware.device = device(note.data(endian, bytes)?);
         }
+        if let Some((_, section)) = sections.section_by_name(endian, BOARD_SECTION) {
+            firmware.wiring = Some(Wiring::parse(section.data(endian, bytes)?)?);
+        }
         let symbols = sections.symbols(endian, bytes, object::elf::SHT_SYMTAB)?;
         for symbol in symbols.iter() {
             let name = symbol.name(endian, symbols.strings()).unwrap_or_default();
@@ -98,12 +105,25 @@ impl Firmware {
     /// # Errors
     /// If it is for another device than the simulator knows.
     pub fn chip(&self) -> Result<Option<Chip>> {
+        if let Some(wiring) = &self.wiring {
+            return Ok(Some(wiring.chip));
+        }
         let Some(device) = &self.device else { return Ok(None) };
         let chip = Chip::of_device(device).with_context(|| {
             let names = Chip::ALL.map(Chip::name).join(" and ");
             format!("the program is for an {device}; the simulator has {names}, and --mcu chooses one")
         })?;
         Ok(Some(chip))
+    }
+
+    /// The wiring that the program is for: what its section says, else the default with the chip that the program is for.
+    ///
+    /// # Errors
+    /// As [`Firmware::chip`].
+    pub fn wiring(&self) -> Result<Wiring> {
+        let mut wiring = self.wiring.clone().unwrap_or_default();
+        wiring.chip = self.chip()?.unwrap_or(wiring.chip);
+        Ok(wiring)
     }
 
     /// Checks that the program fits a chip.

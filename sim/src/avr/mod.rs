@@ -61,6 +61,7 @@ pub use uart::SerialCharacter;
 
 use self::core::Activity;
 use crate::Cycles;
+use crate::wiring::Wiring;
 use machine::Machine;
 
 /// Why the chip was reset.
@@ -111,6 +112,7 @@ pub enum State {
 pub struct Avr {
     machine: Rc<Machine>,
     symbols: HashMap<String, Symbol>,
+    wiring: Option<Wiring>,
 }
 
 impl Avr {
@@ -121,7 +123,7 @@ impl Avr {
     pub fn blank(chip: Chip) -> Result<Avr> {
         let machine = Machine::new(chip)?;
         machine.reset(ResetCause::PowerOn);
-        Ok(Avr { machine, symbols: HashMap::new() })
+        Ok(Avr { machine, symbols: HashMap::new(), wiring: None })
     }
 
     /// The chip that an ELF file is for, with its program, just powered on. It is an ATmega168 if the file does not say.
@@ -154,12 +156,18 @@ impl Avr {
             avr.machine.eeprom.borrow_mut().set_cells(*address, bytes);
         }
         avr.symbols.clone_from(&firmware.symbols);
+        avr.wiring.clone_from(&firmware.wiring);
         Ok(avr)
     }
 
     /// Which chip it is.
     pub fn chip(&self) -> Chip {
         self.machine.core.chip()
+    }
+
+    /// The wiring that the program is for, if it says so.
+    pub fn wiring(&self) -> Option<&Wiring> {
+        self.wiring.as_ref()
     }
 
     /// Writes bytes to flash from a byte address on.
@@ -341,6 +349,9 @@ impl Avr {
     }
 
     /// A byte of the data space: registers, I/O or SRAM. Reading has no side effect.
+    ///
+    /// # Panics
+    /// If the chip has no such address.
     pub fn sram(&self, address: u16) -> u8 {
         self.machine.core.get(address)
     }
