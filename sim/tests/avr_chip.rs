@@ -5,8 +5,8 @@ mod avr;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, address, assert_no_violation, byte, bytes, program, program_for, word};
-use sim::avr::{Avr, Chip, Halt, Oc, ResetCause, State};
+use avr::{MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, word};
+use sim::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, State};
 
 #[test]
 fn time_goes_on_through_resets() {
@@ -300,6 +300,8 @@ fn the_stack_s_high_water_mark_is_found_in_painted_sram() {
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 0);
     avr.poke_sram(0x4F0, 0);
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 16);
+    assert_eq!(avr.stack_high_water(0xC5, 0x500), 0);
+    assert_eq!(avr.stack_high_water(0xC5, 0x900), 0, "as in a program for a larger chip");
 }
 
 /// The linker notes the chip, and the simulator reads the note.
@@ -314,6 +316,87 @@ fn a_program_runs_on_the_chip_that_it_was_linked_for() {
         assert!((chip.ram_end() - 32..=chip.ram_end()).contains(&avr.sp()), "{:#x}", avr.sp());
         assert_eq!((avr.flash().len(), avr.eeprom().len()), (chip.flash_bytes(), chip.eeprom_bytes()));
         assert_no_violation(&mut avr);
+    }
+}
+
+#[test]
+fn a_program_that_is_too_large_for_the_chip_is_refused_with_the_numbers() {
+    for (define, expected) in [
+        (
+            "VARIABLES=1500",
+            "1,500 bytes of variables do not fit the 1,024 bytes of RAM of an ATmega168; is it for an ATmega328P?",
+        ),
+        (
+            "CODE=20000",
+            " bytes of code and initialised data do not fit the 16,384 bytes of flash of an ATmega168; is it for an",
+        ),
+    ] {
+        let firmware = firmware_for(Chip::Atmega328p, "memory", &[define]);
+        let error = Avr::programmed(Chip::Atmega168, &firmware).err().expect(define).to_string();
+        assert!(error.contains(expected) && error.ends_with("--mcu atmega328p"), "{error}");
+        let mut avr = Avr::with_firmware(&firmware).unwrap();
+        avr.run_until(10 * MS);
+        assert_no_violation(&mut avr);
+    }
+}
+
+/// LDS r24, ADDRESS; STS ADDRESS, r24; RJMP to itself.
+fn with_access_of(chip: Chip, address: u16) -> Avr {
+    let mut avr = Avr::blank(chip).unwrap();
+    let program = [0x9180, address, 0x9380, address, 0xCFFF];
+    avr.load_flash(0, &program.map(u16::to_le_bytes).concat());
+    avr.run_until(MS);
+    avr
+}
+
+#[test]
+fn an_access_beyond_the_ram_is_reported_with_its_place_in_the_program() {
+    for (chip, end) in [(Chip::Atmega168, "0x04ff"), (Chip::Atmega328p, "0x08ff")] {
+        assert_no_violation(&mut with_access_of(chip, chip.ram_end()));
+        let address = chip.ram_end() + 1;
+        let violations = with_access_of(chip, address).take_violations();
+        let texts: Vec<&str> = violations.iter().map(|violation| violation.text.as_str()).collect();
+        let text =
+            |verb, pc| format!("the program {verb} {address:#06x}, and the RAM of an {chip} ends at {end} (PC {pc})");
+        assert_eq!(texts, [text("reads", "0x0000"), text("writes", "0x0004")]);
+    }
+}
+
+/// Its stack is where the smaller chip has nothing. What becomes of it there is the chip's affair; the simulator goes on.
+#[test]
+fn a_program_for_a_larger_chip_is_reported_and_does_no_harm_to_the_simulator() {
+    let firmware = firmware_for(Chip::Atmega328p, "sleep", &[]);
+    let mut avr = Avr::programmed(Chip::Atmega168, &firmware).unwrap();
+    avr.run_until(20 * MS);
+    let violations = avr.take_violations();
+    assert!(violations[0].text.contains("writes 0x08ff, and the RAM of an ATmega168 ends"), "{violations:?}");
+}
+
+/// simavr reads and writes flash at any address in Z.
+#[test]
+fn flash_behind_the_chip_s_is_empty() {
+    // LDI r30, 0xFF; LDI r31, 0xFF; LPM r24, Z; STS 0x100, r24; LDI r31, 0x40; LPM r24, Z; STS 0x101, r24; RJMP to itself.
+    let program = [0xEFEF, 0xEFFF, 0x9184, 0x9380, 0x0100, 0xE4F0, 0x9184, 0x9380, 0x0101, 0xCFFF];
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    avr.load_flash(0, &program.map(u16::to_le_bytes).concat());
+    avr.run_until(MS);
+    assert_eq!(avr.sram_range(0x100..=0x101), [0xFF, 0xFF]);
+}
+
+#[test]
+fn a_debugger_sees_the_memories_of_the_chip_and_nothing_behind_them() {
+    for chip in Chip::ALL {
+        let mut avr = Avr::blank(chip).unwrap();
+        let debugger = avr.debugger();
+        let ram_end = u32::from(chip.ram_end());
+        assert!(debugger.data(ram_end).is_some() && debugger.data(ram_end + 1).is_none());
+        assert!(debugger.set_data(ram_end, 1) && !debugger.set_data(ram_end + 1, 1));
+        let (flash, eeprom) = (chip.flash_bytes() as u32, chip.eeprom_bytes() as u32);
+        assert!(debugger.flash(flash - 1).is_some() && debugger.flash(flash).is_none());
+        assert!(debugger.set_eeprom(eeprom - 1, 1) && !debugger.set_eeprom(eeprom, 1));
+        assert!(debugger.eeprom(eeprom - 1).is_some() && debugger.eeprom(eeprom).is_none());
+        debugger.set_registers(&Registers { pc: u32::MAX, sp: u16::MAX, ..Registers::default() });
+        avr.run_until(MS);
     }
 }
 

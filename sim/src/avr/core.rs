@@ -8,13 +8,15 @@
 //! the watchdog (but for its oscillator) and self-programming.
 
 use std::cell::Cell;
-use std::ffi::{CStr, CString, c_void};
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::ptr;
+use std::sync::Once;
 
 use anyhow::{Result, ensure};
 use simavr_ffi as ffi;
 
 use super::chip::Chip;
+use super::machine::on_beyond_ram;
 use super::regs;
 use crate::F_CPU_HZ;
 
@@ -22,9 +24,40 @@ unsafe extern "C" {
     /// Runs instructions until a cycle timer is due or an interrupt is pending; returns the new
     /// program counter. It is simavr's, but its header cannot be bound.
     fn avr_run_one(avr: *mut ffi::avr_t) -> ffi::avr_flashaddr_t;
+    /// simavr's. Its header has the arguments as a `va_list`, which calls pass as a pointer on every host that simavr-ffi builds for.
+    fn avr_global_logger_set(logger: Option<Logger>);
+    /// The C library's, with such a pointer.
+    fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
     /// The C library's, for the memory that simavr allocates and does not free.
     fn free(memory: *mut c_void);
+    /// The C library's.
+    fn realloc(memory: *mut c_void, size: usize) -> *mut c_void;
 }
+
+/// What simavr calls with what it has to say: chip, level, format, arguments.
+type Logger = unsafe extern "C" fn(*mut ffi::avr_t, c_int, *const c_char, *mut c_void);
+
+/// What simavr logs when a program reads or writes beyond the RAM, before the address.
+const WRAPS: [(&[u8], Access); 2] =
+    [(b"CORE: *** Wrapping read address", Access::Read), (b"CORE: *** Wrapping write address", Access::Write)];
+/// What is before the address in the text.
+const ADDRESS: &str = " Address ";
+/// Longer than these texts are.
+const LOG_BYTES: usize = 256;
+
+/// What a program does with memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    Read,
+    Write,
+}
+
+/// Bytes of flash that LPM can address.
+const LPM_BYTES: usize = 0x1_0000;
+/// simavr's mark behind the flash.
+const OVERFLOW_OPCODE_BYTES: usize = 2;
+
+static LOGGER: Once = Once::new();
 
 /// Interrupt sources whose flags the models handle in place of simavr.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,6 +104,9 @@ impl Core {
     /// A chip with erased flash, all supplies at 5 V.
     pub fn new(chip: Chip) -> Result<Core> {
         let name = CString::new(chip.name())?;
+        // Safety: `log` has the type that simavr calls, but for the pointer that stands for a `va_list`. It is set once, before there is
+        // a chip that could log.
+        LOGGER.call_once(|| unsafe { avr_global_logger_set(Some(log)) });
         // Safety: the name is a C string; the returned chip is ours alone. simavr copies its
         // template into fresh memory, so chips on several threads do not meet.
         let avr = unsafe { ffi::avr_make_mcu_by_name(name.as_ptr()) };
@@ -83,7 +119,12 @@ impl Core {
             (*avr).vcc = 5000;
             (*avr).avcc = 5000;
             (*avr).aref = 5000;
-            (*avr).set_log(ffi::LOG_NONE as u8);
+            // LPM reads at any 16-bit address, and simavr does not check that the flash is so large.
+            let flash = realloc((*avr).flash.cast(), LPM_BYTES).cast::<u8>();
+            ensure!(!flash.is_null(), "no memory for the flash");
+            let used = chip.flash_bytes() + OVERFLOW_OPCODE_BYTES;
+            ptr::write_bytes(flash.add(used), 0xFF, LPM_BYTES - used);
+            (*avr).flash = flash;
         }
         let core = Core {
             chip,
@@ -165,7 +206,7 @@ impl Core {
 
     /// All of flash.
     pub fn flash(&self) -> &[u8] {
-        // Safety: see the invariant of `Core`; flash holds flash_bytes bytes and a guard. It
+        // Safety: see the invariant of `Core`; flash holds flash_bytes bytes and more. It
         // changes only while instructions run, and `run_one` is reached through `&mut Avr` only,
         // which this borrow excludes.
         unsafe { std::slice::from_raw_parts((*self.avr).flash, self.chip.flash_bytes()) }
@@ -513,9 +554,32 @@ impl Drop for Core {
         // Safety: see the invariant of `Core`; nothing uses the chip after this. The chip itself
         // came from malloc.
         unsafe {
+            (*self.avr).custom.data = ptr::null_mut();
             ffi::avr_terminate(self.avr);
             free(self.avr.cast());
         }
+    }
+}
+
+/// Tells the machine of accesses beyond the RAM. simavr has no other way to say so; the rest of what it says is dropped.
+unsafe extern "C" fn log(avr: *mut ffi::avr_t, _level: c_int, format: *const c_char, arguments: *mut c_void) {
+    if avr.is_null() || format.is_null() {
+        return;
+    }
+    // Safety: simavr passes a chip, whose custom.data is null or the context, and a C string.
+    let (context, message) = unsafe { ((*avr).custom.data, CStr::from_ptr(format).to_bytes()) };
+    let Some((_, access)) = WRAPS.iter().find(|(start, _)| message.starts_with(start)) else { return };
+    if context.is_null() {
+        return;
+    }
+    let mut text = [0_u8; LOG_BYTES];
+    // Safety: the buffer has that size, and the arguments are those of the format. The C library ends the text with 0.
+    unsafe { vsnprintf(text.as_mut_ptr().cast(), LOG_BYTES, format, arguments) };
+    let text = String::from_utf8_lossy(&text);
+    let digits = text.split_once(ADDRESS).and_then(|(_, rest)| rest.get(..4));
+    if let Some(address) = digits.and_then(|digits| u16::from_str_radix(digits, 16).ok()) {
+        // Safety: see the invariant of `Core`.
+        unsafe { on_beyond_ram(context, *access, address) };
     }
 }
 

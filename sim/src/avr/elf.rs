@@ -16,6 +16,7 @@ use object::elf::{EM_AVR, FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader, Sym};
 
 use super::Chip;
+use super::regs::RAMSTART;
 use crate::thousands;
 use crate::wiring::Wiring;
 
@@ -46,6 +47,8 @@ pub struct Firmware {
     pub symbols: HashMap<String, Symbol>,
     /// The device that the linker notes, such as "atmega328p".
     pub device: Option<String>,
+    /// Bytes of RAM that the variables take.
+    pub statics: u32,
     /// What the section `.board` says, in programs of this project.
     pub wiring: Option<Wiring>,
 }
@@ -73,7 +76,15 @@ impl Firmware {
         ensure!(header.e_machine(endian) == EM_AVR, "the ELF is for another processor than the AVR");
         let mut firmware = Firmware::default();
         for segment in header.program_headers(endian, bytes)? {
-            if segment.p_type(endian) != PT_LOAD || segment.p_filesz(endian) == 0 {
+            if segment.p_type(endian) != PT_LOAD {
+                continue;
+            }
+            let start = segment.p_vaddr(endian);
+            if (SRAM_OFFSET..EEPROM_OFFSET).contains(&start) {
+                let end = start.saturating_add(segment.p_memsz(endian)) - SRAM_OFFSET;
+                firmware.statics = firmware.statics.max(end.saturating_sub(RAMSTART.into()));
+            }
+            if segment.p_filesz(endian) == 0 {
                 continue;
             }
             let Ok(data) = segment.data(endian, bytes) else {
@@ -136,6 +147,7 @@ impl Firmware {
         for (what, bytes, memory, capacity) in [
             ("code and initialised data", end(&self.flash), "flash", Chip::flash_bytes as fn(Chip) -> usize),
             ("data", end(&self.eeprom), "EEPROM", Chip::eeprom_bytes),
+            ("variables", self.statics as usize, "RAM", Chip::ram_bytes),
         ] {
             if bytes <= capacity(chip) {
                 continue;

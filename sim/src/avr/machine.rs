@@ -16,7 +16,7 @@ use simavr_ffi as ffi;
 
 use super::adc::Adc;
 use super::chip::Chip;
-use super::core::{Activity, Core, Vector, WriteHandler};
+use super::core::{Access, Activity, Core, Vector, WriteHandler};
 use super::debug::Debug;
 use super::eeprom::Eeprom;
 use super::noise::Noise;
@@ -474,6 +474,24 @@ unsafe extern "C" fn on_bad_opcode(_: *mut ffi::avr_irq_t, opcode: u32, context:
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
     machine.guard((), || machine.violation(&format!("illegal instruction {opcode:#06x}")));
+}
+
+/// The program reads or writes at an address beyond the RAM.
+///
+/// # Safety
+/// As [`machine`].
+pub(super) unsafe fn on_beyond_ram(context: *mut c_void, access: Access, address: u16) {
+    // Safety: the caller's promise.
+    let machine = unsafe { machine(context) };
+    machine.guard((), || {
+        let verb = match access {
+            Access::Read => "reads",
+            Access::Write => "writes",
+        };
+        let chip = machine.core.chip();
+        let end = chip.ram_end();
+        machine.violation(&format!("the program {verb} {address:#06x}, and the RAM of an {chip} ends at {end:#06x}"));
+    });
 }
 
 unsafe extern "C" fn on_adc_sample(_: *mut ffi::avr_irq_t, mux: u32, context: *mut c_void) {

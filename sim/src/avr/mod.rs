@@ -398,10 +398,10 @@ impl Avr {
     }
 
     /// Bytes of stack ever used by a program that filled SRAM from `bottom` on with `paint` at its
-    /// start.
+    /// start; 0 if `bottom` is beyond the SRAM.
     pub fn stack_high_water(&self, paint: u8, bottom: u16) -> u16 {
         let untouched = (bottom..=self.chip().ram_end()).take_while(|address| self.sram(*address) == paint).count();
-        self.chip().ram_end() + 1 - bottom - untouched as u16
+        (self.chip().ram_end() + 1).saturating_sub(bottom) - untouched as u16
     }
 
     /// The EEPROM's cells.
