@@ -1,16 +1,20 @@
-//! The Diecimila under the strangers' firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
+//! The Arduino under the strangers' firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
 //!
-//! Pins: D4 (PD4) to ground asks for reception only, D9 (PB1) chip select, D10 (PB2) output so that the SPI stays master, D11 MOSI, D12 MISO, D13 SCK, D1 TXD.
+//! Pins: D4 (PD4) to ground asks for reception only, chip select is D9 (PB1) or D10 (PB2), D10 is an output so that the SPI stays master, D11 MOSI, D12 MISO, D13 SCK, D1 TXD.
 //! It knows nothing of CAN and shares no line with the node's own `src/`: what the simulator's model is measured against
 //! must not come from the firmware that the model was made for.
 //! Source: ATmega48/88/168 datasheet, sections SPI, USART0, 16-bit Timer/Counter1.
 
+use crate::can_board::CS_IS_D10;
+#[cfg(chip = "atmega168")]
 use avr_device::atmega168::{PORTB, Peripherals, SPI, TC1, USART0};
+#[cfg(chip = "atmega328p")]
+use avr_device::atmega328p::{PORTB, Peripherals, SPI, TC1, USART0};
 use core::convert::Infallible;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 
-/// Crystal of the Diecimila.
+/// Crystal of the Arduino.
 const F_CPU_HZ: u32 = 16_000_000;
 /// 115,200 baud with U2X0: 16 MHz / (8 * (16 + 1)) = 117,647, 2.1 % fast.
 const UBRR_115200: u16 = 16;
@@ -28,8 +32,8 @@ pub enum Task {
 pub fn take() -> (CanSpi, Serial, Clock, Task) {
     let peripherals = Peripherals::take().unwrap();
 
-    let port = peripherals.PORTB;
-    port.portb().write(|w| w.pb1().set_bit());
+    let mut port = peripherals.PORTB;
+    select(&mut port, false);
     port.ddrb().write(|w| w.pb1().set_bit().pb2().set_bit().pb3().set_bit().pb5().set_bit());
     let spi = peripherals.SPI;
     spi.spcr().write(|w| w.spe().set_bit().mstr().set_bit().spr().fosc_4_2());
@@ -72,7 +76,7 @@ impl ErrorType for CanSpi {
 
 impl SpiDevice for CanSpi {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-        self.port.portb().modify(|_, w| w.pb1().clear_bit());
+        select(&mut self.port, true);
         for operation in operations {
             match operation {
                 Operation::Read(words) => {
@@ -94,8 +98,17 @@ impl SpiDevice for CanSpi {
                 Operation::Transfer(..) | Operation::DelayNs(_) => unreachable!(),
             }
         }
-        self.port.portb().modify(|_, w| w.pb1().set_bit());
+        select(&mut self.port, false);
         Ok(())
+    }
+}
+
+/// Selects the MCP2515, which a low level does, or not.
+fn select(port: &mut PORTB, selected: bool) {
+    if CS_IS_D10 {
+        port.portb().modify(|_, w| w.pb2().bit(!selected));
+    } else {
+        port.portb().modify(|_, w| w.pb1().bit(!selected));
     }
 }
 

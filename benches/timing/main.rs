@@ -235,7 +235,7 @@ fn turns(page: &mut String) {
         let (sp, calls) = profile.deepest();
         let avr = loaded.rig.board().avr();
         let bottom = avr.symbol("__heap_start").expect("a linker's symbol").address as u16;
-        let top = sim::avr::regs::RAMEND;
+        let top = avr.chip().ram_end();
         let depth = (top - sp).max(avr.stack_high_water(PAINT, bottom));
         if deepest.as_ref().is_none_or(|(most, _)| depth > *most) {
             let (statics, depth_seen) = (bottom - 0x100, top - sp);

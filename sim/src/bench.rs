@@ -11,8 +11,10 @@ use std::rc::Rc;
 
 use anyhow::{Result, ensure};
 
+use crate::avr::Chip;
 use crate::board::Board;
 use crate::can::{Bus, PortId, SoftNode, StationRef};
+use crate::wiring::{Wiring, preset};
 use crate::{Cycles, F_CPU_HZ};
 
 /// Boards and other stations on one bus.
@@ -124,17 +126,18 @@ impl Bench {
     }
 }
 
-/// The EEPROM of a board that has been started once with this firmware. The first start may take its time, to make the board a
+/// The EEPROM of a board that has been started once with this firmware, on a bus of the default bit rate. The first start may take its time, to make the board a
 /// unique ID; what is of no concern to a test need not wait for that each time.
 ///
 /// # Errors
-/// If the file is missing or is no program for an ATmega168.
+/// If the file is missing, or is no program for a board that the simulator knows.
 pub fn eeprom_after_first_start(elf: &Path) -> Result<Vec<u8>> {
     const FIRST_START_MS: u64 = 1500;
-    const BIT_RATE: u32 = 1_000_000;
-    let mut bench = Bench::new(BIT_RATE);
-    let board = bench.add_board(Board::load(elf)?, "node");
-    bench.attach("peer", Rc::new(RefCell::new(SoftNode::new(BIT_RATE))));
+    let board = Board::load(elf)?;
+    let bit_rate = board.wiring().fastest_bit_rate();
+    let mut bench = Bench::new(bit_rate);
+    let board = bench.add_board(board, "node");
+    bench.attach("peer", Rc::new(RefCell::new(SoftNode::new(bit_rate))));
     bench.run_for_ms(FIRST_START_MS);
     Ok(bench.board(board).avr().eeprom())
 }
@@ -149,24 +152,43 @@ pub fn target_dir() -> PathBuf {
 pub fn node_elf() -> PathBuf {
     match std::env::var_os("NODE_ELF").filter(|path| !path.is_empty()) {
         Some(path) => path.into(),
-        None => target_dir().join("firmware/diecimila-seeed.elf"),
+        None => built(&Wiring::default(), &preset(Chip::default())),
     }
 }
 
-/// Where the firmware of a preset is, such as "thesis", or of a list of features, such as "lights,stats". The default preset's is
-/// [`node_elf`].
+/// Where the firmware of a preset is, such as "thesis", or of a list of features, such as "lights,stats", for the default board. The
+/// default preset's is [`node_elf`].
 ///
 /// # Errors
 /// If it has not been built; the message says how to.
 pub fn firmware(features: &str) -> Result<PathBuf> {
-    let mut names: Vec<&str> = features.split(',').collect();
-    names.sort_unstable();
-    let path = match names[..] {
-        ["default"] => node_elf(),
-        _ => target_dir().join(format!("firmware/diecimila-seeed-{}.elf", names.join("+"))),
-    };
+    let path = if features == "default" { node_elf() } else { built(&Wiring::default(), features) };
     ensure!(path.exists(), "{} is missing: run \"make firmware FEATURES={features}\"", path.display());
     Ok(path)
+}
+
+/// Where the firmware of a preset or of a list of features is for a board and a CAN board of `avr-specs/boards.toml`.
+///
+/// # Errors
+/// If there is no such board, or the firmware has not been built; the message says which there are, or how to build it.
+pub fn firmware_for(board: &str, shield: &str, features: &str) -> Result<PathBuf> {
+    let path = built(&Wiring::of(board, shield)?, features);
+    ensure!(
+        path.exists(),
+        "{} is missing: run \"make firmware BOARD={board} SHIELD={shield} FEATURES={features}\"",
+        path.display()
+    );
+    Ok(path)
+}
+
+/// Where scripts/firmware leaves an ELF. The name of the chip's default preset is left out.
+fn built(wiring: &Wiring, features: &str) -> PathBuf {
+    let Wiring { board, shield, chip, .. } = wiring;
+    let mut names: Vec<&str> = features.split(',').collect();
+    names.sort_unstable();
+    let names = names.join("+");
+    let features = if names == preset(*chip) { String::new() } else { format!("-{names}") };
+    target_dir().join(format!("firmware/{board}-{shield}{features}.elf"))
 }
 
 #[cfg(test)]
@@ -178,5 +200,23 @@ mod tests {
         let error = firmware("stats,no-such").unwrap_err().to_string();
         assert!(error.contains("firmware/diecimila-seeed-no-such+stats.elf is missing"), "{error}");
         assert!(error.ends_with("run \"make firmware FEATURES=stats,no-such\""), "{error}");
+        let error = firmware_for("nano", "sparkfun", "stats,no-such").unwrap_err().to_string();
+        assert!(error.contains("firmware/nano-sparkfun-no-such+stats.elf is missing"), "{error}");
+        let advice = "run \"make firmware BOARD=nano SHIELD=sparkfun FEATURES=stats,no-such\"";
+        assert!(error.ends_with(advice), "{error}");
+        let error = firmware_for("mega", "seeed", "full").unwrap_err().to_string();
+        assert!(error.contains("use diecimila, "), "{error}");
+    }
+
+    #[test]
+    fn the_preset_of_a_board_has_no_name_in_its_file() {
+        let name = |board: &str, features: &str| {
+            let path = built(&Wiring::of(board, "seeed").unwrap(), features);
+            path.file_name().unwrap().to_string_lossy().into_owned()
+        };
+        assert_eq!(name("diecimila", "default"), "diecimila-seeed.elf");
+        assert_eq!(name("diecimila", "full"), "diecimila-seeed-full.elf");
+        assert_eq!(name("uno", "full"), "uno-seeed.elf");
+        assert_eq!(name("uno", "default"), "uno-seeed-default.elf");
     }
 }

@@ -1,7 +1,8 @@
-//! The node's board: an ATmega168 (Arduino Diecimila) wired to an MCP2515 with its own 16 MHz
-//! crystal, a servo, an LM35, a light and a button.
+//! The node's board: an Arduino wired to an MCP2515 with its own crystal, a servo, an LM35, a light and a button.
 //!
-//! | Signal      | Arduino  | ATmega168    | Here                                               |
+//! [`Wiring`] says which Arduino, which pins and which crystal. The pins that the default board has:
+//!
+//! | Signal      | Arduino  | chip         | Here                                               |
 //! | ----------- | -------- | ------------ | -------------------------------------------------- |
 //! | CS          | D9       | PB1          | with a pull-up: high while the AVR is in reset     |
 //! | INT         | D2       | PD2 (INT0)   | follows the chip's pin; high while it has no power |
@@ -20,17 +21,17 @@ use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
 use crate::Cycles;
-use crate::avr::{Avr, InputPin, Noise, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte, State};
+use crate::avr::{Avr, Firmware, InputPin, Noise, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte, State};
 use crate::mcp2515::Mcp2515;
+use crate::wiring::{Pin, Wiring};
 
-/// The MCP2515's crystal on the usual boards for this job.
-const MCP2515_OSC_HZ: u32 = 16_000_000;
 /// LM35 datasheet: 10 mV per degree Celsius.
 const LM35_UV_PER_DEGREE: f64 = 10_000.0;
-const TEMPERATURE_CHANNEL: u8 = 0;
+/// D3 is the output OC2B of Timer2, which can dim a light.
+const OC2B: (char, u8) = ('D', 3);
 
 /// A mistake of the firmware, found anywhere on the board.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -84,7 +85,11 @@ struct Wires {
 
 /// One node.
 pub struct Board {
+    wiring: Wiring,
     avr: Avr,
+    /// The output of Timer1 to which the servo is wired.
+    servo_output: Oc,
+    sensor_channel: u8,
     wires: Rc<Wires>,
     servo: PulseMeter,
     servo_pulses: Vec<Pulse>,
@@ -95,17 +100,51 @@ impl Board {
     /// A board with the firmware of an ELF file, powered on at time 0.
     ///
     /// # Errors
-    /// If the file is missing or is no program for an ATmega168.
+    /// If the file is missing, or is no program for a board that the simulator knows.
     pub fn load(elf: &Path) -> Result<Board> {
-        Ok(Board::new(Avr::load(elf)?))
+        let firmware = Firmware::read(elf)?;
+        let wiring = firmware.wiring().with_context(|| elf.display().to_string())?;
+        Board::programmed(&wiring, &firmware).with_context(|| elf.display().to_string())
     }
 
-    /// A board around a chip.
-    pub fn new(mut avr: Avr) -> Board {
-        let chip = Rc::new(RefCell::new(Mcp2515::new(MCP2515_OSC_HZ)));
+    /// A board with the firmware of an ELF file, wired as the caller says.
+    ///
+    /// # Errors
+    /// As [`Board::load`], and if the wiring is impossible.
+    pub fn load_as(elf: &Path, wiring: &Wiring) -> Result<Board> {
+        Board::programmed(wiring, &Firmware::read(elf)?).with_context(|| elf.display().to_string())
+    }
+
+    /// The same with a firmware that has been read already.
+    ///
+    /// # Errors
+    /// If the firmware does not fit the chip, or the wiring is impossible.
+    pub fn programmed(wiring: &Wiring, firmware: &Firmware) -> Result<Board> {
+        Board::wired(Avr::programmed(wiring.chip, firmware)?, wiring)
+    }
+
+    /// A board around a chip, wired as the chip's program says, or as the default.
+    ///
+    /// # Panics
+    /// If the table of boards has an impossible wiring; the program's is checked when it is read.
+    pub fn new(avr: Avr) -> Board {
+        let wiring = avr.wiring().cloned().unwrap_or_default();
+        Board::wired(avr, &wiring).unwrap_or_else(|error| panic!("{error:#}"))
+    }
+
+    /// A board around a chip, wired as the caller says.
+    ///
+    /// # Errors
+    /// If the wiring is impossible.
+    pub fn wired(mut avr: Avr, wiring: &Wiring) -> Result<Board> {
+        wiring.check()?;
+        let servo_output = wiring.servo.timer1_output().context("the servo needs an output of Timer1")?;
+        let sensor_channel = wiring.sensor.adc_channel().context("the sensor needs an input of the ADC")?;
+        let wiring = Wiring { chip: avr.chip(), ..wiring.clone() };
+        let chip = Rc::new(RefCell::new(Mcp2515::new(wiring.crystal_hz())));
         let wires = Rc::new(Wires {
             chip,
-            int_input: avr.input_pin('D', 2),
+            int_input: avr.input_pin(wiring.int.port(), wiring.int.bit()),
             int_level: Cell::new(true),
             selected: Cell::new(false),
             dead_miso: Cell::new(None),
@@ -117,14 +156,33 @@ impl Board {
             probe: RefCell::default(),
         });
         wires.int_input.drive(true);
-        avr.drive_pin('B', 1, true);
+        avr.drive_pin(wiring.cs.port(), wiring.cs.bit(), true);
         let cs = Rc::clone(&wires);
-        avr.watch_pin('B', 1, Box::new(move |level, at| cs.chip_select(level, at)));
+        avr.watch_pin(wiring.cs.port(), wiring.cs.bit(), Box::new(move |level, at| cs.chip_select(level, at)));
         let spi = Rc::clone(&wires);
         avr.connect_spi(Box::new(move |byte| spi.exchange(byte)));
-        let mut board = Board { avr, wires, servo: PulseMeter::new(), servo_pulses: Vec::new(), servo_level: false };
+        let mut board = Board {
+            wiring,
+            avr,
+            servo_output,
+            sensor_channel,
+            wires,
+            servo: PulseMeter::new(),
+            servo_pulses: Vec::new(),
+            servo_level: false,
+        };
         board.set_temperature_c(20.0);
-        board
+        Ok(board)
+    }
+
+    /// How it is wired.
+    pub fn wiring(&self) -> &Wiring {
+        &self.wiring
+    }
+
+    /// The level of a pin.
+    pub fn pin(&self, pin: Pin) -> bool {
+        self.avr.pin(pin.port(), pin.bit())
     }
 
     /// The microcontroller.
@@ -233,25 +291,26 @@ impl Board {
     /// Sets the temperature at the sensor.
     pub fn set_temperature_c(&mut self, celsius: f64) {
         let microvolts = (celsius.max(0.0) * LM35_UV_PER_DEGREE).round();
-        self.avr.set_analog_uv(TEMPERATURE_CHANNEL, microvolts as u32);
+        self.avr.set_analog_uv(self.sensor_channel, microvolts as u32);
     }
 
-    /// Sets the voltage at A0: a sensor that is broken, or another one.
+    /// Sets the voltage at the sensor's pin: a sensor that is broken, or another one.
     pub fn set_sensor_millivolts(&mut self, millivolts: u32) {
-        self.avr.set_analog(TEMPERATURE_CHANNEL, millivolts);
+        self.avr.set_analog(self.sensor_channel, millivolts);
     }
 
-    /// Adds noise of up to plus or minus so many millivolts at A0; 0 ends it. Equal seeds give equal noise.
+    /// Adds noise of up to plus or minus so many millivolts at the sensor's pin; 0 ends it. Equal seeds give equal noise.
     pub fn set_sensor_noise_millivolts(&mut self, amplitude: u32, seed: u64) {
         self.avr.set_analog_noise_uv(amplitude * 1000, seed);
     }
 
-    /// Presses or releases the button.
+    /// Presses or releases the button, if the board has one.
     pub fn press_button(&mut self, pressed: bool) {
+        let Some(pin) = self.wiring.button else { return };
         if pressed {
-            self.avr.drive_pin('D', 4, false);
+            self.avr.drive_pin(pin.port(), pin.bit(), false);
         } else {
-            self.avr.release_pin('D', 4);
+            self.avr.release_pin(pin.port(), pin.bit());
         }
     }
 
@@ -285,7 +344,7 @@ impl Board {
     }
 
     fn look_at_servo(&mut self) {
-        let edges = self.avr.take_edges(Oc::B);
+        let edges = self.avr.take_edges(self.servo_output);
         for &(at, level) in &edges {
             self.servo_level = level;
             self.wires.note(at, WireEvent::Servo(level));
@@ -293,9 +352,11 @@ impl Board {
         self.servo_pulses.extend(self.servo.feed(edges));
     }
 
-    /// Brightness of the light, 0 to 1.
+    /// Brightness of the light, 0 to 1; 0 if the board has none.
     pub fn light(&self) -> f64 {
-        self.avr.oc2b_duty().unwrap_or(if self.avr.pin('D', 3) { 1.0 } else { 0.0 })
+        let Some(pin) = self.wiring.light else { return 0.0 };
+        let duty = self.avr.oc2b_duty().filter(|_| (pin.port(), pin.bit()) == OC2B);
+        duty.unwrap_or(if self.pin(pin) { 1.0 } else { 0.0 })
     }
 
     /// The firmware's mistakes since the last call, in the order of their times.

@@ -1,5 +1,6 @@
 //! What the node's program may take of its chip: `avr-specs/budget.toml`, which the linker's limits come from, too.
 
+use crate::avr::Chip;
 use std::sync::LazyLock;
 use toml::Table;
 
@@ -20,11 +21,12 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// That of a chip, such as "atmega168".
+    /// The budget of a chip.
     ///
     /// # Panics
-    /// If the file does not know the chip.
-    pub fn of(chip: &str) -> Budget {
+    /// If the file has none for the chip.
+    pub fn of(chip: Chip) -> Budget {
+        let chip = chip.name();
         let file: Table = TEXT.parse().unwrap_or_else(|error| panic!("avr-specs/budget.toml: {error}"));
         let bytes = |name: &str| {
             let value = file.get(chip).and_then(|limits| limits.get(name)).and_then(|value| value.as_integer());
@@ -41,9 +43,9 @@ impl Budget {
     }
 }
 
-/// That of the chip that is simulated.
+/// The budget of the default board's chip.
 pub fn budget() -> &'static Budget {
-    static BUDGET: LazyLock<Budget> = LazyLock::new(|| Budget::of("atmega168"));
+    static BUDGET: LazyLock<Budget> = LazyLock::new(|| Budget::of(Chip::default()));
     &BUDGET
 }
 
@@ -54,10 +56,12 @@ mod tests {
 
     #[test]
     fn the_limits_are_within_the_chip() {
-        let budget = budget();
-        assert_eq!(budget.ram_start, u32::from(regs::RAMSTART));
-        assert!(budget.flash_of_default < budget.flash && budget.flash < regs::FLASH_BYTES as u32);
-        assert!(budget.statics < budget.statics_and_stack);
-        assert!(budget.statics_and_stack <= u32::from(regs::RAMEND - regs::RAMSTART));
+        for chip in Chip::ALL {
+            let budget = Budget::of(chip);
+            assert_eq!(budget.ram_start, u32::from(regs::RAMSTART));
+            assert!(budget.flash_of_default < budget.flash && budget.flash < chip.flash_bytes() as u32);
+            assert!(budget.statics < budget.statics_and_stack);
+            assert!(budget.statics_and_stack < chip.ram_bytes() as u32);
+        }
     }
 }

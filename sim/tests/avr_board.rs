@@ -6,11 +6,12 @@ mod avr;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, byte, program, word};
-use sim::avr::{ResetCause, State};
+use avr::{MS, US, byte, program, program_for, word};
+use sim::avr::{Chip, ResetCause, State};
 use sim::bench::Bench;
 use sim::board::Board;
 use sim::can::{Frame, SoftNode};
+use sim::wiring::Wiring;
 
 const BIT_RATE: u32 = 1_000_000;
 
@@ -182,6 +183,69 @@ fn the_servo_s_pulses_are_measured() {
     assert_eq!(board.run_until(22 * MS), State::Running);
     let pulses = board.take_servo_pulses();
     assert!(pulses.len() >= 3 && pulses.iter().all(|pulse| pulse.width_us() >= 500.0), "{pulses:?}");
+}
+
+#[test]
+fn the_servo_s_pulses_are_measured_on_either_output_of_timer1() {
+    let pulses = |define: &[&str], servo: &str| {
+        let mut wiring = Wiring::default();
+        wiring.set_cs("D8".parse().unwrap());
+        wiring.servo = servo.parse().unwrap();
+        let mut board = Board::wired(program("servo", define), &wiring).unwrap();
+        board.run_until(22 * MS);
+        board.take_servo_pulses()
+    };
+    let on_d10 = pulses(&[], "D10");
+    assert!(on_d10.len() >= 3, "{on_d10:?}");
+    assert_eq!(pulses(&["ON_OC1A"], "D9"), on_d10);
+    assert_eq!(pulses(&["ON_OC1A"], "D10"), []);
+}
+
+#[test]
+fn a_board_is_wired_as_asked_and_its_crystal_gives_the_bit_rate() {
+    let d8 = ["CS_PORT=PORTB", "CS_DDR=DDRB", "CS_BIT=PB0", "INT_BIT=PD3"];
+    let d10 = ["CS_PORT=PORTB", "CS_DDR=DDRB", "CS_BIT=PB2"];
+    let a1 = ["CS_PORT=PORTC", "CS_DDR=DDRC", "CS_BIT=PC1"];
+    for chip in Chip::ALL {
+        for (cs, int, crystal_mhz, defines) in
+            [("D8", "D3", 16, d8.as_slice()), ("D10", "D2", 8, &d10), ("A1", "D2", 8, &a1), ("D9", "D2", 8, &[])]
+        {
+            let mut wiring = Wiring { chip, crystal_mhz, ..Wiring::default() };
+            wiring.set_cs(cs.parse().unwrap());
+            wiring.set_int(int.parse().unwrap());
+            let bit_rate = if crystal_mhz == 8 { 500_000 } else { 1_000_000 };
+            let mut bench = Bench::new(bit_rate);
+            bench.add_board(Board::wired(program_for(chip, "mcp2515", defines), &wiring).unwrap(), "board");
+            let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
+            bench.attach("peer", peer.clone());
+            bench.run_for_ms(2);
+            peer.borrow_mut().send(Frame::standard(0x7, &[4]));
+            bench.run_for_ms(1);
+            let answers: Vec<Frame> = peer.borrow_mut().take_received().into_iter().map(|(_, frame)| frame).collect();
+            assert_eq!(answers, [Frame::standard(0x123, &[5])], "{wiring}");
+            assert_eq!(bench.board(0).take_violations(), [], "{wiring}");
+        }
+    }
+}
+
+/// A program with another pin in mind does not reach the MCP2515.
+#[test]
+fn a_program_for_another_cs_selects_nothing() {
+    let mut wiring = Wiring::default();
+    wiring.set_cs("D8".parse().unwrap());
+    let mut board = Board::wired(program("mcp2515", &[]), &wiring).unwrap();
+    board.run_until(MS);
+    assert_ne!(byte(board.avr(), "canstat"), 0x80);
+    let violations = board.take_violations();
+    assert!(violations.iter().any(|violation| violation.text.contains("while CS is high")), "{violations:?}");
+}
+
+#[test]
+fn an_impossible_wiring_is_refused() {
+    let mut wiring = Wiring::default();
+    wiring.servo = wiring.cs;
+    let error = Board::wired(program("servo", &[]), &wiring).err().unwrap().to_string();
+    assert_eq!(error, "the servo is on D9, which is CS's");
 }
 
 /// A test that forgets a borrow or panics in a watcher must fail as a test, not take the process

@@ -1,12 +1,12 @@
-//! The simulated ATmega168 as a program and its board meet it: time, resets, sleep, pins, memory.
+//! The simulated AVR as a program and its board meet it: time, resets, sleep, pins, memory.
 
 mod avr;
 
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, address, assert_no_violation, byte, bytes, program, word};
-use sim::avr::{Avr, Halt, ResetCause, State};
+use avr::{MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, word};
+use sim::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, State};
 
 #[test]
 fn time_goes_on_through_resets() {
@@ -118,15 +118,18 @@ fn mcusr_tells_the_causes() {
 
 #[test]
 fn sram_holds_garbage_after_power_on_and_its_old_content_after_other_resets() {
-    let contents = |avr: &Avr| avr.sram_range(0x100..=0x4FF);
-    let mut avr = Avr::blank().unwrap();
-    let first = contents(&avr);
-    assert!(first.iter().filter(|byte| **byte == 0).count() < 20);
-    avr.reset(ResetCause::External);
-    assert_eq!(contents(&avr), first);
-    avr.reset(ResetCause::PowerOn);
-    assert_ne!(contents(&avr), first);
-    assert_eq!(contents(&Avr::blank().unwrap()), first, "not repeatable");
+    for (chip, ram_end) in [(Chip::Atmega168, 0x4FF), (Chip::Atmega328p, 0x8FF)] {
+        let contents = |avr: &Avr| avr.sram_range(0x100..=ram_end);
+        let mut avr = Avr::blank(chip).unwrap();
+        let first = contents(&avr);
+        assert!(first.iter().filter(|byte| **byte == 0).count() < 20);
+        assert!(first[first.len() - 20..].iter().any(|byte| *byte != 0));
+        avr.reset(ResetCause::External);
+        assert_eq!(contents(&avr), first);
+        avr.reset(ResetCause::PowerOn);
+        assert_ne!(contents(&avr), first);
+        assert_eq!(contents(&Avr::blank(chip).unwrap()), first, "not repeatable");
+    }
 }
 
 #[test]
@@ -157,7 +160,7 @@ fn a_program_that_sleeps_with_interrupts_off_is_done_but_time_goes_on() {
 
 #[test]
 fn a_program_that_runs_off_its_flash_has_crashed_but_time_goes_on() {
-    let mut avr = Avr::blank().unwrap();
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)));
     assert_eq!(avr.now(), 10 * MS);
 }
@@ -168,7 +171,7 @@ const WITH_DATES: [u16; 13] =
     [0xE08E, 0x9380, 0x0060, 0xE088, 0x9380, 0x00C1, 0x95A8, 0x0000, 0x9380, 0x00C6, 0x0000, 0x0000, 0xCFF9];
 
 fn with_dates() -> Avr {
-    let mut avr = Avr::blank().unwrap();
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     avr.load_flash(0, &WITH_DATES.map(u16::to_le_bytes).concat());
     avr
 }
@@ -292,11 +295,129 @@ fn a_falling_edge_while_int0_is_masked_interrupts_once_when_it_no_longer_is() {
 
 #[test]
 fn the_stack_s_high_water_mark_is_found_in_painted_sram() {
-    let mut avr = Avr::blank().unwrap();
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     (0x200..=0x4FF).for_each(|address| avr.poke_sram(address, 0xC5));
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 0);
     avr.poke_sram(0x4F0, 0);
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 16);
+    assert_eq!(avr.stack_high_water(0xC5, 0x500), 0);
+    assert_eq!(avr.stack_high_water(0xC5, 0x900), 0, "as in a program for a larger chip");
+}
+
+/// The linker notes the chip, and the simulator reads the note.
+#[test]
+fn a_program_runs_on_the_chip_that_it_was_linked_for() {
+    for chip in Chip::ALL {
+        let mut avr = program_for(chip, "sleep", &[]);
+        assert_eq!(avr.chip(), chip);
+        assert_eq!(avr.run_until(1024 * US * 100 + 512 * US), State::Sleeping);
+        assert_eq!(word(&avr, "ticks"), 100);
+        // main's return address and locals are at the end of the RAM.
+        assert!((chip.ram_end() - 32..=chip.ram_end()).contains(&avr.sp()), "{:#x}", avr.sp());
+        assert_eq!((avr.flash().len(), avr.eeprom().len()), (chip.flash_bytes(), chip.eeprom_bytes()));
+        assert_no_violation(&mut avr);
+    }
+}
+
+#[test]
+fn a_program_that_is_too_large_for_the_chip_is_refused_with_the_numbers() {
+    for (define, expected) in [
+        (
+            "VARIABLES=1500",
+            "1,500 bytes of variables do not fit the 1,024 bytes of RAM of an ATmega168; is it for an ATmega328P?",
+        ),
+        (
+            "CODE=20000",
+            " bytes of code and initialised data do not fit the 16,384 bytes of flash of an ATmega168; is it for an",
+        ),
+    ] {
+        let firmware = firmware_for(Chip::Atmega328p, "memory", &[define]);
+        let error = Avr::programmed(Chip::Atmega168, &firmware).err().expect(define).to_string();
+        assert!(error.contains(expected) && error.ends_with("--mcu atmega328p"), "{error}");
+        let mut avr = Avr::with_firmware(&firmware).unwrap();
+        avr.run_until(10 * MS);
+        assert_no_violation(&mut avr);
+    }
+}
+
+/// LDS r24, ADDRESS; STS ADDRESS, r24; RJMP to itself.
+fn with_access_of(chip: Chip, address: u16) -> Avr {
+    let mut avr = Avr::blank(chip).unwrap();
+    let program = [0x9180, address, 0x9380, address, 0xCFFF];
+    avr.load_flash(0, &program.map(u16::to_le_bytes).concat());
+    avr.run_until(MS);
+    avr
+}
+
+#[test]
+fn an_access_beyond_the_ram_is_reported_with_its_place_in_the_program() {
+    for (chip, end) in [(Chip::Atmega168, "0x04ff"), (Chip::Atmega328p, "0x08ff")] {
+        assert_no_violation(&mut with_access_of(chip, chip.ram_end()));
+        let address = chip.ram_end() + 1;
+        let violations = with_access_of(chip, address).take_violations();
+        let texts: Vec<&str> = violations.iter().map(|violation| violation.text.as_str()).collect();
+        let text =
+            |verb, pc| format!("the program {verb} {address:#06x}, and the RAM of an {chip} ends at {end} (PC {pc})");
+        assert_eq!(texts, [text("reads", "0x0000"), text("writes", "0x0004")]);
+    }
+}
+
+/// Its stack is where the smaller chip has nothing. What becomes of it there is the chip's affair; the simulator goes on.
+#[test]
+fn a_program_for_a_larger_chip_is_reported_and_does_no_harm_to_the_simulator() {
+    let firmware = firmware_for(Chip::Atmega328p, "sleep", &[]);
+    let mut avr = Avr::programmed(Chip::Atmega168, &firmware).unwrap();
+    avr.run_until(20 * MS);
+    let violations = avr.take_violations();
+    assert!(violations[0].text.contains("writes 0x08ff, and the RAM of an ATmega168 ends"), "{violations:?}");
+}
+
+/// simavr reads and writes flash at any address in Z.
+#[test]
+fn flash_behind_the_chip_s_is_empty() {
+    // LDI r30, 0xFF; LDI r31, 0xFF; LPM r24, Z; STS 0x100, r24; LDI r31, 0x40; LPM r24, Z; STS 0x101, r24; RJMP to itself.
+    let program = [0xEFEF, 0xEFFF, 0x9184, 0x9380, 0x0100, 0xE4F0, 0x9184, 0x9380, 0x0101, 0xCFFF];
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    avr.load_flash(0, &program.map(u16::to_le_bytes).concat());
+    avr.run_until(MS);
+    assert_eq!(avr.sram_range(0x100..=0x101), [0xFF, 0xFF]);
+}
+
+#[test]
+fn a_debugger_sees_the_memories_of_the_chip_and_nothing_behind_them() {
+    for chip in Chip::ALL {
+        let mut avr = Avr::blank(chip).unwrap();
+        let debugger = avr.debugger();
+        let ram_end = u32::from(chip.ram_end());
+        assert!(debugger.data(ram_end).is_some() && debugger.data(ram_end + 1).is_none());
+        assert!(debugger.set_data(ram_end, 1) && !debugger.set_data(ram_end + 1, 1));
+        let (flash, eeprom) = (chip.flash_bytes() as u32, chip.eeprom_bytes() as u32);
+        assert!(debugger.flash(flash - 1).is_some() && debugger.flash(flash).is_none());
+        assert!(debugger.set_eeprom(eeprom - 1, 1) && !debugger.set_eeprom(eeprom, 1));
+        assert!(debugger.eeprom(eeprom - 1).is_some() && debugger.eeprom(eeprom).is_none());
+        debugger.set_registers(&Registers { pc: u32::MAX, sp: u16::MAX, ..Registers::default() });
+        avr.run_until(MS);
+    }
+}
+
+/// The same cycles, too: what a chip has more of does not slow it.
+#[test]
+fn both_chips_run_a_program_alike() {
+    for (name, results) in [("adc", "result"), ("spi", "received"), ("servo", "")] {
+        let run = |chip| {
+            let mut avr = program_for(chip, name, &[]);
+            avr.set_analog(0, 1234);
+            avr.connect_spi(Box::new(|byte| byte.mosi ^ 0x5A));
+            let sent = Rc::new(RefCell::new(Vec::new()));
+            let log = Rc::clone(&sent);
+            avr.watch_pin('B', 1, Box::new(move |level, at| log.borrow_mut().push((at, level))));
+            avr.run_until(45 * MS);
+            let result = avr.symbol(results).map(|_| bytes(&avr, results));
+            (result, sent.take(), avr.take_edges(Oc::B), avr.take_violations())
+        };
+        let [small, large] = Chip::ALL.map(run);
+        assert_eq!(small, large, "{name}");
+    }
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Proof by strangers: firmwares on the crates `mcp2515` and `mcp25xx`, written for the real chip by others, run on the
 //! model; and what these crates get wrong on the real chip, they get wrong here.
 //!
-//! `make strangers` builds the firmwares (`strangers/` in the workspace); `STRANGERS_DIR` names another place for them.
+//! `make strangers` builds the firmwares (`strangers/` in the workspace) for both chips and two CAN boards. Every test runs on the default
+//! board; a few run on the others, too.
 //! With `--nocapture` the test of the costs prints the table of docs. Sections are those of Microchip DS20001801J.
 
 #[path = "strangers/stand.rs"]
@@ -9,7 +10,7 @@ mod stand;
 
 use sim::can::{Frame, Id};
 use sim::mcp2515::Fate;
-use stand::{Instruction, Report, SERVED_MS, Stand, Stranger, answer_to, milliseconds};
+use stand::{CanBoard, Instruction, PLACES, Report, SERVED_MS, Stand, Stranger, answer_to, milliseconds};
 
 /// The two that are used as they should be.
 const RIGHT: [Stranger; 2] = [Stranger::Mcp2515, Stranger::Mcp25xx];
@@ -27,6 +28,11 @@ const RXF5: u16 = 0x0F0;
 const CANINTF: u8 = 0x2C;
 const RX0IF: u8 = 1 << 0;
 const RX1IF: u8 = 1 << 1;
+
+/// Both, on each chip with each CAN board.
+fn in_every_place() -> impl Iterator<Item = (stand::Place, Stranger)> {
+    PLACES.into_iter().flat_map(|place| RIGHT.map(|stranger| (place, stranger)))
+}
 
 /// A frame for each filter, and its buffer. Lengths from 0 to 8; bits that the masks leave open are set.
 fn one_for_each_filter() -> [(Frame, usize); 6] {
@@ -58,15 +64,15 @@ fn near_misses() -> Vec<Frame> {
 
 #[test]
 fn frames_for_every_filter_arrive_in_their_buffer_and_are_answered_bit_for_bit() {
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for (place, stranger) in in_every_place() {
+        let mut stand = Stand::at(place, stranger);
         for (frame, buffer) in one_for_each_filter() {
             stand.serve(frame);
-            assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?}");
-            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{stranger:?}");
+            assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?} {place:?}");
+            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{stranger:?} {place:?}");
             let log = stand.take_frame_log();
-            assert_eq!(log.len(), 1, "{stranger:?}");
-            assert_eq!((log[0].frame, log[0].buffer), (frame, buffer), "{stranger:?}");
+            assert_eq!(log.len(), 1, "{stranger:?} {place:?}");
+            assert_eq!((log[0].frame, log[0].buffer), (frame, buffer), "{stranger:?} {place:?}");
         }
         stand.assert_no_violations();
     }
@@ -117,14 +123,18 @@ fn a_second_frame_for_rxb0_rolls_over_and_both_are_read_in_order() {
     let first = Frame::extended(RXF0, &[1]);
     let second = Frame::extended(RXF0 | 1, &[2, 2]);
     let third = Frame::extended(RXF1 | 2, &[3, 3, 3]);
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for (place, stranger) in in_every_place() {
+        let mut stand = Stand::at(place, stranger);
         stand.serve_while_busy(first, &[second, third]);
-        assert_eq!(stand.take_frames_reported(), [first, second, third], "{stranger:?}");
-        assert_eq!(stand.take_answers(), [first, second, third].map(|frame| answer_to(&frame)), "{stranger:?}");
+        assert_eq!(stand.take_frames_reported(), [first, second, third], "{stranger:?} {place:?}");
+        assert_eq!(
+            stand.take_answers(),
+            [first, second, third].map(|frame| answer_to(&frame)),
+            "{stranger:?} {place:?}"
+        );
         let buffers: Vec<usize> = stand.take_frame_log().iter().map(|entry| entry.buffer).collect();
-        assert_eq!(buffers, [0, 0, 1], "{stranger:?}");
-        assert_eq!(stand.frames_lost(), 0, "{stranger:?}");
+        assert_eq!(buffers, [0, 0, 1], "{stranger:?} {place:?}");
+        assert_eq!(stand.frames_lost(), 0, "{stranger:?} {place:?}");
         stand.assert_no_violations();
     }
 }
@@ -147,14 +157,14 @@ fn frames_in_both_buffers_come_rxb0_first_whichever_is_older() {
 #[test]
 fn a_third_frame_while_nobody_polls_is_lost_and_the_first_two_are_not() {
     let frames = [1, 2, 3, 4].map(|n| Frame::extended(RXF0 | n, &[n as u8]));
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for (place, stranger) in in_every_place() {
+        let mut stand = Stand::at(place, stranger);
         stand.serve_while_busy(frames[0], &frames[1..]);
-        assert_eq!(stand.take_frames_reported(), frames[..3], "{stranger:?}");
-        assert_eq!(stand.frames_lost(), 1, "{stranger:?}");
+        assert_eq!(stand.take_frames_reported(), frames[..3], "{stranger:?} {place:?}");
+        assert_eq!(stand.frames_lost(), 1, "{stranger:?} {place:?}");
         let lost: Vec<Frame> =
             stand.take_frame_log().iter().filter(|entry| entry.fate == Fate::Lost).map(|entry| entry.frame).collect();
-        assert_eq!(lost, [frames[3]], "{stranger:?}");
+        assert_eq!(lost, [frames[3]], "{stranger:?} {place:?}");
         stand.assert_no_violations();
     }
 }
@@ -352,13 +362,19 @@ fn mcp25xx_with_its_feature_mcp2515_reads_rxb1_as_the_old_content_of_rxb0_for_ev
 /// Section 5. DroneCAN asks for a sample point between 75 and 90 %.
 #[test]
 fn the_bit_timings_in_the_crates_tables_sample_where_their_registers_say() {
-    // CNF1, CNF2, CNF3 at 16 MHz and 1 Mbit/s. SyncSeg 1 + PropSeg 3 + PS1 2 | PS2 2, and 1 + 1 + 3 | 3 TQ.
-    for (stranger, cnf, permille) in
-        [(Stranger::Mcp2515, [0x00, 0xCA, 0x81], 750), (Stranger::Mcp25xx, [0x00, 0xD0, 0x82], 625)]
-    {
-        let stand = Stand::new(stranger);
-        assert_eq!([0x2A, 0x29, 0x28].map(|address| stand.register(address)), cnf, "{stranger:?}");
-        assert_eq!(stand.sample_point_permille(), permille, "{stranger:?}");
+    for (place, stranger) in in_every_place() {
+        // CNF1, CNF2, CNF3 at 16 MHz and 1 Mbit/s, or 8 MHz and 500 kbit/s: SyncSeg + PropSeg + PS1 | PS2 in TQ.
+        let (cnf, permille) = match (stranger, place.1) {
+            // 1 + 3 + 2 | 2, and 1 + 2 + 3 | 2.
+            (Stranger::Mcp2515, CanBoard::Shield) => ([0x00, 0xCA, 0x81], 750),
+            (Stranger::Mcp2515, CanBoard::Module) => ([0x00, 0xD1, 0x81], 750),
+            // 1 + 1 + 3 | 3.
+            (_, CanBoard::Shield) => ([0x00, 0xD0, 0x82], 625),
+            (_, CanBoard::Module) => ([0x00, 0x90, 0x82], 625),
+        };
+        let stand = Stand::at(place, stranger);
+        assert_eq!([0x2A, 0x29, 0x28].map(|address| stand.register(address)), cnf, "{stranger:?} {place:?}");
+        assert_eq!(stand.sample_point_permille(), permille, "{stranger:?} {place:?}");
         stand.assert_no_violations();
     }
 }

@@ -3,7 +3,7 @@
 //!
 //! The first byte of the input says which.
 
-use sim::avr::Firmware;
+use sim::avr::{Chip, Firmware};
 use sim::can::{Engine, EngineMode, Event, Frame, Level, OnWire as _, Station as _};
 use sim::links::script;
 use sim::mcp2515::Mcp2515;
@@ -25,12 +25,13 @@ pub fn run(input: &[u8]) {
     }
 }
 
-/// What is loaded fits into the chip.
+/// A program that fits a chip is inside the chip's flash.
 fn check(firmware: &Result<Firmware, impl Sized>) {
-    /// Bytes of flash (datasheet 2545).
-    const FLASH: usize = 16 * 1024;
     let Ok(firmware) = firmware else { return };
-    assert!(firmware.flash.iter().all(|(start, bytes)| start + bytes.len() <= FLASH));
+    let _ = firmware.chip();
+    for chip in Chip::ALL.into_iter().filter(|chip| firmware.check_fits(*chip).is_ok()) {
+        assert!(firmware.flash.iter().all(|(start, bytes)| start + bytes.len() <= chip.flash_bytes()));
+    }
 }
 
 /// The lines as they came, and with their checksums put right.

@@ -1,4 +1,4 @@
-//! The one place that touches simavr's memory: an ATmega168 core behind methods that cannot be
+//! The one place that touches simavr's memory: an AVR core behind methods that cannot be
 //! misused from safe code.
 //!
 //! [`Core`] owns simavr's `avr_t` and knows where its peripherals are. Registers are read and
@@ -8,12 +8,15 @@
 //! the watchdog (but for its oscillator) and self-programming.
 
 use std::cell::Cell;
-use std::ffi::{CStr, c_void};
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::ptr;
+use std::sync::Once;
 
 use anyhow::{Result, ensure};
 use simavr_ffi as ffi;
 
+use super::chip::Chip;
+use super::machine::on_beyond_ram;
 use super::regs;
 use crate::F_CPU_HZ;
 
@@ -21,9 +24,40 @@ unsafe extern "C" {
     /// Runs instructions until a cycle timer is due or an interrupt is pending; returns the new
     /// program counter. It is simavr's, but its header cannot be bound.
     fn avr_run_one(avr: *mut ffi::avr_t) -> ffi::avr_flashaddr_t;
+    /// simavr's. Its header has the arguments as a `va_list`, which calls pass as a pointer on every host that simavr-ffi builds for.
+    fn avr_global_logger_set(logger: Option<Logger>);
+    /// The C library's, with such a pointer.
+    fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
     /// The C library's, for the memory that simavr allocates and does not free.
     fn free(memory: *mut c_void);
+    /// The C library's.
+    fn realloc(memory: *mut c_void, size: usize) -> *mut c_void;
 }
+
+/// What simavr calls with what it has to say: chip, level, format, arguments.
+type Logger = unsafe extern "C" fn(*mut ffi::avr_t, c_int, *const c_char, *mut c_void);
+
+/// What simavr logs when a program reads or writes beyond the RAM, before the address.
+const WRAPS: [(&[u8], Access); 2] =
+    [(b"CORE: *** Wrapping read address", Access::Read), (b"CORE: *** Wrapping write address", Access::Write)];
+/// What is before the address in the text.
+const ADDRESS: &str = " Address ";
+/// Longer than these texts are.
+const LOG_BYTES: usize = 256;
+
+/// What a program does with memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    Read,
+    Write,
+}
+
+/// Bytes of flash that LPM can address.
+const LPM_BYTES: usize = 0x1_0000;
+/// simavr's mark behind the flash.
+const OVERFLOW_OPCODE_BYTES: usize = 2;
+
+static LOGGER: Once = Once::new();
 
 /// Interrupt sources whose flags the models handle in place of simavr.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,11 +82,12 @@ pub(super) enum Activity {
 /// A handler that simavr had installed for a register write, kept for calling it later.
 pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
 
-/// An ATmega168 in simavr.
+/// A chip in simavr.
 ///
 /// Invariant: `avr` and all other pointers stay valid, and are used by this thread only, until
 /// `drop`.
 pub(super) struct Core {
+    chip: Chip,
     avr: *mut ffi::avr_t,
     ports: [*mut ffi::avr_ioport_t; 3],
     uart: *mut ffi::avr_uart_t,
@@ -67,11 +102,15 @@ pub(super) struct Core {
 
 impl Core {
     /// A chip with erased flash, all supplies at 5 V.
-    pub fn new() -> Result<Core> {
+    pub fn new(chip: Chip) -> Result<Core> {
+        let name = CString::new(chip.name())?;
+        // Safety: `log` has the type that simavr calls, but for the pointer that stands for a `va_list`. It is set once, before there is
+        // a chip that could log.
+        LOGGER.call_once(|| unsafe { avr_global_logger_set(Some(log)) });
         // Safety: the name is a C string; the returned chip is ours alone. simavr copies its
         // template into fresh memory, so chips on several threads do not meet.
-        let avr = unsafe { ffi::avr_make_mcu_by_name(c"atmega168".as_ptr()) };
-        ensure!(!avr.is_null(), "this simavr does not know the atmega168");
+        let avr = unsafe { ffi::avr_make_mcu_by_name(name.as_ptr()) };
+        ensure!(!avr.is_null(), "this simavr does not know the {chip}");
         // Safety: `avr` was just made and has not been initialised before; its fields may be set
         // before and after avr_init.
         unsafe {
@@ -80,9 +119,15 @@ impl Core {
             (*avr).vcc = 5000;
             (*avr).avcc = 5000;
             (*avr).aref = 5000;
-            (*avr).set_log(ffi::LOG_NONE as u8);
+            // LPM reads at any 16-bit address, and simavr does not check that the flash is so large.
+            let flash = realloc((*avr).flash.cast(), LPM_BYTES).cast::<u8>();
+            ensure!(!flash.is_null(), "no memory for the flash");
+            let used = chip.flash_bytes() + OVERFLOW_OPCODE_BYTES;
+            ptr::write_bytes(flash.add(used), 0xFF, LPM_BYTES - used);
+            (*avr).flash = flash;
         }
         let core = Core {
+            chip,
             avr,
             ports: ['B', 'C', 'D'].map(|name| find(avr, c"port", name).cast()),
             uart: find(avr, c"uart", '0').cast(),
@@ -105,9 +150,14 @@ impl Core {
         ];
         ensure!(
             modules.iter().all(|module| !module.is_null()) && core.ports.iter().all(|port| !port.is_null()),
-            "this simavr's atmega168 lacks a peripheral"
+            "this simavr's {chip} lacks a peripheral"
         );
         Ok(core)
+    }
+
+    /// Which chip it is.
+    pub fn chip(&self) -> Chip {
+        self.chip
     }
 
     /// The pointer that every callback gets as its parameter.
@@ -132,15 +182,15 @@ impl Core {
 
     /// One byte of the data space (registers, I/O, SRAM), without side effects.
     pub fn get(&self, address: u16) -> u8 {
-        assert!(address <= regs::RAMEND, "no data at {address:#06x}");
-        // Safety: see the invariant of `Core`; data holds RAMEND + 1 bytes.
+        assert!(address <= self.chip.ram_end(), "no data at {address:#06x}");
+        // Safety: see the invariant of `Core`; data holds ram_end + 1 bytes.
         unsafe { *(*self.avr).data.add(address.into()) }
     }
 
     /// Sets one byte of the data space, without side effects.
     pub fn set(&self, address: u16, value: u8) {
-        assert!(address <= regs::RAMEND, "no data at {address:#06x}");
-        // Safety: see the invariant of `Core`; data holds RAMEND + 1 bytes.
+        assert!(address <= self.chip.ram_end(), "no data at {address:#06x}");
+        // Safety: see the invariant of `Core`; data holds ram_end + 1 bytes.
         unsafe { *(*self.avr).data.add(address.into()) = value }
     }
 
@@ -156,15 +206,16 @@ impl Core {
 
     /// All of flash.
     pub fn flash(&self) -> &[u8] {
-        // Safety: see the invariant of `Core`; flash holds FLASH_BYTES bytes and a guard. It
+        // Safety: see the invariant of `Core`; flash holds flash_bytes bytes and more. It
         // changes only while instructions run, and `run_one` is reached through `&mut Avr` only,
         // which this borrow excludes.
-        unsafe { std::slice::from_raw_parts((*self.avr).flash, regs::FLASH_BYTES) }
+        unsafe { std::slice::from_raw_parts((*self.avr).flash, self.chip.flash_bytes()) }
     }
 
     /// Copies bytes into flash.
     pub fn write_flash(&self, address: usize, bytes: &[u8]) {
-        assert!(address + bytes.len() <= regs::FLASH_BYTES, "flash ends at {:#x}", regs::FLASH_BYTES);
+        let end = self.chip.flash_bytes();
+        assert!(address + bytes.len() <= end, "flash ends at {end:#x}");
         // Safety: see the invariant of `Core`; the range was checked, and `bytes` cannot overlap
         // simavr's memory unless it came from `flash`, for which `copy` allows.
         unsafe { ptr::copy(bytes.as_ptr(), (*self.avr).flash.add(address), bytes.len()) }
@@ -178,7 +229,7 @@ impl Core {
 
     /// Sets the program counter, a byte address.
     pub fn set_pc(&self, address: u32) {
-        assert!((address as usize) < regs::FLASH_BYTES, "no flash at {address:#06x}");
+        assert!((address as usize) < self.chip.flash_bytes(), "no flash at {address:#06x}");
         // Safety: see the invariant of `Core`; simavr expects an even address within flash.
         unsafe { (*self.avr).pc = address & !1 }
     }
@@ -503,9 +554,32 @@ impl Drop for Core {
         // Safety: see the invariant of `Core`; nothing uses the chip after this. The chip itself
         // came from malloc.
         unsafe {
+            (*self.avr).custom.data = ptr::null_mut();
             ffi::avr_terminate(self.avr);
             free(self.avr.cast());
         }
+    }
+}
+
+/// Tells the machine of accesses beyond the RAM. simavr has no other way to say so; the rest of what it says is dropped.
+unsafe extern "C" fn log(avr: *mut ffi::avr_t, _level: c_int, format: *const c_char, arguments: *mut c_void) {
+    if avr.is_null() || format.is_null() {
+        return;
+    }
+    // Safety: simavr passes a chip, whose custom.data is null or the context, and a C string.
+    let (context, message) = unsafe { ((*avr).custom.data, CStr::from_ptr(format).to_bytes()) };
+    let Some((_, access)) = WRAPS.iter().find(|(start, _)| message.starts_with(start)) else { return };
+    if context.is_null() {
+        return;
+    }
+    let mut text = [0_u8; LOG_BYTES];
+    // Safety: the buffer has that size, and the arguments are those of the format. The C library ends the text with 0.
+    unsafe { vsnprintf(text.as_mut_ptr().cast(), LOG_BYTES, format, arguments) };
+    let text = String::from_utf8_lossy(&text);
+    let digits = text.split_once(ADDRESS).and_then(|(_, rest)| rest.get(..4));
+    if let Some(address) = digits.and_then(|digits| u16::from_str_radix(digits, 16).ok()) {
+        // Safety: see the invariant of `Core`.
+        unsafe { on_beyond_ram(context, *access, address) };
     }
 }
 

@@ -12,6 +12,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::HashSet;
 use std::rc::Rc;
 
+use super::chip::Chip;
 use super::core::{Activity, Core};
 use super::machine::Machine;
 use super::regs;
@@ -116,6 +117,15 @@ impl Debugger {
         Debugger { machine }
     }
 
+    /// Which chip it is.
+    pub fn chip(&self) -> Chip {
+        self.machine.core.chip()
+    }
+
+    fn data_address(&self, address: u32) -> Option<u16> {
+        u16::try_from(address).ok().filter(|address| *address <= self.chip().ram_end())
+    }
+
     /// Why the chip is halted, if it is.
     pub fn halted(&self) -> Option<Halt> {
         self.machine.debug.halted.get()
@@ -177,20 +187,18 @@ impl Debugger {
         core.set(regs::SPL, spl);
         core.set(regs::SPH, sph);
         core.set_sreg(registers.sreg);
-        core.set_pc(registers.pc % regs::FLASH_BYTES as u32);
+        core.set_pc(registers.pc % core.chip().flash_bytes() as u32);
     }
 
     /// A byte of the data space, if there is one at that address.
     pub fn data(&self, address: u32) -> Option<u8> {
-        let address = u16::try_from(address).ok().filter(|address| *address <= regs::RAMEND)?;
+        let address = self.data_address(address)?;
         Some(if address == regs::SREG { self.machine.core.sreg() } else { self.machine.core.get(address) })
     }
 
     /// Stores a byte in the data space; false if there is none at that address.
     pub fn set_data(&self, address: u32, value: u8) -> bool {
-        let Some(address) = u16::try_from(address).ok().filter(|address| *address <= regs::RAMEND) else {
-            return false;
-        };
+        let Some(address) = self.data_address(address) else { return false };
         match address {
             regs::SREG => self.machine.core.set_sreg(value),
             regs::IO_FIRST..regs::RAMSTART => self.machine.core.store(address, value),
@@ -211,7 +219,7 @@ impl Debugger {
 
     /// Sets a byte of EEPROM; false if there is none at that address.
     pub fn set_eeprom(&self, address: u32, value: u8) -> bool {
-        let exists = (address as usize) < regs::EEPROM_BYTES;
+        let exists = (address as usize) < self.chip().eeprom_bytes();
         if exists {
             self.machine.eeprom.borrow_mut().set_cells(address as usize, &[value]);
         }

@@ -6,7 +6,7 @@
 
 use super::core::Vector;
 use super::machine::{Machine, Timer};
-use super::regs::{EEARH, EEARL, EECR, EEDR, EEMPE, EEPE, EEPM, EEPROM_BYTES, EERE, EERIE};
+use super::regs::{EEARH, EEARL, EECR, EEDR, EEMPE, EEPE, EEPM, EERE, EERIE};
 use crate::{Cycles, F_CPU_HZ};
 
 /// Erase and write in one operation (table 8-1).
@@ -32,9 +32,9 @@ pub(super) struct Eeprom {
 }
 
 impl Eeprom {
-    /// An erased EEPROM.
-    pub fn new() -> Eeprom {
-        Eeprom { cells: vec![0xFF; EEPROM_BYTES], programming: None, master_enable_until: 0 }
+    /// An erased EEPROM of that many bytes.
+    pub fn new(bytes: usize) -> Eeprom {
+        Eeprom { cells: vec![0xFF; bytes], programming: None, master_enable_until: 0 }
     }
 
     /// The cells; a cell in programming still has its old value.
@@ -44,7 +44,8 @@ impl Eeprom {
 
     /// Sets cells from `address` on.
     pub fn set_cells(&mut self, address: usize, bytes: &[u8]) {
-        assert!(address + bytes.len() <= EEPROM_BYTES, "the EEPROM ends at {EEPROM_BYTES:#x}");
+        let end = self.cells.len();
+        assert!(address + bytes.len() <= end, "the EEPROM ends at {end:#x}");
         self.cells[address..address + bytes.len()].copy_from_slice(bytes);
     }
 
@@ -135,7 +136,7 @@ impl Eeprom {
 
     fn address(&self, machine: &Machine) -> usize {
         let address = u16::from_le_bytes([machine.core.get(EEARL), machine.core.get(EEARH)]);
-        usize::from(address) % EEPROM_BYTES
+        usize::from(address) % self.cells.len()
     }
 
     fn program(&mut self, machine: &Machine, mode: u8, address: usize) {

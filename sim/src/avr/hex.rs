@@ -7,7 +7,6 @@
 //! Source: Intel, "Hexadecimal Object File Format Specification", revision A (1988).
 
 use super::elf::Firmware;
-use super::regs::FLASH_BYTES;
 use anyhow::{Context, Result, bail, ensure};
 use std::path::Path;
 
@@ -15,10 +14,10 @@ impl Firmware {
     /// Reads an Intel HEX file. There are no symbols in it.
     ///
     /// # Errors
-    /// If the file is missing, is no Intel HEX, or does not fit an ATmega168.
+    /// If the file is missing, or is no Intel HEX.
     pub fn read_hex(path: &Path) -> Result<Firmware> {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Firmware::parse_hex(&text).with_context(|| format!("{} is no Intel HEX for the ATmega168", path.display()))
+        Firmware::parse_hex(&text).with_context(|| format!("{} is no Intel HEX", path.display()))
     }
 
     /// Reads the text of an Intel HEX file.
@@ -33,7 +32,6 @@ impl Firmware {
             match (record.kind, record.data.as_slice()) {
                 (0, data) => {
                     let start = base + record.address;
-                    ensure!(start + data.len() <= FLASH_BYTES, "line {}: {start:#x} is beyond the flash", index + 1);
                     match flash.last_mut() {
                         Some((first, bytes)) if *first + bytes.len() == start => bytes.extend(data),
                         _ => flash.push((start, data.to_vec())),
@@ -102,7 +100,6 @@ mod tests {
             (":0100000055AB\n:00000001FF", "line 1"),
             (":0100000055AA\n0100000055AA\n:00000001FF", "line 2"),
             (":0200000055AA\n:00000001FF", "announces 2"),
-            (":01400000556A\n:00000001FF", "beyond the flash"),
             (":0100000055AA", "end of the file"),
             (":00000001FF", "nothing to load"),
             (":zz", "sequence"),

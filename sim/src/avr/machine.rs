@@ -15,7 +15,8 @@ use anyhow::Result;
 use simavr_ffi as ffi;
 
 use super::adc::Adc;
-use super::core::{Activity, Core, Vector, WriteHandler};
+use super::chip::Chip;
+use super::core::{Access, Activity, Core, Vector, WriteHandler};
 use super::debug::Debug;
 use super::eeprom::Eeprom;
 use super::noise::Noise;
@@ -110,9 +111,9 @@ pub(super) struct Machine {
 
 impl Machine {
     /// A chip that waits for its first reset.
-    pub fn new() -> Result<Rc<Machine>> {
+    pub fn new(chip: Chip) -> Result<Rc<Machine>> {
         let machine = Rc::new(Machine {
-            core: Core::new()?,
+            core: Core::new(chip)?,
             base: Cell::new(0),
             attention: Cell::new(false),
             panic: Cell::new(None),
@@ -120,7 +121,7 @@ impl Machine {
             spi: RefCell::default(),
             spi_device: RefCell::default(),
             uart: RefCell::default(),
-            eeprom: RefCell::new(Eeprom::new()),
+            eeprom: RefCell::new(Eeprom::new(chip.eeprom_bytes())),
             adc: RefCell::new(Adc::new()),
             timer1: RefCell::new(Timer1::new(0)),
             watchdog: RefCell::new(Watchdog::new(0)),
@@ -198,7 +199,7 @@ impl Machine {
         self.core.set(regs::MCUSR, flags);
         if cause == ResetCause::PowerOn {
             let mut noise = self.power_on_noise.borrow_mut();
-            for address in (0..0x20).chain(regs::RAMSTART..=regs::RAMEND) {
+            for address in (0..0x20).chain(regs::RAMSTART..=self.core.chip().ram_end()) {
                 self.core.set(address, noise.next_u64() as u8);
             }
             self.eeprom.borrow_mut().lose_power(noise.next_u64() as u8);
@@ -473,6 +474,24 @@ unsafe extern "C" fn on_bad_opcode(_: *mut ffi::avr_irq_t, opcode: u32, context:
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
     machine.guard((), || machine.violation(&format!("illegal instruction {opcode:#06x}")));
+}
+
+/// The program reads or writes at an address beyond the RAM.
+///
+/// # Safety
+/// As [`machine`].
+pub(super) unsafe fn on_beyond_ram(context: *mut c_void, access: Access, address: u16) {
+    // Safety: the caller's promise.
+    let machine = unsafe { machine(context) };
+    machine.guard((), || {
+        let verb = match access {
+            Access::Read => "reads",
+            Access::Write => "writes",
+        };
+        let chip = machine.core.chip();
+        let end = chip.ram_end();
+        machine.violation(&format!("the program {verb} {address:#06x}, and the RAM of an {chip} ends at {end:#06x}"));
+    });
 }
 
 unsafe extern "C" fn on_adc_sample(_: *mut ffi::avr_irq_t, mux: u32, context: *mut c_void) {

@@ -1,4 +1,4 @@
-//! An ATmega168 at 16 MHz, simulated by simavr and put right where the datasheet says otherwise.
+//! An ATmega168 or ATmega328P at 16 MHz, simulated by simavr and corrected where the datasheet says otherwise.
 //!
 //! [`Avr`] runs a program up to a given time and lets a board around it drive and watch its pins,
 //! be its SPI device, talk to its serial port, and feed its ADC. Time is counted from the start of
@@ -20,9 +20,10 @@
 //! `machine`: simavr's memory lives as long as the machine, everything runs on one thread, and
 //! callbacks see the machine through shared references only.
 //!
-//! Source: Atmel 2545, "ATmega48/88/168", cited by section; simavr as bundled by simavr-ffi 1.2.
+//! Source: Atmel 2545, "ATmega48/88/168", cited by section, which holds for the ATmega328P, too; simavr as bundled by simavr-ffi 1.2.
 
 mod adc;
+mod chip;
 mod core;
 mod debug;
 mod eeprom;
@@ -44,8 +45,9 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::rc::{Rc, Weak};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 
+pub use chip::Chip;
 pub use debug::{Debugger, Halt, Registers};
 pub use elf::{Firmware, Symbol};
 pub use machine::SpiDevice;
@@ -59,6 +61,7 @@ pub use uart::SerialCharacter;
 
 use self::core::Activity;
 use crate::Cycles;
+use crate::wiring::Wiring;
 use machine::Machine;
 
 /// Why the chip was reset.
@@ -105,10 +108,11 @@ pub enum State {
     Done,
 }
 
-/// A simulated ATmega168.
+/// A simulated chip.
 pub struct Avr {
     machine: Rc<Machine>,
     symbols: HashMap<String, Symbol>,
+    wiring: Option<Wiring>,
 }
 
 impl Avr {
@@ -116,26 +120,35 @@ impl Avr {
     ///
     /// # Errors
     /// If simavr does not know the chip.
-    pub fn blank() -> Result<Avr> {
-        let machine = Machine::new()?;
+    pub fn blank(chip: Chip) -> Result<Avr> {
+        let machine = Machine::new(chip)?;
         machine.reset(ResetCause::PowerOn);
-        Ok(Avr { machine, symbols: HashMap::new() })
+        Ok(Avr { machine, symbols: HashMap::new(), wiring: None })
     }
 
-    /// A chip with the program of an ELF file, just powered on.
+    /// The chip that an ELF file is for, with its program, just powered on. It is an ATmega168 if the file does not say.
     ///
     /// # Errors
-    /// If the file is missing or is no program for this chip; the message says what to do.
+    /// If the file is missing or is no program for such a chip; the message says what to do.
     pub fn load(elf: &Path) -> Result<Avr> {
-        Avr::with_firmware(&Firmware::read(elf)?)
+        Avr::with_firmware(&Firmware::read(elf)?).with_context(|| elf.display().to_string())
+    }
+
+    /// The chip that a program is for, with the program. It is an ATmega168 if the program does not say.
+    ///
+    /// # Errors
+    /// If there is no such chip, or the program does not fit.
+    pub fn with_firmware(firmware: &Firmware) -> Result<Avr> {
+        Avr::programmed(firmware.chip()?.unwrap_or_default(), firmware)
     }
 
     /// A chip with a program that has been read already.
     ///
     /// # Errors
-    /// If simavr does not know the chip.
-    pub fn with_firmware(firmware: &Firmware) -> Result<Avr> {
-        let mut avr = Avr::blank()?;
+    /// If the program does not fit.
+    pub fn programmed(chip: Chip, firmware: &Firmware) -> Result<Avr> {
+        firmware.check_fits(chip)?;
+        let mut avr = Avr::blank(chip)?;
         for (address, bytes) in &firmware.flash {
             avr.load_flash(*address, bytes);
         }
@@ -143,7 +156,18 @@ impl Avr {
             avr.machine.eeprom.borrow_mut().set_cells(*address, bytes);
         }
         avr.symbols.clone_from(&firmware.symbols);
+        avr.wiring.clone_from(&firmware.wiring);
         Ok(avr)
+    }
+
+    /// Which chip it is.
+    pub fn chip(&self) -> Chip {
+        self.machine.core.chip()
+    }
+
+    /// The wiring that the program is for, if it says so.
+    pub fn wiring(&self) -> Option<&Wiring> {
+        self.wiring.as_ref()
     }
 
     /// Writes bytes to flash from a byte address on.
@@ -325,6 +349,9 @@ impl Avr {
     }
 
     /// A byte of the data space: registers, I/O or SRAM. Reading has no side effect.
+    ///
+    /// # Panics
+    /// If the chip has no such address.
     pub fn sram(&self, address: u16) -> u8 {
         self.machine.core.get(address)
     }
@@ -371,10 +398,10 @@ impl Avr {
     }
 
     /// Bytes of stack ever used by a program that filled SRAM from `bottom` on with `paint` at its
-    /// start.
+    /// start; 0 if `bottom` is beyond the SRAM.
     pub fn stack_high_water(&self, paint: u8, bottom: u16) -> u16 {
-        let untouched = (bottom..=regs::RAMEND).take_while(|address| self.sram(*address) == paint).count();
-        regs::RAMEND + 1 - bottom - untouched as u16
+        let untouched = (bottom..=self.chip().ram_end()).take_while(|address| self.sram(*address) == paint).count();
+        (self.chip().ram_end() + 1).saturating_sub(bottom) - untouched as u16
     }
 
     /// The EEPROM's cells.

@@ -37,7 +37,7 @@ pub(super) struct Pins {
 
 /// Index of a port in simavr's order.
 pub(super) fn port_index(port: char) -> usize {
-    PORTS.iter().position(|name| *name == port).unwrap_or_else(|| panic!("the ATmega168 has no port {port}"))
+    PORTS.iter().position(|name| *name == port).unwrap_or_else(|| panic!("the chip has no port {port}"))
 }
 
 impl Pins {

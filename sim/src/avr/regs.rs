@@ -1,4 +1,4 @@
-//! Data-space addresses and bits of the ATmega168 registers that the simulator looks at.
+//! Data-space addresses and bits of the registers that the simulator looks at.
 //!
 //! Names are the datasheet's (Atmel 2545, "Register Summary"). Bits are bit values, not positions.
 
@@ -8,12 +8,6 @@
 pub const IO_FIRST: u16 = 0x20;
 /// First byte of the internal SRAM.
 pub const RAMSTART: u16 = 0x0100;
-/// Last byte of the internal SRAM.
-pub const RAMEND: u16 = 0x04FF;
-/// Bytes of flash.
-pub const FLASH_BYTES: usize = 16 * 1024;
-/// Bytes of EEPROM.
-pub const EEPROM_BYTES: usize = 512;
 
 pub const PINB: u16 = 0x23;
 pub const DDRB: u16 = 0x24;

@@ -1,10 +1,9 @@
 //! Keeps the EEPROM of a board in a file from run to run.
 //!
-//! The file is the 512 cells as they are. It is written when they have changed, every few seconds and at the end, under
+//! The file is the cells as they are. It is written when they have changed, every few seconds and at the end, under
 //! another name first: there is never half a file. A run that is killed loses the last seconds.
 
 use super::Link;
-use crate::avr::regs::EEPROM_BYTES;
 use crate::bench::Bench;
 use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result, ensure};
@@ -33,10 +32,12 @@ impl EepromFile {
         match fs::read(path) {
             Ok(cells) => {
                 ensure!(
-                    cells.len() == EEPROM_BYTES,
-                    "{} has {} bytes, and an EEPROM {EEPROM_BYTES}: is it another file?",
+                    cells.len() == avr.chip().eeprom_bytes(),
+                    "{} has {} bytes, and the EEPROM of an {} has {}: is it another file?",
                     path.display(),
-                    cells.len()
+                    cells.len(),
+                    avr.chip(),
+                    avr.chip().eeprom_bytes()
                 );
                 avr.set_eeprom(&cells);
             }
@@ -86,13 +87,13 @@ impl Link for EepromFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::avr::Avr;
+    use crate::avr::{Avr, Chip};
     use crate::board::Board;
     use crate::links::scratch::Scratch;
 
     fn bench() -> Bench {
         let mut bench = Bench::new(1_000_000);
-        bench.add_board(Board::new(Avr::blank().unwrap()), "node");
+        bench.add_board(Board::new(Avr::blank(Chip::Atmega168).unwrap()), "node");
         bench
     }
 

@@ -14,7 +14,6 @@
 //! Source: "GDB Remote Serial Protocol", GDB manual appendix E; register numbers as GDB's avr-tdep.c.
 
 use super::Link;
-use crate::avr::regs::{EEPROM_BYTES, FLASH_BYTES, RAMEND};
 use crate::avr::{Debugger, Halt, Registers};
 use crate::bench::Bench;
 use anyhow::{Context, Result};
@@ -302,7 +301,7 @@ impl Chip {
     fn write(&mut self, address: u32, value: u8) -> bool {
         match address {
             0..DATA_START => {
-                let exists = (address as usize) < FLASH_BYTES;
+                let exists = (address as usize) < self.debugger.chip().flash_bytes();
                 if exists {
                     self.flash_writes.push((address, value));
                 }
@@ -313,11 +312,12 @@ impl Chip {
         }
     }
 
-    fn end_of_memory(address: u32) -> u32 {
+    fn end_of_memory(&self, address: u32) -> u32 {
+        let chip = self.debugger.chip();
         match address {
-            0..DATA_START => FLASH_BYTES as u32,
-            DATA_START..EEPROM_START => DATA_START + u32::from(RAMEND) + 1,
-            EEPROM_START.. => EEPROM_START + EEPROM_BYTES as u32,
+            0..DATA_START => chip.flash_bytes() as u32,
+            DATA_START..EEPROM_START => DATA_START + u32::from(chip.ram_end()) + 1,
+            EEPROM_START.. => EEPROM_START + chip.eeprom_bytes() as u32,
         }
     }
 }
@@ -351,7 +351,7 @@ impl SingleThreadBase for Chip {
     }
 
     fn read_addrs(&mut self, start: u32, data: &mut [u8]) -> TargetResult<usize, Chip> {
-        let available = Chip::end_of_memory(start).saturating_sub(start) as usize;
+        let available = self.end_of_memory(start).saturating_sub(start) as usize;
         let count = data.len().min(available);
         for (address, byte) in (start..).zip(&mut data[..count]) {
             *byte = self.read(address).ok_or(TargetError::NonFatal)?;
@@ -361,7 +361,7 @@ impl SingleThreadBase for Chip {
 
     fn write_addrs(&mut self, start: u32, data: &[u8]) -> TargetResult<(), Chip> {
         // All or nothing: a debugger that is told of an error must not find half of it written.
-        if data.len() > Chip::end_of_memory(start).saturating_sub(start) as usize {
+        if data.len() > self.end_of_memory(start).saturating_sub(start) as usize {
             return Err(TargetError::NonFatal);
         }
         let written = (start..).zip(data).all(|(address, byte)| self.write(address, *byte));
@@ -440,7 +440,7 @@ impl SwBreakpoint for Chip {
 
 impl HwBreakpoint for Chip {
     fn add_hw_breakpoint(&mut self, address: u32, _kind: usize) -> TargetResult<bool, Chip> {
-        let exists = (address as usize) < FLASH_BYTES;
+        let exists = (address as usize) < self.debugger.chip().flash_bytes();
         if exists {
             self.debugger.set_breakpoint(address);
         }

@@ -4,17 +4,19 @@ use super::fault::{self, Injection};
 use super::keys;
 use super::pace::Speed;
 use super::time::parse_duration;
+use super::wires;
 use crate::autopilot::{CommandType, Only, Profile, Settings};
 use crate::dronecan::{Dialect, NodeId};
 use crate::links;
 use crate::utilisation;
+use crate::wiring::{BIT_RATES, Wiring};
 use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Result, ensure};
 use clap::Parser;
 use std::path::PathBuf;
 
 const ABOUT: &str = "\
-Boots the firmware on a simulated ATmega168 board with an MCP2515, puts it on a simulated CAN bus, and shows it at
+Boots the firmware on a simulated Arduino with an MCP2515, puts it on a simulated CAN bus, and shows it at
 work: a simulated autopilot says that it is alive and sweeps the servo.
 
 On a terminal this is a live view with keys; elsewhere, or with --plain, it is one line for each event, with the simulated
@@ -39,7 +41,11 @@ fn after_help() -> String {
          \x20 sim --plain --for 9s --inject other-dialect@4s\n\
          \x20                                        an autopilot of the other dialect takes its place at 4 s\n\
          \x20 sim --no-autopilot --slcan /tmp/can    a port for the DroneCAN GUI Tool: slcan:/tmp/can\n\
-         \x20 sim --serial /tmp/arduino              a port for a terminal program; opening it resets the board\n",
+         \x20 sim --serial /tmp/arduino              a port for a terminal program; opening it resets the board\n\
+         \x20 sim --elf sketch.elf --board uno --shield module --no-autopilot
+         \x20                                        your own program for an Uno with a blue module, 8 MHz\n\
+         \x20 sim --elf sketch.elf --mcu atmega328p --cs D10 --int D2 --crystal 8
+         \x20                                        the same, wire by wire\n",
         fault::table()
     )
 }
@@ -54,7 +60,7 @@ pub struct Args {
     #[command(subcommand)]
     pub command: Option<Command>,
 
-    /// Firmware to boot, an ELF file for the ATmega168 [default: what "make firmware" has built]
+    /// Firmware to boot, an ELF file for an ATmega168 or ATmega328P [default: what "make firmware" has built]
     #[arg(long, value_name = "PATH")]
     pub elf: Option<PathBuf>,
 
@@ -66,9 +72,10 @@ pub struct Args {
     #[arg(long, value_name = "FACTOR", default_value = "1")]
     pub speed: Speed,
 
-    /// Bits per second on the bus; a node set to another rate sees nothing but errors
-    #[arg(long, value_name = "BIT/S", default_value_t = 1_000_000, value_parser = bit_rate)]
-    pub bit_rate: u32,
+    /// Bits per second on the bus; a node set to another rate sees nothing but errors [default: 500000 if the crystal of the
+    /// MCP2515 has 8 MHz, else 1000000]
+    #[arg(long, value_name = "BIT/S", value_parser = bit_rate)]
+    pub bit_rate: Option<u32>,
 
     /// One line for each event, even on a terminal
     #[arg(long)]
@@ -126,6 +133,10 @@ pub struct Args {
     #[arg(long, conflicts_with_all = ["autopilot", "hold", "autopilot_id", "actuator", "command_type", "sweep_period", "allocate", "dialect", "only"])]
     pub no_autopilot: bool,
 
+    /// What the board is.
+    #[command(flatten)]
+    pub wires: wires::Args,
+
     /// What is joined to the bench.
     #[command(flatten)]
     pub links: links::Args,
@@ -139,6 +150,21 @@ pub enum Command {
 }
 
 impl Args {
+    /// Bits per second on the bus of a board.
+    ///
+    /// # Errors
+    /// If the board's MCP2515 cannot be so fast.
+    pub fn bit_rate(&self, wiring: &Wiring) -> Result<u32> {
+        let fastest = wiring.fastest_bit_rate();
+        let bit_rate = self.bit_rate.unwrap_or(fastest);
+        ensure!(
+            bit_rate <= fastest,
+            "--bit-rate {bit_rate}: an MCP2515 with a crystal of {} MHz does at most {fastest} bit/s",
+            wiring.crystal_mhz
+        );
+        Ok(bit_rate)
+    }
+
     /// What the autopilot is to be set to, if there is to be one.
     ///
     /// # Errors
@@ -187,10 +213,8 @@ impl Args {
 }
 
 fn bit_rate(text: &str) -> Result<u32, String> {
-    match text.parse() {
-        Ok(rate @ (1_000_000 | 500_000 | 250_000 | 125_000)) => Ok(rate),
-        _ => Err(String::from("use 1000000, 500000, 250000 or 125000")),
-    }
+    let rate = text.parse().ok().filter(|rate| BIT_RATES.contains(rate));
+    rate.ok_or_else(|| String::from("use 1000000, 500000, 250000 or 125000"))
 }
 
 fn dialect(text: &str) -> Result<Dialect, String> {
@@ -228,7 +252,7 @@ mod tests {
     #[test]
     fn without_options_it_is_the_live_bench_in_real_time() {
         let args = parse("sim").unwrap();
-        assert_eq!(args.bit_rate, 1_000_000);
+        assert_eq!(args.bit_rate(&args.wires.apply(Wiring::default()).unwrap()).unwrap(), 1_000_000);
         assert_eq!(args.speed, Speed::Factor(1.0));
         assert_eq!(args.duration, None);
         assert_eq!(args.autopilot().unwrap().unwrap().node_id.get(), 1);
@@ -257,6 +281,9 @@ mod tests {
             ("sim --bit-rate 800000", "500000"),
             ("sim --autopilot-id 0", "1 to 127"),
             ("sim --hold 2", "-1 to 1"),
+            ("sim --mcu attiny85", "atmega168 or atmega328p"),
+            ("sim --cs 10", "D0 to D13 or A0 to A5"),
+            ("sim --crystal 8000000", "use MHz, 8 or 16"),
             ("sim --dialect v1", "v0 or draft"),
             ("sim --no-autopilot --dialect draft", "--no-autopilot"),
             ("sim --speed 0", "max"),
@@ -267,6 +294,36 @@ mod tests {
             let error = parse(line).unwrap_err().to_string();
             assert!(error.contains(advice), "{error}");
         }
+    }
+
+    #[test]
+    fn the_options_wire_the_board_and_choose_its_bit_rate() {
+        let wiring = |line| parse(line).unwrap().wires.apply(Wiring::default());
+        let by_name = wiring("sim --board uno --shield module").unwrap();
+        assert_eq!(by_name, Wiring::of("uno", "module").unwrap());
+        let by_wire = wiring("sim --mcu atmega328p --cs D10 --int D2 --crystal 8").unwrap();
+        assert_eq!(
+            by_wire,
+            Wiring { board: String::from("diecimila"), shield: String::from("seeed"), ..by_name.clone() }
+        );
+        let servo = wiring("sim --cs D8 --servo D9").unwrap();
+        assert_eq!((servo.servo.to_string().as_str(), servo.cs.to_string().as_str()), ("D9", "D8"));
+        for (line, advice) in [
+            ("sim --board due", "use diecimila, "),
+            ("sim --shield due", "use module, "),
+            ("sim --cs D13", "D13, which is SCK's"),
+            ("sim --servo D9", "D9, which is CS's"),
+            ("sim --servo D6", "only D9 and D10"),
+        ] {
+            let error = wiring(line).unwrap_err().to_string();
+            assert!(error.contains(advice), "{error}");
+        }
+        let bit_rate = |line, wiring: &Wiring| parse(line).unwrap().bit_rate(wiring);
+        assert_eq!(bit_rate("sim", &by_name).unwrap(), 500_000);
+        assert_eq!(bit_rate("sim --bit-rate 250000", &by_name).unwrap(), 250_000);
+        assert_eq!(bit_rate("sim --bit-rate 125000", &Wiring::default()).unwrap(), 125_000);
+        let error = bit_rate("sim --bit-rate 1000000", &by_name).unwrap_err().to_string();
+        assert_eq!(error, "--bit-rate 1000000: an MCP2515 with a crystal of 8 MHz does at most 500000 bit/s");
     }
 
     #[test]

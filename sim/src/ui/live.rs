@@ -8,9 +8,11 @@ use super::keys;
 use super::pace::Measured;
 use super::state::{AutopilotState, Origin, State, TrafficLine, error_state_name};
 use super::time::{micros, seconds};
-use crate::budget::budget;
+use crate::budget::Budget;
 use crate::can::ErrorState;
 use crate::dronecan::{Dialect, Health};
+use crate::thousands;
+use crate::wiring::Wiring;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
@@ -166,7 +168,8 @@ fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
 }
 
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
-    let block = Block::bordered().title(" Servo (D10) and temperature (A0) ");
+    let Wiring { servo, sensor, .. } = &state.wiring;
+    let block = Block::bordered().title(format!(" Servo ({servo}) and temperature ({sensor}) "));
     let inner = block.inner(area);
     frame.render_widget(block, area);
     let pulse_us = state.servo.pulse.map(micros);
@@ -193,7 +196,10 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         servo_bar(inner.width, pulse_us),
         match state.light_percent {
             0 => Line::from(format!("angle {angle}  pulses {}", state.servo.count)),
-            percent => Line::from(format!("angle {angle}  light (D3) {percent} %")),
+            percent => {
+                let pin = state.wiring.light.map_or(String::new(), |pin| format!("({pin}) "));
+                Line::from(format!("angle {angle}  light {pin}{percent} %"))
+            }
         },
         Line::from(format!("sensor {:.1} C  {said}", state.sensor_c)),
     ];
@@ -274,9 +280,10 @@ fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflectio
 
 fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let title = match state.status {
-        Some((_, id, _)) => format!(" Node {id}{} ", dialect_note(state.dialect)),
-        None => String::from(" Node "),
+        Some((_, id, _)) => format!("Node {id}{}", dialect_note(state.dialect)),
+        None => String::from("Node"),
     };
+    let title = format!(" {title} on {} ({}) ", state.wiring.board_name(), state.wiring.chip);
     let mut lines = match state.status {
         Some((at, _, status)) => {
             let style = match status.health {
@@ -303,29 +310,25 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     if let Some(crash) = &state.crash {
         lines[0] = Line::styled(format!("CRASHED: {crash}"), BAD);
     }
-    let (memory, budget) = (&state.memory, budget());
-    lines.push(budget_line("flash", memory.flash, budget.flash));
-    lines.push(budget_line("statics", memory.statics, budget.statics));
+    let memory = &state.memory;
+    let limit = |of: fn(Budget) -> u32| memory.limits.map(of);
+    let (text, style) = amount("flash", memory.flash, limit(|limits| limits.flash));
+    lines.push(Line::styled(format!("{text} B"), style));
+    let (text, style) = amount("statics", memory.statics, limit(|limits| limits.statics));
+    lines.push(Line::styled(format!("{text} B"), style));
     if let Some(stack) = memory.stack {
-        let used = memory.statics + stack;
-        let line = format!(", RAM {} of {}", thousands(used), thousands(budget.statics_and_stack));
-        let style = if used > budget.statics_and_stack { BAD } else { Style::new() };
-        lines[3].push_span(Span::styled(line, style));
+        let (text, style) = amount(", RAM", memory.statics + stack, limit(|limits| limits.statics_and_stack));
+        lines[3].push_span(Span::styled(text, style));
     }
     let block = Block::bordered().title(title);
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-fn budget_line(name: &str, used: u32, limit: u32) -> Line<'static> {
-    let text = format!("{name} {} of {} B", thousands(used), thousands(limit));
-    Line::styled(text, if used > limit { BAD } else { Style::new() })
-}
-
-fn thousands(number: u32) -> String {
-    match number {
-        0..1_000 => number.to_string(),
-        _ => format!("{},{:03}", number / 1_000, number % 1_000),
-    }
+/// What is used of a memory, and of what limit if there is one.
+fn amount(name: &str, used: u32, limit: Option<u32>) -> (String, Style) {
+    let of = limit.map_or(String::new(), |limit| format!(" of {}", thousands(limit as usize)));
+    let style = if limit.is_some_and(|limit| used > limit) { BAD } else { Style::new() };
+    (format!("{name} {}{of}", thousands(used as usize)), style)
 }
 
 fn draw_bus(frame: &mut Frame<'_>, area: Rect, state: &State) {
@@ -370,7 +373,8 @@ fn draw_controller(frame: &mut Frame<'_>, area: Rect, state: &State) {
         ]),
         Line::from(format!("frame served in {} us, worst {} us", us(state.latency.last), us(state.latency.worst))),
     ];
-    let title = format!(" MCP2515: {} ", controller.mode);
+    let Wiring { crystal_mhz, .. } = state.wiring;
+    let title = format!(" MCP2515: {}, {}, {crystal_mhz} MHz ", controller.mode, state.wiring.shield_name());
     let block = Block::bordered().title(title);
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }

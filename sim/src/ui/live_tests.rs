@@ -1,6 +1,7 @@
 //! The live view drawn into memory: what must be readable, at the smallest size and at a large one.
 
 use super::*;
+use crate::avr::Chip;
 use crate::can::{self, Record, RecordKind};
 use crate::ui::state::{AutopilotState, Memory, News};
 use ratatui::Terminal;
@@ -21,7 +22,8 @@ fn at_work() -> State {
         command_type: String::from("unitless"),
         ..AutopilotState::default()
     });
-    state.memory = Memory { flash: 9_876, statics: 312, stack: Some(200) };
+    let limits = Some(Budget::of(Chip::Atmega168));
+    state.memory = Memory { flash: 9_876, statics: 312, stack: Some(200), limits };
     state.controller.mode = String::from("Normal");
     state.controller.tec = 3;
     state.pulse(11 * SECOND, 28_000, None);
@@ -68,7 +70,8 @@ const VALUES: &[&str] = &[
     "angle +22.5 deg",
     "pulses 2",
     "sensor 25.0 C  node 25.1 C",
-    "Node 42",
+    "Servo (D10) and temperature (A0)",
+    "Node 42 on diecimila (ATmega168)",
     "OK OPERATIONAL  uptime 12 s",
     "vendor code 0xBEEF",
     "flash 9,876 of 14,336 B",
@@ -77,7 +80,7 @@ const VALUES: &[&str] = &[
     "Bus 1000 kbit/s",
     "3 frames/s",
     "error frames 0",
-    "MCP2515: Normal",
+    "MCP2515: Normal, seeed, 16 MHz",
     "error active  TEC 3  REC 0  lost 0",
     "frame served in 85 us, worst 85 us",
     "1 ArrayCommand id 1 unitless +0.50",
@@ -114,13 +117,26 @@ fn a_bench_of_the_draft_says_so() {
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     let expected = [
         "autopilot 1 (draft) sweeps +0.50 unitless",
-        "Node 120 (draft)",
+        "Node 120 (draft) on diecimila",
         "WARNING OPERATIONAL",
         "vendor code 0xBEEF",
         "node says 23",
         "120 draft.NodeStatus WARNING up 11259375 s",
     ];
     shows(&picture, &expected);
+}
+
+#[test]
+fn the_titles_follow_the_wiring() {
+    let mut state = at_work();
+    state.wiring = Wiring::of("uno", "module").unwrap();
+    state.memory.limits = None;
+    state.light(SECOND, 0.5);
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    let expected =
+        ["Servo (D9) and temperature (A0)", "on uno (ATmega328P)", "MCP2515: Normal, module, 8 MHz", "light (D3) 50 %"];
+    shows(&picture, &expected);
+    shows(&picture, &["flash 9,876 B ", "statics 312 B, RAM 512 "]);
 }
 
 #[test]

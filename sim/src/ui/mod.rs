@@ -18,3 +18,4 @@ pub mod run;
 pub mod scene;
 pub mod state;
 pub mod time;
+pub mod wires;

@@ -9,7 +9,7 @@
 use super::pace::Measured;
 use super::state::{News, State, TrafficLine};
 use super::time::{micros, seconds};
-use crate::budget::budget;
+use crate::budget::Budget;
 use crate::{Cycles, F_CPU_HZ};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -79,6 +79,7 @@ impl<W: Write> Plain<W> {
             News::Serial(text) => self.line(at, "serial", &text),
             News::Status(node, text) => self.line(at, "status", &format!("node {node}: {text}")),
             News::Controller(text) => self.line(at, "mcp2515", &text),
+            News::Board(text) => self.line(at, "board", &text),
             News::Reset(text) => self.line(at, "reset", &text),
             News::Fault(text) => self.line(at, "fault", &text),
             News::Link(text) => self.line(at, "link", &text),
@@ -182,11 +183,12 @@ pub fn summary(state: &State, speed: Measured) -> String {
             None => format!("{} pulses", state.servo.count),
         },
     );
-    line("flash", format!("{} of {} B", memory.flash, budget().flash));
-    line("statics", format!("{} of {} B", memory.statics, budget().statics));
+    let of = |limit: fn(Budget) -> u32| memory.limits.map_or(String::new(), |limits| format!(" of {}", limit(limits)));
+    line("flash", format!("{}{} B", memory.flash, of(|limits| limits.flash)));
+    line("statics", format!("{}{} B", memory.statics, of(|limits| limits.statics)));
     if let Some(stack) = memory.stack {
         let all = memory.statics + stack;
-        line("stack", format!("{stack} B, with statics {all} of {} B", budget().statics_and_stack));
+        line("stack", format!("{stack} B, with statics {all}{} B", of(|limits| limits.statics_and_stack)));
     }
     for link in &state.links {
         line("link", link.clone());
@@ -201,6 +203,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
 mod tests {
     use super::super::state::Origin;
     use super::*;
+    use crate::avr::Chip;
     use crate::dronecan::{NodeId, NodeStatus};
 
     /// Runs `state` through a plain view and gives the lines.
@@ -326,6 +329,8 @@ mod tests {
         state.memory.flash = 9_876;
         state.memory.statics = 312;
         state.memory.stack = Some(200);
+        let limits = Budget::of(Chip::Atmega328p);
+        state.memory.limits = Some(limits);
         state.served(1600);
         state.violation(0, String::from("x"));
         state.crashed(0, String::from("jumped into nothing"));
@@ -339,13 +344,21 @@ mod tests {
             "1 driver mistakes",
             "100.0 us",
             "1 pulses",
-            &format!("9876 of {}", budget().flash),
-            &format!("312 of {}", budget().statics),
-            &format!("512 of {}", budget().statics_and_stack),
+            &format!("9876 of {}", limits.flash),
+            &format!("312 of {}", limits.statics),
+            &format!("512 of {}", limits.statics_and_stack),
             "jumped into nothing",
             "link            slcan /tmp/can: open",
         ] {
             assert!(text.contains(expected), "{expected} is missing in\n{text}");
         }
+    }
+
+    #[test]
+    fn a_program_without_limits_has_none_in_the_summary() {
+        let mut state = State::new(1_000_000);
+        state.memory.flash = 9_876;
+        let text = summary(&state, Measured::default());
+        assert!(text.contains("flash           9876 B\nstatics         0 B\n") && !text.contains("stack"), "{text}");
     }
 }

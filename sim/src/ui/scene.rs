@@ -12,10 +12,10 @@ use super::fault::{Fault, Injection};
 use super::pace::Speed;
 use super::state::{AutopilotState, Controller, News, State};
 use crate::autopilot::{Autopilot, Settings};
-use crate::avr::{self, Avr, Firmware, ResetCause, regs};
+use crate::avr::{self, Avr, Chip, Firmware, ResetCause, regs};
 use crate::bench::{Bench, node_elf};
 use crate::board::Board;
-use crate::budget::PAINT;
+use crate::budget::{Budget, PAINT};
 use crate::can::{self, Frame, PortId, SoftNode};
 use crate::links::Link;
 use crate::links::script::{BenchEvent, Script};
@@ -30,6 +30,8 @@ use std::rc::Rc;
 const ERASED: u8 = 0xFF;
 /// First byte behind the statics, where the paint begins.
 const STACK_BOTTOM_SYMBOL: &str = "__heap_start";
+/// So many bytes of paint are no chance.
+const PAINTED_BYTES: u16 = 16;
 /// The stack is looked at this often.
 const STACK_PERIOD: Cycles = F_CPU_HZ / 10;
 /// Wire bit that a bit error inverts: in the data field of an extended frame.
@@ -54,8 +56,6 @@ const BABBLE_DATA: [u8; 8] = [0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0];
 const SERVE_PERIOD: Cycles = F_CPU_HZ / 1000;
 /// The links' own lines are asked for this often.
 const STATUS_PERIOD: Cycles = F_CPU_HZ / 10;
-/// Where the boot loader section of an ATmega168 may begin, as BOOTSZ of the fuses has it (datasheet table 26-4).
-const BOOT_SECTIONS: [usize; 4] = [0x3800, 0x3C00, 0x3E00, 0x3F00];
 
 /// See the module.
 pub struct Scene {
@@ -80,6 +80,8 @@ pub struct Scene {
     state: State,
     resets_seen: usize,
     stack_bottom: Option<u16>,
+    /// The program has filled its free RAM with paint.
+    stack_is_painted: bool,
     next_stack_at: Cycles,
     /// What a chip does that got noise for commands, or is not as it was left, is not the driver's mistake.
     chip_upset: bool,
@@ -91,21 +93,27 @@ impl Scene {
     /// # Errors
     /// If there is no firmware, or it cannot be run, or a link cannot be made; the message says what to do.
     pub fn new(args: &Args) -> Result<Scene> {
-        let elf = || Firmware::read(&args.elf.clone().unwrap_or_else(node_elf));
+        let path = args.elf.clone().unwrap_or_else(node_elf);
+        let elf = || Firmware::read(&path);
         let Some(hex) = &args.links.bootloader else {
-            return Scene::boot(&elf()?, args);
+            let firmware = elf()?;
+            let wiring = firmware.wiring().with_context(|| path.display().to_string())?;
+            let chip = args.wires.apply(wiring)?.chip;
+            firmware.check_fits(chip).with_context(|| path.display().to_string())?;
+            return Scene::boot(&firmware, args);
         };
         let loader = Firmware::read_hex(hex)?;
-        let section = boot_section(&loader).with_context(|| hex.display().to_string())?;
-        // Only further boards have their program already.
-        let others = if args.links.nodes > 0 { elf()? } else { Firmware::default() };
+        // Only further boards have their program already. But it says what the board is that the boot loader runs on.
+        let others = if args.elf.is_some() || args.links.nodes > 0 { elf()? } else { elf().unwrap_or_default() };
+        let wiring = args.wires.apply(others.wiring()?)?;
+        let section = boot_section(wiring.chip, &loader).with_context(|| hex.display().to_string())?;
         Scene::with_programs(&loader, Some(section), &others, args)
     }
 
     /// Boots a firmware that has been read already.
     ///
     /// # Errors
-    /// If simavr does not know the chip, or a link cannot be made.
+    /// If the firmware does not fit the chip, the options ask for what the board cannot do, or a link cannot be made.
     pub fn boot(firmware: &Firmware, args: &Args) -> Result<Scene> {
         Scene::with_programs(firmware, None, firmware, args)
     }
@@ -117,30 +125,33 @@ impl Scene {
         others: &Firmware,
         args: &Args,
     ) -> Result<Scene> {
-        let mut avr = Avr::with_firmware(firmware)?;
+        let wiring = args.wires.apply(others.wiring()?)?;
+        let limits = others.wiring.is_some().then(|| Budget::of(wiring.chip));
+        let bit_rate = args.bit_rate(&wiring)?;
+        let mut avr = Avr::programmed(wiring.chip, firmware)?;
         if let Some(section) = boot_section {
             avr.set_reset_vector(section as u32);
             avr.reset(ResetCause::PowerOn);
         }
         let resets_seen = avr.resets().len();
-        let mut bench = Bench::new(args.bit_rate);
-        let node = bench.add_board(Board::new(avr), "node");
+        let mut bench = Bench::new(bit_rate);
+        let node = bench.add_board(Board::wired(avr, &wiring)?, "node");
         let others = (2..args.links.nodes + 2).map(|number| {
-            let mut avr = Avr::with_firmware(others)?;
+            let mut avr = Avr::programmed(wiring.chip, others)?;
             avr.seed(number as u64);
             avr.reset(ResetCause::PowerOn);
-            Ok(bench.add_board(Board::new(avr), &format!("node{number}")))
+            Ok(bench.add_board(Board::wired(avr, &wiring)?, &format!("node{number}")))
         });
         let others = others.collect::<Result<Vec<usize>>>()?;
         let autopilot = args.autopilot()?.map(|settings| {
-            let mut autopilot = Autopilot::new(settings, args.bit_rate);
+            let mut autopilot = Autopilot::new(settings, bit_rate);
             if let Some(deflection) = args.hold {
                 autopilot.hold(deflection);
             }
             let port = bench.attach("autopilot", autopilot.station());
             (autopilot, port)
         });
-        let babbler = Rc::new(RefCell::new(SoftNode::new(args.bit_rate)));
+        let babbler = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("babbler", babbler.clone());
         let boards: Vec<usize> = [node].into_iter().chain(others.iter().copied()).collect();
         let script = args.links.script.as_deref().map(|path| Script::open(path, &mut bench)).transpose()?;
@@ -148,13 +159,15 @@ impl Scene {
         let mut injections: Vec<_> = args.inject.clone();
         injections.sort_by_key(|injection| injection.at);
 
-        let mut state = State::new(args.bit_rate);
+        let mut state = State::new(bit_rate);
         let bytes: usize = firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum();
         state.memory.flash = if boot_section.is_some() { 0 } else { bytes as u32 };
-        let stack_bottom = firmware.symbols.get(STACK_BOTTOM_SYMBOL).map(|s| s.address as u16);
-        if let Some(bottom) = stack_bottom {
-            state.memory.statics = u32::from(bottom - regs::RAMSTART);
-        }
+        state.memory.statics = firmware.statics;
+        state.memory.limits = limits;
+        let bottom = firmware.symbols.get(STACK_BOTTOM_SYMBOL).and_then(|symbol| u16::try_from(symbol.address).ok());
+        let stack_bottom = bottom.filter(|bottom| (regs::RAMSTART..=wiring.chip.ram_end()).contains(bottom));
+        state.tell(0, News::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
+        state.wiring = wiring;
         let mut scene = Scene {
             node_port: bench.port(node),
             bench,
@@ -172,6 +185,7 @@ impl Scene {
             state,
             resets_seen,
             stack_bottom,
+            stack_is_painted: false,
             next_stack_at: STACK_PERIOD,
             chip_upset: false,
         };
@@ -515,8 +529,11 @@ impl Scene {
         }
         self.next_stack_at = now + STACK_PERIOD;
         if let Some(bottom) = self.stack_bottom {
-            let used = u32::from(board.avr().stack_high_water(PAINT, bottom));
-            self.state.memory.stack = self.state.memory.stack.max(Some(used));
+            self.stack_is_painted = self.stack_is_painted || is_painted(board.avr(), bottom);
+            if self.stack_is_painted {
+                let used = u32::from(board.avr().stack_high_water(PAINT, bottom));
+                self.state.memory.stack = self.state.memory.stack.max(Some(used));
+            }
         }
         if let Some(end) = self.application_end {
             let programmed = board.avr().flash()[..end].iter().rposition(|byte| *byte != ERASED);
@@ -604,6 +621,13 @@ impl Scene {
     }
 }
 
+/// True if the program has filled its free RAM, from `bottom` on, with paint. RAM that nobody has written to holds noise, and a program
+/// that does not paint has no reason to write so many equal bytes there.
+fn is_painted(avr: &Avr, bottom: u16) -> bool {
+    let end = bottom.saturating_add(PAINTED_BYTES - 1);
+    end <= avr.chip().ram_end() && avr.sram_range(bottom..=end).iter().all(|byte| *byte == PAINT)
+}
+
 /// What ended a program, if something did.
 fn crash(state: avr::State) -> Option<String> {
     match state {
@@ -614,10 +638,12 @@ fn crash(state: avr::State) -> Option<String> {
 }
 
 /// Where a boot loader begins, which is where resets go.
-fn boot_section(loader: &Firmware) -> Result<usize> {
+fn boot_section(chip: Chip, loader: &Firmware) -> Result<usize> {
+    loader.check_fits(chip)?;
     let first = loader.flash.iter().map(|(address, _)| *address).min().unwrap_or_default();
-    if !BOOT_SECTIONS.contains(&first) {
-        bail!("it begins at {first:#06x}; a boot loader begins at one of {BOOT_SECTIONS:#06x?}");
+    if !chip.boot_sections().contains(&first) {
+        let starts = chip.boot_sections().map(|start| format!("{start:#06x}")).join(", ");
+        bail!("it begins at {first:#06x}; a boot loader of an {chip} begins at one of {starts}");
     }
     Ok(first)
 }
@@ -625,7 +651,9 @@ fn boot_section(loader: &Firmware) -> Result<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::avr::Symbol;
     use crate::dronecan::Dialect;
+    use crate::wiring::Wiring;
     use clap::Parser;
 
     /// `rjmp .`: a program that does nothing for ever.
@@ -776,6 +804,58 @@ mod tests {
         assert_eq!(told.count(), 1);
     }
 
+    fn scene_with_heap_start(address: u32) -> Scene {
+        let heap_start = Symbol { address, size: 0 };
+        let symbols = [(String::from(STACK_BOTTOM_SYMBOL), heap_start)].into();
+        let firmware = Firmware { flash: vec![(0, IDLE.to_vec())], symbols, ..Firmware::default() };
+        let args = Args::try_parse_from(["sim"]).unwrap();
+        Scene::boot(&firmware, &args).unwrap()
+    }
+
+    /// A C program with a heap has the symbol, too, and leaves its free RAM as it is.
+    #[test]
+    fn the_stack_is_measured_in_programs_that_paint_it() {
+        let mut scene = scene_with_heap_start(0x200);
+        scene.advance(F_CPU_HZ / 4).unwrap();
+        assert_eq!(scene.state().memory.stack, None);
+        (0x200..=0x4F0).for_each(|address| scene.board().avr_mut().poke_sram(address, PAINT));
+        scene.advance(F_CPU_HZ / 2).unwrap();
+        assert_eq!(scene.state().memory.stack, Some(15));
+        (0x200..=0x4F0).for_each(|address| scene.board().avr_mut().poke_sram(address, 0));
+        scene.advance(F_CPU_HZ).unwrap();
+        assert_eq!(scene.state().memory.stack, Some(0x300), "it has been painted, so this was the stack");
+    }
+
+    #[test]
+    fn a_heap_outside_the_ram_is_no_stack() {
+        for address in [0, 0x4F8, 0x4FF, 0x500, 0x900, 0xFFFF, 0x1_0200] {
+            let mut scene = scene_with_heap_start(address);
+            scene.advance(F_CPU_HZ / 4).unwrap();
+            assert_eq!(scene.state().memory.stack, None, "{address:#x}");
+        }
+    }
+
+    #[test]
+    fn the_board_is_announced_first_and_has_the_limits_of_its_chip() {
+        let wiring = Wiring::of("uno", "module").unwrap();
+        let program = vec![(0, IDLE.to_vec())];
+        let firmware = Firmware { flash: program.clone(), wiring: Some(wiring.clone()), ..Firmware::default() };
+        let args = |line: &str| Args::try_parse_from(line.split(' ')).unwrap();
+        let mut scene = Scene::boot(&firmware, &args("sim")).unwrap();
+        let text = format!("{wiring}; bus 500 kbit/s");
+        assert_eq!(news(&mut scene)[0], (0, News::Board(text)));
+        assert_eq!(scene.state().memory.limits, Some(Budget::of(Chip::Atmega328p)));
+        // Options replace what the program says.
+        let scene = Scene::boot(&firmware, &args("sim --shield sparkfun")).unwrap();
+        assert_eq!((scene.state().wiring.crystal_mhz, scene.state().bus.bit_rate), (16, 1_000_000));
+        let error = Scene::boot(&firmware, &args("sim --bit-rate 1000000")).err().unwrap().to_string();
+        assert!(error.contains("a crystal of 8 MHz does at most 500000"), "{error}");
+        // Somebody else's program has no limits but the chip's.
+        let firmware = Firmware { flash: program, ..Firmware::default() };
+        let scene = Scene::boot(&firmware, &args("sim --mcu atmega328p")).unwrap();
+        assert_eq!((scene.state().memory.limits, scene.state().wiring.chip), (None, Chip::Atmega328p));
+    }
+
     #[test]
     fn a_pressed_reset_button_is_told_with_its_cause() {
         let mut scene = scene(&IDLE, "--inject reset@5ms");
@@ -810,7 +890,7 @@ mod tests {
     #[test]
     fn further_boards_are_announced_and_watched() {
         let mut scene = scene(&[0x00, 0x00], "--nodes 2");
-        assert!(matches!(&news(&mut scene)[0].1, News::Link(text) if text.contains("node2 to node3")));
+        assert!(matches!(&news(&mut scene)[1].1, News::Link(text) if text.contains("node2 to node3")));
         scene.advance(F_CPU_HZ / 5).unwrap();
         assert_eq!(scene.bench.boards().len(), 3);
         assert!(scene.state().crash.is_some());
@@ -859,7 +939,10 @@ mod tests {
     #[test]
     fn a_boot_loader_must_begin_where_a_reset_can_go() {
         let loader = |address| Firmware { flash: vec![(address, vec![0])], ..Firmware::default() };
-        assert_eq!(boot_section(&loader(0x3800)).unwrap(), 0x3800);
-        assert!(boot_section(&loader(0)).is_err());
+        assert_eq!(boot_section(Chip::Atmega168, &loader(0x3800)).unwrap(), 0x3800);
+        assert_eq!(boot_section(Chip::Atmega328p, &loader(0x7E00)).unwrap(), 0x7E00);
+        let error = |chip, address| boot_section(chip, &loader(address)).unwrap_err().to_string();
+        assert!(error(Chip::Atmega168, 0).ends_with("begins at one of 0x3800, 0x3c00, 0x3e00, 0x3f00"));
+        assert!(error(Chip::Atmega168, 0x7E00).ends_with("--mcu atmega328p"));
     }
 }

@@ -5,9 +5,11 @@
 
 use super::fault::Fault;
 use super::history::Log;
+use crate::budget::Budget;
 use crate::can::{ErrorState, Frame, Id, Record, RecordKind};
 use crate::dronecan::{Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft};
 use crate::utilisation::measured::LoadByType;
+use crate::wiring::Wiring;
 use crate::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -61,6 +63,8 @@ pub enum News {
     Controller(String),
     /// Something that the user did to the bench.
     Fault(String),
+    /// The board that the node runs on.
+    Board(String),
     /// The AVR was reset.
     Reset(String),
     /// Something about the programs that are joined to the bench.
@@ -146,8 +150,10 @@ pub struct Memory {
     pub flash: u32,
     /// .data + .bss.
     pub statics: u32,
-    /// Deepest stack so far, where it can be told.
+    /// Deepest stack so far, in programs that paint it.
     pub stack: Option<u32>,
+    /// What it may use, in programs that say for which board they are.
+    pub limits: Option<Budget>,
 }
 
 /// What the autopilot is doing, in words.
@@ -169,6 +175,8 @@ pub struct AutopilotState {
 #[derive(Default)]
 pub struct State {
     pub now: Cycles,
+    /// The board of the node under test.
+    pub wiring: Wiring,
     pub servo: Servo,
     /// Brightness of the light, in per cent.
     pub light_percent: u32,

@@ -1,6 +1,6 @@
-/* The least that makes an MCP2515 send and receive at 1 Mbit/s: answers each frame that INT announces with one of
+/* The least that makes an MCP2515 send and receive at 1 Mbit/s, or at 500 kbit/s with a crystal of 8 MHz: answers each frame that INT announces with one of
  * standard identifier REPLY_ID, whose first data byte is one more than that received.
- * SPI_MODE_BITS: CPOL and CPHA. The first byte that CANSTAT gives after the reset instruction is kept. */
+ * CS_PORT, CS_DDR, CS_BIT, INT_BIT: the pins; INT is on port D. SPI_MODE_BITS: CPOL and CPHA. The first byte that CANSTAT gives after the reset instruction is kept. */
 #include <avr/io.h>
 #include <util/delay.h>
 
@@ -9,6 +9,15 @@
 #endif
 #ifndef SPI_MODE_BITS
 #define SPI_MODE_BITS 0
+#endif
+
+#ifndef CS_BIT
+#define CS_PORT PORTB
+#define CS_DDR DDRB
+#define CS_BIT PB1
+#endif
+#ifndef INT_BIT
+#define INT_BIT PD2
 #endif
 
 volatile uint8_t canstat;
@@ -21,8 +30,8 @@ static uint8_t exchange(uint8_t byte)
     return SPDR;
 }
 
-static void select(void) { PORTB &= ~_BV(PB1); }
-static void deselect(void) { PORTB |= _BV(PB1); }
+static void select(void) { CS_PORT &= ~_BV(CS_BIT); }
+static void deselect(void) { CS_PORT |= _BV(CS_BIT); }
 
 static void write(uint8_t address, uint8_t value)
 {
@@ -45,8 +54,9 @@ static uint8_t read(uint8_t address)
 
 int main(void)
 {
-    PORTB = _BV(PB1);
-    DDRB = _BV(PB1) | _BV(PB2) | _BV(PB3) | _BV(PB5);
+    CS_PORT |= _BV(CS_BIT);
+    CS_DDR |= _BV(CS_BIT);
+    DDRB |= _BV(PB2) | _BV(PB3) | _BV(PB5);
     SPCR = _BV(SPE) | _BV(MSTR) | SPI_MODE_BITS;
     SPSR = _BV(SPI2X);
     _delay_us(50);
@@ -63,7 +73,7 @@ int main(void)
     write(0x0F, 0x00);
     while (read(0x0E) & 0xE0) { }
     for (;;) {
-        if (PIND & _BV(PD2))
+        if (PIND & _BV(INT_BIT))
             continue;
         select();
         exchange(0x92);

@@ -1,4 +1,4 @@
-//! Builds a small program in C for the ATmega168 and loads it.
+//! Builds a small program in C and loads it.
 
 #![allow(dead_code, reason = "not every test file uses everything")]
 
@@ -7,7 +7,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use sim::F_CPU_HZ;
-use sim::avr::{Avr, Violation};
+use sim::avr::{Avr, Chip, Firmware, Violation};
 
 /// CPU cycles of a millisecond.
 pub const MS: u64 = F_CPU_HZ / 1000;
@@ -18,6 +18,18 @@ pub const US: u64 = F_CPU_HZ / 1_000_000;
 /// powered on.
 #[track_caller]
 pub fn program(name: &str, defines: &[&str]) -> Avr {
+    program_for(Chip::Atmega168, name, defines)
+}
+
+/// The same for any chip.
+#[track_caller]
+pub fn program_for(chip: Chip, name: &str, defines: &[&str]) -> Avr {
+    Avr::with_firmware(&firmware_for(chip, name, defines)).expect("a program that fits")
+}
+
+/// Compiles `tests/avr/<name>.c` for a chip, and does not load it.
+#[track_caller]
+pub fn firmware_for(chip: Chip, name: &str, defines: &[&str]) -> Firmware {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let unique = format!("sim-avr-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
     let directory = std::env::temp_dir().join(unique);
@@ -25,7 +37,8 @@ pub fn program(name: &str, defines: &[&str]) -> Avr {
     let elf = directory.join("program.elf");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/avr").join(format!("{name}.c"));
     let compiled = Command::new("avr-gcc")
-        .args(["-mmcu=atmega168", "-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+        .arg(format!("-mmcu={}", chip.name()))
+        .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
         .args(defines.iter().map(|define| format!("-D{define}")))
         .arg(&source)
         .arg("-o")
@@ -33,9 +46,9 @@ pub fn program(name: &str, defines: &[&str]) -> Avr {
         .status()
         .expect("avr-gcc, which the Makefile installs");
     assert!(compiled.success(), "{} does not compile", source.display());
-    let avr = Avr::load(&elf);
+    let firmware = Firmware::read(&elf);
     std::fs::remove_dir_all(&directory).expect("the temporary directory removed");
-    avr.expect("a program that loads")
+    firmware.expect("an ELF file")
 }
 
 /// Address of a variable.

@@ -82,13 +82,20 @@ pub fn run_ms(bench: &mut Bench, links: &mut [&mut dyn Link], milliseconds: u64)
     }
 }
 
-/// Compiles `tests/avr/<name>.c` for the board.
+/// Compiles `tests/avr/<name>.c` for the default board.
 #[track_caller]
 pub fn elf(scratch: &Scratch, name: &str) -> PathBuf {
+    elf_for(scratch, name, "atmega168")
+}
+
+/// Compiles `tests/avr/<name>.c` for a chip.
+#[track_caller]
+pub fn elf_for(scratch: &Scratch, name: &str, chip: &str) -> PathBuf {
     let elf = scratch.path("program.elf");
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/avr").join(format!("{name}.c"));
     let compiled = Command::new("avr-gcc")
-        .args(["-mmcu=atmega168", "-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+        .arg(format!("-mmcu={chip}"))
+        .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
         .arg(&source)
         .arg("-o")
         .arg(&elf)

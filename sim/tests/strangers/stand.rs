@@ -3,11 +3,12 @@
 //! The numbers of the firmwares' job (`strangers/job.rs`) are restated here.
 
 use sim::Cycles;
-use sim::avr::SpiByte;
+use sim::avr::{Chip, SpiByte};
 use sim::bench::{Bench, target_dir};
 use sim::board::Board;
 use sim::can::{Fault, Frame, Id, SoftNode};
 use sim::mcp2515::{LoggedFrame, Mcp2515};
+use sim::wiring::{Pin, Wiring};
 use std::cell::RefCell;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -17,7 +18,6 @@ pub const COUNTER_ID: Id = Id::Extended(0x18C0_FFEE);
 /// Longer than the firmware takes to answer and report one frame (3.3 ms), with a frame in each buffer before it.
 pub const SERVED_MS: u64 = 12;
 
-const BIT_RATE: u32 = 1_000_000;
 const BOOT_LIMIT_MS: u64 = 50;
 const CYCLES_PER_MS: u64 = 16_000;
 
@@ -32,16 +32,51 @@ pub enum Stranger {
     Mcp25xxWrongRxb1,
 }
 
+/// The CAN boards that the firmwares are built for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CanBoard {
+    /// CS on D9, 16 MHz, 1 Mbit/s.
+    Shield,
+    /// CS on D10, 8 MHz, 500 kbit/s.
+    Module,
+}
+
+/// What a firmware runs on.
+pub type Place = (Chip, CanBoard);
+
+/// Where every test runs; a smaller set runs in the other places.
+pub const DEFAULT: Place = (Chip::Atmega168, CanBoard::Shield);
+pub const PLACES: [Place; 4] = [
+    DEFAULT,
+    (Chip::Atmega168, CanBoard::Module),
+    (Chip::Atmega328p, CanBoard::Shield),
+    (Chip::Atmega328p, CanBoard::Module),
+];
+
+fn wiring((chip, can_board): Place) -> Wiring {
+    let board = match chip {
+        Chip::Atmega168 => "diecimila",
+        Chip::Atmega328p => "uno",
+    };
+    let shield = match can_board {
+        CanBoard::Shield => "seeed",
+        CanBoard::Module => "module",
+    };
+    Wiring::of(board, shield).expect("boards of the table")
+}
+
 impl Stranger {
-    fn elf(self) -> PathBuf {
-        let file = match self {
-            Stranger::Mcp2515 => "stranger-mcp2515-crate.elf",
-            Stranger::Mcp25xx => "stranger-mcp25xx-crate.elf",
-            Stranger::Mcp25xxWrongRxb1 => "stranger-mcp25xx-wrong-rxb1.elf",
+    fn elf(self, (chip, can_board): Place) -> PathBuf {
+        let name = match self {
+            Stranger::Mcp2515 => "stranger-mcp2515-crate",
+            Stranger::Mcp25xx => "stranger-mcp25xx-crate",
+            Stranger::Mcp25xxWrongRxb1 => "stranger-mcp25xx-wrong-rxb1",
         };
-        let built = || target_dir().join("avr-atmega168/release");
-        let directory = std::env::var_os("STRANGERS_DIR").map_or_else(built, PathBuf::from);
-        let path = directory.join(file);
+        let suffix = match can_board {
+            CanBoard::Shield => "",
+            CanBoard::Module => "-module",
+        };
+        let path = target_dir().join(format!("avr-{}/release/{name}{suffix}.elf", chip.name()));
         assert!(path.exists(), "{} is missing: run `make strangers`", path.display());
         path
     }
@@ -96,16 +131,24 @@ pub struct Stand {
 }
 
 impl Stand {
-    /// The firmware, booted until its chip is on the bus.
+    /// The firmware on the default board, booted until its chip is on the bus.
     #[track_caller]
     pub fn new(stranger: Stranger) -> Stand {
-        let board = Board::load(&stranger.elf()).expect("a firmware for the ATmega168");
+        Stand::at(DEFAULT, stranger)
+    }
+
+    /// The same on another board, on a bus of the highest bit rate that it can do.
+    #[track_caller]
+    pub fn at(place: Place, stranger: Stranger) -> Stand {
+        let wiring = wiring(place);
+        let bit_rate = wiring.fastest_bit_rate();
+        let board = Board::load_as(&stranger.elf(place), &wiring).expect("a firmware for the chip");
         let chip = board.chip();
-        let mut bench = Bench::new(BIT_RATE);
+        let mut bench = Bench::new(bit_rate);
         let index = bench.add_board(board, "stranger");
-        let peer = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
+        let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("peer", peer.clone());
-        let instructions = spy(bench.board(index), &chip);
+        let instructions = spy(bench.board(index), &chip, wiring.cs);
         let mut stand = Stand {
             stranger,
             bench,
@@ -269,7 +312,7 @@ pub fn milliseconds(cycles: Cycles) -> u64 {
 }
 
 /// Writes down all that passes between the AVR and the chip.
-fn spy(board: &mut Board, chip: &Rc<RefCell<Mcp2515>>) -> Rc<RefCell<Vec<Instruction>>> {
+fn spy(board: &mut Board, chip: &Rc<RefCell<Mcp2515>>, cs: Pin) -> Rc<RefCell<Vec<Instruction>>> {
     let instructions = Rc::new(RefCell::new(Vec::new()));
     let current = Rc::new(RefCell::new(Instruction::default()));
     let (bytes, chip) = (current.clone(), chip.clone());
@@ -282,8 +325,8 @@ fn spy(board: &mut Board, chip: &Rc<RefCell<Mcp2515>>) -> Rc<RefCell<Vec<Instruc
     }));
     let finished = instructions.clone();
     board.avr_mut().watch_pin(
-        'B',
-        1,
+        cs.port(),
+        cs.bit(),
         Box::new(move |level, at| {
             let mut current = current.borrow_mut();
             if level {

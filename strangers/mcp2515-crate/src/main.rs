@@ -1,4 +1,4 @@
-//! The strangers' job on the crate `mcp2515`, unchanged from crates.io, with the crate's own bit timing.
+//! The firmware for the Seeed CAN-BUS shield.
 #![cfg_attr(target_arch = "avr", no_std, no_main)]
 
 #[cfg(not(target_arch = "avr"))]
@@ -8,56 +8,10 @@ fn main() {}
 #[path = "../../board.rs"]
 mod board;
 #[cfg(target_arch = "avr")]
+#[path = "../../can-boards/shield.rs"]
+mod can_board;
+#[cfg(target_arch = "avr")]
+mod firmware;
+#[cfg(target_arch = "avr")]
 #[path = "../../job.rs"]
 mod job;
-
-#[cfg(target_arch = "avr")]
-mod firmware {
-    use crate::board::{self, CanSpi, Delay};
-    use crate::job::{self, Driver, FILTERS, MASK_0, MASK_1, Received};
-    use mcp2515::error::Error;
-    use mcp2515::filter::{RxFilter, RxMask};
-    use mcp2515::frame::CanFrame;
-    use mcp2515::regs::OpMode;
-    use mcp2515::{CanSpeed, MCP2515, McpSpeed, Settings};
-
-    #[avr_device::entry]
-    fn main() -> ! {
-        let (spi, serial, clock, task) = board::take();
-        let mut chip = MCP2515::new(spi);
-        // `init` sets filters that let everything in and would leave configuration mode; masks and filters can only be
-        // written there.
-        let settings = Settings {
-            mode: OpMode::Configuration,
-            can_speed: CanSpeed::Kbps1000,
-            mcp_speed: McpSpeed::MHz16,
-            clkout_en: false,
-        };
-        chip.init(&mut Delay, settings).unwrap();
-        chip.set_mask(RxMask::Mask0, MASK_0).unwrap();
-        chip.set_mask(RxMask::Mask1, MASK_1).unwrap();
-        for (filter, id) in RxFilter::ALL.into_iter().zip(FILTERS) {
-            chip.set_filter(filter, id).unwrap();
-        }
-        chip.set_mode(OpMode::Normal).unwrap();
-        job::run(Stranger(chip), serial, clock, task)
-    }
-
-    struct Stranger(MCP2515<CanSpi>);
-
-    impl Driver for Stranger {
-        type Frame = CanFrame;
-
-        fn receive(&mut self) -> Received<CanFrame> {
-            match self.0.read_message() {
-                Ok(frame) => Received::Frame(frame),
-                Err(Error::NoMessage) => Received::Nothing,
-                Err(_) => Received::Refused,
-            }
-        }
-
-        fn send(&mut self, frame: &CanFrame) -> bool {
-            self.0.send_message(*frame).is_ok()
-        }
-    }
-}

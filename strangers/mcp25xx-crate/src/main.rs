@@ -1,8 +1,4 @@
-//! The strangers' job on the crate `mcp25xx`, unchanged from crates.io, with the crate's own bit timing.
-//!
-//! Two packages build this file: `stranger-mcp25xx-crate` without the crate's feature `mcp2515`, and
-//! `stranger-mcp25xx-wrong-rxb1` with it. The feature turns on READ RX BUFFER, and sends 0x92 (RXB0, from D0 on) where
-//! 0x94 (RXB1, from SIDH on) is meant: DS20001801, table 12-1 and figure 12-3.
+//! The firmware for the Seeed CAN-BUS shield.
 #![cfg_attr(target_arch = "avr", no_std, no_main)]
 
 #[cfg(not(target_arch = "avr"))]
@@ -12,61 +8,10 @@ fn main() {}
 #[path = "../../board.rs"]
 mod board;
 #[cfg(target_arch = "avr")]
+#[path = "../../can-boards/shield.rs"]
+mod can_board;
+#[cfg(target_arch = "avr")]
+mod firmware;
+#[cfg(target_arch = "avr")]
 #[path = "../../job.rs"]
 mod job;
-
-#[cfg(target_arch = "avr")]
-mod firmware {
-    use crate::board::{self, CanSpi, Delay};
-    use crate::job::{self, Driver, FILTERS, MASK_0, MASK_1, Received};
-    use embedded_can::nb::Can;
-    use embedded_hal::delay::DelayNs;
-    use mcp25xx::bitrates::clock_16mhz::CNF_1000K_BPS;
-    use mcp25xx::registers::{OperationMode, RXB0CTRL, RXB1CTRL, RXM};
-    use mcp25xx::{AcceptanceFilter, CanFrame, Config, MCP25xx};
-
-    /// Boot waits for the chip's oscillator: 128 of its cycles, 8 us (DS20001801, section 8.1), with room to spare.
-    const OSCILLATOR_START_MS: u32 = 1;
-
-    #[avr_device::entry]
-    fn main() -> ! {
-        let (spi, serial, clock, task) = board::take();
-        Delay.delay_ms(OSCILLATOR_START_MS);
-        let mut chip = MCP25xx { spi };
-        let filters = [
-            (AcceptanceFilter::Mask0, MASK_0.into()),
-            (AcceptanceFilter::Mask1, MASK_1.into()),
-            (AcceptanceFilter::Filter0, FILTERS[0].into()),
-            (AcceptanceFilter::Filter1, FILTERS[1].into()),
-            (AcceptanceFilter::Filter2, FILTERS[2].into()),
-            (AcceptanceFilter::Filter3, FILTERS[3].into()),
-            (AcceptanceFilter::Filter4, FILTERS[4].into()),
-            (AcceptanceFilter::Filter5, FILTERS[5].into()),
-        ];
-        let config = Config::default()
-            .mode(OperationMode::NormalOperation)
-            .bitrate(CNF_1000K_BPS)
-            .receive_buffer_0(RXB0CTRL::default().with_rxm(RXM::Filter).with_bukt(true))
-            .receive_buffer_1(RXB1CTRL::default().with_rxm(RXM::Filter))
-            .filters(&filters);
-        let Ok(()) = chip.apply_config(&config);
-        job::run(Stranger(chip), serial, clock, task)
-    }
-
-    struct Stranger(MCP25xx<CanSpi>);
-
-    impl Driver for Stranger {
-        type Frame = CanFrame;
-
-        fn receive(&mut self) -> Received<CanFrame> {
-            match Can::receive(&mut self.0) {
-                Ok(frame) => Received::Frame(frame),
-                Err(_) => Received::Nothing,
-            }
-        }
-
-        fn send(&mut self, frame: &CanFrame) -> bool {
-            Can::transmit(&mut self.0, frame).is_ok()
-        }
-    }
-}

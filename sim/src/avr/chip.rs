@@ -1,0 +1,121 @@
+//! The chips that the simulator knows, and where they differ: in the sizes of their memories. Vectors, pins and peripherals are the
+//! same, and so are the sections of the datasheets that the other files cite.
+//!
+//! Source: Atmel 2545, "ATmega48/88/168", and Atmel 7810, "ATmega328P"; sections 8 (memories) and 27 (boot loader).
+
+use std::fmt;
+use std::str::FromStr;
+
+/// A chip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Chip {
+    /// 16 KiB of flash, 1 KiB of RAM.
+    #[default]
+    Atmega168,
+    /// 32 KiB of flash, 2 KiB of RAM.
+    Atmega328p,
+}
+
+impl Chip {
+    /// All of them, the smallest first.
+    pub const ALL: [Chip; 2] = [Chip::Atmega168, Chip::Atmega328p];
+
+    /// Name for simavr, avr-gcc and `--mcu`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Chip::Atmega168 => "atmega168",
+            Chip::Atmega328p => "atmega328p",
+        }
+    }
+
+    /// The chip that runs the programs of a device, named as avr-gcc names it. The suffixes A and P are for power consumption.
+    pub fn of_device(name: &str) -> Option<Chip> {
+        match name {
+            "atmega168" | "atmega168a" | "atmega168p" | "atmega168pa" => Some(Chip::Atmega168),
+            "atmega328" | "atmega328p" => Some(Chip::Atmega328p),
+            _ => None,
+        }
+    }
+
+    /// Last byte of the RAM, which begins at [`RAMSTART`](super::regs::RAMSTART).
+    pub fn ram_end(self) -> u16 {
+        match self {
+            Chip::Atmega168 => 0x04FF,
+            Chip::Atmega328p => 0x08FF,
+        }
+    }
+
+    /// Bytes of RAM.
+    pub fn ram_bytes(self) -> usize {
+        usize::from(self.ram_end() - super::regs::RAMSTART) + 1
+    }
+
+    /// Bytes of flash.
+    pub fn flash_bytes(self) -> usize {
+        match self {
+            Chip::Atmega168 => 16 * 1024,
+            Chip::Atmega328p => 32 * 1024,
+        }
+    }
+
+    /// Bytes of EEPROM.
+    pub fn eeprom_bytes(self) -> usize {
+        match self {
+            Chip::Atmega168 => 512,
+            Chip::Atmega328p => 1024,
+        }
+    }
+
+    /// Where the boot loader section may begin, as BOOTSZ of the fuses says, in bytes.
+    pub fn boot_sections(self) -> [usize; 4] {
+        match self {
+            Chip::Atmega168 => [0x3800, 0x3C00, 0x3E00, 0x3F00],
+            Chip::Atmega328p => [0x7000, 0x7800, 0x7C00, 0x7E00],
+        }
+    }
+}
+
+/// As people write it: "ATmega168".
+impl fmt::Display for Chip {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Chip::Atmega168 => "ATmega168",
+            Chip::Atmega328p => "ATmega328P",
+        })
+    }
+}
+
+impl FromStr for Chip {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Chip, String> {
+        Chip::ALL.into_iter().find(|chip| chip.name() == text).ok_or_else(|| {
+            let names = Chip::ALL.map(Chip::name);
+            format!("no chip is called \"{text}\": use {}", names.join(" or "))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_chip_is_found_by_its_name_and_a_wrong_name_lists_them() {
+        for chip in Chip::ALL {
+            assert_eq!(chip.name().parse(), Ok(chip));
+            assert_eq!(Chip::of_device(chip.name()), Some(chip));
+        }
+        let error = "atmega2560".parse::<Chip>().unwrap_err();
+        assert_eq!(error, "no chip is called \"atmega2560\": use atmega168 or atmega328p");
+        assert_eq!(Chip::of_device("atmega328pb"), None);
+    }
+
+    #[test]
+    fn a_boot_loader_section_ends_with_the_flash() {
+        for chip in Chip::ALL {
+            let words = chip.boot_sections().map(|start| (chip.flash_bytes() - start) / 2);
+            assert_eq!(words, [1024, 512, 256, 128].map(|words| words * (chip.flash_bytes() / 0x4000)));
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! Options for the board: what it is and how it is wired, for programs that do not say so, or that are to run elsewhere.
+
+use crate::avr::Chip;
+use crate::wiring::{Pin, Wiring, crystal_mhz};
+use anyhow::Result;
+use clap::Args as ClapArgs;
+
+/// See the module. An option replaces what the ELF says.
+#[derive(Clone, Debug, Default, ClapArgs)]
+#[command(next_help_heading = "The board [default: what the ELF says it is for]")]
+#[group(id = "wires")]
+pub struct Args {
+    /// Arduino, by its name in avr-specs/boards.toml: diecimila, uno, nano and so on
+    #[arg(long, value_name = "NAME")]
+    pub board: Option<String>,
+
+    /// CAN board, by its name in avr-specs/boards.toml: seeed, sparkfun, module and so on
+    #[arg(long, value_name = "NAME")]
+    pub shield: Option<String>,
+
+    /// Processor, atmega168 or atmega328p
+    #[arg(long, value_name = "CHIP")]
+    pub mcu: Option<Chip>,
+
+    /// Pin to which the CS of the MCP2515 is wired, such as D10
+    #[arg(long, value_name = "PIN")]
+    pub cs: Option<Pin>,
+
+    /// Pin to which the INT of the MCP2515 is wired, such as D2
+    #[arg(long, value_name = "PIN")]
+    pub int: Option<Pin>,
+
+    /// Crystal of the MCP2515 in MHz, as it is stamped on it: 8 or 16
+    #[arg(long, value_name = "MHZ", value_parser = crystal_mhz)]
+    pub crystal: Option<u32>,
+
+    /// Pin on which pulses are measured: D9 or D10
+    #[arg(long, value_name = "PIN")]
+    pub servo: Option<Pin>,
+}
+
+impl Args {
+    /// The wiring that the options make of another one.
+    ///
+    /// # Errors
+    /// If there is no such board, or two signals get one pin.
+    pub fn apply(&self, mut wiring: Wiring) -> Result<Wiring> {
+        if let Some(board) = &self.board {
+            wiring.set_board(board)?;
+        }
+        if let Some(shield) = &self.shield {
+            wiring.set_shield(shield)?;
+        }
+        wiring.chip = self.mcu.unwrap_or(wiring.chip);
+        wiring.crystal_mhz = self.crystal.unwrap_or(wiring.crystal_mhz);
+        if let Some(cs) = self.cs {
+            wiring.set_cs(cs);
+        }
+        if let Some(int) = self.int {
+            wiring.set_int(int);
+        }
+        wiring.servo = self.servo.unwrap_or(wiring.servo);
+        wiring.check()?;
+        Ok(wiring)
+    }
+}

@@ -1,0 +1,124 @@
+/* A program as people write it for an Arduino Uno with a blue MCP2515 module: CS on D10, crystal of 8 MHz, 500 kbit/s.
+ * Sends a frame each 100 ms, and says so on the serial port. Uses no library but avr-libc. */
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <util/delay.h>
+
+#define RESET 0xC0
+#define WRITE 0x02
+#define READ 0x03
+#define LOAD_TXB0 0x40
+#define RTS_TXB0 0x81
+#define CANSTAT 0x0E
+#define CANCTRL 0x0F
+#define CNF3 0x28
+#define CNF2 0x29
+#define CNF1 0x2A
+#define TXB0CTRL 0x30
+#define TXREQ 0x08
+#define ID 0x123
+
+static volatile uint32_t milliseconds;
+
+ISR(TIMER0_COMPA_vect) { milliseconds++; }
+
+static uint32_t millis(void)
+{
+    cli();
+    uint32_t now = milliseconds;
+    sei();
+    return now;
+}
+
+static void serial(const char *text)
+{
+    for (; *text; text++) {
+        while (!(UCSR0A & _BV(UDRE0))) { }
+        UDR0 = *text;
+    }
+}
+
+static uint8_t exchange(uint8_t byte)
+{
+    SPDR = byte;
+    while (!(SPSR & _BV(SPIF))) { }
+    return SPDR;
+}
+
+static void select(void) { PORTB &= ~_BV(PB2); }
+static void deselect(void) { PORTB |= _BV(PB2); }
+
+static void instruct(uint8_t instruction)
+{
+    select();
+    exchange(instruction);
+    deselect();
+}
+
+static void write(uint8_t address, uint8_t value)
+{
+    select();
+    exchange(WRITE);
+    exchange(address);
+    exchange(value);
+    deselect();
+}
+
+static uint8_t read(uint8_t address)
+{
+    select();
+    exchange(READ);
+    exchange(address);
+    uint8_t value = exchange(0);
+    deselect();
+    return value;
+}
+
+static void send(uint8_t count)
+{
+    while (read(TXB0CTRL) & TXREQ) { }
+    select();
+    exchange(LOAD_TXB0);
+    exchange(ID >> 3);
+    exchange((ID & 7) << 5);
+    exchange(0);
+    exchange(0);
+    exchange(2);
+    exchange(0xA5);
+    exchange(count);
+    deselect();
+    instruct(RTS_TXB0);
+}
+
+int main(void)
+{
+    PORTB = _BV(PB2);
+    DDRB = _BV(PB2) | _BV(PB3) | _BV(PB5);
+    SPCR = _BV(SPE) | _BV(MSTR);
+    UBRR0 = 8;
+    UCSR0B = _BV(TXEN0);
+    TCCR0A = _BV(WGM01);
+    TCCR0B = _BV(CS01) | _BV(CS00);
+    OCR0A = 249;
+    TIMSK0 = _BV(OCIE0A);
+    sei();
+
+    _delay_ms(5);
+    instruct(RESET);
+    _delay_ms(5);
+    /* 8 quanta of 250 ns: 1 + 1 + 3 before the sample, 3 after it. The libraries for Arduino have these numbers, too. */
+    write(CNF1, 0x00);
+    write(CNF2, 0x90);
+    write(CNF3, 0x82);
+    write(CANCTRL, 0x00);
+    while (read(CANSTAT) & 0xE0) { }
+    serial("CAN started\n");
+
+    uint32_t next = millis();
+    for (uint8_t count = 0;; count++) {
+        while ((int32_t)(millis() - next) < 0) { }
+        next += 100;
+        send(count);
+        serial("sent\n");
+    }
+}
