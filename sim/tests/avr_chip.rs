@@ -5,8 +5,10 @@ mod avr;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, word};
+use avr::{MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, read, word};
 use sim::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, State};
+use sim::board::Board;
+use sim::wiring::Wiring;
 
 #[test]
 fn time_goes_on_through_resets() {
@@ -338,6 +340,21 @@ fn a_program_that_is_too_large_for_the_chip_is_refused_with_the_numbers() {
         avr.run_until(10 * MS);
         assert_no_violation(&mut avr);
     }
+}
+
+#[test]
+fn a_program_s_section_says_how_its_board_is_wired() {
+    let firmware = firmware_for(Chip::Atmega328p, "label", &[]);
+    let wiring = Wiring::of("uno", "module").unwrap();
+    assert_eq!(firmware.wiring.as_ref(), Some(&wiring));
+    assert_eq!(Board::new(Avr::with_firmware(&firmware).unwrap()).wiring(), &wiring);
+    // It is not loaded: without it the program is as long.
+    let bytes = |firmware: &sim::avr::Firmware| firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
+    let without = firmware_for(Chip::Atmega328p, "spin", &[]);
+    assert!(bytes(&firmware).abs_diff(bytes(&without)) < 64);
+    assert_eq!(without.wiring().unwrap(), Wiring { chip: Chip::Atmega328p, ..Wiring::default() });
+    let error = format!("{:#}", read(Chip::Atmega328p, "label", &["CRYSTAL=80"]).err().unwrap());
+    assert!(error.contains("the section .board: crystal_mhz: \"80\" is no crystal"), "{error}");
 }
 
 /// LDS r24, ADDRESS; STS ADDRESS, r24; RJMP to itself.

@@ -8,10 +8,10 @@ use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use links::{Client, Scratch, elf};
+use links::{Client, Scratch, elf, elf_for};
 
-/// Where Debian's arduino-core-avr has it; DIECIMILA_HEX names another copy.
-const BOOTLOADER: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega/ATmegaBOOT_168_diecimila.hex";
+/// Where Debian's arduino-core-avr has them.
+const BOOTLOADERS: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega";
 /// Longest wait for anything.
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -118,8 +118,8 @@ fn what_cannot_be_had_is_refused_with_advice() {
     assert!(!is_link(&scratch.path("s")));
 }
 
-fn bootloader() -> Option<PathBuf> {
-    let path = std::env::var_os("DIECIMILA_HEX").map_or(PathBuf::from(BOOTLOADER), PathBuf::from);
+fn bootloader(name: &str) -> Option<PathBuf> {
+    let path = Path::new(BOOTLOADERS).join(name);
     let there = path.exists() && Command::new("avrdude").arg("-v").stderr(Stdio::null()).status().is_ok();
     if !there {
         eprintln!("skipped: needs avrdude and {} (Debian: arduino-core-avr)", path.display());
@@ -128,17 +128,32 @@ fn bootloader() -> Option<PathBuf> {
 }
 
 #[test]
-fn avrdude_uploads_through_the_genuine_boot_loader() {
-    let Some(hex) = bootloader() else {
+fn avrdude_uploads_through_the_genuine_boot_loaders() {
+    upload("ATmegaBOOT_168_diecimila.hex", "diecimila", "atmega168", ["m168", "19200"]);
+    upload("ATmegaBOOT_168_atmega328.hex", "duemilanove", "atmega328p", ["m328p", "57600"]);
+}
+
+#[test]
+fn a_boot_loader_for_another_chip_is_refused_with_the_option_that_it_needs() {
+    let Some(hex) = bootloader("ATmegaBOOT_168_atmega328.hex") else { return };
+    let scratch = Scratch::new();
+    let port = scratch.path("arduino");
+    let options = ["--serial", port.to_str().unwrap(), "--bootloader", hex.to_str().unwrap()];
+    refused(&[&options[..], &["--mcu", "atmega168"]].concat(), "--mcu atmega328p");
+}
+
+fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
+    let Some(hex) = bootloader(hex) else {
         return;
     };
     let scratch = Scratch::new();
-    let program = elf(&scratch, "echo");
+    let program = elf_for(&scratch, "echo", chip);
     let port = scratch.path("arduino");
-    let _sim = Sim::start(&["--serial", port.to_str().unwrap(), "--bootloader", hex.to_str().unwrap()]);
+    let options = ["--serial", port.to_str().unwrap(), "--bootloader", hex.to_str().unwrap(), "--board", board];
+    let _sim = Sim::start(&options);
     wait_for(|| is_link(&port), "the port");
     let avrdude = Command::new("avrdude")
-        .args(["-c", "arduino", "-p", "m168", "-b", "19200", "-D", "-P", port.to_str().unwrap()])
+        .args(["-c", "arduino", "-p", part, "-b", baud, "-D", "-P", port.to_str().unwrap()])
         .args(["-U", &format!("flash:w:{}:e", program.display())])
         .output()
         .expect("avrdude");

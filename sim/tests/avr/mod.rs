@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use anyhow::Result;
 use sim::F_CPU_HZ;
 use sim::avr::{Avr, Chip, Firmware, Violation};
 
@@ -30,6 +31,12 @@ pub fn program_for(chip: Chip, name: &str, defines: &[&str]) -> Avr {
 /// Compiles `tests/avr/<name>.c` for a chip, and does not load it.
 #[track_caller]
 pub fn firmware_for(chip: Chip, name: &str, defines: &[&str]) -> Firmware {
+    read(chip, name, defines).expect("an ELF file")
+}
+
+/// The same, of a program that may be refused.
+#[track_caller]
+pub fn read(chip: Chip, name: &str, defines: &[&str]) -> Result<Firmware> {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let unique = format!("sim-avr-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
     let directory = std::env::temp_dir().join(unique);
@@ -48,7 +55,7 @@ pub fn firmware_for(chip: Chip, name: &str, defines: &[&str]) -> Firmware {
     assert!(compiled.success(), "{} does not compile", source.display());
     let firmware = Firmware::read(&elf);
     std::fs::remove_dir_all(&directory).expect("the temporary directory removed");
-    firmware.expect("an ELF file")
+    firmware
 }
 
 /// Address of a variable.
