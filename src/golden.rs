@@ -84,6 +84,7 @@ pub const CONDITIONS: [Conditions; 16] = [
 
 /// The response with transfer ID 2 that CAN_BAUDRATE is 500 kbit/s. Default and maximum are 1 Mbit/s, or 500 kbit/s with a crystal of 8 MHz; the
 /// minimum is 125 kbit/s.
+#[cfg(feature = "standard")]
 pub const BAUDRATE_IS_500_KBIT: &str = if crate::hardware::CAN_CRYSTAL_HZ == 16_000_000 {
     "1E0B7FF8 72 EB 01 20 A1 07 00 82 | 00 00 00 00 01 40 42 22 | 0F 00 00 00 00 00 01 02 | 40 42 0F 00 00 00 00 22 | 00 01 48 \
      E8 01 00 00 02 | 00 00 00 43 41 4E 5F 22 | 42 41 55 44 52 41 54 02 | 45 62"
