@@ -1,7 +1,11 @@
 //! The budgets of avr-specs/budget.toml: flash, variables, and variables with the stack at its deepest.
 
 use rig::Rig;
-use sim::budget::{PAINT, budget};
+use sim::budget::{Budget, PAINT};
+
+fn budget() -> Budget {
+    Budget::of(rig::board().chip)
+}
 
 #[test]
 fn flash_and_variables_keep_to_their_budgets() {

@@ -231,7 +231,8 @@ fn a_frame_is_out_of_the_controller_within_450_cycles_of_the_first_chip_select()
 /// Does something on the SPI behind the program's back, while it does nothing there.
 fn meddle(rig: &mut Rig, instructions: &[&[u8]]) {
     let end = rig.now() + MS;
-    while !rig.board().avr().pin('B', 1) {
+    let cs = rig.board().wiring().cs;
+    while !rig.board().pin(cs) {
         assert!(rig.now() < end, "CS stays low");
         let next = rig.now() + 1;
         rig.bench.run_until(next);

@@ -5,7 +5,7 @@
 
 use rig::{ARRAY_COMMAND, MS, NODE, Rig};
 use sim::avr::Noise;
-use sim::budget::{PAINT, budget};
+use sim::budget::{Budget, PAINT};
 use sim::can::{Frame, Id};
 use sim::dronecan::{ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types};
 use std::time::Duration;
@@ -258,7 +258,7 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     println!("{sent} frames sent, {lost} lost, {held_back} held back, {used} B of RAM");
     // Many of them are back to back, and now and then the controller gets other filters.
     assert!(u64::from(lost) <= sent / 100_000, "{lost} frames lost of {sent}");
-    assert!(u32::from(used) <= budget().statics_and_stack, "{used} B");
+    assert!(u32::from(used) <= Budget::of(rig::board().chip).statics_and_stack, "{used} B");
 }
 
 /// The servo has not moved, and the program has not been restarted.

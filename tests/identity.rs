@@ -3,7 +3,7 @@
 
 use sim::Cycles;
 use sim::avr::{Avr, Firmware, ResetCause};
-use sim::bench::{Bench, node_elf};
+use sim::bench::Bench;
 use sim::board::Board;
 
 /// CPU cycles in a millisecond.
@@ -17,7 +17,7 @@ const RECORD: std::ops::Range<usize> = 4..23;
 const FIRST_START_MS: u64 = 1500;
 
 fn chip(seed: u64) -> Avr {
-    let firmware = Firmware::read(&node_elf()).unwrap_or_else(|error| panic!("{error:#}"));
+    let firmware = Firmware::read(&rig::shipped()).unwrap_or_else(|error| panic!("{error:#}"));
     let mut avr = Avr::with_firmware(&firmware).unwrap();
     avr.seed(seed);
     avr.reset(ResetCause::PowerOn);
@@ -28,7 +28,7 @@ fn chip(seed: u64) -> Avr {
 fn eeprom_after(seed: u64, eeprom: &[u8], ms: u64) -> Vec<u8> {
     let mut avr = chip(seed);
     avr.set_eeprom(eeprom);
-    let mut bench = Bench::new(1_000_000);
+    let mut bench = Bench::new(rig::board().fastest_bit_rate());
     let board = bench.add_board(Board::new(avr), "node");
     bench.run_for_ms(ms);
     let violations = bench.board(board).take_violations();
@@ -42,7 +42,7 @@ fn made(seed: u64) -> Vec<u8> {
 
 #[test]
 fn two_boards_of_one_bench_make_different_ids() {
-    let mut bench = Bench::new(1_000_000);
+    let mut bench = Bench::new(rig::board().fastest_bit_rate());
     for seed in [1, 2] {
         bench.add_board(Board::new(chip(seed)), "node");
     }

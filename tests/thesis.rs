@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use rig::load::{Meter, ocr1b};
+use rig::load::{Meter, compare_register};
 use rig::manage::ms_between;
 use rig::status::{BROWN_OUT, DRAFT, FAILSAFE, PARAMETERS_LOST, SENSOR, TEMPERATURE, TRANSFER_ERRORS, WATCHDOG};
 use rig::{DRAFT_STATUS_OF_NODE, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, quoted};
@@ -326,7 +326,7 @@ fn each_value_of_a_command_has_its_place_on_the_travel() {
         command(&mut rig, AUTOPILOT, position);
         rig.run_ms(2);
         // Steps of half a microsecond, of which the pulse has one more than the register says.
-        let written_us = f64::from(ocr1b(rig.board()) + 1) / 2.0;
+        let written_us = f64::from(compare_register(rig.board()) + 1) / 2.0;
         assert!((written_us - pulse_us(position)).abs() <= 0.5, "{position}: {written_us} us");
     }
     for position in [0, 1, 90, 127, 128, 254, 255] {
@@ -342,7 +342,7 @@ fn a_command_of_any_node_is_followed() {
     for source in (1..=127).filter(|&source| source != NODE) {
         rig.send(message_id(COMMAND, source, source), &[source as u8]);
         rig.run_ms(2);
-        let written_us = f64::from(ocr1b(rig.board()) + 1) / 2.0;
+        let written_us = f64::from(compare_register(rig.board()) + 1) / 2.0;
         assert!((written_us - pulse_us(source as u8)).abs() <= 0.5, "node {source}: {written_us} us");
     }
 }
@@ -742,7 +742,7 @@ impl Loaded {
             rig.send_frame(load.frame(n));
         }
         let meter = Meter::attach(rig.board());
-        let register = ocr1b(rig.board());
+        let register = compare_register(rig.board());
         let mut loaded = Loaded { rig, meter, register, waiting: VecDeque::new(), left_out: 0, to_servo: Vec::new() };
         let mut ms = 0;
         while loaded.rig.peer.borrow().queued() > 0 {
@@ -765,7 +765,7 @@ impl Loaded {
         let end = self.rig.now() + MS;
         while self.rig.now() < end {
             let look = |bench: &mut sim::bench::Bench| {
-                let now = ocr1b(bench.board(0));
+                let now = compare_register(bench.board(0));
                 if std::mem::replace(register, now) != now {
                     writes.push((bench.now(), f64::from(now + 1) / 2.0));
                 }
@@ -825,9 +825,9 @@ fn on_a_quiet_bus_a_command_is_in_the_servo_s_register_within_150_us_of_its_end(
         let pause = rig.now() + MS / 4 + Cycles::from(n * 7919 % 3001) * MS / 1000;
         rig.run_until(pause);
         rig.forget();
-        let before = ocr1b(rig.board());
+        let before = compare_register(rig.board());
         command(&mut rig, OTHER, (n * 37) as u8);
-        while ocr1b(rig.board()) == before && rig.now() < pause + MS {
+        while compare_register(rig.board()) == before && rig.now() < pause + MS {
             rig.run_until(rig.now() + US / 2);
         }
         let written = rig.now();

@@ -20,10 +20,11 @@ use std::sync::{Mutex, PoisonError};
 use sim::Cycles;
 use sim::autopilot::{Autopilot, Settings};
 use sim::avr::{Pulse, ResetCause};
-use sim::bench::{Bench, eeprom_after_first_start, firmware, node_elf};
+use sim::bench::{Bench, chosen_board, eeprom_after_first_start, firmware, node_elf};
 use sim::board::Board;
 use sim::can::{Frame, Id, PortId, RecordKind, SoftNode};
 use sim::dronecan::{ActuatorCommand, CommandUnit, Heard, Observer, Said, Transfer, TransferId, draft, split, types};
+use sim::wiring::{Wiring, preset};
 
 /// CPU cycles in a millisecond and in a microsecond.
 pub const MS: Cycles = 16_000;
@@ -46,7 +47,17 @@ pub const NODE_STATUS: u32 = 0x1801_5500;
 pub const ARRAY_COMMAND: u32 = 0x1003_F200;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
-/// The firmware of a test file: the default, or one with the features that the file is about. The running program is the test file's, named
+/// The board under test: the one that `NODE_BOARD` and `NODE_SHIELD` name, or the default of avr-specs/boards.toml.
+pub fn board() -> Wiring {
+    chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// Its firmware with the preset of its chip.
+pub fn shipped() -> PathBuf {
+    node_elf().unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// The firmware of a test file: the preset of the board's chip, or one with the features that the file is about. The running program is the test file's, named
 /// after it and a hash.
 pub fn elf() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_else(|error| panic!("the path of this program: {error}"));
@@ -59,9 +70,18 @@ pub fn elf() -> PathBuf {
         }
         "lights" => "button,lights",
         "thesis" => "thesis",
-        _ => return node_elf(),
+        _ => return shipped(),
     };
+    // On a chip whose preset is "full", that has the others' features.
+    if preset(board().chip) == "full" && features != "thesis" {
+        return shipped();
+    }
     firmware(features).unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// Whether it takes both dialects, and so has filters that let through more of what is for others.
+pub fn takes_both_dialects() -> bool {
+    preset(board().chip) == "full"
 }
 
 /// EEPROM of a board that has been started before, and so has its unique ID.
@@ -89,6 +109,8 @@ pub fn is_from_node(frame: &Frame) -> bool {
 pub struct Rig {
     pub bench: Bench,
     elf: PathBuf,
+    /// Of the bus, in bits per second: the highest of the board.
+    bit_rate: u32,
     boards: usize,
     pub peer: Rc<RefCell<SoftNode>>,
     pub peer_port: PortId,
@@ -116,7 +138,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A board that gets its power now, and not for the first time, on a bus of 1 Mbit/s with the peer.
+    /// A board that gets its power now, and not for the first time, on a bus of the highest bit rate that the board can have, with the peer.
     pub fn powered() -> Rig {
         Rig::with_boards(&[started()])
     }
@@ -143,9 +165,11 @@ impl Rig {
 
     /// The same with this ELF.
     pub fn with_boards_of(elf: &Path, eeproms: &[&[u8]]) -> Rig {
-        let mut bench = Bench::new(1_000_000);
+        let load = || Board::load(elf).unwrap_or_else(|error| panic!("{error:#}"));
+        let bit_rate = load().wiring().fastest_bit_rate();
+        let mut bench = Bench::new(bit_rate);
         for (eeprom, number) in eeproms.iter().zip(0..) {
-            let mut board = Board::load(elf).unwrap_or_else(|error| panic!("{error:#}"));
+            let mut board = load();
             board.avr_mut().set_eeprom(eeprom);
             if number > 0 {
                 board.avr_mut().seed(number);
@@ -153,11 +177,12 @@ impl Rig {
             }
             bench.add_board(board, &format!("node{number}"));
         }
-        let peer = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
+        let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         let peer_port = bench.attach("peer", peer.clone());
         Rig {
             bench,
             elf: elf.to_owned(),
+            bit_rate,
             boards: eeproms.len(),
             peer,
             peer_port,
@@ -197,13 +222,13 @@ impl Rig {
 
     /// Puts an autopilot on the bus, besides the peer.
     pub fn attach_autopilot(&mut self, settings: Settings) {
-        self.join(Autopilot::new(settings, 1_000_000));
+        self.join(Autopilot::new(settings, self.bit_rate));
     }
 
     /// Puts an autopilot on the bus that gets its power now, and takes the one before it off.
     pub fn replace_autopilot(&mut self, settings: Settings) {
         self.detach_autopilot();
-        self.join(Autopilot::powered(settings, 1_000_000, self.now()));
+        self.join(Autopilot::powered(settings, self.bit_rate, self.now()));
     }
 
     /// Takes the autopilot off the bus, if there is one.
@@ -395,7 +420,8 @@ impl Rig {
     pub fn lose_frames(&mut self) -> u32 {
         let before = self.board().chip().borrow().rx_overflows();
         let end = self.now() + 20 * MS;
-        while self.board().avr().pin('B', 1) {
+        let cs = self.board().wiring().cs;
+        while self.board().pin(cs) {
             assert!(self.now() < end, "CS stays high");
             self.run_until(self.now() + US);
         }

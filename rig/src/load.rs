@@ -8,7 +8,7 @@ use std::rc::Rc;
 use std::sync::Mutex;
 
 use sim::Cycles;
-use sim::avr::Noise;
+use sim::avr::{Noise, Oc};
 use sim::bench::Bench;
 use sim::board::{Board, WireEvent};
 use sim::can::{Frame, Id, SoftNode};
@@ -29,7 +29,8 @@ const FOREIGN: u32 = 0x1804_5600;
 const STRANGERS: u32 = 0x1234_5600;
 /// LightsCommand.
 const LIGHTS_COMMAND: u32 = 0x1804_3900;
-/// The low byte of OCR1B.
+/// The low bytes of OCR1A and OCR1B.
+const OCR1AL: u16 = 0x88;
 const OCR1BL: u16 = 0x8A;
 /// ArmingStatus.
 const ARMING_STATUS: u32 = 0x1804_4C00;
@@ -255,7 +256,7 @@ fn request_id(service: u32) -> u32 {
 
 impl Sender {
     pub fn attach(bench: &mut Bench, load: Load) -> Sender {
-        let station = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
+        let station = Rc::new(RefCell::new(SoftNode::new(bench.bus().bit_rate())));
         bench.attach("load", station.clone());
         Sender {
             load,
@@ -608,9 +609,9 @@ pub struct Figures {
     /// Frames of the node that went out, and NodeStatus among them.
     pub own_frames: u64,
     pub own_statuses: u64,
-    /// From the end of a command's last frame to the write to OCR1B; the next pulse has that width.
+    /// From the end of a command's last frame to the write to the compare register; the next pulse has that width.
     pub command_to_servo: Samples,
-    /// Writes to OCR1B of something that no command had asked for.
+    /// Writes to the compare register of something that no command had asked for.
     pub unasked_moves: u64,
     /// Periods and widths of the servo's pulses, in cycles, how often each.
     pub periods: BTreeMap<u64, u64>,
@@ -634,7 +635,17 @@ pub struct Loaded {
 impl Loaded {
     /// A node that is up, with the parameters of [`BUSY`], and then the load.
     pub fn new(load: Option<Load>, client: Client) -> Loaded {
+        Loaded::with(Rig::running(), load, client)
+    }
+
+    /// The same with a node that does not take the draft.
+    pub fn of_v0_only(load: Option<Load>, client: Client) -> Loaded {
         let mut rig = Rig::running();
+        rig.take_v0_only();
+        Loaded::with(rig, load, client)
+    }
+
+    fn with(mut rig: Rig, load: Option<Load>, client: Client) -> Loaded {
         rig.overflows_expected = true;
         for (name, value) in BUSY {
             rig.set(name, value);
@@ -649,7 +660,7 @@ impl Loaded {
         rig.forget();
         let sender = load.map(|load| Sender::attach(&mut rig.bench, load));
         let figures = Figures { meter: Meter::attach(rig.board()), ..Figures::default() };
-        let ocr = ocr1b(rig.board());
+        let ocr = compare_register(rig.board());
         Loaded { asked_at: rig.now(), rig, figures, sender, client, ms: 0, asked: 0, ocr, commands: VecDeque::new() }
     }
 
@@ -722,7 +733,7 @@ impl Loaded {
         while self.rig.now() < end && !self.rig.bench.is_halted() {
             self.rig.bench.run_until_or(
                 |bench| {
-                    let now = ocr1b(bench.board(0));
+                    let now = compare_register(bench.board(0));
                     if now != *ocr {
                         *ocr = now;
                         writes.push((bench.now(), now));
@@ -768,9 +779,10 @@ impl Loaded {
     }
 }
 
-/// The compare register of the servo's timer.
-pub fn ocr1b(board: &Board) -> u16 {
-    u16::from_le_bytes([board.avr().sram(OCR1BL), board.avr().sram(OCR1BL + 1)])
+/// The compare register of the servo's timer: OCR1A for D9, OCR1B for D10.
+pub fn compare_register(board: &Board) -> u16 {
+    let low = if board.wiring().servo.timer1_output() == Some(Oc::A) { OCR1AL } else { OCR1BL };
+    u16::from_le_bytes([board.avr().sram(low), board.avr().sram(low + 1)])
 }
 
 /// A frame that ends a valid command.

@@ -1,6 +1,6 @@
 //! The rig as a tool that manages the node: requests and their answers.
 
-use super::{MS, NODE, Rig, quoted};
+use super::{MS, NODE, Rig, board, quoted, takes_both_dialects};
 use sim::Cycles;
 use sim::can::{Frame, Id};
 use sim::dronecan::{
@@ -8,11 +8,9 @@ use sim::dronecan::{
     split,
 };
 
-/// The parameters of the default preset, in order: name, default, least and greatest value (docs/parameters.md). A build with a feature has those of the
-/// feature after them.
-pub const PARAMETERS: [(&str, i64, i64, i64); 24] = [
+/// The parameters of the default preset without the bit rate, in order: name, default, least and greatest value (docs/parameters.md).
+const OF_DEFAULT: [(&str, i64, i64, i64); 23] = [
     ("CAN_NODE", 120, 0, 125),
-    ("CAN_BAUDRATE", 1_000_000, 125_000, 1_000_000),
     ("OUT1_ID", 1, 0, 255),
     ("OUT1_MIN", 1000, 500, 2500),
     ("OUT1_TRIM", 1500, 500, 2500),
@@ -36,6 +34,19 @@ pub const PARAMETERS: [(&str, i64, i64, i64); 24] = [
     ("ERROR_MASK", 0x1400, 0, 65_535),
     ("CRIT_MASK", 0x2000, 0, 65_535),
 ];
+/// What the preset "full" has after them.
+const OF_FULL: [(&str, i64, i64, i64); 3] = [("LIGHT_ID", 0, 0, 255), ("STATS_RATE", 0, 0, 10), ("DIALECT", 0, 0, 2)];
+
+/// The parameters that the preset of the board's chip has, in order: name, default, least and greatest value.
+pub fn parameters() -> Vec<(&'static str, i64, i64, i64)> {
+    let highest = board().fastest_bit_rate().into();
+    let mut all = OF_DEFAULT.to_vec();
+    all.insert(1, ("CAN_BAUDRATE", highest, 125_000, highest));
+    if takes_both_dialects() {
+        all.extend(OF_FULL);
+    }
+    all
+}
 
 /// Node ID of the tool.
 pub const TOOL: u8 = 127;
@@ -47,6 +58,14 @@ pub const ANSWER_TIMEOUT_MS: u64 = 50;
 pub const SAVE_TIMEOUT_MS: u64 = 900;
 
 impl Rig {
+    /// Has the node take DroneCAN v0 only, with filters for that.
+    pub fn take_v0_only(&mut self) {
+        if takes_both_dialects() {
+            self.set("DIALECT", 1);
+            self.run_ms(1500);
+        }
+    }
+
     /// The tool sends a request, and does not wait. The number of the transfer.
     pub fn request(&mut self, request: &Message) -> TransferId {
         self.request_to(NODE as u8, request)

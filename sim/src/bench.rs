@@ -11,7 +11,6 @@ use std::rc::Rc;
 
 use anyhow::{Result, ensure};
 
-use crate::avr::Chip;
 use crate::board::Board;
 use crate::can::{Bus, PortId, SoftNode, StationRef};
 use crate::wiring::{Wiring, preset};
@@ -148,22 +147,43 @@ pub fn target_dir() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(target)
 }
 
-/// Where the firmware is: `NODE_ELF`, else what `make firmware` leaves.
-pub fn node_elf() -> PathBuf {
+/// The board whose firmware [`node_elf`] and [`firmware`] look for: the one that the variables `NODE_BOARD` and `NODE_SHIELD` name, or the
+/// table's default.
+///
+/// # Errors
+/// If the table has no such board; the message says which there are.
+pub fn chosen_board() -> Result<Wiring> {
+    let chosen = |variable: &str, default: String| match std::env::var(variable) {
+        Ok(name) if !name.is_empty() => name,
+        _ => default,
+    };
+    let Wiring { board, shield, .. } = Wiring::default();
+    Wiring::of(&chosen("NODE_BOARD", board), &chosen("NODE_SHIELD", shield))
+}
+
+/// Where the firmware is: `NODE_ELF`, else what `make firmware` leaves for the chosen board.
+///
+/// # Errors
+/// See [`chosen_board`].
+pub fn node_elf() -> Result<PathBuf> {
     match std::env::var_os("NODE_ELF").filter(|path| !path.is_empty()) {
-        Some(path) => path.into(),
-        None => built(&Wiring::default(), &preset(Chip::default())),
+        Some(path) => Ok(path.into()),
+        None => chosen_board().map(|board| built(&board, &preset(board.chip))),
     }
 }
 
-/// Where the firmware of a preset is, such as "thesis", or of a list of features, such as "lights,stats", for the default board. The
-/// default preset's is [`node_elf`].
+/// Where the firmware of a preset is, such as "thesis", or of a list of features, such as "lights,stats", for the chosen board. That of the
+/// preset of its chip is [`node_elf`].
 ///
 /// # Errors
 /// If it has not been built; the message says how to.
 pub fn firmware(features: &str) -> Result<PathBuf> {
-    let path = if features == "default" { node_elf() } else { built(&Wiring::default(), features) };
-    ensure!(path.exists(), "{} is missing: run \"make firmware FEATURES={features}\"", path.display());
+    let wiring = chosen_board()?;
+    if features != preset(wiring.chip) {
+        return firmware_for(&wiring.board, &wiring.shield, features);
+    }
+    let path = node_elf()?;
+    ensure!(path.exists(), "{} is missing: run \"make firmware\"", path.display());
     Ok(path)
 }
 
@@ -199,7 +219,7 @@ mod tests {
     fn a_firmware_that_is_missing_is_named_with_what_builds_it() {
         let error = firmware("stats,no-such").unwrap_err().to_string();
         assert!(error.contains("firmware/diecimila-seeed-no-such+stats.elf is missing"), "{error}");
-        assert!(error.ends_with("run \"make firmware FEATURES=stats,no-such\""), "{error}");
+        assert!(error.ends_with("run \"make firmware BOARD=diecimila SHIELD=seeed FEATURES=stats,no-such\""), "{error}");
         let error = firmware_for("nano", "sparkfun", "stats,no-such").unwrap_err().to_string();
         assert!(error.contains("firmware/nano-sparkfun-no-such+stats.elf is missing"), "{error}");
         let advice = "run \"make firmware BOARD=nano SHIELD=sparkfun FEATURES=stats,no-such\"";

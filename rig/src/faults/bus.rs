@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use super::{BUS_LIMIT_MS, Case, Measured, Trial};
 use crate::status::{BUS_OFF, ERROR_PASSIVE, GAVE_UP_SENDING};
-use crate::{MS, Rig, started};
+use crate::{MS, Rig, board, started};
 use sim::can::{Fault, Frame, SoftNode};
 
 /// How long they last.
@@ -92,10 +92,10 @@ pub const SHORT: Case = Case {
 };
 
 pub const WRONG_RATE: Case = Case {
-    fault: "another node sends all the time at 500 kbit/s",
+    fault: "another node sends all the time at half the bit rate",
     run: || {
         let mut trial = Trial::running();
-        let intruder = Rc::new(RefCell::new(SoftNode::new(500_000)));
+        let intruder = Rc::new(RefCell::new(SoftNode::new(board().fastest_bit_rate() / 2)));
         let port = trial.rig.bench.attach("intruder", intruder.clone());
         trial.begin("CAN: error-passive", |_| intruder.borrow_mut().babble(Some(Frame::extended(0x123, &[0x55; 8]))));
         trial.live(LASTS_MS);
@@ -217,10 +217,10 @@ pub const OWN_RATE_WRONG: Case = Case {
     told_limit_ms: Some(1300),
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        // Set to 500 kbit/s and back while it runs at 1 Mbit/s: the rate is taken at a start.
+        // Set to half the rate and back while it runs: the rate is taken at a start.
         let mut rig = Rig::running_with(started());
         let right = rig.board().avr().eeprom();
-        rig.set("CAN_BAUDRATE", 500_000);
+        rig.set("CAN_BAUDRATE", i64::from(board().fastest_bit_rate() / 2));
         rig.save();
         let wrong = rig.board().avr().eeprom();
         let mut trial = Trial::with(rig);

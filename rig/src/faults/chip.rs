@@ -18,8 +18,9 @@ const WATCHED: [(u8, u8); 6] = [
     (0x0F, 0xE8), // CANCTRL
     (0x60, 0x64), // RXB0CTRL
 ];
-/// Of the filter for commands: the low byte of the data type.
-const RXF0EID8: u8 = 0x02;
+/// RXF0SIDL to RXF5SIDL, and their bit for extended frames.
+const RXF_SIDL: [u8; 6] = [0x01, 0x05, 0x09, 0x11, 0x15, 0x19];
+const EXIDE: u8 = 0x08;
 
 pub const ALL: [&Case; 12] = [
     &RESET, &BROWN_OUT, &NO_POWER, &HELD, &ASLEEP, &MISO_LOW, &MISO_HIGH, &FLIPPING, &REGISTER, &FILTER, &INT_HIGH,
@@ -157,7 +158,7 @@ pub const REGISTER: Case = Case {
 };
 
 pub const FILTER: Case = Case {
-    fault: "a filter or mask changes by itself, and commands are let in no more",
+    fault: "the filters change by themselves, and commands are let in no more",
     noticed: "failsafe (bit 10), because filters cannot be read while the controller runs (DS20001801J 4.5)",
     reaction: "the failsafe starts the controller over",
     servo: FAILSAFE,
@@ -165,7 +166,11 @@ pub const FILTER: Case = Case {
     limit_ms: 1300,
     run: || {
         let mut trial = Trial::running();
-        trial.begin("FAILSAFE", |rig| rig.board().chip_flip_bits(RXF0EID8, 0x10));
+        trial.begin("FAILSAFE", |rig| {
+            for filter in RXF_SIDL {
+                rig.board().chip_flip_bits(filter, EXIDE);
+            }
+        });
         // For as long as the failsafe takes.
         trial.live(320);
         trial.end(|_| {});

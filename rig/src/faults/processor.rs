@@ -5,11 +5,12 @@ use crate::status::{self, CONTROLLER_LOST, STRAY, WATCHDOG};
 use crate::{MS, Rig, status_fields};
 use sim::Cycles;
 use sim::avr::ResetCause;
+use sim::budget::Budget;
 use sim::dronecan::{Message, Opcode};
 
-/// Registers of the ATmega168 (datasheet section 16.11.1).
+/// Timer1's register with the modes of its outputs (ATmega168 datasheet section 16.11.1).
 const TCCR1A: u16 = 0x80;
-const COM1B: u8 = 0x30;
+const COM1A_AND_COM1B: u8 = 0xF0;
 
 /// From a restart to full service.
 const LIMIT_MS: u64 = 200;
@@ -42,7 +43,7 @@ const CASE: Case = Case {
 fn patch_the_main_loop(rig: &mut Rig, instructions: &[u8]) -> Vec<u8> {
     let flash = rig.board().avr().flash().to_vec();
     // WDR is 0x95A8. Two others come before the loop: at the very start, and where the watchdog is switched on.
-    let wdr = (0x68..0x3800).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
+    let wdr = (0x68..Budget::of(crate::board().chip).flash as usize).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
     rig.board().avr_mut().load_flash(wdr, instructions);
     flash
 }
@@ -65,9 +66,9 @@ pub const HANG: Case = Case {
         let mut program = Vec::new();
         // RJMP to itself.
         trial.begin("reset: WATCHDOG", |rig| program = patch_the_main_loop(rig, &[0xFF, 0xCF]));
-        // It is put right once it has restarted: before, TCCR1A has COM1B set for the pulse. It may have hung again by then.
+        // It is put right once it has restarted: before, TCCR1A has a mode for the pulse. It may have hung again by then.
         let end = trial.begun + 300 * MS;
-        while trial.rig.board().avr().sram(TCCR1A) & COM1B != 0 && trial.rig.now() < end {
+        while trial.rig.board().avr().sram(TCCR1A) & COM1A_AND_COM1B != 0 && trial.rig.now() < end {
             trial.rig.run_ms(1);
         }
         trial.rig.board().avr_mut().load_flash(0, &program);
@@ -88,7 +89,7 @@ pub const STRAY_INTERRUPT: Case = Case {
         restarted_by("reset: STRAY INTERRUPT", STRAY, |trial| {
             // TIMSK1.TOIE1: Timer1 overflows at the end of each servo period.
             trial.rig.board().avr_mut().poke_sram(0x6F, 1);
-            trial.live(40);
+            trial.live(21);
         })
     },
     told_limit_ms: Some(70),

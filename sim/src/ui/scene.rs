@@ -93,7 +93,7 @@ impl Scene {
     /// # Errors
     /// If there is no firmware, or it cannot be run, or a link cannot be made; the message says what to do.
     pub fn new(args: &Args) -> Result<Scene> {
-        let path = args.elf.clone().unwrap_or_else(node_elf);
+        let path = args.elf.clone().map_or_else(node_elf, Ok)?;
         let elf = || Firmware::read(&path);
         let Some(hex) = &args.links.bootloader else {
             let firmware = elf()?;

@@ -64,13 +64,13 @@ pub fn peer_frames() -> Vec<Frame> {
 /// The EEPROM of a node that has been started before.
 fn started() -> &'static [u8] {
     static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
-    EEPROM.get_or_init(|| eeprom_after_first_start(&node_elf()).expect("run `make firmware`"))
+    EEPROM.get_or_init(|| eeprom_after_first_start(&node_elf().expect("the table has its defaults")).expect("run `make firmware`"))
 }
 
 impl Rig {
     /// Always the same.
     pub fn new() -> Rig {
-        let mut board = Board::load(&node_elf()).expect("run `make firmware`");
+        let mut board = Board::load(&node_elf().expect("the table has its defaults")).expect("run `make firmware`");
         board.avr_mut().set_eeprom(started());
         let mut bench = Bench::new(BIT_RATE);
         let node = bench.add_board(board, "node");
