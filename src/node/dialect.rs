@@ -68,12 +68,15 @@ mod two {
             }
         }
 
-        /// Reads a frame of either dialect.
+        /// Reads a frame of either dialect. No frame is a transfer of both. v0 goes first, because its commands come more often.
         #[inline(always)]
         pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
-            match draft::segment(frame, node) {
-                Err(Rejection::Unknown) => wire::segment(frame, node),
-                result => result,
+            match wire::segment(frame, node) {
+                Err(rejection) => match draft::segment(frame, node) {
+                    Err(Rejection::Unknown) => Err(rejection),
+                    result => result,
+                },
+                segment => segment,
             }
         }
 
@@ -184,6 +187,8 @@ mod tests {
     use crate::golden;
     use crate::node::acceptance::Row;
     use crate::node::parameters::Parameter;
+    use crate::node::{draft, wire};
+    use dronecan_wire::Rejection;
 
     fn dialect(wanted: i32) -> Dialect {
         let mut dialect = Dialect::new();
@@ -227,6 +232,24 @@ mod tests {
             for n in 0..100 {
                 assert_eq!((dialect.hear(n % 3 == 0), dialect.is_draft()), ((n % 3 == 0) == is_draft, is_draft));
                 dialect.second();
+            }
+        }
+    }
+
+    #[test]
+    fn each_frame_of_the_draft_is_read_as_one_although_v0_goes_first() {
+        let dialect = dialect(0);
+        // No transfer has 16 frames, so the upper bits of the frame index are 0.
+        for place in (0..1u32 << 17).filter(|place| place & 0x300 == 0) {
+            for (upper, data) in
+                [(0x084C, [1; 8]), (0x17C4, [2; 8]), (0x1134, [3; 8]), (0x113A, [120; 8]), (0x1182, [120; 8])]
+            {
+                let frame = golden::frame(upper << 16 | place, &data);
+                for node in [0, 120] {
+                    assert!(wire::segment(&frame, node).is_err(), "{frame:?} is one of v0, too");
+                    let (either, draft) = (dialect.segment(&frame, node), draft::segment(&frame, node));
+                    assert!(either == draft || draft == Err(Rejection::Unknown), "{frame:?}");
+                }
             }
         }
     }
