@@ -1,8 +1,9 @@
 //! Chooses what to do next. The main loop collects [`Facts`], does the one [`Turn`] that they select, and begins again. No turn waits.
 //!
 //! Received frames come first, because their queue is short: an interrupt reads them from the controller during any turn. After [`FRAMES_IN_A_ROW`]
-//! frames another turn follows, so that a flood of frames cannot stop the clock, the failsafe and the node's own messages. All other work is ordered
-//! by how rare it is, the rarest first, so that frequent work cannot starve rare work.
+//! frames another turn follows, so that a flood of frames cannot stop the clock, the failsafe and the node's own messages. The tick never has
+//! two of these turns in a row. All other work is ordered by how rare it is, the rarest first, so that frequent work cannot
+//! starve rare work.
 
 /// Frames in a row after which another turn follows.
 pub const FRAMES_IN_A_ROW: u8 = 16;
@@ -55,6 +56,8 @@ pub enum Turn {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Agenda {
     frames_in_a_row: u8,
+    /// The last turn besides frames was the tick.
+    was_tick: bool,
     /// The controller had no room. The node asks again after the next tick.
     is_full: bool,
 }
@@ -62,7 +65,7 @@ pub struct Agenda {
 impl Agenda {
     /// No turn taken yet.
     pub const fn new() -> Self {
-        Self { frames_in_a_row: 0, is_full: false }
+        Self { frames_in_a_row: 0, was_tick: false, is_full: false }
     }
 
     /// Chooses the next turn. A received frame waits if `has_frame`. Calls `facts` only if that does not decide.
@@ -74,7 +77,9 @@ impl Agenda {
         }
         self.frames_in_a_row = 0;
         let facts = facts();
-        if facts.has_ticked {
+        // In a flood a millisecond passes before each turn that is left for the rest.
+        self.was_tick = facts.has_ticked && !self.was_tick;
+        if self.was_tick {
             self.is_full = false;
             return Turn::Tick;
         }
@@ -144,6 +149,14 @@ mod tests {
         assert_eq!(turns[..frames.len()], frames);
         assert_eq!(turns[frames.len()], Turn::Tick);
         assert_eq!(turns[frames.len() + 1..], frames);
+    }
+
+    /// A millisecond passes with the frames between two of its other turns.
+    #[test]
+    fn in_a_flood_of_frames_there_is_time_for_more_than_the_tick() {
+        let facts = Facts { has_ticked: true, is_on_bus: true, has_to_send: true, ..Facts::default() };
+        let others: Vec<Turn> = turns(true, facts).filter(|&turn| turn != Turn::TakeFrame).take(4).collect();
+        assert_eq!(others, [Turn::Tick, Turn::PrepareFrame, Turn::Tick, Turn::PrepareFrame]);
     }
 
     #[test]
