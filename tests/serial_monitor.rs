@@ -1,6 +1,7 @@
 //! The serial monitor tells what happens, at 115200 baud, and never holds anything up.
 
 use rig::{MS, Rig};
+use sim::can::Frame;
 
 #[test]
 fn the_banner_tells_version_node_id_and_reset_cause() {
@@ -10,6 +11,19 @@ fn the_banner_tells_version_node_id_and_reset_cause() {
     let version = env!("CARGO_PKG_VERSION");
     assert_eq!(lines.next().unwrap(), format!("DroneCAN servo node {version}, node ID 120, reset: power-on"));
     assert_eq!(lines.next().unwrap(), "CAN: running");
+}
+
+#[test]
+fn a_flood_of_refused_frames_drops_no_line_about_anything_else() {
+    let mut rig = Rig::running();
+    rig.send_command(1, 0, 0.5);
+    rig.run_ms(100);
+    rig.overflows_expected = true;
+    // A beginning of nothing, from its own ID.
+    let refused = Frame::extended(rig::ARRAY_COMMAND | rig::NODE, &[0xA5; 8]);
+    rig.peer.borrow_mut().babble(Some(refused));
+    rig.wait_for_line("FAILSAFE: no commands", 1200);
+    assert!(rig.serial.contains("refused") && rig.serial.contains("lines dropped"), "{}", rig.serial);
 }
 
 #[test]

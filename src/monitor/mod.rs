@@ -134,14 +134,15 @@ impl Monitor {
         event
     }
 
-    /// Queues a copy of this event. If the queue is full, drops and counts it: such lines come as fast as frames do, and must not replace others.
+    /// The same for a line about a single frame. If the queue is full, drops and counts it and returns `None`: such lines come as fast as frames
+    /// do, and must not replace others.
     #[inline(never)]
-    pub fn log(&mut self, event: &Event) {
+    pub fn log_frame(&mut self, line: Line) -> Option<&mut Event> {
         if self.is_full() {
             self.lose();
-        } else {
-            *self.log_line(event.line) = *event;
+            return None;
         }
+        Some(self.log_line(line))
     }
 
     fn is_full(&self) -> bool {
@@ -506,7 +507,7 @@ mod tests {
         for _ in 0..QUEUE_LEN - 1 {
             monitor.log_line(Line::BusOff);
         }
-        monitor.log(&Event::new(Line::Running));
+        assert!(monitor.log_frame(Line::Running).is_none());
         let text = logged(&mut monitor);
         assert!(text.starts_with("1 lines dropped") && !text.contains("running"), "{text}");
         assert_eq!(text.matches("CAN: bus-off").count(), QUEUE_LEN - 1);

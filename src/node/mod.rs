@@ -457,7 +457,9 @@ impl Node {
         self.note.line = line;
         self.note.set_source(transfer.source);
         self.note.set_transfer(transfer.transfer_id());
-        monitor.log(&self.note);
+        if let Some(event) = monitor.log_frame(line) {
+            *event = self.note;
+        }
         if self.health.has(Conditions::FAILSAFE) && self.actuator.is_following() {
             self.health.set(Conditions::FAILSAFE, false, [Line::FailsafeEnd; 2], monitor);
         }
@@ -478,7 +480,7 @@ impl Node {
             self.health.happened(Conditions::TRANSFER_ERRORS);
         }
         count(&mut self.health.counts.refused);
-        let event = monitor.log_line(match rejection {
+        let line = match rejection {
             Rejection::Unknown => Line::RefusedKind,
             Rejection::Anonymous | Rejection::OwnId => Line::RefusedSource,
             Rejection::Malformed => Line::RefusedTransfer,
@@ -486,9 +488,11 @@ impl Node {
             Rejection::Broken => Line::RefusedBroken,
             Rejection::Interleaved => Line::RefusedInterleaved,
             Rejection::Length => Line::RefusedLength,
-        });
-        event.a = data_type;
-        event.set_source(source);
+        };
+        if let Some(event) = monitor.log_frame(line) {
+            event.a = data_type;
+            event.set_source(source);
+        }
     }
 
     /// Acts on a message, and fills in the values of the log line. Returns the line to log, or the line for the reason of a rejection.
