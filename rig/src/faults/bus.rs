@@ -116,7 +116,7 @@ pub const BABBLE: Case = Case {
     told_limit_ms: Some(1300),
     run: || {
         let flood = |rig: &mut Rig, on: bool| {
-            let frame = Frame::extended(0x0000_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
+            let frame = Frame::extended(0x0010_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
             rig.peer.borrow_mut().babble(on.then_some(frame));
         };
         during(flood, "CAN: nothing sent for 1 s", GAVE_UP_SENDING)
