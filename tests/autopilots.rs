@@ -37,7 +37,10 @@ fn ardupilot_s_first_servo_needs_no_parameter() {
     let begins = |data: &[u8]| data.last().is_some_and(|tail| tail & 0x80 != 0);
     let frames = rig.frames(0x0803_F200 | ARDUPILOT);
     let starts: Vec<usize> = (0..frames.len()).filter(|&n| begins(&frames[n].1)).collect();
-    assert!(starts.len() > 10 && starts.windows(2).all(|pair| pair[1] - pair[0] == 9), "fifteen commands are nine frames");
+    assert!(
+        starts.len() > 10 && starts.windows(2).all(|pair| pair[1] - pair[0] == 9),
+        "fifteen commands are nine frames"
+    );
 }
 
 #[test]

@@ -570,7 +570,11 @@ impl Soak {
         let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
         assert_eq!(avr.sram_range(bottom..=bottom + 1), [PAINT; 2], "the stack has kept clear of the variables");
         self.report.ram = self.report.ram.max(bottom - 0x100 + avr.stack_high_water(PAINT, bottom));
-        assert!(u32::from(self.report.ram) <= Budget::of(crate::board().chip).statics_and_stack, "{} B", self.report.ram);
+        assert!(
+            u32::from(self.report.ram) <= Budget::of(crate::board().chip).statics_and_stack,
+            "{} B",
+            self.report.ram
+        );
     }
 }
 

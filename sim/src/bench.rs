@@ -219,7 +219,10 @@ mod tests {
     fn a_firmware_that_is_missing_is_named_with_what_builds_it() {
         let error = firmware("stats,no-such").unwrap_err().to_string();
         assert!(error.contains("firmware/diecimila-seeed-no-such+stats.elf is missing"), "{error}");
-        assert!(error.ends_with("run \"make firmware BOARD=diecimila SHIELD=seeed FEATURES=stats,no-such\""), "{error}");
+        assert!(
+            error.ends_with("run \"make firmware BOARD=diecimila SHIELD=seeed FEATURES=stats,no-such\""),
+            "{error}"
+        );
         let error = firmware_for("nano", "sparkfun", "stats,no-such").unwrap_err().to_string();
         assert!(error.contains("firmware/nano-sparkfun-no-such+stats.elf is missing"), "{error}");
         let advice = "run \"make firmware BOARD=nano SHIELD=sparkfun FEATURES=stats,no-such\"";

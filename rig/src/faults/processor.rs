@@ -43,7 +43,10 @@ const CASE: Case = Case {
 fn patch_the_main_loop(rig: &mut Rig, instructions: &[u8]) -> Vec<u8> {
     let flash = rig.board().avr().flash().to_vec();
     // WDR is 0x95A8. Two others come before the loop: at the very start, and where the watchdog is switched on.
-    let wdr = (0x68..Budget::of(crate::board().chip).flash as usize).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
+    let wdr = (0x68..Budget::of(crate::board().chip).flash as usize)
+        .step_by(2)
+        .rfind(|&at| flash[at..at + 2] == [0xA8, 0x95])
+        .expect("a main loop");
     rig.board().avr_mut().load_flash(wdr, instructions);
     flash
 }

@@ -64,7 +64,9 @@ pub fn peer_frames() -> Vec<Frame> {
 /// The EEPROM of a node that has been started before.
 fn started() -> &'static [u8] {
     static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
-    EEPROM.get_or_init(|| eeprom_after_first_start(&node_elf().expect("the table has its defaults")).expect("run `make firmware`"))
+    EEPROM.get_or_init(|| {
+        eeprom_after_first_start(&node_elf().expect("the table has its defaults")).expect("run `make firmware`")
+    })
 }
 
 impl Rig {
