@@ -21,11 +21,6 @@ fn the_preset_without_any_feature_works() {
 }
 
 #[test]
-fn allocation_works_without_other_features() {
-    starts_and_follows_a_command("allocation");
-}
-
-#[test]
 fn button_and_lights_work_without_other_features() {
     starts_and_follows_a_command("button,lights");
 }

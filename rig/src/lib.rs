@@ -20,7 +20,7 @@ use std::sync::{Mutex, PoisonError};
 use sim::Cycles;
 use sim::autopilot::{Autopilot, Settings};
 use sim::avr::{Pulse, ResetCause};
-use sim::bench::{Bench, chosen_board, eeprom_after_first_start, firmware, node_elf};
+use sim::bench::{Bench, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf};
 use sim::board::Board;
 use sim::can::{Frame, Id, PortId, RecordKind, SoftNode};
 use sim::dronecan::{ActuatorCommand, CommandUnit, Heard, Observer, Said, Transfer, TransferId, draft, split, types};
@@ -63,7 +63,10 @@ pub fn elf() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_else(|error| panic!("the path of this program: {error}"));
     let name = program.file_stem().unwrap_or_default().to_string_lossy();
     let features = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
-        "allocation" => "allocation",
+        // The ATmega168 has no room for it.
+        "allocation" if !takes_both_dialects() => {
+            return firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
+        }
         // They read the counters.
         "bus_faults" | "chip_faults" | "input_faults" | "processor_faults" | "reliability" | "soak" | "stats" => {
             "stats"
@@ -73,7 +76,7 @@ pub fn elf() -> PathBuf {
         _ => return shipped(),
     };
     // On a chip whose preset is "full", that has the others' features.
-    if preset(board().chip) == "full" && features != "thesis" {
+    if takes_both_dialects() && features != "thesis" {
         return shipped();
     }
     firmware(features).unwrap_or_else(|error| panic!("{error:#}"))

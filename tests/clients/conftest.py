@@ -68,18 +68,22 @@ def own_program(name):
     return max(built, key=lambda path: path.stat().st_mtime)
 
 
-def node_elf(features="default", gdb=False):
+# What the file of an ELF does not name.
+PRESETS = {"diecimila": "default", "uno": "full"}
+
+
+def node_elf(features="default", gdb=False, board="diecimila"):
     """The firmware of a preset, or of a list of features such as "lights,stats"; for avr-gdb if it says so."""
-    if features == "default" and not gdb and (path := os.environ.get("NODE_ELF")):
+    if features == "default" and board == "diecimila" and not gdb and (path := os.environ.get("NODE_ELF")):
         return pathlib.Path(path)
-    name = ["diecimila-seeed"]
-    if features != "default":
+    name = [f"{board}-seeed"]
+    if features != PRESETS[board]:
         name.append("+".join(sorted(features.split(","))))
     if gdb:
         name.append("gdb")
     path = TARGET / "firmware" / ("-".join(name) + ".elf")
     target = "firmware-gdb" if gdb else "firmware"
-    assert path.exists(), f'{path} is missing: run "make {target} FEATURES={features}"'
+    assert path.exists(), f'{path} is missing: run "make {target} BOARD={board} FEATURES={features}"'
     return path
 
 

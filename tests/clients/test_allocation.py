@@ -38,7 +38,7 @@ def nobodies(tmp_path_factory):
     lines = "".join(request_line(1.8 + 0.5 * n, get_set, n) + request_line(2.0 + 0.5 * n, save, n) for n in range(3))
     (directory / "script").write_text(lines)
     options = ["--nodes", "4", "--no-autopilot", "--for", "4s", "--script", directory / "script"]
-    run_sim(directory, *options, "--eeprom", directory / "eeprom", elf=node_elf("allocation"))
+    run_sim(directory, *options, "--eeprom", directory / "eeprom", elf=node_elf("full", board="uno"))
     names = ["eeprom", *(f"eeprom.{n}" for n in range(1, 5))]
     return [(directory / name).read_bytes() for name in names]
 
@@ -58,7 +58,7 @@ class Allocator:
 
 
 def test_one_board_is_allocated_an_id_and_works(bench, nobodies):
-    used = bench(eeproms=nobodies[:1], elf=node_elf("allocation"))
+    used = bench(eeproms=nobodies[:1], elf=node_elf("full", board="uno"))
     allocator = Allocator(used)
     client = allocator.client
     entries = client.spin_until(allocator.allocated, "allocation")
@@ -71,7 +71,7 @@ def test_one_board_is_allocated_an_id_and_works(bench, nobodies):
 
 
 def test_it_gets_the_same_id_after_a_restart(bench, nobodies):
-    used = bench(eeproms=nobodies[:1], elf=node_elf("allocation"))
+    used = bench(eeproms=nobodies[:1], elf=node_elf("full", board="uno"))
     allocator = Allocator(used)
     client = allocator.client
     entries = client.spin_until(allocator.allocated, "allocation")
@@ -88,7 +88,7 @@ def test_it_gets_the_same_id_after_a_restart(bench, nobodies):
 
 @pytest.mark.timeout(120)
 def test_five_boards_at_once_are_allocated_five_ids(bench, nobodies):
-    used = bench("--nodes", "4", eeproms=nobodies, elf=node_elf("allocation"))
+    used = bench("--nodes", "4", eeproms=nobodies, elf=node_elf("full", board="uno"))
     allocator = Allocator(used)
     client = allocator.client
     client.spin_until(lambda: len(allocator.allocated()) == 5, "five allocations", timeout=60)
@@ -106,7 +106,7 @@ def test_five_boards_at_once_are_allocated_five_ids(bench, nobodies):
 
 def test_the_simulated_autopilot_allocates_too(bench, nobodies):
     options = ["--allocate", "--autopilot", "ardupilot", "--nodes", "1"]
-    used = bench(*options, autopilot=True, eeproms=nobodies[:2], slcan=0, elf=node_elf("allocation"))
+    used = bench(*options, autopilot=True, eeproms=nobodies[:2], slcan=0, elf=node_elf("full", board="uno"))
     used.wait_for_text(r" node +125 is allocated to unique ID [0-9A-F]{32}$", timeout=20)
     used.wait_for_text(r" node +124 is allocated to unique ID [0-9A-F]{32}$", timeout=20)
     used.wait_for_text(r" node +125 is org\.\S+ software ", timeout=20)
