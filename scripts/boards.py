@@ -110,6 +110,13 @@ def choose(arguments):
     return Choice(board, shield, cs, interrupt, int(crystal))
 
 
+def every():
+    """Each board with each CAN board."""
+    for board in TABLE["boards"]:
+        for shield, wiring in TABLE["shields"].items():
+            yield Choice(board, shield, wiring["cs"], wiring["int"], wiring["crystal_mhz"])
+
+
 def entry(option, table, name):
     if name not in TABLE[table]:
         sys.exit(f"{option}={name} is wrong. Use one of {', '.join(TABLE[table])}.")
