@@ -23,12 +23,19 @@ GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)')
 # Presets with which the node's library is tested, and builds that the tests on simulated boards use. "none" is the same program as "default" on
 # this chip, so "make test" links it, and only "make test-all" tests it once more.
 PRESETS := default full thesis
-SHIPPED := default thesis none allocation button,lights stats
+SHIPPED := default thesis none button,lights stats
+# Boards with the other chip, and test files with all that can differ on them.
+UNO := --board uno --shield seeed
+UNO_MODULE := --board uno --shield module
+ON_UNO := budget load restart servo
+ON_UNO_MODULE := budget controller load parameters restart servo temperature
+# The tests' board.
+ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
 .PHONY: help wiring sim gdb bridge lint-firmware test test-all fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
-.PHONY: test-library test-host test-firmware test-clients
+.PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
@@ -78,35 +85,45 @@ firmwares:
 	@scripts/setup build
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware --gdb
+	@scripts/firmware $(UNO) full default
+	@scripts/firmware $(UNO_MODULE) full
+	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED))
 
 # Firmwares on third-party drivers that judge the model of the MCP2515. Cargo unites features over the packages of one call,
 # so the one that needs another feature of its crate is a call of its own.
 strangers:
 	@scripts/setup build
-	cargo build $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate
-	cargo build $(AVR) -p stranger-mcp25xx-wrong-rxb1
+	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do \
+		cargo build $$options -p stranger-mcp2515-crate -p stranger-mcp25xx-crate; \
+		cargo build $$options -p stranger-mcp25xx-wrong-rxb1; \
+	done
 
 # What has to be there first does not need each other.
 test: export CARGO_BUILD_WARNINGS := deny
 test: setup
 	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
-	@$(MAKE) --no-print-directory test-library test-host test-firmware test-clients
+	@$(MAKE) --no-print-directory test-library test-host test-firmware test-uno test-clients
 
 # A call for each: cargo unites features over the packages and targets of a call. "bridge" and "rig" are only named so that the crates below the
 # simulator have the same features in all calls: cargo builds the simulator once, and not twice.
 test-library:
 	@set -e; for features in $(PRESETS); do \
 		options="-p node -p bridge --lib $$(scripts/firmware --cargo $$features)"; \
-		echo "cargo test $$options"; cargo test $$options; \
+		echo "cargo test $$options"; $(ON_BOARD) cargo test $$options; \
 	done
 
 test-host:
 	cargo test -p bridge -p dronecan-host -p dronecan-wire -p fuzz-harness -p mcp2515-ordered -p sim -p rig
 
 test-firmware:
-	cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs))
+	$(ON_BOARD) cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) $(LONG_TESTS)
 
-# They mostly wait for real time.
+# The same tests for the boards with an ATmega328P.
+test-uno:
+	NODE_BOARD=uno NODE_SHIELD=seeed cargo test -p node -p bridge $(addprefix --test ,$(ON_UNO)) $(LONG_TESTS)
+	NODE_BOARD=uno NODE_SHIELD=module cargo test -p node -p bridge $(addprefix --test ,$(ON_UNO_MODULE)) $(LONG_TESTS)
+
+# They mostly wait for real time. Their node is on the default board.
 test-clients:
 	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile tests/clients
 
@@ -114,9 +131,20 @@ test-clients:
 LONG := reliability fuzz fuzz-coverage soak
 test-all: test lint
 	@$(MAKE) --no-print-directory test-library PRESETS=none
+	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
+	@# The tests that take long, on the default board, and all on the boards with the other chip.
+	cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
+	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed LONG_TESTS='-- --include-ignored'
+	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module LONG_TESTS='-- --include-ignored'
+	@$(MAKE) --no-print-directory test-boards
 	@# Without the feature that the other packages ask for.
 	cargo test -p mcp2515-ordered
 	@set -e; for target in $(LONG); do echo "make $$target"; $(MAKE) --no-print-directory $$target; done
+
+# Every board and CAN board of the table links.
+test-boards:
+	@scripts/setup build
+	@scripts/firmware --every-board
 
 fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test -p node --test fuzz -- --nocapture
@@ -155,6 +183,7 @@ lint-firmware: setup
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	cargo clippy $(AVR) -p node --bin node -- -D warnings
 	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
+	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) -p node --bin node --features full -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
 
