@@ -88,7 +88,7 @@ fn remote_frames_are_refused() {
     let mut rig = positioned();
     rig.send_frame(Frame::remote(Id::Extended(ARRAY_COMMAND | 10), 5));
     rig.send_frame(Frame::remote(Id::Extended(NODE_STATUS | 1), 8));
-    assert_refused(rig, 2, "refused: standard or remote frame");
+    assert_refused(rig, 2, "refused: not a type of this node");
 }
 
 #[test]

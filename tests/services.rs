@@ -375,7 +375,8 @@ fn of_a_burst_of_requests_those_whose_replies_would_have_no_room_are_refused() {
         rig.run_ms(300);
         let answered = rig.answers().len();
         assert!((8..BURST).contains(&answered), "{answered}");
-        rig.wait_for_line("refused: request from 127, busy", 300);
+        // Their lines are more than the serial monitor has room for.
+        rig.wait_for_line(" lines dropped", 300);
         rig.board().avr_mut().serial_send(b"?");
         rig.wait_for_line(&format!("commands followed 0, frames refused {}", BURST - answered), 300);
         assert_eq!(rig.board().chip().borrow().rx_overflows(), 0);

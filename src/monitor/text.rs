@@ -39,7 +39,7 @@ macro_rules! lines {
 
 lines! {
     /// Rejected: a frame of a type that the node does not receive, or a standard or remote frame.
-    RefusedKind = "refused: standard or remote frame",
+    RefusedKind = "refused: not a type of this node",
     /// Rejected: a frame of an anonymous sender, or with this node's own ID.
     RefusedSource = "refused: type %a from %s, anonymous or mine",
     /// Rejected: a malformed frame.
