@@ -91,6 +91,7 @@ fn a_silent_autopilot_is_replaced_by_the_nodes_own_second() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn uptime_counts_true_seconds_and_transfer_ids_count_to_31() {
     let mut rig = Rig::powered();
     rig.run_ms(70_400);
