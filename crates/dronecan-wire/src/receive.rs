@@ -15,7 +15,7 @@
 //!   sender, whose transfer is then lost and reported. It never takes a list lane of the sender that the caller protects.
 //! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows) the last one. The receiver ignores any other
 //!   frame that is not a first frame: either it came twice, or its transfer was lost and reported before.
-//! * A transfer that is not complete [`TIMEOUT_MS`] after its first frame is lost: see [`Receiver::expire`].
+//! * A transfer whose next frame does not come within [`FRAME_TIMEOUT_MS`] is lost: see [`Receiver::expire`].
 //! * A single-frame transfer needs no lane, so it is always received.
 //!
 //! A first frame begins a transfer whatever its transfer ID, as in libcanard. So the receiver accepts a sender that restarts at once.
@@ -23,8 +23,9 @@
 use crate::bits::{Id, Tail};
 use crate::crc;
 
-/// The timeout of a transfer, in milliseconds (specification, chapter 4).
-pub const TIMEOUT_MS: u16 = 2000;
+/// The longest time between two frames of a transfer, in milliseconds. Slow buses and adapters need 5 to 12 ms. The specification (chapter 4) gives a whole
+/// transfer two seconds; a lane would be lost that long to a transfer that is never completed.
+pub const FRAME_TIMEOUT_MS: u16 = 50;
 
 /// The data types that a node receives. Each value of the implementing type stands for one data type.
 ///
@@ -210,7 +211,8 @@ pub struct Transfer<K, const KEPT: usize> {
     is_kept: bool,
     /// In a list: an entry was for this node.
     has_entry: bool,
-    started_ms: u16,
+    /// When its last frame came.
+    heard_ms: u16,
     sum: u16,
     crc: [u8; 2],
     bytes: [u8; KEPT],
@@ -226,7 +228,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         len: 0,
         is_kept: false,
         has_entry: false,
-        started_ms: 0,
+        heard_ms: 0,
         sum: 0,
         crc: [0; 2],
         bytes: [0; KEPT],
@@ -258,7 +260,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
 
     /// Begins a transfer with its first frame.
     #[inline(always)]
-    fn begin(&mut self, kind: K, source: u8, priority: u8, now_ms: u16) {
+    fn begin(&mut self, kind: K, source: u8, priority: u8) {
         self.is_open = true;
         self.kind = kind;
         self.source = source;
@@ -266,7 +268,6 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.len = 0;
         self.is_kept = true;
         self.has_entry = false;
-        self.started_ms = now_ms;
     }
 
     /// Takes payload bytes. See [`Received::entry_len`].
@@ -322,7 +323,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
     #[inline(always)]
     pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT>> {
         let mut lanes = self.lists.iter_mut().chain(&mut self.others);
-        let lane = lanes.find(|lane| lane.is_open && now_ms.wrapping_sub(lane.started_ms) > TIMEOUT_MS)?;
+        let lane = lanes.find(|lane| lane.is_open && now_ms.wrapping_sub(lane.heard_ms) > FRAME_TIMEOUT_MS)?;
         lane.is_open = false;
         Some(lane)
     }
@@ -361,13 +362,14 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
                 let is_own = lane.source == source;
                 verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
             }
-            lane.begin(kind, source, priority, now_ms);
+            lane.begin(kind, source, priority);
             // A single-frame transfer is complete at once.
             lane.is_open = !tail.is_end();
         } else if lane.kind != kind || !tail.follows(lane.tail) {
             return verdict;
         }
         lane.tail = tail;
+        lane.heard_ms = now_ms;
         lane.take(payload, entry_len, own_id);
         if !tail.is_end() {
             return verdict;

@@ -443,7 +443,7 @@ fn the_list_of_the_protected_sender_is_never_displaced() {
 #[test]
 fn a_transfer_without_a_lane_is_rejected_once_and_the_next_one_is_received() {
     let mut lanes = [Transfer::NONE; 1];
-    lane(&mut lanes, 10, true, 10).unwrap().begin(Kind::ArrayCommand, 10, 16, 0);
+    lane(&mut lanes, 10, true, 10).unwrap().begin(Kind::ArrayCommand, 10, 16);
     assert!(lane(&mut lanes, 11, true, 10).is_none());
     if LIST_LANES > 1 {
         return;
@@ -507,10 +507,10 @@ fn after_the_timeout_another_sender_takes_even_the_protected_lane() {
         rig.frame(&two(10 + n, 1, 1)[0]);
     }
     for _ in 0..LIST_LANES {
-        assert_eq!(rig.receiver.expire(2000), None);
-        assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::ArrayCommand));
+        assert_eq!(rig.receiver.expire(50), None);
+        assert!(rig.receiver.expire(51).is_some_and(|lost| lost.kind == Kind::ArrayCommand));
     }
-    assert_eq!(rig.receiver.expire(2001), None, "all are reported");
+    assert_eq!(rig.receiver.expire(51), None, "all are reported");
     let theirs = two(100, 1, 2);
     assert_eq!(rig.rejects(&theirs[0]), None);
     assert_eq!(entry(rig.frame(&theirs[1])), Some((0, 2)));
@@ -528,12 +528,12 @@ fn is_receiving_is_true_from_the_first_frame_to_the_last_or_until_the_transfer_e
     rig.frame(&frames[1]);
     assert!(!rig.receiver.is_receiving());
     rig.frame(&frames[0]);
-    assert_eq!(rig.receiver.expire(2001).map(|lost| lost.source), Some(10));
+    assert_eq!(rig.receiver.expire(51).map(|lost| lost.source), Some(10));
     assert!(!rig.receiver.is_receiving());
     {
         rig.frame(&golden::frames(SET)[0]);
         assert!(rig.receiver.is_receiving(), "a request");
-        assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::GetSet));
+        assert!(rig.receiver.expire(51).is_some_and(|lost| lost.kind == Kind::GetSet));
     }
 }
 
@@ -542,7 +542,7 @@ fn two_lanes(open: [Option<u8>; 2]) -> [Transfer; 2] {
     open.map(|open| {
         let mut lane = Transfer::NONE;
         if let Some(source) = open {
-            lane.begin(Kind::ArrayCommand, source, 16, 0);
+            lane.begin(Kind::ArrayCommand, source, 16);
         }
         lane
     })
@@ -592,16 +592,22 @@ fn a_command_in_one_frame_is_received_during_a_longer_one() {
 }
 
 #[test]
-fn a_transfer_may_take_two_seconds_and_no_longer() {
-    let frames = command(10, 1, &[(1, 0, 1), (2, 0, 2)]);
-    for start in [0, 60_000, u16::MAX] {
-        for (took_ms, comes) in [(0, true), (1999, true), (2000, true), (2001, false), (30_000, false)] {
+fn a_frame_may_take_fifty_milliseconds_and_no_longer() {
+    let commands: Vec<(u8, u8, u16)> = (1..=15).map(|id| (id, 0, u16::from(id))).collect();
+    let frames = command(10, 1, &commands);
+    assert_eq!(frames.len(), 9);
+    for start in [0, 65_400, u16::MAX] {
+        for (took_ms, comes) in [(0, true), (12, true), (50, true), (51, false), (30_000, false)] {
             let mut rig = Rig::new();
             rig.now_ms = start;
-            rig.frame(&frames[0]);
-            rig.now_ms = start.wrapping_add(took_ms);
-            assert_eq!(rig.receiver.expire(rig.now_ms).is_some(), !comes, "{took_ms} ms");
-            assert_eq!(rig.frame(&frames[1]).is_some(), comes, "{took_ms} ms");
+            let mut expired = 0;
+            let mut received = None;
+            for frame in &frames {
+                received = rig.frame(frame).map(|transfer| transfer.bytes()[0]);
+                rig.now_ms = rig.now_ms.wrapping_add(took_ms);
+                expired += u32::from(rig.receiver.expire(rig.now_ms).is_some());
+            }
+            assert_eq!((received, expired), if comes { (Some(1), 0) } else { (None, 1) }, "{took_ms} ms");
         }
     }
 }
