@@ -149,6 +149,15 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.access(instruction::WRITE, EFLG, 0);
     }
 
+    /// Clears ERRIF, and leaves the other flags of CANINTF alone.
+    #[inline(always)]
+    pub fn clear_error_interrupt(&mut self) {
+        self.begin(instruction::BIT_MODIFY, CANINTF);
+        self.exchange(ERRIF);
+        self.exchange(0);
+        self.deselect();
+    }
+
     /// Reads a receive buffer with READ RX BUFFER. Stores SIDH, SIDL, EID8 and EID0 in place of the identifier. Returns RXBnDLC.
     #[inline(always)]
     pub fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {

@@ -107,6 +107,8 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     /// Time of the last poll, modulo 256, and time from then to the next poll.
     polled_ms: u8,
     wait_ms: u8,
+    /// Time of the last look at the error flags, modulo 256.
+    looked_ms: u8,
     /// Buffers that waited to be sent at the last check, as bits of READ STATUS, and number of supervisions since that changed.
     tx_waiting: u8,
     tx_checks: u8,
@@ -128,6 +130,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             step: Step::DOWN,
             polled_ms: 0,
             wait_ms: 0,
+            looked_ms: 0,
             rx: RxOrder::new(),
             tx: TxOrder::new(),
             room: None,
@@ -193,6 +196,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     #[inline(always)]
     fn is_due(&mut self, now_ms: u16) -> bool {
         (now_ms as u8).wrapping_sub(self.polled_ms) >= self.wait_ms
+            // Bus-off, into which only a chip that sends can come, lasts at least 1.4 ms.
+            || self.tx_waiting != 0 && now_ms as u8 != self.looked_ms
             // The chip is on the bus already and has a frame. The next one may arrive within 70 us.
             || (Step::ENTERING..Step::RUNNING).contains(&self.step) && self.is_int_low()
     }
@@ -200,8 +205,14 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// Does the next short step of start-up or supervision. Call it when [`State::is_due`] is true.
     #[inline(never)]
     pub fn poll(&mut self, now_ms: u16) -> Option<Notice> {
-        self.polled_ms = now_ms as u8;
+        let now_ms = now_ms as u8;
+        let is_early = now_ms.wrapping_sub(self.polled_ms) < self.wait_ms;
         let step = self.step;
+        if step.is_running() && is_early {
+            self.looked_ms = now_ms;
+            return self.look_at_errors();
+        }
+        self.polled_ms = now_ms;
         if step.is_running() {
             return self.supervise();
         }
@@ -350,7 +361,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             address += 1;
         }
         let _canintf = self.chip.next();
-        let eflg = self.chip.next();
+        let _eflg = self.chip.next();
         let canstat = self.chip.next();
         let canctrl = self.chip.next();
         self.chip.deselect();
@@ -359,15 +370,27 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         if wrong != 0 {
             return self.fail(Event::Lost, 0);
         }
+        self.look_at_errors()
+    }
+
+    /// Reports error flags that have changed. Counts each bus-off: one that begins between two looks sets ERRIF again (DS20001801J 7.6).
+    #[inline(never)]
+    fn look_at_errors(&mut self) -> Option<Notice> {
+        self.chip.begin_read(CANINTF);
+        let has_error = self.chip.next() & ERRIF != 0;
+        let eflg = self.chip.next();
+        self.chip.deselect();
         let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
-        if eflg == before {
-            return None;
-        }
         if eflg & (RX0OVR | RX1OVR) != 0 {
             self.counters.add(Counter::RxOverflow, 1);
             self.chip.clear_overflow();
         }
-        if eflg & !before & TXBO != 0 {
+        if has_error {
+            self.chip.clear_error_interrupt();
+        } else if eflg == before {
+            return None;
+        }
+        if eflg & TXBO != 0 && (has_error || before & TXBO == 0) {
             self.counters.add(Counter::BusOffs, 1);
         }
         Some(Notice { event: Event::Flags, value: eflg })

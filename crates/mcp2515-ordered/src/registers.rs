@@ -4,6 +4,8 @@
 pub mod instruction {
     pub const WRITE: u8 = 0x02;
     pub const READ: u8 = 0x03;
+    /// After the address follow a mask of the bits to change, and their values.
+    pub const BIT_MODIFY: u8 = 0x05;
     /// Request to send (RTS). The bits 1, 2 and 4 select the buffers.
     pub const RTS: u8 = 0x80;
     /// READ RX BUFFER of RXB0, from RXB0SIDH on; add 4 for RXB1. The rising edge of CS clears the buffer's RXnIF.
@@ -26,6 +28,7 @@ pub const REC: u8 = 0x1D;
 /// From here on follow CNF3, CNF2, CNF1, CANINTE, CANINTF, EFLG, and CANSTAT and CANCTRL again.
 pub const CNF3: u8 = 0x28;
 pub const CANINTE: u8 = 0x2B;
+pub const CANINTF: u8 = 0x2C;
 pub const EFLG: u8 = 0x2D;
 /// TXBnCTRL of the other buffers are 16 and 32 higher. The two lowest bits are TXP, the priority. SIDH, SIDL, EID8, EID0, DLC and the data
 /// follow.
@@ -48,6 +51,9 @@ pub const OSM: u8 = 1 << 3;
 pub const RX0IE: u8 = 1 << 0;
 /// CANINTE: receive buffer 1 full.
 pub const RX1IE: u8 = 1 << 1;
+
+/// CANINTF: frames were lost, or the error state has changed.
+pub const ERRIF: u8 = 1 << 5;
 
 /// EFLG: a frame was lost because buffer 0 (and, with rollover, buffer 1) was full.
 pub const RX0OVR: u8 = 1 << 6;
