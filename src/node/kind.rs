@@ -207,6 +207,16 @@ impl Received for Kind {
         self.entry_len()
     }
 
+    /// DSDL: 1010.ArrayCommand.uavcan, 1081.LightsCommand.uavcan.
+    #[inline(always)]
+    fn most_entries(self) -> u8 {
+        match self {
+            #[cfg(feature = "lights")]
+            Self::LightsCommand => 20,
+            _ => 15,
+        }
+    }
+
     #[inline(always)]
     fn seed(self) -> u16 {
         self.seed()

@@ -102,6 +102,12 @@ pub trait Received: Copy + PartialEq {
         0
     }
 
+    /// The largest number of entries of a list.
+    #[inline(always)]
+    fn most_entries(self) -> u8 {
+        u8::MAX
+    }
+
     /// The initial value of the CRC of a multi-frame transfer: see [`crc`].
     fn seed(self) -> u16;
 }
@@ -147,7 +153,7 @@ pub enum Rejection {
     /// The frame has no tail byte; it is a first frame with its toggle bit set, or too short for the CRC; or its transfer has several frames and must
     /// have one.
     Malformed,
-    /// A list ends within an entry.
+    /// A list ends within an entry, or has too many entries.
     Length,
     /// The program cannot take a request now. This crate never returns this value; it exists so that a program has one type for all reasons.
     Busy,
@@ -160,7 +166,7 @@ pub enum Rejection {
 impl Rejection {
     /// True if a transfer for this node was lost.
     pub const fn is_loss(self) -> bool {
-        matches!(self, Self::Broken | Self::Interleaved)
+        matches!(self, Self::Broken | Self::Interleaved | Self::Length)
     }
 }
 
@@ -211,6 +217,8 @@ pub struct Transfer<K, const KEPT: usize> {
     is_kept: bool,
     /// In a list: an entry was for this node.
     has_entry: bool,
+    /// In a list: number of complete entries.
+    entries: u8,
     /// When its last frame came.
     heard_ms: u16,
     sum: u16,
@@ -228,6 +236,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         len: 0,
         is_kept: false,
         has_entry: false,
+        entries: 0,
         heard_ms: 0,
         sum: 0,
         crc: [0; 2],
@@ -268,6 +277,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.len = 0;
         self.is_kept = true;
         self.has_entry = false;
+        self.entries = 0;
     }
 
     /// Takes payload bytes. See [`Received::entry_len`].
@@ -292,6 +302,8 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             }
             if len == entry_len {
                 len = 0;
+                // Of more than 255 the CRC would be right once in 65,536 times.
+                self.entries = self.entries.wrapping_add(1);
             }
         }
         (self.len, self.is_kept) = (len, is_kept);
@@ -379,7 +391,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
             return Verdict::Rejected(Rejection::Broken);
         }
         if entry_len != 0 {
-            if lane.len != 0 {
+            if lane.len != 0 || lane.entries > kind.most_entries() {
                 return Verdict::Rejected(Rejection::Length);
             }
             lane.len = if lane.has_entry { entry_len } else { 0 };
