@@ -23,11 +23,11 @@ GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)')
 # Presets with which the node's library is tested, and builds that the tests on simulated boards use. "none" is the same program as "default" on
 # this chip, so "make test" links it, and only "make test-all" tests it once more.
 PRESETS := default full thesis
-SHIPPED := default thesis none button,lights stats
+SHIPPED := default thesis none
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
 UNO_MODULE := --board uno --shield module
-ON_UNO := budget load restart servo
+ON_UNO := budget bus_faults load restart servo
 ON_UNO_MODULE := budget controller load parameters restart servo temperature
 # The tests' board.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
@@ -56,7 +56,7 @@ help:
 	@echo "make clean      remove what was built"
 	@echo
 	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, thesis or none;"
-	@echo "FEATURES=allocation,lights these features only."
+	@echo "FEATURES=button,lights these features only, if they fit."
 	@echo "BOARD=uno SHIELD=module chooses another board for them and for test; a wrong name lists the right ones. CS=D8 INT=D3 CRYSTAL=8 are for"
 	@echo "wires of your own. See docs/wiring.md."
 

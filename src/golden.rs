@@ -62,21 +62,19 @@ pub fn parameters(values: &[(Parameter, i32)]) -> Parameters {
     parameters
 }
 
-/// Every condition, in the order of the bits.
-pub const CONDITIONS: [Conditions; 16] = [
-    Conditions::RESET_WATCHDOG,
-    Conditions::RESET_BROWN_OUT,
-    Conditions::RESET_PANIC,
-    Conditions::RESET_STRAY,
+/// Every condition, in the order of the bits. The first has three.
+pub const CONDITIONS: [Conditions; 14] = [
+    Conditions::RESET,
     Conditions::TRANSFER_ERRORS,
+    Conditions::ID_CONFLICT,
     Conditions::FRAMES_LOST,
     Conditions::ERROR_PASSIVE,
     Conditions::BUS_OFF,
-    Conditions::GAVE_UP_SENDING,
-    Conditions::CONTROLLER_LOST,
+    Conditions::CONTROLLER,
+    Conditions::TWO_COMMANDERS,
     Conditions::FAILSAFE,
     Conditions::TEMPERATURE,
-    Conditions::SENSOR,
+    Conditions::POWER,
     Conditions::PARAMETERS_LOST,
     Conditions::DISARMED,
     Conditions::DRAFT,

@@ -80,7 +80,7 @@ fn anonymous_commands_and_ones_with_the_nodes_own_id_are_refused() {
     rig.send(ARRAY_COMMAND | 120, &[1, 0, 0, 0, 0xC0]);
     rig.send(SERVO_COMMAND, &[0, 0xC0]);
     rig.send(NODE_STATUS | 120, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
-    assert_refused(rig, 4, "anonymous or mine");
+    assert_refused(rig, 4, "wrong sender");
 }
 
 #[test]

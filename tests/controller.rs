@@ -1,6 +1,6 @@
 //! The MCP2515 is set up right, keeps frames in order both ways, and is brought back whatever happens to it.
 
-use rig::status::{CONTROLLER_LOST, FRAMES_LOST, WARNING};
+use rig::status::{CONTROLLER, FRAMES_LOST, WARNING};
 use rig::{ARRAY_COMMAND, MS, Rig, US, status_fields};
 use sim::board::WireEvent;
 use sim::can::Fault;
@@ -95,7 +95,7 @@ fn a_chip_that_does_not_answer_is_told_of_and_taken_on_when_it_does() {
         rig.wait_for_line("CAN: running", 300);
         rig.wait_for("a status", 600, |rig| !rig.statuses().is_empty());
         let (_, _, _, vendor_code) = status_fields(&rig.statuses()[0].1);
-        assert_eq!(vendor_code, CONTROLLER_LOST);
+        assert_eq!(vendor_code, CONTROLLER);
         rig.send_command(1, 0, 0.0);
         assert_eq!(rig.settled_pulse_us(), 1500.0);
     }

@@ -151,7 +151,7 @@ fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_ful
         assert!(figures.command_to_servo.max() <= 500 * 16, "{kind:?}: {} cycles", figures.command_to_servo.max());
         let full = run(load(Pace::Full), LOAD_MS);
         let (frames, lost) = (full.meter.frames, full.meter.lost);
-        let part = if rig::takes_both_dialects() { 4 } else { 8 };
+        let part = if rig::takes_both_dialects() { 4 } else { 7 };
         assert!(lost * part < frames && full.meter.garbled == 0, "{kind:?}: {lost} lost beside {frames}");
     }
 }

@@ -210,15 +210,16 @@ fn a_frame_that_comes_twice_counts_once() {
     }
 }
 
+/// Slow buses and adapters take 5 to 12 ms for a frame.
 #[test]
-fn a_transfer_that_takes_longer_than_2_s_is_given_up() {
-    for (pause_ms, pulse) in [(1900, 1000.0), (2100, 1750.0)] {
+fn a_transfer_whose_next_frame_takes_longer_than_50_ms_is_given_up() {
+    for (pause_ms, pulse) in [(12, 1000.0), (45, 1000.0), (60, 1750.0)] {
         let mut rig = positioned();
         rig.set("OUT1_TIMEOUT", 0);
-        let frames = fifteen(5);
-        send_all(&mut rig, 10, &frames[..4]);
-        rig.run_ms(pause_ms);
-        send_all(&mut rig, 10, &frames[4..]);
+        for frame in fifteen(5) {
+            send_all(&mut rig, 10, &[frame]);
+            rig.run_until(rig.now() + pause_ms * MS);
+        }
         assert_eq!(rig.settled_pulse_us(), pulse, "{pause_ms} ms");
         send_all(&mut rig, 10, &fifteen(6));
         assert_eq!(rig.settled_pulse_us(), 1000.0);

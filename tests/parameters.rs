@@ -264,7 +264,7 @@ fn saved_twice() -> [Vec<u8>; 3] {
 }
 
 #[test]
-fn a_broken_byte_in_the_newest_copy_brings_the_one_before() {
+fn a_broken_byte_in_the_newest_copy_brings_the_one_before_and_is_told() {
     let [_, between, after] = saved_twice();
     let newest = difference(&between, &after);
     assert!(newest.len() > 20);
@@ -273,6 +273,8 @@ fn a_broken_byte_in_the_newest_copy_brings_the_one_before() {
         broken[*at] ^= 0x40;
         let mut rig = Rig::running_with(&broken);
         assert_eq!(marks(&mut rig), mark(1), "byte {at}");
+        assert_eq!(rig.next_status(), (CRITICAL, PARAMETERS_LOST));
+        rig.save();
         assert_eq!(rig.next_status(), (OK, 0));
     }
 }

@@ -19,13 +19,3 @@ fn the_default_preset_works() {
 fn the_preset_without_any_feature_works() {
     starts_and_follows_a_command("none");
 }
-
-#[test]
-fn button_and_lights_work_without_other_features() {
-    starts_and_follows_a_command("button,lights");
-}
-
-#[test]
-fn stats_works_without_other_features() {
-    starts_and_follows_a_command("stats");
-}

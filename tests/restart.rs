@@ -1,6 +1,6 @@
 //! A fault of the program restarts it, and the next status and the next banner say why.
 
-use rig::status::{BROWN_OUT, INITIALIZATION, STRAY, WATCHDOG};
+use rig::status::{BROWN_OUT, INITIALIZATION, STACK_COLLISION, STRAY_INTERRUPT, WATCHDOG};
 use rig::{Rig, status_fields};
 use sim::avr::ResetCause;
 
@@ -62,8 +62,7 @@ fn a_hung_program_is_restarted_by_the_watchdog() {
 #[test]
 fn nothing_in_the_programs_can_panic() {
     // One program of the ATmega328P has it all.
-    let of_board =
-        if rig::takes_both_dialects() { &["full"][..] } else { &["default", "thesis", "button,lights", "stats"] };
+    let of_board = if rig::takes_both_dialects() { &["full"][..] } else { &["default", "thesis"] };
     for features in of_board {
         let mut rig = Rig::of(features);
         let avr = rig.board().avr();
@@ -76,7 +75,7 @@ fn an_interrupt_without_a_handler_restarts_the_node() {
     let mut rig = moving();
     // TIMSK1.TOIE1: Timer1 overflows at the end of every servo period, and nobody asked for that.
     rig.board().avr_mut().poke_sram(0x6F, 1);
-    assert_restarts(&mut rig, 100, "STRAY INTERRUPT", STRAY);
+    assert_restarts(&mut rig, 100, "STRAY INTERRUPT", STRAY_INTERRUPT);
 }
 
 #[test]
@@ -84,7 +83,7 @@ fn a_stack_that_reaches_the_variables_restarts_the_node() {
     let mut rig = moving();
     let bottom = rig.board().avr().symbol("__heap_start").unwrap().address as u16;
     rig.board().avr_mut().poke_sram(bottom, 0);
-    assert_restarts(&mut rig, 50, "STACK COLLISION", STRAY);
+    assert_restarts(&mut rig, 50, "STACK COLLISION", STACK_COLLISION);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The node says how it is: when the autopilot does, and by itself when there is none.
 
-use rig::status::{GAVE_UP_SENDING, INITIALIZATION, OK, OPERATIONAL, WARNING};
+use rig::status::{CONTROLLER, INITIALIZATION, OK, OPERATIONAL, WARNING};
 use rig::{MS, Rig, STATUS_OF_NODE, status_fields};
 
 /// Milliseconds between consecutive frames.
@@ -129,7 +129,7 @@ fn no_acknowledge_makes_the_node_error_passive_and_it_says_so_when_the_bus_is_ba
     assert!(gaps_ms(&statuses).iter().all(|gap| *gap >= 500.0), "no pile of old statuses: {:?}", gaps_ms(&statuses));
     let (_, health, _, vendor_code) = status_fields(&statuses.last().expect("back on the bus").1);
     assert_eq!(health, WARNING);
-    assert_ne!(vendor_code & GAVE_UP_SENDING, 0, "frames were given up: {vendor_code:#06x}");
+    assert_ne!(vendor_code & CONTROLLER, 0, "frames were given up: {vendor_code:#06x}");
     assert!(rig.serial.contains("CAN: error-passive"), "{}", rig.serial);
     assert!(rig.serial.contains("CAN: nothing sent"), "{}", rig.serial);
     // It passes.

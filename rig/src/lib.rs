@@ -57,34 +57,28 @@ pub fn shipped() -> PathBuf {
     node_elf().unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// The firmware of a test file: the preset of the board's chip, or one with the features that the file is about. The running program is the test file's, named
-/// after it and a hash.
+/// The firmware of a test file: the preset of the board's chip, or one with the feature that the file is about. The running program is the test
+/// file's, named after it and a hash.
 pub fn elf() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_else(|error| panic!("the path of this program: {error}"));
     let name = program.file_stem().unwrap_or_default().to_string_lossy();
-    let features = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
-        // The ATmega168 has no room for it.
-        "allocation" if !takes_both_dialects() => {
-            return firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
-        }
-        // They read the counters.
-        "bus_faults" | "chip_faults" | "input_faults" | "processor_faults" | "reliability" | "soak" | "stats" => {
-            "stats"
-        }
-        "lights" => "button,lights",
-        "thesis" => "thesis",
+    let elf = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
+        "thesis" => firmware("thesis"),
+        // The ATmega168 has no room for them.
+        "allocation" | "lights" | "stats" if !has_all_features() => firmware_for("uno", "seeed", "full"),
         _ => return shipped(),
     };
-    // On a chip whose preset is "full", that has the others' features.
-    if takes_both_dialects() && features != "thesis" {
-        return shipped();
-    }
-    firmware(features).unwrap_or_else(|error| panic!("{error:#}"))
+    elf.unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// Whether the preset of its chip has all features.
+pub fn has_all_features() -> bool {
+    preset(board().chip) == "full"
 }
 
 /// Whether it takes both dialects, and so has filters that let through more of what is for others.
 pub fn takes_both_dialects() -> bool {
-    preset(board().chip) == "full"
+    has_all_features()
 }
 
 /// EEPROM of a board that has been started before, and so has its unique ID.

@@ -9,7 +9,7 @@ use sim::dronecan::{
 };
 
 /// The parameters of the default preset without the bit rate, in order: name, default, least and greatest value (docs/parameters.md).
-const OF_DEFAULT: [(&str, i64, i64, i64); 23] = [
+const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
     ("CAN_NODE", 120, 0, 125),
     ("OUT1_ID", 1, 0, 255),
     ("OUT1_MIN", 1000, 500, 2500),
@@ -25,13 +25,14 @@ const OF_DEFAULT: [(&str, i64, i64, i64); 23] = [
     ("TELEM_RATE", 10, 0, 50),
     ("TEMP_RATE", 1, 0, 50),
     ("TEMP_ID", 1, 0, 65_535),
+    ("TEMP_SENSOR", 1, 0, 2),
     ("TEMP_REF", 0, 0, 1),
     ("TEMP_OFFSET", 0, -500, 1500),
     ("TEMP_SLOPE", 100, 10, 500),
     ("TEMP_MIN", -40, -55, 150),
     ("TEMP_MAX", 85, -55, 150),
-    ("WARN_MASK", 0x2BFF, 0, 65_535),
-    ("ERROR_MASK", 0x1400, 0, 65_535),
+    ("WARN_MASK", 0x1BF7, 0, 65_535),
+    ("ERROR_MASK", 0x0400, 0, 65_535),
     ("CRIT_MASK", 0x2000, 0, 65_535),
 ];
 /// What the preset "full" has after them.

@@ -11,20 +11,24 @@ pub const OPERATIONAL: u8 = 0;
 pub const INITIALIZATION: u8 = 1;
 
 /// Bits of the vendor-specific status code.
-pub const WATCHDOG: u16 = 1 << 0;
-pub const BROWN_OUT: u16 = 1 << 1;
-pub const PANIC: u16 = 1 << 2;
-/// A stray interrupt, or the stack ran into the variables.
-pub const STRAY: u16 = 1 << 3;
-pub const TRANSFER_ERRORS: u16 = 1 << 4;
+/// The lowest three are the cause of the last reset, as a number.
+pub const RESET: u16 = 7;
+pub const WATCHDOG: u16 = 1;
+pub const BROWN_OUT: u16 = 2;
+pub const PANIC: u16 = 3;
+pub const STRAY_INTERRUPT: u16 = 4;
+pub const STACK_COLLISION: u16 = 5;
+pub const TRANSFER_ERRORS: u16 = 1 << 3;
+pub const ID_CONFLICT: u16 = 1 << 4;
 pub const FRAMES_LOST: u16 = 1 << 5;
 pub const ERROR_PASSIVE: u16 = 1 << 6;
 pub const BUS_OFF: u16 = 1 << 7;
-pub const GAVE_UP_SENDING: u16 = 1 << 8;
-pub const CONTROLLER_LOST: u16 = 1 << 9;
+/// The controller was started over, or sending was given up.
+pub const CONTROLLER: u16 = 1 << 8;
+pub const TWO_COMMANDERS: u16 = 1 << 9;
 pub const FAILSAFE: u16 = 1 << 10;
+/// The temperature is out of its range, or its sensor open or shorted.
 pub const TEMPERATURE: u16 = 1 << 11;
-pub const SENSOR: u16 = 1 << 12;
 pub const PARAMETERS_LOST: u16 = 1 << 13;
 pub const DISARMED: u16 = 1 << 14;
 pub const DRAFT: u16 = 1 << 15;

@@ -40,8 +40,8 @@ macro_rules! lines {
 lines! {
     /// Rejected: a frame of a type that the node does not receive, or a standard or remote frame.
     RefusedKind = "refused: not a type of this node",
-    /// Rejected: a frame of an anonymous sender, or with this node's own ID.
-    RefusedSource = "refused: type %a from %s, anonymous or mine",
+    /// Rejected: a frame of an anonymous sender, or with this node's own ID; or an ArmingStatus of another node than the autopilot.
+    RefusedSource = "refused: type %a from %s, wrong sender",
     /// Rejected: a malformed frame.
     RefusedTransfer = "refused: type %a from %s, not a whole frame",
     /// Rejected: a request while the queue of requests is full.
@@ -73,6 +73,8 @@ lines! {
     CommandElsewhere = "rx ArrayCommand from %s tid %t: not for actuator %c",
     /// The temperature, logged once a second.
     Temperature = "temperature %+%1 C",
+    /// Two nodes command the output.
+    TwoCommanders = "TWO COMMANDERS",
     /// Received a request.
     Request = "rx request %a from %s tid %t",
     /// A parameter was set.
@@ -154,7 +156,7 @@ lines! {
     /// Saving the parameters in EEPROM failed.
     #[cfg(feature = "standard")]
     NotSaved = "parameters not saved",
-    /// The EEPROM has no good copy of the parameters. The defaults apply.
+    /// Values in the EEPROM were lost or out of range. The defaults apply to them.
     ParametersLost = "parameters lost, defaults",
     /// An allocator gave this node its ID.
     #[cfg(feature = "allocation")]
@@ -173,10 +175,8 @@ lines! {
     OutOfRange = "temperature out of range",
     /// The temperature is in its range again.
     OutOfRangeEnd = "temperature in range",
-    /// The sensor fault begins.
+    /// The temperature is out of range because the sensor is open or shorted.
     SensorFault = "temperature sensor open or short",
-    /// The sensor fault ends.
-    SensorFaultEnd = "temperature sensor OK",
     /// The node changes to the draft of 2014.
     #[cfg(feature = "draft")]
     Draft = "draft of 2014",

@@ -41,9 +41,12 @@ impl Actuator {
         Self { travel: Travel::NONE, pulse: 0, is_following: false, followed_ms: 0, hears_commands: false, armed_s: 0 }
     }
 
-    /// Applies the parameters of the travel.
+    /// Applies the parameters of the travel, also to the pulse.
     pub fn update(&mut self, parameters: &Parameters) {
         self.travel.update(parameters);
+        if self.pulse != 0 {
+            self.pulse = self.travel.limit(self.pulse);
+        }
     }
 
     /// Width of the pulse; 0 for none.

@@ -16,6 +16,9 @@ const RANDOM_MASK: u16 = 0x17F;
 /// Bytes of the unique ID in a request.
 const MAX_PART_LEN: u8 = 6;
 
+/// The highest ID that a node may have; 126 and 127 are for tools (specification, chapter 6).
+const HIGHEST_ID: u8 = 125;
+
 /// The state of the allocation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Allocation {
@@ -80,7 +83,8 @@ impl Allocation {
             }
         }
         if part_len == 16 {
-            return node_and_flag >> 1;
+            let id = node_and_flag >> 1;
+            return if id <= HIGHEST_ID { id } else { 0 };
         }
         self.confirmed = part_len;
         self.wait(0, now_ms);

@@ -7,8 +7,11 @@
 
 use dronecan_wire::NodeId;
 
-/// Timeout after which a silent node is offline, in milliseconds (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
-const OFFLINE_TIMEOUT_MS: u16 = 3000;
+/// A node is offline after three to four seconds of silence. (DSDL 341.NodeStatus.uavcan: OFFLINE_TIMEOUT_MS is 3000.)
+const OFFLINE_S: u8 = 4;
+
+/// A node is one of two commanders for this time after its command, in seconds: more than one, and at most two.
+const RECENT_S: u8 = 2;
 
 /// The autopilot, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,33 +19,38 @@ pub struct Autopilot {
     id: Option<NodeId>,
     /// The node that sent the last valid command, or 0. It is the autopilot even if its ID is not the lowest.
     commander: u8,
-    heard_ms: u16,
+    /// Seconds until it is offline.
+    online_s: u8,
+    /// Seconds that its last valid command counts as recent.
+    recent_s: u8,
 }
 
 impl Autopilot {
     /// No autopilot.
-    pub const NONE: Self = Self { id: None, commander: 0, heard_ms: 0 };
+    pub const NONE: Self = Self { id: None, commander: 0, online_s: 0, recent_s: 0 };
 
     /// True if there is an autopilot.
     pub fn is_present(&self) -> bool {
         self.id.is_some()
     }
 
-    /// Takes note of a valid command from `source`.
+    /// Takes note of a valid command from `source`. Returns true if the command before it was recent, and another node's.
     #[inline(always)]
-    pub fn commanded_by(&mut self, source: NodeId, now_ms: u16) {
-        *self = Self { id: Some(source), commander: source.get(), heard_ms: now_ms };
+    pub fn commanded_by(&mut self, source: NodeId) -> bool {
+        let is_second = self.recent_s != 0 && self.commander != source.get();
+        *self = Self { id: Some(source), commander: source.get(), online_s: OFFLINE_S, recent_s: RECENT_S };
+        is_second
     }
 
-    /// Takes note of a NodeStatus from `source`. Returns true if it is the autopilot's.
-    pub fn is_status_of(&mut self, source: NodeId, now_ms: u16) -> bool {
+    /// Takes note of a NodeStatus or ArmingStatus from `source`. Returns true if it is the autopilot's.
+    pub fn is_status_of(&mut self, source: NodeId) -> bool {
         let is_better = match self.id {
             None => true,
             Some(id) => id == source || self.commander == 0 && source < id,
         };
         if is_better {
             self.id = Some(source);
-            self.heard_ms = now_ms;
+            self.online_s = OFFLINE_S;
         }
         is_better
     }
@@ -52,10 +60,13 @@ impl Autopilot {
         self.commander
     }
 
-    /// Forgets an autopilot that is offline.
-    pub fn tick(&mut self, now_ms: u16) {
-        if now_ms.wrapping_sub(self.heard_ms) > OFFLINE_TIMEOUT_MS {
-            *self = Self { heard_ms: now_ms, ..Self::NONE };
+    /// Forgets an autopilot that is offline. Call once a second.
+    #[inline(always)]
+    pub fn second(&mut self) {
+        self.recent_s = self.recent_s.saturating_sub(1);
+        self.online_s = self.online_s.saturating_sub(1);
+        if self.online_s == 0 {
+            *self = Self::NONE;
         }
     }
 }
@@ -71,31 +82,53 @@ mod tests {
     #[test]
     fn before_any_command_the_lowest_node_id_is_the_autopilot() {
         let mut autopilot = Autopilot::NONE;
-        assert!(autopilot.is_status_of(node(127), 0), "the only one so far");
-        assert!(autopilot.is_status_of(node(10), 1));
-        assert!(!autopilot.is_status_of(node(127), 2));
-        assert!(!autopilot.is_status_of(node(42), 3));
-        assert!(autopilot.is_status_of(node(10), 4));
+        assert!(autopilot.is_status_of(node(127)), "the only one so far");
+        assert!(autopilot.is_status_of(node(10)));
+        assert!(!autopilot.is_status_of(node(127)));
+        assert!(!autopilot.is_status_of(node(42)));
+        assert!(autopilot.is_status_of(node(10)));
+        assert_eq!(autopilot.commander(), 0);
     }
 
     #[test]
     fn who_commands_is_the_autopilot_whatever_its_id() {
         let mut autopilot = Autopilot::NONE;
-        assert!(autopilot.is_status_of(node(1), 0));
-        autopilot.commanded_by(node(10), 1);
-        assert!(!autopilot.is_status_of(node(1), 2));
-        assert!(autopilot.is_status_of(node(10), 3));
+        assert!(autopilot.is_status_of(node(1)));
+        autopilot.commanded_by(node(10));
+        assert!(!autopilot.is_status_of(node(1)));
+        assert!(autopilot.is_status_of(node(10)));
+        assert_eq!(autopilot.commander(), 10);
+    }
+
+    #[test]
+    fn a_command_of_another_node_within_a_second_or_two_is_a_second_commander_s() {
+        for (seconds, is_second) in [(0, true), (1, true), (2, false), (3, false)] {
+            let mut autopilot = Autopilot::NONE;
+            assert!(!autopilot.commanded_by(node(10)));
+            assert!(!autopilot.commanded_by(node(10)));
+            for _ in 0..seconds {
+                autopilot.is_status_of(node(10));
+                autopilot.second();
+            }
+            assert_eq!(autopilot.commanded_by(node(11)), is_second, "{seconds}");
+            assert_eq!(autopilot.commander(), 11);
+        }
     }
 
     #[test]
     fn three_seconds_of_silence_make_room_for_another() {
         let mut autopilot = Autopilot::NONE;
-        autopilot.commanded_by(node(10), 0);
-        assert!(autopilot.is_status_of(node(10), 60_000));
-        autopilot.tick(60_000u16.wrapping_add(3000));
-        assert!(autopilot.is_present());
-        autopilot.tick(60_000u16.wrapping_add(3001));
+        autopilot.commanded_by(node(10));
+        for _ in 0..10 {
+            autopilot.second();
+            assert!(autopilot.is_status_of(node(10)));
+        }
+        for _ in 0..3 {
+            autopilot.second();
+            assert!(autopilot.is_present());
+        }
+        autopilot.second();
         assert!(!autopilot.is_present());
-        assert!(autopilot.is_status_of(node(42), 0));
+        assert!(autopilot.is_status_of(node(42)));
     }
 }

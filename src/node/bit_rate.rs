@@ -4,24 +4,24 @@ use mcp2515_ordered::BitTiming;
 
 use crate::hardware::CAN_CRYSTAL_HZ;
 
-/// The highest bit rate, in units of 125 kbit/s: 1 Mbit/s, or 500 kbit/s with a crystal of 8 MHz. A time quantum is at least two periods of the
+/// The highest bit rate, 125 kbit/s doubled so many times: 1 Mbit/s, or 500 kbit/s with a crystal of 8 MHz. A time quantum is at least two periods of the
 /// crystal, so 8 MHz gives 4 quanta in a bit of 1 Mbit/s, and the MCP2515 needs 5 (DS20001801J, section 5).
-pub const HIGHEST_RATE: i32 = if CAN_CRYSTAL_HZ >= 10_000_000 { 8 } else { 4 };
+pub const HIGHEST_RATE: i32 = if CAN_CRYSTAL_HZ >= 10_000_000 { 3 } else { 2 };
 
-/// The timing for `rate` units of 125 kbit/s and the crystal of the board. A rate other than 8, 4, 2 or 1 gives the next lower one; 0 gives 1.
-pub fn timing(rate: u8) -> BitTiming {
-    timing_of::<CAN_CRYSTAL_HZ>(rate)
+/// The timing for 125 kbit/s, doubled so many times, and the crystal of the board.
+pub fn timing(doublings: u8) -> BitTiming {
+    timing_of::<CAN_CRYSTAL_HZ>(doublings)
 }
 
 /// The timing for a crystal of `F_OSC_HZ`. Rates above the highest one give that. The code does not compile if a sample point is outside the
 /// range of DroneCAN's specification, chapter 8, with one exception: 500 kbit/s of an 8 MHz crystal has 8 quanta a bit, of which the MCP2515
 /// needs two after the sample point. So the bit is sampled at 75 % instead of 85 % to 90 %.
-fn timing_of<const F_OSC_HZ: u32>(rate: u8) -> BitTiming {
+fn timing_of<const F_OSC_HZ: u32>(doublings: u8) -> BitTiming {
     // The compiler would put a lookup table into RAM. Comparing with ranges, one register at a time, avoids that.
-    let select = |[of_8, of_4, of_2, of_1]: [u8; 4]| match rate {
-        8.. => of_8,
-        4.. => of_4,
-        2.. => of_2,
+    let select = |[of_8, of_4, of_2, of_1]: [u8; 4]| match doublings {
+        3.. => of_8,
+        2 => of_4,
+        1 => of_2,
         _ => of_1,
     };
     let [a, b, c, d] = const {
@@ -51,17 +51,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rate_between_two_is_the_lower_one() {
-        for (rate, bit_rate) in
-            [(0, 125), (1, 125), (2, 250), (3, 250), (4, 500), (7, 500), (8, 1000), (9, 1000), (255, 1000)]
-        {
-            assert_eq!(timing_of::<16_000_000>(rate), BitTiming::new(16_000_000, bit_rate * 1000), "{rate}");
-            assert_eq!(timing_of::<8_000_000>(rate), BitTiming::new(8_000_000, bit_rate.min(500) * 1000), "{rate}");
+    fn each_number_is_twice_the_rate_of_the_one_before_up_to_the_highest() {
+        for (doublings, bit_rate) in [(0, 125), (1, 250), (2, 500), (3, 1000), (4, 1000), (255, 1000)] {
+            assert_eq!(timing_of::<16_000_000>(doublings), BitTiming::new(16_000_000, bit_rate * 1000), "{doublings}");
+            let at_8_mhz = BitTiming::new(8_000_000, bit_rate.min(500) * 1000);
+            assert_eq!(timing_of::<8_000_000>(doublings), at_8_mhz, "{doublings}");
         }
     }
 
     #[test]
     fn the_timing_is_that_of_the_board_s_crystal() {
-        assert_eq!(timing(4), BitTiming::new(CAN_CRYSTAL_HZ, 500_000));
+        assert_eq!(timing(2), BitTiming::new(CAN_CRYSTAL_HZ, 500_000));
     }
 }

@@ -11,7 +11,7 @@ impl ResetCause {
     pub const EXTERNAL: Self = Self(1);
     /// A RestartNode request.
     pub const ASKED_FOR: Self = Self(2);
-    /// The watchdog: the program hung. This cause and all below are faults, and each sets a condition.
+    /// The watchdog: the program hung. This cause and all below are faults, and set a condition.
     pub const WATCHDOG: Self = Self(3);
     /// Brown-out: the supply voltage dropped.
     pub const BROWN_OUT: Self = Self(4);
@@ -30,58 +30,49 @@ pub struct Conditions(u16);
 impl Conditions {
     /// No condition.
     pub const NONE: Self = Self(0);
-    /// The watchdog caused the last reset.
-    pub const RESET_WATCHDOG: Self = Self(1 << 0);
-    /// A brown-out caused the last reset.
-    pub const RESET_BROWN_OUT: Self = Self(1 << 1);
-    /// A panic caused the last reset.
-    pub const RESET_PANIC: Self = Self(1 << 2);
-    /// An interrupt without a handler, or a stack overflow into the variables, caused the last reset.
-    pub const RESET_STRAY: Self = Self(1 << 3);
-    /// Transfers broke (missing frames, a wrong CRC, or interleaved senders), or another node uses this node's ID.
-    pub const TRANSFER_ERRORS: Self = Self(1 << 4);
+    /// Three bits: which fault caused the last reset, as a number. 0 is none, see [`after`](Self::after).
+    pub const RESET: Self = Self(7);
+    /// Transfers broke: missing frames, a wrong CRC, or interleaved senders.
+    pub const TRANSFER_ERRORS: Self = Self(1 << 3);
+    /// Another node uses this node's ID.
+    pub const ID_CONFLICT: Self = Self(1 << 4);
     /// The controller lost received frames.
     pub const FRAMES_LOST: Self = Self(1 << 5);
     /// The controller is error-passive.
     pub const ERROR_PASSIVE: Self = Self(1 << 6);
     /// The controller went bus-off.
     pub const BUS_OFF: Self = Self(1 << 7);
-    /// Sending was given up: no node acknowledged the frames.
-    pub const GAVE_UP_SENDING: Self = Self(1 << 8);
-    /// The controller was started again.
-    pub const CONTROLLER_LOST: Self = Self(1 << 9);
-
+    /// The controller was started again, or sending was given up: no node acknowledged the frames.
+    pub const CONTROLLER: Self = Self(1 << 8);
+    /// Two nodes command the output.
+    pub const TWO_COMMANDERS: Self = Self(1 << 9);
     /// Commands stopped, and the output does what OUT1_FS says.
     pub const FAILSAFE: Self = Self(1 << 10);
-    /// The temperature is below TEMP_MIN or above TEMP_MAX.
+    /// The temperature is below TEMP_MIN or above TEMP_MAX, or the sensor is open or shorted.
     pub const TEMPERATURE: Self = Self(1 << 11);
-    /// The temperature sensor is open or shorted.
-    pub const SENSOR: Self = Self(1 << 12);
-    /// Neither copy of the parameters in the EEPROM was valid; the defaults are in force.
+    /// Reserved for voltage and current.
+    pub const POWER: Self = Self(1 << 12);
+    /// Parameters in the EEPROM were lost or out of range; their defaults are in force.
     pub const PARAMETERS_LOST: Self = Self(1 << 13);
     /// ARM_REQ requires an armed vehicle, and the vehicle is disarmed.
     pub const DISARMED: Self = Self(1 << 14);
     /// The node sends in the draft. The bit is in the upper byte, so that a draft status does no harm if it is read as one of v0.
     pub const DRAFT: Self = Self(1 << 15);
 
-    /// Temporary conditions, which are cleared [`HOLD_S`] after their last event.
+    /// Temporary conditions, which are cleared some time after their last event.
     const PASSING: Self = Self(
-        Self::FRAMES_LOST.0
+        Self::RESET.0
+            | Self::TRANSFER_ERRORS.0
+            | Self::ID_CONFLICT.0
+            | Self::FRAMES_LOST.0
             | Self::BUS_OFF.0
-            | Self::GAVE_UP_SENDING.0
-            | Self::CONTROLLER_LOST.0
-            | Self::TRANSFER_ERRORS.0,
+            | Self::CONTROLLER.0
+            | Self::TWO_COMMANDERS.0,
     );
 
-    /// The condition that a reset cause sets; none if the cause is not a fault.
+    /// The condition that a reset cause sets, if it is a fault: 1 for [`ResetCause::WATCHDOG`], 2 for the next, and so on.
     pub fn after(cause: ResetCause) -> Self {
-        let mut code = 0;
-        let mut of = ResetCause::ASKED_FOR.0;
-        while of < cause.0 && of < ResetCause::STRAY_INTERRUPT.0 {
-            code = if code == 0 { Self::RESET_WATCHDOG.0 } else { code << 1 };
-            of += 1;
-        }
-        Self(code)
+        Self(u16::from(cause.0.saturating_sub(ResetCause::ASKED_FOR.0)))
     }
 
     /// The vendor-specific status code.
@@ -112,6 +103,9 @@ impl Conditions {
 
 /// How long a temporary condition stays set, in seconds. It appears in ten statuses, so that no receiver misses it.
 pub const HOLD_S: u8 = 10;
+
+/// How long the cause of a reset stays set, in seconds.
+pub const RESET_HOLD_S: u8 = 60;
 
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@
 
 use mcp2515_ordered::Counters;
 
-use super::condition::{Conditions, HOLD_S, ResetCause};
+use super::condition::{Conditions, HOLD_S, RESET_HOLD_S, ResetCause};
 use super::parameters::{Parameter, Parameters};
 use crate::monitor::{Line, Monitor};
 
@@ -119,9 +119,12 @@ impl Health {
         }
     }
 
-    /// Sets the condition for the reset cause, and clears all others.
+    /// Sets the condition for the reset cause, which [`second`](Self::second) clears after [`RESET_HOLD_S`]. Clears all others.
     pub fn start(&mut self, cause: ResetCause) {
         self.conditions = Conditions::after(cause);
+        if self.conditions != Conditions::NONE {
+            self.hold_s = RESET_HOLD_S;
+        }
     }
 
     /// The vendor-specific status code.
@@ -164,11 +167,11 @@ impl Health {
         self.conditions.set(condition, false);
     }
 
-    /// Sets a temporary condition. [`second`](Self::second) clears it [`HOLD_S`] after the last event.
+    /// Sets a temporary condition. [`second`](Self::second) clears it [`HOLD_S`] after the last event, or with the cause of the reset if that is later.
     #[inline(never)]
     pub fn happened(&mut self, condition: Conditions) {
         self.conditions.set(condition, true);
-        self.hold_s = HOLD_S;
+        self.hold_s = self.hold_s.max(HOLD_S);
     }
 
     /// Clears the temporary conditions when their time is over. Call once a second.
@@ -212,11 +215,12 @@ mod tests {
 
     #[test]
     fn by_default_a_fault_is_a_warning_failsafe_an_error_and_lost_parameters_critical() {
-        let expected = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 1, 2, 3, 0, 0];
-        for (bit, level) in expected.into_iter().enumerate() {
+        // In the order of the bits: transfers that broke, being disarmed and the draft are no fault of the node.
+        let expected = [1, 0, 1, 1, 1, 1, 1, 1, 2, 1, 1, 3, 0, 0];
+        for (condition, level) in golden::CONDITIONS.into_iter().zip(expected) {
             let (mut health, mut monitor) = (Health::new(), Monitor::new());
-            health.set(golden::CONDITIONS[bit], true, LINES, &mut monitor);
-            assert_eq!((health.level(&golden::parameters(&[])) as u8, health.code()), (level, 1 << bit), "bit {bit}");
+            health.set(condition, true, LINES, &mut monitor);
+            assert_eq!(health.level(&golden::parameters(&[])) as u8, level, "{:#06x}", condition.code());
         }
     }
 
@@ -255,8 +259,25 @@ mod tests {
     }
 
     #[test]
+    fn the_cause_of_a_reset_is_told_for_a_minute_and_what_happens_then_for_ten_seconds() {
+        for (fault_at, clear_at) in [(None, 60), (Some(5), 60), (Some(55), 65), (Some(70), 60)] {
+            let mut health = Health::new();
+            health.start(ResetCause::BROWN_OUT);
+            let seconds = (0..100).filter(|&second| {
+                if fault_at == Some(second) {
+                    health.happened(Conditions::BUS_OFF);
+                }
+                let is_told = health.code() & Conditions::RESET.code() == 2;
+                health.second();
+                is_told
+            });
+            assert_eq!(seconds.count(), clear_at, "{fault_at:?}");
+        }
+    }
+
+    #[test]
     fn the_worst_mask_decides() {
-        for (bit, condition) in golden::CONDITIONS.into_iter().enumerate() {
+        for condition in golden::CONDITIONS {
             let (mut health, mut monitor) = (Health::new(), Monitor::new());
             let masks = |warn: u16, error: u16, critical: u16| {
                 golden::parameters(&[
@@ -265,13 +286,13 @@ mod tests {
                     (Parameter::CritMask, critical.into()),
                 ])
             };
-            let mask = 1 << bit;
+            let mask = condition.code();
             assert_eq!(health.level(&masks(0xFFFF, 0xFFFF, 0xFFFF)), Level::Ok);
             health.set(condition, true, LINES, &mut monitor);
-            assert_eq!(health.level(&masks(!mask, !mask, !mask)), Level::Ok, "{bit}");
-            assert_eq!(health.level(&masks(mask, 0, 0)), Level::Warning, "{bit}");
-            assert_eq!(health.level(&masks(mask, mask, 0)), Level::Error, "{bit}");
-            assert_eq!(health.level(&masks(mask, mask, mask)), Level::Critical, "{bit}");
+            assert_eq!(health.level(&masks(!mask, !mask, !mask)), Level::Ok, "{mask:#06x}");
+            assert_eq!(health.level(&masks(mask, 0, 0)), Level::Warning, "{mask:#06x}");
+            assert_eq!(health.level(&masks(mask, mask, 0)), Level::Error, "{mask:#06x}");
+            assert_eq!(health.level(&masks(mask, mask, mask)), Level::Critical, "{mask:#06x}");
         }
     }
 

@@ -52,7 +52,6 @@ impl Node {
     }
 
     /// True if a frame is ready.
-    #[inline(always)]
     pub fn is_ready(&self) -> bool {
         self.outgoing.is_ready()
     }
@@ -109,7 +108,7 @@ impl Node {
     fn begin_message(&mut self, counters: &impl CanCounters, now_ms: u16) -> bool {
         // The draft has no Allocation, so a node without an ID sends in v0.
         let is_draft = self.dialect.is_draft() && self.id != 0;
-        let has_temperature = self.temperature.is_known();
+        let has_temperature = self.temperature.has_sensor();
         let Some((publication, transfer_id)) = self.publisher.next(now_ms, self.id != 0, has_temperature, is_draft)
         else {
             return false;

@@ -212,7 +212,14 @@ impl Node {
     ) {
         self.store.identify(&mut self.unique_id, eeprom, noise);
         self.health.start(cause);
+        #[cfg(feature = "standard")]
         let is_lost = self.store.load(&mut self.parameters, eeprom, flash);
+        // What there is was saved by another build, which had parameters over the bus.
+        #[cfg(not(feature = "standard"))]
+        let is_lost = {
+            self.parameters.set_defaults(flash);
+            store::has_parameters(eeprom)
+        };
         self.health.set(Conditions::PARAMETERS_LOST, is_lost, [Line::ParametersLost; 2], monitor);
         self.take_parameters();
         self.filters_s = 0;
@@ -254,7 +261,6 @@ impl Node {
     /// failsafe during which no command was received, because wrong filters may be the cause. Setting filters takes the controller off the bus for 5
     /// ms. So the node waits, for `FILTERS_WAIT_S` at most, until no transfer is in progress in either direction and the controller has sent all its
     /// frames (`is_controller_empty`).
-    #[inline(always)]
     pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver) -> bool {
         self.filters_s != 0
             && (self.filters_s == 1 || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving())
@@ -336,7 +342,7 @@ impl Node {
     }
 
     /// Drops transfers that timed out. Call at every tick.
-    #[inline(always)]
+    #[inline(never)]
     pub fn expire(&mut self, receiver: &mut Receiver, now_ms: u16, monitor: &mut Monitor) {
         if let Some(transfer) = receiver.expire(now_ms) {
             self.lose(Rejection::Broken, transfer.kind.id(), transfer.source, monitor);
@@ -344,10 +350,8 @@ impl Node {
     }
 
     /// Does the work of `passed_ms` milliseconds. Call at every tick of the millisecond clock, or after several of them.
-    #[inline(never)]
     pub fn tick(&mut self, passed_ms: u8, now_ms: u16, eeprom: &mut impl Eeprom, monitor: &mut Monitor) {
         self.store.step(&mut self.parameters, eeprom);
-        self.autopilot.tick(now_ms);
         self.publisher.tick(passed_ms, now_ms, self.autopilot.is_present(), &self.parameters);
         #[cfg(feature = "allocation")]
         if self.id == 0 && self.allocation.is_due(now_ms) {
@@ -385,6 +389,7 @@ impl Node {
         if self.filters_s > 1 {
             self.filters_s -= 1;
         }
+        self.autopilot.second();
         self.actuator.second();
         self.health.second();
         self.temperature.second(&mut self.health, monitor);
@@ -430,7 +435,7 @@ impl Node {
                 {
                     self.note.a = message.kind.id();
                 }
-                let line = self.act(message, now_ms, servo);
+                let line = self.act(message, now_ms, monitor, servo);
                 // The draft has another data type ID for the same kind.
                 #[cfg(feature = "draft")]
                 if line.is_refusal() {
@@ -475,7 +480,9 @@ impl Node {
     /// Counts and logs a frame or a transfer that is dropped.
     #[inline(never)]
     fn lose(&mut self, rejection: Rejection, data_type: u16, source: u8, monitor: &mut Monitor) {
-        if rejection.is_loss() || rejection == Rejection::OwnId {
+        if rejection == Rejection::OwnId {
+            self.health.happened(Conditions::ID_CONFLICT);
+        } else if rejection.is_loss() {
             self.health.transfers.broken();
             self.health.happened(Conditions::TRANSFER_ERRORS);
         }
@@ -497,7 +504,7 @@ impl Node {
 
     /// Acts on a message, and fills in the values of the log line. Returns the line to log, or the line for the reason of a rejection.
     #[inline(always)]
-    fn act(&mut self, transfer: &Transfer, now_ms: u16, servo: &mut impl Output) -> Line {
+    fn act(&mut self, transfer: &Transfer, now_ms: u16, monitor: &mut Monitor, servo: &mut impl Output) -> Line {
         let (kind, len) = (transfer.kind, transfer.len());
         let &[b0, ..] = transfer.bytes();
         let Some(source) = NodeId::new(transfer.source) else {
@@ -514,6 +521,9 @@ impl Node {
             Kind::NodeStatus => return self.act_on_status(transfer, is_draft, source, now_ms),
             #[cfg(feature = "standard")]
             Kind::ArmingStatus if len == 1 => {
+                if !self.autopilot.is_status_of(source) {
+                    return Line::RefusedSource;
+                }
                 self.actuator.arm(b0);
                 self.note.set_code(b0);
                 return Line::Arming;
@@ -549,7 +559,10 @@ impl Node {
         #[cfg(feature = "standard")]
         let is_followed = is_followed || line == Line::RefusedDisarmed;
         if is_followed {
-            self.autopilot.commanded_by(source, now_ms);
+            if self.autopilot.commanded_by(source) {
+                self.health.set(Conditions::TWO_COMMANDERS, true, [Line::TwoCommanders; 2], monitor);
+                self.health.happened(Conditions::TWO_COMMANDERS);
+            }
         }
         line
     }
@@ -586,7 +599,7 @@ impl Node {
         self.note.set_code(Line::Health.plus(level).number());
         self.note.b = u16::from(Line::Mode.plus(mode.min(4)).number());
         self.note.a = if u2 | highest == 0 { u16::from_le_bytes([u0, u1]) } else { u16::MAX };
-        if self.autopilot.is_status_of(source, now_ms) {
+        if self.autopilot.is_status_of(source) {
             self.publisher.autopilot_status(now_ms, self.thesis || self.dialect.is_draft());
         }
         Line::Status
@@ -621,9 +634,9 @@ impl Node {
         };
         if notice.event == CanEvent::GaveUpSending {
             count(&mut self.health.counts.given_up);
-            self.health.happened(Conditions::GAVE_UP_SENDING);
-        } else if notice.event != CanEvent::Running {
-            self.health.happened(Conditions::CONTROLLER_LOST);
+        }
+        if notice.event != CanEvent::Running {
+            self.health.happened(Conditions::CONTROLLER);
         }
         let event = monitor.log_line(line);
         event.set_code(notice.value);

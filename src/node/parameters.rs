@@ -22,8 +22,8 @@ macro_rules! parameters {
 parameters! {
     /// The node ID; 0 requests one from an allocator.
     CanNode "CAN_NODE" 0..125 = 120,
-    /// Bit rate, in units of 125 kbit/s: 1, 2, 4 or 8. On the bus it is in bit/s. The default is the highest rate of the CAN board.
-    CanBaudrate "CAN_BAUDRATE" 1..HIGHEST_RATE = (HIGHEST_RATE),
+    /// Bit rate: 125 kbit/s, doubled so many times. On the bus it is in bit/s. The default is the highest rate of the CAN board.
+    CanBaudrate "CAN_BAUDRATE" 0..HIGHEST_RATE = (HIGHEST_RATE),
     /// The actuator ID of the servo output.
     Out1Id "OUT1_ID" 0..255 = 1,
     /// One end of the travel, in microseconds.
@@ -54,6 +54,8 @@ parameters! {
     TempRate "TEMP_RATE" 0..50 = 1,
     /// The device ID of the temperature sensor.
     TempId "TEMP_ID" 0..65535 = 1,
+    /// The temperature sensor: 0 there is none, 1 if it is found, 2 it is required.
+    TempSensor "TEMP_SENSOR" 0..2 = 1,
     /// The reference voltage of the ADC: 0 is 5 V, 1 is 1.1 V.
     TempRef "TEMP_REF" 0..1 = 0,
     /// Voltage of the sensor at 0 degrees Celsius, in millivolts.
@@ -65,9 +67,9 @@ parameters! {
     /// Upper limit of the temperature, in degrees Celsius.
     TempMax "TEMP_MAX" -55..150 = 85,
     /// Conditions that make the health WARNING.
-    WarnMask "WARN_MASK" 0..65535 = 0x2BFF,
+    WarnMask "WARN_MASK" 0..65535 = 0x1BF7,
     /// Conditions that make the health ERROR.
-    ErrorMask "ERROR_MASK" 0..65535 = 0x1400,
+    ErrorMask "ERROR_MASK" 0..65535 = 0x0400,
     /// Conditions that make the health CRITICAL.
     CritMask "CRIT_MASK" 0..65535 = 0x2000,
     /// The ID of the light.
@@ -166,21 +168,26 @@ pub const DIGEST: u16 = {
     digest
 };
 
-/// The lower 16 bits of a bit rate in bit/s. `halves` is twice the kept value, which is in units of 125 kbit/s: 2, 4, 8 or 16. The bits above the
-/// lower 16 are `halves` - 1: 1, 3, 7 or 15.
+/// The bit rate in bit/s for a value of CAN_BAUDRATE.
 #[inline(never)]
-fn rate(mut halves: u8) -> u16 {
-    let mut low = 62_500;
-    while halves > 1 {
-        halves >>= 1;
-        low <<= 1;
+fn rate(doublings: u8) -> u32 {
+    let mut rate = 125_000;
+    for _ in 0..doublings {
+        rate <<= 1;
     }
-    low
+    rate
 }
 
 /// The bits above the lower 16 of a value: its sign if the minimum is negative (then the maximum is below 32,768).
 fn sign(low: u16, min: u16) -> u16 {
     ((low & min) as i16 >> 15) as u16
+}
+
+/// True if a value is in the range of the parameter whose default is at `default_at`.
+#[inline(never)]
+fn is_in_range(value: u16, default_at: u16, flash: impl Progmem<Descriptions>) -> bool {
+    let min = flash.word(default_at.wrapping_add(MINIMA - DEFAULTS));
+    value.wrapping_sub(min) <= flash.word(default_at.wrapping_add(MAXIMA - DEFAULTS)).wrapping_sub(min)
 }
 
 /// The place of a parameter in a table of values.
@@ -215,10 +222,10 @@ pub fn response_byte(mut at: u8, value: u16, index: u8, flash: impl Progmem<Desc
     }
     let mut high = sign(low, flash.word(place(MINIMA, index))) as u8;
     if index == Parameter::CanBaudrate as u8 {
-        let halves = (low as u8) << 1;
-        low = rate(halves);
+        let [b0, b1, b2, _] = rate(low as u8).to_le_bytes();
+        low = u16::from_le_bytes([b0, b1]);
         if at == 3 {
-            high = halves.wrapping_sub(1);
+            high = b2;
         }
     }
     match at {
@@ -287,21 +294,17 @@ impl Parameters {
     }
 
     /// Sets a parameter to a number. Returns false, and changes nothing, if the index does not exist or the number is out of range.
-    #[inline(never)]
-    pub fn set(&mut self, index: u8, number: i32, flash: impl Progmem<Descriptions>) -> bool {
+    pub fn set(&mut self, index: u8, mut number: i32, flash: impl Progmem<Descriptions>) -> bool {
         let Some(value) = self.values.get_mut(usize::from(index)) else { return false };
-        let (mut low, mut high) = (number as u16, (number >> 16) as u16);
         if index == Parameter::CanBaudrate as u8 {
-            let halves = (high as u8).wrapping_add(1);
-            if low != rate(halves) || halves & high as u8 != 0 {
-                return false;
+            let mut doublings = 0;
+            while doublings <= HIGHEST_RATE as u8 && rate(doublings) != number as u32 {
+                doublings += 1;
             }
-            low = u16::from(halves >> 1);
-            high &= 0xFF00;
+            number = i32::from(doublings);
         }
-        let min = flash.word(place(MINIMA, index));
-        let span = flash.word(place(MAXIMA, index)).wrapping_sub(min);
-        if low.wrapping_sub(min) > span || high != sign(low, min) {
+        let (low, high) = (number as u16, (number >> 16) as u16);
+        if !is_in_range(low, place(DEFAULTS, index), flash) || high != sign(low, flash.word(place(MINIMA, index))) {
             return false;
         }
         *value = low.to_le_bytes();
@@ -314,15 +317,31 @@ impl Parameters {
         self.values.get(usize::from(index)).map(|&value| u16::from_le_bytes(value))
     }
 
-    /// Sets all parameters to their defaults.
-    #[inline(never)]
-    pub fn set_defaults(&mut self, flash: impl Progmem<Descriptions>) {
+    /// Sets parameters to their defaults: those with a value out of its range, and if `all`, all. Returns true if it set one.
+    fn reset(&mut self, all: bool, flash: impl Progmem<Descriptions>) -> bool {
         let mut at = DEFAULTS;
-        for byte in self.bytes() {
-            *byte = flash.byte(at);
-            at = at.wrapping_add(1);
+        let mut has_reset = false;
+        for value in &mut self.values {
+            if all || !is_in_range(u16::from_le_bytes(*value), at, flash) {
+                *value = flash.word(at).to_le_bytes();
+                has_reset = true;
+            }
+            at = at.wrapping_add(u16::from(VALUE_LEN));
         }
-        self.has_changed = true;
+        self.has_changed |= has_reset;
+        has_reset
+    }
+
+    /// Sets the parameters with values out of range to their defaults. Returns true if there are any.
+    #[inline(always)]
+    pub fn repair(&mut self, flash: impl Progmem<Descriptions>) -> bool {
+        self.reset(false, flash)
+    }
+
+    /// Sets all parameters to their defaults.
+    #[inline(always)]
+    pub fn set_defaults(&mut self, flash: impl Progmem<Descriptions>) {
+        self.reset(true, flash);
     }
 }
 
@@ -350,7 +369,7 @@ mod tests {
 
     /// The value on the bus for a number of the table.
     fn on_the_bus(index: usize, number: i32) -> i64 {
-        i64::from(number) * if index == Parameter::CanBaudrate as usize { 125_000 } else { 1 }
+        if index == Parameter::CanBaudrate as usize { 125_000 << number } else { number.into() }
     }
 
     fn response(parameters: &Parameters, index: u8) -> std::vec::Vec<u8> {
@@ -432,7 +451,7 @@ mod tests {
         let highest = if crate::hardware::CAN_CRYSTAL_HZ == 8_000_000 { 500_000 } else { 1_000_000 };
         let mut parameters = fresh();
         let mut rates = vec![];
-        for (rate, units) in [(125_000, 1), (250_000, 2), (500_000, 4), (1_000_000, 8)] {
+        for (rate, units) in [(125_000, 0), (250_000, 1), (500_000, 2), (1_000_000, 3)] {
             if rate > highest {
                 continue;
             }
@@ -448,6 +467,21 @@ mod tests {
             }
         }
         assert_eq!(parameters, before);
+    }
+
+    #[test]
+    fn values_out_of_range_are_replaced_by_the_defaults_and_no_others() {
+        for (index, &(name, min, max, default)) in TABLE.iter().enumerate() {
+            for value in 0..=u16::MAX {
+                let number = if min < 0 { i32::from(value as i16) } else { i32::from(value) };
+                let mut parameters = fresh();
+                parameters.values[index] = value.to_le_bytes();
+                let is_good = (min..=max).contains(&number);
+                assert_eq!(parameters.repair(InMemory), !is_good, "{name} {number}");
+                let expected = if is_good { value } else { default as u16 };
+                assert_eq!(parameters.value(index as u8), Some(expected), "{name} {number}");
+            }
+        }
     }
 
     #[test]

@@ -51,7 +51,6 @@ macro_rules! publications {
 
         impl Due {
             /// The first message that is due.
-            #[inline(always)]
             fn first(self) -> Option<Publication> {
                 $($(#[cfg($if)])? if self.has(Publication::$name) {
                     return Some(Publication::$name);
@@ -180,7 +179,7 @@ impl Publisher {
     }
 
     /// Makes a message due.
-    #[inline(always)]
+    #[inline(never)]
     pub fn publish(&mut self, publication: Publication) {
         self.due.0 |= Due::bit(publication);
     }

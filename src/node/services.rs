@@ -180,7 +180,6 @@ impl Node {
     }
 
     /// Begins the response to the oldest request. Returns false if there is none, or if it waits for a save.
-    #[inline(never)]
     pub(super) fn begin_reply(
         &mut self,
         counters: &impl CanCounters,

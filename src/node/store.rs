@@ -141,8 +141,8 @@ impl Store {
         }
     }
 
-    /// Loads the newest parameters, or sets the defaults. Returns true if the EEPROM has parameters but no valid record of them. Call before the main
-    /// loop, and before any save.
+    /// Loads the newest good copy of the parameters, or sets the defaults. Returns true if something was lost: the newest copy, both copies, or values
+    /// that are out of their ranges. Call before the main loop, and before any save.
     pub fn load(
         &mut self,
         parameters: &mut Parameters,
@@ -151,24 +151,28 @@ impl Store {
     ) -> bool {
         let first = eeprom.read(PARAMETERS[0].wrapping_add(MARKER));
         let second = eeprom.read(PARAMETERS[1].wrapping_add(MARKER));
-        let mut base = PARAMETERS[0];
+        let (mut base, mut newest) = (PARAMETERS[0], first);
         if second.wrapping_sub(first) & COUNT_MASK == 1 {
-            base = PARAMETERS[1];
+            (base, newest) = (PARAMETERS[1], second);
         }
         let mut marker = read(parameters.bytes(), base, eeprom);
+        let mut is_lost = false;
         if !is_usable(marker) {
+            // A save that was cut leaves no marker. So this copy was complete, and has changed.
+            is_lost = newest != NO_RECORD;
             base ^= OTHER;
             marker = read(parameters.bytes(), base, eeprom);
         }
-        self.base = base ^ OTHER;
-        self.next_marker = next(marker);
         if is_usable(marker) {
-            return false;
+            self.base = base ^ OTHER;
+            self.next_marker = next(marker);
+            return parameters.repair(flash) || is_lost;
         }
         parameters.set_defaults(flash);
-        // The first save writes to the first address, beginning with CAN_NODE. The marker is no test, because tables of other lengths have it
-        // elsewhere.
-        eeprom.read(PARAMETERS[0]) != ERASED
+        // The first save writes the first copy, beginning with CAN_NODE, and makes it newer than the second, whatever that is.
+        self.base = PARAMETERS[0];
+        self.next_marker = next(second);
+        has_parameters(eeprom)
     }
 
     /// Begins to save the parameters in force.
@@ -243,6 +247,12 @@ impl Store {
             self.next_marker = next(self.next_marker);
         }
     }
+}
+
+/// True if something was saved. The markers are no test, because tables of other lengths have them elsewhere.
+#[inline(always)]
+pub fn has_parameters(eeprom: &impl Eeprom) -> bool {
+    eeprom.read(PARAMETERS[0]) != ERASED
 }
 
 /// Reads the record at an address. Returns its marker; [`NO_RECORD`] if it is invalid.
@@ -419,7 +429,12 @@ mod tests {
                     kept_new += u32::from(parameters == new);
                     // A cut of the very first save loses parameters, unless it is cut before the first byte of the record or at its end.
                     let has_begun = after.cells[usize::from(PARAMETERS[0])] != 0xFF;
-                    assert_eq!(is_lost, saves == 0 && parameters == old && has_begun, "{writes} writes, {garbage:#x}");
+                    // Garbage in the marker looks like a copy that was complete.
+                    let is_marker = PARAMETERS.contains(&at.wrapping_sub(MARKER)) && garbage != NO_RECORD;
+                    if !is_marker {
+                        let is_first = saves == 0 && parameters == old && has_begun;
+                        assert_eq!(is_lost, is_first, "{writes} writes, {garbage:#x}");
+                    }
                     // The next save succeeds.
                     if garbage % 51 == 0 {
                         let mut eeprom = after;
@@ -544,14 +559,41 @@ mod tests {
     }
 
     #[test]
-    fn with_the_newer_copy_broken_the_older_one_is_loaded() {
+    fn with_the_newer_copy_broken_the_older_one_is_loaded_and_that_is_told() {
         for saves in 2..8 {
             let (mut eeprom, saved) = after_saves(saves);
             let newer = PARAMETERS[usize::from(saves % 2 == 0)];
             eeprom.cells[usize::from(newer) + 3] ^= 0x80;
             let (_, parameters, is_lost) = loaded(&eeprom);
-            assert_eq!((parameters, is_lost), (set(saves - 2), false));
+            assert_eq!((parameters, is_lost), (set(saves - 2), true));
             assert_ne!(parameters, saved);
+        }
+    }
+
+    #[test]
+    fn with_the_older_copy_broken_nothing_is_lost() {
+        for saves in 2..8 {
+            let (mut eeprom, saved) = after_saves(saves);
+            let older = PARAMETERS[usize::from(saves % 2 == 1)];
+            eeprom.cells[usize::from(older) + 3] ^= 0x80;
+            let (_, parameters, is_lost) = loaded(&eeprom);
+            assert_eq!((parameters, is_lost), (saved, false));
+        }
+    }
+
+    /// Whatever the markers of the copies that it finds, such as those of another build.
+    #[test]
+    fn after_a_save_nothing_is_lost_any_more() {
+        for first in 0..=255 {
+            for second in 0..=255 {
+                let mut eeprom = Model::with([0; 256]);
+                eeprom.cells[usize::from(PARAMETERS[0] + MARKER)] = first;
+                eeprom.cells[usize::from(PARAMETERS[1] + MARKER)] = second;
+                let (mut store, mut parameters, is_lost) = loaded(&eeprom);
+                assert!(is_lost);
+                assert!(save(&mut store, &mut parameters, &mut eeprom));
+                assert!(!loaded(&eeprom).2, "{first:#04x} {second:#04x}");
+            }
         }
     }
 

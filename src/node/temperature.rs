@@ -11,18 +11,27 @@ const OVERHEATING: u8 = 1;
 /// Error flag of a Temperature: below the limit.
 const OVERCOOLING: u8 = 2;
 
+/// TEMP_SENSOR: when there is a sensor. 1 is when it was found.
+mod sensor {
+    /// Never.
+    pub const NONE: u8 = 0;
+    /// Always.
+    pub const REQUIRED: u8 = 2;
+}
+
 /// The temperature.
 pub struct Temperature {
     thermometer: Thermometer,
     kelvin_64ths: u16,
     celsius: i16,
     flags: u8,
+    has_sensor: bool,
 }
 
 impl Temperature {
     /// A temperature that is not measured yet.
     pub const fn new() -> Self {
-        Self { thermometer: Thermometer::new(), kelvin_64ths: 0, celsius: 0, flags: 0 }
+        Self { thermometer: Thermometer::new(), kelvin_64ths: 0, celsius: 0, flags: 0, has_sensor: false }
     }
 
     /// Takes a reading of the ADC. Returns true if it is time to [`measure`](Self::measure).
@@ -33,6 +42,11 @@ impl Temperature {
     /// True if a sum of readings is complete. False in the first 64 ms.
     pub fn is_known(&self) -> bool {
         self.thermometer.has_measured()
+    }
+
+    /// True if there is a sensor, by TEMP_SENSOR, and its temperature is known.
+    pub fn has_sensor(&self) -> bool {
+        self.has_sensor
     }
 
     /// The temperature in 64ths of a kelvin.
@@ -53,6 +67,11 @@ impl Temperature {
     /// Computes the temperature from the last sum of readings, and compares it with TEMP_MIN and TEMP_MAX.
     #[inline(never)]
     pub fn measure(&mut self, parameters: &Parameters) {
+        self.has_sensor = match parameters.get(Parameter::TempSensor) as u8 {
+            sensor::NONE => false,
+            sensor::REQUIRED => true,
+            _ => self.thermometer.is_found(),
+        };
         self.kelvin_64ths = corrected(self.thermometer.uncorrected(parameters), parameters);
         self.celsius = celsius(self.kelvin_64ths);
         self.flags = if self.celsius < parameters.get(Parameter::TempMin) as i16 {
@@ -64,19 +83,19 @@ impl Temperature {
         };
     }
 
-    /// Logs the temperature, and sets or clears the conditions for its limits and its sensor. Call once a second.
+    /// Logs the temperature, and sets or clears the condition for its limits and its sensor. Call once a second.
     #[inline(always)]
     pub fn second(&self, health: &mut Health, monitor: &mut Monitor) {
-        if !self.is_known() {
-            return;
+        if self.has_sensor {
+            // A whole degree begins five tenths below its value.
+            let fraction = self.kelvin_64ths.wrapping_sub(DEGREE_ZERO) & 63;
+            let tenths = (self.celsius as u16).wrapping_mul(10).wrapping_add((fraction * 10) >> 6).wrapping_sub(5);
+            monitor.log_line(Line::Temperature).a = tenths;
         }
-        // A whole degree begins five tenths below its value.
-        let fraction = self.kelvin_64ths.wrapping_sub(DEGREE_ZERO) & 63;
-        let tenths = (self.celsius as u16).wrapping_mul(10).wrapping_add((fraction * 10) >> 6).wrapping_sub(5);
-        monitor.log_line(Line::Temperature).a = tenths;
-        health.set(Conditions::TEMPERATURE, self.flags != 0, [Line::OutOfRange, Line::OutOfRangeEnd], monitor);
         let is_faulty = self.thermometer.is_sensor_faulty();
-        health.set(Conditions::SENSOR, is_faulty, [Line::SensorFault, Line::SensorFaultEnd], monitor);
+        let begins = if is_faulty { Line::SensorFault } else { Line::OutOfRange };
+        let is_wrong = self.has_sensor && (is_faulty || self.flags != 0);
+        health.set(Conditions::TEMPERATURE, is_wrong, [begins, Line::OutOfRangeEnd], monitor);
     }
 }
 

@@ -7,6 +7,9 @@
 use super::parameters::{Parameter, Parameters};
 use super::servo;
 
+/// There is a sensor if so many readings in a row are between the ends of the range.
+const FOUND: u8 = 16;
+
 /// Readings in a sum. The largest possible sum, 64 x 1023, fits in 16 bits.
 const READINGS: u8 = 64;
 
@@ -27,16 +30,21 @@ pub struct Thermometer {
     count: u8,
     latest: u16,
     has_measured: bool,
+    /// Readings in a row between the ends of the range; stays at [`FOUND`].
+    in_range: u8,
 }
 
 impl Thermometer {
     /// A thermometer without readings.
     pub const fn new() -> Self {
-        Self { sum: 0, count: 0, latest: 0, has_measured: false }
+        Self { sum: 0, count: 0, latest: 0, has_measured: false, in_range: 0 }
     }
 
     /// Takes a reading of the ADC, 0 to 1023. Returns true if it completes a sum.
     pub fn add(&mut self, reading: u16) -> bool {
+        if self.in_range != FOUND {
+            self.in_range = if matches!(reading, 1..=1022) { self.in_range + 1 } else { 0 };
+        }
         self.sum = self.sum.wrapping_add(reading);
         self.count = self.count.wrapping_add(1);
         if self.count != READINGS {
@@ -52,6 +60,11 @@ impl Thermometer {
     /// True if a sum is complete. False in the first 64 ms.
     pub fn has_measured(&self) -> bool {
         self.has_measured
+    }
+
+    /// True if [`FOUND`] readings in a row were between the ends of the range since the start.
+    pub fn is_found(&self) -> bool {
+        self.in_range == FOUND
     }
 
     /// True if the readings are at either end of the range, which no working sensor gives: the sensor or its cable is open or shorted.

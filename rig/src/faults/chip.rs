@@ -2,7 +2,7 @@
 
 use super::{CHIP_TOLD_LIMIT_MS, Case, Measured, Trial};
 use crate::Rig;
-use crate::status::CONTROLLER_LOST;
+use crate::status::CONTROLLER;
 
 /// How long those last that do: so long that each phase of the retries comes up, which are 100 ms and something apart.
 const LASTS_MS: [u64; 3] = [600, 635, 670];
@@ -40,7 +40,7 @@ fn once(line: &'static str, fault: impl FnOnce(&mut Rig)) -> Measured {
     trial.rig.overflows_expected = true;
     trial.begin(line, fault);
     trial.end(|_| {});
-    trial.recover(LIMIT_MS, CONTROLLER_LOST)
+    trial.recover(LIMIT_MS, CONTROLLER)
 }
 
 /// Something that lasts.
@@ -52,14 +52,14 @@ fn during(line: &'static str, fault: fn(&mut Rig, bool)) -> Measured {
         trial.begin(line, |rig| fault(rig, true));
         trial.live(lasts_ms);
         trial.end(|rig| fault(rig, false));
-        trial.recover(LIMIT_MS, CONTROLLER_LOST)
+        trial.recover(LIMIT_MS, CONTROLLER)
     });
     measured.into_iter().reduce(Measured::or).expect("some")
 }
 
 const CASE: Case = Case {
     fault: "",
-    noticed: "supervision every 10 ms (bit 9)",
+    noticed: "supervision every 10 ms (bit 8)",
     reaction: STARTED_OVER,
     servo: STAYS,
     told_limit_ms: Some(CHIP_TOLD_LIMIT_MS),
@@ -93,7 +93,7 @@ pub const NO_POWER: Case = Case {
 
 pub const HELD: Case = Case {
     fault: "MCP2515 stuck in configuration mode",
-    noticed: "supervision every 10 ms, and the mode that is read back at each start (bit 9)",
+    noticed: "supervision every 10 ms, and the mode that is read back at each start (bit 8)",
     reaction: "tried again, six times a second",
     servo: FAILSAFE,
     run: || during(LOST, |rig, held| rig.board().chip_hold_in_configuration(held)),
@@ -119,7 +119,7 @@ pub const MISO_HIGH: Case = Case {
 
 pub const FLIPPING: Case = Case {
     fault: "SPI flips bits, 1 in 1,000 each way",
-    noticed: "supervision every 10 ms, and the registers that are read back at each start (bit 9)",
+    noticed: "supervision every 10 ms, and the registers that are read back at each start (bit 8)",
     servo: "within its travel: a bit that flips in a command cannot be told from another command",
     told_limit_ms: Some(500),
     limit_ms: 500,
@@ -138,7 +138,7 @@ pub const FLIPPING: Case = Case {
         // What was misread is put right by the next command.
         trial.live(60);
         trial.rig.pulses.clear();
-        trial.recover(500, CONTROLLER_LOST)
+        trial.recover(500, CONTROLLER)
     },
     ..CASE
 };
@@ -180,7 +180,7 @@ pub const FILTER: Case = Case {
 
 pub const INT_HIGH: Case = Case {
     fault: "INT stuck high",
-    noticed: "supervision every 10 ms: a frame waits, and INT does not say so (bit 9)",
+    noticed: "supervision every 10 ms: a frame waits, and INT does not say so (bit 8)",
     reaction: STARTED_OVER,
     servo: FAILSAFE,
     run: || during(LOST, |rig, on| rig.board().set_stuck_int(on.then_some(true))),
@@ -189,7 +189,7 @@ pub const INT_HIGH: Case = Case {
 
 pub const INT_LOW: Case = Case {
     fault: "INT stuck low",
-    noticed: "supervision every 10 ms: INT says that a frame waits, and there is none (bit 9)",
+    noticed: "supervision every 10 ms: INT says that a frame waits, and there is none (bit 8)",
     reaction: STARTED_OVER,
     servo: "follows what comes through, else failsafe",
     run: || during(LOST, |rig, on| rig.board().set_stuck_int(on.then_some(false))),

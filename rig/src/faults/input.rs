@@ -1,7 +1,7 @@
 //! Faults of the sensor, and of what comes over the bus.
 
 use super::{BUS_LIMIT_MS, COMMANDED_US, Case, FAILSAFE_US, Measured, Trial, assert_servo};
-use crate::status::{SENSOR, TRANSFER_ERRORS};
+use crate::status::{ID_CONFLICT, TEMPERATURE};
 use crate::{ARRAY_COMMAND, MS, NODE, Rig, started, status_fields};
 use sim::can::Frame;
 use sim::dronecan::{Message, ParameterRequest};
@@ -16,17 +16,17 @@ fn broken_sensor(millivolts: u32) -> Measured {
     trial.begin("open or short", |rig| rig.board().set_sensor_millivolts(millivolts));
     trial.live(2500);
     let (_, code) = trial.rig.status_now();
-    assert_eq!(code & SENSOR, SENSOR, "{code:#06x}");
+    assert_eq!(code & TEMPERATURE, TEMPERATURE, "{code:#06x}");
     assert_servo(&trial.rig, &[COMMANDED_US]);
     trial.end(|rig| rig.board().set_temperature_c(25.0));
     let measured = trial.recover(BUS_LIMIT_MS, 0);
-    trial.rig.wait_for_line("sensor OK", 1200);
+    trial.rig.wait_for_line("temperature in range", 1200);
     measured
 }
 
 pub const SENSOR_OPEN: Case = Case {
     fault: "sensor open (reads the supply)",
-    noticed: "both ends of the range are no temperature (bit 12, ERROR)",
+    noticed: "both ends of the range are no temperature (bit 11)",
     reaction: "told, and shown in the status; over a second after it works again",
     servo: FOLLOWS,
     told_limit_ms: Some(2100),
@@ -38,7 +38,7 @@ pub const SENSOR_SHORTED: Case = Case { fault: "sensor shorted to ground", run: 
 
 pub const SENSOR_NOISY: Case = Case {
     fault: "sensor noisy, by plus or minus 100 mV (10 degrees)",
-    noticed: "not noticed, but averaged: within 1 degree",
+    noticed: "not noticed, but averaged: within 2 degrees",
     reaction: "none",
     servo: FOLLOWS,
     told_limit_ms: None,
@@ -55,7 +55,7 @@ pub const SENSOR_NOISY: Case = Case {
         });
         assert!(told.len() >= 5);
         for (_, celsius) in &told {
-            assert!((celsius - 25.0).abs() < 1.0, "{told:?}");
+            assert!((celsius - 25.0).abs() < 2.0, "{told:?}");
         }
         assert_eq!(trial.rig.status_now().1, 0);
         assert_servo(&trial.rig, &[COMMANDED_US]);
@@ -158,7 +158,7 @@ pub const REQUESTS: Case = Case {
 
 pub const SAME_ID: Case = Case {
     fault: "another node has the node's ID, and sends statuses and commands",
-    noticed: "what comes from its own ID is refused, counted and told (bit 15)",
+    noticed: "what comes from its own ID is refused, counted and told (bit 4)",
     reaction: "goes on",
     servo: "does not obey them",
     told_limit_ms: Some(50),
@@ -176,19 +176,14 @@ pub const SAME_ID: Case = Case {
         });
         assert_servo(&trial.rig, &[COMMANDED_US]);
         trial.end(|_| {});
-        let measured = trial.recover(BUS_LIMIT_MS, TRANSFER_ERRORS);
-        let Message::TransportStats(statistics) = trial.rig.ask(&Message::TransportStatsRequest) else {
-            panic!("no statistics")
-        };
-        assert!(statistics.transfer_errors >= 6, "{statistics:?}");
-        measured
+        trial.recover(BUS_LIMIT_MS, ID_CONFLICT)
     },
 };
 
 /// Both are the shipped firmware, each with its own clock.
 pub const TWIN: Case = Case {
     fault: "two boards of this firmware with the same ID",
-    noticed: "by both, within two seconds (bit 15)",
+    noticed: "by both, within two seconds (bit 4)",
     reaction: "both go on; two different frames with one identifier destroy each other until one is given up",
     servo: "both follow the commands",
     told_limit_ms: Some(2000),
@@ -200,13 +195,13 @@ pub const TWIN: Case = Case {
         trial.live(4000);
         assert_servo(&trial.rig, &[COMMANDED_US]);
         let codes: Vec<u16> = trial.rig.statuses().iter().map(|(_, data)| status_fields(data).3).collect();
-        assert!(codes.iter().any(|code| code & TRANSFER_ERRORS != 0), "{codes:x?}");
+        assert!(codes.iter().any(|code| code & ID_CONFLICT != 0), "{codes:x?}");
         let serial = trial.rig.serial_of(1);
         assert!(serial.contains("refused: type 341 from 120"), "the other one tells it, too: {serial}");
         trial.end(|rig| {
             let port = rig.bench.port(1);
             rig.bench.bus().connect(port, false);
         });
-        trial.recover(BUS_LIMIT_MS, TRANSFER_ERRORS)
+        trial.recover(BUS_LIMIT_MS, ID_CONFLICT)
     },
 };

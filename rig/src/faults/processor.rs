@@ -1,7 +1,7 @@
 //! Faults of the processor, its memory and its clock.
 
 use super::{COMMANDED_US, Case, Measured, Trial};
-use crate::status::{self, CONTROLLER_LOST, STRAY, WATCHDOG};
+use crate::status::{self, CONTROLLER, STACK_COLLISION, STRAY_INTERRUPT as STRAY, WATCHDOG};
 use crate::{MS, Rig, status_fields};
 use sim::Cycles;
 use sim::avr::ResetCause;
@@ -62,7 +62,7 @@ fn restarted_by(line: &'static str, reported: u16, fault: impl FnOnce(&mut Trial
 
 pub const HANG: Case = Case {
     fault: "the main loop hangs",
-    noticed: "watchdog, 250 ms (bit 0)",
+    noticed: "watchdog, 250 ms (reset cause 1)",
     told_limit_ms: Some(350),
     run: || {
         let mut trial = Trial::running();
@@ -87,7 +87,7 @@ pub const HANG: Case = Case {
 
 pub const STRAY_INTERRUPT: Case = Case {
     fault: "an interrupt that nobody asked for",
-    noticed: "default handler (bit 3)",
+    noticed: "default handler (reset cause 4)",
     run: || {
         restarted_by("reset: STRAY INTERRUPT", STRAY, |trial| {
             // TIMSK1.TOIE1: Timer1 overflows at the end of each servo period.
@@ -101,9 +101,9 @@ pub const STRAY_INTERRUPT: Case = Case {
 
 pub const STACK: Case = Case {
     fault: "the stack reaches the variables",
-    noticed: "a painted word between them, looked at each millisecond (bit 3)",
+    noticed: "a painted word between them, looked at each millisecond (reset cause 5)",
     run: || {
-        restarted_by("reset: STACK COLLISION", STRAY, |trial| {
+        restarted_by("reset: STACK COLLISION", STACK_COLLISION, |trial| {
             let avr = trial.rig.board().avr_mut();
             let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
             avr.poke_sram(bottom, 0);
@@ -133,7 +133,7 @@ fn assert_cut_short(trial: &Trial) {
 
 pub const BROWN_OUT: Case = Case {
     fault: "the processor's supply dips",
-    noticed: "brown-out detector (bit 1)",
+    noticed: "brown-out detector (reset cause 2)",
     run: || reset("reset: BROWN-OUT", ResetCause::BrownOut, status::BROWN_OUT),
     servo: "no pulse until a command comes; the pulse in progress is cut short by the reset itself",
     ..CASE
@@ -141,7 +141,7 @@ pub const BROWN_OUT: Case = Case {
 
 pub const BROWN_OUT_DURING_SAVE: Case = Case {
     fault: "the processor's supply dips while it writes its EEPROM",
-    noticed: "brown-out detector (bit 1)",
+    noticed: "brown-out detector (reset cause 2)",
     reaction: "restarted, with the parameters of before or the new ones, all of them",
     run: || {
         let mut worst = Measured::default();
@@ -268,7 +268,7 @@ pub const UPTIME_WRAPS: Case = Case {
         }
         trial.end(|_| {});
         let measured = trial.recover(100, 0);
-        assert_eq!(trial.rig.status_now().1 & CONTROLLER_LOST, 0);
+        assert_eq!(trial.rig.status_now().1 & CONTROLLER, 0);
         Measured { told_ms: None, ..measured }
     },
 };

@@ -174,15 +174,15 @@ fn golden_parameters_come_out_byte_for_byte() {
         "1E0B7FF8 47 0A 01 2A 00 00 00 81 | 00 00 00 00 01 78 00 21 | 00 00 00 00 00 00 01 01 | 7D 00 00 00 00 00 00 21 | 00 01 00 \
          00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 45 41"
     );
-    assert_eq!(parameter(Parameter::CanBaudrate, 4, 2), golden::BAUDRATE_IS_500_KBIT);
+    assert_eq!(parameter(Parameter::CanBaudrate, 2, 2), golden::BAUDRATE_IS_500_KBIT);
     assert_eq!(
         parameter(Parameter::TempOffset, -50, 3),
         "1E0B7FF8 F5 05 01 CE FF FF FF 83 | FF FF FF FF 01 00 00 23 | 00 00 00 00 00 00 01 03 | DC 05 00 00 00 00 00 23 | 00 01 0C \
          FE FF FF FF 03 | FF FF FF 54 45 4D 50 23 | 5F 4F 46 46 53 45 54 43"
     );
     assert_eq!(
-        parameter(Parameter::WarnMask, 0x2BFFu16 as i16, 4),
-        "1E0B7FF8 07 CD 01 FF 2B 00 00 84 | 00 00 00 00 01 FF 2B 24 | 00 00 00 00 00 00 01 04 | FF FF 00 00 00 00 00 24 | 00 01 00 \
+        parameter(Parameter::WarnMask, 0x1BF7, 4),
+        "1E0B7FF8 EE 66 01 F7 1B 00 00 84 | 00 00 00 00 01 F7 1B 24 | 00 00 00 00 00 00 01 04 | FF FF 00 00 00 00 00 24 | 00 01 00 \
          00 00 00 00 04 | 00 00 00 57 41 52 4E 24 | 5F 4D 41 53 4B 44"
     );
 }

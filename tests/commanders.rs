@@ -1,0 +1,96 @@
+//! Two nodes that command the same output, and who may arm.
+
+use rig::status::{DISARMED, OK, TWO_COMMANDERS, WARNING};
+use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command};
+use sim::can::Frame;
+
+/// ArmingStatus, 255: armed.
+const ARMING_STATUS: u32 = 0x1804_4C00;
+
+/// A command in one frame from a node of choice.
+fn command_from(rig: &mut Rig, source: u32, actuator: u8, value: f32) {
+    let frames = array_command(&[(actuator, 0, value)], 0);
+    assert_eq!(frames.len(), 1);
+    rig.send_frame(Frame::extended(ARRAY_COMMAND | source, &frames[0]));
+}
+
+/// 50 commands a second of each of these nodes, half a period apart.
+fn command_together(rig: &mut Rig, sources: &[(u32, u8)], ms: u64) {
+    let end = rig.now() + ms * MS;
+    while rig.now() < end {
+        for &(source, actuator) in sources {
+            command_from(rig, source, actuator, 0.5);
+            rig.run_until(rig.now() + 20 * MS / sources.len() as u64);
+        }
+    }
+}
+
+#[test]
+fn two_nodes_that_command_the_output_are_a_warning_until_ten_seconds_after() {
+    let mut rig = Rig::running();
+    command_together(&mut rig, &[(10, 1)], 3000);
+    assert_eq!(rig.next_status(), (OK, 0));
+    command_together(&mut rig, &[(10, 1), (11, 1)], 2000);
+    assert_eq!(rig.next_status(), (WARNING, TWO_COMMANDERS));
+    assert_eq!(rig.serial.matches("TWO COMMANDERS").count(), 1, "{}", rig.serial);
+    command_together(&mut rig, &[(10, 1)], 13_000);
+    assert_eq!(rig.next_status(), (OK, 0));
+}
+
+#[test]
+fn a_node_that_commands_other_outputs_is_no_second_commander() {
+    let mut rig = Rig::running();
+    command_together(&mut rig, &[(10, 1), (11, 2)], 3000);
+    assert_eq!(rig.next_status(), (OK, 0));
+}
+
+/// A tool on the bench, and then the autopilot.
+#[test]
+fn a_commander_that_stops_is_followed_by_another_without_a_warning() {
+    let mut rig = Rig::running();
+    for source in [10, 11, 10] {
+        command_together(&mut rig, &[(source, 1)], 1000);
+        // Longer than the two seconds that a command counts as recent; the tool's own status keeps coming.
+        for _ in 0..5 {
+            rig.send(NODE_STATUS | source, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
+            rig.run_ms(500);
+        }
+        assert_eq!(rig.next_status().1 & TWO_COMMANDERS, 0);
+    }
+}
+
+fn is_disarmed(rig: &mut Rig) -> bool {
+    rig.next_status().1 & DISARMED != 0
+}
+
+#[test]
+fn only_the_commander_arms_and_disarms() {
+    let mut rig = Rig::running();
+    rig.set("ARM_REQ", 1);
+    command_together(&mut rig, &[(10, 1)], 100);
+    assert!(is_disarmed(&mut rig));
+    for (source, armed, is_disarmed_then) in [(11, 255, true), (10, 255, false), (11, 0, false), (10, 0, true)] {
+        rig.send(ARMING_STATUS | source, &[armed, 0xC0]);
+        rig.run_ms(10);
+        let told = format!("refused: type 1100 from {source}, wrong sender");
+        assert_eq!(rig.serial.contains(&told), source == 11, "{}", rig.serial);
+        // A command keeps its sender the commander.
+        command_together(&mut rig, &[(10, 1)], 1000);
+        rig.send(ARMING_STATUS | source, &[armed, 0xC0]);
+        assert_eq!(is_disarmed(&mut rig), is_disarmed_then, "{armed} of {source}");
+        rig.forget();
+    }
+}
+
+#[test]
+fn without_a_commander_the_lowest_node_id_arms() {
+    let mut rig = Rig::running();
+    rig.set("ARM_REQ", 1);
+    for source in [20, 10] {
+        rig.send(NODE_STATUS | source, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
+    }
+    rig.send(ARMING_STATUS | 20, &[255, 0xC0]);
+    assert!(is_disarmed(&mut rig));
+    rig.send(ARMING_STATUS | 10, &[255, 0xC0]);
+    assert!(!is_disarmed(&mut rig));
+}
