@@ -56,7 +56,7 @@ help:
 	@echo "make clean      remove what was built"
 	@echo
 	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, thesis or none;"
-	@echo "FEATURES=button,lights these features only, if they fit."
+	@echo "FEATURES=button        this feature only; several with commas, if they fit."
 	@echo "BOARD=uno SHIELD=module chooses another board for them and for test; a wrong name lists the right ones. CS=D8 INT=D3 CRYSTAL=8 are for"
 	@echo "wires of your own. See docs/wiring.md."
 
