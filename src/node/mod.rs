@@ -558,11 +558,9 @@ impl Node {
         // A command that is rejected because the vehicle is disarmed still identifies the autopilot.
         #[cfg(feature = "standard")]
         let is_followed = is_followed || line == Line::RefusedDisarmed;
-        if is_followed {
-            if self.autopilot.commanded_by(source) {
-                self.health.set(Conditions::TWO_COMMANDERS, true, [Line::TwoCommanders; 2], monitor);
-                self.health.happened(Conditions::TWO_COMMANDERS);
-            }
+        if is_followed && self.autopilot.commanded_by(source) {
+            self.health.set(Conditions::TWO_COMMANDERS, true, [Line::TwoCommanders; 2], monitor);
+            self.health.happened(Conditions::TWO_COMMANDERS);
         }
         line
     }
