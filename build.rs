@@ -77,6 +77,7 @@ fn describe_board() -> String {
     set("NODE_SENSOR", &text(&table, &["pins", "sensor"]));
     set("NODE_NAME", &text(&table, &["chips", &chip, "node_name"]));
     set("NODE_HARDWARE_MAJOR", &text(&table, &["chips", &chip, "hardware_major"]));
+    set("NODE_LANES", &text(&table, &["chips", &chip, "lanes"]));
     set("NODE_HARDWARE_MINOR", &minor.and_then(Value::as_integer).unwrap_or(OWN_WIRING).to_string());
     let number = if interrupt == "D3" { 1 } else { 0 };
     println!("cargo::rustc-cfg=can_interrupt=\"INT{number}\"");

@@ -8,6 +8,9 @@ pub const HARDWARE_MAJOR: u8 = decimal(env!("NODE_HARDWARE_MAJOR"));
 /// Minor hardware version in GetNodeInfo: the wiring of the CAN board; 255 is wiring that is not in the table.
 pub const HARDWARE_MINOR: u8 = decimal(env!("NODE_HARDWARE_MINOR"));
 
+/// Transfers of several frames that can be received at the same time: so many commands, and so many requests.
+pub const LANES: usize = decimal(env!("NODE_LANES")) as usize;
+
 /// Crystal of the MCP2515, in hertz.
 pub const CAN_CRYSTAL_HZ: u32 = decimal(env!("NODE_CRYSTAL_MHZ")) as u32 * 1_000_000;
 

@@ -91,7 +91,7 @@ fn main() -> ! {
                 let acceptance = node.acceptance(Image);
                 let attempts = node.attempts();
                 board.bus.controller(|can| {
-                    can.reconfigure(|configuration| {
+                    can.reconfigure(now_ms, |configuration| {
                         configuration.acceptance = acceptance;
                         configuration.attempts = attempts;
                     });

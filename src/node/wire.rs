@@ -4,16 +4,17 @@ use dronecan_wire::{Id, Rejection};
 use mcp2515_ordered::Frame;
 
 use super::kind::Kind;
+use crate::hardware::LANES;
 
 /// Bytes kept of a request: a GetSet with an integer and a name of 16 characters, and one more byte, so that a longer name does not match by its
 /// first 16 characters.
 pub const KEPT: usize = 27;
 
 /// Lists that can be received at the same time, each from another sender.
-pub const LIST_LANES: usize = 1;
+pub const LIST_LANES: usize = LANES;
 
 /// Requests of several frames that can be received at the same time.
-pub const REQUEST_LANES: usize = 1;
+pub const REQUEST_LANES: usize = LANES;
 
 /// Reassembles received transfers.
 pub type Receiver = dronecan_wire::Receiver<Kind, LIST_LANES, REQUEST_LANES, KEPT>;

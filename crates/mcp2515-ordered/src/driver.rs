@@ -15,6 +15,9 @@ use crate::tx_order::{Rank, TxOrder};
 /// Time between two supervisions of a running chip, in milliseconds.
 pub const SUPERVISION_MS: u8 = 10;
 
+/// Time in which a chip leaves the bus for configuration mode, in milliseconds: the longest frame takes 1.3 ms at 125 kbit/s.
+const LEAVE_MS: u8 = 3;
+
 /// Time from a failed start-up to the next reset of the chip, in milliseconds.
 pub const RETRY_MS: u8 = 100;
 
@@ -159,11 +162,19 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.restart();
     }
 
-    /// Changes the configuration, and restarts the chip as [`configure`](Self::configure) does.
+    /// Changes the configuration of a chip on the bus, and configures it again without a reset. The chip leaves the bus for about 5 ms when the frame
+    /// on the bus is over, so no frame that it has acknowledged is lost. Frames that it has not sent yet are aborted. A chip that is not on the bus is
+    /// restarted as by [`configure`](Self::configure).
     #[inline(always)]
-    pub fn reconfigure(&mut self, change: impl FnOnce(&mut Configuration<A>)) {
+    pub fn reconfigure(&mut self, now_ms: u16, change: impl FnOnce(&mut Configuration<A>)) {
         change(&mut self.configuration);
-        self.restart();
+        if !self.is_running() {
+            return self.restart();
+        }
+        self.step = Step::STARTING;
+        self.polled_ms = now_ms as u8;
+        self.wait_ms = LEAVE_MS;
+        self.chip.write_canctrl(MODE_CONFIGURATION | ABAT);
     }
 
     #[inline(always)]
@@ -266,7 +277,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// none.
     #[inline(always)]
     pub fn has_frame(&mut self) -> bool {
-        (!self.rx.is_empty() || self.is_int_low()) && self.is_running()
+        // A chip that has left the bus still has the frames that it received.
+        (!self.rx.is_empty() || self.is_int_low()) && (self.is_running() || self.step == Step::STARTING)
     }
 
     fn is_int_low(&mut self) -> bool {

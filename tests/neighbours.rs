@@ -1,0 +1,182 @@
+//! The node beside other nodes: some talk too much, some begin and never end, and none keeps its commander or another client out.
+
+use rig::{ARRAY_COMMAND, MS, Rig, US, array_command, is_from_node, started_with};
+use sim::avr::Noise;
+use sim::bench::firmware_for;
+use sim::can::{Frame, Id};
+use sim::dronecan::{Message, ParameterRequest};
+
+/// A command of the autopilot, node 10, in nine frames: so many microseconds for actuator 1.
+fn long_command(n: u16) -> Vec<Vec<u8>> {
+    let commands: Vec<_> = (1..=15).map(|id| (id, 4, f32::from(1000 + n))).collect();
+    array_command(&commands, n as u8 & 31)
+}
+
+fn first_frame(source: u32) -> Frame {
+    Frame::extended(ARRAY_COMMAND | source, &[0x12, 0xF3, 1, 0, 0, 0x38, 2, 0x80])
+}
+
+/// Commands of 50 Hz and nine frames each, of which the peer sends the frames as `mix` puts others between them. Each command has a width of its own,
+/// which some pulse must have.
+#[track_caller]
+fn assert_all_are_followed(rig: &mut Rig, mut mix: impl FnMut(&mut Rig, usize)) {
+    rig.send_command(1, 4, 900.0);
+    rig.run_ms(100);
+    rig.forget();
+    for n in 0..100 {
+        for (at, data) in long_command(n).iter().enumerate() {
+            rig.send(ARRAY_COMMAND | 10, data);
+            mix(rig, at);
+        }
+        rig.run_ms(20);
+    }
+    rig.run_ms(50);
+    let widths: Vec<f64> = rig.pulses.iter().map(|pulse| pulse.width_us()).collect();
+    let missed: Vec<u16> = (0..100).filter(|&n| !widths.contains(&f64::from(1000 + n))).collect();
+    // A pulse begins each 20 ms, so now and then two commands come between two pulses.
+    assert!(missed.len() <= 2, "not followed: {missed:?}");
+    let longest = rig.pulses.windows(2).filter(|pair| pair[0].width_us() == pair[1].width_us()).count();
+    assert!(longest <= 4, "{longest} pulses were those of the command before");
+}
+
+#[test]
+fn commands_that_others_begin_and_never_end_do_not_keep_the_commander_out() {
+    // One after each frame of the commander's, or one a second, or of many nodes.
+    for pattern in 0..3 {
+        let mut rig = Rig::running();
+        let mut n = 0;
+        assert_all_are_followed(&mut rig, |rig, at| {
+            n += 1;
+            match pattern {
+                0 => rig.send_frame(first_frame(11)),
+                1 if n % 450 == 3 => rig.send_frame(first_frame(11)),
+                2 if at == 4 => (11..40).for_each(|source| rig.send_frame(first_frame(source))),
+                _ => {}
+            }
+        });
+    }
+}
+
+#[test]
+fn whole_commands_of_another_node_for_other_actuators_do_not_keep_the_commander_out() {
+    let mut rig = Rig::running();
+    let others: Vec<_> = (21..=35).map(|id| (id, 0, 0.5)).collect();
+    let others = array_command(&others, 3);
+    // Frame by frame in turn.
+    assert_all_are_followed(&mut rig, |rig, at| rig.send(ARRAY_COMMAND | 11, &others[at]));
+}
+
+/// It takes the lane first, and only then the commander begins.
+#[test]
+fn a_command_that_another_node_has_begun_gives_way_to_the_commander() {
+    for pause_us in [0, 150, 1000, 19_000] {
+        let mut rig = Rig::running();
+        rig.send_command(1, 0, 0.0);
+        rig.run_ms(50);
+        rig.send_frame(first_frame(11));
+        rig.run_until(rig.now() + pause_us * US);
+        for data in long_command(300) {
+            rig.send(ARRAY_COMMAND | 10, &data);
+        }
+        assert_eq!(rig.settled_pulse_us(), 1300.0, "{pause_us} us");
+    }
+}
+
+#[test]
+fn half_a_request_of_one_client_keeps_no_other_out() {
+    let mut rig = Rig::running();
+    // The beginning of a GetSet, from node 126.
+    let half = Frame::extended(0x1E0B_F8FE, &[0xC1, 0x45, 0x00, 0x01, 0x20, 0xA1, 0x07, 0x82]);
+    for n in 0..50 {
+        rig.send_frame(half);
+        rig.run_until(rig.now() + n * 100 * US);
+        // Within ANSWER_TIMEOUT_MS, or it panics.
+        assert_eq!(rig.parameter("OUT1_TIMEOUT").name, b"OUT1_TIMEOUT");
+    }
+}
+
+/// On an ATmega328P there is room for two.
+#[test]
+fn two_senders_frame_by_frame_are_both_followed_where_there_is_room() {
+    let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
+    let mut rig = Rig::with_boards_of(&elf, &[started_with(&elf)]);
+    rig.wait_until_up();
+    let (low, high) = (long_command(100), long_command(200));
+    for (first, second) in [(10, 11), (11, 10)] {
+        rig.forget();
+        for (a, b) in low.iter().zip(&high) {
+            rig.send(ARRAY_COMMAND | first, a);
+            rig.send(ARRAY_COMMAND | second, b);
+        }
+        rig.run_ms(50);
+        for source in [first, second] {
+            assert!(rig.serial.contains(&format!("rx ArrayCommand from {source} tid")), "{}", rig.serial);
+        }
+        assert!(!rig.serial.contains("refused"), "{}", rig.serial);
+        assert_eq!(rig.settled_pulse_us(), 1200.0, "the one that ended last");
+    }
+    // Requests by name, too.
+    let request = |name: &str, source: u32| -> Vec<Frame> {
+        let request = ParameterRequest { name: name.into(), ..ParameterRequest::default() };
+        let (data_type, payload) = Message::ParameterRequest(request).encode().expect("a request");
+        let frames =
+            sim::dronecan::split(&payload, sim::dronecan::TransferId::new(5), data_type.signature.expect("known"));
+        frames.iter().map(|data| Frame::extended(0x1E0B_F880 | source, data)).collect()
+    };
+    rig.forget();
+    for (a, b) in request("OUT1_TIMEOUT", 126).into_iter().zip(request("OUT1_REVERSED", 127)) {
+        rig.send_frame(a);
+        rig.send_frame(b);
+    }
+    rig.run_ms(50);
+    for client in [126, 127] {
+        let is_answer = |frame: &Frame| matches!(frame.id, Id::Extended(id) if id == 0x1E0B_00F8 | client << 8);
+        let frames = rig.traffic.iter().filter(|(_, frame)| is_answer(frame)).count();
+        assert_eq!(frames, 8, "an answer to {client}");
+    }
+}
+
+/// The controller gets its filters again when the failsafe begins, for which it leaves the bus. It does so while nothing is under way: whatever
+/// comes and goes around that moment, no frame of the node is cut off, and none that was acknowledged is lost.
+fn filters_are_set_at_any_moment(phases: u64) {
+    let mut rig = Rig::running();
+    rig.set("OUT1_TIMEOUT", 40);
+    rig.set("TELEM_RATE", 50);
+    rig.set("TEMP_RATE", 50);
+    let mut random = Noise::new(18);
+    rig.forget();
+    for phase in 0..phases {
+        rig.send_command(1, 0, 0.1);
+        rig.run_until(rig.now() + 36 * MS + random.below(8000) * US);
+        let mut asked = 0;
+        for _ in 0..6 {
+            // An answer of eleven frames, or one to a request of three.
+            if random.below(2) == 0 {
+                rig.request(&Message::NodeInfoRequest);
+            } else {
+                let request = ParameterRequest { name: b"OUT1_TIMEOUT".to_vec(), ..ParameterRequest::default() };
+                rig.request(&Message::ParameterRequest(request));
+            }
+            asked += 1;
+            rig.run_until(rig.now() + random.below(2500) * US);
+        }
+        rig.run_ms(40);
+        assert_eq!(rig.answers().len(), asked, "phase {phase}\n{}", rig.serial);
+        let broken: Vec<_> = rig.broken.iter().filter(|(_, frame, _)| is_from_node(frame)).collect();
+        assert!(broken.is_empty(), "phase {phase}: {broken:?}");
+        assert!(rig.serial.contains("FAILSAFE") && rig.serial.contains("CAN: running"), "{}", rig.serial);
+        assert_eq!(rig.board().chip().borrow().rx_overflows(), 0);
+        rig.forget();
+    }
+}
+
+#[test]
+fn while_the_filters_are_set_nothing_is_cut_off_or_lost() {
+    filters_are_set_at_any_moment(40);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn while_the_filters_are_set_at_a_thousand_moments_nothing_is_cut_off_or_lost() {
+    filters_are_set_at_any_moment(1000);
+}
