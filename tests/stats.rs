@@ -1,9 +1,10 @@
 //! What the node counts of its bus: CanStats, in the build that has it.
 
-use rig::{ARRAY_COMMAND, NODE, Rig, is_from_node};
+use rig::{ARRAY_COMMAND, MS, NODE, Rig, US, is_from_node};
 use sim::Cycles;
-use sim::can::Id;
+use sim::can::{ErrorState, Fault, Id};
 use sim::dronecan::{CanStats, Message};
+
 fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
     rig.heard(|message| match message {
         Message::CanStats(stats) => Some(stats),
@@ -57,6 +58,32 @@ fn can_statistics_count_frames_lost_and_given_up() {
     rig.run_ms(1500);
     let (_, last) = *stats(&rig).last().expect("statistics again");
     assert!(last.tx_timedout + last.tx_abort > 0, "{last}");
+}
+
+/// Bus-off lasts 1.4 ms, and with every frame destroyed the next comes after another millisecond.
+#[test]
+fn every_bus_off_is_counted_and_told() {
+    let mut rig = Rig::running();
+    rig.set("STATS_RATE", 10);
+    rig.set("TELEM_RATE", 50);
+    let mut bus_offs = 0;
+    for lasts_ms in [2, 4, 9, 31, 110] {
+        rig.serial.clear();
+        rig.bench.bus().inject(Fault::DestroyFrames(true));
+        let (mut was_off, before, end) = (false, bus_offs, rig.now() + lasts_ms * MS);
+        while rig.now() < end {
+            rig.run_until(rig.now() + 50 * US);
+            let is_off = rig.board().chip().borrow().error_state() == ErrorState::BusOff;
+            bus_offs += u16::from(is_off && !was_off);
+            was_off = is_off;
+        }
+        rig.bench.bus().inject(Fault::DestroyFrames(false));
+        rig.run_ms(500);
+        let (_, last) = *stats(&rig).last().expect("statistics again");
+        assert_eq!(last.busoff_errors, bus_offs, "after {lasts_ms} ms of destroyed frames");
+        assert_eq!(rig.serial.contains("CAN: bus-off"), bus_offs > before, "{}", rig.serial);
+    }
+    assert!(bus_offs > 20, "{bus_offs}");
 }
 
 #[test]
