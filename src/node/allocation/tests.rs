@@ -211,9 +211,17 @@ fn answers_with_no_or_too_much_of_a_unique_id_are_none() {
 #[test]
 fn a_grant_is_taken_without_any_request_before_it() {
     // For example, the response to a repeated request comes late.
-    for node_id in [1, 42, 125, 127] {
+    for node_id in [1, 42, 125] {
         let mut allocation = asking(&UNIQUE_ID, 0);
         assert_eq!(allocation.hear(&message(127, node_id, &UNIQUE_ID), &UNIQUE_ID, 5), node_id);
+    }
+}
+
+#[test]
+fn a_grant_of_126_or_127_which_are_for_tools_is_refused() {
+    for node_id in [126, 127] {
+        let mut allocation = asking(&UNIQUE_ID, 0);
+        assert_eq!(allocation.hear(&message(127, node_id, &UNIQUE_ID), &UNIQUE_ID, 5), 0);
     }
 }
 
