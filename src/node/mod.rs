@@ -212,10 +212,10 @@ impl Node {
     ) {
         self.store.identify(&mut self.unique_id, eeprom, noise);
         self.health.start(cause);
-        #[cfg(feature = "standard")]
+        #[cfg(any(feature = "standard", test))]
         let is_lost = self.store.load(&mut self.parameters, eeprom, flash);
         // What there is was saved by another build, which had parameters over the bus.
-        #[cfg(not(feature = "standard"))]
+        #[cfg(not(any(feature = "standard", test)))]
         let is_lost = {
             self.parameters.set_defaults(flash);
             store::has_parameters(eeprom)
