@@ -526,7 +526,8 @@ fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_given_u
 fn a_new_configuration_applies_within_20_ms() {
     let mut rig = Rig::running(Accept { id: 0x0000_0100, mask: 0x00FF_FF80 }, Attempts::Once);
     assert_eq!(rig.register(CANCTRL), OSM);
-    rig.driver.reconfigure(rig.now_ms, |configuration| {
+    let now_ms = rig.now_ms();
+    rig.driver.reconfigure(now_ms, |configuration| {
         configuration.acceptance = Accept { id: 0x0001_5500, mask: 0x00FF_FF80 };
         configuration.attempts = Attempts::UntilSent;
     });
@@ -574,7 +575,8 @@ fn without_a_configuration_the_driver_does_not_access_the_chip() {
     let wire = rig.wire.clone();
     rig.driver = Mcp2515::unconfigured(wire.clone(), wire.clone(), wire, EVERYTHING);
     rig.run_ms(300);
-    rig.driver.reconfigure(rig.now_ms, |configuration| configuration.attempts = Attempts::Once);
+    let now_ms = rig.now_ms();
+    rig.driver.reconfigure(now_ms, |configuration| configuration.attempts = Attempts::Once);
     rig.run_ms(300);
     assert_eq!((rig.take_cost(), rig.take_events()), ((0, 0), vec![]));
     let (timing, acceptance) = (BitTiming::new(CRYSTAL_HZ, 1_000_000), EVERYTHING);
