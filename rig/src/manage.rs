@@ -36,7 +36,8 @@ const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
     ("CRIT_MASK", 0x2000, 0, 65_535),
 ];
 /// What the preset "full" has after them.
-const OF_FULL: [(&str, i64, i64, i64); 3] = [("LIGHT_ID", 0, 0, 255), ("STATS_RATE", 0, 0, 10), ("DIALECT", 0, 0, 2)];
+const OF_FULL: [(&str, i64, i64, i64); 4] =
+    [("LIGHT_ID", 0, 0, 255), ("STATS_RATE", 0, 0, 10), ("DIALECT", 0, 0, 2), ("SAFE_MODE", 1, 0, 1)];
 
 /// The parameters that the preset of the board's chip has, in order: name, default, least and greatest value.
 pub fn parameters() -> Vec<(&'static str, i64, i64, i64)> {

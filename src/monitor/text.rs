@@ -57,6 +57,9 @@ lines! {
     /// Rejected: a command while the vehicle is disarmed.
     #[cfg(feature = "standard")]
     RefusedDisarmed = "refused: command from %s tid %t, disarmed",
+    /// Rejected: a command while the safety switch is on.
+    #[cfg(feature = "safety")]
+    RefusedSafe = "refused: command from %s tid %t, safety switch on",
     /// Rejected: a command that gives no valid pulse.
     RefusedValue = "refused: command from %s tid %t, no such pulse",
     /// Received a NodeStatus.
@@ -168,6 +171,12 @@ lines! {
     /// The vehicle is disarmed.
     #[cfg(feature = "standard")]
     Disarmed = "disarmed",
+    /// The safety switch is on.
+    #[cfg(feature = "safety")]
+    Safe = "safety switch on",
+    /// Received a SafetyState.
+    #[cfg(feature = "safety")]
+    SafetyState = "rx SafetyState from %s tid %t: %c",
     /// The vehicle is armed again.
     #[cfg(feature = "standard")]
     DisarmedEnd = "armed",

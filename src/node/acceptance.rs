@@ -268,6 +268,8 @@ mod tests {
         1111,
         #[cfg(feature = "standard")]
         1100,
+        #[cfg(feature = "safety")]
+        20_000,
         #[cfg(feature = "lights")]
         1081,
     ];
@@ -313,14 +315,16 @@ mod tests {
         }
     }
 
-    /// There are at most four types, so the mask of RXB1 compares all bits. RXB0 also takes messages with the low byte of ArrayCommand.
+    /// Of up to four types the mask of RXB1 compares all bits; of five, 0x55, 0x57, 0x4C, 0x20 and 0x39 in their low bytes, all of these but bit 1.
+    /// RXB0 also takes messages with the low byte of ArrayCommand.
     #[test]
-    fn only_messages_in_use_and_those_with_the_low_byte_of_array_command_pass() {
+    fn only_messages_in_use_and_those_with_their_low_bytes_pass() {
+        let mask = if SINGLE_TYPES.len() <= SLOTS { 0xFFFF } else { 0x00FD };
         for data_type in 0..=u16::MAX {
             let id = u32::from_be_bytes(Id::message(16, data_type, 10).to_bytes());
             let expected = if data_type & 0xFF == 1010 & 0xFF {
                 Some(0)
-            } else if SINGLE_TYPES.contains(&data_type) {
+            } else if SINGLE_TYPES.iter().any(|single| (single ^ data_type) & mask == 0) {
                 Some(1)
             } else {
                 None
@@ -331,14 +335,15 @@ mod tests {
 
     #[test]
     fn registers_are_those_worked_out_by_hand() {
-        let (third, fourth) = match SINGLE_TYPES {
-            [_, _] => (0x0009_5500, 0x0009_5500),
-            [_, _, 1100] => (0x0028_4C00, 0x0009_5500),
-            [_, _, 1100, 1081] => (0x0028_4C00, 0x0028_3900),
+        let (singles, mask) = match SINGLE_TYPES {
+            [_, _] => ([0x0009_5500, 0x0028_5700, 0x0009_5500, 0x0009_5500], 0x07E3_FF80),
+            [_, _, 1100] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x0009_5500], 0x07E3_FF80),
+            [_, _, 1100, 1081] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x0028_3900], 0x07E3_FF80),
+            [_, _, 1100, 20_000, 1081] => ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_FD80),
             other => panic!("{other:?}"),
         };
-        let filters = [0x0008_F200, 0x0008_AA80, 0x0009_5500, 0x0028_5700, third, fourth];
-        assert_eq!(all(WITH_ID)[..], [&filters[..], &[0x0000_FF80, 0x07E3_FF80]].concat());
+        let filters = [&[0x0008_F200, 0x0008_AA80][..], &singles, &[0x0000_FF80, mask]].concat();
+        assert_eq!(all(WITH_ID)[..], filters);
     }
 
     #[test]
@@ -403,6 +408,7 @@ mod tests {
             0x1804_390A,
             0x1804_4C0A,
             0x1004_5701,
+            0x104E_200A,
             0x084C_040A,
             0x084C_0452,
             0x17C4_0409,

@@ -11,6 +11,10 @@ use crate::monitor::{Event, Line};
 #[cfg(feature = "standard")]
 const ARMING_TIMEOUT_S: u8 = 4;
 
+/// The safety switch counts as on for this time after a SafetyState that says so, in seconds. ArduPilot sends two a second.
+#[cfg(feature = "safety")]
+const SAFETY_TIMEOUT_S: u8 = 4;
+
 /// OUT1_FS: what the output does when commands stop. 3 ends the pulses.
 mod failsafe {
     /// Holds the pulse.
@@ -33,12 +37,29 @@ pub struct Actuator {
     hears_commands: bool,
     /// Seconds that the vehicle still counts as armed.
     armed_s: u8,
+    /// Seconds that the safety switch still counts as on.
+    #[cfg(feature = "safety")]
+    safe_s: u8,
+    /// The output was following commands, or missing them, when the safety switch was put on.
+    #[cfg(feature = "safety")]
+    was_following: bool,
 }
 
 impl Actuator {
     /// An actuator that gives no pulse yet.
     pub const fn new() -> Self {
-        Self { travel: Travel::NONE, pulse: 0, is_following: false, followed_ms: 0, hears_commands: false, armed_s: 0 }
+        Self {
+            travel: Travel::NONE,
+            pulse: 0,
+            is_following: false,
+            followed_ms: 0,
+            hears_commands: false,
+            armed_s: 0,
+            #[cfg(feature = "safety")]
+            safe_s: 0,
+            #[cfg(feature = "safety")]
+            was_following: false,
+        }
     }
 
     /// Applies the parameters of the travel, also to the pulse.
@@ -88,6 +109,41 @@ impl Actuator {
     pub fn arm(&mut self, status: u8) {
         const FULLY_ARMED: u8 = 255;
         self.armed_s = if status == FULLY_ARMED { ARMING_TIMEOUT_S } else { 0 };
+    }
+
+    /// True while the safety switch is on.
+    #[inline(always)]
+    pub fn is_safe(&self) -> bool {
+        #[cfg(feature = "safety")]
+        return self.safe_s != 0;
+        #[cfg(not(feature = "safety"))]
+        return false;
+    }
+
+    /// Takes a SafetyState. While it says safe, silence is expected, and the output does what SAFE_MODE says. `is_failsafe`: commands are missing.
+    #[cfg(feature = "safety")]
+    pub fn take_safety_state(&mut self, status: u8, is_failsafe: bool, now_ms: u16, parameters: &Parameters) {
+        const SAFE: u8 = 0;
+        if status != SAFE {
+            return self.end_safe(now_ms);
+        }
+        if self.safe_s == 0 {
+            self.was_following = core::mem::take(&mut self.is_following) || is_failsafe;
+        }
+        self.safe_s = SAFETY_TIMEOUT_S;
+        if parameters.is_on(Parameter::SafeMode) {
+            self.pulse = 0;
+        }
+    }
+
+    /// From now on commands are expected again, if they were before.
+    #[cfg(feature = "safety")]
+    fn end_safe(&mut self, now_ms: u16) {
+        if self.safe_s != 0 {
+            self.safe_s = 0;
+            self.is_following = self.was_following;
+            self.followed_ms = now_ms;
+        }
     }
 
     /// Takes an ArrayCommand: its entry for this output, if there is one.
@@ -180,6 +236,10 @@ impl Actuator {
         if self.is_disarmed(parameters) {
             return Line::RefusedDisarmed;
         }
+        #[cfg(feature = "safety")]
+        if self.is_safe() {
+            return Line::RefusedSafe;
+        }
         let _ = parameters;
         servo.set(pulse);
         self.pulse = pulse;
@@ -216,10 +276,17 @@ impl Actuator {
         };
     }
 
-    /// Counts down the arming timeout. Call once a second.
+    /// Counts down the timeouts of ArmingStatus and SafetyState. Call once a second.
     #[inline(always)]
-    pub fn second(&mut self) {
+    pub fn second(&mut self, now_ms: u16) {
         self.armed_s = self.armed_s.saturating_sub(1);
+        #[cfg(feature = "safety")]
+        match self.safe_s {
+            0 => {}
+            1 => self.end_safe(now_ms),
+            _ => self.safe_s -= 1,
+        }
+        let _ = now_ms;
     }
 }
 
@@ -382,7 +449,7 @@ mod tests {
         assert_eq!(rig.pwm(1800.0), Line::CommandPwm);
         for second in 1..=4 {
             assert_eq!(rig.actuator.pulse(), 3600, "{second}");
-            rig.actuator.second();
+            rig.actuator.second(rig.now_ms);
             assert_eq!(rig.run(1), None, "disarmed is no failsafe");
         }
         assert_eq!((rig.actuator.pulse(), rig.actuator.is_following()), (0, false));

@@ -54,7 +54,7 @@ impl Conditions {
     pub const POWER: Self = Self(1 << 12);
     /// Parameters in the EEPROM were lost or out of range; their defaults are in force.
     pub const PARAMETERS_LOST: Self = Self(1 << 13);
-    /// ARM_REQ requires an armed vehicle, and the vehicle is disarmed.
+    /// ARM_REQ requires an armed vehicle, and the vehicle is disarmed; or the safety switch is on.
     pub const DISARMED: Self = Self(1 << 14);
     /// The node sends in the draft. The bit is in the upper byte, so that a draft status does no harm if it is read as one of v0.
     pub const DRAFT: Self = Self(1 << 15);

@@ -13,8 +13,14 @@ const LONG: u16 = 1 << 14;
 /// Mask of a [`Kind`]'s number: the ID of the data type or service.
 const ID: u16 = LONG - 1;
 
+/// Bits of a [`Kind`]'s number: the transfer is a message of a vendor, with an ID from 16384 to 24575. (A service ID has eight bits only.)
+const VENDOR: u16 = REQUEST | 1 << 13;
+
+/// Mask of a vendor's [`Kind`]: the ID less [`LONG`], its first.
+const VENDOR_ID: u16 = (1 << 13) - 1;
+
 /// A row is `name = space type, form;`, or for a request `name = space type, form of the request, form of the response;`. The space `draft` is for
-/// messages that only the UAVCAN draft has. A transfer of the form `short` has one frame.
+/// messages that only the UAVCAN draft has, `vendor` for the IDs of vendors. A transfer of the form `short` has one frame.
 macro_rules! received {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $kind:ident = $space:ident $type:path, $form:ident $(, $response:ident)?;)*) => {
         /// The kind of a received transfer. Its number is the ID of the data type or service, and the bits `REQUEST` and `LONG`.
@@ -23,7 +29,7 @@ macro_rules! received {
         pub enum Kind {
             /// A type that the node does not take.
             Unknown = 0,
-            $($(#[doc = $doc])* $(#[cfg($if)])? $kind = received!(@$space) | received!(@$form) | $type.id as u16,)*
+            $($(#[doc = $doc])* $(#[cfg($if)])? $kind = received!(@$space $type) | received!(@$form),)*
         }
 
         impl Kind {
@@ -32,7 +38,7 @@ macro_rules! received {
 
             #[inline(always)]
             const fn of(space_and_id: u16) -> Self {
-                $($(#[cfg($if)])? if received!(@is_v0 $space) && space_and_id == received!(@$space) | $type.id as u16 {
+                $($(#[cfg($if)])? if received!(@is_v0 $space) && space_and_id == received!(@$space $type) {
                     return Self::$kind;
                 })*
                 Self::Unknown
@@ -49,12 +55,13 @@ macro_rules! received {
         }
 
         const _: () = {
-            $($(#[cfg($if)])? assert!(($type.id as u16) < LONG, "the bits above are taken");)*
+            $($(#[cfg($if)])? assert!(Kind::$kind.id() == $type.id as u16, "its bits are taken");)*
         };
     };
-    (@message) => { 0 };
-    (@draft) => { 0 };
-    (@request) => { REQUEST };
+    (@message $type:path) => { $type.id as u16 };
+    (@draft $type:path) => { $type.id as u16 };
+    (@request $type:path) => { REQUEST | $type.id as u16 };
+    (@vendor $type:path) => { VENDOR | $type.id as u16 & VENDOR_ID };
     (@is_v0 draft) => { false };
     (@is_v0 $space:ident) => { true };
     (@is_long long) => { true };
@@ -80,6 +87,9 @@ received! {
     /// uavcan.equipment.safety.ArmingStatus
     #[cfg(feature = "standard")]
     ArmingStatus = message types::ARMING_STATUS, short;
+    /// ardupilot.indication.SafetyState
+    #[cfg(feature = "safety")]
+    SafetyState = vendor types::SAFETY_STATE, short;
     /// uavcan.equipment.indication.LightsCommand
     #[cfg(feature = "lights")]
     LightsCommand = message types::LIGHTS_COMMAND, long;
@@ -111,6 +121,10 @@ impl Kind {
     /// The kind of a message with this data type ID.
     #[inline(always)]
     pub const fn of_message(data_type: u16) -> Self {
+        #[cfg(feature = "safety")]
+        if data_type & !VENDOR_ID == LONG {
+            return Self::of(VENDOR | data_type & VENDOR_ID);
+        }
         match Self::of(data_type & !REQUEST) {
             _ if data_type >= LONG => Self::Unknown,
             kind => kind,
@@ -126,13 +140,20 @@ impl Kind {
     /// The ID of the data type or service.
     #[inline(always)]
     pub const fn id(self) -> u16 {
+        #[cfg(feature = "safety")]
+        if self as u16 & VENDOR == VENDOR {
+            return LONG | self as u16 & VENDOR_ID;
+        }
         self as u16 & ID
     }
 
     /// True for a request to this node.
     #[inline(always)]
     pub const fn is_request(self) -> bool {
-        self as u16 & REQUEST != 0
+        #[cfg(feature = "safety")]
+        return self as u16 & VENDOR == REQUEST;
+        #[cfg(not(feature = "safety"))]
+        return self as u16 & REQUEST != 0;
     }
 
     /// True if a transfer can have several frames.

@@ -364,9 +364,13 @@ impl Node {
             self.health.set(Conditions::FAILSAFE, true, [Line::Failsafe; 2], monitor);
         }
         #[cfg(feature = "standard")]
-        let is_disarmed = self.actuator.is_disarmed(&self.parameters);
+        let is_disarmed = self.actuator.is_safe() || self.actuator.is_disarmed(&self.parameters);
+        #[cfg(feature = "safety")]
+        let begins = if self.actuator.is_safe() { Line::Safe } else { Line::Disarmed };
+        #[cfg(all(feature = "standard", not(feature = "safety")))]
+        let begins = Line::Disarmed;
         #[cfg(feature = "standard")]
-        self.health.set(Conditions::DISARMED, is_disarmed, [Line::Disarmed, Line::DisarmedEnd], monitor);
+        self.health.set(Conditions::DISARMED, is_disarmed, [begins, Line::DisarmedEnd], monitor);
         if now_ms.wrapping_sub(self.second_ms) >= 1000 {
             self.second_ms = self.second_ms.wrapping_add(1000);
             self.chores.add(Chore::Second);
@@ -390,7 +394,7 @@ impl Node {
             self.filters_s -= 1;
         }
         self.autopilot.second();
-        self.actuator.second();
+        self.actuator.second(self.second_ms);
         self.health.second();
         self.temperature.second(&mut self.health, monitor);
         #[cfg(feature = "draft")]
@@ -528,6 +532,20 @@ impl Node {
                 self.note.set_code(b0);
                 return Line::Arming;
             }
+            #[cfg(feature = "safety")]
+            Kind::SafetyState if len == 1 => {
+                if !self.autopilot.is_status_of(source) {
+                    return Line::RefusedSource;
+                }
+                let is_failsafe = self.health.has(Conditions::FAILSAFE);
+                self.actuator.take_safety_state(b0, is_failsafe, now_ms, &self.parameters);
+                if self.actuator.is_safe() {
+                    // Commands are missing for a reason.
+                    self.health.clear(Conditions::FAILSAFE);
+                }
+                self.note.set_code(b0);
+                return Line::SafetyState;
+            }
             #[cfg(feature = "lights")]
             Kind::LightsCommand => {
                 self.lights.take(transfer.payload());
@@ -558,6 +576,8 @@ impl Node {
         // A command that is rejected because the vehicle is disarmed still identifies the autopilot.
         #[cfg(feature = "standard")]
         let is_followed = is_followed || line == Line::RefusedDisarmed;
+        #[cfg(feature = "safety")]
+        let is_followed = is_followed || line == Line::RefusedSafe;
         if is_followed && self.autopilot.commanded_by(source) {
             self.health.set(Conditions::TWO_COMMANDERS, true, [Line::TwoCommanders; 2], monitor);
             self.health.happened(Conditions::TWO_COMMANDERS);

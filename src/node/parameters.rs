@@ -81,6 +81,9 @@ parameters! {
     /// The dialect: 0 chooses by the received messages, 1 is DroneCAN v0, 2 is the draft of 2014.
     #[cfg(feature = "draft")]
     Dialect "DIALECT" 0..2 = if cfg!(feature = "standard") { 0 } else { 2 },
+    /// What the output does while the safety switch is on: 0 holds the pulse, 1 ends the pulses.
+    #[cfg(feature = "safety")]
+    SafeMode "SAFE_MODE" 0..1 = 1,
 }
 
 /// The table in flash: [`PACKED`].

@@ -1,4 +1,5 @@
-//! Requests of clients, and the node's responses, one at a time and in order.
+//! Requests of clients, and the node's responses, one at a time and in order. The response to a SAVE waits until the save is
+//! over; with the feature `save-answers` the others go first.
 
 use dronecan_wire::Id;
 
@@ -55,7 +56,7 @@ pub struct Services {
     waiting: [Reply; WAITING],
     first: u8,
     count: u8,
-    /// True while the oldest response waits for a save.
+    /// True while a response waits for the save that it has begun.
     #[cfg(feature = "standard")]
     is_saving: bool,
     /// True once the response to an accepted RestartNode was handed over.
@@ -93,6 +94,14 @@ impl Services {
     #[inline(never)]
     fn place(&mut self, behind: u8) -> &mut Reply {
         &mut self.waiting[usize::from(self.first + behind) % WAITING]
+    }
+
+    /// Puts the oldest response behind all others.
+    #[cfg(feature = "save-answers")]
+    fn postpone(&mut self) {
+        let reply = *self.place(0);
+        *self.place(self.count) = reply;
+        self.first = (self.first + 1) % WAITING as u8;
     }
 
     /// Removes the oldest response, whose last frame was handed over.
@@ -244,6 +253,8 @@ impl Node {
                         self.store.save();
                     }
                     if self.store.is_saving() {
+                        #[cfg(feature = "save-answers")]
+                        self.services.postpone();
                         return false;
                     }
                     is_done = self.store.is_saved();
@@ -256,6 +267,12 @@ impl Node {
                 for byte in [0, 0, 0, 0, 0, 0, u8::from(is_done) << 7] {
                     self.outgoing.put8(byte);
                 }
+            }
+            // A restart would cut off the save, to which the response comes later.
+            #[cfg(feature = "save-answers")]
+            Kind::RestartNode if self.store.is_saving() => {
+                self.services.postpone();
+                return false;
             }
             _ => self.outgoing.put8(reply.argument << 7),
         }

@@ -57,7 +57,7 @@ def test_parameters_are_walked_until_the_empty_name(bench):
 
 def test_the_parameters_of_features_come_after_the_others(bench):
     found = walk(bench(elf=node_elf("full", board="uno")).dronecan())
-    assert list(found) == [*PARAMETERS, "LIGHT_ID", "STATS_RATE", "DIALECT"]
+    assert list(found) == [*PARAMETERS, "LIGHT_ID", "STATS_RATE", "DIALECT", "SAFE_MODE"]
 
 
 def test_what_is_set_and_saved_is_still_set_after_a_restart(bench):

@@ -27,6 +27,8 @@ const RECEIVED: &[(Kind, u16)] = &[
     #[cfg(feature = "standard")]
     (Kind::ArmingStatus, 1100),
     (Kind::ServoCommand, 1111),
+    #[cfg(feature = "safety")]
+    (Kind::SafetyState, 20_000),
 ];
 
 #[test]
