@@ -65,7 +65,9 @@ pub fn elf() -> PathBuf {
     let elf = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
         "thesis" => firmware("thesis"),
         // The ATmega168 has no room for them.
-        "allocation" | "lights" | "safety" | "saving" | "stats" if !has_all_features() => firmware_for("uno", "seeed", "full"),
+        "allocation" | "lights" | "safety" | "saving" | "stats" if !has_all_features() => {
+            firmware_for("uno", "seeed", "full")
+        }
         _ => return shipped(),
     };
     elf.unwrap_or_else(|error| panic!("{error:#}"))

@@ -261,13 +261,13 @@ fn images() -> Vec<(&'static str, Vec<u8>)> {
     let image = |right: u8, marker: u8, byte: u8| {
         let mut input = vec![right, 3, 0xE8, 3, 0xD0, 7, 5, 0xA5];
         let mut cells = vec![byte; 256];
-        (cells[0x04 + 18], cells[0x20 + 56], cells[0x90 + 56]) = (0, marker, marker.wrapping_add(1));
+        (cells[0x04 + 18], cells[0x20 + 60], cells[0x90 + 60]) = (0, marker, marker.wrapping_add(1));
         input.extend(cells);
         input
     };
-    let defaults: [u16; 27] = [
-        120, 8, 1, 1000, 1500, 2000, 0, 50, 90, 1000, 0, 1500, 0, 10, 1, 1, 0, 0, 100, 0xFFD8, 85, 0, 0, 0x2BFF,
-        0x1400, 0x2000, 0,
+    let defaults: [u16; 29] = [
+        120, 3, 1, 1000, 1500, 2000, 0, 50, 90, 1000, 0, 1500, 0, 10, 1, 1, 1, 0, 0, 100, 0xFFD8, 85, 0x1BF7, 0x0400,
+        0x2000, 0, 0, 0, 1,
     ];
     let mut good = image(7, 9, 0xFF);
     for start in [0x20, 0x90] {

@@ -13,7 +13,7 @@ const TOGGLE: u8 = 1 << 5;
 const NUMBER: u8 = 0x1F;
 
 /// A frame that comes later belongs to no transfer (specification, chapter 4).
-const TIMEOUT_MS: u64 = 2000;
+const TIMEOUT_MS: u64 = 50;
 
 /// Bytes of the CRC before the payload of a transfer of several frames.
 const SUM: usize = 2;
@@ -50,7 +50,8 @@ struct Session {
     number: u8,
     toggle: bool,
     stream: Vec<u8>,
-    started_ms: u64,
+    /// When its last frame came.
+    heard_ms: u64,
     actuator: u16,
     is_alone: bool,
 }
@@ -118,14 +119,15 @@ impl Transfers {
             }
             let is_alone = self.is_alone(key, now_ms);
             let stream = part.to_vec();
-            self.sessions.insert(key, Session { number, toggle: true, stream, started_ms: now_ms, actuator, is_alone });
+            self.sessions.insert(key, Session { number, toggle: true, stream, heard_ms: now_ms, actuator, is_alone });
             return None;
         }
         let session = self.sessions.get_mut(&key)?;
-        if session.number != number || session.toggle != toggle || now_ms - session.started_ms > TIMEOUT_MS {
+        if session.number != number || session.toggle != toggle || now_ms - session.heard_ms > TIMEOUT_MS {
             return None;
         }
         session.toggle = !toggle;
+        session.heard_ms = now_ms;
         session.stream.extend(part);
         if tail & END == 0 {
             return None;
@@ -133,25 +135,31 @@ impl Transfers {
         let session = self.sessions.remove(&key)?;
         let (sum, payload) = session.stream.split_first_chunk::<SUM>()?;
         (u16::from_le_bytes(*sum) == crc::transfer(signature?, payload)).then_some(())?;
+        // No list has more: 15 commands, of three bytes in the draft, or 20 lights.
+        if is_list(key) && payload.len() > if is_draft { 45 } else { 60 } {
+            return None;
+        }
         heard(payload.to_vec(), session.is_alone, session.actuator != actuator)
     }
 
     /// Whether a transfer that begins is a list, and no other is under way. It takes that from the others.
     fn is_alone(&mut self, key: u32, now_ms: u64) -> bool {
-        let is_list = |key: u32| {
-            let lists = [types::ARRAY_COMMAND.id, types::LIGHTS_COMMAND.id, draft::types::ARRAY_COMMAND.id];
-            matches!(CanId::parse(key & !DRAFT), Some(CanId::Message { type_id, .. }) if lists.contains(&type_id))
-        };
         if !is_list(key) {
             return false;
         }
         let mut is_alone = true;
         for (_, session) in self.sessions.iter_mut().filter(|(other, _)| **other != key && is_list(**other)) {
-            is_alone &= now_ms - session.started_ms > TIMEOUT_MS;
+            is_alone &= now_ms - session.heard_ms > TIMEOUT_MS;
             session.is_alone = false;
         }
         is_alone
     }
+}
+
+/// Whether transfers with this key are lists.
+fn is_list(key: u32) -> bool {
+    let lists = [types::ARRAY_COMMAND.id, types::LIGHTS_COMMAND.id, draft::types::ARRAY_COMMAND.id];
+    matches!(CanId::parse(key & !DRAFT), Some(CanId::Message { type_id, .. }) if lists.contains(&type_id))
 }
 
 /// A width of the servo pulse in ticks of half a microsecond, and how far from it is near enough.
@@ -196,6 +204,11 @@ impl Travel {
             is_reversed: parameters.get(Parameter::Out1Reversed) != 0,
             half_range_rad: f64::from(parameters.get(Parameter::Out1Range)).to_radians() / 2.0,
         }
+    }
+
+    /// What a pulse becomes when the travel changes.
+    pub fn limited(&self, ticks: u16) -> Width {
+        Width::exactly(if ticks == 0 { 0.0 } else { f64::from(ticks).clamp(self.low, self.high) })
     }
 
     /// From the trim, -1 to 1 of the travel on that side, with the error that the fraction may have.
@@ -255,6 +268,11 @@ pub enum Order {
 }
 
 impl Heard {
+    /// Node ID of the sender; 0 if it has none.
+    pub fn source(&self) -> u8 {
+        self.id.source().map_or(0, NodeId::get)
+    }
+
     /// The order in it, if the node with this ID and these parameters is to follow it.
     pub fn order(&self, me: u8, parameters: &Parameters) -> Option<Order> {
         if self.id.source().map(NodeId::get) == Some(me) {

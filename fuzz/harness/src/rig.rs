@@ -35,6 +35,9 @@ const LIFE_MS: u64 = 20_000;
 /// ArmingStatus counts for three to four seconds.
 const ARMED_FOR_MS: (u64, u64) = (3000, 4000);
 
+/// A node that has commanded is the autopilot for so long, if nothing else is heard of it.
+const COMMANDER_FOR_MS: u64 = 3000;
+
 /// DIALECT for the draft of 2014 alone.
 const DRAFT: u16 = 2;
 
@@ -60,7 +63,19 @@ pub struct Rig {
     has_heard_draft: bool,
     /// When a command that had to be was last followed, and since when the vehicle is armed.
     followed_ms: Option<u64>,
-    armed_ms: Option<u64>,
+    armed: Option<Armed>,
+    /// Who commanded last, and when, if that is sure.
+    commander: Option<(u8, u64)>,
+    /// There was a SafetyState, so that the pulse may end and commands may be refused.
+    has_heard_safety: bool,
+}
+
+/// The vehicle may be armed.
+#[derive(Clone, Copy)]
+struct Armed {
+    since_ms: u64,
+    /// The commander has said so.
+    is_sure: bool,
 }
 
 impl Rig {
@@ -76,7 +91,9 @@ impl Rig {
             may_restart: false,
             has_heard_draft: false,
             followed_ms: None,
-            armed_ms: None,
+            armed: None,
+            commander: None,
+            has_heard_safety: false,
         };
         rig.begin();
         rig
@@ -96,7 +113,9 @@ impl Rig {
         self.may_restart = false;
         self.has_heard_draft = false;
         self.followed_ms = None;
-        self.armed_ms = None;
+        self.armed = None;
+        self.commander = None;
+        self.has_heard_safety = false;
         self.begin();
     }
 
@@ -229,6 +248,8 @@ impl Rig {
         };
         let is_ambiguous = draft.is_some();
         self.has_heard_draft |= is_ambiguous;
+        let is_safety_state = matches!(CanId::parse(raw), Some(CanId::Message { type_id: 20_000, .. }));
+        self.has_heard_safety |= is_safety_state && id[0] & Frame::FOREIGN == 0;
         let (mut goals, mut must_move) = (Vec::new(), false);
         for heard in v0.into_iter().chain(draft) {
             if let Heard { id: CanId::Service { service_id, request: true, source, .. }, number, .. } = heard {
@@ -241,26 +262,45 @@ impl Rig {
                 Some(Order::Go { .. } | Order::Arm(_)) if !is_taken => {}
                 Some(Order::Go { widths, is_clear }) => {
                     let needs_arming = parameters.get(Parameter::ArmReq) != 0;
-                    let armed_for = self.armed_ms.map(|since| now_ms - since);
-                    if !needs_arming || armed_for.is_some_and(|ms| ms <= ARMED_FOR_MS.1) {
+                    let is_sure = is_clear && heard.is_sure && !is_ambiguous && self.desk.node.id() != 0;
+                    let source = heard.source();
+                    if !needs_arming || self.armed.is_some_and(|of| now_ms - of.since_ms <= ARMED_FOR_MS.1) {
                         goals.extend(widths);
-                        let is_armed = !needs_arming || armed_for.is_some_and(|ms| ms < ARMED_FOR_MS.0);
-                        must_move = is_clear && heard.is_sure && !is_ambiguous && is_armed && self.desk.node.id() != 0;
+                        let by_commander = |of: Armed| of.is_sure && now_ms - of.since_ms < ARMED_FOR_MS.0;
+                        let is_armed = !needs_arming || self.armed.is_some_and(by_commander);
+                        must_move = is_sure && is_armed && !self.has_heard_safety;
                     }
+                    // Also one that is refused because the vehicle is disarmed.
+                    self.commander = is_sure.then_some((source, now_ms));
                 }
                 Some(Order::Restart) => {
                     self.may_restart = true;
                     goals.extend(orders::failsafe(&parameters));
                 }
-                Some(Order::Arm(on)) if heard.is_sure => self.armed_ms = on.then_some(now_ms),
-                Some(Order::Arm(_)) | None => {}
+                Some(Order::Arm(on)) => {
+                    let is_commander = |(id, at_ms)| id == heard.source() && now_ms - at_ms < COMMANDER_FOR_MS;
+                    let is_sure = heard.is_sure && self.commander.is_some_and(is_commander);
+                    self.armed = match (on, self.armed) {
+                        (true, _) => Some(Armed { since_ms: now_ms, is_sure }),
+                        (false, _) if is_sure => None,
+                        (false, armed) => armed.map(|of| Armed { is_sure: false, ..of }),
+                    };
+                }
+                None => {}
             }
         }
-        let is_there = goals.iter().any(|width| width.fits(after));
+        let is_there = goals.iter().any(|width| width.fits(after)) || self.has_heard_safety && after == 0;
+        // A parameter may have been set.
+        let before = if self.is_limited(before, after) { after } else { before };
         assert!(is_there || !must_move && after == before, "from {before} to {after} ticks, where {goals:?} may be");
         if must_move {
             self.followed_ms = Some(now_ms);
         }
+    }
+
+    /// Whether the travel that there is now makes one pulse the other.
+    fn is_limited(&self, before: u16, after: u16) -> bool {
+        orders::Travel::of(&self.desk.node.parameters).limited(before).fits(after)
     }
 
     /// So much time passes.
@@ -278,11 +318,12 @@ impl Rig {
         self.desk.pass(1);
         let after = self.desk.node.pulse();
         assert_eq!(self.desk.servo.0, after, "the servo has another pulse");
-        if after != before {
+        if after != before && !self.is_limited(before, after) {
             let parameters = &self.desk.node.parameters;
             let timeout_ms = u64::from(parameters.get(Parameter::Out1Timeout));
             let is_late = self.followed_ms.is_none_or(|followed| now_ms - followed >= timeout_ms);
-            let has_reason = timeout_ms != 0 && is_late || parameters.get(Parameter::ArmReq) != 0;
+            let has_reason =
+                timeout_ms != 0 && is_late || parameters.get(Parameter::ArmReq) != 0 || self.has_heard_safety;
             let goal = orders::failsafe(parameters);
             assert!(has_reason && goal.is_some_and(|goal| goal.fits(after)), "from {before} to {after} by itself");
         }
@@ -425,10 +466,13 @@ impl Rig {
                 None,
             );
         };
+        // Only who has commanded can arm.
+        command(self, 0.0);
         self.send(&Sent { what: Type::ArmingStatus, source, number: 0, payload: vec![255] }, None);
         // The rig sees to it that both move the servo.
         command(self, 0.5);
         command(self, -0.5);
-        assert!(self.desk.node.pulse() != 0 || self.desk.node.parameters.get(Parameter::Dialect) == DRAFT);
+        let is_deaf = self.has_heard_safety || self.desk.node.parameters.get(Parameter::Dialect) == DRAFT;
+        assert!(self.desk.node.pulse() != 0 || is_deaf);
     }
 }
