@@ -279,6 +279,52 @@ fn a_broken_byte_in_the_newest_copy_brings_the_one_before_and_is_told() {
     }
 }
 
+/// The CRC of the EEPROM's records: CRC-16-CCITT, bit by bit.
+fn crc(start: u16, bytes: &[u8]) -> u16 {
+    bytes.iter().fold(start, |crc, &byte| {
+        (0..8).fold(crc ^ u16::from(byte) << 8, |crc, _| crc << 1 ^ if crc & 0x8000 == 0 { 0 } else { 0x1021 })
+    })
+}
+
+/// Somebody else wrote it, or a build with a mistake. Pulses of 17 ms and bit rates that do not exist have come of it.
+#[test]
+fn values_out_of_range_in_a_record_with_a_right_crc_become_the_defaults_and_are_told() {
+    // The addresses and the form of a record: docs/parameters.md.
+    const FIRST: usize = 0x20;
+    let len = 2 * parameters().len();
+    let [_, saved, _] = saved_twice();
+    let record = &saved[FIRST..FIRST + len];
+    let right = u16::from_be_bytes([saved[FIRST + len], saved[FIRST + len + 1]]);
+    let start = (0..=u16::MAX).find(|&start| crc(start, record) == right).expect("the start of the CRC");
+    let with = |values: &[(usize, u16)]| {
+        let mut eeprom = saved.clone();
+        for &(index, value) in values {
+            eeprom[FIRST + 2 * index..][..2].copy_from_slice(&value.to_le_bytes());
+        }
+        let sum = crc(start, &eeprom[FIRST..FIRST + len]).to_be_bytes();
+        eeprom[FIRST + len..][..2].copy_from_slice(&sum);
+        eeprom
+    };
+    let mut rig = Rig::running_with(&with(&[]));
+    assert_eq!((marks(&mut rig), rig.next_status()), (mark(1), (OK, 0)), "the CRC is made as the node makes it");
+    for value in [0xFFFF, 0x8000, 35_968, 200] {
+        let all: Vec<_> = (0..parameters().len()).map(|index| (index, value)).collect();
+        let mut rig = Rig::running_with(&with(&all));
+        rig.wait_for("a status", 1100, |rig| !rig.statuses().is_empty());
+        for (index, (name, default, min, max)) in parameters().into_iter().enumerate() {
+            // The bit rate is kept as 0 to 3.
+            let number = if min < 0 { i64::from(value as i16) } else { i64::from(value) };
+            let expected = if index != 1 && (min..=max).contains(&number) { number } else { default };
+            assert_eq!(integer(&rig.parameter_at(index as u16).value), expected, "{name} of {value}");
+        }
+        let (_, code) = rig.next_status();
+        assert_eq!(code & PARAMETERS_LOST, PARAMETERS_LOST, "{value}");
+        rig.send_command(1, 0, 0.5);
+        rig.run_ms(100);
+        assert!(rig.pulses.iter().all(|pulse| (500.0..=2500.0).contains(&pulse.width_us())), "{:?}", rig.pulses);
+    }
+}
+
 #[test]
 fn without_a_good_copy_the_defaults_are_in_force_and_the_node_is_critical() {
     let [before, between, after] = saved_twice();

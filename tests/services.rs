@@ -402,3 +402,21 @@ fn command_for(rig: &mut Rig, ms: u64) {
         assert!(is_old || candidates.contains(&pulse.width_us()), "{} us, not one of {candidates:?}", pulse.width_us());
     }
 }
+
+/// A client that asks nine times at once gets no answer to the ninth, and asks again: pydronecan after 1 s, ArduPilot after 100 ms. At 1 Mbit/s the queue is empty after
+/// 16 ms.
+#[test]
+fn the_queue_of_eight_requests_is_soon_empty_again() {
+    for request in [Message::NodeInfoRequest, read(0)] {
+        let mut rig = Rig::running();
+        let began = rig.now();
+        for _ in 0..8 {
+            rig.request(&request);
+        }
+        rig.wait_for("eight answers", 100, |rig| rig.answers().len() == 8);
+        let took_ms = (rig.now() - began) / MS;
+        let most_ms = 30_000_000 / u64::from(rig::board().fastest_bit_rate());
+        assert!(took_ms <= most_ms, "{request}: {took_ms} ms");
+        rig.ask(&request);
+    }
+}

@@ -14,9 +14,11 @@ const LONG: u16 = 1 << 14;
 const ID: u16 = LONG - 1;
 
 /// Bits of a [`Kind`]'s number: the transfer is a message of a vendor, with an ID from 16384 to 24575. (A service ID has eight bits only.)
+#[cfg(feature = "safety")]
 const VENDOR: u16 = REQUEST | 1 << 13;
 
 /// Mask of a vendor's [`Kind`]: the ID less [`LONG`], its first.
+#[cfg(feature = "safety")]
 const VENDOR_ID: u16 = (1 << 13) - 1;
 
 /// A row is `name = space type, form;`, or for a request `name = space type, form of the request, form of the response;`. The space `draft` is for
