@@ -34,7 +34,7 @@ ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge lint-firmware test test-all fuzz fuzz-coverage soak reliability firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
@@ -128,7 +128,7 @@ test-clients:
 	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile tests/clients
 
 # What takes long, one after the other; a new one goes to the end of the list.
-LONG := reliability fuzz fuzz-coverage soak
+LONG := reliability elf-mutants fuzz fuzz-coverage soak
 test-all: test lint
 	@$(MAKE) --no-print-directory test-library PRESETS=none
 	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
@@ -190,6 +190,15 @@ lint-firmware: setup
 # The pages are of the default preset.
 bench: firmware strangers
 	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
+
+# Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
+mutants: $(TOOLS)/bin/cargo-mutants
+	$(TOOLS)/bin/cargo-mutants mutants --output $(TARGET_DIR) --jobs 2 $(ARGS) -- --lib
+
+# Mistakes in the firmware that the tests on simulated boards must notice.
+elf-mutants: setup
+	@scripts/setup build
+	scripts/elf-mutants
 
 reliability: firmware
 	cargo bench --profile dev --bench reliability

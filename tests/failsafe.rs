@@ -262,3 +262,17 @@ fn a_vehicle_that_does_not_say_any_more_that_it_is_armed_is_not() {
     assert!(rig.now() - rig.pulses.last().unwrap().start > 100 * MS, "not armed");
     assert_eq!(rig.next_status().1 & DISARMED, DISARMED);
 }
+
+#[test]
+fn a_pulse_that_the_failsafe_holds_stays_within_a_travel_that_shrinks() {
+    let mut rig = Rig::running();
+    rig.send_command(1, 4, 1950.0);
+    assert_eq!(rig.settled_pulse_us(), 1950.0);
+    rig.wait_for_line("FAILSAFE", 1100);
+    assert_eq!(rig.settled_pulse_us(), 1950.0);
+    rig.set("OUT1_MAX", 1700);
+    assert_eq!(rig.settled_pulse_us(), 1700.0);
+    rig.set("OUT1_MIN", 1600);
+    rig.set("OUT1_MAX", 2000);
+    assert_eq!(rig.settled_pulse_us(), 1700.0);
+}

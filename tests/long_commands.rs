@@ -320,6 +320,19 @@ fn a_broken_list_with_a_right_crc_leaves_the_servo_where_it_is() {
     assert_unmoved_and_healthy_after(&mut rig);
 }
 
+/// DSDL 1010.ArrayCommand.uavcan: at most 15 commands.
+#[test]
+fn a_list_of_sixteen_commands_is_a_broken_transfer() {
+    let commands = |count: u8| (1..=count).map(|id| (id, 0, -1.0)).collect::<Vec<_>>();
+    let mut rig = positioned();
+    send_all(&mut rig, 10, &array_command(&commands(16), 3));
+    assert_eq!(rig.settled_pulse_us(), 1750.0);
+    rig.wait_for_line("refused: type 1010 from 10 tid 0, wrong length", 50);
+    assert_eq!(rig.next_status().1 & TRANSFER_ERRORS, TRANSFER_ERRORS);
+    send_all(&mut rig, 10, &array_command(&commands(15), 4));
+    assert_eq!(rig.settled_pulse_us(), 1000.0);
+}
+
 #[test]
 fn a_command_in_a_long_transfer_that_cannot_be_followed_leaves_the_servo_where_it_is() {
     let mut rig = positioned();
