@@ -45,6 +45,7 @@ help:
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make fuzz-coverage   the parsers in libFuzzer, which looks for new ways through them, a minute each  (TIME=900)"
 	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
+	@echo "make mutants    mistakes in the sources that the unit tests must notice: hours; make elf-mutants: 24 in the firmware, for the tests on boards"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
 	@echo "make firmware   build the firmware, and show how much of the chip it takes"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
@@ -193,7 +194,7 @@ bench: firmware strangers
 
 # Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
 mutants: $(TOOLS)/bin/cargo-mutants
-	$(TOOLS)/bin/cargo-mutants mutants --output $(TARGET_DIR) --jobs 2 $(ARGS) -- --lib
+	$(TOOLS)/bin/cargo-mutants mutants -p node -p dronecan-wire -p mcp2515-ordered --output $(TARGET_DIR) --jobs 2 $(ARGS) -- --lib
 
 # Mistakes in the firmware that the tests on simulated boards must notice.
 elf-mutants: setup
@@ -227,6 +228,11 @@ $(TOOLS)/bin/ravedude:
 	@scripts/setup flash
 	@echo "Installing ravedude"
 	@cargo install --quiet --debug ravedude --version 0.2.2 --locked --root $(TOOLS)
+
+$(TOOLS)/bin/cargo-mutants: setup
+	@scripts/setup build
+	@echo "Installing cargo-mutants"
+	@cargo install --quiet --debug cargo-mutants --version 27.1.0 --locked --root $(TOOLS)
 
 $(TOOLS)/bin/cargo-fuzz:
 	@scripts/setup fuzz
