@@ -21,7 +21,7 @@ def test_node_status_is_the_standard_type_and_counts_the_uptime(bench):
     assert {status.sub_mode for status in statuses} == {0}
 
 
-@pytest.mark.parametrize("celsius", [0, 25, 60.5])
+@pytest.mark.parametrize("celsius", [1, 25, 60.5])
 def test_temperature_is_the_standard_type_in_kelvin(bench, celsius):
     client = bench("--temperature", celsius).dronecan()
     message = client.gather(uavcan.equipment.device.Temperature, 2)[-1]

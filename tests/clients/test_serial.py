@@ -103,7 +103,7 @@ def optiboot(directory):
 @pytest.mark.parametrize(("board", "shield"), [("uno", "module"), ("nano", "seeed"), ("duemilanove", "seeed")])
 def test_make_flash_uploads_to_boards_with_an_atmega328p(bench, tmp_path, board, shield):
     bootloader = optiboot(tmp_path) if board == "uno" else BOOTLOADERS / "atmega/ATmegaBOOT_168_atmega328.hex"
-    used = bench("--bootloader", bootloader, "--board", board, "--shield", shield, serial=True)
+    used = bench("--bootloader", bootloader, "--board", board, "--shield", shield, serial=True, fresh=True)
     # All boards with this chip run the same program.
     built = ROOT / pathlib.Path(os.environ.get("CARGO_TARGET_DIR", "target")) / "firmware" / f"uno-{shield}.elf"
     mine = built.with_name(f"{board}-{shield}.elf")
