@@ -1,6 +1,6 @@
 //! The node beside other nodes: some talk too much, some begin and never end, and none keeps its commander or another client out.
 
-use rig::{ARRAY_COMMAND, MS, Rig, US, array_command, is_from_node, started_with};
+use rig::{ARRAY_COMMAND, MS, Rig, US, array_command, is_from_node, quoted, started_with};
 use sim::avr::Noise;
 use sim::bench::firmware_for;
 use sim::can::{Frame, Id};
@@ -179,4 +179,37 @@ fn while_the_filters_are_set_nothing_is_cut_off_or_lost() {
 #[ignore = "takes long: make test-all"]
 fn while_the_filters_are_set_at_a_thousand_moments_nothing_is_cut_off_or_lost() {
     filters_are_set_at_any_moment(1000);
+}
+
+/// With both dialects, on an ATmega328P. One frame of the draft every 1.2 s, as an attacker or an old autopilot sends it.
+#[test]
+fn a_talker_of_the_draft_keeps_no_v0_autopilot_out() {
+    let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
+    let mut rig = Rig::with_boards_of(&elf, &[started_with(&elf)]);
+    rig.wait_until_up();
+    let draft = |rig: &mut Rig| rig.send_frame(quoted("17C40409 80").remove(0));
+    // It has the servo, after the silence.
+    for _ in 0..5 {
+        draft(&mut rig);
+        rig.run_ms(1200);
+    }
+    assert!(rig.settled_pulse_us() > 0.0 && rig.serial.contains("draft of 2014"), "{}", rig.serial);
+    rig.forget();
+    // After the first status of the v0 autopilot the node's next is in v0.
+    rig.send_status_from(10);
+    rig.run_ms(1200);
+    assert!(!rig.statuses().is_empty(), "no status in v0");
+    for n in 0..100u16 {
+        rig.send_command(1, 4, f32::from(1200 + n));
+        if n % 60 == 0 {
+            draft(&mut rig);
+        }
+        rig.run_ms(20);
+        // And statuses go on in v0.
+    }
+    rig.run_ms(40);
+    assert_eq!(rig.last_pulse().map(|_| rig.settled_pulse_us()), Some(1299.0));
+    let followed = rig.serial.matches("rx ArrayCommand from 10").count();
+    assert!(followed >= 95, "{followed} of 100\n{}", rig.serial);
+    assert!(rig.statuses().len() >= 2);
 }

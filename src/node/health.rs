@@ -168,10 +168,13 @@ impl Health {
     }
 
     /// Sets a temporary condition. [`second`](Self::second) clears it [`HOLD_S`] after the last event, or with the cause of the reset if that is later.
+    /// TRANSFER_ERRORS, which others cause, does not prolong the rest and is cleared with it.
     #[inline(never)]
     pub fn happened(&mut self, condition: Conditions) {
         self.conditions.set(condition, true);
-        self.hold_s = self.hold_s.max(HOLD_S);
+        if condition != Conditions::TRANSFER_ERRORS || self.hold_s == 0 {
+            self.hold_s = self.hold_s.max(HOLD_S);
+        }
     }
 
     /// Clears the temporary conditions when their time is over. Call once a second.
@@ -272,6 +275,19 @@ mod tests {
                 is_told
             });
             assert_eq!(seconds.count(), clear_at, "{fault_at:?}");
+        }
+    }
+
+    /// Or else anybody could keep the node at WARNING with half a transfer every nine seconds.
+    #[test]
+    fn transfers_that_others_break_prolong_no_other_condition() {
+        let mut health = Health::new();
+        health.happened(Conditions::BUS_OFF);
+        for second in 0..30 {
+            health.happened(Conditions::TRANSFER_ERRORS);
+            assert_eq!(health.has(Conditions::BUS_OFF), second < 10, "{second}");
+            assert!(health.has(Conditions::TRANSFER_ERRORS));
+            health.second();
         }
     }
 
