@@ -86,7 +86,6 @@ impl Conditions {
     }
 
     /// Sets or clears a condition.
-    #[inline(never)]
     pub fn set(&mut self, condition: Self, on: bool) {
         if on {
             self.0 |= condition.0;

@@ -320,7 +320,6 @@ impl Node {
     }
 
     /// Does one pending chore.
-    #[inline(never)]
     pub fn do_chore(&mut self, monitor: &mut Monitor) {
         if self.chores.take(Chore::TakeParameters) {
             self.take_parameters();

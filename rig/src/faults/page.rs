@@ -28,7 +28,7 @@ const SOAK: &str = "
 asks, sets and saves now and then, and four times a minute or so one of twenty faults. Each must be over within a second. Between them
 each command is followed and counted, each pulse has the width of a command just given and begins 20 ms after the one before, statuses
 come in time and in order and with the true uptime, nothing is lost in the controller, parameters are what they were set to, and the
-stack keeps to its place. `make test-all` does that for a minute (`tests/soak.rs`), and `make soak` for as long as you like.
+stack keeps to its place. `make test` does that for a minute (`tests/soak.rs`), and `make soak` for as long as you like.
 
 ## What is not noticed
 
