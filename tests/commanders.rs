@@ -94,3 +94,29 @@ fn without_a_commander_the_lowest_node_id_arms() {
     rig.send(ARMING_STATUS | 10, &[255, 0xC0]);
     assert!(!is_disarmed(&mut rig));
 }
+
+#[test]
+fn while_disarmed_a_command_moves_nothing() {
+    let mut rig = Rig::running();
+    rig.set("ARM_REQ", 1);
+    command_together(&mut rig, &[(10, 1)], 500);
+    assert_eq!(rig.pulses, []);
+    rig.wait_for_line("refused: command from 10 tid 0, disarmed", 50);
+}
+
+#[test]
+fn a_value_out_of_its_range_is_refused_over_the_bus() {
+    let mut rig = Rig::running();
+    for (name, value) in
+        [("OUT1_MIN", 499), ("OUT1_MAX", 2501), ("CAN_NODE", 126), ("TEMP_MIN", -56), ("OUT_RATE", 334)]
+    {
+        let before = rig.get(name);
+        let request = sim::dronecan::ParameterRequest {
+            name: name.as_bytes().to_vec(),
+            value: sim::dronecan::Value::Integer(value),
+            ..Default::default()
+        };
+        rig.ask(&sim::dronecan::Message::ParameterRequest(request));
+        assert_eq!(rig.get(name), before, "{name} {value}");
+    }
+}
