@@ -4,14 +4,6 @@ use rig::{ARRAY_COMMAND, NODE_STATUS, Rig, SERVO_COMMAND, array_command};
 use sim::avr::Noise;
 use sim::can::{Frame, Id};
 
-/// A node whose servo is at 1750 us.
-fn positioned() -> Rig {
-    let mut rig = Rig::running();
-    rig.send_command(1, 0, 0.5);
-    assert_eq!(rig.settled_pulse_us(), 1750.0);
-    rig
-}
-
 #[track_caller]
 fn assert_refused(mut rig: Rig, frames: usize, line: &str) {
     assert_eq!(rig.settled_pulse_us(), 1750.0);
@@ -26,7 +18,7 @@ fn assert_refused(mut rig: Rig, frames: usize, line: &str) {
 
 #[test]
 fn truncated_and_oversized_commands_are_refused() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     let lengths = [1, 2, 3, 5, 6, 7];
     for len in lengths {
         let mut data = vec![1, 0, 0, 0, 0, 0, 0][..len].to_vec();
@@ -39,7 +31,7 @@ fn truncated_and_oversized_commands_are_refused() {
 
 #[test]
 fn a_frame_without_a_tail_byte_is_refused() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     rig.send(ARRAY_COMMAND | 10, &[]);
     assert_refused(rig, 1, "refused: type 1010 from 10, not a whole frame");
 }
@@ -47,7 +39,7 @@ fn a_frame_without_a_tail_byte_is_refused() {
 /// And what comes of its rest a minute later, when the node's clock of 16 bits has wrapped, is no part of it.
 #[test]
 fn a_command_whose_rest_never_comes_is_given_up_after_50_ms_and_told() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     rig.set("OUT1_TIMEOUT", 0);
     let frames = array_command(&[(1, 0, -1.0), (2, 0, 0.0), (3, 0, 0.0)], 7);
     rig.send(ARRAY_COMMAND | 10, &frames[0]);
@@ -64,7 +56,7 @@ fn a_command_whose_rest_never_comes_is_given_up_after_50_ms_and_told() {
 /// Whole transfers of several frames are in long_commands.rs.
 #[test]
 fn frames_that_belong_to_no_transfer_leave_the_servo_where_it_is() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for tail in [0x00, 0x20, 0x40, 0x60, 0xE0] {
         rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, tail]);
         rig.run_ms(10);
@@ -75,7 +67,7 @@ fn frames_that_belong_to_no_transfer_leave_the_servo_where_it_is() {
 
 #[test]
 fn anonymous_commands_and_ones_with_the_nodes_own_id_are_refused() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     rig.send(ARRAY_COMMAND, &[1, 0, 0, 0, 0xC0]);
     rig.send(ARRAY_COMMAND | 120, &[1, 0, 0, 0, 0xC0]);
     rig.send(SERVO_COMMAND, &[0, 0xC0]);
@@ -85,7 +77,7 @@ fn anonymous_commands_and_ones_with_the_nodes_own_id_are_refused() {
 
 #[test]
 fn remote_frames_are_refused() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     rig.send_frame(Frame::remote(Id::Extended(ARRAY_COMMAND | 10), 5));
     rig.send_frame(Frame::remote(Id::Extended(NODE_STATUS | 1), 8));
     assert_refused(rig, 2, "refused: not a type of this node");
@@ -93,7 +85,7 @@ fn remote_frames_are_refused() {
 
 #[test]
 fn standard_frames_do_not_even_arrive() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for id in 0..0x800 {
         rig.send_frame(Frame::standard(id, &[1, 0, 0, 0, 0xC0]));
     }
@@ -103,7 +95,7 @@ fn standard_frames_do_not_even_arrive() {
 
 #[test]
 fn a_length_code_above_8_means_8_bytes_and_blocks_nothing() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for dlc in 9..=15 {
         let data = [1, 0, 0, 0, 0, 0, 0, 0xC0];
         rig.send_frame(Frame::with_dlc(Id::Extended(ARRAY_COMMAND | 10), dlc, data));
@@ -114,7 +106,7 @@ fn a_length_code_above_8_means_8_bytes_and_blocks_nothing() {
 
 #[test]
 fn statuses_of_a_wrong_length_are_refused() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     rig.send(NODE_STATUS | 1, &[0, 0, 0, 0, 0, 0, 0xC0]);
     rig.send(NODE_STATUS | 1, &[0xC0]);
     assert_refused(rig, 2, "refused: type 341 from 1 tid 0, wrong length");
@@ -122,7 +114,7 @@ fn statuses_of_a_wrong_length_are_refused() {
 
 #[test]
 fn thesis_commands_of_a_wrong_length_are_refused() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     rig.send(SERVO_COMMAND | 1, &[0xC0]);
     rig.send(SERVO_COMMAND | 1, &[0, 0, 0xC0]);
     assert_refused(rig, 2, "refused: type 1111 from 1 tid 0, wrong length");
@@ -130,7 +122,7 @@ fn thesis_commands_of_a_wrong_length_are_refused() {
 
 #[test]
 fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     // Or the controller would get its filters again when the commands stop, and acknowledge nothing meanwhile.
     rig.set("OUT1_TIMEOUT", 0);
     rig.take_v0_only();

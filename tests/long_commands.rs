@@ -11,14 +11,6 @@ const FIFTEEN: &str = "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 2
 const EIGHT: &str = "0603F201 0E 49 00 00 00 BC 01 80 | 00 00 BA 02 00 00 B8 20 | 03 00 00 B4 04 00 00 00 | \
                      00 05 00 00 34 06 00 20 | 00 38 07 00 00 3A 40";
 
-/// A node whose servo is at 1750 us, commanded by node 10.
-fn positioned() -> Rig {
-    let mut rig = Rig::running();
-    rig.send_command(1, 0, 0.5);
-    assert_eq!(rig.settled_pulse_us(), 1750.0);
-    rig
-}
-
 fn pulse_us(value: f64) -> f64 {
     1500.0 + 500.0 * value
 }
@@ -83,7 +75,7 @@ fn of_several_commands_for_an_actuator_the_last_counts() {
 
 #[test]
 fn every_length_from_none_to_fifteen_is_understood() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for count in 0..=15u8 {
         let pulse = 1100.0 + 50.0 * f32::from(count);
         let mut commands: Vec<_> = (0..count).map(|n| (20 + n, 0, -1.0)).collect();
@@ -98,7 +90,7 @@ fn every_length_from_none_to_fifteen_is_understood() {
 
 #[test]
 fn an_empty_command_is_harmless() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for n in 0..50u8 {
         rig.send(ARRAY_COMMAND | 10, &[0xC0 | (n % 32)]);
         rig.run_ms(20);
@@ -129,7 +121,7 @@ fn fifteen_commands_at_400_hz_are_all_followed() {
 
 #[test]
 fn a_wrong_byte_anywhere_leaves_the_servo_where_it_is() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for frame in 0..9 {
         for byte in [0, 3, 6] {
             let mut frames = fifteen(frame as u8);
@@ -152,7 +144,7 @@ fn a_wrong_byte_anywhere_leaves_the_servo_where_it_is() {
 #[test]
 fn a_missing_frame_leaves_the_servo_where_it_is() {
     for missing in 0..9 {
-        let mut rig = positioned();
+        let mut rig = Rig::positioned();
         let mut frames = fifteen(5);
         frames.remove(missing);
         send_all(&mut rig, 10, &frames);
@@ -167,7 +159,7 @@ fn a_missing_frame_leaves_the_servo_where_it_is() {
 #[test]
 fn frames_in_a_wrong_order_leave_the_servo_where_it_is() {
     for (a, b) in [(0, 1), (1, 2), (1, 3), (7, 8), (0, 8)] {
-        let mut rig = positioned();
+        let mut rig = Rig::positioned();
         let mut frames = fifteen(5);
         frames.swap(a, b);
         send_all(&mut rig, 10, &frames);
@@ -178,7 +170,7 @@ fn frames_in_a_wrong_order_leave_the_servo_where_it_is() {
 #[test]
 fn wrong_toggle_bits_leave_the_servo_where_it_is() {
     for wrong in 0..9 {
-        let mut rig = positioned();
+        let mut rig = Rig::positioned();
         let mut frames = fifteen(5);
         *frames[wrong].last_mut().unwrap() ^= 0x20;
         send_all(&mut rig, 10, &frames);
@@ -188,7 +180,7 @@ fn wrong_toggle_bits_leave_the_servo_where_it_is() {
 
 #[test]
 fn a_change_of_the_transfer_id_leaves_the_servo_where_it_is() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for change in [1, 2, 8] {
         let mut frames = fifteen(5);
         *frames[change].last_mut().unwrap() ^= 0x01;
@@ -202,7 +194,7 @@ fn a_change_of_the_transfer_id_leaves_the_servo_where_it_is() {
 #[test]
 fn a_frame_that_comes_twice_counts_once() {
     for twice in 0..9 {
-        let mut rig = positioned();
+        let mut rig = Rig::positioned();
         let mut frames = fifteen(5);
         frames.insert(twice, frames[twice].clone());
         send_all(&mut rig, 10, &frames);
@@ -214,7 +206,7 @@ fn a_frame_that_comes_twice_counts_once() {
 #[test]
 fn a_transfer_whose_next_frame_takes_longer_than_50_ms_is_given_up() {
     for (pause_ms, pulse) in [(12, 1000.0), (45, 1000.0), (60, 1750.0)] {
-        let mut rig = positioned();
+        let mut rig = Rig::positioned();
         rig.set("OUT1_TIMEOUT", 0);
         for frame in fifteen(5) {
             send_all(&mut rig, 10, &[frame]);
@@ -230,7 +222,7 @@ fn a_transfer_whose_next_frame_takes_longer_than_50_ms_is_given_up() {
 fn a_sender_that_restarts_is_heard_at_once() {
     // Whatever the number of its first transfer is.
     for number in [0, 5, 6, 31] {
-        let mut rig = positioned();
+        let mut rig = Rig::positioned();
         send_all(&mut rig, 10, &fifteen(5)[..5]);
         send_all(&mut rig, 10, &fifteen(number));
         assert_eq!(rig.settled_pulse_us(), 1000.0, "transfer {number}");
@@ -251,7 +243,7 @@ fn send_in_turn(rig: &mut Rig, first: u32, second: u32) {
 #[test]
 fn a_second_sender_in_between_is_refused_and_the_commander_is_followed() {
     for is_first in [true, false] {
-        let mut rig = positioned();
+        let mut rig = Rig::positioned();
         if is_first {
             send_in_turn(&mut rig, 10, 11);
         } else {
@@ -272,7 +264,7 @@ fn a_second_sender_in_between_is_refused_and_the_commander_is_followed() {
 
 #[test]
 fn of_two_senders_neither_of_which_is_the_commander_the_one_that_begins_later_is_followed() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     send_in_turn(&mut rig, 11, 12);
     assert_eq!(rig.settled_pulse_us(), 1950.0);
     let (_, code) = rig.next_status();
@@ -283,7 +275,7 @@ fn of_two_senders_neither_of_which_is_the_commander_the_one_that_begins_later_is
 #[test]
 fn a_sender_that_falls_silent_in_a_transfer_does_not_lock_others_out_for_long() {
     for (silent, other, wait_ms, pulse) in [(11, 10, 5, 1000.0), (10, 11, 40, 1750.0), (10, 11, 55, 1000.0)] {
-        let mut rig = positioned();
+        let mut rig = Rig::positioned();
         rig.set("OUT1_TIMEOUT", 0);
         send_all(&mut rig, silent, &fifteen(3)[..4]);
         rig.run_ms(wait_ms);
@@ -294,7 +286,7 @@ fn a_sender_that_falls_silent_in_a_transfer_does_not_lock_others_out_for_long() 
 
 #[test]
 fn commands_of_one_frame_come_through_while_a_long_one_is_under_way() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     let long = fifteen(3);
     for data in &long[..5] {
         rig.send(ARRAY_COMMAND | 11, data);
@@ -309,7 +301,7 @@ fn commands_of_one_frame_come_through_while_a_long_one_is_under_way() {
 #[test]
 fn a_broken_list_with_a_right_crc_leaves_the_servo_where_it_is() {
     use sim::dronecan::{TransferId, split, types};
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for extra in 1..4 {
         let mut payload = [1, 0, 0, 0xBC].repeat(3);
         payload.extend([0; 3].iter().take(extra));
@@ -324,7 +316,7 @@ fn a_broken_list_with_a_right_crc_leaves_the_servo_where_it_is() {
 #[test]
 fn a_list_of_sixteen_commands_is_a_broken_transfer() {
     let commands = |count: u8| (1..=count).map(|id| (id, 0, -1.0)).collect::<Vec<_>>();
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     send_all(&mut rig, 10, &array_command(&commands(16), 3));
     assert_eq!(rig.settled_pulse_us(), 1750.0);
     rig.wait_for_line("refused: type 1010 from 10 tid 0, wrong length", 50);
@@ -335,7 +327,7 @@ fn a_list_of_sixteen_commands_is_a_broken_transfer() {
 
 #[test]
 fn a_command_in_a_long_transfer_that_cannot_be_followed_leaves_the_servo_where_it_is() {
-    let mut rig = positioned();
+    let mut rig = Rig::positioned();
     for (unit, value) in [(0, f32::NAN), (0, f32::INFINITY), (4, 0.0), (2, 0.5), (3, 0.5), (9, 0.5)] {
         rig.send_commands(&[(2, 0, 0.5), (1, unit, value), (3, 0, 0.5)]);
         assert_eq!(rig.settled_pulse_us(), 1750.0, "type {unit}, {value}");

@@ -372,3 +372,17 @@ fn save_after_save_the_newest_counts() {
         }
     }
 }
+
+#[test]
+fn a_value_out_of_its_range_is_refused_over_the_bus() {
+    let mut rig = Rig::running();
+    for (name, value) in
+        [("OUT1_MIN", 499), ("OUT1_MAX", 2501), ("CAN_NODE", 126), ("TEMP_MIN", -56), ("OUT_RATE", 334)]
+    {
+        let before = rig.get(name);
+        let request =
+            ParameterRequest { name: name.as_bytes().to_vec(), value: Value::Integer(value), ..Default::default() };
+        rig.ask(&Message::ParameterRequest(request));
+        assert_eq!(rig.get(name), before, "{name} {value}");
+    }
+}

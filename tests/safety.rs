@@ -17,16 +17,9 @@ fn tell(rig: &mut Rig, state: u8, ms: u64) {
     }
 }
 
-fn flying() -> Rig {
-    let mut rig = Rig::running();
-    rig.send_command(1, 0, 0.5);
-    assert_eq!(rig.settled_pulse_us(), 1750.0);
-    rig
-}
-
 #[test]
 fn while_the_safety_switch_is_on_there_are_no_pulses_and_the_node_is_ok_and_says_why() {
-    let mut rig = flying();
+    let mut rig = Rig::positioned();
     tell(&mut rig, SAFE, 100);
     rig.forget();
     tell(&mut rig, SAFE, 5000);
@@ -42,7 +35,7 @@ fn while_the_safety_switch_is_on_there_are_no_pulses_and_the_node_is_ok_and_says
 
 #[test]
 fn with_safe_mode_0_the_pulse_is_held() {
-    let mut rig = flying();
+    let mut rig = Rig::positioned();
     rig.set("SAFE_MODE", 0);
     tell(&mut rig, SAFE, 100);
     rig.wait_for_line("safety switch on", 50);
@@ -56,7 +49,7 @@ fn with_safe_mode_0_the_pulse_is_held() {
 
 #[test]
 fn when_the_switch_is_off_commands_are_followed_at_once_and_missed_again() {
-    let mut rig = flying();
+    let mut rig = Rig::positioned();
     tell(&mut rig, SAFE, 3000);
     tell(&mut rig, ARMED, 1);
     rig.send_command(1, 0, -0.5);
@@ -71,7 +64,7 @@ fn when_the_switch_is_off_commands_are_followed_at_once_and_missed_again() {
 /// Its autopilot is gone.
 #[test]
 fn when_safety_states_stop_the_failsafe_begins() {
-    let mut rig = flying();
+    let mut rig = Rig::positioned();
     tell(&mut rig, SAFE, 2000);
     rig.run_ms(2000);
     assert!(!rig.serial.contains("FAILSAFE"));
@@ -81,7 +74,7 @@ fn when_safety_states_stop_the_failsafe_begins() {
 
 #[test]
 fn a_failsafe_that_the_switch_explains_is_over_and_comes_back_after_it() {
-    let mut rig = flying();
+    let mut rig = Rig::positioned();
     rig.wait_for_line("FAILSAFE: no commands", 1100);
     tell(&mut rig, SAFE, 1500);
     assert_eq!(rig.next_status(), (OK, DISARMED));
@@ -96,14 +89,14 @@ fn before_the_first_command_and_without_safety_states_nothing_changes() {
     assert_eq!(rig.next_status(), (OK, DISARMED));
     tell(&mut rig, ARMED, 3000);
     assert_eq!((rig.next_status(), &rig.pulses[..]), ((OK, 0), &[][..]));
-    let mut rig = flying();
+    let mut rig = Rig::positioned();
     rig.wait_for_line("FAILSAFE: no commands", 1100);
     assert!(!rig.serial.contains("safety"));
 }
 
 #[test]
 fn another_node_s_safety_state_is_refused() {
-    let mut rig = flying();
+    let mut rig = Rig::positioned();
     rig.send(SAFETY_STATE + 1, &[SAFE, 0xC0]);
     rig.wait_for_line("refused: type 20000 from 11, wrong sender", 50);
     rig.send_command(1, 0, 0.0);

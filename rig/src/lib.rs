@@ -263,6 +263,15 @@ impl Rig {
         rig
     }
 
+    /// A board that is up and has followed a first command, of node 10: its servo is at 1750 us.
+    #[track_caller]
+    pub fn positioned() -> Rig {
+        let mut rig = Rig::running();
+        rig.send_command(1, 0, 0.5);
+        assert_eq!(rig.settled_pulse_us(), 1750.0);
+        rig
+    }
+
     /// Waits for the first status after a start, in either dialect, and forgets it.
     #[track_caller]
     pub fn wait_until_up(&mut self) {

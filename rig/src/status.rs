@@ -10,14 +10,14 @@ pub const CRITICAL: u8 = 3;
 pub const OPERATIONAL: u8 = 0;
 pub const INITIALIZATION: u8 = 1;
 
-/// Bits of the vendor-specific status code.
-/// The lowest three are the cause of the last reset, as a number.
+/// The vendor-specific status code. Its lowest three bits are the cause of the last reset, as a number.
 pub const RESET: u16 = 7;
 pub const WATCHDOG: u16 = 1;
 pub const BROWN_OUT: u16 = 2;
 pub const PANIC: u16 = 3;
 pub const STRAY_INTERRUPT: u16 = 4;
 pub const STACK_COLLISION: u16 = 5;
+/// The bits above.
 pub const TRANSFER_ERRORS: u16 = 1 << 3;
 pub const ID_CONFLICT: u16 = 1 << 4;
 pub const FRAMES_LOST: u16 = 1 << 5;

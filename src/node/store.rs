@@ -558,27 +558,26 @@ mod tests {
         }
     }
 
-    #[test]
-    fn with_the_newer_copy_broken_the_older_one_is_loaded_and_that_is_told() {
+    /// Loads after 2 to 7 saves, with a broken bit in the copy of the save that is `saves_ago` back.
+    #[track_caller]
+    fn assert_loaded_with_a_broken_copy(saves_ago: u16, expected_saves_ago: u16, expected_is_lost: bool) {
         for saves in 2..8 {
-            let (mut eeprom, saved) = after_saves(saves);
-            let newer = PARAMETERS[usize::from(saves % 2 == 0)];
-            eeprom.cells[usize::from(newer) + 3] ^= 0x80;
+            let (mut eeprom, _) = after_saves(saves);
+            let broken = PARAMETERS[usize::from((saves - saves_ago) % 2 == 0)];
+            eeprom.cells[usize::from(broken) + 3] ^= 0x80;
             let (_, parameters, is_lost) = loaded(&eeprom);
-            assert_eq!((parameters, is_lost), (set(saves - 2), true));
-            assert_ne!(parameters, saved);
+            assert_eq!((parameters, is_lost), (set(saves - 1 - expected_saves_ago), expected_is_lost));
         }
     }
 
     #[test]
+    fn with_the_newer_copy_broken_the_older_one_is_loaded_and_that_is_told() {
+        assert_loaded_with_a_broken_copy(0, 1, true);
+    }
+
+    #[test]
     fn with_the_older_copy_broken_nothing_is_lost() {
-        for saves in 2..8 {
-            let (mut eeprom, saved) = after_saves(saves);
-            let older = PARAMETERS[usize::from(saves % 2 == 1)];
-            eeprom.cells[usize::from(older) + 3] ^= 0x80;
-            let (_, parameters, is_lost) = loaded(&eeprom);
-            assert_eq!((parameters, is_lost), (saved, false));
-        }
+        assert_loaded_with_a_broken_copy(1, 0, false);
     }
 
     /// Whatever the markers of the copies that it finds, such as those of another build.
