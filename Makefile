@@ -114,7 +114,8 @@ test-library:
 	done
 
 test-host:
-	cargo test -p bridge -p dronecan-host -p dronecan-wire -p fuzz-harness -p mcp2515-ordered -p sim -p rig
+	cargo test -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
+		-p bus-load -p avr-model -p bench -p sim -p rig
 
 test-firmware:
 	$(ON_BOARD) cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) $(LONG_TESTS)

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use bench::Cycles;
 use rig::MS;
 use rig::soak::Soak;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
-use sim::Cycles;
 
 const HELP: &str = "\
 Lets the firmware live for hours of simulated time: an autopilot commands its servo, other nodes talk, a client asks, sets and

@@ -4,12 +4,12 @@
 
 use std::sync::OnceLock;
 
+use bench::Cycles;
+use bench::autopilot::Settings;
+use bench::can::{Fault, Frame, Id};
+use bench::dronecan::{Allocation, CanId, Message, NodeId, TransferId, split, types};
 use rig::manage::ms_between;
 use rig::{MS, NODE, Rig, SERVO_COMMAND};
-use sim::Cycles;
-use sim::autopilot::Settings;
-use sim::can::{Fault, Frame, Id};
-use sim::dronecan::{Allocation, CanId, Message, NodeId, TransferId, split, types};
 
 /// An allocator's messages.
 const ALLOCATION_FROM_127: u32 = 0x1E00_017F;

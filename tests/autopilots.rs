@@ -1,9 +1,9 @@
 //! What ArduPilot and PX4 put on the bus, as the simulator has it: the node obeys each with only parameters changed.
 
+use bench::autopilot::{Profile, Settings};
+use bench::can::Id;
 use rig::manage::ms_between;
 use rig::{MS, Rig};
-use sim::autopilot::{Profile, Settings};
-use sim::can::Id;
 
 const ARDUPILOT: u32 = 10;
 const PX4: u32 = 1;

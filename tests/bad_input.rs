@@ -1,8 +1,8 @@
 //! Whatever comes over the bus: the servo stays where it is, the node answers, and it counts.
 
+use bench::Noise;
+use bench::can::{Frame, Id};
 use rig::{ARRAY_COMMAND, NODE_STATUS, Rig, SERVO_COMMAND, array_command};
-use sim::avr::Noise;
-use sim::can::{Frame, Id};
 
 #[track_caller]
 fn assert_refused(mut rig: Rig, frames: usize, line: &str) {

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use bench::can::{Frame, Id};
+use bench::dronecan::{Message, Opcode, ParameterRequest, Value};
+use bench::firmware_for;
 use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, is_from_node, started_with};
-use sim::bench::firmware_for;
-use sim::can::{Frame, Id};
-use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
 
 /// The answer to a GetNodeInfo, without its priority.
 const NODE_INFO: u32 = 0x0001_7F80 | NODE;

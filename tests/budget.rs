@@ -1,7 +1,7 @@
 //! The budgets of avr-specs/budget.toml: flash, variables, and variables with the stack at its deepest.
 
+use bench::budget::{Budget, PAINT};
 use rig::Rig;
-use sim::budget::{Budget, PAINT};
 
 fn budget() -> Budget {
     Budget::of(rig::board().chip)

@@ -1,8 +1,8 @@
 //! Two nodes that command the same output, and who may arm.
 
+use bench::can::Frame;
 use rig::status::{DISARMED, OK, TWO_COMMANDERS, WARNING};
 use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command};
-use sim::can::Frame;
 
 /// ArmingStatus, 255: armed.
 const ARMING_STATUS: u32 = 0x1804_4C00;

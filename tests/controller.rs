@@ -1,10 +1,10 @@
 //! The MCP2515 is set up right, keeps frames in order both ways, and is brought back whatever happens to it.
 
+use bench::board::WireEvent;
+use bench::can::Fault;
+use bench::mcp2515::Mode;
 use rig::status::{CONTROLLER, FRAMES_LOST, WARNING};
 use rig::{ARRAY_COMMAND, MS, Rig, US, status_fields};
-use sim::board::WireEvent;
-use sim::can::Fault;
-use sim::mcp2515::Mode;
 
 /// Addresses of DS20001801J table 11-1.
 const CNF1: u8 = 0x2A;

@@ -1,10 +1,10 @@
 //! When commands for this output stop, the output goes where its parameters say, and only then; and it moves only while the
 //! vehicle is armed, if it is told to mind that.
 
+use bench::dronecan::{Message, ParameterRequest};
 use rig::manage::ms_between;
 use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
 use rig::{ARRAY_COMMAND, MS, Rig};
-use sim::dronecan::{Message, ParameterRequest};
 
 const HOLD: i64 = 0;
 const TRIM: i64 = 1;

@@ -3,11 +3,11 @@
 //!
 //! 20,000 frames; `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some minutes. `FUZZ_SEED` gives others.
 
+use bench::Noise;
+use bench::budget::{Budget, PAINT};
+use bench::can::{Frame, Id};
+use bench::dronecan::{ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types};
 use rig::{ARRAY_COMMAND, MS, NODE, Rig};
-use sim::avr::Noise;
-use sim::budget::{Budget, PAINT};
-use sim::can::{Frame, Id};
-use sim::dronecan::{ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types};
 use std::time::Duration;
 
 const FRAMES: u64 = 20_000;
@@ -173,7 +173,7 @@ fn garbage(random: &mut Random) -> Vec<Frame> {
 /// Whether a transfer is an order that the node would rightly obey, and then not be as before.
 fn is_an_order(transfer: &Transfer) -> bool {
     let is_half = |command: &ActuatorCommand| {
-        command.actuator != 1 || command.unit == sim::dronecan::CommandUnit::Unitless && command.value.to_f32() == 0.5
+        command.actuator != 1 || command.unit == bench::dronecan::CommandUnit::Unitless && command.value.to_f32() == 0.5
     };
     let to_node = |id: CanId| !matches!(id, CanId::Service { destination, .. } if u32::from(destination.get()) != NODE);
     match Message::decode(transfer) {

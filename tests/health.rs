@@ -1,11 +1,11 @@
 //! The node's health: each condition has its bit, the masks say how bad it is, and it clears when its cause does.
 
+use bench::avr::ResetCause;
+use bench::dronecan::Message;
 use rig::status::{
     BROWN_OUT, CRITICAL, DISARMED, ERROR, FAILSAFE, ID_CONFLICT, OK, OPERATIONAL, TEMPERATURE, TRANSFER_ERRORS, WARNING,
 };
 use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig};
-use sim::avr::ResetCause;
-use sim::dronecan::Message;
 
 /// Waits until a status says that.
 #[track_caller]
@@ -21,7 +21,7 @@ fn wait_for_status(rig: &mut Rig, health: u8, code: u16, within_ms: u64) {
 }
 
 /// Kelvin and flags of the last Temperature.
-fn temperature(rig: &Rig) -> Option<sim::dronecan::Temperature> {
+fn temperature(rig: &Rig) -> Option<bench::dronecan::Temperature> {
     let told = rig.heard(|message| match message {
         Message::Temperature(temperature) => Some(temperature),
         _ => None,

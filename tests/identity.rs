@@ -1,10 +1,10 @@
 //! The unique ID: made at the first start from how the watchdog's oscillator runs against the crystal, and kept in EEPROM.
 //! The simulator gives each chip an oscillator of its own, by its seed.
 
-use sim::Cycles;
-use sim::avr::{Avr, Firmware, ResetCause};
-use sim::bench::Bench;
-use sim::board::Board;
+use bench::Bench;
+use bench::Cycles;
+use bench::avr::{Avr, Firmware, ResetCause};
+use bench::board::Board;
 
 /// CPU cycles in a millisecond.
 const MS: Cycles = 16_000;

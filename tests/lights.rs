@@ -1,7 +1,7 @@
 //! The button, whose presses are published, and the light, which is told, in the build that has them.
 
+use bench::dronecan::{KeyValue, LightCommand, Message};
 use rig::{MS, NODE, Rig};
-use sim::dronecan::{KeyValue, LightCommand, Message};
 
 const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
 // ---- button ----

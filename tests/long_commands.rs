@@ -300,7 +300,7 @@ fn commands_of_one_frame_come_through_while_a_long_one_is_under_way() {
 /// A length that is no whole number of commands, with a CRC that is right.
 #[test]
 fn a_broken_list_with_a_right_crc_leaves_the_servo_where_it_is() {
-    use sim::dronecan::{TransferId, split, types};
+    use bench::dronecan::{TransferId, split, types};
     let mut rig = Rig::positioned();
     for extra in 1..4 {
         let mut payload = [1, 0, 0, 0xBC].repeat(3);

@@ -1,10 +1,10 @@
 //! The node beside other nodes: some talk too much, some begin and never end, and none keeps its commander or another client out.
 
+use bench::Noise;
+use bench::can::{Frame, Id};
+use bench::dronecan::{Message, ParameterRequest};
+use bench::firmware_for;
 use rig::{ARRAY_COMMAND, MS, Rig, US, array_command, is_from_node, quoted, started_with};
-use sim::avr::Noise;
-use sim::bench::firmware_for;
-use sim::can::{Frame, Id};
-use sim::dronecan::{Message, ParameterRequest};
 
 /// A command of the autopilot, node 10, in nine frames: so many microseconds for actuator 1.
 fn long_command(n: u16) -> Vec<Vec<u8>> {
@@ -120,7 +120,7 @@ fn two_senders_frame_by_frame_are_both_followed_where_there_is_room() {
         let request = ParameterRequest { name: name.into(), ..ParameterRequest::default() };
         let (data_type, payload) = Message::ParameterRequest(request).encode().expect("a request");
         let frames =
-            sim::dronecan::split(&payload, sim::dronecan::TransferId::new(5), data_type.signature.expect("known"));
+            bench::dronecan::split(&payload, bench::dronecan::TransferId::new(5), data_type.signature.expect("known"));
         frames.iter().map(|data| Frame::extended(0x1E0B_F880 | source, data)).collect()
     };
     rig.forget();

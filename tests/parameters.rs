@@ -1,9 +1,9 @@
 //! Parameters: what there is, when it takes effect, and that the EEPROM has the old set or the new one whatever happens.
 
+use bench::dronecan::{Message, Opcode, ParameterRequest, Value};
 use rig::manage::{SAVE_TIMEOUT_MS, integer, ms_between, parameters};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Rig, started};
-use sim::dronecan::{Message, Opcode, ParameterRequest, Value};
 
 /// Parameters all over the set, of which each generation has values of its own. None of them disturbs the tests.
 const MARKED: [&str; 6] = ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "ERROR_MASK"];

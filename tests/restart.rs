@@ -1,8 +1,8 @@
 //! A fault of the program restarts it, and the next status and the next banner say why.
 
+use bench::avr::ResetCause;
 use rig::status::{BROWN_OUT, INITIALIZATION, STACK_COLLISION, STRAY_INTERRUPT, WATCHDOG};
 use rig::{Rig, status_fields};
-use sim::avr::ResetCause;
 
 /// Waits for the banner of a restart and checks what is said of it.
 #[track_caller]

@@ -1,8 +1,8 @@
 //! Requests while the parameters are saved, which takes up to 0.4 s: in the build that answers them meanwhile.
 
+use bench::dronecan::{Message, Opcode, ParameterRequest};
 use rig::Rig;
 use rig::manage::{SAVE_TIMEOUT_MS, integer};
-use sim::dronecan::{Message, Opcode, ParameterRequest};
 
 /// A node whose next save writes every byte.
 fn changed() -> Rig {

@@ -1,7 +1,7 @@
 //! The serial monitor tells what happens, at 115200 baud, and never holds anything up.
 
+use bench::can::Frame;
 use rig::{MS, Rig};
-use sim::can::Frame;
 
 #[test]
 fn the_banner_tells_version_node_id_and_reset_cause() {

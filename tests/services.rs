@@ -2,10 +2,10 @@
 //!
 //! The quoted frames were made by pydronecan 1.0.27; tests/clients/test_golden.py holds the two together.
 
+use bench::Cycles;
+use bench::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
 use rig::manage::{ANSWER_TIMEOUT_MS, ms_between, parameters};
 use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, quoted};
-use sim::Cycles;
-use sim::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
 
 const GET_NODE_INFO: &str = "1E01F8FF C3";
 
@@ -290,7 +290,7 @@ fn a_firmware_update_is_refused_with_a_reason() {
     assert!(!answer.text.is_empty() && answer.text.len() <= 127);
     assert!(answer.text.iter().all(|byte| matches!(byte, b' '..=b'~')), "{}", answer.text());
     // A long path is a transfer of many frames.
-    let path = Message::BeginUpdate(sim::dronecan::management::NumberAndText { number: 0, text: vec![b'x'; 200] });
+    let path = Message::BeginUpdate(bench::dronecan::management::NumberAndText { number: 0, text: vec![b'x'; 200] });
     assert!(matches!(rig.ask(&path), Message::UpdateBegun(answer) if answer.number == INVALID_MODE));
 }
 
@@ -302,7 +302,7 @@ fn answers_have_the_priority_and_the_number_of_their_requests() {
         rig.send(priority << 24 | 0x0B_F8FF, &[1, 0, 0xC0 | number]);
         rig.run_ms(ANSWER_TIMEOUT_MS);
         let frames = rig.to_tool();
-        assert!(frames.iter().all(|frame| frame.id == sim::can::Id::Extended(priority << 24 | 0x0B_7FF8)));
+        assert!(frames.iter().all(|frame| frame.id == bench::can::Id::Extended(priority << 24 | 0x0B_7FF8)));
         assert_eq!(frames.first().map(|frame| frame.data()[7]), Some(0x80 | number));
     }
 }
@@ -316,7 +316,7 @@ fn requests_for_others_and_of_other_kinds_are_not_answered() {
         rig.run_ms(20);
     }
     let services = rig.traffic.iter().filter(|(_, frame)| is_from_node(frame)).filter(|(_, frame)| {
-        matches!(frame.id, sim::can::Id::Extended(id) if id & 0x80 != 0) && frame.id != quoted("1E01F8F8 C0")[0].id
+        matches!(frame.id, bench::can::Id::Extended(id) if id & 0x80 != 0) && frame.id != quoted("1E01F8F8 C0")[0].id
     });
     assert_eq!(services.count(), 0);
 }

@@ -1,9 +1,9 @@
 //! What the node counts of its bus: CanStats, in the build that has it.
 
+use bench::Cycles;
+use bench::can::{ErrorState, Fault, Id};
+use bench::dronecan::{CanStats, Message};
 use rig::{ARRAY_COMMAND, MS, NODE, Rig, US, is_from_node};
-use sim::Cycles;
-use sim::can::{ErrorState, Fault, Id};
-use sim::dronecan::{CanStats, Message};
 
 fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
     rig.heard(|message| match message {

@@ -135,7 +135,7 @@ fn no_acknowledge_makes_the_node_error_passive_and_it_says_so_when_the_bus_is_ba
     // It passes.
     rig.run_ms(20_000);
     rig.wait_for("another status", 1100, |rig| {
-        rig.traffic.last().is_some_and(|(_, frame)| frame.id == sim::can::Id::Extended(STATUS_OF_NODE))
+        rig.traffic.last().is_some_and(|(_, frame)| frame.id == bench::can::Id::Extended(STATUS_OF_NODE))
     });
     let (_, health, _, vendor_code) = status_fields(&rig.statuses().last().unwrap().1);
     assert_eq!((health, vendor_code), (OK, 0));

@@ -1,11 +1,11 @@
 //! What the node tells without being asked, beside its status and temperature: where its servo is, how the bus does, and that
 //! its button was pressed. And the light, which is told.
 
+use bench::Cycles;
+use bench::can::Id;
+use bench::dronecan::{ActuatorStatus, Message};
 use rig::manage::ms_between;
 use rig::{NODE, Rig};
-use sim::Cycles;
-use sim::can::Id;
-use sim::dronecan::{ActuatorStatus, Message};
 
 const ACTUATOR_STATUS_OF_NODE: u32 = 0x1803_F300 | NODE;
 const CAN_STATS_OF_NODE: u32 = 0x1801_5700 | NODE;
@@ -34,7 +34,7 @@ fn an_actuator_status_is_two_frames_with_a_crc() {
         assert!(ms_between(pair[0].0, pair[1].0) < 1.0, "back to back");
         // By hand: the CRC's start for this type, then the payload.
         let payload: Vec<u8> = first[2..7].iter().chain(&second[..3]).copied().collect();
-        let crc = sim::dronecan::crc::feed(0x9A63, &payload);
+        let crc = bench::dronecan::crc::feed(0x9A63, &payload);
         assert_eq!(u16::from_le_bytes([first[0], first[1]]), crc);
     }
     assert!(rig.broken.is_empty(), "{:?}", rig.broken);

@@ -4,17 +4,17 @@
 
 use std::collections::VecDeque;
 
+use bench::Cycles;
+use bench::autopilot::{Profile, Settings};
+use bench::avr::ResetCause;
+use bench::can::{Frame, Id};
+use bench::dronecan::Dialect;
+use bench::dronecan::draft::{Message, NodeStatus, StatusCode, VendorCode};
+use bench::mcp2515::Mode;
 use rig::load::{Meter, compare_register};
 use rig::manage::ms_between;
 use rig::status::{BROWN_OUT, DRAFT, FAILSAFE, ID_CONFLICT, PARAMETERS_LOST, TEMPERATURE, WATCHDOG};
 use rig::{DRAFT_STATUS_OF_NODE, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, quoted};
-use sim::Cycles;
-use sim::autopilot::{Profile, Settings};
-use sim::avr::ResetCause;
-use sim::can::{Frame, Id};
-use sim::dronecan::Dialect;
-use sim::dronecan::draft::{Message, NodeStatus, StatusCode, VendorCode};
-use sim::mcp2515::Mode;
 
 /// Data types of the draft.
 const ARRAY_COMMAND: u32 = 265;
@@ -471,7 +471,7 @@ fn its_status_is_that_of_march_2015() {
     assert!((9..=10).contains(&frames.len()), "{frames:?}");
     for (at, frame) in &frames {
         let &[u0, u1, u2, u3, v0, v1] = frame.data() else { panic!("{frame}") };
-        let up_s = sim::elapsed(*at).as_secs_f64();
+        let up_s = bench::elapsed(*at).as_secs_f64();
         let said = u32::from_le_bytes([u0, u1, u2, u3 >> 4]);
         assert!((f64::from(said) - up_s).abs() < 1.02, "{frame} at {up_s:.3} s");
         assert_eq!((u3 & 15, u16::from_le_bytes([v0, v1])), (0, DRAFT), "{frame}");
@@ -761,7 +761,7 @@ impl Loaded {
         let mut writes = Vec::new();
         let end = self.rig.now() + MS;
         while self.rig.now() < end {
-            let look = |bench: &mut sim::bench::Bench| {
+            let look = |bench: &mut bench::Bench| {
                 let now = compare_register(bench.board(0));
                 if std::mem::replace(register, now) != now {
                     writes.push((bench.now(), f64::from(now + 1) / 2.0));

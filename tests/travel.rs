@@ -2,8 +2,8 @@
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
+use bench::avr::Pulse;
 use rig::{MS, Rig};
-use sim::avr::Pulse;
 
 const UNITLESS: u8 = 0;
 const POSITION: u8 = 1;

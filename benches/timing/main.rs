@@ -9,13 +9,13 @@ mod strangers;
 use std::fmt::Write as _;
 use std::time::Instant;
 
+use bench::Cycles;
+use bench::autopilot::{Profile as Autopilot, Settings};
+use bench::budget::{PAINT, budget};
 use plot::{Axis, Plot};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Meter, Pace, Samples, run, run_all};
 use rig::profile::{Names, Profile};
 use rig::{MS, Rig};
-use sim::Cycles;
-use sim::autopilot::{Profile as Autopilot, Settings};
-use sim::budget::{PAINT, budget};
 use strangers::{Stranger, receive};
 
 /// Simulated times.

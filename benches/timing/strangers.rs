@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use bench::board::Board;
+use bench::{Bench, target_dir};
 use rig::MS;
 use rig::load::{Load, Meter, Sender};
-use sim::bench::{Bench, target_dir};
-use sim::board::Board;
 
 /// More than they take to boot.
 const BOOT_MS: u64 = 50;

@@ -17,7 +17,6 @@ pub mod broadcast;
 pub mod crc;
 pub mod dialect;
 pub mod draft;
-mod frame;
 pub mod id;
 pub mod management;
 pub mod mcast;
@@ -31,8 +30,8 @@ pub mod types;
 mod tests;
 
 pub use broadcast::{Allocation, CanStats, KeyValue, LightCommand};
+pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Dialect, Heard, Observer, Said};
-pub use frame::{Frame, Id, ParseFrameError};
 pub use id::{CanId, NodeId};
 pub use management::{NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value};
 pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Health, Message, Mode, NodeStatus, Temperature};

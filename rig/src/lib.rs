@@ -17,14 +17,14 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::{Mutex, PoisonError};
 
-use sim::Cycles;
-use sim::autopilot::{Autopilot, Settings};
-use sim::avr::{Pulse, ResetCause};
-use sim::bench::{Bench, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf};
-use sim::board::Board;
-use sim::can::{Frame, Id, PortId, RecordKind, SoftNode};
-use sim::dronecan::{ActuatorCommand, CommandUnit, Heard, Observer, Said, Transfer, TransferId, draft, split, types};
-use sim::wiring::{Wiring, preset};
+use bench::Cycles;
+use bench::autopilot::{Autopilot, Settings};
+use bench::avr::{Pulse, ResetCause};
+use bench::board::Board;
+use bench::can::{Frame, Id, PortId, RecordKind, SoftNode};
+use bench::dronecan::{ActuatorCommand, CommandUnit, Heard, Observer, Said, Transfer, TransferId, draft, split, types};
+use bench::wiring::{Wiring, preset};
+use bench::{Bench, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf};
 
 /// CPU cycles in a millisecond and in a microsecond.
 pub const MS: Cycles = 16_000;
@@ -372,7 +372,7 @@ impl Rig {
         if frame.remote {
             return;
         }
-        match self.observer.push(id, frame.data(), sim::elapsed(at)) {
+        match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Heard::Said(Said::V0(transfer, _)) => self.transfers.push((at, transfer)),
             Heard::Said(Said::Draft(transfer, message)) => self.drafts.push((at, transfer, message)),
             Heard::Invalid(why) => self.broken.push((at, frame, why)),

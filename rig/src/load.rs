@@ -7,13 +7,14 @@ use std::f32::consts::FRAC_PI_4;
 use std::rc::Rc;
 use std::sync::Mutex;
 
-use sim::Cycles;
-use sim::avr::{Noise, Oc};
-use sim::bench::Bench;
-use sim::board::{Board, WireEvent};
-use sim::can::{Frame, Id, SoftNode};
-use sim::dronecan::{DataType, Message, Opcode, ParameterRequest, TransferId, Value, split, types};
-use sim::mcp2515::Fate;
+use bench::Bench;
+use bench::Cycles;
+use bench::Noise;
+use bench::avr::Oc;
+use bench::board::{Board, WireEvent};
+use bench::can::{Frame, Id, SoftNode};
+use bench::dronecan::{DataType, Message, Opcode, ParameterRequest, TransferId, Value, split, types};
+use bench::mcp2515::Fate;
 
 use super::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, array_command};
 

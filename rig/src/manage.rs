@@ -1,9 +1,9 @@
 //! The rig as a tool that manages the node: requests and their answers.
 
 use super::{MS, NODE, Rig, board, quoted, takes_both_dialects};
-use sim::Cycles;
-use sim::can::{Frame, Id};
-use sim::dronecan::{
+use bench::Cycles;
+use bench::can::{Frame, Id};
+use bench::dronecan::{
     CanId, Message, NodeId, NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransferId, Value,
     split,
 };

@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 use addr2line::Loader;
-use sim::Cycles;
-use sim::avr::{Avr, Moment};
+use bench::Cycles;
+use bench::avr::{Avr, Moment};
 
 /// WDR, which resets the watchdog: once a turn.
 const WDR: u16 = 0x95A8;

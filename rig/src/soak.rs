@@ -16,11 +16,12 @@ use crate::status::{BROWN_OUT, RESET, TRANSFER_ERRORS, WATCHDOG};
 use crate::{
     ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command, has_all_features, started, status_fields, takes_both_dialects,
 };
-use sim::Cycles;
-use sim::avr::{Noise, ResetCause};
-use sim::budget::{Budget, PAINT};
-use sim::can::{Fault, Frame};
-use sim::dronecan::{Message, RESTART_MAGIC};
+use bench::Cycles;
+use bench::Noise;
+use bench::avr::ResetCause;
+use bench::budget::{Budget, PAINT};
+use bench::can::{Fault, Frame};
+use bench::dronecan::{Message, RESTART_MAGIC};
 
 /// From the end of a fault until commands are followed and requests answered again.
 pub const RECOVERY_LIMIT_MS: u64 = 1000;
@@ -401,7 +402,7 @@ impl Soak {
         self.temp_id[0] = value;
         self.report.requests += 2;
         if self.random.below(3) == 0 {
-            self.rig.request(&Message::ExecuteOpcode(sim::dronecan::Opcode::SAVE));
+            self.rig.request(&Message::ExecuteOpcode(bench::dronecan::Opcode::SAVE));
             // Commands go on meanwhile.
             for _ in 0..40 {
                 self.slot();
@@ -520,7 +521,7 @@ impl Soak {
                 if self.random.below(2) == 0 {
                     // Nothing has changed since the last save, or what has is lost or saved: both are a whole set.
                     self.rig.set("TEMP_ID", self.temp_id[1]);
-                    self.rig.request(&Message::ExecuteOpcode(sim::dronecan::Opcode::SAVE));
+                    self.rig.request(&Message::ExecuteOpcode(bench::dronecan::Opcode::SAVE));
                     let delay = self.random.below(400);
                     self.rig.run_ms(delay);
                 }

@@ -10,7 +10,6 @@ use sim::ui::args::{Args, Command};
 use sim::ui::plain::summary;
 use sim::ui::run;
 use sim::ui::scene::Scene;
-use sim::utilisation;
 use std::io::{self, IsTerminal, Write};
 use std::process::{self, ExitCode};
 use std::sync::Arc;
@@ -35,7 +34,7 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> Result<ExitCode> {
     if let Some(Command::Utilisation(args)) = &args.command {
-        utilisation::run(args, io::stdout().lock())?;
+        bus_load::run(args, io::stdout().lock())?;
         return Ok(ExitCode::SUCCESS);
     }
     let stop = stop_on_signals()?;

@@ -1,5 +1,6 @@
 //! avr-gdb, the real one, attached to a board on the bench.
 
+#[path = "../bench/tests/avr/mod.rs"]
 mod avr;
 
 use std::io::{Read, Write};
@@ -9,9 +10,9 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use avr::MS;
-use sim::avr::Avr;
-use sim::bench::Bench;
-use sim::board::Board;
+use bench::Bench;
+use bench::avr::Avr;
+use bench::board::Board;
 use sim::links::Link;
 use sim::links::gdb::Gdb;
 
@@ -33,7 +34,7 @@ impl Setup {
         let elf = directory.join("debug.elf");
         let compiled = Command::new("avr-gcc")
             .args(["-mmcu=atmega168", "-g", "-Og", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
-            .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/avr/debug.c"))
+            .arg(bench::root().join("sim/bench/tests/avr/debug.c"))
             .arg("-o")
             .arg(&elf)
             .status()

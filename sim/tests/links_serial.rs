@@ -1,13 +1,14 @@
 //! The Arduino's serial port as programs meet it.
 
+#[path = "../bench/tests/avr/mod.rs"]
 mod avr;
 mod links;
 
 use avr::program;
+use bench::Bench;
+use bench::avr::{Avr, ResetCause};
+use bench::board::Board;
 use links::{Client, MS, Scratch};
-use sim::avr::{Avr, ResetCause};
-use sim::bench::Bench;
-use sim::board::Board;
 use sim::links::Link;
 use sim::links::serial::SerialPort;
 use std::path::PathBuf;

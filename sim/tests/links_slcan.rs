@@ -10,9 +10,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use bench::Bench;
+use bench::can::{Frame, Id, SoftNode};
 use links::{Client, Scratch, run_ms};
-use sim::bench::Bench;
-use sim::can::{Frame, Id, SoftNode};
 use sim::links::Link;
 use sim::links::slcan::Slcan;
 
@@ -188,7 +188,7 @@ fn a_client_that_does_not_read_loses_the_oldest_frames_and_is_told() {
 #[test]
 fn a_client_that_floods_a_dead_bus_does_not_stop_the_simulation() {
     let mut stand = Stand::opened();
-    stand.bench.bus().inject(sim::can::Fault::StuckDominant(true));
+    stand.bench.bus().inject(bench::can::Fault::StuckDominant(true));
     let flood = b"t1230\r".repeat(1000);
     let mut written = 0;
     for _ in 0..3000 {

@@ -2,7 +2,7 @@
 
 mod wire;
 
-use sim::can::{Frame, Id, Record};
+use bench::can::{Frame, Id, Record};
 use sim::links::Link;
 use sim::links::log::Log;
 use sim::links::script::Script;
@@ -77,8 +77,8 @@ fn the_log_of_a_run_with_the_node_plays_again_on_an_empty_bus() {
     let directory = Directory::new("again");
     let path = directory.file("run.log");
     let passed = frames(&logged(&path));
-    let mut bench = sim::bench::Bench::new(BIT_RATE);
-    let listener = std::rc::Rc::new(std::cell::RefCell::new(sim::can::SoftNode::new(BIT_RATE)));
+    let mut bench = bench::Bench::new(BIT_RATE);
+    let listener = std::rc::Rc::new(std::cell::RefCell::new(bench::can::SoftNode::new(BIT_RATE)));
     bench.attach("listener", listener);
     let mut script = Script::open(&path, &mut bench).unwrap();
     bench.run_for_ms(RUN_MS);
@@ -88,7 +88,7 @@ fn the_log_of_a_run_with_the_node_plays_again_on_an_empty_bus() {
 
 #[test]
 fn error_frames_are_in_the_pcap_as_wireshark_knows_them() {
-    use sim::can::Fault;
+    use bench::can::Fault;
     let directory = Directory::new("errors");
     let path = directory.file("errors.pcap");
     let mut rig = Rig::new();

@@ -2,10 +2,10 @@
 
 mod wire;
 
-use sim::Cycles;
-use sim::avr::{Pulse, SpiByte};
-use sim::board::WireEvent;
-use sim::can::{Frame, Id, Record};
+use bench::Cycles;
+use bench::avr::{Pulse, SpiByte};
+use bench::board::WireEvent;
+use bench::can::{Frame, Id, Record};
 use sim::links::Link;
 use sim::links::vcd::Vcd;
 use std::collections::HashMap;

@@ -4,16 +4,16 @@ use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
 
+use can_model::{Bus, Fault, Frame, Id, PortId, RecordKind, SoftNode};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::spi::{self, SpiBus};
+use mcp2515_model::Mcp2515 as Chip;
 use mcp2515_ordered::Counter::{BusOffs, RxOverflow, RxReceived, TxRequests, TxSuccess, TxTimedOut};
 use mcp2515_ordered::Frame as DriverFrame;
 use mcp2515_ordered::{
     Acceptance, Attempts, BitTiming, Configuration, Counter, ErrorFlags, Event, Mcp2515, Notice, Pattern,
 };
-use sim::Cycles;
-use sim::can::{Bus, Fault, Frame, Id, PortId, RecordKind, SoftNode};
-use sim::mcp2515::Mcp2515 as Chip;
+use sim_base::Cycles;
 
 const CRYSTAL_HZ: u32 = 16_000_000;
 

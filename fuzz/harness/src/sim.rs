@@ -3,13 +3,13 @@
 //!
 //! The first byte of the input says which.
 
-use sim::avr::{Chip, Firmware};
-use sim::can::{Engine, EngineMode, Event, Frame, Level, OnWire as _, Station as _};
+use bench::avr::{Chip, Firmware};
+use bench::can::{Engine, EngineMode, Event, Frame, Level, OnWire as _, Station as _};
+use bench::mcp2515::Mcp2515;
+use bus_load::{Cost, Entry};
+use sim::fault::Injection;
 use sim::links::script;
-use sim::mcp2515::Mcp2515;
-use sim::ui::fault::Injection;
-use sim::ui::time::parse_duration;
-use sim::utilisation::{Cost, Entry};
+use sim::time::parse_duration;
 
 /// See the module.
 pub fn run(input: &[u8]) {

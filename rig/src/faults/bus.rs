@@ -6,7 +6,7 @@ use std::rc::Rc;
 use super::{BUS_LIMIT_MS, Case, Measured, Trial};
 use crate::status::{BUS_OFF, CONTROLLER, ERROR_PASSIVE};
 use crate::{MS, Rig, board, started};
-use sim::can::{Fault, Frame, SoftNode};
+use bench::can::{Fault, Frame, SoftNode};
 
 /// How long they last.
 const LASTS_MS: u64 = 2500;

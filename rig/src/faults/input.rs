@@ -3,8 +3,8 @@
 use super::{BUS_LIMIT_MS, COMMANDED_US, Case, FAILSAFE_US, Measured, Trial, assert_servo};
 use crate::status::{ID_CONFLICT, TEMPERATURE};
 use crate::{ARRAY_COMMAND, MS, NODE, Rig, started, status_fields};
-use sim::can::Frame;
-use sim::dronecan::{Message, ParameterRequest};
+use bench::can::Frame;
+use bench::dronecan::{Message, ParameterRequest};
 
 pub const ALL: [&Case; 8] =
     [&SENSOR_OPEN, &SENSOR_SHORTED, &SENSOR_NOISY, &NOT_FINITE, &OUT_OF_RANGE, &REQUESTS, &SAME_ID, &TWIN];

@@ -12,9 +12,9 @@ pub mod page;
 pub mod processor;
 
 use crate::{MS, NODE, Rig, has_all_features, started};
-use sim::Cycles;
-use sim::can::Id;
-use sim::dronecan::{CanStats, Message};
+use bench::Cycles;
+use bench::can::Id;
+use bench::dronecan::{CanStats, Message};
 
 /// From the end of a fault of the bus to the node's full service.
 pub const BUS_LIMIT_MS: u64 = 1000;

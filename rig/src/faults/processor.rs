@@ -3,10 +3,10 @@
 use super::{COMMANDED_US, Case, Measured, Trial};
 use crate::status::{self, CONTROLLER, STACK_COLLISION, STRAY_INTERRUPT as STRAY, WATCHDOG};
 use crate::{MS, Rig, status_fields};
-use sim::Cycles;
-use sim::avr::ResetCause;
-use sim::budget::Budget;
-use sim::dronecan::{Message, Opcode};
+use bench::Cycles;
+use bench::avr::ResetCause;
+use bench::budget::Budget;
+use bench::dronecan::{Message, Opcode};
 
 /// Timer1's register with the modes of its outputs (ATmega168 datasheet section 16.11.1).
 const TCCR1A: u16 = 0x80;

@@ -4,9 +4,9 @@
 //! another name first: there is never half a file. A run that is killed loses the last seconds.
 
 use super::Link;
-use crate::bench::Bench;
-use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result, ensure};
+use bench::Bench;
+use bench::{Cycles, F_CPU_HZ};
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -87,9 +87,9 @@ impl Link for EepromFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::avr::{Avr, Chip};
-    use crate::board::Board;
     use crate::links::scratch::Scratch;
+    use bench::avr::{Avr, Chip};
+    use bench::board::Board;
 
     fn bench() -> Bench {
         let mut bench = Bench::new(1_000_000);

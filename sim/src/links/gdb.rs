@@ -14,9 +14,9 @@
 //! Source: "GDB Remote Serial Protocol", GDB manual appendix E; register numbers as GDB's avr-tdep.c.
 
 use super::Link;
-use crate::avr::{Debugger, Halt, Registers};
-use crate::bench::Bench;
 use anyhow::{Context, Result};
+use bench::Bench;
+use bench::avr::{Debugger, Halt, Registers};
 use gdbstub::arch::{Arch, RegId};
 use gdbstub::common::Signal;
 use gdbstub::conn::Connection;
@@ -227,7 +227,7 @@ enum AvrArch {}
 
 impl Arch for AvrArch {
     type Usize = u32;
-    type Registers = Registers;
+    type Registers = GdbRegisters;
     type BreakpointKind = usize;
     type RegId = Register;
 }
@@ -257,16 +257,20 @@ impl RegId for Register {
 /// Bytes of all registers together, in GDB's order.
 const REGISTERS_BYTES: usize = 39;
 
-impl gdbstub::arch::Registers for Registers {
+/// All registers, as GDB exchanges them.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+struct GdbRegisters(Registers);
+
+impl gdbstub::arch::Registers for GdbRegisters {
     type ProgramCounter = u32;
 
     fn pc(&self) -> u32 {
-        self.pc
+        self.0.pc
     }
 
     fn gdb_serialize(&self, mut write_byte: impl FnMut(Option<u8>)) {
-        let [spl, sph] = self.sp.to_le_bytes();
-        self.r.into_iter().chain([self.sreg, spl, sph]).chain(self.pc.to_le_bytes()).for_each(|byte| {
+        let [spl, sph] = self.0.sp.to_le_bytes();
+        self.0.r.into_iter().chain([self.0.sreg, spl, sph]).chain(self.0.pc.to_le_bytes()).for_each(|byte| {
             write_byte(Some(byte));
         });
     }
@@ -274,10 +278,10 @@ impl gdbstub::arch::Registers for Registers {
     fn gdb_deserialize(&mut self, bytes: &[u8]) -> Result<(), ()> {
         let bytes: &[u8; REGISTERS_BYTES] = bytes.try_into().map_err(drop)?;
         let (r, rest) = bytes.split_at(32);
-        self.r.copy_from_slice(r);
-        self.sreg = rest[0];
-        self.sp = u16::from_le_bytes([rest[1], rest[2]]);
-        self.pc = u32::from_le_bytes([rest[3], rest[4], rest[5], rest[6]]);
+        self.0.r.copy_from_slice(r);
+        self.0.sreg = rest[0];
+        self.0.sp = u16::from_le_bytes([rest[1], rest[2]]);
+        self.0.pc = u32::from_le_bytes([rest[3], rest[4], rest[5], rest[6]]);
         Ok(())
     }
 }
@@ -336,13 +340,13 @@ impl Target for Chip {
 }
 
 impl SingleThreadBase for Chip {
-    fn read_registers(&mut self, registers: &mut Registers) -> TargetResult<(), Chip> {
-        *registers = self.debugger.registers();
+    fn read_registers(&mut self, registers: &mut GdbRegisters) -> TargetResult<(), Chip> {
+        registers.0 = self.debugger.registers();
         Ok(())
     }
 
-    fn write_registers(&mut self, registers: &Registers) -> TargetResult<(), Chip> {
-        self.debugger.set_registers(registers);
+    fn write_registers(&mut self, registers: &GdbRegisters) -> TargetResult<(), Chip> {
+        self.debugger.set_registers(&registers.0);
         Ok(())
     }
 

@@ -17,16 +17,16 @@
 //!      2.514901   127>120 param.GetSet request OUT1_MIN = 1100
 //! ```
 //!
-//! The dialect of each line is found as [`dialect`](crate::dronecan::dialect) has it; what is of the draft says so.
+//! The dialect of each line is found as [`dialect`](bench::dronecan::dialect) has it; what is of the draft says so.
 //!
 //! Sources: can-utils, log file format (candump.c, lib.h); tcpdump.org, "LINKTYPE_CAN_SOCKETCAN"; Linux, can/error.h.
 
 use super::Link;
-use crate::bench::Bench;
-use crate::can::{ErrorKind, Frame, Id, Record, RecordKind};
-use crate::dronecan::{Heard, Observer};
-use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result};
+use bench::Bench;
+use bench::can::{ErrorKind, Frame, Id, Record, RecordKind};
+use bench::dronecan::{Heard, Observer};
+use bench::{Cycles, F_CPU_HZ};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -153,7 +153,7 @@ impl Log {
             Id::Extended(id) if !frame.remote => id,
             _ => return self.add_line(at, "-", &format!("foreign frame {frame}")),
         };
-        match self.observer.push(id, frame.data(), crate::elapsed(at)) {
+        match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Heard::Partial => Ok(()),
             Heard::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
             Heard::Said(said) => self.add_line(at, &said.who(), &said.to_string()),

@@ -14,10 +14,10 @@
 mod tests;
 
 use super::Link;
-use crate::bench::Bench;
-use crate::can::{Frame, SoftNode};
-use crate::dronecan::mcast::{Port, datagram::Refused};
 use anyhow::Result;
+use bench::Bench;
+use bench::can::{Frame, SoftNode};
+use bench::dronecan::mcast::{Port, datagram::Refused};
 use std::cell::RefCell;
 use std::io::{self, ErrorKind};
 use std::net::Ipv4Addr;

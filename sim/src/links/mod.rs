@@ -15,10 +15,10 @@ pub mod serial;
 pub mod slcan;
 pub mod vcd;
 
-use crate::Cycles;
-use crate::bench::Bench;
-use crate::can::Record;
 use anyhow::Result;
+use bench::Bench;
+use bench::Cycles;
+use bench::can::Record;
 use clap::Args as ClapArgs;
 use std::path::{Path, PathBuf};
 

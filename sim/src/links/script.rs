@@ -21,11 +21,11 @@
 //! sent by anybody.
 
 use super::Link;
-use crate::bench::Bench;
-use crate::can::{Frame, SoftNode};
-use crate::ui::fault::Fault;
-use crate::{Cycles, F_CPU_HZ};
+use crate::fault::Fault;
 use anyhow::{Context, Result, anyhow};
+use bench::Bench;
+use bench::can::{Frame, SoftNode};
+use bench::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -243,9 +243,9 @@ fn parse_text(text: &str) -> Result<Vec<u8>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::can::RecordKind;
     use crate::links::log::Log;
     use crate::links::scratch::Scratch;
+    use bench::can::RecordKind;
 
     const S: Cycles = F_CPU_HZ;
 
@@ -265,7 +265,7 @@ mod tests {
             (3 * S, Action::Do(BenchEvent::Button(false))),
             (4 * S, Action::Do(BenchEvent::Fault(Fault::NoAck))),
             (5 * S, Action::Do(BenchEvent::Serial(b"a b\r\x1B\\".to_vec()))),
-            (6 * S, Action::Send(Frame::remote(crate::can::Id::Extended(1), 0))),
+            (6 * S, Action::Send(Frame::remote(bench::can::Id::Extended(1), 0))),
         ];
         assert_eq!(actions, expected);
     }
@@ -378,7 +378,7 @@ mod tests {
                     let data = number.to_le_bytes();
                     let frame = match number % 4 {
                         0 => Frame::standard((id & 0x7FF) as u16, &data[..3]),
-                        1 => Frame::remote(crate::can::Id::Extended(id), 4),
+                        1 => Frame::remote(bench::can::Id::Extended(id), 4),
                         2 => Frame::extended(id, &[number as u8; 8]),
                         _ => Frame::extended(id, &data),
                     };

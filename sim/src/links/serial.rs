@@ -10,10 +10,10 @@
 
 use super::Link;
 use super::pty::{Hold, Pty};
-use crate::avr::ResetCause;
-use crate::bench::Bench;
-use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result};
+use bench::Bench;
+use bench::avr::ResetCause;
+use bench::{Cycles, F_CPU_HZ};
 use std::collections::VecDeque;
 use std::path::Path;
 

@@ -18,12 +18,12 @@
 mod writer;
 
 use super::Link;
-use crate::avr::{SerialCharacter, SpiByte};
-use crate::bench::Bench;
-use crate::board::WireEvent;
-use crate::can;
-use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result};
+use bench::Bench;
+use bench::avr::{SerialCharacter, SpiByte};
+use bench::board::WireEvent;
+use bench::can;
+use bench::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::fs::File;
 use std::path::{Path, PathBuf};

@@ -1,17 +1,16 @@
 //! The command line of `sim`.
 
-use super::fault::{self, Injection};
 use super::keys;
 use super::pace::Speed;
-use super::time::parse_duration;
 use super::wires;
-use crate::autopilot::{CommandType, Only, Profile, Settings};
-use crate::dronecan::{Dialect, NodeId};
+use crate::fault::{self, Injection};
 use crate::links;
-use crate::utilisation;
-use crate::wiring::{BIT_RATES, Wiring};
-use crate::{Cycles, F_CPU_HZ};
+use crate::time::parse_duration;
 use anyhow::{Result, ensure};
+use bench::autopilot::{CommandType, Only, Profile, Settings};
+use bench::dronecan::{Dialect, NodeId};
+use bench::wiring::{BIT_RATES, Wiring};
+use bench::{Cycles, F_CPU_HZ};
 use clap::Parser;
 use std::path::PathBuf;
 
@@ -146,7 +145,7 @@ pub struct Args {
 #[derive(Clone, Debug, clap::Subcommand)]
 pub enum Command {
     /// Plan the load of a bus: message types and rates in, per cent out
-    Utilisation(utilisation::Args),
+    Utilisation(bus_load::Args),
 }
 
 impl Args {
@@ -237,7 +236,7 @@ fn deflection(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ui::fault::Fault;
+    use crate::fault::Fault;
     use clap::CommandFactory;
 
     fn parse(line: &str) -> Result<Args, clap::Error> {

@@ -1,6 +1,6 @@
 //! Keys of the live view and what they do.
 
-use super::fault::{Fault, MENU};
+use crate::fault::{Fault, MENU};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 /// What a key asks for.

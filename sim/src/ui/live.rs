@@ -3,16 +3,16 @@
 //! The layout fits 80 columns by 24 rows. Where there is more height, a dial joins the servo; where there is more width,
 //! the serial monitor stands beside the traffic.
 
-use super::fault::{Fault, MENU};
 use super::keys;
 use super::pace::Measured;
 use super::state::{AutopilotState, Origin, State, TrafficLine, error_state_name};
-use super::time::{micros, seconds};
-use crate::budget::Budget;
-use crate::can::ErrorState;
-use crate::dronecan::{Dialect, Health};
-use crate::thousands;
-use crate::wiring::Wiring;
+use crate::fault::{Fault, MENU};
+use crate::time::{micros, seconds};
+use bench::budget::Budget;
+use bench::can::ErrorState;
+use bench::dronecan::{Dialect, Health};
+use bench::thousands;
+use bench::wiring::Wiring;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};

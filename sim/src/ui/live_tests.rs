@@ -1,13 +1,13 @@
 //! The live view drawn into memory: what must be readable, at the smallest size and at a large one.
 
 use super::*;
-use crate::avr::Chip;
-use crate::can::{self, Record, RecordKind};
 use crate::ui::state::{AutopilotState, Memory, News};
+use bench::avr::Chip;
+use bench::can::{self, Record, RecordKind};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
-const SECOND: u64 = crate::F_CPU_HZ;
+const SECOND: u64 = bench::F_CPU_HZ;
 
 /// A bench in the middle of its work.
 fn at_work() -> State {

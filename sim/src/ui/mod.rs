@@ -8,7 +8,6 @@
 //! [`run`] knows of the wall clock, which [`pace`] compares with simulated time.
 
 pub mod args;
-pub mod fault;
 pub mod history;
 pub mod keys;
 pub mod live;
@@ -17,5 +16,4 @@ pub mod plain;
 pub mod run;
 pub mod scene;
 pub mod state;
-pub mod time;
 pub mod wires;

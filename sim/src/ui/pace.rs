@@ -3,7 +3,7 @@
 //! The clock is an argument, so that the arithmetic can be tested. A simulation that cannot keep up slips: the lag is
 //! forgotten instead of being run after at full speed later.
 
-use crate::{Cycles, F_CPU_HZ};
+use bench::{Cycles, F_CPU_HZ};
 use std::str::FromStr;
 use std::time::Duration;
 

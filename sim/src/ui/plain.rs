@@ -8,9 +8,9 @@
 
 use super::pace::Measured;
 use super::state::{News, State, TrafficLine};
-use super::time::{micros, seconds};
-use crate::budget::Budget;
-use crate::{Cycles, F_CPU_HZ};
+use crate::time::{micros, seconds};
+use bench::budget::Budget;
+use bench::{Cycles, F_CPU_HZ};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -203,8 +203,8 @@ pub fn summary(state: &State, speed: Measured) -> String {
 mod tests {
     use super::super::state::Origin;
     use super::*;
-    use crate::avr::Chip;
-    use crate::dronecan::{NodeId, NodeStatus};
+    use bench::avr::Chip;
+    use bench::dronecan::{NodeId, NodeStatus};
 
     /// Runs `state` through a plain view and gives the lines.
     fn printed(state: &mut State, every_transfer: bool) -> String {

@@ -9,8 +9,8 @@ use super::live::{self, Screen};
 use super::pace::{Measured, Pace, Speed};
 use super::plain::Plain;
 use super::scene::Scene;
-use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result};
+use bench::{Cycles, F_CPU_HZ};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
 use std::io::{self, Write};
@@ -197,7 +197,7 @@ fn interrupted(error: io::Error) -> io::Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::avr::Firmware;
+    use bench::avr::Firmware;
     use clap::Parser;
 
     /// A scene with a program that does nothing, run to its end; gives what was printed.

@@ -8,20 +8,21 @@
 //! simulated millisecond.
 
 use super::args::Args;
-use super::fault::{Fault, Injection};
 use super::pace::Speed;
 use super::state::{AutopilotState, Controller, News, State};
-use crate::autopilot::{Autopilot, Settings};
-use crate::avr::{self, Avr, Chip, Firmware, ResetCause, regs};
-use crate::bench::{Bench, node_elf};
-use crate::board::Board;
-use crate::budget::{Budget, PAINT};
-use crate::can::{self, Frame, PortId, SoftNode};
+use crate::fault::{Fault, Injection};
 use crate::links::Link;
 use crate::links::script::{BenchEvent, Script};
-use crate::mcp2515::Fate;
-use crate::{Cycles, F_CPU_HZ};
 use anyhow::{Context, Result, bail};
+use bench::autopilot::{Autopilot, Settings};
+use bench::avr::{self, Avr, Chip, Firmware, ResetCause, regs};
+use bench::board::Board;
+use bench::budget::{Budget, PAINT};
+use bench::can::{self, Frame, PortId, SoftNode};
+use bench::mcp2515::Fate;
+use bench::wiring::Wiring;
+use bench::{Bench, node_elf};
+use bench::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -97,7 +98,7 @@ impl Scene {
         let elf = || Firmware::read(&path);
         let Some(hex) = &args.links.bootloader else {
             let firmware = elf()?;
-            let wiring = firmware.wiring().with_context(|| path.display().to_string())?;
+            let wiring = Wiring::of_program(&firmware).with_context(|| path.display().to_string())?;
             let chip = args.wires.apply(wiring)?.chip;
             firmware.check_fits(chip).with_context(|| path.display().to_string())?;
             return Scene::boot(&firmware, args);
@@ -105,7 +106,7 @@ impl Scene {
         let loader = Firmware::read_hex(hex)?;
         // Only further boards have their program already. But it says what the board is that the boot loader runs on.
         let others = if args.elf.is_some() || args.links.nodes > 0 { elf()? } else { elf().unwrap_or_default() };
-        let wiring = args.wires.apply(others.wiring()?)?;
+        let wiring = args.wires.apply(Wiring::of_program(&others)?)?;
         let section = boot_section(wiring.chip, &loader).with_context(|| hex.display().to_string())?;
         Scene::with_programs(&loader, Some(section), &others, args)
     }
@@ -125,8 +126,8 @@ impl Scene {
         others: &Firmware,
         args: &Args,
     ) -> Result<Scene> {
-        let wiring = args.wires.apply(others.wiring()?)?;
-        let limits = others.wiring.is_some().then(|| Budget::of(wiring.chip));
+        let wiring = args.wires.apply(Wiring::of_program(others)?)?;
+        let limits = others.board.is_some().then(|| Budget::of(wiring.chip));
         let bit_rate = args.bit_rate(&wiring)?;
         let mut avr = Avr::programmed(wiring.chip, firmware)?;
         if let Some(section) = boot_section {
@@ -651,9 +652,8 @@ fn boot_section(chip: Chip, loader: &Firmware) -> Result<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::avr::Symbol;
-    use crate::dronecan::Dialect;
-    use crate::wiring::Wiring;
+    use bench::avr::Symbol;
+    use bench::dronecan::Dialect;
     use clap::Parser;
 
     /// `rjmp .`: a program that does nothing for ever.
@@ -707,7 +707,7 @@ mod tests {
     /// Each on its own, so that each does what its name says or at least stops nothing.
     #[test]
     fn every_fault_can_be_begun_and_ended() {
-        for fault in super::super::fault::ALL {
+        for fault in crate::fault::ALL {
             let mut scene = scene(&IDLE, "");
             scene.inject(fault);
             assert_eq!(scene.state().active_faults.contains(&fault), fault.lasts(), "{fault}");
@@ -837,9 +837,10 @@ mod tests {
 
     #[test]
     fn the_board_is_announced_first_and_has_the_limits_of_its_chip() {
-        let wiring = Wiring::of("uno", "module").unwrap();
         let program = vec![(0, IDLE.to_vec())];
-        let firmware = Firmware { flash: program.clone(), wiring: Some(wiring.clone()), ..Firmware::default() };
+        let section = b"board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\nservo=D9\nsensor=A0\n";
+        let firmware = Firmware { flash: program.clone(), board: Some(section.to_vec()), ..Firmware::default() };
+        let wiring = Wiring::of_program(&firmware).unwrap();
         let args = |line: &str| Args::try_parse_from(line.split(' ')).unwrap();
         let mut scene = Scene::boot(&firmware, &args("sim")).unwrap();
         let text = format!("{wiring}; bus 500 kbit/s");

@@ -3,14 +3,14 @@
 //! Plain data and the rules that fill it: no bench, no terminal, no wall clock. The scene feeds it, the live view draws
 //! it, the plain view prints the news in it. Histories are bounded; counters are not.
 
-use super::fault::Fault;
 use super::history::Log;
-use crate::budget::Budget;
-use crate::can::{ErrorState, Frame, Id, Record, RecordKind};
-use crate::dronecan::{Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft};
-use crate::utilisation::measured::LoadByType;
-use crate::wiring::Wiring;
-use crate::{Cycles, F_CPU_HZ};
+use crate::fault::Fault;
+use bench::budget::Budget;
+use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
+use bench::dronecan::{Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft};
+use bench::wiring::Wiring;
+use bench::{Cycles, F_CPU_HZ};
+use bus_load::measured::LoadByType;
 use std::cell::RefCell;
 use std::collections::VecDeque;
 
@@ -349,7 +349,7 @@ impl State {
                 return self.broken(at, who, "foreign frame", format!("foreign frame {frame}"));
             }
         };
-        let said = match self.observer.push(id, frame.data(), crate::elapsed(at)) {
+        let said = match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Heard::Partial => return,
             Heard::Invalid(why) => {
                 let who = station.unwrap_or("-");
@@ -421,7 +421,7 @@ pub fn error_state_name(state: &ErrorState) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::can::ErrorKind;
+    use bench::can::ErrorKind;
 
     const STATUS: [u8; 8] = [12, 0, 0, 0, 0, 0, 0, 0xC0];
 

@@ -1,8 +1,8 @@
 //! Options for the board: what it is and how it is wired, for programs that do not say so, or that are to run elsewhere.
 
-use crate::avr::Chip;
-use crate::wiring::{Pin, Wiring, crystal_mhz};
 use anyhow::Result;
+use bench::avr::Chip;
+use bench::wiring::{Pin, Wiring, crystal_mhz};
 use clap::Args as ClapArgs;
 
 /// See the module. An option replaces what the ELF says.

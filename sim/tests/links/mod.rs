@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use bench::Bench;
+use bench::F_CPU_HZ;
 use rustix::fs::OFlags;
-use sim::F_CPU_HZ;
-use sim::bench::Bench;
 use sim::links::Link;
 
 /// CPU cycles of a millisecond.
@@ -92,7 +92,7 @@ pub fn elf(scratch: &Scratch, name: &str) -> PathBuf {
 #[track_caller]
 pub fn elf_for(scratch: &Scratch, name: &str, chip: &str) -> PathBuf {
     let elf = scratch.path("program.elf");
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/avr").join(format!("{name}.c"));
+    let source = bench::root().join(format!("sim/bench/tests/avr/{name}.c"));
     let compiled = Command::new("avr-gcc")
         .arg(format!("-mmcu={chip}"))
         .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])

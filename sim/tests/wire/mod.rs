@@ -3,11 +3,11 @@
 // Each test takes what it needs.
 #![allow(dead_code)]
 
-use sim::autopilot::{Autopilot, Settings};
-use sim::bench::{Bench, eeprom_after_first_start, node_elf};
-use sim::board::Board;
-use sim::can::{Frame, Id, Record, RecordKind, SoftNode};
-use sim::{Cycles, F_CPU_HZ};
+use bench::autopilot::{Autopilot, Settings};
+use bench::board::Board;
+use bench::can::{Frame, Id, Record, RecordKind, SoftNode};
+use bench::{Bench, eeprom_after_first_start, node_elf};
+use bench::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -4,7 +4,7 @@
 //! or by sudo.
 
 use super::*;
-use crate::dronecan::mcast::datagram::encode;
+use bench::dronecan::mcast::datagram::encode;
 use socket2::{Domain, Socket, Type};
 use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
 use std::process::Command;
@@ -139,7 +139,7 @@ mod inside {
         let mut stand = Stand::new(3);
         let good = encode(&Frame::extended(1, &[1])).unwrap();
         let mut fd = vec![0x34, 0x29, 0, 0, 1, 0, 1, 0, 0, 0x80, 1];
-        let crc = crate::dronecan::crc::feed(0xFFFF, &fd[4..]);
+        let crc = bench::dronecan::crc::feed(0xFFFF, &fd[4..]);
         fd[2..4].copy_from_slice(&crc.to_le_bytes());
         stand.send(&[]);
         stand.send(&good[..9]);
@@ -156,7 +156,7 @@ mod inside {
     #[ignore = "run in a namespace by another test"]
     fn a_flood_is_bounded_and_what_is_dropped_is_counted() {
         let mut stand = Stand::new(4);
-        stand.bench.bus().inject(crate::can::Fault::StuckDominant(true));
+        stand.bench.bus().inject(bench::can::Fault::StuckDominant(true));
         let datagram = encode(&Frame::extended(1, &[1])).unwrap();
         let end = Instant::now() + 5 * WAIT;
         while stand.link.counters.queue_full == 0 {

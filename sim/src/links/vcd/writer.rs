@@ -5,7 +5,7 @@
 //!
 //! Source: IEEE 1364-2005, section 18.2, "Format of the four-state VCD file".
 
-use crate::{Cycles, F_CPU_HZ};
+use bench::{Cycles, F_CPU_HZ};
 use std::io::{self, Write};
 
 /// Units of the time scale in a second: 100 ps, the coarsest power of ten that divides a cycle of 62.5 ns.

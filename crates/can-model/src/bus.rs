@@ -1,0 +1,407 @@
+//! The wire: joins what the stations drive, distorts it as the faults demand, and hands it back.
+//!
+//! Bits are stepped one by one while anything is going on; idle bits are skipped up to the first in
+//! which a station has something to send.
+//!
+//! # Order of things
+//! Whoever runs the AVRs takes [`Bus::horizon`], runs them up to there, then calls [`Bus::run_until`]
+//! with the time they reached. A bit is therefore stepped when its end has been reached: `drive` is
+//! called for its start and `sample` for its end, both in the past of the AVRs, and a station must gate
+//! requests by their time. On an idle bus a request may be up to [`IDLE_HORIZON_BITS`] old when its SOF
+//! is stepped; no effect of it can be visible sooner, unless something goes wrong with its first
+//! bits (an error or abort then shows up to that much late). A caller that wants even this exact asks
+//! for the horizon again after each access to a station: it shrinks as soon as one is not quiet.
+//!
+//! # Stations out of step
+//! While a station runs at another bit rate, the bit is cut into events: the bus's bit begins, is
+//! sampled, ends; the station's bit is sampled, ends and begins anew. They are played in the order of
+//! their times, to the picosecond, and the horizon is the next of them.
+
+use super::bit_clock::{BitClock, PS_PER_CYCLE};
+use super::fault::{BitContext, Distortion, Fault, Faults};
+use super::port::{Pace, Port, PortId, sample_point_ps};
+use super::recorder::{BusStats, PortStats, Record, Recorder};
+use super::station::StationRef;
+use super::wire::Level;
+use sim_base::Cycles;
+
+/// AVRs may run this far ahead over an idle bus. The shortest frame is 44 bits, so no frame that is
+/// asked for meanwhile can have been received.
+const IDLE_HORIZON_BITS: u64 = 32;
+
+/// Listens to the changes of the wire.
+pub type WireTap = Box<dyn FnMut(Cycles, Level)>;
+
+/// A bit of the bus that is cut into events.
+#[derive(Clone, Copy, Debug)]
+struct OpenBit {
+    distortion: Distortion,
+    /// The level at the sample point, once that has passed.
+    latched: Option<Level>,
+}
+
+/// One CAN bus.
+pub struct Bus {
+    bit_rate: u32,
+    bit_ps: u64,
+    clock: BitClock,
+    ports: Vec<Port>,
+    /// Some port has a clock of its own.
+    mixed: bool,
+    open: Option<OpenBit>,
+    faults: Faults,
+    recorder: Recorder,
+    level: Level,
+    tap: Option<WireTap>,
+}
+
+impl Bus {
+    /// An empty, idle bus at that many bits per second.
+    pub fn new(bit_rate: u32) -> Bus {
+        let clock = BitClock::new(bit_rate);
+        Bus {
+            bit_rate,
+            bit_ps: 1_000_000_000_000 / u64::from(bit_rate),
+            clock,
+            ports: Vec::new(),
+            mixed: false,
+            open: None,
+            faults: Faults::default(),
+            recorder: Recorder::new(),
+            level: Level::Recessive,
+            tap: None,
+        }
+    }
+
+    /// Connects a station. It takes part from the next bit on.
+    pub fn attach(&mut self, name: &str, station: StationRef) -> PortId {
+        self.ports.push(Port::new(name, station));
+        let stats = PortStats { name: name.to_owned(), ..PortStats::default() };
+        self.recorder.stats.ports.push(stats);
+        PortId(self.ports.len() - 1)
+    }
+
+    /// The name a station was attached with.
+    pub fn name(&self, port: PortId) -> &str {
+        &self.ports[port.0].name
+    }
+
+    /// Pulls (false) or plugs a station's cable. Without it the station hears only itself.
+    pub fn connect(&mut self, port: PortId, connected: bool) {
+        self.ports[port.0].connected = connected;
+    }
+
+    /// Makes something go wrong, on top of what does already.
+    pub fn inject(&mut self, fault: Fault) {
+        self.faults.inject(fault);
+    }
+
+    /// Ends all faults. Pulled cables stay pulled.
+    pub fn clear_faults(&mut self) {
+        self.faults.clear();
+    }
+
+    /// Bits per second.
+    pub fn bit_rate(&self) -> u32 {
+        self.bit_rate
+    }
+
+    /// The level of the wire in the latest bit.
+    pub fn level(&self) -> Level {
+        self.level
+    }
+
+    /// Calls `tap` at each change of the wire from now on, with the time and the new level. Times never
+    /// go back, but changes come when their bit is stepped.
+    pub fn set_wire_tap(&mut self, tap: Option<WireTap>) {
+        self.tap = tap;
+    }
+
+    /// Frames and error frames since the last call. At most 65 536 are kept.
+    pub fn take_records(&mut self) -> Vec<Record> {
+        self.recorder.take_records()
+    }
+
+    /// Totals since the bus began.
+    pub fn stats(&self) -> BusStats {
+        self.recorder.stats.clone()
+    }
+
+    /// Everything that ended at or before this time has been stepped.
+    pub fn now(&self) -> Cycles {
+        self.clock.start()
+    }
+
+    /// How far the AVRs may run before the bus must be stepped.
+    pub fn horizon(&self) -> Cycles {
+        if self.mixed || self.open.is_some() {
+            return self.next_event().0.div_ceil(PS_PER_CYCLE);
+        }
+        let bits = self.idle_bits(IDLE_HORIZON_BITS);
+        self.clock.after((bits + 1).min(IDLE_HORIZON_BITS))
+    }
+
+    /// Steps the bus: `sample` of every bit whose end is at or before `t` has been called on return.
+    pub fn run_until(&mut self, t: Cycles) {
+        loop {
+            if self.open.is_some() || self.mixed {
+                if !self.step_event(t) {
+                    return;
+                }
+                continue;
+            }
+            if self.clock.after(1) > t {
+                return;
+            }
+            self.update_paces();
+            if self.mixed || self.skip_idle(t) {
+                continue;
+            }
+            self.step_bit();
+        }
+    }
+
+    /// Takes over changes of the stations' bit times.
+    fn update_paces(&mut self) {
+        let now_ps = self.clock.start() * PS_PER_CYCLE;
+        let mut changed = false;
+        for port in &mut self.ports {
+            changed |= port.update_pace(self.bit_ps, now_ps);
+        }
+        if changed {
+            self.mixed = self.ports.iter().any(|port| matches!(port.pace, Pace::Own(_)));
+        }
+    }
+
+    // ---- idle bus ----
+
+    /// How many of the next `limit` bits are idle for certain.
+    fn idle_bits(&self, limit: u64) -> u64 {
+        if !self.recorder.is_idle() || self.ports.iter().any(|port| port.deaf) {
+            return 0;
+        }
+        let limit = limit.min(self.faults.harmless_idle_bits());
+        // Once a station is not quiet it stays so: find the first bit where one is not.
+        let (mut quiet, mut unknown) = (0, limit);
+        let mut probe = limit;
+        while quiet < unknown {
+            if self.all_quiet(self.clock.after(probe - 1)) {
+                quiet = probe;
+            } else {
+                unknown = probe - 1;
+            }
+            probe = (quiet + unknown).div_ceil(2);
+        }
+        quiet
+    }
+
+    fn all_quiet(&self, at: Cycles) -> bool {
+        let mut on_bus = self.ports.iter().filter(|port| port.pace != Pace::Off);
+        on_bus.all(|port| port.station.borrow().quiet(at))
+    }
+
+    /// Skips idle bits that end at `t` or before; false if there is none.
+    fn skip_idle(&mut self, t: Cycles) -> bool {
+        if !self.recorder.is_idle() {
+            return false;
+        }
+        let bits = self.idle_bits(self.clock.bits_until(t));
+        if bits == 0 {
+            return false;
+        }
+        self.set_level(self.clock.start(), Level::Recessive);
+        self.clock.advance(bits);
+        self.faults.skip_idle(bits);
+        self.recorder.skip_idle(bits);
+        let now_ps = self.clock.start() * PS_PER_CYCLE;
+        for port in &mut self.ports {
+            match &mut port.pace {
+                Pace::Off => {}
+                Pace::InStep => port.station.borrow_mut().skip_idle(bits),
+                Pace::Own(clock) => {
+                    let bits = clock.skip_idle(now_ps);
+                    port.station.borrow_mut().skip_idle(bits);
+                }
+            }
+        }
+        true
+    }
+
+    // ---- all stations in step ----
+
+    fn step_bit(&mut self) {
+        let (start, end) = (self.clock.start(), self.clock.after(1));
+        let (wire, distortion) = self.begin_bit(start);
+        let level = distortion.apply(wire);
+        self.set_level(start, level);
+        self.end_bit(level, distortion, start, end);
+    }
+
+    /// Asks the stations in step for their level; returns all levels joined, and what will happen to
+    /// the bit.
+    fn begin_bit(&mut self, start: Cycles) -> (Level, Distortion) {
+        let idle = self.recorder.is_idle();
+        for port in &mut self.ports {
+            port.deaf &= !idle;
+            if port.is_in_step() {
+                port.driven = port.station.borrow_mut().drive(start);
+            }
+        }
+        if self.recorder.asks_for_sender() {
+            self.recorder.set_sender(self.find_sender());
+        }
+        let wire = self.wire();
+        let start_of_frame = wire.is_dominant() && self.recorder.is_free_for_sof();
+        if start_of_frame {
+            self.begin_frame();
+        }
+        if !self.faults.any() {
+            return (wire, Distortion::default());
+        }
+        let context = BitContext { idle, start_of_frame, ack_slot: self.recorder.is_ack_slot() };
+        (wire, self.faults.next_bit(context))
+    }
+
+    fn begin_frame(&mut self) {
+        let mut drivers = self
+            .ports
+            .iter()
+            .enumerate()
+            .filter(|(_, port)| port.is_heard() && port.is_in_step() && port.driven.is_dominant());
+        // One alone is the sender; among several arbitration decides.
+        let sender = match (drivers.next(), drivers.next()) {
+            (Some((at, _)), None) => Some(PortId(at)),
+            _ => None,
+        };
+        self.recorder.set_sender(sender);
+        if self.faults.loses_frames() {
+            let ports = &mut self.ports;
+            self.faults.losers(|PortId(at)| {
+                let port = &mut ports[at];
+                port.deaf = port.connected && port.is_in_step() && !port.driven.is_dominant();
+                port.deaf
+            });
+        }
+    }
+
+    fn find_sender(&self) -> Option<PortId> {
+        let sends = |port: &Port| port.is_heard() && port.is_in_step() && port.station.borrow().transmitting();
+        self.ports.iter().position(sends).map(PortId)
+    }
+
+    /// The stations' levels joined.
+    fn wire(&self) -> Level {
+        let heard = self.ports.iter().filter(|port| port.is_heard());
+        heard.fold(Level::Recessive, |level, port| level & port.driven)
+    }
+
+    fn end_bit(&mut self, level: Level, distortion: Distortion, start: Cycles, end: Cycles) {
+        for (at, port) in self.ports.iter_mut().enumerate() {
+            if port.is_in_step() {
+                let seen = match port.connected {
+                    true if distortion.fooled == Some(PortId(at)) => !level,
+                    true => level,
+                    false => port.driven,
+                };
+                port.station.borrow_mut().sample(seen, end);
+            }
+        }
+        self.recorder.bit(level, start, end);
+        self.clock.advance(1);
+    }
+
+    fn set_level(&mut self, at: Cycles, level: Level) {
+        if level != self.level {
+            self.level = level;
+            if let Some(tap) = &mut self.tap {
+                tap(at, level);
+            }
+        }
+    }
+
+    // ---- some station out of step ----
+
+    /// The next event, in picoseconds, and the port whose it is (None: the bus's).
+    fn next_event(&self) -> (u64, Option<usize>) {
+        let start_ps = self.clock.start() * PS_PER_CYCLE;
+        let bus_ps = match &self.open {
+            None => start_ps,
+            Some(OpenBit { latched: None, .. }) => start_ps + sample_point_ps(self.bit_ps),
+            Some(OpenBit { latched: Some(_), .. }) => self.clock.after(1) * PS_PER_CYCLE,
+        };
+        let mut next = (bus_ps, None);
+        for (at, port) in self.ports.iter().enumerate() {
+            if let Pace::Own(clock) = &port.pace
+                && clock.next_event_ps() < next.0
+            {
+                next = (clock.next_event_ps(), Some(at));
+            }
+        }
+        next
+    }
+
+    /// Plays the next event if it is due at `t`.
+    fn step_event(&mut self, t: Cycles) -> bool {
+        let (at_ps, port) = self.next_event();
+        if at_ps > t * PS_PER_CYCLE {
+            return false;
+        }
+        let at = at_ps / PS_PER_CYCLE;
+        match (port, self.open) {
+            (Some(port), _) => self.step_port(port, at),
+            (None, None) => return self.open_bit(t),
+            (None, Some(bit)) => match bit.latched {
+                None => self.open = Some(OpenBit { latched: Some(self.level), ..bit }),
+                Some(level) => {
+                    self.open = None;
+                    self.end_bit(level, bit.distortion, self.clock.start(), at);
+                }
+            },
+        }
+        true
+    }
+
+    /// Begins a bit that is cut into events, or skips idle ones. False if that must wait for later
+    /// than `t`.
+    fn open_bit(&mut self, t: Cycles) -> bool {
+        self.update_paces();
+        if !self.mixed {
+            return true;
+        }
+        if self.skip_idle(t) {
+            return true;
+        }
+        let start = self.clock.start();
+        let (_, distortion) = self.begin_bit(start);
+        self.open = Some(OpenBit { distortion, latched: None });
+        self.settle(start);
+        true
+    }
+
+    /// The wire takes its new level.
+    fn settle(&mut self, at: Cycles) {
+        let level = self.wire();
+        let level = self.open.map_or(level, |bit| bit.distortion.apply(level));
+        self.set_level(at, level);
+    }
+
+    fn step_port(&mut self, at_port: usize, at: Cycles) {
+        let level = self.level;
+        let port = &mut self.ports[at_port];
+        let seen = if port.connected { level } else { port.driven };
+        let Pace::Own(clock) = &mut port.pace else {
+            return;
+        };
+        match clock.latched {
+            None => clock.latched = Some(seen),
+            Some(latched) => {
+                clock.begin_bit();
+                let mut station = port.station.borrow_mut();
+                station.sample(latched, at);
+                port.driven = station.drive(at);
+                drop(station);
+                self.settle(at);
+            }
+        }
+    }
+}

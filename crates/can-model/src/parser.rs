@@ -1,0 +1,309 @@
+//! Takes a frame off the wire bit by bit: removes stuff bits, follows the fields, checks the CRC and
+//! the fixed bits. It does not know whether its node is receiving or sending.
+//!
+//! Reserved bits and SRR are accepted at either level, a DLC above eight means eight bytes.
+//!
+//! Source: ISO 11898-1:2003 10.4 (formats), 10.5 (stuffing), 10.9 (validity); Bosch CAN 2.0B.
+
+use super::wire::{CRC_BITS, EOF_BITS, Level, STUFF_AFTER, crc15};
+use super::{Frame, Id};
+
+/// The field that the next (unstuffed) bit belongs to, in the order of the wire.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(super) enum Field {
+    Sof,
+    BaseId,
+    /// RTR of a standard frame or SRR of an extended one: IDE tells.
+    RtrOrSrr,
+    Ide,
+    ExtendedId,
+    ExtendedRtr,
+    Reserved1,
+    Reserved0,
+    Dlc,
+    Data,
+    Crc,
+    CrcDelimiter,
+    AckSlot,
+    AckDelimiter,
+    EndOfFrame,
+}
+
+/// What a bit led to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Step {
+    /// Nothing yet.
+    More,
+    /// The ACK slot is over and the CRC was right.
+    Acknowledged,
+    /// Last but one end-of-frame bit: the frame is valid for a receiver.
+    Valid,
+    /// Last end-of-frame bit, recessive as it should be.
+    End,
+    /// Last end-of-frame bit, dominant.
+    EndDominant,
+    /// Six equal bits.
+    StuffError,
+    /// The CRC was wrong; told after the ACK delimiter, when the error flag is due.
+    CrcError,
+    /// A fixed bit was dominant.
+    FormError,
+}
+
+/// A frame in progress.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Parser {
+    field: Field,
+    /// Bits that `field` still lacks.
+    left: u8,
+    /// Equal bits in a row, stuff bits included.
+    run: u8,
+    last: Level,
+    /// Bits of `field` so far; of `Data` the current byte.
+    value: u32,
+    crc: u16,
+    crc_is_right: bool,
+    id: u32,
+    extended: bool,
+    remote: bool,
+    dlc: u8,
+    data: [u8; 8],
+    data_len: u8,
+    data_at: u8,
+}
+
+impl Parser {
+    /// Before a SOF.
+    pub fn new() -> Parser {
+        Parser {
+            field: Field::Sof,
+            left: 1,
+            run: 0,
+            last: Level::Recessive,
+            value: 0,
+            crc: 0,
+            crc_is_right: false,
+            id: 0,
+            extended: false,
+            remote: false,
+            dlc: 0,
+            data: [0; 8],
+            data_len: 0,
+            data_at: 0,
+        }
+    }
+
+    pub fn field(&self) -> Field {
+        self.field
+    }
+
+    /// True before the first bit of the field that follows arbitration, whatever its format.
+    pub fn is_past_arbitration(&self) -> bool {
+        self.field == Field::Dlc && self.left == 4
+    }
+
+    /// The next bit is a stuff bit.
+    pub fn expects_stuff_bit(&self) -> bool {
+        self.run == STUFF_AFTER
+    }
+
+    /// The next bit is one in which a sender of that format gives way.
+    pub fn is_arbitrating(&self, extended: bool) -> bool {
+        let last = if extended { Field::ExtendedRtr } else { Field::RtrOrSrr };
+        (Field::BaseId..=last).contains(&self.field)
+    }
+
+    /// The next bit is the ACK slot of a frame whose CRC was right.
+    pub fn wants_acknowledgement(&self) -> bool {
+        self.field == Field::AckSlot && self.crc_is_right
+    }
+
+    /// Takes one bit.
+    pub fn push(&mut self, level: Level) -> Step {
+        if self.expects_stuff_bit() {
+            if level == self.last {
+                return Step::StuffError;
+            }
+            self.last = level;
+            self.run = 1;
+            return Step::More;
+        }
+        if self.field > Field::Crc {
+            return self.push_fixed(level);
+        }
+        self.run = if level == self.last { self.run + 1 } else { 1 };
+        self.last = level;
+        if self.field != Field::Crc {
+            self.crc = crc15(self.crc, level);
+        }
+        self.value = self.value << 1 | level as u32;
+        self.left -= 1;
+        if self.left == 0 {
+            self.end_field();
+        }
+        Step::More
+    }
+
+    fn end_field(&mut self) {
+        let value = self.value;
+        self.value = 0;
+        let bit = value & 1 != 0;
+        match self.field {
+            Field::Sof => self.enter(Field::BaseId, 11),
+            Field::BaseId => {
+                self.id = value;
+                self.enter(Field::RtrOrSrr, 1);
+            }
+            Field::RtrOrSrr => {
+                self.remote = bit;
+                self.enter(Field::Ide, 1);
+            }
+            Field::Ide if bit => {
+                self.extended = true;
+                self.enter(Field::ExtendedId, 18);
+            }
+            Field::Ide => self.enter(Field::Reserved0, 1),
+            Field::ExtendedId => {
+                self.id = self.id << 18 | value;
+                self.enter(Field::ExtendedRtr, 1);
+            }
+            Field::ExtendedRtr => {
+                self.remote = bit;
+                self.enter(Field::Reserved1, 1);
+            }
+            Field::Reserved1 => self.enter(Field::Reserved0, 1),
+            Field::Reserved0 => self.enter(Field::Dlc, 4),
+            Field::Dlc => {
+                self.dlc = value as u8;
+                self.data_len = if self.remote { 0 } else { self.dlc.min(8) };
+                self.enter_data_or_crc();
+            }
+            Field::Data => {
+                self.data[usize::from(self.data_at)] = value as u8;
+                self.data_at += 1;
+                self.enter_data_or_crc();
+            }
+            Field::Crc => {
+                self.crc_is_right = value == u32::from(self.crc);
+                self.enter(Field::CrcDelimiter, 1);
+            }
+            _ => unreachable!("{:?} is not stuffed", self.field),
+        }
+    }
+
+    fn enter(&mut self, field: Field, bits: u8) {
+        self.field = field;
+        self.left = bits;
+    }
+
+    fn enter_data_or_crc(&mut self) {
+        if self.data_at < self.data_len {
+            self.enter(Field::Data, 8);
+        } else {
+            self.enter(Field::Crc, CRC_BITS);
+        }
+    }
+
+    fn push_fixed(&mut self, level: Level) -> Step {
+        match self.field {
+            Field::CrcDelimiter => {
+                // Past the last place where a stuff bit can be.
+                self.run = 0;
+                self.enter(Field::AckSlot, 1);
+                if level.is_dominant() { Step::FormError } else { Step::More }
+            }
+            Field::AckSlot => {
+                self.enter(Field::AckDelimiter, 1);
+                if self.crc_is_right { Step::Acknowledged } else { Step::More }
+            }
+            Field::AckDelimiter => {
+                self.enter(Field::EndOfFrame, EOF_BITS);
+                if !self.crc_is_right {
+                    Step::CrcError
+                } else if level.is_dominant() {
+                    Step::FormError
+                } else {
+                    Step::More
+                }
+            }
+            _ => {
+                self.left -= 1;
+                match (self.left, level) {
+                    (0, Level::Dominant) => Step::EndDominant,
+                    (0, Level::Recessive) => Step::End,
+                    (_, Level::Dominant) => Step::FormError,
+                    (1, Level::Recessive) => Step::Valid,
+                    (_, Level::Recessive) => Step::More,
+                }
+            }
+        }
+    }
+
+    /// The frame, once it is [`Step::Valid`].
+    pub fn frame(&self) -> Frame {
+        let id = if self.extended { Id::Extended(self.id) } else { Id::Standard(self.id as u16) };
+        if self.remote { Frame::remote(id, self.dlc) } else { Frame::with_dlc(id, self.dlc, self.data) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::OnWire as _;
+
+    /// Feeds the frame's own bits and returns what each led to.
+    fn steps(frame: &Frame) -> (Parser, Vec<Step>) {
+        let mut parser = Parser::new();
+        let steps = frame.wire_bits().into_iter().map(|level| parser.push(level)).collect();
+        (parser, steps)
+    }
+
+    #[test]
+    fn frames_of_every_kind_come_out_as_they_went_in() {
+        for text in [
+            "00000000#",
+            "1FFFFFFF#FFFFFFFFFFFFFFFF",
+            "000#0000000000000000",
+            "7FF#R8",
+            "123#R",
+            "15555555#R3",
+            "555#AA55AA55",
+            "1003F20A#01000038C7",
+            "000#0011223344556677_F",
+        ] {
+            let frame: Frame = text.parse().unwrap();
+            let (parser, steps) = steps(&frame);
+            assert_eq!(parser.frame(), frame);
+            let at = steps.iter().position(|&step| step == Step::Valid);
+            assert_eq!(at, Some(steps.len() - 2), "valid at the last but one bit: {text}");
+            assert_eq!(steps.last(), Some(&Step::End));
+        }
+    }
+
+    /// The last bits of this frame's CRC are five equal ones, so a stuff bit precedes the delimiter.
+    #[test]
+    fn a_stuff_bit_after_the_last_crc_bit_is_not_taken_for_the_delimiter() {
+        let frame = (0u16..0x800)
+            .map(|id| Frame::standard(id, &[]))
+            .find(|frame| {
+                let bits = frame.wire_bits();
+                let crc_end = bits.len() - 10;
+                bits[crc_end - 6..crc_end - 1].iter().all(|&level| level != bits[crc_end - 1])
+            })
+            .expect("one identifier in 16 or so ends like this");
+        let (parser, steps) = steps(&frame);
+        assert_eq!(parser.frame(), frame);
+        assert_eq!(steps.last(), Some(&Step::End));
+    }
+
+    #[test]
+    fn a_wrong_crc_is_told_after_the_ack_delimiter() {
+        let frame = Frame::standard(0x2AA, &[0x55]);
+        let mut bits = frame.wire_bits();
+        let data_bit = bits.len() - 10 - 15 - 6;
+        bits[data_bit] = !bits[data_bit];
+        let mut parser = Parser::new();
+        let at = bits.iter().position(|&level| parser.push(level) == Step::CrcError);
+        assert_eq!(at, Some(bits.len() - 8));
+    }
+}

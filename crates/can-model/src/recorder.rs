@@ -1,0 +1,285 @@
+//! The bus's own record of what passed: a silent engine listens and its events are written down.
+//!
+//! A frame is recorded when its end of frame is over, an error frame when its delimiter is. The kind of
+//! an error is what a listener could tell: the station that found it first may have seen another kind
+//! (a bit error looks like a stuff error from outside). Overload frames are only counted.
+
+use super::Frame;
+use super::engine::Engine;
+use super::event::{ErrorKind, Event};
+use super::parser::Field;
+use super::port::PortId;
+use super::wire::{INTERMISSION_BITS, Level};
+use sim_base::Cycles;
+use std::collections::VecDeque;
+
+/// Records kept for a reader who is late; the oldest go first, and are counted. About 8 s of a fully
+/// loaded bus at 1 Mbit/s.
+const RECORD_LIMIT: usize = 65_536;
+
+/// What passed on the bus.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum RecordKind {
+    /// A complete frame.
+    Frame {
+        /// The frame.
+        frame: Frame,
+        /// Who sent it. None: nobody who is attached and in step.
+        from: Option<PortId>,
+        /// Whether its ACK slot was dominant.
+        acked: bool,
+    },
+    /// A frame that was destroyed.
+    ErrorFrame {
+        /// What a listener saw.
+        kind: Option<ErrorKind>,
+        /// Who was sending, if that was clear already. None too if nobody was, and noise began it.
+        from: Option<PortId>,
+    },
+}
+
+/// One frame or error frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Record {
+    /// Start of the SOF.
+    pub start: Cycles,
+    /// End of the last end-of-frame bit, or of the error delimiter.
+    pub end: Cycles,
+    /// Bits in between, stuff bits included.
+    pub bits: u32,
+    /// What it was.
+    pub kind: RecordKind,
+}
+
+/// What one station sent.
+#[derive(Clone, PartialEq, Eq, Default, Debug)]
+pub struct PortStats {
+    /// The name it was attached with.
+    pub name: String,
+    /// Complete frames.
+    pub frames: u64,
+    /// Their bits, intermission included.
+    pub bits: u64,
+}
+
+/// Totals since the bus began.
+#[derive(Clone, PartialEq, Eq, Default, Debug)]
+pub struct BusStats {
+    /// Complete frames.
+    pub frames: u64,
+    /// Error frames.
+    pub error_frames: u64,
+    /// Overload frames.
+    pub overload_frames: u64,
+    /// Bits of frames, error and overload frames, and intermissions.
+    pub busy_bits: u64,
+    /// All bits.
+    pub total_bits: u64,
+    /// Records that nobody took in time.
+    pub lost_records: u64,
+    /// Per station, in the order of attachment.
+    pub ports: Vec<PortStats>,
+}
+
+impl BusStats {
+    /// Share of the bits since `earlier` that were busy, 0 to 1.
+    pub fn load_since(&self, earlier: &BusStats) -> f64 {
+        let total = self.total_bits - earlier.total_bits;
+        if total == 0 { 0.0 } else { (self.busy_bits - earlier.busy_bits) as f64 / total as f64 }
+    }
+}
+
+/// See the [module documentation](self).
+#[derive(Debug)]
+pub(super) struct Recorder {
+    observer: Engine,
+    pub stats: BusStats,
+    records: VecDeque<Record>,
+    /// The frame now on the wire.
+    start: Cycles,
+    bits: u32,
+    sender: Option<PortId>,
+    acked: bool,
+    accepted: Option<Frame>,
+    error: Option<ErrorKind>,
+}
+
+impl Recorder {
+    pub fn new() -> Recorder {
+        Recorder {
+            observer: Engine::observer(),
+            stats: BusStats::default(),
+            records: VecDeque::new(),
+            start: 0,
+            bits: 0,
+            sender: None,
+            acked: false,
+            accepted: None,
+            error: None,
+        }
+    }
+
+    /// Nothing is going on.
+    pub fn is_idle(&self) -> bool {
+        self.observer.is_idle()
+    }
+
+    /// A dominant bit now would be a SOF.
+    pub fn is_free_for_sof(&self) -> bool {
+        self.observer.is_free_for_sof()
+    }
+
+    /// The coming bit is an ACK slot.
+    pub fn is_ack_slot(&self) -> bool {
+        self.observer.field() == Some(Field::AckSlot)
+    }
+
+    /// Now is a moment to tell [`Recorder::set_sender`] who is sending: arbitration has just been
+    /// decided, or the ACK slot comes.
+    pub fn asks_for_sender(&self) -> bool {
+        self.observer.is_past_arbitration() || self.is_ack_slot()
+    }
+
+    pub fn set_sender(&mut self, sender: Option<PortId>) {
+        self.sender = sender;
+    }
+
+    pub fn skip_idle(&mut self, bits: u64) {
+        self.stats.total_bits += bits;
+    }
+
+    /// Takes one bit.
+    pub fn bit(&mut self, level: Level, start: Cycles, end: Cycles) {
+        let field = self.observer.field();
+        if level.is_dominant() && self.observer.is_free_for_sof() {
+            self.begin(start);
+        }
+        let was_idle = self.observer.is_idle();
+        // It is never asked to drive: a listener would not.
+        let events = self.observer.sample(level);
+        self.stats.total_bits += 1;
+        self.bits += 1;
+        if was_idle && self.observer.is_idle() {
+            return;
+        }
+        self.stats.busy_bits += 1;
+        if field == Some(Field::AckSlot) {
+            self.acked = level.is_dominant();
+        }
+        for event in events {
+            self.note(event, field);
+        }
+        if self.accepted.is_some() && self.observer.field().is_none() {
+            self.end_frame(end);
+        } else if self.error.is_some() && !self.observer.is_resyncing() {
+            self.end_error_frame(end);
+        }
+    }
+
+    fn begin(&mut self, start: Cycles) {
+        self.start = start;
+        self.bits = 0;
+        self.acked = false;
+        self.accepted = None;
+        self.error = None;
+    }
+
+    fn note(&mut self, event: Event, field: Option<Field>) {
+        match event {
+            Event::Received(frame) => self.accepted = Some(frame),
+            Event::Error { kind, .. } => {
+                // Nobody acknowledged, so the sender's error flag starts in the ACK delimiter.
+                let unacknowledged = field == Some(Field::AckDelimiter) && !self.acked;
+                let form = kind == ErrorKind::Form;
+                self.error = Some(if unacknowledged && form { ErrorKind::Ack } else { kind });
+            }
+            Event::Overload => self.stats.overload_frames += 1,
+            _ => {}
+        }
+    }
+
+    fn end_frame(&mut self, end: Cycles) {
+        let Some(frame) = self.accepted.take() else {
+            return;
+        };
+        self.stats.frames += 1;
+        // Taken: what noise begins on the idle bus is nobody's.
+        let from = self.sender.take();
+        if let Some(port) = from {
+            let stats = &mut self.stats.ports[port.0];
+            stats.frames += 1;
+            stats.bits += u64::from(self.bits) + u64::from(INTERMISSION_BITS);
+        }
+        self.record(end, RecordKind::Frame { frame, from, acked: self.acked });
+    }
+
+    fn end_error_frame(&mut self, end: Cycles) {
+        self.stats.error_frames += 1;
+        let kind = self.error.take();
+        let from = self.sender.take();
+        self.record(end, RecordKind::ErrorFrame { kind, from });
+    }
+
+    fn record(&mut self, end: Cycles, kind: RecordKind) {
+        if self.records.len() == RECORD_LIMIT {
+            self.records.pop_front();
+            self.stats.lost_records += 1;
+        }
+        self.records.push_back(Record { start: self.start, end, bits: self.bits, kind });
+    }
+
+    pub fn take_records(&mut self) -> Vec<Record> {
+        self.records.drain(..).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Bus, Fault, SoftNode};
+    use super::*;
+    use std::cell::RefCell;
+    use std::rc::Rc;
+
+    const BIT: Cycles = 16;
+
+    /// Who sent each frame (true) and error frame (false) that has been recorded.
+    fn senders(bus: &mut Bus) -> Vec<(bool, Option<PortId>)> {
+        let sender = |record: Record| match record.kind {
+            RecordKind::Frame { from, .. } => (true, from),
+            RecordKind::ErrorFrame { from, .. } => (false, from),
+        };
+        bus.take_records().into_iter().map(sender).collect()
+    }
+
+    #[test]
+    fn noise_on_the_idle_bus_is_not_the_last_senders() {
+        let mut bus = Bus::new(1_000_000);
+        let node = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
+        let port = Some(bus.attach("node", node.clone()));
+        bus.attach("other", Rc::new(RefCell::new(SoftNode::new(1_000_000))));
+        let mut now = 0;
+        let mut run = |bus: &mut Bus, bits: Cycles| {
+            now += bits * BIT;
+            bus.run_until(now);
+        };
+        // After a frame, and after an error frame whose sender was known.
+        node.borrow_mut().send(Frame::extended(1, &[0x55; 8]));
+        run(&mut bus, 300);
+        for noise in [Fault::StuckDominant(true), Fault::StuckDominant(false)] {
+            bus.inject(noise);
+            run(&mut bus, 1);
+        }
+        run(&mut bus, 100);
+        assert_eq!(senders(&mut bus), [(true, port), (false, None)]);
+        bus.inject(Fault::FlipBit { bit: 50 });
+        node.borrow_mut().send(Frame::extended(1, &[0x55; 8]));
+        run(&mut bus, 100);
+        node.borrow_mut().clear_queue();
+        run(&mut bus, 300);
+        bus.inject(Fault::BitErrorRate { per_million: 1000, seed: 1 });
+        run(&mut bus, 10_000);
+        let senders = senders(&mut bus);
+        assert_eq!(senders[..2], [(false, port), (true, port)]);
+        assert!(senders[2..].len() > 5 && senders[2..].iter().all(|sender| *sender == (false, None)), "{senders:?}");
+    }
+}

@@ -1,0 +1,186 @@
+//! The two receive buffers: filling, rollover, overflow, and a log for latency measurements.
+//!
+//! The message assembly buffer is the protocol engine's; a frame arrives here complete. It goes to the
+//! buffer its filters choose. If RXB0 is full and BUKT is set, RXB1 takes its place, whatever RXB1's own
+//! filters say; RXB1 has nowhere to roll over to. A frame without a free buffer is lost and sets the
+//! overflow flag of the buffer that was tried last (4.2, Figure 4-3).
+//!
+//! Limit: with RXM = 11 the chip also loads the part of a frame before an error; the model loads only
+//! valid frames. Data bytes beyond the frame's length keep the previous frame's values.
+//!
+//! Source: DS20001801J section 4, Registers 4-1 to 4-9, section 7.6.1.
+
+use std::collections::VecDeque;
+
+use super::Mcp2515;
+use super::filters::{self, Hit, pack_id};
+use super::registers::{self, BUFFER_STRIDE, RXB0CTRL, dlc, eflg, int, offset, rxctrl, sidl};
+use can_model::{Frame, Id};
+use sim_base::Cycles;
+
+/// A frame that passed the filters, and what became of it.
+#[derive(Clone, Debug)]
+pub struct LoggedFrame {
+    /// The frame.
+    pub frame: Frame,
+    /// 0 for RXB0, 1 for RXB1.
+    pub buffer: usize,
+    /// When it was complete: RXnIF was set, or the frame was lost.
+    pub received_at: Cycles,
+    /// What became of it.
+    pub fate: Fate,
+}
+
+/// The end of a frame in the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// The driver (or a reset) cleared RXnIF at this time.
+    Cleared(Cycles),
+    /// The buffer was still full: RXnOVR.
+    Lost,
+}
+
+/// Closed entries, and the frames now in the buffers.
+#[derive(Debug, Default)]
+pub(super) struct FrameLog {
+    closed: VecDeque<LoggedFrame>,
+    held: [Option<(Frame, Cycles)>; 2],
+}
+
+impl FrameLog {
+    /// Enough for some seconds of a full bus; older entries go when nobody takes them.
+    const CAPACITY: usize = 65_536;
+
+    fn push(&mut self, entry: LoggedFrame) {
+        if self.closed.len() == Self::CAPACITY {
+            self.closed.pop_front();
+        }
+        self.closed.push_back(entry);
+    }
+
+    fn close(&mut self, buffer: usize, at: Cycles) {
+        if let Some((frame, received_at)) = self.held[buffer].take() {
+            self.push(LoggedFrame { frame, buffer, received_at, fate: Fate::Cleared(at) });
+        }
+    }
+
+    pub(super) fn take(&mut self) -> Vec<LoggedFrame> {
+        std::mem::take(&mut self.closed).into()
+    }
+}
+
+impl Mcp2515 {
+    /// Index of RXBnCTRL in the register file.
+    fn rx_control(n: usize) -> usize {
+        usize::from(RXB0CTRL) + n * usize::from(BUFFER_STRIDE)
+    }
+
+    pub(super) fn rx_full(&self, n: usize) -> bool {
+        self.registers[usize::from(registers::CANINTF)] & (int::RX0 << n) != 0
+    }
+
+    /// A valid frame is complete at `at`.
+    pub(super) fn receive(&mut self, frame: Frame, at: Cycles) {
+        let control = [self.registers[Self::rx_control(0)], self.registers[Self::rx_control(1)]];
+        let rxm = control.map(|control| (control & rxctrl::RXM) >> rxctrl::RXM_SHIFT);
+        let Some(Hit { buffer, filter }) = filters::accept(&self.registers, rxm, &frame) else {
+            return;
+        };
+        let rolls_over = buffer == 0 && self.rx_full(0) && control[0] & rxctrl::BUKT != 0;
+        let buffer = if rolls_over { 1 } else { buffer };
+        if self.rx_full(buffer) {
+            self.overflow(frame, buffer, at);
+            return;
+        }
+        self.load(&frame, buffer);
+        let remote = if frame.remote { rxctrl::RXRTR } else { 0 };
+        let index = Self::rx_control(buffer);
+        if buffer == 0 {
+            self.rxb0_filter = filter;
+            self.registers[index] &= !(rxctrl::RXRTR | rxctrl::FILHIT0);
+            self.registers[index] |= remote | filter;
+        } else {
+            self.registers[index] &= !(rxctrl::RXRTR | rxctrl::FILHIT);
+            self.registers[index] |= remote | filter;
+        }
+        if rolls_over {
+            // Register 4-1, note 1: FILHIT0 shows the filter of the frame that rolled over.
+            let index = Self::rx_control(0);
+            self.registers[index] = self.registers[index] & !rxctrl::FILHIT0 | filter;
+        }
+        self.log.held[buffer] = Some((frame, at));
+        self.raise(int::RX0 << buffer);
+    }
+
+    fn overflow(&mut self, frame: Frame, buffer: usize, at: Cycles) {
+        self.rx_overflows += 1;
+        self.registers[usize::from(registers::EFLG)] |= [eflg::RX0OVR, eflg::RX1OVR][buffer];
+        self.raise(int::ERR);
+        self.log.push(LoggedFrame { frame, buffer, received_at: at, fate: Fate::Lost });
+    }
+
+    /// Moves the frame into the registers of a buffer.
+    fn load(&mut self, frame: &Frame, buffer: usize) {
+        let control = Self::rx_control(buffer);
+        let [sidh, mut low, eid8, eid0] = pack_id(frame.id);
+        let mut length = frame.dlc & dlc::CODE;
+        if frame.remote {
+            match frame.id {
+                Id::Standard(_) => low |= sidl::SRR,
+                Id::Extended(_) => length |= dlc::RTR,
+            }
+        }
+        let mut store = |offset: u8, value: u8| {
+            self.registers[control + usize::from(offset)] = value;
+        };
+        store(offset::SIDH, sidh);
+        store(offset::SIDL, low);
+        store(offset::EID8, eid8);
+        store(offset::EID0, eid0);
+        store(offset::DLC, length);
+        for (n, &byte) in frame.data().iter().enumerate() {
+            store(offset::D0 + n as u8, byte);
+        }
+    }
+
+    /// A write to RXBnCTRL; `mask` says which bits it may change.
+    pub(super) fn write_rx_control(&mut self, n: usize, value: u8, mask: u8, at: Cycles) {
+        let index = Self::rx_control(n);
+        let address = index as u8;
+        let mask = mask & registers::writable(address);
+        self.registers[index] = self.registers[index] & !mask | value & mask;
+        if n == 0 {
+            let copy = self.registers[index] & rxctrl::BUKT != 0;
+            self.registers[index] &= !rxctrl::BUKT1;
+            self.registers[index] |= if copy { rxctrl::BUKT1 } else { 0 };
+        }
+        let rxm = (self.registers[index] & rxctrl::RXM) >> rxctrl::RXM_SHIFT;
+        if mask & rxctrl::RXM != 0 && (rxm == 0b01 || rxm == 0b10) {
+            self.violation(at, format!("RXB{n}CTRL.RXM = {rxm:02b} is reserved (DS20001801J Register 4-{})", n + 1));
+        }
+    }
+
+    /// RXnIF went from set to clear.
+    pub(super) fn rx_flag_cleared(&mut self, n: usize, at: Cycles) {
+        self.log.close(n, at);
+    }
+
+    /// The answer to RX STATUS (Figure 12-9).
+    pub(super) fn rx_status(&self) -> u8 {
+        let Some(n) = (0..2).find(|&n| self.rx_full(n)) else {
+            return 0;
+        };
+        let control = Self::rx_control(n);
+        let full = u8::from(self.rx_full(0)) << 6 | u8::from(self.rx_full(1)) << 7;
+        let extended = self.registers[control + usize::from(offset::SIDL)] & sidl::EXIDE;
+        let remote = self.registers[control] & rxctrl::RXRTR;
+        let filter = match n {
+            0 => self.rxb0_filter,
+            _ => match self.registers[control] & rxctrl::FILHIT {
+                rolled_over @ 0..=1 => rolled_over + 6,
+                filter => filter,
+            },
+        };
+        full | extended << 1 | remote | filter
+    }
+}

@@ -1,0 +1,112 @@
+//! The chip on the bus: one engine bit at a time, and what its outcomes do to the registers.
+//!
+//! The bus may lag behind the SPI side by up to its horizon, so requests carry the time of their SPI
+//! byte, and a bit that began earlier does not see them.
+//!
+//! Source: DS20001801J sections 3 (Figure 3-1), 6, 7.4, 10.
+
+use super::registers::int;
+use super::transmit::Failure;
+use super::{Mcp2515, Mode};
+use can_model::{Event, Level, Station};
+use sim_base::Cycles;
+
+impl Station for Mcp2515 {
+    fn drive(&mut self, at: Cycles) -> Level {
+        self.catch_up(at);
+        self.join_bus(at);
+        if self.joining.is_some() {
+            return self.can.drive(None);
+        }
+        match self.mode {
+            Mode::Normal => self.drive_engine(at),
+            Mode::ListenOnly => self.can.drive(None),
+            Mode::Loopback => {
+                self.looped_level = self.drive_engine(at);
+                Level::Recessive
+            }
+            Mode::Configuration | Mode::Sleep => Level::Recessive,
+        }
+    }
+
+    fn sample(&mut self, level: Level, at: Cycles) {
+        if self.joining.is_some() {
+            self.can.sample(level);
+            self.finish_joining();
+            return;
+        }
+        let mut frame_over = false;
+        match self.mode {
+            Mode::Normal | Mode::ListenOnly | Mode::Loopback => {
+                let heard = match self.mode {
+                    Mode::Loopback => self.looped_level,
+                    _ => level,
+                };
+                for event in self.can.sample(heard) {
+                    frame_over |= matches!(event, Event::Received(_) | Event::Transmitted(_));
+                    self.handle(event, at);
+                }
+                self.follow_errors();
+            }
+            Mode::Sleep if level == Level::Dominant => self.bus_activity(at),
+            Mode::Sleep | Mode::Configuration => {}
+        }
+        if self.request.is_some() {
+            self.try_mode_change(at, frame_over);
+        }
+    }
+
+    fn quiet(&self, at: Cycles) -> bool {
+        if self.joining.is_some() || self.waking_until.is_some_and(|until| until <= at) || self.mode_change_due(at) {
+            return false;
+        }
+        match self.mode {
+            Mode::Normal | Mode::Loopback => self.can.is_idle() && self.next_to_send(at).is_none(),
+            Mode::ListenOnly => self.can.is_idle(),
+            Mode::Configuration | Mode::Sleep => true,
+        }
+    }
+
+    fn transmitting(&self) -> bool {
+        self.mode != Mode::Loopback && self.can.transmitting()
+    }
+
+    /// In sleep the chip still watches the bus; in configuration mode it is off.
+    fn bit_time_ps(&self) -> Option<u64> {
+        let off = self.mode == Mode::Configuration && self.request.is_none();
+        (!off).then(|| self.bit_timing().bit_time_ps(self.osc_hz))
+    }
+
+    /// Nothing counts idle bits in a chip that is quiet.
+    fn skip_idle(&mut self, _bits: u64) {}
+}
+
+impl Mcp2515 {
+    /// Offers the engine the frame that is next, and notes if it begins to send it.
+    fn drive_engine(&mut self, at: Cycles) -> Level {
+        let candidate = self.next_to_send(at);
+        let was_transmitting = self.can.transmitting();
+        let frame = candidate.and_then(|n| self.tx[n].frame());
+        let level = self.can.drive(frame);
+        if !was_transmitting && self.can.transmitting() {
+            self.in_flight = candidate;
+        }
+        level
+    }
+
+    fn handle(&mut self, event: Event, at: Cycles) {
+        match event {
+            Event::Received(frame) => self.receive(frame, at),
+            Event::Transmitted(_) => self.tx_succeeded(),
+            Event::ArbitrationLost => self.tx_failed(Failure::LostArbitration),
+            Event::Error { transmitting, .. } => {
+                self.raise(int::MERR);
+                if transmitting {
+                    self.tx_failed(Failure::BusError);
+                }
+            }
+            // EFLG follows the engine's state, not its events.
+            Event::BusOff | Event::Recovered | Event::Overload => {}
+        }
+    }
+}

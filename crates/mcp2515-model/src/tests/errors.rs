@@ -1,0 +1,176 @@
+//! Error counters, error states, bus-off and recovery, as the registers show them.
+
+use super::support::*;
+use can_model::{ErrorState, Fault, Frame};
+
+const EWARN: u8 = 0x01;
+const RXWAR: u8 = 0x02;
+const TXWAR: u8 = 0x04;
+const RXEP: u8 = 0x08;
+const TXEP: u8 = 0x10;
+const TXBO: u8 = 0x20;
+
+/// EFLG as Register 6-3 derives it from the counters.
+fn expected_eflg(tec: u8, rec: u8) -> u8 {
+    let mut eflg = 0;
+    for (set, bits) in [(tec >= 96, TXWAR | EWARN), (rec >= 96, RXWAR | EWARN), (tec >= 128, TXEP), (rec >= 128, RXEP)]
+    {
+        eflg |= if set { bits } else { 0 };
+    }
+    eflg
+}
+
+/// Runs bit by bit and checks EFLG against TEC and REC in each, until `done`; returns all values seen.
+#[track_caller]
+fn watch(bench: &mut Bench, mut done: impl FnMut(u8, u8) -> bool) -> Vec<u8> {
+    let mut seen = vec![];
+    for _ in 0..10_000 {
+        bench.run_bits(1);
+        let [tec, rec, eflg] = [TEC, REC, EFLG].map(|address| bench.chip.borrow().register(address));
+        if eflg & TXBO == 0 {
+            assert_eq!(eflg, expected_eflg(tec, rec), "TEC {tec}, REC {rec}");
+        }
+        if seen.last() != Some(&eflg) {
+            seen.push(eflg);
+        }
+        if done(tec, rec) {
+            return seen;
+        }
+    }
+    panic!("never done: EFLG took the values {seen:02X?}");
+}
+
+/// DS20001801J 6.6, Register 6-3: a lone sender gets to error-passive and no further (an unacknowledged
+/// frame costs a passive node nothing).
+#[test]
+fn a_lone_sender_becomes_error_passive_and_stays_on_the_bus() {
+    let mut bench = Bench::normal();
+    bench.unplug_peer();
+    bench.load(0, 0x123, &[]);
+    bench.rts(1);
+    let seen = watch(&mut bench, |tec, _| tec >= 128);
+    assert_eq!(seen, [0, TXWAR | EWARN, TXWAR | EWARN | TXEP]);
+    assert_eq!(bench.chip.borrow().error_state(), ErrorState::Passive);
+    bench.run_bits(3_000);
+    bench.assert_register(TEC, 128);
+}
+
+/// DS20001801J Register 6-3: the flags go when the counter falls below the limit again.
+#[test]
+fn error_flags_are_reset_below_their_limits() {
+    let mut bench = Bench::normal();
+    bench.unplug_peer();
+    bench.load(0, 0x123, &[]);
+    bench.rts(1);
+    watch(&mut bench, |tec, _| tec >= 128);
+    bench.bus.connect(bench.peer_port, true);
+    bench.run_bits(FRAME_BITS);
+    bench.assert_register(TEC, 127);
+    bench.assert_register(EFLG, TXWAR | EWARN);
+    for _ in 0..32 {
+        bench.rts(1);
+        bench.run_bits(FRAME_BITS);
+    }
+    bench.assert_register(TEC, 95);
+    bench.assert_register(EFLG, 0);
+}
+
+/// DS20001801J 6.6, Register 6-3: a receiver that sees errors only.
+#[test]
+fn a_receiver_of_errors_becomes_error_passive() {
+    let mut bench = Bench::normal();
+    bench.bus.inject(Fault::StuckDominant(true));
+    let seen = watch(&mut bench, |_, rec| rec >= 128);
+    assert_eq!(seen, [0, RXWAR | EWARN, RXWAR | EWARN | RXEP]);
+    bench.bus.clear_faults();
+    bench.run_bits(50);
+    bench.peer_sends(&[Frame::standard(1, &[])]);
+    assert_eq!(bench.read(EFLG) & RXEP, 0, "a valid frame makes it active again");
+}
+
+/// A chip in bus-off, on a bus that works again, with its frame still pending.
+fn bus_off() -> Bench {
+    let mut bench = Bench::normal();
+    bench.load(0, 0x123, &[0x55; 8]);
+    bench.rts(1);
+    // Past arbitration, where a dominant bit would only be another sender.
+    bench.run_bits(30);
+    bench.bus.inject(Fault::StuckDominant(true));
+    for _ in 0..1_000 {
+        bench.run_bits(1);
+        if bench.chip.borrow().error_state() == ErrorState::BusOff {
+            bench.bus.clear_faults();
+            return bench;
+        }
+    }
+    panic!("not bus-off: TEC {}", bench.chip.borrow().tec());
+}
+
+/// DS20001801J 6.6, 7.6.6: TXBO when TEC passes 255; TEC is eight bits wide.
+#[test]
+fn a_sender_of_errors_goes_bus_off() {
+    let mut bench = bus_off();
+    assert_eq!(bench.read(EFLG) & TXBO, TXBO);
+    bench.assert_register(TEC, 255);
+    assert_eq!(bench.read(CANINTF) & (ERRIF | MERRF), ERRIF | MERRF);
+    assert_eq!(bench.read(TXB0CTRL) & TXREQ, TXREQ);
+}
+
+/// DS20001801J 6.6, Figure 6-1: back after 128 times 11 recessive bits, with counters at 0, and the
+/// pending frame is sent.
+#[test]
+fn bus_off_ends_after_128_times_11_recessive_bits() {
+    let mut bench = bus_off();
+    bench.run_bits(128 * 11 - 20);
+    assert_eq!(bench.read(EFLG) & TXBO, TXBO);
+    assert!(bench.peer_received().is_empty());
+    bench.run_bits(40 + FRAME_BITS);
+    bench.assert_register(EFLG, 0);
+    bench.assert_register(TEC, 0);
+    assert_eq!(bench.peer_received().len(), 1);
+    bench.assert_opmod(NORMAL);
+}
+
+/// DS20001801J 9.0: a reset ends bus-off at once.
+#[test]
+fn a_reset_ends_bus_off() {
+    let mut bench = bus_off();
+    bench.spi(&[RESET]);
+    bench.assert_register(EFLG, 0);
+    bench.set_up();
+    bench.enter(NORMAL);
+    bench.load(0, 0x123, &[]);
+    bench.rts(1);
+    bench.run_bits(FRAME_BITS);
+    assert_eq!(bench.peer_received().len(), 1);
+}
+
+/// DS20001801J 3.6, 10.0: without a pending frame configuration mode does not wait for the recovery.
+#[test]
+fn configuration_mode_can_be_entered_in_bus_off_after_an_abort() {
+    let mut bench = bus_off();
+    bench.request(CONFIGURATION);
+    bench.assert_opmod(NORMAL);
+    bench.modify(CANCTRL, ABAT, ABAT);
+    bench.assert_opmod(CONFIGURATION);
+    bench.assert_register(EFLG, 0);
+}
+
+/// DS20001801J 7.6: each change of the error state is an error interrupt, and can be acknowledged while
+/// the state lasts.
+#[test]
+fn each_change_of_the_error_state_raises_errif() {
+    let mut bench = Bench::normal();
+    bench.unplug_peer();
+    bench.load(0, 0x123, &[]);
+    bench.rts(1);
+    watch(&mut bench, |tec, _| tec >= 88);
+    assert_eq!(bench.read(CANINTF) & ERRIF, 0);
+    watch(&mut bench, |tec, _| tec >= 96);
+    for limit in [128, 128] {
+        assert_eq!(bench.read(CANINTF) & ERRIF, ERRIF);
+        bench.modify(CANINTF, ERRIF, 0);
+        assert_eq!(bench.read(CANINTF) & ERRIF, 0);
+        watch(&mut bench, |tec, _| tec >= limit);
+    }
+}

@@ -1,0 +1,345 @@
+//! Modes of operation and the oscillator start-up timer; sleep has a file of its own.
+
+use super::super::{Mcp2515, Mode};
+use super::support::*;
+use can_model::{Frame, Level, RecordKind, Station};
+
+/// DS20001801J Registers 10-1 and 10-2: REQOP asks, OPMOD answers.
+#[test]
+fn every_mode_is_reached_from_configuration_mode() {
+    for (reqop, mode) in
+        [(NORMAL, Mode::Normal), (SLEEP, Mode::Sleep), (LOOPBACK, Mode::Loopback), (LISTEN_ONLY, Mode::ListenOnly)]
+    {
+        let mut bench = Bench::in_mode(reqop);
+        assert_eq!(bench.mode(), mode);
+        bench.assert_register(CANCTRL, reqop | 0x07);
+    }
+}
+
+/// DS20001801J 10.0: and each awake mode from each other.
+#[test]
+fn every_awake_mode_is_reached_from_every_other() {
+    let awake = [NORMAL, LOOPBACK, LISTEN_ONLY, CONFIGURATION];
+    for from in awake {
+        for to in awake {
+            let mut bench = Bench::in_mode(from);
+            bench.enter(to);
+        }
+    }
+}
+
+/// DS20001801J 10.0 and 10.5: normal and listen-only mode begin after 11 recessive bits.
+#[test]
+fn normal_mode_begins_after_eleven_recessive_bits() {
+    for mode in [NORMAL, LISTEN_ONLY] {
+        let mut bench = Bench::new();
+        bench.set_up();
+        bench.request(mode);
+        let asked = bench.now;
+        bench.run_to(asked + 10 * BIT);
+        assert_eq!(bench.mode(), Mode::Configuration);
+        bench.run_to(asked + 13 * BIT);
+        assert_ne!(bench.mode(), Mode::Configuration);
+    }
+}
+
+/// DS20001801J 10.0: a frame of others on the bus is waited for.
+#[test]
+fn normal_mode_waits_for_the_end_of_a_frame_on_the_bus() {
+    let mut bench = Bench::new();
+    bench.set_up();
+    let witness = std::rc::Rc::new(std::cell::RefCell::new(can_model::SoftNode::new(1_000_000)));
+    bench.bus.attach("witness", witness);
+    bench.run_bits(50);
+    bench.occupy_bus();
+    bench.request(NORMAL);
+    bench.run_bits(50);
+    assert_eq!(bench.mode(), Mode::Configuration);
+    bench.run_bits(100);
+    assert_eq!(bench.mode(), Mode::Normal);
+    bench.assert_register(CANINTF, 0);
+}
+
+/// DS20001801J 10.1: configuration mode does not wait when nothing is going on.
+#[test]
+fn an_idle_chip_enters_configuration_mode_at_once() {
+    for mode in [NORMAL, LISTEN_ONLY, LOOPBACK] {
+        let mut bench = Bench::in_mode(mode);
+        bench.request(CONFIGURATION);
+        bench.assert_opmod(CONFIGURATION);
+    }
+}
+
+/// DS20001801J 10.0: the frame that is being received comes first.
+#[test]
+fn a_frame_in_reception_is_finished_before_the_mode_changes() {
+    for mode in [CONFIGURATION, LISTEN_ONLY, LOOPBACK, SLEEP] {
+        let mut bench = Bench::normal();
+        bench.occupy_bus();
+        bench.request(mode);
+        assert_eq!(bench.mode(), Mode::Normal);
+        bench.run_bits(FRAME_BITS);
+        bench.assert_opmod(mode);
+        bench.assert_register(CANINTF, RX0IF);
+    }
+}
+
+/// DS20001801J 10.0: "the mode will not actually change until all pending message transmissions are
+/// complete".
+#[test]
+fn pending_transmissions_are_finished_before_the_mode_changes() {
+    for mode in [CONFIGURATION, LISTEN_ONLY, LOOPBACK, SLEEP] {
+        let mut bench = Bench::normal();
+        bench.load(0, 0x111, &[1]);
+        bench.load(1, 0x222, &[2]);
+        bench.rts(0b011);
+        bench.request(mode);
+        bench.run_bits(60);
+        assert_eq!(bench.mode(), Mode::Normal);
+        bench.run_bits(FRAME_BITS);
+        bench.assert_opmod(mode);
+        assert_eq!(bench.peer_received().len(), 2);
+    }
+}
+
+/// DS20001801J 3.6, 10.0: an unacknowledged frame holds up the mode change until it is aborted.
+#[test]
+fn an_abort_frees_a_mode_change_that_waits() {
+    let mut bench = Bench::normal();
+    bench.unplug_peer();
+    bench.load(0, 0x111, &[1]);
+    bench.rts(1);
+    bench.request(CONFIGURATION);
+    bench.run_bits(1_000);
+    assert_eq!(bench.mode(), Mode::Normal);
+    bench.modify(CANCTRL, ABAT, ABAT);
+    bench.run_bits(FRAME_BITS);
+    bench.assert_opmod(CONFIGURATION);
+}
+
+/// A request made ahead of the simulated bus does not act before its time: frames that ended earlier are
+/// received.
+#[test]
+fn a_mode_request_does_not_act_before_its_time() {
+    let mut bench = Bench::normal();
+    bench.write(RXB0CTRL, &[BUKT]);
+    bench.occupy_bus();
+    bench.peer.borrow_mut().send(Frame::standard(1, &[]));
+    let asked = bench.now + 2 * FRAME_BITS * BIT;
+    let mut chip = bench.chip.borrow_mut();
+    chip.select(asked);
+    for byte in [WRITE, CANCTRL, CONFIGURATION] {
+        chip.exchange(byte, asked);
+    }
+    chip.deselect(asked);
+    drop(chip);
+    bench.run_to(asked + BIT);
+    bench.assert_opmod(CONFIGURATION);
+    bench.assert_register(CANINTF, RX0IF | RX1IF);
+}
+
+/// DS20001801J 10.0: a request can be taken back.
+#[test]
+fn a_request_for_the_present_mode_cancels_an_earlier_one() {
+    let mut bench = Bench::normal();
+    bench.occupy_bus();
+    bench.request(CONFIGURATION);
+    bench.request(NORMAL);
+    bench.run_bits(FRAME_BITS);
+    bench.assert_opmod(NORMAL);
+    bench.request(CONFIGURATION);
+    bench.request(NORMAL);
+    bench.run_bits(FRAME_BITS);
+    bench.assert_opmod(NORMAL);
+}
+
+/// DS20001801J Register 10-1: REQOP values 5 to 7 are invalid.
+#[test]
+fn an_invalid_mode_is_ignored_and_a_violation() {
+    for reqop in [0xA0, 0xC0, 0xE0] {
+        let mut bench = Bench::normal();
+        bench.request(reqop);
+        bench.run_bits(FRAME_BITS);
+        bench.assert_opmod(NORMAL);
+        bench.assert_violation(&["REQOP", "Register 10-1"]);
+    }
+}
+
+/// DS20001801J 10.1: entering configuration mode clears the error counters.
+#[test]
+fn configuration_mode_clears_the_error_counters() {
+    let mut bench = Bench::normal();
+    bench.unplug_peer();
+    bench.load(0, 0x111, &[1]);
+    bench.write(TXB0CTRL, &[TXREQ]);
+    bench.run_bits(500);
+    bench.write(TXB0CTRL, &[0]);
+    bench.run_bits(FRAME_BITS);
+    assert_ne!(bench.read(TEC), 0);
+    bench.enter(CONFIGURATION);
+    bench.assert_register(TEC, 0);
+}
+
+/// DS20001801J 10.1: nothing is sent or heard in configuration mode; a request waits.
+#[test]
+fn a_request_made_in_configuration_mode_is_sent_in_normal_mode() {
+    let mut bench = Bench::new();
+    bench.set_up();
+    bench.load(0, 0x111, &[1]);
+    bench.rts(1);
+    bench.run_bits(FRAME_BITS);
+    assert!(bench.peer_received().is_empty());
+    bench.enter(NORMAL);
+    bench.run_bits(FRAME_BITS);
+    assert_eq!(bench.peer_received(), [Frame::standard(0x111, &[1])]);
+}
+
+/// DS20001801J 10.4: loopback goes from transmit buffer through the filters to receive buffer, with
+/// nothing on the bus and nobody to acknowledge.
+#[test]
+fn loopback_receives_its_own_frames_and_keeps_off_the_bus() {
+    let mut bench = Bench::in_mode(LOOPBACK);
+    bench.load(2, 0x123, &[0xDE, 0xAD]);
+    bench.rts(0b100);
+    bench.run_bits(FRAME_BITS);
+    bench.assert_register(CANINTF, RX0IF | TX0IF << 2);
+    bench.assert_register(0x50, 0);
+    assert_eq!(bench.read_many(RXB0SIDH, 7), [0x24, 0x60, 0, 0, 2, 0xDE, 0xAD]);
+    assert!(bench.peer_received().is_empty());
+    assert_eq!(bench.bus.stats().frames, 0);
+    bench.assert_register(TEC, 0);
+}
+
+/// DS20001801J 10.4: the filters apply; a frame they refuse is still sent.
+#[test]
+fn loopback_applies_the_filters() {
+    let mut bench = Bench::new();
+    bench.set_up();
+    bench.write(RXM0, &[0xFF, 0xE0, 0, 0, 0xFF, 0xE0, 0, 0]);
+    bench.enter(LOOPBACK);
+    bench.load(0, 0x123, &[1]);
+    bench.rts(1);
+    bench.run_bits(FRAME_BITS);
+    bench.assert_register(CANINTF, TX0IF);
+}
+
+/// DS20001801J 10.4: what others send is not heard.
+#[test]
+fn loopback_does_not_hear_the_bus() {
+    let mut bench = Bench::in_mode(LOOPBACK);
+    bench.peer_sends(&[Frame::standard(0x123, &[1])]);
+    bench.assert_register(CANINTF, 0);
+    assert_ne!(bench.peer.borrow().tec(), 0, "nobody acknowledges");
+}
+
+/// DS20001801J 3.2, 10.4: three frames come in the order of their priority.
+#[test]
+fn loopback_takes_time_and_keeps_the_transmit_priority() {
+    let mut bench = Bench::in_mode(LOOPBACK);
+    bench.write(RXB0CTRL, &[BUKT]);
+    bench.load(0, 0x100, &[]);
+    bench.load(1, 0x101, &[]);
+    bench.rts(0b011);
+    let asked = bench.now;
+    while bench.read(CANINTF) & RX0IF == 0 {}
+    let bits = (bench.now - asked) / BIT;
+    assert!((40..80).contains(&bits), "a frame took {bits} bits");
+    bench.run_bits(FRAME_BITS);
+    assert_eq!(bench.read_many(RXB0SIDH, 2), [0x20, 0x20]);
+    assert_eq!(bench.read_many(RXB1SIDH, 2), [0x20, 0x00]);
+}
+
+/// DS20001801J 10.3: listen-only hears frames that others acknowledge, and drives nothing itself.
+#[test]
+fn listen_only_receives_and_never_acknowledges() {
+    let mut bench = Bench::in_mode(LISTEN_ONLY);
+    bench.peer_sends(&[Frame::standard(0x123, &[1])]);
+    assert_eq!(bench.read(CANINTF) & RX0IF, 0, "nobody acknowledged it");
+    let records = bench.bus.take_records();
+    assert!(!records.is_empty());
+    for record in records {
+        assert!(!matches!(record.kind, RecordKind::Frame { acked: true, .. }), "{record:?}");
+    }
+
+    let mut bench = Bench::in_mode(LISTEN_ONLY);
+    let witness = std::rc::Rc::new(std::cell::RefCell::new(can_model::SoftNode::new(1_000_000)));
+    bench.bus.attach("witness", witness);
+    bench.run_bits(50);
+    bench.peer_sends(&[Frame::standard(0x123, &[1])]);
+    bench.assert_register(CANINTF, RX0IF);
+}
+
+/// DS20001801J 10.3: no message leaves in listen-only mode; the error counters are off.
+#[test]
+fn listen_only_sends_nothing_and_counts_no_errors() {
+    let mut bench = Bench::in_mode(LISTEN_ONLY);
+    bench.load(0, 0x111, &[1]);
+    bench.rts(1);
+    bench.bus.inject(can_model::Fault::StuckDominant(true));
+    bench.run_bits(300);
+    bench.bus.clear_faults();
+    bench.run_bits(FRAME_BITS);
+    assert!(bench.peer_received().is_empty());
+    bench.assert_register(REC, 0);
+    bench.assert_register(TEC, 0);
+    bench.assert_register(TXB0CTRL, TXREQ);
+}
+
+/// DS20001801J 8.1: the chip is held in reset for 128 oscillator periods after power-up.
+#[test]
+fn spi_is_ignored_and_a_violation_during_oscillator_start_up() {
+    // 128 periods of a 16 MHz crystal are 128 cycles, of an 8 MHz one 256.
+    for (osc_hz, start_up) in [(16_000_000, 128), (8_000_000, 256)] {
+        for (at, works) in [(start_up - 1, false), (start_up, true)] {
+            let mut chip = Mcp2515::new(osc_hz);
+            chip.select(0);
+            chip.exchange(WRITE, at);
+            chip.exchange(CANINTE, at);
+            chip.exchange(0x55, at);
+            chip.deselect(at);
+            assert_eq!(chip.register(CANINTE), if works { 0x55 } else { 0x00 });
+            let violations = chip.take_violations();
+            assert_eq!(violations.is_empty(), works);
+            assert!(violations.iter().all(|v| v.at == at && v.text.contains("8.1")));
+        }
+    }
+}
+
+/// DS20001801J 9.0: the RESET pin does what the instruction does, and starts the timer.
+#[test]
+fn a_hardware_reset_restores_registers_and_starts_the_timer() {
+    let mut bench = Bench::normal();
+    bench.write(CANINTE, &[0xFF]);
+    let now = bench.now;
+    bench.chip.borrow_mut().hardware_reset(now);
+    assert_eq!(bench.mode(), Mode::Configuration);
+    bench.spi(&[READ, CANSTAT, 0]);
+    bench.assert_violation(&["start-up", "8.1"]);
+    bench.run_bits(8);
+    bench.assert_register(CANINTE, 0);
+}
+
+/// DS20001801J 8.1: the timer is for an oscillator that was stopped; after the instruction it runs on.
+#[test]
+fn the_reset_instruction_needs_no_start_up_time() {
+    let mut bench = Bench::normal();
+    bench.spi(&[RESET]);
+    bench.write(CNF3, &CNF_1M);
+    assert_eq!(bench.read_many(CNF3, 3), CNF_1M);
+}
+
+/// DS20001801J 9.0: a reset in the middle of a frame breaks it off; the bus recovers.
+#[test]
+fn a_reset_breaks_off_the_frame_on_the_bus() {
+    let mut bench = Bench::normal();
+    bench.load(0, 0x111, &[0x55; 8]);
+    bench.rts(1);
+    bench.run_bits(40);
+    assert!(bench.chip.borrow().transmitting());
+    bench.spi(&[RESET]);
+    assert!(!bench.chip.borrow().transmitting());
+    assert_eq!(bench.chip.borrow_mut().drive(bench.now), Level::Recessive);
+    bench.run_bits(FRAME_BITS);
+    assert!(bench.peer_received().is_empty());
+    bench.assert_register(TXB0CTRL, 0);
+}

@@ -1,0 +1,188 @@
+//! The three transmit buffers: request, choice, outcome, abort.
+//!
+//! Goals: before each start of frame the pending buffer with the highest TXP is chosen, the highest
+//! buffer number among equals (3.2); a request is never on the wire before the SPI byte that made it.
+//!
+//! Assumptions: the engine copies the frame that it begins to send, and reports exactly one outcome for
+//! it: transmitted, arbitration lost, or error.
+//!
+//! Invariants: TXREQ is set if and only if the buffer holds a frame to be sent; the frame is fixed when
+//! TXREQ is set, because the buffer cannot be written until TXREQ is clear again (3.1).
+//!
+//! A request takes effect at the end of the SPI byte that makes it: the RTS instruction itself, or the
+//! data byte of a WRITE or BIT MODIFY to TXBnCTRL. ABTF, MLOA and TXERR are cleared by a request and
+//! stay through automatic repetitions.
+//!
+//! Source: DS20001801J section 3, Register 3-1, Figure 3-1. Not modelled: the TXnRTS pins, and erratum 5
+//! of DS80000179 (CS held low for the length of a whole frame repeats the frame).
+
+use super::Mcp2515;
+use super::filters::unpack_id;
+use super::registers::{self, BUFFER_STRIDE, TXB0CTRL, canctrl, dlc, int, offset, txctrl};
+use can_model::Frame;
+use sim_base::Cycles;
+
+/// What the chip keeps of a buffer besides its registers.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TxState {
+    /// The frame, while TXREQ is set.
+    frame: Option<Frame>,
+    /// End of the SPI byte that set TXREQ.
+    requested_at: Cycles,
+    /// How to end a request that was withdrawn while its frame was on the bus.
+    withdrawn: Option<Withdrawal>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Withdrawal {
+    /// TXREQ was cleared: no flag tells.
+    Request,
+    /// CANCTRL.ABAT was set: ABTF tells.
+    AbortAll,
+}
+
+impl TxState {
+    /// The frame to be sent, while TXREQ is set.
+    pub(super) fn frame(&self) -> Option<&Frame> {
+        self.frame.as_ref()
+    }
+}
+
+/// Why an attempt to send did not succeed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Failure {
+    LostArbitration,
+    BusError,
+}
+
+impl Mcp2515 {
+    /// Index of TXBnCTRL in the register file.
+    fn tx_control(n: usize) -> usize {
+        usize::from(TXB0CTRL) + n * usize::from(BUFFER_STRIDE)
+    }
+
+    pub(super) fn tx_requested(&self, n: usize) -> bool {
+        self.registers[Self::tx_control(n)] & txctrl::TXREQ != 0
+    }
+
+    pub(super) fn any_tx_requested(&self) -> bool {
+        self.tx.iter().any(|tx| tx.frame.is_some())
+    }
+
+    /// A write to TXBnCTRL; `mask` says which bits it may change.
+    pub(super) fn write_tx_control(&mut self, n: usize, value: u8, mask: u8, at: Cycles) {
+        let index = Self::tx_control(n);
+        let kept = mask & txctrl::TXP;
+        self.registers[index] = self.registers[index] & !kept | value & kept;
+        if mask & txctrl::TXREQ == 0 {
+            return;
+        }
+        if value & txctrl::TXREQ != 0 {
+            self.request_to_send(n, at);
+        } else {
+            self.withdraw(n, Withdrawal::Request);
+        }
+    }
+
+    pub(super) fn request_to_send(&mut self, n: usize, at: Cycles) {
+        let index = Self::tx_control(n);
+        let pending = self.tx_requested(n);
+        self.registers[index] &= !(txctrl::ABTF | txctrl::MLOA | txctrl::TXERR);
+        self.registers[index] |= txctrl::TXREQ;
+        if pending {
+            self.tx[n].withdrawn = None;
+        } else {
+            let frame = self.tx_frame(n);
+            self.tx[n] = TxState { frame: Some(frame), requested_at: at, withdrawn: None };
+        }
+        if self.registers[usize::from(registers::CANCTRL)] & canctrl::ABAT != 0 {
+            self.violation(
+                at,
+                format!("TXB{n}CTRL.TXREQ set while CANCTRL.ABAT is set: aborted at once (DS20001801J 3.6)"),
+            );
+            self.withdraw(n, Withdrawal::AbortAll);
+        }
+    }
+
+    /// CANCTRL.ABAT was set: gives up all pending transmissions.
+    pub(super) fn abort_all(&mut self) {
+        for n in 0..self.tx.len() {
+            self.withdraw(n, Withdrawal::AbortAll);
+        }
+    }
+
+    /// Ends a request now, or, if its frame is on the bus, after this attempt (3.6).
+    fn withdraw(&mut self, n: usize, how: Withdrawal) {
+        if !self.tx_requested(n) {
+            return;
+        }
+        if self.in_flight == Some(n) {
+            self.tx[n].withdrawn = Some(how);
+        } else {
+            self.finish(n);
+            if how == Withdrawal::AbortAll {
+                self.registers[Self::tx_control(n)] |= txctrl::ABTF;
+            }
+        }
+    }
+
+    fn finish(&mut self, n: usize) {
+        self.registers[Self::tx_control(n)] &= !txctrl::TXREQ;
+        self.tx[n] = TxState::default();
+    }
+
+    /// The frame that the registers of the buffer describe.
+    fn tx_frame(&self, n: usize) -> Frame {
+        let control = Self::tx_control(n);
+        let at = |offset: u8| self.registers[control + usize::from(offset)];
+        let id = unpack_id([at(offset::SIDH), at(offset::SIDL), at(offset::EID8), at(offset::EID0)]);
+        let code = at(offset::DLC) & dlc::CODE;
+        if at(offset::DLC) & dlc::RTR != 0 {
+            return Frame::remote(id, code);
+        }
+        let data = std::array::from_fn(|n| at(offset::D0 + n as u8));
+        Frame::with_dlc(id, code, data)
+    }
+
+    /// The buffer whose frame goes next, among those requested no later than `at`.
+    pub(super) fn next_to_send(&self, at: Cycles) -> Option<usize> {
+        (0..self.tx.len())
+            .filter(|&n| self.tx[n].frame.is_some() && self.tx[n].requested_at <= at)
+            .max_by_key(|&n| (self.registers[Self::tx_control(n)] & txctrl::TXP, n))
+    }
+
+    /// The frame in flight reached its end.
+    pub(super) fn tx_succeeded(&mut self) {
+        if let Some(n) = self.in_flight.take() {
+            self.finish(n);
+            self.raise(int::TX0 << n);
+        }
+    }
+
+    /// The frame in flight did not get through: the buffer keeps its request for another attempt, unless
+    /// the request was withdrawn or the chip is in one-shot mode.
+    pub(super) fn tx_failed(&mut self, why: Failure) {
+        let Some(n) = self.in_flight.take() else {
+            return;
+        };
+        let control = Self::tx_control(n);
+        self.registers[control] |= match why {
+            Failure::LostArbitration => txctrl::MLOA,
+            Failure::BusError => txctrl::TXERR,
+        };
+        let one_shot = self.registers[usize::from(registers::CANCTRL)] & canctrl::OSM != 0;
+        // 3.6, note 2: in one-shot mode ABTF is not set for a frame that failed on the bus.
+        if self.tx[n].withdrawn == Some(Withdrawal::AbortAll) && !one_shot {
+            self.registers[control] |= txctrl::ABTF;
+        }
+        if one_shot || self.tx[n].withdrawn.is_some() {
+            self.finish(n);
+        }
+    }
+
+    /// A reset: every request is forgotten, and what is on the bus breaks off.
+    pub(super) fn reset_transmit(&mut self) {
+        self.tx = Default::default();
+        self.in_flight = None;
+    }
+}

@@ -1,0 +1,610 @@
+//! The one place that touches simavr's memory: an AVR core behind methods that cannot be
+//! misused from safe code.
+//!
+//! [`Core`] owns simavr's `avr_t` and knows where its peripherals are. Registers are read and
+//! written without side effects; everything a write sets off is decided by the models in this
+//! module's siblings, which replace simavr's own handlers for the SPI, USART0, the EEPROM and the
+//! waveforms of Timer1. simavr keeps the instructions, interrupts, ports, the ADC, Timer0, Timer2,
+//! the watchdog (but for its oscillator) and self-programming.
+
+use std::cell::Cell;
+use std::ffi::{CStr, CString, c_char, c_int, c_void};
+use std::ptr;
+use std::sync::Once;
+
+use anyhow::{Result, ensure};
+use simavr_ffi as ffi;
+
+use super::chip::Chip;
+use super::machine::on_beyond_ram;
+use super::regs;
+use sim_base::F_CPU_HZ;
+
+unsafe extern "C" {
+    /// Runs instructions until a cycle timer is due or an interrupt is pending; returns the new
+    /// program counter. It is simavr's, but its header cannot be bound.
+    fn avr_run_one(avr: *mut ffi::avr_t) -> ffi::avr_flashaddr_t;
+    /// simavr's. Its header has the arguments as a `va_list`, which calls pass as a pointer on every host that simavr-ffi builds for.
+    fn avr_global_logger_set(logger: Option<Logger>);
+    /// The C library's, with such a pointer.
+    fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
+    /// The C library's, for the memory that simavr allocates and does not free.
+    fn free(memory: *mut c_void);
+    /// The C library's.
+    fn realloc(memory: *mut c_void, size: usize) -> *mut c_void;
+}
+
+/// What simavr calls with what it has to say: chip, level, format, arguments.
+type Logger = unsafe extern "C" fn(*mut ffi::avr_t, c_int, *const c_char, *mut c_void);
+
+/// What simavr logs when a program reads or writes beyond the RAM, before the address.
+const WRAPS: [(&[u8], Access); 2] =
+    [(b"CORE: *** Wrapping read address", Access::Read), (b"CORE: *** Wrapping write address", Access::Write)];
+/// What is before the address in the text.
+const ADDRESS: &str = " Address ";
+/// Longer than these texts are.
+const LOG_BYTES: usize = 256;
+
+/// What a program does with memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    Read,
+    Write,
+}
+
+/// Bytes of flash that LPM can address.
+const LPM_BYTES: usize = 0x1_0000;
+/// simavr's mark behind the flash.
+const OVERFLOW_OPCODE_BYTES: usize = 2;
+
+static LOGGER: Once = Once::new();
+
+/// Interrupt sources whose flags the models handle in place of simavr.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Vector {
+    SpiTransferComplete,
+    UsartReceiveComplete,
+    UsartDataRegisterEmpty,
+    UsartTransmitComplete,
+    EepromReady,
+    /// INT0 and INT1, by their number.
+    External(u8),
+}
+
+/// What the core does at the moment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Activity {
+    Running,
+    Sleeping,
+    Crashed,
+}
+
+/// A handler that simavr had installed for a register write, kept for calling it later.
+pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
+
+/// A chip in simavr.
+///
+/// Invariant: `avr` and all other pointers stay valid, and are used by this thread only, until
+/// `drop`.
+pub(super) struct Core {
+    chip: Chip,
+    avr: *mut ffi::avr_t,
+    ports: [*mut ffi::avr_ioport_t; 3],
+    uart: *mut ffi::avr_uart_t,
+    spi: *mut ffi::avr_spi_t,
+    eeprom: *mut ffi::avr_eeprom_t,
+    adc: *mut ffi::avr_adc_t,
+    timer1: *mut ffi::avr_timer_t,
+    watchdog: *mut ffi::avr_watchdog_t,
+    extint: *mut ffi::avr_extint_t,
+    context: Cell<*mut c_void>,
+}
+
+impl Core {
+    /// A chip with erased flash, all supplies at 5 V.
+    pub fn new(chip: Chip) -> Result<Core> {
+        let name = CString::new(chip.name())?;
+        // Safety: `log` has the type that simavr calls, but for the pointer that stands for a `va_list`. It is set once, before there is
+        // a chip that could log.
+        LOGGER.call_once(|| unsafe { avr_global_logger_set(Some(log)) });
+        // Safety: the name is a C string; the returned chip is ours alone. simavr copies its
+        // template into fresh memory, so chips on several threads do not meet.
+        let avr = unsafe { ffi::avr_make_mcu_by_name(name.as_ptr()) };
+        ensure!(!avr.is_null(), "this simavr does not know the {chip}");
+        // Safety: `avr` was just made and has not been initialised before; its fields may be set
+        // before and after avr_init.
+        unsafe {
+            ffi::avr_init(avr);
+            (*avr).frequency = F_CPU_HZ as u32;
+            (*avr).vcc = 5000;
+            (*avr).avcc = 5000;
+            (*avr).aref = 5000;
+            // LPM reads at any 16-bit address, and simavr does not check that the flash is so large.
+            let flash = realloc((*avr).flash.cast(), LPM_BYTES).cast::<u8>();
+            ensure!(!flash.is_null(), "no memory for the flash");
+            let used = chip.flash_bytes() + OVERFLOW_OPCODE_BYTES;
+            ptr::write_bytes(flash.add(used), 0xFF, LPM_BYTES - used);
+            (*avr).flash = flash;
+        }
+        let core = Core {
+            chip,
+            avr,
+            ports: ['B', 'C', 'D'].map(|name| find(avr, c"port", name).cast()),
+            uart: find(avr, c"uart", '0').cast(),
+            spi: find(avr, c"spi", '\0').cast(),
+            eeprom: find(avr, c"eeprom", '\0').cast(),
+            adc: find(avr, c"adc", '\0').cast(),
+            timer1: find(avr, c"timer", '1').cast(),
+            watchdog: find(avr, c"watchdog", '\0').cast(),
+            extint: find(avr, c"extint", '\0').cast(),
+            context: Cell::new(ptr::null_mut()),
+        };
+        let modules: [*mut c_void; 7] = [
+            core.uart.cast(),
+            core.spi.cast(),
+            core.eeprom.cast(),
+            core.adc.cast(),
+            core.timer1.cast(),
+            core.watchdog.cast(),
+            core.extint.cast(),
+        ];
+        ensure!(
+            modules.iter().all(|module| !module.is_null()) && core.ports.iter().all(|port| !port.is_null()),
+            "this simavr's {chip} lacks a peripheral"
+        );
+        Ok(core)
+    }
+
+    /// Which chip it is.
+    pub fn chip(&self) -> Chip {
+        self.chip
+    }
+
+    /// The pointer that every callback gets as its parameter.
+    pub fn set_context(&self, context: *mut c_void) {
+        self.context.set(context);
+        // Safety: see the invariant of `Core`; simavr itself does not use custom.data after
+        // avr_init.
+        unsafe { (*self.avr).custom.data = context }
+    }
+
+    /// Cycles since the last reset.
+    pub fn cycle(&self) -> u64 {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).cycle }
+    }
+
+    /// Sets simavr's clock. Cycle timers keep their absolute times.
+    pub fn set_cycle(&self, cycle: u64) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).cycle = cycle }
+    }
+
+    /// One byte of the data space (registers, I/O, SRAM), without side effects.
+    pub fn get(&self, address: u16) -> u8 {
+        assert!(address <= self.chip.ram_end(), "no data at {address:#06x}");
+        // Safety: see the invariant of `Core`; data holds ram_end + 1 bytes.
+        unsafe { *(*self.avr).data.add(address.into()) }
+    }
+
+    /// Sets one byte of the data space, without side effects.
+    pub fn set(&self, address: u16, value: u8) {
+        assert!(address <= self.chip.ram_end(), "no data at {address:#06x}");
+        // Safety: see the invariant of `Core`; data holds ram_end + 1 bytes.
+        unsafe { *(*self.avr).data.add(address.into()) = value }
+    }
+
+    /// Sets the bits of `mask` in a register.
+    pub fn set_bits(&self, address: u16, mask: u8) {
+        self.set(address, self.get(address) | mask);
+    }
+
+    /// Clears the bits of `mask` in a register.
+    pub fn clear_bits(&self, address: u16, mask: u8) {
+        self.set(address, self.get(address) & !mask);
+    }
+
+    /// All of flash.
+    pub fn flash(&self) -> &[u8] {
+        // Safety: see the invariant of `Core`; flash holds flash_bytes bytes and more. It
+        // changes only while instructions run, and `run_one` is reached through `&mut Avr` only,
+        // which this borrow excludes.
+        unsafe { std::slice::from_raw_parts((*self.avr).flash, self.chip.flash_bytes()) }
+    }
+
+    /// Copies bytes into flash.
+    pub fn write_flash(&self, address: usize, bytes: &[u8]) {
+        let end = self.chip.flash_bytes();
+        assert!(address + bytes.len() <= end, "flash ends at {end:#x}");
+        // Safety: see the invariant of `Core`; the range was checked, and `bytes` cannot overlap
+        // simavr's memory unless it came from `flash`, for which `copy` allows.
+        unsafe { ptr::copy(bytes.as_ptr(), (*self.avr).flash.add(address), bytes.len()) }
+    }
+
+    /// Program counter as a byte address.
+    pub fn pc(&self) -> u32 {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).pc }
+    }
+
+    /// Sets the program counter, a byte address.
+    pub fn set_pc(&self, address: u32) {
+        assert!((address as usize) < self.chip.flash_bytes(), "no flash at {address:#06x}");
+        // Safety: see the invariant of `Core`; simavr expects an even address within flash.
+        unsafe { (*self.avr).pc = address & !1 }
+    }
+
+    /// Status register.
+    pub fn sreg(&self) -> u8 {
+        // Safety: see the invariant of `Core`; sreg has eight flags of 0 or 1.
+        let flags = unsafe { (*self.avr).sreg };
+        flags.iter().enumerate().fold(0, |sreg, (bit, flag)| sreg | u8::from(*flag != 0) << bit)
+    }
+
+    /// Sets the status register. Interrupts that are pending come as after SEI.
+    pub fn set_sreg(&self, value: u8) {
+        let enabled_before = self.interrupts_enabled();
+        // Safety: see the invariant of `Core`. interrupt_state is what simavr's own SREG writes set: -1 for "look
+        // after the next instruction", 0 for none.
+        unsafe {
+            (*self.avr).sreg = std::array::from_fn(|bit| value >> bit & 1);
+            if !self.interrupts_enabled() {
+                (*self.avr).interrupt_state = 0;
+            } else if !enabled_before {
+                (*self.avr).interrupt_state = -1;
+            }
+        }
+    }
+
+    /// Stores a byte in an I/O register, with all that a program's store sets off.
+    pub fn store(&self, address: u16, value: u8) {
+        assert!((regs::IO_FIRST..regs::RAMSTART).contains(&address), "no I/O register at {address:#06x}");
+        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
+        let slot = unsafe { (*self.avr).io[usize::from(address - regs::IO_FIRST)].w };
+        self.forward_write((slot.c, slot.param), address, value);
+    }
+
+    /// Byte address where a reset continues.
+    pub fn set_reset_pc(&self, address: u32) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).reset_pc = address }
+    }
+
+    /// Global interrupt enable.
+    pub fn interrupts_enabled(&self) -> bool {
+        // Safety: see the invariant of `Core`; sreg has eight flags, of which I is the last.
+        unsafe { (*self.avr).sreg[7] != 0 }
+    }
+
+    /// What the core does.
+    pub fn activity(&self) -> Activity {
+        // Safety: see the invariant of `Core`.
+        match unsafe { (*self.avr).state } as u32 {
+            ffi::cpu_Running => Activity::Running,
+            ffi::cpu_Sleeping => Activity::Sleeping,
+            _ => Activity::Crashed,
+        }
+    }
+
+    /// Wakes the core or sends it to sleep.
+    pub fn set_activity(&self, activity: Activity) {
+        let state = match activity {
+            Activity::Running => ffi::cpu_Running,
+            Activity::Sleeping => ffi::cpu_Sleeping,
+            Activity::Crashed => ffi::cpu_Crashed,
+        };
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).state = state as i32 }
+    }
+
+    /// Runs instructions up to the next cycle timer, interrupt or sleep.
+    pub fn run_one(&self) {
+        // Safety: see the invariant of `Core`. Callbacks come back through pointers to the machine
+        // that owns this core and form shared references only.
+        unsafe { (*self.avr).pc = avr_run_one(self.avr) }
+    }
+
+    /// Calls the cycle timers that are due. Returns the cycles to the next one.
+    pub fn process_timers(&self) -> u64 {
+        // Safety: as `run_one`.
+        unsafe { ffi::avr_cycle_timer_process(self.avr) }
+    }
+
+    /// Enters the handler of a pending interrupt, if any.
+    pub fn service_interrupts(&self) {
+        // Safety: as `run_one`.
+        unsafe {
+            if (*self.avr).interrupt_state != 0 {
+                ffi::avr_service_interrupts(self.avr);
+            }
+        }
+    }
+
+    /// Ends `run_one` after the present instruction.
+    pub fn stop_soon(&self) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).run_cycle_count = 1 }
+    }
+
+    /// Resets the chip; the flags in MCUSR are kept.
+    pub fn reset(&self) {
+        // Safety: as `run_one`.
+        unsafe { ffi::avr_reset(self.avr) }
+    }
+
+    /// Lets `run_one` go on to the next cycle timer. simavr's reset limits it to one instruction.
+    pub fn run_freely(&self) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).run_cycle_limit = u64::MAX }
+    }
+
+    /// Lets `run_one` run one instruction only. [`Core::stop_soon`] alone does not: simavr forgets it when the instruction makes
+    /// a date, as WDR and a write to UDR0 do.
+    pub fn run_singly(&self) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.avr).run_cycle_limit = 1 }
+        self.stop_soon();
+    }
+
+    /// Calls `timer` when simavr's clock reaches `cycle`, replacing its earlier date.
+    pub fn schedule(&self, cycle: u64, timer: ffi::avr_cycle_timer_t) {
+        let delay = cycle.saturating_sub(self.cycle());
+        // Safety: see the invariant of `Core`; the context outlives the core.
+        unsafe { ffi::avr_cycle_timer_register(self.avr, delay, timer, self.context.get()) }
+    }
+
+    /// Forgets a date made by `schedule`.
+    pub fn unschedule(&self, timer: ffi::avr_cycle_timer_t) {
+        // Safety: see the invariant of `Core`.
+        unsafe { ffi::avr_cycle_timer_cancel(self.avr, timer, self.context.get()) }
+    }
+
+    /// Sets an interrupt's flag, and requests it if it is enabled.
+    pub fn raise(&self, vector: Vector) {
+        // Safety: see the invariant of `Core`; the vector lies in a peripheral of this chip.
+        unsafe { ffi::avr_raise_interrupt(self.avr, self.vector(vector)) };
+    }
+
+    /// Clears an interrupt's flag and its request.
+    pub fn clear(&self, vector: Vector) {
+        // Safety: see the invariant of `Core`; the vector lies in a peripheral of this chip.
+        unsafe { ffi::avr_clear_interrupt(self.avr, self.vector(vector)) };
+    }
+
+    fn vector(&self, vector: Vector) -> *mut ffi::avr_int_vector_t {
+        // Safety: see the invariant of `Core`; only addresses are formed.
+        unsafe {
+            match vector {
+                Vector::SpiTransferComplete => &raw mut (*self.spi).spi,
+                Vector::UsartReceiveComplete => &raw mut (*self.uart).rxc,
+                Vector::UsartDataRegisterEmpty => &raw mut (*self.uart).udrc,
+                Vector::UsartTransmitComplete => &raw mut (*self.uart).txc,
+                Vector::EepromReady => &raw mut (*self.eeprom).ready,
+                Vector::External(n) => &raw mut (*self.extint).eint[usize::from(n)].vector,
+            }
+        }
+    }
+
+    /// Puts `handler` in front of a register's write handler and returns the one that was there.
+    pub fn hook_write(&self, address: u16, handler: ffi::avr_io_write_t) -> WriteHandler {
+        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
+        unsafe {
+            let slot = &raw mut (*self.avr).io[usize::from(address - 0x20)].w;
+            let original = ((*slot).c, (*slot).param);
+            (*slot).c = handler;
+            (*slot).param = self.context.get();
+            original
+        }
+    }
+
+    /// Installs `handler` as a register's read handler.
+    pub fn hook_read(&self, address: u16, handler: ffi::avr_io_read_t) {
+        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
+        unsafe {
+            let slot = &raw mut (*self.avr).io[usize::from(address - 0x20)].r;
+            (*slot).c = handler;
+            (*slot).param = self.context.get();
+        }
+    }
+
+    /// Lets a handler that was there before `hook_write` do its work; without one the byte is
+    /// stored.
+    pub fn forward_write(&self, handler: WriteHandler, address: u16, value: u8) {
+        match handler {
+            // Safety: simavr installed this handler with this parameter for this address of this
+            // chip.
+            (Some(function), parameter) => unsafe { function(self.avr, address, value, parameter) },
+            (None, _) => self.set(address, value),
+        }
+    }
+
+    /// Calls `reset` inside each reset, before the peripherals are reset.
+    pub fn hook_reset(&self, reset: unsafe extern "C" fn(*mut ffi::avr_t)) {
+        // Safety: see the invariant of `Core`. The handler replaced is empty for this chip.
+        unsafe { (*self.avr).reset = Some(reset) }
+    }
+
+    /// Calls `notify` with the number of each interrupt that is entered or returned from, and at
+    /// illegal instructions.
+    pub fn hook_interrupts(&self, running: ffi::avr_irq_notify_t, bad_opcode: ffi::avr_irq_notify_t) {
+        // Safety: see the invariant of `Core`; both IRQs exist from avr_init on.
+        unsafe {
+            let entered = &raw mut (*self.avr).interrupts.irq[ffi::AVR_INT_IRQ_RUNNING as usize];
+            ffi::avr_irq_register_notify(entered, running, self.context.get());
+            let bad = (*self.avr).irq.add(ffi::AVR_CORE_BAD_OPCODE as usize);
+            ffi::avr_irq_register_notify(bad, bad_opcode, self.context.get());
+        }
+    }
+
+    /// Calls `trigger` at the moment at which the ADC samples its input.
+    pub fn hook_adc(&self, trigger: ffi::avr_irq_notify_t) {
+        // Safety: see the invariant of `Core`; the ADC has this IRQ.
+        unsafe {
+            let irq = (*self.adc).io.irq.add(ffi::ADC_IRQ_OUT_TRIGGER as usize);
+            ffi::avr_irq_register_notify(irq, trigger, self.context.get());
+        }
+    }
+
+    /// Sets what the ADC's conversion in progress sees, and how many CPU cycles one ADC clock
+    /// takes.
+    pub fn set_adc_input(&self, channel: u8, millivolts: u16, cycles_per_adc_clock: u8) {
+        // Safety: see the invariant of `Core`; the index is masked to the array's 16 entries.
+        unsafe {
+            (*self.adc).adc_values[usize::from(channel & 0xF)] = millivolts;
+            (*self.adc).current_prescale = cycles_per_adc_clock;
+        }
+    }
+
+    /// Reference voltage of the ADC conversion in progress.
+    pub fn adc_reference_millivolts(&self) -> u16 {
+        // Safety: see the invariant of `Core`; the index is masked to the array's 8 entries.
+        let reference = unsafe { (*self.adc).ref_values[usize::from((*self.adc).current_refi & 7)] };
+        // Small values name an external pin, and those are all at 5 V; others are the voltage.
+        if u32::from(reference) < ffi::ADC_VREF_V110 { 5000 } else { reference }
+    }
+
+    /// Calls `notify` when the pin may have changed.
+    pub fn hook_pin(&self, port: usize, bit: u8, notify: ffi::avr_irq_notify_t, parameter: *mut c_void) {
+        assert!(bit < 8);
+        // Safety: see the invariant of `Core`; each port has an IRQ per pin. The caller keeps
+        // `parameter` alive.
+        unsafe { ffi::avr_irq_register_notify((*self.ports[port]).io.irq.add(bit.into()), notify, parameter) }
+    }
+
+    /// Tells a port which pins are driven from outside, and to what levels.
+    pub fn set_external(&self, port: usize, mask: u8, levels: u8) {
+        // Safety: see the invariant of `Core`.
+        unsafe {
+            (*self.ports[port]).external.pull_mask = mask;
+            (*self.ports[port]).external.pull_value = levels;
+        }
+    }
+
+    /// Applies a level from outside to an input pin: PINx, pin change and external interrupts
+    /// follow.
+    pub fn drive_pin(&self, port: usize, bit: u8, level: bool) {
+        assert!(bit < 8);
+        // Safety: see the invariant of `Core`; each port has an IRQ per pin.
+        unsafe { ffi::avr_raise_irq((*self.ports[port]).io.irq.add(bit.into()), level.into()) }
+    }
+
+    /// Calls `notify` with 1 when a time-out of the watchdog ends in its interrupt.
+    pub fn hook_watchdog(&self, notify: ffi::avr_irq_notify_t) {
+        // Safety: see the invariant of `Core`; the vector has this IRQ.
+        unsafe {
+            let irq = &raw mut (*self.watchdog).watchdog.irq[ffi::AVR_INT_IRQ_PENDING as usize];
+            ffi::avr_irq_register_notify(irq, notify, self.context.get());
+        }
+    }
+
+    /// Sets how many CPU cycles the watchdog's next time-out takes. One that runs keeps its date.
+    pub fn set_watchdog_cycles(&self, cycles: u64) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.watchdog).cycle_count = cycles }
+    }
+
+    /// Takes back the watchdog's request for its interrupt. simavr would leave it in its queue, which has room for 63.
+    pub fn withdraw_watchdog(&self) {
+        // Safety: see the invariant of `Core`. The queue is a ring; `read` and `write` stay below its length, and simavr
+        // sets interrupt_state like this after each change of the queue.
+        unsafe {
+            let vector = &raw mut (*self.watchdog).watchdog;
+            (*vector).set_pending(0);
+            let queue = &mut (*self.avr).interrupts.pending;
+            let length = queue.buffer.len() as u16;
+            let mut kept = queue.read;
+            let mut at = queue.read;
+            while at != queue.write {
+                let entry = queue.buffer[usize::from(at)];
+                if entry != vector {
+                    queue.buffer[usize::from(kept)] = entry;
+                    kept = (kept + 1) % length;
+                }
+                at = (at + 1) % length;
+            }
+            queue.write = kept;
+            if (*self.avr).interrupt_state > 0 {
+                (*self.avr).interrupt_state = i8::from(queue.read != queue.write);
+            }
+        }
+    }
+
+    /// Restarts the watchdog's time-out, as WDR does.
+    pub fn restart_watchdog(&self) {
+        // Safety: see the invariant of `Core`; this request takes no parameter.
+        unsafe { ffi::avr_ioctl(self.avr, u32::from_be_bytes(*b"wdtr"), ptr::null_mut()) };
+    }
+
+    /// Cuts simavr's Timer1 from OC1A and OC1B: their edges are modelled elsewhere, and simavr
+    /// would write them into PORTB.
+    pub fn disconnect_timer1(&self) {
+        for (compare, bit) in [(0, 1), (1, 2)] {
+            // Safety: see the invariant of `Core`; both IRQs exist. avr_unconnect_irq does nothing
+            // if they are apart.
+            unsafe {
+                let source = (*self.timer1).io.irq.add(ffi::TIMER_IRQ_OUT_COMP as usize + compare);
+                ffi::avr_unconnect_irq(source, (*self.ports[0]).io.irq.add(bit));
+            }
+        }
+    }
+}
+
+impl Drop for Core {
+    fn drop(&mut self) {
+        // Safety: see the invariant of `Core`; nothing uses the chip after this. The chip itself
+        // came from malloc.
+        unsafe {
+            (*self.avr).custom.data = ptr::null_mut();
+            ffi::avr_terminate(self.avr);
+            free(self.avr.cast());
+        }
+    }
+}
+
+/// Tells the machine of accesses beyond the RAM. simavr has no other way to say so; the rest of what it says is dropped.
+unsafe extern "C" fn log(avr: *mut ffi::avr_t, _level: c_int, format: *const c_char, arguments: *mut c_void) {
+    if avr.is_null() || format.is_null() {
+        return;
+    }
+    // Safety: simavr passes a chip, whose custom.data is null or the context, and a C string.
+    let (context, message) = unsafe { ((*avr).custom.data, CStr::from_ptr(format).to_bytes()) };
+    let Some((_, access)) = WRAPS.iter().find(|(start, _)| message.starts_with(start)) else { return };
+    if context.is_null() {
+        return;
+    }
+    let mut text = [0_u8; LOG_BYTES];
+    // Safety: the buffer has that size, and the arguments are those of the format. The C library ends the text with 0.
+    unsafe { vsnprintf(text.as_mut_ptr().cast(), LOG_BYTES, format, arguments) };
+    let text = String::from_utf8_lossy(&text);
+    let digits = text.split_once(ADDRESS).and_then(|(_, rest)| rest.get(..4));
+    if let Some(address) = digits.and_then(|digits| u16::from_str_radix(digits, 16).ok()) {
+        // Safety: see the invariant of `Core`.
+        unsafe { on_beyond_ram(context, *access, address) };
+    }
+}
+
+/// The peripheral of that kind, and of that name if there are several of the kind; null if there is
+/// none.
+fn find(avr: *mut ffi::avr_t, kind: &CStr, name: char) -> *mut ffi::avr_io_t {
+    // Safety: the chip is initialised, so its list of modules is well formed and ends with null.
+    // Kinds are C strings. Of the kinds asked for by name, each has a struct in which the name can
+    // be read.
+    unsafe {
+        let mut module = (*avr).io_port;
+        while !module.is_null() {
+            if CStr::from_ptr((*module).kind) == kind {
+                let found = match kind.to_bytes() {
+                    b"port" => (*module.cast::<ffi::avr_ioport_t>()).name,
+                    b"uart" => (*module.cast::<ffi::avr_uart_t>()).name,
+                    b"timer" => (*module.cast::<ffi::avr_timer_t>()).name,
+                    _ => 0,
+                };
+                if found as u8 == name as u8 {
+                    return module;
+                }
+            }
+            module = (*module).next;
+        }
+    }
+    ptr::null_mut()
+}

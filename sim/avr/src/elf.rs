@@ -1,0 +1,263 @@
+//! Reads a firmware ELF: what goes to flash and EEPROM, and where the symbols are.
+//!
+//! The AVR tool chains give each memory its own range of addresses: flash from 0, SRAM from
+//! 0x800000, EEPROM from 0x810000, fuses and lock bits above. A segment is loaded at its physical
+//! address, so that initialised data lands in flash behind the text, from where the start-up code
+//! copies it. Fuses and lock bits are not read.
+//!
+//! avr-gcc's linker notes for which device it has linked, in the section `.note.gnu.avr.deviceinfo`.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail, ensure};
+use object::LittleEndian;
+use object::elf::{EM_AVR, FileHeader32, PT_LOAD};
+use object::read::elf::{FileHeader, ProgramHeader, SectionHeader, Sym};
+
+use super::Chip;
+use super::regs::RAMSTART;
+use sim_base::thousands;
+
+const SRAM_OFFSET: u32 = 0x80_0000;
+const EEPROM_OFFSET: u32 = 0x81_0000;
+const EEPROM_END: u32 = 0x82_0000;
+const DEVICE_NOTE: &[u8] = b".note.gnu.avr.deviceinfo";
+const BOARD_SECTION: &[u8] = b".board";
+
+/// The value of a line `key=value`.
+fn value_of<'a>(lines: &'a [u8], key: &str) -> Option<&'a str> {
+    let lines = std::str::from_utf8(lines).ok()?.lines();
+    lines
+        .filter_map(|line| line.trim_matches('\0').split_once('='))
+        .find(|(name, _)| *name == key)
+        .map(|(_, value)| value)
+}
+
+/// A symbol of the firmware. Data addresses are those the program uses, without the tool chain's
+/// 0x800000.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Symbol {
+    /// Byte address in flash, SRAM or EEPROM.
+    pub address: u32,
+    /// Size in bytes, 0 if the ELF does not say.
+    pub size: u32,
+}
+
+/// What an ELF file holds for the chip.
+#[derive(Debug, Default)]
+pub struct Firmware {
+    /// Pieces of flash and their byte addresses.
+    pub flash: Vec<(usize, Vec<u8>)>,
+    /// Pieces of EEPROM and their byte addresses.
+    pub eeprom: Vec<(usize, Vec<u8>)>,
+    /// All named symbols.
+    pub symbols: HashMap<String, Symbol>,
+    /// The device that the linker notes, such as "atmega328p".
+    pub device: Option<String>,
+    /// Bytes of RAM that the variables take.
+    pub statics: u32,
+    /// The section `.board` of programs of this project: lines `key=value`, of which "mcu" names the chip.
+    pub board: Option<Vec<u8>>,
+}
+
+impl Firmware {
+    /// Reads the file.
+    ///
+    /// # Errors
+    /// If the file is missing or is not an AVR executable.
+    pub fn read(path: &Path) -> Result<Firmware> {
+        if !path.exists() {
+            bail!("{} does not exist: run \"make firmware\" first", path.display());
+        }
+        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Firmware::parse(&bytes).with_context(|| format!("{} is not a firmware for an AVR", path.display()))
+    }
+
+    /// Reads the bytes of an ELF file.
+    ///
+    /// # Errors
+    /// As [`Firmware::read`].
+    pub fn parse(bytes: &[u8]) -> Result<Firmware> {
+        let header = FileHeader32::<LittleEndian>::parse(bytes).context("no 32-bit ELF file")?;
+        let endian = header.endian()?;
+        ensure!(header.e_machine(endian) == EM_AVR, "the ELF is for another processor than the AVR");
+        let mut firmware = Firmware::default();
+        for segment in header.program_headers(endian, bytes)? {
+            if segment.p_type(endian) != PT_LOAD {
+                continue;
+            }
+            let start = segment.p_vaddr(endian);
+            if (SRAM_OFFSET..EEPROM_OFFSET).contains(&start) {
+                let end = start.saturating_add(segment.p_memsz(endian)) - SRAM_OFFSET;
+                firmware.statics = firmware.statics.max(end.saturating_sub(RAMSTART.into()));
+            }
+            if segment.p_filesz(endian) == 0 {
+                continue;
+            }
+            let Ok(data) = segment.data(endian, bytes) else {
+                bail!("a segment lies outside the file");
+            };
+            firmware.place(segment.p_paddr(endian), data)?;
+        }
+        ensure!(!firmware.flash.is_empty(), "nothing to load into flash");
+        let sections = header.sections(endian, bytes)?;
+        if let Some((_, note)) = sections.section_by_name(endian, DEVICE_NOTE) {
+            firmware.device = device(note.data(endian, bytes)?);
+        }
+        if let Some((_, section)) = sections.section_by_name(endian, BOARD_SECTION) {
+            firmware.board = Some(section.data(endian, bytes)?.to_vec());
+        }
+        let symbols = sections.symbols(endian, bytes, object::elf::SHT_SYMTAB)?;
+        for symbol in symbols.iter() {
+            let name = symbol.name(endian, symbols.strings()).unwrap_or_default();
+            if !name.is_empty() {
+                let found = Symbol { address: local_address(symbol.st_value(endian)), size: symbol.st_size(endian) };
+                firmware.symbols.insert(String::from_utf8_lossy(name).into_owned(), found);
+            }
+        }
+        Ok(firmware)
+    }
+
+    /// The chip that the program is for, as far as the file says.
+    ///
+    /// # Errors
+    /// If it is for another device than the simulator knows.
+    pub fn chip(&self) -> Result<Option<Chip>> {
+        if let Some(name) = self.board.as_deref().and_then(|lines| value_of(lines, "mcu")) {
+            return name.parse().map(Some).map_err(anyhow::Error::msg).context("its section .board");
+        }
+        let Some(device) = &self.device else { return Ok(None) };
+        let chip = Chip::of_device(device).with_context(|| {
+            let names = Chip::ALL.map(Chip::name).join(" and ");
+            format!("the program is for an {device}; the simulator has {names}, and --mcu chooses one")
+        })?;
+        Ok(Some(chip))
+    }
+
+    /// Checks that the program fits a chip.
+    ///
+    /// # Errors
+    /// If it does not; the message has the numbers, and names a chip that it fits.
+    pub fn check_fits(&self, chip: Chip) -> Result<()> {
+        let end =
+            |pieces: &[(usize, Vec<u8>)]| pieces.iter().map(|(start, bytes)| start + bytes.len()).max().unwrap_or(0);
+        for (what, bytes, memory, capacity) in [
+            ("code and initialised data", end(&self.flash), "flash", Chip::flash_bytes as fn(Chip) -> usize),
+            ("data", end(&self.eeprom), "EEPROM", Chip::eeprom_bytes),
+            ("variables", self.statics as usize, "RAM", Chip::ram_bytes),
+        ] {
+            if bytes <= capacity(chip) {
+                continue;
+            }
+            let larger = Chip::ALL.into_iter().find(|chip| bytes <= capacity(*chip));
+            let advice = larger.map(|larger| format!("; is it for an {larger}? --mcu {}", larger.name()));
+            bail!(
+                "{} bytes of {what} do not fit the {} bytes of {memory} of an {chip}{}",
+                thousands(bytes),
+                thousands(capacity(chip)),
+                advice.unwrap_or_default()
+            );
+        }
+        Ok(())
+    }
+
+    fn place(&mut self, address: u32, data: &[u8]) -> Result<()> {
+        let (memory, start) = match address {
+            0..SRAM_OFFSET => (&mut self.flash, address),
+            EEPROM_OFFSET..EEPROM_END => (&mut self.eeprom, address - EEPROM_OFFSET),
+            SRAM_OFFSET..EEPROM_OFFSET => bail!("initialised data without a place in flash"),
+            _ => return Ok(()),
+        };
+        memory.push((start as usize, data.to_vec()));
+        Ok(())
+    }
+}
+
+/// The device in the note: an ELF note with the name "AVR", the addresses and sizes of three memories, a table of offsets, and texts,
+/// of which the first offset leads to the device's name (binutils, include/elf/avr.h).
+fn device(note: &[u8]) -> Option<String> {
+    const TABLE_BYTES_AT: usize = 40;
+    const TABLE_AT: usize = 44;
+    let word = |at: usize| Some(u32::from_le_bytes(note.get(at..at + 4)?.try_into().ok()?) as usize);
+    let texts = TABLE_BYTES_AT.checked_add(word(TABLE_BYTES_AT)?)?;
+    let text = note.get(texts.checked_add(word(TABLE_AT)?)?..)?;
+    let name = text.split(|byte| *byte == 0).next()?;
+    Some(String::from_utf8_lossy(name).into_owned()).filter(|name| !name.is_empty())
+}
+
+fn local_address(address: u32) -> u32 {
+    match address {
+        EEPROM_OFFSET..EEPROM_END => address - EEPROM_OFFSET,
+        SRAM_OFFSET..EEPROM_OFFSET => address - SRAM_OFFSET,
+        _ => address,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_file_points_to_make_firmware() {
+        let error = Firmware::read(Path::new("/nonexistent/node.elf")).unwrap_err();
+        assert!(error.to_string().contains("make firmware"), "{error}");
+    }
+
+    #[test]
+    fn a_file_that_is_no_elf_is_refused() {
+        assert!(Firmware::parse(b"no ELF at all").is_err());
+    }
+
+    #[test]
+    fn an_elf_for_another_processor_is_refused() {
+        let mut header = vec![0; 52];
+        header[..7].copy_from_slice(b"\x7fELF\x01\x01\x01");
+        header[16] = 2;
+        header[18] = 40;
+        header[20] = 1;
+        let error = Firmware::parse(&header).unwrap_err();
+        assert!(error.to_string().contains("another processor"), "{error:#}");
+    }
+
+    #[track_caller]
+    fn refused(firmware: &Firmware, chip: Chip, expected: &str) {
+        assert_eq!(firmware.check_fits(chip).unwrap_err().to_string(), expected);
+    }
+
+    #[test]
+    fn data_that_exceeds_a_memory_is_refused_with_the_chip_that_it_fits() {
+        let mut firmware = Firmware::default();
+        firmware.place(0, &[0; 0x4000]).unwrap();
+        firmware.place(EEPROM_OFFSET + 511, &[0]).unwrap();
+        assert!(firmware.check_fits(Chip::Atmega168).is_ok());
+        firmware.place(EEPROM_OFFSET + 512, &[0]).unwrap();
+        let text = "513 bytes of data do not fit the 512 bytes of EEPROM of an ATmega168; is it for an ATmega328P? --mcu atmega328p";
+        refused(&firmware, Chip::Atmega168, text);
+        firmware.place(0x4000, &[0]).unwrap();
+        let text = "16,385 bytes of code and initialised data do not fit the 16,384 bytes of flash of an ATmega168; is it for an \
+                    ATmega328P? --mcu atmega328p";
+        refused(&firmware, Chip::Atmega168, text);
+        assert!(firmware.check_fits(Chip::Atmega328p).is_ok());
+        firmware.place(0x8000, &[0]).unwrap();
+        let text = "32,769 bytes of code and initialised data do not fit the 32,768 bytes of flash of an ATmega328P";
+        refused(&firmware, Chip::Atmega328p, text);
+    }
+
+    /// As avr-gcc 14 links it.
+    const NOTE: &[u8] = b"\x04\0\0\0\x2d\0\0\0\x01\0\0\0AVR\0\0\0\0\0\0\x80\0\0\0\x01\0\0\0\x08\0\0\0\0\0\0\0\x04\0\0\
+        \x08\0\0\0\x01\0\0\0\0atmega328p\0\0\0\0";
+
+    #[test]
+    fn the_device_is_read_from_the_linker_s_note() {
+        assert_eq!(device(NOTE).as_deref(), Some("atmega328p"));
+        for end in 0..NOTE.len() {
+            let _ = device(&NOTE[..end]);
+        }
+        let firmware = |device: &str| Firmware { device: Some(device.to_owned()), ..Firmware::default() };
+        assert_eq!(firmware("atmega168p").chip().unwrap(), Some(Chip::Atmega168));
+        assert_eq!(Firmware::default().chip().unwrap(), None);
+        let error = firmware("atmega2560").chip().unwrap_err().to_string();
+        assert!(error.contains("for an atmega2560; the simulator has atmega168 and atmega328p"), "{error}");
+    }
+}

@@ -1,0 +1,260 @@
+//! USART0 in asynchronous mode (datasheet section 20), exact in its timing and in its buffers.
+//!
+//! simavr counts 11 bits for a byte of 8N1, has one transmit buffer where the chip has two, and
+//! never loses a received byte. This model follows the datasheet: a shift register and UDR0 to send
+//! with, a shift register and a FIFO of two to receive with, and data overrun. The far end sends at
+//! exactly the rate the program has set, back to back, as soon as the receiver is on. Not modelled:
+//! synchronous modes, parity and framing errors, nine data bits, the pins.
+
+use std::collections::VecDeque;
+
+use super::core::Vector;
+use super::machine::{Machine, Timer};
+use super::regs::{
+    DOR0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B, UCSR0C, UCSZ02, UDRE0, UDRIE0,
+    UPM0, USBS0,
+};
+use sim_base::Cycles;
+
+/// Received bytes that wait for the program (section 20.7.3: "two level FIFO").
+const RECEIVE_FIFO: usize = 2;
+
+/// A character on one of the two lines, when it begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SerialCharacter {
+    /// On RXD, to the chip; else on TXD.
+    pub to_chip: bool,
+    /// Beginning of the start bit.
+    pub start: Cycles,
+    /// Length of a bit in CPU cycles.
+    pub cycles_per_bit: u64,
+    /// The levels, start bit first, from bit 0 on.
+    pub levels: u16,
+    /// How many levels: 10 for 8N1. 0: a reset has cut the line's character short, and the line is idle from `start` on.
+    pub bits: u8,
+}
+
+/// USART0 and the line on both sides of it.
+#[derive(Debug, Default)]
+pub(super) struct Uart {
+    sending: Option<u8>,
+    send_buffer: Option<u8>,
+    sent: Vec<(Cycles, u8)>,
+    line: VecDeque<u8>,
+    arriving: Option<u8>,
+    /// Complete in the shift register, but the FIFO is full.
+    waiting: Option<u8>,
+    received: VecDeque<u8>,
+    overruns: u32,
+    /// Characters begun, if somebody wants to see them.
+    trace: Option<Vec<SerialCharacter>>,
+}
+
+impl Uart {
+    /// A reset: bytes in the chip are lost, bytes on the line wait for the receiver.
+    pub fn reset(&mut self, machine: &Machine) {
+        if let Some(trace) = self.trace.as_mut().filter(|_| self.sending.is_some()) {
+            let start = machine.now();
+            trace.push(SerialCharacter { to_chip: false, start, cycles_per_bit: 0, levels: 0, bits: 0 });
+        }
+        *self = Uart {
+            trace: self.trace.take(),
+            sent: std::mem::take(&mut self.sent),
+            line: std::mem::take(&mut self.line),
+            overruns: self.overruns,
+            ..Uart::default()
+        };
+        machine.core.set(UCSR0A, UDRE0);
+        machine.core.set(UCSR0B, 0);
+    }
+
+    /// Duration of one character, from start bit to last stop bit.
+    pub fn cycles_per_byte(machine: &Machine) -> u64 {
+        let character = Uart::character(machine, 0);
+        u64::from(character.bits) * character.cycles_per_bit
+    }
+
+    /// A byte as it goes over the line now, in the frame format and at the rate that the program has set.
+    fn character(machine: &Machine, byte: u8) -> SerialCharacter {
+        let core = &machine.core;
+        let (a, b, c) = (core.get(UCSR0A), core.get(UCSR0B), core.get(UCSR0C));
+        let divisor = u64::from(u16::from_le_bytes([core.get(UBRR0L), core.get(UBRR0H) & 0x0F])) + 1;
+        let cycles_per_bit = divisor * if a & U2X0 != 0 { 8 } else { 16 };
+        let data_bits = if b & UCSZ02 != 0 { 9 } else { 5 + ((c >> 1) & 0b11) };
+        let stop_bits = if c & USBS0 != 0 { 2 } else { 1 };
+        let data = u16::from(byte) & ((1 << data_bits) - 1);
+        let (mut levels, mut bits) = (data << 1, 1 + data_bits);
+        if c & UPM0 != 0 {
+            // Both UPM0 bits: odd parity; the upper one alone: even.
+            let odd = u16::from(c & UPM0 == UPM0);
+            levels |= (data.count_ones() as u16 & 1 ^ odd) << bits;
+            bits += 1;
+        }
+        levels |= ((1 << stop_bits) - 1) << bits;
+        SerialCharacter { to_chip: false, start: machine.now(), cycles_per_bit, levels, bits: bits + stop_bits }
+    }
+
+    /// Writes UDR0.
+    pub fn write_data(&mut self, machine: &Machine, value: u8) {
+        if machine.core.get(UCSR0B) & TXEN0 == 0 {
+            return;
+        }
+        if self.sending.is_none() {
+            self.start_sending(machine, value, machine.now());
+        } else if self.send_buffer.is_none() {
+            self.send_buffer = Some(value);
+            machine.core.clear(Vector::UsartDataRegisterEmpty);
+            machine.core.clear_bits(UCSR0A, UDRE0);
+        } else {
+            machine.violation("UDR0 is written while it is full (UDRE0 is 0): the byte is lost");
+        }
+        self.request_levels(machine);
+    }
+
+    /// Reads UDR0.
+    pub fn read_data(&mut self, machine: &Machine) -> u8 {
+        let value = self.received.pop_front().unwrap_or_default();
+        machine.core.clear_bits(UCSR0A, DOR0);
+        self.received.extend(self.waiting.take());
+        if self.received.is_empty() {
+            machine.core.clear(Vector::UsartReceiveComplete);
+            machine.core.clear_bits(UCSR0A, RXC0);
+        }
+        value
+    }
+
+    /// Writes UCSR0A: TXC0 is cleared by a one, the other flags are read-only.
+    pub fn write_status(&mut self, machine: &Machine, value: u8) {
+        let writable = U2X0 | MPCM0;
+        let status = machine.core.get(UCSR0A);
+        machine.core.set(UCSR0A, status & !writable | value & writable);
+        if value & TXC0 != 0 {
+            machine.core.clear(Vector::UsartTransmitComplete);
+            machine.core.clear_bits(UCSR0A, TXC0);
+        }
+    }
+
+    /// Writes UCSR0B: switching a direction off empties its buffers.
+    pub fn write_control(&mut self, machine: &Machine, value: u8) {
+        let core = &machine.core;
+        core.set(UCSR0B, value);
+        if value & RXEN0 == 0 {
+            self.arriving = None;
+            self.waiting = None;
+            self.received.clear();
+            machine.unschedule(Timer::UartReceive);
+            core.clear(Vector::UsartReceiveComplete);
+            core.clear_bits(UCSR0A, RXC0 | DOR0);
+        }
+        // The transmitter finishes what it has (section 20.6.5) and is off afterwards: write_data
+        // checks TXEN0.
+        self.start_receiving(machine, machine.now());
+        self.request_levels(machine);
+    }
+
+    /// The last stop bit was sent.
+    pub fn sent_byte(&mut self, machine: &Machine, at: Cycles) {
+        let core = &machine.core;
+        if let Some(byte) = self.sending.take() {
+            self.sent.push((at, byte));
+        }
+        if let Some(next) = self.send_buffer.take() {
+            self.start_sending(machine, next, at);
+            core.set_bits(UCSR0A, UDRE0);
+        } else {
+            core.raise(Vector::UsartTransmitComplete);
+        }
+        self.request_levels(machine);
+    }
+
+    /// The last stop bit of a byte came in.
+    pub fn received_byte(&mut self, machine: &Machine, at: Cycles) {
+        if let Some(byte) = self.arriving.take() {
+            if self.received.len() < RECEIVE_FIFO {
+                self.received.push_back(byte);
+            } else {
+                self.waiting = Some(byte);
+            }
+            machine.core.set_bits(UCSR0A, RXC0);
+        }
+        self.start_receiving(machine, at);
+        self.request_levels(machine);
+    }
+
+    /// RXC0 and UDRE0 request their interrupts as long as they are set (sections 20.7.3, 20.6.3).
+    pub fn request_levels(&self, machine: &Machine) {
+        let core = &machine.core;
+        let (status, control) = (core.get(UCSR0A), core.get(UCSR0B));
+        if status & RXC0 != 0 && control & RXCIE0 != 0 {
+            core.raise(Vector::UsartReceiveComplete);
+        }
+        if status & UDRE0 != 0 && control & UDRIE0 != 0 {
+            core.raise(Vector::UsartDataRegisterEmpty);
+        }
+    }
+
+    /// Bytes from outside.
+    pub fn send_to_chip(&mut self, machine: &Machine, bytes: &[u8]) {
+        self.line.extend(bytes);
+        self.start_receiving(machine, machine.now());
+    }
+
+    /// Drops the bytes from outside that have not begun to arrive.
+    pub fn discard_to_chip(&mut self) {
+        self.line.clear();
+    }
+
+    /// Bytes sent by the program, each with the end of its last stop bit.
+    pub fn take_sent(&mut self) -> Vec<(Cycles, u8)> {
+        std::mem::take(&mut self.sent)
+    }
+
+    /// Characters that began since the last call, on both lines; from the first call on.
+    pub fn take_trace(&mut self) -> Vec<SerialCharacter> {
+        self.trace.replace(Vec::new()).unwrap_or_default()
+    }
+
+    /// Bytes from outside that have not arrived yet.
+    pub fn unsent_to_chip(&self) -> usize {
+        self.line.len() + usize::from(self.arriving.is_some())
+    }
+
+    /// Bytes that the program read too late.
+    pub fn overruns(&self) -> u32 {
+        self.overruns
+    }
+
+    fn start_sending(&mut self, machine: &Machine, value: u8, at: Cycles) {
+        self.sending = Some(value);
+        let end = self.begin(machine, value, at, false);
+        machine.schedule(Timer::UartSend, end);
+    }
+
+    /// A character begins on a line: returns its end.
+    fn begin(&mut self, machine: &Machine, byte: u8, start: Cycles, to_chip: bool) -> Cycles {
+        let character = SerialCharacter { to_chip, start, ..Uart::character(machine, byte) };
+        if let Some(trace) = &mut self.trace {
+            trace.push(character);
+        }
+        start + u64::from(character.bits) * character.cycles_per_bit
+    }
+
+    fn start_receiving(&mut self, machine: &Machine, at: Cycles) {
+        if self.arriving.is_some() || machine.core.get(UCSR0B) & RXEN0 == 0 {
+            return;
+        }
+        let Some(byte) = self.line.pop_front() else {
+            return;
+        };
+        // > A Data OverRun occurs when the receive buffer is full (two characters), it is a new
+        // > character waiting in the Receive Shift Register, and a new start bit is detected.
+        // > (section 20.11.2)
+        if self.waiting.take().is_some() {
+            machine.core.set_bits(UCSR0A, DOR0);
+            self.overruns += 1;
+        }
+        self.arriving = Some(byte);
+        let end = self.begin(machine, byte, at, true);
+        machine.schedule(Timer::UartReceive, end);
+    }
+}

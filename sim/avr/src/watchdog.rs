@@ -1,0 +1,112 @@
+//! The watchdog's oscillator, and what a program sees of the watchdog without its interrupt (datasheet section 11.8).
+//!
+//! simavr's watchdog counts 125 CPU cycles for each of its own, exactly. The chip's runs on an RC oscillator of "128 kHz"
+//! that has nothing to do with the crystal: here each chip's is off by up to 10 %, and no time-out is quite as long as the one
+//! before. Both follow from the chip's seed, so that a run can be repeated, and two chips with different seeds differ. The
+//! datasheet gives no figure for the jitter; 0.01 % of a time-out of 16 ms is less than what the generators of random
+//! numbers live on that are built on it.
+//!
+//! simavr also never clears WDIF for a program that writes a one to it.
+
+use super::core::Core;
+use super::regs::{WDE, WDIE, WDIF, WDP, WDTCSR};
+use sim_base::Cycles;
+use sim_base::Noise;
+
+/// > 2K (2048) cycles (table 11-2), of 125 CPU cycles each.
+const SHORTEST_TIME_OUT: Cycles = 2048 * 125;
+/// How far a chip's frequency is off.
+const TOLERANCE_PER_MILLION: u64 = 100_000;
+/// How far the shortest time-out is off its mean. It grows with the square root of the time, as a random walk does.
+const JITTER_CYCLES: u64 = 25;
+
+/// The oscillator of one chip.
+#[derive(Debug)]
+pub(super) struct Watchdog {
+    noise: Noise,
+    per_million: u64,
+}
+
+impl Watchdog {
+    /// The oscillator of the chip with that seed.
+    pub fn new(seed: u64) -> Watchdog {
+        let mut noise = Noise::new(seed);
+        let per_million = 1_000_000 - TOLERANCE_PER_MILLION + noise.below(2 * TOLERANCE_PER_MILLION + 1);
+        Watchdog { noise, per_million }
+    }
+
+    /// CPU cycles of the next time-out, with that in WDTCSR.
+    fn time_out(&mut self, control: u8) -> Cycles {
+        let prescaler = control & 0b111 | (control & 1 << 5) >> 2;
+        let jitter = JITTER_CYCLES << (prescaler / 2);
+        let mean = (SHORTEST_TIME_OUT << prescaler) * self.per_million / 1_000_000;
+        mean - jitter + self.noise.below(2 * jitter + 1)
+    }
+
+    /// The program has written `value` to WDTCSR, where `before` had been, and simavr has done its part.
+    pub fn written(&mut self, core: &Core, before: u8, value: u8) {
+        let mut after = core.get(WDTCSR);
+        // > WDIF is cleared by writing a logic one to the flag. (section 11.9.2)
+        after = after & !WDIF | before & !value & WDIF;
+        core.set(WDTCSR, after);
+        if before & value & WDIF != 0 {
+            core.withdraw_watchdog();
+        }
+        let enabled = after & (WDE | WDIE) != 0;
+        core.set_watchdog_cycles(self.time_out(after));
+        // simavr lets a running watchdog end at its old date when the time-out changes. Here it starts over, as it does for
+        // programs that heed the datasheet and reset it before.
+        if enabled && (before & (WDE | WDIE) == 0 || (before ^ after) & WDP != 0) {
+            core.restart_watchdog();
+        }
+    }
+
+    /// A time-out has ended, and the next begins.
+    pub fn timed_out(&mut self, core: &Core) {
+        core.set_watchdog_cycles(self.time_out(core.get(WDTCSR)));
+    }
+
+    /// The chip was reset; after a reset by the watchdog it runs on.
+    pub fn reset(&mut self, core: &Core) {
+        self.timed_out(core);
+        if core.get(WDTCSR) & WDE != 0 {
+            core.restart_watchdog();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn time_outs(seed: u64) -> Vec<Cycles> {
+        let mut watchdog = Watchdog::new(seed);
+        (0..100).map(|_| watchdog.time_out(0)).collect()
+    }
+
+    #[test]
+    fn a_chip_s_time_outs_are_within_a_tenth_of_16_ms_and_close_to_each_other() {
+        for seed in 0..200 {
+            let time_outs = time_outs(seed);
+            let (min, max) = (time_outs.iter().min().unwrap(), time_outs.iter().max().unwrap());
+            assert!((230_000..=282_000).contains(min) && max - min <= 2 * JITTER_CYCLES, "{seed}: {min} to {max}");
+            assert!(max - min > JITTER_CYCLES, "no jitter");
+        }
+    }
+
+    #[test]
+    fn chips_differ_and_each_can_be_repeated() {
+        assert_eq!(time_outs(7), time_outs(7));
+        assert_ne!(time_outs(7), time_outs(8));
+    }
+
+    #[test]
+    fn the_prescaler_doubles_the_time_out() {
+        let mut watchdog = Watchdog::new(1);
+        let mean = watchdog.time_out(0) as f64;
+        for (control, factor) in [(0b001, 2.0), (0b100, 16.0), (0b10_0000, 256.0), (0b10_0001, 512.0)] {
+            let time_out = watchdog.time_out(control | WDE) as f64;
+            assert!((time_out / mean / factor - 1.0).abs() < 0.001, "{control:#b}");
+        }
+    }
+}

@@ -1,0 +1,441 @@
+//! The node's board: an Arduino wired to an MCP2515 with its own crystal, a servo, an LM35, a light and a button.
+//!
+//! [`Wiring`] says which Arduino, which pins and which crystal. The pins that the default board has:
+//!
+//! | Signal      | Arduino  | chip         | Here                                               |
+//! | ----------- | -------- | ------------ | -------------------------------------------------- |
+//! | CS          | D9       | PB1          | with a pull-up: high while the AVR is in reset     |
+//! | INT         | D2       | PD2 (INT0)   | follows the chip's pin; high while it has no power |
+//! | SPI         | D11..D13 | PB3..PB5     | modes 0 and 3 only; SCK is at most 8 MHz of its 10 |
+//! | servo       | D10      | PB2 (OC1B)   | pulses measured to the cycle                       |
+//! | temperature | A0       | PC0 (ADC0)   | LM35: 10 mV per degree, nothing below 0 °C         |
+//! | light       | D3       | PD3 (OC2B)   |                                                    |
+//! | button      | D4       | PD4          | closes to ground                                   |
+//! | serial      | D0, D1   | PD0, PD1     | through [`Avr`]                                    |
+//!
+//! The MCP2515's RESET pin is not wired: a reset of the AVR leaves the chip as it is. At power-on
+//! both begin at once; a real AVR with the Diecimila's fuses begins some 65 ms later, so firmware
+//! that is right here has more time there.
+
+use std::cell::{Cell, RefCell};
+use std::path::Path;
+use std::rc::Rc;
+
+use anyhow::{Context, Result};
+
+use crate::Cycles;
+use crate::avr::{Avr, Firmware, InputPin, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte, State};
+use crate::mcp2515::Mcp2515;
+use crate::wiring::{Pin, Wiring};
+use sim_base::Noise;
+
+/// LM35 datasheet: 10 mV per degree Celsius.
+const LM35_UV_PER_DEGREE: f64 = 10_000.0;
+/// D3 is the output OC2B of Timer2, which can dim a light.
+const OC2B: (char, u8) = ('D', 3);
+
+/// A mistake of the firmware, found anywhere on the board.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Violation {
+    /// When.
+    pub at: Cycles,
+    /// Who found it: `AVR`, `MCP2515` or `board`.
+    pub source: &'static str,
+    /// What.
+    pub text: String,
+}
+
+/// What a probe on the board's wires sees, with the time at which it begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WireEvent {
+    /// New level of CS.
+    Cs(bool),
+    /// New level of INT, when the AVR sees it.
+    Int(bool),
+    /// New level of the servo's signal.
+    Servo(bool),
+    /// A byte on the SPI, as it is at the MCP2515, and what that answered.
+    Spi {
+        /// To the MCP2515.
+        byte: SpiByte,
+        /// From the MCP2515.
+        miso: u8,
+    },
+    /// A character on TXD or RXD.
+    Serial(SerialCharacter),
+}
+
+/// The wires between the two chips.
+struct Wires {
+    chip: Rc<RefCell<Mcp2515>>,
+    int_input: InputPin,
+    int_level: Cell<bool>,
+    selected: Cell<bool>,
+    /// What MISO reads while the chip has no power; none while it has.
+    dead_miso: Cell<Option<u8>>,
+    /// What MISO reads while it is shorted.
+    stuck_miso: Cell<Option<u8>>,
+    /// The level of INT while it is shorted.
+    stuck_int: Cell<Option<bool>>,
+    noise_per_million: Cell<u32>,
+    noise: RefCell<Noise>,
+    violations: RefCell<Vec<Violation>>,
+    /// What has passed, if there is a probe.
+    probe: RefCell<Option<Vec<(Cycles, WireEvent)>>>,
+}
+
+/// One node.
+pub struct Board {
+    wiring: Wiring,
+    avr: Avr,
+    /// The output of Timer1 to which the servo is wired.
+    servo_output: Oc,
+    sensor_channel: u8,
+    wires: Rc<Wires>,
+    servo: PulseMeter,
+    servo_pulses: Vec<Pulse>,
+    servo_level: bool,
+}
+
+impl Board {
+    /// A board with the firmware of an ELF file, powered on at time 0.
+    ///
+    /// # Errors
+    /// If the file is missing, or is no program for a board that the simulator knows.
+    pub fn load(elf: &Path) -> Result<Board> {
+        let firmware = Firmware::read(elf)?;
+        let wiring = Wiring::of_program(&firmware).with_context(|| elf.display().to_string())?;
+        Board::programmed(&wiring, &firmware).with_context(|| elf.display().to_string())
+    }
+
+    /// A board with the firmware of an ELF file, wired as the caller says.
+    ///
+    /// # Errors
+    /// As [`Board::load`], and if the wiring is impossible.
+    pub fn load_as(elf: &Path, wiring: &Wiring) -> Result<Board> {
+        Board::programmed(wiring, &Firmware::read(elf)?).with_context(|| elf.display().to_string())
+    }
+
+    /// The same with a firmware that has been read already.
+    ///
+    /// # Errors
+    /// If the firmware does not fit the chip, or the wiring is impossible.
+    pub fn programmed(wiring: &Wiring, firmware: &Firmware) -> Result<Board> {
+        Board::wired(Avr::programmed(wiring.chip, firmware)?, wiring)
+    }
+
+    /// A board around a chip, wired as the chip's program says, or as the default.
+    ///
+    /// # Panics
+    /// If the wiring is impossible.
+    pub fn new(avr: Avr) -> Board {
+        let wiring = avr.board_section().map_or_else(|| Ok(Wiring::default()), Wiring::parse);
+        wiring.and_then(|wiring| Board::wired(avr, &wiring)).unwrap_or_else(|error| panic!("{error:#}"))
+    }
+
+    /// A board around a chip, wired as the caller says.
+    ///
+    /// # Errors
+    /// If the wiring is impossible.
+    pub fn wired(mut avr: Avr, wiring: &Wiring) -> Result<Board> {
+        wiring.check()?;
+        let servo_output = wiring.servo.timer1_output().context("the servo needs an output of Timer1")?;
+        let sensor_channel = wiring.sensor.adc_channel().context("the sensor needs an input of the ADC")?;
+        let wiring = Wiring { chip: avr.chip(), ..wiring.clone() };
+        let chip = Rc::new(RefCell::new(Mcp2515::new(wiring.crystal_hz())));
+        let wires = Rc::new(Wires {
+            chip,
+            int_input: avr.input_pin(wiring.int.port(), wiring.int.bit()),
+            int_level: Cell::new(true),
+            selected: Cell::new(false),
+            dead_miso: Cell::new(None),
+            stuck_miso: Cell::new(None),
+            stuck_int: Cell::new(None),
+            noise_per_million: Cell::new(0),
+            noise: RefCell::new(Noise::new(0)),
+            violations: RefCell::default(),
+            probe: RefCell::default(),
+        });
+        wires.int_input.drive(true);
+        avr.drive_pin(wiring.cs.port(), wiring.cs.bit(), true);
+        let cs = Rc::clone(&wires);
+        avr.watch_pin(wiring.cs.port(), wiring.cs.bit(), Box::new(move |level, at| cs.chip_select(level, at)));
+        let spi = Rc::clone(&wires);
+        avr.connect_spi(Box::new(move |byte| spi.exchange(byte)));
+        let mut board = Board {
+            wiring,
+            avr,
+            servo_output,
+            sensor_channel,
+            wires,
+            servo: PulseMeter::new(),
+            servo_pulses: Vec::new(),
+            servo_level: false,
+        };
+        board.set_temperature_c(20.0);
+        Ok(board)
+    }
+
+    /// How it is wired.
+    pub fn wiring(&self) -> &Wiring {
+        &self.wiring
+    }
+
+    /// The level of a pin.
+    pub fn pin(&self, pin: Pin) -> bool {
+        self.avr.pin(pin.port(), pin.bit())
+    }
+
+    /// The microcontroller.
+    pub fn avr(&self) -> &Avr {
+        &self.avr
+    }
+
+    /// The microcontroller, to drive its pins and serial port.
+    pub fn avr_mut(&mut self) -> &mut Avr {
+        &mut self.avr
+    }
+
+    /// The CAN controller. Do not hold a borrow of it while the board runs.
+    pub fn chip(&self) -> Rc<RefCell<Mcp2515>> {
+        Rc::clone(&self.wires.chip)
+    }
+
+    /// The board's time.
+    pub fn now(&self) -> Cycles {
+        self.avr.now()
+    }
+
+    /// Runs the firmware until `t`.
+    pub fn run_until(&mut self, t: Cycles) -> State {
+        self.avr.run_until(t)
+    }
+
+    /// Lets the AVR see the chip's INT pin. To be called after the bus has moved.
+    pub fn update_int(&self) {
+        self.wires.update_int(self.now());
+    }
+
+    /// Resets the AVR; a power-on restarts the MCP2515 too.
+    pub fn reset(&mut self, cause: ResetCause) {
+        let now = self.avr.now();
+        self.avr.reset(cause);
+        if cause == ResetCause::PowerOn && self.wires.dead_miso.get().is_none() {
+            self.chip_reset_at(now);
+        }
+    }
+
+    /// Pulses the MCP2515's RESET pin, behind the firmware's back.
+    pub fn chip_reset(&mut self) {
+        self.chip_reset_at(self.avr.now());
+    }
+
+    /// Dips the MCP2515's supply: its registers hold garbage, and it goes on with that.
+    pub fn chip_brown_out(&mut self, seed: u64) {
+        self.upset(|chip, at| chip.brown_out(seed, at));
+    }
+
+    /// Flips bits of a register of the MCP2515.
+    pub fn chip_flip_bits(&mut self, address: u8, mask: u8) {
+        self.upset(|chip, at| chip.flip_bits(address, mask, at));
+    }
+
+    /// Sends the MCP2515 to sleep.
+    pub fn chip_fall_asleep(&mut self) {
+        self.upset(Mcp2515::fall_asleep);
+    }
+
+    /// Keeps the MCP2515 in configuration mode, or no longer.
+    pub fn chip_hold_in_configuration(&mut self, held: bool) {
+        self.upset(|chip, _| chip.hold_in_configuration(held));
+    }
+
+    fn upset(&mut self, happen: impl FnOnce(&mut Mcp2515, Cycles)) {
+        happen(&mut self.wires.chip.borrow_mut(), self.avr.now());
+        self.update_int();
+    }
+
+    /// Takes the MCP2515's power: it says nothing on the bus, INT is high, and MISO reads `miso`
+    /// (0x00 or 0xFF).
+    pub fn chip_power_off(&mut self, miso: u8) {
+        self.chip_reset();
+        self.wires.dead_miso.set(Some(miso));
+        self.update_int();
+    }
+
+    /// Gives the MCP2515 its power back.
+    pub fn chip_power_on(&mut self) {
+        self.wires.dead_miso.set(None);
+        self.chip_reset();
+        if self.wires.selected.get() {
+            self.wires.chip.borrow_mut().select(self.avr.now());
+        }
+    }
+
+    /// Shorts MISO, so that the AVR reads this byte (0x00 or 0xFF) whatever the chip answers; `None` ends it.
+    pub fn set_stuck_miso(&mut self, miso: Option<u8>) {
+        self.wires.stuck_miso.set(miso);
+    }
+
+    /// Shorts INT to this level, as the AVR sees it; `None` ends it.
+    pub fn set_stuck_int(&mut self, level: Option<bool>) {
+        self.wires.stuck_int.set(level);
+        self.update_int();
+    }
+
+    /// Flips each bit on MOSI and on MISO with this probability.
+    pub fn set_spi_noise(&mut self, per_million: u32, seed: u64) {
+        self.wires.noise_per_million.set(per_million);
+        self.wires.noise.replace(Noise::new(seed));
+    }
+
+    /// Sets the temperature at the sensor.
+    pub fn set_temperature_c(&mut self, celsius: f64) {
+        let microvolts = (celsius.max(0.0) * LM35_UV_PER_DEGREE).round();
+        self.avr.set_analog_uv(self.sensor_channel, microvolts as u32);
+    }
+
+    /// Sets the voltage at the sensor's pin: a sensor that is broken, or another one.
+    pub fn set_sensor_millivolts(&mut self, millivolts: u32) {
+        self.avr.set_analog(self.sensor_channel, millivolts);
+    }
+
+    /// Adds noise of up to plus or minus so many millivolts at the sensor's pin; 0 ends it. Equal seeds give equal noise.
+    pub fn set_sensor_noise_millivolts(&mut self, amplitude: u32, seed: u64) {
+        self.avr.set_analog_noise_uv(amplitude * 1000, seed);
+    }
+
+    /// Presses or releases the button, if the board has one.
+    pub fn press_button(&mut self, pressed: bool) {
+        let Some(pin) = self.wiring.button else { return };
+        if pressed {
+            self.avr.drive_pin(pin.port(), pin.bit(), false);
+        } else {
+            self.avr.release_pin(pin.port(), pin.bit());
+        }
+    }
+
+    /// Servo pulses that ended since the last call.
+    pub fn take_servo_pulses(&mut self) -> Vec<Pulse> {
+        self.look_at_servo();
+        std::mem::take(&mut self.servo_pulses)
+    }
+
+    /// Puts a probe on the wires and returns their levels now, as events at this time.
+    pub fn attach_probe(&mut self) -> Vec<(Cycles, WireEvent)> {
+        self.look_at_servo();
+        self.avr.serial_trace();
+        self.wires.probe.replace(Some(Vec::new()));
+        let levels = [
+            WireEvent::Cs(!self.wires.selected.get()),
+            WireEvent::Int(self.wires.int_level.get()),
+            WireEvent::Servo(self.servo_level),
+        ];
+        levels.map(|level| (self.now(), level)).into()
+    }
+
+    /// What the probe has seen since the last call: each wire in order, one wire after the other. A byte on the SPI is
+    /// seen when it is over, so it may have begun before the call before this one, by 1024 cycles at most.
+    pub fn take_wire_events(&mut self) -> Vec<(Cycles, WireEvent)> {
+        self.look_at_servo();
+        let serial = self.avr.serial_trace();
+        let mut events = self.wires.probe.borrow_mut().as_mut().map(std::mem::take).unwrap_or_default();
+        events.extend(serial.into_iter().map(|character| (character.start, WireEvent::Serial(character))));
+        events
+    }
+
+    fn look_at_servo(&mut self) {
+        let edges = self.avr.take_edges(self.servo_output);
+        for &(at, level) in &edges {
+            self.servo_level = level;
+            self.wires.note(at, WireEvent::Servo(level));
+        }
+        self.servo_pulses.extend(self.servo.feed(edges));
+    }
+
+    /// Brightness of the light, 0 to 1; 0 if the board has none.
+    pub fn light(&self) -> f64 {
+        let Some(pin) = self.wiring.light else { return 0.0 };
+        let duty = self.avr.oc2b_duty().filter(|_| (pin.port(), pin.bit()) == OC2B);
+        duty.unwrap_or(if self.pin(pin) { 1.0 } else { 0.0 })
+    }
+
+    /// The firmware's mistakes since the last call, in the order of their times.
+    pub fn take_violations(&mut self) -> Vec<Violation> {
+        let mut all = self.wires.violations.take();
+        let avr = self.avr.take_violations().into_iter();
+        all.extend(avr.map(|violation| Violation { at: violation.at, source: "AVR", text: violation.text }));
+        let chip = self.wires.chip.borrow_mut().take_violations().into_iter();
+        all.extend(chip.map(|violation| Violation { at: violation.at, source: "MCP2515", text: violation.text }));
+        all.sort_by_key(|violation| violation.at);
+        all
+    }
+
+    fn chip_reset_at(&self, at: Cycles) {
+        self.wires.chip.borrow_mut().hardware_reset(at);
+        self.wires.update_int(at);
+    }
+}
+
+impl Wires {
+    fn note(&self, at: Cycles, event: WireEvent) {
+        if let Some(probe) = self.probe.borrow_mut().as_mut() {
+            probe.push((at, event));
+        }
+    }
+
+    fn update_int(&self, at: Cycles) {
+        let level = self.dead_miso.get().is_some() || self.chip.borrow().int_pin();
+        let level = self.stuck_int.get().unwrap_or(level);
+        if self.int_level.replace(level) != level {
+            self.note(at, WireEvent::Int(level));
+            self.int_input.drive(level);
+        }
+    }
+
+    fn chip_select(&self, level: bool, at: Cycles) {
+        self.selected.set(!level);
+        self.note(at, WireEvent::Cs(level));
+        if self.dead_miso.get().is_none() {
+            let mut chip = self.chip.borrow_mut();
+            if level {
+                chip.deselect(at)
+            } else {
+                chip.select(at)
+            }
+            drop(chip);
+            self.update_int(at);
+        }
+    }
+
+    fn exchange(&self, byte: &SpiByte) -> u8 {
+        let byte = SpiByte { mosi: self.disturb(byte.mosi), ..*byte };
+        let miso = self.answer(&byte);
+        self.note(byte.start, WireEvent::Spi { byte, miso });
+        miso
+    }
+
+    /// What comes back for a byte.
+    fn answer(&self, byte: &SpiByte) -> u8 {
+        if let Some(miso) = self.dead_miso.get() {
+            return miso;
+        }
+        if !matches!(byte.mode, 0 | 3) {
+            let text = format!("SPI mode {}: the MCP2515 takes 0 and 3 only", byte.mode);
+            self.violations.borrow_mut().push(Violation { at: byte.end, source: "board", text });
+            return 0xFF;
+        }
+        let miso = self.chip.borrow_mut().exchange(byte.mosi, byte.end);
+        self.update_int(byte.end);
+        self.disturb(self.stuck_miso.get().unwrap_or(miso))
+    }
+
+    fn disturb(&self, byte: u8) -> u8 {
+        let per_million = self.noise_per_million.get();
+        if per_million == 0 {
+            return byte;
+        }
+        let mut noise = self.noise.borrow_mut();
+        (0..8).fold(byte, |byte, bit| if noise.chance(per_million) { byte ^ 1 << bit } else { byte })
+    }
+}

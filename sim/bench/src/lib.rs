@@ -1,0 +1,21 @@
+//! Simulated boards on a simulated CAN bus, for tests of firmware: no screen, no network.
+//!
+//! [`Bench`] runs [boards](board) and other stations on one bus. A board is an AVR, an MCP2515 and what is wired to them
+//! ([`wiring`]); [`autopilot`] commands it as ArduPilot and PX4 do.
+
+#![forbid(unsafe_code)]
+
+mod bench;
+
+pub mod autopilot;
+pub mod board;
+pub mod budget;
+pub mod firmware;
+pub mod wiring;
+
+/// The models below, and the DroneCAN of the stations around the board.
+pub use {avr_model as avr, can_model as can, dronecan_host as dronecan, mcp2515_model as mcp2515};
+
+pub use bench::Bench;
+pub use firmware::{chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf, root, target_dir};
+pub use sim_base::{Cycles, F_CPU_HZ, Noise, elapsed, thousands};

@@ -1,0 +1,455 @@
+//! How a board is wired: its chip, the pins of the CAN board and of what else is on it, and the crystal of the MCP2515.
+//!
+//! An ELF of this project has a section `.board`, which is not loaded, with lines `key=value`. Anybody else's program is wired as the
+//! command line says. The names of boards and CAN boards are those of `avr-specs/boards.toml`.
+
+use crate::avr::{Chip, Firmware, Oc};
+use anyhow::{Context, Result, bail, ensure};
+use std::fmt;
+use std::str::FromStr;
+use std::sync::LazyLock;
+use toml::{Table, Value};
+
+const TABLE: &str = include_str!("../../../avr-specs/boards.toml");
+
+/// Bit rates that a node can have, the highest first.
+pub const BIT_RATES: [u32; 4] = [1_000_000, 500_000, 250_000, 125_000];
+/// Clocks that an MCP2515 can have, in MHz (DS20001801J section 13).
+const CRYSTALS_MHZ: std::ops::RangeInclusive<u32> = 1..=40;
+/// Oscillator periods of the shortest bit: 5 time quanta of 2 periods (DS20001801J sections 5.1 and 5.2).
+const SHORTEST_BIT_PERIODS: u32 = 10;
+/// Pins of the serial port and of the SPI, and what they are.
+const TAKEN: [(&str, &str); 5] =
+    [("D0", "the serial port"), ("D1", "the serial port"), ("D11", "MOSI"), ("D12", "MISO"), ("D13", "SCK")];
+
+/// A pin of the Arduino: D0 to D13 or A0 to A5.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pin {
+    port: char,
+    bit: u8,
+}
+
+impl Pin {
+    /// Letter of the chip's port.
+    pub fn port(self) -> char {
+        self.port
+    }
+
+    /// Bit in the port.
+    pub fn bit(self) -> u8 {
+        self.bit
+    }
+
+    /// The output of Timer1 on this pin.
+    pub fn timer1_output(self) -> Option<Oc> {
+        match (self.port, self.bit) {
+            ('B', 1) => Some(Oc::A),
+            ('B', 2) => Some(Oc::B),
+            _ => None,
+        }
+    }
+
+    /// The ADC's channel on this pin.
+    pub fn adc_channel(self) -> Option<u8> {
+        (self.port == 'C').then_some(self.bit)
+    }
+}
+
+impl FromStr for Pin {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Pin, String> {
+        let number = || text.get(1..).filter(|digits| !digits.starts_with('+'))?.parse::<u8>().ok();
+        match (text.chars().next(), number()) {
+            (Some('D'), Some(number @ 0..=7)) => Ok(Pin { port: 'D', bit: number }),
+            (Some('D'), Some(number @ 8..=13)) => Ok(Pin { port: 'B', bit: number - 8 }),
+            (Some('A'), Some(number @ 0..=5)) => Ok(Pin { port: 'C', bit: number }),
+            _ => Err(format!("there is no pin \"{text}\": use D0 to D13 or A0 to A5")),
+        }
+    }
+}
+
+impl fmt::Display for Pin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.port {
+            'D' => write!(f, "D{}", self.bit),
+            'B' => write!(f, "D{}", self.bit + 8),
+            _ => write!(f, "A{}", self.bit),
+        }
+    }
+}
+
+/// See the module.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wiring {
+    /// Name in the table, such as "uno".
+    pub board: String,
+    /// Name in the table, such as "module".
+    pub shield: String,
+    pub chip: Chip,
+    /// Chip select of the MCP2515.
+    pub cs: Pin,
+    /// Interrupt output of the MCP2515.
+    pub int: Pin,
+    /// Crystal of the MCP2515.
+    pub crystal_mhz: u32,
+    pub servo: Pin,
+    pub light: Option<Pin>,
+    pub button: Option<Pin>,
+    pub sensor: Pin,
+}
+
+/// The table's default board with the default CAN board.
+impl Default for Wiring {
+    fn default() -> Wiring {
+        let name = |key: &str| text(&table()[key], key);
+        Wiring::of(&name("default_board"), &name("default_shield")).expect("the table has its defaults")
+    }
+}
+
+impl Wiring {
+    /// The wiring of a board with a CAN board.
+    ///
+    /// # Errors
+    /// If the table has not both; the message lists the right names.
+    pub fn of(board: &str, shield: &str) -> Result<Wiring> {
+        let chip = text(field(entry("boards", board)?, "chip"), "chip");
+        let pins = &table()["pins"];
+        let pin = |key: &str| text(field(pins, key), key).parse::<Pin>().map_err(anyhow::Error::msg);
+        let mut wiring = Wiring {
+            board: board.to_owned(),
+            shield: String::new(),
+            chip: chip.parse().map_err(anyhow::Error::msg)?,
+            // The CAN board has the last word about these four.
+            cs: pin("button")?,
+            int: pin("button")?,
+            crystal_mhz: 0,
+            servo: pin("button")?,
+            light: Some(pin("light")?),
+            button: Some(pin("button")?),
+            sensor: pin("sensor")?,
+        };
+        wiring.set_shield(shield)?;
+        Ok(wiring)
+    }
+
+    /// The wiring that a program is for: what its section `.board` says, else the default with the chip that the program is for.
+    ///
+    /// # Errors
+    /// If the section is wrong, or the simulator does not know the chip.
+    pub fn of_program(firmware: &Firmware) -> Result<Wiring> {
+        let mut wiring = firmware.board.as_deref().map_or_else(|| Ok(Wiring::default()), Wiring::parse)?;
+        wiring.chip = firmware.chip()?.unwrap_or(wiring.chip);
+        Ok(wiring)
+    }
+
+    /// Reads the section `.board` of an ELF file.
+    ///
+    /// # Errors
+    /// If a value is missing or wrong; the message says which.
+    pub fn parse(section: &[u8]) -> Result<Wiring> {
+        let section = std::str::from_utf8(section).context("the section .board is not text")?;
+        let value = |key: &str| {
+            let lines = section.lines().filter_map(|line| line.trim_matches('\0').split_once('='));
+            lines.filter(|(name, _)| *name == key).map(|(_, value)| value).find(|value| !value.is_empty())
+        };
+        let needed = |key: &str| value(key).with_context(|| format!("the section .board has no {key}"));
+        let wrong = |key: &str, error: String| anyhow::Error::msg(format!("the section .board: {key}: {error}"));
+        let pin = |key: &str, text: &str| text.parse::<Pin>().map_err(|error| wrong(key, error));
+        let optional = |key: &str| value(key).map(|text| pin(key, text)).transpose();
+        let wiring = Wiring {
+            board: needed("board")?.to_owned(),
+            shield: needed("shield")?.to_owned(),
+            chip: needed("mcu")?.parse().map_err(|error| wrong("mcu", error))?,
+            cs: pin("cs", needed("cs")?)?,
+            int: pin("int", needed("int")?)?,
+            crystal_mhz: crystal_mhz(needed("crystal_mhz")?).map_err(|error| wrong("crystal_mhz", error))?,
+            servo: pin("servo", needed("servo")?)?,
+            light: optional("light")?,
+            button: optional("button")?,
+            sensor: pin("sensor", needed("sensor")?)?,
+        };
+        wiring.check().context("the section .board")?;
+        Ok(wiring)
+    }
+
+    /// Checks that each signal has a pin that can carry it, and no two have the same.
+    ///
+    /// # Errors
+    /// If not; the message says which signal.
+    pub fn check(&self) -> Result<()> {
+        ensure!(
+            self.servo.timer1_output().is_some(),
+            "the servo is on {}: only D9 and D10 are outputs of Timer1",
+            self.servo
+        );
+        ensure!(self.sensor.adc_channel().is_some(), "the sensor is on {}: use A0 to A5", self.sensor);
+        let taken = TAKEN.map(|(pin, signal)| (pin.parse::<Pin>().expect("a pin"), signal));
+        let optional = [(self.light, "the light"), (self.button, "the button")];
+        let signals = [(self.cs, "CS"), (self.int, "INT"), (self.servo, "the servo"), (self.sensor, "the sensor")];
+        let optional = optional.into_iter().filter_map(|(pin, signal)| Some((pin?, signal)));
+        let mut seen: Vec<(Pin, &str)> = taken.into();
+        for (pin, signal) in signals.into_iter().chain(optional) {
+            if let Some((_, other)) = seen.iter().find(|(other, _)| *other == pin) {
+                bail!("{signal} is on {pin}, which is {other}'s");
+            }
+            seen.push((pin, signal));
+        }
+        Ok(())
+    }
+
+    /// Takes another board.
+    ///
+    /// # Errors
+    /// If the table has none of that name; the message lists the right names.
+    pub fn set_board(&mut self, name: &str) -> Result<()> {
+        let other = Wiring::of(name, &text(&table()["default_shield"], "default_shield"))?;
+        (self.board, self.chip) = (other.board, other.chip);
+        Ok(())
+    }
+
+    /// Takes another CAN board, and gives the other signals pins that it leaves free.
+    ///
+    /// # Errors
+    /// If the table has none of that name; the message lists the right names.
+    pub fn set_shield(&mut self, name: &str) -> Result<()> {
+        let shield = entry("shields", name)?;
+        let pin = |key: &str| text(field(shield, key), key).parse().map_err(anyhow::Error::msg);
+        self.shield = name.to_owned();
+        self.crystal_mhz = integer(shield, "crystal_mhz");
+        self.set_cs(pin("cs")?);
+        self.set_int(pin("int")?);
+        Ok(())
+    }
+
+    /// Puts CS on another pin, and what was there elsewhere: the servo on the first output of Timer1 that is free.
+    pub fn set_cs(&mut self, cs: Pin) {
+        self.cs = cs;
+        let outputs = field(&table()["pins"], "servo").as_array().into_iter().flatten();
+        let mut outputs = outputs.filter_map(|pin| pin.as_str()?.parse().ok());
+        self.servo = outputs.find(|pin| *pin != cs).unwrap_or(self.servo);
+        self.free(cs);
+    }
+
+    /// Puts INT on another pin, from which it drives a light or a button away.
+    pub fn set_int(&mut self, int: Pin) {
+        self.int = int;
+        self.free(int);
+    }
+
+    fn free(&mut self, pin: Pin) {
+        self.light = self.light.filter(|light| *light != pin);
+        self.button = self.button.filter(|button| *button != pin);
+    }
+
+    /// Frequency of the MCP2515's crystal.
+    pub fn crystal_hz(&self) -> u32 {
+        self.crystal_mhz * 1_000_000
+    }
+
+    /// The highest of the usual bit rates that the MCP2515 can do with its crystal, which is the default of a node.
+    pub fn fastest_bit_rate(&self) -> u32 {
+        let can = |rate: &u32| rate * SHORTEST_BIT_PERIODS <= self.crystal_hz();
+        let [.., slowest] = BIT_RATES;
+        BIT_RATES.into_iter().find(can).unwrap_or(slowest)
+    }
+
+    /// The board, in a word or two.
+    pub fn board_name(&self) -> &str {
+        if self.board_entry().is_some() { &self.board } else { "Arduino" }
+    }
+
+    /// The board, in full.
+    pub fn board_title(&self) -> String {
+        self.board_entry().map_or(String::from("Arduino"), |entry| text(field(entry, "title"), "title"))
+    }
+
+    /// The CAN board, in a word or two.
+    pub fn shield_name(&self) -> &str {
+        if self.shield_entry().is_some() { &self.shield } else { "MCP2515 board" }
+    }
+
+    /// The CAN board, in full.
+    pub fn shield_title(&self) -> String {
+        self.shield_entry().map_or(String::from("MCP2515 board"), |entry| text(field(entry, "title"), "title"))
+    }
+
+    /// The entry of the board, if it has the chip of this wiring.
+    fn board_entry(&self) -> Option<&'static Value> {
+        let entry = table()["boards"].get(&self.board)?;
+        (entry.get("chip")?.as_str()? == self.chip.name()).then_some(entry)
+    }
+
+    /// The entry of the CAN board, if it is wired so.
+    fn shield_entry(&self) -> Option<&'static Value> {
+        let entry = table()["shields"].get(&self.shield)?;
+        let is = |key: &str, pin: Pin| entry.get(key).and_then(Value::as_str) == Some(pin.to_string().as_str());
+        let alike = is("cs", self.cs) && is("int", self.int) && integer(entry, "crystal_mhz") == self.crystal_mhz;
+        alike.then_some(entry)
+    }
+}
+
+/// Everything in one line: "Arduino Uno (ATmega328P), SparkFun CAN-Bus shield: CS D10, INT D2, crystal 16 MHz, servo D9, ...".
+impl fmt::Display for Wiring {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({}), {}: ", self.board_title(), self.chip, self.shield_title())?;
+        write!(f, "CS {}, INT {}, crystal {} MHz; ", self.cs, self.int, self.crystal_mhz)?;
+        write!(f, "servo {}, sensor {}", self.servo, self.sensor)?;
+        let optional = [("light", self.light), ("button", self.button)];
+        optional
+            .into_iter()
+            .filter_map(|(signal, pin)| Some((signal, pin?)))
+            .try_for_each(|(signal, pin)| write!(f, ", {signal} {pin}"))
+    }
+}
+
+/// Reads the frequency of a crystal in MHz.
+///
+/// # Errors
+/// If no MCP2515 runs with it.
+pub fn crystal_mhz(text: &str) -> Result<u32, String> {
+    let number = text.parse().ok().filter(|mhz| CRYSTALS_MHZ.contains(mhz));
+    number.ok_or_else(|| format!("\"{text}\" is no crystal of an MCP2515: use MHz, 8 or 16"))
+}
+
+/// The name of the preset that a chip's firmware has by default.
+pub fn preset(chip: Chip) -> String {
+    let chip = entry("chips", chip.name()).expect("the table has every chip");
+    text(field(chip, "preset"), "preset")
+}
+
+fn table() -> &'static Table {
+    static PARSED: LazyLock<Table> =
+        LazyLock::new(|| TABLE.parse().unwrap_or_else(|error| panic!("avr-specs/boards.toml: {error}")));
+    &PARSED
+}
+
+/// An entry of one of the tables in the file.
+fn entry(kind: &str, name: &str) -> Result<&'static Value> {
+    let entries = table()[kind].as_table().with_context(|| format!("avr-specs/boards.toml: {kind} is no table"))?;
+    entries.get(name).with_context(|| {
+        let what = match kind {
+            "boards" => "board",
+            "shields" => "CAN board",
+            _ => "chip",
+        };
+        let names: Vec<&str> = entries.keys().map(String::as_str).collect();
+        format!("no {what} is called \"{name}\": use {}", names.join(", "))
+    })
+}
+
+fn field<'a>(entry: &'a Value, key: &str) -> &'a Value {
+    entry.get(key).unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is missing"))
+}
+
+fn text(value: &Value, key: &str) -> String {
+    value.as_str().unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is no text")).to_owned()
+}
+
+fn integer(entry: &Value, key: &str) -> u32 {
+    let number = field(entry, key).as_integer().and_then(|number| number.try_into().ok());
+    number.unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is no number"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pin(text: &str) -> Pin {
+        text.parse().unwrap()
+    }
+
+    /// As the firmware has it.
+    const UNO: &str = "board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\nservo=D9\nlight=D3\nbutton=D4\n\
+                       sensor=A0\n";
+
+    #[test]
+    fn pins_are_named_as_on_the_arduino() {
+        for (name, port, bit) in [("D0", 'D', 0), ("D7", 'D', 7), ("D8", 'B', 0), ("D13", 'B', 5), ("A5", 'C', 5)] {
+            assert_eq!((pin(name).port(), pin(name).bit(), pin(name).to_string().as_str()), (port, bit, name));
+        }
+        for wrong in ["D14", "A6", "D", "B1", "", "10", "d2", "D+2", "D-1", "DÄ"] {
+            let error = wrong.parse::<Pin>().unwrap_err();
+            assert!(error.contains("D0 to D13 or A0 to A5"), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_section_and_the_table_agree() {
+        let wiring = Wiring::parse(UNO.as_bytes()).unwrap();
+        assert_eq!(wiring, Wiring::of("uno", "module").unwrap());
+        assert_eq!((wiring.chip, wiring.cs, wiring.servo), (Chip::Atmega328p, pin("D10"), pin("D9")));
+        assert_eq!((wiring.crystal_hz(), wiring.fastest_bit_rate()), (8_000_000, 500_000));
+        let default = Wiring::default();
+        assert_eq!((default.chip, default.cs, default.servo), (Chip::Atmega168, pin("D9"), pin("D10")));
+        assert_eq!((default.light, default.fastest_bit_rate()), (Some(pin("D3")), 1_000_000));
+        let text = "Arduino Uno (ATmega328P), blue MCP2515 module with TJA1050, crystal marked 8.000: \
+                    CS D10, INT D2, crystal 8 MHz; servo D9, sensor A0, light D3, button D4";
+        assert_eq!(wiring.to_string(), text);
+    }
+
+    #[test]
+    fn every_board_goes_with_every_can_board() {
+        for board in table()["boards"].as_table().unwrap().keys() {
+            for shield in table()["shields"].as_table().unwrap().keys() {
+                let wiring = Wiring::of(board, shield).unwrap();
+                wiring.check().unwrap();
+                assert_eq!((wiring.board_name(), wiring.shield_name()), (board.as_str(), shield.as_str()));
+            }
+        }
+        for chip in Chip::ALL {
+            assert!(!preset(chip).is_empty());
+        }
+    }
+
+    #[test]
+    fn a_light_and_unknown_keys_are_optional_in_the_section() {
+        for light in ["light=\n", "", "colour=blue\n"] {
+            let text = UNO.replace("light=D3\n", light);
+            assert_eq!(Wiring::parse(text.as_bytes()).unwrap().light, None);
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_in_the_section_is_named() {
+        for (line, other, expected) in [
+            ("cs=D10", "cs=D99", "cs: there is no pin \"D99\""),
+            ("mcu=atmega328p", "mcu=8051", "use atmega168 or atmega328p"),
+            ("crystal_mhz=8", "crystal_mhz=0", "\"0\" is no crystal"),
+            ("int=D2", "", "has no int"),
+            ("int=D2", "int=D10", "INT is on D10, which is CS's"),
+            ("int=D2", "int=D13", "INT is on D13, which is SCK's"),
+            ("servo=D9", "servo=D6", "only D9 and D10"),
+            ("sensor=A0", "sensor=D5", "use A0 to A5"),
+        ] {
+            let error = format!("{:#}", Wiring::parse(UNO.replace(line, other).as_bytes()).unwrap_err());
+            assert!(error.contains("section .board") && error.contains(expected), "{error}");
+        }
+        assert!(Wiring::parse(&[0xFF]).is_err());
+    }
+
+    #[test]
+    fn a_wrong_name_lists_the_right_ones() {
+        let error = Wiring::of("mega", "seeed").unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "no board is called \"mega\": use diecimila, duemilanove, nano, nano-new, nano168, promini, uno"
+        );
+        let error = Wiring::of("uno", "shield").unwrap_err().to_string();
+        assert_eq!(error, "no CAN board is called \"shield\": use module, module-16mhz, seeed, seeed-v1.0, sparkfun");
+    }
+
+    #[test]
+    fn cs_and_int_drive_the_others_from_their_pins() {
+        let mut wiring = Wiring::of("uno", "seeed").unwrap();
+        wiring.set_cs(pin("D10"));
+        assert_eq!(wiring.servo, pin("D9"));
+        wiring.set_cs(pin("D8"));
+        wiring.set_int(pin("D3"));
+        assert_eq!((wiring.servo, wiring.light), (pin("D10"), None));
+        assert_eq!((wiring.board_name(), wiring.shield_name()), ("uno", "MCP2515 board"));
+        wiring.check().unwrap();
+        wiring.chip = Chip::Atmega168;
+        assert_eq!(wiring.board_title(), "Arduino");
+    }
+}

@@ -1,0 +1,98 @@
+//! Builds a small program in C and loads it.
+
+#![allow(dead_code, reason = "not every test file uses everything")]
+
+use std::process::Command;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use anyhow::Result;
+use bench::F_CPU_HZ;
+use bench::avr::{Avr, Chip, Firmware, Violation};
+
+/// CPU cycles of a millisecond.
+pub const MS: u64 = F_CPU_HZ / 1000;
+/// CPU cycles of a microsecond.
+pub const US: u64 = F_CPU_HZ / 1_000_000;
+
+/// Compiles `tests/avr/<name>.c` with the given macros defined, and returns a chip with it, just
+/// powered on.
+#[track_caller]
+pub fn program(name: &str, defines: &[&str]) -> Avr {
+    program_for(Chip::Atmega168, name, defines)
+}
+
+/// The same for any chip.
+#[track_caller]
+pub fn program_for(chip: Chip, name: &str, defines: &[&str]) -> Avr {
+    Avr::with_firmware(&firmware_for(chip, name, defines)).expect("a program that fits")
+}
+
+/// Compiles `tests/avr/<name>.c` for a chip, and does not load it.
+#[track_caller]
+pub fn firmware_for(chip: Chip, name: &str, defines: &[&str]) -> Firmware {
+    read(chip, name, defines).expect("an ELF file")
+}
+
+/// The same, of a program that may be refused.
+#[track_caller]
+pub fn read(chip: Chip, name: &str, defines: &[&str]) -> Result<Firmware> {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let unique = format!("sim-avr-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+    let directory = std::env::temp_dir().join(unique);
+    std::fs::create_dir_all(&directory).expect("a temporary directory");
+    let elf = directory.join("program.elf");
+    let source = bench::root().join(format!("sim/bench/tests/avr/{name}.c"));
+    let compiled = Command::new("avr-gcc")
+        .arg(format!("-mmcu={}", chip.name()))
+        .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+        .args(defines.iter().map(|define| format!("-D{define}")))
+        .arg(&source)
+        .arg("-o")
+        .arg(&elf)
+        .status()
+        .expect("avr-gcc, which the Makefile installs");
+    assert!(compiled.success(), "{} does not compile", source.display());
+    let firmware = Firmware::read(&elf);
+    std::fs::remove_dir_all(&directory).expect("the temporary directory removed");
+    firmware
+}
+
+/// Address of a variable.
+#[track_caller]
+pub fn address(avr: &Avr, name: &str) -> u16 {
+    avr.symbol(name).unwrap_or_else(|| panic!("no variable {name}")).address as u16
+}
+
+/// Value of a variable of one byte.
+#[track_caller]
+pub fn byte(avr: &Avr, name: &str) -> u8 {
+    avr.sram(address(avr, name))
+}
+
+/// Value of a variable of two bytes.
+#[track_caller]
+pub fn word(avr: &Avr, name: &str) -> u16 {
+    let low = address(avr, name);
+    u16::from_le_bytes([avr.sram(low), avr.sram(low + 1)])
+}
+
+/// Value of an array of bytes.
+#[track_caller]
+pub fn bytes(avr: &Avr, name: &str) -> Vec<u8> {
+    let symbol = avr.symbol(name).unwrap_or_else(|| panic!("no variable {name}"));
+    let first = symbol.address as u16;
+    avr.sram_range(first..=first + symbol.size as u16 - 1)
+}
+
+/// Fails if the program made a mistake.
+#[track_caller]
+pub fn assert_no_violation(avr: &mut Avr) {
+    assert_eq!(avr.take_violations(), []);
+}
+
+/// Fails unless there is exactly one mistake, with that text in it.
+#[track_caller]
+pub fn assert_one_violation(avr: &mut Avr, text: &str) {
+    let violations: Vec<Violation> = avr.take_violations();
+    assert!(violations.len() == 1 && violations[0].text.contains(text), "{violations:?}");
+}

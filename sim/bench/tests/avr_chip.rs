@@ -1,0 +1,448 @@
+//! The simulated AVR as a program and its board meet it: time, resets, sleep, pins, memory.
+
+mod avr;
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use avr::{MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, read, word};
+use bench::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, State};
+use bench::board::Board;
+use bench::wiring::Wiring;
+
+#[test]
+fn time_goes_on_through_resets() {
+    let mut avr = program("spin", &[]);
+    avr.run_until(5 * MS);
+    let before = avr.now();
+    assert!((5 * MS..5 * MS + 8).contains(&before), "{before}");
+    avr.reset(ResetCause::External);
+    assert_eq!(avr.now(), before);
+    avr.run_until(7 * MS);
+    assert!((7 * MS..7 * MS + 8).contains(&avr.now()));
+    let causes: Vec<ResetCause> = avr.resets().iter().map(|reset| reset.cause).collect();
+    assert_eq!(causes, [ResetCause::PowerOn, ResetCause::External]);
+    assert_eq!(avr.resets()[1].at, before);
+}
+
+#[test]
+fn a_run_ends_within_an_instruction_of_its_time() {
+    let mut avr = program("spin", &[]);
+    for step in 1..20_000 {
+        let until = step * 7;
+        avr.run_until(until);
+        assert!((until..until + 8).contains(&avr.now()), "{} for {until}", avr.now());
+    }
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_length_of_the_runs() {
+    let count_after = |step: u64| {
+        let mut avr = program("sleep", &[]);
+        let mut at = 0;
+        while at < 50 * MS {
+            at += step;
+            avr.run_until(at.min(50 * MS));
+        }
+        (word(&avr, "ticks"), avr.sp())
+    };
+    assert_eq!(count_after(16), count_after(50 * MS));
+}
+
+/// Datasheet 11.9: the watchdog stays on after its reset, at the shortest time-out, until it is
+/// handled.
+#[test]
+fn the_watchdog_runs_on_after_its_reset() {
+    let mut avr = program("watchdog", &[]);
+    avr.run_until(200 * MS);
+    let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
+    // The oscillator is off by a tenth at most.
+    assert!((57 * MS..71 * MS).contains(&at[1]), "{at:?}");
+    for pair in at[1..].windows(2) {
+        assert!((14 * MS..18 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
+    }
+    assert_eq!(usize::from(byte(&avr, "starts")), avr.resets().len());
+    assert_eq!(byte(&avr, "mcusr"), 1 << 3);
+    assert!(avr.resets()[1..].iter().all(|reset| reset.cause == ResetCause::Watchdog));
+}
+
+#[test]
+fn the_watchdog_can_be_armed_again_after_its_reset() {
+    let mut avr = program("watchdog", &["REARM"]);
+    avr.run_until(300 * MS);
+    let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
+    assert!((4..=6).contains(&at.len()), "{at:?}");
+    for pair in at.windows(2) {
+        assert!((57 * MS..71 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
+    }
+}
+
+#[test]
+fn the_watchdog_can_be_switched_off_after_its_reset() {
+    let mut avr = program("watchdog", &["DISABLE"]);
+    avr.run_until(500 * MS);
+    assert_eq!(avr.resets().len(), 2);
+}
+
+/// Datasheet 11.9.2: the flag is polled, and cleared by writing a one to it. What a program counts meanwhile scatters, and
+/// differs from chip to chip; the same seed gives the same again.
+#[test]
+fn time_outs_of_the_watchdog_scatter_and_differ_from_chip_to_chip() {
+    let turns = |seed: u64| {
+        let mut avr = program("watchdog_noise", &[]);
+        avr.seed(seed);
+        avr.reset(ResetCause::PowerOn);
+        avr.run_until(160 * MS);
+        assert_eq!(byte(&avr, "done"), 1);
+        let turns = bytes(&avr, "turns");
+        turns.chunks(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect::<Vec<u16>>()
+    };
+    let first = turns(1);
+    let (least, most) = (first.iter().min().unwrap(), first.iter().max().unwrap());
+    assert!(most - least >= 2 && most - least < most / 1000, "{first:?}");
+    assert_eq!(first, turns(1));
+    assert_ne!(first, turns(2));
+}
+
+/// Datasheet 11.9.1: a power-on clears the other flags, other resets add theirs.
+#[test]
+fn mcusr_tells_the_causes() {
+    const MCUSR: u16 = 0x54;
+    let mut avr = program("spin", &[]);
+    assert_eq!(avr.sram(MCUSR), 0b0001);
+    avr.reset(ResetCause::External);
+    assert_eq!(avr.sram(MCUSR), 0b0011);
+    avr.reset(ResetCause::BrownOut);
+    assert_eq!(avr.sram(MCUSR), 0b0111);
+    avr.reset(ResetCause::PowerOn);
+    assert_eq!(avr.sram(MCUSR), 0b0001);
+}
+
+#[test]
+fn sram_holds_garbage_after_power_on_and_its_old_content_after_other_resets() {
+    for (chip, ram_end) in [(Chip::Atmega168, 0x4FF), (Chip::Atmega328p, 0x8FF)] {
+        let contents = |avr: &Avr| avr.sram_range(0x100..=ram_end);
+        let mut avr = Avr::blank(chip).unwrap();
+        let first = contents(&avr);
+        assert!(first.iter().filter(|byte| **byte == 0).count() < 20);
+        assert!(first[first.len() - 20..].iter().any(|byte| *byte != 0));
+        avr.reset(ResetCause::External);
+        assert_eq!(contents(&avr), first);
+        avr.reset(ResetCause::PowerOn);
+        assert_ne!(contents(&avr), first);
+        assert_eq!(contents(&Avr::blank(chip).unwrap()), first, "not repeatable");
+    }
+}
+
+#[test]
+fn initialised_data_is_copied_from_flash() {
+    let mut avr = program("sleep", &[]);
+    assert_ne!(byte(&avr, "preset"), 0xC3);
+    avr.run_until(MS);
+    assert_eq!(byte(&avr, "preset"), 0xC3);
+}
+
+#[test]
+fn a_sleeping_program_wakes_for_interrupts_in_simulated_time() {
+    let mut avr = program("sleep", &[]);
+    let state = avr.run_until(1024 * US * 100 + 512 * US);
+    assert_eq!(state, State::Sleeping);
+    assert_eq!(word(&avr, "ticks"), 100);
+    assert_no_violation(&mut avr);
+}
+
+#[test]
+fn a_program_that_sleeps_with_interrupts_off_is_done_but_time_goes_on() {
+    let mut avr = program("sleep", &["FOR_GOOD"]);
+    assert_eq!(avr.run_until(10 * MS), State::Done);
+    assert_eq!(avr.now(), 10 * MS);
+    avr.reset(ResetCause::External);
+    assert_eq!(avr.state(), State::Running);
+}
+
+#[test]
+fn a_program_that_runs_off_its_flash_has_crashed_but_time_goes_on() {
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)));
+    assert_eq!(avr.now(), 10 * MS);
+}
+
+/// LDI r24, 0x0E; STS WDTCSR, r24; LDI r24, 0x08; STS UCSR0B, r24; WDR; NOP; STS UDR0, r24; NOP; NOP; RJMP back to WDR. Arming the
+/// watchdog, resetting it and sending a character each make a date in simavr.
+const WITH_DATES: [u16; 13] =
+    [0xE08E, 0x9380, 0x0060, 0xE088, 0x9380, 0x00C1, 0x95A8, 0x0000, 0x9380, 0x00C6, 0x0000, 0x0000, 0xCFF9];
+
+fn with_dates() -> Avr {
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    avr.load_flash(0, &WITH_DATES.map(u16::to_le_bytes).concat());
+    avr
+}
+
+const ITS_COURSE: [u32; 15] = [0, 2, 6, 8, 12, 14, 16, 20, 22, 24, 12, 14, 16, 20, 22];
+
+#[test]
+fn a_tracer_sees_every_instruction_before_it_runs() {
+    let mut avr = with_dates();
+    let seen = Rc::new(RefCell::new(Vec::new()));
+    let log = Rc::clone(&seen);
+    avr.trace(Some(Box::new(move |moment| log.borrow_mut().push((moment.pc(), moment.at())))));
+    avr.run_until(MS);
+    avr.trace(None);
+    let traced = seen.borrow().len();
+    avr.run_until(2 * MS);
+    let seen = seen.borrow();
+    assert_eq!(seen.len(), traced, "nothing once it has ended");
+    let course: Vec<u32> = seen.iter().map(|&(pc, _)| pc).collect();
+    assert_eq!(course[..15], ITS_COURSE);
+    assert!(seen.windows(2).all(|pair| (1..=2).contains(&(pair[1].1 - pair[0].1))), "one or two cycles each");
+}
+
+#[test]
+fn a_debugger_steps_over_one_instruction_at_a_time_and_meets_every_breakpoint() {
+    let mut avr = with_dates();
+    let debugger = avr.debugger();
+    debugger.halt(Halt::Asked);
+    for pc in ITS_COURSE {
+        assert_eq!((debugger.halted().is_some(), avr.pc()), (true, pc));
+        debugger.resume(true);
+        avr.run_until(MS);
+    }
+    // Right behind WDR, and behind the write to UDR0.
+    for pc in [14, 20, 14, 20] {
+        debugger.set_breakpoint(pc);
+        debugger.resume(false);
+        avr.run_until(MS);
+        assert_eq!((debugger.halted(), avr.pc()), (Some(Halt::Breakpoint), pc));
+        debugger.clear_breakpoint(pc);
+    }
+}
+
+#[test]
+fn an_output_is_watched_with_times() {
+    let mut avr = program("pins", &[]);
+    let seen = Rc::new(RefCell::new(Vec::new()));
+    let log = Rc::clone(&seen);
+    avr.watch_pin('B', 1, Box::new(move |level, at| log.borrow_mut().push((at, level))));
+    avr.drive_pin('D', 2, true);
+    avr.run_until(MS);
+    let seen = seen.borrow();
+    assert!(seen.len() > 100);
+    assert!(seen.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 != pair[1].1));
+}
+
+#[test]
+fn an_input_follows_what_drives_it_also_after_the_port_was_written_and_after_a_reset() {
+    let mut avr = program("pins", &[]);
+    avr.drive_pin('D', 2, true);
+    avr.run_until(MS);
+    assert!(avr.pin('B', 0));
+    avr.drive_pin('D', 2, false);
+    avr.run_until(2 * MS);
+    assert!(!avr.pin('B', 0));
+    avr.drive_pin('D', 2, true);
+    avr.reset(ResetCause::External);
+    assert!(!avr.pin('B', 0));
+    avr.run_until(3 * MS);
+    assert!(avr.pin('B', 0));
+}
+
+#[test]
+fn a_pull_up_yields_to_a_button_and_comes_back() {
+    let pressed = |avr: &mut Avr| {
+        let until = avr.now() + MS;
+        avr.run_until(until);
+        byte(avr, "pind") & 1 << 4 == 0
+    };
+    let mut avr = program("pins", &[]);
+    assert!(!pressed(&mut avr));
+    avr.drive_pin('D', 4, false);
+    assert!(pressed(&mut avr));
+    avr.release_pin('D', 4);
+    assert!(!pressed(&mut avr));
+}
+
+#[test]
+fn falling_edges_of_int0_interrupt() {
+    let mut avr = program("pins", &[]);
+    avr.drive_pin('D', 2, true);
+    avr.run_until(MS);
+    for fall in 1..=5 {
+        avr.drive_pin('D', 2, false);
+        avr.run_until(avr.now() + 10 * US);
+        avr.drive_pin('D', 2, true);
+        avr.run_until(avr.now() + 10 * US);
+        assert_eq!(byte(&avr, "falls"), fall);
+    }
+}
+
+#[test]
+fn a_falling_edge_while_int0_is_masked_interrupts_once_when_it_no_longer_is() {
+    let mut avr = program("pins", &[]);
+    let run = |avr: &mut Avr, masked: bool, levels: &[bool]| {
+        avr.drive_pin('D', 3, !masked);
+        avr.run_until(avr.now() + 20 * US);
+        for &level in levels {
+            avr.drive_pin('D', 2, level);
+            avr.run_until(avr.now() + 10 * US);
+        }
+        byte(avr, "falls")
+    };
+    assert_eq!(run(&mut avr, false, &[true]), 0);
+    assert_eq!(run(&mut avr, true, &[false, true, false, true]), 0);
+    assert_eq!(run(&mut avr, false, &[]), 1);
+    assert_eq!(run(&mut avr, true, &[]), 1);
+    assert_eq!(run(&mut avr, false, &[]), 1, "not again");
+    assert_eq!(run(&mut avr, false, &[false]), 2);
+}
+
+#[test]
+fn the_stack_s_high_water_mark_is_found_in_painted_sram() {
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    (0x200..=0x4FF).for_each(|address| avr.poke_sram(address, 0xC5));
+    assert_eq!(avr.stack_high_water(0xC5, 0x200), 0);
+    avr.poke_sram(0x4F0, 0);
+    assert_eq!(avr.stack_high_water(0xC5, 0x200), 16);
+    assert_eq!(avr.stack_high_water(0xC5, 0x500), 0);
+    assert_eq!(avr.stack_high_water(0xC5, 0x900), 0, "as in a program for a larger chip");
+}
+
+/// The linker notes the chip, and the simulator reads the note.
+#[test]
+fn a_program_runs_on_the_chip_that_it_was_linked_for() {
+    for chip in Chip::ALL {
+        let mut avr = program_for(chip, "sleep", &[]);
+        assert_eq!(avr.chip(), chip);
+        assert_eq!(avr.run_until(1024 * US * 100 + 512 * US), State::Sleeping);
+        assert_eq!(word(&avr, "ticks"), 100);
+        // main's return address and locals are at the end of the RAM.
+        assert!((chip.ram_end() - 32..=chip.ram_end()).contains(&avr.sp()), "{:#x}", avr.sp());
+        assert_eq!((avr.flash().len(), avr.eeprom().len()), (chip.flash_bytes(), chip.eeprom_bytes()));
+        assert_no_violation(&mut avr);
+    }
+}
+
+#[test]
+fn a_program_that_is_too_large_for_the_chip_is_refused_with_the_numbers() {
+    for (define, expected) in [
+        (
+            "VARIABLES=1500",
+            "1,500 bytes of variables do not fit the 1,024 bytes of RAM of an ATmega168; is it for an ATmega328P?",
+        ),
+        (
+            "CODE=20000",
+            " bytes of code and initialised data do not fit the 16,384 bytes of flash of an ATmega168; is it for an",
+        ),
+    ] {
+        let firmware = firmware_for(Chip::Atmega328p, "memory", &[define]);
+        let error = Avr::programmed(Chip::Atmega168, &firmware).err().expect(define).to_string();
+        assert!(error.contains(expected) && error.ends_with("--mcu atmega328p"), "{error}");
+        let mut avr = Avr::with_firmware(&firmware).unwrap();
+        avr.run_until(10 * MS);
+        assert_no_violation(&mut avr);
+    }
+}
+
+#[test]
+fn a_program_s_section_says_how_its_board_is_wired() {
+    let firmware = firmware_for(Chip::Atmega328p, "label", &[]);
+    let wiring = Wiring::of("uno", "module").unwrap();
+    assert_eq!(Wiring::of_program(&firmware).unwrap(), wiring);
+    assert_eq!(Board::new(Avr::with_firmware(&firmware).unwrap()).wiring(), &wiring);
+    // It is not loaded: without it the program is as long.
+    let bytes = |firmware: &bench::avr::Firmware| firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
+    let without = firmware_for(Chip::Atmega328p, "spin", &[]);
+    assert!(bytes(&firmware).abs_diff(bytes(&without)) < 64);
+    assert_eq!(Wiring::of_program(&without).unwrap(), Wiring { chip: Chip::Atmega328p, ..Wiring::default() });
+    let error =
+        read(Chip::Atmega328p, "label", &["CRYSTAL=80"]).and_then(|wrong| Wiring::of_program(&wrong)).unwrap_err();
+    let error = format!("{error:#}");
+    assert!(error.contains("the section .board: crystal_mhz: \"80\" is no crystal"), "{error}");
+}
+
+/// LDS r24, ADDRESS; STS ADDRESS, r24; RJMP to itself.
+fn with_access_of(chip: Chip, address: u16) -> Avr {
+    let mut avr = Avr::blank(chip).unwrap();
+    let program = [0x9180, address, 0x9380, address, 0xCFFF];
+    avr.load_flash(0, &program.map(u16::to_le_bytes).concat());
+    avr.run_until(MS);
+    avr
+}
+
+#[test]
+fn an_access_beyond_the_ram_is_reported_with_its_place_in_the_program() {
+    for (chip, end) in [(Chip::Atmega168, "0x04ff"), (Chip::Atmega328p, "0x08ff")] {
+        assert_no_violation(&mut with_access_of(chip, chip.ram_end()));
+        let address = chip.ram_end() + 1;
+        let violations = with_access_of(chip, address).take_violations();
+        let texts: Vec<&str> = violations.iter().map(|violation| violation.text.as_str()).collect();
+        let text =
+            |verb, pc| format!("the program {verb} {address:#06x}, and the RAM of an {chip} ends at {end} (PC {pc})");
+        assert_eq!(texts, [text("reads", "0x0000"), text("writes", "0x0004")]);
+    }
+}
+
+/// Its stack is where the smaller chip has nothing. What becomes of it there is the chip's affair; the simulator goes on.
+#[test]
+fn a_program_for_a_larger_chip_is_reported_and_does_no_harm_to_the_simulator() {
+    let firmware = firmware_for(Chip::Atmega328p, "sleep", &[]);
+    let mut avr = Avr::programmed(Chip::Atmega168, &firmware).unwrap();
+    avr.run_until(20 * MS);
+    let violations = avr.take_violations();
+    assert!(violations[0].text.contains("writes 0x08ff, and the RAM of an ATmega168 ends"), "{violations:?}");
+}
+
+/// simavr reads and writes flash at any address in Z.
+#[test]
+fn flash_behind_the_chip_s_is_empty() {
+    // LDI r30, 0xFF; LDI r31, 0xFF; LPM r24, Z; STS 0x100, r24; LDI r31, 0x40; LPM r24, Z; STS 0x101, r24; RJMP to itself.
+    let program = [0xEFEF, 0xEFFF, 0x9184, 0x9380, 0x0100, 0xE4F0, 0x9184, 0x9380, 0x0101, 0xCFFF];
+    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    avr.load_flash(0, &program.map(u16::to_le_bytes).concat());
+    avr.run_until(MS);
+    assert_eq!(avr.sram_range(0x100..=0x101), [0xFF, 0xFF]);
+}
+
+#[test]
+fn a_debugger_sees_the_memories_of_the_chip_and_nothing_behind_them() {
+    for chip in Chip::ALL {
+        let mut avr = Avr::blank(chip).unwrap();
+        let debugger = avr.debugger();
+        let ram_end = u32::from(chip.ram_end());
+        assert!(debugger.data(ram_end).is_some() && debugger.data(ram_end + 1).is_none());
+        assert!(debugger.set_data(ram_end, 1) && !debugger.set_data(ram_end + 1, 1));
+        let (flash, eeprom) = (chip.flash_bytes() as u32, chip.eeprom_bytes() as u32);
+        assert!(debugger.flash(flash - 1).is_some() && debugger.flash(flash).is_none());
+        assert!(debugger.set_eeprom(eeprom - 1, 1) && !debugger.set_eeprom(eeprom, 1));
+        assert!(debugger.eeprom(eeprom - 1).is_some() && debugger.eeprom(eeprom).is_none());
+        debugger.set_registers(&Registers { pc: u32::MAX, sp: u16::MAX, ..Registers::default() });
+        avr.run_until(MS);
+    }
+}
+
+/// The same cycles, too: what a chip has more of does not slow it.
+#[test]
+fn both_chips_run_a_program_alike() {
+    for (name, results) in [("adc", "result"), ("spi", "received"), ("servo", "")] {
+        let run = |chip| {
+            let mut avr = program_for(chip, name, &[]);
+            avr.set_analog(0, 1234);
+            avr.connect_spi(Box::new(|byte| byte.mosi ^ 0x5A));
+            let sent = Rc::new(RefCell::new(Vec::new()));
+            let log = Rc::clone(&sent);
+            avr.watch_pin('B', 1, Box::new(move |level, at| log.borrow_mut().push((at, level))));
+            avr.run_until(45 * MS);
+            let result = avr.symbol(results).map(|_| bytes(&avr, results));
+            (result, sent.take(), avr.take_edges(Oc::B), avr.take_violations())
+        };
+        let [small, large] = Chip::ALL.map(run);
+        assert_eq!(small, large, "{name}");
+    }
+}
+
+#[test]
+fn symbols_of_data_have_sram_addresses() {
+    let avr = program("sleep", &[]);
+    assert!((0x100..0x500).contains(&address(&avr, "ticks")));
+    assert!(avr.symbol("main").unwrap().address < 0x4000);
+    assert!(avr.symbol("nothing_of_that_name").is_none());
+}

@@ -1,0 +1,435 @@
+//! Proof by strangers: firmwares on the crates `mcp2515` and `mcp25xx`, written for the real chip by others, run on the
+//! model; and what these crates get wrong on the real chip, they get wrong here.
+//!
+//! `make strangers` builds the firmwares (`strangers/` in the workspace) for both chips and two CAN boards. Every test runs on the default
+//! board; a few run on the others, too.
+//! With `--nocapture` the test of the costs prints the table of docs. Sections are those of Microchip DS20001801J.
+
+#[path = "strangers/stand.rs"]
+mod stand;
+
+use bench::can::{Frame, Id};
+use bench::mcp2515::Fate;
+use stand::{CanBoard, Instruction, PLACES, Report, SERVED_MS, Stand, Stranger, answer_to, milliseconds};
+
+/// The two that are used as they should be.
+const RIGHT: [Stranger; 2] = [Stranger::Mcp2515, Stranger::Mcp25xx];
+
+// Masks and filters of `strangers/job.rs`: RXF0 and RXF1 belong to RXB0, the others to RXB1.
+const MASK_0: u32 = 0x1FFF_FF00;
+const MASK_1: u32 = 0x1FFF_0000;
+const RXF0: u32 = 0x1234_5600;
+const RXF1: u32 = 0x0ABC_DE00;
+const RXF2: u32 = 0x1555_0000;
+const RXF3: u16 = 0x321;
+const RXF4: u32 = 0x0111_0000;
+const RXF5: u16 = 0x0F0;
+
+const CANINTF: u8 = 0x2C;
+const RX0IF: u8 = 1 << 0;
+const RX1IF: u8 = 1 << 1;
+
+/// Both, on each chip with each CAN board.
+fn in_every_place() -> impl Iterator<Item = (stand::Place, Stranger)> {
+    PLACES.into_iter().flat_map(|place| RIGHT.map(|stranger| (place, stranger)))
+}
+
+/// A frame for each filter, and its buffer. Lengths from 0 to 8; bits that the masks leave open are set.
+fn one_for_each_filter() -> [(Frame, usize); 6] {
+    [
+        (Frame::extended(RXF0 | 0xA5, &[1, 2, 3, 4, 5, 6, 7, 8]), 0),
+        (Frame::extended(RXF1 | 0xFE, &[]), 0),
+        (Frame::extended(RXF2 | 0xBEE0, &[0x00, 0xFF, 0x55]), 1),
+        (Frame::standard(RXF3, &[0xDE, 0xAD, 0xBE, 0xEF, 0x00]), 1),
+        (Frame::extended(RXF4 | 0xFFFE, &[0x80]), 1),
+        (Frame::standard(RXF5, &[0xFF; 7]), 1),
+    ]
+}
+
+/// Frames that miss a filter by one bit, and such as have the right bits in the wrong kind of identifier.
+fn near_misses() -> Vec<Frame> {
+    let extended = [(RXF0, MASK_0), (RXF1, MASK_0), (RXF2, MASK_1), (RXF4, MASK_1)];
+    let mut frames = Vec::new();
+    for (filter, mask) in extended {
+        let bits = (0..29).map(|bit| 1 << bit).filter(|bit| mask & bit != 0);
+        frames.extend(bits.map(|bit| Frame::extended(filter ^ bit, &[1])));
+        frames.push(Frame::standard((filter >> 18) as u16, &[(filter >> 8) as u8, filter as u8]));
+    }
+    for filter in [RXF3, RXF5] {
+        frames.extend((0..11).map(|bit| Frame::standard(filter ^ 1 << bit, &[1])));
+        frames.push(Frame::extended(u32::from(filter) << 18, &[1]));
+    }
+    frames
+}
+
+#[test]
+fn frames_for_every_filter_arrive_in_their_buffer_and_are_answered_bit_for_bit() {
+    for (place, stranger) in in_every_place() {
+        let mut stand = Stand::at(place, stranger);
+        for (frame, buffer) in one_for_each_filter() {
+            stand.serve(frame);
+            assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?} {place:?}");
+            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{stranger:?} {place:?}");
+            let log = stand.take_frame_log();
+            assert_eq!(log.len(), 1, "{stranger:?} {place:?}");
+            assert_eq!((log[0].frame, log[0].buffer), (frame, buffer), "{stranger:?} {place:?}");
+        }
+        stand.assert_no_violations();
+    }
+}
+
+#[test]
+fn two_hundred_frames_are_answered_one_by_one() {
+    for stranger in RIGHT {
+        let mut stand = Stand::new(stranger);
+        let kinds = one_for_each_filter();
+        let frames = (0..200_u8).map(|n| {
+            let data = std::array::from_fn(|at| n.wrapping_mul(37).wrapping_add(at as u8));
+            Frame::with_dlc(kinds[usize::from(n) % 6].0.id, n % 9, data)
+        });
+        let frames: Vec<Frame> = frames.collect();
+        for &frame in &frames {
+            stand.send(&[frame]);
+            stand.run_ms(4);
+        }
+        stand.run_ms(SERVED_MS);
+        assert_eq!(stand.take_frames_reported(), frames, "{stranger:?}");
+        let answers: Vec<Frame> = frames.iter().map(answer_to).collect();
+        assert_eq!(stand.take_answers(), answers, "{stranger:?}");
+        stand.assert_no_violations();
+    }
+}
+
+#[test]
+fn frames_one_bit_off_a_filter_stay_out() {
+    for stranger in RIGHT {
+        let mut stand = Stand::new(stranger);
+        stand.send(&near_misses());
+        stand.run_ms(30);
+        assert_eq!(stand.take_reports(), [], "{stranger:?}");
+        assert_eq!(stand.take_answers(), [], "{stranger:?}");
+        assert!(stand.take_frame_log().is_empty(), "{stranger:?}");
+        // It was not just deaf.
+        let (frame, _) = one_for_each_filter()[0];
+        stand.serve(frame);
+        assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?}");
+        stand.assert_no_violations();
+    }
+}
+
+/// Section 4.2: with BUKT set, a frame for a full RXB0 goes to RXB1.
+#[test]
+fn a_second_frame_for_rxb0_rolls_over_and_both_are_read_in_order() {
+    let first = Frame::extended(RXF0, &[1]);
+    let second = Frame::extended(RXF0 | 1, &[2, 2]);
+    let third = Frame::extended(RXF1 | 2, &[3, 3, 3]);
+    for (place, stranger) in in_every_place() {
+        let mut stand = Stand::at(place, stranger);
+        stand.serve_while_busy(first, &[second, third]);
+        assert_eq!(stand.take_frames_reported(), [first, second, third], "{stranger:?} {place:?}");
+        assert_eq!(
+            stand.take_answers(),
+            [first, second, third].map(|frame| answer_to(&frame)),
+            "{stranger:?} {place:?}"
+        );
+        let buffers: Vec<usize> = stand.take_frame_log().iter().map(|entry| entry.buffer).collect();
+        assert_eq!(buffers, [0, 0, 1], "{stranger:?} {place:?}");
+        assert_eq!(stand.frames_lost(), 0, "{stranger:?} {place:?}");
+        stand.assert_no_violations();
+    }
+}
+
+/// Both crates look at RX0IF first, so an older frame in RXB1 comes second.
+#[test]
+fn frames_in_both_buffers_come_rxb0_first_whichever_is_older() {
+    let first = Frame::extended(RXF0, &[1]);
+    let older = Frame::standard(RXF3, &[2, 2]);
+    let newer = Frame::extended(RXF1, &[3, 3, 3]);
+    for stranger in RIGHT {
+        let mut stand = Stand::new(stranger);
+        stand.serve_while_busy(first, &[older, newer]);
+        assert_eq!(stand.take_frames_reported(), [first, newer, older], "{stranger:?}");
+        stand.assert_no_violations();
+    }
+}
+
+/// Sections 4.2 and 7.6.1: two buffers, and no third.
+#[test]
+fn a_third_frame_while_nobody_polls_is_lost_and_the_first_two_are_not() {
+    let frames = [1, 2, 3, 4].map(|n| Frame::extended(RXF0 | n, &[n as u8]));
+    for (place, stranger) in in_every_place() {
+        let mut stand = Stand::at(place, stranger);
+        stand.serve_while_busy(frames[0], &frames[1..]);
+        assert_eq!(stand.take_frames_reported(), frames[..3], "{stranger:?} {place:?}");
+        assert_eq!(stand.frames_lost(), 1, "{stranger:?} {place:?}");
+        let lost: Vec<Frame> =
+            stand.take_frame_log().iter().filter(|entry| entry.fate == Fate::Lost).map(|entry| entry.frame).collect();
+        assert_eq!(lost, [frames[3]], "{stranger:?} {place:?}");
+        stand.assert_no_violations();
+    }
+}
+
+/// Section 3.2: among buffers of equal priority the highest number is sent first. Both crates fill the lowest free one.
+#[test]
+fn answers_that_had_to_wait_for_the_bus_leave_in_reverse_order() {
+    // 5 ms of traffic that wins against every answer, as does each question against the answers to those before it.
+    let noise = [Frame::standard(0, &[0x55; 8]); 40];
+    let asked = [3, 2, 1].map(|n| Frame::extended(RXF0 | n << 4, &[n as u8]));
+    for stranger in RIGHT {
+        let mut stand = Stand::new(stranger);
+        for frame in asked {
+            stand.send(&[frame]);
+            stand.send(&noise);
+        }
+        stand.run_ms(30);
+        let reversed = [asked[2], asked[1], asked[0]];
+        assert_eq!(stand.take_answers(), reversed.map(|frame| answer_to(&frame)), "{stranger:?}");
+        stand.assert_no_violations();
+    }
+}
+
+#[test]
+fn a_frame_hit_by_a_bit_error_is_repeated_and_arrives_once() {
+    let frame = Frame::extended(RXF2, &[1, 2, 3, 4, 5, 6, 7, 8]);
+    for stranger in RIGHT {
+        let mut stand = Stand::new(stranger);
+        for bit in (15..125).step_by(11) {
+            stand.flip_bit(bit);
+            stand.serve(frame);
+            assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?}, bit {bit}");
+            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{stranger:?}, bit {bit}");
+        }
+        stand.assert_no_violations();
+    }
+}
+
+#[test]
+fn an_answer_hit_by_a_bit_error_is_repeated_by_the_chip_and_arrives_once() {
+    let frame = Frame::standard(RXF3, &[1, 2, 3, 4, 5, 6, 7, 8]);
+    for stranger in RIGHT {
+        let mut stand = Stand::new(stranger);
+        for bit in (60..100).step_by(7) {
+            stand.serve_with_error_in_answer(frame, bit);
+            assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?}, bit {bit}");
+            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{stranger:?}, bit {bit}");
+        }
+        stand.assert_no_violations();
+    }
+}
+
+/// The crate looks at TXERR and MLOA right after it has set TXREQ. The chip repeats the frame whatever they say (section
+/// 3.4): who sends again what the crate calls failed sends it twice.
+#[test]
+fn mcp2515_calls_an_answer_failed_that_the_chip_goes_on_to_send() {
+    let frame = Frame::standard(RXF3, &[1, 2, 3, 4, 5, 6, 7, 8]);
+    let mut stand = Stand::new(Stranger::Mcp2515);
+    // Which of the first bits have been sent when the crate looks depends on the speed of its code.
+    let mut called_failed = 0;
+    for bit in 1..=12 {
+        stand.serve_with_error_in_answer(frame, bit);
+        match stand.take_reports()[..] {
+            [Report::NotSent, Report::Received(received, _)] if received == frame => called_failed += 1,
+            [Report::Received(received, _)] if received == frame => {}
+            ref reports => panic!("bit {bit}: {reports:?}"),
+        }
+        assert_eq!(stand.take_answers(), [answer_to(&frame)], "bit {bit}");
+    }
+    assert!(called_failed > 0);
+    stand.assert_no_violations();
+}
+
+#[test]
+fn a_counter_frame_goes_out_by_itself_all_the_while() {
+    for stranger in RIGHT {
+        let mut stand = Stand::new(stranger);
+        stand.run_ms(450);
+        let counters = stand.take_counters();
+        assert!(counters.len() >= 4, "{stranger:?}: {counters:?}");
+        for (count, (_, frame)) in (1_u16..).zip(&counters) {
+            assert_eq!(frame.data(), count.to_be_bytes(), "{stranger:?}");
+        }
+        for pair in counters.windows(2) {
+            let period_ms = milliseconds(pair[1].0 - pair[0].0);
+            assert!((102..=103).contains(&period_ms), "{stranger:?}: {period_ms} ms");
+        }
+        stand.assert_no_violations();
+    }
+}
+
+/// Register 4-5, SRR: a standard remote frame. Register 4-8, RTR: an extended one. `mcp2515` looks at SRR only and
+/// `mcp25xx` at RTR only; the other kind is taken for data, with what the buffer held before.
+#[test]
+fn each_crate_knows_one_kind_of_remote_frame_and_takes_the_other_for_old_data() {
+    let data = [0xC0, 0xFF, 0xEE, 0x11];
+    let standard = Frame::remote(Id::Standard(RXF3), 4);
+    let extended = Frame::remote(Id::Extended(RXF2), 4);
+    for (stranger, seen) in [
+        (Stranger::Mcp2515, [standard, Frame::extended(RXF2, &data)]),
+        (Stranger::Mcp25xx, [Frame::standard(RXF3, &data), extended]),
+    ] {
+        let mut stand = Stand::new(stranger);
+        let before = Frame::extended(RXF4, &data);
+        stand.serve(before);
+        stand.serve(standard);
+        stand.serve(extended);
+        assert_eq!(stand.take_frames_reported(), [before, seen[0], seen[1]]);
+        assert_eq!(stand.take_answers(), [before, seen[0], seen[1]].map(|frame| answer_to(&frame)));
+        stand.assert_no_violations();
+    }
+}
+
+/// ISO 11898-1: a DLC of 9 to 15 means eight bytes.
+#[test]
+fn mcp25xx_takes_a_dlc_above_eight_for_eight() {
+    let data = [1, 2, 3, 4, 5, 6, 7, 8];
+    let mut stand = Stand::new(Stranger::Mcp25xx);
+    for dlc in 9..=15 {
+        stand.serve(Frame::with_dlc(Id::Extended(RXF0), dlc, data));
+        assert_eq!(stand.take_frames_reported(), [Frame::extended(RXF0, &data)], "DLC {dlc}");
+    }
+    stand.assert_no_violations();
+}
+
+/// The crate returns its error before it clears RX0IF, and looks at RX0IF first ever after: one such frame on the bus ends
+/// all reception, from RXB1 too.
+#[test]
+fn mcp2515_is_deaf_for_good_after_a_frame_with_a_dlc_above_eight_in_rxb0() {
+    for dlc in 9..=15 {
+        let mut stand = Stand::new(Stranger::Mcp2515);
+        stand.serve(Frame::with_dlc(Id::Extended(RXF0), dlc, [7; 8]));
+        for (frame, _) in one_for_each_filter() {
+            stand.serve(frame);
+        }
+        stand.run_ms(100);
+        let reports = stand.take_reports();
+        assert!(reports.len() > 100, "DLC {dlc}");
+        assert!(reports.iter().all(|report| *report == Report::Refused), "DLC {dlc}");
+        assert_eq!(stand.register(CANINTF) & (RX0IF | RX1IF), RX0IF | RX1IF, "DLC {dlc}");
+        assert_eq!(stand.frames_lost(), 5, "DLC {dlc}");
+        assert!(!stand.take_counters().is_empty(), "DLC {dlc}: the node itself is alive");
+        stand.assert_no_violations();
+    }
+}
+
+#[test]
+fn mcp2515_never_releases_a_frame_with_a_dlc_above_eight_in_rxb1_and_hears_rxb0_only() {
+    let mut stand = Stand::new(Stranger::Mcp2515);
+    stand.serve(Frame::with_dlc(Id::Standard(RXF3), 9, [7; 8]));
+    let [(for_rxb0, _), _, (for_rxb1, _), ..] = one_for_each_filter();
+    stand.serve(for_rxb1);
+    stand.serve(for_rxb0);
+    let reports = stand.take_reports();
+    let frames: Vec<&Report> = reports.iter().filter(|report| **report != Report::Refused).collect();
+    assert!(matches!(frames[..], [Report::Received(frame, _)] if *frame == for_rxb0), "{frames:?}");
+    assert_eq!(stand.take_answers(), [answer_to(&for_rxb0)]);
+    assert_eq!(stand.register(CANINTF) & (RX0IF | RX1IF), RX1IF);
+    stand.assert_no_violations();
+}
+
+/// Figure 12-3: 94h reads RXB1 from SIDH on, 92h reads RXB0 from D0 on. With its feature `mcp2515` the crate sends 92h for
+/// RXB1: it takes D0 to D3 of the old frame in RXB0 for the identifier and D4 for the length, clears RX0IF instead of
+/// RX1IF, and does so again for ever.
+#[test]
+fn mcp25xx_with_its_feature_mcp2515_reads_rxb1_as_the_old_content_of_rxb0_for_ever() {
+    let mut stand = Stand::new(Stranger::Mcp25xxWrongRxb1);
+    // As SIDH, SIDL: standard, 008h. As DLC: 3.
+    let in_rxb0 = Frame::extended(RXF0, &[0x01, 0x02, 0xEE, 0xEE, 0x03, 0x77, 0x88, 0x99]);
+    stand.serve(in_rxb0);
+    assert_eq!(stand.take_frames_reported(), [in_rxb0]);
+    assert_eq!(stand.take_answers(), [answer_to(&in_rxb0)]);
+    assert_eq!(stand.take_violations(), Vec::<String>::new());
+
+    stand.take_instructions();
+    stand.serve(Frame::extended(RXF2, &[0xAA; 8]));
+    stand.run_ms(50);
+    let garbage = Frame::standard(0x008, &[0x77, 0x88, 0x99]);
+    let frames = stand.take_frames_reported();
+    assert!(frames.len() > 20 && frames.iter().all(|frame| *frame == garbage), "{frames:?}");
+    let answers = stand.take_answers();
+    assert!(answers.len() > 20 && answers.iter().all(|frame| *frame == answer_to(&garbage)), "{answers:?}");
+    assert_eq!(stand.register(CANINTF) & (RX0IF | RX1IF), RX1IF);
+    let instructions = stand.take_instructions();
+    assert!(instructions.iter().any(|instruction| instruction.mosi[0] == 0x92));
+    assert!(instructions.iter().all(|instruction| instruction.mosi[0] != 0x94));
+    let violations = stand.take_violations();
+    assert!(
+        !violations.is_empty()
+            && violations.iter().all(|text| text.contains("READ RX BUFFER 92h while RX0IF is clear")),
+        "{violations:?}"
+    );
+}
+
+/// Section 5. DroneCAN asks for a sample point between 75 and 90 %.
+#[test]
+fn the_bit_timings_in_the_crates_tables_sample_where_their_registers_say() {
+    for (place, stranger) in in_every_place() {
+        // CNF1, CNF2, CNF3 at 16 MHz and 1 Mbit/s, or 8 MHz and 500 kbit/s: SyncSeg + PropSeg + PS1 | PS2 in TQ.
+        let (cnf, permille) = match (stranger, place.1) {
+            // 1 + 3 + 2 | 2, and 1 + 2 + 3 | 2.
+            (Stranger::Mcp2515, CanBoard::Shield) => ([0x00, 0xCA, 0x81], 750),
+            (Stranger::Mcp2515, CanBoard::Module) => ([0x00, 0xD1, 0x81], 750),
+            // 1 + 1 + 3 | 3.
+            (_, CanBoard::Shield) => ([0x00, 0xD0, 0x82], 625),
+            (_, CanBoard::Module) => ([0x00, 0x90, 0x82], 625),
+        };
+        let stand = Stand::at(place, stranger);
+        assert_eq!([0x2A, 0x29, 0x28].map(|address| stand.register(address)), cnf, "{stranger:?} {place:?}");
+        assert_eq!(stand.sample_point_permille(), permille, "{stranger:?} {place:?}");
+        stand.assert_no_violations();
+    }
+}
+
+/// What it takes to fetch one frame, READ STATUS included.
+struct Cost {
+    stranger: Stranger,
+    data_bytes: usize,
+    spi_bytes: usize,
+    chip_selects: usize,
+    /// As the firmware measures it, built by nightly-2026-05-20 with opt-level z and overflow checks.
+    cycles: u64,
+}
+
+const fn cost(stranger: Stranger, data_bytes: usize, spi_bytes: usize, chip_selects: usize, cycles: u64) -> Cost {
+    Cost { stranger, data_bytes, spi_bytes, chip_selects, cycles }
+}
+
+const COSTS: [Cost; 9] = [
+    cost(Stranger::Mcp2515, 0, 24, 8, 3222),
+    cost(Stranger::Mcp2515, 1, 25, 8, 3263),
+    cost(Stranger::Mcp2515, 8, 32, 8, 3546),
+    cost(Stranger::Mcp25xx, 0, 21, 3, 1593),
+    cost(Stranger::Mcp25xx, 1, 21, 3, 1593),
+    cost(Stranger::Mcp25xx, 8, 21, 3, 1593),
+    cost(Stranger::Mcp25xxWrongRxb1, 0, 16, 2, 1202),
+    cost(Stranger::Mcp25xxWrongRxb1, 1, 16, 2, 1202),
+    cost(Stranger::Mcp25xxWrongRxb1, 8, 16, 2, 1202),
+];
+
+/// The instructions from the READ STATUS that shows RX0IF to the one in which RX0IF is cleared.
+fn fetch(instructions: &[Instruction], cleared_at: u64) -> &[Instruction] {
+    let shows_rx0if = |instruction: &Instruction| instruction.mosi[0] == 0xA0 && instruction.miso[1] & RX0IF != 0;
+    let first = instructions.iter().position(shows_rx0if).expect("a READ STATUS");
+    let last = instructions.iter().position(|instruction| instruction.end >= cleared_at).expect("the clearing");
+    &instructions[first..=last]
+}
+
+/// The reason for a driver of our own, in numbers. Cycles may vary by a few per cent with the compiler.
+#[test]
+fn a_frame_costs_each_crate_the_spi_bytes_and_cycles_in_the_documents() {
+    for Cost { stranger, data_bytes, spi_bytes, chip_selects, cycles } in COSTS {
+        let mut stand = Stand::new(stranger);
+        stand.take_instructions();
+        stand.serve(Frame::extended(RXF0, &[0x5A; 8][..data_bytes]));
+        let reports = stand.take_reports();
+        let [Report::Received(_, measured)] = reports[..] else { panic!("{stranger:?}: {reports:?}") };
+        let log = stand.take_frame_log();
+        let Fate::Cleared(cleared_at) = log[0].fate else { panic!("{stranger:?}: {log:?}") };
+        let instructions = stand.take_instructions();
+        let fetch = fetch(&instructions, cleared_at);
+        let bytes: usize = fetch.iter().map(|instruction| instruction.mosi.len()).sum();
+        println!("{stranger:?}, {data_bytes} data bytes: {measured} cycles / {bytes} SPI bytes / {} CS", fetch.len());
+        assert_eq!((bytes, fetch.len()), (spi_bytes, chip_selects), "{stranger:?}, {data_bytes} data bytes");
+        assert!(measured.abs_diff(cycles) <= cycles / 10, "{stranger:?}, {data_bytes} data bytes: {measured} cycles");
+        stand.assert_no_violations();
+    }
+}
