@@ -475,7 +475,11 @@ mod tests {
     #[test]
     fn values_out_of_range_are_replaced_by_the_defaults_and_no_others() {
         for (index, &(name, min, max, default)) in TABLE.iter().enumerate() {
-            for value in 0..=u16::MAX {
+            // All values around the ends of each range, and some of all the others.
+            let around = |end: i32| (end - 3..=end + 3).map(|number| number as u16);
+            for value in
+                (0..=u16::MAX).step_by(97).chain(around(min)).chain(around(max)).chain([i16::MAX as u16, u16::MAX])
+            {
                 let number = if min < 0 { i32::from(value as i16) } else { i32::from(value) };
                 let mut parameters = fresh();
                 parameters.values[index] = value.to_le_bytes();
