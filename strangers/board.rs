@@ -5,7 +5,7 @@
 //! must not come from the firmware that the model was made for.
 //! Source: ATmega48/88/168 datasheet, sections SPI, USART0, 16-bit Timer/Counter1.
 
-use crate::can_board::CS_IS_D10;
+use crate::can_board::{CRYSTAL_MHZ, CS_IS_D10};
 #[cfg(chip = "atmega168")]
 use avr_device::atmega168::{PORTB, Peripherals, SPI, TC1, USART0};
 #[cfg(chip = "atmega328p")]
@@ -18,6 +18,11 @@ use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 const F_CPU_HZ: u32 = 16_000_000;
 /// 115,200 baud with U2X0: 16 MHz / (8 * (16 + 1)) = 117,647, 2.1 % fast.
 const UBRR_115200: u16 = 16;
+
+/// The instruction RESET of the MCP2515.
+const RESET: u8 = 0xC0;
+/// A little longer than 128 periods of 8 MHz.
+const START_UP_US: u32 = 20;
 
 /// What the firmware is to do.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -77,7 +82,7 @@ impl ErrorType for CanSpi {
 impl SpiDevice for CanSpi {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
         select(&mut self.port, true);
-        for operation in operations {
+        for operation in operations.iter_mut() {
             match operation {
                 Operation::Read(words) => {
                     for word in words.iter_mut() {
@@ -99,6 +104,10 @@ impl SpiDevice for CanSpi {
             }
         }
         select(&mut self.port, false);
+        // `mcp25xx` goes on at once after RESET, and a crystal of 8 MHz takes 16 us to start again (DS20001801J 8.1).
+        if CRYSTAL_MHZ == 8 && matches!(*operations, [Operation::Write([RESET])]) {
+            avr_device::asm::delay_cycles(START_UP_US * (F_CPU_HZ / 1_000_000));
+        }
         Ok(())
     }
 }

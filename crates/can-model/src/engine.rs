@@ -201,6 +201,11 @@ impl Engine {
         *self = Engine::new();
     }
 
+    /// Begins anew and keeps the error counters: it leaves whatever it was doing, and looks for an idle bus.
+    pub fn restart(&mut self) {
+        *self = Engine { counters: std::mem::take(&mut self.counters), ..Engine::new() };
+    }
+
     /// Transmit error counter. Above 255 the node is bus-off.
     pub fn tec(&self) -> u16 {
         self.counters.tec

@@ -4,7 +4,7 @@
 //! side effects happen only for bits in the mask, so that a BIT MODIFY of one bit is not a new request
 //! for its neighbours.
 //!
-//! Source: DS20001801J sections 6.6, 7, 10.1, 11 and 12.10.
+//! Source: DS20001801J sections 6.6, 6.7, 7, 10.1, 11 and 12.10.
 
 use super::registers::{self, Kind, eflg, int, txrtsctrl};
 use super::{Mcp2515, Mode};

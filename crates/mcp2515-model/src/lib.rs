@@ -1,6 +1,6 @@
 //! The Microchip MCP2515 stand-alone CAN controller, modelled from its datasheet.
 //!
-//! It has two sides. The SPI side (`select`, `exchange`, `deselect`, `int_pin`) is what a
+//! It has two sides. The SPI side (`select`, `begin_byte`, `end_byte`, `deselect`, `int_pin`) is what a
 //! microcontroller sees; the bus side is [`Station`](can_model::Station), stepped bit by bit around a
 //! protocol [`Engine`]. What the datasheet forbids is recorded as a [`Violation`].
 //!
@@ -115,7 +115,7 @@ impl Mcp2515 {
 
     /// The RESET pin is pulsed low: registers to their reset values, start-up time begins.
     pub fn hardware_reset(&mut self, at: Cycles) {
-        self.reset(at, true);
+        self.reset(at);
     }
 
     /// The mode that OPMOD shows.

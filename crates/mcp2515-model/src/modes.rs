@@ -10,10 +10,9 @@
 //! A request is made by writing REQOP. After a wake-up the chip is in listen-only mode, although REQOP
 //! still says sleep; it goes elsewhere when REQOP is written again (10.2.1).
 //!
-//! Oscillator start-up (8.1): for 128 oscillator periods after power-up, the RESET pin, or a wake-up the
-//! chip is held in reset. The RESET instruction counts only if the chip sleeps; otherwise its oscillator
-//! is running. "No SPI protocol operations should be attempted" then: instructions are ignored, and a
-//! violation is recorded. After a wake-up by the bus registers do answer, as in sleep: the driver cannot
+//! Oscillator start-up (8.1): for 128 oscillator periods after power-up, the RESET pin, the RESET
+//! instruction, or a wake-up the chip is held in reset. The driver must not use the SPI then:
+//! instructions are ignored, and a violation is recorded. After a wake-up by the bus registers do answer, as in sleep: the driver cannot
 //! know.
 //!
 //! Source: DS20001801J sections 8.1, 9 and 10. WAKFIL has no effect: any dominant bit wakes.
@@ -167,7 +166,7 @@ impl Mcp2515 {
             let at_cnf = |address: u8| self.registers[usize::from(address)];
             let text = format!(
                 "CNF1 = {:02X}h, CNF2 = {:02X}h, CNF3 = {:02X}h on leaving configuration mode: {fault} \
-                 (DS20001801J 5.3)",
+                 (DS20001801J 5.5)",
                 at_cnf(registers::CNF1),
                 at_cnf(registers::CNF2),
                 at_cnf(registers::CNF3)
@@ -198,10 +197,13 @@ impl Mcp2515 {
         self.joining = Some(mode);
     }
 
-    /// Sets the engine to what `mode` needs. Its counters begin at zero: configuration and listen-only
-    /// mode clear them (10.1, 10.3), and the others are entered through one of those.
+    /// Sets the engine to what `mode` needs. Configuration and listen-only mode clear the error counters
+    /// (10.1, 10.3); the other modes keep them.
     pub(super) fn start_engine(&mut self, mode: Mode) {
-        self.can.reset();
+        match mode {
+            Mode::Configuration | Mode::ListenOnly => self.can.reset(),
+            Mode::Normal | Mode::Loopback | Mode::Sleep => self.can.restart(),
+        }
         match mode {
             Mode::Normal => self.can.set_mode(EngineMode::Normal),
             Mode::ListenOnly => self.can.set_mode(EngineMode::ListenOnly),
@@ -264,9 +266,8 @@ impl Mcp2515 {
         }
     }
 
-    /// Everything a reset does, by pin or by instruction (9.0). `oscillator_stopped`: the start-up timer
-    /// has to run.
-    pub(super) fn reset(&mut self, at: Cycles, oscillator_stopped: bool) {
+    /// Everything a reset does, by pin or by instruction (9.0).
+    pub(super) fn reset(&mut self, at: Cycles) {
         for n in 0..2 {
             self.rx_flag_cleared(n, at);
         }
@@ -284,8 +285,6 @@ impl Mcp2515 {
         self.timing_checked = false;
         self.error_flags = 0;
         self.rxb0_filter = 0;
-        if oscillator_stopped {
-            self.deaf_until = at + self.start_up_cycles();
-        }
+        self.deaf_until = at + self.start_up_cycles();
     }
 }

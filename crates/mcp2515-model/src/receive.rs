@@ -6,7 +6,8 @@
 //! overflow flag of the buffer that was tried last (4.2, Figure 4-3).
 //!
 //! Limit: with RXM = 11 the chip also loads the part of a frame before an error; the model loads only
-//! valid frames. Data bytes beyond the frame's length keep the previous frame's values.
+//! valid frames. In listen-only mode the masks and filters hold as in any other; 10.3 can be read otherwise. Data bytes
+//! beyond the frame's length keep the previous frame's values; 4.1.2 tells the driver not to count on that.
 //!
 //! Source: DS20001801J section 4, Registers 4-1 to 4-9, section 7.6.1.
 

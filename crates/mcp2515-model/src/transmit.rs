@@ -7,14 +7,15 @@
 //! it: transmitted, arbitration lost, or error.
 //!
 //! Invariants: TXREQ is set if and only if the buffer holds a frame to be sent; the frame is fixed when
-//! TXREQ is set, because the buffer cannot be written until TXREQ is clear again (3.1).
+//! TXREQ is set, because the model ignores writes to the buffer until TXREQ is clear again, which 3.1 asks the driver
+//! to wait for.
 //!
 //! A request takes effect at the end of the SPI byte that makes it: the RTS instruction itself, or the
 //! data byte of a WRITE or BIT MODIFY to TXBnCTRL. ABTF, MLOA and TXERR are cleared by a request and
 //! stay through automatic repetitions.
 //!
 //! Source: DS20001801J section 3, Register 3-1, Figure 3-1. Not modelled: the TXnRTS pins, and erratum 5
-//! of DS80000179 (CS held low for the length of a whole frame repeats the frame).
+//! of the errata DS80179 (CS held low for the length of a whole frame repeats the frame).
 
 use super::Mcp2515;
 use super::filters::unpack_id;
@@ -171,8 +172,8 @@ impl Mcp2515 {
             Failure::BusError => txctrl::TXERR,
         };
         let one_shot = self.registers[usize::from(registers::CANCTRL)] & canctrl::OSM != 0;
-        // 3.6, note 2: in one-shot mode ABTF is not set for a frame that failed on the bus.
-        if self.tx[n].withdrawn == Some(Withdrawal::AbortAll) && !one_shot {
+        // 3.6, note 2: in one-shot mode ABTF is set for a frame that failed on the bus, too.
+        if one_shot || self.tx[n].withdrawn == Some(Withdrawal::AbortAll) {
             self.registers[control] |= txctrl::ABTF;
         }
         if one_shot || self.tx[n].withdrawn.is_some() {

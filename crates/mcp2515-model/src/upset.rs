@@ -26,7 +26,8 @@ impl Mcp2515 {
     /// The supply dips: all registers hold garbage, the mode too, and the chip goes on with that. Equal seeds give equal
     /// garbage.
     pub fn brown_out(&mut self, seed: u64, at: Cycles) {
-        self.reset(at, false);
+        self.reset(at);
+        self.deaf_until = at;
         let mut garbage = Noise::new(seed);
         for address in 0..registers::SIZE as u8 {
             let byte = garbage.next_u64() as u8 & registers::writable(address);

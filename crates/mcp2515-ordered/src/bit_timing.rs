@@ -51,7 +51,7 @@ impl BitTiming {
         let prop = before - ps1;
         assert!(prop >= 1 && prop <= 8 && ps1 >= ps2);
 
-        // The jump width is one quantum. PS2 must be larger than the jump width (DS20001801J 5.3).
+        // The jump width is one quantum. PS2 must be larger than the jump width (DS20001801J 5.5).
         let timing = Self::from_registers(brp as u8, ((ps1 - 1) as u8) << 3 | (prop - 1) as u8, (ps2 - 1) as u8);
         assert!(timing.sample_point_permille() >= 750 && timing.sample_point_permille() <= 900);
         timing

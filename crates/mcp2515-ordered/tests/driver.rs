@@ -108,6 +108,7 @@ impl SpiBus for Wire {
         let mut world = self.0.borrow_mut();
         for word in words {
             let end = world.now + SPI_BYTE;
+            world.chip.borrow_mut().begin_byte(world.now);
             world.run_to(end);
             world.bytes += 1;
             if world.corrupted.is_some_and(|address| world.instruction == [WRITE, address]) {
@@ -115,7 +116,7 @@ impl SpiBus for Wire {
                 *word ^= 1;
             }
             world.instruction.push(*word);
-            *word = world.chip.borrow_mut().exchange(*word, end);
+            *word = world.chip.borrow_mut().end_byte(*word, end);
         }
         Ok(())
     }

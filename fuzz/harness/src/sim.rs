@@ -126,8 +126,9 @@ fn chip(mut bytes: &[u8]) {
     let mut instruction = |chip: &mut Mcp2515, bytes: &[u8], levels: u8| {
         chip.select(at);
         let answer = bytes.iter().map(|&byte| {
+            chip.begin_byte(at);
             at += SHORT;
-            chip.exchange(byte, at)
+            chip.end_byte(byte, at)
         });
         let answer = answer.last();
         chip.deselect(at);

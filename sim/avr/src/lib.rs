@@ -264,7 +264,7 @@ impl Avr {
     }
 
     /// Connects the one device on the SPI. Chip select is a pin like any other.
-    pub fn connect_spi(&mut self, device: SpiDevice) {
+    pub fn connect_spi(&mut self, device: Box<dyn SpiDevice>) {
         self.machine.set_spi_device(device);
     }
 

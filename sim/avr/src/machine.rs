@@ -30,8 +30,23 @@ use super::{Reset, ResetCause, Violation};
 use sim_base::Cycles;
 use sim_base::Noise;
 
-/// What is clocked by the SPI: gets a byte, returns the one shifted out during it.
-pub type SpiDevice = Box<dyn FnMut(&SpiByte) -> u8>;
+/// What is clocked by the SPI.
+pub trait SpiDevice {
+    /// A byte begins: the device latches what it shifts out.
+    fn begin_byte(&mut self, at: Cycles);
+
+    /// A byte is over. Returns what the device shifted out during it.
+    fn end_byte(&mut self, byte: &SpiByte) -> u8;
+}
+
+/// A device that answers when the byte is over.
+impl<F: FnMut(&SpiByte) -> u8> SpiDevice for F {
+    fn begin_byte(&mut self, _at: Cycles) {}
+
+    fn end_byte(&mut self, byte: &SpiByte) -> u8 {
+        self(byte)
+    }
+}
 
 /// Dates that the models make.
 #[derive(Debug, Clone, Copy)]
@@ -94,7 +109,7 @@ pub(super) struct Machine {
     panic: Cell<Option<Box<dyn Any + Send>>>,
     originals: RefCell<Vec<(u16, WriteHandler)>>,
     spi: RefCell<Spi>,
-    spi_device: RefCell<Option<SpiDevice>>,
+    spi_device: RefCell<Option<Box<dyn SpiDevice>>>,
     pub uart: RefCell<Uart>,
     pub eeprom: RefCell<Eeprom>,
     pub adc: RefCell<Adc>,
@@ -175,7 +190,7 @@ impl Machine {
         self.watchdog.replace(Watchdog::new(seed));
     }
 
-    pub fn set_spi_device(&self, device: SpiDevice) {
+    pub fn set_spi_device(&self, device: Box<dyn SpiDevice>) {
         self.spi_device.replace(Some(device));
     }
 
@@ -374,17 +389,23 @@ impl Machine {
         })
     }
 
+    /// A byte begins to be clocked out.
+    pub fn spi_transfer_begins(&self, at: Cycles) {
+        self.with_spi_device(|device| device.begin_byte(at));
+    }
+
+    /// Calls the device, which may call the machine.
+    fn with_spi_device<T>(&self, call: impl FnOnce(&mut dyn SpiDevice) -> T) -> Option<T> {
+        let mut device = self.spi_device.take()?;
+        let result = call(&mut *device);
+        self.spi_device.replace(Some(device));
+        Some(result)
+    }
+
     fn spi_transfer_ends(&self) {
         let byte = self.spi.borrow_mut().finish(self);
-        let mut miso = 0xFF;
-        if let Some(byte) = byte {
-            let device = self.spi_device.take();
-            if let Some(mut device) = device {
-                miso = device(&byte);
-                self.spi_device.replace(Some(device));
-            }
-        }
-        self.spi.borrow_mut().receive(self, miso);
+        let miso = byte.and_then(|byte| self.with_spi_device(|device| device.end_byte(&byte)));
+        self.spi.borrow_mut().receive(self, miso.unwrap_or(0xFF));
     }
 
     /// Interrupts that are requested as long as a condition holds are requested again when a

@@ -68,6 +68,7 @@ impl Spi {
         let mode = (control & (CPOL | CPHA)) >> 2;
         self.in_transfer = Some(SpiByte { mosi: value, start, end, cycles_per_bit, mode });
         machine.schedule(Timer::Spi, end);
+        machine.spi_transfer_begins(start);
     }
 
     /// Reads SPDR.

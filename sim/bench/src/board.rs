@@ -24,7 +24,9 @@ use std::rc::Rc;
 use anyhow::{Context, Result};
 
 use crate::Cycles;
-use crate::avr::{Avr, Firmware, InputPin, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte, State};
+use crate::avr::{
+    Avr, Firmware, InputPin, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte, SpiDevice, State,
+};
 use crate::mcp2515::Mcp2515;
 use crate::wiring::{Pin, Wiring};
 use sim_base::Noise;
@@ -43,6 +45,17 @@ pub struct Violation {
     pub source: &'static str,
     /// What.
     pub text: String,
+}
+
+/// What has passed on the SPI since the board was made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SpiUse {
+    /// How often CS of the MCP2515 fell.
+    pub selects: u64,
+    /// Bytes while it was low.
+    pub bytes: u64,
+    /// Bytes while it was high: for another device on the same SPI, or for nobody.
+    pub bytes_elsewhere: u64,
 }
 
 /// What a probe on the board's wires sees, with the time at which it begins.
@@ -80,8 +93,22 @@ struct Wires {
     noise_per_million: Cell<u32>,
     noise: RefCell<Noise>,
     violations: RefCell<Vec<Violation>>,
+    spi_use: Cell<SpiUse>,
     /// What has passed, if there is a probe.
     probe: RefCell<Option<Vec<(Cycles, WireEvent)>>>,
+}
+
+/// The MCP2515 at the end of the AVR's SPI.
+struct SpiEnd(Rc<Wires>);
+
+impl SpiDevice for SpiEnd {
+    fn begin_byte(&mut self, at: Cycles) {
+        self.0.begin_byte(at);
+    }
+
+    fn end_byte(&mut self, byte: &SpiByte) -> u8 {
+        self.0.end_byte(byte)
+    }
 }
 
 /// One node.
@@ -154,6 +181,7 @@ impl Board {
             noise_per_million: Cell::new(0),
             noise: RefCell::new(Noise::new(0)),
             violations: RefCell::default(),
+            spi_use: Cell::default(),
             probe: RefCell::default(),
         });
         wires.int_input.drive(true);
@@ -161,7 +189,7 @@ impl Board {
         let cs = Rc::clone(&wires);
         avr.watch_pin(wiring.cs.port(), wiring.cs.bit(), Box::new(move |level, at| cs.chip_select(level, at)));
         let spi = Rc::clone(&wires);
-        avr.connect_spi(Box::new(move |byte| spi.exchange(byte)));
+        avr.connect_spi(Box::new(SpiEnd(spi)));
         let mut board = Board {
             wiring,
             avr,
@@ -360,6 +388,11 @@ impl Board {
         duty.unwrap_or(if self.pin(pin) { 1.0 } else { 0.0 })
     }
 
+    /// What has passed on the SPI.
+    pub fn spi_use(&self) -> SpiUse {
+        self.wires.spi_use.get()
+    }
+
     /// The firmware's mistakes since the last call, in the order of their times.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         let mut all = self.wires.violations.take();
@@ -394,7 +427,9 @@ impl Wires {
     }
 
     fn chip_select(&self, level: bool, at: Cycles) {
-        self.selected.set(!level);
+        let was_selected = self.selected.replace(!level);
+        let so_far = self.spi_use.get();
+        self.spi_use.set(SpiUse { selects: so_far.selects + u64::from(!level && !was_selected), ..so_far });
         self.note(at, WireEvent::Cs(level));
         if self.dead_miso.get().is_none() {
             let mut chip = self.chip.borrow_mut();
@@ -408,7 +443,18 @@ impl Wires {
         }
     }
 
-    fn exchange(&self, byte: &SpiByte) -> u8 {
+    fn begin_byte(&self, at: Cycles) {
+        if self.dead_miso.get().is_none() {
+            self.chip.borrow_mut().begin_byte(at);
+        }
+    }
+
+    fn end_byte(&self, byte: &SpiByte) -> u8 {
+        let so_far = self.spi_use.get();
+        self.spi_use.set(match self.selected.get() {
+            true => SpiUse { bytes: so_far.bytes + 1, ..so_far },
+            false => SpiUse { bytes_elsewhere: so_far.bytes_elsewhere + 1, ..so_far },
+        });
         let byte = SpiByte { mosi: self.disturb(byte.mosi), ..*byte };
         let miso = self.answer(&byte);
         self.note(byte.start, WireEvent::Spi { byte, miso });
@@ -420,12 +466,12 @@ impl Wires {
         if let Some(miso) = self.dead_miso.get() {
             return miso;
         }
-        if !matches!(byte.mode, 0 | 3) {
+        if self.selected.get() && !matches!(byte.mode, 0 | 3) {
             let text = format!("SPI mode {}: the MCP2515 takes 0 and 3 only", byte.mode);
             self.violations.borrow_mut().push(Violation { at: byte.end, source: "board", text });
             return 0xFF;
         }
-        let miso = self.chip.borrow_mut().exchange(byte.mosi, byte.end);
+        let miso = self.chip.borrow_mut().end_byte(byte.mosi, byte.end);
         self.update_int(byte.end);
         self.disturb(self.stuck_miso.get().unwrap_or(miso))
     }

@@ -236,8 +236,11 @@ fn a_program_for_another_cs_selects_nothing() {
     let mut board = Board::wired(program("mcp2515", &[]), &wiring).unwrap();
     board.run_until(MS);
     assert_ne!(byte(board.avr(), "canstat"), 0x80);
-    let violations = board.take_violations();
-    assert!(violations.iter().any(|violation| violation.text.contains("while CS is high")), "{violations:?}");
+    let passed = board.spi_use();
+    assert_eq!((passed.selects, passed.bytes), (0, 0));
+    assert!(passed.bytes_elsewhere > 0);
+    // They could be for another device on the same SPI, which is no mistake.
+    assert_eq!(board.take_violations(), []);
 }
 
 #[test]

@@ -426,7 +426,7 @@ fn both_chips_run_a_program_alike() {
         let run = |chip| {
             let mut avr = program_for(chip, name, &[]);
             avr.set_analog(0, 1234);
-            avr.connect_spi(Box::new(|byte| byte.mosi ^ 0x5A));
+            avr.connect_spi(Box::new(|byte: &bench::avr::SpiByte| byte.mosi ^ 0x5A));
             let sent = Rc::new(RefCell::new(Vec::new()));
             let log = Rc::clone(&sent);
             avr.watch_pin('B', 1, Box::new(move |level, at| log.borrow_mut().push((at, level))));

@@ -12,7 +12,7 @@ use bench::avr::{Avr, Oc, PulseMeter, ResetCause, SpiByte};
 fn complementing_device(avr: &mut Avr) -> Rc<RefCell<Vec<SpiByte>>> {
     let seen = Rc::new(RefCell::new(Vec::new()));
     let log = Rc::clone(&seen);
-    avr.connect_spi(Box::new(move |byte| {
+    avr.connect_spi(Box::new(move |byte: &bench::avr::SpiByte| {
         log.borrow_mut().push(*byte);
         !byte.mosi
     }));

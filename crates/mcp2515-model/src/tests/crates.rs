@@ -7,7 +7,7 @@ use can_model::{Frame, Id};
 /// `mcp2515` 0.3.0, `init`: RESET and 5 ms, everything by single WRITEs, BIT MODIFY with a fifth byte.
 fn init_like_mcp2515() -> Bench {
     let mut bench = Bench::new();
-    bench.spi(&[RESET]);
+    bench.reset();
     bench.run_bits(5_000);
     let modify = |bench: &mut Bench, address, mask, data| {
         bench.spi(&[BIT_MODIFY, address, mask, data, 0]);
@@ -80,10 +80,10 @@ fn the_mcp2515_crate_sends() {
     }
 }
 
-/// `mcp25xx` 0.4.0, `apply_config`: RESET and straight on, three CNFs in one WRITE, mode last.
+/// `mcp25xx` 0.4.0, `apply_config`: RESET and, as soon as a slow processor gets there, three CNFs in one WRITE, mode last.
 fn init_like_mcp25xx() -> Bench {
     let mut bench = Bench::new();
-    bench.spi(&[RESET]);
+    bench.reset();
     bench.write(CNF3, &[0x82, 0xD0, 0x00]);
     bench.write(RXB0CTRL, &[BUKT]);
     bench.write(RXB1CTRL, &[0x00]);

@@ -40,7 +40,7 @@ fn watch(bench: &mut Bench, mut done: impl FnMut(u8, u8) -> bool) -> Vec<u8> {
     panic!("never done: EFLG took the values {seen:02X?}");
 }
 
-/// DS20001801J 6.6, Register 6-3: a lone sender gets to error-passive and no further (an unacknowledged
+/// DS20001801J 6.7, Register 6-3: a lone sender gets to error-passive and no further (an unacknowledged
 /// frame costs a passive node nothing).
 #[test]
 fn a_lone_sender_becomes_error_passive_and_stays_on_the_bus() {
@@ -75,7 +75,7 @@ fn error_flags_are_reset_below_their_limits() {
     bench.assert_register(EFLG, 0);
 }
 
-/// DS20001801J 6.6, Register 6-3: a receiver that sees errors only.
+/// DS20001801J 6.7, Register 6-3: a receiver that sees errors only.
 #[test]
 fn a_receiver_of_errors_becomes_error_passive() {
     let mut bench = Bench::normal();
@@ -106,7 +106,7 @@ fn bus_off() -> Bench {
     panic!("not bus-off: TEC {}", bench.chip.borrow().tec());
 }
 
-/// DS20001801J 6.6, 7.6.6: TXBO when TEC passes 255; TEC is eight bits wide.
+/// DS20001801J 6.7, 7.6.6: TXBO when TEC passes 255; TEC is eight bits wide.
 #[test]
 fn a_sender_of_errors_goes_bus_off() {
     let mut bench = bus_off();
@@ -116,7 +116,7 @@ fn a_sender_of_errors_goes_bus_off() {
     assert_eq!(bench.read(TXB0CTRL) & TXREQ, TXREQ);
 }
 
-/// DS20001801J 6.6, Figure 6-1: back after 128 times 11 recessive bits, with counters at 0, and the
+/// DS20001801J 6.7, Figure 6-1: back after 128 times 11 recessive bits, with counters at 0, and the
 /// pending frame is sent.
 #[test]
 fn bus_off_ends_after_128_times_11_recessive_bits() {
@@ -135,7 +135,7 @@ fn bus_off_ends_after_128_times_11_recessive_bits() {
 #[test]
 fn a_reset_ends_bus_off() {
     let mut bench = bus_off();
-    bench.spi(&[RESET]);
+    bench.reset();
     bench.assert_register(EFLG, 0);
     bench.set_up();
     bench.enter(NORMAL);

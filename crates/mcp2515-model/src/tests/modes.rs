@@ -129,7 +129,7 @@ fn a_mode_request_does_not_act_before_its_time() {
     let mut chip = bench.chip.borrow_mut();
     chip.select(asked);
     for byte in [WRITE, CANCTRL, CONFIGURATION] {
-        chip.exchange(byte, asked);
+        chip.end_byte(byte, asked);
     }
     chip.deselect(asked);
     drop(chip);
@@ -293,9 +293,9 @@ fn spi_is_ignored_and_a_violation_during_oscillator_start_up() {
         for (at, works) in [(start_up - 1, false), (start_up, true)] {
             let mut chip = Mcp2515::new(osc_hz);
             chip.select(0);
-            chip.exchange(WRITE, at);
-            chip.exchange(CANINTE, at);
-            chip.exchange(0x55, at);
+            chip.end_byte(WRITE, at);
+            chip.end_byte(CANINTE, at);
+            chip.end_byte(0x55, at);
             chip.deselect(at);
             assert_eq!(chip.register(CANINTE), if works { 0x55 } else { 0x00 });
             let violations = chip.take_violations();
@@ -319,13 +319,59 @@ fn a_hardware_reset_restores_registers_and_starts_the_timer() {
     bench.assert_register(CANINTE, 0);
 }
 
-/// DS20001801J 8.1: the timer is for an oscillator that was stopped; after the instruction it runs on.
+/// DS20001801J 8.1: the start-up timer runs after the RESET instruction, too.
 #[test]
-fn the_reset_instruction_needs_no_start_up_time() {
+fn after_the_reset_instruction_the_chip_is_deaf_for_128_oscillator_periods() {
     let mut bench = Bench::normal();
     bench.spi(&[RESET]);
     bench.write(CNF3, &CNF_1M);
+    bench.assert_violation(&["instruction 02h", "start-up", "8.1"]);
+    bench.run_bits(8);
+    assert_eq!(bench.read_many(CNF3, 3), [0; 3]);
+    bench.write(CNF3, &CNF_1M);
     assert_eq!(bench.read_many(CNF3, 3), CNF_1M);
+}
+
+/// DS20001801J 8.1: with a crystal of 8 MHz an access 10 us after RESET is ignored, and one after 16 us is not.
+#[test]
+fn a_slower_crystal_takes_longer_to_start_after_reset() {
+    const US: u64 = 16;
+    for (later_us, works) in [(10, false), (16, true)] {
+        let mut chip = Mcp2515::new(8_000_000);
+        let reset = 1000;
+        chip.select(reset);
+        chip.end_byte(RESET, reset);
+        chip.deselect(reset);
+        let at = reset + later_us * US;
+        chip.select(at);
+        for byte in [WRITE, CANINTE, 0x55] {
+            chip.end_byte(byte, at);
+        }
+        chip.deselect(at);
+        assert_eq!(chip.register(CANINTE) == 0x55, works, "{later_us} us");
+        assert_eq!(chip.take_violations().is_empty(), works);
+    }
+}
+
+/// DS20001801J 10.1: only configuration mode clears the error counters.
+#[test]
+fn loopback_mode_keeps_the_error_counters_and_configuration_mode_clears_them() {
+    let mut bench = Bench::normal();
+    bench.unplug_peer();
+    bench.load(0, 0x123, &[]);
+    bench.rts(1);
+    bench.run_bits(100);
+    bench.modify(CANCTRL, ABAT, ABAT);
+    bench.run_bits(FRAME_BITS);
+    bench.modify(CANCTRL, ABAT, 0);
+    let tec = bench.read(TEC);
+    assert!(tec > 0);
+    bench.enter(LOOPBACK);
+    bench.assert_register(TEC, tec);
+    bench.enter(NORMAL);
+    bench.assert_register(TEC, tec);
+    bench.enter(CONFIGURATION);
+    bench.assert_register(TEC, 0);
 }
 
 /// DS20001801J 9.0: a reset in the middle of a frame breaks it off; the bus recovers.

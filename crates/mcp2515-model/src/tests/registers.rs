@@ -42,7 +42,7 @@ fn the_reset_instruction_restores_the_reset_values() {
     bench.write(RXM0, &[0xFF; 8]);
     bench.write(RXB0CTRL, &[0x64]);
     bench.write(CANCTRL, &[0x8F]);
-    bench.spi(&[RESET]);
+    bench.reset();
     assert_eq!(bench.read_many(0x00, 128), before);
 }
 
@@ -53,7 +53,7 @@ fn filters_and_buffers_survive_a_reset() {
     let mut bench = Bench::new();
     bench.write(RXF[3], &[0x12, 0x6A, 0x56, 0x78]);
     bench.write(TXB0SIDH, &[0x9A, 0xEB]);
-    bench.spi(&[RESET]);
+    bench.reset();
     assert_eq!(bench.read_many(RXF[3], 4), [0x12, 0x6A, 0x56, 0x78]);
     assert_eq!(bench.read_many(TXB0SIDH, 2), [0x9A, 0xEB]);
 }
@@ -169,7 +169,7 @@ fn filters_and_masks_read_as_zero_outside_configuration_mode() {
     assert_eq!(bench.read_many(RXF[5], 4), [0x11, 0x0A, 0x33, 0x44]);
 }
 
-/// DS20001801J 5.5: the bit timing stays readable in every mode.
+/// DS20001801J 5.7: the bit timing stays readable in every mode.
 #[test]
 fn cnf_registers_are_readable_in_normal_mode() {
     let mut bench = Bench::normal();

@@ -119,7 +119,7 @@ fn a_mode_request_in_sleep_is_ignored_and_a_violation() {
     bench.assert_violation(&["asleep", "10.2"]);
 }
 
-/// DS20001801J 9.0: RESET works in sleep; the stopped oscillator then has to start.
+/// DS20001801J 8.1, 9.0: RESET works in sleep, and starts the oscillator.
 #[test]
 fn a_reset_wakes_the_chip_after_the_start_up_time() {
     let mut bench = asleep(true);

@@ -67,7 +67,7 @@ pub const CONFIGURATION: u8 = 0x80;
 
 /// AVR cycles of a bit at 1 Mbit/s, and of an SPI byte at 8 MHz.
 pub const BIT: Cycles = 16;
-const SPI_BYTE: Cycles = 16;
+pub const SPI_BYTE: Cycles = 16;
 /// Longer than any frame with its stuff bits, error frame and intermission.
 pub const FRAME_BITS: u64 = 200;
 /// 1 Mbit/s from 16 MHz with the sample point at 75 %: CNF3, CNF2, CNF1.
@@ -144,8 +144,9 @@ impl Bench {
     }
 
     pub fn byte(&mut self, byte: u8) -> u8 {
+        self.chip.borrow_mut().begin_byte(self.now);
         self.run_to(self.now + SPI_BYTE);
-        self.chip.borrow_mut().exchange(byte, self.now)
+        self.chip.borrow_mut().end_byte(byte, self.now)
     }
 
     pub fn deselect(&mut self) {
@@ -216,6 +217,12 @@ impl Bench {
         let mut bytes = vec![0x40 + 2 * n, (id >> 3) as u8, (id << 5) as u8, 0, 0, data.len() as u8];
         bytes.extend_from_slice(data);
         self.spi(&bytes);
+    }
+
+    /// RESET, and the time that the oscillator takes to start.
+    pub fn reset(&mut self) {
+        self.spi(&[RESET]);
+        self.run_bits(8);
     }
 
     /// RTS for the buffers of the mask.

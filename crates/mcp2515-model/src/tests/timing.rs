@@ -49,12 +49,12 @@ fn an_8_mhz_crystal_doubles_the_bit_time() {
     let at = 1_000;
     chip.select(at);
     for byte in [WRITE, CNF3, 0x01, 0x91, 0x00] {
-        chip.exchange(byte, at);
+        chip.end_byte(byte, at);
     }
     chip.deselect(at);
     chip.select(at);
     for byte in [WRITE, CANCTRL, NORMAL] {
-        chip.exchange(byte, at);
+        chip.end_byte(byte, at);
     }
     chip.deselect(at);
     assert_eq!(chip.bit_time_ps(), Some(2_000_000));
@@ -70,7 +70,7 @@ fn there_is_no_bit_time_in_configuration_mode() {
     assert_eq!(bench.chip.borrow().bit_time_ps(), None);
 }
 
-/// DS20001801J 5.3: what must hold is checked when configuration mode is left.
+/// DS20001801J 5.5: what must hold is checked when configuration mode is left.
 #[test]
 fn illegal_bit_timing_is_a_violation_on_leaving_configuration_mode() {
     for (cnf, fault) in [
@@ -81,11 +81,11 @@ fn illegal_bit_timing_is_a_violation_on_leaving_configuration_mode() {
     ] {
         let mut bench = timed(cnf);
         bench.request(NORMAL);
-        bench.assert_violation(&["CNF1", fault, "5.3"]);
+        bench.assert_violation(&["CNF1", fault, "5.5"]);
     }
 }
 
-/// DS20001801J 5.3: the limits themselves are legal.
+/// DS20001801J 5.5: the limits themselves are legal.
 #[test]
 fn bit_timing_at_the_limits_is_no_violation() {
     // PS2 2 > SJW 1, PropSeg + PS1 = PS2, 25 TQ.
@@ -94,7 +94,7 @@ fn bit_timing_at_the_limits_is_no_violation() {
     }
 }
 
-/// DS20001801J 5.3: one mistake, one report, until configuration mode is entered again.
+/// DS20001801J 5.5: one mistake, one report, until configuration mode is entered again.
 #[test]
 fn illegal_bit_timing_is_reported_once() {
     let mut bench = timed([0x00, 0xBC, 0x00]);

@@ -13,7 +13,7 @@ fn a_brown_out_leaves_garbage_that_differs_with_its_seed_and_a_reset_cures() {
         bench.chip.borrow_mut().brown_out(seed, bench.now);
         seen.push((bench.mode(), bench.read(CANINTE)));
         bench.run_bits(500);
-        bench.spi(&[RESET]);
+        bench.reset();
         bench.run_bits(300);
         bench.assert_opmod(CONFIGURATION);
         bench.set_up();
@@ -65,7 +65,7 @@ fn a_chip_that_fell_asleep_wakes_by_a_reset() {
     let mut bench = Bench::normal();
     bench.chip.borrow_mut().fall_asleep(bench.now);
     bench.assert_opmod(SLEEP);
-    bench.spi(&[RESET]);
+    bench.reset();
     bench.run_bits(10);
     bench.assert_opmod(CONFIGURATION);
 }
@@ -78,7 +78,7 @@ fn a_chip_that_is_held_stays_in_configuration_mode_until_it_is_let_go() {
     bench.request(NORMAL);
     bench.run_bits(100);
     bench.assert_opmod(CONFIGURATION);
-    bench.spi(&[RESET]);
+    bench.reset();
     bench.set_up();
     bench.request(NORMAL);
     bench.run_bits(100);

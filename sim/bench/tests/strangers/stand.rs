@@ -3,7 +3,7 @@
 //! The numbers of the firmwares' job (`strangers/job.rs`) are restated here.
 
 use bench::Cycles;
-use bench::avr::{Chip, SpiByte};
+use bench::avr::{Chip, SpiByte, SpiDevice};
 use bench::board::Board;
 use bench::can::{Fault, Frame, Id, SoftNode};
 use bench::mcp2515::{LoggedFrame, Mcp2515};
@@ -311,18 +311,31 @@ pub fn milliseconds(cycles: Cycles) -> u64 {
     cycles / CYCLES_PER_MS
 }
 
+/// The chip, and a note of each byte.
+struct Spied {
+    chip: Rc<RefCell<Mcp2515>>,
+    current: Rc<RefCell<Instruction>>,
+}
+
+impl SpiDevice for Spied {
+    fn begin_byte(&mut self, at: Cycles) {
+        self.chip.borrow_mut().begin_byte(at);
+    }
+
+    fn end_byte(&mut self, byte: &SpiByte) -> u8 {
+        let miso = self.chip.borrow_mut().end_byte(byte.mosi, byte.end);
+        let mut current = self.current.borrow_mut();
+        current.mosi.push(byte.mosi);
+        current.miso.push(miso);
+        miso
+    }
+}
+
 /// Writes down all that passes between the AVR and the chip.
 fn spy(board: &mut Board, chip: &Rc<RefCell<Mcp2515>>, cs: Pin) -> Rc<RefCell<Vec<Instruction>>> {
     let instructions = Rc::new(RefCell::new(Vec::new()));
     let current = Rc::new(RefCell::new(Instruction::default()));
-    let (bytes, chip) = (current.clone(), chip.clone());
-    board.avr_mut().connect_spi(Box::new(move |byte: &SpiByte| {
-        let miso = chip.borrow_mut().exchange(byte.mosi, byte.end);
-        let mut current = bytes.borrow_mut();
-        current.mosi.push(byte.mosi);
-        current.miso.push(miso);
-        miso
-    }));
+    board.avr_mut().connect_spi(Box::new(Spied { chip: chip.clone(), current: current.clone() }));
     let finished = instructions.clone();
     board.avr_mut().watch_pin(
         cs.port(),
