@@ -162,6 +162,20 @@ impl Firmware {
         Ok(())
     }
 
+    /// Where the program begins, if it is a boot loader: the boot section, which is where resets go.
+    ///
+    /// # Errors
+    /// If it does not fit the chip, or does not begin where a boot section can.
+    pub fn boot_section(&self, chip: Chip) -> Result<usize> {
+        self.check_fits(chip)?;
+        let first = self.flash.iter().map(|(address, _)| *address).min().unwrap_or_default();
+        if !chip.boot_sections().contains(&first) {
+            let starts = chip.boot_sections().map(|start| format!("{start:#06x}")).join(", ");
+            bail!("it begins at {first:#06x}; a boot loader of an {chip} begins at one of {starts}");
+        }
+        Ok(first)
+    }
+
     fn place(&mut self, address: u32, data: &[u8]) -> Result<()> {
         let (memory, start) = match address {
             0..SRAM_OFFSET => (&mut self.flash, address),
@@ -223,6 +237,16 @@ mod tests {
     #[track_caller]
     fn refused(firmware: &Firmware, chip: Chip, expected: &str) {
         assert_eq!(firmware.check_fits(chip).unwrap_err().to_string(), expected);
+    }
+
+    #[test]
+    fn a_boot_loader_must_begin_where_a_reset_can_go() {
+        let loader = |address| Firmware { flash: vec![(address, vec![0])], ..Firmware::default() };
+        assert_eq!(loader(0x3800).boot_section(Chip::Atmega168).unwrap(), 0x3800);
+        assert_eq!(loader(0x7E00).boot_section(Chip::Atmega328p).unwrap(), 0x7E00);
+        let error = |chip, address| loader(address).boot_section(chip).unwrap_err().to_string();
+        assert!(error(Chip::Atmega168, 0).ends_with("begins at one of 0x3800, 0x3c00, 0x3e00, 0x3f00"));
+        assert!(error(Chip::Atmega168, 0x7E00).ends_with("--mcu atmega328p"));
     }
 
     #[test]

@@ -144,17 +144,38 @@ impl Avr {
     /// # Errors
     /// If the program does not fit.
     pub fn programmed(chip: Chip, firmware: &Firmware) -> Result<Avr> {
-        firmware.check_fits(chip)?;
         let mut avr = Avr::blank(chip)?;
-        for (address, bytes) in &firmware.flash {
-            avr.load_flash(*address, bytes);
-        }
-        for (address, bytes) in &firmware.eeprom {
-            avr.machine.eeprom.borrow_mut().set_cells(*address, bytes);
-        }
+        avr.load_further(firmware)?;
         avr.symbols.clone_from(&firmware.symbols);
         avr.board.clone_from(&firmware.board);
         Ok(avr)
+    }
+
+    /// Writes a further program to flash and EEPROM, such as an application beside a boot loader. Symbols and wiring remain
+    /// those of the first.
+    ///
+    /// # Errors
+    /// If the program does not fit.
+    pub fn load_further(&mut self, firmware: &Firmware) -> Result<()> {
+        firmware.check_fits(self.chip())?;
+        for (address, bytes) in &firmware.flash {
+            self.load_flash(*address, bytes);
+        }
+        for (address, bytes) in &firmware.eeprom {
+            self.machine.eeprom.borrow_mut().set_cells(*address, bytes);
+        }
+        Ok(())
+    }
+
+    /// Writes a boot loader to flash, and lets resets begin there. Takes effect at the next reset.
+    ///
+    /// # Errors
+    /// If the program does not fit, or does not begin where a boot section can.
+    pub fn install_boot_loader(&mut self, loader: &Firmware) -> Result<()> {
+        let start = loader.boot_section(self.chip())?;
+        self.load_further(loader)?;
+        self.set_reset_vector(start as u32);
+        Ok(())
     }
 
     /// Which chip it is.

@@ -13,9 +13,9 @@ use super::state::{AutopilotState, Controller, News, State};
 use crate::fault::{Fault, Injection};
 use crate::links::Link;
 use crate::links::script::{BenchEvent, Script};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use bench::autopilot::{Autopilot, Settings};
-use bench::avr::{self, Avr, Chip, Firmware, ResetCause, regs};
+use bench::avr::{self, Avr, Firmware, ResetCause, regs};
 use bench::board::Board;
 use bench::budget::{Budget, PAINT};
 use bench::can::{self, Frame, PortId, SoftNode};
@@ -107,7 +107,7 @@ impl Scene {
         // Only further boards have their program already. But it says what the board is that the boot loader runs on.
         let others = if args.elf.is_some() || args.links.nodes > 0 { elf()? } else { elf().unwrap_or_default() };
         let wiring = args.wires.apply(Wiring::of_program(&others)?)?;
-        let section = boot_section(wiring.chip, &loader).with_context(|| hex.display().to_string())?;
+        let section = loader.boot_section(wiring.chip).with_context(|| hex.display().to_string())?;
         Scene::with_programs(&loader, Some(section), &others, args)
     }
 
@@ -638,21 +638,10 @@ fn crash(state: avr::State) -> Option<String> {
     }
 }
 
-/// Where a boot loader begins, which is where resets go.
-fn boot_section(chip: Chip, loader: &Firmware) -> Result<usize> {
-    loader.check_fits(chip)?;
-    let first = loader.flash.iter().map(|(address, _)| *address).min().unwrap_or_default();
-    if !chip.boot_sections().contains(&first) {
-        let starts = chip.boot_sections().map(|start| format!("{start:#06x}")).join(", ");
-        bail!("it begins at {first:#06x}; a boot loader of an {chip} begins at one of {starts}");
-    }
-    Ok(first)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bench::avr::Symbol;
+    use bench::avr::{Chip, Symbol};
     use bench::dronecan::Dialect;
     use clap::Parser;
 
@@ -935,15 +924,5 @@ mod tests {
         let said: Vec<_> = texts.iter().filter(|text| text.starts_with("ArmingStatus")).collect();
         assert_eq!(said, ["ArmingStatus armed", "ArmingStatus disarmed"]);
         assert!(texts.iter().any(|text| text.contains("id 15 unitless")), "{texts:?}");
-    }
-
-    #[test]
-    fn a_boot_loader_must_begin_where_a_reset_can_go() {
-        let loader = |address| Firmware { flash: vec![(address, vec![0])], ..Firmware::default() };
-        assert_eq!(boot_section(Chip::Atmega168, &loader(0x3800)).unwrap(), 0x3800);
-        assert_eq!(boot_section(Chip::Atmega328p, &loader(0x7E00)).unwrap(), 0x7E00);
-        let error = |chip, address| boot_section(chip, &loader(address)).unwrap_err().to_string();
-        assert!(error(Chip::Atmega168, 0).ends_with("begins at one of 0x3800, 0x3c00, 0x3e00, 0x3f00"));
-        assert!(error(Chip::Atmega168, 0x7E00).ends_with("--mcu atmega328p"));
     }
 }
