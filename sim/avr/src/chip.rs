@@ -73,6 +73,31 @@ impl Chip {
             Chip::Atmega328p => [0x7000, 0x7800, 0x7C00, 0x7E00],
         }
     }
+
+    /// First byte of the flash that cannot be read while it is written, behind the read-while-write section: the longest boot
+    /// section.
+    pub fn nrww_start(self) -> usize {
+        self.boot_sections()[0]
+    }
+
+    /// Bytes of the signature.
+    pub fn signature(self) -> [u8; 3] {
+        match self {
+            Chip::Atmega168 => [0x1E, 0x94, 0x06],
+            Chip::Atmega328p => [0x1E, 0x95, 0x0F],
+        }
+    }
+
+    /// Low, high and extended fuse byte of an Arduino whose boot section begins at a byte address; with `resets_to_boot`
+    /// BOOTRST is programmed.
+    pub fn fuses(self, boot_start: usize, resets_to_boot: bool) -> [u8; 3] {
+        let bootsz = self.boot_sections().iter().position(|start| *start == boot_start).unwrap_or_default() as u8;
+        let boot = bootsz << 1 | u8::from(!resets_to_boot);
+        match self {
+            Chip::Atmega168 => [0xFF, 0xDD, 0xF8 | boot],
+            Chip::Atmega328p => [0xFF, 0xD8 | boot, 0xFD],
+        }
+    }
 }
 
 /// As people write it: "ATmega168".
@@ -117,5 +142,12 @@ mod tests {
             let words = chip.boot_sections().map(|start| (chip.flash_bytes() - start) / 2);
             assert_eq!(words, [1024, 512, 256, 128].map(|words| words * (chip.flash_bytes() / 0x4000)));
         }
+    }
+
+    #[test]
+    fn the_fuses_are_those_that_arduinos_are_sold_with() {
+        assert_eq!(Chip::Atmega168.fuses(0x3800, true), [0xFF, 0xDD, 0xF8]);
+        assert_eq!(Chip::Atmega328p.fuses(0x7E00, true), [0xFF, 0xDE, 0xFD]);
+        assert_eq!(Chip::Atmega328p.fuses(0x7800, false), [0xFF, 0xDB, 0xFD]);
     }
 }

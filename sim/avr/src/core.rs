@@ -3,9 +3,9 @@
 //!
 //! [`Core`] owns simavr's `avr_t` and knows where its peripherals are. Registers are read and
 //! written without side effects; everything a write sets off is decided by the models in this
-//! module's siblings, which replace simavr's own handlers for the SPI, USART0, the EEPROM and the
-//! waveforms of Timer1. simavr keeps the instructions, interrupts, ports, the ADC, Timer0, Timer2,
-//! the watchdog (but for its oscillator) and self-programming.
+//! module's siblings, which replace simavr's own handlers for the SPI, USART0, the EEPROM,
+//! self-programming and the waveforms of Timer1. simavr keeps the instructions, interrupts, ports,
+//! the ADC, Timer0, Timer2 and the watchdog (but for its oscillator).
 
 use std::cell::Cell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
@@ -67,6 +67,7 @@ pub(super) enum Vector {
     UsartDataRegisterEmpty,
     UsartTransmitComplete,
     EepromReady,
+    SpmReady,
     /// INT0 and INT1, by their number.
     External(u8),
 }
@@ -81,6 +82,15 @@ pub(super) enum Activity {
 
 /// A handler that simavr had installed for a register write, kept for calling it later.
 pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
+
+/// Handles requests to simavr's flash: gets the peripheral, the request, and a pointer that depends on the request.
+/// Answers -1 to unknown requests.
+pub(super) type FlashHandler = unsafe extern "C" fn(*mut ffi::avr_io_t, u32, *mut c_void) -> c_int;
+
+/// The program executes SPM.
+pub(super) const FLASH_SPM: u32 = u32::from_be_bytes(*b"fspm");
+/// The program executes LPM. The pointer is to the byte that it reads.
+pub(super) const FLASH_LPM: u32 = u32::from_be_bytes(*b"flpm");
 
 /// A chip in simavr.
 ///
@@ -97,6 +107,7 @@ pub(super) struct Core {
     timer1: *mut ffi::avr_timer_t,
     watchdog: *mut ffi::avr_watchdog_t,
     extint: *mut ffi::avr_extint_t,
+    flash: *mut ffi::avr_flash_t,
     context: Cell<*mut c_void>,
 }
 
@@ -137,9 +148,10 @@ impl Core {
             timer1: find(avr, c"timer", '1').cast(),
             watchdog: find(avr, c"watchdog", '\0').cast(),
             extint: find(avr, c"extint", '\0').cast(),
+            flash: find(avr, c"flash", '\0').cast(),
             context: Cell::new(ptr::null_mut()),
         };
-        let modules: [*mut c_void; 7] = [
+        let modules: [*mut c_void; 8] = [
             core.uart.cast(),
             core.spi.cast(),
             core.eeprom.cast(),
@@ -147,6 +159,7 @@ impl Core {
             core.timer1.cast(),
             core.watchdog.cast(),
             core.extint.cast(),
+            core.flash.cast(),
         ];
         ensure!(
             modules.iter().all(|module| !module.is_null()) && core.ports.iter().all(|port| !port.is_null()),
@@ -380,6 +393,7 @@ impl Core {
                 Vector::UsartDataRegisterEmpty => &raw mut (*self.uart).udrc,
                 Vector::UsartTransmitComplete => &raw mut (*self.uart).txc,
                 Vector::EepromReady => &raw mut (*self.eeprom).ready,
+                Vector::SpmReady => &raw mut (*self.flash).flash,
                 Vector::External(n) => &raw mut (*self.extint).eint[usize::from(n)].vector,
             }
         }
@@ -434,6 +448,12 @@ impl Core {
             let bad = (*self.avr).irq.add(ffi::AVR_CORE_BAD_OPCODE as usize);
             ffi::avr_irq_register_notify(bad, bad_opcode, self.context.get());
         }
+    }
+
+    /// Calls `handler` in place of simavr's own at each SPM and LPM, with [`FLASH_SPM`] or [`FLASH_LPM`].
+    pub fn hook_flash(&self, handler: FlashHandler) {
+        // Safety: see the invariant of `Core`.
+        unsafe { (*self.flash).io.ioctl = Some(handler) }
     }
 
     /// Calls `trigger` at the moment at which the ADC samples its input.

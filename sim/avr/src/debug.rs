@@ -26,7 +26,7 @@ pub enum Halt {
     Breakpoint,
     /// The step is made.
     Stepped,
-    /// The program ran off the end of flash.
+    /// The program ran off the flash that can be read.
     Crashed,
 }
 
@@ -161,7 +161,7 @@ impl Debugger {
         removed
     }
 
-    /// Whether the program ran off the end of flash.
+    /// Whether the program ran off the flash that can be read.
     pub fn has_crashed(&self) -> bool {
         self.machine.core.activity() == Activity::Crashed
     }

@@ -49,6 +49,11 @@ impl Eeprom {
         self.cells[address..address + bytes.len()].copy_from_slice(bytes);
     }
 
+    /// True while a cell is programmed.
+    pub fn is_busy(&self) -> bool {
+        self.programming.is_some()
+    }
+
     /// A reset. The date of a programming in progress must be made again, simavr forgot it.
     pub fn reset(&mut self, machine: &Machine) {
         self.master_enable_until = 0;
@@ -141,6 +146,12 @@ impl Eeprom {
 
     fn program(&mut self, machine: &Machine, mode: u8, address: usize) {
         let core = &machine.core;
+        let mut spm = machine.spm.borrow_mut();
+        // > The EEPROM can not be programmed during a CPU write to the Flash memory. (section 8.6.3)
+        if spm.is_busy() {
+            machine.violation("an EEPROM write is started while the flash is programmed: it has no effect");
+            return;
+        }
         let data = core.get(EEDR);
         let (value, duration) = match mode >> 4 {
             0 => (data, ERASE_AND_WRITE_CYCLES),
@@ -152,6 +163,7 @@ impl Eeprom {
                 return;
             }
         };
+        spm.lose_buffer(machine);
         let end = machine.now() + duration;
         self.programming = Some(Programming { address, value, end });
         machine.schedule(Timer::Eeprom, end);

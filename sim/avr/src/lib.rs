@@ -5,8 +5,9 @@
 //! the simulation and goes on through resets.
 //!
 //! ```text
-//! Avr ─ machine ─┬─ core (simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog, SPM)
-//!                ├─ spi, uart, eeprom   replace simavr's models
+//! Avr ─ machine ─┬─ core (simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog)
+//!                ├─ spi, uart, eeprom,  replace simavr's models
+//!                │  spm
 //!                ├─ timer1              the waveforms of OC1A and OC1B; simavr keeps the interrupts
 //!                ├─ machine             edges of INT0 and INT1 that come while masked, which simavr forgets
 //!                ├─ watchdog            its oscillator, which differs from chip to chip and has jitter
@@ -34,6 +35,7 @@ mod pins;
 mod pulse;
 pub mod regs;
 mod spi;
+mod spm;
 mod timer1;
 mod trace;
 mod uart;
@@ -53,6 +55,7 @@ pub use machine::SpiDevice;
 pub use pins::PinWatcher;
 pub use pulse::{Pulse, PulseMeter};
 pub use spi::SpiByte;
+pub use spm::{PAGE_BYTES, PAGE_PROGRAMMING_CYCLES};
 pub use timer1::Oc;
 pub use trace::{Moment, Tracer};
 pub use uart::SerialCharacter;
@@ -99,7 +102,8 @@ pub enum State {
     Running,
     /// Sleeps until an interrupt.
     Sleeping,
-    /// Ran off the end of flash; the byte address of the program counter. Only a reset helps.
+    /// Ran off the end of flash, or into flash that cannot be read while other flash is programmed; the byte address of the
+    /// program counter. Only a reset helps.
     Crashed(u32),
     /// Sleeps with interrupts off. Only a reset helps.
     Done,
@@ -167,7 +171,7 @@ impl Avr {
         Ok(())
     }
 
-    /// Writes a boot loader to flash, and lets resets begin there. Takes effect at the next reset.
+    /// Writes a boot loader to flash, and sets BOOTSZ and BOOTRST to where it begins. Takes effect at the next reset.
     ///
     /// # Errors
     /// If the program does not fit, or does not begin where a boot section can.
@@ -194,9 +198,32 @@ impl Avr {
     }
 
     /// Byte address where resets begin: a boot loader's, if the fuses say so. Takes effect at the
-    /// next reset.
+    /// next reset. If a boot section can begin there, BOOTSZ is set to it and BOOTRST is programmed.
     pub fn set_reset_vector(&mut self, address: u32) {
+        let is_boot_section = self.chip().boot_sections().contains(&(address as usize));
+        self.machine.spm.borrow_mut().set_boot_reset(is_boot_section);
+        if is_boot_section {
+            self.set_boot_section(address as usize);
+        }
         self.machine.core.set_reset_pc(address);
+    }
+
+    /// Sets BOOTSZ by the byte address of the boot section, from which alone SPM works. A chip from the factory has the longest.
+    ///
+    /// # Panics
+    /// If no boot section of the chip begins there.
+    pub fn set_boot_section(&mut self, start: usize) {
+        self.machine.spm.borrow_mut().set_boot_start(start);
+    }
+
+    /// True while the program erases or writes a page of flash, or the lock bits.
+    pub fn is_programming_flash(&self) -> bool {
+        self.machine.spm.borrow().is_busy()
+    }
+
+    /// The lock bits; 0 is programmed.
+    pub fn lock_bits(&self) -> u8 {
+        self.machine.spm.borrow().lock_bits()
     }
 
     /// A symbol of the ELF whose name has `part` in it: compilers decorate names.
@@ -410,7 +437,7 @@ impl Avr {
         self.machine.trace.set(tracer);
     }
 
-    /// All of flash.
+    /// All of flash, which survives resets and loss of power. A page in programming still has its old content.
     pub fn flash(&self) -> &[u8] {
         self.machine.core.flash()
     }

@@ -7,7 +7,7 @@
 
 use std::any::Any;
 use std::cell::{Cell, RefCell};
-use std::ffi::c_void;
+use std::ffi::{c_int, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
@@ -16,12 +16,13 @@ use simavr_ffi as ffi;
 
 use super::adc::Adc;
 use super::chip::Chip;
-use super::core::{Access, Activity, Core, Vector, WriteHandler};
+use super::core::{Access, Activity, Core, FLASH_LPM, FLASH_SPM, Vector, WriteHandler};
 use super::debug::Debug;
 use super::eeprom::Eeprom;
 use super::pins::Pins;
 use super::regs;
 use super::spi::{Spi, SpiByte};
+use super::spm::Spm;
 use super::timer1::{Oc, Timer1};
 use super::trace::Trace;
 use super::uart::Uart;
@@ -57,10 +58,11 @@ pub(super) enum Timer {
     UartSend,
     UartReceive,
     Eeprom,
+    Spm,
 }
 
 /// Registers whose writes the models see, or handle in place of simavr.
-const WRITES: [u16; 30] = [
+const WRITES: [u16; 31] = [
     regs::PINB,
     regs::DDRB,
     regs::PORTB,
@@ -74,6 +76,7 @@ const WRITES: [u16; 30] = [
     regs::SPSR,
     regs::SPDR,
     regs::MCUSR,
+    regs::SPMCSR,
     regs::WDTCSR,
     regs::TCCR1A,
     regs::TCCR1B,
@@ -93,8 +96,17 @@ const WRITES: [u16; 30] = [
     regs::UDR0,
 ];
 /// Registers whose reads the models answer.
-const READS: [u16; 8] =
-    [regs::PINB, regs::EECR, regs::SPSR, regs::SPDR, regs::TCNT1L, regs::TCNT1H, regs::UCSR0A, regs::UDR0];
+const READS: [u16; 9] = [
+    regs::PINB,
+    regs::EECR,
+    regs::SPSR,
+    regs::SPDR,
+    regs::SPMCSR,
+    regs::TCNT1L,
+    regs::TCNT1H,
+    regs::UCSR0A,
+    regs::UDR0,
+];
 
 /// A program that errs in a loop makes millions of them: the first ones tell the story.
 const VIOLATIONS_KEPT: usize = 1000;
@@ -112,6 +124,7 @@ pub(super) struct Machine {
     spi_device: RefCell<Option<Box<dyn SpiDevice>>>,
     pub uart: RefCell<Uart>,
     pub eeprom: RefCell<Eeprom>,
+    pub spm: RefCell<Spm>,
     pub adc: RefCell<Adc>,
     pub timer1: RefCell<Timer1>,
     watchdog: RefCell<Watchdog>,
@@ -137,6 +150,7 @@ impl Machine {
             spi_device: RefCell::default(),
             uart: RefCell::default(),
             eeprom: RefCell::new(Eeprom::new(chip.eeprom_bytes())),
+            spm: RefCell::new(Spm::new(chip)),
             adc: RefCell::new(Adc::new()),
             timer1: RefCell::new(Timer1::new(0)),
             watchdog: RefCell::new(Watchdog::new(0)),
@@ -154,6 +168,7 @@ impl Machine {
         core.hook_interrupts(Some(on_interrupt), Some(on_bad_opcode));
         core.hook_adc(Some(on_adc_sample));
         core.hook_watchdog(Some(on_watchdog));
+        core.hook_flash(on_flash);
         for address in WRITES {
             machine.originals.borrow_mut().push((address, core.hook_write(address, Some(on_write))));
         }
@@ -233,11 +248,15 @@ impl Machine {
         self.schedule(Timer::Stop, until);
         loop {
             core.run_freely();
-            if self.debug.is_watching() && self.debug.halts(core) {
+            let cpu_waits = self.spm.borrow().halts_cpu();
+            if self.debug.is_watching() && (self.debug.is_halted() || !cpu_waits && self.debug.halts(core)) {
                 return;
             }
+            if !cpu_waits && core.activity() == Activity::Running {
+                self.spm.borrow().check_execution(self);
+            }
             let asleep_for_good = core.activity() == Activity::Sleeping && !core.interrupts_enabled();
-            if core.activity() == Activity::Running {
+            if core.activity() == Activity::Running && !cpu_waits {
                 if self.trace.is_on() {
                     self.trace.instruction(self);
                 }
@@ -263,8 +282,8 @@ impl Machine {
                 core.set_activity(Activity::Sleeping);
             }
             match core.activity() {
-                Activity::Running => core.service_interrupts(),
-                Activity::Sleeping | Activity::Crashed => {
+                Activity::Running if !self.spm.borrow().halts_cpu() => core.service_interrupts(),
+                Activity::Running | Activity::Sleeping | Activity::Crashed => {
                     let rest = until.saturating_sub(self.now());
                     core.set_cycle(core.cycle() + idle.min(rest));
                 }
@@ -282,6 +301,7 @@ impl Machine {
         self.spi.replace(Spi::default());
         self.uart.borrow_mut().reset(self);
         self.eeprom.borrow_mut().reset(self);
+        self.spm.borrow_mut().reset(self, &mut self.power_on_noise.borrow_mut());
         self.timer1.borrow_mut().reset(now);
         self.watchdog.borrow_mut().reset(&self.core);
         self.pins.reapply(self);
@@ -299,6 +319,7 @@ impl Machine {
             regs::UCSR0C | regs::UBRR0L => self.core.set(address, value),
             regs::EECR => self.eeprom.borrow_mut().write_control(self, value),
             regs::EEARL | regs::EEARH => self.eeprom.borrow_mut().write_address(self, address, value),
+            regs::SPMCSR => self.spm.borrow_mut().write_control(self, value),
             // > The flag is reset by a Power-on Reset, or by writing a logic zero to the flag.
             // > (section 11.9.1)
             regs::MCUSR => self.core.set(address, self.core.get(address) & value),
@@ -369,6 +390,7 @@ impl Machine {
             regs::SPSR => self.spi.borrow_mut().read_status(self),
             regs::UDR0 => self.uart.borrow_mut().read_data(self),
             regs::EECR => self.eeprom.borrow().read_control(self),
+            regs::SPMCSR => self.spm.borrow().read_control(self),
             regs::TCNT1L | regs::TCNT1H => self.timer1.borrow_mut().read(address, self.now()),
             regs::PINB => self.read_pinb(),
             _ => self.core.get(address),
@@ -413,6 +435,7 @@ impl Machine {
     fn interrupt_returns(&self) {
         self.uart.borrow().request_levels(self);
         self.eeprom.borrow().request_level(self);
+        self.spm.borrow().update(self);
     }
 
     /// Runs a callback; a panic in it is carried over simavr's frames to the run loop.
@@ -433,6 +456,7 @@ fn callback(timer: Timer) -> ffi::avr_cycle_timer_t {
         Timer::UartSend => Some(on_uart_send),
         Timer::UartReceive => Some(on_uart_receive),
         Timer::Eeprom => Some(on_eeprom),
+        Timer::Spm => Some(on_spm),
     }
 }
 
@@ -573,6 +597,39 @@ unsafe extern "C" fn on_eeprom(
 ) -> ffi::avr_cycle_count_t {
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
-    machine.guard((), || machine.eeprom.borrow_mut().finish(machine));
+    machine.guard((), || {
+        machine.eeprom.borrow_mut().finish(machine);
+        machine.spm.borrow().update(machine);
+    });
+    0
+}
+
+unsafe extern "C" fn on_spm(
+    _: *mut ffi::avr_t,
+    _: ffi::avr_cycle_count_t,
+    context: *mut c_void,
+) -> ffi::avr_cycle_count_t {
+    // Safety: simavr passes the context on.
+    let machine = unsafe { machine(context) };
+    machine.guard((), || machine.spm.borrow_mut().finish(machine));
+    0
+}
+
+/// SPM and LPM, in the middle of the instruction.
+unsafe extern "C" fn on_flash(flash: *mut ffi::avr_io_t, request: u32, byte: *mut c_void) -> c_int {
+    if request != FLASH_SPM && request != FLASH_LPM {
+        return -1;
+    }
+    // Safety: simavr passes the peripheral, which belongs to a chip whose custom.data is the context.
+    let machine = unsafe { machine((*(*flash).avr).custom.data) };
+    machine.guard((), || {
+        if request == FLASH_SPM {
+            machine.spm.borrow_mut().execute(machine);
+        } else {
+            // Safety: with this request simavr passes a pointer to the byte that it has read, in the frame of its caller.
+            let byte = unsafe { &mut *byte.cast::<u8>() };
+            *byte = machine.spm.borrow_mut().load(machine, *byte);
+        }
+    });
     0
 }

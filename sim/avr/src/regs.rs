@@ -55,6 +55,16 @@ pub const WDRF: u8 = 1 << 3;
 pub const MCUCR: u16 = 0x55;
 pub const PUD: u8 = 1 << 4;
 
+pub const SPMCSR: u16 = 0x57;
+pub const SPMIE: u8 = 1 << 7;
+pub const RWWSB: u8 = 1 << 6;
+pub const SIGRD: u8 = 1 << 5;
+pub const RWWSRE: u8 = 1 << 4;
+pub const BLBSET: u8 = 1 << 3;
+pub const PGWRT: u8 = 1 << 2;
+pub const PGERS: u8 = 1 << 1;
+pub const SELFPRGEN: u8 = 1 << 0;
+
 pub const SPL: u16 = 0x5D;
 pub const SPH: u16 = 0x5E;
 pub const SREG: u16 = 0x5F;

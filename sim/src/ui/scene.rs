@@ -632,7 +632,7 @@ fn is_painted(avr: &Avr, bottom: u16) -> bool {
 /// What ended a program, if something did.
 fn crash(state: avr::State) -> Option<String> {
     match state {
-        avr::State::Crashed(pc) => Some(format!("the program counter left the flash at {pc:#06x}")),
+        avr::State::Crashed(pc) => Some(format!("the program counter left the flash that can be read, at {pc:#06x}")),
         avr::State::Done => Some(String::from("asleep for ever, with interrupts off")),
         avr::State::Running | avr::State::Sleeping => None,
     }

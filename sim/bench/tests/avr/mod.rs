@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::Result;
 use bench::F_CPU_HZ;
-use bench::avr::{Avr, Chip, Firmware, Violation};
+use bench::avr::{Avr, Chip, Firmware, ResetCause, Violation};
 
 /// CPU cycles of a millisecond.
 pub const MS: u64 = F_CPU_HZ / 1000;
@@ -27,6 +27,18 @@ pub fn program_for(chip: Chip, name: &str, defines: &[&str]) -> Avr {
     Avr::with_firmware(&firmware_for(chip, name, defines)).expect("a program that fits")
 }
 
+/// Compiles `tests/avr/<name>.c` as a boot loader that begins at a byte address, and returns a chip with it, just powered on.
+#[track_caller]
+pub fn boot_loader_for(chip: Chip, start: usize, name: &str, defines: &[&str]) -> Avr {
+    let section = format!("-Wl,--section-start=.text={start:#x}");
+    let firmware = compile(chip, name, defines, &[&section]).expect("an ELF file");
+    assert_eq!(firmware.boot_section(chip).expect("a boot loader"), start);
+    let mut avr = Avr::programmed(chip, &firmware).expect("a program that fits");
+    avr.set_reset_vector(start as u32);
+    avr.reset(ResetCause::PowerOn);
+    avr
+}
+
 /// Compiles `tests/avr/<name>.c` for a chip, and does not load it.
 #[track_caller]
 pub fn firmware_for(chip: Chip, name: &str, defines: &[&str]) -> Firmware {
@@ -36,6 +48,11 @@ pub fn firmware_for(chip: Chip, name: &str, defines: &[&str]) -> Firmware {
 /// The same, of a program that may be refused.
 #[track_caller]
 pub fn read(chip: Chip, name: &str, defines: &[&str]) -> Result<Firmware> {
+    compile(chip, name, defines, &[])
+}
+
+#[track_caller]
+fn compile(chip: Chip, name: &str, defines: &[&str], options: &[&str]) -> Result<Firmware> {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let unique = format!("sim-avr-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
     let directory = std::env::temp_dir().join(unique);
@@ -46,6 +63,7 @@ pub fn read(chip: Chip, name: &str, defines: &[&str]) -> Result<Firmware> {
         .arg(format!("-mmcu={}", chip.name()))
         .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
         .args(defines.iter().map(|define| format!("-D{define}")))
+        .args(options)
         .arg(&source)
         .arg("-o")
         .arg(&elf)

@@ -1,0 +1,385 @@
+//! Self-programming of the flash by SPM (DS40002061B, chapter 27, "Boot Loader Support"), with the time that it takes.
+//!
+//! simavr erases and writes pages at once, from any place in the flash. Here a page erase, a page write and a write of the
+//! lock bits take [`PAGE_PROGRAMMING_CYCLES`], and the flash changes at the end. Meanwhile SELFPRGEN reads 1. A page of the
+//! read-while-write (RWW) section sets RWWSB: LPM reads 0xFF there and a program that executes there has crashed, until
+//! SPM with RWWSRE or the fill of a page buffer clears RWWSB. A page of the section behind it (NRWW) halts the CPU.
+//! What the datasheet forbids has no effect, and is a violation.
+//!
+//! Any reset during an erase or a write leaves the page half done, as a loss of power does: the datasheet promises completion
+//! for no reset. Each byte then has its old value, its new value, or some bits of each, as the chip's seed decides. Flash and
+//! lock bits survive resets and loss of power.
+//!
+//! Limits: a half-done cell reads the same each time; a real one may not. LPM ignores the lock bits. Debuggers and the host
+//! read the stored flash while RWWSB is set. The fuses, but for BOOTSZ and BOOTRST, are those of Arduinos. SIGRD works on the
+//! ATmega168, too, for which avr-libc does not define it.
+
+use super::chip::Chip;
+use super::core::{Activity, Vector};
+use super::machine::{Machine, Timer};
+use super::noise::Noise;
+use super::regs::{BLBSET, PGERS, PGWRT, RWWSB, RWWSRE, SELFPRGEN, SIGRD, SPMCSR, SPMIE};
+use sim_base::{Cycles, F_CPU_HZ};
+
+/// > Flash write (Page Erase, Page Write, and write Lock bits by SPM): 3.7 ms to 4.5 ms ("Programming Time for Flash when
+/// > Using SPM")
+///
+/// The calibrated RC oscillator times it. This is the longest time: a program that waits for less fails here.
+pub const PAGE_PROGRAMMING_CYCLES: Cycles = F_CPU_HZ * 45 / 10_000;
+/// Bytes of a page, of both chips.
+pub const PAGE_BYTES: usize = 128;
+
+const PAGE_WORDS: usize = PAGE_BYTES / 2;
+/// > The SELFPRGEN bit will auto-clear upon completion of an SPM instruction, or if no SPM instruction is executed within
+/// > four clock cycles. (SPMCSR)
+const SPM_WINDOW_CYCLES: Cycles = 4;
+/// > An LPM instruction within three cycles after BLBSET and SELFPRGEN are set [...] (SPMCSR)
+const LPM_WINDOW_CYCLES: Cycles = 3;
+/// Mask and value of the high byte of OUT, which takes one cycle. The other instructions that store take two.
+const OUT_OPCODE: (u8, u8) = (0b1111_1000, 0b1011_1000);
+
+const R0: u16 = 0;
+const R1: u16 = 1;
+const ZL: u16 = 30;
+const ZH: u16 = 31;
+
+/// Boot lock bits; 0 is programmed. SPM must not change the application section, or the boot section.
+const BLB01: u8 = 1 << 2;
+const BLB11: u8 = 1 << 4;
+/// > The only accessible Lock bits are the Boot Lock bits ("Setting the Boot Loader Lock Bits by SPM")
+const BOOT_LOCK_BITS: u8 = 0b0011_1100;
+
+/// What the next SPM or LPM does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Command {
+    FillBuffer,
+    ErasePage,
+    WritePage,
+    EnableRww,
+    LockBits,
+    Signature,
+}
+
+/// Commands by the lower six bits of SPMCSR.
+const COMMANDS: [(u8, Command); 6] = [
+    (SELFPRGEN, Command::FillBuffer),
+    (SELFPRGEN | PGERS, Command::ErasePage),
+    (SELFPRGEN | PGWRT, Command::WritePage),
+    (SELFPRGEN | RWWSRE, Command::EnableRww),
+    (SELFPRGEN | BLBSET, Command::LockBits),
+    (SELFPRGEN | SIGRD, Command::Signature),
+];
+
+/// A command that waits for its instruction.
+#[derive(Debug, Clone, Copy)]
+struct Armed {
+    bits: u8,
+    command: Command,
+    /// When the instruction that wrote SPMCSR had ended.
+    since: Cycles,
+}
+
+/// What the flash is busy with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Job {
+    /// Byte address of the page.
+    Erase(usize),
+    /// Byte address of the page.
+    Write(usize),
+    /// The lock bits to be.
+    LockBits(u8),
+}
+
+/// SPMCSR, the page buffer, the fuses and lock bits that matter to them, and the operation in progress.
+#[derive(Debug)]
+pub(super) struct Spm {
+    chip: Chip,
+    boot_start: usize,
+    resets_to_boot: bool,
+    lock_bits: u8,
+    armed: Option<Armed>,
+    job: Option<(Job, Cycles)>,
+    rww_is_busy: bool,
+    buffer: [u16; PAGE_WORDS],
+    /// A bit for each word of the buffer.
+    filled: u64,
+}
+
+impl Spm {
+    /// A chip with BOOTSZ as it leaves the factory: the longest boot section. No lock bit is programmed.
+    pub fn new(chip: Chip) -> Spm {
+        Spm {
+            chip,
+            boot_start: chip.nrww_start(),
+            resets_to_boot: false,
+            lock_bits: 0xFF,
+            armed: None,
+            job: None,
+            rww_is_busy: false,
+            buffer: [0xFFFF; PAGE_WORDS],
+            filled: 0,
+        }
+    }
+
+    /// Sets BOOTSZ by the byte address of the boot section.
+    pub fn set_boot_start(&mut self, start: usize) {
+        assert!(self.chip.boot_sections().contains(&start), "no boot section begins at {start:#06x}");
+        self.boot_start = start;
+    }
+
+    /// Sets BOOTRST: whether resets begin in the boot section.
+    pub fn set_boot_reset(&mut self, resets_to_boot: bool) {
+        self.resets_to_boot = resets_to_boot;
+    }
+
+    /// The lock bits; 0 is programmed.
+    pub fn lock_bits(&self) -> u8 {
+        self.lock_bits
+    }
+
+    /// True while a page is erased or written, or the lock bits are.
+    pub fn is_busy(&self) -> bool {
+        self.job.is_some()
+    }
+
+    /// > The CPU is halted during the entire Page Write operation if the NRWW section is addressed. (SPMCSR)
+    pub fn halts_cpu(&self) -> bool {
+        matches!(self.job, Some((Job::Erase(page) | Job::Write(page), _)) if page >= self.chip.nrww_start())
+    }
+
+    /// Looks at the program counter before an instruction. Stops a program that executes the RWW section while that is
+    /// blocked.
+    #[inline]
+    pub fn check_execution(&self, machine: &Machine) {
+        if !self.rww_is_busy {
+            return;
+        }
+        if (machine.core.pc() as usize) < self.chip.nrww_start() {
+            machine.violation("the program executes the RWW section while RWWSB is set: it has crashed");
+            machine.core.set_activity(Activity::Crashed);
+        } else {
+            machine.core.run_singly();
+        }
+    }
+
+    /// Any reset. See the module for what it does to a page in programming.
+    pub fn reset(&mut self, machine: &Machine, noise: &mut Noise) {
+        let mut half_done = |old: u8, new: u8| match noise.below(3) {
+            0 => old,
+            1 => new,
+            _ => old ^ (old ^ new) & noise.next_u64() as u8,
+        };
+        match self.job.take() {
+            Some((Job::LockBits(new), _)) => self.lock_bits = half_done(self.lock_bits, new),
+            Some((job @ (Job::Erase(page) | Job::Write(page)), _)) => {
+                self.change_page(machine, job, page, half_done);
+            }
+            None => {}
+        }
+        self.armed = None;
+        self.rww_is_busy = false;
+        self.erase_buffer();
+    }
+
+    /// Writes SPMCSR.
+    pub fn write_control(&mut self, machine: &Machine, value: u8) {
+        let core = &machine.core;
+        if machine.eeprom.borrow().is_busy() {
+            machine.violation("SPMCSR is written while the EEPROM is written: no effect");
+            return;
+        }
+        core.set(SPMCSR, core.get(SPMCSR) & !SPMIE | value & SPMIE);
+        // While busy, SELFPRGEN reads 1, and a read-modify-write of SPMIE writes it back: no mistake.
+        if self.job.is_none() && value & SELFPRGEN != 0 {
+            let bits = value & (SIGRD | RWWSRE | BLBSET | PGWRT | PGERS | SELFPRGEN);
+            let command = COMMANDS.iter().find(|(pattern, _)| *pattern == bits).map(|(_, command)| *command);
+            if let Some(command) = command {
+                let opcode = core.flash().get(core.pc() as usize + 1).copied().unwrap_or_default();
+                let cycles = if opcode & OUT_OPCODE.0 == OUT_OPCODE.1 { 1 } else { 2 };
+                self.armed = Some(Armed { bits, command, since: machine.now() + cycles });
+            } else {
+                machine.violation(&format!("SPMCSR is written with {value:#04x}, which is no command: no effect"));
+            }
+            // > If the RWWSRE bit is written while the Flash is being loaded, the Flash load operation will abort and the data
+            // > loaded will be lost. (SPMCSR)
+            if command == Some(Command::EnableRww) {
+                self.erase_buffer();
+            }
+        }
+        self.update(machine);
+    }
+
+    /// Reads SPMCSR.
+    pub fn read_control(&self, machine: &Machine) -> u8 {
+        let command = match self.job {
+            Some((Job::Erase(_), _)) => SELFPRGEN | PGERS,
+            Some((Job::Write(_), _)) => SELFPRGEN | PGWRT,
+            Some((Job::LockBits(_), _)) => SELFPRGEN | BLBSET,
+            None => self.armed_within(machine, SPM_WINDOW_CYCLES).map_or(0, |armed| armed.bits),
+        };
+        machine.core.get(SPMCSR) & SPMIE | command | if self.rww_is_busy { RWWSB } else { 0 }
+    }
+
+    /// The program executes SPM.
+    pub fn execute(&mut self, machine: &Machine) {
+        let start = self.boot_start;
+        if (machine.core.pc() as usize) < start {
+            machine.violation(&format!("SPM outside the boot section, which begins at {start:#06x}: no effect"));
+            return;
+        }
+        if self.is_busy() {
+            machine.violation("SPM while the flash is programmed: no effect");
+            return;
+        }
+        let armed = self.armed_within(machine, SPM_WINDOW_CYCLES);
+        self.armed = None;
+        match armed.map(|armed| armed.command) {
+            Some(Command::FillBuffer) => self.fill_buffer(machine),
+            Some(Command::ErasePage) => self.start_page(machine, Job::Erase),
+            Some(Command::WritePage) => self.start_page(machine, Job::Write),
+            Some(Command::EnableRww) => self.rww_is_busy = false,
+            Some(Command::LockBits) => {
+                let new = self.lock_bits & (machine.core.get(R0) | !BOOT_LOCK_BITS);
+                self.start(machine, Job::LockBits(new));
+            }
+            Some(Command::Signature) => machine.violation("SPM with SIGRD: no effect"),
+            None => machine.violation("SPM without a command in SPMCSR in the four cycles before: no effect"),
+        }
+        self.update(machine);
+    }
+
+    /// What LPM reads, if the flash holds `stored` at Z.
+    pub fn load(&mut self, machine: &Machine, stored: u8) -> u8 {
+        let z = z(machine);
+        match self.armed_within(machine, LPM_WINDOW_CYCLES).map(|armed| armed.command) {
+            Some(Command::LockBits) => {
+                self.armed = None;
+                let [low, high, extended] = self.chip.fuses(self.boot_start, self.resets_to_boot);
+                return [low, self.lock_bits, extended, high][z % 4];
+            }
+            Some(Command::Signature) => {
+                self.armed = None;
+                let [first, second, third] = self.chip.signature();
+                // Between the bytes of the signature is the calibration of the RC oscillator, which nothing here runs on.
+                return [first, 0x80, second, 0xFF, third].get(z).copied().unwrap_or(0xFF);
+            }
+            _ => {}
+        }
+        if self.rww_is_busy && z < self.chip.nrww_start() {
+            machine.violation("LPM reads the RWW section while RWWSB is set: it reads 0xFF");
+            return 0xFF;
+        }
+        stored
+    }
+
+    /// The operation is over.
+    pub fn finish(&mut self, machine: &Machine) {
+        match self.job {
+            Some((job @ (Job::Erase(page) | Job::Write(page)), _)) => {
+                self.change_page(machine, job, page, |_, new| new);
+                // > The temporary buffer will auto-erase after a Page Write operation ("Filling the Temporary Buffer")
+                if matches!(job, Job::Write(_)) {
+                    self.erase_buffer();
+                }
+            }
+            Some((Job::LockBits(new), _)) => self.lock_bits = new,
+            None => {}
+        }
+        self.job = None;
+        self.update(machine);
+    }
+
+    /// Shows in SPMCSR what changed, for debuggers, and requests the interrupt.
+    ///
+    /// > The SPM Ready interrupt will be executed as long as the SELFPRGEN bit in the SPMCSR Register is cleared. The
+    /// > interrupt will not be generated during EEPROM write or SPM. (SPMCSR)
+    pub fn update(&self, machine: &Machine) {
+        let control = self.read_control(machine);
+        machine.core.set(SPMCSR, control);
+        if control & (SPMIE | SELFPRGEN) == SPMIE && !machine.eeprom.borrow().is_busy() {
+            machine.core.raise(Vector::SpmReady);
+        }
+    }
+
+    /// > If the EEPROM is written in the middle of an SPM Page Load operation, all data loaded will be lost. ("Filling the
+    /// > Temporary Buffer")
+    pub fn lose_buffer(&mut self, machine: &Machine) {
+        if self.filled != 0 {
+            machine.violation("an EEPROM write erases the page buffer, which was being filled");
+        }
+        self.erase_buffer();
+    }
+
+    fn erase_buffer(&mut self) {
+        self.buffer = [0xFFFF; PAGE_WORDS];
+        self.filled = 0;
+    }
+
+    fn armed_within(&self, machine: &Machine, cycles: Cycles) -> Option<Armed> {
+        self.armed.filter(|armed| machine.now() < armed.since + cycles)
+    }
+
+    fn fill_buffer(&mut self, machine: &Machine) {
+        let index = z(machine) / 2 % PAGE_WORDS;
+        // > it is not possible to write more than one time to each address without erasing the temporary buffer. ("Filling
+        // > the Temporary Buffer")
+        if self.filled >> index & 1 != 0 {
+            machine.violation(&format!("word {index} of the page buffer is filled again: it holds the AND of both"));
+        }
+        self.buffer[index] &= u16::from_le_bytes([machine.core.get(R0), machine.core.get(R1)]);
+        self.filled |= 1 << index;
+        // > Alternatively the RWWSB bit will automatically be cleared if a page load operation is initiated. (SPMCSR)
+        self.rww_is_busy = false;
+    }
+
+    fn start_page(&mut self, machine: &Machine, job: impl Fn(usize) -> Job) {
+        let page = z(machine) % self.chip.flash_bytes() / PAGE_BYTES * PAGE_BYTES;
+        let forbidding = if page < self.boot_start { BLB01 } else { BLB11 };
+        if self.lock_bits & forbidding == 0 {
+            machine.violation(&format!("SPM changes the page at {page:#06x}, which the lock bits forbid: no effect"));
+            return;
+        }
+        let job = job(page);
+        if job == Job::Write(page) {
+            let old = &machine.core.flash()[page..page + PAGE_BYTES];
+            let fits = old.iter().zip(self.buffer_bytes()).all(|(old, new)| old & new == new);
+            if !fits {
+                machine.violation(&format!("the page at {page:#06x} is written without an erase: bits only become 0"));
+            }
+        }
+        self.rww_is_busy |= page < self.chip.nrww_start();
+        self.start(machine, job);
+    }
+
+    fn start(&mut self, machine: &Machine, job: Job) {
+        let end = machine.now() + PAGE_PROGRAMMING_CYCLES;
+        self.job = Some((job, end));
+        machine.schedule(Timer::Spm, end);
+        // The run loop must look before the next instruction.
+        machine.core.run_singly();
+    }
+
+    /// Sets each byte of a page to what `choose` makes of the old value and the value at the end of the operation.
+    fn change_page(&self, machine: &Machine, job: Job, page: usize, mut choose: impl FnMut(u8, u8) -> u8) {
+        let old = &machine.core.flash()[page..page + PAGE_BYTES];
+        let changed: Vec<u8> = old
+            .iter()
+            .zip(self.buffer_bytes())
+            .map(|(old, buffered)| match job {
+                Job::Erase(_) => choose(*old, 0xFF),
+                // Without an erase, bits can only become 0.
+                _ => choose(*old, old & buffered),
+            })
+            .collect();
+        machine.core.write_flash(page, &changed);
+    }
+
+    fn buffer_bytes(&self) -> impl Iterator<Item = u8> {
+        self.buffer.iter().flat_map(|word| word.to_le_bytes())
+    }
+}
+
+/// The Z register.
+fn z(machine: &Machine) -> usize {
+    usize::from(u16::from_le_bytes([machine.core.get(ZL), machine.core.get(ZH)]))
+}
