@@ -14,7 +14,7 @@
 //!                └─ adc, pins           what is outside
 //! ```
 //!
-//! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect. Each file names
+//! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; IVSEL needs no IVCE. Each file names
 //! its own.
 //!
 //! This is the one module with `unsafe` code. Its argument is in [`core`](self::core) and

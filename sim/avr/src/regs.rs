@@ -53,6 +53,7 @@ pub const EXTRF: u8 = 1 << 1;
 pub const BORF: u8 = 1 << 2;
 pub const WDRF: u8 = 1 << 3;
 pub const MCUCR: u16 = 0x55;
+pub const IVSEL: u8 = 1 << 1;
 pub const PUD: u8 = 1 << 4;
 
 pub const SPMCSR: u16 = 0x57;

@@ -121,6 +121,11 @@ impl Spm {
         }
     }
 
+    /// Byte address of the boot section.
+    pub fn boot_start(&self) -> usize {
+        self.boot_start
+    }
+
     /// Sets BOOTSZ by the byte address of the boot section.
     pub fn set_boot_start(&mut self, start: usize) {
         assert!(self.chip.boot_sections().contains(&start), "no boot section begins at {start:#06x}");

@@ -5,6 +5,7 @@ mod avr;
 use avr::{MS, assert_no_violation, assert_one_violation, boot_loader_for, byte, bytes, firmware_for};
 use bench::avr::{Avr, Chip, Halt, PAGE_BYTES, PAGE_PROGRAMMING_CYCLES, ResetCause, State};
 
+const SPMIE: u8 = 1 << 7;
 const RWWSB: u8 = 1 << 6;
 const PGWRT: u8 = 1 << 2;
 const PGERS: u8 = 1 << 1;
@@ -400,6 +401,16 @@ fn fuses_say_where_the_boot_section_begins_and_the_signature_which_chip_it_is() 
         run(&mut avr);
         assert_eq!(bytes(&avr, "notes")[..7], expected, "{chip}");
     }
+}
+
+#[test]
+fn the_interrupt_comes_when_the_flash_is_no_longer_busy() {
+    let steps = "move_vectors(); erase(0x1000); SPMCSR |= _BV(SPMIE); sei(); note(SPMCSR); note(interrupts); wait(); \
+                 note(interrupts); note(SPMCSR)";
+    let mut avr = loader(steps);
+    run(&mut avr);
+    assert_eq!(bytes(&avr, "notes")[..4], [SPMIE | RWWSB | PGERS | SELFPRGEN, 0, 1, RWWSB]);
+    assert_no_violation(&mut avr);
 }
 
 #[test]

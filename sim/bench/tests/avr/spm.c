@@ -65,6 +65,12 @@ static inline void write_eeprom(uint8_t value)
     EECR |= _BV(EEPE);
 }
 
+static inline void move_vectors(void)
+{
+    MCUCR = _BV(IVCE);
+    MCUCR = _BV(IVSEL);
+}
+
 int main(void)
 {
     STEPS
