@@ -17,8 +17,8 @@
 use super::chip::Chip;
 use super::core::{Activity, Vector};
 use super::machine::{Machine, Timer};
-use super::noise::Noise;
 use super::regs::{BLBSET, PGERS, PGWRT, RWWSB, RWWSRE, SELFPRGEN, SIGRD, SPMCSR, SPMIE};
+use sim_base::Noise;
 use sim_base::{Cycles, F_CPU_HZ};
 
 /// > Flash write (Page Erase, Page Write, and write Lock bits by SPM): 3.7 ms to 4.5 ms ("Programming Time for Flash when

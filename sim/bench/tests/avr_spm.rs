@@ -431,7 +431,7 @@ fn a_boot_loader_and_an_application_share_a_chip() {
     assert!(avr.flash().starts_with(&application.flash[0].1));
     // The other way round, with the boot loader second.
     let mut other = Avr::with_firmware(&application).unwrap();
-    let loader = sim::avr::Firmware { flash: vec![(0x3800, boot_section)], ..Default::default() };
+    let loader = bench::avr::Firmware { flash: vec![(0x3800, boot_section)], ..Default::default() };
     other.install_boot_loader(&loader).unwrap();
     other.load_flash(PAGE, &[OLD; PAGE_BYTES]);
     other.reset(ResetCause::External);
