@@ -242,7 +242,7 @@ fn meddle(rig: &mut Rig, instructions: &[&[u8]]) {
     for instruction in instructions {
         chip.select(at);
         for &byte in *instruction {
-            chip.exchange(byte, at);
+            chip.end_byte(byte, at);
         }
         chip.deselect(at);
     }

@@ -236,7 +236,7 @@ fn filters_and_masks(rig: &mut Rig) -> Vec<u32> {
     let mut chip = chip.borrow_mut();
     chip.select(at);
     for byte in [WRITE, CANCTRL, CONFIGURATION] {
-        chip.exchange(byte, at);
+        chip.end_byte(byte, at);
     }
     chip.deselect(at);
     assert_eq!(chip.mode(), Mode::Configuration);

@@ -22,6 +22,7 @@ pub enum Fault {
     Disarm,
     Reset,
     ErrorStorm,
+    AckDestroyed,
     DestroyFrames,
     WrongRate,
     SameId,
@@ -53,7 +54,7 @@ pub const MENU: [Fault; 9] = [
 ];
 
 /// All faults that `--inject` and scripts know: the menu, those with a key of their own, and some that are too rare for a key.
-pub const ALL: [Fault; 29] = [
+pub const ALL: [Fault; 30] = [
     Fault::BitError,
     Fault::ErrorRate,
     Fault::LoseFrame,
@@ -68,6 +69,7 @@ pub const ALL: [Fault; 29] = [
     Fault::Disarm,
     Fault::Reset,
     Fault::ErrorStorm,
+    Fault::AckDestroyed,
     Fault::DestroyFrames,
     Fault::WrongRate,
     Fault::SameId,
@@ -103,6 +105,7 @@ impl Fault {
             Fault::Disarm => "disarm",
             Fault::Reset => "reset",
             Fault::ErrorStorm => "error-storm",
+            Fault::AckDestroyed => "ack-destroyed",
             Fault::DestroyFrames => "destroy-frames",
             Fault::WrongRate => "wrong-rate",
             Fault::SameId => "same-id",
@@ -127,7 +130,7 @@ impl Fault {
             Fault::BitError => "one bit of the next frame is inverted",
             Fault::ErrorRate => "1 bit in 5,000 is inverted (on/off)",
             Fault::LoseFrame => "the node does not hear the next frame",
-            Fault::NoAck => "no frame is acknowledged (on/off)",
+            Fault::NoAck => "nobody acknowledges, as if only listeners were there (on/off)",
             Fault::StuckDominant => "the bus is shorted to dominant (on/off)",
             Fault::Babble => "another node floods the bus (on/off)",
             Fault::ChipReset => "the MCP2515 loses all its settings",
@@ -138,6 +141,7 @@ impl Fault {
             Fault::Disarm => "the vehicle is disarmed or armed, if the autopilot says so (on/off)",
             Fault::Reset => "the board's reset button is pressed",
             Fault::ErrorStorm => "1 bit in 100 is inverted (on/off)",
+            Fault::AckDestroyed => "every acknowledgement is destroyed, so that receivers destroy the frame (on/off)",
             Fault::DestroyFrames => "every frame is destroyed, so that senders go bus-off (on/off)",
             Fault::WrongRate => "another node sends at half the bit rate (on/off)",
             Fault::SameId => "another node sends one NodeStatus with the node's ID",

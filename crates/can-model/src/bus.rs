@@ -243,8 +243,14 @@ impl Bus {
         let idle = self.recorder.is_idle();
         for port in &mut self.ports {
             port.deaf &= !idle;
+            port.mute &= !idle;
             if port.is_in_step() {
                 port.driven = port.station.borrow_mut().drive(start);
+            }
+        }
+        if self.faults.mutes_receivers() && self.recorder.is_ack_slot() {
+            for port in &mut self.ports {
+                port.mute = port.is_in_step() && !port.station.borrow().transmitting();
             }
         }
         if self.recorder.asks_for_sender() {
@@ -300,6 +306,7 @@ impl Bus {
             if port.is_in_step() {
                 let seen = match port.connected {
                     true if distortion.fooled == Some(PortId(at)) => !level,
+                    true if port.mute => level & port.driven,
                     true => level,
                     false => port.driven,
                 };

@@ -36,8 +36,12 @@ pub enum Fault {
         /// The station.
         port: PortId,
     },
-    /// Every ACK slot is recessive.
+    /// Nobody acknowledges, as if the sender were alone with listeners: from the ACK slot on, the wire carries what the sender
+    /// drives. A sender becomes error-passive and repeats its frame; its TEC stays at 128.
     NoAck(bool),
+    /// The wire is recessive in every ACK slot. The receivers see that their acknowledgements are destroyed, and destroy the
+    /// frame: the sender goes bus-off.
+    AckDestroyed(bool),
     /// Every frame is destroyed: its bit 60 is inverted for everybody. In an extended frame that is behind the control field.
     DestroyFrames(bool),
     /// The wire is shorted: always dominant.
@@ -74,6 +78,7 @@ pub(super) struct Faults {
     noise: Option<Noise>,
     lose: Vec<PortId>,
     no_ack: bool,
+    ack_destroyed: bool,
     destroy: bool,
     stuck: bool,
     /// Number of the coming bit in its frame.
@@ -109,6 +114,7 @@ impl Faults {
             }
             Fault::LoseNextFrame { port } => self.lose.push(port),
             Fault::NoAck(on) => self.no_ack = on,
+            Fault::AckDestroyed(on) => self.ack_destroyed = on,
             Fault::DestroyFrames(on) => self.destroy = on,
             Fault::StuckDominant(on) => self.stuck = on,
         }
@@ -124,7 +130,7 @@ impl Faults {
     }
 
     fn update_any(&mut self) {
-        let lasting = self.no_ack || self.destroy || self.stuck;
+        let lasting = self.no_ack || self.ack_destroyed || self.destroy || self.stuck;
         self.any = lasting || !self.flips.is_empty() || self.noise.is_some() || !self.lose.is_empty();
     }
 
@@ -154,6 +160,11 @@ impl Faults {
         !self.lose.is_empty()
     }
 
+    /// Whether receivers are kept from acknowledging.
+    pub fn mutes_receivers(&self) -> bool {
+        self.no_ack
+    }
+
     /// What happens to the coming bit.
     pub fn next_bit(&mut self, context: BitContext) -> Distortion {
         let mut distortion = Distortion::default();
@@ -176,7 +187,7 @@ impl Faults {
         if let Some(noise) = &mut self.noise {
             distortion.invert ^= noise.hits();
         }
-        if self.no_ack && context.ack_slot {
+        if self.ack_destroyed && context.ack_slot {
             distortion.force = Some(Level::Recessive);
         }
         if self.stuck {

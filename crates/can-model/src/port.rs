@@ -81,6 +81,8 @@ pub(super) struct Port {
     pub connected: bool,
     /// It is missing a frame: it is not stepped until the frame is over.
     pub deaf: bool,
+    /// Nobody hears it until the bus is idle, and it does not notice. See [`Fault::NoAck`](super::Fault::NoAck).
+    pub mute: bool,
     /// Its bit time as it was when `pace` was derived from it.
     bit_time_ps: Option<u64>,
     pub pace: Pace,
@@ -95,6 +97,7 @@ impl Port {
             station,
             connected: true,
             deaf: false,
+            mute: false,
             bit_time_ps: None,
             pace: Pace::Off,
             driven: Level::Recessive,
@@ -127,6 +130,6 @@ impl Port {
 
     /// Drives the wire that the others see.
     pub fn is_heard(&self) -> bool {
-        self.connected && !self.deaf
+        self.connected && !self.deaf && !self.mute
     }
 }

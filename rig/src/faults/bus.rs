@@ -125,12 +125,13 @@ pub const BABBLE: Case = Case {
 };
 
 pub const NO_ACKNOWLEDGE: Case = Case {
-    fault: "no frame is acknowledged (error-passive)",
+    fault: "nobody acknowledges (error-passive)",
     reaction: "sends on; the line that it is error-active again follows with the first frames that get through",
     run: || {
         let mut trial = Trial::running();
         trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
         trial.live(500);
+        assert_eq!(trial.rig.board().chip().borrow().tec(), 128, "an error-passive sender stays there");
         trial.end(|rig| rig.bench.bus().inject(Fault::NoAck(false)));
         let measured = trial.recover(BUS_LIMIT_MS, 0);
         assert!(trial.rig.serial.contains("CAN: error-active"), "{}", trial.rig.serial);

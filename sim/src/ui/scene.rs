@@ -389,6 +389,7 @@ impl Scene {
             }),
             Fault::LoseFrame => bus.inject(can::Fault::LoseNextFrame { port: node_port }),
             Fault::NoAck => bus.inject(can::Fault::NoAck(on)),
+            Fault::AckDestroyed => bus.inject(can::Fault::AckDestroyed(on)),
             Fault::StuckDominant => bus.inject(can::Fault::StuckDominant(on)),
             Fault::Cable => bus.connect(node_port, !on),
             Fault::Babble => {

@@ -131,14 +131,39 @@ fn without_acknowledgement_a_sender_repeats_for_ever_and_stays_on_the_bus() {
 }
 
 #[test]
-fn suppressed_acknowledgements_keep_all_frames_from_completing_until_they_are_back() {
-    let mut rig = Rig::of(2);
+fn without_an_acknowledgement_the_sender_is_error_passive_and_repeats_its_frame_until_there_is_one() {
+    let mut rig = Rig::of(3);
     rig.bus.inject(Fault::NoAck(true));
+    rig.send(0, frame(COMMAND));
+    rig.run_bits(20_000);
+    assert_eq!(rig.counters(0), (128, 0));
+    assert_eq!(rig.nodes[0].borrow().error_state(), ErrorState::Passive);
+    assert_eq!(rig.nodes[0].borrow().queued(), 1);
+    rig.bus.inject(Fault::NoAck(false));
+    rig.run_bits(1_000);
+    assert_eq!(rig.nodes[0].borrow().queued(), 0);
+    assert_eq!(rig.counters(0).0, 127);
+    assert_eq!(rig.received(1).last(), Some(&frame(COMMAND)));
+}
+
+#[test]
+fn a_sender_whose_acknowledgements_are_destroyed_goes_bus_off() {
+    let mut rig = Rig::of(2);
+    rig.bus.inject(Fault::AckDestroyed(true));
+    rig.send(0, frame(COMMAND));
+    rig.run_bits(5_000);
+    assert!(rig.events(0).contains(&Event::BusOff));
+}
+
+#[test]
+fn destroyed_acknowledgements_keep_all_frames_from_completing_until_they_are_whole() {
+    let mut rig = Rig::of(2);
+    rig.bus.inject(Fault::AckDestroyed(true));
     rig.send(0, frame(COMMAND));
     rig.run_bits(1_000);
     assert_eq!(rig.nodes[0].borrow().queued(), 1);
     assert!(rig.events(0).contains(&Event::Error { kind: ErrorKind::Ack, transmitting: true }));
-    rig.bus.inject(Fault::NoAck(false));
+    rig.bus.inject(Fault::AckDestroyed(false));
     rig.run_bits(1_000);
     assert_eq!(rig.nodes[0].borrow().queued(), 0);
     assert_eq!(rig.received(1), [frame(COMMAND)]);
