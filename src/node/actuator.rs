@@ -460,4 +460,72 @@ mod tests {
     fn where_arming_is_not_required_nobody_is_disarmed() {
         assert!(!Rig::new(&[]).actuator.is_disarmed(&golden::parameters(&[])));
     }
+
+    #[cfg(feature = "safety")]
+    mod safety {
+        use super::*;
+
+        const SAFE: u8 = 0;
+        const ARMED: u8 = 255;
+
+        impl Rig {
+            fn tell(&mut self, status: u8, is_failsafe: bool) {
+                self.actuator.take_safety_state(status, is_failsafe, self.now_ms, &self.parameters);
+            }
+        }
+
+        #[test]
+        fn while_safe_there_is_no_pulse_or_the_last_one_and_silence_is_no_failsafe() {
+            for (safe_mode, pulse) in [(0, 3600), (1, 0)] {
+                let mut rig = Rig::new(&[(Parameter::SafeMode, safe_mode), (Parameter::Out1Timeout, 100)]);
+                rig.pwm(1800.0);
+                assert!(!rig.actuator.is_safe());
+                rig.tell(SAFE, false);
+                assert!(rig.actuator.is_safe());
+                assert_eq!((rig.run(1000), rig.actuator.pulse()), (None, pulse));
+                assert_eq!(rig.pwm(1200.0), Line::RefusedSafe);
+                assert_eq!(rig.actuator.pulse(), pulse);
+            }
+        }
+
+        #[test]
+        fn once_armed_commands_are_followed_and_missed_if_they_were_before() {
+            for (was_commanded, is_failsafe, begins) in
+                [(true, false, Some(100)), (false, true, Some(100)), (false, false, None)]
+            {
+                let mut rig = Rig::new(&[(Parameter::Out1Timeout, 100)]);
+                if was_commanded {
+                    rig.pwm(1800.0);
+                }
+                // The second one changes nothing.
+                rig.tell(SAFE, is_failsafe);
+                rig.tell(SAFE, false);
+                rig.run(500);
+                rig.tell(ARMED, false);
+                assert!(!rig.actuator.is_safe());
+                assert_eq!(rig.run(300), begins, "{was_commanded} {is_failsafe}");
+                assert_eq!(rig.pwm(1200.0), Line::CommandPwm);
+            }
+        }
+
+        #[test]
+        fn a_safety_state_of_armed_restarts_no_failsafe_where_none_was_safe() {
+            let mut rig = Rig::new(&[(Parameter::Out1Timeout, 100)]);
+            rig.pwm(1800.0);
+            rig.run(60);
+            rig.tell(ARMED, false);
+            assert_eq!(rig.run(100), Some(40), "armed all the time");
+        }
+
+        #[test]
+        fn safe_ends_in_the_fourth_second_without_a_safety_state() {
+            let mut rig = Rig::new(&[]);
+            rig.tell(SAFE, false);
+            for second in 1..=4 {
+                assert!(rig.actuator.is_safe(), "{second}");
+                rig.actuator.second(rig.now_ms);
+            }
+            assert!(!rig.actuator.is_safe());
+        }
+    }
 }
