@@ -195,7 +195,7 @@ bench: firmware strangers
 
 # Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
 mutants: $(TOOLS)/bin/cargo-mutants
-	$(TOOLS)/bin/cargo-mutants mutants -p node -p dronecan-wire -p mcp2515-ordered --output $(TARGET_DIR) --jobs 2 $(ARGS) -- --lib -- --skip monitor::tests
+	$(TOOLS)/bin/cargo-mutants mutants -p node -p dronecan-wire -p mcp2515-ordered --output $(TARGET_DIR) --jobs 2 --timeout 60 --build-timeout 100 $(ARGS)
 
 # Mistakes in the firmware that the tests on simulated boards must notice.
 elf-mutants: setup
