@@ -106,6 +106,8 @@ fn a_chip_that_was_reset_by_a_glitch_is_noticed_and_set_up_again() {
     let mut rig = Rig::running();
     rig.send_command(1, 0, 0.5);
     rig.settled_pulse_us();
+    // The program cannot know that the chip starts again.
+    rig.violations_expected = true;
     rig.board().chip_reset();
     rig.wait_for_line("CAN: MCP2515 lost its settings", 50);
     rig.wait_for_line("CAN: running", 200);
@@ -307,6 +309,8 @@ fn errors_on_the_bus_never_hold_the_int_pin_low() {
 #[test]
 fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_hold_the_program_up() {
     let mut rig = Rig::running();
+    // The interrupt of the shorted line may come while the chip starts after RESET.
+    rig.violations_expected = true;
     for n in 0..20 {
         rig.forget();
         rig.send_command(1, 0, 0.25);
