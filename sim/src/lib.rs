@@ -4,3 +4,4 @@ pub mod fault;
 pub mod links;
 pub mod time;
 pub mod ui;
+pub mod usage;

@@ -8,8 +8,11 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use sim::ui::args::{Args, Command};
 use sim::ui::plain::summary;
+use sim::ui::report::{Outcome, Report};
 use sim::ui::run;
 use sim::ui::scene::Scene;
+use sim::usage::{OrUsage, is_usage};
+use std::fs;
 use std::io::{self, IsTerminal, Write};
 use std::process::{self, ExitCode};
 use std::sync::Arc;
@@ -17,6 +20,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+/// Exit code for a wrong command line, as clap has it.
+const WRONG_USAGE: u8 = 2;
+/// Exit code for what the machine could not do: a file is missing, a port is busy.
+const MACHINE_FAILED: u8 = 3;
 /// Signals that come within this time are one.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -27,14 +34,14 @@ fn main() -> ExitCode {
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("sim: {error:#}");
-            ExitCode::FAILURE
+            ExitCode::from(if is_usage(&error) { WRONG_USAGE } else { MACHINE_FAILED })
         }
     }
 }
 
 fn run(args: &Args) -> Result<ExitCode> {
     if let Some(Command::Utilisation(args)) = &args.command {
-        bus_load::run(args, io::stdout().lock())?;
+        bus_load::run(args, io::stdout().lock()).or_usage()?;
         return Ok(ExitCode::SUCCESS);
     }
     let stop = stop_on_signals()?;
@@ -44,6 +51,10 @@ fn run(args: &Args) -> Result<ExitCode> {
     } else {
         let speed = run::live(&mut scene, args, &stop)?;
         io::stdout().write_all(summary(scene.state(), speed).as_bytes())?;
+    }
+    if let Some(path) = &args.json {
+        let json = Report::new(scene.state()).to_json();
+        fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(verdict(&scene))
 }
@@ -72,14 +83,11 @@ fn verdict(scene: &Scene) -> ExitCode {
     let state = scene.state();
     if let Some(crash) = &state.crash {
         eprintln!("sim: the node crashed: {crash}");
-        return ExitCode::FAILURE;
+    } else if let Some(first) = state.mistakes.kinds().first() {
+        let count = state.mistakes.total();
+        eprintln!("sim: the node's program made {count} mistakes, the first: {}", first.text);
     }
-    if let Some((_, text)) = &state.last_violation {
-        let count = state.violations;
-        eprintln!("sim: the node's program made {count} mistakes, the last: {text}");
-        return ExitCode::FAILURE;
-    }
-    ExitCode::SUCCESS
+    Outcome::of(state).into()
 }
 
 fn is_broken_pipe(error: &anyhow::Error) -> bool {

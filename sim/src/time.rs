@@ -8,6 +8,9 @@ use bench::{Cycles, F_CPU_HZ};
 /// A text that says what is accepted.
 pub fn parse_duration(text: &str) -> Result<Cycles, String> {
     let text = text.trim();
+    if text.starts_with('-') {
+        return Err(format!("\"{text}\" is negative: write for example 500ms, 5s, 2m or 1h"));
+    }
     let unit_at = text
         .find(|c: char| !c.is_ascii_digit() && c != '.')
         .ok_or_else(|| format!("\"{text}\" has no unit: write {text}s, {text}ms, {text}m or {text}h"))?;

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use links::{Scratch, elf, elf_for};
+use links::{Scratch, elf, elf_for, elf_with};
 
 /// The options of docs/bench.md for an Uno with a blue module.
 const UNO: [&str; 8] = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "8"];
@@ -105,4 +105,108 @@ fn a_program_without_a_word_about_its_board_runs_on_the_default_one() {
     let first = said.lines().next().unwrap();
     assert!(first.contains("Arduino Diecimila (ATmega168), Seeed CAN-BUS shield"), "{first}");
     assert!(first.ends_with("bus 1000 kbit/s"), "{first}");
+}
+
+/// What a run prints and writes for `--json`, and its exit code.
+fn result(scratch: &Scratch, program: &Path, options: &[&str]) -> (String, serde_json::Value, Option<i32>) {
+    let path = scratch.path("result.json");
+    let output = sim(program, &[options, &["--json", path.to_str().unwrap()]].concat());
+    let json = fs::read_to_string(&path).expect("a result");
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    (said, serde_json::from_str(&json).expect("JSON"), output.status.code())
+}
+
+#[test]
+fn a_node_at_another_bit_rate_than_the_bus_is_named_with_both_rates() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    let (said, result, code) = result(&scratch, &program, &[&UNO[..], &["--bit-rate", "250000"]].concat());
+    let expected = "HINT    the node is at 500 kbit/s, the bus at 250 kbit/s";
+    assert_eq!(said.matches(expected).count(), 1, "{said}");
+    assert!(result["hints"][0].as_str().unwrap().starts_with(&expected[8..]), "{result}");
+    assert_eq!((code, &result["outcome"]), (Some(0), &"well".into()), "it is no mistake");
+}
+
+#[test]
+fn a_serial_port_at_another_rate_than_the_monitors_is_named() {
+    let scratch = Scratch::new();
+    let (said, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=103"]), &UNO);
+    assert_eq!(said.matches("HINT    the UART is at 9600 baud").count(), 1, "{said}");
+    let (said, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=71"]), &UNO);
+    assert!(said.contains("is at 13888 baud, which no serial monitor has"), "{said}");
+    let (said, ..) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
+    assert!(!said.contains("HINT"), "{said}");
+}
+
+#[test]
+fn another_device_on_the_spi_with_a_chip_select_of_its_own_is_no_mistake() {
+    let scratch = Scratch::new();
+    let program = elf_with(&scratch, "uno", "atmega328p", &["SD_CARD"]);
+    let (said, result, code) = result(&scratch, &program, &UNO);
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(result["spi"]["bytes_elsewhere"], 60);
+    assert!(!said.contains("MISTAKE") && !said.contains("HINT"), "{said}");
+}
+
+#[test]
+fn a_chip_select_that_is_another_pin_in_the_program_is_named() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    let (said, ..) = result(&scratch, &program, &["--mcu", "atmega328p", "--cs", "D9", "--crystal", "8"]);
+    assert!(said.contains("but CS of the MCP2515 (D9) has never been low"), "{said}");
+}
+
+#[test]
+fn the_result_has_frames_spi_bytes_and_memory() {
+    let scratch = Scratch::new();
+    let (said, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
+    assert_eq!((code, &result["exit_code"], &result["simulated_s"]), (Some(0), &0.into(), &1.0.into()));
+    assert_eq!((&result["node"]["frames_sent"], &result["node"]["frames_received"]), (&10.into(), &0.into()));
+    assert_eq!((&result["bus"]["frames"], &result["bus"]["bit_rate"]), (&10.into(), &500_000.into()));
+    // A frame is 12 bytes: READ of TXB0CTRL, LOAD TX BUFFER with 8, RTS; and then there is the set-up.
+    let bytes = result["spi"]["bytes_per_frame"].as_f64().unwrap();
+    assert!((12.0..16.0).contains(&bytes), "{bytes}");
+    assert!(said.contains("bytes in") && said.contains("for 0 frames received and 10 sent"), "{said}");
+    assert!(
+        said.contains("CAN frame 123#A500 (not DroneCAN: 11-bit identifier)") || !said.contains("frame  "),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_mistake_of_many_is_printed_once_with_their_count() {
+    let scratch = Scratch::new();
+    let (said, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
+    assert_eq!((code, &result["outcome"], &result["exit_code"]), (Some(1), &"mistakes".into(), &1.into()));
+    let kinds = result["mistakes"].as_array().unwrap().len();
+    assert_eq!(said.matches(" MISTAKE ").count(), kinds, "{said}");
+    assert_eq!(said.matches("\nmistake  ").count(), kinds, "{said}");
+    let total: u64 = result["mistakes"].as_array().unwrap().iter().map(|kind| kind["count"].as_u64().unwrap()).sum();
+    assert_eq!(result["mistakes_total"].as_u64(), Some(total));
+}
+
+#[test]
+fn the_exit_code_says_whether_the_command_line_or_the_machine_is_wrong() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    let text = scratch.path("text");
+    fs::write(&text, "this is no ELF file").unwrap();
+    let text = text.to_str().unwrap();
+    let code = |options: &[&str]| sim(&program, options).status.code();
+    for usage in [
+        &["--bit-rate", "1000000", "--crystal", "8"][..],
+        &["--cs", "D13"],
+        &["--nodes", "127"],
+        &["--for", "x"],
+        &["--eeprom", text],
+        &["--script", text],
+        &["--eeprom", "/dev/zero"],
+    ] {
+        assert_eq!(code(usage), Some(2), "{usage:?}");
+    }
+    for machine in [&["--script", "/nowhere/script"][..], &["--slcan", "/nowhere/can"], &["--log", "/nowhere/log"]] {
+        assert_eq!(code(machine), Some(3), "{machine:?}");
+    }
+    let elf = |path: &Path| sim(path, &[]).status.code();
+    assert_eq!((elf(Path::new("/nowhere/elf")), elf(Path::new(text))), (Some(3), Some(2)));
 }

@@ -143,6 +143,12 @@ impl Mcp2515 {
         self.rx_overflows
     }
 
+    /// Bits per second that CNF1..3 give.
+    pub fn bit_rate(&self) -> u64 {
+        let bit_ps = self.bit_timing().bit_time_ps(self.osc_hz);
+        (1_000_000_000_000 + bit_ps / 2) / bit_ps
+    }
+
     /// Sample point that CNF1..3 give, in thousandths of a bit.
     pub fn sample_point_permille(&self) -> u32 {
         self.bit_timing().sample_point_permille()

@@ -8,6 +8,7 @@
 //! avr-gcc's linker notes for which device it has linked, in the section `.note.gnu.avr.deviceinfo`.
 
 use std::collections::HashMap;
+use std::io;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -68,7 +69,8 @@ impl Firmware {
     /// If the file is missing or is not an AVR executable.
     pub fn read(path: &Path) -> Result<Firmware> {
         if !path.exists() {
-            bail!("{} does not exist: run \"make firmware\" first", path.display());
+            let text = format!("{} does not exist: run \"make firmware\" first", path.display());
+            return Err(io::Error::new(io::ErrorKind::NotFound, text).into());
         }
         let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         Firmware::parse(&bytes).with_context(|| format!("{} is not a firmware for an AVR", path.display()))

@@ -62,7 +62,7 @@ pub use uart::SerialCharacter;
 
 use self::core::Activity;
 use machine::Machine;
-use sim_base::Cycles;
+use sim_base::{Cycles, F_CPU_HZ};
 
 /// Why the chip was reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -272,7 +272,12 @@ impl Avr {
 
     /// All resets so far, the first power-on included.
     pub fn resets(&self) -> Vec<Reset> {
-        self.machine.resets()
+        self.machine.resets_after(0)
+    }
+
+    /// The resets after the first `seen` of them.
+    pub fn resets_after(&self, seen: usize) -> Vec<Reset> {
+        self.machine.resets_after(seen)
     }
 
     /// The program's mistakes since the last call.
@@ -349,7 +354,12 @@ impl Avr {
         self.machine.uart.borrow().overruns()
     }
 
-    /// Duration of a character on the serial port, in CPU cycles, as configured.
+    /// Rate of the serial port, in bits per second, as the program has set it.
+    pub fn serial_bits_per_second(&self) -> u64 {
+        F_CPU_HZ / uart::Uart::cycles_per_bit(&self.machine)
+    }
+
+    /// Duration of a character on the serial port, in CPU cycles, at the rate that the program has set.
     pub fn serial_cycles_per_byte(&self) -> u64 {
         uart::Uart::cycles_per_byte(&self.machine)
     }

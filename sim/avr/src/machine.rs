@@ -196,8 +196,8 @@ impl Machine {
         self.violations.take()
     }
 
-    pub fn resets(&self) -> Vec<Reset> {
-        self.resets.borrow().clone()
+    pub fn resets_after(&self, first: usize) -> Vec<Reset> {
+        self.resets.borrow().get(first..).map(<[Reset]>::to_vec).unwrap_or_default()
     }
 
     pub fn seed(&self, seed: u64) {

@@ -68,6 +68,11 @@ impl Uart {
         machine.core.set(UCSR0B, 0);
     }
 
+    /// Duration of a bit.
+    pub fn cycles_per_bit(machine: &Machine) -> u64 {
+        Uart::character(machine, 0).cycles_per_bit
+    }
+
     /// Duration of one character, from start bit to last stop bit.
     pub fn cycles_per_byte(machine: &Machine) -> u64 {
         let character = Uart::character(machine, 0);

@@ -4,8 +4,10 @@
 //! another name first: there is never half a file. A run that is killed loses the last seconds.
 
 use super::Link;
+use crate::usage::OrUsage;
 use anyhow::{Context, Result, ensure};
 use bench::Bench;
+use bench::avr::Chip;
 use bench::{Cycles, F_CPU_HZ};
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -29,16 +31,11 @@ impl EepromFile {
     /// If the file cannot be read or is of another size.
     pub fn open(path: &Path, bench: &mut Bench, board: usize) -> Result<EepromFile> {
         let avr = bench.board(board).avr_mut();
-        match fs::read(path) {
-            Ok(cells) => {
-                ensure!(
-                    cells.len() == avr.chip().eeprom_bytes(),
-                    "{} has {} bytes, and the EEPROM of an {} has {}: is it another file?",
-                    path.display(),
-                    cells.len(),
-                    avr.chip(),
-                    avr.chip().eeprom_bytes()
-                );
+        // Its size first: nobody knows how long another file is.
+        match fs::metadata(path) {
+            Ok(file) => {
+                check_image(&file, avr.chip()).with_context(|| path.display().to_string()).or_usage()?;
+                let cells = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
                 avr.set_eeprom(&cells);
             }
             Err(error) if error.kind() == ErrorKind::NotFound => {
@@ -64,6 +61,18 @@ impl EepromFile {
         self.saved = cells;
         Ok(())
     }
+}
+
+/// Refuses what is no image of the chip's EEPROM.
+fn check_image(file: &fs::Metadata, chip: Chip) -> Result<()> {
+    ensure!(file.is_file(), "is no file, and so no EEPROM");
+    ensure!(
+        file.len() == chip.eeprom_bytes() as u64,
+        "has {} bytes, and the EEPROM of an {chip} has {}: is it another file?",
+        file.len(),
+        chip.eeprom_bytes()
+    );
+    Ok(())
 }
 
 impl Link for EepromFile {

@@ -151,7 +151,7 @@ impl Log {
     fn add_transfer(&mut self, at: Cycles, frame: &Frame) -> io::Result<()> {
         let id = match frame.id {
             Id::Extended(id) if !frame.remote => id,
-            _ => return self.add_line(at, "-", &format!("foreign frame {frame}")),
+            _ => return self.add_line(at, "-", &format!("CAN frame {frame}")),
         };
         match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Heard::Partial => Ok(()),
@@ -346,7 +346,7 @@ mod tests {
         let lines: Vec<_> = text.lines().map(|line| &line[14..]).collect();
         let expected = [
             "  127>120 param.GetSet request SRV_MIN = 1100",
-            "        - foreign frame 123#01",
+            "        - CAN frame 123#01",
             "        - invalid frame 1003F20A#0000000000000020 continues a transfer that did not start",
             "        1 draft.ThesisCommand 90",
             "        - error frame: stuff",

@@ -39,8 +39,8 @@ pub struct Args {
     #[arg(long, value_name = "HEX", requires = "serial")]
     pub bootloader: Option<PathBuf>,
 
-    /// Join the UDP multicast bus N of pydronecan, libcanard and ArduPilot SITL, on loopback
-    #[arg(long, value_name = "N")]
+    /// Join the UDP multicast bus N, 0 to 255, of pydronecan, libcanard and ArduPilot SITL, on loopback
+    #[arg(long, value_name = "N", value_parser = mcast_bus, allow_hyphen_values = true)]
     pub mcast: Option<u8>,
 
     /// Address of the network interface for --mcast, if it is to leave this machine
@@ -56,21 +56,37 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub vcd: Option<PathBuf>,
 
-    /// Wait for avr-gdb on this TCP port of loopback
-    #[arg(long, value_name = "PORT")]
+    /// Wait for avr-gdb on this TCP port of loopback, 1 to 65535
+    #[arg(long, value_name = "PORT", value_parser = tcp_port, allow_hyphen_values = true)]
     pub gdb: Option<u16>,
 
     /// Play frames and bench events from FILE: candump lines, and lines such as "(2.5) temperature 60"
     #[arg(long, value_name = "FILE")]
     pub script: Option<PathBuf>,
 
-    /// Put this many further boards with the same firmware on the bus
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    /// Put this many further boards, 0 to 126, with the same firmware on the bus
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = further_boards, allow_hyphen_values = true)]
     pub nodes: usize,
 
     /// Keep the node's EEPROM in FILE from run to run; further boards use FILE.1, FILE.2 and so on
     #[arg(long, value_name = "FILE")]
     pub eeprom: Option<PathBuf>,
+}
+
+/// Node IDs go from 1 to 127, and the node has one.
+const FURTHER_BOARDS_MAX: usize = 126;
+
+fn further_boards(text: &str) -> Result<usize, String> {
+    let boards = text.parse().ok().filter(|boards| *boards <= FURTHER_BOARDS_MAX);
+    boards.ok_or_else(|| format!("use a number from 0 to {FURTHER_BOARDS_MAX}"))
+}
+
+fn mcast_bus(text: &str) -> Result<u8, String> {
+    text.parse().map_err(|_| String::from("use a number from 0 to 255"))
+}
+
+fn tcp_port(text: &str) -> Result<u16, String> {
+    text.parse().ok().filter(|port| *port != 0).ok_or_else(|| String::from("use a number from 1 to 65535"))
 }
 
 impl Args {

@@ -19,7 +19,10 @@ Boots the firmware on a simulated Arduino with an MCP2515, puts it on a simulate
 work: a simulated autopilot says that it is alive and sweeps the servo.
 
 On a terminal this is a live view with keys; elsewhere, or with --plain, it is one line for each event, with the simulated
-time in seconds, and a summary at the end. The exit code is 0, or 1 when the node crashed or its driver made a mistake.";
+time in seconds, and a summary at the end.
+
+The exit code is 0 if all went well, 1 if the firmware crashed or misused a chip, 2 if the command line is wrong, and 3 if
+something of this machine is: a file is missing, a port is busy.";
 
 fn after_help() -> String {
     let keys: String = keys::HELP.iter().map(|(keys, text)| format!("  {keys:15}{text}\n")).collect();
@@ -64,21 +67,25 @@ pub struct Args {
     pub elf: Option<PathBuf>,
 
     /// End after this simulated time: 500ms, 5s, 2m, 1h [default: run until told to quit]
-    #[arg(long = "for", value_name = "TIME", value_parser = parse_duration)]
+    #[arg(long = "for", value_name = "TIME", value_parser = parse_duration, allow_hyphen_values = true)]
     pub duration: Option<Cycles>,
 
     /// Simulated seconds for each real second, such as 0.1, or max for as fast as this machine can
-    #[arg(long, value_name = "FACTOR", default_value = "1")]
+    #[arg(long, value_name = "FACTOR", default_value = "1", allow_hyphen_values = true)]
     pub speed: Speed,
 
     /// Bits per second on the bus; a node set to another rate sees nothing but errors [default: 500000 if the crystal of the
     /// MCP2515 has 8 MHz, else 1000000]
-    #[arg(long, value_name = "BIT/S", value_parser = bit_rate)]
+    #[arg(long, value_name = "BIT/S", value_parser = bit_rate, allow_hyphen_values = true)]
     pub bit_rate: Option<u32>,
 
     /// One line for each event, even on a terminal
     #[arg(long)]
     pub plain: bool,
+
+    /// Write the result of the run to FILE at its end: pulses, frames, losses, mistakes, restarts, memory
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 
     /// In plain lines: print each message on the bus, not only a count each second
     #[arg(long)]
@@ -97,11 +104,11 @@ pub struct Args {
     pub only: Option<Only>,
 
     /// Node ID of the simulated autopilot, 1 to 127 [default: 10 like ArduPilot, else 1]
-    #[arg(long, value_name = "ID", value_parser = node_id)]
+    #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub autopilot_id: Option<NodeId>,
 
     /// Actuator ID that the autopilot moves, 0 to 255; like ArduPilot 1 to 15, like PX4 0 to 7
-    #[arg(long, value_name = "ID", default_value_t = 1)]
+    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = actuator, allow_hyphen_values = true)]
     pub actuator: u8,
 
     /// Unit of a plain autopilot's commands; in the draft only unitless and thesis [default: unitless]
@@ -113,15 +120,15 @@ pub struct Args {
     pub allocate: bool,
 
     /// Hold the servo at this deflection, -1 to 1, instead of sweeping it
-    #[arg(long, value_name = "DEFLECTION", allow_negative_numbers = true, value_parser = deflection)]
+    #[arg(long, value_name = "DEFLECTION", allow_hyphen_values = true, value_parser = deflection)]
     pub hold: Option<f64>,
 
-    /// Time of one sweep of the servo, there and back
-    #[arg(long, value_name = "TIME", default_value = "4s", value_parser = parse_duration)]
+    /// Time of one sweep of the servo, there and back, 100ms to 1h
+    #[arg(long, value_name = "TIME", default_value = "4s", value_parser = sweep_period, allow_hyphen_values = true)]
     pub sweep_period: Cycles,
 
-    /// Temperature at the sensor, in degrees Celsius
-    #[arg(long, value_name = "DEGREES", default_value_t = 25.0, allow_negative_numbers = true)]
+    /// Temperature at the sensor, in degrees Celsius, -55 to 150
+    #[arg(long, value_name = "DEGREES", default_value_t = 25.0, value_parser = celsius, allow_hyphen_values = true)]
     pub temperature: f64,
 
     /// Cause a fault at a simulated time, for example chip-reset@2s (repeatable; --help lists the names)
@@ -203,7 +210,7 @@ impl Args {
             node_id: self.autopilot_id.unwrap_or(usual.node_id),
             actuator: self.actuator,
             command_type,
-            sweep_period: self.sweep_period.max(F_CPU_HZ / 1000),
+            sweep_period: self.sweep_period,
             allocates: self.allocate,
             only: self.only,
             ..usual
@@ -224,6 +231,27 @@ fn dialect(text: &str) -> Result<Dialect, String> {
 fn node_id(text: &str) -> Result<NodeId, String> {
     let id = text.parse().ok().and_then(NodeId::new);
     id.ok_or_else(|| String::from("use a number from 1 to 127"))
+}
+
+fn actuator(text: &str) -> Result<u8, String> {
+    text.parse().map_err(|_| String::from("use a number from 0 to 255"))
+}
+
+/// From a picture that can be followed to the longest that anybody will watch.
+fn sweep_period(text: &str) -> Result<Cycles, String> {
+    let period = parse_duration(text)?;
+    match (F_CPU_HZ / 10..=3600 * F_CPU_HZ).contains(&period) {
+        true => Ok(period),
+        false => Err(String::from("use a time from 100ms to 1h")),
+    }
+}
+
+/// The range of an LM35.
+fn celsius(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(celsius @ -55.0..=150.0) => Ok(celsius),
+        _ => Err(String::from("use degrees Celsius from -55 to 150")),
+    }
 }
 
 fn deflection(text: &str) -> Result<f64, String> {
@@ -277,6 +305,17 @@ mod tests {
     fn wrong_values_are_refused_with_advice() {
         for (line, advice) in [
             ("sim --for 5", "5s"),
+            ("sim --for -5s", "is negative"),
+            ("sim --nodes -1", "0 to 126"),
+            ("sim --nodes 99999999", "0 to 126"),
+            ("sim --bit-rate -5", "500000"),
+            ("sim --temperature nan", "-55 to 150"),
+            ("sim --temperature -300", "-55 to 150"),
+            ("sim --sweep-period 1us", "100ms to 1h"),
+            ("sim --actuator -1", "0 to 255"),
+            ("sim --mcast -1", "0 to 255"),
+            ("sim --gdb 0", "1 to 65535"),
+            ("sim --crystal -8", "use MHz, 8 or 16"),
             ("sim --bit-rate 800000", "500000"),
             ("sim --autopilot-id 0", "1 to 127"),
             ("sim --hold 2", "-1 to 1"),

@@ -399,6 +399,7 @@ fn traffic_line(line: &TrafficLine) -> Line<'static> {
     let style = match line.origin {
         Origin::Node => NODE,
         Origin::Other => Style::new(),
+        Origin::Foreign => DIM,
         Origin::Broken => BAD,
     };
     Line::from(vec![
@@ -417,10 +418,11 @@ fn draw_serial(frame: &mut Frame<'_>, area: Rect, state: &State) {
 
 /// The keys, or the last driver mistake, which is more important.
 fn foot_line(state: &State, width: u16) -> Line<'static> {
-    if let Some((at, text)) = &state.last_violation {
-        let count = state.violations;
+    if let Some(first) = state.mistakes.kinds().first() {
+        let count = state.mistakes.total();
         let plural = if count == 1 { "" } else { "S" };
-        let text = format!(" {count} DRIVER MISTAKE{plural}, last at {:.4} s: {text}", seconds(*at));
+        let text =
+            format!(" {count} DRIVER MISTAKE{plural}, first at {:.4} s: {}", seconds(first.first_at), first.text);
         return Line::styled(text, BAD.reversed());
     }
     let keys = [

@@ -8,11 +8,14 @@
 //! [`run`] knows of the wall clock, which [`pace`] compares with simulated time.
 
 pub mod args;
+pub mod findings;
 pub mod history;
 pub mod keys;
 pub mod live;
+pub mod mistakes;
 pub mod pace;
 pub mod plain;
+pub mod report;
 pub mod run;
 pub mod scene;
 pub mod state;

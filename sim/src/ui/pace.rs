@@ -28,8 +28,8 @@ impl FromStr for Speed {
             return Ok(Speed::Max);
         }
         match text.parse::<f64>() {
-            Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(Speed::Factor(factor)),
-            _ => Err(String::from("use a factor above 0, such as 1 or 0.1, or max")),
+            Ok(factor @ 0.001..=1000.0) => Ok(Speed::Factor(factor)),
+            _ => Err(String::from("use a factor from 0.001 to 1000, such as 1 or 0.1, or max")),
         }
     }
 }

@@ -18,8 +18,8 @@ const TRAFFIC_PERIOD: Cycles = F_CPU_HZ;
 const SERVO_PERIOD: Cycles = F_CPU_HZ / 2;
 /// Error frames printed one by one in each traffic period.
 const ERROR_LINES_MAX: u32 = 5;
-/// Driver mistakes printed; a mistake in a loop would fill any disk.
-const VIOLATION_LINES_MAX: u64 = 100;
+/// Lost frames printed one by one in each traffic period.
+const LOST_LINES_MAX: u32 = 5;
 
 /// Writes the lines.
 pub struct Plain<W> {
@@ -30,7 +30,7 @@ pub struct Plain<W> {
     next_servo_at: Cycles,
     counts: BTreeMap<(String, String), u32>,
     error_lines: u32,
-    violation_lines: u64,
+    lost_lines: u32,
     last_pulse: Option<Option<Cycles>>,
 }
 
@@ -44,7 +44,7 @@ impl<W: Write> Plain<W> {
             next_servo_at: 0,
             counts: BTreeMap::new(),
             error_lines: 0,
-            violation_lines: 0,
+            lost_lines: 0,
             last_pulse: None,
         }
     }
@@ -94,11 +94,12 @@ impl<W: Write> Plain<W> {
                     _ => Ok(()),
                 }
             }
-            News::Violation(text) => {
-                self.violation_lines += 1;
-                match self.violation_lines {
-                    1..VIOLATION_LINES_MAX => self.line(at, "MISTAKE", &text),
-                    VIOLATION_LINES_MAX => self.line(at, "MISTAKE", &format!("{text}; further ones are only counted")),
+            News::Violation(text) => self.line(at, "MISTAKE", &text),
+            News::Hint(text) => self.line(at, "HINT", &text),
+            News::Lost(text) => {
+                self.lost_lines += 1;
+                match self.lost_lines {
+                    1..=LOST_LINES_MAX => self.line(at, "LOST", &text),
                     _ => Ok(()),
                 }
             }
@@ -145,6 +146,11 @@ impl<W: Write> Plain<W> {
             self.line(state.now, "error", &format!("{hidden} further error frames"))?;
         }
         self.error_lines = 0;
+        let hidden = self.lost_lines.saturating_sub(LOST_LINES_MAX);
+        if hidden > 0 {
+            self.line(state.now, "LOST", &format!("{hidden} further frames"))?;
+        }
+        self.lost_lines = 0;
         Ok(())
     }
 
@@ -172,7 +178,21 @@ pub fn summary(state: &State, speed: Measured) -> String {
             state.bus.frames, state.bus.error_frames, state.bus.unacknowledged
         ),
     );
-    line("node", format!("{} frames lost, {} driver mistakes", state.controller.overflows, state.violations));
+    line("node", format!("{} frames lost, {} driver mistakes", state.controller.overflows, state.mistakes.total()));
+    let node_frames = state.frames_for_node + state.frames_of_node;
+    if node_frames > 0 {
+        let per_frame = |count: u64| count as f64 / node_frames as f64;
+        line(
+            "SPI",
+            format!(
+                "{:.1} bytes in {:.1} chip selects a frame, for {} frames received and {} sent",
+                per_frame(state.spi.bytes),
+                per_frame(state.spi.selects),
+                state.frames_for_node,
+                state.frames_of_node
+            ),
+        );
+    }
     if let Some(worst) = state.latency.worst {
         line("served within", format!("{:.1} us of the end of a frame", micros(worst)));
     }
@@ -190,6 +210,15 @@ pub fn summary(state: &State, speed: Measured) -> String {
         let all = memory.statics + stack;
         line("stack", format!("{stack} B, with statics {all}{} B", of(|limits| limits.statics_and_stack)));
     }
+    for mistake in state.mistakes.kinds() {
+        line(
+            "mistake",
+            format!("{} times, first at {:.6} s: {}", mistake.count, seconds(mistake.first_at), mistake.text),
+        );
+    }
+    for hint in &state.hints {
+        line("hint", hint.clone());
+    }
     for link in &state.links {
         line("link", link.clone());
     }
@@ -204,6 +233,7 @@ mod tests {
     use super::super::state::Origin;
     use super::*;
     use bench::avr::Chip;
+    use bench::can::Frame;
     use bench::dronecan::{NodeId, NodeStatus};
 
     /// Runs `state` through a plain view and gives the lines.
@@ -315,11 +345,17 @@ mod tests {
         for _ in 0..1000 {
             state.tell(0, News::ErrorFrame(String::from("error frame")));
             state.violation(0, String::from("SPI with CS high"));
+            state.lost(0, Frame::standard(0x123, &[1]));
         }
         state.pass(F_CPU_HZ);
         let text = printed(&mut state, false);
         assert!(text.contains("995 further error frames"), "{text}");
-        assert!(text.lines().count() < 120);
+        assert!(text.contains("LOST    frame lost, both receive buffers were full: 123#01"), "{text}");
+        assert!(text.contains("LOST    995 further frames"), "{text}");
+        assert_eq!(text.matches("MISTAKE").count(), 1);
+        assert!(text.lines().count() < 20);
+        let text = summary(&state, Measured::default());
+        assert!(text.contains("mistake         1000 times, first at 0.000000 s: SPI with CS high"), "{text}");
     }
 
     #[test]

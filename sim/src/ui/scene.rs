@@ -8,11 +8,13 @@
 //! simulated millisecond.
 
 use super::args::Args;
+use super::findings::Findings;
 use super::pace::Speed;
 use super::state::{AutopilotState, Controller, News, State};
 use crate::fault::{Fault, Injection};
 use crate::links::Link;
 use crate::links::script::{BenchEvent, Script};
+use crate::usage::OrUsage;
 use anyhow::{Context, Result};
 use bench::autopilot::{Autopilot, Settings};
 use bench::avr::{self, Avr, Firmware, ResetCause, regs};
@@ -80,6 +82,7 @@ pub struct Scene {
     injections: VecDeque<Injection>,
     state: State,
     resets_seen: usize,
+    findings: Findings,
     stack_bottom: Option<u16>,
     /// The program has filled its free RAM with paint.
     stack_is_painted: bool,
@@ -95,19 +98,19 @@ impl Scene {
     /// If there is no firmware, or it cannot be run, or a link cannot be made; the message says what to do.
     pub fn new(args: &Args) -> Result<Scene> {
         let path = args.elf.clone().map_or_else(node_elf, Ok)?;
-        let elf = || Firmware::read(&path);
+        let elf = || Firmware::read(&path).or_usage();
         let Some(hex) = &args.links.bootloader else {
             let firmware = elf()?;
-            let wiring = Wiring::of_program(&firmware).with_context(|| path.display().to_string())?;
-            let chip = args.wires.apply(wiring)?.chip;
-            firmware.check_fits(chip).with_context(|| path.display().to_string())?;
+            let wiring = Wiring::of_program(&firmware).with_context(|| path.display().to_string()).or_usage()?;
+            let chip = args.wires.apply(wiring).or_usage()?.chip;
+            firmware.check_fits(chip).with_context(|| path.display().to_string()).or_usage()?;
             return Scene::boot(&firmware, args);
         };
-        let loader = Firmware::read_hex(hex)?;
+        let loader = Firmware::read_hex(hex).or_usage()?;
         // Only further boards have their program already. But it says what the board is that the boot loader runs on.
         let others = if args.elf.is_some() || args.links.nodes > 0 { elf()? } else { elf().unwrap_or_default() };
-        let wiring = args.wires.apply(Wiring::of_program(&others)?)?;
-        let section = loader.boot_section(wiring.chip).with_context(|| hex.display().to_string())?;
+        let wiring = args.wires.apply(Wiring::of_program(&others)?).or_usage()?;
+        let section = loader.boot_section(wiring.chip).with_context(|| hex.display().to_string()).or_usage()?;
         Scene::with_programs(&loader, Some(section), &others, args)
     }
 
@@ -126,9 +129,9 @@ impl Scene {
         others: &Firmware,
         args: &Args,
     ) -> Result<Scene> {
-        let wiring = args.wires.apply(Wiring::of_program(others)?)?;
+        let wiring = args.wires.apply(Wiring::of_program(others)?).or_usage()?;
         let limits = others.board.is_some().then(|| Budget::of(wiring.chip));
-        let bit_rate = args.bit_rate(&wiring)?;
+        let bit_rate = args.bit_rate(&wiring).or_usage()?;
         let mut avr = Avr::programmed(wiring.chip, firmware)?;
         if let Some(section) = boot_section {
             avr.set_reset_vector(section as u32);
@@ -144,7 +147,7 @@ impl Scene {
             Ok(bench.add_board(Board::wired(avr, &wiring)?, &format!("node{number}")))
         });
         let others = others.collect::<Result<Vec<usize>>>()?;
-        let autopilot = args.autopilot()?.map(|settings| {
+        let autopilot = args.autopilot().or_usage()?.map(|settings| {
             let mut autopilot = Autopilot::new(settings, bit_rate);
             if let Some(deflection) = args.hold {
                 autopilot.hold(deflection);
@@ -155,7 +158,7 @@ impl Scene {
         let babbler = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("babbler", babbler.clone());
         let boards: Vec<usize> = [node].into_iter().chain(others.iter().copied()).collect();
-        let script = args.links.script.as_deref().map(|path| Script::open(path, &mut bench)).transpose()?;
+        let script = args.links.script.as_deref().map(|path| Script::open(path, &mut bench)).transpose().or_usage()?;
         let links = args.links.open(&mut bench, &boards)?;
         let mut injections: Vec<_> = args.inject.clone();
         injections.sort_by_key(|injection| injection.at);
@@ -185,6 +188,7 @@ impl Scene {
             injections: injections.into(),
             state,
             resets_seen,
+            findings: Findings::default(),
             stack_bottom,
             stack_is_painted: false,
             next_stack_at: STACK_PERIOD,
@@ -502,6 +506,10 @@ impl Scene {
         for (at, byte) in &serial {
             self.state.serial_byte(*at, *byte);
         }
+        for hint in self.findings.look(board, self.state.bus.bit_rate, !serial.is_empty()) {
+            self.state.hint(now, hint);
+        }
+        self.state.spi = board.spi_use();
         for link in &mut self.links {
             link.serial_output(self.node, &serial);
         }
@@ -517,12 +525,11 @@ impl Scene {
                 self.state.violation(violation.at, text);
             }
         }
-        let resets = board.avr().resets();
-        for reset in &resets[self.resets_seen.min(resets.len())..] {
-            let text = format!("the AVR was reset: {:?}", reset.cause);
-            self.state.tell(reset.at, News::Reset(text));
+        let resets = board.avr().resets_after(self.resets_seen);
+        self.resets_seen += resets.len();
+        for reset in resets {
+            self.state.reset(reset.at, format!("{:?}", reset.cause));
         }
-        self.resets_seen = resets.len();
         if let Some(text) = crash(board.avr().state()) {
             self.state.crashed(now, text);
         }
@@ -569,8 +576,10 @@ impl Scene {
         let chip = self.bench.board(self.node).chip();
         let mut chip = chip.borrow_mut();
         for entry in chip.take_frame_log() {
-            if let Fate::Cleared(at) = entry.fate {
-                self.state.served(at - entry.received_at);
+            self.state.frames_for_node += 1;
+            match entry.fate {
+                Fate::Cleared(at) => self.state.served(at - entry.received_at),
+                Fate::Lost => self.state.lost(entry.received_at, entry.frame),
             }
         }
         self.state.look_at_controller(Controller {
@@ -705,7 +714,7 @@ mod tests {
             scene.inject(fault);
             scene.advance(F_CPU_HZ / 100).unwrap();
             assert_eq!(scene.state().active_faults, [], "{fault}");
-            assert_eq!(scene.state().violations, 0, "{fault}");
+            assert_eq!(scene.state().mistakes.total(), 0, "{fault}");
         }
     }
 

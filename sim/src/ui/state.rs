@@ -4,10 +4,14 @@
 //! it, the plain view prints the news in it. Histories are bounded; counters are not.
 
 use super::history::Log;
+use super::mistakes::Mistakes;
 use crate::fault::Fault;
+use bench::board::SpiUse;
 use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
-use bench::dronecan::{Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft};
+use bench::dronecan::{
+    CanId, DataType, Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft,
+};
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
 use bus_load::measured::LoadByType;
@@ -23,6 +27,10 @@ const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
 /// Bits between two frames, which no other frame can have.
 const INTERMISSION_BITS: u32 = 3;
 
+/// Lost frames and resets that are kept for the report: the first of them; all are counted.
+const LOST_FRAMES_MAX: usize = 100;
+const RESETS_MAX: usize = 100;
+
 /// Where a line of traffic comes from, for its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
@@ -30,7 +38,9 @@ pub enum Origin {
     Node,
     /// Any other station.
     Other,
-    /// Not a valid transfer, or an error frame.
+    /// Valid on CAN, and not DroneCAN.
+    Foreign,
+    /// Not a valid transfer of a known data type, or an error frame.
     Broken,
 }
 
@@ -55,8 +65,12 @@ pub enum News {
     /// What a node says of its condition.
     Status(NodeId, String),
     ErrorFrame(String),
-    /// A driver mistake that the models noticed.
+    /// A driver mistake that the models noticed, the first of its kind.
     Violation(String),
+    /// Something that the author of the program will want to know.
+    Hint(String),
+    /// A frame that passed the filters and was lost, because both receive buffers were full.
+    Lost(String),
     /// The node's program is broken beyond repair.
     Crash(String),
     /// The controller's error state changed.
@@ -84,6 +98,9 @@ pub struct Servo {
     pub period: Option<Cycles>,
     pub last_start: Cycles,
     pub count: u64,
+    /// Widths of the shortest and the longest pulse so far.
+    pub shortest: Option<Cycles>,
+    pub longest: Option<Cycles>,
 }
 
 /// Counters of the bus.
@@ -199,8 +216,18 @@ pub struct State {
     /// All lines of traffic so far; `traffic` keeps the newest.
     pub traffic_lines: u64,
     pub serial: Log<(Cycles, String)>,
-    pub violations: u64,
-    pub last_violation: Option<(Cycles, String)>,
+    pub mistakes: Mistakes,
+    /// What the author of the program will want to know, each once.
+    pub hints: Vec<String>,
+    /// The first frames that the node lost.
+    pub lost_frames: Vec<(Cycles, Frame)>,
+    /// Frames that came through the node's filters, lost ones too, and frames of the node.
+    pub frames_for_node: u64,
+    pub frames_of_node: u64,
+    pub spi: SpiUse,
+    /// Resets since power-on: when, and why.
+    pub resets: Vec<(Cycles, String)>,
+    pub resets_total: u64,
     pub crash: Option<String>,
     pub memory: Memory,
     /// None if it was left out.
@@ -251,6 +278,8 @@ impl State {
         servo.pulse = Some(width);
         servo.last_start = start;
         servo.count += 1;
+        servo.shortest = Some(servo.shortest.map_or(width, |shortest| shortest.min(width)));
+        servo.longest = servo.longest.max(Some(width));
     }
 
     /// How bright the light is, 0 to 1.
@@ -280,9 +309,32 @@ impl State {
 
     /// A driver mistake.
     pub fn violation(&mut self, at: Cycles, text: String) {
-        self.violations += 1;
-        self.tell(at, News::Violation(text.clone()));
-        self.last_violation = Some((at, text));
+        if self.mistakes.add(at, &text) {
+            self.tell(at, News::Violation(text));
+        }
+    }
+
+    /// Something that the author of the program will want to know.
+    pub fn hint(&mut self, at: Cycles, text: String) {
+        self.hints.push(text.clone());
+        self.tell(at, News::Hint(text));
+    }
+
+    /// A frame that the node lost.
+    pub fn lost(&mut self, at: Cycles, frame: Frame) {
+        if self.lost_frames.len() < LOST_FRAMES_MAX {
+            self.lost_frames.push((at, frame));
+        }
+        self.tell(at, News::Lost(format!("frame lost, both receive buffers were full: {frame}")));
+    }
+
+    /// The AVR was reset.
+    pub fn reset(&mut self, at: Cycles, cause: String) {
+        self.resets_total += 1;
+        if self.resets.len() < RESETS_MAX {
+            self.resets.push((at, cause.clone()));
+        }
+        self.tell(at, News::Reset(format!("the AVR was reset: {cause}")));
     }
 
     /// The node's program ended; only the first report counts.
@@ -324,6 +376,7 @@ impl State {
                 if !acked {
                     self.bus.unacknowledged += 1;
                 }
+                self.frames_of_node += u64::from(from_node);
                 self.frame(record.end, frame, from_node, station);
             }
             RecordKind::ErrorFrame { kind, .. } => {
@@ -344,17 +397,16 @@ impl State {
     fn frame(&mut self, at: Cycles, frame: &Frame, from_node: bool, station: Option<&str>) {
         let id = match frame.id {
             Id::Extended(id) if !frame.remote => id,
-            _ => {
-                let who = station.unwrap_or("-");
-                return self.broken(at, who, "foreign frame", format!("foreign frame {frame}"));
-            }
+            Id::Extended(_) => return self.foreign(at, station, frame, "remote frame"),
+            Id::Standard(_) => return self.foreign(at, station, frame, "11-bit identifier"),
         };
         let said = match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Heard::Partial => return,
-            Heard::Invalid(why) => {
+            Heard::Invalid(why) if CanId::parse(id).is_some_and(|id| DataType::of(id).is_some()) => {
                 let who = station.unwrap_or("-");
                 return self.broken(at, who, "invalid frame", format!("{frame} {why}"));
             }
+            Heard::Invalid(why) => return self.foreign(at, station, frame, why),
             Heard::Said(said) => said,
         };
         if let Some((source, status, text)) = status_in(&said) {
@@ -386,6 +438,13 @@ impl State {
             Said::Draft(_, draft::Message::ThesisMeasurement(number)) => self.draft_measurement = Some(*number),
             _ => {}
         }
+    }
+
+    /// A frame that is no part of a DroneCAN transfer. Many a bus carries other protocols, and that is no fault.
+    fn foreign(&mut self, at: Cycles, station: Option<&str>, frame: &Frame, why: &str) {
+        let text = format!("CAN frame {frame} (not DroneCAN: {why})");
+        let (who, name) = (station.unwrap_or("-").to_owned(), String::from("CAN frame"));
+        self.traffic_line(TrafficLine { at, origin: Origin::Foreign, who, name, text });
     }
 
     fn broken(&mut self, at: Cycles, who: &str, name: &str, text: String) {
@@ -528,7 +587,7 @@ mod tests {
         let mut foreign = record(32_000, 0, &[]);
         foreign.kind = RecordKind::Frame { frame: Frame::standard(0x123, &[1]), from: None, acked: false };
         state.record(&foreign, false, None);
-        assert_eq!(state.traffic.last().unwrap().text, "foreign frame 123#01");
+        assert_eq!(state.traffic.last().unwrap().text, "CAN frame 123#01 (not DroneCAN: 11-bit identifier)");
         assert_eq!(state.bus.unacknowledged, 1);
     }
 

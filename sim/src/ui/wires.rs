@@ -31,7 +31,7 @@ pub struct Args {
     pub int: Option<Pin>,
 
     /// Crystal of the MCP2515 in MHz, as it is stamped on it: 8 or 16
-    #[arg(long, value_name = "MHZ", value_parser = crystal_mhz)]
+    #[arg(long, value_name = "MHZ", value_parser = crystal_mhz, allow_hyphen_values = true)]
     pub crystal: Option<u32>,
 
     /// Pin on which pulses are measured: D9 or D10

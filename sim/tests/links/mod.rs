@@ -91,11 +91,18 @@ pub fn elf(scratch: &Scratch, name: &str) -> PathBuf {
 /// Compiles `tests/avr/<name>.c` for a chip.
 #[track_caller]
 pub fn elf_for(scratch: &Scratch, name: &str, chip: &str) -> PathBuf {
+    elf_with(scratch, name, chip, &[])
+}
+
+/// The same with macros defined, such as "SD_CARD".
+#[track_caller]
+pub fn elf_with(scratch: &Scratch, name: &str, chip: &str, defines: &[&str]) -> PathBuf {
     let elf = scratch.path("program.elf");
     let source = bench::root().join(format!("sim/bench/tests/avr/{name}.c"));
     let compiled = Command::new("avr-gcc")
         .arg(format!("-mmcu={chip}"))
         .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+        .args(defines.iter().map(|define| format!("-D{define}")))
         .arg(&source)
         .arg("-o")
         .arg(&elf)

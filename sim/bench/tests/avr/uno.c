@@ -1,5 +1,6 @@
 /* A program as people write it for an Arduino Uno with a blue MCP2515 module: CS on D10, crystal of 8 MHz, 500 kbit/s.
- * Sends a frame each 100 ms, and says so on the serial port. Uses no library but avr-libc. */
+ * Sends a frame each 100 ms, and says so on the serial port. Uses no library but avr-libc.
+ * UBRR sets another rate of the serial port; with SD_CARD another device on the SPI, its CS on D8, gets bytes, too. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/delay.h>
@@ -17,6 +18,9 @@
 #define TXB0CTRL 0x30
 #define TXREQ 0x08
 #define ID 0x123
+#ifndef UBRR
+#define UBRR 8
+#endif
 
 static volatile uint32_t milliseconds;
 
@@ -90,12 +94,21 @@ static void send(uint8_t count)
     instruct(RTS_TXB0);
 }
 
+static void ask_sd_card(void)
+{
+#ifdef SD_CARD
+    PORTB &= ~_BV(PB0);
+    for (uint8_t byte = 0; byte < 6; byte++) { exchange(0x40); }
+    PORTB |= _BV(PB0);
+#endif
+}
+
 int main(void)
 {
-    PORTB = _BV(PB2);
-    DDRB = _BV(PB2) | _BV(PB3) | _BV(PB5);
+    PORTB = _BV(PB2) | _BV(PB0);
+    DDRB = _BV(PB2) | _BV(PB3) | _BV(PB5) | _BV(PB0);
     SPCR = _BV(SPE) | _BV(MSTR);
-    UBRR0 = 8;
+    UBRR0 = UBRR;
     UCSR0B = _BV(TXEN0);
     TCCR0A = _BV(WGM01);
     TCCR0B = _BV(CS01) | _BV(CS00);
@@ -118,6 +131,7 @@ int main(void)
     for (uint8_t count = 0;; count++) {
         while ((int32_t)(millis() - next) < 0) { }
         next += 100;
+        ask_sd_card();
         send(count);
         serial("sent\n");
     }

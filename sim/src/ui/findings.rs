@@ -1,0 +1,110 @@
+//! What the bench notices of a program that its author will want to know, each once: rates that do not match, and a chip
+//! select that never falls.
+//!
+//! None of this is a mistake: another program may be right on another board. See [`mistakes`](super::mistakes) for those.
+
+use bench::board::Board;
+use bench::mcp2515::Mode;
+use bench::{Cycles, F_CPU_HZ};
+
+/// Bit rates this far apart are not the same: more than two CAN clocks may differ (ISO 11898-1 allows 1.58 % at most).
+const CAN_TOLERANCE_PER_MILLE: u64 = 16;
+/// A UART still receives characters of 10 bits at a rate this far off.
+const UART_TOLERANCE_PER_MILLE: u64 = 40;
+/// The rate of the Arduino IDE's serial monitor, of ravedude and of this project.
+const SERIAL_MONITOR_RATE: u64 = 115_200;
+/// The rates that serial monitors offer.
+const SERIAL_RATES: [u64; 11] = [300, 1_200, 2_400, 4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 250_000, 1_000_000];
+/// A program has set up its SPI by then.
+const SPI_SETTLED: Cycles = F_CPU_HZ / 2;
+
+/// What has been said already.
+#[derive(Debug, Default)]
+pub struct Findings {
+    bit_rate: Option<u64>,
+    serial_rate: Option<u64>,
+    is_cs_told: bool,
+}
+
+impl Findings {
+    /// Looks at a board on a bus of `bus_rate` bits per second. Returns what is new.
+    pub fn look(&mut self, board: &Board, bus_rate: u32, has_sent_serial: bool) -> Vec<String> {
+        let found = [self.can_rate(board, bus_rate), self.uart_rate(board, has_sent_serial), self.chip_select(board)];
+        found.into_iter().flatten().collect()
+    }
+
+    fn can_rate(&mut self, board: &Board, bus_rate: u32) -> Option<String> {
+        let chip = board.chip();
+        let chip = chip.borrow();
+        if !matches!(chip.mode(), Mode::Normal | Mode::ListenOnly) {
+            return None;
+        }
+        let rate = chip.bit_rate();
+        if self.bit_rate.replace(rate) == Some(rate) || is_near(rate, bus_rate.into(), CAN_TOLERANCE_PER_MILLE) {
+            return None;
+        }
+        Some(format!(
+            "the node is at {} kbit/s, the bus at {} kbit/s: they hear nothing but errors of each other. Set the program's \
+             bit rate, its crystal (--crystal), or the bus (--bit-rate)",
+            kilo(rate),
+            kilo(bus_rate.into())
+        ))
+    }
+
+    fn uart_rate(&mut self, board: &Board, has_sent: bool) -> Option<String> {
+        let rate = board.avr().serial_bits_per_second();
+        if !has_sent || self.serial_rate.replace(rate) == Some(rate) {
+            return None;
+        }
+        if is_near(rate, SERIAL_MONITOR_RATE, UART_TOLERANCE_PER_MILLE) {
+            return None;
+        }
+        let usual = SERIAL_RATES.into_iter().find(|usual| is_near(rate, *usual, UART_TOLERANCE_PER_MILLE));
+        Some(match usual {
+            Some(usual) => format!("the UART is at {usual} baud: set the serial monitor to that"),
+            None => {
+                format!("the UART is at {rate} baud, which no serial monitor has: is the program for another clock?")
+            }
+        })
+    }
+
+    fn chip_select(&mut self, board: &Board) -> Option<String> {
+        let passed = board.spi_use();
+        let is_silent = passed.selects == 0 && passed.bytes_elsewhere > 0;
+        if self.is_cs_told || !is_silent || board.now() < SPI_SETTLED {
+            return None;
+        }
+        self.is_cs_told = true;
+        let cs = board.wiring().cs;
+        Some(format!(
+            "{} bytes on the SPI, but CS of the MCP2515 ({cs}) has never been low: is it another pin in the program (--cs)?",
+            passed.bytes_elsewhere
+        ))
+    }
+}
+
+fn is_near(rate: u64, other: u64, per_mille: u64) -> bool {
+    rate.abs_diff(other) * 1000 <= other * per_mille
+}
+
+/// Thousands, with a fraction only where there is one: "500", "83.3".
+fn kilo(rate: u64) -> String {
+    if rate.is_multiple_of(1000) { format!("{}", rate / 1000) } else { format!("{:.1}", rate as f64 / 1000.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_within_what_a_receiver_bears_are_the_same() {
+        assert!(
+            is_near(117_647, SERIAL_MONITOR_RATE, UART_TOLERANCE_PER_MILLE),
+            "16 MHz / 8 / 17, as Arduinos have it"
+        );
+        assert!(!is_near(9_615, SERIAL_MONITOR_RATE, UART_TOLERANCE_PER_MILLE));
+        assert!(is_near(9_615, 9_600, UART_TOLERANCE_PER_MILLE));
+        assert!(!is_near(500_000, 1_000_000, CAN_TOLERANCE_PER_MILLE));
+        assert_eq!((kilo(500_000), kilo(83_333)), (String::from("500"), String::from("83.3")));
+    }
+}

@@ -1,0 +1,263 @@
+//! The result of a run for another program: `--json FILE`, and the exit code.
+//!
+//! Names and units are part of the interface: a CI job may look at any of them. A new field may come; none changes.
+
+use super::state::State;
+use crate::time::{micros, seconds};
+use serde::Serialize;
+use std::process::ExitCode;
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The firmware ran without a crash and without a mistake.
+    Well,
+    /// The firmware crashed.
+    Crashed,
+    /// The firmware misused a chip.
+    Mistakes,
+}
+
+impl Outcome {
+    /// The outcome of a run.
+    pub fn of(state: &State) -> Outcome {
+        if state.crash.is_some() {
+            Outcome::Crashed
+        } else if state.mistakes.total() > 0 {
+            Outcome::Mistakes
+        } else {
+            Outcome::Well
+        }
+    }
+
+    /// The exit code of `sim`: 0 or 1. 2 is a wrong command line, and 3 something of the machine.
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Outcome::Well => 0,
+            Outcome::Crashed | Outcome::Mistakes => 1,
+        }
+    }
+}
+
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> ExitCode {
+        outcome.exit_code().into()
+    }
+}
+
+/// See the module.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    outcome: Outcome,
+    exit_code: u8,
+    simulated_s: f64,
+    board: String,
+    crash: Option<String>,
+    mistakes_total: u64,
+    mistakes: Vec<Mistake>,
+    hints: Vec<String>,
+    restarts_total: u64,
+    /// The first 100.
+    restarts: Vec<Restart>,
+    bus: Bus,
+    node: Node,
+    servo: Servo,
+    spi: Spi,
+    budget: Budget,
+}
+
+#[derive(Debug, Serialize)]
+struct Mistake {
+    text: String,
+    count: u64,
+    first_s: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Restart {
+    at_s: f64,
+    cause: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Bus {
+    bit_rate: u32,
+    frames: u64,
+    error_frames: u64,
+    unacknowledged: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Node {
+    frames_received: u64,
+    frames_sent: u64,
+    frames_lost: u64,
+    /// The first 100, as candump has them.
+    lost: Vec<LostFrame>,
+    /// From the end of a frame to the driver's release of its buffer; none if it released none.
+    served_within_us: Option<f64>,
+    tec: u16,
+    rec: u16,
+}
+
+#[derive(Debug, Serialize)]
+struct LostFrame {
+    at_s: f64,
+    frame: String,
+}
+
+#[derive(Debug, Serialize)]
+struct Servo {
+    pulses: u64,
+    /// Of the last pulse; none if there are none at the end.
+    width_us: Option<f64>,
+    period_us: Option<f64>,
+    shortest_us: Option<f64>,
+    longest_us: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct Spi {
+    selects: u64,
+    bytes: u64,
+    bytes_elsewhere: u64,
+    selects_per_frame: Option<f64>,
+    bytes_per_frame: Option<f64>,
+}
+
+/// In bytes; limits only for programs of this project.
+#[derive(Debug, Serialize)]
+struct Budget {
+    flash: u32,
+    flash_limit: Option<u32>,
+    statics: u32,
+    statics_limit: Option<u32>,
+    stack: Option<u32>,
+    statics_and_stack_limit: Option<u32>,
+}
+
+impl Report {
+    /// The result of a run that is over.
+    pub fn new(state: &State) -> Report {
+        let outcome = Outcome::of(state);
+        let frames = state.frames_for_node + state.frames_of_node;
+        let per_frame = |count: u64| (frames > 0).then(|| count as f64 / frames as f64);
+        let limits = state.memory.limits;
+        Report {
+            outcome,
+            exit_code: outcome.exit_code(),
+            simulated_s: seconds(state.now),
+            board: state.wiring.to_string(),
+            crash: state.crash.clone(),
+            mistakes_total: state.mistakes.total(),
+            mistakes: state.mistakes.kinds().iter().map(Mistake::of).collect(),
+            hints: state.hints.clone(),
+            restarts_total: state.resets_total,
+            restarts: state
+                .resets
+                .iter()
+                .map(|(at, cause)| Restart { at_s: seconds(*at), cause: cause.clone() })
+                .collect(),
+            bus: Bus {
+                bit_rate: state.bus.bit_rate,
+                frames: state.bus.frames,
+                error_frames: state.bus.error_frames,
+                unacknowledged: state.bus.unacknowledged,
+            },
+            node: Node {
+                frames_received: state.frames_for_node,
+                frames_sent: state.frames_of_node,
+                frames_lost: state.controller.overflows,
+                lost: state
+                    .lost_frames
+                    .iter()
+                    .map(|(at, frame)| LostFrame { at_s: seconds(*at), frame: frame.to_string() })
+                    .collect(),
+                served_within_us: state.latency.worst.map(micros),
+                tec: state.controller.tec,
+                rec: state.controller.rec,
+            },
+            servo: Servo {
+                pulses: state.servo.count,
+                width_us: state.servo.pulse.map(micros),
+                period_us: state.servo.period.map(micros),
+                shortest_us: state.servo.shortest.map(micros),
+                longest_us: state.servo.longest.map(micros),
+            },
+            spi: Spi {
+                selects: state.spi.selects,
+                bytes: state.spi.bytes,
+                bytes_elsewhere: state.spi.bytes_elsewhere,
+                selects_per_frame: per_frame(state.spi.selects),
+                bytes_per_frame: per_frame(state.spi.bytes),
+            },
+            budget: Budget {
+                flash: state.memory.flash,
+                flash_limit: limits.map(|limits| limits.flash),
+                statics: state.memory.statics,
+                statics_limit: limits.map(|limits| limits.statics),
+                stack: state.memory.stack,
+                statics_and_stack_limit: limits.map(|limits| limits.statics_and_stack),
+            },
+        }
+    }
+
+    /// The report as JSON, with a line end.
+    pub fn to_json(&self) -> String {
+        let json = serde_json::to_string_pretty(self).expect("numbers and texts only");
+        json + "\n"
+    }
+}
+
+impl Mistake {
+    fn of(kind: &super::mistakes::Mistake) -> Mistake {
+        Mistake { text: kind.text.clone(), count: kind.count, first_s: seconds(kind.first_at) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bench::F_CPU_HZ;
+    use bench::can::Frame;
+
+    fn json(state: &State) -> serde_json::Value {
+        serde_json::from_str(&Report::new(state).to_json()).unwrap()
+    }
+
+    #[test]
+    fn a_run_without_events_is_well_and_has_no_numbers_that_nobody_measured() {
+        let report = json(&State::new(500_000));
+        assert_eq!((&report["outcome"], &report["exit_code"]), (&"well".into(), &0.into()));
+        assert_eq!(report["bus"]["bit_rate"], 500_000);
+        assert!(report["servo"]["width_us"].is_null() && report["spi"]["bytes_per_frame"].is_null(), "{report}");
+    }
+
+    #[test]
+    fn mistakes_losses_restarts_and_pulses_are_in_it_and_the_exit_code_is_1() {
+        let mut state = State::new(1_000_000);
+        state.pass(2 * F_CPU_HZ);
+        state.violation(F_CPU_HZ / 2, String::from("CNF1 <- 41h ignored"));
+        state.violation(F_CPU_HZ, String::from("CNF1 <- 42h ignored"));
+        state.lost(F_CPU_HZ, Frame::standard(0x123, &[1]));
+        state.reset(F_CPU_HZ, String::from("Watchdog"));
+        state.pulse(2 * F_CPU_HZ - 320_000, 16_000, None);
+        state.pulse(2 * F_CPU_HZ, 24_000, Some(320_000));
+        let report = json(&state);
+        assert_eq!((&report["outcome"], &report["exit_code"]), (&"mistakes".into(), &1.into()));
+        assert_eq!((&report["mistakes"][0]["count"], &report["mistakes"][0]["first_s"]), (&2.into(), &0.5.into()));
+        assert_eq!(
+            (&report["node"]["lost"][0]["frame"], &report["node"]["lost"][0]["at_s"]),
+            (&"123#01".into(), &1.0.into())
+        );
+        assert_eq!((&report["restarts_total"], &report["restarts"][0]["cause"]), (&1.into(), &"Watchdog".into()));
+        let servo = &report["servo"];
+        assert_eq!(
+            (&servo["width_us"], &servo["shortest_us"], &servo["longest_us"]),
+            (&1500.0.into(), &1000.0.into(), &1500.0.into())
+        );
+        state.crashed(0, String::from("gone"));
+        assert_eq!(json(&state)["outcome"], "crashed");
+    }
+}
