@@ -6,6 +6,7 @@
 use super::keys;
 use super::pace::Measured;
 use super::state::{AutopilotState, Origin, State, TrafficLine, error_state_name};
+use super::vendor_code;
 use crate::fault::{Fault, MENU};
 use crate::time::{micros, seconds};
 use bench::budget::Budget;
@@ -30,6 +31,8 @@ const DIAL_ROWS: u16 = 16;
 /// From this height on there is room for the dial beside a useful length of traffic.
 const DIAL_FROM_ROWS: u16 = 40;
 const BUS_ROWS: u16 = 4;
+/// Lines for the conditions of the vendor-specific status code, at most.
+const CONDITION_ROWS: usize = 2;
 /// Lines for what is joined to the bench, in a small and in a larger terminal.
 const LINK_ROWS_SMALL: u16 = 3;
 const LINK_ROWS: u16 = 12;
@@ -72,11 +75,16 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
     let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + BUS_ROWS };
-    let link_rows_max = if with_dial { LINK_ROWS } else { LINK_ROWS_SMALL };
+    let note_lines = condition_lines(state, usize::from(area.width));
+    let note_rows = note_lines.len() as u16;
+    // In a small terminal the notes take the place of links, so that the lists keep a useful length.
+    let link_rows_max =
+        if with_dial { LINK_ROWS } else { LINK_ROWS_SMALL.saturating_sub(note_rows.saturating_sub(1)).max(1) };
     let link_rows = u16::try_from(state.links.len()).unwrap_or(u16::MAX).min(link_rows_max);
-    let [title, top, links, lists, foot] = Layout::vertical([
+    let [title, top, notes, links, lists, foot] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(top_rows),
+        Constraint::Length(note_rows),
         Constraint::Length(link_rows),
         Constraint::Min(0),
         Constraint::Length(1),
@@ -99,6 +107,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     draw_node(frame, node, state);
     draw_bus(frame, bus, state);
     draw_controller(frame, controller, state);
+    frame.render_widget(Paragraph::new(note_lines), notes);
     frame.render_widget(link_lines(state, usize::from(link_rows)), links);
     let [traffic, serial] = if area.width >= SIDE_BY_SIDE_FROM_COLUMNS {
         Layout::horizontal([Constraint::Min(0), Constraint::Length(SERIAL_COLUMNS)]).areas(lists)
@@ -154,6 +163,44 @@ fn dialect_note(dialect: Dialect) -> &'static str {
         Dialect::V0 => "",
         Dialect::Draft => " (draft)",
     }
+}
+
+/// The conditions in the vendor-specific status code, if the program is this project's.
+fn condition_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
+    let Some((_, node, status)) = state.status.filter(|_| state.knows_vendor_code) else { return Vec::new() };
+    let conditions = vendor_code::conditions(status.vendor_code);
+    let last = conditions.len().saturating_sub(1);
+    let texts = conditions.iter().enumerate().map(|(index, text)| {
+        let comma = if index < last { "," } else { "" };
+        Line::from(Span::styled(format!(" {text}{comma}"), WARN))
+    });
+    let lead = Line::from(format!(" Node {node} says {:#06X}:", status.vendor_code));
+    wrapped(lead, texts.collect(), columns, CONDITION_ROWS)
+}
+
+/// Puts `lead` and `items` on lines of so many columns, and says how many items do not fit on `rows` lines. No items, no lines.
+fn wrapped(lead: Line<'static>, items: Vec<Line<'static>>, columns: usize, rows: usize) -> Vec<Line<'static>> {
+    const MORE: &str = " and 99 more";
+    if items.is_empty() {
+        return Vec::new();
+    }
+    let mut left = items.len();
+    let mut lines = vec![lead];
+    for item in items {
+        let is_last_line = lines.len() == rows;
+        let line = lines.last_mut().expect("it begins with one");
+        let reserve = if is_last_line && left > 1 { MORE.len() } else { 0 };
+        if line.width() + item.width() + reserve <= columns {
+            line.extend(item);
+        } else if is_last_line {
+            line.push_span(Span::styled(format!(" and {left} more"), DIM));
+            break;
+        } else {
+            lines.push(item);
+        }
+        left -= 1;
+    }
+    lines
 }
 
 /// What is joined to the bench, with the number of those that do not fit.

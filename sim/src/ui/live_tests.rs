@@ -140,6 +140,27 @@ fn the_titles_follow_the_wiring() {
 }
 
 #[test]
+fn the_vendor_code_of_this_projects_program_is_in_words() {
+    let mut state = at_work();
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    assert!(!picture.contains("says"), "a foreign program's code is a number:\n{picture}");
+    state.knows_vendor_code = true;
+    let set = |state: &mut State, code| state.status.as_mut().unwrap().2.vendor_code = code;
+    set(&mut state, 0x0401);
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["vendor code 0x0401", " Node 42 says 0x0401: restarted by the watchdog, failsafe "]);
+    // Each condition has its place where there is room; else the rest is counted, and nothing else is lost.
+    set(&mut state, 0xFFF9);
+    let picture = drawn(&state, &Screen::default(), 140, 45);
+    shows(&picture, &["speaks the draft", "42 Temperature device 1 298.25 K"]);
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["restarted by the watchdog, transfer errors,", " more ", "42 Temperature device 1 298.25 K"]);
+    set(&mut state, 0);
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    assert!(!picture.contains("says"), "{picture}");
+}
+
+#[test]
 fn any_size_can_be_drawn() {
     let state = at_work();
     let screen = Screen { help: true, menu: true, ..Screen::default() };

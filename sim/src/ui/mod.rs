@@ -19,4 +19,5 @@ pub mod report;
 pub mod run;
 pub mod scene;
 pub mod state;
+pub mod vendor_code;
 pub mod wires;

@@ -130,7 +130,8 @@ impl Scene {
         args: &Args,
     ) -> Result<Scene> {
         let wiring = args.wires.apply(Wiring::of_program(others)?).or_usage()?;
-        let limits = others.board.is_some().then(|| Budget::of(wiring.chip));
+        let knows_vendor_code = others.board.is_some();
+        let limits = knows_vendor_code.then(|| Budget::of(wiring.chip));
         let bit_rate = args.bit_rate(&wiring).or_usage()?;
         let mut avr = Avr::programmed(wiring.chip, firmware)?;
         if let Some(section) = boot_section {
@@ -168,6 +169,7 @@ impl Scene {
         state.memory.flash = if boot_section.is_some() { 0 } else { bytes as u32 };
         state.memory.statics = firmware.statics;
         state.memory.limits = limits;
+        state.knows_vendor_code = knows_vendor_code;
         let bottom = firmware.symbols.get(STACK_BOTTOM_SYMBOL).and_then(|symbol| u16::try_from(symbol.address).ok());
         let stack_bottom = bottom.filter(|bottom| (regs::RAMSTART..=wiring.chip.ram_end()).contains(bottom));
         state.tell(0, News::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
@@ -845,6 +847,7 @@ mod tests {
         let text = format!("{wiring}; bus 500 kbit/s");
         assert_eq!(news(&mut scene)[0], (0, News::Board(text)));
         assert_eq!(scene.state().memory.limits, Some(Budget::of(Chip::Atmega328p)));
+        assert!(scene.state().knows_vendor_code);
         // Options replace what the program says.
         let scene = Scene::boot(&firmware, &args("sim --shield sparkfun")).unwrap();
         assert_eq!((scene.state().wiring.crystal_mhz, scene.state().bus.bit_rate), (16, 1_000_000));
@@ -854,6 +857,7 @@ mod tests {
         let firmware = Firmware { flash: program, ..Firmware::default() };
         let scene = Scene::boot(&firmware, &args("sim --mcu atmega328p")).unwrap();
         assert_eq!((scene.state().memory.limits, scene.state().wiring.chip), (None, Chip::Atmega328p));
+        assert!(!scene.state().knows_vendor_code);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 use super::history::Log;
 use super::mistakes::Mistakes;
+use super::vendor_code;
 use crate::fault::Fault;
 use bench::board::SpiUse;
 use bench::budget::Budget;
@@ -207,6 +208,8 @@ pub struct State {
     pub status: Option<(Cycles, NodeId, NodeStatus)>,
     /// In which dialect that was.
     pub dialect: Dialect,
+    /// The program is this project's, so its vendor-specific status code can be put in words.
+    pub knows_vendor_code: bool,
     pub bus: BusState,
     /// What the view shows as load by node and type; it forgets what is old when it is drawn.
     pub load_by_type: RefCell<LoadByType>,
@@ -409,7 +412,10 @@ impl State {
             Heard::Invalid(why) => return self.foreign(at, station, frame, why),
             Heard::Said(said) => said,
         };
-        if let Some((source, status, text)) = status_in(&said) {
+        if let Some((source, status, mut text)) = status_in(&said) {
+            if from_node && self.knows_vendor_code && status.vendor_code != 0 {
+                text += &format!(": {}", vendor_code::conditions(status.vendor_code).join(", "));
+            }
             self.tell(at, News::Status(source, text));
             if from_node {
                 self.node_status(at, source, status, said.dialect());
@@ -505,6 +511,24 @@ mod tests {
         let line = state.traffic.last().unwrap();
         assert_eq!(line.origin, Origin::Node);
         assert_eq!(line.text, "NodeStatus OK OPERATIONAL up 12 s vendor 0x0000");
+    }
+
+    #[test]
+    fn the_vendor_code_of_this_projects_program_is_told_in_words() {
+        let told = |knows_vendor_code, code: u16, from_node| {
+            let mut state = State { knows_vendor_code, ..State::new(1_000_000) };
+            let [low, high] = code.to_le_bytes();
+            state.record(&record(16_000, 0x1801_552A, &[12, 0, 0, 0, 0x40, low, high, 0xC0]), from_node, None);
+            match state.take_news().swap_remove(0).1 {
+                News::Status(_, text) => text,
+                other => panic!("{other:?}"),
+            }
+        };
+        let number = "WARNING OPERATIONAL up 12 s vendor 0x0420";
+        assert_eq!(told(true, 0x0420, true), format!("{number}: frames lost, failsafe"));
+        assert_eq!(told(false, 0x0420, true), number);
+        assert_eq!(told(true, 0x0420, false), number, "the code of another node");
+        assert_eq!(told(true, 0, true), "WARNING OPERATIONAL up 12 s vendor 0x0000");
     }
 
     #[test]
