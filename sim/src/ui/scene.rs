@@ -389,10 +389,15 @@ impl Scene {
         let node_port = self.node_port;
         match fault {
             Fault::BitError => bus.inject(can::Fault::FlipBit { bit: FLIPPED_BIT }),
-            Fault::ErrorRate => bus.inject(can::Fault::BitErrorRate {
-                per_million: if on { ERROR_RATE_PER_MILLION } else { 0 },
-                seed: NOISE_SEED,
-            }),
+            Fault::ErrorRate | Fault::ErrorStorm => {
+                let per_million = self.latest(|fault| match fault {
+                    Fault::ErrorRate => Some(ERROR_RATE_PER_MILLION),
+                    Fault::ErrorStorm => Some(ERROR_STORM_PER_MILLION),
+                    _ => None,
+                });
+                let fault = can::Fault::BitErrorRate { per_million: per_million.unwrap_or(0), seed: NOISE_SEED };
+                self.bench.bus().inject(fault);
+            }
             Fault::LoseFrame => bus.inject(can::Fault::LoseNextFrame { port: node_port }),
             Fault::NoAck => bus.inject(can::Fault::NoAck(on)),
             Fault::AckDestroyed => bus.inject(can::Fault::AckDestroyed(on)),
@@ -407,10 +412,6 @@ impl Scene {
                 let per_million = if on { SPI_NOISE_PER_MILLION } else { 0 };
                 self.board().set_spi_noise(per_million, NOISE_SEED);
             }
-            Fault::ErrorStorm => bus.inject(can::Fault::BitErrorRate {
-                per_million: if on { ERROR_STORM_PER_MILLION } else { 0 },
-                seed: NOISE_SEED,
-            }),
             Fault::DestroyFrames => bus.inject(can::Fault::DestroyFrames(on)),
             Fault::WrongRate => self.intrude(on),
             Fault::SameId => {
@@ -422,10 +423,22 @@ impl Scene {
             Fault::ChipRegister => self.board().chip_flip_bits(CNF2, 1),
             Fault::ChipSleep => self.board().chip_fall_asleep(),
             Fault::ChipHeld => self.board().chip_hold_in_configuration(on),
-            Fault::MisoLow => self.board().set_stuck_miso(on.then_some(0x00)),
-            Fault::MisoHigh => self.board().set_stuck_miso(on.then_some(0xFF)),
-            Fault::IntLow => self.board().set_stuck_int(on.then_some(false)),
-            Fault::IntHigh => self.board().set_stuck_int(on.then_some(true)),
+            Fault::MisoLow | Fault::MisoHigh => {
+                let byte = self.latest(|fault| match fault {
+                    Fault::MisoLow => Some(0x00),
+                    Fault::MisoHigh => Some(0xFF),
+                    _ => None,
+                });
+                self.board().set_stuck_miso(byte);
+            }
+            Fault::IntLow | Fault::IntHigh => {
+                let level = self.latest(|fault| match fault {
+                    Fault::IntLow => Some(false),
+                    Fault::IntHigh => Some(true),
+                    _ => None,
+                });
+                self.board().set_stuck_int(level);
+            }
             Fault::SensorNoise => {
                 let millivolts = if on { SENSOR_NOISE_MILLIVOLTS } else { 0 };
                 self.board().set_sensor_noise_millivolts(millivolts, NOISE_SEED);
@@ -456,6 +469,12 @@ impl Scene {
         let text = format!("{fault}{state}: {}", fault.explanation());
         self.state.tell(self.now(), News::Fault(text));
         self.look_at_autopilot();
+    }
+
+    /// The effect of the latest active fault that has one. Faults of one kind, such as two bit error rates, replace each other; when
+    /// the latest ends, the one before is in force again.
+    fn latest<T>(&self, effect: impl Fn(Fault) -> Option<T>) -> Option<T> {
+        self.state.active_faults.iter().rev().find_map(|fault| effect(*fault))
     }
 
     /// Takes the autopilot off the bus, and puts one of the other dialect in its place, which has just got its power. The
@@ -718,6 +737,23 @@ mod tests {
             assert_eq!(scene.state().active_faults, [], "{fault}");
             assert_eq!(scene.state().mistakes.total(), 0, "{fault}");
         }
+    }
+
+    /// The list of active faults must not name one that is no longer in force.
+    #[test]
+    fn a_fault_stays_in_force_when_another_of_its_kind_ends() {
+        let errors_after = |options: &str| {
+            let mut scene = scene(&IDLE, options);
+            scene.advance(F_CPU_HZ / 100).unwrap();
+            let before = scene.state().bus.error_frames;
+            scene.advance(F_CPU_HZ).unwrap();
+            (scene.state().active_faults.clone(), scene.state().bus.error_frames - before)
+        };
+        let (active, errors) = errors_after("--inject error-storm@0s --inject error-rate@1ms --inject error-rate@2ms");
+        assert_eq!(active, [Fault::ErrorStorm]);
+        assert!(errors > 5, "{errors}");
+        let (active, errors) = errors_after("--inject error-storm@0s --inject error-storm@1ms");
+        assert_eq!((active, errors), (vec![], 0));
     }
 
     #[test]
