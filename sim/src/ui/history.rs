@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-/// Lines kept of the traffic and of the serial monitor: minutes of a usual bus, and far more than any screen shows.
+/// Lines kept of each type of traffic and of the serial monitor: 100 s of commands at 50 Hz, and far more than any screen shows.
 const LINES_KEPT: usize = 5_000;
 
 /// A bounded history.
@@ -40,6 +40,16 @@ impl<T> Log<T> {
     pub fn tail(&self, count: usize, skip: usize) -> impl Iterator<Item = &T> {
         let end = self.lines.len().saturating_sub(skip);
         self.lines.range(end.saturating_sub(count)..end)
+    }
+
+    /// The line at `index`; the oldest is at 0.
+    pub fn get(&self, index: usize) -> Option<&T> {
+        self.lines.get(index)
+    }
+
+    /// How many of the oldest lines satisfy `predicate`. Lines that satisfy it come before those that do not.
+    pub fn partition_point(&self, predicate: impl FnMut(&T) -> bool) -> usize {
+        self.lines.partition_point(predicate)
     }
 
     /// The newest.

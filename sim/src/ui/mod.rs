@@ -19,5 +19,6 @@ pub mod report;
 pub mod run;
 pub mod scene;
 pub mod state;
+pub mod traffic;
 pub mod vendor_code;
 pub mod wires;

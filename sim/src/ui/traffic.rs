@@ -1,0 +1,244 @@
+//! The traffic on the bus as lines, with a bounded history for each type of message.
+//!
+//! A type that comes 50 times a second pushes only its own old lines out, so a rare line that came before stays. A page merges the
+//! histories of the types that the user has not hidden. Each line has a number, in the order in which the lines came; a page that
+//! is scrolled back stays on its numbers while new lines come.
+
+use super::history::Log;
+use super::state::TrafficLine;
+use std::collections::BTreeSet;
+
+/// Types with a history of their own. Further ones, which only a foreign or a broken node brings, share one history.
+const TYPES_MAX: usize = 32;
+/// Name of what is beyond `TYPES_MAX`.
+const FURTHER_TYPES: &str = "further types";
+
+/// Names of the types that are not shown.
+pub type Hidden = BTreeSet<String>;
+
+/// A line and its number.
+type Numbered = (u64, TrafficLine);
+
+/// The lines of one type.
+#[derive(Clone, Debug)]
+pub struct MessageType {
+    pub name: String,
+    /// Lines so far; the history keeps the newest.
+    pub count: u64,
+    lines: Log<Numbered>,
+}
+
+/// The histories of all types.
+#[derive(Clone, Debug, Default)]
+pub struct Traffic {
+    /// In the order in which they were first seen, so that a list of them does not move under the cursor.
+    types: Vec<MessageType>,
+    next_number: u64,
+}
+
+impl Traffic {
+    /// Adds the newest line.
+    pub fn push(&mut self, line: TrafficLine) {
+        let index = self.index_of(&line.name);
+        let message_type = &mut self.types[index];
+        message_type.count += 1;
+        message_type.lines.push((self.next_number, line));
+        self.next_number += 1;
+    }
+
+    fn index_of(&mut self, name: &str) -> usize {
+        let index_of = |types: &[MessageType], name: &str| types.iter().position(|known| known.name == name);
+        let name = match index_of(&self.types, name) {
+            Some(index) => return index,
+            None if self.types.len() < TYPES_MAX => name,
+            None => FURTHER_TYPES,
+        };
+        index_of(&self.types, name).unwrap_or_else(|| {
+            self.types.push(MessageType { name: name.to_owned(), count: 0, lines: Log::default() });
+            self.types.len() - 1
+        })
+    }
+
+    /// The types seen, the first seen first.
+    pub fn types(&self) -> &[MessageType] {
+        &self.types
+    }
+
+    /// The newest line.
+    pub fn last(&self) -> Option<&TrafficLine> {
+        self.before(self.next_number, &Hidden::new()).next().map(|(_, line)| line)
+    }
+
+    /// So many shown lines, oldest first. The last is number `until`, or the newest without it.
+    pub fn page(&self, rows: usize, until: Option<u64>, hidden: &Hidden) -> Vec<&TrafficLine> {
+        let end = self.end(until);
+        let mut lines: Vec<_> = self.before(end, hidden).take(rows).collect();
+        lines.reverse();
+        // At the top of the history the page is filled with what came later.
+        let missing = rows - lines.len();
+        lines.extend(self.from(end, hidden).take(missing));
+        lines.into_iter().map(|(_, line)| line).collect()
+    }
+
+    /// Shown lines that are newer than number `until`.
+    pub fn newer(&self, until: Option<u64>, hidden: &Hidden) -> usize {
+        let end = self.end(until);
+        self.shown(hidden).map(|lines| lines.len() - position(lines, end)).sum()
+    }
+
+    /// Where a page of `rows` that ends at `until` ends after it was moved back by so many shown lines. The top of the history fills
+    /// a page.
+    pub fn back(&self, until: Option<u64>, lines: usize, rows: usize, hidden: &Hidden) -> Option<u64> {
+        let older: Vec<_> =
+            self.before(self.end(until), hidden).take(lines + rows).map(|(number, _)| *number).collect();
+        match lines.min(older.len().saturating_sub(rows)) {
+            0 => until,
+            moved => older.get(moved).or(older.last()).copied(),
+        }
+    }
+
+    /// The same for a move towards the newest line. `None` once the newest is reached.
+    pub fn forth(&self, until: Option<u64>, lines: usize, hidden: &Hidden) -> Option<u64> {
+        let mut newer = self.from(self.end(until), hidden).skip(lines.saturating_sub(1));
+        let (number, _) = newer.next()?;
+        newer.next().map(|_| *number)
+    }
+
+    /// The number behind the last line of a page.
+    fn end(&self, until: Option<u64>) -> u64 {
+        until.map_or(self.next_number, |until| until + 1)
+    }
+
+    fn shown(&self, hidden: &Hidden) -> impl Iterator<Item = &Log<Numbered>> {
+        self.types.iter().filter(|known| !hidden.contains(&known.name)).map(|known| &known.lines)
+    }
+
+    /// Shown lines with numbers below `end`, newest first.
+    fn before(&self, end: u64, hidden: &Hidden) -> impl Iterator<Item = &Numbered> {
+        let mut heads: Vec<_> = self.shown(hidden).map(|lines| (lines, position(lines, end))).collect();
+        std::iter::from_fn(move || {
+            let newest = |(lines, end): &&mut (&Log<Numbered>, usize)| {
+                end.checked_sub(1).and_then(|last| lines.get(last)).map(|(number, _)| *number)
+            };
+            let (lines, end) = heads.iter_mut().max_by_key(newest)?;
+            *end = end.checked_sub(1)?;
+            lines.get(*end)
+        })
+    }
+
+    /// Shown lines with numbers from `start`, oldest first.
+    fn from(&self, start: u64, hidden: &Hidden) -> impl Iterator<Item = &Numbered> {
+        let mut heads: Vec<_> = self.shown(hidden).map(|lines| (lines, position(lines, start))).collect();
+        std::iter::from_fn(move || {
+            let oldest =
+                |(lines, next): &&mut (&Log<Numbered>, usize)| lines.get(*next).map_or(u64::MAX, |(number, _)| *number);
+            let (lines, next) = heads.iter_mut().min_by_key(oldest)?;
+            let line = lines.get(*next)?;
+            *next += 1;
+            Some(line)
+        })
+    }
+}
+
+/// Lines with numbers below `number`.
+fn position(lines: &Log<Numbered>, number: u64) -> usize {
+    lines.partition_point(|(own, _)| *own < number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::state::Origin;
+    use super::*;
+
+    fn line(name: &str, number: u64) -> TrafficLine {
+        let text = format!("{name} {number}");
+        TrafficLine { at: number, origin: Origin::Other, who: String::from("1"), name: name.to_owned(), text }
+    }
+
+    /// 50 commands and one status in each of so many seconds; the status is the last line of its second.
+    fn seconds(count: u64) -> Traffic {
+        let mut traffic = Traffic::default();
+        for second in 0..count {
+            (0..50).for_each(|command| traffic.push(line("command", second * 50 + command)));
+            traffic.push(line("status", second));
+        }
+        traffic
+    }
+
+    fn texts(lines: Vec<&TrafficLine>) -> Vec<&str> {
+        lines.into_iter().map(|line| line.text.as_str()).collect()
+    }
+
+    fn without(name: &str) -> Hidden {
+        [name.to_owned()].into()
+    }
+
+    #[test]
+    fn the_types_are_merged_in_the_order_in_which_their_lines_came() {
+        let traffic = seconds(2);
+        let all = Hidden::new();
+        assert_eq!(texts(traffic.page(3, None, &all)), ["command 98", "command 99", "status 1"]);
+        assert_eq!(texts(traffic.page(3, Some(51), &all)), ["command 49", "status 0", "command 50"]);
+        assert_eq!(traffic.page(1000, None, &all).len(), 102);
+        assert_eq!(traffic.last().unwrap().text, "status 1");
+    }
+
+    #[test]
+    fn hidden_types_are_left_out() {
+        let traffic = seconds(3);
+        assert_eq!(texts(traffic.page(9, None, &without("command"))), ["status 0", "status 1", "status 2"]);
+        assert_eq!(texts(traffic.page(1, None, &without("status"))), ["command 149"]);
+        let both = ["command", "status"].map(String::from).into();
+        assert!(traffic.page(9, None, &both).is_empty());
+        assert_eq!(traffic.newer(Some(0), &both), 0);
+    }
+
+    #[test]
+    fn frequent_lines_do_not_push_rare_ones_out() {
+        let traffic = seconds(1000);
+        let statuses = traffic.page(2000, None, &without("command"));
+        assert_eq!((statuses.len(), statuses[0].text.as_str()), (1000, "status 0"));
+        let kept = traffic.page(usize::MAX, None, &without("status")).len();
+        assert!(kept < 10_000, "{kept}");
+        assert_eq!(traffic.types()[0].count, 50_000);
+    }
+
+    #[test]
+    fn a_page_scrolls_by_shown_lines_and_stays_where_it_is() {
+        let mut traffic = seconds(20);
+        let hidden = without("command");
+        let until = traffic.back(None, 5, 4, &hidden);
+        let page = ["status 11", "status 12", "status 13", "status 14"];
+        assert_eq!(texts(traffic.page(4, until, &hidden)), page);
+        assert_eq!(traffic.newer(until, &hidden), 5);
+        traffic.push(line("status", 20));
+        assert_eq!(texts(traffic.page(4, until, &hidden)), page);
+        assert_eq!(traffic.newer(until, &hidden), 6);
+        let until = traffic.forth(until, 5, &hidden);
+        assert_eq!(texts(traffic.page(1, until, &hidden)), ["status 19"]);
+        assert_eq!(traffic.forth(until, 5, &hidden), None);
+        assert_eq!(traffic.forth(None, 5, &hidden), None);
+    }
+
+    #[test]
+    fn scrolling_back_ends_with_the_first_full_page() {
+        let traffic = seconds(2);
+        let all = Hidden::new();
+        let first = ["command 0", "command 1", "command 2"];
+        let until = traffic.back(None, 1000, 3, &all);
+        assert_eq!(texts(traffic.page(3, until, &all)), first);
+        assert_eq!(traffic.back(until, 1000, 3, &all), until);
+        assert_eq!(texts(traffic.page(3, Some(0), &all)), first, "filled with what came later");
+        assert_eq!(traffic.back(None, 5, 1000, &all), None, "all is on the page");
+    }
+
+    #[test]
+    fn the_number_of_types_is_bounded() {
+        let mut traffic = Traffic::default();
+        (0..1000).for_each(|number| traffic.push(line(&format!("message {number}"), number)));
+        assert_eq!(traffic.types().len(), TYPES_MAX + 1);
+        let last = traffic.types().last().unwrap();
+        assert_eq!((last.name.as_str(), last.count), (FURTHER_TYPES, 1000 - TYPES_MAX as u64));
+        assert_eq!(traffic.page(1000, None, &Hidden::new()).len(), 1000);
+    }
+}
