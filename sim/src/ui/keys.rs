@@ -1,5 +1,6 @@
 //! Keys of the live view and what they do.
 
+use super::screen::Popup;
 use crate::fault::{Fault, MENU};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
@@ -11,13 +12,20 @@ pub enum Action {
     ToggleSweep,
     /// Changes the temperature at the sensor by this many degrees Celsius.
     Warm(i8),
+    /// Begins a fault, or ends it if it lasts and is on.
     Inject(Fault),
-    ToggleFaultMenu,
+    /// Ends a fault if it is on.
+    End(Fault),
+    /// Ends each fault that is on.
+    EndAll,
+    /// Opens a list in place of the one that is open, or closes it.
+    Toggle(Popup),
+    /// Closes what was opened last, if anything is open.
+    Close,
     TogglePause,
     /// Shows the load of the bus by node and type in place of the traffic, or the traffic again.
     ToggleLoad,
     NextCommandType,
-    ToggleHelp,
     /// Scrolls the traffic back (positive) or forth by this many pages.
     Scroll(i8),
     /// Shows the newest traffic again.
@@ -35,11 +43,14 @@ pub const HELP: &[(&str, &str)] = &[
     ("a", "silence the autopilot, or let it speak"),
     ("d", "disarm the vehicle, or arm it"),
     ("o", "replace the autopilot by one of the other dialect"),
-    ("f 1..9", "inject a fault; what lasts is ended by the same key"),
+    ("f", "list of faults"),
+    ("1..9", "begin a fault of that list; the same digit ends it"),
+    ("x", "end each fault that is on"),
     ("r", "press the board's reset button"),
     ("l", "load of the bus by node and type, or the traffic"),
     ("p space", "pause and resume simulated time"),
     ("PgUp PgDn End", "scroll the bus traffic; End shows the newest"),
+    ("Esc", "close what is open"),
     ("h ?", "this help"),
     ("q Ctrl-C", "quit"),
 ];
@@ -47,8 +58,8 @@ pub const HELP: &[(&str, &str)] = &[
 const STEP: i8 = 5;
 const FAST_STEP: i8 = 25;
 
-/// What `key` means; `menu` says whether the fault menu is open, where digits choose.
-pub fn action(key: KeyEvent, menu: bool) -> Option<Action> {
+/// What `key` means while `popup` is open. A digit begins a fault only in the list of faults, but ends it at any time.
+pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
     if key.kind == KeyEventKind::Release {
         return None;
     }
@@ -62,8 +73,12 @@ pub fn action(key: KeyEvent, menu: bool) -> Option<Action> {
         KeyCode::PageUp => Action::Scroll(1),
         KeyCode::PageDown => Action::Scroll(-1),
         KeyCode::End => Action::ScrollEnd,
-        KeyCode::Esc if menu => Action::ToggleFaultMenu,
-        KeyCode::Char(digit @ '1'..='9') if menu => Action::Inject(*MENU.get(digit as usize - '1' as usize)?),
+        KeyCode::Esc => Action::Close,
+        KeyCode::Char(digit @ '1'..='9') => {
+            let fault = *MENU.get(digit as usize - '1' as usize)?;
+            if popup == Some(Popup::Faults) { Action::Inject(fault) } else { Action::End(fault) }
+        }
+        KeyCode::Char('x') => Action::EndAll,
         KeyCode::Char('s') => Action::ToggleSweep,
         KeyCode::Char('t') => Action::Warm(-1),
         KeyCode::Char('T') => Action::Warm(1),
@@ -71,23 +86,38 @@ pub fn action(key: KeyEvent, menu: bool) -> Option<Action> {
         KeyCode::Char('a') => Action::Inject(Fault::Silence),
         KeyCode::Char('d') => Action::Inject(Fault::Disarm),
         KeyCode::Char('o') => Action::Inject(Fault::OtherDialect),
-        KeyCode::Char('f') => Action::ToggleFaultMenu,
+        KeyCode::Char('f') => Action::Toggle(Popup::Faults),
         KeyCode::Char('r') => Action::Inject(Fault::Reset),
         KeyCode::Char('p' | ' ') => Action::TogglePause,
         KeyCode::Char('l') => Action::ToggleLoad,
         KeyCode::Char('v') => Action::NextCommandType,
-        KeyCode::Char('h' | '?') => Action::ToggleHelp,
+        KeyCode::Char('h' | '?') => Action::Toggle(Popup::Help),
         KeyCode::Char('q') => Action::Quit,
         _ => return None,
     })
+}
+
+/// The key that begins and ends a fault, if it has one. A digit begins its fault only in the list of faults.
+pub fn key_of(fault: Fault) -> Option<char> {
+    let begins = |key: &char| {
+        let key = KeyEvent::new(KeyCode::Char(*key), KeyModifiers::NONE);
+        action(key, Some(Popup::Faults)) == Some(Action::Inject(fault))
+    };
+    ('!'..='~').find(begins)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const POPUPS: [Option<Popup>; 3] = [None, Some(Popup::Faults), Some(Popup::Help)];
+
+    fn press_in(popup: Option<Popup>, code: KeyCode) -> Option<Action> {
+        action(KeyEvent::new(code, KeyModifiers::NONE), popup)
+    }
+
     fn press(code: KeyCode) -> Option<Action> {
-        action(KeyEvent::new(code, KeyModifiers::NONE), false)
+        press_in(None, code)
     }
 
     #[test]
@@ -101,12 +131,15 @@ mod tests {
             (KeyCode::Char('c'), Action::Inject(Fault::Cable)),
             (KeyCode::Char('a'), Action::Inject(Fault::Silence)),
             (KeyCode::Char('o'), Action::Inject(Fault::OtherDialect)),
-            (KeyCode::Char('f'), Action::ToggleFaultMenu),
+            (KeyCode::Char('d'), Action::Inject(Fault::Disarm)),
+            (KeyCode::Char('f'), Action::Toggle(Popup::Faults)),
+            (KeyCode::Char('x'), Action::EndAll),
+            (KeyCode::Esc, Action::Close),
             (KeyCode::Char('r'), Action::Inject(Fault::Reset)),
             (KeyCode::Char('p'), Action::TogglePause),
             (KeyCode::Char('l'), Action::ToggleLoad),
             (KeyCode::Char('v'), Action::NextCommandType),
-            (KeyCode::Char('?'), Action::ToggleHelp),
+            (KeyCode::Char('?'), Action::Toggle(Popup::Help)),
             (KeyCode::PageUp, Action::Scroll(1)),
             (KeyCode::Char('q'), Action::Quit),
         ];
@@ -119,15 +152,31 @@ mod tests {
     #[test]
     fn control_c_quits_and_does_not_pull_the_cable() {
         let key = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
-        assert_eq!(action(key, false), Some(Action::Quit));
+        assert_eq!(action(key, None), Some(Action::Quit));
     }
 
     #[test]
-    fn digits_choose_faults_only_in_the_menu() {
-        let key = |digit| KeyEvent::new(KeyCode::Char(digit), KeyModifiers::NONE);
-        assert_eq!(action(key('4'), false), None);
-        assert_eq!(action(key('4'), true), Some(Action::Inject(Fault::NoAck)));
-        assert_eq!(action(key('0'), true), None);
+    fn a_digit_begins_a_fault_only_in_the_list_and_ends_it_anywhere() {
+        let digit = KeyCode::Char('4');
+        assert_eq!(press_in(Some(Popup::Faults), digit), Some(Action::Inject(Fault::NoAck)));
+        for popup in [None, Some(Popup::Help)] {
+            assert_eq!(press_in(popup, digit), Some(Action::End(Fault::NoAck)));
+        }
+        assert_eq!(press_in(Some(Popup::Faults), KeyCode::Char('0')), None);
+    }
+
+    #[test]
+    fn esc_closes_and_never_quits() {
+        for popup in POPUPS {
+            assert_eq!(press_in(popup, KeyCode::Esc), Some(Action::Close), "{popup:?}");
+        }
+    }
+
+    #[test]
+    fn each_fault_names_its_key() {
+        let key = |name: &str| key_of(name.parse().unwrap());
+        assert_eq!((key("cable"), key("silence"), key("disarm")), (Some('c'), Some('a'), Some('d')));
+        assert_eq!((key("bit-error"), key("stuck-dominant"), key("error-storm")), (Some('1'), Some('5'), None));
     }
 
     /// Terminals that report releases must not act twice.
@@ -135,18 +184,77 @@ mod tests {
     fn a_released_key_does_nothing() {
         let mut key = KeyEvent::new(KeyCode::Char('r'), KeyModifiers::NONE);
         key.kind = KeyEventKind::Release;
-        assert_eq!(action(key, false), None);
+        assert_eq!(action(key, None), None);
+    }
+
+    /// The keys in a line of the help.
+    fn keys_in(names: &str) -> Vec<KeyEvent> {
+        let key = |name| {
+            let code = match name {
+                "left" => KeyCode::Left,
+                "right" => KeyCode::Right,
+                "space" => KeyCode::Char(' '),
+                "PgUp" => KeyCode::PageUp,
+                "PgDn" => KeyCode::PageDown,
+                "End" => KeyCode::End,
+                "Esc" => KeyCode::Esc,
+                "Ctrl-C" => return vec![KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL)],
+                "1..9" => {
+                    return ('1'..='9').map(|digit| KeyEvent::new(KeyCode::Char(digit), KeyModifiers::NONE)).collect();
+                }
+                _ => {
+                    assert_eq!(name.len(), 1, "{name} is no key");
+                    KeyCode::Char(name.chars().next().unwrap())
+                }
+            };
+            vec![KeyEvent::new(code, KeyModifiers::NONE)]
+        };
+        names.split(' ').flat_map(key).collect()
+    }
+
+    #[test]
+    fn each_key_of_the_help_acts() {
+        for (names, _) in HELP {
+            for key in keys_in(names) {
+                assert!(POPUPS.iter().any(|popup| action(key, *popup).is_some()), "{names}: {key:?} does nothing");
+            }
+        }
     }
 
     /// The help of `--help` and of the live view is this one table.
     #[test]
-    fn help_names_every_letter_that_acts() {
-        for letter in ('a'..='z').chain('A'..='Z') {
-            if press(KeyCode::Char(letter)).is_some() {
-                let key = letter.to_string();
-                let named = HELP.iter().any(|(keys, _)| keys.split(' ').any(|k| k == key));
-                assert!(named, "{letter} is not in the help");
+    fn the_help_names_every_key_that_acts() {
+        let named: Vec<KeyEvent> = HELP.iter().flat_map(|(names, _)| keys_in(names)).collect();
+        let characters = (' '..='~').map(KeyCode::Char);
+        let others = [
+            KeyCode::Left,
+            KeyCode::Right,
+            KeyCode::Up,
+            KeyCode::Down,
+            KeyCode::PageUp,
+            KeyCode::PageDown,
+            KeyCode::Home,
+            KeyCode::End,
+            KeyCode::Enter,
+            KeyCode::Tab,
+            KeyCode::Backspace,
+            KeyCode::Delete,
+            KeyCode::Esc,
+        ];
+        for code in characters.chain(others) {
+            let key = KeyEvent::new(code, KeyModifiers::NONE);
+            if POPUPS.iter().any(|popup| action(key, *popup).is_some()) {
+                assert!(named.contains(&key), "{code} is not in the help");
             }
+        }
+    }
+
+    #[test]
+    fn the_readme_names_every_key_of_the_help() {
+        let readme = include_str!("../../../README.md");
+        let paragraph = readme.split("\n\n").find(|text| text.starts_with("Keys in `make sim`")).unwrap();
+        for name in HELP.iter().flat_map(|(names, _)| names.split(' ')) {
+            assert!(paragraph.contains(&format!("`{name}`")), "{name} is not in README.md");
         }
     }
 }

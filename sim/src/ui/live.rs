@@ -5,9 +5,12 @@
 
 use super::keys;
 use super::pace::Measured;
+use super::popups;
+use super::screen::Screen;
 use super::state::{AutopilotState, Origin, State, TrafficLine, error_state_name};
+use super::traffic::Hidden;
 use super::vendor_code;
-use crate::fault::{Fault, MENU};
+use crate::fault::Fault;
 use crate::time::{micros, seconds};
 use bench::budget::Budget;
 use bench::can::ErrorState;
@@ -20,7 +23,7 @@ use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
-use ratatui::widgets::{Block, Clear, Paragraph};
+use ratatui::widgets::{Block, Paragraph};
 
 /// Smallest terminal that shows everything.
 pub const COLUMNS_MIN: u16 = 80;
@@ -33,6 +36,8 @@ const DIAL_FROM_ROWS: u16 = 40;
 const BUS_ROWS: u16 = 4;
 /// Lines for the conditions of the vendor-specific status code, at most.
 const CONDITION_ROWS: usize = 2;
+/// Lines for the faults that are on, at most.
+const FAULT_ROWS: usize = 2;
 /// Lines for what is joined to the bench, in a small and in a larger terminal.
 const LINK_ROWS_SMALL: u16 = 3;
 const LINK_ROWS: u16 = 12;
@@ -47,23 +52,10 @@ const SERVO_MAX_US: f64 = 2500.0;
 const DEGREES_PER_US: f64 = 180.0 / (SERVO_MAX_US - SERVO_MIN_US);
 
 const GOOD: Style = Style::new().fg(Color::Green);
-const WARN: Style = Style::new().fg(Color::Yellow);
-const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
-const DIM: Style = Style::new().fg(Color::DarkGray);
+pub(super) const WARN: Style = Style::new().fg(Color::Yellow);
+pub(super) const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
+pub(super) const DIM: Style = Style::new().fg(Color::DarkGray);
 const NODE: Style = Style::new().fg(Color::Cyan);
-
-/// What the user has opened, and how fast time goes.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Screen {
-    pub paused: bool,
-    pub help: bool,
-    pub menu: bool,
-    /// The load by node and type is shown in place of the traffic.
-    pub load: bool,
-    /// Lines of traffic between the newest and the last one shown.
-    pub scroll: usize,
-    pub speed: Measured,
-}
 
 /// Draws everything. Returns the lines of traffic that fit, which is what a page scrolls by.
 pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
@@ -75,7 +67,9 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
     let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + BUS_ROWS };
-    let note_lines = condition_lines(state, usize::from(area.width));
+    let columns = usize::from(area.width);
+    let mut note_lines = condition_lines(state, columns);
+    note_lines.extend(fault_lines(state, columns));
     let note_rows = note_lines.len() as u16;
     // In a small terminal the notes take the place of links, so that the lists keep a useful length.
     let link_rows_max =
@@ -117,16 +111,11 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     if screen.load {
         draw_load(frame, traffic, state);
     } else {
-        draw_traffic(frame, traffic, state, screen.scroll);
+        draw_traffic(frame, traffic, state, screen);
     }
     draw_serial(frame, serial, state);
     frame.render_widget(foot_line(state, foot.width), foot);
-    if screen.menu {
-        draw_menu(frame, area, state);
-    }
-    if screen.help {
-        draw_help(frame, area);
-    }
+    popups::draw(frame, area, state, screen);
     usize::from(traffic.height.saturating_sub(2))
 }
 
@@ -176,6 +165,20 @@ fn condition_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
     });
     let lead = Line::from(format!(" Node {node} says {:#06X}:", status.vendor_code));
     wrapped(lead, texts.collect(), columns, CONDITION_ROWS)
+}
+
+/// The faults that are on, each with the key that ends it.
+fn fault_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
+    let text = |fault: &Fault| {
+        let key = keys::key_of(*fault).map_or(String::new(), |key| format!(" {key}"));
+        Line::from(vec![
+            Span::from(" "),
+            Span::styled(key, BAD.reversed()),
+            Span::styled(format!(" {fault} "), BAD.reversed()),
+        ])
+    };
+    let faults = state.active_faults.iter().map(text).collect();
+    wrapped(Line::from(" Faults on (x ends all):"), faults, columns, FAULT_ROWS)
 }
 
 /// Puts `lead` and `items` on lines of so many columns, and says how many items do not fit on `rows` lines. No items, no lines.
@@ -380,12 +383,6 @@ fn amount(name: &str, used: u32, limit: Option<u32>) -> (String, Style) {
 
 fn draw_bus(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let bus = &state.bus;
-    let mut title = vec![Span::from(format!(" Bus {} kbit/s ", bus.bit_rate / 1000))];
-    for fault in &state.active_faults {
-        if !matches!(fault, Fault::Silence | Fault::Disarm) {
-            title.push(Span::styled(format!(" {fault} "), BAD.reversed()));
-        }
-    }
     let count = |number: u64| if number == 0 { Style::new() } else { WARN };
     let lines = vec![
         Line::from(format!(
@@ -399,7 +396,7 @@ fn draw_bus(frame: &mut Frame<'_>, area: Rect, state: &State) {
             Span::styled(format!("  no ACK {}", bus.unacknowledged), count(bus.unacknowledged)),
         ]),
     ];
-    let block = Block::bordered().title(Line::from(title));
+    let block = Block::bordered().title(format!(" Bus {} kbit/s ", bus.bit_rate / 1000));
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
@@ -430,16 +427,21 @@ fn draw_load(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let (columns, rows) = (area.width.saturating_sub(2), area.height.saturating_sub(2));
     let lines = state.load_by_type.borrow_mut().lines(state.now, usize::from(columns), usize::from(rows));
     let lines: Vec<_> = lines.into_iter().map(Line::from).collect();
-    let block = Block::bordered().title(" Load by node and type (l: traffic) ");
+    let block = Block::bordered().title(" Load by node and type (l or Esc: traffic) ");
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-fn draw_traffic(frame: &mut Frame<'_>, area: Rect, state: &State, scroll: usize) {
+fn draw_traffic(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
     let rows = usize::from(area.height.saturating_sub(2));
-    let lines: Vec<_> = state.traffic.tail(rows, scroll).map(traffic_line).collect();
-    let title =
-        if scroll == 0 { String::from(" Traffic ") } else { format!(" Traffic, {scroll} lines back (End: newest) ") };
-    frame.render_widget(Paragraph::new(lines).block(Block::bordered().title(title)), area);
+    let hidden = Hidden::new();
+    let lines = state.traffic.page(rows, screen.until, &hidden);
+    let lines: Vec<_> = lines.into_iter().map(traffic_line).collect();
+    let title = match screen.until {
+        None => String::from(" Traffic "),
+        Some(_) => format!(" Traffic, {} lines back (End: newest) ", state.traffic.newer(screen.until, &hidden)),
+    };
+    let block = Block::bordered().title(title);
+    frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
 fn traffic_line(line: &TrafficLine) -> Line<'static> {
@@ -476,14 +478,19 @@ fn foot_line(state: &State, width: u16) -> Line<'static> {
         ("←→", "servo"),
         ("s", "sweep"),
         ("tT", "temp"),
+        ("f", "faults"),
+        ("x", "end them"),
         ("c", "cable"),
         ("a", "mute"),
-        ("f", "fault"),
         ("r", "reset"),
         ("p", "pause"),
         ("v", "type"),
+        ("l", "load"),
+        ("d", "arm"),
+        ("o", "dialect"),
+        ("PgUp", "scroll"),
     ];
-    let last = [("h", "help"), ("q", "quit")];
+    let last = [("Esc", "close"), ("h", "help"), ("q", "quit")];
     let length = |(key, text): &(&str, &str)| key.chars().count() + text.len() + 2;
     let mut room = usize::from(width).saturating_sub(last.iter().map(length).sum());
     let fits = keys.into_iter().take_while(|key| {
@@ -495,38 +502,6 @@ fn foot_line(state: &State, width: u16) -> Line<'static> {
         .chain(last)
         .flat_map(|(key, text)| [Span::from(format!(" {key}")).bold(), Span::styled(format!(" {text}"), DIM)]);
     Line::from(spans.collect::<Vec<_>>())
-}
-
-fn draw_menu(frame: &mut Frame<'_>, area: Rect, state: &State) {
-    let line = |(index, fault): (usize, Fault)| {
-        let on = state.active_faults.contains(&fault);
-        let style = if on { BAD } else { Style::new() };
-        Line::from(vec![
-            Span::from(format!(" {} ", index + 1)).bold(),
-            Span::styled(format!("{fault:15}"), style),
-            Span::styled(fault.explanation(), if on { style } else { DIM }),
-        ])
-    };
-    let lines = MENU.into_iter().enumerate().map(line).collect();
-    popup(frame, area, " Inject a fault: 1 to 9, f closes ", lines, 76);
-}
-
-fn draw_help(frame: &mut Frame<'_>, area: Rect) {
-    let line = |(keys, text): &(&'static str, &'static str)| {
-        Line::from(vec![Span::from(format!(" {keys:14}")).bold(), Span::from(*text)])
-    };
-    let mut lines: Vec<_> = keys::HELP.iter().map(line).collect();
-    lines.push(Line::default());
-    lines.push(Line::styled(" Traffic: time of the frame's end, sender, message. Cyan: the node.", DIM));
-    popup(frame, area, " Keys ", lines, 74);
-}
-
-fn popup(frame: &mut Frame<'_>, area: Rect, title: &str, lines: Vec<Line<'_>>, columns: u16) {
-    let rows = u16::try_from(lines.len()).unwrap_or(u16::MAX).saturating_add(2);
-    let place = area.centered(Constraint::Length(columns), Constraint::Length(rows));
-    frame.render_widget(Clear, place);
-    let block = Block::bordered().title(title.to_owned()).border_style(WARN);
-    frame.render_widget(Paragraph::new(lines).block(block), place);
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The live view drawn into memory: what must be readable, at the smallest size and at a large one.
 
 use super::*;
+use crate::ui::screen::Popup;
 use crate::ui::state::{AutopilotState, Memory, News};
 use bench::avr::Chip;
 use bench::can::{self, Record, RecordKind};
@@ -163,9 +164,11 @@ fn the_vendor_code_of_this_projects_program_is_in_words() {
 #[test]
 fn any_size_can_be_drawn() {
     let state = at_work();
-    let screen = Screen { help: true, menu: true, ..Screen::default() };
-    for (columns, rows) in [(1, 1), (10, 3), (79, 24), (80, 23), (120, 40), (300, 100)] {
-        drawn(&state, &screen, columns, rows);
+    for popup in [Popup::Faults, Popup::Help] {
+        let screen = Screen { popup: Some(popup), ..Screen::default() };
+        for (columns, rows) in [(1, 1), (10, 3), (79, 24), (80, 23), (80, 24), (120, 40), (300, 100)] {
+            drawn(&state, &screen, columns, rows);
+        }
     }
 }
 
@@ -192,7 +195,7 @@ fn a_node_that_says_nothing_is_shown_as_such() {
 
 #[test]
 fn help_lists_every_key() {
-    let screen = Screen { help: true, ..Screen::default() };
+    let screen = Screen { popup: Some(Popup::Help), ..Screen::default() };
     let picture = drawn(&at_work(), &screen, 80, 24);
     for (keys, text) in keys::HELP {
         shows(&picture, &[keys, text]);
@@ -203,11 +206,45 @@ fn help_lists_every_key() {
 fn the_menu_lists_the_faults_and_marks_those_that_are_on() {
     let mut state = at_work();
     state.active_faults.push(Fault::NoAck);
-    let screen = Screen { menu: true, paused: true, ..Screen::default() };
+    let screen = Screen { popup: Some(Popup::Faults), paused: true, ..Screen::default() };
     let picture = drawn(&state, &screen, 80, 24);
-    shows(&picture, &["1 bit-error", "8 spi-noise", "PAUSED"]);
-    let closed = drawn(&state, &Screen::default(), 80, 24);
-    shows(&closed, &[" no-ack "]);
+    shows(&picture, &["1     bit-error", "4 on  no-ack", "8 off spi-noise", "only listeners were there│", "PAUSED"]);
+}
+
+#[test]
+fn the_faults_that_are_on_are_listed_with_the_keys_that_end_them() {
+    let mut state = at_work();
+    let line = "Faults on (x ends all):";
+    assert!(!drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN).contains(line));
+    state.active_faults = vec![Fault::Cable, Fault::Silence, Fault::StuckDominant, Fault::ErrorStorm];
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &[line, " c cable ", " a silence ", " 5 stuck-dominant ", " error-storm "]);
+    // However many there are, and with all else: each line of traffic and of the monitor stays.
+    state.active_faults = crate::fault::ALL.into_iter().filter(|fault| fault.lasts()).collect();
+    state.knows_vendor_code = true;
+    state.links = (1..=10).map(|number| format!("slcan /tmp/can{number}: open")).collect();
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &[line, " more", "42 Temperature device 1 298.25 K", "node 0.1.0 id 42", "and 10 more"]);
+}
+
+/// The footer names the keys that fit; what it leaves out is in the help, which it always names.
+#[test]
+fn the_footer_names_every_key_where_there_is_room() {
+    let foot = |columns| {
+        let picture = drawn(&at_work(), &Screen::default(), columns, ROWS_MIN);
+        picture.lines().last().unwrap().to_owned()
+    };
+    let wide = foot(160);
+    let aliases = [("left", "←"), ("right", "→"), ("t", "tT"), ("T", "tT")];
+    // In lists that name them, and second names.
+    let elsewhere = ["1..9", "space", "PgDn", "End", "?", "Ctrl-C"];
+    for key in keys::HELP.iter().flat_map(|(keys, _)| keys.split(' ')).filter(|key| !elsewhere.contains(key)) {
+        let shown = aliases.iter().find(|(name, _)| *name == key).map_or(key, |(_, shown)| shown);
+        assert!(wide.split([' ', '"']).any(|word| word.contains(shown)), "{key} is not in {wide}");
+    }
+    for columns in [80, 120] {
+        shows(&foot(columns), &["f faults", "h help", "q quit"]);
+    }
 }
 
 #[test]
@@ -257,7 +294,7 @@ fn scrolled_traffic_shows_older_lines() {
     assert!(matches!(state.take_news()[0].1, News::Traffic(_)));
     let newest = drawn(&state, &Screen::default(), 80, 24);
     shows(&newest, &["thesis.ServoCommand 99"]);
-    let screen = Screen { scroll: 50, ..Screen::default() };
+    let screen = Screen { until: Some(49), ..Screen::default() };
     let older = drawn(&state, &screen, 80, 24);
     shows(&older, &["thesis.ServoCommand 49", "50 lines back"]);
     assert!(!older.contains("thesis.ServoCommand 50"));

@@ -5,10 +5,11 @@
 
 use super::args::Args;
 use super::keys::{self, Action};
-use super::live::{self, Screen};
+use super::live;
 use super::pace::{Measured, Pace, Speed};
 use super::plain::Plain;
 use super::scene::Scene;
+use super::screen::Screen;
 use anyhow::{Context, Result};
 use bench::{Cycles, F_CPU_HZ};
 use ratatui::DefaultTerminal;
@@ -126,14 +127,9 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
             break;
         }
         if !screen.paused && Instant::now() >= next_slice {
-            let before = scene.state().traffic_lines;
             let wait = clock.step(scene)?;
             next_slice = Instant::now() + wait;
             scene.state_mut().take_news();
-            // A view that was scrolled back stays on its lines while new ones come.
-            if screen.scroll > 0 {
-                screen.scroll += (scene.state().traffic_lines - before) as usize;
-            }
         }
         if screen.paused {
             // Clients go on, and would take silence for a broken adapter.
@@ -142,7 +138,6 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
         }
         if Instant::now() >= next_picture {
             screen.speed = clock.measured();
-            screen.scroll = screen.scroll.min(scene.state().traffic.len().saturating_sub(page));
             terminal
                 .draw(|frame| page = live::draw(frame, scene.state(), &screen))
                 .context("cannot draw on the terminal")?;
@@ -155,7 +150,7 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
             let Event::Key(key) = event::read()? else {
                 continue;
             };
-            match keys::action(key, screen.menu) {
+            match keys::action(key, screen.popup) {
                 None => {}
                 Some(Action::Quit) => break 'run,
                 Some(Action::TogglePause) => {
@@ -167,23 +162,26 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
                         clock.pace.resume(scene.now(), now - paused_at, now);
                     }
                 }
-                Some(Action::ToggleHelp) => screen.help = !screen.help,
-                Some(Action::ToggleLoad) => screen.load = !screen.load,
-                Some(Action::ToggleFaultMenu) => screen.menu = !screen.menu,
-                Some(Action::Scroll(pages)) => {
-                    screen.scroll = screen.scroll.saturating_add_signed(isize::from(pages) * page.max(1) as isize);
-                }
-                Some(Action::ScrollEnd) => screen.scroll = 0,
-                Some(Action::Nudge(hundredths)) => scene.nudge(f64::from(hundredths) / 100.0),
-                Some(Action::ToggleSweep) => scene.toggle_sweep(),
-                Some(Action::Warm(degrees)) => scene.warm(f64::from(degrees)),
-                Some(Action::NextCommandType) => scene.next_command_type(),
-                Some(Action::Inject(fault)) => scene.inject(fault),
+                Some(action) => act(action, scene, &mut screen, page),
             }
         }
     }
     scene.finish()?;
     Ok(clock.average())
+}
+
+/// Does what a key asks of the bench or of the screen, on which `page` lines of traffic fit.
+fn act(action: Action, scene: &mut Scene, screen: &mut Screen, page: usize) {
+    match action {
+        Action::Nudge(hundredths) => scene.nudge(f64::from(hundredths) / 100.0),
+        Action::ToggleSweep => scene.toggle_sweep(),
+        Action::Warm(degrees) => scene.warm(f64::from(degrees)),
+        Action::NextCommandType => scene.next_command_type(),
+        Action::Inject(fault) => scene.inject(fault),
+        Action::End(fault) => scene.end(fault),
+        Action::EndAll => scene.end_all(),
+        action => screen.apply(action, &scene.state().traffic, page),
+    }
 }
 
 /// A signal while waiting for a key is not an error: the loop sees its flag.
@@ -197,8 +195,10 @@ fn interrupted(error: io::Error) -> io::Result<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fault::Fault;
     use bench::avr::Firmware;
     use clap::Parser;
+    use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
     /// A scene with a program that does nothing, run to its end; gives what was printed.
     fn printed(options: &str, out: impl Write) -> Result<()> {
@@ -207,6 +207,47 @@ mod tests {
         let firmware = Firmware { flash: vec![(0, vec![0xFF, 0xCF])], ..Firmware::default() };
         let mut scene = Scene::boot(&firmware, &args)?;
         plain(&mut scene, &args, &AtomicBool::new(false), out)
+    }
+
+    /// Presses keys of the live view, `^` for Esc, and gives the faults that are on.
+    fn faults_after(keys: &str) -> Vec<Fault> {
+        let firmware = Firmware { flash: vec![(0, vec![0xFF, 0xCF])], ..Firmware::default() };
+        let args = Args::try_parse_from(["sim", "--inject", "error-storm@0s"]).unwrap();
+        let mut scene = Scene::boot(&firmware, &args).unwrap();
+        let mut screen = Screen::default();
+        scene.advance(F_CPU_HZ / 1000).unwrap();
+        for key in keys.chars() {
+            let code = if key == '^' { KeyCode::Esc } else { KeyCode::Char(key) };
+            if let Some(action) = keys::action(KeyEvent::new(code, KeyModifiers::NONE), screen.popup) {
+                act(action, &mut scene, &mut screen, 5);
+            }
+            scene.advance(scene.now() + F_CPU_HZ / 1000).unwrap();
+        }
+        scene.state().active_faults.clone()
+    }
+
+    #[test]
+    fn a_fault_ends_by_the_key_that_began_it() {
+        let [storm, stuck] = [Fault::ErrorStorm, Fault::StuckDominant];
+        assert_eq!(faults_after("5"), [storm], "a digit begins nothing outside the list");
+        assert_eq!(faults_after("f5"), [storm, stuck]);
+        for keys in ["f55", "f5f5", "f5^5", "f5^f5", "f5h5"] {
+            assert_eq!(faults_after(keys), [storm], "{keys}");
+        }
+        for (key, fault) in [("c", Fault::Cable), ("a", Fault::Silence), ("d", Fault::Disarm)] {
+            assert_eq!(faults_after(key), [storm, fault]);
+            assert_eq!(faults_after(&key.repeat(2)), [storm], "{key}");
+        }
+        for digit in '1'..='9' {
+            assert_eq!(faults_after(&format!("f{digit}{digit}")), [storm], "{digit}");
+        }
+    }
+
+    #[test]
+    fn one_key_ends_every_fault() {
+        assert_eq!(faults_after("f5^cad").len(), 5);
+        assert_eq!(faults_after("f5^cadx"), [], "the error storm has no key of its own");
+        assert_eq!(faults_after("xx"), []);
     }
 
     #[test]

@@ -471,6 +471,20 @@ impl Scene {
         self.look_at_autopilot();
     }
 
+    /// Ends a fault if it is on.
+    pub fn end(&mut self, fault: Fault) {
+        if self.state.active_faults.contains(&fault) {
+            self.inject(fault);
+        }
+    }
+
+    /// Ends each fault that is on.
+    pub fn end_all(&mut self) {
+        for fault in self.state.active_faults.clone() {
+            self.end(fault);
+        }
+    }
+
     /// The effect of the latest active fault that has one. Faults of one kind, such as two bit error rates, replace each other; when
     /// the latest ends, the one before is in force again.
     fn latest<T>(&self, effect: impl Fn(Fault) -> Option<T>) -> Option<T> {
@@ -671,6 +685,7 @@ fn crash(state: avr::State) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::traffic::Hidden;
     use super::*;
     use bench::avr::{Chip, Symbol};
     use bench::dronecan::Dialect;
@@ -970,7 +985,10 @@ mod tests {
         let mut scene = scene(&IDLE, "--autopilot ardupilot --inject disarm@100ms");
         scene.advance(F_CPU_HZ / 2 + F_CPU_HZ / 20).unwrap();
         assert!(!autopilot(&scene).armed);
-        let texts: Vec<String> = scene.state().traffic.tail(1000, 0).map(|line| line.text.clone()).collect();
+        let texts: Vec<String> = {
+            let lines = scene.state().traffic.page(1000, None, &Hidden::new());
+            lines.into_iter().map(|line| line.text.clone()).collect()
+        };
         let said: Vec<_> = texts.iter().filter(|text| text.starts_with("ArmingStatus")).collect();
         assert_eq!(said, ["ArmingStatus armed", "ArmingStatus disarmed"]);
         assert!(texts.iter().any(|text| text.contains("id 15 unitless")), "{texts:?}");

@@ -5,6 +5,7 @@
 
 use super::history::Log;
 use super::mistakes::Mistakes;
+use super::traffic::Traffic;
 use super::vendor_code;
 use crate::fault::Fault;
 use bench::board::SpiUse;
@@ -215,9 +216,7 @@ pub struct State {
     pub load_by_type: RefCell<LoadByType>,
     pub controller: Controller,
     pub latency: Latency,
-    pub traffic: Log<TrafficLine>,
-    /// All lines of traffic so far; `traffic` keeps the newest.
-    pub traffic_lines: u64,
+    pub traffic: Traffic,
     pub serial: Log<(Cycles, String)>,
     pub mistakes: Mistakes,
     /// What the author of the program will want to know, each once.
@@ -460,7 +459,6 @@ impl State {
     fn traffic_line(&mut self, line: TrafficLine) {
         self.tell(line.at, News::Traffic(line.clone()));
         self.traffic.push(line);
-        self.traffic_lines += 1;
     }
 }
 

@@ -1,0 +1,59 @@
+//! Draws the lists over the live view: the faults, the help.
+
+use super::keys;
+use super::live::{BAD, DIM, WARN};
+use super::screen::{Popup, Screen};
+use super::state::State;
+use crate::fault::{Fault, MENU};
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Rect};
+use ratatui::style::{Style, Stylize};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Clear, Paragraph};
+
+/// Rows of a list's border.
+const BORDER_ROWS: usize = 2;
+
+/// Draws the list that is open, if one is.
+pub fn draw(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
+    match screen.popup {
+        Some(Popup::Faults) => draw_faults(frame, area, state),
+        Some(Popup::Help) => draw_help(frame, area),
+        None => {}
+    }
+}
+
+fn draw_faults(frame: &mut Frame<'_>, area: Rect, state: &State) {
+    let line = |(index, fault): (usize, Fault)| {
+        let is_on = state.active_faults.contains(&fault);
+        let (mark, style) = match (is_on, fault.lasts()) {
+            (true, _) => ("on ", BAD),
+            (false, true) => ("off", Style::new()),
+            (false, false) => ("", Style::new()),
+        };
+        Line::from(vec![
+            Span::from(format!(" {} ", index + 1)).bold(),
+            Span::styled(format!("{mark:3} {fault:15}"), style),
+            Span::styled(fault.explanation().trim_end_matches(" (on/off)"), if is_on { style } else { DIM }),
+        ])
+    };
+    let lines = MENU.into_iter().enumerate().map(line).collect();
+    popup(frame, area, " Faults: 1 to 9 begin or end one, x ends all, Esc closes ", lines, 76);
+}
+
+fn draw_help(frame: &mut Frame<'_>, area: Rect) {
+    let line = |(keys, text): &(&'static str, &'static str)| {
+        Line::from(vec![Span::from(format!(" {keys:14}")).bold(), Span::from(*text)])
+    };
+    let mut lines: Vec<_> = keys::HELP.iter().map(line).collect();
+    lines.push(Line::styled(" Traffic: time of the frame's end, sender, message. Cyan: the node.", DIM));
+    popup(frame, area, " Keys (Esc closes) ", lines, 74);
+}
+
+fn popup(frame: &mut Frame<'_>, area: Rect, title: &str, lines: Vec<Line<'_>>, columns: u16) {
+    let rows = u16::try_from(lines.len() + BORDER_ROWS).unwrap_or(u16::MAX);
+    let place = area.centered(Constraint::Length(columns), Constraint::Length(rows));
+    frame.render_widget(Clear, place);
+    let block = Block::bordered().title(title.to_owned()).border_style(WARN);
+    frame.render_widget(Paragraph::new(lines).block(block), place);
+}
