@@ -26,6 +26,11 @@ pub enum Action {
     /// Shows the load of the bus by node and type in place of the traffic, or the traffic again.
     ToggleLoad,
     NextCommandType,
+    /// Moves the cursor in the list of the types of traffic.
+    Select(i8),
+    /// Hides or shows the type of traffic under the cursor.
+    ToggleType,
+    ShowAllTypes,
     /// Scrolls the traffic back (positive) or forth by this many pages.
     Scroll(i8),
     /// Shows the newest traffic again.
@@ -48,6 +53,9 @@ pub const HELP: &[(&str, &str)] = &[
     ("x", "end each fault that is on"),
     ("r", "press the board's reset button"),
     ("l", "load of the bus by node and type, or the traffic"),
+    ("/", "list of the types of traffic, to hide and show; in it:"),
+    ("up down", "  choose a type"),
+    ("space Enter", "  hide or show the type; show all types"),
     ("p space", "pause and resume simulated time"),
     ("PgUp PgDn End", "scroll the bus traffic; End shows the newest"),
     ("Esc", "close what is open"),
@@ -67,6 +75,7 @@ pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
     if key.modifiers.contains(KeyModifiers::CONTROL) {
         return (key.code == KeyCode::Char('c')).then_some(Action::Quit);
     }
+    let in_types = popup == Some(Popup::Types);
     Some(match key.code {
         KeyCode::Left => Action::Nudge(-step),
         KeyCode::Right => Action::Nudge(step),
@@ -74,11 +83,16 @@ pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
         KeyCode::PageDown => Action::Scroll(-1),
         KeyCode::End => Action::ScrollEnd,
         KeyCode::Esc => Action::Close,
+        KeyCode::Up if in_types => Action::Select(-1),
+        KeyCode::Down if in_types => Action::Select(1),
+        KeyCode::Char(' ') if in_types => Action::ToggleType,
+        KeyCode::Enter if in_types => Action::ShowAllTypes,
         KeyCode::Char(digit @ '1'..='9') => {
             let fault = *MENU.get(digit as usize - '1' as usize)?;
             if popup == Some(Popup::Faults) { Action::Inject(fault) } else { Action::End(fault) }
         }
         KeyCode::Char('x') => Action::EndAll,
+        KeyCode::Char('/') => Action::Toggle(Popup::Types),
         KeyCode::Char('s') => Action::ToggleSweep,
         KeyCode::Char('t') => Action::Warm(-1),
         KeyCode::Char('T') => Action::Warm(1),
@@ -110,7 +124,7 @@ pub fn key_of(fault: Fault) -> Option<char> {
 mod tests {
     use super::*;
 
-    const POPUPS: [Option<Popup>; 3] = [None, Some(Popup::Faults), Some(Popup::Help)];
+    const POPUPS: [Option<Popup>; 4] = [None, Some(Popup::Faults), Some(Popup::Types), Some(Popup::Help)];
 
     fn press_in(popup: Option<Popup>, code: KeyCode) -> Option<Action> {
         action(KeyEvent::new(code, KeyModifiers::NONE), popup)
@@ -134,6 +148,7 @@ mod tests {
             (KeyCode::Char('d'), Action::Inject(Fault::Disarm)),
             (KeyCode::Char('f'), Action::Toggle(Popup::Faults)),
             (KeyCode::Char('x'), Action::EndAll),
+            (KeyCode::Char('/'), Action::Toggle(Popup::Types)),
             (KeyCode::Esc, Action::Close),
             (KeyCode::Char('r'), Action::Inject(Fault::Reset)),
             (KeyCode::Char('p'), Action::TogglePause),
@@ -159,10 +174,21 @@ mod tests {
     fn a_digit_begins_a_fault_only_in_the_list_and_ends_it_anywhere() {
         let digit = KeyCode::Char('4');
         assert_eq!(press_in(Some(Popup::Faults), digit), Some(Action::Inject(Fault::NoAck)));
-        for popup in [None, Some(Popup::Help)] {
+        for popup in [None, Some(Popup::Types), Some(Popup::Help)] {
             assert_eq!(press_in(popup, digit), Some(Action::End(Fault::NoAck)));
         }
         assert_eq!(press_in(Some(Popup::Faults), KeyCode::Char('0')), None);
+    }
+
+    #[test]
+    fn space_and_arrows_act_on_the_list_of_types_only_while_it_is_open() {
+        let types = Some(Popup::Types);
+        assert_eq!(press_in(types, KeyCode::Char(' ')), Some(Action::ToggleType));
+        assert_eq!(press_in(types, KeyCode::Enter), Some(Action::ShowAllTypes));
+        assert_eq!(press_in(types, KeyCode::Up), Some(Action::Select(-1)));
+        assert_eq!(press_in(types, KeyCode::Down), Some(Action::Select(1)));
+        assert_eq!(press(KeyCode::Char(' ')), Some(Action::TogglePause));
+        assert_eq!((press(KeyCode::Enter), press(KeyCode::Up), press(KeyCode::Down)), (None, None, None));
     }
 
     #[test]
@@ -193,7 +219,10 @@ mod tests {
             let code = match name {
                 "left" => KeyCode::Left,
                 "right" => KeyCode::Right,
+                "up" => KeyCode::Up,
+                "down" => KeyCode::Down,
                 "space" => KeyCode::Char(' '),
+                "Enter" => KeyCode::Enter,
                 "PgUp" => KeyCode::PageUp,
                 "PgDn" => KeyCode::PageDown,
                 "End" => KeyCode::End,

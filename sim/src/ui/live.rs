@@ -8,7 +8,6 @@ use super::pace::Measured;
 use super::popups;
 use super::screen::Screen;
 use super::state::{AutopilotState, Origin, State, TrafficLine, error_state_name};
-use super::traffic::Hidden;
 use super::vendor_code;
 use crate::fault::Fault;
 use crate::time::{micros, seconds};
@@ -433,15 +432,28 @@ fn draw_load(frame: &mut Frame<'_>, area: Rect, state: &State) {
 
 fn draw_traffic(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
     let rows = usize::from(area.height.saturating_sub(2));
-    let hidden = Hidden::new();
-    let lines = state.traffic.page(rows, screen.until, &hidden);
+    let lines = state.traffic.page(rows, screen.until, &screen.hidden);
     let lines: Vec<_> = lines.into_iter().map(traffic_line).collect();
-    let title = match screen.until {
-        None => String::from(" Traffic "),
-        Some(_) => format!(" Traffic, {} lines back (End: newest) ", state.traffic.newer(screen.until, &hidden)),
-    };
-    let block = Block::bordered().title(title);
+    let columns = usize::from(area.width.saturating_sub(2));
+    let block = Block::bordered().title(traffic_title(state, screen, columns));
     frame.render_widget(Paragraph::new(lines).block(block), area);
+}
+
+/// Names the hidden types, or counts them where the names do not fit.
+fn traffic_title(state: &State, screen: &Screen, columns: usize) -> String {
+    let back = match screen.until {
+        Some(_) => {
+            format!(", {} lines back (End: newest)", state.traffic.newer(screen.until, &screen.hidden))
+        }
+        None => String::new(),
+    };
+    let title = |hidden: &str| format!(" Traffic{hidden}{back} ");
+    if screen.hidden.is_empty() {
+        return title("");
+    }
+    let names: Vec<_> = screen.hidden.iter().map(String::as_str).collect();
+    let named = title(&format!(" without {}", names.join(", ")));
+    if named.chars().count() <= columns { named } else { title(&format!(" without {} types", names.len())) }
 }
 
 fn traffic_line(line: &TrafficLine) -> Line<'static> {
@@ -480,6 +492,7 @@ fn foot_line(state: &State, width: u16) -> Line<'static> {
         ("tT", "temp"),
         ("f", "faults"),
         ("x", "end them"),
+        ("/", "filter"),
         ("c", "cable"),
         ("a", "mute"),
         ("r", "reset"),

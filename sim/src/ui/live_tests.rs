@@ -164,7 +164,7 @@ fn the_vendor_code_of_this_projects_program_is_in_words() {
 #[test]
 fn any_size_can_be_drawn() {
     let state = at_work();
-    for popup in [Popup::Faults, Popup::Help] {
+    for popup in [Popup::Faults, Popup::Types, Popup::Help] {
         let screen = Screen { popup: Some(popup), ..Screen::default() };
         for (columns, rows) in [(1, 1), (10, 3), (79, 24), (80, 23), (80, 24), (120, 40), (300, 100)] {
             drawn(&state, &screen, columns, rows);
@@ -227,6 +227,40 @@ fn the_faults_that_are_on_are_listed_with_the_keys_that_end_them() {
     shows(&picture, &[line, " more", "42 Temperature device 1 298.25 K", "node 0.1.0 id 42", "and 10 more"]);
 }
 
+#[test]
+fn hidden_types_are_named_and_their_lines_are_not_shown() {
+    let state = at_work();
+    let hide = |names: &[&str]| {
+        let hidden = names.iter().map(|name| name.to_string()).collect();
+        drawn(&state, &Screen { hidden, ..Screen::default() }, COLUMNS_MIN, ROWS_MIN)
+    };
+    shows(&hide(&[]), &["┌ Traffic ─", "1 ArrayCommand id"]);
+    let picture = hide(&["ArrayCommand"]);
+    shows(&picture, &["┌ Traffic without ArrayCommand ─", "42 Temperature device 1"]);
+    assert!(!picture.contains("1 ArrayCommand id"), "{picture}");
+    let names: Vec<String> = (0..9).map(|number| format!("message {number}000")).collect();
+    shows(&hide(&names.iter().map(String::as_str).collect::<Vec<_>>()), &["┌ Traffic without 9 types ─"]);
+}
+
+#[test]
+fn the_list_of_types_counts_them_and_keeps_the_cursor_in_sight() {
+    let mut state = at_work();
+    let hidden = [String::from("ArrayCommand")].into();
+    let screen = Screen { popup: Some(Popup::Types), hidden, ..Screen::default() };
+    let picture = drawn(&state, &screen, COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["hidden ArrayCommand ", "       NodeStatus ", "Esc closes"]);
+    for number in 0..40 {
+        let (who, name) = (String::from("1"), format!("message {number}"));
+        let line = TrafficLine { at: 0, origin: Origin::Other, who, text: name.clone(), name };
+        state.traffic.push(line);
+    }
+    let last = state.traffic.types().len() - 1;
+    let picture = drawn(&state, &Screen { selected: last, ..screen.clone() }, COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["further types "]);
+    let nothing = drawn(&State::new(1_000_000), &screen, COLUMNS_MIN, ROWS_MIN);
+    shows(&nothing, &["nothing was on the bus yet"]);
+}
+
 /// The footer names the keys that fit; what it leaves out is in the help, which it always names.
 #[test]
 fn the_footer_names_every_key_where_there_is_room() {
@@ -237,13 +271,13 @@ fn the_footer_names_every_key_where_there_is_room() {
     let wide = foot(160);
     let aliases = [("left", "←"), ("right", "→"), ("t", "tT"), ("T", "tT")];
     // In lists that name them, and second names.
-    let elsewhere = ["1..9", "space", "PgDn", "End", "?", "Ctrl-C"];
+    let elsewhere = ["1..9", "up", "down", "space", "Enter", "PgDn", "End", "?", "Ctrl-C"];
     for key in keys::HELP.iter().flat_map(|(keys, _)| keys.split(' ')).filter(|key| !elsewhere.contains(key)) {
         let shown = aliases.iter().find(|(name, _)| *name == key).map_or(key, |(_, shown)| shown);
         assert!(wide.split([' ', '"']).any(|word| word.contains(shown)), "{key} is not in {wide}");
     }
     for columns in [80, 120] {
-        shows(&foot(columns), &["f faults", "h help", "q quit"]);
+        shows(&foot(columns), &["f faults", "/ filter", "h help", "q quit"]);
     }
 }
 

@@ -1,4 +1,4 @@
-//! Draws the lists over the live view: the faults, the help.
+//! Draws the lists over the live view: the faults, the types of traffic, the help.
 
 use super::keys;
 use super::live::{BAD, DIM, WARN};
@@ -11,13 +11,15 @@ use ratatui::style::{Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph};
 
-/// Rows of a list's border.
+/// Lines of the types, at most, and the rows of their border.
+const TYPE_LINES: usize = 20;
 const BORDER_ROWS: usize = 2;
 
 /// Draws the list that is open, if one is.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
     match screen.popup {
         Some(Popup::Faults) => draw_faults(frame, area, state),
+        Some(Popup::Types) => draw_types(frame, area, state, screen),
         Some(Popup::Help) => draw_help(frame, area),
         None => {}
     }
@@ -39,6 +41,25 @@ fn draw_faults(frame: &mut Frame<'_>, area: Rect, state: &State) {
     };
     let lines = MENU.into_iter().enumerate().map(line).collect();
     popup(frame, area, " Faults: 1 to 9 begin or end one, x ends all, Esc closes ", lines, 76);
+}
+
+fn draw_types(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
+    let line = |(index, known): (usize, &super::traffic::MessageType)| {
+        let is_hidden = screen.hidden.contains(&known.name);
+        let mark = if is_hidden { "hidden" } else { "" };
+        let line = Line::from(format!(" {mark:6} {:40.40} {:>9} ", known.name, known.count));
+        let line = if is_hidden { line.style(DIM) } else { line };
+        if index == screen.selected { line.reversed() } else { line }
+    };
+    // The cursor stays in the window.
+    let rows = TYPE_LINES.min(usize::from(area.height).saturating_sub(BORDER_ROWS)).max(1);
+    let first = (screen.selected + 1).saturating_sub(rows);
+    let types = state.traffic.types().iter().enumerate();
+    let mut lines: Vec<_> = types.map(line).skip(first).take(rows).collect();
+    if lines.is_empty() {
+        lines.push(Line::from(" nothing was on the bus yet"));
+    }
+    popup(frame, area, " Traffic: ↑ ↓, space hides or shows, Enter shows all, Esc closes ", lines, 70);
 }
 
 fn draw_help(frame: &mut Frame<'_>, area: Rect) {

@@ -231,7 +231,7 @@ mod tests {
         let [storm, stuck] = [Fault::ErrorStorm, Fault::StuckDominant];
         assert_eq!(faults_after("5"), [storm], "a digit begins nothing outside the list");
         assert_eq!(faults_after("f5"), [storm, stuck]);
-        for keys in ["f55", "f5f5", "f5^5", "f5^f5", "f5h5"] {
+        for keys in ["f55", "f5f5", "f5^5", "f5^f5", "f5/5", "f5h5"] {
             assert_eq!(faults_after(keys), [storm], "{keys}");
         }
         for (key, fault) in [("c", Fault::Cable), ("a", Fault::Silence), ("d", Fault::Disarm)] {

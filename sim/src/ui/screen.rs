@@ -1,4 +1,4 @@
-//! What the user has opened and scrolled in the live view, and how keys change it.
+//! What the user has opened, hidden and scrolled in the live view, and how keys change it.
 
 use super::keys::Action;
 use super::pace::Measured;
@@ -8,6 +8,8 @@ use super::traffic::{Hidden, Traffic};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Popup {
     Faults,
+    /// The types of traffic, to hide and show.
+    Types,
     Help,
 }
 
@@ -21,6 +23,10 @@ pub struct Screen {
     pub load: bool,
     /// Number of the last line of traffic shown; without it the newest is.
     pub until: Option<u64>,
+    /// Types of traffic that are not shown.
+    pub hidden: Hidden,
+    /// Index of the type under the cursor of [`Popup::Types`].
+    pub selected: usize,
     pub speed: Measured,
 }
 
@@ -28,6 +34,7 @@ impl Screen {
     /// Does what a key asks of the screen. `page` is the number of lines of traffic that fit. Actions that are not the screen's change
     /// nothing.
     pub fn apply(&mut self, action: Action, traffic: &Traffic, page: usize) {
+        let types = traffic.types();
         match action {
             Action::Toggle(popup) => self.popup = (self.popup != Some(popup)).then_some(popup),
             Action::Close if self.popup.is_some() => self.popup = None,
@@ -36,12 +43,24 @@ impl Screen {
             Action::Scroll(pages) => {
                 let lines = usize::from(pages.unsigned_abs()) * page.max(1);
                 self.until = if pages > 0 {
-                    traffic.back(self.until, lines, page, &Hidden::new())
+                    traffic.back(self.until, lines, page, &self.hidden)
                 } else {
-                    traffic.forth(self.until, lines, &Hidden::new())
+                    traffic.forth(self.until, lines, &self.hidden)
                 };
             }
             Action::ScrollEnd => self.until = None,
+            Action::Select(steps) => {
+                let last = types.len().saturating_sub(1);
+                self.selected = self.selected.saturating_add_signed(isize::from(steps)).min(last);
+            }
+            Action::ToggleType => {
+                if let Some(selected) = types.get(self.selected)
+                    && !self.hidden.remove(&selected.name)
+                {
+                    self.hidden.insert(selected.name.clone());
+                }
+            }
+            Action::ShowAllTypes => self.hidden.clear(),
             _ => {}
         }
     }
@@ -64,7 +83,7 @@ mod tests {
     #[test]
     fn close_closes_what_is_open_one_at_a_time() {
         let traffic = Traffic::default();
-        for popup in [Popup::Faults, Popup::Help] {
+        for popup in [Popup::Faults, Popup::Types, Popup::Help] {
             let mut screen = Screen { load: true, ..Screen::default() };
             screen.apply(Action::Toggle(popup), &traffic, 5);
             assert_eq!((screen.popup, screen.load), (Some(popup), true));
@@ -89,12 +108,30 @@ mod tests {
     }
 
     #[test]
-    fn without_traffic_there_is_nothing_to_scroll() {
+    fn the_selected_type_is_hidden_and_shown() {
+        let traffic = traffic(&["command", "status"]);
         let mut screen = Screen::default();
-        for action in [Action::Scroll(1), Action::Scroll(-1)] {
+        let hidden = |screen: &Screen| screen.hidden.iter().cloned().collect::<Vec<_>>();
+        screen.apply(Action::ToggleType, &traffic, 5);
+        assert_eq!(hidden(&screen), ["command"]);
+        (0..5).for_each(|_| screen.apply(Action::Select(1), &traffic, 5));
+        screen.apply(Action::ToggleType, &traffic, 5);
+        assert_eq!(hidden(&screen), ["command", "status"]);
+        screen.apply(Action::ToggleType, &traffic, 5);
+        assert_eq!(hidden(&screen), ["command"]);
+        screen.apply(Action::ShowAllTypes, &traffic, 5);
+        assert!(screen.hidden.is_empty());
+        (0..5).for_each(|_| screen.apply(Action::Select(-1), &traffic, 5));
+        assert_eq!(screen.selected, 0);
+    }
+
+    #[test]
+    fn without_traffic_there_is_nothing_to_hide() {
+        let mut screen = Screen::default();
+        for action in [Action::Select(1), Action::ToggleType, Action::Scroll(1), Action::Scroll(-1)] {
             screen.apply(action, &Traffic::default(), 0);
         }
-        assert!(screen.until.is_none());
+        assert!(screen.hidden.is_empty() && screen.until.is_none());
     }
 
     #[test]
