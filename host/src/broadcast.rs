@@ -2,7 +2,8 @@
 //!
 //! Layouts from the public DSDL, little endian.
 
-use super::management::{UNIQUE_ID_LEN, hex};
+use super::id::UNIQUE_ID_LEN;
+use super::text::hex;
 use std::fmt;
 
 /// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`, the first byte filled from its top.

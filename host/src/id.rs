@@ -20,6 +20,9 @@ const SERVICE_FLAG: u32 = 1 << 7;
 const PRIORITY_MASK: u32 = 0x1F;
 const NODE_MASK: u32 = 0x7F;
 
+/// Bytes of a unique ID (HardwareVersion).
+pub const UNIQUE_ID_LEN: usize = 16;
+
 /// Identity of a node on the bus, 1 to 127; 0 on the wire means "none yet" and is not a `NodeId`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId(u8);

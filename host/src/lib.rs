@@ -4,8 +4,8 @@
 //! The simulator and its tests, and the MAVLink bridge, stand on it. It is written from the DroneCAN specification (chapters
 //! 3 to 5) and the public DSDL, and shares nothing with the firmware, so that neither can hide a mistake of the other.
 //! Layers, lowest first: [`Frame`], [`crc`], [`id`] (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly),
-//! [`types`] (names and signatures), and the payloads that are read and written in full: [`message`], [`broadcast`] and,
-//! for services, [`management`]. [`draft`] has the same layers for the draft, on the same foundation, and [`dialect`] tells
+//! [`types`] (names and signatures), and the payloads that are read and written in full: [`status`], [`broadcast`], for services
+//! [`management`], and on top of them [`message`]. [`text`] is how they are shown. [`draft`] has the same layers for the draft, on the same foundation, and [`dialect`] tells
 //! the two apart on a bus. Beside them [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
 //! multicast bus.
 //!
@@ -23,6 +23,8 @@ pub mod mcast;
 pub mod message;
 mod sessions;
 pub mod slcan;
+pub mod status;
+pub mod text;
 pub mod transfer;
 pub mod types;
 
@@ -34,6 +36,7 @@ pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Dialect, Heard, Observer, Said};
 pub use id::{CanId, NodeId};
 pub use management::{NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value};
-pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Health, Message, Mode, NodeStatus, Temperature};
+pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Message, Temperature};
+pub use status::{Health, Mode, NodeStatus};
 pub use transfer::{Assembler, Outcome, Transfer, TransferId, split};
 pub use types::{DataType, Kind};

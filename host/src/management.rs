@@ -3,16 +3,10 @@
 //! Layouts from the public DSDL (uavcan/protocol and uavcan/protocol/param), little endian. Every field begins with a byte;
 //! what is shorter than a byte has void bits in front of it.
 
-use super::message::NodeStatus;
+use super::id::UNIQUE_ID_LEN;
+use super::status::{NodeStatus, StatusField};
+use super::text::hex;
 use std::fmt;
-
-/// Bytes of a unique ID (HardwareVersion).
-pub const UNIQUE_ID_LEN: usize = 16;
-
-/// Bytes as hexadecimal digits without anything between them.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02X}")).collect()
-}
 
 fn text(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| byte.escape_ascii().to_string()).collect()
@@ -32,16 +26,6 @@ fn byte(bytes: &mut &[u8]) -> Option<u8> {
 /// Numbers of 48 bits, which this dialect likes.
 fn uint48(bytes: &mut &[u8]) -> Option<u64> {
     take::<6>(bytes).map(|[b0, b1, b2, b3, b4, b5]| u64::from_le_bytes([b0, b1, b2, b3, b4, b5, 0, 0]))
-}
-
-/// What a GetNodeInfo response begins with: a NodeStatus, as the dialect writes it.
-pub trait StatusField: Sized {
-    /// Bytes of it in a response.
-    const LEN: usize;
-    /// That many bytes, else `None`.
-    fn read(bytes: &[u8]) -> Option<Self>;
-    /// The other way round.
-    fn bytes(&self) -> Vec<u8>;
 }
 
 /// protocol.GetNodeInfo, response: `NodeStatus | SoftwareVersion | HardwareVersion | name`. All but the status is the same in

@@ -3,144 +3,12 @@
 //! Layouts from the public DSDL; little endian throughout, float16 by the crate `half`.
 
 use super::broadcast::{Allocation, CanStats, KeyValue, LightCommand};
-use super::management::{
-    self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, StatusField, TransportStats,
-};
+use super::management::{self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, TransportStats};
+use super::status::NodeStatus;
+use super::text::{list, write_raw};
 use super::{id::CanId, transfer::Transfer, types, types::DataType};
 use half::f16;
 use std::fmt;
-
-/// What a node says of its condition.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Health {
-    #[default]
-    Ok,
-    Warning,
-    Error,
-    Critical,
-}
-
-impl fmt::Display for Health {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Health::Ok => "OK",
-            Health::Warning => "WARNING",
-            Health::Error => "ERROR",
-            Health::Critical => "CRITICAL",
-        })
-    }
-}
-
-/// What a node says it is doing. Numbers 4 to 6 are not defined by the dialect.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
-    #[default]
-    Operational,
-    Initialization,
-    Maintenance,
-    SoftwareUpdate,
-    Offline,
-    Undefined(u8),
-}
-
-impl Mode {
-    fn from_field(field: u8) -> Mode {
-        match field {
-            0 => Mode::Operational,
-            1 => Mode::Initialization,
-            2 => Mode::Maintenance,
-            3 => Mode::SoftwareUpdate,
-            7 => Mode::Offline,
-            other => Mode::Undefined(other),
-        }
-    }
-
-    /// The number on the wire.
-    pub fn field(self) -> u8 {
-        match self {
-            Mode::Operational => 0,
-            Mode::Initialization => 1,
-            Mode::Maintenance => 2,
-            Mode::SoftwareUpdate => 3,
-            Mode::Offline => 7,
-            Mode::Undefined(other) => other & 7,
-        }
-    }
-}
-
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Mode::Operational => f.pad("OPERATIONAL"),
-            Mode::Initialization => f.pad("INITIALIZATION"),
-            Mode::Maintenance => f.pad("MAINTENANCE"),
-            Mode::SoftwareUpdate => f.pad("SOFTWARE_UPDATE"),
-            Mode::Offline => f.pad("OFFLINE"),
-            Mode::Undefined(number) => write!(f, "mode {number}"),
-        }
-    }
-}
-
-/// protocol.NodeStatus. Layout: `uptime_sec u32 | health[7:6] mode[5:3] sub_mode[2:0] | vendor code u16`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct NodeStatus {
-    pub uptime_s: u32,
-    pub health: Health,
-    pub mode: Mode,
-    pub sub_mode: u8,
-    pub vendor_code: u16,
-}
-
-impl StatusField for NodeStatus {
-    const LEN: usize = 7;
-
-    fn read(bytes: &[u8]) -> Option<NodeStatus> {
-        NodeStatus::decode(bytes)
-    }
-
-    fn bytes(&self) -> Vec<u8> {
-        self.encode()
-    }
-}
-
-impl NodeStatus {
-    /// Seven bytes exactly, else `None`.
-    pub fn decode(payload: &[u8]) -> Option<NodeStatus> {
-        let &[u0, u1, u2, u3, state, v0, v1] = payload else {
-            return None;
-        };
-        Some(NodeStatus {
-            uptime_s: u32::from_le_bytes([u0, u1, u2, u3]),
-            health: match state >> 6 {
-                0 => Health::Ok,
-                1 => Health::Warning,
-                2 => Health::Error,
-                _ => Health::Critical,
-            },
-            mode: Mode::from_field(state >> 3 & 7),
-            sub_mode: state & 7,
-            vendor_code: u16::from_le_bytes([v0, v1]),
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = self.uptime_s.to_le_bytes().to_vec();
-        payload.push((self.health as u8) << 6 | self.mode.field() << 3 | self.sub_mode & 7);
-        payload.extend(self.vendor_code.to_le_bytes());
-        payload
-    }
-}
-
-impl fmt::Display for NodeStatus {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}", self.health, self.mode)?;
-        if self.sub_mode != 0 {
-            write!(f, ".{}", self.sub_mode)?;
-        }
-        write!(f, " up {} s vendor {:#06X}", self.uptime_s, self.vendor_code)
-    }
-}
 
 /// Unit of an actuator command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -539,22 +407,6 @@ pub fn name_of(id: CanId) -> String {
         (None, CanId::Service { service_id, .. }) => format!("service {service_id}"),
     };
     name + direction
-}
-
-/// Writes what is not decoded: nothing, or a space and its bytes.
-pub(crate) fn write_raw(f: &mut fmt::Formatter<'_>, payload: &[u8]) -> fmt::Result {
-    if payload.is_empty() { Ok(()) } else { write!(f, " {}", management::hex(payload)) }
-}
-
-/// Writes a list, or what an empty one is.
-pub(crate) fn list<T: fmt::Display>(f: &mut fmt::Formatter<'_>, items: &[T]) -> fmt::Result {
-    if items.is_empty() {
-        return write!(f, " (empty)");
-    }
-    items.iter().enumerate().try_for_each(|(index, item)| {
-        let separator = if index == 0 { " " } else { ", " };
-        write!(f, "{separator}{item}")
-    })
 }
 
 impl fmt::Display for Message {

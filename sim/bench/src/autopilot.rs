@@ -19,7 +19,7 @@ pub use profile::Profile;
 use crate::can::{Frame, Id, SoftNode, StationRef};
 use crate::dronecan::{
     ActuatorCommand, Allocation, CanId, CommandUnit, DataType, Dialect, Heard, Message, NodeId, NodeInfo, NodeStatus,
-    Observer, Said, Transfer, TransferId, draft, management::hex, split,
+    Observer, Said, Transfer, TransferId, draft, split, text::hex,
 };
 use crate::{Cycles, F_CPU_HZ};
 use half::f16;
