@@ -17,7 +17,7 @@
 //! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; IVSEL needs no IVCE. Each file names
 //! its own.
 //!
-//! This is the one module with `unsafe` code. Its argument is in [`core`](self::core) and
+//! This is the one module with `unsafe` code. Its argument is in `core` and
 //! `machine`: simavr's memory lives as long as the machine, everything runs on one thread, and
 //! callbacks see the machine through shared references only.
 //!

@@ -5,7 +5,7 @@
 //! from the others goes out as datagrams. What it sends it does not hear, so that nothing goes round in a circle.
 //!
 //! It stays on loopback unless an interface is given: datagrams of other interfaces are not even received. Sockets never
-//! block. Frames beyond [`QUEUE_LIMIT`] are dropped and counted; the newest go, as from a full transmit queue.
+//! block. Frames beyond `QUEUE_LIMIT` are dropped and counted; the newest go, as from a full transmit queue.
 //!
 //! Limits: UDP promises nothing, so that a datagram may be lost on the way and no sender is told. Time, acknowledgement
 //! and errors of the simulated bus do not show on the multicast bus. CAN FD is refused and counted.

@@ -1,7 +1,7 @@
 //! An SLCAN adapter on a pseudo-terminal: what pydronecan, the DroneCAN GUI Tool and python-can talk to.
 //!
 //! Each adapter is a station of its own on the bus: it arbitrates, acknowledges and waits its bit times while it is open,
-//! and is not there while it is closed. The protocol is in [`slcan`](bench::dronecan::slcan).
+//! and is not there while it is closed. The protocol is in [`bench::dronecan::slcan`].
 //!
 //! Nothing is lost between a client that reads and a bus that works: a client that writes faster than the bus carries is
 //! held back by its pseudo-terminal. Only what cannot go anywhere is dropped, the oldest first, counted, and shown in the
