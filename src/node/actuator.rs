@@ -519,13 +519,16 @@ mod tests {
 
         #[test]
         fn safe_ends_in_the_fourth_second_without_a_safety_state() {
-            let mut rig = Rig::new(&[]);
+            let mut rig = Rig::new(&[(Parameter::Out1Timeout, 100)]);
+            rig.pwm(1800.0);
             rig.tell(SAFE, false);
             for second in 1..=4 {
                 assert!(rig.actuator.is_safe(), "{second}");
+                assert_eq!(rig.run(1000), None, "silence is expected");
                 rig.actuator.second(rig.now_ms);
             }
             assert!(!rig.actuator.is_safe());
+            assert_eq!(rig.run(200), Some(100), "commands are missed again");
         }
     }
 }
