@@ -125,4 +125,7 @@ fn limit_sizes(chip: &str) {
     ] {
         println!("cargo::rustc-link-arg-bin=node={argument}");
     }
+    // The stack begins below the RAM that the bootloader shares with the program (`SHARED_RAM` in src/handover.rs).
+    const SHARED_RAM: i64 = 32;
+    println!("cargo::rustc-link-arg-bin=node=-Wl,--defsym=__stack={}", limit("ram_end") - SHARED_RAM - 1);
 }

@@ -52,6 +52,7 @@
 pub mod desk;
 #[cfg(test)]
 mod golden;
+pub mod handover;
 pub mod hardware;
 pub mod image;
 pub mod monitor;

@@ -34,6 +34,7 @@ mod clock;
 mod eeprom;
 pub mod flash;
 pub mod guard;
+mod header;
 mod jitter;
 mod label;
 #[cfg(feature = "lights")]

@@ -1,0 +1,244 @@
+//! The CAN controller: an MCP2515 on the SPI, by polling. Names are those of the datasheet (DS20001801J).
+//!
+//! Its filters accept service frames to this node, and nothing else. A frame goes to RXB0, or to RXB1 while RXB0 is full. All frames leave through
+//! TXB0, one after the other, so that they stay in order.
+
+use node::hardware::{CAN_SELECT, Pin};
+use node::node::bit_rate;
+
+use crate::registers::*;
+
+/// SPI instructions (table 12-1).
+mod instruction {
+    pub const WRITE: u8 = 0x02;
+    pub const READ: u8 = 0x03;
+    /// LOAD TX BUFFER, from TXB0SIDH on.
+    pub const LOAD_TXB0: u8 = 0x40;
+    /// RTS for TXB0.
+    pub const RTS_TXB0: u8 = 0x81;
+    /// READ RX BUFFER, from RXB0SIDH and from RXB1SIDH on. The end of the instruction frees the buffer.
+    pub const READ_RXB0: u8 = 0x90;
+    pub const READ_RXB1: u8 = 0x94;
+    pub const READ_STATUS: u8 = 0xA0;
+    pub const RESET: u8 = 0xC0;
+}
+
+/// Answer to READ STATUS (figure 12-8).
+mod status {
+    pub const RX0IF: u8 = 1 << 0;
+    pub const RX1IF: u8 = 1 << 1;
+    pub const TXB0_TXREQ: u8 = 1 << 2;
+}
+
+const RXF0SIDH: u8 = 0x00;
+const RXF3SIDH: u8 = 0x10;
+const RXM0SIDH: u8 = 0x20;
+const CANSTAT: u8 = 0x0E;
+const CANCTRL: u8 = 0x0F;
+const RXB0CTRL: u8 = 0x60;
+/// CANSTAT: the mode of the chip. Zero is normal mode.
+const OPMOD: u8 = 0b1110_0000;
+/// RXB0CTRL: a frame that finds RXB0 full goes to RXB1.
+const BUKT: u8 = 1 << 2;
+/// SIDL: the identifier is extended.
+pub const EXIDE: u8 = 1 << 3;
+
+/// In the last byte of an identifier: the frame belongs to a service.
+pub const SERVICE: u8 = 1 << 7;
+/// In the third byte of the identifier of a service: the frame belongs to a request.
+pub const REQUEST: u8 = 1 << 7;
+/// The bits of a node ID.
+pub const NODE_ID: u8 = 0x7F;
+
+/// The longest wait for a frame to leave, in turns of 6 us: a second. The frame before may have to win an arbitration first.
+const TURNS_FOR_FRAME: u16 = u16::MAX;
+
+/// Receive buffers that are full, and not read since that was asked: RX0IF and RX1IF.
+const FULL: Register = idle::OCR0B;
+
+/// A frame as the chip has it.
+#[repr(C)]
+pub struct Frame {
+    /// SIDH, SIDL, EID8 and EID0.
+    pub id: [u8; 4],
+    /// DLC.
+    pub len: u8,
+    /// The data.
+    pub data: [u8; 8],
+}
+
+/// Sets up the pins and the SPI: mode 0,0 at 8 MHz.
+#[inline(always)]
+pub fn set_up_spi() {
+    const SS: Pin = Pin::named("D10");
+    const MOSI: Pin = Pin::named("D11");
+    const SCK: Pin = Pin::named("D13");
+    let (ddr, port) = port(CAN_SELECT.port);
+    port.set(CAN_SELECT.mask());
+    ddr.set(CAN_SELECT.mask());
+    // SS must be an output, so that the SPI stays master.
+    let (ddrb, _) = crate::registers::port('B');
+    let is_on_b = CAN_SELECT.port == 'B';
+    ddrb.write(SS.mask() | MOSI.mask() | SCK.mask() | if is_on_b { CAN_SELECT.mask() } else { 0 });
+    SPCR.write(SPE | MSTR);
+    SPSR.write(SPI2X);
+}
+
+/// Resets the chip, and puts it on the bus as `node_id`. `doublings` is the bit rate: 125 kbit/s doubled so many times.
+#[inline(always)]
+pub fn configure(node_id: u8, doublings: u8) {
+    begin(instruction::RESET);
+    end();
+    // The oscillator starts in 128 periods (8.1), which is 16 us at 8 MHz. This takes longer.
+    let mut turns = 64u8;
+    loop {
+        _ = SPSR.read();
+        turns -= 1;
+        if turns == 0 {
+            break;
+        }
+    }
+    begin_filters(RXF0SIDH, node_id, 3);
+    end();
+    begin_filters(RXF3SIDH, node_id, 3);
+    end();
+    // Behind the masks follows the bit timing.
+    begin_filters(RXM0SIDH, NODE_ID, 2);
+    let timing = bit_rate::timing(doublings);
+    exchange(timing.cnf3());
+    exchange(timing.cnf2());
+    exchange(timing.cnf1());
+    end();
+    write(RXB0CTRL, BUKT);
+    write(CANCTRL, 0);
+}
+
+/// Begins to write `count` filters or masks for services with `destination`. The caller may write the registers behind them, and must end it.
+#[inline(never)]
+fn begin_filters(register: u8, destination: u8, mut count: u8) {
+    begin(instruction::WRITE);
+    exchange(register);
+    loop {
+        exchange(0);
+        // The masks have no such bit.
+        exchange(EXIDE);
+        exchange(destination);
+        exchange(SERVICE);
+        count -= 1;
+        if count == 0 {
+            return;
+        }
+    }
+}
+
+/// True if the chip is in normal mode. It is not if it was reset, or waits for a pause on the bus.
+#[inline(always)]
+pub fn is_on_bus() -> bool {
+    begin(instruction::READ);
+    exchange(CANSTAT);
+    let mode = exchange(0) & OPMOD;
+    end();
+    mode == 0
+}
+
+/// Reads the oldest frame. Returns false if there is none.
+#[inline(always)]
+pub fn receive(frame: &mut Frame) -> bool {
+    // If both buffers were full, RXB1 comes next, whatever RXB0 has meanwhile.
+    let mut full = FULL.read();
+    if full == 0 {
+        full = read_status() & (status::RX0IF | status::RX1IF);
+        if full == 0 {
+            return false;
+        }
+    }
+    let mut instruction = instruction::READ_RXB1;
+    let mut other = 0;
+    if full & status::RX0IF != 0 {
+        instruction = instruction::READ_RXB0;
+        other = full & status::RX1IF;
+    }
+    FULL.write(other);
+    begin(instruction);
+    let mut byte = (&raw mut *frame).cast::<u8>();
+    let mut left = size_of::<Frame>() as u8;
+    loop {
+        // SAFETY: the loop writes the bytes of the frame, any value of which is valid.
+        unsafe {
+            *byte = exchange(0);
+            byte = byte.add(1);
+        }
+        left -= 1;
+        if left == 0 {
+            break;
+        }
+    }
+    end();
+    true
+}
+
+/// Waits until TXB0 is free. Returns false if the frame in it does not leave.
+#[inline(always)]
+pub fn wait_for_room() -> bool {
+    let mut turns = TURNS_FOR_FRAME;
+    while read_status() & status::TXB0_TXREQ != 0 {
+        turns -= 1;
+        if turns == 0 {
+            return false;
+        }
+    }
+    true
+}
+
+/// Begins to load TXB0, with SIDH to EID0. DLC and the data must follow with [`exchange`], and then [`send`].
+#[inline(always)]
+pub fn begin_frame(sidh: u8, sidl: u8, eid8: u8, eid0: u8) {
+    begin(instruction::LOAD_TXB0);
+    exchange(sidh);
+    exchange(sidl);
+    exchange(eid8);
+    exchange(eid0);
+}
+
+/// Ends loading TXB0, and sends the frame.
+#[inline(always)]
+pub fn send() {
+    end();
+    begin(instruction::RTS_TXB0);
+    end();
+}
+
+#[inline(never)]
+fn read_status() -> u8 {
+    begin(instruction::READ_STATUS);
+    let status = exchange(0);
+    end();
+    status
+}
+
+#[inline(never)]
+fn write(register: u8, value: u8) {
+    begin(instruction::WRITE);
+    exchange(register);
+    exchange(value);
+    end();
+}
+
+#[inline(always)]
+fn begin(instruction: u8) {
+    port(CAN_SELECT.port).1.clear(CAN_SELECT.mask());
+    exchange(instruction);
+}
+
+#[inline(always)]
+fn end() {
+    port(CAN_SELECT.port).1.set(CAN_SELECT.mask());
+}
+
+/// Sends a byte over the SPI, and returns the one that comes back. The wait ends after 16 cycles, because the master makes the clock.
+#[inline(never)]
+pub fn exchange(byte: u8) -> u8 {
+    SPDR.write(byte);
+    while !SPSR.has(SPIF) {}
+    SPDR.read()
+}

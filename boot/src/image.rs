@@ -1,0 +1,57 @@
+//! The program in flash: whether it is whole and for this board.
+
+use core::arch::asm;
+
+use node::handover::{CRC_START, HEADER, HEADER_LENGTH, UNCHECKED};
+use node::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR};
+
+use crate::crc;
+
+/// Byte address of the boot section, which is behind the program.
+pub const BOOT_SECTION: u16 = match u16::from_str_radix(env!("BOOT_SECTION"), 10) {
+    Ok(address) => address,
+    Err(_) => panic!("the boot section is in the first 64 KB"),
+};
+
+/// Major and minor hardware version, as in the header of a program.
+pub const THIS_BOARD: u16 = u16::from_le_bytes([HARDWARE_MAJOR, HARDWARE_MINOR]);
+
+/// True if a program of this length can have a CRC and fits below the boot section.
+#[inline(always)]
+pub fn is_checkable(length: u16) -> bool {
+    const { assert!(UNCHECKED == 0) };
+    length.wrapping_sub(1) < BOOT_SECTION
+}
+
+/// True if the program is for this board, and either unchecked or whole.
+#[inline(always)]
+pub fn is_valid() -> bool {
+    if read_flash(HEADER) != THIS_BOARD {
+        return false;
+    }
+    let length = read_flash(HEADER + HEADER_LENGTH as u16);
+    if !is_checkable(length) {
+        return length == UNCHECKED;
+    }
+    let mut crc = CRC_START;
+    let mut address = 0;
+    loop {
+        crc = crc::add(crc, read_flash(address) as u8);
+        address += 1;
+        if address == length {
+            return crc == 0;
+        }
+    }
+}
+
+/// Reads a word of the flash, little-endian, from a byte address on.
+#[inline(always)]
+fn read_flash(address: u16) -> u16 {
+    let word;
+    // SAFETY: LPM only reads flash and changes no memory, whatever the address.
+    unsafe {
+        asm!("lpm {0:l}, Z+", "lpm {0:h}, Z", out(reg_pair) word, inout("Z") address => _,
+            options(pure, readonly, nostack, preserves_flags));
+    }
+    word
+}

@@ -1,0 +1,208 @@
+//! The main loop, and the answers to requests.
+
+use core::panic::PanicInfo;
+
+use dronecan_wire::types::{BEGIN_FIRMWARE_UPDATE, FILE_READ, GET_NODE_INFO, NODE_STATUS, RESTART_NODE};
+use dronecan_wire::{Id, Tail};
+
+use crate::can::{self, EXIDE, Frame, NODE_ID, REQUEST, SERVICE};
+use crate::node_info::{Information, MAINTENANCE, MODE};
+use crate::start;
+use crate::transfer::{self, Incoming, Outgoing};
+use crate::update::{self, Update};
+use crate::clock;
+
+/// The response of RestartNode, if it restarts.
+const OK: u8 = 1 << 7;
+
+/// uavcan.protocol.file.BeginFirmwareUpdate, the errors of the response.
+mod error {
+    pub const OK: u8 = 0;
+    pub const IN_PROGRESS: u8 = 2;
+    pub const UNKNOWN: u8 = 255;
+}
+
+/// The variables, but for some bytes in [`idle`](crate::registers::idle) registers.
+#[repr(C)]
+pub struct Loader {
+    pub frame: Frame,
+    /// Buffer for the responses of one byte.
+    pub response: [u8; 3],
+    pub update: Update,
+    pub information: Information,
+    pub incoming: Incoming,
+}
+
+/// `main` clears it: there is no start-up code.
+#[unsafe(link_section = ".noinit")]
+static mut LOADER: core::mem::MaybeUninit<Loader> = core::mem::MaybeUninit::uninit();
+
+/// SIDH and SIDL of the identifier with these first two bytes.
+const fn sid(id: Id) -> [u8; 2] {
+    let [first, second, ..] = id.to_bytes();
+    [first << 3 | second >> 5, second << 3 & 0xE0 | EXIDE | second & 3]
+}
+
+/// SIDH without the priority, and SIDL, of a service.
+const fn sid_of_service(service: u8) -> [u8; 2] {
+    sid(Id::request(0, service, 0, 0))
+}
+
+const SID_OF_STATUS: [u8; 2] = sid(Id::message(24, NODE_STATUS.id, 0));
+const SID_OF_READ: [u8; 2] = sid(Id::request(30, FILE_READ.id, 0, 0));
+
+/// RestartNode: the magic number, 0xACCE551B1E, in two parts.
+const MAGIC: (u32, u8) = (0xCE55_1B1E, 0xAC);
+
+#[unsafe(no_mangle)]
+extern "C" fn main() -> ! {
+    // SAFETY: this is the only reference. Zero is valid in every field.
+    let loader = unsafe {
+        let loader = (&raw mut LOADER).cast::<Loader>();
+        let mut byte = loader.cast::<u8>();
+        let mut left = size_of::<Loader>() as u16;
+        loop {
+            byte.write_volatile(0);
+            byte = byte.add(1);
+            left -= 1;
+            if left == 0 {
+                break;
+            }
+        }
+        &mut *loader
+    };
+    MODE.write(MAINTENANCE);
+    if start::decide(&raw mut loader.update.request) {
+        update::begin();
+    }
+    can::set_up_spi();
+    clock::start();
+    loader.information.set_up();
+    loop {
+        can::configure(loader.information.node_id, loader.information.doublings);
+        loop {
+            let outgoing = if clock::take_second() {
+                if !can::is_on_bus() {
+                    break;
+                }
+                update::tick();
+                Some(status(loader))
+            } else if update::is_read_due() {
+                Some(read_request(loader))
+            } else if can::receive(&mut loader.frame) {
+                take_frame(loader)
+            } else {
+                None
+            };
+            if let Some(outgoing) = outgoing {
+                // SAFETY: the buffer is a field of the loader.
+                unsafe { transfer::send(outgoing) };
+            }
+        }
+    }
+}
+
+/// The NodeStatus of this second.
+#[inline(always)]
+fn status(loader: &mut Loader) -> Outgoing {
+    loader.information.tick();
+    Outgoing {
+        sid: SID_OF_STATUS,
+        eid8: NODE_STATUS.id as u8,
+        eid0: loader.information.node_id,
+        // There is one in each second.
+        transfer_id: loader.information.uptime_s[0] & Tail::TRANSFER_ID,
+        buffer: loader.information.buffer(),
+        len: Information::STATUS_LEN,
+        seed: 0,
+    }
+}
+
+/// The request for the next part of the file.
+#[inline(always)]
+fn read_request(loader: &mut Loader) -> Outgoing {
+    Outgoing {
+        sid: SID_OF_READ,
+        eid8: REQUEST | *loader.update.server(),
+        eid0: SERVICE | loader.information.node_id,
+        transfer_id: update::next_transfer_id(),
+        buffer: loader.update.buffer(),
+        len: loader.update.len(),
+        seed: FILE_READ.seed,
+    }
+}
+
+/// Takes a frame. Returns the response if the frame completes a request.
+#[inline(always)]
+fn take_frame(loader: &mut Loader) -> Option<Outgoing> {
+    let frame = &loader.frame;
+    let len = frame.len.wrapping_sub(1);
+    // A longer one is a remote frame.
+    if len >= 8 {
+        return None;
+    }
+    // SAFETY: the index is less than 8.
+    let tail = unsafe { *frame.data.get_unchecked(usize::from(len)) };
+    let [sidh, sidl, destination, source] = frame.id;
+    let is_service = |service| [sidh & 7, sidl] == sid_of_service(service);
+    let source = source & NODE_ID;
+    if destination & REQUEST == 0 {
+        let is_answer = update::is_active()
+            && is_service(FILE_READ.id)
+            && source == *loader.update.server()
+            && update::is_answer(tail);
+        if is_answer && loader.incoming.take(frame, len, tail, FILE_READ.seed) {
+            loader.update.take_answer(&loader.incoming);
+        }
+        return None;
+    }
+    let mut buffer = (&raw mut loader.response).cast::<u8>();
+    let mut response_len = 1;
+    if is_service(GET_NODE_INFO.id) {
+        buffer = loader.information.buffer();
+        response_len = Information::LEN;
+    } else if is_service(RESTART_NODE.id) {
+        let [a, b, c, d, e, ..] = frame.data;
+        loader.response[2] = 0;
+        if (u32::from_le_bytes([a, b, c, d]), e) == MAGIC {
+            start::restart_soon();
+            loader.response[2] = OK;
+        }
+    } else if is_service(BEGIN_FIRMWARE_UPDATE.id) {
+        if update::is_active() {
+            if tail & Tail::END == 0 {
+                return None;
+            }
+            loader.response[2] = error::IN_PROGRESS;
+        } else {
+            if tail & Tail::START != 0 {
+                *loader.update.server() = source;
+            }
+            if source != *loader.update.server() || !loader.incoming.take(frame, len, tail, BEGIN_FIRMWARE_UPDATE.seed) {
+                return None;
+            }
+            loader.response[2] = error::UNKNOWN;
+            if loader.update.take_request(&loader.incoming) {
+                update::begin();
+                loader.response[2] = error::OK;
+            }
+        }
+    } else {
+        return None;
+    }
+    Some(Outgoing {
+        sid: [sidh, sidl],
+        eid8: source,
+        eid0: SERVICE | loader.information.node_id,
+        transfer_id: tail & Tail::TRANSFER_ID,
+        buffer,
+        len: response_len,
+        // Only that of GetNodeInfo has more than one frame.
+        seed: GET_NODE_INFO.seed,
+    })
+}
+
+#[panic_handler]
+fn panic(_info: &PanicInfo) -> ! {
+    loop {}
+}

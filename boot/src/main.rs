@@ -1,0 +1,52 @@
+//! The bootloader: takes a program over DroneCAN, writes it, and starts it. docs/update.md describes it to its users.
+//!
+//! The loader is one loop without interrupts. Each turn sends at most one transfer: the NodeStatus of each second, a request for the next part of the
+//! file, or the answer to a request.
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `start.rs` | from the reset to the decision: start the program, or stay |
+//! | `image.rs` | checks the program in flash |
+//! | `can.rs` | the MCP2515 |
+//! | `transfer.rs` | frames to transfers, transfers to frames |
+//! | `node.rs` | what the node says about itself |
+//! | `update.rs` | reads the file and writes the program |
+//! | `spm.rs`, `eeprom.rs`, `clock.rs`, `registers.rs` | the chip |
+//!
+//! The code is bent for size, with rustc of rust-toolchain.toml: `main` never returns and contains all functions but the smallest, which call no
+//! others; and all variables are in one struct, whose fields two-byte instructions reach from a pointer.
+
+#![cfg_attr(target_arch = "avr", no_std, no_main, feature(asm_experimental_arch))]
+#![deny(unsafe_op_in_unsafe_fn, clippy::undocumented_unsafe_blocks)]
+
+#[cfg(target_arch = "avr")]
+mod can;
+#[cfg(target_arch = "avr")]
+mod clock;
+#[cfg(target_arch = "avr")]
+mod crc;
+#[cfg(target_arch = "avr")]
+mod eeprom;
+#[cfg(target_arch = "avr")]
+mod image;
+#[cfg(target_arch = "avr")]
+mod loader;
+#[cfg(target_arch = "avr")]
+mod node_info;
+#[cfg(target_arch = "avr")]
+mod registers;
+#[cfg(target_arch = "avr")]
+mod spm;
+#[cfg(target_arch = "avr")]
+mod start;
+#[cfg(target_arch = "avr")]
+mod transfer;
+#[cfg(target_arch = "avr")]
+mod update;
+
+/// Says how to build it: the loader runs on an Arduino and not on the host.
+#[cfg(not(target_arch = "avr"))]
+fn main() {
+    eprintln!("This is firmware for an Arduino: `make boot` builds it.");
+    std::process::exit(2);
+}

@@ -1,0 +1,341 @@
+//! A board with the bootloader on a bus with a file server.
+//!
+//! What the loader is to know is written out here, and not taken from it: addresses, layouts, the CRC.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::rc::Rc;
+
+use sim::avr::{Avr, Firmware, ResetCause};
+use sim::bench::{Bench, chosen_board, eeprom_after_first_start, node_elf, target_dir};
+use sim::board::Board;
+use sim::can::{Frame, Id, SoftNode};
+use sim::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
+use sim::wiring::Wiring;
+
+/// CPU cycles in a millisecond.
+const MS: u64 = 16_000;
+
+/// The node without a record in EEPROM, and the server.
+pub const NODE: u8 = 120;
+pub const SERVER: u8 = 127;
+
+pub const NODE_STATUS: u16 = 341;
+pub const GET_NODE_INFO: u8 = 1;
+pub const RESTART_NODE: u8 = 5;
+pub const BEGIN_FIRMWARE_UPDATE: u8 = 40;
+pub const FILE_READ: u8 = 48;
+
+pub const MAINTENANCE: u8 = 2;
+pub const SOFTWARE_UPDATE: u8 = 3;
+pub const MAGIC: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
+
+/// Where a program has its header: hardware major, minor, software major, minor, length.
+pub const HEADER: usize = 0x68;
+/// Where the EEPROM has node ID and bit rate.
+pub const BUS: usize = 0x18;
+
+fn signature(service: u8) -> u64 {
+    match service {
+        GET_NODE_INFO => 0xEE46_8A81_21C4_6A9E,
+        BEGIN_FIRMWARE_UPDATE => 0xB7D7_25DF_7272_4126,
+        FILE_READ => 0x8DCD_CA93_9F33_F678,
+        _ => 0,
+    }
+}
+
+/// CRC-16-CCITT-FALSE.
+pub fn crc(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0xFFFF, |crc, byte| {
+        let crc = crc ^ u16::from(*byte) << 8;
+        (0..8).fold(crc, |crc, _| crc << 1 ^ if crc & 0x8000 != 0 { 0x1021 } else { 0 })
+    })
+}
+
+pub fn board() -> Wiring {
+    chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// The file for an update to the firmware of `make firmware`.
+pub fn file() -> Vec<u8> {
+    let path = node_elf().unwrap_or_else(|error| panic!("{error:#}")).with_extension("bin");
+    std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}; run \"make firmware\"", path.display()))
+}
+
+/// The same program with its CRC made anew, after a change of its header or of others of its bytes.
+pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
+    file.truncate(file.len() - 2);
+    file.extend(crc(&file).to_be_bytes());
+    file
+}
+
+fn loader() -> PathBuf {
+    let Wiring { board, shield, .. } = board();
+    let path = target_dir().join(format!("firmware/boot-{board}-{shield}.hex"));
+    assert!(path.exists(), "{} is missing: run \"make boot BOARD={board} SHIELD={shield}\"", path.display());
+    path
+}
+
+/// Answers file.Read.
+#[derive(Default)]
+pub struct Server {
+    pub files: BTreeMap<String, Vec<u8>>,
+    pub is_silent: bool,
+    /// Time from a request to the answer.
+    pub delay_ms: u64,
+    /// The longest data of an answer. Zero is 256.
+    pub limit: usize,
+    /// Each `drop`th answer lacks a frame. Zero is none.
+    pub drop: usize,
+    /// Requests so far.
+    pub requests: usize,
+}
+
+impl Server {
+    /// The answer to a request, if there is one.
+    fn answer(&mut self, payload: &[u8]) -> Option<Vec<u8>> {
+        self.requests += 1;
+        if self.is_silent {
+            return None;
+        }
+        let offset = usize::from(u16::from_le_bytes([payload[0], payload[1]]));
+        assert_eq!(payload[2..5], [0; 3], "an offset in the first 64 KB");
+        let path = String::from_utf8_lossy(&payload[5..]);
+        // The error NOT_FOUND.
+        let Some(file) = self.files.get(&*path) else { return Some(vec![2, 0]) };
+        let limit = if self.limit == 0 { 256 } else { self.limit };
+        let data = file.get(offset..).unwrap_or_default();
+        Some([&[0, 0], &data[..data.len().min(limit)]].concat())
+    }
+}
+
+pub struct UpdateBench {
+    pub bench: Bench,
+    peer: Rc<RefCell<SoftNode>>,
+    pub server: Server,
+    assembler: Assembler,
+    /// Transfers of the node, oldest first, with the time of their end in milliseconds.
+    pub transfers: Vec<(u64, Transfer)>,
+    transfer_id: TransferId,
+    pub node: u8,
+}
+
+impl UpdateBench {
+    /// A board with the loader and nothing else, which gets its power now.
+    pub fn empty() -> UpdateBench {
+        UpdateBench::with(&[], &[], board().fastest_bit_rate())
+    }
+
+    /// A board with the loader and the firmware of `make firmware`, as a programmer leaves it.
+    pub fn with_program() -> UpdateBench {
+        let elf = node_elf().unwrap_or_else(|error| panic!("{error:#}"));
+        let firmware = Firmware::read(&elf).unwrap_or_else(|error| panic!("{error:#}"));
+        let eeprom = eeprom_after_first_start(&elf).unwrap_or_else(|error| panic!("{error:#}"));
+        UpdateBench::with(&firmware.flash, &eeprom, board().fastest_bit_rate())
+    }
+
+    /// A board with the loader, these pieces of flash, and this EEPROM, on a bus of that bit rate.
+    pub fn with(flash: &[(usize, Vec<u8>)], eeprom: &[u8], bit_rate: u32) -> UpdateBench {
+        let loader = Firmware::read_hex(&loader()).unwrap_or_else(|error| panic!("{error:#}"));
+        let wiring = board();
+        let mut avr = Avr::programmed(wiring.chip, &loader).unwrap_or_else(|error| panic!("{error:#}"));
+        for (address, bytes) in flash {
+            avr.load_flash(*address, bytes);
+        }
+        avr.set_eeprom(eeprom);
+        avr.set_reset_vector(loader.flash[0].0 as u32);
+        avr.reset(ResetCause::PowerOn);
+        let mut bench = Bench::new(bit_rate);
+        bench.add_board(Board::wired(avr, &wiring).unwrap_or_else(|error| panic!("{error:#}")), "node");
+        let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
+        bench.attach("server", peer.clone());
+        let server = Server { files: BTreeMap::from([("fw.bin".to_owned(), file())]), ..Server::default() };
+        UpdateBench {
+            bench,
+            peer,
+            server,
+            assembler: Assembler::new(),
+            transfers: Vec::new(),
+            transfer_id: TransferId::default(),
+            node: NODE,
+        }
+    }
+
+    /// A board with the loader, and this record in EEPROM: node ID, and bit rate as 125 kbit/s doubled so many times.
+    pub fn with_bus_record(node: u8, doublings: u8) -> UpdateBench {
+        let mut eeprom = [0xFF; 0x20];
+        let record = [node, doublings];
+        eeprom[BUS..BUS + 2].copy_from_slice(&record);
+        eeprom[BUS + 2..BUS + 4].copy_from_slice(&crc(&record).to_be_bytes());
+        UpdateBench::with(&[], &eeprom, 125_000 << doublings)
+    }
+
+    /// Leads the board back to its loader, as a program does that is asked for an update: with a request in the last bytes of the RAM and a
+    /// watchdog reset.
+    pub fn wait_in_the_loader_with(&mut self, path: &str) {
+        let mut request = [0; 26];
+        request[..path.len()].copy_from_slice(path.as_bytes());
+        request[24] = path.len() as u8;
+        request[25] = SERVER;
+        let record = [&request[..], &crc(&request).to_be_bytes()].concat();
+        let wiring = board();
+        let begin = wiring.chip.ram_end() + 1 - 32;
+        let avr = self.bench.board(0).avr_mut();
+        for (byte, address) in record.iter().zip(begin..) {
+            avr.poke_sram(address, *byte);
+        }
+        self.bench.board(0).reset(ResetCause::Watchdog);
+        self.assembler = Assembler::new();
+    }
+
+    /// Leads the board back to its loader, which waits there: by three watchdog restarts.
+    #[track_caller]
+    pub fn wait_in_the_loader(&mut self) {
+        for _ in 0..3 {
+            self.bench.board(0).reset(ResetCause::Watchdog);
+            self.run_ms(200);
+        }
+        assert_eq!(self.next_mode(), MAINTENANCE);
+    }
+
+    pub fn now_ms(&self) -> u64 {
+        self.bench.now() / MS
+    }
+
+    #[track_caller]
+    pub fn run_ms(&mut self, ms: u64) {
+        let end = self.bench.now() + ms * MS;
+        while self.bench.now() < end {
+            self.step();
+        }
+    }
+
+    #[track_caller]
+    pub fn step(&mut self) {
+        self.bench.run_until(self.bench.now() + MS / 10);
+        let received = self.peer.borrow_mut().take_received();
+        for (at, frame) in received {
+            let Id::Extended(id) = frame.id else { panic!("{frame:?}") };
+            match self.assembler.push(id, frame.data(), sim::elapsed(at)) {
+                Outcome::Partial => {}
+                Outcome::Invalid(why) => panic!("{why}: {frame:?}"),
+                Outcome::Complete(transfer) => {
+                    self.serve(at, &transfer);
+                    self.transfers.push((at / MS, transfer));
+                }
+            }
+        }
+        let violations = self.bench.board(0).take_violations();
+        assert!(violations.is_empty(), "driver mistakes: {violations:#?}");
+    }
+
+    fn serve(&mut self, at: u64, transfer: &Transfer) {
+        let CanId::Service { service_id: FILE_READ, request: true, source, destination, .. } = transfer.id else {
+            return;
+        };
+        assert_eq!((source.get(), destination.get()), (self.node, SERVER));
+        let Some(answer) = self.server.answer(&transfer.payload) else { return };
+        let mut frames = split(&answer, transfer.transfer_id, signature(FILE_READ));
+        if self.server.drop != 0 && self.server.requests.is_multiple_of(self.server.drop) {
+            frames.remove(frames.len() / 2);
+        }
+        let id = self.service(FILE_READ, false);
+        let due = at + self.server.delay_ms * MS;
+        for data in frames {
+            self.peer.borrow_mut().send_at(due, Frame::extended(id, &data));
+        }
+    }
+
+    fn service(&self, service_id: u8, request: bool) -> u32 {
+        let node = |id| NodeId::new(id).expect("a node ID");
+        CanId::Service { priority: 30, service_id, request, destination: node(self.node), source: node(SERVER) }.build()
+    }
+
+    /// Sends a request to the node. Returns its transfer ID.
+    pub fn request(&mut self, service: u8, payload: &[u8]) -> TransferId {
+        let transfer_id = self.transfer_id.advance();
+        let id = self.service(service, true);
+        for data in split(payload, transfer_id, signature(service)) {
+            self.peer.borrow_mut().send(Frame::extended(id, &data));
+        }
+        transfer_id
+    }
+
+    /// Sends a request to the node, and waits for the response.
+    #[track_caller]
+    pub fn call(&mut self, service: u8, payload: &[u8]) -> Vec<u8> {
+        let known = self.transfers.len();
+        let transfer_id = self.request(service, payload);
+        let is_response = |transfer: &Transfer| {
+            matches!(transfer.id, CanId::Service { service_id, request: false, .. } if service_id == service)
+                && transfer.transfer_id == transfer_id
+        };
+        for _ in 0..10_000 {
+            self.step();
+            if let Some((_, transfer)) = self.transfers[known..].iter().find(|(_, transfer)| is_response(transfer)) {
+                return transfer.payload.clone();
+            }
+        }
+        panic!("no response of service {service} in a second");
+    }
+
+    /// Asks the node to update itself from `path`. Returns the error of the response.
+    #[track_caller]
+    pub fn begin_update(&mut self, path: &str) -> u8 {
+        self.call(BEGIN_FIRMWARE_UPDATE, &[&[0], path.as_bytes()].concat())[0]
+    }
+
+    /// Payloads of the node's NodeStatus messages, oldest first.
+    pub fn statuses(&self) -> Vec<(u64, &[u8])> {
+        let is_status = |transfer: &Transfer| {
+            matches!(transfer.id, CanId::Message { type_id: NODE_STATUS, source, .. } if source.get() == self.node)
+        };
+        self.transfers.iter().filter(|(_, transfer)| is_status(transfer)).map(|(at, transfer)| (*at, &transfer.payload[..])).collect()
+    }
+
+    /// The mode in the next NodeStatus.
+    #[track_caller]
+    pub fn next_mode(&mut self) -> u8 {
+        let known = self.statuses().len();
+        self.wait_for("a NodeStatus", 1500, |bench| bench.statuses().len() > known);
+        self.statuses()[known].1[4] >> 3 & 7
+    }
+
+    /// Runs until the condition holds, which it must within so many simulated milliseconds. Returns the milliseconds that it took.
+    #[track_caller]
+    pub fn wait_for(&mut self, what: &str, timeout_ms: u64, condition: impl Fn(&UpdateBench) -> bool) -> u64 {
+        let begin = self.now_ms();
+        while !condition(self) {
+            assert!(self.now_ms() < begin + timeout_ms, "no {what} within {timeout_ms} ms");
+            self.step();
+        }
+        self.now_ms() - begin
+    }
+
+    /// Waits until the program runs: it is the only one that says that its mode is OPERATIONAL.
+    #[track_caller]
+    pub fn wait_for_program(&mut self, timeout_ms: u64) -> u64 {
+        let known = self.statuses().len();
+        self.wait_for("program", timeout_ms, |bench| {
+            bench.statuses()[known..].iter().any(|(_, status)| status[4] >> 3 & 7 < MAINTENANCE)
+        })
+    }
+
+    /// Takes the power, and gives it again.
+    pub fn cut_power(&mut self) {
+        self.bench.board(0).reset(ResetCause::PowerOn);
+        self.assembler = Assembler::new();
+        // The others see an error in what the node was sending.
+        self.bench.run_for_ms(1);
+        self.peer.borrow_mut().take_received();
+        self.peer.borrow_mut().clear_queue();
+        self.bench.run_for_ms(20);
+        self.peer.borrow_mut().take_received();
+    }
+
+    /// The program in flash.
+    pub fn flash(&mut self, len: usize) -> Vec<u8> {
+        self.bench.board(0).avr().flash()[..len].to_vec()
+    }
+}

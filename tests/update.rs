@@ -1,0 +1,247 @@
+//! Updates over the bus: the bootloader of `boot/` on a simulated board, and a file server.
+
+#[path = "support/update_bench.rs"]
+mod update_bench;
+
+use update_bench::*;
+
+/// Errors in the response of BeginFirmwareUpdate.
+const OK: u8 = 0;
+const IN_PROGRESS: u8 = 2;
+const UNKNOWN: u8 = 255;
+
+#[test]
+fn a_board_without_a_program_waits_in_the_loader_and_says_who_it_is() {
+    let mut bench = UpdateBench::empty();
+    assert_eq!(bench.next_mode(), MAINTENANCE);
+    let info = bench.call(GET_NODE_INFO, &[]);
+    assert_eq!(info.len(), 41, "a response without a name");
+    assert_eq!(info[22..24], file()[HEADER..HEADER + 2], "the hardware version of the board");
+    assert_eq!(info[24..40], [0xFF; 16], "the unique ID that the program has not made yet");
+    assert_eq!(info[40], 0, "no certificate");
+}
+
+#[test]
+fn a_file_from_a_server_becomes_the_program_that_runs() {
+    let mut bench = UpdateBench::empty();
+    assert_eq!(bench.next_mode(), MAINTENANCE);
+    assert_eq!(bench.begin_update("fw.bin"), OK);
+    let took_ms = bench.wait_for_program(10_000);
+    let file = file();
+    assert!(bench.flash(file.len()) == file, "the program in flash is the file");
+    println!("{took_ms} ms, {} requests", bench.server.requests);
+}
+
+#[test]
+fn a_program_that_a_programmer_uploaded_starts_without_a_check() {
+    let mut bench = UpdateBench::with_program();
+    assert!(bench.wait_for_program(300) < 300);
+}
+
+#[test]
+fn an_update_survives_a_power_cycle() {
+    let mut bench = UpdateBench::empty();
+    bench.begin_update("fw.bin");
+    bench.wait_for_program(10_000);
+    bench.cut_power();
+    bench.wait_for_program(300);
+}
+
+#[test]
+fn a_changed_byte_keeps_a_program_from_starting() {
+    let mut file = file();
+    let len = file.len();
+    file[len / 2] ^= 0x10;
+    let mut bench = UpdateBench::with(&[(0, file)], &[], board().fastest_bit_rate());
+    assert_eq!(bench.next_mode(), MAINTENANCE);
+}
+
+#[test]
+fn a_file_for_another_board_is_refused_before_a_byte_is_erased() {
+    for (at, change) in [(0, 1), (1, 0x40)] {
+        let mut bench = UpdateBench::empty();
+        let mut other = file();
+        other[HEADER + at] ^= change;
+        bench.server.files.insert("other.bin".to_owned(), with_crc(other));
+        bench.begin_update("fw.bin");
+        bench.wait_for_program(10_000);
+        bench.wait_in_the_loader();
+        bench.begin_update("other.bin");
+        // The loader gives up, and starts the program that is still there.
+        bench.wait_for_program(2000);
+        let file = file();
+        assert!(bench.flash(file.len()) == file, "the program is the one before");
+    }
+}
+
+#[test]
+fn files_that_are_no_program_are_refused_and_the_next_one_is_taken() {
+    let whole = file();
+    let mut unchecked = whole.clone();
+    unchecked[HEADER + 4..HEADER + 6].fill(0);
+    let mut too_long = whole.clone();
+    too_long[HEADER + 4..HEADER + 6].copy_from_slice(&0x7801u16.to_le_bytes());
+    let mut bench = UpdateBench::empty();
+    for (name, file) in [
+        ("empty", vec![]),
+        ("short", whole[..100].to_vec()),
+        ("half", whole[..whole.len() / 2].to_vec()),
+        ("uncheck", unchecked),
+        ("long", too_long),
+        ("random", (0..2000u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8).collect()),
+        ("changed", [&whole[..300], &[whole[300] ^ 1], &whole[301..]].concat()),
+    ] {
+        bench.server.files.insert(name.to_owned(), file);
+        assert_eq!(bench.next_mode(), MAINTENANCE, "before {name}");
+        assert_eq!(bench.begin_update(name), OK, "{name}");
+        bench.run_ms(4000);
+        assert_eq!(bench.next_mode(), MAINTENANCE, "after {name}");
+    }
+    assert_eq!(bench.begin_update("missing"), OK);
+    bench.run_ms(1000);
+    assert_eq!(bench.begin_update("fw.bin"), OK);
+    bench.wait_for_program(10_000);
+}
+
+#[test]
+fn a_silent_server_is_asked_again_and_in_the_end_the_loader_waits() {
+    let mut bench = UpdateBench::empty();
+    bench.server.is_silent = true;
+    bench.begin_update("fw.bin");
+    assert_eq!(bench.next_mode(), SOFTWARE_UPDATE);
+    bench.run_ms(45_000);
+    assert!((5..=20).contains(&bench.server.requests), "{}", bench.server.requests);
+    assert_eq!(bench.next_mode(), MAINTENANCE);
+    bench.server.is_silent = false;
+    bench.begin_update("fw.bin");
+    bench.wait_for_program(10_000);
+}
+
+#[test]
+fn a_server_that_is_silent_for_some_seconds_loses_nothing() {
+    let mut bench = UpdateBench::empty();
+    bench.begin_update("fw.bin");
+    bench.run_ms(300);
+    bench.server.is_silent = true;
+    bench.run_ms(6000);
+    bench.server.is_silent = false;
+    bench.wait_for_program(10_000);
+}
+
+#[test]
+fn lost_frames_and_a_slow_server_only_take_time() {
+    for (drop, delay_ms) in [(9, 0), (0, 900)] {
+        let mut bench = UpdateBench::empty();
+        (bench.server.drop, bench.server.delay_ms) = (drop, delay_ms);
+        bench.begin_update("fw.bin");
+        bench.wait_for_program(120_000);
+    }
+}
+
+#[test]
+fn answers_of_fewer_bytes_are_taken_in_whole_pages() {
+    let mut bench = UpdateBench::empty();
+    bench.server.limit = 255;
+    bench.begin_update("fw.bin");
+    bench.wait_for_program(10_000);
+    let file = file();
+    assert!(bench.flash(file.len()) == file, "the program in flash is the file");
+}
+
+#[test]
+fn a_power_cut_at_any_time_leads_back_to_the_loader_and_a_second_try_succeeds() {
+    let file = file();
+    for cut_ms in [40, 60, 200, 333] {
+        let mut bench = UpdateBench::with(&[(0, file.clone())], &[], board().fastest_bit_rate());
+        bench.wait_for_program(3000);
+        bench.wait_in_the_loader();
+        bench.begin_update("fw.bin");
+        bench.run_ms(cut_ms);
+        bench.cut_power();
+        assert_eq!(bench.next_mode(), MAINTENANCE, "after {cut_ms} ms");
+        bench.begin_update("fw.bin");
+        bench.wait_for_program(10_000);
+        assert!(bench.flash(file.len()) == file, "the program in flash is the file");
+    }
+}
+
+#[test]
+fn a_program_hands_an_update_over_in_ram_and_node_id_and_bit_rate_in_eeprom() {
+    let mut bench = UpdateBench::with_bus_record(42, 1);
+    bench.node = 42;
+    bench.server.files.insert("org.dronecan.servo168.1".to_owned(), file());
+    bench.wait_in_the_loader_with("org.dronecan.servo168.1");
+    assert_eq!(bench.next_mode(), SOFTWARE_UPDATE);
+    bench.wait_for("program in flash", 20_000, |bench| bench.server.requests > 50);
+}
+
+#[test]
+fn a_second_request_is_told_that_the_update_is_in_progress() {
+    let mut bench = UpdateBench::empty();
+    bench.server.delay_ms = 50;
+    bench.begin_update("fw.bin");
+    bench.run_ms(100);
+    for path in ["fw.bin", "fw.bin2"] {
+        assert_eq!(bench.begin_update(path), IN_PROGRESS, "{path}");
+    }
+    assert_eq!(bench.next_mode(), SOFTWARE_UPDATE);
+    bench.wait_for_program(10_000);
+}
+
+#[test]
+fn paths_up_to_24_characters_are_taken() {
+    for len in [1, 2, 3, 6, 7, 13, 24, 25, 60, 200] {
+        let mut bench = UpdateBench::empty();
+        let path = "p".repeat(len);
+        bench.server.files.insert(path.clone(), file());
+        if len <= 24 {
+            assert_eq!(bench.begin_update(&path), OK, "{len}");
+            bench.wait_for_program(10_000);
+        } else {
+            assert_eq!(bench.begin_update(&path), UNKNOWN, "{len}");
+            assert_eq!(bench.next_mode(), MAINTENANCE, "{len}");
+        }
+    }
+}
+
+#[test]
+fn the_loader_restarts_for_the_magic_number_only() {
+    let mut bench = UpdateBench::empty();
+    bench.run_ms(3000);
+    for at in 0..MAGIC.len() {
+        let mut wrong = MAGIC;
+        wrong[at] ^= 4;
+        assert_eq!(bench.call(RESTART_NODE, &wrong), [0], "{wrong:02X?}");
+    }
+    assert_eq!(bench.call(RESTART_NODE, &MAGIC), [0x80]);
+    bench.run_ms(1100);
+    let uptime = |status: &[u8]| u32::from_le_bytes(status[..4].try_into().unwrap());
+    assert_eq!(uptime(bench.statuses().last().expect("a status").1), 1, "the uptime begins anew");
+}
+
+#[test]
+fn three_watchdog_restarts_lead_to_the_loader_and_the_reset_button_back() {
+    use sim::avr::ResetCause::{External, Watchdog};
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(300);
+    for _ in 0..2 {
+        bench.bench.board(0).reset(Watchdog);
+        bench.wait_for_program(3000);
+    }
+    bench.bench.board(0).reset(Watchdog);
+    bench.run_ms(100);
+    assert_eq!(bench.next_mode(), MAINTENANCE);
+    bench.bench.board(0).reset(External);
+    bench.wait_for_program(3000);
+}
+
+#[test]
+fn the_loader_comes_back_after_the_controller_has_lost_its_power() {
+    let mut bench = UpdateBench::empty();
+    bench.next_mode();
+    // Until the next second the loader does not know.
+    bench.bench.board(0).chip_reset();
+    bench.bench.run_for_ms(1500);
+    bench.bench.board(0).take_violations();
+    assert_eq!(bench.next_mode(), MAINTENANCE);
+}
