@@ -27,14 +27,14 @@ SHIPPED := default thesis none
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
 UNO_MODULE := --board uno --shield module
-ON_UNO := budget bus_faults load restart servo
+ON_UNO := budget bus_faults load restart servo update
 ON_UNO_MODULE := budget controller load parameters restart servo temperature
 # The tests' board.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 VENV := .venv
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
@@ -48,6 +48,7 @@ help:
 	@echo "make mutants    mistakes in the sources that the unit tests must notice: hours; make elf-mutants: 24 in the firmware, for the tests on boards"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
 	@echo "make firmware   build the firmware, and show how much of the chip it takes"
+	@echo "make boot       build the bootloader, which takes new firmware over the bus (docs/update.md)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
@@ -82,13 +83,19 @@ firmware-gdb:
 	@scripts/setup build
 	@scripts/firmware --gdb $(WIRING) '$(FEATURES)'
 
+boot:
+	@scripts/setup build
+	@scripts/boot $(WIRING)
+
 firmwares:
 	@scripts/setup build
+	@scripts/boot
+	@scripts/boot $(UNO)
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware --gdb
 	@scripts/firmware $(UNO) full default
 	@scripts/firmware $(UNO_MODULE) full
-	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED))
+	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
 
 # Firmwares on third-party drivers that judge the model of the MCP2515. Cargo unites features over the packages of one call,
 # so the one that needs another feature of its crate is a call of its own.
@@ -186,6 +193,7 @@ lint-firmware: setup
 	cargo clippy $(AVR) -p node --bin node -- -D warnings
 	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
 	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) -p node --bin node --features full -- -D warnings
+	cargo clippy $(AVR) -p boot -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
 

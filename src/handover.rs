@@ -20,10 +20,10 @@ pub const HEADER_LENGTH: usize = 4;
 /// The length of a program without a CRC, which was uploaded through the serial port or by a programmer. The loader starts it unchecked.
 pub const UNCHECKED: u16 = 0;
 
-/// Address in EEPROM of the record of the bus: node ID, bit rate as 125 kbit/s doubled so many times, CRC.
+/// Address in EEPROM of the record of the bus: node ID; CNF3, CNF2 and CNF1 of the MCP2515 (the bit rate); CRC.
 pub const BUS: u8 = 0x18;
 /// Length of the record of the bus.
-pub const BUS_LEN: u8 = 4;
+pub const BUS_LEN: u8 = 6;
 
 /// Bytes at the end of the RAM that the start-up code and the stack leave alone.
 pub const SHARED_RAM: u16 = 32;

@@ -4,7 +4,6 @@
 //! TXB0, one after the other, so that they stay in order.
 
 use node::hardware::{CAN_SELECT, Pin};
-use node::node::bit_rate;
 
 use crate::registers::*;
 
@@ -53,8 +52,8 @@ pub const NODE_ID: u8 = 0x7F;
 /// The longest wait for a frame to leave, in turns of 6 us: a second. The frame before may have to win an arbitration first.
 const TURNS_FOR_FRAME: u16 = u16::MAX;
 
-/// Receive buffers that are full, and not read since that was asked: RX0IF and RX1IF.
-const FULL: Register = idle::OCR0B;
+/// Not zero if RXB1 had a frame when RXB0 was read.
+const IS_RXB1_NEXT: Register = idle::EEDR;
 
 /// A frame as the chip has it.
 #[repr(C)]
@@ -84,11 +83,12 @@ pub fn set_up_spi() {
     SPSR.write(SPI2X);
 }
 
-/// Resets the chip, and puts it on the bus as `node_id`. `doublings` is the bit rate: 125 kbit/s doubled so many times.
+/// Resets the chip, and puts it on the bus as `node_id`. `cnf` is CNF3, CNF2 and CNF1.
 #[inline(always)]
-pub fn configure(node_id: u8, doublings: u8) {
+pub fn configure(node_id: u8, cnf: &[u8; 3]) {
     begin(instruction::RESET);
     end();
+    IS_RXB1_NEXT.write(0);
     // The oscillator starts in 128 periods (8.1), which is 16 us at 8 MHz. This takes longer.
     let mut turns = 64u8;
     loop {
@@ -104,10 +104,9 @@ pub fn configure(node_id: u8, doublings: u8) {
     end();
     // Behind the masks follows the bit timing.
     begin_filters(RXM0SIDH, NODE_ID, 2);
-    let timing = bit_rate::timing(doublings);
-    exchange(timing.cnf3());
-    exchange(timing.cnf2());
-    exchange(timing.cnf1());
+    exchange(cnf[0]);
+    exchange(cnf[1]);
+    exchange(cnf[2]);
     end();
     write(RXB0CTRL, BUKT);
     write(CANCTRL, 0);
@@ -145,20 +144,18 @@ pub fn is_on_bus() -> bool {
 #[inline(always)]
 pub fn receive(frame: &mut Frame) -> bool {
     // If both buffers were full, RXB1 comes next, whatever RXB0 has meanwhile.
-    let mut full = FULL.read();
-    if full == 0 {
-        full = read_status() & (status::RX0IF | status::RX1IF);
-        if full == 0 {
+    let mut instruction = instruction::READ_RXB1;
+    if IS_RXB1_NEXT.read() == 0 {
+        let status = read_status();
+        if status & status::RX0IF != 0 {
+            instruction = instruction::READ_RXB0;
+            IS_RXB1_NEXT.write(status & status::RX1IF);
+        } else if status & status::RX1IF == 0 {
             return false;
         }
+    } else {
+        IS_RXB1_NEXT.write(0);
     }
-    let mut instruction = instruction::READ_RXB1;
-    let mut other = 0;
-    if full & status::RX0IF != 0 {
-        instruction = instruction::READ_RXB0;
-        other = full & status::RX1IF;
-    }
-    FULL.write(other);
     begin(instruction);
     let mut byte = (&raw mut *frame).cast::<u8>();
     let mut left = size_of::<Frame>() as u8;

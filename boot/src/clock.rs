@@ -2,14 +2,15 @@
 
 use crate::registers::{CS12_CS10, OCF1A, OCR1AH, OCR1AL, TCCR1B, TIFR1, WGM12};
 
-/// TOP of Timer1: it counts from 0 to this in a second, at 16 MHz / 1024.
-const TOP: [u8; 2] = (16_000_000u32 / 1024 - 1).to_le_bytes().first_chunk::<2>().copied().unwrap();
+/// High byte of TOP of Timer1, whose low byte stays zero. It counts to that in a second less half a millisecond, at 16 MHz / 1024.
+const TOP_HIGH: u8 = (16_000_000u32 / 1024 / 256) as u8;
 
 /// Starts the clock.
 #[inline(always)]
 pub fn start() {
-    OCR1AH.write(TOP[1]);
-    OCR1AL.write(TOP[0]);
+    OCR1AH.write(TOP_HIGH);
+    // The chip takes the high byte over with the low one.
+    OCR1AL.write(0);
     TCCR1B.write(WGM12 | CS12_CS10);
 }
 

@@ -6,6 +6,7 @@ use node::handover::{CRC_START, HEADER, HEADER_LENGTH, UNCHECKED};
 use node::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR};
 
 use crate::crc;
+use crate::spm::PAGE_LEN;
 
 /// Byte address of the boot section, which is behind the program.
 pub const BOOT_SECTION: u16 = match u16::from_str_radix(env!("BOOT_SECTION"), 10) {
@@ -19,8 +20,9 @@ pub const THIS_BOARD: u16 = u16::from_le_bytes([HARDWARE_MAJOR, HARDWARE_MINOR])
 /// True if a program of this length can have a CRC and fits below the boot section.
 #[inline(always)]
 pub fn is_checkable(length: u16) -> bool {
-    const { assert!(UNCHECKED == 0) };
-    length.wrapping_sub(1) < BOOT_SECTION
+    const { assert!(UNCHECKED <= PAGE_LEN) };
+    // More than a page, because the first one is written by itself.
+    length.wrapping_sub(PAGE_LEN + 1) < BOOT_SECTION - PAGE_LEN
 }
 
 /// True if the program is for this board, and either unchecked or whole.

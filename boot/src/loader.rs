@@ -4,16 +4,17 @@ use core::panic::PanicInfo;
 
 use dronecan_wire::types::{BEGIN_FIRMWARE_UPDATE, FILE_READ, GET_NODE_INFO, NODE_STATUS, RESTART_NODE};
 use dronecan_wire::{Id, Tail};
+use node::handover::CRC_START;
 
 use crate::can::{self, EXIDE, Frame, NODE_ID, REQUEST, SERVICE};
 use crate::node_info::{Information, MAINTENANCE, MODE};
 use crate::start;
-use crate::transfer::{self, Incoming, Outgoing};
+use crate::transfer::{self, Outgoing, RECEIVED_LEN};
 use crate::update::{self, Update};
-use crate::clock;
+use crate::{clock, crc};
 
 /// The response of RestartNode, if it restarts.
-const OK: u8 = 1 << 7;
+const RESTARTS: u8 = 1 << 7;
 
 /// uavcan.protocol.file.BeginFirmwareUpdate, the errors of the response.
 mod error {
@@ -30,7 +31,7 @@ pub struct Loader {
     pub response: [u8; 3],
     pub update: Update,
     pub information: Information,
-    pub incoming: Incoming,
+    pub received: [u8; RECEIVED_LEN],
 }
 
 /// `main` clears it: there is no start-up code.
@@ -51,8 +52,15 @@ const fn sid_of_service(service: u8) -> [u8; 2] {
 const SID_OF_STATUS: [u8; 2] = sid(Id::message(24, NODE_STATUS.id, 0));
 const SID_OF_READ: [u8; 2] = sid(Id::request(30, FILE_READ.id, 0, 0));
 
-/// RestartNode: the magic number, 0xACCE551B1E, in two parts.
-const MAGIC: (u32, u8) = (0xCE55_1B1E, 0xAC);
+/// CRC of the magic number of RestartNode, 0xACCE551B1E. To compare that costs less than to compare the number.
+const CRC_OF_MAGIC: u16 = {
+    let (magic, mut crc, mut n) = ([0x1E, 0x1B, 0x55, 0xCE, 0xAC], CRC_START, 0);
+    while n < magic.len() {
+        crc = dronecan_wire::crc::step(crc, magic[n]);
+        n += 1;
+    }
+    crc
+};
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
@@ -79,7 +87,7 @@ extern "C" fn main() -> ! {
     clock::start();
     loader.information.set_up();
     loop {
-        can::configure(loader.information.node_id, loader.information.doublings);
+        can::configure(loader.information.node_id, &loader.information.cnf);
         loop {
             let outgoing = if clock::take_second() {
                 if !can::is_on_bus() {
@@ -107,7 +115,8 @@ extern "C" fn main() -> ! {
 fn status(loader: &mut Loader) -> Outgoing {
     loader.information.tick();
     Outgoing {
-        sid: SID_OF_STATUS,
+        sidh: SID_OF_STATUS[0],
+        sidl: SID_OF_STATUS[1],
         eid8: NODE_STATUS.id as u8,
         eid0: loader.information.node_id,
         // There is one in each second.
@@ -122,7 +131,8 @@ fn status(loader: &mut Loader) -> Outgoing {
 #[inline(always)]
 fn read_request(loader: &mut Loader) -> Outgoing {
     Outgoing {
-        sid: SID_OF_READ,
+        sidh: SID_OF_READ[0],
+        sidl: SID_OF_READ[1],
         eid8: REQUEST | *loader.update.server(),
         eid0: SERVICE | loader.information.node_id,
         transfer_id: update::next_transfer_id(),
@@ -144,62 +154,72 @@ fn take_frame(loader: &mut Loader) -> Option<Outgoing> {
     // SAFETY: the index is less than 8.
     let tail = unsafe { *frame.data.get_unchecked(usize::from(len)) };
     let [sidh, sidl, destination, source] = frame.id;
-    let is_service = |service| [sidh & 7, sidl] == sid_of_service(service);
     let source = source & NODE_ID;
-    if destination & REQUEST == 0 {
-        let is_answer = update::is_active()
-            && is_service(FILE_READ.id)
-            && source == *loader.update.server()
-            && update::is_answer(tail);
-        if is_answer && loader.incoming.take(frame, len, tail, FILE_READ.seed) {
-            loader.update.take_answer(&loader.incoming);
-        }
-        return None;
-    }
-    let mut buffer = (&raw mut loader.response).cast::<u8>();
-    let mut response_len = 1;
-    if is_service(GET_NODE_INFO.id) {
-        buffer = loader.information.buffer();
-        response_len = Information::LEN;
-    } else if is_service(RESTART_NODE.id) {
-        let [a, b, c, d, e, ..] = frame.data;
-        loader.response[2] = 0;
-        if (u32::from_le_bytes([a, b, c, d]), e) == MAGIC {
+    let is_request = destination & REQUEST != 0;
+    let is_service = |service| sidh & 7 == sid_of_service(service)[0] && sidl == sid_of_service(service)[1];
+    let mut response = Outgoing {
+        sidh: 0,
+        sidl: 0,
+        eid8: 0,
+        eid0: 0,
+        transfer_id: tail & Tail::TRANSFER_ID,
+        buffer: (&raw mut loader.response).cast::<u8>(),
+        len: 1,
+        // Only the response of GetNodeInfo has more than one frame.
+        seed: GET_NODE_INFO.seed,
+    };
+    let mut byte = 0;
+    if is_request && is_service(GET_NODE_INFO.id) {
+        response.buffer = loader.information.buffer();
+        response.len = Information::LEN;
+    } else if is_request && is_service(RESTART_NODE.id) {
+        // SAFETY: the data is longer than the number.
+        if unsafe { crc::of(CRC_START, frame.data.as_ptr(), 5) } == CRC_OF_MAGIC {
             start::restart_soon();
-            loader.response[2] = OK;
+            byte = RESTARTS;
         }
-    } else if is_service(BEGIN_FIRMWARE_UPDATE.id) {
+    } else if is_request && update::is_active() && is_service(BEGIN_FIRMWARE_UPDATE.id) {
+        if tail & Tail::END == 0 {
+            return None;
+        }
+        byte = error::IN_PROGRESS;
+    } else {
+        let seed;
         if update::is_active() {
-            if tail & Tail::END == 0 {
+            if is_request || !is_service(FILE_READ.id) || !update::is_answer(tail) {
                 return None;
             }
-            loader.response[2] = error::IN_PROGRESS;
+            seed = FILE_READ.seed;
         } else {
+            if !is_request || !is_service(BEGIN_FIRMWARE_UPDATE.id) {
+                return None;
+            }
             if tail & Tail::START != 0 {
                 *loader.update.server() = source;
             }
-            if source != *loader.update.server() || !loader.incoming.take(frame, len, tail, BEGIN_FIRMWARE_UPDATE.seed) {
-                return None;
-            }
-            loader.response[2] = error::UNKNOWN;
-            if loader.update.take_request(&loader.incoming) {
-                update::begin();
-                loader.response[2] = error::OK;
-            }
+            seed = BEGIN_FIRMWARE_UPDATE.seed;
         }
-    } else {
-        return None;
+        if source != *loader.update.server() {
+            return None;
+        }
+        let len = transfer::take(&mut loader.received, &frame.data, len, tail, seed)?.get();
+        if update::is_active() {
+            loader.update.take_answer(&loader.received, len);
+            return None;
+        }
+        byte = error::UNKNOWN;
+        if loader.update.take_request(&loader.received, len) {
+            update::begin();
+            byte = error::OK;
+        }
     }
-    Some(Outgoing {
-        sid: [sidh, sidl],
-        eid8: source,
-        eid0: SERVICE | loader.information.node_id,
-        transfer_id: tail & Tail::TRANSFER_ID,
-        buffer,
-        len: response_len,
-        // Only that of GetNodeInfo has more than one frame.
-        seed: GET_NODE_INFO.seed,
-    })
+    loader.response[2] = byte;
+    // Reads the identifier again: to keep it in registers takes more instructions.
+    // SAFETY: the field is valid.
+    [response.sidh, response.sidl, _, response.eid8] = unsafe { (&raw const loader.frame.id).read_volatile() };
+    response.eid8 &= NODE_ID;
+    response.eid0 = SERVICE | loader.information.node_id;
+    Some(response)
 }
 
 #[panic_handler]

@@ -1,8 +1,9 @@
 //! What the node says about itself: NodeStatus, and the response of GetNodeInfo, which begins with the same bytes (DSDL 341.NodeStatus and
 //! 1.GetNodeInfo). So both are sent from the same buffer. The name is empty, which all clients accept.
 
+use mcp2515_ordered::BitTiming;
 use node::handover::{BUS, BUS_LEN, CRC_START};
-use node::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR};
+use node::hardware::{CAN_CRYSTAL_HZ, HARDWARE_MAJOR, HARDWARE_MINOR};
 use node::node::bit_rate::HIGHEST_RATE;
 
 use crate::registers::{Register, idle};
@@ -18,6 +19,9 @@ const UNIQUE_ID: u8 = 0x04;
 
 /// Node ID without a record in EEPROM.
 const DEFAULT_NODE_ID: u8 = 120;
+
+/// Bit rate without a record in EEPROM: the highest one of the board.
+const DEFAULT_TIMING: BitTiming = BitTiming::new(CAN_CRYSTAL_HZ, 125_000 << HIGHEST_RATE);
 
 /// Room for the CRC, the payload of GetNodeInfo, and what follows in the EEPROM.
 #[repr(C)]
@@ -35,8 +39,8 @@ pub struct Information {
     certificate_len: u8,
     rest: [u8; (BUS - UNIQUE_ID) as usize - 17],
     pub node_id: u8,
-    /// The bit rate: 125 kbit/s doubled so many times.
-    pub doublings: u8,
+    /// CNF3, CNF2 and CNF1 of the MCP2515: the bit rate.
+    pub cnf: [u8; 3],
     bus_crc: [u8; 2],
 }
 
@@ -67,14 +71,25 @@ impl Information {
         // SAFETY: the record ends the struct.
         if unsafe { crc::of(CRC_START, &raw const self.node_id, BUS_LEN.into()) } != 0 {
             self.node_id = DEFAULT_NODE_ID;
-            self.doublings = HIGHEST_RATE as u8;
+            self.cnf = [DEFAULT_TIMING.cnf3(), DEFAULT_TIMING.cnf2(), DEFAULT_TIMING.cnf1()];
         }
     }
 
     /// Brings the NodeStatus up to date. Call it once a second.
     #[inline(always)]
     pub fn tick(&mut self) {
-        self.uptime_s = u32::from_le_bytes(self.uptime_s).wrapping_add(1).to_le_bytes();
+        let mut byte = (&raw mut self.uptime_s).cast::<u8>();
+        loop {
+            // SAFETY: the loop ends at the last byte of the uptime, which does not wrap in 136 years.
+            unsafe {
+                let sum = (*byte).wrapping_add(1);
+                byte.write_volatile(sum);
+                byte = byte.add(1);
+                if sum != 0 {
+                    break;
+                }
+            }
+        }
         self.mode = MODE.read();
     }
 

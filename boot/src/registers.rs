@@ -55,6 +55,9 @@ pub mod idle {
     pub const GPIOR0: Register = Register(0x3E);
     pub const OCR0A: Register = Register(0x47);
     pub const OCR0B: Register = Register(0x48);
+    /// After the start the loader does not read the EEPROM any more.
+    pub use super::{EEARL, EEDR};
+
     pub const GPIOR1: Register = Register(0x4A);
     pub const GPIOR2: Register = Register(0x4B);
 }
@@ -70,7 +73,6 @@ pub const OCR1AH: Register = Register(0x89);
 
 pub const EECR: Register = Register(0x3F);
 pub const EERE: u8 = 1 << 0;
-pub const EEPE: u8 = 1 << 1;
 pub const EEDR: Register = Register(0x40);
 pub const EEARL: Register = Register(0x41);
 pub const EEARH: Register = Register(0x42);
@@ -85,11 +87,11 @@ pub const SPDR: Register = Register(0x4E);
 
 pub const MCUSR: Register = Register(0x54);
 pub const WDRF: u8 = 1 << 3;
-pub const SPMCSR: Register = Register(0x57);
+/// SPMCSR.
 pub const RWWSRE: u8 = 1 << 4;
 pub const PGWRT: u8 = 1 << 2;
 pub const PGERS: u8 = 1 << 1;
 pub const SELFPRGEN: u8 = 1 << 0;
-pub const WDTCSR: Register = Register(0x60);
+/// WDTCSR.
 pub const WDCE: u8 = 1 << 4;
 pub const WDE: u8 = 1 << 3;

@@ -13,11 +13,14 @@ pub const PAGE_LEN: u16 = 128;
 /// SELFPRGEN alone: fill a word of the page buffer.
 const FILL: u8 = 0;
 
+/// The word of commands that have none.
+const NO_WORD: u16 = 0;
+
 /// Erases the page at a byte address.
 #[inline(always)]
 pub fn erase_page(address: u16) {
-    do_spm(PGERS, address, 0);
-    do_spm(RWWSRE, address, 0);
+    do_spm(PGERS, address, NO_WORD);
+    do_spm(RWWSRE, address, NO_WORD);
 }
 
 /// Erases the page at a byte address, and writes it with the bytes from `bytes` on.
@@ -26,23 +29,25 @@ pub fn erase_page(address: u16) {
 ///
 /// [`PAGE_LEN`] bytes must be readable from `bytes` on.
 #[inline(never)]
-pub unsafe fn write_page(address: u16, bytes: *const u8) {
-    do_spm(PGERS, address, 0);
+pub unsafe fn write_page(mut address: u16, bytes: *const u8) {
+    do_spm(PGERS, address, NO_WORD);
     // Backwards, so that the address is that of the page in the end, as PGWRT needs it.
-    let mut address = address.wrapping_add(PAGE_LEN);
+    address = address.wrapping_add(PAGE_LEN);
     let mut bytes = bytes.wrapping_add(PAGE_LEN.into()).cast::<u16>();
+    let mut words = PAGE_LEN as u8 / 2;
     loop {
         address = address.wrapping_sub(2);
         bytes = bytes.wrapping_sub(1);
         // SAFETY: the loop reads the bytes of one page.
         do_spm(FILL, address, unsafe { bytes.read_unaligned() });
-        if address as u8 & (PAGE_LEN - 1) as u8 == 0 {
+        words -= 1;
+        if words == 0 {
             break;
         }
     }
-    do_spm(PGWRT, address, 0);
+    do_spm(PGWRT, address, NO_WORD);
     // The page can be read again when it is written.
-    do_spm(RWWSRE, address, 0);
+    do_spm(RWWSRE, address, NO_WORD);
 }
 
 /// Does SPM with a command and SELFPRGEN, when the one before it and a write to the EEPROM have ended. The chip ends both within 5 ms. A word is for

@@ -3,9 +3,11 @@
 //! Each buffer has room for the CRC before the payload, so that a transfer of several frames is the bytes of the buffer from its start on, and a
 //! transfer of one frame is the bytes behind the CRC.
 
+use core::num::NonZeroU16;
+
 use dronecan_wire::Tail;
 
-use crate::can::{self, Frame};
+use crate::can;
 use crate::crc;
 use crate::registers::{Register, idle};
 
@@ -16,8 +18,8 @@ pub const CRC_LEN: u16 = 2;
 
 /// A transfer to send.
 pub struct Outgoing {
-    /// SIDH and SIDL.
-    pub sid: [u8; 2],
+    pub sidh: u8,
+    pub sidl: u8,
     pub eid8: u8,
     pub eid0: u8,
     pub transfer_id: u8,
@@ -36,7 +38,7 @@ pub struct Outgoing {
 /// The buffer must have `CRC_LEN + len` bytes, and nobody else may have a reference to it.
 #[inline(always)]
 pub unsafe fn send(outgoing: Outgoing) {
-    let Outgoing { sid: [sidh, sidl], eid8, eid0, transfer_id, buffer, len, seed } = outgoing;
+    let Outgoing { sidh, sidl, eid8, eid0, transfer_id, buffer, len, seed } = outgoing;
     let mut left = len;
     // SAFETY: the caller guarantees that the CRC and `len` bytes are in the buffer. The loop below reads `left` bytes.
     let mut from = unsafe { buffer.add(CRC_LEN.into()) };
@@ -82,68 +84,55 @@ pub unsafe fn send(outgoing: Outgoing) {
     }
 }
 
-/// Room in the buffer of received transfers: an answer to file.Read, and the rest of a frame that is too much.
+/// Room in the buffer of received transfers: an answer to file.Read with 256 bytes of data, and the rest of a frame that is too much.
 pub const RECEIVED_LEN: usize = CRC_LEN as usize + 2 + 256 + BYTES_PER_FRAME as usize;
 
 /// Toggle bit and transfer ID of the next frame of the transfer that is being received. [`NOTHING`] if a first frame must come.
 const NEXT: Register = idle::GPIOR1;
 const NOTHING: u8 = 0xFF;
+/// Index in the buffer behind the last byte of this transfer, low and high byte.
+const AT: (Register, Register) = (idle::OCR0B, idle::EEARL);
 
-/// The transfer that is being received.
-#[repr(C)]
-pub struct Incoming {
-    /// Behind the last byte in the buffer.
-    end: *mut u8,
-    pub buffer: [u8; RECEIVED_LEN],
-}
-
-impl Incoming {
-    /// Adds the data of a frame, which has `len` bytes before its tail. Returns true if the transfer is complete.
-    #[inline(never)]
-    pub fn take(&mut self, frame: &Frame, mut len: u8, tail: u8, seed: u16) -> bool {
-        let begin = self.buffer.as_mut_ptr();
-        let is_single = tail >= Tail::START | Tail::END;
-        let mut end = self.end;
-        let mut next = NEXT.read();
-        if tail & Tail::START != 0 {
-            next = tail & Tail::TRANSFER_ID;
-            end = begin;
-            if is_single {
-                end = end.wrapping_add(CRC_LEN.into());
-            }
+/// Adds the data of a frame, which has `len` bytes before its tail, to the transfer in `buffer`. Returns the length of the payload if it is complete. An
+/// empty one is no transfer.
+#[inline(always)]
+pub fn take(buffer: &mut [u8; RECEIVED_LEN], data: &[u8; 8], len: u8, tail: u8, seed: u16) -> Option<NonZeroU16> {
+    let is_single = tail >= Tail::START | Tail::END;
+    let mut next = NEXT.read();
+    let mut at = u16::from_le_bytes([AT.0.read(), AT.1.read()]);
+    if tail & Tail::START != 0 {
+        next = tail & Tail::TRANSFER_ID;
+        at = if is_single { CRC_LEN } else { 0 };
+    }
+    if tail & (Tail::TOGGLE | Tail::TRANSFER_ID) != next || at > RECEIVED_LEN as u16 - u16::from(BYTES_PER_FRAME) {
+        return None;
+    }
+    NEXT.write(next ^ Tail::TOGGLE);
+    let mut left = len;
+    let mut from = data.as_ptr();
+    let mut to = buffer.as_mut_ptr().wrapping_add(at.into());
+    while left != 0 {
+        // SAFETY: a frame has at most 7 bytes before its tail, and the buffer has room for them behind those of the frames before.
+        unsafe {
+            to.write_volatile(*from);
+            (to, from) = (to.add(1), from.add(1));
         }
-        // A frame has at most 7 bytes before its tail.
-        let last = begin.wrapping_add(RECEIVED_LEN - BYTES_PER_FRAME as usize);
-        if tail & (Tail::TOGGLE | Tail::TRANSFER_ID) != next || end > last {
-            return false;
-        }
-        let mut from = frame.data.as_ptr();
-        while len != 0 {
-            // SAFETY: the frame has so many bytes, and the buffer room for them.
-            unsafe {
-                end.write_volatile(*from);
-                (end, from) = (end.add(1), from.add(1));
-            }
-            len -= 1;
-        }
-        self.end = end;
-        NEXT.write(next ^ Tail::TOGGLE);
-        if tail & Tail::END == 0 {
-            return false;
-        }
-        NEXT.write(NOTHING);
-        if is_single {
-            return true;
-        }
-        // A transfer of several frames has more than 7 bytes.
+        left -= 1;
+    }
+    at += u16::from(len);
+    AT.0.write(at as u8);
+    AT.1.write((at >> 8) as u8);
+    if tail & Tail::END == 0 {
+        return None;
+    }
+    NEXT.write(NOTHING);
+    let payload_len = NonZeroU16::new(at - CRC_LEN)?;
+    if !is_single {
         // SAFETY: the payload is in the buffer.
-        let crc = unsafe { crc::of(seed, begin.add(CRC_LEN.into()), self.len()) };
-        crc == u16::from_le_bytes([self.buffer[0], self.buffer[1]])
+        let crc = unsafe { crc::of(seed, buffer.as_ptr().add(CRC_LEN.into()), payload_len.get()) };
+        if crc != u16::from_le_bytes([buffer[0], buffer[1]]) {
+            return None;
+        }
     }
-
-    /// Length of the payload of a complete transfer.
-    #[inline(always)]
-    pub fn len(&self) -> u16 {
-        (self.end.addr() as u16).wrapping_sub(self.buffer.as_ptr().addr() as u16 + CRC_LEN)
-    }
+    Some(payload_len)
 }

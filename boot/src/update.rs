@@ -4,7 +4,7 @@
 //! file is written.
 //!
 //! The first answer has the header of the program. If it is for this board, the first page is erased, and with it the old header. The first page of
-//! the file waits in RAM, and is written last. Then the chip restarts, and `start.rs` checks the CRC of the whole program. Each answer that cannot be
+//! the file is read again, and written last. Then the chip restarts, and `start.rs` checks the CRC of the whole program. Each answer that cannot be
 //! used, and a silent server, also end in a restart: the loader then starts the old program, or waits if there is none.
 
 use dronecan_wire::Tail;
@@ -14,7 +14,7 @@ use crate::can::NODE_ID;
 use crate::node_info::{MODE, SOFTWARE_UPDATE};
 use crate::registers::{Register, idle};
 use crate::spm::PAGE_LEN;
-use crate::transfer::{CRC_LEN, Incoming};
+use crate::transfer::{CRC_LEN, RECEIVED_LEN};
 use crate::{image, spm, start};
 
 /// Counts the seconds without an answer. A request of file.Read is to be sent when [`RETRY`] divides it. Sending counts as a second.
@@ -26,8 +26,13 @@ const SILENCE_LIMIT: u8 = 40;
 /// Transfer ID of the last request of file.Read.
 const TRANSFER_ID: Register = idle::GPIOR2;
 
-/// Index of the data in an answer of file.Read, behind the CRC and the error (int16).
-const DATA: usize = CRC_LEN as usize + 2;
+/// Index of a received payload, behind the CRC.
+const PAYLOAD: usize = CRC_LEN as usize;
+/// Index of the data in an answer of file.Read, behind the error (int16).
+const DATA: usize = PAYLOAD + 2;
+
+/// Length of the payload of an answer before the end of the file.
+const ANSWER_LEN: u16 = 2 + 256;
 
 /// An update: a request of file.Read, with room for the CRC before it, and what else belongs to an update.
 #[repr(C)]
@@ -38,7 +43,6 @@ pub struct Update {
     pub request: [u8; REQUEST_LEN],
     /// Length of the program. Set with the first answer.
     length: u16,
-    first_page: [u8; PAGE_LEN as usize],
 }
 
 /// True from the request until the restart.
@@ -111,96 +115,77 @@ impl Update {
 
     /// Takes server and path from a request of BeginFirmwareUpdate. Returns false if the path is too long.
     #[inline(always)]
-    pub fn take_request(&mut self, incoming: &Incoming) -> bool {
-        let path_len = incoming.len() - 1;
-        if path_len > PATH_LEN as u16 {
+    pub fn take_request(&mut self, received: &[u8; RECEIVED_LEN], len: u16) -> bool {
+        if len > PATH_LEN as u16 + 1 {
             return false;
         }
-        self.request[PATH_LEN] = path_len as u8;
-        let server = incoming.buffer[CRC_LEN as usize] & NODE_ID;
+        self.request[PATH_LEN] = len as u8 - 1;
+        let server = received[PAYLOAD] & NODE_ID;
         // A request without a server means its sender.
         if server != 0 {
             *self.server() = server;
         }
-        // SAFETY: both are in their buffers.
-        unsafe { copy((&raw mut self.request).cast(), (&raw const incoming.buffer[CRC_LEN as usize + 1]).cast(), PATH_LEN as u8) };
-        true
+        let mut to = (&raw mut self.request).cast::<u8>();
+        let mut from = (&raw const received[PAYLOAD + 1]).cast::<u8>();
+        let mut left = PATH_LEN as u8;
+        loop {
+            // SAFETY: the loop reads and writes the bytes of a path of the greatest length, which both have.
+            unsafe {
+                to.write_volatile(*from);
+                (to, from) = (to.add(1), from.add(1));
+            }
+            left -= 1;
+            if left == 0 {
+                return true;
+            }
+        }
     }
 
-    /// Takes an answer: writes the whole pages in it. Restarts the chip if that was the last one, or if the file is not a program for this board.
+    /// Takes an answer, whose payload has `len` bytes: writes its two pages. Restarts the chip if that were the last ones, or if the file is not a
+    /// program for this board.
     #[inline(always)]
-    pub fn take_answer(&mut self, incoming: &Incoming) {
+    pub fn take_answer(&mut self, received: &[u8; RECEIVED_LEN], len: u16) {
         SILENCE.write(0);
-        if !self.write(incoming) {
+        if !self.write(received, len) {
             start::restart_soon();
         }
     }
 
-    /// Writes the whole pages in an answer. Returns true if there is more to read.
+    /// Writes the two pages in an answer. Returns true if there is more to read.
     #[inline(always)]
-    fn write(&mut self, incoming: &Incoming) -> bool {
-        let len = incoming.len();
-        if len < 2 {
-            return false;
-        }
-        let mut left = len - 2;
-        let mut data: *const u8 = &raw const incoming.buffer[DATA];
-        let word = |at: usize| u16::from_le_bytes([incoming.buffer[at], incoming.buffer[at + 1]]);
-        let before = u16::from_le_bytes([self.offset[0], self.offset[1]]);
-        let mut offset = before;
-        if offset == 0 {
+    fn write(&mut self, received: &[u8; RECEIVED_LEN], len: u16) -> bool {
+        let data: *const u8 = &raw const received[DATA];
+        let word = |at: usize| u16::from_le_bytes([received[at], received[at + 1]]);
+        let offset = u16::from_le_bytes([self.offset[0], self.offset[1]]);
+        if offset != 0 {
+            // SAFETY: the data are in the buffer.
+            unsafe { spm::write_page(offset, data) };
+        } else {
             let length = word(DATA + HEADER as usize + HEADER_LENGTH);
             let is_for_this_board = word(DATA + HEADER as usize) == image::THIS_BOARD;
             // An answer with an error has no data.
-            if left < PAGE_LEN || !is_for_this_board || !image::is_checkable(length) {
+            if len < ANSWER_LEN || !is_for_this_board || !image::is_checkable(length) {
+                return false;
+            }
+            if self.length != 0 {
+                // All other pages are written.
+                // SAFETY: the data are in the buffer.
+                unsafe { spm::write_page(0, data) };
                 return false;
             }
             self.length = length;
             spm::erase_page(0);
-            // SAFETY: both are in their buffers.
-            unsafe { copy((&raw mut self.first_page).cast(), data, PAGE_LEN as u8) };
         }
-        // The last page may be shorter in the file. What is written behind it does not matter.
-        loop {
-            let rest = self.length - offset;
-            if left < PAGE_LEN && left < rest {
-                break;
-            }
-            if offset != 0 {
-                // SAFETY: the data begin in the middle of the buffer or before.
-                unsafe { spm::write_page(offset, data) };
-            }
-            offset += PAGE_LEN;
-            if rest <= PAGE_LEN {
-                // SAFETY: the pointer is to a page.
-                unsafe { spm::write_page(0, (&raw const self.first_page).cast()) };
-                return false;
-            }
-            left -= PAGE_LEN;
-            data = data.wrapping_add(PAGE_LEN.into());
+        // SAFETY: the data are in the buffer.
+        unsafe { spm::write_page(offset + PAGE_LEN, data.add(PAGE_LEN.into())) };
+        let mut next = offset + 2 * PAGE_LEN;
+        if next >= self.length {
+            next = 0;
+        } else if len < ANSWER_LEN {
+            // The file is shorter than its header says.
+            return false;
         }
-        [self.offset[0], self.offset[1]] = offset.to_le_bytes();
-        // Without a whole page, the file is shorter than its header says.
-        offset != before
-    }
-}
-
-/// Copies bytes.
-///
-/// # Safety
-///
-/// The bytes must be readable and writable.
-#[inline(never)]
-unsafe fn copy(mut to: *mut u8, mut from: *const u8, mut len: u8) {
-    loop {
-        // SAFETY: the caller guarantees it.
-        unsafe {
-            to.write_volatile(*from);
-            (to, from) = (to.add(1), from.add(1));
-        }
-        len -= 1;
-        if len == 0 {
-            return;
-        }
+        [self.offset[0], self.offset[1]] = next.to_le_bytes();
+        true
     }
 }

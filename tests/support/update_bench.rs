@@ -162,13 +162,17 @@ impl UpdateBench {
         }
     }
 
-    /// A board with the loader, and this record in EEPROM: node ID, and bit rate as 125 kbit/s doubled so many times.
-    pub fn with_bus_record(node: u8, doublings: u8) -> UpdateBench {
+    /// A board with the loader, and the record of node ID 42 and 125 kbit/s in EEPROM.
+    pub fn with_bus_record() -> UpdateBench {
         let mut eeprom = [0xFF; 0x20];
-        let record = [node, doublings];
-        eeprom[BUS..BUS + 2].copy_from_slice(&record);
-        eeprom[BUS + 2..BUS + 4].copy_from_slice(&crc(&record).to_be_bytes());
-        UpdateBench::with(&[], &eeprom, 125_000 << doublings)
+        // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at 87.5 %.
+        let brp = if board().crystal_hz() == 16_000_000 { 3 } else { 1 };
+        let record = [42, 0x01, 0xBC, brp];
+        eeprom[BUS..BUS + 4].copy_from_slice(&record);
+        eeprom[BUS + 4..BUS + 6].copy_from_slice(&crc(&record).to_be_bytes());
+        let mut bench = UpdateBench::with(&[], &eeprom, 125_000);
+        bench.node = 42;
+        bench
     }
 
     /// Leads the board back to its loader, as a program does that is asked for an update: with a request in the last bytes of the RAM and a
