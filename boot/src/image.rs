@@ -48,7 +48,7 @@ pub fn is_valid() -> bool {
 
 /// Reads a word of the flash, little-endian, from a byte address on.
 #[inline(always)]
-fn read_flash(address: u16) -> u16 {
+pub fn read_flash(address: u16) -> u16 {
     let word;
     // SAFETY: LPM only reads flash and changes no memory, whatever the address.
     unsafe {

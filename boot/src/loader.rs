@@ -1,12 +1,13 @@
 //! The main loop, and the answers to requests.
 
+use core::mem::{MaybeUninit, offset_of};
 use core::panic::PanicInfo;
 
 use dronecan_wire::types::{BEGIN_FIRMWARE_UPDATE, FILE_READ, GET_NODE_INFO, NODE_STATUS, RESTART_NODE};
 use dronecan_wire::{Id, Tail};
-use node::handover::CRC_START;
+use node::handover::{CRC_START, REQUEST, RESTARTS, SHARED_RAM};
 
-use crate::can::{self, EXIDE, Frame, NODE_ID, REQUEST, SERVICE};
+use crate::can::{self, EXIDE, Frame, NODE_ID, SERVICE};
 use crate::node_info::{Information, MAINTENANCE, MODE};
 use crate::start;
 use crate::transfer::{self, Outgoing, RECEIVED_LEN};
@@ -14,7 +15,7 @@ use crate::update::{self, Update};
 use crate::{clock, crc};
 
 /// The response of RestartNode, if it restarts.
-const RESTARTS: u8 = 1 << 7;
+const WILL_RESTART: u8 = 1 << 7;
 
 /// uavcan.protocol.file.BeginFirmwareUpdate, the errors of the response.
 mod error {
@@ -29,14 +30,39 @@ pub struct Loader {
     pub frame: Frame,
     /// Buffer for the responses of one byte.
     pub response: [u8; 3],
-    pub update: Update,
-    pub information: Information,
     pub received: [u8; RECEIVED_LEN],
+    pub information: Information,
+    /// Ends with the request for an update, where the shared RAM begins.
+    pub update: Update,
+    /// Count of watchdog restarts.
+    pub restarts: u8,
 }
 
-/// `main` clears it: there is no start-up code.
+/// The linker places it at the end of the RAM, so that the last ones are in the part that the program leaves alone (build.rs).
 #[unsafe(link_section = ".noinit")]
-static mut LOADER: core::mem::MaybeUninit<Loader> = core::mem::MaybeUninit::uninit();
+static mut LOADER: MaybeUninit<Loader> = MaybeUninit::uninit();
+
+/// Bytes of the variables before the request.
+const BEFORE_REQUEST: usize = offset_of!(Loader, update.request);
+
+/// Address of the variables.
+pub const ADDRESS: u16 = decimal(env!("RAM_END")) - SHARED_RAM - BEFORE_REQUEST as u16;
+
+const _: () = assert!(ADDRESS == decimal(env!("VARIABLES")), "boot/build.rs has another length of the variables");
+const _: () = assert!(REQUEST == 0 && RESTARTS as usize == offset_of!(Loader, restarts) - BEFORE_REQUEST);
+
+/// The variables.
+#[inline(always)]
+pub fn variables() -> *mut Loader {
+    (&raw mut LOADER).cast()
+}
+
+pub const fn decimal(digits: &str) -> u16 {
+    match u16::from_str_radix(digits, 10) {
+        Ok(number) => number,
+        Err(_) => panic!("a number of avr-specs is not from 0 to 65535"),
+    }
+}
 
 /// SIDH and SIDL of the identifier with these first two bytes.
 const fn sid(id: Id) -> [u8; 2] {
@@ -64,11 +90,10 @@ const CRC_OF_MAGIC: u16 = {
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
-    // SAFETY: this is the only reference. Zero is valid in every field.
+    // SAFETY: this is the only reference, and any bytes are valid. The loop clears all but what the program has left.
     let loader = unsafe {
-        let loader = (&raw mut LOADER).cast::<Loader>();
-        let mut byte = loader.cast::<u8>();
-        let mut left = size_of::<Loader>() as u16;
+        let mut byte = variables().cast::<u8>();
+        let mut left = BEFORE_REQUEST as u16;
         loop {
             byte.write_volatile(0);
             byte = byte.add(1);
@@ -77,10 +102,10 @@ extern "C" fn main() -> ! {
                 break;
             }
         }
-        &mut *loader
+        &mut *variables()
     };
     MODE.write(MAINTENANCE);
-    if start::decide(&raw mut loader.update.request) {
+    if start::decide(loader) {
         update::begin();
     }
     can::set_up_spi();
@@ -133,7 +158,7 @@ fn read_request(loader: &mut Loader) -> Outgoing {
     Outgoing {
         sidh: SID_OF_READ[0],
         sidl: SID_OF_READ[1],
-        eid8: REQUEST | *loader.update.server(),
+        eid8: can::REQUEST | *loader.update.server(),
         eid0: SERVICE | loader.information.node_id,
         transfer_id: update::next_transfer_id(),
         buffer: loader.update.buffer(),
@@ -155,7 +180,7 @@ fn take_frame(loader: &mut Loader) -> Option<Outgoing> {
     let tail = unsafe { *frame.data.get_unchecked(usize::from(len)) };
     let [sidh, sidl, destination, source] = frame.id;
     let source = source & NODE_ID;
-    let is_request = destination & REQUEST != 0;
+    let is_request = destination & can::REQUEST != 0;
     let is_service = |service| sidh & 7 == sid_of_service(service)[0] && sidl == sid_of_service(service)[1];
     let mut response = Outgoing {
         sidh: 0,
@@ -176,7 +201,7 @@ fn take_frame(loader: &mut Loader) -> Option<Outgoing> {
         // SAFETY: the data is longer than the number.
         if unsafe { crc::of(CRC_START, frame.data.as_ptr(), 5) } == CRC_OF_MAGIC {
             start::restart_soon();
-            byte = RESTARTS;
+            byte = WILL_RESTART;
         }
     } else if is_request && update::is_active() && is_service(BEGIN_FIRMWARE_UPDATE.id) {
         if tail & Tail::END == 0 {

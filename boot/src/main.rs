@@ -36,6 +36,8 @@ mod node_info;
 #[cfg(target_arch = "avr")]
 mod registers;
 #[cfg(target_arch = "avr")]
+mod serial;
+#[cfg(target_arch = "avr")]
 mod spm;
 #[cfg(target_arch = "avr")]
 mod start;

@@ -85,8 +85,19 @@ pub const SPIF: u8 = 1 << 7;
 pub const SPI2X: u8 = 1 << 0;
 pub const SPDR: Register = Register(0x4E);
 
+pub const UCSR0A: Register = Register(0xC0);
+pub const RXC0: u8 = 1 << 7;
+pub const UDRE0: u8 = 1 << 5;
+pub const U2X0: u8 = 1 << 1;
+pub const UCSR0B: Register = Register(0xC1);
+pub const RXEN0: u8 = 1 << 4;
+pub const TXEN0: u8 = 1 << 3;
+pub const UBRR0L: Register = Register(0xC4);
+pub const UDR0: Register = Register(0xC6);
+
 pub const MCUSR: Register = Register(0x54);
 pub const WDRF: u8 = 1 << 3;
+pub const EXTRF: u8 = 1 << 1;
 /// SPMCSR.
 pub const RWWSRE: u8 = 1 << 4;
 pub const PGWRT: u8 = 1 << 2;
@@ -95,3 +106,5 @@ pub const SELFPRGEN: u8 = 1 << 0;
 /// WDTCSR.
 pub const WDCE: u8 = 1 << 4;
 pub const WDE: u8 = 1 << 3;
+/// A timeout of a second.
+pub const WDP2_WDP1: u8 = 1 << 2 | 1 << 1;

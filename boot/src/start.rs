@@ -4,17 +4,12 @@
 
 use core::arch::{asm, global_asm};
 
-use node::handover::{CRC_START, REQUEST, REQUEST_LEN, RESTARTS, SHARED_RAM};
+use node::handover::{CRC_START, REQUEST_LEN};
 
+use crate::loader::{ADDRESS, Loader, variables};
 use crate::node_info::{MAINTENANCE, MODE};
-use crate::registers::{MCUSR, WDCE, WDE, WDRF};
-use crate::{crc, image};
-
-/// First byte of the RAM that the loader and the program share.
-const SHARED: u16 = match u16::from_str_radix(env!("RAM_END"), 10) {
-    Ok(end) => end - SHARED_RAM,
-    Err(_) => panic!("the RAM ends below 64 KB"),
-};
+use crate::registers::{EXTRF, MCUSR, WDCE, WDE, WDP2_WDP1, WDRF};
+use crate::{crc, image, serial};
 
 /// So many watchdog restarts, with less than a minute of the program between them, keep the loader from starting the program.
 const RESTARTS_ALLOWED: u8 = 3;
@@ -32,40 +27,27 @@ global_asm!(
     "    out 0x3D, r28",
     "    rjmp main",
     ".text",
-    stack = const SHARED - 1,
+    stack = const ADDRESS - 1,
 );
 
-/// Starts the program if it is to start. Returns true if the program has asked for an update, whose request is then in `request`.
+/// Starts the program if it is to start. Returns true if the program has asked for an update, whose request is in its place.
 #[inline(always)]
-pub fn decide(request: *mut [u8; REQUEST_LEN]) -> bool {
+pub fn decide(loader: &mut Loader) -> bool {
     let flags = MCUSR.read();
     // WDRF keeps the watchdog on (datasheet 11.9.2), so it must be cleared first.
     MCUSR.write(0);
-    set_watchdog(0);
-    let restarts = shared(RESTARTS);
     // After a power-on the RAM is random, but other flags than WDRF are set, too.
-    // SAFETY: `shared` returns a valid address, which nobody has a reference to.
-    let count = if flags == WDRF { unsafe { *restarts }.wrapping_add(1) } else { 0 };
-    // SAFETY: as above.
-    unsafe { *restarts = count };
-    let mut from = shared(REQUEST);
-    let mut to = request.cast::<u8>();
-    let mut len = REQUEST_LEN as u8;
-    loop {
-        // SAFETY: the loop reads the bytes of the request in the shared RAM, and writes those of the parameter.
-        unsafe {
-            *to = *from;
-            // A request counts once.
-            from.write_volatile(0);
-            (to, from) = (to.add(1), from.add(1));
-        }
-        len -= 1;
-        if len == 0 {
-            break;
-        }
+    let count = if flags == WDRF { loader.restarts.wrapping_add(1) } else { 0 };
+    set_watchdog(Timeout::Never);
+    loader.restarts = count;
+    if flags & EXTRF != 0 {
+        serial::serve(&mut loader.received);
     }
-    // SAFETY: these are the bytes of the parameter.
-    if unsafe { crc::of(CRC_START, request.cast(), REQUEST_LEN as u16) } == 0 {
+    let request = &mut loader.update.request;
+    // SAFETY: these are the bytes of the request.
+    if unsafe { crc::of(CRC_START, request.as_ptr(), REQUEST_LEN as u16) } == 0 {
+        // It counts once.
+        request[REQUEST_LEN - 1] ^= 1;
         return true;
     }
     if count < RESTARTS_ALLOWED && image::is_valid() {
@@ -75,28 +57,34 @@ pub fn decide(request: *mut [u8; REQUEST_LEN]) -> bool {
     false
 }
 
-/// Lets the watchdog reset the chip in 16 ms. That is enough time to send an answer. Ends an update.
+/// Lets the watchdog reset the chip soon. Ends an update.
 #[inline(never)]
 pub fn restart_soon() {
     MODE.write(MAINTENANCE);
-    // The reset makes this 0.
-    // SAFETY: `shared` returns a valid address, which nobody has a reference to.
-    unsafe { *shared(RESTARTS) = u8::MAX };
-    set_watchdog(WDE);
+    set_watchdog(Timeout::Soon);
 }
 
-/// Writes WDTCSR. WDE changes only within four cycles after WDCE is set (datasheet 11.8.2).
-#[inline(always)]
-fn set_watchdog(value: u8) {
+/// The time until the watchdog resets the chip.
+#[repr(u8)]
+pub enum Timeout {
+    /// It does not.
+    Never = 0,
+    /// 16 ms, which is enough to send an answer.
+    Soon = WDE,
+    /// A second.
+    Second = WDE | WDP2_WDP1,
+}
+
+/// Sets the watchdog. Its next reset does not count as one of the program.
+#[inline(never)]
+pub fn set_watchdog(timeout: Timeout) {
+    // The reset makes this 0.
+    // SAFETY: nobody has a reference to this field.
+    unsafe { (*variables()).restarts = u8::MAX };
+    // WDE changes only within four cycles after WDCE is set (datasheet 11.8.2).
     // SAFETY: the block writes only WDTCSR, at 0x60.
     unsafe {
-        asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) WDCE | WDE, value = in(reg) value,
+        asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) WDCE | WDE, value = in(reg) timeout as u8,
             options(nostack, preserves_flags));
     }
-}
-
-/// The address of a byte of the shared RAM.
-#[inline(always)]
-fn shared(offset: u16) -> *mut u8 {
-    core::ptr::with_exposed_provenance_mut(usize::from(SHARED + offset))
 }

@@ -34,15 +34,15 @@ const DATA: usize = PAYLOAD + 2;
 /// Length of the payload of an answer before the end of the file.
 const ANSWER_LEN: u16 = 2 + 256;
 
-/// An update: a request of file.Read, with room for the CRC before it, and what else belongs to an update.
+/// A request of file.Read, with room for the CRC before it, and the rest of the request for the update.
 #[repr(C)]
 pub struct Update {
-    crc: [u8; 2],
-    offset: [u8; 5],
-    /// What a program hands over: see [`node::handover`].
-    pub request: [u8; REQUEST_LEN],
     /// Length of the program. Set with the first answer.
     length: u16,
+    crc: [u8; 2],
+    offset: [u8; 5],
+    /// What a program hands over: path, length of the path, node ID of the server, CRC (see [`node::handover`]).
+    pub request: [u8; REQUEST_LEN],
 }
 
 /// True from the request until the restart.
@@ -110,7 +110,7 @@ impl Update {
     /// The request of file.Read: room for the CRC, and the payload behind it.
     #[inline(always)]
     pub fn buffer(&mut self) -> *mut u8 {
-        (&raw mut *self).cast()
+        (&raw mut self.crc).cast()
     }
 
     /// Takes server and path from a request of BeginFirmwareUpdate. Returns false if the path is too long.
