@@ -119,6 +119,7 @@ fn limit_sizes(chip: &str) {
     };
     // The target says that nothing is allowed above the limits; scripts/firmware allows more for firmware that is not for a chip. It
     // cannot replace a limit, because of two definitions the later one counts, and cargo puts these last.
+    set("NODE_BOOT_SECTION", &limit("flash").to_string());
     for argument in [
         format!("-Wl,--defsym=__TEXT_REGION_LENGTH__={}+__ABOVE_LIMITS__", limit("flash")),
         format!("-Wl,--defsym=__DATA_REGION_LENGTH__={}+__ABOVE_LIMITS__", limit("statics")),

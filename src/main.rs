@@ -12,6 +12,8 @@
 #[cfg(target_arch = "avr")]
 mod board;
 
+#[cfg(all(target_arch = "avr", feature = "update"))]
+use board::loader;
 #[cfg(target_arch = "avr")]
 use {
     board::{Board, flash::Image, guard},
@@ -38,6 +40,10 @@ fn main() -> ! {
     let timing = bit_rate::timing(node.parameters.get(Parameter::CanBaudrate) as u8);
     let (acceptance, attempts) = (node.acceptance(Image), node.attempts());
     board.bus.controller(|can| can.configure(Configuration { timing, acceptance, attempts }));
+    #[cfg(feature = "update")]
+    {
+        node.update.has_loader = loader::is_there();
+    }
     guard::start();
 
     loop {
@@ -74,7 +80,15 @@ fn main() -> ! {
                 if let Some(reading) = board.adc.take(node.parameters.is_on(Parameter::TempRef)) {
                     node.read_temperature(reading);
                 }
+                #[cfg(feature = "update")]
+                if node.has_run_a_minute() {
+                    loader::forget_restarts();
+                }
                 if node.is_to_restart(now_ms) {
+                    #[cfg(feature = "update")]
+                    if let Some(request) = node.hand_over(&mut board.eeprom) {
+                        loader::enter(Some(request));
+                    }
                     guard::restart(ResetCause::ASKED_FOR);
                 }
             }

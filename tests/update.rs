@@ -249,3 +249,68 @@ fn the_loader_comes_back_after_the_controller_has_lost_its_power() {
     bench.bench.board(0).take_violations();
     assert_eq!(bench.next_mode(), MAINTENANCE);
 }
+
+/// The ATmega168 has no room for the feature.
+fn asks_its_program() -> bool {
+    let asks = board().chip == sim::avr::Chip::Atmega328p;
+    if !asks {
+        println!("this is for the ATmega328P only");
+    }
+    asks
+}
+
+#[test]
+fn a_running_program_answers_and_lets_the_loader_update_it() {
+    if !asks_its_program() {
+        return;
+    }
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(300);
+    bench.server.files.insert("uno.bin".to_owned(), file());
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, b"\0uno.bin"), [OK]);
+    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
+    bench.wait_for_program(10_000);
+    let file = file();
+    assert!(bench.flash(file.len()) == file, "the program in flash is the file");
+}
+
+#[test]
+fn a_program_in_use_refuses_an_update_and_says_why() {
+    if !asks_its_program() {
+        return;
+    }
+    const INVALID_MODE: u8 = 1;
+    const IN_USE: &[u8] = b"armed, or a command in the last 2 s";
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(300);
+    // An ArmingStatus, and a position of an ArrayCommand.
+    for (id, data) in [(0x1804_4C0A, &[255, 0xC0][..]), (0x1003_F20A, &[1, 0, 0, 0x38, 0xC7][..])] {
+        bench.send(id, data);
+        bench.run_ms(20);
+        let response = bench.call(BEGIN_FIRMWARE_UPDATE, b"\0fw.bin");
+        assert_eq!((response[0], &response[1..]), (INVALID_MODE, IN_USE), "{id:08X}");
+        bench.run_ms(6000);
+    }
+    let long = [&[0][..], &[b'p'; 25]].concat();
+    let response = bench.call(BEGIN_FIRMWARE_UPDATE, &long);
+    assert_eq!((response[0], &response[1..]), (INVALID_MODE, &b"path longer than 24 characters"[..]));
+    assert_eq!(bench.begin_update("fw.bin"), OK);
+    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
+}
+
+#[test]
+fn a_program_that_hangs_again_and_again_leads_back_to_the_loader() {
+    if !asks_its_program() {
+        return;
+    }
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(300);
+    // WDR is 0x95A8, that of the main loop the last of the program; RJMP to itself is 0xCFFF.
+    let program = bench.flash(board().chip.boot_sections()[1]);
+    let wdr = (0x68..program.len()).step_by(2).rfind(|&at| program[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
+    bench.bench.board(0).avr_mut().load_flash(wdr, &[0xFF, 0xCF]);
+    bench.run_ms(2000);
+    assert_eq!(bench.next_mode(), MAINTENANCE);
+    assert_eq!(bench.begin_update("fw.bin"), OK);
+    bench.wait_for_program(10_000);
+}

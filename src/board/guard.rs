@@ -116,7 +116,14 @@ fn panic(_info: &PanicInfo) -> ! {
     restart(ResetCause::PANIC)
 }
 
-interrupt!(WDT { restart(ResetCause::WATCHDOG) });
+interrupt!(WDT {
+    // After the third restart within a minute, the bootloader waits for another program.
+    #[cfg(feature = "update")]
+    if super::loader::is_there() && super::loader::count_restart() {
+        super::loader::enter(None);
+    }
+    restart(ResetCause::WATCHDOG)
+});
 
 /// The handler that avr-libc calls for every interrupt without a handler.
 // Safety: avr-libc declares this name as a weak symbol for this purpose, and calls it as an interrupt handler, which this function is.

@@ -39,6 +39,8 @@ mod jitter;
 mod label;
 #[cfg(feature = "lights")]
 mod light;
+#[cfg(feature = "update")]
+pub mod loader;
 mod pins;
 mod serial;
 mod servo;

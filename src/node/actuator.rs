@@ -103,6 +103,18 @@ impl Actuator {
         };
     }
 
+    /// True if the last ArmingStatus said that the vehicle is armed.
+    #[cfg(feature = "update")]
+    pub fn is_armed(&self) -> bool {
+        self.armed_s != 0
+    }
+
+    /// True if a command was followed less than `time_ms` ago.
+    #[cfg(feature = "update")]
+    pub fn has_followed_within(&self, time_ms: u16, now_ms: u16) -> bool {
+        self.is_following && now_ms.wrapping_sub(self.followed_ms) < time_ms
+    }
+
     /// Takes an ArmingStatus.
     #[cfg(feature = "standard")]
     #[inline(always)]

@@ -43,6 +43,8 @@ pub mod servo;
 pub mod store;
 pub mod temperature;
 pub mod thermometer;
+#[cfg(feature = "update")]
+pub mod update;
 pub mod wire;
 
 use dronecan_wire::{NodeId, Rejection, Verdict};
@@ -77,6 +79,8 @@ use button::Button;
 use lights::Lights;
 #[cfg(any(feature = "allocation", feature = "button"))]
 use publisher::Publication;
+#[cfg(feature = "update")]
+use update::Update;
 
 /// The flash with all tables of the node.
 pub trait Constants: Progmem<Descriptions> + Progmem<Information> {
@@ -167,6 +171,9 @@ pub struct Node {
     lights: Lights,
     #[cfg(feature = "button")]
     button: Button,
+    /// What the node knows of updates over the bus.
+    #[cfg(feature = "update")]
+    pub update: Update,
 }
 
 impl Node {
@@ -198,6 +205,8 @@ impl Node {
             lights: Lights::new(),
             #[cfg(feature = "button")]
             button: Button::new(),
+            #[cfg(feature = "update")]
+            update: Update::new(),
         }
     }
 
@@ -304,6 +313,12 @@ impl Node {
     /// True if it is time to restart the program.
     pub fn is_to_restart(&self, now_ms: u16) -> bool {
         self.services.is_to_restart(now_ms)
+    }
+
+    /// True if the program has run for a minute.
+    #[cfg(feature = "update")]
+    pub fn has_run_a_minute(&self) -> bool {
+        self.uptime_sec >= 60
     }
 
     /// Takes a reading of the temperature sensor.
@@ -449,7 +464,7 @@ impl Node {
             Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),
             Verdict::Request(request) => {
                 self.note.a = request.kind.id();
-                let line = self.serve(request, flash);
+                let line = self.serve(request, now_ms, flash);
                 self.conclude(line, request, monitor);
             }
         }

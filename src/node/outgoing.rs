@@ -59,6 +59,9 @@ pub struct Payload {
     /// The parameter of a [`Form::Parameter`], its value, and the place of its name in the flash.
     #[cfg(feature = "standard")]
     pub parameter: (u8, u16, u16),
+    /// The place of the text of a [`Form::Text`] in the information in flash.
+    #[cfg(feature = "update")]
+    pub text_at: u8,
     /// The kept bytes.
     kept: [u8; KEPT],
 }
@@ -122,6 +125,8 @@ impl Outgoing {
                 form: Form::Kept,
                 #[cfg(feature = "standard")]
                 parameter: (0, 0, 0),
+                #[cfg(feature = "update")]
+                text_at: information::NO_UPDATE_AT,
                 kept: [0; KEPT],
             },
             frame: Frame::EMPTY,
@@ -279,7 +284,13 @@ impl Payload {
             #[cfg(feature = "standard")]
             Form::Text if at == 0 => self.kept(0),
             #[cfg(feature = "standard")]
-            Form::Text => flash.information(information::NO_UPDATE_AT - 1 + at),
+            Form::Text => {
+                #[cfg(feature = "update")]
+                let text_at = self.text_at;
+                #[cfg(not(feature = "update"))]
+                let text_at = information::NO_UPDATE_AT;
+                flash.information(text_at - 1 + at)
+            }
             #[cfg(feature = "stats")]
             Form::Numbers48 => {
                 let (number, at) = (at / 6, at % 6);

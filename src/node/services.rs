@@ -12,6 +12,8 @@ use super::{Node, Sending, information};
 use crate::monitor::{Line, Monitor};
 use crate::progmem::Progmem;
 
+#[cfg(feature = "update")]
+use super::update::Verdict;
 #[cfg(feature = "standard")]
 use super::{Chore, condition::Conditions, parameters, parameters::Parameters};
 #[cfg(feature = "draft")]
@@ -30,7 +32,7 @@ const OPCODE_SAVE: u8 = 0;
 const OPCODE_ERASE: u8 = 1;
 
 /// BeginFirmwareUpdate: ERROR_INVALID_MODE, the node cannot do it in this state.
-#[cfg(feature = "standard")]
+#[cfg(all(feature = "standard", not(feature = "update")))]
 const ERROR_INVALID_MODE: u8 = 1;
 
 /// A response that waits to be sent.
@@ -40,7 +42,7 @@ struct Reply {
     to: u8,
     priority: u8,
     transfer_id: u8,
-    /// GetSet: the index of the parameter. ExecuteOpcode, RestartNode: 1 if accepted, else 0.
+    /// GetSet: the index of the parameter. ExecuteOpcode, RestartNode: 1 if accepted, else 0. BeginFirmwareUpdate: the verdict.
     argument: u8,
     /// GetSet: the value after the request.
     value: u16,
@@ -109,7 +111,11 @@ impl Services {
         let &mut Reply { kind, argument, .. } = self.place(0);
         self.count -= 1;
         self.first = (self.first + 1) % WAITING as u8;
-        if kind == Kind::RestartNode && argument != 0 && !self.is_to_restart {
+        #[cfg(feature = "update")]
+        let is_update = kind == Kind::BeginFirmwareUpdate && argument == Verdict::Accepted as u8;
+        #[cfg(not(feature = "update"))]
+        let is_update = false;
+        if (kind == Kind::RestartNode && argument != 0 || is_update) && !self.is_to_restart {
             self.is_to_restart = true;
             self.restart_ms = now_ms.wrapping_add(RESTART_MS);
         }
@@ -131,7 +137,7 @@ impl Default for Services {
 impl Node {
     /// Acts on a request and queues its response. Returns the line to log.
     #[inline(always)]
-    pub(super) fn serve(&mut self, request: &Transfer, flash: impl Progmem<Descriptions>) -> Line {
+    pub(super) fn serve(&mut self, request: &Transfer, now_ms: u16, flash: impl Progmem<Descriptions>) -> Line {
         #[allow(unused_mut, reason = "a build may have no other line")]
         let mut line = Line::Request;
         let mut argument = 0;
@@ -166,6 +172,14 @@ impl Node {
                 }
                 argument = u8::from(opcode == OPCODE_SAVE || opcode == OPCODE_ERASE);
             }
+            #[cfg(feature = "update")]
+            Kind::BeginFirmwareUpdate => {
+                let verdict = self.begin_update(request, now_ms);
+                argument = verdict as u8;
+                if verdict == Verdict::Accepted {
+                    self.actuator.fail_safe(&self.parameters);
+                }
+            }
             // The magic number is 0xACCE551B1E (DSDL 5.RestartNode.uavcan).
             Kind::RestartNode
                 if request.len() == 5 && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]) =>
@@ -175,7 +189,7 @@ impl Node {
             }
             _ => {}
         }
-        let _ = flash;
+        let _ = (now_ms, flash);
         let services = &mut self.services;
         let reply = services.place(services.count);
         reply.kind = request.kind;
@@ -238,7 +252,21 @@ impl Node {
                 self.outgoing.payload.parameter = (reply.argument, reply.value, name_at);
                 self.outgoing.payload.len = parameters::NUMBERS_LEN + flash.byte(name_at - 1);
             }
-            #[cfg(feature = "standard")]
+            // A restart would cut off the save, to which the response comes later.
+            #[cfg(all(feature = "save-answers", feature = "update"))]
+            Kind::BeginFirmwareUpdate if self.store.is_saving() => {
+                self.services.postpone();
+                return false;
+            }
+            #[cfg(feature = "update")]
+            Kind::BeginFirmwareUpdate => {
+                let (error, text_at, text_len) = Verdict::from_number(reply.argument).response();
+                self.outgoing.put8(error);
+                self.outgoing.payload.form = Form::Text;
+                self.outgoing.payload.text_at = text_at;
+                self.outgoing.payload.len = 1 + text_len;
+            }
+            #[cfg(all(feature = "standard", not(feature = "update")))]
             Kind::BeginFirmwareUpdate => {
                 self.outgoing.put8(ERROR_INVALID_MODE);
                 self.outgoing.payload.form = Form::Text;

@@ -266,6 +266,11 @@ impl UpdateBench {
         transfer_id
     }
 
+    /// Sends a frame of another node.
+    pub fn send(&mut self, id: u32, data: &[u8]) {
+        self.peer.borrow_mut().send(Frame::extended(id, data));
+    }
+
     /// Sends a request to the node, and waits for the response.
     #[track_caller]
     pub fn call(&mut self, service: u8, payload: &[u8]) -> Vec<u8> {
@@ -292,10 +297,12 @@ impl UpdateBench {
 
     /// Payloads of the node's NodeStatus messages, oldest first.
     pub fn statuses(&self) -> Vec<(u64, &[u8])> {
-        let is_status = |transfer: &Transfer| {
-            matches!(transfer.id, CanId::Message { type_id: NODE_STATUS, source, .. } if source.get() == self.node)
-        };
-        self.transfers.iter().filter(|(_, transfer)| is_status(transfer)).map(|(at, transfer)| (*at, &transfer.payload[..])).collect()
+        let is_status = |transfer: &Transfer| matches!(transfer.id, CanId::Message { type_id: NODE_STATUS, source, .. } if source.get() == self.node);
+        self.transfers
+            .iter()
+            .filter(|(_, transfer)| is_status(transfer))
+            .map(|(at, transfer)| (*at, &transfer.payload[..]))
+            .collect()
     }
 
     /// The mode in the next NodeStatus.
