@@ -92,8 +92,8 @@ impl Node {
         }
         let &[server, ref path @ ..] = request.bytes();
         let record = &mut self.update.request;
-        for n in 0..PATH_LEN {
-            record[n] = path[n];
+        for (to, from) in record.iter_mut().zip(path).take(PATH_LEN) {
+            *to = *from;
         }
         record[PATH_LEN] = path_len;
         // 0 is the sender itself.
