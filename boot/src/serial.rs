@@ -71,6 +71,7 @@ pub fn serve(buffer: &mut [u8; RECEIVED_LEN]) -> ! {
         }
         if receive() != CRC_EOP {
             // Out of step: the session ends.
+            #[allow(clippy::empty_loop, reason = "the watchdog ends it")]
             loop {}
         }
         send(INSYNC);

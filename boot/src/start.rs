@@ -8,7 +8,7 @@ use node::handover::{CRC_START, REQUEST_LEN};
 
 use crate::loader::{ADDRESS, Loader, variables};
 use crate::node_info::{MAINTENANCE, MODE};
-use crate::registers::{EXTRF, MCUSR, WDCE, WDE, WDP2_WDP1, WDRF};
+use crate::registers::{EXTRF, MCUSR, PORF, WDCE, WDE, WDP2_WDP1, WDRF};
 use crate::{crc, image, serial};
 
 /// So many watchdog restarts, with less than a minute of the program between them, keep the loader from starting the program.
@@ -40,7 +40,8 @@ pub fn decide(loader: &mut Loader) -> bool {
     let count = if flags == WDRF { loader.restarts.wrapping_add(1) } else { 0 };
     set_watchdog(Timeout::Never);
     loader.restarts = count;
-    if flags & EXTRF != 0 {
+    // A serial port resets the chip by its pin. A power-on may set the same flag, and is to start the program at once.
+    if flags & (PORF | EXTRF) == EXTRF {
         serial::serve(&mut loader.received);
     }
     let request = &mut loader.update.request;

@@ -54,7 +54,7 @@ pub fn is_active() -> bool {
 /// True if a request of file.Read is to be sent.
 #[inline(always)]
 pub fn is_read_due() -> bool {
-    is_active() && SILENCE.read() % RETRY == 0
+    is_active() && SILENCE.read().is_multiple_of(RETRY)
 }
 
 /// Begins to read the file.
