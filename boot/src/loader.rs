@@ -34,13 +34,19 @@ pub struct Loader {
     pub information: Information,
     /// Ends with the request for an update, where the shared RAM begins.
     pub update: Update,
-    /// Count of watchdog restarts.
-    pub restarts: u8,
 }
 
-/// The linker places it at the end of the RAM, so that the last ones are in the part that the program leaves alone (build.rs).
+/// The end of the RAM.
+#[repr(C)]
+struct EndOfRam {
+    loader: Loader,
+    /// Count of watchdog restarts.
+    restarts: u8,
+}
+
+/// The linker places it so that the request and the count are in the part that the program leaves alone (build.rs).
 #[unsafe(link_section = ".noinit")]
-static mut LOADER: MaybeUninit<Loader> = MaybeUninit::uninit();
+static mut END_OF_RAM: MaybeUninit<EndOfRam> = MaybeUninit::uninit();
 
 /// Bytes of the variables before the request.
 const BEFORE_REQUEST: usize = offset_of!(Loader, update.request);
@@ -49,14 +55,17 @@ const BEFORE_REQUEST: usize = offset_of!(Loader, update.request);
 pub const ADDRESS: u16 = decimal(env!("RAM_END")) - SHARED_RAM - BEFORE_REQUEST as u16;
 
 const _: () = assert!(ADDRESS == decimal(env!("VARIABLES")), "boot/build.rs has another length of the variables");
-const _: () = assert!(REQUEST == 0 && RESTARTS as usize == offset_of!(Loader, restarts) - BEFORE_REQUEST);
+const _: () = assert!(REQUEST == 0 && RESTARTS as usize == offset_of!(EndOfRam, restarts) - BEFORE_REQUEST);
 
-/// The variables.
+/// The count of watchdog restarts.
 #[inline(always)]
-pub fn variables() -> *mut Loader {
-    (&raw mut LOADER).cast()
+pub fn restarts() -> *mut u8 {
+    let end_of_ram = (&raw mut END_OF_RAM).cast::<EndOfRam>();
+    // SAFETY: the pointer is to a static, so the field is valid.
+    unsafe { &raw mut (*end_of_ram).restarts }
 }
 
+/// The number with these digits.
 pub const fn decimal(digits: &str) -> u16 {
     match u16::from_str_radix(digits, 10) {
         Ok(number) => number,
@@ -90,9 +99,10 @@ const CRC_OF_MAGIC: u16 = {
 
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
+    let variables = (&raw mut END_OF_RAM).cast::<Loader>();
     // SAFETY: this is the only reference, and any bytes are valid. The loop clears all but what the program has left.
     let loader = unsafe {
-        let mut byte = variables().cast::<u8>();
+        let mut byte = variables.cast::<u8>();
         let mut left = BEFORE_REQUEST as u16;
         loop {
             byte.write_volatile(0);
@@ -102,7 +112,7 @@ extern "C" fn main() -> ! {
                 break;
             }
         }
-        &mut *variables()
+        &mut *variables
     };
     MODE.write(MAINTENANCE);
     if start::decide(loader) {

@@ -1,20 +1,24 @@
 //! The bootloader: takes a program over DroneCAN, writes it, and starts it. docs/update.md describes it to its users.
 //!
-//! The loader is one loop without interrupts. Each turn sends at most one transfer: the NodeStatus of each second, a request for the next part of the
-//! file, or the answer to a request.
+//! The story: a reset leads to `start.rs`, which calls `main` in `loader.rs`. That decides whether the program starts (`start::decide`). If not, the
+//! loader is one loop without interrupts. Each turn sends at most one transfer: the NodeStatus of each second, a request for the next part of the file,
+//! or the answer to a request.
 //!
 //! | file | what it does |
 //! | --- | --- |
 //! | `start.rs` | from the reset to the decision: start the program, or stay |
+//! | `loader.rs` | `main`, its loop, and the answers to requests |
+//! | `update.rs` | reads the file, and writes the program |
+//! | `serial.rs` | takes a program through the serial port |
 //! | `image.rs` | checks the program in flash |
-//! | `can.rs` | the MCP2515 |
+//! | `node_info.rs` | what the node says about itself |
 //! | `transfer.rs` | frames to transfers, transfers to frames |
-//! | `node.rs` | what the node says about itself |
-//! | `update.rs` | reads the file and writes the program |
-//! | `spm.rs`, `eeprom.rs`, `clock.rs`, `registers.rs` | the chip |
+//! | `can.rs` | the MCP2515 |
+//! | `spm.rs`, `eeprom.rs`, `clock.rs`, `registers.rs`, `crc.rs` | the chip, and the CRC |
 //!
-//! The code is bent for size, with rustc of rust-toolchain.toml: `main` never returns and contains all functions but the smallest, which call no
-//! others; and all variables are in one struct, whose fields two-byte instructions reach from a pointer.
+//! The code is bent for size, with rustc of rust-toolchain.toml and the options of scripts/boot: `main` contains all functions but a few that call none or
+//! one. Loops end with `if left == 0 { break }` instead of `for`, which takes four bytes less. Variables of a byte are in I/O registers
+//! that have no other use. docs/decisions.md has what that is worth.
 
 #![cfg_attr(target_arch = "avr", no_std, no_main, feature(asm_experimental_arch))]
 #![deny(unsafe_op_in_unsafe_fn, clippy::undocumented_unsafe_blocks)]

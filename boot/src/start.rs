@@ -6,7 +6,7 @@ use core::arch::{asm, global_asm};
 
 use node::handover::{CRC_START, REQUEST_LEN};
 
-use crate::loader::{ADDRESS, Loader, variables};
+use crate::loader::{ADDRESS, Loader, restarts};
 use crate::node_info::{MAINTENANCE, MODE};
 use crate::registers::{EXTRF, MCUSR, PORF, WDCE, WDE, WDP2_WDP1, WDRF};
 use crate::{crc, image, serial};
@@ -37,9 +37,11 @@ pub fn decide(loader: &mut Loader) -> bool {
     // WDRF keeps the watchdog on (datasheet 11.9.2), so it must be cleared first.
     MCUSR.write(0);
     // After a power-on the RAM is random, but other flags than WDRF are set, too.
-    let count = if flags == WDRF { loader.restarts.wrapping_add(1) } else { 0 };
+    // SAFETY: only this module uses the count.
+    let count = if flags == WDRF { unsafe { *restarts() }.wrapping_add(1) } else { 0 };
     set_watchdog(Timeout::Never);
-    loader.restarts = count;
+    // SAFETY: as above.
+    unsafe { *restarts() = count };
     // A serial port resets the chip by its pin. A power-on may set the same flag, and is to start the program at once.
     if flags & (PORF | EXTRF) == EXTRF {
         serial::serve(&mut loader.received);
@@ -80,8 +82,8 @@ pub enum Timeout {
 #[inline(never)]
 pub fn set_watchdog(timeout: Timeout) {
     // The reset makes this 0.
-    // SAFETY: nobody has a reference to this field.
-    unsafe { (*variables()).restarts = u8::MAX };
+    // SAFETY: as in `decide`.
+    unsafe { *restarts() = u8::MAX };
     // WDE changes only within four cycles after WDCE is set (datasheet 11.8.2).
     // SAFETY: the block writes only WDTCSR, at 0x60.
     unsafe {

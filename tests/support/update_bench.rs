@@ -119,6 +119,9 @@ pub struct UpdateBench {
     pub transfers: Vec<(u64, Transfer)>,
     transfer_id: TransferId,
     pub node: u8,
+    /// How much of the bus messages of others take.
+    pub fill_bus_percent: u64,
+    other: Rc<RefCell<SoftNode>>,
 }
 
 impl UpdateBench {
@@ -150,8 +153,10 @@ impl UpdateBench {
         bench.add_board(Board::wired(avr, &wiring).unwrap_or_else(|error| panic!("{error:#}")), "node");
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("server", peer.clone());
+        let other = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
+        bench.attach("other", other.clone());
         let server = Server { files: BTreeMap::from([("fw.bin".to_owned(), file())]), ..Server::default() };
-        UpdateBench {
+        let mut bench = UpdateBench {
             bench,
             peer,
             server,
@@ -159,7 +164,12 @@ impl UpdateBench {
             transfers: Vec::new(),
             transfer_id: TransferId::default(),
             node: NODE,
-        }
+            fill_bus_percent: 0,
+            other,
+        };
+        // Until the loader is on the bus.
+        bench.run_ms(20);
+        bench
     }
 
     /// A board with the loader, and the record of node ID 42 and 125 kbit/s in EEPROM.
@@ -217,6 +227,12 @@ impl UpdateBench {
 
     #[track_caller]
     pub fn step(&mut self) {
+        if self.fill_bus_percent != 0 && self.other.borrow().queued() == 0 {
+            // An actuator.Status of node 50 is about 140 bits.
+            let bit = 16_000_000 / u64::from(board().fastest_bit_rate());
+            let due = self.bench.now() + 140 * bit * (100 - self.fill_bus_percent) / self.fill_bus_percent;
+            self.other.borrow_mut().send_at(due, Frame::extended(0x1003_F332, &[0x55, 2, 3, 4, 5, 6, 7, 0xC1]));
+        }
         self.bench.run_until(self.bench.now() + MS / 10);
         let received = self.peer.borrow_mut().take_received();
         for (at, frame) in received {

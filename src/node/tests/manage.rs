@@ -607,3 +607,35 @@ fn statuses_go_on_while_a_client_keeps_asking_and_saving() {
         assert!((500..=1025).contains(&gap), "{gap} ms");
     }
 }
+
+#[cfg(feature = "update")]
+#[test]
+fn an_accepted_update_is_handed_over_with_server_path_node_id_and_bit_rate() {
+    use crate::handover::{BUS, PATH_LEN, REQUEST_LEN};
+    let mut rig = Rig::new();
+    rig.node.update.has_loader = true;
+    assert!(rig.node.hand_over(&mut Memory::blank()).is_none(), "nobody has asked");
+    assert_eq!(rig.ask("1E28F8FF 00 66 77 2E 62 69 6E C9"), "1E287FF8 00 C9");
+    let mut eeprom = Memory::blank();
+    let request = *rig.node.hand_over(&mut eeprom).expect("a request");
+    assert_eq!(request[..6], *b"fw.bin");
+    assert_eq!(request[PATH_LEN..REQUEST_LEN - 2], [6, 127], "the sender is the server");
+    let crc = |bytes: &[u8]| bytes.iter().fold(0xFFFF, |crc, &byte| dronecan_wire::crc::add(crc, byte));
+    assert_eq!(crc(&request), 0);
+    let bus = &eeprom.cells[usize::from(BUS)..usize::from(BUS) + 6];
+    let timing = bit_rate::timing(rig.node.parameters.get(Parameter::CanBaudrate) as u8);
+    assert_eq!(bus[..4], [120, timing.cnf3(), timing.cnf2(), timing.cnf1()]);
+    assert_eq!(crc(bus), 0);
+    // The same record is not written again: a worn EEPROM keeps it.
+    eeprom.is_broken = true;
+    assert!(rig.node.hand_over(&mut eeprom).is_some());
+}
+
+#[cfg(feature = "update")]
+#[test]
+fn a_server_of_its_own_is_handed_over() {
+    let mut rig = Rig::new();
+    rig.node.update.has_loader = true;
+    assert_eq!(rig.ask("1E28F8FF 2A 66 77 2E 62 69 6E C9"), "1E287FF8 00 C9");
+    assert_eq!(rig.node.hand_over(&mut Memory::blank()).expect("a request")[25], 42);
+}
