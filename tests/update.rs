@@ -342,3 +342,46 @@ fn an_update_of_another_node_at_the_same_time_changes_nothing() {
     let file = file();
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
+
+/// Updates with power cuts at random times. After each the board has a whole program or waits in its loader.
+fn cut_power_at_random(cuts: u64, seed: u64) {
+    let whole = file();
+    let mut state = seed;
+    let mut random = |limit: u64| {
+        // The generator of Numerical Recipes; its upper bits are good.
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) % limit
+    };
+    let mut bench = UpdateBench::with(&[(0, whole.clone())], &[], board().fastest_bit_rate());
+    for cut in 0..cuts {
+        if bench.next_mode() != MAINTENANCE {
+            bench.wait_in_the_loader();
+        }
+        assert_eq!(bench.begin_update("fw.bin"), OK, "cut {cut}");
+        let end = bench.bench.now() + random(900 * 16_000);
+        while bench.bench.now() < end {
+            bench.step();
+        }
+        bench.cut_power();
+        let mode = bench.next_mode();
+        assert!(mode <= MAINTENANCE, "mode {mode} after cut {cut}");
+        assert!(mode == MAINTENANCE || bench.flash(whole.len()) == whole, "a part of a program runs after cut {cut}");
+    }
+    if bench.next_mode() != MAINTENANCE {
+        bench.wait_in_the_loader();
+    }
+    bench.begin_update("fw.bin");
+    bench.wait_for_program(10_000);
+    assert!(bench.flash(whole.len()) == whole, "the program in flash is the file");
+}
+
+#[test]
+fn ten_random_power_cuts_leave_no_brick() {
+    cut_power_at_random(10, 1);
+}
+
+#[test]
+#[ignore = "takes long"]
+fn a_hundred_random_power_cuts_leave_no_brick() {
+    cut_power_at_random(100, 2);
+}
