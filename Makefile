@@ -154,6 +154,7 @@ test-all: test lint
 test-boards:
 	@scripts/setup build
 	@scripts/firmware --every-board
+	@scripts/boot --every-board
 
 fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test -p node --test fuzz -- --nocapture

@@ -23,6 +23,9 @@ mod command {
     pub const READ_SIGN: u8 = b'u';
 }
 
+/// Type of the memory in PROG_PAGE and READ_PAGE: the flash. The loader has no other, and reads the flash instead.
+const FLASH: u8 = b'F';
+
 /// End of a command.
 const CRC_EOP: u8 = b' ';
 /// Begin and end of an answer.
@@ -78,7 +81,7 @@ pub fn serve(buffer: &mut [u8; RECEIVED_LEN]) -> ! {
         if command == command::LOAD_ADDRESS {
             // The address counts words.
             address = u16::from_le_bytes([buffer[0], buffer[1]]) << 1;
-        } else if command == command::PROG_PAGE {
+        } else if command == command::PROG_PAGE && buffer[2] == FLASH {
             // SAFETY: the page follows the length and the type.
             unsafe { spm::write_page(address, (&raw const buffer[3]).cast()) };
         } else if command == command::READ_PAGE {
