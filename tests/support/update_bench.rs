@@ -353,6 +353,8 @@ impl UpdateBench {
     pub fn cut_power(&mut self) {
         self.bench.board(0).reset(ResetCause::PowerOn);
         self.assembler = Assembler::new();
+        // It may have been in the middle of an instruction for the controller.
+        self.bench.board(0).take_violations();
         // The others see an error in what the node was sending.
         self.bench.run_for_ms(1);
         self.peer.borrow_mut().take_received();
