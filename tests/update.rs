@@ -225,7 +225,7 @@ fn the_loader_restarts_for_the_magic_number_only() {
 
 #[test]
 fn three_watchdog_restarts_lead_to_the_loader_and_the_reset_button_back() {
-    use sim::avr::ResetCause::{External, Watchdog};
+    use bench::avr::ResetCause::{External, Watchdog};
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
     for _ in 0..2 {
@@ -252,7 +252,7 @@ fn the_loader_comes_back_after_the_controller_has_lost_its_power() {
 
 /// The ATmega168 has no room for the feature.
 fn asks_its_program() -> bool {
-    let asks = board().chip == sim::avr::Chip::Atmega328p;
+    let asks = board().chip == bench::avr::Chip::Atmega328p;
     if !asks {
         println!("this is for the ATmega328P only");
     }

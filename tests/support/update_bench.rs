@@ -7,12 +7,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 
-use sim::avr::{Avr, Firmware, ResetCause};
-use sim::bench::{Bench, chosen_board, eeprom_after_first_start, node_elf, target_dir};
-use sim::board::Board;
-use sim::can::{Frame, Id, SoftNode};
-use sim::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
-use sim::wiring::Wiring;
+use bench::avr::{Avr, Firmware, ResetCause};
+use bench::board::Board;
+use bench::can::{Frame, Id, SoftNode};
+use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
+use bench::wiring::Wiring;
+use bench::{Bench, chosen_board, eeprom_after_first_start, node_elf, target_dir};
 
 /// CPU cycles in a millisecond.
 const MS: u64 = 16_000;
@@ -237,7 +237,7 @@ impl UpdateBench {
         let received = self.peer.borrow_mut().take_received();
         for (at, frame) in received {
             let Id::Extended(id) = frame.id else { panic!("{frame:?}") };
-            match self.assembler.push(id, frame.data(), sim::elapsed(at)) {
+            match self.assembler.push(id, frame.data(), bench::elapsed(at)) {
                 Outcome::Partial => {}
                 Outcome::Invalid(why) => panic!("{why}: {frame:?}"),
                 Outcome::Complete(transfer) => {
