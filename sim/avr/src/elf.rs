@@ -69,7 +69,7 @@ impl Firmware {
     /// If the file is missing or is not an AVR executable.
     pub fn read(path: &Path) -> Result<Firmware> {
         if !path.exists() {
-            let text = format!("{} does not exist: run \"make firmware\" first", path.display());
+            let text = format!("{} does not exist: run \"make firmware\", or name an ELF with --elf", path.display());
             return Err(io::Error::new(io::ErrorKind::NotFound, text).into());
         }
         let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
