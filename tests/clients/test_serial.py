@@ -1,5 +1,6 @@
 """The Arduino's serial port: uploads through its genuine boot loader, and the serial monitor."""
 
+import fcntl
 import os
 import pathlib
 import re
@@ -12,7 +13,7 @@ import pytest
 import serial
 from dronecan import uavcan
 
-from conftest import ROOT, node_elf, program, wait_until
+from conftest import ROOT, TARGET, node_elf, program, wait_until
 
 # Debian's arduino-core-avr.
 BOOTLOADERS = pathlib.Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
@@ -67,7 +68,11 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_monitor(empty_board):
         return output.read_text(errors="replace").partition(f"Console {used.serial}")[2]
 
     with open(output, "wb") as file:
-        cargo = used.start(*shlex.split(CARGO_RUN), cwd=ROOT, env=environment, stdout=file)
+        with open(TARGET / "firmware/lock", "w") as lock:
+            # As scripts/firmware: nobody else may build before avrdude has read the ELF.
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            cargo = used.start(*shlex.split(CARGO_RUN), cwd=ROOT, env=environment, stdout=file)
+            wait_until(lambda: b"flash written" in output.read_bytes() or cargo.poll() is not None, "written flash", timeout=120)
         wait_until(lambda: "temperature +" in shown() or cargo.poll() is not None, "line of the monitor", timeout=120)
         # As the terminal does at Ctrl-C.
         os.killpg(cargo.pid, signal.SIGINT)
