@@ -32,12 +32,14 @@ ON_UNO_MODULE := budget controller load parameters restart servo temperature
 # The tests' board.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 VENV := .venv
+# Programs for this machine.
+PROGRAMS := $(abspath $(TARGET_DIR))/release
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge sim-program bridge-program lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
-	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\")"
+	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
 	@echo "make test       every test that CI runs, about 20 minutes the first time; installs what is missing first"
@@ -62,21 +64,35 @@ help:
 	@echo "BOARD=uno SHIELD=module chooses another board for them and for test; a wrong name lists the right ones. CS=D8 INT=D3 CRYSTAL=8 are for"
 	@echo "wires of your own. See docs/wiring.md."
 
-sim: firmware
-	NODE_ELF=$(ELF) cargo run --quiet --release -p sim -- $(ARGS)
+# What compiles tells on stderr what it does, so that stdout is the program's own.
+sim:
+	@$(MAKE) --no-print-directory firmware sim-program >&2
+	@NODE_ELF=$(ELF) $(PROGRAMS)/sim $(ARGS)
 
 # Debugs an ELF of its own: see docs/bench.md.
-gdb: firmware-gdb
-	NODE_ELF=$(GDB_ELF) cargo run --quiet --release -p sim -- --plain --gdb 3333 $(ARGS)
+gdb:
+	@$(MAKE) --no-print-directory firmware-gdb sim-program >&2
+	@NODE_ELF=$(GDB_ELF) $(PROGRAMS)/sim --plain --gdb 3333 $(ARGS)
 
-bridge: firmware
-	@scripts/setup bridge
-	@$(MAKE) --no-print-directory $(VENV)/installed
-	@cargo build --quiet --release -p sim -p bridge
+bridge:
+	@scripts/setup bridge >&2
+	@$(MAKE) --no-print-directory firmware $(VENV)/installed sim-program bridge-program >&2
 	@$(VENV)/bin/python scripts/bridge-demo $(ARGS)
+
+# A call for each, so that cargo builds for one what it has built for the other.
+sim-program:
+	@scripts/setup build
+	@test -e $(PROGRAMS)/sim || echo "Compiling the simulator: four minutes on two cores the first time"
+	@cargo build --release -p sim
+
+bridge-program:
+	@scripts/setup build
+	@test -e $(PROGRAMS)/bridge || echo "Compiling the bridge: a minute on two cores the first time"
+	@cargo build --release -p bridge
 
 firmware:
 	@scripts/setup build
+	@test -e $(ELF) || echo "Compiling the firmware: a minute on two cores the first time"
 	@scripts/firmware $(WIRING) '$(FEATURES)'
 
 firmware-gdb:
@@ -177,6 +193,7 @@ setup:
 	@scripts/setup test
 
 $(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alone.txt
+	@echo "Installing pydronecan, pymavlink, MAVProxy and python-can into $(VENV): half a minute"
 	python3 -m venv $(VENV)
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check -r $<
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r tests/clients/requirements-alone.txt
