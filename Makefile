@@ -32,16 +32,18 @@ ON_UNO_MODULE := budget controller load parameters restart servo temperature
 # The tests' board.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 VENV := .venv
-# Programs for this machine.
+# Programs for this machine, and the directory in whose bin "make install" puts them.
 PROGRAMS := $(abspath $(TARGET_DIR))/release
+PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge sim-program bridge-program lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge sim-program bridge-program install lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
+	@echo "make install    the firmware, and the commands sim and bridge in ~/.cargo/bin  (PREFIX=/usr/local for /usr/local/bin)"
 	@echo "make test       every test that CI runs, about 20 minutes the first time; installs what is missing first"
 	@echo "make test-all   that, and then the long ones below"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
@@ -89,6 +91,12 @@ bridge-program:
 	@scripts/setup build
 	@test -e $(PROGRAMS)/bridge || echo "Compiling the bridge: a minute on two cores the first time"
 	@cargo build --release -p bridge
+
+# The installed sim finds the firmware where "make firmware" leaves it. Offline: all has been compiled, and cargo would look for newer crates.
+install: firmware sim-program bridge-program
+	@set -e; for program in sim bridge; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$program; done
+	@echo "Installed sim and bridge in $(PREFIX)/bin"
+	@case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo "The shell does not look there yet: add it to PATH" ;; esac
 
 firmware:
 	@scripts/setup build
