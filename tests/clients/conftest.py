@@ -109,6 +109,22 @@ def free_port():
         return listener.getsockname()[1]
 
 
+# What is started in the namespace dies with its first process.
+UNSHARE = ["unshare", "--net", "--pid", "--fork", "--kill-child"]
+
+
+@functools.cache
+def namespace(setup):
+    """The start of a command line with a network of its own, after `setup` as its root: as root, as the root of a user namespace, or by sudo."""
+    back = ["setpriv", f"--reuid={os.getuid()}", f"--regid={os.getgid()}", "--clear-groups"]
+    ways = [(UNSHARE, []), ([*UNSHARE, "--map-root-user"], []), (["sudo", "-n", "--preserve-env", *UNSHARE], back)]
+    for way, user in ways:
+        line = [*way, "sh", "-c", f'set -e\n{setup}\nexec "$@"', "sh", *user]
+        if shutil.which(way[0]) and subprocess.run([*line, "true"], capture_output=True).returncode == 0:
+            return line
+    pytest.fail("no network namespace to be had: be root, or let sudo work without a password")
+
+
 class Client:
     """A pydronecan node on one of the bench's SLCAN adapters, or on its multicast bus."""
 
