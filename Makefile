@@ -157,8 +157,9 @@ test-uno:
 	NODE_BOARD=uno NODE_SHIELD=module cargo test -p node -p bridge $(addprefix --test ,$(ON_UNO_MODULE)) $(LONG_TESTS)
 
 # They mostly wait for real time. Their node is on the default board.
+CLIENTS := not long
 test-clients:
-	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile tests/clients
+	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile -m '$(CLIENTS)' tests/clients
 
 # What takes long, one after the other; a new one goes to the end of the list.
 LONG := reliability elf-mutants fuzz fuzz-coverage soak
@@ -170,6 +171,7 @@ test-all: test lint
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory test-boards
+	@$(MAKE) --no-print-directory test-clients CLIENTS=long
 	@# Without the feature that the other packages ask for.
 	cargo test -p mcp2515-ordered
 	@set -e; for target in $(LONG); do echo "make $$target"; $(MAKE) --no-print-directory $$target; done
