@@ -5,7 +5,7 @@
 //! result, `Vin * 1024 / Vref` with the first transition of an ideal converter at half a step, and the duration of 13 ADC clocks (25 for the first). Noise is
 //! uniform, seeded, and added to each sample.
 
-use super::machine::Machine;
+use super::core::Core;
 use super::regs::{ADCSRA, ADPS};
 use sim_base::Noise;
 
@@ -40,8 +40,7 @@ impl Adc {
     }
 
     /// A conversion samples the input that `mux` (simavr's avr_adc_mux_t) selects.
-    pub fn sample(&mut self, machine: &Machine, mux: u32) {
-        let core = &machine.core;
+    pub fn sample(&mut self, core: &Core, mux: u32) {
         let prescaler = 1u8 << (core.get(ADCSRA) & ADPS).max(1);
         let channel = (mux >> 19) as u8;
         let single_ended = mux & 0b111 == ADC_MUX_SINGLE && usize::from(channel) < CHANNELS;

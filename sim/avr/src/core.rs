@@ -7,7 +7,7 @@
 //! self-programming and the waveforms of Timer1. simavr keeps the instructions, interrupts, ports,
 //! the ADC, Timer0, Timer2 and the watchdog (but for its oscillator).
 
-use std::cell::Cell;
+use std::cell::OnceCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::ptr;
 use std::sync::Once;
@@ -16,7 +16,6 @@ use anyhow::{Result, ensure};
 use simavr_ffi as ffi;
 
 use super::chip::Chip;
-use super::machine::on_beyond_ram;
 use super::regs;
 use sim_base::F_CPU_HZ;
 
@@ -87,6 +86,15 @@ pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
 /// Answers -1 to unknown requests.
 pub(super) type FlashHandler = unsafe extern "C" fn(*mut ffi::avr_io_t, u32, *mut c_void) -> c_int;
 
+/// Is called when the program reads or writes at an address beyond the RAM, with the context.
+pub(super) type BeyondRamHandler = unsafe fn(*mut c_void, Access, u16);
+
+/// What `custom.data` of simavr's chip points to.
+struct Owner {
+    context: *mut c_void,
+    on_beyond_ram: BeyondRamHandler,
+}
+
 /// The program executes SPM.
 pub(super) const FLASH_SPM: u32 = u32::from_be_bytes(*b"fspm");
 /// The program executes LPM. The pointer is to the byte that it reads.
@@ -108,7 +116,8 @@ pub(super) struct Core {
     watchdog: *mut ffi::avr_watchdog_t,
     extint: *mut ffi::avr_extint_t,
     flash: *mut ffi::avr_flash_t,
-    context: Cell<*mut c_void>,
+    /// In a box, because simavr points to it.
+    owner: OnceCell<Box<Owner>>,
 }
 
 impl Core {
@@ -149,7 +158,7 @@ impl Core {
             watchdog: find(avr, c"watchdog", '\0').cast(),
             extint: find(avr, c"extint", '\0').cast(),
             flash: find(avr, c"flash", '\0').cast(),
-            context: Cell::new(ptr::null_mut()),
+            owner: OnceCell::new(),
         };
         let modules: [*mut c_void; 8] = [
             core.uart.cast(),
@@ -173,12 +182,27 @@ impl Core {
         self.chip
     }
 
-    /// The pointer that every callback gets as its parameter.
-    pub fn set_context(&self, context: *mut c_void) {
-        self.context.set(context);
+    /// Sets the pointer that every callback gets as its parameter, and what is called at accesses beyond the RAM. To be called
+    /// once, before hooks are set.
+    pub fn set_context(&self, context: *mut c_void, on_beyond_ram: BeyondRamHandler) {
+        let owner = self.owner.get_or_init(|| Box::new(Owner { context, on_beyond_ram }));
         // Safety: see the invariant of `Core`; simavr itself does not use custom.data after
         // avr_init.
-        unsafe { (*self.avr).custom.data = context }
+        unsafe { (*self.avr).custom.data = ptr::from_ref::<Owner>(owner).cast_mut().cast() }
+    }
+
+    /// What `set_context` was given; null before.
+    pub fn context(&self) -> *mut c_void {
+        self.owner.get().map_or(ptr::null_mut(), |owner| owner.context)
+    }
+
+    /// The context of a chip, in callbacks that get no other parameter.
+    ///
+    /// # Safety
+    /// `avr` must be the chip of a `Core` after `set_context`.
+    pub unsafe fn context_of(avr: *mut ffi::avr_t) -> *mut c_void {
+        // Safety: the caller's promise: custom.data points to the owner in the core's box.
+        unsafe { (*(*avr).custom.data.cast::<Owner>()).context }
     }
 
     /// Cycles since the last reset.
@@ -359,17 +383,18 @@ impl Core {
         self.stop_soon();
     }
 
-    /// Calls `timer` when simavr's clock reaches `cycle`, replacing its earlier date.
-    pub fn schedule(&self, cycle: u64, timer: ffi::avr_cycle_timer_t) {
+    /// Calls `timer` with `parameter` when simavr's clock reaches `cycle`, replacing the earlier date of the same two. The
+    /// caller keeps `parameter` alive.
+    pub fn schedule(&self, cycle: u64, timer: ffi::avr_cycle_timer_t, parameter: *mut c_void) {
         let delay = cycle.saturating_sub(self.cycle());
-        // Safety: see the invariant of `Core`; the context outlives the core.
-        unsafe { ffi::avr_cycle_timer_register(self.avr, delay, timer, self.context.get()) }
+        // Safety: see the invariant of `Core`; simavr only passes the parameter on.
+        unsafe { ffi::avr_cycle_timer_register(self.avr, delay, timer, parameter) }
     }
 
     /// Forgets a date made by `schedule`.
-    pub fn unschedule(&self, timer: ffi::avr_cycle_timer_t) {
+    pub fn unschedule(&self, timer: ffi::avr_cycle_timer_t, parameter: *mut c_void) {
         // Safety: see the invariant of `Core`.
-        unsafe { ffi::avr_cycle_timer_cancel(self.avr, timer, self.context.get()) }
+        unsafe { ffi::avr_cycle_timer_cancel(self.avr, timer, parameter) }
     }
 
     /// Sets an interrupt's flag, and requests it if it is enabled.
@@ -406,7 +431,7 @@ impl Core {
             let slot = &raw mut (*self.avr).io[usize::from(address - 0x20)].w;
             let original = ((*slot).c, (*slot).param);
             (*slot).c = handler;
-            (*slot).param = self.context.get();
+            (*slot).param = self.context();
             original
         }
     }
@@ -417,7 +442,7 @@ impl Core {
         unsafe {
             let slot = &raw mut (*self.avr).io[usize::from(address - 0x20)].r;
             (*slot).c = handler;
-            (*slot).param = self.context.get();
+            (*slot).param = self.context();
         }
     }
 
@@ -444,9 +469,9 @@ impl Core {
         // Safety: see the invariant of `Core`; both IRQs exist from avr_init on.
         unsafe {
             let entered = &raw mut (*self.avr).interrupts.irq[ffi::AVR_INT_IRQ_RUNNING as usize];
-            ffi::avr_irq_register_notify(entered, running, self.context.get());
+            ffi::avr_irq_register_notify(entered, running, self.context());
             let bad = (*self.avr).irq.add(ffi::AVR_CORE_BAD_OPCODE as usize);
-            ffi::avr_irq_register_notify(bad, bad_opcode, self.context.get());
+            ffi::avr_irq_register_notify(bad, bad_opcode, self.context());
         }
     }
 
@@ -461,7 +486,7 @@ impl Core {
         // Safety: see the invariant of `Core`; the ADC has this IRQ.
         unsafe {
             let irq = (*self.adc).io.irq.add(ffi::ADC_IRQ_OUT_TRIGGER as usize);
-            ffi::avr_irq_register_notify(irq, trigger, self.context.get());
+            ffi::avr_irq_register_notify(irq, trigger, self.context());
         }
     }
 
@@ -513,7 +538,7 @@ impl Core {
         // Safety: see the invariant of `Core`; the vector has this IRQ.
         unsafe {
             let irq = &raw mut (*self.watchdog).watchdog.irq[ffi::AVR_INT_IRQ_PENDING as usize];
-            ffi::avr_irq_register_notify(irq, notify, self.context.get());
+            ffi::avr_irq_register_notify(irq, notify, self.context());
         }
     }
 
@@ -586,20 +611,18 @@ unsafe extern "C" fn log(avr: *mut ffi::avr_t, _level: c_int, format: *const c_c
     if avr.is_null() || format.is_null() {
         return;
     }
-    // Safety: simavr passes a chip, whose custom.data is null or the context, and a C string.
-    let (context, message) = unsafe { ((*avr).custom.data, CStr::from_ptr(format).to_bytes()) };
+    // Safety: simavr passes a chip, whose custom.data is null or points to the owner in the core's box, and a C string.
+    let (owner, message) = unsafe { ((*avr).custom.data.cast::<Owner>().as_ref(), CStr::from_ptr(format).to_bytes()) };
     let Some((_, access)) = WRAPS.iter().find(|(start, _)| message.starts_with(start)) else { return };
-    if context.is_null() {
-        return;
-    }
+    let Some(owner) = owner else { return };
     let mut text = [0_u8; LOG_BYTES];
     // Safety: the buffer has that size, and the arguments are those of the format. The C library ends the text with 0.
     unsafe { vsnprintf(text.as_mut_ptr().cast(), LOG_BYTES, format, arguments) };
     let text = String::from_utf8_lossy(&text);
     let digits = text.split_once(ADDRESS).and_then(|(_, rest)| rest.get(..4));
     if let Some(address) = digits.and_then(|digits| u16::from_str_radix(digits, 16).ok()) {
-        // Safety: see the invariant of `Core`.
-        unsafe { on_beyond_ram(context, *access, address) };
+        // Safety: `set_context` was given the handler for this context.
+        unsafe { (owner.on_beyond_ram)(owner.context, *access, address) };
     }
 }
 

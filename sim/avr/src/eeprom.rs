@@ -4,9 +4,10 @@
 //! changes at the end of that, and what the datasheet forbids meanwhile has no effect and is a
 //! violation. A reset lets a write finish, a loss of power leaves the cell with something else.
 
+use super::base::{Base, Timer};
 use super::core::Vector;
-use super::machine::{Machine, Timer};
 use super::regs::{EEARH, EEARL, EECR, EEDR, EEMPE, EEPE, EEPM, EERE, EERIE};
+use super::spm::{EepromActivity, Spm};
 use sim_base::{Cycles, F_CPU_HZ};
 
 /// Erase and write in one operation (table 8-1).
@@ -15,6 +16,9 @@ const ERASE_AND_WRITE_CYCLES: Cycles = F_CPU_HZ * 34 / 10_000;
 const HALF_OPERATION_CYCLES: Cycles = F_CPU_HZ * 18 / 10_000;
 /// > EEMPE [...] hardware clears the bit to zero after four clock cycles. (section 8.6.3)
 const MASTER_ENABLE_CYCLES: Cycles = 4;
+
+/// The end of programming.
+pub(super) const TIMER: Timer = Timer("EEPROM");
 
 #[derive(Debug, Clone, Copy)]
 struct Programming {
@@ -49,16 +53,16 @@ impl Eeprom {
         self.cells[address..address + bytes.len()].copy_from_slice(bytes);
     }
 
-    /// True while a cell is programmed.
-    pub fn is_busy(&self) -> bool {
-        self.programming.is_some()
+    /// Whether a cell is programmed.
+    pub fn activity(&self) -> EepromActivity {
+        if self.programming.is_some() { EepromActivity::Writing } else { EepromActivity::Idle }
     }
 
     /// A reset. The date of a programming in progress must be made again, simavr forgot it.
-    pub fn reset(&mut self, machine: &Machine) {
+    pub fn reset(&mut self, base: &Base) {
         self.master_enable_until = 0;
         if let Some(programming) = self.programming {
-            machine.schedule(Timer::Eeprom, programming.end);
+            base.schedule(TIMER, programming.end);
         }
     }
 
@@ -70,32 +74,32 @@ impl Eeprom {
     }
 
     /// Writes EECR.
-    pub fn write_control(&mut self, machine: &Machine, value: u8) {
-        let core = &machine.core;
-        let now = machine.now();
+    pub fn write_control(&mut self, base: &Base, spm: &mut Spm, value: u8) {
+        let core = &base.core;
+        let now = base.now();
         let busy = self.programming.is_some();
         let master_enabled = now < self.master_enable_until;
         let mode_mask = if busy { 0 } else { EEPM };
         let mode = core.get(EECR) & EEPM & !mode_mask | value & mode_mask;
         core.set(EECR, mode | value & EERIE);
-        let address = self.address(machine);
+        let address = self.address(base);
         if value & EEPE != 0 && master_enabled {
             self.master_enable_until = 0;
             if busy {
-                machine.violation("an EEPROM write is started while another goes on: it has no effect");
+                base.violation("an EEPROM write is started while another goes on: it has no effect");
             } else {
-                self.program(machine, mode, address);
+                self.program(base, spm, mode, address);
             }
         } else if value & EEMPE != 0 {
             self.master_enable_until = now + MASTER_ENABLE_CYCLES;
         } else if value & EEPE != 0 && !busy {
             // While busy, EEPE reads 1, and a read-modify-write of another bit writes it back: no
             // mistake.
-            machine.violation("EEPE is set without EEMPE in the four cycles before: no EEPROM write");
+            base.violation("EEPE is set without EEMPE in the four cycles before: no EEPROM write");
         }
         if value & EERE != 0 {
             if busy {
-                machine.violation("the EEPROM is read while it is written: no effect");
+                base.violation("the EEPROM is read while it is written: no effect");
             } else {
                 core.set(EEDR, self.cells[address]);
                 // > When the EEPROM is read, the CPU is halted for four clock cycles (section
@@ -103,53 +107,52 @@ impl Eeprom {
                 core.set_cycle(core.cycle() + 4);
             }
         }
-        self.request_level(machine);
+        self.request_level(base);
     }
 
     /// Reads EECR.
-    pub fn read_control(&self, machine: &Machine) -> u8 {
-        let stored = machine.core.get(EECR) & (EEPM | EERIE);
+    pub fn read_control(&self, base: &Base) -> u8 {
+        let stored = base.core.get(EECR) & (EEPM | EERIE);
         let busy = if self.programming.is_some() { EEPE } else { 0 };
-        let enabled = if machine.now() < self.master_enable_until { EEMPE } else { 0 };
+        let enabled = if base.now() < self.master_enable_until { EEMPE } else { 0 };
         stored | busy | enabled
     }
 
     /// Writes EEARL or EEARH.
-    pub fn write_address(&mut self, machine: &Machine, register: u16, value: u8) {
+    pub fn write_address(&mut self, base: &Base, register: u16, value: u8) {
         if self.programming.is_some() {
-            machine.violation("the EEPROM address is written while the EEPROM is written: no effect");
+            base.violation("the EEPROM address is written while the EEPROM is written: no effect");
         } else {
-            machine.core.set(register, value);
+            base.core.set(register, value);
         }
     }
 
     /// Programming is over.
-    pub fn finish(&mut self, machine: &Machine) {
+    pub fn finish(&mut self, base: &Base) {
         if let Some(Programming { address, value, .. }) = self.programming.take() {
             self.cells[address] = value;
         }
-        self.request_level(machine);
+        self.request_level(base);
     }
 
     /// > The EEPROM Ready interrupt generates a constant interrupt when EEPE is cleared. (section
     /// > 8.6.3)
-    pub fn request_level(&self, machine: &Machine) {
-        if self.programming.is_none() && machine.core.get(EECR) & EERIE != 0 {
-            machine.core.raise(Vector::EepromReady);
+    pub fn request_level(&self, base: &Base) {
+        if self.programming.is_none() && base.core.get(EECR) & EERIE != 0 {
+            base.core.raise(Vector::EepromReady);
         }
     }
 
-    fn address(&self, machine: &Machine) -> usize {
-        let address = u16::from_le_bytes([machine.core.get(EEARL), machine.core.get(EEARH)]);
+    fn address(&self, base: &Base) -> usize {
+        let address = u16::from_le_bytes([base.core.get(EEARL), base.core.get(EEARH)]);
         usize::from(address) % self.cells.len()
     }
 
-    fn program(&mut self, machine: &Machine, mode: u8, address: usize) {
-        let core = &machine.core;
-        let mut spm = machine.spm.borrow_mut();
+    fn program(&mut self, base: &Base, spm: &mut Spm, mode: u8, address: usize) {
+        let core = &base.core;
         // > The EEPROM can not be programmed during a CPU write to the Flash memory. (section 8.6.3)
         if spm.is_busy() {
-            machine.violation("an EEPROM write is started while the flash is programmed: it has no effect");
+            base.violation("an EEPROM write is started while the flash is programmed: it has no effect");
             return;
         }
         let data = core.get(EEDR);
@@ -159,14 +162,14 @@ impl Eeprom {
             // Without an erase, bits can only become 0.
             2 => (self.cells[address] & data, HALF_OPERATION_CYCLES),
             _ => {
-                machine.violation("EEPM is 3, which is reserved: no EEPROM write");
+                base.violation("EEPM is 3, which is reserved: no EEPROM write");
                 return;
             }
         };
-        spm.lose_buffer(machine);
-        let end = machine.now() + duration;
+        spm.lose_buffer(base);
+        let end = base.now() + duration;
         self.programming = Some(Programming { address, value, end });
-        machine.schedule(Timer::Eeprom, end);
+        base.schedule(TIMER, end);
         // > When EEPE has been set, the CPU is halted for two cycles before the next instruction is
         // > executed (section 8.6.3)
         core.set_cycle(core.cycle() + 2);

@@ -16,7 +16,7 @@ use object::LittleEndian;
 use object::elf::{EM_AVR, FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader, Sym};
 
-use super::Chip;
+use super::chip::Chip;
 use super::regs::RAMSTART;
 use sim_base::thousands;
 

@@ -4,33 +4,44 @@
 //! be its SPI device, talk to its serial port, and feed its ADC. Time is counted from the start of
 //! the simulation and goes on through resets.
 //!
+//! Modules. Each imports only modules further down:
+//!
 //! ```text
-//! Avr ─ machine ─┬─ core (simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog)
-//!                ├─ spi, uart, eeprom,  replace simavr's models
-//!                │  spm
-//!                ├─ timer1              the waveforms of OC1A and OC1B; simavr keeps the interrupts
-//!                ├─ machine             edges of INT0 and INT1 that come while masked, which simavr forgets
-//!                ├─ watchdog            its oscillator, which differs from chip to chip and has jitter
-//!                └─ adc, pins           what is outside
+//! Avr (this file)
+//! debugger               a debugger's access to the machine
+//! machine                the run loop, resets, simavr's callbacks
+//! ├─ peripherals
+//! │  ├─ spi, uart, nvm   replace simavr's models (nvm: eeprom, spm)
+//! │  ├─ timer1           the waveforms of OC1A and OC1B; simavr keeps the interrupts
+//! │  ├─ extint           edges of INT0 and INT1 that come while masked, which simavr forgets
+//! │  └─ watchdog         its oscillator, which differs from chip to chip and has jitter
+//! ├─ adc, pins           what is outside
+//! └─ debug, trace        for debuggers and profilers
+//! base                   time, timers, violations; the trait of the peripherals
+//! core                   simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog
 //! ```
 //!
 //! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; IVSEL needs no IVCE. Each file names
 //! its own.
 //!
-//! This is the one module with `unsafe` code. Its argument is in `core` and
+//! This is the one crate of the simulator with `unsafe` code. Its argument is in `core` and
 //! `machine`: simavr's memory lives as long as the machine, everything runs on one thread, and
 //! callbacks see the machine through shared references only.
 //!
 //! Source: Atmel 2545, "ATmega48/88/168", cited by section, which holds for the ATmega328P, too; simavr as bundled by simavr-ffi 1.2.
 
 mod adc;
+mod base;
 mod chip;
 mod core;
 mod debug;
+mod debugger;
 mod eeprom;
 mod elf;
+mod extint;
 mod hex;
 mod machine;
+mod nvm;
 mod pins;
 mod pulse;
 pub mod regs;
@@ -48,13 +59,15 @@ use std::rc::{Rc, Weak};
 
 use anyhow::{Context, Result};
 
+pub use base::Violation;
 pub use chip::Chip;
-pub use debug::{Debugger, Halt, Registers};
+pub use debug::Halt;
+pub use debugger::{Debugger, Registers};
 pub use elf::{Firmware, Symbol};
-pub use machine::SpiDevice;
+pub use machine::{Reset, ResetCause};
 pub use pins::PinWatcher;
 pub use pulse::{Pulse, PulseMeter};
-pub use spi::SpiByte;
+pub use spi::{SpiByte, SpiDevice};
 pub use spm::{PAGE_BYTES, PAGE_PROGRAMMING_CYCLES};
 pub use timer1::Oc;
 pub use trace::{Moment, Tracer};
@@ -63,37 +76,6 @@ pub use uart::SerialCharacter;
 use self::core::Activity;
 use machine::Machine;
 use sim_base::{Cycles, F_CPU_HZ};
-
-/// Why the chip was reset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ResetCause {
-    /// Power was off: SRAM and registers hold garbage, MCUSR holds PORF alone.
-    PowerOn,
-    /// The RESET pin.
-    External,
-    /// The supply was too low for a moment.
-    BrownOut,
-    /// The watchdog ran out.
-    Watchdog,
-}
-
-/// A reset that happened.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Reset {
-    /// When.
-    pub at: Cycles,
-    /// Why.
-    pub cause: ResetCause,
-}
-
-/// A mistake of the program that the chip would bear in silence.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Violation {
-    /// When.
-    pub at: Cycles,
-    /// What, with the program counter.
-    pub text: String,
-}
 
 /// What the processor does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -166,7 +148,7 @@ impl Avr {
             self.load_flash(*address, bytes);
         }
         for (address, bytes) in &firmware.eeprom {
-            self.machine.eeprom.borrow_mut().set_cells(*address, bytes);
+            self.machine.peripherals.nvm.eeprom.borrow_mut().set_cells(*address, bytes);
         }
         Ok(())
     }
@@ -184,7 +166,7 @@ impl Avr {
 
     /// Which chip it is.
     pub fn chip(&self) -> Chip {
-        self.machine.core.chip()
+        self.machine.base.core.chip()
     }
 
     /// The section `.board` of the program that was loaded, if it has one.
@@ -194,18 +176,18 @@ impl Avr {
 
     /// Writes bytes to flash from a byte address on.
     pub fn load_flash(&mut self, address: usize, bytes: &[u8]) {
-        self.machine.core.write_flash(address, bytes);
+        self.machine.base.core.write_flash(address, bytes);
     }
 
     /// Byte address where resets begin: a boot loader's, if the fuses say so. Takes effect at the
     /// next reset. If a boot section can begin there, BOOTSZ is set to it and BOOTRST is programmed.
     pub fn set_reset_vector(&mut self, address: u32) {
         let is_boot_section = self.chip().boot_sections().contains(&(address as usize));
-        self.machine.spm.borrow_mut().set_boot_reset(is_boot_section);
+        self.machine.peripherals.nvm.spm.borrow_mut().set_boot_reset(is_boot_section);
         if is_boot_section {
             self.set_boot_section(address as usize);
         }
-        self.machine.core.set_reset_pc(address);
+        self.machine.base.core.set_reset_pc(address);
     }
 
     /// Sets BOOTSZ by the byte address of the boot section, from which alone SPM works. A chip from the factory has the longest.
@@ -213,17 +195,17 @@ impl Avr {
     /// # Panics
     /// If no boot section of the chip begins there.
     pub fn set_boot_section(&mut self, start: usize) {
-        self.machine.spm.borrow_mut().set_boot_start(start);
+        self.machine.peripherals.nvm.spm.borrow_mut().set_boot_start(start);
     }
 
     /// True while the program erases or writes a page of flash, or the lock bits.
     pub fn is_programming_flash(&self) -> bool {
-        self.machine.spm.borrow().is_busy()
+        self.machine.peripherals.nvm.spm.borrow().is_busy()
     }
 
     /// The lock bits; 0 is programmed.
     pub fn lock_bits(&self) -> u8 {
-        self.machine.spm.borrow().lock_bits()
+        self.machine.peripherals.nvm.spm.borrow().lock_bits()
     }
 
     /// A symbol of the ELF whose name has `part` in it: compilers decorate names.
@@ -238,7 +220,7 @@ impl Avr {
 
     /// The time.
     pub fn now(&self) -> Cycles {
-        self.machine.now()
+        self.machine.base.now()
     }
 
     /// Runs the program until `t`; the last instruction or interrupt entry may end later. A chip
@@ -250,7 +232,7 @@ impl Avr {
 
     /// What the processor does.
     pub fn state(&self) -> State {
-        let core = &self.machine.core;
+        let core = &self.machine.base.core;
         match core.activity() {
             Activity::Running => State::Running,
             Activity::Sleeping if core.interrupts_enabled() => State::Sleeping,
@@ -282,33 +264,28 @@ impl Avr {
 
     /// The program's mistakes since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
-        self.machine.take_violations()
+        self.machine.base.take_violations()
     }
 
     /// The level of a pin, as `('D', 2)`.
     pub fn pin(&self, port: char, bit: u8) -> bool {
-        let compare_output = match (port, bit) {
-            ('B', 1) => self.machine.timer1.borrow_mut().output(Oc::A, self.now()),
-            ('B', 2) => self.machine.timer1.borrow_mut().output(Oc::B, self.now()),
-            _ => None,
-        };
-        compare_output.unwrap_or_else(|| self.machine.pins.level(&self.machine, pins::port_index(port), bit))
+        self.machine.level(pins::port_index(port), bit)
     }
 
     /// Calls `watcher` at each change of a pin. Edges that Timer1 makes are seen by
     /// [`Avr::take_edges`] only.
     pub fn watch_pin(&mut self, port: char, bit: u8, watcher: PinWatcher) {
-        self.machine.pins.watch(&self.machine, pins::port_index(port), bit, watcher);
+        self.machine.pins.watch(&self.machine.base, pins::port_index(port), bit, watcher);
     }
 
     /// Drives a pin from outside, through resets too. A pin that is an output does not mind.
     pub fn drive_pin(&mut self, port: char, bit: u8, level: bool) {
-        self.machine.pins.drive(&self.machine, pins::port_index(port), bit, Some(level));
+        self.machine.pins.drive(&self.machine.base, pins::port_index(port), bit, Some(level));
     }
 
     /// Stops driving a pin.
     pub fn release_pin(&mut self, port: char, bit: u8) {
-        self.machine.pins.drive(&self.machine, pins::port_index(port), bit, None);
+        self.machine.pins.drive(&self.machine.base, pins::port_index(port), bit, None);
     }
 
     /// A handle to drive a pin with from within watchers and SPI devices.
@@ -318,50 +295,50 @@ impl Avr {
 
     /// Connects the one device on the SPI. Chip select is a pin like any other.
     pub fn connect_spi(&mut self, device: Box<dyn SpiDevice>) {
-        self.machine.set_spi_device(device);
+        self.machine.peripherals.spi.set_device(device);
     }
 
     /// Bytes that the program sent on the serial port since the last call, each with the end of its
     /// stop bit.
     pub fn serial_take(&mut self) -> Vec<(Cycles, u8)> {
-        self.machine.uart.borrow_mut().take_sent()
+        self.machine.peripherals.uart.borrow_mut().take_sent()
     }
 
     /// Characters that began on TXD and RXD since the last call, for who draws the lines. The first call begins to
     /// keep them.
     pub fn serial_trace(&mut self) -> Vec<SerialCharacter> {
-        self.machine.uart.borrow_mut().take_trace()
+        self.machine.peripherals.uart.borrow_mut().take_trace()
     }
 
     /// Sends bytes to the serial port. They arrive one after the other at the rate that the program
     /// has set, once the receiver is on; a program that is too slow loses some.
     pub fn serial_send(&mut self, bytes: &[u8]) {
-        self.machine.uart.borrow_mut().send_to_chip(&self.machine, bytes);
+        self.machine.peripherals.uart.borrow_mut().send_to_chip(&self.machine.base, bytes);
     }
 
     /// Bytes given to [`Avr::serial_send`] that have not arrived yet.
     pub fn serial_unsent(&self) -> usize {
-        self.machine.uart.borrow().unsent_to_chip()
+        self.machine.peripherals.uart.borrow().unsent_to_chip()
     }
 
     /// Drops the bytes given to [`Avr::serial_send`] that have not begun to arrive.
     pub fn serial_discard(&mut self) {
-        self.machine.uart.borrow_mut().discard_to_chip();
+        self.machine.peripherals.uart.borrow_mut().discard_to_chip();
     }
 
     /// Bytes that the program lost because it read too late.
     pub fn serial_overruns(&self) -> u32 {
-        self.machine.uart.borrow().overruns()
+        self.machine.peripherals.uart.borrow().overruns()
     }
 
     /// Rate of the serial port, in bits per second, as the program has set it.
     pub fn serial_bits_per_second(&self) -> u64 {
-        F_CPU_HZ / uart::Uart::cycles_per_bit(&self.machine)
+        F_CPU_HZ / uart::Uart::cycles_per_bit(&self.machine.base)
     }
 
     /// Duration of a character on the serial port, in CPU cycles, at the rate that the program has set.
     pub fn serial_cycles_per_byte(&self) -> u64 {
-        uart::Uart::cycles_per_byte(&self.machine)
+        uart::Uart::cycles_per_byte(&self.machine.base)
     }
 
     /// Sets the voltage at ADC input `channel` (0..=7).
@@ -381,13 +358,13 @@ impl Avr {
 
     /// Edges of OC1A or OC1B since the last call, exact to the cycle, while the pin is an output.
     pub fn take_edges(&mut self, oc: Oc) -> Vec<(Cycles, bool)> {
-        self.machine.timer1.borrow_mut().take_edges(oc, self.now())
+        self.machine.peripherals.timer1.borrow_mut().take_edges(oc, self.now())
     }
 
     /// Part of the time for which OC2B (D3) is high, 0 to 1, if Timer2 drives it in a PWM mode
     /// (datasheet section 18.7).
     pub fn oc2b_duty(&self) -> Option<f64> {
-        let get = |address| self.machine.core.get(address);
+        let get = |address| self.machine.base.core.get(address);
         let (control_a, control_b) = (get(regs::TCCR2A), get(regs::TCCR2B));
         let com2b = (control_a >> 4) & 0b11;
         let drives = get(regs::DDRD) & 1 << 3 != 0 && control_b & 0b111 != 0 && com2b & 0b10 != 0;
@@ -408,17 +385,17 @@ impl Avr {
     /// # Panics
     /// If the chip has no such address.
     pub fn sram(&self, address: u16) -> u8 {
-        self.machine.core.get(address)
+        self.machine.base.core.get(address)
     }
 
     /// Bytes of the data space.
     pub fn sram_range(&self, addresses: RangeInclusive<u16>) -> Vec<u8> {
-        addresses.map(|address| self.machine.core.get(address)).collect()
+        addresses.map(|address| self.machine.base.core.get(address)).collect()
     }
 
     /// Sets a byte of the data space, without side effects. Meant for provoking faults.
     pub fn poke_sram(&mut self, address: u16, value: u8) {
-        self.machine.core.set(address, value);
+        self.machine.base.core.set(address, value);
     }
 
     /// Stack pointer.
@@ -428,7 +405,7 @@ impl Avr {
 
     /// Program counter, as a byte address.
     pub fn pc(&self) -> u32 {
-        self.machine.core.pc()
+        self.machine.base.core.pc()
     }
 
     /// Whether a debugger has halted the chip. No time passes for it then.
@@ -449,7 +426,7 @@ impl Avr {
 
     /// All of flash, which survives resets and loss of power. A page in programming still has its old content.
     pub fn flash(&self) -> &[u8] {
-        self.machine.core.flash()
+        self.machine.base.core.flash()
     }
 
     /// Bytes of stack ever used by a program that filled SRAM from `bottom` on with `paint` at its
@@ -461,12 +438,12 @@ impl Avr {
 
     /// The EEPROM's cells.
     pub fn eeprom(&self) -> Vec<u8> {
-        self.machine.eeprom.borrow().cells().to_vec()
+        self.machine.peripherals.nvm.eeprom.borrow().cells().to_vec()
     }
 
     /// Sets the EEPROM's cells from address 0 on.
     pub fn set_eeprom(&mut self, bytes: &[u8]) {
-        self.machine.eeprom.borrow_mut().set_cells(0, bytes);
+        self.machine.peripherals.nvm.eeprom.borrow_mut().set_cells(0, bytes);
     }
 }
 
@@ -482,7 +459,7 @@ impl InputPin {
     /// Sets the level. Nothing happens if the chip is gone.
     pub fn drive(&self, level: bool) {
         if let Some(machine) = self.machine.upgrade() {
-            machine.pins.drive(&machine, self.port, self.bit, Some(level));
+            machine.pins.drive(&machine.base, self.port, self.bit, Some(level));
         }
     }
 }

@@ -5,10 +5,17 @@
 //! byte reach the device only if SCK is an output. A program's mistakes become violations. Not
 //! modelled: slave mode, the phase of the SCK divider.
 
+use std::cell::RefCell;
+
+use super::base::{Base, Peripheral, Timer};
+use super::chip::Chip;
 use super::core::Vector;
-use super::machine::{Machine, Timer};
 use super::regs::{CPHA, CPOL, DDRB, DORD, MSTR, SPCR, SPDR, SPE, SPI2X, SPIF, SPR, SPSR, WCOL};
 use sim_base::Cycles;
+use sim_base::Noise;
+
+/// The end of the transfer.
+const TIMER: Timer = Timer("SPI");
 
 /// Pins of port B.
 const SS: u8 = 1 << 2;
@@ -30,86 +37,174 @@ pub struct SpiByte {
     pub mode: u8,
 }
 
+/// What is clocked by the SPI.
+pub trait SpiDevice {
+    /// A byte begins: the device latches what it shifts out.
+    fn begin_byte(&mut self, at: Cycles);
+
+    /// A byte is over. Returns what the device shifted out during it.
+    fn end_byte(&mut self, byte: &SpiByte) -> u8;
+}
+
+/// A device that answers when the byte is over.
+impl<F: FnMut(&SpiByte) -> u8> SpiDevice for F {
+    fn begin_byte(&mut self, _at: Cycles) {}
+
+    fn end_byte(&mut self, byte: &SpiByte) -> u8 {
+        self(byte)
+    }
+}
+
+/// The SPI and the device on it.
+#[derive(Default)]
+pub(super) struct Spi {
+    master: RefCell<Master>,
+    device: RefCell<Option<Box<dyn SpiDevice>>>,
+}
+
+impl Spi {
+    /// Connects the device, in place of the one before.
+    pub fn set_device(&self, device: Box<dyn SpiDevice>) {
+        self.device.replace(Some(device));
+    }
+
+    /// Calls the device, which may drive pins.
+    fn with_device<T>(&self, call: impl FnOnce(&mut dyn SpiDevice) -> T) -> Option<T> {
+        let mut device = self.device.take()?;
+        let result = call(&mut *device);
+        self.device.replace(Some(device));
+        Some(result)
+    }
+}
+
+impl Peripheral for Spi {
+    fn for_chip(_: Chip) -> Spi {
+        Spi::default()
+    }
+
+    fn writes(&self) -> &'static [u16] {
+        &[SPCR, SPSR, SPDR]
+    }
+
+    fn reads(&self) -> &'static [u16] {
+        &[SPSR, SPDR]
+    }
+
+    fn timers(&self) -> &'static [Timer] {
+        &[TIMER]
+    }
+
+    fn write(&self, base: &Base, address: u16, value: u8) {
+        match address {
+            SPDR => {
+                let start = self.master.borrow_mut().write_data(base, value);
+                if let Some(start) = start {
+                    self.with_device(|device| device.begin_byte(start));
+                }
+            }
+            SPSR => self.master.borrow_mut().write_status(base, value),
+            _ => self.master.borrow_mut().write_control(base, value),
+        }
+    }
+
+    fn read(&self, base: &Base, address: u16) -> u8 {
+        match address {
+            SPDR => self.master.borrow_mut().read_data(base),
+            _ => self.master.borrow_mut().read_status(base),
+        }
+    }
+
+    fn expire(&self, base: &Base, _: Timer, _: Cycles) {
+        let byte = self.master.borrow_mut().finish(base);
+        let miso = byte.and_then(|byte| self.with_device(|device| device.end_byte(&byte)));
+        self.master.borrow_mut().receive(base, miso.unwrap_or(0xFF));
+    }
+
+    fn reset(&self, _: &Base, _: &mut Noise) {
+        self.master.take();
+    }
+}
+
 /// The SPI's registers and its transfer in progress.
 #[derive(Debug, Default)]
-pub(super) struct Spi {
+struct Master {
     in_transfer: Option<SpiByte>,
     received: u8,
     /// SPSR was read with SPIF or WCOL set: the next access of SPDR clears them.
     status_seen: bool,
 }
 
-impl Spi {
-    /// Writes SPDR: starts a transfer.
-    pub fn write_data(&mut self, machine: &Machine, value: u8) {
-        let core = &machine.core;
+impl Master {
+    /// Writes SPDR. Returns the start of the transfer, if one starts.
+    fn write_data(&mut self, base: &Base, value: u8) -> Option<Cycles> {
+        let core = &base.core;
         let control = core.get(SPCR);
         if control & SPE == 0 {
-            machine.violation("SPDR is written while the SPI is off");
-            return;
+            base.violation("SPDR is written while the SPI is off");
+            return None;
         }
         if control & MSTR == 0 {
-            machine.violation("SPDR is written while the SPI is a slave, which is not modelled");
-            return;
+            base.violation("SPDR is written while the SPI is a slave, which is not modelled");
+            return None;
         }
         if self.in_transfer.is_some() {
             core.set_bits(SPSR, WCOL);
-            machine.violation("SPDR is written during a transfer: the byte is lost (WCOL)");
-            return;
+            base.violation("SPDR is written during a transfer: the byte is lost (WCOL)");
+            return None;
         }
-        self.clear_flags_if_seen(machine);
+        self.clear_flags_if_seen(base);
         if core.get(DDRB) & SS == 0 {
-            machine.violation("SS (PB2) is an input while the SPI is master: a low level there ends master mode");
+            base.violation("SS (PB2) is an input while the SPI is master: a low level there ends master mode");
         }
         let divisor = [4, 16, 64, 128][usize::from(control & SPR)];
         let cycles_per_bit = if core.get(SPSR) & SPI2X != 0 { divisor / 2 } else { divisor };
-        let start = machine.now();
+        let start = base.now();
         let end = start + 8 * cycles_per_bit;
         let mode = (control & (CPOL | CPHA)) >> 2;
         self.in_transfer = Some(SpiByte { mosi: value, start, end, cycles_per_bit, mode });
-        machine.schedule(Timer::Spi, end);
-        machine.spi_transfer_begins(start);
+        base.schedule(TIMER, end);
+        Some(start)
     }
 
     /// Reads SPDR.
-    pub fn read_data(&mut self, machine: &Machine) -> u8 {
-        self.clear_flags_if_seen(machine);
+    fn read_data(&mut self, base: &Base) -> u8 {
+        self.clear_flags_if_seen(base);
         self.received
     }
 
     /// Reads SPSR.
-    pub fn read_status(&mut self, machine: &Machine) -> u8 {
-        let status = machine.core.get(SPSR);
+    fn read_status(&mut self, base: &Base) -> u8 {
+        let status = base.core.get(SPSR);
         self.status_seen = status & (SPIF | WCOL) != 0;
         status
     }
 
     /// Writes SPSR: only SPI2X can be.
-    pub fn write_status(&mut self, machine: &Machine, value: u8) {
-        let status = machine.core.get(SPSR);
-        machine.core.set(SPSR, status & !SPI2X | value & SPI2X);
+    fn write_status(&mut self, base: &Base, value: u8) {
+        let status = base.core.get(SPSR);
+        base.core.set(SPSR, status & !SPI2X | value & SPI2X);
     }
 
     /// Writes SPCR. Switching the SPI off ends a transfer.
-    pub fn write_control(&mut self, machine: &Machine, value: u8) {
-        machine.core.set(SPCR, value);
+    fn write_control(&mut self, base: &Base, value: u8) {
+        base.core.set(SPCR, value);
         if value & SPE == 0 && self.in_transfer.take().is_some() {
-            machine.unschedule(Timer::Spi);
-            machine.violation("the SPI is switched off during a transfer");
+            base.unschedule(TIMER);
+            base.violation("the SPI is switched off during a transfer");
         }
     }
 
     /// The transfer is over: what the device gets, if anything reaches it.
-    pub fn finish(&mut self, machine: &Machine) -> Option<SpiByte> {
+    fn finish(&mut self, base: &Base) -> Option<SpiByte> {
         let mut byte = self.in_transfer.take()?;
-        let core = &machine.core;
+        let core = &base.core;
         let outputs = core.get(DDRB);
         if outputs & SCK == 0 {
-            machine.violation("SCK (PB5) is no output: the SPI's clock stays inside the chip");
+            base.violation("SCK (PB5) is no output: the SPI's clock stays inside the chip");
             return None;
         }
         if outputs & MOSI == 0 {
-            machine.violation("MOSI (PB3) is no output: the device reads ones");
+            base.violation("MOSI (PB3) is no output: the device reads ones");
             byte.mosi = 0xFF;
         }
         if core.get(SPCR) & DORD != 0 {
@@ -119,8 +214,8 @@ impl Spi {
     }
 
     /// What the device shifted out meanwhile; sets SPIF.
-    pub fn receive(&mut self, machine: &Machine, miso: u8) {
-        let core = &machine.core;
+    fn receive(&mut self, base: &Base, miso: u8) {
+        let core = &base.core;
         self.received = if core.get(SPCR) & DORD != 0 { miso.reverse_bits() } else { miso };
         core.set(SPDR, self.received);
         core.raise(Vector::SpiTransferComplete);
@@ -128,10 +223,10 @@ impl Spi {
 
     /// > [SPIF and WCOL are] cleared by first reading the SPI Status Register [...], and then
     /// > accessing the SPI Data Register. (section 19.5.2)
-    fn clear_flags_if_seen(&mut self, machine: &Machine) {
+    fn clear_flags_if_seen(&mut self, base: &Base) {
         if std::mem::take(&mut self.status_seen) {
-            machine.core.clear(Vector::SpiTransferComplete);
-            machine.core.clear_bits(SPSR, SPIF | WCOL);
+            base.core.clear(Vector::SpiTransferComplete);
+            base.core.clear_bits(SPSR, SPIF | WCOL);
         }
     }
 }

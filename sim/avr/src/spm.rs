@@ -14,9 +14,9 @@
 //! read the stored flash while RWWSB is set. The fuses, but for BOOTSZ and BOOTRST, are those of Arduinos. SIGRD works on the
 //! ATmega168, too, for which avr-libc does not define it.
 
+use super::base::{Base, Timer};
 use super::chip::Chip;
 use super::core::{Activity, Vector};
-use super::machine::{Machine, Timer};
 use super::regs::{BLBSET, PGERS, PGWRT, RWWSB, RWWSRE, SELFPRGEN, SIGRD, SPMCSR, SPMIE};
 use sim_base::Noise;
 use sim_base::{Cycles, F_CPU_HZ};
@@ -48,6 +48,16 @@ const BLB01: u8 = 1 << 2;
 const BLB11: u8 = 1 << 4;
 /// > The only accessible Lock bits are the Boot Lock bits ("Setting the Boot Loader Lock Bits by SPM")
 const BOOT_LOCK_BITS: u8 = 0b0011_1100;
+
+/// The end of an erase or a write.
+pub(super) const TIMER: Timer = Timer("SPM");
+
+/// What the EEPROM does. While it is written, SPMCSR cannot be, and the SPM Ready interrupt waits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum EepromActivity {
+    Idle,
+    Writing,
+}
 
 /// What the next SPM or LPM does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -155,20 +165,20 @@ impl Spm {
     /// Looks at the program counter before an instruction. Stops a program that executes the RWW section while that is
     /// blocked.
     #[inline]
-    pub fn check_execution(&self, machine: &Machine) {
+    pub fn check_execution(&self, base: &Base) {
         if !self.rww_is_busy {
             return;
         }
-        if (machine.core.pc() as usize) < self.chip.nrww_start() {
-            machine.violation("the program executes the RWW section while RWWSB is set: it has crashed");
-            machine.core.set_activity(Activity::Crashed);
+        if (base.core.pc() as usize) < self.chip.nrww_start() {
+            base.violation("the program executes the RWW section while RWWSB is set: it has crashed");
+            base.core.set_activity(Activity::Crashed);
         } else {
-            machine.core.run_singly();
+            base.core.run_singly();
         }
     }
 
     /// Any reset. See the module for what it does to a page in programming.
-    pub fn reset(&mut self, machine: &Machine, noise: &mut Noise) {
+    pub fn reset(&mut self, base: &Base, noise: &mut Noise) {
         let mut half_done = |old: u8, new: u8| match noise.below(3) {
             0 => old,
             1 => new,
@@ -177,7 +187,7 @@ impl Spm {
         match self.job.take() {
             Some((Job::LockBits(new), _)) => self.lock_bits = half_done(self.lock_bits, new),
             Some((job @ (Job::Erase(page) | Job::Write(page)), _)) => {
-                self.change_page(machine, job, page, half_done);
+                self.change_page(base, job, page, half_done);
             }
             None => {}
         }
@@ -187,10 +197,10 @@ impl Spm {
     }
 
     /// Writes SPMCSR.
-    pub fn write_control(&mut self, machine: &Machine, value: u8) {
-        let core = &machine.core;
-        if machine.eeprom.borrow().is_busy() {
-            machine.violation("SPMCSR is written while the EEPROM is written: no effect");
+    pub fn write_control(&mut self, base: &Base, eeprom: EepromActivity, value: u8) {
+        let core = &base.core;
+        if eeprom == EepromActivity::Writing {
+            base.violation("SPMCSR is written while the EEPROM is written: no effect");
             return;
         }
         core.set(SPMCSR, core.get(SPMCSR) & !SPMIE | value & SPMIE);
@@ -201,9 +211,9 @@ impl Spm {
             if let Some(command) = command {
                 let opcode = core.flash().get(core.pc() as usize + 1).copied().unwrap_or_default();
                 let cycles = if opcode & OUT_OPCODE.0 == OUT_OPCODE.1 { 1 } else { 2 };
-                self.armed = Some(Armed { bits, command, since: machine.now() + cycles });
+                self.armed = Some(Armed { bits, command, since: base.now() + cycles });
             } else {
-                machine.violation(&format!("SPMCSR is written with {value:#04x}, which is no command: no effect"));
+                base.violation(&format!("SPMCSR is written with {value:#04x}, which is no command: no effect"));
             }
             // > If the RWWSRE bit is written while the Flash is being loaded, the Flash load operation will abort and the data
             // > loaded will be lost. (SPMCSR)
@@ -211,52 +221,52 @@ impl Spm {
                 self.erase_buffer();
             }
         }
-        self.update(machine);
+        self.update(base, eeprom);
     }
 
     /// Reads SPMCSR.
-    pub fn read_control(&self, machine: &Machine) -> u8 {
+    pub fn read_control(&self, base: &Base) -> u8 {
         let command = match self.job {
             Some((Job::Erase(_), _)) => SELFPRGEN | PGERS,
             Some((Job::Write(_), _)) => SELFPRGEN | PGWRT,
             Some((Job::LockBits(_), _)) => SELFPRGEN | BLBSET,
-            None => self.armed_within(machine, SPM_WINDOW_CYCLES).map_or(0, |armed| armed.bits),
+            None => self.armed_within(base, SPM_WINDOW_CYCLES).map_or(0, |armed| armed.bits),
         };
-        machine.core.get(SPMCSR) & SPMIE | command | if self.rww_is_busy { RWWSB } else { 0 }
+        base.core.get(SPMCSR) & SPMIE | command | if self.rww_is_busy { RWWSB } else { 0 }
     }
 
     /// The program executes SPM.
-    pub fn execute(&mut self, machine: &Machine) {
+    pub fn execute(&mut self, base: &Base, eeprom: EepromActivity) {
         let start = self.boot_start;
-        if (machine.core.pc() as usize) < start {
-            machine.violation(&format!("SPM outside the boot section, which begins at {start:#06x}: no effect"));
+        if (base.core.pc() as usize) < start {
+            base.violation(&format!("SPM outside the boot section, which begins at {start:#06x}: no effect"));
             return;
         }
         if self.is_busy() {
-            machine.violation("SPM while the flash is programmed: no effect");
+            base.violation("SPM while the flash is programmed: no effect");
             return;
         }
-        let armed = self.armed_within(machine, SPM_WINDOW_CYCLES);
+        let armed = self.armed_within(base, SPM_WINDOW_CYCLES);
         self.armed = None;
         match armed.map(|armed| armed.command) {
-            Some(Command::FillBuffer) => self.fill_buffer(machine),
-            Some(Command::ErasePage) => self.start_page(machine, Job::Erase),
-            Some(Command::WritePage) => self.start_page(machine, Job::Write),
+            Some(Command::FillBuffer) => self.fill_buffer(base),
+            Some(Command::ErasePage) => self.start_page(base, Job::Erase),
+            Some(Command::WritePage) => self.start_page(base, Job::Write),
             Some(Command::EnableRww) => self.rww_is_busy = false,
             Some(Command::LockBits) => {
-                let new = self.lock_bits & (machine.core.get(R0) | !BOOT_LOCK_BITS);
-                self.start(machine, Job::LockBits(new));
+                let new = self.lock_bits & (base.core.get(R0) | !BOOT_LOCK_BITS);
+                self.start(base, Job::LockBits(new));
             }
-            Some(Command::Signature) => machine.violation("SPM with SIGRD: no effect"),
-            None => machine.violation("SPM without a command in SPMCSR in the four cycles before: no effect"),
+            Some(Command::Signature) => base.violation("SPM with SIGRD: no effect"),
+            None => base.violation("SPM without a command in SPMCSR in the four cycles before: no effect"),
         }
-        self.update(machine);
+        self.update(base, eeprom);
     }
 
     /// What LPM reads, if the flash holds `stored` at Z.
-    pub fn load(&mut self, machine: &Machine, stored: u8) -> u8 {
-        let z = z(machine);
-        match self.armed_within(machine, LPM_WINDOW_CYCLES).map(|armed| armed.command) {
+    pub fn load(&mut self, base: &Base, stored: u8) -> u8 {
+        let z = z(base);
+        match self.armed_within(base, LPM_WINDOW_CYCLES).map(|armed| armed.command) {
             Some(Command::LockBits) => {
                 self.armed = None;
                 let [low, high, extended] = self.chip.fuses(self.boot_start, self.resets_to_boot);
@@ -271,17 +281,17 @@ impl Spm {
             _ => {}
         }
         if self.rww_is_busy && z < self.chip.nrww_start() {
-            machine.violation("LPM reads the RWW section while RWWSB is set: it reads 0xFF");
+            base.violation("LPM reads the RWW section while RWWSB is set: it reads 0xFF");
             return 0xFF;
         }
         stored
     }
 
     /// The operation is over.
-    pub fn finish(&mut self, machine: &Machine) {
+    pub fn finish(&mut self, base: &Base, eeprom: EepromActivity) {
         match self.job {
             Some((job @ (Job::Erase(page) | Job::Write(page)), _)) => {
-                self.change_page(machine, job, page, |_, new| new);
+                self.change_page(base, job, page, |_, new| new);
                 // > The temporary buffer will auto-erase after a Page Write operation ("Filling the Temporary Buffer")
                 if matches!(job, Job::Write(_)) {
                     self.erase_buffer();
@@ -291,26 +301,26 @@ impl Spm {
             None => {}
         }
         self.job = None;
-        self.update(machine);
+        self.update(base, eeprom);
     }
 
     /// Shows in SPMCSR what changed, for debuggers, and requests the interrupt.
     ///
     /// > The SPM Ready interrupt will be executed as long as the SELFPRGEN bit in the SPMCSR Register is cleared. The
     /// > interrupt will not be generated during EEPROM write or SPM. (SPMCSR)
-    pub fn update(&self, machine: &Machine) {
-        let control = self.read_control(machine);
-        machine.core.set(SPMCSR, control);
-        if control & (SPMIE | SELFPRGEN) == SPMIE && !machine.eeprom.borrow().is_busy() {
-            machine.core.raise(Vector::SpmReady);
+    pub fn update(&self, base: &Base, eeprom: EepromActivity) {
+        let control = self.read_control(base);
+        base.core.set(SPMCSR, control);
+        if control & (SPMIE | SELFPRGEN) == SPMIE && eeprom == EepromActivity::Idle {
+            base.core.raise(Vector::SpmReady);
         }
     }
 
     /// > If the EEPROM is written in the middle of an SPM Page Load operation, all data loaded will be lost. ("Filling the
     /// > Temporary Buffer")
-    pub fn lose_buffer(&mut self, machine: &Machine) {
+    pub fn lose_buffer(&mut self, base: &Base) {
         if self.filled != 0 {
-            machine.violation("an EEPROM write erases the page buffer, which was being filled");
+            base.violation("an EEPROM write erases the page buffer, which was being filled");
         }
         self.erase_buffer();
     }
@@ -320,53 +330,53 @@ impl Spm {
         self.filled = 0;
     }
 
-    fn armed_within(&self, machine: &Machine, cycles: Cycles) -> Option<Armed> {
-        self.armed.filter(|armed| machine.now() < armed.since + cycles)
+    fn armed_within(&self, base: &Base, cycles: Cycles) -> Option<Armed> {
+        self.armed.filter(|armed| base.now() < armed.since + cycles)
     }
 
-    fn fill_buffer(&mut self, machine: &Machine) {
-        let index = z(machine) / 2 % PAGE_WORDS;
+    fn fill_buffer(&mut self, base: &Base) {
+        let index = z(base) / 2 % PAGE_WORDS;
         // > it is not possible to write more than one time to each address without erasing the temporary buffer. ("Filling
         // > the Temporary Buffer")
         if self.filled >> index & 1 != 0 {
-            machine.violation(&format!("word {index} of the page buffer is filled again: it holds the AND of both"));
+            base.violation(&format!("word {index} of the page buffer is filled again: it holds the AND of both"));
         }
-        self.buffer[index] &= u16::from_le_bytes([machine.core.get(R0), machine.core.get(R1)]);
+        self.buffer[index] &= u16::from_le_bytes([base.core.get(R0), base.core.get(R1)]);
         self.filled |= 1 << index;
         // > Alternatively the RWWSB bit will automatically be cleared if a page load operation is initiated. (SPMCSR)
         self.rww_is_busy = false;
     }
 
-    fn start_page(&mut self, machine: &Machine, job: impl Fn(usize) -> Job) {
-        let page = z(machine) % self.chip.flash_bytes() / PAGE_BYTES * PAGE_BYTES;
+    fn start_page(&mut self, base: &Base, job: impl Fn(usize) -> Job) {
+        let page = z(base) % self.chip.flash_bytes() / PAGE_BYTES * PAGE_BYTES;
         let forbidding = if page < self.boot_start { BLB01 } else { BLB11 };
         if self.lock_bits & forbidding == 0 {
-            machine.violation(&format!("SPM changes the page at {page:#06x}, which the lock bits forbid: no effect"));
+            base.violation(&format!("SPM changes the page at {page:#06x}, which the lock bits forbid: no effect"));
             return;
         }
         let job = job(page);
         if job == Job::Write(page) {
-            let old = &machine.core.flash()[page..page + PAGE_BYTES];
+            let old = &base.core.flash()[page..page + PAGE_BYTES];
             let fits = old.iter().zip(self.buffer_bytes()).all(|(old, new)| old & new == new);
             if !fits {
-                machine.violation(&format!("the page at {page:#06x} is written without an erase: bits only become 0"));
+                base.violation(&format!("the page at {page:#06x} is written without an erase: bits only become 0"));
             }
         }
         self.rww_is_busy |= page < self.chip.nrww_start();
-        self.start(machine, job);
+        self.start(base, job);
     }
 
-    fn start(&mut self, machine: &Machine, job: Job) {
-        let end = machine.now() + PAGE_PROGRAMMING_CYCLES;
+    fn start(&mut self, base: &Base, job: Job) {
+        let end = base.now() + PAGE_PROGRAMMING_CYCLES;
         self.job = Some((job, end));
-        machine.schedule(Timer::Spm, end);
+        base.schedule(TIMER, end);
         // The run loop must look before the next instruction.
-        machine.core.run_singly();
+        base.core.run_singly();
     }
 
     /// Sets each byte of a page to what `choose` makes of the old value and the value at the end of the operation.
-    fn change_page(&self, machine: &Machine, job: Job, page: usize, mut choose: impl FnMut(u8, u8) -> u8) {
-        let old = &machine.core.flash()[page..page + PAGE_BYTES];
+    fn change_page(&self, base: &Base, job: Job, page: usize, mut choose: impl FnMut(u8, u8) -> u8) {
+        let old = &base.core.flash()[page..page + PAGE_BYTES];
         let changed: Vec<u8> = old
             .iter()
             .zip(self.buffer_bytes())
@@ -376,7 +386,7 @@ impl Spm {
                 _ => choose(*old, old & buffered),
             })
             .collect();
-        machine.core.write_flash(page, &changed);
+        base.core.write_flash(page, &changed);
     }
 
     fn buffer_bytes(&self) -> impl Iterator<Item = u8> {
@@ -385,6 +395,6 @@ impl Spm {
 }
 
 /// The Z register.
-fn z(machine: &Machine) -> usize {
-    usize::from(u16::from_le_bytes([machine.core.get(ZL), machine.core.get(ZH)]))
+fn z(base: &Base) -> usize {
+    usize::from(u16::from_le_bytes([base.core.get(ZL), base.core.get(ZH)]))
 }

@@ -9,10 +9,14 @@
 //! Limits: no external clock on T1, no input capture, no TSM; PRR is ignored. The interrupt flags
 //! are simavr's.
 
+use std::cell::RefCell;
 use std::collections::VecDeque;
 
+use super::base::{Base, Peripheral};
+use super::chip::Chip;
 use super::regs;
 use sim_base::Cycles;
+use sim_base::Noise;
 
 /// Edges kept for a reader before the oldest are dropped: more than 5 h of servo pulses.
 const EDGE_LIMIT: usize = 1 << 21;
@@ -89,6 +93,7 @@ struct Channel {
 pub struct Timer1 {
     tccr1a: u8,
     tccr1b: u8,
+    /// High byte of the register pair that the next write of a low byte completes.
     temp: u8,
     icr1: u16,
     channels: [Channel; 2],
@@ -99,6 +104,76 @@ pub struct Timer1 {
     /// When the prescaler was last reset.
     prescaler_start: Cycles,
     next_tick: Cycles,
+}
+
+impl Peripheral for RefCell<Timer1> {
+    fn for_chip(_: Chip) -> RefCell<Timer1> {
+        RefCell::new(Timer1::new(0))
+    }
+
+    fn writes(&self) -> &'static [u16] {
+        &[
+            regs::PINB,
+            regs::DDRB,
+            regs::PORTB,
+            regs::GTCCR,
+            regs::TCCR1A,
+            regs::TCCR1B,
+            regs::TCCR1C,
+            regs::TCNT1L,
+            regs::TCNT1H,
+            regs::ICR1L,
+            regs::ICR1H,
+            regs::OCR1AL,
+            regs::OCR1AH,
+            regs::OCR1BL,
+            regs::OCR1BH,
+        ]
+    }
+
+    fn reads(&self) -> &'static [u16] {
+        &[regs::TCNT1L, regs::TCNT1H]
+    }
+
+    fn write(&self, base: &Base, address: u16, value: u8) {
+        match address {
+            regs::GTCCR => {
+                if value & regs::PSRSYNC != 0 {
+                    self.borrow_mut().reset_prescaler(base.now());
+                }
+                base.core.set(address, value & !regs::PSRSYNC);
+            }
+            regs::PINB | regs::DDRB | regs::PORTB => {
+                base.forward(address, value);
+                let (ddrb, portb) = (base.core.get(regs::DDRB), base.core.get(regs::PORTB));
+                self.borrow_mut().set_port(ddrb, portb, base.now());
+            }
+            _ => {
+                let written = self.borrow_mut().write(address, value, base.now());
+                if let Err(text) = written {
+                    base.violation(text);
+                    return;
+                }
+                match address {
+                    regs::TCNT1H | regs::ICR1H | regs::OCR1AH | regs::OCR1BH => {}
+                    regs::TCNT1L | regs::ICR1L | regs::OCR1AL | regs::OCR1BL => {
+                        let high = self.borrow().temp;
+                        base.core.set(address + 1, high);
+                        base.forward(address, value);
+                    }
+                    _ => base.forward(address, value),
+                }
+            }
+        }
+    }
+
+    fn read(&self, base: &Base, address: u16) -> u8 {
+        self.borrow_mut().read(address, base.now())
+    }
+
+    fn reset(&self, base: &Base, _: &mut Noise) {
+        self.borrow_mut().reset(base.now());
+    }
 }
 
 impl Timer1 {
@@ -176,11 +251,6 @@ impl Timer1 {
         } else {
             self.temp
         }
-    }
-
-    /// High byte of the register pair that the next write of a low byte completes.
-    pub fn temp(&self) -> u8 {
-        self.temp
     }
 
     /// DDRB or PORTB changed.

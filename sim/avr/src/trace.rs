@@ -4,7 +4,7 @@
 
 use std::cell::{Cell, RefCell};
 
-use super::machine::Machine;
+use super::base::Base;
 use super::regs;
 use sim_base::Cycles;
 
@@ -13,18 +13,18 @@ pub type Tracer = Box<dyn FnMut(&Moment)>;
 
 /// The chip between two instructions. Looking has no side effect.
 pub struct Moment<'a> {
-    machine: &'a Machine,
+    base: &'a Base,
 }
 
 impl Moment<'_> {
     /// The time.
     pub fn at(&self) -> Cycles {
-        self.machine.now()
+        self.base.now()
     }
 
     /// Byte address of the next instruction.
     pub fn pc(&self) -> u32 {
-        self.machine.core.pc()
+        self.base.core.pc()
     }
 
     /// Stack pointer. A program that writes its two halves one after the other is seen in between, too.
@@ -34,7 +34,7 @@ impl Moment<'_> {
 
     /// A byte of the data space: registers, I/O or SRAM.
     pub fn data(&self, address: u16) -> u8 {
-        self.machine.core.get(address)
+        self.base.core.get(address)
     }
 }
 
@@ -59,10 +59,10 @@ impl Trace {
     }
 
     /// Shows the next instruction, and lets the core run that one only.
-    pub fn instruction(&self, machine: &Machine) {
+    pub fn instruction(&self, base: &Base) {
         if let Some(tracer) = self.tracer.borrow_mut().as_mut() {
-            tracer(&Moment { machine });
+            tracer(&Moment { base });
         }
-        machine.core.run_singly();
+        base.core.run_singly();
     }
 }

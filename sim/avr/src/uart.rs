@@ -6,15 +6,23 @@
 //! exactly the rate the program has set, back to back, as soon as the receiver is on. Not modelled:
 //! synchronous modes, parity and framing errors, nine data bits, the pins.
 
+use std::cell::RefCell;
 use std::collections::VecDeque;
 
+use super::base::{Base, Peripheral, Timer};
+use super::chip::Chip;
 use super::core::Vector;
-use super::machine::{Machine, Timer};
 use super::regs::{
-    DOR0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B, UCSR0C, UCSZ02, UDRE0, UDRIE0,
-    UPM0, USBS0,
+    DOR0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B, UCSR0C, UCSZ02, UDR0, UDRE0,
+    UDRIE0, UPM0, USBS0,
 };
 use sim_base::Cycles;
+use sim_base::Noise;
+
+/// The end of the character on TXD.
+const SEND: Timer = Timer("UART send");
+/// The end of the character on RXD.
+const RECEIVE: Timer = Timer("UART receive");
 
 /// Received bytes that wait for the program (section 20.7.3: "two level FIFO").
 const RECEIVE_FIFO: usize = 2;
@@ -50,11 +58,62 @@ pub(super) struct Uart {
     trace: Option<Vec<SerialCharacter>>,
 }
 
+impl Peripheral for RefCell<Uart> {
+    fn for_chip(_: Chip) -> RefCell<Uart> {
+        RefCell::default()
+    }
+
+    fn writes(&self) -> &'static [u16] {
+        &[UCSR0A, UCSR0B, UCSR0C, UBRR0L, UDR0]
+    }
+
+    fn reads(&self) -> &'static [u16] {
+        &[UCSR0A, UDR0]
+    }
+
+    fn timers(&self) -> &'static [Timer] {
+        &[SEND, RECEIVE]
+    }
+
+    fn write(&self, base: &Base, address: u16, value: u8) {
+        match address {
+            UDR0 => self.borrow_mut().write_data(base, value),
+            UCSR0A => self.borrow_mut().write_status(base, value),
+            UCSR0B => self.borrow_mut().write_control(base, value),
+            // simavr's own rate and frame format are not used.
+            _ => base.core.set(address, value),
+        }
+    }
+
+    fn read(&self, base: &Base, address: u16) -> u8 {
+        match address {
+            UDR0 => self.borrow_mut().read_data(base),
+            _ => base.core.get(address),
+        }
+    }
+
+    fn expire(&self, base: &Base, timer: Timer, at: Cycles) {
+        if timer == SEND {
+            self.borrow_mut().sent_byte(base, at);
+        } else {
+            self.borrow_mut().received_byte(base, at);
+        }
+    }
+
+    fn reset(&self, base: &Base, _: &mut Noise) {
+        self.borrow_mut().reset(base);
+    }
+
+    fn interrupt_returns(&self, base: &Base) {
+        self.borrow().request_levels(base);
+    }
+}
+
 impl Uart {
     /// A reset: bytes in the chip are lost, bytes on the line wait for the receiver.
-    pub fn reset(&mut self, machine: &Machine) {
+    pub fn reset(&mut self, base: &Base) {
         if let Some(trace) = self.trace.as_mut().filter(|_| self.sending.is_some()) {
-            let start = machine.now();
+            let start = base.now();
             trace.push(SerialCharacter { to_chip: false, start, cycles_per_bit: 0, levels: 0, bits: 0 });
         }
         *self = Uart {
@@ -64,24 +123,24 @@ impl Uart {
             overruns: self.overruns,
             ..Uart::default()
         };
-        machine.core.set(UCSR0A, UDRE0);
-        machine.core.set(UCSR0B, 0);
+        base.core.set(UCSR0A, UDRE0);
+        base.core.set(UCSR0B, 0);
     }
 
     /// Duration of a bit.
-    pub fn cycles_per_bit(machine: &Machine) -> u64 {
-        Uart::character(machine, 0).cycles_per_bit
+    pub fn cycles_per_bit(base: &Base) -> u64 {
+        Uart::character(base, 0).cycles_per_bit
     }
 
     /// Duration of one character, from start bit to last stop bit.
-    pub fn cycles_per_byte(machine: &Machine) -> u64 {
-        let character = Uart::character(machine, 0);
+    pub fn cycles_per_byte(base: &Base) -> u64 {
+        let character = Uart::character(base, 0);
         u64::from(character.bits) * character.cycles_per_bit
     }
 
     /// A byte as it goes over the line now, in the frame format and at the rate that the program has set.
-    fn character(machine: &Machine, byte: u8) -> SerialCharacter {
-        let core = &machine.core;
+    fn character(base: &Base, byte: u8) -> SerialCharacter {
+        let core = &base.core;
         let (a, b, c) = (core.get(UCSR0A), core.get(UCSR0B), core.get(UCSR0C));
         let divisor = u64::from(u16::from_le_bytes([core.get(UBRR0L), core.get(UBRR0H) & 0x0F])) + 1;
         let cycles_per_bit = divisor * if a & U2X0 != 0 { 8 } else { 16 };
@@ -96,99 +155,99 @@ impl Uart {
             bits += 1;
         }
         levels |= ((1 << stop_bits) - 1) << bits;
-        SerialCharacter { to_chip: false, start: machine.now(), cycles_per_bit, levels, bits: bits + stop_bits }
+        SerialCharacter { to_chip: false, start: base.now(), cycles_per_bit, levels, bits: bits + stop_bits }
     }
 
     /// Writes UDR0.
-    pub fn write_data(&mut self, machine: &Machine, value: u8) {
-        if machine.core.get(UCSR0B) & TXEN0 == 0 {
+    pub fn write_data(&mut self, base: &Base, value: u8) {
+        if base.core.get(UCSR0B) & TXEN0 == 0 {
             return;
         }
         if self.sending.is_none() {
-            self.start_sending(machine, value, machine.now());
+            self.start_sending(base, value, base.now());
         } else if self.send_buffer.is_none() {
             self.send_buffer = Some(value);
-            machine.core.clear(Vector::UsartDataRegisterEmpty);
-            machine.core.clear_bits(UCSR0A, UDRE0);
+            base.core.clear(Vector::UsartDataRegisterEmpty);
+            base.core.clear_bits(UCSR0A, UDRE0);
         } else {
-            machine.violation("UDR0 is written while it is full (UDRE0 is 0): the byte is lost");
+            base.violation("UDR0 is written while it is full (UDRE0 is 0): the byte is lost");
         }
-        self.request_levels(machine);
+        self.request_levels(base);
     }
 
     /// Reads UDR0.
-    pub fn read_data(&mut self, machine: &Machine) -> u8 {
+    pub fn read_data(&mut self, base: &Base) -> u8 {
         let value = self.received.pop_front().unwrap_or_default();
-        machine.core.clear_bits(UCSR0A, DOR0);
+        base.core.clear_bits(UCSR0A, DOR0);
         self.received.extend(self.waiting.take());
         if self.received.is_empty() {
-            machine.core.clear(Vector::UsartReceiveComplete);
-            machine.core.clear_bits(UCSR0A, RXC0);
+            base.core.clear(Vector::UsartReceiveComplete);
+            base.core.clear_bits(UCSR0A, RXC0);
         }
         value
     }
 
     /// Writes UCSR0A: TXC0 is cleared by a one, the other flags are read-only.
-    pub fn write_status(&mut self, machine: &Machine, value: u8) {
+    pub fn write_status(&mut self, base: &Base, value: u8) {
         let writable = U2X0 | MPCM0;
-        let status = machine.core.get(UCSR0A);
-        machine.core.set(UCSR0A, status & !writable | value & writable);
+        let status = base.core.get(UCSR0A);
+        base.core.set(UCSR0A, status & !writable | value & writable);
         if value & TXC0 != 0 {
-            machine.core.clear(Vector::UsartTransmitComplete);
-            machine.core.clear_bits(UCSR0A, TXC0);
+            base.core.clear(Vector::UsartTransmitComplete);
+            base.core.clear_bits(UCSR0A, TXC0);
         }
     }
 
     /// Writes UCSR0B: switching a direction off empties its buffers.
-    pub fn write_control(&mut self, machine: &Machine, value: u8) {
-        let core = &machine.core;
+    pub fn write_control(&mut self, base: &Base, value: u8) {
+        let core = &base.core;
         core.set(UCSR0B, value);
         if value & RXEN0 == 0 {
             self.arriving = None;
             self.waiting = None;
             self.received.clear();
-            machine.unschedule(Timer::UartReceive);
+            base.unschedule(RECEIVE);
             core.clear(Vector::UsartReceiveComplete);
             core.clear_bits(UCSR0A, RXC0 | DOR0);
         }
         // The transmitter finishes what it has (section 20.6.5) and is off afterwards: write_data
         // checks TXEN0.
-        self.start_receiving(machine, machine.now());
-        self.request_levels(machine);
+        self.start_receiving(base, base.now());
+        self.request_levels(base);
     }
 
     /// The last stop bit was sent.
-    pub fn sent_byte(&mut self, machine: &Machine, at: Cycles) {
-        let core = &machine.core;
+    pub fn sent_byte(&mut self, base: &Base, at: Cycles) {
+        let core = &base.core;
         if let Some(byte) = self.sending.take() {
             self.sent.push((at, byte));
         }
         if let Some(next) = self.send_buffer.take() {
-            self.start_sending(machine, next, at);
+            self.start_sending(base, next, at);
             core.set_bits(UCSR0A, UDRE0);
         } else {
             core.raise(Vector::UsartTransmitComplete);
         }
-        self.request_levels(machine);
+        self.request_levels(base);
     }
 
     /// The last stop bit of a byte came in.
-    pub fn received_byte(&mut self, machine: &Machine, at: Cycles) {
+    pub fn received_byte(&mut self, base: &Base, at: Cycles) {
         if let Some(byte) = self.arriving.take() {
             if self.received.len() < RECEIVE_FIFO {
                 self.received.push_back(byte);
             } else {
                 self.waiting = Some(byte);
             }
-            machine.core.set_bits(UCSR0A, RXC0);
+            base.core.set_bits(UCSR0A, RXC0);
         }
-        self.start_receiving(machine, at);
-        self.request_levels(machine);
+        self.start_receiving(base, at);
+        self.request_levels(base);
     }
 
     /// RXC0 and UDRE0 request their interrupts as long as they are set (sections 20.7.3, 20.6.3).
-    pub fn request_levels(&self, machine: &Machine) {
-        let core = &machine.core;
+    pub fn request_levels(&self, base: &Base) {
+        let core = &base.core;
         let (status, control) = (core.get(UCSR0A), core.get(UCSR0B));
         if status & RXC0 != 0 && control & RXCIE0 != 0 {
             core.raise(Vector::UsartReceiveComplete);
@@ -199,9 +258,9 @@ impl Uart {
     }
 
     /// Bytes from outside.
-    pub fn send_to_chip(&mut self, machine: &Machine, bytes: &[u8]) {
+    pub fn send_to_chip(&mut self, base: &Base, bytes: &[u8]) {
         self.line.extend(bytes);
-        self.start_receiving(machine, machine.now());
+        self.start_receiving(base, base.now());
     }
 
     /// Drops the bytes from outside that have not begun to arrive.
@@ -229,23 +288,23 @@ impl Uart {
         self.overruns
     }
 
-    fn start_sending(&mut self, machine: &Machine, value: u8, at: Cycles) {
+    fn start_sending(&mut self, base: &Base, value: u8, at: Cycles) {
         self.sending = Some(value);
-        let end = self.begin(machine, value, at, false);
-        machine.schedule(Timer::UartSend, end);
+        let end = self.begin(base, value, at, false);
+        base.schedule(SEND, end);
     }
 
     /// A character begins on a line: returns its end.
-    fn begin(&mut self, machine: &Machine, byte: u8, start: Cycles, to_chip: bool) -> Cycles {
-        let character = SerialCharacter { to_chip, start, ..Uart::character(machine, byte) };
+    fn begin(&mut self, base: &Base, byte: u8, start: Cycles, to_chip: bool) -> Cycles {
+        let character = SerialCharacter { to_chip, start, ..Uart::character(base, byte) };
         if let Some(trace) = &mut self.trace {
             trace.push(character);
         }
         start + u64::from(character.bits) * character.cycles_per_bit
     }
 
-    fn start_receiving(&mut self, machine: &Machine, at: Cycles) {
-        if self.arriving.is_some() || machine.core.get(UCSR0B) & RXEN0 == 0 {
+    fn start_receiving(&mut self, base: &Base, at: Cycles) {
+        if self.arriving.is_some() || base.core.get(UCSR0B) & RXEN0 == 0 {
             return;
         }
         let Some(byte) = self.line.pop_front() else {
@@ -255,11 +314,11 @@ impl Uart {
         // > character waiting in the Receive Shift Register, and a new start bit is detected.
         // > (section 20.11.2)
         if self.waiting.take().is_some() {
-            machine.core.set_bits(UCSR0A, DOR0);
+            base.core.set_bits(UCSR0A, DOR0);
             self.overruns += 1;
         }
         self.arriving = Some(byte);
-        let end = self.begin(machine, byte, at, true);
-        machine.schedule(Timer::UartReceive, end);
+        let end = self.begin(base, byte, at, true);
+        base.schedule(RECEIVE, end);
     }
 }

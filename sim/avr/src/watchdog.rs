@@ -8,6 +8,10 @@
 //!
 //! simavr also never clears WDIF for a program that writes a one to it.
 
+use std::cell::RefCell;
+
+use super::base::{Base, Peripheral};
+use super::chip::Chip;
 use super::core::Core;
 use super::regs::{WDE, WDIE, WDIF, WDP, WDTCSR};
 use sim_base::Cycles;
@@ -27,6 +31,26 @@ pub(super) struct Watchdog {
     per_million: u64,
 }
 
+impl Peripheral for RefCell<Watchdog> {
+    fn for_chip(_: Chip) -> RefCell<Watchdog> {
+        RefCell::new(Watchdog::new(0))
+    }
+
+    fn writes(&self) -> &'static [u16] {
+        &[WDTCSR]
+    }
+
+    fn write(&self, base: &Base, address: u16, value: u8) {
+        let before = base.core.get(address);
+        base.forward(address, value);
+        self.borrow_mut().written(&base.core, before, value);
+    }
+
+    fn reset(&self, base: &Base, _: &mut Noise) {
+        self.borrow_mut().reset(&base.core);
+    }
+}
+
 impl Watchdog {
     /// The oscillator of the chip with that seed.
     pub fn new(seed: u64) -> Watchdog {
@@ -44,7 +68,7 @@ impl Watchdog {
     }
 
     /// The program has written `value` to WDTCSR, where `before` had been, and simavr has done its part.
-    pub fn written(&mut self, core: &Core, before: u8, value: u8) {
+    fn written(&mut self, core: &Core, before: u8, value: u8) {
         let mut after = core.get(WDTCSR);
         // > WDIF is cleared by writing a logic one to the flag. (section 11.9.2)
         after = after & !WDIF | before & !value & WDIF;
@@ -67,7 +91,7 @@ impl Watchdog {
     }
 
     /// The chip was reset; after a reset by the watchdog it runs on.
-    pub fn reset(&mut self, core: &Core) {
+    fn reset(&mut self, core: &Core) {
         self.timed_out(core);
         if core.get(WDTCSR) & WDE != 0 {
             core.restart_watchdog();
