@@ -87,7 +87,7 @@ fn a_chip_that_does_not_answer_is_told_of_and_taken_on_when_it_does() {
         let mut rig = Rig::powered();
         rig.board().chip_power_off(floating);
         rig.run_ms(1000);
-        let line = format!("CAN: MCP2515 silent (CANSTAT {floating:02X}), trying again");
+        let line = format!("CAN: MCP2515 silent (CANSTAT {floating:02X})");
         let told = rig.serial.lines().filter(|told| *told == line).count();
         assert!((5..=11).contains(&told), "about ten tries a second, each told: {}", rig.serial);
         assert_eq!(rig.pulses, []);
@@ -133,7 +133,7 @@ fn a_bus_that_is_held_dominant_is_told_of_and_survived() {
     let mut rig = Rig::powered();
     rig.bench.bus().inject(Fault::StuckDominant(true));
     rig.run_ms(1000);
-    assert!(rig.serial.contains("CAN: bus never idle (CANSTAT 80), trying again"), "{}", rig.serial);
+    assert!(rig.serial.contains("CAN: bus never idle (CANSTAT 80)"), "{}", rig.serial);
     rig.bench.bus().inject(Fault::StuckDominant(false));
     rig.wait_for_line("CAN: running", 400);
     rig.wait_for("a status", 600, |rig| !rig.statuses().is_empty());

@@ -136,11 +136,11 @@ lines! {
     /// The CAN controller is on the bus.
     Running = "CAN: running",
     /// No chip answers on the SPI.
-    NotAnswering = "CAN: MCP2515 silent (CANSTAT %x), trying again",
+    NotAnswering = "CAN: MCP2515 silent (CANSTAT %x)",
     /// A register did not read back as written.
-    NotKeeping = "CAN: MCP2515 forgets register %x, trying again",
+    NotKeeping = "CAN: MCP2515 forgets register %x",
     /// The CAN controller did not enter normal mode.
-    NotStarting = "CAN: bus never idle (CANSTAT %x), trying again",
+    NotStarting = "CAN: bus never idle (CANSTAT %x)",
     /// The CAN controller lost its configuration.
     ControllerLost = "CAN: MCP2515 lost its settings",
     /// No node acknowledges, or the bus is never idle.
