@@ -42,8 +42,8 @@ fn after_help() -> String {
          \x20                                        the autopilot of the thesis, in the UAVCAN of 2014\n\
          \x20 sim --plain --for 9s --inject other-dialect@4s\n\
          \x20                                        an autopilot of the other dialect takes its place at 4 s\n\
-         \x20 sim --no-autopilot --slcan /tmp/can    a port for the DroneCAN GUI Tool: slcan:/tmp/can\n\
-         \x20 sim --serial /tmp/arduino              a port for a terminal program; opening it resets the board\n\
+         \x20 sim --no-autopilot --slcan ./can       a port for the DroneCAN GUI Tool: slcan: and its whole path\n\
+         \x20 sim --serial ./arduino                 a port for a terminal program; opening it resets the board\n\
          \x20 sim --elf sketch.elf --board uno --shield module --no-autopilot
          \x20                                        your own program for an Uno with a blue module, 8 MHz\n\
          \x20 sim --elf sketch.elf --mcu atmega328p --cs D10 --int D2 --crystal 8
