@@ -725,6 +725,21 @@ mod tests {
     }
 
     #[test]
+    fn a_unique_id_with_one_wrong_byte_in_its_crc_is_made_again() {
+        for byte in 0..CRC_LEN {
+            let mut eeprom = Model::blank();
+            identified(&mut eeprom, noise(1));
+            eeprom.cells[usize::from(UNIQUE_ID + UNIQUE_ID_LEN + byte)] ^= 1;
+            let mut is_made = false;
+            identified(&mut eeprom, || {
+                is_made = true;
+                7
+            });
+            assert!(is_made, "{byte}");
+        }
+    }
+
+    #[test]
     fn a_unique_id_survives_that_parameters_are_saved() {
         let mut eeprom = Model::blank();
         let (mut store, mut id) = (Store::new(), [0; 16]);
