@@ -30,6 +30,22 @@ each command is followed and counted, each pulse has the width of a command just
 come in time and in order and with the true uptime, nothing is lost in the controller, parameters are what they were set to, and the
 stack keeps to its place. `make test` does that for a minute (`tests/soak.rs`), and `make soak` for as long as you like.
 
+Four hours on the Diecimila with the preset `default` (23 November 2026, an hour of a busy machine): 704,052 commands, 10,821 requests, 687
+saves, 1,355,577 frames and 687 faults of 21 kinds. All was well; 40 frames were lost, each in a fault. The longest recovery took 180 ms,
+from a controller that was held in configuration mode.
+
+## Mistakes in the program
+
+Tests that could not fail would prove nothing, so mistakes are put into the program, and the tests must notice them.
+
+* `make mutants` runs cargo-mutants with the host's unit tests: on `crates/` and on those modules of `src/node` that decide a pulse, are
+  trusted at a start, or say how the node is. In `actuator.rs`, `servo.rs`, `autopilot.rs`, `agenda.rs`, `condition.rs`, `health.rs` and
+  `store.rs` it made 340 mistakes, 5 to 20 seconds each. The tests let 28 through at first. Eleven have unit tests now: ten in the safety
+  switch, which only black-box tests knew, and one in the check of a CRC. Fifteen make the same program, and `.cargo/mutants.toml` leaves
+  them out with the reason. Two are left, in how noise is spread over a new unique ID. None is left in what decides a pulse.
+* `make elf-mutants` breaks the shipped program in 24 places, such as no check of a CRC, a failsafe without limits, no watchdog, and runs
+  the tests on simulated boards. Each was noticed.
+
 ## What is not noticed
 
 * A filter or a mask of the controller that changes by itself: outside configuration mode all of them read as zero (DS20001801J 4.5), and
