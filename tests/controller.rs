@@ -59,6 +59,34 @@ fn frames_back_to_back_are_received_in_order() {
     assert_eq!(told, expected);
 }
 
+/// INT comes late, so that two frames wait, and a third one arrives while they are read.
+#[test]
+fn frames_that_waited_in_both_buffers_are_taken_in_order() {
+    let mut rig = Rig::running();
+    rig.overflows_expected = true;
+    let mut whole = 0;
+    for step in 0..100 {
+        rig.forget();
+        rig.board().set_stuck_int(Some(true));
+        for n in 0..3 {
+            rig.send(0x1003_F20A, &[1, 4, 0, 0x64 + n, 0xC0 | n]);
+        }
+        let moment = rig.now() + (150 + 2 * step) * US;
+        rig.run_until(moment);
+        rig.board().set_stuck_int(None);
+        rig.run_ms(25);
+        let told: Vec<&str> = rig
+            .serial
+            .lines()
+            .filter_map(|line| line.strip_prefix("rx ArrayCommand from 10 tid "))
+            .map(|rest| &rest[..1])
+            .collect();
+        assert!(told.is_sorted(), "released after {} us: {told:?}", 150 + 2 * step);
+        whole += usize::from(told == ["0", "1", "2"]);
+    }
+    assert!(whole > 50, "{whole}");
+}
+
 #[test]
 fn messages_that_are_due_together_leave_in_order() {
     let mut rig = Rig::running();
