@@ -563,7 +563,7 @@ mod tests {
     fn assert_loaded_with_a_broken_copy(saves_ago: u16, expected_saves_ago: u16, expected_is_lost: bool) {
         for saves in 2..8 {
             let (mut eeprom, _) = after_saves(saves);
-            let broken = PARAMETERS[usize::from((saves - saves_ago) % 2 == 0)];
+            let broken = PARAMETERS[usize::from((saves - saves_ago).is_multiple_of(2))];
             eeprom.cells[usize::from(broken) + 3] ^= 0x80;
             let (_, parameters, is_lost) = loaded(&eeprom);
             assert_eq!((parameters, is_lost), (set(saves - 1 - expected_saves_ago), expected_is_lost));
