@@ -27,12 +27,11 @@ use crate::Cycles;
 use crate::avr::{
     Avr, Firmware, InputPin, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte, SpiDevice, State,
 };
+use crate::lm35 as sensor;
 use crate::mcp2515::Mcp2515;
 use crate::wiring::{Pin, Wiring};
 use sim_base::Noise;
 
-/// LM35 datasheet: 10 mV per degree Celsius.
-const LM35_UV_PER_DEGREE: f64 = 10_000.0;
 /// D3 is the output OC2B of Timer2, which can dim a light.
 const OC2B: (char, u8) = ('D', 3);
 
@@ -319,8 +318,7 @@ impl Board {
 
     /// Sets the temperature at the sensor.
     pub fn set_temperature_c(&mut self, celsius: f64) {
-        let microvolts = (celsius.max(0.0) * LM35_UV_PER_DEGREE).round();
-        self.avr.set_analog_uv(self.sensor_channel, microvolts as u32);
+        self.avr.set_analog_uv(self.sensor_channel, sensor::microvolts(celsius));
     }
 
     /// Sets the voltage at the sensor's pin: a sensor that is broken, or another one.

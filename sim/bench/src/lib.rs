@@ -11,6 +11,7 @@ pub mod autopilot;
 pub mod board;
 pub mod budget;
 pub mod firmware;
+pub mod lm35;
 pub mod wiring;
 
 /// The models below, and the DroneCAN of the stations around the board.
