@@ -179,17 +179,13 @@ pub fn summary(state: &State, speed: Measured) -> String {
         ),
     );
     line("node", format!("{} frames lost, {} driver mistakes", state.controller.overflows, state.mistakes.total()));
-    let node_frames = state.frames_for_node + state.frames_of_node;
-    if node_frames > 0 {
-        let per_frame = |count: u64| count as f64 / node_frames as f64;
+    let per_frame = |count| state.per_node_frame(count);
+    if let (Some(bytes), Some(selects)) = (per_frame(state.spi.bytes), per_frame(state.spi.selects)) {
+        let (received, sent) = (state.frames_for_node, state.frames_of_node);
         line(
             "SPI",
             format!(
-                "{:.1} bytes in {:.1} chip selects a frame, for {} frames received and {} sent",
-                per_frame(state.spi.bytes),
-                per_frame(state.spi.selects),
-                state.frames_for_node,
-                state.frames_of_node
+                "{bytes:.1} bytes in {selects:.1} chip selects a frame, for {received} frames received and {sent} sent"
             ),
         );
     }

@@ -141,8 +141,6 @@ impl Report {
     /// The result of a run that is over.
     pub fn new(state: &State) -> Report {
         let outcome = Outcome::of(state);
-        let frames = state.frames_for_node + state.frames_of_node;
-        let per_frame = |count: u64| (frames > 0).then(|| count as f64 / frames as f64);
         let limits = state.memory.limits;
         Report {
             outcome,
@@ -189,8 +187,8 @@ impl Report {
                 selects: state.spi.selects,
                 bytes: state.spi.bytes,
                 bytes_elsewhere: state.spi.bytes_elsewhere,
-                selects_per_frame: per_frame(state.spi.selects),
-                bytes_per_frame: per_frame(state.spi.bytes),
+                selects_per_frame: state.per_node_frame(state.spi.selects),
+                bytes_per_frame: state.per_node_frame(state.spi.bytes),
             },
             budget: Budget {
                 flash: state.memory.flash,
@@ -232,6 +230,17 @@ mod tests {
         assert_eq!((&report["outcome"], &report["exit_code"]), (&"well".into(), &0.into()));
         assert_eq!(report["bus"]["bit_rate"], 500_000);
         assert!(report["servo"]["width_us"].is_null() && report["spi"]["bytes_per_frame"].is_null(), "{report}");
+    }
+
+    #[test]
+    fn a_program_that_changes_its_rate_all_the_time_gets_each_hint_once_and_not_without_end() {
+        let mut state = State::new(1_000_000);
+        for number in 0..1000 {
+            state.hint(number, String::from("the UART is at 9600 baud"));
+            state.hint(number, format!("the UART is at {number} baud"));
+        }
+        assert_eq!(state.hints.len(), 20);
+        assert_eq!(state.take_news().len(), 20);
     }
 
     #[test]

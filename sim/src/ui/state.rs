@@ -32,6 +32,7 @@ const INTERMISSION_BITS: u32 = 3;
 /// Lost frames and resets that are kept for the report: the first of them; all are counted.
 const LOST_FRAMES_MAX: usize = 100;
 const RESETS_MAX: usize = 100;
+const HINTS_MAX: usize = 20;
 
 /// Where a line of traffic comes from, for its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -317,9 +318,18 @@ impl State {
     }
 
     /// Something that the author of the program will want to know.
+    /// A program that goes back and forth gets each text once, and a program with ever new ones the first of them.
     pub fn hint(&mut self, at: Cycles, text: String) {
-        self.hints.push(text.clone());
-        self.tell(at, News::Hint(text));
+        if self.hints.len() < HINTS_MAX && !self.hints.contains(&text) {
+            self.hints.push(text.clone());
+            self.tell(at, News::Hint(text));
+        }
+    }
+
+    /// `count` divided by the frames that the node has received and sent; none without a frame.
+    pub fn per_node_frame(&self, count: u64) -> Option<f64> {
+        let frames = self.frames_for_node + self.frames_of_node;
+        (frames > 0).then(|| count as f64 / frames as f64)
     }
 
     /// A frame that the node lost.
