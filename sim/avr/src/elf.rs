@@ -26,13 +26,14 @@ const EEPROM_END: u32 = 0x82_0000;
 const DEVICE_NOTE: &[u8] = b".note.gnu.avr.deviceinfo";
 const BOARD_SECTION: &[u8] = b".board";
 
-/// The value of a line `key=value`.
-fn value_of<'a>(lines: &'a [u8], key: &str) -> Option<&'a str> {
+/// The value of the line `key=value` of a section `.board`. A line without a value counts for none.
+pub fn value_of<'a>(lines: &'a [u8], key: &str) -> Option<&'a str> {
     let lines = std::str::from_utf8(lines).ok()?.lines();
     lines
         .filter_map(|line| line.trim_matches('\0').split_once('='))
-        .find(|(name, _)| *name == key)
+        .filter(|(name, _)| *name == key)
         .map(|(_, value)| value)
+        .find(|value| !value.is_empty())
 }
 
 /// A symbol of the firmware. Data addresses are those the program uses, without the tool chain's

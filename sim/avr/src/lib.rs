@@ -63,7 +63,7 @@ pub use base::Violation;
 pub use chip::Chip;
 pub use debug::Halt;
 pub use debugger::{Debugger, Registers};
-pub use elf::{Firmware, Symbol};
+pub use elf::{Firmware, Symbol, value_of};
 pub use machine::{Reset, ResetCause};
 pub use pins::PinWatcher;
 pub use pulse::{Pulse, PulseMeter};

@@ -155,7 +155,7 @@ impl Board {
     /// # Panics
     /// If the wiring is impossible.
     pub fn new(avr: Avr) -> Board {
-        let wiring = avr.board_section().map_or_else(|| Ok(Wiring::default()), Wiring::parse);
+        let wiring = Wiring::of_section(avr.board_section());
         wiring.and_then(|wiring| Board::wired(avr, &wiring)).unwrap_or_else(|error| panic!("{error:#}"))
     }
 

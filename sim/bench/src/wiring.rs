@@ -3,7 +3,7 @@
 //! An ELF of this project has a section `.board`, which is not loaded, with lines `key=value`. Anybody else's program is wired as the
 //! command line says. The names of boards and CAN boards are those of `avr-specs/boards.toml`.
 
-use crate::avr::{Chip, Firmware, Oc};
+use crate::avr::{Chip, Firmware, Oc, value_of};
 use anyhow::{Context, Result, bail, ensure};
 use std::fmt;
 use std::str::FromStr;
@@ -138,9 +138,17 @@ impl Wiring {
     /// # Errors
     /// If the section is wrong, or the simulator does not know the chip.
     pub fn of_program(firmware: &Firmware) -> Result<Wiring> {
-        let mut wiring = firmware.board.as_deref().map_or_else(|| Ok(Wiring::default()), Wiring::parse)?;
+        let mut wiring = Wiring::of_section(firmware.board.as_deref())?;
         wiring.chip = firmware.chip()?.unwrap_or(wiring.chip);
         Ok(wiring)
+    }
+
+    /// The wiring in a section `.board`; the default without one.
+    ///
+    /// # Errors
+    /// As [`Wiring::parse`].
+    pub fn of_section(section: Option<&[u8]>) -> Result<Wiring> {
+        section.map_or_else(|| Ok(Wiring::default()), Wiring::parse)
     }
 
     /// Reads the section `.board` of an ELF file.
@@ -148,11 +156,8 @@ impl Wiring {
     /// # Errors
     /// If a value is missing or wrong; the message says which.
     pub fn parse(section: &[u8]) -> Result<Wiring> {
-        let section = std::str::from_utf8(section).context("the section .board is not text")?;
-        let value = |key: &str| {
-            let lines = section.lines().filter_map(|line| line.trim_matches('\0').split_once('='));
-            lines.filter(|(name, _)| *name == key).map(|(_, value)| value).find(|value| !value.is_empty())
-        };
+        std::str::from_utf8(section).context("the section .board is not text")?;
+        let value = |key: &str| value_of(section, key);
         let needed = |key: &str| value(key).with_context(|| format!("the section .board has no {key}"));
         let wrong = |key: &str, error: String| anyhow::Error::msg(format!("the section .board: {key}: {error}"));
         let pin = |key: &str, text: &str| text.parse::<Pin>().map_err(|error| wrong(key, error));
