@@ -16,14 +16,14 @@ CS ?=
 INT ?=
 CRYSTAL ?=
 WIRING := --board '$(BOARD)' --shield '$(SHIELD)' --cs '$(CS)' --int '$(INT)' --crystal '$(CRYSTAL)'
-# What the firmware has: a preset (default, full, thesis, none), or a list of features with commas. Empty: the preset of the board's chip.
+# What the firmware has: a preset (default, full, remote, thesis, none), or a list of features with commas. Empty: the preset of the board's chip.
 FEATURES ?=
 ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)')
 GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)')
 # Presets with which the node's library is tested, and builds that the tests on simulated boards use. "none" is the same program as "default" on
 # this chip, so "make test" links it, and only "make test-all" tests it once more.
-PRESETS := default full thesis
-SHIPPED := default thesis none
+PRESETS := default full remote thesis
+SHIPPED := default remote thesis none
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
 UNO_MODULE := --board uno --shield module
@@ -61,7 +61,7 @@ help:
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make clean      remove what was built"
 	@echo
-	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, thesis or none;"
+	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, remote, thesis or none;"
 	@echo "FEATURES=button        this feature only; several with commas, if they fit."
 	@echo "BOARD=uno SHIELD=module chooses another board for them and for test; a wrong name lists the right ones. CS=D8 INT=D3 CRYSTAL=8 are for"
 	@echo "wires of your own. See docs/wiring.md."
@@ -188,6 +188,7 @@ fuzz: firmware
 # What it finds of new ways stays in the target directory; fuzz/corpus is read only. See docs/fuzzing.md.
 FUZZED := node eeprom host sim bridge
 TIME := 60
+MUTANTS = $(TOOLS)/bin/cargo-mutants mutants --jobs 2 --timeout 60 --build-timeout 100
 fuzz-coverage: $(TOOLS)/bin/cargo-fuzz
 	@set -e; for target in $(FUZZED); do \
 		found=$(abspath $(TARGET_DIR))/fuzz/corpus/$$target; \
@@ -220,6 +221,7 @@ lint-firmware: setup
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	cargo clippy $(AVR) -p node --bin node -- -D warnings
 	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
+	cargo clippy $(AVR) -p node --bin node $$(scripts/firmware --cargo remote) -- -D warnings
 	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) -p node --bin node --features full -- -D warnings
 	cargo clippy $(AVR) -p boot -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
@@ -231,7 +233,9 @@ bench: firmware strangers
 
 # Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
 mutants: $(TOOLS)/bin/cargo-mutants
-	$(TOOLS)/bin/cargo-mutants mutants -p node -p dronecan-wire -p mcp2515-ordered --output $(TARGET_DIR) --jobs 2 --timeout 60 --build-timeout 100 $(ARGS)
+	@# All features, or what is not compiled would survive.
+	$(MUTANTS) -p node --features full --output $(TARGET_DIR)/mutants/node $(ARGS)
+	$(MUTANTS) -p dronecan-wire -p mcp2515-ordered --all-features --output $(TARGET_DIR)/mutants/crates $(ARGS)
 
 # Mistakes in the firmware that the tests on simulated boards must notice.
 elf-mutants: setup

@@ -1,7 +1,7 @@
 //! Joins all tables of constants into the one image that lies in flash (see [`progmem`](crate::progmem)).
 
-use crate::monitor::TextsAndNames;
-use crate::monitor::text::{self, Texts};
+use crate::monitor::text::Texts;
+use crate::monitor::{TEXTS, TextsAndNames};
 use crate::node::acceptance::{self, Filters};
 use crate::node::information::{self, Information};
 use crate::node::parameters::{self, Descriptions};
@@ -18,7 +18,7 @@ impl Table for Texts {
 }
 
 impl Table for Descriptions {
-    const BEGIN: u16 = Texts::BEGIN + text::PACKED.len() as u16;
+    const BEGIN: u16 = Texts::BEGIN + TEXTS.len() as u16;
 }
 
 impl Table for Information {
@@ -38,7 +38,7 @@ const LEN: usize = Filters::BEGIN as usize + acceptance::PACKED.len();
 /// All tables, one after the other.
 pub const IMAGE: [u8; LEN] = {
     let mut image = [0; LEN];
-    let parts: [&[u8]; 4] = [&text::PACKED, &parameters::PACKED, &information::PACKED, &acceptance::PACKED];
+    let parts: [&[u8]; 4] = [TEXTS, &parameters::PACKED, &information::PACKED, &acceptance::PACKED];
     let (mut at, mut part) = (0, 0);
     while part < parts.len() {
         let mut n = 0;

@@ -18,7 +18,7 @@ use board::loader;
 use {
     board::{Board, flash::Image, guard},
     mcp2515_ordered::Configuration,
-    node::monitor::Monitor,
+    node::monitor::{self, Monitor},
     node::node::agenda::{Agenda, Facts, Turn},
     node::node::{Node, bit_rate, condition::ResetCause, parameters::Parameter, servo::Output, wire::Receiver},
 };
@@ -119,13 +119,14 @@ fn main() -> ! {
             }
             Turn::PrepareFrame if node.prepare(&board.bus, Image, monitor, now_ms) => {}
             // A message that is due may have to wait. The serial monitor then uses the turn.
-            Turn::PrepareFrame | Turn::Monitor => {
+            Turn::PrepareFrame | Turn::Monitor if monitor::IS_THERE => {
                 if board.serial.receive() == Some(b'?') {
                     node.report(monitor);
                 } else if board.serial.can_send() {
                     board.serial.send(monitor.next_byte(Image));
                 }
             }
+            Turn::PrepareFrame | Turn::Monitor => {}
         }
     }
 }

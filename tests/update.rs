@@ -254,20 +254,8 @@ fn the_loader_comes_back_after_the_controller_has_lost_its_power() {
     assert_eq!(bench.next_mode(), MAINTENANCE);
 }
 
-/// The ATmega168 has no room for the feature.
-fn asks_its_program() -> bool {
-    let asks = board().chip == bench::avr::Chip::Atmega328p;
-    if !asks {
-        println!("this is for the ATmega328P only");
-    }
-    asks
-}
-
 #[test]
 fn a_running_program_answers_and_lets_the_loader_update_it() {
-    if !asks_its_program() {
-        return;
-    }
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
     bench.server.files.insert("uno.bin".to_owned(), file());
@@ -280,9 +268,6 @@ fn a_running_program_answers_and_lets_the_loader_update_it() {
 
 #[test]
 fn a_program_in_use_refuses_an_update_and_says_why() {
-    if !asks_its_program() {
-        return;
-    }
     const INVALID_MODE: u8 = 1;
     const IN_USE: &[u8] = b"armed, or a command in the last 2 s";
     let mut bench = UpdateBench::with_program();
@@ -304,13 +289,10 @@ fn a_program_in_use_refuses_an_update_and_says_why() {
 
 #[test]
 fn a_program_that_hangs_again_and_again_leads_back_to_the_loader() {
-    if !asks_its_program() {
-        return;
-    }
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
     // WDR is 0x95A8, that of the main loop the last of the program; RJMP to itself is 0xCFFF.
-    let program = bench.flash(board().chip.boot_sections()[1]);
+    let program = bench.flash(file().len());
     let wdr = (0x68..program.len()).step_by(2).rfind(|&at| program[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
     bench.bench.board(0).avr_mut().load_flash(wdr, &[0xFF, 0xCF]);
     bench.run_ms(2000);

@@ -212,6 +212,7 @@ mod tests {
 
     const LINES: [Line; 2] = [Line::ErrorPassive, Line::ErrorActive];
 
+    #[cfg(feature = "monitor")]
     fn logged(monitor: &mut Monitor) -> String {
         (0..2000).map(|_| monitor.next_byte(InMemory)).filter(|&byte| byte != 0).map(char::from).collect()
     }
@@ -227,6 +228,7 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "monitor")]
     #[test]
     fn a_condition_is_logged_when_it_begins_and_when_it_ends() {
         let (mut health, mut monitor) = (Health::new(), Monitor::new());
@@ -312,6 +314,7 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "monitor")]
     #[test]
     fn the_counters_are_logged_on_request() {
         let (mut health, mut monitor) = (Health::new(), Monitor::new());

@@ -982,6 +982,7 @@ fn a_bus_that_takes_nothing_gets_each_message_once_when_it_does_again() {
     assert!(rig.can.sent.len() <= 2 + 1 + 2 + 1, "{:?}", rig.can.sent);
 }
 
+#[cfg(feature = "monitor")]
 #[test]
 fn the_serial_monitor_goes_on_while_what_is_due_has_to_wait() {
     let mut rig = Rig::new();

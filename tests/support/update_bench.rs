@@ -7,12 +7,12 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::rc::Rc;
 
-use bench::avr::{Avr, Firmware, ResetCause};
+use bench::avr::{Avr, Chip, Firmware, ResetCause};
 use bench::board::Board;
 use bench::can::{Frame, Id, SoftNode};
 use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
 use bench::wiring::Wiring;
-use bench::{Bench, chosen_board, eeprom_after_first_start, node_elf, target_dir};
+use bench::{Bench, chosen_board, eeprom_after_first_start, firmware, node_elf, target_dir};
 
 /// CPU cycles in a millisecond.
 const MS: u64 = 16_000;
@@ -57,10 +57,16 @@ pub fn board() -> Wiring {
     chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// The file for an update to the firmware of `make firmware`.
+/// A firmware that hands updates over to the loader. On the ATmega168 it is the one without a serial monitor.
+fn elf() -> PathBuf {
+    let elf = if board().chip == Chip::Atmega168 { firmware("remote") } else { node_elf() };
+    elf.unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// The file for an update to that firmware.
 pub fn file() -> Vec<u8> {
-    let path = node_elf().unwrap_or_else(|error| panic!("{error:#}")).with_extension("bin");
-    std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}; run \"make firmware\"", path.display()))
+    let path = elf().with_extension("bin");
+    std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}; run \"make firmwares\"", path.display()))
 }
 
 /// The same program with its CRC made anew, after a change of its header or of others of its bytes.
@@ -130,9 +136,9 @@ impl UpdateBench {
         UpdateBench::with(&[], &[], board().fastest_bit_rate())
     }
 
-    /// A board with the loader and the firmware of `make firmware`, as a programmer leaves it.
+    /// A board with the loader and the firmware, as a programmer leaves it.
     pub fn with_program() -> UpdateBench {
-        let elf = node_elf().unwrap_or_else(|error| panic!("{error:#}"));
+        let elf = elf();
         let firmware = Firmware::read(&elf).unwrap_or_else(|error| panic!("{error:#}"));
         let eeprom = eeprom_after_first_start(&elf).unwrap_or_else(|error| panic!("{error:#}"));
         UpdateBench::with(&firmware.flash, &eeprom, board().fastest_bit_rate())

@@ -173,7 +173,7 @@ fn only_the_bit_rates_of_the_board_can_be_set() {
     }
 }
 
-#[cfg(feature = "standard")]
+#[cfg(all(feature = "standard", feature = "monitor"))]
 #[test]
 fn a_number_out_of_range_is_logged_with_the_parameter() {
     let mut rig = Rig::new();

@@ -1,0 +1,473 @@
+//! Makes the lines of text.
+//!
+//! To queue an [`Event`] takes a few microseconds. The monitor makes the text later, in steps of at most
+//! 125 us. So the caller never waits, and a burst of eight events needs 64 bytes of RAM; its text would need 400. When the queue is full, the
+//! monitor drops events, counts them, and logs the count.
+//!
+//! The texts stay in flash, packed ([`text`]). The monitor unpacks them on a stack: it replaces a code that stands for a pair by the two codes
+//! of the pair, and a field by the characters of its value. It pushes the last code first.
+
+use heapless::Vec;
+
+use super::text::{self, Code, Field, Line, Texts};
+use super::{Event, TextsAndNames};
+use crate::progmem::Progmem;
+
+/// Events in the ring: the one that is being sent, and seven that wait. At 115200 baud a line takes about 5 ms, so this bridges 40 ms. A power
+/// of two.
+const QUEUE_LEN: usize = 8;
+
+/// Codes on the stack at most. A test checks the depth.
+const STACK_LEN: usize = 10;
+
+/// Texts that one step of the search for a text skips at most.
+const SKIPPED_AT_ONCE: u8 = 16;
+
+/// Queues events and makes text of them.
+pub struct Monitor {
+    /// A ring: the event that is being sent, and after it those that wait.
+    events: [Event; QUEUE_LEN],
+    /// Place of the event that is being sent, modulo [`QUEUE_LEN`].
+    sent: u8,
+    /// Events that wait.
+    waiting: u8,
+    /// Events dropped since the last [`Line::Lost`], at most 255. The monitor logs the count before the next line; after a [`Line::Lost`] it
+    /// logs another line first.
+    lost: u8,
+    /// Codes to send next. The top of the stack is the first.
+    stack: Vec<u8, STACK_LEN, u8>,
+    /// After the stack: index in flash of the rest of a text, and its length. While `text_skip` is not 0 the text is still to be found:
+    /// `text_at` is the index of the length of some text, and the text to send is `text_skip - 1` texts after that one.
+    text_at: u16,
+    text_left: u8,
+    text_skip: u8,
+    /// After the text: index and length of the rest of the line that the text is inserted in.
+    line_at: u16,
+    line_left: u8,
+    /// The end of the line is still to be sent.
+    has_end: bool,
+}
+
+impl Monitor {
+    /// An empty monitor.
+    pub const fn new() -> Self {
+        Self {
+            // Line number 0, so that the initial value is all zero bytes.
+            events: [Event::new(Line::RefusedKind); QUEUE_LEN],
+            sent: 0,
+            waiting: 0,
+            lost: 0,
+            stack: Vec::new(),
+            text_at: 0,
+            text_left: 0,
+            text_skip: 0,
+            line_at: 0,
+            line_left: 0,
+            has_end: false,
+        }
+    }
+
+    /// Queues a line and returns its event, into which the caller puts the values. Values that the caller does not set are those of an earlier
+    /// event. If the queue is full, the line replaces the last one, which is counted as dropped.
+    #[inline(never)]
+    pub fn log_line(&mut self, line: Line) -> &mut Event {
+        if self.is_full() {
+            self.lose();
+        } else {
+            self.waiting = self.waiting.wrapping_add(1);
+        }
+        let event = self.event(self.waiting);
+        event.line = line;
+        event
+    }
+
+    /// The same for a line about a single frame. If the queue is full, drops and counts it and returns `None`: such lines come as fast as frames
+    /// do, and must not replace others.
+    #[inline(never)]
+    pub fn log_frame(&mut self, line: Line) -> Option<&mut Event> {
+        if self.is_full() {
+            self.lose();
+            return None;
+        }
+        Some(self.log_line(line))
+    }
+
+    fn is_full(&self) -> bool {
+        self.waiting == QUEUE_LEN as u8 - 1
+    }
+
+    /// Counts a line that was dropped because the queue was full.
+    #[inline(never)]
+    fn lose(&mut self) {
+        if self.lost != u8::MAX {
+            self.lost = self.lost.wrapping_add(1);
+        }
+    }
+
+    /// The event that is being sent (0), or the `n`th one that waits.
+    #[inline(never)]
+    fn event(&mut self, n: u8) -> &mut Event {
+        &mut self.events[usize::from(self.sent.wrapping_add(n)) % QUEUE_LEN]
+    }
+
+    #[inline(never)]
+    fn push(&mut self, code: u8) {
+        // The stack is deep enough (see `STACK_LEN`). A code beyond it would be dropped.
+        let _ = self.stack.push(code);
+    }
+
+    /// Does one step and returns the next character for the UART, or 0 if this step made none.
+    #[inline(never)]
+    pub fn next_byte<F: TextsAndNames>(&mut self, flash: F) -> u8 {
+        let mut code = match self.stack.pop() {
+            Some(code) => code,
+            None => match self.next_code(flash) {
+                Some(code) => code,
+                None => return 0,
+            },
+        };
+        loop {
+            match Code::from(code) {
+                Code::Character(character) => return character,
+                Code::Pair(at) => {
+                    self.push(flash.byte(at.wrapping_add(text::SECOND)));
+                    code = flash.byte(at);
+                }
+                Code::Field(field) => {
+                    self.push_field::<F>(field);
+                    return 0;
+                }
+            }
+        }
+    }
+
+    /// Returns the next code of the text, or `None` if this step finds none.
+    #[inline(always)]
+    fn next_code(&mut self, flash: impl Progmem<Texts>) -> Option<u8> {
+        if self.text_skip != 0 {
+            self.find_text(flash);
+            return None;
+        }
+        if self.text_left == 0 {
+            self.text_at = self.line_at;
+            self.text_left = core::mem::take(&mut self.line_left);
+            if self.text_left == 0 {
+                if core::mem::take(&mut self.has_end) {
+                    return Some(text::LINE_END);
+                }
+                self.begin_line();
+                return None;
+            }
+        }
+        self.text_left = self.text_left.wrapping_sub(1);
+        let at = self.text_at;
+        self.text_at = at.wrapping_add(1);
+        Some(flash.byte(at))
+    }
+
+    /// Does one step of the search for the text.
+    #[inline(always)]
+    fn find_text(&mut self, flash: impl Progmem<Texts>) {
+        let mut texts = SKIPPED_AT_ONCE;
+        let mut at = self.text_at;
+        let mut skip = self.text_skip;
+        while texts != 0 {
+            let len = flash.byte(at);
+            at = at.wrapping_add(1);
+            skip = skip.wrapping_sub(1);
+            if skip == 0 {
+                self.text_left = len;
+                break;
+            }
+            at = at.wrapping_add(u16::from(len));
+            texts = texts.wrapping_sub(1);
+        }
+        self.text_at = at;
+        self.text_skip = skip;
+    }
+
+    /// Inserts the text that is `skip` texts after the text whose length is at `at`.
+    #[inline(never)]
+    fn insert(&mut self, at: u16, skip: u8) {
+        self.line_at = self.text_at;
+        self.line_left = self.text_left;
+        self.text_at = at;
+        self.text_left = 0;
+        self.text_skip = skip.wrapping_add(1);
+    }
+
+    #[inline(always)]
+    fn begin_line(&mut self) {
+        // Never twice in a row, so that during an endless flood other lines are sent, too.
+        if self.lost != 0 && self.event(0).line != Line::Lost {
+            let lost = core::mem::take(&mut self.lost);
+            let event = self.event(0);
+            event.line = Line::Lost;
+            event.set_code(lost);
+        } else if self.waiting != 0 {
+            self.waiting = self.waiting.wrapping_sub(1);
+            self.sent = self.sent.wrapping_add(1);
+        } else {
+            return;
+        }
+        let line = self.event(0).line.number();
+        self.insert(text::FIRST_LINE, line);
+        self.has_end = true;
+    }
+
+    /// Pushes the value of a field.
+    #[inline(never)]
+    fn push_field<F: TextsAndNames>(&mut self, field: u8) {
+        let event = self.event(0);
+        if let Some(&byte) = event.bytes.get(usize::from(field)) {
+            return self.push_number(u16::from(byte), 0);
+        }
+        let &mut Event { bytes: [.., code], a, b, .. } = event;
+        match field {
+            Field::HEX => {
+                self.push_nibble(code);
+                self.push_nibble(code.rotate_left(4));
+            }
+            Field::WORD => self.insert(text::FIRST_LINE, code),
+            Field::OTHER_WORD => self.insert(text::FIRST_LINE, b as u8),
+            Field::NAME => self.insert(F::NAMES, b as u8),
+            Field::HALVES => {
+                self.push(b'0' | (b as u8 & 1).wrapping_neg() & 5);
+                self.push(b'.');
+                self.push_number(b >> 1, 0);
+            }
+            Field::B => self.push_number(b, 0),
+            Field::A => self.push_number(a, 0),
+            Field::SIGN => self.push(if (a as i16) < 0 { b'-' } else { b'+' }),
+            _ => self.push_number((a as i16).unsigned_abs(), field.wrapping_sub(Field::NO_PLACES)),
+        }
+    }
+
+    /// Pushes the digits of a number with `places` decimal places, the last digit first.
+    #[inline(never)]
+    fn push_number(&mut self, mut number: u16, places: u8) {
+        let mut before_point = places as i8;
+        while number != 0 || before_point >= 0 {
+            let mut quotient = nearly_a_tenth(number);
+            let mut digit = (number as u8).wrapping_sub((quotient as u8).wrapping_mul(10));
+            if digit > 9 {
+                digit = digit.wrapping_sub(10);
+                quotient = quotient.wrapping_add(1);
+            }
+            self.push(b'0' + digit);
+            number = quotient;
+            before_point = before_point.wrapping_sub(1);
+            if before_point == 0 {
+                self.push(b'.');
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn push_nibble(&mut self, code: u8) {
+        let nibble = code & 15;
+        let digit = if nibble < 10 { b'0' } else { b'A' - 10 };
+        self.push(digit.wrapping_add(nibble));
+    }
+}
+
+/// A tenth of a number, rounded down, or one less. It adds the parts 1/2, 1/4, 1/32 and so on: the AVR has no division, and no multiplication of
+/// words.
+#[inline(never)]
+fn nearly_a_tenth(number: u16) -> u16 {
+    let mut eighths = (number >> 1).wrapping_add(number >> 2);
+    eighths = eighths.wrapping_add(eighths >> 4);
+    eighths = eighths.wrapping_add(eighths >> 8);
+    eighths >> 3
+}
+
+impl Default for Monitor {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::InMemory;
+    use crate::node::parameters::Parameter;
+    use std::string::String;
+
+    /// The next character, or 0 if twelve steps make none.
+    fn next(monitor: &mut Monitor) -> u8 {
+        (0..12).map(|_| monitor.next_byte(InMemory)).find(|&byte| byte != 0).unwrap_or(0)
+    }
+
+    fn logged(monitor: &mut Monitor) -> String {
+        std::iter::from_fn(|| Some(next(monitor)).filter(|&byte| byte != 0)).map(char::from).collect()
+    }
+
+    fn line_of(event: Event) -> String {
+        let mut monitor = Monitor::new();
+        *monitor.log_line(event.line) = event;
+        logged(&mut monitor)
+    }
+
+    #[test]
+    fn nearly_a_tenth_is_a_tenth_or_one_less() {
+        assert!((0..=u16::MAX).all(|number| number / 10 - nearly_a_tenth(number) <= 1));
+    }
+
+    #[test]
+    fn a_command_is_logged_with_type_source_transfer_and_value() {
+        let event = Event { line: Line::CommandUnitless, bytes: [10, 7, 1], a: 500, b: 3500 };
+        assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n");
+    }
+
+    #[test]
+    fn a_status_is_logged_with_words_for_health_and_mode() {
+        let health = Line::Health.plus(1).number();
+        let mode = Line::Mode.plus(3).number();
+        let event = Event { line: Line::Status, bytes: [1, 31, health], a: 65_535, b: mode.into() };
+        assert_eq!(line_of(event), "rx NodeStatus from 1 tid 31: up 65535 s, WARNING, SOFTWARE_UPDATE\r\n");
+    }
+
+    #[cfg(feature = "standard")]
+    #[test]
+    fn a_parameter_is_logged_by_its_name() {
+        for (parameter, name) in [(Parameter::CanNode, "CAN_NODE"), (Parameter::Out1Reversed, "OUT1_REVERSED")] {
+            let b = parameter as u16;
+            let line = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
+            assert_eq!(line, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
+        }
+    }
+
+    #[test]
+    fn all_number_fields_are_formatted_correctly() {
+        let field_of = |line, bytes, a, b, before, after| {
+            let line = line_of(Event { line, bytes, a, b });
+            let (_, rest) = line.split_once(before).unwrap();
+            rest.split_once(after).unwrap().0.to_string()
+        };
+        let zero = [0; 3];
+        for a in 0..=u16::MAX {
+            assert_eq!(field_of(Line::CommandPwm, zero, a, 0, "PWM ", " us"), a.to_string());
+        }
+        for a in i16::MIN..=i16::MAX {
+            let sign = if a < 0 { '-' } else { '+' };
+            let (whole, rest) = (a.unsigned_abs() / 1000, a.unsigned_abs() % 1000);
+            let expected = format!("{sign}{whole}.{rest:03}");
+            assert_eq!(field_of(Line::CommandUnitless, zero, a as u16, 0, "unitless ", ","), expected);
+            let (whole, rest) = (a.unsigned_abs() / 10, a.unsigned_abs() % 10);
+            let expected = format!("{sign}{whole}.{rest}");
+            assert_eq!(field_of(Line::Temperature, zero, a as u16, 0, "temperature ", " C"), expected);
+        }
+        for (b, pulse) in [(0, "0.0"), (1, "0.5"), (2, "1.0"), (1999, "999.5"), (5000, "2500.0"), (65_535, "32767.5")] {
+            assert_eq!(field_of(Line::CommandPwm, zero, 0, b, "pulse ", " us"), pulse);
+        }
+        for code in 0..=255 {
+            let expected = format!("{code:02X}");
+            assert_eq!(field_of(Line::NotAnswering, [0, 0, code], 0, 0, "CANSTAT ", ")"), expected);
+            assert_eq!(field_of(Line::CommandUnitless, [0, 0, code], 0, 0, ": id ", " "), code.to_string());
+        }
+    }
+
+    /// The line that the text and the values of the event give, made with `format!`.
+    fn expected(text: &str, event: Event) -> String {
+        let Event { bytes: [source, transfer, code], a, b, .. } = event;
+        let word = |line: usize| text::LINES[line].to_string();
+        let fixed = |places: usize| {
+            let digits = format!("{:0>1$}", (a as i16).unsigned_abs(), places + 1);
+            let (whole, rest) = digits.split_at(digits.len() - places);
+            format!("{whole}.{rest}")
+        };
+        let mut parts = text.split('%');
+        let mut line = parts.next().unwrap().to_string();
+        for part in parts {
+            let (field, rest) = part.split_at(1);
+            line += &match field {
+                "s" => source.to_string(),
+                "t" => transfer.to_string(),
+                "c" => code.to_string(),
+                "x" => format!("{code:02X}"),
+                "w" => word(code.into()),
+                "v" => word(b.into()),
+                "a" => a.to_string(),
+                "+" => if (a as i16) < 0 { "-" } else { "+" }.to_string(),
+                "1" => fixed(1),
+                "3" => fixed(3),
+                "b" => b.to_string(),
+                "p" => format!("{}.{}", b / 2, b % 2 * 5),
+                "n" => "OUT1_REVERSED".to_string(),
+                _ => panic!("unknown field in {text:?}"),
+            };
+            line += rest;
+        }
+        line + "\r\n"
+    }
+
+    #[test]
+    fn every_line_unpacks_to_its_text_within_the_stack() {
+        let longest_word = Line::ModeSoftwareUpdate.number();
+
+        let mut depth = 0;
+        for (number, text) in text::LINES.iter().enumerate() {
+            let code = if text.contains("%w") { longest_word } else { 255 };
+            let b = match text {
+                text if text.contains("%v") => longest_word.into(),
+                text if text.contains("%n") => Parameter::Out1Reversed as u16,
+                _ => 65_535,
+            };
+            let line = Line::RefusedKind.plus(number as u8);
+            let event = Event { line, bytes: [125, 31, code], a: -10_000i16 as u16, b };
+            let mut monitor = Monitor::new();
+            *monitor.log_line(line) = event;
+            let mut sent = String::new();
+            for _ in 0..400 {
+                let byte = monitor.next_byte(InMemory);
+                depth = depth.max(monitor.stack.len());
+                if byte != 0 {
+                    sent.push(char::from(byte));
+                }
+            }
+            assert_eq!(sent, expected(text, event));
+        }
+        assert!((STACK_LEN - 2..=STACK_LEN).contains(&depth), "{depth}");
+    }
+
+    #[test]
+    fn lines_that_do_not_fit_are_dropped_and_counted() {
+        let mut monitor = Monitor::new();
+        monitor.log_line(Line::Running);
+        assert_eq!(next(&mut monitor), b'C');
+        for _ in 0..QUEUE_LEN - 1 + 5 {
+            monitor.log_line(Line::BusOff);
+        }
+        let text = logged(&mut monitor);
+        let lines: std::vec::Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), QUEUE_LEN + 1);
+        assert_eq!(lines[0], "AN: running");
+        assert!(lines[1].starts_with("5 lines"), "{}", lines[1]);
+        assert!(lines[2..].iter().all(|&line| line == "CAN: bus-off"));
+        assert_eq!(logged(&mut monitor), "");
+    }
+
+    #[test]
+    fn a_line_about_a_frame_takes_no_other_line_s_place() {
+        let mut monitor = Monitor::new();
+        for _ in 0..QUEUE_LEN - 1 {
+            monitor.log_line(Line::BusOff);
+        }
+        assert!(monitor.log_frame(Line::Running).is_none());
+        let text = logged(&mut monitor);
+        assert!(text.starts_with("1 lines dropped") && !text.contains("running"), "{text}");
+        assert_eq!(text.matches("CAN: bus-off").count(), QUEUE_LEN - 1);
+    }
+
+    #[test]
+    fn a_line_that_is_being_sent_is_not_overwritten() {
+        let mut monitor = Monitor::new();
+        monitor.log_line(Line::Temperature).a = 245;
+        assert_eq!(next(&mut monitor), b't');
+        for n in 0..40 {
+            monitor.log_line(Line::Temperature).a = n;
+        }
+        assert!(logged(&mut monitor).starts_with("emperature +24.5 C\r\n"));
+    }
+}
