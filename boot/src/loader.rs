@@ -124,14 +124,15 @@ extern "C" fn main() -> ! {
     loop {
         can::configure(loader.information.node_id, &loader.information.cnf);
         loop {
-            let outgoing = if clock::take_second() {
+            // Before the second, which counts as one of silence.
+            let outgoing = if update::is_read_due() {
+                Some(read_request(loader))
+            } else if clock::take_second() {
                 if !can::is_on_bus() {
                     break;
                 }
                 update::tick();
                 Some(status(loader))
-            } else if update::is_read_due() {
-                Some(read_request(loader))
             } else if can::receive(&mut loader.frame) {
                 take_frame(loader)
             } else {
