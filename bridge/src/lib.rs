@@ -10,7 +10,6 @@
 #![forbid(unsafe_code)]
 
 pub mod args;
-mod bus;
 mod calls;
 mod channel;
 mod commands;
@@ -24,3 +23,5 @@ mod parameters;
 pub mod queue;
 pub mod run;
 mod screen;
+
+use can_link as bus;

@@ -1,7 +1,9 @@
-//! The DroneCAN bus: an SLCAN adapter, the multicast bus, or SocketCAN. It may go away and come back.
+//! A CAN bus for programs on a host: an SLCAN adapter, the multicast bus of DroneCAN, or SocketCAN. It may go away and come back.
 //!
 //! Nothing here blocks. Frames that the bus does not take wait, and beyond [`QUEUE_LIMIT`] the newest are dropped and counted,
 //! as from a full transmit queue: what needs an answer is asked for again anyway.
+
+#![forbid(unsafe_code)]
 
 use anyhow::{Context, Result, anyhow, bail};
 use dronecan_host::mcast;
