@@ -27,7 +27,7 @@ CARGO_RUN = "cargo run --release -p node --target avr-specs/avr-atmega168.json -
 def empty_board(bench):
     """A board with nothing but its boot loader."""
     assert BOOTLOADER.exists(), 'there is no boot loader: "make test" installs arduino-core-avr'
-    return bench("--bootloader", BOOTLOADER, serial=True)
+    return bench("--bootloader", BOOTLOADER, "--no-program", serial=True)
 
 
 def test_the_monitor_tells_how_the_node_does(bench):
@@ -108,7 +108,7 @@ def optiboot(directory):
 @pytest.mark.parametrize(("board", "shield"), [("uno", "module"), ("nano", "seeed"), ("duemilanove", "seeed")])
 def test_make_flash_uploads_to_boards_with_an_atmega328p(bench, tmp_path, board, shield):
     bootloader = optiboot(tmp_path) if board == "uno" else BOOTLOADERS / "atmega/ATmegaBOOT_168_atmega328.hex"
-    used = bench("--bootloader", bootloader, "--board", board, "--shield", shield, serial=True, fresh=True)
+    used = bench("--bootloader", bootloader, "--no-program", "--board", board, "--shield", shield, serial=True, fresh=True)
     # All boards with this chip run the same program.
     built = ROOT / pathlib.Path(os.environ.get("CARGO_TARGET_DIR", "target")) / "firmware" / f"uno-{shield}.elf"
     mine = built.with_name(f"{board}-{shield}.elf")

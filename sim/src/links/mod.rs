@@ -35,9 +35,13 @@ pub struct Args {
     #[arg(long, value_name = "PATH")]
     pub serial: Option<PathBuf>,
 
-    /// Start with a flash that is empty but for this bootloader, an Intel HEX file; upload through --serial
-    #[arg(long, value_name = "HEX", requires = "serial")]
-    pub bootloader: Option<PathBuf>,
+    /// Put this bootloader, an Intel HEX file, beside the program, and start with it. Without HEX: what "make boot" has built for the board
+    #[arg(long, value_name = "HEX", num_args = 0..=1)]
+    pub bootloader: Option<Option<PathBuf>>,
+
+    /// Leave the flash empty but for the bootloader, for an upload or an update
+    #[arg(long, requires = "bootloader")]
+    pub no_program: bool,
 
     /// Join the UDP multicast bus N, 0 to 255, of pydronecan, libcanard and ArduPilot SITL, on loopback
     #[arg(long, value_name = "N", value_parser = mcast_bus, allow_hyphen_values = true)]

@@ -44,6 +44,7 @@ fn after_help() -> String {
          \x20                                        an autopilot of the other dialect takes its place at 4 s\n\
          \x20 sim --no-autopilot --slcan ./can       a port for the DroneCAN GUI Tool: slcan: and its whole path\n\
          \x20 sim --serial ./arduino                 a port for a terminal program; opening it resets the board\n\
+         \x20 sim --bootloader --slcan ./can         a node that takes updates over the bus: docs/update.md\n\
          \x20 sim --elf sketch.elf --board uno --shield module --no-autopilot
          \x20                                        your own program for an Uno with a blue module, 8 MHz\n\
          \x20 sim --elf sketch.elf --mcu atmega328p --cs D10 --int D2 --crystal 8
@@ -326,7 +327,7 @@ mod tests {
             ("sim --no-autopilot --dialect draft", "--no-autopilot"),
             ("sim --speed 0", "max"),
             ("sim --inject gremlins@1s", "stuck-dominant"),
-            ("sim --bootloader boot.hex", "--serial"),
+            ("sim --no-program", "--bootloader"),
             ("sim --no-autopilot --hold 0", "--no-autopilot"),
         ] {
             let error = parse(line).unwrap_err().to_string();

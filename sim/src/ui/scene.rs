@@ -23,10 +23,11 @@ use bench::budget::{Budget, PAINT};
 use bench::can::{self, Frame, PortId, SoftNode};
 use bench::mcp2515::Fate;
 use bench::wiring::Wiring;
-use bench::{Bench, node_elf};
+use bench::{Bench, node_elf, target_dir};
 use bench::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::collections::VecDeque;
+use std::path::Path;
 use std::rc::Rc;
 
 /// What a cell of erased flash holds.
@@ -92,60 +93,51 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Boots the firmware at time 0, or the boot loader that is to be given one.
+    /// Gives the boards their power at time 0.
     ///
     /// # Errors
-    /// If there is no firmware, or it cannot be run, or a link cannot be made; the message says what to do.
+    /// If there is no firmware or bootloader, or it cannot be run, or a link cannot be made; the message says what to do.
     pub fn new(args: &Args) -> Result<Scene> {
         let path = args.elf.clone().map_or_else(node_elf, Ok)?;
-        let elf = || Firmware::read(&path).or_usage();
-        let Some(hex) = &args.links.bootloader else {
-            let firmware = elf()?;
-            let wiring = Wiring::of_program(&firmware).with_context(|| path.display().to_string()).or_usage()?;
-            let chip = args.wires.apply(wiring).or_usage()?.chip;
-            firmware.check_fits(chip).with_context(|| path.display().to_string()).or_usage()?;
-            return Scene::boot(&firmware, args);
+        // A chip that is empty but for its bootloader needs no firmware. But if there is one, it says what the board is.
+        let firmware = match Firmware::read(&path).or_usage() {
+            Err(_) if args.links.no_program && args.elf.is_none() => Firmware::default(),
+            firmware => firmware?,
         };
-        let loader = Firmware::read_hex(hex).or_usage()?;
-        // Only further boards have their program already. But it says what the board is that the boot loader runs on.
-        let others = if args.elf.is_some() || args.links.nodes > 0 { elf()? } else { elf().unwrap_or_default() };
-        let wiring = args.wires.apply(Wiring::of_program(&others)?).or_usage()?;
-        let section = loader.boot_section(wiring.chip).with_context(|| hex.display().to_string()).or_usage()?;
-        Scene::with_programs(&loader, Some(section), &others, args)
+        let wiring = Wiring::of_program(&firmware).with_context(|| path.display().to_string()).or_usage()?;
+        let chip = args.wires.apply(wiring).or_usage()?.chip;
+        firmware.check_fits(chip).with_context(|| path.display().to_string()).or_usage()?;
+        Scene::boot(&firmware, args)
     }
 
-    /// Boots a firmware that has been read already.
+    /// The same with a firmware that has been read already.
     ///
     /// # Errors
     /// If the firmware does not fit the chip, the options ask for what the board cannot do, or a link cannot be made.
     pub fn boot(firmware: &Firmware, args: &Args) -> Result<Scene> {
-        Scene::with_programs(firmware, None, firmware, args)
-    }
-
-    /// `firmware` is the node's, and begins at `boot_section` if it is a boot loader; `others` is that of further boards.
-    fn with_programs(
-        firmware: &Firmware,
-        boot_section: Option<usize>,
-        others: &Firmware,
-        args: &Args,
-    ) -> Result<Scene> {
-        let wiring = args.wires.apply(Wiring::of_program(others)?).or_usage()?;
-        let knows_vendor_code = others.board.is_some();
+        let wiring = args.wires.apply(Wiring::of_program(firmware)?).or_usage()?;
+        let loader = args.links.bootloader.as_ref().map(|hex| bootloader(hex.as_deref(), &wiring)).transpose()?;
+        let boot_section = loader.as_ref().map(|loader| loader.boot_section(wiring.chip)).transpose().or_usage()?;
+        let nothing = Firmware::default();
+        let first = if args.links.no_program { &nothing } else { firmware };
+        let powered = |program: &Firmware, seed: u64| {
+            let mut avr = Avr::programmed(wiring.chip, program)?;
+            avr.seed(seed);
+            if let Some(loader) = &loader {
+                avr.install_boot_loader(loader)?;
+            }
+            avr.reset(ResetCause::PowerOn);
+            anyhow::Ok(avr)
+        };
+        let knows_vendor_code = firmware.board.is_some();
         let limits = knows_vendor_code.then(|| Budget::of(wiring.chip));
         let bit_rate = args.bit_rate(&wiring).or_usage()?;
-        let mut avr = Avr::programmed(wiring.chip, firmware)?;
-        if let Some(section) = boot_section {
-            avr.set_reset_vector(section as u32);
-            avr.reset(ResetCause::PowerOn);
-        }
+        let avr = powered(first, 0)?;
         let resets_seen = avr.resets().len();
         let mut bench = Bench::new(bit_rate);
         let node = bench.add_board(Board::wired(avr, &wiring)?, "node");
         let others = (2..args.links.nodes + 2).map(|number| {
-            let mut avr = Avr::programmed(wiring.chip, others)?;
-            avr.seed(number as u64);
-            avr.reset(ResetCause::PowerOn);
-            Ok(bench.add_board(Board::wired(avr, &wiring)?, &format!("node{number}")))
+            Ok(bench.add_board(Board::wired(powered(firmware, number as u64)?, &wiring)?, &format!("node{number}")))
         });
         let others = others.collect::<Result<Vec<usize>>>()?;
         let autopilot = args.autopilot().or_usage()?.map(|settings| {
@@ -165,12 +157,13 @@ impl Scene {
         injections.sort_by_key(|injection| injection.at);
 
         let mut state = State::new(bit_rate);
-        let bytes: usize = firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum();
-        state.memory.flash = if boot_section.is_some() { 0 } else { bytes as u32 };
-        state.memory.statics = firmware.statics;
+        state.memory.flash = first.flash.iter().map(|(_, bytes)| bytes.len() as u32).sum();
+        // An update may bring another program.
+        let known = if loader.is_some() { &nothing } else { firmware };
+        state.memory.statics = known.statics;
         state.memory.limits = limits;
         state.knows_vendor_code = knows_vendor_code;
-        let bottom = firmware.symbols.get(STACK_BOTTOM_SYMBOL).and_then(|symbol| u16::try_from(symbol.address).ok());
+        let bottom = known.symbols.get(STACK_BOTTOM_SYMBOL).and_then(|symbol| u16::try_from(symbol.address).ok());
         let stack_bottom = bottom.filter(|bottom| (regs::RAMSTART..=wiring.chip.ram_end()).contains(bottom));
         state.tell(0, News::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
         state.wiring = wiring;
@@ -669,6 +662,16 @@ impl Scene {
 
 /// True if the program has filled its free RAM, from `bottom` on, with paint. RAM that nobody has written to holds noise, and a program
 /// that does not paint has no reason to write so many equal bytes there.
+/// Reads a bootloader: this one, or that of `make boot` for the board.
+fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<Firmware> {
+    let own = target_dir().join(format!("firmware/boot-{}-{}.hex", wiring.board, wiring.shield));
+    let advice = || format!("\"make boot BOARD={} SHIELD={}\" builds it", wiring.board, wiring.shield);
+    match hex {
+        Some(hex) => Firmware::read_hex(hex).or_usage(),
+        None => Firmware::read_hex(&own).with_context(advice).or_usage(),
+    }
+}
+
 fn is_painted(avr: &Avr, bottom: u16) -> bool {
     let end = bottom.saturating_add(PAINTED_BYTES - 1);
     end <= avr.chip().ram_end() && avr.sram_range(bottom..=end).iter().all(|byte| *byte == PAINT)
