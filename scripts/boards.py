@@ -71,6 +71,11 @@ class Choice:
         return "-".join([self.board, self.shield, *own])
 
     @property
+    def options(self):
+        """The choice as options of a script."""
+        return ["--board", self.board, "--shield", self.shield, "--cs", self.cs, "--int", self.int, "--crystal", str(self.crystal_mhz)]
+
+    @property
     def environment(self):
         """For build.rs."""
         return {
