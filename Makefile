@@ -37,13 +37,13 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge sim-program bridge-program install lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge sim-program bridge-program install lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
 	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
-	@echo "make install    the firmware, and the commands sim and bridge in ~/.cargo/bin  (PREFIX=/usr/local for /usr/local/bin)"
+	@echo "make install    the firmware, and the commands sim, bridge and node-update in ~/.cargo/bin  (PREFIX=/usr/local for /usr/local/bin)"
 	@echo "make test       every test that CI runs, about 20 minutes the first time; installs what is missing first"
 	@echo "make test-all   that, and then the long ones below"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
@@ -53,6 +53,8 @@ help:
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
 	@echo "make firmware   build the firmware, and show how much of the chip it takes"
 	@echo "make boot       build the bootloader, which takes new firmware over the bus (docs/update.md)"
+	@echo "make update     send the firmware to a node over the bus  (NODE=120 BUS=slcan:/dev/ttyACM0; NODE=all, FILE=other.bin)"
+	@echo "make bootloader write the bootloader to an Arduino with a programmer  (PROGRAMMER=usbasp; STOCK=file.hex for the way back)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
@@ -94,8 +96,9 @@ bridge-program:
 
 # The installed sim finds the firmware where "make firmware" leaves it. Offline: all has been compiled, and cargo would look for newer crates.
 install: firmware sim-program bridge-program
-	@set -e; for program in sim bridge; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$program; done
-	@echo "Installed sim and bridge in $(PREFIX)/bin"
+	@cargo build --quiet --release -p node-update
+	@set -e; for program in sim bridge update; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$program; done
+	@echo "Installed sim, bridge and node-update in $(PREFIX)/bin"
 	@case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo "The shell does not look there yet: add it to PATH" ;; esac
 
 firmware:
@@ -110,6 +113,19 @@ firmware-gdb:
 boot:
 	@scripts/setup build
 	@scripts/boot $(WIRING)
+
+bootloader: boot
+	@scripts/setup flash
+	@scripts/bootloader $(WIRING) --programmer '$(PROGRAMMER)' --port '$(PORT)' $(if $(STOCK),--stock '$(STOCK)')
+
+# Without FILE= the firmware of the board.
+update: $(if $(FILE),,firmware)
+	@scripts/setup build
+	@test '$(BUS)' || { echo 'Say which bus: make update NODE=120 BUS=slcan:/dev/ttyACM0' >&2; exit 2; }
+	@test '$(NODE)' || { echo 'Say which node: make update NODE=120 BUS=$(BUS), or NODE=all' >&2; exit 2; }
+	@test -e $(PROGRAMS)/node-update || echo "Compiling the program: a minute on two cores the first time"
+	@cargo build --quiet --release -p node-update
+	@$(PROGRAMS)/node-update $(if $(FILE),'$(FILE)',$(ELF:.elf=.bin)) --bus '$(BUS)' --node '$(NODE)' $(ARGS)
 
 firmwares:
 	@scripts/setup build
@@ -146,7 +162,7 @@ test-library:
 
 test-host:
 	cargo test -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
-		-p bus-load -p avr-model -p bench -p sim -p rig
+		-p bus-load -p can-link -p node-update -p avr-model -p bench -p sim -p rig
 
 test-firmware:
 	$(ON_BOARD) cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) $(LONG_TESTS)
@@ -159,6 +175,7 @@ test-uno:
 # They mostly wait for real time. Their node is on the default board.
 CLIENTS := not long
 test-clients:
+	cargo build -p node-update
 	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile -m '$(CLIENTS)' tests/clients
 
 # What takes long, one after the other; a new one goes to the end of the list.
@@ -233,8 +250,8 @@ bench: firmware strangers
 
 # Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
 mutants: $(TOOLS)/bin/cargo-mutants
-	@# All features, or what is not compiled would survive.
-	$(MUTANTS) -p node --features full --output $(TARGET_DIR)/mutants/node $(ARGS)
+	@# All features, or what is not compiled would survive. Of the node the unit tests only, without the slow ones of a module that is not changed.
+	$(MUTANTS) -p node --features full --cargo-arg=--lib --output $(TARGET_DIR)/mutants/node $(ARGS) -- -- --skip monitor::lines::tests
 	$(MUTANTS) -p dronecan-wire -p mcp2515-ordered --all-features --output $(TARGET_DIR)/mutants/crates $(ARGS)
 
 # Mistakes in the firmware that the tests on simulated boards must notice.

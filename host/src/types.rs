@@ -93,6 +93,8 @@ pub const EXECUTE_OPCODE: DataType = service(10, "param.ExecuteOpcode", 0x3B13_1
 pub const GET_SET: DataType = service(11, "param.GetSet", 0xA7B6_22F9_39D1_A4D5, list(80, 8, 92), list(288, 8, 92));
 pub const BEGIN_FIRMWARE_UPDATE: DataType =
     service(40, "BeginFirmwareUpdate", 0xB7D7_25DF_7272_4126, list(8, 8, 200), list(8, 8, 127));
+/// Reads a part of a file: at most 256 bytes.
+pub const FILE_READ: DataType = service(48, "file.Read", 0x8DCD_CA93_9F33_F678, list(40, 8, 200), list(16, 8, 256));
 
 /// All types with a name here.
 pub const KNOWN: &[DataType] = &[
@@ -114,6 +116,7 @@ pub const KNOWN: &[DataType] = &[
     EXECUTE_OPCODE,
     GET_SET,
     BEGIN_FIRMWARE_UPDATE,
+    FILE_READ,
     message(4, "GlobalTimeSync", 0x2027_1116_A793_C2DB, fixed(56)),
     message(5, "Panic", 0x8B79_B410_1811_C1D7, list(0, 8, 7)),
     message(342, "Stats", 0x763A_E3B8_A986_F8D1, fixed(224)),
@@ -160,7 +163,6 @@ pub const KNOWN: &[DataType] = &[
     message(21910, "proximity_sensor.Proximity", 0x99DD_3985_FB32_22CE, fixed(64)),
     service(15, "enumeration.Begin", 0x196A_E064_26A3_B5D8, list(16, 8, 92), fixed(8)),
     service(45, "file.GetInfo", 0x5004_891E_E8A2_7531, list(0, 8, 200), fixed(64)),
-    service(48, "file.Read", 0x8DCD_CA93_9F33_F678, list(40, 8, 200), list(16, 8, 256)),
     service(63, "tunnel.Call", 0xDB11_EDC5_1050_2658, list(16, 8, 60), list(0, 8, 60)),
 ];
 

@@ -59,7 +59,7 @@ importlib.reload(dronecan.app.dynamic_node_id)
 
 
 def own_program(name):
-    """One of the project's programs, "sim" or "bridge"."""
+    """One of the programs of the project: "sim", "bridge" or "node-update"."""
     if path := os.environ.get(f"{name.upper()}_BIN"):
         return pathlib.Path(path)
     built = [path for path in (TARGET / profile / name for profile in ("debug", "release")) if path.exists()]

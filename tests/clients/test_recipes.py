@@ -1,7 +1,7 @@
 """The recipes of the documents, run to the letter: recipes.py says how a page is read.
 
 Each section of a page is a test, in a network namespace of its own: so nothing leaves the machine, and a fixed port is free. `make install` is
-run as the page says, but into a directory of the test; the other recipes find the programs that the tests use as `sim` and `bridge`.
+run as the page says, but into a directory of the test; the other recipes find the programs that the tests use as `sim`, `bridge` and `node-update`.
 """
 
 import os
@@ -15,7 +15,7 @@ import pytest
 import recipes
 from conftest import ROOT, namespace, own_program
 
-PAGES = {name: recipes.read_page(ROOT / "docs" / f"{name}.md") for name in ("bench", "bridge", "utilisation")}
+PAGES = {name: recipes.read_page(ROOT / "docs" / f"{name}.md") for name in ("bench", "bridge", "update", "utilisation")}
 MARKS = {
     "quick": [pytest.mark.timeout(320)],
     "long": [pytest.mark.long, pytest.mark.timeout(3620)],
@@ -33,7 +33,7 @@ def environment(directory):
     """That of a user who has run `make install`."""
     installed, programs = directory / "installed", directory / "programs"
     programs.mkdir()
-    for name in ("sim", "bridge"):
+    for name in ("sim", "bridge", "node-update"):
         (programs / name).symlink_to(own_program(name))
     home = pathlib.Path.home()
     return {
@@ -72,7 +72,7 @@ def test_what_is_to_be_pasted_is_in_a_block_and_needs_no_sudo_and_no_fixed_file(
     assert len(blocks) >= 3
     for text in blocks:
         assert "sudo" not in text and "/tmp" not in text, text
-    assert not re.findall(r"^    (?:sim|bridge|make|cargo) .*", (ROOT / "docs" / f"{name}.md").read_text(), re.M)
+    assert not re.findall(r"^    (?:sim|bridge|node-update|make|cargo) .*", (ROOT / "docs" / f"{name}.md").read_text(), re.M)
 
 
 def test_a_page_is_read_as_its_comments_say(tmp_path):

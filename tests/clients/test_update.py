@@ -3,10 +3,12 @@
 import contextlib
 import importlib
 import re
+import signal
+import subprocess
 
 import dronecan.app.file_server
 import pytest
-from conftest import TARGET, node_elf
+from conftest import NODE, ROOT, TARGET, node_elf, own_program
 from dronecan import uavcan
 
 # It may hold the types from before conftest.py has loaded them anew.
@@ -15,12 +17,19 @@ importlib.reload(dronecan.app.file_server)
 NodeStatus = uavcan.protocol.NodeStatus
 
 
+LOADER = TARGET / "firmware" / "boot-diecimila-seeed.hex"
+
+
 @pytest.fixture
 def empty_board(bench):
     """A board with nothing but our bootloader."""
-    loader = TARGET / "firmware" / "boot-diecimila-seeed.hex"
-    assert loader.exists(), f'{loader} is missing: run "make boot"'
-    return bench("--bootloader", loader, serial=True)
+    return bench("--bootloader", "--no-program", serial=True)
+
+
+@pytest.fixture
+def remote_board(bench):
+    """A board with our bootloader and a program that hands updates over to it."""
+    return bench("--bootloader", LOADER, elf=node_elf("remote"), slcan=2)
 
 
 def update(client, file):
@@ -50,3 +59,104 @@ def test_avrdude_uploads_through_our_loader_and_the_bus_still_works(empty_board)
     assert re.search(r"bytes of flash verified", text), text
     client = used.dronecan()
     client.spin_until(lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_OPERATIONAL, "program", timeout=20)
+
+
+def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_stay(remote_board, tmp_path):
+    # Its path has the name of the file.
+    file = tmp_path / "remote.bin"
+    file.write_bytes(node_elf("remote").with_suffix(".bin").read_bytes())
+    client = remote_board.dronecan()
+    client.wait_for(NodeStatus)
+    client.set("OUT1_MIN", 1234)
+    client.save()
+    update(client, file)
+    remote_board.wait_for_text(r" reset +the AVR was reset: Watchdog")
+    assert client.get("OUT1_MIN") == 1234
+
+
+def node_update(used, *words, node=NODE, file=None, code=0, slcan=0):
+    """Runs our own program. Returns what it printed."""
+    file = file or node_elf("remote").with_suffix(".bin")
+    line = [own_program("node-update"), file, "--bus", f"slcan:{used.slcan[slcan]}", "--node", node, *words]
+    process = used.start(*line)
+    text = process.communicate(timeout=90)[0].decode(errors="replace")
+    assert process.returncode == code, text
+    return text
+
+
+def test_our_own_program_updates_a_running_node_and_says_so(remote_board):
+    text = node_update(remote_board)
+    assert re.search(r"^node 120: restarting, (\d+) of \1 bytes$", text, re.M), text
+    assert re.search(r"^node 120: runs version 0\.1, before 0\.1; [0-9.]+ s$", text, re.M), text
+    # The next update finds everything in order.
+    node_update(remote_board)
+
+
+def test_a_node_in_use_is_not_updated_and_its_reason_is_shown(remote_board):
+    client = remote_board.dronecan(adapter=1)
+    client.wait_for(NodeStatus)
+    message = uavcan.equipment.safety.ArmingStatus(status=255)
+    handle = client.node.periodic(0.2, lambda: client.node.broadcast(message))
+    client.spin(0.5)
+    line = [own_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
+    process = remote_board.start(*line)
+    client.spin_until(lambda: process.poll() is not None, "end of the program", timeout=30)
+    handle.remove()
+    text = process.communicate()[0].decode()
+    assert process.returncode == 4, text
+    assert "node 120: FAILED: refuses: armed, or a command in the last 2 s" in text
+
+
+def test_wrong_nodes_and_wrong_files_are_refused_with_advice(remote_board, tmp_path):
+    text = node_update(remote_board, node=42, code=4)
+    assert "node 42 is not on the bus. Nodes that are: 120" in text
+    text = node_update(remote_board, file=node_elf("full", board="uno").with_suffix(".bin"), code=4)
+    assert "node 120 has hardware 1.0, and the file is for 2.0" in text
+    assert "take the .bin" in node_update(remote_board, file=node_elf("remote"), code=2)
+    cut = tmp_path / "cut.bin"
+    cut.write_bytes(node_elf("remote").with_suffix(".bin").read_bytes()[:-100])
+    assert "it is cut" in node_update(remote_board, file=cut, code=2)
+
+
+def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
+    line = [own_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
+    process = remote_board.start(*line)
+    for text in iter(process.stdout.readline, b""):
+        if re.match(rb"node 120: reading, [1-9]", text):
+            break
+    process.send_signal(signal.SIGINT)
+    text = process.communicate(timeout=10)[0].decode()
+    assert process.returncode == 5, text
+    assert "node 120: has no program now" in text
+    client = remote_board.dronecan(adapter=1)
+    client.spin_until(lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_MAINTENANCE, "waiting loader", timeout=60)
+    assert "node 120: runs version" in node_update(remote_board)
+
+
+def test_a_whole_fleet_is_updated_one_after_the_other(bench):
+    eeproms = []
+    for node in (120, 121, 122):
+        single = bench(elf=node_elf("remote"))
+        client = single.dronecan()
+        client.wait_for(NodeStatus)
+        client.set("CAN_NODE", node)
+        client.save()
+        single.end()
+        eeproms.append(single.eeprom(0).read_bytes())
+    used = bench("--nodes", "2", "--bootloader", LOADER, eeproms=eeproms, elf=node_elf("remote"))
+    text = node_update(used, node="all")
+    assert re.findall(r"^node (\d+): runs version", text, re.M) == ["120", "121", "122"], text
+
+
+def test_the_bootloader_is_written_with_the_fuses_that_it_needs(tmp_path):
+    def calls(*options):
+        line = [ROOT / "scripts/bootloader", "--print", "--programmer", "usbasp", *options]
+        return subprocess.run(line, capture_output=True, text=True, check=True).stdout.splitlines()
+
+    fuses, flash = calls()
+    assert fuses == "avrdude -c usbasp -p atmega168 -e -U lock:w:0x3F:m -U lfuse:w:0xFF:m -U hfuse:w:0xDD:m -U efuse:w:0xF8:m"
+    assert flash == f"avrdude -c usbasp -p atmega168 -U flash:w:{LOADER}:i -U lock:w:0xEF:m"
+    stock = tmp_path / "optiboot.hex"
+    stock.write_text(":00000001FF\n")
+    fuses, flash = calls("--board", "uno", "--stock", stock)
+    assert "hfuse:w:0xDE:m" in fuses and f"flash:w:{stock}:i -U lock:w:0x0F:m" in flash

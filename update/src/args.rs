@@ -1,0 +1,92 @@
+//! The command line.
+
+use std::net::Ipv4Addr;
+use std::path::PathBuf;
+
+use can_link as bus;
+use clap::Parser;
+use dronecan_host::NodeId;
+
+const EXAMPLES: &str = "\
+Buses (--bus):
+  slcan:/dev/ttyACM0        SLCAN adapter; slcan:PATH:BAUD where the baud rate matters; \"sim --slcan PATH\" offers one
+  mcast:0                   UDP multicast bus of pydronecan, libcanard, ArduPilot SITL and \"sim --mcast 0\", on loopback
+  socketcan:can0            a CAN interface of the Linux kernel
+
+Examples:
+  node-update uno-seeed.bin --bus slcan:/dev/ttyACM0 --node 120
+  node-update uno-seeed.bin --bus socketcan:can0 --node all      each node whose hardware the file is for, one after the other
+
+A node refuses while the vehicle is armed, or while its servo follows commands. An update takes 2 to 10 seconds. If it breaks off, the node
+waits in its bootloader, and the same command updates it then. A loader that has lost its node ID waits as node 120.
+
+Exit codes:
+  0  all nodes were updated                     3  the bus cannot be opened
+  1  something else went wrong                  4  a node was not found, or not updated
+  2  the command line or the file is wrong      5  ended by a signal";
+
+/// Sends a firmware to DroneCAN nodes with the bootloader of this project, over the bus. "make firmware" makes the file, which ends with ".bin".
+#[derive(Clone, Debug, Parser)]
+#[command(name = "node-update", version, after_help = EXAMPLES)]
+pub struct Args {
+    /// The firmware: a .bin of "make firmware"
+    pub file: PathBuf,
+
+    /// The DroneCAN bus: slcan:PATH, mcast:N or socketcan:NAME
+    #[arg(long, value_name = "BUS")]
+    pub bus: bus::Spec,
+
+    /// The node to update: its node ID, or "all"
+    #[arg(long, value_name = "ID")]
+    pub node: Nodes,
+
+    /// Bit rate of the bus, for slcan:
+    #[arg(long, value_name = "BIT/S", default_value_t = 1_000_000)]
+    pub bitrate: u32,
+
+    /// Address of the network interface for mcast:, if the bus is to leave this machine
+    #[arg(long, value_name = "ADDRESS")]
+    pub mcast_interface: Option<Ipv4Addr>,
+
+    /// Node ID of this program on the bus. No other node may have it
+    #[arg(long, value_name = "ID", default_value = "125", value_parser = node_id)]
+    pub own_id: NodeId,
+
+    /// Print lines also where the output is a terminal
+    #[arg(long)]
+    pub plain: bool,
+}
+
+/// Which nodes to update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Nodes {
+    /// All whose hardware the file is for.
+    All,
+    One(NodeId),
+}
+
+impl std::str::FromStr for Nodes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Nodes, String> {
+        if text == "all" { Ok(Nodes::All) } else { node_id(text).map(Nodes::One) }
+    }
+}
+
+fn node_id(text: &str) -> Result<NodeId, String> {
+    text.parse().ok().and_then(NodeId::new).ok_or_else(|| format!("\"{text}\" is no node ID, which is 1 to 127"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_are_a_node_id_or_all() {
+        assert_eq!("all".parse(), Ok(Nodes::All));
+        assert_eq!("120".parse(), Ok(Nodes::One(NodeId::new(120).unwrap())));
+        for wrong in ["", "0", "128", "-1", "120,121"] {
+            assert!(wrong.parse::<Nodes>().is_err(), "{wrong}");
+        }
+    }
+}

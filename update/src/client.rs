@@ -1,0 +1,173 @@
+//! This program as a node on the bus.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Error, Result, ensure};
+use can_link::Bus;
+use dronecan_host::{
+    Assembler, CanId, DataType, Frame, Id, Kind, Message, NodeId, NodeStatus, Outcome as Assembled, Transfer,
+    TransferId, split,
+};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use crate::args::Args;
+use crate::session::{Outcome, Send, Session};
+
+/// A bus that opens is up after this time.
+const OPENS_WITHIN: Duration = Duration::from_secs(3);
+/// The longest wait for frames, so that a signal is seen.
+const TURN: Duration = Duration::from_millis(50);
+/// The period of NodeStatus (protocol.NodeStatus).
+const STATUS_PERIOD: Duration = Duration::from_secs(1);
+
+/// Priorities of services and of NodeStatus, as DroneCAN's own tools use them.
+const SERVICE_PRIORITY: u8 = 16;
+const STATUS_PRIORITY: u8 = 20;
+
+/// A node that sends requests, answers file.Read, and sends NodeStatus.
+pub struct Client {
+    bus: Bus,
+    pub id: NodeId,
+    start: Instant,
+    interrupted: Arc<AtomicBool>,
+    assembler: Assembler,
+    transfer_ids: HashMap<(u16, Option<NodeId>), TransferId>,
+    status_at: Duration,
+}
+
+impl Client {
+    /// Opens the bus.
+    ///
+    /// # Errors
+    /// If it cannot be opened; the message says what to do.
+    pub fn open(args: &Args, interrupted: Arc<AtomicBool>) -> Result<Client> {
+        let mut client = Client {
+            bus: Bus::new(args.bus.clone(), args.bitrate, args.mcast_interface),
+            id: args.own_id,
+            start: Instant::now(),
+            interrupted,
+            assembler: Assembler::new(),
+            transfer_ids: HashMap::new(),
+            status_at: Duration::ZERO,
+        };
+        client.bus.open(client.now())?;
+        while !client.bus.is_up() {
+            ensure!(client.now() < OPENS_WITHIN, "{} does not answer", args.bus);
+            ensure!(!client.is_interrupted(), "ended by a signal");
+            client.receive()?;
+        }
+        Ok(client)
+    }
+
+    /// Time since the start of the program.
+    pub fn now(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    /// True if a signal has asked the program to end.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+
+    /// Sends a message or a request.
+    pub fn send(&mut self, message: &Message, destination: Option<NodeId>) {
+        if let Some((data_type, payload)) = message.encode() {
+            let transfer_id = self.transfer_ids.entry((data_type.id, destination)).or_default().advance();
+            self.transmit(data_type, &payload, destination, true, transfer_id);
+        }
+    }
+
+    fn transmit(
+        &mut self,
+        data_type: &DataType,
+        payload: &[u8],
+        destination: Option<NodeId>,
+        request: bool,
+        transfer_id: TransferId,
+    ) {
+        let source = self.id;
+        let id = match (data_type.kind, destination) {
+            (Kind::Service, Some(destination)) => CanId::Service {
+                priority: SERVICE_PRIORITY,
+                service_id: data_type.id as u8,
+                request,
+                destination,
+                source,
+            },
+            _ => CanId::Message { priority: STATUS_PRIORITY, type_id: data_type.id, source },
+        };
+        let now = self.now();
+        for data in split(payload, transfer_id, data_type.signature.unwrap_or_default()) {
+            self.bus.send(now, Frame::extended(id.build(), &data));
+        }
+    }
+
+    /// Waits for frames, at most [`TURN`]. Returns the transfers that they complete, without those to other nodes.
+    ///
+    /// # Errors
+    /// If the bus has gone away.
+    pub fn receive(&mut self) -> Result<Vec<Transfer>> {
+        let wait = Timespec { tv_sec: 0, tv_nsec: TURN.subsec_nanos().into() };
+        if let Some((fd, wants_to_write)) = self.bus.poll_fd() {
+            let flags = if wants_to_write { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
+            // An error here is a signal: the flag says so.
+            let _ = poll(&mut [PollFd::from_borrowed_fd(fd, flags)], Some(&wait));
+        }
+        let now = self.now();
+        if self.bus.is_up() && now >= self.status_at {
+            self.status_at = now + STATUS_PERIOD;
+            let status = NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() };
+            self.send(&Message::NodeStatus(status), None);
+        }
+        let mut transfers = Vec::new();
+        for frame in self.bus.serve(now) {
+            let Id::Extended(id) = frame.id else { continue };
+            if let Assembled::Complete(transfer) = self.assembler.push(id, frame.data(), now) {
+                match transfer.id {
+                    CanId::Service { destination, .. } if destination != self.id => {}
+                    _ => transfers.push(transfer),
+                }
+            }
+        }
+        match self.bus.trouble() {
+            Some(trouble) => Err(Error::msg(format!("the bus is away: {trouble}"))),
+            None => Ok(transfers),
+        }
+    }
+
+    /// Runs an update until it ends. Returns `None` if a signal ended it.
+    ///
+    /// # Errors
+    /// If the bus has gone away.
+    pub fn run(&mut self, session: &mut Session, mut show: impl FnMut(&Session)) -> Result<Option<Outcome>> {
+        while !self.is_interrupted() {
+            for transfer in self.receive()? {
+                if let Some(answer) = session.take(&transfer, self.now()) {
+                    self.answer(&transfer, &answer);
+                }
+            }
+            match session.poll(self.now()) {
+                Some(Send::Request(message)) => self.send(&message, Some(session.node)),
+                Some(Send::End(outcome)) => return Ok(Some(outcome)),
+                None => {}
+            }
+            show(session);
+        }
+        Ok(None)
+    }
+
+    /// Answers a request.
+    fn answer(&mut self, request: &Transfer, payload: &[u8]) {
+        if let (Some(data_type), Some(source)) = (DataType::of(request.id), request.id.source()) {
+            self.transmit(data_type, payload, Some(source), false, request.transfer_id);
+        }
+    }
+
+    /// Sends what waits, and closes the bus.
+    pub fn close(&mut self) {
+        self.bus.close();
+    }
+}

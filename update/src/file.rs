@@ -1,0 +1,111 @@
+//! A firmware file, as docs/update.md describes it.
+
+use std::fmt;
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail, ensure};
+use crc::{CRC_16_IBM_3740, Crc};
+
+/// Where the header is: major and minor hardware version, major and minor version of the program, length of the file (little-endian).
+const HEADER: usize = 0x68;
+const HEADER_LEN: usize = 6;
+/// The shortest file has more than a page of flash, the longest fills an ATmega328P but for the loader.
+const LENGTHS: std::ops::RangeInclusive<usize> = 129..=30_720;
+
+/// A firmware file with the right CRC.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FirmwareFile {
+    pub bytes: Vec<u8>,
+    /// Major and minor version of the hardware that the program is for: chip, and wiring of the CAN board.
+    pub hardware: (u8, u8),
+    /// Major and minor version of the program.
+    pub software: (u8, u8),
+}
+
+impl FirmwareFile {
+    /// Reads a file and checks it.
+    ///
+    /// # Errors
+    /// If it is no firmware file; the message says what it may be, and what to do.
+    pub fn read(path: &Path) -> Result<FirmwareFile> {
+        let metadata = std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
+        // An ELF is longer, but not much.
+        ensure!(metadata.is_file() && metadata.len() < 1 << 26, "{} is no firmware file", path.display());
+        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        FirmwareFile::parse(bytes).with_context(|| path.display().to_string())
+    }
+
+    /// Checks the bytes of a file.
+    fn parse(bytes: Vec<u8>) -> Result<FirmwareFile> {
+        if bytes.starts_with(b"\x7FELF") {
+            bail!("this is an ELF file: take the .bin that \"make firmware\" leaves beside it");
+        }
+        if bytes.starts_with(b":") {
+            bail!("this is an Intel HEX file: take the .bin of \"make firmware\"");
+        }
+        let Some(&[hardware_major, hardware_minor, major, minor, low, high]) =
+            bytes.get(HEADER..HEADER + HEADER_LEN).and_then(|header| header.first_chunk())
+        else {
+            bail!("{} bytes are too few for a firmware", bytes.len());
+        };
+        let length = usize::from(u16::from_le_bytes([low, high]));
+        ensure!(
+            length == bytes.len() && LENGTHS.contains(&length),
+            "the file has {} bytes, and its header says {length}: it is cut, or no firmware file",
+            bytes.len()
+        );
+        // The CRC at the end has the high byte first, so that the CRC of all bytes is 0.
+        ensure!(
+            Crc::<u16>::new(&CRC_16_IBM_3740).checksum(&bytes) == 0,
+            "the CRC of the file is wrong: it was changed. Build it again"
+        );
+        Ok(FirmwareFile { bytes, hardware: (hardware_major, hardware_minor), software: (major, minor) })
+    }
+}
+
+impl fmt::Display for FirmwareFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (major, minor) = self.software;
+        let (hardware_major, hardware_minor) = self.hardware;
+        write!(f, "version {major}.{minor} for hardware {hardware_major}.{hardware_minor}, {} bytes", self.bytes.len())
+    }
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+
+    /// A file of this length for hardware 2.1, version 1.3.
+    pub fn file_of(length: u16) -> FirmwareFile {
+        let mut bytes: Vec<u8> = (0..length - 2).map(|n| n as u8).collect();
+        let [low, high] = length.to_le_bytes();
+        bytes[HEADER..HEADER + HEADER_LEN].copy_from_slice(&[2, 1, 1, 3, low, high]);
+        let crc = Crc::<u16>::new(&CRC_16_IBM_3740).checksum(&bytes);
+        bytes.extend(crc.to_be_bytes());
+        FirmwareFile::parse(bytes).unwrap()
+    }
+
+    #[track_caller]
+    fn refused(bytes: &[u8], text: &str) {
+        let error = FirmwareFile::parse(bytes.to_vec()).unwrap_err().to_string();
+        assert!(error.contains(text), "{error}");
+    }
+
+    #[test]
+    fn a_file_says_what_it_is_for() {
+        let file = file_of(1000);
+        assert_eq!((file.hardware, file.software, file.bytes.len()), ((2, 1), (1, 3), 1000));
+    }
+
+    #[test]
+    fn what_is_no_firmware_file_is_refused_with_advice() {
+        let FirmwareFile { bytes, .. } = file_of(1000);
+        refused(b"\x7FELF", "take the .bin");
+        refused(b":10000000", "Intel HEX");
+        refused(b"", "too few");
+        refused(&bytes[..999], "the file has 999 bytes, and its header says 1000");
+        let mut changed = bytes;
+        changed[500] ^= 1;
+        refused(&changed, "CRC");
+    }
+}

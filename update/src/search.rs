@@ -1,0 +1,166 @@
+//! Finds the nodes to update.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use anyhow::Error;
+use dronecan_host::{CanId, Message, NodeId, NodeInfo};
+
+use crate::Failure;
+use crate::args::{Args, Nodes};
+use crate::client::Client;
+use crate::file::FirmwareFile;
+
+/// Each node sends NodeStatus once a second. A loader that checks its program before it starts is silent for a moment.
+const LISTEN: Duration = Duration::from_millis(2500);
+/// The time for an answer of GetNodeInfo, and how often to ask.
+const ANSWERS_WITHIN: Duration = Duration::from_millis(500);
+const ATTEMPTS: u32 = 5;
+/// The names of the nodes of this project begin with this. A loader has no name.
+const NAME: &str = "org.dronecan.servo";
+
+/// A node to update.
+pub struct Candidate {
+    pub id: NodeId,
+    pub info: NodeInfo,
+}
+
+/// Listens for nodes, asks who they are, and returns those that are to be updated, with the lowest ID first.
+pub fn search(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<Vec<Candidate>, Failure> {
+    println!("listening for nodes");
+    let mut nodes: BTreeMap<u8, Option<NodeInfo>> = BTreeMap::new();
+    let listen_until = client.now() + LISTEN;
+    while client.now() < listen_until {
+        hear(client, &mut nodes, args)?;
+    }
+    for _ in 0..ATTEMPTS {
+        let asked: Vec<u8> =
+            nodes.iter().filter(|(id, info)| info.is_none() && is_meant(args, **id)).map(|(id, _)| *id).collect();
+        if asked.is_empty() {
+            break;
+        }
+        for id in asked.into_iter().filter_map(NodeId::new) {
+            client.send(&Message::NodeInfoRequest, Some(id));
+        }
+        let answers_until = client.now() + ANSWERS_WITHIN;
+        while client.now() < answers_until && nodes.iter().any(|(id, info)| info.is_none() && is_meant(args, *id)) {
+            hear(client, &mut nodes, args)?;
+        }
+    }
+    choose(nodes, args.node, file).map_err(|text| Failure::Nodes(Error::msg(text)))
+}
+
+fn is_meant(args: &Args, id: u8) -> bool {
+    args.node == Nodes::All || args.node == NodeId::new(id).map_or(Nodes::All, Nodes::One)
+}
+
+/// Takes what comes for a moment.
+fn hear(client: &mut Client, nodes: &mut BTreeMap<u8, Option<NodeInfo>>, args: &Args) -> Result<(), Failure> {
+    if client.is_interrupted() {
+        return Err(Failure::Interrupted);
+    }
+    for transfer in client.receive().map_err(Failure::Bus)? {
+        let Some(source) = transfer.id.source() else { continue };
+        if source == client.id {
+            let text = format!("another node has the ID {source}; choose one that is free with --own-id");
+            return Err(Failure::Usage(Error::msg(text)));
+        }
+        match (transfer.id, Message::decode(&transfer)) {
+            (_, Message::NodeInfo(info)) if is_meant(args, source.get()) => {
+                nodes.insert(source.get(), Some(*info));
+            }
+            (CanId::Message { .. }, Message::NodeStatus(_)) => {
+                nodes.entry(source.get()).or_default();
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Returns the nodes that the file is for.
+fn choose(nodes: BTreeMap<u8, Option<NodeInfo>>, meant: Nodes, file: &FirmwareFile) -> Result<Vec<Candidate>, String> {
+    let seen: Vec<_> = nodes.keys().map(u8::to_string).collect();
+    let seen = if seen.is_empty() { "none: is the bit rate right?".to_owned() } else { seen.join(", ") };
+    if let Nodes::One(id) = meant {
+        let info = match nodes.get(&id.get()) {
+            None => return Err(format!("node {id} is not on the bus. Nodes that are: {seen}")),
+            Some(None) => return Err(format!("node {id} does not answer GetNodeInfo")),
+            Some(Some(info)) => info.clone(),
+        };
+        return match why_not(&info, file) {
+            Some(why) => Err(format!("node {id} {why}")),
+            None => Ok(vec![Candidate { id, info }]),
+        };
+    }
+    let mut candidates = Vec::new();
+    for (id, info) in nodes {
+        let (Some(id), Some(info)) = (NodeId::new(id), info) else {
+            println!("node {id}: left alone: it does not answer GetNodeInfo");
+            continue;
+        };
+        match why_not(&info, file) {
+            Some(why) => println!("node {id}: left alone: it {why}"),
+            None => candidates.push(Candidate { id, info }),
+        }
+    }
+    if candidates.is_empty() {
+        Err(format!("no node on the bus is one for this file. Nodes: {seen}"))
+    } else {
+        Ok(candidates)
+    }
+}
+
+/// Why the file is not for this node.
+fn why_not(info: &NodeInfo, file: &FirmwareFile) -> Option<String> {
+    let name = info.name();
+    if !name.is_empty() && !name.starts_with(NAME) {
+        return Some(format!("is another device: {name}"));
+    }
+    let ((major, minor), (file_major, file_minor)) = (info.hardware, file.hardware);
+    (info.hardware != file.hardware).then(|| {
+        format!("has hardware {major}.{minor}, and the file is for {file_major}.{file_minor}: build it with its BOARD and SHIELD")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::file::tests::file_of;
+
+    fn node(name: &str, hardware: (u8, u8)) -> Option<NodeInfo> {
+        Some(NodeInfo { name: name.into(), hardware, ..NodeInfo::default() })
+    }
+
+    fn one(id: u8) -> Nodes {
+        NodeId::new(id).map(Nodes::One).unwrap()
+    }
+
+    fn fleet() -> BTreeMap<u8, Option<NodeInfo>> {
+        BTreeMap::from([
+            (1, node("org.ardupilot", (2, 1))),
+            (2, None),
+            (42, node("org.dronecan.servo328", (2, 1))),
+            (43, node("org.dronecan.servo168", (1, 0))),
+            // In its loader.
+            (120, node("", (2, 1))),
+        ])
+    }
+
+    #[test]
+    fn all_is_each_node_of_this_project_with_the_hardware_of_the_file() {
+        let chosen = choose(fleet(), Nodes::All, &file_of(1000)).unwrap();
+        assert_eq!(chosen.iter().map(|node| node.id.get()).collect::<Vec<_>>(), [42, 120]);
+        assert!(choose(BTreeMap::new(), Nodes::All, &file_of(1000)).is_err());
+    }
+
+    #[test]
+    fn a_node_that_the_file_is_not_for_is_refused_with_the_reason() {
+        let refused = |id: u8| choose(fleet(), one(id), &file_of(1000)).err().unwrap();
+        assert!(refused(1).contains("another device: org.ardupilot"));
+        assert!(refused(2).contains("does not answer"));
+        assert!(refused(43).contains("has hardware 1.0, and the file is for 2.1"));
+        assert!(refused(44).contains("not on the bus. Nodes that are: 1, 2, 42, 43, 120"));
+        assert_eq!(choose(fleet(), one(120), &file_of(1000)).unwrap().len(), 1);
+    }
+}
