@@ -317,6 +317,61 @@ fn a_program_that_hangs_again_and_again_leads_back_to_the_loader() {
     bench.wait_for_program(10_000);
 }
 
+/// Mission Planner sends BeginFirmwareUpdate, in one frame, after a response of GetNodeInfo whose name and hardware version fit its file, or whose name is
+/// empty. After an OK it never sends it again, but goes on asking for the information of nodes that restart.
+#[test]
+fn an_update_by_mission_planner_succeeds() {
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(1500);
+    let info = bench.call(GET_NODE_INFO, &[]);
+    let (hardware, name) = (info[22..24].to_vec(), info[41..].to_vec());
+    assert_eq!(hardware, file()[HEADER..HEADER + 2]);
+    assert!(name.starts_with(b"org.dronecan.servo"), "{name:?}");
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &[&[SERVER], &b"fw.bin"[..]].concat())[0], OK);
+    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
+    for _ in 0..2 {
+        let info = bench.call(GET_NODE_INFO, &[]);
+        assert_eq!(
+            (&info[22..24], &info[41..]),
+            (&hardware[..], &b""[..]),
+            "the loader is the same hardware, and has no name"
+        );
+        bench.run_ms(200);
+    }
+    bench.wait_for_program(10_000);
+    assert_eq!(bench.call(GET_NODE_INFO, &[])[41..], name);
+}
+
+/// PX4 takes the loader for a node that has restarted: it asks for its information, and sends BeginFirmwareUpdate once more. Its files are named after the
+/// board.
+#[test]
+fn an_update_by_px4_succeeds() {
+    let mut bench = UpdateBench::with_program();
+    bench.server.files.insert("256.bin".to_owned(), file());
+    bench.wait_for_program(1500);
+    bench.call(GET_NODE_INFO, &[]);
+    let request = [&[SERVER], &b"256.bin"[..]].concat();
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &request)[0], OK);
+    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
+    bench.call(GET_NODE_INFO, &[]);
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &request)[0], IN_PROGRESS);
+    bench.wait_for_program(10_000);
+    // The information of the new program tells PX4 that the update is done.
+    assert_eq!(bench.call(GET_NODE_INFO, &[])[7..9], file()[HEADER + 2..HEADER + 4]);
+}
+
+/// The DroneCAN GUI Tool sends up to four requests, 2 s apart, with a path of 7 characters, until the node's mode is SOFTWARE_UPDATE.
+#[test]
+fn an_update_by_the_gui_tool_needs_one_request() {
+    let mut bench = UpdateBench::with_program();
+    bench.server.files.insert("NjY2Njk".to_owned(), file());
+    bench.wait_for_program(1500);
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &[&[SERVER], &b"NjY2Njk"[..]].concat())[0], OK);
+    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
+    assert_eq!(bench.next_mode(), SOFTWARE_UPDATE);
+    bench.wait_for_program(10_000);
+}
+
 /// 60 % of the bus are messages of others, with a higher priority than the answers of the server.
 #[test]
 fn a_busy_bus_only_takes_time() {
