@@ -158,6 +158,16 @@ fn lost_frames_and_a_slow_server_only_take_time() {
     }
 }
 
+#[test]
+fn answers_that_are_repeated_or_late_are_not_written() {
+    let mut bench = UpdateBench::empty();
+    bench.server.is_repeating = true;
+    bench.begin_update("fw.bin");
+    bench.wait_for_program(120_000);
+    let file = file();
+    assert!(bench.flash(file.len()) == file, "the program in flash is the file");
+}
+
 /// Less than 256 bytes mean the end of the file.
 #[test]
 fn a_server_that_answers_with_less_than_256_bytes_gets_nothing_erased() {

@@ -94,6 +94,10 @@ pub struct Server {
     pub limit: usize,
     /// Each `drop`th answer lacks a frame. Zero is none.
     pub drop: usize,
+    /// Each answer comes three times: before it that to the request before, as it was; and then it again.
+    pub is_repeating: bool,
+    /// The frames of the last answer.
+    last: Vec<Vec<u8>>,
     /// Requests so far.
     pub requests: usize,
 }
@@ -268,6 +272,10 @@ impl UpdateBench {
         }
         let id = self.service(FILE_READ, false);
         let due = at + self.server.delay_ms * MS;
+        let stale = std::mem::replace(&mut self.server.last, frames.clone());
+        if self.server.is_repeating {
+            frames = [stale, frames.clone(), frames].concat();
+        }
         for data in frames {
             self.peer.borrow_mut().send_at(due, Frame::extended(id, &data));
         }
