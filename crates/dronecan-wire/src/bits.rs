@@ -232,6 +232,7 @@ mod tests {
         // An Allocation request, by pydronecan.
         let id = Id::from_bytes([0x1E, 0x97, 0x4D, 0x00]);
         assert_eq!(Id::anonymous(30, 1, 0x974D >> 2), id);
+        assert_eq!(Id::anonymous(30, 2, 0).anonymous_data_type(), 2);
         assert_eq!(Id::anonymous(30, 0xFFFD, 0xC000 | 0x974D >> 2), id, "what does not fit");
         assert_eq!((id.priority(), id.anonymous_data_type(), id.source(), id.is_service()), (30, 1, 0, false));
     }

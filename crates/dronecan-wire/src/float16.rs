@@ -136,6 +136,16 @@ mod tests {
     }
 
     #[test]
+    fn a_number_half_way_between_two_becomes_the_even_one() {
+        // From 32768 on, half-precision numbers are 32 apart.
+        for (value, bits) in
+            [(32_768 + 15, 0x7800), (32_768 + 16, 0x7800), (32_768 + 17, 0x7801), (32_768 + 48, 0x7802)]
+        {
+            assert_eq!(from_fixed(value, 0), bits, "{value}");
+        }
+    }
+
+    #[test]
     fn golden_temperature_is_encoded_as_pydronecan_does() {
         // 298.15 K
         assert_eq!(from_fixed((298.15 * 64.0) as u16, 6), 0x5CA9);

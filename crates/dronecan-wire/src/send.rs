@@ -244,6 +244,13 @@ mod tests {
         (frames, steps)
     }
 
+    #[test]
+    fn a_payload_and_a_buffer_without_bytes_are_empty() {
+        assert!(Payload::is_empty(&[][..]) && !Payload::is_empty(&[0][..]));
+        let empty = |len| Buffer::is_empty(&Data { bytes: [0; 8], len });
+        assert!(empty(0) && !empty(1));
+    }
+
     fn transfer(id: u32, signature: u64, transfer_id: u8, payload: &[u8]) -> (Vec<Frame>, Vec<usize>) {
         let mut sender = Sender::new();
         sender.begin(Payload::len(payload), transfer_id, crc::seed(signature));

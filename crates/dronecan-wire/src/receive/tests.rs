@@ -82,6 +82,10 @@ impl Received for Kind {
         }
     }
 
+    fn most_entries(self) -> u8 {
+        if self == Self::LightsCommand { 20 } else { 15 }
+    }
+
     fn seed(self) -> u16 {
         match self {
             Self::ArrayCommand => types::ARRAY_COMMAND.seed,
@@ -240,6 +244,54 @@ fn an_empty_list_is_complete_and_has_no_entry() {
 }
 
 #[test]
+fn a_list_has_at_most_the_entries_of_its_type() {
+    let entries: Vec<_> = (1..=16).map(|id| (id, 0, 0x3800)).collect();
+    assert_eq!(entry(Rig::for_actuator(1).all(&command(10, 0, &entries[..15]))), Some((0, 0x3800)));
+    let mut rig = Rig::for_actuator(1);
+    assert_eq!(rig.all(&command(10, 0, &entries)), None);
+    assert_eq!(rig.rejection, Some(Rejection::Length));
+}
+
+#[test]
+fn a_type_is_no_list_unless_it_says_so() {
+    #[derive(Clone, Copy, PartialEq, Eq)]
+    struct Plain;
+
+    impl Received for Plain {
+        const UNKNOWN: Self = Self;
+        fn of_message(_: u16) -> Self {
+            Self
+        }
+        fn of_request(_: u8) -> Self {
+            Self
+        }
+        fn of_anonymous(_: u8, _: u8) -> Self {
+            Self
+        }
+        fn is_request(self) -> bool {
+            false
+        }
+        fn is_multi_frame(self) -> bool {
+            false
+        }
+        fn seed(self) -> u16 {
+            0
+        }
+    }
+
+    assert_eq!((Plain.entry_len(), Plain.most_entries()), (0, 255));
+}
+
+#[test]
+fn a_transfer_for_this_node_that_cannot_be_used_is_a_loss() {
+    use Rejection::{Broken, Busy, Interleaved, Length};
+    for loss in [Broken, Interleaved, Length] {
+        assert!(loss.is_loss(), "{loss:?}");
+    }
+    assert!(!Busy.is_loss());
+}
+
+#[test]
 fn a_list_that_ends_within_an_entry_is_rejected() {
     let mut rig = Rig::new();
     for len in [1, 2, 3, 5, 6, 7] {
@@ -283,7 +335,8 @@ fn a_request_longer_than_what_is_kept_still_counts_its_bytes_and_checks_its_crc(
         let payload: Vec<u8> = (0..len).map(|n| (n * 7 + 1) as u8).collect();
         let good = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 0, &payload);
         let transfer = Rig::new().all(&good).unwrap();
-        assert_eq!(usize::from(transfer.len), len.min(255));
+        assert_eq!(usize::from(transfer.len()), len.min(255));
+        assert!(transfer.bytes().starts_with(transfer.payload()));
         assert_eq!(transfer.payload(), &payload[..len.min(KEPT)]);
         let mut bad = good;
         let last = bad.len() - 1;
