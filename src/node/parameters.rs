@@ -359,6 +359,14 @@ mod tests {
     use super::*;
     use crate::image::InMemory;
 
+    #[test]
+    fn the_digest_is_the_crc_of_all_names_and_ranges() {
+        let range = |min: i32, max: i32| [(min as u16).to_le_bytes(), (max as u16).to_le_bytes()].concat();
+        let bytes =
+            TABLE.iter().flat_map(|&(name, min, max, _)| [name.as_bytes(), &range(min as i32, max as i32)].concat());
+        assert_eq!(DIGEST, bytes.fold(0xFFFF, crc::step));
+    }
+
     /// Sets a parameter to a number. Returns false if it does not fit in 32 bits.
     fn set(parameters: &mut Parameters, index: u8, number: i64) -> bool {
         i32::try_from(number).is_ok_and(|number| parameters.set(index, number, InMemory))

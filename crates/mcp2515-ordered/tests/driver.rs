@@ -681,3 +681,22 @@ fn frames_are_counted_beyond_16_bits() {
     }
     rig.assert_counts(&[(TxRequests, 65_540)]);
 }
+
+/// Bits of EFLG (DS20001801J, register 6-3).
+#[test]
+fn error_flags_say_what_the_bits_of_eflg_mean() {
+    for (bit, frames_lost, bus_off, error_passive) in [
+        (1 << 7, true, false, false), // RX1OVR
+        (1 << 6, true, false, false), // RX0OVR
+        (1 << 5, false, true, false), // TXBO
+        (1 << 4, false, false, true), // TXEP
+        (1 << 3, false, false, true), // RXEP
+        (0b111, false, false, false), // TXWAR, RXWAR, EWARN
+    ] {
+        let flags = ErrorFlags(bit);
+        let said = (flags.frames_lost(), flags.bus_off(), flags.error_passive());
+        assert_eq!(said, (frames_lost, bus_off, error_passive), "{bit:#010b}");
+    }
+    let all = ErrorFlags(0xFF);
+    assert!(all.frames_lost() && all.bus_off() && all.error_passive());
+}
