@@ -69,6 +69,8 @@ struct World {
     instruction: Vec<u8>,
     /// The next byte written to this register arrives with a wrong bit.
     corrupted: Option<u8>,
+    /// INT has this level, whatever the chip does.
+    int_stuck: Option<bool>,
 }
 
 impl World {
@@ -146,7 +148,8 @@ impl OutputPin for Wire {
 
 impl InputPin for Wire {
     fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(self.0.borrow().chip.borrow().int_pin())
+        let world = self.0.borrow();
+        Ok(world.int_stuck.unwrap_or_else(|| world.chip.borrow().int_pin()))
     }
 
     fn is_low(&mut self) -> Result<bool, Infallible> {
@@ -174,7 +177,16 @@ impl Rig {
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         let chip_port = bus.attach("chip", chip.clone());
         let peer_port = bus.attach("peer", peer.clone());
-        let world = World { bus, chip, now: 0, selects: 0, bytes: 0, instruction: Vec::new(), corrupted: None };
+        let world = World {
+            bus,
+            chip,
+            now: 0,
+            selects: 0,
+            bytes: 0,
+            instruction: Vec::new(),
+            corrupted: None,
+            int_stuck: None,
+        };
         let wire = Wire(Rc::new(RefCell::new(world)));
         let configuration = Configuration { timing: BitTiming::new(CRYSTAL_HZ, bit_rate), acceptance, attempts };
         let driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), configuration);
@@ -551,6 +563,21 @@ fn a_changed_mode_or_register_is_detected_and_repaired_within_20_ms() {
         rig.peer_sends(Frame::extended(1, &[]));
         rig.run_ms(2);
         assert_eq!(rig.received.len(), 1);
+    }
+}
+
+#[test]
+fn an_interrupt_pin_that_does_not_follow_the_chip_is_detected_within_20_ms() {
+    for level in [false, true] {
+        let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
+        rig.wire.0.borrow_mut().int_stuck = Some(level);
+        // With INT high, the driver does not see it.
+        rig.peer_sends(Frame::extended(0x1003_F20A, &[1, 2, 3]));
+        rig.run_ms(20);
+        assert_eq!(rig.notices.first().map(|notice| notice.event), Some(Event::Lost), "{level}");
+        rig.wire.0.borrow_mut().int_stuck = None;
+        rig.run_ms(200);
+        assert_eq!(rig.take_events().last(), Some(&Event::Running), "{level}");
     }
 }
 
