@@ -208,13 +208,12 @@ impl Default for Health {
 mod tests {
     use super::*;
     use crate::golden;
-    use crate::image::InMemory;
 
     const LINES: [Line; 2] = [Line::ErrorPassive, Line::ErrorActive];
 
     #[cfg(feature = "monitor")]
     fn logged(monitor: &mut Monitor) -> String {
-        (0..2000).map(|_| monitor.next_byte(InMemory)).filter(|&byte| byte != 0).map(char::from).collect()
+        (0..2000).map(|_| monitor.next_byte(crate::image::InMemory)).filter(|&byte| byte != 0).map(char::from).collect()
     }
 
     #[test]
