@@ -94,6 +94,21 @@ mod tests {
     use embedded_can::{ExtendedId, Frame as _, StandardId};
 
     #[test]
+    fn bytes_are_added_behind_each_other_and_what_does_not_fit_is_counted() {
+        let mut frame = Frame::EMPTY;
+        for byte in 1..=9 {
+            frame.push(byte);
+        }
+        assert_eq!((frame.len, frame.data()), (9, &[1, 2, 3, 4, 5, 6, 7, 8][..]));
+    }
+
+    #[test]
+    fn the_uppermost_bit_of_an_identifier_marks_a_foreign_frame() {
+        let foreign = |first| Frame { id: [first, 0xFF, 0xFF, 0xFF], ..Frame::EMPTY }.is_foreign();
+        assert!(foreign(0x80) && foreign(0x9F) && !foreign(0x1F) && !foreign(0));
+    }
+
+    #[test]
     fn only_the_first_len_bytes_are_data() {
         let frame = |len| Frame { id: [0; 4], len, data: [1, 2, 3, 4, 5, 6, 7, 8] };
         assert_eq!(frame(0).data(), []);
