@@ -28,6 +28,9 @@ impl Patience {
     }
 }
 
+/// For ExecuteOpcode. Long: a small node writes all of its memory.
+pub const OPCODE_PATIENCE: Patience = Patience::new(1500, 2);
+
 /// A request with what it is for.
 #[derive(Clone, Debug)]
 struct Call<P> {

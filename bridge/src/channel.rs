@@ -7,9 +7,10 @@
 
 mod spec;
 
-use crate::core::{Asker, Bridge, PeerId, Post, To};
+use crate::core::Bridge;
 use crate::message::{Parser, Refused, Request, Versions, Writer};
 use crate::number::Custom;
+use crate::post::{Asker, PeerId, Post, To};
 use crate::queue::{CLASSES, Queue};
 use anyhow::{Context, Result, anyhow};
 use mavlink::{MavlinkVersion, SigningConfig, SigningData};

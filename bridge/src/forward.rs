@@ -5,11 +5,13 @@
 //! it sends itself go to the bus, and to the other stations, and do not come back. A filter lets through the message types and
 //! services with its numbers; 0 stands for anonymous frames.
 
-use crate::core::{Asker, Bridge, PeerId, To};
 use crate::message::Content;
+use crate::post::{Asker, PeerId, To};
 use crate::queue::Class;
+use crate::state::State;
 use dronecan_host::{CanId, Frame, Id};
 use mavlink::dialects::common::{CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, CanFilterOp, MavMessage, MavResult};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// How long a CAN_FORWARD counts.
@@ -23,9 +25,9 @@ const FILTER_MAX: usize = 1024;
 
 /// A station that wants to see the bus.
 #[derive(Clone, Debug)]
-pub struct Subscriber {
+struct Subscriber {
     asker: Asker,
-    pub until: Duration,
+    until: Duration,
     /// Empty for everything.
     filter: Vec<u16>,
 }
@@ -46,9 +48,15 @@ fn type_of(frame: &Frame) -> u16 {
     }
 }
 
-impl Bridge {
+/// The stations that see the bus.
+#[derive(Default)]
+pub struct Forward {
+    subscribers: BTreeMap<PeerId, Subscriber>,
+}
+
+impl Forward {
     /// MAV_CMD_CAN_FORWARD: bus 1 begins, or goes on; 0 ends.
-    pub(crate) fn subscribe(&mut self, now: Duration, asker: Asker, bus: i64) -> MavResult {
+    pub fn subscribe(&mut self, state: &mut State, now: Duration, asker: Asker, bus: i64) -> MavResult {
         let until = now + FORWARD_FOR;
         match bus {
             0 => {
@@ -57,7 +65,7 @@ impl Bridge {
             1 => {
                 let new = Subscriber { asker, until, filter: Vec::new() };
                 let subscriber = self.subscribers.entry(asker.peer).or_insert_with(|| {
-                    self.log.push(format!("system {} component {} looks at the bus", asker.from.0, asker.from.1));
+                    state.log.push(format!("system {} component {} looks at the bus", asker.from.0, asker.from.1));
                     new
                 });
                 subscriber.until = until;
@@ -70,7 +78,7 @@ impl Bridge {
     }
 
     /// CAN_FILTER_MODIFY. Its bus counts from 1.
-    pub(crate) fn filter(&mut self, now: Duration, asker: Asker, data: &CAN_FILTER_MODIFY_DATA) {
+    pub fn filter(&mut self, now: Duration, asker: Asker, data: &CAN_FILTER_MODIFY_DATA) {
         if data.bus != 1 {
             return;
         }
@@ -89,7 +97,7 @@ impl Bridge {
     }
 
     /// Shows a frame that is on the bus to those who want to see it, except for whom it came from.
-    pub(crate) fn forward(&mut self, now: Duration, frame: &Frame, from: Option<PeerId>) {
+    pub fn show(&self, state: &mut State, now: Duration, frame: &Frame, from: Option<PeerId>) {
         if frame.remote || self.subscribers.is_empty() {
             return;
         }
@@ -99,7 +107,7 @@ impl Bridge {
         };
         let mut data = [0; 8];
         data[..frame.data().len()].copy_from_slice(frame.data());
-        let component = self.settings.component;
+        let component = state.settings.component;
         let wanting = |s: &&Subscriber| s.until > now && Some(s.asker.peer) != from && s.wants(frame);
         let askers: Vec<Asker> = self.subscribers.values().filter(wanting).map(|s| s.asker).collect();
         for asker in askers {
@@ -111,25 +119,32 @@ impl Bridge {
                 len: frame.data().len() as u8,
                 data,
             };
-            self.post(To::One(asker.peer), Class::Frame, component, Content::from(MavMessage::CAN_FRAME(message)));
+            state.post(To::One(asker.peer), Class::Frame, component, Content::from(MavMessage::CAN_FRAME(message)));
         }
     }
 
     /// A station's CAN_FRAME, for the bus. Its bus counts from 0.
-    pub(crate) fn frame_from_station(&mut self, now: Duration, asker: Asker, message: &CAN_FRAME_DATA) {
+    pub fn frame_from_station(&self, state: &mut State, asker: Asker, message: &CAN_FRAME_DATA) -> Option<Frame> {
         let id = message.id & !FLAGS;
-        let Some(data) = message.data.get(..usize::from(message.len)) else { return };
+        let data = message.data.get(..usize::from(message.len))?;
         let frame = match message.id & FLAGS {
             EXTENDED => Frame::extended(id, data),
             0 if id <= STANDARD_ID_MAX => Frame::standard(id as u16, data),
-            _ => return,
+            _ => return None,
         };
         if message.bus != 0 {
-            return;
+            return None;
         }
-        self.frames.push(frame);
-        self.forward(now, &frame, Some(asker.peer));
-        // What it sends makes it a node as any other.
-        self.hear(now, &frame);
+        state.outgoing.push((frame, Some(asker.peer)));
+        Some(frame)
+    }
+
+    /// Ends what was not renewed.
+    pub fn poll(&mut self, now: Duration) {
+        self.subscribers.retain(|_, subscriber| subscriber.until > now);
+    }
+
+    pub fn drop_station(&mut self, peer: PeerId) {
+        self.subscribers.remove(&peer);
     }
 }

@@ -4,7 +4,8 @@
 //! Bus (slcan, mcast, socketcan) ── frames ──> Bridge ── posts ──> Queue ── Writer ──> Channel (udp, tcp, serial)
 //!                               <── frames ──        <── requests ── Parser ──────────
 //! ```
-//! [`core::Bridge`] decides; it neither opens nor waits. [`bus`] and [`channel`] are what it is joined to, and never block.
+//! [`core::Bridge`] decides; it neither opens nor waits. Its parts (parameters, commands, forward, presence, identity) work on a
+//! [`state::State`] and do not know the core. [`bus`] and [`channel`] are what it is joined to, and never block.
 //! [`run`] moves between them what there is. See docs/bridge.md.
 
 #![forbid(unsafe_code)]
@@ -14,14 +15,20 @@ mod calls;
 mod channel;
 mod commands;
 pub mod core;
+mod early;
 mod forward;
+mod identity;
 pub mod message;
 mod names;
 mod node;
 pub mod number;
 mod parameters;
+pub mod post;
+mod presence;
 pub mod queue;
 pub mod run;
 mod screen;
+pub mod state;
+pub mod task;
 
 use can_link as bus;

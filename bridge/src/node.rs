@@ -1,7 +1,7 @@
 //! What is known of a node on the bus.
 
 use crate::number::Number;
-use crate::{names, parameters::Op};
+use crate::{names, task::Op};
 use dronecan_host::{NodeInfo, NodeStatus, ParameterResponse};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;

@@ -7,12 +7,14 @@
 //!
 //! Where something cannot be done, PARAM_ERROR tells the one who asked.
 
-use crate::calls::Patience;
-use crate::core::{Asker, Bridge, To};
+use crate::calls::{OPCODE_PATIENCE, Patience};
 use crate::message::{Content, chars, text};
 use crate::node::{Listing, Table};
 use crate::number::{self, Number, Unfit};
+use crate::post::{Asker, To};
 use crate::queue::Class;
+use crate::state::State;
+use crate::task::{Op, Purpose};
 use dronecan_host::{NodeId, Opcode, ParameterRequest, ParameterResponse, Value, types};
 use mavlink::dialects::common::{MavMessage, MavParamError, PARAM_ERROR_DATA};
 use std::time::Duration;
@@ -26,46 +28,7 @@ const AT_ONCE: usize = 5;
 /// Requests that may wait for one node's table.
 const WAITING_MAX: usize = 64;
 
-/// What a ground station wants of a node's parameters.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Op {
-    List(Asker),
-    ReadIndex(Asker, u16),
-    ReadName(Asker, String),
-    Set {
-        asker: Asker,
-        name: String,
-        value: f32,
-        kind: u8,
-    },
-    /// For the table that is printed.
-    Print,
-}
-
-/// What a request to a node is for.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Purpose {
-    Info,
-    /// Parameter by index, for the table.
-    Item(u16),
-    /// A parameter by its place in the table; and what was wrong with a PARAM_SET that only reads it.
-    Read {
-        asker: Asker,
-        at: usize,
-        error: Option<MavParamError>,
-    },
-    Set {
-        asker: Asker,
-        at: usize,
-        wanted: Value,
-    },
-    /// Commands, by their number.
-    Opcode(u32),
-    Restart(u32),
-    Autosave,
-}
-
-impl Bridge {
+impl State {
     /// Does `op` with the node that is component `component`, or with all of them.
     pub(crate) fn parameter_ops(&mut self, component: u8, op: impl Fn() -> Op) {
         let all: Vec<NodeId> = match NodeId::new(component) {
@@ -101,11 +64,6 @@ impl Bridge {
         }
     }
 
-    /// Fetches all nodes' parameters, for the table that is printed.
-    pub fn list_all(&mut self) {
-        self.parameter_ops(0, || Op::Print);
-    }
-
     fn list_on(&mut self, id: NodeId) {
         let Some(node) = self.nodes.get_mut(&id) else { return };
         let Some(listing) = &mut node.listing else { return };
@@ -121,6 +79,26 @@ impl Bridge {
             node.listing = None;
             self.calls.take_back(id, |purpose| matches!(purpose, Purpose::Item(_)));
             self.listed(id, Table::new(got.into_iter().take_while(|(index, _)| *index < end).map(|(_, p)| p)));
+        }
+    }
+
+    /// Forgets what may have changed: after a restart it may be another firmware.
+    pub(crate) fn forget_what_it_said(&mut self, id: NodeId) {
+        let failed = self.calls.take_back(id, |purpose| matches!(purpose, Purpose::Item(_) | Purpose::Info));
+        let Some(node) = self.nodes.get_mut(&id) else { return };
+        node.table = None;
+        node.save_at = None;
+        node.info.known = None;
+        node.info.failures = 0;
+        for purpose in failed {
+            match purpose {
+                Purpose::Info => node.info.asked = false,
+                _ => node.listing = None,
+            }
+        }
+        // What waited for its parameters still wants them.
+        if !node.waiting.is_empty() && node.listing.is_none() {
+            self.list(id);
         }
     }
 
@@ -317,20 +295,9 @@ impl Bridge {
             if node.save_at.is_some_and(|at| now >= at) {
                 node.save_at = None;
                 let payload = Opcode::SAVE.encode();
-                self.calls.request(
-                    *id,
-                    types::EXECUTE_OPCODE,
-                    payload,
-                    crate::commands::OPCODE_PATIENCE,
-                    Purpose::Autosave,
-                );
+                self.calls.request(*id, types::EXECUTE_OPCODE, payload, OPCODE_PATIENCE, Purpose::Autosave);
             }
         }
-    }
-
-    /// Whether tables are still being fetched.
-    pub fn is_listing(&self) -> bool {
-        self.nodes.values().any(|node| node.listing.is_some())
     }
 }
 

@@ -3,8 +3,10 @@
 use crate::args::Args;
 use crate::bus::Bus;
 use crate::channel::{Channel, Options};
-use crate::core::{Bridge, PeerId, Settings};
+use crate::core::Bridge;
+use crate::post::PeerId;
 use crate::screen::Screen;
+use crate::state::Settings;
 use anyhow::{Context, Error, Result, anyhow};
 use dronecan_host::NodeId;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -206,7 +208,7 @@ impl Joined {
         for frame in self.bridge.frames.drain(..) {
             self.bus.send(now, frame);
         }
-        for post in self.bridge.posts.drain(..) {
+        for post in self.bridge.take_posts() {
             self.channels.iter_mut().for_each(|channel| channel.post(now, &post));
         }
     }
@@ -232,7 +234,7 @@ impl Joined {
         for channel in &mut self.channels {
             lines.append(&mut channel.log);
         }
-        lines.append(&mut self.bridge.log);
+        lines.append(&mut self.bridge.take_log());
         lines
     }
 

@@ -6,9 +6,11 @@
 
 use std::time::Duration;
 
-use bridge::core::{Asker, Bridge, Post, Settings};
+use bridge::core::Bridge;
 use bridge::message::{Content, Parser, Versions, Writer};
 use bridge::number::Custom;
+use bridge::post::{Asker, Post};
+use bridge::state::Settings;
 use dronecan_host::{CanId, Frame, NodeId, NodeStatus, TransferId, split, types};
 
 /// System of the bridge and all nodes, component of the bridge, its node ID.
@@ -67,7 +69,7 @@ impl Rig {
             assert!(frame.dlc <= 8, "{frame}");
             assert_eq!(frame.to_string().parse(), Ok(frame));
         }
-        for post in self.bridge.posts.drain(..) {
+        for post in self.bridge.take_posts() {
             let (Post::Message { out, .. } | Post::Status { out, .. }) = post else { continue };
             let bytes = self.writer.bytes(&out, None, Custom::Bytewise).expect("it exists in version 2");
             self.reader.feed(&bytes);
@@ -75,7 +77,7 @@ impl Rig {
             assert!(matches!(&read, Some(Ok((_, message))) if message.from == (SYSTEM, out.component)), "{out:?}");
             assert!(self.reader.message().is_none(), "{out:?}");
         }
-        self.bridge.log.clear();
+        self.bridge.take_log();
     }
 
     fn pass(&mut self, ms: u64) {
@@ -165,6 +167,6 @@ pub fn run(mut input: &[u8]) {
     let [status] = split(&NodeStatus::default().encode(), TransferId::new(0), 0).try_into().expect("one frame");
     rig.bridge.frame(rig.now, &Frame::extended(id, &status));
     let is_told = |post: &Post| matches!(post, Post::Status { node, out } if *node == source && matches!(out.content, Content::Status { .. }));
-    assert!(rig.bridge.posts.iter().any(is_told), "{:?}", rig.bridge.posts);
-    rig.check();
+    let posts = rig.bridge.take_posts();
+    assert!(posts.iter().any(is_told), "{posts:?}");
 }

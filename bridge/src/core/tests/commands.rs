@@ -1,0 +1,168 @@
+//! Commands and their acknowledgements.
+
+use super::rig::*;
+
+#[test]
+fn saving_and_erasing_are_acknowledged_when_the_node_has_done_it() {
+    let mut rig = Rig::with_node(3);
+    rig.command(42, command::PREFLIGHT_STORAGE, &[1.0]);
+    assert!(rig.acks().is_empty());
+    rig.run_ms(10);
+    assert_eq!(rig.acks(), [(42, 245, ACCEPTED, (255, 190))]);
+    rig.command(42, command::PREFLIGHT_STORAGE, &[2.0]);
+    rig.run_ms(10);
+    assert_eq!(rig.acks(), [(42, 245, ACCEPTED, (255, 190))]);
+    assert_eq!((rig.node().saved, rig.node().erased), (1, 1));
+    rig.command(42, command::PREFLIGHT_STORAGE, &[0.0]);
+    rig.run_ms(10);
+    assert_eq!(rig.acks(), [(42, 245, DENIED, (255, 190))]);
+}
+
+#[test]
+fn all_nodes_are_saved_at_once_but_neither_erased_nor_restarted() {
+    let mut rig = Rig::new(vec![Simulated::new(42, 1), Simulated::new(43, 1)]);
+    rig.run_ms(1500);
+    rig.said();
+    for component in [0, 126] {
+        rig.command(component, command::PREFLIGHT_STORAGE, &[1.0]);
+        rig.run_ms(10);
+        assert_eq!(rig.acks(), [(126, 245, ACCEPTED, (255, 190))]);
+        rig.command(component, command::PREFLIGHT_STORAGE, &[2.0]);
+        rig.command(component, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
+        rig.run_ms(10);
+        assert_eq!(rig.acks(), [(126, 245, DENIED, (255, 190)), (126, 246, DENIED, (255, 190))]);
+    }
+    assert_eq!(
+        rig.nodes.iter().map(|node| (node.saved, node.erased, node.restarts)).collect::<Vec<_>>(),
+        [(2, 0, 0); 2]
+    );
+}
+
+#[test]
+fn a_command_that_is_repeated_is_done_once() {
+    let mut rig = Rig::with_node(3);
+    rig.node().deaf = true;
+    for _ in 0..3 {
+        rig.command(42, command::PREFLIGHT_STORAGE, &[1.0]);
+        rig.run_ms(300);
+    }
+    let in_progress = MavResult::MAV_RESULT_IN_PROGRESS;
+    let results: Vec<MavResult> = rig.acks().into_iter().map(|ack| ack.2).collect();
+    assert_eq!(results, [in_progress, in_progress]);
+    rig.run_ms(3000);
+    assert_eq!(rig.acks(), [(42, 245, FAILED, (255, 190))]);
+    assert_eq!(rig.node().requests, 1 + 2, "the information and two attempts");
+}
+
+#[test]
+fn a_node_is_restarted_by_its_component_and_in_the_newer_way() {
+    let mut rig = Rig::with_node(3);
+    rig.command(42, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
+    rig.run_ms(10);
+    rig.command(126, command::PREFLIGHT_REBOOT_SHUTDOWN, &[0.0, 0.0, 1.0, 42.0]);
+    rig.run_ms(10);
+    assert_eq!(rig.acks(), [(42, 246, ACCEPTED, (255, 190)), (126, 246, ACCEPTED, (255, 190))]);
+    assert_eq!(rig.node().restarts, 2);
+    rig.command(42, command::PREFLIGHT_REBOOT_SHUTDOWN, &[2.0]);
+    rig.run_ms(10);
+    assert_eq!(rig.acks(), [(42, 246, DENIED, (255, 190))]);
+    assert_eq!(rig.node().restarts, 2);
+}
+
+#[test]
+fn a_restart_whose_answer_was_lost_is_known_by_the_uptime() {
+    let mut rig = Rig::with_node(3);
+    rig.run_ms(3000);
+    rig.said();
+    rig.node().lose_every = Some(1);
+    rig.command(42, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
+    rig.run_ms(200);
+    rig.node().uptime_s = 0;
+    rig.run_ms(400);
+    assert_eq!(rig.acks(), [(42, 246, ACCEPTED, (255, 190))]);
+}
+
+#[test]
+fn node_infos_are_told_once_each_on_command() {
+    let mut rig = Rig::new(vec![Simulated::new(42, 1), Simulated::new(43, 1), Simulated::new(44, 1)]);
+    rig.run_ms(1500);
+    rig.said();
+    rig.command(0, command::UAVCAN_GET_NODE_INFO, &[]);
+    rig.run_ms(100);
+    let said = rig.said();
+    assert_eq!(infos(&said).iter().map(|info| info.0).collect::<Vec<_>>(), [42, 43, 44]);
+    assert!(matches!(said[3].1, Content::Ack { command: 5200, result: ACCEPTED, .. }));
+    rig.command(43, command::REQUEST_MESSAGE, &[311.0]);
+    rig.run_ms(100);
+    let said = rig.said();
+    assert_eq!((infos(&said).len(), infos(&said)[0].0), (1, 43));
+    assert_eq!(said[1], (43, Content::Ack { command: 512, result: ACCEPTED, to: (255, 190) }));
+}
+
+#[test]
+fn a_requested_info_of_a_node_that_does_not_answer_fails() {
+    let mut rig = Rig::new(vec![Simulated::new(42, 1)]);
+    rig.node().lose_every = Some(1);
+    rig.run_ms(3000);
+    rig.said();
+    rig.command(42, command::REQUEST_MESSAGE, &[311.0]);
+    rig.run_ms(3000);
+    assert_eq!(rig.acks(), [(42, 512, FAILED, (255, 190))]);
+}
+
+#[test]
+fn other_messages_can_be_requested_and_unknown_ones_and_commands_are_answered() {
+    let mut rig = Rig::with_node(1);
+    rig.command(42, command::REQUEST_MESSAGE, &[310.0]);
+    rig.command(126, command::REQUEST_MESSAGE, &[148.0]);
+    rig.command(42, command::REQUEST_MESSAGE, &[30.0]);
+    rig.command(42, 400, &[1.0]);
+    rig.command(42, 42_000, &[1.0]);
+    rig.run_ms(1);
+    let said = rig.said();
+    assert!(matches!(said[1], (42, Content::Status { .. })) && matches!(said[3], (126, Content::Capabilities { .. })));
+    let results: Vec<(u16, MavResult)> = said
+        .iter()
+        .filter_map(|(_, content)| match content {
+            Content::Ack { command, result, .. } => Some((*command, *result)),
+            _ => None,
+        })
+        .collect();
+    let unsupported = MavResult::MAV_RESULT_UNSUPPORTED;
+    assert_eq!(results, [(512, ACCEPTED), (512, ACCEPTED), (512, DENIED), (400, unsupported), (42_000, unsupported)]);
+}
+
+#[test]
+fn what_is_for_another_system_or_component_is_left_to_it() {
+    let mut rig = Rig::with_node(2);
+    rig.say((2, 42), Request::ParameterList);
+    rig.say((1, 77), Request::ParameterList);
+    rig.command(77, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
+    rig.run_ms(500);
+    assert!(rig.said().is_empty());
+}
+
+#[test]
+fn what_is_for_a_node_that_is_heard_a_moment_later_is_not_lost() {
+    let mut rig = Rig::new(vec![Simulated::new(42, 5), Simulated::new(43, 3)]);
+    rig.say((1, 42), Request::ParameterList);
+    rig.say((1, 42), Request::ParameterList);
+    rig.command(43, command::PREFLIGHT_STORAGE, &[1.0]);
+    rig.run_ms(1500);
+    let said = rig.said();
+    let parameters = said.iter().filter(|(_, content)| matches!(content, Content::Parameter { .. })).count();
+    let acks = said.iter().filter(|(_, content)| matches!(content, Content::Ack { .. })).count();
+    assert_eq!((parameters, acks, rig.nodes[1].saved), (5, 1, 1));
+    let mut rig = Rig::new(vec![Simulated::new(42, 5), Simulated::new(43, 3)]);
+    rig.say((0, 0), Request::ParameterList);
+    rig.run_ms(3500);
+    assert_eq!(rig.parameters().len(), 8);
+    // After a while it is nobody's wish any more.
+    let mut rig = Rig::new(vec![Simulated::new(42, 5)]);
+    rig.node().deaf = true;
+    rig.say((1, 42), Request::ParameterList);
+    rig.run_ms(4500);
+    rig.node().deaf = false;
+    rig.run_ms(2000);
+    assert!(rig.parameters().is_empty());
+}

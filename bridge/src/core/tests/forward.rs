@@ -1,0 +1,105 @@
+//! The bus as a station sees it.
+
+use super::rig::*;
+use mavlink::dialects::common::{CAN_FILTER_MODIFY_DATA, CanFilterOp};
+
+fn can_frames(rig: &mut Rig) -> Vec<(u8, CAN_FRAME_DATA)> {
+    let frame = |(component, content): (u8, Content)| match content {
+        Content::Message(message) => match *message {
+            MavMessage::CAN_FRAME(data) => Some((component, data)),
+            _ => None,
+        },
+        _ => None,
+    };
+    rig.said().into_iter().filter_map(frame).collect()
+}
+
+#[test]
+fn the_bus_is_shown_for_five_seconds_after_each_can_forward() {
+    let mut rig = Rig::with_node(1);
+    rig.say(
+        (0, 0),
+        Request::Command(Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] }),
+    );
+    rig.run_ms(1000);
+    let frames = can_frames(&mut rig);
+    // The node's status, and the bridge's own.
+    let ids: BTreeSet<u32> = frames.iter().map(|frame| frame.1.id).collect();
+    assert_eq!(ids, BTreeSet::from([0x9801_552A, 0x9801_557E]));
+    let frame = &frames[0].1;
+    assert_eq!((frame.bus, frame.len, frame.target_system, frame.target_component), (0, 8, 255, 190));
+    rig.run_ms(5000);
+    can_frames(&mut rig);
+    rig.run_ms(3000);
+    assert!(can_frames(&mut rig).is_empty());
+    rig.command(126, command::CAN_FORWARD, &[2.0]);
+    rig.run_ms(1);
+    assert_eq!(rig.acks(), [(126, 32_000, DENIED, (255, 190))]);
+}
+
+#[test]
+fn a_frame_of_a_station_goes_to_the_bus_and_the_other_stations_but_not_back() {
+    let mut rig = Rig::with_node(1);
+    let other = Asker { peer: 2, from: (254, 189), ..STATION };
+    let forward = Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
+    rig.say((0, 0), Request::Command(forward));
+    rig.say_as(other, (0, 0), Request::Command(forward));
+    let sent = CAN_FRAME_DATA {
+        id: 0x9801_557F,
+        target_system: 0,
+        target_component: 0,
+        bus: 0,
+        len: 8,
+        data: [1, 0, 0, 0, 0, 0, 0, 0xC0],
+    };
+    rig.say_as(other, (0, 0), Request::Frame(sent.clone()));
+    assert_eq!(rig.bridge.frames, [Frame::extended(0x1801_557F, &sent.data)]);
+    rig.run_ms(1);
+    let posts = std::mem::take(&mut rig.posts);
+    let shown = |(_, post): &(Duration, Post)| match post {
+        Post::Message { to, class: Class::Frame, .. } => Some(*to),
+        _ => None,
+    };
+    let to: Vec<To> = posts.iter().filter_map(shown).filter(|to| *to == To::One(2)).collect();
+    // The bridge asks the new node 127 who it is: that is one frame, and none is the one that was sent.
+    assert_eq!(to.len(), 1);
+    assert!(posts.iter().filter_map(shown).filter(|to| *to == To::One(1)).count() == 2);
+    assert!(rig.bridge.nodes().contains_key(&NodeId::new(127).unwrap()), "a station is a node too");
+    for wrong in [
+        CAN_FRAME_DATA { bus: 1, ..sent.clone() },
+        CAN_FRAME_DATA { len: 9, ..sent.clone() },
+        CAN_FRAME_DATA { id: 0xE000_0001, ..sent.clone() },
+    ] {
+        rig.bridge.frames.clear();
+        rig.say((0, 0), Request::Frame(wrong));
+        assert!(rig.bridge.frames.is_empty());
+    }
+}
+
+#[test]
+fn a_filter_lets_through_what_it_names() {
+    let mut rig = Rig::with_node(1);
+    rig.command(126, command::CAN_FORWARD, &[1.0]);
+    let filter = |operation, id: u16| {
+        let mut ids = [0; 16];
+        ids[0] = id;
+        Request::Filter(CAN_FILTER_MODIFY_DATA {
+            ids,
+            target_system: 1,
+            target_component: 126,
+            bus: 1,
+            operation,
+            num_ids: 1,
+        })
+    };
+    rig.say((1, 126), filter(CanFilterOp::CAN_FILTER_REPLACE, 1010));
+    rig.run_ms(2000);
+    assert!(can_frames(&mut rig).is_empty());
+    rig.say((1, 126), filter(CanFilterOp::CAN_FILTER_ADD, 341));
+    rig.run_ms(1000);
+    assert_eq!(can_frames(&mut rig).len(), 2);
+    rig.command(126, command::CAN_FORWARD, &[1.0]);
+    rig.say((1, 126), filter(CanFilterOp::CAN_FILTER_REMOVE, 341));
+    rig.run_ms(1000);
+    assert!(can_frames(&mut rig).is_empty());
+}

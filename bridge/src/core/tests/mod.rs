@@ -1,0 +1,8 @@
+//! The bridge against simulated nodes, in simulated time.
+
+mod commands;
+mod forward;
+mod parameters;
+mod presence;
+mod rig;
+mod robustness;

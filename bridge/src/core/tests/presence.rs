@@ -1,0 +1,138 @@
+//! Which nodes are there, who they are, and who the bridge is.
+
+use super::rig::*;
+use crate::identity::NAME;
+
+#[test]
+fn each_status_of_a_node_is_passed_on_as_that_of_its_component() {
+    let mut rig = Rig::new(vec![Simulated::new(42, 0)]);
+    rig.run_ms(3500);
+    let statuses: Vec<_> = rig.posts.iter().filter(|(_, post)| matches!(post, Post::Status { .. })).collect();
+    assert_eq!(statuses.len(), 3);
+    let (at, Post::Status { node, out }) = statuses[2] else { panic!() };
+    let Content::Status { data, mode } = &out.content else { panic!() };
+    assert_eq!((*node, out.component, data.uptime_sec, *mode), (NODE, 42, 2, 0));
+    assert_eq!(data.time_usec, 1_000_000_000 + at.as_micros() as u64);
+}
+
+#[test]
+fn a_node_that_appears_is_asked_who_it_is_and_all_are_told() {
+    let mut rig = Rig::new(vec![Simulated::new(42, 0)]);
+    rig.run_ms(1500);
+    let infos = infos(&rig.said());
+    assert_eq!(infos.len(), 1);
+    assert_eq!((infos[0].0, crate::message::name(&infos[0].1.name)), (42, "org.example.node42".into()));
+    assert_eq!((infos[0].1.hw_version_major, infos[0].1.hw_version_minor), (3, 4));
+    rig.run_ms(20_000);
+    assert_eq!(rig.node().info_requests, 1);
+}
+
+#[test]
+fn a_node_that_restarts_is_asked_again() {
+    let mut rig = Rig::with_node(0);
+    rig.run_ms(3000);
+    rig.said();
+    rig.node().uptime_s = 0;
+    rig.run_ms(1500);
+    let said = rig.said();
+    assert_eq!((infos(&said).len(), texts(&said)), (1, vec![String::from("Node 42 has restarted")]));
+}
+
+#[test]
+fn nodes_are_asked_again_when_the_bus_is_back() {
+    let mut rig = Rig::with_node(3);
+    rig.say((1, 42), Request::ParameterList);
+    rig.run_ms(100);
+    rig.node().parameters.truncate(2);
+    rig.said();
+    rig.bridge.bus_is_back();
+    rig.say((1, 42), Request::ParameterRead { index: Some(1), name: String::new() });
+    rig.run_ms(100);
+    let said = rig.said();
+    assert_eq!(infos(&said).len(), 1);
+    assert!(said.iter().any(|(_, content)| matches!(content, Content::Parameter { count: 2, index: 1, .. })));
+}
+
+#[test]
+fn a_node_is_offline_after_five_seconds_and_that_is_said_once() {
+    let mut rig = Rig::with_node(0);
+    rig.node().deaf = true;
+    // Its last status came at 1 s.
+    rig.run_ms(4499);
+    assert!(texts(&rig.said()).is_empty());
+    rig.run_ms(20_000);
+    assert_eq!(texts(&rig.said()), ["Node 42 is offline"]);
+    rig.node().deaf = false;
+    rig.run_ms(1500);
+    assert_eq!(infos(&rig.said()).len(), 1, "it is asked again when it is back");
+}
+
+#[test]
+fn only_nodes_that_are_there_have_heartbeats() {
+    let mut rig = Rig::with_node(0);
+    let heartbeats = |rig: &mut Rig| -> BTreeSet<u8> {
+        let posts = std::mem::take(&mut rig.posts);
+        let component = |(_, post): (Duration, Post)| match post {
+            Post::Message { out, .. } if out.key().is_some_and(|key| key.1 == 0) => Some(out.component),
+            _ => None,
+        };
+        posts.into_iter().filter_map(component).collect()
+    };
+    rig.run_ms(2000);
+    assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
+    rig.node().deaf = true;
+    rig.run_ms(8000);
+    rig.posts.clear();
+    rig.run_ms(3000);
+    assert_eq!(heartbeats(&mut rig), BTreeSet::from([126]));
+}
+
+#[test]
+fn a_node_that_does_not_say_who_it_is_is_asked_less_and_less() {
+    let mut rig = Rig::new(vec![Simulated::new(42, 0)]);
+    rig.node().lose_every = Some(1);
+    rig.run_ms(120_000);
+    assert!((10..30).contains(&rig.node().requests), "{}", rig.node().requests);
+    rig.node().lose_every = None;
+    rig.run_ms(61_000);
+    assert_eq!(infos(&rig.said()).len(), 1);
+}
+
+#[test]
+fn infos_come_again_at_a_very_low_rate_and_to_whoever_is_new() {
+    let mut rig = Rig::with_node(0);
+    rig.run_ms(121_000);
+    assert_eq!(infos(&rig.said()).len(), 2);
+    rig.bridge.joined(rig.now, 9);
+    rig.run_ms(1);
+    assert!(matches!(rig.posts[0].1, Post::Message { to: To::One(9), class: Class::Answer, .. }), "a heartbeat");
+    assert!(matches!(rig.posts[1].1, Post::Message { to: To::One(9), class: Class::Info, .. }));
+}
+
+#[test]
+fn the_bridge_is_a_node_that_says_who_it_is() {
+    let mut rig = Rig::new(Vec::new());
+    rig.bridge.poll(Duration::from_secs(1));
+    assert_eq!(rig.bridge.frames[0].to_string().split_once('#').unwrap().0, "1801557E");
+    rig.bridge.frames.clear();
+    let ask = CanId::Service { priority: 20, service_id: 1, request: true, destination: BRIDGE, source: NODE };
+    rig.bridge.frame(Duration::from_secs(1), &Frame::extended(ask.build(), &[0xC5]));
+    let mut assembler = Assembler::new();
+    let mut outcomes = rig.bridge.frames.iter().map(|frame| {
+        let Id::Extended(id) = frame.id else { panic!() };
+        assembler.push(id, frame.data(), Duration::ZERO)
+    });
+    let Some(Outcome::Complete(transfer)) = outcomes.find(|outcome| matches!(outcome, Outcome::Complete(_))) else {
+        panic!()
+    };
+    let Message::NodeInfo(info) = Message::decode(&transfer) else { panic!() };
+    assert_eq!((info.name(), transfer.transfer_id.get(), info.unique_id), (NAME.into(), 5, [7; 16]));
+}
+
+#[test]
+fn another_node_with_the_bridges_id_is_told_of_and_not_shown() {
+    let mut rig = Rig::new(vec![Simulated::new(126, 0)]);
+    rig.run_ms(5500);
+    assert_eq!(rig.bridge.state.log.len(), 1);
+    assert!(rig.bridge.state.log[0].contains("--node-id") && rig.bridge.nodes().is_empty());
+}

@@ -1,0 +1,258 @@
+//! A bridge between nodes that answer or do not and a ground station, on a clock of its own.
+
+pub use super::super::*;
+pub use crate::message::{Command, command};
+pub use crate::number::{Custom, Number};
+pub use dronecan_host::{Message, Opcode, ParameterRequest, ParameterResponse, Value, split};
+pub use mavlink::dialects::common::{CAN_FRAME_DATA, MavMessage, MavParamError, MavResult, UAVCAN_NODE_INFO_DATA};
+pub use std::collections::BTreeSet;
+
+pub const BRIDGE: NodeId = NodeId::new(126).unwrap();
+pub const NODE: NodeId = NodeId::new(42).unwrap();
+pub const STATION: Asker = Asker { peer: 1, from: (255, 190), custom: Custom::Bytewise };
+pub const INT32: u8 = 6;
+
+/// A node that does what it is asked.
+pub struct Simulated {
+    pub id: NodeId,
+    pub uptime_s: u32,
+    pub parameters: Vec<ParameterResponse>,
+    /// Requests that it hears, and of these every n-th is lost.
+    pub requests: u32,
+    pub lose_every: Option<u32>,
+    pub deaf: bool,
+    pub saved: u32,
+    pub erased: u32,
+    pub restarts: u32,
+    pub info_requests: u32,
+    pub assembler: Assembler,
+}
+
+impl Simulated {
+    pub fn new(id: u8, count: usize) -> Simulated {
+        let parameter = |at: usize| ParameterResponse {
+            value: Value::Integer(at as i64 * 10),
+            min: Value::Integer(0),
+            max: Value::Integer(5000),
+            name: format!("PARAM_{at}").into(),
+            ..ParameterResponse::default()
+        };
+        Simulated {
+            id: NodeId::new(id).unwrap(),
+            uptime_s: 0,
+            parameters: (0..count).map(parameter).collect(),
+            requests: 0,
+            lose_every: None,
+            deaf: false,
+            saved: 0,
+            erased: 0,
+            restarts: 0,
+            info_requests: 0,
+            assembler: Assembler::new(),
+        }
+    }
+
+    pub fn status(&self) -> Frame {
+        let status = NodeStatus { uptime_s: self.uptime_s, ..NodeStatus::default() };
+        let id = types::NODE_STATUS.message_id(24, self.id).build();
+        Frame::extended(id, &split(&status.encode(), TransferId::new(self.uptime_s as u8), 0)[0])
+    }
+
+    fn hear(&mut self, now: Duration, frame: &Frame) -> Vec<Frame> {
+        let Id::Extended(raw) = frame.id else { return Vec::new() };
+        let Outcome::Complete(transfer) = self.assembler.push(raw, frame.data(), now) else { return Vec::new() };
+        match transfer.id {
+            CanId::Service { request: true, destination, .. } if destination == self.id => {}
+            _ => return Vec::new(),
+        }
+        self.requests += 1;
+        if self.deaf || self.lose_every.is_some_and(|every| self.requests.is_multiple_of(every)) {
+            return Vec::new();
+        }
+        let CanId::Service { priority, service_id, source, .. } = transfer.id else { return Vec::new() };
+        let response = self.respond(&transfer);
+        let (data_type, payload) = response.encode().unwrap();
+        let id = CanId::Service { priority, service_id, request: false, destination: source, source: self.id };
+        let parts = split(&payload, transfer.transfer_id, data_type.signature.unwrap());
+        parts.iter().map(|data| Frame::extended(id.build(), data)).collect()
+    }
+
+    fn respond(&mut self, transfer: &Transfer) -> Message {
+        match Message::decode(transfer) {
+            Message::NodeInfoRequest => {
+                self.info_requests += 1;
+                let name = format!("org.example.node{}", self.id).into();
+                Message::NodeInfo(Box::new(NodeInfo { name, hardware: (3, 4), ..NodeInfo::default() }))
+            }
+            Message::ParameterRequest(request) => Message::ParameterResponse(self.get_set(&request)),
+            Message::ExecuteOpcode(opcode) => {
+                self.saved += u32::from(opcode == Opcode::SAVE);
+                self.erased += u32::from(opcode == Opcode::ERASE);
+                Message::OpcodeExecuted(true)
+            }
+            Message::RestartNode(magic) => {
+                assert_eq!(magic, dronecan_host::RESTART_MAGIC);
+                self.restarts += 1;
+                self.uptime_s = 0;
+                Message::Restarting(true)
+            }
+            other => panic!("nobody asks {other:?}"),
+        }
+    }
+
+    fn get_set(&mut self, request: &ParameterRequest) -> ParameterResponse {
+        let found = match request.name.as_slice() {
+            [] => self.parameters.get_mut(usize::from(request.index)),
+            name => self.parameters.iter_mut().find(|parameter| parameter.name == name),
+        };
+        let Some(parameter) = found else { return ParameterResponse::default() };
+        match (&request.value, &parameter.value) {
+            (Value::Integer(wanted), Value::Integer(_)) => parameter.value = Value::Integer((*wanted).clamp(0, 5000)),
+            (Value::Real(_), Value::Real(_)) | (Value::Boolean(_), Value::Boolean(_)) => {
+                parameter.value = request.value.clone();
+            }
+            _ => {}
+        }
+        parameter.clone()
+    }
+}
+
+/// Bridge, nodes and a ground station.
+pub struct Rig {
+    pub now: Duration,
+    pub bridge: Bridge,
+    pub nodes: Vec<Simulated>,
+    /// Everything posted, with its time.
+    pub posts: Vec<(Duration, Post)>,
+}
+
+impl Rig {
+    pub fn new(nodes: Vec<Simulated>) -> Rig {
+        let settings = Settings {
+            system: 1,
+            component: 126,
+            node: BRIDGE,
+            unique_id: [7; 16],
+            info_interval: Duration::from_secs(60),
+            autosave: None,
+            epoch_us: 1_000_000_000,
+        };
+        Rig { now: Duration::ZERO, bridge: Bridge::new(settings), nodes, posts: Vec::new() }
+    }
+
+    /// With one node that has been heard and has said who it is.
+    pub fn with_node(parameters: usize) -> Rig {
+        let mut rig = Rig::new(vec![Simulated::new(42, parameters)]);
+        rig.run_ms(1500);
+        rig.posts.clear();
+        rig
+    }
+
+    pub fn node(&mut self) -> &mut Simulated {
+        &mut self.nodes[0]
+    }
+
+    /// Milliseconds, with a status of each node at each full second.
+    pub fn run_ms(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.now += Duration::from_millis(1);
+            if self.now.as_millis().is_multiple_of(1000) {
+                for node in &mut self.nodes {
+                    if !node.deaf {
+                        self.bridge.frame(self.now, &node.status());
+                        node.uptime_s += 1;
+                    }
+                }
+            }
+            self.bridge.poll(self.now);
+            let frames = std::mem::take(&mut self.bridge.frames);
+            for frame in frames {
+                for node in &mut self.nodes {
+                    for response in node.hear(self.now, &frame) {
+                        self.bridge.frame(self.now, &response);
+                    }
+                }
+            }
+            self.posts.extend(self.bridge.take_posts().into_iter().map(|post| (self.now, post)));
+        }
+    }
+
+    pub fn say(&mut self, to: (u8, u8), request: Request) {
+        self.say_as(STATION, to, request);
+    }
+
+    pub fn say_as(&mut self, asker: Asker, to: (u8, u8), request: Request) {
+        self.bridge.message(self.now, asker, In { from: asker.from, to, request });
+    }
+
+    pub fn command(&mut self, component: u8, number: u16, params: &[f32]) {
+        let mut all = [0.0; 7];
+        all[..params.len()].copy_from_slice(params);
+        self.say((1, component), Request::Command(Command { number, params: all }));
+    }
+
+    /// What was said since the last time: component and content, without heartbeats and statuses.
+    pub fn said(&mut self) -> Vec<(u8, Content)> {
+        let posts = std::mem::take(&mut self.posts);
+        let said = posts.into_iter().filter_map(|(_, post)| match post {
+            Post::Message { out, .. } => Some((out.component, out.content)),
+            _ => None,
+        });
+        let heartbeat =
+            |content: &Content| matches!(content, Content::Message(m) if matches!(**m, MavMessage::HEARTBEAT(_)));
+        said.filter(|(_, content)| !heartbeat(content)).collect()
+    }
+
+    pub fn acks(&mut self) -> Vec<(u8, u16, MavResult, (u8, u8))> {
+        let ack = |(component, content)| match content {
+            Content::Ack { command, result, to } => Some((component, command, result, to)),
+            _ => None,
+        };
+        self.said().into_iter().filter_map(ack).collect()
+    }
+
+    pub fn parameters(&mut self) -> Vec<(String, Number, u16, u16)> {
+        let parameter = |(_, content)| match content {
+            Content::Parameter { name, number, count, index } => Some((name, number, count, index)),
+            _ => None,
+        };
+        self.said().into_iter().filter_map(parameter).collect()
+    }
+}
+
+pub fn infos(said: &[(u8, Content)]) -> Vec<(u8, UAVCAN_NODE_INFO_DATA)> {
+    let info = |(component, content): &(u8, Content)| match content {
+        Content::Message(message) => match &**message {
+            MavMessage::UAVCAN_NODE_INFO(data) => Some((*component, data.clone())),
+            _ => None,
+        },
+        _ => None,
+    };
+    said.iter().filter_map(info).collect()
+}
+
+pub fn errors(said: &[(u8, Content)]) -> Vec<MavParamError> {
+    let error = |(_, content): &(u8, Content)| match content {
+        Content::Message(message) => match &**message {
+            MavMessage::PARAM_ERROR(data) => Some(data.error),
+            _ => None,
+        },
+        _ => None,
+    };
+    said.iter().filter_map(error).collect()
+}
+
+pub fn texts(said: &[(u8, Content)]) -> Vec<String> {
+    let text = |(_, content): &(u8, Content)| match content {
+        Content::Message(message) => match &**message {
+            MavMessage::STATUSTEXT(data) => Some(crate::message::name(&data.text)),
+            _ => None,
+        },
+        _ => None,
+    };
+    said.iter().filter_map(text).collect()
+}
+
+pub const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
+pub const DENIED: MavResult = MavResult::MAV_RESULT_DENIED;
+pub const FAILED: MavResult = MavResult::MAV_RESULT_FAILED;

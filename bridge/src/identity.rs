@@ -1,0 +1,119 @@
+//! Who the nodes are: GetNodeInfo on the bus, UAVCAN_NODE_INFO on the channels. And who the bridge is, for whoever asks on the bus.
+//!
+//! A node is asked when it appears, comes back or restarts. One that does not answer is asked again, less and less often.
+
+use crate::calls::Patience;
+use crate::message::{Content, chars};
+use crate::post::{PeerId, To};
+use crate::queue::Class;
+use crate::state::State;
+use crate::task::Purpose;
+use dronecan_host::{CanId, Frame, NodeId, NodeInfo, NodeStatus, TransferId, split, types};
+use mavlink::dialects::common::{MavMessage, UAVCAN_NODE_INFO_DATA};
+use std::time::Duration;
+
+const INFO_PATIENCE: Patience = Patience::new(500, 3);
+/// A node that does not say who it is will be asked again after this, then twice, four times.. as long.
+const INFO_RETRY: Duration = Duration::from_secs(2);
+const INFO_RETRY_MAX: Duration = Duration::from_secs(60);
+/// How the bridge is called on the bus.
+pub const NAME: &str = "org.dronecan.mavlink_bridge";
+
+impl State {
+    pub(crate) fn ask_who_it_is(&mut self, id: NodeId) {
+        if let Some(node) = self.nodes.get_mut(&id)
+            && !node.info.asked
+        {
+            node.info.asked = true;
+            self.calls.request(id, types::GET_NODE_INFO, Vec::new(), INFO_PATIENCE, Purpose::Info);
+        }
+    }
+
+    /// A node has said who it is, or has not. Gives the commands that waited for that.
+    pub(crate) fn info_answer(&mut self, now: Duration, id: NodeId, info: Option<NodeInfo>) -> Vec<u32> {
+        let Some(node) = self.nodes.get_mut(&id) else { return Vec::new() };
+        node.info.asked = false;
+        let waiting = std::mem::take(&mut node.info.waiting);
+        match info {
+            Some(info) => {
+                self.log.push(format!("node {id} is {info}"));
+                node.info.known = Some(info);
+                node.info.sent_at = now;
+                self.post_info(now, id, To::All);
+            }
+            None => {
+                let pause = INFO_RETRY.saturating_mul(1 << node.info.failures.min(8)).min(INFO_RETRY_MAX);
+                if node.info.failures == 0 {
+                    self.log.push(format!("node {id} does not say who it is"));
+                }
+                node.info.failures += 1;
+                node.info.next_try = now + pause;
+            }
+        }
+        waiting
+    }
+
+    /// Sends what is known of a node; nothing if that is not known.
+    pub(crate) fn post_info(&mut self, now: Duration, id: NodeId, to: To) {
+        let time_usec = self.unix_us(now);
+        let Some(node) = self.nodes.get(&id) else { return };
+        let Some(info) = &node.info.known else { return };
+        let data = UAVCAN_NODE_INFO_DATA {
+            time_usec,
+            uptime_sec: node.status.uptime_s,
+            sw_vcs_commit: info.commit.unwrap_or(0),
+            name: chars(&info.name),
+            hw_version_major: info.hardware.0,
+            hw_version_minor: info.hardware.1,
+            hw_unique_id: info.unique_id,
+            sw_version_major: info.software.0,
+            sw_version_minor: info.software.1,
+        };
+        self.post(to, Class::Info, id.get(), Content::from(MavMessage::UAVCAN_NODE_INFO(data)));
+    }
+
+    /// Asks those that have not said who they are, and repeats what is known of the others.
+    pub(crate) fn repeat_infos(&mut self, now: Duration) {
+        let interval = self.settings.info_interval;
+        let online: Vec<NodeId> = self.online().collect();
+        for id in online {
+            let Some(node) = self.nodes.get_mut(&id) else { continue };
+            if node.info.known.is_none() && now >= node.info.next_try {
+                self.ask_who_it_is(id);
+            } else if node.info.known.is_some() && now >= node.info.sent_at + interval {
+                node.info.sent_at = now;
+                self.post_info(now, id, To::All);
+            }
+        }
+    }
+
+    /// Tells a ground station that is new who is there.
+    pub(crate) fn tell_all_infos(&mut self, now: Duration, peer: PeerId) {
+        let online: Vec<NodeId> = self.online().collect();
+        for id in online {
+            self.post_info(now, id, To::One(peer));
+        }
+    }
+
+    /// Answers GetNodeInfo.
+    pub(crate) fn tell_who_we_are(&mut self, now: Duration, to: NodeId, priority: u8, transfer_id: TransferId) {
+        let part = |text: &str| text.parse().unwrap_or(0);
+        let info = NodeInfo {
+            status: NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() },
+            software: (part(env!("CARGO_PKG_VERSION_MAJOR")), part(env!("CARGO_PKG_VERSION_MINOR"))),
+            unique_id: self.settings.unique_id,
+            name: NAME.into(),
+            ..NodeInfo::default()
+        };
+        let id = CanId::Service {
+            priority,
+            service_id: types::GET_NODE_INFO.id as u8,
+            request: false,
+            destination: to,
+            source: self.settings.node,
+        };
+        for data in split(&info.encode(), transfer_id, types::GET_NODE_INFO.signature.unwrap_or(0)) {
+            self.outgoing.push((Frame::extended(id.build(), &data), None));
+        }
+    }
+}

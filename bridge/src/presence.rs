@@ -1,0 +1,128 @@
+//! Which nodes are there, and how they are: NodeStatus on the bus, UAVCAN_NODE_STATUS and HEARTBEAT on the channels.
+
+use crate::message::{Content, Out, text};
+use crate::node::Node;
+use crate::post::{Post, To};
+use crate::queue::Class;
+use crate::state::State;
+use dronecan_host::{Frame, Health, Mode, NodeId, NodeStatus, TransferId, split, types};
+use mavlink::dialects::common::{
+    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType, UAVCAN_NODE_STATUS_DATA,
+    UavcanNodeHealth, UavcanNodeMode,
+};
+use std::time::Duration;
+
+/// A node is gone when its last status is older.
+pub const OFFLINE_AFTER: Duration = Duration::from_secs(5);
+/// The bridge's statuses have the priority of other nodes'.
+const STATUS_PRIORITY: u8 = 24;
+const MAVLINK_VERSION: u8 = 3;
+
+/// What a NodeStatus shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum News {
+    /// The node is new, or is back.
+    Appeared,
+    Restarted,
+    Nothing,
+}
+
+impl State {
+    /// Notes a node's status.
+    pub(crate) fn note_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) -> News {
+        let known = self.nodes.entry(id).or_insert_with(|| Node { online: false, ..Node::new(status, now) });
+        let restarted = status.uptime_s < known.status.uptime_s;
+        let appeared = !known.online;
+        known.status = status;
+        known.heard = now;
+        known.online = true;
+        known.statuses += 1;
+        if appeared {
+            self.log.push(format!("node {id} is there: {status}"));
+        } else if restarted {
+            self.log.push(format!("node {id} has restarted: {status}"));
+        }
+        if restarted {
+            self.post(To::All, Class::Text, id.get(), Content::from(text(&format!("Node {id} has restarted"))));
+        }
+        match (appeared, restarted) {
+            (_, true) => News::Restarted,
+            (true, false) => News::Appeared,
+            (false, false) => News::Nothing,
+        }
+    }
+
+    /// Passes a node's status on.
+    pub(crate) fn post_status(&mut self, now: Duration, id: NodeId, status: &NodeStatus) {
+        let out = Out { component: id.get(), content: self.status_content(now, status) };
+        self.posts.push(Post::Status { node: id, out });
+    }
+
+    pub(crate) fn status_content(&self, now: Duration, status: &NodeStatus) -> Content {
+        let data = UAVCAN_NODE_STATUS_DATA {
+            time_usec: self.unix_us(now),
+            uptime_sec: status.uptime_s,
+            vendor_specific_status_code: status.vendor_code,
+            health: match status.health {
+                Health::Ok => UavcanNodeHealth::UAVCAN_NODE_HEALTH_OK,
+                Health::Warning => UavcanNodeHealth::UAVCAN_NODE_HEALTH_WARNING,
+                Health::Error => UavcanNodeHealth::UAVCAN_NODE_HEALTH_ERROR,
+                Health::Critical => UavcanNodeHealth::UAVCAN_NODE_HEALTH_CRITICAL,
+            },
+            mode: UavcanNodeMode::DEFAULT,
+            sub_mode: status.sub_mode,
+        };
+        Content::Status { data, mode: status.mode.field() }
+    }
+
+    /// Finds the nodes that have fallen silent.
+    pub(crate) fn miss_nodes(&mut self, now: Duration) {
+        let missed = |node: &Node| node.online && now > node.heard + OFFLINE_AFTER;
+        let gone: Vec<NodeId> = self.nodes.iter().filter(|(_, node)| missed(node)).map(|(id, _)| *id).collect();
+        for id in gone {
+            self.log.push(format!("node {id} is gone: no status for {} s", OFFLINE_AFTER.as_secs()));
+            self.post(To::All, Class::Text, id.get(), Content::from(text(&format!("Node {id} is offline"))));
+            self.posts.push(Post::Forget { node: id });
+            if let Some(node) = self.nodes.get_mut(&id) {
+                node.online = false;
+            }
+        }
+    }
+
+    /// The bridge's NodeStatus, and all heartbeats. Due once a second.
+    pub(crate) fn beat(&mut self, now: Duration, transfer_id: TransferId) {
+        let status = NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() };
+        let id = types::NODE_STATUS.message_id(STATUS_PRIORITY, self.settings.node).build();
+        for data in split(&status.encode(), transfer_id, 0) {
+            self.outgoing.push((Frame::extended(id, &data), None));
+        }
+        self.post(To::All, Class::Answer, self.settings.component, Content::from(self.heartbeat(None)));
+        let online: Vec<NodeId> = self.online().collect();
+        for id in online {
+            let heartbeat = self.heartbeat(Some(id));
+            self.post(To::All, Class::Heartbeat, id.get(), Content::from(heartbeat));
+        }
+    }
+
+    /// That of a node, or the bridge's own.
+    pub(crate) fn heartbeat(&self, node: Option<NodeId>) -> MavMessage {
+        let status = node.and_then(|id| self.nodes.get(&id)).map_or(NodeStatus::default(), |node| node.status);
+        let system_status = match (status.health, status.mode) {
+            (Health::Critical, _) => MavState::MAV_STATE_EMERGENCY,
+            (Health::Error, _) => MavState::MAV_STATE_CRITICAL,
+            (_, Mode::Initialization | Mode::SoftwareUpdate) => MavState::MAV_STATE_BOOT,
+            (_, Mode::Maintenance) => MavState::MAV_STATE_CALIBRATING,
+            (_, Mode::Offline) => MavState::MAV_STATE_POWEROFF,
+            _ => MavState::MAV_STATE_ACTIVE,
+        };
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: 0,
+            mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+            // What is no autopilot must say so.
+            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+            base_mode: MavModeFlag::empty(),
+            system_status,
+            mavlink_version: MAVLINK_VERSION,
+        })
+    }
+}
