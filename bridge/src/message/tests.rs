@@ -1,12 +1,16 @@
 //! Messages as bytes: what a ground station gets, and what is made of what it sends.
 
 use super::*;
-use mavlink::SigningConfig;
-use mavlink::dialects::common::{HEARTBEAT_DATA, MavCmd};
+use crate::number::Custom;
+use mavlink::dialects::common::{COMMAND_LONG_DATA, MavCmd, PARAM_REQUEST_LIST_DATA};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, SigningConfig, SigningData};
+use std::rc::Rc;
 
 /// Of a frame of version 2: magic, length, two flags, sequence, system, component, three bytes of number.
 const V2_HEADER: usize = 10;
 const V1_HEADER: usize = 6;
+/// Of COMMAND_LONG.command in its payload.
+const COMMAND_AT: usize = 28;
 
 fn writer(versions: Versions) -> Writer {
     Writer::new(1, versions, None)

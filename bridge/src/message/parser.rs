@@ -1,0 +1,125 @@
+//! Messages out of a stream of bytes.
+
+use super::{Command, In, Request, gaps, name};
+use mavlink::dialects::common::{
+    CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavMessage,
+    PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
+};
+use mavlink::error::{MessageReadError, ParserError};
+use mavlink::{MAVLinkMessageRaw, MavlinkReader, MavlinkVersion, MessageData, SigningData};
+use std::collections::VecDeque;
+use std::io::{self, Read};
+use std::rc::Rc;
+
+impl In {
+    /// Takes a message apart whose CRC is right.
+    ///
+    /// # Errors
+    /// If its content is nonsense.
+    fn parse(raw: &MAVLinkMessageRaw) -> Result<In, ParserError> {
+        let version = raw.version();
+        // Trailing zeros are not sent.
+        let mut payload = [0; gaps::PAYLOAD_MAX];
+        payload[..raw.payload().len()].copy_from_slice(raw.payload());
+        let (to, request) = match raw.message_id() {
+            HEARTBEAT_DATA::ID => ((0, 0), Request::Heartbeat),
+            PARAM_REQUEST_LIST_DATA::ID => {
+                let data = PARAM_REQUEST_LIST_DATA::deser(version, &payload)?;
+                ((data.target_system, data.target_component), Request::ParameterList)
+            }
+            PARAM_REQUEST_READ_DATA::ID => {
+                let data = PARAM_REQUEST_READ_DATA::deser(version, &payload)?;
+                let request =
+                    Request::ParameterRead { index: u16::try_from(data.param_index).ok(), name: name(&data.param_id) };
+                ((data.target_system, data.target_component), request)
+            }
+            PARAM_SET_DATA::ID => {
+                let kind = gaps::take_param_type(&mut payload);
+                let data = PARAM_SET_DATA::deser(version, &payload)?;
+                let request = Request::ParameterSet { name: name(&data.param_id), value: data.param_value, kind };
+                ((data.target_system, data.target_component), request)
+            }
+            COMMAND_LONG_DATA::ID => {
+                let number = gaps::take_command(&mut payload);
+                let d = COMMAND_LONG_DATA::deser(version, &payload)?;
+                let params = [d.param1, d.param2, d.param3, d.param4, d.param5, d.param6, d.param7];
+                ((d.target_system, d.target_component), Request::Command(Command { number, params }))
+            }
+            COMMAND_INT_DATA::ID => {
+                let number = gaps::take_command(&mut payload);
+                gaps::forget_frame(&mut payload);
+                let d = COMMAND_INT_DATA::deser(version, &payload)?;
+                let params = [d.param1, d.param2, d.param3, d.param4, d.x as f32, d.y as f32, d.z];
+                ((d.target_system, d.target_component), Request::Command(Command { number, params }))
+            }
+            CAN_FRAME_DATA::ID => {
+                let data = CAN_FRAME_DATA::deser(version, &payload)?;
+                ((data.target_system, data.target_component), Request::Frame(data))
+            }
+            CAN_FILTER_MODIFY_DATA::ID => {
+                let data = CAN_FILTER_MODIFY_DATA::deser(version, &payload)?;
+                ((data.target_system, data.target_component), Request::Filter(data))
+            }
+            _ => ((0, 0), Request::Other),
+        };
+        Ok(In { from: (raw.system_id().min(255) as u8, raw.component_id()), to, request })
+    }
+}
+
+/// Bytes that have come and were not looked at.
+#[derive(Default)]
+struct Received(VecDeque<u8>);
+
+impl Read for Received {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.0.is_empty() {
+            return Err(io::ErrorKind::WouldBlock.into());
+        }
+        self.0.read(buffer)
+    }
+}
+
+/// Why a message was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// Its fields are nonsense.
+    Malformed,
+    /// It is not signed, or wrongly.
+    Signature,
+}
+
+/// Finds the messages in a stream of bytes.
+pub struct Parser {
+    reader: MavlinkReader<Received>,
+    signing: Option<Rc<SigningData>>,
+}
+
+impl Parser {
+    /// Takes signed messages only if there is a key.
+    pub fn new(signing: Option<Rc<SigningData>>) -> Parser {
+        Parser { reader: MavlinkReader::new(Received::default()), signing }
+    }
+
+    /// Adds bytes that have come.
+    pub fn feed(&mut self, bytes: &[u8]) {
+        self.reader.get_mut().0.extend(bytes);
+    }
+
+    /// The next message, with its version; `None` when all bytes are used up.
+    pub fn message(&mut self) -> Option<Result<(MavlinkVersion, In), Refused>> {
+        let raw = match self.reader.read_any_raw_message::<MavMessage>() {
+            Ok(raw) => raw,
+            Err(MessageReadError::Io(_)) => return None,
+            Err(MessageReadError::Parse(_)) => return Some(Err(Refused::Malformed)),
+        };
+        let trusted = match (&self.signing, &raw) {
+            (None, _) => true,
+            (Some(_), MAVLinkMessageRaw::V1(_)) => false,
+            (Some(signing), MAVLinkMessageRaw::V2(raw)) => signing.verify_signature(raw),
+        };
+        if !trusted {
+            return Some(Err(Refused::Signature));
+        }
+        Some(In::parse(&raw).map(|message| (raw.version(), message)).map_err(|_| Refused::Malformed))
+    }
+}

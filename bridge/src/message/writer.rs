@@ -1,0 +1,185 @@
+//! Bytes of messages for one ground station.
+//!
+//! A ground station is answered in the version of MAVLink that it speaks. But the first message to it is of version 2, for there
+//! are stations (on pymavlink) that begin with version 1 and go on in the version that they hear first. Messages with numbers
+//! above 255 do not exist in version 1; they are sent in version 2 unless that was forbidden, and a parser of version 1 takes
+//! them for noise.
+
+use super::{Content, Out, chars, gaps};
+use crate::number::Custom;
+use mavlink::dialects::common::{
+    AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, MavMessage, MavProtocolCapability, PARAM_VALUE_DATA,
+    UAVCAN_NODE_STATUS_DATA,
+};
+use mavlink::error::ParserError;
+use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message, MessageData, SigningData};
+use std::rc::Rc;
+
+/// Which version of MAVLink is spoken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Versions {
+    /// That of the ground station, where the message exists in it
+    #[default]
+    Auto,
+    /// Nothing that does not exist in version 1
+    #[value(name = "1")]
+    One,
+    /// Nothing that is not version 2
+    #[value(name = "2")]
+    Two,
+}
+
+/// Makes the bytes of messages for one ground station.
+pub struct Writer {
+    system: u8,
+    versions: Versions,
+    /// By component, for each counts its own messages.
+    sequences: [u8; 256],
+    /// It has been shown that there is a version 2.
+    greeted: bool,
+    signing: Option<Rc<SigningData>>,
+}
+
+const V1_ID_MAX: u32 = 255;
+
+impl Writer {
+    pub fn new(system: u8, versions: Versions, signing: Option<Rc<SigningData>>) -> Writer {
+        Writer { system, versions, sequences: [0; 256], greeted: false, signing }
+    }
+
+    /// The bytes of a message to a station that was last heard in version `heard`. `None` if that does not exist.
+    pub fn bytes(&mut self, out: &Out, heard: Option<MavlinkVersion>, custom: Custom) -> Option<Vec<u8>> {
+        let wire = Wire { out, custom };
+        let id = wire.message_id();
+        let version = match (self.versions, heard) {
+            (Versions::One, _) if id > V1_ID_MAX => return None,
+            (Versions::One, _) => MavlinkVersion::V1,
+            // Signatures exist in version 2 only.
+            (Versions::Auto, Some(MavlinkVersion::V1)) if id <= V1_ID_MAX && self.greeted && self.signing.is_none() => {
+                MavlinkVersion::V1
+            }
+            _ => MavlinkVersion::V2,
+        };
+        self.greeted = true;
+        let sequence = &mut self.sequences[usize::from(out.component)];
+        let header = MavHeader { system_id: self.system.into(), component_id: out.component, sequence: *sequence };
+        *sequence = sequence.wrapping_add(1);
+        Some(match (version, &self.signing) {
+            (MavlinkVersion::V1, _) => {
+                let mut raw = MAVLinkV1MessageRaw::new();
+                raw.serialize_message(header, &wire);
+                raw.raw_bytes().to_vec()
+            }
+            (MavlinkVersion::V2, None) => {
+                let mut raw = MAVLinkV2MessageRaw::new();
+                raw.serialize_message(header, &wire);
+                raw.raw_bytes().to_vec()
+            }
+            (MavlinkVersion::V2, Some(signing)) => {
+                let mut raw = MAVLinkV2MessageRaw::new();
+                raw.serialize_message_for_signing(header, &wire);
+                signing.sign_message(&mut raw);
+                raw.raw_bytes().to_vec()
+            }
+        })
+    }
+}
+
+/// A message together with what its bytes depend on.
+struct Wire<'a> {
+    out: &'a Out,
+    custom: Custom,
+}
+
+impl Message for Wire<'_> {
+    fn message_id(&self) -> u32 {
+        match &self.out.content {
+            Content::Message(message) => message.message_id(),
+            Content::Status { .. } => UAVCAN_NODE_STATUS_DATA::ID,
+            Content::Ack { .. } => COMMAND_ACK_DATA::ID,
+            Content::Parameter { .. } => PARAM_VALUE_DATA::ID,
+            Content::Capabilities { .. } => AUTOPILOT_VERSION_DATA::ID,
+        }
+    }
+
+    fn ser(&self, version: MavlinkVersion, bytes: &mut [u8]) -> usize {
+        match &self.out.content {
+            Content::Message(message) => message.ser(version, bytes),
+            Content::Status { data, mode } => {
+                let len = data.ser(version, bytes);
+                gaps::put_mode(bytes, len, *mode)
+            }
+            Content::Ack { command, result, to } => {
+                let (target_system, target_component) = *to;
+                let data = COMMAND_ACK_DATA {
+                    result: *result,
+                    target_system,
+                    target_component,
+                    ..COMMAND_ACK_DATA::default()
+                };
+                let len = data.ser(version, bytes);
+                gaps::put_acknowledged_command(bytes, len, *command)
+            }
+            Content::Parameter { name, number, count, index } => PARAM_VALUE_DATA {
+                param_value: number.encode(self.custom),
+                param_count: *count,
+                param_index: *index,
+                param_id: chars(name.as_bytes()),
+                param_type: number.kind(),
+            }
+            .ser(version, bytes),
+            Content::Capabilities { software, uid } => {
+                let encoding = match self.custom {
+                    Custom::Bytewise => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE,
+                    Custom::Cast => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+                };
+                let capabilities = encoding
+                    | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
+                    | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_COMMAND_INT;
+                let data = AUTOPILOT_VERSION_DATA {
+                    capabilities,
+                    uid: *uid,
+                    flight_sw_version: *software,
+                    ..AUTOPILOT_VERSION_DATA::default()
+                };
+                data.ser(version, bytes)
+            }
+        }
+    }
+
+    fn extra_crc(id: u32) -> u8 {
+        MavMessage::extra_crc(id)
+    }
+
+    fn message_name(&self) -> &'static str {
+        ""
+    }
+
+    fn target_system_id(&self) -> Option<u8> {
+        None
+    }
+
+    fn target_component_id(&self) -> Option<u8> {
+        None
+    }
+
+    fn target_system_id_mut(&mut self) -> Option<&mut u8> {
+        None
+    }
+
+    fn target_component_id_mut(&mut self) -> Option<&mut u8> {
+        None
+    }
+
+    fn parse(_: MavlinkVersion, id: u32, _: &[u8]) -> Result<Self, ParserError> {
+        Err(ParserError::UnknownMessage { id })
+    }
+
+    fn message_id_from_name(_: &str) -> Option<u32> {
+        None
+    }
+
+    fn default_message_from_id(_: u32) -> Option<Self> {
+        None
+    }
+}
