@@ -1,0 +1,23 @@
+//! A radio on a serial port.
+
+use super::{Channel, Transport};
+use crate::post::PeerId;
+use anyhow::{Result, anyhow};
+use serial2::SerialPort;
+use std::io::ErrorKind;
+use std::path::Path;
+use std::time::Duration;
+
+impl Channel {
+    pub(super) fn start_serial(&mut self, ids: &mut PeerId, now: Duration, path: &Path, baud: u32) -> Result<()> {
+        let port = SerialPort::open(path, baud).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => anyhow!("there is no {}; is the radio plugged in?", path.display()),
+            _ => anyhow!(error).context(format!("cannot open {}", path.display())),
+        })?;
+        self.transport = Transport::Serial(port);
+        self.came_back();
+        let peer = self.peer(path.display().to_string(), now);
+        self.add(ids, peer);
+        Ok(())
+    }
+}

@@ -1,0 +1,89 @@
+//! TCP: one connection that is made again and again, or several that are accepted.
+
+use super::resolve::resolve;
+use super::{Channel, PEERS_MAX, Peer, Transport, cannot_listen};
+use crate::core::Bridge;
+use crate::post::PeerId;
+use anyhow::Result;
+use rustix::io::Errno;
+use socket2::{Domain, Protocol, SockRef, Socket, Type};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::time::Duration;
+
+const CONNECT_FOR: Duration = Duration::from_secs(5);
+/// What the kernel may hold back of a TCP connection: enough for speed, and little enough that statuses are not old.
+const SEND_BUFFER: usize = 32 * 1024;
+
+impl Channel {
+    pub(super) fn listen(&mut self, local: SocketAddr) -> Result<()> {
+        let listener = TcpListener::bind(local).map_err(|error| cannot_listen(local, error))?;
+        listener.set_nonblocking(true)?;
+        self.transport = Transport::Listener(listener);
+        Ok(())
+    }
+
+    pub(super) fn start_connecting(&mut self, now: Duration, remote: &str) -> Result<()> {
+        let address = resolve(remote)?;
+        let socket = Socket::new(Domain::for_address(address), Type::STREAM, Some(Protocol::TCP))?;
+        socket.set_nonblocking(true)?;
+        match socket.connect(&address.into()) {
+            Err(error) if error.raw_os_error() != Some(Errno::INPROGRESS.raw_os_error()) => {
+                self.away(now, &error.to_string());
+            }
+            _ => self.transport = Transport::Connecting(socket, now + CONNECT_FOR),
+        }
+        Ok(())
+    }
+
+    pub(super) fn connect(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId) {
+        match &self.transport {
+            Transport::Away(until) if now >= *until => {
+                if let Err(error) = self.start(ids, now) {
+                    self.away(now, &format!("{error:#}"));
+                }
+            }
+            Transport::Connecting(socket, until) => {
+                let trouble = match socket.take_error() {
+                    Ok(Some(error)) | Err(error) => Some(error.to_string()),
+                    Ok(None) if now >= *until => Some(String::from("no answer")),
+                    Ok(None) => None,
+                };
+                if let Some(trouble) = trouble {
+                    return self.away(now, &trouble);
+                }
+                if socket.peer_addr().is_ok()
+                    && let Transport::Connecting(socket, _) = std::mem::replace(&mut self.transport, Transport::Stream)
+                {
+                    self.came_back();
+                    let name = self.spec.to_string();
+                    let id = self.add_stream(ids, now, name, socket.into());
+                    bridge.joined(now, id);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn add_stream(&mut self, ids: &mut PeerId, now: Duration, name: String, stream: TcpStream) -> PeerId {
+        // All three only make it faster.
+        let _ = stream.set_nodelay(true);
+        let _ = SockRef::from(&stream).set_send_buffer_size(SEND_BUFFER);
+        let _ = SockRef::from(&stream).set_keepalive(true);
+        let peer = self.peer(name, now);
+        self.add(ids, Peer { stream: Some(stream), ..peer })
+    }
+
+    pub(super) fn accept(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId) {
+        loop {
+            let Transport::Listener(listener) = &self.transport else { return };
+            let Ok((stream, from)) = listener.accept() else { return };
+            if self.peers.len() >= PEERS_MAX || stream.set_nonblocking(true).is_err() {
+                self.log.push(format!("{}: {from} is one too many", self.spec));
+                continue;
+            }
+            self.log.push(format!("{}: {from} has connected", self.spec));
+            let id = self.add_stream(ids, now, from.to_string(), stream);
+            bridge.joined(now, id);
+        }
+    }
+}

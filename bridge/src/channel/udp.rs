@@ -1,0 +1,108 @@
+//! UDP: one ground station that is named, or several that are known by what they send.
+
+use super::resolve::resolve;
+use super::{Channel, PEERS_MAX, Peer, READS_AT_ONCE, Spec, Transport, cannot_listen};
+use crate::core::Bridge;
+use crate::message::Parser;
+use crate::post::PeerId;
+use anyhow::{Context as _, Result};
+use std::io::ErrorKind;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::time::Duration;
+
+/// A station on UDP that is silent for that long is gone: they send a heartbeat each second.
+const SILENT_FOR: Duration = Duration::from_secs(60);
+
+impl Channel {
+    pub(super) fn start_udp_out(&mut self, ids: &mut PeerId, now: Duration, remote: &str) -> Result<()> {
+        let address = resolve(remote)?;
+        let local: IpAddr = match address.ip() {
+            ip if ip.is_loopback() => ip,
+            IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+            IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let socket = UdpSocket::bind((local, 0)).context("cannot make a UDP socket")?;
+        socket.set_nonblocking(true)?;
+        self.transport = Transport::Udp(socket);
+        let peer = self.peer(address.to_string(), now);
+        self.add(ids, Peer { address: Some(address), ..peer });
+        Ok(())
+    }
+
+    pub(super) fn start_udp_in(&mut self, local: SocketAddr) -> Result<()> {
+        let socket = UdpSocket::bind(local).map_err(|error| cannot_listen(local, error))?;
+        socket.set_nonblocking(true)?;
+        self.transport = Transport::Udp(socket);
+        Ok(())
+    }
+
+    pub(super) fn receive_datagrams(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId) {
+        let mut buffer = [0; 2048];
+        for _ in 0..READS_AT_ONCE * PEERS_MAX {
+            let Transport::Udp(socket) = &self.transport else { return };
+            let (length, from) = match socket.recv_from(&mut buffer) {
+                Ok(received) => received,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return,
+                // Somebody's port was closed, which is no fault of this socket.
+                Err(_) => continue,
+            };
+            let known = self.peers.iter().find(|(_, peer)| peer.address == Some(from)).map(|(id, _)| *id);
+            match known {
+                Some(id) => self.take_datagram(now, bridge, id, &buffer[..length]),
+                // Only the station that was named may answer.
+                None if matches!(self.spec, Spec::UdpOut(_)) => self.malformed += 1,
+                None => self.meet(now, bridge, ids, from, &buffer[..length]),
+            }
+        }
+    }
+
+    /// Bytes of somebody new: a peer, if there is a message in them.
+    fn meet(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId, from: SocketAddr, bytes: &[u8]) {
+        if !has_message(bytes) {
+            self.malformed += 1;
+            return;
+        }
+        let peer = Peer { address: Some(from), ..self.peer(from.to_string(), now) };
+        if self.peers.len() >= PEERS_MAX {
+            let quietest = self.peers.iter().min_by_key(|(_, peer)| peer.heard_at).map(|(id, _)| *id);
+            quietest.into_iter().for_each(|id| self.remove(bridge, id, "made room"));
+        }
+        let id = self.add(ids, peer);
+        let before = self.unsigned;
+        // Before anything that it asked for is answered.
+        bridge.joined(now, id);
+        self.take(now, bridge, id, bytes);
+        if self.unsigned > before {
+            // Whoever has no key hears nothing.
+            self.peers.remove(&id);
+            return;
+        }
+        self.log.push(format!("{}: {from} is there", self.spec));
+    }
+
+    /// A message is in one datagram, with rare exceptions. So what was left of one that was rubbish is not waited for.
+    fn take_datagram(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, bytes: &[u8]) {
+        if let Some(peer) = self.peers.get_mut(&id).filter(|_| has_message(bytes)) {
+            peer.parser = Parser::new(self.signing.clone());
+        }
+        self.take(now, bridge, id, bytes);
+    }
+
+    pub(super) fn miss_silent(&mut self, now: Duration, bridge: &mut Bridge) {
+        if !matches!(self.spec, Spec::UdpIn(_)) {
+            return;
+        }
+        let silent = |peer: &Peer| now > peer.heard_at + SILENT_FOR;
+        let gone: Vec<PeerId> = self.peers.iter().filter(|(_, peer)| silent(peer)).map(|(id, _)| *id).collect();
+        for id in gone {
+            self.remove(bridge, id, "silent");
+        }
+    }
+}
+
+/// Whether a message begins and ends in these bytes. Signatures are left to who reads them: no message may be checked twice.
+fn has_message(bytes: &[u8]) -> bool {
+    let mut parser = Parser::new(None);
+    parser.feed(bytes);
+    matches!(parser.message(), Some(Ok(_)))
+}
