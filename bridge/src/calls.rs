@@ -1,35 +1,70 @@
 //! Requests to nodes: several at a time, repeated when nothing comes back, given up in bounded time.
 //!
-//! Each node has a queue, and a window of requests that may be on their way to it at once. A request that is not answered
-//! halves the window, for a small node may have no room for more; answers widen it again. Each attempt has a transfer ID of
-//! its own, so that a late answer to an earlier one is not taken for that of another request.
+//! Goals: a slow bus is used and not flooded; a slow node is waited for; no node keeps the requests to others waiting.
+//!
+//! * Each node has a queue and a window of requests that may be on their way to it at once. A request that is not answered
+//!   halves the window, for a small node may have no room for more; answers widen it again.
+//! * All requests together have a window, too, which adapts in the same way: on a slow bus answers come late because of the other
+//!   requests. A node that has never answered does not narrow it, for that says nothing about the bus.
+//! * How long to wait follows from the delay of the answers so far, as TCP does it ([`delay`]).
+//!
+//! Invariants: each try has a transfer ID of its own. An answer to any try of a request answers the request. A transfer ID
+//! whose answer may still come is not used again.
 
+mod delay;
+#[cfg(test)]
+mod tests;
+
+use delay::Delay;
 use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId, split};
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 /// On their way to one node at once: what the DroneCAN GUI Tool does.
 const WINDOW: usize = 5;
+/// On their way to all nodes at once. A GetSet takes seven frames with its answer, so that on a bus of 900 frames a second an answer
+/// waits for a quarter of a second behind 32 others.
+const TOTAL_WINDOW_MAX: f64 = 32.0;
+const TOTAL_WINDOW_MIN: f64 = 2.0;
+const TOTAL_WINDOW_AT_FIRST: f64 = 8.0;
 /// Lowest but one: parameters can wait for everything else on the bus.
 const PRIORITY: u8 = 30;
 /// Waiting for one node; beyond that a request fails at once.
 const QUEUE_LIMIT: usize = 512;
+/// An answer that is later than this after its request is lost for good.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(4);
 
-/// How long to wait for an answer, and how often to ask.
+/// How long to wait for an answer before the first repetition, and when to give up.
 #[derive(Clone, Copy, Debug)]
 pub struct Patience {
     pub timeout: Duration,
-    pub attempts: u32,
+    /// After the first try.
+    pub give_up_after: Duration,
 }
 
 impl Patience {
-    pub const fn new(timeout_ms: u64, attempts: u32) -> Patience {
-        Patience { timeout: Duration::from_millis(timeout_ms), attempts }
+    pub const fn new(timeout_ms: u64, give_up_after_ms: u64) -> Patience {
+        Patience { timeout: Duration::from_millis(timeout_ms), give_up_after: Duration::from_millis(give_up_after_ms) }
     }
 }
 
 /// For ExecuteOpcode. Long: a small node writes all of its memory.
-pub const OPCODE_PATIENCE: Patience = Patience::new(1500, 2);
+pub const OPCODE_PATIENCE: Patience = Patience::new(1500, 3000);
+
+/// Which requests go first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Urgency {
+    /// Somebody waits for this one answer. The window of all requests together does not count.
+    Now,
+    /// One of many.
+    Background,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Try {
+    transfer_id: TransferId,
+    sent: Duration,
+}
 
 /// A request with what it is for.
 #[derive(Clone, Debug)]
@@ -37,25 +72,90 @@ struct Call<P> {
     service: DataType,
     payload: Vec<u8>,
     patience: Patience,
-    attempts_left: u32,
+    urgency: Urgency,
     purpose: P,
-}
-
-struct Flight<P> {
-    call: Call<P>,
-    transfer_id: TransferId,
+    tries: Vec<Try>,
+    /// When the last try is given up.
     deadline: Duration,
 }
 
+impl<P> Call<P> {
+    /// When the call has failed. `None` before the first try.
+    fn gives_up_at(&self) -> Option<Duration> {
+        self.tries.first().map(|first| first.sent + self.patience.give_up_after)
+    }
+
+    fn has_failed(&self, now: Duration) -> bool {
+        self.gives_up_at().is_some_and(|at| now >= at)
+    }
+}
+
+/// All that is between the bridge and one node.
 struct Line<P> {
     waiting: VecDeque<Call<P>>,
-    flying: Vec<Flight<P>>,
+    flying: Vec<Call<P>>,
     window: usize,
+    delay: Delay,
+    /// A transfer ID counter for each service, as the protocol wants it.
+    counters: BTreeMap<u16, TransferId>,
+    /// Tries of requests that are done, whose answers may still come.
+    orphans: Vec<(u16, Try)>,
 }
 
 impl<P> Default for Line<P> {
     fn default() -> Line<P> {
-        Line { waiting: VecDeque::new(), flying: Vec::new(), window: WINDOW }
+        Line {
+            waiting: VecDeque::new(),
+            flying: Vec::new(),
+            window: WINDOW,
+            delay: Delay::default(),
+            counters: BTreeMap::new(),
+            orphans: Vec::new(),
+        }
+    }
+}
+
+impl<P> Line<P> {
+    /// Adds a request behind those of the same urgency.
+    fn push(&mut self, call: Call<P>) {
+        let at = self.waiting.iter().position(|other| other.urgency > call.urgency).unwrap_or(self.waiting.len());
+        self.waiting.insert(at, call);
+    }
+
+    /// Takes the call out that the answer is for.
+    fn take_answered(&mut self, service: u16, transfer_id: TransferId) -> Option<Call<P>> {
+        let is_it = |call: &Call<P>| {
+            call.service.id == service && call.tries.iter().any(|this| this.transfer_id == transfer_id)
+        };
+        if let Some(at) = self.flying.iter().position(is_it) {
+            return Some(self.flying.swap_remove(at));
+        }
+        let at = self.waiting.iter().position(is_it)?;
+        self.waiting.remove(at)
+    }
+
+    /// A call is done: answers to its other tries are for nobody.
+    fn abandon(&mut self, call: &Call<P>, answered: Option<TransferId>) {
+        let others = call.tries.iter().filter(|this| Some(this.transfer_id) != answered);
+        self.orphans.extend(others.map(|this| (call.service.id, *this)));
+    }
+
+    /// The next transfer ID that no answer on its way has.
+    fn transfer_id(&mut self, service: u16) -> TransferId {
+        let calls = self.flying.iter().chain(&self.waiting).filter(|call| call.service.id == service);
+        let expected = calls.flat_map(|call| &call.tries);
+        let orphaned = self.orphans.iter().filter(|(of, _)| *of == service).map(|(_, this)| this);
+        let used: Vec<TransferId> = expected.chain(orphaned).map(|this| this.transfer_id).collect();
+        let counter = self.counters.entry(service).or_default();
+        let first = counter.advance();
+        let mut id = first;
+        while used.contains(&id) {
+            id = counter.advance();
+            if id == first {
+                break;
+            }
+        }
+        id
     }
 }
 
@@ -66,83 +166,154 @@ pub type Answer<P> = (NodeId, P, Option<Vec<u8>>);
 pub struct Calls<P> {
     own: NodeId,
     lines: BTreeMap<NodeId, Line<P>>,
-    /// A transfer ID counter for each service of each node, as the protocol wants it.
-    counters: HashMap<(NodeId, u16), TransferId>,
     refused: Vec<Answer<P>>,
+    /// How many may be on their way to all nodes.
+    window: f64,
+    /// When that was last narrowed: once for all requests that were lost together.
+    narrowed_at: Option<Duration>,
+    /// The node that was served last: the next has its turn.
+    served: Option<NodeId>,
+    /// Of all nodes, for one that has not answered yet.
+    delay: Delay,
 }
 
 impl<P> Calls<P> {
     pub fn new(own: NodeId) -> Calls<P> {
-        Calls { own, lines: BTreeMap::new(), counters: HashMap::new(), refused: Vec::new() }
+        Calls {
+            own,
+            lines: BTreeMap::new(),
+            refused: Vec::new(),
+            window: TOTAL_WINDOW_AT_FIRST,
+            narrowed_at: None,
+            served: None,
+            delay: Delay::default(),
+        }
     }
 
     /// Puts a request into the node's queue.
-    pub fn request(&mut self, node: NodeId, service: DataType, payload: Vec<u8>, patience: Patience, purpose: P) {
+    pub fn request(
+        &mut self,
+        node: NodeId,
+        service: DataType,
+        payload: Vec<u8>,
+        patience: Patience,
+        urgency: Urgency,
+        purpose: P,
+    ) {
         let line = self.lines.entry(node).or_default();
         if line.waiting.len() >= QUEUE_LIMIT {
             return self.refused.push((node, purpose, None));
         }
-        line.waiting.push_back(Call { service, payload, patience, attempts_left: patience.attempts, purpose });
+        let (tries, deadline) = (Vec::new(), Duration::ZERO);
+        line.push(Call { service, payload, patience, urgency, purpose, tries, deadline });
     }
 
     /// A response of a node: whose it is.
-    pub fn answered(&mut self, transfer: &Transfer) -> Option<Answer<P>> {
+    pub fn answered(&mut self, now: Duration, transfer: &Transfer) -> Option<Answer<P>> {
         let CanId::Service { service_id, request: false, destination, source, .. } = transfer.id else {
             return None;
         };
         let line = self.lines.get_mut(&source).filter(|_| destination == self.own)?;
-        let of_this = |flight: &Flight<P>| {
-            flight.call.service.id == u16::from(service_id) && flight.transfer_id == transfer.transfer_id
+        let (service, transfer_id) = (u16::from(service_id), transfer.transfer_id);
+        let Some(call) = line.take_answered(service, transfer_id) else {
+            line.orphans.retain(|(of, this)| (*of, this.transfer_id) != (service, transfer_id));
+            return None;
         };
-        let at = line.flying.iter().position(of_this)?;
+        if let Some(this) = call.tries.iter().find(|this| this.transfer_id == transfer_id) {
+            let delay = now.saturating_sub(this.sent);
+            line.delay.measured(delay);
+            self.delay.measured(delay);
+        }
+        line.abandon(&call, Some(transfer_id));
         line.window = (line.window + 1).min(WINDOW);
-        Some((source, line.flying.swap_remove(at).call.purpose, Some(transfer.payload.clone())))
+        self.window = (self.window + 1.0 / self.window).min(TOTAL_WINDOW_MAX);
+        Some((source, call.purpose, Some(transfer.payload.clone())))
     }
 
     /// Sends what may be sent, repeats what was not answered, and gives what failed for good.
     pub fn poll(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Vec<Answer<P>> {
         let mut failed = std::mem::take(&mut self.refused);
-        for (node, line) in &mut self.lines {
-            let mut overdue = Vec::new();
-            while let Some(at) = line.flying.iter().position(|flight| flight.deadline <= now) {
-                overdue.push(line.flying.remove(at).call);
-            }
-            if !overdue.is_empty() {
-                line.window = (line.window / 2).max(1);
-            }
-            // In front and in their order, so that nothing overtakes for ever.
-            for call in overdue.into_iter().rev() {
-                if call.attempts_left == 0 {
-                    failed.push((*node, call.purpose, None));
-                } else {
-                    line.waiting.push_front(call);
+        self.take_overdue(now, &mut failed);
+        let mut flying: usize = self.lines.values().map(|line| line.flying.len()).sum();
+        // One request a node and round, and the round begins behind the node that was served last.
+        let served = self.served;
+        let mut order: Vec<NodeId> = self.lines.keys().copied().collect();
+        let behind = order.iter().position(|node| Some(*node) > served).unwrap_or(0);
+        order.rotate_left(behind);
+        let mut sent = true;
+        while std::mem::take(&mut sent) {
+            for node in &order {
+                if self.send_one(*node, now, flying, frames) {
+                    self.served = Some(*node);
+                    flying += 1;
+                    sent = true;
                 }
-            }
-            while line.flying.len() < line.window
-                && let Some(mut call) = line.waiting.pop_front()
-            {
-                let counter = self.counters.entry((*node, call.service.id)).or_default();
-                let transfer_id = counter.advance();
-                call.attempts_left -= 1;
-                let id = CanId::Service {
-                    priority: PRIORITY,
-                    service_id: call.service.id as u8,
-                    request: true,
-                    destination: *node,
-                    source: self.own,
-                };
-                let signature = call.service.signature.unwrap_or(0);
-                let parts = split(&call.payload, transfer_id, signature);
-                frames.extend(parts.iter().map(|data| Frame::extended(id.build(), data)));
-                line.flying.push(Flight { transfer_id, deadline: now + call.patience.timeout, call });
             }
         }
         failed
     }
 
+    /// Puts requests whose time is over back into the queue, in front and in their order, so that nothing overtakes for ever.
+    fn take_overdue(&mut self, now: Duration, failed: &mut Vec<Answer<P>>) {
+        for (node, line) in &mut self.lines {
+            line.orphans.retain(|(_, this)| now < this.sent + ANSWERS_WITHIN);
+            let mut overdue = Vec::new();
+            while let Some(at) = line.flying.iter().position(|call| call.deadline <= now) {
+                overdue.push(line.flying.remove(at));
+            }
+            if !overdue.is_empty() {
+                line.window = (line.window / 2).max(1);
+                let last_sent = overdue.iter().flat_map(|call| call.tries.last()).map(|this| this.sent).max();
+                if line.delay.is_known() && self.narrowed_at < last_sent {
+                    self.window = (self.window / 2.0).max(TOTAL_WINDOW_MIN);
+                    self.narrowed_at = Some(now);
+                }
+                line.delay.timed_out();
+            }
+            for call in overdue.into_iter().rev() {
+                line.waiting.push_front(call);
+            }
+            while let Some(at) = line.waiting.iter().position(|call| call.has_failed(now)) {
+                let Some(call) = line.waiting.remove(at) else { break };
+                line.abandon(&call, None);
+                failed.push((*node, call.purpose, None));
+            }
+        }
+    }
+
+    /// Sends the next request to a node; `false` if there is none, or if it may not be sent now.
+    fn send_one(&mut self, node: NodeId, now: Duration, flying: usize, frames: &mut Vec<Frame>) -> bool {
+        let Some(line) = self.lines.get_mut(&node) else { return false };
+        let Some(next) = line.waiting.front() else { return false };
+        let has_room = next.urgency == Urgency::Now || flying < self.window as usize;
+        if line.flying.len() >= line.window || !has_room {
+            return false;
+        }
+        let Some(mut call) = line.waiting.pop_front() else { return false };
+        let transfer_id = line.transfer_id(call.service.id);
+        call.tries.push(Try { transfer_id, sent: now });
+        call.deadline = now + line.delay.timeout(call.patience.timeout, &self.delay);
+        if let Some(at) = call.gives_up_at() {
+            call.deadline = call.deadline.min(at);
+        }
+        let id = CanId::Service {
+            priority: PRIORITY,
+            service_id: call.service.id as u8,
+            request: true,
+            destination: node,
+            source: self.own,
+        };
+        let parts = split(&call.payload, transfer_id, call.service.signature.unwrap_or(0));
+        frames.extend(parts.iter().map(|data| Frame::extended(id.build(), data)));
+        line.flying.push(call);
+        true
+    }
+
     /// When [`poll`](Calls::poll) has something to do next.
     pub fn deadline(&self) -> Option<Duration> {
-        self.lines.values().flat_map(|line| &line.flying).map(|flight| flight.deadline).min()
+        let flying = self.lines.values().flat_map(|line| &line.flying).map(|call| call.deadline);
+        let waiting = self.lines.values().flat_map(|line| &line.waiting).filter_map(Call::gives_up_at);
+        flying.chain(waiting).min()
     }
 
     /// Takes back requests to a node that have not been answered, with what they were for.
@@ -150,96 +321,17 @@ impl<P> Calls<P> {
         let Some(line) = self.lines.get_mut(&node) else {
             return Vec::new();
         };
-        let (taken, kept): (Vec<_>, Vec<_>) = line.waiting.drain(..).partition(|call| which(&call.purpose));
-        line.waiting = kept.into();
-        let (flying, kept): (Vec<_>, Vec<_>) = line.flying.drain(..).partition(|flight| which(&flight.call.purpose));
-        line.flying = kept;
-        taken.into_iter().chain(flying.into_iter().map(|flight| flight.call)).map(|call| call.purpose).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use dronecan_host::types::GET_SET;
-
-    const OWN: NodeId = NodeId::new(126).unwrap();
-    const NODE: NodeId = NodeId::new(42).unwrap();
-
-    fn calls(count: u32) -> Calls<u32> {
-        let mut calls = Calls::new(OWN);
-        for purpose in 0..count {
-            calls.request(NODE, GET_SET, vec![purpose as u8, 0], Patience::new(100, 3), purpose);
+        let all =
+            line.waiting.drain(..).map(|call| (call, false)).chain(line.flying.drain(..).map(|call| (call, true)));
+        let (taken, kept): (Vec<_>, Vec<_>) = all.partition(|(call, _)| which(&call.purpose));
+        for (call, is_flying) in kept {
+            if is_flying {
+                line.flying.push(call);
+            } else {
+                line.waiting.push_back(call);
+            }
         }
-        calls
-    }
-
-    fn at(ms: u64) -> Duration {
-        Duration::from_millis(ms)
-    }
-
-    fn sent(calls: &mut Calls<u32>, now: u64) -> Vec<Frame> {
-        let mut frames = Vec::new();
-        calls.poll(at(now), &mut frames);
-        frames
-    }
-
-    fn answer(frame: &Frame) -> Transfer {
-        let id = CanId::Service { priority: 30, service_id: 11, request: false, destination: OWN, source: NODE };
-        Transfer { id, transfer_id: TransferId::new(*frame.data().last().unwrap()), payload: vec![7], frames: 1 }
-    }
-
-    #[test]
-    fn five_are_on_their_way_at_once_and_answers_make_room() {
-        let mut calls = calls(12);
-        let frames = sent(&mut calls, 0);
-        assert_eq!(frames.len(), 5);
-        assert!(sent(&mut calls, 50).is_empty());
-        assert_eq!(calls.answered(&answer(&frames[3])), Some((NODE, 3, Some(vec![7]))));
-        assert_eq!(sent(&mut calls, 60).len(), 1);
-    }
-
-    #[test]
-    fn an_answer_counts_once_and_one_to_nobody_not_at_all() {
-        let mut calls = calls(1);
-        let frames = sent(&mut calls, 0);
-        let other = CanId::Service {
-            priority: 30,
-            service_id: 11,
-            request: false,
-            destination: NodeId::new(1).unwrap(),
-            source: NODE,
-        };
-        assert_eq!(calls.answered(&Transfer { id: other, ..answer(&frames[0]) }), None);
-        assert!(calls.answered(&answer(&frames[0])).is_some());
-        assert_eq!(calls.answered(&answer(&frames[0])), None);
-    }
-
-    #[test]
-    fn what_is_not_answered_is_repeated_with_another_transfer_id_and_then_fails() {
-        let mut calls = calls(1);
-        let first = sent(&mut calls, 0);
-        assert_eq!(calls.deadline(), Some(at(100)));
-        let second = sent(&mut calls, 100);
-        assert_eq!((first[0].id, second.len()), (second[0].id, 1));
-        assert_ne!(first[0].data(), second[0].data());
-        assert_eq!(calls.answered(&answer(&first[0])), None, "that one was given up");
-        assert_eq!(sent(&mut calls, 200).len(), 1);
-        assert_eq!(calls.poll(at(300), &mut Vec::new()), [(NODE, 0, None)]);
-        assert_eq!(calls.deadline(), None);
-    }
-
-    #[test]
-    fn a_node_that_loses_requests_gets_fewer_at_once() {
-        let mut calls = calls(12);
-        assert_eq!(sent(&mut calls, 0).len(), 5);
-        assert_eq!(sent(&mut calls, 100).len(), 2);
-        assert_eq!(sent(&mut calls, 200).len(), 1);
-    }
-
-    #[test]
-    fn a_queue_has_an_end() {
-        let mut calls = calls(QUEUE_LIMIT as u32 + 3);
-        assert_eq!(calls.poll(at(0), &mut Vec::new()).len(), 3);
+        taken.iter().for_each(|(call, _)| line.abandon(call, None));
+        taken.into_iter().map(|(call, _)| call.purpose).collect()
     }
 }

@@ -135,7 +135,7 @@ impl Bridge {
                 }
             }
             CanId::Service { request: false, .. } => {
-                if let Some(answer) = self.state.calls.answered(transfer) {
+                if let Some(answer) = self.state.calls.answered(now, transfer) {
                     self.answer(now, answer);
                 }
             }

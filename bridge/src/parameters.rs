@@ -7,7 +7,7 @@
 //!
 //! Where something cannot be done, PARAM_ERROR tells the one who asked.
 
-use crate::calls::{OPCODE_PATIENCE, Patience};
+use crate::calls::{OPCODE_PATIENCE, Patience, Urgency};
 use crate::message::{Content, chars, text};
 use crate::node::{Listing, Table};
 use crate::number::{self, Number, Unfit};
@@ -19,8 +19,8 @@ use dronecan_host::{NodeId, Opcode, ParameterRequest, ParameterResponse, Value, 
 use mavlink::dialects::common::{MavMessage, MavParamError, PARAM_ERROR_DATA};
 use std::time::Duration;
 
-/// The GUI tool gives a node 100 ms; one that has to write its memory first needs more.
-const PATIENCE: Patience = Patience::new(300, 5);
+/// The GUI tool gives a node 100 ms; one that has to write its memory first needs more, and some take a second for each.
+const PATIENCE: Patience = Patience::new(300, 4000);
 /// The highest index that a GetSet can name.
 const INDEX_MAX: u16 = (1 << 13) - 1;
 /// Fetched at once.
@@ -69,7 +69,14 @@ impl State {
         let Some(listing) = &mut node.listing else { return };
         while listing.end.is_none() && listing.on_their_way < AT_ONCE && listing.next <= INDEX_MAX {
             let request = ParameterRequest { index: listing.next, ..ParameterRequest::default() };
-            self.calls.request(id, types::GET_SET, request.encode(), PATIENCE, Purpose::Item(listing.next));
+            self.calls.request(
+                id,
+                types::GET_SET,
+                request.encode(),
+                PATIENCE,
+                Urgency::Background,
+                Purpose::Item(listing.next),
+            );
             listing.next += 1;
             listing.on_their_way += 1;
         }
@@ -188,7 +195,7 @@ impl State {
     fn get_set(&mut self, id: NodeId, at: usize, value: Value, purpose: Purpose) {
         let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
         let request = ParameterRequest { index: 0, value, name: table.entries[at].full.clone() };
-        self.calls.request(id, types::GET_SET, request.encode(), PATIENCE, purpose);
+        self.calls.request(id, types::GET_SET, request.encode(), PATIENCE, Urgency::Now, purpose);
     }
 
     /// A GetSet was answered, or was not.
@@ -295,7 +302,14 @@ impl State {
             if node.save_at.is_some_and(|at| now >= at) {
                 node.save_at = None;
                 let payload = Opcode::SAVE.encode();
-                self.calls.request(*id, types::EXECUTE_OPCODE, payload, OPCODE_PATIENCE, Purpose::Autosave);
+                self.calls.request(
+                    *id,
+                    types::EXECUTE_OPCODE,
+                    payload,
+                    OPCODE_PATIENCE,
+                    Urgency::Now,
+                    Purpose::Autosave,
+                );
             }
         }
     }

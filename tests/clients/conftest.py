@@ -14,7 +14,7 @@ Boards have been started before, so that none of them takes its time to make a u
 firmware is the default preset's, or `elf=node_elf("thesis")`.
 
 The program is $SIM_BIN ($BRIDGE_BIN), or the newer one of cargo's debug and release builds. What a MAVLink ground station sees
-through the bridge is tested with the fixtures of ground.py.
+through the bridge is tested with the fixtures of ground.py, and buses with many nodes are those of many_nodes.py.
 """
 
 import contextlib
@@ -40,7 +40,7 @@ import dronecan.app.dynamic_node_id
 import dronecan.app.node_monitor
 import pytest
 
-pytest_plugins = ["ground"]
+pytest_plugins = ["ground", "many_nodes"]
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")

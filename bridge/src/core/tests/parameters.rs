@@ -98,7 +98,7 @@ fn a_node_that_does_not_answer_is_given_up_in_bounded_time() {
     rig.node().lose_every = Some(1);
     rig.say((1, 42), Request::ParameterRead { index: None, name: "PARAM_1".into() });
     rig.say((1, 42), Request::ParameterList);
-    rig.run_ms(2000);
+    rig.run_ms(4100);
     let said = rig.said();
     assert_eq!(errors(&said), [MavParamError::MAV_PARAM_ERROR_READ_FAIL]);
     assert_eq!(texts(&said), ["Node 42 does not tell its parameters"]);
