@@ -46,6 +46,11 @@ pub struct Args {
     #[arg(long, value_name = "CHANNEL", required_unless_present = "names")]
     pub mavlink: Vec<channel::Spec>,
 
+    /// Node that is a component of the system by itself, as an autopilot is: no heartbeat in its name, and nothing that is for that
+    /// component is answered. Not needed where the bridge hears that component's heartbeats (repeatable)
+    #[arg(long, value_name = "NODE", value_parser = clap::value_parser!(u8).range(1..=127))]
+    pub hide: Vec<u8>,
+
     /// Bit rate of the bus, for slcan:
     #[arg(long, value_name = "BIT/S", default_value_t = 1_000_000)]
     pub bitrate: u32,

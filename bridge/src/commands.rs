@@ -63,9 +63,14 @@ impl Commands {
         component: u8,
         command: Command,
     ) {
+        // Where the bridge has the component of a node that is there, what only a node can do is for that node.
+        let same = NodeId::new(component).filter(|id| state.nodes.contains_key(id));
         let target = match NodeId::new(component) {
+            _ if component == state.settings.component && same.is_some() && is_for_one_node(&command) => {
+                same.map_or(Target::Bridge, Target::Node)
+            }
             _ if component == 0 || component == state.settings.component => Target::Bridge,
-            Some(id) if state.nodes.contains_key(&id) => Target::Node(id),
+            Some(id) if state.nodes.contains_key(&id) && !state.speaks_for_itself(component) => Target::Node(id),
             // Somebody else's: there may be other components in this system.
             _ => return,
         };
@@ -279,6 +284,15 @@ impl Commands {
     /// Nothing that this station wanted is of use any more.
     pub fn drop_station(&mut self, peer: PeerId) {
         self.pending.retain(|_, pending| pending.asker.peer != peer);
+    }
+}
+
+/// True for what is never done to all nodes at once: to restart, and to erase.
+fn is_for_one_node(command: &Command) -> bool {
+    match command.number {
+        command::PREFLIGHT_REBOOT_SHUTDOWN => command.params[0] == 1.0,
+        command::PREFLIGHT_STORAGE => matches!(command.params[0], 2.0 | 3.0 | 4.0),
+        _ => false,
     }
 }
 

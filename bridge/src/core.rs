@@ -189,7 +189,8 @@ impl Bridge {
         self.early.keep(&self.state, now, asker, &message);
         let state = &mut self.state;
         match message.request {
-            Request::Heartbeat | Request::Other => {}
+            Request::Heartbeat { kind, autopilot } => state.note_component(asker.from, kind, autopilot),
+            Request::Other => {}
             Request::ParameterList => state.parameter_ops(component, || Op::List(asker)),
             Request::ParameterRead { index: Some(index), .. } => {
                 state.parameter_ops(component, || Op::ReadIndex(asker, index));

@@ -127,7 +127,11 @@ pub struct Command {
 /// What a ground station wants.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Request {
-    Heartbeat,
+    /// HEARTBEAT, with its type and autopilot.
+    Heartbeat {
+        kind: u8,
+        autopilot: u8,
+    },
     ParameterList,
     ParameterRead {
         index: Option<u16>,

@@ -36,7 +36,7 @@ impl State {
             None => Vec::new(),
             Some(id) => self.nodes.contains_key(&id).then_some(id).into_iter().collect(),
         };
-        for id in all {
+        for id in all.into_iter().filter(|id| !self.speaks_for_itself(id.get())).collect::<Vec<_>>() {
             self.parameter_op(id, op());
         }
     }

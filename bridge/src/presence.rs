@@ -17,6 +17,9 @@ pub const OFFLINE_AFTER: Duration = Duration::from_secs(5);
 /// The bridge's statuses have the priority of other nodes'.
 const STATUS_PRIORITY: u8 = 24;
 const MAVLINK_VERSION: u8 = 3;
+const OWN_TYPE: MavType = MavType::MAV_TYPE_ONBOARD_CONTROLLER;
+/// What is no autopilot must say so.
+const OWN_AUTOPILOT: MavAutopilot = MavAutopilot::MAV_AUTOPILOT_INVALID;
 
 /// What a NodeStatus shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,10 +100,28 @@ impl State {
             self.outgoing.push((Frame::extended(id, &data), None));
         }
         self.post(To::All, Class::Answer, self.settings.component, Content::from(self.heartbeat(None)));
-        let online: Vec<NodeId> = self.online().collect();
-        for id in online {
+        // Two heartbeats of one component would contradict each other.
+        let own = self.settings.component;
+        let speaking = |id: &NodeId| id.get() != own && !self.speaks_for_itself(id.get());
+        let nodes: Vec<NodeId> = self.online().filter(speaking).collect();
+        for id in nodes {
             let heartbeat = self.heartbeat(Some(id));
             self.post(To::All, Class::Heartbeat, id.get(), Content::from(heartbeat));
+        }
+    }
+
+    /// Notes that a component of this system is there by itself. A ground station would take its heartbeats and those of the node with
+    /// the same number for the same component.
+    pub(crate) fn note_component(&mut self, (system, component): (u8, u8), kind: u8, autopilot: u8) {
+        // Another channel of the bridge may be joined to this one by a router.
+        let is_like_ours = (kind, autopilot) == (OWN_TYPE as u8, OWN_AUTOPILOT as u8);
+        if system != self.settings.system || is_like_ours || !self.real_components.insert(component) {
+            return;
+        }
+        if component == self.settings.component {
+            self.warn(&format!("another component {component} of this system: choose --component"));
+        } else if NodeId::new(component).is_some() {
+            self.log.push(format!("component {component} speaks for itself: node {component} has no heartbeat"));
         }
     }
 
@@ -117,9 +138,8 @@ impl State {
         };
         MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: 0,
-            mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
-            // What is no autopilot must say so.
-            autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+            mavtype: OWN_TYPE,
+            autopilot: OWN_AUTOPILOT,
             base_mode: MavModeFlag::empty(),
             system_status,
             mavlink_version: MAVLINK_VERSION,

@@ -80,6 +80,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         unique_id: unique_id(args.component),
         info_interval: Duration::from_secs(args.info_interval),
         autosave: args.autosave.then_some(AUTOSAVE_AFTER),
+        hidden: args.hide.iter().copied().filter_map(NodeId::new).collect(),
         epoch_us: epoch.as_micros() as u64,
     };
     let options = Options {

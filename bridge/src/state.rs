@@ -1,13 +1,13 @@
 //! What the bridge knows, and what it has to send. The parts of the bridge work on this; [`crate::core`] holds it.
 
 use crate::calls::Calls;
-use crate::message::{Content, Out};
+use crate::message::{Content, Out, text};
 use crate::node::Node;
 use crate::post::{PeerId, Post, To};
 use crate::queue::Class;
 use crate::task::Purpose;
 use dronecan_host::{Frame, NodeId};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// Who the bridge is, and how often it says what.
@@ -24,6 +24,8 @@ pub struct Settings {
     pub info_interval: Duration,
     /// Save a node's parameters by itself, that long after the last was set.
     pub autosave: Option<Duration>,
+    /// Nodes that are components of the system by themselves, as an autopilot is.
+    pub hidden: BTreeSet<NodeId>,
     /// Unix time at time 0, in microseconds.
     pub epoch_us: u64,
 }
@@ -33,6 +35,8 @@ pub struct State {
     pub settings: Settings,
     /// Every node that has been heard.
     pub nodes: BTreeMap<NodeId, Node>,
+    /// Components of the system that have been heard on a channel and are not the bridge's.
+    pub real_components: BTreeSet<u8>,
     pub calls: Calls<Purpose>,
     /// Frames for the bus, with the ground station that a frame comes from; `None` for the bridge's own.
     pub outgoing: Vec<(Frame, Option<PeerId>)>,
@@ -47,6 +51,7 @@ impl State {
             calls: Calls::new(settings.node),
             settings,
             nodes: BTreeMap::new(),
+            real_components: BTreeSet::new(),
             outgoing: Vec::new(),
             posts: Vec::new(),
             log: Vec::new(),
@@ -57,8 +62,22 @@ impl State {
         self.nodes.iter().filter(|(_, node)| node.online).map(|(id, _)| *id)
     }
 
+    /// True if that component speaks for itself: the bridge sends no heartbeat in its name, and answers nothing that is for it.
+    pub fn speaks_for_itself(&self, component: u8) -> bool {
+        let is_hidden = NodeId::new(component).is_some_and(|id| self.settings.hidden.contains(&id));
+        is_hidden || self.real_components.contains(&component)
+    }
+
     pub fn post(&mut self, to: To, class: Class, component: u8, content: Content) {
         self.posts.push(Post::Message { to, class, out: Out { component, content } });
+    }
+
+    /// Tells all ground stations and the log of something that has to be put right.
+    pub fn warn(&mut self, words: &str) {
+        self.log.push(words.to_owned());
+        let mut chars = words.chars();
+        let sentence: String = chars.next().into_iter().flat_map(char::to_uppercase).chain(chars).collect();
+        self.post(To::All, Class::Text, self.settings.component, Content::from(text(&sentence)));
     }
 
     /// Unix time in microseconds, for the messages that carry it.

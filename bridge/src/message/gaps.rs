@@ -24,6 +24,9 @@ const KNOWN_PARAM_TYPE: u8 = 9;
 /// UAVCAN_NODE_STATUS.mode: after 8, 4 and 2 bytes, and the health.
 const STATUS_MODE_AT: usize = 15;
 const ACK_COMMAND_AT: usize = 0;
+/// HEARTBEAT.type and .autopilot: after the custom mode.
+const HEARTBEAT_TYPE_AT: usize = 4;
+const HEARTBEAT_AUTOPILOT_AT: usize = 5;
 
 /// Takes the number of a COMMAND_LONG or COMMAND_INT out of its payload.
 pub fn take_command(payload: &mut [u8; PAYLOAD_MAX]) -> u16 {
@@ -35,6 +38,11 @@ pub fn take_command(payload: &mut [u8; PAYLOAD_MAX]) -> u16 {
 /// Takes the frame out of a COMMAND_INT. No command of the bridge has a position.
 pub fn forget_frame(payload: &mut [u8; PAYLOAD_MAX]) {
     payload[INT_FRAME_AT] = KNOWN_INT_FRAME;
+}
+
+/// The type and the autopilot of a HEARTBEAT.
+pub fn heartbeat_kind(payload: &[u8; PAYLOAD_MAX]) -> (u8, u8) {
+    (payload[HEARTBEAT_TYPE_AT], payload[HEARTBEAT_AUTOPILOT_AT])
 }
 
 /// Takes the type of a PARAM_SET out of its payload.

@@ -22,7 +22,10 @@ impl In {
         let mut payload = [0; gaps::PAYLOAD_MAX];
         payload[..raw.payload().len()].copy_from_slice(raw.payload());
         let (to, request) = match raw.message_id() {
-            HEARTBEAT_DATA::ID => ((0, 0), Request::Heartbeat),
+            HEARTBEAT_DATA::ID => {
+                let (kind, autopilot) = gaps::heartbeat_kind(&payload);
+                ((0, 0), Request::Heartbeat { kind, autopilot })
+            }
             PARAM_REQUEST_LIST_DATA::ID => {
                 let data = PARAM_REQUEST_LIST_DATA::deser(version, &payload)?;
                 ((data.target_system, data.target_component), Request::ParameterList)

@@ -4,6 +4,7 @@
 //! the bus; 2 a MAVLink message whose CRC is right; 3 time. What it sends to the bus must be frames that a bus can carry, and
 //! what it tells ground stations must be MAVLink that can be read. After all of it a node that appears is told of.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use bridge::core::Bridge;
@@ -36,6 +37,7 @@ impl Rig {
             unique_id: [7; 16],
             info_interval: Duration::from_secs(10),
             autosave: Some(Duration::from_secs(2)),
+            hidden: BTreeSet::new(),
             epoch_us: 0,
         };
         Rig {

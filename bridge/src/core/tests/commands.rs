@@ -166,3 +166,23 @@ fn what_is_for_a_node_that_is_heard_a_moment_later_is_not_lost() {
     rig.run_ms(2000);
     assert!(rig.parameters().is_empty());
 }
+
+#[test]
+fn node_1_is_restarted_where_the_bridge_is_component_1() {
+    let mut rig = Rig::new(vec![Simulated::new(1, 0)]);
+    rig.bridge.state.settings.component = 1;
+    rig.run_ms(1500);
+    rig.said();
+    rig.command(1, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
+    rig.run_ms(10);
+    rig.command(1, command::PREFLIGHT_REBOOT_SHUTDOWN, &[0.0, 0.0, 1.0, 1.0]);
+    rig.run_ms(10);
+    rig.command(1, command::PREFLIGHT_STORAGE, &[2.0]);
+    rig.run_ms(10);
+    let results: Vec<MavResult> = rig.acks().into_iter().map(|ack| ack.2).collect();
+    assert_eq!((results, rig.node().restarts, rig.node().erased), (vec![ACCEPTED; 3], 2, 1));
+    // But it is not everybody who is meant by component 0.
+    rig.command(0, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
+    rig.run_ms(10);
+    assert_eq!(rig.acks(), [(1, 246, DENIED, (255, 190))]);
+}

@@ -70,14 +70,6 @@ fn a_node_is_offline_after_five_seconds_and_that_is_said_once() {
 #[test]
 fn only_nodes_that_are_there_have_heartbeats() {
     let mut rig = Rig::with_node(0);
-    let heartbeats = |rig: &mut Rig| -> BTreeSet<u8> {
-        let posts = std::mem::take(&mut rig.posts);
-        let component = |(_, post): (Duration, Post)| match post {
-            Post::Message { out, .. } if out.key().is_some_and(|key| key.1 == 0) => Some(out.component),
-            _ => None,
-        };
-        posts.into_iter().filter_map(component).collect()
-    };
     rig.run_ms(2000);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
     rig.node().deaf = true;
@@ -135,4 +127,62 @@ fn another_node_with_the_bridges_id_is_told_of_and_not_shown() {
     rig.run_ms(5500);
     assert_eq!(rig.bridge.state.log.len(), 1);
     assert!(rig.bridge.state.log[0].contains("--node-id") && rig.bridge.nodes().is_empty());
+}
+
+/// The components that have sent a HEARTBEAT since the last time.
+fn heartbeats(rig: &mut Rig) -> BTreeSet<u8> {
+    let posts = std::mem::take(&mut rig.posts);
+    let component = |(_, post): (Duration, Post)| match post {
+        Post::Message { out, .. } if out.key().is_some_and(|key| key.1 == 0) => Some(out.component),
+        _ => None,
+    };
+    posts.into_iter().filter_map(component).collect()
+}
+
+const QUADROTOR: u8 = 2;
+const ARDUPILOT: u8 = 3;
+
+#[test]
+fn a_component_that_is_heard_on_a_channel_speaks_for_itself() {
+    let mut rig = Rig::new(vec![Simulated::new(1, 3), Simulated::new(42, 3)]);
+    rig.run_ms(2500);
+    assert_eq!(heartbeats(&mut rig), BTreeSet::from([1, 42, 126]));
+    let autopilot = Asker { from: (1, 1), ..STATION };
+    rig.say_as(autopilot, (0, 0), Request::Heartbeat { kind: QUADROTOR, autopilot: ARDUPILOT });
+    rig.run_ms(2500);
+    assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
+    // Its own parameters and commands have nothing to do with the node.
+    rig.command(1, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
+    rig.command(1, 400, &[1.0]);
+    rig.say((1, 0), Request::ParameterList);
+    rig.run_ms(100);
+    let components: BTreeSet<u8> = rig.said().into_iter().map(|(component, _)| component).collect();
+    assert_eq!((components, rig.nodes[0].restarts), (BTreeSet::from([42]), 0));
+}
+
+#[test]
+fn a_hidden_node_and_the_bridges_own_component_have_one_heartbeat_or_none() {
+    let mut rig = Rig::new(vec![Simulated::new(1, 0), Simulated::new(7, 0)]);
+    rig.bridge.state.settings.component = 1;
+    rig.bridge.state.settings.hidden.insert(NodeId::new(7).unwrap());
+    rig.run_ms(2500);
+    let own = |(_, post): &&(Duration, Post)| matches!(post, Post::Message { out, .. } if out.key() == Some((1, 0, 0)));
+    assert_eq!(rig.posts.iter().filter(own).count(), 3);
+    assert_eq!(heartbeats(&mut rig), BTreeSet::from([1]));
+    let statuses = |rig: &mut Rig| {
+        std::mem::take(&mut rig.posts)
+            .into_iter()
+            .any(|(_, post)| matches!(post, Post::Status { node, .. } if node.get() == 7))
+    };
+    rig.run_ms(1500);
+    assert!(statuses(&mut rig), "its status is shown all the same");
+}
+
+#[test]
+fn another_bridges_heartbeat_or_our_own_that_comes_back_hides_nothing() {
+    let mut rig = Rig::with_node(0);
+    let router = Asker { from: (1, 42), ..STATION };
+    rig.say_as(router, (0, 0), Request::Heartbeat { kind: 18, autopilot: 8 });
+    rig.run_ms(1500);
+    assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
 }

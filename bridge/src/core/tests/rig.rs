@@ -135,6 +135,7 @@ impl Rig {
             unique_id: [7; 16],
             info_interval: Duration::from_secs(60),
             autosave: None,
+            hidden: BTreeSet::new(),
             epoch_us: 1_000_000_000,
         };
         Rig { now: Duration::ZERO, bridge: Bridge::new(settings), nodes, posts: Vec::new() }
