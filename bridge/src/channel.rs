@@ -298,9 +298,10 @@ impl Channel {
                 if self.budget.as_ref().is_some_and(|budget| budget.tokens < 1.0) {
                     return;
                 }
-                let Some(out) = peer.queue.pop(now) else { continue };
+                let Some((class, out)) = peer.queue.pop(now) else { continue };
                 sent = true;
                 if let Some(bytes) = peer.writer.bytes(&out, peer.heard, peer.custom) {
+                    peer.queue.sent(class, bytes.len());
                     if let Some(budget) = &mut self.budget {
                         budget.tokens -= bytes.len() as f64;
                     }

@@ -1,15 +1,19 @@
-//! What waits for a channel: the most important first, and when there is no room the least important is given up.
+//! What waits for a channel, and what leaves next when there is room for little.
 //!
-//! The classes are in the order in which they leave. A node's status is not queued: each node has one place, in which the newest
-//! status replaces one that was not sent yet. So a full channel thins the statuses out, evenly, down to one a second each,
-//! and there only after everything less important has stopped.
+//! Each class of messages has a share of the channel. A class that needs less than its share leaves the rest to the others, in proportion
+//! to their shares, and its messages leave at once. A node's status is not queued: each node has one place, in which the newest
+//! status replaces one that was not sent yet. Of statuses, one a second of each node belongs to the class; more leave only while nothing
+//! else waits.
+//!
+//! The shares are kept by a clock for each class that runs with what the class sends, divided by its share: the class whose clock is
+//! behind is next (stride scheduling). A class that had nothing to send saves nothing up.
 
 use crate::message::Out;
 use dronecan_host::NodeId;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-/// From the most to the least important.
+/// Of equal claims the first leaves first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
     /// What somebody waits for: acknowledgements, the value after a PARAM_SET, the bridge's heartbeat.
@@ -39,6 +43,10 @@ pub const CLASSES: [(Class, &str); 8] = [
     (Class::MoreStatus, "statuses thinned out"),
 ];
 
+/// Classes that share a channel. [`Class::MoreStatus`] takes what they leave.
+const SHARING: [Class; 7] =
+    [Class::Answer, Class::Status, Class::Info, Class::Heartbeat, Class::Parameter, Class::Text, Class::Frame];
+
 impl Class {
     /// Messages that may wait. All parameters of a large node must fit; CAN frames are worth nothing when they are old.
     fn limit(self) -> usize {
@@ -51,16 +59,36 @@ impl Class {
             Class::Status | Class::MoreStatus => 0,
         }
     }
+
+    /// Percent of a full channel, while all classes have something to send. Statuses have the most, because a node without one counts as
+    /// offline; and a second of 15 nodes' fits into theirs at 9600 baud.
+    fn share(self) -> f64 {
+        match self {
+            Class::Status => 35.0,
+            Class::Answer => 25.0,
+            Class::Parameter => 15.0,
+            Class::Info | Class::Heartbeat => 10.0,
+            Class::Text => 3.0,
+            Class::Frame => 2.0,
+            Class::MoreStatus => 0.0,
+        }
+    }
 }
 
-/// A status is due when waiting for the node's next could make it more than a second.
-const DUE_AFTER: Duration = Duration::from_millis(500);
+/// A status is due a little less than a second after the last, for the clock of a node that sends one a second may be fast.
+const DUE_AFTER: Duration = Duration::from_millis(950);
 
 #[derive(Debug)]
 struct Slot {
     status: Option<Out>,
     /// `None` before the first.
     sent_at: Option<Duration>,
+}
+
+impl Slot {
+    fn may_leave(&self, now: Duration, interval: Duration) -> bool {
+        self.status.is_some() && self.sent_at.is_none_or(|sent| now >= sent + interval)
+    }
 }
 
 /// One ground station's queue.
@@ -70,6 +98,10 @@ pub struct Queue {
     statuses: BTreeMap<NodeId, Slot>,
     /// Statuses of one node are at least this far apart.
     status_interval: Duration,
+    /// Bytes that each class has sent, divided by its share.
+    clocks: BTreeMap<Class, f64>,
+    /// The clock of the class that left last.
+    clock: f64,
     /// Given up, by class.
     dropped: BTreeMap<Class, u64>,
 }
@@ -77,7 +109,14 @@ pub struct Queue {
 impl Queue {
     /// `status_interval` is zero for no limit, and never above a second.
     pub fn new(status_interval: Duration) -> Queue {
-        Queue { waiting: BTreeMap::new(), statuses: BTreeMap::new(), status_interval, dropped: BTreeMap::new() }
+        Queue {
+            waiting: BTreeMap::new(),
+            statuses: BTreeMap::new(),
+            status_interval,
+            clocks: BTreeMap::new(),
+            clock: 0.0,
+            dropped: BTreeMap::new(),
+        }
     }
 
     /// Adds a message. It replaces one that says the same, and the oldest of its class if there is no room.
@@ -104,7 +143,7 @@ impl Queue {
         }
     }
 
-    /// Whether the last status of that node still waits.
+    /// True if the last status of that node still waits.
     pub fn has_status(&self, node: NodeId) -> bool {
         self.statuses.get(&node).is_some_and(|slot| slot.status.is_some())
     }
@@ -114,22 +153,47 @@ impl Queue {
         self.statuses.remove(&node);
     }
 
-    /// The next message, if there is one that may leave now.
-    pub fn pop(&mut self, now: Duration) -> Option<Out> {
-        self.pop_waiting(Class::Answer..Class::Status)
-            .or_else(|| self.pop_status(now, self.status_interval.max(DUE_AFTER)))
-            .or_else(|| self.pop_waiting(Class::Info..Class::MoreStatus))
-            .or_else(|| self.pop_status(now, self.status_interval))
+    /// The next message, if there is one that may leave now. [`Queue::sent`] is told how long it was.
+    pub fn pop(&mut self, now: Duration) -> Option<(Class, Out)> {
+        let (ready, idle): (Vec<Class>, Vec<Class>) = SHARING.into_iter().partition(|class| self.is_ready(*class, now));
+        for class in idle {
+            self.clocks.insert(class, self.clock);
+        }
+        let clock = |class: &Class| self.clocks.get(class).copied().unwrap_or(self.clock);
+        let next = ready.into_iter().min_by(|a, b| clock(a).total_cmp(&clock(b)));
+        let Some(class) = next else {
+            return self.pop_status(now, self.status_interval).map(|out| (Class::MoreStatus, out));
+        };
+        self.clock = clock(&class);
+        let out = match class {
+            Class::Status => self.pop_status(now, self.due_after()),
+            class => self.waiting.get_mut(&class)?.pop_front(),
+        };
+        out.map(|out| (class, out))
     }
 
-    fn pop_waiting(&mut self, classes: std::ops::Range<Class>) -> Option<Out> {
-        self.waiting.range_mut(classes).find_map(|(_, waiting)| waiting.pop_front())
+    /// A message of that class has left.
+    pub fn sent(&mut self, class: Class, bytes: usize) {
+        if class != Class::MoreStatus {
+            *self.clocks.entry(class).or_insert(self.clock) += bytes as f64 / class.share();
+        }
+    }
+
+    fn due_after(&self) -> Duration {
+        self.status_interval.max(DUE_AFTER)
+    }
+
+    fn is_ready(&self, class: Class, now: Duration) -> bool {
+        match class {
+            Class::Status => self.statuses.values().any(|slot| slot.may_leave(now, self.due_after())),
+            class => self.waiting.get(&class).is_some_and(|waiting| !waiting.is_empty()),
+        }
     }
 
     /// The status whose node has waited longest.
     fn pop_status(&mut self, now: Duration, interval: Duration) -> Option<Out> {
-        let may = |slot: &&mut Slot| slot.status.is_some() && slot.sent_at.is_none_or(|sent| now >= sent + interval);
-        let slot = self.statuses.values_mut().filter(may).min_by_key(|slot| slot.sent_at)?;
+        let ready = self.statuses.values_mut().filter(|slot| slot.may_leave(now, interval));
+        let slot = ready.min_by_key(|slot| slot.sent_at)?;
         slot.sent_at = Some(now);
         slot.status.take()
     }
@@ -174,7 +238,7 @@ mod tests {
         queue.push_status(node(42), out(3, "status"));
         queue.push(Class::Parameter, out(4, "parameter"));
         queue.push(Class::Answer, out(5, "answer"));
-        let order: Vec<u8> = std::iter::from_fn(|| queue.pop(at(0))).map(|out| out.component).collect();
+        let order: Vec<u8> = std::iter::from_fn(|| queue.pop(at(0))).map(|(_, out)| out.component).collect();
         assert_eq!(order, [5, 3, 4, 2, 1]);
     }
 
@@ -185,11 +249,11 @@ mod tests {
         queue.pop(at(0)).unwrap();
         queue.push_status(node(42), out(42, "second"));
         queue.push(Class::Frame, out(1, "frame"));
-        assert_eq!(queue.pop(at(100)).unwrap().component, 1);
-        assert_eq!(queue.pop(at(100)).unwrap().component, 42);
+        assert_eq!(queue.pop(at(100)).unwrap().1.component, 1);
+        assert_eq!(queue.pop(at(100)).unwrap().1.component, 42);
         queue.push_status(node(42), out(42, "third"));
         queue.push(Class::Frame, out(1, "frame"));
-        assert_eq!(queue.pop(at(601)).unwrap().component, 42);
+        assert_eq!(queue.pop(at(1051)).unwrap().1.component, 42);
     }
 
     #[test]
@@ -210,7 +274,7 @@ mod tests {
             }
             // Room for 40 a second.
             if ms % 25 == 0 {
-                counts[usize::from(queue.pop(at(ms)).unwrap().component)] += 1;
+                counts[usize::from(queue.pop(at(ms)).unwrap().1.component)] += 1;
             }
         }
         assert!(counts[1..].iter().all(|count| (12..=15).contains(count)), "{counts:?}");
@@ -235,6 +299,37 @@ mod tests {
         let mut queue = Queue::new(Duration::ZERO);
         (0..=40).for_each(|n| queue.push(Class::Text, out(n, &format!("text {n}"))));
         assert_eq!(queue.dropped()[&Class::Text], 9);
-        assert_eq!(queue.pop(at(0)).unwrap().component, 9);
+        assert_eq!(queue.pop(at(0)).unwrap().1.component, 9);
+    }
+
+    /// The bytes that each class gets of a channel of 1000 bytes a second, in ten seconds, if it has always something to send.
+    #[test]
+    fn classes_that_want_more_than_their_share_get_it_in_proportion() {
+        let mut queue = Queue::new(Duration::ZERO);
+        let mut sent: BTreeMap<Class, usize> = BTreeMap::new();
+        for _ in 0..250 {
+            for class in [Class::Answer, Class::Info, Class::Parameter] {
+                queue.push(class, out(1, "something"));
+            }
+            let (class, _) = queue.pop(at(0)).unwrap();
+            queue.sent(class, 40);
+            *sent.entry(class).or_default() += 40;
+        }
+        assert!((4900..=5100).contains(&sent[&Class::Answer]), "25 of 50: {sent:?}");
+        assert!((1900..=2100).contains(&sent[&Class::Info]), "10 of 50: {sent:?}");
+    }
+
+    #[test]
+    fn what_comes_seldom_does_not_wait_behind_what_comes_always() {
+        let mut queue = Queue::new(Duration::ZERO);
+        for n in 0..500 {
+            queue.push(Class::Parameter, out(1, "parameter"));
+            if n % 20 == 0 {
+                queue.push(Class::Answer, out(2, "answer"));
+            }
+            let (class, _) = queue.pop(at(0)).unwrap();
+            queue.sent(class, 40);
+            assert_eq!(class == Class::Answer, n % 20 == 0);
+        }
     }
 }

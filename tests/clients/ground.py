@@ -108,11 +108,13 @@ class Station:
                 messages.append(message)
         return messages
 
-    def wait_for(self, kind, component=None, timeout=PATIENCE_S, **fields):
-        """The next message of that kind from that component with these fields."""
+    def wait_for(self, kind, component=None, timeout=PATIENCE_S, heard=None, **fields):
+        """The next message of that kind from that component with these fields. `heard` is called with all that come before."""
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             message = self.receive()
+            if heard and message:
+                heard(message)
             if (
                 message
                 and message.get_type() == kind
@@ -139,14 +141,14 @@ class Station:
         self.mav.param_set_send(SYSTEM, component, name.encode(), value, kind)
         return self.wait_for("PARAM_VALUE", component, param_id=name)
 
-    def command(self, number, *params, component=NODE, integer=False):
+    def command(self, number, *params, component=NODE, integer=False, heard=None):
         """A command's COMMAND_ACK."""
         params = [*params, *[0] * (7 - len(params))]
         if integer:
             self.mav.command_int_send(SYSTEM, component, 0, number, 0, 0, *params[:4], int(params[4]), int(params[5]), params[6])
         else:
             self.mav.command_long_send(SYSTEM, component, number, 0, *params)
-        ack = self.wait_for("COMMAND_ACK", command=number)
+        ack = self.wait_for("COMMAND_ACK", command=number, heard=heard)
         assert (ack.target_system, ack.target_component) == (255, self.mav.srcComponent)
         return ack
 

@@ -2,7 +2,7 @@
 
 import time
 
-from ground import SYSTEM, value_of
+from ground import ACCEPTED, SYSTEM, mavlink, value_of
 from many_nodes import Node, integers
 
 
@@ -57,3 +57,46 @@ def test_a_node_that_works_on_one_request_after_the_other_for_800_ms_shows_its_p
     ground = station()
     wait_for_infos(ground, [42])
     print(f"5 parameters of 800 ms each, one after the other: {fetch_all(ground, [42], 5, 25):.1f} s")
+
+
+def worst_gaps(times, start, end):
+    """The longest time between two messages of each component in `times`, by component."""
+    return {
+        component: max(after - before for before, after in zip([start, *heard], [*heard, end]))
+        for component, heard in times.items()
+    }
+
+
+def test_parameters_and_statuses_share_a_narrow_channel(many_nodes, bridge, station):
+    """9600 baud carry 960 bytes a second; 15 nodes at 10 Hz would take 4350 for their statuses alone."""
+    nodes, parameters, save = range(1, 16), 50, mavlink.MAV_CMD_PREFLIGHT_STORAGE
+    used = many_nodes(count=len(nodes), parameters=parameters, status_hz=10)
+    bridge(used.bus, "--bandwidth", 9600)
+    ground = station()
+    wait_for_infos(ground, nodes)
+    ground.gather(3)
+    times = {kind: {node: [] for node in nodes} for kind in ("UAVCAN_NODE_STATUS", "HEARTBEAT")}
+    missing, acks = set(range(parameters)), []
+    start = time.monotonic()
+    ground.mav.param_request_list_send(SYSTEM, 15)
+    while missing:
+        assert time.monotonic() < start + 30, f"{len(missing)} of {parameters} are missing"
+        if len(acks) < time.monotonic() - start:
+            asked = time.monotonic()
+            assert ground.command(save, 1, component=1, heard=lambda m: note(m, times, missing)).result == ACCEPTED
+            acks.append(time.monotonic() - asked)
+        note(ground.receive(), times, missing)
+    seconds = time.monotonic() - start
+    gaps = {kind: max(worst_gaps(heard, start, time.monotonic()).values()) for kind, heard in times.items()}
+    print(f"50 parameters: {seconds:.1f} s; worst gaps {gaps}; slowest acknowledgement {max(acks):.2f} s")
+    assert seconds < 12
+    assert gaps["UAVCAN_NODE_STATUS"] < 1.5
+    assert gaps["HEARTBEAT"] < 4
+    assert max(acks) < 0.5
+
+
+def note(message, times, missing):
+    if message and message.get_srcComponent() in times.get(message.get_type(), {}):
+        times[message.get_type()][message.get_srcComponent()].append(time.monotonic())
+    elif message and message.get_type() == "PARAM_VALUE":
+        missing.discard(message.param_index)
