@@ -11,6 +11,7 @@ use crate::calls::Answer;
 use crate::commands::Commands;
 use crate::early::Early;
 use crate::forward::Forward;
+use crate::ftp;
 use crate::message::{Content, In, Request};
 use crate::node::Node;
 use crate::post::{Asker, PeerId, Post, To};
@@ -214,9 +215,24 @@ impl Bridge {
                     self.hear(now, &frame);
                 }
             }
+            Request::Ftp(request) => self.ftp(asker, component, &request),
             Request::Filter(data) => self.forward.filter(now, asker, &data),
         }
         self.send(now);
+    }
+
+    /// Refuses files, in the name of the bridge or of a node that is there.
+    fn ftp(&mut self, asker: Asker, component: u8, request: &[u8; ftp::PAYLOAD_LEN]) {
+        let own = self.state.settings.component;
+        let is_node = NodeId::new(component).is_some_and(|id| self.state.nodes.contains_key(&id));
+        let answering = match component {
+            0 => own,
+            _ if component == own || (is_node && !self.state.speaks_for_itself(component)) => component,
+            _ => return,
+        };
+        if let Some(content) = ftp::answer(asker.from, request) {
+            self.state.post(To::One(asker.peer), Class::Answer, answering, content);
+        }
     }
 
     /// Somebody new listens: it is greeted, and told who is there.

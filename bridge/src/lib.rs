@@ -17,6 +17,7 @@ mod commands;
 pub mod core;
 mod early;
 mod forward;
+mod ftp;
 mod identity;
 pub mod message;
 mod names;

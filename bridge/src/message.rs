@@ -145,6 +145,8 @@ pub enum Request {
     Command(Command),
     Frame(CAN_FRAME_DATA),
     Filter(CAN_FILTER_MODIFY_DATA),
+    /// FILE_TRANSFER_PROTOCOL, its payload.
+    Ftp(Box<[u8; crate::ftp::PAYLOAD_LEN]>),
     /// Anything else: it shows that somebody is there.
     Other,
 }

@@ -202,7 +202,7 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
     home.mkdir()
     options = ["--source-system=255", "--target-system=1", f"--target-component={NODE}", f"--state-basedir={home}"]
     proxy = used.start(
-        "mavproxy.py", f"--master=udp:127.0.0.1:{port}", *options, "--default-modules=param,cmdlong,misc",
+        "mavproxy.py", f"--master=udp:127.0.0.1:{port}", *options, "--default-modules=param,ftp,cmdlong,misc",
         stdin=-1, stdout=open(home / "out.txt", "wb"), env={**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
 
@@ -213,7 +213,21 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
         proxy.stdin.write(f"{line}\n".encode())
         proxy.stdin.flush()
 
+    said("Detected vehicle")
+    detected = time.monotonic()
     said(f"Received {len(PARAMETERS)} parameters")
+    print(f"parameters {time.monotonic() - detected:.2f} s after the node was seen")
+    # It looks once a second.
+    assert time.monotonic() < detected + 2
+    # MAVProxy asks for a file first. It is told at once that there is none, and fetches one by one from now on.
+    before = (home / "out.txt").read_text(errors="replace").count(f"Received {len(PARAMETERS)} parameters")
+    # pymavlink does not fetch twice within two seconds.
+    time.sleep(2.1)
+    asked = time.monotonic()
+    tell("param fetch")
+    wait_until(lambda: (home / "out.txt").read_text(errors="replace").count(f"Received {len(PARAMETERS)} parameters") > before, "parameters")
+    print(f"param fetch: {time.monotonic() - asked:.2f} s")
+    assert time.monotonic() < asked + 1
     tell("param show OUT1_M*")
     said("OUT1_MAX         2000.0")
     tell("param set OUT1_MAX 1900")

@@ -2,8 +2,8 @@
 
 use super::{Command, In, Request, gaps, name};
 use mavlink::dialects::common::{
-    CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavMessage,
-    PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
+    CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, FILE_TRANSFER_PROTOCOL_DATA,
+    HEARTBEAT_DATA, MavMessage, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
 };
 use mavlink::error::{MessageReadError, ParserError};
 use mavlink::{MAVLinkMessageRaw, MavlinkReader, MavlinkVersion, MessageData, SigningData};
@@ -62,6 +62,10 @@ impl In {
             CAN_FILTER_MODIFY_DATA::ID => {
                 let data = CAN_FILTER_MODIFY_DATA::deser(version, &payload)?;
                 ((data.target_system, data.target_component), Request::Filter(data))
+            }
+            FILE_TRANSFER_PROTOCOL_DATA::ID => {
+                let data = FILE_TRANSFER_PROTOCOL_DATA::deser(version, &payload)?;
+                ((data.target_system, data.target_component), Request::Ftp(Box::new(data.payload)))
             }
             _ => ((0, 0), Request::Other),
         };

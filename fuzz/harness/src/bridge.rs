@@ -96,13 +96,14 @@ impl Rig {
 
 /// What ground stations send to the bridge: number, its seed of the CRC, and bytes of the payload (message definitions `common`
 /// of MAVLink).
-const MESSAGES: [(u32, u8, u8); 8] = [
+const MESSAGES: [(u32, u8, u8); 9] = [
     (0, 50, 9),
     (20, 214, 20),
     (21, 159, 2),
     (23, 168, 23),
     (75, 158, 35),
     (76, 152, 33),
+    (110, 84, 254),
     (386, 132, 16),
     (388, 8, 37),
 ];
