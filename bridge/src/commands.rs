@@ -7,6 +7,7 @@
 use crate::calls::{OPCODE_PATIENCE, Patience, Urgency};
 use crate::forward::Forward;
 use crate::message::{Command, Content, command, id as message_id, text};
+use crate::node::Node;
 use crate::post::{Asker, PeerId, To};
 use crate::queue::Class;
 use crate::state::State;
@@ -84,7 +85,12 @@ impl Commands {
         // Whole numbers that came as floats; what is none is 0, which is no choice of any command.
         let param = |at: usize| if command.params[at].fract() == 0.0 { command.params[at] as i64 } else { 0 };
         let result = match command.number {
-            command::UAVCAN_GET_NODE_INFO => get_node_info(state, now, asker, target),
+            command::UAVCAN_GET_NODE_INFO => {
+                // Whoever it is addressed to: MAVLink's chapter on UAVCAN wants every known node.
+                let is_known = |node: &Node| node.online || node.info.known.is_some();
+                let nodes = state.nodes.iter().filter(|(_, node)| is_known(node)).map(|(id, _)| *id).collect();
+                return self.tell_infos(state, now, asker, component, command, nodes);
+            }
             command::REQUEST_MESSAGE => return self.request_message(state, now, asker, target, component, command),
             command::REQUEST_AUTOPILOT_CAPABILITIES => {
                 acknowledge(state, asker, component, command.number, ACCEPTED);
@@ -108,6 +114,35 @@ impl Commands {
         })
     }
 
+    /// Sends what these nodes are: now if they have said it, else when they have.
+    fn tell_infos(
+        &mut self,
+        state: &mut State,
+        now: Duration,
+        asker: Asker,
+        component: u8,
+        command: Command,
+        nodes: Vec<NodeId>,
+    ) {
+        if nodes.is_empty() {
+            return fail(state, asker, component, command, "No node is there");
+        }
+        let (known, unknown): (Vec<_>, Vec<_>) = nodes.into_iter().partition(|id| state.nodes[id].info.known.is_some());
+        for id in known {
+            state.post_info(now, id, To::One(asker.peer));
+        }
+        if unknown.is_empty() {
+            return acknowledge(state, asker, component, command.number, ACCEPTED);
+        }
+        let Some(ticket) = self.begin(state, asker, component, command, &unknown) else { return };
+        for id in unknown {
+            state.ask_who_it_is(id);
+            if let Some(node) = state.nodes.get_mut(&id) {
+                node.info.waiting.push(ticket);
+            }
+        }
+    }
+
     fn request_message(
         &mut self,
         state: &mut State,
@@ -125,20 +160,7 @@ impl Commands {
             (Target::Bridge, None) => state.online().collect(),
         };
         match number {
-            message_id::NODE_INFO if !nodes.is_empty() => {
-                let (known, unknown): (Vec<_>, Vec<_>) =
-                    nodes.into_iter().partition(|id| state.nodes[id].info.known.is_some());
-                for id in known {
-                    state.post_info(now, id, To::One(asker.peer));
-                }
-                let Some(ticket) = self.begin(state, asker, component, command, &unknown) else { return };
-                for id in unknown {
-                    state.ask_who_it_is(id);
-                    if let Some(node) = state.nodes.get_mut(&id) {
-                        node.info.waiting.push(ticket);
-                    }
-                }
-            }
+            message_id::NODE_INFO => self.tell_infos(state, now, asker, component, command, nodes),
             message_id::NODE_STATUS if !nodes.is_empty() => {
                 acknowledge(state, asker, component, command.number, ACCEPTED);
                 for id in nodes {
@@ -148,7 +170,7 @@ impl Commands {
                 }
             }
             // Nobody is there to tell of.
-            message_id::NODE_INFO | message_id::NODE_STATUS => {
+            message_id::NODE_STATUS => {
                 acknowledge(state, asker, component, command.number, FAILED);
             }
             message_id::AUTOPILOT_VERSION => {
@@ -181,8 +203,11 @@ impl Commands {
         };
         let nodes: Vec<NodeId> = match target {
             Target::Node(id) => vec![id],
-            Target::Bridge => state.online().collect(),
+            Target::Bridge => state.online().filter(|id| !state.speaks_for_itself(id.get())).collect(),
         };
+        if nodes.is_empty() {
+            return fail(state, asker, component, command, "No node is there");
+        }
         let Some(ticket) = self.begin(state, asker, component, command, &nodes) else { return };
         for id in nodes {
             let purpose = Purpose::Opcode(ticket);
@@ -206,7 +231,7 @@ impl Commands {
         state.calls.request(id, types::RESTART_NODE, payload, RESTART_PATIENCE, Urgency::Now, Purpose::Restart(ticket));
     }
 
-    /// Notes that nodes have to answer; `None` if none has to, or if too much is under way, which is acknowledged.
+    /// Notes that nodes have to answer; `None` if too much is under way, which is acknowledged.
     fn begin(
         &mut self,
         state: &mut State,
@@ -215,9 +240,8 @@ impl Commands {
         command: Command,
         nodes: &[NodeId],
     ) -> Option<u32> {
-        if nodes.is_empty() || self.pending.len() >= PENDING_MAX {
-            let result = if nodes.is_empty() { ACCEPTED } else { REJECTED };
-            acknowledge(state, asker, component, command.number, result);
+        if self.pending.len() >= PENDING_MAX {
+            acknowledge(state, asker, component, command.number, REJECTED);
             return None;
         }
         let ticket = self.next;
@@ -227,13 +251,17 @@ impl Commands {
         Some(ticket)
     }
 
-    /// A node has done its part of a command, or has not.
-    pub fn done(&mut self, state: &mut State, ticket: u32, id: NodeId, done: bool) {
+    /// A node has done its part of a command, or why it has not, which whoever asked is told.
+    pub fn done(&mut self, state: &mut State, ticket: u32, id: NodeId, done: Result<(), &str>) {
         let Some(pending) = self.pending.get_mut(&ticket) else { return };
         if !pending.waiting_for.remove(&id) {
             return;
         }
-        pending.failed |= !done;
+        if let Err(why) = done {
+            pending.failed = true;
+            let (peer, component) = (pending.asker.peer, pending.component);
+            state.post(To::One(peer), Class::Text, component, Content::from(text(&format!("Node {id} {why}"))));
+        }
         if pending.waiting_for.is_empty()
             && let Some(pending) = self.pending.remove(&ticket)
         {
@@ -246,20 +274,21 @@ impl Commands {
     pub fn answer(&mut self, state: &mut State, id: NodeId, purpose: Purpose, payload: Option<&[u8]>) {
         // Both answers have their "ok" in the uppermost bit of the last byte.
         let ok = payload.and_then(<[u8]>::last).is_some_and(|byte| byte & 1 << 7 != 0);
-        let said = match payload {
-            None => "does not answer",
-            Some(_) if ok => "done",
-            Some(_) => "refused",
+        let done = match payload {
+            None => Err("does not answer"),
+            Some(_) if ok => Ok(()),
+            Some(_) => Err("refuses"),
         };
+        let said = done.err().unwrap_or("done");
         match purpose {
             Purpose::Opcode(ticket) => {
                 let saves = self.pending.get(&ticket).is_none_or(|pending| pending.command.params[0] == 1.0);
                 state.log.push(format!("node {id}: {}: {said}", if saves { "save" } else { "erase" }));
-                self.done(state, ticket, id, ok);
+                self.done(state, ticket, id, done);
             }
             Purpose::Restart(ticket) => {
                 state.log.push(format!("node {id}: restart: {said}"));
-                self.done(state, ticket, id, ok);
+                self.done(state, ticket, id, done);
             }
             Purpose::Autosave => state.log.push(format!("node {id}: saved by itself: {said}")),
             _ => {}
@@ -270,7 +299,7 @@ impl Commands {
     pub fn restarted(&mut self, state: &mut State, id: NodeId) {
         for purpose in state.calls.take_back(id, |purpose| matches!(purpose, Purpose::Restart(_))) {
             if let Purpose::Restart(ticket) = purpose {
-                self.done(state, ticket, id, true);
+                self.done(state, ticket, id, Ok(()));
             }
         }
     }
@@ -301,25 +330,14 @@ fn acknowledge(state: &mut State, asker: Asker, component: u8, number: u16, resu
     state.post(To::One(asker.peer), Class::Answer, component, content);
 }
 
-fn deny(state: &mut State, asker: Asker, component: u8, command: Command, why: &str) {
-    acknowledge(state, asker, component, command.number, DENIED);
+fn fail(state: &mut State, asker: Asker, component: u8, command: Command, why: &str) {
+    acknowledge(state, asker, component, command.number, FAILED);
     state.post(To::One(asker.peer), Class::Text, component, Content::from(text(why)));
 }
 
-/// For each known node that is there, once: now if it has said who it is, else when it has.
-fn get_node_info(state: &mut State, now: Duration, asker: Asker, target: Target) -> MavResult {
-    let nodes: Vec<NodeId> = match target {
-        Target::Bridge => state.online().collect(),
-        Target::Node(id) => vec![id],
-    };
-    for id in nodes {
-        if state.nodes[&id].info.known.is_some() {
-            state.post_info(now, id, To::One(asker.peer));
-        } else {
-            state.ask_who_it_is(id);
-        }
-    }
-    ACCEPTED
+fn deny(state: &mut State, asker: Asker, component: u8, command: Command, why: &str) {
+    acknowledge(state, asker, component, command.number, DENIED);
+    state.post(To::One(asker.peer), Class::Text, component, Content::from(text(why)));
 }
 
 /// AUTOPILOT_VERSION, which is also how one learns in what way integers are written.
@@ -331,8 +349,7 @@ fn post_capabilities(state: &mut State, asker: Asker, target: Target) {
         }
         Target::Bridge => (state.settings.component, (0, 1), state.settings.unique_id),
     };
-    let [uid @ .., _, _, _, _, _, _, _, _] = unique_id;
     let software = u32::from(major) << 24 | u32::from(minor) << 16;
-    let content = Content::Capabilities { software, uid: u64::from_le_bytes(uid) };
+    let content = Content::Capabilities { software, unique_id };
     state.post(To::One(asker.peer), Class::Answer, component, content);
 }

@@ -15,7 +15,7 @@ use crate::ftp;
 use crate::message::{Content, In, Request};
 use crate::node::Node;
 use crate::post::{Asker, PeerId, Post, To};
-use crate::presence::News;
+use crate::presence::{CONFLICT_REPEATED_AFTER, News};
 use crate::queue::Class;
 use crate::state::{Settings, State};
 use crate::task::{Op, Purpose};
@@ -31,8 +31,6 @@ const BEAT: Duration = Duration::from_secs(1);
 /// What the bridge asks for or answers.
 const SERVICES: [u16; 4] =
     [types::GET_NODE_INFO.id, types::GET_SET.id, types::EXECUTE_OPCODE.id, types::RESTART_NODE.id];
-/// Between two warnings of the same conflict.
-const CONFLICT_REPEATED_AFTER: Duration = Duration::from_secs(60);
 
 /// All that is known, and all that is under way.
 pub struct Bridge {
@@ -119,7 +117,7 @@ impl Bridge {
         if self.conflict_said.is_none_or(|said| now >= said + CONFLICT_REPEATED_AFTER) {
             self.conflict_said = Some(now);
             let id = self.state.settings.node;
-            self.state.log.push(format!("another node has the bridge's ID {id}: choose a free one with --node-id"));
+            self.state.warn(&format!("another node has the bridge's ID {id}: --node-id"));
         }
     }
 
@@ -167,9 +165,9 @@ impl Bridge {
         match purpose {
             Purpose::Info => {
                 let info = payload.as_deref().and_then(NodeInfo::decode);
-                let is_known = info.is_some();
+                let done = if info.is_some() { Ok(()) } else { Err("does not say who it is") };
                 for command in self.state.info_answer(now, id, info) {
-                    self.commands.done(&mut self.state, command, id, is_known);
+                    self.commands.done(&mut self.state, command, id, done);
                 }
             }
             Purpose::Item(_) | Purpose::Read { .. } | Purpose::Set { .. } => {

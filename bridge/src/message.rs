@@ -72,7 +72,7 @@ pub enum Content {
     /// AUTOPILOT_VERSION. It says how integers are written.
     Capabilities {
         software: u32,
-        uid: u64,
+        unique_id: [u8; 16],
     },
 }
 

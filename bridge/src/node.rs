@@ -13,6 +13,10 @@ pub struct Node {
     /// When its last status came.
     pub heard: Duration,
     pub online: bool,
+    /// The uptime before it last went back. If statuses follow both, there are two nodes.
+    pub other_uptime: Option<Uptime>,
+    /// When a conflict of its ID was last said.
+    pub conflict_said: Option<Duration>,
     /// Statuses since it appeared.
     pub statuses: u64,
     pub info: Information,
@@ -33,6 +37,8 @@ impl Node {
             status,
             heard: now,
             online: true,
+            other_uptime: None,
+            conflict_said: None,
             statuses: 0,
             info: Information::default(),
             table: None,
@@ -42,9 +48,32 @@ impl Node {
         }
     }
 
+    /// As it was in the last status.
+    pub fn uptime(&self) -> Uptime {
+        Uptime { seconds: self.status.uptime_s, at: self.heard }
+    }
+
     /// Its name, once it has told.
     pub fn name(&self) -> Option<String> {
         self.info.known.as_ref().map(NodeInfo::name)
+    }
+}
+
+/// An uptime that was heard at some time.
+#[derive(Clone, Copy, Debug)]
+pub struct Uptime {
+    seconds: u32,
+    at: Duration,
+}
+
+impl Uptime {
+    /// Whole seconds are told, at a time that is not exact.
+    const TOLERANCE_S: u64 = 1;
+
+    /// True if `status` may be of the same node, which has not restarted since.
+    pub fn fits(&self, now: Duration, status: &NodeStatus) -> bool {
+        let expected = u64::from(self.seconds) + now.saturating_sub(self.at).as_secs();
+        u64::from(status.uptime_s).abs_diff(expected) <= Self::TOLERANCE_S
     }
 }
 
@@ -87,18 +116,23 @@ pub struct Entry {
 #[derive(Debug, Default)]
 pub struct Table {
     pub entries: Vec<Entry>,
-    pub left_out: Vec<ParameterResponse>,
+    pub left_out: Vec<Entry>,
 }
 
 impl Table {
     /// From all that a node has told.
     pub fn new(parameters: impl IntoIterator<Item = ParameterResponse>) -> Table {
-        let (shown, left_out): (Vec<_>, Vec<_>) =
-            parameters.into_iter().partition(|parameter| Number::of(parameter).is_some());
-        let full: Vec<Vec<u8>> = shown.iter().map(|parameter| parameter.name.clone()).collect();
-        let short = names::shorten(&full);
-        let entries = shown.into_iter().zip(short).map(|(last, short)| Entry { full: last.name.clone(), short, last });
-        Table { entries: entries.collect(), left_out }
+        let all: Vec<ParameterResponse> = parameters.into_iter().collect();
+        let names: Vec<Vec<u8>> = all.iter().map(|parameter| parameter.name.clone()).collect();
+        let short = names::shorten(&names);
+        let entries = all.into_iter().zip(short).map(|(last, short)| Entry { full: last.name.clone(), short, last });
+        let (entries, left_out) = entries.partition(|entry| Number::of(&entry.last).is_some());
+        Table { entries, left_out }
+    }
+
+    /// True if the parameter with that short name is one that MAVLink cannot carry.
+    pub fn leaves_out(&self, name: &str) -> bool {
+        self.left_out.iter().any(|entry| entry.short.eq_ignore_ascii_case(name))
     }
 
     /// Where the parameter with that short name is. Upper and lower case count only where they must.

@@ -117,7 +117,7 @@ impl State {
             for entry in table.entries.iter().filter(|entry| entry.short.as_bytes() != entry.full) {
                 self.log.push(format!("node {id}: {} is {} in MAVLink", entry.last.name(), entry.short));
             }
-            for parameter in &table.left_out {
+            for parameter in table.left_out.iter().map(|entry| &entry.last) {
                 self.log.push(format!("node {id}: {} is text, which MAVLink cannot carry", parameter.name()));
             }
         }
@@ -153,6 +153,13 @@ impl State {
     fn run(&mut self, id: NodeId, op: Op) {
         let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
         match op {
+            Op::List(asker) if table.entries.is_empty() => {
+                let words = match table.left_out.len() {
+                    0 => format!("Node {id} has no parameters"),
+                    _ => format!("Node {id} has parameters of text only"),
+                };
+                self.post(To::One(asker.peer), Class::Text, id.get(), Content::from(text(&words)));
+            }
             Op::List(asker) => {
                 for at in 0..table.entries.len() {
                     self.post_parameter(id, at, To::One(asker.peer), Class::Parameter);
@@ -164,11 +171,11 @@ impl State {
             },
             Op::ReadName(asker, name) => match table.find(&name) {
                 Some(at) => self.read(id, asker, at, None),
-                None => self.refuse(id, asker, None, &name, DOES_NOT_EXIST),
+                None => self.refuse(id, asker, None, &name, why_not_found(table, &name)),
             },
             Op::Set { asker, name, value, kind } => match table.find(&name) {
                 Some(at) => self.set(id, asker, at, value, kind),
-                None => self.refuse(id, asker, None, &name, DOES_NOT_EXIST),
+                None => self.refuse(id, asker, None, &name, why_not_found(table, &name)),
             },
             Op::Print => {}
         }
@@ -317,3 +324,8 @@ impl State {
 
 const READ_FAIL: MavParamError = MavParamError::MAV_PARAM_ERROR_READ_FAIL;
 const DOES_NOT_EXIST: MavParamError = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
+
+/// Why a table has no parameter of that name.
+fn why_not_found(table: &Table, name: &str) -> MavParamError {
+    if table.leaves_out(name) { MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED } else { DOES_NOT_EXIST }
+}

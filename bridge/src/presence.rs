@@ -14,6 +14,8 @@ use std::time::Duration;
 
 /// A node is gone when its last status is older.
 pub const OFFLINE_AFTER: Duration = Duration::from_secs(5);
+/// Between two warnings of the same conflict of IDs.
+pub const CONFLICT_REPEATED_AFTER: Duration = Duration::from_secs(60);
 /// The bridge's statuses have the priority of other nodes'.
 const STATUS_PRIORITY: u8 = 24;
 const MAVLINK_VERSION: u8 = 3;
@@ -34,12 +36,25 @@ impl State {
     /// Notes a node's status.
     pub(crate) fn note_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) -> News {
         let known = self.nodes.entry(id).or_insert_with(|| Node { online: false, ..Node::new(status, now) });
-        let restarted = status.uptime_s < known.status.uptime_s;
         let appeared = !known.online;
+        // Two nodes with one ID look like one that restarts each second.
+        let is_other =
+            known.other_uptime.is_some_and(|other| other.fits(now, &status)) && !known.uptime().fits(now, &status);
+        let restarted = status.uptime_s < known.status.uptime_s && !is_other;
+        if is_other || restarted {
+            known.other_uptime = Some(known.uptime());
+        }
+        let is_new_conflict = is_other && known.conflict_said.is_none_or(|said| now >= said + CONFLICT_REPEATED_AFTER);
+        if is_new_conflict {
+            known.conflict_said = Some(now);
+        }
         known.status = status;
         known.heard = now;
         known.online = true;
         known.statuses += 1;
+        if is_new_conflict {
+            self.warn(&format!("two nodes have the ID {id}"));
+        }
         if appeared {
             self.log.push(format!("node {id} is there: {status}"));
         } else if restarted {
@@ -119,7 +134,7 @@ impl State {
             return;
         }
         if component == self.settings.component {
-            self.warn(&format!("another component {component} of this system: choose --component"));
+            self.warn(&format!("another component has the ID {component}: --component"));
         } else if NodeId::new(component).is_some() {
             self.log.push(format!("component {component} speaks for itself: node {component} has no heartbeat"));
         }

@@ -270,7 +270,7 @@ impl Joined {
                 let value = entry.last.value.to_string();
                 println!("{id:>4}  {:<16}  {kind:<6}  {value:<20}  {}", entry.short, entry.last.name());
             }
-            for parameter in &table.left_out {
+            for parameter in table.left_out.iter().map(|entry| &entry.last) {
                 println!(
                     "{id:>4}  {:<16}  {:<6}  {:<20}  {}",
                     "-",

@@ -18,6 +18,8 @@ from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, UNSUPPORTED, OldStation, Pt
 from test_management import PARAMETERS
 
 GET_NODE_INFO, REQUEST_MESSAGE = mavlink.MAV_CMD_UAVCAN_GET_NODE_INFO, mavlink.MAV_CMD_REQUEST_MESSAGE
+# MAV_PARAM_ERROR_TYPE_UNSUPPORTED, which is newer than this pymavlink.
+TYPE_UNSUPPORTED = 6
 INT32, REAL32, UINT8 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32, mavlink.MAV_PARAM_TYPE_UINT8
 
 
@@ -116,6 +118,8 @@ def test_commands_that_cannot_be_done_are_answered(joined):
     assert ground.command(mavlink.MAV_CMD_CAN_FORWARD, 2, component=0).result == DENIED
     version = ground.command(REQUEST_MESSAGE, 148) and ground.wait_for("AUTOPILOT_VERSION", NODE)
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    ground.command(REQUEST_MESSAGE, 311)
+    assert list(version.uid2) == [*ground.wait_for("UAVCAN_NODE_INFO", NODE).hw_unique_id, 0, 0]
 
 
 def test_parameters_are_fetched_set_saved_and_still_there_after_a_restart(joined):
@@ -318,6 +322,9 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
     assert fake.parameters[f"{long}max"][1] == 55 and fake.parameters[f"{long}min"][1] == -2_000_000_001
     assert value_of(ground.set("ratio", 0.7, REAL32, component=42)) == pytest.approx(0.7)
     assert value_of(ground.set("enabled", as_float(0), UINT8, component=42)) == 0
+    for name, error in (("label", TYPE_UNSUPPORTED), ("none", mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)):
+        ground.mav.param_request_read_send(SYSTEM, 42, name.encode(), -1)
+        assert ground.wait_for("PARAM_ERROR", 42).error == error
     # What was rounded to be shown is not rounded in the node.
     ground.set("big", found["big"].param_value, REAL32, component=42)
     assert fake.parameters["big"][1] == 1 << 40

@@ -41,6 +41,8 @@ pub struct Writer {
 }
 
 const V1_ID_MAX: u32 = 255;
+/// Bytes of AUTOPILOT_VERSION.uid2, which has room for DroneCAN's 16.
+const UID2_LEN: usize = 18;
 
 impl Writer {
     pub fn new(system: u8, versions: Versions, signing: Option<Rc<SigningData>>) -> Writer {
@@ -128,7 +130,10 @@ impl Message for Wire<'_> {
                 param_type: number.kind(),
             }
             .ser(version, bytes),
-            Content::Capabilities { software, uid } => {
+            Content::Capabilities { software, unique_id } => {
+                let [uid @ .., _, _, _, _, _, _, _, _] = *unique_id;
+                let mut uid2 = [0; UID2_LEN];
+                uid2[..unique_id.len()].copy_from_slice(unique_id);
                 let encoding = match self.custom {
                     Custom::Bytewise => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE,
                     Custom::Cast => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
@@ -138,7 +143,8 @@ impl Message for Wire<'_> {
                     | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_COMMAND_INT;
                 let data = AUTOPILOT_VERSION_DATA {
                     capabilities,
-                    uid: *uid,
+                    uid: u64::from_le_bytes(uid),
+                    uid2,
                     flight_sw_version: *software,
                     ..AUTOPILOT_VERSION_DATA::default()
                 };

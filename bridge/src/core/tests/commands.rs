@@ -87,11 +87,14 @@ fn node_infos_are_told_once_each_on_command() {
     let mut rig = Rig::new(vec![Simulated::new(42, 1), Simulated::new(43, 1), Simulated::new(44, 1)]);
     rig.run_ms(1500);
     rig.said();
-    rig.command(0, command::UAVCAN_GET_NODE_INFO, &[]);
-    rig.run_ms(100);
-    let said = rig.said();
-    assert_eq!(infos(&said).iter().map(|info| info.0).collect::<Vec<_>>(), [42, 43, 44]);
-    assert!(matches!(said[3].1, Content::Ack { command: 5200, result: ACCEPTED, .. }));
+    // Of each known node, also if it is addressed to one.
+    for component in [0, 43, 126] {
+        rig.command(component, command::UAVCAN_GET_NODE_INFO, &[]);
+        rig.run_ms(100);
+        let said = rig.said();
+        assert_eq!(infos(&said).iter().map(|info| info.0).collect::<Vec<_>>(), [42, 43, 44]);
+        assert!(matches!(said[3].1, Content::Ack { command: 5200, result: ACCEPTED, .. }));
+    }
     rig.command(43, command::REQUEST_MESSAGE, &[311.0]);
     rig.run_ms(100);
     let said = rig.said();
@@ -185,4 +188,43 @@ fn node_1_is_restarted_where_the_bridge_is_component_1() {
     rig.command(0, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
     rig.run_ms(10);
     assert_eq!(rig.acks(), [(1, 246, DENIED, (255, 190))]);
+}
+
+#[test]
+fn what_is_done_by_no_node_is_not_accepted() {
+    let mut rig = Rig::new(Vec::new());
+    rig.run_ms(100);
+    rig.command(0, command::PREFLIGHT_STORAGE, &[1.0]);
+    rig.command(126, command::UAVCAN_GET_NODE_INFO, &[]);
+    rig.run_ms(10);
+    let said = rig.said();
+    assert_eq!(texts(&said), ["No node is there"; 2]);
+    let result = |(_, content)| match content {
+        Content::Ack { result, .. } => Some(result),
+        _ => None,
+    };
+    assert_eq!(said.into_iter().filter_map(result).collect::<Vec<_>>(), [FAILED; 2]);
+}
+
+#[test]
+fn of_several_nodes_each_that_does_not_save_is_named() {
+    let mut rig = Rig::new((42..46).map(|id| Simulated::new(id, 1)).collect());
+    rig.run_ms(1500);
+    rig.said();
+    rig.nodes[1].refuses = true;
+    rig.nodes[2].refuses = true;
+    rig.nodes[3].lose_every = Some(1);
+    rig.command(0, command::PREFLIGHT_STORAGE, &[1.0]);
+    rig.run_ms(3100);
+    let said = rig.said();
+    assert_eq!(texts(&said), ["Node 43 refuses", "Node 44 refuses", "Node 45 does not answer"]);
+    assert!(said.iter().any(|(_, content)| matches!(content, Content::Ack { result: FAILED, .. })));
+}
+
+#[test]
+fn the_version_has_the_whole_unique_id() {
+    let mut rig = Rig::with_node(0);
+    rig.command(126, command::REQUEST_MESSAGE, &[148.0]);
+    rig.run_ms(1);
+    assert!(matches!(rig.said()[1].1, Content::Capabilities { unique_id, .. } if unique_id == [7; 16]));
 }

@@ -150,3 +150,26 @@ fn autosave_saves_once_after_the_last_change() {
     rig.run_ms(5000);
     assert_eq!(rig.node().saved, 1);
 }
+
+#[test]
+fn a_parameter_of_text_and_nan_are_refused_with_the_reason() {
+    let mut rig = Rig::with_node(3);
+    rig.node().parameters[0].value = Value::Text(b"left".to_vec());
+    rig.node().parameters[2].value = Value::Real(1.5);
+    rig.say((1, 42), Request::ParameterRead { index: None, name: "PARAM_0".into() });
+    rig.say((1, 42), Request::ParameterSet { name: "PARAM_0".into(), value: 1.0, kind: INT32 });
+    rig.run_ms(100);
+    assert_eq!(errors(&rig.said()), [MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED; 2]);
+    rig.say((1, 42), Request::ParameterSet { name: "PARAM_2".into(), value: f32::NAN, kind: 9 });
+    rig.run_ms(100);
+    assert_eq!(errors(&rig.said()), [MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH]);
+    assert_eq!(rig.node().parameters[2].value, Value::Real(1.5));
+}
+
+#[test]
+fn a_node_without_parameters_says_so() {
+    let mut rig = Rig::with_node(0);
+    rig.say((1, 42), Request::ParameterList);
+    rig.run_ms(100);
+    assert_eq!(texts(&rig.said()), ["Node 42 has no parameters"]);
+}

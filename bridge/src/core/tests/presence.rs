@@ -127,6 +127,7 @@ fn another_node_with_the_bridges_id_is_told_of_and_not_shown() {
     rig.run_ms(5500);
     assert_eq!(rig.bridge.state.log.len(), 1);
     assert!(rig.bridge.state.log[0].contains("--node-id") && rig.bridge.nodes().is_empty());
+    assert_eq!(texts(&rig.said()), ["Another node has the bridge's ID 126: --node-id"]);
 }
 
 /// The components that have sent a HEARTBEAT since the last time.
@@ -185,4 +186,24 @@ fn another_bridges_heartbeat_or_our_own_that_comes_back_hides_nothing() {
     rig.say_as(router, (0, 0), Request::Heartbeat { kind: 18, autopilot: 8 });
     rig.run_ms(1500);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
+}
+
+#[test]
+fn two_nodes_with_one_id_are_told_of_and_do_not_restart_each_second() {
+    let mut rig = Rig::new(vec![Simulated::new(42, 0), Simulated::new(42, 0)]);
+    rig.nodes[0].uptime_s = 500;
+    rig.run_ms(20_500);
+    let said = texts(&rig.said());
+    assert_eq!(said, ["Node 42 has restarted", "Two nodes have the ID 42"]);
+}
+
+#[test]
+fn a_node_that_restarts_again_and_again_is_one_node() {
+    let mut rig = Rig::with_node(0);
+    for _ in 0..10 {
+        rig.run_ms(3000);
+        rig.node().uptime_s = 0;
+    }
+    rig.run_ms(1000);
+    assert_eq!(texts(&rig.said()), ["Node 42 has restarted"; 10]);
 }

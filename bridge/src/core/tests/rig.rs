@@ -21,6 +21,8 @@ pub struct Simulated {
     pub requests: u32,
     pub lose_every: Option<u32>,
     pub deaf: bool,
+    /// It saves nothing.
+    pub refuses: bool,
     pub saved: u32,
     pub erased: u32,
     pub restarts: u32,
@@ -44,6 +46,7 @@ impl Simulated {
             requests: 0,
             lose_every: None,
             deaf: false,
+            refuses: false,
             saved: 0,
             erased: 0,
             restarts: 0,
@@ -88,7 +91,7 @@ impl Simulated {
             Message::ExecuteOpcode(opcode) => {
                 self.saved += u32::from(opcode == Opcode::SAVE);
                 self.erased += u32::from(opcode == Opcode::ERASE);
-                Message::OpcodeExecuted(true)
+                Message::OpcodeExecuted(!self.refuses)
             }
             Message::RestartNode(magic) => {
                 assert_eq!(magic, dronecan_host::RESTART_MAGIC);
