@@ -4,7 +4,7 @@ use crate::bus;
 use crate::channel::{self, Integers};
 use crate::message::Versions;
 use clap::Parser;
-use std::net::Ipv4Addr;
+use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -95,6 +95,19 @@ pub struct Args {
     /// hexadecimal digits
     #[arg(long, value_name = "FILE")]
     pub signing_key: Option<PathBuf>,
+
+    /// Listen to stations at this address only, where the bridge listens (repeatable)
+    #[arg(long, value_name = "ADDRESS")]
+    pub peer: Vec<IpAddr>,
+
+    /// Change nothing: no parameter is set, nothing is saved, erased or restarted, and no frame is put on the bus
+    #[arg(long, conflicts_with = "autosave")]
+    pub read_only: bool,
+
+    /// Show the bus to stations that ask for it (CAN_FORWARD), and put their frames on it (CAN_FRAME): the DroneCAN GUI Tool needs it.
+    /// Whoever can reach the bridge can then move a servo
+    #[arg(long)]
+    pub allow_can: bool,
 
     /// Save a node's parameters by itself, two seconds after the last PARAM_SET
     #[arg(long)]

@@ -14,7 +14,7 @@ mod tcp;
 mod udp;
 
 use crate::core::Bridge;
-use crate::message::{Parser, Refused, Request, Versions, Writer};
+use crate::message::{Parser, Received, Refused, Request, Versions, Writer};
 use crate::number::Custom;
 use crate::post::{Asker, PeerId, Post, To};
 use crate::queue::{CLASSES, Queue};
@@ -24,17 +24,20 @@ use serial2::SerialPort;
 use socket2::Socket;
 use std::collections::BTreeMap;
 use std::io::{self, ErrorKind, Read as _};
-use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
 use std::time::Duration;
 
 use budget::Budget;
 use peer::{Peer, write};
+use resolve::{LookUp, resolve};
 pub use spec::Spec;
 
 /// Ground stations at one open port.
 const PEERS_MAX: usize = 16;
+/// Between two lines about stations for which there is no place.
+const REFUSAL_REPEATED_AFTER: Duration = Duration::from_secs(60);
 const RETRY: Duration = Duration::from_secs(1);
 /// Reads in one turn, of each peer.
 const READS_AT_ONCE: usize = 64;
@@ -64,11 +67,15 @@ pub struct Options {
     /// Bytes a second, of channels that are not serial.
     pub byte_rate: Option<f64>,
     pub key: Option<[u8; 32]>,
+    /// Who may speak where the bridge listens; empty for everybody.
+    pub allowed: Vec<IpAddr>,
 }
 
 enum Transport {
     Udp(UdpSocket),
     Listener(TcpListener),
+    /// The name is looked up.
+    LookingUp(LookUp),
     Connecting(Socket, Duration),
     Stream,
     Serial(SerialPort),
@@ -85,6 +92,9 @@ pub struct Channel {
     peers: BTreeMap<PeerId, Peer>,
     budget: Option<Budget>,
     malformed: u64,
+    /// From addresses that are not allowed, or for which there was no place.
+    refused: u64,
+    refusal_said: Option<Duration>,
     unsigned: u64,
     /// Given up by queues of peers that have gone.
     dropped: u64,
@@ -121,12 +131,22 @@ impl Channel {
             peers: BTreeMap::new(),
             budget: rate.map(Budget::new),
             malformed: 0,
+            refused: 0,
+            refusal_said: None,
             unsigned: 0,
             dropped: 0,
             away_said: false,
             log: Vec::new(),
         };
-        match channel.start(ids, now) {
+        channel.warn_of_strangers();
+        let started = match (&channel.spec, wait) {
+            // Nothing else waits yet.
+            (Spec::UdpOut(remote) | Spec::TcpOut(remote), false) => {
+                resolve(&remote.clone()).and_then(|address| channel.start_to(ids, now, address))
+            }
+            _ => channel.start(ids, now),
+        };
+        match started {
             Err(error) if !wait => Err(error),
             Err(error) => {
                 channel.away(now, &format!("{error:#}"));
@@ -136,15 +156,58 @@ impl Channel {
         }
     }
 
+    /// A listener beyond this machine takes commands from whoever reaches it.
+    fn warn_of_strangers(&mut self) {
+        let (Spec::UdpIn(local) | Spec::TcpIn(local)) = self.spec else { return };
+        if !local.ip().is_loopback() && self.signing.is_none() {
+            let spec = &self.spec;
+            self.log
+                .push(format!("{spec} has no key: whoever can reach it can command the nodes; give a --signing-key"));
+        }
+    }
+
+    /// Keeps and says the port that the system has chosen, where none was given.
+    fn listens_at(&mut self, local: SocketAddr) {
+        let (Spec::UdpIn(given) | Spec::TcpIn(given)) = &mut self.spec else { return };
+        if given.port() == 0 {
+            *given = local;
+            self.log.push(format!("{} is the port that was free", self.spec));
+        }
+    }
+
     fn start(&mut self, ids: &mut PeerId, now: Duration) -> Result<()> {
         match self.spec.clone() {
-            Spec::UdpOut(remote) => self.start_udp_out(ids, now, &remote)?,
+            Spec::UdpOut(remote) | Spec::TcpOut(remote) => {
+                self.transport = Transport::LookingUp(LookUp::begin(remote));
+            }
             Spec::UdpIn(local) => self.start_udp_in(local)?,
             Spec::TcpIn(local) => self.listen(local)?,
-            Spec::TcpOut(remote) => self.start_connecting(now, &remote)?,
             Spec::Serial { path, baud } => self.start_serial(ids, now, &path, baud)?,
         }
         Ok(())
+    }
+
+    /// Goes on when the address of the far end is known.
+    fn start_to(&mut self, ids: &mut PeerId, now: Duration, address: SocketAddr) -> Result<()> {
+        match self.spec {
+            Spec::UdpOut(_) => self.start_udp_out(ids, now, address),
+            _ => self.start_connecting(now, address),
+        }
+    }
+
+    /// True if a station at that address may speak.
+    fn allows(&self, address: IpAddr) -> bool {
+        let allowed = &self.options.allowed;
+        allowed.is_empty() || allowed.contains(&address.to_canonical())
+    }
+
+    /// Says that there is no place for somebody: once a minute, for there may be many.
+    fn refuse(&mut self, now: Duration, from: SocketAddr) {
+        self.refused += 1;
+        if self.refusal_said.is_none_or(|said| now >= said + REFUSAL_REPEATED_AFTER) {
+            self.refusal_said = Some(now);
+            self.log.push(format!("{}: no place for {from}; --peer ADDRESS keeps others out", self.spec));
+        }
     }
 
     fn peer(&self, name: String, now: Duration) -> Peer {
@@ -159,6 +222,7 @@ impl Channel {
             heard: None,
             custom: if self.options.integers == Integers::Cast { Custom::Cast } else { Custom::Bytewise },
             heard_at: now,
+            is_trusted: true,
             sent: 0,
             received: 0,
         }
@@ -191,6 +255,7 @@ impl Channel {
         self.receive_datagrams(now, bridge, ids);
         self.receive_streams(now, bridge);
         self.miss_silent(now, bridge);
+        self.close_untrusted(now, bridge);
     }
 
     fn receive_streams(&mut self, now: Duration, bridge: &mut Bridge) {
@@ -240,9 +305,18 @@ impl Channel {
     fn take(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, bytes: &[u8]) {
         let Some(peer) = self.peers.get_mut(&id) else { return };
         peer.parser.feed(bytes);
-        while let Some(message) = peer.parser.message() {
+        let messages: Vec<_> = std::iter::from_fn(|| peer.parser.message()).collect();
+        self.take_messages(now, bridge, id, messages);
+    }
+
+    fn take_messages(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, messages: Vec<Received>) {
+        let Some(peer) = self.peers.get_mut(&id) else { return };
+        for message in messages {
             match message {
                 Ok((version, message)) => {
+                    if !std::mem::replace(&mut peer.is_trusted, true) {
+                        bridge.joined(now, id);
+                    }
                     peer.heard = Some(version);
                     peer.heard_at = now;
                     peer.received += 1;
@@ -270,17 +344,22 @@ impl Channel {
                 }
             }
             Post::Message { to: To::All, class, out } => {
-                self.peers.values_mut().for_each(|peer| peer.queue.push(*class, out.clone()));
+                self.trusted().for_each(|peer| peer.queue.push(*class, out.clone()));
             }
             Post::Status { node, out } => {
                 // Each status leaves where there is room for it.
                 if self.peers.values().any(|peer| peer.queue.has_status(*node)) {
                     self.flush(now);
                 }
-                self.peers.values_mut().for_each(|peer| peer.queue.push_status(*node, out.clone()));
+                self.trusted().for_each(|peer| peer.queue.push_status(*node, out.clone()));
             }
             Post::Forget { node } => self.peers.values_mut().for_each(|peer| peer.queue.forget(*node)),
         }
+    }
+
+    /// The stations that are told something.
+    fn trusted(&mut self) -> impl Iterator<Item = &mut Peer> {
+        self.peers.values_mut().filter(|peer| peer.is_trusted)
     }
 
     /// Sends what there is room for. The peers take turns.
@@ -334,7 +413,7 @@ impl Channel {
             Transport::Listener(listener) => vec![(listener.as_fd(), false)],
             Transport::Connecting(socket, _) => vec![(socket.as_fd(), true)],
             Transport::Serial(port) => vec![(port.as_fd(), unsent)],
-            Transport::Stream | Transport::Away(_) => Vec::new(),
+            Transport::Stream | Transport::LookingUp(_) | Transport::Away(_) => Vec::new(),
         };
         let streams =
             self.peers.values().filter_map(|peer| Some((peer.stream.as_ref()?.as_fd(), !peer.unsent.is_empty())));
@@ -345,11 +424,16 @@ impl Channel {
     /// Lines for people: the channel, and its peers.
     pub fn report(&self) -> Vec<String> {
         let mut first = self.spec.to_string();
-        if matches!(self.transport, Transport::Away(_) | Transport::Connecting(..)) {
+        if matches!(self.transport, Transport::Away(_) | Transport::LookingUp(_) | Transport::Connecting(..)) {
             first += ", away";
         }
         let dropped = self.dropped;
-        let troubles = [(self.malformed, "malformed"), (self.unsigned, "not signed"), (dropped, "dropped before")];
+        let troubles = [
+            (self.malformed, "malformed"),
+            (self.unsigned, "not signed"),
+            (self.refused, "refused"),
+            (dropped, "dropped before"),
+        ];
         for (count, what) in troubles.into_iter().filter(|(count, _)| *count > 0) {
             first += &format!(", {count} {what}");
         }

@@ -10,7 +10,7 @@ use crate::message::{Command, Content, command, id as message_id, text};
 use crate::node::Node;
 use crate::post::{Asker, PeerId, To};
 use crate::queue::Class;
-use crate::state::State;
+use crate::state::{Rights, State};
 use crate::task::Purpose;
 use dronecan_host::{Message, NodeId, Opcode, RESTART_MAGIC, types};
 use mavlink::dialects::common::MavResult;
@@ -84,6 +84,9 @@ impl Commands {
         }
         // Whole numbers that came as floats; what is none is 0, which is no choice of any command.
         let param = |at: usize| if command.params[at].fract() == 0.0 { command.params[at] as i64 } else { 0 };
+        if let Some(why) = why_not_allowed(state.settings.rights, command.number) {
+            return deny(state, asker, component, command, why);
+        }
         let result = match command.number {
             command::UAVCAN_GET_NODE_INFO => {
                 // Whoever it is addressed to: MAVLink's chapter on UAVCAN wants every known node.
@@ -313,6 +316,17 @@ impl Commands {
     /// Nothing that this station wanted is of use any more.
     pub fn drop_station(&mut self, peer: PeerId) {
         self.pending.retain(|_, pending| pending.asker.peer != peer);
+    }
+}
+
+/// Why a command is not allowed to anybody, if it is not.
+fn why_not_allowed(rights: Rights, number: u16) -> Option<&'static str> {
+    match number {
+        command::PREFLIGHT_STORAGE | command::PREFLIGHT_REBOOT_SHUTDOWN if !rights.change => {
+            Some("The bridge is read-only")
+        }
+        command::CAN_FORWARD if !rights.can => Some("The bridge shows no frames: --allow-can"),
+        _ => None,
     }
 }
 

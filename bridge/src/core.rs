@@ -214,7 +214,7 @@ impl Bridge {
                 }
             }
             Request::Ftp(request) => self.ftp(asker, component, &request),
-            Request::Filter(data) => self.forward.filter(now, asker, &data),
+            Request::Filter(data) => self.forward.filter(state, now, asker, &data),
         }
         self.send(now);
     }

@@ -78,8 +78,8 @@ impl Forward {
     }
 
     /// CAN_FILTER_MODIFY. Its bus counts from 1.
-    pub fn filter(&mut self, now: Duration, asker: Asker, data: &CAN_FILTER_MODIFY_DATA) {
-        if data.bus != 1 {
+    pub fn filter(&mut self, state: &State, now: Duration, asker: Asker, data: &CAN_FILTER_MODIFY_DATA) {
+        if data.bus != 1 || !state.settings.rights.can {
             return;
         }
         let ids = &data.ids[..usize::from(data.num_ids).min(data.ids.len())];
@@ -125,6 +125,10 @@ impl Forward {
 
     /// A station's CAN_FRAME, for the bus. Its bus counts from 0.
     pub fn frame_from_station(&self, state: &mut State, asker: Asker, message: &CAN_FRAME_DATA) -> Option<Frame> {
+        let rights = state.settings.rights;
+        if !(rights.can && rights.change) {
+            return None;
+        }
         let id = message.id & !FLAGS;
         let data = message.data.get(..usize::from(message.len))?;
         let frame = match message.id & FLAGS {

@@ -14,7 +14,7 @@ use mavlink::dialects::common::{
 };
 use mavlink::types::CharArray;
 
-pub use parser::{Parser, Refused};
+pub use parser::{Parser, Received, Refused};
 pub use writer::{Versions, Writer};
 
 #[cfg(test)]

@@ -188,6 +188,9 @@ impl State {
     fn set(&mut self, id: NodeId, asker: Asker, at: usize, value: f32, kind: u8) {
         let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
         let entry = &table.entries[at];
+        if !self.settings.rights.change {
+            return self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED));
+        }
         match number::decode(kind, value, asker.custom, &entry.last) {
             Ok(Some(wanted)) => {
                 self.get_set(id, at, wanted.clone(), Purpose::Set { asker, at, wanted });

@@ -6,12 +6,13 @@ use crate::channel::{Channel, Options};
 use crate::core::Bridge;
 use crate::post::PeerId;
 use crate::screen::Screen;
-use crate::state::Settings;
+use crate::state::{Rights, Settings};
 use anyhow::{Context, Error, Result, anyhow};
 use dronecan_host::NodeId;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use sha2::{Digest, Sha256};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::net::IpAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -80,6 +81,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         unique_id: unique_id(args.component),
         info_interval: Duration::from_secs(args.info_interval),
         autosave: args.autosave.then_some(AUTOSAVE_AFTER),
+        rights: Rights { change: !args.read_only, can: args.allow_can },
         hidden: args.hide.iter().copied().filter_map(NodeId::new).collect(),
         epoch_us: epoch.as_micros() as u64,
     };
@@ -90,6 +92,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         // A little less, so that a node's own clock does not make it miss one.
         status_interval: args.status_rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(0.95 / rate)),
         byte_rate: args.bandwidth.map(|baud| f64::from(baud) / 10.0 * 0.98),
+        allowed: args.peer.iter().map(IpAddr::to_canonical).collect(),
         key: args.signing_key.as_deref().map(signing_key).transpose()?,
     };
     Ok((settings, options))

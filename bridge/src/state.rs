@@ -24,10 +24,20 @@ pub struct Settings {
     pub info_interval: Duration,
     /// Save a node's parameters by itself, that long after the last was set.
     pub autosave: Option<Duration>,
+    pub rights: Rights,
     /// Nodes that are components of the system by themselves, as an autopilot is.
     pub hidden: BTreeSet<NodeId>,
     /// Unix time at time 0, in microseconds.
     pub epoch_us: u64,
+}
+
+/// What ground stations may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rights {
+    /// Set, save, erase, restart, and send frames.
+    pub change: bool,
+    /// See the bus, and send frames.
+    pub can: bool,
 }
 
 /// The nodes, the requests that are under way, and what waits to be taken away.

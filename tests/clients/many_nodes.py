@@ -96,7 +96,8 @@ class ManyNodes(threading.Thread):
         self.later = []
         self.transfers = TransferManager()
         self.line = b""
-        self.sent = self.received = 0
+        # The nodes that the bridge has sent frames for.
+        self.heard_from = set()
 
     def close(self):
         self.ended.set()
@@ -128,7 +129,6 @@ class ManyNodes(threading.Thread):
                     self.hear(frame, now)
                 else:
                     out += f"T{frame.message_id:08X}{len(frame.bytes)}{bytes(frame.bytes).hex().upper()}\r".encode()
-                    self.sent += 1
             if self.is_open and out:
                 try:
                     os.write(self.ours, out)
@@ -145,7 +145,7 @@ class ManyNodes(threading.Thread):
             if line.startswith(b"T"):
                 data = bytes.fromhex(line[10:].decode())
                 self.ordinary.append((None, Frame(int(line[1:9], 16), data)))
-                self.received += 1
+                self.heard_from.add(int(line[7:9], 16) & 0x7F)
                 os.write(self.ours, b"Z\r")
             else:
                 self.is_open = line == b"O" or (self.is_open and line != b"C")

@@ -258,7 +258,7 @@ def test_pydronecan_manages_the_node_through_mavlink(bench, bridge):
     """As the DroneCAN GUI Tool does with its `mavcan:` adapter."""
     used = bench()
     port = free_port()
-    bridge(used, channels=[f"udpout:127.0.0.1:{port}"])
+    bridge(used, "--allow-can", channels=[f"udpout:127.0.0.1:{port}"])
     client = used.dronecan(device=f"mavcan:udpin:127.0.0.1:{port}", node_id=127)
     monitor = NodeMonitor(client.node)
     client.spin_until(lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120")

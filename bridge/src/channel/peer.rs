@@ -24,6 +24,8 @@ pub struct Peer {
     pub heard: Option<MavlinkVersion>,
     pub custom: Custom,
     pub heard_at: Duration,
+    /// It has shown that it has the key, or needs none. Others are told nothing.
+    pub is_trusted: bool,
     pub sent: u64,
     pub received: u64,
 }

@@ -1,6 +1,5 @@
 //! TCP: one connection that is made again and again, or several that are accepted.
 
-use super::resolve::resolve;
 use super::{Channel, PEERS_MAX, Peer, Transport, cannot_listen};
 use crate::core::Bridge;
 use crate::post::PeerId;
@@ -10,6 +9,10 @@ use socket2::{Domain, Protocol, SockRef, Socket, Type};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::Duration;
 
+/// In one turn.
+const ACCEPTED_AT_ONCE: usize = 16;
+/// A connection that has not been signed for that long is ended: stations send a heartbeat each second.
+const SIGNS_WITHIN: Duration = Duration::from_secs(10);
 const CONNECT_FOR: Duration = Duration::from_secs(5);
 /// What the kernel may hold back of a TCP connection: enough for speed, and little enough that statuses are not old.
 const SEND_BUFFER: usize = 32 * 1024;
@@ -18,12 +21,12 @@ impl Channel {
     pub(super) fn listen(&mut self, local: SocketAddr) -> Result<()> {
         let listener = TcpListener::bind(local).map_err(|error| cannot_listen(local, error))?;
         listener.set_nonblocking(true)?;
+        self.listens_at(listener.local_addr()?);
         self.transport = Transport::Listener(listener);
         Ok(())
     }
 
-    pub(super) fn start_connecting(&mut self, now: Duration, remote: &str) -> Result<()> {
-        let address = resolve(remote)?;
+    pub(super) fn start_connecting(&mut self, now: Duration, address: SocketAddr) -> Result<()> {
         let socket = Socket::new(Domain::for_address(address), Type::STREAM, Some(Protocol::TCP))?;
         socket.set_nonblocking(true)?;
         match socket.connect(&address.into()) {
@@ -40,6 +43,14 @@ impl Channel {
             Transport::Away(until) if now >= *until => {
                 if let Err(error) = self.start(ids, now) {
                     self.away(now, &format!("{error:#}"));
+                }
+            }
+            Transport::LookingUp(look_up) => {
+                let Some(found) = look_up.result() else { return };
+                match found.and_then(|address| self.start_to(ids, now, address)) {
+                    Err(error) => self.away(now, &format!("{error:#}")),
+                    Ok(()) if matches!(self.transport, Transport::Udp(_)) => self.came_back(),
+                    Ok(()) => {}
                 }
             }
             Transport::Connecting(socket, until) => {
@@ -74,16 +85,33 @@ impl Channel {
     }
 
     pub(super) fn accept(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId) {
-        loop {
+        for _ in 0..ACCEPTED_AT_ONCE {
             let Transport::Listener(listener) = &self.transport else { return };
             let Ok((stream, from)) = listener.accept() else { return };
+            if !self.allows(from.ip()) {
+                self.refused += 1;
+                continue;
+            }
             if self.peers.len() >= PEERS_MAX || stream.set_nonblocking(true).is_err() {
-                self.log.push(format!("{}: {from} is one too many", self.spec));
+                self.refuse(now, from);
                 continue;
             }
             self.log.push(format!("{}: {from} has connected", self.spec));
             let id = self.add_stream(ids, now, from.to_string(), stream);
-            bridge.joined(now, id);
+            if self.signing.is_none() {
+                bridge.joined(now, id);
+            } else if let Some(peer) = self.peers.get_mut(&id) {
+                peer.is_trusted = false;
+            }
+        }
+    }
+
+    /// Ends connections that have not shown the key.
+    pub(super) fn close_untrusted(&mut self, now: Duration, bridge: &mut Bridge) {
+        let late = |peer: &Peer| !peer.is_trusted && now > peer.heard_at + SIGNS_WITHIN;
+        let late: Vec<PeerId> = self.peers.iter().filter(|(_, peer)| late(peer)).map(|(id, _)| *id).collect();
+        for id in late {
+            self.remove(bridge, id, "it has not signed");
         }
     }
 }

@@ -1,9 +1,8 @@
 //! UDP: one ground station that is named, or several that are known by what they send.
 
-use super::resolve::resolve;
 use super::{Channel, PEERS_MAX, Peer, READS_AT_ONCE, Spec, Transport, cannot_listen};
 use crate::core::Bridge;
-use crate::message::Parser;
+use crate::message::{Parser, Received, Refused};
 use crate::post::PeerId;
 use anyhow::{Context as _, Result};
 use std::io::ErrorKind;
@@ -14,8 +13,7 @@ use std::time::Duration;
 const SILENT_FOR: Duration = Duration::from_secs(60);
 
 impl Channel {
-    pub(super) fn start_udp_out(&mut self, ids: &mut PeerId, now: Duration, remote: &str) -> Result<()> {
-        let address = resolve(remote)?;
+    pub(super) fn start_udp_out(&mut self, ids: &mut PeerId, now: Duration, address: SocketAddr) -> Result<()> {
         let local: IpAddr = match address.ip() {
             ip if ip.is_loopback() => ip,
             IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
@@ -32,6 +30,7 @@ impl Channel {
     pub(super) fn start_udp_in(&mut self, local: SocketAddr) -> Result<()> {
         let socket = UdpSocket::bind(local).map_err(|error| cannot_listen(local, error))?;
         socket.set_nonblocking(true)?;
+        self.listens_at(socket.local_addr()?);
         self.transport = Transport::Udp(socket);
         Ok(())
     }
@@ -51,33 +50,32 @@ impl Channel {
                 Some(id) => self.take_datagram(now, bridge, id, &buffer[..length]),
                 // Only the station that was named may answer.
                 None if matches!(self.spec, Spec::UdpOut(_)) => self.malformed += 1,
+                None if !self.allows(from.ip()) => self.refused += 1,
                 None => self.meet(now, bridge, ids, from, &buffer[..length]),
             }
         }
     }
 
-    /// Bytes of somebody new: a peer, if there is a message in them.
+    /// Bytes of somebody new: a peer, if there is a message in them, signed if there is a key, and there is a place. A station that
+    /// has one keeps it while it is heard.
     fn meet(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId, from: SocketAddr, bytes: &[u8]) {
-        if !has_message(bytes) {
-            self.malformed += 1;
+        let mut peer = Peer { address: Some(from), ..self.peer(from.to_string(), now) };
+        peer.parser.feed(bytes);
+        let messages: Vec<Received> = std::iter::from_fn(|| peer.parser.message()).collect();
+        if !messages.iter().any(Result::is_ok) {
+            let is_unsigned = messages.iter().any(|message| matches!(message, Err(Refused::Signature)));
+            let counter = if is_unsigned { &mut self.unsigned } else { &mut self.malformed };
+            *counter += 1;
             return;
         }
-        let peer = Peer { address: Some(from), ..self.peer(from.to_string(), now) };
         if self.peers.len() >= PEERS_MAX {
-            let quietest = self.peers.iter().min_by_key(|(_, peer)| peer.heard_at).map(|(id, _)| *id);
-            quietest.into_iter().for_each(|id| self.remove(bridge, id, "made room"));
+            return self.refuse(now, from);
         }
         let id = self.add(ids, peer);
-        let before = self.unsigned;
+        self.log.push(format!("{}: {from} is there", self.spec));
         // Before anything that it asked for is answered.
         bridge.joined(now, id);
-        self.take(now, bridge, id, bytes);
-        if self.unsigned > before {
-            // Whoever has no key hears nothing.
-            self.peers.remove(&id);
-            return;
-        }
-        self.log.push(format!("{}: {from} is there", self.spec));
+        self.take_messages(now, bridge, id, messages);
     }
 
     /// A message is in one datagram, with rare exceptions. So what was left of one that was rubbish is not waited for.
@@ -100,7 +98,7 @@ impl Channel {
     }
 }
 
-/// Whether a message begins and ends in these bytes. Signatures are left to who reads them: no message may be checked twice.
+/// True if a message begins and ends in these bytes. Signatures are left to who reads them: no message may be checked twice.
 fn has_message(bytes: &[u8]) -> bool {
     let mut parser = Parser::new(None);
     parser.feed(bytes);

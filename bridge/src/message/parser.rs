@@ -75,9 +75,9 @@ impl In {
 
 /// Bytes that have come and were not looked at.
 #[derive(Default)]
-struct Received(VecDeque<u8>);
+struct Buffer(VecDeque<u8>);
 
-impl Read for Received {
+impl Read for Buffer {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if self.0.is_empty() {
             return Err(io::ErrorKind::WouldBlock.into());
@@ -85,6 +85,9 @@ impl Read for Received {
         self.0.read(buffer)
     }
 }
+
+/// A message with its version.
+pub type Received = Result<(MavlinkVersion, In), Refused>;
 
 /// Why a message was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,14 +100,14 @@ pub enum Refused {
 
 /// Finds the messages in a stream of bytes.
 pub struct Parser {
-    reader: MavlinkReader<Received>,
+    reader: MavlinkReader<Buffer>,
     signing: Option<Rc<SigningData>>,
 }
 
 impl Parser {
     /// Takes signed messages only if there is a key.
     pub fn new(signing: Option<Rc<SigningData>>) -> Parser {
-        Parser { reader: MavlinkReader::new(Received::default()), signing }
+        Parser { reader: MavlinkReader::new(Buffer::default()), signing }
     }
 
     /// Adds bytes that have come.
@@ -113,7 +116,7 @@ impl Parser {
     }
 
     /// The next message, with its version; `None` when all bytes are used up.
-    pub fn message(&mut self) -> Option<Result<(MavlinkVersion, In), Refused>> {
+    pub fn message(&mut self) -> Option<Received> {
         let raw = match self.reader.read_any_raw_message::<MavMessage>() {
             Ok(raw) => raw,
             Err(MessageReadError::Io(_)) => return None,

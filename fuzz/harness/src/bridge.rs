@@ -11,7 +11,7 @@ use bridge::core::Bridge;
 use bridge::message::{Content, Parser, Versions, Writer};
 use bridge::number::Custom;
 use bridge::post::{Asker, Post};
-use bridge::state::Settings;
+use bridge::state::{Rights, Settings};
 use dronecan_host::{CanId, Frame, NodeId, NodeStatus, TransferId, split, types};
 
 /// System of the bridge and all nodes, component of the bridge, its node ID.
@@ -37,6 +37,7 @@ impl Rig {
             unique_id: [7; 16],
             info_interval: Duration::from_secs(10),
             autosave: Some(Duration::from_secs(2)),
+            rights: Rights { change: true, can: true },
             hidden: BTreeSet::new(),
             epoch_us: 0,
         };

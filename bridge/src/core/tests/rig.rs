@@ -3,6 +3,7 @@
 pub use super::super::*;
 pub use crate::message::{Command, command};
 pub use crate::number::{Custom, Number};
+pub use crate::state::Rights;
 pub use dronecan_host::{Message, Opcode, ParameterRequest, ParameterResponse, Value, split};
 pub use mavlink::dialects::common::{CAN_FRAME_DATA, MavMessage, MavParamError, MavResult, UAVCAN_NODE_INFO_DATA};
 pub use std::collections::BTreeSet;
@@ -138,6 +139,7 @@ impl Rig {
             unique_id: [7; 16],
             info_interval: Duration::from_secs(60),
             autosave: None,
+            rights: Rights { change: true, can: true },
             hidden: BTreeSet::new(),
             epoch_us: 1_000_000_000,
         };

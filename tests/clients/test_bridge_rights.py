@@ -1,0 +1,174 @@
+"""Who may do what through the bridge."""
+
+import contextlib
+import hashlib
+import socket
+import struct
+import time
+
+import pytest
+from pymavlink import mavutil
+
+from conftest import free_port, wait_until
+from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, Station, as_float, mavlink, value_of
+from many_nodes import Node, integers
+
+NODE = 42
+CAN_FORWARD, SAVE, RESTART = (
+    mavlink.MAV_CMD_CAN_FORWARD,
+    mavlink.MAV_CMD_PREFLIGHT_STORAGE,
+    mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
+)
+PLACES = 16
+
+
+@pytest.fixture
+def node(many_nodes):
+    used = many_nodes([Node(NODE, integers(3))])
+    used.node = used.nodes[NODE]
+    return used
+
+
+def requests(node):
+    """What has changed the node."""
+    return {name.split(".")[-1] for name in node.requests} & {"ExecuteOpcode", "RestartNode"}
+
+
+def test_a_read_only_bridge_changes_nothing(node, bridge, station):
+    bridge(node.bus, "--read-only", "--allow-can")
+    ground = station()
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert len(ground.parameters(NODE)) == 3
+    assert value_of(ground.set("PARAMETER_01", as_float(77), component=NODE)) == 1
+    for component in (NODE, 0):
+        assert ground.command(SAVE, 1, component=component).result == DENIED
+    assert ground.command(RESTART, 1, component=NODE).result == DENIED
+    assert ground.command(CAN_FORWARD, 1, component=0).result == ACCEPTED, "to look changes nothing"
+    send_frame(ground)
+    ground.gather(0.5)
+    assert node.node.parameters["PARAMETER_01"] == ("integer_value", 1) and not requests(node.node)
+    assert 30 not in sources(node)
+
+
+def test_the_bus_is_open_only_if_the_command_line_says_so(node, bridge, station):
+    bridge(node.bus)
+    ground = station()
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert ground.command(CAN_FORWARD, 1, component=0).result == DENIED
+    assert "--allow-can" in ground.wait_for("STATUSTEXT").text
+    send_frame(ground)
+    assert not ground.gather(1.5, "CAN_FRAME") and 30 not in sources(node)
+
+
+def send_frame(ground):
+    """A NodeStatus of node 30."""
+    ground.mav.can_frame_send(SYSTEM, BRIDGE, 0, 8, 0x9801551E, list(struct.pack("<IBHB", 1, 0, 0, 0xC0)))
+
+
+def sources(used):
+    """The nodes from which the bridge has put frames on the bus."""
+    return used.heard_from
+
+
+def quiet_station(port, address="127.0.0.1"):
+    """A station that has sent one heartbeat."""
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    link.bind((address, 0))
+    link.connect(("127.0.0.1", port))
+    link.settimeout(3)
+    mav = mavutil.mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    link.send(mav.heartbeat_encode(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4).pack(mav))
+    return link
+
+
+def hears(link):
+    try:
+        return bool(link.recv(2048))
+    except TimeoutError:
+        return False
+
+
+def drain(link):
+    """Throws away what has come."""
+    link.setblocking(False)
+    with contextlib.suppress(BlockingIOError):
+        while link.recv(2048):
+            pass
+    link.settimeout(3)
+
+
+def test_strangers_do_not_take_the_place_of_a_quiet_station(node, bridge):
+    started = bridge(node.bus)
+    started.wait_for_text(f"node {NODE} is org.")
+    quiet = quiet_station(bridge.port)
+    assert hears(quiet)
+    strangers = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
+    assert all(hears(stranger) for stranger in strangers[: PLACES - 1])
+    assert not any(hears(stranger) for stranger in strangers[-2:])
+    drain(quiet)
+    assert hears(quiet), "it goes on hearing"
+    started.wait_for_text("no place for")
+    assert started.text().count("no place for") == 1
+    for link in (quiet, *strangers):
+        link.close()
+
+
+def test_with_a_key_strangers_take_no_place(node, bridge, station, tmp_path):
+    (tmp_path / "key").write_text("correct horse\n")
+    bridge(node.bus, "--signing-key", tmp_path / "key")
+    strangers = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
+    ground = station()
+    ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=1)
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert not any(hears(stranger) for stranger in strangers[:2])
+    for link in strangers:
+        link.close()
+
+
+def test_a_connection_that_does_not_sign_hears_nothing_and_is_closed(node, bridge, station, tmp_path):
+    (tmp_path / "key").write_text("correct horse\n")
+    port = free_port()
+    bridge(node.bus, "--signing-key", tmp_path / "key", channels=[f"tcpin:{port}"]).wait_for_text("node 42 is org.")
+    stranger = socket.create_connection(("127.0.0.1", port))
+    stranger.settimeout(15)
+    before = time.monotonic()
+    assert stranger.recv(2048) == b""
+    assert time.monotonic() > before + 5
+    stranger.close()
+
+
+def test_only_the_addresses_that_are_named_may_speak(node, bridge):
+    started = bridge(node.bus, "--peer", "127.0.0.2", "--peer", "127.0.0.3")
+    started.wait_for_text(f"node {NODE} is org.")
+    named, other = quiet_station(bridge.port, "127.0.0.2"), quiet_station(bridge.port)
+    assert hears(named) and not hears(other)
+    for link in (named, other):
+        link.close()
+    assert started.end() == 0
+    assert "1 refused" in started.text()
+
+
+def test_a_listener_beyond_loopback_without_a_key_is_warned_of(node, bridge, tmp_path):
+    (tmp_path / "key").write_text("correct horse\n")
+    bridge(node.bus, channels=["udpin:0.0.0.0:0"]).wait_for_text("has no key")
+    signed = bridge(node.bus, "--signing-key", tmp_path / "key", channels=["udpin:0.0.0.0:0"])
+    local = bridge(node.bus, channels=["udpin:0"])
+    for started in (signed, local):
+        started.wait_for_text("is the port that was free")
+        assert "has no key" not in started.text()
+
+
+def test_a_free_port_is_chosen_and_said(node, bridge, station):
+    started = bridge(node.bus, channels=["udpin:0"])
+    started.wait_for_text("is the port that was free")
+    port = started.text().split(" is the port that was free")[0].rsplit(":", 1)[1]
+    station(f"udpout:127.0.0.1:{port}").wait_for("UAVCAN_NODE_INFO", NODE)
+
+
+def test_a_host_that_is_not_found_keeps_nobody_waiting(node, bridge, station):
+    started = bridge(node.bus, "--wait", channels=["udpout:no.such.host.invalid:1", f"udpin:{bridge.port}"])
+    ground = station()
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    assert len(ground.parameters(NODE)) == 3
+    started.wait_for_text("there is no host")
+    wait_until(lambda: len(ground.gather(2.5, "UAVCAN_NODE_STATUS")) >= 2, "statuses")
