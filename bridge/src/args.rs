@@ -8,6 +8,9 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::time::Duration;
 
+/// More often it would only fill the channel.
+const INFO_INTERVAL_MIN: Duration = Duration::from_secs(1);
+
 const EXAMPLES: &str = "\
 Buses (--bus):
   slcan:/dev/ttyACM0        SLCAN adapter; slcan:PATH:BAUD where the baud rate matters; \"sim --slcan PATH\" offers one
@@ -76,8 +79,8 @@ pub struct Args {
     pub status_rate: Option<f64>,
 
     /// Tell all ground stations who the nodes are that often, besides when they appear, restart, or somebody asks
-    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..))]
-    pub info_interval: u64,
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = info_interval)]
+    pub info_interval: Duration,
 
     /// Do not send more than goes through a serial line of that rate, on udp and tcp channels that lead to a radio
     #[arg(long, value_name = "BAUD", value_parser = clap::value_parser!(u32).range(1200..))]
@@ -125,8 +128,8 @@ pub struct Args {
     #[arg(long)]
     pub plain: bool,
 
-    /// End by itself after this time: 500ms, 10s, 5m
-    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    /// End by itself after this time: 500ms, 10s, 5m, 1h
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
     pub run_for: Option<Duration>,
 }
 
@@ -138,16 +141,12 @@ fn status_rate(text: &str) -> Result<f64, String> {
 }
 
 fn duration(text: &str) -> Result<Duration, String> {
-    let at = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
-    let (number, unit) = text.split_at(at);
-    let unit = match unit {
-        "ms" => 0.001,
-        "s" => 1.0,
-        "m" => 60.0,
-        _ => return Err(format!("\"{text}\" is no time: write for example 500ms, 10s or 5m")),
-    };
-    let seconds = number.parse::<f64>().map_err(|_| format!("\"{number}\" is no number"))? * unit;
-    Duration::try_from_secs_f64(seconds).map_err(|_| format!("\"{text}\" is too long"))
+    sim_base::parse_seconds(text).map(Duration::from_secs_f64)
+}
+
+fn info_interval(text: &str) -> Result<Duration, String> {
+    let interval = duration(text)?;
+    if interval < INFO_INTERVAL_MIN { Err(String::from("at least a second")) } else { Ok(interval) }
 }
 
 #[cfg(test)]
@@ -174,9 +173,14 @@ mod tests {
             "--bus mcast:0 --mavlink udpin:1 --system 0",
             "--bus mcast:0 --mavlink udpin:1 --node-id 128",
             "--bus mcast:0 --mavlink udpin:1 --for 10",
+            "--bus mcast:0 --mavlink udpin:1 --for -1s",
+            "--bus mcast:0 --mavlink udpin:1 --info-interval 500ms",
+            "--bus mcast:0 --mavlink udpin:1 --read-only --autosave",
         ] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
         assert!(parse("--bus mcast:0 --names").is_ok());
+        let args = parse("--bus mcast:0 --mavlink udpin:1 --for 1h --info-interval 2m").unwrap();
+        assert_eq!((args.run_for, args.info_interval), (Some(Duration::from_secs(3600)), Duration::from_secs(120)));
     }
 }

@@ -79,7 +79,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         component: args.component,
         node,
         unique_id: unique_id(args.component),
-        info_interval: Duration::from_secs(args.info_interval),
+        info_interval: args.info_interval,
         autosave: args.autosave.then_some(AUTOSAVE_AFTER),
         rights: Rights { change: !args.read_only, can: args.allow_can },
         hidden: args.hide.iter().copied().filter_map(NodeId::new).collect(),

@@ -521,6 +521,9 @@ def test_it_listens_where_it_was_told_to_and_on_loopback(bench, bridge):
         ("mcast:0", "pigeon:{port}", 2, "udpout:127.0.0.1:14550"),
         ("mcast:0", "udpin:192.0.2.1:{port}", 4, "ip address"),
         ("mcast:0", "serial:/no/such/port", 4, "is the radio plugged in"),
+        ("slcan:/dev/null", "udpin:{port}", 3, "is no serial port"),
+        ("mcast:0", "serial:/dev/null", 4, "is no serial port"),
+        ("mcast:0", "serial:/dev/null:0", 2, "is no baud rate"),
         ("mcast:0", "udpout:no.such.host.invalid:1", 4, "there is no host"),
     ],
 )

@@ -15,6 +15,9 @@ pub enum Spec {
     Serial { path: PathBuf, baud: u32 },
 }
 
+/// Slower lines do not carry one status of a node a second.
+const BAUD_MIN: u32 = 300;
+
 const EXAMPLES: &str =
     "write for example udpout:127.0.0.1:14550, udpin:14550, tcp:HOST:5760, tcpin:5760 or serial:/dev/ttyUSB0:57600";
 
@@ -43,7 +46,10 @@ impl FromStr for Spec {
             "tcpin" => Spec::TcpIn(local()?),
             "serial" => {
                 let (path, baud) = match rest.rsplit_once(':') {
-                    Some((path, baud)) => (path, baud.parse().map_err(|_| format!("\"{baud}\" is no baud rate"))?),
+                    Some((path, baud)) => match baud.parse() {
+                        Ok(rate) if rate >= BAUD_MIN => (path, rate),
+                        _ => return Err(format!("\"{baud}\" is no baud rate: {BAUD_MIN} or more")),
+                    },
                     None => (rest, 57_600),
                 };
                 Spec::Serial { path: path.into(), baud }
@@ -80,8 +86,18 @@ mod tests {
         let serial = |baud| Ok(Spec::Serial { path: "/dev/ttyUSB0".into(), baud });
         assert_eq!("serial:/dev/ttyUSB0".parse(), serial(57_600));
         assert_eq!("serial:/dev/ttyUSB0:115200".parse(), serial(115_200));
-        for wrong in ["", "udpin", "udpin:", "udpout:14550", "udpout::1", "udpout:h:0", "udpin:70000", "x:1", "tcp:h:"]
-        {
+        for wrong in [
+            "",
+            "udpin",
+            "udpin:",
+            "udpout:14550",
+            "udpout::1",
+            "udpout:h:0",
+            "udpin:70000",
+            "x:1",
+            "tcp:h:",
+            "serial:/dev/x:0",
+        ] {
             assert!(wrong.parse::<Spec>().is_err(), "{wrong}");
         }
     }

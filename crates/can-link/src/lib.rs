@@ -129,6 +129,12 @@ impl Bus {
                     ErrorKind::NotFound => {
                         anyhow!("there is no {}; is the adapter plugged in, or sim running?", path.display())
                     }
+                    _ if error.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => {
+                        anyhow!(
+                            "{} is no serial port; those of adapters are /dev/ttyACM0, /dev/ttyUSB0, ..",
+                            path.display()
+                        )
+                    }
                     ErrorKind::PermissionDenied => {
                         anyhow!("no permission for {}; members of the group dialout have it", path.display())
                     }

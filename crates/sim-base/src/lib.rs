@@ -1,9 +1,12 @@
-//! What all models share: simulated time, and numbers that look random and can be repeated.
+//! What all models share: simulated time, durations as they are written, and numbers that look random and can be
+//! repeated.
 
 #![forbid(unsafe_code)]
 
+mod duration;
 mod noise;
 
+pub use duration::parse_seconds;
 pub use noise::Noise;
 
 /// Time, in cycles of a 16 MHz clock since the simulation began. It never goes back, not even when a processor is reset.
