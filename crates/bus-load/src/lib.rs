@@ -16,12 +16,12 @@ mod plan;
 mod published;
 mod stream;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 pub use cost::{Bits, Cost};
 use dronecan_host::types::{DataType, KNOWN, Kind, Layout};
 pub use examples::Example;
 pub use plan::{Plan, Row, Verdict};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 pub use stream::{Channel, Entry, Stream};
 
@@ -47,7 +47,7 @@ Examples:
   sim utilisation --example ardupilot-15-servos --bit-rate 500000
   sim utilisation --message \"ArrayCommand[8]@50\" --message \"4x esc.Status@50\" --message \"13x NodeStatus@1\"
   sim utilisation --bit-rate 500000 --message \"1034@100\" --message \"20100:12@5\"
-  sim utilisation --message \"NodeStatus=2A00000000000000@1\" --message \"3x GetNodeInfo[24]@0.1\"
+  sim utilisation --message \"NodeStatus=2A000000000000@1\" --message \"3x GetNodeInfo[24]@0.1\"
   sim utilisation --file vehicle.txt
   sim utilisation --tables
   sim utilisation --list
@@ -75,11 +75,11 @@ pub struct Args {
     pub example: Option<Example>,
 
     /// Print the tables that Vertiq publishes, and where exact bits differ
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["message", "file", "example", "bit_rate", "list"])]
     pub tables: bool,
 
     /// List the known types with their numbers and longest payloads
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["message", "file", "example", "bit_rate"])]
     pub list: bool,
 }
 
@@ -111,7 +111,11 @@ pub fn run(args: &Args, mut out: impl Write) -> Result<()> {
 }
 
 fn read(path: &Path) -> Result<(Vec<Entry>, Option<u32>)> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let text = std::fs::read_to_string(path).map_err(|error| match error.kind() {
+        // The file is there and is none of a plan: that is the user's mistake, and not the machine's.
+        ErrorKind::InvalidData | ErrorKind::IsADirectory => anyhow!("{} is no text: {error}", path.display()),
+        _ => anyhow!(error).context(format!("cannot read {}", path.display())),
+    })?;
     let (mut entries, mut bit_rate) = (Vec::new(), None);
     for (number, line) in text.lines().enumerate() {
         let line = line.split('#').next().unwrap_or_default().trim();

@@ -67,7 +67,7 @@ impl FromStr for Entry {
     fn from_str(text: &str) -> Result<Entry, String> {
         let (what, rate) = text.rsplit_once('@').ok_or("give a rate, as in \"NodeStatus@1\": transfers per second")?;
         let rate_hz = match rate.trim().parse() {
-            Ok(rate_hz) if (0.0..=RATE_MAX_HZ).contains(&rate_hz) => rate_hz,
+            Ok(rate_hz) if 0.0 < rate_hz && rate_hz <= RATE_MAX_HZ => rate_hz,
             _ => return Err(format!("\"{rate}\" is no rate: use transfers per second, such as 50 or 0.5")),
         };
         let (nodes, what) = nodes(what.trim())?;
@@ -124,8 +124,8 @@ impl Length {
     /// Payload length, and the payload where it is known.
     fn resolve(&self, name: &str, layout: Option<Layout>) -> Result<(usize, Option<Vec<u8>>), String> {
         match (self, layout) {
-            (Length::Bytes(bytes), _) => Ok((*bytes, None)),
-            (Length::Payload(payload), _) => Ok((payload.len(), Some(payload.clone()))),
+            (Length::Bytes(bytes), layout) => Ok((possible(name, layout, *bytes)?, None)),
+            (Length::Payload(payload), layout) => Ok((possible(name, layout, payload.len())?, Some(payload.clone()))),
             (_, None) => Err(format!("type {name} is not known here: give its length, as in {name}:12@5")),
             (Length::Longest, Some(layout)) => Ok((layout.bytes(layout.elements_max), None)),
             (Length::Elements(_), Some(Layout { elements_max: 0, .. })) => {
@@ -138,6 +138,16 @@ impl Length {
                 Err(format!("{name} holds at most {} elements, not {count}", layout.elements_max))
             }
         }
+    }
+}
+
+/// The length, if a type of this layout can have it.
+fn possible(name: &str, layout: Option<Layout>, bytes: usize) -> Result<usize, String> {
+    let Some(layout) = layout else { return Ok(bytes) };
+    match (layout.bytes(0), layout.bytes(layout.elements_max)) {
+        (least, most) if (least..=most).contains(&bytes) => Ok(bytes),
+        (least, most) if least == most => Err(format!("{name} has {most} bytes, not {bytes}")),
+        (least, most) => Err(format!("{name} has {least} to {most} bytes, not {bytes}")),
     }
 }
 
@@ -278,6 +288,11 @@ mod tests {
             ("NodeStatus[1]@1", "no list"),
             ("NodeStatus=123@1", "pairs"),
             ("NodeStatus:513@1", "0 to 512"),
+            ("NodeStatus:8@1", "7 bytes, not 8"),
+            ("NodeStatus=2A00000000000000@1", "7 bytes, not 8"),
+            ("debug.LogMessage:0@1", "not 0"),
+            ("GetNodeInfo:500@1", "not 500"),
+            ("NodeStatus@0", "transfers per second"),
             ("", "give a rate"),
             ("@", "transfers per second"),
         ] {
