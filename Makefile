@@ -118,11 +118,13 @@ bootloader: boot
 	@scripts/setup flash
 	@scripts/bootloader $(WIRING) --programmer '$(PROGRAMMER)' --port '$(PORT)' $(if $(STOCK),--stock '$(STOCK)')
 
-# Without FILE= the firmware of the board.
-update: $(if $(FILE),,firmware)
-	@scripts/setup build
+# Without FILE= the firmware of the board, with a preset that can be updated over the bus again.
+update: FEATURES := $(or $(FEATURES),$(shell scripts/firmware --update-preset $(WIRING)))
+update:
 	@test '$(BUS)' || { echo 'Say which bus: make update NODE=120 BUS=slcan:/dev/ttyACM0' >&2; exit 2; }
 	@test '$(NODE)' || { echo 'Say which node: make update NODE=120 BUS=$(BUS), or NODE=all' >&2; exit 2; }
+	$(if $(FILE),,@$(MAKE) --no-print-directory firmware FEATURES='$(FEATURES)')
+	@scripts/setup build
 	@test -e $(PROGRAMS)/node-update || echo "Compiling the program: a minute on two cores the first time"
 	@cargo build --quiet --release -p node-update
 	@$(PROGRAMS)/node-update $(if $(FILE),'$(FILE)',$(ELF:.elf=.bin)) --bus '$(BUS)' --node '$(NODE)' $(ARGS)
