@@ -23,7 +23,7 @@ def firmware(*arguments):
 def test_a_wrong_name_is_answered_with_the_right_ones(wrong):
     done = firmware("default", wrong)
     assert done.returncode == 1 and done.stdout == "" and done.stderr.count("\n") == 1, done
-    assert "default, full, thesis, none" in done.stderr and "allocation, button" in done.stderr, done
+    assert "default, full, remote, thesis, none" in done.stderr and "allocation, button" in done.stderr, done
 
 
 @pytest.mark.parametrize(

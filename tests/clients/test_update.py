@@ -39,7 +39,9 @@ def update(client, file):
         request.image_file_remote_path.path = file.name
         response = client.ask(request)
         assert response.error == response.ERROR_OK
-        client.spin_until(lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_OPERATIONAL, "program", timeout=60)
+        # The program that is to go may still say OPERATIONAL.
+        for mode in (NodeStatus().MODE_SOFTWARE_UPDATE, NodeStatus().MODE_OPERATIONAL):
+            client.spin_until(lambda mode=mode: client.wait_for(NodeStatus).mode == mode, f"mode {mode}", timeout=60)
 
 
 def test_pydronecan_s_file_server_updates_a_node_whose_loader_waits(empty_board):
