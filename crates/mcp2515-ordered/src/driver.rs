@@ -235,6 +235,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         if step == Step::DOWN {
             self.wait_ms = START_UP_MS;
             self.chip.reset();
+            // What waited is gone. Otherwise the next poll would be due at once, and so on, until the chip answers.
+            self.tx_waiting = 0;
             return None;
         }
         if let Some(mut mode) = self.chip.configuration_mode(step) {
@@ -263,7 +265,6 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             self.step = Step::RUNNING;
             self.rx = RxOrder::new();
             self.room = None;
-            self.tx_waiting = 0;
             self.part = 0;
             return Some(Notice { event: Event::Running, value: canstat });
         }

@@ -71,6 +71,8 @@ struct World {
     corrupted: Option<u8>,
     /// INT has this level, whatever the chip does.
     int_stuck: Option<bool>,
+    /// The SPI reads this.
+    miso_stuck: Option<u8>,
 }
 
 impl World {
@@ -118,7 +120,8 @@ impl SpiBus for Wire {
                 *word ^= 1;
             }
             world.instruction.push(*word);
-            *word = world.chip.borrow_mut().end_byte(*word, end);
+            let miso = world.chip.borrow_mut().end_byte(*word, end);
+            *word = world.miso_stuck.unwrap_or(miso);
         }
         Ok(())
     }
@@ -186,6 +189,7 @@ impl Rig {
             instruction: Vec::new(),
             corrupted: None,
             int_stuck: None,
+            miso_stuck: None,
         };
         let wire = Wire(Rc::new(RefCell::new(world)));
         let configuration = Configuration { timing: BitTiming::new(CRYSTAL_HZ, bit_rate), acceptance, attempts };
@@ -241,7 +245,11 @@ impl Rig {
 
     /// Does a turn of a main loop: receives all frames, then polls if that is due.
     fn turn(&mut self) {
-        while self.driver.has_frame() {
+        // A chip that is gone seems to have frames for ever.
+        for _ in 0..16 {
+            if !self.driver.has_frame() {
+                break;
+            }
             let Some(frame) = self.receive() else { break };
             self.received.push(frame);
         }
@@ -564,6 +572,24 @@ fn a_changed_mode_or_register_is_detected_and_repaired_within_20_ms() {
         rig.run_ms(2);
         assert_eq!(rig.received.len(), 1);
     }
+}
+
+/// A frame waits to be sent, and then the chip answers no more: the SPI reads all ones.
+#[test]
+fn a_chip_that_is_gone_is_tried_ten_times_a_second_whatever_it_had_to_send() {
+    let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
+    rig.peer.borrow_mut().set_listen_only(true);
+    assert!(rig.transmit(&frame(0x1003_F20A, &[1])));
+    rig.run_ms(3);
+    rig.wire.0.borrow_mut().miso_stuck = Some(0xFF);
+    rig.wire.0.borrow_mut().int_stuck = Some(false);
+    rig.violations_expected = true;
+    rig.run_ms(50);
+    rig.notices.clear();
+    rig.run_ms(1000);
+    let events = rig.take_events();
+    assert!(events.iter().all(|event| *event == Event::NotAnswering), "{events:?}");
+    assert!((9..=10).contains(&events.len()), "{} times", events.len());
 }
 
 #[test]
