@@ -166,8 +166,9 @@ test-host:
 	cargo test -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
 		-p bus-load -p can-link -p node-update -p avr-model -p bench -p sim -p rig
 
+TEST_FILES := $(patsubst tests/%.rs,%,$(wildcard tests/*.rs))
 test-firmware:
-	$(ON_BOARD) cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) $(LONG_TESTS)
+	$(ON_BOARD) cargo test -p node -p bridge $(addprefix --test ,$(TEST_FILES)) $(LONG_TESTS)
 
 # The same tests for the boards with an ATmega328P.
 test-uno:
@@ -182,13 +183,15 @@ test-clients:
 
 # What takes long, one after the other; a new one goes to the end of the list.
 LONG := reliability elf-mutants fuzz fuzz-coverage soak
+WITHOUT_THESIS = TEST_FILES='$(filter-out thesis,$(TEST_FILES))'
 test-all: test lint
 	@$(MAKE) --no-print-directory test-library PRESETS=none
 	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
 	@# The tests that take long, on the default board, and all on the boards with the other chip.
 	cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
-	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed LONG_TESTS='-- --include-ignored'
-	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module LONG_TESTS='-- --include-ignored'
+	@# But for the thesis's: its node was an ATmega168.
+	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
+	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory test-boards
 	@$(MAKE) --no-print-directory test-clients CLIENTS=long
 	@# Without the feature that the other packages ask for.

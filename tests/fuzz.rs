@@ -256,8 +256,10 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     let used = bottom - 0x100 + avr.stack_high_water(PAINT, bottom);
     let lost = rig.board().chip().borrow().rx_overflows();
     println!("{sent} frames sent, {lost} lost, {held_back} held back, {used} B of RAM");
-    // Many of them are back to back, and now and then the controller gets other filters.
-    assert!(u64::from(lost) <= sent / 100_000, "{lost} frames lost of {sent}");
+    // Many of them are back to back, and now and then the controller gets other filters. The program with all features takes more time for each
+    // (docs/decisions.md, "One-frame commands on a full bus").
+    let allowed = sent / if rig::has_all_features() { 10_000 } else { 100_000 };
+    assert!(u64::from(lost) <= allowed, "{lost} frames lost of {sent}");
     assert!(u32::from(used) <= Budget::of(rig::board().chip).statics_and_stack, "{used} B");
 }
 
