@@ -3,6 +3,7 @@
 use crate::bus;
 use crate::channel::{self, Integers};
 use crate::message::Versions;
+use crate::tunnel;
 use clap::Parser;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
@@ -24,6 +25,10 @@ Channels (--mavlink), any number of them:
   tcpin:[ADDRESS:]PORT      listens for connections; on loopback unless there is an address
   serial:PATH[:BAUD]        a radio; 57600 baud unless there is another. It is never filled beyond that
 
+A serial port of a node (--tunnel), for any terminal program:
+  42:/tmp/port              its default port, as with ArduPilot's nodes; 42:/tmp/port,port=1 another
+  42:/tmp/port,broadcast=0x55   a module of Vertiq's
+
 Try it without any hardware, in three terminals:
   sim --slcan /tmp/can
   bridge --bus slcan:/tmp/can --mavlink udpout:127.0.0.1:14550
@@ -31,7 +36,7 @@ Try it without any hardware, in three terminals:
 
 Exit codes:
   0  ended by Ctrl-C, SIGTERM or --for          3  the bus cannot be opened
-  1  something else went wrong                  4  a channel cannot be opened
+  1  something else went wrong                  4  a channel or a tunnel cannot be opened
   2  the command line is wrong                  5  --names: no node, or one that does not tell its parameters
 
 docs/bridge.md has the messages, what is dropped first on a full channel, and how to connect which ground station.";
@@ -46,13 +51,19 @@ pub struct Args {
     pub bus: bus::Spec,
 
     /// A MAVLink channel: udpout:HOST:PORT, udpin:PORT, tcp:HOST:PORT, tcpin:PORT or serial:PATH:BAUD (repeatable)
-    #[arg(long, value_name = "CHANNEL", required_unless_present = "names")]
+    #[arg(long, value_name = "CHANNEL", required_unless_present_any = ["names", "tunnel"])]
     pub mavlink: Vec<channel::Spec>,
 
     /// Node that is a component of the system by itself, as an autopilot is: no heartbeat in its name, and nothing that is for that
     /// component is answered. Not needed where the bridge hears that component's heartbeats (repeatable)
     #[arg(long, value_name = "NODE", value_parser = clap::value_parser!(u8).range(1..=127))]
     pub hide: Vec<u8>,
+
+    /// A serial port of a node through the bus: NODE:PTY makes PTY a pseudo-terminal whose bytes go to and come from that node
+    /// (tunnel.Targetted). ",port=N" chooses another than the node's default port, ",lock" keeps the node itself off it;
+    /// ",broadcast=PROTOCOL" takes tunnel.Broadcast (repeatable)
+    #[arg(long, value_name = "NODE:PTY")]
+    pub tunnel: Vec<tunnel::Spec>,
 
     /// Bit rate of the bus, for slcan:
     #[arg(long, value_name = "BIT/S", default_value_t = 1_000_000)]
@@ -103,7 +114,7 @@ pub struct Args {
     #[arg(long, value_name = "ADDRESS")]
     pub peer: Vec<IpAddr>,
 
-    /// Change nothing: no parameter is set, nothing is saved, erased or restarted, and no frame is put on the bus
+    /// Let ground stations change nothing: no parameter is set, nothing is saved, erased or restarted, and no frame is put on the bus
     #[arg(long, conflicts_with = "autosave")]
     pub read_only: bool,
 

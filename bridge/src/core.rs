@@ -19,6 +19,7 @@ use crate::presence::{CONFLICT_REPEATED_AFTER, News};
 use crate::queue::Class;
 use crate::state::{Settings, State};
 use crate::task::{Op, Purpose};
+use crate::tunnel::Tunnels;
 use dronecan_host::{Assembler, CanId, Frame, Id, NodeId, NodeInfo, NodeStatus, Outcome, Transfer, TransferId, types};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -38,6 +39,7 @@ pub struct Bridge {
     commands: Commands,
     forward: Forward,
     early: Early,
+    tunnels: Tunnels,
     assembler: Assembler,
     status_id: TransferId,
     next_beat: Duration,
@@ -50,6 +52,7 @@ pub struct Bridge {
 impl Bridge {
     pub fn new(settings: Settings) -> Bridge {
         Bridge {
+            tunnels: Tunnels::new(settings.node, &settings.tunnels),
             state: State::new(settings),
             commands: Commands::default(),
             forward: Forward::default(),
@@ -70,6 +73,11 @@ impl Bridge {
     /// What there is for the ground stations.
     pub fn take_posts(&mut self) -> Vec<Post> {
         std::mem::take(&mut self.state.posts)
+    }
+
+    /// Adds a line for people.
+    pub fn note(&mut self, line: String) {
+        self.state.log.push(line);
     }
 
     /// Lines for people.
@@ -101,7 +109,9 @@ impl Bridge {
             return self.tell_conflict(now);
         }
         let ours = match id {
-            CanId::Message { type_id, .. } => type_id == types::NODE_STATUS.id,
+            CanId::Message { type_id, source, .. } => {
+                type_id == types::NODE_STATUS.id || self.tunnels.wants(type_id, source)
+            }
             CanId::Service { destination, service_id, .. } => {
                 destination == own && SERVICES.contains(&service_id.into())
             }
@@ -123,6 +133,7 @@ impl Bridge {
 
     fn transfer(&mut self, now: Duration, transfer: &Transfer) {
         match transfer.id {
+            CanId::Message { type_id, .. } if type_id != types::NODE_STATUS.id => self.tunnels.hear(transfer),
             CanId::Message { source, .. } => {
                 if let Some(status) = NodeStatus::decode(&transfer.payload) {
                     self.node_status(now, source, status);
@@ -268,6 +279,7 @@ impl Bridge {
         }
         let mut requests = Vec::new();
         let failed = self.state.calls.poll(now, &mut requests);
+        self.tunnels.poll(now, &mut requests);
         self.state.outgoing.extend(requests.into_iter().map(|frame| (frame, None)));
         for answer in failed {
             self.answer(now, answer);
@@ -279,7 +291,17 @@ impl Bridge {
 
     /// When [`poll`](Bridge::poll) is needed at the latest.
     pub fn deadline(&self) -> Duration {
-        self.state.calls.deadline().map_or(self.next_beat, |deadline| deadline.min(self.next_beat))
+        let deadlines = [self.state.calls.deadline(), self.tunnels.deadline()];
+        deadlines.into_iter().flatten().fold(self.next_beat, Duration::min)
+    }
+
+    /// The serial ports through the bus.
+    pub fn tunnels(&self) -> &Tunnels {
+        &self.tunnels
+    }
+
+    pub fn tunnels_mut(&mut self) -> &mut Tunnels {
+        &mut self.tunnels
     }
 
     /// Fetches all nodes' parameters, for the table that is printed.

@@ -26,10 +26,12 @@ pub mod number;
 mod parameters;
 pub mod post;
 mod presence;
+mod pty;
 pub mod queue;
 pub mod run;
 mod screen;
 pub mod state;
 pub mod task;
+pub mod tunnel;
 
 use can_link as bus;

@@ -5,6 +5,7 @@ use crate::bus::Bus;
 use crate::channel::{Channel, Options};
 use crate::core::Bridge;
 use crate::post::PeerId;
+use crate::pty::Pty;
 use crate::screen::Screen;
 use crate::state::{Rights, Settings};
 use anyhow::{Context, Error, Result, anyhow};
@@ -53,6 +54,7 @@ pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
         ended,
         bus: Bus::new(args.bus.clone(), args.bitrate, args.mcast_interface),
         channels: Vec::new(),
+        ptys: Vec::new(),
         bridge: Bridge::new(settings),
         ids: 0,
     };
@@ -82,6 +84,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         info_interval: args.info_interval,
         autosave: args.autosave.then_some(AUTOSAVE_AFTER),
         rights: Rights { change: !args.read_only, can: args.allow_can },
+        tunnels: args.tunnel.clone(),
         hidden: args.hide.iter().copied().filter_map(NodeId::new).collect(),
         epoch_us: epoch.as_micros() as u64,
     };
@@ -134,6 +137,8 @@ pub struct Joined {
     ended: Arc<AtomicBool>,
     pub bus: Bus,
     pub channels: Vec<Channel>,
+    /// The near ends of the tunnels.
+    pub ptys: Vec<Pty>,
     pub bridge: Bridge,
     ids: PeerId,
 }
@@ -149,6 +154,11 @@ impl Joined {
     }
 
     fn open(&mut self, args: &Args, options: &Options) -> Result<(), (Failure, Error)> {
+        for spec in &args.tunnel {
+            let named = |error: Error| (Failure::Channel, error.context(format!("--tunnel {}", spec.path.display())));
+            self.ptys.push(Pty::open(&spec.path).map_err(named)?);
+            self.bridge.note(format!("{} is the serial port of node {}", spec.path.display(), spec.node));
+        }
         for (number, spec) in args.mavlink.iter().enumerate() {
             let now = self.now();
             let channel = Channel::open(spec.clone(), number, options.clone(), &mut self.ids, now, args.wait);
@@ -200,8 +210,18 @@ impl Joined {
         for channel in &mut self.channels {
             channel.serve(now, &mut self.bridge, &mut self.ids);
         }
+        for (at, pty) in self.ptys.iter_mut().enumerate() {
+            if self.bus.is_up() && self.bridge.tunnels().has_room(at) {
+                let bytes = pty.read();
+                self.bridge.tunnels_mut().write(at, pty.baud_rate(), &bytes);
+            }
+        }
         self.bridge.poll(now);
         self.deliver(now);
+        for (at, bytes) in self.bridge.tunnels_mut().take_received() {
+            self.ptys[at].write(&bytes);
+        }
+        self.ptys.iter_mut().for_each(Pty::flush);
         for channel in &mut self.channels {
             channel.flush(now);
         }
@@ -225,6 +245,10 @@ impl Joined {
         // Rounded up, for a poll that returns early finds nothing to do.
         let wait = until.saturating_sub(now) + Duration::from_micros(50);
         let fds = self.channels.iter().flat_map(Channel::poll_fds).chain(self.bus.poll_fd());
+        // What cannot be sent is left in the pseudo-terminal, and not waited for.
+        let takes = |at: usize| self.bus.is_up() && self.bridge.tunnels().has_room(at);
+        let ptys = self.ptys.iter().enumerate().filter(|(at, _)| takes(*at));
+        let fds = fds.chain(ptys.map(|(_, pty)| pty.poll_fd()));
         let flags = |write| if write { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
         let mut fds: Vec<PollFd<'_>> = fds.map(|(fd, write)| PollFd::from_borrowed_fd(fd, flags(write))).collect();
         let timeout = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: wait.subsec_nanos().into() };

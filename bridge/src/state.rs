@@ -6,6 +6,7 @@ use crate::node::Node;
 use crate::post::{PeerId, Post, To};
 use crate::queue::Class;
 use crate::task::Purpose;
+use crate::tunnel;
 use dronecan_host::{Frame, NodeId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -25,6 +26,7 @@ pub struct Settings {
     /// Save a node's parameters by itself, that long after the last was set.
     pub autosave: Option<Duration>,
     pub rights: Rights,
+    pub tunnels: Vec<tunnel::Spec>,
     /// Nodes that are components of the system by themselves, as an autopilot is.
     pub hidden: BTreeSet<NodeId>,
     /// Unix time at time 0, in microseconds.

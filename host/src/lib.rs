@@ -26,6 +26,7 @@ pub mod slcan;
 pub mod status;
 pub mod text;
 pub mod transfer;
+pub mod tunnel;
 pub mod types;
 
 #[cfg(test)]
@@ -39,4 +40,5 @@ pub use management::{NodeInfo, Opcode, ParameterRequest, ParameterResponse, REST
 pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Message, Temperature};
 pub use status::{Health, Mode, NodeStatus};
 pub use transfer::{Assembler, Outcome, Transfer, TransferId, split};
+pub use tunnel::{TunnelBroadcast, TunnelTargetted};
 pub use types::{DataType, Kind};

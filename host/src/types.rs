@@ -90,6 +90,8 @@ pub const GET_TRANSPORT_STATS: DataType =
     service(4, "GetTransportStats", 0xBE6F_76A7_EC31_2B04, fixed(0), list(144, 144, 3));
 pub const RESTART_NODE: DataType = service(5, "RestartNode", 0x569E_0539_4A30_17F0, fixed(40), fixed(1));
 pub const EXECUTE_OPCODE: DataType = service(10, "param.ExecuteOpcode", 0x3B13_1AC5_EB69_D2CD, fixed(56), fixed(49));
+pub const TUNNEL_BROADCAST: DataType = message(2010, "tunnel.Broadcast", 0x5AA2_D4D9_CF4B_1E85, list(16, 8, 60));
+pub const TUNNEL_TARGETTED: DataType = message(3001, "tunnel.Targetted", 0xB138_E7EA_72A2_A2E9, list(48, 8, 120));
 pub const GET_SET: DataType = service(11, "param.GetSet", 0xA7B6_22F9_39D1_A4D5, list(80, 8, 92), list(288, 8, 92));
 pub const BEGIN_FIRMWARE_UPDATE: DataType =
     service(40, "BeginFirmwareUpdate", 0xB7D7_25DF_7272_4126, list(8, 8, 200), list(8, 8, 127));
@@ -148,8 +150,8 @@ pub const KNOWN: &[DataType] = &[
     message(1092, "power.BatteryInfo", 0x249C_2654_8A71_1966, list(184, 8, 31)),
     message(1129, "ice.FuelTankStatus", 0x286B_4A38_7BA8_4BC4, fixed(104)),
     message(1140, "rc.RCInput", 0x7715_55E5_96AA_B4CF, list(28, 12, 32)),
-    message(2010, "tunnel.Broadcast", 0x5AA2_D4D9_CF4B_1E85, list(16, 8, 60)),
-    message(3001, "tunnel.Targetted", 0xB138_E7EA_72A2_A2E9, list(48, 8, 120)),
+    TUNNEL_BROADCAST,
+    TUNNEL_TARGETTED,
     message(16383, "debug.LogMessage", 0xD654_A48E_0C04_9D75, list(8, 8, 90)),
     message(20002, "gnss.Heading", 0x315C_AE39_ECED_3412, fixed(34)),
     message(20003, "gnss.Status", 0xBA3C_B4AB_BB00_7F69, fixed(56)),

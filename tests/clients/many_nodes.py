@@ -47,6 +47,10 @@ class Node:
     def status(self):
         return uavcan.protocol.NodeStatus(uptime_sec=int(time.monotonic() - self.started))
 
+    def hear(self, message, source):
+        """What it broadcasts when it hears a message."""
+        return []
+
     def respond(self, request):
         kind = dronecan.get_dronecan_data_type(request)
         self.requests[kind.full_name] += 1
@@ -158,10 +162,15 @@ class ManyNodes(threading.Thread):
 
     def hear(self, frame, now):
         frames = self.transfers.receive_frame(frame)
-        if not frames or not frame.message_id & 0x80:
+        if not frames:
             return
         request = Transfer()
         request.from_frames(frames)
+        if not request.service_not_message:
+            for node in self.nodes.values():
+                for message in node.hear(request.payload, request.source_node_id):
+                    self.ordinary.extend(self.frames_of(node, message))
+            return
         node = self.nodes.get(request.dest_node_id)
         if node is None or node.is_silent:
             return

@@ -38,6 +38,7 @@ impl Rig {
             info_interval: Duration::from_secs(10),
             autosave: Some(Duration::from_secs(2)),
             rights: Rights { change: true, can: true },
+            tunnels: vec!["120:/x".parse().expect("a tunnel"), "121:/y,broadcast=0x55".parse().expect("a tunnel")],
             hidden: BTreeSet::new(),
             epoch_us: 0,
         };

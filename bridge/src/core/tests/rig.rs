@@ -140,6 +140,7 @@ impl Rig {
             info_interval: Duration::from_secs(60),
             autosave: None,
             rights: Rights { change: true, can: true },
+            tunnels: Vec::new(),
             hidden: BTreeSet::new(),
             epoch_us: 1_000_000_000,
         };
