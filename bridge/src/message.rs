@@ -99,8 +99,16 @@ impl From<MavMessage> for Content {
 
 /// A STATUSTEXT; longer ones are cut at 50 bytes.
 pub fn text(words: &str) -> MavMessage {
-    let text = chars(words.as_bytes());
-    MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity: MavSeverity::MAV_SEVERITY_NOTICE, text, id: 0, chunk_seq: 0 })
+    status_text(MavSeverity::MAV_SEVERITY_NOTICE, words)
+}
+
+/// A STATUSTEXT about what has to be put right.
+pub fn warning(words: &str) -> MavMessage {
+    status_text(MavSeverity::MAV_SEVERITY_WARNING, words)
+}
+
+fn status_text(severity: MavSeverity, words: &str) -> MavMessage {
+    MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: chars(words.as_bytes()), id: 0, chunk_seq: 0 })
 }
 
 /// Bytes as a text field, cut to fit.

@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
     };
     line.open(args, &options)?;
     let mut screen = Screen::open(args).map_err(|error| (Failure::Other, error))?;
-    let result = if args.names { line.print_names() } else { line.serve(args, &mut screen).map_err(other) };
+    let result = if args.names { line.print_names(args) } else { line.serve(args, &mut screen).map_err(other) };
     screen.close();
     line.bus.close();
     result
@@ -267,7 +267,7 @@ impl Joined {
     }
 
     /// The table of names.
-    fn print_names(&mut self) -> Result<(), (Failure, Error)> {
+    fn print_names(&mut self, args: &Args) -> Result<(), (Failure, Error)> {
         let failed = |text: &str| (Failure::Names, anyhow!("{text}"));
         let shown = self.now() + NODES_SHOW_WITHIN;
         while self.now() < shown && !self.is_ended() {
@@ -285,7 +285,7 @@ impl Joined {
         }
         println!("{:>4}  {:<16}  {:<6}  {:<20}  name", "node", "in MAVLink", "type", "value");
         let mut all = true;
-        for (id, node) in nodes {
+        for (id, node) in nodes.iter().filter(|(id, _)| !args.hide.contains(&id.get())) {
             let Some(table) = &node.table else {
                 eprintln!("bridge: node {id} does not tell its parameters");
                 all = false;

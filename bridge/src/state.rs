@@ -1,7 +1,7 @@
 //! What the bridge knows, and what it has to send. The parts of the bridge work on this; [`crate::core`] holds it.
 
 use crate::calls::Calls;
-use crate::message::{Content, Out, text};
+use crate::message::{Content, Out, warning};
 use crate::node::Node;
 use crate::post::{PeerId, Post, To};
 use crate::queue::Class;
@@ -89,7 +89,7 @@ impl State {
         self.log.push(words.to_owned());
         let mut chars = words.chars();
         let sentence: String = chars.next().into_iter().flat_map(char::to_uppercase).chain(chars).collect();
-        self.post(To::All, Class::Text, self.settings.component, Content::from(text(&sentence)));
+        self.post(To::All, Class::Text, self.settings.component, Content::from(warning(&sentence)));
     }
 
     /// Unix time in microseconds, for the messages that carry it.

@@ -122,9 +122,10 @@ class ManyNodes(threading.Thread):
                 for node in list(self.nodes.values()):
                     if not node.is_silent:
                         self.urgent.extend(self.frames_of(node, node.status()))
-            for due in [entry for entry in self.later if entry[0] <= now]:
-                self.later.remove(due)
-                self.ordinary.extend(self.answer(*due[1:]))
+            due = [entry for entry in self.later if entry[0] <= now]
+            self.later = [entry for entry in self.later if entry[0] > now]
+            for _, node, request in due:
+                self.ordinary.extend(self.answer(node, request))
             out = b""
             while credit >= 1 and (waiting := self.urgent or self.ordinary):
                 credit -= 1

@@ -59,6 +59,14 @@ def test_a_node_that_works_on_one_request_after_the_other_for_800_ms_shows_its_p
     print(f"5 parameters of 800 ms each, one after the other: {fetch_all(ground, [42], 5, 25):.1f} s")
 
 
+def test_a_full_bus_of_126_nodes_tells_all_its_parameters(many_nodes, bridge, station):
+    used = many_nodes(count=125, parameters=4)
+    bridge(used.bus)
+    ground = station()
+    wait_for_infos(ground, range(1, 126))
+    print(f"125 nodes x 4 parameters: {fetch_all(ground, range(1, 126), 4, 20):.1f} s")
+
+
 def worst_gaps(times, start, end):
     """The longest time between two messages of each component in `times`, by component."""
     return {

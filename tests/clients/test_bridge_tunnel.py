@@ -9,8 +9,9 @@ import dronecan
 import pytest
 import serial
 from dronecan import uavcan
+from dronecan.utility import DroneCANSerial
 
-from conftest import wait_until
+from conftest import Client, free_port, wait_until
 from ground import BRIDGE
 from many_nodes import Node
 
@@ -157,3 +158,25 @@ def test_the_path_is_taken_and_left_with_care(many_nodes, bridge, tmp_path):
     assert termios.tcgetattr(os.open(tmp_path / "port", os.O_RDWR | os.O_NOCTTY))[3] & termios.ECHO == 0
     assert started.end() == 0
     assert not os.path.lexists(tmp_path / "port")
+
+
+def test_the_gui_tools_own_serial_port_works_through_the_bridge(many_nodes, bridge):
+    """Its panel "Serial Forwarding" stands on pydronecan's DroneCANSerial; `mavcan:` is how it reaches a bus through MAVLink."""
+    node = ArduPilotNode(42, {})
+    port = free_port()
+    bridge(many_nodes([node]).bus, "--allow-can", channels=[f"udpout:127.0.0.1:{port}"])
+    client = Client(f"mavcan:udpin:127.0.0.1:{port}", 127)
+    client.spin_until(lambda: client.wait_for(uavcan.protocol.NodeStatus, source=42), "status of node 42")
+    line = DroneCANSerial(None, 42, -1, node=client.node, baudrate=115200)
+    line.write(b"hello from the tool")
+    told = bytearray()
+
+    def answer():
+        client.spin(0.02)
+        told.extend(line.read(100))
+        return told == b"HELLO FROM THE TOOL"
+
+    wait_until(answer, "answer of the device")
+    assert node.asked_by == 127
+    line.close()
+    client.close()
