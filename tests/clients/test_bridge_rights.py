@@ -115,7 +115,7 @@ def test_strangers_do_not_take_the_place_of_a_quiet_station(node, bridge):
 
 def test_with_a_key_strangers_take_no_place(node, bridge, station, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
-    bridge(node.bus, "--signing-key", tmp_path / "key")
+    bridge(node.bus, "--signing-key", tmp_path / "key").wait_for_text(f"node {NODE} is org.")
     strangers = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
     ground = station()
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=1)

@@ -178,5 +178,6 @@ def test_the_gui_tools_own_serial_port_works_through_the_bridge(many_nodes, brid
 
     wait_until(answer, "answer of the device")
     assert node.asked_by == 127
-    line.close()
+    # It closes itself, and only once.
+    del line
     client.close()
