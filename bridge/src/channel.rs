@@ -310,9 +310,14 @@ impl Channel {
     }
 
     fn take_messages(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, messages: Vec<Received>) {
+        let stations = self.peers.values().filter(|peer| peer.is_trusted).count();
         let Some(peer) = self.peers.get_mut(&id) else { return };
         for message in messages {
             match message {
+                Ok(_) if !peer.is_trusted && stations >= PEERS_MAX => {
+                    self.refused += 1;
+                    return self.lose(now, bridge, id, "no place for another station");
+                }
                 Ok((version, message)) => {
                     if !std::mem::replace(&mut peer.is_trusted, true) {
                         bridge.joined(now, id);

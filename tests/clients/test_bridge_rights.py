@@ -135,6 +135,13 @@ def test_a_connection_that_does_not_sign_hears_nothing_and_is_closed(node, bridg
     assert stranger.recv(2048) == b""
     assert time.monotonic() > before + 5
     stranger.close()
+    # However many there are, they take no place.
+    strangers = [socket.create_connection(("127.0.0.1", port)) for _ in range(2 * PLACES)]
+    ground = station(f"tcp:127.0.0.1:{port}", retries=20)
+    ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=1)
+    ground.wait_for("UAVCAN_NODE_INFO", NODE)
+    for link in strangers:
+        link.close()
 
 
 def test_only_the_addresses_that_are_named_may_speak(node, bridge):

@@ -92,17 +92,30 @@ impl Channel {
                 self.refused += 1;
                 continue;
             }
-            if self.peers.len() >= PEERS_MAX || stream.set_nonblocking(true).is_err() {
+            let is_trusted = self.signing.is_none();
+            if is_trusted && self.peers.len() >= PEERS_MAX || stream.set_nonblocking(true).is_err() {
                 self.refuse(now, from);
                 continue;
             }
+            if !is_trusted {
+                self.make_room_for_untrusted(bridge);
+            }
             self.log.push(format!("{}: {from} has connected", self.spec));
             let id = self.add_stream(ids, now, from.to_string(), stream);
-            if self.signing.is_none() {
+            if is_trusted {
                 bridge.joined(now, id);
             } else if let Some(peer) = self.peers.get_mut(&id) {
                 peer.is_trusted = false;
             }
+        }
+    }
+
+    /// Connections that have not shown the key take no place of a station. The oldest of them makes room for the newest.
+    fn make_room_for_untrusted(&mut self, bridge: &mut Bridge) {
+        let untrusted: Vec<PeerId> =
+            self.peers.iter().filter(|(_, peer)| !peer.is_trusted).map(|(id, _)| *id).collect();
+        if untrusted.len() >= PEERS_MAX {
+            self.remove(bridge, untrusted[0], "it has not signed");
         }
     }
 
