@@ -20,9 +20,9 @@ WIRING := --board '$(BOARD)' --shield '$(SHIELD)' --cs '$(CS)' --int '$(INT)' --
 FEATURES ?=
 ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)')
 GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)')
-# Presets with which the node's library is tested, and builds that the tests on simulated boards use. "none" is the same program as "default" on
+# Presets with which the node's library is tested (and the feature that is in none of them), and builds that the tests on simulated boards use. "none" is the same program as "default" on
 # this chip, so "make test" links it, and only "make test-all" tests it once more.
-PRESETS := default full remote thesis
+PRESETS := default full remote thesis tunnel
 SHIPPED := default remote thesis none
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
@@ -135,7 +135,7 @@ firmwares:
 	@scripts/boot $(UNO)
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware --gdb
-	@scripts/firmware $(UNO) full default
+	@scripts/firmware $(UNO) full default tunnel
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
 

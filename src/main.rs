@@ -122,8 +122,10 @@ fn main() -> ! {
             Turn::PrepareFrame | Turn::Monitor if monitor::IS_THERE => {
                 if board.serial.receive() == Some(b'?') {
                     node.report(monitor);
-                } else if board.serial.can_send() {
-                    board.serial.send(monitor.next_byte(Image));
+                } else if board.serial.can_send() && node.takes_character() {
+                    let character = monitor.next_byte(Image);
+                    board.serial.send(character);
+                    node.take_character(character);
                 }
             }
             Turn::PrepareFrame | Turn::Monitor => {}

@@ -64,6 +64,8 @@ pub fn elf() -> PathBuf {
     let name = program.file_stem().unwrap_or_default().to_string_lossy();
     let elf = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
         "thesis" => firmware("thesis"),
+        // It is in no preset.
+        "tunnel" => firmware_for("uno", "seeed", "tunnel"),
         // The ATmega168 has no room for them.
         "allocation" | "lights" | "safety" | "saving" | "stats" if !has_all_features() => {
             firmware_for("uno", "seeed", "full")

@@ -92,6 +92,9 @@ lines! {
     /// Received a LightsCommand.
     #[cfg(feature = "lights")]
     Light = "rx LightsCommand from %s tid %t: light %c",
+    /// Received a tunnel.Targetted.
+    #[cfg(feature = "tunnel")]
+    Targetted = "rx Targetted from %s tid %t",
     /// Received an ArmingStatus.
     #[cfg(feature = "standard")]
     Arming = "rx ArmingStatus from %s tid %t: %c",

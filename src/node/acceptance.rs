@@ -272,6 +272,8 @@ mod tests {
         20_000,
         #[cfg(feature = "lights")]
         1081,
+        #[cfg(feature = "tunnel")]
+        3001,
     ];
 
     /// SIDH, SIDL, EID8 and EID0 of an identifier, as a number.
@@ -315,11 +317,15 @@ mod tests {
         }
     }
 
-    /// Of up to four types the mask of RXB1 compares all bits; of five, 0x55, 0x57, 0x4C, 0x20 and 0x39 in their low bytes, all of these but bit 1.
-    /// RXB0 also takes messages with the low byte of ArrayCommand.
+    /// Of up to four types the mask of RXB1 compares all bits; of five, 0x55, 0x57, 0x4C, 0x20 and 0x39 in their low bytes, all of these but bit 1;
+    /// of six, with 0xB9, all but bits 1 and 7. RXB0 also takes messages with the low byte of ArrayCommand.
     #[test]
     fn only_messages_in_use_and_those_with_their_low_bytes_pass() {
-        let mask = if SINGLE_TYPES.len() <= SLOTS { 0xFFFF } else { 0x00FD };
+        let mask = match SINGLE_TYPES.len() {
+            0..=SLOTS => 0xFFFF,
+            5 => 0x00FD,
+            _ => 0x007D,
+        };
         for data_type in 0..=u16::MAX {
             let id = u32::from_be_bytes(Id::message(16, data_type, 10).to_bytes());
             let expected = if data_type & 0xFF == 1010 & 0xFF {
@@ -340,6 +346,8 @@ mod tests {
             [_, _, 1100] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x0009_5500], 0x07E3_FF80),
             [_, _, 1100, 20_000] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x026A_2000], 0x07E3_FF80),
             [_, _, 1100, 1081] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x0028_3900], 0x07E3_FF80),
+            [_, _, 1100, 3001] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x004B_B900], 0x07E3_FF80),
+            [_, _, 1100, 20_000, 1081, 3001] => ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_7D80),
             [_, _, 1100, 20_000, 1081] => ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_FD80),
             other => panic!("{other:?}"),
         };

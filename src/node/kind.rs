@@ -95,6 +95,9 @@ received! {
     /// uavcan.equipment.indication.LightsCommand
     #[cfg(feature = "lights")]
     LightsCommand = message types::LIGHTS_COMMAND, long;
+    /// uavcan.tunnel.Targetted
+    #[cfg(feature = "tunnel")]
+    Targetted = message types::TUNNEL_TARGETTED, short;
     /// uavcan.protocol.dynamic_node_id.Allocation
     #[cfg(feature = "allocation")]
     Allocation = message types::ALLOCATION, long;

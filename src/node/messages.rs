@@ -153,6 +153,8 @@ impl Node {
                 self.outgoing.put16(u16::from_le_bytes(*b"bt"));
                 self.outgoing.put8(b'n');
             }
+            #[cfg(feature = "tunnel")]
+            Publication::Targetted => self.tunnel.take(now_ms, |byte| self.outgoing.put8(byte)),
             #[cfg(feature = "allocation")]
             Publication::Allocation => {
                 self.allocation.ask(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));

@@ -43,6 +43,8 @@ pub mod servo;
 pub mod store;
 pub mod temperature;
 pub mod thermometer;
+#[cfg(feature = "tunnel")]
+pub mod tunnel;
 #[cfg(feature = "update")]
 pub mod update;
 pub mod wire;
@@ -77,8 +79,10 @@ use allocation::Allocation;
 use button::Button;
 #[cfg(feature = "lights")]
 use lights::Lights;
-#[cfg(any(feature = "allocation", feature = "button"))]
+#[cfg(any(feature = "allocation", feature = "button", feature = "tunnel"))]
 use publisher::Publication;
+#[cfg(feature = "tunnel")]
+use tunnel::Tunnel;
 #[cfg(feature = "update")]
 use update::Update;
 
@@ -171,6 +175,9 @@ pub struct Node {
     lights: Lights,
     #[cfg(feature = "button")]
     button: Button,
+    /// The serial monitor through the bus.
+    #[cfg(feature = "tunnel")]
+    pub tunnel: Tunnel,
     /// What the node knows of updates over the bus.
     #[cfg(feature = "update")]
     pub update: Update,
@@ -205,6 +212,8 @@ impl Node {
             lights: Lights::new(),
             #[cfg(feature = "button")]
             button: Button::new(),
+            #[cfg(feature = "tunnel")]
+            tunnel: Tunnel::new(),
             #[cfg(feature = "update")]
             update: Update::new(),
         }
@@ -370,6 +379,10 @@ impl Node {
         #[cfg(feature = "allocation")]
         if self.id == 0 && self.allocation.is_due(now_ms) {
             self.publisher.publish(Publication::Allocation);
+        }
+        #[cfg(feature = "tunnel")]
+        if self.tunnel.tick(now_ms) {
+            self.publisher.publish(Publication::Targetted);
         }
         if self.actuator.tick(now_ms, &self.parameters) {
             if self.actuator.hears_nothing() {
@@ -566,6 +579,15 @@ impl Node {
                 self.note.set_code(self.lights.brightness());
                 return Line::Light;
             }
+            #[cfg(feature = "tunnel")]
+            Kind::Targetted if (tunnel::HEADER_LEN..=tunnel::HEADER_LEN + 1).contains(&len) => {
+                let &[_, target, port, _, _, _, character, ..] = transfer.bytes();
+                let is_for_us = self.tunnel.hear([b0, target, port], self.id, source.get(), now_ms);
+                if is_for_us && len > tunnel::HEADER_LEN && character == b'?' {
+                    self.health.report(monitor);
+                }
+                return Line::Targetted;
+            }
             #[cfg(feature = "allocation")]
             Kind::Allocation => {
                 let line = self.hear_allocation(transfer, now_ms);
@@ -650,6 +672,24 @@ impl Node {
         }
         self.change_filters();
         Line::Allocated
+    }
+
+    /// True if the serial monitor may write a character: without somebody who looks through the bus, always.
+    #[inline(always)]
+    pub fn takes_character(&self) -> bool {
+        #[cfg(feature = "tunnel")]
+        return self.tunnel.has_room();
+        #[cfg(not(feature = "tunnel"))]
+        true
+    }
+
+    /// Takes a character of the serial monitor, or 0, for whoever looks through the bus.
+    #[inline(always)]
+    pub fn take_character(&mut self, character: u8) {
+        #[cfg(feature = "tunnel")]
+        self.tunnel.push(character);
+        #[cfg(not(feature = "tunnel"))]
+        let _ = character;
     }
 
     /// Acts on an event of the CAN controller.

@@ -36,8 +36,8 @@ pub enum Form {
     Numbers48,
 }
 
-/// The largest number of kept bytes: a CanStats, or without `stats` an actuator.Status.
-pub const KEPT: usize = if cfg!(feature = "stats") { 25 } else { 8 };
+/// The largest number of kept bytes: a CanStats or a Targetted, or without them an actuator.Status.
+pub const KEPT: usize = if cfg!(any(feature = "stats", feature = "tunnel")) { 25 } else { 8 };
 
 /// An outgoing transfer, frame by frame.
 pub struct Outgoing {

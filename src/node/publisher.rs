@@ -82,6 +82,9 @@ publications! {
     /// uavcan.protocol.debug.KeyValue, with the presses of the button.
     #[cfg(feature = "button")]
     KeyValue = types::KEY_VALUE, short;
+    /// uavcan.tunnel.Targetted, with characters of the serial monitor.
+    #[cfg(feature = "tunnel")]
+    Targetted = types::TUNNEL_TARGETTED, long;
     /// uavcan.protocol.dynamic_node_id.Allocation
     #[cfg(feature = "allocation")]
     Allocation = types::ALLOCATION, short;

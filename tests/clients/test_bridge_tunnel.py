@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 import termios
 import time
 
@@ -11,7 +12,7 @@ import serial
 from dronecan import uavcan
 from dronecan.utility import DroneCANSerial
 
-from conftest import Client, free_port, wait_until
+from conftest import NODE, Client, free_port, node_elf, wait_until
 from ground import BRIDGE
 from many_nodes import Node
 
@@ -181,3 +182,33 @@ def test_the_gui_tools_own_serial_port_works_through_the_bridge(many_nodes, brid
     # It closes itself, and only once.
     del line
     client.close()
+
+
+def test_a_nodes_serial_monitor_is_read_through_the_bus(bench, bridge, port):
+    """A node in a wing, whose USB port nobody reaches."""
+    used = bench(elf=node_elf("tunnel", board="uno"))
+    bridge(used, "--tunnel", f"{NODE}:port", channels=[])
+    line = port()
+    lines = [line.readline() for _ in range(20)]
+    assert any(re.fullmatch(rb"temperature \+2\d\.\d C\r\n", text) for text in lines), lines
+    line.write(b"?")
+    end = time.monotonic() + 5
+    while not (counters := line.readline()).startswith(b"commands followed"):
+        assert time.monotonic() < end, "no counters"
+    assert b"refused" in counters
+
+
+def test_the_gui_tools_own_serial_port_shows_the_nodes_serial_monitor(bench):
+    used = bench(elf=node_elf("tunnel", board="uno"))
+    client = used.dronecan(node_id=127)
+    line = DroneCANSerial(None, NODE, -1, node=client.node, baudrate=115200)
+    line.send_bytes(b"")
+    told = bytearray()
+
+    def answer():
+        client.spin(0.05)
+        told.extend(line.read(100))
+        return re.search(rb"temperature \+2\d\.\d C", told)
+
+    wait_until(answer, "temperature on the serial monitor")
+    del line

@@ -27,6 +27,8 @@ const RECEIVED: &[(Kind, u16)] = &[
     #[cfg(feature = "standard")]
     (Kind::ArmingStatus, 1100),
     (Kind::ServoCommand, 1111),
+    #[cfg(feature = "tunnel")]
+    (Kind::Targetted, 3001),
     #[cfg(feature = "safety")]
     (Kind::SafetyState, 20_000),
 ];
@@ -125,6 +127,8 @@ fn what_the_node_sends_has_the_ids_of_the_dsdl() {
         (Publication::CanStats, 343),
         #[cfg(feature = "button")]
         (Publication::KeyValue, 16370),
+        #[cfg(feature = "tunnel")]
+        (Publication::Targetted, 3001),
         #[cfg(feature = "allocation")]
         (Publication::Allocation, 1),
     ];

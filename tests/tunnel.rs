@@ -1,0 +1,94 @@
+//! The serial monitor through the bus (feature `tunnel`), as ArduPilot's nodes and the DroneCAN GUI Tool have it: tunnel.Targetted.
+
+use bench::F_CPU_HZ;
+use bench::dronecan::{CanId, Transfer, TunnelTargetted};
+use rig::{NODE, Rig};
+
+/// tunnel.Targetted of node 126, priority 16.
+const TARGETTED: u32 = 0x100B_B97E;
+const ASKER: u8 = 126;
+
+/// Asks the node, by a message with these characters and this transfer ID.
+fn ask(rig: &mut Rig, target: u8, characters: &[u8], transfer_id: u8) {
+    let header = [2, target << 1 | 1, 0xF0, 0, 0xC2, 1];
+    let tail = [0xC0 | transfer_id];
+    rig.send(TARGETTED, &[&header, characters, &tail].concat());
+}
+
+/// The Targetted messages of the node.
+fn messages(rig: &Rig) -> impl Iterator<Item = &Transfer> {
+    let transfers = rig.transfers.iter().map(|(_, transfer)| transfer);
+    transfers.filter(|transfer| {
+        matches!(transfer.id, CanId::Message { type_id: 3001, source, .. } if u32::from(source.get()) == NODE)
+    })
+}
+
+/// What the node has sent to whoever asked, as text.
+fn told(rig: &Rig) -> String {
+    let buffers = messages(rig).flat_map(|transfer| {
+        let message = TunnelTargetted::decode(&transfer.payload).expect("a Targetted");
+        assert_eq!((message.target.get(), message.protocol, message.serial_port), (ASKER, 2, 0));
+        message.buffer
+    });
+    buffers.map(char::from).collect()
+}
+
+#[test]
+fn whoever_asks_sees_what_the_serial_monitor_writes() {
+    let mut rig = Rig::running();
+    rig.run_ms(500);
+    assert_eq!(told(&rig), "", "nobody has asked");
+    rig.serial.clear();
+    ask(&mut rig, NODE as u8, b"", 0);
+    rig.run_ms(2500);
+    let told = told(&rig);
+    assert!(told.contains("rx Targetted from 126 tid 0") && told.contains("temperature +20.0 C"), "{told}");
+    // The same as on the serial port, but for what was being written at the beginning and at the end.
+    assert!(rig.serial.contains(told.trim_end_matches(|c| c != '\n')), "{told}\nis not in\n{}", rig.serial);
+}
+
+#[test]
+fn a_question_mark_prints_the_counters() {
+    let mut rig = Rig::running();
+    ask(&mut rig, NODE as u8, b"?", 0);
+    rig.run_ms(500);
+    let told = told(&rig);
+    assert!(told.contains("refused"), "{told}");
+}
+
+#[test]
+fn three_seconds_after_the_last_question_it_ends() {
+    let mut rig = Rig::running();
+    for transfer_id in 0..4 {
+        ask(&mut rig, NODE as u8, b"", transfer_id);
+        rig.run_ms(1000);
+    }
+    rig.run_ms(2500);
+    rig.forget();
+    rig.run_ms(3000);
+    assert_eq!(told(&rig), "");
+}
+
+#[test]
+fn what_is_for_another_node_opens_nothing() {
+    let mut rig = Rig::running();
+    ask(&mut rig, NODE as u8 + 1, b"?", 0);
+    rig.run_ms(1500);
+    assert_eq!(told(&rig), "");
+}
+
+#[test]
+fn commands_are_followed_and_the_bus_is_not_flooded_while_somebody_looks() {
+    let mut rig = Rig::running();
+    ask(&mut rig, NODE as u8, b"", 0);
+    let start = rig.now();
+    for n in 0..200 {
+        rig.send_command(1, 4, if n % 2 == 0 { 1200.0 } else { 1800.0 });
+        rig.run_ms(10);
+    }
+    let count = messages(&rig).count();
+    let seconds = (rig.now() - start) as f64 / F_CPU_HZ as f64;
+    assert!(told(&rig).contains("PWM 1800 us"));
+    assert!((count as f64) < 101.0 * seconds, "{count} transfers in {seconds} s");
+    assert_eq!(rig.settled_pulse_us(), 1800.0);
+}
