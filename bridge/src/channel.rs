@@ -177,9 +177,11 @@ impl Channel {
 
     fn start(&mut self, ids: &mut PeerId, now: Duration) -> Result<()> {
         match self.spec.clone() {
-            Spec::UdpOut(remote) | Spec::TcpOut(remote) => {
-                self.transport = Transport::LookingUp(LookUp::begin(remote));
-            }
+            Spec::UdpOut(remote) | Spec::TcpOut(remote) => match remote.parse() {
+                // Nothing to look up.
+                Ok(address) => self.start_to(ids, now, address)?,
+                Err(_) => self.transport = Transport::LookingUp(LookUp::begin(remote)),
+            },
             Spec::UdpIn(local) => self.start_udp_in(local)?,
             Spec::TcpIn(local) => self.listen(local)?,
             Spec::Serial { path, baud } => self.start_serial(ids, now, &path, baud)?,
