@@ -37,7 +37,7 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge sim-program bridge-program install lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge sim-program bridge-program install lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
@@ -55,6 +55,7 @@ help:
 	@echo "make boot       build the bootloader, which takes new firmware over the bus (docs/update.md)"
 	@echo "make update     send the firmware to a node over the bus  (NODE=120 BUS=slcan:/dev/ttyACM0; NODE=all, FILE=other.bin)"
 	@echo "make bootloader write the bootloader to an Arduino with a programmer  (PROGRAMMER=usbasp; STOCK=file.hex for the way back)"
+	@echo "make dist       firmware and bootloader of every board, with licences and check sums, in target/dist  (ten minutes)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
@@ -128,6 +129,11 @@ update:
 	@test -e $(PROGRAMS)/node-update || echo "Compiling the program: a minute on two cores the first time"
 	@cargo build --quiet --release -p node-update
 	@$(PROGRAMS)/node-update $(if $(FILE),'$(FILE)',$(ELF:.elf=.bin)) --bus '$(BUS)' --node '$(NODE)' $(ARGS)
+
+# Everything for a release, in target/dist: about ten minutes.
+dist: $(TOOLS)/bin/cargo-about
+	@scripts/setup build
+	@scripts/dist $(WIRING)
 
 firmwares:
 	@scripts/setup build
@@ -291,6 +297,11 @@ $(TOOLS)/bin/ravedude:
 	@scripts/setup flash
 	@echo "Installing ravedude"
 	@cargo install --quiet --debug ravedude --version 0.2.2 --locked --root $(TOOLS)
+
+$(TOOLS)/bin/cargo-about: setup
+	@scripts/setup build
+	@echo "Installing cargo-about"
+	@cargo install --quiet --debug cargo-about --version 0.9.3 --locked --features cli --root $(TOOLS)
 
 $(TOOLS)/bin/cargo-mutants: setup
 	@scripts/setup build
