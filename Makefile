@@ -195,6 +195,8 @@ test-all: test lint
 	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
 	@# The tests that take long, on the default board, and all on the boards with the other chip.
 	cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
+	@# The preset without a serial monitor, which most tests read.
+	NODE_ELF=$$(scripts/firmware --path remote) cargo test -p node -p bridge --test load
 	@# But for the thesis's: its node was an ATmega168.
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
