@@ -83,7 +83,8 @@ fn every_bus_off_is_counted_and_told() {
         assert_eq!(last.busoff_errors, bus_offs, "after {lasts_ms} ms of destroyed frames");
         assert_eq!(rig.serial.contains("CAN: bus-off"), bus_offs > before, "{}", rig.serial);
     }
-    assert!(bus_offs > 20, "{bus_offs}");
+    // Some twenty at 1 Mbit/s, and half as many at 500 kbit/s.
+    assert!(bus_offs > 10, "{bus_offs}");
 }
 
 #[test]
