@@ -16,7 +16,7 @@ mod delay;
 mod tests;
 
 use delay::Delay;
-use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId, split};
+use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -303,8 +303,7 @@ impl<P> Calls<P> {
             destination: node,
             source: self.own,
         };
-        let parts = split(&call.payload, transfer_id, call.service.signature.unwrap_or(0));
-        frames.extend(parts.iter().map(|data| Frame::extended(id.build(), data)));
+        frames.extend(dronecan_host::frames(id, &call.payload, transfer_id));
         line.flying.push(call);
         true
     }

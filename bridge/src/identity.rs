@@ -8,7 +8,7 @@ use crate::post::{PeerId, To};
 use crate::queue::Class;
 use crate::state::State;
 use crate::task::Purpose;
-use dronecan_host::{CanId, Frame, NodeId, NodeInfo, NodeStatus, TransferId, split, types};
+use dronecan_host::{CanId, NodeId, NodeInfo, NodeStatus, TransferId, frames, types};
 use mavlink::dialects::common::{MavMessage, UAVCAN_NODE_INFO_DATA};
 use std::time::Duration;
 
@@ -112,8 +112,6 @@ impl State {
             destination: to,
             source: self.settings.node,
         };
-        for data in split(&info.encode(), transfer_id, types::GET_NODE_INFO.signature.unwrap_or(0)) {
-            self.outgoing.push((Frame::extended(id.build(), &data), None));
-        }
+        self.outgoing.extend(frames(id, &info.encode(), transfer_id).into_iter().map(|frame| (frame, None)));
     }
 }

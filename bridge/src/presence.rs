@@ -5,7 +5,7 @@ use crate::node::Node;
 use crate::post::{Post, To};
 use crate::queue::Class;
 use crate::state::State;
-use dronecan_host::{Frame, Health, Mode, NodeId, NodeStatus, TransferId, split, types};
+use dronecan_host::{Health, Mode, NodeId, NodeStatus, TransferId, frames, types};
 use mavlink::dialects::common::{
     HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType, UAVCAN_NODE_STATUS_DATA,
     UavcanNodeHealth, UavcanNodeMode,
@@ -110,10 +110,8 @@ impl State {
     /// The bridge's NodeStatus, and all heartbeats. Due once a second.
     pub(crate) fn beat(&mut self, now: Duration, transfer_id: TransferId) {
         let status = NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() };
-        let id = types::NODE_STATUS.message_id(STATUS_PRIORITY, self.settings.node).build();
-        for data in split(&status.encode(), transfer_id, 0) {
-            self.outgoing.push((Frame::extended(id, &data), None));
-        }
+        let id = types::NODE_STATUS.message_id(STATUS_PRIORITY, self.settings.node);
+        self.outgoing.extend(frames(id, &status.encode(), transfer_id).into_iter().map(|frame| (frame, None)));
         self.post(To::All, Class::Answer, self.settings.component, Content::from(self.heartbeat(None)));
         // Two heartbeats of one component would contradict each other.
         let own = self.settings.component;

@@ -6,9 +6,7 @@
 //! No more leaves than a serial line of that baud rate would carry, for the node has to pass it on through one.
 
 use dronecan_host::tunnel::{BROADCAST_MAX, DEFAULT_PORT, GPS_GENERIC, LOCK_PORT, TARGETTED_MAX};
-use dronecan_host::{
-    CanId, DataType, Frame, NodeId, Transfer, TransferId, TunnelBroadcast, TunnelTargetted, split, types,
-};
+use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId, TunnelBroadcast, TunnelTargetted, types};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -160,9 +158,7 @@ impl Tunnels {
         for tunnel in &mut self.all {
             let Some((data_type, payload)) = tunnel.next(now) else { continue };
             let transfer_id = self.counters.entry(data_type.id).or_default().advance();
-            let id = data_type.message_id(PRIORITY, self.own).build();
-            let parts = split(&payload, transfer_id, data_type.signature.unwrap_or(0));
-            frames.extend(parts.iter().map(|data| Frame::extended(id, data)));
+            frames.extend(dronecan_host::frames(data_type.message_id(PRIORITY, self.own), &payload, transfer_id));
         }
     }
 

@@ -39,6 +39,6 @@ pub use id::{CanId, NodeId};
 pub use management::{NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value};
 pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Message, Temperature};
 pub use status::{Health, Mode, NodeStatus};
-pub use transfer::{Assembler, Outcome, Transfer, TransferId, split};
+pub use transfer::{Assembler, Outcome, Transfer, TransferId, frames, split};
 pub use tunnel::{TunnelBroadcast, TunnelTargetted};
 pub use types::{DataType, Kind};

@@ -7,7 +7,7 @@
 //! Assembly invariants: only a start frame opens or replaces a session; a frame that does not continue its session
 //! closes it. Repeated transfer IDs are not filtered, for this is the view of an observer: what was sent is shown.
 
-use super::{crc, id::CanId, sessions::Sessions, types::DataType};
+use super::{Frame, crc, id::CanId, sessions::Sessions, types::DataType};
 use std::time::Duration;
 
 const START: u8 = 1 << 7;
@@ -92,6 +92,13 @@ pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec
             data
         })
         .collect()
+}
+
+/// The frames that carry `payload` under this identifier, in order. A type that is not in [`types`](super::types) has no signature, so that its payload must
+/// fit in one frame.
+pub fn frames(id: CanId, payload: &[u8], transfer_id: TransferId) -> Vec<Frame> {
+    let signature = DataType::of(id).and_then(|data_type| data_type.signature).unwrap_or(0);
+    split(payload, transfer_id, signature).iter().map(|data| Frame::extended(id.build(), data)).collect()
 }
 
 /// What there is of a transfer in the making.

@@ -5,7 +5,7 @@ use bench::Cycles;
 use bench::can::{Frame, Id};
 use bench::dronecan::{
     CanId, Message, NodeId, NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransferId, Value,
-    split,
+    frames,
 };
 
 /// The parameters of the default preset without the bit rate, in order: name, default, least and greatest value (docs/parameters.md).
@@ -84,8 +84,8 @@ impl Rig {
             destination: NodeId::new(node).expect("a node ID"),
             source: NodeId::new(TOOL).expect("a node ID"),
         };
-        for data in split(&payload, transfer_id, data_type.signature.expect("known")) {
-            self.send(id.build(), &data);
+        for frame in frames(id, &payload, transfer_id) {
+            self.send(id.build(), frame.data());
         }
         transfer_id
     }
@@ -242,9 +242,9 @@ impl Rig {
     /// Broadcasts a message as node 10; all frames at once.
     pub fn broadcast(&mut self, message: &Message, transfer_id: u8) {
         let (data_type, payload) = message.encode().expect("a message");
-        let id = data_type.message_id(16, NodeId::new(10).expect("a node ID")).build();
-        for data in split(&payload, TransferId::new(transfer_id), data_type.signature.unwrap_or(0)) {
-            self.send(id, &data);
+        let id = data_type.message_id(16, NodeId::new(10).expect("a node ID"));
+        for frame in frames(id, &payload, TransferId::new(transfer_id)) {
+            self.send(id.build(), frame.data());
         }
     }
 

@@ -65,6 +65,16 @@ pub enum Nodes {
     One(NodeId),
 }
 
+impl Nodes {
+    /// True for the ID of a node to update.
+    pub fn includes(self, id: u8) -> bool {
+        match self {
+            Nodes::All => true,
+            Nodes::One(one) => one.get() == id,
+        }
+    }
+}
+
 impl std::str::FromStr for Nodes {
     type Err = String;
 

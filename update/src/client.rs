@@ -8,13 +8,12 @@ use std::time::{Duration, Instant};
 use anyhow::{Error, Result, ensure};
 use can_link::Bus;
 use dronecan_host::{
-    Assembler, CanId, DataType, Frame, Id, Kind, Message, NodeId, NodeStatus, Outcome as Assembled, Transfer,
-    TransferId, split,
+    Assembler, CanId, Id, Message, NodeId, NodeStatus, Outcome as Assembled, Transfer, TransferId, frames, types,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::args::Args;
-use crate::session::{Outcome, Send, Session};
+use crate::session::{Action, Outcome, Session};
 
 /// A bus that opens is up after this time.
 const OPENS_WITHIN: Duration = Duration::from_secs(3);
@@ -34,7 +33,9 @@ pub struct Client {
     start: Instant,
     interrupted: Arc<AtomicBool>,
     assembler: Assembler,
-    transfer_ids: HashMap<(u16, Option<NodeId>), TransferId>,
+    /// Transfer IDs of requests, by service and destination.
+    transfer_ids: HashMap<(u16, NodeId), TransferId>,
+    status_transfer_id: TransferId,
     status_at: Duration,
 }
 
@@ -51,6 +52,7 @@ impl Client {
             interrupted,
             assembler: Assembler::new(),
             transfer_ids: HashMap::new(),
+            status_transfer_id: TransferId::default(),
             status_at: Duration::ZERO,
         };
         client.bus.open(client.now())?;
@@ -72,36 +74,29 @@ impl Client {
         self.interrupted.load(Ordering::Relaxed)
     }
 
-    /// Sends a message or a request.
-    pub fn send(&mut self, message: &Message, destination: Option<NodeId>) {
+    /// Sends a request.
+    pub fn request(&mut self, message: &Message, destination: NodeId) {
         if let Some((data_type, payload)) = message.encode() {
             let transfer_id = self.transfer_ids.entry((data_type.id, destination)).or_default().advance();
-            self.transmit(data_type, &payload, destination, true, transfer_id);
+            self.transmit(self.service(data_type.id as u8, true, destination), &payload, transfer_id);
         }
     }
 
-    fn transmit(
-        &mut self,
-        data_type: &DataType,
-        payload: &[u8],
-        destination: Option<NodeId>,
-        request: bool,
-        transfer_id: TransferId,
-    ) {
-        let source = self.id;
-        let id = match (data_type.kind, destination) {
-            (Kind::Service, Some(destination)) => CanId::Service {
-                priority: SERVICE_PRIORITY,
-                service_id: data_type.id as u8,
-                request,
-                destination,
-                source,
-            },
-            _ => CanId::Message { priority: STATUS_PRIORITY, type_id: data_type.id, source },
-        };
+    /// Answers a request.
+    fn answer(&mut self, request: &Transfer, payload: &[u8]) {
+        if let CanId::Service { service_id, source, .. } = request.id {
+            self.transmit(self.service(service_id, false, source), payload, request.transfer_id);
+        }
+    }
+
+    fn service(&self, service_id: u8, request: bool, destination: NodeId) -> CanId {
+        CanId::Service { priority: SERVICE_PRIORITY, service_id, request, destination, source: self.id }
+    }
+
+    fn transmit(&mut self, id: CanId, payload: &[u8], transfer_id: TransferId) {
         let now = self.now();
-        for data in split(payload, transfer_id, data_type.signature.unwrap_or_default()) {
-            self.bus.send(now, Frame::extended(id.build(), &data));
+        for frame in frames(id, payload, transfer_id) {
+            self.bus.send(now, frame);
         }
     }
 
@@ -120,7 +115,8 @@ impl Client {
         if self.bus.is_up() && now >= self.status_at {
             self.status_at = now + STATUS_PERIOD;
             let status = NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() };
-            self.send(&Message::NodeStatus(status), None);
+            let transfer_id = self.status_transfer_id.advance();
+            self.transmit(types::NODE_STATUS.message_id(STATUS_PRIORITY, self.id), &status.encode(), transfer_id);
         }
         let mut transfers = Vec::new();
         for frame in self.bus.serve(now) {
@@ -150,8 +146,8 @@ impl Client {
                 }
             }
             match session.poll(self.now()) {
-                Some(Send::Request(message)) => self.send(&message, Some(session.node)),
-                Some(Send::End(outcome)) => return Ok(Some(outcome)),
+                Some(Action::Request(message)) => self.request(&message, session.node),
+                Some(Action::End(outcome)) => return Ok(Some(outcome)),
                 None => {}
             }
             show(session);
@@ -159,14 +155,7 @@ impl Client {
         Ok(None)
     }
 
-    /// Answers a request.
-    fn answer(&mut self, request: &Transfer, payload: &[u8]) {
-        if let (Some(data_type), Some(source)) = (DataType::of(request.id), request.id.source()) {
-            self.transmit(data_type, payload, Some(source), false, request.transfer_id);
-        }
-    }
-
-    /// Sends what waits, and closes the bus.
+    /// Closes the bus.
     pub fn close(&mut self) {
         self.bus.close();
     }

@@ -35,23 +35,19 @@ pub fn search(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<V
     }
     for _ in 0..ATTEMPTS {
         let asked: Vec<u8> =
-            nodes.iter().filter(|(id, info)| info.is_none() && is_meant(args, **id)).map(|(id, _)| *id).collect();
+            nodes.iter().filter(|(id, info)| info.is_none() && args.node.includes(**id)).map(|(id, _)| *id).collect();
         if asked.is_empty() {
             break;
         }
         for id in asked.into_iter().filter_map(NodeId::new) {
-            client.send(&Message::NodeInfoRequest, Some(id));
+            client.request(&Message::NodeInfoRequest, id);
         }
         let answers_until = client.now() + ANSWERS_WITHIN;
-        while client.now() < answers_until && nodes.iter().any(|(id, info)| info.is_none() && is_meant(args, *id)) {
+        while client.now() < answers_until && nodes.iter().any(|(id, info)| info.is_none() && args.node.includes(*id)) {
             hear(client, &mut nodes, args)?;
         }
     }
     choose(nodes, args.node, file).map_err(|text| Failure::Nodes(Error::msg(text)))
-}
-
-fn is_meant(args: &Args, id: u8) -> bool {
-    args.node == Nodes::All || args.node == NodeId::new(id).map_or(Nodes::All, Nodes::One)
 }
 
 /// Takes what comes for a moment.
@@ -66,7 +62,7 @@ fn hear(client: &mut Client, nodes: &mut BTreeMap<u8, Option<NodeInfo>>, args: &
             return Err(Failure::Usage(Error::msg(text)));
         }
         match (transfer.id, Message::decode(&transfer)) {
-            (_, Message::NodeInfo(info)) if is_meant(args, source.get()) => {
+            (_, Message::NodeInfo(info)) if args.node.includes(source.get()) => {
                 nodes.insert(source.get(), Some(*info));
             }
             (CanId::Message { .. }, Message::NodeStatus(_)) => {

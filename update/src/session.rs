@@ -52,7 +52,7 @@ pub enum Outcome {
 
 /// What to do next.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Send {
+pub enum Action {
     Request(Message),
     End(Outcome),
 }
@@ -124,9 +124,9 @@ impl<'a> Session<'a> {
     }
 
     /// Returns what is due: a request, or the end.
-    pub fn poll(&mut self, now: Duration) -> Option<Send> {
+    pub fn poll(&mut self, now: Duration) -> Option<Action> {
         if let Some(outcome) = self.outcome.take() {
-            return Some(Send::End(outcome));
+            return Some(Action::End(outcome));
         }
         let request = match self.stage {
             Stage::Reading if now > self.heard + SILENCE_LIMIT => {
@@ -147,11 +147,11 @@ impl<'a> Session<'a> {
         }
         self.attempts += 1;
         self.ask_at = now + ANSWERS_WITHIN;
-        Some(Send::Request(request))
+        Some(Action::Request(request))
     }
 
-    fn fail(&self, text: &str) -> Send {
-        Send::End(Outcome::Failed(text.to_owned()))
+    fn fail(&self, text: &str) -> Action {
+        Action::End(Outcome::Failed(text.to_owned()))
     }
 
     fn set_stage(&mut self, stage: Stage, now: Duration) {
@@ -275,7 +275,7 @@ mod tests {
     }
 
     fn begin(session: &mut Session, number: u8, text: &[u8]) {
-        assert!(matches!(session.poll(Duration::ZERO), Some(Send::Request(Message::BeginUpdate(_)))));
+        assert!(matches!(session.poll(Duration::ZERO), Some(Action::Request(Message::BeginUpdate(_)))));
         let response = NumberAndText { number, text: text.to_vec() }.encode();
         assert_eq!(session.take(&service(40, false, response), seconds(0.1)), None);
     }
@@ -283,7 +283,7 @@ mod tests {
     #[track_caller]
     fn failed(session: &mut Session, now: f32, text: &str) {
         match session.poll(seconds(now)) {
-            Some(Send::End(Outcome::Failed(why))) => assert!(why.contains(text), "{why}"),
+            Some(Action::End(Outcome::Failed(why))) => assert!(why.contains(text), "{why}"),
             other => panic!("{other:?}"),
         }
     }
@@ -301,11 +301,11 @@ mod tests {
         session.take(&status(Mode::SoftwareUpdate), seconds(2.5));
         assert_eq!(session.poll(seconds(2.6)), None);
         session.take(&status(Mode::Operational), seconds(3.0));
-        assert_eq!(session.poll(seconds(3.0)), Some(Send::Request(Message::NodeInfoRequest)));
+        assert_eq!(session.poll(seconds(3.0)), Some(Action::Request(Message::NodeInfoRequest)));
         let info: NodeInfo = NodeInfo { software: (1, 3), ..NodeInfo::default() };
         session.take(&service(1, false, info.encode()), seconds(3.5));
         let text = "runs version 1.3, before 1.2; 3.5 s".to_owned();
-        assert_eq!(session.poll(seconds(3.5)), Some(Send::End(Outcome::Updated(text))));
+        assert_eq!(session.poll(seconds(3.5)), Some(Action::End(Outcome::Updated(text))));
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub use profile::Profile;
 use crate::can::{Frame, Id, SoftNode, StationRef};
 use crate::dronecan::{
     ActuatorCommand, Allocation, CanId, CommandUnit, DataType, Dialect, Heard, Message, NodeId, NodeInfo, NodeStatus,
-    Observer, Said, Transfer, TransferId, draft, split, text::hex,
+    Observer, Said, Transfer, TransferId, draft, text::hex,
 };
 use crate::{Cycles, F_CPU_HZ};
 use half::f16;
@@ -571,11 +571,10 @@ fn thesis_position(deflection: f64) -> u8 {
     ((deflection + 1.0) * 127.5).round() as u8
 }
 
-/// The frames of a transfer.
+/// The frames of a message.
 fn frames(id: CanId, transfer_id: TransferId, message: &Message) -> Vec<Frame> {
-    let (data_type, payload) = message.encode().expect("only encodable messages are made");
-    let parts = split(&payload, transfer_id, data_type.signature.unwrap_or(0));
-    parts.iter().map(|data| Frame::extended(id.build(), data)).collect()
+    let (_, payload) = message.encode().expect("only encodable messages are made");
+    dronecan_host::frames(id, &payload, transfer_id)
 }
 
 #[cfg(test)]

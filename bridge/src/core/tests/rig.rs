@@ -4,7 +4,7 @@ pub use super::super::*;
 pub use crate::message::{Command, command};
 pub use crate::number::{Custom, Number};
 pub use crate::state::Rights;
-pub use dronecan_host::{Message, Opcode, ParameterRequest, ParameterResponse, Value, split};
+pub use dronecan_host::{Message, Opcode, ParameterRequest, ParameterResponse, Value, frames};
 pub use mavlink::dialects::common::{CAN_FRAME_DATA, MavMessage, MavParamError, MavResult, UAVCAN_NODE_INFO_DATA};
 pub use std::collections::BTreeSet;
 
@@ -58,8 +58,8 @@ impl Simulated {
 
     pub fn status(&self) -> Frame {
         let status = NodeStatus { uptime_s: self.uptime_s, ..NodeStatus::default() };
-        let id = types::NODE_STATUS.message_id(24, self.id).build();
-        Frame::extended(id, &split(&status.encode(), TransferId::new(self.uptime_s as u8), 0)[0])
+        let id = types::NODE_STATUS.message_id(24, self.id);
+        frames(id, &status.encode(), TransferId::new(self.uptime_s as u8))[0]
     }
 
     fn hear(&mut self, now: Duration, frame: &Frame) -> Vec<Frame> {
@@ -75,10 +75,9 @@ impl Simulated {
         }
         let CanId::Service { priority, service_id, source, .. } = transfer.id else { return Vec::new() };
         let response = self.respond(&transfer);
-        let (data_type, payload) = response.encode().unwrap();
+        let (_, payload) = response.encode().unwrap();
         let id = CanId::Service { priority, service_id, request: false, destination: source, source: self.id };
-        let parts = split(&payload, transfer.transfer_id, data_type.signature.unwrap());
-        parts.iter().map(|data| Frame::extended(id.build(), data)).collect()
+        frames(id, &payload, transfer.transfer_id)
     }
 
     fn respond(&mut self, transfer: &Transfer) -> Message {
