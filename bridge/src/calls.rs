@@ -34,22 +34,27 @@ const QUEUE_LIMIT: usize = 512;
 /// An answer that is later than this after its request is lost for good.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(4);
 
-/// How long to wait for an answer before the first repetition, and when to give up.
+/// The timeouts of a request.
 #[derive(Clone, Copy, Debug)]
-pub struct Patience {
-    pub timeout: Duration,
-    /// After the first try.
+pub struct Timeouts {
+    /// From the first try to the second, while the node's delay is not known.
+    pub repeat_after: Duration,
+    /// From the first try to the failure of the request.
     pub give_up_after: Duration,
 }
 
-impl Patience {
-    pub const fn new(timeout_ms: u64, give_up_after_ms: u64) -> Patience {
-        Patience { timeout: Duration::from_millis(timeout_ms), give_up_after: Duration::from_millis(give_up_after_ms) }
+impl Timeouts {
+    /// In milliseconds.
+    pub const fn from_ms(repeat_after: u64, give_up_after: u64) -> Timeouts {
+        Timeouts {
+            repeat_after: Duration::from_millis(repeat_after),
+            give_up_after: Duration::from_millis(give_up_after),
+        }
     }
 }
 
 /// For ExecuteOpcode. Long: a small node writes all of its memory.
-pub const OPCODE_PATIENCE: Patience = Patience::new(1500, 3000);
+pub const OPCODE_TIMEOUTS: Timeouts = Timeouts::from_ms(1500, 3000);
 
 /// Which requests go first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -71,7 +76,7 @@ struct Try {
 struct Call<P> {
     service: DataType,
     payload: Vec<u8>,
-    patience: Patience,
+    timeouts: Timeouts,
     urgency: Urgency,
     purpose: P,
     tries: Vec<Try>,
@@ -82,7 +87,7 @@ struct Call<P> {
 impl<P> Call<P> {
     /// When the call has failed. `None` before the first try.
     fn gives_up_at(&self) -> Option<Duration> {
-        self.tries.first().map(|first| first.sent + self.patience.give_up_after)
+        self.tries.first().map(|first| first.sent + self.timeouts.give_up_after)
     }
 
     fn has_failed(&self, now: Duration) -> bool {
@@ -196,7 +201,7 @@ impl<P> Calls<P> {
         node: NodeId,
         service: DataType,
         payload: Vec<u8>,
-        patience: Patience,
+        timeouts: Timeouts,
         urgency: Urgency,
         purpose: P,
     ) {
@@ -205,7 +210,7 @@ impl<P> Calls<P> {
             return self.refused.push((node, purpose, None));
         }
         let (tries, deadline) = (Vec::new(), Duration::ZERO);
-        line.push(Call { service, payload, patience, urgency, purpose, tries, deadline });
+        line.push(Call { service, payload, timeouts, urgency, purpose, tries, deadline });
     }
 
     /// A response of a node: whose it is.
@@ -292,7 +297,7 @@ impl<P> Calls<P> {
         let Some(mut call) = line.waiting.pop_front() else { return false };
         let transfer_id = line.transfer_id(call.service.id);
         call.tries.push(Try { transfer_id, sent: now });
-        call.deadline = now + line.delay.timeout(call.patience.timeout, &self.delay);
+        call.deadline = now + line.delay.timeout(call.timeouts.repeat_after, &self.delay);
         if let Some(at) = call.gives_up_at() {
             call.deadline = call.deadline.min(at);
         }

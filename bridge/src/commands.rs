@@ -4,7 +4,7 @@
 //! answered with IN_PROGRESS and not done twice. To component 0, or the bridge itself, all nodes are meant where that does no
 //! harm: they can all be saved at once, but not erased or restarted.
 
-use crate::calls::{OPCODE_PATIENCE, Patience, Urgency};
+use crate::calls::{OPCODE_TIMEOUTS, Timeouts, Urgency};
 use crate::forward::Forward;
 use crate::message::{Command, Content, command, id as message_id, text};
 use crate::node::Node;
@@ -17,7 +17,7 @@ use mavlink::dialects::common::MavResult;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-const RESTART_PATIENCE: Patience = Patience::new(1000, 2000);
+const RESTART_TIMEOUTS: Timeouts = Timeouts::from_ms(1000, 2000);
 /// Under way at once; more are rejected.
 const PENDING_MAX: usize = 64;
 
@@ -214,7 +214,7 @@ impl Commands {
         let Some(ticket) = self.begin(state, asker, component, command, &nodes) else { return };
         for id in nodes {
             let purpose = Purpose::Opcode(ticket);
-            state.calls.request(id, types::EXECUTE_OPCODE, opcode.encode(), OPCODE_PATIENCE, Urgency::Now, purpose);
+            state.calls.request(id, types::EXECUTE_OPCODE, opcode.encode(), OPCODE_TIMEOUTS, Urgency::Now, purpose);
         }
     }
 
@@ -231,7 +231,7 @@ impl Commands {
         };
         let Some(ticket) = self.begin(state, asker, component, command, &[id]) else { return };
         let payload = Message::RestartNode(RESTART_MAGIC).encode().map(|(_, payload)| payload).unwrap_or_default();
-        state.calls.request(id, types::RESTART_NODE, payload, RESTART_PATIENCE, Urgency::Now, Purpose::Restart(ticket));
+        state.calls.request(id, types::RESTART_NODE, payload, RESTART_TIMEOUTS, Urgency::Now, Purpose::Restart(ticket));
     }
 
     /// Notes that nodes have to answer; `None` if too much is under way, which is acknowledged.

@@ -2,7 +2,7 @@
 //!
 //! A node is asked when it appears, comes back or restarts. One that does not answer is asked again, less and less often.
 
-use crate::calls::{Patience, Urgency};
+use crate::calls::{Timeouts, Urgency};
 use crate::message::{Content, chars};
 use crate::post::{PeerId, To};
 use crate::queue::Class;
@@ -12,7 +12,7 @@ use dronecan_host::{CanId, NodeId, NodeInfo, NodeStatus, TransferId, frames, typ
 use mavlink::dialects::common::{MavMessage, UAVCAN_NODE_INFO_DATA};
 use std::time::Duration;
 
-const INFO_PATIENCE: Patience = Patience::new(500, 2500);
+const INFO_TIMEOUTS: Timeouts = Timeouts::from_ms(500, 2500);
 /// A node that does not say who it is will be asked again after this, then twice, four times.. as long.
 const INFO_RETRY: Duration = Duration::from_secs(2);
 const INFO_RETRY_MAX: Duration = Duration::from_secs(60);
@@ -25,7 +25,7 @@ impl State {
             && !node.info.asked
         {
             node.info.asked = true;
-            self.calls.request(id, types::GET_NODE_INFO, Vec::new(), INFO_PATIENCE, Urgency::Background, Purpose::Info);
+            self.calls.request(id, types::GET_NODE_INFO, Vec::new(), INFO_TIMEOUTS, Urgency::Background, Purpose::Info);
         }
     }
 

@@ -7,7 +7,7 @@
 //!
 //! Where something cannot be done, PARAM_ERROR tells the one who asked.
 
-use crate::calls::{OPCODE_PATIENCE, Patience, Urgency};
+use crate::calls::{OPCODE_TIMEOUTS, Timeouts, Urgency};
 use crate::message::{Content, chars, text};
 use crate::node::{Listing, Table};
 use crate::number::{self, Number, Unfit};
@@ -20,7 +20,7 @@ use mavlink::dialects::common::{MavMessage, MavParamError, PARAM_ERROR_DATA};
 use std::time::Duration;
 
 /// The GUI tool gives a node 100 ms; one that has to write its memory first needs more, and some take a second for each.
-const PATIENCE: Patience = Patience::new(300, 4000);
+const PARAMETER_TIMEOUTS: Timeouts = Timeouts::from_ms(300, 4000);
 /// The highest index that a GetSet can name.
 const INDEX_MAX: u16 = (1 << 13) - 1;
 /// Fetched at once.
@@ -73,7 +73,7 @@ impl State {
                 id,
                 types::GET_SET,
                 request.encode(),
-                PATIENCE,
+                PARAMETER_TIMEOUTS,
                 Urgency::Background,
                 Purpose::Item(listing.next),
             );
@@ -205,7 +205,7 @@ impl State {
     fn get_set(&mut self, id: NodeId, at: usize, value: Value, purpose: Purpose) {
         let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
         let request = ParameterRequest { index: 0, value, name: table.entries[at].full.clone() };
-        self.calls.request(id, types::GET_SET, request.encode(), PATIENCE, Urgency::Now, purpose);
+        self.calls.request(id, types::GET_SET, request.encode(), PARAMETER_TIMEOUTS, Urgency::Now, purpose);
     }
 
     /// A GetSet was answered, or was not.
@@ -316,7 +316,7 @@ impl State {
                     *id,
                     types::EXECUTE_OPCODE,
                     payload,
-                    OPCODE_PATIENCE,
+                    OPCODE_TIMEOUTS,
                     Urgency::Now,
                     Purpose::Autosave,
                 );

@@ -9,7 +9,7 @@ const NODE: NodeId = NodeId::new(42).unwrap();
 fn calls(count: u32) -> Calls<u32> {
     let mut calls = Calls::new(OWN);
     for purpose in 0..count {
-        calls.request(NODE, GET_SET, vec![purpose as u8, 0], Patience::new(100, 400), Urgency::Background, purpose);
+        calls.request(NODE, GET_SET, vec![purpose as u8, 0], Timeouts::from_ms(100, 400), Urgency::Background, purpose);
     }
     calls
 }
@@ -124,13 +124,13 @@ fn nodes_share_the_window_of_all_and_have_turns() {
     let node = |id: u8| NodeId::new(id).unwrap();
     for id in 1..=30 {
         for purpose in 0..20 {
-            calls.request(node(id), GET_SET, vec![0, 0], Patience::new(100, 400), Urgency::Background, purpose);
+            calls.request(node(id), GET_SET, vec![0, 0], Timeouts::from_ms(100, 400), Urgency::Background, purpose);
         }
     }
     let frames = sent(&mut calls, 0);
     let destinations: std::collections::BTreeSet<String> =
         frames.iter().map(|frame| format!("{:?}", frame.id)).collect();
     assert_eq!((frames.len(), destinations.len()), (TOTAL_WINDOW_AT_FIRST as usize, TOTAL_WINDOW_AT_FIRST as usize));
-    calls.request(node(1), GET_SET, vec![0, 0], Patience::new(100, 400), Urgency::Now, 99);
+    calls.request(node(1), GET_SET, vec![0, 0], Timeouts::from_ms(100, 400), Urgency::Now, 99);
     assert_eq!(sent(&mut calls, 1).len(), 1, "somebody waits for this one");
 }

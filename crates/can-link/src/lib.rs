@@ -28,7 +28,7 @@ const TAKEN_AT_ONCE: usize = 500;
 /// Between attempts to get a bus back.
 const RETRY: Duration = Duration::from_secs(1);
 /// For each answer of an SLCAN adapter: some never give one, and work all the same.
-const SLCAN_PATIENCE: Duration = Duration::from_millis(500);
+const SLCAN_TIMEOUT: Duration = Duration::from_millis(500);
 /// Of the adapter's serial port; USB adapters and pseudo-terminals do not care.
 const SLCAN_BAUD: u32 = 115_200;
 
@@ -377,7 +377,7 @@ impl Slcan {
 
     fn tell(&mut self, now: Duration, state: State, command: &[u8]) -> io::Result<()> {
         self.state = state;
-        self.deadline = now + SLCAN_PATIENCE;
+        self.deadline = now + SLCAN_TIMEOUT;
         self.out.extend(command);
         self.write().map(|_| ())
     }
