@@ -12,7 +12,7 @@ use bench::board::Board;
 use bench::can::{Frame, Id, SoftNode};
 use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
 use bench::wiring::Wiring;
-use bench::{Bench, chosen_board, eeprom_after_first_start, firmware, node_elf, target_dir};
+use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start, firmware, node_elf};
 
 /// CPU cycles in a millisecond.
 const MS: u64 = 16_000;
@@ -74,13 +74,6 @@ pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
     file.truncate(file.len() - 2);
     file.extend(crc(&file).to_be_bytes());
     file
-}
-
-fn loader() -> PathBuf {
-    let Wiring { board, shield, .. } = board();
-    let path = target_dir().join(format!("firmware/boot-{board}-{shield}.hex"));
-    assert!(path.exists(), "{} is missing: run \"make boot BOARD={board} SHIELD={shield}\"", path.display());
-    path
 }
 
 /// Answers file.Read.
@@ -150,7 +143,8 @@ impl UpdateBench {
 
     /// A board with the loader, these pieces of flash, and this EEPROM, on a bus of that bit rate.
     pub fn with(flash: &[(usize, Vec<u8>)], eeprom: &[u8], bit_rate: u32) -> UpdateBench {
-        let loader = Firmware::read_hex(&loader()).unwrap_or_else(|error| panic!("{error:#}"));
+        let loader =
+            bootloader(&board()).and_then(|hex| Firmware::read_hex(&hex)).unwrap_or_else(|error| panic!("{error:#}"));
         let wiring = board();
         let mut avr = Avr::programmed(wiring.chip, &loader).unwrap_or_else(|error| panic!("{error:#}"));
         for (address, bytes) in flash {

@@ -91,6 +91,17 @@ pub fn firmware_for(board: &str, shield: &str, features: &str) -> Result<PathBuf
     Ok(path)
 }
 
+/// Where `make boot` leaves the bootloader of a board.
+///
+/// # Errors
+/// If it has not been built; the message says how to.
+pub fn bootloader(wiring: &Wiring) -> Result<PathBuf> {
+    let Wiring { board, shield, .. } = wiring;
+    let path = target_dir().join(format!("firmware/boot-{board}-{shield}.hex"));
+    ensure!(path.exists(), "{} is missing: run \"make boot BOARD={board} SHIELD={shield}\"", path.display());
+    Ok(path)
+}
+
 /// Where scripts/firmware leaves an ELF. The name of the chip's default preset is left out.
 fn built(wiring: &Wiring, features: &str) -> PathBuf {
     let Wiring { board, shield, chip, .. } = wiring;

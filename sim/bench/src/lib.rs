@@ -18,5 +18,7 @@ pub mod wiring;
 pub use {avr_model as avr, can_model as can, dronecan_host as dronecan, mcp2515_model as mcp2515};
 
 pub use bench::Bench;
-pub use firmware::{chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf, root, target_dir};
+pub use firmware::{
+    bootloader, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf, root, target_dir,
+};
 pub use sim_base::{Cycles, F_CPU_HZ, Noise, elapsed, thousands};

@@ -23,7 +23,7 @@ use bench::budget::{Budget, PAINT};
 use bench::can::{self, Frame, PortId, SoftNode};
 use bench::mcp2515::Fate;
 use bench::wiring::Wiring;
-use bench::{Bench, node_elf, target_dir};
+use bench::{Bench, node_elf};
 use bench::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -664,12 +664,8 @@ impl Scene {
 /// that does not paint has no reason to write so many equal bytes there.
 /// Reads a bootloader: this one, or that of `make boot` for the board.
 fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<Firmware> {
-    let own = target_dir().join(format!("firmware/boot-{}-{}.hex", wiring.board, wiring.shield));
-    let advice = || format!("\"make boot BOARD={} SHIELD={}\" builds it", wiring.board, wiring.shield);
-    match hex {
-        Some(hex) => Firmware::read_hex(hex).or_usage(),
-        None => Firmware::read_hex(&own).with_context(advice).or_usage(),
-    }
+    let path = hex.map_or_else(|| bench::bootloader(wiring), |hex| Ok(hex.to_owned())).or_usage()?;
+    Firmware::read_hex(&path).or_usage()
 }
 
 fn is_painted(avr: &Avr, bottom: u16) -> bool {
