@@ -20,8 +20,8 @@ WIRING := --board '$(BOARD)' --shield '$(SHIELD)' --cs '$(CS)' --int '$(INT)' --
 FEATURES ?=
 ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)')
 GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)')
-# Presets with which the node's library is tested (and the feature that is in none of them), and builds that the tests on simulated boards use. "none" is the same program as "default" on
-# this chip, so "make test" links it, and only "make test-all" tests it once more.
+# Presets with which the node's library is tested, and tunnel, a feature that is in none of them; and builds that the tests on simulated boards use.
+# "none" is the same program as "default" on this chip, so "make test" links it, and only "make test-all" tests it once more.
 PRESETS := default full remote thesis tunnel
 SHIPPED := default remote thesis none
 # Boards with the other chip, and test files with all that can differ on them.
@@ -37,7 +37,7 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge sim-program bridge-program install lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge sim-program bridge-program update-program install lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
@@ -95,9 +95,13 @@ bridge-program:
 	@test -e $(PROGRAMS)/bridge || echo "Compiling the bridge: a minute on two cores the first time"
 	@cargo build --release -p bridge
 
-# The installed sim finds the firmware where "make firmware" leaves it. Offline: all has been compiled, and cargo would look for newer crates.
-install: firmware sim-program bridge-program
+update-program:
+	@scripts/setup build
+	@test -e $(PROGRAMS)/node-update || echo "Compiling the program: a minute on two cores the first time"
 	@cargo build --quiet --release -p node-update
+
+# The installed sim finds the firmware where "make firmware" leaves it. Offline: all has been compiled, and cargo would look for newer crates.
+install: firmware sim-program bridge-program update-program
 	@set -e; for program in sim bridge update; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$program; done
 	@echo "Installed sim, bridge and node-update in $(PREFIX)/bin"
 	@case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo "The shell does not look there yet: add it to PATH" ;; esac
@@ -125,9 +129,7 @@ update:
 	@test '$(BUS)' || { echo 'Say which bus: make update NODE=120 BUS=slcan:/dev/ttyACM0' >&2; exit 2; }
 	@test '$(NODE)' || { echo 'Say which node: make update NODE=120 BUS=$(BUS), or NODE=all' >&2; exit 2; }
 	$(if $(FILE),,@$(MAKE) --no-print-directory firmware FEATURES='$(FEATURES)')
-	@scripts/setup build
-	@test -e $(PROGRAMS)/node-update || echo "Compiling the program: a minute on two cores the first time"
-	@cargo build --quiet --release -p node-update
+	@$(MAKE) --no-print-directory update-program
 	@$(PROGRAMS)/node-update $(if $(FILE),'$(FILE)',$(ELF:.elf=.bin)) --bus '$(BUS)' --node '$(NODE)' $(ARGS)
 
 # Everything for a release, in target/dist: about ten minutes.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+import subprocess
 import sys
 import tomllib
 
@@ -40,6 +41,11 @@ class Choice:
     def preset(self):
         """The preset that is built if nobody asks for another."""
         return TABLE["chips"][self.chip]["preset"]
+
+    @property
+    def update_preset(self):
+        """The preset for updates over the bus: a node with it can be updated again."""
+        return TABLE["chips"][self.chip]["update_preset"]
 
     @property
     def servo(self):
@@ -85,6 +91,13 @@ class Choice:
             "NODE_INT": self.int,
             "NODE_CRYSTAL_MHZ": str(self.crystal_mhz),
         }
+
+
+def size(elf):
+    """Flash and static RAM of a program in bytes. Of a HEX file only the first means anything."""
+    sizes = subprocess.run(["avr-size", elf], stdout=subprocess.PIPE, text=True, check=True).stdout
+    text, data, bss = map(int, sizes.splitlines()[1].split()[:3])
+    return text + data, data + bss
 
 
 def add_options(parser):
