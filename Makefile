@@ -37,7 +37,7 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge sim-program bridge-program update-program install lint-firmware test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
@@ -62,6 +62,7 @@ help:
 	@echo "make wiring     write docs/wiring.md from avr-specs/boards.toml"
 	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
+	@echo "make deny       check licences and origins of all dependencies, and that only the simulator links simavr"
 	@echo "make clean      remove what was built"
 	@echo
 	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, remote, thesis or none;"
@@ -159,7 +160,7 @@ strangers:
 # What has to be there first does not need each other.
 test: export CARGO_BUILD_WARNINGS := deny
 test: setup
-	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
+	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
 	@$(MAKE) --no-print-directory test-library test-host test-firmware test-uno test-clients
 
 # A call for each: cargo unites features over the packages and targets of a call. "bridge" and "rig" are only named so that the crates below the
@@ -259,6 +260,18 @@ lint-firmware: setup
 	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
 
+# .cargo/deny.toml says what is allowed. The fuzz targets are a workspace of their own.
+DENY = $(TOOLS)/bin/cargo-deny --locked --config .cargo/deny.toml
+deny: $(TOOLS)/bin/cargo-deny
+	$(DENY) --workspace check licenses sources
+	$(DENY) --workspace --exclude-dev check -A unused-wrapper bans
+	$(DENY) --manifest-path fuzz/Cargo.toml check -A unused-wrapper licenses sources bans
+
+# Known vulnerabilities of the dependencies. It clones https://github.com/rustsec/advisory-db, so "make test" leaves it out.
+advisories: $(TOOLS)/bin/cargo-deny
+	$(DENY) --workspace check advisories
+	$(DENY) --manifest-path fuzz/Cargo.toml check advisories
+
 # The pages are of the default preset.
 bench: firmware strangers
 	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
@@ -296,26 +309,32 @@ flash:
 	@$(MAKE) --no-print-directory firmware $(TOOLS)/bin/ravedude
 	@scripts/flash --port '$(PORT)' $(WIRING) '$(FEATURES)'
 
-# It waits for the serial port, so it need not be optimised, which takes twice as long.
+# Optimisation and information for debuggers would only make the tools take longer to compile.
+INSTALL := CARGO_PROFILE_DEV_DEBUG=false cargo install --quiet --debug --locked --root $(TOOLS)
 $(TOOLS)/bin/ravedude:
 	@scripts/setup flash
 	@echo "Installing ravedude"
-	@cargo install --quiet --debug ravedude --version 0.2.2 --locked --root $(TOOLS)
+	@$(INSTALL) ravedude --version 0.2.2
 
-$(TOOLS)/bin/cargo-about: setup
+$(TOOLS)/bin/cargo-about:
 	@scripts/setup build
 	@echo "Installing cargo-about"
-	@cargo install --quiet --debug cargo-about --version 0.9.3 --locked --features cli --root $(TOOLS)
+	@$(INSTALL) cargo-about --version 0.9.3 --features cli
 
-$(TOOLS)/bin/cargo-mutants: setup
+$(TOOLS)/bin/cargo-deny:
+	@scripts/setup build
+	@echo "Installing cargo-deny: half a minute on two cores"
+	@$(INSTALL) cargo-deny --version 0.20.2
+
+$(TOOLS)/bin/cargo-mutants: | setup
 	@scripts/setup build
 	@echo "Installing cargo-mutants"
-	@cargo install --quiet --debug cargo-mutants --version 27.1.0 --locked --root $(TOOLS)
+	@$(INSTALL) cargo-mutants --version 27.1.0
 
 $(TOOLS)/bin/cargo-fuzz:
 	@scripts/setup fuzz
 	@echo "Installing cargo-fuzz"
-	@cargo install --quiet cargo-fuzz --version 0.13.2 --locked --root $(TOOLS)
+	@$(INSTALL) cargo-fuzz --version 0.13.2
 
 clean:
 	cargo clean
