@@ -38,7 +38,7 @@ PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
 .PHONY: help wiring sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
-.PHONY: test-library test-host test-firmware test-uno test-boards test-clients
+.PHONY: test-packages test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
@@ -161,7 +161,12 @@ strangers:
 test: export CARGO_BUILD_WARNINGS := deny
 test: setup
 	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
-	@$(MAKE) --no-print-directory test-library test-host test-firmware test-uno test-clients
+	@$(MAKE) --no-print-directory test-packages test-library test-host test-firmware test-uno test-clients
+
+# The crates that crates.io gets. Each builds from its package alone, with the packages of the others: in one call, because none has to be there yet.
+PUBLISHED := can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
+test-packages:
+	cargo package --quiet --locked --offline --allow-dirty $(addprefix -p ,$(PUBLISHED))
 
 # A call for each: cargo unites features over the packages and targets of a call. "bridge" and "rig" are only named so that the crates below the
 # simulator have the same features in all calls: cargo builds the simulator once, and not twice.

@@ -1,4 +1,5 @@
-//! A CAN 2.0 frame as its owner sees it: identifier, data or remote, DLC, up to eight bytes.
+#![doc = include_str!("../README.md")]
+//! # Text
 //!
 //! The text form is candump's: `1003F20A#01000038C7` (extended, eight digits), `123#R4` (standard,
 //! remote, DLC 4; no digit for 0), and `123#1122334455667788_C` for a DLC above eight (here 12).

@@ -1,4 +1,5 @@
-//! CAN 2.0B, one bit at a time: frames, the protocol engine of a node, and the wire between nodes.
+#![doc = include_str!("../README.md")]
+//! # How it works
 //!
 //! ```text
 //! Bus ── drive()/sample() per bit ──> Station (SoftNode, Mcp2515, ..) ── owns ──> Engine
@@ -6,12 +7,12 @@
 //!  └─ Recorder: a silent Engine that writes down what passed                       └─ Confinement
 //! ```
 //!
-//! In each bit the bus asks every station for the level it drives, joins them (dominant wins), lets
-//! the faults have their say, and gives every station the level that resulted. Arbitration,
+//! In each bit the bus asks every station for the level it drives, joins them (dominant wins), applies
+//! the faults, and gives every station the level that resulted. Arbitration,
 //! acknowledgement, error and overload frames are not calculated anywhere: they follow from the
-//! engines' rules, as on copper.
+//! engines' rules.
 //!
-//! # What is simplified
+//! ## What is simplified
 //! * A bit has one level. Sample points, propagation delay, and resynchronisation inside a bit are
 //!   not modelled: stations at (nearly) the bus's bit rate are in step with it. A station at another
 //!   rate runs freely against the wire and is never synchronised, not even by a SOF.

@@ -1,4 +1,5 @@
-//! The Microchip MCP2515 stand-alone CAN controller, modelled from its datasheet.
+#![doc = include_str!("../README.md")]
+//! # How it works
 //!
 //! It has two sides. The SPI side (`select`, `begin_byte`, `end_byte`, `deselect`, `int_pin`) is what a
 //! microcontroller sees; the bus side is [`Station`](can_model::Station), stepped bit by bit around a
@@ -8,47 +9,7 @@
 //! `modes` the operating modes and start-up, `timing` CNF1..3, `filters` acceptance, `receive` and
 //! `transmit` the buffers, `station` the bus side, `upset` what nobody asked for.
 //!
-//! Limits: the pins TXnRTS, RXnBF and CLKOUT are not modelled (their registers are kept); bits are
-//! sampled whole, so SJW, SAM and WAKFIL have no effect; each file names its own limits.
-//!
-//! A driver is tested by giving its SPI bytes to the chip, and letting time pass on the bus between them:
-//!
-//! ```
-//! use can_model::{Bus, Frame, SoftNode};
-//! use mcp2515_model::Mcp2515;
-//! use std::{cell::RefCell, rc::Rc};
-//!
-//! /// Cycles of 16 MHz, in which all time is counted: a millisecond, and a byte at 8 MHz.
-//! const MS: u64 = 16_000;
-//! const BYTE: u64 = 16;
-//!
-//! let mut bus = Bus::new(1_000_000);
-//! let chip = Rc::new(RefCell::new(Mcp2515::new(16_000_000)));
-//! bus.attach("chip", chip.clone());
-//! let peer = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
-//! bus.attach("peer", peer.clone());
-//!
-//! let mut now = MS;
-//! let mut spi = |bytes: &[u8]| {
-//!     chip.borrow_mut().select(now);
-//!     for &byte in bytes {
-//!         chip.borrow_mut().begin_byte(now);
-//!         now += BYTE;
-//!         bus.run_until(now);
-//!         chip.borrow_mut().end_byte(byte, now);
-//!     }
-//!     chip.borrow_mut().deselect(now);
-//!     now += MS;
-//!     bus.run_until(now);
-//! };
-//! // WRITE CNF3 to CNF1 and CANCTRL: 1 Mbit/s, normal mode. LOAD TX BUFFER 0 with 123#A5, and RTS.
-//! spi(&[0x02, 0x28, 0x01, 0x91, 0x00]);
-//! spi(&[0x02, 0x0F, 0x00]);
-//! spi(&[0x40, 0x24, 0x60, 0, 0, 1, 0xA5]);
-//! spi(&[0x81]);
-//! assert_eq!(peer.borrow_mut().take_received()[0].1, Frame::standard(0x123, &[0xA5]));
-//! assert_eq!(chip.borrow_mut().take_violations(), []);
-//! ```
+//! Each file names its own limits.
 //!
 //! Source: Microchip DS20001801J, "MCP2515 Stand-Alone CAN Controller with SPI Interface", cited by
 //! section in every file.

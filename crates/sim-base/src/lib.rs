@@ -1,6 +1,4 @@
-//! What all models share: simulated time, durations as they are written, and numbers that look random and can be
-//! repeated.
-
+#![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
 
 mod duration;
