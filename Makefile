@@ -37,7 +37,7 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-packages test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
@@ -56,6 +56,7 @@ help:
 	@echo "make update     send the firmware to a node over the bus  (NODE=120 BUS=slcan:/dev/ttyACM0; NODE=all, FILE=other.bin)"
 	@echo "make bootloader write the bootloader to an Arduino with a programmer  (PROGRAMMER=usbasp; STOCK=file.hex for the way back)"
 	@echo "make dist       firmware and bootloader of every board, with licences and check sums, in target/dist  (ten minutes)"
+	@echo "make build-twice   check that two builds of the last commit have the same bytes, in two directories  (two minutes)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
@@ -138,6 +139,11 @@ dist: $(TOOLS)/bin/cargo-about
 	@scripts/setup build
 	@scripts/dist $(WIRING)
 
+# That two builds of one commit have the same bytes: two minutes.
+build-twice: $(TOOLS)/bin/cargo-about
+	@scripts/setup build
+	@scripts/build-twice $(WIRING)
+
 firmwares:
 	@scripts/setup build
 	@scripts/boot
@@ -209,6 +215,7 @@ test-all: test lint
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory test-boards
+	@$(MAKE) --no-print-directory build-twice
 	@$(MAKE) --no-print-directory test-clients CLIENTS=long
 	@# Without the feature that the other packages ask for.
 	cargo test -p mcp2515-ordered
