@@ -55,7 +55,7 @@ help:
 	@echo "make boot       build the bootloader, which takes new firmware over the bus (docs/update.md)"
 	@echo "make update     send the firmware to a node over the bus  (NODE=120 BUS=slcan:/dev/ttyACM0; NODE=all, FILE=other.bin)"
 	@echo "make bootloader write the bootloader to an Arduino with a programmer  (PROGRAMMER=usbasp; STOCK=file.hex for the way back)"
-	@echo "make dist       firmware and bootloader of every board, with licences and check sums, in target/dist  (ten minutes)"
+	@echo "make dist       firmware and bootloader of every board, with licences and checksums, in target/dist  (ten minutes)"
 	@echo "make build-twice   check that two builds of the last commit have the same bytes, in two directories  (two minutes)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       how much of the chip it takes, function by function"

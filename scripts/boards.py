@@ -100,6 +100,15 @@ def size(elf):
     return text + data, data + bss
 
 
+def upload_lines():
+    """avrdude's line for each board, with the default CAN board. All their bootloaders, and ours, speak what avrdude calls `arduino`."""
+    lines = []
+    for name, entry in TABLE["boards"].items():
+        command = f"avrdude -c arduino -p {entry['chip']} -b {entry['upload_baud']} -D -P /dev/ttyUSB0 -U flash:w:{name}-{TABLE['default_shield']}.hex:i"
+        lines.append(f"    {command:<97}  # {entry['title']}")
+    return "\n".join(lines)
+
+
 def add_options(parser):
     group = parser.add_argument_group("board")
     group.add_argument("--board", default="", help=f"one of {', '.join(TABLE['boards'])} [default: {TABLE['default_board']}]")
