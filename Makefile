@@ -37,7 +37,7 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring drawings sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
 .PHONY: test-packages test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
@@ -61,6 +61,7 @@ help:
 	@echo "make size       how much of the chip it takes, function by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
 	@echo "make wiring     write docs/wiring.md from avr-specs/boards.toml"
+	@echo "make drawings   write docs/img/frame.svg and memory.svg; make lint checks that they are up to date"
 	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make deny       check licences and origins of all dependencies, and that only the simulator links simavr"
@@ -263,6 +264,8 @@ lint: lint-firmware
 lint-firmware: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
+	scripts/drawings --check
+	scripts/wiring-page --check
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	cargo clippy $(AVR) -p node --bin node -- -D warnings
 	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
@@ -310,6 +313,9 @@ budget:
 # docs/wiring.md, and the drawing of the README.
 wiring:
 	@scripts/wiring-page
+
+drawings:
+	@scripts/drawings
 
 size: firmware
 	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40
