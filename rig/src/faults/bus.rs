@@ -43,7 +43,7 @@ const CASE: Case = Case {
     noticed: "error-passive (bit 6)",
     reaction: "none needed",
     servo: FAILSAFE,
-    told_limit_ms: Some(250),
+    logged_limit_ms: Some(250),
     limit_ms: BUS_LIMIT_MS,
     run: || unreachable!("each case has its own"),
 };
@@ -112,8 +112,8 @@ pub const WRONG_RATE: Case = Case {
 pub const BABBLE: Case = Case {
     fault: "another node floods the bus, before all others",
     noticed: "controller (bit 8)",
-    reaction: "tries each frame for a second, then drops it; what is for others costs nothing",
-    told_limit_ms: Some(1300),
+    reaction: "tries each frame for a second, then drops it; frames for other nodes take no time",
+    logged_limit_ms: Some(1300),
     run: || {
         let flood = |rig: &mut Rig, on: bool| {
             let frame = Frame::extended(0x0010_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
@@ -126,7 +126,7 @@ pub const BABBLE: Case = Case {
 
 pub const NO_ACKNOWLEDGE: Case = Case {
     fault: "nobody acknowledges (error-passive)",
-    reaction: "sends on; the line that it is error-active again follows with the first frames that get through",
+    reaction: "continues to send; logs that it is error-active again with the first frames that it can send",
     run: || {
         let mut trial = Trial::running();
         trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
@@ -150,7 +150,7 @@ pub const DESTROYED: Case = Case {
     noticed: "bus-off (bit 7), counted in `CanStats`",
     reaction: "the controller comes back after 128 x 11 recessive bits and tries again",
     servo: FAILSAFE,
-    told_limit_ms: Some(500),
+    logged_limit_ms: Some(500),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
@@ -174,15 +174,15 @@ fn noise(per_million: u32) -> Measured {
     let measured = trial.recover(BUS_LIMIT_MS, 0);
     let statistics = trial.statistics();
     assert!(statistics.is_none_or(|of| of.rx_errors > 0 || of.busoff_errors > 0), "{statistics:?}");
-    Measured { told_ms: None, ..measured }
+    Measured { logged_ms: None, ..measured }
 }
 
 const NOISE: Case = Case {
     fault: "",
-    noticed: "counted in `CanStats`; if it is so bad, error-passive (bit 6) or bus-off (bit 7)",
-    reaction: "the controller sends again what was destroyed",
-    servo: "follows what comes through, else failsafe",
-    told_limit_ms: None,
+    noticed: "counted in `CanStats`; if errors are that frequent, error-passive (bit 6) or bus-off (bit 7)",
+    reaction: "the controller sends destroyed frames again",
+    servo: "follows the commands that it receives, else failsafe",
+    logged_limit_ms: None,
     limit_ms: BUS_LIMIT_MS,
     run: || noise(0),
 };
@@ -194,9 +194,9 @@ pub const NOISE_2: Case = Case { fault: "bit errors, 1 in 100", run: || noise(10
 pub const BROKEN_WHILE_STARTING: Case = Case {
     fault: "bus held dominant while the node starts",
     noticed: "bus never idle (bit 8)",
-    reaction: "starts the controller over, ten times a second",
+    reaction: "restarts the controller ten times a second",
     servo: "no pulse before the first command",
-    told_limit_ms: Some(250),
+    logged_limit_ms: Some(250),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
@@ -215,10 +215,10 @@ pub const BROKEN_WHILE_STARTING: Case = Case {
 
 pub const OWN_RATE_WRONG: Case = Case {
     fault: "the node itself is set to another bit rate than the bus",
-    noticed: "error-passive (bit 6), seen on the serial monitor only",
-    reaction: "none; it cannot be heard, and is to be set right on a bus of its own rate",
+    noticed: "error-passive (bit 6), on the serial monitor only",
+    reaction: "none; no other node can hear it. Correct its bit rate on a bus that has the node's rate",
     servo: "no pulse before the first command",
-    told_limit_ms: Some(1300),
+    logged_limit_ms: Some(1300),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         // Set to half the rate and back while it runs: the rate is taken at a start.

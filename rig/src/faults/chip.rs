@@ -1,6 +1,6 @@
 //! Faults of the CAN controller and of its wires.
 
-use super::{CHIP_TOLD_LIMIT_MS, Case, Measured, Trial};
+use super::{CHIP_LOGGED_LIMIT_MS, Case, Measured, Trial};
 use crate::Rig;
 use crate::status::CONTROLLER;
 
@@ -29,8 +29,8 @@ pub const ALL: [&Case; 12] = [
 
 const LOST: &str = "CAN: MCP2515 lost its settings";
 const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
-const STAYS: &str = "stays; it is over before the failsafe";
-const STARTED_OVER: &str = "started over, each register read back";
+const STAYS: &str = "holds its position; the fault is over before the failsafe";
+const STARTED_OVER: &str = "restarted, each register read back";
 
 /// Something that happens once.
 fn once(line: &'static str, fault: impl FnOnce(&mut Rig)) -> Measured {
@@ -62,7 +62,7 @@ const CASE: Case = Case {
     noticed: "supervision every 10 ms (bit 8)",
     reaction: STARTED_OVER,
     servo: STAYS,
-    told_limit_ms: Some(CHIP_TOLD_LIMIT_MS),
+    logged_limit_ms: Some(CHIP_LOGGED_LIMIT_MS),
     limit_ms: LIMIT_MS,
     run: Measured::default,
 };
@@ -71,7 +71,7 @@ pub const RESET: Case =
     Case { fault: "MCP2515 reset by a glitch", run: || once(LOST, |rig| rig.board().chip_reset()), ..CASE };
 
 pub const BROWN_OUT: Case = Case {
-    fault: "MCP2515's supply dips: all its registers are garbage",
+    fault: "MCP2515's supply is interrupted: all its registers are garbage",
     run: || {
         let all = (1..=12).map(|seed| once(LOST, |rig| rig.board().chip_brown_out(seed)));
         all.reduce(Measured::or).expect("some")
@@ -81,7 +81,7 @@ pub const BROWN_OUT: Case = Case {
 
 pub const NO_POWER: Case = Case {
     fault: "MCP2515 without power",
-    reaction: "tried again ten times a second",
+    reaction: "restarted ten times a second",
     servo: FAILSAFE,
     run: || {
         let of = |power: fn(&mut Rig, bool)| during("CAN: MCP2515", power);
@@ -94,7 +94,7 @@ pub const NO_POWER: Case = Case {
 pub const HELD: Case = Case {
     fault: "MCP2515 stuck in configuration mode",
     noticed: "supervision every 10 ms, and the mode that is read back at each start (bit 8)",
-    reaction: "tried again, six times a second",
+    reaction: "restarted six times a second",
     servo: FAILSAFE,
     run: || during(LOST, |rig, held| rig.board().chip_hold_in_configuration(held)),
     ..CASE
@@ -105,7 +105,7 @@ pub const ASLEEP: Case =
 
 pub const MISO_LOW: Case = Case {
     fault: "SPI reads all zeros",
-    reaction: "tried again ten times a second",
+    reaction: "restarted ten times a second",
     servo: FAILSAFE,
     run: || during("CAN: MCP2515", |rig, on| rig.board().set_stuck_miso(on.then_some(0x00))),
     ..CASE
@@ -120,8 +120,8 @@ pub const MISO_HIGH: Case = Case {
 pub const FLIPPING: Case = Case {
     fault: "SPI flips bits, 1 in 1,000 each way",
     noticed: "supervision every 10 ms, and the registers that are read back at each start (bit 8)",
-    servo: "within its travel: a bit that flips in a command cannot be told from another command",
-    told_limit_ms: Some(500),
+    servo: "within its travel: the node cannot detect a flipped bit in a command",
+    logged_limit_ms: Some(500),
     limit_ms: 500,
     run: || {
         let mut trial = Trial::running();
@@ -158,11 +158,11 @@ pub const REGISTER: Case = Case {
 };
 
 pub const FILTER: Case = Case {
-    fault: "the filters change by themselves, and commands are let in no more",
+    fault: "the filters change by themselves and reject commands",
     noticed: "failsafe (bit 10), because filters cannot be read while the controller runs (DS20001801J 4.5)",
-    reaction: "the failsafe starts the controller over",
+    reaction: "the failsafe restarts the controller",
     servo: FAILSAFE,
-    told_limit_ms: Some(400),
+    logged_limit_ms: Some(400),
     limit_ms: 1300,
     run: || {
         let mut trial = Trial::running();
@@ -180,7 +180,7 @@ pub const FILTER: Case = Case {
 
 pub const INT_HIGH: Case = Case {
     fault: "INT stuck high",
-    noticed: "supervision every 10 ms: a frame waits, and INT does not say so (bit 8)",
+    noticed: "supervision every 10 ms: a frame waits, and INT is high (bit 8)",
     reaction: STARTED_OVER,
     servo: FAILSAFE,
     run: || during(LOST, |rig, on| rig.board().set_stuck_int(on.then_some(true))),
@@ -189,9 +189,9 @@ pub const INT_HIGH: Case = Case {
 
 pub const INT_LOW: Case = Case {
     fault: "INT stuck low",
-    noticed: "supervision every 10 ms: INT says that a frame waits, and there is none (bit 8)",
+    noticed: "supervision every 10 ms: INT is low, and no frame waits (bit 8)",
     reaction: STARTED_OVER,
-    servo: "follows what comes through, else failsafe",
+    servo: "follows the commands that it receives, else failsafe",
     run: || during(LOST, |rig, on| rig.board().set_stuck_int(on.then_some(false))),
     ..CASE
 };

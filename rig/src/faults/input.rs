@@ -26,10 +26,10 @@ fn broken_sensor(millivolts: u32) -> Measured {
 
 pub const SENSOR_OPEN: Case = Case {
     fault: "sensor open (reads the supply)",
-    noticed: "both ends of the range are no temperature (bit 11)",
-    reaction: "told, and shown in the status; over a second after it works again",
+    noticed: "a reading at an end of the range is no temperature (bit 11)",
+    reaction: "logged, and in the status; cleared a second after the sensor works again",
     servo: FOLLOWS,
-    told_limit_ms: Some(2100),
+    logged_limit_ms: Some(2100),
     limit_ms: BUS_LIMIT_MS,
     run: || broken_sensor(5000),
 };
@@ -38,10 +38,10 @@ pub const SENSOR_SHORTED: Case = Case { fault: "sensor shorted to ground", run: 
 
 pub const SENSOR_NOISY: Case = Case {
     fault: "sensor noisy, by plus or minus 100 mV (10 degrees)",
-    noticed: "not noticed, but averaged: within 2 degrees",
+    noticed: "not noticed; the average stays within 2 degrees",
     reaction: "none",
     servo: FOLLOWS,
-    told_limit_ms: None,
+    logged_limit_ms: None,
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
@@ -49,18 +49,18 @@ pub const SENSOR_NOISY: Case = Case {
         trial.live(1100);
         trial.begin("open or short", |rig| rig.board().set_sensor_noise_millivolts(100, 3));
         trial.live(6000);
-        let told = trial.rig.heard(|message| match message {
+        let reported = trial.rig.heard(|message| match message {
             Message::Temperature(temperature) => Some(temperature.celsius()),
             _ => None,
         });
-        assert!(told.len() >= 5);
-        for (_, celsius) in &told {
-            assert!((celsius - 25.0).abs() < 2.0, "{told:?}");
+        assert!(reported.len() >= 5);
+        for (_, celsius) in &reported {
+            assert!((celsius - 25.0).abs() < 2.0, "{reported:?}");
         }
         assert_eq!(trial.rig.status_now().1, 0);
         assert_servo(&trial.rig, &[COMMANDED_US]);
         trial.end(|rig| rig.board().set_sensor_noise_millivolts(0, 0));
-        Measured { told_ms: None, ..trial.recover(BUS_LIMIT_MS, 0) }
+        Measured { logged_ms: None, ..trial.recover(BUS_LIMIT_MS, 0) }
     },
 };
 
@@ -95,10 +95,10 @@ const HALF_MIN: u16 = 0xFBFF;
 
 pub const NOT_FINITE: Case = Case {
     fault: "commands that are NaN or infinite, 2,000 a second",
-    noticed: "each is refused, counted and told as fast as the serial monitor can; failsafe (bit 10)",
-    reaction: "not followed; they do not keep the failsafe away",
-    servo: "stays, then failsafe after `OUT1_TIMEOUT`",
-    told_limit_ms: Some(100),
+    noticed: "each is rejected and counted, and logged if the serial monitor has room; failsafe (bit 10)",
+    reaction: "the node does not follow them, and they do not prevent the failsafe",
+    servo: "holds its position, then failsafe after `OUT1_TIMEOUT`",
+    logged_limit_ms: Some(100),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
@@ -109,10 +109,10 @@ pub const NOT_FINITE: Case = Case {
 
 pub const OUT_OF_RANGE: Case = Case {
     fault: "commands out of range, 2,000 a second",
-    noticed: "limited to the travel; microseconds that are no pulse are refused and told",
-    reaction: "followed as far as the travel goes",
+    noticed: "limited to the travel; the node rejects and logs microseconds that are no valid pulse",
+    reaction: "followed within the travel",
     servo: "never beyond `OUT1_MIN` and `OUT1_MAX`",
-    told_limit_ms: Some(1000),
+    logged_limit_ms: Some(1000),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
@@ -125,10 +125,10 @@ pub const OUT_OF_RANGE: Case = Case {
 
 pub const REQUESTS: Case = Case {
     fault: "requests, 2,000 a second",
-    noticed: "those that find the queue of eight full are refused, and told where the serial monitor has room",
-    reaction: "as many are answered as there is room for, in order; commands and statuses go on",
+    noticed: "rejected if the queue of eight is full, and logged if the serial monitor has room",
+    reaction: "answers the requests in the queue in order; commands and statuses continue",
     servo: FOLLOWS,
-    told_limit_ms: None,
+    logged_limit_ms: None,
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
@@ -152,16 +152,16 @@ pub const REQUESTS: Case = Case {
         assert_eq!(trial.rig.board().chip().borrow().rx_overflows(), 0, "no frame is lost");
         trial.autopilot = true;
         trial.end(|rig| rig.peer.borrow_mut().clear_queue());
-        Measured { told_ms: None, ..trial.recover(BUS_LIMIT_MS, 0) }
+        Measured { logged_ms: None, ..trial.recover(BUS_LIMIT_MS, 0) }
     },
 };
 
 pub const SAME_ID: Case = Case {
     fault: "another node has the node's ID, and sends statuses and commands",
-    noticed: "what comes from its own ID is refused, counted and told (bit 4)",
-    reaction: "goes on",
-    servo: "does not obey them",
-    told_limit_ms: Some(50),
+    noticed: "frames from its own ID are rejected, counted and logged (bit 4)",
+    reaction: "continues",
+    servo: "does not follow them",
+    logged_limit_ms: Some(50),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
@@ -184,9 +184,9 @@ pub const SAME_ID: Case = Case {
 pub const TWIN: Case = Case {
     fault: "two boards of this firmware with the same ID",
     noticed: "by both, within two seconds (bit 4)",
-    reaction: "both go on; two different frames with one identifier destroy each other until one is given up",
+    reaction: "both continue; two different frames with the same identifier destroy each other until one node drops its frame",
     servo: "both follow the commands",
-    told_limit_ms: Some(2000),
+    logged_limit_ms: Some(2000),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::with(Rig::running_with(started()));

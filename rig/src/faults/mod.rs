@@ -18,8 +18,8 @@ use bench::dronecan::{CanStats, Message};
 
 /// From the end of a fault of the bus to the node's full service.
 pub const BUS_LIMIT_MS: u64 = 1000;
-/// From a fault of the controller to the line that tells of it.
-pub const CHIP_TOLD_LIMIT_MS: u64 = 100;
+/// From a fault of the controller to its line on the serial monitor.
+pub const CHIP_LOGGED_LIMIT_MS: u64 = 100;
 
 pub const COMMANDED_US: f64 = 1750.0;
 pub const FAILSAFE_US: f64 = 1500.0;
@@ -28,49 +28,49 @@ const SERVO_PERIOD: Cycles = 20 * MS;
 
 /// One fault.
 pub struct Case {
-    /// What goes wrong, as the page has it.
+    /// The fault, as the page names it.
     pub fault: &'static str,
-    /// Who notices, and what tells of it.
+    /// What detects the fault, and what reports it.
     pub noticed: &'static str,
     /// What the node does.
     pub reaction: &'static str,
     /// Where the servo is meanwhile.
     pub servo: &'static str,
-    /// From its beginning to the line on the serial monitor; none where there is none.
-    pub told_limit_ms: Option<u64>,
-    /// From its end to full service.
+    /// Limit of the time from its beginning to its line on the serial monitor. `None` if it has no line.
+    pub logged_limit_ms: Option<u64>,
+    /// Limit of the time from its end to full service.
     pub limit_ms: u64,
-    /// Makes it, checks what is reported and where the servo is.
+    /// Causes the fault, checks the reports and the servo.
     pub run: fn() -> Measured,
 }
 
-/// What a run of a case has measured, in milliseconds; of several kinds of one fault the worst.
+/// Times that a run of a case measured, in milliseconds; the worst of several kinds of one fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
-    pub told_ms: Option<f64>,
+    pub logged_ms: Option<f64>,
     pub recovery_ms: f64,
 }
 
 impl Measured {
     /// The worse of both.
     pub fn or(self, other: Measured) -> Measured {
-        let told_ms = match (self.told_ms, other.told_ms) {
+        let logged_ms = match (self.logged_ms, other.logged_ms) {
             (Some(one), Some(other)) => Some(one.max(other)),
             (one, other) => one.or(other),
         };
-        Measured { told_ms, recovery_ms: self.recovery_ms.max(other.recovery_ms) }
+        Measured { logged_ms, recovery_ms: self.recovery_ms.max(other.recovery_ms) }
     }
 }
 
 impl Case {
-    /// Runs it and holds it to its limits.
+    /// Runs the case and checks its limits.
     #[track_caller]
     pub fn check(&self) -> Measured {
         let measured = (self.run)();
         println!("{}: {measured:?}", self.fault);
-        if let Some(limit) = self.told_limit_ms {
-            let told = measured.told_ms.unwrap_or_else(|| panic!("{}: nothing was told", self.fault));
-            assert!(told <= limit as f64, "{}: told after {told:.1} of {limit} ms", self.fault);
+        if let Some(limit) = self.logged_limit_ms {
+            let logged = measured.logged_ms.unwrap_or_else(|| panic!("{}: nothing was logged", self.fault));
+            assert!(logged <= limit as f64, "{}: logged after {logged:.1} of {limit} ms", self.fault);
         }
         let took = measured.recovery_ms;
         assert!(took <= self.limit_ms as f64, "{}: recovered after {took:.1} of {} ms", self.fault, self.limit_ms);
@@ -89,7 +89,7 @@ pub struct Trial {
     status_due: Cycles,
     /// The line to wait for, and when it came.
     line: &'static str,
-    told_at: Option<Cycles>,
+    logged_at: Option<Cycles>,
 }
 
 impl Trial {
@@ -108,7 +108,7 @@ impl Trial {
             rig.set("STATS_RATE", 10);
         }
         let mut trial =
-            Trial { rig, autopilot: true, begun: 0, ended: 0, slot_due: 0, status_due: 0, line: "", told_at: None };
+            Trial { rig, autopilot: true, begun: 0, ended: 0, slot_due: 0, status_due: 0, line: "", logged_at: None };
         trial.live(200);
         // Something for others, after which the filters are those of the dialect alone.
         trial.rig.send(0x1804_2E0A, &[0xC0]);
@@ -119,7 +119,7 @@ impl Trial {
     /// It begins now. `line`: what the serial monitor is to tell.
     pub fn begin(&mut self, line: &'static str, fault: impl FnOnce(&mut Rig)) {
         self.rig.forget();
-        (self.line, self.told_at) = (line, None);
+        (self.line, self.logged_at) = (line, None);
         self.begun = self.rig.now();
         fault(&mut self.rig);
     }
@@ -146,8 +146,8 @@ impl Trial {
             }
             also(&mut self.rig);
             self.rig.run_ms(1);
-            if self.told_at.is_none() && self.rig.serial.contains(self.line) {
-                self.told_at = Some(self.rig.now());
+            if self.logged_at.is_none() && self.rig.serial.contains(self.line) {
+                self.logged_at = Some(self.rig.now());
             }
         }
     }
@@ -192,7 +192,7 @@ impl Trial {
             assert!(took <= limit_ms, "no recovery within {limit_ms} ms\nserial monitor:\n{}", self.rig.serial);
         }
         let measured = Measured {
-            told_ms: self.told_at.map(|at| (at - self.begun) as f64 / MS as f64),
+            logged_ms: self.logged_at.map(|at| (at - self.begun) as f64 / MS as f64),
             recovery_ms: (self.rig.now() - self.ended) as f64 / MS as f64,
         };
         let in_service = self.rig.now();

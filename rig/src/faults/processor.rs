@@ -27,14 +27,14 @@ pub const ALL: [&Case; 9] = [
     &UPTIME_WRAPS,
 ];
 
-const NO_PULSE: &str = "whole pulses until the restart, then none until a command comes";
+const NO_PULSE: &str = "complete pulses until the restart, then none until the next command";
 const RESTARTED: &str = "restarted";
 const CASE: Case = Case {
     fault: "",
     noticed: "",
     reaction: RESTARTED,
     servo: NO_PULSE,
-    told_limit_ms: Some(50),
+    logged_limit_ms: Some(50),
     limit_ms: LIMIT_MS,
     run: Measured::default,
 };
@@ -63,7 +63,7 @@ fn restarted_by(line: &'static str, reported: u16, fault: impl FnOnce(&mut Trial
 pub const HANG: Case = Case {
     fault: "the main loop hangs",
     noticed: "watchdog, 250 ms (reset cause 1)",
-    told_limit_ms: Some(350),
+    logged_limit_ms: Some(350),
     run: || {
         let mut trial = Trial::running();
         let mut program = Vec::new();
@@ -86,7 +86,7 @@ pub const HANG: Case = Case {
 };
 
 pub const STRAY_INTERRUPT: Case = Case {
-    fault: "an interrupt that nobody asked for",
+    fault: "an interrupt without a handler",
     noticed: "default handler (reset cause 4)",
     run: || {
         restarted_by("reset: STRAY INTERRUPT", STRAY, |trial| {
@@ -95,13 +95,13 @@ pub const STRAY_INTERRUPT: Case = Case {
             trial.live(21);
         })
     },
-    told_limit_ms: Some(70),
+    logged_limit_ms: Some(70),
     ..CASE
 };
 
 pub const STACK: Case = Case {
-    fault: "the stack reaches the variables",
-    noticed: "a painted word between them, looked at each millisecond (reset cause 5)",
+    fault: "the stack reaches the statics",
+    noticed: "a painted word between them, checked each millisecond (reset cause 5)",
     run: || {
         restarted_by("reset: STACK COLLISION", STACK_COLLISION, |trial| {
             let avr = trial.rig.board().avr_mut();
@@ -132,17 +132,17 @@ fn assert_cut_short(trial: &Trial) {
 }
 
 pub const BROWN_OUT: Case = Case {
-    fault: "the processor's supply dips",
+    fault: "the processor's supply is too low for a moment",
     noticed: "brown-out detector (reset cause 2)",
     run: || reset("reset: BROWN-OUT", ResetCause::BrownOut, status::BROWN_OUT),
-    servo: "no pulse until a command comes; the pulse in progress is cut short by the reset itself",
+    servo: "no pulse until the next command; the reset ends the current pulse",
     ..CASE
 };
 
 pub const BROWN_OUT_DURING_SAVE: Case = Case {
-    fault: "the processor's supply dips while it writes its EEPROM",
+    fault: "the processor's supply is too low for a moment while it writes its EEPROM",
     noticed: "brown-out detector (reset cause 2)",
-    reaction: "restarted, with the parameters of before or the new ones, all of them",
+    reaction: "restarted, with all old or all new parameters",
     run: || {
         let mut worst = Measured::default();
         // Anywhere in the save, in the middle of a byte too.
@@ -157,11 +157,11 @@ pub const BROWN_OUT_DURING_SAVE: Case = Case {
             trial.live(20);
             assert_cut_short(&trial);
             trial.end_unchecked(|_| {});
-            let told_ms = delay as f64;
+            let logged_ms = delay as f64;
             let measured = trial.recover(LIMIT_MS, status::BROWN_OUT);
             let set = (trial.rig.get("TEMP_ID"), trial.rig.get("OUT1_TIMEOUT"));
             assert!([(1, 1000), (4242, 300)].contains(&set), "{set:?} after a dip {delay} ms into a save");
-            worst = worst.or(Measured { told_ms: measured.told_ms.map(|told| told - told_ms), ..measured });
+            worst = worst.or(Measured { logged_ms: measured.logged_ms.map(|ms| ms - logged_ms), ..measured });
         }
         worst
     },
@@ -170,14 +170,14 @@ pub const BROWN_OUT_DURING_SAVE: Case = Case {
 
 pub const RESET_PIN: Case = Case {
     fault: "the reset pin is pulled",
-    noticed: "told as such; no fault",
+    noticed: "the logged reset cause; not a fault",
     run: || reset("reset: reset pin", ResetCause::External, 0),
     ..BROWN_OUT
 };
 
 pub const POWER_CUT: Case = Case {
-    fault: "the power goes and comes back",
-    noticed: "told as such; no fault",
+    fault: "the power is switched off and on",
+    noticed: "the logged reset cause; not a fault",
     run: || reset("reset: power-on", ResetCause::PowerOn, 0),
     ..BROWN_OUT
 };
@@ -203,10 +203,10 @@ fn find_counter(rig: &mut Rig, len: usize, tolerance: u64, value_at: impl Fn(Cyc
 /// The clock of 16 bits wraps every 65.536 s, and all deadlines with it. Nothing is to be seen of it.
 pub const MILLISECONDS_WRAP: Case = Case {
     fault: "the millisecond counter wraps, every 65.536 s",
-    noticed: "not to be noticed",
-    reaction: "none needed: only differences count",
+    noticed: "nothing to notice",
+    reaction: "none needed: the program uses differences only",
     servo: "follows",
-    told_limit_ms: None,
+    logged_limit_ms: None,
     limit_ms: 100,
     run: || {
         let mut trial = Trial::running();
@@ -228,17 +228,17 @@ pub const MILLISECONDS_WRAP: Case = Case {
         let measured = trial.recover(100, 0);
         // A timeout that runs through a wrap is as long as others.
         assert_eq!(trial.rig.status_now().1, 0);
-        Measured { told_ms: None, ..measured }
+        Measured { logged_ms: None, ..measured }
     },
 };
 
 /// The uptime, set forward in RAM: through 49.7 days (2^32 ms) and to the end of its 32 bits. The transfer IDs wrap meanwhile.
 pub const UPTIME_WRAPS: Case = Case {
     fault: "the uptime passes 49.7 days, and wraps after 136 years",
-    noticed: "not to be noticed",
+    noticed: "nothing to notice",
     reaction: "none needed",
     servo: "follows",
-    told_limit_ms: None,
+    logged_limit_ms: None,
     limit_ms: 100,
     run: || {
         let mut trial = Trial::running();
@@ -252,13 +252,13 @@ pub const UPTIME_WRAPS: Case = Case {
             }
             trial.begin("", |_| {});
             trial.live(8000);
-            let told: Vec<u32> = trial.rig.statuses().iter().map(|(_, data)| status_fields(data).0).collect();
-            assert!(told.len() >= 7, "{told:?}");
-            for pair in told.windows(2) {
-                assert_eq!(pair[1].wrapping_sub(pair[0]), 1, "{told:?}");
+            let uptimes: Vec<u32> = trial.rig.statuses().iter().map(|(_, data)| status_fields(data).0).collect();
+            assert!(uptimes.len() >= 7, "{uptimes:?}");
+            for pair in uptimes.windows(2) {
+                assert_eq!(pair[1].wrapping_sub(pair[0]), 1, "{uptimes:?}");
             }
             let has_passed = |uptime: &u32| uptime.wrapping_sub(near) >= 4;
-            assert!(told.iter().any(has_passed), "{told:?}");
+            assert!(uptimes.iter().any(has_passed), "{uptimes:?}");
             super::assert_servo(&trial.rig, &[COMMANDED_US]);
         }
         // More than 32 statuses have wrapped their transfer ID.
@@ -269,6 +269,6 @@ pub const UPTIME_WRAPS: Case = Case {
         trial.end(|_| {});
         let measured = trial.recover(100, 0);
         assert_eq!(trial.rig.status_now().1 & CONTROLLER, 0);
-        Measured { told_ms: None, ..measured }
+        Measured { logged_ms: None, ..measured }
     },
 };
