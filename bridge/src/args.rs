@@ -21,9 +21,9 @@ Buses (--bus):
 Channels (--mavlink), any number of them:
   udpout:HOST:PORT          sends to a ground station that listens: QGroundControl and MAVProxy on port 14550
   udpin:[ADDRESS:]PORT      listens for ground stations; on loopback unless there is an address
-  tcp:HOST:PORT             connects to one that listens, again and again
+  tcp:HOST:PORT             connects to one that listens, and reconnects
   tcpin:[ADDRESS:]PORT      listens for connections; on loopback unless there is an address
-  serial:PATH[:BAUD]        a radio; 57600 baud unless there is another. It is never filled beyond that
+  serial:PATH[:BAUD]        a radio; 57600 baud by default. The bridge sends no more than that baud rate carries
 
 A serial port of a node (--tunnel), for any terminal program:
   42:/tmp/port              its default port, as with ArduPilot's nodes; 42:/tmp/port,port=1 another
@@ -36,13 +36,13 @@ Try it without any hardware, in three terminals:
 
 Exit codes:
   0  ended by Ctrl-C, SIGTERM or --for          3  the bus cannot be opened
-  1  something else went wrong                  4  a channel or a tunnel cannot be opened
-  2  the command line is wrong                  5  --names: no node, or one that does not tell its parameters
+  1  another error                              4  a channel or a tunnel cannot be opened
+  2  the command line is wrong                  5  --names: no node, or a node does not send its parameters
 
-docs/bridge.md has the messages, what is dropped first on a full channel, and how to connect which ground station.";
+docs/bridge.md has the messages, the order in which a full channel drops them, and how to connect each ground station.";
 
-/// Shows the nodes of a DroneCAN bus to MAVLink ground stations: their status and who they are, their parameters to read, set and
-/// save, restart, and the bus itself for the DroneCAN GUI Tool. A node's MAVLink component ID is its node ID.
+/// Shows the nodes of a DroneCAN bus to MAVLink ground stations: their names and status. Ground stations can read, set and save
+/// parameters and restart nodes; the DroneCAN GUI Tool can use the bus itself. A node's MAVLink component ID is its node ID.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "bridge", version, after_help = EXAMPLES)]
 pub struct Args {
@@ -54,14 +54,14 @@ pub struct Args {
     #[arg(long, value_name = "CHANNEL", required_unless_present_any = ["names", "tunnel"])]
     pub mavlink: Vec<channel::Spec>,
 
-    /// Node that is a component of the system by itself, as an autopilot is: no heartbeat in its name, and nothing that is for that
-    /// component is answered. Not needed where the bridge hears that component's heartbeats (repeatable)
+    /// Node that is a MAVLink component by itself, as an autopilot is: the bridge sends no heartbeat for it, and answers no message
+    /// to it. Not needed if the bridge receives the heartbeats of that component (repeatable)
     #[arg(long, value_name = "NODE", value_parser = clap::value_parser!(u8).range(1..=127))]
     pub hide: Vec<u8>,
 
-    /// A serial port of a node through the bus: NODE:PTY makes PTY a pseudo-terminal whose bytes go to and come from that node
-    /// (tunnel.Targetted). ",port=N" chooses another than the node's default port, ",lock" keeps the node itself off it;
-    /// ",broadcast=PROTOCOL" takes tunnel.Broadcast (repeatable)
+    /// A serial port of a node over the bus: NODE:PTY creates the pseudo-terminal PTY and connects it with that node
+    /// (tunnel.Targetted). ",port=N" chooses another port than the default one, ",lock" keeps the node from using it;
+    /// ",broadcast=PROTOCOL" uses tunnel.Broadcast (repeatable)
     #[arg(long, value_name = "NODE:PTY")]
     pub tunnel: Vec<tunnel::Spec>,
 
@@ -69,7 +69,7 @@ pub struct Args {
     #[arg(long, value_name = "BIT/S", default_value_t = 1_000_000)]
     pub bitrate: u32,
 
-    /// Address of the network interface for mcast:, if the bus is to leave this machine
+    /// Address of the network interface for mcast:, to reach other machines
     #[arg(long, value_name = "ADDRESS")]
     pub mcast_interface: Option<Ipv4Addr>,
 
@@ -81,19 +81,19 @@ pub struct Args {
     #[arg(long, value_name = "ID", default_value_t = 126, value_parser = clap::value_parser!(u8).range(1..))]
     pub component: u8,
 
-    /// The bridge's node ID on the bus, if it is not to be its component ID
+    /// The bridge's node ID on the bus, if it differs from its component ID
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
     pub node_id: Option<u8>,
 
-    /// At most that many statuses a second of each node; at least 1. Without it every one, as long as the channel is not full
+    /// Highest rate of the statuses of each node, at least 1. Without it all statuses, unless the channel is full
     #[arg(long, value_name = "HZ", value_parser = status_rate)]
     pub status_rate: Option<f64>,
 
-    /// Tell all ground stations who the nodes are that often, besides when they appear, restart, or somebody asks
+    /// Time between two UAVCAN_NODE_INFO of each node. They are also sent when a node appears or restarts, and on request
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = info_interval)]
     pub info_interval: Duration,
 
-    /// Do not send more than goes through a serial line of that rate, on udp and tcp channels that lead to a radio
+    /// Send no more than a serial line of this baud rate carries, on udp and tcp channels that lead to a radio
     #[arg(long, value_name = "BAUD", value_parser = clap::value_parser!(u32).range(1200..))]
     pub bandwidth: Option<u32>,
 
@@ -105,41 +105,41 @@ pub struct Args {
     #[arg(long, value_name = "HOW", value_enum, default_value_t = Integers::Auto)]
     pub integers: Integers,
 
-    /// Sign all messages, and take signed ones only. FILE has the passphrase that was given to the ground station, or 64
+    /// Sign all messages, and accept signed messages only. FILE has the passphrase of the ground station, or 64
     /// hexadecimal digits
     #[arg(long, value_name = "FILE")]
     pub signing_key: Option<PathBuf>,
 
-    /// Listen to stations at this address only, where the bridge listens (repeatable)
+    /// Accept only stations at this address on udpin: and tcpin: (repeatable)
     #[arg(long, value_name = "ADDRESS")]
     pub peer: Vec<IpAddr>,
 
-    /// Let ground stations change nothing: no parameter is set, nothing is saved, erased or restarted, and no frame is put on the bus
+    /// Reject all changes by ground stations: they cannot set, save, erase or restart, and cannot send frames on the bus
     #[arg(long, conflicts_with = "autosave")]
     pub read_only: bool,
 
-    /// Show the bus to stations that ask for it (CAN_FORWARD), and put their frames on it (CAN_FRAME): the DroneCAN GUI Tool needs it.
-    /// Whoever can reach the bridge can then move a servo
+    /// Let ground stations see the frames of the bus (CAN_FORWARD) and send frames (CAN_FRAME), as the DroneCAN GUI Tool does.
+    /// Every station that reaches the bridge can then move a servo
     #[arg(long)]
     pub allow_can: bool,
 
-    /// Save a node's parameters by itself, two seconds after the last PARAM_SET
+    /// Save a node's parameters two seconds after the last PARAM_SET
     #[arg(long)]
     pub autosave: bool,
 
-    /// Wait for the bus and the channels if they are not there at the start
+    /// Wait for the bus and the channels if they cannot be opened at the start
     #[arg(long)]
     pub wait: bool,
 
-    /// Print all parameters of all nodes with the names that they have in MAVLink, and end
+    /// Print all parameters of all nodes with their MAVLink names, and exit
     #[arg(long)]
     pub names: bool,
 
-    /// Print lines also where the output is a terminal
+    /// Print lines even if the output is a terminal
     #[arg(long)]
     pub plain: bool,
 
-    /// End by itself after this time: 500ms, 10s, 5m, 1h
+    /// Exit after this time: 500ms, 10s, 5m, 1h
     #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
     pub run_for: Option<Duration>,
 }

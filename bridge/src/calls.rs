@@ -1,12 +1,12 @@
-//! Requests to nodes: several at a time, repeated when nothing comes back, given up in bounded time.
+//! Requests to nodes: several at a time, repeated without an answer, and failed after a bounded time.
 //!
-//! Goals: a slow bus is used and not flooded; a slow node is waited for; no node keeps the requests to others waiting.
+//! Goals: use a slow bus without flooding it; wait for a slow node; no node delays requests to other nodes.
 //!
-//! * Each node has a queue and a window of requests that may be on their way to it at once. A request that is not answered
-//!   halves the window, for a small node may have no room for more; answers widen it again.
+//! * Each node has a queue and a window of requests that may be on their way to it at once. A request without an answer
+//!   halves the window, because a small node may have no room for more; answers widen it again.
 //! * All requests together have a window, too, which adapts in the same way: on a slow bus answers come late because of the other
-//!   requests. A node that has never answered does not narrow it, for that says nothing about the bus.
-//! * How long to wait follows from the delay of the answers so far, as TCP does it ([`delay`]).
+//!   requests. A node that has never answered does not narrow it, because that shows nothing about the bus.
+//! * The time to wait follows from the delay of the answers so far, as in TCP ([`delay`]).
 //!
 //! Invariants: each try has a transfer ID of its own. An answer to any try of a request answers the request. A transfer ID
 //! whose answer may still come is not used again.
@@ -20,18 +20,18 @@ use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-/// On their way to one node at once: what the DroneCAN GUI Tool does.
+/// Largest window of one node. The DroneCAN GUI Tool has the same.
 const WINDOW: usize = 5;
-/// On their way to all nodes at once. A GetSet takes seven frames with its answer, so that on a bus of 900 frames a second an answer
+/// Largest window of all nodes together. A GetSet takes seven frames with its answer, so that on a bus of 900 frames a second an answer
 /// waits for a quarter of a second behind 32 others.
 const TOTAL_WINDOW_MAX: f64 = 32.0;
 const TOTAL_WINDOW_MIN: f64 = 2.0;
 const TOTAL_WINDOW_AT_FIRST: f64 = 8.0;
-/// Lowest but one: parameters can wait for everything else on the bus.
+/// The second lowest priority: parameters are less urgent than all else on the bus.
 const PRIORITY: u8 = 30;
-/// Waiting for one node; beyond that a request fails at once.
+/// Most requests in the queue of a node. Further requests fail at once.
 const QUEUE_LIMIT: usize = 512;
-/// An answer that is later than this after its request is lost for good.
+/// An answer does not come later than this after its request.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(4);
 
 /// The timeouts of a request.
@@ -59,7 +59,7 @@ pub const OPCODE_TIMEOUTS: Timeouts = Timeouts::from_ms(1500, 3000);
 /// Which requests go first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Urgency {
-    /// Somebody waits for this one answer. The window of all requests together does not count.
+    /// A station waits for this answer. It ignores the window of all requests.
     Now,
     /// One of many.
     Background,
@@ -95,13 +95,13 @@ impl<P> Call<P> {
     }
 }
 
-/// All that is between the bridge and one node.
+/// The requests to one node.
 struct Line<P> {
     waiting: VecDeque<Call<P>>,
     flying: Vec<Call<P>>,
     window: usize,
     delay: Delay,
-    /// A transfer ID counter for each service, as the protocol wants it.
+    /// A transfer ID counter for each service, as the protocol requires.
     counters: BTreeMap<u16, TransferId>,
     /// Tries of requests that are done, whose answers may still come.
     orphans: Vec<(u16, Try)>,
@@ -139,13 +139,13 @@ impl<P> Line<P> {
         self.waiting.remove(at)
     }
 
-    /// A call is done: answers to its other tries are for nobody.
+    /// Ends a call: the bridge ignores answers to its other tries.
     fn abandon(&mut self, call: &Call<P>, answered: Option<TransferId>) {
         let others = call.tries.iter().filter(|this| Some(this.transfer_id) != answered);
         self.orphans.extend(others.map(|this| (call.service.id, *this)));
     }
 
-    /// The next transfer ID that no answer on its way has.
+    /// The next transfer ID that no outstanding answer has.
     fn transfer_id(&mut self, service: u16) -> TransferId {
         let calls = self.flying.iter().chain(&self.waiting).filter(|call| call.service.id == service);
         let expected = calls.flat_map(|call| &call.tries);
@@ -172,11 +172,11 @@ pub struct Calls<P> {
     own: NodeId,
     lines: BTreeMap<NodeId, Line<P>>,
     refused: Vec<Answer<P>>,
-    /// How many may be on their way to all nodes.
+    /// Window of all nodes together.
     window: f64,
     /// When that was last narrowed: once for all requests that were lost together.
     narrowed_at: Option<Duration>,
-    /// The node that was served last: the next has its turn.
+    /// The node that was served last. The next one follows it.
     served: Option<NodeId>,
     /// Of all nodes, for one that has not answered yet.
     delay: Delay,
@@ -213,7 +213,7 @@ impl<P> Calls<P> {
         line.push(Call { service, payload, timeouts, urgency, purpose, tries, deadline });
     }
 
-    /// A response of a node: whose it is.
+    /// Finds the request of a response.
     pub fn answered(&mut self, now: Duration, transfer: &Transfer) -> Option<Answer<P>> {
         let CanId::Service { service_id, request: false, destination, source, .. } = transfer.id else {
             return None;
@@ -235,7 +235,7 @@ impl<P> Calls<P> {
         Some((source, call.purpose, Some(transfer.payload.clone())))
     }
 
-    /// Sends what may be sent, repeats what was not answered, and gives what failed for good.
+    /// Sends and repeats requests, and returns those that have failed.
     pub fn poll(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Vec<Answer<P>> {
         let mut failed = std::mem::take(&mut self.refused);
         self.take_overdue(now, &mut failed);
@@ -258,7 +258,7 @@ impl<P> Calls<P> {
         failed
     }
 
-    /// Puts requests whose time is over back into the queue, in front and in their order, so that nothing overtakes for ever.
+    /// Puts requests whose time is over back into the queue, in front and in their order, so that each has its turn.
     fn take_overdue(&mut self, now: Duration, failed: &mut Vec<Answer<P>>) {
         for (node, line) in &mut self.lines {
             line.orphans.retain(|(_, this)| now < this.sent + ANSWERS_WITHIN);
@@ -320,7 +320,7 @@ impl<P> Calls<P> {
         flying.chain(waiting).min()
     }
 
-    /// Takes back requests to a node that have not been answered, with what they were for.
+    /// Removes the unanswered requests to a node, and returns their purposes.
     pub fn take_back(&mut self, node: NodeId, which: impl Fn(&P) -> bool) -> Vec<P> {
         let Some(line) = self.lines.get_mut(&node) else {
             return Vec::new();

@@ -1,9 +1,9 @@
 //! MAVLink channels: UDP, TCP or a serial port, and the ground stations at their other ends.
 //!
 //! A channel has one far end (`udpout`, `tcp`, `serial`) or several (`udpin`, `tcpin`), each a [`Peer`] with its own queue, its own
-//! version of MAVLink and its own count of messages. Nothing blocks: what a channel does not take waits in the queue, which gives
-//! up the least important. A channel whose rate is known is not filled beyond it, so that what matters does not wait behind
-//! what does not.
+//! version of MAVLink and its own count of messages. Nothing blocks: messages that a channel does not accept wait in the queue, which drops
+//! the least important. The bridge sends no more than the rate of a channel, if it is known, so that important messages do not
+//! wait behind others.
 
 mod budget;
 mod peer;
@@ -36,18 +36,18 @@ pub use spec::Spec;
 
 /// Ground stations at one open port.
 const PEERS_MAX: usize = 16;
-/// Between two lines about stations for which there is no place.
+/// Time between two log lines about stations without a place.
 const REFUSAL_REPEATED_AFTER: Duration = Duration::from_secs(60);
 const RETRY: Duration = Duration::from_secs(1);
 /// Reads in one turn, of each peer.
 const READS_AT_ONCE: usize = 64;
-/// The component by which MAVProxy is known. It takes integers for floats unless component 1 says that it is a PX4.
+/// The component ID of MAVProxy. MAVProxy reads integers as floats unless component 1 is a PX4.
 const MAVPROXY: u8 = 230;
 
 /// How integers are written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Integers {
-    /// Their bytes; to MAVProxy, which takes them for floats, as floats
+    /// Their bytes; to MAVProxy, which reads floats, as floats
     #[default]
     Auto,
     /// Their bytes, as PX4 does
@@ -56,7 +56,7 @@ pub enum Integers {
     Cast,
 }
 
-/// What is the same for all channels.
+/// Settings of all channels.
 #[derive(Clone)]
 pub struct Options {
     pub system: u8,
@@ -67,7 +67,7 @@ pub struct Options {
     /// Bytes a second, of channels that are not serial.
     pub byte_rate: Option<f64>,
     pub key: Option<[u8; 32]>,
-    /// Who may speak where the bridge listens; empty for everybody.
+    /// Addresses that listeners accept; empty for all.
     pub allowed: Vec<IpAddr>,
 }
 
@@ -96,7 +96,7 @@ pub struct Channel {
     refused: u64,
     refusal_said: Option<Duration>,
     unsigned: u64,
-    /// Given up by queues of peers that have gone.
+    /// Messages that queues of former peers dropped.
     dropped: u64,
     away_said: bool,
     pub log: Vec<String>,
@@ -156,7 +156,7 @@ impl Channel {
         }
     }
 
-    /// A listener beyond this machine takes commands from whoever reaches it.
+    /// Warns of a listener beyond this machine, which accepts commands from every station that reaches it.
     fn warn_of_strangers(&mut self) {
         let (Spec::UdpIn(local) | Spec::TcpIn(local)) = self.spec else { return };
         if !local.ip().is_loopback() && self.signing.is_none() {
@@ -166,7 +166,7 @@ impl Channel {
         }
     }
 
-    /// Keeps and says the port that the system has chosen, where none was given.
+    /// Keeps and logs the port that the system has chosen for port 0.
     fn listens_at(&mut self, local: SocketAddr) {
         let (Spec::UdpIn(given) | Spec::TcpIn(given)) = &mut self.spec else { return };
         if given.port() == 0 {
@@ -197,13 +197,13 @@ impl Channel {
         }
     }
 
-    /// True if a station at that address may speak.
+    /// True if the bridge accepts a station at that address.
     fn allows(&self, address: IpAddr) -> bool {
         let allowed = &self.options.allowed;
         allowed.is_empty() || allowed.contains(&address.to_canonical())
     }
 
-    /// Says that there is no place for somebody: once a minute, for there may be many.
+    /// Logs that there is no place for a station, at most once a minute, because there may be many.
     fn refuse(&mut self, now: Duration, from: SocketAddr) {
         self.refused += 1;
         if self.refusal_said.is_none_or(|said| now >= said + REFUSAL_REPEATED_AFTER) {
@@ -364,7 +364,7 @@ impl Channel {
         }
     }
 
-    /// The stations that are told something.
+    /// The stations that the bridge sends to.
     fn trusted(&mut self) -> impl Iterator<Item = &mut Peer> {
         self.peers.values_mut().filter(|peer| peer.is_trusted)
     }
@@ -405,7 +405,7 @@ impl Channel {
             Transport::Away(until) | Transport::Connecting(_, until) => Some(*until),
             _ => None,
         };
-        // What the kernel does not take is waited for by poll.
+        // `poll` waits until the kernel accepts the rest.
         let waiting =
             self.peers.values().filter(|peer| peer.unsent.is_empty()).filter_map(|peer| peer.queue.next()).min();
         let affordable = self.budget.as_ref().map_or(Duration::ZERO, Budget::next);

@@ -72,7 +72,7 @@ impl Commands {
             }
             _ if component == 0 || component == state.settings.component => Target::Bridge,
             Some(id) if state.nodes.contains_key(&id) && !state.speaks_for_itself(component) => Target::Node(id),
-            // Somebody else's: there may be other components in this system.
+            // Another component of this system may answer it.
             _ => return,
         };
         let component = match target {
@@ -89,7 +89,7 @@ impl Commands {
         }
         let result = match command.number {
             command::UAVCAN_GET_NODE_INFO => {
-                // Whoever it is addressed to: MAVLink's chapter on UAVCAN wants every known node.
+                // For any target: MAVLink's chapter on UAVCAN requires every known node.
                 let is_known = |node: &Node| node.online || node.info.known.is_some();
                 let nodes = state.nodes.iter().filter(|(_, node)| is_known(node)).map(|(id, _)| *id).collect();
                 return self.tell_infos(state, now, asker, component, command, nodes);
@@ -117,7 +117,7 @@ impl Commands {
         })
     }
 
-    /// Sends what these nodes are: now if they have said it, else when they have.
+    /// Sends UAVCAN_NODE_INFO of these nodes, at once or when they have answered.
     fn tell_infos(
         &mut self,
         state: &mut State,
@@ -172,7 +172,7 @@ impl Commands {
                     state.post(To::One(asker.peer), Class::Answer, id.get(), content);
                 }
             }
-            // Nobody is there to tell of.
+            // There is no node to report.
             message_id::NODE_STATUS => {
                 acknowledge(state, asker, component, command.number, FAILED);
             }
@@ -254,7 +254,7 @@ impl Commands {
         Some(ticket)
     }
 
-    /// A node has done its part of a command, or why it has not, which whoever asked is told.
+    /// Notes that a node has executed its part of a command, or why not, and reports that to the sender of the command.
     pub fn done(&mut self, state: &mut State, ticket: u32, id: NodeId, done: Result<(), &str>) {
         let Some(pending) = self.pending.get_mut(&ticket) else { return };
         if !pending.waiting_for.remove(&id) {
@@ -319,7 +319,7 @@ impl Commands {
     }
 }
 
-/// Why a command is not allowed to anybody, if it is not.
+/// Why nobody may send a command; `None` if it is allowed.
 fn why_not_allowed(rights: Rights, number: u16) -> Option<&'static str> {
     match number {
         command::PREFLIGHT_STORAGE | command::PREFLIGHT_REBOOT_SHUTDOWN if !rights.change => {

@@ -1,6 +1,6 @@
-//! The bridge itself: frames and messages come in with the time, and go to the part that they are for.
+//! The bridge itself: passes frames and messages, with their time, to the part that handles them.
 //!
-//! Nothing here opens, waits or reads a clock. What is to be sent is taken out of [`Bridge::frames`] and [`State::posts`].
+//! Nothing here opens, waits or reads a clock. The caller takes what is to be sent from [`Bridge::frames`] and [`State::posts`].
 //!
 //! ```text
 //! core ──> commands ──> forward, identity, presence ──> state ──> node, calls, post
@@ -33,7 +33,7 @@ const BEAT: Duration = Duration::from_secs(1);
 const SERVICES: [u16; 4] =
     [types::GET_NODE_INFO.id, types::GET_SET.id, types::EXECUTE_OPCODE.id, types::RESTART_NODE.id];
 
-/// All that is known, and all that is under way.
+/// The nodes, and all requests in progress.
 pub struct Bridge {
     state: State,
     commands: Commands,
@@ -43,7 +43,7 @@ pub struct Bridge {
     assembler: Assembler,
     status_id: TransferId,
     next_beat: Duration,
-    /// Somebody else has our node ID; when that was last said.
+    /// When the bridge last reported that another node has its node ID.
     conflict_said: Option<Duration>,
     /// To be sent on the bus.
     pub frames: Vec<Frame>,
@@ -70,7 +70,7 @@ impl Bridge {
         &self.state.nodes
     }
 
-    /// What there is for the ground stations.
+    /// The messages for the ground stations.
     pub fn take_posts(&mut self) -> Vec<Post> {
         std::mem::take(&mut self.state.posts)
     }
@@ -92,7 +92,7 @@ impl Bridge {
         self.send(now);
     }
 
-    /// Moves what the parts have for the bus to [`Bridge::frames`], and shows it to those who look at the bus.
+    /// Moves what the parts have for the bus to [`Bridge::frames`], and forwards it to the stations that see the bus.
     fn send(&mut self, now: Duration) {
         for (frame, from) in std::mem::take(&mut self.state.outgoing) {
             self.frames.push(frame);
@@ -100,7 +100,7 @@ impl Bridge {
         }
     }
 
-    /// A frame that is on the bus and not ours, whoever sent it.
+    /// Handles a frame on the bus that the bridge did not send.
     fn hear(&mut self, now: Duration, frame: &Frame) {
         let Id::Extended(raw) = frame.id else { return };
         let Some(id) = CanId::parse(raw).filter(|_| !frame.remote) else { return };
@@ -117,7 +117,7 @@ impl Bridge {
             }
             CanId::Anonymous { .. } => false,
         };
-        // Nothing else is put together, so that no flood of transfers that are begun and never end costs memory.
+        // Reassembles no other transfers, so that a flood of unfinished ones takes no memory.
         if ours && let Outcome::Complete(transfer) = self.assembler.push(raw, frame.data(), now) {
             self.transfer(now, &transfer);
         }
@@ -171,7 +171,7 @@ impl Bridge {
         self.state.post_status(now, id, &status);
     }
 
-    /// An answer, or that there is none.
+    /// Handles an answer, or its absence.
     fn answer(&mut self, now: Duration, (id, purpose, payload): Answer<Purpose>) {
         match purpose {
             Purpose::Info => {
@@ -209,7 +209,7 @@ impl Bridge {
                 state.parameter_ops(component, || Op::ReadName(asker, name.clone()));
             }
             Request::ParameterSet { name, value, kind } => {
-                // One value for all nodes is nobody's wish.
+                // PARAM_SET needs one node: one value for all nodes makes no sense.
                 if component != 0 {
                     state.parameter_ops(component, || Op::Set { asker, name: name.clone(), value, kind });
                 }
@@ -220,7 +220,7 @@ impl Bridge {
             Request::Frame(data) => {
                 if let Some(frame) = self.forward.frame_from_station(state, asker, &data) {
                     self.send(now);
-                    // What it sends makes it a node as any other.
+                    // A frame that it sends shows it as a node like any other.
                     self.hear(now, &frame);
                 }
             }
@@ -230,7 +230,7 @@ impl Bridge {
         self.send(now);
     }
 
-    /// Refuses files, in the name of the bridge or of a node that is there.
+    /// Rejects file requests, for the bridge or for a node that is online.
     fn ftp(&mut self, asker: Asker, component: u8, request: &[u8; ftp::PAYLOAD_LEN]) {
         let own = self.state.settings.component;
         let is_node = NodeId::new(component).is_some_and(|id| self.state.nodes.contains_key(&id));
@@ -244,14 +244,14 @@ impl Bridge {
         }
     }
 
-    /// Somebody new listens: it is greeted, and told who is there.
+    /// Greets a new ground station, and sends it the known nodes.
     pub fn joined(&mut self, now: Duration, peer: PeerId) {
         let heartbeat = self.state.heartbeat(None);
         self.state.post(To::One(peer), Class::Answer, self.state.settings.component, Content::from(heartbeat));
         self.state.tell_all_infos(now, peer);
     }
 
-    /// The bus was away and is back: whatever is there now may be something else, whose uptime need not tell.
+    /// The bus was lost and is open again. Other nodes may be on it now, which their uptimes need not show.
     pub fn bus_is_back(&mut self) {
         let online: Vec<NodeId> = self.state.online().collect();
         for id in online {
@@ -260,20 +260,20 @@ impl Bridge {
         }
     }
 
-    /// A ground station has gone.
+    /// Forgets a ground station.
     pub fn left(&mut self, peer: PeerId) {
         self.forward.drop_station(peer);
         self.early.drop_station(peer);
         self.commands.drop_station(peer);
     }
 
-    /// The passing of time.
+    /// Does what is due.
     pub fn poll(&mut self, now: Duration) {
         self.state.miss_nodes(now);
         self.state.repeat_infos(now);
         self.state.autosave(now);
         if now >= self.next_beat {
-            // Beats that were missed are not made up for.
+            // Missed beats are not sent later.
             self.next_beat = if now < self.next_beat + BEAT { self.next_beat + BEAT } else { now + BEAT };
             self.state.beat(now, self.status_id.advance());
         }
@@ -295,7 +295,7 @@ impl Bridge {
         deadlines.into_iter().flatten().fold(self.next_beat, Duration::min)
     }
 
-    /// The serial ports through the bus.
+    /// The tunnels to serial ports of nodes.
     pub fn tunnels(&self) -> &Tunnels {
         &self.tunnels
     }
@@ -304,12 +304,12 @@ impl Bridge {
         &mut self.tunnels
     }
 
-    /// Fetches all nodes' parameters, for the table that is printed.
+    /// Reads the parameters of all nodes, for `--names`.
     pub fn list_all(&mut self) {
         self.state.parameter_ops(0, || Op::Print);
     }
 
-    /// Whether tables are still being fetched.
+    /// True while tables are being read.
     pub fn is_listing(&self) -> bool {
         self.state.nodes.values().any(|node| node.listing.is_some())
     }

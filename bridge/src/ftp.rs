@@ -1,7 +1,7 @@
-//! FTP over MAVLink: the bridge has no files, and says so.
+//! FTP over MAVLink: the bridge has no files, and rejects each request.
 //!
-//! Ground stations ask for a file of parameters before they ask for the parameters themselves, and wait long for an answer. Refused
-//! at once, they go on (MAVLink's chapter "File Transfer Protocol").
+//! Ground stations ask for a file of parameters before they ask for the parameters themselves, and wait long for an answer. After an
+//! immediate rejection they continue (MAVLink's chapter "File Transfer Protocol").
 //!
 //! ```text
 //! byte   0..2   2        3       4     5               6               7        8..12   12..

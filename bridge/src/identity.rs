@@ -1,4 +1,4 @@
-//! Who the nodes are: GetNodeInfo on the bus, UAVCAN_NODE_INFO on the channels. And who the bridge is, for whoever asks on the bus.
+//! Names of the nodes: GetNodeInfo on the bus, UAVCAN_NODE_INFO on the channels. And the bridge's own answer to GetNodeInfo.
 //!
 //! A node is asked when it appears, comes back or restarts. One that does not answer is asked again, less and less often.
 
@@ -29,7 +29,7 @@ impl State {
         }
     }
 
-    /// A node has said who it is, or has not. Gives the commands that waited for that.
+    /// Handles a node's answer to GetNodeInfo, or its absence. Returns the commands that waited for it.
     pub(crate) fn info_answer(&mut self, now: Duration, id: NodeId, info: Option<NodeInfo>) -> Vec<u32> {
         let Some(node) = self.nodes.get_mut(&id) else { return Vec::new() };
         node.info.asked = false;
@@ -72,7 +72,7 @@ impl State {
         self.post(to, Class::Info, id.get(), Content::from(MavMessage::UAVCAN_NODE_INFO(data)));
     }
 
-    /// Asks those that have not said who they are, and repeats what is known of the others.
+    /// Sends GetNodeInfo to nodes without a name, and repeats UAVCAN_NODE_INFO of the others.
     pub(crate) fn repeat_infos(&mut self, now: Duration) {
         let interval = self.settings.info_interval;
         let online: Vec<NodeId> = self.online().collect();
@@ -87,7 +87,7 @@ impl State {
         }
     }
 
-    /// Tells a ground station that is new who is there.
+    /// Sends the known nodes to a new ground station.
     pub(crate) fn tell_all_infos(&mut self, now: Duration, peer: PeerId) {
         let online: Vec<NodeId> = self.online().collect();
         for id in online {

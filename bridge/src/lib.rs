@@ -1,12 +1,12 @@
-//! A DroneCAN bus on a MAVLink ground station's screen.
+//! Shows a DroneCAN bus to MAVLink ground stations.
 //!
 //! ```text
 //! Bus (slcan, mcast, socketcan) ── frames ──> Bridge ── posts ──> Queue ── Writer ──> Channel (udp, tcp, serial)
 //!                               <── frames ──        <── requests ── Parser ──────────
 //! ```
-//! [`core::Bridge`] decides; it neither opens nor waits. Its parts (parameters, commands, forward, presence, identity) work on a
-//! [`state::State`] and do not know the core. [`bus`] and [`channel`] are what it is joined to, and never block.
-//! [`run`] moves between them what there is. See docs/bridge.md.
+//! [`core::Bridge`] has all decisions; it opens nothing and never waits. Its parts (parameters, commands, forward, presence, identity) work on a
+//! [`state::State`] and do not know the core. [`bus`] and [`channel`] are its connections, and never block.
+//! [`run`] moves frames and messages between them. See docs/bridge.md.
 
 #![forbid(unsafe_code)]
 

@@ -47,7 +47,7 @@ pub struct Out {
     pub content: Content,
 }
 
-/// What it says.
+/// The content of a message.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     Message(Box<MavMessage>),
@@ -69,7 +69,7 @@ pub enum Content {
         count: u16,
         index: u16,
     },
-    /// AUTOPILOT_VERSION. It says how integers are written.
+    /// AUTOPILOT_VERSION. It has the encoding of integers.
     Capabilities {
         software: u32,
         unique_id: [u8; 16],
@@ -155,7 +155,7 @@ pub enum Request {
     Filter(CAN_FILTER_MODIFY_DATA),
     /// FILE_TRANSFER_PROTOCOL, its payload.
     Ftp(Box<[u8; crate::ftp::PAYLOAD_LEN]>),
-    /// Anything else: it shows that somebody is there.
+    /// Any other message. It shows that the sender is online.
     Other,
 }
 

@@ -15,7 +15,7 @@ pub struct Node {
     pub online: bool,
     /// The uptime before it last went back. If statuses follow both, there are two nodes.
     pub other_uptime: Option<Uptime>,
-    /// When a conflict of its ID was last said.
+    /// When a conflict of its ID was last reported.
     pub conflict_said: Option<Duration>,
     /// Statuses since it appeared.
     pub statuses: u64,
@@ -53,7 +53,7 @@ impl Node {
         Uptime { seconds: self.status.uptime_s, at: self.heard }
     }
 
-    /// Its name, once it has told.
+    /// Its name, once it has answered.
     pub fn name(&self) -> Option<String> {
         self.info.known.as_ref().map(NodeInfo::name)
     }
@@ -67,7 +67,7 @@ pub struct Uptime {
 }
 
 impl Uptime {
-    /// Whole seconds are told, at a time that is not exact.
+    /// The status has whole seconds, and arrives at a time that is not exact.
     const TOLERANCE_S: u64 = 1;
 
     /// True if `status` may be of the same node, which has not restarted since.
@@ -77,7 +77,7 @@ impl Uptime {
     }
 }
 
-/// What it says of itself, and how the bridge comes to know.
+/// The answer to GetNodeInfo, and the state of the request.
 #[derive(Debug, Default)]
 pub struct Information {
     pub known: Option<NodeInfo>,
@@ -108,7 +108,7 @@ pub struct Listing {
 pub struct Entry {
     pub full: Vec<u8>,
     pub short: String,
-    /// As the node told it last.
+    /// From the last answer of the node.
     pub last: ParameterResponse,
 }
 
@@ -120,7 +120,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// From all that a node has told.
+    /// From all answers of a node.
     pub fn new(parameters: impl IntoIterator<Item = ParameterResponse>) -> Table {
         let all: Vec<ParameterResponse> = parameters.into_iter().collect();
         let names: Vec<Vec<u8>> = all.iter().map(|parameter| parameter.name.clone()).collect();

@@ -102,7 +102,7 @@ enum Sent {
     Real(f32),
 }
 
-/// The bytes of a PARAM_SET, read as its type says.
+/// The bytes of a PARAM_SET, read by its type.
 fn read(kind: u8, value: f32) -> Result<Sent, Unfit> {
     let [b0, b1, b2, b3] = value.to_le_bytes();
     Ok(match kind {
@@ -122,7 +122,7 @@ fn whole(value: f32) -> Option<i64> {
     (value.fract() == 0.0 && (-(2f32.powi(63))..2f32.powi(63)).contains(&value)).then_some(value as i64)
 }
 
-/// The value for the node. `current` is the parameter as the node last told it; `None` if nothing is to be changed.
+/// The value for the node. `current` is the parameter in the node's last answer; `None` if nothing is to be changed.
 ///
 /// # Errors
 /// Why there is none.
@@ -229,7 +229,7 @@ mod tests {
         assert_eq!(decode(INT32, f32::from_bits(2), Custom::Bytewise, &boolean), Err(Unfit::Value));
     }
 
-    /// ArduPilot's way to a bridge that has the other: the limits tell which was meant.
+    /// ArduPilot's encoding to a bridge that uses the other: the limits show which was meant.
     #[test]
     fn a_cast_integer_is_understood_where_only_that_is_within_the_limits() {
         let limited = parameter(Value::Integer(1000), Some((500, 2500)));

@@ -5,7 +5,7 @@
 //! until it is there. A list is always fetched anew. A single parameter is read and set by its full name, and what the node
 //! answers is what a ground station is told: after a PARAM_SET the value in force, whatever was asked for.
 //!
-//! Where something cannot be done, PARAM_ERROR tells the one who asked.
+//! PARAM_ERROR answers a request that cannot be done.
 
 use crate::calls::{OPCODE_TIMEOUTS, Timeouts, Urgency};
 use crate::message::{Content, chars, text};
@@ -103,7 +103,7 @@ impl State {
                 _ => node.listing = None,
             }
         }
-        // What waited for its parameters still wants them.
+        // Requests that waited for its parameters still wait.
         if !node.waiting.is_empty() && node.listing.is_none() {
             self.list(id);
         }
@@ -133,11 +133,11 @@ impl State {
         let Some(node) = self.nodes.get_mut(&id) else { return };
         node.listing = None;
         let waiting = std::mem::take(&mut node.waiting);
-        self.log.push(format!("node {id} does not tell its parameters"));
+        self.log.push(format!("node {id} does not send its parameters"));
         for op in waiting {
             match op {
                 Op::List(asker) => {
-                    let words = format!("Node {id} does not tell its parameters");
+                    let words = format!("Node {id} does not send its parameters");
                     self.post(To::One(asker.peer), Class::Text, id.get(), Content::from(text(&words)));
                 }
                 Op::ReadIndex(asker, index) => self.refuse(id, asker, Some(index), "", READ_FAIL),
@@ -252,7 +252,7 @@ impl State {
         self.list_on(id);
     }
 
-    /// Keeps what the node has told of a parameter; `false` if it told nothing of use, which the asker is told.
+    /// Keeps the node's answer about a parameter. `false` if the answer is of no use; the sender of the request gets an error then.
     fn took(&mut self, id: NodeId, asker: Asker, at: usize, response: Option<ParameterResponse>) -> bool {
         let Some(node) = self.nodes.get_mut(&id) else { return false };
         let Some(entry) = node.table.as_mut().and_then(|table| table.entries.get_mut(at)) else {
@@ -294,7 +294,7 @@ impl State {
         self.refuse(id, asker, None, &name, error);
     }
 
-    /// Tells whoever asked why there is nothing.
+    /// Sends the reason for a missing value to the sender of the request.
     fn refuse(&mut self, id: NodeId, asker: Asker, index: Option<u16>, name: &str, error: MavParamError) {
         let data = PARAM_ERROR_DATA {
             param_index: index.and_then(|index| i16::try_from(index).ok()).unwrap_or(-1),
@@ -306,7 +306,7 @@ impl State {
         self.post(To::One(asker.peer), Class::Answer, id.get(), Content::from(MavMessage::PARAM_ERROR(data)));
     }
 
-    /// Saves what was set, once nobody sets anything any more.
+    /// Saves parameters a while after the last PARAM_SET.
     pub(crate) fn autosave(&mut self, now: Duration) {
         for (id, node) in &mut self.nodes {
             if node.save_at.is_some_and(|at| now >= at) {

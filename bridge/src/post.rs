@@ -1,4 +1,4 @@
-//! What ground stations are to be sent, and who asked for it.
+//! Messages for ground stations, and their recipients.
 
 use crate::message::Out;
 use crate::number::Custom;

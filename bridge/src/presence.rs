@@ -1,4 +1,4 @@
-//! Which nodes are there, and how they are: NodeStatus on the bus, UAVCAN_NODE_STATUS and HEARTBEAT on the channels.
+//! Nodes online and their status: NodeStatus on the bus, UAVCAN_NODE_STATUS and HEARTBEAT on the channels.
 
 use crate::message::{Content, Out, text};
 use crate::node::Node;
@@ -12,7 +12,7 @@ use mavlink::dialects::common::{
 };
 use std::time::Duration;
 
-/// A node is gone when its last status is older.
+/// A node is offline when its last status is older.
 pub const OFFLINE_AFTER: Duration = Duration::from_secs(5);
 /// Between two warnings of the same conflict of IDs.
 pub const CONFLICT_REPEATED_AFTER: Duration = Duration::from_secs(60);

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// Until a program sets another.
 const BAUD_RATE_AT_FIRST: u32 = 115_200;
-/// Bytes that wait for whoever has the terminal open. Beyond that the newest are dropped: nobody reads.
+/// Bytes that wait for the program at the terminal. When it does not read, the bridge drops the newest.
 const UNREAD_MAX: usize = 64 * 1024;
 
 pub struct Pty {
@@ -20,7 +20,7 @@ pub struct Pty {
     slave: OwnedFd,
     link: PathBuf,
     unread: Vec<u8>,
-    /// Dropped because nobody read.
+    /// Bytes dropped because no program read them.
     pub dropped: u64,
 }
 
@@ -62,7 +62,7 @@ impl Pty {
         rustix::io::read(&self.master, &mut buffer).map_or_else(|_| Vec::new(), |length| buffer[..length].to_vec())
     }
 
-    /// Shows bytes to whoever has it open.
+    /// Writes bytes to the program that has it open.
     pub fn write(&mut self, bytes: &[u8]) {
         let room = UNREAD_MAX - self.unread.len().min(UNREAD_MAX);
         self.unread.extend(&bytes[..bytes.len().min(room)]);

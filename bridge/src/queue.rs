@@ -1,4 +1,4 @@
-//! What waits for a channel, and what leaves next when there is room for little.
+//! The queue of a channel, and which message it sends next.
 //!
 //! Each class of messages has a share of the channel. A class that needs less than its share leaves the rest to the others, in proportion
 //! to their shares, and its messages leave at once. A node's status is not queued: each node has one place, in which the newest
@@ -16,7 +16,7 @@ use std::time::Duration;
 /// Of equal claims the first leaves first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
-    /// What somebody waits for: acknowledgements, the value after a PARAM_SET, the bridge's heartbeat.
+    /// Messages that a station waits for: acknowledgements, the value after a PARAM_SET, the bridge's heartbeat.
     Answer,
     /// A node's status that is due, so that it comes once a second at least. Not queued here.
     Status,
@@ -119,7 +119,7 @@ impl Queue {
         }
     }
 
-    /// Adds a message. It replaces one that says the same, and the oldest of its class if there is no room.
+    /// Adds a message. It replaces one with the same key, or the oldest of its class if there is no room.
     pub fn push(&mut self, class: Class, out: Out) {
         let waiting = self.waiting.entry(class).or_default();
         if let Some(key) = out.key()
@@ -153,7 +153,7 @@ impl Queue {
         self.statuses.remove(&node);
     }
 
-    /// The next message, if there is one that may leave now. [`Queue::sent`] is told how long it was.
+    /// The next message, if there is one that may leave now. The caller reports its length to [`Queue::sent`].
     pub fn pop(&mut self, now: Duration) -> Option<(Class, Out)> {
         let (ready, idle): (Vec<Class>, Vec<Class>) = SHARING.into_iter().partition(|class| self.is_ready(*class, now));
         for class in idle {

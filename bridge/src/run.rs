@@ -33,15 +33,15 @@ pub enum Failure {
 const TURN_MAX: Duration = Duration::from_millis(100);
 /// A bus that opens answers within that.
 const OPENS_WITHIN: Duration = Duration::from_secs(3);
-/// All nodes have said that they are there, and a little more.
+/// Long enough for a NodeStatus of every node.
 const NODES_SHOW_WITHIN: Duration = Duration::from_millis(2500);
 const NAMES_WITHIN: Duration = Duration::from_secs(60);
 const AUTOSAVE_AFTER: Duration = Duration::from_secs(2);
 
-/// Runs until it is told to end.
+/// Runs until the user or `--for` ends it.
 ///
 /// # Errors
-/// If something cannot be opened; what goes away later is waited for.
+/// If something cannot be opened. The bridge reopens what is lost later.
 pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
     let other = |error: Error| (Failure::Other, error);
     let ended = Arc::new(AtomicBool::new(false));
@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
     result
 }
 
-/// What the options come to.
+/// The configuration from the options.
 fn configure(args: &Args) -> Result<(Settings, Options)> {
     let node = match args.node_id {
         Some(id) => NodeId::new(id),
@@ -227,7 +227,7 @@ impl Joined {
         }
     }
 
-    /// What the bridge has for the bus and the channels.
+    /// Sends the bridge's frames and messages.
     fn deliver(&mut self, now: Duration) {
         for frame in self.bridge.frames.drain(..) {
             self.bus.send(now, frame);
@@ -245,7 +245,7 @@ impl Joined {
         // Rounded up, for a poll that returns early finds nothing to do.
         let wait = until.saturating_sub(now) + Duration::from_micros(50);
         let fds = self.channels.iter().flat_map(Channel::poll_fds).chain(self.bus.poll_fd());
-        // What cannot be sent is left in the pseudo-terminal, and not waited for.
+        // Bytes that cannot be sent stay in the pseudo-terminal; the loop does not wait for them.
         let takes = |at: usize| self.bus.is_up() && self.bridge.tunnels().has_room(at);
         let ptys = self.ptys.iter().enumerate().filter(|(at, _)| takes(*at));
         let fds = fds.chain(ptys.map(|(_, pty)| pty.poll_fd()));
@@ -287,7 +287,7 @@ impl Joined {
         let mut all = true;
         for (id, node) in nodes.iter().filter(|(id, _)| !args.hide.contains(&id.get())) {
             let Some(table) = &node.table else {
-                eprintln!("bridge: node {id} does not tell its parameters");
+                eprintln!("bridge: node {id} does not send its parameters");
                 all = false;
                 continue;
             };

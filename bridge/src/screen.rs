@@ -1,4 +1,4 @@
-//! What a person sees: a live table of nodes in a terminal, lines elsewhere.
+//! The output: a live table of nodes in a terminal, else lines.
 
 use crate::args::Args;
 use crate::node::Node;
@@ -54,7 +54,7 @@ impl Screen {
     /// Shows what is new. Whether the user wants to end.
     ///
     /// # Errors
-    /// If the terminal is gone.
+    /// If the terminal was closed.
     pub fn show(&mut self, joined: &mut Joined) -> Result<bool> {
         let now = joined.now();
         let lines = joined.take_log();
@@ -99,7 +99,7 @@ impl Screen {
 
 fn print(now: Duration, lines: &[String]) {
     let mut out = std::io::stdout().lock();
-    // Whoever reads the lines may go away before we do.
+    // The reader of the lines may exit first.
     for line in lines {
         let _ = writeln!(out, "{:8.3} {line}", now.as_secs_f64());
     }

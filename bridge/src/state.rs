@@ -11,7 +11,7 @@ use dronecan_host::{Frame, NodeId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// Who the bridge is, and how often it says what.
+/// Identity of the bridge, and its intervals.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// MAVLink system, for the bridge and all nodes.
@@ -21,7 +21,7 @@ pub struct Settings {
     /// The bridge's node ID on the bus.
     pub node: NodeId,
     pub unique_id: [u8; 16],
-    /// How often all ground stations are told who the nodes are.
+    /// Time between two UAVCAN_NODE_INFO of a node.
     pub info_interval: Duration,
     /// Save a node's parameters by itself, that long after the last was set.
     pub autosave: Option<Duration>,
@@ -74,7 +74,7 @@ impl State {
         self.nodes.iter().filter(|(_, node)| node.online).map(|(id, _)| *id)
     }
 
-    /// True if that component speaks for itself: the bridge sends no heartbeat in its name, and answers nothing that is for it.
+    /// True if that component is not the bridge's: the bridge sends no heartbeat for it, and answers no message to it.
     pub fn speaks_for_itself(&self, component: u8) -> bool {
         let is_hidden = NodeId::new(component).is_some_and(|id| self.settings.hidden.contains(&id));
         is_hidden || self.real_components.contains(&component)
@@ -84,7 +84,7 @@ impl State {
         self.posts.push(Post::Message { to, class, out: Out { component, content } });
     }
 
-    /// Tells all ground stations and the log of something that has to be put right.
+    /// Reports a problem to all ground stations and the log.
     pub fn warn(&mut self, words: &str) {
         self.log.push(words.to_owned());
         let mut chars = words.chars();

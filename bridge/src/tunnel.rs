@@ -1,9 +1,9 @@
 //! Serial ports through the bus: tunnel.Targetted as ArduPilot's nodes and the DroneCAN GUI Tool have it, or tunnel.Broadcast.
 //!
 //! What a program writes to the pseudo-terminal ([`crate::pty`]) goes to one node, and what that node sends back comes out of it. A
-//! node answers whoever asked it last, and for three seconds: so an empty message goes out each half second.
+//! node answers the last node that sent to it, for three seconds, so the bridge sends an empty message each half second.
 //!
-//! No more leaves than a serial line of that baud rate would carry, for the node has to pass it on through one.
+//! The bridge sends no more than a serial line of that baud rate carries, because the node has to pass the bytes on to one.
 
 use dronecan_host::tunnel::{BROADCAST_MAX, DEFAULT_PORT, GPS_GENERIC, LOCK_PORT, TARGETTED_MAX};
 use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId, TunnelBroadcast, TunnelTargetted, types};
@@ -14,7 +14,7 @@ use std::time::Duration;
 
 /// Empty messages, twice in the second that ArduPilot's tools take and well within the three that its nodes wait.
 const KEPT_ALIVE_EVERY: Duration = Duration::from_millis(500);
-/// Bytes that wait for the bus. Beyond that nothing is read from the pseudo-terminal.
+/// Most bytes that wait for the bus. When there are as many, the bridge stops reading the pseudo-terminal.
 const WAITING_MAX: usize = 4096;
 /// The middle of the priorities: below commands and statuses.
 const PRIORITY: u8 = 20;
@@ -80,7 +80,7 @@ struct Tunnel {
     way: Way,
     baud_rate: u32,
     waiting: VecDeque<u8>,
-    /// When the line would have carried what was sent.
+    /// When a serial line would have carried the bytes sent so far.
     free_at: Duration,
     next_keep_alive: Duration,
 }
@@ -131,13 +131,13 @@ impl Tunnels {
         self.all.iter().any(|tunnel| tunnel.node == source && tunnel.data_type().id == type_id)
     }
 
-    /// A message that [`Tunnels::wants`] said yes to.
+    /// A message for which [`Tunnels::wants`] was true.
     pub fn hear(&mut self, transfer: &Transfer) {
         let CanId::Message { type_id, source, .. } = transfer.id else { return };
         for (at, tunnel) in self.all.iter().enumerate().filter(|(_, tunnel)| tunnel.node == source) {
             let buffer = match tunnel.way {
                 Way::Targetted { serial_port, .. } if type_id == types::TUNNEL_TARGETTED.id => {
-                    // A node tells its port by its number, also if it was asked for its default port.
+                    // A node sends the number of its port, also if the bridge asked for the default port.
                     let of_port = |told: i8| serial_port == DEFAULT_PORT || told == serial_port;
                     TunnelTargetted::decode(&transfer.payload)
                         .filter(|message| message.target == self.own && of_port(message.serial_port))

@@ -24,20 +24,20 @@ pub struct Peer {
     pub heard: Option<MavlinkVersion>,
     pub custom: Custom,
     pub heard_at: Duration,
-    /// It has shown that it has the key, or needs none. Others are told nothing.
+    /// The station has shown that it has the key, or needs none. The bridge sends nothing to others.
     pub is_trusted: bool,
     pub sent: u64,
     pub received: u64,
 }
 
-/// Writes what is left of a message; whether it is all gone. Errors show when reading.
+/// Writes the rest of a message; true if that was all. A read reports errors.
 pub fn write(transport: &Transport, peer: &mut Peer) -> bool {
     while !peer.unsent.is_empty() {
         let written = match (transport, peer.stream.as_mut(), peer.address) {
             (Transport::Udp(socket), _, Some(address)) => {
                 match socket.send_to(&peer.unsent, address) {
                     Err(error) if error.kind() == ErrorKind::WouldBlock => Err(error),
-                    // No route, or nobody there: as lost as on a radio.
+                    // No route, or no receiver: lost, as on a radio.
                     _ => Ok(peer.unsent.len()),
                 }
             }

@@ -23,7 +23,7 @@ pub struct LookUp(Receiver<Result<SocketAddr>>);
 impl LookUp {
     pub fn begin(remote: String) -> LookUp {
         let (sender, receiver) = mpsc::channel();
-        // Whoever asked may not want it any more.
+        // The caller may have dropped its end.
         thread::spawn(move || drop(sender.send(resolve(&remote))));
         LookUp(receiver)
     }

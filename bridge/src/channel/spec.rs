@@ -32,7 +32,7 @@ impl FromStr for Spec {
             }
             _ => Err(format!("\"{rest}\" is not HOST:PORT; {EXAMPLES}")),
         };
-        // Loopback unless told otherwise.
+        // Loopback by default.
         let local = || match rest.parse::<u16>() {
             Ok(port) => Ok(SocketAddr::from((Ipv4Addr::LOCALHOST, port))),
             Err(_) => {

@@ -9,7 +9,7 @@ use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::time::Duration;
 
-/// A station on UDP that is silent for that long is gone: they send a heartbeat each second.
+/// The bridge forgets a station on UDP after this silence. Stations send a heartbeat each second.
 const SILENT_FOR: Duration = Duration::from_secs(60);
 
 impl Channel {
@@ -42,7 +42,7 @@ impl Channel {
             let (length, from) = match socket.recv_from(&mut buffer) {
                 Ok(received) => received,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return,
-                // Somebody's port was closed, which is no fault of this socket.
+                // The port of a station was closed: not an error of this socket.
                 Err(_) => continue,
             };
             let known = self.peers.iter().find(|(_, peer)| peer.address == Some(from)).map(|(id, _)| *id);
@@ -78,7 +78,7 @@ impl Channel {
         self.take_messages(now, bridge, id, messages);
     }
 
-    /// A message is in one datagram, with rare exceptions. So what was left of one that was rubbish is not waited for.
+    /// Except for rare cases a message is in one datagram, so the bridge does not wait for the rest of an incomplete one.
     fn take_datagram(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, bytes: &[u8]) {
         if let Some(peer) = self.peers.get_mut(&id).filter(|_| has_message(bytes)) {
             peer.parser = Parser::new(self.signing.clone());

@@ -1,6 +1,6 @@
 //! Bytes of messages for one ground station.
 //!
-//! A ground station is answered in the version of MAVLink that it speaks. But the first message to it is of version 2, for there
+//! The bridge answers a ground station in the version of MAVLink that the station uses. But the first message to it is of version 2, for there
 //! are stations (on pymavlink) that begin with version 1 and go on in the version that they hear first. Messages with numbers
 //! above 255 do not exist in version 1; they are sent in version 2 unless that was forbidden, and a parser of version 1 takes
 //! them for noise.

@@ -160,7 +160,7 @@ fn what_is_for_a_node_that_is_heard_a_moment_later_is_not_lost() {
     rig.say((0, 0), Request::ParameterList);
     rig.run_ms(3500);
     assert_eq!(rig.parameters().len(), 8);
-    // After a while it is nobody's wish any more.
+    // The request has expired.
     let mut rig = Rig::new(vec![Simulated::new(42, 5)]);
     rig.node().deaf = true;
     rig.say((1, 42), Request::ParameterList);

@@ -101,7 +101,7 @@ fn a_node_that_does_not_answer_is_given_up_in_bounded_time() {
     rig.run_ms(4100);
     let said = rig.said();
     assert_eq!(errors(&said), [MavParamError::MAV_PARAM_ERROR_READ_FAIL]);
-    assert_eq!(texts(&said), ["Node 42 does not tell its parameters"]);
+    assert_eq!(texts(&said), ["Node 42 does not send its parameters"]);
     rig.node().lose_every = None;
     rig.say((1, 42), Request::ParameterList);
     rig.run_ms(500);

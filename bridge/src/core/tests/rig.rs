@@ -146,7 +146,7 @@ impl Rig {
         Rig { now: Duration::ZERO, bridge: Bridge::new(settings), nodes, posts: Vec::new() }
     }
 
-    /// With one node that has been heard and has said who it is.
+    /// With one node that has sent its status and its name.
     pub fn with_node(parameters: usize) -> Rig {
         let mut rig = Rig::new(vec![Simulated::new(42, parameters)]);
         rig.run_ms(1500);
@@ -197,7 +197,7 @@ impl Rig {
         self.say((1, component), Request::Command(Command { number, params: all }));
     }
 
-    /// What was said since the last time: component and content, without heartbeats and statuses.
+    /// Messages since the last call: component and content, without heartbeats and statuses.
     pub fn said(&mut self) -> Vec<(u8, Content)> {
         let posts = std::mem::take(&mut self.posts);
         let said = posts.into_iter().filter_map(|(_, post)| match post {
