@@ -1,4 +1,4 @@
-//! Simulated hours of a node's life: see `rig::soak`. `make soak HOURS=4`, or see `--help`.
+//! Runs a node with random faults for simulated hours: see `rig::soak`. `make soak HOURS=4`, or see `--help`.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
@@ -20,7 +20,7 @@ saves, and every half minute something goes wrong. Between faults nothing may be
   make soak HOURS=4             four
   make soak HOURS=0.1 SEED=7    six minutes of another life
 
-The variables are also read from the environment, as SOAK_HOURS and SOAK_SEED. A line a simulated minute tells how it goes. Ctrl-C ends
+The variables are also read from the environment, as SOAK_HOURS and SOAK_SEED. It prints a line each simulated minute. Ctrl-C ends
 it with a summary of what was seen by then. The exit code is 0 if all was well, 1 if not, 130 after Ctrl-C.";
 
 const MINUTE: Cycles = 60_000 * MS;
@@ -77,7 +77,7 @@ fn main() -> ExitCode {
     match result {
         Err(_) => {
             println!("NOT well after {lived:.3} simulated hours, seed {seed}: see above. SOAK_SEED={seed} repeats it.");
-            // What fails in the middle of a fault need not be checked again at the end.
+            // After a failed check in a fault the end needs no further check.
             std::mem::forget(soak);
             ExitCode::FAILURE
         }

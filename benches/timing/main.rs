@@ -1,7 +1,7 @@
-//! Timing of the shipped ELF in cycles of its AVR, the same of the strangers' firmwares, and the speed of the simulator.
-//! Prints docs/benchmarks.md and docs/simulation-speed.md and writes them, and draws the plots of the first.
+//! Timing of the shipped ELF in cycles of its AVR, that of firmwares with third-party drivers, and the speed of the simulator.
+//! Prints and writes docs/benchmarks.md with its plots, and docs/simulation-speed.md.
 //!
-//! Everything is measured from outside: at the pins, on the SPI, on the bus, and by the program counter.
+//! It measures everything from outside: at the pins, on the SPI, on the bus, and by the program counter.
 
 mod plot;
 mod strangers;
@@ -40,7 +40,7 @@ const SPEED_MS: u64 = 2000;
 /// Loads in per cent of a full bus, for the plot.
 const PERCENTS: [u64; 13] = [5, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 98, 100];
 
-/// From the list: how it is called on the page.
+/// Its name on the page.
 fn name(kind: Kind) -> String {
     match kind {
         Kind::Command(5) => "ArrayCommand, 5 B: a command".to_owned(),
@@ -115,7 +115,7 @@ fn loads(page: &mut String, runs: &[(Load, u64, Figures)]) {
     }
 }
 
-/// How far the node is from what the SPI allows.
+/// Compares the node with the limit that the SPI sets.
 fn floor(page: &mut String, runs: &[(Load, u64, Figures)]) {
     page.push_str(
         "| data | bytes on the SPI | floor | service, median | times the floor |\n\
@@ -256,7 +256,7 @@ fn turns(page: &mut String) {
     let _ = write!(page, "\n{worst}\n## Stack\n\n{deepest}");
 }
 
-/// What a firmware does with frames of two bytes.
+/// Results of a firmware with frames of two bytes.
 struct Firmware {
     name: &'static str,
     /// Per cent of the frames lost over the load in per cent.
@@ -321,7 +321,7 @@ fn peers(page: &mut String, firmwares: &[Firmware]) {
     );
 }
 
-/// Cycles between frames of two bytes on a full bus, in the mean.
+/// Mean time between frames of two bytes on a full bus, in cycles.
 fn frame_cycles() -> Cycles {
     let meter = receive(Stranger::Mcp25xx, Load { kind: Kind::Stranger(2), priority: 0, pace: Pace::Full }, 1000);
     1000 * MS / (meter.frames + meter.lost)
@@ -334,7 +334,7 @@ fn waited(samples: &Samples) -> Vec<(f64, f64)> {
     let share = |at: usize| 100.0 * (sorted.len() - at) as f64 / sorted.len() as f64;
     let mut points: Vec<(f64, f64)> = Vec::new();
     for (at, &value) in sorted.iter().enumerate() {
-        // As many points as can be told apart.
+        // As many points as the plot can show.
         let far = |&(x, y): &(f64, f64)| f64::from(value) - x >= 4.0 || y / share(at) > 1.02;
         if points.last().is_none_or(far) || at + 1 == sorted.len() {
             points.push((value.into(), share(at)));
@@ -386,7 +386,7 @@ fn draw_loss(firmwares: &[Firmware]) {
     write("docs/img/loss.svg", &plot.svg());
 }
 
-/// EEPROMs of boards that have each their own node ID.
+/// EEPROMs of boards with different node IDs.
 fn eeproms(boards: usize) -> Vec<Vec<u8>> {
     let mut rig = Rig::running();
     let one = |id| {
@@ -432,7 +432,7 @@ fn speeds() -> String {
     page
 }
 
-/// The pages are of the default preset: of another firmware they are only printed.
+/// Writes the pages for the default preset; prints them for another firmware.
 fn write(file: &str, text: &str) {
     if std::env::var_os("NODE_ELF").is_some_and(|path| !path.is_empty()) {
         return;

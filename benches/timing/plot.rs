@@ -1,4 +1,4 @@
-//! Line plots as SVG, in colours that can be told apart on white and on black.
+//! Line plots as SVG, in colours that differ on white and on black.
 
 use std::fmt::Write as _;
 
@@ -11,7 +11,7 @@ const BOTTOM: f64 = 50.0;
 /// Okabe and Ito's palette.
 const COLOURS: [&str; 6] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
 
-/// From where to where an axis goes, and where it is marked.
+/// Range and marks of an axis.
 pub struct Axis {
     pub label: &'static str,
     pub from: f64,
@@ -21,7 +21,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Where a value is, from 0 to 1; what is beyond an end is at it.
+    /// Position of a value on the axis, from 0 to 1, limited to its ends.
     fn place(&self, value: f64) -> f64 {
         let scale = |value: f64| if self.logarithmic { value.log10() } else { value };
         let value = value.clamp(self.from, self.to);
@@ -35,7 +35,7 @@ pub struct Plot {
     pub x: Axis,
     pub y: Axis,
     pub lines: Vec<(&'static str, Vec<(f64, f64)>)>,
-    /// How far down there is room for the names at the left side.
+    /// Top of the free space for the names at the left side.
     pub names_down: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The firmwares of `strangers/` in the loop that does nothing but receive.
+//! The firmwares of `strangers/`, in their loop that only receives.
 
 use std::path::PathBuf;
 
@@ -7,10 +7,10 @@ use bench::{Bench, target_dir};
 use rig::MS;
 use rig::load::{Load, Meter, Sender};
 
-/// More than they take to boot.
+/// Longer than their start.
 const BOOT_MS: u64 = 50;
 
-/// A firmware on a crate that others wrote.
+/// A firmware with a third-party driver.
 #[derive(Clone, Copy)]
 pub enum Stranger {
     Mcp2515,
@@ -29,7 +29,7 @@ impl Stranger {
     }
 }
 
-/// What a stranger does under a load.
+/// Results of such a firmware under a load.
 pub fn receive(stranger: Stranger, load: Load, ms: u64) -> Meter {
     let mut board = Board::load(&stranger.elf()).unwrap_or_else(|error| panic!("{error:#}"));
     // D4 at ground: receive only.

@@ -1,19 +1,19 @@
-//! Which of the two dialects a frame on a bus is.
+//! Finds the dialect of a frame.
 //!
-//! Every identifier is one of v0 and, but for a few, one of the draft. What tells them apart is the data type: the known types
-//! of v0 and those of the draft have no identifier in common, but for v0's frames without a sender, and the draft's messages to
-//! one node, which none of its types is meant to be. So:
+//! Every identifier is valid in v0, and almost every one in the draft. The data type decides: the known types of v0 and those of
+//! the draft have no identifier in common, except anonymous frames of v0 and the draft's messages to one node, which none of its
+//! types uses. So:
 //!
 //! 1. A frame of a known type of v0 is v0; an anonymous one only if its tail byte is that of a transfer of one frame.
-//! 2. Else a frame of a known type of the draft is the draft's, if the draft allows its identifier.
-//! 3. What neither knows is of the dialect of the last NodeStatus on the bus, and of v0 before the first.
+//! 2. Else a frame of a known type of the draft is of the draft, if the draft allows its identifier.
+//! 3. A frame of an unknown type is of the dialect of the last NodeStatus on the bus, and of v0 before the first.
 
 use crate::types::{DataType, NODE_STATUS};
 use crate::{Assembler, CanId, Message, NodeId, Outcome, Transfer, draft};
 use std::fmt;
 use std::time::Duration;
 
-/// What nodes speak.
+/// A dialect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Dialect {
     /// DroneCAN, which was UAVCAN v0.
@@ -24,7 +24,7 @@ pub enum Dialect {
 }
 
 impl Dialect {
-    /// The one that it is not.
+    /// The other dialect.
     pub fn other(self) -> Dialect {
         match self {
             Dialect::V0 => Dialect::Draft,
@@ -42,7 +42,7 @@ impl fmt::Display for Dialect {
     }
 }
 
-/// Tells the dialect of each frame on one bus, by the rule of the module.
+/// Finds the dialect of each frame on one bus, by the rule of the module.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ear {
     /// That of the last NodeStatus.
@@ -105,7 +105,7 @@ impl Said {
         }
     }
 
-    /// "1", "anon" or "127>42": who speaks, and to whom if to one node only.
+    /// "1", "anon" or "127>42": the source, and the destination if it is one node.
     pub fn who(&self) -> String {
         match self {
             Said::V0(transfer, _) => transfer.id.to_string(),
@@ -132,7 +132,7 @@ impl fmt::Display for Said {
     }
 }
 
-/// What a frame told an observer.
+/// What a frame shows an observer.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
     /// A transfer is whole.
@@ -143,7 +143,7 @@ pub enum Heard {
     Invalid(&'static str),
 }
 
-/// Puts the frames of all nodes on a bus together, whichever dialect they speak.
+/// Reassembles the transfers of all nodes on a bus, in either dialect.
 #[derive(Default)]
 pub struct Observer {
     ear: Ear,
@@ -152,7 +152,7 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// Nothing heard yet.
+    /// An observer that has seen no frame.
     pub fn new() -> Observer {
         Observer::default()
     }
@@ -180,8 +180,8 @@ impl Observer {
     }
 }
 
-/// Sender, where it has an identity, and name of the type: what an identifier announces in a dialect. `None` for one that the
-/// dialect forbids.
+/// Source, if it is not anonymous, and name of the type of an identifier in a dialect. `None` for an identifier that the dialect
+/// forbids.
 pub fn announced(dialect: Dialect, id: u32) -> Option<(Option<NodeId>, String)> {
     match dialect {
         Dialect::V0 => CanId::parse(id).map(|id| (id.source(), crate::message::name_of(id))),

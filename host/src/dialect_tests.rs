@@ -1,10 +1,10 @@
-//! Which dialect a frame is taken for, on buses of either kind and of both.
+//! The dialect that is found for frames, on buses with one dialect and with both.
 
 use super::*;
 use crate::Frame;
 use crate::Id;
 
-/// Reads frames in candump's form, and gives what was said.
+/// Reads frames in candump's form, and returns their messages.
 fn heard(observer: &mut Observer, frames: &[&str]) -> Vec<String> {
     let hear = |text: &&str| {
         let frame: Frame = text.parse().unwrap();

@@ -65,7 +65,7 @@ pub enum CanId {
 }
 
 impl CanId {
-    /// Takes a 29-bit identifier apart; `None` for a service frame from or to node 0, which the dialect forbids.
+    /// Reads a 29-bit identifier; `None` for a service frame from or to node 0, which the dialect forbids.
     pub fn parse(id: u32) -> Option<CanId> {
         let priority = (id >> PRIORITY_SHIFT & PRIORITY_MASK) as u8;
         let source = NodeId::from_field(id);
@@ -120,7 +120,7 @@ impl CanId {
     }
 }
 
-/// "1", "anon" or "127>42": who speaks, and to whom if to one node only.
+/// "1", "anon" or "127>42": the source, and the destination if it is one node.
 impl fmt::Display for CanId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

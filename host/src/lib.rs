@@ -6,7 +6,7 @@
 //! Layers, lowest first: [`Frame`], [`crc`], [`id`] (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly),
 //! [`types`] (names and signatures), and the payloads that are read and written in full: [`status`], [`broadcast`], for services
 //! [`management`], and on top of them [`message`]. [`text`] is how they are shown. [`draft`] has the same layers for the draft,
-//! on the same foundation, and [`dialect`] tells the two apart on a bus. Beside them [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
+//! in the same way, and [`dialect`] finds the dialect of a frame. Beside them [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
 //! multicast bus.
 //!
 //! Limits: extended data frames only, as the dialect has no others; types beyond [`Message`] are named, not decoded.

@@ -3,7 +3,7 @@
 //! Bus N is the group 239.65.82.N, port 57732; [`datagram`] is the format. A [`Port`] stays on one interface, loopback unless
 //! another is given: datagrams of other interfaces are not even received. It never blocks.
 //!
-//! Limits: UDP promises nothing, so that a datagram may be lost on the way and no sender is told.
+//! Limits: UDP may lose a datagram, and the sender does not notice it.
 
 pub mod datagram;
 
@@ -132,7 +132,7 @@ fn receiver(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
     Ok(socket.into())
 }
 
-/// Sends from a port of its own, by which our datagrams are told from those of others.
+/// Sends from its own port, which shows which datagrams are its own.
 fn sender(interface: Ipv4Addr) -> Result<UdpSocket> {
     let open = || -> io::Result<Socket> {
         let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;

@@ -142,7 +142,7 @@ pub enum Reply {
     /// A command was not done (BEL).
     Refused,
     Received(Frame),
-    /// An answer to a question (`V`, `F`), or rubbish.
+    /// An answer to a question (`V`, `F`), or an invalid line.
     Other,
 }
 

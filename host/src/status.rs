@@ -12,7 +12,7 @@ pub trait StatusField: Sized {
     fn bytes(&self) -> Vec<u8>;
 }
 
-/// What a node says of its condition.
+/// Status code of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Health {
     #[default]

@@ -58,7 +58,7 @@ pub struct Transfer {
     pub frames: usize,
 }
 
-/// What a frame did to the assembly.
+/// Result of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// The transfer is whole, and its CRC right where it has one.
@@ -101,7 +101,7 @@ pub fn frames(id: CanId, payload: &[u8], transfer_id: TransferId) -> Vec<Frame> 
     split(payload, transfer_id, signature).iter().map(|data| Frame::extended(id.build(), data)).collect()
 }
 
-/// What there is of a transfer in the making.
+/// A transfer that is not complete.
 struct SoFar {
     transfer_id: TransferId,
     /// Toggle bit that the next frame must have.

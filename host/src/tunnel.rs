@@ -19,7 +19,7 @@ pub const LOCK_PORT: u8 = 1;
 /// The node's default port.
 pub const DEFAULT_PORT: i8 = -1;
 
-/// tunnel.Broadcast, for whoever knows the protocol.
+/// tunnel.Broadcast, for all nodes that use the protocol.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TunnelBroadcast {
     pub protocol: u8,

@@ -1,4 +1,4 @@
-//! Makes inputs to begin with: `cargo run -p fuzz-harness --example seeds -- DIRECTORY LOG...`, where each LOG is what
+//! Makes the first inputs of the corpus: `cargo run -p fuzz-harness --example seeds -- DIRECTORY LOG...`, where each LOG is what
 //! `sim --log FILE` or candump has written. Inputs for a target go to the folder of its name.
 
 use std::error::Error;
@@ -68,7 +68,7 @@ fn extended(frame: &Frame) -> Option<u32> {
     }
 }
 
-/// What the others say to the node, at the same times.
+/// The frames of other nodes, at the same times.
 fn life(frames: &[(u64, Frame)]) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut last_us = frames.first().map_or(0, |(at, _)| *at);
@@ -129,7 +129,7 @@ fn set(number: u8, index: u8, value: i64) -> Step {
     sent(Type::GetSet, number, &payload)
 }
 
-/// Lives in which something happens.
+/// Inputs with many events.
 fn lives() -> Vec<(&'static str, Vec<Step>)> {
     const OUT1_FS: u8 = 10;
     const ARM_REQ: u8 = 12;
@@ -137,7 +137,7 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
     let wait = |ms| [Step::Wait(ms), Step::Leave(0)];
     let half = [1, 0, 0, 0x38];
     let long: Vec<u8> = (0..8).flat_map(|actuator| [actuator, 0, 0, 0x34]).collect();
-    // Each with a value of its own, so that one that is wrongly followed shows.
+    // Each has its own value, so that the test notices a command that must not be followed.
     let damaged = |damage, frame| {
         let value = 0x30 + damage as u8;
         let payload = (0..8).flat_map(|actuator| [actuator, 0, 0, value]).collect();

@@ -1,8 +1,8 @@
 //! The MAVLink bridge: bytes from ground stations, frames from the bus, and time.
 //!
 //! Steps of the input, by the lower two bits of their first byte: 0 bytes of a stream, as many as the upper six say; 1 a frame of
-//! the bus; 2 a MAVLink message whose CRC is right; 3 time. What it sends to the bus must be frames that a bus can carry, and
-//! what it tells ground stations must be MAVLink that can be read. After all of it a node that appears is told of.
+//! the bus; 2 a MAVLink message whose CRC is right; 3 time. The bridge must send only valid CAN frames and valid
+//! MAVLink messages. At the end it must report a node that appears.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -67,7 +67,7 @@ impl Rig {
         self.check();
     }
 
-    /// What the bridge wants to send and say.
+    /// Checks the frames and messages that the bridge sends.
     fn check(&mut self) {
         for frame in self.bridge.frames.drain(..) {
             assert!(frame.dlc <= 8, "{frame}");
@@ -110,7 +110,7 @@ const MESSAGES: [(u32, u8, u8); 9] = [
     (388, 8, 37),
 ];
 
-/// A message of version 2, of which the payload may be cut short.
+/// A message of version 2; its payload may be cut short.
 fn message(which: u8, sequence: u8, payload: &[u8]) -> Vec<u8> {
     const STATION: [u8; 2] = [255, 190];
     let (number, extra, len) = MESSAGES[usize::from(which) % MESSAGES.len()];
@@ -164,7 +164,7 @@ pub fn run(mut input: &[u8]) {
         };
     }
 
-    // An hour later there is a node with an ID that had not been heard, or is heard again.
+    // An hour later a node appears, with a new ID or one that was silent.
     rig.pass(3_600_000);
     rig.pass(1000);
     let source = NodeId::new(125).expect("a node ID");

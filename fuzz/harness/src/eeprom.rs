@@ -1,10 +1,10 @@
 //! The EEPROM: anything in it when the node starts, and a supply that fails during a save.
 //!
-//! Bytes of the input: what to put right, an index and two values of a parameter, when the supply fails and what that makes of a
-//! byte; then the EEPROM from its first address, 0xFF behind that.
+//! Bytes of the input: which records get a valid CRC, an index and two values of a parameter, the time of the power failure and the
+//! value of a byte that it interrupts; then the EEPROM from its first address, filled with 0xFF.
 //!
-//! The node starts, and starts again, with all that. If it has a usable node ID then, it must keep what it says that it has
-//! saved, keep its unique ID, and after the failure have the old value or the new one.
+//! The node must start twice with this EEPROM. If it then has a usable node ID, it must keep the values that it reports as saved,
+//! keep its unique ID, and have the old value or the new one after the failure.
 
 use dronecan_host::{Message, Value, crc};
 use node::desk::Memory;
@@ -14,21 +14,21 @@ use node::node::parameters::{self, Parameter};
 use crate::rig::Rig;
 use crate::steps::Type;
 
-/// Where the records are (docs/parameters.md, EEPROM), where their CRCs begin, and the bit that asks for one to be put right.
+/// Where the records are (docs/parameters.md, EEPROM), where their CRCs begin, and the bit of the input that requests a valid CRC.
 const RECORDS: [(usize, usize, u16, u8); 3] = [
     (0x04, 16, 0x0100, 1 << 0),
     (0x20, 2 * parameters::COUNT, parameters::DIGEST, 1 << 1),
     (0x90, 2 * parameters::COUNT, parameters::DIGEST, 1 << 2),
 ];
 
-/// Gives a record the CRC that its bytes and its marker ask for.
+/// Gives a record a valid CRC.
 fn put_right(cells: &mut [u8; 256], start: usize, len: usize, sum: u16) {
     let marker = cells[start + len + 2];
     let crc = crc::feed(sum ^ u16::from(marker), &cells[start..start + len]);
     cells[start + len..start + len + 2].copy_from_slice(&crc.to_be_bytes());
 }
 
-/// Sets a parameter; the number that is in force then.
+/// Sets a parameter; returns its value after that.
 fn set(rig: &mut Rig, index: u8, number: u16) -> u16 {
     let [low, high] = number.to_le_bytes();
     rig.ask(Type::GetSet, &[index, 1, low, high, 0, 0, 0, 0, 0, 0]);
@@ -41,8 +41,8 @@ fn save(rig: &mut Rig) {
     assert_eq!(answer, Some(Message::OpcodeExecuted(true)));
 }
 
-/// Whether the parameters that commands depend on are in their ranges (docs/parameters.md). A record is taken to be what the
-/// node has written, so that those of one that was put right here can be anything.
+/// True if the parameters that commands depend on are in their ranges (docs/parameters.md). The node trusts a record with a valid
+/// CRC, so the parameters of a record that got its CRC here can have any value.
 fn has_travel(rig: &Rig) -> bool {
     const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 10] = [
         (Parameter::Out1Id, 0..=255),
@@ -75,7 +75,7 @@ pub fn run(input: &[u8]) {
     for (start, len, sum, bit) in RECORDS {
         if right & bit != 0 {
             if sum == parameters::DIGEST {
-                // The node works with a range of 16 bits nowhere: no record of its own has one, and its products would overflow.
+                // The node's own records have no range of 16 bits, and its products would overflow with one.
                 let range = memory.cells[start + 2 * Parameter::Out1Range as usize..].first_chunk_mut().unwrap();
                 *range = u16::from_le_bytes(*range).min(360).to_le_bytes();
             }
@@ -107,7 +107,7 @@ pub fn run(input: &[u8]) {
 
     let second = set(&mut rig, index, u16::from_le_bytes([b0, b1]));
     rig.desk.memory.fails_after = Some((failure.into(), garbage));
-    // It may find that it cannot save; that is not the question.
+    // It may find that it cannot save, which is allowed.
     rig.ask(Type::ExecuteOpcode, &[0; 7]);
     restart(&mut rig);
     let kept = rig.parameter(index);

@@ -1,7 +1,7 @@
-//! What host programs read from strangers: SLCAN text in both directions, datagrams of the multicast bus, frames as text,
-//! identifiers, transfers and their messages. What is read can be written, and is read again as the same.
+//! What host programs read from other programs: SLCAN text in both directions, datagrams of the multicast bus, frames as text,
+//! identifiers, transfers and their messages. What is read can be written, and reads back as the same value.
 //!
-//! The first byte of the input says which.
+//! The first byte of the input chooses one.
 
 use std::time::Duration;
 
@@ -38,7 +38,7 @@ fn commands(bytes: &[u8]) {
             assert_eq!(last, Some(Reply::Received(frame)));
         }
     }
-    // Whatever came before: behind the end of its line the next one is understood.
+    // After any input, the next line is parsed.
     lines.push(b'\r');
     let command = b"O\r".iter().filter_map(|&byte| lines.push(byte)).last();
     assert_eq!(command, Some(Ok(Command::Open)));
@@ -58,7 +58,7 @@ fn replies(bytes: &[u8]) {
     assert_eq!(b"z\r".iter().filter_map(|&byte| replies.push(byte)).last(), Some(Reply::Done));
 }
 
-/// The datagram as it came, and with its magic number and CRC put right.
+/// The datagram unchanged, and with a valid magic number and CRC.
 fn datagrams(bytes: &[u8]) {
     let check = |bytes: &[u8]| {
         if let Ok(frame) = datagram::decode(bytes) {
@@ -84,14 +84,14 @@ fn text(bytes: &[u8]) {
     }
 }
 
-/// A message can be told, and what it is written as is read as the same.
+/// A message can be printed, and its bytes read back as the same message.
 fn check(transfer: &Transfer) {
     let message = Message::decode(transfer);
     assert!(!message.to_string().is_empty() && !message.name().is_empty());
     let Some((data_type, payload)) = message.encode() else { return };
     assert_eq!(DataType::of(transfer.id), Some(data_type));
     let again = Message::decode(&Transfer { payload: payload.clone(), ..transfer.clone() });
-    // Not the messages: one with a number that is none does not equal itself.
+    // Not the messages: one with NaN does not equal itself.
     assert_eq!(again.encode(), Some((data_type, payload)), "{message}");
     assert_eq!(again.to_string(), message.to_string());
 }

@@ -1,9 +1,9 @@
-//! What is done with an input of the fuzzer, and what must then hold: a module for each target of `fuzz/`, with a function
-//! `run`, which panics where it does not hold.
+//! Runs an input of the fuzzer and checks what must hold: a module for each target of `fuzz/`, with a function `run` that panics on a
+//! failed check.
 //!
 //! It is a crate of its own so that the fuzzer and the tests do the same: `tests/corpus.rs` runs all inputs of `fuzz/corpus`.
-//! What is to hold is written down here once more, from the specification and the documents of the node, and with the codec of
-//! `dronecan-host`: nothing is compared with itself.
+//! The checks are written from the specification and the documents of the node, with the codec of `dronecan-host`, so that no code is
+//! compared with itself.
 
 #![forbid(unsafe_code)]
 

@@ -6,7 +6,7 @@ use node::desk::Memory;
 use crate::rig::Rig;
 use crate::steps::steps;
 
-/// Lives through the steps of the input; then the node must answer, and follow a command.
+/// Runs the steps of the input. After them the node must answer a request, and follow a command.
 pub fn run(input: &[u8]) {
     let mut rig = Rig::new(Memory::blank());
     for step in steps(input) {

@@ -1,5 +1,5 @@
-//! What may move the servo, worked out from the frames and the parameters: each sender by itself, with what the specification
-//! says of transfers (chapter 4) and README.md of commands.
+//! Computes which commands may move the servo, from the frames and the parameters: for each sender by itself, from the specification
+//! of transfers (chapter 4) and from docs/messages.md.
 
 use std::collections::HashMap;
 
@@ -18,31 +18,31 @@ const TIMEOUT_MS: u64 = 50;
 /// Bytes of the CRC before the payload of a transfer of several frames.
 const SUM: usize = 2;
 
-/// Of a command array the entries have so many bytes.
+/// Length of an entry of a command array in bytes.
 const ENTRY: usize = 4;
 /// And in the draft.
 const DRAFT_ENTRY: usize = 3;
 
-/// What the value of an entry is (DSDL uavcan/equipment/actuator/Command.uavcan).
+/// The type of an entry's value (DSDL uavcan/equipment/actuator/Command.uavcan).
 const UNITLESS: u8 = 0;
 const POSITION: u8 = 1;
 const PWM: u8 = 4;
 
-/// The node does not look at the priority: frames that differ only in it belong together.
+/// The node ignores the priority: frames that differ only in their priority belong together.
 const WITHOUT_PRIORITY: u32 = 0x00FF_FFFF;
 /// And those of the draft have none.
 const DRAFT: u32 = 1 << 31;
 
-/// A transfer that may be whole for the node: it can still have had reason to give it up for another sender's.
+/// A transfer that may be complete for the node. The node may have dropped it for another sender's transfer.
 pub struct Heard {
     pub id: CanId,
     pub number: u8,
     pub payload: Vec<u8>,
-    /// The node has no reason to give it up: it is of one frame, or a command array while no other sender has begun one.
+    /// The node must not drop it: it has one frame, or it is a command array while no other sender has begun one.
     pub is_sure: bool,
-    /// It came in the draft of 2014, which the node hears only at times.
+    /// It is of the draft of 2014, which the node accepts only at times.
     pub is_draft: bool,
-    /// OUT1_ID was changed while it came: then it is not known which entry the node has taken.
+    /// OUT1_ID changed during the transfer, so the node may have used the entry of either ID.
     is_unclear: bool,
 }
 
@@ -63,13 +63,13 @@ pub struct Transfers {
 }
 
 impl Transfers {
-    /// Takes a frame with a 29-bit identifier; the transfer that is whole by it.
+    /// Takes a frame with a 29-bit identifier; returns the transfer that it completes.
     pub fn push(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Heard> {
         let signature = CanId::parse(id).and_then(DataType::of).and_then(|known| known.signature);
         self.take(id, data, now_ms, parameters, signature, false)
     }
 
-    /// Takes it as a frame of the draft, if it is one that the node can have a use for. It is made one of v0 that says the same.
+    /// Takes it as a frame of the draft, if the node may use it, by conversion to the equivalent frame of v0.
     pub fn push_draft(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Heard> {
         let service = matches!(id >> 17 & 3, 1);
         let upper = match (id >> 19, id >> 17 & 3) {
@@ -142,7 +142,7 @@ impl Transfers {
         heard(payload.to_vec(), session.is_alone, session.actuator != actuator)
     }
 
-    /// Whether a transfer that begins is a list, and no other is under way. It takes that from the others.
+    /// True if a beginning transfer is a list and no other list is in progress. The other lists are then no longer undisturbed.
     fn is_alone(&mut self, key: u32, now_ms: u64) -> bool {
         if !is_list(key) {
             return false;
@@ -180,7 +180,7 @@ impl Width {
     }
 }
 
-/// What the parameters make of commands.
+/// The parameters that decide about commands.
 #[derive(Debug)]
 pub struct Travel {
     low: f64,
@@ -206,7 +206,7 @@ impl Travel {
         }
     }
 
-    /// What a pulse becomes when the travel changes.
+    /// The pulse after a change of the travel.
     pub fn limited(&self, ticks: u16) -> Width {
         Width::exactly(if ticks == 0 { 0.0 } else { f64::from(ticks).clamp(self.low, self.high) })
     }
@@ -219,7 +219,7 @@ impl Travel {
     }
 
     fn of_entry(&self, unit: u8, value: f16) -> Option<Width> {
-        /// What the node can tell apart, in radians.
+        /// Resolution of the node in radians.
         const ANGLE_STEP: f64 = 1.0 / 4096.0;
         let value = Some(value.to_f64()).filter(|value| value.is_finite())?;
         match unit {
@@ -253,16 +253,16 @@ pub fn failsafe(parameters: &Parameters) -> Option<Width> {
     }
 }
 
-/// What a transfer asks of the servo.
+/// What a transfer commands the servo to do.
 #[derive(Debug)]
 pub enum Order {
-    /// To go to one of these, if the vehicle may move.
+    /// Move to one of these widths, if commands are allowed.
     Go {
         widths: Vec<Width>,
-        /// The node has no choice: it was one entry, and a width that is not rounded to none.
+        /// The node must follow it: it was one entry, with a width that does not round to no pulse.
         is_clear: bool,
     },
-    /// To fail safe, because the node is to restart.
+    /// Move to the failsafe, because the node restarts.
     Restart,
     Arm(bool),
 }
@@ -273,7 +273,7 @@ impl Heard {
         self.id.source().map_or(0, NodeId::get)
     }
 
-    /// The order in it, if the node with this ID and these parameters is to follow it.
+    /// Its order, if the node with this ID and these parameters follows it.
     pub fn order(&self, me: u8, parameters: &Parameters) -> Option<Order> {
         if self.id.source().map(NodeId::get) == Some(me) {
             return None;

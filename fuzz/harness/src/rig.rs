@@ -1,11 +1,11 @@
-//! The firmware's library on its [desk](node::desk), watched all the time:
+//! The firmware's library on its [desk](node::desk). Checks at all times:
 //!
-//! * The servo moves only by a valid command for this output, and then to where that asks; by the failsafe, when there is a
-//!   reason for that; and not before the first command. A command in one frame always moves it, and one in several if no
-//!   other sender is at it. It restarts only if asked to.
-//! * What the node sends is valid DroneCAN, of types that are known, from its own ID; and each reply was asked for.
-//! * What it tells on the serial monitor is lines of printable ASCII.
-//! * The servo output has what the node wants it to have, and nothing goes on for ever.
+//! * The servo moves only to the position of a valid command for this output, or to the failsafe when it is due; and not before the
+//!   first command. A command in one frame always moves it; one in several frames does if no other sender sends one at the same time.
+//!   The node restarts only on request.
+//! * The node sends valid DroneCAN frames of known types from its own ID, and each response has a request.
+//! * The serial monitor writes lines of printable ASCII.
+//! * The servo output has the node's value, and no work continues for ever.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -29,19 +29,19 @@ const MESSAGE: u32 = 0x1000_0000;
 /// No line is longer; the longest are about 80 characters.
 const LINE_MAX: usize = 120;
 
-/// So long a time is spent on an input, in milliseconds. What comes round with the clock of 16 bits is for `tests/soak.rs`.
+/// Longest simulated time of an input, in milliseconds. `tests/soak.rs` tests the wrap of the 16-bit clock.
 const LIFE_MS: u64 = 20_000;
 
 /// ArmingStatus counts for three to four seconds.
 const ARMED_FOR_MS: (u64, u64) = (3000, 4000);
 
-/// A node that has commanded is the autopilot for so long, if nothing else is heard of it.
+/// A commander stays the autopilot for this time after its last message.
 const COMMANDER_FOR_MS: u64 = 3000;
 
 /// DIALECT for the draft of 2014 alone.
 const DRAFT: u16 = 2;
 
-/// Who asks at the end.
+/// Node ID of the client at the end.
 const ASKER: u8 = 126;
 
 /// See the module.
@@ -59,12 +59,12 @@ pub struct Rig {
     pub transfers: Vec<Transfer>,
     /// It was asked to restart.
     may_restart: bool,
-    /// There was something of the draft, so that it may speak that.
+    /// It has received the draft, so it may use it.
     has_heard_draft: bool,
-    /// When a command that had to be was last followed, and since when the vehicle is armed.
+    /// When it last followed a command that it must follow, and since when the vehicle is armed.
     followed_ms: Option<u64>,
     armed: Option<Armed>,
-    /// Who commanded last, and when, if that is sure.
+    /// The last commander, and when, if that is certain.
     commander: Option<(u8, u64)>,
     /// There was a SafetyState, so that the pulse may end and commands may be refused.
     has_heard_safety: bool,
@@ -74,7 +74,7 @@ pub struct Rig {
 #[derive(Clone, Copy)]
 struct Armed {
     since_ms: u64,
-    /// The commander has said so.
+    /// The commander has sent ArmingStatus.
     is_sure: bool,
 }
 
@@ -102,7 +102,7 @@ impl Rig {
     /// The board is reset, or asked to restart.
     pub fn start(&mut self, cause: ResetCause) {
         let memory = std::mem::replace(&mut self.desk.memory, Memory::blank());
-        // What is on the desk and not of the node stays as it is.
+        // A reset does not change the rest of the desk.
         let (readings, is_pressed) = (self.desk.readings, self.desk.is_pressed);
         self.desk = Desk::start(memory, cause);
         (self.desk.readings, self.desk.is_pressed) = (readings, is_pressed);
@@ -140,7 +140,7 @@ impl Rig {
         self.desk.ms.into()
     }
 
-    /// Does what the step says.
+    /// Runs a step.
     pub fn step(&mut self, step: &Step) {
         match step {
             Step::Frame { id: [first, rest @ ..], data } => {
@@ -239,7 +239,7 @@ impl Rig {
         self.desk.hear(&frame);
         let after = self.desk.node.pulse();
         let raw = u32::from_be_bytes(id);
-        // Whether the node hears the draft is for it to know; what it does not hear there does not move it.
+        // The node decides whether it accepts the draft. A frame that it rejects does not move the servo.
         let (v0, draft) = if id[0] & Frame::FOREIGN != 0 {
             (None, None)
         } else {
@@ -255,7 +255,7 @@ impl Rig {
             if let Heard { id: CanId::Service { service_id, request: true, source, .. }, number, .. } = heard {
                 self.asked.insert((service_id, source.get(), number));
             }
-            // With DIALECT 1 or 2 it takes messages of that one only.
+            // With DIALECT 1 or 2 it accepts messages of that dialect only.
             let dialect = parameters.get(Parameter::Dialect);
             let is_taken = dialect == 0 || dialect == if heard.is_draft { DRAFT } else { 1 };
             match heard.order(self.desk.node.id(), &parameters) {
@@ -270,7 +270,7 @@ impl Rig {
                         let is_armed = !needs_arming || self.armed.is_some_and(by_commander);
                         must_move = is_sure && is_armed && !self.has_heard_safety;
                     }
-                    // Also one that is refused because the vehicle is disarmed.
+                    // Also a command that is rejected because the vehicle is disarmed.
                     self.commander = is_sure.then_some((source, now_ms));
                 }
                 Some(Order::Restart) => {
@@ -298,12 +298,12 @@ impl Rig {
         }
     }
 
-    /// Whether the travel that there is now makes one pulse the other.
+    /// True if the current travel turns one pulse into the other.
     fn is_limited(&self, before: u16, after: u16) -> bool {
         orders::Travel::of(&self.desk.node.parameters).limited(before).fits(after)
     }
 
-    /// So much time passes.
+    /// Lets time pass.
     pub fn wait(&mut self, ms: u16) {
         for _ in 0..ms {
             if self.now_ms() >= LIFE_MS {
@@ -334,7 +334,7 @@ impl Rig {
         }
     }
 
-    /// Reads what was told on the serial monitor.
+    /// Reads the output of the serial monitor.
     fn read(&mut self) {
         for byte in self.desk.log.drain(..) {
             match byte {
@@ -348,7 +348,7 @@ impl Rig {
         }
     }
 
-    /// The controller takes so many frames, as far as the node has them.
+    /// The controller takes up to this many frames from the node.
     pub fn leave(&mut self, frames: u32) {
         self.desk.can.room = frames;
         // As if a millisecond had begun: then the controller is asked for room again.
@@ -361,7 +361,7 @@ impl Rig {
         self.read();
     }
 
-    /// What the node sends must be right.
+    /// Checks a frame of the node.
     fn check(&mut self, frame: &Frame) {
         let id = u32::from_be_bytes(frame.id);
         assert_eq!(id >> 29, 0, "more than 29 bits: {id:#x}");
@@ -405,8 +405,8 @@ impl Rig {
         }
     }
 
-    /// Asks with a request, again and again for some seconds, because it may be busy or restart; the answer. `None` if it has
-    /// no ID, or loses it by that restart.
+    /// Sends a request repeatedly for some seconds, because the node may be busy or restart, and returns the answer. `None` if the node
+    /// has no ID, or loses it by the restart.
     pub fn ask(&mut self, what: Type, payload: &[u8]) -> Option<Message> {
         for number in 0..50u8 {
             self.leave(u32::MAX);

@@ -62,9 +62,9 @@ fn faults(text: &str) {
     for line in text.lines() {
         let _ = parse_duration(line);
         if let Ok(injection) = line.parse::<Injection>() {
-            let again: Injection = injection.to_string().parse().expect("as it is told it is understood");
+            let again: Injection = injection.to_string().parse().expect("its text parses");
             assert_eq!(again.fault, injection.fault);
-            // It is told in seconds, and a number of 64 bits has 53 for that.
+            // The text has seconds, and an f64 has 53 bits for them.
             assert!(again.at.abs_diff(injection.at) <= 1 + injection.at / (1 << 50), "{again} from {injection}");
         }
     }

@@ -87,7 +87,7 @@ impl Damage {
     ];
 }
 
-/// What comes to the node beside frames.
+/// Events other than frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
     Pressed,
@@ -97,7 +97,7 @@ pub enum Input {
     Reset,
     /// What the sensor reads from now on.
     Sensor(u16),
-    /// The controller tells: the event, modulo their number, and its value.
+    /// A notice of the controller: the event, modulo their number, and its value.
     Controller(u8, u8),
 }
 

@@ -1,9 +1,9 @@
-//! Every input of `fuzz/corpus` once more, without the fuzzer: what it found stays found, and the corpus fits the harness.
+//! Runs every input of `fuzz/corpus` without the fuzzer, so that old findings stay repaired and the corpus fits the harness.
 
 use std::fs;
 use std::path::Path;
 
-/// Runs the corpus of a target; how many inputs it has.
+/// Runs the corpus of a target; returns the number of inputs.
 fn run(target: &str, run: fn(&[u8])) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../corpus").join(target);
     let mut paths: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();

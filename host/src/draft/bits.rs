@@ -3,7 +3,7 @@
 //! A field's bytes come lowest first, each from its top bit down; of a last byte that is not full only the low bits are
 //! there (DSDL, "Data serialization").
 
-/// Puts fields one behind the other.
+/// Writes fields one behind the other.
 #[derive(Default)]
 pub struct Writer {
     bytes: Vec<u8>,
@@ -36,13 +36,13 @@ impl Writer {
         self.len += 1;
     }
 
-    /// All that was put, filled up with zeros to a whole byte.
+    /// The fields, filled up with zeros to a whole byte.
     pub fn into_bytes(self) -> Vec<u8> {
         self.bytes
     }
 }
 
-/// Takes fields off the front.
+/// Reads fields from the front.
 pub struct Reader<'a> {
     bytes: &'a [u8],
     /// Bits taken.

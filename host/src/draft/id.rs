@@ -3,7 +3,7 @@
 //! ```text
 //! type[28:19] transfer type[18:17] source[16:10] frame index[9:4] last[3] transfer ID[2:0]
 //! ```
-//! The data type comes first, and so is the priority.
+//! The data type comes first, so it is the priority.
 
 use crate::id::NodeId;
 use crate::transfer::TransferNumber;
@@ -74,7 +74,7 @@ pub struct CanId {
 }
 
 impl CanId {
-    /// Takes a 29-bit identifier apart; `None` for one that the draft forbids: from node 0, with an index above
+    /// Reads a 29-bit identifier; `None` for one that the draft forbids: from node 0, with an index above
     /// [`INDEX_MAX`], or with that index and not the last of its transfer.
     pub fn parse(id: u32) -> Option<CanId> {
         let index = (id >> INDEX_SHIFT & INDEX_MASK) as u8;

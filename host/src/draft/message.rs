@@ -12,7 +12,7 @@ use crate::types::Kind;
 use half::f16;
 use std::fmt;
 
-/// What a node says of its condition.
+/// Status code of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StatusCode {
     #[default]

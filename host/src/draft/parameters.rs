@@ -1,4 +1,4 @@
-//! The draft's param.GetSet: what is asked and answered is as in v0, the bytes are not.
+//! The draft's param.GetSet. Requests and responses mean the same as in v0; their bytes differ.
 //!
 //! ```text
 //! Value    : list of up to one bool, of up to one int64, one float32, one string of up to 63 bytes; each list behind its length
@@ -71,7 +71,7 @@ pub fn decode_request(payload: &[u8]) -> Option<ParameterRequest> {
     Some(ParameterRequest { index, value, name: take_name(bits)? })
 }
 
-/// The other way round. Of the index the low eight bits count.
+/// Writes the request, with the low eight bits of the index.
 pub fn encode_request(request: &ParameterRequest) -> Vec<u8> {
     let mut bits = Writer::default();
     put_value(&mut bits, &request.value);

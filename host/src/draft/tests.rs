@@ -373,8 +373,8 @@ fn transfer_ids_count_modulo_8() {
     assert_eq!(id.get(), 0);
 }
 
-/// What an observer of a bus stands on: an identifier of a known type of one dialect names no known type of the other. But for
-/// v0's frames without a sender, and the draft's messages to one node.
+/// The basis of an observer: an identifier of a known type of one dialect is not one of a known type of the other, except for
+/// anonymous frames of v0 and the draft's messages to one node.
 #[test]
 fn no_known_type_of_the_draft_is_a_known_type_of_v0() {
     for known in types::KNOWN {

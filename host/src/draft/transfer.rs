@@ -1,11 +1,11 @@
-//! Transfers of the draft: splitting a payload into frames, and putting frames together again.
+//! Transfers of the draft: divides a payload into frames, and reassembles frames.
 //!
 //! A broadcast has eight bytes of payload in a frame; in everything else the first byte of each frame is the destination, and
-//! seven are left. What does not fit one frame is preceded by its CRC, little endian, and cut. There is no toggle bit: the
+//! seven are left. A longer payload is preceded by its CRC, little endian, and divided. There is no toggle bit: the
 //! identifier counts the frames.
 //!
 //! Assembly invariants: only frame 0 opens or replaces a session; a frame that does not continue its session closes it.
-//! Repeated transfer IDs are not filtered, for this is the view of an observer: what was sent is shown.
+//! Repeated transfer IDs are not filtered, because an observer shows every frame.
 
 use super::id::{CanId, INDEX_MAX, TransferId, TransferType};
 use super::types::DataType;
@@ -57,7 +57,7 @@ impl Route {
         }
     }
 
-    /// The one node that it is for.
+    /// The destination, if it is one node.
     pub fn destination(self) -> Option<NodeId> {
         match self {
             Route::Broadcast => None,
@@ -115,7 +115,7 @@ impl Transfer {
     }
 }
 
-/// What a frame did to the assembly.
+/// Result of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// The transfer is whole, and its CRC right where it has one.
@@ -129,7 +129,7 @@ pub enum Outcome {
 /// What the frames of a transfer have in common, but for the transfer ID.
 type Key = (u16, NodeId, Route);
 
-/// What there is of a transfer in the making.
+/// A transfer that is not complete.
 struct SoFar {
     transfer_id: TransferId,
     /// Index that the next frame must have.
