@@ -1,6 +1,5 @@
-//! With CAN_NODE 0 the node asks an allocator for its ID (specification, chapter 6), and is nobody until it has one.
-//!
-//! The unique ID is the node's own; it is made at the first start.
+//! With CAN_NODE 0 the node requests its ID from an allocator (specification, chapter 6), and sends and receives nothing else until it
+//! has one. It makes its unique ID at its first start.
 
 use std::sync::OnceLock;
 
@@ -29,7 +28,7 @@ fn allocatee() -> (&'static [u8], [u8; 16]) {
     (eeprom, *unique_id)
 }
 
-/// The same of a board of its own.
+/// The same, for another board.
 fn another_allocatee(seed: u64) -> (Vec<u8>, [u8; 16]) {
     let mut rig = Rig::new_board();
     if seed > 0 {
@@ -49,7 +48,7 @@ fn nobody() -> (Rig, [u8; 16]) {
     (Rig::with_boards(&[eeprom]), unique_id)
 }
 
-/// The node's requests so far. Whatever else it might send fails the test.
+/// The node's requests so far. Any other frame of the node fails the test.
 #[track_caller]
 fn requests(rig: &Rig) -> Vec<Request> {
     let from_others = |id: u32| [10, 127].contains(&(id & 0x7F));
@@ -147,7 +146,7 @@ fn unanswered_it_asks_again_and_again_at_random_times() {
     assert!(most - least > 100.0, "two that ask at the same times would do so for ever: {gaps:?}");
 }
 
-/// Requests of different boards at the same moment must differ in their identifiers, which depend on what they say.
+/// Requests of different boards at the same moment must differ in their identifiers, which depend on their content.
 #[test]
 fn the_identifiers_of_requests_differ_with_their_content() {
     let (mut rig, unique_id) = nobody();
@@ -234,7 +233,7 @@ fn another_s_request_calls_off_a_follow_up() {
     assert!(called_off > 0);
 }
 
-/// Who has no ID neither speaks nor listens, whatever is said and to whom.
+/// Without an ID the node sends nothing and follows nothing, whatever other nodes send.
 #[test]
 fn without_an_id_it_takes_nothing_but_allocation() {
     let (mut rig, _) = nobody();
@@ -258,7 +257,7 @@ fn without_an_id_it_takes_nothing_but_allocation() {
     assert_eq!(rig.serial.matches("reset:").count(), 1, "{}", rig.serial);
 }
 
-/// An anonymous frame must not be repeated after an error: another nobody may have sent the same identifier.
+/// An anonymous frame must not be repeated after an error: another node without an ID may have sent the same identifier.
 #[test]
 fn a_request_that_met_an_error_is_not_repeated() {
     for bit in [12, 33, 45, 80, 100] {
@@ -304,7 +303,7 @@ fn a_busy_bus_only_delays_it() {
     almost_allocated(&mut rig, unique_id);
 }
 
-/// A monitor asks who a node is as soon as it hears of it.
+/// A bus monitor sends GetNodeInfo as soon as it receives a frame of a node.
 #[test]
 fn with_its_first_status_it_is_ready_for_requests() {
     for id in [55, 124] {

@@ -1,4 +1,4 @@
-//! What ArduPilot and PX4 put on the bus, as the simulator has it: the node obeys each with only parameters changed.
+//! The simulator's ArduPilot and PX4: the node follows each, with only parameters changed.
 
 use bench::autopilot::{Profile, Settings};
 use bench::can::Id;
@@ -67,7 +67,7 @@ fn px4_counts_its_servos_from_0() {
     }
 }
 
-/// Each pulse is the one of a command of the last 20 ms or so: none is lost in a stream of nine frames each.
+/// Each pulse is the one of a command of the last 20 ms or so: no command of nine frames is lost.
 #[test]
 fn a_sweep_is_followed_step_by_step() {
     for (profile, actuator) in [(Profile::Ardupilot, 15), (Profile::Px4, 7)] {

@@ -1,4 +1,4 @@
-//! Whatever comes over the bus: the servo stays where it is, the node answers, and it counts.
+//! Invalid frames and transfers do not move the servo. The node counts them, and still answers.
 
 use bench::Noise;
 use bench::can::{Frame, Id};
@@ -36,7 +36,7 @@ fn a_frame_without_a_tail_byte_is_refused() {
     assert_refused(rig, 1, "refused: type 1010 from 10, not a whole frame");
 }
 
-/// And what comes of its rest a minute later, when the node's clock of 16 bits has wrapped, is no part of it.
+/// Nor do its remaining frames complete it a minute later, when the node's 16-bit clock has wrapped.
 #[test]
 fn a_command_whose_rest_never_comes_is_given_up_after_50_ms_and_told() {
     let mut rig = Rig::positioned();
@@ -53,7 +53,7 @@ fn a_command_whose_rest_never_comes_is_given_up_after_50_ms_and_told() {
     assert_refused(rig, 1, "refused: type 1010 from 10, broken");
 }
 
-/// Whole transfers of several frames are in long_commands.rs.
+/// long_commands.rs tests complete transfers of several frames.
 #[test]
 fn frames_that_belong_to_no_transfer_leave_the_servo_where_it_is() {
     let mut rig = Rig::positioned();

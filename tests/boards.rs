@@ -1,4 +1,4 @@
-//! The builds for the two chips do the same: they differ in compiler flags and in where the chip's registers and the limits of its memory are.
+//! The builds for the two chips behave the same. They differ in compiler flags, addresses of registers, and limits of memory.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, is_from_node, started_with}
 /// The answer to a GetNodeInfo, without its priority.
 const NODE_INFO: u32 = 0x0001_7F80 | NODE;
 
-/// What came of the traffic.
+/// The node's frames and pulses.
 struct Seen {
     /// Of each identifier, the data of its frames in their order.
     frames: BTreeMap<u32, Vec<Vec<u8>>>,
@@ -24,7 +24,7 @@ fn request(name: &str, value: Value) -> Message {
     Message::ParameterRequest(ParameterRequest { index: 0, name: name.as_bytes().to_vec(), value })
 }
 
-/// Two seconds of commands of each kind, requests, what is wrong, and then the failsafe.
+/// Two seconds of commands of each kind, requests and invalid frames, and then the failsafe.
 fn traffic_through(board: &str) -> Seen {
     let elf = firmware_for(board, "seeed", "default").unwrap_or_else(|error| panic!("{error:#}"));
     // The same unique ID and parameters for both.

@@ -1,5 +1,5 @@
-//! Whatever happens to the bus: the node notices, tells, keeps its servo safe, and is back within a second of the fault's end
-//! without flooding the bus. The cases are in `faults/bus.rs`, what they measure in docs/reliability.md.
+//! Faults of the bus: the node detects and logs each, keeps the servo safe, and recovers within a second of its end without flooding
+//! the bus. The cases are in `faults/bus.rs`, what they measure in docs/reliability.md.
 
 use rig::faults::bus;
 

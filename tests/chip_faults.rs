@@ -1,5 +1,5 @@
-//! Whatever happens to the CAN controller and its wires: it is noticed and told of within 100 ms, the controller is started over,
-//! and the servo is where it was or at its failsafe. The cases are in `faults/chip.rs`, what they measure in docs/reliability.md.
+//! Faults of the CAN controller and its wires: the node detects and logs each within 100 ms and restarts the controller. The servo
+//! holds its position or moves to its failsafe. The cases are in `faults/chip.rs`, what they measure in docs/reliability.md.
 
 use rig::faults::chip;
 

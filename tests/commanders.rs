@@ -7,7 +7,7 @@ use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command};
 /// ArmingStatus, 255: armed.
 const ARMING_STATUS: u32 = 0x1804_4C00;
 
-/// A command in one frame from a node of choice.
+/// A command in one frame from any node.
 fn command_from(rig: &mut Rig, source: u32, actuator: u8, value: f32) {
     let frames = array_command(&[(actuator, 0, value)], 0);
     assert_eq!(frames.len(), 1);
@@ -44,7 +44,7 @@ fn a_node_that_commands_other_outputs_is_no_second_commander() {
     assert_eq!(rig.next_status(), (OK, 0));
 }
 
-/// A tool on the bench, and then the autopilot.
+/// A tool commands first, and then the autopilot.
 #[test]
 fn a_commander_that_stops_is_followed_by_another_without_a_warning() {
     let mut rig = Rig::running();

@@ -1,4 +1,4 @@
-//! The MCP2515 is set up right, keeps frames in order both ways, and is brought back whatever happens to it.
+//! The node sets up the MCP2515, keeps the order of frames in both directions, and restarts the MCP2515 after any fault.
 
 use bench::board::WireEvent;
 use bench::can::Fault;
@@ -38,7 +38,7 @@ fn bit_timing_is_1_mbit_s_with_a_sample_point_of_75_percent() {
     assert_eq!(chip.mode(), Mode::Normal);
 }
 
-/// The serial monitor tells every accepted frame in the order in which it was read.
+/// The serial monitor has a line for every accepted frame, in the order in which the node read them.
 #[test]
 fn frames_back_to_back_are_received_in_order() {
     let mut rig = Rig::running();
@@ -258,7 +258,7 @@ fn a_frame_is_out_of_the_controller_within_450_cycles_of_the_first_chip_select()
     }
 }
 
-/// Does something on the SPI behind the program's back, while it does nothing there.
+/// Accesses the chip over the SPI while the program does not use it.
 fn meddle(rig: &mut Rig, instructions: &[&[u8]]) {
     let end = rig.now() + MS;
     let cs = rig.board().wiring().cs;
@@ -278,7 +278,7 @@ fn meddle(rig: &mut Rig, instructions: &[&[u8]]) {
     }
 }
 
-/// The chip keeps what it was told to forget; the firmware compares all that it can every 10 ms.
+/// The registers of the chip change. The firmware compares all registers that it can read every 10 ms.
 #[track_caller]
 fn put_right_within_100_ms(rig: &mut Rig) {
     rig.forget();
@@ -310,7 +310,7 @@ fn a_mode_that_changed_by_itself_is_noticed_and_put_right() {
     }
 }
 
-/// An enabled error interrupt whose flag nobody clears holds INT low for ever, and hides that no frame is there.
+/// An enabled error interrupt whose flag is never cleared holds INT low for ever, as if a frame waited.
 #[test]
 fn errors_on_the_bus_never_hold_the_int_pin_low() {
     let mut rig = Rig::running();
@@ -353,7 +353,7 @@ fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_hold_the_program_
     }
 }
 
-/// RXnOVR stays set until the program clears it: left alone, the next loss would not be seen.
+/// RXnOVR stays set until the program clears it, and would hide the next loss.
 #[test]
 fn the_flags_of_lost_frames_are_cleared_and_each_loss_is_told() {
     let mut rig = Rig::running();
@@ -369,7 +369,7 @@ fn the_flags_of_lost_frames_are_cleared_and_each_loss_is_told() {
     assert!(rig.serial.contains("overruns 3"), "{}", rig.serial);
 }
 
-/// ABAT aborts all that is asked to be sent as long as it is set.
+/// While ABAT is set, the chip aborts every request to send.
 #[test]
 fn after_frames_were_given_up_the_node_sends_again() {
     let mut rig = Rig::running();

@@ -1,5 +1,5 @@
-//! When commands for this output stop, the output goes where its parameters say, and only then; and it moves only while the
-//! vehicle is armed, if it is told to mind that.
+//! The output goes to the failsafe of its parameters when, and only when, commands for it stop. With ARM_REQ it moves only while the
+//! vehicle is armed.
 
 use bench::dronecan::{Message, ParameterRequest};
 use rig::manage::ms_between;
@@ -86,7 +86,7 @@ fn the_next_command_ends_it_at_once_and_the_serial_monitor_tells_both() {
     }
 }
 
-/// The other nodes of the bus are alive, and even its manager: nobody commands.
+/// All other nodes send, also the autopilot, but nobody sends a command.
 #[test]
 fn other_traffic_does_not_feed_it() {
     let mut rig = moving(TRIM, 500);

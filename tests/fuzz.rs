@@ -1,7 +1,7 @@
-//! Garbage: random frames, random transfers and mutated ones, from a seed. After it the servo is where it was, the node answers
-//! as fast as before, nothing was restarted, and the stack kept to its place.
+//! Random frames, random transfers and mutated ones, from a seed. After them the servo has the same position, the node answers as fast
+//! as before, nothing has restarted, and the stack was within its limit.
 //!
-//! 20,000 frames; `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some minutes. `FUZZ_SEED` gives others.
+//! 20,000 frames; `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some minutes. `FUZZ_SEED` chooses another seed.
 
 use bench::Noise;
 use bench::budget::{Budget, PAINT};
@@ -43,7 +43,7 @@ fn setting(name: &str, default: u64) -> u64 {
         .map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is no number: {text}")))
 }
 
-/// Identifiers that the node lets in, without sender.
+/// Identifiers that the filters accept, without a source.
 const OURS: [u32; 14] = [
     ARRAY_COMMAND,
     ARRAY_COMMAND,
@@ -61,7 +61,7 @@ const OURS: [u32; 14] = [
     0x1E04_8080 | NODE << 8, // GetTransportStats
 ];
 
-/// A transfer that makes sense, in frames. Followed, it would leave the servo where it is.
+/// The frames of a valid transfer. If the node follows it, the servo keeps its position.
 fn sensible(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
     let number = TransferId::new(random.next() as u8);
     let id = random.pick(&OURS);
@@ -104,7 +104,7 @@ fn sensible(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
     (id | source, split(&payload, number, data_type.signature.unwrap_or(0)))
 }
 
-/// Does something bad to the frames of a transfer.
+/// Damages the frames of a transfer.
 fn mutate(random: &mut Random, frames: &mut Vec<Vec<u8>>) {
     let at = random.below(frames.len() as u64) as usize;
     match random.below(8) {
@@ -170,7 +170,7 @@ fn garbage(random: &mut Random) -> Vec<Frame> {
     }
 }
 
-/// Whether a transfer is an order that the node would rightly obey, and then not be as before.
+/// True if the node would rightly execute a transfer that changes its state.
 fn is_an_order(transfer: &Transfer) -> bool {
     let is_half = |command: &ActuatorCommand| {
         command.actuator != 1 || command.unit == bench::dronecan::CommandUnit::Unitless && command.value.to_f32() == 0.5
@@ -191,7 +191,7 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     let mut rig = Rig::running();
     // Faster than the node can follow at times.
     rig.overflows_expected = true;
-    // Statuses of an invented node must not be those of the autopilot for ever; and errors are told, not acted on.
+    // A node that does not exist must not stay the autopilot for ever. The node logs errors and does not act on them.
     rig.send_command(1, 0, 0.5);
     assert_eq!(rig.settled_pulse_us(), PULSE_US);
     let parameters = rig.parameters();

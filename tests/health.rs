@@ -1,4 +1,4 @@
-//! The node's health: each condition has its bit, the masks say how bad it is, and it clears when its cause does.
+//! The node's health: each condition has a bit, the masks choose its health, and it clears with its cause.
 
 use bench::avr::ResetCause;
 use bench::dronecan::Message;
@@ -7,7 +7,7 @@ use rig::status::{
 };
 use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig};
 
-/// Waits until a status says that.
+/// Waits for a status with this health and code.
 #[track_caller]
 fn wait_for_status(rig: &mut Rig, health: u8, code: u16, within_ms: u64) {
     let seen = rig.statuses().len();
@@ -97,7 +97,7 @@ fn a_sensor_that_opens_or_shorts_is_a_warning_until_it_works() {
     }
 }
 
-/// Of a servo on the bench; ArduPilot does not arm with a node that is not OK.
+/// A servo without a sensor. ArduPilot does not arm with a node that is not OK.
 #[test]
 fn a_servo_without_a_sensor_is_ok_and_tells_no_temperature() {
     for (sensor, millivolts) in [(1, 0), (1, 5000), (0, 0), (0, 5000), (0, 250)] {
@@ -155,7 +155,7 @@ fn a_required_sensor_that_is_missing_is_a_warning() {
     rig.wait_for_line("temperature sensor open or short", 50);
 }
 
-/// It is somebody else's: the sender's, or an attacker's, who must not keep the vehicle from arming.
+/// It is the fault of the sender, or of an attacker, who must not prevent the vehicle from arming.
 #[test]
 fn transfers_that_break_are_told_for_ten_seconds_and_are_no_fault_of_the_node() {
     let mut rig = Rig::running();
@@ -177,7 +177,7 @@ fn the_node_s_own_id_on_another_node_is_a_warning_for_ten_seconds() {
     wait_for_status(&mut rig, OK, 0, 12_000);
 }
 
-/// A fault that is over: told, and no longer in the way a minute later.
+/// A fault that is over: reported, and cleared after a minute.
 #[test]
 fn the_cause_of_a_restart_is_a_warning_for_a_minute() {
     let mut rig = Rig::running();

@@ -1,5 +1,5 @@
-//! The unique ID: made at the first start from how the watchdog's oscillator runs against the crystal, and kept in EEPROM.
-//! The simulator gives each chip an oscillator of its own, by its seed.
+//! The unique ID: the node makes it at its first start from the jitter between watchdog oscillator and crystal, and keeps it in EEPROM.
+//! In the simulator the jitter of each chip follows from a seed.
 
 use bench::Bench;
 use bench::Cycles;

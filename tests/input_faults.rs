@@ -1,4 +1,4 @@
-//! Whatever the sensor says and whatever comes over the bus: the servo follows sensible commands and nothing else. The cases are
+//! Faults of the sensor and invalid input from the bus: the servo follows valid commands and nothing else. The cases are
 //! in `faults/input.rs`, what they measure in docs/reliability.md.
 
 use rig::faults::input;

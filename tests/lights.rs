@@ -1,4 +1,4 @@
-//! The button, whose presses are published, and the light, which is told, in the build that has them.
+//! The button, whose presses the node publishes, and the light, which it dims on command, in the build that has them.
 
 use bench::dronecan::{KeyValue, LightCommand, Message};
 use rig::{MS, NODE, Rig};

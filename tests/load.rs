@@ -1,9 +1,9 @@
-//! The node on a full bus: no frame lost, none stuck, none out of order, and the servo as steady as in silence. Everything is on
-//! meanwhile: telemetry at its highest rates, a client that walks, sets and saves the parameters, and the serial monitor.
+//! The node on a full bus: no frame is lost, stuck or out of order, and the servo is as steady as on an idle bus. All functions are active:
+//! telemetry at its highest rates, a client that reads, sets and saves all parameters, and the serial monitor.
 //!
-//! The bus is full of whatever comes through the filters, of each kind alone and of all at random: see [`Kind::MATCHING`].
+//! The bus is full of frames that the filters accept, of each kind alone and of all at random: see [`Kind::MATCHING`].
 //!
-//! `make bench` measures the same for longer, and writes the figures down.
+//! `make bench` measures the same for longer, and writes docs/benchmarks.md.
 
 use std::sync::LazyLock;
 
@@ -24,7 +24,7 @@ static RUNS: LazyLock<Vec<(Load, u64, Figures)>> = LazyLock::new(|| {
     run_all(&loads.collect::<Vec<_>>(), |_, _, _| ())
 });
 
-/// Fails with all runs for which `wrong` has something to say.
+/// Fails with all runs for which `wrong` returns a text.
 #[track_caller]
 fn all(select: impl Fn(Load) -> bool, wrong: impl Fn(&Figures) -> Option<String>) {
     let selected: Vec<_> = RUNS.iter().filter(|(load, ..)| select(*load)).collect();
@@ -35,7 +35,7 @@ fn all(select: impl Fn(Load) -> bool, wrong: impl Fn(&Figures) -> Option<String>
     assert!(wrong.is_empty(), "{} of {} loads\n{}", wrong.len(), selected.len(), wrong.join("\n"));
 }
 
-/// Every frame read as it was sent, in the order of the bus, and none left behind.
+/// The node reads every frame unchanged, in the order of the bus, and leaves none in the controller.
 fn incomplete(figures: &Figures) -> Option<String> {
     let meter = &figures.meter;
     let least = u64::from(rig::board().fastest_bit_rate()) * 6 / 10_000;
@@ -62,7 +62,7 @@ fn commands_of_nine_frames_back_to_back_are_all_read_in_order() {
     all(|load| matches!(load.kind, Kind::LongCommand | Kind::Beginning) && load.pace == Pace::Full, incomplete);
 }
 
-/// They have one buffer only, and each must be out of it before the next one ends.
+/// They have one receive buffer only. The node must empty it before the next frame ends.
 #[test]
 fn statuses_and_the_thesis_s_commands_back_to_back_are_all_read_in_order() {
     all(
@@ -71,13 +71,13 @@ fn statuses_and_the_thesis_s_commands_back_to_back_are_all_read_in_order() {
     );
 }
 
-/// More than can be answered: those are read and refused.
+/// More than the node can answer: it reads and rejects those.
 #[test]
 fn requests_back_to_back_are_all_read_in_order() {
     all(|load| load.kind.is_request() && load.pace == Pace::Full, incomplete);
 }
 
-/// They are read before the node can see that they are not for it.
+/// The node has to read them to find that they are not for it.
 #[test]
 fn frames_of_other_types_that_come_through_the_filters_back_to_back_are_all_read_in_order() {
     all(|load| load.kind.is_other() && load.pace == Pace::Full, incomplete);

@@ -1,4 +1,4 @@
-//! Commands for many actuators come in transfers of many frames, back to back: only whole and right ones move the servo.
+//! Commands for many actuators in transfers of many frames, back to back: only complete and valid ones move the servo.
 
 use bench::avr::Chip;
 use rig::status::TRANSFER_ERRORS;
@@ -279,7 +279,7 @@ fn of_two_senders_neither_of_which_is_the_commander_the_one_that_begins_later_is
     assert_eq!(code & TRANSFER_ERRORS != 0, !has_two_lanes(), "the status says what was refused");
 }
 
-/// Not even for a moment, unless it is the commander and there is one lane: then for 50 ms.
+/// It does not delay other commands, except if it is the commander and there is one lane: then for 50 ms.
 #[test]
 fn a_sender_that_falls_silent_in_a_transfer_does_not_lock_others_out_for_long() {
     let during_the_commander_s = if has_two_lanes() { 1000.0 } else { 1750.0 };
@@ -308,7 +308,7 @@ fn commands_of_one_frame_come_through_while_a_long_one_is_under_way() {
     assert_eq!(rig.settled_pulse_us(), 1000.0, "and the long one when it is whole");
 }
 
-/// A length that is no whole number of commands, with a CRC that is right.
+/// A length that is not a multiple of a command's, with a valid CRC.
 #[test]
 fn a_broken_list_with_a_right_crc_leaves_the_servo_where_it_is() {
     use bench::dronecan::{TransferId, split, types};

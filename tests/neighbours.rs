@@ -1,4 +1,5 @@
-//! The node beside other nodes: some talk too much, some begin and never end, and none keeps its commander or another client out.
+//! Other nodes on the bus: some send too much, some do not end their transfers. None prevents the commander or another client from
+//! reaching the node.
 
 use bench::Noise;
 use bench::can::{Frame, Id};
@@ -66,7 +67,7 @@ fn whole_commands_of_another_node_for_other_actuators_do_not_keep_the_commander_
     assert_all_are_followed(&mut rig, |rig, at| rig.send(ARRAY_COMMAND | 11, &others[at]));
 }
 
-/// It takes the lane first, and only then the commander begins.
+/// It takes the lane before the commander begins.
 #[test]
 fn a_command_that_another_node_has_begun_gives_way_to_the_commander() {
     for pause_us in [0, 150, 1000, 19_000] {
@@ -136,8 +137,8 @@ fn two_senders_frame_by_frame_are_both_followed_where_there_is_room() {
     }
 }
 
-/// The controller gets its filters again when the failsafe begins, for which it leaves the bus. It does so while nothing is under way: whatever
-/// comes and goes around that moment, no frame of the node is cut off, and none that was acknowledged is lost.
+/// When the failsafe begins, the node writes the filters again, which takes the controller off the bus. It waits until no frame is in progress:
+/// it interrupts no frame of its own, and loses no frame that it has acknowledged.
 fn filters_are_set_at_any_moment(phases: u64) {
     let mut rig = Rig::running();
     rig.set("OUT1_TIMEOUT", 40);

@@ -1,11 +1,11 @@
-//! Parameters: what there is, when it takes effect, and that the EEPROM has the old set or the new one whatever happens.
+//! Parameters: their names and ranges, when they take effect, and that the EEPROM always has the complete old or new set.
 
 use bench::dronecan::{Message, Opcode, ParameterRequest, Value};
 use rig::manage::{SAVE_TIMEOUT_MS, integer, ms_between, parameters};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Rig, started};
 
-/// Parameters all over the set, of which each generation has values of its own. None of them disturbs the tests.
+/// Parameters from the whole table, with other values in each generation. None of them affects the tests.
 const MARKED: [&str; 6] = ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "ERROR_MASK"];
 
 fn mark(generation: i64) -> [i64; 6] {
@@ -153,7 +153,7 @@ fn a_bit_rate_is_taken_at_the_next_start() {
     }
 }
 
-/// The bus goes on meanwhile: commands are followed, pulses are whole, other requests wait their turn.
+/// Meanwhile the node follows commands, its pulses are complete, and other requests wait.
 #[test]
 fn saving_holds_nothing_up() {
     let mut rig = Rig::running();
@@ -201,8 +201,8 @@ fn a_parameter_that_is_set_during_a_save_is_saved_whole_or_not_at_all() {
     }
 }
 
-/// The power goes at each moment of a save: each byte that is written is hit, at the beginning of its time and at the end. After
-/// it the node has the set from before or the new one, all of it, and knows of no loss.
+/// Power failures during a save: at the beginning and at the end of the time of each byte. After each the node has the complete old
+/// or new set, and reports no loss.
 #[test]
 fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_set_or_the_new() {
     // A byte takes 3.4 ms.
@@ -286,7 +286,7 @@ fn crc(start: u16, bytes: &[u8]) -> u16 {
     })
 }
 
-/// Somebody else wrote it, or a build with a mistake. Pulses of 17 ms and bit rates that do not exist have come of it.
+/// Another program wrote it, or a faulty build. Without the check such values made pulses of 17 ms and impossible bit rates.
 #[test]
 fn values_out_of_range_in_a_record_with_a_right_crc_become_the_defaults_and_are_told() {
     // The addresses and the form of a record: docs/parameters.md.

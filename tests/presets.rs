@@ -1,4 +1,4 @@
-//! Each firmware of v0 that `make test` builds starts, and follows a command. That of the thesis has its own tests, `thesis.rs`.
+//! Each firmware of v0 that `make test` builds starts, and follows a command. `thesis.rs` tests the firmware of the thesis.
 
 use rig::Rig;
 

@@ -1,6 +1,6 @@
-//! Whatever happens to the processor: it is restarted, says why, sends no pulse that was not asked for, and is in full service as
-//! soon as it is heard. Nothing in the program can panic (restart.rs). Its counters wrap without a trace. The cases are in `faults/processor.rs`; a cut at each byte of a save is
-//! in parameters.rs, pulses across a restart are in restart.rs.
+//! Faults of the processor: it restarts, reports the cause, makes no pulse without a command, and follows commands from its first status
+//! on. Its counters wrap without an effect. The cases are in `faults/processor.rs`. restart.rs tests that nothing can panic, and pulses
+//! across a restart; parameters.rs tests a power failure at each byte of a save.
 
 use rig::faults::processor;
 

@@ -1,4 +1,4 @@
-//! docs/reliability.md has every fault that is tested, with the limits that it is held to, and what was measured is within them.
+//! docs/reliability.md has every tested fault with its limits, and its measurements are within them.
 
 use rig::faults::page::{CHAPTERS, row};
 

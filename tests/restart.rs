@@ -1,10 +1,10 @@
-//! A fault of the program restarts it, and the next status and the next banner say why.
+//! A fault of the program restarts it; the next status and the next banner report the cause.
 
 use bench::avr::ResetCause;
 use rig::status::{BROWN_OUT, INITIALIZATION, STACK_COLLISION, STRAY_INTERRUPT, WATCHDOG};
 use rig::{Rig, status_fields};
 
-/// Waits for the banner of a restart and checks what is said of it.
+/// Waits for the banner of a restart, and checks the reported cause.
 #[track_caller]
 fn assert_restarts(rig: &mut Rig, within_ms: u64, cause: &str, bit: u16) {
     rig.wait_for_line(&format!("reset: {cause}"), within_ms);
@@ -58,7 +58,7 @@ fn a_hung_program_is_restarted_by_the_watchdog() {
     );
 }
 
-/// The compiler has proved it: there is no check left that could fail, and the linker has dropped the handler.
+/// The compiler has removed every check that could fail, so the linker has dropped the panic handler.
 #[test]
 fn nothing_in_the_programs_can_panic() {
     // One program of the ATmega328P has it all.

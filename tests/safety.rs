@@ -1,4 +1,4 @@
-//! The safety switch, of which ArduPilot tells in SafetyState: while it is on, commands stop for a reason. In the build that knows it.
+//! ArduPilot's safety switch, by SafetyState: while it is on, missing commands are no error. In the build with the feature `safety`.
 
 use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
 use rig::{MS, Rig};
@@ -8,7 +8,7 @@ const SAFETY_STATE: u32 = 0x104E_200A;
 const SAFE: u8 = 0;
 const ARMED: u8 = 255;
 
-/// As ArduPilot tells it: twice a second.
+/// Twice a second, as ArduPilot sends it.
 fn tell(rig: &mut Rig, state: u8, ms: u64) {
     let end = rig.now() + ms * MS;
     while rig.now() < end {
@@ -61,7 +61,7 @@ fn when_the_switch_is_off_commands_are_followed_at_once_and_missed_again() {
     assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
 }
 
-/// Its autopilot is gone.
+/// The autopilot has stopped.
 #[test]
 fn when_safety_states_stop_the_failsafe_begins() {
     let mut rig = Rig::positioned();

@@ -1,4 +1,4 @@
-//! Requests while the parameters are saved, which takes up to 0.4 s: in the build that answers them meanwhile.
+//! Requests during a SAVE, which takes up to 0.4 s, in the build that answers them meanwhile.
 
 use bench::dronecan::{Message, Opcode, ParameterRequest};
 use rig::Rig;

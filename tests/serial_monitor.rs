@@ -1,4 +1,4 @@
-//! The serial monitor tells what happens, at 115200 baud, and never holds anything up.
+//! The serial monitor logs events at 115200 baud, and never delays the node.
 
 use bench::can::Frame;
 use rig::{MS, Rig};

@@ -1,6 +1,6 @@
-//! The node lets itself be managed: it says who it is, gives and takes parameters, saves, restarts, and counts.
+//! The node's services: information, parameters, save, restart, statistics.
 //!
-//! The quoted frames were made by pydronecan 1.0.27; tests/clients/test_golden.py holds the two together.
+//! pydronecan 1.0.27 made the quoted frames; tests/clients/test_golden.py checks that it still makes the same.
 
 use bench::Cycles;
 use bench::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
@@ -193,7 +193,7 @@ fn values_of_another_type_change_nothing() {
     );
 }
 
-/// Tags 5 to 7 do not exist, and a request may be cut off anywhere.
+/// Tags 5 to 7 do not exist, and a request may end at any byte.
 #[test]
 fn malformed_requests_set_nothing_and_block_nothing() {
     let mut rig = Rig::running();
@@ -252,7 +252,7 @@ fn a_restart_is_answered_and_comes_within_200_ms() {
     assert_eq!(code, 0, "nothing went wrong");
 }
 
-/// On the way the servo goes where OUT1_FS has it, and no pulse is cut short.
+/// Before the restart the servo moves to OUT1_FS, and every pulse is complete.
 #[test]
 fn a_restart_takes_the_servo_through_its_failsafe() {
     for (mode, expected) in [(0, vec![1750.0]), (1, vec![1750.0, 1500.0]), (2, vec![1750.0, 1900.0]), (3, vec![1750.0])]
@@ -363,7 +363,7 @@ fn node_information_comes_within_50_ms_while_commands_flow() {
     }
 }
 
-/// Every request of a burst is either answered or refused, told and counted.
+/// The node answers each request of a burst, or rejects, logs and counts it.
 #[test]
 fn of_a_burst_of_requests_those_whose_replies_would_have_no_room_are_refused() {
     const BURST: usize = 30;
@@ -403,8 +403,8 @@ fn command_for(rig: &mut Rig, ms: u64) {
     }
 }
 
-/// A client that asks nine times at once gets no answer to the ninth, and asks again: pydronecan after 1 s, ArduPilot after 100 ms. At 1 Mbit/s the queue is empty after
-/// 16 ms.
+/// A client that sends nine requests at once gets no answer to the ninth, and repeats it: pydronecan after 1 s, ArduPilot after 100 ms. At
+/// 1 Mbit/s the queue is empty after 16 ms.
 #[test]
 fn the_queue_of_eight_requests_is_soon_empty_again() {
     for request in [Message::NodeInfoRequest, read(0)] {

@@ -1,4 +1,4 @@
-//! The servo follows commands, exactly, and nothing else.
+//! The servo follows commands exactly, and nothing else.
 
 use std::f32::consts::FRAC_PI_4;
 

@@ -1,4 +1,4 @@
-//! A minute of a node's life, with all that can go wrong in them. `make soak HOURS=4` lives longer.
+//! Runs a node with random faults for a simulated minute. `make soak HOURS=4` runs it for longer.
 
 use rig::MS;
 use rig::soak::Soak;

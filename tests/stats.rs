@@ -1,4 +1,4 @@
-//! What the node counts of its bus: CanStats, in the build that has it.
+//! The counters of the bus, CanStats, in the build that has them.
 
 use bench::Cycles;
 use bench::can::{ErrorState, Fault, Id};

@@ -1,4 +1,4 @@
-//! The node says how it is: when the autopilot does, and by itself when there is none.
+//! The node's status: it follows the autopilot's, and comes by itself without an autopilot.
 
 use rig::status::{CONTROLLER, INITIALIZATION, OK, OPERATIONAL, WARNING};
 use rig::{MS, Rig, STATUS_OF_NODE, status_fields};

@@ -1,5 +1,5 @@
-//! What the node tells without being asked, beside its status and temperature: where its servo is, how the bus does, and that
-//! its button was pressed. And the light, which is told.
+//! Messages that the node publishes besides status and temperature: position of the servo, statistics of the bus, presses of the button.
+//! And the light, which follows its command.
 
 use bench::Cycles;
 use bench::can::Id;

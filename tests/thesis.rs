@@ -1,4 +1,4 @@
-//! The firmware of the preset `thesis` (docs/dialects.md): it speaks the UAVCAN draft of 2014 as the thesis's node did, and hears nothing else.
+//! The firmware of the preset `thesis` (docs/dialects.md): it uses only the UAVCAN draft of 2014, as the node of the thesis did.
 //!
 //! Identifiers of the draft: type\[28:19\] transfer type\[18:17\] source\[16:10\] frame index\[9:4\] last\[3\] transfer ID\[2:0\].
 
@@ -34,7 +34,7 @@ const INDEX: u32 = 1 << 4;
 const LAST: u32 = 1 << 3;
 const TRANSFER_ID: u32 = 7;
 
-/// What the thesis's filters compare, and what they let through (docs/dialects.md).
+/// Mask and values of the thesis's filters (docs/dialects.md).
 const MASK: u32 = 0x1FFE_0008;
 const FILTERS: [u32; 2] = [0x17C4_0408, 0x1134_0408];
 
@@ -59,7 +59,7 @@ fn command(rig: &mut Rig, source: u32, position: u8) {
     rig.send(message_id(COMMAND, source, 0), &[position]);
 }
 
-/// The pulse that it asks for: 1000 to 2000 us.
+/// The pulse of a command: 1000 to 2000 us.
 fn pulse_us(position: u8) -> f64 {
     1000.0 + f64::from(position) * 1000.0 / 255.0
 }
@@ -93,7 +93,7 @@ fn is_of_node(frame: &Frame, type_id: u32) -> bool {
     matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID == message_id(type_id, NODE, 0))
 }
 
-/// What the node has said, with its time and the number of the transfer.
+/// The node's messages, with their time and transfer ID.
 fn said(rig: &Rig) -> Vec<(Cycles, u8, Message)> {
     let of_node = rig.drafts.iter().filter(|(_, transfer, _)| u32::from(transfer.source.get()) == NODE);
     of_node.map(|(at, transfer, message)| (*at, transfer.transfer_id.get(), message.clone())).collect()
@@ -126,7 +126,7 @@ fn wait_for_condition(rig: &mut Rig, code: StatusCode, vendor: u16, timeout_ms: 
     rig.wait_for(&format!("status {code} {vendor:04X}"), timeout_ms, |rig| condition(rig) == expected);
 }
 
-/// Frames of v0, and of types of the draft that the node does not take: none of them is for it.
+/// Frames of v0, and of types of the draft that the node does not receive.
 fn foreign() -> Vec<Frame> {
     let [low, high] = half::f16::from_f32(-1.0).to_le_bytes();
     let v0 = [
@@ -183,7 +183,7 @@ fn the_serial_monitor_says_who_it_is_and_what_it_speaks() {
     assert_eq!(rig.serial.lines().collect::<Vec<_>>(), [&banner, "draft of 2014", "CAN: running"]);
 }
 
-/// After each reset it speaks the draft, says why it restarted, and has no pulse until the next command.
+/// After each reset the node uses the draft, reports the cause, and has no pulse until the next command.
 #[test]
 fn a_restart_is_told_and_leaves_the_servo_off() {
     for (cause, told, bit) in [
@@ -207,7 +207,7 @@ fn a_restart_is_told_and_leaves_the_servo_off() {
     }
 }
 
-/// Its parameters are others, so a record of theirs is none. It cannot save any, and says so as long as they are there.
+/// A record of other builds is not valid for this one. It cannot save its own, so it reports the condition permanently.
 #[test]
 fn parameters_that_another_build_saved_are_not_used() {
     let mut other = Rig::of("none");
@@ -263,7 +263,7 @@ fn the_controller_has_the_thesis_s_filters_with_any_sender_also_after_a_failsafe
     }
 }
 
-/// Frames that differ from a command or a status in one bit of the identifier; besides those the node never sees one.
+/// Frames that differ from a command or a status in one bit of the identifier; the filters reject all others.
 #[test]
 fn what_the_controller_lets_through_is_decided_by_those_bits_alone() {
     let mut rig = Rig::running();
@@ -335,7 +335,7 @@ fn each_value_of_a_command_has_its_place_on_the_travel() {
     }
 }
 
-/// The thesis's filters asked for node 1.
+/// The thesis's filters required node 1.
 #[test]
 fn a_command_of_any_node_is_followed() {
     let mut rig = Rig::running();
@@ -357,7 +357,7 @@ fn the_servo_follows_the_autopilot() {
     }
 }
 
-/// Frames that are no command, and how the serial monitor tells of each; of some it hears nothing.
+/// Frames that are no command, with their line on the serial monitor. The filters reject some of them.
 #[test]
 fn a_frame_that_is_no_whole_command_leaves_the_servo_where_it_is() {
     let id = message_id(COMMAND, OTHER, 3);
@@ -391,7 +391,7 @@ fn a_frame_that_is_no_whole_command_leaves_the_servo_where_it_is() {
     rig.wait_for_line(&format!("commands followed {followed}, frames refused {refused}"), 100);
 }
 
-/// Both of its frames: the second comes through the filters.
+/// Both of its frames: the filters accept the second.
 #[test]
 fn a_command_in_two_frames_is_none() {
     let mut rig = at_the_end();
@@ -602,7 +602,7 @@ fn it_says_its_temperature_in_whole_degrees_at_every_third_status_of_the_autopil
     }
 }
 
-/// Who does not hear the autopilot is not asked for it.
+/// The node sends its temperature only after statuses of the autopilot.
 #[test]
 fn without_a_status_of_an_autopilot_there_is_no_temperature() {
     let mut rig = Rig::running();
@@ -658,7 +658,7 @@ fn the_count_of_the_button_goes_on_from_255_to_0() {
     }
 }
 
-/// The temperature and the count are one type, and so have one row of numbers; the statuses have their own.
+/// The temperature and the count are one type, so they share transfer IDs; the statuses have their own.
 #[test]
 fn transfers_of_a_measurement_are_numbered_in_one_row() {
     let mut rig = flying();
@@ -686,9 +686,9 @@ enum Load {
     /// Without a byte: no frame is shorter.
     Empty,
     Statuses,
-    /// What the node has to refuse.
+    /// Frames that the node must reject.
     Wrong,
-    /// All of it, and frames that stay outside.
+    /// All of these, and frames that the filters reject.
     Mixed,
 }
 
@@ -717,7 +717,7 @@ impl Load {
     }
 }
 
-/// A node under a load of so many frames back to back. Meanwhile somebody presses the button and types `?`.
+/// A node under a load of so many frames back to back. Meanwhile the button is pressed and `?` is typed.
 struct Loaded {
     rig: Rig,
     meter: Meter,
@@ -820,7 +820,7 @@ fn on_a_full_bus_every_command_is_in_the_servo_s_register_within_500_us_of_its_e
     }
 }
 
-/// A step of something else can be before it.
+/// Another step may run before it.
 #[test]
 fn on_a_quiet_bus_a_command_is_in_the_servo_s_register_within_150_us_of_its_end() {
     let mut rig = Rig::running();

@@ -1,4 +1,4 @@
-//! The serial monitor through the bus (feature `tunnel`), as ArduPilot's nodes and the DroneCAN GUI Tool have it: tunnel.Targetted.
+//! The serial monitor over the bus (feature `tunnel`): tunnel.Targetted as ArduPilot's nodes and the DroneCAN GUI Tool use it.
 
 use bench::F_CPU_HZ;
 use bench::dronecan::{CanId, Transfer, TunnelTargetted};
@@ -23,7 +23,7 @@ fn messages(rig: &Rig) -> impl Iterator<Item = &Transfer> {
     })
 }
 
-/// What the node has sent to whoever asked, as text.
+/// The text that the node has sent to the requesting node.
 fn told(rig: &Rig) -> String {
     let buffers = messages(rig).flat_map(|transfer| {
         let message = TunnelTargetted::decode(&transfer.payload).expect("a Targetted");

@@ -31,7 +31,7 @@ fn a_file_from_a_server_becomes_the_program_that_runs() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
-/// A file with all that an ATmega168 has room for, or the longer program of an ATmega328P. The times of the pages are true ones.
+/// A file with all that an ATmega168 has room for, or the longer program of an ATmega328P. Pages take their real time.
 #[test]
 fn an_update_of_14_kb_takes_less_than_3_seconds_at_1_mbit_per_second() {
     let mut bench = UpdateBench::empty();
@@ -328,7 +328,7 @@ fn a_program_that_hangs_again_and_again_leads_back_to_the_loader() {
 }
 
 /// Mission Planner sends BeginFirmwareUpdate, in one frame, after a response of GetNodeInfo whose name and hardware version fit its file, or whose name is
-/// empty. After an OK it never sends it again, but goes on asking for the information of nodes that restart.
+/// empty. After an OK it never sends it again, but continues to request the information of nodes that restart.
 #[test]
 fn an_update_by_mission_planner_succeeds() {
     let mut bench = UpdateBench::with_program();
@@ -352,7 +352,7 @@ fn an_update_by_mission_planner_succeeds() {
     assert_eq!(bench.call(GET_NODE_INFO, &[])[41..], name);
 }
 
-/// PX4 takes the loader for a node that has restarted: it asks for its information, and sends BeginFirmwareUpdate once more. Its files are named after the
+/// PX4 takes the loader for a node that has restarted: it requests its information, and sends BeginFirmwareUpdate again. Its files are named after the
 /// board.
 #[test]
 fn an_update_by_px4_succeeds() {
@@ -366,7 +366,7 @@ fn an_update_by_px4_succeeds() {
     bench.call(GET_NODE_INFO, &[]);
     assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &request)[0], IN_PROGRESS);
     bench.wait_for_program(10_000);
-    // The information of the new program tells PX4 that the update is done.
+    // PX4 finds in the information of the new program that the update is done.
     assert_eq!(bench.call(GET_NODE_INFO, &[])[7..9], file()[HEADER + 2..HEADER + 4]);
 }
 

@@ -188,7 +188,7 @@ def test_a_station_with_mavlink_1_is_answered_in_it(joined, station):
 def test_two_stations_see_each_others_changes_and_one_may_go(joined, station):
     _, first = joined()
     second = station()
-    # The one that is new is told at once who is there.
+    # A new station gets the known nodes at once.
     second.wait_for("UAVCAN_NODE_INFO", NODE)
     first.set("OUT1_MAX", as_float(1700))
     assert value_of(second.wait_for("PARAM_VALUE", NODE)) == 1700
@@ -223,7 +223,7 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
     print(f"parameters {time.monotonic() - detected:.2f} s after the node was seen")
     # It looks once a second.
     assert time.monotonic() < detected + 2
-    # MAVProxy asks for a file first. It is told at once that there is none, and fetches one by one from now on.
+    # MAVProxy asks for a file first. The bridge rejects it at once, and MAVProxy reads the parameters one by one.
     before = (home / "out.txt").read_text(errors="replace").count(f"Received {len(PARAMETERS)} parameters")
     # pymavlink does not fetch twice within two seconds.
     time.sleep(2.1)

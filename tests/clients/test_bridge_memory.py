@@ -59,7 +59,7 @@ def test_stations_and_nodes_that_come_and_go_leave_the_memory_as_it_was(many_nod
                     lambda g: g.mav.file.write(os.urandom(40)),
                 ]
             )(guest)
-        # A station on UDP of which nothing is heard again.
+        # A station on UDP that sends nothing more.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:
             stray.sendto(ground.mav.heartbeat_encode(6, 8, 0, 0, 4).pack(ground.mav), ("127.0.0.1", bridge.port))
         ground.gather(0.1)

@@ -10,7 +10,7 @@ import mcast_cases
 from conftest import namespace
 
 CASES = pathlib.Path(mcast_cases.__file__)
-# As docs/bench.md tells.
+# As docs/bench.md says.
 SETUP = "ip link set lo up\nip route add 239.65.82.0/24 dev lo"
 
 

@@ -1,6 +1,6 @@
 //! A board with the bootloader on a bus with a file server.
 //!
-//! What the loader is to know is written out here, and not taken from it: addresses, layouts, the CRC.
+//! Addresses, layouts and the CRC are written here again, and not imported from the loader.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -69,7 +69,7 @@ pub fn file() -> Vec<u8> {
     std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}; run \"make firmwares\"", path.display()))
 }
 
-/// The same program with its CRC made anew, after a change of its header or of others of its bytes.
+/// The same program with a new CRC, after a change of its bytes.
 pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
     file.truncate(file.len() - 2);
     file.extend(crc(&file).to_be_bytes());
@@ -122,13 +122,13 @@ pub struct UpdateBench {
     pub transfers: Vec<(u64, Transfer)>,
     transfer_id: TransferId,
     pub node: u8,
-    /// How much of the bus messages of others take.
+    /// Share of the bus that messages of other nodes take.
     pub fill_bus_percent: u64,
     other: Rc<RefCell<SoftNode>>,
 }
 
 impl UpdateBench {
-    /// A board with the loader and nothing else, which gets its power now.
+    /// A board with only the loader, switched on now.
     pub fn empty() -> UpdateBench {
         UpdateBench::with(&[], &[], board().fastest_bit_rate())
     }
@@ -348,7 +348,7 @@ impl UpdateBench {
         self.now_ms() - begin
     }
 
-    /// Waits until the program runs: it is the only one that says that its mode is OPERATIONAL.
+    /// Waits until the program runs: only the program has the mode OPERATIONAL.
     #[track_caller]
     pub fn wait_for_program(&mut self, timeout_ms: u64) -> u64 {
         let known = self.statuses().len();
@@ -357,7 +357,7 @@ impl UpdateBench {
         })
     }
 
-    /// Takes the power, and gives it again.
+    /// Switches the power off and on.
     pub fn cut_power(&mut self) {
         self.bench.board(0).reset(ResetCause::PowerOn);
         self.assembler = Assembler::new();
