@@ -1,7 +1,7 @@
 //! The rig of the black-box tests: the shipped ELF on one or more simulated boards, and one other node on the bus to talk to it.
 //!
 //! Numbers of the protocol are written out here and in the tests, or are the simulator's; they are never taken from the
-//! firmware. What the node is managed by is in [`manage`], what it says of itself in [`status`], what its bus is full of in
+//! firmware. The client of the node is in [`manage`], its status in [`status`], the load of its bus in
 //! [`load`], and what its program does meanwhile in [`profile`].
 
 pub mod faults;
@@ -205,7 +205,7 @@ impl Rig {
         }
     }
 
-    /// Puts another board on the bus, which gets its power now. It differs from the first as `seed` says.
+    /// Attaches another board to the bus, and switches it on. `seed` makes it differ from the first.
     pub fn add_board(&mut self, eeprom: &[u8], seed: u64) {
         let mut board = Board::load(&self.elf).unwrap_or_else(|error| panic!("{error:#}"));
         board.avr_mut().set_eeprom(eeprom);
@@ -216,7 +216,7 @@ impl Rig {
         self.bench.add_board(board, &format!("node{}", self.boards));
     }
 
-    /// What the serial monitor of another board than the first has told since the last call.
+    /// Output of the serial monitor of another board since the last call.
     pub fn serial_of(&mut self, board: usize) -> String {
         self.other_serials.get_mut(board - 1).map(std::mem::take).unwrap_or_default()
     }
@@ -460,14 +460,14 @@ impl Rig {
         self.pulses.last().map(|pulse| pulse.width_cycles / 8)
     }
 
-    /// Runs for two periods of the servo, and tells the width of the last pulse in microseconds.
+    /// Runs for two periods of the servo, and returns the width of the last pulse in microseconds.
     #[track_caller]
     pub fn settled_pulse_us(&mut self) -> f64 {
         self.run_ms(45);
         self.pulses.last().expect("a pulse").width_us()
     }
 
-    /// Runs until the serial monitor has said this.
+    /// Runs until the serial monitor has this line.
     #[track_caller]
     pub fn wait_for_line(&mut self, text: &str, timeout_ms: u64) {
         self.wait_for(&format!("line {text:?}"), timeout_ms, |rig| {

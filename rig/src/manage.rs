@@ -167,7 +167,7 @@ impl Rig {
         }
     }
 
-    /// Executes an opcode; whether the node says that it was done.
+    /// Executes an opcode; true if the node reports success.
     #[track_caller]
     pub fn execute(&mut self, opcode: Opcode) -> bool {
         match self.ask_for(&Message::ExecuteOpcode(opcode), SAVE_TIMEOUT_MS) {

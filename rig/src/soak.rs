@@ -1,12 +1,11 @@
-//! A long life for a node, from a seed: an autopilot that commands 50 times a second, other traffic, a client now and then, and
-//! every half minute or so a fault. After each fault everything must be as before within [`RECOVERY_LIMIT_MS`]; between faults
-//! nothing may be lost, late or out of place.
+//! A long run with random faults, from a seed: an autopilot that commands 50 times a second, other traffic, sometimes a client, and about
+//! four faults a minute. The node must recover from each fault within [`RECOVERY_LIMIT_MS`].
 //!
-//! Between faults: each command is followed and counted, each pulse has the width of a command just given and begins 20 ms after
-//! the one before, statuses come in time and in order with the true uptime, the health is OK, no receive buffer overruns,
-//! requests are answered, parameters are what they were set to. At the end the stack has kept to its place.
+//! Between faults the node follows and counts each command, each pulse has the width of a recent command and begins 20 ms after the one
+//! before, statuses come in time and in order with the right uptime, the health is OK, no receive buffer overruns, the node answers
+//! requests, and parameters keep their values. At the end the stack has stayed within its limit.
 //!
-//! In a fault the pulse is the last commanded or the failsafe's, or none after a restart, until a command is followed.
+//! In a fault the pulse is the last commanded or the failsafe's, or none after a restart, until the node follows a command.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -31,10 +30,10 @@ const SLOT_MS: u64 = 20;
 const SERVO_PERIOD: Cycles = 20 * MS;
 /// Where the failsafe puts the servo. No command asks for this width.
 const FAILSAFE_US: f64 = 1500.0;
-/// Conditions that a fault leaves behind have passed after so long.
+/// After this time the conditions of a fault are cleared.
 const CONDITIONS_PASS: Cycles = 12_500 * MS;
 
-/// The cause of a restart is told for so long.
+/// The status has the cause of a restart for this time.
 const RESET_TOLD: Cycles = 59_000 * MS;
 
 /// What goes wrong. Those that last do so for some tenths of a second to some seconds.
@@ -195,7 +194,7 @@ impl Soak {
         self.rig.now()
     }
 
-    /// Lives until then, or until it is told to stop, which is looked for every moment.
+    /// Runs until then, or until `stop` is set, which it checks often.
     pub fn run_until(&mut self, end: Cycles, stop: &dyn Fn() -> bool) {
         while self.now() < end && !stop() {
             let rest_ms = (end - self.now()) / MS;
@@ -279,7 +278,7 @@ impl Soak {
         let sweep = (self.slot as f64 / 100.0).sin();
         let us = 1500.0 + 440.0 * sweep + self.random.below(10) as f64;
         self.command(us as u64);
-        // Punctual, whatever else goes on here.
+        // In time, whatever else happens.
         while self.status_due < self.now() + 500 * MS {
             self.status_due = self.now().max(self.status_due + 1000 * MS);
             self.statuses_sent = self.statuses_sent.wrapping_add(1);
@@ -332,7 +331,7 @@ impl Soak {
             let exact = (at - self.booted) as f64 / (1000 * MS) as f64;
             assert!((f64::from(uptime) - exact).abs() < 1.6, "uptime {uptime} after {exact:.3} s");
             if at > self.troubled + CONDITIONS_PASS {
-                // Half a transfer of another node is told, and no fault.
+                // The node reports half a transfer of another node, which is not a fault.
                 let code = code & !TRANSFER_ERRORS;
                 if self.restarted_by != 0 && at < self.booted + RESET_TOLD {
                     // With it stay other conditions.
@@ -359,10 +358,10 @@ impl Soak {
         }
     }
 
-    /// The counters that the serial monitor tells: followed, refused, overruns, given up.
+    /// The counters on the serial monitor: followed, rejected, overruns, given up.
     #[track_caller]
     fn counters(&mut self) -> [u16; 4] {
-        // What is on its way is told first.
+        // Lines that wait come first.
         self.rig.run_ms(100);
         self.rig.serial.clear();
         self.rig.board().avr_mut().serial_send(b"?");
@@ -602,7 +601,7 @@ impl Soak {
         (self.now() - ended) as f64 / MS as f64
     }
 
-    /// When the program started, by the uptime that it tells.
+    /// When the program started, by its uptime.
     fn now_booted(&mut self) -> Cycles {
         self.rig.run_ms(20);
         self.rig.forget();
