@@ -30,7 +30,7 @@ const PATIENCE: Duration = Duration::from_secs(1);
 fn main() -> ExitCode {
     match run(&Args::parse()) {
         Ok(code) => code,
-        // Whoever read the lines has seen enough, as `| head` does.
+        // The reader has closed the pipe, as `| head` does.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("sim: {error:#}");

@@ -606,7 +606,7 @@ impl Drop for Core {
     }
 }
 
-/// Tells the machine of accesses beyond the RAM. simavr has no other way to say so; the rest of what it says is dropped.
+/// Reports accesses beyond the RAM to the machine. simavr only prints them; its other messages are dropped.
 unsafe extern "C" fn log(avr: *mut ffi::avr_t, _level: c_int, format: *const c_char, arguments: *mut c_void) {
     if avr.is_null() || format.is_null() {
         return;

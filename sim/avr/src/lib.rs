@@ -247,7 +247,7 @@ impl Avr {
     }
 
     /// Seed of what makes one chip differ from another: what SRAM holds after the next power-on, and how the watchdog's
-    /// oscillator runs. Chips that are not told otherwise all have seed 0.
+    /// oscillator runs. The default seed is 0.
     pub fn seed(&mut self, seed: u64) {
         self.machine.seed(seed);
     }

@@ -14,7 +14,7 @@ use super::base::Base;
 use super::regs;
 use sim_base::Cycles;
 
-/// Is told each new level of a pin.
+/// Receives each new level of a pin.
 pub type PinWatcher = Box<dyn FnMut(bool, Cycles)>;
 
 const PORTS: [char; 3] = ['B', 'C', 'D'];

@@ -79,7 +79,7 @@ impl Watchdog {
         let enabled = after & (WDE | WDIE) != 0;
         core.set_watchdog_cycles(self.time_out(after));
         // simavr lets a running watchdog end at its old date when the time-out changes. Here it starts over, as it does for
-        // programs that heed the datasheet and reset it before.
+        // programs that follow the datasheet and reset it before.
         if enabled && (before & (WDE | WDIE) == 0 || (before ^ after) & WDP != 0) {
             core.restart_watchdog();
         }

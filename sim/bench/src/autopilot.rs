@@ -92,7 +92,7 @@ pub enum Only {
     Commands,
 }
 
-/// Where the servo is told to go.
+/// The commanded position of the servo.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
     /// A sine over the full travel; `phase` in turns is where it stands at `since`.

@@ -364,7 +364,7 @@ impl SingleThreadBase for Chip {
     }
 
     fn write_addrs(&mut self, start: u32, data: &[u8]) -> TargetResult<(), Chip> {
-        // All or nothing: a debugger that is told of an error must not find half of it written.
+        // All or nothing: after an error the debugger must not find half of it written.
         if data.len() > self.end_of_memory(start).saturating_sub(start) as usize {
             return Err(TargetError::NonFatal);
         }

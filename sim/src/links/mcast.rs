@@ -7,7 +7,7 @@
 //! It stays on loopback unless an interface is given: datagrams of other interfaces are not even received. Sockets never
 //! block. Frames beyond `QUEUE_LIMIT` are dropped and counted; the newest go, as from a full transmit queue.
 //!
-//! Limits: UDP promises nothing, so that a datagram may be lost on the way and no sender is told. Time, acknowledgement
+//! Limits: UDP may lose a datagram, and the sender does not notice it. Time, acknowledgement
 //! and errors of the simulated bus do not show on the multicast bus. CAN FD is refused and counted.
 
 #[cfg(test)]

@@ -37,7 +37,7 @@ const NOTICE_BYTES: usize = 4096;
 pub enum Hold {
     /// Yes: what is written waits for the next program, and it cannot be told whether there is one.
     Open,
-    /// No: [`Pty::visits`] tells whether a program has it open, and had it.
+    /// No: [`Pty::visits`] shows if a program has it open, or had it open.
     Released,
 }
 

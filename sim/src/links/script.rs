@@ -14,7 +14,7 @@
 //! bus count from 1970: if the first stamp is that large, all times are relative to it. Lines may come in any order.
 //!
 //! Frames are sent by a station of their own, not before their time, and wait for the bus like any node's. A log has the
-//! frames of all who spoke: whoever speaks again must not be in it (`grep -v`), or two stations send under one identifier.
+//! frames of all nodes: remove those of a node that takes part again (`grep -v`), or two stations send the same identifier.
 //!
 //! Faults are those of `--inject`: one that lasts ends when it is named again. In the text of `serial`, `\r`, `\n`, `\t`,
 //! `\\` and `\xNN` are understood; nothing is added to it. Error frames in a log (`20000008#...`) are skipped: they were not

@@ -1,7 +1,7 @@
 //! Gives node IDs to those who ask (specification, chapter 6, "Dynamic node ID allocation": the centralized allocator).
 //!
 //! A node sends its unique ID in three anonymous messages; after each, the allocator repeats all that it has so far, and with
-//! the last repetition it grants an ID. It serves one node at a time: whoever begins takes the place of one that had begun.
+//! the last repetition it grants an ID. It serves one node at a time: a new request replaces one in progress.
 //! An ID stays with its unique ID for as long as the allocator lives.
 
 use crate::dronecan::{Allocation, NodeId};
