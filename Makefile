@@ -37,7 +37,7 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring drawings sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares strangers flash size budget bench lint setup clean
+.PHONY: help wiring drawings sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares third-party flash size budget bench lint setup clean
 .PHONY: test-packages test-library test-host test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
@@ -157,17 +157,17 @@ firmwares:
 
 # Firmwares on third-party drivers that judge the model of the MCP2515. Cargo unites features over the packages of one call,
 # so the one that needs another feature of its crate is a call of its own.
-strangers:
+third-party:
 	@scripts/setup build
 	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do \
-		cargo build $$options -p stranger-mcp2515-crate -p stranger-mcp25xx-crate; \
-		cargo build $$options -p stranger-mcp25xx-wrong-rxb1; \
+		cargo build $$options -p third-party-mcp2515-crate -p third-party-mcp25xx-crate; \
+		cargo build $$options -p third-party-mcp25xx-wrong-rxb1; \
 	done
 
 # What has to be there first does not need each other.
 test: export CARGO_BUILD_WARNINGS := deny
 test: setup
-	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares strangers $(VENV)/installed $(TOOLS)/bin/ravedude
+	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares third-party $(VENV)/installed $(TOOLS)/bin/ravedude
 	@$(MAKE) --no-print-directory test-packages test-library test-host test-firmware test-uno test-clients
 
 # The crates that crates.io gets. Each builds from its package alone, with the packages of the others: in one call, because none has to be there yet.
@@ -272,8 +272,8 @@ lint-firmware: setup
 	cargo clippy $(AVR) -p node --bin node $$(scripts/firmware --cargo remote) -- -D warnings
 	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) -p node --bin node --features full -- -D warnings
 	cargo clippy $(AVR) -p boot -- -D warnings
-	cargo clippy $(AVR) -p stranger-mcp2515-crate -p stranger-mcp25xx-crate -- -D warnings
-	cargo clippy $(AVR) -p stranger-mcp25xx-wrong-rxb1 -- -D warnings
+	cargo clippy $(AVR) -p third-party-mcp2515-crate -p third-party-mcp25xx-crate -- -D warnings
+	cargo clippy $(AVR) -p third-party-mcp25xx-wrong-rxb1 -- -D warnings
 
 # .cargo/deny.toml says what is allowed. The fuzz targets are a workspace of their own.
 DENY = $(TOOLS)/bin/cargo-deny --locked --config .cargo/deny.toml
@@ -288,7 +288,7 @@ advisories: $(TOOLS)/bin/cargo-deny
 	$(DENY) --manifest-path fuzz/Cargo.toml check advisories
 
 # The pages are of the default preset.
-bench: firmware strangers
+bench: firmware third-party
 	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
 
 # Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.

@@ -4,7 +4,7 @@
 //! It measures everything from outside: at the pins, on the SPI, on the bus, and by the program counter.
 
 mod plot;
-mod strangers;
+mod third_party;
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -16,7 +16,7 @@ use plot::{Axis, Plot};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Meter, Pace, Samples, run, run_all};
 use rig::profile::{Names, Profile};
 use rig::{MS, Rig};
-use strangers::{Stranger, receive};
+use third_party::{ThirdParty, receive};
 
 /// Simulated times.
 const LOAD_MS: u64 = 2000;
@@ -64,7 +64,7 @@ fn name(kind: Kind) -> String {
         Kind::OwnId => "ArrayCommand from the own ID, 5 B".to_owned(),
         Kind::Mixed => "all of these at random".to_owned(),
         Kind::Foreign => "messages for others, 8 B".to_owned(),
-        Kind::Stranger(length) => format!("{length} B"),
+        Kind::ThirdParty(length) => format!("{length} B"),
     }
 }
 
@@ -277,9 +277,9 @@ impl Firmware {
         Firmware { name, loss, full }
     }
 
-    fn stranger(name: &'static str, full: Cycles, stranger: Stranger) -> Firmware {
-        let load = |pace| Load { kind: Kind::Stranger(2), priority: 0, pace };
-        Firmware::measure(name, full, |pace| receive(stranger, load(pace), LOSS_MS))
+    fn third_party(name: &'static str, full: Cycles, third_party: ThirdParty) -> Firmware {
+        let load = |pace| Load { kind: Kind::ThirdParty(2), priority: 0, pace };
+        Firmware::measure(name, full, |pace| receive(third_party, load(pace), LOSS_MS))
     }
 
     fn node(name: &'static str, full: Cycles, kind: Kind) -> Firmware {
@@ -323,7 +323,7 @@ fn peers(page: &mut String, firmwares: &[Firmware]) {
 
 /// Mean time between frames of two bytes on a full bus, in cycles.
 fn frame_cycles() -> Cycles {
-    let meter = receive(Stranger::Mcp25xx, Load { kind: Kind::Stranger(2), priority: 0, pace: Pace::Full }, 1000);
+    let meter = receive(ThirdParty::Mcp25xx, Load { kind: Kind::ThirdParty(2), priority: 0, pace: Pace::Full }, 1000);
     1000 * MS / (meter.frames + meter.lost)
 }
 
@@ -501,7 +501,7 @@ fn main() {
     floor(&mut page, &runs);
     page.push_str(
         "\n### Others\n\n\
-         Frames of 2 bytes for the node. The strangers (`strangers/`) do nothing but receive; ours is the whole node with everything on. Rows\n\
+         Frames of 2 bytes for the node. The firmwares of `third-party/` only receive; ours is the whole node with everything on. Rows\n\
          in italics are published figures of such a measurement, and are not run here; those of the two crates are of another build than\n\
          ours, which is for size (`opt-level = \"z\"`) as the node's is.\n\n",
     );
@@ -509,8 +509,8 @@ fn main() {
     let firmwares = [
         Firmware::node("this node: the thesis's commands", full, Kind::Thesis),
         Firmware::node("this node: frames of ArrayCommand", full, Kind::Command(2)),
-        Firmware::stranger("mcp25xx 0.4, bare loop", full, Stranger::Mcp25xx),
-        Firmware::stranger("mcp2515 0.3, bare loop", full, Stranger::Mcp2515),
+        Firmware::third_party("mcp25xx 0.4, bare loop", full, ThirdParty::Mcp25xx),
+        Firmware::third_party("mcp2515 0.3, bare loop", full, ThirdParty::Mcp2515),
     ];
     peers(&mut page, &firmwares);
     page.push_str(

@@ -138,7 +138,7 @@ impl Channel {
             away_said: false,
             log: Vec::new(),
         };
-        channel.warn_of_strangers();
+        channel.warn_of_open_listener();
         let started = match (&channel.spec, wait) {
             // Nothing else waits yet.
             (Spec::UdpOut(remote) | Spec::TcpOut(remote), false) => {
@@ -157,7 +157,7 @@ impl Channel {
     }
 
     /// Warns of a listener beyond this machine, which accepts commands from every station that reaches it.
-    fn warn_of_strangers(&mut self) {
+    fn warn_of_open_listener(&mut self) {
         let (Spec::UdpIn(local) | Spec::TcpIn(local)) = self.spec else { return };
         if !local.ip().is_loopback() && self.signing.is_none() {
             let spec = &self.spec;

@@ -26,8 +26,8 @@ const QUEUE: usize = 24;
 const BELOW_PRIORITY: u32 = 0x00FF_FFFF;
 /// A message that the node does not take.
 const FOREIGN: u32 = 0x1804_5600;
-/// What RXF0 of `strangers/job.rs` takes, with RXB1 behind it.
-const STRANGERS: u32 = 0x1234_5600;
+/// What RXF0 of `third-party/job.rs` takes, with RXB1 behind it.
+const THIRD_PARTY: u32 = 0x1234_5600;
 /// LightsCommand.
 const LIGHTS_COMMAND: u32 = 0x1804_3900;
 /// The low bytes of OCR1A and OCR1B.
@@ -98,8 +98,8 @@ pub enum Kind {
     Mixed,
     /// A frame for others, of 8 bytes.
     Foreign,
-    /// A frame of so many bytes that the firmwares of `strangers/` take.
-    Stranger(usize),
+    /// A frame of so many bytes that the firmwares of `third-party/` take.
+    ThirdParty(usize),
 }
 
 impl Kind {
@@ -341,7 +341,7 @@ impl Sender {
             Kind::OwnId => (ARRAY_COMMAND | NODE, self.padded(&[1, command_type, low, high], 5)),
             Kind::Mixed => unreachable!("it is one of the others"),
             Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
-            Kind::Stranger(len) => (STRANGERS, self.padded(&[], len)),
+            Kind::ThirdParty(len) => (THIRD_PARTY, self.padded(&[], len)),
             Kind::Beginning => {
                 (ARRAY_COMMAND | SENDER, long_command(command(self.count), self.next_transfer_id()).swap_remove(0))
             }
@@ -353,7 +353,7 @@ impl Sender {
             }
         };
         let id = match self.load.kind {
-            Kind::Stranger(_) => id,
+            Kind::ThirdParty(_) => id,
             _ => id & BELOW_PRIORITY | u32::from(self.load.priority) << 24,
         };
         Frame::extended(id, &data)

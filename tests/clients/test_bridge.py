@@ -483,12 +483,12 @@ def test_rubbish_and_a_flood_of_requests_are_survived(joined, bridge):
 def test_with_a_key_only_signed_messages_count(bench, bridge, station, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
     bridge(bench(), "--signing-key", tmp_path / "key")
-    stranger, wrong, ground = station(), station(), station()
+    unsigned, wrong, ground = station(), station(), station()
     wrong.link.setup_signing(hashlib.sha256(b"battery staple").digest(), link_id=1)
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=2)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
     assert len(ground.parameters()) == len(PARAMETERS)
-    for other in (stranger, wrong):
+    for other in (unsigned, wrong):
         other.mav.param_set_send(SYSTEM, NODE, b"OUT1_MAX", as_float(1600), INT32)
         assert not other.gather(0.7)
     message = ground.read("OUT1_MAX")

@@ -97,31 +97,31 @@ def drain(link):
     link.settimeout(3)
 
 
-def test_strangers_do_not_take_the_place_of_a_quiet_station(node, bridge):
+def test_new_stations_do_not_take_the_place_of_a_quiet_station(node, bridge):
     started = bridge(node.bus)
     started.wait_for_text(f"node {NODE} is org.")
     quiet = quiet_station(bridge.port)
     assert hears(quiet)
-    strangers = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
-    assert all(hears(stranger) for stranger in strangers[: PLACES - 1])
-    assert not any(hears(stranger) for stranger in strangers[-2:])
+    new_stations = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
+    assert all(hears(new_station) for new_station in new_stations[: PLACES - 1])
+    assert not any(hears(new_station) for new_station in new_stations[-2:])
     drain(quiet)
     assert hears(quiet), "it goes on hearing"
     started.wait_for_text("no place for")
     assert started.text().count("no place for") == 1
-    for link in (quiet, *strangers):
+    for link in (quiet, *new_stations):
         link.close()
 
 
-def test_with_a_key_strangers_take_no_place(node, bridge, station, tmp_path):
+def test_with_a_key_new_stations_take_no_place(node, bridge, station, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
     bridge(node.bus, "--signing-key", tmp_path / "key").wait_for_text(f"node {NODE} is org.")
-    strangers = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
+    new_stations = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
     ground = station()
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=1)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    assert not any(hears(stranger) for stranger in strangers[:2])
-    for link in strangers:
+    assert not any(hears(new_station) for new_station in new_stations[:2])
+    for link in new_stations:
         link.close()
 
 
@@ -129,18 +129,18 @@ def test_a_connection_that_does_not_sign_hears_nothing_and_is_closed(node, bridg
     (tmp_path / "key").write_text("correct horse\n")
     port = free_port()
     bridge(node.bus, "--signing-key", tmp_path / "key", channels=[f"tcpin:{port}"]).wait_for_text("node 42 is org.")
-    stranger = socket.create_connection(("127.0.0.1", port))
-    stranger.settimeout(15)
+    new_station = socket.create_connection(("127.0.0.1", port))
+    new_station.settimeout(15)
     before = time.monotonic()
-    assert stranger.recv(2048) == b""
+    assert new_station.recv(2048) == b""
     assert time.monotonic() > before + 5
-    stranger.close()
+    new_station.close()
     # However many there are, they take no place.
-    strangers = [socket.create_connection(("127.0.0.1", port)) for _ in range(2 * PLACES)]
+    new_stations = [socket.create_connection(("127.0.0.1", port)) for _ in range(2 * PLACES)]
     ground = station(f"tcp:127.0.0.1:{port}", retries=20)
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=1)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    for link in strangers:
+    for link in new_stations:
         link.close()
 
 

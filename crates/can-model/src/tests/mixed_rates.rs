@@ -5,7 +5,7 @@ use super::*;
 const COMMAND: &str = "1003F20A#01000038C7";
 
 /// Node 2 is at the wrong rate: it disturbs until its counter makes it passive, and hears nothing.
-fn stranger_at(rate: u32) -> Rig {
+fn rig_with_rate(rate: u32) -> Rig {
     let mut rig = Rig::with_rates(&[1_000_000, 1_000_000, rate]);
     for count in 0..40u8 {
         let at = rig.bus.now() + u64::from(count) * 8_000;
@@ -20,7 +20,7 @@ fn stranger_at(rate: u32) -> Rig {
 #[test]
 fn a_station_at_half_the_rate_causes_errors_and_never_receives() {
     for rate in [500_000, 250_000, 125_000] {
-        let rig = stranger_at(rate);
+        let rig = rig_with_rate(rate);
         assert!(rig.bus.stats().error_frames > 0, "{rate}");
         assert_eq!(rig.received(2), [], "{rate}");
         assert!(rig.counters(2).1 > 0, "{rate}");
@@ -28,8 +28,8 @@ fn a_station_at_half_the_rate_causes_errors_and_never_receives() {
 }
 
 #[test]
-fn the_stations_at_the_right_rate_get_through_once_the_stranger_is_passive() {
-    let rig = stranger_at(500_000);
+fn the_stations_at_the_right_rate_get_through_once_the_other_is_passive() {
+    let rig = rig_with_rate(500_000);
     assert_eq!(rig.nodes[2].borrow().error_state(), ErrorState::Passive);
     assert_eq!(rig.nodes[0].borrow().queued() + rig.nodes[1].borrow().queued(), 0);
     for (receiver, parity) in [(1, 0), (0, 1)] {
@@ -70,7 +70,7 @@ fn a_station_within_half_a_percent_keeps_up_with_the_bus() {
     assert_eq!(rig.bus.stats().error_frames, 0);
 }
 
-/// Two strangers at the same rate are strangers to the bus's own listener as well, not to each other.
+/// Two stations at the same other rate hear each other, but the bus's own listener hears neither.
 #[test]
 fn two_stations_at_another_rate_understand_each_other() {
     let mut rig = Rig::with_rates(&[500_000, 500_000]);

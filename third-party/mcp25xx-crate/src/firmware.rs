@@ -1,7 +1,7 @@
-//! The strangers' job on the crate `mcp25xx`, unchanged from crates.io, with the crate's own bit timing.
+//! The job on the crate `mcp25xx`, unchanged from crates.io, with the crate's own bit timing.
 //!
-//! Two packages build this file: `stranger-mcp25xx-crate` without the crate's feature `mcp2515`, and
-//! `stranger-mcp25xx-wrong-rxb1` with it. The feature turns on READ RX BUFFER, and sends 0x92 (RXB0, from D0 on) where
+//! Two packages build this file: `third-party-mcp25xx-crate` without the crate's feature `mcp2515`, and
+//! `third-party-mcp25xx-wrong-rxb1` with it. The feature turns on READ RX BUFFER, and sends 0x92 (RXB0, from D0 on) where
 //! 0x94 (RXB1, from SIDH on) is meant: DS20001801, table 12-1 and figure 12-3.
 
 use crate::board::{self, CanSpi, Delay};
@@ -38,12 +38,12 @@ fn main() -> ! {
         .receive_buffer_1(RXB1CTRL::default().with_rxm(RXM::Filter))
         .filters(&filters);
     let Ok(()) = chip.apply_config(&config);
-    job::run(Stranger(chip), serial, clock, task)
+    job::run(Chip(chip), serial, clock, task)
 }
 
-struct Stranger(MCP25xx<CanSpi>);
+struct Chip(MCP25xx<CanSpi>);
 
-impl Driver for Stranger {
+impl Driver for Chip {
     type Frame = CanFrame;
 
     fn receive(&mut self) -> Received<CanFrame> {

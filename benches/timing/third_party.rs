@@ -1,4 +1,4 @@
-//! The firmwares of `strangers/`, in their loop that only receives.
+//! The firmwares of `third-party/`, in their loop that only receives.
 
 use std::path::PathBuf;
 
@@ -12,30 +12,30 @@ const BOOT_MS: u64 = 50;
 
 /// A firmware with a third-party driver.
 #[derive(Clone, Copy)]
-pub enum Stranger {
+pub enum ThirdParty {
     Mcp2515,
     Mcp25xx,
 }
 
-impl Stranger {
+impl ThirdParty {
     fn elf(self) -> PathBuf {
         let file = match self {
-            Stranger::Mcp2515 => "stranger-mcp2515-crate.elf",
-            Stranger::Mcp25xx => "stranger-mcp25xx-crate.elf",
+            ThirdParty::Mcp2515 => "third-party-mcp2515-crate.elf",
+            ThirdParty::Mcp25xx => "third-party-mcp25xx-crate.elf",
         };
         let path = target_dir().join("avr-atmega168/release").join(file);
-        assert!(path.exists(), "{} is missing: run `make strangers`", path.display());
+        assert!(path.exists(), "{} is missing: run `make third-party`", path.display());
         path
     }
 }
 
 /// Results of such a firmware under a load.
-pub fn receive(stranger: Stranger, load: Load, ms: u64) -> Meter {
-    let mut board = Board::load(&stranger.elf()).unwrap_or_else(|error| panic!("{error:#}"));
+pub fn receive(third_party: ThirdParty, load: Load, ms: u64) -> Meter {
+    let mut board = Board::load(&third_party.elf()).unwrap_or_else(|error| panic!("{error:#}"));
     // D4 at ground: receive only.
     board.press_button(true);
     let mut bench = Bench::new(1_000_000);
-    bench.add_board(board, "stranger");
+    bench.add_board(board, "third-party");
     let mut sender = Sender::attach(&mut bench, load);
     bench.run_for_ms(BOOT_MS);
     let mut meter = Meter::attach(bench.board(0));

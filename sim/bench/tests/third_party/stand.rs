@@ -1,6 +1,6 @@
-//! The test stand: a stranger's firmware on a board, a peer that sends to it, and a spy on its SPI.
+//! The test stand: a firmware with a third-party driver on a board, a peer that sends to it, and a spy on its SPI.
 //!
-//! The numbers of the firmwares' job (`strangers/job.rs`) are restated here.
+//! The numbers of the firmwares' job (`third-party/job.rs`) are restated here.
 
 use bench::Cycles;
 use bench::avr::{Chip, SpiByte, SpiDevice};
@@ -23,7 +23,7 @@ const CYCLES_PER_MS: u64 = 16_000;
 
 /// The firmwares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stranger {
+pub enum ThirdParty {
     /// On `mcp2515` 0.3.
     Mcp2515,
     /// On `mcp25xx` 0.4.
@@ -65,19 +65,19 @@ fn wiring((chip, can_board): Place) -> Wiring {
     Wiring::of(board, shield).expect("boards of the table")
 }
 
-impl Stranger {
+impl ThirdParty {
     fn elf(self, (chip, can_board): Place) -> PathBuf {
         let name = match self {
-            Stranger::Mcp2515 => "stranger-mcp2515-crate",
-            Stranger::Mcp25xx => "stranger-mcp25xx-crate",
-            Stranger::Mcp25xxWrongRxb1 => "stranger-mcp25xx-wrong-rxb1",
+            ThirdParty::Mcp2515 => "third-party-mcp2515-crate",
+            ThirdParty::Mcp25xx => "third-party-mcp25xx-crate",
+            ThirdParty::Mcp25xxWrongRxb1 => "third-party-mcp25xx-wrong-rxb1",
         };
         let suffix = match can_board {
             CanBoard::Shield => "",
             CanBoard::Module => "-module",
         };
         let path = target_dir().join(format!("avr-{}/release/{name}{suffix}.elf", chip.name()));
-        assert!(path.exists(), "{} is missing: run `make strangers`", path.display());
+        assert!(path.exists(), "{} is missing: run `make third-party`", path.display());
         path
     }
 }
@@ -120,7 +120,7 @@ pub struct Instruction {
 }
 
 pub struct Stand {
-    stranger: Stranger,
+    firmware: ThirdParty,
     bench: Bench,
     peer: Rc<RefCell<SoftNode>>,
     chip: Rc<RefCell<Mcp2515>>,
@@ -133,24 +133,24 @@ pub struct Stand {
 impl Stand {
     /// The firmware on the default board, booted until its chip is on the bus.
     #[track_caller]
-    pub fn new(stranger: Stranger) -> Stand {
-        Stand::at(DEFAULT, stranger)
+    pub fn new(firmware: ThirdParty) -> Stand {
+        Stand::at(DEFAULT, firmware)
     }
 
     /// The same on another board, on a bus of the highest bit rate that it can do.
     #[track_caller]
-    pub fn at(place: Place, stranger: Stranger) -> Stand {
+    pub fn at(place: Place, firmware: ThirdParty) -> Stand {
         let wiring = wiring(place);
         let bit_rate = wiring.fastest_bit_rate();
-        let board = Board::load_as(&stranger.elf(place), &wiring).expect("a firmware for the chip");
+        let board = Board::load_as(&firmware.elf(place), &wiring).expect("a firmware for the chip");
         let chip = board.chip();
         let mut bench = Bench::new(bit_rate);
-        let index = bench.add_board(board, "stranger");
+        let index = bench.add_board(board, "third-party");
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("peer", peer.clone());
         let instructions = spy(bench.board(index), &chip, wiring.cs);
         let mut stand = Stand {
-            stranger,
+            firmware,
             bench,
             peer,
             chip,
@@ -162,7 +162,7 @@ impl Stand {
         let mut waited_ms = 0;
         while stand.take_reports() != [Report::Configured] {
             waited_ms += 1;
-            assert!(waited_ms <= BOOT_LIMIT_MS, "{stranger:?} does not boot");
+            assert!(waited_ms <= BOOT_LIMIT_MS, "{firmware:?} does not boot");
             stand.run_ms(1);
         }
         stand
@@ -221,10 +221,10 @@ impl Stand {
     /// The frames in the firmware's reports since the last call; there must be no other reports.
     #[track_caller]
     pub fn take_frames_reported(&mut self) -> Vec<Frame> {
-        let stranger = self.stranger;
+        let firmware = self.firmware;
         let frame = |report| match report {
             Report::Received(frame, _) => frame,
-            other => panic!("{stranger:?} reports {other:?}"),
+            other => panic!("{firmware:?} reports {other:?}"),
         };
         self.take_reports().into_iter().map(frame).collect()
     }
@@ -274,7 +274,7 @@ impl Stand {
     /// The end of a test in which the driver did nothing that the datasheet forbids.
     #[track_caller]
     pub fn assert_no_violations(mut self) {
-        assert_eq!(self.take_violations(), Vec::<String>::new(), "{:?}", self.stranger);
+        assert_eq!(self.take_violations(), Vec::<String>::new(), "{:?}", self.firmware);
     }
 
     fn collect(&mut self) {

@@ -1,4 +1,4 @@
-//! The Arduino under the strangers' firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
+//! The Arduino of these firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
 //!
 //! Pins: D4 (PD4) to ground asks for reception only, chip select is D9 (PB1) or D10 (PB2), D10 is an output so that the SPI stays master, D11 MOSI, D12 MISO, D13 SCK, D1 TXD.
 //! It knows nothing of CAN and shares no line with the node's own `src/`: what the simulator's model is measured against
@@ -121,7 +121,7 @@ fn select(port: &mut PORTB, selected: bool) {
     }
 }
 
-/// The serial port, write only. It waits for room: the strangers are slow on purpose while they report.
+/// The serial port, write only. It waits for room: the firmwares are slow on purpose while they report.
 pub struct Serial {
     usart: USART0,
 }

@@ -1,4 +1,4 @@
-//! What every stranger does, whatever crate it stands on: hear, answer, report, and count aloud.
+//! The job of every firmware here, on any driver: receive, answer, report, and count.
 //!
 //! Each frame received is answered by the frame with the next ID and the complemented data (a remote frame by a remote
 //! frame). Every 25 overflows of the clock, about 102 ms, a counter frame of its own goes out. Reports on the serial port:

@@ -1,4 +1,4 @@
-//! The strangers' job on the crate `mcp2515`, unchanged from crates.io, with the crate's own bit timing.
+//! The job on the crate `mcp2515`, unchanged from crates.io, with the crate's own bit timing.
 
 use crate::board::{self, CanSpi, Delay};
 use crate::can_board::CRYSTAL_MHZ;
@@ -28,12 +28,12 @@ fn main() -> ! {
         chip.set_filter(filter, id).unwrap();
     }
     chip.set_mode(OpMode::Normal).unwrap();
-    job::run(Stranger(chip), serial, clock, task)
+    job::run(Chip(chip), serial, clock, task)
 }
 
-struct Stranger(MCP2515<CanSpi>);
+struct Chip(MCP2515<CanSpi>);
 
-impl Driver for Stranger {
+impl Driver for Chip {
     type Frame = CanFrame;
 
     fn receive(&mut self) -> Received<CanFrame> {

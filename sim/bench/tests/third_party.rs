@@ -1,21 +1,21 @@
-//! Proof by strangers: firmwares on the crates `mcp2515` and `mcp25xx`, written for the real chip by others, run on the
+//! Tests of the model with third-party drivers: firmwares on the crates `mcp2515` and `mcp25xx`, written for the real chip by others, run on the
 //! model; and what these crates get wrong on the real chip, they get wrong here.
 //!
-//! `make strangers` builds the firmwares (`strangers/` in the workspace) for both chips and two CAN boards. Every test runs on the default
+//! `make third-party` builds the firmwares (`third-party/` in the workspace) for both chips and two CAN boards. Every test runs on the default
 //! board; a few run on the others, too.
 //! With `--nocapture` the test of the costs prints the table of docs. Sections are those of Microchip DS20001801J.
 
-#[path = "strangers/stand.rs"]
+#[path = "third_party/stand.rs"]
 mod stand;
 
 use bench::can::{Frame, Id};
 use bench::mcp2515::Fate;
-use stand::{CanBoard, Instruction, PLACES, Report, SERVED_MS, Stand, Stranger, answer_to, milliseconds};
+use stand::{CanBoard, Instruction, PLACES, Report, SERVED_MS, Stand, ThirdParty, answer_to, milliseconds};
 
 /// The two that are used as they should be.
-const RIGHT: [Stranger; 2] = [Stranger::Mcp2515, Stranger::Mcp25xx];
+const RIGHT: [ThirdParty; 2] = [ThirdParty::Mcp2515, ThirdParty::Mcp25xx];
 
-// Masks and filters of `strangers/job.rs`: RXF0 and RXF1 belong to RXB0, the others to RXB1.
+// Masks and filters of `third-party/job.rs`: RXF0 and RXF1 belong to RXB0, the others to RXB1.
 const MASK_0: u32 = 0x1FFF_FF00;
 const MASK_1: u32 = 0x1FFF_0000;
 const RXF0: u32 = 0x1234_5600;
@@ -30,8 +30,8 @@ const RX0IF: u8 = 1 << 0;
 const RX1IF: u8 = 1 << 1;
 
 /// Both, on each chip with each CAN board.
-fn in_every_place() -> impl Iterator<Item = (stand::Place, Stranger)> {
-    PLACES.into_iter().flat_map(|place| RIGHT.map(|stranger| (place, stranger)))
+fn in_every_place() -> impl Iterator<Item = (stand::Place, ThirdParty)> {
+    PLACES.into_iter().flat_map(|place| RIGHT.map(|firmware| (place, firmware)))
 }
 
 /// A frame for each filter, and its buffer. Lengths from 0 to 8; bits that the masks leave open are set.
@@ -64,15 +64,15 @@ fn near_misses() -> Vec<Frame> {
 
 #[test]
 fn frames_for_every_filter_arrive_in_their_buffer_and_are_answered_bit_for_bit() {
-    for (place, stranger) in in_every_place() {
-        let mut stand = Stand::at(place, stranger);
+    for (place, firmware) in in_every_place() {
+        let mut stand = Stand::at(place, firmware);
         for (frame, buffer) in one_for_each_filter() {
             stand.serve(frame);
-            assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?} {place:?}");
-            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{stranger:?} {place:?}");
+            assert_eq!(stand.take_frames_reported(), [frame], "{firmware:?} {place:?}");
+            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{firmware:?} {place:?}");
             let log = stand.take_frame_log();
-            assert_eq!(log.len(), 1, "{stranger:?} {place:?}");
-            assert_eq!((log[0].frame, log[0].buffer), (frame, buffer), "{stranger:?} {place:?}");
+            assert_eq!(log.len(), 1, "{firmware:?} {place:?}");
+            assert_eq!((log[0].frame, log[0].buffer), (frame, buffer), "{firmware:?} {place:?}");
         }
         stand.assert_no_violations();
     }
@@ -80,8 +80,8 @@ fn frames_for_every_filter_arrive_in_their_buffer_and_are_answered_bit_for_bit()
 
 #[test]
 fn two_hundred_frames_are_answered_one_by_one() {
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for firmware in RIGHT {
+        let mut stand = Stand::new(firmware);
         let kinds = one_for_each_filter();
         let frames = (0..200_u8).map(|n| {
             let data = std::array::from_fn(|at| n.wrapping_mul(37).wrapping_add(at as u8));
@@ -93,26 +93,26 @@ fn two_hundred_frames_are_answered_one_by_one() {
             stand.run_ms(4);
         }
         stand.run_ms(SERVED_MS);
-        assert_eq!(stand.take_frames_reported(), frames, "{stranger:?}");
+        assert_eq!(stand.take_frames_reported(), frames, "{firmware:?}");
         let answers: Vec<Frame> = frames.iter().map(answer_to).collect();
-        assert_eq!(stand.take_answers(), answers, "{stranger:?}");
+        assert_eq!(stand.take_answers(), answers, "{firmware:?}");
         stand.assert_no_violations();
     }
 }
 
 #[test]
 fn frames_one_bit_off_a_filter_stay_out() {
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for firmware in RIGHT {
+        let mut stand = Stand::new(firmware);
         stand.send(&near_misses());
         stand.run_ms(30);
-        assert_eq!(stand.take_reports(), [], "{stranger:?}");
-        assert_eq!(stand.take_answers(), [], "{stranger:?}");
-        assert!(stand.take_frame_log().is_empty(), "{stranger:?}");
+        assert_eq!(stand.take_reports(), [], "{firmware:?}");
+        assert_eq!(stand.take_answers(), [], "{firmware:?}");
+        assert!(stand.take_frame_log().is_empty(), "{firmware:?}");
         // It was not just deaf.
         let (frame, _) = one_for_each_filter()[0];
         stand.serve(frame);
-        assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?}");
+        assert_eq!(stand.take_frames_reported(), [frame], "{firmware:?}");
         stand.assert_no_violations();
     }
 }
@@ -123,18 +123,18 @@ fn a_second_frame_for_rxb0_rolls_over_and_both_are_read_in_order() {
     let first = Frame::extended(RXF0, &[1]);
     let second = Frame::extended(RXF0 | 1, &[2, 2]);
     let third = Frame::extended(RXF1 | 2, &[3, 3, 3]);
-    for (place, stranger) in in_every_place() {
-        let mut stand = Stand::at(place, stranger);
+    for (place, firmware) in in_every_place() {
+        let mut stand = Stand::at(place, firmware);
         stand.serve_while_busy(first, &[second, third]);
-        assert_eq!(stand.take_frames_reported(), [first, second, third], "{stranger:?} {place:?}");
+        assert_eq!(stand.take_frames_reported(), [first, second, third], "{firmware:?} {place:?}");
         assert_eq!(
             stand.take_answers(),
             [first, second, third].map(|frame| answer_to(&frame)),
-            "{stranger:?} {place:?}"
+            "{firmware:?} {place:?}"
         );
         let buffers: Vec<usize> = stand.take_frame_log().iter().map(|entry| entry.buffer).collect();
-        assert_eq!(buffers, [0, 0, 1], "{stranger:?} {place:?}");
-        assert_eq!(stand.frames_lost(), 0, "{stranger:?} {place:?}");
+        assert_eq!(buffers, [0, 0, 1], "{firmware:?} {place:?}");
+        assert_eq!(stand.frames_lost(), 0, "{firmware:?} {place:?}");
         stand.assert_no_violations();
     }
 }
@@ -145,10 +145,10 @@ fn frames_in_both_buffers_come_rxb0_first_whichever_is_older() {
     let first = Frame::extended(RXF0, &[1]);
     let older = Frame::standard(RXF3, &[2, 2]);
     let newer = Frame::extended(RXF1, &[3, 3, 3]);
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for firmware in RIGHT {
+        let mut stand = Stand::new(firmware);
         stand.serve_while_busy(first, &[older, newer]);
-        assert_eq!(stand.take_frames_reported(), [first, newer, older], "{stranger:?}");
+        assert_eq!(stand.take_frames_reported(), [first, newer, older], "{firmware:?}");
         stand.assert_no_violations();
     }
 }
@@ -157,14 +157,14 @@ fn frames_in_both_buffers_come_rxb0_first_whichever_is_older() {
 #[test]
 fn a_third_frame_while_nobody_polls_is_lost_and_the_first_two_are_not() {
     let frames = [1, 2, 3, 4].map(|n| Frame::extended(RXF0 | n, &[n as u8]));
-    for (place, stranger) in in_every_place() {
-        let mut stand = Stand::at(place, stranger);
+    for (place, firmware) in in_every_place() {
+        let mut stand = Stand::at(place, firmware);
         stand.serve_while_busy(frames[0], &frames[1..]);
-        assert_eq!(stand.take_frames_reported(), frames[..3], "{stranger:?} {place:?}");
-        assert_eq!(stand.frames_lost(), 1, "{stranger:?} {place:?}");
+        assert_eq!(stand.take_frames_reported(), frames[..3], "{firmware:?} {place:?}");
+        assert_eq!(stand.frames_lost(), 1, "{firmware:?} {place:?}");
         let lost: Vec<Frame> =
             stand.take_frame_log().iter().filter(|entry| entry.fate == Fate::Lost).map(|entry| entry.frame).collect();
-        assert_eq!(lost, [frames[3]], "{stranger:?} {place:?}");
+        assert_eq!(lost, [frames[3]], "{firmware:?} {place:?}");
         stand.assert_no_violations();
     }
 }
@@ -175,15 +175,15 @@ fn answers_that_had_to_wait_for_the_bus_leave_in_reverse_order() {
     // 5 ms of traffic that wins against every answer, as does each question against the answers to those before it.
     let noise = [Frame::standard(0, &[0x55; 8]); 40];
     let asked = [3, 2, 1].map(|n| Frame::extended(RXF0 | n << 4, &[n as u8]));
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for firmware in RIGHT {
+        let mut stand = Stand::new(firmware);
         for frame in asked {
             stand.send(&[frame]);
             stand.send(&noise);
         }
         stand.run_ms(30);
         let reversed = [asked[2], asked[1], asked[0]];
-        assert_eq!(stand.take_answers(), reversed.map(|frame| answer_to(&frame)), "{stranger:?}");
+        assert_eq!(stand.take_answers(), reversed.map(|frame| answer_to(&frame)), "{firmware:?}");
         stand.assert_no_violations();
     }
 }
@@ -191,13 +191,13 @@ fn answers_that_had_to_wait_for_the_bus_leave_in_reverse_order() {
 #[test]
 fn a_frame_hit_by_a_bit_error_is_repeated_and_arrives_once() {
     let frame = Frame::extended(RXF2, &[1, 2, 3, 4, 5, 6, 7, 8]);
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for firmware in RIGHT {
+        let mut stand = Stand::new(firmware);
         for bit in (15..125).step_by(11) {
             stand.flip_bit(bit);
             stand.serve(frame);
-            assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?}, bit {bit}");
-            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{stranger:?}, bit {bit}");
+            assert_eq!(stand.take_frames_reported(), [frame], "{firmware:?}, bit {bit}");
+            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{firmware:?}, bit {bit}");
         }
         stand.assert_no_violations();
     }
@@ -206,12 +206,12 @@ fn a_frame_hit_by_a_bit_error_is_repeated_and_arrives_once() {
 #[test]
 fn an_answer_hit_by_a_bit_error_is_repeated_by_the_chip_and_arrives_once() {
     let frame = Frame::standard(RXF3, &[1, 2, 3, 4, 5, 6, 7, 8]);
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for firmware in RIGHT {
+        let mut stand = Stand::new(firmware);
         for bit in (60..100).step_by(7) {
             stand.serve_with_error_in_answer(frame, bit);
-            assert_eq!(stand.take_frames_reported(), [frame], "{stranger:?}, bit {bit}");
-            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{stranger:?}, bit {bit}");
+            assert_eq!(stand.take_frames_reported(), [frame], "{firmware:?}, bit {bit}");
+            assert_eq!(stand.take_answers(), [answer_to(&frame)], "{firmware:?}, bit {bit}");
         }
         stand.assert_no_violations();
     }
@@ -222,7 +222,7 @@ fn an_answer_hit_by_a_bit_error_is_repeated_by_the_chip_and_arrives_once() {
 #[test]
 fn mcp2515_calls_an_answer_failed_that_the_chip_goes_on_to_send() {
     let frame = Frame::standard(RXF3, &[1, 2, 3, 4, 5, 6, 7, 8]);
-    let mut stand = Stand::new(Stranger::Mcp2515);
+    let mut stand = Stand::new(ThirdParty::Mcp2515);
     // Which of the first bits have been sent when the crate looks depends on the speed of its code.
     let mut called_failed = 0;
     for bit in 1..=12 {
@@ -240,17 +240,17 @@ fn mcp2515_calls_an_answer_failed_that_the_chip_goes_on_to_send() {
 
 #[test]
 fn a_counter_frame_goes_out_by_itself_all_the_while() {
-    for stranger in RIGHT {
-        let mut stand = Stand::new(stranger);
+    for firmware in RIGHT {
+        let mut stand = Stand::new(firmware);
         stand.run_ms(450);
         let counters = stand.take_counters();
-        assert!(counters.len() >= 4, "{stranger:?}: {counters:?}");
+        assert!(counters.len() >= 4, "{firmware:?}: {counters:?}");
         for (count, (_, frame)) in (1_u16..).zip(&counters) {
-            assert_eq!(frame.data(), count.to_be_bytes(), "{stranger:?}");
+            assert_eq!(frame.data(), count.to_be_bytes(), "{firmware:?}");
         }
         for pair in counters.windows(2) {
             let period_ms = milliseconds(pair[1].0 - pair[0].0);
-            assert!((102..=103).contains(&period_ms), "{stranger:?}: {period_ms} ms");
+            assert!((102..=103).contains(&period_ms), "{firmware:?}: {period_ms} ms");
         }
         stand.assert_no_violations();
     }
@@ -263,11 +263,11 @@ fn each_crate_knows_one_kind_of_remote_frame_and_takes_the_other_for_old_data() 
     let data = [0xC0, 0xFF, 0xEE, 0x11];
     let standard = Frame::remote(Id::Standard(RXF3), 4);
     let extended = Frame::remote(Id::Extended(RXF2), 4);
-    for (stranger, seen) in [
-        (Stranger::Mcp2515, [standard, Frame::extended(RXF2, &data)]),
-        (Stranger::Mcp25xx, [Frame::standard(RXF3, &data), extended]),
+    for (firmware, seen) in [
+        (ThirdParty::Mcp2515, [standard, Frame::extended(RXF2, &data)]),
+        (ThirdParty::Mcp25xx, [Frame::standard(RXF3, &data), extended]),
     ] {
-        let mut stand = Stand::new(stranger);
+        let mut stand = Stand::new(firmware);
         let before = Frame::extended(RXF4, &data);
         stand.serve(before);
         stand.serve(standard);
@@ -282,7 +282,7 @@ fn each_crate_knows_one_kind_of_remote_frame_and_takes_the_other_for_old_data() 
 #[test]
 fn mcp25xx_takes_a_dlc_above_eight_for_eight() {
     let data = [1, 2, 3, 4, 5, 6, 7, 8];
-    let mut stand = Stand::new(Stranger::Mcp25xx);
+    let mut stand = Stand::new(ThirdParty::Mcp25xx);
     for dlc in 9..=15 {
         stand.serve(Frame::with_dlc(Id::Extended(RXF0), dlc, data));
         assert_eq!(stand.take_frames_reported(), [Frame::extended(RXF0, &data)], "DLC {dlc}");
@@ -295,7 +295,7 @@ fn mcp25xx_takes_a_dlc_above_eight_for_eight() {
 #[test]
 fn mcp2515_is_deaf_for_good_after_a_frame_with_a_dlc_above_eight_in_rxb0() {
     for dlc in 9..=15 {
-        let mut stand = Stand::new(Stranger::Mcp2515);
+        let mut stand = Stand::new(ThirdParty::Mcp2515);
         stand.serve(Frame::with_dlc(Id::Extended(RXF0), dlc, [7; 8]));
         for (frame, _) in one_for_each_filter() {
             stand.serve(frame);
@@ -313,7 +313,7 @@ fn mcp2515_is_deaf_for_good_after_a_frame_with_a_dlc_above_eight_in_rxb0() {
 
 #[test]
 fn mcp2515_never_releases_a_frame_with_a_dlc_above_eight_in_rxb1_and_hears_rxb0_only() {
-    let mut stand = Stand::new(Stranger::Mcp2515);
+    let mut stand = Stand::new(ThirdParty::Mcp2515);
     stand.serve(Frame::with_dlc(Id::Standard(RXF3), 9, [7; 8]));
     let [(for_rxb0, _), _, (for_rxb1, _), ..] = one_for_each_filter();
     stand.serve(for_rxb1);
@@ -331,7 +331,7 @@ fn mcp2515_never_releases_a_frame_with_a_dlc_above_eight_in_rxb1_and_hears_rxb0_
 /// RX1IF, and does so again for ever.
 #[test]
 fn mcp25xx_with_its_feature_mcp2515_reads_rxb1_as_the_old_content_of_rxb0_for_ever() {
-    let mut stand = Stand::new(Stranger::Mcp25xxWrongRxb1);
+    let mut stand = Stand::new(ThirdParty::Mcp25xxWrongRxb1);
     // As SIDH, SIDL: standard, 008h. As DLC: 3.
     let in_rxb0 = Frame::extended(RXF0, &[0x01, 0x02, 0xEE, 0xEE, 0x03, 0x77, 0x88, 0x99]);
     stand.serve(in_rxb0);
@@ -362,26 +362,26 @@ fn mcp25xx_with_its_feature_mcp2515_reads_rxb1_as_the_old_content_of_rxb0_for_ev
 /// Section 5. DroneCAN asks for a sample point between 75 and 90 %.
 #[test]
 fn the_bit_timings_in_the_crates_tables_sample_where_their_registers_say() {
-    for (place, stranger) in in_every_place() {
+    for (place, firmware) in in_every_place() {
         // CNF1, CNF2, CNF3 at 16 MHz and 1 Mbit/s, or 8 MHz and 500 kbit/s: SyncSeg + PropSeg + PS1 | PS2 in TQ.
-        let (cnf, permille) = match (stranger, place.1) {
+        let (cnf, permille) = match (firmware, place.1) {
             // 1 + 3 + 2 | 2, and 1 + 2 + 3 | 2.
-            (Stranger::Mcp2515, CanBoard::Shield) => ([0x00, 0xCA, 0x81], 750),
-            (Stranger::Mcp2515, CanBoard::Module) => ([0x00, 0xD1, 0x81], 750),
+            (ThirdParty::Mcp2515, CanBoard::Shield) => ([0x00, 0xCA, 0x81], 750),
+            (ThirdParty::Mcp2515, CanBoard::Module) => ([0x00, 0xD1, 0x81], 750),
             // 1 + 1 + 3 | 3.
             (_, CanBoard::Shield) => ([0x00, 0xD0, 0x82], 625),
             (_, CanBoard::Module) => ([0x00, 0x90, 0x82], 625),
         };
-        let stand = Stand::at(place, stranger);
-        assert_eq!([0x2A, 0x29, 0x28].map(|address| stand.register(address)), cnf, "{stranger:?} {place:?}");
-        assert_eq!(stand.sample_point_permille(), permille, "{stranger:?} {place:?}");
+        let stand = Stand::at(place, firmware);
+        assert_eq!([0x2A, 0x29, 0x28].map(|address| stand.register(address)), cnf, "{firmware:?} {place:?}");
+        assert_eq!(stand.sample_point_permille(), permille, "{firmware:?} {place:?}");
         stand.assert_no_violations();
     }
 }
 
 /// What it takes to fetch one frame, READ STATUS included.
 struct Cost {
-    stranger: Stranger,
+    firmware: ThirdParty,
     data_bytes: usize,
     spi_bytes: usize,
     chip_selects: usize,
@@ -389,20 +389,20 @@ struct Cost {
     cycles: u64,
 }
 
-const fn cost(stranger: Stranger, data_bytes: usize, spi_bytes: usize, chip_selects: usize, cycles: u64) -> Cost {
-    Cost { stranger, data_bytes, spi_bytes, chip_selects, cycles }
+const fn cost(firmware: ThirdParty, data_bytes: usize, spi_bytes: usize, chip_selects: usize, cycles: u64) -> Cost {
+    Cost { firmware, data_bytes, spi_bytes, chip_selects, cycles }
 }
 
 const COSTS: [Cost; 9] = [
-    cost(Stranger::Mcp2515, 0, 24, 8, 3222),
-    cost(Stranger::Mcp2515, 1, 25, 8, 3263),
-    cost(Stranger::Mcp2515, 8, 32, 8, 3546),
-    cost(Stranger::Mcp25xx, 0, 21, 3, 1593),
-    cost(Stranger::Mcp25xx, 1, 21, 3, 1593),
-    cost(Stranger::Mcp25xx, 8, 21, 3, 1593),
-    cost(Stranger::Mcp25xxWrongRxb1, 0, 16, 2, 1202),
-    cost(Stranger::Mcp25xxWrongRxb1, 1, 16, 2, 1202),
-    cost(Stranger::Mcp25xxWrongRxb1, 8, 16, 2, 1202),
+    cost(ThirdParty::Mcp2515, 0, 24, 8, 3222),
+    cost(ThirdParty::Mcp2515, 1, 25, 8, 3263),
+    cost(ThirdParty::Mcp2515, 8, 32, 8, 3546),
+    cost(ThirdParty::Mcp25xx, 0, 21, 3, 1593),
+    cost(ThirdParty::Mcp25xx, 1, 21, 3, 1593),
+    cost(ThirdParty::Mcp25xx, 8, 21, 3, 1593),
+    cost(ThirdParty::Mcp25xxWrongRxb1, 0, 16, 2, 1202),
+    cost(ThirdParty::Mcp25xxWrongRxb1, 1, 16, 2, 1202),
+    cost(ThirdParty::Mcp25xxWrongRxb1, 8, 16, 2, 1202),
 ];
 
 /// The instructions from the READ STATUS that shows RX0IF to the one in which RX0IF is cleared.
@@ -416,20 +416,20 @@ fn fetch(instructions: &[Instruction], cleared_at: u64) -> &[Instruction] {
 /// The reason for a driver of our own, in numbers. Cycles may vary by a few per cent with the compiler.
 #[test]
 fn a_frame_costs_each_crate_the_spi_bytes_and_cycles_in_the_documents() {
-    for Cost { stranger, data_bytes, spi_bytes, chip_selects, cycles } in COSTS {
-        let mut stand = Stand::new(stranger);
+    for Cost { firmware, data_bytes, spi_bytes, chip_selects, cycles } in COSTS {
+        let mut stand = Stand::new(firmware);
         stand.take_instructions();
         stand.serve(Frame::extended(RXF0, &[0x5A; 8][..data_bytes]));
         let reports = stand.take_reports();
-        let [Report::Received(_, measured)] = reports[..] else { panic!("{stranger:?}: {reports:?}") };
+        let [Report::Received(_, measured)] = reports[..] else { panic!("{firmware:?}: {reports:?}") };
         let log = stand.take_frame_log();
-        let Fate::Cleared(cleared_at) = log[0].fate else { panic!("{stranger:?}: {log:?}") };
+        let Fate::Cleared(cleared_at) = log[0].fate else { panic!("{firmware:?}: {log:?}") };
         let instructions = stand.take_instructions();
         let fetch = fetch(&instructions, cleared_at);
         let bytes: usize = fetch.iter().map(|instruction| instruction.mosi.len()).sum();
-        println!("{stranger:?}, {data_bytes} data bytes: {measured} cycles / {bytes} SPI bytes / {} CS", fetch.len());
-        assert_eq!((bytes, fetch.len()), (spi_bytes, chip_selects), "{stranger:?}, {data_bytes} data bytes");
-        assert!(measured.abs_diff(cycles) <= cycles / 10, "{stranger:?}, {data_bytes} data bytes: {measured} cycles");
+        println!("{firmware:?}, {data_bytes} data bytes: {measured} cycles / {bytes} SPI bytes / {} CS", fetch.len());
+        assert_eq!((bytes, fetch.len()), (spi_bytes, chip_selects), "{firmware:?}, {data_bytes} data bytes");
+        assert!(measured.abs_diff(cycles) <= cycles / 10, "{firmware:?}, {data_bytes} data bytes: {measured} cycles");
         stand.assert_no_violations();
     }
 }
