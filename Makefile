@@ -42,37 +42,37 @@ TOOLS := $(TARGET_DIR)/tools
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
-	@echo "make bridge     watch the node through MAVLink: simulator, bridge, and what a ground station sees"
+	@echo "make bridge     show what a ground station sees of the node through MAVLink: simulator and bridge"
 	@echo "make install    the firmware, and the commands sim, bridge and node-update in ~/.cargo/bin  (PREFIX=/usr/local for /usr/local/bin)"
 	@echo "make test       every test that CI runs, about 20 minutes the first time; installs what is missing first"
-	@echo "make test-all   that, and then the long ones below"
+	@echo "make test-all   that, and then the long tests below"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
-	@echo "make fuzz-coverage   the parsers in libFuzzer, which looks for new ways through them, a minute each  (TIME=900)"
-	@echo "make soak       an hour of a life full of faults  (HOURS=4, SEED=7 for another life; Ctrl-C ends it with a summary)"
-	@echo "make mutants    mistakes in the sources that the unit tests must notice: hours; make elf-mutants: 24 in the firmware, for the tests on boards"
+	@echo "make fuzz-coverage   the parsers in libFuzzer, a minute each  (TIME=900)"
+	@echo "make soak       run a node with random faults for an hour  (HOURS=4, SEED=7 for other faults; Ctrl-C ends it with a summary)"
+	@echo "make mutants    put mistakes into the sources that the unit tests must notice: hours; make elf-mutants: 24 into the firmware, for the tests on boards"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
-	@echo "make firmware   build the firmware, and show how much of the chip it takes"
-	@echo "make boot       build the bootloader, which takes new firmware over the bus (docs/update.md)"
+	@echo "make firmware   build the firmware, and print its size"
+	@echo "make boot       build the bootloader, for firmware updates over the bus (docs/update.md)"
 	@echo "make update     send the firmware to a node over the bus  (NODE=120 BUS=slcan:/dev/ttyACM0; NODE=all, FILE=other.bin)"
-	@echo "make bootloader write the bootloader to an Arduino with a programmer  (PROGRAMMER=usbasp; STOCK=file.hex for the way back)"
+	@echo "make bootloader write the bootloader to an Arduino with a programmer  (PROGRAMMER=usbasp; STOCK=file.hex restores the board's own)"
 	@echo "make dist       firmware and bootloader of every board, with licences and checksums, in target/dist  (ten minutes)"
 	@echo "make build-twice   check that two builds of the last commit have the same bytes, in two directories  (two minutes)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
-	@echo "make size       how much of the chip it takes, function by function"
+	@echo "make size       size of the firmware by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
 	@echo "make wiring     write docs/wiring.md from avr-specs/boards.toml"
 	@echo "make drawings   write docs/img/frame.svg and memory.svg; make lint checks that they are up to date"
-	@echo "make bench      measure it in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
+	@echo "make bench      measure the firmware in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make deny       check licences and origins of all dependencies, and that only the simulator links simavr"
 	@echo "make clean      remove what was built"
 	@echo
 	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, remote, thesis or none;"
 	@echo "FEATURES=button        this feature only; several with commas, if they fit."
-	@echo "BOARD=uno SHIELD=module chooses another board for them and for test; a wrong name lists the right ones. CS=D8 INT=D3 CRYSTAL=8 are for"
-	@echo "wires of your own. See docs/wiring.md."
+	@echo "BOARD=uno SHIELD=module chooses another board for them and for test; after a wrong name make lists the right ones. CS=D8 INT=D3 CRYSTAL=8"
+	@echo "are for other wiring. See docs/wiring.md."
 
-# What compiles tells on stderr what it does, so that stdout is the program's own.
+# Compilers print on stderr, so that stdout has only the output of the program.
 sim:
 	@$(MAKE) --no-print-directory firmware sim-program >&2
 	@NODE_ELF=$(ELF) $(PROGRAMS)/sim $(ARGS)
@@ -155,7 +155,7 @@ firmwares:
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
 
-# Firmwares on third-party drivers that judge the model of the MCP2515. Cargo unites features over the packages of one call,
+# Firmwares with third-party drivers, which test the model of the MCP2515. Cargo unites features over the packages of one call,
 # so the one that needs another feature of its crate is a call of its own.
 third-party:
 	@scripts/setup build
@@ -164,7 +164,7 @@ third-party:
 		cargo build $$options -p third-party-mcp25xx-wrong-rxb1; \
 	done
 
-# What has to be there first does not need each other.
+# The prerequisites do not depend on each other.
 test: export CARGO_BUILD_WARNINGS := deny
 test: setup
 	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares third-party $(VENV)/installed $(TOOLS)/bin/ravedude
@@ -202,7 +202,7 @@ test-clients:
 	cargo build -p node-update
 	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile -m '$(CLIENTS)' tests/clients
 
-# What takes long, one after the other; a new one goes to the end of the list.
+# The long tests, one after the other. Append new ones.
 LONG := reliability elf-mutants fuzz fuzz-coverage soak
 WITHOUT_THESIS = TEST_FILES='$(filter-out thesis,$(TEST_FILES))'
 test-all: test lint
@@ -212,7 +212,7 @@ test-all: test lint
 	cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
 	@# The preset without a serial monitor, which most tests read.
 	NODE_ELF=$$(scripts/firmware --path remote) cargo test -p node -p bridge --test load
-	@# But for the thesis's: its node was an ATmega168.
+	@# Except the tests of the thesis, whose node was an ATmega168.
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory test-boards
@@ -231,7 +231,7 @@ test-boards:
 fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test -p node --test fuzz -- --nocapture
 
-# What it finds of new ways stays in the target directory; fuzz/corpus is read only. See docs/fuzzing.md.
+# New inputs stay in the target directory; fuzz/corpus is only read. See docs/fuzzing.md.
 FUZZED := node eeprom host sim bridge
 TIME := 60
 MUTANTS = $(TOOLS)/bin/cargo-mutants mutants --jobs 2 --timeout 60 --build-timeout 100

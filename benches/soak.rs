@@ -13,15 +13,16 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
 const HELP: &str = "\
-Lets the firmware live for hours of simulated time: an autopilot commands its servo, other nodes talk, a client asks, sets and
-saves, and every half minute something goes wrong. Between faults nothing may be lost; after each all must be well within a second.
+Runs the firmware with random faults for hours of simulated time: an autopilot commands its servo, other nodes send, a client reads,
+sets and saves parameters, and about four faults a minute happen. Between faults nothing may be lost. The firmware must recover from each
+fault within a second.
 
   make soak                     one hour
   make soak HOURS=4             four
-  make soak HOURS=0.1 SEED=7    six minutes of another life
+  make soak HOURS=0.1 SEED=7    six minutes with other faults
 
-The variables are also read from the environment, as SOAK_HOURS and SOAK_SEED. It prints a line each simulated minute. Ctrl-C ends
-it with a summary of what was seen by then. The exit code is 0 if all was well, 1 if not, 130 after Ctrl-C.";
+SOAK_HOURS and SOAK_SEED in the environment are the same variables. It prints a line each simulated minute. Ctrl-C ends it with a
+summary. The exit code is 0 if no check failed, 1 if one failed, 130 after Ctrl-C.";
 
 const MINUTE: Cycles = 60_000 * MS;
 
