@@ -134,7 +134,9 @@ impl State {
         if component == self.settings.component {
             self.warn(&format!("another component has the ID {component}: --component"));
         } else if NodeId::new(component).is_some() {
-            self.log.push(format!("component {component} speaks for itself: node {component} has no heartbeat"));
+            self.log.push(format!(
+                "component {component} sends its own heartbeat: the bridge sends none for node {component}"
+            ));
         }
     }
 
