@@ -9,6 +9,7 @@ use std::vec::Vec;
 
 use mcp2515_ordered::{Counters, Frame};
 
+use crate::hardware::OUTPUTS;
 use crate::image::InMemory;
 use crate::monitor::Monitor;
 use crate::node::Node;
@@ -80,13 +81,13 @@ impl Eeprom for Memory {
     }
 }
 
-/// The servo, with the last width that its output got.
+/// The servos, with the last width that each output got.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Servo(pub Ticks);
+pub struct Servos(pub [Ticks; OUTPUTS]);
 
-impl Output for Servo {
-    fn set(&mut self, width: Ticks) {
-        self.0 = width;
+impl Output for Servos {
+    fn set(&mut self, output: usize, width: Ticks) {
+        self.0[output] = width;
     }
 }
 
@@ -123,8 +124,8 @@ pub struct Desk {
     pub agenda: Agenda,
     /// The EEPROM, which survives a reset.
     pub memory: Memory,
-    /// The servo output.
-    pub servo: Servo,
+    /// The outputs.
+    pub servos: Servos,
     /// The CAN controller.
     pub can: Controller,
     /// Milliseconds since the start; the node's clock has the lower 16 bits.
@@ -152,7 +153,7 @@ impl Desk {
             monitor: Monitor::new(),
             agenda: Agenda::new(),
             memory,
-            servo: Servo(0),
+            servos: Servos([0; OUTPUTS]),
             can: Controller {
                 received: VecDeque::new(),
                 sent: Vec::new(),
@@ -191,7 +192,7 @@ impl Desk {
     /// Takes one turn of the main loop. Returns the turn.
     pub fn turn(&mut self) -> Turn {
         let now_ms = self.now_ms();
-        let Self { node, receiver, monitor, can, memory, servo, .. } = self;
+        let Self { node, receiver, monitor, can, memory, servos, .. } = self;
         let is_empty = can.is_empty;
         let turn = self.agenda.next(!can.received.is_empty(), || Facts {
             has_ticked: self.passed_ms != 0,
@@ -206,7 +207,7 @@ impl Desk {
         match turn {
             Turn::TakeFrame => {
                 if let Some(frame) = can.received.pop_front() {
-                    node.receive(&frame, receiver, now_ms, InMemory, monitor, servo);
+                    node.receive(&frame, receiver, now_ms, InMemory, monitor, servos);
                 }
             }
             Turn::Tick => {
@@ -214,7 +215,7 @@ impl Desk {
                 can.is_due = true;
                 node.expire(receiver, now_ms, monitor);
                 node.tick(passed_ms, now_ms, memory, monitor);
-                servo.set(node.pulse());
+                node.show(servos);
                 #[cfg(feature = "button")]
                 node.read_button(self.is_pressed, passed_ms, monitor);
                 node.read_temperature(self.readings[(self.ms & 1) as usize]);

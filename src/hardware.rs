@@ -18,6 +18,8 @@ pub const CAN_CRYSTAL_HZ: u32 = decimal(env!("NODE_CRYSTAL_MHZ")) as u32 * 1_000
 pub const CAN_SELECT: Pin = Pin::named(env!("NODE_CS"));
 /// MCP2515 INT.
 pub const CAN_INTERRUPT: Pin = Pin::named(env!("NODE_INT"));
+/// Outputs of the node.
+pub const OUTPUTS: usize = 1;
 /// The servo's signal: D9 (OC1A) or D10 (OC1B).
 pub const SERVO: Pin = Pin::named(env!("NODE_SERVO"));
 /// The light (OC2B). `None` if INT is on its pin.

@@ -20,7 +20,7 @@ use {
     mcp2515_ordered::Configuration,
     node::monitor::{self, Monitor},
     node::node::agenda::{Agenda, Facts, Turn},
-    node::node::{Node, bit_rate, condition::ResetCause, parameters::Parameter, servo::Output, wire::Receiver},
+    node::node::{Node, bit_rate, condition::ResetCause, parameters::Parameter, wire::Receiver},
 };
 
 #[cfg(target_arch = "avr")]
@@ -72,7 +72,7 @@ fn main() -> ! {
                 guard::check_stack();
                 node.expire(receiver, now_ms, monitor);
                 node.tick(passed_ms, now_ms, &mut board.eeprom, monitor);
-                board.servo.set(node.pulse());
+                node.show(&mut board.servo);
                 #[cfg(feature = "lights")]
                 board.light.set(node.light());
                 #[cfg(feature = "button")]

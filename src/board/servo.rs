@@ -63,7 +63,7 @@ impl Servo {
 
 impl Output for Servo {
     #[inline(never)]
-    fn set(&mut self, width: Ticks) {
+    fn set(&mut self, _output: usize, width: Ticks) {
         if width == self.width {
             return;
         }

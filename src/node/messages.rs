@@ -123,7 +123,7 @@ impl Node {
             #[cfg(feature = "standard")]
             Publication::ActuatorStatus => {
                 self.outgoing.put8(self.parameters.get(Parameter::Out1Id) as u8);
-                self.outgoing.put16(self.actuator.position());
+                self.outgoing.put16(self.actuators.position(0));
                 // Force and speed are not measured.
                 self.outgoing.put16(float16::NAN);
                 self.outgoing.put16(float16::NAN);

@@ -6,7 +6,7 @@
 //! | part | task |
 //! | --- | --- |
 //! | [`agenda`] | chooses what to do next |
-//! | [`actuator`] | the pulse, arming, the failsafe; [`servo`] computes the travel |
+//! | [`actuators`] | the outputs: commands, arming; [`actuator`] one output: its pulse and failsafe; [`servo`] computes the travel |
 //! | [`autopilot`] | finds the autopilot among the nodes |
 //! | [`dialect`] | chooses between DroneCAN v0 and the draft of 2014 |
 //! | [`kind`] | the received data types; [`acceptance`] derives the filters from them, [`wire`] configures how transfers are reassembled |
@@ -18,6 +18,7 @@
 
 pub mod acceptance;
 pub mod actuator;
+pub mod actuators;
 pub mod agenda;
 #[cfg(feature = "allocation")]
 pub mod allocation;
@@ -55,7 +56,7 @@ use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Frame, Notice};
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
 use acceptance::{Filters, NodeAcceptance};
-use actuator::Actuator;
+use actuators::Actuators;
 use autopilot::Autopilot;
 use condition::{Conditions, ResetCause};
 use dialect::Dialect;
@@ -154,7 +155,7 @@ pub struct Node {
     /// The parameters in force.
     pub parameters: Parameters,
     store: Store,
-    actuator: Actuator,
+    actuators: Actuators,
     autopilot: Autopilot,
     dialect: Dialect,
     health: Health,
@@ -194,7 +195,7 @@ impl Node {
             chores: Chores(0),
             parameters: Parameters::new(),
             store: Store::new(),
-            actuator: Actuator::new(),
+            actuators: Actuators::new(),
             autopilot: Autopilot::NONE,
             dialect: Dialect::new(),
             health: Health::new(),
@@ -308,9 +309,14 @@ impl Node {
         &self.unique_id
     }
 
-    /// The width of the servo pulse; 0 for none.
-    pub fn pulse(&self) -> Ticks {
-        self.actuator.pulse()
+    /// The width of an output's pulse; 0 for none.
+    pub fn pulse(&self, output: usize) -> Ticks {
+        self.actuators.pulse(output)
+    }
+
+    /// Gives the pulses to the outputs of the board.
+    pub fn show(&self, board: &mut impl Output) {
+        self.actuators.show(board);
     }
 
     /// The brightness of the light, 0 to 255.
@@ -356,7 +362,7 @@ impl Node {
 
     /// Applies the parameters after some were set.
     pub fn take_parameters(&mut self) {
-        self.actuator.update(&self.parameters);
+        self.actuators.update(&self.parameters);
         let row = self.dialect.row();
         self.dialect.update(&self.parameters);
         if row != self.dialect.row() {
@@ -384,16 +390,16 @@ impl Node {
         if self.tunnel.tick(now_ms) {
             self.publisher.publish(Publication::Targetted);
         }
-        if self.actuator.tick(now_ms, &self.parameters) {
-            if self.actuator.hears_nothing() {
+        if self.actuators.tick(now_ms, &self.parameters) {
+            if self.actuators.hears_nothing() {
                 self.change_filters();
             }
             self.health.set(Conditions::FAILSAFE, true, [Line::Failsafe; 2], monitor);
         }
         #[cfg(feature = "standard")]
-        let is_disarmed = self.actuator.is_safe() || self.actuator.is_disarmed(&self.parameters);
+        let is_disarmed = self.actuators.is_safe() || self.actuators.is_disarmed(&self.parameters);
         #[cfg(feature = "safety")]
-        let begins = if self.actuator.is_safe() { Line::Safe } else { Line::Disarmed };
+        let begins = if self.actuators.is_safe() { Line::Safe } else { Line::Disarmed };
         #[cfg(all(feature = "standard", not(feature = "safety")))]
         let begins = Line::Disarmed;
         #[cfg(feature = "standard")]
@@ -421,7 +427,7 @@ impl Node {
             self.filters_s -= 1;
         }
         self.autopilot.second();
-        self.actuator.second(self.second_ms);
+        self.actuators.second(self.second_ms);
         self.health.second();
         self.temperature.second(&mut self.health, monitor);
         #[cfg(feature = "draft")]
@@ -496,7 +502,7 @@ impl Node {
         if let Some(event) = monitor.log_frame(line) {
             *event = self.note;
         }
-        if self.health.has(Conditions::FAILSAFE) && self.actuator.is_following() {
+        if self.health.has(Conditions::FAILSAFE) && self.actuators.is_following(0) {
             self.health.set(Conditions::FAILSAFE, false, [Line::FailsafeEnd; 2], monitor);
         }
     }
@@ -555,7 +561,7 @@ impl Node {
                 if !self.autopilot.is_status_of(source) {
                     return Line::RefusedSource;
                 }
-                self.actuator.arm(b0);
+                self.actuators.arm(b0);
                 self.note.set_code(b0);
                 return Line::Arming;
             }
@@ -565,8 +571,8 @@ impl Node {
                     return Line::RefusedSource;
                 }
                 let is_failsafe = self.health.has(Conditions::FAILSAFE);
-                self.actuator.take_safety_state(b0, is_failsafe, now_ms, &self.parameters);
-                if self.actuator.is_safe() {
+                self.actuators.take_safety_state(b0, is_failsafe, now_ms, &self.parameters);
+                if self.actuators.is_safe() {
                     // Commands are missing for a reason.
                     self.health.clear(Conditions::FAILSAFE);
                 }
@@ -597,11 +603,11 @@ impl Node {
             Kind::ServoCommand if len == 1 => {
                 self.thesis = true;
                 self.note.set_code(b0);
-                self.actuator.take_servo_command(b0, &mut self.note, now_ms, &self.parameters, servo)
+                self.actuators.take_servo_command(b0, &mut self.note, now_ms, &self.parameters, servo)
             }
             _ if kind.is_list() => {
                 self.note.set_code(self.parameters.get(Parameter::Out1Id) as u8);
-                self.actuator.take_array_command(transfer, &mut self.note, now_ms, &self.parameters, servo)
+                self.actuators.take_array_command(transfer, &mut self.note, now_ms, &self.parameters, servo)
             }
             _ => return Line::RefusedLength,
         };

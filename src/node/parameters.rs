@@ -86,6 +86,48 @@ parameters! {
     SafeMode "SAFE_MODE" 0..1 = 1,
 }
 
+/// A parameter that each output has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutputParameter {
+    /// OUTn_ID.
+    Id,
+    /// OUTn_MIN.
+    Min,
+    /// OUTn_TRIM.
+    Trim,
+    /// OUTn_MAX.
+    Max,
+    /// OUTn_REVERSED.
+    Reversed,
+    /// OUTn_RANGE.
+    Range,
+    /// OUTn_TIMEOUT.
+    Timeout,
+    /// OUTn_FS.
+    Fs,
+    /// OUTn_FS_PWM.
+    FsPwm,
+}
+
+impl OutputParameter {
+    /// The index of this parameter of an output.
+    #[inline(always)]
+    const fn index(self, _output: usize) -> usize {
+        // The parameters of the first output are in the order in which they came to be.
+        (match self {
+            Self::Id => Parameter::Out1Id,
+            Self::Min => Parameter::Out1Min,
+            Self::Trim => Parameter::Out1Trim,
+            Self::Max => Parameter::Out1Max,
+            Self::Reversed => Parameter::Out1Reversed,
+            Self::Range => Parameter::Out1Range,
+            Self::Timeout => Parameter::Out1Timeout,
+            Self::Fs => Parameter::Out1Fs,
+            Self::FsPwm => Parameter::Out1FsPwm,
+        }) as usize
+    }
+}
+
 /// The table in flash: [`PACKED`].
 pub struct Descriptions;
 
@@ -257,6 +299,12 @@ impl Parameters {
     #[inline(always)]
     pub fn get(&self, parameter: Parameter) -> u16 {
         u16::from_le_bytes(self.values[parameter as usize])
+    }
+
+    /// The value of a parameter of an output.
+    #[inline(always)]
+    pub fn of(&self, output: usize, parameter: OutputParameter) -> u16 {
+        u16::from_le_bytes(self.values[parameter.index(output)])
     }
 
     /// True if a parameter is not zero. For parameters below 256 only.

@@ -177,7 +177,7 @@ impl Node {
                 let verdict = self.begin_update(request, now_ms);
                 argument = verdict as u8;
                 if verdict == Verdict::Accepted {
-                    self.actuator.fail_safe(&self.parameters);
+                    self.actuators.fail_safe(&self.parameters);
                 }
             }
             // The magic number is 0xACCE551B1E (DSDL 5.RestartNode.uavcan).
@@ -185,7 +185,7 @@ impl Node {
                 if request.len() == 5 && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]) =>
             {
                 argument = 1;
-                self.actuator.fail_safe(&self.parameters);
+                self.actuators.fail_safe(&self.parameters);
             }
             _ => {}
         }

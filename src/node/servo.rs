@@ -2,7 +2,7 @@
 
 use dronecan_wire::float16;
 
-use super::parameters::{Parameter, Parameters};
+use super::parameters::{OutputParameter, Parameters};
 
 /// Width of a pulse in ticks of half a microsecond, the unit of the timer; 0 is no pulse.
 pub type Ticks = u16;
@@ -40,11 +40,11 @@ impl CommandType {
     }
 }
 
-/// The output that makes the pulses.
+/// The outputs of the board, which make the pulses.
 pub trait Output {
-    /// Sets the width from the next period on; 0 ends the pulses. Does not cut a pulse that has begun, so the pulses end at the first call between
-    /// two pulses.
-    fn set(&mut self, width: Ticks);
+    /// Sets the width of an output's pulse from the next period on; 0 ends the pulses. Does not cut a pulse that has begun, so the pulses end at the
+    /// first call between two pulses.
+    fn set(&mut self, output: usize, width: Ticks);
 }
 
 /// 4096 x pi / 360 x 65,536. Converts the whole travel in degrees to half of it in 4096ths of a radian, times 65,536.
@@ -67,21 +67,21 @@ impl Travel {
     /// No travel.
     pub const NONE: Self = Self { trim: 0, below: 0, above: 0, is_reversed: false, half_range: 0 };
 
-    /// Applies the parameters. Accepts OUT1_MIN and OUT1_MAX in either order, and clamps OUT1_TRIM between them, because the bus sets one parameter
+    /// Applies the parameters. Accepts OUTn_MIN and OUTn_MAX in either order, and clamps OUTn_TRIM between them, because the bus sets one parameter
     /// at a time.
     #[inline(never)]
-    pub fn update(&mut self, parameters: &Parameters) {
-        let mut low = parameters.get(Parameter::Out1Min) << 1;
-        let mut high = parameters.get(Parameter::Out1Max) << 1;
+    pub fn update(&mut self, output: usize, parameters: &Parameters) {
+        let mut low = parameters.of(output, OutputParameter::Min) << 1;
+        let mut high = parameters.of(output, OutputParameter::Max) << 1;
         if high < low {
             core::mem::swap(&mut low, &mut high);
         }
-        let trim = (parameters.get(Parameter::Out1Trim) << 1).clamp(low, high);
+        let trim = (parameters.of(output, OutputParameter::Trim) << 1).clamp(low, high);
         self.trim = trim;
         self.below = trim - low;
         self.above = high - trim;
-        self.is_reversed = parameters.is_on(Parameter::Out1Reversed);
-        let range_deg = u32::from(parameters.get(Parameter::Out1Range));
+        self.is_reversed = parameters.of(output, OutputParameter::Reversed) as u8 != 0;
+        let range_deg = u32::from(parameters.of(output, OutputParameter::Range));
         self.half_range = ((range_deg * HALF_RANGE_FACTOR + (1 << 15)) >> 16) as u16;
     }
 
@@ -115,7 +115,7 @@ impl Travel {
 
     /// The pulse for a command; 0 for a width of zero or less. A command beyond the travel gets the end of the travel.
     ///
-    /// OUT1_REVERSED reverses unitless and position commands, but not a width.
+    /// OUTn_REVERSED reverses unitless and position commands, but not a width.
     #[inline(never)]
     pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
         let mut is_low = value < 0;

@@ -70,10 +70,10 @@ impl Rig {
     /// Receives a frame. Asserts that the servo gets the pulse at once if a command was followed, and nothing otherwise.
     fn frame(&mut self, frame: &Frame) {
         let followed = self.node.health().counts.followed;
-        self.servo.0 = 0;
+        self.servos.0[0] = 0;
         self.hear(frame);
         let is_followed = self.node.health().counts.followed != followed;
-        assert_eq!(self.servo.0, if is_followed { self.node.pulse() } else { 0 });
+        assert_eq!(self.servos.0[0], if is_followed { self.node.pulse(0) } else { 0 });
     }
 
     /// Receives the frames of one transfer, written as for [`golden::frames`].
@@ -427,16 +427,16 @@ fn broken_and_interleaved_transfers_show_and_are_counted() {
     rig.run(2000);
     // The golden command with one bit wrong.
     rig.text("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 64 68");
-    assert_eq!((rig.code(), broken(&rig), rig.node.pulse()), (1 << 3, if_counted(1), 0));
+    assert_eq!((rig.code(), broken(&rig), rig.node.pulse(0)), (1 << 3, if_counted(1), 0));
     rig.run(10_001);
     assert_eq!(rig.code(), 0);
     for source in 0..=crate::node::wire::LIST_LANES {
         rig.text(&format!("1003F2{:02X} 12 F3 01 00 00 38 02 88", 0x0A + source));
     }
-    assert_eq!((rig.code(), broken(&rig), rig.node.pulse()), (1 << 3, if_counted(2), 0));
+    assert_eq!((rig.code(), broken(&rig), rig.node.pulse(0)), (1 << 3, if_counted(2), 0));
     let last = 0x0A + crate::node::wire::LIST_LANES;
     rig.text(&format!("1003F2{last:02X} 00 00 BC 03 04 DC 65 68"));
-    assert_eq!((rig.node.pulse(), broken(&rig)), (us(1750.0), if_counted(2)));
+    assert_eq!((rig.node.pulse(0), broken(&rig)), (us(1750.0), if_counted(2)));
 }
 
 #[test]
@@ -449,7 +449,7 @@ fn transfers_of_other_nodes_do_not_break_those_of_the_commander() {
         rig.text(&format!("1003F2{source:02X} 12 F3 01 00 00 38 02 88"));
     }
     rig.frame(&frames[1]);
-    assert_eq!(rig.node.pulse(), us(1750.0));
+    assert_eq!(rig.node.pulse(0), us(1750.0));
 }
 
 #[test]
@@ -469,7 +469,7 @@ fn frames_of_no_use_are_rejected_and_are_no_error() {
         rig.text(text);
         assert_eq!(rig.node.health().counts.refused, refused + 1, "{text}");
     }
-    assert_eq!((rig.code(), rig.node.pulse()), (0, 0));
+    assert_eq!((rig.code(), rig.node.pulse(0)), (0, 0));
 }
 
 #[test]
@@ -523,7 +523,7 @@ fn there_is_no_pulse_before_the_first_command() {
     for failsafe in 0..=3 {
         let mut rig = Rig::with(&[(Parameter::Out1Fs, failsafe)]);
         rig.run(70_000);
-        assert_eq!(rig.node.pulse(), 0);
+        assert_eq!(rig.node.pulse(0), 0);
         assert_eq!(rig.code(), 0);
     }
 }
@@ -532,18 +532,18 @@ fn there_is_no_pulse_before_the_first_command() {
 fn the_golden_commands_move_the_servo() {
     let mut rig = Rig::new();
     rig.text("1003F20A 01 00 00 38 C7");
-    assert_eq!(rig.node.pulse(), us(1750.0));
+    assert_eq!(rig.node.pulse(0), us(1750.0));
     for (actuator, pulse) in [(1, 1750.0), (2, 1000.0), (3, 1500.0)] {
         let mut rig = Rig::with(&[(Parameter::Out1Id, actuator)]);
         rig.text("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68");
-        assert_eq!(rig.node.pulse(), us(pulse), "actuator {actuator}");
+        assert_eq!(rig.node.pulse(0), us(pulse), "actuator {actuator}");
     }
     // Position -0.25 rad: 0.25 / (pi / 4) of 500 us.
     rig.text("1003F20A 01 01 00 B4 CC");
-    assert_eq!(rig.node.pulse(), us(1341.0));
+    assert_eq!(rig.node.pulse(0), us(1341.0));
     // PWM 1800.
     rig.text("1003F20A 01 04 08 67 CD");
-    assert_eq!(rig.node.pulse(), us(1800.0));
+    assert_eq!(rig.node.pulse(0), us(1800.0));
 }
 
 #[test]
@@ -566,7 +566,7 @@ fn each_form_of_command_reaches_the_pulse() {
         (PWM, 1.0, 1000.0),
     ] {
         rig.command(command_type, value);
-        assert_eq!(f64::from(rig.node.pulse()) / 2.0, expected, "type {command_type}: {value}");
+        assert_eq!(f64::from(rig.node.pulse(0)) / 2.0, expected, "type {command_type}: {value}");
     }
 }
 
@@ -576,7 +576,7 @@ fn every_bit_pattern_of_a_command_leaves_the_pulse_within_the_travel() {
     rig.command(PWM, 1700.0);
     for command_type in 0..=5u8 {
         for bits in 0..=u16::MAX {
-            let before = rig.node.pulse();
+            let before = rig.node.pulse(0);
             let [low, high] = bits.to_le_bytes();
             rig.frames(&[golden::frame(0x1003_F20A, &[1, command_type, low, high, 0xC0])]);
             let value = half::f16::from_bits(bits);
@@ -587,7 +587,7 @@ fn every_bit_pattern_of_a_command_leaves_the_pulse_within_the_travel() {
                     4 => value.to_f64() >= 0.25,
                     _ => false,
                 };
-            let pulse = rig.node.pulse();
+            let pulse = rig.node.pulse(0);
             if is_followed {
                 assert!((us(1000.0)..=us(2000.0)).contains(&pulse), "{command_type} {bits:04X}: {pulse}");
             } else {
@@ -622,7 +622,7 @@ fn commands_that_cannot_be_followed_are_refused_and_counted() {
     .enumerate()
     {
         rig.text(text);
-        assert_eq!((rig.node.pulse(), rig.node.health().counts.refused), (us(1700.0), n as u16 + 1), "{text}");
+        assert_eq!((rig.node.pulse(0), rig.node.health().counts.refused), (us(1700.0), n as u16 + 1), "{text}");
     }
     assert_eq!(rig.node.health().counts.followed, 1);
     #[cfg(feature = "lights")]
@@ -634,7 +634,7 @@ fn commands_for_others_and_empty_lists_are_no_commands_and_no_errors() {
     let mut rig = Rig::new();
     rig.text("1003F20A C9");
     rig.text("1003F20A 02 00 00 38 C7");
-    assert_eq!((rig.node.pulse(), rig.node.health().counts.refused, rig.node.health().counts.followed), (0, 0, 0));
+    assert_eq!((rig.node.pulse(0), rig.node.health().counts.refused, rig.node.health().counts.followed), (0, 0, 0));
 }
 
 #[test]
@@ -642,7 +642,7 @@ fn the_command_of_the_thesis_moves_the_servo_over_its_travel() {
     let mut rig = Rig::new();
     for (byte, pulse) in [(0, 1000.0), (255, 2000.0), (51, 1200.0)] {
         rig.text(&format!("18045701 {byte:02X} C0"));
-        assert_eq!(rig.node.pulse(), us(pulse));
+        assert_eq!(rig.node.pulse(0), us(pulse));
     }
 }
 
@@ -733,13 +733,13 @@ fn without_commands_the_servo_goes_where_out1_fs_has_it() {
             rig.run(61_234);
             rig.command(PWM, 1800.0);
             rig.run(timeout_ms as u32);
-            assert_eq!((rig.node.pulse(), rig.code()), (us(1800.0), 0), "{failsafe} {timeout_ms}");
+            assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0), "{failsafe} {timeout_ms}");
             rig.run(1);
-            assert_eq!((rig.node.pulse(), rig.code()), (us(expected), 1 << 10), "{failsafe} {timeout_ms}");
+            assert_eq!((rig.node.pulse(0), rig.code()), (us(expected), 1 << 10), "{failsafe} {timeout_ms}");
             rig.run(2500);
-            assert_eq!((rig.node.pulse(), rig.status()), (us(expected), (0x80, 1 << 10)));
+            assert_eq!((rig.node.pulse(0), rig.status()), (us(expected), (0x80, 1 << 10)));
             rig.command(PWM, 1700.0);
-            assert_eq!((rig.node.pulse(), rig.code()), (us(1700.0), 0), "commands again");
+            assert_eq!((rig.node.pulse(0), rig.code()), (us(1700.0), 0), "commands again");
         }
     }
 }
@@ -750,7 +750,7 @@ fn the_failsafe_pulse_stays_within_the_travel() {
         let mut rig = Rig::with(&[(Parameter::Out1Fs, 2), (Parameter::Out1FsPwm, width)]);
         rig.command(PWM, 1800.0);
         rig.run(1001);
-        assert_eq!(rig.node.pulse(), us(expected));
+        assert_eq!(rig.node.pulse(0), us(expected));
     }
 }
 
@@ -759,7 +759,7 @@ fn with_a_timeout_of_0_the_servo_stays_for_ever() {
     let mut rig = Rig::with(&[(Parameter::Out1Fs, 3), (Parameter::Out1Timeout, 0)]);
     rig.command(PWM, 1800.0);
     rig.run(200_000);
-    assert_eq!((rig.node.pulse(), rig.code()), (us(1800.0), 0));
+    assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0));
 }
 
 #[test]
@@ -773,13 +773,13 @@ fn only_followed_commands_prevent_the_failsafe() {
             rig.run(100);
             rig.text(text);
         }
-        assert_eq!(rig.node.pulse(), 0, "{text}");
+        assert_eq!(rig.node.pulse(0), 0, "{text}");
     }
     let mut rig = Rig::with(&[(Parameter::Out1Fs, 3)]);
     for _ in 0..100 {
         rig.command(PWM, 1800.0);
         rig.run(999);
-        assert_eq!(rig.node.pulse(), us(1800.0));
+        assert_eq!(rig.node.pulse(0), us(1800.0));
     }
 }
 
@@ -794,11 +794,11 @@ fn where_arming_is_required_only_an_armed_vehicle_is_followed() {
     assert_eq!(rig.code(), 1 << 14);
     rig.command(PWM, 1800.0);
     rig.text("1804570A 80 C0");
-    assert_eq!((rig.node.pulse(), rig.node.health().counts.refused), (0, 2));
+    assert_eq!((rig.node.pulse(0), rig.node.health().counts.refused), (0, 2));
     rig.text(ARMED);
     rig.run(1);
     rig.command(PWM, 1800.0);
-    assert_eq!((rig.node.pulse(), rig.code()), (us(1800.0), 0));
+    assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0));
 }
 
 #[cfg(feature = "standard")]
@@ -813,10 +813,10 @@ fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
             rig.command(PWM, 1800.0);
             rig.text(&format!("18044C0A {status:02X} C0"));
             rig.run(1);
-            assert_eq!((rig.node.pulse(), rig.code()), (us(expected), 1 << 14), "{failsafe} {status}");
+            assert_eq!((rig.node.pulse(0), rig.code()), (us(expected), 1 << 14), "{failsafe} {status}");
             rig.command(PWM, 1900.0);
             rig.run(2000);
-            assert_eq!(rig.node.pulse(), us(expected));
+            assert_eq!(rig.node.pulse(0), us(expected));
             assert_eq!(rig.code(), 1 << 14, "no failsafe: it is not that commands were missing");
         }
     }
@@ -833,11 +833,11 @@ fn arming_ends_three_to_four_seconds_after_the_last_arming_status() {
             rig.run(500);
             rig.command(PWM, 1800.0);
         }
-        assert_eq!(rig.node.pulse(), us(1800.0));
+        assert_eq!(rig.node.pulse(0), us(1800.0));
         rig.run(2500);
-        assert_eq!((rig.node.pulse(), rig.code()), (us(1800.0), 0), "{start}");
+        assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0), "{start}");
         rig.run(1001);
-        assert_eq!((rig.node.pulse(), rig.code()), (0, 1 << 14), "{start}");
+        assert_eq!((rig.node.pulse(0), rig.code()), (0, 1 << 14), "{start}");
     }
 }
 
@@ -847,7 +847,7 @@ fn where_arming_is_not_required_it_does_not_matter() {
     rig.text("18044C0A 00 C0");
     rig.run(1);
     rig.command(PWM, 1800.0);
-    assert_eq!((rig.node.pulse(), rig.code()), (us(1800.0), 0));
+    assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0));
 }
 
 #[cfg(feature = "standard")]
@@ -856,7 +856,7 @@ fn the_first_command_after_a_start_needs_arming_too() {
     let mut rig = Rig::with(&[(Parameter::ArmReq, 1)]);
     // Before the end of the first millisecond.
     rig.command(PWM, 1800.0);
-    assert_eq!(rig.node.pulse(), 0);
+    assert_eq!(rig.node.pulse(0), 0);
 }
 
 // Messages
@@ -1127,7 +1127,7 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
             }
         }
         rig.run(u32::from(next() % 4));
-        let pulse = rig.node.pulse();
+        let pulse = rig.node.pulse(0);
         assert!(pulse == 0 || (us(500.0)..=us(2500.0)).contains(&pulse), "{pulse}");
     }
     assert!(set > 1000, "{set}");

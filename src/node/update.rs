@@ -83,7 +83,7 @@ impl Node {
         if !self.update.has_loader {
             return Verdict::NoLoader;
         }
-        if self.actuator.is_armed() || self.actuator.has_followed_within(STILL_MS, now_ms) {
+        if self.actuators.is_armed() || self.actuators.has_followed_within(STILL_MS, now_ms) {
             return Verdict::InUse;
         }
         let path_len = request.len().wrapping_sub(1);

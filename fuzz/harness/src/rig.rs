@@ -122,7 +122,7 @@ impl Rig {
     fn begin(&mut self) {
         self.desk.can.room = 0;
         self.desk.settle();
-        assert_eq!(self.desk.node.pulse(), 0, "a pulse before any command");
+        assert_eq!(self.desk.node.pulse(0), 0, "a pulse before any command");
     }
 
     /// The node's ID; 0 while it has none.
@@ -234,10 +234,10 @@ impl Rig {
     pub fn receive(&mut self, id: [u8; 4], data: &[u8]) {
         let mut frame = Frame { id, len: data.len() as u8, ..Frame::EMPTY };
         frame.data[..data.len()].copy_from_slice(data);
-        let (before, now_ms) = (self.desk.node.pulse(), self.now_ms());
+        let (before, now_ms) = (self.desk.node.pulse(0), self.now_ms());
         let parameters = self.desk.node.parameters;
         self.desk.hear(&frame);
-        let after = self.desk.node.pulse();
+        let after = self.desk.node.pulse(0);
         let raw = u32::from_be_bytes(id);
         // The node decides whether it accepts the draft. A frame that it rejects does not move the servo.
         let (v0, draft) = if id[0] & Frame::FOREIGN != 0 {
@@ -314,10 +314,10 @@ impl Rig {
     }
 
     fn tick(&mut self) {
-        let (before, now_ms) = (self.desk.node.pulse(), self.now_ms());
+        let (before, now_ms) = (self.desk.node.pulse(0), self.now_ms());
         self.desk.pass(1);
-        let after = self.desk.node.pulse();
-        assert_eq!(self.desk.servo.0, after, "the servo has another pulse");
+        let after = self.desk.node.pulse(0);
+        assert_eq!(self.desk.servos.0[0], after, "the servo has another pulse");
         if after != before && !self.is_limited(before, after) {
             let parameters = &self.desk.node.parameters;
             let timeout_ms = u64::from(parameters.get(Parameter::Out1Timeout));
@@ -473,6 +473,6 @@ impl Rig {
         command(self, 0.5);
         command(self, -0.5);
         let is_deaf = self.has_heard_safety || self.desk.node.parameters.get(Parameter::Dialect) == DRAFT;
-        assert!(self.desk.node.pulse() != 0 || is_deaf);
+        assert!(self.desk.node.pulse(0) != 0 || is_deaf);
     }
 }

@@ -39,7 +39,7 @@ a controller that was held in configuration mode.
 A test that cannot fail proves nothing. So two programs put mistakes into the firmware, and the tests must notice them.
 
 * `make mutants` runs cargo-mutants with the unit tests: on `crates/`, and on the modules of `src/node` that decide a pulse, load
-  parameters, or set the health. In `actuator.rs`, `servo.rs`, `autopilot.rs`, `agenda.rs`, `condition.rs`, `health.rs` and `store.rs` it
+  parameters, or set the health. In `actuator.rs`, `actuators.rs`, `servo.rs`, `autopilot.rs`, `agenda.rs`, `condition.rs`, `health.rs` and `store.rs` it
   made 340 mistakes. Two are not noticed, both in how noise is spread over a new unique ID. In `parameters.rs`, `dronecan-wire` and
   `mcp2515-ordered` it made 905. 20 are not noticed, all in the driver: bits that its tests never see set, the times at which it checks the
   chip, and the count of a bus-off. The tests on simulated boards check those. `.cargo/mutants.toml` leaves out mistakes that make the same

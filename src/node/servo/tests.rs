@@ -1,5 +1,6 @@
 use super::*;
 use crate::golden::parameters;
+use crate::node::parameters::Parameter;
 use half::f16;
 use std::f64::consts::PI;
 
@@ -34,13 +35,16 @@ struct Case {
 impl Case {
     fn new([min, trim, max, range]: [i32; 4], is_reversed: bool) -> Self {
         let mut travel = Travel::NONE;
-        travel.update(&parameters(&[
-            (Parameter::Out1Min, min),
-            (Parameter::Out1Trim, trim),
-            (Parameter::Out1Max, max),
-            (Parameter::Out1Range, range),
-            (Parameter::Out1Reversed, is_reversed.into()),
-        ]));
+        travel.update(
+            0,
+            &parameters(&[
+                (Parameter::Out1Min, min),
+                (Parameter::Out1Trim, trim),
+                (Parameter::Out1Max, max),
+                (Parameter::Out1Range, range),
+                (Parameter::Out1Reversed, is_reversed.into()),
+            ]),
+        );
         let (low, high) = (min.min(max), min.max(max));
         let ticks = |us: i32| f64::from(2 * us);
         Self {

@@ -42,7 +42,7 @@ fn commands_of_the_draft_move_the_servo_where_nobody_speaks_v0() {
     let mut rig = Rig::new();
     for (text, pulse) in [(DRAFT_HALF, 1750.0), (DRAFT_LOW, 1000.0), (DRAFT_THESIS, 2000.0)] {
         rig.text(text);
-        assert_eq!(rig.node.pulse(), us(pulse), "{text}");
+        assert_eq!(rig.node.pulse(0), us(pulse), "{text}");
     }
     assert!(speaks_draft(&mut rig));
     assert_eq!(rig.code() & Conditions::DRAFT.code(), Conditions::DRAFT.code());
@@ -56,7 +56,7 @@ fn a_command_of_the_draft_in_two_frames_is_put_together() {
     for (own_id, pulse) in [(1, 1750.0), (2, 1000.0), (3, 1625.0), (4, 2000.0)] {
         let mut rig = Rig::with(&[(Parameter::Out1Id, own_id)]);
         rig.frames(&[first, second]);
-        assert_eq!(rig.node.pulse(), us(pulse), "actuator {own_id}");
+        assert_eq!(rig.node.pulse(0), us(pulse), "actuator {own_id}");
     }
 }
 
@@ -67,11 +67,11 @@ fn v0_wins_at_once_and_the_draft_is_followed_only_after_v0_has_been_silent_for_t
             let mut rig = Rig::with(&[(Parameter::Out1Timeout, 0)]);
             rig.run(start);
             rig.text(DRAFT_LOW);
-            assert_eq!(rig.node.pulse(), us(1000.0));
+            assert_eq!(rig.node.pulse(0), us(1000.0));
             rig.text(v0);
-            assert_eq!(rig.node.pulse(), if v0 == V0_HALF { us(1750.0) } else { us(1000.0) }, "at once");
+            assert_eq!(rig.node.pulse(0), if v0 == V0_HALF { us(1750.0) } else { us(1000.0) }, "at once");
             let mut silent_ms = 0;
-            while rig.node.pulse() != us(2000.0) {
+            while rig.node.pulse(0) != us(2000.0) {
                 rig.run(1);
                 silent_ms += 1;
                 assert!(silent_ms <= 4000, "{v0}");
@@ -92,9 +92,9 @@ fn no_flood_of_the_draft_keeps_v0_out() {
             rig.run(1);
         }
         rig.text(V0_HALF);
-        assert_eq!(rig.node.pulse(), us(1750.0));
+        assert_eq!(rig.node.pulse(0), us(1750.0));
         rig.text(DRAFT_LOW);
-        assert_eq!(rig.node.pulse(), us(1750.0), "v0 is still there");
+        assert_eq!(rig.node.pulse(0), us(1750.0), "v0 is still there");
     }
     assert!(!speaks_draft(&mut rig));
 }
@@ -107,10 +107,10 @@ fn with_dialect_1_nothing_of_the_draft_is_followed() {
         rig.text(DRAFT_STATUS);
         rig.run(1000);
     }
-    assert_eq!(rig.node.pulse(), 0);
+    assert_eq!(rig.node.pulse(0), 0);
     assert!(!speaks_draft(&mut rig));
     rig.text(V0_HALF);
-    assert_eq!(rig.node.pulse(), us(1750.0));
+    assert_eq!(rig.node.pulse(0), us(1750.0));
 }
 
 #[test]
@@ -121,11 +121,11 @@ fn with_dialect_2_nothing_of_v0_is_followed_and_all_is_sent_in_the_draft() {
         rig.text(V0_STATUS);
         rig.run(1000);
     }
-    assert_eq!(rig.node.pulse(), 0);
+    assert_eq!(rig.node.pulse(0), 0);
     assert!(speaks_draft(&mut rig));
     assert!(rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x0001_FC00 == 0x0001_E000), "{:?}", rig.can.sent);
     rig.text(DRAFT_HALF);
-    assert_eq!(rig.node.pulse(), us(1750.0));
+    assert_eq!(rig.node.pulse(0), us(1750.0));
 }
 
 #[test]

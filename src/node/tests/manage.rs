@@ -228,16 +228,16 @@ fn a_request_that_ends_too_early_sets_nothing() {
 fn what_is_set_is_in_force_at_once() {
     let mut rig = Rig::new();
     rig.command(UNITLESS, 1.0);
-    assert_eq!(rig.node.pulse(), us(2000.0));
+    assert_eq!(rig.node.pulse(0), us(2000.0));
     rig.get_set(&set(0, 2200, "OUT1_MAX"));
     rig.command(UNITLESS, 1.0);
-    assert_eq!(rig.node.pulse(), us(2200.0));
+    assert_eq!(rig.node.pulse(0), us(2200.0));
     rig.get_set(&set(0, 1, "OUT1_REVERSED"));
     rig.command(UNITLESS, 1.0);
-    assert_eq!(rig.node.pulse(), us(1000.0));
+    assert_eq!(rig.node.pulse(0), us(1000.0));
     rig.get_set(&set(0, 7, "OUT1_ID"));
     rig.command(UNITLESS, 0.0);
-    assert_eq!(rig.node.pulse(), us(1000.0), "it is actuator 7 now");
+    assert_eq!(rig.node.pulse(0), us(1000.0), "it is actuator 7 now");
 }
 
 #[cfg(feature = "standard")]
@@ -329,10 +329,10 @@ fn a_failed_save_leaves_the_parameters_that_were_saved_before() {
 fn erase_sets_the_defaults_and_keeps_them() {
     let mut rig = Rig::with(&[(Parameter::Out1Max, 2400), (Parameter::Out1Timeout, 0)]);
     rig.command(UNITLESS, 1.0);
-    assert_eq!(rig.node.pulse(), us(2400.0));
+    assert_eq!(rig.node.pulse(0), us(2400.0));
     execute(&mut rig, 1);
     rig.command(UNITLESS, 1.0);
-    assert_eq!(rig.node.pulse(), us(2000.0));
+    assert_eq!(rig.node.pulse(0), us(2000.0));
     let rig = Rig::start(rig.memory, ResetCause::POWER_ON);
     assert_eq!(rig.node.parameters.get(Parameter::Out1Max), 2000);
     assert!(rig.code() & Conditions::PARAMETERS_LOST.code() == 0);
@@ -392,7 +392,7 @@ fn the_golden_request_restarts_it_a_moment_after_the_reply() {
         assert!(!rig.node.is_to_restart(rig.now_ms()), "the reply comes first");
         rig.run(1);
         assert_eq!(golden::text(&rig.replies()), "1E057FF8 80 C6");
-        assert_eq!(rig.node.pulse(), us(1500.0), "failsafe");
+        assert_eq!(rig.node.pulse(0), us(1500.0), "failsafe");
         let mut waited_ms = 1;
         while !rig.node.is_to_restart(rig.now_ms()) {
             rig.run(1);
@@ -426,7 +426,7 @@ fn it_restarts_only_for_the_magic_number() {
             assert!(!rig.node.is_to_restart(rig.now_ms()), "{text}");
             rig.run(1);
         }
-        assert_eq!(rig.node.pulse(), us(1900.0));
+        assert_eq!(rig.node.pulse(0), us(1900.0));
     }
 }
 
@@ -571,7 +571,7 @@ fn a_request_that_is_refused_for_want_of_room_changes_nothing() {
     rig.command(PWM, 1900.0);
     fill(&mut rig);
     rig.text(RESTART);
-    assert_eq!(rig.node.pulse(), us(1900.0), "RestartNode");
+    assert_eq!(rig.node.pulse(0), us(1900.0), "RestartNode");
     rig.text("1E0AF8FF 01 00 00 00 00 00 00 C3");
     assert_eq!(rig.node.parameters.get(Parameter::Out1Max), 2400, "ExecuteOpcode");
     rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, &set(5, 2000, "")));
