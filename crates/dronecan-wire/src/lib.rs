@@ -15,5 +15,5 @@ pub mod types;
 
 pub use bits::{Id, Tail};
 pub use node_id::NodeId;
-pub use receive::{Received, Receiver, Rejection, Segment, Transfer, Verdict};
+pub use receive::{Received, Receiver, Rejection, Segment, Slot, Transfer, Verdict};
 pub use send::{Buffer, Data, Payload, Sender};

@@ -198,6 +198,29 @@ impl<'a, K: Received> Segment<'a, K> {
     }
 }
 
+/// A place for an entry of a list. A transfer has up to eight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    /// Index of the entry's first byte in [`Transfer::bytes`].
+    pub at: u8,
+    /// Its bit in [`Transfer::slots`].
+    pub bit: u8,
+}
+
+impl Slot {
+    /// Bytes of a slot: the longest entry of DroneCAN's lists.
+    pub const LEN: u8 = 4;
+
+    /// Slot `n` of eight.
+    #[inline(always)]
+    pub const fn new(n: u8) -> Self {
+        Self { at: n % 8 * Self::LEN, bit: 1 << (n % 8) }
+    }
+}
+
+/// The place of an entry that is not kept.
+const NOWHERE: u8 = 0xFF;
+
 /// A transfer that is being received, or is complete. Each lane of the [`Receiver`] holds one transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer<K, const KEPT: usize> {
@@ -213,10 +236,10 @@ pub struct Transfer<K, const KEPT: usize> {
     tail: Tail,
     /// Number of payload bytes so far, at most 255. In a list: number of bytes of the current entry.
     len: u8,
-    /// The receiver keeps the current bytes. In a list: the current entry is for this node.
-    is_kept: bool,
-    /// In a list: an entry was for this node.
-    has_entry: bool,
+    /// Where the receiver keeps the payload; in a list, the current entry. [`NOWHERE`] for an entry that is not for this node.
+    kept_at: u8,
+    /// In a list: the slots with an entry, a bit each.
+    slots: u8,
     /// In a list: number of complete entries.
     entries: u8,
     /// When its last frame came.
@@ -234,8 +257,8 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         priority: 0,
         tail: Tail(0),
         len: 0,
-        is_kept: false,
-        has_entry: false,
+        kept_at: 0,
+        slots: 0,
         entries: 0,
         heard_ms: 0,
         sum: 0,
@@ -243,12 +266,18 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         bytes: [0; KEPT],
     };
 
+    /// For a list: the [bits](Slot::bit) of the slots that have an entry. The entry is in [`bytes`](Self::bytes), from [`Slot::at`] on.
+    #[inline(always)]
+    pub fn slots(&self) -> u8 {
+        self.slots
+    }
+
     /// The transfer ID, 0 to 31.
     pub fn transfer_id(&self) -> u8 {
         self.tail.transfer_id()
     }
 
-    /// The payload, at most its first `KEPT` bytes. For a list: the last entry for this node, or empty if the list has none.
+    /// The payload, at most its first `KEPT` bytes. For a list: the last entry for slot 0, or empty if the list has no entry for this node.
     #[inline(always)]
     pub fn payload(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
@@ -275,26 +304,31 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.source = source;
         self.priority = priority;
         self.len = 0;
-        self.is_kept = true;
-        self.has_entry = false;
+        self.kept_at = 0;
+        self.slots = 0;
         self.entries = 0;
     }
 
     /// Takes payload bytes. See [`Received::entry_len`].
     #[inline(always)]
     #[allow(clippy::implicit_saturating_add, reason = "of LLVM 22 it takes 8 instructions a byte instead of 3")]
-    fn take(&mut self, payload: &[u8], entry_len: u8, own_id: u8) {
-        let (mut len, mut is_kept) = (self.len, self.is_kept);
+    fn take(&mut self, payload: &[u8], entry_len: u8, slot_of: impl Fn(u8) -> Option<Slot>) {
+        let (mut len, mut kept_at) = (self.len, self.kept_at);
         for &byte in payload {
             // A single-frame transfer is not open: it has no CRC.
             if self.is_open {
                 self.sum = crc::add(self.sum, byte);
             }
             if entry_len != 0 && len == 0 {
-                is_kept = byte == own_id;
-                self.has_entry |= is_kept;
+                kept_at = NOWHERE;
+                if let Some(slot) = slot_of(byte) {
+                    kept_at = slot.at;
+                    self.slots |= slot.bit;
+                }
             }
-            if is_kept && let Some(place) = self.bytes.get_mut(usize::from(len)) {
+            if kept_at != NOWHERE
+                && let Some(place) = self.bytes.get_mut(usize::from(kept_at + len))
+            {
                 *place = byte;
             }
             if len != u8::MAX {
@@ -306,7 +340,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
                 self.entries = self.entries.wrapping_add(1);
             }
         }
-        (self.len, self.is_kept) = (len, is_kept);
+        (self.len, self.kept_at) = (len, kept_at);
     }
 }
 
@@ -344,6 +378,19 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
     /// `protected`, for example the node whose command was followed last; 0 protects no node. `now_ms` is a clock that wraps.
     #[inline(always)]
     pub fn accept(&mut self, segment: Segment<'_, K>, own_id: u8, protected: u8, now_ms: u16) -> Verdict<'_, K, KEPT> {
+        self.accept_entries(segment, |id| (id == own_id).then_some(Slot::new(0)), protected, now_ms)
+    }
+
+    /// The same for a node that takes several entries of a list. `slot_of` says which slot an entry with this ID goes to. `KEPT` must be enough for all
+    /// slots.
+    #[inline(always)]
+    pub fn accept_entries(
+        &mut self,
+        segment: Segment<'_, K>,
+        slot_of: impl Fn(u8) -> Option<Slot>,
+        protected: u8,
+        now_ms: u16,
+    ) -> Verdict<'_, K, KEPT> {
         let Segment { kind, source, priority, tail, mut payload } = segment;
         let entry_len = kind.entry_len();
         let lane = if tail.is_single() {
@@ -382,7 +429,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
         }
         lane.tail = tail;
         lane.heard_ms = now_ms;
-        lane.take(payload, entry_len, own_id);
+        lane.take(payload, entry_len, slot_of);
         if !tail.is_end() {
             return verdict;
         }
@@ -394,7 +441,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
             if lane.len != 0 || lane.entries > kind.most_entries() {
                 return Verdict::Rejected(Rejection::Length);
             }
-            lane.len = if lane.has_entry { entry_len } else { 0 };
+            lane.len = if lane.slots != 0 { entry_len } else { 0 };
         }
         if kind.is_request() { Verdict::Request(lane) } else { Verdict::Message(lane) }
     }

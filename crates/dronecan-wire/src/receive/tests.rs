@@ -240,7 +240,7 @@ fn an_empty_list_is_complete_and_has_no_entry() {
     let mut rig = Rig::new();
     rig.text("1003F20A 01 00 00 38 C7");
     let transfer = rig.text("1003F20A C9").unwrap();
-    assert_eq!((transfer.has_entry, transfer.payload()), (false, &[][..]));
+    assert_eq!((transfer.slots(), transfer.payload()), (0, &[][..]));
 }
 
 #[test]
@@ -838,4 +838,31 @@ fn random_frames_cause_no_panic() {
     }
     // Most lists end within an entry and are rejected.
     assert!(came > 10_000, "{came}");
+}
+
+/// A node with several outputs: actuators 7 and 3 have slots 0 and 2.
+#[test]
+fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
+    let slot_of = |id| match id {
+        7 => Some(Slot::new(0)),
+        3 => Some(Slot::new(2)),
+        _ => None,
+    };
+    let entries = [[3, 0, 1, 1], [9, 0, 2, 2], [7, 4, 3, 3], [3, 4, 4, 4], [1, 0, 5, 5]];
+    for (entries, slots) in [(&entries[..], 0b101), (&entries[..2], 0b100), (&entries[4..], 0)] {
+        let mut receiver = Receiver::<Kind, 1, 1, 27>::new();
+        let frames = golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, entries.as_flattened());
+        let mut complete = None;
+        for frame in &frames {
+            let segment = Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
+            if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot_of, 0, 0) {
+                complete = Some(*transfer);
+            }
+        }
+        let transfer = complete.expect("a whole transfer");
+        assert_eq!(transfer.slots(), slots);
+        if slots == 0b101 {
+            assert_eq!((&transfer.bytes()[..4], &transfer.bytes()[8..12]), (&[7, 4, 3, 3][..], &[3, 4, 4, 4][..]));
+        }
+    }
 }
