@@ -121,6 +121,22 @@ pub struct Board {
     servo: PulseMeter,
     servo_pulses: Vec<Pulse>,
     servo_level: bool,
+    outputs: Vec<SwitchedOutput>,
+}
+
+/// A servo on a pin that the program switches itself.
+struct SwitchedOutput {
+    edges: Rc<RefCell<Vec<(Cycles, bool)>>>,
+    meter: PulseMeter,
+}
+
+impl SwitchedOutput {
+    fn attach(avr: &mut Avr, pin: Pin) -> SwitchedOutput {
+        let edges = Rc::new(RefCell::new(Vec::new()));
+        let seen = Rc::clone(&edges);
+        avr.watch_pin(pin.port(), pin.bit(), Box::new(move |level, at| seen.borrow_mut().push((at, level))));
+        SwitchedOutput { edges, meter: PulseMeter::new() }
+    }
 }
 
 impl Board {
@@ -189,6 +205,7 @@ impl Board {
         avr.watch_pin(wiring.cs.port(), wiring.cs.bit(), Box::new(move |level, at| cs.chip_select(level, at)));
         let spi = Rc::clone(&wires);
         avr.connect_spi(Box::new(SpiEnd(spi)));
+        let outputs = wiring.outputs.iter().map(|&pin| SwitchedOutput::attach(&mut avr, pin)).collect();
         let mut board = Board {
             wiring,
             avr,
@@ -198,6 +215,7 @@ impl Board {
             servo: PulseMeter::new(),
             servo_pulses: Vec::new(),
             servo_level: false,
+            outputs,
         };
         board.set_temperature_c(20.0);
         Ok(board)
@@ -345,6 +363,11 @@ impl Board {
     pub fn take_servo_pulses(&mut self) -> Vec<Pulse> {
         self.look_at_servo();
         std::mem::take(&mut self.servo_pulses)
+    }
+
+    /// Pulses of each output from the second on that ended since the last call.
+    pub fn take_output_pulses(&mut self) -> Vec<Vec<Pulse>> {
+        self.outputs.iter_mut().map(|output| output.meter.feed(output.edges.take())).collect()
     }
 
     /// Puts a probe on the wires and returns their levels now, as events at this time.

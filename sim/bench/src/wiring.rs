@@ -94,6 +94,8 @@ pub struct Wiring {
     /// Crystal of the MCP2515.
     pub crystal_mhz: u32,
     pub servo: Pin,
+    /// Outputs 2 and up, if the program has them.
+    pub outputs: Vec<Pin>,
     pub light: Option<Pin>,
     pub button: Option<Pin>,
     pub sensor: Pin,
@@ -125,6 +127,7 @@ impl Wiring {
             int: pin("button")?,
             crystal_mhz: 0,
             servo: pin("button")?,
+            outputs: Vec::new(),
             light: Some(pin("light")?),
             button: Some(pin("button")?),
             sensor: pin("sensor")?,
@@ -170,6 +173,11 @@ impl Wiring {
             int: pin("int", needed("int")?)?,
             crystal_mhz: crystal_mhz(needed("crystal_mhz")?).map_err(|error| wrong("crystal_mhz", error))?,
             servo: pin("servo", needed("servo")?)?,
+            outputs: value("outputs")
+                .into_iter()
+                .flat_map(|pins| pins.split(','))
+                .map(|text| pin("outputs", text))
+                .collect::<Result<_>>()?,
             light: optional("light")?,
             button: optional("button")?,
             sensor: pin("sensor", needed("sensor")?)?,
@@ -194,7 +202,8 @@ impl Wiring {
         let signals = [(self.cs, "CS"), (self.int, "INT"), (self.servo, "the servo"), (self.sensor, "the sensor")];
         let optional = optional.into_iter().filter_map(|(pin, signal)| Some((pin?, signal)));
         let mut seen: Vec<(Pin, &str)> = taken.into();
-        for (pin, signal) in signals.into_iter().chain(optional) {
+        let outputs = self.outputs.iter().map(|&pin| (pin, "an output"));
+        for (pin, signal) in signals.into_iter().chain(optional).chain(outputs) {
             if let Some((_, other)) = seen.iter().find(|(other, _)| *other == pin) {
                 bail!("{signal} is on {pin}, which is {other}'s");
             }
@@ -299,7 +308,9 @@ impl fmt::Display for Wiring {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} ({}), {}: ", self.board_title(), self.chip, self.shield_title())?;
         write!(f, "CS {}, INT {}, crystal {} MHz; ", self.cs, self.int, self.crystal_mhz)?;
-        write!(f, "servo {}, sensor {}", self.servo, self.sensor)?;
+        write!(f, "servo {}", self.servo)?;
+        self.outputs.iter().try_for_each(|output| write!(f, " {output}"))?;
+        write!(f, ", sensor {}", self.sensor)?;
         let optional = [("light", self.light), ("button", self.button)];
         optional
             .into_iter()
