@@ -13,6 +13,9 @@ const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/avr-specs");
 /// Minor hardware version of wiring that no entry of the table has.
 const OWN_WIRING: i64 = 255;
 
+/// Outputs of the feature `outputs` besides the servo's.
+const MORE_OUTPUTS: usize = 7;
+
 fn main() {
     let commit = git(&["rev-parse", "--short=8", "HEAD"]);
     set("NODE_COMMIT", commit.as_deref().and_then(|digits| digits.get(..8)).unwrap_or("0"));
@@ -57,6 +60,10 @@ fn describe_board() -> String {
     let pins = &table["pins"];
     let servos = pins["servo"].as_array().expect("avr-specs/boards.toml: pins.servo is a list");
     let servo = servos.iter().filter_map(Value::as_str).find(|pin| *pin != cs).expect("a pin for the servo");
+    let outputs = pins["outputs"].as_array().expect("avr-specs/boards.toml: pins.outputs is a list");
+    let outputs: Vec<&str> =
+        outputs.iter().filter_map(Value::as_str).filter(|pin| *pin != cs && *pin != servo).take(MORE_OUTPUTS).collect();
+    assert_eq!(outputs.len(), MORE_OUTPUTS, "avr-specs/boards.toml: pins.outputs has too few pins");
     let light = Some(text(&table, &["pins", "light"])).filter(|light| *light != interrupt);
     let has_entry = |shield: &&Value| {
         let is = |key: &str, value: &str| shield.get(key).is_some_and(|entry| plain(entry) == value);
@@ -72,6 +79,7 @@ fn describe_board() -> String {
     set("NODE_INT", &interrupt);
     set("NODE_CRYSTAL_MHZ", &crystal_mhz);
     set("NODE_SERVO", servo);
+    set("NODE_OUTPUTS", &outputs.join(","));
     set("NODE_LIGHT", light.as_deref().unwrap_or_default());
     set("NODE_BUTTON", &text(&table, &["pins", "button"]));
     set("NODE_SENSOR", &text(&table, &["pins", "sensor"]));

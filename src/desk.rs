@@ -17,7 +17,7 @@ use crate::node::acceptance::NodeAcceptance;
 use crate::node::agenda::{Agenda, Facts, Turn};
 use crate::node::condition::ResetCause;
 use crate::node::servo::{Output, Ticks};
-use crate::node::store::Eeprom;
+use crate::node::store::{Address, EEPROM_LEN, Eeprom};
 use crate::node::wire::Receiver;
 
 /// Bytes that the UART sends in a millisecond at 115200 baud.
@@ -30,7 +30,7 @@ const TURNS_MAX: u32 = 10_000;
 #[derive(Clone)]
 pub struct Memory {
     /// The contents.
-    pub cells: [u8; 256],
+    pub cells: [u8; EEPROM_LEN],
     /// True if writes have no effect.
     pub is_broken: bool,
     /// Number of writes until the supply fails, and the value that the last of them leaves. Later writes have no effect.
@@ -44,7 +44,7 @@ impl Memory {
 
     /// An erased EEPROM, as delivered.
     pub fn blank() -> Self {
-        Self { cells: [0xFF; 256], is_broken: false, fails_after: None, busy_for: Cell::new(0) }
+        Self { cells: [0xFF; EEPROM_LEN], is_broken: false, fails_after: None, busy_for: Cell::new(0) }
     }
 
     /// Waits for a byte that is being written, as the board does at a start.
@@ -54,7 +54,7 @@ impl Memory {
 }
 
 impl Eeprom for Memory {
-    fn read(&self, at: u8) -> u8 {
+    fn read(&self, at: Address) -> u8 {
         assert_eq!(self.busy_for.get(), 0, "read while a byte is being written");
         self.cells[usize::from(at)]
     }
@@ -64,7 +64,7 @@ impl Eeprom for Memory {
         self.busy_for.get() != 0
     }
 
-    fn begin_write(&mut self, at: u8, byte: u8) {
+    fn begin_write(&mut self, at: Address, byte: u8) {
         assert_eq!(self.busy_for.replace(Self::BUSY_FOR), 0, "written while a byte is being written");
         if self.is_broken {
             return;
@@ -194,7 +194,7 @@ impl Desk {
         let now_ms = self.now_ms();
         let Self { node, receiver, monitor, can, memory, servos, .. } = self;
         let is_empty = can.is_empty;
-        let turn = self.agenda.next(!can.received.is_empty(), || Facts {
+        let turn = self.agenda.next(!can.received.is_empty(), node.entry_after(), || Facts {
             has_ticked: self.passed_ms != 0,
             has_chore: node.has_chore(),
             is_controller_due: can.is_due,
@@ -207,7 +207,7 @@ impl Desk {
         match turn {
             Turn::TakeFrame => {
                 if let Some(frame) = can.received.pop_front() {
-                    node.receive(&frame, receiver, now_ms, InMemory, monitor, servos);
+                    node.receive(&frame, receiver, now_ms, || !can.received.is_empty(), InMemory, monitor, servos);
                 }
             }
             Turn::Tick => {
@@ -221,6 +221,8 @@ impl Desk {
                 node.read_temperature(self.readings[(self.ms & 1) as usize]);
                 self.is_to_restart |= node.is_to_restart(now_ms);
             }
+            #[cfg(feature = "outputs")]
+            Turn::Follow => node.follow_next(now_ms, monitor, servos),
             Turn::DoChore => node.do_chore(monitor),
             Turn::PollController => {
                 can.is_due = false;
@@ -268,7 +270,7 @@ impl Desk {
     /// Takes turns until no received frame and no chore is left.
     pub fn settle(&mut self) {
         let mut turns = 0;
-        while !self.can.received.is_empty() || self.node.has_chore() {
+        while !self.can.received.is_empty() || self.node.entry_after().is_some() || self.node.has_chore() {
             self.turn();
             turns += 1;
             assert!(turns < TURNS_MAX, "it goes on for ever");

@@ -18,10 +18,29 @@ pub const CAN_CRYSTAL_HZ: u32 = decimal(env!("NODE_CRYSTAL_MHZ")) as u32 * 1_000
 pub const CAN_SELECT: Pin = Pin::named(env!("NODE_CS"));
 /// MCP2515 INT.
 pub const CAN_INTERRUPT: Pin = Pin::named(env!("NODE_INT"));
-/// Outputs of the node.
-pub const OUTPUTS: usize = 1;
 /// The servo's signal: D9 (OC1A) or D10 (OC1B).
 pub const SERVO: Pin = Pin::named(env!("NODE_SERVO"));
+/// Outputs that the node can have.
+pub const OUTPUTS: usize = if cfg!(feature = "outputs") { 8 } else { 1 };
+/// Time from the beginning of an output's pulse to the beginning of the next output's pulse, in microseconds.
+pub const SLOT_US: u32 = 2500;
+/// The pins of the outputs: the servo's, and those that interrupts switch.
+pub const OUTPUT_PINS: [Pin; OUTPUTS] = {
+    let mut pins = [SERVO; OUTPUTS];
+    let mut rest = env!("NODE_OUTPUTS");
+    let mut n = 1;
+    while n < OUTPUTS {
+        let mut len = 0;
+        while len < rest.len() && rest.as_bytes()[len] != b',' {
+            len += 1;
+        }
+        let (name, behind) = rest.split_at(len);
+        pins[n] = Pin::named(name);
+        rest = if behind.is_empty() { behind } else { behind.split_at(1).1 };
+        n += 1;
+    }
+    pins
+};
 /// The light (OC2B). `None` if INT is on its pin.
 pub const LIGHT: Option<Pin> = if env!("NODE_LIGHT").is_empty() { None } else { Some(Pin::named(env!("NODE_LIGHT"))) };
 /// The button.
@@ -79,6 +98,7 @@ mod tests {
     fn no_two_signals_share_a_pin() {
         let mut pins =
             vec![CAN_SELECT, CAN_INTERRUPT, SERVO, BUTTON, Pin::named("A0"), Pin::named("D0"), Pin::named("D1")];
+        pins.extend(&OUTPUT_PINS[1..]);
         pins.extend(["D11", "D12", "D13"].map(Pin::named));
         pins.extend(LIGHT);
         for (n, pin) in pins.iter().enumerate() {

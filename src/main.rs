@@ -36,7 +36,7 @@ fn main() -> ! {
 
     let board = BOARD.insert(Board::new());
     node.start(guard::reset_cause(&board.cpu), &mut board.eeprom, || board.jitter.sample(), Image, monitor);
-    board.servo.set_rate(node.parameters.get(Parameter::OutRate));
+    board.servo.start(&node.parameters);
     let timing = bit_rate::timing(node.parameters.get(Parameter::CanBaudrate) as u8);
     let (acceptance, attempts) = (node.acceptance(Image), node.attempts());
     board.bus.controller(|can| can.configure(Configuration { timing, acceptance, attempts }));
@@ -49,7 +49,7 @@ fn main() -> ! {
     loop {
         guard::is_alive();
         let now_ms = board.clock.now_ms();
-        let turn = agenda.next(board.bus.has_frame(), || {
+        let turn = agenda.next(board.bus.has_frame(), node.entry_after(), || {
             let controller = board.bus.controller(|can| can.state(now_ms));
             Facts {
                 has_ticked: board.clock.has_ticked(),
@@ -64,7 +64,10 @@ fn main() -> ! {
         });
         match turn {
             Turn::TakeFrame => {
-                board.bus.take_frame(|frame| node.receive(frame, receiver, now_ms, Image, monitor, &mut board.servo));
+                let has_backlog = board::has_backlog;
+                board.bus.take_frame(|frame| {
+                    node.receive(frame, receiver, now_ms, has_backlog, Image, monitor, &mut board.servo);
+                });
             }
             Turn::Tick => {
                 let passed_ms = board.clock.tick();
@@ -92,6 +95,8 @@ fn main() -> ! {
                     guard::restart(ResetCause::ASKED_FOR);
                 }
             }
+            #[cfg(feature = "outputs")]
+            Turn::Follow => node.follow_next(now_ms, monitor, &mut board.servo),
             Turn::DoChore => node.do_chore(monitor),
             Turn::PollController => {
                 if let Some(notice) = board.bus.controller(|can| can.poll(now_ms)) {

@@ -654,6 +654,11 @@ impl Loaded {
         Loaded::with(rig, load, client)
     }
 
+    /// The same with a node that is up.
+    pub fn of(rig: Rig, load: Option<Load>, client: Client) -> Loaded {
+        Loaded::with(rig, load, client)
+    }
+
     fn with(mut rig: Rig, load: Option<Load>, client: Client) -> Loaded {
         rig.overflows_expected = true;
         for (name, value) in BUSY {

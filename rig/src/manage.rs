@@ -36,8 +36,32 @@ const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
     ("CRIT_MASK", 0x2000, 0, 65_535),
 ];
 /// What the preset "full" has after them.
-const OF_FULL: [(&str, i64, i64, i64); 4] =
-    [("LIGHT_ID", 0, 0, 255), ("STATS_RATE", 0, 0, 10), ("DIALECT", 0, 0, 2), ("SAFE_MODE", 1, 0, 1)];
+const OF_FULL: [(&str, i64, i64, i64); 5] = [
+    ("LIGHT_ID", 0, 0, 255),
+    ("STATS_RATE", 0, 0, 10),
+    ("DIALECT", 0, 0, 2),
+    ("SAFE_MODE", 1, 0, 1),
+    ("OUT_COUNT", 1, 1, 8),
+];
+
+/// After those, what it has for each output from the second to the eighth.
+fn of_output(output: i64) -> [(&'static str, i64, i64, i64); 9] {
+    let parameter = |name: &str, default, least, greatest| {
+        let name: &str = format!("OUT{output}_{name}").leak();
+        (name, default, least, greatest)
+    };
+    [
+        parameter("ID", output, 0, 255),
+        parameter("MIN", 1000, 500, 2400),
+        parameter("TRIM", 1500, 500, 2400),
+        parameter("MAX", 2000, 500, 2400),
+        parameter("REVERSED", 0, 0, 1),
+        parameter("RANGE", 90, 10, 360),
+        parameter("TIMEOUT", 1000, 0, 10_000),
+        parameter("FS", 0, 0, 3),
+        parameter("FS_PWM", 1500, 500, 2400),
+    ]
+}
 
 /// The parameters that the preset of the board's chip has, in order: name, default, least and greatest value.
 pub fn parameters() -> Vec<(&'static str, i64, i64, i64)> {
@@ -46,6 +70,7 @@ pub fn parameters() -> Vec<(&'static str, i64, i64, i64)> {
     all.insert(1, ("CAN_BAUDRATE", highest, 125_000, highest));
     if takes_both_dialects() {
         all.extend(OF_FULL);
+        all.extend((2..=8).flat_map(of_output));
     }
     all
 }

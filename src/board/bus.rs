@@ -126,23 +126,93 @@ unsafe fn fetch() {
     }
 }
 
+/// Does the work of the handler of the interrupt, with other interrupts enabled.
+#[inline(always)]
+fn fetch_in_handler() {
+    // Safety: INT0 is masked, so the handler cannot interrupt itself, and no other handler uses the controller or the queue. INT0 was enabled when the
+    // handler started, and the main loop has a reference to the controller only in the methods of `Bus` that mask INT0.
+    unsafe { fetch() };
+}
+
 /// The handler of the interrupt.
+#[cfg(not(feature = "outputs"))]
 #[inline(always)]
 fn handle_interrupt() {
     mask();
-    // Safety: INT0 is masked, so this handler cannot interrupt itself, and no other handler uses the controller or the queue.
+    // Safety: INT0 is masked, so this handler cannot interrupt itself.
     unsafe { avr_device::interrupt::enable() };
-    // Safety: INT0 is masked since `mask()`. It was enabled when this handler started, and the main loop has a reference to the controller only
-    // in the methods of `Bus` that mask INT0.
-    unsafe { fetch() };
+    fetch_in_handler();
     avr_device::interrupt::disable();
     unmask();
 }
 
-#[cfg(can_interrupt = "INT0")]
+#[cfg(all(can_interrupt = "INT0", not(feature = "outputs")))]
 interrupt!(INT0 { handle_interrupt() });
-#[cfg(can_interrupt = "INT1")]
+#[cfg(all(can_interrupt = "INT1", not(feature = "outputs")))]
 interrupt!(INT1 { handle_interrupt() });
+
+// The handler of the interrupt does the same in the other order: it enables interrupts before it saves registers, and disables them after it
+// has restored them. An edge of an output waits for it (see `outputs.rs`).
+//
+// SREG = 0x3F, EIMSK = 0x1D.
+#[cfg(feature = "outputs")]
+core::arch::global_asm!(
+    ".global __vector_{vector}",
+    "__vector_{vector}:",
+    "    push r24",
+    "    in   r24, 0x3F",
+    "    cbi  0x1D, {bit}",
+    "    sei",
+    "    push r24",
+    "    push r0",
+    "    push r1",
+    "    clr  r1",
+    "    push r18",
+    "    push r19",
+    "    push r20",
+    "    push r21",
+    "    push r22",
+    "    push r23",
+    "    push r25",
+    "    push r26",
+    "    push r27",
+    "    push r30",
+    "    push r31",
+    "    call {fetch}",
+    "    pop  r31",
+    "    pop  r30",
+    "    pop  r27",
+    "    pop  r26",
+    "    pop  r25",
+    "    pop  r23",
+    "    pop  r22",
+    "    pop  r21",
+    "    pop  r20",
+    "    pop  r19",
+    "    pop  r18",
+    "    pop  r1",
+    "    pop  r0",
+    "    pop  r24",
+    "    cli",
+    "    sbi  0x1D, {bit}",
+    "    out  0x3F, r24",
+    "    pop  r24",
+    "    reti",
+    vector = const INTERRUPT + 1,
+    bit = const INTERRUPT,
+    fetch = sym fetch_for_handler,
+);
+
+#[cfg(feature = "outputs")]
+extern "C" fn fetch_for_handler() {
+    fetch_in_handler();
+}
+
+/// True if more than one received frame waits behind the one that is taken.
+#[inline(always)]
+pub fn has_backlog() -> bool {
+    load(&raw const WRITTEN).wrapping_sub(load(&raw const READ)) > 2
+}
 
 /// The main loop's access to the controller and the queue.
 pub struct Bus {

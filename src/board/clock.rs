@@ -7,7 +7,7 @@ use super::CLOCK_HZ;
 const PRESCALER: u32 = 64;
 
 /// TOP of Timer0: it counts from 0 to this in a millisecond.
-const TOP: u8 = {
+pub const TOP: u8 = {
     assert!(CLOCK_HZ.is_multiple_of(PRESCALER * 1000));
     (CLOCK_HZ / PRESCALER / 1000 - 1) as u8
 };

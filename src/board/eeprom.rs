@@ -1,10 +1,13 @@
 //! The EEPROM (datasheet 2545, section 8.4). Writing a byte takes 3.4 ms. The program starts it and does not wait for the end.
 
+#![allow(clippy::unnecessary_cast, reason = "an address has 8 bits, or 16 with the feature outputs")]
+
 use core::arch::asm;
 
 use super::chip::EEPROM;
+use node::node::store::Address;
 
-/// The first 256 of the 512 bytes of the EEPROM.
+/// The bytes of the EEPROM that the program uses.
 pub struct Eeprom {
     eeprom: EEPROM,
 }
@@ -23,8 +26,8 @@ impl Eeprom {
 
 impl node::node::store::Eeprom for Eeprom {
     #[inline(never)]
-    fn read(&self, at: u8) -> u8 {
-        self.eeprom.eear().write(|w| w.set(u16::from(at)));
+    fn read(&self, at: Address) -> u8 {
+        self.eeprom.eear().write(|w| w.set(at as u16));
         // This sets EEPM to 0, so that a write after this read erases and writes in one operation.
         self.eeprom.eecr().write(|w| w.eere().set_bit());
         self.eeprom.eedr().read().bits()
@@ -35,8 +38,8 @@ impl node::node::store::Eeprom for Eeprom {
     }
 
     #[inline(never)]
-    fn begin_write(&mut self, at: u8, byte: u8) {
-        self.eeprom.eear().write(|w| w.set(u16::from(at)));
+    fn begin_write(&mut self, at: Address, byte: u8) {
+        self.eeprom.eear().write(|w| w.set(at as u16));
         self.eeprom.eedr().write(|w| w.set(byte));
         // EECR = 0x1F: EEMPE (bit 2), then within four cycles EEPE (bit 1).
         // Safety: the block writes only EECR, in the sequence that the datasheet requires. No interrupt may come in between, so interrupts are

@@ -105,6 +105,11 @@ pub fn check_stack() {
 
 /// Restarts the program, and stores the cause in GPIOR0.
 pub fn restart(cause: ResetCause) -> ! {
+    #[cfg(feature = "outputs")]
+    {
+        avr_device::interrupt::disable();
+        super::outputs::finish();
+    }
     // GPIOR0 = 0x1E.
     // Safety: the block does not return, so the running program uses nothing any more. The start code sets up the stack and all variables
     // again, and `Board::new` all registers.

@@ -26,3 +26,8 @@ label! {
     "button" "NODE_BUTTON",
     "sensor" "NODE_SENSOR",
 }
+
+#[cfg(feature = "outputs")]
+label! {
+    "outputs" "NODE_OUTPUTS",
+}

@@ -54,6 +54,8 @@ pub fn forget_restarts() {
 /// Resets the chip, so that the bootloader does the update of the request.
 pub fn enter(request: Option<&[u8; REQUEST_LEN]>) -> ! {
     avr_device::interrupt::disable();
+    #[cfg(feature = "outputs")]
+    super::outputs::finish();
     if let Some(request) = request {
         for (n, byte) in request.iter().enumerate() {
             // Safety: these bytes are behind the stack, so they are no variables, and there is no reference to them.

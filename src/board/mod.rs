@@ -41,8 +41,11 @@ mod label;
 mod light;
 #[cfg(feature = "update")]
 pub mod loader;
+#[cfg(feature = "outputs")]
+mod outputs;
 mod pins;
 mod serial;
+#[cfg(not(feature = "outputs"))]
 mod servo;
 mod spi;
 
@@ -56,7 +59,7 @@ use chip::CPU;
 use pins::Pins;
 
 pub use adc::Adc;
-pub use bus::Bus;
+pub use bus::{Bus, has_backlog};
 #[cfg(feature = "button")]
 pub use button::Button;
 pub use clock::Clock;
@@ -64,8 +67,11 @@ pub use eeprom::Eeprom;
 pub use jitter::Jitter;
 #[cfg(feature = "lights")]
 pub use light::Light;
+#[cfg(feature = "outputs")]
+pub use outputs::Outputs;
 pub use serial::Serial;
-pub use servo::Servo;
+#[cfg(not(feature = "outputs"))]
+pub use servo::Servo as Outputs;
 
 /// Crystal of the Arduino, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on it.
 pub const CLOCK_HZ: u32 = 16_000_000;
@@ -78,8 +84,8 @@ pub struct Board {
     pub serial: Serial,
     /// The CAN controller.
     pub bus: Bus,
-    /// The servo output.
-    pub servo: Servo,
+    /// The servo output, or the outputs.
+    pub servo: Outputs,
     /// The temperature sensor.
     pub adc: Adc,
     /// The light.
@@ -111,7 +117,7 @@ impl Board {
         // port registers hold.
         let pins = Pins::new(peripheral!(PORTB), peripheral!(PORTC), peripheral!(PORTD));
         Self {
-            servo: Servo::new(peripheral!(TC1), pins.servo),
+            servo: Outputs::new(peripheral!(TC1), pins.servo),
             bus: Bus::new(peripheral!(SPI), peripheral!(EXINT), pins.can_interrupt),
             clock: Clock::new(peripheral!(TC0)),
             serial: Serial::new(peripheral!(USART0)),

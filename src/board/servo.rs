@@ -9,6 +9,7 @@ use super::chip::TC1;
 use super::CLOCK_HZ;
 use super::pins::ServoSignal;
 use node::hardware::SERVO;
+use node::node::parameters::{Parameter, Parameters};
 use node::node::servo::{Output, Ticks, scaled};
 
 /// Whether the servo is on OC1A, and not on OC1B.
@@ -48,9 +49,14 @@ impl Servo {
         servo
     }
 
+    /// Takes over the rate. Call it before the first pulse.
+    pub fn start(&mut self, parameters: &Parameters) {
+        self.set_rate(parameters.get(Parameter::OutRate));
+    }
+
     /// Sets the rate in pulses a second, 50 to 333. Call it before the first pulse: it restarts the period, so that the timer is never above the new
     /// TOP.
-    pub fn set_rate(&mut self, rate_hz: u16) {
+    fn set_rate(&mut self, rate_hz: u16) {
         self.tc1.icr1().write(|w| w.set(scaled((TICKS / 64) as u16, 64, rate_hz).wrapping_sub(1)));
         self.tc1.tcnt1().write(|w| w.set(0));
     }

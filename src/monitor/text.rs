@@ -74,6 +74,12 @@ lines! {
     CommandThesis = "rx thesis.ServoCommand from %s tid %t: %c, pulse %p us",
     /// Received a command without an entry for this node.
     CommandElsewhere = "rx ArrayCommand from %s tid %t: not for actuator %c",
+    /// Received a command, and followed several entries of it.
+    #[cfg(feature = "outputs")]
+    CommandMany = "rx ArrayCommand from %s tid %t: id %c and others",
+    /// Received a command. It is not logged: it is when it is followed.
+    #[cfg(feature = "outputs")]
+    CommandWaits = "waits",
     /// The temperature, logged once a second.
     Temperature = "temperature %+%1 C",
     /// Two nodes command the output.
@@ -86,6 +92,9 @@ lines! {
     /// A parameter was not set: the value is out of range.
     #[cfg(feature = "standard")]
     ParameterRejected = "rx GetSet from %s tid %t: out of range for %n",
+    /// A parameter was not set: so many outputs have no room at such a rate.
+    #[cfg(feature = "outputs")]
+    ParameterNoRoom = "rx GetSet from %s tid %t: OUT_COUNT pulses do not fit at OUT_RATE, %n",
     /// Received an Allocation that gives this node no ID.
     #[cfg(feature = "allocation")]
     AllocationElsewhere = "rx Allocation from %s",
@@ -171,6 +180,12 @@ lines! {
     Failsafe = "FAILSAFE: no commands",
     /// The failsafe ends.
     FailsafeEnd = "commands again",
+    /// The failsafe of an output begins.
+    #[cfg(feature = "outputs")]
+    FailsafeOf = "FAILSAFE of output %c",
+    /// The failsafe of an output ends.
+    #[cfg(feature = "outputs")]
+    FailsafeOfEnd = "commands again for output %c",
     /// The vehicle is disarmed.
     #[cfg(feature = "standard")]
     Disarmed = "disarmed",

@@ -1,13 +1,26 @@
 //! The outputs together: which commands they follow, and when they require an armed vehicle.
 
 use super::actuator::Actuator;
-use super::parameters::{Parameter, Parameters};
-#[cfg(feature = "draft")]
+#[cfg(feature = "standard")]
+use super::parameters::Parameter;
+use super::parameters::Parameters;
+#[cfg(all(feature = "draft", not(feature = "outputs")))]
 use super::servo::CommandType;
 use super::servo::{Output, Ticks};
+#[cfg(not(feature = "outputs"))]
 use super::wire::Transfer;
 use crate::hardware::OUTPUTS;
 use crate::monitor::{Event, Line};
+
+#[cfg(not(feature = "outputs"))]
+mod one;
+#[cfg(feature = "outputs")]
+mod several;
+
+#[cfg(not(feature = "outputs"))]
+use one::Several;
+#[cfg(feature = "outputs")]
+use several::Several;
 
 /// The vehicle counts as disarmed after this time without an ArmingStatus, in seconds. ArduPilot sends two a second.
 #[cfg(feature = "standard")]
@@ -20,6 +33,8 @@ const SAFETY_TIMEOUT_S: u8 = 4;
 /// The outputs.
 pub struct Actuators {
     each: [Actuator; OUTPUTS],
+    /// What only a node with several outputs needs.
+    several: Several,
     /// True if an ArrayCommand came after the last followed command.
     hears_commands: bool,
     /// Seconds that the vehicle still counts as armed.
@@ -34,6 +49,7 @@ impl Actuators {
     pub const fn new() -> Self {
         Self {
             each: [Actuator::NONE; OUTPUTS],
+            several: Several::new(),
             hears_commands: false,
             armed_s: 0,
             #[cfg(feature = "safety")]
@@ -43,33 +59,44 @@ impl Actuators {
 
     /// Applies the parameters of the travel, also to the pulses.
     pub fn update(&mut self, parameters: &Parameters) {
-        for output in 0..OUTPUTS {
-            self.each[output].update(output, parameters);
+        for output in 0..self.used() {
+            self.each[place(output)].update(output, parameters);
         }
+        self.several.update(parameters);
     }
 
     /// Width of an output's pulse; 0 for none.
     pub fn pulse(&self, output: usize) -> Ticks {
-        self.each[output].pulse()
+        self.each[place(output)].pulse()
     }
 
     /// True from a followed command until the failsafe.
     pub fn is_following(&self, output: usize) -> bool {
-        self.each[output].is_following()
+        self.each[place(output)].is_following()
+    }
+
+    /// The outputs in use.
+    #[inline(always)]
+    fn used(&self) -> usize {
+        self.several.used()
     }
 
     /// The position that an output's pulse asks for, in radians as a float16; NaN without a pulse.
     #[inline(always)]
     pub fn position(&self, output: usize) -> u16 {
-        self.each[output].position()
+        self.each[place(output)].position()
     }
 
     /// Gives the pulses to the outputs of the board.
     #[inline(always)]
-    pub fn show(&self, board: &mut impl Output) {
-        for output in 0..OUTPUTS {
-            board.set(output, self.each[output].pulse());
+    pub fn show(&mut self, board: &mut impl Output) {
+        if !self.several.take_stale() {
+            return;
         }
+        for output in 0..self.used() {
+            board.set(output, self.each[place(output)].pulse());
+        }
+        board.commit();
     }
 
     /// True if no ArrayCommand came after the last followed command, not even one for other actuators.
@@ -127,14 +154,15 @@ impl Actuators {
         }
         let was_safe = self.is_safe();
         self.safe_s = SAFETY_TIMEOUT_S;
-        for actuator in &mut self.each {
+        for (output, actuator) in self.each.iter_mut().enumerate() {
             if !was_safe {
-                actuator.begin_safe(is_failsafe);
+                actuator.begin_safe(self.several.is_failing(output, is_failsafe));
             }
             if parameters.is_on(Parameter::SafeMode) {
                 actuator.stop();
             }
         }
+        self.several.touch();
     }
 
     /// From now on commands are expected again, if they were before.
@@ -149,10 +177,14 @@ impl Actuators {
     }
 
     /// Takes an ArrayCommand: its entry for this node, if there is one.
+    #[cfg(not(feature = "outputs"))]
     #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "it is inlined")]
     pub fn take_array_command(
         &mut self,
         command: &Transfer,
+        _entry_len: u8,
+        _has_backlog: impl FnOnce() -> bool,
         event: &mut Event,
         now_ms: u16,
         parameters: &Parameters,
@@ -173,6 +205,7 @@ impl Actuators {
     }
 
     /// Takes a command: a command type, and its value as a float16.
+    #[cfg(not(feature = "outputs"))]
     #[inline(always)]
     fn take_command(
         &mut self,
@@ -200,7 +233,24 @@ impl Actuators {
         board: &mut impl Output,
     ) -> Line {
         let pulse = self.each[0].pulse_of_byte(position);
-        self.follow(0, pulse, Line::CommandThesis, event, now_ms, parameters, board)
+        let line = self.follow(0, pulse, Line::CommandThesis, event, now_ms, parameters, board);
+        board.commit();
+        line
+    }
+
+    /// The line for the reason to reject all commands, if there is one.
+    #[inline(always)]
+    fn blocked(&self, parameters: &Parameters) -> Option<Line> {
+        #[cfg(feature = "standard")]
+        if self.is_disarmed(parameters) {
+            return Some(Line::RefusedDisarmed);
+        }
+        #[cfg(feature = "safety")]
+        if self.is_safe() {
+            return Some(Line::RefusedSafe);
+        }
+        let _ = parameters;
+        None
     }
 
     /// Sets an output's pulse, unless the vehicle has to be armed and is not.
@@ -216,17 +266,12 @@ impl Actuators {
         parameters: &Parameters,
         board: &mut impl Output,
     ) -> Line {
-        #[cfg(feature = "standard")]
-        if self.is_disarmed(parameters) {
-            return Line::RefusedDisarmed;
+        if let Some(line) = self.blocked(parameters) {
+            return line;
         }
-        #[cfg(feature = "safety")]
-        if self.is_safe() {
-            return Line::RefusedSafe;
-        }
-        let _ = parameters;
         board.set(output, pulse);
-        self.each[output].follow(pulse, now_ms);
+        self.each[place(output)].follow(pulse, now_ms);
+        self.several.follow(output);
         self.hears_commands = false;
         event.b = pulse;
         line
@@ -237,13 +282,17 @@ impl Actuators {
     #[inline(always)]
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
         let mut begins = false;
-        for output in 0..OUTPUTS {
-            if self.each[output].is_following() {
-                let is_late = self.each[output].is_late(output, now_ms, parameters);
+        for output in self.several.tick() {
+            if self.each[place(output)].is_following() {
+                let is_late = self.each[place(output)].is_late(output, now_ms, parameters);
                 if is_late || self.is_disarmed(parameters) {
-                    self.each[output].fail_safe(output, parameters);
+                    self.each[place(output)].fail_safe(output, parameters);
+                    self.several.touch();
                 }
                 begins |= is_late;
+                if is_late {
+                    self.several.fail(output);
+                }
             }
         }
         begins
@@ -252,8 +301,9 @@ impl Actuators {
     /// Has each output do what OUTn_FS says, until the next command.
     pub fn fail_safe(&mut self, parameters: &Parameters) {
         for output in 0..OUTPUTS {
-            self.each[output].fail_safe(output, parameters);
+            self.each[place(output)].fail_safe(output, parameters);
         }
+        self.several.touch();
     }
 
     /// Counts down the timeouts of ArmingStatus and SafetyState. Call once a second.
@@ -268,6 +318,13 @@ impl Actuators {
         }
         let _ = now_ms;
     }
+}
+
+/// The place of an output in a table. Outputs beyond the last do not occur, and the compiler cannot know that.
+#[inline(always)]
+#[allow(clippy::unnecessary_min_or_max, reason = "a build may have one output")]
+fn place(output: usize) -> usize {
+    output.min(OUTPUTS - 1)
 }
 
 impl Default for Actuators {

@@ -4,6 +4,8 @@ use dronecan_wire::{Id, float16};
 use mcp2515_ordered::Frame;
 
 use super::health::CanCounters;
+#[cfg(feature = "standard")]
+use super::parameters::OutputParameter;
 use super::parameters::Parameter;
 use super::publisher::Publication;
 use super::{Constants, Node, Sending};
@@ -122,8 +124,9 @@ impl Node {
             Publication::DegreesCelsius => self.outgoing.put8(self.temperature.celsius().clamp(0, 255) as u8),
             #[cfg(feature = "standard")]
             Publication::ActuatorStatus => {
-                self.outgoing.put8(self.parameters.get(Parameter::Out1Id) as u8);
-                self.outgoing.put16(self.actuators.position(0));
+                let output = self.actuators.next_to_report();
+                self.outgoing.put8(self.parameters.of(output, OutputParameter::Id) as u8);
+                self.outgoing.put16(self.actuators.position(output));
                 // Force and speed are not measured.
                 self.outgoing.put16(float16::NAN);
                 self.outgoing.put16(float16::NAN);
@@ -155,6 +158,13 @@ impl Node {
             }
             #[cfg(feature = "tunnel")]
             Publication::Targetted => self.tunnel.take(now_ms, |byte| self.outgoing.put8(byte)),
+            #[cfg(feature = "outputs")]
+            Publication::FailsafeOutputs => {
+                let [high, low] = float16::to_float32(self.actuators.failing().into());
+                self.outgoing.put16(low);
+                self.outgoing.put16(high);
+                self.outgoing.put16(u16::from_le_bytes(*b"fs"));
+            }
             #[cfg(feature = "allocation")]
             Publication::Allocation => {
                 self.allocation.ask(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));

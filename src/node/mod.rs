@@ -50,6 +50,8 @@ pub mod tunnel;
 pub mod update;
 pub mod wire;
 
+#[cfg(feature = "outputs")]
+use dronecan_wire::Slot;
 use dronecan_wire::{NodeId, Rejection, Verdict};
 use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Frame, Notice};
 
@@ -80,7 +82,7 @@ use allocation::Allocation;
 use button::Button;
 #[cfg(feature = "lights")]
 use lights::Lights;
-#[cfg(any(feature = "allocation", feature = "button", feature = "tunnel"))]
+#[cfg(any(feature = "allocation", feature = "button", feature = "outputs", feature = "tunnel"))]
 use publisher::Publication;
 #[cfg(feature = "tunnel")]
 use tunnel::Tunnel;
@@ -240,6 +242,8 @@ impl Node {
             store::has_parameters(eeprom)
         };
         self.health.set(Conditions::PARAMETERS_LOST, is_lost, [Line::ParametersLost; 2], monitor);
+        #[cfg(feature = "outputs")]
+        self.actuators.start(&self.parameters);
         self.take_parameters();
         self.filters_s = 0;
         self.id = self.parameters.get(Parameter::CanNode) as u8;
@@ -315,7 +319,7 @@ impl Node {
     }
 
     /// Gives the pulses to the outputs of the board.
-    pub fn show(&self, board: &mut impl Output) {
+    pub fn show(&mut self, board: &mut impl Output) {
         self.actuators.show(board);
     }
 
@@ -396,6 +400,8 @@ impl Node {
             }
             self.health.set(Conditions::FAILSAFE, true, [Line::Failsafe; 2], monitor);
         }
+        #[cfg(feature = "outputs")]
+        self.tell_failsafe(monitor);
         #[cfg(feature = "standard")]
         let is_disarmed = self.actuators.is_safe() || self.actuators.is_disarmed(&self.parameters);
         #[cfg(feature = "safety")]
@@ -407,6 +413,41 @@ impl Node {
         if now_ms.wrapping_sub(self.second_ms) >= 1000 {
             self.second_ms = self.second_ms.wrapping_add(1000);
             self.chores.add(Chore::Second);
+        }
+    }
+
+    /// Frames in a row after which the next entry of a command is followed. `None` if no entry waits.
+    #[inline(always)]
+    pub fn entry_after(&self) -> Option<u8> {
+        #[cfg(feature = "outputs")]
+        return self.actuators.entry_after();
+        #[cfg(not(feature = "outputs"))]
+        return None;
+    }
+
+    /// Follows the next entry of a command, and counts and logs it.
+    #[cfg(feature = "outputs")]
+    pub fn follow_next(&mut self, now_ms: u16, monitor: &mut Monitor, board: &mut impl Output) {
+        let line = self.actuators.follow_next(&mut self.note, now_ms, &self.parameters, board);
+        if line.is_refusal() {
+            count(&mut self.health.counts.refused);
+        } else if line != Line::CommandWaits {
+            count(&mut self.health.counts.followed);
+            if let Some(source) = NodeId::new(self.actuators.commander()) {
+                self.commanded_by(source, monitor);
+            }
+        }
+        self.log_note(line, monitor);
+        self.end_failsafe(monitor);
+    }
+
+    /// Logs and publishes which outputs are in failsafe, if that has changed and several outputs are in use.
+    #[cfg(feature = "outputs")]
+    fn tell_failsafe(&mut self, monitor: &mut Monitor) {
+        if let Some((output, begins)) = self.actuators.take_change() {
+            let line = if begins { Line::FailsafeOf } else { Line::FailsafeOfEnd };
+            monitor.log_line(line).set_code(output as u8 + 1);
+            self.publisher.publish(Publication::FailsafeOutputs);
         }
     }
 
@@ -429,6 +470,10 @@ impl Node {
         self.autopilot.second();
         self.actuators.second(self.second_ms);
         self.health.second();
+        #[cfg(feature = "outputs")]
+        if self.actuators.is_telling() {
+            self.publisher.publish(Publication::FailsafeOutputs);
+        }
         self.temperature.second(&mut self.health, monitor);
         #[cfg(feature = "draft")]
         {
@@ -444,13 +489,15 @@ impl Node {
         self.health.set(Conditions::DRAFT, self.dialect.is_draft(), [Line::Draft, Line::DraftEnd], monitor);
     }
 
-    /// Takes a received frame, and acts on the transfer that it completes.
+    /// Takes a received frame, and acts on the transfer that it completes. `has_backlog`: more frames wait, so what can wait does.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "the parts of the board, which the main loop owns")]
     pub fn receive(
         &mut self,
         frame: &Frame,
         receiver: &mut Receiver,
         now_ms: u16,
+        has_backlog: impl FnOnce() -> bool,
         flash: impl Progmem<Descriptions>,
         monitor: &mut Monitor,
         servo: &mut impl Output,
@@ -464,7 +511,17 @@ impl Node {
             Kind::LightsCommand => Parameter::LightId,
             _ => Parameter::Out1Id,
         }) as u8;
-        match receiver.accept(segment, own_id, self.autopilot.commander(), now_ms) {
+        let commander = self.autopilot.commander();
+        #[cfg(not(feature = "outputs"))]
+        let verdict = receiver.accept(segment, own_id, commander, now_ms);
+        #[cfg(feature = "outputs")]
+        let verdict = {
+            let is_command = segment.kind.is_command();
+            let actuators = &self.actuators;
+            let slot_of = |id| if is_command { actuators.slot_of(id) } else { (id == own_id).then_some(Slot::new(0)) };
+            receiver.accept_entries(segment, slot_of, commander, now_ms)
+        };
+        match verdict {
             Verdict::More => {}
             Verdict::Rejected(rejection) => self.reject(rejection, frame, monitor),
             Verdict::Message(message) => {
@@ -472,7 +529,7 @@ impl Node {
                 {
                     self.note.a = message.kind.id();
                 }
-                let line = self.act(message, now_ms, monitor, servo);
+                let line = self.act(message, now_ms, has_backlog, monitor, servo);
                 // The draft has another data type ID for the same kind.
                 #[cfg(feature = "draft")]
                 if line.is_refusal() {
@@ -496,13 +553,29 @@ impl Node {
         if line.is_refusal() {
             count(&mut self.health.counts.refused);
         }
-        self.note.line = line;
         self.note.set_source(transfer.source);
         self.note.set_transfer(transfer.transfer_id());
+        self.log_note(line, monitor);
+        self.end_failsafe(monitor);
+    }
+
+    /// Logs a line with the values of the note.
+    #[inline(always)]
+    fn log_note(&mut self, line: Line, monitor: &mut Monitor) {
+        self.note.line = line;
+        #[cfg(feature = "outputs")]
+        if line == Line::CommandWaits {
+            return;
+        }
         if let Some(event) = monitor.log_frame(line) {
             *event = self.note;
         }
-        if self.health.has(Conditions::FAILSAFE) && self.actuators.is_following(0) {
+    }
+
+    /// Ends the failsafe if a command was followed.
+    #[inline(always)]
+    fn end_failsafe(&mut self, monitor: &mut Monitor) {
+        if self.health.has(Conditions::FAILSAFE) && self.actuators.has_recovered() {
             self.health.set(Conditions::FAILSAFE, false, [Line::FailsafeEnd; 2], monitor);
         }
     }
@@ -541,7 +614,14 @@ impl Node {
 
     /// Acts on a message, and fills in the values of the log line. Returns the line to log, or the line for the reason of a rejection.
     #[inline(always)]
-    fn act(&mut self, transfer: &Transfer, now_ms: u16, monitor: &mut Monitor, servo: &mut impl Output) -> Line {
+    fn act(
+        &mut self,
+        transfer: &Transfer,
+        now_ms: u16,
+        has_backlog: impl FnOnce() -> bool,
+        monitor: &mut Monitor,
+        servo: &mut impl Output,
+    ) -> Line {
         let (kind, len) = (transfer.kind, transfer.len());
         let &[b0, ..] = transfer.bytes();
         let Some(source) = NodeId::new(transfer.source) else {
@@ -575,6 +655,8 @@ impl Node {
                 if self.actuators.is_safe() {
                     // Commands are missing for a reason.
                     self.health.clear(Conditions::FAILSAFE);
+                    #[cfg(feature = "outputs")]
+                    self.actuators.clear_failing();
                 }
                 self.note.set_code(b0);
                 return Line::SafetyState;
@@ -607,10 +689,15 @@ impl Node {
             }
             _ if kind.is_list() => {
                 self.note.set_code(self.parameters.get(Parameter::Out1Id) as u8);
-                self.actuators.take_array_command(transfer, &mut self.note, now_ms, &self.parameters, servo)
+                let Self { actuators, parameters, note, .. } = self;
+                actuators.take_array_command(transfer, kind.entry_len(), has_backlog, note, now_ms, parameters, servo)
             }
             _ => return Line::RefusedLength,
         };
+        #[cfg(feature = "outputs")]
+        if line == Line::CommandWaits {
+            return line;
+        }
         let is_followed = !line.is_refusal() && line != Line::CommandElsewhere;
         if is_followed {
             count(&mut self.health.counts.followed);
@@ -620,11 +707,19 @@ impl Node {
         let is_followed = is_followed || line == Line::RefusedDisarmed;
         #[cfg(feature = "safety")]
         let is_followed = is_followed || line == Line::RefusedSafe;
-        if is_followed && self.autopilot.commanded_by(source) {
+        if is_followed {
+            self.commanded_by(source, monitor);
+        }
+        line
+    }
+
+    /// Takes note of the sender of a command.
+    #[inline(always)]
+    fn commanded_by(&mut self, source: NodeId, monitor: &mut Monitor) {
+        if self.autopilot.commanded_by(source) {
             self.health.set(Conditions::TWO_COMMANDERS, true, [Line::TwoCommanders; 2], monitor);
             self.health.happened(Conditions::TWO_COMMANDERS);
         }
-        line
     }
 
     /// Acts on a NodeStatus.

@@ -126,7 +126,7 @@ impl Outgoing {
                 #[cfg(feature = "standard")]
                 parameter: (0, 0, 0),
                 #[cfg(feature = "update")]
-                text_at: information::NO_UPDATE_AT,
+                text_at: 0,
                 kept: [0; KEPT],
             },
             frame: Frame::EMPTY,

@@ -5,6 +5,12 @@ use dronecan_wire::crc;
 use crate::node::bit_rate::HIGHEST_RATE;
 use crate::progmem::Progmem;
 
+#[cfg(feature = "outputs")]
+mod outputs;
+
+/// Name, minimum, maximum and default of a parameter.
+type Row = (&'static str, i32, i32, i32);
+
 macro_rules! parameters {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $id:ident $name:literal $min:literal .. $max:tt = $default:expr,)*) => {
         /// A parameter. Its number is its index on the bus.
@@ -14,8 +20,8 @@ macro_rules! parameters {
             $($(#[doc = $doc])* $(#[cfg($if)])? $id,)*
         }
 
-        /// Name, minimum, maximum and default.
-        const TABLE: &[(&str, i32, i32, i32)] = &[$($(#[cfg($if)])? ($name, $min, $max, $default),)*];
+        /// The parameters of [`Parameter`].
+        const SINGLE: &[Row] = &[$($(#[cfg($if)])? ($name, $min, $max, $default),)*];
     };
 }
 
@@ -84,10 +90,28 @@ parameters! {
     /// What the output does while the safety switch is on: 0 holds the pulse, 1 ends the pulses.
     #[cfg(feature = "safety")]
     SafeMode "SAFE_MODE" 0..1 = 1,
+    /// Outputs in use.
+    #[cfg(feature = "outputs")]
+    OutCount "OUT_COUNT" 1..8 = 1,
 }
+
+/// All parameters: those of [`Parameter`], then those of the outputs from the second on, output by output.
+#[cfg(not(feature = "outputs"))]
+const TABLE: &[Row] = SINGLE;
+#[cfg(feature = "outputs")]
+const TABLE: &[Row] = &{
+    let mut table = [SINGLE[0]; SINGLE.len() + outputs::ROWS.len()];
+    let mut n = 0;
+    while n < table.len() {
+        table[n] = if n < SINGLE.len() { SINGLE[n] } else { outputs::ROWS[n - SINGLE.len()] };
+        n += 1;
+    }
+    table
+};
 
 /// A parameter that each output has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
 pub enum OutputParameter {
     /// OUTn_ID.
     Id,
@@ -112,7 +136,12 @@ pub enum OutputParameter {
 impl OutputParameter {
     /// The index of this parameter of an output.
     #[inline(always)]
-    const fn index(self, _output: usize) -> usize {
+    pub const fn index(self, output: usize) -> usize {
+        #[cfg(feature = "outputs")]
+        if let Some(output) = output.checked_sub(1) {
+            return SINGLE.len() + output * outputs::PARAMETERS + self as usize;
+        }
+        let _ = output;
         // The parameters of the first output are in the order in which they came to be.
         (match self {
             Self::Id => Parameter::Out1Id,
@@ -304,7 +333,7 @@ impl Parameters {
     /// The value of a parameter of an output.
     #[inline(always)]
     pub fn of(&self, output: usize, parameter: OutputParameter) -> u16 {
-        u16::from_le_bytes(self.values[parameter.index(output)])
+        u16::from_le_bytes(self.values.get(parameter.index(output)).copied().unwrap_or_default())
     }
 
     /// True if a parameter is not zero. For parameters below 256 only.
@@ -346,7 +375,9 @@ impl Parameters {
 
     /// Sets a parameter to a number. Returns false, and changes nothing, if the index does not exist or the number is out of range.
     pub fn set(&mut self, index: u8, mut number: i32, flash: impl Progmem<Descriptions>) -> bool {
-        let Some(value) = self.values.get_mut(usize::from(index)) else { return false };
+        if usize::from(index) >= COUNT {
+            return false;
+        }
         if index == Parameter::CanBaudrate as u8 {
             let mut doublings = 0;
             while doublings <= HIGHEST_RATE as u8 && rate(doublings) != number as u32 {
@@ -358,7 +389,11 @@ impl Parameters {
         if !is_in_range(low, place(DEFAULTS, index), flash) || high != sign(low, flash.word(place(MINIMA, index))) {
             return false;
         }
-        *value = low.to_le_bytes();
+        #[cfg(feature = "outputs")]
+        if self.has_no_room(index, low) {
+            return false;
+        }
+        self.values[usize::from(index)] = low.to_le_bytes();
         self.has_changed = true;
         true
     }
@@ -490,8 +525,9 @@ mod tests {
 
     #[test]
     fn what_is_set_is_answered() {
-        let mut parameters = fresh();
         for (index, &(name, min, max, default)) in TABLE.iter().enumerate() {
+            // Afresh, because not every number of outputs goes with every rate.
+            let mut parameters = fresh();
             for number in [min, max, default, (min + max) / 2] {
                 let [number, min, max, default] = [number, min, max, default].map(|number| on_the_bus(index, number));
                 if set(&mut parameters, index as u8, number) {

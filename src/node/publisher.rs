@@ -85,6 +85,9 @@ publications! {
     /// uavcan.tunnel.Targetted, with characters of the serial monitor.
     #[cfg(feature = "tunnel")]
     Targetted = types::TUNNEL_TARGETTED, long;
+    /// uavcan.protocol.debug.KeyValue, with the outputs in failsafe.
+    #[cfg(feature = "outputs")]
+    FailsafeOutputs = types::KEY_VALUE, short;
     /// uavcan.protocol.dynamic_node_id.Allocation
     #[cfg(feature = "allocation")]
     Allocation = types::ALLOCATION, short;
@@ -277,6 +280,9 @@ impl Publisher {
             if is_draft && publication == Publication::KeyValue { Publication::DegreesCelsius } else { publication };
         #[cfg(not(all(feature = "draft", feature = "button")))]
         let counted = publication;
+        // Both are KeyValues, so they share their transfer IDs.
+        #[cfg(all(feature = "outputs", feature = "button"))]
+        let counted = if counted == Publication::FailsafeOutputs { Publication::KeyValue } else { counted };
         let transfer_id = &mut self.transfer_ids[counted as usize];
         let current = *transfer_id;
         *transfer_id = (current + 1) & Tail::TRANSFER_ID;

@@ -153,6 +153,10 @@ impl Node {
                         self.chores.add(Chore::TakeParameters);
                     } else if get_set.parameter < parameters::COUNT as u8 {
                         line = Line::ParameterRejected;
+                        #[cfg(feature = "outputs")]
+                        if self.parameters.has_no_room(get_set.parameter, value as u16) {
+                            line = Line::ParameterNoRoom;
+                        }
                     }
                     self.note.a = value as u16;
                     self.note.b = u16::from(get_set.parameter);

@@ -45,6 +45,10 @@ pub trait Output {
     /// Sets the width of an output's pulse from the next period on; 0 ends the pulses. Does not cut a pulse that has begun, so the pulses end at the
     /// first call between two pulses.
     fn set(&mut self, output: usize, width: Ticks);
+
+    /// Ends a group of calls of [`set`](Self::set), whose pulses begin in the same period.
+    #[inline(always)]
+    fn commit(&mut self) {}
 }
 
 /// 4096 x pi / 360 x 65,536. Converts the whole travel in degrees to half of it in 4096ths of a radian, times 65,536.

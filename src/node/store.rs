@@ -8,40 +8,61 @@
 //! The parameters have two records, and a save overwrites the older one. The marker has a count of the saves, modulo 4, which distinguishes the newer
 //! record from the older, and the version of the layout.
 
+#![allow(
+    clippy::useless_conversion,
+    clippy::unnecessary_cast,
+    reason = "an address has 8 bits, or 16 with the feature outputs"
+)]
+
 use dronecan_wire::crc;
 
 use super::parameters::{self, Descriptions, Parameters, VALUES_LEN};
 use crate::progmem::Progmem;
 
-/// An EEPROM of 256 bytes. Writing a byte takes milliseconds.
+/// An address in the EEPROM.
+#[cfg(not(feature = "outputs"))]
+pub type Address = u8;
+/// An address in the EEPROM.
+#[cfg(feature = "outputs")]
+pub type Address = u16;
+
+/// Bytes of the EEPROM that the program uses.
+pub const EEPROM_LEN: usize = if cfg!(feature = "outputs") { 512 } else { 256 };
+
+/// An EEPROM of [`EEPROM_LEN`] bytes. Writing a byte takes milliseconds.
 pub trait Eeprom {
     /// The byte at an address. Do not call while a byte is being written.
-    fn read(&self, at: u8) -> u8;
+    fn read(&self, at: Address) -> u8;
     /// True while a byte is being written.
     fn is_busy(&self) -> bool;
     /// Begins to write a byte. Do not call while a byte is being written.
-    fn begin_write(&mut self, at: u8, byte: u8);
+    fn begin_write(&mut self, at: Address, byte: u8);
 }
 
 /// Bytes of a unique ID (DSDL uavcan/protocol/HardwareVersion.uavcan).
 pub const UNIQUE_ID_LEN: u8 = 16;
 
 /// Address of the unique ID. The first addresses are unused: a failing supply most likely corrupts them.
-const UNIQUE_ID: u8 = 0x04;
+const UNIQUE_ID: Address = 0x04;
 
 /// Addresses of the two records of the parameters.
-const PARAMETERS: [u8; 2] = [0x20, 0x90];
+#[cfg(not(feature = "outputs"))]
+const PARAMETERS: [Address; 2] = [0x20, 0x90];
+#[cfg(feature = "outputs")]
+const PARAMETERS: [Address; 2] = [0x020, 0x120];
 
 /// XOR with this turns one of the two addresses into the other.
-const OTHER: u8 = PARAMETERS[0] ^ PARAMETERS[1];
+const OTHER: Address = PARAMETERS[0] ^ PARAMETERS[1];
 
 const CRC_LEN: u8 = 2;
 
 /// Offset of the marker in a record of the parameters.
 const MARKER: u8 = VALUES_LEN + CRC_LEN;
 
-const _: () = assert!(UNIQUE_ID + UNIQUE_ID_LEN + CRC_LEN < PARAMETERS[0]);
-const _: () = assert!(PARAMETERS[0] + MARKER < PARAMETERS[1] && PARAMETERS[1].checked_add(MARKER).is_some());
+const _: () = assert!(PARAMETERS[0] > UNIQUE_ID + (UNIQUE_ID_LEN + CRC_LEN) as Address);
+const _: () = assert!(
+    PARAMETERS[0] + (MARKER as Address) < PARAMETERS[1] && PARAMETERS[1] as usize + (MARKER as usize) < EEPROM_LEN
+);
 
 /// The value of an erased byte.
 const ERASED: u8 = 0xFF;
@@ -80,6 +101,10 @@ fn crc_start(marker: u8) -> u16 {
 /// probability that two in a million boards have the same ID is 3e-8.
 const SAMPLES: u8 = 64;
 
+/// Steps of a save at each call: the check of a byte, and with many parameters the write of the next one, too. A save of 101 parameters then takes
+/// 0.85 s at most, and clients wait for a second.
+const STEPS: u8 = if cfg!(feature = "outputs") { 2 } else { 1 };
+
 /// The state of a save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
@@ -98,7 +123,7 @@ enum Saving {
 pub struct Store {
     saving: Saving,
     /// Address of the record that is being written, or is next.
-    base: u8,
+    base: Address,
     /// The record's new marker, and the marker to write now.
     next_marker: u8,
     marker: u8,
@@ -149,8 +174,8 @@ impl Store {
         eeprom: &impl Eeprom,
         flash: impl Progmem<Descriptions>,
     ) -> bool {
-        let first = eeprom.read(PARAMETERS[0].wrapping_add(MARKER));
-        let second = eeprom.read(PARAMETERS[1].wrapping_add(MARKER));
+        let first = eeprom.read(PARAMETERS[0].wrapping_add(MARKER.into()));
+        let second = eeprom.read(PARAMETERS[1].wrapping_add(MARKER.into()));
         let (mut base, mut newest) = (PARAMETERS[0], first);
         if second.wrapping_sub(first) & COUNT_MASK == 1 {
             (base, newest) = (PARAMETERS[1], second);
@@ -193,11 +218,13 @@ impl Store {
     /// Does the next step of a save in progress. Starts the save again if a parameter changed. Call in the main loop: takes 10 us, or much less while
     /// a byte is being written.
     pub fn step(&mut self, parameters: &mut Parameters, eeprom: &mut impl Eeprom) {
-        if self.is_saving() {
-            if parameters.take_change() {
-                self.save();
+        for _ in 0..STEPS {
+            if self.is_saving() {
+                if parameters.take_change() {
+                    self.save();
+                }
+                self.write(parameters.bytes(), eeprom);
             }
-            self.write(parameters.bytes(), eeprom);
         }
     }
 
@@ -221,7 +248,7 @@ impl Store {
             // After the bytes comes the high byte of the CRC. Adding that byte to the CRC moves the low byte into its place.
             byte = bytes.get(usize::from(self.place)).copied().unwrap_or((self.crc >> 8) as u8);
         }
-        let at = self.base.wrapping_add(self.place);
+        let at = self.base.wrapping_add(self.place.into());
         if eeprom.read(at) != byte {
             if self.saving == Saving::Trying {
                 self.saving = Saving::Failed;
@@ -257,8 +284,8 @@ pub fn has_parameters(eeprom: &impl Eeprom) -> bool {
 
 /// Reads the record at an address. Returns its marker; [`NO_RECORD`] if it is invalid.
 #[inline(never)]
-fn read(bytes: &mut [u8], base: u8, eeprom: &impl Eeprom) -> u8 {
-    let marker = eeprom.read(base.wrapping_add(bytes.len() as u8).wrapping_add(CRC_LEN));
+fn read(bytes: &mut [u8], base: Address, eeprom: &impl Eeprom) -> u8 {
+    let marker = eeprom.read(base.wrapping_add(bytes.len() as Address).wrapping_add(CRC_LEN.into()));
     let mut crc = crc_start(marker);
     let mut at = base;
     for place in bytes {
@@ -288,22 +315,22 @@ mod tests {
     /// An EEPROM whose supply can be cut.
     #[derive(Clone)]
     struct Model {
-        cells: [u8; 256],
-        writing: Option<(u8, u8)>,
+        cells: [u8; EEPROM_LEN],
+        writing: Option<(Address, u8)>,
         /// Calls of `is_busy` until the byte is written.
         busy: std::cell::Cell<u8>,
         writes: u32,
         /// Address of a worn-out cell, which keeps its value.
-        stuck: Option<u8>,
+        stuck: Option<Address>,
     }
 
     impl Model {
-        fn with(cells: [u8; 256]) -> Self {
+        fn with(cells: [u8; EEPROM_LEN]) -> Self {
             Self { cells, writing: None, busy: 0.into(), writes: 0, stuck: None }
         }
 
         fn blank() -> Self {
-            Self::with([0xFF; 256])
+            Self::with([0xFF; EEPROM_LEN])
         }
 
         fn settle(&mut self) {
@@ -317,7 +344,7 @@ mod tests {
     }
 
     impl Eeprom for Model {
-        fn read(&self, at: u8) -> u8 {
+        fn read(&self, at: Address) -> u8 {
             assert_eq!(self.busy.get(), 0, "read while a byte is being written");
             match self.writing {
                 Some((writing, byte)) if writing == at && self.stuck != Some(at) => byte,
@@ -330,7 +357,7 @@ mod tests {
             self.busy.get() != 0
         }
 
-        fn begin_write(&mut self, at: u8, byte: u8) {
+        fn begin_write(&mut self, at: Address, byte: u8) {
             assert_eq!(self.busy.get(), 0, "write while a byte is being written");
             self.settle();
             self.writing = Some((at, byte));
@@ -430,7 +457,7 @@ mod tests {
                     // A cut of the very first save loses parameters, unless it is cut before the first byte of the record or at its end.
                     let has_begun = after.cells[usize::from(PARAMETERS[0])] != 0xFF;
                     // Garbage in the marker looks like a copy that was complete.
-                    let is_marker = PARAMETERS.contains(&at.wrapping_sub(MARKER)) && garbage != NO_RECORD;
+                    let is_marker = PARAMETERS.contains(&at.wrapping_sub(MARKER.into())) && garbage != NO_RECORD;
                     if !is_marker {
                         let is_first = saves == 0 && parameters == old && has_begun;
                         assert_eq!(is_lost, is_first, "{writes} writes, {garbage:#x}");
@@ -522,7 +549,7 @@ mod tests {
     fn a_cell_that_does_not_keep_its_value_fails_the_save_and_the_old_parameters_stay() {
         let (start, old) = after_saves(4);
         let mut failed = 0;
-        for stuck in PARAMETERS[0]..=PARAMETERS[1] + MARKER {
+        for stuck in PARAMETERS[0]..=PARAMETERS[1] + MARKER as Address {
             let mut eeprom = start.clone();
             eeprom.stuck = Some(stuck);
             let (mut store, _, _) = loaded(&eeprom);
@@ -553,7 +580,7 @@ mod tests {
             assert_eq!((parameters, is_lost), (defaults(), true));
         }
         for byte in [0x00, 0x01, 0xA5, 0xFE] {
-            let (_, parameters, is_lost) = loaded(&Model::with([byte; 256]));
+            let (_, parameters, is_lost) = loaded(&Model::with([byte; EEPROM_LEN]));
             assert_eq!((parameters, is_lost), (defaults(), true), "{byte:#x}");
         }
     }
@@ -585,9 +612,9 @@ mod tests {
     fn after_a_save_nothing_is_lost_any_more() {
         for first in 0..=255 {
             for second in 0..=255 {
-                let mut eeprom = Model::with([0; 256]);
-                eeprom.cells[usize::from(PARAMETERS[0] + MARKER)] = first;
-                eeprom.cells[usize::from(PARAMETERS[1] + MARKER)] = second;
+                let mut eeprom = Model::with([0; EEPROM_LEN]);
+                eeprom.cells[usize::from(PARAMETERS[0] + MARKER as Address)] = first;
+                eeprom.cells[usize::from(PARAMETERS[1] + MARKER as Address)] = second;
                 let (mut store, mut parameters, is_lost) = loaded(&eeprom);
                 assert!(is_lost);
                 assert!(save(&mut store, &mut parameters, &mut eeprom));
@@ -614,7 +641,7 @@ mod tests {
             assert!(save(&mut store, &mut set(number), &mut eeprom));
         }
         for (at, &byte) in eeprom.cells.iter().enumerate() {
-            let is_inside = PARAMETERS.iter().any(|&base| (base..=base + MARKER).contains(&(at as u8)));
+            let is_inside = PARAMETERS.iter().any(|&base| (base..=base + MARKER as Address).contains(&(at as Address)));
             assert!(is_inside || byte == 0xFF, "{at:#x}");
         }
     }
@@ -651,7 +678,7 @@ mod tests {
     }
 
     /// Changes the record at `base` to that of a build whose table of parameters has this digest.
-    fn of_another_table(eeprom: &mut Model, base: u8, digest: u16) {
+    fn of_another_table(eeprom: &mut Model, base: Address, digest: u16) {
         let base = usize::from(base);
         let marker = eeprom.cells[base + usize::from(MARKER)];
         let values = &eeprom.cells[base..base + usize::from(VALUES_LEN)];
@@ -690,7 +717,7 @@ mod tests {
             let (mut store, _, _) = loaded(&eeprom);
             store.next_marker = version << 2;
             assert!(save(&mut store, &mut set(1), &mut eeprom));
-            assert_eq!(eeprom.cells[usize::from(PARAMETERS[0] + MARKER)], version << 2, "a whole record");
+            assert_eq!(eeprom.cells[usize::from(PARAMETERS[0] + MARKER as Address)], version << 2, "a whole record");
             let (mut store, mut parameters, is_lost) = loaded(&eeprom);
             assert_eq!((parameters, is_lost), (defaults(), true), "{version}");
             assert_eq!(identified(&mut eeprom, || unreachable!()), id);
@@ -729,7 +756,7 @@ mod tests {
         for byte in 0..CRC_LEN {
             let mut eeprom = Model::blank();
             identified(&mut eeprom, noise(1));
-            eeprom.cells[usize::from(UNIQUE_ID + UNIQUE_ID_LEN + byte)] ^= 1;
+            eeprom.cells[usize::from(UNIQUE_ID + Address::from(UNIQUE_ID_LEN + byte))] ^= 1;
             let mut is_made = false;
             identified(&mut eeprom, || {
                 is_made = true;
@@ -762,7 +789,7 @@ mod tests {
                 let (mut store, mut id) = (Store::new(), [0; 16]);
                 store.identify(&mut id, &mut eeprom, noise(1));
                 // The state while the next byte was being written. The bytes are written in order, the marker last.
-                let mut cells = [0xFF; 256];
+                let mut cells = [0xFF; EEPROM_LEN];
                 let written = usize::from(UNIQUE_ID) + writes as usize;
                 cells[..written].copy_from_slice(&eeprom.cells[..written]);
                 cells[written] = garbage;
@@ -792,7 +819,7 @@ mod tests {
     #[test]
     fn no_noise_makes_an_id_of_zeros() {
         for constant in 0..=255 {
-            for cells in [[0xFF; 256], [0; 256]] {
+            for cells in [[0xFF; EEPROM_LEN], [0; EEPROM_LEN]] {
                 assert_ne!(identified(&mut Model::with(cells), || constant), [0; 16]);
             }
         }
@@ -802,13 +829,13 @@ mod tests {
     fn an_eeprom_that_never_ends_a_write_is_given_up() {
         struct Dead;
         impl Eeprom for Dead {
-            fn read(&self, _: u8) -> u8 {
+            fn read(&self, _: Address) -> u8 {
                 0xFF
             }
             fn is_busy(&self) -> bool {
                 true
             }
-            fn begin_write(&mut self, _: u8, _: u8) {}
+            fn begin_write(&mut self, _: Address, _: u8) {}
         }
         let mut id = [0; 16];
         Store::new().identify(&mut id, &mut Dead, noise(1));

@@ -121,8 +121,8 @@ impl Node {
         [record[4], record[5]] = crc.to_be_bytes();
         for n in 0..BUS_LEN {
             wait(eeprom);
-            if eeprom.read(BUS + n) != record[usize::from(n)] {
-                eeprom.begin_write(BUS + n, record[usize::from(n)]);
+            if eeprom.read((BUS + n).into()) != record[usize::from(n)] {
+                eeprom.begin_write((BUS + n).into(), record[usize::from(n)]);
             }
         }
         wait(eeprom);

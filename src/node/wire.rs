@@ -8,7 +8,11 @@ use crate::hardware::LANES;
 
 /// Bytes kept of a request: a GetSet with an integer and a name of 16 characters, and one more byte, so that a longer name does not match by its
 /// first 16 characters.
+#[cfg(not(feature = "outputs"))]
 pub const KEPT: usize = 27;
+/// Bytes kept of a transfer: entries of an ArrayCommand for eight outputs, or a request as above.
+#[cfg(feature = "outputs")]
+pub const KEPT: usize = 8 * 4;
 
 /// Lists that can be received at the same time, each from another sender.
 pub const LIST_LANES: usize = LANES;

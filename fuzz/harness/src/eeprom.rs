@@ -8,8 +8,10 @@
 
 use dronecan_host::{Message, Value, crc};
 use node::desk::Memory;
+use node::hardware::OUTPUTS;
 use node::node::condition::ResetCause;
-use node::node::parameters::{self, Parameter};
+use node::node::parameters::{self, OutputParameter, Parameter};
+use node::node::store::EEPROM_LEN;
 
 use crate::rig::Rig;
 use crate::steps::Type;
@@ -18,11 +20,11 @@ use crate::steps::Type;
 const RECORDS: [(usize, usize, u16, u8); 3] = [
     (0x04, 16, 0x0100, 1 << 0),
     (0x20, 2 * parameters::COUNT, parameters::DIGEST, 1 << 1),
-    (0x90, 2 * parameters::COUNT, parameters::DIGEST, 1 << 2),
+    (0x120, 2 * parameters::COUNT, parameters::DIGEST, 1 << 2),
 ];
 
 /// Gives a record a valid CRC.
-fn put_right(cells: &mut [u8; 256], start: usize, len: usize, sum: u16) {
+fn put_right(cells: &mut [u8; EEPROM_LEN], start: usize, len: usize, sum: u16) {
     let marker = cells[start + len + 2];
     let crc = crc::feed(sum ^ u16::from(marker), &cells[start..start + len]);
     cells[start + len..start + len + 2].copy_from_slice(&crc.to_be_bytes());
@@ -76,8 +78,11 @@ pub fn run(input: &[u8]) {
         if right & bit != 0 {
             if sum == parameters::DIGEST {
                 // The node's own records have no range of 16 bits, and its products would overflow with one.
-                let range = memory.cells[start + 2 * Parameter::Out1Range as usize..].first_chunk_mut().unwrap();
-                *range = u16::from_le_bytes(*range).min(360).to_le_bytes();
+                for output in 0..OUTPUTS {
+                    let index = OutputParameter::Range.index(output);
+                    let range = memory.cells[start + 2 * index..].first_chunk_mut().unwrap();
+                    *range = u16::from_le_bytes(*range).min(360).to_le_bytes();
+                }
             }
             put_right(&mut memory.cells, start, len, sum);
         }

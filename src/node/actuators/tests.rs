@@ -16,6 +16,8 @@ impl Rig {
     fn new(values: &[(Parameter, i32)]) -> Self {
         let parameters = golden::parameters(values);
         let mut actuators = Actuators::new();
+        #[cfg(feature = "outputs")]
+        actuators.start(&parameters);
         actuators.update(&parameters);
         Self { actuators, servos: Servos([0; OUTPUTS]), parameters, now_ms: 0 }
     }
@@ -27,7 +29,9 @@ impl Rig {
         let Verdict::Message(command) = receiver.accept(segment(&frame, 120).unwrap(), 1, 0, 0) else { panic!() };
         let mut event = Event::new(Line::Running);
         let (parameters, servos) = (&self.parameters, &mut self.servos);
-        (self.actuators.take_array_command(command, &mut event, self.now_ms, parameters, servos), event)
+        let now_ms = self.now_ms;
+        let line = self.actuators.take_array_command(command, 4, || false, &mut event, now_ms, parameters, servos);
+        (line, event)
     }
 
     fn pwm(&mut self, width: f32) -> Line {

@@ -129,6 +129,8 @@ fn what_the_node_sends_has_the_ids_of_the_dsdl() {
         (Publication::KeyValue, 16370),
         #[cfg(feature = "tunnel")]
         (Publication::Targetted, 3001),
+        #[cfg(feature = "outputs")]
+        (Publication::FailsafeOutputs, 16370),
         #[cfg(feature = "allocation")]
         (Publication::Allocation, 1),
     ];

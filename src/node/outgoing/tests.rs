@@ -215,6 +215,10 @@ fn the_golden_refusal_of_an_update_comes_out_byte_for_byte() {
     let mut outgoing = kept(&[1]);
     outgoing.payload.form = Form::Text;
     outgoing.payload.len = 1 + information::NO_UPDATE_LEN;
+    #[cfg(feature = "update")]
+    {
+        outgoing.payload.text_at = information::NO_UPDATE_AT;
+    }
     begin(&mut outgoing, 0x1E28_7FF8, 9, golden::BEGIN_FIRMWARE_UPDATE);
     assert_eq!(
         golden::text(&sent(&mut outgoing).0),

@@ -1,0 +1,359 @@
+//! A node with several outputs: which are in use, which entries of an ArrayCommand are for them, and which of them are in failsafe.
+
+use super::super::agenda::{FRAMES_BEFORE_ENTRY, FRAMES_IN_A_ROW};
+use super::super::parameters::{OutputParameter, Parameters};
+use super::super::servo::{CommandType, Output};
+use super::super::wire::{KEPT, Transfer};
+use super::{Actuators, place};
+use crate::hardware::OUTPUTS;
+use crate::monitor::{Event, Line};
+use dronecan_wire::Slot;
+
+/// What the outputs have together.
+pub struct Several {
+    /// Outputs in use.
+    used: u8,
+    /// OUTn_ID of each output.
+    ids: [u8; OUTPUTS],
+    /// Outputs in failsafe: bit n - 1 is output n.
+    failing: u8,
+    /// `failing` when it was logged and published last.
+    told: u8,
+    /// The output of the next actuator.Status.
+    #[cfg(feature = "standard")]
+    reported: u8,
+    /// No entry of the last command was followed yet.
+    is_new: bool,
+    /// The slots of the last commands, the length of an entry, and the last command's source and transfer ID.
+    bytes: [u8; KEPT],
+    entry_len: u8,
+    source: u8,
+    transfer: u8,
+    /// Outputs that have not followed theirs yet, a bit each, and the output to look at next.
+    waiting: u8,
+    next: u8,
+    /// For each output the slot in which the receiver keeps its entry. Outputs with the same ID have the same.
+    slots: [Slot; OUTPUTS],
+    /// For each value of the lower four bits of an ID, an output in use with such an ID, from 1. 0 if there is none.
+    by_lower_bits: [u8; 16],
+    /// The output whose commands and failsafe are looked at next.
+    ticked: u8,
+    /// A pulse changed without a command.
+    is_stale: bool,
+}
+
+impl Several {
+    /// No output in use yet.
+    pub const fn new() -> Self {
+        Self {
+            used: 0,
+            ids: [0; OUTPUTS],
+            failing: 0,
+            told: 0,
+            #[cfg(feature = "standard")]
+            reported: 0,
+            is_new: false,
+            bytes: [0; KEPT],
+            entry_len: 0,
+            source: 0,
+            transfer: 0,
+            waiting: 0,
+            next: 0,
+            slots: [Slot { at: 0, bit: 0 }; OUTPUTS],
+            by_lower_bits: [0; 16],
+            ticked: 0,
+            is_stale: false,
+        }
+    }
+
+    /// Takes over the IDs of the outputs.
+    pub fn update(&mut self, parameters: &Parameters) {
+        self.by_lower_bits = [0; 16];
+        for output in 0..self.used() {
+            let id = parameters.of(output, OutputParameter::Id) as u8;
+            self.ids[output] = id;
+            self.slots[output] = Slot::new(output as u8);
+            self.by_lower_bits[usize::from(id % 16)] = output as u8 + 1;
+        }
+        for output in 0..self.used() {
+            if let Some(slot) = self.slot_of(self.ids[output]) {
+                self.slots[output] = slot;
+            }
+        }
+        self.is_stale = true;
+    }
+
+    /// The slot for an ID, if an output in use has it. It is looked up in 20 cycles, unless IDs differ by 16.
+    #[inline(always)]
+    fn slot_of(&self, id: u8) -> Option<Slot> {
+        let output = usize::from(self.by_lower_bits[usize::from(id % 16)].checked_sub(1)?) % OUTPUTS;
+        if self.ids[output] == id { Some(self.slots[output]) } else { self.search(id) }
+    }
+
+    #[inline(never)]
+    fn search(&self, id: u8) -> Option<Slot> {
+        let output = (0..self.used()).find(|&output| self.ids[output] == id)?;
+        Some(self.slots[output])
+    }
+
+    /// Keeps the entries of a command, and those of an earlier one that wait for other outputs.
+    #[inline(always)]
+    fn keep(&mut self, command: &Transfer, entry_len: u8) {
+        self.entry_len = entry_len;
+        let (mut slots, mut left) = (command.slots(), Slot::LEN);
+        for (to, from) in self.bytes.iter_mut().zip(command.bytes()) {
+            if slots & 1 != 0 {
+                *to = *from;
+            }
+            left -= 1;
+            if left == 0 {
+                left = Slot::LEN;
+                slots >>= 1;
+                if slots == 0 {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// True if the pulses are to be given to the board, which they are after each change.
+    #[inline(always)]
+    pub fn take_stale(&mut self) -> bool {
+        // A single output ends its pulses only between two of them, so it is told so until it does.
+        core::mem::take(&mut self.is_stale) || self.used == 1
+    }
+
+    /// The outputs to look at in this millisecond: one after the other.
+    #[inline(always)]
+    pub fn tick(&mut self) -> core::ops::Range<usize> {
+        let output = self.ticked;
+        self.ticked = if output + 1 < self.used { output + 1 } else { 0 };
+        usize::from(output) % OUTPUTS..usize::from(output) % OUTPUTS + 1
+    }
+
+    /// The outputs in use.
+    #[inline(always)]
+    pub fn used(&self) -> usize {
+        usize::from(self.used).min(OUTPUTS)
+    }
+
+    /// Notes that an output follows a command.
+    #[inline(always)]
+    pub fn follow(&mut self, output: usize) {
+        self.failing &= !(1 << output);
+        // An older command must not replace this one.
+        self.waiting &= !(1 << output);
+    }
+
+    /// Notes that a pulse changed without a command.
+    #[inline(always)]
+    pub fn touch(&mut self) {
+        self.is_stale = true;
+    }
+
+    /// True if the output is in failsafe.
+    #[cfg(feature = "safety")]
+    pub fn is_failing(&self, output: usize, is_failsafe: bool) -> bool {
+        if self.used == 1 { is_failsafe } else { self.failing & 1 << output != 0 }
+    }
+
+    /// Notes that the failsafe of an output begins.
+    #[inline(always)]
+    pub fn fail(&mut self, output: usize) {
+        self.failing |= 1 << output;
+    }
+}
+
+/// Command type and value of the entry in a slot.
+#[inline(always)]
+fn entry(bytes: &[u8; KEPT], slot: Slot, entry_len: u8) -> Option<(u8, u16)> {
+    let byte = |n| bytes.get(usize::from(slot.at) + n).copied();
+    let (unit, low, high) = match entry_len {
+        // An entry of the draft has no command type.
+        3 => (CommandType::Unitless as u8, byte(1)?, byte(2)?),
+        _ => (byte(1)?, byte(2)?, byte(3)?),
+    };
+    Some((unit, u16::from_le_bytes([low, high])))
+}
+
+impl Actuators {
+    /// Uses the first outputs, so many as OUT_COUNT said at the start.
+    pub fn start(&mut self, parameters: &Parameters) {
+        self.several.used = parameters.outputs() as u8;
+    }
+
+    /// The slot of the receiver for an entry with this ID.
+    #[inline(always)]
+    pub fn slot_of(&self, id: u8) -> Option<Slot> {
+        self.several.slot_of(id)
+    }
+
+    /// Takes an ArrayCommand, whose entries have `entry_len` bytes: those for the outputs in use. A single entry is followed at once, unless more frames wait
+    /// (`has_backlog`). Others are followed later, one at a time, by [`follow_next`](Self::follow_next), because each takes up to 100 us. So also on
+    /// a full bus no frame is lost, and the newest commands are followed.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "it is inlined")]
+    pub fn take_array_command(
+        &mut self,
+        command: &Transfer,
+        entry_len: u8,
+        has_backlog: impl FnOnce() -> bool,
+        event: &mut Event,
+        now_ms: u16,
+        parameters: &Parameters,
+        board: &mut impl Output,
+    ) -> Line {
+        self.hears_commands = true;
+        if command.slots() == 0 {
+            return Line::CommandElsewhere;
+        }
+        if let Some(line) = self.blocked(parameters) {
+            return line;
+        }
+        let (mut bit, mut waiting, mut output) = (1u8, 0, 0);
+        for (n, slot) in self.several.slots.iter().take(self.used()).enumerate() {
+            if command.slots() & slot.bit != 0 {
+                waiting |= bit;
+                output = n;
+            }
+            bit <<= 1;
+        }
+        if waiting.is_power_of_two() && !has_backlog() {
+            output %= OUTPUTS;
+            event.set_code(self.several.ids[output]);
+            let line = self.follow_entry(
+                entry(command.bytes(), self.several.slots[output], entry_len),
+                output,
+                event,
+                now_ms,
+                parameters,
+                board,
+            );
+            board.commit();
+            return line;
+        }
+        self.several.waiting |= waiting;
+        self.several.keep(command, entry_len);
+        self.several.source = command.source;
+        self.several.transfer = command.transfer_id();
+        self.several.is_new = true;
+        Line::CommandWaits
+    }
+
+    /// Frames in a row after which the next entry of a command is followed. `None` if no entry waits.
+    #[inline(always)]
+    pub fn entry_after(&self) -> Option<u8> {
+        let after = if self.several.used == 1 { FRAMES_BEFORE_ENTRY } else { FRAMES_IN_A_ROW };
+        (self.several.waiting != 0).then_some(after)
+    }
+
+    /// Follows the next entry that waits. After those of all outputs it has the board begin their pulses in the same period. Returns the line to log and fills in
+    /// the event for it; [`Line::CommandWaits`] if there is nothing to log, because another entry of the same command was logged.
+    #[inline(never)]
+    pub fn follow_next(
+        &mut self,
+        event: &mut Event,
+        now_ms: u16,
+        parameters: &Parameters,
+        board: &mut impl Output,
+    ) -> Line {
+        let mut line = Line::CommandWaits;
+        // From one output to the next, also if a newer command comes meanwhile. So each has its turn.
+        let mut left = self.several.waiting >> self.several.next;
+        if left != 0 {
+            let mut output = self.several.next;
+            while left & 1 == 0 {
+                output += 1;
+                left >>= 1;
+            }
+            left >>= 1;
+            self.several.next = output + 1;
+            let is_only = self.several.waiting == 1 << output;
+            let output = usize::from(output) % OUTPUTS;
+            event.set_source(self.several.source);
+            event.set_transfer(self.several.transfer);
+            event.set_code(self.several.ids[output]);
+            self.several.waiting &= !(1 << output);
+            let (slot, entry_len) = (self.several.slots[output], self.several.entry_len);
+            let found = entry(&self.several.bytes, slot, entry_len);
+            line = self.follow_entry(found, output, event, now_ms, parameters, board);
+            if !line.is_refusal() {
+                if !core::mem::take(&mut self.several.is_new) {
+                    line = Line::CommandWaits;
+                } else if !is_only {
+                    line = Line::CommandMany;
+                }
+            }
+        }
+        if left == 0 {
+            self.several.next = 0;
+            board.commit();
+        }
+        line
+    }
+
+    /// Follows the entry for an output.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "it is inlined")]
+    fn follow_entry(
+        &mut self,
+        entry: Option<(u8, u16)>,
+        output: usize,
+        event: &mut Event,
+        now_ms: u16,
+        parameters: &Parameters,
+        board: &mut impl Output,
+    ) -> Line {
+        let Some((unit, value)) = entry else { return Line::RefusedLength };
+        match self.each[place(output)].pulse_of_command(unit, value, event) {
+            Err(line) => line,
+            Ok((pulse, line)) => self.follow(output, pulse, line, event, now_ms, parameters, board),
+        }
+    }
+
+    /// Node ID of the sender of the command that waits, or was followed last.
+    pub fn commander(&self) -> u8 {
+        self.several.source
+    }
+
+    /// True if no output is in failsafe.
+    pub fn has_recovered(&self) -> bool {
+        self.several.failing == 0
+    }
+
+    /// Outputs in failsafe: bit n - 1 is output n.
+    pub fn failing(&self) -> u8 {
+        self.several.failing
+    }
+
+    /// Ends the failsafe of all outputs: commands are missing for a reason.
+    #[cfg(feature = "safety")]
+    pub fn clear_failing(&mut self) {
+        self.several.failing = 0;
+    }
+
+    /// True if several outputs are in use and one is in failsafe. Of a single output the status says all.
+    pub fn is_telling(&self) -> bool {
+        self.several.used > 1 && self.several.failing != 0
+    }
+
+    /// An output whose failsafe has begun (true) or ended (false) since it was last logged, if several outputs are in use.
+    pub fn take_change(&mut self) -> Option<(usize, bool)> {
+        let changed = self.several.failing ^ self.several.told;
+        if changed == 0 || self.several.used == 1 {
+            return None;
+        }
+        let output = changed.trailing_zeros() as usize;
+        self.several.told ^= 1 << output;
+        Some((output, self.several.failing & 1 << output != 0))
+    }
+
+    /// The output of the next actuator.Status: they take turns.
+    #[cfg(feature = "standard")]
+    #[inline(always)]
+    pub fn next_to_report(&mut self) -> usize {
+        let output = self.several.reported;
+        self.several.reported = if output + 1 < self.several.used { output + 1 } else { 0 };
+        usize::from(output) % OUTPUTS
+    }
+}

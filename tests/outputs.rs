@@ -1,0 +1,298 @@
+//! An Uno as a hub of eight outputs: each follows its own commands and fails safe by itself, and all pulses are exact under any load.
+
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+use bench::dronecan::{Message, ParameterRequest, Value};
+use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
+use rig::status::{ERROR, FAILSAFE, OK};
+use rig::{MS, Rig};
+
+const OUTPUTS: usize = 8;
+const PWM: u8 = 4;
+/// Cycles in a tick of the timers, half a microsecond.
+const TICK: i64 = 8;
+/// From the beginning of a pulse to that of the next output's pulse: 2.5 ms.
+const SLOT: i64 = 40_000;
+const PERIOD: i64 = 20 * MS as i64;
+
+/// EEPROM of a hub: all outputs are in use.
+fn hub_eeprom() -> &'static [u8] {
+    static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
+    EEPROM.get_or_init(|| {
+        let mut rig = Rig::running();
+        rig.set("OUT_COUNT", OUTPUTS as i64);
+        rig.save();
+        rig.board().avr().eeprom()
+    })
+}
+
+fn hub() -> Rig {
+    Rig::running_with(hub_eeprom())
+}
+
+/// A width for each output.
+fn width_us(output: usize) -> f32 {
+    1000.0 + 125.0 * output as f32
+}
+
+/// Commands for some outputs, counted from 0. By default output n has the ID n + 1.
+fn command(rig: &mut Rig, outputs: impl IntoIterator<Item = usize>) {
+    let commands: Vec<_> = outputs.into_iter().map(|output| (output as u8 + 1, PWM, width_us(output))).collect();
+    rig.send_commands(&commands);
+}
+
+/// Starts and widths of the pulses of each output, in cycles, since the last call.
+fn pulses(rig: &mut Rig) -> Vec<Vec<(i64, i64)>> {
+    rig.run_ms(0);
+    let mut all = vec![std::mem::take(&mut rig.pulses)];
+    all.extend(rig.board().take_output_pulses());
+    let plain = |pulses: Vec<bench::avr::Pulse>| {
+        pulses.iter().map(|pulse| (pulse.start as i64, pulse.width_cycles as i64)).collect::<Vec<_>>()
+    };
+    all.into_iter().map(plain).collect()
+}
+
+/// Width of the last pulse of each output within 60 ms, in microseconds; none without a pulse.
+fn widths_us(rig: &mut Rig) -> Vec<Option<f32>> {
+    rig.run_ms(45);
+    pulses(rig);
+    rig.run_ms(60);
+    let width = |pulses: &Vec<(i64, i64)>| pulses.last().map(|(_, width)| (*width as f32 / 8.0).round() / 2.0);
+    pulses(rig).iter().map(width).collect()
+}
+
+#[test]
+fn each_output_follows_the_commands_for_its_id_and_gives_no_pulse_before_the_first() {
+    let mut rig = hub();
+    assert_eq!(widths_us(&mut rig), [None; OUTPUTS]);
+    for output in 0..OUTPUTS {
+        command(&mut rig, [output]);
+        let expected: Vec<_> = (0..OUTPUTS).map(|n| (n <= output).then(|| width_us(n))).collect();
+        assert_eq!(widths_us(&mut rig), expected, "output {output}");
+    }
+    rig.set("OUT7_ID", 200);
+    rig.send_commands(&[(200, PWM, 1111.0), (7, PWM, 1999.0), (9, PWM, 1999.0)]);
+    assert_eq!(widths_us(&mut rig)[6], Some(1111.0));
+}
+
+#[test]
+fn outputs_with_the_same_id_follow_the_same_command_each_with_its_own_travel() {
+    let mut rig = hub();
+    rig.set("OUT5_ID", 2);
+    rig.set("OUT5_REVERSED", 1);
+    rig.send_commands(&[(1, 0, 0.0), (2, 0, 0.5)]);
+    let widths = widths_us(&mut rig);
+    assert_eq!((widths[0], widths[1], widths[4], widths[2]), (Some(1500.0), Some(1750.0), Some(1250.0), None));
+}
+
+#[test]
+fn one_output_is_in_use_until_out_count_says_more_and_the_other_pins_stay_inputs() {
+    const DDRB: u16 = 0x24;
+    let mut rig = Rig::running();
+    command(&mut rig, 0..OUTPUTS);
+    let mut expected = [None; OUTPUTS];
+    expected[0] = Some(width_us(0));
+    assert_eq!(widths_us(&mut rig), expected);
+    let directions = |rig: &mut Rig| [0, 3, 6].map(|port| rig.board().avr().sram(DDRB + port));
+    let before = directions(&mut rig);
+    let mut hub = hub();
+    let [b, c, d] = directions(&mut hub);
+    // D8, A1 to A3, D5 to D7.
+    assert_eq!([b ^ before[0], c ^ before[1], d ^ before[2]], [1 << 0, 0b1110, 0b1110_0000]);
+}
+
+/// The count and the rate in force after an attempt to set one of them.
+#[test]
+fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_refused_with_a_reason() {
+    for (count, highest_rate) in [(8, 50), (6, 66), (4, 100), (3, 133), (2, 200), (1, 333)] {
+        let mut rig = Rig::running();
+        rig.set("OUT_COUNT", count);
+        rig.set("OUT_RATE", highest_rate);
+        if highest_rate < 333 {
+            assert_eq!(rig.set_to("OUT_RATE", Value::Integer(highest_rate + 1)), Value::Integer(highest_rate));
+            rig.wait_for_line("OUT_COUNT pulses do not fit at OUT_RATE", 100);
+            assert_eq!(rig.set_to("OUT_COUNT", Value::Integer(count + 1)), Value::Integer(count));
+        }
+    }
+}
+
+#[test]
+fn four_outputs_run_at_100_hz() {
+    let mut rig = Rig::running();
+    rig.set("OUT_COUNT", 4);
+    rig.set("OUT_RATE", 100);
+    rig.save();
+    rig.restart();
+    command(&mut rig, 0..OUTPUTS);
+    rig.run_ms(50);
+    pulses(&mut rig);
+    rig.run_ms(200);
+    let seen = pulses(&mut rig);
+    for (output, pulses) in seen.iter().enumerate() {
+        assert_eq!(pulses.len(), if output < 4 { 20 } else { 0 }, "output {output}");
+        for pair in pulses.windows(2) {
+            assert!((pair[1].0 - pair[0].0 - 10 * MS as i64).abs() <= TICK, "output {output}: {pair:?}");
+        }
+    }
+}
+
+#[test]
+fn all_widths_of_a_command_begin_in_the_same_period() {
+    let mut rig = hub();
+    let all = |width| (1..=8).map(|id| (id, PWM, width)).collect::<Vec<_>>();
+    rig.send_commands(&all(1000.0));
+    rig.run_ms(50);
+    pulses(&mut rig);
+    // Commands at all phases of the period.
+    for step in 0..150u64 {
+        rig.send_commands(&all(if step % 2 == 0 { 2000.0 } else { 1000.0 }));
+        let t = rig.now() + 60 * MS + 2_300 * step;
+        rig.run_until(t);
+        let seen = pulses(&mut rig);
+        // A change of output 1, which is in slot 0, begins a period: the pulses of the others in that period are new, too.
+        let (_, after) = (seen[0][0], seen[0].windows(2).find(|pair| (pair[0].1 - pair[1].1).abs() > TICK));
+        let Some(pair) = after else { continue };
+        for (output, pulses) in seen.iter().enumerate().skip(1) {
+            for (start, width) in pulses {
+                let is_new = (*width - pair[1].1).abs() <= TICK;
+                assert_eq!(is_new, *start >= pair[1].0, "step {step}, output {output}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_failsafe_of_one_output_touches_no_other_and_the_node_says_which_it_is() {
+    let mut rig = hub();
+    rig.set("OUT3_FS", 2);
+    rig.set("OUT3_FS_PWM", 1900);
+    rig.set("OUT6_FS", 3);
+    for (silent, expected, bit) in [(2, Some(1900.0), 1 << 2), (5, None, 1 << 5)] {
+        for round in 0..30 {
+            command(&mut rig, (0..OUTPUTS).filter(|&output| output != silent || round == 0));
+            rig.run_ms(50);
+        }
+        let widths = widths_us(&mut rig);
+        for (output, width) in widths.into_iter().enumerate() {
+            assert_eq!(width, if output == silent { expected } else { Some(width_us(output)) }, "output {output}");
+        }
+        assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
+        assert!(rig.serial.contains(&format!("FAILSAFE of output {}", silent + 1)), "{}", rig.serial);
+        let told = rig.heard(|message| match message {
+            Message::KeyValue(pair) if pair.key == b"fs" => Some(pair.value),
+            _ => None,
+        });
+        assert_eq!(told.last().map(|(_, value)| *value), Some(bit as f32));
+        command(&mut rig, 0..OUTPUTS);
+        rig.wait_for_line(&format!("commands again for output {}", silent + 1), 200);
+        assert_eq!(rig.status_now(), (OK, 0));
+        rig.forget();
+    }
+}
+
+#[test]
+fn an_entry_that_cannot_be_followed_leaves_its_output_and_the_others_follow_theirs() {
+    let mut rig = hub();
+    command(&mut rig, 0..OUTPUTS);
+    rig.run_ms(30);
+    rig.send_commands(&[(1, PWM, 1200.0), (2, PWM, f32::NAN), (3, 77, 0.0), (4, PWM, 1300.0)]);
+    let widths = widths_us(&mut rig);
+    assert_eq!(widths[..4], [Some(1200.0), Some(width_us(1)), Some(width_us(2)), Some(1300.0)]);
+    rig.wait_for_line("refused: command from 10 tid 1, no such pulse", 100);
+    rig.wait_for_line("refused: command from 10 tid 1, unknown type", 100);
+}
+
+#[test]
+fn the_outputs_take_turns_in_actuator_status() {
+    let mut rig = hub();
+    command(&mut rig, 0..OUTPUTS);
+    rig.run_ms(900);
+    rig.forget();
+    rig.run_ms(1600);
+    let ids: Vec<u8> = rig
+        .heard(|message| match message {
+            Message::ActuatorStatus(status) => Some(status.actuator),
+            _ => None,
+        })
+        .into_iter()
+        .map(|(_, id)| id)
+        .collect();
+    assert!((15..=17).contains(&ids.len()), "ten a second, whatever the number of outputs: {ids:?}");
+    assert!(ids.windows(2).all(|pair| pair[1] == pair[0] % 8 + 1), "{ids:?}");
+}
+
+/// Reads and sets all parameters of all outputs, and finds them after a restart.
+#[test]
+fn every_output_has_parameters_of_its_own_that_survive_a_restart() {
+    let mut rig = hub();
+    for output in 1..=8 {
+        for (name, value) in
+            [("ID", 100 + output), ("MIN", 900 + output), ("TIMEOUT", 500 + output), ("FS", output % 4)]
+        {
+            rig.set(&format!("OUT{output}_{name}"), value);
+        }
+    }
+    let before = rig.parameters();
+    rig.save();
+    rig.restart();
+    assert_eq!(rig.parameters(), before);
+    let request = ParameterRequest { index: 500, ..ParameterRequest::default() };
+    assert!(
+        matches!(rig.ask(&Message::ParameterRequest(request)), Message::ParameterResponse(response) if response.name.is_empty())
+    );
+}
+
+/// Deviations of the edges from their times, in cycles, how often each.
+#[derive(Default, Debug)]
+struct Edges {
+    rises: BTreeMap<i64, u64>,
+    falls: BTreeMap<i64, u64>,
+}
+
+/// The hub under a load for some seconds, with an autopilot's commands for all outputs at 50 Hz unless the load itself has commands.
+fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
+    let load = Load { kind, priority: 31, pace: Pace::Full };
+    let mut loaded = Loaded::of(hub(), Some(load), Client::Walking);
+    command(&mut loaded.rig, 0..OUTPUTS);
+    loaded.run_ms(60);
+    loaded.rig.board().take_output_pulses();
+    let mut edges = Edges::default();
+    let mut origin = None;
+    for _ in 0..50 * seconds {
+        loaded.run_ms(20);
+        for (output, pulses) in (1..).zip(loaded.rig.board().take_output_pulses()) {
+            assert!((1..=2).contains(&pulses.len()) || pulses.is_empty(), "output {output}: {pulses:?}");
+            for pulse in pulses {
+                let start = pulse.start as i64 - SLOT * output;
+                let late = (start - *origin.get_or_insert(start) + PERIOD / 2).rem_euclid(PERIOD) - PERIOD / 2;
+                *edges.rises.entry(late).or_default() += 1;
+                // Widths are whole ticks, and all pulses have the handler's delay.
+                let width = pulse.width_cycles as i64;
+                *edges.falls.entry(late + (width + TICK / 2).rem_euclid(TICK) - TICK / 2).or_default() += 1;
+            }
+        }
+    }
+    (loaded.finish(), edges)
+}
+
+#[test]
+fn with_eight_outputs_no_frame_is_lost_at_full_load_and_each_edge_is_within_half_a_microsecond_of_its_time() {
+    for kind in [Kind::LongCommand, Kind::Status(8), Kind::Command(8)] {
+        let (figures, edges) = loaded(kind, 4);
+        let meter = &figures.meter;
+        println!("{kind:?}: {} frames, release at most {} cycles, {edges:?}", meter.frames, meter.latency.max());
+        assert_eq!((meter.lost, meter.garbled, figures.stuck), (0, 0, false), "{kind:?}");
+        assert!(
+            meter.latency.max() <= 1700,
+            "{kind:?}: a frame is released {} cycles after its end",
+            meter.latency.max()
+        );
+        let all = || edges.rises.iter().chain(&edges.falls);
+        assert!(edges.rises.values().sum::<u64>() > 7 * 50 * 3, "{kind:?}: {edges:?}");
+        // The first rise is late itself, by less than a tick, so this is a range and not a distance from zero.
+        let (least, most) = (all().map(|(late, _)| *late).min(), all().map(|(late, _)| *late).max());
+        assert!(most.zip(least).is_some_and(|(most, least)| most - least <= TICK), "{kind:?}: {edges:?}");
+        assert_eq!(figures.periods.keys().collect::<Vec<_>>(), [&(PERIOD as u64)], "{kind:?}");
+    }
+}
