@@ -178,6 +178,34 @@ mod tests {
         assert_eq!(others, [Turn::Tick, Turn::PrepareFrame, Turn::Tick, Turn::PrepareFrame]);
     }
 
+    #[cfg(feature = "outputs")]
+    #[test]
+    fn an_entry_of_a_command_waits_for_a_few_frames_and_takes_turns_with_other_work() {
+        let mut agenda = Agenda::new();
+        let mut next = || agenda.next(true, Some(FRAMES_BEFORE_ENTRY), || EVERYTHING);
+        for _ in 0..3 {
+            for _ in 0..FRAMES_BEFORE_ENTRY {
+                assert_eq!(next(), Turn::TakeFrame);
+            }
+            assert_eq!(next(), Turn::Follow);
+            for _ in 0..FRAMES_IN_A_ROW {
+                assert_eq!(next(), Turn::TakeFrame);
+            }
+            assert!(matches!(next(), Turn::Tick | Turn::DoChore));
+        }
+    }
+
+    #[cfg(feature = "outputs")]
+    #[test]
+    fn an_entry_that_always_waits_keeps_nothing_else_from_its_turn() {
+        let facts = Facts { is_on_bus: true, has_to_send: true, ..Facts::default() };
+        let mut agenda = Agenda::new();
+        for _ in 0..5 {
+            assert_eq!(agenda.next(false, Some(FRAMES_IN_A_ROW), || facts), Turn::Follow);
+            assert_eq!(agenda.next(false, Some(FRAMES_IN_A_ROW), || facts), Turn::PrepareFrame);
+        }
+    }
+
     #[test]
     fn without_a_frame_the_rarest_comes_first() {
         let mut facts = EVERYTHING;
