@@ -216,6 +216,14 @@ fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
     Paragraph::new(lines)
 }
 
+/// Widths of the pulses of the outputs from the second on, in microseconds.
+fn outputs_line(state: &State) -> Line<'static> {
+    let width =
+        |output: &Option<(_, _)>| output.map_or(String::from("-"), |(_, width)| format!("{:.0}", micros(width)));
+    let widths: Vec<String> = state.outputs.iter().map(width).collect();
+    Line::from(format!("from output 2 on: {} us", widths.join(" ")))
+}
+
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
     let Wiring { servo, sensor, .. } = &state.wiring;
     let block = Block::bordered().title(format!(" Servo ({servo}) and temperature ({sensor}) "));
@@ -244,6 +252,7 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         pulse,
         servo_bar(inner.width, pulse_us),
         match state.light_percent {
+            _ if state.outputs.iter().any(Option::is_some) => outputs_line(state),
             0 => Line::from(format!("angle {angle}  pulses {}", state.servo.count)),
             percent => {
                 let pin = state.wiring.light.map_or(String::new(), |pin| format!("({pin}) "));

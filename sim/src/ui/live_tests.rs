@@ -333,3 +333,14 @@ fn scrolled_traffic_shows_older_lines() {
     shows(&older, &["thesis.ServoCommand 49", "50 lines back"]);
     assert!(!older.contains("thesis.ServoCommand 50"));
 }
+
+#[test]
+fn the_pulses_of_further_outputs_are_shown_while_there_are_any() {
+    let mut state = at_work();
+    let now = state.now;
+    state.output_pulses((0..7).map(|n| (n != 2).then_some((now, (1000 + 100 * n) * 16))));
+    shows(&drawn(&state, &Screen::default(), 120, 40), &["from output 2 on: 1000 1100 - 1300 1400 1500 1600 us"]);
+    state.pass(now + SECOND);
+    let picture = drawn(&state, &Screen::default(), 120, 40);
+    assert!(!picture.contains("from output 2 on"), "{picture}");
+}

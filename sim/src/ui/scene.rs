@@ -544,6 +544,8 @@ impl Scene {
         for pulse in board.take_servo_pulses() {
             self.state.pulse(pulse.start, pulse.width_cycles, pulse.period_cycles);
         }
+        let outputs = board.take_output_pulses().into_iter();
+        self.state.output_pulses(outputs.map(|pulses| pulses.last().map(|pulse| (pulse.start, pulse.width_cycles))));
         self.state.light(now, board.light());
         for violation in board.take_violations() {
             let text = format!("{}: {}", violation.source, violation.text);
@@ -589,6 +591,7 @@ impl Scene {
                 link.serial_output(*number, &serial);
             }
             board.take_servo_pulses();
+            board.take_output_pulses();
             board.chip().borrow_mut().take_frame_log();
             for violation in board.take_violations() {
                 let text = format!("{name}: {}: {}", violation.source, violation.text);

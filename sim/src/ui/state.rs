@@ -198,6 +198,8 @@ pub struct State {
     /// The board of the node under test.
     pub wiring: Wiring,
     pub servo: Servo,
+    /// Start and width of the last pulse of each output from the second on, if the board has them.
+    pub outputs: Vec<Option<(Cycles, Cycles)>>,
     /// Brightness of the light, in per cent.
     pub light_percent: u32,
     /// Temperature at the sensor, in degrees Celsius.
@@ -271,6 +273,18 @@ impl State {
         if now.saturating_sub(self.servo.last_start) > PULSE_TIMEOUT {
             self.servo.pulse = None;
             self.servo.period = None;
+        }
+        for output in &mut self.outputs {
+            *output = output.filter(|(start, _)| now.saturating_sub(*start) <= PULSE_TIMEOUT);
+        }
+    }
+
+    /// Whole pulses of the outputs from the second on: start and width.
+    pub fn output_pulses(&mut self, last: impl IntoIterator<Item = Option<(Cycles, Cycles)>>) {
+        let last: Vec<_> = last.into_iter().collect();
+        self.outputs.resize(last.len(), None);
+        for (output, pulse) in self.outputs.iter_mut().zip(last) {
+            *output = pulse.or(*output);
         }
     }
 
