@@ -332,7 +332,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.chip.send_frame(rank, frame);
     }
 
-    /// Does the next of the three parts of a supervision.
+    /// Does the next of the four parts of a supervision, each of which takes less time than to pass a frame to the chip.
     fn supervise(&mut self) -> Option<Notice> {
         self.wait_ms = 0;
         self.part = self.part.wrapping_add(1);
@@ -340,6 +340,9 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             return self.check_configuration();
         }
         if self.part == 2 {
+            return self.look_at_errors();
+        }
+        if self.part == 3 {
             let rec = self.chip.read(REC);
             self.counters.add(Counter::RxErrors, rec.saturating_sub(self.rec));
             self.rec = rec;
@@ -383,7 +386,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         if wrong != 0 {
             return self.fail(Event::Lost, 0);
         }
-        self.look_at_errors()
+        None
     }
 
     /// Reports error flags that have changed. Counts each bus-off: one that begins between two looks sets ERRIF again (DS20001801J 7.6).
