@@ -194,7 +194,7 @@ impl Desk {
         let now_ms = self.now_ms();
         let Self { node, receiver, monitor, can, memory, servos, .. } = self;
         let is_empty = can.is_empty;
-        let turn = self.agenda.next(!can.received.is_empty(), node.entry_after(), || Facts {
+        let turn = self.agenda.next(!can.received.is_empty(), node.has_entry(), || Facts {
             has_ticked: self.passed_ms != 0,
             has_chore: node.has_chore(),
             is_controller_due: can.is_due,
@@ -270,7 +270,7 @@ impl Desk {
     /// Takes turns until no received frame and no chore is left.
     pub fn settle(&mut self) {
         let mut turns = 0;
-        while !self.can.received.is_empty() || self.node.entry_after().is_some() || self.node.has_chore() {
+        while !self.can.received.is_empty() || self.node.has_entry() || self.node.has_chore() {
             self.turn();
             turns += 1;
             assert!(turns < TURNS_MAX, "it goes on for ever");

@@ -2,15 +2,11 @@
 //!
 //! Received frames come first, because their queue is short: an interrupt reads them from the controller during any turn. After [`FRAMES_IN_A_ROW`]
 //! frames another turn follows, so that a flood of frames cannot stop the clock, the failsafe and the node's own messages. The tick never has
-//! two of these turns in a row, and neither have the entries of commands for several outputs, which can come faster than they are followed. All other work is ordered by how rare it is, the rarest first, so that frequent work cannot
-//! starve rare work.
+//! two of these turns in a row, and neither have the entries of commands for several outputs, which can come faster than they are followed. All
+//! other work is ordered by how rare it is, the rarest first, so that frequent work cannot starve rare work.
 
 /// Frames in a row after which another turn follows.
 pub const FRAMES_IN_A_ROW: u8 = 16;
-
-/// Frames in a row after which a waiting entry of a command is followed, if one output is in use: soon also on a full bus. With several outputs in use
-/// there is no time for that on a full bus, and they wait for [`FRAMES_IN_A_ROW`].
-pub const FRAMES_BEFORE_ENTRY: u8 = 3;
 
 /// The work that is pending.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -77,20 +73,19 @@ impl Agenda {
         Self { frames_in_a_row: 0, was_tick: false, was_following: false, is_full: false }
     }
 
-    /// Chooses the next turn. A received frame waits if `has_frame`. An entry of a command waits if there is
-    /// `entry_after`, the number of frames in a row after which it is followed. Calls `facts` only if that does not decide.
+    /// Chooses the next turn. A received frame waits if `has_frame`, an entry of a command if `has_entry`. Calls `facts` only if that does not decide.
     #[inline(always)]
-    pub fn next(&mut self, has_frame: bool, entry_after: Option<u8>, facts: impl FnOnce() -> Facts) -> Turn {
-        // In a flood entries and other work take turns.
-        let entry_after = entry_after.filter(|_| !self.was_following);
-        if has_frame && self.frames_in_a_row < entry_after.unwrap_or(FRAMES_IN_A_ROW) {
+    pub fn next(&mut self, has_frame: bool, has_entry: bool, facts: impl FnOnce() -> Facts) -> Turn {
+        if has_frame && self.frames_in_a_row < FRAMES_IN_A_ROW {
             self.frames_in_a_row += 1;
             return Turn::TakeFrame;
         }
         self.frames_in_a_row = 0;
+        let _ = has_entry;
         #[cfg(feature = "outputs")]
         {
-            self.was_following = entry_after.is_some();
+            // In a flood entries and other work take turns.
+            self.was_following = has_entry && !self.was_following;
             if self.was_following {
                 return Turn::Follow;
             }
@@ -143,7 +138,7 @@ mod tests {
     /// The turns for constant facts, one after the other.
     fn turns(has_frame: bool, facts: Facts) -> impl Iterator<Item = Turn> {
         let mut agenda = Agenda::new();
-        std::iter::from_fn(move || Some(agenda.next(has_frame, None, || facts)))
+        std::iter::from_fn(move || Some(agenda.next(has_frame, false, || facts)))
     }
 
     fn first(facts: Facts) -> Turn {
@@ -180,11 +175,11 @@ mod tests {
 
     #[cfg(feature = "outputs")]
     #[test]
-    fn an_entry_of_a_command_waits_for_a_few_frames_and_takes_turns_with_other_work() {
+    fn an_entry_of_a_command_takes_turns_with_other_work() {
         let mut agenda = Agenda::new();
-        let mut next = || agenda.next(true, Some(FRAMES_BEFORE_ENTRY), || EVERYTHING);
+        let mut next = || agenda.next(true, true, || EVERYTHING);
         for _ in 0..3 {
-            for _ in 0..FRAMES_BEFORE_ENTRY {
+            for _ in 0..FRAMES_IN_A_ROW {
                 assert_eq!(next(), Turn::TakeFrame);
             }
             assert_eq!(next(), Turn::Follow);
@@ -201,8 +196,8 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..5 {
-            assert_eq!(agenda.next(false, Some(FRAMES_IN_A_ROW), || facts), Turn::Follow);
-            assert_eq!(agenda.next(false, Some(FRAMES_IN_A_ROW), || facts), Turn::PrepareFrame);
+            assert_eq!(agenda.next(false, true, || facts), Turn::Follow);
+            assert_eq!(agenda.next(false, true, || facts), Turn::PrepareFrame);
         }
     }
 
@@ -233,11 +228,11 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..3 {
-            assert_eq!(agenda.next(false, None, || facts), Turn::FindRoom);
+            assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
             for _ in 0..5 {
-                assert_eq!(agenda.next(false, None, || facts), Turn::Monitor);
+                assert_eq!(agenda.next(false, false, || facts), Turn::Monitor);
             }
-            assert_eq!(agenda.next(false, None, || Facts { has_ticked: true, ..facts }), Turn::Tick);
+            assert_eq!(agenda.next(false, false, || Facts { has_ticked: true, ..facts }), Turn::Tick);
         }
     }
 
@@ -245,8 +240,8 @@ mod tests {
     fn a_frame_goes_as_soon_as_there_is_room() {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
-        assert_eq!(agenda.next(false, None, || facts), Turn::FindRoom);
-        assert_eq!(agenda.next(false, None, || Facts { has_room: true, ..facts }), Turn::SendFrame);
+        assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
+        assert_eq!(agenda.next(false, false, || Facts { has_room: true, ..facts }), Turn::SendFrame);
     }
 
     #[test]
@@ -254,11 +249,11 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..3 {
-            assert_eq!(agenda.next(false, None, || facts), Turn::FindRoom);
-            assert_eq!(agenda.next(false, None, || Facts { has_room: true, ..facts }), Turn::SendFrame);
+            assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
+            assert_eq!(agenda.next(false, false, || Facts { has_room: true, ..facts }), Turn::SendFrame);
         }
-        assert_eq!(agenda.next(false, None, || facts), Turn::FindRoom);
-        assert_eq!(agenda.next(false, None, || facts), Turn::Monitor);
+        assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
+        assert_eq!(agenda.next(false, false, || facts), Turn::Monitor);
     }
 
     #[test]

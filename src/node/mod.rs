@@ -416,13 +416,13 @@ impl Node {
         }
     }
 
-    /// Frames in a row after which the next entry of a command is followed. `None` if no entry waits.
+    /// True if an entry of a command waits to be followed.
     #[inline(always)]
-    pub fn entry_after(&self) -> Option<u8> {
+    pub fn has_entry(&self) -> bool {
         #[cfg(feature = "outputs")]
-        return self.actuators.entry_after();
+        return self.actuators.has_entry();
         #[cfg(not(feature = "outputs"))]
-        return None;
+        return false;
     }
 
     /// Follows the next entry of a command, and counts and logs it.

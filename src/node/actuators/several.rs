@@ -1,6 +1,5 @@
 //! A node with several outputs: which are in use, which entries of an ArrayCommand are for them, and which of them are in failsafe.
 
-use super::super::agenda::{FRAMES_BEFORE_ENTRY, FRAMES_IN_A_ROW};
 use super::super::parameters::{OutputParameter, Parameters};
 use super::super::servo::{CommandType, Output};
 use super::super::wire::{KEPT, Transfer};
@@ -188,9 +187,9 @@ impl Actuators {
         self.several.slot_of(id)
     }
 
-    /// Takes an ArrayCommand, whose entries have `entry_len` bytes: those for the outputs in use. A single entry is followed at once, unless more frames wait
-    /// (`has_backlog`). Others are followed later, one at a time, by [`follow_next`](Self::follow_next), because each takes up to 100 us. So also on
-    /// a full bus no frame is lost, and the newest commands are followed.
+    /// Takes an ArrayCommand, whose entries have `entry_len` bytes: those for the outputs in use. If one output is in use, it follows at once.
+    /// So does a single entry of several outputs, unless more frames wait (`has_backlog`). Others are followed later, one at a time, by
+    /// [`follow_next`](Self::follow_next), because each takes up to 100 us. So also on a full bus no frame is lost, and the newest commands are followed.
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "it is inlined")]
     pub fn take_array_command(
@@ -218,7 +217,7 @@ impl Actuators {
             }
             bit <<= 1;
         }
-        if waiting.is_power_of_two() && !has_backlog() {
+        if waiting.is_power_of_two() && (self.several.used == 1 || !has_backlog()) {
             output %= OUTPUTS;
             event.set_code(self.several.ids[output]);
             let line = self.follow_entry(
@@ -240,11 +239,10 @@ impl Actuators {
         Line::CommandWaits
     }
 
-    /// Frames in a row after which the next entry of a command is followed. `None` if no entry waits.
+    /// True if an entry of a command waits.
     #[inline(always)]
-    pub fn entry_after(&self) -> Option<u8> {
-        let after = if self.several.used == 1 { FRAMES_BEFORE_ENTRY } else { FRAMES_IN_A_ROW };
-        (self.several.waiting != 0).then_some(after)
+    pub fn has_entry(&self) -> bool {
+        self.several.waiting != 0
     }
 
     /// Follows the next entry that waits. After those of all outputs it has the board begin their pulses in the same period. Returns the line to log and fills in
