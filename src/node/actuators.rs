@@ -218,7 +218,13 @@ impl Actuators {
     ) -> Line {
         match self.each[0].pulse_of_command(unit, value, event) {
             Err(refusal) => refusal,
-            Ok((pulse, line)) => self.follow(0, pulse, line, event, now_ms, parameters, board),
+            Ok((pulse, line)) => {
+                if let Some(line) = self.blocked(parameters) {
+                    return line;
+                }
+                self.follow(0, pulse, event, now_ms, board);
+                line
+            }
         }
     }
 
@@ -232,10 +238,12 @@ impl Actuators {
         parameters: &Parameters,
         board: &mut impl Output,
     ) -> Line {
-        let pulse = self.each[0].pulse_of_byte(position);
-        let line = self.follow(0, pulse, Line::CommandThesis, event, now_ms, parameters, board);
+        if let Some(line) = self.blocked(parameters) {
+            return line;
+        }
+        self.follow(0, self.each[0].pulse_of_byte(position), event, now_ms, board);
         board.commit();
-        line
+        Line::CommandThesis
     }
 
     /// The line for the reason to reject all commands, if there is one.
@@ -253,28 +261,14 @@ impl Actuators {
         None
     }
 
-    /// Sets an output's pulse, unless the vehicle has to be armed and is not.
+    /// Sets an output's pulse. The caller has found that nothing [blocks](Self::blocked) it.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "it is inlined")]
-    fn follow(
-        &mut self,
-        output: usize,
-        pulse: Ticks,
-        line: Line,
-        event: &mut Event,
-        now_ms: u16,
-        parameters: &Parameters,
-        board: &mut impl Output,
-    ) -> Line {
-        if let Some(line) = self.blocked(parameters) {
-            return line;
-        }
+    fn follow(&mut self, output: usize, pulse: Ticks, event: &mut Event, now_ms: u16, board: &mut impl Output) {
         board.set(output, pulse);
         self.each[place(output)].follow(pulse, now_ms);
         self.several.follow(output);
         self.hears_commands = false;
         event.b = pulse;
-        line
     }
 
     /// Starts the failsafe of each output when it is due. Call once a millisecond. Returns true if it starts because no command was followed for

@@ -120,7 +120,7 @@ impl Travel {
     /// The pulse for a command; 0 for a width of zero or less. A command beyond the travel gets the end of the travel.
     ///
     /// OUTn_REVERSED reverses unitless and position commands, but not a width.
-    #[inline(never)]
+    #[inline(always)]
     pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
         let mut is_low = value < 0;
         let magnitude = value.unsigned_abs();

@@ -209,25 +209,20 @@ impl Actuators {
         if let Some(line) = self.blocked(parameters) {
             return line;
         }
+        if self.several.used == 1 {
+            return self.follow_entry(entry(command.bytes(), Slot::new(0), entry_len), 0, event, now_ms, board);
+        }
         let (mut bit, mut waiting, mut output) = (1u8, 0, 0);
         for (n, slot) in self.several.slots.iter().take(self.used()).enumerate() {
             if command.slots() & slot.bit != 0 {
                 waiting |= bit;
-                output = n;
+                output = n % OUTPUTS;
             }
             bit <<= 1;
         }
-        if waiting.is_power_of_two() && (self.several.used == 1 || !has_backlog()) {
-            output %= OUTPUTS;
-            event.set_code(self.several.ids[output]);
-            let line = self.follow_entry(
-                entry(command.bytes(), self.several.slots[output], entry_len),
-                output,
-                event,
-                now_ms,
-                parameters,
-                board,
-            );
+        if waiting.is_power_of_two() && !has_backlog() {
+            let entry = entry(command.bytes(), self.several.slots[output], entry_len);
+            let line = self.follow_entry(entry, output, event, now_ms, board);
             board.commit();
             return line;
         }
@@ -270,11 +265,13 @@ impl Actuators {
             let output = usize::from(output) % OUTPUTS;
             event.set_source(self.several.source);
             event.set_transfer(self.several.transfer);
-            event.set_code(self.several.ids[output]);
             self.several.waiting &= !(1 << output);
             let (slot, entry_len) = (self.several.slots[output], self.several.entry_len);
             let found = entry(&self.several.bytes, slot, entry_len);
-            line = self.follow_entry(found, output, event, now_ms, parameters, board);
+            line = match self.blocked(parameters) {
+                Some(line) => line,
+                None => self.follow_entry(found, output, event, now_ms, board),
+            };
             if !line.is_refusal() {
                 if !core::mem::take(&mut self.several.is_new) {
                     line = Line::CommandWaits;
@@ -290,22 +287,24 @@ impl Actuators {
         line
     }
 
-    /// Follows the entry for an output.
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "it is inlined")]
+    /// Follows the entry for an output. The caller has found that nothing [blocks](Self::blocked) it.
+    #[inline(never)]
     fn follow_entry(
         &mut self,
         entry: Option<(u8, u16)>,
         output: usize,
         event: &mut Event,
         now_ms: u16,
-        parameters: &Parameters,
         board: &mut impl Output,
     ) -> Line {
+        event.set_code(self.several.ids[output]);
         let Some((unit, value)) = entry else { return Line::RefusedLength };
         match self.each[place(output)].pulse_of_command(unit, value, event) {
             Err(line) => line,
-            Ok((pulse, line)) => self.follow(output, pulse, line, event, now_ms, parameters, board),
+            Ok((pulse, line)) => {
+                self.follow(output, pulse, event, now_ms, board);
+                line
+            }
         }
     }
 
