@@ -158,7 +158,11 @@ fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_ful
         assert!(figures.command_to_servo.max() <= 500 * 16, "{kind:?}: {} cycles", figures.command_to_servo.max());
         let full = run(load(Pace::Full), LOAD_MS);
         let (frames, lost) = (full.meter.frames, full.meter.lost);
-        let part = if rig::takes_both_dialects() { 3 } else { 7 };
+        let part = match kind {
+            Kind::Position if rig::takes_both_dialects() => 2,
+            _ if rig::takes_both_dialects() => 3,
+            _ => 7,
+        };
         println!("{kind:?}: {lost} lost beside {frames}");
         assert!(lost * part < frames && full.meter.garbled == 0, "{kind:?}: {lost} lost beside {frames}");
     }

@@ -18,8 +18,11 @@ use bench::mcp2515::Fate;
 
 use super::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, array_command};
 
+/// uavcan.equipment.esc.RawCommand.
+const RAW_COMMAND: u32 = 0x0704_0600;
+const RAW_COMMAND_SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
 /// Node ID of the sender that fills the bus.
-const SENDER: u32 = 10;
+pub const SENDER: u32 = 10;
 /// Frames that wait in its queue, so that there is always a next one.
 const QUEUE: usize = 24;
 /// Of the bits of an identifier, those below the priority.
@@ -66,6 +69,8 @@ pub enum Kind {
     Position,
     /// Frames of ArrayCommands with 15 commands: nine each.
     LongCommand,
+    /// Frames of esc.RawCommands for eight motors: three each. RXB1.
+    RawCommand,
     /// First frames of ArrayCommands, of which the rest never comes.
     Beginning,
     /// A frame of NodeStatus with so many bytes, of which 8 are a status: it has RXB1 alone.
@@ -344,6 +349,13 @@ impl Sender {
             Kind::ThirdParty(len) => (THIRD_PARTY, self.padded(&[], len)),
             Kind::Beginning => {
                 (ARRAY_COMMAND | SENDER, long_command(command(self.count), self.next_transfer_id()).swap_remove(0))
+            }
+            Kind::RawCommand => {
+                if self.rest.is_empty() {
+                    let transfer_id = TransferId::new(self.next_transfer_id());
+                    self.rest = split(&[self.count as u8; 14], transfer_id, RAW_COMMAND_SIGNATURE).into();
+                }
+                (RAW_COMMAND | SENDER, self.rest.pop_front().expect("a frame"))
             }
             Kind::LongCommand => {
                 if self.rest.is_empty() {

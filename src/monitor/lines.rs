@@ -375,7 +375,7 @@ mod tests {
         let fixed = |places: usize| {
             let digits = format!("{:0>1$}", (a as i16).unsigned_abs(), places + 1);
             let (whole, rest) = digits.split_at(digits.len() - places);
-            format!("{whole}.{rest}")
+            if places == 0 { whole.to_string() } else { format!("{whole}.{rest}") }
         };
         let mut parts = text.split('%');
         let mut line = parts.next().unwrap().to_string();
@@ -390,6 +390,7 @@ mod tests {
                 "v" => word(b.into()),
                 "a" => a.to_string(),
                 "+" => if (a as i16) < 0 { "-" } else { "+" }.to_string(),
+                "0" => fixed(0),
                 "1" => fixed(1),
                 "3" => fixed(3),
                 "b" => b.to_string(),

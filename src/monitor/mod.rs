@@ -41,6 +41,15 @@ impl Line {
     pub fn is_refusal(self) -> bool {
         self <= Self::RefusedValue
     }
+
+    /// True if the line logs a command for other nodes.
+    #[inline(always)]
+    pub fn is_elsewhere(self) -> bool {
+        #[cfg(feature = "outputs")]
+        return matches!(self, Self::CommandElsewhere | Self::RawCommandElsewhere);
+        #[cfg(not(feature = "outputs"))]
+        return self == Self::CommandElsewhere;
+    }
 }
 
 impl Event {

@@ -80,6 +80,15 @@ lines! {
     /// Received a command. It is not logged: it is when it is followed.
     #[cfg(feature = "outputs")]
     CommandWaits = "waits",
+    /// Received an esc.RawCommand, and followed the command for a motor.
+    #[cfg(feature = "outputs")]
+    RawCommand = "rx RawCommand from %s tid %t: motor %c %+%0, pulse %p us",
+    /// Received an esc.RawCommand, and followed the commands for several motors.
+    #[cfg(feature = "outputs")]
+    RawCommandMany = "rx RawCommand from %s tid %t: motor %c and others",
+    /// Received an esc.RawCommand without a command for this node.
+    #[cfg(feature = "outputs")]
+    RawCommandElsewhere = "rx RawCommand from %s tid %t: not for this node",
     /// The temperature, logged once a second.
     Temperature = "temperature %+%1 C",
     /// Two nodes command the output.

@@ -29,6 +29,9 @@ const SLOTS: usize = 4;
 pub enum Row {
     /// DroneCAN v0, for a node with an ID.
     V0,
+    /// The same with esc.RawCommand, for a node with motors. With one type more, the mask compares fewer bits.
+    #[cfg(feature = "outputs")]
+    WithMotors,
     /// A node without an ID takes Allocation only: from allocators in RXB0, from other nodes without an ID in RXB1.
     #[cfg(feature = "allocation")]
     WithoutId,
@@ -40,7 +43,10 @@ pub enum Row {
     Thesis,
 }
 
-const ROWS: usize = 1 + cfg!(feature = "allocation") as usize + 2 * cfg!(feature = "draft") as usize;
+const ROWS: usize = 1
+    + cfg!(feature = "outputs") as usize
+    + cfg!(feature = "allocation") as usize
+    + 2 * cfg!(feature = "draft") as usize;
 
 /// A mask for types, and the filters under it.
 struct Wide {
@@ -88,21 +94,25 @@ impl Wide {
     }
 }
 
-/// Types of the table that RXB1 takes.
-const SINGLES: usize = {
+/// The number of types of the table that RXB1 takes.
+const fn singles(has_motors: bool) -> usize {
     let mut count = 0;
     let mut n = 0;
     while n < Kind::ALL.len() {
-        count += is_single(Kind::ALL[n]) as usize;
+        count += is_single(Kind::ALL[n], has_motors) as usize;
         n += 1;
     }
     count
-};
+}
 
-/// True for a message of v0, except ArrayCommand, which RXB0 takes, and Allocation, which a node with an ID does not need.
-const fn is_single(kind: Kind) -> bool {
+/// True for a message of v0, except ArrayCommand, which RXB0 takes, and Allocation, which a node with an ID does not need. RawCommand is only for
+/// motors.
+const fn is_single(kind: Kind, has_motors: bool) -> bool {
+    let _ = has_motors;
     match kind {
         Kind::ArrayCommand => false,
+        #[cfg(feature = "outputs")]
+        Kind::RawCommand => has_motors,
         #[cfg(feature = "allocation")]
         Kind::Allocation => false,
         #[cfg(feature = "draft")]
@@ -124,11 +134,15 @@ const fn message_mask(bits: u16) -> Pattern {
 /// The bit that distinguishes services from messages.
 const SERVICE: u8 = 1 << 7;
 
-const V0: [Pattern; 8] = {
+const V0: [Pattern; 8] = v0::<{ singles(false) }>(false);
+#[cfg(feature = "outputs")]
+const WITH_MOTORS: [Pattern; 8] = v0::<{ singles(true) }>(true);
+
+const fn v0<const SINGLES: usize>(has_motors: bool) -> [Pattern; 8] {
     let mut types = [0; SINGLES];
     let (mut count, mut n) = (0, 0);
     while n < Kind::ALL.len() {
-        if is_single(Kind::ALL[n]) {
+        if is_single(Kind::ALL[n], has_motors) {
             types[count] = Kind::ALL[n].id();
             count += 1;
         }
@@ -146,7 +160,7 @@ const V0: [Pattern; 8] = {
         message_mask(0x00FF),
         message_mask(wide.mask),
     ]
-};
+}
 
 #[cfg(feature = "allocation")]
 const WITHOUT_ID: [Pattern; 8] = {
@@ -190,6 +204,8 @@ const THESIS: [Pattern; 8] = {
 pub const PACKED: [u8; ROW * ROWS] = {
     let rows: [[Pattern; 8]; ROWS] = [
         V0,
+        #[cfg(feature = "outputs")]
+        WITH_MOTORS,
         #[cfg(feature = "allocation")]
         WITHOUT_ID,
         #[cfg(feature = "draft")]
@@ -247,6 +263,8 @@ impl Row {
     const fn has_requests(self) -> bool {
         match self {
             Self::V0 => true,
+            #[cfg(feature = "outputs")]
+            Self::WithMotors => true,
             #[cfg(feature = "draft")]
             Self::Either => true,
             #[allow(unreachable_patterns, reason = "a build may have no others")]
@@ -389,6 +407,26 @@ mod tests {
         assert_eq!(Wide::new(&[0x0001, 0x0101, 0x0201, 0x0301, 0x0401]).mask, 0x00FF);
     }
 
+    /// Of six types the mask compares five bits of the low byte: 0x06, 0x55, 0x57, 0x4C, 0x20 and 0x39 differ in them, but for two pairs.
+    #[cfg(feature = "outputs")]
+    #[test]
+    fn a_node_with_motors_takes_raw_commands_too() {
+        let with_motors = NodeAcceptance { row: Row::WithMotors, ..WITH_ID };
+        for &data_type in SINGLE_TYPES.iter().chain(&[1030]) {
+            let id = u32::from_be_bytes(Id::message(7, data_type, 10).to_bytes());
+            assert_eq!(buffer(with_motors, id), Some(1), "{id:08X}");
+        }
+        for id in [0x1003_F20A, 0x1E01_AAFF] {
+            assert_eq!(buffer(with_motors, id), Some(0), "{id:08X}");
+        }
+        assert_eq!(buffer(with_motors, 0x1804_0A0A), None, "esc.Status");
+        if let [341, 1111, 1100, 20_000, 1081] = SINGLE_TYPES {
+            let singles = [0x0008_0600, 0x0008_4400, 0x0008_4600, 0x0008_2000];
+            let filters = [&[0x0008_F200, 0x0008_AA80][..], &singles, &[0x0000_FF80, 0x0000_E680]].concat();
+            assert_eq!(all(with_motors)[..], filters);
+        }
+    }
+
     #[cfg(feature = "allocation")]
     #[test]
     fn without_an_id_only_allocation_passes() {
@@ -471,7 +509,12 @@ mod tests {
             if kind == Kind::DraftCommand {
                 continue;
             }
-            let expected = u8::from(is_single(kind));
+            #[cfg(feature = "outputs")]
+            if kind == Kind::RawCommand {
+                assert_eq!(buffer(WITH_ID, u32::from_be_bytes(id.to_bytes())), None);
+                continue;
+            }
+            let expected = u8::from(is_single(kind, false));
             assert_eq!(buffer(WITH_ID, u32::from_be_bytes(id.to_bytes())), Some(expected), "{kind:?}");
         }
     }

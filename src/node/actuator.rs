@@ -16,6 +16,9 @@ mod failsafe {
     pub const PWM: u8 = 2;
 }
 
+/// Time without a command until a motor stops if OUTn_TIMEOUT disables the failsafe, in milliseconds.
+const MOTOR_TIMEOUT_MS: u16 = 1000;
+
 /// An output. Outputs are numbered from 0 in the program, and from 1 in the names of parameters.
 #[derive(Clone, Copy)]
 pub struct Actuator {
@@ -107,6 +110,12 @@ impl Actuator {
         self.travel.pulse_of_byte(position)
     }
 
+    /// The pulse for a motor's command.
+    #[cfg(feature = "outputs")]
+    pub(super) fn pulse_of_throttle(&self, throttle: i16) -> Ticks {
+        self.travel.pulse_of_throttle(throttle)
+    }
+
     /// Sets the pulse that a command asks for.
     #[inline(always)]
     pub(super) fn follow(&mut self, pulse: Ticks, now_ms: u16) {
@@ -115,10 +124,13 @@ impl Actuator {
         self.followed_ms = now_ms;
     }
 
-    /// True if no command was followed for OUTn_TIMEOUT.
+    /// True if no command was followed for OUTn_TIMEOUT. A motor always has a timeout.
     #[inline(always)]
-    pub(super) fn is_late(&self, output: usize, now_ms: u16, parameters: &Parameters) -> bool {
-        let timeout_ms = parameters.of(output, OutputParameter::Timeout);
+    pub(super) fn is_late(&self, output: usize, is_motor: bool, now_ms: u16, parameters: &Parameters) -> bool {
+        let mut timeout_ms = parameters.of(output, OutputParameter::Timeout);
+        if is_motor && timeout_ms == 0 {
+            timeout_ms = MOTOR_TIMEOUT_MS;
+        }
         timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms
     }
 
@@ -138,6 +150,15 @@ impl Actuator {
     #[cfg(feature = "safety")]
     pub(super) fn begin_safe(&mut self, is_failsafe: bool) {
         self.was_following = core::mem::take(&mut self.is_following) || is_failsafe;
+    }
+
+    /// Stops a motor, until the next command. A motor that was never commanded has no pulse.
+    #[cfg(feature = "outputs")]
+    pub(super) fn stop_motor(&mut self) {
+        self.is_following = false;
+        if self.pulse != 0 {
+            self.pulse = self.travel.motor_off();
+        }
     }
 
     /// Ends the pulses while the safety switch is on.

@@ -160,6 +160,8 @@ impl Actuators {
             }
             if parameters.is_on(Parameter::SafeMode) {
                 actuator.stop();
+            } else {
+                self.several.stop_motor(output, actuator);
             }
         }
         self.several.touch();
@@ -238,6 +240,9 @@ impl Actuators {
         parameters: &Parameters,
         board: &mut impl Output,
     ) -> Line {
+        if self.several.is_motor(0) {
+            return Line::RefusedType;
+        }
         if let Some(line) = self.blocked(parameters) {
             return line;
         }
@@ -277,10 +282,13 @@ impl Actuators {
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
         let mut begins = false;
         for output in self.several.tick() {
+            let is_motor = self.several.is_motor(output);
             if self.each[place(output)].is_following() {
-                let is_late = self.each[place(output)].is_late(output, now_ms, parameters);
-                if is_late || self.is_disarmed(parameters) {
-                    self.each[place(output)].fail_safe(output, parameters);
+                let is_late = self.each[place(output)].is_late(output, is_motor, now_ms, parameters);
+                // A motor needs an armed vehicle, whatever ARM_REQ says.
+                let is_disarmed = if is_motor { self.armed_s == 0 } else { self.is_disarmed(parameters) };
+                if is_late || is_disarmed {
+                    self.fail_output(output, parameters);
                     self.several.touch();
                 }
                 begins |= is_late;
@@ -295,9 +303,18 @@ impl Actuators {
     /// Has each output do what OUTn_FS says, until the next command.
     pub fn fail_safe(&mut self, parameters: &Parameters) {
         for output in 0..OUTPUTS {
-            self.each[place(output)].fail_safe(output, parameters);
+            self.fail_output(output, parameters);
         }
         self.several.touch();
+    }
+
+    /// Has an output do what OUTn_FS says, and a motor stop, until the next command.
+    #[inline(always)]
+    fn fail_output(&mut self, output: usize, parameters: &Parameters) {
+        let actuator = &mut self.each[place(output)];
+        if !self.several.stop_motor(output, actuator) {
+            actuator.fail_safe(output, parameters);
+        }
     }
 
     /// Counts down the timeouts of ArmingStatus and SafetyState. Call once a second.

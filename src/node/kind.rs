@@ -82,6 +82,9 @@ const DRAFT_COMMAND: Message = Message { id: 265, seed: 0xBFEF };
 received! {
     /// uavcan.equipment.actuator.ArrayCommand
     ArrayCommand = message types::ARRAY_COMMAND, long;
+    /// uavcan.equipment.esc.RawCommand
+    #[cfg(feature = "outputs")]
+    RawCommand = message types::ESC_RAW_COMMAND, long;
     /// uavcan.protocol.NodeStatus
     NodeStatus = message types::NODE_STATUS, short;
     /// thesis.ServoCommand
@@ -186,11 +189,13 @@ impl Kind {
         self.entry_len() != 0
     }
 
-    /// True for a command for the actuator.
+    /// True for a command for an output.
     #[inline(always)]
     pub const fn is_command(self) -> bool {
         match self {
             Self::ArrayCommand | Self::ServoCommand => true,
+            #[cfg(feature = "outputs")]
+            Self::RawCommand => true,
             #[cfg(feature = "draft")]
             Self::DraftCommand => true,
             _ => false,
@@ -200,6 +205,9 @@ impl Kind {
 
 impl Received for Kind {
     const UNKNOWN: Self = Self::Unknown;
+
+    /// ArrayCommand and RawCommand.
+    const LANE_FOR_EACH_TYPE: bool = cfg!(feature = "outputs");
 
     #[inline(always)]
     fn of_message(data_type: u16) -> Self {
@@ -231,6 +239,14 @@ impl Received for Kind {
     #[inline(always)]
     fn entry_len(self) -> u8 {
         self.entry_len()
+    }
+
+    #[inline(always)]
+    fn has_own_lanes(self) -> bool {
+        #[cfg(feature = "outputs")]
+        return self.is_list() || self == Self::RawCommand;
+        #[cfg(not(feature = "outputs"))]
+        self.is_list()
     }
 
     /// DSDL: 1010.ArrayCommand.uavcan, 1081.LightsCommand.uavcan.

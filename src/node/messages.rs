@@ -124,7 +124,7 @@ impl Node {
             Publication::DegreesCelsius => self.outgoing.put8(self.temperature.celsius().clamp(0, 255) as u8),
             #[cfg(feature = "standard")]
             Publication::ActuatorStatus => {
-                let output = self.actuators.next_to_report();
+                let Some(output) = self.actuators.next_to_report() else { return false };
                 self.outgoing.put8(self.parameters.of(output, OutputParameter::Id) as u8);
                 self.outgoing.put16(self.actuators.position(output));
                 // Force and speed are not measured.

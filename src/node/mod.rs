@@ -57,7 +57,7 @@ use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Frame, Notice};
 
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
-use acceptance::{Filters, NodeAcceptance};
+use acceptance::{Filters, NodeAcceptance, Row};
 use actuators::Actuators;
 use autopilot::Autopilot;
 use condition::{Conditions, ResetCause};
@@ -260,12 +260,23 @@ impl Node {
     /// The filters and masks for the CAN controller.
     pub fn acceptance<P: Progmem<Filters>>(&self, flash: P) -> NodeAcceptance<P> {
         #[allow(unused_mut, reason = "a build may have no other row")]
-        let mut row = self.dialect.row();
+        let mut row = self.row();
         #[cfg(feature = "allocation")]
         if self.id == 0 {
-            row = acceptance::Row::WithoutId;
+            row = Row::WithoutId;
         }
         NodeAcceptance { node: NodeId::new(self.id), row, flash }
+    }
+
+    /// The set of filters for a node with an ID.
+    #[inline(always)]
+    fn row(&self) -> Row {
+        let row = self.dialect.row();
+        #[cfg(feature = "outputs")]
+        if row == Row::V0 && self.actuators.has_motors() {
+            return Row::WithMotors;
+        }
+        row
     }
 
     /// How often the controller tries to send a frame. An anonymous frame is sent once, because other nodes may send frames with the same identifier
@@ -366,10 +377,10 @@ impl Node {
 
     /// Applies the parameters after some were set.
     pub fn take_parameters(&mut self) {
+        let row = self.row();
         self.actuators.update(&self.parameters);
-        let row = self.dialect.row();
         self.dialect.update(&self.parameters);
-        if row != self.dialect.row() {
+        if row != self.row() {
             self.change_filters();
         }
     }
@@ -506,19 +517,28 @@ impl Node {
             Ok(segment) => segment,
             Err(rejection) => return self.reject(rejection, frame, monitor),
         };
-        let own_id = self.parameters.get(match segment.kind {
-            #[cfg(feature = "lights")]
-            Kind::LightsCommand => Parameter::LightId,
-            _ => Parameter::Out1Id,
-        }) as u8;
         let commander = self.autopilot.commander();
         #[cfg(not(feature = "outputs"))]
-        let verdict = receiver.accept(segment, own_id, commander, now_ms);
+        let verdict = {
+            let own_id = self.parameters.get(match segment.kind {
+                #[cfg(feature = "lights")]
+                Kind::LightsCommand => Parameter::LightId,
+                _ => Parameter::Out1Id,
+            });
+            receiver.accept(segment, own_id as u8, commander, now_ms)
+        };
         #[cfg(feature = "outputs")]
         let verdict = {
-            let is_command = segment.kind.is_command();
+            #[cfg(feature = "lights")]
+            let light_id =
+                (segment.kind == Kind::LightsCommand).then_some(self.parameters.get(Parameter::LightId) as u8);
+            #[cfg(not(feature = "lights"))]
+            let light_id: Option<u8> = None;
             let actuators = &self.actuators;
-            let slot_of = |id| if is_command { actuators.slot_of(id) } else { (id == own_id).then_some(Slot::new(0)) };
+            let slot_of = |id| match light_id {
+                Some(own_id) => (id == own_id).then_some(Slot::new(0)),
+                None => actuators.slot_of(id),
+            };
             receiver.accept_entries(segment, slot_of, commander, now_ms)
         };
         match verdict {
@@ -687,6 +707,8 @@ impl Node {
                 self.note.set_code(b0);
                 self.actuators.take_servo_command(b0, &mut self.note, now_ms, &self.parameters, servo)
             }
+            #[cfg(feature = "outputs")]
+            Kind::RawCommand => self.actuators.take_raw_command(transfer, &self.parameters),
             _ if kind.is_list() => {
                 self.note.set_code(self.parameters.get(Parameter::Out1Id) as u8);
                 let Self { actuators, parameters, note, .. } = self;
@@ -698,7 +720,7 @@ impl Node {
         if line == Line::CommandWaits {
             return line;
         }
-        let is_followed = !line.is_refusal() && line != Line::CommandElsewhere;
+        let is_followed = !line.is_refusal() && !line.is_elsewhere();
         if is_followed {
             count(&mut self.health.counts.followed);
         }

@@ -93,6 +93,9 @@ parameters! {
     /// Outputs in use.
     #[cfg(feature = "outputs")]
     OutCount "OUT_COUNT" 1..8 = 1,
+    /// 0 is a servo, which follows ArrayCommand, 1 a motor, which follows esc.RawCommand.
+    #[cfg(feature = "outputs")]
+    Out1Type "OUT1_TYPE" 0..1 = 0,
 }
 
 /// All parameters: those of [`Parameter`], then those of the outputs from the second on, output by output.
@@ -131,6 +134,9 @@ pub enum OutputParameter {
     Fs,
     /// OUTn_FS_PWM.
     FsPwm,
+    /// OUTn_TYPE.
+    #[cfg(feature = "outputs")]
+    Type,
 }
 
 impl OutputParameter {
@@ -153,6 +159,8 @@ impl OutputParameter {
             Self::Timeout => Parameter::Out1Timeout,
             Self::Fs => Parameter::Out1Fs,
             Self::FsPwm => Parameter::Out1FsPwm,
+            #[cfg(feature = "outputs")]
+            Self::Type => Parameter::Out1Type,
         }) as usize
     }
 }

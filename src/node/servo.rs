@@ -120,7 +120,6 @@ impl Travel {
     /// The pulse for a command; 0 for a width of zero or less. A command beyond the travel gets the end of the travel.
     ///
     /// OUTn_REVERSED reverses unitless and position commands, but not a width.
-    #[inline(always)]
     pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
         let mut is_low = value < 0;
         let magnitude = value.unsigned_abs();
@@ -138,6 +137,20 @@ impl Travel {
         // Limits a command beyond the travel to the end.
         let offset = offset.min(side);
         if is_low { self.trim - offset } else { self.trim + offset }
+    }
+
+    /// The pulse that stops a motor: the lower end of the travel.
+    #[cfg(feature = "outputs")]
+    pub fn motor_off(&self) -> Ticks {
+        self.low()
+    }
+
+    /// The pulse for a motor's command: up to 8191, which is the upper end of the travel. 0 and less stop it.
+    #[cfg(feature = "outputs")]
+    pub fn pulse_of_throttle(&self, throttle: i16) -> Ticks {
+        let span = self.below + self.above;
+        // Divides by 2^13, rounded.
+        self.low() + ((u32::from(throttle.max(0) as u16) * u32::from(span) + (1 << 12)) >> 13) as u16
     }
 
     /// The pulse for a position of the thesis's command: 0 to 255 over the full travel.

@@ -107,6 +107,8 @@ pub const CAN_STATS: u64 = 0xCE08_0CAE_3CA3_3C75;
 pub const ARRAY_COMMAND: u64 = 0xD8A7_4862_38EC_3AF3;
 /// Signature of uavcan.equipment.actuator.Status.
 pub const ACTUATOR_STATUS: u64 = 0x5E9B_BA44_FAF1_EA04;
+/// Signature of uavcan.equipment.esc.RawCommand.
+pub const RAW_COMMAND: u64 = 0x217F_5C87_D7EC_951D;
 /// Signature of uavcan.equipment.indication.LightsCommand.
 pub const LIGHTS_COMMAND: u64 = 0x2031_D93C_8BDD_1EC4;
 

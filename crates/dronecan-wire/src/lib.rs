@@ -5,6 +5,7 @@
 
 mod bits;
 pub mod crc;
+pub mod esc;
 pub mod float16;
 #[cfg(any(test, feature = "golden"))]
 pub mod golden;

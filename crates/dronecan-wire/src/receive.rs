@@ -7,7 +7,7 @@
 //! * The receiver stores only bytes that the program uses: of a list the entry for this node, of any other payload the first `KEPT` bytes.
 //!
 //! The receiver reassembles multi-frame transfers in lanes: `LISTS` lanes for lists, `OTHERS` lanes for all other transfers. A lane belongs to
-//! the sender of its transfer.
+//! the sender of its transfer; with [`Received::LANE_FOR_EACH_TYPE`] to the sender and the type.
 //!
 //! Invariants:
 //!
@@ -76,6 +76,10 @@ pub trait Received: Copy + PartialEq {
     /// Stands for every data type that the node does not receive.
     const UNKNOWN: Self;
 
+    /// True if transfers of different types from one sender have different lanes. A sender interleaves them if it puts the frames that wait in order
+    /// of their identifiers. False saves code in a node that receives only one type of list of several frames from a sender.
+    const LANE_FOR_EACH_TYPE: bool = false;
+
     /// Returns the message with this data type ID, or [`UNKNOWN`](Self::UNKNOWN).
     fn of_message(data_type: u16) -> Self;
 
@@ -100,6 +104,13 @@ pub trait Received: Copy + PartialEq {
     #[inline(always)]
     fn entry_len(self) -> u8 {
         0
+    }
+
+    /// True for a type whose transfers have the lanes of lists, in which the sender that the caller protects cannot be kept out. All lists, unless the
+    /// program says otherwise: another type of command may need these lanes, too.
+    #[inline(always)]
+    fn has_own_lanes(self) -> bool {
+        self.entry_len() != 0
     }
 
     /// The largest number of entries of a list.
@@ -397,10 +408,10 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
             Some(&mut self.single)
         } else if !kind.is_multi_frame() || source == 0 {
             return Verdict::Rejected(Rejection::Malformed);
-        } else if entry_len != 0 {
-            lane(&mut self.lists, source, tail.is_start(), protected)
+        } else if kind.has_own_lanes() {
+            lane(&mut self.lists, kind, source, tail.is_start(), protected)
         } else {
-            lane(&mut self.others, source, tail.is_start(), 0)
+            lane(&mut self.others, kind, source, tail.is_start(), 0)
         };
         let mut verdict = Verdict::More;
         let Some(lane) = lane else {
@@ -447,10 +458,11 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
     }
 }
 
-/// Returns the lane of this sender's transfer, or a lane for a transfer that begins: see the module's invariants.
+/// Returns the lane of this sender's transfer of this type, or a lane for a transfer that begins: see the module's invariants.
 #[inline(always)]
-fn lane<K, const N: usize, const KEPT: usize>(
+fn lane<K: Received, const N: usize, const KEPT: usize>(
     lanes: &mut [Transfer<K, KEPT>; N],
+    kind: K,
     source: u8,
     is_start: bool,
     protected: u8,
@@ -459,7 +471,7 @@ fn lane<K, const N: usize, const KEPT: usize>(
     // A free lane is preferred to the lane of another sender.
     let mut is_free = false;
     for lane in lanes {
-        if lane.is_open && lane.source == source {
+        if lane.is_open && lane.source == source && (!K::LANE_FOR_EACH_TYPE || lane.kind == kind) {
             return Some(lane);
         }
         if is_start && !is_free && (!lane.is_open || lane.source != protected) {

@@ -1,5 +1,6 @@
 //! A node with one output.
 
+use super::super::actuator::Actuator;
 use super::super::parameters::Parameters;
 use super::Actuators;
 
@@ -47,6 +48,18 @@ impl Several {
 
     /// Does nothing.
     pub fn fail(&mut self, _output: usize) {}
+
+    /// False: the output is a servo.
+    #[inline(always)]
+    pub fn is_motor(&self, _output: usize) -> bool {
+        false
+    }
+
+    /// Does nothing, and returns false: the output is a servo.
+    #[inline(always)]
+    pub fn stop_motor(&self, _output: usize, _actuator: &mut Actuator) -> bool {
+        false
+    }
 }
 
 impl Actuators {
@@ -58,7 +71,7 @@ impl Actuators {
     /// The output of the next actuator.Status.
     #[cfg(feature = "standard")]
     #[inline(always)]
-    pub fn next_to_report(&mut self) -> usize {
-        0
+    pub fn next_to_report(&mut self) -> Option<usize> {
+        Some(0)
     }
 }

@@ -1,12 +1,13 @@
-//! A node with several outputs: which are in use, which entries of an ArrayCommand are for them, and which of them are in failsafe.
+//! A node with several outputs: which are in use, which commands are for them, and which of them are in failsafe.
 
+use super::super::actuator::Actuator;
 use super::super::parameters::{OutputParameter, Parameters};
 use super::super::servo::{CommandType, Output};
 use super::super::wire::{KEPT, Transfer};
 use super::{Actuators, place};
 use crate::hardware::OUTPUTS;
 use crate::monitor::{Event, Line};
-use dronecan_wire::Slot;
+use dronecan_wire::{Slot, esc};
 
 /// What the outputs have together.
 pub struct Several {
@@ -14,6 +15,8 @@ pub struct Several {
     used: u8,
     /// OUTn_ID of each output.
     ids: [u8; OUTPUTS],
+    /// Outputs in use that are motors: bit n - 1 is output n.
+    motors: u8,
     /// Outputs in failsafe: bit n - 1 is output n.
     failing: u8,
     /// `failing` when it was logged and published last.
@@ -47,6 +50,7 @@ impl Several {
         Self {
             used: 0,
             ids: [0; OUTPUTS],
+            motors: 0,
             failing: 0,
             told: 0,
             #[cfg(feature = "standard")]
@@ -68,17 +72,20 @@ impl Several {
     /// Takes over the IDs of the outputs.
     pub fn update(&mut self, parameters: &Parameters) {
         self.by_lower_bits = [0; 16];
+        self.motors = 0;
         for output in 0..self.used() {
             let id = parameters.of(output, OutputParameter::Id) as u8;
             self.ids[output] = id;
-            self.slots[output] = Slot::new(output as u8);
-            self.by_lower_bits[usize::from(id % 16)] = output as u8 + 1;
-        }
-        for output in 0..self.used() {
-            if let Some(slot) = self.slot_of(self.ids[output]) {
-                self.slots[output] = slot;
+            self.slots[output] = NO_SLOT;
+            if parameters.of(output, OutputParameter::Type) as u8 == MOTOR {
+                self.motors |= 1 << output;
+            } else {
+                self.slots[output] = self.search(id).unwrap_or(Slot::new(output as u8));
+                self.by_lower_bits[usize::from(id % 16)] = output as u8 + 1;
             }
         }
+        // What waits is for the outputs as they were.
+        self.waiting &= !self.motors;
         self.is_stale = true;
     }
 
@@ -91,8 +98,24 @@ impl Several {
 
     #[inline(never)]
     fn search(&self, id: u8) -> Option<Slot> {
-        let output = (0..self.used()).find(|&output| self.ids[output] == id)?;
+        let output = (0..self.used()).find(|&output| self.ids[output] == id && self.slots[output] != NO_SLOT)?;
         Some(self.slots[output])
+    }
+
+    /// True if the output is a motor.
+    #[inline(always)]
+    pub fn is_motor(&self, output: usize) -> bool {
+        self.motors & 1 << output != 0
+    }
+
+    /// Stops an output that is a motor. Returns true if it is one.
+    #[inline(always)]
+    pub fn stop_motor(&self, output: usize, actuator: &mut Actuator) -> bool {
+        let is_motor = self.is_motor(output);
+        if is_motor {
+            actuator.stop_motor();
+        }
+        is_motor
     }
 
     /// Keeps the entries of a command, and those of an earlier one that wait for other outputs.
@@ -162,6 +185,12 @@ impl Several {
         self.failing |= 1 << output;
     }
 }
+
+/// OUTn_TYPE: the output follows esc.RawCommand, and not ArrayCommand.
+const MOTOR: u8 = 1;
+
+/// The slot of a motor, which needs no entry of an ArrayCommand.
+const NO_SLOT: Slot = Slot { at: 0, bit: 0 };
 
 /// Command type and value of the entry in a slot.
 #[inline(always)]
@@ -266,17 +295,20 @@ impl Actuators {
             event.set_source(self.several.source);
             event.set_transfer(self.several.transfer);
             self.several.waiting &= !(1 << output);
-            let (slot, entry_len) = (self.several.slots[output], self.several.entry_len);
-            let found = entry(&self.several.bytes, slot, entry_len);
-            line = match self.blocked(parameters) {
-                Some(line) => line,
-                None => self.follow_entry(found, output, event, now_ms, board),
+            let is_motor = self.several.is_motor(output);
+            line = if is_motor {
+                self.follow_throttle(output, event, now_ms, parameters, board)
+            } else if let Some(line) = self.blocked(parameters) {
+                line
+            } else {
+                let (slot, entry_len) = (self.several.slots[output], self.several.entry_len);
+                self.follow_entry(entry(&self.several.bytes, slot, entry_len), output, event, now_ms, board)
             };
             if !line.is_refusal() {
                 if !core::mem::take(&mut self.several.is_new) {
                     line = Line::CommandWaits;
                 } else if !is_only {
-                    line = Line::CommandMany;
+                    line = if is_motor { Line::RawCommandMany } else { Line::CommandMany };
                 }
             }
         }
@@ -306,6 +338,67 @@ impl Actuators {
                 line
             }
         }
+    }
+
+    /// Takes an esc.RawCommand: the commands for the outputs that are motors. They are followed later, as the entries of an ArrayCommand for several outputs.
+    #[inline(never)]
+    pub fn take_raw_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
+        let Several { motors, ids, bytes, .. } = &mut self.several;
+        let (mut found, mut bit) = (0, 1u8);
+        let (entries, _) = bytes.as_chunks_mut::<{ Slot::LEN as usize }>();
+        for (entry, id) in entries.iter_mut().zip(ids) {
+            if *motors & bit != 0
+                && let Some(throttle) = esc::raw_command(command.payload(), *id)
+            {
+                [entry[0], entry[1]] = throttle.to_le_bytes();
+                found |= bit;
+            }
+            bit <<= 1;
+        }
+        if found == 0 {
+            return Line::RawCommandElsewhere;
+        }
+        if let Some(line) = self.blocked_motor(parameters) {
+            return line;
+        }
+        self.several.waiting |= found;
+        self.several.is_new = true;
+        self.several.source = command.source;
+        self.several.transfer = command.transfer_id();
+        Line::CommandWaits
+    }
+
+    /// The line for the reason to reject all commands for motors, if there is one. Motors need an armed vehicle, whatever ARM_REQ says.
+    fn blocked_motor(&self, parameters: &Parameters) -> Option<Line> {
+        if self.armed_s == 0 { Some(Line::RefusedDisarmed) } else { self.blocked(parameters) }
+    }
+
+    /// Follows the command that waits for a motor.
+    #[inline(never)]
+    fn follow_throttle(
+        &mut self,
+        output: usize,
+        event: &mut Event,
+        now_ms: u16,
+        parameters: &Parameters,
+        board: &mut impl Output,
+    ) -> Line {
+        if let Some(line) = self.blocked_motor(parameters) {
+            return line;
+        }
+        let at = usize::from(Slot::new(output as u8).at);
+        let byte = |n| self.several.bytes.get(at + n).copied().unwrap_or_default();
+        let throttle = i16::from_le_bytes([byte(0), byte(1)]);
+        event.set_code(self.several.ids[output]);
+        event.a = throttle as u16;
+        self.follow(output, self.each[place(output)].pulse_of_throttle(throttle), event, now_ms, board);
+        Line::RawCommand
+    }
+
+    /// True if an output in use is a motor.
+    #[inline(always)]
+    pub fn has_motors(&self) -> bool {
+        self.several.motors != 0
     }
 
     /// Node ID of the sender of the command that waits, or was followed last.
@@ -345,12 +438,17 @@ impl Actuators {
         Some((output, self.several.failing & 1 << output != 0))
     }
 
-    /// The output of the next actuator.Status: they take turns.
+    /// The output of the next actuator.Status: the servos take turns. A motor has an index and no actuator ID, so it has none.
     #[cfg(feature = "standard")]
     #[inline(always)]
-    pub fn next_to_report(&mut self) -> usize {
-        let output = self.several.reported;
-        self.several.reported = if output + 1 < self.several.used { output + 1 } else { 0 };
-        usize::from(output) % OUTPUTS
+    pub fn next_to_report(&mut self) -> Option<usize> {
+        for _ in 0..self.used() {
+            let output = usize::from(self.several.reported) % OUTPUTS;
+            self.several.reported = if output + 1 < self.used() { output as u8 + 1 } else { 0 };
+            if !self.several.is_motor(output) {
+                return Some(output);
+            }
+        }
+        None
     }
 }

@@ -1,6 +1,7 @@
 use super::*;
 use crate::desk::Servos;
 use crate::golden;
+use crate::node::parameters::Parameter;
 use crate::node::wire::{Receiver, segment};
 use dronecan_wire::Verdict;
 

@@ -22,6 +22,8 @@ const RECEIVED: &[(Kind, u16)] = &[
     (Kind::Allocation, 1),
     (Kind::NodeStatus, 341),
     (Kind::ArrayCommand, 1010),
+    #[cfg(feature = "outputs")]
+    (Kind::RawCommand, 1030),
     #[cfg(feature = "lights")]
     (Kind::LightsCommand, 1081),
     #[cfg(feature = "standard")]
@@ -44,6 +46,8 @@ fn signatures_of_the_dsdl_amount_to_the_seeds_in_use() {
     let seeds: &[(u64, u16)] = &[
         (golden::ARRAY_COMMAND, Kind::ArrayCommand.seed()),
         (golden::GET_NODE_INFO, Kind::GetNodeInfo.seed()),
+        #[cfg(feature = "outputs")]
+        (golden::RAW_COMMAND, Kind::RawCommand.seed()),
         #[cfg(feature = "lights")]
         (golden::LIGHTS_COMMAND, Kind::LightsCommand.seed()),
         #[cfg(feature = "allocation")]

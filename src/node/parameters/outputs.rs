@@ -19,6 +19,7 @@ macro_rules! rows {
             (concat!("OUT", $output, "_TIMEOUT"), 0, 10_000, 1000),
             (concat!("OUT", $output, "_FS"), 0, 3, 0),
             (concat!("OUT", $output, "_FS_PWM"), 500, HIGHEST_PULSE, 1500),
+            (concat!("OUT", $output, "_TYPE"), 0, 1, 0),
         )*]
     };
 }
@@ -27,7 +28,7 @@ macro_rules! rows {
 pub const ROWS: &[Row] = rows!(2 3 4 5 6 7 8);
 
 /// Parameters of an output.
-pub const PARAMETERS: usize = 9;
+pub const PARAMETERS: usize = 10;
 const _: () = assert!(ROWS.len() == PARAMETERS * (crate::hardware::OUTPUTS - 1));
 
 /// True if the pulses of so many outputs fit in a period of this rate one after the other.

@@ -496,8 +496,8 @@ fn the_list_of_the_protected_sender_is_never_displaced() {
 #[test]
 fn a_transfer_without_a_lane_is_rejected_once_and_the_next_one_is_received() {
     let mut lanes = [Transfer::NONE; 1];
-    lane(&mut lanes, 10, true, 10).unwrap().begin(Kind::ArrayCommand, 10, 16);
-    assert!(lane(&mut lanes, 11, true, 10).is_none());
+    lane(&mut lanes, Kind::ArrayCommand, 10, true, 10).unwrap().begin(Kind::ArrayCommand, 10, 16);
+    assert!(lane(&mut lanes, Kind::ArrayCommand, 11, true, 10).is_none());
     if LIST_LANES > 1 {
         return;
     }
@@ -605,7 +605,7 @@ fn two_lanes(open: [Option<u8>; 2]) -> [Transfer; 2] {
 fn chosen(open: [Option<u8>; 2], source: u8, is_start: bool, protected: u8) -> Option<usize> {
     let mut lanes = two_lanes(open);
     let first = &raw const lanes[0];
-    let lane = lane(&mut lanes, source, is_start, protected)?;
+    let lane = lane(&mut lanes, Kind::ArrayCommand, source, is_start, protected)?;
     Some(usize::from(!std::ptr::eq(lane, first)))
 }
 

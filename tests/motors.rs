@@ -1,0 +1,251 @@
+//! Outputs that are motors (OUTn_TYPE 1): they follow esc.RawCommand by index, only while the vehicle is armed, and stop when commands do.
+
+use std::sync::OnceLock;
+
+use bench::dronecan::{TransferId, split};
+use rig::Rig;
+use rig::load::{Client, Kind, Load, Loaded, Pace, SENDER};
+use rig::status::{ERROR, FAILSAFE, OK};
+
+/// uavcan.equipment.esc.RawCommand with priority 7, of node 10.
+const RAW_COMMAND: u32 = 0x0704_060A;
+const SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
+const ARMING_STATUS: u32 = 0x1804_4C0A;
+const ARMED: u8 = 255;
+const PWM: u8 = 4;
+
+/// EEPROM of a node whose outputs 1 to 4 are servos, and 5 to 8 motors with the indices 0 to 3.
+fn eeprom() -> &'static [u8] {
+    static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
+    EEPROM.get_or_init(|| {
+        let mut rig = Rig::running();
+        rig.set("OUT_COUNT", 8);
+        for motor in 0..4 {
+            rig.set(&format!("OUT{}_TYPE", motor + 5), 1);
+            rig.set(&format!("OUT{}_ID", motor + 5), motor);
+        }
+        rig.save();
+        rig.board().avr().eeprom()
+    })
+}
+
+struct Motors {
+    rig: Rig,
+    transfer_id: u8,
+}
+
+/// The payload of an esc.RawCommand.
+fn payload(commands: &[i16]) -> Vec<u8> {
+    let bits = |command: &i16| {
+        let [low, high] = command.to_le_bytes();
+        let bits = move |byte: u8, count: u8| (0..count).map(move |n| byte << n >> 7);
+        bits(low, 8).chain(bits(high << 2, 6)).collect::<Vec<_>>()
+    };
+    let stream: Vec<u8> = commands.iter().flat_map(bits).collect();
+    stream.chunks(8).map(|bits| bits.iter().enumerate().map(|(n, bit)| bit << (7 - n)).sum()).collect()
+}
+
+fn frames(commands: &[i16], transfer_id: u8) -> Vec<Vec<u8>> {
+    split(&payload(commands), TransferId::new(transfer_id), SIGNATURE)
+}
+
+impl Motors {
+    fn new() -> Self {
+        Motors { rig: Rig::running_with(eeprom()), transfer_id: 0 }
+    }
+
+    fn command(&mut self, commands: &[i16]) {
+        for data in frames(commands, self.transfer_id) {
+            self.rig.send(RAW_COMMAND, &data);
+        }
+        self.transfer_id = (self.transfer_id + 1) % 32;
+    }
+
+    fn arm(&mut self, status: u8) {
+        // The autopilot's, which is the node that commands.
+        self.rig.send_status_from(10);
+        self.rig.send(ARMING_STATUS, &[status, 0xC0]);
+        self.rig.run_ms(5);
+    }
+
+    /// Widths of the last pulses of the eight outputs in microseconds; none without a pulse within 40 ms.
+    fn widths_us(&mut self) -> Vec<Option<f64>> {
+        self.rig.run_ms(25);
+        self.rig.run_ms(0);
+        self.rig.pulses.clear();
+        self.rig.board().take_output_pulses();
+        self.rig.run_ms(45);
+        let mut all = vec![std::mem::take(&mut self.rig.pulses)];
+        all.extend(self.rig.board().take_output_pulses());
+        let width = |cycles: u64| (cycles as f64 / 8.0).round() / 2.0;
+        all.iter().map(|pulses| pulses.last().map(|pulse| width(pulse.width_cycles))).collect()
+    }
+
+    fn motors_us(&mut self) -> [Option<f64>; 4] {
+        self.widths_us()[4..].try_into().expect("four")
+    }
+}
+
+/// Written by pydronecan 1.0.27.
+#[test]
+fn the_payloads_of_these_tests_are_pydronecan_s() {
+    let expected = [0xFF, 0x7C, 0x02, 0x00, 0x00, 0x00, 0x40, 0xFF, 0xFC, 0x01, 0x03, 0x44, 0x95, 0x55];
+    assert_eq!(payload(&[8191, -8192, 0, 1, -1, 4096, 4660, 5461]), expected);
+}
+
+#[test]
+fn motors_follow_raw_commands_by_index_while_the_vehicle_is_armed() {
+    let mut node = Motors::new();
+    node.arm(ARMED);
+    assert_eq!(node.widths_us(), [None; 8], "no pulse before the first command");
+    node.command(&[8191, 4096, 0, -8192]);
+    assert_eq!(node.widths_us(), [None, None, None, None, Some(2000.0), Some(1500.0), Some(1000.0), Some(1000.0)]);
+    // In eight frames, of which the receiver keeps what eighteen motors need.
+    node.command(&[2048; 20]);
+    assert_eq!(node.motors_us(), [Some(1250.0); 4]);
+    // A shorter command leaves the rest as it is.
+    node.command(&[8191]);
+    assert_eq!(node.motors_us(), [Some(2000.0), Some(1250.0), Some(1250.0), Some(1250.0)]);
+}
+
+#[test]
+fn neither_command_moves_an_output_of_the_other_kind() {
+    let mut node = Motors::new();
+    node.arm(ARMED);
+    let all: Vec<_> = (0..15).map(|id| (id, PWM, 1700.0)).collect();
+    node.rig.send_commands(&all);
+    let servos = [Some(1700.0); 4];
+    assert_eq!(node.widths_us(), [&servos[..], &[None; 4]].concat());
+    node.command(&[4096; 8]);
+    assert_eq!(node.widths_us(), [&servos[..], &[Some(1500.0); 4]].concat());
+}
+
+/// A sender that puts its frames in the order of their identifiers interleaves both kinds of command.
+#[test]
+fn an_array_command_between_the_frames_of_a_raw_command_breaks_neither() {
+    let mut node = Motors::new();
+    node.arm(ARMED);
+    let ours = frames(&[4096; 8], 3);
+    let others = rig::array_command(&(1..=8).map(|id| (id, PWM, 1300.0)).collect::<Vec<_>>(), 9);
+    assert!(ours.len() > 2 && others.len() > ours.len());
+    for n in 0..others.len() {
+        if let Some(data) = ours.get(n) {
+            node.rig.send(RAW_COMMAND, data);
+        }
+        node.rig.send(0x1003_F20A, &others[n]);
+    }
+    assert_eq!(node.widths_us(), [[Some(1300.0); 4], [Some(1500.0); 4]].concat());
+    assert_eq!(node.rig.status_now(), (OK, 0));
+}
+
+#[test]
+fn a_motor_stops_when_the_vehicle_is_disarmed_and_stays_so_whatever_is_commanded() {
+    let mut node = Motors::new();
+    node.command(&[4096; 4]);
+    assert_eq!(node.motors_us(), [None; 4], "never armed");
+    node.rig.wait_for_line("refused: command from 10 tid 0, disarmed", 50);
+    node.arm(ARMED);
+    node.command(&[4096; 4]);
+    assert_eq!(node.motors_us(), [Some(1500.0); 4]);
+    node.arm(0);
+    assert_eq!(node.motors_us(), [Some(1000.0); 4]);
+    node.command(&[8191; 4]);
+    assert_eq!(node.motors_us(), [Some(1000.0); 4]);
+}
+
+#[test]
+fn without_arming_statuses_the_vehicle_counts_as_disarmed_after_four_seconds() {
+    let mut node = Motors::new();
+    node.arm(ARMED);
+    for _ in 0..100 {
+        node.command(&[4096; 4]);
+        node.rig.run_ms(50);
+    }
+    assert_eq!(node.motors_us(), [Some(1000.0); 4]);
+}
+
+/// OUTn_FS is for servos. A motor has a timeout even if OUTn_TIMEOUT is 0.
+#[test]
+fn a_motor_stops_when_its_commands_stop_and_touches_no_other_output() {
+    let mut node = Motors::new();
+    for (name, value) in [("OUT5_TIMEOUT", 200), ("OUT6_TIMEOUT", 0), ("OUT5_FS", 0), ("OUT6_FS", 3)] {
+        node.rig.set(name, value);
+    }
+    node.arm(ARMED);
+    node.rig.send_commands(&[(1, PWM, 1600.0)]);
+    node.command(&[4096, 4096, 4096]);
+    node.rig.run_ms(300);
+    assert_eq!(node.motors_us(), [Some(1000.0), Some(1500.0), Some(1500.0), None]);
+    assert_eq!(node.rig.next_status(), (ERROR, FAILSAFE));
+    assert!(node.rig.serial.contains("FAILSAFE of output 5"), "{}", node.rig.serial);
+    node.rig.run_ms(1000);
+    let widths = node.widths_us();
+    assert_eq!(widths[..4], [Some(1600.0), None, None, None]);
+    assert_eq!(widths[4..], [Some(1000.0), Some(1000.0), Some(1000.0), None]);
+}
+
+#[test]
+fn while_the_safety_switch_is_on_motors_stop_also_where_servos_hold() {
+    let mut node = Motors::new();
+    node.rig.set("SAFE_MODE", 0);
+    node.arm(ARMED);
+    node.rig.send_commands(&[(1, PWM, 1600.0)]);
+    node.command(&[4096; 4]);
+    node.rig.run_ms(50);
+    node.rig.send(0x104E_200A, &[0, 0xC0]);
+    let widths = node.widths_us();
+    assert_eq!(widths[0], Some(1600.0));
+    assert_eq!(widths[4..], [Some(1000.0); 4]);
+    node.command(&[8191; 4]);
+    assert_eq!(node.motors_us(), [Some(1000.0); 4]);
+}
+
+#[test]
+fn an_output_that_becomes_a_motor_or_a_servo_stops_following_what_it_did() {
+    let mut node = Motors::new();
+    node.arm(ARMED);
+    node.rig.send_commands(&[(1, PWM, 1600.0), (2, PWM, 1600.0)]);
+    node.rig.run_ms(50);
+    node.rig.set("OUT1_TYPE", 1);
+    node.rig.send_commands(&[(1, PWM, 1900.0), (2, PWM, 1900.0)]);
+    node.rig.send_servo_command(255);
+    assert_eq!(node.widths_us()[..2], [Some(1600.0), Some(1900.0)]);
+    node.arm(ARMED);
+    // Its index is its ID.
+    node.command(&[0, 8191]);
+    assert_eq!(node.widths_us()[..2], [Some(2000.0), Some(1900.0)]);
+}
+
+/// Autopilots send 50 to 1000 a second. Of a bus full of nothing else, 2550 a second, the node loses one frame in 20.
+#[test]
+fn of_2000_raw_commands_for_eight_motors_a_second_no_frame_is_lost() {
+    let load = Load { kind: Kind::RawCommand, priority: 31, pace: Pace::Every(16_000_000 / 6000) };
+    let mut loaded = Loaded::of(Rig::running_with(eeprom()), Some(load), Client::Walking);
+    for _ in 0..8 {
+        loaded.rig.send(ARMING_STATUS & !0xFF | SENDER, &[ARMED, 0xC0]);
+        loaded.run_ms(250);
+    }
+    assert_eq!(loaded.rig.board().take_output_pulses()[4..].iter().filter(|pulses| pulses.len() > 90).count(), 3);
+    let figures = loaded.finish();
+    let meter = &figures.meter;
+    println!("{} frames, release at most {} cycles", meter.frames, meter.latency.max());
+    assert_eq!((meter.lost, meter.garbled, figures.stuck), (0, 0, false));
+    assert!(meter.latency.max() <= 1600, "{} cycles", meter.latency.max());
+}
+
+#[test]
+fn the_node_s_servos_have_an_actuator_status_and_its_motors_none() {
+    let mut node = Motors::new();
+    node.rig.forget();
+    node.rig.run_ms(2000);
+    let ids: std::collections::BTreeSet<u8> = node
+        .rig
+        .heard(|message| match message {
+            bench::dronecan::Message::ActuatorStatus(status) => Some(status.actuator),
+            _ => None,
+        })
+        .into_iter()
+        .map(|(_, id)| id)
+        .collect();
+    assert_eq!(ids.into_iter().collect::<Vec<_>>(), [1, 2, 3, 4]);
+}
