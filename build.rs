@@ -13,6 +13,9 @@ const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/avr-specs");
 /// Minor hardware version of wiring that no entry of the table has.
 const OWN_WIRING: i64 = 255;
 
+/// Analogue inputs of the feature `power`: voltage and current.
+const POWER_INPUTS: usize = 2;
+
 /// Outputs of the feature `outputs` besides the servo's.
 const MORE_OUTPUTS: usize = 7;
 
@@ -61,8 +64,11 @@ fn describe_board() -> String {
     let servos = pins["servo"].as_array().expect("avr-specs/boards.toml: pins.servo is a list");
     let servo = servos.iter().filter_map(Value::as_str).find(|pin| *pin != cs).expect("a pin for the servo");
     let outputs = pins["outputs"].as_array().expect("avr-specs/boards.toml: pins.outputs is a list");
-    let outputs: Vec<&str> =
-        outputs.iter().filter_map(Value::as_str).filter(|pin| *pin != cs && *pin != servo).take(MORE_OUTPUTS).collect();
+    let power = pins["power"].as_array().expect("avr-specs/boards.toml: pins.power is a list");
+    let power: Vec<&str> = power.iter().filter_map(Value::as_str).filter(|pin| *pin != cs).take(POWER_INPUTS).collect();
+    assert_eq!(power.len(), POWER_INPUTS, "avr-specs/boards.toml: pins.power has too few pins");
+    let is_free = |pin: &&str| *pin != cs && *pin != servo && !power.contains(pin);
+    let outputs: Vec<&str> = outputs.iter().filter_map(Value::as_str).filter(is_free).take(MORE_OUTPUTS).collect();
     assert_eq!(outputs.len(), MORE_OUTPUTS, "avr-specs/boards.toml: pins.outputs has too few pins");
     let light = Some(text(&table, &["pins", "light"])).filter(|light| *light != interrupt);
     let has_entry = |shield: &&Value| {
@@ -80,6 +86,7 @@ fn describe_board() -> String {
     set("NODE_CRYSTAL_MHZ", &crystal_mhz);
     set("NODE_SERVO", servo);
     set("NODE_OUTPUTS", &outputs.join(","));
+    set("NODE_POWER", &power.join(","));
     set("NODE_LIGHT", light.as_deref().unwrap_or_default());
     set("NODE_BUTTON", &text(&table, &["pins", "button"]));
     set("NODE_SENSOR", &text(&table, &["pins", "sensor"]));

@@ -9,7 +9,7 @@ use std::vec::Vec;
 
 use mcp2515_ordered::{Counters, Frame};
 
-use crate::hardware::OUTPUTS;
+use crate::hardware::{Input, OUTPUTS};
 use crate::image::InMemory;
 use crate::monitor::Monitor;
 use crate::node::Node;
@@ -130,8 +130,13 @@ pub struct Desk {
     pub can: Controller,
     /// Milliseconds since the start; the node's clock has the lower 16 bits.
     pub ms: u32,
-    /// Readings of the ADC, used alternately.
+    /// Readings of the temperature sensor, used alternately.
     pub readings: [u16; 2],
+    /// Readings of the circuit's voltage and current.
+    #[cfg(feature = "power")]
+    pub circuit: [u16; 2],
+    /// The input that the ADC measures.
+    input: Input,
     /// True while the button is pressed.
     pub is_pressed: bool,
     /// True if a question mark was received on the serial port.
@@ -169,6 +174,9 @@ impl Desk {
             ms: 0,
             // The average of 51.5 is 25.15 degrees Celsius for an LM35.
             readings: [51, 52],
+            #[cfg(feature = "power")]
+            circuit: [0; 2],
+            input: Input::Sensor,
             is_pressed: false,
             is_asked: false,
             log: Vec::new(),
@@ -218,7 +226,15 @@ impl Desk {
                 node.show(servos);
                 #[cfg(feature = "button")]
                 node.read_button(self.is_pressed, passed_ms, monitor);
-                node.read_temperature(self.readings[(self.ms & 1) as usize]);
+                let next = node.next_input();
+                let reading = match core::mem::replace(&mut self.input, next) {
+                    Input::Sensor => self.readings[(self.ms & 1) as usize],
+                    #[cfg(feature = "power")]
+                    Input::Voltage => self.circuit[0],
+                    #[cfg(feature = "power")]
+                    Input::Current => self.circuit[1],
+                };
+                node.read_input(reading, next);
                 self.is_to_restart |= node.is_to_restart(now_ms);
             }
             #[cfg(feature = "outputs")]

@@ -43,8 +43,52 @@ pub const OUTPUT_PINS: [Pin; OUTPUTS] = {
 };
 /// The light (OC2B). `None` if INT is on its pin.
 pub const LIGHT: Option<Pin> = if env!("NODE_LIGHT").is_empty() { None } else { Some(Pin::named(env!("NODE_LIGHT"))) };
+/// The temperature sensor.
+const SENSOR: Pin = Pin::named(env!("NODE_SENSOR"));
+/// The pins for voltage and current of the circuit.
+const POWER: [Pin; 2] = {
+    let (voltage, rest) = env!("NODE_POWER").split_at(2);
+    [Pin::named(voltage), Pin::named(rest.split_at(1).1)]
+};
 /// The button.
 pub const BUTTON: Pin = Pin::named(env!("NODE_BUTTON"));
+
+/// An input of the ADC.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Input {
+    /// The temperature sensor.
+    Sensor,
+    /// The voltage of the circuit.
+    #[cfg(feature = "power")]
+    Voltage,
+    /// The current of the circuit.
+    #[cfg(feature = "power")]
+    Current,
+}
+
+impl Input {
+    /// All inputs.
+    pub const ALL: &[Self] = &[
+        Self::Sensor,
+        #[cfg(feature = "power")]
+        Self::Voltage,
+        #[cfg(feature = "power")]
+        Self::Current,
+    ];
+
+    /// The pin, which has the number of its channel in port C.
+    #[inline(always)]
+    pub const fn pin(self) -> Pin {
+        match self {
+            Self::Sensor => SENSOR,
+            #[cfg(feature = "power")]
+            Self::Voltage => POWER[0],
+            #[cfg(feature = "power")]
+            Self::Current => POWER[1],
+        }
+    }
+}
 
 /// A pin of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,9 +140,9 @@ mod tests {
 
     #[test]
     fn no_two_signals_share_a_pin() {
-        let mut pins =
-            vec![CAN_SELECT, CAN_INTERRUPT, SERVO, BUTTON, Pin::named("A0"), Pin::named("D0"), Pin::named("D1")];
+        let mut pins = vec![CAN_SELECT, CAN_INTERRUPT, SERVO, BUTTON, SENSOR, Pin::named("D0"), Pin::named("D1")];
         pins.extend(&OUTPUT_PINS[1..]);
+        pins.extend(POWER);
         pins.extend(["D11", "D12", "D13"].map(Pin::named));
         pins.extend(LIGHT);
         for (n, pin) in pins.iter().enumerate() {

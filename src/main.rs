@@ -80,8 +80,9 @@ fn main() -> ! {
                 board.light.set(node.light());
                 #[cfg(feature = "button")]
                 node.read_button(board.button.is_pressed(), passed_ms, monitor);
-                if let Some(reading) = board.adc.take(node.parameters.is_on(Parameter::TempRef)) {
-                    node.read_temperature(reading);
+                let next = node.next_input();
+                if let Some(reading) = board.adc.take(node.parameters.is_on(Parameter::TempRef), next) {
+                    node.read_input(reading, next);
                 }
                 #[cfg(feature = "update")]
                 if node.has_run_a_minute() {

@@ -128,11 +128,11 @@ fn an_array_command_between_the_frames_of_a_raw_command_breaks_neither() {
     let ours = frames(&[4096; 8], 3);
     let others = rig::array_command(&(1..=8).map(|id| (id, PWM, 1300.0)).collect::<Vec<_>>(), 9);
     assert!(ours.len() > 2 && others.len() > ours.len());
-    for n in 0..others.len() {
+    for (n, theirs) in others.iter().enumerate() {
         if let Some(data) = ours.get(n) {
             node.rig.send(RAW_COMMAND, data);
         }
-        node.rig.send(0x1003_F20A, &others[n]);
+        node.rig.send(0x1003_F20A, theirs);
     }
     assert_eq!(node.widths_us(), [[Some(1300.0); 4], [Some(1500.0); 4]].concat());
     assert_eq!(node.rig.status_now(), (OK, 0));

@@ -91,6 +91,9 @@ lines! {
     RawCommandElsewhere = "rx RawCommand from %s tid %t: not for this node",
     /// The temperature, logged once a second.
     Temperature = "temperature %+%1 C",
+    /// Voltage and current of the circuit, logged once a second.
+    #[cfg(feature = "power")]
+    Circuit = "circuit %b mV, %+%2 A",
     /// Two nodes command the output.
     TwoCommanders = "TWO COMMANDERS",
     /// Received a request.
@@ -207,6 +210,12 @@ lines! {
     /// The vehicle is armed again.
     #[cfg(feature = "standard")]
     DisarmedEnd = "armed",
+    /// The voltage or the current leaves its range.
+    #[cfg(feature = "power")]
+    PowerOutOfRange = "voltage or current out of range",
+    /// The voltage and the current are in their ranges again.
+    #[cfg(feature = "power")]
+    PowerOutOfRangeEnd = "voltage and current in range",
     /// The temperature leaves its range.
     OutOfRange = "temperature out of range",
     /// The temperature is in its range again.

@@ -50,7 +50,7 @@ impl Conditions {
     pub const FAILSAFE: Self = Self(1 << 10);
     /// The temperature is below TEMP_MIN or above TEMP_MAX, or the sensor is open or shorted.
     pub const TEMPERATURE: Self = Self(1 << 11);
-    /// Reserved for voltage and current.
+    /// The voltage or the current of the circuit is beyond its limits.
     pub const POWER: Self = Self(1 << 12);
     /// Parameters in the EEPROM were lost or out of range; their defaults are in force.
     pub const PARAMETERS_LOST: Self = Self(1 << 13);

@@ -130,8 +130,13 @@ impl Node {
                 // Force and speed are not measured.
                 self.outgoing.put16(float16::NAN);
                 self.outgoing.put16(float16::NAN);
-                const POWER_UNKNOWN: u8 = 127;
-                self.outgoing.put8(POWER_UNKNOWN);
+                #[cfg(feature = "power")]
+                self.outgoing.put8(self.power.rating_percent(output, &self.parameters));
+                #[cfg(not(feature = "power"))]
+                {
+                    const POWER_UNKNOWN: u8 = 127;
+                    self.outgoing.put8(POWER_UNKNOWN);
+                }
             }
             Publication::Temperature => {
                 self.outgoing.put16(self.parameters.get(Parameter::TempId));
@@ -164,6 +169,15 @@ impl Node {
                 self.outgoing.put16(low);
                 self.outgoing.put16(high);
                 self.outgoing.put16(u16::from_le_bytes(*b"fs"));
+            }
+            #[cfg(feature = "power")]
+            Publication::CircuitStatus if !self.power.is_known() => return false,
+            #[cfg(feature = "power")]
+            Publication::CircuitStatus => {
+                self.outgoing.put16(self.parameters.get(Parameter::Pwr1Id));
+                self.outgoing.put16(self.power.voltage());
+                self.outgoing.put16(self.power.current());
+                self.outgoing.put8(self.power.flags());
             }
             #[cfg(feature = "allocation")]
             Publication::Allocation => {

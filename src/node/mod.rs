@@ -38,6 +38,8 @@ pub mod lights;
 mod messages;
 pub mod outgoing;
 pub mod parameters;
+#[cfg(feature = "power")]
+pub mod power;
 pub mod publisher;
 pub mod services;
 pub mod servo;
@@ -55,6 +57,7 @@ use dronecan_wire::Slot;
 use dronecan_wire::{NodeId, Rejection, Verdict};
 use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Frame, Notice};
 
+use crate::hardware::Input;
 use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
 use acceptance::{Filters, NodeAcceptance, Row};
@@ -82,6 +85,8 @@ use allocation::Allocation;
 use button::Button;
 #[cfg(feature = "lights")]
 use lights::Lights;
+#[cfg(feature = "power")]
+use power::Power;
 #[cfg(any(feature = "allocation", feature = "button", feature = "outputs", feature = "tunnel"))]
 use publisher::Publication;
 #[cfg(feature = "tunnel")]
@@ -110,6 +115,9 @@ enum Chore {
     Measure = 1 << 1,
     /// Do the work of each second.
     Second = 1 << 2,
+    /// Compute voltage and current: their sums of readings are complete.
+    #[cfg(feature = "power")]
+    MeasurePower = 1 << 3,
 }
 
 /// A set of chores.
@@ -178,6 +186,8 @@ pub struct Node {
     lights: Lights,
     #[cfg(feature = "button")]
     button: Button,
+    #[cfg(feature = "power")]
+    power: Power,
     /// The serial monitor through the bus.
     #[cfg(feature = "tunnel")]
     pub tunnel: Tunnel,
@@ -215,6 +225,8 @@ impl Node {
             lights: Lights::new(),
             #[cfg(feature = "button")]
             button: Button::new(),
+            #[cfg(feature = "power")]
+            power: Power::new(),
             #[cfg(feature = "tunnel")]
             tunnel: Tunnel::new(),
             #[cfg(feature = "update")]
@@ -351,8 +363,25 @@ impl Node {
         self.uptime_sec >= 60
     }
 
-    /// Takes a reading of the temperature sensor.
-    pub fn read_temperature(&mut self, reading: u16) {
+    /// The input of the ADC for the next reading.
+    #[inline(always)]
+    pub fn next_input(&self) -> Input {
+        #[cfg(feature = "power")]
+        return self.power.next_input(&self.parameters);
+        #[cfg(not(feature = "power"))]
+        Input::Sensor
+    }
+
+    /// Takes a reading of the ADC, which measures the input `next` now.
+    #[inline(always)]
+    pub fn read_input(&mut self, reading: u16, next: Input) {
+        #[cfg(feature = "power")]
+        match self.power.add(reading, next) {
+            (Input::Sensor, _) => {}
+            (_, true) => return self.chores.add(Chore::MeasurePower),
+            (_, false) => return,
+        }
+        let _ = next;
         if self.temperature.add(reading) {
             self.chores.add(Chore::Measure);
         }
@@ -372,6 +401,11 @@ impl Node {
             self.temperature.measure(&self.parameters);
         } else if self.chores.take(Chore::Second) {
             self.second(monitor);
+        } else {
+            #[cfg(feature = "power")]
+            if self.chores.take(Chore::MeasurePower) {
+                self.power.measure(&self.parameters);
+            }
         }
     }
 
@@ -486,6 +520,8 @@ impl Node {
             self.publisher.publish(Publication::FailsafeOutputs);
         }
         self.temperature.second(&mut self.health, monitor);
+        #[cfg(feature = "power")]
+        self.power.second(&self.parameters, &mut self.health, monitor);
         #[cfg(feature = "draft")]
         {
             self.dialect.second();

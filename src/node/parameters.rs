@@ -96,6 +96,36 @@ parameters! {
     /// 0 is a servo, which follows ArrayCommand, 1 a motor, which follows esc.RawCommand.
     #[cfg(feature = "outputs")]
     Out1Type "OUT1_TYPE" 0..1 = 0,
+    /// Rate of CircuitStatus, in messages a second; 0 does not measure the circuit.
+    #[cfg(feature = "power")]
+    PwrRate "PWR_RATE" 0..50 = 0,
+    /// The ID of the circuit.
+    #[cfg(feature = "power")]
+    Pwr1Id "PWR1_ID" 0..65535 = 1,
+    /// Volts of the circuit for a volt at the pin, in thousandths: 11000 for a divider of 10 and 1 kOhm.
+    #[cfg(feature = "power")]
+    Pwr1VoltMult "PWR1_VOLT_MULT" 100..65535 = 1000,
+    /// Voltage at the pin for a circuit of 0 V, in millivolts.
+    #[cfg(feature = "power")]
+    Pwr1VoltOfs "PWR1_VOLT_OFS" -1000..1000 = 0,
+    /// Amperes for a volt at the pin, in hundredths.
+    #[cfg(feature = "power")]
+    Pwr1AmpPervlt "PWR1_AMP_PERVLT" 1..65535 = 1000,
+    /// Voltage at the pin without a current, in millivolts.
+    #[cfg(feature = "power")]
+    Pwr1AmpOffset "PWR1_AMP_OFFSET" -1000..5000 = 0,
+    /// Lower limit of the voltage, in millivolts; 0 is none.
+    #[cfg(feature = "power")]
+    Pwr1VoltMin "PWR1_VOLT_MIN" 0..65535 = 0,
+    /// Upper limit of the voltage, in millivolts; 0 is none.
+    #[cfg(feature = "power")]
+    Pwr1VoltMax "PWR1_VOLT_MAX" 0..65535 = 0,
+    /// Upper limit of the current, in hundredths of an ampere; 0 is none.
+    #[cfg(feature = "power")]
+    Pwr1AmpMax "PWR1_AMP_MAX" 0..32767 = 0,
+    /// The output that the circuit feeds, whose actuator.Status has the current in percent of PWR1_AMP_MAX; 0 is none.
+    #[cfg(feature = "power")]
+    Pwr1Out "PWR1_OUT" 0..8 = 0,
 }
 
 /// All parameters: those of [`Parameter`], then those of the outputs from the second on, output by output.

@@ -88,6 +88,9 @@ publications! {
     /// uavcan.protocol.debug.KeyValue, with the outputs in failsafe.
     #[cfg(feature = "outputs")]
     FailsafeOutputs = types::KEY_VALUE, short;
+    /// uavcan.equipment.power.CircuitStatus
+    #[cfg(feature = "power")]
+    CircuitStatus = types::CIRCUIT_STATUS, short;
     /// uavcan.protocol.dynamic_node_id.Allocation
     #[cfg(feature = "allocation")]
     Allocation = types::ALLOCATION, short;
@@ -95,14 +98,20 @@ publications! {
 
 /// Number of messages, each with its own transfer IDs.
 const COUNT: usize = Publication::ALL.len();
-const _: () = assert!(COUNT <= 8, "each has a bit of `Due`");
+
+/// The bits of [`Due`].
+#[cfg(not(feature = "power"))]
+type Bits = u8;
+#[cfg(feature = "power")]
+type Bits = u16;
+const _: () = assert!(COUNT <= Bits::BITS as usize, "each has a bit of `Due`");
 
 /// A set of messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Due(u8);
+pub struct Due(Bits);
 
 impl Due {
-    const fn bit(publication: Publication) -> u8 {
+    const fn bit(publication: Publication) -> Bits {
         1 << publication as u8
     }
 
@@ -147,7 +156,8 @@ const IN_DRAFT: Due = Due::of(&[
 ]);
 
 /// Number of messages with a rate, in the order of [`Publisher::pace`].
-const PACED: usize = 2 + cfg!(feature = "stats") as usize;
+const PACED: usize = 2 + STATS + cfg!(feature = "power") as usize;
+const STATS: usize = cfg!(feature = "stats") as usize;
 
 /// When the node sends its messages.
 pub struct Publisher {
@@ -215,6 +225,8 @@ impl Publisher {
         self.pace(Publication::ActuatorStatus, 1, passed_ms, parameters.get(Parameter::TelemRate) as u8);
         #[cfg(feature = "stats")]
         self.pace(Publication::CanStats, 2, passed_ms, parameters.get(Parameter::StatsRate) as u8);
+        #[cfg(feature = "power")]
+        self.pace(Publication::CircuitStatus, 2 + STATS, passed_ms, parameters.get(Parameter::PwrRate) as u8);
     }
 
     /// Advances a message by `passed_ms` milliseconds. Makes it due `rate` times a second, at most 255.

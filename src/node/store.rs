@@ -27,7 +27,7 @@ pub type Address = u8;
 pub type Address = u16;
 
 /// Bytes of the EEPROM that the program uses.
-pub const EEPROM_LEN: usize = if cfg!(feature = "outputs") { 512 } else { 256 };
+pub const EEPROM_LEN: usize = if cfg!(feature = "outputs") { 0x220 } else { 0x100 };
 
 /// An EEPROM of [`EEPROM_LEN`] bytes. Writing a byte takes milliseconds.
 pub trait Eeprom {
