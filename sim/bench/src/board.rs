@@ -9,6 +9,7 @@
 //! | SPI         | D11..D13 | PB3..PB5     | modes 0 and 3 only; SCK is at most 8 MHz of its 10 |
 //! | servo       | D10      | PB2 (OC1B)   | pulses measured to the cycle                       |
 //! | temperature | A0       | PC0 (ADC0)   | LM35: 10 mV per degree, nothing below 0 °C         |
+//! | circuit     | A4, A5   | PC4, PC5     | voltage and current; 0 V until they are set        |
 //! | light       | D3       | PD3 (OC2B)   |                                                    |
 //! | button      | D4       | PD4          | closes to ground                                   |
 //! | serial      | D0, D1   | PD0, PD1     | through [`Avr`]                                    |
@@ -117,6 +118,8 @@ pub struct Board {
     /// The output of Timer1 to which the servo is wired.
     servo_output: Oc,
     sensor_channel: u8,
+    /// Channels of the ADC for the voltage and the current of the circuit, if the board has them.
+    circuit_channels: Option<[u8; 2]>,
     wires: Rc<Wires>,
     servo: PulseMeter,
     servo_pulses: Vec<Pulse>,
@@ -183,6 +186,9 @@ impl Board {
         wiring.check()?;
         let servo_output = wiring.servo.timer1_output().context("the servo needs an output of Timer1")?;
         let sensor_channel = wiring.sensor.adc_channel().context("the sensor needs an input of the ADC")?;
+        let channel = |pin: Pin| pin.adc_channel().context("the circuit needs inputs of the ADC");
+        let circuit_channels =
+            wiring.power.map(|pins| anyhow::Ok([channel(pins.voltage)?, channel(pins.current)?])).transpose()?;
         let wiring = Wiring { chip: avr.chip(), ..wiring.clone() };
         let chip = Rc::new(RefCell::new(Mcp2515::new(wiring.crystal_hz())));
         let wires = Rc::new(Wires {
@@ -211,6 +217,7 @@ impl Board {
             avr,
             servo_output,
             sensor_channel,
+            circuit_channels,
             wires,
             servo: PulseMeter::new(),
             servo_pulses: Vec::new(),
@@ -218,6 +225,7 @@ impl Board {
             outputs,
         };
         board.set_temperature_c(20.0);
+        board.set_circuit_millivolts(0, 0);
         Ok(board)
     }
 
@@ -342,6 +350,15 @@ impl Board {
     /// Sets the voltage at the sensor's pin: a sensor that is broken, or another one.
     pub fn set_sensor_millivolts(&mut self, millivolts: u32) {
         self.avr.set_analog(self.sensor_channel, millivolts);
+    }
+
+    /// Sets the voltages at the inputs for the voltage and the current of the circuit, if the board has them. The board knows
+    /// neither the divider nor the current sensor.
+    pub fn set_circuit_millivolts(&mut self, voltage: u32, current: u32) {
+        let Some(channels) = self.circuit_channels else { return };
+        for (channel, millivolts) in channels.into_iter().zip([voltage, current]) {
+            self.avr.set_analog(channel, millivolts);
+        }
     }
 
     /// Adds noise of up to plus or minus so many millivolts at the sensor's pin; 0 ends it. Equal seeds give equal noise.

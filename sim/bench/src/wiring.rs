@@ -79,6 +79,13 @@ impl fmt::Display for Pin {
     }
 }
 
+/// Inputs of the ADC for the circuit that the node measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PowerPins {
+    pub voltage: Pin,
+    pub current: Pin,
+}
+
 /// See the module.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wiring {
@@ -99,6 +106,8 @@ pub struct Wiring {
     pub light: Option<Pin>,
     pub button: Option<Pin>,
     pub sensor: Pin,
+    /// None in a program that does not measure a circuit.
+    pub power: Option<PowerPins>,
 }
 
 /// The table's default board with the default CAN board.
@@ -131,8 +140,10 @@ impl Wiring {
             light: Some(pin("light")?),
             button: Some(pin("button")?),
             sensor: pin("sensor")?,
+            power: None,
         };
         wiring.set_shield(shield)?;
+        wiring.power = Some(wiring.free_power_pins());
         Ok(wiring)
     }
 
@@ -181,6 +192,7 @@ impl Wiring {
             light: optional("light")?,
             button: optional("button")?,
             sensor: pin("sensor", needed("sensor")?)?,
+            power: value("power").map(|text| power_pins(text).map_err(|error| wrong("power", error))).transpose()?,
         };
         wiring.check().context("the section .board")?;
         Ok(wiring)
@@ -203,7 +215,12 @@ impl Wiring {
         let optional = optional.into_iter().filter_map(|(pin, signal)| Some((pin?, signal)));
         let mut seen: Vec<(Pin, &str)> = taken.into();
         let outputs = self.outputs.iter().map(|&pin| (pin, "an output"));
-        for (pin, signal) in signals.into_iter().chain(optional).chain(outputs) {
+        let power = self.power.map(|power| [(power.voltage, "the voltage"), (power.current, "the current")]);
+        for (pin, signal) in power.into_iter().flatten() {
+            ensure!(pin.adc_channel().is_some(), "{signal} is on {pin}: use A0 to A5");
+        }
+        let power = power.into_iter().flatten();
+        for (pin, signal) in signals.into_iter().chain(optional).chain(outputs).chain(power) {
             if let Some((_, other)) = seen.iter().find(|(other, _)| *other == pin) {
                 bail!("{signal} is on {pin}, which is {other}'s");
             }
@@ -245,7 +262,7 @@ impl Wiring {
         self.free(cs);
     }
 
-    /// Puts INT on another pin, from which it drives a light or a button away.
+    /// Puts INT on another pin, from which it drives a light, a button or an input away.
     pub fn set_int(&mut self, int: Pin) {
         self.int = int;
         self.free(int);
@@ -254,6 +271,16 @@ impl Wiring {
     fn free(&mut self, pin: Pin) {
         self.light = self.light.filter(|light| *light != pin);
         self.button = self.button.filter(|button| *button != pin);
+        self.power = self.power.map(|_| self.free_power_pins());
+    }
+
+    /// The first two inputs of the table's list that CS and INT leave free.
+    fn free_power_pins(&self) -> PowerPins {
+        let pins = field(&table()["pins"], "power").as_array().into_iter().flatten();
+        let pins = pins.filter_map(|pin| pin.as_str()?.parse().ok());
+        let mut free = pins.filter(|pin| ![self.cs, self.int].contains(pin));
+        let mut next = || free.next().expect("avr-specs/boards.toml: power has too few pins");
+        PowerPins { voltage: next(), current: next() }
     }
 
     /// Frequency of the MCP2515's crystal.
@@ -315,7 +342,11 @@ impl fmt::Display for Wiring {
         optional
             .into_iter()
             .filter_map(|(signal, pin)| Some((signal, pin?)))
-            .try_for_each(|(signal, pin)| write!(f, ", {signal} {pin}"))
+            .try_for_each(|(signal, pin)| write!(f, ", {signal} {pin}"))?;
+        match self.power {
+            Some(PowerPins { voltage, current }) => write!(f, ", voltage {voltage}, current {current}"),
+            None => Ok(()),
+        }
     }
 }
 
@@ -326,6 +357,12 @@ impl fmt::Display for Wiring {
 pub fn crystal_mhz(text: &str) -> Result<u32, String> {
     let number = text.parse().ok().filter(|mhz| CRYSTALS_MHZ.contains(mhz));
     number.ok_or_else(|| format!("\"{text}\" is no crystal of an MCP2515: use MHz, 8 or 16"))
+}
+
+/// Reads two pins with a comma between them: voltage and current.
+fn power_pins(text: &str) -> Result<PowerPins, String> {
+    let (voltage, current) = text.split_once(',').ok_or_else(|| format!("\"{text}\" is not two pins: use A4,A5"))?;
+    Ok(PowerPins { voltage: voltage.parse()?, current: current.parse()? })
 }
 
 /// The name of the preset that a chip's firmware has by default.
@@ -377,7 +414,7 @@ mod tests {
 
     /// As the firmware has it.
     const UNO: &str = "board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\nservo=D9\nlight=D3\nbutton=D4\n\
-                       sensor=A0\n";
+                       sensor=A0\npower=A4,A5\n";
 
     #[test]
     fn pins_are_named_as_on_the_arduino() {
@@ -400,7 +437,8 @@ mod tests {
         assert_eq!((default.chip, default.cs, default.servo), (Chip::Atmega168, pin("D9"), pin("D10")));
         assert_eq!((default.light, default.fastest_bit_rate()), (Some(pin("D3")), 1_000_000));
         let text = "Arduino Uno (ATmega328P), blue MCP2515 module with TJA1050, crystal marked 8.000: \
-                    CS D10, INT D2, crystal 8 MHz; servo D9, sensor A0, light D3, button D4";
+                    CS D10, INT D2, crystal 8 MHz; servo D9, sensor A0, light D3, button D4, \
+                    voltage A4, current A5";
         assert_eq!(wiring.to_string(), text);
     }
 
@@ -427,6 +465,27 @@ mod tests {
     }
 
     #[test]
+    fn a_program_that_measures_no_circuit_has_no_pins_for_it() {
+        let mut wiring = Wiring::parse(UNO.replace("power=A4,A5\n", "").as_bytes()).unwrap();
+        assert_eq!(wiring.power, None);
+        wiring.set_cs(pin("A4"));
+        assert_eq!(wiring.power, None);
+    }
+
+    #[test]
+    fn the_circuit_is_on_the_first_two_of_its_pins_that_cs_and_int_leave_free() {
+        let mut wiring = Wiring::of("uno", "seeed").unwrap();
+        for (cs, voltage, current) in [("D9", "A4", "A5"), ("A4", "A5", "A3"), ("A5", "A4", "A3"), ("A3", "A4", "A5")] {
+            wiring.set_cs(pin(cs));
+            assert_eq!(wiring.power, Some(PowerPins { voltage: pin(voltage), current: pin(current) }), "CS on {cs}");
+            wiring.check().unwrap();
+        }
+        wiring.set_cs(pin("D9"));
+        wiring.set_int(pin("A4"));
+        assert_eq!(wiring.power, Some(PowerPins { voltage: pin("A5"), current: pin("A3") }));
+    }
+
+    #[test]
     fn what_is_wrong_in_the_section_is_named() {
         for (line, other, expected) in [
             ("cs=D10", "cs=D99", "cs: there is no pin \"D99\""),
@@ -437,6 +496,11 @@ mod tests {
             ("int=D2", "int=D13", "INT is on D13, which is SCK's"),
             ("servo=D9", "servo=D6", "only D9 and D10"),
             ("sensor=A0", "sensor=D5", "use A0 to A5"),
+            ("power=A4,A5", "power=A4", "use A4,A5"),
+            ("power=A4,A5", "power=A4,A9", "power: there is no pin \"A9\""),
+            ("power=A4,A5", "power=D5,A5", "the voltage is on D5: use A0 to A5"),
+            ("power=A4,A5", "power=A5,A0", "the current is on A0, which is the sensor's"),
+            ("power=A4,A5", "outputs=A4\npower=A4,A5", "the voltage is on A4, which is an output's"),
         ] {
             let error = format!("{:#}", Wiring::parse(UNO.replace(line, other).as_bytes()).unwrap_err());
             assert!(error.contains("section .board") && error.contains(expected), "{error}");

@@ -285,3 +285,27 @@ fn a_shorted_miso_reads_its_level_whatever_the_chip_answers() {
         assert_eq!(byte(setup.bench.board(0).avr(), "canstat"), canstat);
     }
 }
+
+#[test]
+fn the_circuit_s_inputs_are_at_0_v_until_they_are_set() {
+    let board = |channel: &str, pins: &str| {
+        let wiring = format!(
+            "board=uno\nshield=seeed\nmcu=atmega328p\ncs=D9\nint=D2\ncrystal_mhz=16\nservo=D10\nsensor=A0\n{pins}"
+        );
+        let avr = program_for(Chip::Atmega328p, "adc", &[channel]);
+        Board::wired(avr, &Wiring::parse(wiring.as_bytes()).unwrap()).unwrap()
+    };
+    let measured = |board: &mut Board| {
+        board.run_until(board.now() + MS);
+        word(board.avr(), "result")
+    };
+    for (channel, expected) in [("CHANNEL=4", 256), ("CHANNEL=5", 512)] {
+        let mut with = board(channel, "power=A4,A5\n");
+        assert_eq!(measured(&mut with), 0, "{channel}");
+        with.set_circuit_millivolts(1250, 2500);
+        assert_eq!(measured(&mut with), expected, "{channel}");
+        let mut without = board(channel, "");
+        without.set_circuit_millivolts(1250, 2500);
+        assert_eq!(measured(&mut without), 0, "{channel}");
+    }
+}

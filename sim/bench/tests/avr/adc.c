@@ -1,5 +1,9 @@
-/* Converts ADC0 against AVcc again and again at a prescaler of 128, and counts CPU cycles / 8 of the latest conversion. */
+/* Converts ADC0, or ADC<CHANNEL>, against AVcc again and again at a prescaler of 128, and counts CPU cycles / 8 of the latest conversion. */
 #include <avr/io.h>
+
+#ifndef CHANNEL
+#define CHANNEL 0
+#endif
 
 volatile uint16_t result;
 volatile uint16_t duration;
@@ -7,7 +11,7 @@ volatile uint16_t duration;
 int main(void)
 {
     TCCR1B = _BV(CS11);
-    ADMUX = _BV(REFS0);
+    ADMUX = _BV(REFS0) | CHANNEL;
     ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
     for (;;) {
         uint16_t before = TCNT1;
