@@ -1,9 +1,10 @@
-//! Payloads of messages beside those that move a servo: getting a node ID, lights, counters, values with a name.
+//! Payloads of messages beside those that move a servo: getting a node ID, lights, circuits, counters, values with a name.
 //!
 //! Layouts from the public DSDL, little endian.
 
 use super::id::UNIQUE_ID_LEN;
 use super::text::hex;
+use half::f16;
 use std::fmt;
 
 /// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`, the first byte filled from its top.
@@ -86,6 +87,69 @@ impl LightCommand {
 impl fmt::Display for LightCommand {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "id {} red {} green {} blue {}", self.light, self.red, self.green, self.blue)
+    }
+}
+
+/// equipment.power.CircuitStatus: circuit u16 | volts f16 | amperes f16 | error flags u8 (1 overvoltage, 2 undervoltage,
+/// 4 overcurrent).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CircuitStatus {
+    pub circuit: u16,
+    pub voltage: f16,
+    pub current: f16,
+    /// Unknown flags are kept.
+    pub errors: u8,
+}
+
+/// Names of the error flags, from bit 0 on.
+const CIRCUIT_ERRORS: [&str; 3] = ["OVERVOLTAGE", "UNDERVOLTAGE", "OVERCURRENT"];
+
+impl CircuitStatus {
+    /// Seven bytes exactly, else `None`.
+    pub fn decode(payload: &[u8]) -> Option<CircuitStatus> {
+        let &[circuit0, circuit1, v0, v1, c0, c1, errors] = payload else {
+            return None;
+        };
+        Some(CircuitStatus {
+            circuit: u16::from_le_bytes([circuit0, circuit1]),
+            voltage: f16::from_le_bytes([v0, v1]),
+            current: f16::from_le_bytes([c0, c1]),
+            errors,
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = self.circuit.to_le_bytes().to_vec();
+        payload.extend(self.voltage.to_le_bytes());
+        payload.extend(self.current.to_le_bytes());
+        payload.push(self.errors);
+        payload
+    }
+
+    /// The errors in words, with a space before each; flags without a name as a number.
+    pub fn errors_text(&self) -> String {
+        let is_set = |bit: usize| self.errors >> bit & 1 != 0;
+        let named = CIRCUIT_ERRORS.iter().enumerate().filter(|(bit, _)| is_set(*bit));
+        let mut text: String = named.map(|(_, name)| format!(" {name}")).collect();
+        let unknown = self.errors >> CIRCUIT_ERRORS.len() << CIRCUIT_ERRORS.len();
+        if unknown != 0 {
+            text += &format!(" flags {unknown:#04x}");
+        }
+        text
+    }
+}
+
+impl fmt::Display for CircuitStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "circuit {}", self.circuit)?;
+        if !self.voltage.is_nan() {
+            write!(f, " {:.2} V", self.voltage.to_f32())?;
+        }
+        if !self.current.is_nan() {
+            write!(f, " {:.2} A", self.current.to_f32())?;
+        }
+        write!(f, "{}", self.errors_text())
     }
 }
 

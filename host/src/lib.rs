@@ -4,7 +4,7 @@
 //! The simulator and its tests, and the MAVLink bridge, stand on it. It is written from the DroneCAN specification (chapters
 //! 3 to 5) and the public DSDL, and shares nothing with the firmware, so that neither can hide a mistake of the other.
 //! Layers, lowest first: [`Frame`], [`crc`], [`id`] (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly),
-//! [`types`] (names and signatures), and the payloads that are read and written in full: [`status`], [`broadcast`], for services
+//! [`types`] (names and signatures), and the payloads that are read and written in full: [`status`], [`broadcast`], [`esc`], for services
 //! [`management`], and on top of them [`message`]. [`text`] is how they are shown. [`draft`] has the same layers for the draft,
 //! in the same way, and [`dialect`] finds the dialect of a frame. Beside them [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
 //! multicast bus.
@@ -17,6 +17,7 @@ pub mod broadcast;
 pub mod crc;
 pub mod dialect;
 pub mod draft;
+pub mod esc;
 pub mod id;
 pub mod management;
 pub mod mcast;
@@ -32,7 +33,7 @@ pub mod types;
 #[cfg(test)]
 mod tests;
 
-pub use broadcast::{Allocation, CanStats, KeyValue, LightCommand};
+pub use broadcast::{Allocation, CanStats, CircuitStatus, KeyValue, LightCommand};
 pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Dialect, Heard, Observer, Said};
 pub use id::{CanId, NodeId};

@@ -2,7 +2,8 @@
 //!
 //! Layouts from the public DSDL; little endian throughout, float16 by the crate `half`.
 
-use super::broadcast::{Allocation, CanStats, KeyValue, LightCommand};
+use super::broadcast::{Allocation, CanStats, CircuitStatus, KeyValue, LightCommand};
+use super::esc;
 use super::management::{self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, TransportStats};
 use super::status::NodeStatus;
 use super::text::{list, write_raw};
@@ -229,6 +230,9 @@ pub enum Message {
     ArrayCommand(Vec<ActuatorCommand>),
     ActuatorStatus(ActuatorStatus),
     Temperature(Temperature),
+    CircuitStatus(CircuitStatus),
+    /// For each motor -8192 to 8191.
+    RawCommand(Vec<i16>),
     LightsCommand(Vec<LightCommand>),
     /// Fully armed is 255, disarmed 0.
     ArmingStatus(u8),
@@ -292,6 +296,8 @@ impl Message {
             types::ARRAY_COMMAND => ActuatorCommand::decode_array(payload).map(Message::ArrayCommand),
             types::ACTUATOR_STATUS => ActuatorStatus::decode(payload).map(Message::ActuatorStatus),
             types::TEMPERATURE => Temperature::decode(payload).map(Message::Temperature),
+            types::CIRCUIT_STATUS => CircuitStatus::decode(payload).map(Message::CircuitStatus),
+            types::RAW_COMMAND => esc::decode_commands(payload).map(Message::RawCommand),
             types::LIGHTS_COMMAND => LightCommand::decode_array(payload).map(Message::LightsCommand),
             types::ARMING_STATUS => byte().map(Message::ArmingStatus),
             types::SAFETY_STATE => byte().map(Message::SafetyState),
@@ -336,6 +342,8 @@ impl Message {
             Message::ArrayCommand(commands) => (&types::ARRAY_COMMAND, ActuatorCommand::encode_array(commands)),
             Message::ActuatorStatus(status) => (&types::ACTUATOR_STATUS, status.encode()),
             Message::Temperature(temperature) => (&types::TEMPERATURE, temperature.encode()),
+            Message::CircuitStatus(status) => (&types::CIRCUIT_STATUS, status.encode()),
+            Message::RawCommand(commands) => (&types::RAW_COMMAND, esc::encode_commands(commands)),
             Message::LightsCommand(commands) => (&types::LIGHTS_COMMAND, LightCommand::encode_array(commands)),
             Message::ArmingStatus(byte) => (&types::ARMING_STATUS, vec![*byte]),
             Message::SafetyState(byte) => (&types::SAFETY_STATE, vec![*byte]),
@@ -418,6 +426,8 @@ impl fmt::Display for Message {
             Message::ArrayCommand(commands) => list(f, commands),
             Message::ActuatorStatus(status) => write!(f, " {status}"),
             Message::Temperature(temperature) => write!(f, " {temperature}"),
+            Message::CircuitStatus(status) => write!(f, " {status}"),
+            Message::RawCommand(commands) => list(f, commands),
             Message::LightsCommand(commands) => list(f, commands),
             Message::ArmingStatus(0) => write!(f, " disarmed"),
             Message::ArmingStatus(255) => write!(f, " armed"),

@@ -134,6 +134,58 @@ fn temperature_equals_pydronecan() {
 }
 
 #[test]
+fn circuit_status_equals_pydronecan() {
+    let status = |circuit, voltage, current, errors| CircuitStatus {
+        circuit,
+        voltage: f16::from_f32(voltage),
+        current: f16::from_f32(current),
+        errors,
+    };
+    both_ways(
+        "18044378 34 12 4D 4A 66 C2 06 C5",
+        Message::CircuitStatus(status(0x1234, 12.6, -3.2, 6)),
+        "CircuitStatus circuit 4660 12.60 V -3.20 A UNDERVOLTAGE OVERCURRENT",
+    );
+    let vector = golden("18044378 78 00 4D 4A FF 7F 00 C5");
+    let message = Message::decode(&assemble(&vector));
+    assert_eq!(message.to_string(), "CircuitStatus circuit 120 12.60 V", "a current of NaN is not known");
+    assert_eq!(message.encode().unwrap().1, vector.data[0][..7]);
+    assert_eq!(status(1, 0.0, 0.0, 0x81).to_string(), "circuit 1 0.00 V 0.00 A OVERVOLTAGE flags 0x80");
+}
+
+#[test]
+fn raw_commands_equal_pydronecan() {
+    let raw = |commands: &[i16]| Message::RawCommand(commands.to_vec());
+    both_ways("00040601 C4", raw(&[]), "esc.RawCommand (empty)");
+    both_ways("00040601 01 00 C4", raw(&[1]), "esc.RawCommand 1");
+    both_ways("00040601 01 00 08 00 C4", raw(&[1, 2]), "esc.RawCommand 1, 2");
+    both_ways("00040601 01 00 08 00 30 00 C4", raw(&[1, 2, 3]), "esc.RawCommand 1, 2, 3");
+    both_ways("0704060A FF 7C 02 00 00 3F FF C1", raw(&[8191, -8192, 0, -1]), "esc.RawCommand 8191, -8192, 0, -1");
+    both_ways(
+        "0704060A 1C 29 FF 7C 02 00 00 82 | 3F FF 00 40 04 06 40 22 | 0D 12 42",
+        raw(&[8191, -8192, 0, -1, 4096, 1, 100, 4660]),
+        "esc.RawCommand 8191, -8192, 0, -1, 4096, 1, 100, 4660",
+    );
+    let twenty: Vec<i16> = (1..=20).map(|n| 400 * n).collect();
+    both_ways(
+        "0704060A 0D 57 90 04 80 3B 01 83 | 10 06 D0 1D 80 9F 02 23 | A0 0C 10 3A 80 F3 04 03 | 70 12 50 53 81 57 05 23 | \
+         C0 19 90 68 81 CB 07 03 | 50 1F 63",
+        raw(&twenty),
+        "esc.RawCommand 400, 800, 1200, 1600, 2000, 2400, 2800, 3200, 3600, 4000, 4400, 4800, 5200, 5600, 6000, 6400, 6800, \
+         7200, 7600, 8000",
+    );
+}
+
+#[test]
+fn raw_commands_of_a_length_that_no_count_has_are_shown_as_bytes() {
+    for length in (0..=40).filter(|length| !(0..=20).any(|count| (14usize * count).div_ceil(8) == *length)) {
+        assert_eq!(esc::decode_commands(&vec![0; length]), None, "{length} bytes");
+    }
+    let message = Message::decode(&assemble(&golden("0704060A 01 02 03 C1")));
+    assert_eq!(message.to_string(), "esc.RawCommand 010203");
+}
+
+#[test]
 fn arming_status_equals_pydronecan() {
     both_ways("18044C0A FF C0", Message::ArmingStatus(255), "ArmingStatus armed");
 }

@@ -74,7 +74,9 @@ pub const ALLOCATION: DataType = message(1, "Allocation", 0x0B2A_8126_20A1_1D40,
 pub const NODE_STATUS: DataType = message(341, "NodeStatus", 0x0F08_68D0_C1A7_C6F1, fixed(56));
 pub const ARRAY_COMMAND: DataType = message(1010, "ArrayCommand", 0xD8A7_4862_38EC_3AF3, list(0, 32, 15));
 pub const ACTUATOR_STATUS: DataType = message(1011, "actuator.Status", 0x5E9B_BA44_FAF1_EA04, fixed(64));
+pub const RAW_COMMAND: DataType = message(1030, "esc.RawCommand", 0x217F_5C87_D7EC_951D, list(0, 14, 20));
 pub const LIGHTS_COMMAND: DataType = message(1081, "LightsCommand", 0x2031_D93C_8BDD_1EC4, list(0, 24, 20));
+pub const CIRCUIT_STATUS: DataType = message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56));
 pub const ARMING_STATUS: DataType = message(1100, "ArmingStatus", 0x8700_F375_556A_8003, fixed(8));
 pub const TEMPERATURE: DataType = message(1110, "Temperature", 0x7026_1C28_A941_44C6, fixed(40));
 /// One byte: servo command, 0..255 over the full travel.
@@ -131,7 +133,7 @@ pub const KNOWN: &[DataType] = &[
     message(1026, "air_data.Sideslip", 0x7B48_E55F_CFF4_2A57, fixed(32)),
     message(1028, "air_data.StaticPressure", 0xCDC7_C434_12BD_C89A, fixed(48)),
     message(1029, "air_data.StaticTemperature", 0x4927_2A64_77D9_6271, fixed(32)),
-    message(1030, "esc.RawCommand", 0x217F_5C87_D7EC_951D, list(0, 14, 20)),
+    RAW_COMMAND,
     message(1032, "hygrometer.Hygrometer", 0xCEB3_0889_2BF1_63E8, fixed(40)),
     message(1034, "esc.Status", 0xA9AF_28AE_A2FB_B254, fixed(110)),
     message(1036, "esc.StatusExtended", 0x02DC_203C_5096_0EDC, fixed(56)),
@@ -146,7 +148,7 @@ pub const KNOWN: &[DataType] = &[
     message(1071, "hardpoint.Status", 0x624A_519D_4255_3D82, fixed(56)),
     message(1080, "BeepCommand", 0xBE9E_A9FE_C2B1_5D52, fixed(32)),
     message(1090, "power.PrimaryPowerSupplyStatus", 0xBBA0_5074_AD75_7480, fixed(47)),
-    message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56)),
+    CIRCUIT_STATUS,
     message(1092, "power.BatteryInfo", 0x249C_2654_8A71_1966, list(184, 8, 31)),
     message(1129, "ice.FuelTankStatus", 0x286B_4A38_7BA8_4BC4, fixed(104)),
     message(1140, "rc.RCInput", 0x7715_55E5_96AA_B4CF, list(28, 12, 32)),

@@ -56,6 +56,13 @@ def lights(*all_lights):
     return message
 
 
+def raw_command(*throttles):
+    message = uavcan.equipment.esc.RawCommand()
+    for each in throttles:
+        message.cmd.append(each)
+    return message
+
+
 def transport_stats():
     stats = protocol.GetTransportStats.Response(transfers_tx=1, transfers_rx=0x123456789ABC, transfer_errors=3)
     stats.can_iface_stats.append(protocol.CANIfaceStats(frames_tx=4, frames_rx=5, errors=6))
@@ -135,6 +142,30 @@ CASES = {
         "18015778 63 D2 00 04 03 02 01 83 | 01 00 02 00 03 00 04 23 | 00 05 00 0D 0C 0B 0A 03 | 06 00 07 00 08 00 63",
     ),
     "KeyValue": (lambda: protocol.debug.KeyValue(value=3.0, key="btn"), 120, 24, 1, "183FF278 00 00 40 40 62 74 6E C1"),
+    "CircuitStatus": (
+        lambda: uavcan.equipment.power.CircuitStatus(circuit_id=0x1234, voltage=12.6, current=-3.2, error_flags=6),
+        120,
+        24,
+        5,
+        "18044378 34 12 4D 4A 66 C2 06 C5",
+    ),
+    "RawCommand of none": (raw_command, 1, 0, 4, "00040601 C4"),
+    "RawCommand of four": (lambda: raw_command(8191, -8192, 0, -1), 10, 7, 1, "0704060A FF 7C 02 00 00 3F FF C1"),
+    "RawCommand of eight": (
+        lambda: raw_command(8191, -8192, 0, -1, 4096, 1, 100, 4660),
+        10,
+        7,
+        2,
+        "0704060A 1C 29 FF 7C 02 00 00 82 | 3F FF 00 40 04 06 40 22 | 0D 12 42",
+    ),
+    "RawCommand of twenty": (
+        lambda: raw_command(*range(400, 8001, 400)),
+        10,
+        7,
+        3,
+        "0704060A 0D 57 90 04 80 3B 01 83 | 10 06 D0 1D 80 9F 02 23 | A0 0C 10 3A 80 F3 04 03 | 70 12 50 53 81 57 05 23 | "
+        "C0 19 90 68 81 CB 07 03 | 50 1F 63",
+    ),
     "SafetyState": (lambda: dronecan.ardupilot.indication.SafetyState(status=255), 10, 24, 2, "184E200A FF C2"),
     "thesis.ServoCommand": (lambda: thirdparty.thesis.ServoCommand(position=90), 1, 16, 3, "10045701 5A C3"),
     "thesis.DegreesCelsius": (lambda: thirdparty.thesis.DegreesCelsius(degrees=25), 120, 24, 1, "18045878 19 C1"),
@@ -258,6 +289,11 @@ def test_pydronecan_makes_the_bytes_that_are_quoted(name):
         ("host/src/tests.rs", "CanStats", "whole"),
         ("host/src/tests.rs", "KeyValue", "whole"),
         ("host/src/tests.rs", "SafetyState", "whole"),
+        ("host/src/tests.rs", "CircuitStatus", "whole"),
+        ("host/src/tests.rs", "RawCommand of none", "whole"),
+        ("host/src/tests.rs", "RawCommand of four", "whole"),
+        ("host/src/tests.rs", "RawCommand of eight", "whole"),
+        ("host/src/tests.rs", "RawCommand of twenty", "whole"),
         ("tests/long_commands.rs", "ArrayCommand of fifteen", "whole"),
         ("tests/long_commands.rs", "ArrayCommand of eight", "whole"),
         ("tests/long_commands.rs", "ArrayCommand with one ID twice", "whole"),
