@@ -1,25 +1,28 @@
 //! A simulated autopilot: the part of a flight controller that the node sees.
 //!
-//! It says that it is alive (NodeStatus, 1 Hz) and commands servos at 50 Hz, one of them sweeping or held as the user wants.
+//! It says that it is alive (NodeStatus, 1 Hz) and commands servos at 50 Hz, one or all of them sweeping or held as the user wants.
+//! On demand it commands motors, too: off while disarmed, and while armed they follow the same motion.
 //! What else it sends, and how, depends on the flight controller that it is like: see [`Profile`]. It answers GetNodeInfo,
 //! and on demand it allocates node IDs: see [`Allocator`]. It speaks one dialect, and to the other it is deaf.
 //!
 //! Its clock is the simulated one, and each frame is queued for its exact time, so that a run can be repeated. Answers come a
 //! fixed time after what they answer.
 //!
-//! Limits: of the services it knows GetNodeInfo only; a transfer of several frames is queued as a whole.
+//! Limits: of the services it knows GetNodeInfo only; a transfer of several frames is queued as a whole. Motors get 50 commands a
+//! second; ArduPilot and PX4 send as many as their control loops make, up to 400.
 
 mod allocator;
 mod in_draft;
 mod profile;
 
 pub use allocator::Allocator;
+use profile::Motors;
 pub use profile::Profile;
 
 use crate::can::{Frame, Id, SoftNode, StationRef};
 use crate::dronecan::{
     ActuatorCommand, Allocation, CanId, CommandUnit, DataType, Dialect, Heard, Message, NodeId, NodeInfo, NodeStatus,
-    Observer, Said, Transfer, TransferId, draft, text::hex,
+    Observer, Said, Transfer, TransferId, draft, esc, text::hex,
 };
 use crate::{Cycles, F_CPU_HZ};
 use half::f16;
@@ -37,6 +40,8 @@ const COMMAND_PERIOD: Cycles = F_CPU_HZ / 50;
 const COMMAND_OFFSET: Cycles = F_CPU_HZ / 200;
 /// First ArmingStatus: not with a status, nor with a command.
 const ARMING_OFFSET: Cycles = F_CPU_HZ / 80;
+/// First command for motors: with none of these.
+const MOTORS_OFFSET: Cycles = F_CPU_HZ * 3 / 200;
 
 /// Centre and half travel of a PWM command, in microseconds: the usual 1000 to 2000.
 const PWM_CENTRE_US: f64 = 1500.0;
@@ -101,6 +106,16 @@ pub enum Motion {
     Hold(f64),
 }
 
+/// Which actuators of a profile that commands several of them move.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Moves {
+    /// The one of the settings; each other one is held somewhere else.
+    #[default]
+    One,
+    /// All: each sweeps ahead of the one before it, by an equal part of the period.
+    All,
+}
+
 /// What the autopilot is set to.
 #[derive(Clone, Debug)]
 pub struct Settings {
@@ -108,8 +123,11 @@ pub struct Settings {
     pub profile: Profile,
     pub dialect: Dialect,
     pub node_id: NodeId,
-    /// Actuator that it moves; a profile with several holds each other one somewhere else.
+    /// Actuator that it moves.
     pub actuator: u8,
+    pub moves: Moves,
+    /// Motors that it commands, from index 0 on. The draft has no such command.
+    pub motors: u8,
     pub command_type: CommandType,
     /// Time of one sweep there and back.
     pub sweep_period: Cycles,
@@ -130,6 +148,8 @@ impl Settings {
             dialect,
             node_id: profile.node_id(),
             actuator: 1,
+            moves: Moves::One,
+            motors: 0,
             command_type: profile.command_types(dialect)[0],
             sweep_period: 4 * F_CPU_HZ,
             position_full_rad: FRAC_PI_2 / 2.0,
@@ -180,6 +200,7 @@ pub struct Autopilot {
     next_status_at: Cycles,
     next_command_at: Cycles,
     next_arming_at: Cycles,
+    next_motors_at: Cycles,
     /// Answers, in order of time.
     answers: VecDeque<(Cycles, Vec<Frame>)>,
     nodes: BTreeMap<NodeId, Known>,
@@ -212,6 +233,7 @@ impl Autopilot {
             next_status_at: now,
             next_command_at: now + COMMAND_OFFSET,
             next_arming_at: now + ARMING_OFFSET,
+            next_motors_at: now + MOTORS_OFFSET,
             answers: VecDeque::new(),
             nodes: BTreeMap::new(),
             transfers: HashMap::new(),
@@ -308,13 +330,18 @@ impl Autopilot {
         self.hold(self.deflection(now) + step);
     }
 
-    /// Commanded deflection at `now`, -1 to +1.
+    /// Commanded deflection at `now`, -1 to +1: of the actuator that it moves, or of the first one if it moves all.
     pub fn deflection(&self, now: Cycles) -> f64 {
+        self.deflection_ahead(now, 0.0)
+    }
+
+    /// The same, of something that sweeps `ahead` by this part of a period.
+    fn deflection_ahead(&self, now: Cycles, ahead: f64) -> f64 {
         match self.motion {
             Motion::Hold(deflection) => deflection,
             Motion::Sweep { since, phase } => {
                 let turns = now.saturating_sub(since) as f64 / self.settings.sweep_period.max(1) as f64;
-                ((turns + phase) * TAU).sin()
+                ((turns + phase + ahead) * TAU).sin()
             }
         }
     }
@@ -443,18 +470,21 @@ impl Autopilot {
         match (self.settings.only, deed) {
             (None, _) | (_, Deed::Answer | Deed::Ask(_)) => true,
             (Some(only), Deed::Status) => only == Only::Status,
-            (Some(only), Deed::Command) => only == Only::Commands,
+            (Some(only), Deed::Command | Deed::Motors) => only == Only::Commands,
             (Some(_), Deed::Arming) => false,
         }
     }
 
     /// What comes next. Of what is due at once, the earlier of this list.
     fn next_deed(&self) -> Option<(Cycles, Deed)> {
-        let has_arming = self.settings.dialect == Dialect::V0 && self.settings.profile.arming().is_some();
+        let is_v0 = self.settings.dialect == Dialect::V0;
+        let has_arming = is_v0 && self.settings.profile.arming().is_some();
+        let has_motors = is_v0 && self.settings.motors > 0 && self.settings.profile.motors().is_some();
         let asked = self.nodes.iter().filter_map(|(id, node)| Some((node.ask_at?, Deed::Ask(*id))));
         [(self.next_status_at, Deed::Status), (self.next_command_at, Deed::Command)]
             .into_iter()
             .chain(has_arming.then_some((self.next_arming_at, Deed::Arming)))
+            .chain(has_motors.then_some((self.next_motors_at, Deed::Motors)))
             .chain(self.answers.front().map(|(at, ..)| (*at, Deed::Answer)))
             .chain(asked)
             .min_by_key(|(at, _)| *at)
@@ -491,6 +521,11 @@ impl Autopilot {
                 frames.extend(self.broadcast(&armed, priority));
                 frames
             }
+            Deed::Motors => {
+                self.next_motors_at += COMMAND_PERIOD;
+                let Some(Motors { priority, idle }) = profile.motors() else { return Vec::new() };
+                self.broadcast(&self.motor_command(at, idle), priority)
+            }
             Deed::Answer => {
                 let (_, frames) = self.answers.pop_front().expect("it was looked at");
                 frames
@@ -510,7 +545,7 @@ impl Autopilot {
     }
 
     fn command(&self, at: Cycles) -> Message {
-        let Settings { profile, actuator, command_type, .. } = self.settings;
+        let Settings { profile, actuator, moves, command_type, .. } = self.settings;
         let deflection = self.deflection(at);
         if command_type == CommandType::Thesis {
             return Message::ThesisCommand(thesis_position(deflection));
@@ -520,14 +555,28 @@ impl Autopilot {
         };
         let all = (0..array.count).map(|index| {
             let id = array.first + index;
-            // The others stand at places of their own, evenly over the travel: who listens to a wrong ID is found out.
-            let place = 2.0 * f64::from(index + 1) / f64::from(array.count + 1) - 1.0;
-            let deflection = if id == actuator { deflection } else { place };
+            let deflection = match moves {
+                Moves::All => self.deflection_ahead(at, f64::from(index) / f64::from(array.count)),
+                Moves::One if id == actuator => deflection,
+                // The others stand at places of their own, evenly over the travel: who listens to a wrong ID is found out.
+                Moves::One => 2.0 * f64::from(index + 1) / f64::from(array.count + 1) - 1.0,
+            };
             // Both have a pulse width, a whole number, before they make it a deflection.
             let pulse_us = (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round();
             self.actuator_command(id, (pulse_us - PWM_CENTRE_US) / PWM_HALF_TRAVEL_US)
         });
         Message::ArrayCommand(all.collect())
+    }
+
+    /// Off while disarmed. While armed a deflection of -1 is `idle` and one of +1 full power.
+    fn motor_command(&self, at: Cycles, idle: i16) -> Message {
+        let motors = self.settings.motors;
+        let command = |index: u8| {
+            let deflection = self.deflection_ahead(at, f64::from(index) / f64::from(motors));
+            let power = (deflection + 1.0) / 2.0 * f64::from(esc::FULL_POWER);
+            if self.armed { (power.round() as i16).max(idle) } else { 0 }
+        };
+        Message::RawCommand((0..motors).map(command).collect())
     }
 
     fn actuator_command(&self, actuator: u8, deflection: f64) -> ActuatorCommand {
@@ -562,6 +611,7 @@ enum Deed {
     Status,
     Command,
     Arming,
+    Motors,
     Answer,
     Ask(NodeId),
 }
@@ -732,6 +782,74 @@ mod tests {
         let values: Vec<f32> = commands.iter().map(|command| command.value.to_f32()).collect();
         assert_eq!(values[0], 0.5);
         assert!(values[1..].is_sorted() && values[1] != values[2]);
+    }
+
+    /// The ArrayCommand that is sent first.
+    fn first_commands(autopilot: &mut Autopilot) -> Vec<f32> {
+        let messages = sent(autopilot, COMMAND_OFFSET + 1);
+        let Some((_, Message::ArrayCommand(commands))) = messages.last() else { panic!("{messages:?}") };
+        commands.iter().map(|command| command.value.to_f32()).collect()
+    }
+
+    #[test]
+    fn all_actuators_sweep_each_with_its_own_phase() {
+        let all = |profile, motion| {
+            let mut autopilot = Autopilot::new(Settings { moves: Moves::All, ..Settings::of(profile) }, 1_000_000);
+            autopilot.motion = motion;
+            first_commands(&mut autopilot)
+        };
+        let values = all(Profile::Px4, Motion::Sweep { since: COMMAND_OFFSET, phase: 0.0 });
+        let expected = [0.0, 0.707, 1.0, 0.707, 0.0, -0.707, -1.0, -0.707];
+        assert!(values.iter().zip(expected).all(|(value, expected)| (value - expected).abs() < 0.002), "{values:?}");
+        let mut values = all(Profile::Ardupilot, Motion::Sweep { since: 0, phase: 0.0 });
+        values.sort_by(f32::total_cmp);
+        values.dedup();
+        assert_eq!(values.len(), 15);
+        assert_eq!(all(Profile::Ardupilot, Motion::Hold(-0.5)), [-0.5; 15]);
+    }
+
+    /// Times in milliseconds, and commands, of each RawCommand until then.
+    fn motor_commands(autopilot: &mut Autopilot, until: Cycles) -> Vec<(u64, Vec<i16>)> {
+        let plain = |(at, message)| match message {
+            Message::RawCommand(commands) => Some((at * 1000 / F_CPU_HZ, commands)),
+            _ => None,
+        };
+        sent(autopilot, until).into_iter().filter_map(plain).collect()
+    }
+
+    #[test]
+    fn motors_are_off_while_disarmed_and_follow_the_motion_while_armed() {
+        for (profile, idle) in [(Profile::Ardupilot, 0), (Profile::Px4, 1)] {
+            let mut autopilot = Autopilot::new(Settings { motors: 2, ..Settings::of(profile) }, 1_000_000);
+            autopilot.hold(-1.0);
+            assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 50), [(15, vec![idle; 2])]);
+            autopilot.hold(1.0);
+            assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 25), [(35, vec![8191; 2])]);
+            autopilot.set_armed(false);
+            assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ * 3 / 50), [(55, vec![0; 2])]);
+            autopilot.set_armed(true);
+            autopilot.motion = Motion::Sweep { since: F_CPU_HZ * 75 / 1000, phase: 0.25 };
+            assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 10)[0], (75, vec![8191, idle]));
+            assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ * 11 / 10).len(), 50);
+        }
+    }
+
+    #[test]
+    fn motors_are_commanded_with_the_priority_of_the_profile_and_only_if_there_are_any() {
+        for (profile, motors, id, frames) in [
+            (Profile::Ardupilot, 20, 0x0704_060A, 6),
+            (Profile::ArdupilotPwm, 4, 0x0704_060A, 1),
+            (Profile::Px4, 8, 0x0004_0601, 3),
+            (Profile::Px4, 0, 0x0004_0601, 0),
+            (Profile::Plain, 4, 0x0004_0601, 0),
+        ] {
+            let mut autopilot = Autopilot::new(Settings { motors, ..Settings::of(profile) }, 1_000_000);
+            assert_eq!(times_of(&mut autopilot, id, F_CPU_HZ / 50), vec![15; frames], "{profile:?}");
+            assert!(motors <= profile.motors_max() || profile.motors().is_none());
+        }
+        let mut autopilot =
+            Autopilot::new(Settings { motors: 4, ..Settings::of(Profile::Px4) }.in_dialect(Dialect::Draft), 1_000_000);
+        assert!(autopilot.due(F_CPU_HZ).iter().all(|(_, frame)| frame.id != Id::Extended(0x0004_0601)));
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! What the flight controllers that people use put on the bus: numbers, priorities, rates.
 //!
-//! Sources: ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator, safety_state_send, init); PX4,
-//! src/drivers/uavcan/actuators/servo.cpp at f929353e and arming_status.cpp; priorities of libcanard's canard.h.
+//! Sources: ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator, SRV_send_esc, safety_state_send, init);
+//! PX4, src/drivers/uavcan/actuators/servo.cpp at f929353e, esc.cpp at 000f5fdb and arming_status.cpp; priorities of libcanard's
+//! canard.h.
 
 use super::CommandType;
 use crate::dronecan::{Dialect, NodeId};
@@ -31,6 +32,14 @@ pub enum Profile {
 pub(super) struct Array {
     pub first: u8,
     pub count: u8,
+}
+
+/// How a profile commands motors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Motors {
+    pub priority: u8,
+    /// The lowest command while armed.
+    pub idle: i16,
 }
 
 impl Profile {
@@ -80,6 +89,26 @@ impl Profile {
             (Profile::Ardupilot | Profile::Px4, Dialect::V0) => &[Unitless],
             (Profile::ArdupilotPwm, Dialect::V0) => &[Pwm],
             (Profile::Ardupilot | Profile::ArdupilotPwm | Profile::Px4, Dialect::Draft) => &[],
+        }
+    }
+
+    /// Motors that it can command: the elements of a RawCommand for ArduPilot, and the ESCs that PX4 knows (CONNECTED_ESC_MAX).
+    /// None for those that do not say whether the vehicle is armed.
+    pub fn motors_max(self) -> u8 {
+        match self {
+            Profile::Ardupilot | Profile::ArdupilotPwm => 20,
+            Profile::Px4 => 12,
+            Profile::Plain | Profile::Thesis | Profile::None => 0,
+        }
+    }
+
+    /// ArduPilot's is one above that of its ArrayCommand, PX4's the highest. PX4 keeps motors turning while armed
+    /// (UAVCAN_EC_MINn 1).
+    pub(super) fn motors(self) -> Option<Motors> {
+        match self {
+            Profile::Ardupilot | Profile::ArdupilotPwm => Some(Motors { priority: 7, idle: 0 }),
+            Profile::Px4 => Some(Motors { priority: 0, idle: 1 }),
+            Profile::Plain | Profile::Thesis | Profile::None => None,
         }
     }
 
