@@ -7,7 +7,7 @@ use crate::fault::{self, Injection};
 use crate::links;
 use crate::time::parse_duration;
 use anyhow::{Result, ensure};
-use bench::autopilot::{CommandType, Only, Profile, Settings};
+use bench::autopilot::{CommandType, Moves, Only, Profile, Settings};
 use bench::dronecan::{Dialect, NodeId};
 use bench::wiring::{BIT_RATES, Wiring};
 use bench::{Cycles, F_CPU_HZ};
@@ -38,6 +38,8 @@ fn after_help() -> String {
          \x20                                        the cable is pulled at 2 s and plugged at 4 s\n\
          \x20 sim --plain --traffic --for 1s         every message on the bus\n\
          \x20 sim --autopilot ardupilot              commands for 15 servos in each message, as from ArduPilot\n\
+         \x20 sim --autopilot ardupilot --actuator all --motors 4\n\
+         \x20                                        each servo sweeps with its own phase, and four motors turn\n\
          \x20 sim --dialect draft --autopilot thesis\n\
          \x20                                        the autopilot of the thesis, in the UAVCAN of 2014\n\
          \x20 sim --plain --for 9s --inject other-dialect@4s\n\
@@ -108,9 +110,14 @@ pub struct Args {
     #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub autopilot_id: Option<NodeId>,
 
-    /// Actuator ID that the autopilot moves, 0 to 255; like ArduPilot 1 to 15, like PX4 0 to 7
-    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = actuator, allow_hyphen_values = true)]
-    pub actuator: u8,
+    /// Actuator ID that the autopilot moves, 0 to 255; like ArduPilot 1 to 15, like PX4 0 to 7; all: each with its own phase
+    #[arg(long, value_name = "ID|all", default_value = "1", value_parser = actuator, allow_hyphen_values = true)]
+    pub actuator: Actuator,
+
+    /// Motors that the autopilot commands 50 times a second, from index 0 on: off while disarmed, else they sweep; like
+    /// ArduPilot up to 20, like PX4 up to 12 [default: none, and no esc.RawCommand]
+    #[arg(long, value_name = "NUMBER", value_parser = motors, allow_hyphen_values = true)]
+    pub motors: Option<u8>,
 
     /// Unit of a plain autopilot's commands; in the draft only unitless and thesis [default: unitless]
     #[arg(long, value_name = "TYPE", value_enum)]
@@ -137,7 +144,7 @@ pub struct Args {
     pub inject: Vec<Injection>,
 
     /// The same as --autopilot none
-    #[arg(long, conflicts_with_all = ["autopilot", "hold", "autopilot_id", "actuator", "command_type", "sweep_period", "allocate", "dialect", "only"])]
+    #[arg(long, conflicts_with_all = ["autopilot", "hold", "autopilot_id", "actuator", "motors", "command_type", "sweep_period", "allocate", "dialect", "only"])]
     pub no_autopilot: bool,
 
     /// What the board is.
@@ -147,6 +154,13 @@ pub struct Args {
     /// What is joined to the bench.
     #[command(flatten)]
     pub links: links::Args,
+}
+
+/// What the autopilot moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Actuator {
+    Id(u8),
+    All,
 }
 
 /// What `sim` does beside the bench.
@@ -199,17 +213,35 @@ impl Args {
             !self.allocate || self.dialect == Dialect::V0,
             "--allocate: there is no allocation in the draft, use --dialect v0"
         );
+        let ids = self.autopilot.actuators();
+        let (actuator, moves) = match self.actuator {
+            Actuator::Id(id) => (id, Moves::One),
+            Actuator::All => (*ids.start(), Moves::All),
+        };
         ensure!(
-            self.autopilot.actuators().contains(&self.actuator),
-            "--actuator {}: {} commands {} to {}",
-            self.actuator,
-            self.autopilot,
-            self.autopilot.actuators().start(),
-            self.autopilot.actuators().end()
+            moves == Moves::One || self.autopilot.commands_several(),
+            "--actuator all: {} commands one, use --autopilot ardupilot or px4",
+            self.autopilot
         );
+        ensure!(
+            ids.contains(&actuator),
+            "--actuator {actuator}: {} commands {} to {}",
+            self.autopilot,
+            ids.start(),
+            ids.end()
+        );
+        let (motors, motors_max) = (self.motors.unwrap_or(0), self.autopilot.motors_max());
+        ensure!(
+            motors == 0 || motors_max > 0,
+            "--motors: {} does not say whether the vehicle is armed, use --autopilot ardupilot or px4",
+            self.autopilot
+        );
+        ensure!(motors <= motors_max, "--motors {motors}: {} commands at most {motors_max}", self.autopilot);
         Ok(Some(Settings {
             node_id: self.autopilot_id.unwrap_or(usual.node_id),
-            actuator: self.actuator,
+            actuator,
+            moves,
+            motors,
             command_type,
             sweep_period: self.sweep_period,
             allocates: self.allocate,
@@ -234,8 +266,18 @@ fn node_id(text: &str) -> Result<NodeId, String> {
     id.ok_or_else(|| String::from("use a number from 1 to 127"))
 }
 
-fn actuator(text: &str) -> Result<u8, String> {
-    text.parse().map_err(|_| String::from("use a number from 0 to 255"))
+fn actuator(text: &str) -> Result<Actuator, String> {
+    match text {
+        "all" => Ok(Actuator::All),
+        id => id.parse().map(Actuator::Id).map_err(|_| String::from("use a number from 0 to 255, or all")),
+    }
+}
+
+fn motors(text: &str) -> Result<u8, String> {
+    text.parse()
+        .ok()
+        .filter(|motors| (1..=20).contains(motors))
+        .ok_or_else(|| String::from("use a number from 1 to 20"))
 }
 
 /// From a picture that can be followed to the longest that anybody will watch.
@@ -314,6 +356,10 @@ mod tests {
             ("sim --temperature -300", "-55 to 150"),
             ("sim --sweep-period 1us", "100ms to 1h"),
             ("sim --actuator -1", "0 to 255"),
+            ("sim --actuator every", "or all"),
+            ("sim --motors 0", "1 to 20"),
+            ("sim --motors 21", "1 to 20"),
+            ("sim --no-autopilot --motors 4", "--no-autopilot"),
             ("sim --mcast -1", "0 to 255"),
             ("sim --gdb 0", "1 to 65535"),
             ("sim --crystal -8", "use MHz, 8 or 16"),
@@ -380,7 +426,14 @@ mod tests {
         let draft = speaks("sim --dialect draft --autopilot thesis --only commands");
         assert_eq!(draft, (Dialect::Draft, CommandType::Thesis, Some(Only::Commands)));
         assert!(settings("sim --autopilot none").is_none() && settings("sim --no-autopilot").is_none());
+        let moves = |line| settings(line).map(|s| (s.actuator, s.moves, s.motors)).unwrap();
+        assert_eq!(moves("sim --autopilot ardupilot --actuator all --motors 20"), (1, Moves::All, 20));
+        assert_eq!(moves("sim --autopilot px4 --actuator all --motors 12"), (0, Moves::All, 12));
+        assert_eq!(moves("sim --autopilot px4 --actuator 7"), (7, Moves::One, 0));
         for (line, advice) in [
+            ("sim --actuator all", "--autopilot ardupilot or px4"),
+            ("sim --motors 4", "--autopilot ardupilot or px4"),
+            ("sim --autopilot px4 --motors 13", "PX4 commands at most 12"),
             ("sim --autopilot px4 --command-type pwm", "--autopilot plain"),
             ("sim --autopilot px4 --actuator 8", "PX4 commands 0 to 7"),
             ("sim --autopilot ardupilot --actuator 0", "ArduPilot commands 1 to 15"),

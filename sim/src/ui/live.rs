@@ -133,11 +133,18 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
     };
     let motion = if autopilot.sweeping { "sweeps" } else { "holds" };
     let AutopilotState { node_id, deflection, profile, command_type, .. } = autopilot;
+    let amount = match (autopilot.moves_all, autopilot.sweeping) {
+        // Each has another deflection.
+        (true, true) => String::from("all"),
+        (true, false) => format!("all {deflection:+.2}"),
+        (false, _) => format!("{deflection:+.2}"),
+    };
+    let motors = if autopilot.motors > 0 { format!(", {} motors", autopilot.motors) } else { String::new() };
     let dialect = dialect_note(autopilot.dialect);
     spans.push(if autopilot.silent {
         Span::styled(format!(" {profile} {node_id}{dialect} is silent"), WARN)
     } else {
-        Span::from(format!(" {profile} {node_id}{dialect} {motion} {deflection:+.2} {command_type}"))
+        Span::from(format!(" {profile} {node_id}{dialect} {motion} {amount} {command_type}{motors}"))
     });
     if !autopilot.armed {
         spans.push(Span::styled("  disarmed", WARN));

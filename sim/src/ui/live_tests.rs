@@ -335,6 +335,14 @@ fn scrolled_traffic_shows_older_lines() {
 }
 
 #[test]
+fn the_title_says_that_all_actuators_move_and_how_many_motors_turn() {
+    let mut state = at_work();
+    state.autopilot = state.autopilot.map(|autopilot| AutopilotState { moves_all: true, motors: 20, ..autopilot });
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["autopilot 1 sweeps all unitless, 20 motors"]);
+}
+
+#[test]
 fn the_pulses_of_further_outputs_are_shown_while_there_are_any() {
     let mut state = at_work();
     let now = state.now;

@@ -16,7 +16,7 @@ use crate::links::Link;
 use crate::links::script::{BenchEvent, Script};
 use crate::usage::OrUsage;
 use anyhow::{Context, Result};
-use bench::autopilot::{Autopilot, Settings};
+use bench::autopilot::{Autopilot, Moves, Settings};
 use bench::avr::{self, Avr, Firmware, ResetCause, regs};
 use bench::board::Board;
 use bench::budget::{Budget, PAINT};
@@ -652,6 +652,8 @@ impl Scene {
         self.state.autopilot = self.autopilot.as_ref().map(|(autopilot, _)| AutopilotState {
             node_id: autopilot.settings().node_id.get(),
             deflection: autopilot.deflection(now),
+            moves_all: autopilot.settings().moves == Moves::All,
+            motors: autopilot.settings().motors,
             sweeping: autopilot.is_sweeping(),
             silent: autopilot.is_silent(),
             armed: autopilot.is_armed(),
@@ -980,6 +982,17 @@ mod tests {
         }
         let told: Vec<_> = state.take_news().into_iter().map(|(_, news)| news).collect();
         assert_eq!(told, [News::Light(50), News::Light(0)]);
+    }
+
+    #[test]
+    fn all_actuators_and_motors_are_commanded_when_asked_for() {
+        let mut scene = scene(&IDLE, "--autopilot px4 --actuator all --motors 4 --hold 1");
+        scene.advance(F_CPU_HZ / 50).unwrap();
+        assert!(autopilot(&scene).moves_all && autopilot(&scene).motors == 4);
+        let lines = scene.state().traffic.page(1000, None, &Hidden::new());
+        let texts: Vec<&str> = lines.iter().map(|line| line.text.as_str()).collect();
+        assert!(texts.contains(&"esc.RawCommand 8191, 8191, 8191, 8191"), "{texts:?}");
+        assert!(texts.iter().any(|text| text.contains("id 0 unitless +1.00") && text.contains("id 7 unitless +1.00")));
     }
 
     #[test]

@@ -181,6 +181,9 @@ pub struct Memory {
 pub struct AutopilotState {
     pub node_id: u8,
     pub deflection: f64,
+    /// All its actuators move.
+    pub moves_all: bool,
+    pub motors: u8,
     pub sweeping: bool,
     pub silent: bool,
     pub armed: bool,

@@ -70,6 +70,11 @@ impl Profile {
         }
     }
 
+    /// True if it commands all its actuators with one message.
+    pub fn commands_several(self) -> bool {
+        self.array().is_some()
+    }
+
     /// Actuators that it can command.
     pub fn actuators(self) -> std::ops::RangeInclusive<u8> {
         match self.array() {
