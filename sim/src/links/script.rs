@@ -4,6 +4,8 @@
 //! # Time in seconds, then a frame as candump and --log write it, or an event.
 //! (0.500000) can0 1404562A#0100A95C00C0
 //! (2.5) temperature 60
+//! (2.6) pwr-voltage 1260
+//! (2.7) pwr-current 330
 //! (3.0) button press
 //! (3.1) button release
 //! (4.0) fault no-ack
@@ -15,6 +17,9 @@
 //!
 //! Frames are sent by a station of their own, not before their time, and wait for the bus like any node's. A log has the
 //! frames of all nodes: remove those of a node that takes part again (`grep -v`), or two stations send the same identifier.
+//!
+//! `pwr-voltage` and `pwr-current` are millivolts at the inputs that measure a circuit, as of the options of these names; a board
+//! without such inputs ignores them.
 //!
 //! Faults are those of `--inject`: one that lasts ends when it is named again. In the text of `serial`, `\r`, `\n`, `\t`,
 //! `\\` and `\xNN` are understood; nothing is added to it. Error frames in a log (`20000008#...`) are skipped: they were not
@@ -35,6 +40,8 @@ use std::rc::Rc;
 const WALL_CLOCK_FROM: Cycles = 1_000_000_000 * F_CPU_HZ;
 /// What candump sets in the identifier of an error frame.
 const CAN_ERR_FLAG: u32 = 1 << 29;
+/// Supply of the AVR, and the highest voltage at an input.
+const SUPPLY_MV: u32 = 5000;
 const NS_PER_S: u64 = 1_000_000_000;
 
 /// What a script may do to the bench, other than sending frames.
@@ -42,6 +49,10 @@ const NS_PER_S: u64 = 1_000_000_000;
 pub enum BenchEvent {
     /// Degrees Celsius at the sensor.
     Temperature(f64),
+    /// Millivolts at the input for the circuit's voltage.
+    CircuitVoltage(u32),
+    /// Millivolts at the input for the circuit's current.
+    CircuitCurrent(u32),
     /// The button is pressed (true) or released.
     Button(bool),
     /// As `--inject`: happens, or is switched on or off.
@@ -159,6 +170,8 @@ fn parse_line(line: &str) -> Result<(Cycles, Action), String> {
     let argument = argument.trim_start();
     let action = match word {
         "temperature" => Action::Do(BenchEvent::Temperature(parse_temperature(argument)?)),
+        "pwr-voltage" => Action::Do(BenchEvent::CircuitVoltage(parse_millivolts(argument)?)),
+        "pwr-current" => Action::Do(BenchEvent::CircuitCurrent(parse_millivolts(argument)?)),
         "button" => Action::Do(BenchEvent::Button(match argument {
             "press" => true,
             "release" => false,
@@ -169,8 +182,8 @@ fn parse_line(line: &str) -> Result<(Cycles, Action), String> {
         _ if argument.contains('#') => parse_frame(argument)?,
         _ => {
             return Err(format!(
-                "expected \"can0 1404562A#0100\", \"temperature 60\", \"button press\", \"button release\", \
-                 \"fault NAME\" or \"serial TEXT\", not \"{rest}\""
+                "expected \"can0 1404562A#0100\", \"temperature 60\", \"pwr-voltage 1260\", \"pwr-current 330\", \"button press\", \
+                 \"button release\", \"fault NAME\" or \"serial TEXT\", not \"{rest}\""
             ));
         }
     };
@@ -196,6 +209,18 @@ fn parse_temperature(text: &str) -> Result<f64, String> {
         .ok()
         .filter(|celsius: &f64| celsius.is_finite())
         .ok_or_else(|| format!("expected degrees Celsius, as in \"temperature 60\", not \"{text}\""))
+}
+
+/// Reads a voltage at an analogue input, from ground to the supply of the AVR.
+///
+/// # Errors
+/// If it is something else; the message says what it can be.
+pub fn millivolts(text: &str) -> Result<u32, String> {
+    text.parse().ok().filter(|mv| *mv <= SUPPLY_MV).ok_or_else(|| format!("use millivolts from 0 to {SUPPLY_MV}"))
+}
+
+fn parse_millivolts(text: &str) -> Result<u32, String> {
+    millivolts(text).map_err(|advice| format!("{advice}, not \"{text}\""))
 }
 
 fn parse_frame(text: &str) -> Result<Action, String> {
@@ -256,7 +281,7 @@ mod tests {
     #[test]
     fn a_script_has_frames_events_and_comments_in_any_order() {
         let text = "# warm up\n\n(2.5) temperature -3.5\n (1.000001) can0 123#0102\n(3) button press\n\
-                    (3) button release\n(4.0) fault no-ack\n(5.000000) serial a b\\r\\x1b\\\\\n(6) vcan1 00000001#R R\n";
+                    (3) button release\n(4.0) fault no-ack\n(4.5) pwr-voltage 1260\n(4.5) pwr-current 0\n(5.000000) serial a b\\r\\x1b\\\\\n(6) vcan1 00000001#R R\n";
         let actions = parse(text).unwrap();
         let expected = [
             (S + 16, Action::Send(Frame::standard(0x123, &[1, 2]))),
@@ -264,6 +289,8 @@ mod tests {
             (3 * S, Action::Do(BenchEvent::Button(true))),
             (3 * S, Action::Do(BenchEvent::Button(false))),
             (4 * S, Action::Do(BenchEvent::Fault(Fault::NoAck))),
+            (S * 9 / 2, Action::Do(BenchEvent::CircuitVoltage(1260))),
+            (S * 9 / 2, Action::Do(BenchEvent::CircuitCurrent(0))),
             (5 * S, Action::Do(BenchEvent::Serial(b"a b\r\x1B\\".to_vec()))),
             (6 * S, Action::Send(Frame::remote(bench::can::Id::Extended(1), 0))),
         ];
@@ -304,6 +331,8 @@ mod tests {
             ("(1)", 1, "serial TEXT"),
             ("(1) temperature hot", 1, "degrees"),
             ("(1) temperature nan", 1, "degrees"),
+            ("(1) pwr-voltage 12.6", 1, "0 to 5000, not \"12.6\""),
+            ("(1) pwr-current", 1, "0 to 5000"),
             ("(1) button push", 1, "button release"),
             ("(1) fault gremlins", 1, "stuck-dominant"),
             ("(1) serial", 1, "serial help"),

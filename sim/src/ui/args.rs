@@ -4,7 +4,7 @@ use super::keys;
 use super::pace::Speed;
 use super::wires;
 use crate::fault::{self, Injection};
-use crate::links;
+use crate::links::{self, script::millivolts};
 use crate::time::parse_duration;
 use anyhow::{Result, ensure};
 use bench::autopilot::{CommandType, Moves, Only, Profile, Settings};
@@ -139,6 +139,14 @@ pub struct Args {
     #[arg(long, value_name = "DEGREES", default_value_t = 25.0, value_parser = celsius, allow_hyphen_values = true)]
     pub temperature: f64,
 
+    /// Voltage at the input that measures the circuit's voltage, in millivolts, 0 to 5000 [default: 0]
+    #[arg(long, value_name = "MV", value_parser = millivolts, allow_hyphen_values = true)]
+    pub pwr_voltage: Option<u32>,
+
+    /// Voltage at the input that measures the circuit's current, in millivolts, 0 to 5000 [default: 0]
+    #[arg(long, value_name = "MV", value_parser = millivolts, allow_hyphen_values = true)]
+    pub pwr_current: Option<u32>,
+
     /// Cause a fault at a simulated time, for example chip-reset@2s (repeatable; --help lists the names)
     #[arg(long, value_name = "NAME@TIME")]
     pub inject: Vec<Injection>,
@@ -184,6 +192,18 @@ impl Args {
             wiring.crystal_mhz
         );
         Ok(bit_rate)
+    }
+
+    /// Millivolts at the inputs for the voltage and the current of a circuit.
+    ///
+    /// # Errors
+    /// If the program of this board measures no circuit.
+    pub fn circuit_millivolts(&self, wiring: &Wiring) -> Result<[u32; 2]> {
+        let options = [("--pwr-voltage", self.pwr_voltage), ("--pwr-current", self.pwr_current)];
+        for (name, option) in options {
+            ensure!(option.is_none() || wiring.power.is_some(), "{name}: this program has no inputs for a circuit");
+        }
+        Ok(options.map(|(_, option)| option.unwrap_or(0)))
     }
 
     /// What the autopilot is to be set to, if there is to be one.
@@ -355,6 +375,9 @@ mod tests {
             ("sim --temperature nan", "-55 to 150"),
             ("sim --temperature -300", "-55 to 150"),
             ("sim --sweep-period 1us", "100ms to 1h"),
+            ("sim --pwr-voltage 12.6", "0 to 5000"),
+            ("sim --pwr-current 5001", "0 to 5000"),
+            ("sim --pwr-current -1", "0 to 5000"),
             ("sim --actuator -1", "0 to 255"),
             ("sim --actuator every", "or all"),
             ("sim --motors 0", "1 to 20"),
@@ -409,6 +432,18 @@ mod tests {
         assert_eq!(bit_rate("sim --bit-rate 125000", &Wiring::default()).unwrap(), 125_000);
         let error = bit_rate("sim --bit-rate 1000000", &by_name).unwrap_err().to_string();
         assert_eq!(error, "--bit-rate 1000000: an MCP2515 with a crystal of 8 MHz does at most 500000 bit/s");
+    }
+
+    #[test]
+    fn the_inputs_of_a_circuit_get_their_millivolts_if_the_board_has_them() {
+        let mut wiring = Wiring::default();
+        let millivolts = |line, wiring: &Wiring| parse(line).unwrap().circuit_millivolts(wiring);
+        assert_eq!(millivolts("sim --pwr-voltage 1260 --pwr-current 5000", &wiring).unwrap(), [1260, 5000]);
+        assert_eq!(millivolts("sim --pwr-current 330", &wiring).unwrap(), [0, 330]);
+        wiring.power = None;
+        assert_eq!(millivolts("sim", &wiring).unwrap(), [0, 0]);
+        let error = millivolts("sim --pwr-current 330", &wiring).unwrap_err().to_string();
+        assert_eq!(error, "--pwr-current: this program has no inputs for a circuit");
     }
 
     #[test]

@@ -132,6 +132,7 @@ impl Scene {
         let knows_vendor_code = firmware.board.is_some();
         let limits = knows_vendor_code.then(|| Budget::of(wiring.chip));
         let bit_rate = args.bit_rate(&wiring).or_usage()?;
+        let circuit_inputs_mv = args.circuit_millivolts(&wiring).or_usage()?;
         let avr = powered(first, 0)?;
         let resets_seen = avr.resets().len();
         let mut bench = Bench::new(bit_rate);
@@ -190,6 +191,7 @@ impl Scene {
             chip_upset: false,
         };
         scene.set_temperature(args.temperature);
+        scene.set_circuit_inputs(circuit_inputs_mv);
         scene.collect()?;
         scene.look_at_links();
         scene.say_what_is_joined(args);
@@ -272,6 +274,14 @@ impl Scene {
     fn happen(&mut self, event: BenchEvent) {
         match event {
             BenchEvent::Temperature(celsius) => self.set_temperature(celsius),
+            BenchEvent::CircuitVoltage(millivolts) => {
+                let [_, current] = self.state.circuit_inputs_mv;
+                self.set_circuit_inputs([millivolts, current]);
+            }
+            BenchEvent::CircuitCurrent(millivolts) => {
+                let [voltage, _] = self.state.circuit_inputs_mv;
+                self.set_circuit_inputs([voltage, millivolts]);
+            }
             BenchEvent::Button(pressed) => self.board().press_button(pressed),
             BenchEvent::Fault(fault) => self.inject(fault),
             BenchEvent::Serial(bytes) => self.board().avr_mut().serial_send(&bytes),
@@ -366,6 +376,12 @@ impl Scene {
     fn set_temperature(&mut self, celsius: f64) {
         self.state.sensor_c = celsius;
         self.bench.board(self.node).set_temperature_c(celsius);
+    }
+
+    fn set_circuit_inputs(&mut self, millivolts: [u32; 2]) {
+        self.state.circuit_inputs_mv = millivolts;
+        let [voltage, current] = millivolts;
+        self.bench.board(self.node).set_circuit_millivolts(voltage, current);
     }
 
     /// Causes a fault now, or ends it if it lasts already.
@@ -933,6 +949,21 @@ mod tests {
             news(&mut scene)
         };
         assert_eq!(run(), run());
+    }
+
+    #[test]
+    fn a_script_changes_the_inputs_of_the_circuit() {
+        let scratch = crate::links::scratch::Scratch::new();
+        let path = scratch.path("x.script");
+        std::fs::write(&path, "(0.01) pwr-voltage 2520\n(0.02) pwr-current 0\n").unwrap();
+        let options = format!("--pwr-voltage 1260 --pwr-current 330 --script {}", path.display());
+        let mut scene = scene(&IDLE, &options);
+        let mut inputs = Vec::new();
+        for ms in [5, 15, 25] {
+            scene.advance(ms * F_CPU_HZ / 1000).unwrap();
+            inputs.push(scene.state().circuit_inputs_mv);
+        }
+        assert_eq!(inputs, [[1260, 330], [2520, 330], [2520, 0]]);
     }
 
     #[test]

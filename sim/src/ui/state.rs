@@ -12,7 +12,7 @@ use bench::board::SpiUse;
 use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
 use bench::dronecan::{
-    CanId, DataType, Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft,
+    CanId, CircuitStatus, DataType, Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft,
 };
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
@@ -208,6 +208,10 @@ pub struct State {
     /// Temperature at the sensor, in degrees Celsius.
     pub sensor_c: f64,
     pub temperature: Option<Temperature>,
+    /// Millivolts at the inputs for the voltage and the current of the circuit.
+    pub circuit_inputs_mv: [u32; 2],
+    /// What the node measures there.
+    pub circuit: Option<CircuitStatus>,
     pub thesis_temperature_c: Option<u8>,
     /// What the node measures in the draft: degrees Celsius, or how often its button was pressed.
     pub draft_measurement: Option<u8>,
@@ -289,6 +293,12 @@ impl State {
         for (output, pulse) in self.outputs.iter_mut().zip(last) {
             *output = pulse.or(*output);
         }
+    }
+
+    /// Outputs from the second to the last that gives pulses: widths, and none of those that give no pulse.
+    pub fn output_widths(&self) -> Vec<Option<Cycles>> {
+        let count = self.outputs.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
+        self.outputs[..count].iter().map(|output| output.map(|(_, width)| width)).collect()
     }
 
     /// A whole servo pulse.
@@ -458,6 +468,7 @@ impl State {
     fn node_status(&mut self, at: Cycles, node: NodeId, status: NodeStatus, dialect: Dialect) {
         if dialect != self.dialect {
             (self.temperature, self.thesis_temperature_c, self.draft_measurement) = (None, None, None);
+            self.circuit = None;
         }
         self.dialect = dialect;
         self.status = Some((at, node, status));
@@ -466,6 +477,7 @@ impl State {
     fn measurement(&mut self, said: &Said) {
         match said {
             Said::V0(_, Message::Temperature(temperature)) => self.temperature = Some(*temperature),
+            Said::V0(_, Message::CircuitStatus(circuit)) => self.circuit = Some(*circuit),
             Said::V0(_, Message::ThesisTemperature(degrees)) => self.thesis_temperature_c = Some(*degrees),
             Said::Draft(_, draft::Message::ThesisMeasurement(number)) => self.draft_measurement = Some(*number),
             _ => {}
@@ -574,6 +586,28 @@ mod tests {
         assert!(news.contains(&(16_000, told)), "{news:?}");
         let line = state.traffic.last().unwrap();
         assert_eq!((line.who.as_str(), line.text.as_str()), ("1", "draft.ThesisCommand 90"));
+    }
+
+    #[test]
+    fn the_circuit_that_the_node_measures_is_kept() {
+        let mut state = State::new(1_000_000);
+        let said = [0x34, 0x12, 0x4D, 0x4A, 0x66, 0xC2, 0x06, 0xC5];
+        state.record(&record(16_000, 0x1804_4301, &said), false, Some("other"));
+        assert_eq!(state.circuit, None);
+        state.record(&record(32_000, 0x1804_4378, &said), true, Some("node"));
+        assert_eq!(state.circuit.unwrap().circuit, 0x1234);
+        assert_eq!(
+            state.traffic.last().unwrap().text,
+            "CircuitStatus circuit 4660 12.60 V -3.20 A UNDERVOLTAGE OVERCURRENT"
+        );
+    }
+
+    #[test]
+    fn outputs_behind_the_last_pulse_are_left_out() {
+        let mut state = State::new(1_000_000);
+        assert_eq!(state.output_widths(), []);
+        state.output_pulses([None, Some((0, 16_000)), None, Some((0, 24_000)), None]);
+        assert_eq!(state.output_widths(), [None, Some(16_000), None, Some(24_000)]);
     }
 
     #[test]
