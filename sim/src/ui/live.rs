@@ -65,7 +65,9 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
         return 0;
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
-    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + BUS_ROWS };
+    // A line for what only some programs have.
+    let further_row = u16::from(!state.output_widths().is_empty() || state.circuit.is_some());
+    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + further_row + BUS_ROWS };
     let columns = usize::from(area.width);
     let mut note_lines = condition_lines(state, columns);
     note_lines.extend(fault_lines(state, columns));
@@ -223,12 +225,25 @@ fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
     Paragraph::new(lines)
 }
 
-/// Widths of the pulses of the outputs from the second on, in microseconds.
-fn outputs_line(state: &State) -> Line<'static> {
-    let width =
-        |output: &Option<(_, _)>| output.map_or(String::from("-"), |(_, width)| format!("{:.0}", micros(width)));
-    let widths: Vec<String> = state.outputs.iter().map(width).collect();
-    Line::from(format!("from output 2 on: {} us", widths.join(" ")))
+/// Widths of the pulses of the outputs from the second on, in microseconds; none if there are no such pulses.
+fn outputs_line(state: &State, columns: usize) -> Option<Line<'static>> {
+    let widths = state.output_widths();
+    let texts: Vec<String> =
+        widths.iter().map(|width| width.map_or(String::from("-"), |width| format!("{:.0}", micros(width)))).collect();
+    let (last, texts) = (widths.len() + 1, texts.join(" "));
+    let long = format!("outputs 2 to {last}: {texts} us");
+    let text = if long.len() <= columns { long } else { format!("2-{last} {texts}") };
+    (!widths.is_empty()).then(|| Line::from(text))
+}
+
+/// What the node says of the circuit that it measures.
+fn circuit_line(state: &State) -> Option<Line<'static>> {
+    let circuit = state.circuit?;
+    let [voltage, current] = [(circuit.voltage, "V"), (circuit.current, "A")].map(|(value, unit)| {
+        if value.is_nan() { format!("- {unit}") } else { format!("{:.2} {unit}", value.to_f32()) }
+    });
+    let errors = Span::styled(circuit.errors_text(), BAD);
+    Some(Line::from(vec![Span::from(format!("circuit {voltage}  {current}")), errors]))
 }
 
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
@@ -259,7 +274,6 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         pulse,
         servo_bar(inner.width, pulse_us),
         match state.light_percent {
-            _ if state.outputs.iter().any(Option::is_some) => outputs_line(state),
             0 => Line::from(format!("angle {angle}  pulses {}", state.servo.count)),
             percent => {
                 let pin = state.wiring.light.map_or(String::new(), |pin| format!("({pin}) "));
@@ -268,11 +282,12 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         },
         Line::from(format!("sensor {:.1} C  {said}", state.sensor_c)),
     ];
+    lines.extend(outputs_line(state, usize::from(inner.width)));
     if !with_dial {
         return frame.render_widget(Paragraph::new(lines), inner);
     }
     lines.remove(1);
-    let [dial, text] = Layout::vertical([Constraint::Min(0), Constraint::Length(3)]).areas(inner);
+    let [dial, text] = Layout::vertical([Constraint::Min(0), Constraint::Length(lines.len() as u16)]).areas(inner);
     frame.render_widget(Paragraph::new(lines), text);
     draw_dial(frame, dial, pulse_us, state.autopilot.as_ref().map(|autopilot| autopilot.deflection));
 }
@@ -385,6 +400,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
         let (text, style) = amount(", RAM", memory.statics + stack, limit(|limits| limits.statics_and_stack));
         lines[3].push_span(Span::styled(text, style));
     }
+    lines.extend(circuit_line(state));
     let block = Block::bordered().title(title);
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }

@@ -347,8 +347,41 @@ fn the_pulses_of_further_outputs_are_shown_while_there_are_any() {
     let mut state = at_work();
     let now = state.now;
     state.output_pulses((0..7).map(|n| (n != 2).then_some((now, (1000 + 100 * n) * 16))));
-    shows(&drawn(&state, &Screen::default(), 120, 40), &["from output 2 on: 1000 1100 - 1300 1400 1500 1600 us"]);
+    for (columns, rows) in [(110, 40), (110, ROWS_MIN)] {
+        shows(
+            &drawn(&state, &Screen::default(), columns, rows),
+            &["outputs 2 to 8: 1000 1100 - 1300 1400 1500 1600 us"],
+        );
+    }
+    state.output_pulses((0..7).map(|n| Some((now, (1000 + 100 * n) * 16))));
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["│2-8 1000 1100 1200 1300 1400 1500 1600│"]);
+    shows(&picture, VALUES);
     state.pass(now + SECOND);
     let picture = drawn(&state, &Screen::default(), 120, 40);
-    assert!(!picture.contains("from output 2 on"), "{picture}");
+    assert!(!picture.contains("outputs 2"), "{picture}");
+}
+
+#[test]
+fn the_circuit_is_shown_when_the_node_says_something_of_it() {
+    let say = |state: &mut State, current: [u8; 2], errors: u8| {
+        let data = [120, 0, 0x4D, 0x4A, current[0], current[1], errors, 0xC5];
+        let (start, end) = (state.now, state.now + 2_000);
+        let frame = can::Frame::extended(0x1804_432A, &data);
+        let kind = RecordKind::Frame { frame, from: None, acked: true };
+        state.record(&Record { start, end, bits: 125, kind }, true, None);
+    };
+    let mut state = at_work();
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    assert!(!picture.contains("circuit"), "{picture}");
+    say(&mut state, [0x66, 0x42], 4);
+    for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
+        let picture = drawn(&state, &Screen::default(), columns, rows);
+        shows(
+            &picture,
+            &["circuit 12.60 V  3.20 A OVERCURRENT", "flash 9,876 of 14,336 B", "CircuitStatus circuit 120 12.60 V"],
+        );
+    }
+    say(&mut state, [0xFF, 0x7F], 0);
+    shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["circuit 12.60 V  - A "]);
 }

@@ -32,6 +32,9 @@ pub struct Plain<W> {
     error_lines: u32,
     lost_lines: u32,
     last_pulse: Option<Option<Cycles>>,
+    /// Widths of the other outputs, and what the node said of its circuit, as they were printed last.
+    last_outputs: Vec<Option<Cycles>>,
+    last_circuit: String,
 }
 
 impl<W: Write> Plain<W> {
@@ -46,6 +49,8 @@ impl<W: Write> Plain<W> {
             error_lines: 0,
             lost_lines: 0,
             last_pulse: None,
+            last_outputs: Vec::new(),
+            last_circuit: String::new(),
         }
     }
 
@@ -61,6 +66,8 @@ impl<W: Write> Plain<W> {
         let turned = self.last_pulse.is_none_or(|last| last.is_some() != state.servo.pulse.is_some());
         if turned || state.now >= self.next_servo_at {
             self.servo(state)?;
+            self.outputs(state)?;
+            self.circuit(state)?;
             self.next_servo_at = state.now + SERVO_PERIOD;
         }
         if state.now >= self.next_traffic_at {
@@ -129,6 +136,29 @@ impl<W: Write> Plain<W> {
         };
         self.last_pulse = Some(pulse);
         self.line(state.now, "servo", &text)
+    }
+
+    fn outputs(&mut self, state: &State) -> io::Result<()> {
+        let widths = state.output_widths();
+        if widths == self.last_outputs {
+            return Ok(());
+        }
+        let width = |width: &Option<Cycles>| width.map_or(String::from("-"), |width| format!("{:.1}", micros(width)));
+        let text = match widths.len() {
+            0 => String::from("no pulse but the servo's"),
+            count => format!("2 to {}: {} us", count + 1, widths.iter().map(width).collect::<Vec<_>>().join(" ")),
+        };
+        self.last_outputs = widths;
+        self.line(state.now, "outputs", &text)
+    }
+
+    fn circuit(&mut self, state: &State) -> io::Result<()> {
+        let text = state.circuit.map_or(String::new(), |circuit| circuit.to_string());
+        if text == self.last_circuit {
+            return Ok(());
+        }
+        self.last_circuit = text.clone();
+        self.line(state.now, "power", &text)
     }
 
     fn traffic(&mut self, state: &State) -> io::Result<()> {
@@ -230,7 +260,8 @@ mod tests {
     use super::*;
     use bench::avr::Chip;
     use bench::can::Frame;
-    use bench::dronecan::{NodeId, NodeStatus};
+    use bench::dronecan::{CircuitStatus, NodeId, NodeStatus};
+    use half::f16;
 
     /// Runs `state` through a plain view and gives the lines.
     fn printed(state: &mut State, every_transfer: bool) -> String {
@@ -299,6 +330,39 @@ mod tests {
         let pulses = text.lines().filter(|l| l.contains("servo   pulse")).count();
         assert_eq!(pulses, 4, "{text}");
         assert!(text.contains("period 20.000 ms"), "{text}");
+    }
+
+    #[test]
+    fn the_other_outputs_and_the_circuit_are_printed_each_half_second_if_they_have_changed() {
+        let mut state = State::new(1_000_000);
+        let mut out = Vec::new();
+        let mut plain = Plain::new(&mut out, false);
+        for number in 1..=150 {
+            let now = number * F_CPU_HZ / 50;
+            if number <= 100 {
+                state.pulse(now, 24_000, None);
+                let width = if number < 60 { 16_000 } else { 24_008 };
+                state.output_pulses([Some((now, width)), None, Some((now, 24_000)), None]);
+            }
+            state.circuit = (number > 30).then(|| CircuitStatus {
+                circuit: 120,
+                voltage: f16::from_f32(12.6),
+                current: f16::from_f32(3.2),
+                errors: 0,
+            });
+            state.pass(now);
+            plain.step(&mut state).unwrap();
+        }
+        let text = String::from_utf8(out).unwrap();
+        let lines: Vec<&str> =
+            text.lines().filter(|line| line.contains("outputs") || line.contains("power")).map(str::trim).collect();
+        let expected = [
+            "0.020000 outputs 2 to 4: 1000.0 - 1500.0 us",
+            "1.020000 power   circuit 120 12.60 V 3.20 A",
+            "1.520000 outputs 2 to 4: 1500.5 - 1500.0 us",
+            "2.120000 outputs no pulse but the servo's",
+        ];
+        assert_eq!(lines, expected);
     }
 
     #[test]

@@ -63,6 +63,10 @@ pub struct Report {
     bus: Bus,
     node: Node,
     servo: Servo,
+    /// From output 2 to the last with pulses.
+    outputs: Vec<Output>,
+    /// What the node said last of the circuit that it measures.
+    circuit: Option<Circuit>,
     spi: Spi,
     budget: Budget,
 }
@@ -115,6 +119,22 @@ struct Servo {
     period_us: Option<f64>,
     shortest_us: Option<f64>,
     longest_us: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct Output {
+    output: usize,
+    /// Of the last pulse; none if there are none at the end.
+    width_us: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct Circuit {
+    circuit_id: u16,
+    /// None where the node does not know it.
+    voltage_v: Option<f32>,
+    current_a: Option<f32>,
+    error_flags: u8,
 }
 
 #[derive(Debug, Serialize)]
@@ -183,6 +203,18 @@ impl Report {
                 shortest_us: state.servo.shortest.map(micros),
                 longest_us: state.servo.longest.map(micros),
             },
+            outputs: state
+                .output_widths()
+                .into_iter()
+                .zip(2..)
+                .map(|(width, output)| Output { output, width_us: width.map(micros) })
+                .collect(),
+            circuit: state.circuit.map(|circuit| Circuit {
+                circuit_id: circuit.circuit,
+                voltage_v: Some(circuit.voltage.to_f32()).filter(|volts| !volts.is_nan()),
+                current_a: Some(circuit.current.to_f32()).filter(|amperes| !amperes.is_nan()),
+                error_flags: circuit.errors,
+            }),
             spi: Spi {
                 selects: state.spi.selects,
                 bytes: state.spi.bytes,
@@ -219,6 +251,8 @@ mod tests {
     use super::*;
     use bench::F_CPU_HZ;
     use bench::can::Frame;
+    use bench::dronecan::CircuitStatus;
+    use half::f16;
 
     fn json(state: &State) -> serde_json::Value {
         serde_json::from_str(&Report::new(state).to_json()).unwrap()
@@ -241,6 +275,20 @@ mod tests {
         }
         assert_eq!(state.hints.len(), 20);
         assert_eq!(state.take_news().len(), 20);
+    }
+
+    #[test]
+    fn further_outputs_and_the_circuit_are_in_it_if_there_are_any() {
+        let mut state = State::new(1_000_000);
+        let report = json(&state);
+        assert_eq!((&report["outputs"], &report["circuit"]), (&serde_json::json!([]), &serde_json::Value::Null));
+        state.output_pulses([None, Some((0, 24_008)), None]);
+        let (voltage, current) = (f16::from_f32(12.5), f16::NAN);
+        state.circuit = Some(CircuitStatus { circuit: 120, voltage, current, errors: 1 });
+        let report = json(&state);
+        let outputs = serde_json::json!([{"output": 2, "width_us": null}, {"output": 3, "width_us": 1500.5}]);
+        let circuit = serde_json::json!({"circuit_id": 120, "voltage_v": 12.5, "current_a": null, "error_flags": 1});
+        assert_eq!((&report["outputs"], &report["circuit"]), (&outputs, &circuit));
     }
 
     #[test]
