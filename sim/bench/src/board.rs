@@ -67,6 +67,12 @@ pub enum WireEvent {
     Int(bool),
     /// New level of the servo's signal.
     Servo(bool),
+    /// New level of an output from the second on.
+    Output {
+        /// Place in [`Wiring::outputs`].
+        index: usize,
+        high: bool,
+    },
     /// A byte on the SPI, as it is at the MCP2515, and what that answered.
     Spi {
         /// To the MCP2515.
@@ -131,6 +137,8 @@ pub struct Board {
 struct SwitchedOutput {
     edges: Rc<RefCell<Vec<(Cycles, bool)>>>,
     meter: PulseMeter,
+    pulses: Vec<Pulse>,
+    level: bool,
 }
 
 impl SwitchedOutput {
@@ -138,7 +146,7 @@ impl SwitchedOutput {
         let edges = Rc::new(RefCell::new(Vec::new()));
         let seen = Rc::clone(&edges);
         avr.watch_pin(pin.port(), pin.bit(), Box::new(move |level, at| seen.borrow_mut().push((at, level))));
-        SwitchedOutput { edges, meter: PulseMeter::new() }
+        SwitchedOutput { edges, meter: PulseMeter::new(), pulses: Vec::new(), level: false }
     }
 }
 
@@ -384,26 +392,31 @@ impl Board {
 
     /// Pulses of each output from the second on that ended since the last call.
     pub fn take_output_pulses(&mut self) -> Vec<Vec<Pulse>> {
-        self.outputs.iter_mut().map(|output| output.meter.feed(output.edges.take())).collect()
+        self.look_at_outputs();
+        self.outputs.iter_mut().map(|output| std::mem::take(&mut output.pulses)).collect()
     }
 
     /// Puts a probe on the wires and returns their levels now, as events at this time.
     pub fn attach_probe(&mut self) -> Vec<(Cycles, WireEvent)> {
         self.look_at_servo();
+        self.look_at_outputs();
         self.avr.serial_trace();
         self.wires.probe.replace(Some(Vec::new()));
+        let outputs = self.outputs.iter().enumerate();
+        let outputs = outputs.map(|(index, output)| WireEvent::Output { index, high: output.level });
         let levels = [
             WireEvent::Cs(!self.wires.selected.get()),
             WireEvent::Int(self.wires.int_level.get()),
             WireEvent::Servo(self.servo_level),
         ];
-        levels.map(|level| (self.now(), level)).into()
+        levels.into_iter().chain(outputs).map(|level| (self.now(), level)).collect()
     }
 
     /// What the probe has seen since the last call: each wire in order, one wire after the other. A byte on the SPI is
     /// seen when it is over, so it may have begun before the call before this one, by 1024 cycles at most.
     pub fn take_wire_events(&mut self) -> Vec<(Cycles, WireEvent)> {
         self.look_at_servo();
+        self.look_at_outputs();
         let serial = self.avr.serial_trace();
         let mut events = self.wires.probe.borrow_mut().as_mut().map(std::mem::take).unwrap_or_default();
         events.extend(serial.into_iter().map(|character| (character.start, WireEvent::Serial(character))));
@@ -417,6 +430,17 @@ impl Board {
             self.wires.note(at, WireEvent::Servo(level));
         }
         self.servo_pulses.extend(self.servo.feed(edges));
+    }
+
+    fn look_at_outputs(&mut self) {
+        for (index, output) in self.outputs.iter_mut().enumerate() {
+            let edges = output.edges.take();
+            for &(at, high) in &edges {
+                output.level = high;
+                self.wires.note(at, WireEvent::Output { index, high });
+            }
+            output.pulses.extend(output.meter.feed(edges));
+        }
     }
 
     /// Brightness of the light, 0 to 1; 0 if the board has none.

@@ -55,7 +55,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
 
-    /// Record CAN, SPI, INT, UART and servo as one-bit wires for sigrok and GTKWave: 1 MB for each simulated second, and up to
+    /// Record CAN, SPI, INT, UART, the servo and other outputs as one-bit wires for sigrok and GTKWave: 1 MB for each simulated second, and up to
     /// 50 MB on a full bus
     #[arg(long, value_name = "FILE")]
     pub vcd: Option<PathBuf>,

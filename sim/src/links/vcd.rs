@@ -1,15 +1,15 @@
 //! The wires of one board and of the bus as a VCD file (value change dump), for sigrok and GTKWave.
 //!
 //! Each wire has one bit, under the names that sigrok's decoders are told: CAN (the bus: 0 is dominant), CS, SCK, MOSI,
-//! MISO, INT, TXD, RXD, SERVO. Times are exact to the cycle of 62.5 ns; the unit is 100 ps. For one sample per cycle, which
+//! MISO, INT, TXD, RXD, SERVO, and OUT2 to OUT8 for the other outputs of a board that has them. Times are exact to the cycle of 62.5 ns; the unit is 100 ps. For one sample per cycle, which
 //! loses nothing:
 //!
 //! ```text
 //! sigrok-cli -i run.vcd -I vcd:downsample=625 -P can:can_rx=CAN:nominal_bitrate=1000000 -A can
 //! ```
 //!
-//! SPI and UART are simulated by the byte; their bits are drawn from its start and its bit time. CAN, CS, INT and SERVO are
-//! the edges themselves.
+//! SPI and UART are simulated by the byte; their bits are drawn from its start and its bit time. CAN, CS, INT, SERVO and
+//! OUT2 to OUT8 are the edges themselves.
 //!
 //! Limits: a byte on the SPI that a reset interrupts is not drawn. MISO floats while CS is high and until the first bit, and
 //! holds the last bit between bytes; the real chip shows its next bit there. INT falls when the AVR sees it, an instruction
@@ -28,7 +28,7 @@ use std::cell::RefCell;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use writer::{Level, NAMES, Wire, Writer};
+use writer::{Level, NAMES, WIRES_OF_EVERY_BOARD, Wire, Writer};
 
 /// The slowest byte on the SPI takes 8 bits of 128 cycles, and is seen when it is over.
 const SPI_LAG: Cycles = 8 * 128;
@@ -71,8 +71,9 @@ impl Vcd {
         bench.bus().set_wire_tap(Some(Box::new(move |at, level: can::Level| {
             tap.borrow_mut().push((at, !level.is_dominant()));
         })));
+        let outputs = bench.board(node).wiring().outputs.len();
         let writer = File::create(path)
-            .and_then(|file| Writer::new(file, now, levels))
+            .and_then(|file| Writer::new(file, now, outputs, levels))
             .with_context(|| format!("--vcd: cannot write {}", path.display()))?;
         let drawn = Drawn { txd_to: now, rxd_to: now };
         let path = path.to_owned();
@@ -102,7 +103,7 @@ impl Vcd {
                 }
                 WireEvent::Spi { byte, miso } => draw_spi(&mut self.writer, &byte, miso),
                 WireEvent::Serial(character) => self.drawn.draw_serial(&mut self.writer, &character),
-                WireEvent::Int(_) | WireEvent::Servo(_) => {
+                WireEvent::Int(_) | WireEvent::Servo(_) | WireEvent::Output { .. } => {
                     if let Some((wire, level)) = plain_level(event) {
                         self.writer.change(at, wire, level);
                     }
@@ -149,6 +150,7 @@ fn plain_level(event: WireEvent) -> Option<(Wire, bool)> {
         WireEvent::Cs(high) => Some((Wire::Cs, high)),
         WireEvent::Int(high) => Some((Wire::Int, high)),
         WireEvent::Servo(high) => Some((Wire::Servo, high)),
+        WireEvent::Output { index, high } => NAMES.get(WIRES_OF_EVERY_BOARD + index).map(|(wire, _)| (*wire, high)),
         WireEvent::Spi { .. } | WireEvent::Serial(_) => None,
     }
 }
@@ -201,7 +203,7 @@ mod tests {
     /// Draws and gives the changes of one wire as (cycle, level).
     fn drawn(wire: &str, draw: impl FnOnce(&mut Writer<&mut Vec<u8>>)) -> Vec<(Cycles, char)> {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, [Level::Floating; 9]).unwrap();
+        let mut writer = Writer::new(&mut out, 0, 0, [Level::Floating; NAMES.len()]).unwrap();
         draw(&mut writer);
         writer.finish(1_000_000).unwrap();
         drop(writer);

@@ -15,6 +15,9 @@ const _: () = assert!(UNITS_PER_S.is_multiple_of(F_CPU_HZ));
 /// Text is handed to the system in pieces of at least this size, or when `flush` says so. Only whole changes.
 const WRITE_SIZE: usize = 64 * 1024;
 
+/// Wires of every board. Those of the outputs 2 to 8 come behind them.
+pub const WIRES_OF_EVERY_BOARD: usize = 9;
+
 /// The wires, in the order of the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wire {
@@ -27,10 +30,17 @@ pub enum Wire {
     Txd,
     Rxd,
     Servo,
+    Out2,
+    Out3,
+    Out4,
+    Out5,
+    Out6,
+    Out7,
+    Out8,
 }
 
 /// Names in the file.
-pub const NAMES: [(Wire, &str); 9] = [
+pub const NAMES: [(Wire, &str); 16] = [
     (Wire::Can, "CAN"),
     (Wire::Cs, "CS"),
     (Wire::Sck, "SCK"),
@@ -40,7 +50,17 @@ pub const NAMES: [(Wire, &str); 9] = [
     (Wire::Txd, "TXD"),
     (Wire::Rxd, "RXD"),
     (Wire::Servo, "SERVO"),
+    (Wire::Out2, "OUT2"),
+    (Wire::Out3, "OUT3"),
+    (Wire::Out4, "OUT4"),
+    (Wire::Out5, "OUT5"),
+    (Wire::Out6, "OUT6"),
+    (Wire::Out7, "OUT7"),
+    (Wire::Out8, "OUT8"),
 ];
+
+/// Levels of all wires.
+pub type Levels = [Level; NAMES.len()];
 
 impl Wire {
     /// Its identifier code.
@@ -81,27 +101,30 @@ pub struct Writer<W: Write> {
     bytes: u64,
     /// Not yet written; each wire in order, but for equal times the later wins.
     pending: Vec<(Cycles, Wire, Level)>,
-    levels: [Level; NAMES.len()],
+    /// The wires that are in the file.
+    names: &'static [(Wire, &'static str)],
+    levels: Levels,
     written_to: Cycles,
 }
 
 impl<W: Write> Writer<W> {
-    /// Writes the header, with the levels at `start`.
-    pub fn new(out: W, start: Cycles, levels: [Level; NAMES.len()]) -> io::Result<Writer<W>> {
+    /// Writes the header of a board with so many outputs besides the servo's, with the levels at `start`.
+    pub fn new(out: W, start: Cycles, outputs: usize, levels: Levels) -> io::Result<Writer<W>> {
+        let names = &NAMES[..NAMES.len().min(WIRES_OF_EVERY_BOARD + outputs)];
         let mut header = String::from(
             "$comment Time 0 is power-on. One unit is 100 ps, one cycle of the AVR 625 units. $end\n\
              $timescale 100 ps $end\n$scope module node $end\n",
         );
-        for (wire, name) in NAMES {
+        for (wire, name) in names {
             header += &format!("$var wire 1 {} {name} $end\n", wire.code() as char);
         }
         header += &format!("$upscope $end\n$enddefinitions $end\n#{}\n$dumpvars\n", start * UNITS_PER_CYCLE);
         let mut text = header.into_bytes();
-        for (wire, _) in NAMES {
-            text.extend([levels[wire as usize].code(), wire.code(), b'\n']);
+        for (wire, _) in names {
+            text.extend([levels[*wire as usize].code(), wire.code(), b'\n']);
         }
         text.extend(b"$end\n");
-        let mut writer = Writer { out, text, bytes: 0, pending: Vec::new(), levels, written_to: start };
+        let mut writer = Writer { out, text, bytes: 0, pending: Vec::new(), names, levels, written_to: start };
         writer.flush()?;
         Ok(writer)
     }
@@ -142,9 +165,9 @@ impl<W: Write> Writer<W> {
         debug_assert!(at >= self.written_to, "a change at {at} after {}", self.written_to);
         self.written_to = self.written_to.max(at);
         self.write_time(self.written_to);
-        for (wire, _) in NAMES {
-            let level = self.levels[wire as usize];
-            if level != before[wire as usize] {
+        for (wire, _) in self.names {
+            let level = self.levels[*wire as usize];
+            if level != before[*wire as usize] {
                 self.text.extend([level.code(), wire.code(), b'\n']);
             }
         }
@@ -193,7 +216,7 @@ impl<W: Write> Writer<W> {
 mod tests {
     use super::*;
 
-    const IDLE: [Level; 9] = [Level::High; 9];
+    const IDLE: Levels = [Level::High; NAMES.len()];
 
     /// What stands behind the header.
     fn body(out: &[u8]) -> String {
@@ -204,17 +227,34 @@ mod tests {
     #[test]
     fn the_header_names_each_wire_and_its_first_level() {
         let mut out = Vec::new();
-        Writer::new(&mut out, 16, IDLE).unwrap();
+        Writer::new(&mut out, 16, 0, IDLE).unwrap();
         let text = String::from_utf8(out).unwrap();
         assert!(text.contains("$timescale 100 ps $end\n"), "{text}");
         assert!(text.contains("$var wire 1 ! CAN $end\n$var wire 1 \" CS $end\n"), "{text}");
         assert!(text.contains("#10000\n$dumpvars\n1!\n1\"\n"), "{text}");
+        assert!(text.contains(" SERVO $end\n$upscope"), "{text}");
+    }
+
+    #[test]
+    fn outputs_are_in_the_file_as_far_as_the_board_has_them() {
+        for (outputs, last) in [(1, "OUT2"), (7, "OUT8"), (9, "OUT8")] {
+            let mut out = Vec::new();
+            Writer::new(&mut out, 0, outputs, IDLE).unwrap();
+            let text = String::from_utf8(out).unwrap();
+            assert!(text.contains(&format!(" {last} $end\n$upscope")), "{text}");
+        }
+        let mut out = Vec::new();
+        let mut writer = Writer::new(&mut out, 0, 7, IDLE).unwrap();
+        writer.change(2, Wire::Out8, false);
+        writer.finish(3).unwrap();
+        drop(writer);
+        assert_eq!(body(&out), "#1250\n00\n#1875\n");
     }
 
     #[test]
     fn changes_are_written_in_the_order_of_their_times_and_not_too_soon() {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, IDLE).unwrap();
+        let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
         writer.change(30, Wire::Can, false);
         writer.change(10, Wire::Cs, false);
         writer.advance(20).unwrap();
@@ -228,7 +268,7 @@ mod tests {
     #[test]
     fn changes_of_one_moment_share_its_time_and_no_change_is_not_written() {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, IDLE).unwrap();
+        let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
         writer.change(2, Wire::Miso, false);
         writer.change(2, Wire::Can, false);
         writer.change(2, Wire::Miso, Level::Floating);
@@ -241,7 +281,7 @@ mod tests {
     #[test]
     fn what_is_cut_does_not_show() {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, IDLE).unwrap();
+        let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
         writer.change(2, Wire::Txd, false);
         writer.change(4, Wire::Txd, true);
         writer.change(5, Wire::Rxd, false);
