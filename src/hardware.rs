@@ -46,6 +46,7 @@ pub const LIGHT: Option<Pin> = if env!("NODE_LIGHT").is_empty() { None } else { 
 /// The temperature sensor.
 const SENSOR: Pin = Pin::named(env!("NODE_SENSOR"));
 /// The pins for voltage and current of the circuit.
+#[cfg(any(feature = "power", test))]
 const POWER: [Pin; 2] = {
     let (voltage, rest) = env!("NODE_POWER").split_at(2);
     [Pin::named(voltage), Pin::named(rest.split_at(1).1)]

@@ -67,7 +67,9 @@ pub fn elf() -> PathBuf {
         // It is in no preset.
         "tunnel" => firmware_for("uno", "seeed", "tunnel"),
         // The ATmega168 has no room for them.
-        "allocation" | "lights" | "motors" | "outputs" | "safety" | "saving" | "stats" if !has_all_features() => {
+        "allocation" | "lights" | "motors" | "outputs" | "power" | "safety" | "saving" | "stats"
+            if !has_all_features() =>
+        {
             firmware_for("uno", "seeed", "full")
         }
         _ => return shipped(),

@@ -36,16 +36,27 @@ const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
     ("CRIT_MASK", 0x2000, 0, 65_535),
 ];
 /// What the preset "full" has after them.
-const OF_FULL: [(&str, i64, i64, i64); 5] = [
+const OF_FULL: [(&str, i64, i64, i64); 16] = [
     ("LIGHT_ID", 0, 0, 255),
     ("STATS_RATE", 0, 0, 10),
     ("DIALECT", 0, 0, 2),
     ("SAFE_MODE", 1, 0, 1),
     ("OUT_COUNT", 1, 1, 8),
+    ("OUT1_TYPE", 0, 0, 1),
+    ("PWR_RATE", 0, 0, 50),
+    ("PWR1_ID", 1, 0, 65_535),
+    ("PWR1_VOLT_MULT", 1000, 100, 65_535),
+    ("PWR1_VOLT_OFS", 0, -1000, 1000),
+    ("PWR1_AMP_PERVLT", 1000, 1, 65_535),
+    ("PWR1_AMP_OFFSET", 0, -1000, 5000),
+    ("PWR1_VOLT_MIN", 0, 0, 65_535),
+    ("PWR1_VOLT_MAX", 0, 0, 65_535),
+    ("PWR1_AMP_MAX", 0, 0, 32_767),
+    ("PWR1_OUT", 0, 0, 8),
 ];
 
 /// After those, what it has for each output from the second to the eighth.
-fn of_output(output: i64) -> [(&'static str, i64, i64, i64); 9] {
+fn of_output(output: i64) -> [(&'static str, i64, i64, i64); 10] {
     let parameter = |name: &str, default, least, greatest| {
         let name: &str = format!("OUT{output}_{name}").leak();
         (name, default, least, greatest)
@@ -60,6 +71,7 @@ fn of_output(output: i64) -> [(&'static str, i64, i64, i64); 9] {
         parameter("TIMEOUT", 1000, 0, 10_000),
         parameter("FS", 0, 0, 3),
         parameter("FS_PWM", 1500, 500, 2400),
+        parameter("TYPE", 0, 0, 1),
     ]
 }
 
@@ -82,7 +94,7 @@ const PRIORITY: u8 = 30;
 /// The longest that a request may wait for its answer while the node has little else to do.
 pub const ANSWER_TIMEOUT_MS: u64 = 50;
 /// The same for one that writes to the EEPROM. Clients wait for a second.
-pub const SAVE_TIMEOUT_MS: u64 = 900;
+pub const SAVE_TIMEOUT_MS: u64 = 1000;
 
 impl Rig {
     /// Has the node take DroneCAN v0 only, with filters for that.

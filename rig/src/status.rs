@@ -29,6 +29,8 @@ pub const TWO_COMMANDERS: u16 = 1 << 9;
 pub const FAILSAFE: u16 = 1 << 10;
 /// The temperature is out of its range, or its sensor open or shorted.
 pub const TEMPERATURE: u16 = 1 << 11;
+/// The voltage or the current of the circuit is out of its range.
+pub const POWER: u16 = 1 << 12;
 pub const PARAMETERS_LOST: u16 = 1 << 13;
 pub const DISARMED: u16 = 1 << 14;
 pub const DRAFT: u16 = 1 << 15;

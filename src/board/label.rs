@@ -31,3 +31,8 @@ label! {
 label! {
     "outputs" "NODE_OUTPUTS",
 }
+
+#[cfg(feature = "power")]
+label! {
+    "power" "NODE_POWER",
+}

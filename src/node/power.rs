@@ -21,8 +21,8 @@ const OVERCURRENT: u8 = 4;
 
 /// Readings in a sum.
 const READINGS: u8 = 16;
-/// The sum of readings of the reference voltage.
-const FULL_SCALE: u16 = READINGS as u16 * 1023;
+/// The sum of readings for the reference voltage: a reading is 1024 x voltage / reference (ATmega48/88/168 datasheet 2545, section 23.7).
+const FULL_SCALE: u16 = READINGS as u16 * 1024;
 /// The reference voltage in millivolts, for TEMP_REF 0 and 1.
 const AVCC_MV: u16 = 5000;
 const BANDGAP_MV: u16 = 1100;
