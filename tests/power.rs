@@ -30,7 +30,7 @@ fn set(rig: &mut Rig, volts: f64, amperes: f64) {
 
 fn statuses(rig: &mut Rig) -> Vec<CircuitStatus> {
     let heard = rig.heard(|message| match message {
-        Message::CircuitStatus(status) => Some(status.clone()),
+        Message::CircuitStatus(status) => Some(status),
         _ => None,
     });
     heard.into_iter().map(|(_, status)| status).collect()

@@ -46,6 +46,7 @@ fn name(kind: Kind) -> String {
         Kind::Command(5) => "ArrayCommand, 5 B: a command".to_owned(),
         Kind::Command(length) => format!("ArrayCommand, {length} B"),
         Kind::Position => "ArrayCommand, 5 B: a position".to_owned(),
+        Kind::RawCommand => "esc.RawCommand for eight motors, 3 frames".into(),
         Kind::LongCommand => "ArrayCommand of 9 frames".to_owned(),
         Kind::Beginning => "ArrayCommand: first frames only, 8 B".to_owned(),
         Kind::Status(8) => "NodeStatus, 8 B".to_owned(),

@@ -3,6 +3,8 @@
 //! The node accepts a request only if the vehicle cannot be flying: it is not armed, and no command was followed for two seconds. It answers, and some
 //! time later hands the request over to the bootloader, which reads the file.
 
+#![allow(clippy::useless_conversion, reason = "an address has 8 bits, or 16 with the feature outputs")]
+
 use dronecan_wire::crc;
 
 use super::bit_rate;
