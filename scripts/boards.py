@@ -52,6 +52,17 @@ class Choice:
         return next(pin for pin in TABLE["pins"]["servo"] if pin != self.cs)
 
     @property
+    def power(self):
+        """The inputs for voltage and current of the feature power."""
+        return [pin for pin in TABLE["pins"]["power"] if pin != self.cs][:2]
+
+    @property
+    def outputs(self):
+        """The eight outputs of the feature outputs."""
+        free = [pin for pin in TABLE["pins"]["outputs"] if pin not in (self.cs, self.servo, *self.power)]
+        return [self.servo, *free[:7]]
+
+    @property
     def light(self):
         """None if INT has its pin."""
         return None if self.int == TABLE["pins"]["light"] else TABLE["pins"]["light"]

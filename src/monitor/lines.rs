@@ -392,6 +392,7 @@ mod tests {
                 "+" => if (a as i16) < 0 { "-" } else { "+" }.to_string(),
                 "0" => fixed(0),
                 "1" => fixed(1),
+                "2" => fixed(2),
                 "3" => fixed(3),
                 "b" => b.to_string(),
                 "p" => format!("{}.{}", b / 2, b % 2 * 5),
