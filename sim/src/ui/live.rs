@@ -231,7 +231,10 @@ fn outputs_line(state: &State, columns: usize) -> Option<Line<'static>> {
     let texts: Vec<String> =
         widths.iter().map(|width| width.map_or(String::from("-"), |width| format!("{:.0}", micros(width)))).collect();
     let (last, texts) = (widths.len() + 1, texts.join(" "));
-    let long = format!("outputs 2 to {last}: {texts} us");
+    let long = match last {
+        2 => format!("output 2: {texts} us"),
+        _ => format!("outputs 2 to {last}: {texts} us"),
+    };
     let text = if long.len() <= columns { long } else { format!("2-{last} {texts}") };
     (!widths.is_empty()).then(|| Line::from(text))
 }

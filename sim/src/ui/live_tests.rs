@@ -346,6 +346,8 @@ fn the_title_says_that_all_actuators_move_and_how_many_motors_turn() {
 fn the_pulses_of_further_outputs_are_shown_while_there_are_any() {
     let mut state = at_work();
     let now = state.now;
+    state.output_pulses([Some((now, 16_000)), None]);
+    shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["output 2: 1000 us"]);
     state.output_pulses((0..7).map(|n| (n != 2).then_some((now, (1000 + 100 * n) * 16))));
     for (columns, rows) in [(110, 40), (110, ROWS_MIN)] {
         shows(

@@ -144,9 +144,11 @@ impl<W: Write> Plain<W> {
             return Ok(());
         }
         let width = |width: &Option<Cycles>| width.map_or(String::from("-"), |width| format!("{:.1}", micros(width)));
+        let texts = widths.iter().map(width).collect::<Vec<_>>().join(" ");
         let text = match widths.len() {
             0 => String::from("no pulse but the servo's"),
-            count => format!("2 to {}: {} us", count + 1, widths.iter().map(width).collect::<Vec<_>>().join(" ")),
+            1 => format!("2: {texts} us"),
+            count => format!("2 to {}: {texts} us", count + 1),
         };
         self.last_outputs = widths;
         self.line(state.now, "outputs", &text)
