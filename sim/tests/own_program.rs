@@ -2,11 +2,15 @@
 
 mod links;
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Output};
+use std::time::{Duration, Instant};
 
 use links::{Scratch, elf, elf_for, elf_with};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{Winsize, tcsetwinsize};
 
 /// The options of docs/bench.md for an Uno with a blue module.
 const UNO: [&str; 8] = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "8"];
@@ -209,4 +213,41 @@ fn the_exit_code_says_whether_the_command_line_or_the_machine_is_wrong() {
     }
     let elf = |path: &Path| sim(path, &[]).status.code();
     assert_eq!((elf(Path::new("/nowhere/elf")), elf(Path::new(text))), (Some(3), Some(2)));
+}
+
+/// A window that is closed must not leave a simulator behind that runs for ever.
+#[test]
+fn a_live_view_ends_when_its_terminal_is_gone() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    for _ in 0..5 {
+        let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        grantpt(&terminal).and_then(|()| unlockpt(&terminal)).unwrap();
+        let name = ptsname(&terminal, Vec::new()).unwrap();
+        let slave = File::options().read(true).write(true).open(name.to_str().unwrap()).unwrap();
+        let size = Winsize { ws_row: 30, ws_col: 100, ws_xpixel: 0, ws_ypixel: 0 };
+        tcsetwinsize(&slave, size).unwrap();
+        let mut sim = Command::new(env!("CARGO_BIN_EXE_sim"));
+        sim.args(["--no-autopilot", "--elf"]).arg(&program).args(UNO);
+        sim.stdin(slave.try_clone().unwrap()).stdout(slave.try_clone().unwrap()).stderr(slave);
+        let mut child = sim.spawn().unwrap();
+        drop(sim);
+        // The picture is there.
+        let mut terminal = File::from(terminal);
+        let mut shown: Vec<u8> = Vec::new();
+        while !shown.windows(7).any(|text| text == b"MCP2515") {
+            let mut bytes = [0; 4096];
+            let count = terminal.read(&mut bytes).unwrap();
+            shown.extend(&bytes[..count]);
+        }
+        drop(terminal);
+        let start = Instant::now();
+        while child.try_wait().unwrap().is_none() {
+            if start.elapsed() > Duration::from_secs(10) {
+                child.kill().unwrap();
+                panic!("it runs on");
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
 }

@@ -1,7 +1,8 @@
 //! Runs a scene against the wall clock: as a live view on the terminal, or as plain lines.
 //!
 //! Both loops are the same: simulate a slice, show it, wait until real time has caught up. A signal, or the end of the
-//! asked time, ends them between two slices. The terminal is restored however the program ends, by a panic too.
+//! asked time, ends them between two slices. The terminal is restored however the program ends, by a panic too. A terminal that
+//! is gone, because its window was closed, ends the live view like the key that quits.
 
 use super::args::Args;
 use super::keys::{self, Action};
@@ -14,7 +15,10 @@ use anyhow::{Context, Result};
 use bench::{Cycles, F_CPU_HZ};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event};
-use std::io::{self, Write};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::fs::File;
+use std::io::{self, IsTerminal, Write};
+use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -111,19 +115,21 @@ struct Restored;
 
 impl Drop for Restored {
     fn drop(&mut self) {
-        ratatui::restore();
+        // A terminal that is gone cannot be restored, and nobody could read why.
+        let _ = ratatui::try_restore();
     }
 }
 
 fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop: &AtomicBool) -> Result<Measured> {
     let mut clock = Clock::new(args, scene);
+    let keyboard = Keyboard::open().context("cannot read from this terminal: try --plain")?;
     let mut screen = Screen::default();
     let mut page = 0;
     let mut paused_at = Duration::ZERO;
     let mut next_picture = Instant::now();
     let mut next_slice = Instant::now();
     'run: loop {
-        if clock.is_over(scene) || stop.load(Ordering::Relaxed) {
+        if clock.is_over(scene) || stop.load(Ordering::Relaxed) || keyboard.look(Duration::ZERO)? == Look::Gone {
             break;
         }
         if !screen.paused && Instant::now() >= next_slice {
@@ -138,15 +144,21 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
         }
         if Instant::now() >= next_picture {
             screen.speed = clock.measured();
-            terminal
-                .draw(|frame| page = live::draw(frame, scene.state(), &screen))
-                .context("cannot draw on the terminal")?;
+            let drawn = terminal.draw(|frame| page = live::draw(frame, scene.state(), &screen));
+            if drawn.is_err() && keyboard.look(Duration::ZERO)? == Look::Gone {
+                break;
+            }
+            drawn.context("cannot draw on the terminal")?;
             next_picture = Instant::now() + PICTURE_PERIOD;
         }
         let next = if screen.paused { next_picture } else { next_slice.min(next_picture) };
         let mut wait = next.saturating_duration_since(Instant::now());
-        while event::poll(wait).or_else(interrupted)? {
-            wait = Duration::ZERO;
+        loop {
+            match keyboard.wait(wait)? {
+                Look::Gone => break 'run,
+                Look::Nothing => break,
+                Look::Something => wait = Duration::ZERO,
+            }
             let Event::Key(key) = event::read()? else {
                 continue;
             };
@@ -168,6 +180,62 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
     }
     scene.finish()?;
     Ok(clock.average())
+}
+
+/// What there is to read from the terminal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Look {
+    Nothing,
+    Something,
+    /// The other end is closed.
+    Gone,
+}
+
+/// The terminal that crossterm reads from. Crossterm 0.29 does not return from a terminal that is gone
+/// (event/source/unix/mio.rs reads on for ever), so each look at it comes before crossterm's.
+struct Keyboard(OwnedFd);
+
+impl Keyboard {
+    /// Opens what crossterm opens: standard input, or the controlling terminal if that is something else.
+    fn open() -> io::Result<Keyboard> {
+        let input = io::stdin();
+        let terminal =
+            if input.is_terminal() { input.as_fd().try_clone_to_owned()? } else { File::open("/dev/tty")?.into() };
+        Ok(Keyboard(terminal))
+    }
+
+    /// Waits for a key, or another event of the terminal.
+    fn wait(&self, wait: Duration) -> io::Result<Look> {
+        if self.look(Duration::ZERO)? == Look::Gone {
+            return Ok(Look::Gone);
+        }
+        let has_event = || event::poll(Duration::ZERO).or_else(interrupted);
+        // Crossterm may hold events that it has read before.
+        if has_event()? {
+            return Ok(Look::Something);
+        }
+        Ok(match self.look(wait)? {
+            // Half of an escape sequence is no event.
+            Look::Something if !has_event()? => Look::Nothing,
+            look => look,
+        })
+    }
+
+    /// Waits until there is something to read, or no terminal any more.
+    fn look(&self, wait: Duration) -> io::Result<Look> {
+        let mut terminal = [PollFd::new(&self.0, PollFlags::IN)];
+        let wait = Timespec::try_from(wait).map_err(io::Error::other)?;
+        match poll(&mut terminal, Some(&wait)) {
+            Ok(0) => Ok(Look::Nothing),
+            Ok(_) if terminal[0].revents().intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) => {
+                Ok(Look::Gone)
+            }
+            Ok(_) => Ok(Look::Something),
+            // A signal: the loop sees its flag.
+            Err(rustix::io::Errno::INTR) => Ok(Look::Nothing),
+            Err(error) => Err(error.into()),
+        }
+    }
 }
 
 /// Does what a key asks of the bench or of the screen, on which `page` lines of traffic fit.
