@@ -7,7 +7,7 @@
 
 __asm__(".section .board,\"\",@progbits\n"
         ".ascii \"board=uno\\nshield=module\\nmcu=atmega328p\\ncs=D10\\nint=D2\\ncrystal_mhz=" TEXT(CRYSTAL) "\\n\"\n"
-        ".ascii \"servo=D9\\nlight=D3\\nbutton=D4\\nsensor=A0\\n\"\n"
+        ".ascii \"servo=D9\\nlight=D3\\nbutton=D4\\nsensor=A0\\npower=A4,A5\\n\"\n"
         ".text\n");
 
 int main(void)
