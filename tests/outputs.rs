@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
+use bench::autopilot::{Moves, Profile, Settings};
 use bench::dronecan::{Message, ParameterRequest, Value};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
-use rig::status::{ERROR, FAILSAFE, OK};
+use rig::status::{ERROR, FAILSAFE, OK, TRANSFER_ERRORS};
 use rig::{MS, Rig};
 
 const OUTPUTS: usize = 8;
@@ -276,10 +277,49 @@ fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
     (loaded.finish(), edges)
 }
 
+/// ArduPilot commands the actuators 1 to 15 with one message, PX4 0 to 7, and each of them moves by itself.
+#[test]
+fn all_eight_outputs_follow_ardupilot_and_px4() {
+    for (profile, first_id) in [(Profile::Ardupilot, 1), (Profile::Px4, 0)] {
+        let mut rig = hub();
+        for output in 0..OUTPUTS as i64 {
+            rig.set(&format!("OUT{}_ID", output + 1), first_id + output);
+        }
+        rig.attach_autopilot(Settings { moves: Moves::All, ..Settings::of(profile) });
+        rig.run_ms(200);
+        pulses(&mut rig);
+        rig.run_ms(5000);
+        let ranges: Vec<(i64, i64)> = pulses(&mut rig)
+            .iter()
+            .map(|pulses| {
+                let widths = pulses.iter().map(|(_, width)| width / 16);
+                assert!((249..=251).contains(&pulses.len()), "{profile:?}: {} pulses in 5 s", pulses.len());
+                (widths.clone().min().unwrap_or_default(), widths.max().unwrap_or_default())
+            })
+            .collect();
+        // The sweep takes four seconds, so each of them is at both ends.
+        assert!(ranges.iter().all(|&(least, most)| least < 1020 && most > 1980), "{profile:?}: {ranges:?}");
+        // The autopilot was connected in the middle of its first command.
+        assert_eq!(rig.serial.matches("broken").count(), 1, "{}", rig.serial);
+        assert_eq!(rig.status_now(), (OK, TRANSFER_ERRORS), "{profile:?}");
+    }
+}
+
 #[test]
 fn with_eight_outputs_no_frame_is_lost_at_full_load_and_each_edge_is_within_half_a_microsecond_of_its_time() {
+    exact_and_lossless(4);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn with_eight_outputs_the_same_holds_for_a_minute_of_each_load() {
+    exact_and_lossless(60);
+}
+
+#[track_caller]
+fn exact_and_lossless(seconds: u64) {
     for kind in [Kind::LongCommand, Kind::Status(8), Kind::Command(8)] {
-        let (figures, edges) = loaded(kind, 4);
+        let (figures, edges) = loaded(kind, seconds);
         let meter = &figures.meter;
         println!("{kind:?}: {} frames, release at most {} cycles, {edges:?}", meter.frames, meter.latency.max());
         assert_eq!((meter.lost, meter.garbled, figures.stuck), (0, 0, false), "{kind:?}");

@@ -11,6 +11,8 @@ mod allocate;
 #[cfg(feature = "draft")]
 mod draft;
 mod manage;
+#[cfg(feature = "outputs")]
+mod outputs;
 
 /// These parameters. In a build that speaks the draft by default, also DIALECT 0.
 fn but_v0(values: &[(Parameter, i32)]) -> Vec<(Parameter, i32)> {

@@ -73,10 +73,10 @@ impl Several {
     pub fn update(&mut self, parameters: &Parameters) {
         self.by_lower_bits = [0; 16];
         self.motors = 0;
+        self.slots = [NO_SLOT; OUTPUTS];
         for output in 0..self.used() {
             let id = parameters.of(output, OutputParameter::Id) as u8;
             self.ids[output] = id;
-            self.slots[output] = NO_SLOT;
             if parameters.of(output, OutputParameter::Type) as u8 == MOTOR {
                 self.motors |= 1 << output;
             } else {

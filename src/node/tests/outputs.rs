@@ -1,0 +1,271 @@
+//! Several outputs: servos and motors.
+
+use super::*;
+use crate::hardware::OUTPUTS;
+use crate::monitor::Line;
+use crate::node::parameters::OutputParameter;
+
+const ARRAY_COMMAND: u32 = 0x1003_F20A;
+const RAW_COMMAND: u32 = 0x0704_060A;
+const ARMING_STATUS: u32 = 0x1804_4C0A;
+const PWM: u8 = 4;
+
+/// A node with eight outputs in use.
+fn hub() -> Rig {
+    Rig::with(&[(Parameter::OutCount, OUTPUTS as i32)])
+}
+
+impl Rig {
+    /// Sets a parameter of an output, counted from 0.
+    fn set_output(&mut self, output: usize, parameter: OutputParameter, value: i32) {
+        assert!(self.node.parameters.set(parameter.index(output) as u8, value, InMemory));
+        self.node.take_parameters();
+        self.settle();
+    }
+
+    /// Receives an ArrayCommand of pulse widths in microseconds, from node 10.
+    fn widths(&mut self, commands: &[(u8, u16)]) {
+        let entry = |&(id, width): &(u8, u16)| {
+            let [low, high] = half::f16::from_f32(f32::from(width)).to_le_bytes();
+            [id, PWM, low, high]
+        };
+        let payload: Vec<u8> = commands.iter().flat_map(entry).collect();
+        for frame in golden::transfer(ARRAY_COMMAND, golden::ARRAY_COMMAND, 3, &payload) {
+            self.can.received.push_back(frame);
+        }
+        self.settle();
+    }
+
+    /// Receives an esc.RawCommand from node 10. Each command is a multiple of 4.
+    fn throttles(&mut self, payload: &str) {
+        for frame in golden::transfer(RAW_COMMAND, golden::RAW_COMMAND, 4, &golden::bytes(payload)) {
+            self.can.received.push_back(frame);
+        }
+        self.settle();
+    }
+
+    fn arm(&mut self, status: u8) {
+        self.hear(&golden::frame(ARMING_STATUS, &[status, 0xC0]));
+    }
+
+    /// The widths that the servos got, in microseconds.
+    fn servos_us(&self) -> [u16; OUTPUTS] {
+        self.servos.0.map(|ticks| ticks / 2)
+    }
+}
+
+#[test]
+fn each_output_follows_the_entries_for_its_id() {
+    let mut rig = hub();
+    rig.widths(&[(1, 1100), (2, 1200), (3, 1300), (4, 1400), (5, 1500), (6, 1600), (7, 1700), (8, 1800), (9, 1900)]);
+    assert_eq!(rig.servos_us(), [1100, 1200, 1300, 1400, 1500, 1600, 1700, 1800]);
+    rig.widths(&[(9, 1000), (5, 1550)]);
+    assert_eq!(rig.servos_us(), [1100, 1200, 1300, 1400, 1550, 1600, 1700, 1800]);
+    assert_eq!(rig.node.health().counts.followed, 2, "a command of several entries counts once");
+}
+
+/// They have the same place in the table for a quick search.
+#[test]
+fn ids_that_differ_by_16_are_told_apart() {
+    let mut rig = hub();
+    for (output, id) in [(0, 5), (1, 21), (2, 37), (3, 255), (4, 239)] {
+        rig.set_output(output, OutputParameter::Id, id);
+    }
+    rig.widths(&[(5, 1100), (21, 1200), (37, 1300), (255, 1400), (239, 1500), (53, 1900)]);
+    assert_eq!(rig.servos_us()[..5], [1100, 1200, 1300, 1400, 1500]);
+}
+
+#[test]
+fn outputs_with_the_same_id_follow_the_same_entry() {
+    let mut rig = hub();
+    for output in [2, 6, 7] {
+        rig.set_output(output, OutputParameter::Id, 40);
+    }
+    rig.widths(&[(40, 1234)]);
+    assert_eq!(rig.servos_us(), [0, 0, 1234, 0, 0, 0, 1234, 1234]);
+}
+
+#[test]
+fn outputs_that_are_not_in_use_follow_nothing() {
+    let mut rig = Rig::with(&[(Parameter::OutCount, 3)]);
+    rig.widths(&[(1, 1100), (2, 1200), (3, 1300), (4, 1400), (8, 1800)]);
+    assert_eq!(rig.servos_us(), [1100, 1200, 1300, 0, 0, 0, 0, 0]);
+}
+
+/// The commands come faster than their entries are followed.
+#[test]
+fn of_many_commands_the_newest_is_followed_and_every_output_has_its_turn() {
+    let mut rig = hub();
+    for n in 0..200u16 {
+        let [low, high] = half::f16::from_f32(f32::from(1000 + n)).to_le_bytes();
+        for id in 1..=8 {
+            rig.can.received.push_back(golden::frame(ARRAY_COMMAND, &[id, PWM, low, high, 0xC0]));
+        }
+    }
+    let mut highest = [0; OUTPUTS];
+    while !rig.can.received.is_empty() {
+        rig.turn();
+        let now = rig.servos_us();
+        assert!(now.iter().zip(&highest).all(|(now, before)| now >= before), "an older command replaced a newer one");
+        highest = now;
+    }
+    let slowest = highest.into_iter().min().unwrap();
+    assert!(slowest > 1100, "an output waits for ever: {highest:?}");
+    rig.settle();
+    assert_eq!(rig.servos_us(), [1199; OUTPUTS]);
+}
+
+#[test]
+fn an_entry_that_cannot_be_followed_is_refused_and_the_others_are_followed() {
+    let mut rig = hub();
+    let refused = rig.node.health().counts.refused;
+    rig.widths(&[(1, 1100), (2, 0), (3, 1300)]);
+    assert_eq!(rig.servos_us()[..3], [1100, 0, 1300]);
+    assert_eq!(rig.node.health().counts.refused, refused + 1);
+}
+
+#[test]
+fn what_waits_is_not_followed_after_the_vehicle_was_disarmed() {
+    let mut rig = hub();
+    rig.set(Parameter::ArmReq, 1);
+    rig.arm(255);
+    let [low, high] = half::f16::from_f32(1700.0).to_le_bytes();
+    for frame in golden::transfer(ARRAY_COMMAND, golden::ARRAY_COMMAND, 3, &[1, PWM, low, high, 2, PWM, low, high]) {
+        rig.can.received.push_back(frame);
+    }
+    while !rig.node.has_entry() {
+        rig.turn();
+    }
+    rig.can.received.push_back(golden::frame(ARMING_STATUS, &[0, 0xC0]));
+    rig.settle();
+    assert!(rig.servos_us()[..2].contains(&0), "{:?}", rig.servos_us());
+    assert!(rig.log.windows(8).any(|text| text == b"disarmed") || rig.node.health().counts.refused > 0);
+}
+
+#[test]
+fn each_output_has_a_failsafe_of_its_own() {
+    let mut rig = hub();
+    rig.set_output(3, OutputParameter::Timeout, 100);
+    rig.set_output(3, OutputParameter::Fs, 2);
+    rig.set_output(3, OutputParameter::FsPwm, 1900);
+    let all: Vec<_> = (1..=8).map(|id| (id, 1500)).collect();
+    rig.widths(&all);
+    rig.run(150);
+    assert_eq!(rig.servos_us(), [1500, 1500, 1500, 1900, 1500, 1500, 1500, 1500]);
+    assert_eq!(rig.code(), Conditions::FAILSAFE.code());
+    rig.widths(&[(1, 1600)]);
+    assert_eq!(rig.code(), Conditions::FAILSAFE.code(), "another output's command does not end it");
+    rig.widths(&[(4, 1600)]);
+    assert_eq!(rig.code(), 0);
+    rig.run(1100);
+    assert_eq!(rig.servos_us()[3], 1900, "again");
+}
+
+#[test]
+fn counts_and_rates_that_do_not_go_together_are_refused() {
+    for (count, rate, fits) in
+        [(8, 50, true), (8, 51, false), (7, 57, true), (7, 58, false), (4, 100, true), (3, 134, false), (1, 333, true)]
+    {
+        let mut parameters = golden::parameters(&[]);
+        assert!(parameters.set(Parameter::OutCount as u8, count, InMemory));
+        assert_eq!(parameters.set(Parameter::OutRate as u8, rate, InMemory), fits, "{count} at {rate} Hz");
+        assert_eq!(parameters.outputs(), count as usize);
+        let mut parameters = golden::parameters(&[(Parameter::OutRate, rate)]);
+        assert_eq!(parameters.set(Parameter::OutCount as u8, count, InMemory), fits, "{count} at {rate} Hz");
+    }
+}
+
+/// A node whose outputs 7 and 8 are motors with the indices 0 and 1.
+fn with_motors() -> Rig {
+    let mut rig = hub();
+    for (output, index) in [(6, 0), (7, 1)] {
+        rig.set_output(output, OutputParameter::Type, 1);
+        rig.set_output(output, OutputParameter::Id, index);
+    }
+    rig
+}
+
+/// Full speed, and half speed.
+const FULL_AND_HALF: &str = "FF 7C 01 00";
+const BOTH_OFF: &str = "00 00 00 00";
+
+#[test]
+fn a_motor_follows_raw_commands_only_while_armed_and_stops_when_disarmed() {
+    let mut rig = with_motors();
+    rig.throttles(FULL_AND_HALF);
+    assert_eq!(rig.servos_us()[6..], [0, 0], "never armed");
+    rig.arm(255);
+    rig.throttles(FULL_AND_HALF);
+    assert_eq!(rig.servos_us()[6..], [2000, 1500]);
+    rig.throttles(BOTH_OFF);
+    assert_eq!(rig.servos_us()[6..], [1000, 1000]);
+    rig.throttles(FULL_AND_HALF);
+    rig.arm(0);
+    rig.run(20);
+    assert_eq!(rig.servos_us()[6..], [1000, 1000]);
+    assert_eq!(rig.code(), 0, "disarmed is no failsafe");
+}
+
+#[test]
+fn the_failsafe_of_a_motor_is_off_whatever_out_fs_says_and_cannot_be_disabled() {
+    let mut rig = with_motors();
+    rig.set_output(6, OutputParameter::Timeout, 0);
+    rig.set_output(7, OutputParameter::Timeout, 300);
+    rig.set_output(7, OutputParameter::Fs, 0);
+    for n in 0..8 {
+        rig.arm(255);
+        rig.throttles(FULL_AND_HALF);
+        rig.run(if n == 7 { 400 } else { 100 });
+    }
+    assert_eq!(rig.servos_us()[6..], [2000, 1000]);
+    assert_eq!(rig.code(), Conditions::FAILSAFE.code());
+    rig.arm(255);
+    rig.run(700);
+    assert_eq!(rig.servos_us()[6..], [1000, 1000]);
+}
+
+#[test]
+fn neither_command_moves_an_output_of_the_other_type() {
+    let mut rig = with_motors();
+    rig.arm(255);
+    // Both indices are IDs, too.
+    rig.widths(&[(0, 1800), (1, 1700), (7, 1800), (8, 1800)]);
+    assert_eq!(rig.servos_us(), [1700, 0, 0, 0, 0, 0, 0, 0]);
+    rig.throttles(FULL_AND_HALF);
+    assert_eq!(rig.servos_us(), [1700, 0, 0, 0, 0, 0, 2000, 1500]);
+    rig.set_output(0, OutputParameter::Type, 1);
+    let before = rig.node.pulse(0);
+    rig.text("1004570A 80 C0");
+    assert_eq!(rig.node.pulse(0), before, "the thesis's command is for a servo");
+}
+
+#[test]
+fn a_raw_command_that_is_too_short_or_for_others_is_no_command() {
+    let mut rig = with_motors();
+    rig.arm(255);
+    let followed = rig.node.health().counts.followed;
+    rig.throttles("");
+    rig.throttles("FF");
+    assert_eq!(rig.node.health().counts.followed, followed);
+    rig.throttles("FF 7C");
+    assert_eq!((rig.servos_us()[6..].to_vec(), rig.node.health().counts.followed), (vec![2000, 0], followed + 1));
+    assert!(!Line::RawCommandElsewhere.is_refusal() && Line::RawCommandElsewhere.is_elsewhere());
+}
+
+#[test]
+fn with_motors_the_filters_let_raw_commands_through() {
+    let rig = |values: &[(Parameter, i32)]| {
+        let mut rig = Rig::with(&[&[(Parameter::OutCount, 8)], values].concat());
+        #[cfg(feature = "draft")]
+        rig.set(Parameter::Dialect, 1);
+        rig
+    };
+    let mut rig = rig(&[]);
+    rig.run(5000);
+    assert_eq!(rig.node.acceptance(InMemory).row, crate::node::acceptance::Row::V0);
+    let set = rig.can.filters_set;
+    rig.set_output(5, OutputParameter::Type, 1);
+    rig.run(5000);
+    assert_eq!(rig.node.acceptance(InMemory).row, crate::node::acceptance::Row::WithMotors);
+    assert_eq!(rig.can.filters_set, set + 1);
+}
