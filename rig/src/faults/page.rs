@@ -44,7 +44,7 @@ A test that cannot fail proves nothing. So two programs put mistakes into the fi
   `mcp2515-ordered` it made 905. 20 are not noticed, all in the driver: bits that its tests never see set, the times at which it checks the
   chip, and the count of a bus-off. The tests on simulated boards check those. `.cargo/mutants.toml` leaves out mistakes that make the same
   program, with the reason.
-* `make elf-mutants` breaks the shipped program in 24 places, such as no check of a CRC, a failsafe without limits, or no watchdog, and runs
+* `make elf-mutants` breaks the shipped program in 33 places, such as no check of a CRC, a failsafe without limits, or no watchdog, and runs
   the tests on simulated boards. They notice each.
 
 ## What the node does not notice
