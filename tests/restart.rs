@@ -35,7 +35,7 @@ fn moving() -> Rig {
 fn patch_the_main_loop(rig: &mut Rig, instructions: [u8; 4]) -> Vec<u8> {
     let flash = rig.board().avr().flash().to_vec();
     // WDR is 0x95A8. Two others come before the loop: at the very start, and where the watchdog is switched on.
-    let wdr = (0x68..0x3800).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).unwrap();
+    let wdr = (0x68..flash.len() - 2).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).unwrap();
     rig.board().avr_mut().load_flash(wdr, &instructions);
     flash
 }
