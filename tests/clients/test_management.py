@@ -57,7 +57,11 @@ def test_parameters_are_walked_until_the_empty_name(bench):
 
 def test_the_parameters_of_features_come_after_the_others(bench):
     found = walk(bench(elf=node_elf("full", board="uno")).dronecan())
-    assert list(found) == [*PARAMETERS, "LIGHT_ID", "STATS_RATE", "DIALECT", "SAFE_MODE"]
+    singles = ["LIGHT_ID", "STATS_RATE", "DIALECT", "SAFE_MODE", "OUT_COUNT", "OUT1_TYPE", "PWR_RATE"]
+    circuit = ["ID", "VOLT_MULT", "VOLT_OFS", "AMP_PERVLT", "AMP_OFFSET", "VOLT_MIN", "VOLT_MAX", "AMP_MAX", "OUT"]
+    of_output = ["ID", "MIN", "TRIM", "MAX", "REVERSED", "RANGE", "TIMEOUT", "FS", "FS_PWM", "TYPE"]
+    outputs = [f"OUT{output}_{name}" for output in range(2, 9) for name in of_output]
+    assert list(found) == [*PARAMETERS, *singles, *(f"PWR1_{name}" for name in circuit), *outputs]
 
 
 def test_what_is_set_and_saved_is_still_set_after_a_restart(bench):
