@@ -354,6 +354,12 @@ fn deny(state: &mut State, asker: Asker, component: u8, command: Command, why: &
     state.post(To::One(asker.peer), Class::Text, component, Content::from(text(why)));
 }
 
+/// Major and minor version of the bridge.
+fn own_version() -> (u8, u8) {
+    let number = |digits: &str| digits.parse().expect("cargo writes numbers");
+    (number(env!("CARGO_PKG_VERSION_MAJOR")), number(env!("CARGO_PKG_VERSION_MINOR")))
+}
+
 /// AUTOPILOT_VERSION, which is also how one learns in what way integers are written.
 fn post_capabilities(state: &mut State, asker: Asker, target: Target) {
     let (component, (major, minor), unique_id) = match target {
@@ -361,7 +367,7 @@ fn post_capabilities(state: &mut State, asker: Asker, target: Target) {
             let known = state.nodes[&id].info.known.as_ref();
             (id.get(), known.map_or((0, 0), |info| info.software), known.map_or([0; 16], |info| info.unique_id))
         }
-        Target::Bridge => (state.settings.component, (0, 1), state.settings.unique_id),
+        Target::Bridge => (state.settings.component, own_version(), state.settings.unique_id),
     };
     let software = u32::from(major) << 24 | u32::from(minor) << 16;
     let content = Content::Capabilities { software, unique_id };

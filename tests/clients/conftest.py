@@ -30,6 +30,7 @@ import subprocess
 import sys
 import termios
 import time
+import tomllib
 import tty
 
 # pymavlink, which pydronecan uses too, chooses its messages by it when it is imported.
@@ -43,6 +44,9 @@ import pytest
 pytest_plugins = ["ground", "many_nodes"]
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+PACKAGE = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]
+# Major and minor version of the project, and so of the node.
+VERSION = tuple(int(number) for number in PACKAGE["version"].split(".")[:2])
 TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 NODE = 120
 # The node says how it is each second; a busy machine needs more.

@@ -13,7 +13,7 @@ import pytest
 from dronecan import uavcan
 from dronecan.app.node_monitor import NodeMonitor
 
-from conftest import NODE, PATIENCE_S, Client, end_group, free_port, wait_until
+from conftest import NODE, PATIENCE_S, VERSION, Client, end_group, free_port, wait_until
 from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, UNSUPPORTED, OldStation, PtyStation, as_float, mavlink, value_of
 from test_management import PARAMETERS
 
@@ -103,7 +103,7 @@ def test_information_comes_on_command_once_for_each_node(joined, integer):
     assert ground.command(REQUEST_MESSAGE, 311).result == ACCEPTED
     info = ground.wait_for("UAVCAN_NODE_INFO", NODE)
     assert re.fullmatch(r"org\.[a-z0-9._-]+", info.name)
-    assert (info.sw_version_major, info.sw_version_minor) == (0, 1)
+    assert (info.sw_version_major, info.sw_version_minor) == VERSION
     assert len(set(info.hw_unique_id)) > 4
 
 

@@ -6,7 +6,7 @@ import pytest
 from dronecan import uavcan
 from dronecan.app.node_monitor import NodeMonitor
 
-from conftest import NODE, node_elf
+from conftest import NODE, VERSION, node_elf
 
 protocol = uavcan.protocol
 UNITLESS, PWM = 0, 4
@@ -34,7 +34,7 @@ def test_the_node_monitor_learns_who_the_node_is(bench):
     info = monitor.get(NODE).info
     name = str(info.name)
     assert re.fullmatch(r"org\.[a-z0-9._-]+", name) and len(name) <= 80
-    assert (info.software_version.major, info.software_version.minor) == (0, 1)
+    assert (info.software_version.major, info.software_version.minor) == VERSION
     version = info.software_version
     assert version.optional_field_flags == (version.OPTIONAL_FIELD_FLAG_VCS_COMMIT if version.vcs_commit else 0)
     unique_id = bytes(info.hardware_version.unique_id)
