@@ -68,7 +68,7 @@ impl Motors {
         self.rig.run_ms(5);
     }
 
-    /// Widths of the last pulses of the eight outputs in microseconds; none without a pulse within 40 ms.
+    /// Widths of the last pulses of the eight outputs in microseconds, rounded: an edge may be off by half a microsecond. None without a pulse.
     fn widths_us(&mut self) -> Vec<Option<f64>> {
         self.rig.run_ms(25);
         self.rig.run_ms(0);
@@ -77,7 +77,7 @@ impl Motors {
         self.rig.run_ms(45);
         let mut all = vec![std::mem::take(&mut self.rig.pulses)];
         all.extend(self.rig.board().take_output_pulses());
-        let width = |cycles: u64| (cycles as f64 / 8.0).round() / 2.0;
+        let width = |cycles: u64| (cycles as f64 / 16.0).round();
         all.iter().map(|pulses| pulses.last().map(|pulse| width(pulse.width_cycles))).collect()
     }
 

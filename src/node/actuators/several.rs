@@ -73,7 +73,7 @@ impl Several {
     pub fn update(&mut self, parameters: &Parameters) {
         self.by_lower_bits = [0; 16];
         self.motors = 0;
-        self.slots = [NO_SLOT; OUTPUTS];
+        let before = core::mem::replace(&mut self.slots, [NO_SLOT; OUTPUTS]);
         for output in 0..self.used() {
             let id = parameters.of(output, OutputParameter::Id) as u8;
             self.ids[output] = id;
@@ -83,9 +83,11 @@ impl Several {
                 self.slots[output] = self.search(id).unwrap_or(Slot::new(output as u8));
                 self.by_lower_bits[usize::from(id % 16)] = output as u8 + 1;
             }
+            // What waits is in the slot as it was. The other one may have an old entry.
+            if self.slots[output] != before[output] {
+                self.waiting &= !(1 << output);
+            }
         }
-        // What waits is for the outputs as they were.
-        self.waiting &= !self.motors;
         self.is_stale = true;
     }
 
@@ -269,8 +271,8 @@ impl Actuators {
         self.several.waiting != 0
     }
 
-    /// Follows the next entry that waits. After those of all outputs it has the board begin their pulses in the same period. Returns the line to log and fills in
-    /// the event for it; [`Line::CommandWaits`] if there is nothing to log, because another entry of the same command was logged.
+    /// Follows the next entry that waits. After those of all outputs it has the board begin their pulses in the same period. Returns the line to log and
+    /// fills in the event for it; [`Line::CommandWaits`] if there is nothing to log, because another entry of the same command was logged.
     #[inline(never)]
     pub fn follow_next(
         &mut self,

@@ -115,6 +115,27 @@ fn of_many_commands_the_newest_is_followed_and_every_output_has_its_turn() {
     assert_eq!(rig.servos_us(), [1199; OUTPUTS]);
 }
 
+/// Outputs 1 and 2 have the same ID, so they share a slot. The slot of output 2 alone has the entry of an old command.
+#[test]
+fn an_output_whose_id_changes_while_its_entry_waits_does_not_follow_an_old_one() {
+    let mut rig = hub();
+    rig.widths(&[(1, 1100), (2, 1900)]);
+    rig.set_output(1, OutputParameter::Id, 1);
+    let [low, high] = half::f16::from_f32(1200.0).to_le_bytes();
+    for _ in 0..20 {
+        rig.can.received.push_back(golden::frame(ARRAY_COMMAND, &[1, PWM, low, high, 0xC0]));
+    }
+    while !rig.node.has_entry() {
+        rig.turn();
+    }
+    rig.servos.0[1] = 0;
+    rig.can.received.clear();
+    assert!(rig.node.parameters.set(OutputParameter::Id.index(1) as u8, 2, InMemory));
+    rig.node.take_parameters();
+    rig.settle();
+    assert_eq!(rig.servos_us()[..2], [1200, 0]);
+}
+
 #[test]
 fn an_entry_that_cannot_be_followed_is_refused_and_the_others_are_followed() {
     let mut rig = hub();
