@@ -142,10 +142,10 @@ impl Rig {
     }
 
     #[track_caller]
-    fn ask_for(&mut self, request: &Message, patience_ms: u64) -> Message {
+    fn ask_for(&mut self, request: &Message, timeout_ms: u64) -> Message {
         let seen = self.answers().len();
         let number = self.request(request);
-        self.wait_for(&format!("answer to {request}"), patience_ms, |rig| rig.answers().len() > seen);
+        self.wait_for(&format!("answer to {request}"), timeout_ms, |rig| rig.answers().len() > seen);
         let (_, transfer_id, answer) = self.answers().remove(seen);
         assert_eq!(transfer_id, number, "the answer has the number of the request");
         answer

@@ -25,7 +25,7 @@ const WRONG_USAGE: u8 = 2;
 /// Exit code for what the machine could not do: a file is missing, a port is busy.
 const MACHINE_FAILED: u8 = 3;
 /// Signals that come within this time are one.
-const PATIENCE: Duration = Duration::from_secs(1);
+const REPEATED_WITHIN: Duration = Duration::from_secs(1);
 
 fn main() -> ExitCode {
     match run(&Args::parse()) {
@@ -70,7 +70,7 @@ fn stop_on_signals() -> Result<Arc<AtomicBool>> {
             asked.store(true, Ordering::Relaxed);
             // A later one ends the program at once, should the first one not be heeded. But one wish can come twice:
             // `timeout` sends it to make and to the whole group, and make passes it on.
-            if first.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+            if first.get_or_insert_with(Instant::now).elapsed() > REPEATED_WITHIN {
                 process::exit(128 + signal);
             }
         }

@@ -13,7 +13,7 @@ use links::{Client, Scratch, elf, elf_for};
 /// Where Debian's arduino-core-avr has them.
 const BOOTLOADERS: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega";
 /// Longest wait for anything.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A running simulator, ended with the test.
 struct Sim(Child);
@@ -53,7 +53,7 @@ fn sim(options: &[&str]) -> Command {
 fn wait_for(mut condition: impl FnMut() -> bool, what: &str) {
     let start = Instant::now();
     while !condition() {
-        assert!(start.elapsed() < PATIENCE, "waited in vain for {what}");
+        assert!(start.elapsed() < TIMEOUT, "waited in vain for {what}");
         thread::sleep(Duration::from_millis(10));
     }
 }

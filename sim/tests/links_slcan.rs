@@ -310,8 +310,8 @@ fn a_full_bus_of_client_traffic_loses_nothing() {
         thread::sleep(Duration::from_millis(1));
     }
     bench.run_for_ms(1);
-    let (mut carried, mut patience) = (0, 30_000);
-    while heard.load(Ordering::Relaxed) < FRAMES && patience > 0 {
+    let (mut carried, mut rounds_left) = (0, 30_000);
+    while heard.load(Ordering::Relaxed) < FRAMES && rounds_left > 0 {
         // This test has no clock to keep the simulation at the pace of its threads.
         if carried - heard.load(Ordering::Relaxed).min(carried) > 2000 {
             receiver.serve(&mut bench).unwrap();
@@ -322,7 +322,7 @@ fn a_full_bus_of_client_traffic_loses_nothing() {
                 continue;
             }
         }
-        patience -= 1;
+        rounds_left -= 1;
         thread::sleep(Duration::from_millis(1));
     }
     stop.store(true, Ordering::Relaxed);

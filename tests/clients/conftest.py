@@ -50,7 +50,7 @@ VERSION = tuple(int(number) for number in PACKAGE["version"].split(".")[:2])
 TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 NODE = 120
 # The node says how it is each second; a busy machine needs more.
-PATIENCE_S = 10
+TIMEOUT_S = 10
 
 # Run in the background of a script Ctrl-C is ignored, and who is started from here would ignore it, too.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -99,7 +99,7 @@ def program(name):
     return found
 
 
-def wait_until(condition, what, timeout=PATIENCE_S):
+def wait_until(condition, what, timeout=TIMEOUT_S):
     end = time.monotonic() + timeout
     while not (result := condition()):
         assert time.monotonic() < end, f"no {what} within {timeout} s"
@@ -142,12 +142,12 @@ class Client:
         # The multicast driver does not end its process.
         if process := getattr(self.node.can_driver, "proc", None):
             process.terminate()
-            process.join(PATIENCE_S)
+            process.join(TIMEOUT_S)
 
     def spin(self, seconds):
         self.node.spin(seconds)
 
-    def gather(self, data_type, count, timeout=PATIENCE_S, source=NODE):
+    def gather(self, data_type, count, timeout=TIMEOUT_S, source=NODE):
         """The next messages of that type from that node."""
         messages = []
 
@@ -165,10 +165,10 @@ class Client:
             handle.remove()
         return messages[:count]
 
-    def wait_for(self, data_type, timeout=PATIENCE_S, source=NODE):
+    def wait_for(self, data_type, timeout=TIMEOUT_S, source=NODE):
         return self.gather(data_type, 1, timeout, source)[0]
 
-    def spin_until(self, condition, what, timeout=PATIENCE_S):
+    def spin_until(self, condition, what, timeout=TIMEOUT_S):
         end = time.monotonic() + timeout
         while not (result := condition()):
             assert time.monotonic() < end, f"no {what} within {timeout} s"
@@ -185,7 +185,7 @@ class Client:
         self.spin(4)
         assert monitor.exists(NODE)
 
-    def ask(self, request, node=NODE, timeout=PATIENCE_S):
+    def ask(self, request, node=NODE, timeout=TIMEOUT_S):
         """The response to a request; `None` if there is none in pydronecan's time of a second."""
         events = []
         self.node.request(request, node, events.append)
@@ -222,7 +222,7 @@ class Client:
         request = dronecan.uavcan.protocol.RestartNode.Request()
         request.magic_number = request.MAGIC_NUMBER
         assert self.ask(request, node).ok
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + TIMEOUT_S
         while (status := self.wait_for(dronecan.uavcan.protocol.NodeStatus, source=node)).mode != status.MODE_INITIALIZATION:
             assert time.monotonic() < end, f"node {node} has not started"
 
@@ -252,7 +252,7 @@ class Raw:
         except BlockingIOError:
             return 0
 
-    def write_all(self, data, timeout=PATIENCE_S):
+    def write_all(self, data, timeout=TIMEOUT_S):
         end = time.monotonic() + timeout
         while data:
             data = data[self.write(data) :]
@@ -271,7 +271,7 @@ class Raw:
                     return data
                 time.sleep(0.005)
 
-    def ask(self, command, timeout=PATIENCE_S):
+    def ask(self, command, timeout=TIMEOUT_S):
         """The answer to a command, up to its CR or BEL, other lines left out."""
         self.write_all(command)
         data = b""
@@ -336,7 +336,7 @@ class Bench:
         times = re.findall(r"^ *(\d+\.\d+) ", self.text(), re.M)
         return float(times[-1]) if times else 0.0
 
-    def wait_for_text(self, pattern, timeout=PATIENCE_S):
+    def wait_for_text(self, pattern, timeout=TIMEOUT_S):
         return wait_until(lambda: re.search(pattern, self.text(), re.M), f"line with {pattern!r}", timeout)
 
     def pulse_us(self):
@@ -391,7 +391,7 @@ class Bench:
             if not self.is_over():
                 self.process.send_signal(signal.SIGINT)
             try:
-                self.exit_code = self.process.wait(PATIENCE_S)
+                self.exit_code = self.process.wait(TIMEOUT_S)
             finally:
                 end_group(self.process)
         return self.exit_code

@@ -19,7 +19,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v10 import ardupilotmega as mavlink1
 
-from conftest import NODE, PATIENCE_S, end_group, free_port, own_program, wait_until
+from conftest import NODE, TIMEOUT_S, end_group, free_port, own_program, wait_until
 
 mavlink = mavutil.mavlink
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
@@ -65,10 +65,10 @@ class Bridge:
     def text(self):
         return self.output.read_text(errors="replace")
 
-    def wait_for_text(self, text, timeout=PATIENCE_S):
+    def wait_for_text(self, text, timeout=TIMEOUT_S):
         wait_until(lambda: text in self.text(), f"line with {text!r} in\n{self.text()}", timeout)
 
-    def wait(self, timeout=PATIENCE_S):
+    def wait(self, timeout=TIMEOUT_S):
         """Its exit code when it ends by itself."""
         try:
             return self.process.wait(timeout)
@@ -108,7 +108,7 @@ class Station:
                 messages.append(message)
         return messages
 
-    def wait_for(self, kind, component=None, timeout=PATIENCE_S, heard=None, **fields):
+    def wait_for(self, kind, component=None, timeout=TIMEOUT_S, heard=None, **fields):
         """The next message of that kind from that component with these fields. `heard` is called with all that come before."""
         end = time.monotonic() + timeout
         while time.monotonic() < end:
@@ -205,7 +205,7 @@ class OldStation:
     def close(self):
         self.socket.close()
 
-    def wait_for(self, kind, component, timeout=PATIENCE_S):
+    def wait_for(self, kind, component, timeout=TIMEOUT_S):
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             try:

@@ -8,7 +8,7 @@ import time
 import pytest
 from dronecan import uavcan
 
-from conftest import PATIENCE_S, node_elf, own_program
+from conftest import TIMEOUT_S, node_elf, own_program
 from test_python_can import start_logger
 
 
@@ -89,7 +89,7 @@ def test_a_path_in_use_is_named(bench):
 def test_each_signal_removes_the_links(bench, signal_number):
     used = bench(slcan=2, serial=True)
     used.process.send_signal(signal_number)
-    assert used.process.wait(PATIENCE_S) == 0
+    assert used.process.wait(TIMEOUT_S) == 0
     assert not any(os.path.lexists(path) for path in used.links)
 
 
@@ -98,6 +98,6 @@ def test_a_signal_that_comes_twice_is_one(bench):
     used = bench(slcan=1, serial=True)
     for signal_number in (signal.SIGTERM, signal.SIGINT, signal.SIGTERM):
         used.process.send_signal(signal_number)
-    assert used.process.wait(PATIENCE_S) == 0
+    assert used.process.wait(TIMEOUT_S) == 0
     assert re.search(r"^simulated ", used.text(), re.M)
     assert not any(os.path.lexists(path) for path in used.links)

@@ -13,7 +13,7 @@ import pytest
 from dronecan import uavcan
 from dronecan.app.node_monitor import NodeMonitor
 
-from conftest import NODE, PATIENCE_S, VERSION, Client, end_group, free_port, wait_until
+from conftest import NODE, TIMEOUT_S, VERSION, Client, end_group, free_port, wait_until
 from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, UNSUPPORTED, OldStation, PtyStation, as_float, mavlink, value_of
 from test_management import PARAMETERS
 
@@ -74,7 +74,7 @@ class FakeNode(threading.Thread):
 
     def close(self):
         self.ended.set()
-        self.join(PATIENCE_S)
+        self.join(TIMEOUT_S)
         self.client.close()
 
 
@@ -371,7 +371,7 @@ def test_thirty_nodes_at_ten_hertz_keep_one_hertz_on_57600_baud(bench, bridge, s
     seconds = 6
     messages = ground.gather(seconds)
     crowd.ended.set()
-    crowd.join(PATIENCE_S)
+    crowd.join(TIMEOUT_S)
     counts = collections.Counter(m.get_srcComponent() for m in messages if m.get_type() == "UAVCAN_NODE_STATUS")
     assert set(range(1, 31)) <= set(counts)
     assert min(counts[node] for node in range(1, 31)) >= seconds, counts
@@ -391,7 +391,7 @@ def test_a_limited_status_rate_is_kept(bench, bridge, station):
     ground.gather(1)
     counts = collections.Counter(m.get_srcComponent() for m in ground.gather(3, "UAVCAN_NODE_STATUS"))
     crowd.ended.set()
-    crowd.join(PATIENCE_S)
+    crowd.join(TIMEOUT_S)
     # The node's own are called for by the other's, at two a second.
     assert all(5 <= counts[node] <= 8 for node in (42, NODE)), counts
 
@@ -414,7 +414,7 @@ def test_a_node_that_goes_is_said_once_and_comes_back(bench, bridge, station):
     again.start()
     ground.wait_for("UAVCAN_NODE_STATUS", 42)
     again.ended.set()
-    again.join(PATIENCE_S)
+    again.join(TIMEOUT_S)
     assert started.text().count("node 42 is gone") == 1
 
 

@@ -11,7 +11,7 @@ import time
 import pytest
 from dronecan import uavcan
 
-from conftest import PATIENCE_S, free_port, node_elf, own_program, wait_until
+from conftest import TIMEOUT_S, free_port, node_elf, own_program, wait_until
 
 
 def debug(used, port, *commands, **options):
@@ -89,7 +89,7 @@ def test_the_bus_waits_while_the_node_is_halted(debugged):
     assert used.time_s() == halted_at
     # Ctrl-C is heeded meanwhile.
     used.process.send_signal(signal.SIGINT)
-    assert used.process.wait(PATIENCE_S) == 0
+    assert used.process.wait(TIMEOUT_S) == 0
 
 
 def test_a_port_in_use_is_named(debugged):

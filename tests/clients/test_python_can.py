@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from conftest import PATIENCE_S
+from conftest import TIMEOUT_S
 
 ADAPTER = ["-i", "slcan", "-b", "1000000", "-c"]
 
@@ -53,7 +53,7 @@ def test_can_logger_records_what_can_player_plays(bench):
     # What the player has left to the adapter goes out, and to the logger.
     time.sleep(0.5)
     logger.send_signal(signal.SIGINT)
-    logger.wait(PATIENCE_S)
+    logger.wait(TIMEOUT_S)
     assert frames(used.directory / "out.log") == played
     used.end()
     assert frames(used.directory / "sim.log") == played
