@@ -1,4 +1,4 @@
-//! Errors of the user, which another command line puts right, as opposed to those of the machine: they differ in the exit code.
+//! Errors of the command line, which have another exit code than errors of the machine.
 
 use anyhow::Result;
 use std::{error, fmt, io};

@@ -105,7 +105,7 @@ pub fn run(args: &Args, mut out: impl Write) -> Result<()> {
     }
     streams.extend(args.message.iter().flat_map(|entry| entry.0.clone()));
     if streams.is_empty() {
-        bail!("nothing is planned: give --message \"NodeStatus@1\", --file or --example; --help tells more");
+        bail!("nothing is planned: give --message \"NodeStatus@1\", --file or --example; see --help");
     }
     Plan::new(bit_rate.unwrap_or(BIT_RATE_DEFAULT), streams).print(&mut out)
 }

@@ -408,7 +408,7 @@ impl Slcan {
     fn serve(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
         self.write()?;
         let mut buffer = [0; 4096];
-        // Some adapters answer the empty line before the command, some do not: the rate is told when all has come.
+        // Some adapters answer the empty line before the command, some do not: the rate is set when all answers have come.
         while frames.len() < TAKEN_AT_ONCE {
             match rustix::io::read(&self.port, &mut buffer) {
                 Ok(0) => bail!("the adapter has been unplugged"),

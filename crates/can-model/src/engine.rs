@@ -45,7 +45,7 @@ use super::wire::{INTERMISSION_BITS, Level, WireBits};
 
 /// Bits an error passive transmitter waits after the intermission.
 const SUSPEND_BITS: u8 = 8;
-/// Recessive bits in a row that tell a node that the bus is idle.
+/// Recessive bits in a row after which the bus is idle for a node.
 const IDLE_BITS: u8 = 11;
 
 /// What an [`Engine`] may do.

@@ -1,4 +1,4 @@
-//! What an [`Engine`](super::Engine) tells its owner after a bit.
+//! What an [`Engine`](super::Engine) reports after a bit.
 
 use super::Frame;
 

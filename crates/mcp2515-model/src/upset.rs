@@ -1,5 +1,4 @@
-//! What can happen to the chip behind the driver's back: a supply that dips, a bit that flips, a chip that does not do as it
-//! is told.
+//! Faults of the chip that the driver does not cause: a dip of the supply, a bit that flips, a chip that ignores instructions.
 //!
 //! Limits: a dip of the supply ends what was being sent, and asks for nothing to be sent; the buffers' contents are garbage.
 

@@ -15,7 +15,7 @@ use super::core::{Core, WriteHandler};
 use sim_base::Cycles;
 use sim_base::Noise;
 
-/// A program that errs in a loop makes millions of violations: the first ones tell the story.
+/// A program that makes a mistake in a loop makes millions of violations: the first ones are enough.
 const VIOLATIONS_KEPT: usize = 1000;
 
 /// A mistake of the program that the chip would bear in silence.
@@ -125,7 +125,7 @@ impl Base {
         assert!(self.timers.set(Timers { slots, callback }).is_ok(), "the timers are set twice");
     }
 
-    /// simavr's callback of a timer and its parameter, by which simavr tells timers apart.
+    /// simavr's callback of a timer and its parameter, by which simavr distinguishes timers.
     fn callback(&self, timer: Timer) -> (ffi::avr_cycle_timer_t, *mut c_void) {
         let timers = self.timers.get();
         let found = timers.and_then(|timers| {

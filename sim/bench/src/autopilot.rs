@@ -3,7 +3,7 @@
 //! It says that it is alive (NodeStatus, 1 Hz) and commands servos at 50 Hz, one or all of them sweeping or held as the user wants.
 //! On demand it commands motors, too: off while disarmed, and while armed they follow the same motion.
 //! What else it sends, and how, depends on the flight controller that it is like: see [`Profile`]. It answers GetNodeInfo,
-//! and on demand it allocates node IDs: see [`Allocator`]. It speaks one dialect, and to the other it is deaf.
+//! and on demand it allocates node IDs: see [`Allocator`]. It uses one dialect, and ignores the other.
 //!
 //! Its clock is the simulated one, and each frame is queued for its exact time, so that a run can be repeated. Answers come a
 //! fixed time after what they answer.
@@ -267,7 +267,7 @@ impl Autopilot {
         &self.settings
     }
 
-    /// What it has to tell since the last call: who is there, and what it granted.
+    /// Events since the last call: nodes that it found, and node IDs that it granted.
     pub fn take_news(&mut self) -> Vec<(Cycles, String)> {
         std::mem::take(&mut self.news)
     }
@@ -1017,7 +1017,7 @@ mod tests {
     }
 
     #[test]
-    fn it_says_who_it_is_in_the_dialect_that_it_speaks_and_is_deaf_to_the_other() {
+    fn it_answers_get_node_info_in_its_dialect_and_ignores_the_other() {
         for (profile, heard) in [(Profile::Px4, "1E0181FF#C7"), (Profile::Plain, "113BFC08#01")] {
             for dialect in [Dialect::V0, Dialect::Draft] {
                 let mut autopilot = Autopilot::new(Settings::of(profile).in_dialect(dialect), 1_000_000);

@@ -1,6 +1,6 @@
 //! The bench: boards and other stations on one CAN bus, run in lock step.
 //!
-//! The bus tells how far the AVRs may run before it must be stepped (one bit while something goes
+//! The bus says how far the AVRs may run before it must be stepped (one bit while something goes
 //! on, more while it is idle); each board runs there, then the bus follows, then the boards see
 //! what became of their INT pins. A board is never ahead of the bus by more than that, and
 //! overshoots it by one instruction at most.

@@ -5,7 +5,7 @@
 //! another running one offers is not: each name is claimed by an abstract Unix socket, which dies with its process.
 //!
 //! A pseudo-terminal has no modem lines and no baud rate, and the kernel keeps some 70 KiB in each direction. Who opens and
-//! closes it is counted by inotify, because the master itself only tells how it is now.
+//! closes it is counted by inotify, because the master itself only has the present state.
 
 use anyhow::{Context, Result, bail};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -282,7 +282,7 @@ fn remove_links_on_panic() {
 fn claim(path: &Path) -> Result<UnixListener> {
     let mut name = b"sim port ".to_vec();
     name.extend(path.as_os_str().as_encoded_bytes());
-    // A Unix socket's name has room for 107 bytes; of a longer path the end tells more.
+    // A Unix socket's name has room for 107 bytes; of a longer path the end is more useful.
     let start = name.len().saturating_sub(100);
     let address = SocketAddr::from_abstract_name(&name[start..])?;
     match UnixListener::bind_addr(&address) {

@@ -6,7 +6,7 @@
 //! Limits: the baud rate that a program sets is not looked at, as if it always matched. While nobody has the port open,
 //! what the board says is lost, as on the real port. Bytes that the board does not take for a tenth of a second, because
 //! its receiver is off, are dropped. Of a program that closes the port less than a millisecond before the next one opens it,
-//! the last words go to the board after the reset, because nobody can tell whose they are.
+//! the last bytes go to the board after the reset, because it is unknown which program they are for.
 
 use super::Link;
 use super::pty::{Hold, Pty};

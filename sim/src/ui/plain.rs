@@ -62,7 +62,7 @@ impl<W: Write> Plain<W> {
         for (at, news) in state.take_news() {
             self.news(at, news)?;
         }
-        // That pulses begin or end is told at once.
+        // The begin and the end of pulses are reported at once.
         let turned = self.last_pulse.is_none_or(|last| last.is_some() != state.servo.pulse.is_some());
         if turned || state.now >= self.next_servo_at {
             self.servo(state)?;

@@ -3,7 +3,7 @@
 //! No terminal and no wall clock, so a scene can be run by a test as well as by a person.
 //!
 //! Three stations share the bus: the node, the autopilot, and a third one that only acknowledges what it hears, as an
-//! analyser does, until it is told to babble. So the autopilot still gets its ACKs when the node's cable is pulled. Further
+//! analyser does, until it is set to babble. So the autopilot still gets its ACKs when the node's cable is pulled. Further
 //! boards, and stations of the programs that are joined to the bench, come on top. These links are served at least each
 //! simulated millisecond.
 

@@ -1,4 +1,4 @@
-//! How an engine tells the bus that something is wrong: error flags, overload flags, their delimiter,
+//! How an engine signals errors on the bus: error flags, overload flags, their delimiter,
 //! and what each costs the node; at the worst, bus-off and the way back.
 //!
 //! Source: ISO 11898-1:2003 10.4.4 (error frame), 10.4.5 (overload frame), 13.1 (fault confinement).
