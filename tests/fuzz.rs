@@ -44,13 +44,14 @@ fn setting(name: &str, default: u64) -> u64 {
 }
 
 /// Identifiers that the filters accept, without a source.
-const OURS: [u32; 14] = [
+const OURS: [u32; 15] = [
     ARRAY_COMMAND,
     ARRAY_COMMAND,
     rig::NODE_STATUS,
     rig::SERVO_COMMAND,
     0x1804_3900,             // LightsCommand
     0x1804_4C00,             // ArmingStatus
+    0x0704_0600,             // esc.RawCommand
     0x1E00_0100,             // Allocation
     0x1E01_8080 | NODE << 8, // GetNodeInfo
     0x1E0B_8080 | NODE << 8, // GetSet

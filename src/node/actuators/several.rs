@@ -74,7 +74,7 @@ impl Several {
         self.by_lower_bits = [0; 16];
         self.motors = 0;
         let before = core::mem::replace(&mut self.slots, [NO_SLOT; OUTPUTS]);
-        for output in 0..self.used() {
+        for (output, before) in before.into_iter().enumerate().take(self.used()) {
             let id = parameters.of(output, OutputParameter::Id) as u8;
             self.ids[output] = id;
             if parameters.of(output, OutputParameter::Type) as u8 == MOTOR {
@@ -84,7 +84,7 @@ impl Several {
                 self.by_lower_bits[usize::from(id % 16)] = output as u8 + 1;
             }
             // What waits is in the slot as it was. The other one may have an old entry.
-            if self.slots[output] != before[output] {
+            if self.slots[output] != before {
                 self.waiting &= !(1 << output);
             }
         }
