@@ -27,6 +27,7 @@ pub enum Type {
     RestartNode,
     BeginFirmwareUpdate,
     GetTransportStats,
+    RawCommand,
     /// A message for others.
     Temperature,
     /// A service that it does not have: file.Read.
@@ -35,7 +36,7 @@ pub enum Type {
 
 impl Type {
     /// In the order of their numbers.
-    pub const ALL: [Type; 14] = [
+    pub const ALL: [Type; 15] = [
         Type::ArrayCommand,
         Type::ThesisCommand,
         Type::ArmingStatus,
@@ -48,6 +49,7 @@ impl Type {
         Type::RestartNode,
         Type::BeginFirmwareUpdate,
         Type::GetTransportStats,
+        Type::RawCommand,
         Type::Temperature,
         Type::FileRead,
     ];
