@@ -181,6 +181,7 @@ def test_a_restart_needs_its_magic_number(bench):
 
 
 def test_the_simulator_tells_what_was_asked_and_answered(bench):
+    major, minor = VERSION
     used = bench("--traffic", "--log", "said.txt")
     client = used.dronecan()
     client.set("OUT1_MIN", 1100)
@@ -191,7 +192,7 @@ def test_the_simulator_tells_what_was_asked_and_answered(bench):
         for line in [
             r"10>120 param\.GetSet request OUT1_MIN = 1100$",
             r"120>10 param\.GetSet response OUT1_MIN = 1100 \(500 to 2500, default 1000\)$",
-            r"120>10 GetNodeInfo response org\.\S+ software 0\.1 .*unique ID [0-9A-F]{32}$",
+            rf"120>10 GetNodeInfo response org\.\S+ software {major}\.{minor} .*unique ID [0-9A-F]{{32}}$",
             r"10>120 param\.ExecuteOpcode request SAVE$",
             r"120>10 param\.ExecuteOpcode response ok$",
             r"120 actuator\.Status id 1 ",

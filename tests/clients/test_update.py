@@ -8,7 +8,7 @@ import subprocess
 
 import dronecan.app.file_server
 import pytest
-from conftest import NODE, ROOT, TARGET, node_elf, own_program
+from conftest import NODE, ROOT, TARGET, VERSION, node_elf, own_program
 from dronecan import uavcan
 
 # It may hold the types from before conftest.py has loaded them anew.
@@ -89,7 +89,8 @@ def node_update(used, *words, node=NODE, file=None, code=0, slcan=0):
 def test_our_own_program_updates_a_running_node_and_says_so(remote_board):
     text = node_update(remote_board)
     assert re.search(r"^node 120: restarting, (\d+) of \1 bytes$", text, re.M), text
-    assert re.search(r"^node 120: runs version 0\.1, before 0\.1; [0-9.]+ s$", text, re.M), text
+    version = r"\.".join(str(number) for number in VERSION)
+    assert re.search(rf"^node 120: runs version {version}, before {version}; [0-9.]+ s$", text, re.M), text
     # The next update finds everything in order.
     node_update(remote_board)
 
