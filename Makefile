@@ -18,8 +18,9 @@ CRYSTAL ?=
 WIRING := --board '$(BOARD)' --shield '$(SHIELD)' --cs '$(CS)' --int '$(INT)' --crystal '$(CRYSTAL)'
 # What the firmware has: a preset (default, full, remote, thesis, none), or a list of features with commas. Empty: the preset of the board's chip.
 FEATURES ?=
-ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)')
-GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)')
+# Silent: make expands a recipe before it runs it, and the script that builds the firmware prints what is wrong.
+ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)' 2>/dev/null)
+GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)' 2>/dev/null)
 # Presets with which the node's library is tested, and tunnel, a feature that is in none of them; and builds that the tests on simulated boards use.
 # "none" is the same program as "default" on this chip, so "make test" links it, and only "make test-all" tests it once more.
 PRESETS := default full remote thesis tunnel
@@ -127,7 +128,7 @@ bootloader: boot
 	@scripts/bootloader $(WIRING) --programmer '$(PROGRAMMER)' --port '$(PORT)' $(if $(STOCK),--stock '$(STOCK)')
 
 # Without FILE= the firmware of the board, with a preset that can be updated over the bus again.
-update: FEATURES := $(or $(FEATURES),$(shell scripts/firmware --update-preset $(WIRING)))
+update: FEATURES := $(or $(FEATURES),$(shell scripts/firmware --update-preset $(WIRING) 2>/dev/null))
 update:
 	@test '$(BUS)' || { echo 'Say which bus: make update NODE=120 BUS=slcan:/dev/ttyACM0' >&2; exit 2; }
 	@test '$(NODE)' || { echo 'Say which node: make update NODE=120 BUS=$(BUS), or NODE=all' >&2; exit 2; }
