@@ -113,11 +113,14 @@ def size(elf):
 
 def upload_lines():
     """avrdude's line for each board, with the default CAN board. All their bootloaders, and ours, speak what avrdude calls `arduino`."""
-    lines = []
-    for name, entry in TABLE["boards"].items():
-        command = f"avrdude -c arduino -p {entry['chip']} -b {entry['upload_baud']} -D -P /dev/ttyUSB0 -U flash:w:{name}-{TABLE['default_shield']}.hex:i"
-        lines.append(f"    {command:<97}  # {entry['title']}")
-    return "\n".join(lines)
+    return "\n".join(upload_line(name, f"{name}-{TABLE['default_shield']}") for name in TABLE["boards"])
+
+
+def upload_line(board, file):
+    """avrdude's line for a board and the name of a file without its extension."""
+    entry = TABLE["boards"][board]
+    command = f"avrdude -c arduino -p {entry['chip']} -b {entry['upload_baud']} -D -P /dev/ttyUSB0 -U flash:w:{file}.hex:i"
+    return f"    {command:<97}  # {entry['title']}"
 
 
 def add_options(parser):
