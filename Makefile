@@ -56,7 +56,7 @@ help:
 	@echo "make boot       build the bootloader, for firmware updates over the bus (docs/update.md)"
 	@echo "make update     send the firmware to a node over the bus  (NODE=120 BUS=slcan:/dev/ttyACM0; NODE=all, FILE=other.bin)"
 	@echo "make bootloader write the bootloader to an Arduino with a programmer  (PROGRAMMER=usbasp; STOCK=file.hex restores the board's own)"
-	@echo "make dist       firmware and bootloader of every board, with licences and checksums, in target/dist  (ten minutes)"
+	@echo "make dist       firmware and bootloader of every board, with licences and checksums, in target/dist  (ten minutes; BOARD=uno SHIELD=module for one, two minutes)"
 	@echo "make build-twice   check that two builds of the last commit have the same bytes, in two directories  (two minutes)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make size       size of the firmware by function"
@@ -188,8 +188,9 @@ test-host:
 	cargo test -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
 		-p bus-load -p can-link -p node-update -p avr-model -p bench -p sim -p rig
 
+# They run the program that is in target/firmware, so it must be of these sources.
 TEST_FILES := $(patsubst tests/%.rs,%,$(wildcard tests/*.rs))
-test-firmware:
+test-firmware: firmware
 	$(ON_BOARD) cargo test -p node -p bridge $(addprefix --test ,$(TEST_FILES)) $(LONG_TESTS)
 
 # The same tests for the boards with an ATmega328P.
@@ -337,7 +338,7 @@ $(TOOLS)/bin/ravedude:
 
 $(TOOLS)/bin/cargo-about:
 	@scripts/setup build
-	@echo "Installing cargo-about"
+	@echo "Installing cargo-about: a minute on two cores"
 	@$(INSTALL) cargo-about --version 0.9.3 --features cli
 
 $(TOOLS)/bin/cargo-deny:
