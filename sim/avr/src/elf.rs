@@ -82,6 +82,7 @@ impl Firmware {
     /// # Errors
     /// As [`Firmware::read`].
     pub fn parse(bytes: &[u8]) -> Result<Firmware> {
+        ensure!(!bytes.starts_with(b":"), "it is an Intel HEX file; use the ELF, which the compiler leaves beside it");
         let header = FileHeader32::<LittleEndian>::parse(bytes).context("no 32-bit ELF file")?;
         let endian = header.endian()?;
         ensure!(header.e_machine(endian) == EM_AVR, "the ELF is for another processor than the AVR");
@@ -224,6 +225,12 @@ mod tests {
     #[test]
     fn a_file_that_is_no_elf_is_refused() {
         assert!(Firmware::parse(b"no ELF at all").is_err());
+    }
+
+    #[test]
+    fn a_hex_file_is_refused_and_the_elf_named() {
+        let error = Firmware::parse(b":100000000C94").unwrap_err();
+        assert!(error.to_string().contains("use the ELF"), "{error:#}");
     }
 
     #[test]
