@@ -153,6 +153,16 @@ fn another_device_on_the_spi_with_a_chip_select_of_its_own_is_no_mistake() {
 }
 
 #[test]
+fn a_frame_that_waits_in_a_mode_that_sends_none_is_named_with_the_mode() {
+    let scratch = Scratch::new();
+    for (mode, name) in [("MODE=0x80", "configuration"), ("MODE=0x60", "listen-only")] {
+        let (said, _, code) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &[mode]), &UNO);
+        let expected = format!("HINT    a frame waits to be sent, but the MCP2515 is in {name} mode");
+        assert_eq!((code, said.matches(&expected).count()), (Some(0), 1), "{said}");
+    }
+}
+
+#[test]
 fn a_chip_select_that_is_another_pin_in_the_program_is_named() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");

@@ -123,6 +123,11 @@ impl Mcp2515 {
         self.mode
     }
 
+    /// True if a transmit buffer has a frame to be sent (TXREQ).
+    pub fn has_frame_to_send(&self) -> bool {
+        self.any_tx_requested()
+    }
+
     /// Transmit error counter; above 255 in bus-off.
     pub fn tec(&self) -> u16 {
         self.can.tec()

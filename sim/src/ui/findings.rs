@@ -1,5 +1,5 @@
-//! What the bench notices of a program that its author will want to know, each once: rates that do not match, and a chip
-//! select that never falls.
+//! What the bench notices of a program that its author will want to know, each once: rates that do not match, a chip
+//! select that never falls, and a frame that waits in a mode that sends none.
 //!
 //! None of this is a mistake: another program may be right on another board. See [`mistakes`](super::mistakes) for those.
 
@@ -17,6 +17,8 @@ const SERIAL_MONITOR_RATE: u64 = 115_200;
 const SERIAL_RATES: [u64; 11] = [300, 1_200, 2_400, 4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 250_000, 1_000_000];
 /// A program has set up its SPI by then.
 const SPI_SETTLED: Cycles = F_CPU_HZ / 2;
+/// A frame that waits so long for another mode of the controller was loaded by a program that has forgotten to set it. A start takes less.
+const MODE_SETTLED: Cycles = F_CPU_HZ / 2;
 
 /// What has been said already.
 #[derive(Debug, Default)]
@@ -24,12 +26,19 @@ pub struct Findings {
     bit_rate: Option<u64>,
     serial_rate: Option<u64>,
     is_cs_told: bool,
+    /// Since when a frame waits in a mode that sends none.
+    stuck_since: Option<Cycles>,
 }
 
 impl Findings {
     /// Looks at a board on a bus of `bus_rate` bits per second. Returns what is new.
     pub fn look(&mut self, board: &Board, bus_rate: u32, has_sent_serial: bool) -> Vec<String> {
-        let found = [self.can_rate(board, bus_rate), self.uart_rate(board, has_sent_serial), self.chip_select(board)];
+        let found = [
+            self.can_rate(board, bus_rate),
+            self.uart_rate(board, has_sent_serial),
+            self.chip_select(board),
+            self.mode(board),
+        ];
         found.into_iter().flatten().collect()
     }
 
@@ -80,6 +89,26 @@ impl Findings {
             "{} bytes on the SPI, but CS of the MCP2515 ({cs}) has never been low: is it another pin in the program (--cs)?",
             passed.bytes_elsewhere
         ))
+    }
+
+    fn mode(&mut self, board: &Board) -> Option<String> {
+        let chip = board.chip();
+        let chip = chip.borrow();
+        let name = match chip.mode() {
+            Mode::Configuration => "configuration",
+            Mode::ListenOnly => "listen-only",
+            _ => "",
+        };
+        if name.is_empty() || !chip.has_frame_to_send() {
+            self.stuck_since = None;
+            return None;
+        }
+        let since = *self.stuck_since.get_or_insert(board.now());
+        (board.now() - since >= MODE_SETTLED).then(|| {
+            format!(
+                "a frame waits to be sent, but the MCP2515 is in {name} mode: it sends in normal mode only (CANCTRL)"
+            )
+        })
     }
 }
 

@@ -1,6 +1,7 @@
 /* A program as people write it for an Arduino Uno with a blue MCP2515 module: CS on D10, crystal of 8 MHz, 500 kbit/s.
  * Sends a frame each 100 ms, and says so on the serial port. Uses no library but avr-libc.
- * UBRR sets another rate of the serial port; with SD_CARD another device on the SPI, its CS on D8, gets bytes, too. */
+ * UBRR sets another rate of the serial port, MODE another mode of the controller; with SD_CARD another device on the SPI, its CS on D8, gets bytes,
+ * too. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/delay.h>
@@ -20,6 +21,9 @@
 #define ID 0x123
 #ifndef UBRR
 #define UBRR 8
+#endif
+#ifndef MODE
+#define MODE 0x00
 #endif
 
 static volatile uint32_t milliseconds;
@@ -123,8 +127,8 @@ int main(void)
     write(CNF1, 0x00);
     write(CNF2, 0x90);
     write(CNF3, 0x82);
-    write(CANCTRL, 0x00);
-    while (read(CANSTAT) & 0xE0) { }
+    write(CANCTRL, MODE);
+    while ((read(CANSTAT) & 0xE0) != MODE) { }
     serial("CAN started\n");
 
     uint32_t next = millis();
