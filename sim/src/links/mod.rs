@@ -166,6 +166,11 @@ pub trait Link {
     /// A line that says what it is and how it does, for people.
     fn status(&self) -> String;
 
+    /// A probable cause of trouble that the link has noticed since the last call, for people.
+    fn take_hint(&mut self) -> Option<String> {
+        None
+    }
+
     /// Whether a client on the wall clock may be attached, so that the simulation must keep real time.
     fn needs_real_time(&self) -> bool {
         false

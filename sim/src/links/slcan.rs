@@ -138,6 +138,7 @@ pub struct Slcan {
     bit_rate: u32,
     /// The client asked for another bit rate than the bus has.
     wrong_rate: bool,
+    hint: Option<String>,
     listen_only: bool,
     timestamps: bool,
     input: VecDeque<u8>,
@@ -168,6 +169,7 @@ impl Slcan {
             place,
             bit_rate: bench.bus().bit_rate(),
             wrong_rate: false,
+            hint: None,
             listen_only: false,
             timestamps: false,
             input: VecDeque::new(),
@@ -279,6 +281,13 @@ impl Slcan {
                 // To open it anyway would only show errors; a client that does not look at the answers to its commands
                 // must not get to send either.
                 self.wrong_rate = bit_rate != self.bit_rate;
+                if self.wrong_rate {
+                    let (asked, bus) = (bit_rate / 1000, self.bit_rate / 1000);
+                    let path = self.pty.path().display();
+                    self.hint = Some(format!(
+                        "the client on {path} asked for {asked} kbit/s, and the bus has {bus}: the adapter stays closed"
+                    ));
+                }
                 self.answer(if self.wrong_rate { ERROR } else { OK });
             }
             Command::Open | Command::Listen if self.wrong_rate => self.answer(ERROR),
@@ -359,6 +368,10 @@ impl Link for Slcan {
         let state = if self.is_open() { "open" } else { "closed" };
         let (path, lost) = (self.pty.path().display(), self.lost_to_bus + self.lost_to_client);
         format!("slcan {path}: {state}, {} frames in, {} out, {lost} lost", self.to_bus, self.to_client)
+    }
+
+    fn take_hint(&mut self) -> Option<String> {
+        self.hint.take()
     }
 
     fn needs_real_time(&self) -> bool {

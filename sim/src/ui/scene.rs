@@ -302,8 +302,12 @@ impl Scene {
         if let Some(script) = &mut self.script {
             script.serve(&mut self.bench)?;
         }
+        let now = self.now();
         for link in &mut self.links {
             link.serve(&mut self.bench)?;
+            if let Some(hint) = link.take_hint() {
+                self.state.hint(now, hint);
+            }
         }
         if self.now() >= self.next_status_at {
             self.next_status_at = self.now() + STATUS_PERIOD;
