@@ -48,6 +48,7 @@ mod serial;
 #[cfg(not(feature = "outputs"))]
 mod servo;
 mod spi;
+mod timer1;
 
 /// The registers of the chip.
 #[cfg(chip = "atmega168")]

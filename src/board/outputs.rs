@@ -1,6 +1,6 @@
 //! The pulses of eight outputs. Timer1 makes the pulse of output 1, and an interrupt those of the others.
 //!
-//! Timer1 is in the mode that it has for a single servo (see `servo.rs`): a period begins at BOTTOM, and OC1x makes the pulse of output 1 without
+//! Timer1 is in the mode that it has for a single servo (see `timer1.rs`): a period begins at BOTTOM, and OC1x makes the pulse of output 1 without
 //! software. A period has a slot of 2.5 ms for each output, and the pulse of output `n` begins with slot `n`, counted from 1. A pulse lasts 500 us to
 //! 2400 us, so no two edges are closer together than 100 us.
 //!
@@ -23,13 +23,14 @@ mod edges;
 use super::chip::{PORTB, PORTC, PORTD, TC1};
 use super::clock::TOP as TIMER0_TOP;
 use super::pins::ServoSignal;
+use super::timer1;
 use edges::{
-    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, FALLS, Falls, IS_NEW, LEAD, Moment, SCHEDULE, SLOT, Switched, TICKS,
-    TICKS_OF_TIMER0, USED, enable_interrupt, modulo, modulo_of_pulse, other_falls, plus, tc0, tc1, write_width,
+    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, FALLS, Falls, IS_NEW, LEAD, Moment, SCHEDULE, SLOT, Switched, TICKS_OF_TIMER0,
+    USED, enable_interrupt, modulo, modulo_of_pulse, other_falls, plus, tc0, tc1,
 };
 use node::hardware::{OUTPUT_PINS, OUTPUTS, Pin};
 use node::node::parameters::{Parameter, Parameters};
-use node::node::servo::{Output, Ticks, scaled};
+use node::node::servo::{Output, Ticks};
 
 pub use edges::finish;
 
@@ -47,18 +48,7 @@ pub struct Outputs {
 
 impl Outputs {
     pub(super) fn new(tc1: TC1, signal: ServoSignal) -> Self {
-        // After a restart of the program the timer may be in a pulse. The pulse must end and not be cut; it takes 2.5 ms at most. The loop has a
-        // limit all the same: 8,000 turns of six cycles or more are 3 ms.
-        let mut turns = 8000u16;
-        while turns != 0 && signal.is_driven_high() {
-            turns = turns.wrapping_sub(1);
-        }
-        // WGM11..0 = 2 and WGM13..2 = 3: mode 14. While COM1x is 0, the port drives the pin low.
-        tc1.tccr1a().write(|w| w.wgm1().set(2));
-        tc1.tccr1b().write(|w| w.wgm1().set(3));
-        tc1.timsk1().write(|w| w.toie1().clear_bit());
-        tc1.icr1().write(|w| w.set(u16::MAX));
-        tc1.tccr1b().write(|w| w.wgm1().set(3).cs1().prescale_8());
+        timer1::stop(&tc1, &signal);
         Self { signal, falls: [Moment::NONE; OUTPUTS], has_change: false, is_single: false }
     }
 
@@ -66,14 +56,14 @@ impl Outputs {
     pub fn start(&mut self, parameters: &Parameters) {
         let (count, rate_hz) = (parameters.outputs(), parameters.get(Parameter::OutRate));
         self.is_single = count == 1;
-        let mut period = scaled((TICKS / 64) as u16, 64, rate_hz);
+        let mut period = timer1::period(rate_hz);
         if !self.is_single {
             // A multiple of a tick of Timer0, so that the timers keep their phase.
             period &= !(TICKS_OF_TIMER0 - 1);
         }
         let tc1 = tc1();
-        tc1.icr1().write(|w| w.set(period.wrapping_sub(1)));
-        tc1.tcnt1().write(|w| w.set(0));
+        timer1::set_period(&tc1, period);
+        timer1::run(&tc1);
         let (schedule, edge) = (&raw mut SCHEDULE, &raw mut EDGE);
         // Safety: the handler is not enabled yet.
         let (schedule, edge) = unsafe { (&mut *schedule, &mut *edge) };
@@ -130,11 +120,11 @@ impl Output for Outputs {
     #[inline(never)]
     fn set(&mut self, output: usize, width: Ticks) {
         if self.is_single {
-            // As in `servo.rs`: a pulse that has begun is not cut.
+            // A pulse that has begun is not cut.
             let [fall, ..] = &mut self.falls;
             if fall.at != width && (width != 0 || !self.signal.is_driven_high()) {
                 fall.at = width;
-                write_width(width);
+                timer1::set_width(&tc1(), width);
             }
             return;
         }

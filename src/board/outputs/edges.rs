@@ -2,22 +2,11 @@
 
 use core::arch::global_asm;
 
-use super::super::CLOCK_HZ;
 use super::super::chip::{TC0, TC1};
 use super::super::clock::TOP as TIMER0_TOP;
-use node::hardware::{OUTPUTS, SERVO, SLOT_US};
+use super::super::timer1::{self, TICKS};
+use node::hardware::{OUTPUTS, SLOT_US};
 use node::node::servo::Ticks;
-
-/// Whether output 1 is on OC1A, and not on OC1B.
-pub(super) const IS_A: bool = SERVO.bit == 1;
-
-pub(super) const PRESCALER: u32 = 8;
-
-/// Ticks in a second.
-pub(super) const TICKS: u32 = {
-    assert!(CLOCK_HZ / PRESCALER == 2_000_000, "a tick is half a microsecond");
-    CLOCK_HZ / PRESCALER
-};
 
 /// Ticks of Timer1 in a tick of Timer0.
 pub(super) const TICKS_OF_TIMER0: Ticks = 8;
@@ -368,26 +357,7 @@ pub(super) fn change() {
         (&raw mut USED).write_volatile(other);
         (*other)[0].at
     };
-    write_width(width);
-}
-
-/// Has Timer1 make pulses of this width from the next period on, or none. No pulse is active if it is 0.
-#[inline(always)]
-pub(super) fn write_width(width: Ticks) {
-    if width == 0 {
-        tc1().tccr1a().write(|w| w.wgm1().set(2));
-        return;
-    }
-    // OC1x stays low until BOTTOM, so the first pulse has its full width, too.
-    if IS_A {
-        tc1().ocr1a().write(|w| w.set(width.wrapping_sub(1)));
-    } else {
-        tc1().ocr1b().write(|w| w.set(width.wrapping_sub(1)));
-    }
-    tc1().tccr1a().write(|w| {
-        let w = w.wgm1().set(2);
-        if IS_A { w.com1a().match_clear() } else { w.com1b().match_clear() }
-    });
+    timer1::set_width(&tc1(), width);
 }
 
 /// Ends the pulse that an interrupt would end. For a restart of the program: call it with interrupts disabled, after which no pulse begins.
@@ -398,8 +368,7 @@ pub fn finish() {
     if event != Event::Fall {
         return;
     }
-    // 8,000 turns of more than six cycles are longer than the longest pulse.
-    let mut turns = 8000u16;
+    let mut turns = timer1::TURNS_OF_A_PULSE;
     while turns != 0 && edge.at.wrapping_sub(tc1().tcnt1().read().bits()) < LATE {
         turns -= 1;
     }
