@@ -446,7 +446,7 @@ impl Node {
             self.health.set(Conditions::FAILSAFE, true, [Line::Failsafe; 2], monitor);
         }
         #[cfg(feature = "outputs")]
-        self.tell_failsafe(monitor);
+        self.report_failsafe(monitor);
         #[cfg(feature = "standard")]
         let is_disarmed = self.actuators.is_safe() || self.actuators.is_disarmed(&self.parameters);
         #[cfg(feature = "safety")]
@@ -488,7 +488,7 @@ impl Node {
 
     /// Logs and publishes which outputs are in failsafe, if that has changed and several outputs are in use.
     #[cfg(feature = "outputs")]
-    fn tell_failsafe(&mut self, monitor: &mut Monitor) {
+    fn report_failsafe(&mut self, monitor: &mut Monitor) {
         if let Some((output, begins)) = self.actuators.take_change() {
             let line = if begins { Line::FailsafeOf } else { Line::FailsafeOfEnd };
             monitor.log_line(line).set_code(output as u8 + 1);
@@ -516,7 +516,7 @@ impl Node {
         self.actuators.second(self.second_ms);
         self.health.second();
         #[cfg(feature = "outputs")]
-        if self.actuators.is_telling() {
+        if self.actuators.publishes_failsafe() {
             self.publisher.publish(Publication::FailsafeOutputs);
         }
         self.temperature.second(&mut self.health, monitor);

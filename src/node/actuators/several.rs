@@ -20,7 +20,7 @@ pub struct Several {
     /// Outputs in failsafe: bit n - 1 is output n.
     failing: u8,
     /// `failing` when it was logged and published last.
-    told: u8,
+    published: u8,
     /// The output of the next actuator.Status.
     #[cfg(feature = "standard")]
     reported: u8,
@@ -52,7 +52,7 @@ impl Several {
             ids: [0; OUTPUTS],
             motors: 0,
             failing: 0,
-            told: 0,
+            published: 0,
             #[cfg(feature = "standard")]
             reported: 0,
             is_new: false,
@@ -62,7 +62,7 @@ impl Several {
             transfer: 0,
             waiting: 0,
             next: 0,
-            slots: [Slot { at: 0, bit: 0 }; OUTPUTS],
+            slots: [NO_SLOT; OUTPUTS],
             by_lower_bits: [0; 16],
             ticked: 0,
             is_stale: false,
@@ -140,10 +140,20 @@ impl Several {
         }
     }
 
+    /// Has these outputs, a bit each, follow a command later.
+    #[inline(always)]
+    fn wait(&mut self, outputs: u8, command: &Transfer) -> Line {
+        self.waiting |= outputs;
+        self.source = command.source;
+        self.transfer = command.transfer_id();
+        self.is_new = true;
+        Line::CommandWaits
+    }
+
     /// True if the pulses are to be given to the board, which they are after each change.
     #[inline(always)]
     pub fn take_stale(&mut self) -> bool {
-        // A single output ends its pulses only between two of them, so it is told so until it does.
+        // A single output ends its pulses only between two of them, so it gets its width again until it does.
         core::mem::take(&mut self.is_stale) || self.used == 1
     }
 
@@ -257,12 +267,8 @@ impl Actuators {
             board.commit();
             return line;
         }
-        self.several.waiting |= waiting;
         self.several.keep(command, entry_len);
-        self.several.source = command.source;
-        self.several.transfer = command.transfer_id();
-        self.several.is_new = true;
-        Line::CommandWaits
+        self.several.wait(waiting, command)
     }
 
     /// True if an entry of a command waits.
@@ -342,7 +348,8 @@ impl Actuators {
         }
     }
 
-    /// Takes an esc.RawCommand: the commands for the outputs that are motors. They are followed later, as the entries of an ArrayCommand for several outputs.
+    /// Takes an esc.RawCommand: the commands for the outputs that are motors. They are followed later, as the entries of an ArrayCommand for several
+    /// outputs.
     #[inline(never)]
     pub fn take_raw_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
         let Several { motors, ids, bytes, .. } = &mut self.several;
@@ -363,11 +370,7 @@ impl Actuators {
         if let Some(line) = self.blocked_motor(parameters) {
             return line;
         }
-        self.several.waiting |= found;
-        self.several.is_new = true;
-        self.several.source = command.source;
-        self.several.transfer = command.transfer_id();
-        Line::CommandWaits
+        self.several.wait(found, command)
     }
 
     /// The line for the reason to reject all commands for motors, if there is one. Motors need an armed vehicle, whatever ARM_REQ says.
@@ -425,18 +428,18 @@ impl Actuators {
     }
 
     /// True if several outputs are in use and one is in failsafe. Of a single output the status says all.
-    pub fn is_telling(&self) -> bool {
+    pub fn publishes_failsafe(&self) -> bool {
         self.several.used > 1 && self.several.failing != 0
     }
 
     /// An output whose failsafe has begun (true) or ended (false) since it was last logged, if several outputs are in use.
     pub fn take_change(&mut self) -> Option<(usize, bool)> {
-        let changed = self.several.failing ^ self.several.told;
+        let changed = self.several.failing ^ self.several.published;
         if changed == 0 || self.several.used == 1 {
             return None;
         }
         let output = changed.trailing_zeros() as usize;
-        self.several.told ^= 1 << output;
+        self.several.published ^= 1 << output;
         Some((output, self.several.failing & 1 << output != 0))
     }
 
