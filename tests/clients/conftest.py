@@ -22,6 +22,7 @@ import functools
 import importlib
 import os
 import pathlib
+import random
 import re
 import shutil
 import signal
@@ -107,10 +108,27 @@ def wait_until(condition, what, timeout=TIMEOUT_S):
     return result
 
 
+GIVEN_PORTS = set()
+
+
 def free_port():
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return listener.getsockname()[1]
+    """A port of the loopback that is free for TCP and for UDP, another one with each call.
+
+    It is below those that the kernel gives to a socket that asks for none (Linux: from 32768 on): one of them could be in use
+    again, by a client of another test, before the program under test opens it.
+    """
+    choices = random.SystemRandom()
+    while True:
+        port = choices.randrange(10_000, 32_768)
+        with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp:
+            try:
+                tcp.bind(("127.0.0.1", port))
+                udp.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+        if port not in GIVEN_PORTS:
+            GIVEN_PORTS.add(port)
+            return port
 
 
 # What is started in the namespace dies with its first process.
