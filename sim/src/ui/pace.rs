@@ -7,8 +7,6 @@ use bench::{Cycles, F_CPU_HZ};
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Lag that is made up for; more is forgotten. A few slices, so that a busy host does not bend the mean.
-const LAG_MAX_S: f64 = 0.25;
 /// The factor shown is that of the last stretch of at least this real time.
 const MEASURE_S: f64 = 1.0;
 
@@ -46,6 +44,8 @@ pub struct Measured {
 /// The pace maker. Real time is given as time since the start of the program.
 pub struct Pace {
     speed: Speed,
+    /// Lag that is made up for; more is forgotten.
+    lag_max_s: f64,
     /// Real and simulated time that correspond.
     anchor: (f64, Cycles),
     stretch: Stretch,
@@ -73,10 +73,11 @@ impl Stretch {
 }
 
 impl Pace {
-    /// Real and simulated time both start at 0.
-    pub fn new(speed: Speed) -> Pace {
+    /// Real and simulated time both start at 0. The simulation makes up for a lag of at most `lag_max`.
+    pub fn new(speed: Speed, lag_max: Duration) -> Pace {
         Pace {
             speed,
+            lag_max_s: lag_max.as_secs_f64(),
             anchor: (0.0, 0),
             stretch: Stretch::default(),
             last: Measured::default(),
@@ -104,7 +105,7 @@ impl Pace {
         };
         let real_s = real.as_secs_f64();
         let due_s = self.anchor.0 + (now - self.anchor.1) as f64 / F_CPU_HZ as f64 / factor;
-        if real_s - due_s > LAG_MAX_S {
+        if real_s - due_s > self.lag_max_s {
             self.anchor = (real_s, now);
         }
         Duration::from_secs_f64((due_s - real_s).max(0.0))
@@ -134,6 +135,10 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
+    fn at(speed: Speed) -> Pace {
+        Pace::new(speed, 250 * MS)
+    }
+
     #[test]
     fn speeds_are_factors_or_max() {
         assert_eq!("max".parse(), Ok(Speed::Max));
@@ -145,19 +150,19 @@ mod tests {
 
     #[test]
     fn real_time_waits_for_the_rest_of_the_slice() {
-        let mut pace = Pace::new(Speed::Factor(1.0));
+        let mut pace = at(Speed::Factor(1.0));
         let wait = pace.wait(F_CPU_HZ / 100, 4 * MS);
         assert_eq!(wait.as_micros(), 6_000);
-        let mut slow = Pace::new(Speed::Factor(0.1));
+        let mut slow = at(Speed::Factor(0.1));
         assert_eq!(slow.wait(F_CPU_HZ / 100, 4 * MS).as_micros(), 96_000);
-        let mut fast = Pace::new(Speed::Max);
+        let mut fast = at(Speed::Max);
         assert!(fast.wait(F_CPU_HZ, MS).is_zero());
     }
 
     /// After a stall the simulation goes on at its pace, it does not race.
     #[test]
     fn a_long_lag_is_forgotten_and_a_short_one_made_up_for() {
-        let mut pace = Pace::new(Speed::Factor(1.0));
+        let mut pace = at(Speed::Factor(1.0));
         assert!(pace.wait(0, 200 * MS).is_zero());
         assert!(pace.wait(F_CPU_HZ / 10, 200 * MS).is_zero());
         assert!(pace.wait(F_CPU_HZ / 10, 5_000 * MS).is_zero());
@@ -167,7 +172,7 @@ mod tests {
 
     #[test]
     fn the_factor_and_the_capacity_are_measured() {
-        let mut pace = Pace::new(Speed::Factor(1.0));
+        let mut pace = at(Speed::Factor(1.0));
         for slice in 1..=100 {
             pace.worked(F_CPU_HZ / 100, 2 * MS, slice * 10 * MS);
         }
@@ -178,7 +183,7 @@ mod tests {
 
     #[test]
     fn a_pause_changes_neither_the_pace_nor_the_factor() {
-        let mut pace = Pace::new(Speed::Factor(1.0));
+        let mut pace = at(Speed::Factor(1.0));
         pace.worked(F_CPU_HZ / 2, MS, 500 * MS);
         pace.resume(F_CPU_HZ / 2, 9_500 * MS, 10_000 * MS);
         assert_eq!(pace.wait(F_CPU_HZ, 10_000 * MS).as_millis(), 500);

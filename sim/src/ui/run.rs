@@ -26,6 +26,11 @@ use std::time::{Duration, Instant};
 const SLICE_S: f64 = 0.01;
 /// The same while clients on the wall clock may wait for an answer.
 const SLICE_WITH_CLIENTS_S: f64 = 0.002;
+/// The lag behind real time that the simulation makes up for: a few slices, so that a busy host does not bend the mean.
+const LAG_MAX: Duration = Duration::from_millis(250);
+/// The same while clients on the wall clock may be attached. To make up for a lag is to simulate faster than real time, and then little time of the
+/// client's is much simulated time: it must stay below the 50 ms that a node waits for the next frame of a transfer.
+const LAG_MAX_WITH_CLIENTS: Duration = Duration::from_millis(20);
 /// Limits of a slice in simulated time.
 const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
 const SLICE_MAX: Cycles = F_CPU_HZ / 50;
@@ -42,14 +47,15 @@ struct Clock {
 
 impl Clock {
     fn new(args: &Args, scene: &Scene) -> Clock {
-        let slice_s = if scene.needs_real_time() { SLICE_WITH_CLIENTS_S } else { SLICE_S };
+        let (slice_s, lag_max) =
+            if scene.needs_real_time() { (SLICE_WITH_CLIENTS_S, LAG_MAX_WITH_CLIENTS) } else { (SLICE_S, LAG_MAX) };
         let slice = match args.speed {
             Speed::Factor(factor) => (factor * slice_s * F_CPU_HZ as f64) as Cycles,
             Speed::Max => SLICE_MAX,
         };
         Clock {
             started: Instant::now(),
-            pace: Pace::new(args.speed),
+            pace: Pace::new(args.speed, lag_max),
             slice: slice.clamp(SLICE_MIN, SLICE_MAX),
             end: args.duration,
         }
