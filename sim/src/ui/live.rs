@@ -397,11 +397,14 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let limit = |of: fn(Budget) -> u32| memory.limits.map(of);
     let (text, style) = amount("flash", memory.flash, limit(|limits| limits.flash));
     lines.push(Line::styled(format!("{text} B"), style));
-    let (text, style) = amount("statics", memory.statics, limit(|limits| limits.statics));
-    lines.push(Line::styled(format!("{text} B"), style));
-    if let Some(stack) = memory.stack {
-        let (text, style) = amount(", RAM", memory.statics + stack, limit(|limits| limits.statics_and_stack));
-        lines[3].push_span(Span::styled(text, style));
+    if let Some(statics) = memory.statics {
+        let (text, style) = amount("statics", statics, limit(|limits| limits.statics));
+        let mut line = Line::styled(format!("{text} B"), style);
+        if let Some(stack) = memory.stack {
+            let (text, style) = amount(", RAM", statics + stack, limit(|limits| limits.statics_and_stack));
+            line.push_span(Span::styled(text, style));
+        }
+        lines.push(line);
     }
     lines.extend(circuit_line(state));
     let block = Block::bordered().title(title);

@@ -24,7 +24,7 @@ fn at_work() -> State {
         ..AutopilotState::default()
     });
     let limits = Some(Budget::of(Chip::Atmega168));
-    state.memory = Memory { flash: 9_876, statics: 312, stack: Some(200), limits };
+    state.memory = Memory { flash: 9_876, statics: Some(312), stack: Some(200), limits };
     state.controller.mode = String::from("Normal");
     state.controller.tec = 3;
     state.pulse(11 * SECOND, 28_000, None);

@@ -233,10 +233,14 @@ pub fn summary(state: &State, speed: Measured) -> String {
     );
     let of = |limit: fn(Budget) -> u32| memory.limits.map_or(String::new(), |limits| format!(" of {}", limit(limits)));
     line("flash", format!("{}{} B", memory.flash, of(|limits| limits.flash)));
-    line("statics", format!("{}{} B", memory.statics, of(|limits| limits.statics)));
-    if let Some(stack) = memory.stack {
-        let all = memory.statics + stack;
-        line("stack", format!("{stack} B, with statics {all}{} B", of(|limits| limits.statics_and_stack)));
+    if let Some(statics) = memory.statics {
+        line("statics", format!("{statics}{} B", of(|limits| limits.statics)));
+    }
+    if let (Some(statics), Some(stack)) = (memory.statics, memory.stack) {
+        line(
+            "stack",
+            format!("{stack} B, with statics {}{} B", statics + stack, of(|limits| limits.statics_and_stack)),
+        );
     }
     for mistake in state.mistakes.kinds() {
         line(
@@ -258,6 +262,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::state::Memory;
     use super::super::state::Origin;
     use super::*;
     use bench::avr::Chip;
@@ -425,7 +430,7 @@ mod tests {
         let mut state = State::new(1_000_000);
         state.pulse(16, 24_000, None);
         state.memory.flash = 9_876;
-        state.memory.statics = 312;
+        state.memory.statics = Some(312);
         state.memory.stack = Some(200);
         let limits = Budget::of(Chip::Atmega328p);
         state.memory.limits = Some(limits);
@@ -456,7 +461,16 @@ mod tests {
     fn a_program_without_limits_has_none_in_the_summary() {
         let mut state = State::new(1_000_000);
         state.memory.flash = 9_876;
+        state.memory.statics = Some(312);
         let text = summary(&state, Measured::default());
-        assert!(text.contains("flash           9876 B\nstatics         0 B\n") && !text.contains("stack"), "{text}");
+        assert!(text.contains("flash           9876 B\nstatics         312 B\n") && !text.contains("stack"), "{text}");
+    }
+
+    #[test]
+    fn the_statics_of_an_unknown_program_are_not_in_the_summary() {
+        let mut state = State::new(1_000_000);
+        state.memory = Memory { flash: 9_876, limits: Some(Budget::of(Chip::Atmega328p)), ..Memory::default() };
+        let text = summary(&state, Measured::default());
+        assert!(text.contains("flash           9876 of ") && !text.contains("statics"), "{text}");
     }
 }

@@ -151,7 +151,8 @@ struct Spi {
 struct Budget {
     flash: u32,
     flash_limit: Option<u32>,
-    statics: u32,
+    /// `null` of a chip with a bootloader.
+    statics: Option<u32>,
     statics_limit: Option<u32>,
     stack: Option<u32>,
     statics_and_stack_limit: Option<u32>,

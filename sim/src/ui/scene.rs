@@ -161,7 +161,7 @@ impl Scene {
         state.memory.flash = first.flash.iter().map(|(_, bytes)| bytes.len() as u32).sum();
         // An update may bring another program.
         let known = if loader.is_some() { &nothing } else { firmware };
-        state.memory.statics = known.statics;
+        state.memory.statics = loader.is_none().then_some(firmware.statics);
         state.memory.limits = limits;
         state.knows_vendor_code = knows_vendor_code;
         let bottom = known.symbols.get(STACK_BOTTOM_SYMBOL).and_then(|symbol| u16::try_from(symbol.address).ok());

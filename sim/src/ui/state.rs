@@ -168,8 +168,8 @@ pub struct Latency {
 pub struct Memory {
     /// .text + .data.
     pub flash: u32,
-    /// .data + .bss.
-    pub statics: u32,
+    /// .data + .bss; `None` of a chip with a bootloader: an update can have brought another program.
+    pub statics: Option<u32>,
     /// Deepest stack so far, in programs that paint it.
     pub stack: Option<u32>,
     /// What it may use, in programs that say for which board they are.
