@@ -109,6 +109,7 @@ install: firmware sim-program bridge-program update-program
 	@set -e; for program in sim bridge update; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$program; done
 	@echo "Installed sim, bridge and node-update in $(PREFIX)/bin"
 	@case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo "The shell does not look there yet: add it to PATH" ;; esac
+	@$(if $(BOARD)$(SHIELD)$(FEATURES),echo "sim without --elf simulates the default firmware. For this one: sim --elf '$(abspath $(ELF))'")
 
 firmware:
 	@scripts/setup build
