@@ -14,7 +14,7 @@ use crate::image::InMemory;
 use crate::monitor::Monitor;
 use crate::node::Node;
 use crate::node::acceptance::NodeAcceptance;
-use crate::node::agenda::{Agenda, Facts, Turn};
+use crate::node::agenda::{Agenda, Entry, Facts, Turn};
 use crate::node::condition::ResetCause;
 use crate::node::servo::{Output, Ticks};
 use crate::node::store::{Address, EEPROM_LEN, Eeprom};
@@ -202,7 +202,7 @@ impl Desk {
         let now_ms = self.now_ms();
         let Self { node, receiver, monitor, can, memory, servos, .. } = self;
         let is_empty = can.is_empty;
-        let turn = self.agenda.next(!can.received.is_empty(), node.has_entry(), || Facts {
+        let turn = self.agenda.next(!can.received.is_empty(), node.entry(), || Facts {
             has_ticked: self.passed_ms != 0,
             has_chore: node.has_chore(),
             is_controller_due: can.is_due,
@@ -286,7 +286,7 @@ impl Desk {
     /// Takes turns until no received frame and no chore is left.
     pub fn settle(&mut self) {
         let mut turns = 0;
-        while !self.can.received.is_empty() || self.node.has_entry() || self.node.has_chore() {
+        while !self.can.received.is_empty() || self.node.entry() != Entry::None || self.node.has_chore() {
             self.turn();
             turns += 1;
             assert!(turns < TURNS_MAX, "it goes on for ever");

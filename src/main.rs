@@ -49,7 +49,7 @@ fn main() -> ! {
     loop {
         guard::is_alive();
         let now_ms = board.clock.now_ms();
-        let turn = agenda.next(board.bus.has_frame(), node.has_entry(), || {
+        let turn = agenda.next(board.bus.has_frame(), node.entry(), || {
             let controller = board.bus.controller(|can| can.state(now_ms));
             Facts {
                 has_ticked: board.clock.has_ticked(),

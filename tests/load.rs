@@ -131,18 +131,21 @@ fn no_frame_takes_more_than_two_chip_selects_and_nine_bytes_besides_its_data() {
 /// From the end of its last frame.
 #[test]
 fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_of_its_end() {
-    all(
-        |load| load.kind.moves(),
-        |figures| {
+    let is_slower_than = |max_us: u32| {
+        move |figures: &Figures| {
             let to_servo = &figures.command_to_servo;
             let (moves, max) = (to_servo.values().len(), to_servo.max() / 16);
-            (moves < 40 || max > 500).then(|| format!("{moves} commands, the slowest after {max} us"))
-        },
-    );
+            (moves < 40 || max > max_us).then(|| format!("{moves} commands, the slowest after {max} us"))
+        }
+    };
+    // With all features the node follows the newest of these commands, a turn later.
+    let is_too_much = |load: Load| rig::has_all_features() && load.kind == Kind::Command(5) && load.pace == Pace::Full;
+    all(|load| load.kind.moves() && !is_too_much(load), is_slower_than(500));
+    all(|load| load.kind.moves(), is_slower_than(600));
 }
 
-/// With its division a position takes longer than the 1,840 cycles that such a frame lasts, and with the draft beside v0 any command does. Of a
-/// bus full of nothing else, 8,700 a second, the node loses some (docs/decisions.md). Up to three quarters of that rate it loses none.
+/// Of a bus full of commands of one frame, 8,700 a second, which last 1,840 cycles each, the ATmega168 loses some that are positions, because they take
+/// a division. The ATmega328P follows the newest (docs/decisions.md). Up to three quarters of that rate the node follows all.
 #[test]
 fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_full_bus() {
     for kind in [Kind::Position, Kind::Command(5), Kind::Thesis] {
@@ -160,8 +163,8 @@ fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_ful
         let full = run(load(Pace::Full), LOAD_MS);
         let (frames, lost) = (full.meter.frames, full.meter.lost);
         let part = match kind {
-            Kind::Position if rig::takes_both_dialects() => 2,
-            _ if rig::takes_both_dialects() => 3,
+            Kind::Thesis if rig::takes_both_dialects() => 30,
+            _ if rig::has_all_features() => 200,
             _ => 7,
         };
         println!("{kind:?}: {lost} lost beside {frames}");
@@ -283,8 +286,6 @@ fn no_turn_of_the_main_loop_takes_longer_than_250_us_with_everything_at_once() {
         assert!(turns > 1000);
         let tasks: Vec<String> =
             profile.tasks(&names).iter().map(|share| format!("{} {}", share.cycles, share.name)).collect();
-        // With all features 254 us were measured.
-        let limit = if rig::has_all_features() { 4100 } else { 4000 };
-        assert!(worst <= limit, "{load:?}: a turn of {worst} cycles\n{}", tasks.join("\n"));
+        assert!(worst <= 4000, "{load:?}: a turn of {worst} cycles\n{}", tasks.join("\n"));
     }
 }

@@ -52,12 +52,10 @@ const CLIENT_TIMEOUT_MS: u64 = 300;
 const CANINTF: u8 = 0x2C;
 const RX_FLAGS: u8 = 0b11;
 
-/// With the draft beside v0 and room for two transfers, a command of one frame takes longer than such a frame lasts at 1 Mbit/s: of a bus full of
+/// With the draft beside v0 and room for two transfers, a command of the thesis takes longer than such a frame lasts at 1 Mbit/s: of a bus full of
 /// nothing else the node loses some (docs/decisions.md).
 pub fn is_more_than_it_follows(kind: Kind) -> bool {
-    super::takes_both_dialects()
-        && super::board().fastest_bit_rate() == 1_000_000
-        && matches!(kind, Kind::Command(5) | Kind::Thesis)
+    super::takes_both_dialects() && super::board().fastest_bit_rate() == 1_000_000 && kind == Kind::Thesis
 }
 
 /// What a frame on a full bus is.

@@ -29,6 +29,17 @@ pub struct Facts {
     pub has_to_send: bool,
 }
 
+/// If an entry of a command for an output waits to be followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Entry {
+    /// None waits.
+    None,
+    /// One waits until the queue of received frames is empty.
+    Waits,
+    /// One waits for the only output in use, and the next frame brought no newer one.
+    IsOverdue,
+}
+
 /// What to do now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
@@ -73,19 +84,23 @@ impl Agenda {
         Self { frames_in_a_row: 0, was_tick: false, was_following: false, is_full: false }
     }
 
-    /// Chooses the next turn. A received frame waits if `has_frame`, an entry of a command if `has_entry`. Calls `facts` only if that does not decide.
+    /// Chooses the next turn. A received frame waits if `has_frame`. Calls `facts` only if that and `entry` do not decide.
     #[inline(always)]
-    pub fn next(&mut self, has_frame: bool, has_entry: bool, facts: impl FnOnce() -> Facts) -> Turn {
+    pub fn next(&mut self, has_frame: bool, entry: Entry, facts: impl FnOnce() -> Facts) -> Turn {
+        #[cfg(feature = "outputs")]
+        if entry == Entry::IsOverdue {
+            return Turn::Follow;
+        }
         if has_frame && self.frames_in_a_row < FRAMES_IN_A_ROW {
             self.frames_in_a_row += 1;
             return Turn::TakeFrame;
         }
         self.frames_in_a_row = 0;
-        let _ = has_entry;
+        let _ = entry;
         #[cfg(feature = "outputs")]
         {
             // In a flood entries and other work take turns.
-            self.was_following = has_entry && !self.was_following;
+            self.was_following = entry != Entry::None && !self.was_following;
             if self.was_following {
                 return Turn::Follow;
             }
@@ -138,7 +153,7 @@ mod tests {
     /// The turns for constant facts, one after the other.
     fn turns(has_frame: bool, facts: Facts) -> impl Iterator<Item = Turn> {
         let mut agenda = Agenda::new();
-        std::iter::from_fn(move || Some(agenda.next(has_frame, false, || facts)))
+        std::iter::from_fn(move || Some(agenda.next(has_frame, Entry::None, || facts)))
     }
 
     fn first(facts: Facts) -> Turn {
@@ -177,7 +192,7 @@ mod tests {
     #[test]
     fn an_entry_of_a_command_takes_turns_with_other_work() {
         let mut agenda = Agenda::new();
-        let mut next = || agenda.next(true, true, || EVERYTHING);
+        let mut next = || agenda.next(true, Entry::Waits, || EVERYTHING);
         for _ in 0..3 {
             for _ in 0..FRAMES_IN_A_ROW {
                 assert_eq!(next(), Turn::TakeFrame);
@@ -192,12 +207,20 @@ mod tests {
 
     #[cfg(feature = "outputs")]
     #[test]
+    fn an_overdue_entry_comes_before_frames() {
+        let mut agenda = Agenda::new();
+        assert_eq!(agenda.next(true, Entry::IsOverdue, || EVERYTHING), Turn::Follow);
+        assert_eq!(agenda.next(true, Entry::None, || EVERYTHING), Turn::TakeFrame);
+    }
+
+    #[cfg(feature = "outputs")]
+    #[test]
     fn an_entry_that_always_waits_keeps_nothing_else_from_its_turn() {
         let facts = Facts { is_on_bus: true, has_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..5 {
-            assert_eq!(agenda.next(false, true, || facts), Turn::Follow);
-            assert_eq!(agenda.next(false, true, || facts), Turn::PrepareFrame);
+            assert_eq!(agenda.next(false, Entry::Waits, || facts), Turn::Follow);
+            assert_eq!(agenda.next(false, Entry::Waits, || facts), Turn::PrepareFrame);
         }
     }
 
@@ -228,11 +251,11 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..3 {
-            assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
+            assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
             for _ in 0..5 {
-                assert_eq!(agenda.next(false, false, || facts), Turn::Monitor);
+                assert_eq!(agenda.next(false, Entry::None, || facts), Turn::Monitor);
             }
-            assert_eq!(agenda.next(false, false, || Facts { has_ticked: true, ..facts }), Turn::Tick);
+            assert_eq!(agenda.next(false, Entry::None, || Facts { has_ticked: true, ..facts }), Turn::Tick);
         }
     }
 
@@ -240,8 +263,8 @@ mod tests {
     fn a_frame_goes_as_soon_as_there_is_room() {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
-        assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
-        assert_eq!(agenda.next(false, false, || Facts { has_room: true, ..facts }), Turn::SendFrame);
+        assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
+        assert_eq!(agenda.next(false, Entry::None, || Facts { has_room: true, ..facts }), Turn::SendFrame);
     }
 
     #[test]
@@ -249,11 +272,11 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..3 {
-            assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
-            assert_eq!(agenda.next(false, false, || Facts { has_room: true, ..facts }), Turn::SendFrame);
+            assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
+            assert_eq!(agenda.next(false, Entry::None, || Facts { has_room: true, ..facts }), Turn::SendFrame);
         }
-        assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
-        assert_eq!(agenda.next(false, false, || facts), Turn::Monitor);
+        assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
+        assert_eq!(agenda.next(false, Entry::None, || facts), Turn::Monitor);
     }
 
     #[test]

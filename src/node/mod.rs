@@ -62,6 +62,7 @@ use crate::monitor::{Event, Line, Monitor};
 use crate::progmem::Progmem;
 use acceptance::{Filters, NodeAcceptance, Row};
 use actuators::Actuators;
+use agenda::Entry;
 use autopilot::Autopilot;
 use condition::{Conditions, ResetCause};
 use dialect::Dialect;
@@ -461,13 +462,13 @@ impl Node {
         }
     }
 
-    /// True if an entry of a command waits to be followed.
+    /// If an entry of a command waits to be followed.
     #[inline(always)]
-    pub fn has_entry(&self) -> bool {
+    pub fn entry(&self) -> Entry {
         #[cfg(feature = "outputs")]
-        return self.actuators.has_entry();
+        return self.actuators.entry();
         #[cfg(not(feature = "outputs"))]
-        return false;
+        return Entry::None;
     }
 
     /// Follows the next entry of a command, and counts and logs it.
@@ -549,6 +550,8 @@ impl Node {
         monitor: &mut Monitor,
         servo: &mut impl Output,
     ) {
+        #[cfg(feature = "outputs")]
+        self.actuators.note_frame();
         let segment = match self.dialect.segment(frame, self.id) {
             Ok(segment) => segment,
             Err(rejection) => return self.reject(rejection, frame, monitor),

@@ -1,6 +1,7 @@
 //! A node with several outputs: which are in use, which commands are for them, and which of them are in failsafe.
 
 use super::super::actuator::Actuator;
+use super::super::agenda::Entry;
 use super::super::parameters::{OutputParameter, Parameters};
 use super::super::servo::{CommandType, Output};
 use super::super::wire::{KEPT, Transfer};
@@ -26,6 +27,8 @@ pub struct Several {
     reported: u8,
     /// No entry of the last command was followed yet.
     is_new: bool,
+    /// The last frame brought the entry that waits.
+    is_fresh: bool,
     /// The slots of the last commands, the length of an entry, and the last command's source and transfer ID.
     bytes: [u8; KEPT],
     entry_len: u8,
@@ -56,6 +59,7 @@ impl Several {
             #[cfg(feature = "standard")]
             reported: 0,
             is_new: false,
+            is_fresh: false,
             bytes: [0; KEPT],
             entry_len: 0,
             source: 0,
@@ -147,6 +151,7 @@ impl Several {
         self.source = command.source;
         self.transfer = command.transfer_id();
         self.is_new = true;
+        self.is_fresh = true;
         Line::CommandWaits
     }
 
@@ -228,9 +233,9 @@ impl Actuators {
         self.several.slot_of(id)
     }
 
-    /// Takes an ArrayCommand, whose entries have `entry_len` bytes: those for the outputs in use. If one output is in use, it follows at once.
-    /// So does a single entry of several outputs, unless more frames wait (`has_backlog`). Others are followed later, one at a time, by
-    /// [`follow_next`](Self::follow_next), because each takes up to 100 us. So also on a full bus no frame is lost, and the newest commands are followed.
+    /// Takes an ArrayCommand, whose entries have `entry_len` bytes: those for the outputs in use. An output follows a single entry at once, unless more
+    /// frames wait (`has_backlog`). Other entries are followed later, one at a time, by [`follow_next`](Self::follow_next), because each takes up to
+    /// 100 us. So also on a full bus no frame is lost, and the newest commands are followed.
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "it is inlined")]
     pub fn take_array_command(
@@ -250,9 +255,6 @@ impl Actuators {
         if let Some(line) = self.blocked(parameters) {
             return line;
         }
-        if self.several.used == 1 {
-            return self.follow_entry(entry(command.bytes(), Slot::new(0), entry_len), 0, event, now_ms, board);
-        }
         let (mut bit, mut waiting, mut output) = (1u8, 0, 0);
         for (n, slot) in self.several.slots.iter().take(self.used()).enumerate() {
             if command.slots() & slot.bit != 0 {
@@ -261,7 +263,9 @@ impl Actuators {
             }
             bit <<= 1;
         }
-        if waiting.is_power_of_two() && !has_backlog() {
+        // A sender's single entry never replaces the entry of another sender that waits: what is rejected could keep what is not from being followed.
+        let is_others = self.several.waiting != 0 && self.several.source != command.source;
+        if waiting.is_power_of_two() && (is_others || !has_backlog()) {
             let entry = entry(command.bytes(), self.several.slots[output], entry_len);
             let line = self.follow_entry(entry, output, event, now_ms, board);
             board.commit();
@@ -271,10 +275,22 @@ impl Actuators {
         self.several.wait(waiting, command)
     }
 
-    /// True if an entry of a command waits.
+    /// Notes that a frame comes.
     #[inline(always)]
-    pub fn has_entry(&self) -> bool {
-        self.several.waiting != 0
+    pub fn note_frame(&mut self) {
+        self.several.is_fresh = false;
+    }
+
+    /// If an entry of a command waits.
+    #[inline(always)]
+    pub fn entry(&self) -> Entry {
+        if self.several.waiting == 0 {
+            Entry::None
+        } else if self.several.is_fresh || self.several.used != 1 {
+            Entry::Waits
+        } else {
+            Entry::IsOverdue
+        }
     }
 
     /// Follows the next entry that waits. After those of all outputs it has the board begin their pulses in the same period. Returns the line to log and

@@ -3,6 +3,7 @@
 use super::*;
 use crate::hardware::OUTPUTS;
 use crate::monitor::Line;
+use crate::node::agenda::{Entry, Turn};
 use crate::node::parameters::OutputParameter;
 
 const ARRAY_COMMAND: u32 = 0x1003_F20A;
@@ -115,6 +116,48 @@ fn of_many_commands_the_newest_is_followed_and_every_output_has_its_turn() {
     assert_eq!(rig.servos_us(), [1199; OUTPUTS]);
 }
 
+/// A frame of a command for output 1 alone: a pulse width in microseconds, from a node.
+fn width_from(source: u8, width_us: f32) -> Frame {
+    let [low, high] = half::f16::from_f32(width_us).to_le_bytes();
+    golden::frame(ARRAY_COMMAND & !0x7F | u32::from(source), &[1, PWM, low, high, 0xC0])
+}
+
+/// A node with one output, and these frames in its queue.
+fn one_output(frames: impl IntoIterator<Item = Frame>) -> Rig {
+    let mut rig = Rig::with(&[]);
+    rig.can.received.extend(frames);
+    rig
+}
+
+#[test]
+fn a_single_output_follows_the_newest_of_commands_that_come_too_fast() {
+    let mut rig = one_output((0..40).map(|n| width_from(10, 1000.0 + n as f32)));
+    rig.settle();
+    assert_eq!(rig.servos_us()[0], 1039);
+    assert!(rig.node.health().counts.followed < 10, "{}", rig.node.health().counts.followed);
+}
+
+#[test]
+fn a_single_output_follows_a_command_before_the_second_frame_after_it() {
+    let other = golden::frame(ARMING_STATUS, &[0, 0xC0]);
+    let mut rig = one_output([width_from(10, 1200.0), other, other, other]);
+    while rig.can.received.len() > 2 {
+        rig.turn();
+    }
+    assert_eq!(rig.servos_us()[0], 0);
+    assert_eq!((rig.turn(), rig.servos_us()[0], rig.can.received.len()), (Turn::Follow, 1200, 2));
+}
+
+/// The command of node 10 waits. Node 11 sends what no output follows.
+#[test]
+fn a_rejected_command_of_another_node_does_not_replace_one_that_waits() {
+    let broken = width_from(11, f32::NAN);
+    let mut rig = one_output([width_from(10, 1200.0), broken, broken, broken]);
+    rig.settle();
+    assert_eq!(rig.servos_us()[0], 1200);
+    assert_eq!(rig.node.health().counts.refused, 3);
+}
+
 /// Outputs 1 and 2 have the same ID, so they share a slot. The slot of output 2 alone has the entry of an old command.
 #[test]
 fn an_output_whose_id_changes_while_its_entry_waits_does_not_follow_an_old_one() {
@@ -125,7 +168,7 @@ fn an_output_whose_id_changes_while_its_entry_waits_does_not_follow_an_old_one()
     for _ in 0..20 {
         rig.can.received.push_back(golden::frame(ARRAY_COMMAND, &[1, PWM, low, high, 0xC0]));
     }
-    while !rig.node.has_entry() {
+    while rig.node.entry() == Entry::None {
         rig.turn();
     }
     rig.servos.0[1] = 0;
@@ -154,7 +197,7 @@ fn what_waits_is_not_followed_after_the_vehicle_was_disarmed() {
     for frame in golden::transfer(ARRAY_COMMAND, golden::ARRAY_COMMAND, 3, &[1, PWM, low, high, 2, PWM, low, high]) {
         rig.can.received.push_back(frame);
     }
-    while !rig.node.has_entry() {
+    while rig.node.entry() == Entry::None {
         rig.turn();
     }
     rig.can.received.push_back(golden::frame(ARMING_STATUS, &[0, 0xC0]));
