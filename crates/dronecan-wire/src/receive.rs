@@ -15,7 +15,7 @@
 //!   sender, whose transfer is then lost and reported. It never takes a list lane of the sender that the caller protects.
 //! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows) the last one. The receiver ignores any other
 //!   frame that is not a first frame: either it came twice, or its transfer was lost and reported before.
-//! * A transfer whose next frame does not come within [`FRAME_TIMEOUT_MS`] is lost: see [`Receiver::expire`].
+//! * A transfer whose next frame does not come within [`LIST_FRAME_TIMEOUT_MS`] or [`FRAME_TIMEOUT_MS`] is lost: see [`Receiver::expire`].
 //! * A single-frame transfer needs no lane, so it is always received.
 //!
 //! A first frame begins a transfer whatever its transfer ID, as in libcanard. So the receiver accepts a sender that restarts at once.
@@ -23,9 +23,13 @@
 use crate::bits::{Id, Tail};
 use crate::crc;
 
-/// The longest time between two frames of a transfer, in milliseconds. Slow buses and adapters need 5 to 12 ms. The specification (chapter 4) gives a whole
-/// transfer two seconds; a lane would be lost that long to a transfer that is never completed.
-pub const FRAME_TIMEOUT_MS: u16 = 50;
+/// The longest time between two frames of a list (a transfer in a [list lane](Received::has_own_lanes)), in milliseconds. A list moves something: half of it
+/// must not wait for a late rest. Slow buses and adapters need 5 to 12 ms for a frame.
+pub const LIST_FRAME_TIMEOUT_MS: u16 = 50;
+
+/// The longest time between two frames of any other transfer, in milliseconds: the transfer timeout of the specification (chapter 4). A client behind a slow
+/// radio link can take that long. The transfer of another sender can use the lane before, because it may take the lane of any sender.
+pub const FRAME_TIMEOUT_MS: u16 = 2000;
 
 /// The data types that a node receives. Each value of the implementing type stands for one data type.
 ///
@@ -253,8 +257,8 @@ pub struct Transfer<K, const KEPT: usize> {
     slots: u8,
     /// In a list: number of complete entries.
     entries: u8,
-    /// When its last frame came.
-    heard_ms: u16,
+    /// The transfer is lost if its next frame does not come until then.
+    expires_ms: u16,
     sum: u16,
     crc: [u8; 2],
     bytes: [u8; KEPT],
@@ -271,7 +275,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         kept_at: 0,
         slots: 0,
         entries: 0,
-        heard_ms: 0,
+        expires_ms: 0,
         sum: 0,
         crc: [0; 2],
         bytes: [0; KEPT],
@@ -375,12 +379,12 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
         self.lists.iter().chain(&self.others).any(|lane| lane.is_open)
     }
 
-    /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so, and at least once a minute, because the clock
+    /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so, and at least every 30 s, because the clock
     /// wraps.
     #[inline(always)]
     pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT>> {
         let mut lanes = self.lists.iter_mut().chain(&mut self.others);
-        let lane = lanes.find(|lane| lane.is_open && now_ms.wrapping_sub(lane.heard_ms) > FRAME_TIMEOUT_MS)?;
+        let lane = lanes.find(|lane| lane.is_open && (lane.expires_ms.wrapping_sub(now_ms) as i16) < 0)?;
         lane.is_open = false;
         Some(lane)
     }
@@ -404,13 +408,18 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
     ) -> Verdict<'_, K, KEPT> {
         let Segment { kind, source, priority, tail, mut payload } = segment;
         let entry_len = kind.entry_len();
+        let timeout_ms;
         let lane = if tail.is_single() {
+            // The transfer is complete at once.
+            timeout_ms = 0;
             Some(&mut self.single)
         } else if !kind.is_multi_frame() || source == 0 {
             return Verdict::Rejected(Rejection::Malformed);
         } else if kind.has_own_lanes() {
+            timeout_ms = LIST_FRAME_TIMEOUT_MS;
             lane(&mut self.lists, kind, source, tail.is_start(), protected)
         } else {
+            timeout_ms = FRAME_TIMEOUT_MS;
             lane(&mut self.others, kind, source, tail.is_start(), 0)
         };
         let mut verdict = Verdict::More;
@@ -439,7 +448,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
             return verdict;
         }
         lane.tail = tail;
-        lane.heard_ms = now_ms;
+        lane.expires_ms = now_ms.wrapping_add(timeout_ms);
         lane.take(payload, entry_len, slot_of);
         if !tail.is_end() {
             return verdict;

@@ -583,11 +583,9 @@ fn is_receiving_is_true_from_the_first_frame_to_the_last_or_until_the_transfer_e
     rig.frame(&frames[0]);
     assert_eq!(rig.receiver.expire(51).map(|lost| lost.source), Some(10));
     assert!(!rig.receiver.is_receiving());
-    {
-        rig.frame(&golden::frames(SET)[0]);
-        assert!(rig.receiver.is_receiving(), "a request");
-        assert!(rig.receiver.expire(51).is_some_and(|lost| lost.kind == Kind::GetSet));
-    }
+    rig.frame(&golden::frames(SET)[0]);
+    assert!(rig.receiver.is_receiving(), "a request");
+    assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::GetSet));
 }
 
 /// Two lanes with open transfers of these senders.
@@ -644,23 +642,40 @@ fn a_command_in_one_frame_is_received_during_a_longer_one() {
     assert_eq!(entry(rig.frame(&long[1])), Some((0, 1)));
 }
 
+/// Sends a transfer whose frames come with a pause after each. Returns true if it is received, false if it expires, at most once.
+fn is_received_with_pauses(frames: &[Frame], start_ms: u16, pause_ms: u16) -> bool {
+    let mut rig = Rig::new();
+    rig.now_ms = start_ms;
+    let mut expired = 0;
+    let mut is_received = false;
+    for frame in frames {
+        is_received = rig.frame(frame).is_some();
+        rig.now_ms = rig.now_ms.wrapping_add(pause_ms);
+        expired += u32::from(rig.receiver.expire(rig.now_ms).is_some());
+    }
+    assert_eq!(expired, u32::from(!is_received), "{pause_ms} ms");
+    is_received
+}
+
 #[test]
-fn a_frame_may_take_fifty_milliseconds_and_no_longer() {
+fn the_next_frame_of_a_list_may_come_after_fifty_milliseconds_and_no_later() {
     let commands: Vec<(u8, u8, u16)> = (1..=15).map(|id| (id, 0, u16::from(id))).collect();
-    let frames = command(10, 1, &commands);
-    assert_eq!(frames.len(), 9);
-    for start in [0, 65_400, u16::MAX] {
-        for (took_ms, comes) in [(0, true), (12, true), (50, true), (51, false), (30_000, false)] {
-            let mut rig = Rig::new();
-            rig.now_ms = start;
-            let mut expired = 0;
-            let mut received = None;
-            for frame in &frames {
-                received = rig.frame(frame).map(|transfer| transfer.bytes()[0]);
-                rig.now_ms = rig.now_ms.wrapping_add(took_ms);
-                expired += u32::from(rig.receiver.expire(rig.now_ms).is_some());
-            }
-            assert_eq!((received, expired), if comes { (Some(1), 0) } else { (None, 1) }, "{took_ms} ms");
+    let list = command(10, 1, &commands);
+    assert_eq!(list.len(), 9);
+    for start_ms in [0, 65_400, u16::MAX] {
+        for (pause_ms, is_received) in [(0, true), (12, true), (50, true), (51, false), (30_000, false)] {
+            assert_eq!(is_received_with_pauses(&list, start_ms, pause_ms), is_received, "{pause_ms} ms");
+        }
+    }
+}
+
+#[test]
+fn the_next_frame_of_a_request_may_come_after_two_seconds_and_no_later() {
+    let request = frames(SET);
+    assert_eq!(request.len(), 3);
+    for start_ms in [0, 62_000, u16::MAX] {
+        for (pause_ms, is_received) in [(51, true), (2000, true), (2001, false), (30_000, false)] {
+            assert_eq!(is_received_with_pauses(&request, start_ms, pause_ms), is_received, "{pause_ms} ms");
         }
     }
 }
