@@ -1,11 +1,11 @@
-//! What a user may do to the bench, by key or by `--inject NAME@TIME`: faults of the bus, of the chip, of the wiring.
+//! Faults that a user can cause by key or by `--inject NAME@TIME`: of the bus, of the MCP2515, of the wiring, of the autopilot.
 
 use crate::time::{parse_duration, seconds};
 use bench::Cycles;
 use std::fmt;
 use std::str::FromStr;
 
-/// A fault. Those that last are switched on and off; the others happen once.
+/// A fault. A lasting fault ([`Fault::lasts`]) begins and ends; any other happens once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fault {
     BitError,
@@ -43,7 +43,7 @@ pub enum Fault {
 /// Faults of the menu, in the order of their digits.
 pub const MENU: [Fault; 9] = *ALL.first_chunk().expect("more faults than digits");
 
-/// All faults that `--inject` and scripts know: the menu, those with a key of their own, and some that are too rare for a key.
+/// All faults that `--inject` and scripts know. The menu's come first. Some have a key of their own, and some have no key.
 pub const ALL: [Fault; 30] = [
     Fault::BitError,
     Fault::ErrorRate,
@@ -119,25 +119,25 @@ impl Fault {
         match self {
             Fault::BitError => "one bit of the next frame is inverted",
             Fault::ErrorRate => "1 bit in 5,000 is inverted (on/off)",
-            Fault::LoseFrame => "the node does not hear the next frame",
-            Fault::NoAck => "nobody acknowledges, as if only listeners were there (on/off)",
+            Fault::LoseFrame => "the node does not receive the next frame",
+            Fault::NoAck => "no station acknowledges, as in listen-only mode (on/off)",
             Fault::StuckDominant => "the bus is shorted to dominant (on/off)",
             Fault::Babble => "another node floods the bus (on/off)",
             Fault::ChipReset => "the MCP2515 loses all its settings",
-            Fault::SpiNoise => "1 bit in 10,000 between the chips is inverted (on/off)",
+            Fault::SpiNoise => "1 bit in 10,000 on the SPI is inverted (on/off)",
             Fault::ChipPower => "the MCP2515 has no power (on/off)",
             Fault::Cable => "the node's bus cable is pulled or plugged (on/off)",
-            Fault::Silence => "the autopilot falls silent or speaks (on/off)",
-            Fault::Disarm => "the vehicle is disarmed or armed, if the autopilot says so (on/off)",
+            Fault::Silence => "the autopilot stops sending or sends again (on/off)",
+            Fault::Disarm => "the vehicle is disarmed or armed, if the autopilot sends ArmingStatus (on/off)",
             Fault::Reset => "the board's reset button is pressed",
             Fault::ErrorStorm => "1 bit in 100 is inverted (on/off)",
-            Fault::AckDestroyed => "every acknowledgement is destroyed, so that receivers destroy the frame (on/off)",
+            Fault::AckDestroyed => "every ACK is destroyed, so that receivers destroy the frame (on/off)",
             Fault::DestroyFrames => "every frame is destroyed, so that senders go bus-off (on/off)",
             Fault::WrongRate => "another node sends at half the bit rate (on/off)",
             Fault::SameId => "another node sends one NodeStatus with the node's ID",
             Fault::ChipGarbage => "the MCP2515's supply dips: all its registers are garbage",
             Fault::ChipRegister => "one bit of CNF2 of the MCP2515 flips",
-            Fault::ChipSleep => "the MCP2515 falls asleep",
+            Fault::ChipSleep => "the MCP2515 goes to sleep mode",
             Fault::ChipHeld => "the MCP2515 stays in configuration mode (on/off)",
             Fault::MisoLow => "the SPI reads all zeros (on/off)",
             Fault::MisoHigh => "the SPI reads all ones (on/off)",
@@ -146,13 +146,13 @@ impl Fault {
             Fault::SensorNoise => "the sensor's voltage has noise of 100 mV (on/off)",
             Fault::SensorShort => "the sensor is shorted to ground (on/off)",
             Fault::BrownOut => "the processor's supply dips",
-            Fault::OtherDialect => "the autopilot is replaced by one of the other dialect, v0 or the draft of 2014",
+            Fault::OtherDialect => "an autopilot of the other dialect, v0 or the draft of 2014, replaces the first one",
         }
     }
 
-    /// Whether the driver meets a chip that is not as it left it, or talks to it through noise: then it makes mistakes that are
-    /// not its own.
-    pub fn upsets_the_chip(self) -> bool {
+    /// True if the fault changes the state of the MCP2515 behind the driver's back, or the data on the SPI. The driver can
+    /// then send wrong commands without a mistake of its own.
+    pub fn disturbs_chip(self) -> bool {
         matches!(
             self,
             Fault::SpiNoise
@@ -167,7 +167,7 @@ impl Fault {
         )
     }
 
-    /// Whether it lasts until it is switched off.
+    /// True if the fault lasts until it is ended. False if it happens once.
     pub fn lasts(self) -> bool {
         !matches!(
             self,
@@ -207,7 +207,7 @@ pub fn table() -> String {
     ALL.iter().map(|fault| format!("  {fault:15}{}\n", fault.explanation())).collect()
 }
 
-/// A fault with its simulated time, "NAME@TIME" on the command line. A lasting fault named twice ends at the second.
+/// A fault and its simulated time, "NAME@TIME" on the command line. If a lasting fault is named twice, it ends at the second time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Injection {
     pub at: Cycles,

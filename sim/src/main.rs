@@ -1,6 +1,7 @@
 //! `sim`: the node on a simulated bench, for people and for scripts.
 //!
-//! The story: read the command line, boot the bench, show it live or as lines, say how it ended. See `sim --help`.
+//! Steps: read the command line, boot the bench, show it live or as lines, write the report, return the exit code. See
+//! `sim --help`.
 
 use anyhow::{Context, Result};
 use clap::Parser;
@@ -20,11 +21,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Exit code for a wrong command line, as clap has it.
+/// Exit code for a wrong command line, the same as clap's.
 const WRONG_USAGE: u8 = 2;
-/// Exit code for what the machine could not do: a file is missing, a port is busy.
+/// Exit code for an error of this computer, such as a missing file or a busy port.
 const MACHINE_FAILED: u8 = 3;
-/// Signals that come within this time are one.
+/// Signals within this time after the first count as the same signal.
 const REPEATED_WITHIN: Duration = Duration::from_secs(1);
 
 fn main() -> ExitCode {
@@ -56,10 +57,10 @@ fn run(args: &Args) -> Result<ExitCode> {
         let json = Report::new(scene.state()).to_json();
         fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    Ok(verdict(&scene))
+    Ok(print_failure(&scene))
 }
 
-/// Signals end the run between two slices, so that the terminal is restored and the summary printed.
+/// Returns a flag that signals set. The run then ends between two slices, so that it restores the terminal and prints the summary.
 fn stop_on_signals() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let asked = stop.clone();
@@ -68,8 +69,8 @@ fn stop_on_signals() -> Result<Arc<AtomicBool>> {
         let mut first = None;
         for signal in signals.forever() {
             asked.store(true, Ordering::Relaxed);
-            // A later one ends the program at once, should the first one not be heeded. But one wish can come twice:
-            // `timeout` sends it to make and to the whole group, and make passes it on.
+            // A later signal ends the program at once, in case the run hangs. But one request can come as two signals:
+            // `timeout` sends it to make and to the whole process group, and make passes it on.
             if first.get_or_insert_with(Instant::now).elapsed() > REPEATED_WITHIN {
                 process::exit(128 + signal);
             }
@@ -78,8 +79,8 @@ fn stop_on_signals() -> Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
-/// A script must notice what went wrong inside the node.
-fn verdict(scene: &Scene) -> ExitCode {
+/// Prints the crash or the first mistake of the node, and returns the exit code of the run.
+fn print_failure(scene: &Scene) -> ExitCode {
     let state = scene.state();
     if let Some(crash) = &state.crash {
         eprintln!("sim: the node crashed: {crash}");

@@ -268,7 +268,7 @@ impl Autopilot {
     }
 
     /// Events since the last call: nodes that it found, and node IDs that it granted.
-    pub fn take_news(&mut self) -> Vec<(Cycles, String)> {
+    pub fn take_events(&mut self) -> Vec<(Cycles, String)> {
         std::mem::take(&mut self.news)
     }
 
@@ -900,7 +900,7 @@ mod tests {
         let info = NodeInfo { name: b"org.example.servo".to_vec(), ..NodeInfo::default() };
         tell(&mut autopilot, 2 * F_CPU_HZ, 0x1001_0AF8, &Message::NodeInfo(Box::new(info)));
         assert_eq!(times_of(&mut autopilot, REQUEST, 4 * F_CPU_HZ), []);
-        let news = autopilot.take_news();
+        let news = autopilot.take_events();
         assert!(news[0].1.starts_with("120 is org.example.servo software 0.0"), "{news:?}");
         // The same node again, then after a restart.
         tell(&mut autopilot, 3 * F_CPU_HZ, 0x1801_5578, &status(3));
@@ -945,7 +945,7 @@ mod tests {
                 "502 Allocation node ID 125 unique ID 000102030405060708090A0B0C0D0E0F",
             ];
             assert_eq!(texts, if allocates { &expected[..] } else { &[] });
-            assert_eq!(autopilot.take_news().len(), usize::from(allocates));
+            assert_eq!(autopilot.take_events().len(), usize::from(allocates));
         }
     }
 

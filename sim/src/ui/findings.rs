@@ -1,48 +1,48 @@
-//! What the bench notices of a program that its author will want to know, each once: rates that do not match, a chip
-//! select that never falls, and a frame that waits in a mode that sends none.
+//! Hints for the author of a program: bit rates that do not match, a chip select that is never low, and a frame that waits in
+//! a mode of the controller that does not send. The bench gives each hint once.
 //!
-//! None of this is a mistake: another program may be right on another board. See [`mistakes`](super::mistakes) for those.
+//! A finding is not a mistake of the program, which may fit another board. [`mistakes`](super::mistakes) has the mistakes.
 
 use bench::board::Board;
 use bench::mcp2515::Mode;
 use bench::{Cycles, F_CPU_HZ};
 
-/// Bit rates this far apart are not the same: more than two CAN clocks may differ (ISO 11898-1 allows 1.58 % at most).
+/// Largest difference of two CAN bit rates that counts as equal: just above the 1.58 % that ISO 11898-1 allows at most.
 const CAN_TOLERANCE_PER_MILLE: u64 = 16;
-/// A UART still receives characters of 10 bits at a rate this far off.
+/// Largest difference of two baud rates at which a UART still receives characters of 10 bits.
 const UART_TOLERANCE_PER_MILLE: u64 = 40;
 /// The rate of the Arduino IDE's serial monitor, of ravedude and of this project.
 const SERIAL_MONITOR_RATE: u64 = 115_200;
 /// The rates that serial monitors offer.
 const SERIAL_RATES: [u64; 11] = [300, 1_200, 2_400, 4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 250_000, 1_000_000];
-/// A program has set up its SPI by then.
+/// Time after power-on by which a program has configured its SPI.
 const SPI_SETTLED: Cycles = F_CPU_HZ / 2;
-/// A frame that waits so long for another mode of the controller was loaded by a program that has forgotten to set it. A start takes less.
+/// A frame that waits this long for normal mode: the program has not set that mode. The start of a program takes less.
 const MODE_SETTLED: Cycles = F_CPU_HZ / 2;
 
-/// What has been said already.
+/// The hints given so far.
 #[derive(Debug, Default)]
 pub struct Findings {
     bit_rate: Option<u64>,
     serial_rate: Option<u64>,
-    is_cs_told: bool,
-    /// Since when a frame waits in a mode that sends none.
+    is_cs_reported: bool,
+    /// Start of the time in which a frame has waited in a mode that does not send.
     stuck_since: Option<Cycles>,
 }
 
 impl Findings {
-    /// Looks at a board on a bus of `bus_rate` bits per second. Returns what is new.
-    pub fn look(&mut self, board: &Board, bus_rate: u32, has_sent_serial: bool) -> Vec<String> {
+    /// Checks a board on a bus of `bus_rate` bits per second. Returns the new hints.
+    pub fn check(&mut self, board: &Board, bus_rate: u32, has_sent_serial: bool) -> Vec<String> {
         let found = [
-            self.can_rate(board, bus_rate),
-            self.uart_rate(board, has_sent_serial),
-            self.chip_select(board),
-            self.mode(board),
+            self.check_can_rate(board, bus_rate),
+            self.check_uart_rate(board, has_sent_serial),
+            self.check_chip_select(board),
+            self.check_mode(board),
         ];
         found.into_iter().flatten().collect()
     }
 
-    fn can_rate(&mut self, board: &Board, bus_rate: u32) -> Option<String> {
+    fn check_can_rate(&mut self, board: &Board, bus_rate: u32) -> Option<String> {
         let chip = board.chip();
         let chip = chip.borrow();
         if !matches!(chip.mode(), Mode::Normal | Mode::ListenOnly) {
@@ -53,14 +53,14 @@ impl Findings {
             return None;
         }
         Some(format!(
-            "the node is at {} kbit/s, the bus at {} kbit/s: they hear nothing but errors of each other. Set the program's \
+            "the node is at {} kbit/s, the bus at {} kbit/s: each gets only errors from the other. Set the program's \
              bit rate, its crystal (--crystal), or the bus (--bit-rate)",
             kilo(rate),
             kilo(bus_rate.into())
         ))
     }
 
-    fn uart_rate(&mut self, board: &Board, has_sent: bool) -> Option<String> {
+    fn check_uart_rate(&mut self, board: &Board, has_sent: bool) -> Option<String> {
         let rate = board.avr().serial_bits_per_second();
         if !has_sent || self.serial_rate.replace(rate) == Some(rate) {
             return None;
@@ -77,13 +77,13 @@ impl Findings {
         })
     }
 
-    fn chip_select(&mut self, board: &Board) -> Option<String> {
+    fn check_chip_select(&mut self, board: &Board) -> Option<String> {
         let passed = board.spi_use();
         let is_silent = passed.selects == 0 && passed.bytes_elsewhere > 0;
-        if self.is_cs_told || !is_silent || board.now() < SPI_SETTLED {
+        if self.is_cs_reported || !is_silent || board.now() < SPI_SETTLED {
             return None;
         }
-        self.is_cs_told = true;
+        self.is_cs_reported = true;
         let cs = board.wiring().cs;
         Some(format!(
             "{} bytes on the SPI, but CS of the MCP2515 ({cs}) has never been low: is it another pin in the program (--cs)?",
@@ -91,7 +91,7 @@ impl Findings {
         ))
     }
 
-    fn mode(&mut self, board: &Board) -> Option<String> {
+    fn check_mode(&mut self, board: &Board) -> Option<String> {
         let chip = board.chip();
         let chip = chip.borrow();
         let name = match chip.mode() {
@@ -116,7 +116,7 @@ fn is_near(rate: u64, other: u64, per_mille: u64) -> bool {
     rate.abs_diff(other) * 1000 <= other * per_mille
 }
 
-/// Thousands, with a fraction only where there is one: "500", "83.3".
+/// `rate` in thousands, with one decimal unless it is 0: "500", "83.3".
 fn kilo(rate: u64) -> String {
     if rate.is_multiple_of(1000) { format!("{}", rate / 1000) } else { format!("{:.1}", rate as f64 / 1000.0) }
 }
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rates_within_what_a_receiver_bears_are_the_same() {
+    fn rates_within_the_tolerance_of_a_receiver_are_equal() {
         assert!(
             is_near(117_647, SERIAL_MONITOR_RATE, UART_TOLERANCE_PER_MILLE),
             "16 MHz / 8 / 17, as Arduinos have it"

@@ -1,7 +1,7 @@
-//! Draws the live view. It reads the collected state and the state of the screen, and changes neither.
+//! Draws the live view from the state of the bench and the state of the screen. It changes neither.
 //!
-//! The layout fits 80 columns by 24 rows. Where there is more height, a dial joins the servo; where there is more width,
-//! the serial monitor stands beside the traffic.
+//! The layout fits 80 columns by 24 rows. On a higher terminal it adds a dial for the servo. On a wider one it puts the
+//! serial monitor beside the traffic.
 
 use super::keys;
 use super::pace::Measured;
@@ -24,20 +24,20 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
 use ratatui::widgets::{Block, Paragraph};
 
-/// Smallest terminal that shows everything.
+/// Smallest terminal on which the live view is drawn.
 pub const COLUMNS_MIN: u16 = 80;
 pub const ROWS_MIN: u16 = 24;
 
 const READINGS_ROWS: u16 = 6;
 const DIAL_ROWS: u16 = 16;
-/// From this height on there is room for the dial beside a useful length of traffic.
+/// Smallest height with room for the dial and for a useful number of lines of traffic.
 const DIAL_FROM_ROWS: u16 = 40;
 const BUS_ROWS: u16 = 4;
 /// Lines for the conditions of the vendor-specific status code, at most.
 const CONDITION_ROWS: usize = 2;
 /// Lines for the faults that are on, at most.
 const FAULT_ROWS: usize = 2;
-/// Lines for what is joined to the bench, in a small and in a larger terminal.
+/// Lines for the links, at most, on a small and on a larger terminal.
 const LINK_ROWS_SMALL: u16 = 3;
 const LINK_ROWS: u16 = 12;
 const SIDE_BY_SIDE_FROM_COLUMNS: u16 = 140;
@@ -56,7 +56,7 @@ pub(super) const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier:
 pub(super) const DIM: Style = Style::new().fg(Color::DarkGray);
 const NODE: Style = Style::new().fg(Color::Cyan);
 
-/// Draws everything. Returns the lines of traffic that fit, which is what a page scrolls by.
+/// Draws the live view. Returns the number of lines of traffic on it, which is a page for scrolling.
 pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     let area = frame.area();
     if area.width < COLUMNS_MIN || area.height < ROWS_MIN {
@@ -65,14 +65,14 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
         return 0;
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
-    // A line for what only some programs have.
+    // Only some programs have further outputs or measure a circuit.
     let further_row = u16::from(!state.output_widths().is_empty() || state.circuit.is_some());
     let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + further_row + BUS_ROWS };
     let columns = usize::from(area.width);
     let mut note_lines = condition_lines(state, columns);
     note_lines.extend(fault_lines(state, columns));
     let note_rows = note_lines.len() as u16;
-    // In a small terminal the notes take the place of links, so that the lists keep a useful length.
+    // On a small terminal the notes take lines from the links, so that the lists keep a useful length.
     let link_rows_max =
         if with_dial { LINK_ROWS } else { LINK_ROWS_SMALL.saturating_sub(note_rows.saturating_sub(1)).max(1) };
     let link_rows = u16::try_from(state.links.len()).unwrap_or(u16::MAX).min(link_rows_max);
@@ -109,7 +109,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     } else {
         Layout::vertical([Constraint::Percentage(58), Constraint::Percentage(42)]).areas(lists)
     };
-    if screen.load {
+    if screen.shows_load {
         draw_load(frame, traffic, state);
     } else {
         draw_traffic(frame, traffic, state, screen);
@@ -136,7 +136,7 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
     let motion = if autopilot.sweeping { "sweeps" } else { "holds" };
     let AutopilotState { node_id, deflection, profile, command_type, .. } = autopilot;
     let amount = match (autopilot.moves_all, autopilot.sweeping) {
-        // Each has another deflection.
+        // Each actuator has its own deflection.
         (true, true) => String::from("all"),
         (true, false) => format!("all {deflection:+.2}"),
         (false, _) => format!("{deflection:+.2}"),
@@ -154,7 +154,7 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
     Line::from(spans)
 }
 
-/// Only what is not spoken today is worth a note.
+/// Note on the dialect for a title. The current dialect, v0, has none.
 fn dialect_note(dialect: Dialect) -> &'static str {
     match dialect {
         Dialect::V0 => "",
@@ -189,7 +189,8 @@ fn fault_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
     wrapped(Line::from(" Faults on (x ends all):"), faults, columns, FAULT_ROWS)
 }
 
-/// Puts `lead` and `items` on lines of so many columns, and says how many items do not fit on `rows` lines. No items, no lines.
+/// Puts `lead` and `items` on at most `rows` lines of `columns` columns, and counts the items that do not fit. Without items
+/// there are no lines.
 fn wrapped(lead: Line<'static>, items: Vec<Line<'static>>, columns: usize, rows: usize) -> Vec<Line<'static>> {
     const MORE: &str = " and 99 more";
     if items.is_empty() {
@@ -199,7 +200,7 @@ fn wrapped(lead: Line<'static>, items: Vec<Line<'static>>, columns: usize, rows:
     let mut lines = vec![lead];
     for item in items {
         let is_last_line = lines.len() == rows;
-        let line = lines.last_mut().expect("it begins with one");
+        let line = lines.last_mut().expect("lines begins with lead");
         let reserve = if is_last_line && left > 1 { MORE.len() } else { 0 };
         if line.width() + item.width() + reserve <= columns {
             line.extend(item);
@@ -214,7 +215,7 @@ fn wrapped(lead: Line<'static>, items: Vec<Line<'static>>, columns: usize, rows:
     lines
 }
 
-/// What is joined to the bench, with the number of those that do not fit.
+/// The links, a line each, and the number of links that do not fit on `rows` lines.
 fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
     let mut lines: Vec<_> = state.links.iter().take(rows).map(|link| Line::from(format!(" {link}"))).collect();
     let hidden = state.links.len() - lines.len();
@@ -225,7 +226,7 @@ fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
     Paragraph::new(lines)
 }
 
-/// Widths of the pulses of the outputs from the second on, in microseconds; none if there are no such pulses.
+/// Pulse widths of output 2 and the further outputs, in microseconds; `None` if none of them gives pulses.
 fn outputs_line(state: &State, columns: usize) -> Option<Line<'static>> {
     let widths = state.output_widths();
     let texts: Vec<String> =
@@ -239,7 +240,7 @@ fn outputs_line(state: &State, columns: usize) -> Option<Line<'static>> {
     (!widths.is_empty()).then(|| Line::from(text))
 }
 
-/// What the node says of the circuit that it measures.
+/// The last CircuitStatus of the node; `None` before the first.
 fn circuit_line(state: &State) -> Option<Line<'static>> {
     let circuit = state.circuit?;
     let [voltage, current] = [(circuit.voltage, "V"), (circuit.current, "A")].map(|(value, unit)| {
@@ -264,13 +265,13 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         (None, _) => Line::styled("no pulse: the servo is free", WARN),
     };
     let angle = pulse_us.map_or(String::from("-"), |us| format!("{:+.1} deg", angle_degrees(us)));
-    let said = match (state.temperature, state.thesis_temperature_c) {
-        (Some(said), Some(thesis)) => format!("node {:.1} C, {thesis} C", said.celsius()),
-        (Some(said), None) => format!("node {:.1} C", said.celsius()),
+    let measured = match (state.temperature, state.thesis_temperature_c) {
+        (Some(measured), Some(thesis)) => format!("node {:.1} C, {thesis} C", measured.celsius()),
+        (Some(measured), None) => format!("node {:.1} C", measured.celsius()),
         (None, Some(thesis)) => format!("node {thesis} C"),
         (None, None) => match state.draft_measurement {
-            Some(number) => format!("node says {number}"),
-            None => String::from("node has not said"),
+            Some(number) => format!("node sends {number}"),
+            None => String::from("node sends none"),
         },
     };
     let mut lines = vec![
@@ -283,7 +284,7 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
                 Line::from(format!("angle {angle}  light {pin}{percent} %"))
             }
         },
-        Line::from(format!("sensor {:.1} C  {said}", state.sensor_c)),
+        Line::from(format!("sensor {:.1} C  {measured}", state.sensor_c)),
     ];
     lines.extend(outputs_line(state, usize::from(inner.width)));
     if !with_dial {
@@ -299,7 +300,7 @@ fn angle_degrees(pulse_us: f64) -> f64 {
     (pulse_us - (SERVO_MIN_US + SERVO_MAX_US) / 2.0) * DEGREES_PER_US
 }
 
-/// "500 |------+---#---| 2500"
+/// The pulse width on a scale: "500 |------+---#---| 2500".
 fn servo_bar(width: u16, pulse_us: Option<f64>) -> Line<'static> {
     let track = usize::from(width).saturating_sub(12).max(3);
     let mut cells = vec!['─'; track];
@@ -320,7 +321,7 @@ fn servo_bar(width: u16, pulse_us: Option<f64>) -> Line<'static> {
     Line::from(spans)
 }
 
-/// A half dial, 0 degrees up, with the servo's horn, and the commanded deflection as a mark outside.
+/// Draws a half dial, 0 degrees up, with the servo's horn, and a mark outside for the commanded deflection.
 fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflection: Option<f64>) {
     // A character cell is about twice as high as wide; the bounds keep the dial round.
     let (bottom, top) = (-0.12, 1.25);
@@ -383,7 +384,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
                 ]),
                 Line::from(vec![
                     Span::from(format!("vendor code {:#06X}", status.vendor_code)),
-                    // The dialect calls a node offline after 3 s of silence.
+                    // Both dialects define a node as offline after 3 s without NodeStatus.
                     Span::styled(heard, if age > 3.0 { BAD } else { Style::new() }),
                 ]),
             ]
@@ -411,7 +412,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-/// What is used of a memory, and of what limit if there is one.
+/// The used bytes of a memory, and their limit if there is one. The style marks a use above the limit.
 fn amount(name: &str, used: u32, limit: Option<u32>) -> (String, Style) {
     let of = limit.map_or(String::new(), |limit| format!(" of {}", thousands(limit as usize)));
     let style = if limit.is_some_and(|limit| used > limit) { BAD } else { Style::new() };
@@ -477,7 +478,7 @@ fn draw_traffic(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Scree
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-/// Names the hidden types, or counts them where the names do not fit.
+/// The title of the traffic: names the hidden types, or counts them if the names do not fit.
 fn traffic_title(state: &State, screen: &Screen, columns: usize) -> String {
     let back = match screen.until {
         Some(_) => {
@@ -515,7 +516,7 @@ fn draw_serial(frame: &mut Frame<'_>, area: Rect, state: &State) {
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-/// The keys, or the last driver mistake, which is more important.
+/// The last line of the screen: the first driver mistake if there is one, else the keys that fit.
 fn foot_line(state: &State, width: u16) -> Line<'static> {
     if let Some(first) = state.mistakes.kinds().first() {
         let count = state.mistakes.total();

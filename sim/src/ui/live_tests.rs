@@ -1,8 +1,8 @@
-//! The live view drawn into memory: what must be readable, at the smallest size and at a large one.
+//! Tests of the live view, drawn into memory at the smallest size and at a large one.
 
 use super::*;
 use crate::ui::screen::Popup;
-use crate::ui::state::{AutopilotState, Memory, News};
+use crate::ui::state::{AutopilotState, Event, Memory};
 use bench::avr::Chip;
 use bench::can::{self, Record, RecordKind};
 use ratatui::Terminal;
@@ -10,7 +10,7 @@ use ratatui::backend::TestBackend;
 
 const SECOND: u64 = bench::F_CPU_HZ;
 
-/// A bench in the middle of its work.
+/// State of a bench on which all stations work without errors.
 fn at_work() -> State {
     let mut state = State::new(1_000_000);
     state.sensor_c = 25.0;
@@ -27,10 +27,10 @@ fn at_work() -> State {
     state.memory = Memory { flash: 9_876, statics: Some(312), stack: Some(200), limits };
     state.controller.mode = String::from("Normal");
     state.controller.tec = 3;
-    state.pulse(11 * SECOND, 28_000, None);
-    state.pulse(11 * SECOND + 320_000, 28_000, Some(320_000));
+    state.add_pulse(11 * SECOND, 28_000, None);
+    state.add_pulse(11 * SECOND + 320_000, 28_000, Some(320_000));
     for byte in *b"node 0.1.0 id 42\n" {
-        state.serial_byte(SECOND, byte);
+        state.push_serial_byte(SECOND, byte);
     }
     let frames: [(u32, &[u8], bool); 3] = [
         (0x1003_F201, &[1, 0, 0, 0x38, 0xC7], false),
@@ -44,10 +44,10 @@ fn at_work() -> State {
             bits: 125,
             kind: RecordKind::Frame { frame: can::Frame::extended(id, data), from: None, acked: true },
         };
-        state.record(&record, from_node, None);
+        state.add_record(&record, from_node, None);
     }
-    state.served(1_360);
-    state.pass(11 * SECOND + 400_000);
+    state.add_latency(1_360);
+    state.advance_to(11 * SECOND + 400_000);
     state
 }
 
@@ -106,14 +106,14 @@ fn a_large_terminal_shows_every_value_and_the_dial() {
 }
 
 #[test]
-fn a_bench_of_the_draft_says_so() {
+fn the_draft_is_noted_at_the_autopilot_and_at_the_node() {
     let mut state = at_work();
     state.autopilot = state.autopilot.map(|autopilot| AutopilotState { dialect: Dialect::Draft, ..autopilot });
     let frames: [(u32, &[u8]); 2] = [(0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]), (0x17CD_E008, &[23])];
     for (id, data) in frames {
         let (start, end) = (state.now, state.now + 2_000);
         let kind = RecordKind::Frame { frame: can::Frame::extended(id, data), from: None, acked: true };
-        state.record(&Record { start, end, bits: 125, kind }, true, None);
+        state.add_record(&Record { start, end, bits: 125, kind }, true, None);
     }
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     let expected = [
@@ -121,18 +121,18 @@ fn a_bench_of_the_draft_says_so() {
         "Node 120 (draft) on diecimila",
         "WARNING OPERATIONAL",
         "vendor code 0xBEEF",
-        "node says 23",
+        "node sends 23",
         "120 draft.NodeStatus WARNING up 11259375 s",
     ];
     shows(&picture, &expected);
 }
 
 #[test]
-fn the_titles_follow_the_wiring() {
+fn the_titles_name_the_board_and_its_pins() {
     let mut state = at_work();
     state.wiring = Wiring::of("uno", "module").unwrap();
     state.memory.limits = None;
-    state.light(SECOND, 0.5);
+    state.set_light(SECOND, 0.5);
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     let expected =
         ["Servo (D9) and temperature (A0)", "on uno (ATmega328P)", "MCP2515: Normal, module, 8 MHz", "light (D3) 50 %"];
@@ -150,7 +150,7 @@ fn the_vendor_code_of_this_projects_program_is_in_words() {
     set(&mut state, 0x0401);
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &["vendor code 0x0401", " Node 42 says 0x0401: restarted by the watchdog, failsafe "]);
-    // Each condition has its place where there is room; else the rest is counted, and nothing else is lost.
+    // A large terminal shows each condition. A small one counts those that do not fit, and shows all other values.
     set(&mut state, 0xFFF9);
     let picture = drawn(&state, &Screen::default(), 140, 45);
     shows(&picture, &["speaks the draft", "42 Temperature device 1 298.25 K"]);
@@ -162,7 +162,7 @@ fn the_vendor_code_of_this_projects_program_is_in_words() {
 }
 
 #[test]
-fn any_size_can_be_drawn() {
+fn no_size_of_the_terminal_panics() {
     let state = at_work();
     for popup in [Popup::Faults, Popup::Types, Popup::Help] {
         let screen = Screen { popup: Some(popup), ..Screen::default() };
@@ -173,7 +173,7 @@ fn any_size_can_be_drawn() {
 }
 
 #[test]
-fn a_small_terminal_says_what_is_needed() {
+fn a_small_terminal_shows_the_size_that_is_needed() {
     let picture = drawn(&at_work(), &Screen::default(), 60, 20);
     shows(&picture, &["80x24"]);
 }
@@ -181,16 +181,16 @@ fn a_small_terminal_says_what_is_needed() {
 #[test]
 fn driver_mistakes_and_crashes_stand_out() {
     let mut state = at_work();
-    state.violation(SECOND, String::from("SPI byte with CS high"));
-    state.crashed(SECOND, String::from("invalid instruction"));
+    state.add_mistake(SECOND, String::from("SPI byte with CS high"));
+    state.set_crash(SECOND, String::from("invalid instruction"));
     let picture = drawn(&state, &Screen::default(), 80, 24);
     shows(&picture, &["1 DRIVER MISTAKE", "SPI byte with CS high", "CRASHED: invalid"]);
 }
 
 #[test]
-fn a_node_that_says_nothing_is_shown_as_such() {
+fn a_silent_node_has_no_pulse_no_status_and_no_temperature() {
     let picture = drawn(&State::new(500_000), &Screen::default(), 80, 24);
-    shows(&picture, &["no pulse", "no NodeStatus yet", "node has not said", "Bus 500 kbit/s"]);
+    shows(&picture, &["no pulse", "no NodeStatus yet", "node sends none", "Bus 500 kbit/s"]);
 }
 
 #[test]
@@ -208,7 +208,7 @@ fn the_menu_lists_the_faults_and_marks_those_that_are_on() {
     state.active_faults.push(Fault::NoAck);
     let screen = Screen { popup: Some(Popup::Faults), paused: true, ..Screen::default() };
     let picture = drawn(&state, &screen, 80, 24);
-    shows(&picture, &["1     bit-error", "4 on  no-ack", "8 off spi-noise", "only listeners were there│", "PAUSED"]);
+    shows(&picture, &["1     bit-error", "4 on  no-ack", "8 off spi-noise", "as in listen-only mode     │", "PAUSED"]);
 }
 
 #[test]
@@ -219,7 +219,7 @@ fn the_faults_that_are_on_are_listed_with_the_keys_that_end_them() {
     state.active_faults = vec![Fault::Cable, Fault::Silence, Fault::StuckDominant, Fault::ErrorStorm];
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &[line, " c cable ", " a silence ", " 5 stuck-dominant ", " error-storm "]);
-    // However many there are, and with all else: each line of traffic and of the monitor stays.
+    // Even with all faults, conditions and links, each line of traffic and of the serial monitor stays.
     state.active_faults = crate::fault::ALL.into_iter().filter(|fault| fault.lasts()).collect();
     state.knows_vendor_code = true;
     state.links = (1..=10).map(|number| format!("slcan /tmp/can{number}: open")).collect();
@@ -243,7 +243,7 @@ fn hidden_types_are_named_and_their_lines_are_not_shown() {
 }
 
 #[test]
-fn the_list_of_types_counts_them_and_keeps_the_cursor_in_sight() {
+fn the_list_of_types_marks_hidden_ones_and_scrolls_to_the_cursor() {
     let mut state = at_work();
     let hidden = [String::from("ArrayCommand")].into();
     let screen = Screen { popup: Some(Popup::Types), hidden, ..Screen::default() };
@@ -258,19 +258,19 @@ fn the_list_of_types_counts_them_and_keeps_the_cursor_in_sight() {
     let picture = drawn(&state, &Screen { selected: last, ..screen.clone() }, COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &["further types "]);
     let nothing = drawn(&State::new(1_000_000), &screen, COLUMNS_MIN, ROWS_MIN);
-    shows(&nothing, &["nothing was on the bus yet"]);
+    shows(&nothing, &["no traffic yet"]);
 }
 
-/// The footer names the keys that fit; what it leaves out is in the help, which it always names.
+/// The footer names the keys that fit. It always names the help, which has them all.
 #[test]
-fn the_footer_names_every_key_where_there_is_room() {
+fn the_footer_of_a_wide_terminal_names_every_key() {
     let foot = |columns| {
         let picture = drawn(&at_work(), &Screen::default(), columns, ROWS_MIN);
         picture.lines().last().unwrap().to_owned()
     };
     let wide = foot(160);
     let aliases = [("left", "←"), ("right", "→"), ("t", "tT"), ("T", "tT")];
-    // In lists that name them, and second names.
+    // Keys that the lists themselves name, and second names of keys.
     let elsewhere = ["1..9", "up", "down", "space", "Enter", "PgDn", "End", "?", "Ctrl-C"];
     for key in keys::HELP.iter().flat_map(|(keys, _)| keys.split(' ')).filter(|key| !elsewhere.contains(key)) {
         let shown = aliases.iter().find(|(name, _)| *name == key).map_or(key, |(_, shown)| shown);
@@ -282,7 +282,7 @@ fn the_footer_names_every_key_where_there_is_room() {
 }
 
 #[test]
-fn what_is_joined_is_shown_and_leaves_room_for_the_rest() {
+fn the_links_are_shown_and_leave_room_for_the_rest() {
     let mut state = at_work();
     state.links = (1..=10).map(|number| format!("slcan /tmp/can{number}: open")).collect();
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
@@ -292,7 +292,7 @@ fn what_is_joined_is_shown_and_leaves_room_for_the_rest() {
 }
 
 #[test]
-fn a_bench_without_autopilot_says_so() {
+fn the_title_of_a_bench_without_autopilot_says_no_autopilot() {
     let mut state = at_work();
     state.autopilot = None;
     shows(&drawn(&state, &Screen::default(), 80, 24), &["no autopilot"]);
@@ -303,7 +303,7 @@ fn a_lit_light_and_a_disarmed_vehicle_are_shown() {
     let mut state = at_work();
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     assert!(!picture.contains("light") && !picture.contains("disarmed"));
-    state.light(SECOND, 0.5);
+    state.set_light(SECOND, 0.5);
     state.autopilot.as_mut().unwrap().armed = false;
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &["angle +22.5 deg  light (D3) 50 %", "autopilot 1 sweeps", "disarmed"]);
@@ -323,9 +323,9 @@ fn scrolled_traffic_shows_older_lines() {
                 acked: true,
             },
         };
-        state.record(&record, false, None);
+        state.add_record(&record, false, None);
     }
-    assert!(matches!(state.take_news()[0].1, News::Traffic(_)));
+    assert!(matches!(state.take_events()[0].1, Event::Traffic(_)));
     let newest = drawn(&state, &Screen::default(), 80, 24);
     shows(&newest, &["thesis.ServoCommand 99"]);
     let screen = Screen { until: Some(49), ..Screen::default() };
@@ -343,40 +343,40 @@ fn the_title_says_that_all_actuators_move_and_how_many_motors_turn() {
 }
 
 #[test]
-fn the_pulses_of_further_outputs_are_shown_while_there_are_any() {
+fn further_outputs_are_shown_while_they_give_pulses() {
     let mut state = at_work();
     let now = state.now;
-    state.output_pulses([Some((now, 16_000)), None]);
+    state.set_output_pulses([Some((now, 16_000)), None]);
     shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["output 2: 1000 us"]);
-    state.output_pulses((0..7).map(|n| (n != 2).then_some((now, (1000 + 100 * n) * 16))));
+    state.set_output_pulses((0..7).map(|n| (n != 2).then_some((now, (1000 + 100 * n) * 16))));
     for (columns, rows) in [(110, 40), (110, ROWS_MIN)] {
         shows(
             &drawn(&state, &Screen::default(), columns, rows),
             &["outputs 2 to 8: 1000 1100 - 1300 1400 1500 1600 us"],
         );
     }
-    state.output_pulses((0..7).map(|n| Some((now, (1000 + 100 * n) * 16))));
+    state.set_output_pulses((0..7).map(|n| Some((now, (1000 + 100 * n) * 16))));
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &["│2-8 1000 1100 1200 1300 1400 1500 1600│"]);
     shows(&picture, VALUES);
-    state.pass(now + SECOND);
+    state.advance_to(now + SECOND);
     let picture = drawn(&state, &Screen::default(), 120, 40);
     assert!(!picture.contains("outputs 2"), "{picture}");
 }
 
 #[test]
-fn the_circuit_is_shown_when_the_node_says_something_of_it() {
-    let say = |state: &mut State, current: [u8; 2], errors: u8| {
+fn the_circuit_is_shown_after_the_first_circuit_status() {
+    let send = |state: &mut State, current: [u8; 2], errors: u8| {
         let data = [120, 0, 0x4D, 0x4A, current[0], current[1], errors, 0xC5];
         let (start, end) = (state.now, state.now + 2_000);
         let frame = can::Frame::extended(0x1804_432A, &data);
         let kind = RecordKind::Frame { frame, from: None, acked: true };
-        state.record(&Record { start, end, bits: 125, kind }, true, None);
+        state.add_record(&Record { start, end, bits: 125, kind }, true, None);
     };
     let mut state = at_work();
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     assert!(!picture.contains("circuit"), "{picture}");
-    say(&mut state, [0x66, 0x42], 4);
+    send(&mut state, [0x66, 0x42], 4);
     for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
         let picture = drawn(&state, &Screen::default(), columns, rows);
         shows(
@@ -384,6 +384,6 @@ fn the_circuit_is_shown_when_the_node_says_something_of_it() {
             &["circuit 12.60 V  3.20 A OVERCURRENT", "flash 9,876 of 14,336 B", "CircuitStatus circuit 120 12.60 V"],
         );
     }
-    say(&mut state, [0xFF, 0x7F], 0);
+    send(&mut state, [0xFF, 0x7F], 0);
     shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["circuit 12.60 V  - A "]);
 }

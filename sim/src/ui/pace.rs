@@ -1,13 +1,13 @@
-//! Keeps simulated time at a chosen multiple of real time, and measures what was reached.
+//! Keeps simulated time at a chosen multiple of real time, and measures the speed.
 //!
-//! The clock is an argument, so that the arithmetic can be tested. A simulation that cannot keep up slips: the lag is
-//! forgotten instead of being run after at full speed later.
+//! Real time is an argument, so that tests can set it. If the simulation is too slow, the pace drops the lag above a limit.
+//! So the simulation does not run at full speed after a stall.
 
 use bench::{Cycles, F_CPU_HZ};
 use std::str::FromStr;
 use std::time::Duration;
 
-/// The factor shown is that of the last stretch of at least this real time.
+/// Shortest real time over which the speed is measured, in seconds.
 const MEASURE_S: f64 = 1.0;
 
 /// Simulated seconds for each real second.
@@ -32,37 +32,37 @@ impl FromStr for Speed {
     }
 }
 
-/// What was measured.
+/// Measured speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
-    /// Simulated over real time.
+    /// Simulated time divided by real time.
     pub factor: f64,
-    /// The same while the simulator was at work, not waiting: what `--speed max` would reach.
+    /// Simulated time divided by the real time that the simulator worked, without its waits: the factor of `--speed max`.
     pub capacity: f64,
 }
 
-/// The pace maker. Real time is given as time since the start of the program.
+/// The pace of a run. All real times are measured from the start of the run.
 pub struct Pace {
     speed: Speed,
-    /// Lag that is made up for; more is forgotten.
+    /// Largest lag for which the simulation compensates, in seconds of real time.
     lag_max_s: f64,
-    /// Real and simulated time that correspond.
+    /// A real time in seconds, and the simulated time that is due then.
     anchor: (f64, Cycles),
-    stretch: Stretch,
+    current: Interval,
     last: Measured,
-    /// The whole run, pauses left out.
-    whole: Stretch,
+    /// The whole run without its pauses.
+    whole: Interval,
 }
 
-/// A stretch of time being measured.
+/// A time interval over which the speed is measured.
 #[derive(Clone, Copy, Default)]
-struct Stretch {
+struct Interval {
     real_start_s: f64,
     simulated: Cycles,
     worked_s: f64,
 }
 
-impl Stretch {
+impl Interval {
     fn measured(&self, real_s: f64) -> Measured {
         let simulated_s = self.simulated as f64 / F_CPU_HZ as f64;
         let over = |time_s: f64| {
@@ -73,32 +73,32 @@ impl Stretch {
 }
 
 impl Pace {
-    /// Real and simulated time both start at 0. The simulation makes up for a lag of at most `lag_max`.
+    /// A pace that starts at 0 in real and simulated time, and compensates for a lag of at most `lag_max`.
     pub fn new(speed: Speed, lag_max: Duration) -> Pace {
         Pace {
             speed,
             lag_max_s: lag_max.as_secs_f64(),
             anchor: (0.0, 0),
-            stretch: Stretch::default(),
+            current: Interval::default(),
             last: Measured::default(),
-            whole: Stretch::default(),
+            whole: Interval::default(),
         }
     }
 
-    /// A slice of simulated time took `worked`; it is `real` now.
-    pub fn worked(&mut self, simulated: Cycles, worked: Duration, real: Duration) {
+    /// Adds a slice of `simulated` cycles, which took `worked` of real time and ended at `real`.
+    pub fn add_slice(&mut self, simulated: Cycles, worked: Duration, real: Duration) {
         let real_s = real.as_secs_f64();
-        for stretch in [&mut self.stretch, &mut self.whole] {
-            stretch.simulated += simulated;
-            stretch.worked_s += worked.as_secs_f64();
+        for interval in [&mut self.current, &mut self.whole] {
+            interval.simulated += simulated;
+            interval.worked_s += worked.as_secs_f64();
         }
-        if real_s - self.stretch.real_start_s >= MEASURE_S {
-            self.last = self.stretch.measured(real_s);
-            self.stretch = Stretch { real_start_s: real_s, ..Stretch::default() };
+        if real_s - self.current.real_start_s >= MEASURE_S {
+            self.last = self.current.measured(real_s);
+            self.current = Interval { real_start_s: real_s, ..Interval::default() };
         }
     }
 
-    /// Time to wait at `real` before simulating beyond `now`.
+    /// Real time to wait, from `real` on, before the simulation may go beyond the simulated time `now`.
     pub fn wait(&mut self, now: Cycles, real: Duration) -> Duration {
         let Speed::Factor(factor) = self.speed else {
             return Duration::ZERO;
@@ -111,21 +111,21 @@ impl Pace {
         Duration::from_secs_f64((due_s - real_s).max(0.0))
     }
 
-    /// Goes on at `real` after a pause of `paused`, as if there had been none.
+    /// Continues at `real` after a pause of `paused`, which changes neither the pace nor the measured speed.
     pub fn resume(&mut self, now: Cycles, paused: Duration, real: Duration) {
         self.anchor = (real.as_secs_f64(), now);
-        self.stretch.real_start_s += paused.as_secs_f64();
+        self.current.real_start_s += paused.as_secs_f64();
         self.whole.real_start_s += paused.as_secs_f64();
     }
 
-    /// The whole run up to `real`.
+    /// The speed of the whole run up to `real`.
     pub fn average(&self, real: Duration) -> Measured {
         self.whole.measured(real.as_secs_f64())
     }
 
-    /// The last measurement, or the one under way while there is none.
+    /// The speed of the last complete interval; before that the speed since the start.
     pub fn measured(&self, real: Duration) -> Measured {
-        if self.last == Measured::default() { self.stretch.measured(real.as_secs_f64()) } else { self.last }
+        if self.last == Measured::default() { self.current.measured(real.as_secs_f64()) } else { self.last }
     }
 }
 
@@ -159,9 +159,9 @@ mod tests {
         assert!(fast.wait(F_CPU_HZ, MS).is_zero());
     }
 
-    /// After a stall the simulation goes on at its pace, it does not race.
+    /// After a long stall the simulation must not run at full speed.
     #[test]
-    fn a_long_lag_is_forgotten_and_a_short_one_made_up_for() {
+    fn the_pace_compensates_for_a_short_lag_and_drops_a_long_one() {
         let mut pace = at(Speed::Factor(1.0));
         assert!(pace.wait(0, 200 * MS).is_zero());
         assert!(pace.wait(F_CPU_HZ / 10, 200 * MS).is_zero());
@@ -174,7 +174,7 @@ mod tests {
     fn the_factor_and_the_capacity_are_measured() {
         let mut pace = at(Speed::Factor(1.0));
         for slice in 1..=100 {
-            pace.worked(F_CPU_HZ / 100, 2 * MS, slice * 10 * MS);
+            pace.add_slice(F_CPU_HZ / 100, 2 * MS, slice * 10 * MS);
         }
         let measured = pace.measured(1_000 * MS);
         assert!((measured.factor - 1.0).abs() < 1e-6);
@@ -184,10 +184,10 @@ mod tests {
     #[test]
     fn a_pause_changes_neither_the_pace_nor_the_factor() {
         let mut pace = at(Speed::Factor(1.0));
-        pace.worked(F_CPU_HZ / 2, MS, 500 * MS);
+        pace.add_slice(F_CPU_HZ / 2, MS, 500 * MS);
         pace.resume(F_CPU_HZ / 2, 9_500 * MS, 10_000 * MS);
         assert_eq!(pace.wait(F_CPU_HZ, 10_000 * MS).as_millis(), 500);
-        pace.worked(F_CPU_HZ / 2, MS, 10_500 * MS);
+        pace.add_slice(F_CPU_HZ / 2, MS, 10_500 * MS);
         assert!((pace.average(10_500 * MS).factor - 1.0).abs() < 1e-6);
         assert!((pace.measured(10_500 * MS).factor - 1.0).abs() < 1e-6);
     }

@@ -1,13 +1,13 @@
-//! The bench in plain lines, one event a line, for pipes, logs and scripts.
+//! The plain view: one line for each event, for pipes, logs and scripts.
 //!
 //! ```text
 //!      1.000000 bus     0.8 %, 51 frames/s: 1 ArrayCommand x50, 1 NodeStatus x1
 //! ```
-//! Simulated time in seconds, a word to filter by, the event. What comes often is summed up: traffic each second, servo
-//! pulses each half second while they change, error frames above a few each second.
+//! A line has the simulated time in seconds, a word to filter by, and the event. Frequent events are summed up: traffic
+//! each second, servo pulses each half second while they change, error frames and lost frames above five a second.
 
 use super::pace::Measured;
-use super::state::{News, State, TrafficLine};
+use super::state::{Event, State, TrafficLine};
 use crate::time::{micros, seconds};
 use bench::budget::Budget;
 use bench::{Cycles, F_CPU_HZ};
@@ -21,24 +21,24 @@ const ERROR_LINES_MAX: u32 = 5;
 /// Lost frames printed one by one in each traffic period.
 const LOST_LINES_MAX: u32 = 5;
 
-/// Writes the lines.
+/// Writer of the lines.
 pub struct Plain<W> {
     out: W,
-    /// Each transfer gets its line.
+    /// True: print each transfer, too. False: only count them each second.
     every_transfer: bool,
     next_traffic_at: Cycles,
     next_servo_at: Cycles,
     counts: BTreeMap<(String, String), u32>,
     error_lines: u32,
     lost_lines: u32,
+    /// Pulse width, widths of the further outputs, and circuit, as they were printed last.
     last_pulse: Option<Option<Cycles>>,
-    /// Widths of the other outputs, and what the node said of its circuit, as they were printed last.
     last_outputs: Vec<Option<Cycles>>,
     last_circuit: String,
 }
 
 impl<W: Write> Plain<W> {
-    /// Lines go to `out`.
+    /// A view that writes to `out`, and prints every transfer if `every_transfer` is true.
     pub fn new(out: W, every_transfer: bool) -> Plain<W> {
         Plain {
             out,
@@ -54,24 +54,24 @@ impl<W: Write> Plain<W> {
         }
     }
 
-    /// Prints what happened up to `state.now`.
+    /// Prints the events up to `state.now`.
     ///
     /// # Errors
-    /// Those of the output, a broken pipe among them.
+    /// If `out` fails, for example with a broken pipe.
     pub fn step(&mut self, state: &mut State) -> io::Result<()> {
-        for (at, news) in state.take_news() {
-            self.news(at, news)?;
+        for (at, event) in state.take_events() {
+            self.print_event(at, event)?;
         }
-        // The begin and the end of pulses are reported at once.
-        let turned = self.last_pulse.is_none_or(|last| last.is_some() != state.servo.pulse.is_some());
-        if turned || state.now >= self.next_servo_at {
-            self.servo(state)?;
-            self.outputs(state)?;
-            self.circuit(state)?;
+        // The first pulse and the end of pulses are printed at once.
+        let has_begun_or_ended = self.last_pulse.is_none_or(|last| last.is_some() != state.servo.pulse.is_some());
+        if has_begun_or_ended || state.now >= self.next_servo_at {
+            self.print_servo(state)?;
+            self.print_outputs(state)?;
+            self.print_circuit(state)?;
             self.next_servo_at = state.now + SERVO_PERIOD;
         }
         if state.now >= self.next_traffic_at {
-            self.traffic(state)?;
+            self.print_traffic(state)?;
             self.next_traffic_at += TRAFFIC_PERIOD;
         }
         self.out.flush()
@@ -81,29 +81,29 @@ impl<W: Write> Plain<W> {
         writeln!(self.out, "{:13.6} {topic:7} {text}", seconds(at))
     }
 
-    fn news(&mut self, at: Cycles, news: News) -> io::Result<()> {
-        match news {
-            News::Serial(text) => self.line(at, "serial", &text),
-            News::Status(node, text) => self.line(at, "status", &format!("node {node}: {text}")),
-            News::Controller(text) => self.line(at, "mcp2515", &text),
-            News::Board(text) => self.line(at, "board", &text),
-            News::Reset(text) => self.line(at, "reset", &text),
-            News::Fault(text) => self.line(at, "fault", &text),
-            News::Link(text) => self.line(at, "link", &text),
-            News::Node(text) => self.line(at, "node", &text),
-            News::Light(percent) => self.line(at, "light", &format!("{percent} %")),
-            News::Crash(text) => self.line(at, "CRASH", &text),
-            News::Traffic(line) => self.transfer(at, line),
-            News::ErrorFrame(text) => {
+    fn print_event(&mut self, at: Cycles, event: Event) -> io::Result<()> {
+        match event {
+            Event::Serial(text) => self.line(at, "serial", &text),
+            Event::Status(node, text) => self.line(at, "status", &format!("node {node}: {text}")),
+            Event::Controller(text) => self.line(at, "mcp2515", &text),
+            Event::Board(text) => self.line(at, "board", &text),
+            Event::Reset(text) => self.line(at, "reset", &text),
+            Event::Fault(text) => self.line(at, "fault", &text),
+            Event::Link(text) => self.line(at, "link", &text),
+            Event::Node(text) => self.line(at, "node", &text),
+            Event::Light(percent) => self.line(at, "light", &format!("{percent} %")),
+            Event::Crash(text) => self.line(at, "CRASH", &text),
+            Event::Traffic(line) => self.print_transfer(at, line),
+            Event::ErrorFrame(text) => {
                 self.error_lines += 1;
                 match self.error_lines {
                     1..=ERROR_LINES_MAX => self.line(at, "error", &text),
                     _ => Ok(()),
                 }
             }
-            News::Violation(text) => self.line(at, "MISTAKE", &text),
-            News::Hint(text) => self.line(at, "HINT", &text),
-            News::Lost(text) => {
+            Event::Mistake(text) => self.line(at, "MISTAKE", &text),
+            Event::Hint(text) => self.line(at, "HINT", &text),
+            Event::Lost(text) => {
                 self.lost_lines += 1;
                 match self.lost_lines {
                     1..=LOST_LINES_MAX => self.line(at, "LOST", &text),
@@ -113,7 +113,7 @@ impl<W: Write> Plain<W> {
         }
     }
 
-    fn transfer(&mut self, at: Cycles, line: TrafficLine) -> io::Result<()> {
+    fn print_transfer(&mut self, at: Cycles, line: TrafficLine) -> io::Result<()> {
         if self.every_transfer {
             let text = format!("{:>4} {}", line.who, line.text);
             self.line(at, "frame", &text)?;
@@ -122,7 +122,7 @@ impl<W: Write> Plain<W> {
         Ok(())
     }
 
-    fn servo(&mut self, state: &State) -> io::Result<()> {
+    fn print_servo(&mut self, state: &State) -> io::Result<()> {
         let pulse = state.servo.pulse;
         if self.last_pulse == Some(pulse) {
             return Ok(());
@@ -138,7 +138,7 @@ impl<W: Write> Plain<W> {
         self.line(state.now, "servo", &text)
     }
 
-    fn outputs(&mut self, state: &State) -> io::Result<()> {
+    fn print_outputs(&mut self, state: &State) -> io::Result<()> {
         let widths = state.output_widths();
         if widths == self.last_outputs {
             return Ok(());
@@ -154,7 +154,7 @@ impl<W: Write> Plain<W> {
         self.line(state.now, "outputs", &text)
     }
 
-    fn circuit(&mut self, state: &State) -> io::Result<()> {
+    fn print_circuit(&mut self, state: &State) -> io::Result<()> {
         let text = state.circuit.map_or(String::new(), |circuit| circuit.to_string());
         if text == self.last_circuit {
             return Ok(());
@@ -163,7 +163,7 @@ impl<W: Write> Plain<W> {
         self.line(state.now, "power", &text)
     }
 
-    fn traffic(&mut self, state: &State) -> io::Result<()> {
+    fn print_traffic(&mut self, state: &State) -> io::Result<()> {
         let counts = std::mem::take(&mut self.counts);
         let each: Vec<_> = counts.iter().map(|((who, name), count)| format!("{who} {name} x{count}")).collect();
         let text = format!(
@@ -186,17 +186,17 @@ impl<W: Write> Plain<W> {
         Ok(())
     }
 
-    /// Prints the end of a run.
+    /// Prints the summary of a run.
     ///
     /// # Errors
-    /// Those of the output.
-    pub fn summary(&mut self, state: &State, speed: Measured) -> io::Result<()> {
+    /// If `out` fails.
+    pub fn print_summary(&mut self, state: &State, speed: Measured) -> io::Result<()> {
         write!(self.out, "{}", summary(state, speed))?;
         self.out.flush()
     }
 }
 
-/// The figures of a run.
+/// The summary of a run: its figures, mistakes, hints and links, a line each.
 pub fn summary(state: &State, speed: Measured) -> String {
     let memory = &state.memory;
     let mut text = String::from("---\n");
@@ -270,15 +270,15 @@ mod tests {
     use bench::dronecan::{CircuitStatus, NodeId, NodeStatus};
     use half::f16;
 
-    /// Runs `state` through a plain view and gives the lines.
+    /// The lines that a plain view prints of `state`.
     fn printed(state: &mut State, every_transfer: bool) -> String {
         let mut out = Vec::new();
         Plain::new(&mut out, every_transfer).step(state).unwrap();
         String::from_utf8(out).unwrap()
     }
 
-    fn command(at: Cycles) -> News {
-        News::Traffic(TrafficLine {
+    fn command(at: Cycles) -> Event {
+        Event::Traffic(TrafficLine {
             at,
             origin: Origin::Other,
             who: String::from("1"),
@@ -290,10 +290,10 @@ mod tests {
     #[test]
     fn each_event_is_a_line_with_its_time() {
         let mut state = State::new(1_000_000);
-        state.tell(F_CPU_HZ / 2, News::Serial(String::from("node 42 ready")));
+        state.report(F_CPU_HZ / 2, Event::Serial(String::from("node 42 ready")));
         let node = NodeId::new(42).unwrap();
-        state.tell(F_CPU_HZ, News::Status(node, NodeStatus::default().to_string()));
-        state.violation(F_CPU_HZ, String::from("SPI with CS high"));
+        state.report(F_CPU_HZ, Event::Status(node, NodeStatus::default().to_string()));
+        state.add_mistake(F_CPU_HZ, String::from("SPI with CS high"));
         let text = printed(&mut state, false);
         let lines: Vec<_> = text.lines().collect();
         assert_eq!(lines[0], "     0.500000 serial  node 42 ready");
@@ -306,9 +306,9 @@ mod tests {
     fn traffic_is_summed_up_each_second() {
         let mut state = State::new(1_000_000);
         for at in 0..50 {
-            state.tell(at, command(at));
+            state.report(at, command(at));
         }
-        state.pass(F_CPU_HZ);
+        state.advance_to(F_CPU_HZ);
         let text = printed(&mut state, false);
         assert!(text.contains("     1.000000 bus     0.0 %, 0 frames/s: 1 ArrayCommand x50\n"), "{text}");
         assert!(!text.contains("+0.50"));
@@ -317,7 +317,7 @@ mod tests {
     #[test]
     fn every_transfer_is_printed_when_asked() {
         let mut state = State::new(1_000_000);
-        state.tell(0, command(0));
+        state.report(0, command(0));
         let text = printed(&mut state, true);
         assert!(text.contains("frame      1 ArrayCommand id 1 unitless +0.50\n"), "{text}");
     }
@@ -329,8 +329,8 @@ mod tests {
         let mut plain = Plain::new(&mut out, false);
         for number in 1..100 {
             let start = number * F_CPU_HZ / 50;
-            state.pulse(start, 24_000 + number, Some(F_CPU_HZ / 50));
-            state.pass(start);
+            state.add_pulse(start, 24_000 + number, Some(F_CPU_HZ / 50));
+            state.advance_to(start);
             plain.step(&mut state).unwrap();
         }
         let text = String::from_utf8(out).unwrap();
@@ -340,16 +340,16 @@ mod tests {
     }
 
     #[test]
-    fn the_other_outputs_and_the_circuit_are_printed_each_half_second_if_they_have_changed() {
+    fn further_outputs_and_the_circuit_are_printed_each_half_second_while_they_change() {
         let mut state = State::new(1_000_000);
         let mut out = Vec::new();
         let mut plain = Plain::new(&mut out, false);
         for number in 1..=150 {
             let now = number * F_CPU_HZ / 50;
             if number <= 100 {
-                state.pulse(now, 24_000, None);
+                state.add_pulse(now, 24_000, None);
                 let width = if number < 60 { 16_000 } else { 24_008 };
-                state.output_pulses([Some((now, width)), None, Some((now, 24_000)), None]);
+                state.set_output_pulses([Some((now, width)), None, Some((now, 24_000)), None]);
             }
             state.circuit = (number > 30).then(|| CircuitStatus {
                 circuit: 120,
@@ -357,7 +357,7 @@ mod tests {
                 current: f16::from_f32(3.2),
                 errors: 0,
             });
-            state.pass(now);
+            state.advance_to(now);
             plain.step(&mut state).unwrap();
         }
         let text = String::from_utf8(out).unwrap();
@@ -379,8 +379,8 @@ mod tests {
         let mut plain = Plain::new(&mut out, false);
         for number in 1..200 {
             let start = number * F_CPU_HZ / 50;
-            state.pulse(start, 24_000, None);
-            state.pass(start);
+            state.add_pulse(start, 24_000, None);
+            state.advance_to(start);
             plain.step(&mut state).unwrap();
         }
         let text = String::from_utf8(out).unwrap();
@@ -395,9 +395,9 @@ mod tests {
         let ms = F_CPU_HZ / 1000;
         for now in (1..=300).map(|number| number * ms) {
             if now == 100 * ms {
-                state.pulse(now, 24_000, None);
+                state.add_pulse(now, 24_000, None);
             }
-            state.pass(now);
+            state.advance_to(now);
             plain.step(&mut state).unwrap();
         }
         let text = String::from_utf8(out).unwrap();
@@ -407,14 +407,14 @@ mod tests {
     }
 
     #[test]
-    fn floods_of_errors_and_mistakes_are_cut() {
+    fn many_error_frames_lost_frames_and_mistakes_are_summed_up() {
         let mut state = State::new(1_000_000);
         for _ in 0..1000 {
-            state.tell(0, News::ErrorFrame(String::from("error frame")));
-            state.violation(0, String::from("SPI with CS high"));
-            state.lost(0, Frame::standard(0x123, &[1]));
+            state.report(0, Event::ErrorFrame(String::from("error frame")));
+            state.add_mistake(0, String::from("SPI with CS high"));
+            state.add_lost_frame(0, Frame::standard(0x123, &[1]));
         }
-        state.pass(F_CPU_HZ);
+        state.advance_to(F_CPU_HZ);
         let text = printed(&mut state, false);
         assert!(text.contains("995 further error frames"), "{text}");
         assert!(text.contains("LOST    frame lost, both receive buffers were full: 123#01"), "{text}");
@@ -428,17 +428,17 @@ mod tests {
     #[test]
     fn the_summary_has_every_figure() {
         let mut state = State::new(1_000_000);
-        state.pulse(16, 24_000, None);
+        state.add_pulse(16, 24_000, None);
         state.memory.flash = 9_876;
         state.memory.statics = Some(312);
         state.memory.stack = Some(200);
         let limits = Budget::of(Chip::Atmega328p);
         state.memory.limits = Some(limits);
-        state.served(1600);
-        state.violation(0, String::from("x"));
-        state.crashed(0, String::from("jumped into nothing"));
+        state.add_latency(1600);
+        state.add_mistake(0, String::from("x"));
+        state.set_crash(0, String::from("jumped into nothing"));
         state.links.push(String::from("slcan /tmp/can: open"));
-        state.pass(5 * F_CPU_HZ);
+        state.advance_to(5 * F_CPU_HZ);
         let text = summary(&state, Measured { factor: 1.0, capacity: 7.5 });
         for expected in [
             "5.000 s",
@@ -458,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_without_limits_has_none_in_the_summary() {
+    fn the_summary_of_a_program_without_limits_names_no_limits() {
         let mut state = State::new(1_000_000);
         state.memory.flash = 9_876;
         state.memory.statics = Some(312);
@@ -467,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn the_statics_of_an_unknown_program_are_not_in_the_summary() {
+    fn the_summary_leaves_out_unknown_statics() {
         let mut state = State::new(1_000_000);
         state.memory = Memory { flash: 9_876, limits: Some(Budget::of(Chip::Atmega328p)), ..Memory::default() };
         let text = summary(&state, Measured::default());

@@ -11,11 +11,12 @@ use ratatui::style::{Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph};
 
-/// Lines of the types, at most, and the rows of their border.
+/// Most lines in the list of types.
 const TYPE_LINES: usize = 20;
+/// Rows of the border of a list.
 const BORDER_ROWS: usize = 2;
 
-/// Draws the list that is open, if one is.
+/// Draws the open list, if there is one.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
     match screen.popup {
         Some(Popup::Faults) => draw_faults(frame, area, state),
@@ -51,13 +52,13 @@ fn draw_types(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen)
         let line = if is_hidden { line.style(DIM) } else { line };
         if index == screen.selected { line.reversed() } else { line }
     };
-    // The cursor stays in the window.
+    // Scrolls so that the list shows the cursor.
     let rows = TYPE_LINES.min(usize::from(area.height).saturating_sub(BORDER_ROWS)).max(1);
     let first = (screen.selected + 1).saturating_sub(rows);
     let types = state.traffic.types().iter().enumerate();
     let mut lines: Vec<_> = types.map(line).skip(first).take(rows).collect();
     if lines.is_empty() {
-        lines.push(Line::from(" nothing was on the bus yet"));
+        lines.push(Line::from(" no traffic yet"));
     }
     popup(frame, area, " Traffic: ↑ ↓, space hides or shows, Enter shows all, Esc closes ", lines, 70);
 }

@@ -1,6 +1,6 @@
-//! The result of a run for another program: `--json FILE`, and the exit code.
+//! The result of a run for other programs: `--json FILE`, and the exit code.
 //!
-//! Names and units are part of the interface: a CI job may look at any of them. A new field may come; none changes.
+//! Field names and units are a stable interface: a CI job may read any of them. A version may add fields; it changes none.
 
 use super::state::State;
 use crate::time::{micros, seconds};
@@ -12,7 +12,8 @@ use std::process::ExitCode;
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// The firmware ran without a crash and without a mistake.
-    Well,
+    #[serde(rename = "well")]
+    Clean,
     /// The firmware crashed.
     Crashed,
     /// The firmware misused a chip.
@@ -20,21 +21,22 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// The outcome of a run.
+    /// The outcome of the run that ended in `state`.
     pub fn of(state: &State) -> Outcome {
         if state.crash.is_some() {
             Outcome::Crashed
         } else if state.mistakes.total() > 0 {
             Outcome::Mistakes
         } else {
-            Outcome::Well
+            Outcome::Clean
         }
     }
 
-    /// The exit code of `sim`: 0 or 1. 2 is a wrong command line, and 3 something of the machine.
+    /// The exit code of `sim` for this outcome: 0 or 1. The program returns 2 for a wrong command line, and 3 for an error of
+    /// this computer.
     pub fn exit_code(self) -> u8 {
         match self {
-            Outcome::Well => 0,
+            Outcome::Clean => 0,
             Outcome::Crashed | Outcome::Mistakes => 1,
         }
     }
@@ -46,7 +48,7 @@ impl From<Outcome> for ExitCode {
     }
 }
 
-/// See the module.
+/// The report of a run, which `--json FILE` writes.
 #[derive(Debug, Serialize)]
 pub struct Report {
     outcome: Outcome,
@@ -58,14 +60,14 @@ pub struct Report {
     mistakes: Vec<Mistake>,
     hints: Vec<String>,
     restarts_total: u64,
-    /// The first 100.
+    /// The first 100 restarts.
     restarts: Vec<Restart>,
     bus: Bus,
     node: Node,
     servo: Servo,
-    /// From output 2 to the last with pulses.
+    /// Output 2 to the last output with pulses.
     outputs: Vec<Output>,
-    /// What the node said last of the circuit that it measures.
+    /// Last CircuitStatus of the node.
     circuit: Option<Circuit>,
     spi: Spi,
     budget: Budget,
@@ -97,9 +99,9 @@ struct Node {
     frames_received: u64,
     frames_sent: u64,
     frames_lost: u64,
-    /// The first 100, as candump has them.
+    /// The first 100 lost frames, in candump's notation.
     lost: Vec<LostFrame>,
-    /// From the end of a frame to the driver's release of its buffer; none if it released none.
+    /// Longest time from the end of a frame until the driver released its buffer; `null` if it released none.
     served_within_us: Option<f64>,
     tec: u16,
     rec: u16,
@@ -114,7 +116,7 @@ struct LostFrame {
 #[derive(Debug, Serialize)]
 struct Servo {
     pulses: u64,
-    /// Of the last pulse; none if there are none at the end.
+    /// Width of the last pulse; `null` if the output is off at the end.
     width_us: Option<f64>,
     period_us: Option<f64>,
     shortest_us: Option<f64>,
@@ -124,14 +126,14 @@ struct Servo {
 #[derive(Debug, Serialize)]
 struct Output {
     output: usize,
-    /// Of the last pulse; none if there are none at the end.
+    /// Width of the last pulse; `null` if the output is off at the end.
     width_us: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
 struct Circuit {
     circuit_id: u16,
-    /// None where the node does not know it.
+    /// `null` if the node does not know the value; the current, too.
     voltage_v: Option<f32>,
     current_a: Option<f32>,
     error_flags: u8,
@@ -146,12 +148,12 @@ struct Spi {
     bytes_per_frame: Option<f64>,
 }
 
-/// In bytes; limits only for programs of this project.
+/// Memory in bytes. Only programs of this project have limits.
 #[derive(Debug, Serialize)]
 struct Budget {
     flash: u32,
     flash_limit: Option<u32>,
-    /// `null` of a chip with a bootloader.
+    /// `null` for a chip with a bootloader.
     statics: Option<u32>,
     statics_limit: Option<u32>,
     stack: Option<u32>,
@@ -159,7 +161,7 @@ struct Budget {
 }
 
 impl Report {
-    /// The result of a run that is over.
+    /// The report of the run that ended in `state`.
     pub fn new(state: &State) -> Report {
         let outcome = Outcome::of(state);
         let limits = state.memory.limits;
@@ -234,7 +236,7 @@ impl Report {
         }
     }
 
-    /// The report as JSON, with a line end.
+    /// The report as JSON, with a newline at its end.
     pub fn to_json(&self) -> String {
         let json = serde_json::to_string_pretty(self).expect("numbers and texts only");
         json + "\n"
@@ -260,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_without_events_is_well_and_has_no_numbers_that_nobody_measured() {
+    fn a_run_without_events_is_clean_and_null_stands_for_what_was_not_measured() {
         let report = json(&State::new(500_000));
         assert_eq!((&report["outcome"], &report["exit_code"]), (&"well".into(), &0.into()));
         assert_eq!(report["bus"]["bit_rate"], 500_000);
@@ -268,22 +270,22 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_changes_its_rate_all_the_time_gets_each_hint_once_and_not_without_end() {
+    fn each_hint_is_given_once_and_the_number_of_hints_is_bounded() {
         let mut state = State::new(1_000_000);
         for number in 0..1000 {
-            state.hint(number, String::from("the UART is at 9600 baud"));
-            state.hint(number, format!("the UART is at {number} baud"));
+            state.add_hint(number, String::from("the UART is at 9600 baud"));
+            state.add_hint(number, format!("the UART is at {number} baud"));
         }
         assert_eq!(state.hints.len(), 20);
-        assert_eq!(state.take_news().len(), 20);
+        assert_eq!(state.take_events().len(), 20);
     }
 
     #[test]
-    fn further_outputs_and_the_circuit_are_in_it_if_there_are_any() {
+    fn the_report_has_further_outputs_and_the_circuit() {
         let mut state = State::new(1_000_000);
         let report = json(&state);
         assert_eq!((&report["outputs"], &report["circuit"]), (&serde_json::json!([]), &serde_json::Value::Null));
-        state.output_pulses([None, Some((0, 24_008)), None]);
+        state.set_output_pulses([None, Some((0, 24_008)), None]);
         let (voltage, current) = (f16::from_f32(12.5), f16::NAN);
         state.circuit = Some(CircuitStatus { circuit: 120, voltage, current, errors: 1 });
         let report = json(&state);
@@ -293,15 +295,15 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_losses_restarts_and_pulses_are_in_it_and_the_exit_code_is_1() {
+    fn the_report_has_mistakes_lost_frames_restarts_and_pulses_and_the_exit_code_1() {
         let mut state = State::new(1_000_000);
-        state.pass(2 * F_CPU_HZ);
-        state.violation(F_CPU_HZ / 2, String::from("CNF1 <- 41h ignored"));
-        state.violation(F_CPU_HZ, String::from("CNF1 <- 42h ignored"));
-        state.lost(F_CPU_HZ, Frame::standard(0x123, &[1]));
-        state.reset(F_CPU_HZ, String::from("Watchdog"));
-        state.pulse(2 * F_CPU_HZ - 320_000, 16_000, None);
-        state.pulse(2 * F_CPU_HZ, 24_000, Some(320_000));
+        state.advance_to(2 * F_CPU_HZ);
+        state.add_mistake(F_CPU_HZ / 2, String::from("CNF1 <- 41h ignored"));
+        state.add_mistake(F_CPU_HZ, String::from("CNF1 <- 42h ignored"));
+        state.add_lost_frame(F_CPU_HZ, Frame::standard(0x123, &[1]));
+        state.add_reset(F_CPU_HZ, String::from("Watchdog"));
+        state.add_pulse(2 * F_CPU_HZ - 320_000, 16_000, None);
+        state.add_pulse(2 * F_CPU_HZ, 24_000, Some(320_000));
         let report = json(&state);
         assert_eq!((&report["outcome"], &report["exit_code"]), (&"mistakes".into(), &1.into()));
         assert_eq!((&report["mistakes"][0]["count"], &report["mistakes"][0]["first_s"]), (&2.into(), &0.5.into()));
@@ -315,7 +317,7 @@ mod tests {
             (&servo["width_us"], &servo["shortest_us"], &servo["longest_us"]),
             (&1500.0.into(), &1000.0.into(), &1500.0.into())
         );
-        state.crashed(0, String::from("gone"));
+        state.set_crash(0, String::from("gone"));
         assert_eq!(json(&state)["outcome"], "crashed");
     }
 }

@@ -1,8 +1,8 @@
 //! Runs a scene against the wall clock: as a live view on the terminal, or as plain lines.
 //!
-//! Both loops are the same: simulate a slice, show it, wait until real time has caught up. A signal, or the end of the
-//! asked time, ends them between two slices. The terminal is restored however the program ends, by a panic too. A terminal that
-//! is gone, because its window was closed, ends the live view like the key that quits.
+//! Both loops simulate a slice, show it, and wait for real time. They end between two slices, at a signal or at the end of
+//! the time of `--for`. The live view restores the terminal however the program ends, also by a panic. When the terminal's window
+//! is closed, the live view ends as with the key `q`.
 
 use super::args::Args;
 use super::keys::{self, Action};
@@ -22,19 +22,19 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// A slice in real time: short enough for keys and motion to feel immediate.
+/// Length of a slice in real time: short enough that keys and motion show no delay.
 const SLICE_S: f64 = 0.01;
-/// The same while clients on the wall clock may wait for an answer.
+/// Length of a slice if clients that use the wall clock can wait for an answer.
 const SLICE_WITH_CLIENTS_S: f64 = 0.002;
-/// The lag behind real time that the simulation makes up for: a few slices, so that a busy host does not bend the mean.
+/// Largest lag behind real time for which the simulation compensates: a few slices, so that a busy host keeps the mean speed.
 const LAG_MAX: Duration = Duration::from_millis(250);
-/// The same while clients on the wall clock may be attached. To make up for a lag is to simulate faster than real time, and then little time of the
-/// client's is much simulated time: it must stay below the 50 ms that a node waits for the next frame of a transfer.
+/// The same limit if clients can use the wall clock. To compensate, the simulation runs faster than real time, and a client's
+/// short delay is a long one in simulated time. It must stay below the 50 ms that a node waits for the next frame of a transfer.
 const LAG_MAX_WITH_CLIENTS: Duration = Duration::from_millis(20);
-/// Limits of a slice in simulated time.
+/// Shortest and longest slice in simulated time.
 const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
 const SLICE_MAX: Cycles = F_CPU_HZ / 50;
-/// Pictures for each real second: as many as a terminal over a network can take.
+/// Real time between two pictures: 25 a second, which a terminal over a network can show.
 const PICTURE_PERIOD: Duration = Duration::from_millis(40);
 
 /// Wall clock and pace of a run.
@@ -65,14 +65,14 @@ impl Clock {
         self.end.is_some_and(|end| scene.now() >= end)
     }
 
-    /// Simulates a slice and says how long to wait after it.
+    /// Simulates a slice. Returns the real time to wait after it.
     fn step(&mut self, scene: &mut Scene) -> Result<Duration> {
         let from = scene.now();
         let until = (from + self.slice).min(self.end.unwrap_or(Cycles::MAX));
         let before = self.started.elapsed();
         scene.advance(until)?;
         let after = self.started.elapsed();
-        self.pace.worked(scene.now() - from, after - before, after);
+        self.pace.add_slice(scene.now() - from, after - before, after);
         Ok(self.pace.wait(scene.now(), after))
     }
 
@@ -85,10 +85,10 @@ impl Clock {
     }
 }
 
-/// Runs with one line for each event on `out`, and the summary at the end.
+/// Runs the scene, and prints one line for each event and the summary on `out`.
 ///
 /// # Errors
-/// Those of the output, a broken pipe among them.
+/// If a link cannot go on, or `out` fails, for example with a broken pipe.
 pub fn plain(scene: &mut Scene, args: &Args, stop: &AtomicBool, out: impl Write) -> Result<()> {
     let mut clock = Clock::new(args, scene);
     let mut view = Plain::new(out, args.traffic);
@@ -99,14 +99,14 @@ pub fn plain(scene: &mut Scene, args: &Args, stop: &AtomicBool, out: impl Write)
     }
     scene.finish()?;
     view.step(scene.state_mut())?;
-    view.summary(scene.state(), clock.average())?;
+    view.print_summary(scene.state(), clock.average())?;
     Ok(())
 }
 
-/// Runs on the terminal until the user quits; the summary is left for the caller to print.
+/// Runs the scene as a live view until the user quits. Returns the speed for the summary, which the caller prints.
 ///
 /// # Errors
-/// Those of the terminal.
+/// If a link cannot go on, or the terminal fails.
 pub fn live(scene: &mut Scene, args: &Args, stop: &AtomicBool) -> Result<Measured> {
     // Also installs a panic hook that restores the terminal before the message is printed.
     let terminal = ratatui::try_init().context("cannot use this terminal: try --plain")?;
@@ -121,7 +121,7 @@ struct Restored;
 
 impl Drop for Restored {
     fn drop(&mut self) {
-        // A terminal that is gone cannot be restored, and nobody could read why.
+        // This fails if the terminal is closed; then there is nowhere to print the error.
         let _ = ratatui::try_restore();
     }
 }
@@ -135,23 +135,26 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
     let mut next_picture = Instant::now();
     let mut next_slice = Instant::now();
     'run: loop {
-        if clock.is_over(scene) || stop.load(Ordering::Relaxed) || keyboard.look(Duration::ZERO)? == Look::Gone {
+        if clock.is_over(scene)
+            || stop.load(Ordering::Relaxed)
+            || keyboard.poll(Duration::ZERO)? == KeyboardState::Closed
+        {
             break;
         }
         if !screen.paused && Instant::now() >= next_slice {
             let wait = clock.step(scene)?;
             next_slice = Instant::now() + wait;
-            scene.state_mut().take_news();
+            scene.state_mut().take_events();
         }
         if screen.paused {
-            // Clients go on, and would take silence for a broken adapter.
+            // Clients still send commands; without an answer they would report a broken adapter.
             scene.serve()?;
-            scene.state_mut().take_news();
+            scene.state_mut().take_events();
         }
         if Instant::now() >= next_picture {
             screen.speed = clock.measured();
             let drawn = terminal.draw(|frame| page = live::draw(frame, scene.state(), &screen));
-            if drawn.is_err() && keyboard.look(Duration::ZERO)? == Look::Gone {
+            if drawn.is_err() && keyboard.poll(Duration::ZERO)? == KeyboardState::Closed {
                 break;
             }
             drawn.context("cannot draw on the terminal")?;
@@ -161,9 +164,9 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
         let mut wait = next.saturating_duration_since(Instant::now());
         loop {
             match keyboard.wait(wait)? {
-                Look::Gone => break 'run,
-                Look::Nothing => break,
-                Look::Something => wait = Duration::ZERO,
+                KeyboardState::Closed => break 'run,
+                KeyboardState::Empty => break,
+                KeyboardState::Ready => wait = Duration::ZERO,
             }
             let Event::Key(key) = event::read()? else {
                 continue;
@@ -180,7 +183,7 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
                         clock.pace.resume(scene.now(), now - paused_at, now);
                     }
                 }
-                Some(action) => act(action, scene, &mut screen, page),
+                Some(action) => apply(action, scene, &mut screen, page),
             }
         }
     }
@@ -188,21 +191,23 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
     Ok(clock.average())
 }
 
-/// What there is to read from the terminal.
+/// State of the terminal's input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Look {
-    Nothing,
-    Something,
-    /// The other end is closed.
-    Gone,
+enum KeyboardState {
+    /// Nothing to read.
+    Empty,
+    /// Something to read.
+    Ready,
+    /// The terminal is closed.
+    Closed,
 }
 
-/// The terminal that crossterm reads from. Crossterm 0.29 does not return from a terminal that is gone
-/// (event/source/unix/mio.rs reads on for ever), so each look at it comes before crossterm's.
+/// The terminal that crossterm reads from. Crossterm 0.29 never returns from a read of a closed terminal
+/// (event/source/unix/mio.rs), so the terminal must be polled before each call of crossterm.
 struct Keyboard(OwnedFd);
 
 impl Keyboard {
-    /// Opens what crossterm opens: standard input, or the controlling terminal if that is something else.
+    /// Opens the same terminal as crossterm: standard input if it is a terminal, else the controlling terminal.
     fn open() -> io::Result<Keyboard> {
         let input = io::stdin();
         let terminal =
@@ -210,42 +215,42 @@ impl Keyboard {
         Ok(Keyboard(terminal))
     }
 
-    /// Waits for a key, or another event of the terminal.
-    fn wait(&self, wait: Duration) -> io::Result<Look> {
-        if self.look(Duration::ZERO)? == Look::Gone {
-            return Ok(Look::Gone);
+    /// Waits for a key or another event of the terminal, at most for `wait`.
+    fn wait(&self, wait: Duration) -> io::Result<KeyboardState> {
+        if self.poll(Duration::ZERO)? == KeyboardState::Closed {
+            return Ok(KeyboardState::Closed);
         }
-        let has_event = || event::poll(Duration::ZERO).or_else(interrupted);
-        // Crossterm may hold events that it has read before.
+        let has_event = || event::poll(Duration::ZERO).or_else(ignore_signal);
+        // Crossterm can have read events before that it has not returned yet.
         if has_event()? {
-            return Ok(Look::Something);
+            return Ok(KeyboardState::Ready);
         }
-        Ok(match self.look(wait)? {
-            // Half of an escape sequence is no event.
-            Look::Something if !has_event()? => Look::Nothing,
-            look => look,
+        Ok(match self.poll(wait)? {
+            // The first half of an escape sequence is not an event yet.
+            KeyboardState::Ready if !has_event()? => KeyboardState::Empty,
+            state => state,
         })
     }
 
-    /// Waits until there is something to read, or no terminal any more.
-    fn look(&self, wait: Duration) -> io::Result<Look> {
+    /// Waits until there is something to read or the terminal is closed, at most for `wait`.
+    fn poll(&self, wait: Duration) -> io::Result<KeyboardState> {
         let mut terminal = [PollFd::new(&self.0, PollFlags::IN)];
         let wait = Timespec::try_from(wait).map_err(io::Error::other)?;
         match poll(&mut terminal, Some(&wait)) {
-            Ok(0) => Ok(Look::Nothing),
+            Ok(0) => Ok(KeyboardState::Empty),
             Ok(_) if terminal[0].revents().intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) => {
-                Ok(Look::Gone)
+                Ok(KeyboardState::Closed)
             }
-            Ok(_) => Ok(Look::Something),
-            // A signal: the loop sees its flag.
-            Err(rustix::io::Errno::INTR) => Ok(Look::Nothing),
+            Ok(_) => Ok(KeyboardState::Ready),
+            // A signal: the loop checks the flag that it sets.
+            Err(rustix::io::Errno::INTR) => Ok(KeyboardState::Empty),
             Err(error) => Err(error.into()),
         }
     }
 }
 
-/// Does what a key asks of the bench or of the screen, on which `page` lines of traffic fit.
-fn act(action: Action, scene: &mut Scene, screen: &mut Screen, page: usize) {
+/// Applies the action of a key to the bench or to the screen, on which `page` lines of traffic fit.
+fn apply(action: Action, scene: &mut Scene, screen: &mut Screen, page: usize) {
     match action {
         Action::Nudge(hundredths) => scene.nudge(f64::from(hundredths) / 100.0),
         Action::ToggleSweep => scene.toggle_sweep(),
@@ -258,8 +263,8 @@ fn act(action: Action, scene: &mut Scene, screen: &mut Screen, page: usize) {
     }
 }
 
-/// A signal while waiting for a key is not an error: the loop sees its flag.
-fn interrupted(error: io::Error) -> io::Result<bool> {
+/// Turns an interruption by a signal into "no event". The loop checks the flag that the signal sets.
+fn ignore_signal(error: io::Error) -> io::Result<bool> {
     match error.kind() {
         io::ErrorKind::Interrupted => Ok(false),
         _ => Err(error),
@@ -274,8 +279,8 @@ mod tests {
     use clap::Parser;
     use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
-    /// A scene with a program that does nothing, run to its end; gives what was printed.
-    fn printed(options: &str, out: impl Write) -> Result<()> {
+    /// Runs a scene with a program that does nothing to its end, and prints it on `out`.
+    fn print(options: &str, out: impl Write) -> Result<()> {
         let line = format!("sim --speed max {options}");
         let args = Args::try_parse_from(line.split_whitespace()).unwrap();
         let firmware = Firmware { flash: vec![(0, vec![0xFF, 0xCF])], ..Firmware::default() };
@@ -283,7 +288,7 @@ mod tests {
         plain(&mut scene, &args, &AtomicBool::new(false), out)
     }
 
-    /// Presses keys of the live view, `^` for Esc, and gives the faults that are on.
+    /// Presses keys of the live view, `^` for Esc, and returns the faults that are on.
     fn faults_after(keys: &str) -> Vec<Fault> {
         let firmware = Firmware { flash: vec![(0, vec![0xFF, 0xCF])], ..Firmware::default() };
         let args = Args::try_parse_from(["sim", "--inject", "error-storm@0s"]).unwrap();
@@ -293,7 +298,7 @@ mod tests {
         for key in keys.chars() {
             let code = if key == '^' { KeyCode::Esc } else { KeyCode::Char(key) };
             if let Some(action) = keys::action(KeyEvent::new(code, KeyModifiers::NONE), screen.popup) {
-                act(action, &mut scene, &mut screen, 5);
+                apply(action, &mut scene, &mut screen, 5);
             }
             scene.advance(scene.now() + F_CPU_HZ / 1000).unwrap();
         }
@@ -325,9 +330,9 @@ mod tests {
     }
 
     #[test]
-    fn a_plain_run_ends_at_the_asked_time_with_the_summary() {
+    fn a_plain_run_ends_at_the_time_of_the_option_with_the_summary() {
         let mut out = Vec::new();
-        printed("--for 100ms --traffic", &mut out).unwrap();
+        print("--for 100ms --traffic", &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
         assert!(text.contains("servo   no pulse"), "{text}");
         assert!(text.contains("1 NodeStatus OK OPERATIONAL up 0 s"), "{text}");
@@ -335,7 +340,7 @@ mod tests {
         assert!(text.contains("bus             6 frames, 0 error frames"), "{text}");
     }
 
-    /// `sim | head` must end, not go on in silence.
+    /// `sim | head` must end when `head` has its lines.
     #[test]
     fn a_closed_pipe_ends_the_run() {
         struct Closed;
@@ -347,7 +352,7 @@ mod tests {
                 Ok(())
             }
         }
-        let error = printed("", Closed).unwrap_err();
+        let error = print("", Closed).unwrap_err();
         let cause = error.downcast_ref::<io::Error>().unwrap();
         assert_eq!(cause.kind(), io::ErrorKind::BrokenPipe);
     }

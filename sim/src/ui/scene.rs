@@ -1,16 +1,15 @@
-//! The bench with an autopilot on it, and what is to be known of both: simulated time passes here, and nothing else.
+//! The scene: the bench, the autopilot on its bus, and the [`State`] of both. Advancing a scene lets simulated time pass.
 //!
-//! No terminal and no wall clock, so a scene can be run by a test as well as by a person.
+//! A scene uses no terminal and no wall clock, so a test can run it, too.
 //!
-//! Three stations share the bus: the node, the autopilot, and a third one that only acknowledges what it hears, as an
-//! analyser does, until it is set to babble. So the autopilot still gets its ACKs when the node's cable is pulled. Further
-//! boards, and stations of the programs that are joined to the bench, come on top. These links are served at least each
-//! simulated millisecond.
+//! At least three stations share the bus: the node, the autopilot, and a babbler. The babbler acknowledges all frames, as
+//! a bus analyser does, until the fault `babble` makes it send. So the autopilot still gets its ACKs when the node's cable
+//! is pulled. Further boards and links can add stations. The scene serves the links at least each simulated millisecond.
 
 use super::args::Args;
 use super::findings::Findings;
 use super::pace::Speed;
-use super::state::{AutopilotState, Controller, News, State};
+use super::state::{AutopilotState, Controller, Event, State};
 use crate::fault::{Fault, Injection};
 use crate::links::Link;
 use crate::links::script::{BenchEvent, Script};
@@ -30,76 +29,77 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::rc::Rc;
 
-/// What a cell of erased flash holds.
+/// Value of an erased flash byte.
 const ERASED: u8 = 0xFF;
-/// First byte behind the statics, where the paint begins.
+/// Symbol of the first byte after the statics, where the paint begins.
 const STACK_BOTTOM_SYMBOL: &str = "__heap_start";
-/// So many bytes of paint are no chance.
+/// This many equal bytes prove that the program paints its stack: noise does not give them.
 const PAINTED_BYTES: u16 = 16;
-/// The stack is looked at this often.
+/// Simulated time between two measurements of the stack.
 const STACK_PERIOD: Cycles = F_CPU_HZ / 10;
-/// Wire bit that a bit error inverts: in the data field of an extended frame.
+/// Number of the bit on the bus that a bit error inverts: in the data field of an extended frame.
 const FLIPPED_BIT: u32 = 50;
 const ERROR_RATE_PER_MILLION: u32 = 200;
 const SPI_NOISE_PER_MILLION: u32 = 100;
 const ERROR_STORM_PER_MILLION: u32 = 10_000;
 const SENSOR_NOISE_MILLIVOLTS: u32 = 100;
-/// Register of the MCP2515.
+/// Register CNF2 of the MCP2515.
 const CNF2: u8 = 0x29;
-/// Identifier of a NodeStatus, without its sender, and who sends it where the node has not been heard yet.
+/// Identifier of a NodeStatus, with sender 0.
 const NODE_STATUS_ID: u32 = 0x1801_5500;
+/// Sender of the fault `same-id` before the first NodeStatus of the node.
 const DEFAULT_NODE_ID: u8 = 120;
-/// Bus and SPI noise of each run are the same.
+/// Fixed, so that each run has the same bus, SPI and sensor noise.
 const NOISE_SEED: u64 = 1;
-/// Identifier of the babbler's frame: the most urgent message there is, of no known type, from a tool's node ID.
+/// Identifier of the babbler's frame: highest priority, an unknown message type, and the node ID of a tool (127).
 const BABBLE_ID: u32 = 0x0000_0A7F;
-/// Full length, and a valid tail byte, for a babbler need not be broken otherwise.
+/// The longest frame, with a valid tail byte, so that receivers accept it as a transfer.
 const BABBLE_DATA: [u8; 8] = [0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0];
 
-/// Longest simulated time between two looks at the links.
+/// Longest simulated time between two calls of [`Link::serve`].
 const SERVE_PERIOD: Cycles = F_CPU_HZ / 1000;
-/// The links' own lines are asked for this often.
+/// Simulated time between two updates of the links' status lines.
 const STATUS_PERIOD: Cycles = F_CPU_HZ / 10;
 
-/// See the module.
+/// A bench with its boards, autopilot, links and script, and the state that the views show.
 pub struct Scene {
     bench: Bench,
     node: usize,
     node_port: PortId,
-    /// Further boards.
+    /// Numbers of the further boards.
     others: Vec<usize>,
     autopilot: Option<(Autopilot, PortId)>,
-    /// What the autopilot was set to before one of the other dialect took its place.
+    /// Settings of the autopilot before the last `other-dialect`.
     replaced: Option<Settings>,
     links: Vec<Box<dyn Link>>,
     script: Option<Script>,
     next_status_at: Cycles,
-    /// Byte address behind the application, if there is a boot loader that may load another.
+    /// End of the application section in bytes, if there is a bootloader, which can replace the application.
     application_end: Option<usize>,
     babbler: Rc<RefCell<SoftNode>>,
-    /// A node of another bit rate, once there was one.
+    /// Node of the fault `wrong-rate`; attached when that fault begins for the first time.
     intruder: Option<(Rc<RefCell<SoftNode>>, PortId)>,
-    /// Faults to come, in order of time.
+    /// Faults of `--inject` that are not due yet, in order of time.
     injections: VecDeque<Injection>,
     state: State,
     resets_seen: usize,
     findings: Findings,
     stack_bottom: Option<u16>,
-    /// The program has filled its free RAM with paint.
+    /// True once the program has filled its free RAM with paint.
     stack_is_painted: bool,
     next_stack_at: Cycles,
-    /// What a chip does that got noise for commands, or is not as it was left, is not the driver's mistake.
-    chip_upset: bool,
+    /// True once a fault has disturbed the chip or its SPI: wrong commands from then on are not the driver's mistakes.
+    is_chip_disturbed: bool,
 }
 
 impl Scene {
-    /// Gives the boards their power at time 0.
+    /// Reads the firmware that `args` names, and powers the boards at time 0.
     ///
     /// # Errors
-    /// If there is no firmware or bootloader, or it cannot be run, or a link cannot be made; the message says what to do.
+    /// If the firmware or the bootloader is missing or does not fit, or a link cannot be opened; the message says what to do.
     pub fn new(args: &Args) -> Result<Scene> {
         let path = args.elf.clone().map_or_else(node_elf, Ok)?;
-        // A chip that is empty but for its bootloader needs no firmware. But if there is one, it says what the board is.
+        // With --no-program the firmware only describes the board, and may be missing.
         let firmware = match Firmware::read(&path).or_usage() {
             Err(_) if args.links.no_program && args.elf.is_none() => Firmware::default(),
             firmware => firmware?,
@@ -110,10 +110,10 @@ impl Scene {
         Scene::boot(&firmware, args)
     }
 
-    /// The same with a firmware that has been read already.
+    /// Powers the boards at time 0 with a firmware that is read already.
     ///
     /// # Errors
-    /// If the firmware does not fit the chip, the options ask for what the board cannot do, or a link cannot be made.
+    /// If the firmware does not fit the chip, an option does not fit the board, or a link cannot be opened.
     pub fn boot(firmware: &Firmware, args: &Args) -> Result<Scene> {
         let wiring = args.wires.apply(Wiring::of_program(firmware)?).or_usage()?;
         let loader = args.links.bootloader.as_ref().map(|hex| bootloader(hex.as_deref(), &wiring)).transpose()?;
@@ -159,14 +159,14 @@ impl Scene {
 
         let mut state = State::new(bit_rate);
         state.memory.flash = first.flash.iter().map(|(_, bytes)| bytes.len() as u32).sum();
-        // An update may bring another program.
+        // The bootloader can load another program, so the symbols and statics of this one do not count.
         let known = if loader.is_some() { &nothing } else { firmware };
         state.memory.statics = loader.is_none().then_some(firmware.statics);
         state.memory.limits = limits;
         state.knows_vendor_code = knows_vendor_code;
         let bottom = known.symbols.get(STACK_BOTTOM_SYMBOL).and_then(|symbol| u16::try_from(symbol.address).ok());
         let stack_bottom = bottom.filter(|bottom| (regs::RAMSTART..=wiring.chip.ram_end()).contains(bottom));
-        state.tell(0, News::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
+        state.report(0, Event::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
         state.wiring = wiring;
         let mut scene = Scene {
             node_port: bench.port(node),
@@ -188,23 +188,23 @@ impl Scene {
             stack_bottom,
             stack_is_painted: false,
             next_stack_at: STACK_PERIOD,
-            chip_upset: false,
+            is_chip_disturbed: false,
         };
         scene.set_temperature(args.temperature);
         scene.set_circuit_inputs(circuit_inputs_mv);
         scene.collect()?;
-        scene.look_at_links();
-        scene.say_what_is_joined(args);
+        scene.update_links();
+        scene.report_links(args);
         Ok(scene)
     }
 
-    fn say_what_is_joined(&mut self, args: &Args) {
+    fn report_links(&mut self, args: &Args) {
         for line in self.state.links.clone() {
-            self.state.tell(0, News::Link(line));
+            self.state.report(0, Event::Link(line));
         }
         if self.needs_real_time() && args.speed != Speed::Factor(1.0) {
-            let text = "--speed is not 1, but clients keep time by the wall clock: they may time out or be flooded";
-            self.state.tell(0, News::Link(String::from(text)));
+            let text = "--speed is not 1, but clients use the wall clock: they can time out or get too many frames";
+            self.state.report(0, Event::Link(String::from(text)));
         }
     }
 
@@ -213,33 +213,33 @@ impl Scene {
         self.state.now
     }
 
-    /// What is known.
+    /// The state of the bench.
     pub fn state(&self) -> &State {
         &self.state
     }
 
-    /// What is known, for taking the news.
+    /// The state of the bench, for taking its events.
     pub fn state_mut(&mut self) -> &mut State {
         &mut self.state
     }
 
-    /// Whether clients that keep time by the wall clock may be attached.
+    /// True if a link can have clients that use the wall clock.
     pub fn needs_real_time(&self) -> bool {
         self.links.iter().any(|link| link.needs_real_time())
     }
 
-    /// Simulates until `until`, or until a debugger halts a board; faults of the command line and events of the script
-    /// happen at their times.
+    /// Simulates until `until`, or until a debugger halts a board. Causes the faults of the command line and the events of
+    /// the script at their times.
     ///
     /// # Errors
-    /// Those of the links: what makes going on pointless.
+    /// If a link cannot go on; see [`Link::serve`].
     pub fn advance(&mut self, until: Cycles) -> Result<()> {
         while self.now() < until {
             let mut next = self.injections.front().map_or(until, |injection| injection.at).min(until);
             if let Some(at) = self.script.as_ref().and_then(Script::next_event_at).filter(|at| *at > self.now()) {
                 next = next.min(at);
             }
-            // An autopilot answers what it hears, and must be let to do so.
+            // An autopilot answers requests between two slices only, as links do.
             if !self.links.is_empty() || self.script.is_some() || self.autopilot.is_some() {
                 next = next.min(self.now() + SERVE_PERIOD);
             }
@@ -249,10 +249,10 @@ impl Scene {
             }
             let events = self.script.as_mut().map(|script| script.take_events(self.state.now)).unwrap_or_default();
             for (_, event) in events {
-                self.happen(event);
+                self.apply(event);
             }
             self.serve_links()?;
-            // The caller must see keys and signals meanwhile.
+            // Time does not pass while a board is halted: return, so that the caller sees keys and signals.
             if self.bench.is_halted() {
                 break;
             }
@@ -271,7 +271,7 @@ impl Scene {
         Ok(())
     }
 
-    fn happen(&mut self, event: BenchEvent) {
+    fn apply(&mut self, event: BenchEvent) {
         match event {
             BenchEvent::Temperature(celsius) => self.set_temperature(celsius),
             BenchEvent::CircuitVoltage(millivolts) => {
@@ -288,13 +288,13 @@ impl Scene {
         }
     }
 
-    /// Serves the programs that are joined to the bench, without letting time pass.
+    /// Serves the links without letting time pass.
     ///
     /// # Errors
-    /// Those of the links: what makes going on pointless.
+    /// If a link cannot go on; see [`Link::serve`].
     pub fn serve(&mut self) -> Result<()> {
         self.serve_links()?;
-        self.look_at_links();
+        self.update_links();
         Ok(())
     }
 
@@ -306,20 +306,20 @@ impl Scene {
         for link in &mut self.links {
             link.serve(&mut self.bench)?;
             if let Some(hint) = link.take_hint() {
-                self.state.hint(now, hint);
+                self.state.add_hint(now, hint);
             }
         }
         if self.now() >= self.next_status_at {
             self.next_status_at = self.now() + STATUS_PERIOD;
-            self.look_at_links();
+            self.update_links();
         }
         Ok(())
     }
 
-    /// The run is over: the links write what they keep.
+    /// Ends the run: the links write their files.
     ///
     /// # Errors
-    /// Those of the links.
+    /// If a link cannot write its file.
     pub fn finish(&mut self) -> Result<()> {
         if let Some(script) = &mut self.script {
             script.finish(&mut self.bench)?;
@@ -327,11 +327,11 @@ impl Scene {
         for link in &mut self.links {
             link.finish(&mut self.bench)?;
         }
-        self.look_at_links();
+        self.update_links();
         Ok(())
     }
 
-    fn look_at_links(&mut self) {
+    fn update_links(&mut self) {
         let further = match self.others.len() {
             0 => None,
             1 => Some(String::from("1 further board, node2, has the same firmware as the node")),
@@ -344,16 +344,16 @@ impl Scene {
         self.state.links = further.into_iter().chain(script).chain(links).filter(|status| !status.is_empty()).collect();
     }
 
-    /// Moves the servo by a part of its deflection, and holds it.
+    /// Changes the commanded deflection by `step` and holds it there. 1 is full deflection.
     pub fn nudge(&mut self, step: f64) {
         let now = self.now();
         if let Some((autopilot, _)) = &mut self.autopilot {
             autopilot.nudge(step, now);
         }
-        self.look_at_autopilot();
+        self.update_autopilot();
     }
 
-    /// Sweeps, or holds where it is.
+    /// Starts the sweep, or stops it and holds the deflection.
     pub fn toggle_sweep(&mut self) {
         let now = self.now();
         match &mut self.autopilot {
@@ -361,18 +361,18 @@ impl Scene {
             Some((autopilot, _)) => autopilot.sweep(now),
             None => {}
         }
-        self.look_at_autopilot();
+        self.update_autopilot();
     }
 
-    /// Changes the unit of the commands.
+    /// Changes the unit of the commands to the next one.
     pub fn next_command_type(&mut self) {
         if let Some((autopilot, _)) = &mut self.autopilot {
             autopilot.next_command_type();
         }
-        self.look_at_autopilot();
+        self.update_autopilot();
     }
 
-    /// Changes the temperature at the sensor by so many degrees.
+    /// Changes the temperature at the sensor by `degrees` degrees Celsius.
     pub fn warm(&mut self, degrees: f64) {
         self.set_temperature(self.state.sensor_c + degrees);
     }
@@ -388,7 +388,7 @@ impl Scene {
         self.bench.board(self.node).set_circuit_millivolts(voltage, current);
     }
 
-    /// Causes a fault now, or ends it if it lasts already.
+    /// Begins a fault now; ends it if it lasts and is on.
     pub fn inject(&mut self, fault: Fault) {
         let on = !self.state.active_faults.contains(&fault);
         if fault.lasts() {
@@ -397,13 +397,13 @@ impl Scene {
                 self.state.active_faults.push(fault);
             }
         }
-        self.chip_upset |= fault.upsets_the_chip();
+        self.is_chip_disturbed |= fault.disturbs_chip();
         let bus = self.bench.bus();
         let node_port = self.node_port;
         match fault {
             Fault::BitError => bus.inject(can::Fault::FlipBit { bit: FLIPPED_BIT }),
             Fault::ErrorRate | Fault::ErrorStorm => {
-                let per_million = self.latest(|fault| match fault {
+                let per_million = self.latest_effect(|fault| match fault {
                     Fault::ErrorRate => Some(ERROR_RATE_PER_MILLION),
                     Fault::ErrorStorm => Some(ERROR_STORM_PER_MILLION),
                     _ => None,
@@ -426,7 +426,7 @@ impl Scene {
                 self.board().set_spi_noise(per_million, NOISE_SEED);
             }
             Fault::DestroyFrames => bus.inject(can::Fault::DestroyFrames(on)),
-            Fault::WrongRate => self.intrude(on),
+            Fault::WrongRate => self.connect_intruder(on),
             Fault::SameId => {
                 let id = self.state.status.map_or(DEFAULT_NODE_ID, |(_, node, _)| node.get());
                 let frame = Frame::extended(NODE_STATUS_ID | u32::from(id), &[1, 0, 0, 0, 0, 0, 0, 0xC0]);
@@ -437,7 +437,7 @@ impl Scene {
             Fault::ChipSleep => self.board().chip_fall_asleep(),
             Fault::ChipHeld => self.board().chip_hold_in_configuration(on),
             Fault::MisoLow | Fault::MisoHigh => {
-                let byte = self.latest(|fault| match fault {
+                let byte = self.latest_effect(|fault| match fault {
                     Fault::MisoLow => Some(0x00),
                     Fault::MisoHigh => Some(0xFF),
                     _ => None,
@@ -445,7 +445,7 @@ impl Scene {
                 self.board().set_stuck_miso(byte);
             }
             Fault::IntLow | Fault::IntHigh => {
-                let level = self.latest(|fault| match fault {
+                let level = self.latest_effect(|fault| match fault {
                     Fault::IntLow => Some(false),
                     Fault::IntHigh => Some(true),
                     _ => None,
@@ -480,8 +480,8 @@ impl Scene {
             (false, _) => "",
         };
         let text = format!("{fault}{state}: {}", fault.explanation());
-        self.state.tell(self.now(), News::Fault(text));
-        self.look_at_autopilot();
+        self.state.report(self.now(), Event::Fault(text));
+        self.update_autopilot();
     }
 
     /// Ends a fault if it is on.
@@ -498,14 +498,13 @@ impl Scene {
         }
     }
 
-    /// The effect of the latest active fault that has one. Faults of one kind, such as two bit error rates, replace each other; when
-    /// the latest ends, the one before is in force again.
-    fn latest<T>(&self, effect: impl Fn(Fault) -> Option<T>) -> Option<T> {
+    /// The effect of the active fault that began last, among those for which `effect` is not `None`. Faults of one kind, such as
+    /// two bit error rates, replace each other. When the last one ends, the one before it is in force again.
+    fn latest_effect<T>(&self, effect: impl Fn(Fault) -> Option<T>) -> Option<T> {
         self.state.active_faults.iter().rev().find_map(|fault| effect(*fault))
     }
 
-    /// Takes the autopilot off the bus, and puts one of the other dialect in its place, which has just got its power. The
-    /// one after that is as the first was.
+    /// Replaces the autopilot by one of the other dialect, at its power-on. The next replacement has the first one's settings again.
     fn replace_autopilot(&mut self) {
         let Some((autopilot, port)) = self.autopilot.take() else { return };
         let old = autopilot.settings().clone();
@@ -519,8 +518,8 @@ impl Scene {
         self.autopilot = Some((successor, port));
     }
 
-    /// Lets a node of half the bit rate babble, or takes it off the bus. While it is there the simulation is slower.
-    fn intrude(&mut self, on: bool) {
+    /// Lets a node of half the bit rate babble, or disconnects it. The simulation is slower while the node is connected.
+    fn connect_intruder(&mut self, on: bool) {
         let bit_rate = self.bench.bus().bit_rate() / 2;
         let bench = &mut self.bench;
         let (node, port) = self.intruder.get_or_insert_with(|| {
@@ -536,52 +535,53 @@ impl Scene {
         self.bench.board(self.node)
     }
 
-    /// Takes everything out of the bench that has come up since the last call.
+    /// Moves all new output of the bench into the state, the script and the links.
     fn collect(&mut self) -> Result<()> {
-        self.state.pass(self.bench.now());
-        self.look_at_board();
-        self.look_at_others();
-        self.look_at_chip();
-        self.look_at_bus()?;
-        self.look_at_autopilot();
+        self.state.advance_to(self.bench.now());
+        self.collect_from_board();
+        self.collect_from_others();
+        self.collect_from_chip();
+        self.collect_from_bus()?;
+        self.update_autopilot();
         Ok(())
     }
 
-    fn look_at_board(&mut self) {
+    fn collect_from_board(&mut self) {
         let now = self.state.now;
         let board = self.bench.board(self.node);
         let serial = board.avr_mut().serial_take();
         for (at, byte) in &serial {
-            self.state.serial_byte(*at, *byte);
+            self.state.push_serial_byte(*at, *byte);
         }
-        for hint in self.findings.look(board, self.state.bus.bit_rate, !serial.is_empty()) {
-            self.state.hint(now, hint);
+        for hint in self.findings.check(board, self.state.bus.bit_rate, !serial.is_empty()) {
+            self.state.add_hint(now, hint);
         }
         self.state.spi = board.spi_use();
         for link in &mut self.links {
             link.serial_output(self.node, &serial);
         }
         for pulse in board.take_servo_pulses() {
-            self.state.pulse(pulse.start, pulse.width_cycles, pulse.period_cycles);
+            self.state.add_pulse(pulse.start, pulse.width_cycles, pulse.period_cycles);
         }
         let outputs = board.take_output_pulses().into_iter();
-        self.state.output_pulses(outputs.map(|pulses| pulses.last().map(|pulse| (pulse.start, pulse.width_cycles))));
-        self.state.light(now, board.light());
+        self.state
+            .set_output_pulses(outputs.map(|pulses| pulses.last().map(|pulse| (pulse.start, pulse.width_cycles))));
+        self.state.set_light(now, board.light());
         for violation in board.take_violations() {
             let text = format!("{}: {}", violation.source, violation.text);
-            if self.chip_upset {
-                self.state.tell(violation.at, News::Fault(format!("after an upset, {text}")));
+            if self.is_chip_disturbed {
+                self.state.report(violation.at, Event::Fault(format!("after a fault of the chip: {text}")));
             } else {
-                self.state.violation(violation.at, text);
+                self.state.add_mistake(violation.at, text);
             }
         }
         let resets = board.avr().resets_after(self.resets_seen);
         self.resets_seen += resets.len();
         for reset in resets {
-            self.state.reset(reset.at, format!("{:?}", reset.cause));
+            self.state.add_reset(reset.at, format!("{:?}", reset.cause));
         }
         if let Some(text) = crash(board.avr().state()) {
-            self.state.crashed(now, text);
+            self.state.set_crash(now, text);
         }
         if now < self.next_stack_at {
             return;
@@ -600,8 +600,8 @@ impl Scene {
         }
     }
 
-    /// Of further boards only what is wrong is of interest; the rest would pile up.
-    fn look_at_others(&mut self) {
+    /// Reports the mistakes and crashes of the further boards, and drops their other output, which would pile up.
+    fn collect_from_others(&mut self) {
         let now = self.state.now;
         for (index, number) in self.others.iter().enumerate() {
             let name = format!("node{}", index + 2);
@@ -615,25 +615,25 @@ impl Scene {
             board.chip().borrow_mut().take_frame_log();
             for violation in board.take_violations() {
                 let text = format!("{name}: {}: {}", violation.source, violation.text);
-                self.state.violation(violation.at, text);
+                self.state.add_mistake(violation.at, text);
             }
             if let Some(text) = crash(board.avr().state()) {
-                self.state.crashed(now, format!("{name}: {text}"));
+                self.state.set_crash(now, format!("{name}: {text}"));
             }
         }
     }
 
-    fn look_at_chip(&mut self) {
+    fn collect_from_chip(&mut self) {
         let chip = self.bench.board(self.node).chip();
         let mut chip = chip.borrow_mut();
         for entry in chip.take_frame_log() {
             self.state.frames_for_node += 1;
             match entry.fate {
-                Fate::Cleared(at) => self.state.served(at - entry.received_at),
-                Fate::Lost => self.state.lost(entry.received_at, entry.frame),
+                Fate::Cleared(at) => self.state.add_latency(at - entry.received_at),
+                Fate::Lost => self.state.add_lost_frame(entry.received_at, entry.frame),
             }
         }
-        self.state.look_at_controller(Controller {
+        self.state.set_controller(Controller {
             mode: format!("{:?}", chip.mode()),
             tec: chip.tec(),
             rec: chip.rec(),
@@ -642,14 +642,14 @@ impl Scene {
         });
     }
 
-    fn look_at_bus(&mut self) -> Result<()> {
+    fn collect_from_bus(&mut self) -> Result<()> {
         for record in self.bench.bus().take_records() {
             let from = match record.kind {
                 can::RecordKind::Frame { from, .. } | can::RecordKind::ErrorFrame { from, .. } => from,
             };
             let station = from.map(|port| self.bench.bus().name(port).to_owned());
             let from_node = from == Some(self.node_port);
-            self.state.record(&record, from_node, station.as_deref());
+            self.state.add_record(&record, from_node, station.as_deref());
             if let Some(script) = &mut self.script {
                 script.record(&record, station.as_deref())?;
             }
@@ -657,16 +657,16 @@ impl Scene {
                 link.record(&record, station.as_deref())?;
             }
         }
-        // What the babbler heard is on the bus's record; kept, it would only grow.
+        // Without this the babbler's queue of received frames would grow without bound.
         self.babbler.borrow_mut().take_received();
         Ok(())
     }
 
-    fn look_at_autopilot(&mut self) {
+    fn update_autopilot(&mut self) {
         let now = self.state.now;
         if let Some((autopilot, _)) = &mut self.autopilot {
-            for (at, text) in autopilot.take_news() {
-                self.state.tell(at, News::Node(text));
+            for (at, text) in autopilot.take_events() {
+                self.state.report(at, Event::Node(text));
             }
         }
         self.state.autopilot = self.autopilot.as_ref().map(|(autopilot, _)| AutopilotState {
@@ -685,20 +685,19 @@ impl Scene {
     }
 }
 
-/// True if the program has filled its free RAM, from `bottom` on, with paint. RAM that nobody has written to holds noise, and a program
-/// that does not paint has no reason to write so many equal bytes there.
-/// Reads a bootloader: this one, or that of `make boot` for the board.
+/// Reads the bootloader from `hex`, or the one that `make boot` has built for the board.
 fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<Firmware> {
     let path = hex.map_or_else(|| bench::bootloader(wiring), |hex| Ok(hex.to_owned())).or_usage()?;
     Firmware::read_hex(&path).or_usage()
 }
 
+/// True if the program has filled its free RAM, from `bottom` on, with paint. RAM that no program has written to holds noise.
 fn is_painted(avr: &Avr, bottom: u16) -> bool {
     let end = bottom.saturating_add(PAINTED_BYTES - 1);
     end <= avr.chip().ram_end() && avr.sram_range(bottom..=end).iter().all(|byte| *byte == PAINT)
 }
 
-/// What ended a program, if something did.
+/// Why the program cannot go on; `None` if it can.
 fn crash(state: avr::State) -> Option<String> {
     match state {
         avr::State::Crashed(pc) => Some(format!("the program counter left the flash that can be read, at {pc:#06x}")),
@@ -715,7 +714,7 @@ mod tests {
     use bench::dronecan::Dialect;
     use clap::Parser;
 
-    /// `rjmp .`: a program that does nothing for ever.
+    /// `rjmp .`: an endless loop.
     const IDLE: [u8; 2] = [0xFF, 0xCF];
 
     fn scene(program: &[u8], options: &str) -> Scene {
@@ -729,8 +728,8 @@ mod tests {
         scene.state().autopilot.as_ref().unwrap()
     }
 
-    fn news(scene: &mut Scene) -> Vec<(Cycles, News)> {
-        scene.state_mut().take_news()
+    fn events(scene: &mut Scene) -> Vec<(Cycles, Event)> {
+        scene.state_mut().take_events()
     }
 
     #[test]
@@ -748,10 +747,10 @@ mod tests {
     fn faults_happen_at_their_time_in_any_order_and_end_when_repeated() {
         let mut scene = scene(&IDLE, "--inject silence@30ms --inject babble@10ms --inject babble@20ms");
         scene.advance(F_CPU_HZ / 20).unwrap();
-        let faults: Vec<_> = news(&mut scene)
+        let faults: Vec<_> = events(&mut scene)
             .into_iter()
-            .filter_map(|(at, news)| match news {
-                News::Fault(text) => Some((at * 1000 / F_CPU_HZ, text)),
+            .filter_map(|(at, event)| match event {
+                Event::Fault(text) => Some((at * 1000 / F_CPU_HZ, text)),
                 _ => None,
             })
             .collect();
@@ -763,7 +762,7 @@ mod tests {
         assert!(scene.state().bus.load_percent(scene.now()) > 10.0);
     }
 
-    /// Each on its own, so that each does what its name says or at least stops nothing.
+    /// Each fault alone: it begins, ends, and stops nothing else.
     #[test]
     fn every_fault_can_be_begun_and_ended() {
         for fault in crate::fault::ALL {
@@ -806,7 +805,7 @@ mod tests {
     }
 
     #[test]
-    fn without_ack_the_frames_are_counted_as_such() {
+    fn without_ack_there_are_error_frames() {
         let mut scene = scene(&IDLE, "--inject no-ack@0s");
         scene.advance(F_CPU_HZ / 100).unwrap();
         assert!(scene.state().bus.error_frames > 0);
@@ -814,7 +813,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_steer_the_autopilot() {
+    fn keys_control_the_autopilot() {
         let mut scene = scene(&IDLE, "--hold 0.5");
         scene.nudge(0.25);
         assert_eq!(autopilot(&scene).deflection, 0.75);
@@ -829,22 +828,22 @@ mod tests {
         assert_eq!(scene.state().sensor_c, 24.0);
     }
 
-    /// The new one's uptime begins anew, and it holds where the old one did.
+    /// The uptime of the new autopilot begins at 0, and it holds the deflection of the old one.
     #[test]
-    fn an_autopilot_of_the_other_dialect_takes_the_place_of_the_first_and_back() {
+    fn an_autopilot_of_the_other_dialect_replaces_the_first_and_is_replaced_by_it() {
         let mut scene = scene(&IDLE, "--autopilot ardupilot --hold 0.5 --inject other-dialect@1500ms");
         scene.advance(F_CPU_HZ * 3 / 2).unwrap();
         assert_eq!(autopilot(&scene).dialect, Dialect::Draft);
-        scene.state_mut().take_news();
+        scene.state_mut().take_events();
         scene.advance(3 * F_CPU_HZ).unwrap();
-        let said = |scene: &mut Scene| {
-            let line = |(at, news)| match news {
-                News::Traffic(line) => Some((at, line.who, line.text)),
+        let traffic = |scene: &mut Scene| {
+            let line = |(at, event)| match event {
+                Event::Traffic(line) => Some((at, line.who, line.text)),
                 _ => None,
             };
-            news(scene).into_iter().filter_map(line).collect::<Vec<_>>()
+            events(scene).into_iter().filter_map(line).collect::<Vec<_>>()
         };
-        let lines = said(&mut scene);
+        let lines = traffic(&mut scene);
         assert!(lines.iter().all(|(_, who, text)| who == "10" && text.starts_with("draft.")), "{lines:?}");
         assert_eq!(lines[0].2, "draft.NodeStatus OK up 0 s vendor 0x0000");
         assert_eq!(lines[1].2, "draft.ArrayCommand id 1 +0.50");
@@ -852,15 +851,15 @@ mod tests {
         scene.inject(Fault::OtherDialect);
         assert_eq!((autopilot(&scene).dialect, autopilot(&scene).profile.as_str()), (Dialect::V0, "ArduPilot"));
         scene.advance(4 * F_CPU_HZ).unwrap();
-        let lines = said(&mut scene);
+        let lines = traffic(&mut scene);
         assert!(lines.iter().any(|(_, _, text)| text.starts_with("ArmingStatus")), "{lines:?}");
         assert!(!lines.iter().any(|(_, _, text)| text.starts_with("draft.")), "{lines:?}");
         assert_eq!(scene.state().bus.unacknowledged, 0);
     }
 
-    /// What blocked the bus must not be followed by a burst of commands from the past.
+    /// When a blocked bus is free again, the autopilot must not send a burst of old commands.
     #[test]
-    fn commands_that_could_not_be_sent_are_given_up() {
+    fn the_autopilot_drops_commands_that_it_could_not_send() {
         let mut scene = scene(&IDLE, "--inject stuck-dominant@0s --inject stuck-dominant@1s");
         for slice in 1..=120 {
             scene.advance(slice * F_CPU_HZ / 100).unwrap();
@@ -876,8 +875,8 @@ mod tests {
         scene.advance(F_CPU_HZ / 5).unwrap();
         let crash = scene.state().crash.clone().unwrap();
         assert!(crash.contains("left the flash"), "{crash}");
-        let told = news(&mut scene).into_iter().filter(|(_, n)| matches!(n, News::Crash(_)));
-        assert_eq!(told.count(), 1);
+        let crashes = events(&mut scene).into_iter().filter(|(_, event)| matches!(event, Event::Crash(_)));
+        assert_eq!(crashes.count(), 1);
     }
 
     fn scene_with_heap_start(address: u32) -> Scene {
@@ -888,7 +887,7 @@ mod tests {
         Scene::boot(&firmware, &args).unwrap()
     }
 
-    /// A C program with a heap has the symbol, too, and leaves its free RAM as it is.
+    /// A C program with a heap has the symbol, too, but does not paint its free RAM.
     #[test]
     fn the_stack_is_measured_in_programs_that_paint_it() {
         let mut scene = scene_with_heap_start(0x200);
@@ -920,7 +919,7 @@ mod tests {
         let args = |line: &str| Args::try_parse_from(line.split(' ')).unwrap();
         let mut scene = Scene::boot(&firmware, &args("sim")).unwrap();
         let text = format!("{wiring}; bus 500 kbit/s");
-        assert_eq!(news(&mut scene)[0], (0, News::Board(text)));
+        assert_eq!(events(&mut scene)[0], (0, Event::Board(text)));
         assert_eq!(scene.state().memory.limits, Some(Budget::of(Chip::Atmega328p)));
         assert!(scene.state().knows_vendor_code);
         // Options replace what the program says.
@@ -928,7 +927,7 @@ mod tests {
         assert_eq!((scene.state().wiring.crystal_mhz, scene.state().bus.bit_rate), (16, 1_000_000));
         let error = Scene::boot(&firmware, &args("sim --bit-rate 1000000")).err().unwrap().to_string();
         assert!(error.contains("a crystal of 8 MHz does at most 500000"), "{error}");
-        // Somebody else's program has no limits but the chip's.
+        // A program without the section `.board` is not of this project, and has no limits.
         let firmware = Firmware { flash: program, ..Firmware::default() };
         let scene = Scene::boot(&firmware, &args("sim --mcu atmega328p")).unwrap();
         assert_eq!((scene.state().memory.limits, scene.state().wiring.chip), (None, Chip::Atmega328p));
@@ -936,13 +935,13 @@ mod tests {
     }
 
     #[test]
-    fn a_pressed_reset_button_is_told_with_its_cause() {
+    fn a_pressed_reset_button_is_reported_with_its_cause() {
         let mut scene = scene(&IDLE, "--inject reset@5ms");
         scene.advance(F_CPU_HZ / 100).unwrap();
-        let told = news(&mut scene)
-            .into_iter()
-            .any(|(at, n)| matches!(n, News::Reset(text) if text.contains("External")) && at / (F_CPU_HZ / 1000) == 5);
-        assert!(told);
+        let is_reported = events(&mut scene).into_iter().any(|(at, event)| {
+            matches!(event, Event::Reset(text) if text.contains("External")) && at / (F_CPU_HZ / 1000) == 5
+        });
+        assert!(is_reported);
     }
 
     #[test]
@@ -950,7 +949,7 @@ mod tests {
         let run = || {
             let mut scene = scene(&IDLE, "--inject error-rate@10ms");
             scene.advance(F_CPU_HZ / 5).unwrap();
-            news(&mut scene)
+            events(&mut scene)
         };
         assert_eq!(run(), run());
     }
@@ -984,13 +983,13 @@ mod tests {
     #[test]
     fn further_boards_are_announced_and_watched() {
         let mut scene = scene(&[0x00, 0x00], "--nodes 2");
-        assert!(matches!(&news(&mut scene)[1].1, News::Link(text) if text.contains("node2 to node3")));
+        assert!(matches!(&events(&mut scene)[1].1, Event::Link(text) if text.contains("node2 to node3")));
         scene.advance(F_CPU_HZ / 5).unwrap();
         assert_eq!(scene.bench.boards().len(), 3);
         assert!(scene.state().crash.is_some());
     }
 
-    /// Boards that are to differ, in their node ID or their unique ID, differ by what is in there.
+    /// The EEPROM holds the node ID and the unique ID, which must differ between boards.
     #[test]
     fn each_board_has_an_eeprom_file_of_its_own() {
         let scratch = crate::links::scratch::Scratch::new();
@@ -1010,13 +1009,13 @@ mod tests {
     }
 
     #[test]
-    fn the_light_is_told_when_it_changes() {
+    fn the_light_is_reported_when_it_changes() {
         let mut state = State::new(1_000_000);
         for brightness in [0.0, 0.5, 0.5, 0.502, 0.0] {
-            state.light(7, brightness);
+            state.set_light(7, brightness);
         }
-        let told: Vec<_> = state.take_news().into_iter().map(|(_, news)| news).collect();
-        assert_eq!(told, [News::Light(50), News::Light(0)]);
+        let events: Vec<_> = state.take_events().into_iter().map(|(_, event)| event).collect();
+        assert_eq!(events, [Event::Light(50), Event::Light(0)]);
     }
 
     #[test]
@@ -1039,8 +1038,8 @@ mod tests {
             let lines = scene.state().traffic.page(1000, None, &Hidden::new());
             lines.into_iter().map(|line| line.text.clone()).collect()
         };
-        let said: Vec<_> = texts.iter().filter(|text| text.starts_with("ArmingStatus")).collect();
-        assert_eq!(said, ["ArmingStatus armed", "ArmingStatus disarmed"]);
+        let arming: Vec<_> = texts.iter().filter(|text| text.starts_with("ArmingStatus")).collect();
+        assert_eq!(arming, ["ArmingStatus armed", "ArmingStatus disarmed"]);
         assert!(texts.iter().any(|text| text.contains("id 15 unitless")), "{texts:?}");
     }
 }

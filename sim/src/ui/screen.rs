@@ -1,10 +1,10 @@
-//! What the user has opened, hidden and scrolled in the live view, and how keys change it.
+//! The state of the screen: the list that is open, the types of traffic that are hidden, and the scroll position.
 
 use super::keys::Action;
 use super::pace::Measured;
 use super::traffic::{Hidden, Traffic};
 
-/// A list over the picture.
+/// A list that is drawn over the rest of the screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Popup {
     Faults,
@@ -17,13 +17,13 @@ pub enum Popup {
 #[derive(Clone, Debug, Default)]
 pub struct Screen {
     pub paused: bool,
-    /// At most one is open.
+    /// The list that is open.
     pub popup: Option<Popup>,
-    /// The load by node and type is shown in place of the traffic.
-    pub load: bool,
-    /// Number of the last line of traffic shown; without it the newest is.
+    /// True: show the load by node and type in place of the traffic.
+    pub shows_load: bool,
+    /// Number of the last line of traffic on the screen; `None` for the newest line.
     pub until: Option<u64>,
-    /// Types of traffic that are not shown.
+    /// Types of traffic that are hidden.
     pub hidden: Hidden,
     /// Index of the type under the cursor of [`Popup::Types`].
     pub selected: usize,
@@ -31,15 +31,14 @@ pub struct Screen {
 }
 
 impl Screen {
-    /// Does what a key asks of the screen. `page` is the number of lines of traffic that fit. Actions that are not the screen's change
-    /// nothing.
+    /// Applies an action to the screen, on which `page` lines of traffic fit. Actions on the bench change nothing here.
     pub fn apply(&mut self, action: Action, traffic: &Traffic, page: usize) {
         let types = traffic.types();
         match action {
             Action::Toggle(popup) => self.popup = (self.popup != Some(popup)).then_some(popup),
             Action::Close if self.popup.is_some() => self.popup = None,
-            Action::Close => self.load = false,
-            Action::ToggleLoad => self.load = !self.load,
+            Action::Close => self.shows_load = false,
+            Action::ToggleLoad => self.shows_load = !self.shows_load,
             Action::Scroll(pages) => {
                 let lines = usize::from(pages.unsigned_abs()) * page.max(1);
                 self.until = if pages > 0 {
@@ -81,18 +80,18 @@ mod tests {
     }
 
     #[test]
-    fn close_closes_what_is_open_one_at_a_time() {
+    fn close_closes_first_the_list_and_then_the_load() {
         let traffic = Traffic::default();
         for popup in [Popup::Faults, Popup::Types, Popup::Help] {
-            let mut screen = Screen { load: true, ..Screen::default() };
+            let mut screen = Screen { shows_load: true, ..Screen::default() };
             screen.apply(Action::Toggle(popup), &traffic, 5);
-            assert_eq!((screen.popup, screen.load), (Some(popup), true));
+            assert_eq!((screen.popup, screen.shows_load), (Some(popup), true));
             screen.apply(Action::Close, &traffic, 5);
-            assert_eq!((screen.popup, screen.load), (None, true));
+            assert_eq!((screen.popup, screen.shows_load), (None, true));
             screen.apply(Action::Close, &traffic, 5);
-            assert_eq!((screen.popup, screen.load), (None, false));
+            assert_eq!((screen.popup, screen.shows_load), (None, false));
             screen.apply(Action::Close, &traffic, 5);
-            assert_eq!((screen.popup, screen.load), (None, false), "nothing is open");
+            assert_eq!((screen.popup, screen.shows_load), (None, false), "nothing is open");
         }
     }
 

@@ -1,16 +1,16 @@
 //! The traffic on the bus as lines, with a bounded history for each type of message.
 //!
-//! A type that comes 50 times a second pushes only its own old lines out, so a rare line that came before stays. A page merges the
-//! histories of the types that the user has not hidden. Each line has a number, in the order in which the lines came; a page that
-//! is scrolled back stays on its numbers while new lines come.
+//! A frequent type pushes out only its own old lines, so the lines of rare types stay. A page merges the histories of the
+//! types that the user has not hidden. Each line has a number, in order of time. A page that is scrolled back stays on its
+//! numbers while new lines come.
 
 use super::history::Log;
 use super::state::TrafficLine;
 use std::collections::BTreeSet;
 
-/// Types with a history of their own. Further ones, which only a foreign or a broken node brings, share one history.
+/// Most types with a history of their own. Further types share one history; only foreign or broken nodes send so many.
 const TYPES_MAX: usize = 32;
-/// Name of what is beyond `TYPES_MAX`.
+/// Name of the history that the types beyond `TYPES_MAX` share.
 const FURTHER_TYPES: &str = "further types";
 
 /// Names of the types that are not shown.
@@ -23,7 +23,7 @@ type Numbered = (u64, TrafficLine);
 #[derive(Clone, Debug)]
 pub struct MessageType {
     pub name: String,
-    /// Lines so far; the history keeps the newest.
+    /// Number of lines so far. The history keeps only the newest.
     pub count: u64,
     lines: Log<Numbered>,
 }
@@ -31,7 +31,7 @@ pub struct MessageType {
 /// The histories of all types.
 #[derive(Clone, Debug, Default)]
 pub struct Traffic {
-    /// In the order in which they were first seen, so that a list of them does not move under the cursor.
+    /// In the order of their first lines, so that a list of the types does not move under the cursor.
     types: Vec<MessageType>,
     next_number: u64,
 }
@@ -59,7 +59,7 @@ impl Traffic {
         })
     }
 
-    /// The types seen, the first seen first.
+    /// The types, in the order of their first lines.
     pub fn types(&self) -> &[MessageType] {
         &self.types
     }
@@ -69,25 +69,25 @@ impl Traffic {
         self.before(self.next_number, &Hidden::new()).next().map(|(_, line)| line)
     }
 
-    /// So many shown lines, oldest first. The last is number `until`, or the newest without it.
+    /// A page of `rows` lines of types that are not hidden, oldest first. It ends with line number `until`, or the newest line.
     pub fn page(&self, rows: usize, until: Option<u64>, hidden: &Hidden) -> Vec<&TrafficLine> {
         let end = self.end(until);
         let mut lines: Vec<_> = self.before(end, hidden).take(rows).collect();
         lines.reverse();
-        // At the top of the history the page is filled with what came later.
+        // At the start of the history, newer lines fill the page.
         let missing = rows - lines.len();
         lines.extend(self.from(end, hidden).take(missing));
         lines.into_iter().map(|(_, line)| line).collect()
     }
 
-    /// Shown lines that are newer than number `until`.
+    /// Number of lines newer than `until`, without hidden types.
     pub fn newer(&self, until: Option<u64>, hidden: &Hidden) -> usize {
         let end = self.end(until);
         self.shown(hidden).map(|lines| lines.len() - position(lines, end)).sum()
     }
 
-    /// Where a page of `rows` that ends at `until` ends after it was moved back by so many shown lines. The top of the history fills
-    /// a page.
+    /// Scrolls a page of `rows` lines that ends at `until` back by `lines` lines that are not hidden. Returns the number of its new
+    /// last line. It stops at the first page of the history.
     pub fn back(&self, until: Option<u64>, lines: usize, rows: usize, hidden: &Hidden) -> Option<u64> {
         let older: Vec<_> =
             self.before(self.end(until), hidden).take(lines + rows).map(|(number, _)| *number).collect();
@@ -97,14 +97,15 @@ impl Traffic {
         }
     }
 
-    /// The same for a move towards the newest line. `None` once the newest is reached.
+    /// Scrolls a page that ends at `until` by `lines` lines towards the newest. Returns the number of its new last line; `None` for
+    /// the newest.
     pub fn forth(&self, until: Option<u64>, lines: usize, hidden: &Hidden) -> Option<u64> {
         let mut newer = self.from(self.end(until), hidden).skip(lines.saturating_sub(1));
         let (number, _) = newer.next()?;
         newer.next().map(|_| *number)
     }
 
-    /// The number behind the last line of a page.
+    /// The number after the last line of a page that ends at `until`.
     fn end(&self, until: Option<u64>) -> u64 {
         until.map_or(self.next_number, |until| until + 1)
     }
@@ -113,7 +114,7 @@ impl Traffic {
         self.types.iter().filter(|known| !hidden.contains(&known.name)).map(|known| &known.lines)
     }
 
-    /// Shown lines with numbers below `end`, newest first.
+    /// Lines with numbers below `end`, without hidden types, newest first.
     fn before(&self, end: u64, hidden: &Hidden) -> impl Iterator<Item = &Numbered> {
         let mut heads: Vec<_> = self.shown(hidden).map(|lines| (lines, position(lines, end))).collect();
         std::iter::from_fn(move || {
@@ -126,7 +127,7 @@ impl Traffic {
         })
     }
 
-    /// Shown lines with numbers from `start`, oldest first.
+    /// Lines with numbers from `start` on, without hidden types, oldest first.
     fn from(&self, start: u64, hidden: &Hidden) -> impl Iterator<Item = &Numbered> {
         let mut heads: Vec<_> = self.shown(hidden).map(|lines| (lines, position(lines, start))).collect();
         std::iter::from_fn(move || {
@@ -140,7 +141,7 @@ impl Traffic {
     }
 }
 
-/// Lines with numbers below `number`.
+/// How many of `lines` have numbers below `number`.
 fn position(lines: &Log<Numbered>, number: u64) -> usize {
     lines.partition_point(|(own, _)| *own < number)
 }
@@ -155,7 +156,7 @@ mod tests {
         TrafficLine { at: number, origin: Origin::Other, who: String::from("1"), name: name.to_owned(), text }
     }
 
-    /// 50 commands and one status in each of so many seconds; the status is the last line of its second.
+    /// `count` seconds with 50 commands and one status each; the status is the last line of its second.
     fn seconds(count: u64) -> Traffic {
         let mut traffic = Traffic::default();
         for second in 0..count {
@@ -174,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn the_types_are_merged_in_the_order_in_which_their_lines_came() {
+    fn a_page_merges_the_types_in_the_order_of_their_lines() {
         let traffic = seconds(2);
         let all = Hidden::new();
         assert_eq!(texts(traffic.page(3, None, &all)), ["command 98", "command 99", "status 1"]);
@@ -204,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_scrolls_by_shown_lines_and_stays_where_it_is() {
+    fn a_page_scrolls_by_visible_lines_and_stays_when_new_lines_come() {
         let mut traffic = seconds(20);
         let hidden = without("command");
         let until = traffic.back(None, 5, 4, &hidden);
@@ -228,8 +229,8 @@ mod tests {
         let until = traffic.back(None, 1000, 3, &all);
         assert_eq!(texts(traffic.page(3, until, &all)), first);
         assert_eq!(traffic.back(until, 1000, 3, &all), until);
-        assert_eq!(texts(traffic.page(3, Some(0), &all)), first, "filled with what came later");
-        assert_eq!(traffic.back(None, 5, 1000, &all), None, "all is on the page");
+        assert_eq!(texts(traffic.page(3, Some(0), &all)), first, "newer lines fill the page");
+        assert_eq!(traffic.back(None, 5, 1000, &all), None, "the page shows all lines");
     }
 
     #[test]
