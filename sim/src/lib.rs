@@ -1,4 +1,4 @@
-//! The program `sim`: shows a [`bench`](mod@bench) to people, and joins it to other programs.
+//! The program `sim`: shows a [`bench`](mod@bench) on the terminal, and joins it to other programs.
 
 pub mod fault;
 pub mod links;

@@ -1,22 +1,22 @@
-//! Simulated time as a person writes and reads it: "500ms", "5s", "2m", "1h" in, seconds with microseconds out.
+//! Conversion of simulated time: from text such as "500ms", "5s", "2m" or "1h" to cycles, and from cycles to seconds.
 
 use bench::{Cycles, F_CPU_HZ};
 
 /// Reads a duration with its unit: us, ms, s, m or h. Fractions are allowed ("1.5s").
 ///
 /// # Errors
-/// A text that says what is accepted.
+/// If `text` is not a duration; the message says which texts are accepted.
 pub fn parse_duration(text: &str) -> Result<Cycles, String> {
     let seconds = sim_base::parse_seconds(text)?;
     Ok((seconds * F_CPU_HZ as f64).round() as Cycles)
 }
 
-/// Simulated time in seconds.
+/// Converts cycles to seconds.
 pub fn seconds(cycles: Cycles) -> f64 {
     cycles as f64 / F_CPU_HZ as f64
 }
 
-/// Simulated time in microseconds.
+/// Converts cycles to microseconds.
 pub fn micros(cycles: Cycles) -> f64 {
     cycles as f64 * 1e6 / F_CPU_HZ as f64
 }
@@ -26,7 +26,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn durations_take_every_unit() {
+    fn a_duration_can_have_every_unit() {
         let cases = [
             ("250us", 4_000),
             ("500ms", F_CPU_HZ / 2),

@@ -1,9 +1,9 @@
-//! Errors of the command line, which have another exit code than errors of the machine.
+//! Errors of the command line. Their exit code differs from that of errors of the operating system.
 
 use anyhow::Result;
 use std::{error, fmt, io};
 
-/// What is wrong with the command line, or with a file that it names.
+/// An error in the command line, or in the contents of a file that it names.
 #[derive(Debug)]
 pub struct Usage(String);
 
@@ -15,26 +15,26 @@ impl fmt::Display for Usage {
 
 impl error::Error for Usage {}
 
-/// Marks the error of a result.
+/// Marks errors as [`Usage`].
 pub trait OrUsage {
-    /// The result, whose error is the user's unless it comes from the operating system.
+    /// Converts an error to [`Usage`], unless the operating system caused it.
     fn or_usage(self) -> Self;
 }
 
 impl<T> OrUsage for Result<T> {
     fn or_usage(self) -> Result<T> {
-        self.map_err(|error| match is_of_machine(&error) {
+        self.map_err(|error| match is_from_system(&error) {
             true => error,
             false => Usage(format!("{error:#}")).into(),
         })
     }
 }
 
-fn is_of_machine(error: &anyhow::Error) -> bool {
+fn is_from_system(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| cause.is::<io::Error>())
 }
 
-/// Whether the user can put it right with another command line.
+/// True if the user can correct the error with another command line.
 pub fn is_usage(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| cause.is::<Usage>())
 }
@@ -45,7 +45,7 @@ mod tests {
     use anyhow::{Context, anyhow};
 
     #[test]
-    fn what_the_operating_system_reports_is_no_error_of_the_user() {
+    fn an_error_of_the_operating_system_is_not_a_usage_error() {
         let wrong: Result<()> = Err(anyhow!("--crystal 12: use 8 or 16")).or_usage();
         let error = wrong.context("uno").unwrap_err();
         assert!(is_usage(&error));

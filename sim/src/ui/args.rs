@@ -15,14 +15,14 @@ use clap::Parser;
 use std::path::PathBuf;
 
 const ABOUT: &str = "\
-Boots the firmware on a simulated Arduino with an MCP2515, puts it on a simulated CAN bus, and shows it at
-work: a simulated autopilot says that it is alive and sweeps the servo.
+Boots the firmware on a simulated Arduino with an MCP2515, connects it to a simulated CAN bus, and shows what it does.
+On the bus a simulated autopilot sends NodeStatus and commands that sweep the servo.
 
-On a terminal this is a live view with keys; elsewhere, or with --plain, it is one line for each event, with the simulated
-time in seconds, and a summary at the end.
+On a terminal, sim shows a live view with keys. Elsewhere, or with --plain, it prints one line for each event, with the
+simulated time in seconds, and a summary at the end.
 
-The exit code is 0 if all went well, 1 if the firmware crashed or misused a chip, 2 if the command line is wrong, and 3 if
-something of this machine is: a file is missing, a port is busy.";
+The exit code is 0 if the firmware ran without a crash and without a mistake, 1 if it crashed or misused a chip, 2 if the
+command line is wrong, and 3 after an error of this computer, such as a missing file or a busy port.";
 
 fn after_help() -> String {
     let keys: String = keys::HELP.iter().map(|(keys, text)| format!("  {keys:15}{text}\n")).collect();
@@ -32,18 +32,18 @@ fn after_help() -> String {
          Examples:\n\
          \x20 sim                                    the live bench\n\
          \x20 sim --plain --for 5s                   five seconds as lines\n\
-         \x20 sim --for 1m --speed max | tail -9     how fast can it go?\n\
+         \x20 sim --for 1m --speed max | tail -9     the summary, with the speed that this computer reaches\n\
          \x20 sim --hold 0.5 --command-type pwm      servo held at 1750 us, commanded in microseconds\n\
          \x20 sim --plain --for 6s --inject cable@2s --inject cable@4s\n\
          \x20                                        the cable is pulled at 2 s and plugged at 4 s\n\
          \x20 sim --plain --traffic --for 1s         every message on the bus\n\
-         \x20 sim --autopilot ardupilot              commands for 15 servos in each message, as from ArduPilot\n\
+         \x20 sim --autopilot ardupilot              commands for 15 servos in each message, like ArduPilot's\n\
          \x20 sim --autopilot ardupilot --actuator all --motors 4\n\
          \x20                                        each servo sweeps with its own phase, and four motors turn\n\
          \x20 sim --dialect draft --autopilot thesis\n\
          \x20                                        the autopilot of the thesis, in the UAVCAN of 2014\n\
          \x20 sim --plain --for 9s --inject other-dialect@4s\n\
-         \x20                                        an autopilot of the other dialect takes its place at 4 s\n\
+         \x20                                        an autopilot of the other dialect replaces the first at 4 s\n\
          \x20 sim --no-autopilot --slcan ./can       a port for the DroneCAN GUI Tool: slcan: and its whole path\n\
          \x20 sim --serial ./arduino                 a port for a terminal program; opening it resets the board\n\
          \x20 sim --bootloader --slcan ./can         a node that takes updates over the bus: docs/update.md\n\
@@ -61,28 +61,28 @@ fn after_help() -> String {
 #[command(name = "sim", version, about = "The node on a simulated bench", long_about = ABOUT,
           after_long_help = after_help(), max_term_width = 120)]
 pub struct Args {
-    /// Something else than the bench
+    /// Another task than the bench
     #[command(subcommand)]
     pub command: Option<Command>,
 
-    /// Firmware to boot, an ELF file for an ATmega168 or ATmega328P [default: what "make firmware" has built]
+    /// Firmware to boot, an ELF file for an ATmega168 or ATmega328P [default: the one that "make firmware" has built]
     #[arg(long, value_name = "PATH")]
     pub elf: Option<PathBuf>,
 
-    /// End after this simulated time: 500ms, 5s, 2m, 1h [default: run until told to quit]
+    /// End after this simulated time: 500ms, 5s, 2m, 1h [default: run until the user quits]
     #[arg(long = "for", value_name = "TIME", value_parser = parse_duration, allow_hyphen_values = true)]
     pub duration: Option<Cycles>,
 
-    /// Simulated seconds for each real second, such as 0.1, or max for as fast as this machine can
+    /// Simulated seconds for each real second, such as 0.1; max: as fast as this computer can
     #[arg(long, value_name = "FACTOR", default_value = "1", allow_hyphen_values = true)]
     pub speed: Speed,
 
-    /// Bits per second on the bus; a node set to another rate sees nothing but errors [default: 500000 if the crystal of the
-    /// MCP2515 has 8 MHz, else 1000000]
+    /// Bits per second on the bus; a node with another rate gets only errors [default: 500000 if the crystal of the MCP2515
+    /// has 8 MHz, else 1000000]
     #[arg(long, value_name = "BIT/S", value_parser = bit_rate, allow_hyphen_values = true)]
     pub bit_rate: Option<u32>,
 
-    /// One line for each event, even on a terminal
+    /// Print one line for each event, even on a terminal
     #[arg(long)]
     pub plain: bool,
 
@@ -90,40 +90,40 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 
-    /// In plain lines: print each message on the bus, not only a count each second
+    /// Print each message on the bus, not only a count each second; for the plain lines
     #[arg(long)]
     pub traffic: bool,
 
-    /// Flight controller that the simulated autopilot is like
+    /// Flight controller that the simulated autopilot imitates
     #[arg(long, value_name = "KIND", value_enum, default_value_t = Profile::Plain)]
     pub autopilot: Profile,
 
-    /// What the autopilot speaks: v0, which is DroneCAN, or draft, the UAVCAN of 2014; plain and thesis speak either
+    /// Dialect of the autopilot: v0, which is DroneCAN, or draft, the UAVCAN of 2014; draft needs --autopilot plain or thesis
     #[arg(long, value_name = "DIALECT", default_value_t = Dialect::V0, value_parser = dialect)]
     pub dialect: Dialect,
 
-    /// All that the autopilot says: status or commands [default: both, and what else such a flight controller says]
+    /// Send only the autopilot's status or only its commands [default: all messages of that flight controller]
     #[arg(long, value_name = "WHAT", value_enum)]
     pub only: Option<Only>,
 
-    /// Node ID of the simulated autopilot, 1 to 127 [default: 10 like ArduPilot, else 1]
+    /// Node ID of the simulated autopilot, 1 to 127 [default: 10 with --autopilot ardupilot, else 1]
     #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub autopilot_id: Option<NodeId>,
 
-    /// Actuator ID that the autopilot moves, 0 to 255; like ArduPilot 1 to 15, like PX4 0 to 7; all: each with its own phase
+    /// Actuator ID that the autopilot moves, 0 to 255; for ardupilot 1 to 15, for px4 0 to 7; all: each with its own phase
     #[arg(long, value_name = "ID|all", default_value = "1", value_parser = actuator, allow_hyphen_values = true)]
     pub actuator: Actuator,
 
-    /// Motors that the autopilot commands 50 times a second, from index 0 on: off while disarmed, else they sweep; like
-    /// ArduPilot up to 20, like PX4 up to 12 [default: none, and no esc.RawCommand]
+    /// Number of motors that the autopilot commands 50 times a second, from index 0 on; they sweep while armed; for ardupilot
+    /// up to 20, for px4 up to 12 [default: none, and no esc.RawCommand]
     #[arg(long, value_name = "NUMBER", value_parser = motors, allow_hyphen_values = true)]
     pub motors: Option<u8>,
 
-    /// Unit of a plain autopilot's commands; in the draft only unitless and thesis [default: unitless]
+    /// Unit of the commands, for --autopilot plain; in the draft only unitless and thesis [default: unitless]
     #[arg(long, value_name = "TYPE", value_enum)]
     pub command_type: Option<CommandType>,
 
-    /// Let the autopilot allocate node IDs, 125 downwards, to boards that ask (CAN_NODE 0)
+    /// Let the autopilot allocate node IDs, from 125 downwards, to boards that request one (CAN_NODE 0)
     #[arg(long)]
     pub allocate: bool,
 
@@ -151,30 +151,30 @@ pub struct Args {
     #[arg(long, value_name = "NAME@TIME")]
     pub inject: Vec<Injection>,
 
-    /// The same as --autopilot none
+    /// Leave out the autopilot, like --autopilot none
     #[arg(long, conflicts_with_all = ["autopilot", "hold", "autopilot_id", "actuator", "motors", "command_type", "sweep_period", "allocate", "dialect", "only"])]
     pub no_autopilot: bool,
 
-    /// What the board is.
+    /// Options for the board.
     #[command(flatten)]
     pub wires: wires::Args,
 
-    /// What is joined to the bench.
+    /// Options for other programs that join the bench.
     #[command(flatten)]
     pub links: links::Args,
 }
 
-/// What the autopilot moves.
+/// The actuators that the autopilot moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Actuator {
     Id(u8),
     All,
 }
 
-/// What `sim` does beside the bench.
+/// A task of `sim` without the bench.
 #[derive(Clone, Debug, clap::Subcommand)]
 pub enum Command {
-    /// Plan the load of a bus: message types and rates in, per cent out
+    /// Plan the load of a bus: calculate it from message types and rates, in per cent
     Utilisation(bus_load::Args),
 }
 
@@ -182,7 +182,7 @@ impl Args {
     /// Bits per second on the bus of a board.
     ///
     /// # Errors
-    /// If the board's MCP2515 cannot be so fast.
+    /// If the board's MCP2515 cannot reach the bit rate of the options.
     pub fn bit_rate(&self, wiring: &Wiring) -> Result<u32> {
         let fastest = wiring.fastest_bit_rate();
         let bit_rate = self.bit_rate.unwrap_or(fastest);
@@ -197,7 +197,7 @@ impl Args {
     /// Millivolts at the inputs for the voltage and the current of a circuit.
     ///
     /// # Errors
-    /// If the program of this board measures no circuit.
+    /// If there is such an option, but the program of this board measures no circuit.
     pub fn circuit_millivolts(&self, wiring: &Wiring) -> Result<[u32; 2]> {
         let options = [("--pwr-voltage", self.pwr_voltage), ("--pwr-current", self.pwr_current)];
         for (name, option) in options {
@@ -206,10 +206,10 @@ impl Args {
         Ok(options.map(|(_, option)| option.unwrap_or(0)))
     }
 
-    /// What the autopilot is to be set to, if there is to be one.
+    /// Settings of the autopilot; `None` for a bench without one.
     ///
     /// # Errors
-    /// If options do not go together; the message says which.
+    /// If options contradict each other; the message says which.
     pub fn autopilot(&self) -> Result<Option<Settings>> {
         if self.no_autopilot || self.autopilot == Profile::None {
             return Ok(None);
@@ -231,7 +231,7 @@ impl Args {
         );
         ensure!(
             !self.allocate || self.dialect == Dialect::V0,
-            "--allocate: there is no allocation in the draft, use --dialect v0"
+            "--allocate: the draft has no allocation, use --dialect v0"
         );
         let ids = self.autopilot.actuators();
         let (actuator, moves) = match self.actuator {
@@ -240,7 +240,7 @@ impl Args {
         };
         ensure!(
             moves == Moves::One || self.autopilot.commands_several(),
-            "--actuator all: {} commands one, use --autopilot ardupilot or px4",
+            "--actuator all: {} commands one actuator, use --autopilot ardupilot or px4",
             self.autopilot
         );
         ensure!(
@@ -253,7 +253,7 @@ impl Args {
         let (motors, motors_max) = (self.motors.unwrap_or(0), self.autopilot.motors_max());
         ensure!(
             motors == 0 || motors_max > 0,
-            "--motors: {} does not say whether the vehicle is armed, use --autopilot ardupilot or px4",
+            "--motors: {} does not send ArmingStatus, use --autopilot ardupilot or px4",
             self.autopilot
         );
         ensure!(motors <= motors_max, "--motors {motors}: {} commands at most {motors_max}", self.autopilot);
@@ -300,7 +300,7 @@ fn motors(text: &str) -> Result<u8, String> {
         .ok_or_else(|| String::from("use a number from 1 to 20"))
 }
 
-/// From a picture that can be followed to the longest that anybody will watch.
+/// Reads the period of the sweep. A shorter one than 100 ms is too fast to see; 1 h is an arbitrary limit.
 fn sweep_period(text: &str) -> Result<Cycles, String> {
     let period = parse_duration(text)?;
     match (F_CPU_HZ / 10..=3600 * F_CPU_HZ).contains(&period) {
@@ -309,7 +309,7 @@ fn sweep_period(text: &str) -> Result<Cycles, String> {
     }
 }
 
-/// The range of an LM35.
+/// Reads a temperature in the range of an LM35.
 fn celsius(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(celsius @ -55.0..=150.0) => Ok(celsius),
@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_values_are_refused_with_advice() {
+    fn wrong_values_are_rejected_with_advice() {
         for (line, advice) in [
             ("sim --for 5", "5s"),
             ("sim --for -5s", "is negative"),
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn the_options_wire_the_board_and_choose_its_bit_rate() {
+    fn the_options_set_the_wiring_of_the_board_and_its_bit_rate() {
         let wiring = |line| parse(line).unwrap().wires.apply(Wiring::default());
         let by_name = wiring("sim --board uno --shield module").unwrap();
         assert_eq!(by_name, Wiring::of("uno", "module").unwrap());
@@ -447,18 +447,18 @@ mod tests {
     }
 
     #[test]
-    fn the_autopilot_is_like_the_one_that_is_named() {
+    fn the_options_choose_the_autopilot_and_its_settings() {
         let settings = |line| parse(line).unwrap().autopilot().unwrap();
-        let like = |line| settings(line).map(|s| (s.node_id.get(), s.actuator, s.command_type, s.allocates)).unwrap();
-        assert_eq!(like("sim --autopilot ardupilot --allocate"), (10, 1, CommandType::Unitless, true));
-        assert_eq!(like("sim --autopilot ardupilot-pwm --autopilot-id 3"), (3, 1, CommandType::Pwm, false));
-        assert_eq!(like("sim --autopilot px4 --actuator 0"), (1, 0, CommandType::Unitless, false));
-        assert_eq!(like("sim --autopilot thesis"), (1, 1, CommandType::Thesis, false));
-        let speaks = |line| settings(line).map(|s| (s.dialect, s.command_type, s.only)).unwrap();
-        assert_eq!(speaks("sim"), (Dialect::V0, CommandType::Unitless, None));
-        let draft = speaks("sim --dialect draft --only status");
+        let chosen = |line| settings(line).map(|s| (s.node_id.get(), s.actuator, s.command_type, s.allocates)).unwrap();
+        assert_eq!(chosen("sim --autopilot ardupilot --allocate"), (10, 1, CommandType::Unitless, true));
+        assert_eq!(chosen("sim --autopilot ardupilot-pwm --autopilot-id 3"), (3, 1, CommandType::Pwm, false));
+        assert_eq!(chosen("sim --autopilot px4 --actuator 0"), (1, 0, CommandType::Unitless, false));
+        assert_eq!(chosen("sim --autopilot thesis"), (1, 1, CommandType::Thesis, false));
+        let dialect = |line| settings(line).map(|s| (s.dialect, s.command_type, s.only)).unwrap();
+        assert_eq!(dialect("sim"), (Dialect::V0, CommandType::Unitless, None));
+        let draft = dialect("sim --dialect draft --only status");
         assert_eq!(draft, (Dialect::Draft, CommandType::Unitless, Some(Only::Status)));
-        let draft = speaks("sim --dialect draft --autopilot thesis --only commands");
+        let draft = dialect("sim --dialect draft --autopilot thesis --only commands");
         assert_eq!(draft, (Dialect::Draft, CommandType::Thesis, Some(Only::Commands)));
         assert!(settings("sim --autopilot none").is_none() && settings("sim --no-autopilot").is_none());
         let moves = |line| settings(line).map(|s| (s.actuator, s.moves, s.motors)).unwrap();
@@ -482,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn help_teaches_keys_and_faults() {
+    fn the_help_lists_keys_and_faults() {
         let help = Args::command().render_long_help().to_string();
         for expected in ["Ctrl-C", "stuck-dominant", "Examples:", "--bit-rate"] {
             assert!(help.contains(expected), "{expected} is missing");

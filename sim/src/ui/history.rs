@@ -1,8 +1,8 @@
-//! A bounded list of lines, newest last: what a scrolling pane shows.
+//! A bounded list of lines, newest last, for the panes that scroll.
 
 use std::collections::VecDeque;
 
-/// Lines kept of each type of traffic and of the serial monitor: 100 s of commands at 50 Hz, and far more than any screen shows.
+/// Lines kept of each type of traffic and of the serial monitor: 100 s of commands at 50 Hz, and more than any screen shows.
 const LINES_KEPT: usize = 5_000;
 
 /// A bounded history.
@@ -18,7 +18,7 @@ impl<T> Default for Log<T> {
 }
 
 impl<T> Log<T> {
-    /// Adds the newest; the oldest goes when it is full.
+    /// Adds the newest line. Drops the oldest one if the history is full.
     pub fn push(&mut self, line: T) {
         if self.lines.len() == LINES_KEPT {
             self.lines.pop_front();
@@ -26,33 +26,33 @@ impl<T> Log<T> {
         self.lines.push_back(line);
     }
 
-    /// How many there are.
+    /// Number of lines.
     pub fn len(&self) -> usize {
         self.lines.len()
     }
 
-    /// Whether there are none.
+    /// True if there are no lines.
     pub fn is_empty(&self) -> bool {
         self.lines.is_empty()
     }
 
-    /// The last `count` before the newest `skip`, oldest first.
+    /// The last `count` lines before the newest `skip` lines, oldest first.
     pub fn tail(&self, count: usize, skip: usize) -> impl Iterator<Item = &T> {
         let end = self.lines.len().saturating_sub(skip);
         self.lines.range(end.saturating_sub(count)..end)
     }
 
-    /// The line at `index`; the oldest is at 0.
+    /// The line at `index`; the oldest line is at 0.
     pub fn get(&self, index: usize) -> Option<&T> {
         self.lines.get(index)
     }
 
-    /// How many of the oldest lines satisfy `predicate`. Lines that satisfy it come before those that do not.
+    /// Number of lines that satisfy `predicate`. These must come before all that do not.
     pub fn partition_point(&self, predicate: impl FnMut(&T) -> bool) -> usize {
         self.lines.partition_point(predicate)
     }
 
-    /// The newest.
+    /// The newest line.
     pub fn last(&self) -> Option<&T> {
         self.lines.back()
     }

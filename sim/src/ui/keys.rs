@@ -4,10 +4,10 @@ use super::screen::Popup;
 use crate::fault::{Fault, MENU};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-/// What a key asks for.
+/// The action of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Moves the servo by this many hundredths of full deflection, and holds it there.
+    /// Changes the commanded deflection by this many hundredths of full deflection, and holds it there.
     Nudge(i8),
     ToggleSweep,
     /// Changes the temperature at the sensor by this many degrees Celsius.
@@ -18,9 +18,9 @@ pub enum Action {
     End(Fault),
     /// Ends each fault that is on.
     EndAll,
-    /// Opens a list in place of the one that is open, or closes it.
+    /// Closes the list if it is open; else opens it in place of any other.
     Toggle(Popup),
-    /// Closes what was opened last, if anything is open.
+    /// Closes the open list; if none is open, closes the load of the bus.
     Close,
     TogglePause,
     /// Shows the load of the bus by node and type in place of the traffic, or the traffic again.
@@ -31,42 +31,43 @@ pub enum Action {
     /// Hides or shows the type of traffic under the cursor.
     ToggleType,
     ShowAllTypes,
-    /// Scrolls the traffic back (positive) or forth by this many pages.
+    /// Scrolls the traffic by this many pages: back if positive, towards the newest line if negative.
     Scroll(i8),
     /// Shows the newest traffic again.
     ScrollEnd,
     Quit,
 }
 
-/// One line of help for each key, in the order in which they are worth knowing.
+/// Keys and their help, a line each, the most useful first.
 pub const HELP: &[(&str, &str)] = &[
     ("left right", "move the servo and hold it (with shift: fast)"),
-    ("s", "sweep on, or hold where it is"),
+    ("s", "sweep the servo, or hold it"),
     ("v", "command type: unitless, position, PWM, thesis"),
     ("t T", "temperature at the sensor down, up"),
     ("c", "pull the node's bus cable, or plug it"),
-    ("a", "silence the autopilot, or let it speak"),
+    ("a", "stop the autopilot's messages, or send them again"),
     ("d", "disarm the vehicle, or arm it"),
     ("o", "replace the autopilot by one of the other dialect"),
     ("f", "list of faults"),
     ("1..9", "begin a fault of that list; the same digit ends it"),
-    ("x", "end each fault that is on"),
+    ("x", "end all faults"),
     ("r", "press the board's reset button"),
-    ("l", "load of the bus by node and type, or the traffic"),
-    ("/", "list of the types of traffic, to hide and show; in it:"),
+    ("l", "show the load of the bus by node and type, or the traffic"),
+    ("/", "list of message types, to hide and show them:"),
     ("up down", "  choose a type"),
     ("space Enter", "  hide or show the type; show all types"),
     ("p space", "pause and resume simulated time"),
     ("PgUp PgDn End", "scroll the bus traffic; End shows the newest"),
-    ("Esc", "close what is open"),
-    ("h ?", "this help"),
+    ("Esc", "close the list or the load"),
+    ("h ?", "show this help"),
     ("q Ctrl-C", "quit"),
 ];
 
+/// Hundredths of full deflection for each arrow key, without and with shift.
 const STEP: i8 = 5;
 const FAST_STEP: i8 = 25;
 
-/// What `key` means while `popup` is open. A digit begins a fault only in the list of faults, but ends it at any time.
+/// The action of `key` while `popup` is open. A digit begins a fault only in the list of faults, but ends it at any time.
 pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
     if key.kind == KeyEventKind::Release {
         return None;
@@ -111,7 +112,7 @@ pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
     })
 }
 
-/// The key that begins and ends a fault, if it has one. A digit begins its fault only in the list of faults.
+/// The key that begins and ends `fault`; `None` if it has no key. A digit begins its fault only in the list of faults.
 pub fn key_of(fault: Fault) -> Option<char> {
     let begins = |key: &char| {
         let key = KeyEvent::new(KeyCode::Char(*key), KeyModifiers::NONE);
@@ -205,7 +206,7 @@ mod tests {
         assert_eq!((key("bit-error"), key("stuck-dominant"), key("error-storm")), (Some('1'), Some('5'), None));
     }
 
-    /// Terminals that report releases must not act twice.
+    /// Some terminals report a key twice, when it is pressed and when it is released.
     #[test]
     fn a_released_key_does_nothing() {
         let mut key = KeyEvent::new(KeyCode::Char('r'), KeyModifiers::NONE);
@@ -232,7 +233,7 @@ mod tests {
                     return ('1'..='9').map(|digit| KeyEvent::new(KeyCode::Char(digit), KeyModifiers::NONE)).collect();
                 }
                 _ => {
-                    assert_eq!(name.len(), 1, "{name} is no key");
+                    assert_eq!(name.len(), 1, "{name} is not a key");
                     KeyCode::Char(name.chars().next().unwrap())
                 }
             };
@@ -242,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn each_key_of_the_help_acts() {
+    fn each_key_of_the_help_has_an_action() {
         for (names, _) in HELP {
             for key in keys_in(names) {
                 assert!(POPUPS.iter().any(|popup| action(key, *popup).is_some()), "{names}: {key:?} does nothing");
@@ -250,9 +251,9 @@ mod tests {
         }
     }
 
-    /// The help of `--help` and of the live view is this one table.
+    /// `--help` and the live view both print the table `HELP`.
     #[test]
-    fn the_help_names_every_key_that_acts() {
+    fn the_help_names_every_key_that_has_an_action() {
         let named: Vec<KeyEvent> = HELP.iter().flat_map(|(names, _)| keys_in(names)).collect();
         let characters = (' '..='~').map(KeyCode::Char);
         let others = [

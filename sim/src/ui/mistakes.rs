@@ -1,18 +1,18 @@
-//! The mistakes of a firmware: each kind once, with the first of them and how many there were.
+//! The mistakes of a firmware: for each kind the first mistake and their number.
 
 use bench::Cycles;
 
-/// Kinds that are kept. A program in a loop makes few kinds; more than these are only counted.
+/// Most kinds that are kept. Mistakes of further kinds only count in the total. A program in a loop makes few kinds.
 const KINDS_MAX: usize = 100;
 
 /// A kind of mistake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mistake {
-    /// Time of the first.
+    /// Time of the first mistake of this kind.
     pub first_at: Cycles,
-    /// What the first was.
+    /// Text of the first mistake of this kind.
     pub text: String,
-    /// How many there were.
+    /// Number of mistakes of this kind.
     pub count: u64,
     kind: String,
 }
@@ -25,7 +25,7 @@ pub struct Mistakes {
 }
 
 impl Mistakes {
-    /// Notes a mistake. Returns true if it is the first of its kind.
+    /// Adds a mistake. Returns true if it is the first of its kind.
     pub fn add(&mut self, at: Cycles, text: &str) -> bool {
         self.total += 1;
         let kind = without_numbers(text);
@@ -40,18 +40,18 @@ impl Mistakes {
         is_kept
     }
 
-    /// How many there were, of all kinds.
+    /// Number of mistakes of all kinds.
     pub fn total(&self) -> u64 {
         self.total
     }
 
-    /// The kinds, in the order in which they were first made.
+    /// The kinds, in the order of their first mistakes.
     pub fn kinds(&self) -> &[Mistake] {
         &self.kinds
     }
 }
 
-/// The text with `#` for each number, decimal or hexadecimal: equal for mistakes that differ in a value or an address only.
+/// The text with `#` for each number, decimal or hexadecimal. It is equal for mistakes that differ only in a value or an address.
 fn without_numbers(text: &str) -> String {
     let mut kind = String::new();
     for word in text.split_inclusive(|c: char| !c.is_ascii_alphanumeric()) {
@@ -92,10 +92,10 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_makes_ever_new_mistakes_takes_no_more_memory() {
+    fn the_number_of_kinds_is_bounded() {
         let mut mistakes = Mistakes::default();
         let names = ('a'..='z').flat_map(|first| ('a'..='z').map(move |second| format!("mistake {first}{second}")));
-        let told = names.map(|name| mistakes.add(0, &name)).filter(|is_first| *is_first).count();
-        assert_eq!((told, mistakes.kinds().len(), mistakes.total()), (KINDS_MAX, KINDS_MAX, 676));
+        let reported = names.map(|name| mistakes.add(0, &name)).filter(|is_first| *is_first).count();
+        assert_eq!((reported, mistakes.kinds().len(), mistakes.total()), (KINDS_MAX, KINDS_MAX, 676));
     }
 }

@@ -1,11 +1,11 @@
-//! The user's side of the bench.
+//! The user interface of the bench.
 //!
 //! ```text
 //! args ──> scene ──> state ──┬──> live (terminal)   <── keys
 //!          bench, autopilot  └──> plain (lines)
 //! ```
-//! [`scene`] steps the bench and the autopilot and fills [`state`], which is plain data. The two views read it. Only
-//! [`run`] knows of the wall clock, which [`pace`] compares with simulated time.
+//! [`scene`] advances the bench and the autopilot and updates [`state`], which is plain data. The two views read it. Only
+//! [`run`] reads the wall clock. [`pace`] compares it with simulated time.
 
 pub mod args;
 pub mod findings;

@@ -1,7 +1,7 @@
 //! The vendor-specific status code in words.
 //!
-//! The code is that of this project's firmware (docs/status.md). Another program's code has other meanings, so only programs with
-//! the ELF section `.board` get words.
+//! docs/status.md defines the code of this project's firmware. The codes of other programs have other meanings, so the views show
+//! words only for programs with the ELF section `.board`.
 
 /// Bits 0 to 2 of the code: the fault that caused the last reset, as a number.
 const RESET: u16 = 0b111;
@@ -35,7 +35,7 @@ const CONDITIONS: [(u16, &str); 13] = [
     (1 << 15, "speaks the draft"),
 ];
 
-/// What the code says, a text for each condition; nothing for code 0.
+/// The conditions in `code`, a text each; none for code 0.
 pub fn conditions(code: u16) -> Vec<&'static str> {
     let set = |(bit, text): (u16, &'static str)| (code & bit != 0).then_some(text);
     let reset = RESETS[usize::from(code & RESET)];
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_bit_has_its_words() {
+    fn each_bit_has_its_text() {
         for bit in 3..16 {
             let texts = conditions(1 << bit);
             assert_eq!(texts, [CONDITIONS[bit - 3].1], "bit {bit}");
@@ -58,9 +58,9 @@ mod tests {
         assert!(conditions(0).is_empty());
     }
 
-    /// Each bit's row in docs/status.md has a word of its text.
+    /// The row of each bit in docs/status.md contains a word of the bit's text.
     #[test]
-    fn the_words_are_those_of_the_document() {
+    fn the_texts_agree_with_the_document() {
         let document = include_str!("../../../docs/status.md").to_lowercase();
         let words = [
             "transfer",

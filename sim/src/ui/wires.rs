@@ -1,13 +1,13 @@
-//! Options for the board: what it is and how it is wired, for programs that do not say so, or that are to run elsewhere.
+//! Options for the board and its wiring, for programs without the ELF section `.board`, or to run a program on another board.
 
 use anyhow::Result;
 use bench::avr::Chip;
 use bench::wiring::{Pin, Wiring, crystal_mhz};
 use clap::Args as ClapArgs;
 
-/// See the module. An option replaces what the ELF says.
+/// Options for the board. An option replaces the value in the ELF file.
 #[derive(Clone, Debug, Default, ClapArgs)]
-#[command(next_help_heading = "The board [default: what the ELF says it is for]")]
+#[command(next_help_heading = "The board [default: the one that the ELF file names]")]
 #[group(id = "wires")]
 pub struct Args {
     /// Arduino, by its name in avr-specs/boards.toml: diecimila, uno, nano and so on
