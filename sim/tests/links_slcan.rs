@@ -135,7 +135,7 @@ fn another_bit_rate_is_refused_and_keeps_the_adapter_closed() {
     let mut stand = Stand::new();
     assert_eq!(stand.say("S6\rO\r"), "\x07\x07");
     let hint = stand.adapter.take_hint().unwrap();
-    assert!(hint.ends_with("can asked for 500 kbit/s, and the bus has 1000: the adapter stays closed"), "{hint}");
+    assert!(hint.ends_with("can requested 500 kbit/s, but the bus has 1000: the adapter stays closed"), "{hint}");
     assert_eq!(stand.adapter.take_hint(), None, "once");
     assert_eq!(stand.say("S8\rO\rS8\r"), "\r\r\x07");
 }

@@ -1,7 +1,8 @@
 //! Keeps the EEPROM of a board in a file from run to run.
 //!
-//! The file is the cells as they are. It is written when they have changed, every few seconds and at the end, under
-//! another name first: there is never half a file. A run that is killed loses the last seconds.
+//! The file is the image of the EEPROM, byte for byte. The link writes it every two seconds if the image has changed, and at
+//! the end of the run. It writes a new file and renames it, so the file is always complete. A run that is killed loses the
+//! changes of its last two seconds.
 
 use super::Link;
 use crate::usage::OrUsage;
@@ -16,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 const SAVE_PERIOD: Cycles = 2 * F_CPU_HZ;
 
-/// See the module.
+/// The file with the EEPROM of one board.
 pub struct EepromFile {
     path: PathBuf,
     board: usize,
@@ -25,13 +26,13 @@ pub struct EepromFile {
 }
 
 impl EepromFile {
-    /// Loads the file into that board's EEPROM, if there is one.
+    /// Loads the file, if it exists, into the EEPROM of the board with number `board`.
     ///
     /// # Errors
-    /// If the file cannot be read or is of another size.
+    /// If the file cannot be read or has another size than the EEPROM.
     pub fn open(path: &Path, bench: &mut Bench, board: usize) -> Result<EepromFile> {
         let avr = bench.board(board).avr_mut();
-        // Its size first: nobody knows how long another file is.
+        // Checks the size before reading: a wrong file can be very long.
         match fs::metadata(path) {
             Ok(file) => {
                 check_image(&file, avr.chip()).with_context(|| path.display().to_string()).or_usage()?;
@@ -40,7 +41,7 @@ impl EepromFile {
             }
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-                ensure!(parent.is_dir(), "no directory {} for an EEPROM", parent.display());
+                ensure!(parent.is_dir(), "there is no directory {} for an EEPROM", parent.display());
             }
             Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
         }
@@ -63,12 +64,12 @@ impl EepromFile {
     }
 }
 
-/// Refuses what is no image of the chip's EEPROM.
+/// Rejects a file that is not an image of the chip's EEPROM.
 fn check_image(file: &fs::Metadata, chip: Chip) -> Result<()> {
-    ensure!(file.is_file(), "is no file, and so no EEPROM");
+    ensure!(file.is_file(), "is not a regular file, so it cannot hold an EEPROM");
     ensure!(
         file.len() == chip.eeprom_bytes() as u64,
-        "has {} bytes, and the EEPROM of an {chip} has {}: is it another file?",
+        "has {} bytes, but the EEPROM of an {chip} has {}: is it another file?",
         file.len(),
         chip.eeprom_bytes()
     );
@@ -107,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_run_wrote_the_next_finds() {
+    fn the_next_run_finds_the_eeprom_of_the_last() {
         let scratch = Scratch::new();
         let path = scratch.path("eeprom");
         let mut first = bench();
@@ -123,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn changes_are_saved_while_it_runs() {
+    fn changes_are_saved_during_the_run() {
         let scratch = Scratch::new();
         let path = scratch.path("eeprom");
         let mut bench = bench();
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_another_size_is_left_alone() {
+    fn a_file_of_another_size_is_rejected_and_stays() {
         let scratch = Scratch::new();
         let path = scratch.path("letter.txt");
         fs::write(&path, "dear").unwrap();

@@ -1,17 +1,17 @@
 //! A port for avr-gdb: GDB's remote serial protocol over TCP, on loopback.
 //!
-//! The crate `gdbstub` speaks the protocol; this file gives it the AVR. (simavr has a debugger of its own, but it runs
-//! the chip by itself, past the bench, and on a fixed port.) A debugger that attaches halts the board. While the board
-//! is halted nothing moves: no time passes on the bus and for the other boards, and the simulation goes on where it was.
+//! The crate `gdbstub` implements the protocol; this file connects it to the AVR. (simavr has its own debugger, but that
+//! debugger runs the chip without the bench, and uses a fixed port.) A debugger that attaches halts the board. While the
+//! board is halted, simulated time stops for all boards and the bus.
 //!
-//! Memory is where the AVR tool chain puts it: flash at 0, data space at 0x800000, EEPROM at 0x810000; flash can be
-//! written too, so `load` works. Breakpoints are in the run loop, not in flash: any number, of either kind. `step` goes
-//! into an interrupt that happens to come.
+//! Addresses are those of the AVR tool chain: flash at 0, data space at 0x800000, EEPROM at 0x810000. Flash can be written,
+//! so `load` works. The run loop checks the breakpoints, so flash stays as it is and their number has no limit. `step`
+//! enters a pending interrupt.
 //!
-//! Limits: one debugger at a time, others wait; no watchpoints; registers of peripherals read without side effects,
-//! so a counter that runs shows the value that was last written or read.
+//! Limits: one debugger at a time, others wait; no watchpoints; reading a register of a peripheral has no side effects, so a
+//! running counter shows the value that the program last wrote or read.
 //!
-//! Source: "GDB Remote Serial Protocol", GDB manual appendix E; register numbers as GDB's avr-tdep.c.
+//! Source: "GDB Remote Serial Protocol", GDB manual appendix E; register numbers from GDB's avr-tdep.c.
 
 use super::Link;
 use anyhow::{Context, Result};
@@ -36,15 +36,15 @@ use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::num::NonZeroUsize;
 use std::time::Duration;
 
-/// Addresses of the AVR tool chain.
+/// Start of the data space and of the EEPROM in the addresses of the AVR tool chain.
 const DATA_START: u32 = 0x80_0000;
 const EEPROM_START: u32 = 0x81_0000;
 
-/// A halted bench would spin; a debugger does not feel this pause.
+/// Sleep in each turn of a halted bench, which would else use the whole host CPU.
 const HALTED_PAUSE: Duration = Duration::from_millis(1);
-/// Bytes taken from a debugger in one turn: it gets its share, and no more.
+/// Most bytes taken from the debugger in one turn.
 const READ_CHUNK: usize = 4096;
-/// A debugger that asks and does not read the answers is let go at this many bytes of them.
+/// The session ends when the debugger has left this many bytes of answers unread.
 const UNREAD_MAX: usize = 1 << 20;
 
 /// A port for avr-gdb.
@@ -53,14 +53,16 @@ pub struct Gdb {
     port: u16,
     node: usize,
     chip: Chip,
-    session: Option<Session<'static, Chip, Wire>>,
+    session: Option<GdbSession>,
 }
 
+type GdbSession = Session<'static, Chip, Client>;
+
 impl Gdb {
-    /// Waits for avr-gdb on that TCP port of loopback (0: any free one), for the board of that number.
+    /// Waits for avr-gdb on a TCP port of loopback (0: any free port). `node` is the number of the board to debug.
     ///
     /// # Errors
-    /// If the port is taken.
+    /// If the port is in use.
     pub fn open(port: u16, bench: &mut Bench, node: usize) -> Result<Gdb> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).with_context(|| {
             format!("cannot wait for avr-gdb on TCP port {port}: is it in use? Choose another with --gdb")
@@ -80,22 +82,22 @@ impl Gdb {
         let Ok((stream, _)) = self.listener.accept() else {
             return;
         };
-        let wire = Wire { stream, out: Vec::new() };
-        if wire.stream.set_nonblocking(true).is_err() || wire.stream.set_nodelay(true).is_err() {
+        let client = Client { stream, out: Vec::new() };
+        if client.stream.set_nonblocking(true).is_err() || client.stream.set_nodelay(true).is_err() {
             return;
         }
         self.chip.debugger.halt(Halt::Asked);
-        self.session = GdbStub::new(wire).run_state_machine(&mut self.chip).ok();
+        self.session = GdbStub::new(client).run_state_machine(&mut self.chip).ok();
         if self.session.is_none() {
             self.chip.debugger.detach();
         }
     }
 
-    /// One turn of a session; none when it has ended.
-    fn converse(&mut self, session: Session<'static, Chip, Wire>) -> Option<Session<'static, Chip, Wire>> {
-        let mut session = self.report(session)?;
+    /// Serves a session once. Returns `None` when the session has ended.
+    fn serve_session(&mut self, session: GdbSession) -> Option<GdbSession> {
+        let mut session = self.report_halt(session)?;
         let mut bytes = [0; READ_CHUNK];
-        let count = match wire(&mut session).stream.read(&mut bytes) {
+        let count = match client(&mut session).stream.read(&mut bytes) {
             Ok(0) => return None,
             Ok(count) => count,
             Err(error) if is_transient(&error) => 0,
@@ -116,13 +118,13 @@ impl Gdb {
                 return None;
             }
         }
-        let wire = wire(&mut session);
-        wire.push().ok()?;
-        (wire.out.len() <= UNREAD_MAX).then_some(session)
+        let client = client(&mut session);
+        client.send().ok()?;
+        (client.out.len() <= UNREAD_MAX).then_some(session)
     }
 
-    /// Tells a debugger that waits for it that the chip has halted.
-    fn report(&mut self, session: Session<'static, Chip, Wire>) -> Option<Session<'static, Chip, Wire>> {
+    /// Reports to a debugger that has resumed the chip that the chip has halted.
+    fn report_halt(&mut self, session: GdbSession) -> Option<GdbSession> {
         let Session::Running(running) = session else {
             return Some(session);
         };
@@ -146,7 +148,7 @@ impl Link for Gdb {
         match self.session.take() {
             None => self.accept(),
             Some(session) => {
-                self.session = self.converse(session);
+                self.session = self.serve_session(session);
                 for (address, value) in self.chip.flash_writes.drain(..) {
                     bench.board(self.node).avr_mut().load_flash(address as usize, &[value]);
                 }
@@ -177,7 +179,7 @@ impl Drop for Gdb {
     }
 }
 
-fn wire<'a>(session: &'a mut Session<'static, Chip, Wire>) -> &'a mut Wire {
+fn client(session: &mut GdbSession) -> &mut Client {
     match session {
         Session::Idle(state) => state.borrow_conn(),
         Session::Running(state) => state.borrow_conn(),
@@ -190,14 +192,15 @@ fn is_transient(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// The connection: what it cannot send at once waits.
-struct Wire {
+/// The connection to the debugger.
+struct Client {
     stream: TcpStream,
+    /// Bytes that the socket has not taken yet.
     out: Vec<u8>,
 }
 
-impl Wire {
-    fn push(&mut self) -> io::Result<()> {
+impl Client {
+    fn send(&mut self) -> io::Result<()> {
         while !self.out.is_empty() {
             match io::Write::write(&mut self.stream, &self.out) {
                 Ok(count) => drop(self.out.drain(..count)),
@@ -209,7 +212,7 @@ impl Wire {
     }
 }
 
-impl Connection for Wire {
+impl Connection for Client {
     type Error = io::Error;
 
     fn write(&mut self, byte: u8) -> io::Result<()> {
@@ -218,11 +221,11 @@ impl Connection for Wire {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.push()
+        self.send()
     }
 }
 
-/// What GDB knows as the architecture avr.
+/// GDB's architecture `avr`.
 enum AvrArch {}
 
 impl Arch for AvrArch {
@@ -254,10 +257,10 @@ impl RegId for Register {
     }
 }
 
-/// Bytes of all registers together, in GDB's order.
+/// Size of all registers together, in bytes.
 const REGISTERS_BYTES: usize = 39;
 
-/// All registers, as GDB exchanges them.
+/// All registers, in GDB's order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct GdbRegisters(Registers);
 
@@ -286,10 +289,10 @@ impl gdbstub::arch::Registers for GdbRegisters {
     }
 }
 
-/// The board's chip as gdbstub sees it.
+/// The target of gdbstub: the AVR of the board.
 struct Chip {
     debugger: Debugger,
-    /// Flash changes when nobody can be looking at it: after the turn.
+    /// Addresses and values that `serve` writes to flash after the turn, when it has the board.
     flash_writes: Vec<(u32, u8)>,
 }
 
@@ -364,7 +367,7 @@ impl SingleThreadBase for Chip {
     }
 
     fn write_addrs(&mut self, start: u32, data: &[u8]) -> TargetResult<(), Chip> {
-        // All or nothing: after an error the debugger must not find half of it written.
+        // Writes all bytes or none: after an error the debugger assumes that nothing was written.
         if data.len() > self.end_of_memory(start).saturating_sub(start) as usize {
             return Err(TargetError::NonFatal);
         }

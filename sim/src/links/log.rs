@@ -1,23 +1,23 @@
-//! The log of the bus: candump text, pcap if the name of the file ends in .pcap, or what was said if it ends in .txt.
+//! The log of the bus: pcap if the name of the file ends in .pcap, decoded transfers if it ends in .txt, else candump text.
 //!
 //! ```text
 //! (2.512352) can0 1404562A#0100A95C00C0
 //! ```
 //!
-//! The time is simulated, in seconds since power-on, of the frame's SOF: a log that is played back with `--script` puts
-//! each frame where it was. python-can, can-utils and Wireshark take it as seconds since 1970.
+//! The time is that of the frame's SOF, in simulated seconds since power-on. So `--script` plays each frame of a log at its
+//! time. python-can, can-utils and Wireshark read it as seconds since 1970.
 //!
-//! A pcap has link type CAN_SOCKETCAN, with error frames. Text has no error frames: what replays a log would send them as
-//! frames. They are counted, and the status tells. Nor has text a DLC above 8, for python-can and Wireshark give up at it: it
-//! becomes 8, and the pcap has it.
+//! A pcap has link type CAN_SOCKETCAN, with error frames. Text has no error frames, because a program that plays the log would
+//! send them as frames; the status line has their number. In text a DLC above 8 becomes 8, because python-can and Wireshark
+//! reject it; a pcap keeps it.
 //!
-//! What was said has a line for each transfer, when its last frame has ended, with its sender and its meaning:
+//! The log of decoded transfers has a line for each transfer: the time of its end, its sender, and its content:
 //!
 //! ```text
 //!      2.514901   127>120 param.GetSet request OUT1_MIN = 1100
 //! ```
 //!
-//! The dialect of each line is found as [`dialect`](bench::dronecan::dialect) has it; what is of the draft says so.
+//! [`dialect`](bench::dronecan::dialect) says how it finds the dialect of a transfer. Transfers of the draft are marked `draft`.
 //!
 //! Sources: can-utils, log file format (candump.c, lib.h); tcpdump.org, "LINKTYPE_CAN_SOCKETCAN"; Linux, can/error.h.
 
@@ -32,12 +32,12 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 const CYCLES_PER_US: u64 = F_CPU_HZ / 1_000_000;
-/// Lines are handed to the system in pieces of at least this size, or after this time: whole lines only, so that a
-/// program that is killed leaves a file that can be read.
+/// The log writes to the file when it has this many bytes, or after `WRITE_PERIOD`. It writes whole lines, so that the file of
+/// a run that is killed can be read.
 const WRITE_SIZE: usize = 64 * 1024;
 const WRITE_PERIOD: Cycles = F_CPU_HZ / 100;
 
-/// Header of a pcap file with times in microseconds, in this machine's byte order, as the format wants it.
+/// First word of a pcap file with times in microseconds. A pcap file has the byte order of the computer that writes it.
 const PCAP_MAGIC: u32 = 0xA1B2_C3D4;
 const PCAP_VERSION: [u16; 2] = [2, 4];
 const PCAP_SNAPSHOT_LENGTH: u32 = 65_535;
@@ -46,9 +46,9 @@ const LINKTYPE_CAN_SOCKETCAN: u32 = 227;
 const CAN_EFF_FLAG: u32 = 1 << 31;
 const CAN_RTR_FLAG: u32 = 1 << 30;
 const CAN_ERR_FLAG: u32 = 1 << 29;
-/// Class of an error frame: the protocol was violated; data\[2\] and data\[3\] say how and where.
+/// Class of an error frame: protocol violation; data\[2\] and data\[3\] have its kind and its place.
 const CAN_ERR_PROT: u32 = 0x008;
-/// Class of an error frame: nobody acknowledged.
+/// Class of an error frame: no ACK.
 const CAN_ERR_ACK: u32 = 0x020;
 const CAN_ERR_PROT_BIT: u8 = 0x01;
 const CAN_ERR_PROT_FORM: u8 = 0x02;
@@ -63,7 +63,7 @@ enum Format {
     Transfers,
 }
 
-/// See the module.
+/// A log of the bus.
 pub struct Log {
     path: PathBuf,
     format: Format,
@@ -77,10 +77,10 @@ pub struct Log {
 }
 
 impl Log {
-    /// Creates the file. The bit rate is that of the bus; neither format has a place for it.
+    /// Creates the file. The formats have no field for the bit rate of the bus.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the file cannot be written.
     pub fn create(path: &Path, _bit_rate: u32) -> Result<Log> {
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let format = match ending.as_deref() {
@@ -113,7 +113,7 @@ impl Log {
         Ok(log)
     }
 
-    /// Hands what is there to the system. Dropping does the same, but cannot report an error.
+    /// Writes the lines so far to the file. Dropping the log does the same, but cannot report an error.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -156,7 +156,7 @@ impl Log {
         match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Heard::Partial => Ok(()),
             Heard::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
-            Heard::Said(said) => self.add_line(at, &said.who(), &said.to_string()),
+            Heard::Said(transfer) => self.add_line(at, &transfer.who(), &transfer.to_string()),
         }
     }
 
@@ -198,7 +198,7 @@ impl Link for Log {
 impl Drop for Log {
     fn drop(&mut self) {
         if !self.failed {
-            // Nobody is left to tell. All but the last moment is in the file.
+            // A drop cannot report an error. All but the last 10 ms are in the file already.
             let _ = self.write();
         }
     }
@@ -207,7 +207,7 @@ impl Drop for Log {
 fn pcap_header() -> Vec<u8> {
     let mut header = PCAP_MAGIC.to_ne_bytes().to_vec();
     header.extend(PCAP_VERSION.iter().flat_map(|part| part.to_ne_bytes()));
-    // Time zone and accuracy of the times: always 0.
+    // Time zone and accuracy of the timestamps: always 0.
     header.extend([0; 8]);
     header.extend(PCAP_SNAPSHOT_LENGTH.to_ne_bytes());
     header.extend(LINKTYPE_CAN_SOCKETCAN.to_ne_bytes());
@@ -215,13 +215,13 @@ fn pcap_header() -> Vec<u8> {
 }
 
 fn pcap_packet(out: &mut Vec<u8>, us: u64, packet: &[u8]) {
-    // Seconds have 32 bits, which is a hundred years.
+    // 32 bits of seconds are enough for a hundred years.
     let fields = [(us / 1_000_000) as u32, (us % 1_000_000) as u32, packet.len() as u32, packet.len() as u32];
     out.extend(fields.iter().flat_map(|field| field.to_ne_bytes()));
     out.extend(packet);
 }
 
-/// Identifier with flags in network byte order, length, three bytes of which the last is the DLC if it is above 8, data.
+/// A frame as struct can_frame: identifier with flags in network byte order, length, two zeros, DLC if above 8 else 0, data.
 fn socketcan_frame(frame: &Frame) -> Vec<u8> {
     let id = match frame.id {
         Id::Standard(id) => u32::from(id),
@@ -262,7 +262,7 @@ mod tests {
     use std::cell::RefCell;
     use std::rc::Rc;
 
-    /// A file that can be looked at while it is being written, and that has room for so many bytes.
+    /// A file in memory with room for `room` bytes.
     #[derive(Clone)]
     struct Disk {
         bytes: Rc<RefCell<Vec<u8>>>,
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_said_has_a_line_for_each_transfer() {
+    fn the_log_of_transfers_has_a_line_for_each_transfer() {
         let disk = disk(10_000);
         let mut log = log(&disk, Format::Transfers);
         for (us, text) in [
@@ -370,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn packets_tell_remote_frames_long_dlcs_and_errors() {
+    fn packets_have_flags_for_remote_frames_long_dlcs_and_errors() {
         let packet = |text: &str| socketcan_frame(&text.parse().unwrap());
         assert_eq!(packet("123#R4"), [0x40, 0, 1, 0x23, 4, 0, 0, 0]);
         assert_eq!(packet("7FF#1122334455667788_C")[..8], [0, 0, 7, 0xFF, 8, 0, 0, 12]);
@@ -379,9 +379,9 @@ mod tests {
         assert_eq!(socketcan_error(Some(ErrorKind::Ack))[..4], [0x20, 0, 0, 0x20]);
     }
 
-    /// A killed program must leave what it saw.
+    /// A run that is killed must leave its log.
     #[test]
-    fn lines_are_in_the_file_soon() {
+    fn lines_are_in_the_file_after_10_ms() {
         let disk = disk(1000);
         let mut bench = Bench::new(1_000_000);
         let mut log = log(&disk, Format::Candump);
@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_cannot_be_is_an_error_that_names_it() {
+    fn an_impossible_path_is_an_error_that_names_it() {
         let Err(error) = Log::create(Path::new("/nonexistent/run.log"), 1_000_000) else {
             panic!("created");
         };

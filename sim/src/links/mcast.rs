@@ -1,14 +1,14 @@
 //! The UDP multicast bus of pydronecan, libcanard and ArduPilot SITL, joined to the simulated bus (`--mcast N`).
 //!
-//! Bus N is the group 239.65.82.N, port 57732. To the simulated bus it is one more node:
-//! what comes by datagram waits in its queue, arbitrates and is acknowledged like any node's frames, and what it hears
-//! from the others goes out as datagrams. What it sends it does not hear, so that nothing goes round in a circle.
+//! Bus N is the group 239.65.82.N, port 57732. On the simulated bus the link is one more node. It queues the frames of
+//! received datagrams and sends them like any node. It sends each frame that it receives as a datagram. It does not receive
+//! its own frames, so no frame goes in a circle.
 //!
-//! It stays on loopback unless an interface is given: datagrams of other interfaces are not even received. Sockets never
-//! block. Frames beyond `QUEUE_LIMIT` are dropped and counted; the newest go, as from a full transmit queue.
+//! Without `--mcast-interface` the link uses loopback, and receives no datagrams of other interfaces. Its sockets never
+//! block. When its queue has `QUEUE_LIMIT` frames, it drops and counts new ones, like a full transmit queue.
 //!
-//! Limits: UDP may lose a datagram, and the sender does not notice it. Time, acknowledgement
-//! and errors of the simulated bus do not show on the multicast bus. CAN FD is refused and counted.
+//! Limits: UDP can lose a datagram, and the sender does not notice it. The multicast bus does not show the times, ACKs and
+//! errors of the simulated bus. The link rejects and counts CAN FD frames.
 
 #[cfg(test)]
 mod tests;
@@ -23,25 +23,25 @@ use std::io::{self, ErrorKind};
 use std::net::Ipv4Addr;
 use std::rc::Rc;
 
-/// Frames that may wait for the simulated bus: what pydronecan's own transmit queue holds; 0.15 s of a full bus at 1 Mbit/s.
+/// Most frames in the queue for the simulated bus: the length of pydronecan's transmit queue, 0.15 s of a full bus at 1 Mbit/s.
 const QUEUE_LIMIT: usize = 1000;
-/// Datagrams taken in one call, so that a flood cannot hold up the simulation: far more than a bus carries in its time.
-const TAKEN_AT_ONCE: usize = 256;
+/// Most datagrams received in one call of `serve`, so that a flood cannot block the simulation. A bus carries far fewer meanwhile.
+const RECEIVE_MAX: usize = 256;
 
-/// What passed, and what did not.
+/// Counters of frames and datagrams.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Counters {
     received: u64,
     sent: u64,
-    /// Wrong length, magic, CRC or identifier.
+    /// Datagrams with a wrong length, magic, CRC or identifier.
     malformed: u64,
     fd: u64,
     queue_full: u64,
-    /// Frames that have no datagram, or that the network did not take.
+    /// Frames that have no form as a datagram, or that the network did not accept.
     unsent: u64,
 }
 
-/// A station on the simulated bus that is the UDP multicast bus of this host.
+/// A station on the simulated bus that exchanges its frames with a UDP multicast bus.
 pub struct Mcast {
     station: Rc<RefCell<SoftNode>>,
     port: Port,
@@ -50,10 +50,10 @@ pub struct Mcast {
 }
 
 impl Mcast {
-    /// Joins multicast bus `bus` on the interface with that address, loopback unless given, and the simulated bus.
+    /// Joins multicast bus `bus` on the interface with address `interface`, by default loopback, and the simulated bus.
     ///
     /// # Errors
-    /// With advice, when the address is not of this machine or the port is taken.
+    /// If `interface` is not an address of this computer, or the port is in use; the message says what to do.
     pub fn open(bus: u8, interface: Option<Ipv4Addr>, bench: &mut Bench) -> Result<Mcast> {
         let port = Port::open(bus, interface)?;
         let station = Rc::new(RefCell::new(SoftNode::new(bench.bus().bit_rate())));
@@ -61,17 +61,17 @@ impl Mcast {
         Ok(Mcast { station, port, counters: Counters::default(), last_error: None })
     }
 
-    fn take_datagrams(&mut self) {
-        for _ in 0..TAKEN_AT_ONCE {
+    fn receive_datagrams(&mut self) {
+        for _ in 0..RECEIVE_MAX {
             match self.port.receive() {
-                Ok(Some(datagram)) => self.take_datagram(datagram),
+                Ok(Some(datagram)) => self.queue_frame(datagram),
                 Ok(None) => {}
-                Err(error) => return self.note(error),
+                Err(error) => return self.keep_error(error),
             }
         }
     }
 
-    fn take_datagram(&mut self, datagram: std::result::Result<Frame, Refused>) {
+    fn queue_frame(&mut self, datagram: std::result::Result<Frame, Refused>) {
         match datagram {
             Ok(_) if self.station.borrow().queued() >= QUEUE_LIMIT => self.counters.queue_full += 1,
             Ok(frame) => {
@@ -83,22 +83,22 @@ impl Mcast {
         }
     }
 
-    fn send_heard(&mut self) {
-        let heard = self.station.borrow_mut().take_received();
-        for (_, frame) in heard {
+    fn send_datagrams(&mut self) {
+        let received = self.station.borrow_mut().take_received();
+        for (_, frame) in received {
             match self.port.send(&frame) {
                 Ok(true) => self.counters.sent += 1,
                 Ok(false) => self.counters.unsent += 1,
                 Err(error) => {
                     self.counters.unsent += 1;
-                    self.note(error);
+                    self.keep_error(error);
                 }
             }
         }
     }
 
-    /// An interface may come and go: what went wrong is shown, and the simulation goes on.
-    fn note(&mut self, error: io::Error) {
+    /// Keeps an error for the status line. The simulation goes on, because the interface can come back.
+    fn keep_error(&mut self, error: io::Error) {
         if error.kind() != ErrorKind::WouldBlock {
             self.last_error = Some(error.kind());
         }
@@ -107,8 +107,8 @@ impl Mcast {
 
 impl Link for Mcast {
     fn serve(&mut self, _bench: &mut Bench) -> Result<()> {
-        self.take_datagrams();
-        self.send_heard();
+        self.receive_datagrams();
+        self.send_datagrams();
         Ok(())
     }
 
@@ -117,13 +117,13 @@ impl Link for Mcast {
         let (group, interface) = (self.port.group(), self.port.interface());
         let bus = group.ip().octets()[3];
         let mut text = format!("mcast:{bus} at {group} on {interface}: {received} in, {sent} out");
-        let troubles = [
+        let errors = [
             (malformed, "malformed"),
-            (fd, "CAN FD refused"),
+            (fd, "CAN FD rejected"),
             (queue_full, "dropped, queue full"),
             (unsent, "not sent"),
         ];
-        for (count, what) in troubles.into_iter().filter(|(count, _)| *count > 0) {
+        for (count, what) in errors.into_iter().filter(|(count, _)| *count > 0) {
             text += &format!(", {count} {what}");
         }
         if let Some(error) = self.last_error {

@@ -1,7 +1,7 @@
-//! What joins the simulated bench to the programs of this host: adapters, ports, networks, logs, debuggers.
+//! Links join the simulated bench to programs and files of this computer: adapters, ports, networks, logs, debuggers.
 //!
-//! A [`Link`] is served between two short slices of simulated time. It never blocks: a client that hangs, floods or dies is
-//! the link's affair, and the simulation goes on.
+//! The scene serves each [`Link`] between two short slices of simulated time. A link never blocks. It must cope with a client
+//! that hangs, ends, or sends too much, so that the simulation goes on.
 
 pub mod eeprom;
 pub mod gdb;
@@ -22,12 +22,12 @@ use bench::can::Record;
 use clap::Args as ClapArgs;
 use std::path::{Path, PathBuf};
 
-/// Options for what is joined to the bench.
+/// Options for the links of the bench.
 #[derive(Clone, Debug, Default, ClapArgs)]
 #[command(next_help_heading = "Joining other programs")]
 #[group(id = "links")]
 pub struct Args {
-    /// Offer an SLCAN adapter on a pseudo-terminal, linked at PATH (repeatable: one client each, all on the one bus)
+    /// Offer an SLCAN adapter on a pseudo-terminal, linked at PATH (repeatable: one client for each, all on the same bus)
     #[arg(long, value_name = "PATH")]
     pub slcan: Vec<PathBuf>,
 
@@ -35,7 +35,8 @@ pub struct Args {
     #[arg(long, value_name = "PATH")]
     pub serial: Option<PathBuf>,
 
-    /// Put this bootloader, an Intel HEX file, beside the program, and start with it. Without HEX: what "make boot" has built for the board
+    /// Load this bootloader, an Intel HEX file, beside the program, and start it [default HEX: the one that "make boot" has
+    /// built for the board]
     #[arg(long, value_name = "HEX", num_args = 0..=1)]
     pub bootloader: Option<Option<PathBuf>>,
 
@@ -47,7 +48,7 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = mcast_bus, allow_hyphen_values = true)]
     pub mcast: Option<u8>,
 
-    /// Address of the network interface for --mcast, if it is to leave this machine
+    /// Address of the network interface for --mcast, to reach other computers [default: loopback]
     #[arg(long, value_name = "ADDRESS", requires = "mcast")]
     pub mcast_interface: Option<std::net::Ipv4Addr>,
 
@@ -55,8 +56,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
 
-    /// Record CAN, SPI, INT, UART, the servo and other outputs as one-bit wires for sigrok and GTKWave: 1 MB for each simulated second, and up to
-    /// 50 MB on a full bus
+    /// Record CAN, SPI, INT, UART and all outputs as one-bit signals for sigrok and GTKWave: 1 MB for each simulated second,
+    /// up to 50 MB on a full bus
     #[arg(long, value_name = "FILE")]
     pub vcd: Option<PathBuf>,
 
@@ -77,7 +78,7 @@ pub struct Args {
     pub eeprom: Option<PathBuf>,
 }
 
-/// Node IDs go from 1 to 127, and the node has one.
+/// Node IDs are 1 to 127, and the node has one of them.
 const FURTHER_BOARDS_MAX: usize = 126;
 
 fn further_boards(text: &str) -> Result<usize, String> {
@@ -94,11 +95,11 @@ fn tcp_port(text: &str) -> Result<u16, String> {
 }
 
 impl Args {
-    /// Makes everything that was asked for, except for the script. `boards` are the numbers of all boards, the node under
-    /// test first.
+    /// Opens all links of the options except for the script. `boards` are the numbers of all boards, the node under test first.
     ///
     /// # Errors
-    /// If something cannot be had, such as a taken path or port; the message says what to do. What had been made is gone.
+    /// If a link cannot be opened, for example because its path or port is in use; the message says what to do. The links that
+    /// were open are closed again.
     pub fn open(&self, bench: &mut Bench, boards: &[usize]) -> Result<Vec<Box<dyn Link>>> {
         let node = boards[0];
         let mut links: Vec<Box<dyn Link>> = Vec::new();
@@ -119,7 +120,7 @@ impl Args {
         if let Some(port) = self.gdb {
             links.push(Box::new(gdb::Gdb::open(port, bench, node)?));
         }
-        // Files last: what could not be had above leaves none behind.
+        // Files come last, so that an error above leaves no empty file.
         if let Some(path) = &self.log {
             links.push(Box::new(log::Log::create(path, bench.bus().bit_rate())?));
         }
@@ -139,39 +140,42 @@ fn numbered(path: &Path, number: usize) -> PathBuf {
     name.into()
 }
 
-/// Something outside of the simulation.
+/// A connection between the bench and a program or file outside of the simulation.
 pub trait Link {
-    /// Passes on what came from outside and what goes there. Called between slices of at most a millisecond of simulated time.
+    /// Transfers data in both directions. Called between slices of at most a millisecond of simulated time.
     ///
     /// # Errors
-    /// Only what makes going on pointless, such as a full disk; what a client does wrong is no error.
+    /// If the run cannot go on, for example because the disk is full. An error of a client is not such an error.
     fn serve(&mut self, bench: &mut Bench) -> Result<()>;
 
-    /// A frame or an error frame that has passed on the bus; `from` is the name of its sender, if there is one.
+    /// Takes a frame or an error frame of the bus; `from` is the name of its sender, if known.
+    ///
+    /// # Errors
+    /// If the run cannot go on.
     fn record(&mut self, _record: &Record, _from: Option<&str>) -> Result<()> {
         Ok(())
     }
 
-    /// Bytes that a board has sent on its serial port, each with the end of its stop bit.
+    /// Takes bytes that a board has sent on its serial port, each with the time of the end of its stop bit.
     fn serial_output(&mut self, _board: usize, _bytes: &[(Cycles, u8)]) {}
 
-    /// The run is over.
+    /// Ends the run: writes what the link has to keep.
     ///
     /// # Errors
-    /// If what was to be kept could not be.
+    /// If the link cannot write its file.
     fn finish(&mut self, _bench: &mut Bench) -> Result<()> {
         Ok(())
     }
 
-    /// A line that says what it is and how it does, for people.
+    /// A line for the user: what the link is, and its state.
     fn status(&self) -> String;
 
-    /// A probable cause of trouble that the link has noticed since the last call, for people.
+    /// Removes and returns a hint for the user: the probable cause of an error that the link has seen since the last call.
     fn take_hint(&mut self) -> Option<String> {
         None
     }
 
-    /// Whether a client on the wall clock may be attached, so that the simulation must keep real time.
+    /// True if a client that uses the wall clock can be attached, so that the simulation must keep real time.
     fn needs_real_time(&self) -> bool {
         false
     }

@@ -1,11 +1,11 @@
-//! A pseudo-terminal that passes for a serial port: raw at both ends, never blocking, under a name that stays.
+//! A pseudo-terminal that serves as a serial port: raw, non-blocking, and with a name that the user chooses.
 //!
-//! The kernel numbers pseudo-terminals as it likes, so each gets a symbolic link where the user wants it. The link is
-//! removed when the port is dropped, and when the program panics. What a killed simulator left behind is replaced; what
-//! another running one offers is not: each name is claimed by an abstract Unix socket, which dies with its process.
+//! The kernel chooses the number of a pseudo-terminal, so the port has a symbolic link at the user's path. The port removes
+//! the link when it is dropped and when the program panics. It replaces the link of a simulator that was killed, but not of
+//! one that is running: an abstract Unix socket, which ends with its process, reserves each name.
 //!
-//! A pseudo-terminal has no modem lines and no baud rate, and the kernel keeps some 70 KiB in each direction. Who opens and
-//! closes it is counted by inotify, because the master itself only has the present state.
+//! A pseudo-terminal has no modem lines and no baud rate, and the kernel buffers about 70 KiB in each direction. inotify
+//! counts how often programs open and close the port, because the master end shows only the present state.
 
 use anyhow::{Context, Result, bail};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -25,83 +25,83 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, Once};
 use std::thread::{self, ThreadId};
 
-/// Where the kernel puts pseudo-terminals: a link to elsewhere is not ours to replace.
+/// The directory of pseudo-terminals. A link to another directory is not a port of sim and is not replaced.
 const DEVICES: &str = "/dev/pts/";
-/// Bytes taken from a client in one go.
+/// Most bytes read from a client at once.
 const READ_BYTES: usize = 4096;
-/// Notices of openings and closings taken from the kernel in one go.
-const NOTICE_BYTES: usize = 4096;
+/// Size of the buffer for inotify events, in bytes.
+const EVENT_BYTES: usize = 4096;
 
-/// Whether the port is to look open while no program has it open.
+/// State of the slave end while no program has the port open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hold {
-    /// Yes: what is written waits for the next program, and it cannot be told whether there is one.
+    /// Held open: written bytes wait for the next program. The port cannot detect whether a program has it open.
     Open,
-    /// No: [`Pty::visits`] shows if a program has it open, or had it open.
+    /// Closed: [`Pty::take_openings`] shows whether a program has the port open, and how often programs opened it.
     Released,
 }
 
-/// What programs did with a port.
+/// How programs opened a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Visits {
-    /// How often it was opened while nobody else had it open: when a real port raises DTR.
-    pub begun: u64,
-    /// Whether a program has it open now.
-    pub present: bool,
+pub struct Openings {
+    /// Number of openings while no other program had the port open. A real port raises DTR at these.
+    pub count: u64,
+    /// True if a program has the port open now.
+    pub is_open: bool,
 }
 
 /// The master end of a pseudo-terminal and the link to its slave end.
 #[derive(Debug)]
 pub struct Pty {
     master: OwnedFd,
-    /// The slave end, if it is held open.
+    /// The slave end, for [`Hold::Open`].
     held: Option<OwnedFd>,
-    /// Counts who has it open, if it is not held open.
+    /// Counts the openings, for [`Hold::Released`].
     watch: Option<Watch>,
     link: Link,
 }
 
 impl Pty {
-    /// Makes a pseudo-terminal, with a link at `path`.
+    /// Creates a pseudo-terminal with a link at `path`.
     ///
     /// # Errors
-    /// If `path` is in use or cannot be made; the message says what to do.
+    /// If `path` is in use or cannot be created; the message says what to do.
     pub fn open(path: &Path, hold: Hold) -> Result<Pty> {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)
-            .context("no pseudo-terminal to be had from this system")?;
+            .context("the system cannot create a pseudo-terminal")?;
         grantpt(&master)?;
         unlockpt(&master)?;
         fcntl_setfl(&master, OFlags::NONBLOCK)?;
         let device = ptsname(&master, Vec::new())?.into_string().context("the pseudo-terminal's name")?;
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
         let slave = open(&device, flags, Mode::empty()).with_context(|| format!("cannot open {device}"))?;
-        // Before anybody can see it: a program must never meet an echo or a translated line end. Closing it once also
-        // makes the master report that nobody has it open.
+        // Sets raw mode before any program can open the port, so that no program gets an echo or a translated line end.
+        // Opening and closing the slave end once also makes the master report the port as closed.
         let mut settings = tcgetattr(&slave)?;
         settings.make_raw();
         tcsetattr(&slave, OptionalActions::Now, &settings)?;
         let held = (hold == Hold::Open).then_some(slave);
-        // After our own opening, which is no visit, and before anybody else's.
+        // Watches from here on: after the opening above, and before the link lets other programs open the port.
         let watch = if held.is_none() { Some(Watch::new(&device)?) } else { None };
         let link = Link::publish(path, Path::new(&device))?;
         Ok(Pty { master, held, watch, link })
     }
 
-    /// Where a program finds the port.
+    /// The path of the link, which programs open.
     pub fn path(&self) -> &Path {
         &self.link.path
     }
 
-    /// Takes what has come in, as much as is there up to a few kilobytes. Empty when there is nothing.
+    /// Reads bytes of the client, up to 4096. Empty if there are none.
     pub fn read(&self) -> Vec<u8> {
         let mut bytes = vec![0; READ_BYTES];
-        // EIO: nobody has it open. Any other error ends like it: there is nothing to read.
+        // EIO means that no program has the port open. With any other error there is nothing to read either.
         let count = read(&self.master, &mut bytes).unwrap_or(0);
         bytes.truncate(count);
         bytes
     }
 
-    /// Gives bytes to the kernel and returns how many it took.
+    /// Writes bytes for the client. Returns how many the kernel took.
     pub fn write(&self, bytes: &[u8]) -> usize {
         loop {
             match write(&self.master, bytes) {
@@ -112,24 +112,24 @@ impl Pty {
         }
     }
 
-    /// What programs did with it since the last call. Of a port that is held open nothing can be told.
-    pub fn visits(&mut self) -> Visits {
+    /// The openings since the last call. With [`Hold::Open`] always none, and the port counts as open.
+    pub fn take_openings(&mut self) -> Openings {
         let Some(watch) = &mut self.watch else {
-            return Visits { begun: 0, present: true };
+            return Openings { count: 0, is_open: true };
         };
-        let (begun, complete) = watch.take();
+        let (count, complete) = watch.take();
         if complete {
-            return Visits { begun, present: watch.openers > 0 };
+            return Openings { count, is_open: watch.openers > 0 };
         }
-        // More than the kernel keeps: that there were visits is sure, and what the port looks like now.
-        let present = is_open(&self.master);
-        watch.openers = usize::from(present);
-        Visits { begun: begun.max(1), present }
+        // The kernel's queue overflowed: there was at least one opening, and the master shows the present state.
+        let is_open = is_open(&self.master);
+        watch.openers = usize::from(is_open);
+        Openings { count: count.max(1), is_open }
     }
 
-    /// Drops what the kernel holds for a program that has not read it.
+    /// Discards written bytes that no program has read.
     pub fn discard_unread(&self) {
-        // It sits in two places: on its way out of the master, and at the slave's input.
+        // The kernel has two buffers for them: the output of the master, and the input of the slave.
         let _ = tcflush(&self.master, QueueSelector::OFlush);
         match &self.held {
             Some(slave) => drop(tcflush(slave, QueueSelector::IFlush)),
@@ -138,9 +138,9 @@ impl Pty {
         }
     }
 
-    /// Makes it as new for the next program: raw again, whatever the last one set, and nothing left in it.
+    /// Prepares the port for the next program: empties both directions, and sets raw mode again.
     pub fn renew(&self) {
-        // Not more than the kernel can hold: another program may write already.
+        // 20 reads are the 70 KiB that the kernel buffers. More could take bytes of the next program.
         for _ in 0..20 {
             self.read();
         }
@@ -152,7 +152,7 @@ impl Pty {
     }
 }
 
-/// Whether any program has the slave end open.
+/// True if any program has the slave end open.
 fn is_open(master: &OwnedFd) -> bool {
     let mut ends = [PollFd::new(master, PollFlags::IN)];
     let now = Timespec { tv_sec: 0, tv_nsec: 0 };
@@ -176,73 +176,73 @@ impl Watch {
         let watch = || {
             let inotify = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
             let what = WatchFlags::OPEN | WatchFlags::CLOSE_WRITE | WatchFlags::CLOSE_NOWRITE;
-            // inotify makes one of two equal notices in a row. With those of the directory in between none are equal.
+            // inotify merges two equal events in a row. The events of the directory between them keep them apart.
             inotify::add_watch(&inotify, DEVICES, what)?;
             let device = inotify::add_watch(&inotify, device, what)?;
             Ok::<_, Errno>(Watch { inotify, device, openers: 0 })
         };
         watch().with_context(|| {
-            format!("cannot watch who opens {device}; do other programs use up fs.inotify.max_user_instances?")
+            format!("cannot watch {device} with inotify; do other programs use up fs.inotify.max_user_instances?")
         })
     }
 
-    /// How often the device was opened by a first program since the last call, and whether all notices of it were there.
+    /// Openings since the last call while no program had the device open; and false if inotify has lost events.
     fn take(&mut self) -> (u64, bool) {
-        let mut buffer = [MaybeUninit::uninit(); NOTICE_BYTES];
-        let mut notices = Reader::new(&self.inotify, &mut buffer);
-        let (mut begun, mut complete) = (0, true);
-        // The error at the end: there are no more.
-        while let Ok(notice) = notices.next() {
-            let what = notice.events();
+        let mut buffer = [MaybeUninit::uninit(); EVENT_BYTES];
+        let mut events = Reader::new(&self.inotify, &mut buffer);
+        let (mut count, mut complete) = (0, true);
+        // Ends with an error when there are no more events.
+        while let Ok(event) = events.next() {
+            let what = event.events();
             if what.contains(ReadFlags::QUEUE_OVERFLOW) {
                 complete = false;
-            } else if notice.wd() != self.device {
+            } else if event.wd() != self.device {
             } else if what.contains(ReadFlags::OPEN) {
-                begun += u64::from(self.openers == 0);
+                count += u64::from(self.openers == 0);
                 self.openers += 1;
             } else if what.intersects(ReadFlags::CLOSE_WRITE | ReadFlags::CLOSE_NOWRITE) {
                 self.openers = self.openers.saturating_sub(1);
             }
         }
-        (begun, complete)
+        (count, complete)
     }
 }
 
-/// A published link. Removed on drop.
+/// The symbolic link to a port. Removed on drop.
 #[derive(Debug)]
 struct Link {
     path: PathBuf,
     device: PathBuf,
-    /// Claims the name as long as this process lives.
+    /// Reserves the name while this process runs.
     _claim: UnixListener,
 }
 
-/// Links to be removed should their thread panic: a program that aborts drops nothing.
+/// Links that the panic hook removes if their thread panics. A program that aborts at a panic drops nothing.
 static PUBLISHED: Mutex<Vec<(ThreadId, PathBuf, PathBuf)>> = Mutex::new(Vec::new());
 static PANIC_HOOK: Once = Once::new();
 
 impl Link {
     fn publish(path: &Path, device: &Path) -> Result<Link> {
-        let name = path.file_name().with_context(|| format!("{} is no name for a port", path.display()))?;
+        let name = path.file_name().with_context(|| format!("{} cannot be the name of a port", path.display()))?;
         let directory = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        let directory =
-            fs::canonicalize(directory).with_context(|| format!("no directory {} for a port", directory.display()))?;
+        let directory = fs::canonicalize(directory)
+            .with_context(|| format!("there is no directory {} for a port", directory.display()))?;
         let path = directory.join(name);
         let claim = claim(&path)?;
         match fs::symlink_metadata(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(error).with_context(|| format!("cannot look at {}", path.display())),
+            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
             Ok(found) if found.is_symlink() && fs::read_link(&path)?.starts_with(DEVICES) => {
                 fs::remove_file(&path).with_context(|| format!("cannot replace the old link {}", path.display()))?;
             }
             Ok(_) => {
-                bail!("{} is there already and is not a port of sim: choose another path, or remove it", path.display())
+                bail!("{} exists and is not a port of sim: choose another path, or remove it", path.display())
             }
         }
-        symlink(device, &path).with_context(|| format!("cannot make the link {}", path.display()))?;
+        symlink(device, &path).with_context(|| format!("cannot create the link {}", path.display()))?;
         PANIC_HOOK.call_once(remove_links_on_panic);
         published().push((thread::current().id(), path.clone(), device.to_owned()));
         Ok(Link { path, device: device.to_owned(), _claim: claim })
@@ -260,7 +260,7 @@ fn published() -> std::sync::MutexGuard<'static, Vec<(ThreadId, PathBuf, PathBuf
     PUBLISHED.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// Removes the link if it is still the one that was made.
+/// Removes the link if it still leads to `device`.
 fn remove(path: &Path, device: &Path) {
     if fs::read_link(path).is_ok_and(|target| target == device) {
         let _ = fs::remove_file(path);
@@ -278,19 +278,19 @@ fn remove_links_on_panic() {
     }));
 }
 
-/// A socket that nobody talks to: its name can be had once, and goes with the process.
+/// Reserves the name of a port: binds a socket to it. Only one process can do so, and its end releases the name.
 fn claim(path: &Path) -> Result<UnixListener> {
     let mut name = b"sim port ".to_vec();
     name.extend(path.as_os_str().as_encoded_bytes());
-    // A Unix socket's name has room for 107 bytes; of a longer path the end is more useful.
+    // The name of a Unix socket has at most 107 bytes. The end of a long path differs more often than its start.
     let start = name.len().saturating_sub(100);
     let address = SocketAddr::from_abstract_name(&name[start..])?;
     match UnixListener::bind_addr(&address) {
         Ok(claim) => Ok(claim),
         Err(error) if error.kind() == ErrorKind::AddrInUse => {
-            bail!("{} is a port of another sim that is running: choose another path, or end that one", path.display())
+            bail!("{} is a port of another sim that runs: choose another path, or end the other sim", path.display())
         }
-        Err(error) => Err(error).with_context(|| format!("cannot claim the name {}", path.display())),
+        Err(error) => Err(error).with_context(|| format!("cannot reserve the name {}", path.display())),
     }
 }
 
@@ -314,14 +314,14 @@ mod tests {
         client.write_all(&every_byte).unwrap();
         assert_eq!(pty.read(), every_byte);
         assert_eq!(pty.write(&every_byte), 256);
-        let mut heard = [0; 256];
-        client.read_exact(&mut heard).unwrap();
-        assert_eq!(heard.as_slice(), every_byte);
+        let mut received = [0; 256];
+        client.read_exact(&mut received).unwrap();
+        assert_eq!(received.as_slice(), every_byte);
         assert_eq!(pty.read(), b"", "an echo");
     }
 
     #[test]
-    fn the_link_goes_with_the_port() {
+    fn dropping_the_port_removes_its_link() {
         let scratch = Scratch::new();
         let path = scratch.path("port");
         let pty = Pty::open(&path, Hold::Open).unwrap();
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_in_use_is_refused_and_free_afterwards() {
+    fn a_name_in_use_is_rejected_and_free_afterwards() {
         let scratch = Scratch::new();
         let path = scratch.path("port");
         let first = Pty::open(&path, Hold::Open).unwrap();
@@ -359,53 +359,53 @@ mod tests {
     }
 
     #[test]
-    fn a_released_port_counts_its_visits() {
+    fn a_released_port_counts_its_openings() {
         let scratch = Scratch::new();
         let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
-        assert_eq!(pty.visits(), Visits { begun: 0, present: false }, "its own opening");
+        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: false }, "its own opening");
         let first = client(pty.path());
-        assert_eq!(pty.visits(), Visits { begun: 1, present: true });
+        assert_eq!(pty.take_openings(), Openings { count: 1, is_open: true });
         drop(first);
-        assert_eq!(pty.visits(), Visits { begun: 0, present: false });
+        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: false });
         drop(client(pty.path()));
         let _third = client(pty.path());
-        assert_eq!(pty.visits(), Visits { begun: 2, present: true });
-        assert_eq!(pty.visits(), Visits { begun: 0, present: true });
+        assert_eq!(pty.take_openings(), Openings { count: 2, is_open: true });
+        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: true });
     }
 
     #[test]
-    fn a_port_that_several_have_open_is_free_when_the_last_has_closed_it() {
+    fn a_port_is_open_until_the_last_program_closes_it() {
         let scratch = Scratch::new();
         let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
         let clients: Vec<_> = (0..3).map(|_| client(pty.path())).collect();
         let last = File::open(pty.path()).unwrap();
         drop(clients);
         drop(client(pty.path()));
-        assert_eq!(pty.visits(), Visits { begun: 1, present: true });
+        assert_eq!(pty.take_openings(), Openings { count: 1, is_open: true });
         drop(last);
-        assert_eq!(pty.visits(), Visits { begun: 0, present: false });
+        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: false });
     }
 
     #[test]
-    fn more_visits_than_the_kernel_counts_do_not_confuse_it() {
+    fn the_state_is_right_after_more_openings_than_the_kernel_can_queue() {
         let scratch = Scratch::new();
         let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
         let limit: usize =
             fs::read_to_string("/proc/sys/fs/inotify/max_queued_events").unwrap().trim().parse().unwrap();
-        // Each notice comes twice. What was open when the queue was full, and is closed later, is not missed.
+        // Each event comes twice. These clients open the port before the queue is full, and close it after.
         let crowd: Vec<_> = (0..100).map(|_| client(pty.path())).collect();
         for _ in 0..limit / 4 {
             client(pty.path());
         }
         drop(crowd);
-        let visits = pty.visits();
-        assert!(visits.begun >= 1 && !visits.present, "{visits:?}");
+        let openings = pty.take_openings();
+        assert!(openings.count >= 1 && !openings.is_open, "{openings:?}");
         let _client = client(pty.path());
-        assert_eq!(pty.visits(), Visits { begun: 1, present: true });
+        assert_eq!(pty.take_openings(), Openings { count: 1, is_open: true });
     }
 
     #[test]
-    fn a_renewed_port_has_nothing_left_of_its_last_program() {
+    fn a_renewed_port_is_empty() {
         let scratch = Scratch::new();
         let pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
         client(pty.path()).write_all(b"unread").unwrap();
@@ -414,18 +414,18 @@ mod tests {
         assert_eq!(pty.read(), b"");
         let mut client = client(pty.path());
         assert_eq!(pty.write(b"new"), 3);
-        let mut heard = [0; 9];
-        assert_eq!(client.read(&mut heard).unwrap(), 3);
-        assert_eq!(&heard[..3], b"new");
+        let mut received = [0; 9];
+        assert_eq!(client.read(&mut received).unwrap(), 3);
+        assert_eq!(&received[..3], b"new");
     }
 
     #[test]
-    fn a_held_port_survives_its_clients() {
+    fn a_held_port_stays_open_when_its_client_closes_it() {
         let scratch = Scratch::new();
         let mut pty = Pty::open(&scratch.path("port"), Hold::Open).unwrap();
         client(pty.path()).write_all(b"first").unwrap();
         assert_eq!(pty.read(), b"first");
-        assert_eq!(pty.visits(), Visits { begun: 0, present: true });
+        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: true });
         client(pty.path()).write_all(b"second").unwrap();
         assert_eq!(pty.read(), b"second");
     }
@@ -442,9 +442,9 @@ mod tests {
         let mut client = client(pty.path());
         pty.discard_unread();
         assert_eq!(pty.write(b"y"), 1);
-        let mut heard = [0; 2];
-        assert_eq!(client.read(&mut heard).unwrap(), 1);
-        assert_eq!(heard[0], b'y');
+        let mut received = [0; 2];
+        assert_eq!(client.read(&mut received).unwrap(), 1);
+        assert_eq!(received[0], b'y');
     }
 
     #[test]

@@ -1,14 +1,14 @@
-//! A directory of its own for each test, removed at the end of the test.
+//! A temporary directory for a test.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// See the module.
+/// A temporary directory. Removed on drop.
 pub struct Scratch(PathBuf);
 
 impl Scratch {
-    /// A new, empty directory.
+    /// Creates an empty directory that no other test uses.
     pub fn new() -> Scratch {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let name = format!("sim-links-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
@@ -17,7 +17,7 @@ impl Scratch {
         Scratch(directory)
     }
 
-    /// A path in it.
+    /// The path of `name` in the directory.
     pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
         self.0.join(name)
     }

@@ -12,18 +12,17 @@
 //! (5.0) serial help\r
 //! ```
 //!
-//! Times are simulated seconds since power-on, so that the log of a run plays at the times of that run. Those of a real
-//! bus count from 1970: if the first stamp is that large, all times are relative to it. Lines may come in any order.
+//! Times are simulated seconds since power-on, so the log of a run plays at the times of that run. The timestamps of a real
+//! bus count from 1970: if the first timestamp is that large, all times are relative to it. Lines can be in any order.
 //!
-//! Frames are sent by a station of their own, not before their time, and wait for the bus like any node's. A log has the
+//! The script has its own station on the bus. It sends each frame at its time, or later if the bus is busy. A log has the
 //! frames of all nodes: remove those of a node that takes part again (`grep -v`), or two stations send the same identifier.
 //!
-//! `pwr-voltage` and `pwr-current` are millivolts at the inputs that measure a circuit, as of the options of these names; a board
-//! without such inputs ignores them.
+//! `pwr-voltage` and `pwr-current` are millivolts at the inputs that measure a circuit, like the options `--pwr-voltage` and
+//! `--pwr-current`. A board without such inputs ignores them.
 //!
-//! Faults are those of `--inject`: one that lasts ends when it is named again. In the text of `serial`, `\r`, `\n`, `\t`,
-//! `\\` and `\xNN` are understood; nothing is added to it. Error frames in a log (`20000008#...`) are skipped: they were not
-//! sent by anybody.
+//! Faults are those of `--inject`: a lasting fault ends when it is named again. The text of `serial` can contain `\r`, `\n`,
+//! `\t`, `\\` and `\xNN`; a line end is not added. Error frames in a log (`20000008#...`) are skipped: no station sent them.
 
 use super::Link;
 use crate::fault::Fault;
@@ -36,15 +35,15 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Stamps from here on are those of a wall clock: September 2001. No run is that long.
+/// Timestamps from here on, September 2001, are of the wall clock. No run is that long.
 const WALL_CLOCK_FROM: Cycles = 1_000_000_000 * F_CPU_HZ;
-/// What candump sets in the identifier of an error frame.
+/// Flag in the identifier of an error frame in candump's format.
 const CAN_ERR_FLAG: u32 = 1 << 29;
 /// Supply of the AVR, and the highest voltage at an input.
 const SUPPLY_MV: u32 = 5000;
 const NS_PER_S: u64 = 1_000_000_000;
 
-/// What a script may do to the bench, other than sending frames.
+/// An event of a script other than a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BenchEvent {
     /// Degrees Celsius at the sensor.
@@ -55,22 +54,22 @@ pub enum BenchEvent {
     CircuitCurrent(u32),
     /// The button is pressed (true) or released.
     Button(bool),
-    /// As `--inject`: happens, or is switched on or off.
+    /// A fault begins; a lasting fault that is on ends.
     Fault(Fault),
     /// Bytes to the Arduino's serial port.
     Serial(Vec<u8>),
 }
 
-/// What a line asks for.
+/// The action of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     Send(Frame),
     Do(BenchEvent),
-    /// An error frame of a log.
+    /// Nothing, for an error frame of a log.
     Skip,
 }
 
-/// See the module.
+/// A script, with the events that are not due yet and the station that sends its frames.
 pub struct Script {
     path: PathBuf,
     station: Option<Rc<RefCell<SoftNode>>>,
@@ -79,10 +78,10 @@ pub struct Script {
 }
 
 impl Script {
-    /// Reads the file, and puts a station on the bus if there are frames to send.
+    /// Reads the file, and adds a station to the bus if there are frames to send.
     ///
     /// # Errors
-    /// If the file cannot be read, or has a line that is not understood; the message names it.
+    /// If the file cannot be read, or has an invalid line; the message names the line.
     pub fn open(path: &Path, bench: &mut Bench) -> Result<Script> {
         let text =
             std::fs::read_to_string(path).with_context(|| format!("--script: cannot read {}", path.display()))?;
@@ -106,18 +105,18 @@ impl Script {
         Ok(script)
     }
 
-    /// When the next event is due, so that the bench can stop there.
+    /// Time of the next event, at which the bench must stop; `None` after the last.
     pub fn next_event_at(&self) -> Option<Cycles> {
         self.events.front().map(|(at, _)| *at)
     }
 
-    /// The events that are due at `until` or before, in order.
+    /// Removes and returns the events that are due at `until` or before, in order.
     pub fn take_events(&mut self, until: Cycles) -> Vec<(Cycles, BenchEvent)> {
         let due = self.events.partition_point(|(at, _)| *at <= until);
         self.events.drain(..due).collect()
     }
 
-    /// Frames that have not gone out yet.
+    /// Number of frames that are not sent yet.
     pub fn frames_left(&self) -> usize {
         self.station.as_ref().map_or(0, |station| station.borrow().queued())
     }
@@ -126,7 +125,7 @@ impl Script {
 impl Link for Script {
     fn serve(&mut self, _bench: &mut Bench) -> Result<()> {
         if let Some(station) = &self.station {
-            // What it hears is on the bus's record; kept, it would only grow.
+            // Without this the station's queue of received frames would grow without bound.
             station.borrow_mut().take_received();
         }
         Ok(())
@@ -139,10 +138,10 @@ impl Link for Script {
     }
 }
 
-/// All lines in the order of their times; those of the same time as they come.
+/// Reads all lines, and sorts them by time. Lines of the same time keep their order.
 ///
 /// # Errors
-/// If a line is not understood: its number, and why.
+/// For an invalid line: its number, and the reason.
 pub fn parse(text: &str) -> Result<Vec<(Cycles, Action)>, (usize, String)> {
     let mut lines = Vec::new();
     for (line, number) in text.lines().zip(1..) {
@@ -190,9 +189,9 @@ fn parse_line(line: &str) -> Result<(Cycles, Action), String> {
     Ok((at, action))
 }
 
-/// Decimal seconds; what is finer than a cycle is rounded.
+/// Reads decimal seconds, rounded to a cycle.
 fn parse_seconds(text: &str) -> Result<Cycles, String> {
-    let wrong = || format!("\"{text}\" is no time in seconds: write for example 2.5");
+    let wrong = || format!("\"{text}\" is not a time in seconds: write for example 2.5");
     let (whole, fraction) = text.trim().split_once('.').unwrap_or((text.trim(), "0"));
     let digits = |part: &str| !part.is_empty() && part.bytes().all(|digit| digit.is_ascii_digit());
     if !digits(whole) || !digits(fraction) {
@@ -214,7 +213,7 @@ fn parse_temperature(text: &str) -> Result<f64, String> {
 /// Reads a voltage at an analogue input, from ground to the supply of the AVR.
 ///
 /// # Errors
-/// If it is something else; the message says what it can be.
+/// If `text` is not a number in this range; the message says the range.
 pub fn millivolts(text: &str) -> Result<u32, String> {
     text.parse().ok().filter(|mv| *mv <= SUPPLY_MV).ok_or_else(|| format!("use millivolts from 0 to {SUPPLY_MV}"))
 }
@@ -227,7 +226,7 @@ fn parse_frame(text: &str) -> Result<Action, String> {
     // python-can adds R or T for the direction.
     let (frame, direction) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     if !matches!(direction.trim(), "" | "R" | "T") {
-        return Err(format!("expected nothing behind the frame, not \"{}\"", direction.trim()));
+        return Err(format!("expected nothing after the frame, not \"{}\"", direction.trim()));
     }
     if frame.contains("##") {
         return Err(format!("{frame} is a CAN FD frame, and this bus has classic frames only"));
@@ -253,7 +252,7 @@ fn parse_text(text: &str) -> Result<Vec<u8>, String> {
                 let digit = |at: usize| (rest[at] as char).to_digit(16).unwrap_or_default() as u8;
                 (digit(2) << 4 | digit(3), 4)
             }
-            (b'\\', _) => return Err(String::from("behind a \\ expected r, n, t, \\ or two digits as in \\x1B")),
+            (b'\\', _) => return Err(String::from("after a \\ expected r, n, t, \\ or two digits as in \\x1B")),
             (byte, _) => (byte, 1),
         };
         bytes.push(byte);
@@ -298,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn stamps_of_a_wall_clock_count_from_the_first_line() {
+    fn timestamps_of_the_wall_clock_count_from_the_first_line() {
         let text = "(1795219694.512352) can0 123#\n(1795219695.512354) can0 124#\n(1795219695.6) can0 20000008#00\n";
         let times: Vec<_> = parse(text).unwrap().into_iter().map(|(at, _)| at).collect();
         assert_eq!(times[..2], [0, S + 32]);
@@ -320,13 +319,13 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_not_understood_is_named_with_what_would_be_right() {
+    fn the_error_of_an_invalid_line_has_its_number_and_the_valid_form() {
         for (text, line, expected) in [
             ("(1) can0 123#01\ncan0 123#01", 2, "time in brackets"),
             ("# x\n\n(x) can0 123#01", 3, "2.5"),
             ("(1) can0 123#0", 1, "not a CAN frame"),
             ("(1) can0 123##100", 1, "classic"),
-            ("(1) can0 123#00 now", 1, "behind the frame"),
+            ("(1) can0 123#00 now", 1, "after the frame"),
             ("(1) can0", 1, "1404562A#0100"),
             ("(1)", 1, "serial TEXT"),
             ("(1) temperature hot", 1, "degrees"),
@@ -347,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn a_script_that_is_missing_or_wrong_is_named() {
+    fn the_error_of_a_missing_or_invalid_script_names_the_file() {
         let directory = Scratch::new();
         let mut bench = Bench::new(1_000_000);
         let mut message = |path: &Path| format!("{:#}", Script::open(path, &mut bench).err().unwrap());
@@ -358,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn events_come_when_they_are_due() {
+    fn events_are_taken_when_they_are_due() {
         let directory = Scratch::new();
         let path = directory.path("x.script");
         std::fs::write(&path, "(0.001) button press\n(0.002) fault cable\n").unwrap();
@@ -370,7 +369,7 @@ mod tests {
         assert_eq!(script.next_event_at(), None);
     }
 
-    /// Runs a bus with a listener, logs it, and gives what passed.
+    /// Runs a bus with a listener, logs it, and returns the frames on the bus.
     fn run(bench: &mut Bench, script: Option<&mut Script>, log: &Path) -> Vec<(Cycles, Frame)> {
         let listener = Rc::new(RefCell::new(SoftNode::new(bench.bus().bit_rate())));
         bench.attach("listener", listener);
@@ -393,7 +392,7 @@ mod tests {
         passed
     }
 
-    /// Two stations that fight for the bus, with bursts back to back and every kind of frame.
+    /// Two stations arbitrate, with bursts back to back and every kind of frame.
     #[test]
     fn the_log_of_a_run_plays_the_same_frames_at_the_same_times() {
         for bit_rate in [1_000_000, 125_000] {

@@ -1,12 +1,12 @@
-//! The Arduino's USB serial port on a pseudo-terminal: what avrdude, ravedude and terminal programs talk to.
+//! The Arduino's USB serial port on a pseudo-terminal, for avrdude, ravedude and terminal programs.
 //!
-//! The real port's DTR line pulses RESET when a program opens it and no other has it open. A pseudo-terminal has no DTR, so
-//! such an opening itself resets the board. Bytes pass at the pace of the board's USART, both ways.
+//! The DTR line of the real port pulses RESET when a program opens the port and no other program has it open. A
+//! pseudo-terminal has no DTR, so that opening resets the board here. Bytes pass at the rate of the board's USART.
 //!
-//! Limits: the baud rate that a program sets is not looked at, as if it always matched. While nobody has the port open,
-//! what the board says is lost, as on the real port. Bytes that the board does not take for a tenth of a second, because
-//! its receiver is off, are dropped. Of a program that closes the port less than a millisecond before the next one opens it,
-//! the last bytes go to the board after the reset, because it is unknown which program they are for.
+//! Limits: the port ignores the baud rate that a program sets, as if it always matched. While no program has the port open,
+//! the board's output is lost, as on the real port. If the board does not take a byte for a tenth of a second, because its
+//! receiver is off, the port drops the bytes that wait. If a program closes the port less than a millisecond before another
+//! opens it, the last bytes of the first reach the board after the reset, because the port cannot know who wrote them.
 
 use super::Link;
 use super::pty::{Hold, Pty};
@@ -17,13 +17,14 @@ use bench::{Cycles, F_CPU_HZ};
 use std::collections::VecDeque;
 use std::path::Path;
 
-/// Bytes that wait for a client that does not read; more than a second of the monitor's output at its fastest.
+/// Most bytes that wait for a client that does not read: more than a second of output at 115,200 baud.
 const TO_CLIENT_MAX: usize = 16 * 1024;
-/// Bytes taken from the client ahead of the board, beyond what the kernel holds: what a USB adapter's buffer has.
+/// Bytes that wait for the board beside those in the kernel: the size of a USB adapter's buffer.
 const TO_BOARD_MAX: usize = 128;
+/// Bytes that the board has not taken for this long are dropped.
 const BOARD_TIMEOUT: Cycles = F_CPU_HZ / 10;
 
-/// See the module.
+/// The USB serial port of a board.
 pub struct SerialPort {
     pty: Pty,
     board: usize,
@@ -31,16 +32,17 @@ pub struct SerialPort {
     openings: u64,
     to_client: VecDeque<u8>,
     lost: u64,
-    /// Bytes waiting for the board when last looked at, and when there were fewer than before.
+    /// Bytes that waited for the board at the end of the last turn.
     waiting: usize,
+    /// Last time at which the board had taken a byte, or none waited.
     moved_at: Cycles,
 }
 
 impl SerialPort {
-    /// Makes the port of that board, at `path`.
+    /// Creates the port of the board with number `board`, at `path`.
     ///
     /// # Errors
-    /// If `path` cannot be had; the message says what to do.
+    /// If `path` is in use or cannot be created; the message says what to do.
     pub fn open(path: &Path, board: usize) -> Result<SerialPort> {
         Ok(SerialPort {
             pty: Pty::open(path, Hold::Released).context("--serial")?,
@@ -54,17 +56,16 @@ impl SerialPort {
         })
     }
 
-    fn opened(&mut self, times: u64, bench: &mut Bench) {
-        self.openings += times;
+    fn reset_board(&mut self, bench: &mut Bench) {
         self.to_client.clear();
         let board = bench.board(self.board);
-        // What the last client wrote must not be taken for the first words of this one.
+        // The board must not take the last client's bytes for bytes of this one.
         board.avr_mut().serial_discard();
         board.reset(ResetCause::External);
     }
 
-    /// Gives the board what the client wrote, as fast as it takes it.
-    fn feed(&mut self, bench: &mut Bench) {
+    /// Sends the client's bytes to the board, as fast as the board takes them.
+    fn send_to_board(&mut self, bench: &mut Bench) {
         let now = bench.now();
         let avr = bench.board(self.board).avr_mut();
         let waiting = avr.serial_unsent();
@@ -84,25 +85,26 @@ impl SerialPort {
 
 impl Link for SerialPort {
     fn serve(&mut self, bench: &mut Bench) -> Result<()> {
-        let visits = self.pty.visits();
-        let was_attached = std::mem::replace(&mut self.attached, visits.present);
-        if visits.begun > 0 {
+        let openings = self.pty.take_openings();
+        let was_attached = std::mem::replace(&mut self.attached, openings.is_open);
+        if openings.count > 0 {
             if was_attached {
-                // One closed it and the next opened it since the last look.
+                // Since the last turn one client closed the port and another opened it.
                 self.pty.discard_unread();
             }
-            self.opened(visits.begun, bench);
+            self.openings += openings.count;
+            self.reset_board(bench);
         }
         if !self.attached {
-            if was_attached || visits.begun > 0 {
-                // The last words of the client, such as `echo` leaves them.
-                self.feed(bench);
+            if was_attached || openings.count > 0 {
+                // The client's last bytes: `echo`, for example, writes and closes at once.
+                self.send_to_board(bench);
                 self.pty.renew();
                 self.to_client.clear();
             }
             return Ok(());
         }
-        self.feed(bench);
+        self.send_to_board(bench);
         while !self.to_client.is_empty() {
             let taken = self.pty.write(self.to_client.make_contiguous());
             self.to_client.drain(..taken);

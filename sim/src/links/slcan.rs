@@ -1,15 +1,15 @@
-//! An SLCAN adapter on a pseudo-terminal: what pydronecan, the DroneCAN GUI Tool and python-can talk to.
+//! An SLCAN adapter on a pseudo-terminal, for pydronecan, the DroneCAN GUI Tool and python-can.
 //!
-//! Each adapter is a station of its own on the bus: it arbitrates, acknowledges and waits its bit times while it is open,
-//! and is not there while it is closed. The protocol is in [`bench::dronecan::slcan`].
+//! Each adapter is a station on the bus while its channel is open: it arbitrates and acknowledges like any node. While the
+//! channel is closed it takes no part. [`bench::dronecan::slcan`] has the protocol.
 //!
-//! Nothing is lost between a client that reads and a bus that works: a client that writes faster than the bus carries is
-//! held back by its pseudo-terminal. Only what cannot go anywhere is dropped, the oldest first, counted, and shown in the
-//! flags: frames for a client that does not read, and frames for a bus that has taken none for a second.
+//! The adapter loses no frame while its client reads and the bus works. If a client writes faster than the bus carries, its
+//! pseudo-terminal blocks it. The adapter drops only frames for a client that does not read, the oldest first, and frames
+//! for a bus that has taken none for a second. It counts them and shows them in the flags.
 //!
-//! Limits: it cannot be seen whether a client is there, so an adapter stays open when its client dies, as a real one
-//! does. One client each: two would steal each other's bytes. Frames that a client sent just before `C` still go out, for
-//! a tenth of a second; some real adapters lose them.
+//! Limits: an adapter cannot detect that its client has ended, so its channel stays open, as a real adapter's does. An
+//! adapter has one client: two clients would steal each other's bytes. Frames that a client sent just before `C` still go
+//! out, for a tenth of a second; some real adapters lose them.
 
 pub use super::Link;
 use super::pty::{Hold, Pty};
@@ -25,23 +25,23 @@ use std::rc::Rc;
 
 const OK: &[u8] = b"\r";
 const ERROR: &[u8] = b"\x07";
-/// Hardware 10, software 13: the versions of the adapter whose protocol this is.
+/// Hardware 10, software 13: the versions of the adapter that defined this protocol.
 const VERSION: &[u8] = b"V1013\r";
 const SERIAL_NUMBER: &[u8] = b"NA123\r";
 
-/// Frames that wait for the bus. A fully loaded bus carries about 20 of the shortest between two looks at the client.
+/// Most frames in the queue for the bus. A full bus carries about 20 of the shortest frames between two calls of `serve`.
 const TO_BUS_MAX: usize = 128;
-/// Lines that wait for the client: half a second of a fully loaded bus.
+/// Most lines in the queue for the client: half a second of a full bus.
 const TO_CLIENT_MAX: usize = 4096;
-/// Bytes given to the kernel in one go.
+/// Bytes for one write to the kernel.
 const CHUNK: usize = 4096;
-/// Bytes obeyed between two slices of simulated time: several times what the bus can carry meanwhile.
+/// Most bytes that one call of `serve` takes from the client: several times what the bus carries between two calls.
 const INPUT_MAX: usize = 16 * 1024;
-/// A full queue that has not moved for this long is given up.
+/// A full queue whose frames the bus has not taken for this long is dropped.
 const BUS_TIMEOUT: Cycles = F_CPU_HZ;
-/// Time for the last frames to go out before the channel is closed.
+/// Longest time that a closing channel waits for its last frames to go out.
 const CLOSING_TIMEOUT: Cycles = F_CPU_HZ / 10;
-/// Time stamps count milliseconds of the minute.
+/// Timestamps count milliseconds and start again each minute.
 const TIMESTAMP_PERIOD_MS: u64 = 60_000;
 
 /// Bits of the answer to `F`, as in the SJA1000-based adapters.
@@ -55,10 +55,10 @@ mod flag {
     pub const BUS_ERROR: u8 = 1 << 7;
 }
 
-/// Error counters above this make a warning (ISO 11898-1).
+/// Error counters from this value on are a warning (ISO 11898-1).
 const WARNING_LIMIT: u16 = 96;
 
-/// The adapter's place on the bus: a node while open.
+/// The adapter's station on the bus, with a node while the channel is open.
 struct Place {
     node: Option<SoftNode>,
 }
@@ -93,16 +93,16 @@ impl Station for Place {
     }
 }
 
-/// Lines on their way to the client.
+/// Queue of lines for the client.
 #[derive(Default)]
 struct Outbox {
     lines: VecDeque<Vec<u8>>,
-    /// Begun lines, which must be finished.
+    /// Rest of a write: begins within a line, so it must not be dropped.
     chunk: Vec<u8>,
 }
 
 impl Outbox {
-    /// Queues a line; true if an older one had to go for it.
+    /// Queues a line. Returns true if the queue was full and dropped its oldest line.
     fn push(&mut self, line: Vec<u8>) -> bool {
         let full = self.lines.len() == TO_CLIENT_MAX;
         if full {
@@ -131,12 +131,12 @@ impl Outbox {
     }
 }
 
-/// See the module.
+/// An SLCAN adapter on a pseudo-terminal.
 pub struct Slcan {
     pty: Pty,
     place: Rc<RefCell<Place>>,
     bit_rate: u32,
-    /// The client asked for another bit rate than the bus has.
+    /// True if the client requested another bit rate than that of the bus.
     wrong_rate: bool,
     hint: Option<String>,
     listen_only: bool,
@@ -145,7 +145,7 @@ pub struct Slcan {
     lines: Lines,
     outbox: Outbox,
     flags: u8,
-    /// When the bus last took a frame, or had nothing to take.
+    /// Last time at which the bus took a frame, or the queue was empty.
     moved_at: Cycles,
     closing_until: Option<Cycles>,
     to_bus: u64,
@@ -155,10 +155,10 @@ pub struct Slcan {
 }
 
 impl Slcan {
-    /// Makes an adapter with its port at `path` and puts it on the bus, closed.
+    /// Adds an adapter to the bus, with its port at `path` and its channel closed.
     ///
     /// # Errors
-    /// If `path` cannot be had; the message says what to do.
+    /// If `path` is in use or cannot be created; the message says what to do.
     pub fn open(path: &Path, bench: &mut Bench) -> Result<Slcan> {
         let pty = Pty::open(path, Hold::Open).context("--slcan")?;
         let place = Rc::new(RefCell::new(Place { node: None }));
@@ -185,7 +185,7 @@ impl Slcan {
         })
     }
 
-    /// Frames dropped so far: for want of a bus that takes them, and of a client that reads.
+    /// Frames dropped so far: those for the bus, and those for the client.
     pub fn lost(&self) -> (u64, u64) {
         (self.lost_to_bus, self.lost_to_client)
     }
@@ -198,7 +198,7 @@ impl Slcan {
         self.place.borrow().node.is_some()
     }
 
-    fn listen_to_bus(&mut self, now: Cycles) {
+    fn receive_from_bus(&mut self, now: Cycles) {
         let (frames, events) = match &mut self.place.borrow_mut().node {
             Some(node) => (node.take_received(), node.take_events()),
             None => return,
@@ -225,16 +225,16 @@ impl Slcan {
         }
     }
 
-    fn listen_to_client(&mut self, now: Cycles) {
+    fn receive_from_client(&mut self, now: Cycles) {
         for _ in 0..INPUT_MAX {
-            if self.closing_until.is_some() && !self.close(now) {
+            if self.closing_until.is_some() && !self.try_close(now) {
                 return;
             }
             if self.queued() >= TO_BUS_MAX {
                 if now - self.moved_at < BUS_TIMEOUT {
                     return;
                 }
-                self.give_up_on_bus();
+                self.drop_queue();
             }
             if self.input.is_empty() {
                 self.input.extend(self.pty.read());
@@ -244,13 +244,13 @@ impl Slcan {
             };
             match self.lines.push(byte) {
                 None => {}
-                Some(Ok(command)) => self.obey(command, now),
+                Some(Ok(command)) => self.execute(command, now),
                 Some(Err(())) => self.answer(ERROR),
             }
         }
     }
 
-    fn give_up_on_bus(&mut self) {
+    fn drop_queue(&mut self) {
         if let Some(node) = &mut self.place.borrow_mut().node {
             let before = node.queued();
             node.clear_queue();
@@ -263,7 +263,7 @@ impl Slcan {
         self.outbox.push(text.to_vec());
     }
 
-    fn obey(&mut self, command: Command, now: Cycles) {
+    fn execute(&mut self, command: Command, now: Cycles) {
         match command {
             Command::Nothing | Command::AcceptAll => self.answer(OK),
             Command::Version => self.answer(VERSION),
@@ -278,14 +278,14 @@ impl Slcan {
             }
             Command::BitRate(_) if self.is_open() => self.answer(ERROR),
             Command::BitRate(bit_rate) => {
-                // To open it anyway would only show errors; a client that does not look at the answers to its commands
-                // must not get to send either.
+                // At a wrong rate the bus would show only errors. `O` and `L` fail, too, because some clients ignore the answer
+                // to `S` and would send.
                 self.wrong_rate = bit_rate != self.bit_rate;
                 if self.wrong_rate {
                     let (asked, bus) = (bit_rate / 1000, self.bit_rate / 1000);
                     let path = self.pty.path().display();
                     self.hint = Some(format!(
-                        "the client on {path} asked for {asked} kbit/s, and the bus has {bus}: the adapter stays closed"
+                        "the client on {path} requested {asked} kbit/s, but the bus has {bus}: the adapter stays closed"
                     ));
                 }
                 self.answer(if self.wrong_rate { ERROR } else { OK });
@@ -295,7 +295,7 @@ impl Slcan {
             Command::Listen => self.open_channel(true, now),
             Command::Close => {
                 self.closing_until = Some(now + CLOSING_TIMEOUT);
-                self.close(now);
+                self.try_close(now);
             }
             Command::Send(frame) => self.send(frame, now),
         }
@@ -313,8 +313,8 @@ impl Slcan {
         self.answer(OK);
     }
 
-    /// Leaves the bus once the last frames are sent, or after a while; true if it has.
-    fn close(&mut self, now: Cycles) -> bool {
+    /// Closes the channel if all frames are sent or `closing_until` is over. Returns true if the channel is closed.
+    fn try_close(&mut self, now: Cycles) -> bool {
         let waiting = self.queued();
         if waiting > 0 && self.closing_until.is_some_and(|until| now < until) {
             return false;
@@ -322,7 +322,7 @@ impl Slcan {
         self.closing_until = None;
         self.lost_to_bus += waiting as u64;
         if self.place.borrow_mut().node.take().is_some() {
-            // Nobody wants to read, after the next `O`, what was heard before.
+            // After the next `O` the client must not get frames from before it.
             self.outbox.lines.clear();
             self.pty.discard_unread();
         }
@@ -358,8 +358,8 @@ impl Slcan {
 impl Link for Slcan {
     fn serve(&mut self, bench: &mut Bench) -> Result<()> {
         let now = bench.now();
-        self.listen_to_bus(now);
-        self.listen_to_client(now);
+        self.receive_from_bus(now);
+        self.receive_from_client(now);
         self.outbox.write_to(&self.pty);
         Ok(())
     }

@@ -1,19 +1,18 @@
-//! The wires of one board and of the bus as a VCD file (value change dump), for sigrok and GTKWave.
+//! The signals of one board and of the bus as a VCD file (value change dump), for sigrok and GTKWave.
 //!
-//! Each wire has one bit, under the names that sigrok's decoders are told: CAN (the bus: 0 is dominant), CS, SCK, MOSI,
-//! MISO, INT, TXD, RXD, SERVO, and OUT2 to OUT8 for the other outputs of a board that has them. Times are exact to the cycle of 62.5 ns; the unit is 100 ps. For one sample per cycle, which
-//! loses nothing:
+//! Each signal has one bit: CAN (0 is dominant), CS, SCK, MOSI, MISO, INT, TXD, RXD, SERVO, and OUT2 to OUT8 for the further
+//! outputs of a board. Times are exact to the cycle of 62.5 ns; the unit is 100 ps. One sample per cycle keeps all edges:
 //!
 //! ```text
 //! sigrok-cli -i run.vcd -I vcd:downsample=625 -P can:can_rx=CAN:nominal_bitrate=1000000 -A can
 //! ```
 //!
-//! SPI and UART are simulated by the byte; their bits are drawn from its start and its bit time. CAN, CS, INT, SERVO and
-//! OUT2 to OUT8 are the edges themselves.
+//! The models transfer whole bytes on SPI and UART, so this link draws the bits of a byte from its start and its bit time. The
+//! edges of CAN, CS, INT, SERVO and OUT2 to OUT8 are those of the models.
 //!
 //! Limits: a byte on the SPI that a reset interrupts is not drawn. MISO floats while CS is high and until the first bit, and
-//! holds the last bit between bytes; the real chip shows its next bit there. INT falls when the AVR sees it, an instruction
-//! or two after the bit on the bus; TXD and RXD are high when idle, whatever the pins do then.
+//! keeps the last bit between bytes; the real chip shows its next bit there. INT falls when the AVR samples it, one or two
+//! instructions after the bit on the bus. TXD and RXD are high when idle, even if the pins are not.
 
 mod writer;
 
@@ -30,27 +29,28 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use writer::{Level, NAMES, WIRES_OF_EVERY_BOARD, Wire, Writer};
 
-/// The slowest byte on the SPI takes 8 bits of 128 cycles, and is seen when it is over.
+/// Longest time from the start of a byte on the SPI to its event, which comes at its end: 8 bits of 128 cycles.
 const SPI_LAG: Cycles = 8 * 128;
-/// A program that is killed leaves all but this much.
+/// Simulated time between two writes to the file. A run that is killed loses at most this time.
 const FLUSH_PERIOD: Cycles = F_CPU_HZ / 100;
 
-/// See the module.
+/// A VCD file of one board and the bus.
 pub struct Vcd {
     path: PathBuf,
     node: usize,
     writer: Writer<File>,
-    /// Changes of the bus since the last turn.
+    /// Changes of the bus since the last call of `serve`.
     bus: Rc<RefCell<Vec<(Cycles, bool)>>>,
     drawn: Drawn,
+    /// Simulated time up to which the events are collected.
     seen_to: Cycles,
     next_flush: Cycles,
     finished: bool,
 }
 
 impl Vcd {
-    /// Creates the file and puts probes on the bus and on the board with this number. The bus has one tap: of two such
-    /// files only the later one sees CAN.
+    /// Creates the file, and attaches probes to the bus and to the board with number `node`. The bus has one tap only: of two
+    /// VCD files, the later one gets the signal CAN.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -80,7 +80,7 @@ impl Vcd {
         Ok(Vcd { path, node, writer, bus, drawn, seen_to: now, next_flush: now, finished: false })
     }
 
-    /// Writes what is left, and the time of the end. Dropping does the same, but cannot report an error.
+    /// Writes the last changes and the time of the end. Dropping does the same, but cannot report an error.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -89,7 +89,7 @@ impl Vcd {
         self.writer.finish(self.seen_to).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    fn look(&mut self, bench: &mut Bench) {
+    fn collect(&mut self, bench: &mut Bench) {
         for (at, level) in self.bus.take() {
             self.writer.change(at, Wire::Can, level);
         }
@@ -116,7 +116,7 @@ impl Vcd {
 
 impl Link for Vcd {
     fn serve(&mut self, bench: &mut Bench) -> Result<()> {
-        self.look(bench);
+        self.collect(bench);
         let flush = self.seen_to >= self.next_flush;
         if flush {
             self.next_flush = self.seen_to + FLUSH_PERIOD;
@@ -124,7 +124,7 @@ impl Link for Vcd {
         let safe = bench.bus().now().min(self.seen_to.saturating_sub(SPI_LAG));
         let written = self.writer.advance(safe).and_then(|()| if flush { self.writer.flush() } else { Ok(()) });
         if written.is_err() {
-            // The end would not get any further.
+            // Prevents a second write at the end, which would fail, too.
             self.finished = true;
         }
         written.with_context(|| format!("cannot write {}", self.path.display()))
@@ -138,13 +138,13 @@ impl Link for Vcd {
 impl Drop for Vcd {
     fn drop(&mut self) {
         if !self.finished {
-            // Nobody is left to tell. A file that cannot be finished is still readable.
+            // A drop cannot report an error. sigrok and GTKWave can read a file without its end, too.
             let _ = self.finish();
         }
     }
 }
 
-/// Events that are the edge of one wire.
+/// The wire and its level after `event`; `None` for a byte, which has many edges.
 fn plain_level(event: WireEvent) -> Option<(Wire, bool)> {
     match event {
         WireEvent::Cs(high) => Some((Wire::Cs, high)),
@@ -155,8 +155,8 @@ fn plain_level(event: WireEvent) -> Option<(Wire, bool)> {
     }
 }
 
-/// Draws the bits of a byte (datasheet section 19.4): with CPHA = 0 data is there half a bit before the first edge of SCK,
-/// with CPHA = 1 it changes at the first edge.
+/// Draws the bits of a byte (datasheet section 19.4). With CPHA = 0 the data changes half a bit before the first edge of SCK,
+/// with CPHA = 1 at the first edge.
 fn draw_spi<W: std::io::Write>(writer: &mut Writer<W>, byte: &SpiByte, miso: u8) {
     let idle = byte.mode & 0b10 != 0;
     let late_phase = byte.mode & 0b01 != 0;
@@ -172,7 +172,7 @@ fn draw_spi<W: std::io::Write>(writer: &mut Writer<W>, byte: &SpiByte, miso: u8)
     writer.change(byte.end, Wire::Sck, idle);
 }
 
-/// To where the serial lines have been drawn: characters are drawn when they begin.
+/// Time up to which TXD and RXD are drawn. A character is drawn as a whole when it begins.
 struct Drawn {
     txd_to: Cycles,
     rxd_to: Cycles,
@@ -200,7 +200,7 @@ impl Drawn {
 mod tests {
     use super::*;
 
-    /// Draws and gives the changes of one wire as (cycle, level).
+    /// Draws with `draw`, and returns the changes of one wire as (cycle, level).
     fn drawn(wire: &str, draw: impl FnOnce(&mut Writer<&mut Vec<u8>>)) -> Vec<(Cycles, char)> {
         let mut out = Vec::new();
         let mut writer = Writer::new(&mut out, 0, 0, [Level::Floating; NAMES.len()]).unwrap();
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn in_mode_0_data_changes_with_the_falling_edge_and_stands_at_the_rising_one() {
+    fn in_mode_0_data_changes_at_the_falling_edge_and_is_stable_at_the_rising_one() {
         let clock = drawn("SCK", |writer| draw_spi(writer, &byte(0), 0));
         let rising: Vec<_> = clock.iter().filter(|(_, level)| *level == '1').map(|(at, _)| *at).collect();
         assert_eq!(rising, [101, 103, 105, 107, 109, 111, 113, 115]);
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn in_mode_3_the_clock_idles_high_and_data_changes_with_the_falling_edge() {
+    fn in_mode_3_the_clock_idles_high_and_data_changes_at_the_falling_edge() {
         let clock = drawn("SCK", |writer| draw_spi(writer, &byte(3), 0));
         let falling: Vec<_> = clock.iter().filter(|(_, level)| *level == '0').map(|(at, _)| *at).collect();
         assert_eq!(falling, [100, 102, 104, 106, 108, 110, 112, 114]);
@@ -250,7 +250,7 @@ mod tests {
         SerialCharacter { to_chip: false, start: 1000, cycles_per_bit: 136, levels: 0b10_1000_0010, bits: 10 };
 
     #[test]
-    fn a_character_has_its_bits_at_the_bit_time() {
+    fn the_bits_of_a_character_are_one_bit_time_apart() {
         let mut serial = Drawn { txd_to: 0, rxd_to: 0 };
         let line = drawn("TXD", |writer| serial.draw_serial(writer, &CHARACTER));
         let expected = [(0, '0'), (1, '1'), (2, '0'), (7, '1'), (8, '0'), (9, '1')];

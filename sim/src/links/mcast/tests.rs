@@ -1,7 +1,7 @@
-//! The link against a plain UDP peer, in a network namespace that has nothing but loopback.
+//! Tests of the link with a plain UDP peer, in a network namespace that has only loopback.
 //!
-//! This program runs the ignored tests below once more inside of such a namespace: as root, as the root of a user namespace,
-//! or by sudo.
+//! The first test starts this program again in the namespace, where it runs the ignored tests below: as root, as the root of a
+//! user namespace, or by sudo.
 
 use super::*;
 use bench::dronecan::mcast::datagram::encode;
@@ -10,12 +10,12 @@ use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// Set inside of the namespace.
+/// Environment variable that is set in the namespace.
 const INSIDE: &str = "SIM_MCAST_NAMESPACE";
 const WAIT: Duration = Duration::from_secs(2);
 
 #[test]
-fn everything_below_holds_in_a_namespace_with_only_loopback() {
+fn the_tests_below_pass_in_a_namespace_with_only_loopback() {
     let ways = ["unshare --net", "unshare --map-root-user --net", "sudo -n --preserve-env unshare --net"];
     let command = |way: &str| {
         let (program, options) = way.split_once(' ').unwrap();
@@ -36,15 +36,15 @@ fn everything_below_holds_in_a_namespace_with_only_loopback() {
     assert!(text.contains("6 passed"), "{text}");
 }
 
-/// Nothing of this may touch the network of the machine.
+/// Panics outside of the namespace, so that no test uses the network of the computer.
 fn assert_inside() {
-    assert!(std::env::var_os(INSIDE).is_some(), "only to be run by the test that makes the namespace");
+    assert!(std::env::var_os(INSIDE).is_some(), "only the test that creates the namespace may run this test");
 }
 
-/// While loopback is down.
+/// Runs while loopback is down.
 #[test]
 #[ignore = "run in a namespace by another test"]
-fn inside_without_loopback_the_error_tells_the_remedy() {
+fn inside_without_loopback_the_error_says_what_to_do() {
     assert_inside();
     let error = Mcast::open(0, None, &mut Bench::new(1_000_000)).err().expect("there is no loopback");
     assert!(format!("{error:#}").contains("ip link set lo up"), "{error:#}");
@@ -53,7 +53,7 @@ fn inside_without_loopback_the_error_tells_the_remedy() {
 mod inside {
     use super::*;
 
-    /// A bench with the link and one more node, and a UDP peer that knows nothing of the simulator.
+    /// A bench with the link and one more node, and a UDP peer that uses no code of the simulator.
     struct Stand {
         bench: Bench,
         link: Mcast,
@@ -63,7 +63,7 @@ mod inside {
     }
 
     impl Stand {
-        /// Each test has a bus of its own.
+        /// Each test must use another `bus`.
         fn new(bus: u8) -> Stand {
             assert_inside();
             let mut bench = Bench::new(1_000_000);
@@ -85,7 +85,7 @@ mod inside {
             self.peer.send_to(datagram, self.group).unwrap();
         }
 
-        /// Serves the link until `done`, with a millisecond of simulated time after each.
+        /// Serves the link each simulated millisecond until `done`.
         #[track_caller]
         fn serve_until(&mut self, done: impl Fn(&Counters) -> bool) {
             let end = Instant::now() + WAIT;
@@ -96,7 +96,7 @@ mod inside {
             }
         }
 
-        fn heard_by_node(&mut self) -> Vec<Frame> {
+        fn received_by_node(&mut self) -> Vec<Frame> {
             self.node.borrow_mut().take_received().into_iter().map(|(_, frame)| frame).collect()
         }
     }
@@ -109,8 +109,8 @@ mod inside {
         frames.iter().for_each(|frame| stand.send(&encode(frame).unwrap()));
         stand.serve_until(|counters| counters.received == 50);
         stand.bench.run_for_ms(10);
-        assert_eq!(stand.heard_by_node(), frames);
-        // What it sent itself does not come back as a datagram.
+        assert_eq!(stand.received_by_node(), frames);
+        // The link's own frames must not come back as datagrams.
         stand.link.serve(&mut stand.bench).unwrap();
         assert_eq!((stand.link.counters.sent, stand.link.counters.malformed), (0, 0));
     }
@@ -135,7 +135,7 @@ mod inside {
 
     #[test]
     #[ignore = "run in a namespace by another test"]
-    fn rubbish_is_counted_and_harmless() {
+    fn invalid_datagrams_are_dropped_and_counted() {
         let mut stand = Stand::new(3);
         let good = encode(&Frame::extended(1, &[1])).unwrap();
         let mut fd = vec![0x34, 0x29, 0, 0, 1, 0, 1, 0, 0, 0x80, 1];
@@ -148,13 +148,13 @@ mod inside {
         stand.send(&good);
         stand.serve_until(|counters| counters.received == 1);
         assert_eq!((stand.link.counters.malformed, stand.link.counters.fd), (3, 1));
-        assert!(stand.link.status().contains("1 CAN FD refused"), "{}", stand.link.status());
+        assert!(stand.link.status().contains("1 CAN FD rejected"), "{}", stand.link.status());
     }
 
-    /// The bus is blocked, so that nothing of the flood can leave the queue.
+    /// The bus is blocked, so that no frame can leave the queue.
     #[test]
     #[ignore = "run in a namespace by another test"]
-    fn a_flood_is_bounded_and_what_is_dropped_is_counted() {
+    fn the_queue_is_bounded_and_dropped_frames_are_counted() {
         let mut stand = Stand::new(4);
         stand.bench.bus().inject(bench::can::Fault::StuckDominant(true));
         let datagram = encode(&Frame::extended(1, &[1])).unwrap();
@@ -167,10 +167,10 @@ mod inside {
         assert_eq!(stand.link.station.borrow().queued(), QUEUE_LIMIT);
     }
 
-    /// In the namespace there is no route at all, until one is made here.
+    /// The namespace has no route until this test adds one.
     #[test]
     #[ignore = "run in a namespace by another test"]
-    fn the_status_tells_how_other_programs_get_a_route() {
+    fn the_status_says_how_to_add_a_route_for_other_programs() {
         let stand = Stand::new(5);
         assert!(stand.link.status().contains("ip route add 239.65.82.0/24 dev lo"), "{}", stand.link.status());
         let added = Command::new("ip").args(["route", "add", "239.65.82.0/24", "dev", "lo"]).status().unwrap();
@@ -180,14 +180,14 @@ mod inside {
 
     #[test]
     #[ignore = "run in a namespace by another test"]
-    fn addresses_that_cannot_be_had_are_explained() {
+    fn the_error_for_an_address_in_use_or_of_another_computer_says_what_to_do() {
         assert_inside();
         let mut bench = Bench::new(1_000_000);
         let foreign = Some(Ipv4Addr::new(192, 0, 2, 1));
-        let error = Mcast::open(6, foreign, &mut bench).err().expect("not our address");
+        let error = Mcast::open(6, foreign, &mut bench).err().expect("the address is of another computer");
         assert!(format!("{error:#}").contains("ip -4 address"), "{error:#}");
-        let _greedy = UdpSocket::bind((Ipv4Addr::new(239, 65, 82, 7), 57732)).unwrap();
-        let error = Mcast::open(7, None, &mut bench).err().expect("the port is taken");
+        let _other = UdpSocket::bind((Ipv4Addr::new(239, 65, 82, 7), 57732)).unwrap();
+        let error = Mcast::open(7, None, &mut bench).err().expect("the port is in use");
         assert!(format!("{error:#}").contains("ss -ulpn"), "{error:#}");
     }
 }

@@ -1,7 +1,7 @@
-//! The file: header, and changes in the order of their times.
+//! The writer of a VCD file: its header, and the changes in the order of their times.
 //!
-//! Changes come in out of order, up to a moment before which nothing more will come: what is older is sorted and
-//! written, the rest waits.
+//! Callers add changes in any order. `advance` names a time before which no more changes come. The writer sorts and writes
+//! the changes before that time, and keeps the others.
 //!
 //! Source: IEEE 1364-2005, section 18.2, "Format of the four-state VCD file".
 
@@ -12,10 +12,10 @@ use std::io::{self, Write};
 const UNITS_PER_S: u64 = 10_000_000_000;
 const UNITS_PER_CYCLE: u64 = UNITS_PER_S / F_CPU_HZ;
 const _: () = assert!(UNITS_PER_S.is_multiple_of(F_CPU_HZ));
-/// Text is handed to the system in pieces of at least this size, or when `flush` says so. Only whole changes.
+/// `advance` writes to the file when it has this many bytes. Always whole changes.
 const WRITE_SIZE: usize = 64 * 1024;
 
-/// Wires of every board. Those of the outputs 2 to 8 come behind them.
+/// Number of wires that every board has. The wires of outputs 2 to 8 come after them.
 pub const WIRES_OF_EVERY_BOARD: usize = 9;
 
 /// The wires, in the order of the file.
@@ -39,7 +39,7 @@ pub enum Wire {
     Out8,
 }
 
-/// Names in the file.
+/// The names of the wires in the file.
 pub const NAMES: [(Wire, &str); 16] = [
     (Wire::Can, "CAN"),
     (Wire::Cs, "CS"),
@@ -63,7 +63,7 @@ pub const NAMES: [(Wire, &str); 16] = [
 pub type Levels = [Level; NAMES.len()];
 
 impl Wire {
-    /// Its identifier code.
+    /// Identifier code of the wire in the file.
     fn code(self) -> u8 {
         b'!' + self as u8
     }
@@ -74,7 +74,7 @@ impl Wire {
 pub enum Level {
     Low,
     High,
-    /// Driven by nobody.
+    /// Not driven.
     Floating,
 }
 
@@ -94,12 +94,12 @@ impl Level {
     }
 }
 
-/// See the module.
+/// A writer of a VCD file.
 pub struct Writer<W: Write> {
     out: W,
     text: Vec<u8>,
     bytes: u64,
-    /// Not yet written; each wire in order, but for equal times the later wins.
+    /// Changes that are not written yet. Of two changes of one wire at the same time the later in this list counts.
     pending: Vec<(Cycles, Wire, Level)>,
     /// The wires that are in the file.
     names: &'static [(Wire, &'static str)],
@@ -108,7 +108,7 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Writes the header of a board with so many outputs besides the servo's, with the levels at `start`.
+    /// Writes the header and the levels at `start`, for a board with `outputs` outputs besides the servo's.
     pub fn new(out: W, start: Cycles, outputs: usize, levels: Levels) -> io::Result<Writer<W>> {
         let names = &NAMES[..NAMES.len().min(WIRES_OF_EVERY_BOARD + outputs)];
         let mut header = String::from(
@@ -129,17 +129,17 @@ impl<W: Write> Writer<W> {
         Ok(writer)
     }
 
-    /// Notes a change.
+    /// Adds a change.
     pub fn change(&mut self, at: Cycles, wire: Wire, level: impl Into<Level>) {
         self.pending.push((at, wire, level.into()));
     }
 
-    /// Forgets changes of a wire from `at` on: something else came in between.
+    /// Drops the changes of a wire from `at` on, which did not happen.
     pub fn cut(&mut self, at: Cycles, wire: Wire) {
         self.pending.retain(|&(time, other, _)| other != wire || time < at);
     }
 
-    /// Nothing will change any more before `safe`: writes what is older.
+    /// Writes the changes before `safe`. The caller must not add changes before `safe` any more.
     pub fn advance(&mut self, safe: Cycles) -> io::Result<()> {
         self.pending.sort_by_key(|&(at, _, _)| at);
         let count = self.pending.partition_point(|&(at, _, _)| at < safe);
@@ -161,7 +161,7 @@ impl<W: Write> Writer<W> {
         if self.levels == before {
             return;
         }
-        // What was written stays: a late change shows late, and a probe that is late is a mistake in here.
+        // Times in the file must not decrease, so a late change gets the time of the last one.
         debug_assert!(at >= self.written_to, "a change at {at} after {}", self.written_to);
         self.written_to = self.written_to.max(at);
         self.write_time(self.written_to);
@@ -187,7 +187,7 @@ impl<W: Write> Writer<W> {
         self.text.push(b'\n');
     }
 
-    /// Hands what is there to the system.
+    /// Writes the collected text to the file.
     pub fn flush(&mut self) -> io::Result<()> {
         let text = std::mem::take(&mut self.text);
         self.bytes += text.len() as u64;
@@ -195,7 +195,7 @@ impl<W: Write> Writer<W> {
         self.out.flush()
     }
 
-    /// Writes all that is left up to `end`, and the time of the end.
+    /// Writes the changes before `end`, drops later ones, and writes the time `end`.
     pub fn finish(&mut self, end: Cycles) -> io::Result<()> {
         self.advance(end)?;
         self.pending.clear();
@@ -206,7 +206,7 @@ impl<W: Write> Writer<W> {
         self.flush()
     }
 
-    /// Bytes handed to the system.
+    /// Bytes written to the file.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -218,7 +218,7 @@ mod tests {
 
     const IDLE: Levels = [Level::High; NAMES.len()];
 
-    /// What stands behind the header.
+    /// The text after the header.
     fn body(out: &[u8]) -> String {
         let text = String::from_utf8(out.to_vec()).unwrap();
         text.split_once("$dumpvars").unwrap().1.split_once("$end\n").unwrap().1.to_owned()
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn outputs_are_in_the_file_as_far_as_the_board_has_them() {
+    fn the_file_has_the_outputs_of_the_board() {
         for (outputs, last) in [(1, "OUT2"), (7, "OUT8"), (9, "OUT8")] {
             let mut out = Vec::new();
             Writer::new(&mut out, 0, outputs, IDLE).unwrap();
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn changes_are_written_in_the_order_of_their_times_and_not_too_soon() {
+    fn changes_are_written_in_the_order_of_their_times_up_to_the_safe_time() {
         let mut out = Vec::new();
         let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
         writer.change(30, Wire::Can, false);
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn changes_of_one_moment_share_its_time_and_no_change_is_not_written() {
+    fn changes_at_one_time_are_written_together_and_an_equal_level_is_not_written() {
         let mut out = Vec::new();
         let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
         writer.change(2, Wire::Miso, false);
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_does_not_show() {
+    fn cut_changes_are_not_written() {
         let mut out = Vec::new();
         let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
         writer.change(2, Wire::Txd, false);
