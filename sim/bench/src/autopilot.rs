@@ -1,15 +1,15 @@
-//! A simulated autopilot: the part of a flight controller that the node sees.
+//! A simulated autopilot: a flight controller as far as it communicates with the node.
 //!
-//! It says that it is alive (NodeStatus, 1 Hz) and commands servos at 50 Hz, one or all of them sweeping or held as the user wants.
-//! On demand it commands motors, too: off while disarmed, and while armed they follow the same motion.
-//! What else it sends, and how, depends on the flight controller that it is like: see [`Profile`]. It answers GetNodeInfo,
-//! and on demand it allocates node IDs: see [`Allocator`]. It uses one dialect, and ignores the other.
+//! The autopilot sends NodeStatus at 1 Hz and commands servos at 50 Hz. One servo or all of them sweep, or hold a position.
+//! On demand it commands motors, too. They are off while disarmed, and follow the same motion while armed. Its [`Profile`]
+//! decides which further messages it sends. It answers GetNodeInfo, and on demand it allocates node IDs ([`Allocator`]). It
+//! uses one dialect, and ignores the other.
 //!
-//! Its clock is the simulated one, and each frame is queued for its exact time, so that a run can be repeated. Answers come a
-//! fixed time after what they answer.
+//! The autopilot uses simulated time and queues each frame for its exact time, so that a run can be repeated. It sends each
+//! answer a fixed time after the request.
 //!
-//! Limits: of the services it knows GetNodeInfo only; a transfer of several frames is queued as a whole. Motors get 50 commands a
-//! second; ArduPilot and PX4 send as many as their control loops make, up to 400.
+//! Limits: GetNodeInfo is its only service, and it queues all frames of a transfer at once. It sends 50 commands a second to
+//! motors; ArduPilot and PX4 send at the rate of their control loops, up to 400 a second.
 
 mod allocator;
 mod in_draft;
@@ -32,39 +32,40 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use std::fmt;
 use std::rc::Rc;
 
-/// NodeStatus at the rate that the dialect demands as a minimum.
+/// Period of NodeStatus: the longest that the dialects allow.
 const STATUS_PERIOD: Cycles = F_CPU_HZ;
-/// Servo output rate of ArduPilot's and PX4's DroneCAN drivers by default.
+/// Default servo output period of ArduPilot's and PX4's DroneCAN drivers.
 const COMMAND_PERIOD: Cycles = F_CPU_HZ / 50;
-/// First command: not at the same time as a status, so that both are never due in the same cycle.
+/// Time of the first command. This and the next two offsets differ, so that no two messages are due in the same cycle.
 const COMMAND_OFFSET: Cycles = F_CPU_HZ / 200;
-/// First ArmingStatus: not with a status, nor with a command.
+/// Time of the first ArmingStatus.
 const ARMING_OFFSET: Cycles = F_CPU_HZ / 80;
-/// First command for motors: with none of these.
+/// Time of the first command for motors.
 const MOTORS_OFFSET: Cycles = F_CPU_HZ * 3 / 200;
 
 /// Centre and half travel of a PWM command, in microseconds: the usual 1000 to 2000.
 const PWM_CENTRE_US: f64 = 1500.0;
 const PWM_HALF_TRAVEL_US: f64 = 500.0;
 
-/// Frames that may wait for the bus: a status and a command or two of one frame.
+/// Most commands whose frames may wait for the bus before the autopilot drops its queue.
 const OVERDUE_MAX: usize = 3;
 
-/// From hearing something to answering it. No less than a slice of [`Autopilot::advance`], so that slices do not matter.
+/// Time from a request to its answer. At least the length of a slice of [`Autopilot::advance`], so that slices change nothing.
 const ANSWER_DELAY: Cycles = F_CPU_HZ / 500;
-/// A request that was not answered is made again.
+/// Time after which the autopilot repeats a request without answer.
 const REQUEST_PERIOD: Cycles = F_CPU_HZ;
-/// A node that was silent for longer is a new one when it speaks again (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
+/// A node that was silent for longer counts as new at its next NodeStatus (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
 const OFFLINE_TIMEOUT: Cycles = 3 * F_CPU_HZ;
 /// Priority of the allocator's messages: libuavcan's OneHigherThanLowest.
 const ALLOCATION_PRIORITY: u8 = 30;
 
+/// Values of ArmingStatus.
 const FULLY_ARMED: u8 = 255;
 const DISARMED: u8 = 0;
-/// Of the safety switch: outputs are free.
+/// Value of SafetyState: the outputs are enabled.
 const SAFETY_OFF: u8 = 255;
 
-/// How commands are expressed.
+/// Message and unit of the servo commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum CommandType {
     /// ArrayCommand, -1 to +1.
@@ -88,59 +89,59 @@ impl fmt::Display for CommandType {
     }
 }
 
-/// All that an autopilot says, if it does not say all that it might.
+/// Restricts the periodic messages of an autopilot to one kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Only {
-    /// That it is alive, and no commands.
+    /// Send NodeStatus, but no commands.
     Status,
-    /// Commands, and not that it is alive.
+    /// Send commands, but no NodeStatus.
     Commands,
 }
 
 /// The commanded position of the servo.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
-    /// A sine over the full travel; `phase` in turns is where it stands at `since`.
+    /// A sine over the full travel, with `phase` at the time `since`, in turns.
     Sweep { since: Cycles, phase: f64 },
-    /// -1 to +1.
+    /// A constant deflection, -1 to +1.
     Hold(f64),
 }
 
-/// Which actuators of a profile that commands several of them move.
+/// The actuators that move, for a profile that commands several of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Moves {
-    /// The one of the settings; each other one is held somewhere else.
+    /// The actuator of the settings moves; each other actuator holds its own position.
     #[default]
     One,
-    /// All: each sweeps ahead of the one before it, by an equal part of the period.
+    /// All actuators move: each sweeps ahead of the one before it, by an equal part of the period.
     All,
 }
 
-/// What the autopilot is set to.
+/// Settings of an autopilot.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// Which flight controller it is like.
+    /// Flight controller that the autopilot imitates.
     pub profile: Profile,
     pub dialect: Dialect,
     pub node_id: NodeId,
-    /// Actuator that it moves.
+    /// ID of the actuator that moves.
     pub actuator: u8,
     pub moves: Moves,
-    /// Motors that it commands, from index 0 on. The draft has no such command.
+    /// Number of motors to command, from index 0 on. The draft has no command for motors.
     pub motors: u8,
     pub command_type: CommandType,
-    /// Time of one sweep there and back.
+    /// Time of one sweep, there and back.
     pub sweep_period: Cycles,
     /// Angle of full deflection for position commands, in radians.
     pub position_full_rad: f64,
-    /// Whether it gives node IDs to those who ask. The draft has no such thing.
+    /// True if the autopilot allocates node IDs. The draft has no allocation.
     pub allocates: bool,
-    /// If it is to leave something out. It answers all the same.
+    /// Restricts the periodic messages. Answers and requests are not restricted.
     pub only: Option<Only>,
 }
 
 impl Settings {
-    /// What is usual for such a flight controller of today.
+    /// The usual settings of a flight controller.
     pub fn of(profile: Profile) -> Settings {
         let dialect = Dialect::V0;
         Settings {
@@ -158,8 +159,8 @@ impl Settings {
         }
     }
 
-    /// As near to this as can be in a dialect: a flight controller that does not speak it becomes a plain one, and a type of
-    /// commands that it does not have becomes the usual one.
+    /// Converts the settings to a dialect. If the profile does not support the dialect, it becomes `Profile::Plain`. If the profile
+    /// does not have the command type in the dialect, the type becomes the profile's usual one.
     pub fn in_dialect(mut self, dialect: Dialect) -> Settings {
         if self.profile.command_types(dialect).is_empty() {
             self.profile = Profile::Plain;
@@ -178,48 +179,48 @@ impl Default for Settings {
     }
 }
 
-/// A node that the autopilot has heard of.
+/// A node from which the autopilot has received a NodeStatus.
 #[derive(Clone, Debug, Default)]
 struct Known {
     heard_at: Cycles,
     uptime_s: u32,
-    /// When to ask who it is; never once it has said so.
+    /// Time of the next GetNodeInfo request; `None` after the response.
     ask_at: Option<Cycles>,
 }
 
-/// The autopilot and its place on the bus.
+/// An autopilot and its station on the bus.
 pub struct Autopilot {
     station: Rc<RefCell<SoftNode>>,
     settings: Settings,
     powered_at: Cycles,
     motion: Motion,
     silent: bool,
-    /// What it does now is not to be heard.
+    /// True while a task runs whose frames are not sent.
     mute: bool,
     armed: bool,
     next_status_at: Cycles,
     next_command_at: Cycles,
     next_arming_at: Cycles,
     next_motors_at: Cycles,
-    /// Answers, in order of time.
+    /// Answers that are not due yet, in order of time.
     answers: VecDeque<(Cycles, Vec<Frame>)>,
     nodes: BTreeMap<NodeId, Known>,
     allocator: Option<Allocator>,
-    /// Next number of each thing that it sends.
+    /// Next transfer ID for each identifier.
     transfers: HashMap<CanId, TransferId>,
     draft_transfers: HashMap<u16, draft::TransferId>,
     observer: Observer,
-    news: Vec<(Cycles, String)>,
+    events: Vec<(Cycles, String)>,
     commands_sent: u64,
 }
 
 impl Autopilot {
-    /// An autopilot that starts at time 0, armed, sweeping.
+    /// An autopilot that starts at time 0, armed and sweeping.
     pub fn new(settings: Settings, bit_rate: u32) -> Autopilot {
         Autopilot::powered(settings, bit_rate, 0)
     }
 
-    /// An autopilot that starts at `now`, armed, sweeping.
+    /// An autopilot that starts at `now`, armed and sweeping.
     pub fn powered(settings: Settings, bit_rate: u32, now: Cycles) -> Autopilot {
         Autopilot {
             station: Rc::new(RefCell::new(SoftNode::new(bit_rate))),
@@ -239,37 +240,37 @@ impl Autopilot {
             transfers: HashMap::new(),
             draft_transfers: HashMap::new(),
             observer: Observer::new(),
-            news: Vec::new(),
+            events: Vec::new(),
             commands_sent: 0,
         }
     }
 
-    /// Its end of the bus, to be attached.
+    /// The station of the autopilot, to attach to a bus.
     pub fn station(&self) -> StationRef {
         self.station.clone()
     }
 
-    /// Takes its power, for good: a frame on the wire is cut off, and it sends and acknowledges nothing more.
+    /// Removes the power for good: a frame on the bus is cut off, and the station sends and acknowledges nothing more.
     pub fn switch_off(self) {
         let mut station = self.station.borrow_mut();
         station.set_listen_only(true);
         station.clear_queue();
     }
 
-    /// One of other settings in its place, which starts at `now` and has the same orders: where to hold, armed, silent.
+    /// An autopilot with other settings that starts at `now`, with the motion, arming and silence of this one.
     pub fn successor(&self, settings: Settings, bit_rate: u32, now: Cycles) -> Autopilot {
         let (motion, silent, armed) = (self.motion, self.silent, self.armed);
         Autopilot { motion, silent, armed, ..Autopilot::powered(settings, bit_rate, now) }
     }
 
-    /// What it is set to.
+    /// The settings.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// Events since the last call: nodes that it found, and node IDs that it granted.
+    /// Removes and returns the events since the last call: information of nodes, and node IDs that were granted.
     pub fn take_events(&mut self) -> Vec<(Cycles, String)> {
-        std::mem::take(&mut self.news)
+        std::mem::take(&mut self.events)
     }
 
     /// Commands queued so far.
@@ -277,65 +278,65 @@ impl Autopilot {
         self.commands_sent
     }
 
-    /// Whether it sends nothing at all.
+    /// True if the autopilot sends nothing.
     pub fn is_silent(&self) -> bool {
         self.silent
     }
 
-    /// Stops or resumes sending. Time goes on meanwhile: nothing is made up for afterwards.
+    /// Stops or resumes sending. Messages that were due meanwhile are not sent later.
     pub fn set_silent(&mut self, silent: bool) {
         self.silent = silent;
     }
 
-    /// Whether it says that the vehicle is armed, if it says that at all.
+    /// True if the vehicle is armed. Only some profiles send ArmingStatus.
     pub fn is_armed(&self) -> bool {
         self.armed
     }
 
-    /// Arms or disarms the vehicle. Commands go on either way.
+    /// Arms or disarms the vehicle. The autopilot sends commands in both states.
     pub fn set_armed(&mut self, armed: bool) {
         self.armed = armed;
     }
 
-    /// Changes its identity, as a user of a ground station may.
+    /// Changes the node ID.
     pub fn set_node_id(&mut self, id: NodeId) {
         self.settings.node_id = id;
     }
 
-    /// Commands of the next type in turn, of those that its profile has.
+    /// Changes to the next command type of the profile; after the last to the first.
     pub fn next_command_type(&mut self) {
         let types = self.settings.profile.command_types(self.settings.dialect);
         let at = types.iter().position(|other| *other == self.settings.command_type).map_or(0, |at| at + 1);
         self.settings.command_type = types[at % types.len()];
     }
 
-    /// Whether it sweeps.
+    /// True if the autopilot sweeps the servo; false if it holds it.
     pub fn is_sweeping(&self) -> bool {
         matches!(self.motion, Motion::Sweep { .. })
     }
 
-    /// Starts a sweep at `now` from where the servo is, without a jump.
+    /// Starts a sweep at `now` from the present deflection, without a jump.
     pub fn sweep(&mut self, now: Cycles) {
         let phase = self.deflection(now).asin() / TAU;
         self.motion = Motion::Sweep { since: now, phase };
     }
 
-    /// Holds one deflection, limited to -1..=1.
+    /// Holds a deflection, limited to -1..=1.
     pub fn hold(&mut self, deflection: f64) {
         self.motion = Motion::Hold(deflection.clamp(-1.0, 1.0));
     }
 
-    /// Moves by `step` from where it is at `now`, and holds there.
+    /// Changes the deflection at `now` by `step`, and holds it.
     pub fn nudge(&mut self, step: f64, now: Cycles) {
         self.hold(self.deflection(now) + step);
     }
 
-    /// Commanded deflection at `now`, -1 to +1: of the actuator that it moves, or of the first one if it moves all.
+    /// Commanded deflection at `now`, -1 to +1: of the actuator that moves, or of the first one if all move.
     pub fn deflection(&self, now: Cycles) -> f64 {
         self.deflection_ahead(now, 0.0)
     }
 
-    /// The same, of something that sweeps `ahead` by this part of a period.
+    /// Commanded deflection at `now` of an actuator that sweeps `ahead` by this part of a period.
     fn deflection_ahead(&self, now: Cycles, ahead: f64) -> f64 {
         match self.motion {
             Motion::Hold(deflection) => deflection,
@@ -346,14 +347,14 @@ impl Autopilot {
         }
     }
 
-    /// Hears what has come, and queues everything that is due before `until`, each for its exact time. To be called when the
-    /// bus has come to the `until` of the call before.
+    /// Processes the received frames, and queues the frames that are due before `until`, each for its exact time. Call it when
+    /// the bus has reached the `until` of the last call.
     pub fn advance(&mut self, until: Cycles) {
-        let heard = self.station.borrow_mut().take_received();
-        for (at, frame) in heard {
-            self.hear(at, &frame);
+        let received = self.station.borrow_mut().take_received();
+        for (at, frame) in received {
+            self.receive(at, &frame);
         }
-        // A controller does not send stale commands after the bus was blocked: what waits too long is given up.
+        // After the bus was blocked, the autopilot must not send old commands, so it drops a long queue.
         let frames_each = self.settings.profile.array().map_or(1, |array| usize::from(array.count));
         if self.station.borrow().queued() > OVERDUE_MAX * frames_each {
             self.station.borrow_mut().clear_queue();
@@ -363,51 +364,53 @@ impl Autopilot {
         }
     }
 
-    // ---- what it hears ----
+    // ---- Reception ----
 
-    fn hear(&mut self, at: Cycles, frame: &Frame) {
+    fn receive(&mut self, at: Cycles, frame: &Frame) {
         let Id::Extended(id) = frame.id else { return };
         if frame.remote {
             return;
         }
         match self.observer.push(id, frame.data(), crate::elapsed(at)) {
             Heard::Said(Said::V0(transfer, message)) if self.settings.dialect == Dialect::V0 => {
-                self.react(at, &transfer, message);
+                self.handle(at, &transfer, message);
             }
             Heard::Said(Said::Draft(transfer, message)) if self.settings.dialect == Dialect::Draft => {
-                self.react_in_draft(at, &transfer, message);
+                self.handle_in_draft(at, &transfer, message);
             }
             Heard::Said(_) | Heard::Partial | Heard::Invalid(_) => {}
         }
     }
 
-    fn react(&mut self, at: Cycles, transfer: &Transfer, message: Message) {
+    fn handle(&mut self, at: Cycles, transfer: &Transfer, message: Message) {
         match (message, transfer.id) {
-            (Message::NodeStatus(status), CanId::Message { source, .. }) => self.see(at, source, status.uptime_s),
+            (Message::NodeStatus(status), CanId::Message { source, .. }) => {
+                self.handle_status(at, source, status.uptime_s)
+            }
             (Message::Allocation(request), CanId::Anonymous { .. }) => self.allocate(at, &request),
-            (Message::NodeInfo(info), CanId::Service { source, destination, .. }) if self.is_me(destination) => {
+            (Message::NodeInfo(info), CanId::Service { source, destination, .. }) if self.is_own_id(destination) => {
                 self.nodes.entry(source).or_default().ask_at = None;
-                self.news.push((at, format!("{source} is {info}")));
+                self.events.push((at, format!("{source} is {info}")));
             }
             (Message::NodeInfoRequest, CanId::Service { priority, service_id, destination, source, .. })
-                if self.is_me(destination) =>
+                if self.is_own_id(destination) =>
             {
                 let id =
                     CanId::Service { priority, service_id, request: false, destination: source, source: destination };
-                let info = Message::NodeInfo(Box::new(self.information(self.condition(at))));
+                let info = Message::NodeInfo(Box::new(self.information(self.status(at))));
                 self.answers.push_back((at + ANSWER_DELAY, frames(id, transfer.transfer_id, &info)));
             }
             _ => {}
         }
     }
 
-    fn is_me(&self, id: NodeId) -> bool {
+    fn is_own_id(&self, id: NodeId) -> bool {
         id == self.settings.node_id
     }
 
-    fn see(&mut self, at: Cycles, source: NodeId, uptime_s: u32) {
+    fn handle_status(&mut self, at: Cycles, source: NodeId, uptime_s: u32) {
         if let Some(allocator) = &mut self.allocator {
-            allocator.seen(source);
+            allocator.add_taken(source);
         }
         let is_known = self.nodes.contains_key(&source);
         let node = self.nodes.entry(source).or_default();
@@ -419,10 +422,10 @@ impl Autopilot {
     }
 
     fn allocate(&mut self, at: Cycles, request: &Allocation) {
-        let Some(answer) = self.allocator.as_mut().and_then(|allocator| allocator.hear(request, at)) else { return };
+        let Some(answer) = self.allocator.as_mut().and_then(|allocator| allocator.answer(request, at)) else { return };
         if answer.node_id != 0 {
             let text = format!("{} is allocated to unique ID {}", answer.node_id, hex(&answer.unique_id));
-            self.news.push((at, text));
+            self.events.push((at, text));
         }
         let message = Message::Allocation(answer);
         let id = self.broadcast_id(&message, ALLOCATION_PRIORITY);
@@ -435,7 +438,7 @@ impl Autopilot {
             status,
             software: (4, 6),
             hardware: (1, 0),
-            // Not that of any board: the boards make theirs from noise.
+            // Differs from the unique ID of any board, which the board makes from noise.
             unique_id: *b"sim's autopilot ",
             name: self.settings.profile.name().into(),
             ..NodeInfo::default()
@@ -446,62 +449,64 @@ impl Autopilot {
         u32::try_from((at - self.powered_at) / F_CPU_HZ).unwrap_or(u32::MAX)
     }
 
-    fn condition(&self, at: Cycles) -> NodeStatus {
+    fn status(&self, at: Cycles) -> NodeStatus {
         NodeStatus { uptime_s: self.uptime_s(at), ..NodeStatus::default() }
     }
 
-    // ---- what it sends ----
+    // ---- Transmission ----
 
     /// Frames due before `until`, in order of time.
     fn due(&mut self, until: Cycles) -> Vec<(Cycles, Frame)> {
         let mut frames = Vec::new();
-        while let Some((at, deed)) = self.next_deed().filter(|(at, _)| *at < until) {
-            // Time goes on for one that is silent, but it says nothing.
-            self.mute = self.silent || !self.says(deed);
-            let made = self.perform(deed, at);
+        while let Some((at, task)) = self.next_task().filter(|(at, _)| *at < until) {
+            // A silent autopilot performs its tasks, too, so that their times stay the same.
+            self.mute = self.silent || !self.is_sent(task);
+            let task_frames = self.perform(task, at);
             if !self.mute {
-                frames.extend(made.into_iter().map(|frame| (at, frame)));
+                frames.extend(task_frames.into_iter().map(|frame| (at, frame)));
             }
         }
         frames
     }
 
-    fn says(&self, deed: Deed) -> bool {
-        match (self.settings.only, deed) {
-            (None, _) | (_, Deed::Answer | Deed::Ask(_)) => true,
-            (Some(only), Deed::Status) => only == Only::Status,
-            (Some(only), Deed::Command | Deed::Motors) => only == Only::Commands,
-            (Some(_), Deed::Arming) => false,
+    /// True if the settings allow the messages of a task.
+    fn is_sent(&self, task: Task) -> bool {
+        match (self.settings.only, task) {
+            (None, _) | (_, Task::Answer | Task::Ask(_)) => true,
+            (Some(only), Task::Status) => only == Only::Status,
+            (Some(only), Task::Command | Task::Motors) => only == Only::Commands,
+            (Some(_), Task::Arming) => false,
         }
     }
 
-    /// What comes next. Of what is due at once, the earlier of this list.
-    fn next_deed(&self) -> Option<(Cycles, Deed)> {
+    /// The next task and its time. Of tasks at the same time, the first in this list.
+    fn next_task(&self) -> Option<(Cycles, Task)> {
         let is_v0 = self.settings.dialect == Dialect::V0;
         let has_arming = is_v0 && self.settings.profile.arming().is_some();
         let has_motors = is_v0 && self.settings.motors > 0 && self.settings.profile.motors().is_some();
-        let asked = self.nodes.iter().filter_map(|(id, node)| Some((node.ask_at?, Deed::Ask(*id))));
-        [(self.next_status_at, Deed::Status), (self.next_command_at, Deed::Command)]
+        let asked = self.nodes.iter().filter_map(|(id, node)| Some((node.ask_at?, Task::Ask(*id))));
+        [(self.next_status_at, Task::Status), (self.next_command_at, Task::Command)]
             .into_iter()
-            .chain(has_arming.then_some((self.next_arming_at, Deed::Arming)))
-            .chain(has_motors.then_some((self.next_motors_at, Deed::Motors)))
-            .chain(self.answers.front().map(|(at, ..)| (*at, Deed::Answer)))
+            .chain(has_arming.then_some((self.next_arming_at, Task::Arming)))
+            .chain(has_motors.then_some((self.next_motors_at, Task::Motors)))
+            .chain(self.answers.front().map(|(at, ..)| (*at, Task::Answer)))
             .chain(asked)
             .min_by_key(|(at, _)| *at)
     }
 
-    fn perform(&mut self, deed: Deed, at: Cycles) -> Vec<Frame> {
+    /// Performs a task that is due at `at`, sets its next time, and returns its frames.
+    fn perform(&mut self, task: Task, at: Cycles) -> Vec<Frame> {
         let profile = self.settings.profile;
-        match deed {
-            Deed::Status => {
+        match task {
+            Task::Status => {
                 self.next_status_at += STATUS_PERIOD;
                 if self.settings.dialect == Dialect::Draft {
                     return self.broadcast_in_draft(&self.status_in_draft(at));
                 }
-                let status = Message::NodeStatus(self.condition(at));
+                let status = Message::NodeStatus(self.status(at));
                 self.broadcast(&status, profile.status_priority())
             }
-            Deed::Command => {
+            Task::Command => {
                 self.next_command_at += COMMAND_PERIOD;
                 self.commands_sent += u64::from(!self.mute);
                 if self.settings.dialect == Dialect::Draft {
@@ -510,7 +515,7 @@ impl Autopilot {
                 let command = self.command(at);
                 self.broadcast(&command, profile.command_priority())
             }
-            Deed::Arming => {
+            Task::Arming => {
                 let (period, priority) = profile.arming().unwrap_or((F_CPU_HZ, 0));
                 self.next_arming_at += period;
                 let mut frames = Vec::new();
@@ -521,16 +526,16 @@ impl Autopilot {
                 frames.extend(self.broadcast(&armed, priority));
                 frames
             }
-            Deed::Motors => {
+            Task::Motors => {
                 self.next_motors_at += COMMAND_PERIOD;
                 let Some(Motors { priority, idle }) = profile.motors() else { return Vec::new() };
                 self.broadcast(&self.motor_command(at, idle), priority)
             }
-            Deed::Answer => {
-                let (_, frames) = self.answers.pop_front().expect("it was looked at");
+            Task::Answer => {
+                let (_, frames) = self.answers.pop_front().expect("an answer is due");
                 frames
             }
-            Deed::Ask(destination) => {
+            Task::Ask(destination) => {
                 if let Some(node) = self.nodes.get_mut(&destination) {
                     let is_there = at - node.heard_at <= OFFLINE_TIMEOUT;
                     node.ask_at = is_there.then_some(at + REQUEST_PERIOD);
@@ -558,17 +563,17 @@ impl Autopilot {
             let deflection = match moves {
                 Moves::All => self.deflection_ahead(at, f64::from(index) / f64::from(array.count)),
                 Moves::One if id == actuator => deflection,
-                // The others stand at places of their own, evenly over the travel: who listens to a wrong ID is found out.
+                // Each other actuator holds another position, so that a node that listens to a wrong ID is noticed.
                 Moves::One => 2.0 * f64::from(index + 1) / f64::from(array.count + 1) - 1.0,
             };
-            // Both have a pulse width, a whole number, before they make it a deflection.
+            // ArduPilot and PX4 calculate a pulse width in whole microseconds first, and convert it to a deflection.
             let pulse_us = (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round();
             self.actuator_command(id, (pulse_us - PWM_CENTRE_US) / PWM_HALF_TRAVEL_US)
         });
         Message::ArrayCommand(all.collect())
     }
 
-    /// Off while disarmed. While armed a deflection of -1 is `idle` and one of +1 full power.
+    /// Motors are off while disarmed. While armed, deflection -1 gives `idle`, and +1 full power.
     fn motor_command(&self, at: Cycles, idle: i16) -> Message {
         let motors = self.settings.motors;
         let command = |index: u8| {
@@ -595,7 +600,7 @@ impl Autopilot {
 
     fn broadcast(&mut self, message: &Message, priority: u8) -> Vec<Frame> {
         let id = self.broadcast_id(message, priority);
-        // What is not sent takes no number.
+        // A message that is not sent uses no transfer ID.
         let transfer_id = if self.mute { TransferId::default() } else { self.next_transfer(id) };
         frames(id, transfer_id, message)
     }
@@ -605,9 +610,9 @@ impl Autopilot {
     }
 }
 
-/// Something that is due.
+/// A task of the autopilot that sends messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Deed {
+enum Task {
     Status,
     Command,
     Arming,
@@ -637,7 +642,7 @@ mod tests {
         Autopilot::new(settings, 1_000_000)
     }
 
-    /// What it sends before `until`.
+    /// Messages that `autopilot` sends before `until`.
     fn sent(autopilot: &mut Autopilot, until: Cycles) -> Vec<(Cycles, Message)> {
         let mut assembler = Assembler::new();
         let frames = autopilot.due(until);
@@ -658,11 +663,11 @@ mod tests {
         Autopilot::new(Settings::of(profile), 1_000_000)
     }
 
-    /// Lets it hear a transfer that ends at `at`.
-    fn tell(autopilot: &mut Autopilot, at: Cycles, id: u32, message: &Message) {
+    /// Lets `autopilot` receive a transfer that ends at `at`.
+    fn receive(autopilot: &mut Autopilot, at: Cycles, id: u32, message: &Message) {
         let id = CanId::parse(id).unwrap();
         for frame in frames(id, TransferId::new(7), message) {
-            autopilot.hear(at, &frame);
+            autopilot.receive(at, &frame);
         }
     }
 
@@ -681,7 +686,7 @@ mod tests {
     }
 
     #[test]
-    fn status_comes_once_and_commands_fifty_times_a_second() {
+    fn the_autopilot_sends_one_status_and_fifty_commands_a_second() {
         let mut autopilot = autopilot(CommandType::Unitless);
         let messages = sent(&mut autopilot, 10 * F_CPU_HZ);
         let commands = messages.iter().filter(|(_, m)| is_command(m)).count();
@@ -689,9 +694,8 @@ mod tests {
         assert!(messages.is_sorted_by_key(|(at, _)| *at));
     }
 
-    /// The same messages come out, however the time is cut.
     #[test]
-    fn steps_do_not_change_what_is_sent() {
+    fn the_length_of_the_steps_does_not_change_the_messages() {
         let mut whole = autopilot(CommandType::Unitless);
         let mut pieces = autopilot(CommandType::Unitless);
         let at_once = sent(&mut whole, F_CPU_HZ);
@@ -713,7 +717,7 @@ mod tests {
     }
 
     #[test]
-    fn a_held_position_is_said_in_each_unit() {
+    fn a_held_position_is_sent_in_each_unit() {
         let cases = [
             (CommandType::Unitless, "ArrayCommand id 1 unitless +0.50"),
             (CommandType::Position, "ArrayCommand id 1 position +0.39 rad"),
@@ -737,7 +741,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sweep_starts_where_the_servo_is() {
+    fn a_sweep_starts_at_the_present_deflection() {
         let mut autopilot = autopilot(CommandType::Unitless);
         autopilot.hold(-0.75);
         autopilot.sweep(12_345);
@@ -748,7 +752,7 @@ mod tests {
 
     /// A silenced autopilot must not send its backlog later.
     #[test]
-    fn silence_loses_messages_and_keeps_the_clock() {
+    fn messages_that_are_due_during_silence_are_not_sent_later() {
         let mut autopilot = autopilot(CommandType::Unitless);
         autopilot.set_silent(true);
         assert!(sent(&mut autopilot, 5 * F_CPU_HZ).is_empty());
@@ -759,7 +763,7 @@ mod tests {
     }
 
     #[test]
-    fn its_identity_can_be_changed() {
+    fn the_node_id_can_be_changed() {
         let mut autopilot = autopilot(CommandType::Unitless);
         autopilot.set_node_id(NodeId::new(10).unwrap());
         let frames = autopilot.due(1);
@@ -784,7 +788,7 @@ mod tests {
         assert!(values[1..].is_sorted() && values[1] != values[2]);
     }
 
-    /// The ArrayCommand that is sent first.
+    /// The values of the first ArrayCommand.
     fn first_commands(autopilot: &mut Autopilot) -> Vec<f32> {
         let messages = sent(autopilot, COMMAND_OFFSET + 1);
         let Some((_, Message::ArrayCommand(commands))) = messages.last() else { panic!("{messages:?}") };
@@ -808,7 +812,7 @@ mod tests {
         assert_eq!(all(Profile::Ardupilot, Motion::Hold(-0.5)), [-0.5; 15]);
     }
 
-    /// Times in milliseconds, and commands, of each RawCommand until then.
+    /// Time in milliseconds and commands of each RawCommand before `until`.
     fn motor_commands(autopilot: &mut Autopilot, until: Cycles) -> Vec<(u64, Vec<i16>)> {
         let plain = |(at, message)| match message {
             Message::RawCommand(commands) => Some((at * 1000 / F_CPU_HZ, commands)),
@@ -861,7 +865,7 @@ mod tests {
     }
 
     #[test]
-    fn ardupilot_says_twice_a_second_that_it_is_armed() {
+    fn ardupilot_sends_arming_status_twice_a_second() {
         let mut autopilot = like(Profile::Ardupilot);
         let of_a_second = |autopilot: &mut Autopilot, second| {
             let messages = sent(autopilot, second * F_CPU_HZ).into_iter();
@@ -892,34 +896,34 @@ mod tests {
     }
 
     #[test]
-    fn a_new_node_is_asked_who_it_is_until_it_says_so() {
+    fn a_new_node_gets_get_node_info_requests_until_it_responds() {
         let mut autopilot = like(Profile::Ardupilot);
         const REQUEST: u32 = 0x1001_F88A;
-        tell(&mut autopilot, 16_000, 0x1801_5578, &status(0));
+        receive(&mut autopilot, 16_000, 0x1801_5578, &status(0));
         assert_eq!(times_of(&mut autopilot, REQUEST, 2 * F_CPU_HZ + F_CPU_HZ / 2), [3, 1003, 2003]);
         let info = NodeInfo { name: b"org.example.servo".to_vec(), ..NodeInfo::default() };
-        tell(&mut autopilot, 2 * F_CPU_HZ, 0x1001_0AF8, &Message::NodeInfo(Box::new(info)));
+        receive(&mut autopilot, 2 * F_CPU_HZ, 0x1001_0AF8, &Message::NodeInfo(Box::new(info)));
         assert_eq!(times_of(&mut autopilot, REQUEST, 4 * F_CPU_HZ), []);
-        let news = autopilot.take_events();
-        assert!(news[0].1.starts_with("120 is org.example.servo software 0.0"), "{news:?}");
-        // The same node again, then after a restart.
-        tell(&mut autopilot, 3 * F_CPU_HZ, 0x1801_5578, &status(3));
+        let events = autopilot.take_events();
+        assert!(events[0].1.starts_with("120 is org.example.servo software 0.0"), "{events:?}");
+        // The same node without, then with a restart.
+        receive(&mut autopilot, 3 * F_CPU_HZ, 0x1801_5578, &status(3));
         assert_eq!(times_of(&mut autopilot, REQUEST, 5 * F_CPU_HZ), []);
-        tell(&mut autopilot, 5 * F_CPU_HZ, 0x1801_5578, &status(0));
+        receive(&mut autopilot, 5 * F_CPU_HZ, 0x1801_5578, &status(0));
         assert_eq!(times_of(&mut autopilot, REQUEST, 5 * F_CPU_HZ + F_CPU_HZ / 2), [5002]);
     }
 
     #[test]
-    fn a_node_that_is_gone_is_not_asked_for_ever() {
+    fn a_node_that_is_offline_gets_no_more_requests() {
         let mut autopilot = like(Profile::Px4);
-        tell(&mut autopilot, 0, 0x1801_5578, &status(0));
+        receive(&mut autopilot, 0, 0x1801_5578, &status(0));
         assert_eq!(times_of(&mut autopilot, 0x1E01_F881, 20 * F_CPU_HZ), [2, 1002, 2002, 3002]);
     }
 
     #[test]
-    fn it_says_who_it_is() {
+    fn the_autopilot_answers_get_node_info() {
         let mut autopilot = like(Profile::Px4);
-        tell(&mut autopilot, F_CPU_HZ, 0x1E01_81FF, &Message::NodeInfoRequest);
+        receive(&mut autopilot, F_CPU_HZ, 0x1E01_81FF, &Message::NodeInfoRequest);
         let messages = sent(&mut autopilot, 2 * F_CPU_HZ);
         let (at, answer) = messages.iter().find(|(_, message)| matches!(message, Message::NodeInfo(_))).unwrap();
         assert_eq!(*at, F_CPU_HZ + ANSWER_DELAY);
@@ -927,14 +931,14 @@ mod tests {
     }
 
     #[test]
-    fn it_allocates_node_ids_only_when_told_to() {
+    fn the_autopilot_allocates_node_ids_only_if_it_is_set_to() {
         for allocates in [false, true] {
             let mut autopilot = Autopilot::new(Settings { allocates, ..Settings::default() }, 1_000_000);
             let mut answers = Vec::new();
             for (first, len, at) in [(0, 6, 100), (6, 6, 300), (12, 4, 500)] {
                 let request =
                     Allocation { node_id: 0, first_part: first == 0, unique_id: (first..first + len).collect() };
-                tell(&mut autopilot, at * 16_000, 0x1E97_4D00, &Message::Allocation(request));
+                receive(&mut autopilot, at * 16_000, 0x1E97_4D00, &Message::Allocation(request));
                 let messages = sent(&mut autopilot, (at + 100) * 16_000).into_iter();
                 answers.extend(messages.filter(|(_, message)| matches!(message, Message::Allocation(_))));
             }
@@ -950,7 +954,7 @@ mod tests {
     }
 
     #[test]
-    fn command_types_are_those_of_the_profile() {
+    fn the_next_command_type_is_one_of_the_profile() {
         let mut autopilot = autopilot(CommandType::Thesis);
         autopilot.next_command_type();
         assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
@@ -964,13 +968,13 @@ mod tests {
         Autopilot::new(settings, 1_000_000)
     }
 
-    /// What it sends before `until`, as candump has it.
+    /// Frames that `autopilot` sends before `until`, in candump's notation.
     fn frames_of(autopilot: &mut Autopilot, until: Cycles) -> Vec<String> {
         autopilot.due(until).into_iter().map(|(_, frame)| frame.to_string()).collect()
     }
 
     #[test]
-    fn in_the_draft_it_says_its_status_and_its_commands_in_the_draft_s_frames() {
+    fn in_the_draft_the_status_and_the_commands_are_frames_of_the_draft() {
         let mut autopilot = in_draft(Profile::Plain, None);
         autopilot.hold(0.5);
         let frames = frames_of(&mut autopilot, 2 * F_CPU_HZ);
@@ -978,7 +982,7 @@ mod tests {
         assert_eq!(frames[51], "11340409#010000000000");
         assert_eq!(frames.iter().filter(|frame| frame.starts_with("1134")).count(), 2);
         assert_eq!(frames.iter().filter(|frame| frame.starts_with("084C")).count(), 100);
-        // The eight numbers are used up, and begin anew.
+        // After the eight transfer IDs of the draft comes the first again.
         assert_eq!((frames[8].as_str(), frames[9].as_str()), ("084C040F#010038", "084C0408#010038"));
     }
 
@@ -995,8 +999,8 @@ mod tests {
     }
 
     #[test]
-    fn it_can_say_its_status_only_or_commands_only_in_either_dialect() {
-        let said = |settings: Settings| {
+    fn the_autopilot_can_send_only_its_status_or_only_commands_in_either_dialect() {
+        let sent = |settings: Settings| {
             let mut autopilot = Autopilot::new(settings, 1_000_000);
             let frames = autopilot.due(2 * F_CPU_HZ);
             let commands = autopilot.commands_sent();
@@ -1007,31 +1011,31 @@ mod tests {
             (Dialect::Draft, "11340409#010000000000", "084C0409#"),
         ] {
             let with = |only| Settings { only: Some(only), ..Settings::default().in_dialect(dialect) };
-            assert_eq!(said(with(Only::Status)), (2, 0, String::from(status)));
-            let (frames, commands, text) = said(with(Only::Commands));
+            assert_eq!(sent(with(Only::Status)), (2, 0, String::from(status)));
+            let (frames, commands, text) = sent(with(Only::Commands));
             assert_eq!((frames, commands), (100, 100));
             assert!(text.starts_with(command), "{text}");
         }
         let only = Settings { only: Some(Only::Status), ..Settings::of(Profile::Ardupilot) };
-        assert_eq!(said(only).0, 2, "nothing of arming");
+        assert_eq!(sent(only).0, 2, "no ArmingStatus");
     }
 
     #[test]
-    fn it_answers_get_node_info_in_its_dialect_and_ignores_the_other() {
-        for (profile, heard) in [(Profile::Px4, "1E0181FF#C7"), (Profile::Plain, "113BFC08#01")] {
+    fn the_autopilot_answers_get_node_info_in_its_dialect_and_ignores_the_other() {
+        for (profile, request) in [(Profile::Px4, "1E0181FF#C7"), (Profile::Plain, "113BFC08#01")] {
             for dialect in [Dialect::V0, Dialect::Draft] {
                 let mut autopilot = Autopilot::new(Settings::of(profile).in_dialect(dialect), 1_000_000);
                 autopilot.set_silent(false);
-                autopilot.hear(F_CPU_HZ, &heard.parse().unwrap());
-                let asked_in = if heard.starts_with("1E") { Dialect::V0 } else { Dialect::Draft };
-                assert_eq!(autopilot.answers.len(), usize::from(dialect == asked_in), "{heard} {dialect}");
+                autopilot.receive(F_CPU_HZ, &request.parse().unwrap());
+                let asked_in = if request.starts_with("1E") { Dialect::V0 } else { Dialect::Draft };
+                assert_eq!(autopilot.answers.len(), usize::from(dialect == asked_in), "{request} {dialect}");
             }
         }
         let mut autopilot = in_draft(Profile::Plain, None);
-        autopilot.hear(F_CPU_HZ, &"113BFC0D#01".parse().unwrap());
+        autopilot.receive(F_CPU_HZ, &"113BFC0D#01".parse().unwrap());
         let (at, frames) = autopilot.answers.pop_front().unwrap();
         assert_eq!(at, F_CPU_HZ + ANSWER_DELAY);
-        // To 127, of 1, with the request's number; it has been up for a second.
+        // To 127, from 1, with the transfer ID of the request; the uptime is one second.
         assert_eq!(frames[0].id, Id::Extended(0x1138_0405));
         assert_eq!(frames[0].data()[..1], [0x7F]);
         assert_eq!(frames[0].data()[3..8], [1, 0, 0, 0, 0]);
@@ -1040,7 +1044,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_starts_later_counts_its_uptime_from_then_and_sends_nothing_of_the_past() {
+    fn an_autopilot_that_starts_later_has_uptime_0_and_sends_nothing_before() {
         let mut autopilot = Autopilot::powered(Settings::default(), 1_000_000, 10 * F_CPU_HZ);
         let messages = sent(&mut autopilot, 12 * F_CPU_HZ);
         assert_eq!(messages.len(), 2 + 100);
@@ -1050,7 +1054,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_for_the_other_dialect_are_as_near_as_can_be() {
+    fn settings_keep_what_the_other_dialect_has() {
         let settings = Settings { actuator: 3, ..Settings::of(Profile::ArdupilotPwm) }.in_dialect(Dialect::Draft);
         assert_eq!((settings.profile, settings.command_type), (Profile::Plain, CommandType::Unitless));
         assert_eq!((settings.actuator, settings.node_id.get()), (3, 10));

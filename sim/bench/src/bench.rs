@@ -1,9 +1,8 @@
 //! The bench: boards and other stations on one CAN bus, run in lock step.
 //!
-//! The bus says how far the AVRs may run before it must be stepped (one bit while something goes
-//! on, more while it is idle); each board runs there, then the bus follows, then the boards see
-//! what became of their INT pins. A board is never ahead of the bus by more than that, and
-//! overshoots it by one instruction at most.
+//! The bus names the time up to which the AVRs may run: one bit ahead while a frame is on the bus, further while it is idle.
+//! Each board runs to that time, then the bus does, then the boards update their INT pins. A board can overshoot that time by
+//! one instruction.
 
 use crate::board::Board;
 use crate::can::{Bus, PortId, StationRef};
@@ -18,29 +17,29 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// An empty bus at that many bits per second.
+    /// An empty bus with `bit_rate` bits per second.
     pub fn new(bit_rate: u32) -> Bench {
         Bench { boards: Vec::new(), ports: Vec::new(), bus: Bus::new(bit_rate), now: 0 }
     }
 
-    /// Puts a board on the bus. Returns its number.
+    /// Connects a board to the bus. Returns the board's number.
     pub fn add_board(&mut self, board: Board, name: &str) -> usize {
         self.ports.push(self.bus.attach(name, board.chip()));
         self.boards.push(board);
         self.boards.len() - 1
     }
 
-    /// Puts another station on the bus.
+    /// Connects another station to the bus.
     pub fn attach(&mut self, name: &str, station: StationRef) -> PortId {
         self.bus.attach(name, station)
     }
 
-    /// Pulls a station's plug, for good.
+    /// Disconnects a station for good.
     pub fn detach(&mut self, port: PortId) {
         self.bus.connect(port, false);
     }
 
-    /// A board, by its number.
+    /// The board with number `index`.
     pub fn board(&mut self, index: usize) -> &mut Board {
         &mut self.boards[index]
     }
@@ -50,7 +49,7 @@ impl Bench {
         &mut self.boards
     }
 
-    /// Where a board is connected to the bus.
+    /// The port of the bus to which the board with number `index` is connected.
     pub fn port(&self, index: usize) -> PortId {
         self.ports[index]
     }
@@ -60,24 +59,24 @@ impl Bench {
         &mut self.bus
     }
 
-    /// The bench's time.
+    /// Simulated time since power-on.
     pub fn now(&self) -> Cycles {
         self.now
     }
 
-    /// Whether a debugger has halted a board: then nothing moves.
+    /// True if a debugger has halted a board. Simulated time stops then.
     pub fn is_halted(&self) -> bool {
         self.boards.iter().any(|board| board.avr().is_halted())
     }
 
-    /// Runs everything until `t`, or until a debugger halts a board.
+    /// Runs all boards and the bus until `t`, or until a debugger halts a board.
     pub fn run_until(&mut self, t: Cycles) {
         while self.now < t && !self.is_halted() {
             self.step(t);
         }
     }
 
-    /// Runs until `condition` holds; false if it does not within `timeout` cycles.
+    /// Runs until `condition` holds, and returns true. Returns false after `timeout` cycles, or if a debugger halts a board.
     pub fn run_until_or(&mut self, mut condition: impl FnMut(&mut Bench) -> bool, timeout: Cycles) -> bool {
         let end = self.now + timeout;
         loop {
@@ -91,12 +90,12 @@ impl Bench {
         }
     }
 
-    /// Runs for that many microseconds.
+    /// Runs for a number of microseconds.
     pub fn run_for_us(&mut self, microseconds: u64) {
         self.run_until(self.now + microseconds * F_CPU_HZ / 1_000_000);
     }
 
-    /// Runs for that many milliseconds.
+    /// Runs for a number of milliseconds.
     pub fn run_for_ms(&mut self, milliseconds: u64) {
         self.run_until(self.now + milliseconds * F_CPU_HZ / 1000);
     }
@@ -106,7 +105,7 @@ impl Bench {
         for board in &mut self.boards {
             board.run_until(horizon);
         }
-        // The others wait, where they are, until the halted board has come to the horizon too.
+        // The bus and the other boards stay at their times until the halted board reaches the horizon, too.
         if self.is_halted() {
             return;
         }

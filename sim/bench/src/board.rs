@@ -1,12 +1,12 @@
 //! The node's board: an Arduino wired to an MCP2515 with its own crystal, a servo, an LM35, a light and a button.
 //!
-//! [`Wiring`] says which Arduino, which pins and which crystal. The pins that the default board has:
+//! [`Wiring`] defines the Arduino, the pins and the crystal. The pins of the default board:
 //!
 //! | Signal      | Arduino  | chip         | Here                                               |
 //! | ----------- | -------- | ------------ | -------------------------------------------------- |
 //! | CS          | D9       | PB1          | with a pull-up: high while the AVR is in reset     |
 //! | INT         | D2       | PD2 (INT0)   | follows the chip's pin; high while it has no power |
-//! | SPI         | D11..D13 | PB3..PB5     | modes 0 and 3 only; SCK is at most 8 MHz of its 10 |
+//! | SPI         | D11..D13 | PB3..PB5     | modes 0 and 3 only; SCK at most 8 MHz, 10 allowed  |
 //! | servo       | D10      | PB2 (OC1B)   | pulses measured to the cycle                       |
 //! | temperature | A0       | PC0 (ADC0)   | LM35: 10 mV per degree, nothing below 0 °C         |
 //! | circuit     | A4, A5   | PC4, PC5     | voltage and current; 0 V until they are set        |
@@ -14,9 +14,8 @@
 //! | button      | D4       | PD4          | closes to ground                                   |
 //! | serial      | D0, D1   | PD0, PD1     | through [`Avr`]                                    |
 //!
-//! The MCP2515's RESET pin is not wired: a reset of the AVR leaves the chip as it is. At power-on
-//! both begin at once; a real AVR with the Diecimila's fuses begins some 65 ms later, so firmware
-//! that is right here has more time there.
+//! The MCP2515's RESET pin is not wired: a reset of the AVR does not reset the MCP2515. At power-on both chips start at the
+//! same time. A real AVR with the Diecimila's fuses starts about 65 ms later, which gives the MCP2515 more time to start.
 
 use std::cell::{Cell, RefCell};
 use std::path::Path;
@@ -36,48 +35,48 @@ use sim_base::Noise;
 /// D3 is the output OC2B of Timer2, which can dim a light.
 const OC2B: (char, u8) = ('D', 3);
 
-/// A mistake of the firmware, found anywhere on the board.
+/// A mistake of the firmware that a model has detected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation {
-    /// When.
+    /// Time of the mistake.
     pub at: Cycles,
-    /// Who found it: `AVR`, `MCP2515` or `board`.
+    /// Model that detected the mistake: `AVR`, `MCP2515` or `board`.
     pub source: &'static str,
-    /// What.
+    /// Description of the mistake.
     pub text: String,
 }
 
-/// What has passed on the SPI since the board was made.
+/// Counters of the SPI since power-on.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SpiUse {
-    /// How often CS of the MCP2515 fell.
+    /// Falling edges of CS of the MCP2515.
     pub selects: u64,
-    /// Bytes while it was low.
+    /// Bytes while CS was low.
     pub bytes: u64,
-    /// Bytes while it was high: for another device on the same SPI, or for nobody.
+    /// Bytes while CS was high: for another device on the same SPI, or for none.
     pub bytes_elsewhere: u64,
 }
 
-/// What a probe on the board's wires sees, with the time at which it begins.
+/// An event that a probe on the board's wires records, with the time of its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WireEvent {
     /// New level of CS.
     Cs(bool),
-    /// New level of INT, when the AVR sees it.
+    /// New level of INT, at the time at which the AVR sees it.
     Int(bool),
     /// New level of the servo's signal.
     Servo(bool),
-    /// New level of an output from the second on.
+    /// New level of output 2 or a further one.
     Output {
-        /// Place in [`Wiring::outputs`].
+        /// Index in [`Wiring::outputs`].
         index: usize,
         high: bool,
     },
-    /// A byte on the SPI, as it is at the MCP2515, and what that answered.
+    /// A byte on the SPI.
     Spi {
-        /// To the MCP2515.
+        /// Byte that the MCP2515 receives, with its noise.
         byte: SpiByte,
-        /// From the MCP2515.
+        /// Byte that the AVR receives.
         miso: u8,
     },
     /// A character on TXD or RXD.
@@ -90,17 +89,17 @@ struct Wires {
     int_input: InputPin,
     int_level: Cell<bool>,
     selected: Cell<bool>,
-    /// What MISO reads while the chip has no power; none while it has.
+    /// Byte that MISO reads while the MCP2515 has no power; `None` while it has power.
     dead_miso: Cell<Option<u8>>,
-    /// What MISO reads while it is shorted.
+    /// Byte that MISO reads while MISO is shorted.
     stuck_miso: Cell<Option<u8>>,
-    /// The level of INT while it is shorted.
+    /// Level of INT while INT is shorted.
     stuck_int: Cell<Option<bool>>,
     noise_per_million: Cell<u32>,
     noise: RefCell<Noise>,
     violations: RefCell<Vec<Violation>>,
     spi_use: Cell<SpiUse>,
-    /// What has passed, if there is a probe.
+    /// Events since the last call of `take_wire_events`, if a probe is attached.
     probe: RefCell<Option<Vec<(Cycles, WireEvent)>>>,
 }
 
@@ -117,11 +116,11 @@ impl SpiDevice for SpiEnd {
     }
 }
 
-/// One node.
+/// A board with its two chips and its outputs.
 pub struct Board {
     wiring: Wiring,
     avr: Avr,
-    /// The output of Timer1 to which the servo is wired.
+    /// Output of Timer1 to which the servo is wired.
     servo_output: Oc,
     sensor_channel: u8,
     /// Channels of the ADC for the voltage and the current of the circuit, if the board has them.
@@ -133,7 +132,7 @@ pub struct Board {
     outputs: Vec<SwitchedOutput>,
 }
 
-/// A servo on a pin that the program switches itself.
+/// A servo on a pin that the program switches in software.
 struct SwitchedOutput {
     edges: Rc<RefCell<Vec<(Cycles, bool)>>>,
     meter: PulseMeter,
@@ -154,22 +153,22 @@ impl Board {
     /// A board with the firmware of an ELF file, powered on at time 0.
     ///
     /// # Errors
-    /// If the file is missing, or is no program for a board that the simulator knows.
+    /// If the file is missing, or is not a program for a board that the simulator knows.
     pub fn load(elf: &Path) -> Result<Board> {
         let firmware = Firmware::read(elf)?;
         let wiring = Wiring::of_program(&firmware).with_context(|| elf.display().to_string())?;
         Board::programmed(&wiring, &firmware).with_context(|| elf.display().to_string())
     }
 
-    /// A board with the firmware of an ELF file, wired as the caller says.
+    /// A board with the firmware of an ELF file and the given wiring, powered on at time 0.
     ///
     /// # Errors
-    /// As [`Board::load`], and if the wiring is impossible.
+    /// Those of [`Board::load`], and if the wiring is impossible.
     pub fn load_as(elf: &Path, wiring: &Wiring) -> Result<Board> {
         Board::programmed(wiring, &Firmware::read(elf)?).with_context(|| elf.display().to_string())
     }
 
-    /// The same with a firmware that has been read already.
+    /// A board with a firmware that is read already, powered on at time 0.
     ///
     /// # Errors
     /// If the firmware does not fit the chip, or the wiring is impossible.
@@ -177,7 +176,7 @@ impl Board {
         Board::wired(Avr::programmed(wiring.chip, firmware)?, wiring)
     }
 
-    /// A board around a chip, wired as the chip's program says, or as the default.
+    /// A board with the given AVR. The wiring is that of the AVR's program, or else the default.
     ///
     /// # Panics
     /// If the wiring is impossible.
@@ -186,7 +185,7 @@ impl Board {
         wiring.and_then(|wiring| Board::wired(avr, &wiring)).unwrap_or_else(|error| panic!("{error:#}"))
     }
 
-    /// A board around a chip, wired as the caller says.
+    /// A board with the given AVR and wiring.
     ///
     /// # Errors
     /// If the wiring is impossible.
@@ -237,12 +236,12 @@ impl Board {
         Ok(board)
     }
 
-    /// How it is wired.
+    /// The wiring of the board.
     pub fn wiring(&self) -> &Wiring {
         &self.wiring
     }
 
-    /// The level of a pin.
+    /// True if the level of a pin is high.
     pub fn pin(&self, pin: Pin) -> bool {
         self.avr.pin(pin.port(), pin.bit())
     }
@@ -262,7 +261,7 @@ impl Board {
         Rc::clone(&self.wires.chip)
     }
 
-    /// The board's time.
+    /// Simulated time of the AVR.
     pub fn now(&self) -> Cycles {
         self.avr.now()
     }
@@ -272,12 +271,12 @@ impl Board {
         self.avr.run_until(t)
     }
 
-    /// Lets the AVR see the chip's INT pin. To be called after the bus has moved.
+    /// Copies the level of the MCP2515's INT to the AVR's pin. The bench calls it after each step of the bus.
     pub fn update_int(&self) {
         self.wires.update_int(self.now());
     }
 
-    /// Resets the AVR; a power-on restarts the MCP2515 too.
+    /// Resets the AVR. A power-on resets the MCP2515, too.
     pub fn reset(&mut self, cause: ResetCause) {
         let now = self.avr.now();
         self.avr.reset(cause);
@@ -286,45 +285,44 @@ impl Board {
         }
     }
 
-    /// Pulses the MCP2515's RESET pin, behind the firmware's back.
+    /// Pulses the MCP2515's RESET pin. The firmware does not notice it.
     pub fn chip_reset(&mut self) {
         self.chip_reset_at(self.avr.now());
     }
 
-    /// Dips the MCP2515's supply: its registers hold garbage, and it goes on with that.
+    /// Dips the MCP2515's supply: it goes on with random values in its registers.
     pub fn chip_brown_out(&mut self, seed: u64) {
-        self.upset(|chip, at| chip.brown_out(seed, at));
+        self.disturb_chip(|chip, at| chip.brown_out(seed, at));
     }
 
     /// Flips bits of a register of the MCP2515.
     pub fn chip_flip_bits(&mut self, address: u8, mask: u8) {
-        self.upset(|chip, at| chip.flip_bits(address, mask, at));
+        self.disturb_chip(|chip, at| chip.flip_bits(address, mask, at));
     }
 
-    /// Sends the MCP2515 to sleep.
+    /// Puts the MCP2515 into sleep mode.
     pub fn chip_fall_asleep(&mut self) {
-        self.upset(Mcp2515::fall_asleep);
+        self.disturb_chip(Mcp2515::fall_asleep);
     }
 
-    /// Keeps the MCP2515 in configuration mode, or no longer.
+    /// Keeps the MCP2515 in configuration mode while `held` is true.
     pub fn chip_hold_in_configuration(&mut self, held: bool) {
-        self.upset(|chip, _| chip.hold_in_configuration(held));
+        self.disturb_chip(|chip, _| chip.hold_in_configuration(held));
     }
 
-    fn upset(&mut self, happen: impl FnOnce(&mut Mcp2515, Cycles)) {
-        happen(&mut self.wires.chip.borrow_mut(), self.avr.now());
+    fn disturb_chip(&mut self, change: impl FnOnce(&mut Mcp2515, Cycles)) {
+        change(&mut self.wires.chip.borrow_mut(), self.avr.now());
         self.update_int();
     }
 
-    /// Takes the MCP2515's power: it says nothing on the bus, INT is high, and MISO reads `miso`
-    /// (0x00 or 0xFF).
+    /// Removes the MCP2515's power: it sends nothing, INT is high, and MISO reads `miso` (0x00 or 0xFF).
     pub fn chip_power_off(&mut self, miso: u8) {
         self.chip_reset();
         self.wires.dead_miso.set(Some(miso));
         self.update_int();
     }
 
-    /// Gives the MCP2515 its power back.
+    /// Restores the MCP2515's power.
     pub fn chip_power_on(&mut self) {
         self.wires.dead_miso.set(None);
         self.chip_reset();
@@ -333,35 +331,35 @@ impl Board {
         }
     }
 
-    /// Shorts MISO, so that the AVR reads this byte (0x00 or 0xFF) whatever the chip answers; `None` ends it.
+    /// Shorts MISO, so that the AVR reads this byte (0x00 or 0xFF) instead of the answer; `None` ends the short.
     pub fn set_stuck_miso(&mut self, miso: Option<u8>) {
         self.wires.stuck_miso.set(miso);
     }
 
-    /// Shorts INT to this level, as the AVR sees it; `None` ends it.
+    /// Shorts the AVR's INT pin to this level; `None` ends the short.
     pub fn set_stuck_int(&mut self, level: Option<bool>) {
         self.wires.stuck_int.set(level);
         self.update_int();
     }
 
-    /// Flips each bit on MOSI and on MISO with this probability.
+    /// Flips each bit on MOSI and on MISO with this probability; 0 ends the noise. Equal seeds give equal noise.
     pub fn set_spi_noise(&mut self, per_million: u32, seed: u64) {
         self.wires.noise_per_million.set(per_million);
         self.wires.noise.replace(Noise::new(seed));
     }
 
-    /// Sets the temperature at the sensor.
+    /// Sets the temperature at the sensor in degrees Celsius.
     pub fn set_temperature_c(&mut self, celsius: f64) {
         self.avr.set_analog_uv(self.sensor_channel, sensor::microvolts(celsius));
     }
 
-    /// Sets the voltage at the sensor's pin: a sensor that is broken, or another one.
+    /// Sets the voltage at the sensor's pin, for a broken sensor or one of another type.
     pub fn set_sensor_millivolts(&mut self, millivolts: u32) {
         self.avr.set_analog(self.sensor_channel, millivolts);
     }
 
-    /// Sets the voltages at the inputs for the voltage and the current of the circuit, if the board has them. The board knows
-    /// neither the divider nor the current sensor.
+    /// Sets the voltages at the ADC inputs for the voltage and the current of the circuit, in millivolts, if the board has these
+    /// inputs. The model has no voltage divider and no current sensor.
     pub fn set_circuit_millivolts(&mut self, voltage: u32, current: u32) {
         let Some(channels) = self.circuit_channels else { return };
         for (channel, millivolts) in channels.into_iter().zip([voltage, current]) {
@@ -369,7 +367,7 @@ impl Board {
         }
     }
 
-    /// Adds noise of up to plus or minus so many millivolts at the sensor's pin; 0 ends it. Equal seeds give equal noise.
+    /// Adds noise of up to plus or minus `amplitude` millivolts at the sensor's pin; 0 ends the noise. Equal seeds give equal noise.
     pub fn set_sensor_noise_millivolts(&mut self, amplitude: u32, seed: u64) {
         self.avr.set_analog_noise_uv(amplitude * 1000, seed);
     }
@@ -384,22 +382,22 @@ impl Board {
         }
     }
 
-    /// Servo pulses that ended since the last call.
+    /// Removes and returns the servo pulses that ended since the last call.
     pub fn take_servo_pulses(&mut self) -> Vec<Pulse> {
-        self.look_at_servo();
+        self.collect_servo_edges();
         std::mem::take(&mut self.servo_pulses)
     }
 
-    /// Pulses of each output from the second on that ended since the last call.
+    /// Removes and returns, for output 2 and each further output, the pulses that ended since the last call.
     pub fn take_output_pulses(&mut self) -> Vec<Vec<Pulse>> {
-        self.look_at_outputs();
+        self.collect_output_edges();
         self.outputs.iter_mut().map(|output| std::mem::take(&mut output.pulses)).collect()
     }
 
-    /// Puts a probe on the wires and returns their levels now, as events at this time.
+    /// Attaches a probe to the wires. Returns their present levels as events.
     pub fn attach_probe(&mut self) -> Vec<(Cycles, WireEvent)> {
-        self.look_at_servo();
-        self.look_at_outputs();
+        self.collect_servo_edges();
+        self.collect_output_edges();
         self.avr.serial_trace();
         self.wires.probe.replace(Some(Vec::new()));
         let outputs = self.outputs.iter().enumerate();
@@ -412,50 +410,50 @@ impl Board {
         levels.into_iter().chain(outputs).map(|level| (self.now(), level)).collect()
     }
 
-    /// What the probe has seen since the last call: each wire in order, one wire after the other. A byte on the SPI is
-    /// seen when it is over, so it may have begun before the call before this one, by 1024 cycles at most.
+    /// Removes and returns the events of the probe since the last call, in order of time for each wire, one wire after the other. A
+    /// byte on the SPI is an event at its end, so its start can be up to 1024 cycles before the last call.
     pub fn take_wire_events(&mut self) -> Vec<(Cycles, WireEvent)> {
-        self.look_at_servo();
-        self.look_at_outputs();
+        self.collect_servo_edges();
+        self.collect_output_edges();
         let serial = self.avr.serial_trace();
         let mut events = self.wires.probe.borrow_mut().as_mut().map(std::mem::take).unwrap_or_default();
         events.extend(serial.into_iter().map(|character| (character.start, WireEvent::Serial(character))));
         events
     }
 
-    fn look_at_servo(&mut self) {
+    fn collect_servo_edges(&mut self) {
         let edges = self.avr.take_edges(self.servo_output);
         for &(at, level) in &edges {
             self.servo_level = level;
-            self.wires.note(at, WireEvent::Servo(level));
+            self.wires.record(at, WireEvent::Servo(level));
         }
         self.servo_pulses.extend(self.servo.feed(edges));
     }
 
-    fn look_at_outputs(&mut self) {
+    fn collect_output_edges(&mut self) {
         for (index, output) in self.outputs.iter_mut().enumerate() {
             let edges = output.edges.take();
             for &(at, high) in &edges {
                 output.level = high;
-                self.wires.note(at, WireEvent::Output { index, high });
+                self.wires.record(at, WireEvent::Output { index, high });
             }
             output.pulses.extend(output.meter.feed(edges));
         }
     }
 
-    /// Brightness of the light, 0 to 1; 0 if the board has none.
+    /// Brightness of the light, 0 to 1; 0 if the board has no light.
     pub fn light(&self) -> f64 {
         let Some(pin) = self.wiring.light else { return 0.0 };
         let duty = self.avr.oc2b_duty().filter(|_| (pin.port(), pin.bit()) == OC2B);
         duty.unwrap_or(if self.pin(pin) { 1.0 } else { 0.0 })
     }
 
-    /// What has passed on the SPI.
+    /// Counters of the SPI since power-on.
     pub fn spi_use(&self) -> SpiUse {
         self.wires.spi_use.get()
     }
 
-    /// The firmware's mistakes since the last call, in the order of their times.
+    /// Removes and returns the firmware's mistakes since the last call, in order of time.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         let mut all = self.wires.violations.take();
         let avr = self.avr.take_violations().into_iter();
@@ -473,7 +471,7 @@ impl Board {
 }
 
 impl Wires {
-    fn note(&self, at: Cycles, event: WireEvent) {
+    fn record(&self, at: Cycles, event: WireEvent) {
         if let Some(probe) = self.probe.borrow_mut().as_mut() {
             probe.push((at, event));
         }
@@ -483,7 +481,7 @@ impl Wires {
         let level = self.dead_miso.get().is_some() || self.chip.borrow().int_pin();
         let level = self.stuck_int.get().unwrap_or(level);
         if self.int_level.replace(level) != level {
-            self.note(at, WireEvent::Int(level));
+            self.record(at, WireEvent::Int(level));
             self.int_input.drive(level);
         }
     }
@@ -492,7 +490,7 @@ impl Wires {
         let was_selected = self.selected.replace(!level);
         let so_far = self.spi_use.get();
         self.spi_use.set(SpiUse { selects: so_far.selects + u64::from(!level && !was_selected), ..so_far });
-        self.note(at, WireEvent::Cs(level));
+        self.record(at, WireEvent::Cs(level));
         if self.dead_miso.get().is_none() {
             let mut chip = self.chip.borrow_mut();
             if level {
@@ -517,13 +515,13 @@ impl Wires {
             true => SpiUse { bytes: so_far.bytes + 1, ..so_far },
             false => SpiUse { bytes_elsewhere: so_far.bytes_elsewhere + 1, ..so_far },
         });
-        let byte = SpiByte { mosi: self.disturb(byte.mosi), ..*byte };
+        let byte = SpiByte { mosi: self.with_noise(byte.mosi), ..*byte };
         let miso = self.answer(&byte);
-        self.note(byte.start, WireEvent::Spi { byte, miso });
+        self.record(byte.start, WireEvent::Spi { byte, miso });
         miso
     }
 
-    /// What comes back for a byte.
+    /// The byte on MISO for a byte on MOSI.
     fn answer(&self, byte: &SpiByte) -> u8 {
         if let Some(miso) = self.dead_miso.get() {
             return miso;
@@ -535,10 +533,10 @@ impl Wires {
         }
         let miso = self.chip.borrow_mut().end_byte(byte.mosi, byte.end);
         self.update_int(byte.end);
-        self.disturb(self.stuck_miso.get().unwrap_or(miso))
+        self.with_noise(self.stuck_miso.get().unwrap_or(miso))
     }
 
-    fn disturb(&self, byte: u8) -> u8 {
+    fn with_noise(&self, byte: u8) -> u8 {
         let per_million = self.noise_per_million.get();
         if per_million == 0 {
             return byte;

@@ -1,4 +1,4 @@
-//! What the node's program may take of its chip: `avr-specs/budget.toml`, which the linker's limits come from, too.
+//! The memory budget of the node's program, from `avr-specs/budget.toml`. The linker's limits come from the same file.
 
 use crate::avr::Chip;
 use std::sync::LazyLock;
@@ -6,10 +6,10 @@ use toml::Table;
 
 const TEXT: &str = include_str!("../../../avr-specs/budget.toml");
 
-/// The node's program fills the RAM with this at its start, so that one can see how deep its stack has been.
+/// The node's program fills the free RAM with this value at its start. The bytes that have changed show the depth of the stack.
 pub const PAINT: u8 = 0xC5;
 
-/// Limits in bytes. The file says what each is for.
+/// Limits in bytes. `avr-specs/budget.toml` explains each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
     pub flash: u32,

@@ -1,4 +1,4 @@
-//! Where the project's own firmware is, and what a board has after its first start with it.
+//! The paths of the project's own firmware, and the EEPROM of a board after its first start.
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -11,11 +11,11 @@ use crate::board::Board;
 use crate::can::SoftNode;
 use crate::wiring::{Wiring, preset};
 
-/// The EEPROM of a board that has been started once with this firmware, on a bus of the default bit rate. The first start may take its time, to make the board a
-/// unique ID; what is of no concern to a test need not wait for that each time.
+/// The EEPROM of a board after its first start with a firmware, on a bus of the default bit rate. At the first start the firmware
+/// makes a unique ID, which takes long. A test that begins with this EEPROM need not wait for that.
 ///
 /// # Errors
-/// If the file is missing, or is no program for a board that the simulator knows.
+/// If the file is missing, or is not a program for a board that the simulator knows.
 pub fn eeprom_after_first_start(elf: &Path) -> Result<Vec<u8>> {
     const FIRST_START_MS: u64 = 1500;
     let board = Board::load(elf)?;
@@ -37,11 +37,11 @@ pub fn target_dir() -> PathBuf {
     root().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
-/// The board whose firmware [`node_elf`] and [`firmware`] look for: the one that the variables `NODE_BOARD` and `NODE_SHIELD` name, or the
-/// table's default.
+/// The board for [`node_elf`] and [`firmware`]: the one that the environment variables `NODE_BOARD` and `NODE_SHIELD` name, by
+/// default that of `avr-specs/boards.toml`.
 ///
 /// # Errors
-/// If the table has no such board; the message says which there are.
+/// If the table has no such board; the message lists those that it has.
 pub fn chosen_board() -> Result<Wiring> {
     let chosen = |variable: &str, default: String| match std::env::var(variable) {
         Ok(name) if !name.is_empty() => name,
@@ -51,10 +51,11 @@ pub fn chosen_board() -> Result<Wiring> {
     Wiring::of(&chosen("NODE_BOARD", board), &chosen("NODE_SHIELD", shield))
 }
 
-/// Where the firmware is: `NODE_ELF`, else what `make firmware` leaves for the chosen board.
+/// The path of the node's firmware: the environment variable `NODE_ELF`, by default the file that `make firmware` builds for the
+/// chosen board.
 ///
 /// # Errors
-/// See [`chosen_board`].
+/// Those of [`chosen_board`].
 pub fn node_elf() -> Result<PathBuf> {
     match std::env::var_os("NODE_ELF").filter(|path| !path.is_empty()) {
         Some(path) => Ok(path.into()),
@@ -62,11 +63,11 @@ pub fn node_elf() -> Result<PathBuf> {
     }
 }
 
-/// Where the firmware of a preset is, such as "thesis", or of a list of features, such as "lights,stats", for the chosen board. That of the
-/// preset of its chip is [`node_elf`].
+/// The path of the firmware for the chosen board with a preset, such as "thesis", or a list of features, such as "lights,stats".
+/// With the default preset of the chip it is [`node_elf`].
 ///
 /// # Errors
-/// If it has not been built; the message says how to.
+/// If the file does not exist; the message says how to build it.
 pub fn firmware(features: &str) -> Result<PathBuf> {
     let wiring = chosen_board()?;
     if features != preset(wiring.chip) {
@@ -77,10 +78,10 @@ pub fn firmware(features: &str) -> Result<PathBuf> {
     Ok(path)
 }
 
-/// Where the firmware of a preset or of a list of features is for a board and a CAN board of `avr-specs/boards.toml`.
+/// The path of the firmware for a board and a CAN board of `avr-specs/boards.toml`, with a preset or a list of features.
 ///
 /// # Errors
-/// If there is no such board, or the firmware has not been built; the message says which there are, or how to build it.
+/// If the table has no such board, or the file does not exist; the message lists the boards, or says how to build the file.
 pub fn firmware_for(board: &str, shield: &str, features: &str) -> Result<PathBuf> {
     let path = built(&Wiring::of(board, shield)?, features);
     ensure!(
@@ -91,10 +92,10 @@ pub fn firmware_for(board: &str, shield: &str, features: &str) -> Result<PathBuf
     Ok(path)
 }
 
-/// Where `make boot` leaves the bootloader of a board.
+/// The path of the bootloader that `make boot` builds for a board.
 ///
 /// # Errors
-/// If it has not been built; the message says how to.
+/// If the file does not exist; the message says how to build it.
 pub fn bootloader(wiring: &Wiring) -> Result<PathBuf> {
     let Wiring { board, shield, .. } = wiring;
     let path = target_dir().join(format!("firmware/boot-{board}-{shield}.hex"));
@@ -102,7 +103,7 @@ pub fn bootloader(wiring: &Wiring) -> Result<PathBuf> {
     Ok(path)
 }
 
-/// Where scripts/firmware leaves an ELF. The name of the chip's default preset is left out.
+/// The path of an ELF file that scripts/firmware builds. The file name leaves out the default preset of the chip.
 fn built(wiring: &Wiring, features: &str) -> PathBuf {
     let Wiring { board, shield, chip, .. } = wiring;
     let mut names: Vec<&str> = features.split(',').collect();
@@ -117,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_firmware_that_is_missing_is_named_with_what_builds_it() {
+    fn the_error_of_a_missing_firmware_says_how_to_build_it() {
         let error = firmware("stats,no-such").unwrap_err().to_string();
         assert!(error.contains("firmware/diecimila-seeed-no-such+stats.elf is missing"), "{error}");
         assert!(
@@ -133,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn the_preset_of_a_board_has_no_name_in_its_file() {
+    fn the_file_name_leaves_out_the_default_preset_of_the_chip() {
         let name = |board: &str, features: &str| {
             let path = built(&Wiring::of(board, "seeed").unwrap(), features);
             path.file_name().unwrap().to_string_lossy().into_owned()

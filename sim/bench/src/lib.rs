@@ -1,7 +1,7 @@
 //! Simulated boards on a simulated CAN bus, for tests of firmware: no screen, no network.
 //!
-//! [`Bench`] runs [boards](board) and other stations on one bus. A board is an AVR, an MCP2515 and what is wired to them
-//! ([`wiring`]); [`autopilot`] commands it as ArduPilot and PX4 do.
+//! [`Bench`] runs [boards](board) and other stations on one bus. A board has an AVR, an MCP2515, and the parts that [`wiring`]
+//! connects to them. [`autopilot`] commands it like ArduPilot or PX4.
 
 #![forbid(unsafe_code)]
 
@@ -14,7 +14,7 @@ pub mod firmware;
 pub mod lm35;
 pub mod wiring;
 
-/// The models below, and the DroneCAN of the stations around the board.
+/// The models of the chips and of the bus, and the DroneCAN code of the other stations.
 pub use {avr_model as avr, can_model as can, dronecan_host as dronecan, mcp2515_model as mcp2515};
 
 pub use bench::Bench;

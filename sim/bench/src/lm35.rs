@@ -1,10 +1,10 @@
-//! The temperature sensor LM35: 10 mV per degree Celsius, and nothing below 0 °C without a negative supply (its datasheet).
+//! The temperature sensor LM35: 10 mV per degree Celsius, and 0 V below 0 °C without a negative supply (its datasheet).
 //!
-//! Another sensor is a file like this one, and the line in `board.rs` that says which is wired.
+//! For another sensor, write a file like this one, and change the line `use crate::lm35 as sensor` in `board.rs`.
 
 const MICROVOLTS_PER_DEGREE: f64 = 10_000.0;
 
-/// The voltage at a temperature.
+/// Output voltage in microvolts at a temperature in degrees Celsius.
 pub fn microvolts(celsius: f64) -> u32 {
     (celsius.max(0.0) * MICROVOLTS_PER_DEGREE).round() as u32
 }

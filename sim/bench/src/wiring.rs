@@ -1,7 +1,7 @@
-//! How a board is wired: its chip, the pins of the CAN board and of what else is on it, and the crystal of the MCP2515.
+//! The wiring of a board: its chip, the pins of its signals, and the crystal of the MCP2515.
 //!
-//! An ELF of this project has a section `.board`, which is not loaded, with lines `key=value`. Anybody else's program is wired as the
-//! command line says. The names of boards and CAN boards are those of `avr-specs/boards.toml`.
+//! An ELF file of this project has a section `.board`, which is not loaded, with lines `key=value`. For other programs, options on
+//! the command line set the wiring. `avr-specs/boards.toml` has the names of boards and CAN boards.
 
 use crate::avr::{Chip, Firmware, Oc, value_of};
 use anyhow::{Context, Result, bail, ensure};
@@ -12,13 +12,13 @@ use toml::{Table, Value};
 
 const TABLE: &str = include_str!("../../../avr-specs/boards.toml");
 
-/// Bit rates that a node can have, the highest first.
+/// Bit rates of nodes, the highest first.
 pub const BIT_RATES: [u32; 4] = [1_000_000, 500_000, 250_000, 125_000];
-/// Clocks that an MCP2515 can have, in MHz (DS20001801J section 13).
+/// Oscillator frequencies that the MCP2515 allows, in MHz (DS20001801J section 13).
 const CRYSTALS_MHZ: std::ops::RangeInclusive<u32> = 1..=40;
 /// Oscillator periods of the shortest bit: 5 time quanta of 2 periods (DS20001801J sections 5.1 and 5.2).
 const SHORTEST_BIT_PERIODS: u32 = 10;
-/// Pins of the serial port and of the SPI, and what they are.
+/// Pins of the serial port and of the SPI, and their signals.
 const TAKEN: [(&str, &str); 5] =
     [("D0", "the serial port"), ("D1", "the serial port"), ("D11", "MOSI"), ("D12", "MISO"), ("D13", "SCK")];
 
@@ -40,7 +40,7 @@ impl Pin {
         self.bit
     }
 
-    /// The output of Timer1 on this pin.
+    /// The output of Timer1 on this pin, if it has one.
     pub fn timer1_output(self) -> Option<Oc> {
         match (self.port, self.bit) {
             ('B', 1) => Some(Oc::A),
@@ -49,7 +49,7 @@ impl Pin {
         }
     }
 
-    /// The ADC's channel on this pin.
+    /// The ADC channel of this pin, if it has one.
     pub fn adc_channel(self) -> Option<u8> {
         (self.port == 'C').then_some(self.bit)
     }
@@ -86,27 +86,27 @@ pub struct PowerPins {
     pub current: Pin,
 }
 
-/// See the module.
+/// The wiring of a board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wiring {
-    /// Name in the table, such as "uno".
+    /// Name of the board in the table, such as "uno".
     pub board: String,
-    /// Name in the table, such as "module".
+    /// Name of the CAN board in the table, such as "module".
     pub shield: String,
     pub chip: Chip,
     /// Chip select of the MCP2515.
     pub cs: Pin,
     /// Interrupt output of the MCP2515.
     pub int: Pin,
-    /// Crystal of the MCP2515.
+    /// Frequency of the MCP2515's crystal.
     pub crystal_mhz: u32,
     pub servo: Pin,
-    /// Outputs 2 and up, if the program has them.
+    /// Output 2 and the further outputs; empty if the program has one output.
     pub outputs: Vec<Pin>,
     pub light: Option<Pin>,
     pub button: Option<Pin>,
     pub sensor: Pin,
-    /// None in a program that does not measure a circuit.
+    /// `None` if the program does not measure a circuit.
     pub power: Option<PowerPins>,
 }
 
@@ -122,7 +122,7 @@ impl Wiring {
     /// The wiring of a board with a CAN board.
     ///
     /// # Errors
-    /// If the table has not both; the message lists the right names.
+    /// If the table does not have both; the message lists the right names.
     pub fn of(board: &str, shield: &str) -> Result<Wiring> {
         let chip = text(field(entry("boards", board)?, "chip"), "chip");
         let pins = &table()["pins"];
@@ -131,7 +131,7 @@ impl Wiring {
             board: board.to_owned(),
             shield: String::new(),
             chip: chip.parse().map_err(anyhow::Error::msg)?,
-            // The CAN board has the last word about these four.
+            // `set_shield` below sets these four.
             cs: pin("button")?,
             int: pin("button")?,
             crystal_mhz: 0,
@@ -147,20 +147,20 @@ impl Wiring {
         Ok(wiring)
     }
 
-    /// The wiring that a program is for: what its section `.board` says, else the default with the chip that the program is for.
+    /// The wiring for a program: that of its section `.board`, else the default wiring with the chip of the program.
     ///
     /// # Errors
-    /// If the section is wrong, or the simulator does not know the chip.
+    /// If the section is invalid, or the simulator does not know the chip.
     pub fn of_program(firmware: &Firmware) -> Result<Wiring> {
         let mut wiring = Wiring::of_section(firmware.board.as_deref())?;
         wiring.chip = firmware.chip()?.unwrap_or(wiring.chip);
         Ok(wiring)
     }
 
-    /// The wiring in a section `.board`; the default without one.
+    /// The wiring in a section `.board`; the default wiring without a section.
     ///
     /// # Errors
-    /// As [`Wiring::parse`].
+    /// Those of [`Wiring::parse`].
     pub fn of_section(section: Option<&[u8]>) -> Result<Wiring> {
         section.map_or_else(|| Ok(Wiring::default()), Wiring::parse)
     }
@@ -168,7 +168,7 @@ impl Wiring {
     /// Reads the section `.board` of an ELF file.
     ///
     /// # Errors
-    /// If a value is missing or wrong; the message says which.
+    /// If a value is missing or invalid; the message names it.
     pub fn parse(section: &[u8]) -> Result<Wiring> {
         std::str::from_utf8(section).context("the section .board is not text")?;
         let value = |key: &str| value_of(section, key);
@@ -198,10 +198,10 @@ impl Wiring {
         Ok(wiring)
     }
 
-    /// Checks that each signal has a pin that can carry it, and no two have the same.
+    /// Checks that each signal is on a pin with the function that it needs, and that no two signals share a pin.
     ///
     /// # Errors
-    /// If not; the message says which signal.
+    /// If a signal fails the check; the message names it.
     pub fn check(&self) -> Result<()> {
         ensure!(
             self.servo.timer1_output().is_some(),
@@ -229,20 +229,20 @@ impl Wiring {
         Ok(())
     }
 
-    /// Takes another board.
+    /// Changes the board, and with it the chip.
     ///
     /// # Errors
-    /// If the table has none of that name; the message lists the right names.
+    /// If the table has no board of this name; the message lists the right names.
     pub fn set_board(&mut self, name: &str) -> Result<()> {
         let other = Wiring::of(name, &text(&table()["default_shield"], "default_shield"))?;
         (self.board, self.chip) = (other.board, other.chip);
         Ok(())
     }
 
-    /// Takes another CAN board, and gives the other signals pins that it leaves free.
+    /// Changes the CAN board, and moves the other signals to pins that it leaves free.
     ///
     /// # Errors
-    /// If the table has none of that name; the message lists the right names.
+    /// If the table has no CAN board of this name; the message lists the right names.
     pub fn set_shield(&mut self, name: &str) -> Result<()> {
         let shield = entry("shields", name)?;
         let pin = |key: &str| text(field(shield, key), key).parse().map_err(anyhow::Error::msg);
@@ -253,28 +253,28 @@ impl Wiring {
         Ok(())
     }
 
-    /// Puts CS on another pin, and what was there elsewhere: the servo on the first output of Timer1 that is free.
+    /// Moves CS to another pin. The servo gets the first free output of Timer1; a light, a button or an input on the pin gives way.
     pub fn set_cs(&mut self, cs: Pin) {
         self.cs = cs;
         let outputs = field(&table()["pins"], "servo").as_array().into_iter().flatten();
         let mut outputs = outputs.filter_map(|pin| pin.as_str()?.parse().ok());
         self.servo = outputs.find(|pin| *pin != cs).unwrap_or(self.servo);
-        self.free(cs);
+        self.make_free(cs);
     }
 
-    /// Puts INT on another pin, from which it drives a light, a button or an input away.
+    /// Moves INT to another pin. A light, a button or an input on the pin gives way.
     pub fn set_int(&mut self, int: Pin) {
         self.int = int;
-        self.free(int);
+        self.make_free(int);
     }
 
-    fn free(&mut self, pin: Pin) {
+    fn make_free(&mut self, pin: Pin) {
         self.light = self.light.filter(|light| *light != pin);
         self.button = self.button.filter(|button| *button != pin);
         self.power = self.power.map(|_| self.free_power_pins());
     }
 
-    /// The first two inputs of the table's list that CS and INT leave free.
+    /// The first two pins of the table's list `power` that CS and INT leave free.
     fn free_power_pins(&self) -> PowerPins {
         let pins = field(&table()["pins"], "power").as_array().into_iter().flatten();
         let pins = pins.filter_map(|pin| pin.as_str()?.parse().ok());
@@ -283,45 +283,45 @@ impl Wiring {
         PowerPins { voltage: next(), current: next() }
     }
 
-    /// Frequency of the MCP2515's crystal.
+    /// Frequency of the MCP2515's crystal in Hz.
     pub fn crystal_hz(&self) -> u32 {
         self.crystal_mhz * 1_000_000
     }
 
-    /// The highest of the usual bit rates that the MCP2515 can do with its crystal, which is the default of a node.
+    /// The highest bit rate of [`BIT_RATES`] that the MCP2515 reaches with its crystal: the default of a node.
     pub fn fastest_bit_rate(&self) -> u32 {
         let can = |rate: &u32| rate * SHORTEST_BIT_PERIODS <= self.crystal_hz();
         let [.., slowest] = BIT_RATES;
         BIT_RATES.into_iter().find(can).unwrap_or(slowest)
     }
 
-    /// The board, in a word or two.
+    /// Short name of the board.
     pub fn board_name(&self) -> &str {
         if self.board_entry().is_some() { &self.board } else { "Arduino" }
     }
 
-    /// The board, in full.
+    /// Full name of the board.
     pub fn board_title(&self) -> String {
         self.board_entry().map_or(String::from("Arduino"), |entry| text(field(entry, "title"), "title"))
     }
 
-    /// The CAN board, in a word or two.
+    /// Short name of the CAN board.
     pub fn shield_name(&self) -> &str {
         if self.shield_entry().is_some() { &self.shield } else { "MCP2515 board" }
     }
 
-    /// The CAN board, in full.
+    /// Full name of the CAN board.
     pub fn shield_title(&self) -> String {
         self.shield_entry().map_or(String::from("MCP2515 board"), |entry| text(field(entry, "title"), "title"))
     }
 
-    /// The entry of the board, if it has the chip of this wiring.
+    /// The board's entry in the table; `None` if the chip differs.
     fn board_entry(&self) -> Option<&'static Value> {
         let entry = table()["boards"].get(&self.board)?;
         (entry.get("chip")?.as_str()? == self.chip.name()).then_some(entry)
     }
 
-    /// The entry of the CAN board, if it is wired so.
+    /// The CAN board's entry in the table; `None` if a pin or the crystal differs.
     fn shield_entry(&self) -> Option<&'static Value> {
         let entry = table()["shields"].get(&self.shield)?;
         let is = |key: &str, pin: Pin| entry.get(key).and_then(Value::as_str) == Some(pin.to_string().as_str());
@@ -330,7 +330,7 @@ impl Wiring {
     }
 }
 
-/// Everything in one line: "Arduino Uno (ATmega328P), SparkFun CAN-Bus shield: CS D10, INT D2, crystal 16 MHz, servo D9, ...".
+/// The whole wiring in one line: "Arduino Uno (ATmega328P), SparkFun CAN-Bus shield: CS D10, INT D2, crystal 16 MHz, servo D9, ...".
 impl fmt::Display for Wiring {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} ({}), {}: ", self.board_title(), self.chip, self.shield_title())?;
@@ -353,10 +353,10 @@ impl fmt::Display for Wiring {
 /// Reads the frequency of a crystal in MHz.
 ///
 /// # Errors
-/// If no MCP2515 runs with it.
+/// If the MCP2515 does not allow the frequency.
 pub fn crystal_mhz(text: &str) -> Result<u32, String> {
     let number = text.parse().ok().filter(|mhz| CRYSTALS_MHZ.contains(mhz));
-    number.ok_or_else(|| format!("\"{text}\" is no crystal of an MCP2515: use MHz, 8 or 16"))
+    number.ok_or_else(|| format!("\"{text}\" is not a crystal for an MCP2515: use MHz, 8 or 16"))
 }
 
 /// Reads two pins with a comma between them: voltage and current.
@@ -365,7 +365,7 @@ fn power_pins(text: &str) -> Result<PowerPins, String> {
     Ok(PowerPins { voltage: voltage.parse()?, current: current.parse()? })
 }
 
-/// The name of the preset that a chip's firmware has by default.
+/// Name of the default preset of features for a chip.
 pub fn preset(chip: Chip) -> String {
     let chip = entry("chips", chip.name()).expect("the table has every chip");
     text(field(chip, "preset"), "preset")
@@ -379,7 +379,7 @@ fn table() -> &'static Table {
 
 /// An entry of one of the tables in the file.
 fn entry(kind: &str, name: &str) -> Result<&'static Value> {
-    let entries = table()[kind].as_table().with_context(|| format!("avr-specs/boards.toml: {kind} is no table"))?;
+    let entries = table()[kind].as_table().with_context(|| format!("avr-specs/boards.toml: {kind} is not a table"))?;
     entries.get(name).with_context(|| {
         let what = match kind {
             "boards" => "board",
@@ -396,12 +396,12 @@ fn field<'a>(entry: &'a Value, key: &str) -> &'a Value {
 }
 
 fn text(value: &Value, key: &str) -> String {
-    value.as_str().unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is no text")).to_owned()
+    value.as_str().unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is not a text")).to_owned()
 }
 
 fn integer(entry: &Value, key: &str) -> u32 {
     let number = field(entry, key).as_integer().and_then(|number| number.try_into().ok());
-    number.unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is no number"))
+    number.unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is not a number"))
 }
 
 #[cfg(test)]
@@ -412,12 +412,12 @@ mod tests {
         text.parse().unwrap()
     }
 
-    /// As the firmware has it.
+    /// The section `.board` of the firmware for an Uno with a module.
     const UNO: &str = "board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\nservo=D9\nlight=D3\nbutton=D4\n\
                        sensor=A0\npower=A4,A5\n";
 
     #[test]
-    fn pins_are_named_as_on_the_arduino() {
+    fn pins_have_the_names_of_the_arduino() {
         for (name, port, bit) in [("D0", 'D', 0), ("D7", 'D', 7), ("D8", 'B', 0), ("D13", 'B', 5), ("A5", 'C', 5)] {
             assert_eq!((pin(name).port(), pin(name).bit(), pin(name).to_string().as_str()), (port, bit, name));
         }
@@ -486,11 +486,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_in_the_section_is_named() {
+    fn the_error_of_an_invalid_section_names_the_value() {
         for (line, other, expected) in [
             ("cs=D10", "cs=D99", "cs: there is no pin \"D99\""),
             ("mcu=atmega328p", "mcu=8051", "use atmega168 or atmega328p"),
-            ("crystal_mhz=8", "crystal_mhz=0", "\"0\" is no crystal"),
+            ("crystal_mhz=8", "crystal_mhz=0", "\"0\" is not a crystal"),
             ("int=D2", "", "has no int"),
             ("int=D2", "int=D10", "INT is on D10, which is CS's"),
             ("int=D2", "int=D13", "INT is on D13, which is SCK's"),
@@ -520,7 +520,7 @@ mod tests {
     }
 
     #[test]
-    fn cs_and_int_drive_the_others_from_their_pins() {
+    fn other_signals_give_way_to_cs_and_int() {
         let mut wiring = Wiring::of("uno", "seeed").unwrap();
         wiring.set_cs(pin("D10"));
         assert_eq!(wiring.servo, pin("D9"));

@@ -356,7 +356,7 @@ fn a_program_s_section_says_how_its_board_is_wired() {
     let error =
         read(Chip::Atmega328p, "label", &["CRYSTAL=80"]).and_then(|wrong| Wiring::of_program(&wrong)).unwrap_err();
     let error = format!("{error:#}");
-    assert!(error.contains("the section .board: crystal_mhz: \"80\" is no crystal"), "{error}");
+    assert!(error.contains("the section .board: crystal_mhz: \"80\" is not a crystal"), "{error}");
 }
 
 /// LDS r24, ADDRESS; STS ADDRESS, r24; RJMP to itself.

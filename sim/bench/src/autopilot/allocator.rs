@@ -1,51 +1,51 @@
-//! Gives node IDs to those who ask (specification, chapter 6, "Dynamic node ID allocation": the centralized allocator).
+//! A centralized allocator of node IDs (specification, chapter 6, "Dynamic node ID allocation").
 //!
-//! A node sends its unique ID in three anonymous messages; after each, the allocator repeats all that it has so far, and with
-//! the last repetition it grants an ID. It serves one node at a time: a new request replaces one in progress.
-//! An ID stays with its unique ID for as long as the allocator lives.
+//! A node sends its unique ID in three anonymous messages. After each, the allocator broadcasts the bytes that it has so far.
+//! With the last broadcast it grants an ID. It serves one node at a time: a new request replaces the one in progress. Until the
+//! end of the run the same unique ID gets the same node ID.
 
 use crate::dronecan::{Allocation, NodeId};
 use crate::{Cycles, F_CPU_HZ};
 
-/// The node goes on within this time, or begins again (DSDL 1.Allocation.uavcan, FOLLOWUP_TIMEOUT_MS).
+/// Time in which the node must send its next message, or begin again (DSDL 1.Allocation.uavcan, FOLLOWUP_TIMEOUT_MS).
 const FOLLOWUP_TIMEOUT: Cycles = F_CPU_HZ / 2;
-/// Bytes of the unique ID before and in each of the three requests.
+/// For each of the three requests: the number of bytes of the unique ID before it, and in it.
 const STAGES: [(usize, usize); 3] = [(0, 6), (6, 6), (12, 4)];
 const UNIQUE_ID_LEN: usize = 16;
-/// Highest ID to grant: those above are for tools.
+/// Highest ID to grant: 126 and 127 are for tools.
 const HIGHEST: u8 = 125;
 
-/// See the module.
+/// A centralized allocator of node IDs.
 #[derive(Clone, Debug)]
 pub struct Allocator {
-    /// What has been granted.
+    /// Unique IDs and the node IDs granted to them.
     granted: Vec<([u8; UNIQUE_ID_LEN], NodeId)>,
-    /// IDs of nodes that have one already.
+    /// IDs that other nodes use already.
     taken: Vec<NodeId>,
     so_far: Vec<u8>,
     heard_at: Cycles,
 }
 
 impl Allocator {
-    /// One that has granted nothing, and will never grant its own ID.
+    /// An allocator that has granted nothing. It never grants `own`, its own ID.
     pub fn new(own: NodeId) -> Allocator {
         Allocator { granted: Vec::new(), taken: vec![own], so_far: Vec::new(), heard_at: 0 }
     }
 
-    /// A node with this ID is on the bus.
-    pub fn seen(&mut self, id: NodeId) {
+    /// Notes that a node with this ID is on the bus.
+    pub fn add_taken(&mut self, id: NodeId) {
         if !self.taken.contains(&id) {
             self.taken.push(id);
         }
     }
 
-    /// Unique IDs and what they were given.
+    /// Unique IDs and the node IDs granted to them.
     pub fn granted(&self) -> &[([u8; UNIQUE_ID_LEN], NodeId)] {
         &self.granted
     }
 
-    /// Hears an anonymous request at `at`; the answer to broadcast, if it calls for one.
-    pub fn hear(&mut self, request: &Allocation, at: Cycles) -> Option<Allocation> {
+    /// Processes an anonymous request at time `at`. Returns the answer to broadcast; `None` if the request does not fit.
+    pub fn answer(&mut self, request: &Allocation, at: Cycles) -> Option<Allocation> {
         if at.saturating_sub(self.heard_at) > FOLLOWUP_TIMEOUT || request.first_part {
             self.so_far.clear();
         }
@@ -63,8 +63,8 @@ impl Allocator {
         Some(answer)
     }
 
-    /// The ID for a unique ID: that of the last time, or the free one next to what it prefers, first upwards. `None` if all
-    /// are taken.
+    /// The ID for a unique ID: the one granted before, or the free one nearest to `preferred`, first upwards and then
+    /// downwards. `None` if no ID is free.
     fn grant(&mut self, unique_id: [u8; UNIQUE_ID_LEN], preferred: u8) -> Option<NodeId> {
         if let Some((_, id)) = self.granted.iter().find(|(known, _)| *known == unique_id) {
             return Some(*id);
@@ -91,7 +91,7 @@ mod tests {
         (first..first + 16).collect()
     }
 
-    /// The three requests of a node with that unique ID.
+    /// The three requests of a node with this unique ID.
     fn requests(unique_id: &[u8], preferred: u8) -> [Allocation; 3] {
         STAGES.map(|(at, len)| Allocation {
             node_id: preferred,
@@ -102,7 +102,7 @@ mod tests {
 
     #[track_caller]
     fn allocate(allocator: &mut Allocator, unique_id: &[u8], preferred: u8) -> u8 {
-        let mut answers = requests(unique_id, preferred).map(|request| allocator.hear(&request, MS).unwrap());
+        let mut answers = requests(unique_id, preferred).map(|request| allocator.answer(&request, MS).unwrap());
         for (answer, known) in answers.iter().zip([6, 12, 16]) {
             assert_eq!(answer.unique_id, unique_id[..known]);
             assert!(!answer.first_part && (answer.node_id == 0) == (known < 16));
@@ -122,7 +122,7 @@ mod tests {
     #[test]
     fn a_preferred_id_is_granted_if_it_is_free() {
         let mut allocator = allocator();
-        allocator.seen(NodeId::new(42).unwrap());
+        allocator.add_taken(NodeId::new(42).unwrap());
         assert_eq!(allocate(&mut allocator, &unique_id(0), 55), 55);
         assert_eq!(allocate(&mut allocator, &unique_id(1), 42), 43);
         assert_eq!(allocate(&mut allocator, &unique_id(2), 125), 125);
@@ -133,27 +133,27 @@ mod tests {
     fn a_follow_up_that_does_not_fit_or_comes_late_is_not_answered() {
         let mut allocator = allocator();
         let [first, second, third] = requests(&unique_id(0), 0);
-        assert_eq!(allocator.hear(&second, 0), None);
-        assert!(allocator.hear(&first, 0).is_some());
-        assert_eq!(allocator.hear(&third, 0), None);
-        assert_eq!(allocator.hear(&second, FOLLOWUP_TIMEOUT + 1), None);
-        assert!(allocator.hear(&first, 600 * MS).is_some());
-        assert!(allocator.hear(&second, 600 * MS + FOLLOWUP_TIMEOUT).is_some());
+        assert_eq!(allocator.answer(&second, 0), None);
+        assert!(allocator.answer(&first, 0).is_some());
+        assert_eq!(allocator.answer(&third, 0), None);
+        assert_eq!(allocator.answer(&second, FOLLOWUP_TIMEOUT + 1), None);
+        assert!(allocator.answer(&first, 600 * MS).is_some());
+        assert!(allocator.answer(&second, 600 * MS + FOLLOWUP_TIMEOUT).is_some());
     }
 
     #[test]
-    fn who_begins_takes_the_place_of_one_that_had_begun() {
+    fn a_new_request_replaces_one_in_progress() {
         let mut allocator = allocator();
         let [first, second, _] = requests(&unique_id(0), 0);
-        assert!(allocator.hear(&first, 0).is_some() && allocator.hear(&second, 0).is_some());
+        assert!(allocator.answer(&first, 0).is_some() && allocator.answer(&second, 0).is_some());
         assert_eq!(allocate(&mut allocator, &unique_id(7), 0), 125);
     }
 
     #[test]
-    fn when_all_ids_are_taken_nobody_gets_one() {
+    fn when_all_ids_are_taken_none_is_granted() {
         let mut allocator = allocator();
-        (1..=125).filter_map(NodeId::new).for_each(|id| allocator.seen(id));
-        let answers = requests(&unique_id(0), 0).map(|request| allocator.hear(&request, MS));
+        (1..=125).filter_map(NodeId::new).for_each(|id| allocator.add_taken(id));
+        let answers = requests(&unique_id(0), 0).map(|request| allocator.answer(&request, MS));
         assert!(answers[1].is_some() && answers[2].is_none());
     }
 }

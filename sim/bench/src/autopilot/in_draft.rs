@@ -1,4 +1,4 @@
-//! What the autopilot says and hears in the draft of 2014: its status, its commands, and who it is.
+//! The messages of the autopilot in the draft of 2014: status, commands and GetNodeInfo.
 
 use super::{ANSWER_DELAY, Autopilot, CommandType, thesis_position};
 use crate::Cycles;
@@ -8,11 +8,11 @@ use crate::dronecan::draft::{ActuatorCommand, DataType, Message, NodeStatus, Rou
 use half::f16;
 
 impl Autopilot {
-    pub(super) fn react_in_draft(&mut self, at: Cycles, transfer: &Transfer, message: Message) {
+    pub(super) fn handle_in_draft(&mut self, at: Cycles, transfer: &Transfer, message: Message) {
         match (message, transfer.route) {
-            (Message::NodeStatus(status), _) => self.see(at, transfer.source, status.uptime_s),
-            (Message::NodeInfoRequest, Route::Request(asked)) if self.is_me(asked) => {
-                let info = Message::NodeInfo(Box::new(self.information(self.condition_in_draft(at))));
+            (Message::NodeStatus(status), _) => self.handle_status(at, transfer.source, status.uptime_s),
+            (Message::NodeInfoRequest, Route::Request(asked)) if self.is_own_id(asked) => {
+                let info = Message::NodeInfo(Box::new(self.information(self.node_status_in_draft(at))));
                 let answer =
                     frames(&info, self.settings.node_id, Route::Response(transfer.source), transfer.transfer_id);
                 self.answers.push_back((at + ANSWER_DELAY, answer));
@@ -21,13 +21,13 @@ impl Autopilot {
         }
     }
 
-    /// In the six bytes of 2015-03-19.
-    fn condition_in_draft(&self, at: Cycles) -> NodeStatus {
+    /// NodeStatus in its form of 2015-03-19, with six bytes.
+    fn node_status_in_draft(&self, at: Cycles) -> NodeStatus {
         NodeStatus { uptime_s: self.uptime_s(at), vendor_code: VendorCode::Short(0), ..NodeStatus::default() }
     }
 
     pub(super) fn status_in_draft(&self, at: Cycles) -> Message {
-        Message::NodeStatus(self.condition_in_draft(at))
+        Message::NodeStatus(self.node_status_in_draft(at))
     }
 
     pub(super) fn command_in_draft(&self, at: Cycles) -> Message {
@@ -43,7 +43,7 @@ impl Autopilot {
 
     pub(super) fn broadcast_in_draft(&mut self, message: &Message) -> Vec<Frame> {
         let (DataType { id, .. }, _) = message.encode().expect("only encodable messages are made");
-        // What is not sent takes no number.
+        // A message that is not sent uses no transfer ID.
         let transfer_id = match self.mute {
             true => TransferId::default(),
             false => self.draft_transfers.entry(*id).or_default().advance(),

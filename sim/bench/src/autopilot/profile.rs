@@ -1,4 +1,4 @@
-//! What the flight controllers that people use put on the bus: numbers, priorities, rates.
+//! Profiles of common flight controllers: the IDs, priorities and rates of their messages.
 //!
 //! Sources: ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator, SRV_send_esc, safety_state_send, init);
 //! PX4, src/drivers/uavcan/actuators/servo.cpp at f929353e, esc.cpp at 000f5fdb and arming_status.cpp; priorities of libcanard's
@@ -9,41 +9,41 @@ use crate::dronecan::{Dialect, NodeId};
 use crate::{Cycles, F_CPU_HZ};
 use std::fmt;
 
-/// Which flight controller the autopilot is like.
+/// The flight controller that an autopilot imitates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Profile {
-    /// No particular one: one command in each message, of any type, and nothing but commands and its status.
+    /// No particular one: sends its status, and one command of any type in each message.
     #[default]
     Plain,
-    /// The thesis's: as plain, with the thesis's own commands. In the draft it is the one that the thesis had.
+    /// The autopilot of the thesis: like plain, but with the thesis's own commands.
     Thesis,
-    /// ArduPilot of today: 15 commands in each message, actuators 1 to 15, -1 to +1; armed or not, and the safety switch.
+    /// ArduPilot: 15 commands in each message, for actuators 1 to 15, -1 to +1; ArmingStatus and SafetyState.
     Ardupilot,
     /// ArduPilot with the option to command pulse widths (CAN_Dn_UC_OPTION, bit 4).
     ArdupilotPwm,
-    /// PX4: 8 commands in each message, actuators 0 to 7, -1 to +1; armed or not.
+    /// PX4: 8 commands in each message, for actuators 0 to 7, -1 to +1; ArmingStatus.
     Px4,
-    /// No autopilot: an outside client is to be the only commander.
+    /// No autopilot: only other programs command the node.
     None,
 }
 
-/// How a profile commands several actuators with one message.
+/// First ID and number of the actuators that a profile commands with one message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Array {
     pub first: u8,
     pub count: u8,
 }
 
-/// How a profile commands motors.
+/// Command for motors of a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Motors {
     pub priority: u8,
-    /// The lowest command while armed.
+    /// Lowest command while armed.
     pub idle: i16,
 }
 
 impl Profile {
-    /// Its usual node ID.
+    /// Usual node ID.
     pub fn node_id(self) -> NodeId {
         let id = match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => 10,
@@ -52,7 +52,7 @@ impl Profile {
         NodeId::new(id).expect("a node ID")
     }
 
-    /// The name in its GetNodeInfo response.
+    /// Name in the GetNodeInfo response.
     pub(super) fn name(self) -> &'static str {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => "org.ardupilot:0",
@@ -61,7 +61,7 @@ impl Profile {
         }
     }
 
-    /// Commands of all its actuators go in one message; `None` if it commands just one.
+    /// The actuators whose commands are in one message; `None` if each message has one command.
     pub(super) fn array(self) -> Option<Array> {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => Some(Array { first: 1, count: 15 }),
@@ -70,12 +70,12 @@ impl Profile {
         }
     }
 
-    /// True if it commands all its actuators with one message.
+    /// True if one message commands all actuators.
     pub fn commands_several(self) -> bool {
         self.array().is_some()
     }
 
-    /// Actuators that it can command.
+    /// IDs of the actuators that the profile can command.
     pub fn actuators(self) -> std::ops::RangeInclusive<u8> {
         match self.array() {
             Some(Array { first, count }) => first..=first + count - 1,
@@ -83,7 +83,7 @@ impl Profile {
         }
     }
 
-    /// The types of its commands in a dialect, the usual one first; none if it does not speak that dialect.
+    /// Command types in a dialect, the usual one first; empty if the profile does not support the dialect.
     pub fn command_types(self, dialect: Dialect) -> &'static [CommandType] {
         use CommandType::{Position, Pwm, Thesis, Unitless};
         match (self, dialect) {
@@ -97,8 +97,8 @@ impl Profile {
         }
     }
 
-    /// Motors that it can command: the elements of a RawCommand for ArduPilot, and the ESCs that PX4 knows (CONNECTED_ESC_MAX).
-    /// None for those that do not say whether the vehicle is armed.
+    /// Most motors that the profile can command: for ArduPilot the elements of a RawCommand, for PX4 its CONNECTED_ESC_MAX; 0 for
+    /// profiles that do not send ArmingStatus.
     pub fn motors_max(self) -> u8 {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => 20,
@@ -107,8 +107,8 @@ impl Profile {
         }
     }
 
-    /// ArduPilot's is one above that of its ArrayCommand, PX4's the highest. PX4 keeps motors turning while armed
-    /// (UAVCAN_EC_MINn 1).
+    /// Command for motors. ArduPilot's priority is one above that of its ArrayCommand, PX4's is the highest. PX4 keeps motors
+    /// turning while armed (UAVCAN_EC_MINn 1).
     pub(super) fn motors(self) -> Option<Motors> {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => Some(Motors { priority: 7, idle: 0 }),
@@ -140,12 +140,12 @@ impl Profile {
         }
     }
 
-    /// Whether SafetyState goes with it.
+    /// True if the profile sends SafetyState with ArmingStatus.
     pub(super) fn has_safety_switch(self) -> bool {
         matches!(self, Profile::Ardupilot | Profile::ArdupilotPwm)
     }
 
-    /// Priority of its requests to nodes that it has not seen before, if it makes them.
+    /// Priority of GetNodeInfo requests to new nodes; `None` if the profile sends none.
     pub(super) fn request_priority(self) -> Option<u8> {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => Some(16),
