@@ -1,4 +1,4 @@
-//! Somebody else's program in the program `sim`: the recipe "Run your own firmware" of docs/bench.md.
+//! Tests of `sim` with programs of other projects: the recipe "Run your own firmware" of docs/bench.md.
 
 mod links;
 
@@ -36,7 +36,7 @@ fn lines(output: &Output) -> String {
 }
 
 #[track_caller]
-fn refused(output: &Output) -> String {
+fn error_text(output: &Output) -> String {
     assert!(!output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
@@ -53,7 +53,7 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
     let (program, log) = (elf_for(&scratch, "uno", "atmega328p"), scratch.path("frames.log"));
     let log_option = ["--log", log.to_str().unwrap()];
     for options in [&UNO[..], &UNO[2..], &["--board", "uno", "--shield", "module"]] {
-        let said = lines(&sim(&program, &[options, &log_option].concat()));
+        let output = lines(&sim(&program, &[options, &log_option].concat()));
         let text = fs::read_to_string(&log).unwrap();
         let frames: Vec<(f64, &str)> = text.lines().map(frame).collect();
         assert_eq!(frames.len(), 10, "{text}");
@@ -63,11 +63,11 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
         for pair in frames.windows(2) {
             assert!((0.0995..0.1005).contains(&(pair[1].0 - pair[0].0)), "{text}");
         }
-        let (first, rest) = said.split_once('\n').unwrap();
+        let (first, rest) = output.split_once('\n').unwrap();
         assert!(first.contains(" board   Arduino") && first.contains("(ATmega328P)"), "{first}");
         assert!(first.contains("CS D10, INT D2, crystal 8 MHz") && first.ends_with("bus 500 kbit/s"), "{first}");
         assert!(rest.contains("serial  CAN started"), "{rest}");
-        // Limits and stack are for programs that know of them.
+        // Only programs of this project have limits and a measured stack.
         assert!(rest.contains("\nbus             10 frames, 0 error frames, 0 not acknowledged\n"), "{rest}");
         let figure =
             |name: &str| rest.lines().find(|line| line.starts_with(name)).map(|line| line.split_whitespace().count());
@@ -76,131 +76,131 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
 }
 
 #[test]
-fn what_the_board_cannot_do_is_refused_with_the_reason() {
+fn the_error_of_an_option_that_the_board_cannot_fulfil_has_the_reason() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
-    let error = refused(&sim(&program, &[&UNO[..], &["--bit-rate", "1000000"]].concat()));
+    let error = error_text(&sim(&program, &[&UNO[..], &["--bit-rate", "1000000"]].concat()));
     assert!(error.contains("a crystal of 8 MHz does at most 500000 bit/s"), "{error}");
-    let error = refused(&sim(&program, &["--board", "mega"]));
+    let error = error_text(&sim(&program, &["--board", "mega"]));
     assert!(error.contains("no board is called \"mega\": use diecimila, "), "{error}");
-    let error = refused(&sim(&program, &["--shield", "mega"]));
+    let error = error_text(&sim(&program, &["--shield", "mega"]));
     assert!(error.contains("no CAN board is called \"mega\": use module, "), "{error}");
-    let error = refused(&sim(&program, &["--mcu", "mega"]));
+    let error = error_text(&sim(&program, &["--mcu", "mega"]));
     assert!(error.contains("use atmega168 or atmega328p"), "{error}");
-    let error = refused(&sim(&program, &["--cs", "D13"]));
+    let error = error_text(&sim(&program, &["--cs", "D13"]));
     assert!(error.contains("CS is on D13, which is SCK's"), "{error}");
 }
 
-/// The stack begins where the smaller chip has no RAM.
+/// The program's stack begins beyond the RAM of the smaller chip.
 #[test]
 fn a_program_for_a_larger_chip_makes_mistakes_that_are_counted() {
     let scratch = Scratch::new();
     let output = sim_for("100ms", &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
-    assert!(refused(&output).contains("mistakes"));
-    let said = String::from_utf8_lossy(&output.stdout);
-    let expected = "MISTAKE AVR: the program writes 0x08ff, and the RAM of an ATmega168 ends at 0x04ff";
-    assert!(said.contains(expected), "{said}");
+    assert!(error_text(&output).contains("mistakes"));
+    let text = String::from_utf8_lossy(&output.stdout);
+    let expected = "MISTAKE AVR: the program writes 0x08ff, but the RAM of an ATmega168 ends at 0x04ff";
+    assert!(text.contains(expected), "{text}");
 }
 
 #[test]
-fn a_program_without_a_word_about_its_board_runs_on_the_default_one() {
+fn a_program_that_does_not_name_its_board_runs_on_the_default_one() {
     let scratch = Scratch::new();
-    let said = lines(&sim(&elf(&scratch, "echo"), &[]));
-    let first = said.lines().next().unwrap();
+    let text = lines(&sim(&elf(&scratch, "echo"), &[]));
+    let first = text.lines().next().unwrap();
     assert!(first.contains("Arduino Diecimila (ATmega168), Seeed CAN-BUS shield"), "{first}");
     assert!(first.ends_with("bus 1000 kbit/s"), "{first}");
 }
 
-/// What a run prints and writes for `--json`, and its exit code.
+/// The output of a run, its report, and its exit code.
 fn result(scratch: &Scratch, program: &Path, options: &[&str]) -> (String, serde_json::Value, Option<i32>) {
     let path = scratch.path("result.json");
     let output = sim(program, &[options, &["--json", path.to_str().unwrap()]].concat());
     let json = fs::read_to_string(&path).expect("a result");
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    (said, serde_json::from_str(&json).expect("JSON"), output.status.code())
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    (text, serde_json::from_str(&json).expect("JSON"), output.status.code())
 }
 
 #[test]
-fn a_node_at_another_bit_rate_than_the_bus_is_named_with_both_rates() {
+fn the_hint_for_a_node_at_another_bit_rate_has_both_rates() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
-    let (said, result, code) = result(&scratch, &program, &[&UNO[..], &["--bit-rate", "250000"]].concat());
+    let (text, result, code) = result(&scratch, &program, &[&UNO[..], &["--bit-rate", "250000"]].concat());
     let expected = "HINT    the node is at 500 kbit/s, the bus at 250 kbit/s";
-    assert_eq!(said.matches(expected).count(), 1, "{said}");
+    assert_eq!(text.matches(expected).count(), 1, "{text}");
     assert!(result["hints"][0].as_str().unwrap().starts_with(&expected[8..]), "{result}");
-    assert_eq!((code, &result["outcome"]), (Some(0), &"well".into()), "it is no mistake");
+    assert_eq!((code, &result["outcome"]), (Some(0), &"well".into()), "a hint is not a mistake");
 }
 
 #[test]
-fn a_serial_port_at_another_rate_than_the_monitors_is_named() {
+fn there_is_a_hint_for_a_serial_port_at_another_baud_rate() {
     let scratch = Scratch::new();
-    let (said, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=103"]), &UNO);
-    assert_eq!(said.matches("HINT    the UART is at 9600 baud").count(), 1, "{said}");
-    let (said, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=71"]), &UNO);
-    assert!(said.contains("is at 13888 baud, which no serial monitor has"), "{said}");
-    let (said, ..) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
-    assert!(!said.contains("HINT"), "{said}");
+    let (text, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=103"]), &UNO);
+    assert_eq!(text.matches("HINT    the UART is at 9600 baud").count(), 1, "{text}");
+    let (text, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=71"]), &UNO);
+    assert!(text.contains("is at 13888 baud, which no serial monitor has"), "{text}");
+    let (text, ..) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
+    assert!(!text.contains("HINT"), "{text}");
 }
 
 #[test]
-fn another_device_on_the_spi_with_a_chip_select_of_its_own_is_no_mistake() {
+fn another_device_on_the_spi_with_its_own_chip_select_is_not_a_mistake() {
     let scratch = Scratch::new();
     let program = elf_with(&scratch, "uno", "atmega328p", &["SD_CARD"]);
-    let (said, result, code) = result(&scratch, &program, &UNO);
-    assert_eq!(code, Some(0), "{said}");
+    let (text, result, code) = result(&scratch, &program, &UNO);
+    assert_eq!(code, Some(0), "{text}");
     assert_eq!(result["spi"]["bytes_elsewhere"], 60);
-    assert!(!said.contains("MISTAKE") && !said.contains("HINT"), "{said}");
+    assert!(!text.contains("MISTAKE") && !text.contains("HINT"), "{text}");
 }
 
 #[test]
-fn a_frame_that_waits_in_a_mode_that_sends_none_is_named_with_the_mode() {
+fn the_hint_for_a_frame_that_waits_names_the_mode_of_the_controller() {
     let scratch = Scratch::new();
     for (mode, name) in [("MODE=0x80", "configuration"), ("MODE=0x60", "listen-only")] {
-        let (said, _, code) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &[mode]), &UNO);
+        let (text, _, code) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &[mode]), &UNO);
         let expected = format!("HINT    a frame waits to be sent, but the MCP2515 is in {name} mode");
-        assert_eq!((code, said.matches(&expected).count()), (Some(0), 1), "{said}");
+        assert_eq!((code, text.matches(&expected).count()), (Some(0), 1), "{text}");
     }
 }
 
 #[test]
-fn a_chip_select_that_is_another_pin_in_the_program_is_named() {
+fn there_is_a_hint_for_a_chip_select_on_another_pin() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
-    let (said, ..) = result(&scratch, &program, &["--mcu", "atmega328p", "--cs", "D9", "--crystal", "8"]);
-    assert!(said.contains("but CS of the MCP2515 (D9) has never been low"), "{said}");
+    let (text, ..) = result(&scratch, &program, &["--mcu", "atmega328p", "--cs", "D9", "--crystal", "8"]);
+    assert!(text.contains("but CS of the MCP2515 (D9) has never been low"), "{text}");
 }
 
 #[test]
 fn the_result_has_frames_spi_bytes_and_memory() {
     let scratch = Scratch::new();
-    let (said, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
+    let (text, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
     assert_eq!((code, &result["exit_code"], &result["simulated_s"]), (Some(0), &0.into(), &1.0.into()));
     assert_eq!((&result["node"]["frames_sent"], &result["node"]["frames_received"]), (&10.into(), &0.into()));
     assert_eq!((&result["bus"]["frames"], &result["bus"]["bit_rate"]), (&10.into(), &500_000.into()));
-    // A frame is 12 bytes: READ of TXB0CTRL, LOAD TX BUFFER with 8, RTS; and then there is the set-up.
+    // A frame takes 12 bytes: READ of TXB0CTRL, LOAD TX BUFFER with 8, RTS. The rest is the configuration of the MCP2515.
     let bytes = result["spi"]["bytes_per_frame"].as_f64().unwrap();
     assert!((12.0..16.0).contains(&bytes), "{bytes}");
-    assert!(said.contains("bytes in") && said.contains("for 0 frames received and 10 sent"), "{said}");
+    assert!(text.contains("bytes in") && text.contains("for 0 frames received and 10 sent"), "{text}");
     assert!(
-        said.contains("CAN frame 123#A500 (not DroneCAN: 11-bit identifier)") || !said.contains("frame  "),
-        "{said}"
+        text.contains("CAN frame 123#A500 (not DroneCAN: 11-bit identifier)") || !text.contains("frame  "),
+        "{text}"
     );
 }
 
 #[test]
-fn a_mistake_of_many_is_printed_once_with_their_count() {
+fn a_repeated_mistake_is_printed_once_with_its_count() {
     let scratch = Scratch::new();
-    let (said, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
+    let (text, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
     assert_eq!((code, &result["outcome"], &result["exit_code"]), (Some(1), &"mistakes".into(), &1.into()));
     let kinds = result["mistakes"].as_array().unwrap().len();
-    assert_eq!(said.matches(" MISTAKE ").count(), kinds, "{said}");
-    assert_eq!(said.matches("\nmistake  ").count(), kinds, "{said}");
+    assert_eq!(text.matches(" MISTAKE ").count(), kinds, "{text}");
+    assert_eq!(text.matches("\nmistake  ").count(), kinds, "{text}");
     let total: u64 = result["mistakes"].as_array().unwrap().iter().map(|kind| kind["count"].as_u64().unwrap()).sum();
     assert_eq!(result["mistakes_total"].as_u64(), Some(total));
 }
 
 #[test]
-fn the_exit_code_says_whether_the_command_line_or_the_machine_is_wrong() {
+fn the_exit_code_is_2_for_a_wrong_command_line_and_3_for_an_error_of_the_computer() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
     let text = scratch.path("text");
@@ -225,9 +225,9 @@ fn the_exit_code_says_whether_the_command_line_or_the_machine_is_wrong() {
     assert_eq!((elf(Path::new("/nowhere/elf")), elf(Path::new(text))), (Some(3), Some(2)));
 }
 
-/// A window that is closed must not leave a simulator behind that runs for ever.
+/// When its window is closed, a simulator must not run for ever.
 #[test]
-fn a_live_view_ends_when_its_terminal_is_gone() {
+fn a_live_view_ends_when_its_terminal_is_closed() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
     for _ in 0..5 {
@@ -242,7 +242,7 @@ fn a_live_view_ends_when_its_terminal_is_gone() {
         sim.stdin(slave.try_clone().unwrap()).stdout(slave.try_clone().unwrap()).stderr(slave);
         let mut child = sim.spawn().unwrap();
         drop(sim);
-        // The picture is there.
+        // Waits for the first picture.
         let mut terminal = File::from(terminal);
         let mut shown: Vec<u8> = Vec::new();
         while !shown.windows(7).any(|text| text == b"MCP2515") {
@@ -255,7 +255,7 @@ fn a_live_view_ends_when_its_terminal_is_gone() {
         while child.try_wait().unwrap().is_none() {
             if start.elapsed() > Duration::from_secs(10) {
                 child.kill().unwrap();
-                panic!("it runs on");
+                panic!("sim still runs");
             }
             std::thread::sleep(Duration::from_millis(10));
         }

@@ -1,6 +1,6 @@
-//! What the models of the peripherals build on: the core, the time, timers, and the program's violations.
+//! The base of the models of the peripherals: the core, the time, timers, and the program's violations.
 //!
-//! A model gets `&Base` and knows nothing of the machine above it, which owns both.
+//! A model gets `&Base` and does not use the machine, which owns both.
 
 use std::any::Any;
 use std::cell::{Cell, OnceCell, RefCell};
@@ -15,28 +15,28 @@ use super::core::{Core, WriteHandler};
 use sim_base::Cycles;
 use sim_base::Noise;
 
-/// A program that makes a mistake in a loop makes millions of violations: the first ones are enough.
+/// Most violations that are kept. A program with a mistake in a loop makes millions.
 const VIOLATIONS_KEPT: usize = 1000;
 
-/// A mistake of the program that the chip would bear in silence.
+/// A mistake of the program that a real chip does not report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation {
-    /// When.
+    /// Time of the mistake.
     pub at: Cycles,
-    /// What, with the program counter.
+    /// Description of the mistake, with the program counter.
     pub text: String,
 }
 
-/// A timer of a model, by its name, which no other timer has. It has one date at most.
+/// A timer of a model, by its unique name. It has at most one expiry time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Timer(pub &'static str);
 
-/// The model of a peripheral. The machine passes on to it what concerns its registers and timers.
+/// The model of a peripheral. The machine calls it for its registers, its timers and resets.
 ///
-/// simavr calls back in the middle of an instruction, so a model is shared. It borrows its cells for one step, and no cell
-/// while it calls [`Base::forward`] or the outside world.
+/// simavr calls back in the middle of an instruction, so a model is shared. A model borrows its cells for one step. It borrows
+/// no cell while it calls [`Base::forward`] or code outside of this crate.
 pub(super) trait Peripheral {
-    /// The peripheral before the first reset.
+    /// The model before the first reset of the chip.
     fn for_chip(chip: Chip) -> Self
     where
         Self: Sized;
@@ -54,44 +54,44 @@ pub(super) trait Peripheral {
         &[]
     }
 
-    /// The program writes one of [`writes`](Peripheral::writes).
+    /// Writes one of the registers in [`writes`](Peripheral::writes) for the program.
     fn write(&self, base: &Base, address: u16, value: u8);
 
-    /// The program reads one of [`reads`](Peripheral::reads).
+    /// Reads one of the registers in [`reads`](Peripheral::reads) for the program.
     fn read(&self, base: &Base, address: u16) -> u8 {
         base.core.get(address)
     }
 
-    /// The date of one of [`timers`](Peripheral::timers) has come; it was `at`.
+    /// Handles the expiry at time `at` of one of the timers in [`timers`](Peripheral::timers).
     fn expire(&self, _base: &Base, _timer: Timer, _at: Cycles) {}
 
-    /// The chip was reset: simavr has reset its registers and forgotten all dates. `noise` decides what is left to chance.
+    /// Resets the model, after simavr has reset its registers and cancelled all timers. `noise` decides what is random.
     fn reset(&self, _base: &Base, _noise: &mut Noise) {}
 
-    /// An interrupt handler returns: interrupts that are requested as long as a condition holds are requested again.
+    /// Called when an interrupt handler returns: requests again the interrupts whose condition still holds.
     fn interrupt_returns(&self, _base: &Base) {}
 }
 
-/// A timer as simavr knows it: the parameter of its callback.
+/// The parameter of simavr's callback for a timer.
 pub(super) struct TimerSlot {
     /// The context of the core.
     pub context: *mut c_void,
     pub timer: Timer,
 }
 
-/// The timers, and what simavr calls for each of them.
+/// The timers, and the callback that simavr calls for each of them.
 struct Timers {
     slots: Box<[TimerSlot]>,
     callback: ffi::avr_cycle_timer_t,
 }
 
-/// See the module.
+/// The core, the time, timers and violations of a chip.
 pub(super) struct Base {
     pub core: Core,
-    /// Time of the last reset: simavr counts from 0 again after each.
+    /// Time of the last reset. simavr counts from 0 after each reset.
     last_reset: Cell<Cycles>,
     timers: OnceCell<Timers>,
-    /// A callback that needs the run loop to look: a reset, a panic.
+    /// True if a callback needs the run loop to handle a reset or a panic.
     attention: Cell<bool>,
     panic: Cell<Option<Box<dyn Any + Send>>>,
     originals: RefCell<Vec<(u16, WriteHandler)>>,
@@ -112,7 +112,7 @@ impl Base {
         })
     }
 
-    /// Sets which timers there are. simavr calls `callback` with a pointer to a [`TimerSlot`] that lives as long as this.
+    /// Registers the timers. simavr calls `callback` with a pointer to a [`TimerSlot`] that lives as long as this base.
     ///
     /// # Panics
     /// If two timers have the same name, or the timers were set before.
@@ -125,7 +125,7 @@ impl Base {
         assert!(self.timers.set(Timers { slots, callback }).is_ok(), "the timers are set twice");
     }
 
-    /// simavr's callback of a timer and its parameter, by which simavr distinguishes timers.
+    /// The callback of a timer and its parameter. simavr identifies a timer by both.
     fn callback(&self, timer: Timer) -> (ffi::avr_cycle_timer_t, *mut c_void) {
         let timers = self.timers.get();
         let found = timers.and_then(|timers| {
@@ -135,36 +135,36 @@ impl Base {
         found.unwrap_or_else(|| panic!("timer {:?} is in no peripheral's list", timer.0))
     }
 
-    /// Makes or replaces the date of a timer.
+    /// Sets the expiry time of a timer, in place of an earlier one.
     pub fn schedule(&self, timer: Timer, at: Cycles) {
         let (callback, slot) = self.callback(timer);
         self.core.schedule(at.saturating_sub(self.last_reset.get()), callback, slot);
     }
 
-    /// Forgets the date of a timer.
+    /// Cancels a timer.
     pub fn unschedule(&self, timer: Timer) {
         let (callback, slot) = self.callback(timer);
         self.core.unschedule(callback, slot);
     }
 
-    /// The time. It goes on through resets.
+    /// Simulated time since the start. A reset does not change it.
     pub fn now(&self) -> Cycles {
         self.time_of(self.core.cycle())
     }
 
-    /// The time at which simavr's clock is at `cycle`.
+    /// Simulated time at which simavr's clock is `cycle`.
     pub fn time_of(&self, cycle: u64) -> Cycles {
         self.last_reset.get() + cycle
     }
 
-    /// Sets simavr's clock to 0, as a reset does; the time goes on.
+    /// Sets simavr's clock to 0, as a reset does. Simulated time does not change.
     pub fn restart_clock(&self) {
         self.last_reset.set(self.now());
         self.core.set_cycle(0);
     }
 
-    /// Notes a mistake of the program.
-    pub fn violation(&self, text: &str) {
+    /// Adds a mistake of the program, at the present time and program counter.
+    pub fn report_violation(&self, text: &str) {
         let mut violations = self.violations.borrow_mut();
         if violations.len() < VIOLATIONS_KEPT {
             let text = format!("{text} (PC {:#06x})", self.core.pc());
@@ -172,7 +172,7 @@ impl Base {
         }
     }
 
-    /// The violations since the last call.
+    /// Removes and returns the violations since the last call.
     pub fn take_violations(&self) -> Vec<Violation> {
         self.violations.take()
     }
@@ -182,7 +182,7 @@ impl Base {
         self.originals.borrow_mut().push((address, self.core.hook_write(address, handler)));
     }
 
-    /// Lets simavr do its part of a write to a hooked register.
+    /// Calls simavr's own write handler of a hooked register.
     pub fn forward(&self, address: u16, value: u8) {
         let original =
             self.originals.borrow().iter().find(|(hooked, _)| *hooked == address).map(|(_, handler)| *handler);
@@ -191,7 +191,7 @@ impl Base {
         }
     }
 
-    /// Runs a callback; carries a panic in it over simavr's frames to the run loop.
+    /// Runs a callback. Catches a panic, which must not unwind through simavr's frames, for the run loop.
     pub fn guard<T>(&self, fallback: T, callback: impl FnOnce() -> T) -> T {
         catch_unwind(AssertUnwindSafe(callback)).unwrap_or_else(|panic| {
             self.panic.set(Some(panic));
@@ -206,7 +206,7 @@ impl Base {
         self.attention.set(true);
     }
 
-    /// True if a callback asked for attention since the last call. Goes on with a panic that [`Base::guard`] has caught.
+    /// True if a callback asked for attention since the last call. Resumes a panic that [`Base::guard`] has caught.
     pub fn take_attention(&self) -> bool {
         let attention = self.attention.replace(false);
         if attention && let Some(panic) = self.panic.take() {

@@ -1,5 +1,5 @@
-//! The chips that the simulator knows, and where they differ: in the sizes of their memories. Vectors, pins and peripherals are the
-//! same, and so are the sections of the datasheets that the other files cite.
+//! The chips that the simulator knows. They differ in the sizes of their memories. Their vectors, pins and peripherals are the
+//! same, as are the sections of the datasheets that the other files cite.
 //!
 //! Source: Atmel 2545, "ATmega48/88/168", and Atmel 7810, "ATmega328P"; sections 8 (memories) and 27 (boot loader).
 
@@ -17,7 +17,7 @@ pub enum Chip {
 }
 
 impl Chip {
-    /// All of them, the smallest first.
+    /// All chips, the smallest first.
     pub const ALL: [Chip; 2] = [Chip::Atmega168, Chip::Atmega328p];
 
     /// Name for simavr, avr-gcc and `--mcu`.
@@ -28,7 +28,7 @@ impl Chip {
         }
     }
 
-    /// The chip that runs the programs of a device, named as avr-gcc names it. The suffixes A and P are for power consumption.
+    /// The chip for programs of a device with avr-gcc's name. The suffixes A and P only concern power consumption.
     pub fn of_device(name: &str) -> Option<Chip> {
         match name {
             "atmega168" | "atmega168a" | "atmega168p" | "atmega168pa" => Some(Chip::Atmega168),
@@ -37,7 +37,7 @@ impl Chip {
         }
     }
 
-    /// Last byte of the RAM, which begins at [`RAMSTART`](super::regs::RAMSTART).
+    /// Address of the last byte of the RAM, which begins at [`RAMSTART`](super::regs::RAMSTART).
     pub fn ram_end(self) -> u16 {
         match self {
             Chip::Atmega168 => 0x04FF,
@@ -66,7 +66,7 @@ impl Chip {
         }
     }
 
-    /// Where the boot loader section may begin, as BOOTSZ of the fuses says, in bytes.
+    /// Byte addresses at which the boot section can start, for each value of the fuse bits BOOTSZ.
     pub fn boot_sections(self) -> [usize; 4] {
         match self {
             Chip::Atmega168 => [0x3800, 0x3C00, 0x3E00, 0x3F00],
@@ -74,8 +74,7 @@ impl Chip {
         }
     }
 
-    /// First byte of the flash that cannot be read while it is written, behind the read-while-write section: the longest boot
-    /// section.
+    /// First byte of the NRWW section, which cannot be read while it is written: the start of the longest boot section.
     pub fn nrww_start(self) -> usize {
         self.boot_sections()[0]
     }
@@ -88,8 +87,8 @@ impl Chip {
         }
     }
 
-    /// Low, high and extended fuse byte of an Arduino whose boot section begins at a byte address; with `resets_to_boot`
-    /// BOOTRST is programmed.
+    /// Low, high and extended fuse byte of an Arduino whose boot section starts at byte address `boot_start`. BOOTRST is programmed
+    /// if `resets_to_boot` is true.
     pub fn fuses(self, boot_start: usize, resets_to_boot: bool) -> [u8; 3] {
         let bootsz = self.boot_sections().iter().position(|start| *start == boot_start).unwrap_or_default() as u8;
         let boot = bootsz << 1 | u8::from(!resets_to_boot);
@@ -100,7 +99,7 @@ impl Chip {
     }
 }
 
-/// As people write it: "ATmega168".
+/// The name in the datasheet's spelling: "ATmega168".
 impl fmt::Display for Chip {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
@@ -126,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_chip_is_found_by_its_name_and_a_wrong_name_lists_them() {
+    fn a_chip_is_found_by_its_name_and_the_error_of_a_wrong_name_lists_the_chips() {
         for chip in Chip::ALL {
             assert_eq!(chip.name().parse(), Ok(chip));
             assert_eq!(Chip::of_device(chip.name()), Some(chip));
@@ -137,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_boot_loader_section_ends_with_the_flash() {
+    fn each_boot_section_ends_at_the_end_of_the_flash() {
         for chip in Chip::ALL {
             let words = chip.boot_sections().map(|start| (chip.flash_bytes() - start) / 2);
             assert_eq!(words, [1024, 512, 256, 128].map(|words| words * (chip.flash_bytes() / 0x4000)));
@@ -145,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fuses_are_those_that_arduinos_are_sold_with() {
+    fn the_fuses_are_those_of_new_arduinos() {
         assert_eq!(Chip::Atmega168.fuses(0x3800, true), [0xFF, 0xDD, 0xF8]);
         assert_eq!(Chip::Atmega328p.fuses(0x7E00, true), [0xFF, 0xDE, 0xFD]);
         assert_eq!(Chip::Atmega328p.fuses(0x7800, false), [0xFF, 0xDB, 0xFD]);

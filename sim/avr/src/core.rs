@@ -1,11 +1,9 @@
-//! The one place that touches simavr's memory: an AVR core behind methods that cannot be
-//! misused from safe code.
+//! A safe interface to an AVR core in simavr. No other file accesses simavr's memory.
 //!
-//! [`Core`] owns simavr's `avr_t` and knows where its peripherals are. Registers are read and
-//! written without side effects; everything a write sets off is decided by the models in this
-//! module's siblings, which replace simavr's own handlers for the SPI, USART0, the EEPROM,
-//! self-programming and the waveforms of Timer1. simavr keeps the instructions, interrupts, ports,
-//! the ADC, Timer0, Timer2 and the watchdog (but for its oscillator).
+//! [`Core`] owns simavr's `avr_t` and has pointers to its peripherals. Its reads and writes of registers have no side effects.
+//! The models in the other files implement the side effects of the program's writes. They replace simavr's own handlers for
+//! the SPI, USART0, the EEPROM, self-programming and the waveforms of Timer1. simavr keeps the instructions, interrupts,
+//! ports, the ADC, Timer0, Timer2, and the watchdog without its oscillator.
 
 use std::cell::OnceCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
@@ -20,12 +18,12 @@ use super::regs;
 use sim_base::F_CPU_HZ;
 
 unsafe extern "C" {
-    /// Runs instructions until a cycle timer is due or an interrupt is pending; returns the new
-    /// program counter. It is simavr's, but its header cannot be bound.
+    /// simavr's: runs instructions until a cycle timer is due or an interrupt is pending; returns the new program counter.
+    /// Declared here because bindgen cannot process its header.
     fn avr_run_one(avr: *mut ffi::avr_t) -> ffi::avr_flashaddr_t;
-    /// simavr's. Its header has the arguments as a `va_list`, which calls pass as a pointer on every host that simavr-ffi builds for.
+    /// simavr's. Its header declares the arguments as a `va_list`, which is passed as a pointer on every host of simavr-ffi.
     fn avr_global_logger_set(logger: Option<Logger>);
-    /// The C library's, with such a pointer.
+    /// The C library's, with a `va_list` as a pointer.
     fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
     /// The C library's, for the memory that simavr allocates and does not free.
     fn free(memory: *mut c_void);
@@ -33,18 +31,18 @@ unsafe extern "C" {
     fn realloc(memory: *mut c_void, size: usize) -> *mut c_void;
 }
 
-/// What simavr calls with what it has to say: chip, level, format, arguments.
+/// Callback for simavr's log messages: chip, level, format, arguments.
 type Logger = unsafe extern "C" fn(*mut ffi::avr_t, c_int, *const c_char, *mut c_void);
 
-/// What simavr logs when a program reads or writes beyond the RAM, before the address.
+/// Start of simavr's log messages about a read or a write beyond the RAM.
 const WRAPS: [(&[u8], Access); 2] =
     [(b"CORE: *** Wrapping read address", Access::Read), (b"CORE: *** Wrapping write address", Access::Write)];
-/// What is before the address in the text.
+/// Text before the address in these messages.
 const ADDRESS: &str = " Address ";
-/// Longer than these texts are.
+/// Size of the buffer for these messages, which are shorter.
 const LOG_BYTES: usize = 256;
 
-/// What a program does with memory.
+/// Kind of a program's access to memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Access {
     Read,
@@ -53,7 +51,7 @@ pub(super) enum Access {
 
 /// Bytes of flash that LPM can address.
 const LPM_BYTES: usize = 0x1_0000;
-/// simavr's mark behind the flash.
+/// Size of the opcode that simavr writes after the end of the flash.
 const OVERFLOW_OPCODE_BYTES: usize = 2;
 
 static LOGGER: Once = Once::new();
@@ -67,11 +65,11 @@ pub(super) enum Vector {
     UsartTransmitComplete,
     EepromReady,
     SpmReady,
-    /// INT0 and INT1, by their number.
+    /// INT0 or INT1, by its number.
     External(u8),
 }
 
-/// What the core does at the moment.
+/// State of the core.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Activity {
     Running,
@@ -79,25 +77,25 @@ pub(super) enum Activity {
     Crashed,
 }
 
-/// A handler that simavr had installed for a register write, kept for calling it later.
+/// simavr's own handler for a register write, and its parameter.
 pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
 
-/// Handles requests to simavr's flash: gets the peripheral, the request, and a pointer that depends on the request.
-/// Answers -1 to unknown requests.
+/// Handler of requests to simavr's flash: gets the peripheral, the request, and a pointer that depends on the request. Returns -1
+/// for unknown requests.
 pub(super) type FlashHandler = unsafe extern "C" fn(*mut ffi::avr_io_t, u32, *mut c_void) -> c_int;
 
-/// Is called when the program reads or writes at an address beyond the RAM, with the context.
+/// Handler of accesses beyond the RAM: gets the context, the kind of access, and the address.
 pub(super) type BeyondRamHandler = unsafe fn(*mut c_void, Access, u16);
 
-/// What `custom.data` of simavr's chip points to.
+/// Target of `custom.data` in simavr's chip.
 struct Owner {
     context: *mut c_void,
     on_beyond_ram: BeyondRamHandler,
 }
 
-/// The program executes SPM.
+/// Request of a program that executes SPM.
 pub(super) const FLASH_SPM: u32 = u32::from_be_bytes(*b"fspm");
-/// The program executes LPM. The pointer is to the byte that it reads.
+/// Request of a program that executes LPM. The pointer leads to the byte that LPM reads.
 pub(super) const FLASH_LPM: u32 = u32::from_be_bytes(*b"flpm");
 
 /// A chip in simavr.
@@ -177,13 +175,12 @@ impl Core {
         Ok(core)
     }
 
-    /// Which chip it is.
+    /// The type of the chip.
     pub fn chip(&self) -> Chip {
         self.chip
     }
 
-    /// Sets the pointer that every callback gets as its parameter, and what is called at accesses beyond the RAM. To be called
-    /// once, before hooks are set.
+    /// Sets the parameter of all callbacks, and the handler of accesses beyond the RAM. Call it once, before setting hooks.
     pub fn set_context(&self, context: *mut c_void, on_beyond_ram: BeyondRamHandler) {
         let owner = self.owner.get_or_init(|| Box::new(Owner { context, on_beyond_ram }));
         // Safety: see the invariant of `Core`; simavr itself does not use custom.data after
@@ -191,7 +188,7 @@ impl Core {
         unsafe { (*self.avr).custom.data = ptr::from_ref::<Owner>(owner).cast_mut().cast() }
     }
 
-    /// What `set_context` was given; null before.
+    /// The context of `set_context`; null before that call.
     pub fn context(&self) -> *mut c_void {
         self.owner.get().map_or(ptr::null_mut(), |owner| owner.context)
     }
@@ -293,7 +290,7 @@ impl Core {
         }
     }
 
-    /// Stores a byte in an I/O register, with all that a program's store sets off.
+    /// Stores a byte in an I/O register, with the side effects of a program's store.
     pub fn store(&self, address: u16, value: u8) {
         assert!((regs::IO_FIRST..regs::RAMSTART).contains(&address), "no I/O register at {address:#06x}");
         // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
@@ -301,19 +298,19 @@ impl Core {
         self.forward_write((slot.c, slot.param), address, value);
     }
 
-    /// Byte address where a reset continues.
+    /// Sets the byte address at which the program starts after a reset.
     pub fn set_reset_pc(&self, address: u32) {
         // Safety: see the invariant of `Core`.
         unsafe { (*self.avr).reset_pc = address }
     }
 
-    /// Global interrupt enable.
+    /// True if the I flag of SREG is set.
     pub fn interrupts_enabled(&self) -> bool {
         // Safety: see the invariant of `Core`; sreg has eight flags, of which I is the last.
         unsafe { (*self.avr).sreg[7] != 0 }
     }
 
-    /// What the core does.
+    /// State of the core.
     pub fn activity(&self) -> Activity {
         // Safety: see the invariant of `Core`.
         match unsafe { (*self.avr).state } as u32 {
@@ -323,7 +320,7 @@ impl Core {
         }
     }
 
-    /// Wakes the core or sends it to sleep.
+    /// Sets the state of the core.
     pub fn set_activity(&self, activity: Activity) {
         let state = match activity {
             Activity::Running => ffi::cpu_Running,
@@ -369,29 +366,29 @@ impl Core {
         unsafe { ffi::avr_reset(self.avr) }
     }
 
-    /// Lets `run_one` go on to the next cycle timer. simavr's reset limits it to one instruction.
+    /// Lets `run_one` run to the next cycle timer. simavr's reset limits it to one instruction.
     pub fn run_freely(&self) {
         // Safety: see the invariant of `Core`.
         unsafe { (*self.avr).run_cycle_limit = u64::MAX }
     }
 
-    /// Lets `run_one` run one instruction only. [`Core::stop_soon`] alone does not: simavr forgets it when the instruction makes
-    /// a date, as WDR and a write to UDR0 do.
+    /// Lets `run_one` run one instruction only. [`Core::stop_soon`] alone does not: an instruction that sets a cycle timer, such as
+    /// WDR or a write to UDR0, cancels its effect.
     pub fn run_singly(&self) {
         // Safety: see the invariant of `Core`.
         unsafe { (*self.avr).run_cycle_limit = 1 }
         self.stop_soon();
     }
 
-    /// Calls `timer` with `parameter` when simavr's clock reaches `cycle`, replacing the earlier date of the same two. The
-    /// caller keeps `parameter` alive.
+    /// Calls `timer` with `parameter` when simavr's clock reaches `cycle`, in place of an earlier time for the same pair. The caller
+    /// keeps `parameter` alive.
     pub fn schedule(&self, cycle: u64, timer: ffi::avr_cycle_timer_t, parameter: *mut c_void) {
         let delay = cycle.saturating_sub(self.cycle());
         // Safety: see the invariant of `Core`; simavr only passes the parameter on.
         unsafe { ffi::avr_cycle_timer_register(self.avr, delay, timer, parameter) }
     }
 
-    /// Forgets a date made by `schedule`.
+    /// Cancels a call that `schedule` has set.
     pub fn unschedule(&self, timer: ffi::avr_cycle_timer_t, parameter: *mut c_void) {
         // Safety: see the invariant of `Core`.
         unsafe { ffi::avr_cycle_timer_cancel(self.avr, timer, parameter) }
@@ -424,7 +421,7 @@ impl Core {
         }
     }
 
-    /// Puts `handler` in front of a register's write handler and returns the one that was there.
+    /// Installs `handler` as a register's write handler. Returns the handler that it replaces.
     pub fn hook_write(&self, address: u16, handler: ffi::avr_io_write_t) -> WriteHandler {
         // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
         unsafe {
@@ -446,8 +443,7 @@ impl Core {
         }
     }
 
-    /// Lets a handler that was there before `hook_write` do its work; without one the byte is
-    /// stored.
+    /// Calls a handler that `hook_write` has replaced; if there was none, stores the byte.
     pub fn forward_write(&self, handler: WriteHandler, address: u16, value: u8) {
         match handler {
             // Safety: simavr installed this handler with this parameter for this address of this
@@ -490,8 +486,7 @@ impl Core {
         }
     }
 
-    /// Sets what the ADC's conversion in progress sees, and how many CPU cycles one ADC clock
-    /// takes.
+    /// Sets the input voltage of the ADC conversion in progress, and the CPU cycles of one ADC clock.
     pub fn set_adc_input(&self, channel: u8, millivolts: u16, cycles_per_adc_clock: u8) {
         // Safety: see the invariant of `Core`; the index is masked to the array's 16 entries.
         unsafe {
@@ -516,7 +511,7 @@ impl Core {
         unsafe { ffi::avr_irq_register_notify((*self.ports[port]).io.irq.add(bit.into()), notify, parameter) }
     }
 
-    /// Tells a port which pins are driven from outside, and to what levels.
+    /// Sets the pins of a port that are driven from outside, and their levels.
     pub fn set_external(&self, port: usize, mask: u8, levels: u8) {
         // Safety: see the invariant of `Core`.
         unsafe {
@@ -525,15 +520,14 @@ impl Core {
         }
     }
 
-    /// Applies a level from outside to an input pin: PINx, pin change and external interrupts
-    /// follow.
+    /// Applies a level from outside to an input pin. This updates PINx, and requests pin change and external interrupts.
     pub fn drive_pin(&self, port: usize, bit: u8, level: bool) {
         assert!(bit < 8);
         // Safety: see the invariant of `Core`; each port has an IRQ per pin.
         unsafe { ffi::avr_raise_irq((*self.ports[port]).io.irq.add(bit.into()), level.into()) }
     }
 
-    /// Calls `notify` with 1 when a time-out of the watchdog ends in its interrupt.
+    /// Calls `notify` with 1 when a time-out of the watchdog requests its interrupt.
     pub fn hook_watchdog(&self, notify: ffi::avr_irq_notify_t) {
         // Safety: see the invariant of `Core`; the vector has this IRQ.
         unsafe {
@@ -542,13 +536,14 @@ impl Core {
         }
     }
 
-    /// Sets how many CPU cycles the watchdog's next time-out takes. One that runs keeps its date.
+    /// Sets the length of the watchdog's next time-out in CPU cycles. A time-out that runs does not change.
     pub fn set_watchdog_cycles(&self, cycles: u64) {
         // Safety: see the invariant of `Core`.
         unsafe { (*self.watchdog).cycle_count = cycles }
     }
 
-    /// Takes back the watchdog's request for its interrupt. simavr would leave it in its queue, which has room for 63.
+    /// Removes the watchdog's request for its interrupt from simavr's queue, which has room for 63 requests. simavr would leave it
+    /// there.
     pub fn withdraw_watchdog(&self) {
         // Safety: see the invariant of `Core`. The queue is a ring; `read` and `write` stay below its length, and simavr
         // sets interrupt_state like this after each change of the queue.
@@ -580,8 +575,7 @@ impl Core {
         unsafe { ffi::avr_ioctl(self.avr, u32::from_be_bytes(*b"wdtr"), ptr::null_mut()) };
     }
 
-    /// Cuts simavr's Timer1 from OC1A and OC1B: their edges are modelled elsewhere, and simavr
-    /// would write them into PORTB.
+    /// Disconnects simavr's Timer1 from OC1A and OC1B. `timer1` models their edges; simavr would write them into PORTB.
     pub fn disconnect_timer1(&self) {
         for (compare, bit) in [(0, 1), (1, 2)] {
             // Safety: see the invariant of `Core`; both IRQs exist. avr_unconnect_irq does nothing
@@ -626,8 +620,7 @@ unsafe extern "C" fn log(avr: *mut ffi::avr_t, _level: c_int, format: *const c_c
     }
 }
 
-/// The peripheral of that kind, and of that name if there are several of the kind; null if there is
-/// none.
+/// The peripheral of a kind, with `name` if the kind has several; null if there is none.
 fn find(avr: *mut ffi::avr_t, kind: &CStr, name: char) -> *mut ffi::avr_io_t {
     // Safety: the chip is initialised, so its list of modules is well formed and ends with null.
     // Kinds are C strings. Of the kinds asked for by name, each has a struct in which the name can

@@ -1,53 +1,61 @@
-//! The part of the run loop that looks after a debugger: stops the chip before an instruction, lets it go on or make one
-//! step.
+//! The debugger's part of the run loop: halts the chip before an instruction, resumes it, or lets it run one instruction.
 //!
-//! Breakpoints are kept beside the flash, not in it, so there may be any number and the program sees none. Only while one
-//! is set, or a step is made, does the core run instruction by instruction; otherwise the run loop tests one flag. A
-//! chip that is halted lets no time pass: its clock, and what is clocked by it, stands still.
+//! The breakpoints are a list beside the flash. So their number has no limit, and the program cannot see them. Only with a
+//! breakpoint or during a step does the core run instruction by instruction; otherwise the run loop tests one flag. While the
+//! chip is halted, its clock stops.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashSet;
 
 use super::core::{Activity, Core};
 
-/// Why the chip is halted.
+/// Reason for which the chip is halted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Halt {
-    /// The debugger asked for it.
+    /// The debugger halted the chip.
     Asked,
-    /// A breakpoint is on the next instruction.
+    /// The next instruction has a breakpoint.
     Breakpoint,
-    /// The step is made.
+    /// A step is complete.
     Stepped,
-    /// The program ran off the flash that can be read.
+    /// The program counter left the flash that can be read.
     Crashed,
 }
 
-/// See the module.
+/// How a debugger resumes the chip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Resume {
+    /// Run until a breakpoint.
+    Run,
+    /// Run one instruction.
+    Step,
+}
+
+/// State of the debugger in the run loop.
 #[derive(Debug, Default)]
 pub(super) struct Debug {
     breakpoints: RefCell<HashSet<u32>>,
     halted: Cell<Option<Halt>>,
     stepping: Cell<bool>,
-    /// The next instruction was seen already: it runs, breakpoint or not.
+    /// True if the next instruction runs without a check, after a resume.
     passed: Cell<bool>,
-    /// There is something to look for before each instruction.
+    /// True if the run loop must call `halts` before each instruction.
     watching: Cell<bool>,
 }
 
 impl Debug {
-    /// Whether [`Debug::halts`] must be asked before each instruction.
+    /// True if the run loop must call [`Debug::halts`] before each instruction.
     #[inline]
     pub fn is_watching(&self) -> bool {
         self.watching.get()
     }
 
-    /// Whether the chip is halted.
+    /// True if the chip is halted.
     pub fn is_halted(&self) -> bool {
         self.halted.get().is_some()
     }
 
-    /// Decides before an instruction whether the chip halts there. If not, lets the core run that instruction only.
+    /// Checks before an instruction whether the chip halts there. If not, lets the core run only that instruction.
     pub fn halts(&self, core: &Core) -> bool {
         if self.halted.get().is_some() {
             return true;
@@ -69,7 +77,7 @@ impl Debug {
         false
     }
 
-    /// Why the chip is halted, if it is.
+    /// Reason for which the chip is halted; `None` if it is not.
     pub fn halted(&self) -> Option<Halt> {
         self.halted.get()
     }
@@ -80,15 +88,15 @@ impl Debug {
         self.update();
     }
 
-    /// Lets the chip go on; with `step`, until an instruction is done.
-    pub fn resume(&self, step: bool) {
+    /// Resumes the chip.
+    pub fn resume(&self, how: Resume) {
         self.halted.set(None);
-        self.stepping.set(step);
+        self.stepping.set(how == Resume::Step);
         self.passed.set(true);
         self.update();
     }
 
-    /// Halts the chip whenever the instruction at this byte address is next.
+    /// Sets a breakpoint at a byte address. The chip halts before the instruction there.
     pub fn set_breakpoint(&self, address: u32) {
         self.breakpoints.borrow_mut().insert(address);
         self.update();

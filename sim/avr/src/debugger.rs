@@ -1,17 +1,17 @@
-//! What a debugger does with the chip from outside its run loop: halts it, and sees and sets its registers and memories.
+//! A debugger's access to the chip from outside the run loop: halts and resumes it, reads and writes registers and memories.
 //!
-//! Reading data space has no side effect: a register reads as it was last written, or as the chip last set it. Writing
-//! to an I/O register acts as a program's store does.
+//! Reading data space has no side effect: a register has the value that the program or the chip wrote last. Writing an I/O
+//! register has the side effects of a program's store.
 
 use std::rc::Rc;
 
 use super::chip::Chip;
 use super::core::Activity;
-use super::debug::Halt;
+use super::debug::{Halt, Resume};
 use super::machine::Machine;
 use super::regs;
 
-/// The registers that a debugger shows.
+/// The registers of the processor.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Registers {
     /// R0 to R31.
@@ -34,7 +34,7 @@ impl Debugger {
         Debugger { machine }
     }
 
-    /// Which chip it is.
+    /// The type of the chip.
     pub fn chip(&self) -> Chip {
         self.machine.base.core.chip()
     }
@@ -43,7 +43,7 @@ impl Debugger {
         u16::try_from(address).ok().filter(|address| *address <= self.chip().ram_end())
     }
 
-    /// Why the chip is halted, if it is.
+    /// Reason for which the chip is halted; `None` if it is not.
     pub fn halted(&self) -> Option<Halt> {
         self.machine.debug.halted()
     }
@@ -53,19 +53,18 @@ impl Debugger {
         self.machine.debug.halt(why);
     }
 
-    /// Lets the chip go on; with `step`, until an instruction is done. A step from sleep ends after the instruction that
-    /// follows the wake-up.
-    pub fn resume(&self, step: bool) {
-        self.machine.debug.resume(step);
+    /// Resumes the chip. A step from sleep ends after the first instruction that follows the wake-up.
+    pub fn resume(&self, how: Resume) {
+        self.machine.debug.resume(how);
     }
 
-    /// Removes all breakpoints and lets the chip go on.
+    /// Removes all breakpoints and resumes the chip.
     pub fn detach(&self) {
         self.machine.debug.clear_breakpoints();
-        self.machine.debug.resume(false);
+        self.machine.debug.resume(Resume::Run);
     }
 
-    /// Halts the chip whenever the instruction at this byte address is next.
+    /// Sets a breakpoint at a byte address. The chip halts before the instruction there.
     pub fn set_breakpoint(&self, address: u32) {
         self.machine.debug.set_breakpoint(address);
     }
@@ -75,7 +74,7 @@ impl Debugger {
         self.machine.debug.clear_breakpoint(address)
     }
 
-    /// Whether the program ran off the flash that can be read.
+    /// True if the program counter left the flash that can be read.
     pub fn has_crashed(&self) -> bool {
         self.machine.base.core.activity() == Activity::Crashed
     }
@@ -91,7 +90,7 @@ impl Debugger {
         }
     }
 
-    /// Sets all registers. The program counter is kept inside the flash.
+    /// Sets all registers. The program counter wraps at the end of the flash.
     pub fn set_registers(&self, registers: &Registers) {
         let core = &self.machine.base.core;
         for (index, value) in registers.r.iter().enumerate() {
@@ -104,13 +103,13 @@ impl Debugger {
         core.set_pc(registers.pc % core.chip().flash_bytes() as u32);
     }
 
-    /// A byte of the data space, if there is one at that address.
+    /// A byte of the data space; `None` if the address does not exist.
     pub fn data(&self, address: u32) -> Option<u8> {
         let address = self.data_address(address)?;
         Some(if address == regs::SREG { self.machine.base.core.sreg() } else { self.machine.base.core.get(address) })
     }
 
-    /// Stores a byte in the data space; false if there is none at that address.
+    /// Stores a byte in the data space; false if the address does not exist.
     pub fn set_data(&self, address: u32, value: u8) -> bool {
         let Some(address) = self.data_address(address) else { return false };
         match address {
@@ -121,17 +120,17 @@ impl Debugger {
         true
     }
 
-    /// A byte of flash, if there is one at that address.
+    /// A byte of flash; `None` if the address does not exist.
     pub fn flash(&self, address: u32) -> Option<u8> {
         self.machine.base.core.flash().get(address as usize).copied()
     }
 
-    /// A byte of EEPROM, if there is one at that address.
+    /// A byte of EEPROM; `None` if the address does not exist.
     pub fn eeprom(&self, address: u32) -> Option<u8> {
         self.machine.peripherals.nvm.eeprom.borrow().cells().get(address as usize).copied()
     }
 
-    /// Sets a byte of EEPROM; false if there is none at that address.
+    /// Sets a byte of EEPROM; false if the address does not exist.
     pub fn set_eeprom(&self, address: u32, value: u8) -> bool {
         let exists = (address as usize) < self.chip().eeprom_bytes();
         if exists {

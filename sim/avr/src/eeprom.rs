@@ -1,8 +1,8 @@
 //! The EEPROM (datasheet section 8.4), with the time that programming takes.
 //!
-//! simavr finishes a write at once. Here EEPE reads 1 while the cell is programmed, the cell
-//! changes at the end of that, and what the datasheet forbids meanwhile has no effect and is a
-//! violation. A reset lets a write finish, a loss of power leaves the cell with something else.
+//! simavr finishes a write at once. In this model EEPE reads 1 while a cell is programmed, and the cell changes at the end.
+//! Operations that the datasheet forbids meanwhile have no effect and are violations. A reset does not stop a write; a loss of
+//! power leaves a wrong value in the cell.
 
 use super::base::{Base, Timer};
 use super::core::Vector;
@@ -17,7 +17,7 @@ const HALF_OPERATION_CYCLES: Cycles = F_CPU_HZ * 18 / 10_000;
 /// > EEMPE [...] hardware clears the bit to zero after four clock cycles. (section 8.6.3)
 const MASTER_ENABLE_CYCLES: Cycles = 4;
 
-/// The end of programming.
+/// Expires at the end of programming.
 pub(super) const TIMER: Timer = Timer("EEPROM");
 
 #[derive(Debug, Clone, Copy)]
@@ -36,12 +36,12 @@ pub(super) struct Eeprom {
 }
 
 impl Eeprom {
-    /// An erased EEPROM of that many bytes.
+    /// An erased EEPROM with `bytes` bytes.
     pub fn new(bytes: usize) -> Eeprom {
         Eeprom { cells: vec![0xFF; bytes], programming: None, master_enable_until: 0 }
     }
 
-    /// The cells; a cell in programming still has its old value.
+    /// The cells. A cell that is being programmed has its old value.
     pub fn cells(&self) -> &[u8] {
         &self.cells
     }
@@ -53,12 +53,12 @@ impl Eeprom {
         self.cells[address..address + bytes.len()].copy_from_slice(bytes);
     }
 
-    /// Whether a cell is programmed.
+    /// `Writing` while a cell is programmed.
     pub fn activity(&self) -> EepromActivity {
         if self.programming.is_some() { EepromActivity::Writing } else { EepromActivity::Idle }
     }
 
-    /// A reset. The date of a programming in progress must be made again, simavr forgot it.
+    /// Resets the EEPROM's registers. Sets the timer of a write in progress again, because simavr's reset has cancelled it.
     pub fn reset(&mut self, base: &Base) {
         self.master_enable_until = 0;
         if let Some(programming) = self.programming {
@@ -66,7 +66,7 @@ impl Eeprom {
         }
     }
 
-    /// The supply failed: a cell in programming holds neither the old value nor the new.
+    /// Handles a loss of power: a cell that is being programmed gets neither its old nor its new value.
     pub fn lose_power(&mut self, noise: u8) {
         if let Some(programming) = self.programming.take() {
             self.cells[programming.address] = programming.value ^ (noise | 1);
@@ -86,20 +86,19 @@ impl Eeprom {
         if value & EEPE != 0 && master_enabled {
             self.master_enable_until = 0;
             if busy {
-                base.violation("an EEPROM write is started while another goes on: it has no effect");
+                base.report_violation("an EEPROM write is started while another goes on: it has no effect");
             } else {
                 self.program(base, spm, mode, address);
             }
         } else if value & EEMPE != 0 {
             self.master_enable_until = now + MASTER_ENABLE_CYCLES;
         } else if value & EEPE != 0 && !busy {
-            // While busy, EEPE reads 1, and a read-modify-write of another bit writes it back: no
-            // mistake.
-            base.violation("EEPE is set without EEMPE in the four cycles before: no EEPROM write");
+            // While busy, EEPE reads 1, and a read-modify-write of another bit writes it back. That is not a mistake.
+            base.report_violation("EEPE is set without EEMPE in the four cycles before: no EEPROM write");
         }
         if value & EERE != 0 {
             if busy {
-                base.violation("the EEPROM is read while it is written: no effect");
+                base.report_violation("the EEPROM is read while it is written: no effect");
             } else {
                 core.set(EEDR, self.cells[address]);
                 // > When the EEPROM is read, the CPU is halted for four clock cycles (section
@@ -121,13 +120,13 @@ impl Eeprom {
     /// Writes EEARL or EEARH.
     pub fn write_address(&mut self, base: &Base, register: u16, value: u8) {
         if self.programming.is_some() {
-            base.violation("the EEPROM address is written while the EEPROM is written: no effect");
+            base.report_violation("the EEPROM address is written while the EEPROM is written: no effect");
         } else {
             base.core.set(register, value);
         }
     }
 
-    /// Programming is over.
+    /// Ends the programming of a cell.
     pub fn finish(&mut self, base: &Base) {
         if let Some(Programming { address, value, .. }) = self.programming.take() {
             self.cells[address] = value;
@@ -152,7 +151,7 @@ impl Eeprom {
         let core = &base.core;
         // > The EEPROM can not be programmed during a CPU write to the Flash memory. (section 8.6.3)
         if spm.is_busy() {
-            base.violation("an EEPROM write is started while the flash is programmed: it has no effect");
+            base.report_violation("an EEPROM write is started while the flash is programmed: it has no effect");
             return;
         }
         let data = core.get(EEDR);
@@ -162,7 +161,7 @@ impl Eeprom {
             // Without an erase, bits can only become 0.
             2 => (self.cells[address] & data, HALF_OPERATION_CYCLES),
             _ => {
-                base.violation("EEPM is 3, which is reserved: no EEPROM write");
+                base.report_violation("EEPM is 3, which is reserved: no EEPROM write");
                 return;
             }
         };

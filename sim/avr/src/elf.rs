@@ -1,11 +1,10 @@
-//! Reads a firmware ELF: what goes to flash and EEPROM, and where the symbols are.
+//! Reads a firmware's ELF file: the contents of flash and EEPROM, and the symbols.
 //!
-//! The AVR tool chains give each memory its own range of addresses: flash from 0, SRAM from
-//! 0x800000, EEPROM from 0x810000, fuses and lock bits above. A segment is loaded at its physical
-//! address, so that initialised data lands in flash behind the text, from where the start-up code
-//! copies it. Fuses and lock bits are not read.
+//! The AVR tool chains give each memory its own range of addresses: flash from 0, SRAM from 0x800000, EEPROM from 0x810000,
+//! fuses and lock bits above. A segment is loaded at its physical address. So initialised data is in flash after the text, and
+//! the start-up code copies it from there. Fuses and lock bits are not read.
 //!
-//! avr-gcc's linker notes for which device it has linked, in the section `.note.gnu.avr.deviceinfo`.
+//! avr-gcc's linker writes the name of the device to the section `.note.gnu.avr.deviceinfo`.
 
 use std::collections::HashMap;
 use std::io;
@@ -26,7 +25,7 @@ const EEPROM_END: u32 = 0x82_0000;
 const DEVICE_NOTE: &[u8] = b".note.gnu.avr.deviceinfo";
 const BOARD_SECTION: &[u8] = b".board";
 
-/// The value of the line `key=value` of a section `.board`. A line without a value counts for none.
+/// The value of the line `key=value` in a section `.board`. A line without a value counts as missing.
 pub fn value_of<'a>(lines: &'a [u8], key: &str) -> Option<&'a str> {
     let lines = std::str::from_utf8(lines).ok()?.lines();
     lines
@@ -36,17 +35,16 @@ pub fn value_of<'a>(lines: &'a [u8], key: &str) -> Option<&'a str> {
         .find(|value| !value.is_empty())
 }
 
-/// A symbol of the firmware. Data addresses are those the program uses, without the tool chain's
-/// 0x800000.
+/// A symbol of the firmware. Data addresses are those of the program, without the tool chain's 0x800000.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Symbol {
     /// Byte address in flash, SRAM or EEPROM.
     pub address: u32,
-    /// Size in bytes, 0 if the ELF does not say.
+    /// Size in bytes, 0 if the ELF file does not say.
     pub size: u32,
 }
 
-/// What an ELF file holds for the chip.
+/// A program for a chip.
 #[derive(Debug, Default)]
 pub struct Firmware {
     /// Pieces of flash and their byte addresses.
@@ -55,16 +53,16 @@ pub struct Firmware {
     pub eeprom: Vec<(usize, Vec<u8>)>,
     /// All named symbols.
     pub symbols: HashMap<String, Symbol>,
-    /// The device that the linker notes, such as "atmega328p".
+    /// The device in the linker's note, such as "atmega328p".
     pub device: Option<String>,
-    /// Bytes of RAM that the variables take.
+    /// Bytes of RAM for variables.
     pub statics: u32,
-    /// The section `.board` of programs of this project: lines `key=value`, of which "mcu" names the chip.
+    /// The section `.board` of programs of this project: lines `key=value`. The line "mcu" names the chip.
     pub board: Option<Vec<u8>>,
 }
 
 impl Firmware {
-    /// Reads the file.
+    /// Reads an ELF file.
     ///
     /// # Errors
     /// If the file is missing or is not an AVR executable.
@@ -80,10 +78,13 @@ impl Firmware {
     /// Reads the bytes of an ELF file.
     ///
     /// # Errors
-    /// As [`Firmware::read`].
+    /// If the bytes are not an AVR executable.
     pub fn parse(bytes: &[u8]) -> Result<Firmware> {
-        ensure!(!bytes.starts_with(b":"), "it is an Intel HEX file; use the ELF, which the compiler leaves beside it");
-        let header = FileHeader32::<LittleEndian>::parse(bytes).context("no 32-bit ELF file")?;
+        ensure!(
+            !bytes.starts_with(b":"),
+            "it is an Intel HEX file; use the ELF file, which the compiler writes beside it"
+        );
+        let header = FileHeader32::<LittleEndian>::parse(bytes).context("it is not a 32-bit ELF file")?;
         let endian = header.endian()?;
         ensure!(header.e_machine(endian) == EM_AVR, "the ELF is for another processor than the AVR");
         let mut firmware = Firmware::default();
@@ -123,10 +124,10 @@ impl Firmware {
         Ok(firmware)
     }
 
-    /// The chip that the program is for, as far as the file says.
+    /// The chip for which the program was built; `None` if the file does not say.
     ///
     /// # Errors
-    /// If it is for another device than the simulator knows.
+    /// If the simulator does not know the device.
     pub fn chip(&self) -> Result<Option<Chip>> {
         if let Some(name) = self.board.as_deref().and_then(|lines| value_of(lines, "mcu")) {
             return name.parse().map(Some).map_err(anyhow::Error::msg).context("its section .board");
@@ -142,7 +143,7 @@ impl Firmware {
     /// Checks that the program fits a chip.
     ///
     /// # Errors
-    /// If it does not; the message has the numbers, and names a chip that it fits.
+    /// If the program does not fit; the message has the sizes, and names a chip that the program fits.
     pub fn check_fits(&self, chip: Chip) -> Result<()> {
         let end =
             |pieces: &[(usize, Vec<u8>)]| pieces.iter().map(|(start, bytes)| start + bytes.len()).max().unwrap_or(0);
@@ -166,16 +167,16 @@ impl Firmware {
         Ok(())
     }
 
-    /// Where the program begins, if it is a boot loader: the boot section, which is where resets go.
+    /// Start of the boot section for a program that is a bootloader, a byte address.
     ///
     /// # Errors
-    /// If it does not fit the chip, or does not begin where a boot section can.
+    /// If the program does not fit the chip, or no boot section can start at its first byte.
     pub fn boot_section(&self, chip: Chip) -> Result<usize> {
         self.check_fits(chip)?;
         let first = self.flash.iter().map(|(address, _)| *address).min().unwrap_or_default();
         if !chip.boot_sections().contains(&first) {
             let starts = chip.boot_sections().map(|start| format!("{start:#06x}")).join(", ");
-            bail!("it begins at {first:#06x}; a boot loader of an {chip} begins at one of {starts}");
+            bail!("it begins at {first:#06x}; a bootloader of an {chip} begins at one of {starts}");
         }
         Ok(first)
     }
@@ -192,8 +193,8 @@ impl Firmware {
     }
 }
 
-/// The device in the note: an ELF note with the name "AVR", the addresses and sizes of three memories, a table of offsets, and texts,
-/// of which the first offset leads to the device's name (binutils, include/elf/avr.h).
+/// The name of the device in the note `.note.gnu.avr.deviceinfo`. The note has the name "AVR", the addresses and sizes of three
+/// memories, a table of offsets, and texts. The first offset is that of the device's name (binutils, include/elf/avr.h).
 fn device(note: &[u8]) -> Option<String> {
     const TABLE_BYTES_AT: usize = 40;
     const TABLE_AT: usize = 44;
@@ -217,24 +218,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_missing_file_points_to_make_firmware() {
+    fn the_error_of_a_missing_file_names_make_firmware() {
         let error = Firmware::read(Path::new("/nonexistent/node.elf")).unwrap_err();
         assert!(error.to_string().contains("make firmware"), "{error}");
     }
 
     #[test]
-    fn a_file_that_is_no_elf_is_refused() {
+    fn a_file_that_is_not_elf_is_rejected() {
         assert!(Firmware::parse(b"no ELF at all").is_err());
     }
 
     #[test]
-    fn a_hex_file_is_refused_and_the_elf_named() {
+    fn a_hex_file_is_rejected_and_the_error_names_the_elf_file() {
         let error = Firmware::parse(b":100000000C94").unwrap_err();
         assert!(error.to_string().contains("use the ELF"), "{error:#}");
     }
 
     #[test]
-    fn an_elf_for_another_processor_is_refused() {
+    fn an_elf_file_for_another_processor_is_rejected() {
         let mut header = vec![0; 52];
         header[..7].copy_from_slice(b"\x7fELF\x01\x01\x01");
         header[16] = 2;
@@ -245,12 +246,12 @@ mod tests {
     }
 
     #[track_caller]
-    fn refused(firmware: &Firmware, chip: Chip, expected: &str) {
+    fn assert_rejected(firmware: &Firmware, chip: Chip, expected: &str) {
         assert_eq!(firmware.check_fits(chip).unwrap_err().to_string(), expected);
     }
 
     #[test]
-    fn a_boot_loader_must_begin_where_a_reset_can_go() {
+    fn a_bootloader_must_begin_at_the_start_of_a_boot_section() {
         let loader = |address| Firmware { flash: vec![(address, vec![0])], ..Firmware::default() };
         assert_eq!(loader(0x3800).boot_section(Chip::Atmega168).unwrap(), 0x3800);
         assert_eq!(loader(0x7E00).boot_section(Chip::Atmega328p).unwrap(), 0x7E00);
@@ -260,25 +261,25 @@ mod tests {
     }
 
     #[test]
-    fn data_that_exceeds_a_memory_is_refused_with_the_chip_that_it_fits() {
+    fn the_error_of_data_that_exceeds_a_memory_names_a_chip_that_they_fit() {
         let mut firmware = Firmware::default();
         firmware.place(0, &[0; 0x4000]).unwrap();
         firmware.place(EEPROM_OFFSET + 511, &[0]).unwrap();
         assert!(firmware.check_fits(Chip::Atmega168).is_ok());
         firmware.place(EEPROM_OFFSET + 512, &[0]).unwrap();
         let text = "513 bytes of data do not fit the 512 bytes of EEPROM of an ATmega168; is it for an ATmega328P? --mcu atmega328p";
-        refused(&firmware, Chip::Atmega168, text);
+        assert_rejected(&firmware, Chip::Atmega168, text);
         firmware.place(0x4000, &[0]).unwrap();
         let text = "16,385 bytes of code and initialised data do not fit the 16,384 bytes of flash of an ATmega168; is it for an \
                     ATmega328P? --mcu atmega328p";
-        refused(&firmware, Chip::Atmega168, text);
+        assert_rejected(&firmware, Chip::Atmega168, text);
         assert!(firmware.check_fits(Chip::Atmega328p).is_ok());
         firmware.place(0x8000, &[0]).unwrap();
         let text = "32,769 bytes of code and initialised data do not fit the 32,768 bytes of flash of an ATmega328P";
-        refused(&firmware, Chip::Atmega328p, text);
+        assert_rejected(&firmware, Chip::Atmega328p, text);
     }
 
-    /// As avr-gcc 14 links it.
+    /// A note that avr-gcc 14 has written.
     const NOTE: &[u8] = b"\x04\0\0\0\x2d\0\0\0\x01\0\0\0AVR\0\0\0\0\0\0\x80\0\0\0\x01\0\0\0\x08\0\0\0\0\0\0\0\x04\0\0\
         \x08\0\0\0\x01\0\0\0\0atmega328p\0\0\0\0";
 

@@ -1,11 +1,11 @@
-//! The external interrupts INT0 and INT1 (datasheet section 13): edges that come while they are masked.
+//! The external interrupts INT0 and INT1 (datasheet section 13): edges while the interrupt is masked.
 
 use super::base::{Base, Peripheral};
 use super::chip::Chip;
 use super::core::Vector;
 use super::regs::{EIFR, EIMSK};
 
-/// See the module. Its state is in EIMSK and EIFR.
+/// The model of INT0 and INT1. Its state is in EIMSK and EIFR.
 pub(super) struct ExternalInterrupts;
 
 impl Peripheral for ExternalInterrupts {
@@ -20,7 +20,7 @@ impl Peripheral for ExternalInterrupts {
     fn write(&self, base: &Base, address: u16, value: u8) {
         let core = &base.core;
         match address {
-            // simavr forgets an edge that comes while its interrupt is masked.
+            // simavr loses an edge that comes while its interrupt is masked.
             // > [...] an edge [...] triggers an interrupt request, INTF0 becomes set [...]. If the I-bit in SREG and the INT0 bit
             // > in EIMSK are set (one), the MCU will jump to the corresponding Interrupt Vector. (section 13.2.3)
             EIMSK => {

@@ -1,8 +1,8 @@
-//! Reads Intel HEX, the form in which boot loaders are published.
+//! Reads Intel HEX files, the usual form of bootloaders.
 //!
-//! A line is `:LLAAAATT`, data, checksum, in hexadecimal: length, address, type, and a byte that makes the sum of all 0.
-//! Types: 0 data, 1 end of file, 2 and 4 the upper part of the addresses that follow, 3 and 5 a start address, which an
-//! AVR has no use for.
+//! A line is `:LLAAAATT`, data, checksum, in hexadecimal: length, address, type, and a byte that makes the sum of all bytes 0.
+//! Types: 0 data, 1 end of file, 2 and 4 the upper part of the addresses that follow, 3 and 5 a start address, which is
+//! ignored because an AVR does not use it.
 //!
 //! Source: Intel, "Hexadecimal Object File Format Specification", revision A (1988).
 
@@ -11,19 +11,19 @@ use anyhow::{Context, Result, bail, ensure};
 use std::path::Path;
 
 impl Firmware {
-    /// Reads an Intel HEX file. There are no symbols in it.
+    /// Reads an Intel HEX file, which has no symbols.
     ///
     /// # Errors
-    /// If the file is missing, or is no Intel HEX.
+    /// If the file is missing, or is not Intel HEX.
     pub fn read_hex(path: &Path) -> Result<Firmware> {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Firmware::parse_hex(&text).with_context(|| format!("{} is no Intel HEX", path.display()))
+        Firmware::parse_hex(&text).with_context(|| format!("{} is not an Intel HEX file", path.display()))
     }
 
     /// Reads the text of an Intel HEX file.
     ///
     /// # Errors
-    /// As [`Firmware::read_hex`].
+    /// If the text is not Intel HEX; the message names the line.
     pub fn parse_hex(text: &str) -> Result<Firmware> {
         let mut flash: Vec<(usize, Vec<u8>)> = Vec::new();
         let mut base = 0;
@@ -59,16 +59,20 @@ struct Record {
 
 fn record(line: &str) -> Result<Record> {
     let digits = line.strip_prefix(':').context("it does not begin with a colon")?;
-    ensure!(digits.is_ascii() && digits.len().is_multiple_of(2), "it is no sequence of bytes");
+    ensure!(digits.is_ascii() && digits.len().is_multiple_of(2), "it is not a sequence of bytes");
     let bytes: Vec<u8> = (0..digits.len())
         .step_by(2)
         .map(|at| u8::from_str_radix(&digits[at..at + 2], 16))
         .collect::<Result<_, _>>()
-        .context("it is no sequence of bytes")?;
+        .context("it is not a sequence of bytes")?;
     let [length, high, low, kind, data @ .., _checksum] = bytes.as_slice() else {
         bail!("it is too short");
     };
-    ensure!(data.len() == usize::from(*length), "it has {} bytes of data and announces {length}", data.len());
+    ensure!(
+        data.len() == usize::from(*length),
+        "it has {} bytes of data, but its length field is {length}",
+        data.len()
+    );
     let sum = bytes.iter().fold(0u8, |sum, byte| sum.wrapping_add(*byte));
     ensure!(sum == 0, "the checksum is wrong");
     Ok(Record { address: usize::from(u16::from_be_bytes([*high, *low])), kind: *kind, data: data.to_vec() })
@@ -81,25 +85,25 @@ mod tests {
     const END: &str = ":00000001FF\n";
 
     #[test]
-    fn neighbouring_lines_become_one_piece() {
+    fn lines_with_consecutive_addresses_become_one_piece() {
         let text = format!(":023800000102C3\r\n:0238020003 04BD\n:0100000055AA\n{END}").replace(' ', "");
         let firmware = Firmware::parse_hex(&text).unwrap();
         assert_eq!(firmware.flash, [(0x3800, vec![1, 2, 3, 4]), (0, vec![0x55])]);
     }
 
     #[test]
-    fn upper_addresses_and_start_addresses_are_understood() {
+    fn upper_addresses_count_and_start_addresses_are_ignored() {
         let text = format!(":020000020100FB\n:0100000055AA\n:0400000300003800C1\n{END}");
         let firmware = Firmware::parse_hex(&text).unwrap();
         assert_eq!(firmware.flash, [(0x1000, vec![0x55])]);
     }
 
     #[test]
-    fn damaged_files_are_refused_with_the_line() {
+    fn the_error_of_a_damaged_file_names_the_line() {
         for (text, expected) in [
             (":0100000055AB\n:00000001FF", "line 1"),
             (":0100000055AA\n0100000055AA\n:00000001FF", "line 2"),
-            (":0200000055AA\n:00000001FF", "announces 2"),
+            (":0200000055AA\n:00000001FF", "length field is 2"),
             (":0100000055AA", "end of the file"),
             (":00000001FF", "nothing to load"),
             (":zz", "sequence"),

@@ -1,8 +1,8 @@
 //! An ATmega168 or ATmega328P at 16 MHz, simulated by simavr and corrected where the datasheet says otherwise.
 //!
-//! [`Avr`] runs a program up to a given time and lets a board around it drive and watch its pins,
-//! be its SPI device, talk to its serial port, and feed its ADC. Time is counted from the start of
-//! the simulation and goes on through resets.
+//! [`Avr`] runs a program up to a given time. The board around it drives and watches pins, connects a device to the SPI, sends
+//! and receives on the serial port, and sets the ADC's inputs. Time counts from the start of the simulation; a reset does not
+//! change it.
 //!
 //! Modules. Each imports only modules further down:
 //!
@@ -13,22 +13,22 @@
 //! ├─ peripherals
 //! │  ├─ spi, uart, nvm   replace simavr's models (nvm: eeprom, spm)
 //! │  ├─ timer1           the waveforms of OC1A and OC1B; simavr keeps the interrupts
-//! │  ├─ extint           edges of INT0 and INT1 that come while masked, which simavr forgets
-//! │  └─ watchdog         its oscillator, which differs from chip to chip and has jitter
-//! ├─ adc, pins           what is outside
+//! │  ├─ extint           edges of INT0 and INT1 that come while masked, which simavr loses
+//! │  └─ watchdog         the watchdog's oscillator, with tolerance and jitter
+//! ├─ adc, pins           voltages and levels from outside
 //! └─ debug, trace        for debuggers and profilers
 //! base                   time, timers, violations; the trait of the peripherals
 //! core                   simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog
 //! ```
 //!
 //! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; IVSEL needs no IVCE. Each file names
-//! its own.
+//! further limits.
 //!
-//! This is the one crate of the simulator with `unsafe` code. Its argument is in `core` and
-//! `machine`: simavr's memory lives as long as the machine, everything runs on one thread, and
-//! callbacks see the machine through shared references only.
+//! Of the simulator's crates only this one has `unsafe` code, in `core` and `machine`. It is sound because simavr's memory
+//! lives as long as the machine, all code runs on one thread, and callbacks use shared references to the machine only.
 //!
-//! Source: Atmel 2545, "ATmega48/88/168", cited by section, which holds for the ATmega328P, too; simavr as bundled by simavr-ffi 1.2.
+//! Source: Atmel 2545, "ATmega48/88/168", cited by section; the ATmega328P is the same in these sections. simavr as bundled by
+//! simavr-ffi 1.2.
 
 mod adc;
 mod base;
@@ -61,7 +61,7 @@ use anyhow::{Context, Result};
 
 pub use base::Violation;
 pub use chip::Chip;
-pub use debug::Halt;
+pub use debug::{Halt, Resume};
 pub use debugger::{Debugger, Registers};
 pub use elf::{Firmware, Symbol, value_of};
 pub use machine::{Reset, ResetCause};
@@ -77,17 +77,17 @@ use self::core::Activity;
 use machine::Machine;
 use sim_base::{Cycles, F_CPU_HZ};
 
-/// What the processor does.
+/// State of the processor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum State {
     /// Executes instructions.
     Running,
     /// Sleeps until an interrupt.
     Sleeping,
-    /// Ran off the end of flash, or into flash that cannot be read while other flash is programmed; the byte address of the
-    /// program counter. Only a reset helps.
+    /// The program counter, a byte address, left the flash, or is in flash that cannot be read while other flash is programmed.
+    /// Only a reset ends this state.
     Crashed(u32),
-    /// Sleeps with interrupts off. Only a reset helps.
+    /// Sleeps with interrupts off. Only a reset ends this state.
     Done,
 }
 
@@ -109,23 +109,23 @@ impl Avr {
         Ok(Avr { machine, symbols: HashMap::new(), board: None })
     }
 
-    /// The chip that an ELF file is for, with its program, just powered on. It is an ATmega168 if the file does not say.
+    /// A chip with the program of an ELF file, just powered on. If the file does not name the chip, it is an ATmega168.
     ///
     /// # Errors
-    /// If the file is missing or is no program for such a chip; the message says what to do.
+    /// If the file is missing, or is not a program for one of these chips; the message says what to do.
     pub fn load(elf: &Path) -> Result<Avr> {
         Avr::with_firmware(&Firmware::read(elf)?).with_context(|| elf.display().to_string())
     }
 
-    /// The chip that a program is for, with the program. It is an ATmega168 if the program does not say.
+    /// A chip with a program that is read already. If the program does not name the chip, it is an ATmega168.
     ///
     /// # Errors
-    /// If there is no such chip, or the program does not fit.
+    /// If the simulator does not know the chip, or the program does not fit.
     pub fn with_firmware(firmware: &Firmware) -> Result<Avr> {
         Avr::programmed(firmware.chip()?.unwrap_or_default(), firmware)
     }
 
-    /// A chip with a program that has been read already.
+    /// The given chip with a program that is read already.
     ///
     /// # Errors
     /// If the program does not fit.
@@ -137,8 +137,8 @@ impl Avr {
         Ok(avr)
     }
 
-    /// Writes a further program to flash and EEPROM, such as an application beside a boot loader. Symbols and wiring remain
-    /// those of the first.
+    /// Writes a further program to flash and EEPROM, such as an application beside a bootloader. The chip keeps the symbols and
+    /// the section `.board` of the first program.
     ///
     /// # Errors
     /// If the program does not fit.
@@ -153,34 +153,34 @@ impl Avr {
         Ok(())
     }
 
-    /// Writes a boot loader to flash, and sets BOOTSZ and BOOTRST to where it begins. Takes effect at the next reset.
+    /// Writes a bootloader to flash, and sets BOOTSZ and BOOTRST to its start. Takes effect at the next reset.
     ///
     /// # Errors
-    /// If the program does not fit, or does not begin where a boot section can.
-    pub fn install_boot_loader(&mut self, loader: &Firmware) -> Result<()> {
+    /// If the program does not fit, or no boot section can start at its first byte.
+    pub fn install_bootloader(&mut self, loader: &Firmware) -> Result<()> {
         let start = loader.boot_section(self.chip())?;
         self.load_further(loader)?;
         self.set_reset_vector(start as u32);
         Ok(())
     }
 
-    /// Which chip it is.
+    /// The type of the chip.
     pub fn chip(&self) -> Chip {
         self.machine.base.core.chip()
     }
 
-    /// The section `.board` of the program that was loaded, if it has one.
+    /// The section `.board` of the program, if it has one.
     pub fn board_section(&self) -> Option<&[u8]> {
         self.board.as_deref()
     }
 
-    /// Writes bytes to flash from a byte address on.
+    /// Writes bytes to flash from byte address `address` on.
     pub fn load_flash(&mut self, address: usize, bytes: &[u8]) {
         self.machine.base.core.write_flash(address, bytes);
     }
 
-    /// Byte address where resets begin: a boot loader's, if the fuses say so. Takes effect at the
-    /// next reset. If a boot section can begin there, BOOTSZ is set to it and BOOTRST is programmed.
+    /// Sets the byte address at which the program starts after a reset. Takes effect at the next reset. If a boot section can start
+    /// there, sets BOOTSZ to that section and programs BOOTRST.
     pub fn set_reset_vector(&mut self, address: u32) {
         let is_boot_section = self.chip().boot_sections().contains(&(address as usize));
         self.machine.peripherals.nvm.spm.borrow_mut().set_boot_reset(is_boot_section);
@@ -190,15 +190,16 @@ impl Avr {
         self.machine.base.core.set_reset_pc(address);
     }
 
-    /// Sets BOOTSZ by the byte address of the boot section, from which alone SPM works. A chip from the factory has the longest.
+    /// Sets BOOTSZ by the start of the boot section, a byte address. SPM works only from the boot section. A new chip has the longest
+    /// one.
     ///
     /// # Panics
-    /// If no boot section of the chip begins there.
+    /// If no boot section of the chip starts there.
     pub fn set_boot_section(&mut self, start: usize) {
         self.machine.peripherals.nvm.spm.borrow_mut().set_boot_start(start);
     }
 
-    /// True while the program erases or writes a page of flash, or the lock bits.
+    /// True while a page of flash is erased or written, or the lock bits are written.
     pub fn is_programming_flash(&self) -> bool {
         self.machine.peripherals.nvm.spm.borrow().is_busy()
     }
@@ -208,29 +209,29 @@ impl Avr {
         self.machine.peripherals.nvm.spm.borrow().lock_bits()
     }
 
-    /// A symbol of the ELF whose name has `part` in it: compilers decorate names.
+    /// A symbol of the ELF file whose name contains `part`. Compilers add characters to names.
     pub fn symbol_with(&self, part: &str) -> Option<Symbol> {
         self.symbols.iter().find(|(name, _)| name.contains(part)).map(|(_, symbol)| *symbol)
     }
 
-    /// A symbol of the ELF.
+    /// The symbol of the ELF file with this name.
     pub fn symbol(&self, name: &str) -> Option<Symbol> {
         self.symbols.get(name).copied()
     }
 
-    /// The time.
+    /// Simulated time since the start.
     pub fn now(&self) -> Cycles {
         self.machine.base.now()
     }
 
-    /// Runs the program until `t`; the last instruction or interrupt entry may end later. A chip
-    /// that sleeps or has crashed lets the time pass; one that a debugger halts does not.
+    /// Runs the program until `t`. The last instruction or interrupt entry can end later. Time also passes while the chip sleeps or
+    /// has crashed, but not while a debugger halts it.
     pub fn run_until(&mut self, t: Cycles) -> State {
         self.machine.run_until(t);
         self.state()
     }
 
-    /// What the processor does.
+    /// State of the processor.
     pub fn state(&self) -> State {
         let core = &self.machine.base.core;
         match core.activity() {
@@ -246,39 +247,38 @@ impl Avr {
         self.machine.reset(cause);
     }
 
-    /// Seed of what makes one chip differ from another: what SRAM holds after the next power-on, and how the watchdog's
-    /// oscillator runs. The default seed is 0.
+    /// Sets the seed of the properties that differ between chips: the contents of SRAM after the next power-on, and the frequency
+    /// and jitter of the watchdog's oscillator. The default seed is 0.
     pub fn seed(&mut self, seed: u64) {
         self.machine.seed(seed);
     }
 
-    /// All resets so far, the first power-on included.
+    /// All resets so far, including the first power-on.
     pub fn resets(&self) -> Vec<Reset> {
         self.machine.resets_after(0)
     }
 
-    /// The resets after the first `seen` of them.
+    /// The resets after the first `seen` ones.
     pub fn resets_after(&self, seen: usize) -> Vec<Reset> {
         self.machine.resets_after(seen)
     }
 
-    /// The program's mistakes since the last call.
+    /// Removes and returns the program's mistakes since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         self.machine.base.take_violations()
     }
 
-    /// The level of a pin, as `('D', 2)`.
+    /// True if a pin is high. PD2 is `('D', 2)`.
     pub fn pin(&self, port: char, bit: u8) -> bool {
         self.machine.level(pins::port_index(port), bit)
     }
 
-    /// Calls `watcher` at each change of a pin. Edges that Timer1 makes are seen by
-    /// [`Avr::take_edges`] only.
+    /// Calls `watcher` at each change of a pin. [`Avr::take_edges`] has the edges that Timer1 makes.
     pub fn watch_pin(&mut self, port: char, bit: u8, watcher: PinWatcher) {
         self.machine.pins.watch(&self.machine.base, pins::port_index(port), bit, watcher);
     }
 
-    /// Drives a pin from outside, through resets too. A pin that is an output does not mind.
+    /// Drives a pin from outside, also during resets. Has no effect while the pin is an output.
     pub fn drive_pin(&mut self, port: char, bit: u8, level: bool) {
         self.machine.pins.drive(&self.machine.base, pins::port_index(port), bit, Some(level));
     }
@@ -288,35 +288,34 @@ impl Avr {
         self.machine.pins.drive(&self.machine.base, pins::port_index(port), bit, None);
     }
 
-    /// A handle to drive a pin with from within watchers and SPI devices.
+    /// A handle with which watchers and SPI devices can drive a pin.
     pub fn input_pin(&self, port: char, bit: u8) -> InputPin {
         InputPin { machine: Rc::downgrade(&self.machine), port: pins::port_index(port), bit }
     }
 
-    /// Connects the one device on the SPI. Chip select is a pin like any other.
+    /// Connects the device on the SPI, in place of an earlier one. Chip select is an ordinary pin.
     pub fn connect_spi(&mut self, device: Box<dyn SpiDevice>) {
         self.machine.peripherals.spi.set_device(device);
     }
 
-    /// Bytes that the program sent on the serial port since the last call, each with the end of its
-    /// stop bit.
+    /// Removes and returns the bytes that the program sent on the serial port since the last call, each with the time of the end of
+    /// its stop bit.
     pub fn serial_take(&mut self) -> Vec<(Cycles, u8)> {
         self.machine.peripherals.uart.borrow_mut().take_sent()
     }
 
-    /// Characters that began on TXD and RXD since the last call, for who draws the lines. The first call begins to
-    /// keep them.
+    /// Removes and returns the characters that began on TXD and RXD since the last call. The first call starts the recording.
     pub fn serial_trace(&mut self) -> Vec<SerialCharacter> {
         self.machine.peripherals.uart.borrow_mut().take_trace()
     }
 
-    /// Sends bytes to the serial port. They arrive one after the other at the rate that the program
-    /// has set, once the receiver is on; a program that is too slow loses some.
+    /// Sends bytes to the serial port. Once the receiver is on, they arrive one after the other at the rate that the program has set.
+    /// A program that reads too slowly loses bytes.
     pub fn serial_send(&mut self, bytes: &[u8]) {
         self.machine.peripherals.uart.borrow_mut().send_to_chip(&self.machine.base, bytes);
     }
 
-    /// Bytes given to [`Avr::serial_send`] that have not arrived yet.
+    /// Number of bytes given to [`Avr::serial_send`] that have not arrived yet.
     pub fn serial_unsent(&self) -> usize {
         self.machine.peripherals.uart.borrow().unsent_to_chip()
     }
@@ -326,7 +325,7 @@ impl Avr {
         self.machine.peripherals.uart.borrow_mut().discard_to_chip();
     }
 
-    /// Bytes that the program lost because it read too late.
+    /// Number of bytes that the program lost because it read too late.
     pub fn serial_overruns(&self) -> u32 {
         self.machine.peripherals.uart.borrow().overruns()
     }
@@ -356,13 +355,12 @@ impl Avr {
         self.machine.adc.borrow_mut().set_noise_uv(amplitude_uv, seed);
     }
 
-    /// Edges of OC1A or OC1B since the last call, exact to the cycle, while the pin is an output.
+    /// Removes and returns the edges of OC1A or OC1B since the last call, exact to the cycle, while the pin is an output.
     pub fn take_edges(&mut self, oc: Oc) -> Vec<(Cycles, bool)> {
         self.machine.peripherals.timer1.borrow_mut().take_edges(oc, self.now())
     }
 
-    /// Part of the time for which OC2B (D3) is high, 0 to 1, if Timer2 drives it in a PWM mode
-    /// (datasheet section 18.7).
+    /// Duty cycle of OC2B (D3), 0 to 1, if Timer2 drives it in a PWM mode (datasheet section 18.7).
     pub fn oc2b_duty(&self) -> Option<f64> {
         let get = |address| self.machine.base.core.get(address);
         let (control_a, control_b) = (get(regs::TCCR2A), get(regs::TCCR2B));
@@ -383,7 +381,7 @@ impl Avr {
     /// A byte of the data space: registers, I/O or SRAM. Reading has no side effect.
     ///
     /// # Panics
-    /// If the chip has no such address.
+    /// If `address` is above the end of the RAM.
     pub fn sram(&self, address: u16) -> u8 {
         self.machine.base.core.get(address)
     }
@@ -393,7 +391,7 @@ impl Avr {
         addresses.map(|address| self.machine.base.core.get(address)).collect()
     }
 
-    /// Sets a byte of the data space, without side effects. Meant for provoking faults.
+    /// Sets a byte of the data space, without side effects. For causing faults.
     pub fn poke_sram(&mut self, address: u16, value: u8) {
         self.machine.base.core.set(address, value);
     }
@@ -408,7 +406,7 @@ impl Avr {
         self.machine.base.core.pc()
     }
 
-    /// Whether a debugger has halted the chip. No time passes for it then.
+    /// True if a debugger has halted the chip. No time passes for the chip then.
     pub fn is_halted(&self) -> bool {
         self.machine.debug.is_halted()
     }
@@ -418,19 +416,19 @@ impl Avr {
         Debugger::new(Rc::clone(&self.machine))
     }
 
-    /// Calls `tracer` before each instruction, which makes the simulation several times slower; `None` ends it. The tracer
+    /// Calls `tracer` before each instruction, which makes the simulation several times slower; `None` ends the tracing. The tracer
     /// must not run the chip.
     pub fn trace(&mut self, tracer: Option<Tracer>) {
         self.machine.trace.set(tracer);
     }
 
-    /// All of flash, which survives resets and loss of power. A page in programming still has its old content.
+    /// The whole flash. Resets and power-off do not change it. A page that is being programmed has its old contents.
     pub fn flash(&self) -> &[u8] {
         self.machine.base.core.flash()
     }
 
-    /// Bytes of stack ever used by a program that filled SRAM from `bottom` on with `paint` at its
-    /// start; 0 if `bottom` is beyond the SRAM.
+    /// Largest size of the stack in bytes, of a program that filled SRAM from `bottom` on with `paint` at its start; 0 if `bottom` is
+    /// above the end of the SRAM.
     pub fn stack_high_water(&self, paint: u8, bottom: u16) -> u16 {
         let untouched = (bottom..=self.chip().ram_end()).take_while(|address| self.sram(*address) == paint).count();
         (self.chip().ram_end() + 1).saturating_sub(bottom) - untouched as u16
@@ -447,7 +445,7 @@ impl Avr {
     }
 }
 
-/// Drives an input pin of an [`Avr`] from outside, from anywhere on the same thread.
+/// A handle to drive an input pin of an [`Avr`] from outside.
 #[derive(Clone)]
 pub struct InputPin {
     machine: Weak<Machine>,
@@ -456,7 +454,7 @@ pub struct InputPin {
 }
 
 impl InputPin {
-    /// Sets the level. Nothing happens if the chip is gone.
+    /// Sets the level of the pin. Has no effect if the chip was dropped.
     pub fn drive(&self, level: bool) {
         if let Some(machine) = self.machine.upgrade() {
             machine.pins.drive(&machine.base, self.port, self.bit, Some(level));

@@ -1,15 +1,15 @@
-//! A chip with the models around its core: what simavr's callbacks come back to.
+//! A chip: the core and the models around it, the run loop, resets, and simavr's callbacks.
 //!
-//! To add a peripheral: write its file with a type that implements [`Peripheral`], declare the file in lib.rs, and add a line
-//! to `peripherals!` below. The machine then passes on writes, reads, timers and resets. Only a peripheral that needs another
-//! callback of simavr's, or another model, needs more here.
+//! To add a peripheral, write its file with a type that implements [`Peripheral`], declare the file in lib.rs, and add a line to
+//! `peripherals!` below. The machine then calls the type for writes, reads, timers and resets. A peripheral that needs another
+//! callback of simavr, or another model, needs more code here.
 //!
-//! No module that this file imports may import it. A model gets what it needs of another as an argument: here, or in `nvm`.
+//! No module that this file imports may import this file. If a model needs another one, it gets it as an argument, here or in
+//! `nvm`.
 //!
-//! simavr calls back in the middle of an instruction, and what a callback does may make simavr call
-//! back again. So the machine is shared, never borrowed mutably as a whole: each model sits in a
-//! cell of its own that is borrowed for one step, and functions of the outside world are called
-//! while no cell is borrowed.
+//! simavr calls back in the middle of an instruction, and a callback can make simavr call back again. So the machine is shared,
+//! and never borrowed mutably. Each model is in its own cell, which is borrowed for one step. No cell is borrowed while code
+//! outside of this crate runs.
 
 use std::cell::{Cell, RefCell};
 use std::ffi::{c_int, c_void};
@@ -46,7 +46,7 @@ macro_rules! peripherals {
         }
 
         impl Peripherals {
-            /// Each of them, in the order in which resets reach them.
+            /// All peripherals, in the order in which a reset resets them.
             const ALL: &[Select] = &[$(|peripherals| &peripherals.$name),*];
 
             fn new(chip: Chip) -> Peripherals {
@@ -75,41 +75,41 @@ peripherals! {
     external_interrupts: ExternalInterrupts,
 }
 
-/// Ends the present run.
+/// Expires at the end of `run_until`.
 const STOP: Timer = Timer("stop");
 
-/// Addresses of registers are below.
+/// End of the addresses of registers.
 const REGISTERS: usize = 0x100;
 
-/// Why the chip was reset.
+/// Cause of a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ResetCause {
-    /// Power was off: SRAM and registers hold garbage, MCUSR holds PORF alone.
+    /// Power-on: SRAM and registers have random contents, and of the flags in MCUSR only PORF is set.
     PowerOn,
-    /// The RESET pin.
+    /// The RESET pin was low.
     External,
     /// The supply was too low for a moment.
     BrownOut,
-    /// The watchdog ran out.
+    /// The watchdog timed out.
     Watchdog,
 }
 
-/// A reset that happened.
+/// A reset of the chip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reset {
-    /// When.
+    /// Time of the reset.
     pub at: Cycles,
-    /// Why.
+    /// Cause of the reset.
     pub cause: ResetCause,
 }
 
-/// See the module.
+/// A chip: the core and the models around it.
 pub(super) struct Machine {
     pub base: Base,
     pub peripherals: Peripherals,
-    /// Index of the peripheral that has a register, by the register's address.
+    /// Index of the peripheral that models a register, by the register's address.
     owners: [Option<usize>; REGISTERS],
-    /// Each timer, and the index of the peripheral that has it.
+    /// Each timer, and the index of the peripheral that uses it.
     timers: Vec<(Timer, usize)>,
     pub adc: RefCell<Adc>,
     pub pins: Pins,
@@ -121,7 +121,7 @@ pub(super) struct Machine {
 }
 
 impl Machine {
-    /// A chip that waits for its first reset.
+    /// A chip before its first reset.
     pub fn new(chip: Chip) -> Result<Rc<Machine>> {
         let peripherals = Peripherals::new(chip);
         let mut owners = [None; REGISTERS];
@@ -199,7 +199,7 @@ impl Machine {
         self.after_reset();
     }
 
-    /// Runs to `until`, with all that the chip does on its own, or until a debugger halts it.
+    /// Runs the program and the peripherals until `until`, or until a debugger halts the chip.
     pub fn run_until(&self, until: Cycles) {
         if self.base.now() >= until {
             return;
@@ -218,11 +218,11 @@ impl Machine {
             let asleep_for_good = core.activity() == Activity::Sleeping && !core.interrupts_enabled();
             if core.activity() == Activity::Running && !cpu_waits {
                 if self.trace.is_on() {
-                    self.trace.instruction(&self.base);
+                    self.trace.before_instruction(&self.base);
                 }
                 core.run_one();
                 if core.activity() == Activity::Sleeping && core.get(regs::SMCR) & regs::SE == 0 {
-                    self.base.violation("SLEEP without SE in SMCR: the chip does not sleep");
+                    self.base.report_violation("SLEEP without SE in SMCR: the chip does not sleep");
                     core.set_activity(Activity::Running);
                 }
             }
@@ -234,8 +234,7 @@ impl Machine {
                 }
                 idle = 0;
             } else if asleep_for_good && core.activity() == Activity::Running {
-                // simavr wakes the core for an interrupt that the I flag holds back; the chip
-                // sleeps on.
+                // simavr wakes the core for an interrupt even if the I flag is 0; the chip does not.
                 core.set_activity(Activity::Sleeping);
             }
             match core.activity() {
@@ -251,7 +250,7 @@ impl Machine {
         }
     }
 
-    /// Puts right what simavr's reset leaves wrong, and what it forgot of the outside world.
+    /// Corrects the state after simavr's reset: resets the models, and drives the pins from outside again.
     fn after_reset(&self) {
         self.base.core.disconnect_timer1();
         for peripheral in self.peripherals.iter() {
@@ -282,7 +281,7 @@ impl Machine {
         self.owner(address).map_or_else(|| self.base.core.get(address), |owner| owner.read(&self.base, address))
     }
 
-    /// The level of a pin. Timer1 drives two of them.
+    /// True if a pin is high. Timer1 can drive two of the pins.
     pub fn level(&self, port: usize, bit: u8) -> bool {
         let output = |oc| self.peripherals.timer1.borrow_mut().output(oc, self.base.now());
         let compare_output = match (port, bit) {
@@ -300,7 +299,7 @@ impl Machine {
     }
 }
 
-/// The machine behind a callback's parameter.
+/// The machine to which a callback's parameter points.
 ///
 /// # Safety
 /// `context` must be what `Machine::new` gave to `Core::set_context`.
@@ -322,7 +321,7 @@ unsafe extern "C" fn on_read(_: *mut ffi::avr_t, address: ffi::avr_io_addr_t, co
     machine.base.guard(0, || machine.read(address))
 }
 
-/// Inside each reset, the watchdog's too, before the peripherals reset.
+/// Called within each reset, including the watchdog's, before the peripherals reset.
 unsafe extern "C" fn on_reset(avr: *mut ffi::avr_t) {
     // Safety: simavr passes the chip of the core, which has its context.
     let machine = unsafe { machine(Core::context_of(avr)) };
@@ -331,8 +330,8 @@ unsafe extern "C" fn on_reset(avr: *mut ffi::avr_t) {
         let by_itself = machine.reset_cause.get().is_none();
         let cause = machine.reset_cause.take().unwrap_or(ResetCause::Watchdog);
         machine.resets.borrow_mut().push(Reset { at, cause });
-        // simavr does this at the end of the reset. The watchdog has started by then, with its date
-        // on the old clock, and would not bark for as long again as the chip had run before.
+        // simavr does this at the end of the reset. By then it has started the watchdog with the old clock, so that the time-out
+        // would be too long by the time that the chip had run before.
         machine.base.restart_clock();
         if by_itself {
             machine.base.ask_for_attention();
@@ -367,13 +366,13 @@ unsafe extern "C" fn on_interrupt(_: *mut ffi::avr_irq_t, _: u32, context: *mut 
 unsafe extern "C" fn on_bad_opcode(_: *mut ffi::avr_irq_t, opcode: u32, context: *mut c_void) {
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
-    machine.base.guard((), || machine.base.violation(&format!("illegal instruction {opcode:#06x}")));
+    machine.base.guard((), || machine.base.report_violation(&format!("illegal instruction {opcode:#06x}")));
 }
 
-/// The program reads or writes at an address beyond the RAM.
+/// Called when the program reads or writes at an address beyond the RAM.
 ///
 /// # Safety
-/// As [`machine`].
+/// The same as that of [`machine`].
 unsafe fn on_beyond_ram(context: *mut c_void, access: Access, address: u16) {
     // Safety: the caller's promise.
     let machine = unsafe { machine(context) };
@@ -384,9 +383,9 @@ unsafe fn on_beyond_ram(context: *mut c_void, access: Access, address: u16) {
         };
         let chip = machine.base.core.chip();
         let end = chip.ram_end();
-        machine
-            .base
-            .violation(&format!("the program {verb} {address:#06x}, and the RAM of an {chip} ends at {end:#06x}"));
+        machine.base.report_violation(&format!(
+            "the program {verb} {address:#06x}, but the RAM of an {chip} ends at {end:#06x}"
+        ));
     });
 }
 
@@ -418,7 +417,7 @@ unsafe extern "C" fn on_timer(
     0
 }
 
-/// SPM and LPM, in the middle of the instruction.
+/// Called for SPM and LPM, in the middle of the instruction.
 unsafe extern "C" fn on_flash(flash: *mut ffi::avr_io_t, request: u32, byte: *mut c_void) -> c_int {
     if request != FLASH_SPM && request != FLASH_LPM {
         return -1;

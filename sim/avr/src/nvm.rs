@@ -1,4 +1,4 @@
-//! The nonvolatile memories, EEPROM and flash: the program can change only one of them at a time.
+//! The nonvolatile memories, EEPROM and flash. The program can change only one of them at a time.
 
 use std::cell::RefCell;
 
@@ -10,14 +10,14 @@ use super::spm::{self, Spm};
 use sim_base::Cycles;
 use sim_base::Noise;
 
-/// See the module.
+/// The model of EEPROM and self-programming.
 pub(super) struct Nvm {
     pub eeprom: RefCell<Eeprom>,
     pub spm: RefCell<Spm>,
 }
 
 impl Nvm {
-    /// The program executes SPM.
+    /// Executes SPM for the program.
     pub fn execute_spm(&self, base: &Base) {
         self.spm.borrow_mut().execute(base, self.eeprom.borrow().activity());
     }

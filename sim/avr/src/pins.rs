@@ -1,8 +1,7 @@
-//! The pins: levels, who watches them, and what drives them from outside.
+//! The pins: their levels, their watchers, and the levels that are driven from outside.
 //!
-//! A pin that is an output has the level of its PORT bit; an input has the level it is driven to
-//! from outside, else that of its pull-up, else the last one. The outputs of Timer1 are not seen
-//! here but in `timer1`.
+//! An output has the level of its PORT bit. An input has the level that is driven from outside, else that of its pull-up, else
+//! its last one. The module `timer1` has the levels that Timer1 drives.
 
 use std::cell::{Cell, RefCell};
 use std::ffi::c_void;
@@ -30,14 +29,14 @@ struct Watch {
     watcher: RefCell<Option<PinWatcher>>,
 }
 
-/// What drives the pins from outside, a bit for each pin of each port.
+/// The pins that are driven from outside, and their levels: a bit for each pin of each port.
 #[derive(Default)]
 struct Drive {
     driven: [Cell<u8>; 3],
     levels: [Cell<u8>; 3],
 }
 
-/// See the module.
+/// The pins of a chip.
 #[derive(Default)]
 pub(super) struct Pins {
     drive: Rc<Drive>,
@@ -50,7 +49,7 @@ pub(super) fn port_index(port: char) -> usize {
 }
 
 impl Drive {
-    /// The level of a pin.
+    /// True if a pin is high.
     fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
         let pin_register = regs::pin_register(PORTS[port]);
         let mask = 1 << bit;
@@ -66,12 +65,12 @@ impl Drive {
 }
 
 impl Pins {
-    /// The level of a pin.
+    /// True if a pin is high.
     pub fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
         self.drive.level(base, port, bit)
     }
 
-    /// Drives a pin from outside, or lets it go.
+    /// Drives a pin from outside; `None` stops driving it.
     pub fn drive(&self, base: &Base, port: usize, bit: u8, level: Option<bool>) {
         let mask = 1u8 << bit;
         let set = |cell: &Cell<u8>, on: bool| cell.set(cell.get() & !mask | if on { mask } else { 0 });
@@ -96,7 +95,7 @@ impl Pins {
         self.watches.borrow_mut().push(watch);
     }
 
-    /// After a reset all pins are inputs, and simavr has forgotten what drives them.
+    /// Drives the pins again after a reset, which makes all pins inputs and clears the levels from outside in simavr.
     pub fn reapply(&self, base: &Base) {
         for port in 0..PORTS.len() {
             for bit in (0..8).filter(|bit| self.drive.driven[port].get() & 1 << bit != 0) {
@@ -105,12 +104,11 @@ impl Pins {
         }
         let watches = self.watches.borrow().clone();
         for watch in watches {
-            watch.look(base);
+            watch.check(base);
         }
     }
 
-    /// Gives an input its level. For an output simavr would mistake this for its own, so it waits
-    /// until the pin is an input.
+    /// Applies the level of an input. Does nothing for an output, because simavr would take the level for the output's.
     fn apply(&self, base: &Base, port: usize, bit: u8) {
         if base.core.get(regs::pin_register(PORTS[port]) + 1) & 1 << bit == 0 {
             base.core.drive_pin(port, bit, self.level(base, port, bit));
@@ -119,7 +117,8 @@ impl Pins {
 }
 
 impl Watch {
-    fn look(&self, base: &Base) {
+    /// Calls the watcher if the level of the pin has changed.
+    fn check(&self, base: &Base) {
         let level = self.drive.level(base, self.port, self.bit);
         if self.level.replace(level) != level {
             let watcher = self.watcher.take();
@@ -132,11 +131,11 @@ impl Watch {
 }
 
 unsafe extern "C" fn on_pin(_: *mut ffi::avr_irq_t, _: u32, parameter: *mut c_void) {
-    // Safety: the parameter is a `Watch` that `Pins` keeps until the machine is dropped. Callbacks come from the core of the
-    // `Base` that the watch points to, which the same machine owns, so it is alive and where it was, too.
+    // Safety: the parameter is a `Watch` that `Pins` keeps until the machine is dropped. Callbacks come from the core of the `Base`
+    // that the watch points to. The same machine owns that base, so it is alive and has not moved.
     let (watch, base) = unsafe {
         let watch = &*parameter.cast::<Watch>();
         (watch, &*watch.base)
     };
-    base.guard((), || watch.look(base));
+    base.guard((), || watch.check(base));
 }

@@ -1,4 +1,4 @@
-//! Turns the edges of a pin into pulses.
+//! Measures the pulses of a pin from its edges.
 
 use sim_base::Cycles;
 
@@ -7,9 +7,9 @@ use sim_base::Cycles;
 pub struct Pulse {
     /// Time of the rising edge.
     pub start: Cycles,
-    /// From the rising to the falling edge, in CPU cycles.
+    /// Time from the rising to the falling edge, in CPU cycles.
     pub width_cycles: u64,
-    /// From the rising edge before to this one, in CPU cycles; none for the first pulse.
+    /// Time from the last rising edge to this one, in CPU cycles; `None` for the first pulse.
     pub period_cycles: Option<u64>,
 }
 
@@ -20,7 +20,7 @@ impl Pulse {
     }
 }
 
-/// Measures pulses; feed it every edge once, in order.
+/// Measures pulses. Feed it each edge once, in order of time.
 #[derive(Debug, Default)]
 pub struct PulseMeter {
     rise: Option<Cycles>,
@@ -28,7 +28,7 @@ pub struct PulseMeter {
 }
 
 impl PulseMeter {
-    /// A meter that has seen nothing.
+    /// A meter before the first edge.
     pub fn new() -> PulseMeter {
         PulseMeter::default()
     }
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_falling_edge_alone_is_no_pulse() {
+    fn a_falling_edge_alone_is_not_a_pulse() {
         assert_eq!(PulseMeter::new().feed([(5, false)]), []);
     }
 }

@@ -1,10 +1,10 @@
-//! Data-space addresses and bits of the registers that the simulator looks at.
+//! Data-space addresses and bits of the registers that the simulator uses.
 //!
-//! Names are the datasheet's (Atmel 2545, "Register Summary"). Bits are bit values, not positions.
+//! The names are those of the datasheet (Atmel 2545, "Register Summary"). Bits are values, not positions.
 
 #![allow(missing_docs, reason = "the names are the documentation: see the datasheet's register summary")]
 
-/// First I/O register, behind R0 to R31.
+/// First I/O register, after R0 to R31.
 pub const IO_FIRST: u16 = 0x20;
 /// First byte of the internal SRAM.
 pub const RAMSTART: u16 = 0x0100;

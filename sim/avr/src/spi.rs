@@ -1,9 +1,8 @@
 //! The SPI as a master (datasheet section 19), with one device on it.
 //!
-//! simavr restarts a transfer when SPDR is written during it; the chip ignores the write and sets
-//! WCOL. This model does as the chip does, clears SPIF and WCOL as section 19.5 says, and lets a
-//! byte reach the device only if SCK is an output. A program's mistakes become violations. Not
-//! modelled: slave mode, the phase of the SCK divider.
+//! simavr restarts a transfer when the program writes SPDR during it; the chip, and this model, ignore the write and set WCOL.
+//! The model clears SPIF and WCOL as section 19.5 says. The device gets a byte only if SCK is an output. It reports the
+//! program's mistakes as violations. Not modelled: slave mode, the phase of the SCK divider.
 
 use std::cell::RefCell;
 
@@ -14,7 +13,7 @@ use super::regs::{CPHA, CPOL, DDRB, DORD, MSTR, SPCR, SPDR, SPE, SPI2X, SPIF, SP
 use sim_base::Cycles;
 use sim_base::Noise;
 
-/// The end of the transfer.
+/// Expires at the end of a transfer.
 const TIMER: Timer = Timer("SPI");
 
 /// Pins of port B.
@@ -22,14 +21,14 @@ const SS: u8 = 1 << 2;
 const MOSI: u8 = 1 << 3;
 const SCK: u8 = 1 << 5;
 
-/// One byte on the SPI, as the device sees it when its last bit is over.
+/// A byte on the SPI, which the device gets at the end of the last bit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SpiByte {
-    /// The byte as the device understands it, most significant bit first on the wire.
+    /// The byte on MOSI, with the first bit on the wire as the most significant one.
     pub mosi: u8,
-    /// When SPDR was written.
+    /// Time at which the program wrote SPDR.
     pub start: Cycles,
-    /// When the last bit was over.
+    /// Time of the end of the last bit.
     pub end: Cycles,
     /// Length of an SCK period in CPU cycles.
     pub cycles_per_bit: u64,
@@ -37,16 +36,16 @@ pub struct SpiByte {
     pub mode: u8,
 }
 
-/// What is clocked by the SPI.
+/// A device on the SPI.
 pub trait SpiDevice {
-    /// A byte begins: the device latches what it shifts out.
+    /// Begins a byte: the device latches the byte that it shifts out.
     fn begin_byte(&mut self, at: Cycles);
 
-    /// A byte is over. Returns what the device shifted out during it.
+    /// Ends a byte. Returns the byte that the device shifted out.
     fn end_byte(&mut self, byte: &SpiByte) -> u8;
 }
 
-/// A device that answers when the byte is over.
+/// A device that calculates its byte at the end of the transfer.
 impl<F: FnMut(&SpiByte) -> u8> SpiDevice for F {
     fn begin_byte(&mut self, _at: Cycles) {}
 
@@ -63,7 +62,7 @@ pub(super) struct Spi {
 }
 
 impl Spi {
-    /// Connects the device, in place of the one before.
+    /// Connects the device, in place of an earlier one.
     pub fn set_device(&self, device: Box<dyn SpiDevice>) {
         self.device.replace(Some(device));
     }
@@ -130,7 +129,7 @@ impl Peripheral for Spi {
 struct Master {
     in_transfer: Option<SpiByte>,
     received: u8,
-    /// SPSR was read with SPIF or WCOL set: the next access of SPDR clears them.
+    /// True if the program has read SPSR with SPIF or WCOL set: the next access of SPDR clears both.
     status_seen: bool,
 }
 
@@ -140,21 +139,21 @@ impl Master {
         let core = &base.core;
         let control = core.get(SPCR);
         if control & SPE == 0 {
-            base.violation("SPDR is written while the SPI is off");
+            base.report_violation("SPDR is written while the SPI is off");
             return None;
         }
         if control & MSTR == 0 {
-            base.violation("SPDR is written while the SPI is a slave, which is not modelled");
+            base.report_violation("SPDR is written while the SPI is a slave, which is not modelled");
             return None;
         }
         if self.in_transfer.is_some() {
             core.set_bits(SPSR, WCOL);
-            base.violation("SPDR is written during a transfer: the byte is lost (WCOL)");
+            base.report_violation("SPDR is written during a transfer: the byte is lost (WCOL)");
             return None;
         }
         self.clear_flags_if_seen(base);
         if core.get(DDRB) & SS == 0 {
-            base.violation("SS (PB2) is an input while the SPI is master: a low level there ends master mode");
+            base.report_violation("SS (PB2) is an input while the SPI is master: a low level there ends master mode");
         }
         let divisor = [4, 16, 64, 128][usize::from(control & SPR)];
         let cycles_per_bit = if core.get(SPSR) & SPI2X != 0 { divisor / 2 } else { divisor };
@@ -179,7 +178,7 @@ impl Master {
         status
     }
 
-    /// Writes SPSR: only SPI2X can be.
+    /// Writes SPSR. Only SPI2X can be written.
     fn write_status(&mut self, base: &Base, value: u8) {
         let status = base.core.get(SPSR);
         base.core.set(SPSR, status & !SPI2X | value & SPI2X);
@@ -190,21 +189,21 @@ impl Master {
         base.core.set(SPCR, value);
         if value & SPE == 0 && self.in_transfer.take().is_some() {
             base.unschedule(TIMER);
-            base.violation("the SPI is switched off during a transfer");
+            base.report_violation("the SPI is switched off during a transfer");
         }
     }
 
-    /// The transfer is over: what the device gets, if anything reaches it.
+    /// Ends the transfer. Returns the byte for the device; `None` if no clock reaches it.
     fn finish(&mut self, base: &Base) -> Option<SpiByte> {
         let mut byte = self.in_transfer.take()?;
         let core = &base.core;
         let outputs = core.get(DDRB);
         if outputs & SCK == 0 {
-            base.violation("SCK (PB5) is no output: the SPI's clock stays inside the chip");
+            base.report_violation("SCK (PB5) is not an output: the SPI's clock does not leave the chip");
             return None;
         }
         if outputs & MOSI == 0 {
-            base.violation("MOSI (PB3) is no output: the device reads ones");
+            base.report_violation("MOSI (PB3) is not an output: the device reads ones");
             byte.mosi = 0xFF;
         }
         if core.get(SPCR) & DORD != 0 {
@@ -213,7 +212,7 @@ impl Master {
         Some(byte)
     }
 
-    /// What the device shifted out meanwhile; sets SPIF.
+    /// Takes the byte that the device has shifted out, and sets SPIF.
     fn receive(&mut self, base: &Base, miso: u8) {
         let core = &base.core;
         self.received = if core.get(SPCR) & DORD != 0 { miso.reverse_bits() } else { miso };

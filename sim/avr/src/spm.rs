@@ -1,18 +1,18 @@
 //! Self-programming of the flash by SPM (DS40002061B, chapter 27, "Boot Loader Support"), with the time that it takes.
 //!
-//! simavr erases and writes pages at once, from any place in the flash. Here a page erase, a page write and a write of the
-//! lock bits take [`PAGE_PROGRAMMING_CYCLES`], and the flash changes at the end. Meanwhile SELFPRGEN reads 1. A page of the
-//! read-while-write (RWW) section sets RWWSB: LPM reads 0xFF there and a program that executes there has crashed, until
-//! SPM with RWWSRE or the fill of a page buffer clears RWWSB. A page of the section behind it (NRWW) halts the CPU.
-//! What the datasheet forbids has no effect, and is a violation.
+//! simavr erases and writes pages at once, from any place in the flash. In this model a page erase, a page write and a write of
+//! the lock bits take [`PAGE_PROGRAMMING_CYCLES`], and the flash changes at the end. Meanwhile SELFPRGEN reads 1. Programming a
+//! page of the read-while-write (RWW) section sets RWWSB. While RWWSB is set, LPM reads 0xFF from that section, and a program
+//! that executes there has crashed. SPM with RWWSRE, or a fill of the page buffer, clears RWWSB. Programming a page of the
+//! other section (NRWW) halts the CPU. Operations that the datasheet forbids have no effect, and are violations.
 //!
-//! Any reset during an erase or a write leaves the page half done, as a loss of power does: the datasheet promises completion
-//! for no reset. Each byte then has its old value, its new value, or some bits of each, as the chip's seed decides. Flash and
-//! lock bits survive resets and loss of power.
+//! A reset during an erase or a write leaves the page half programmed, like a loss of power: the datasheet guarantees
+//! completion for no kind of reset. Each byte then has its old value, its new value, or a mixture, depending on the chip's
+//! seed. Otherwise resets and loss of power do not change flash and lock bits.
 //!
-//! Limits: a half-done cell reads the same each time; a real one may not. LPM ignores the lock bits. Debuggers and the host
-//! read the stored flash while RWWSB is set. The fuses, but for BOOTSZ and BOOTRST, are those of Arduinos. SIGRD works on the
-//! ATmega168, too, for which avr-libc does not define it.
+//! Limits: a half-programmed cell reads the same each time; a real one may not. LPM ignores the lock bits. Debuggers and the
+//! host read the stored flash while RWWSB is set. All fuses except BOOTSZ and BOOTRST are those of Arduinos. SIGRD works on
+//! the ATmega168, too, although avr-libc does not define it there.
 
 use super::base::{Base, Timer};
 use super::chip::Chip;
@@ -24,9 +24,9 @@ use sim_base::{Cycles, F_CPU_HZ};
 /// > Flash write (Page Erase, Page Write, and write Lock bits by SPM): 3.7 ms to 4.5 ms ("Programming Time for Flash when
 /// > Using SPM")
 ///
-/// The calibrated RC oscillator times it. This is the longest time: a program that waits for less fails here.
+/// The calibrated RC oscillator determines the time. The model uses the longest one, so that a program that waits less fails.
 pub const PAGE_PROGRAMMING_CYCLES: Cycles = F_CPU_HZ * 45 / 10_000;
-/// Bytes of a page, of both chips.
+/// Size of a page in bytes, the same for both chips.
 pub const PAGE_BYTES: usize = 128;
 
 const PAGE_WORDS: usize = PAGE_BYTES / 2;
@@ -35,7 +35,7 @@ const PAGE_WORDS: usize = PAGE_BYTES / 2;
 const SPM_WINDOW_CYCLES: Cycles = 4;
 /// > An LPM instruction within three cycles after BLBSET and SELFPRGEN are set [...] (SPMCSR)
 const LPM_WINDOW_CYCLES: Cycles = 3;
-/// Mask and value of the high byte of OUT, which takes one cycle. The other instructions that store take two.
+/// Mask and value of the high byte of the opcode of OUT, which takes one cycle. The other store instructions take two.
 const OUT_OPCODE: (u8, u8) = (0b1111_1000, 0b1011_1000);
 
 const R0: u16 = 0;
@@ -43,23 +43,23 @@ const R1: u16 = 1;
 const ZL: u16 = 30;
 const ZH: u16 = 31;
 
-/// Boot lock bits; 0 is programmed. SPM must not change the application section, or the boot section.
+/// Boot lock bits. If programmed (0), BLB01 protects the application section from SPM, and BLB11 the boot section.
 const BLB01: u8 = 1 << 2;
 const BLB11: u8 = 1 << 4;
 /// > The only accessible Lock bits are the Boot Lock bits ("Setting the Boot Loader Lock Bits by SPM")
 const BOOT_LOCK_BITS: u8 = 0b0011_1100;
 
-/// The end of an erase or a write.
+/// Expires at the end of an erase or a write.
 pub(super) const TIMER: Timer = Timer("SPM");
 
-/// What the EEPROM does. While it is written, SPMCSR cannot be, and the SPM Ready interrupt waits.
+/// State of the EEPROM. While it is written, the program cannot write SPMCSR, and the SPM Ready interrupt waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum EepromActivity {
     Idle,
     Writing,
 }
 
-/// What the next SPM or LPM does.
+/// The action of the next SPM or LPM.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Command {
     FillBuffer,
@@ -85,22 +85,22 @@ const COMMANDS: [(u8, Command); 6] = [
 struct Armed {
     bits: u8,
     command: Command,
-    /// When the instruction that wrote SPMCSR had ended.
+    /// Time of the end of the instruction that wrote SPMCSR.
     since: Cycles,
 }
 
-/// What the flash is busy with.
+/// The operation that keeps the flash busy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Job {
     /// Byte address of the page.
     Erase(usize),
     /// Byte address of the page.
     Write(usize),
-    /// The lock bits to be.
+    /// The new lock bits.
     LockBits(u8),
 }
 
-/// SPMCSR, the page buffer, the fuses and lock bits that matter to them, and the operation in progress.
+/// SPMCSR, the page buffer, the fuses and lock bits that concern SPM, and the operation in progress.
 #[derive(Debug)]
 pub(super) struct Spm {
     chip: Chip,
@@ -111,12 +111,12 @@ pub(super) struct Spm {
     job: Option<(Job, Cycles)>,
     rww_is_busy: bool,
     buffer: [u16; PAGE_WORDS],
-    /// A bit for each word of the buffer.
+    /// A bit for each word of the buffer: 1 if the program has filled it.
     filled: u64,
 }
 
 impl Spm {
-    /// A chip with BOOTSZ as it leaves the factory: the longest boot section. No lock bit is programmed.
+    /// A new chip: the longest boot section, and no programmed lock bits.
     pub fn new(chip: Chip) -> Spm {
         Spm {
             chip,
@@ -136,13 +136,13 @@ impl Spm {
         self.boot_start
     }
 
-    /// Sets BOOTSZ by the byte address of the boot section.
+    /// Sets BOOTSZ by the byte address of the boot section's start.
     pub fn set_boot_start(&mut self, start: usize) {
         assert!(self.chip.boot_sections().contains(&start), "no boot section begins at {start:#06x}");
         self.boot_start = start;
     }
 
-    /// Sets BOOTRST: whether resets begin in the boot section.
+    /// Sets BOOTRST. If true, the program starts in the boot section after a reset.
     pub fn set_boot_reset(&mut self, resets_to_boot: bool) {
         self.resets_to_boot = resets_to_boot;
     }
@@ -152,7 +152,7 @@ impl Spm {
         self.lock_bits
     }
 
-    /// True while a page is erased or written, or the lock bits are.
+    /// True while a page is erased or written, or the lock bits are written.
     pub fn is_busy(&self) -> bool {
         self.job.is_some()
     }
@@ -162,22 +162,21 @@ impl Spm {
         matches!(self.job, Some((Job::Erase(page) | Job::Write(page), _)) if page >= self.chip.nrww_start())
     }
 
-    /// Looks at the program counter before an instruction. Stops a program that executes the RWW section while that is
-    /// blocked.
+    /// Checks the program counter before an instruction. Stops a program that executes the RWW section while RWWSB is set.
     #[inline]
     pub fn check_execution(&self, base: &Base) {
         if !self.rww_is_busy {
             return;
         }
         if (base.core.pc() as usize) < self.chip.nrww_start() {
-            base.violation("the program executes the RWW section while RWWSB is set: it has crashed");
+            base.report_violation("the program executes the RWW section while RWWSB is set: it has crashed");
             base.core.set_activity(Activity::Crashed);
         } else {
             base.core.run_singly();
         }
     }
 
-    /// Any reset. See the module for what it does to a page in programming.
+    /// Handles a reset. A page that is being programmed stays half programmed.
     pub fn reset(&mut self, base: &Base, noise: &mut Noise) {
         let mut half_done = |old: u8, new: u8| match noise.below(3) {
             0 => old,
@@ -200,11 +199,11 @@ impl Spm {
     pub fn write_control(&mut self, base: &Base, eeprom: EepromActivity, value: u8) {
         let core = &base.core;
         if eeprom == EepromActivity::Writing {
-            base.violation("SPMCSR is written while the EEPROM is written: no effect");
+            base.report_violation("SPMCSR is written while the EEPROM is written: no effect");
             return;
         }
         core.set(SPMCSR, core.get(SPMCSR) & !SPMIE | value & SPMIE);
-        // While busy, SELFPRGEN reads 1, and a read-modify-write of SPMIE writes it back: no mistake.
+        // While busy, SELFPRGEN reads 1, and a read-modify-write of SPMIE writes it back. That is not a mistake.
         if self.job.is_none() && value & SELFPRGEN != 0 {
             let bits = value & (SIGRD | RWWSRE | BLBSET | PGWRT | PGERS | SELFPRGEN);
             let command = COMMANDS.iter().find(|(pattern, _)| *pattern == bits).map(|(_, command)| *command);
@@ -213,7 +212,9 @@ impl Spm {
                 let cycles = if opcode & OUT_OPCODE.0 == OUT_OPCODE.1 { 1 } else { 2 };
                 self.armed = Some(Armed { bits, command, since: base.now() + cycles });
             } else {
-                base.violation(&format!("SPMCSR is written with {value:#04x}, which is no command: no effect"));
+                base.report_violation(&format!(
+                    "SPMCSR is written with {value:#04x}, which is not a command: no effect"
+                ));
             }
             // > If the RWWSRE bit is written while the Flash is being loaded, the Flash load operation will abort and the data
             // > loaded will be lost. (SPMCSR)
@@ -235,15 +236,15 @@ impl Spm {
         base.core.get(SPMCSR) & SPMIE | command | if self.rww_is_busy { RWWSB } else { 0 }
     }
 
-    /// The program executes SPM.
+    /// Executes SPM for the program.
     pub fn execute(&mut self, base: &Base, eeprom: EepromActivity) {
         let start = self.boot_start;
         if (base.core.pc() as usize) < start {
-            base.violation(&format!("SPM outside the boot section, which begins at {start:#06x}: no effect"));
+            base.report_violation(&format!("SPM outside the boot section, which begins at {start:#06x}: no effect"));
             return;
         }
         if self.is_busy() {
-            base.violation("SPM while the flash is programmed: no effect");
+            base.report_violation("SPM while the flash is programmed: no effect");
             return;
         }
         let armed = self.armed_within(base, SPM_WINDOW_CYCLES);
@@ -257,13 +258,13 @@ impl Spm {
                 let new = self.lock_bits & (base.core.get(R0) | !BOOT_LOCK_BITS);
                 self.start(base, Job::LockBits(new));
             }
-            Some(Command::Signature) => base.violation("SPM with SIGRD: no effect"),
-            None => base.violation("SPM without a command in SPMCSR in the four cycles before: no effect"),
+            Some(Command::Signature) => base.report_violation("SPM with SIGRD: no effect"),
+            None => base.report_violation("SPM without a command in SPMCSR in the four cycles before: no effect"),
         }
         self.update(base, eeprom);
     }
 
-    /// What LPM reads, if the flash holds `stored` at Z.
+    /// The byte that LPM reads, if the flash has `stored` at Z.
     pub fn load(&mut self, base: &Base, stored: u8) -> u8 {
         let z = z(base);
         match self.armed_within(base, LPM_WINDOW_CYCLES).map(|armed| armed.command) {
@@ -275,19 +276,19 @@ impl Spm {
             Some(Command::Signature) => {
                 self.armed = None;
                 let [first, second, third] = self.chip.signature();
-                // Between the bytes of the signature is the calibration of the RC oscillator, which nothing here runs on.
+                // The byte 0x80 between those of the signature is the calibration of the RC oscillator, which is not modelled.
                 return [first, 0x80, second, 0xFF, third].get(z).copied().unwrap_or(0xFF);
             }
             _ => {}
         }
         if self.rww_is_busy && z < self.chip.nrww_start() {
-            base.violation("LPM reads the RWW section while RWWSB is set: it reads 0xFF");
+            base.report_violation("LPM reads the RWW section while RWWSB is set: it reads 0xFF");
             return 0xFF;
         }
         stored
     }
 
-    /// The operation is over.
+    /// Ends the operation in progress.
     pub fn finish(&mut self, base: &Base, eeprom: EepromActivity) {
         match self.job {
             Some((job @ (Job::Erase(page) | Job::Write(page)), _)) => {
@@ -304,7 +305,7 @@ impl Spm {
         self.update(base, eeprom);
     }
 
-    /// Shows in SPMCSR what changed, for debuggers, and requests the interrupt.
+    /// Updates SPMCSR in the data space, for debuggers, and requests the interrupt.
     ///
     /// > The SPM Ready interrupt will be executed as long as the SELFPRGEN bit in the SPMCSR Register is cleared. The
     /// > interrupt will not be generated during EEPROM write or SPM. (SPMCSR)
@@ -320,7 +321,7 @@ impl Spm {
     /// > Temporary Buffer")
     pub fn lose_buffer(&mut self, base: &Base) {
         if self.filled != 0 {
-            base.violation("an EEPROM write erases the page buffer, which was being filled");
+            base.report_violation("an EEPROM write erases the page buffer, which was being filled");
         }
         self.erase_buffer();
     }
@@ -339,7 +340,9 @@ impl Spm {
         // > it is not possible to write more than one time to each address without erasing the temporary buffer. ("Filling
         // > the Temporary Buffer")
         if self.filled >> index & 1 != 0 {
-            base.violation(&format!("word {index} of the page buffer is filled again: it holds the AND of both"));
+            base.report_violation(&format!(
+                "word {index} of the page buffer is filled again: it holds the AND of both"
+            ));
         }
         self.buffer[index] &= u16::from_le_bytes([base.core.get(R0), base.core.get(R1)]);
         self.filled |= 1 << index;
@@ -351,7 +354,9 @@ impl Spm {
         let page = z(base) % self.chip.flash_bytes() / PAGE_BYTES * PAGE_BYTES;
         let forbidding = if page < self.boot_start { BLB01 } else { BLB11 };
         if self.lock_bits & forbidding == 0 {
-            base.violation(&format!("SPM changes the page at {page:#06x}, which the lock bits forbid: no effect"));
+            base.report_violation(&format!(
+                "SPM changes the page at {page:#06x}, which the lock bits forbid: no effect"
+            ));
             return;
         }
         let job = job(page);
@@ -359,7 +364,9 @@ impl Spm {
             let old = &base.core.flash()[page..page + PAGE_BYTES];
             let fits = old.iter().zip(self.buffer_bytes()).all(|(old, new)| old & new == new);
             if !fits {
-                base.violation(&format!("the page at {page:#06x} is written without an erase: bits only become 0"));
+                base.report_violation(&format!(
+                    "the page at {page:#06x} is written without an erase: bits only become 0"
+                ));
             }
         }
         self.rww_is_busy |= page < self.chip.nrww_start();
@@ -370,11 +377,11 @@ impl Spm {
         let end = base.now() + PAGE_PROGRAMMING_CYCLES;
         self.job = Some((job, end));
         base.schedule(TIMER, end);
-        // The run loop must look before the next instruction.
+        // The run loop must check whether the CPU is halted before the next instruction.
         base.core.run_singly();
     }
 
-    /// Sets each byte of a page to what `choose` makes of the old value and the value at the end of the operation.
+    /// Sets each byte of a page to the result of `choose` for its old value and its value after the complete operation.
     fn change_page(&self, base: &Base, job: Job, page: usize, mut choose: impl FnMut(u8, u8) -> u8) {
         let old = &base.core.flash()[page..page + PAGE_BYTES];
         let changed: Vec<u8> = old

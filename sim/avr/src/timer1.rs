@@ -1,13 +1,11 @@
 //! The waveforms of Timer1 on OC1A (D9) and OC1B (D10), exact to the CPU cycle.
 //!
-//! simavr moves these pins when an instruction ends, and takes over OCR1x at once; the chip does
-//! neither. This model follows the ATmega168 datasheet (Atmel 2545, section 16, "16-bit
-//! Timer/Counter1 with PWM"): the free-running prescaler, the TEMP register, double-buffered OCR1x,
-//! compare outputs in all waveform modes. It is lazy: it catches up when a register is written or
-//! the edges are asked for, and skips from one event to the next.
+//! simavr changes these pins at the end of an instruction, and updates OCR1x at once; the chip does neither. This model follows
+//! the ATmega168 datasheet (Atmel 2545, section 16, "16-bit Timer/Counter1 with PWM"): the free-running prescaler, the TEMP
+//! register, double-buffered OCR1x, and compare outputs in all waveform modes. It calculates the past when the program writes
+//! a register or the board takes the edges, and goes from one event to the next.
 //!
-//! Limits: no external clock on T1, no input capture, no TSM; PRR is ignored. The interrupt flags
-//! are simavr's.
+//! Limits: no external clock on T1, no input capture, no TSM; PRR is ignored. simavr has the interrupt flags.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -18,7 +16,7 @@ use super::regs;
 use sim_base::Cycles;
 use sim_base::Noise;
 
-/// Edges kept for a reader before the oldest are dropped: more than 5 h of servo pulses.
+/// Most edges that are kept; then the oldest are dropped. Enough for more than 5 h of servo pulses.
 const EDGE_LIMIT: usize = 1 << 21;
 
 /// One of the two output compare pins.
@@ -35,9 +33,9 @@ enum Kind {
     /// Normal and CTC.
     Plain,
     FastPwm,
-    /// OCR1x is taken over at TOP.
+    /// OCR1x is updated at TOP.
     PhaseCorrect,
-    /// OCR1x is taken over at BOTTOM.
+    /// OCR1x is updated at BOTTOM.
     PhaseAndFrequencyCorrect,
 }
 
@@ -69,16 +67,15 @@ const MODES: [(Kind, Top); 16] = [
     (Kind::FastPwm, Top::Ocr1a),
 ];
 
-/// CPU cycles per timer clock, by CS12:0. 0: stopped (or the external clock, which is not
-/// modelled).
+/// CPU cycles per timer clock, by CS12:0. 0: stopped, also for the external clock, which is not modelled.
 const PRESCALERS: [u64; 8] = [0, 1, 8, 64, 256, 1024, 0, 0];
 
 /// State of one compare unit and of its pin.
 #[derive(Debug, Default)]
 struct Channel {
-    /// What the program wrote.
+    /// OCR1x buffer, which the program writes.
     ocr_buffer: u16,
-    /// What the comparator uses.
+    /// OCR1x compare register, which the comparator uses.
     ocr: u16,
     /// The OC1x register: drives the pin while COM1x connects it.
     latch: bool,
@@ -93,7 +90,7 @@ struct Channel {
 pub struct Timer1 {
     tccr1a: u8,
     tccr1b: u8,
-    /// High byte of the register pair that the next write of a low byte completes.
+    /// The TEMP register: high byte for the next write of a low byte.
     temp: u8,
     icr1: u16,
     channels: [Channel; 2],
@@ -101,7 +98,7 @@ pub struct Timer1 {
     down: bool,
     /// A write of TCNT1 blocks the compare match of the next timer clock (section 16.7.2).
     match_blocked: bool,
-    /// When the prescaler was last reset.
+    /// Time of the prescaler's last reset.
     prescaler_start: Cycles,
     next_tick: Cycles,
 }
@@ -151,7 +148,7 @@ impl Peripheral for RefCell<Timer1> {
             _ => {
                 let written = self.borrow_mut().write(address, value, base.now());
                 if let Err(text) = written {
-                    base.violation(text);
+                    base.report_violation(text);
                     return;
                 }
                 match address {
@@ -177,7 +174,7 @@ impl Peripheral for RefCell<Timer1> {
 }
 
 impl Timer1 {
-    /// A timer as after a reset at `now`.
+    /// A timer after a reset at `now`.
     pub fn new(now: Cycles) -> Timer1 {
         Timer1 {
             tccr1a: 0,
@@ -193,7 +190,7 @@ impl Timer1 {
         }
     }
 
-    /// Resets the timer. Pins fall back to inputs; edges not yet taken are kept.
+    /// Resets the timer. The pins become inputs. Edges that were not taken yet stay.
     pub fn reset(&mut self, now: Cycles) {
         self.advance(now);
         let edges = self.channels.each_mut().map(|channel| std::mem::take(&mut channel.edges));
@@ -206,7 +203,10 @@ impl Timer1 {
         self.update_pins(now);
     }
 
-    /// A byte is written to one of the timer's registers. The error says why the chip ignores it.
+    /// Writes a byte to one of the timer's registers.
+    ///
+    /// # Errors
+    /// If the chip ignores the write; the text says why.
     pub fn write(&mut self, address: u16, value: u8, now: Cycles) -> Result<(), &'static str> {
         self.advance(now);
         let word = u16::from_le_bytes([value, self.temp]);
@@ -215,7 +215,7 @@ impl Timer1 {
             regs::TCCR1B => {
                 self.configure(self.tccr1a, value, now);
                 if value & 0b111 >= 6 {
-                    return Err("Timer1 is clocked from T1, which is not modelled: it stands still");
+                    return Err("the clock of Timer1 is T1, which is not modelled: the timer stops");
                 }
             }
             regs::TCCR1C => self.force_compare(value),
@@ -241,7 +241,7 @@ impl Timer1 {
         Ok(())
     }
 
-    /// Reads TCNT1L, which latches the high byte, or the byte latched.
+    /// Reads TCNT1L, and copies the high byte to TEMP; or reads TCNT1H, which is TEMP.
     pub fn read(&mut self, address: u16, now: Cycles) -> u8 {
         if address == regs::TCNT1L {
             self.advance(now);
@@ -253,7 +253,7 @@ impl Timer1 {
         }
     }
 
-    /// DDRB or PORTB changed.
+    /// Sets the values of DDRB and PORTB.
     pub fn set_port(&mut self, ddrb: u8, portb: u8, now: Cycles) {
         self.advance(now);
         for (index, channel) in self.channels.iter_mut().enumerate() {
@@ -264,23 +264,22 @@ impl Timer1 {
         self.update_pins(now);
     }
 
-    /// GTCCR.PSRSYNC: the prescaler starts over.
+    /// Resets the prescaler (PSRSYNC in GTCCR).
     pub fn reset_prescaler(&mut self, now: Cycles) {
         self.advance(now);
         self.prescaler_start = now;
         self.next_tick = now + self.prescaler();
     }
 
-    /// The level that the compare unit drives onto the pin, if it is connected to it and the pin is
-    /// an output.
+    /// The level that the compare unit drives on the pin; `None` if the unit is not connected or the pin is not an output.
     pub fn output(&mut self, oc: Oc, now: Cycles) -> Option<bool> {
         self.advance(now);
-        let connected = self.connected(oc as usize);
+        let connected = self.is_connected(oc as usize);
         let channel = &self.channels[oc as usize];
         (channel.ddr && connected).then_some(channel.latch)
     }
 
-    /// Edges of the pin as an output, since the last call; a pin that is no output counts as low.
+    /// Removes and returns the edges of the pin since the last call. A pin that is not an output counts as low.
     pub fn take_edges(&mut self, oc: Oc, now: Cycles) -> Vec<(Cycles, bool)> {
         self.advance(now);
         self.channels[oc as usize].edges.drain(..).collect()
@@ -302,14 +301,13 @@ impl Timer1 {
         }
     }
 
-    /// COM1x1:0.
+    /// Value of COM1x1:0.
     fn com(&self, index: usize) -> u8 {
         (self.tccr1a >> (6 - 2 * index)) & 0b11
     }
 
-    /// Whether OC1x overrides the port (tables 16-1 to 16-3): toggling in PWM works for OC1A in few
-    /// modes only.
-    fn connected(&self, index: usize) -> bool {
+    /// True if OC1x overrides the port (tables 16-1 to 16-3). Toggling in a PWM mode works only for OC1A, in some modes.
+    fn is_connected(&self, index: usize) -> bool {
         match (self.mode().0, self.com(index)) {
             (_, 0) => false,
             (Kind::Plain, _) | (_, 2 | 3) => true,
@@ -349,18 +347,18 @@ impl Timer1 {
         }
     }
 
-    /// FOC1x acts in the modes that are not PWM only (section 16.11.3).
+    /// Forces a compare match (FOC1x), which works only in modes that are not PWM (section 16.11.3).
     fn force_compare(&mut self, tccr1c: u8) {
         if self.mode().0 == Kind::Plain {
             for index in 0..2 {
                 if tccr1c & (0x80 >> index) != 0 {
-                    self.act(index, false);
+                    self.change_output(index, false);
                 }
             }
         }
     }
 
-    /// Takes all timer clocks up to and including `now`.
+    /// Performs all timer clocks up to and including `now`.
     fn advance(&mut self, now: Cycles) {
         let prescaler = self.prescaler();
         if prescaler == 0 {
@@ -371,7 +369,7 @@ impl Timer1 {
             let uneventful = if self.match_blocked { 0 } else { u64::from(self.ticks_to_event()) };
             let skipped = available.min(uneventful);
             if skipped > 0 {
-                // At most 65535, as ticks_to_event is.
+                // At most 65535, because ticks_to_event is a u16.
                 let steps = skipped as u16;
                 self.tcnt = if self.down { self.tcnt - steps } else { self.tcnt + steps };
                 self.next_tick += skipped * prescaler;
@@ -383,7 +381,7 @@ impl Timer1 {
         }
     }
 
-    /// Timer clocks that only count, before one that turns, wraps or matches.
+    /// Number of timer clocks that only count, before one that changes direction, wraps or matches.
     fn ticks_to_event(&self) -> u16 {
         let from = self.tcnt;
         let ocrs = self.channels.each_ref().map(|channel| channel.ocr);
@@ -399,7 +397,7 @@ impl Timer1 {
         }
     }
 
-    /// One timer clock: what the count before it leads to.
+    /// Performs one timer clock.
     fn tick(&mut self) {
         let count = self.tcnt;
         let top = self.top();
@@ -409,7 +407,7 @@ impl Timer1 {
         match kind {
             Kind::Plain => {
                 for (index, _) in matches.iter().enumerate().filter(|(_, matched)| **matched) {
-                    self.act(index, false);
+                    self.change_output(index, false);
                 }
                 let clears = count == top && !(blocked && top_source == Top::Ocr1a);
                 self.tcnt = if clears { 0 } else { count.wrapping_add(1) };
@@ -433,13 +431,13 @@ impl Timer1 {
                 let turns = if self.down { count == 0 } else { count >= top };
                 if turns {
                     self.down = !self.down;
-                    // At TOP the one mode loads, at BOTTOM the other.
+                    // Phase correct mode updates OCR1x at TOP, phase and frequency correct mode at BOTTOM.
                     if self.down == (kind == Kind::PhaseCorrect) {
                         self.load_buffers();
                     }
                 }
                 for (index, _) in matches.iter().enumerate().filter(|(_, matched)| **matched) {
-                    self.act(index, self.down);
+                    self.change_output(index, self.down);
                 }
                 self.tcnt = if self.down { count.saturating_sub(1) } else { (count + 1).min(top.max(1)) };
                 if top == 0 {
@@ -449,8 +447,8 @@ impl Timer1 {
         }
     }
 
-    /// Compare match: toggle, clear or set; while counting down the other way round.
-    fn act(&mut self, index: usize, inverted: bool) {
+    /// Changes an output at a compare match: toggles, clears or sets it. `inverted`, while counting down, exchanges clear and set.
+    fn change_output(&mut self, index: usize, inverted: bool) {
         let com = self.com(index);
         let latch = &mut self.channels[index].latch;
         match com {
@@ -469,7 +467,7 @@ impl Timer1 {
 
     fn update_pins(&mut self, at: Cycles) {
         for index in 0..2 {
-            let connected = self.connected(index);
+            let connected = self.is_connected(index);
             let channel = &mut self.channels[index];
             let level = channel.ddr && if connected { channel.latch } else { channel.port };
             if level != channel.level {

@@ -1,5 +1,4 @@
-//! Timer1 against the datasheet's sections 16.8 and 16.9, without a program: registers are written
-//! at chosen times.
+//! Tests of Timer1 against the datasheet's sections 16.8 and 16.9. No program runs: the tests write registers at chosen times.
 
 use super::*;
 
@@ -16,7 +15,7 @@ fn write16(timer: &mut Timer1, low: u16, value: u16, now: Cycles) {
     timer.write(low, low_byte, now).unwrap();
 }
 
-/// Timer1 started at cycle 0 with both pins as outputs, TOP 99 from ICR1 and OCR1B 20.
+/// Timer1 started at cycle 0, with both pins as outputs, OCR1A 99, OCR1B 20, and ICR1 99 in modes that use it.
 fn started((tccr1a, tccr1b): (u8, u8), com: u8, clock: u8) -> Timer1 {
     let mut timer = Timer1::new(0);
     timer.set_port(0b110, 0, 0);
@@ -43,7 +42,7 @@ fn fast_pwm_is_high_for_ocr_plus_one_clocks_of_top_plus_one() {
 }
 
 #[test]
-fn ocr1b_written_in_mid_period_counts_from_the_next_period() {
+fn a_write_of_ocr1b_takes_effect_in_the_next_period() {
     let mut timer = started(FAST_PWM_ICR1, CLEAR_B, DIV_1);
     write16(&mut timer, regs::OCR1BL, 5, 110);
     write16(&mut timer, regs::OCR1BL, 40, 210);
@@ -90,25 +89,25 @@ fn ctc_toggles_oc1a_every_top_plus_one_clocks() {
 }
 
 #[test]
-fn a_disconnected_output_shows_the_port_and_keeps_its_latch() {
+fn a_disconnected_pin_has_the_level_of_the_port_and_the_latch_is_kept() {
     let mut timer = started(FAST_PWM_ICR1, CLEAR_B, DIV_1);
     timer.write(regs::TCCR1A, FAST_PWM_ICR1.0, 110).unwrap();
     assert_eq!(timer.take_edges(Oc::B, 150), [(100, true), (110, false)]);
     assert_eq!(timer.output(Oc::B, 150), None);
-    // The clear at 121 did not happen: nothing acts on the latch while COM1B is 0.
+    // No clear at 121: the latch does not change while COM1B is 0.
     timer.write(regs::TCCR1A, FAST_PWM_ICR1.0 | CLEAR_B, 160).unwrap();
     assert_eq!(timer.take_edges(Oc::B, 230), [(160, true), (221, false)]);
 }
 
 #[test]
-fn a_pin_that_is_no_output_has_no_edges() {
+fn a_pin_that_is_not_an_output_has_no_edges() {
     let mut timer = started(FAST_PWM_ICR1, CLEAR_B, DIV_1);
     timer.set_port(0, 0, 0);
     assert_eq!(timer.take_edges(Oc::B, 1000), []);
 }
 
 #[test]
-fn the_prescaler_runs_freely_so_that_the_first_clock_may_come_early() {
+fn the_prescaler_runs_freely_so_that_the_first_clock_can_come_early() {
     let mut timer = Timer1::new(0);
     timer.write(regs::TCCR1B, DIV_8, 13).unwrap();
     assert_eq!(timer.read(regs::TCNT1L, 15), 0);
@@ -144,7 +143,7 @@ fn a_write_of_tcnt1_blocks_the_next_compare_match() {
 }
 
 #[test]
-fn a_reset_lets_the_pin_go() {
+fn a_reset_makes_the_pin_an_input() {
     let mut timer = started(FAST_PWM_ICR1, CLEAR_B, DIV_1);
     timer.reset(105);
     assert_eq!(timer.take_edges(Oc::B, 1000), [(100, true), (105, false)]);

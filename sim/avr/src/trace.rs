@@ -1,6 +1,6 @@
-//! What a profiler sees of the chip: each instruction before it runs.
+//! Tracing, for profilers: calls a tracer before each instruction.
 //!
-//! While somebody traces, the core runs instruction by instruction; otherwise the run loop tests one flag.
+//! With a tracer the core runs instruction by instruction; otherwise the run loop tests one flag.
 
 use std::cell::{Cell, RefCell};
 
@@ -8,16 +8,16 @@ use super::base::Base;
 use super::regs;
 use sim_base::Cycles;
 
-/// Is called before each instruction.
+/// A function that is called before each instruction.
 pub type Tracer = Box<dyn FnMut(&Moment)>;
 
-/// The chip between two instructions. Looking has no side effect.
+/// The chip between two instructions. Reading it has no side effects.
 pub struct Moment<'a> {
     base: &'a Base,
 }
 
 impl Moment<'_> {
-    /// The time.
+    /// Simulated time.
     pub fn at(&self) -> Cycles {
         self.base.now()
     }
@@ -27,7 +27,7 @@ impl Moment<'_> {
         self.base.core.pc()
     }
 
-    /// Stack pointer. A program that writes its two halves one after the other is seen in between, too.
+    /// Stack pointer. It has a wrong value between the writes of its two halves.
     pub fn sp(&self) -> u16 {
         u16::from_le_bytes([self.data(regs::SPL), self.data(regs::SPH)])
     }
@@ -38,7 +38,7 @@ impl Moment<'_> {
     }
 }
 
-/// The part of the run loop that looks after a tracer.
+/// The tracer's part of the run loop.
 #[derive(Default)]
 pub(super) struct Trace {
     tracer: RefCell<Option<Tracer>>,
@@ -52,14 +52,14 @@ impl Trace {
         self.tracer.replace(tracer);
     }
 
-    /// Whether [`Trace::instruction`] must be called before each instruction.
+    /// True if the run loop must call [`Trace::before_instruction`] before each instruction.
     #[inline]
     pub fn is_on(&self) -> bool {
         self.tracing.get()
     }
 
-    /// Shows the next instruction, and lets the core run that one only.
-    pub fn instruction(&self, base: &Base) {
+    /// Calls the tracer for the next instruction, and lets the core run only that one.
+    pub fn before_instruction(&self, base: &Base) {
         if let Some(tracer) = self.tracer.borrow_mut().as_mut() {
             tracer(&Moment { base });
         }

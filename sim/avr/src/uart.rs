@@ -1,10 +1,9 @@
-//! USART0 in asynchronous mode (datasheet section 20), exact in its timing and in its buffers.
+//! USART0 in asynchronous mode (datasheet section 20), with its exact timing and buffers.
 //!
-//! simavr counts 11 bits for a byte of 8N1, has one transmit buffer where the chip has two, and
-//! never loses a received byte. This model follows the datasheet: a shift register and UDR0 to send
-//! with, a shift register and a FIFO of two to receive with, and data overrun. The far end sends at
-//! exactly the rate the program has set, back to back, as soon as the receiver is on. Not modelled:
-//! synchronous modes, parity and framing errors, nine data bits, the pins.
+//! simavr counts 11 bits for a byte of 8N1, has one transmit buffer instead of two, and never loses a received byte. This model
+//! follows the datasheet: a shift register and UDR0 to send, a shift register and a FIFO of two bytes to receive, and data
+//! overrun. The other end sends back to back, at exactly the rate that the program has set, while the receiver is on. Not
+//! modelled: synchronous modes, parity and framing errors, nine data bits, the pins.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -19,30 +18,30 @@ use super::regs::{
 use sim_base::Cycles;
 use sim_base::Noise;
 
-/// The end of the character on TXD.
+/// Expires at the end of the character on TXD.
 const SEND: Timer = Timer("UART send");
-/// The end of the character on RXD.
+/// Expires at the end of the character on RXD.
 const RECEIVE: Timer = Timer("UART receive");
 
-/// Received bytes that wait for the program (section 20.7.3: "two level FIFO").
+/// Most received bytes that wait for the program (section 20.7.3: "two level FIFO").
 const RECEIVE_FIFO: usize = 2;
 
-/// A character on one of the two lines, when it begins.
+/// A character on TXD or RXD.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SerialCharacter {
-    /// On RXD, to the chip; else on TXD.
+    /// True for RXD, to the chip; false for TXD.
     pub to_chip: bool,
-    /// Beginning of the start bit.
+    /// Time of the start of the start bit.
     pub start: Cycles,
     /// Length of a bit in CPU cycles.
     pub cycles_per_bit: u64,
-    /// The levels, start bit first, from bit 0 on.
+    /// The levels of the bits. Bit 0 is the start bit.
     pub levels: u16,
-    /// How many levels: 10 for 8N1. 0: a reset has cut the line's character short, and the line is idle from `start` on.
+    /// Number of bits: 10 for 8N1. 0 if a reset has cut off the last character, and the line is idle from `start` on.
     pub bits: u8,
 }
 
-/// USART0 and the line on both sides of it.
+/// USART0 and the lines TXD and RXD.
 #[derive(Debug, Default)]
 pub(super) struct Uart {
     sending: Option<u8>,
@@ -50,11 +49,11 @@ pub(super) struct Uart {
     sent: Vec<(Cycles, u8)>,
     line: VecDeque<u8>,
     arriving: Option<u8>,
-    /// Complete in the shift register, but the FIFO is full.
+    /// Byte that waits in the receive shift register, because the FIFO is full.
     waiting: Option<u8>,
     received: VecDeque<u8>,
     overruns: u32,
-    /// Characters begun, if somebody wants to see them.
+    /// Characters that began since the last `take_trace`, after its first call.
     trace: Option<Vec<SerialCharacter>>,
 }
 
@@ -80,7 +79,7 @@ impl Peripheral for RefCell<Uart> {
             UDR0 => self.borrow_mut().write_data(base, value),
             UCSR0A => self.borrow_mut().write_status(base, value),
             UCSR0B => self.borrow_mut().write_control(base, value),
-            // simavr's own rate and frame format are not used.
+            // simavr's handlers for the rate and the frame format are not called.
             _ => base.core.set(address, value),
         }
     }
@@ -110,7 +109,7 @@ impl Peripheral for RefCell<Uart> {
 }
 
 impl Uart {
-    /// A reset: bytes in the chip are lost, bytes on the line wait for the receiver.
+    /// Resets the UART. Bytes in the chip are lost; bytes on the line wait for the receiver.
     pub fn reset(&mut self, base: &Base) {
         if let Some(trace) = self.trace.as_mut().filter(|_| self.sending.is_some()) {
             let start = base.now();
@@ -127,18 +126,18 @@ impl Uart {
         base.core.set(UCSR0B, 0);
     }
 
-    /// Duration of a bit.
+    /// Duration of a bit in CPU cycles.
     pub fn cycles_per_bit(base: &Base) -> u64 {
         Uart::character(base, 0).cycles_per_bit
     }
 
-    /// Duration of one character, from start bit to last stop bit.
+    /// Duration of a character in CPU cycles, from the start bit to the last stop bit.
     pub fn cycles_per_byte(base: &Base) -> u64 {
         let character = Uart::character(base, 0);
         u64::from(character.bits) * character.cycles_per_bit
     }
 
-    /// A byte as it goes over the line now, in the frame format and at the rate that the program has set.
+    /// The character for a byte that starts now, in the frame format and at the rate that the program has set.
     fn character(base: &Base, byte: u8) -> SerialCharacter {
         let core = &base.core;
         let (a, b, c) = (core.get(UCSR0A), core.get(UCSR0B), core.get(UCSR0C));
@@ -149,7 +148,7 @@ impl Uart {
         let data = u16::from(byte) & ((1 << data_bits) - 1);
         let (mut levels, mut bits) = (data << 1, 1 + data_bits);
         if c & UPM0 != 0 {
-            // Both UPM0 bits: odd parity; the upper one alone: even.
+            // UPM0 is 3 for odd parity, and 2 for even parity.
             let odd = u16::from(c & UPM0 == UPM0);
             levels |= (data.count_ones() as u16 & 1 ^ odd) << bits;
             bits += 1;
@@ -170,7 +169,7 @@ impl Uart {
             base.core.clear(Vector::UsartDataRegisterEmpty);
             base.core.clear_bits(UCSR0A, UDRE0);
         } else {
-            base.violation("UDR0 is written while it is full (UDRE0 is 0): the byte is lost");
+            base.report_violation("UDR0 is written while it is full (UDRE0 is 0): the byte is lost");
         }
         self.request_levels(base);
     }
@@ -187,7 +186,7 @@ impl Uart {
         value
     }
 
-    /// Writes UCSR0A: TXC0 is cleared by a one, the other flags are read-only.
+    /// Writes UCSR0A. A one clears TXC0; the other flags are read-only.
     pub fn write_status(&mut self, base: &Base, value: u8) {
         let writable = U2X0 | MPCM0;
         let status = base.core.get(UCSR0A);
@@ -198,7 +197,7 @@ impl Uart {
         }
     }
 
-    /// Writes UCSR0B: switching a direction off empties its buffers.
+    /// Writes UCSR0B. Switching the receiver off empties its buffers.
     pub fn write_control(&mut self, base: &Base, value: u8) {
         let core = &base.core;
         core.set(UCSR0B, value);
@@ -210,13 +209,12 @@ impl Uart {
             core.clear(Vector::UsartReceiveComplete);
             core.clear_bits(UCSR0A, RXC0 | DOR0);
         }
-        // The transmitter finishes what it has (section 20.6.5) and is off afterwards: write_data
-        // checks TXEN0.
+        // The transmitter still sends the bytes that it has (section 20.6.5); write_data checks TXEN0.
         self.start_receiving(base, base.now());
         self.request_levels(base);
     }
 
-    /// The last stop bit was sent.
+    /// Handles the end of the last stop bit of a byte on TXD.
     pub fn sent_byte(&mut self, base: &Base, at: Cycles) {
         let core = &base.core;
         if let Some(byte) = self.sending.take() {
@@ -231,7 +229,7 @@ impl Uart {
         self.request_levels(base);
     }
 
-    /// The last stop bit of a byte came in.
+    /// Handles the end of the last stop bit of a byte on RXD.
     pub fn received_byte(&mut self, base: &Base, at: Cycles) {
         if let Some(byte) = self.arriving.take() {
             if self.received.len() < RECEIVE_FIFO {
@@ -245,7 +243,7 @@ impl Uart {
         self.request_levels(base);
     }
 
-    /// RXC0 and UDRE0 request their interrupts as long as they are set (sections 20.7.3, 20.6.3).
+    /// Requests the interrupts of RXC0 and UDRE0 if they are set (sections 20.7.3, 20.6.3).
     pub fn request_levels(&self, base: &Base) {
         let core = &base.core;
         let (status, control) = (core.get(UCSR0A), core.get(UCSR0B));
@@ -257,7 +255,7 @@ impl Uart {
         }
     }
 
-    /// Bytes from outside.
+    /// Adds bytes from outside to the line.
     pub fn send_to_chip(&mut self, base: &Base, bytes: &[u8]) {
         self.line.extend(bytes);
         self.start_receiving(base, base.now());
@@ -268,22 +266,22 @@ impl Uart {
         self.line.clear();
     }
 
-    /// Bytes sent by the program, each with the end of its last stop bit.
+    /// Removes and returns the bytes that the program has sent, each with the time of the end of its last stop bit.
     pub fn take_sent(&mut self) -> Vec<(Cycles, u8)> {
         std::mem::take(&mut self.sent)
     }
 
-    /// Characters that began since the last call, on both lines; from the first call on.
+    /// Removes and returns the characters that began on both lines since the last call. The first call starts the recording.
     pub fn take_trace(&mut self) -> Vec<SerialCharacter> {
         self.trace.replace(Vec::new()).unwrap_or_default()
     }
 
-    /// Bytes from outside that have not arrived yet.
+    /// Number of bytes from outside that have not arrived yet.
     pub fn unsent_to_chip(&self) -> usize {
         self.line.len() + usize::from(self.arriving.is_some())
     }
 
-    /// Bytes that the program read too late.
+    /// Number of bytes that were lost because the program read too late.
     pub fn overruns(&self) -> u32 {
         self.overruns
     }
@@ -294,7 +292,7 @@ impl Uart {
         base.schedule(SEND, end);
     }
 
-    /// A character begins on a line: returns its end.
+    /// Begins a character on a line. Returns the time of its end.
     fn begin(&mut self, base: &Base, byte: u8, start: Cycles, to_chip: bool) -> Cycles {
         let character = SerialCharacter { to_chip, start, ..Uart::character(base, byte) };
         if let Some(trace) = &mut self.trace {

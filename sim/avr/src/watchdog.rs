@@ -1,12 +1,12 @@
-//! The watchdog's oscillator, and what a program sees of the watchdog without its interrupt (datasheet section 11.8).
+//! The watchdog's oscillator, and the flag WDIF (datasheet section 11.8).
 //!
-//! simavr's watchdog counts 125 CPU cycles for each of its own, exactly. The chip's runs on an RC oscillator of "128 kHz"
-//! that has nothing to do with the crystal: here each chip's is off by up to 10 %, and no time-out is quite as long as the one
-//! before. Both follow from the chip's seed, so that a run can be repeated, and two chips with different seeds differ. The
-//! datasheet gives no figure for the jitter; 0.01 % of a time-out of 16 ms is less than what the generators of random
-//! numbers live on that are built on it.
+//! simavr's watchdog counts exactly 125 CPU cycles for each cycle of its oscillator. The chip has an RC oscillator of "128 kHz",
+//! which is independent of the crystal. In this model the frequency differs from chip to chip by up to 10 %, and each time-out
+//! has jitter. Both follow from the chip's seed, so that a run can be repeated, and chips with different seeds differ. The
+//! datasheet has no value for the jitter. The model's 0.01 % of a time-out of 16 ms is less than the jitter that published
+//! random number generators use.
 //!
-//! simavr also never clears WDIF for a program that writes a one to it.
+//! In simavr a program cannot clear WDIF by writing a one to it. In this model it can.
 
 use std::cell::RefCell;
 
@@ -19,9 +19,9 @@ use sim_base::Noise;
 
 /// > 2K (2048) cycles (table 11-2), of 125 CPU cycles each.
 const SHORTEST_TIME_OUT: Cycles = 2048 * 125;
-/// How far a chip's frequency is off.
+/// Largest deviation of a chip's frequency.
 const TOLERANCE_PER_MILLION: u64 = 100_000;
-/// How far the shortest time-out is off its mean. It grows with the square root of the time, as a random walk does.
+/// Largest deviation of the shortest time-out from its mean. It grows with the square root of the time, like a random walk.
 const JITTER_CYCLES: u64 = 25;
 
 /// The oscillator of one chip.
@@ -43,7 +43,7 @@ impl Peripheral for RefCell<Watchdog> {
     fn write(&self, base: &Base, address: u16, value: u8) {
         let before = base.core.get(address);
         base.forward(address, value);
-        self.borrow_mut().written(&base.core, before, value);
+        self.borrow_mut().handle_write(&base.core, before, value);
     }
 
     fn reset(&self, base: &Base, _: &mut Noise) {
@@ -52,14 +52,14 @@ impl Peripheral for RefCell<Watchdog> {
 }
 
 impl Watchdog {
-    /// The oscillator of the chip with that seed.
+    /// The oscillator of a chip with this seed.
     pub fn new(seed: u64) -> Watchdog {
         let mut noise = Noise::new(seed);
         let per_million = 1_000_000 - TOLERANCE_PER_MILLION + noise.below(2 * TOLERANCE_PER_MILLION + 1);
         Watchdog { noise, per_million }
     }
 
-    /// CPU cycles of the next time-out, with that in WDTCSR.
+    /// Length of the next time-out in CPU cycles, with `control` in WDTCSR.
     fn time_out(&mut self, control: u8) -> Cycles {
         let prescaler = control & 0b111 | (control & 1 << 5) >> 2;
         let jitter = JITTER_CYCLES << (prescaler / 2);
@@ -67,8 +67,8 @@ impl Watchdog {
         mean - jitter + self.noise.below(2 * jitter + 1)
     }
 
-    /// The program has written `value` to WDTCSR, where `before` had been, and simavr has done its part.
-    fn written(&mut self, core: &Core, before: u8, value: u8) {
+    /// Handles a write of `value` to WDTCSR, which had the value `before`, after simavr's own handler.
+    fn handle_write(&mut self, core: &Core, before: u8, value: u8) {
         let mut after = core.get(WDTCSR);
         // > WDIF is cleared by writing a logic one to the flag. (section 11.9.2)
         after = after & !WDIF | before & !value & WDIF;
@@ -78,19 +78,19 @@ impl Watchdog {
         }
         let enabled = after & (WDE | WDIE) != 0;
         core.set_watchdog_cycles(self.time_out(after));
-        // simavr lets a running watchdog end at its old date when the time-out changes. Here it starts over, as it does for
-        // programs that follow the datasheet and reset it before.
+        // If the length of the time-out changes, simavr keeps the end of the running one. This model restarts it, as for programs
+        // that execute WDR before the change, which the datasheet demands.
         if enabled && (before & (WDE | WDIE) == 0 || (before ^ after) & WDP != 0) {
             core.restart_watchdog();
         }
     }
 
-    /// A time-out has ended, and the next begins.
+    /// Handles the end of a time-out: sets the length of the next one.
     pub fn timed_out(&mut self, core: &Core) {
         core.set_watchdog_cycles(self.time_out(core.get(WDTCSR)));
     }
 
-    /// The chip was reset; after a reset by the watchdog it runs on.
+    /// Handles a reset of the chip. After a reset by the watchdog, the watchdog keeps running.
     fn reset(&mut self, core: &Core) {
         self.timed_out(core);
         if core.get(WDTCSR) & WDE != 0 {
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chip_s_time_outs_are_within_a_tenth_of_16_ms_and_close_to_each_other() {
+    fn the_time_outs_of_a_chip_deviate_from_16_ms_by_at_most_10_percent_and_have_jitter() {
         for seed in 0..200 {
             let time_outs = time_outs(seed);
             let (min, max) = (time_outs.iter().min().unwrap(), time_outs.iter().max().unwrap());
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn chips_differ_and_each_can_be_repeated() {
+    fn chips_with_different_seeds_differ_and_equal_seeds_give_equal_chips() {
         assert_eq!(time_outs(7), time_outs(7));
         assert_ne!(time_outs(7), time_outs(8));
     }

@@ -1,4 +1,4 @@
-//! The simulated AVR as a program and its board meet it: time, resets, sleep, pins, memory.
+//! Tests of the simulated AVR with programs: time, resets, sleep, pins, memory.
 
 mod avr;
 
@@ -6,7 +6,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use avr::{MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, read, word};
-use bench::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, State};
+use bench::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, Resume, State};
 use bench::board::Board;
 use bench::wiring::Wiring;
 
@@ -49,14 +49,13 @@ fn the_result_does_not_depend_on_the_length_of_the_runs() {
     assert_eq!(count_after(16), count_after(50 * MS));
 }
 
-/// Datasheet 11.9: the watchdog stays on after its reset, at the shortest time-out, until it is
-/// handled.
+/// Datasheet 11.9: the watchdog stays on after its reset, with the shortest time-out, until the program turns it off.
 #[test]
 fn the_watchdog_runs_on_after_its_reset() {
     let mut avr = program("watchdog", &[]);
     avr.run_until(200 * MS);
     let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
-    // The oscillator is off by a tenth at most.
+    // The oscillator's frequency deviates by at most 10 %.
     assert!((57 * MS..71 * MS).contains(&at[1]), "{at:?}");
     for pair in at[1..].windows(2) {
         assert!((14 * MS..18 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
@@ -84,10 +83,10 @@ fn the_watchdog_can_be_switched_off_after_its_reset() {
     assert_eq!(avr.resets().len(), 2);
 }
 
-/// Datasheet 11.9.2: the flag is polled, and cleared by writing a one to it. What a program counts meanwhile scatters, and
-/// differs from chip to chip; the same seed gives the same again.
+/// Datasheet 11.9.2: the program polls the flag, and clears it by writing a one to it. It counts turns of a loop meanwhile. Equal
+/// seeds give equal counts.
 #[test]
-fn time_outs_of_the_watchdog_scatter_and_differ_from_chip_to_chip() {
+fn time_outs_of_the_watchdog_have_jitter_and_differ_from_chip_to_chip() {
     let turns = |seed: u64| {
         let mut avr = program("watchdog_noise", &[]);
         avr.seed(seed);
@@ -106,7 +105,7 @@ fn time_outs_of_the_watchdog_scatter_and_differ_from_chip_to_chip() {
 
 /// Datasheet 11.9.1: a power-on clears the other flags, other resets add theirs.
 #[test]
-fn mcusr_tells_the_causes() {
+fn mcusr_has_the_causes_of_the_resets() {
     const MCUSR: u16 = 0x54;
     let mut avr = program("spin", &[]);
     assert_eq!(avr.sram(MCUSR), 0b0001);
@@ -119,7 +118,7 @@ fn mcusr_tells_the_causes() {
 }
 
 #[test]
-fn sram_holds_garbage_after_power_on_and_its_old_content_after_other_resets() {
+fn sram_has_random_contents_after_power_on_and_its_old_contents_after_other_resets() {
     for (chip, ram_end) in [(Chip::Atmega168, 0x4FF), (Chip::Atmega328p, 0x8FF)] {
         let contents = |avr: &Avr| avr.sram_range(0x100..=ram_end);
         let mut avr = Avr::blank(chip).unwrap();
@@ -152,7 +151,7 @@ fn a_sleeping_program_wakes_for_interrupts_in_simulated_time() {
 }
 
 #[test]
-fn a_program_that_sleeps_with_interrupts_off_is_done_but_time_goes_on() {
+fn a_program_that_sleeps_with_interrupts_off_is_done_and_time_still_passes() {
     let mut avr = program("sleep", &["FOR_GOOD"]);
     assert_eq!(avr.run_until(10 * MS), State::Done);
     assert_eq!(avr.now(), 10 * MS);
@@ -161,28 +160,29 @@ fn a_program_that_sleeps_with_interrupts_off_is_done_but_time_goes_on() {
 }
 
 #[test]
-fn a_program_that_runs_off_its_flash_has_crashed_but_time_goes_on() {
+fn a_program_that_leaves_the_flash_has_crashed_and_time_still_passes() {
     let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)));
     assert_eq!(avr.now(), 10 * MS);
 }
 
 /// LDI r24, 0x0E; STS WDTCSR, r24; LDI r24, 0x08; STS UCSR0B, r24; WDR; NOP; STS UDR0, r24; NOP; NOP; RJMP back to WDR. Arming the
-/// watchdog, resetting it and sending a character each make a date in simavr.
-const WITH_DATES: [u16; 13] =
+/// watchdog, resetting it and sending a character each set a cycle timer in simavr.
+const WITH_CYCLE_TIMERS: [u16; 13] =
     [0xE08E, 0x9380, 0x0060, 0xE088, 0x9380, 0x00C1, 0x95A8, 0x0000, 0x9380, 0x00C6, 0x0000, 0x0000, 0xCFF9];
 
-fn with_dates() -> Avr {
+fn with_cycle_timers() -> Avr {
     let mut avr = Avr::blank(Chip::Atmega168).unwrap();
-    avr.load_flash(0, &WITH_DATES.map(u16::to_le_bytes).concat());
+    avr.load_flash(0, &WITH_CYCLE_TIMERS.map(u16::to_le_bytes).concat());
     avr
 }
 
-const ITS_COURSE: [u32; 15] = [0, 2, 6, 8, 12, 14, 16, 20, 22, 24, 12, 14, 16, 20, 22];
+/// Byte addresses of the first instructions that the program executes.
+const COURSE: [u32; 15] = [0, 2, 6, 8, 12, 14, 16, 20, 22, 24, 12, 14, 16, 20, 22];
 
 #[test]
 fn a_tracer_sees_every_instruction_before_it_runs() {
-    let mut avr = with_dates();
+    let mut avr = with_cycle_timers();
     let seen = Rc::new(RefCell::new(Vec::new()));
     let log = Rc::clone(&seen);
     avr.trace(Some(Box::new(move |moment| log.borrow_mut().push((moment.pc(), moment.at())))));
@@ -191,26 +191,26 @@ fn a_tracer_sees_every_instruction_before_it_runs() {
     let traced = seen.borrow().len();
     avr.run_until(2 * MS);
     let seen = seen.borrow();
-    assert_eq!(seen.len(), traced, "nothing once it has ended");
+    assert_eq!(seen.len(), traced, "the tracer is not called after the end");
     let course: Vec<u32> = seen.iter().map(|&(pc, _)| pc).collect();
-    assert_eq!(course[..15], ITS_COURSE);
+    assert_eq!(course[..15], COURSE);
     assert!(seen.windows(2).all(|pair| (1..=2).contains(&(pair[1].1 - pair[0].1))), "one or two cycles each");
 }
 
 #[test]
-fn a_debugger_steps_over_one_instruction_at_a_time_and_meets_every_breakpoint() {
-    let mut avr = with_dates();
+fn a_debugger_steps_by_one_instruction_and_halts_at_every_breakpoint() {
+    let mut avr = with_cycle_timers();
     let debugger = avr.debugger();
     debugger.halt(Halt::Asked);
-    for pc in ITS_COURSE {
+    for pc in COURSE {
         assert_eq!((debugger.halted().is_some(), avr.pc()), (true, pc));
-        debugger.resume(true);
+        debugger.resume(Resume::Step);
         avr.run_until(MS);
     }
-    // Right behind WDR, and behind the write to UDR0.
+    // The instructions after WDR, and after the write to UDR0.
     for pc in [14, 20, 14, 20] {
         debugger.set_breakpoint(pc);
-        debugger.resume(false);
+        debugger.resume(Resume::Run);
         avr.run_until(MS);
         assert_eq!((debugger.halted(), avr.pc()), (Some(Halt::Breakpoint), pc));
         debugger.clear_breakpoint(pc);
@@ -218,7 +218,7 @@ fn a_debugger_steps_over_one_instruction_at_a_time_and_meets_every_breakpoint() 
 }
 
 #[test]
-fn an_output_is_watched_with_times() {
+fn a_watcher_gets_the_changes_of_an_output_with_their_times() {
     let mut avr = program("pins", &[]);
     let seen = Rc::new(RefCell::new(Vec::new()));
     let log = Rc::clone(&seen);
@@ -231,7 +231,7 @@ fn an_output_is_watched_with_times() {
 }
 
 #[test]
-fn an_input_follows_what_drives_it_also_after_the_port_was_written_and_after_a_reset() {
+fn an_input_keeps_its_level_from_outside_when_the_port_is_written_and_after_a_reset() {
     let mut avr = program("pins", &[]);
     avr.drive_pin('D', 2, true);
     avr.run_until(MS);
@@ -247,7 +247,7 @@ fn an_input_follows_what_drives_it_also_after_the_port_was_written_and_after_a_r
 }
 
 #[test]
-fn a_pull_up_yields_to_a_button_and_comes_back() {
+fn a_button_pulls_an_input_with_a_pull_up_low_until_it_is_released() {
     let pressed = |avr: &mut Avr| {
         let until = avr.now() + MS;
         avr.run_until(until);
@@ -276,7 +276,7 @@ fn falling_edges_of_int0_interrupt() {
 }
 
 #[test]
-fn a_falling_edge_while_int0_is_masked_interrupts_once_when_it_no_longer_is() {
+fn falling_edges_while_int0_is_masked_interrupt_once_when_it_is_unmasked() {
     let mut avr = program("pins", &[]);
     let run = |avr: &mut Avr, masked: bool, levels: &[bool]| {
         avr.drive_pin('D', 3, !masked);
@@ -296,17 +296,17 @@ fn a_falling_edge_while_int0_is_masked_interrupts_once_when_it_no_longer_is() {
 }
 
 #[test]
-fn the_stack_s_high_water_mark_is_found_in_painted_sram() {
+fn the_largest_stack_is_measured_in_painted_sram() {
     let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     (0x200..=0x4FF).for_each(|address| avr.poke_sram(address, 0xC5));
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 0);
     avr.poke_sram(0x4F0, 0);
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 16);
     assert_eq!(avr.stack_high_water(0xC5, 0x500), 0);
-    assert_eq!(avr.stack_high_water(0xC5, 0x900), 0, "as in a program for a larger chip");
+    assert_eq!(avr.stack_high_water(0xC5, 0x900), 0, "the symbol of a program for a larger chip");
 }
 
-/// The linker notes the chip, and the simulator reads the note.
+/// The linker writes the name of the chip into a note of the ELF file.
 #[test]
 fn a_program_runs_on_the_chip_that_it_was_linked_for() {
     for chip in Chip::ALL {
@@ -322,7 +322,7 @@ fn a_program_runs_on_the_chip_that_it_was_linked_for() {
 }
 
 #[test]
-fn a_program_that_is_too_large_for_the_chip_is_refused_with_the_numbers() {
+fn the_error_of_a_program_that_is_too_large_for_the_chip_has_the_sizes() {
     for (define, expected) in [
         (
             "VARIABLES=1500",
@@ -343,12 +343,12 @@ fn a_program_that_is_too_large_for_the_chip_is_refused_with_the_numbers() {
 }
 
 #[test]
-fn a_program_s_section_says_how_its_board_is_wired() {
+fn the_section_board_of_a_program_sets_the_wiring() {
     let firmware = firmware_for(Chip::Atmega328p, "label", &[]);
     let wiring = Wiring::of("uno", "module").unwrap();
     assert_eq!(Wiring::of_program(&firmware).unwrap(), wiring);
     assert_eq!(Board::new(Avr::with_firmware(&firmware).unwrap()).wiring(), &wiring);
-    // It is not loaded: without it the program is as long.
+    // The section is not loaded: without it the program has nearly the same size.
     let bytes = |firmware: &bench::avr::Firmware| firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
     let without = firmware_for(Chip::Atmega328p, "spin", &[]);
     assert!(bytes(&firmware).abs_diff(bytes(&without)) < 64);
@@ -359,7 +359,7 @@ fn a_program_s_section_says_how_its_board_is_wired() {
     assert!(error.contains("the section .board: crystal_mhz: \"80\" is not a crystal"), "{error}");
 }
 
-/// LDS r24, ADDRESS; STS ADDRESS, r24; RJMP to itself.
+/// A chip with the program LDS r24, ADDRESS; STS ADDRESS, r24; RJMP to itself.
 fn with_access_of(chip: Chip, address: u16) -> Avr {
     let mut avr = Avr::blank(chip).unwrap();
     let program = [0x9180, address, 0x9380, address, 0xCFFF];
@@ -369,31 +369,31 @@ fn with_access_of(chip: Chip, address: u16) -> Avr {
 }
 
 #[test]
-fn an_access_beyond_the_ram_is_reported_with_its_place_in_the_program() {
+fn an_access_beyond_the_ram_is_reported_with_its_program_counter() {
     for (chip, end) in [(Chip::Atmega168, "0x04ff"), (Chip::Atmega328p, "0x08ff")] {
         assert_no_violation(&mut with_access_of(chip, chip.ram_end()));
         let address = chip.ram_end() + 1;
         let violations = with_access_of(chip, address).take_violations();
         let texts: Vec<&str> = violations.iter().map(|violation| violation.text.as_str()).collect();
         let text =
-            |verb, pc| format!("the program {verb} {address:#06x}, and the RAM of an {chip} ends at {end} (PC {pc})");
+            |verb, pc| format!("the program {verb} {address:#06x}, but the RAM of an {chip} ends at {end} (PC {pc})");
         assert_eq!(texts, [text("reads", "0x0000"), text("writes", "0x0004")]);
     }
 }
 
-/// Its stack is where the smaller chip has nothing. What becomes of it there is the chip's affair; the simulator goes on.
+/// The program's stack begins beyond the RAM of the smaller chip.
 #[test]
-fn a_program_for_a_larger_chip_is_reported_and_does_no_harm_to_the_simulator() {
+fn the_mistakes_of_a_program_for_a_larger_chip_are_reported_and_the_simulator_goes_on() {
     let firmware = firmware_for(Chip::Atmega328p, "sleep", &[]);
     let mut avr = Avr::programmed(Chip::Atmega168, &firmware).unwrap();
     avr.run_until(20 * MS);
     let violations = avr.take_violations();
-    assert!(violations[0].text.contains("writes 0x08ff, and the RAM of an ATmega168 ends"), "{violations:?}");
+    assert!(violations[0].text.contains("writes 0x08ff, but the RAM of an ATmega168 ends"), "{violations:?}");
 }
 
 /// simavr reads and writes flash at any address in Z.
 #[test]
-fn flash_behind_the_chip_s_is_empty() {
+fn addresses_beyond_the_end_of_the_flash_read_0xff() {
     // LDI r30, 0xFF; LDI r31, 0xFF; LPM r24, Z; STS 0x100, r24; LDI r31, 0x40; LPM r24, Z; STS 0x101, r24; RJMP to itself.
     let program = [0xEFEF, 0xEFFF, 0x9184, 0x9380, 0x0100, 0xE4F0, 0x9184, 0x9380, 0x0101, 0xCFFF];
     let mut avr = Avr::blank(Chip::Atmega168).unwrap();
@@ -403,7 +403,7 @@ fn flash_behind_the_chip_s_is_empty() {
 }
 
 #[test]
-fn a_debugger_sees_the_memories_of_the_chip_and_nothing_behind_them() {
+fn a_debugger_can_access_the_memories_of_the_chip_and_nothing_beyond_their_ends() {
     for chip in Chip::ALL {
         let mut avr = Avr::blank(chip).unwrap();
         let debugger = avr.debugger();
@@ -419,9 +419,8 @@ fn a_debugger_sees_the_memories_of_the_chip_and_nothing_behind_them() {
     }
 }
 
-/// The same cycles, too: what a chip has more of does not slow it.
 #[test]
-fn both_chips_run_a_program_alike() {
+fn both_chips_run_a_program_with_the_same_results_in_the_same_cycles() {
     for (name, results) in [("adc", "result"), ("spi", "received"), ("servo", "")] {
         let run = |chip| {
             let mut avr = program_for(chip, name, &[]);

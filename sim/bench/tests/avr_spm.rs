@@ -1,9 +1,9 @@
-//! Self-programming of the simulated chips, through boot loaders that do it. Each test gives the steps of its boot loader in C.
+//! Tests of self-programming with bootloaders. Each test has the steps of its bootloader in C.
 
 mod avr;
 
-use avr::{MS, assert_no_violation, assert_one_violation, boot_loader_for, byte, bytes, firmware_for};
-use bench::avr::{Avr, Chip, Halt, PAGE_BYTES, PAGE_PROGRAMMING_CYCLES, ResetCause, State};
+use avr::{MS, assert_no_violation, assert_one_violation, bootloader_for, byte, bytes, firmware_for};
+use bench::avr::{Avr, Chip, Halt, PAGE_BYTES, PAGE_PROGRAMMING_CYCLES, ResetCause, Resume, State};
 
 const SPMIE: u8 = 1 << 7;
 const RWWSB: u8 = 1 << 6;
@@ -11,12 +11,12 @@ const PGWRT: u8 = 1 << 2;
 const PGERS: u8 = 1 << 1;
 const SELFPRGEN: u8 = 1 << 0;
 
-/// A page of the RWW section of both chips.
+/// Byte address of a page in the RWW section of both chips.
 const PAGE: usize = 0x1000;
-/// What the pages to be changed hold at first.
+/// Value of the bytes of that page at the start of a test.
 const OLD: u8 = 0x5A;
 
-/// An ATmega168 with a boot loader of 2 KB that makes `steps`.
+/// An ATmega168 with a bootloader of 2 KB that executes `steps`.
 #[track_caller]
 fn loader(steps: &str) -> Avr {
     loader_for(Chip::Atmega168, 0x3800, steps)
@@ -24,19 +24,19 @@ fn loader(steps: &str) -> Avr {
 
 #[track_caller]
 fn loader_for(chip: Chip, start: usize, steps: &str) -> Avr {
-    let mut avr = boot_loader_for(chip, start, "spm", &[&format!("STEPS={steps};")]);
+    let mut avr = bootloader_for(chip, start, "spm", &[&format!("STEPS={steps};")]);
     avr.load_flash(PAGE, &[OLD; PAGE_BYTES]);
     avr
 }
 
-/// Runs the boot loader to its end.
+/// Runs the bootloader to its end.
 #[track_caller]
 fn run(avr: &mut Avr) {
     avr.run_until(avr.now() + 50 * MS);
     assert_eq!(byte(avr, "done"), 1, "{:?} at {:#06x}", avr.state(), avr.pc());
 }
 
-/// What the steps of `loader` noted.
+/// The bytes that `steps` note.
 #[track_caller]
 fn notes(steps: &str) -> Vec<u8> {
     let mut avr = loader(steps);
@@ -44,7 +44,7 @@ fn notes(steps: &str) -> Vec<u8> {
     bytes(&avr, "notes")[..usize::from(byte(&avr, "noted"))].to_vec()
 }
 
-/// Runs until the flash is, or is no longer, busy. Returns the time.
+/// Runs until the flash is busy (true) or not (false). Returns the time.
 #[track_caller]
 fn run_until_busy(avr: &mut Avr, busy: bool) -> u64 {
     for _ in 0..100_000 {
@@ -53,20 +53,20 @@ fn run_until_busy(avr: &mut Avr, busy: bool) -> u64 {
         }
         avr.run_until(avr.now() + 1);
     }
-    panic!("the flash does not become {}", if busy { "busy" } else { "free" });
+    panic!("the flash does not become {}", if busy { "busy" } else { "ready" });
 }
 
 fn page(avr: &Avr, start: usize) -> Vec<u8> {
     avr.flash()[start..start + PAGE_BYTES].to_vec()
 }
 
-/// What `fill_all(first)` and a write leave in an erased page.
+/// The contents of an erased page after `fill_all(first)` and a write.
 fn filled(first: u16) -> Vec<u8> {
     (first..first + 64).flat_map(u16::to_le_bytes).collect()
 }
 
 #[test]
-fn a_page_is_erased_and_written_and_the_rest_of_the_flash_is_not() {
+fn an_erase_and_a_write_change_one_page_and_no_other_flash() {
     for (chip, start) in [(Chip::Atmega168, 0x3800), (Chip::Atmega328p, 0x7800), (Chip::Atmega328p, 0x7000)] {
         let mut avr = loader_for(chip, start, "erase(0x1000); wait(); fill_all(0x1234); write(0x1000); wait()");
         let mut expected = avr.flash().to_vec();
@@ -99,10 +99,10 @@ fn selfprgen_reads_1_while_the_flash_is_busy() {
 }
 
 #[test]
-fn rwwsb_stays_set_until_rwwsre_or_the_fill_of_a_buffer_clears_it() {
+fn rwwsb_stays_set_until_rwwsre_or_a_fill_of_the_page_buffer_clears_it() {
     assert_eq!(notes("erase(0x1000); wait(); note(SPMCSR); enable_rww(); note(SPMCSR)"), [RWWSB, 0]);
     assert_eq!(notes("erase(0x1000); wait(); note(SPMCSR); fill(0, 0); note(SPMCSR)"), [RWWSB, 0]);
-    // RWWSRE has no effect before the end.
+    // RWWSRE has no effect while the page is erased.
     let early = "erase(0x1000); SPMCSR = _BV(RWWSRE) | _BV(SELFPRGEN); wait(); note(SPMCSR)";
     assert_eq!(notes(early), [RWWSB]);
 }
@@ -159,7 +159,7 @@ fn an_erase_or_a_write_of_the_nrww_section_halts_the_cpu() {
         for count in 0..2 {
             let start = run_until_busy(&mut avr, true);
             let pc = avr.pc();
-            // Time goes on, and a run ends in it as anywhere.
+            // Time still passes, and a run can end while the CPU is halted.
             avr.run_until(start + 40_000);
             assert_eq!((avr.now(), avr.pc(), byte(&avr, "noted")), (start + 40_000, pc, count));
             let end = run_until_busy(&mut avr, false);
@@ -176,7 +176,7 @@ fn an_erase_or_a_write_of_the_nrww_section_halts_the_cpu() {
 fn spm_outside_the_boot_section_does_nothing() {
     let mut avr = loader("fill_all(0x1234); erase(0x1000); wait()");
     let before = avr.flash().to_vec();
-    // As BOOTSZ says it, the boot section begins behind this program.
+    // Sets BOOTSZ so that the boot section begins after this program.
     avr.set_boot_section(0x3C00);
     run(&mut avr);
     assert!(avr.flash() == before);
@@ -206,7 +206,7 @@ fn a_command_that_the_datasheet_does_not_list_has_no_effect() {
     let mut avr = loader("SPMCSR = _BV(PGERS) | _BV(PGWRT) | _BV(SELFPRGEN); note(SPMCSR)");
     run(&mut avr);
     assert_eq!(byte(&avr, "notes"), 0);
-    assert_one_violation(&mut avr, "is no command");
+    assert_one_violation(&mut avr, "is not a command");
 }
 
 #[test]
@@ -219,7 +219,7 @@ fn spm_has_no_effect_while_the_flash_is_busy() {
 }
 
 #[test]
-fn a_word_of_the_page_buffer_that_is_filled_twice_holds_the_and_of_both() {
+fn a_word_of_the_page_buffer_that_is_filled_twice_gets_the_and_of_both_values() {
     let mut avr = loader("erase(0x1000); wait(); fill(4, 0x0FF0); fill(4, 0x3C3C); write(0x1000); wait()");
     run(&mut avr);
     assert_eq!(page(&avr, PAGE)[2..8], [0xFF, 0xFF, 0x30, 0x0C, 0xFF, 0xFF]);
@@ -245,15 +245,15 @@ fn the_page_buffer_is_empty_after_a_write_after_rwwsre_and_after_a_reset() {
 }
 
 #[test]
-fn a_page_that_is_written_without_an_erase_holds_the_and_of_both() {
+fn a_page_that_is_written_without_an_erase_gets_the_and_of_both_values() {
     let mut avr = loader("fill_all(0xFF00); write(0x1000); wait()");
     run(&mut avr);
     assert_eq!(page(&avr, PAGE)[..4], [0x00, OLD, OLD & 0x01, OLD]);
     assert_one_violation(&mut avr, "is written without an erase");
 }
 
-/// The page after a reset in the middle of an operation, and what the boot loader finds in SPMCSR then.
-fn cut(steps: &str, operation: u32, cause: ResetCause, seed: u64) -> Vec<u8> {
+/// The page after a reset in the middle of the erase or write with number `operation`. Checks that SPMCSR is 0 then.
+fn interrupted_page(steps: &str, operation: u32, cause: ResetCause, seed: u64) -> Vec<u8> {
     let mut avr = loader(&format!("if (MCUSR != _BV(PORF)) {{ note(SPMCSR); done = 1; for (;;) {{ }} }} {steps}"));
     avr.seed(seed);
     for _ in 1..operation {
@@ -264,19 +264,19 @@ fn cut(steps: &str, operation: u32, cause: ResetCause, seed: u64) -> Vec<u8> {
     avr.run_until(start + PAGE_PROGRAMMING_CYCLES / 2);
     avr.reset(cause);
     assert!(!avr.is_programming_flash());
-    let half_done = page(&avr, PAGE);
-    // A loss of power begins the steps anew.
+    let half_programmed = page(&avr, PAGE);
+    // After a loss of power the bootloader executes the steps again.
     if cause != ResetCause::PowerOn {
         run(&mut avr);
-        assert_eq!((byte(&avr, "notes"), page(&avr, PAGE)), (0, half_done.clone()));
+        assert_eq!((byte(&avr, "notes"), page(&avr, PAGE)), (0, half_programmed.clone()));
     }
-    half_done
+    half_programmed
 }
 
 #[test]
 fn a_reset_during_an_erase_leaves_old_erased_and_mixed_bytes() {
     for cause in [ResetCause::PowerOn, ResetCause::External, ResetCause::BrownOut] {
-        let page = cut("erase(0x1000); wait()", 1, cause, 1);
+        let page = interrupted_page("erase(0x1000); wait()", 1, cause, 1);
         let count = |value| page.iter().filter(|byte| **byte == value).count();
         assert!(count(OLD) > 20 && count(0xFF) > 20 && count(OLD) + count(0xFF) < 118, "{cause:?}: {page:x?}");
         // An erase only sets bits.
@@ -286,7 +286,8 @@ fn a_reset_during_an_erase_leaves_old_erased_and_mixed_bytes() {
 
 #[test]
 fn a_reset_during_a_write_leaves_erased_new_and_mixed_bytes() {
-    let page = cut("erase(0x1000); wait(); fill_all(0x0000); write(0x1000); wait()", 2, ResetCause::PowerOn, 1);
+    let page =
+        interrupted_page("erase(0x1000); wait(); fill_all(0x0000); write(0x1000); wait()", 2, ResetCause::PowerOn, 1);
     let new = filled(0);
     let as_new = page.iter().zip(&new).filter(|(byte, new)| byte == new).count();
     let erased = page.iter().filter(|byte| **byte == 0xFF).count();
@@ -295,7 +296,7 @@ fn a_reset_during_a_write_leaves_erased_new_and_mixed_bytes() {
     assert!(page.iter().zip(&new).all(|(byte, new)| byte & new == *new), "{page:x?}");
 }
 
-/// The flash is busy for nearly all of the 16 ms, and the CPU halted.
+/// For nearly all of the 16 ms the flash is busy and the CPU is halted.
 #[test]
 fn the_watchdog_resets_a_halted_cpu() {
     let steps = "if (MCUSR == _BV(PORF)) { wdt_enable(WDTO_15MS); for (;;) { erase(0x3F00); } } note(SPMCSR)";
@@ -305,7 +306,7 @@ fn the_watchdog_resets_a_halted_cpu() {
     let [.., before, last] = &resets[..] else { panic!("{resets:?}") };
     assert_eq!(last.cause, ResetCause::Watchdog);
     assert!((14 * MS..18 * MS).contains(&(last.at - before.at)), "{resets:?}");
-    // Three whole erases fit, and the fourth is cut.
+    // Three erases are complete; the reset interrupts the fourth.
     assert_eq!((last.at - before.at) / PAGE_PROGRAMMING_CYCLES, 3);
     assert_eq!((byte(&avr, "notes"), avr.is_programming_flash()), (0, false));
 }
@@ -320,15 +321,15 @@ fn a_debugger_steps_over_spm_that_halts_the_cpu() {
     debugger.set_breakpoint(erase);
     avr.run_until(MS);
     assert_eq!((avr.pc(), debugger.halted()), (erase, Some(Halt::Breakpoint)));
-    debugger.resume(true);
+    debugger.resume(Resume::Step);
     avr.run_until(20 * MS);
     assert_eq!((avr.pc(), debugger.halted()), (erase + 2, Some(Halt::Stepped)));
     assert!(!avr.is_programming_flash() && avr.now() > PAGE_PROGRAMMING_CYCLES && avr.now() < 6 * MS);
 }
 
 #[test]
-fn a_half_done_page_can_be_repeated_and_differs_from_chip_to_chip() {
-    let page = |seed| cut("erase(0x1000); wait()", 1, ResetCause::PowerOn, seed);
+fn a_half_programmed_page_is_the_same_for_equal_seeds_and_differs_from_chip_to_chip() {
+    let page = |seed| interrupted_page("erase(0x1000); wait()", 1, ResetCause::PowerOn, seed);
     assert_eq!(page(1), page(1));
     assert_ne!(page(1), page(2));
 }
@@ -368,7 +369,7 @@ fn an_eeprom_write_that_is_started_while_the_flash_is_busy_has_no_effect() {
 }
 
 #[test]
-fn boot_lock_bits_that_a_program_sets_hold_back_spm_and_survive() {
+fn boot_lock_bits_block_spm_and_survive_a_loss_of_power() {
     let mut avr = loader("boot_lock_bits_set(_BV(BLB01)); wait(); erase(0x1000); wait()");
     assert_eq!(avr.lock_bits(), 0xFF);
     run(&mut avr);
@@ -382,7 +383,7 @@ fn boot_lock_bits_that_a_program_sets_hold_back_spm_and_survive() {
 fn lock_bits_can_be_read_within_three_cycles_after_the_write_of_spmcsr() {
     let read = |nops: usize| notes(&format!("note(lock_bits_after(\"{}\"))", "nop\\n\\t".repeat(nops)));
     assert_eq!((read(0), read(2)), (vec![0xFF], vec![0xFF]));
-    // Later, it is the flash that is read.
+    // After that time LPM reads the flash.
     let mut avr = loader("note(lock_bits_after(\"nop\\n\\tnop\\n\\tnop\\n\\t\"))");
     avr.load_flash(1, &[0x77]);
     run(&mut avr);
@@ -390,7 +391,7 @@ fn lock_bits_can_be_read_within_three_cycles_after_the_write_of_spmcsr() {
 }
 
 #[test]
-fn fuses_say_where_the_boot_section_begins_and_the_signature_which_chip_it_is() {
+fn a_program_can_read_the_fuses_and_the_signature() {
     let steps = "for (uint8_t i = 0; i < 4; i++) note(boot_lock_fuse_bits_get(i)); \
                  for (uint8_t i = 0; i < 6; i += 2) note(boot_signature_byte_get(i))";
     for (chip, start, expected) in [
@@ -422,22 +423,22 @@ fn an_interrupt_whose_vector_is_in_the_rww_section_crashes_the_program_while_rww
 }
 
 #[test]
-fn a_boot_loader_and_an_application_share_a_chip() {
+fn a_bootloader_and_an_application_share_a_chip() {
     let application = firmware_for(Chip::Atmega168, "spin", &[]);
     let mut avr = loader("((void (*)(void))0)()");
     let boot_section = avr.flash()[0x3800..].to_vec();
     avr.load_further(&application).unwrap();
     assert!(avr.flash()[0x3800..] == boot_section);
     assert!(avr.flash().starts_with(&application.flash[0].1));
-    // The other way round, with the boot loader second.
+    // The other order: the application first, then the bootloader.
     let mut other = Avr::with_firmware(&application).unwrap();
     let loader = bench::avr::Firmware { flash: vec![(0x3800, boot_section)], ..Default::default() };
-    other.install_boot_loader(&loader).unwrap();
+    other.install_bootloader(&loader).unwrap();
     other.load_flash(PAGE, &[OLD; PAGE_BYTES]);
     other.reset(ResetCause::External);
     assert_eq!(other.pc(), 0x3800);
     assert!(other.flash() == avr.flash());
-    assert!(other.install_boot_loader(&application).is_err(), "it begins at 0");
+    assert!(other.install_bootloader(&application).is_err(), "it begins at 0");
     other.run_until(MS);
     assert!(other.pc() < 0x1000, "the application runs");
 }

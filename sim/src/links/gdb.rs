@@ -16,7 +16,7 @@
 use super::Link;
 use anyhow::{Context, Result};
 use bench::Bench;
-use bench::avr::{Debugger, Halt, Registers};
+use bench::avr::{Debugger, Halt, Registers, Resume};
 use gdbstub::arch::{Arch, RegId};
 use gdbstub::common::Signal;
 use gdbstub::conn::Connection;
@@ -409,7 +409,7 @@ impl SingleRegisterAccess<()> for Chip {
 
 impl SingleThreadResume for Chip {
     fn resume(&mut self, _signal: Option<Signal>) -> Result<(), &'static str> {
-        self.debugger.resume(false);
+        self.debugger.resume(Resume::Run);
         Ok(())
     }
 
@@ -420,7 +420,7 @@ impl SingleThreadResume for Chip {
 
 impl SingleThreadSingleStep for Chip {
     fn step(&mut self, _signal: Option<Signal>) -> Result<(), &'static str> {
-        self.debugger.resume(true);
+        self.debugger.resume(Resume::Step);
         Ok(())
     }
 }

@@ -124,7 +124,7 @@ impl Scene {
             let mut avr = Avr::programmed(wiring.chip, program)?;
             avr.seed(seed);
             if let Some(loader) = &loader {
-                avr.install_boot_loader(loader)?;
+                avr.install_bootloader(loader)?;
             }
             avr.reset(ResetCause::PowerOn);
             anyhow::Ok(avr)

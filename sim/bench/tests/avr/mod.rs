@@ -1,6 +1,6 @@
-//! Builds a small program in C and loads it.
+//! Compiles a small program in C and loads it.
 
-#![allow(dead_code, reason = "not every test file uses everything")]
+#![allow(dead_code, reason = "each test file uses some of these")]
 
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -14,38 +14,37 @@ pub const MS: u64 = F_CPU_HZ / 1000;
 /// CPU cycles of a microsecond.
 pub const US: u64 = F_CPU_HZ / 1_000_000;
 
-/// Compiles `tests/avr/<name>.c` with the given macros defined, and returns a chip with it, just
-/// powered on.
+/// Compiles `tests/avr/<name>.c` with macros defined. Returns an ATmega168 with the program, just powered on.
 #[track_caller]
 pub fn program(name: &str, defines: &[&str]) -> Avr {
     program_for(Chip::Atmega168, name, defines)
 }
 
-/// The same for any chip.
+/// Compiles `tests/avr/<name>.c` with macros defined. Returns a chip with the program, just powered on.
 #[track_caller]
 pub fn program_for(chip: Chip, name: &str, defines: &[&str]) -> Avr {
     Avr::with_firmware(&firmware_for(chip, name, defines)).expect("a program that fits")
 }
 
-/// Compiles `tests/avr/<name>.c` as a boot loader that begins at a byte address, and returns a chip with it, just powered on.
+/// Compiles `tests/avr/<name>.c` as a bootloader at byte address `start`. Returns a chip with the program, just powered on.
 #[track_caller]
-pub fn boot_loader_for(chip: Chip, start: usize, name: &str, defines: &[&str]) -> Avr {
+pub fn bootloader_for(chip: Chip, start: usize, name: &str, defines: &[&str]) -> Avr {
     let section = format!("-Wl,--section-start=.text={start:#x}");
     let firmware = compile(chip, name, defines, &[&section]).expect("an ELF file");
-    assert_eq!(firmware.boot_section(chip).expect("a boot loader"), start);
+    assert_eq!(firmware.boot_section(chip).expect("a bootloader"), start);
     let mut avr = Avr::programmed(chip, &firmware).expect("a program that fits");
     avr.set_reset_vector(start as u32);
     avr.reset(ResetCause::PowerOn);
     avr
 }
 
-/// Compiles `tests/avr/<name>.c` for a chip, and does not load it.
+/// Compiles `tests/avr/<name>.c` for a chip.
 #[track_caller]
 pub fn firmware_for(chip: Chip, name: &str, defines: &[&str]) -> Firmware {
     read(chip, name, defines).expect("an ELF file")
 }
 
-/// The same, of a program that may be refused.
+/// Compiles `tests/avr/<name>.c` for a chip, and reads the ELF file, which can fail.
 #[track_caller]
 pub fn read(chip: Chip, name: &str, defines: &[&str]) -> Result<Firmware> {
     compile(chip, name, defines, &[])
@@ -75,7 +74,7 @@ fn compile(chip: Chip, name: &str, defines: &[&str], options: &[&str]) -> Result
     firmware
 }
 
-/// Address of a variable.
+/// Address of a variable in the data space.
 #[track_caller]
 pub fn address(avr: &Avr, name: &str) -> u16 {
     avr.symbol(name).unwrap_or_else(|| panic!("no variable {name}")).address as u16
@@ -102,13 +101,13 @@ pub fn bytes(avr: &Avr, name: &str) -> Vec<u8> {
     avr.sram_range(first..=first + symbol.size as u16 - 1)
 }
 
-/// Fails if the program made a mistake.
+/// Fails if the program has made a mistake.
 #[track_caller]
 pub fn assert_no_violation(avr: &mut Avr) {
     assert_eq!(avr.take_violations(), []);
 }
 
-/// Fails unless there is exactly one mistake, with that text in it.
+/// Fails unless the program has made exactly one mistake, whose text contains `text`.
 #[track_caller]
 pub fn assert_one_violation(avr: &mut Avr, text: &str) {
     let violations: Vec<Violation> = avr.take_violations();
