@@ -1,4 +1,4 @@
-//! avr-gdb, the real one, attached to a board on the bench.
+//! Tests of the link for debuggers: avr-gdb attached to a board on the bench.
 
 #[path = "../bench/tests/avr/mod.rs"]
 mod avr;
@@ -16,7 +16,7 @@ use bench::board::Board;
 use sim::links::Link;
 use sim::links::gdb::Gdb;
 
-/// A test that takes longer has failed.
+/// Longest real time of a test; a longer one fails.
 const LIMIT: Duration = Duration::from_secs(30);
 
 struct Setup {
@@ -27,7 +27,7 @@ struct Setup {
 }
 
 impl Setup {
-    /// Two boards with the program; the first can be debugged.
+    /// Two boards with the program debug.c. avr-gdb can attach to the first.
     fn new(name: &str) -> Setup {
         let directory = std::env::temp_dir().join(format!("sim-gdb-{}-{name}", std::process::id()));
         std::fs::create_dir_all(&directory).expect("a temporary directory");
@@ -48,7 +48,7 @@ impl Setup {
         Setup { bench, gdb, elf, directory }
     }
 
-    /// Starts avr-gdb with these commands after it has attached.
+    /// Starts avr-gdb, which attaches and executes `commands`.
     fn avr_gdb(&self, commands: &[&str]) -> Child {
         let attach = format!("target remote localhost:{}", self.gdb.port());
         let mut command = Command::new("avr-gdb");
@@ -60,16 +60,16 @@ impl Setup {
         command.spawn().expect("avr-gdb, which the Makefile installs")
     }
 
-    /// Runs the bench until avr-gdb has ended; gives what it printed.
+    /// Runs the bench until avr-gdb ends. Returns the text that avr-gdb printed.
     fn until_end(&mut self, mut child: Child) -> String {
         let start = Instant::now();
         while child.try_wait().expect("avr-gdb's state").is_none() {
             if start.elapsed() > LIMIT {
                 child.kill().expect("avr-gdb ended");
             }
-            // A debugger on its way finds the chip at its first instruction.
+            // Does not run the chip before avr-gdb attaches, so that it attaches at the first instruction.
             if self.gdb.status().contains("waits") && self.bench.now() == 0 {
-                self.gdb.serve(&mut self.bench).expect("a link that goes on");
+                self.gdb.serve(&mut self.bench).expect("the link is served");
             } else {
                 self.turn();
             }
@@ -87,7 +87,7 @@ impl Setup {
 
     fn turn(&mut self) {
         self.bench.run_until(self.bench.now() + MS / 10);
-        self.gdb.serve(&mut self.bench).expect("a link that goes on");
+        self.gdb.serve(&mut self.bench).expect("the link is served");
     }
 
     fn turn_until(&mut self, condition: impl Fn(&Setup) -> bool) {
@@ -98,7 +98,8 @@ impl Setup {
         }
     }
 
-    fn assert_free(&mut self) {
+    /// Waits until no debugger is attached, and checks that the bench runs.
+    fn assert_running(&mut self) {
         self.turn_until(|setup| setup.gdb.status().contains("waits"));
         let before = self.bench.now();
         self.bench.run_for_ms(5);
@@ -117,7 +118,7 @@ fn assert_in_order(text: &str, parts: &[&str]) {
     let mut rest = text;
     for part in parts {
         let Some(at) = rest.find(part) else {
-            panic!("no {part:?} in its place in:\n{text}");
+            panic!("{part:?} is missing or out of order in:\n{text}");
         };
         rest = &rest[at + part.len()..];
     }
@@ -156,11 +157,11 @@ fn a_breakpoint_shows_arguments_variables_and_callers() {
             "detached",
         ],
     );
-    setup.assert_free();
+    setup.assert_running();
 }
 
 #[test]
-fn steps_go_by_instruction_and_by_line() {
+fn avr_gdb_steps_by_instruction_and_by_line() {
     let mut setup = Setup::new("step");
     let text = setup.debug(&[
         "hbreak outer",
@@ -175,7 +176,7 @@ fn steps_go_by_instruction_and_by_line() {
         "kill",
     ]);
     assert_in_order(&text, &["Hardware assisted breakpoint 1", "Breakpoint 1, outer", "inner (depth=", "rounds++"]);
-    setup.assert_free();
+    setup.assert_running();
 }
 
 #[test]
@@ -222,16 +223,16 @@ fn registers_and_all_memories_are_read_and_written() {
     assert_eq!(avr.flash()[0x3000], 0x42);
 }
 
-/// GDB asks which packets there are, and then uses the binary one.
+/// GDB uses the binary packet if the stub supports it, else the hexadecimal one.
 #[test]
-fn memory_is_written_by_either_packet_whatever_the_bytes() {
+fn both_packets_write_all_byte_values_to_memory() {
     let mut setup = Setup::new("packets");
     let every_byte: Vec<u8> = (0..=255).collect();
     let file = setup.directory.join("bytes");
     std::fs::write(&file, &every_byte).expect("a file");
     for (packet, value) in [("off", 0x11), ("on", 0x22)] {
         let file = file.display();
-        // Between them the bytes are others, so that each packet is seen to write all of them.
+        // Sets other bytes first, so that the test sees what each packet writes.
         setup.bench.board(0).avr_mut().set_eeprom(&[0; 512]);
         setup.bench.board(0).avr_mut().load_flash(0x2000, &[0; 256]);
         let text = setup.debug(&[
@@ -252,7 +253,7 @@ fn memory_is_written_by_either_packet_whatever_the_bytes() {
         let avr = setup.bench.board(0).avr_mut();
         let eeprom = avr.eeprom();
         assert_eq!((eeprom[4], avr.flash()[0x3004]), (value, value), "{text}");
-        assert_eq!(eeprom[0x100..], every_byte, "and nothing of what does not fit");
+        assert_eq!(eeprom[0x100..], every_byte, "bytes beyond the end are not written");
         assert_eq!(avr.flash()[0x2000..0x2100], every_byte);
         let debugger = avr.debugger();
         assert_eq!(debugger.data(0x304), Some(value));
@@ -273,27 +274,27 @@ fn an_interrupt_from_the_keyboard_halts_a_running_program() {
     let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
     assert!(sent.success());
     let text = setup.until_end(child);
-    // Not with a backtrace: in the last instructions of a function avr-gdb may not find its caller.
+    // Does not use a backtrace: in the last instructions of a function avr-gdb may not find the caller.
     assert_in_order(&text, &["Program received signal SIGINT", "$1 = 1", "$2 = 1", "$3 = 0x", "Breakpoint 1, inner"]);
-    setup.assert_free();
+    setup.assert_running();
 }
 
 #[test]
-fn the_whole_bench_stands_still_while_the_chip_is_halted() {
+fn the_whole_bench_stops_while_the_chip_is_halted() {
     let mut setup = Setup::new("still");
     let stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
     setup.turn_until(|setup| setup.gdb.status().contains("halted"));
     let (before, others) = (setup.bench.now(), setup.bench.board(1).now());
     setup.bench.run_for_ms(100);
     assert_eq!((setup.bench.now(), setup.bench.board(1).now()), (before, others));
-    // A debugger that dies leaves a program that runs.
+    // The program runs again when the debugger ends without detaching.
     drop(stream);
-    setup.assert_free();
+    setup.assert_running();
     assert!(setup.bench.board(1).now() > before);
 }
 
 #[test]
-fn a_debugger_that_talks_nonsense_does_no_harm() {
+fn invalid_packets_do_no_harm() {
     let mut setup = Setup::new("nonsense");
     let mut stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
     stream.write_all(b"$m0,ffffffff#00$\xff\x00}}#zz$Z0,ffffffff,2#2b$G00#d7$m3fff,100#5b+").expect("sent");
@@ -302,12 +303,12 @@ fn a_debugger_that_talks_nonsense_does_no_harm() {
         setup.turn();
     }
     drop(stream);
-    setup.assert_free();
+    setup.assert_running();
     assert!(setup.debug(&["break inner", "continue"]).contains("Breakpoint 1, inner"));
 }
 
 #[test]
-fn a_second_debugger_waits_until_the_first_has_gone() {
+fn a_second_debugger_waits_until_the_first_ends() {
     let mut setup = Setup::new("second");
     let first = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
     setup.turn_until(|setup| setup.gdb.status().contains("halted"));
@@ -317,7 +318,7 @@ fn a_second_debugger_waits_until_the_first_has_gone() {
 }
 
 #[test]
-fn a_port_in_use_is_named_in_the_error() {
+fn the_error_of_a_port_in_use_names_it() {
     let mut setup = Setup::new("in-use");
     let port = setup.gdb.port();
     let error = Gdb::open(port, &mut setup.bench, 0).err().expect("an error");

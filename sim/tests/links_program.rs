@@ -1,4 +1,4 @@
-//! The program `sim` with ports: what it leaves behind, what it refuses, and an upload through the genuine boot loader.
+//! Tests of the program `sim` with ports: their removal at its end, errors, and an upload through the original bootloaders.
 
 mod links;
 
@@ -10,12 +10,12 @@ use std::time::{Duration, Instant};
 
 use links::{Client, Scratch, elf, elf_for};
 
-/// Where Debian's arduino-core-avr has them.
+/// Directory of the bootloaders in Debian's package arduino-core-avr.
 const BOOTLOADERS: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega";
-/// Longest wait for anything.
+/// Longest real time of a wait.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A running simulator, ended with the test.
+/// A running simulator. Killed on drop.
 struct Sim(Child);
 
 impl Sim {
@@ -42,7 +42,7 @@ impl Drop for Sim {
     }
 }
 
-/// With a limit of its own, should the test be killed.
+/// The command `sim`, limited to 3 minutes, so that it ends even if the test is killed.
 fn sim(options: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_sim"));
     command.args(["--plain", "--for", "3m"]).args(options);
@@ -53,13 +53,13 @@ fn sim(options: &[&str]) -> Command {
 fn wait_for(mut condition: impl FnMut() -> bool, what: &str) {
     let start = Instant::now();
     while !condition() {
-        assert!(start.elapsed() < TIMEOUT, "waited in vain for {what}");
+        assert!(start.elapsed() < TIMEOUT, "time-out while waiting for {what}");
         thread::sleep(Duration::from_millis(10));
     }
 }
 
 #[track_caller]
-fn refused(options: &[&str], expected: &str) {
+fn assert_fails(options: &[&str], expected: &str) {
     let Output { status, stderr, .. } = sim(options).output().expect("sim starts");
     let stderr = String::from_utf8_lossy(&stderr);
     assert!(!status.success() && stderr.contains(expected), "{stderr}");
@@ -84,16 +84,16 @@ fn a_signal_ends_the_run_and_removes_the_ports() {
     }
 }
 
-/// What a killed simulator leaves behind does not keep the next one from starting.
+/// A killed simulator leaves its port behind.
 #[test]
-fn a_port_left_by_a_killed_run_is_taken_over_and_a_live_one_is_not() {
+fn the_port_of_a_killed_run_is_replaced_and_that_of_a_running_one_is_not() {
     let scratch = Scratch::new();
     let program = elf(&scratch, "echo");
     let port = scratch.path("can");
     let options = ["--elf", program.to_str().unwrap(), "--slcan", port.to_str().unwrap()];
     let mut first = Sim::start(&options);
     wait_for(|| is_link(&port), "the port");
-    refused(&options, "another sim");
+    assert_fails(&options, "another sim");
     first.0.kill().unwrap();
     first.0.wait().unwrap();
     assert!(is_link(&port));
@@ -103,17 +103,17 @@ fn a_port_left_by_a_killed_run_is_taken_over_and_a_live_one_is_not() {
 }
 
 #[test]
-fn what_cannot_be_had_is_refused_with_advice() {
+fn the_error_of_an_option_that_cannot_be_fulfilled_gives_advice() {
     let scratch = Scratch::new();
     let program = elf(&scratch, "echo");
     let program = program.to_str().unwrap();
     let file = scratch.path("thesis.txt");
     fs::write(&file, "a thesis").unwrap();
-    refused(&["--elf", program, "--slcan", file.to_str().unwrap()], "choose another path");
-    refused(&["--elf", program, "--serial", "/no/such/place"], "no directory");
-    refused(&["--elf", program, "--eeprom", file.to_str().unwrap()], "8 bytes");
-    refused(&["--serial", scratch.path("s").to_str().unwrap(), "--bootloader", program], program);
-    refused(&["--elf", "/no/such.elf"], "make firmware");
+    assert_fails(&["--elf", program, "--slcan", file.to_str().unwrap()], "choose another path");
+    assert_fails(&["--elf", program, "--serial", "/no/such/place"], "no directory");
+    assert_fails(&["--elf", program, "--eeprom", file.to_str().unwrap()], "8 bytes");
+    assert_fails(&["--serial", scratch.path("s").to_str().unwrap(), "--bootloader", program], program);
+    assert_fails(&["--elf", "/no/such.elf"], "make firmware");
     assert_eq!(fs::read(&file).unwrap(), b"a thesis");
     assert!(!is_link(&scratch.path("s")));
 }
@@ -128,18 +128,18 @@ fn bootloader(name: &str) -> Option<PathBuf> {
 }
 
 #[test]
-fn avrdude_uploads_through_the_genuine_boot_loaders() {
+fn avrdude_uploads_through_the_original_bootloaders() {
     upload("ATmegaBOOT_168_diecimila.hex", "diecimila", "atmega168", ["m168", "19200"]);
     upload("ATmegaBOOT_168_atmega328.hex", "duemilanove", "atmega328p", ["m328p", "57600"]);
 }
 
 #[test]
-fn a_boot_loader_for_another_chip_is_refused_with_the_option_that_it_needs() {
+fn the_error_of_a_bootloader_for_another_chip_names_the_right_option() {
     let Some(hex) = bootloader("ATmegaBOOT_168_atmega328.hex") else { return };
     let scratch = Scratch::new();
     let port = scratch.path("arduino");
     let options = ["--serial", port.to_str().unwrap(), "--bootloader", hex.to_str().unwrap()];
-    refused(&[&options[..], &["--mcu", "atmega168"]].concat(), "--mcu atmega328p");
+    assert_fails(&[&options[..], &["--mcu", "atmega168"]].concat(), "--mcu atmega328p");
 }
 
 fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
@@ -157,25 +157,25 @@ fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
         .args(["-U", &format!("flash:w:{}:e", program.display())])
         .output()
         .expect("avrdude");
-    let said = String::from_utf8_lossy(&avrdude.stderr);
-    assert!(avrdude.status.success() && said.contains("verified"), "{said}");
-    // Opening resets again; the boot loader waits before it starts the program.
+    let output = String::from_utf8_lossy(&avrdude.stderr);
+    assert!(avrdude.status.success() && output.contains("verified"), "{output}");
+    // Opening the port resets the board again. The bootloader waits before it starts the program.
     let mut client = Client::open(&port);
     let opened = Instant::now();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     wait_for(
         || {
-            heard.extend(client.read());
-            heard.ends_with(b"ready\n")
+            received.extend(client.read());
+            received.ends_with(b"ready\n")
         },
         "the program to start",
     );
-    assert!(opened.elapsed() > Duration::from_millis(500), "the boot loader did not wait");
+    assert!(opened.elapsed() > Duration::from_millis(500), "the bootloader did not wait");
     client.write(b"hello");
     wait_for(
         || {
-            heard.extend(client.read());
-            heard.ends_with(b"hello")
+            received.extend(client.read());
+            received.ends_with(b"hello")
         },
         "the echo",
     );

@@ -1,4 +1,4 @@
-//! The Arduino's serial port as programs meet it.
+//! Tests of the Arduino's serial port with clients that open it.
 
 #[path = "../bench/tests/avr/mod.rs"]
 mod avr;
@@ -60,7 +60,7 @@ fn opening_the_port_resets_the_board_each_time() {
     assert_eq!(stand.resets().len(), 3);
 }
 
-/// As ravedude's console does after avrdude. Nothing that was for the first program is there for the second.
+/// ravedude's console does so after avrdude. The second program must not get bytes for the first.
 #[test]
 fn a_program_that_opens_the_port_at_once_after_another_resets_the_board_too() {
     let mut stand = Stand::new(program("echo", &[]));
@@ -81,7 +81,7 @@ fn a_program_that_opens_the_port_at_once_after_another_resets_the_board_too() {
     assert!(stand.port.status().contains("in use, opened 4 times"), "{}", stand.port.status());
 }
 
-/// DTR is up already.
+/// DTR is raised already.
 #[test]
 fn a_second_program_at_an_open_port_does_not_reset_the_board() {
     let mut stand = Stand::new(program("echo", &[]));
@@ -103,9 +103,9 @@ fn a_second_program_at_an_open_port_does_not_reset_the_board() {
     assert_eq!(stand.resets().len(), 3);
 }
 
-/// `stty`, which says nothing to the board.
+/// `stty` does so.
 #[test]
-fn a_program_that_came_and_went_without_a_word_was_there() {
+fn a_program_that_opens_and_closes_the_port_without_writing_resets_the_board() {
     let mut stand = Stand::new(program("echo", &[]));
     stand.run_ms(5);
     drop(Client::open(&stand.path));
@@ -114,7 +114,7 @@ fn a_program_that_came_and_went_without_a_word_was_there() {
 }
 
 #[test]
-fn bytes_pass_at_the_pace_of_the_line_both_ways() {
+fn bytes_pass_at_the_baud_rate_in_both_directions() {
     let mut stand = Stand::new(program("echo", &[]));
     let mut client = Client::open(&stand.path);
     stand.run_ms(5);
@@ -129,9 +129,9 @@ fn bytes_pass_at_the_pace_of_the_line_both_ways() {
     assert_eq!([early, client.read()].concat(), text);
 }
 
-/// `echo text > port`: the program is gone before anybody looked.
+/// `echo text > port` closes the port before the link is served.
 #[test]
-fn a_program_that_came_and_went_was_there() {
+fn the_board_gets_the_bytes_of_a_program_that_closes_the_port_at_once() {
     let mut stand = Stand::new(program("echo", &[]));
     stand.run_ms(5);
     Client::open(&stand.path).write(b"hello");
@@ -154,9 +154,9 @@ fn a_program_that_never_reads_does_not_stop_the_simulation() {
     assert!(!stand.port.status().contains(" 0 bytes lost"), "{}", stand.port.status());
 }
 
-/// A board whose receiver is off takes nothing; what was written must not wait for its next program.
+/// A board whose receiver is off takes no bytes. They must not wait for its next program.
 #[test]
-fn bytes_that_nobody_takes_are_dropped() {
+fn bytes_that_the_board_does_not_take_are_dropped() {
     let mut stand = Stand::new(program("spin", &[]));
     let mut client = Client::open(&stand.path);
     stand.run_ms(5);

@@ -1,4 +1,4 @@
-//! Logs of the bus, as Wireshark reads them, and as the bench plays them again.
+//! Tests of the logs of the bus: Wireshark reads them, and the bench plays them again.
 
 mod wire;
 
@@ -11,7 +11,7 @@ use wire::{BIT_RATE, Directory, Rig, frames, lines, peer_frames, text};
 
 const RUN_MS: u64 = 60;
 
-/// Logs a run of the node into a file, and gives what the bus recorded.
+/// Logs a run of the node into a file. Returns the records of the bus.
 fn logged(path: &Path) -> Vec<Record> {
     let mut rig = Rig::new();
     let mut log = Log::create(path, BIT_RATE).unwrap();
@@ -26,7 +26,7 @@ fn logged(path: &Path) -> Vec<Record> {
     all
 }
 
-/// A frame as tshark's fields print it, after the time in microseconds.
+/// A frame in the form of tshark's fields.
 fn as_fields(start_us: u64, frame: &Frame) -> String {
     let (id, extended) = match frame.id {
         Id::Standard(id) => (u32::from(id), 0),
@@ -42,7 +42,7 @@ fn as_fields(start_us: u64, frame: &Frame) -> String {
     )
 }
 
-fn tshark_reads_what_passed(name: &str) {
+fn assert_tshark_reads_all_frames(name: &str) {
     let directory = Directory::new(name);
     let path = directory.file(name);
     let passed = frames(&logged(&path));
@@ -52,7 +52,7 @@ fn tshark_reads_what_passed(name: &str) {
         arguments.extend(["-e", field]);
     }
     let expected: Vec<_> = passed.iter().map(|(start, frame)| as_fields(start / 16, frame)).collect();
-    // tshark shows as many zeros as a remote frame in a candump log asks for; they were not on the wire.
+    // For a remote frame in a candump log, tshark shows as many zeros as its DLC says. They were not on the bus.
     let without_data = |line: String| match line.rsplit_once('\t') {
         Some((fields, _)) if line.split('\t').nth(3) == Some("1") => format!("{fields}\t"),
         _ => line,
@@ -63,15 +63,15 @@ fn tshark_reads_what_passed(name: &str) {
 
 #[test]
 fn wireshark_reads_every_frame_of_a_candump_log() {
-    tshark_reads_what_passed("run.log");
+    assert_tshark_reads_all_frames("run.log");
 }
 
 #[test]
 fn wireshark_reads_every_frame_of_a_pcap() {
-    tshark_reads_what_passed("run.pcap");
+    assert_tshark_reads_all_frames("run.pcap");
 }
 
-/// Without the others, for they would speak again.
+/// The bus has no other nodes, because they would send their frames a second time.
 #[test]
 fn the_log_of_a_run_with_the_node_plays_again_on_an_empty_bus() {
     let directory = Directory::new("again");
@@ -87,7 +87,7 @@ fn the_log_of_a_run_with_the_node_plays_again_on_an_empty_bus() {
 }
 
 #[test]
-fn error_frames_are_in_the_pcap_as_wireshark_knows_them() {
+fn wireshark_reads_the_error_frames_of_a_pcap() {
     use bench::can::Fault;
     let directory = Directory::new("errors");
     let path = directory.file("errors.pcap");

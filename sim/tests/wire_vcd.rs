@@ -1,4 +1,4 @@
-//! The recorded wires, as sigrok's decoders read them. One sample is one cycle of the AVR, so times are compared too.
+//! Tests of VCD files with sigrok's decoders. One sample is one cycle of the AVR, so the tests compare times, too.
 
 mod wire;
 
@@ -14,10 +14,10 @@ use std::path::Path;
 use wire::{Directory, Rig, frames, lines, output, peer_frames, text};
 
 const RUN_MS: u64 = 80;
-/// 625 units of 100 ps: a cycle.
+/// Input format for sigrok: one sample for 625 units of 100 ps, which is a cycle.
 const INPUT: &str = "vcd:downsample=625";
 
-/// What the simulator itself knows of a run.
+/// What the simulator recorded of a run, to compare with the file.
 #[derive(Default)]
 struct Known {
     records: Vec<Record>,
@@ -39,7 +39,7 @@ fn recorded(path: &Path) -> Known {
     known
 }
 
-/// The same run without a file: what a probe sees.
+/// The events of a probe in the same run, without a file.
 fn probed() -> Vec<(Cycles, WireEvent)> {
     let mut rig = Rig::new();
     let node = rig.node;
@@ -49,7 +49,7 @@ fn probed() -> Vec<(Cycles, WireEvent)> {
     events
 }
 
-/// Annotations as (first sample, last sample, text).
+/// sigrok's annotations as (first sample, last sample, text).
 fn decoded(path: &Path, decoder: &str, annotations: &str) -> Vec<(Cycles, Cycles, String)> {
     let arguments = ["-i", text(path), "-I", INPUT, "-P", decoder, "-A", annotations, "--protocol-decoder-samplenum"];
     let annotation = |line: &String| {
@@ -80,7 +80,7 @@ fn crc15(frame: &Frame) -> u16 {
     bits[bits.len() - 15..].iter().fold(0, |crc, &bit| crc << 1 | u16::from(bit))
 }
 
-/// A frame as sigrok's annotations tell it.
+/// sigrok's annotations for a frame.
 fn as_annotations(frame: &Frame) -> Vec<String> {
     let mut texts = vec![String::from("Start of frame")];
     match frame.id {
@@ -96,7 +96,7 @@ fn as_annotations(frame: &Frame) -> Vec<String> {
 }
 
 #[test]
-fn sigrok_reads_every_frame_with_its_time_and_a_right_crc() {
+fn sigrok_reads_every_frame_with_its_time_and_its_crc() {
     let directory = Directory::new("can");
     let path = directory.file("run.vcd");
     let passed = frames(&recorded(&path).records);
@@ -109,7 +109,7 @@ fn sigrok_reads_every_frame_with_its_time_and_a_right_crc() {
         assert_eq!((first, last), (start, start + 15), "{frame}");
         let mut texts = Vec::new();
         while let Some((_, _, text)) = found.next_if(|(_, _, text)| texts.is_empty() || text != "Start of frame") {
-            // The first half of an extended identifier is on its own, too.
+            // The first part of an extended identifier also has its own annotation.
             let half = frame.is_extended() && text.starts_with("Identifier: ");
             if !half {
                 texts.push(text);
@@ -117,7 +117,7 @@ fn sigrok_reads_every_frame_with_its_time_and_a_right_crc() {
         }
         let mut expected = as_annotations(&frame);
         if frame.remote && frame.dlc > 0 {
-            // The decoder takes what follows for data; a remote frame has none, whatever its DLC.
+            // The decoder takes the next bits for data. A remote frame has no data, whatever its DLC.
             expected.truncate(4);
             texts.truncate(4);
         }
@@ -127,7 +127,7 @@ fn sigrok_reads_every_frame_with_its_time_and_a_right_crc() {
 }
 
 #[test]
-fn sigrok_reads_every_byte_on_the_spi_both_ways_and_where_cs_ends_a_command() {
+fn sigrok_reads_every_byte_on_the_spi_and_the_commands_between_edges_of_cs() {
     let directory = Directory::new("spi");
     let path = directory.file("run.vcd");
     recorded(&path);
@@ -236,12 +236,12 @@ fn cs_int_and_servo_have_the_edges_of_the_board() {
     }
 }
 
-/// Ports of an ATmega328P (datasheet section 31): I/O address of DDRx, behind which PORTx is, and the bits of D5 to D8 and A1 to A3.
+/// I/O address of DDRx and bit of D5 to D8 and A1 to A3 (datasheet section 31). PORTx is at the next address.
 const OUTPUT_PINS: [(u16, u16); 7] = [(0x0A, 5), (0x0A, 6), (0x0A, 7), (0x04, 0), (0x07, 1), (0x07, 2), (0x07, 3)];
 /// Cycles of SBI, CBI and RJMP.
 const INSTRUCTION: u64 = 2;
 
-/// A program that gives a pulse on each pin in turn, for ever, with so many NOPs in it.
+/// A program that gives a pulse on each pin in turn, for ever. A pulse has `nops` NOPs for the index of its pin.
 fn pulsing(nops: impl Fn(usize) -> usize) -> Firmware {
     let set = |register: u16, bit: u16| 0x9A00 | register << 3 | bit;
     let clear = |register: u16, bit: u16| 0x9800 | register << 3 | bit;
@@ -257,7 +257,7 @@ fn pulsing(nops: impl Fn(usize) -> usize) -> Firmware {
     Firmware { flash: vec![(0, program.into_iter().flat_map(u16::to_le_bytes).collect())], ..Firmware::default() }
 }
 
-/// The pulses go to the file and to the board's own meters, whoever looks first.
+/// The file and the board's own meters get the same pulses, in whatever order they are read.
 #[test]
 fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
     let section = b"board=uno\nshield=seeed\nmcu=atmega328p\ncs=D9\nint=D2\ncrystal_mhz=16\nservo=D10\n\
@@ -302,7 +302,7 @@ fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
     }
 }
 
-/// A run that is killed leaves a file that ends with a whole line, and lacks the last moment only.
+/// The file of a run that is killed ends with a whole line, and lacks only the last 10 ms.
 #[test]
 fn the_file_can_be_read_while_it_is_being_written() {
     let directory = Directory::new("killed");

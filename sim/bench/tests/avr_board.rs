@@ -1,5 +1,4 @@
-//! The wiring of the board and the bench's run loop, through a small program that drives the
-//! MCP2515.
+//! Tests of the board's wiring and of the bench's run loop, with a small program that uses the MCP2515.
 
 mod avr;
 
@@ -21,8 +20,7 @@ struct Setup {
 }
 
 impl Setup {
-    /// Boards with the answering program, one for each list of macros, and a peer; run until all
-    /// are on the bus.
+    /// Boards with the program mcp2515.c, one for each list of macros, and a peer. Runs until all are on the bus.
     fn new(boards: &[&[&str]]) -> Setup {
         let mut bench = Bench::new(BIT_RATE);
         for (index, defines) in boards.iter().enumerate() {
@@ -64,7 +62,7 @@ fn a_board_answers_frames_on_the_bus() {
 }
 
 #[test]
-fn the_answer_starts_when_the_program_asked_for_it() {
+fn the_answer_starts_when_the_program_requests_it() {
     let mut setup = Setup::new(&[&[]]);
     setup.bench.bus().take_records();
     setup.send(1);
@@ -81,8 +79,7 @@ fn boards_arbitrate_for_the_bus() {
     let mut setup = Setup::new(&[&["REPLY_ID=0x222"], &["REPLY_ID=0x111"]]);
     setup.send(9);
     setup.bench.run_for_ms(1);
-    // Both boards asked within a few bits; each also answers the other's answer, so only the first
-    // round counts.
+    // Both boards request to send within a few bits. Each board also answers the other's answer, so only the first two count.
     let answers = setup.answers();
     assert!(answers.contains(&Frame::standard(0x111, &[10])), "{answers:?}");
     assert!(answers.contains(&Frame::standard(0x222, &[10])), "{answers:?}");
@@ -118,7 +115,7 @@ fn waiting_ends_when_the_condition_holds_or_at_the_time_out() {
 }
 
 #[test]
-fn a_chip_without_power_reads_as_its_floating_miso_and_comes_back() {
+fn a_chip_without_power_gives_the_level_of_miso_and_works_with_power_again() {
     for miso in [0x00, 0xFF] {
         let mut bench = Bench::new(BIT_RATE);
         let mut board = Board::new(program("mcp2515", &[]));
@@ -135,7 +132,7 @@ fn a_chip_without_power_reads_as_its_floating_miso_and_comes_back() {
 }
 
 #[test]
-fn a_wrong_spi_mode_is_refused_and_reported() {
+fn in_a_wrong_spi_mode_the_chip_does_not_answer_and_a_violation_is_reported() {
     let mut board = Board::new(program("mcp2515", &["SPI_MODE_BITS=_BV(CPHA)"]));
     board.run_until(MS);
     assert_eq!(byte(board.avr(), "canstat"), 0xFF);
@@ -147,7 +144,7 @@ fn a_wrong_spi_mode_is_refused_and_reported() {
 }
 
 #[test]
-fn spi_noise_spoils_what_the_program_reads() {
+fn spi_noise_changes_the_bytes_that_the_program_reads() {
     let mut board = Board::new(program("mcp2515", &[]));
     board.set_spi_noise(300_000, 1);
     board.run_until(MS);
@@ -202,7 +199,7 @@ fn the_servo_s_pulses_are_measured_on_either_output_of_timer1() {
 }
 
 #[test]
-fn a_board_is_wired_as_asked_and_its_crystal_gives_the_bit_rate() {
+fn the_wiring_of_a_board_sets_its_pins_and_its_crystal() {
     let d8 = ["CS_PORT=PORTB", "CS_DDR=DDRB", "CS_BIT=PB0", "INT_BIT=PD3"];
     let d10 = ["CS_PORT=PORTB", "CS_DDR=DDRB", "CS_BIT=PB2"];
     let a1 = ["CS_PORT=PORTC", "CS_DDR=DDRC", "CS_BIT=PC1"];
@@ -228,7 +225,6 @@ fn a_board_is_wired_as_asked_and_its_crystal_gives_the_bit_rate() {
     }
 }
 
-/// A program with another pin in mind does not reach the MCP2515.
 #[test]
 fn a_program_for_another_cs_selects_nothing() {
     let mut wiring = Wiring::default();
@@ -236,23 +232,22 @@ fn a_program_for_another_cs_selects_nothing() {
     let mut board = Board::wired(program("mcp2515", &[]), &wiring).unwrap();
     board.run_until(MS);
     assert_ne!(byte(board.avr(), "canstat"), 0x80);
-    let passed = board.spi_use();
-    assert_eq!((passed.selects, passed.bytes), (0, 0));
-    assert!(passed.bytes_elsewhere > 0);
-    // They could be for another device on the same SPI, which is no mistake.
+    let spi = board.spi_use();
+    assert_eq!((spi.selects, spi.bytes), (0, 0));
+    assert!(spi.bytes_elsewhere > 0);
+    // The bytes could be for another device on the same SPI, so they are not a mistake.
     assert_eq!(board.take_violations(), []);
 }
 
 #[test]
-fn an_impossible_wiring_is_refused() {
+fn an_impossible_wiring_is_rejected() {
     let mut wiring = Wiring::default();
     wiring.servo = wiring.cs;
     let error = Board::wired(program("servo", &[]), &wiring).err().unwrap().to_string();
     assert_eq!(error, "the servo is on D9, which is CS's");
 }
 
-/// A test that forgets a borrow or panics in a watcher must fail as a test, not take the process
-/// down.
+/// A panic in a callback of simavr must fail the test, not abort the process.
 #[test]
 #[should_panic = "on purpose"]
 fn a_panic_in_a_watcher_reaches_the_test() {
@@ -261,14 +256,14 @@ fn a_panic_in_a_watcher_reaches_the_test() {
     avr.run_until(MS);
 }
 
-/// The program answers when INT is low, with the first byte it reads plus one.
+/// The program answers when INT is low.
 #[test]
-fn a_shorted_int_line_keeps_its_level_until_it_is_freed() {
+fn a_shorted_int_line_keeps_its_level_until_the_short_ends() {
     let mut setup = Setup::new(&[&[]]);
     setup.bench.board(0).set_stuck_int(Some(true));
     setup.send(1);
     setup.bench.run_for_ms(1);
-    assert_eq!(setup.answers(), [], "nobody tells the program");
+    assert_eq!(setup.answers(), [], "the program gets no interrupt");
     setup.bench.board(0).set_stuck_int(None);
     setup.bench.run_for_ms(1);
     assert_eq!(setup.answers(), [Frame::standard(0x123, &[2])]);

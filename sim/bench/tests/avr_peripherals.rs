@@ -1,4 +1,4 @@
-//! SPI, USART0, ADC, EEPROM and Timer1 of the simulated ATmega168, through programs that use them.
+//! Tests of the SPI, USART0, ADC, EEPROM and Timer1 of the simulated ATmega168, with programs that use them.
 
 mod avr;
 
@@ -8,7 +8,7 @@ use std::rc::Rc;
 use avr::{MS, US, assert_no_violation, assert_one_violation, byte, bytes, program, word};
 use bench::avr::{Avr, Oc, PulseMeter, ResetCause, SpiByte};
 
-/// Connects a device that answers each byte with its complement, and returns what it sees.
+/// Connects a device that answers each byte with its complement. Returns the bytes that the device gets.
 fn complementing_device(avr: &mut Avr) -> Rc<RefCell<Vec<SpiByte>>> {
     let seen = Rc::new(RefCell::new(Vec::new()));
     let log = Rc::clone(&seen);
@@ -20,7 +20,7 @@ fn complementing_device(avr: &mut Avr) -> Rc<RefCell<Vec<SpiByte>>> {
 }
 
 #[test]
-fn spi_bytes_go_both_ways() {
+fn spi_bytes_go_in_both_directions() {
     let mut avr = program("spi", &[]);
     let seen = complementing_device(&mut avr);
     avr.run_until(MS);
@@ -52,7 +52,7 @@ fn spdr_written_during_a_transfer_is_ignored() {
 }
 
 #[test]
-fn ss_left_an_input_is_reported() {
+fn ss_as_an_input_is_reported() {
     let mut avr = program("spi", &["NO_SS"]);
     avr.run_until(MS);
     let violations = avr.take_violations();
@@ -130,10 +130,9 @@ fn adc_noise_is_bounded_and_repeatable() {
     assert_eq!(first, samples());
 }
 
-/// The pulse changes at a period boundary only, and each is as wide as the program said, to the
-/// cycle.
+/// The pulse width changes only at the start of a period, and is exact to the cycle.
 #[test]
-fn servo_pulses_are_exact_however_ocr1b_is_written() {
+fn servo_pulses_are_exact_whenever_ocr1b_is_written() {
     let mut avr = program("servo", &[]);
     avr.run_until(1000 * MS);
     let pulses = PulseMeter::new().feed(avr.take_edges(Oc::B));
@@ -171,7 +170,7 @@ fn eeprom_access_during_a_write_has_no_effect_and_is_reported() {
 }
 
 #[test]
-fn an_eeprom_write_outlives_a_reset_but_not_a_loss_of_power() {
+fn an_eeprom_write_survives_a_reset_but_not_a_loss_of_power() {
     for (cause, survives) in [(ResetCause::External, true), (ResetCause::PowerOn, false)] {
         let mut avr = program("eeprom", &[]);
         avr.run_until(MS);

@@ -1,9 +1,9 @@
-//! Tests of the model with third-party drivers: firmwares on the crates `mcp2515` and `mcp25xx`, written for the real chip by others, run on the
-//! model; and what these crates get wrong on the real chip, they get wrong here.
+//! Tests of the model with third-party drivers: firmwares with the crates `mcp2515` and `mcp25xx`, which other authors wrote
+//! for the real chip. The firmwares work on the model, and the errors of these crates on the real chip show on the model, too.
 //!
-//! `make third-party` builds the firmwares (`third-party/` in the workspace) for both chips and two CAN boards. Every test runs on the default
-//! board; a few run on the others, too.
-//! With `--nocapture` the test of the costs prints the table of docs. Sections are those of Microchip DS20001801J.
+//! `make third-party` builds the firmwares (`third-party/` in the workspace) for both chips and two CAN boards. Every test runs
+//! on the default board, and some tests run on all boards. With `--nocapture` the test of the costs prints the numbers for the
+//! documents. Sections are those of Microchip DS20001801J.
 
 #[path = "third_party/stand.rs"]
 mod stand;
@@ -12,8 +12,8 @@ use bench::can::{Frame, Id};
 use bench::mcp2515::Fate;
 use stand::{CanBoard, Instruction, PLACES, Report, SERVED_MS, Stand, ThirdParty, answer_to, milliseconds};
 
-/// The two that are used as they should be.
-const RIGHT: [ThirdParty; 2] = [ThirdParty::Mcp2515, ThirdParty::Mcp25xx];
+/// The firmwares that use their crate correctly.
+const CORRECT: [ThirdParty; 2] = [ThirdParty::Mcp2515, ThirdParty::Mcp25xx];
 
 // Masks and filters of `third-party/job.rs`: RXF0 and RXF1 belong to RXB0, the others to RXB1.
 const MASK_0: u32 = 0x1FFF_FF00;
@@ -29,12 +29,12 @@ const CANINTF: u8 = 0x2C;
 const RX0IF: u8 = 1 << 0;
 const RX1IF: u8 = 1 << 1;
 
-/// Both, on each chip with each CAN board.
-fn in_every_place() -> impl Iterator<Item = (stand::Place, ThirdParty)> {
-    PLACES.into_iter().flat_map(|place| RIGHT.map(|firmware| (place, firmware)))
+/// The correct firmwares on each chip with each CAN board.
+fn on_every_board() -> impl Iterator<Item = (stand::Place, ThirdParty)> {
+    PLACES.into_iter().flat_map(|place| CORRECT.map(|firmware| (place, firmware)))
 }
 
-/// A frame for each filter, and its buffer. Lengths from 0 to 8; bits that the masks leave open are set.
+/// A frame for each filter, and its buffer. The lengths are 0 to 8. Bits outside of the masks are set.
 fn one_for_each_filter() -> [(Frame, usize); 6] {
     [
         (Frame::extended(RXF0 | 0xA5, &[1, 2, 3, 4, 5, 6, 7, 8]), 0),
@@ -46,7 +46,7 @@ fn one_for_each_filter() -> [(Frame, usize); 6] {
     ]
 }
 
-/// Frames that miss a filter by one bit, and such as have the right bits in the wrong kind of identifier.
+/// Frames that differ from a filter in one bit, and frames with the bits of a filter in the other kind of identifier.
 fn near_misses() -> Vec<Frame> {
     let extended = [(RXF0, MASK_0), (RXF1, MASK_0), (RXF2, MASK_1), (RXF4, MASK_1)];
     let mut frames = Vec::new();
@@ -63,8 +63,8 @@ fn near_misses() -> Vec<Frame> {
 }
 
 #[test]
-fn frames_for_every_filter_arrive_in_their_buffer_and_are_answered_bit_for_bit() {
-    for (place, firmware) in in_every_place() {
+fn frames_for_every_filter_arrive_in_their_buffer_and_get_the_right_answer() {
+    for (place, firmware) in on_every_board() {
         let mut stand = Stand::at(place, firmware);
         for (frame, buffer) in one_for_each_filter() {
             stand.serve(frame);
@@ -80,7 +80,7 @@ fn frames_for_every_filter_arrive_in_their_buffer_and_are_answered_bit_for_bit()
 
 #[test]
 fn two_hundred_frames_are_answered_one_by_one() {
-    for firmware in RIGHT {
+    for firmware in CORRECT {
         let mut stand = Stand::new(firmware);
         let kinds = one_for_each_filter();
         let frames = (0..200_u8).map(|n| {
@@ -101,15 +101,15 @@ fn two_hundred_frames_are_answered_one_by_one() {
 }
 
 #[test]
-fn frames_one_bit_off_a_filter_stay_out() {
-    for firmware in RIGHT {
+fn frames_that_differ_from_a_filter_in_one_bit_are_rejected() {
+    for firmware in CORRECT {
         let mut stand = Stand::new(firmware);
         stand.send(&near_misses());
         stand.run_ms(30);
         assert_eq!(stand.take_reports(), [], "{firmware:?}");
         assert_eq!(stand.take_answers(), [], "{firmware:?}");
         assert!(stand.take_frame_log().is_empty(), "{firmware:?}");
-        // It was not just deaf.
+        // Checks that the node still receives frames.
         let (frame, _) = one_for_each_filter()[0];
         stand.serve(frame);
         assert_eq!(stand.take_frames_reported(), [frame], "{firmware:?}");
@@ -123,7 +123,7 @@ fn a_second_frame_for_rxb0_rolls_over_and_both_are_read_in_order() {
     let first = Frame::extended(RXF0, &[1]);
     let second = Frame::extended(RXF0 | 1, &[2, 2]);
     let third = Frame::extended(RXF1 | 2, &[3, 3, 3]);
-    for (place, firmware) in in_every_place() {
+    for (place, firmware) in on_every_board() {
         let mut stand = Stand::at(place, firmware);
         stand.serve_while_busy(first, &[second, third]);
         assert_eq!(stand.take_frames_reported(), [first, second, third], "{firmware:?} {place:?}");
@@ -139,13 +139,13 @@ fn a_second_frame_for_rxb0_rolls_over_and_both_are_read_in_order() {
     }
 }
 
-/// Both crates look at RX0IF first, so an older frame in RXB1 comes second.
+/// Both crates check RX0IF first, so they read an older frame in RXB1 second.
 #[test]
-fn frames_in_both_buffers_come_rxb0_first_whichever_is_older() {
+fn of_frames_in_both_buffers_that_in_rxb0_is_read_first_even_if_it_is_newer() {
     let first = Frame::extended(RXF0, &[1]);
     let older = Frame::standard(RXF3, &[2, 2]);
     let newer = Frame::extended(RXF1, &[3, 3, 3]);
-    for firmware in RIGHT {
+    for firmware in CORRECT {
         let mut stand = Stand::new(firmware);
         stand.serve_while_busy(first, &[older, newer]);
         assert_eq!(stand.take_frames_reported(), [first, newer, older], "{firmware:?}");
@@ -153,11 +153,11 @@ fn frames_in_both_buffers_come_rxb0_first_whichever_is_older() {
     }
 }
 
-/// Sections 4.2 and 7.6.1: two buffers, and no third.
+/// Sections 4.2 and 7.6.1: the chip has two receive buffers.
 #[test]
-fn a_third_frame_while_nobody_polls_is_lost_and_the_first_two_are_not() {
+fn a_third_frame_without_polling_is_lost_and_the_first_two_are_not() {
     let frames = [1, 2, 3, 4].map(|n| Frame::extended(RXF0 | n, &[n as u8]));
-    for (place, firmware) in in_every_place() {
+    for (place, firmware) in on_every_board() {
         let mut stand = Stand::at(place, firmware);
         stand.serve_while_busy(frames[0], &frames[1..]);
         assert_eq!(stand.take_frames_reported(), frames[..3], "{firmware:?} {place:?}");
@@ -169,29 +169,30 @@ fn a_third_frame_while_nobody_polls_is_lost_and_the_first_two_are_not() {
     }
 }
 
-/// Section 3.2: among buffers of equal priority the highest number is sent first. Both crates fill the lowest free one.
+/// Section 3.2: of buffers with equal priority the chip sends the one with the highest number first. Both crates fill the lowest
+/// free one.
 #[test]
-fn answers_that_had_to_wait_for_the_bus_leave_in_reverse_order() {
-    // 5 ms of traffic that wins against every answer, as does each question against the answers to those before it.
+fn answers_that_wait_for_the_bus_are_sent_in_reverse_order() {
+    // 5 ms of traffic that wins arbitration against every answer. Each request wins against the answers to earlier ones.
     let noise = [Frame::standard(0, &[0x55; 8]); 40];
-    let asked = [3, 2, 1].map(|n| Frame::extended(RXF0 | n << 4, &[n as u8]));
-    for firmware in RIGHT {
+    let requests = [3, 2, 1].map(|n| Frame::extended(RXF0 | n << 4, &[n as u8]));
+    for firmware in CORRECT {
         let mut stand = Stand::new(firmware);
-        for frame in asked {
+        for frame in requests {
             stand.send(&[frame]);
             stand.send(&noise);
         }
         stand.run_ms(30);
-        let reversed = [asked[2], asked[1], asked[0]];
+        let reversed = [requests[2], requests[1], requests[0]];
         assert_eq!(stand.take_answers(), reversed.map(|frame| answer_to(&frame)), "{firmware:?}");
         stand.assert_no_violations();
     }
 }
 
 #[test]
-fn a_frame_hit_by_a_bit_error_is_repeated_and_arrives_once() {
+fn a_frame_with_a_bit_error_is_repeated_and_arrives_once() {
     let frame = Frame::extended(RXF2, &[1, 2, 3, 4, 5, 6, 7, 8]);
-    for firmware in RIGHT {
+    for firmware in CORRECT {
         let mut stand = Stand::new(firmware);
         for bit in (15..125).step_by(11) {
             stand.flip_bit(bit);
@@ -204,9 +205,9 @@ fn a_frame_hit_by_a_bit_error_is_repeated_and_arrives_once() {
 }
 
 #[test]
-fn an_answer_hit_by_a_bit_error_is_repeated_by_the_chip_and_arrives_once() {
+fn the_chip_repeats_an_answer_with_a_bit_error_and_it_arrives_once() {
     let frame = Frame::standard(RXF3, &[1, 2, 3, 4, 5, 6, 7, 8]);
-    for firmware in RIGHT {
+    for firmware in CORRECT {
         let mut stand = Stand::new(firmware);
         for bit in (60..100).step_by(7) {
             stand.serve_with_error_in_answer(frame, bit);
@@ -217,30 +218,30 @@ fn an_answer_hit_by_a_bit_error_is_repeated_by_the_chip_and_arrives_once() {
     }
 }
 
-/// The crate looks at TXERR and MLOA right after it has set TXREQ. The chip repeats the frame whatever they say (section
-/// 3.4): who sends again what the crate calls failed sends it twice.
+/// The crate checks TXERR and MLOA right after it sets TXREQ. But the chip repeats the frame in both cases (section 3.4). A program
+/// that sends the frame again after the crate's error sends it twice.
 #[test]
-fn mcp2515_calls_an_answer_failed_that_the_chip_goes_on_to_send() {
+fn mcp2515_returns_an_error_for_an_answer_that_the_chip_still_sends() {
     let frame = Frame::standard(RXF3, &[1, 2, 3, 4, 5, 6, 7, 8]);
     let mut stand = Stand::new(ThirdParty::Mcp2515);
-    // Which of the first bits have been sent when the crate looks depends on the speed of its code.
-    let mut called_failed = 0;
+    // The number of bits on the bus when the crate checks the flags depends on the speed of its code.
+    let mut errors = 0;
     for bit in 1..=12 {
         stand.serve_with_error_in_answer(frame, bit);
         match stand.take_reports()[..] {
-            [Report::NotSent, Report::Received(received, _)] if received == frame => called_failed += 1,
+            [Report::NotSent, Report::Received(received, _)] if received == frame => errors += 1,
             [Report::Received(received, _)] if received == frame => {}
             ref reports => panic!("bit {bit}: {reports:?}"),
         }
         assert_eq!(stand.take_answers(), [answer_to(&frame)], "bit {bit}");
     }
-    assert!(called_failed > 0);
+    assert!(errors > 0);
     stand.assert_no_violations();
 }
 
 #[test]
-fn a_counter_frame_goes_out_by_itself_all_the_while() {
-    for firmware in RIGHT {
+fn the_firmware_sends_its_counter_frames_periodically() {
+    for firmware in CORRECT {
         let mut stand = Stand::new(firmware);
         stand.run_ms(450);
         let counters = stand.take_counters();
@@ -256,10 +257,10 @@ fn a_counter_frame_goes_out_by_itself_all_the_while() {
     }
 }
 
-/// Register 4-5, SRR: a standard remote frame. Register 4-8, RTR: an extended one. `mcp2515` looks at SRR only and
-/// `mcp25xx` at RTR only; the other kind is taken for data, with what the buffer held before.
+/// SRR (register 4-5) marks a standard remote frame, RTR (register 4-8) an extended one. `mcp2515` checks only SRR, and `mcp25xx`
+/// only RTR. They take the other kind for a data frame, with the old contents of the buffer.
 #[test]
-fn each_crate_knows_one_kind_of_remote_frame_and_takes_the_other_for_old_data() {
+fn each_crate_knows_one_kind_of_remote_frame_and_takes_the_other_for_a_data_frame() {
     let data = [0xC0, 0xFF, 0xEE, 0x11];
     let standard = Frame::remote(Id::Standard(RXF3), 4);
     let extended = Frame::remote(Id::Extended(RXF2), 4);
@@ -280,7 +281,7 @@ fn each_crate_knows_one_kind_of_remote_frame_and_takes_the_other_for_old_data() 
 
 /// ISO 11898-1: a DLC of 9 to 15 means eight bytes.
 #[test]
-fn mcp25xx_takes_a_dlc_above_eight_for_eight() {
+fn mcp25xx_takes_a_dlc_above_eight_as_eight_bytes() {
     let data = [1, 2, 3, 4, 5, 6, 7, 8];
     let mut stand = Stand::new(ThirdParty::Mcp25xx);
     for dlc in 9..=15 {
@@ -290,10 +291,10 @@ fn mcp25xx_takes_a_dlc_above_eight_for_eight() {
     stand.assert_no_violations();
 }
 
-/// The crate returns its error before it clears RX0IF, and looks at RX0IF first ever after: one such frame on the bus ends
-/// all reception, from RXB1 too.
+/// The crate returns an error before it clears RX0IF, and always checks RX0IF first. So one such frame on the bus ends all
+/// reception, also from RXB1.
 #[test]
-fn mcp2515_is_deaf_for_good_after_a_frame_with_a_dlc_above_eight_in_rxb0() {
+fn mcp2515_receives_nothing_after_a_frame_with_a_dlc_above_eight_in_rxb0() {
     for dlc in 9..=15 {
         let mut stand = Stand::new(ThirdParty::Mcp2515);
         stand.serve(Frame::with_dlc(Id::Extended(RXF0), dlc, [7; 8]));
@@ -303,23 +304,23 @@ fn mcp2515_is_deaf_for_good_after_a_frame_with_a_dlc_above_eight_in_rxb0() {
         stand.run_ms(100);
         let reports = stand.take_reports();
         assert!(reports.len() > 100, "DLC {dlc}");
-        assert!(reports.iter().all(|report| *report == Report::Refused), "DLC {dlc}");
+        assert!(reports.iter().all(|report| *report == Report::Rejected), "DLC {dlc}");
         assert_eq!(stand.register(CANINTF) & (RX0IF | RX1IF), RX0IF | RX1IF, "DLC {dlc}");
         assert_eq!(stand.frames_lost(), 5, "DLC {dlc}");
-        assert!(!stand.take_counters().is_empty(), "DLC {dlc}: the node itself is alive");
+        assert!(!stand.take_counters().is_empty(), "DLC {dlc}: the node still sends");
         stand.assert_no_violations();
     }
 }
 
 #[test]
-fn mcp2515_never_releases_a_frame_with_a_dlc_above_eight_in_rxb1_and_hears_rxb0_only() {
+fn mcp2515_never_releases_a_frame_with_a_dlc_above_eight_in_rxb1_and_receives_only_from_rxb0() {
     let mut stand = Stand::new(ThirdParty::Mcp2515);
     stand.serve(Frame::with_dlc(Id::Standard(RXF3), 9, [7; 8]));
     let [(for_rxb0, _), _, (for_rxb1, _), ..] = one_for_each_filter();
     stand.serve(for_rxb1);
     stand.serve(for_rxb0);
     let reports = stand.take_reports();
-    let frames: Vec<&Report> = reports.iter().filter(|report| **report != Report::Refused).collect();
+    let frames: Vec<&Report> = reports.iter().filter(|report| **report != Report::Rejected).collect();
     assert!(matches!(frames[..], [Report::Received(frame, _)] if *frame == for_rxb0), "{frames:?}");
     assert_eq!(stand.take_answers(), [answer_to(&for_rxb0)]);
     assert_eq!(stand.register(CANINTF) & (RX0IF | RX1IF), RX1IF);
@@ -327,12 +328,12 @@ fn mcp2515_never_releases_a_frame_with_a_dlc_above_eight_in_rxb1_and_hears_rxb0_
 }
 
 /// Figure 12-3: 94h reads RXB1 from SIDH on, 92h reads RXB0 from D0 on. With its feature `mcp2515` the crate sends 92h for
-/// RXB1: it takes D0 to D3 of the old frame in RXB0 for the identifier and D4 for the length, clears RX0IF instead of
-/// RX1IF, and does so again for ever.
+/// RXB1. It takes D0 to D3 of the old frame in RXB0 for the identifier, and D4 for the length. It clears RX0IF instead of
+/// RX1IF, so it repeats this for ever.
 #[test]
-fn mcp25xx_with_its_feature_mcp2515_reads_rxb1_as_the_old_content_of_rxb0_for_ever() {
+fn mcp25xx_with_its_feature_mcp2515_reads_the_old_contents_of_rxb0_for_rxb1_for_ever() {
     let mut stand = Stand::new(ThirdParty::Mcp25xxWrongRxb1);
-    // As SIDH, SIDL: standard, 008h. As DLC: 3.
+    // D0 and D1 as SIDH and SIDL: standard identifier 008h. D4 as DLC: 3.
     let in_rxb0 = Frame::extended(RXF0, &[0x01, 0x02, 0xEE, 0xEE, 0x03, 0x77, 0x88, 0x99]);
     stand.serve(in_rxb0);
     assert_eq!(stand.take_frames_reported(), [in_rxb0]);
@@ -359,10 +360,10 @@ fn mcp25xx_with_its_feature_mcp2515_reads_rxb1_as_the_old_content_of_rxb0_for_ev
     );
 }
 
-/// Section 5. DroneCAN asks for a sample point between 75 and 90 %.
+/// Section 5. DroneCAN demands a sample point between 75 and 90 %.
 #[test]
-fn the_bit_timings_in_the_crates_tables_sample_where_their_registers_say() {
-    for (place, firmware) in in_every_place() {
+fn the_bit_timings_of_the_crates_give_these_registers_and_sample_points() {
+    for (place, firmware) in on_every_board() {
         // CNF1, CNF2, CNF3 at 16 MHz and 1 Mbit/s, or 8 MHz and 500 kbit/s: SyncSeg + PropSeg + PS1 | PS2 in TQ.
         let (cnf, permille) = match (firmware, place.1) {
             // 1 + 3 + 2 | 2, and 1 + 2 + 3 | 2.
@@ -379,13 +380,13 @@ fn the_bit_timings_in_the_crates_tables_sample_where_their_registers_say() {
     }
 }
 
-/// What it takes to fetch one frame, READ STATUS included.
+/// Costs to fetch one frame, including READ STATUS.
 struct Cost {
     firmware: ThirdParty,
     data_bytes: usize,
     spi_bytes: usize,
     chip_selects: usize,
-    /// As the firmware measures it, built by nightly-2026-05-20 with opt-level z and overflow checks.
+    /// Measured by the firmware, built by nightly-2026-05-20 with opt-level z and overflow checks.
     cycles: u64,
 }
 
@@ -405,17 +406,20 @@ const COSTS: [Cost; 9] = [
     cost(ThirdParty::Mcp25xxWrongRxb1, 8, 16, 2, 1202),
 ];
 
-/// The instructions from the READ STATUS that shows RX0IF to the one in which RX0IF is cleared.
+/// The instructions from the READ STATUS that shows RX0IF to the one that clears RX0IF.
 fn fetch(instructions: &[Instruction], cleared_at: u64) -> &[Instruction] {
     let shows_rx0if = |instruction: &Instruction| instruction.mosi[0] == 0xA0 && instruction.miso[1] & RX0IF != 0;
     let first = instructions.iter().position(shows_rx0if).expect("a READ STATUS");
-    let last = instructions.iter().position(|instruction| instruction.end >= cleared_at).expect("the clearing");
+    let last = instructions
+        .iter()
+        .position(|instruction| instruction.end >= cleared_at)
+        .expect("the instruction that clears RX0IF");
     &instructions[first..=last]
 }
 
-/// The reason for a driver of our own, in numbers. Cycles may vary by a few per cent with the compiler.
+/// The documents name these costs as a reason for this project's driver. The cycles can vary by a few per cent with the compiler.
 #[test]
-fn a_frame_costs_each_crate_the_spi_bytes_and_cycles_in_the_documents() {
+fn the_costs_of_a_frame_are_those_in_the_documents() {
     for Cost { firmware, data_bytes, spi_bytes, chip_selects, cycles } in COSTS {
         let mut stand = Stand::new(firmware);
         stand.take_instructions();

@@ -1,6 +1,6 @@
-//! A client of a link, played by the test: a port opened like a program would, without blocking.
+//! Helpers for tests of links: clients that open a port without blocking, scratch directories, and compiled programs.
 
-#![allow(dead_code, reason = "not every test file uses everything")]
+#![allow(dead_code, reason = "each test file uses some of these")]
 
 use std::fs::{self, File};
 use std::io::{Read, Write};
@@ -17,7 +17,7 @@ use sim::links::Link;
 /// CPU cycles of a millisecond.
 pub const MS: u64 = F_CPU_HZ / 1000;
 
-/// A directory of its own, removed at the end.
+/// A temporary directory. Removed on drop.
 pub struct Scratch(PathBuf);
 
 impl Scratch {
@@ -50,18 +50,18 @@ impl Client {
         Client(File::options().read(true).write(true).custom_flags(flags).open(path).expect("the port opens"))
     }
 
-    /// Writes all of it; for short texts.
+    /// Writes all bytes. For short texts.
     #[track_caller]
     pub fn write(&mut self, bytes: &[u8]) {
         self.0.write_all(bytes).expect("room in the port");
     }
 
-    /// Writes what the port takes at once.
+    /// Writes as much as the port accepts at once. Returns the number of bytes.
     pub fn write_some(&mut self, bytes: &[u8]) -> usize {
         self.0.write(bytes).unwrap_or(0)
     }
 
-    /// What is there to read.
+    /// Reads all bytes that are available.
     pub fn read(&mut self) -> Vec<u8> {
         let mut all = Vec::new();
         let mut piece = [0; 4096];
@@ -72,12 +72,12 @@ impl Client {
     }
 }
 
-/// Lets simulated time pass and serves the links, each millisecond.
+/// Runs the bench, and serves the links each millisecond.
 pub fn run_ms(bench: &mut Bench, links: &mut [&mut dyn Link], milliseconds: u64) {
     for _ in 0..milliseconds {
         bench.run_for_ms(1);
         for link in links.iter_mut() {
-            link.serve(bench).expect("a link that goes on");
+            link.serve(bench).expect("the link is served");
         }
     }
 }
@@ -94,7 +94,7 @@ pub fn elf_for(scratch: &Scratch, name: &str, chip: &str) -> PathBuf {
     elf_with(scratch, name, chip, &[])
 }
 
-/// The same with macros defined, such as "SD_CARD".
+/// Compiles `tests/avr/<name>.c` for a chip with macros defined, such as "SD_CARD".
 #[track_caller]
 pub fn elf_with(scratch: &Scratch, name: &str, chip: &str, defines: &[&str]) -> PathBuf {
     let elf = scratch.path("program.elf");

@@ -1,7 +1,6 @@
-//! The bench of the tests of logs and wires: the node, an autopilot, and a peer that sends frames of every kind.
+//! The bench for tests of logs and VCD files: the node, an autopilot, and a peer that sends frames of every kind.
 
-// Each test takes what it needs.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test file uses some of these")]
 
 use bench::autopilot::{Autopilot, Settings};
 use bench::board::Board;
@@ -17,7 +16,7 @@ use std::sync::OnceLock;
 pub const BIT_RATE: u32 = 1_000_000;
 pub const MS: Cycles = F_CPU_HZ / 1000;
 
-/// A directory that goes when the test ends.
+/// A temporary directory. Removed on drop.
 pub struct Directory(PathBuf);
 
 impl Directory {
@@ -38,7 +37,7 @@ impl Drop for Directory {
     }
 }
 
-/// See the module.
+/// A bench with the node, an autopilot, and a peer.
 pub struct Rig {
     pub bench: Bench,
     pub node: usize,
@@ -46,7 +45,7 @@ pub struct Rig {
     peer: Rc<RefCell<SoftNode>>,
 }
 
-/// Frames of the peer: both widths, every length, remote frames, runs of equal bits that are stuffed.
+/// Frames of the peer: both kinds of identifiers, every length, remote frames, and sequences of equal bits, which are stuffed.
 pub fn peer_frames() -> Vec<Frame> {
     let data = [0x00, 0xFF, 0x55, 0xAA, 0x0F, 0xF8, 0x1C, 0x80];
     let mut frames = Vec::new();
@@ -56,13 +55,13 @@ pub fn peer_frames() -> Vec<Frame> {
     }
     frames.push(Frame::remote(Id::Standard(0x555), 8));
     frames.push(Frame::remote(Id::Extended(0x1000_FFFF), 0));
-    // With identifier 0, one of tshark's dissectors takes the data for its own and does not show it.
+    // Not identifier 0: one of tshark's dissectors would decode its data and not show it.
     frames.push(Frame::extended(1 << 20, &[0; 8]));
     frames
 }
 
-/// The EEPROM of a node that has been started before.
-fn started() -> &'static [u8] {
+/// The EEPROM of a node after its first start.
+fn eeprom() -> &'static [u8] {
     static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
     EEPROM.get_or_init(|| {
         eeprom_after_first_start(&node_elf().expect("the table has its defaults")).expect("run `make firmware`")
@@ -70,10 +69,10 @@ fn started() -> &'static [u8] {
 }
 
 impl Rig {
-    /// Always the same.
+    /// Each rig gives the same run.
     pub fn new() -> Rig {
         let mut board = Board::load(&node_elf().expect("the table has its defaults")).expect("run `make firmware`");
-        board.avr_mut().set_eeprom(started());
+        board.avr_mut().set_eeprom(eeprom());
         let mut bench = Bench::new(BIT_RATE);
         let node = bench.add_board(board, "node");
         let mut autopilot = Autopilot::new(Settings::default(), BIT_RATE);
@@ -87,7 +86,7 @@ impl Rig {
         Rig { bench, node, autopilot, peer }
     }
 
-    /// Runs for so many milliseconds, and calls `turn` after each, with what has passed on the bus in it.
+    /// Runs for `milliseconds`, and calls `turn` after each millisecond with the records of the bus.
     pub fn run(&mut self, milliseconds: u64, mut turn: impl FnMut(&mut Bench, &[Record])) {
         for _ in 0..milliseconds {
             let until = self.bench.now() + MS;
@@ -100,7 +99,7 @@ impl Rig {
     }
 }
 
-/// The frames among the records; there must be no error frames.
+/// The frames of the records, with their starts. Panics at an error frame.
 #[track_caller]
 pub fn frames(records: &[Record]) -> Vec<(Cycles, Frame)> {
     let frame = |record: &Record| match record.kind {
@@ -110,7 +109,7 @@ pub fn frames(records: &[Record]) -> Vec<(Cycles, Frame)> {
     records.iter().map(frame).collect()
 }
 
-/// What a program prints.
+/// The standard output of a program.
 #[track_caller]
 pub fn output(program: &str, arguments: &[&str]) -> Vec<u8> {
     let run = Command::new(program).args(arguments).stdin(Stdio::null()).output();

@@ -1,6 +1,6 @@
-//! The test stand: a firmware with a third-party driver on a board, a peer that sends to it, and a spy on its SPI.
+//! The test stand: a firmware with a third-party driver on a board, a peer that sends to it, and a recorder on its SPI.
 //!
-//! The numbers of the firmwares' job (`third-party/job.rs`) are restated here.
+//! This file repeats the constants of the firmwares (`third-party/job.rs`) on purpose, so that an error there shows.
 
 use bench::Cycles;
 use bench::avr::{Chip, SpiByte, SpiDevice};
@@ -13,26 +13,26 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 use std::rc::Rc;
 
-/// Identifier of the frames that the firmware sends on its own.
+/// Identifier of the frames that the firmware sends periodically.
 pub const COUNTER_ID: Id = Id::Extended(0x18C0_FFEE);
-/// Longer than the firmware takes to answer and report one frame (3.3 ms), with a frame in each buffer before it.
+/// Time in which the firmware answers and reports three frames; one frame takes 3.3 ms.
 pub const SERVED_MS: u64 = 12;
 
 const BOOT_LIMIT_MS: u64 = 50;
 const CYCLES_PER_MS: u64 = 16_000;
 
-/// The firmwares.
+/// A firmware with a third-party driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ThirdParty {
-    /// On `mcp2515` 0.3.
+    /// With the crate `mcp2515` 0.3.
     Mcp2515,
-    /// On `mcp25xx` 0.4.
+    /// With the crate `mcp25xx` 0.4.
     Mcp25xx,
-    /// On `mcp25xx` 0.4 with its feature `mcp2515`.
+    /// With the crate `mcp25xx` 0.4 and its feature `mcp2515`.
     Mcp25xxWrongRxb1,
 }
 
-/// The CAN boards that the firmwares are built for.
+/// A CAN board for which the firmwares are built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CanBoard {
     /// CS on D9, 16 MHz, 1 Mbit/s.
@@ -41,10 +41,10 @@ pub enum CanBoard {
     Module,
 }
 
-/// What a firmware runs on.
+/// The chip and the CAN board on which a firmware runs.
 pub type Place = (Chip, CanBoard);
 
-/// Where every test runs; a smaller set runs in the other places.
+/// The place in which every test runs. Some tests also run in the other places.
 pub const DEFAULT: Place = (Chip::Atmega168, CanBoard::Shield);
 pub const PLACES: [Place; 4] = [
     DEFAULT,
@@ -82,15 +82,15 @@ impl ThirdParty {
     }
 }
 
-/// What the firmware says on its serial port.
+/// A line that the firmware sends on its serial port.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Report {
     Configured,
-    /// A frame, as the crate gave it, and the CPU cycles that this took.
+    /// A frame that the crate returned, and the CPU cycles of its call.
     Received(Frame, u64),
-    /// The crate refused what it found in the chip.
-    Refused,
-    /// The crate did not take a frame to send.
+    /// The crate returned an error for a received frame.
+    Rejected,
+    /// The crate returned an error for a frame to send.
     NotSent,
 }
 
@@ -99,7 +99,7 @@ impl Report {
         let words: Vec<&str> = line.split(' ').collect();
         match words[..] {
             ["I"] => Report::Configured,
-            ["E"] => Report::Refused,
+            ["E"] => Report::Rejected,
             ["X"] => Report::NotSent,
             ["R", cycles, frame] => {
                 let cycles = u64::from_str_radix(cycles, 16).expect("hexadecimal cycles");
@@ -119,6 +119,7 @@ pub struct Instruction {
     pub miso: Vec<u8>,
 }
 
+/// A firmware on a board, with a peer on its bus.
 pub struct Stand {
     firmware: ThirdParty,
     bench: Bench,
@@ -127,7 +128,7 @@ pub struct Stand {
     instructions: Rc<RefCell<Vec<Instruction>>>,
     serial: Vec<u8>,
     reports: Vec<Report>,
-    heard: Vec<(Cycles, Frame)>,
+    received: Vec<(Cycles, Frame)>,
 }
 
 impl Stand {
@@ -137,7 +138,7 @@ impl Stand {
         Stand::at(DEFAULT, firmware)
     }
 
-    /// The same on another board, on a bus of the highest bit rate that it can do.
+    /// The firmware on a board, booted until its chip is on the bus. The bus has the highest bit rate of the board.
     #[track_caller]
     pub fn at(place: Place, firmware: ThirdParty) -> Stand {
         let wiring = wiring(place);
@@ -148,7 +149,7 @@ impl Stand {
         let index = bench.add_board(board, "third-party");
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("peer", peer.clone());
-        let instructions = spy(bench.board(index), &chip, wiring.cs);
+        let instructions = record_spi(bench.board(index), &chip, wiring.cs);
         let mut stand = Stand {
             firmware,
             bench,
@@ -157,7 +158,7 @@ impl Stand {
             instructions,
             serial: Vec::new(),
             reports: Vec::new(),
-            heard: Vec::new(),
+            received: Vec::new(),
         };
         let mut waited_ms = 0;
         while stand.take_reports() != [Report::Configured] {
@@ -185,13 +186,13 @@ impl Stand {
         }
     }
 
-    /// Sends one frame and waits until it is served.
+    /// Sends one frame, and waits until the firmware has answered and reported it.
     pub fn serve(&mut self, frame: Frame) {
         self.send(&[frame]);
         self.run_ms(SERVED_MS);
     }
 
-    /// Sends a frame, and the others while the firmware still reports the first and does not poll the chip.
+    /// Sends a frame, and then the others while the firmware still reports the first and does not poll the chip.
     pub fn serve_while_busy(&mut self, first: Frame, others: &[Frame]) {
         self.send(&[first]);
         self.run_us(1_000);
@@ -199,26 +200,26 @@ impl Stand {
         self.run_ms(SERVED_MS);
     }
 
-    /// Sends a frame, and inverts one bit of the answer's first attempt.
+    /// Sends a frame, and inverts one bit in the first attempt of the answer.
     pub fn serve_with_error_in_answer(&mut self, frame: Frame, bit: u32) {
         self.send(&[frame]);
-        // The frame's SOF is past: the next frame is the answer.
+        // The frame has begun, so the next frame is the answer.
         self.run_us(50);
         self.flip_bit(bit);
         self.run_ms(SERVED_MS);
     }
 
-    /// Inverts one bit of the next frame, for everybody.
+    /// Inverts one bit of the next frame, for all stations.
     pub fn flip_bit(&mut self, bit: u32) {
         self.bench.bus().inject(Fault::FlipBit { bit });
     }
 
-    /// The firmware's reports since the last call.
+    /// Removes and returns the firmware's reports since the last call.
     pub fn take_reports(&mut self) -> Vec<Report> {
         std::mem::take(&mut self.reports)
     }
 
-    /// The frames in the firmware's reports since the last call; there must be no other reports.
+    /// Removes and returns the frames in the firmware's reports since the last call. Panics at another report.
     #[track_caller]
     pub fn take_frames_reported(&mut self) -> Vec<Frame> {
         let firmware = self.firmware;
@@ -229,30 +230,30 @@ impl Stand {
         self.take_reports().into_iter().map(frame).collect()
     }
 
-    /// The answers that the peer heard since the last call.
+    /// Removes and returns the answers that the peer received since the last call.
     pub fn take_answers(&mut self) -> Vec<Frame> {
-        let heard = std::mem::take(&mut self.heard);
-        let frames = heard.into_iter().map(|(_, frame)| frame);
+        let received = std::mem::take(&mut self.received);
+        let frames = received.into_iter().map(|(_, frame)| frame);
         frames.filter(|frame| frame.id != COUNTER_ID).collect()
     }
 
-    /// The counter frames that the peer heard since the last call, with their times.
+    /// Removes and returns the counter frames that the peer received since the last call, with their times.
     pub fn take_counters(&mut self) -> Vec<(Cycles, Frame)> {
-        let heard = std::mem::take(&mut self.heard);
-        heard.into_iter().filter(|(_, frame)| frame.id == COUNTER_ID).collect()
+        let received = std::mem::take(&mut self.received);
+        received.into_iter().filter(|(_, frame)| frame.id == COUNTER_ID).collect()
     }
 
-    /// Frames that passed the chip's filters and have left it since the last call.
+    /// Removes and returns the frames that passed the chip's filters and were read or lost since the last call.
     pub fn take_frame_log(&mut self) -> Vec<LoggedFrame> {
         self.chip.borrow_mut().take_frame_log()
     }
 
-    /// The SPI instructions since the last call.
+    /// Removes and returns the SPI instructions since the last call.
     pub fn take_instructions(&mut self) -> Vec<Instruction> {
         self.instructions.take()
     }
 
-    /// What the chip's register holds.
+    /// Value of a register of the MCP2515.
     pub fn register(&self, address: u8) -> u8 {
         self.chip.borrow().register(address)
     }
@@ -265,13 +266,13 @@ impl Stand {
         self.chip.borrow().rx_overflows()
     }
 
-    /// What the AVR, the MCP2515 and the board complain about since the last call.
+    /// Removes and returns the violations that the AVR, the MCP2515 and the board reported since the last call.
     pub fn take_violations(&mut self) -> Vec<String> {
         let violations = self.bench.board(0).take_violations().into_iter();
         violations.map(|violation| format!("{}: {}", violation.source, violation.text)).collect()
     }
 
-    /// The end of a test in which the driver did nothing that the datasheet forbids.
+    /// Ends a test. Fails if the driver did something that the datasheet forbids.
     #[track_caller]
     pub fn assert_no_violations(mut self) {
         assert_eq!(self.take_violations(), Vec::<String>::new(), "{:?}", self.firmware);
@@ -287,11 +288,11 @@ impl Stand {
             let line = String::from_utf8(std::mem::take(&mut self.serial)).expect("ASCII");
             self.reports.push(Report::parse(&line));
         }
-        self.heard.extend(self.peer.borrow_mut().take_received());
+        self.received.extend(self.peer.borrow_mut().take_received());
     }
 }
 
-/// The frame by which the firmware answers.
+/// The frame with which the firmware answers `frame`.
 pub fn answer_to(frame: &Frame) -> Frame {
     let id = match frame.id {
         Id::Standard(id) => Id::Standard(id + 1),
@@ -311,13 +312,13 @@ pub fn milliseconds(cycles: Cycles) -> u64 {
     cycles / CYCLES_PER_MS
 }
 
-/// The chip, and a note of each byte.
-struct Spied {
+/// The MCP2515, with a recorder of the bytes on its SPI.
+struct Recorder {
     chip: Rc<RefCell<Mcp2515>>,
     current: Rc<RefCell<Instruction>>,
 }
 
-impl SpiDevice for Spied {
+impl SpiDevice for Recorder {
     fn begin_byte(&mut self, at: Cycles) {
         self.chip.borrow_mut().begin_byte(at);
     }
@@ -331,11 +332,11 @@ impl SpiDevice for Spied {
     }
 }
 
-/// Writes down all that passes between the AVR and the chip.
-fn spy(board: &mut Board, chip: &Rc<RefCell<Mcp2515>>, cs: Pin) -> Rc<RefCell<Vec<Instruction>>> {
+/// Records all instructions on the SPI between the AVR and the chip.
+fn record_spi(board: &mut Board, chip: &Rc<RefCell<Mcp2515>>, cs: Pin) -> Rc<RefCell<Vec<Instruction>>> {
     let instructions = Rc::new(RefCell::new(Vec::new()));
     let current = Rc::new(RefCell::new(Instruction::default()));
-    board.avr_mut().connect_spi(Box::new(Spied { chip: chip.clone(), current: current.clone() }));
+    board.avr_mut().connect_spi(Box::new(Recorder { chip: chip.clone(), current: current.clone() }));
     let finished = instructions.clone();
     board.avr_mut().watch_pin(
         cs.port(),
