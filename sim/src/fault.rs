@@ -135,7 +135,7 @@ impl Fault {
             Fault::DestroyFrames => "every frame is destroyed, so that senders go bus-off (on/off)",
             Fault::WrongRate => "another node sends at half the bit rate (on/off)",
             Fault::SameId => "another node sends one NodeStatus with the node's ID",
-            Fault::ChipGarbage => "the MCP2515's supply dips: all its registers are garbage",
+            Fault::ChipGarbage => "the MCP2515's supply dips: all its registers get random values",
             Fault::ChipRegister => "one bit of CNF2 of the MCP2515 flips",
             Fault::ChipSleep => "the MCP2515 goes to sleep mode",
             Fault::ChipHeld => "the MCP2515 stays in configuration mode (on/off)",

@@ -1,4 +1,4 @@
-//! An ATmega168 or ATmega328P at 16 MHz, simulated by simavr and corrected where the datasheet says otherwise.
+//! A model of the ATmega168 and ATmega328P at 16 MHz: simavr, corrected where it differs from the datasheet.
 //!
 //! [`Avr`] runs a program up to a given time. The board around it drives and watches pins, connects a device to the SPI, sends
 //! and receives on the serial port, and sets the ADC's inputs. Time counts from the start of the simulation; a reset does not

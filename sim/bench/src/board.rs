@@ -57,7 +57,7 @@ pub struct SpiUse {
     pub bytes_elsewhere: u64,
 }
 
-/// An event that a probe on the board's wires records, with the time of its start.
+/// An event that a probe on the board's wires records. A level is true if it is high.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WireEvent {
     /// New level of CS.

@@ -126,16 +126,16 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
         Span::from(format!(" {:.3} s ", seconds(state.now))).bold(),
         Span::from(format!("speed {factor:.2} (max {capacity:.1})  ")),
     ];
-    if screen.paused {
+    if screen.is_paused {
         spans.push(Span::styled(" PAUSED ", WARN.reversed()));
     }
     let Some(autopilot) = &state.autopilot else {
         spans.push(Span::from(" no autopilot"));
         return Line::from(spans);
     };
-    let motion = if autopilot.sweeping { "sweeps" } else { "holds" };
+    let motion = if autopilot.is_sweeping { "sweeps" } else { "holds" };
     let AutopilotState { node_id, deflection, profile, command_type, .. } = autopilot;
-    let amount = match (autopilot.moves_all, autopilot.sweeping) {
+    let amount = match (autopilot.moves_all, autopilot.is_sweeping) {
         // Each actuator has its own deflection.
         (true, true) => String::from("all"),
         (true, false) => format!("all {deflection:+.2}"),
@@ -143,12 +143,12 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
     };
     let motors = if autopilot.motors > 0 { format!(", {} motors", autopilot.motors) } else { String::new() };
     let dialect = dialect_note(autopilot.dialect);
-    spans.push(if autopilot.silent {
+    spans.push(if autopilot.is_silent {
         Span::styled(format!(" {profile} {node_id}{dialect} is silent"), WARN)
     } else {
         Span::from(format!(" {profile} {node_id}{dialect} {motion} {amount} {command_type}{motors}"))
     });
-    if !autopilot.armed {
+    if !autopilot.is_armed {
         spans.push(Span::styled("  disarmed", WARN));
     }
     Line::from(spans)
@@ -376,7 +376,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
                 Health::Error | Health::Critical => BAD,
             };
             let age = seconds(state.now.saturating_sub(at));
-            let heard = format!("  heard {age:.1} s ago");
+            let age_text = format!("  heard {age:.1} s ago");
             vec![
                 Line::from(vec![
                     Span::styled(status.health.to_string(), style),
@@ -385,7 +385,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
                 Line::from(vec![
                     Span::from(format!("vendor code {:#06X}", status.vendor_code)),
                     // Both dialects define a node as offline after 3 s without NodeStatus.
-                    Span::styled(heard, if age > 3.0 { BAD } else { Style::new() }),
+                    Span::styled(age_text, if age > 3.0 { BAD } else { Style::new() }),
                 ]),
             ]
         }

@@ -17,8 +17,8 @@ fn at_work() -> State {
     state.autopilot = Some(AutopilotState {
         node_id: 1,
         deflection: 0.5,
-        sweeping: true,
-        armed: true,
+        is_sweeping: true,
+        is_armed: true,
         profile: String::from("autopilot"),
         command_type: String::from("unitless"),
         ..AutopilotState::default()
@@ -206,7 +206,7 @@ fn help_lists_every_key() {
 fn the_menu_lists_the_faults_and_marks_those_that_are_on() {
     let mut state = at_work();
     state.active_faults.push(Fault::NoAck);
-    let screen = Screen { popup: Some(Popup::Faults), paused: true, ..Screen::default() };
+    let screen = Screen { popup: Some(Popup::Faults), is_paused: true, ..Screen::default() };
     let picture = drawn(&state, &screen, 80, 24);
     shows(&picture, &["1     bit-error", "4 on  no-ack", "8 off spi-noise", "as in listen-only mode     │", "PAUSED"]);
 }
@@ -304,7 +304,7 @@ fn a_lit_light_and_a_disarmed_vehicle_are_shown() {
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     assert!(!picture.contains("light") && !picture.contains("disarmed"));
     state.set_light(SECOND, 0.5);
-    state.autopilot.as_mut().unwrap().armed = false;
+    state.autopilot.as_mut().unwrap().is_armed = false;
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &["angle +22.5 deg  light (D3) 50 %", "autopilot 1 sweeps", "disarmed"]);
 }

@@ -141,12 +141,12 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
         {
             break;
         }
-        if !screen.paused && Instant::now() >= next_slice {
+        if !screen.is_paused && Instant::now() >= next_slice {
             let wait = clock.step(scene)?;
             next_slice = Instant::now() + wait;
             scene.state_mut().take_events();
         }
-        if screen.paused {
+        if screen.is_paused {
             // Clients still send commands; without an answer they would report a broken adapter.
             scene.serve()?;
             scene.state_mut().take_events();
@@ -160,7 +160,7 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
             drawn.context("cannot draw on the terminal")?;
             next_picture = Instant::now() + PICTURE_PERIOD;
         }
-        let next = if screen.paused { next_picture } else { next_slice.min(next_picture) };
+        let next = if screen.is_paused { next_picture } else { next_slice.min(next_picture) };
         let mut wait = next.saturating_duration_since(Instant::now());
         loop {
             match keyboard.wait(wait)? {
@@ -175,8 +175,8 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
                 None => {}
                 Some(Action::Quit) => break 'run,
                 Some(Action::TogglePause) => {
-                    screen.paused = !screen.paused;
-                    if screen.paused {
+                    screen.is_paused = !screen.is_paused;
+                    if screen.is_paused {
                         paused_at = clock.started.elapsed();
                     } else {
                         let now = clock.started.elapsed();

@@ -674,9 +674,9 @@ impl Scene {
             deflection: autopilot.deflection(now),
             moves_all: autopilot.settings().moves == Moves::All,
             motors: autopilot.settings().motors,
-            sweeping: autopilot.is_sweeping(),
-            silent: autopilot.is_silent(),
-            armed: autopilot.is_armed(),
+            is_sweeping: autopilot.is_sweeping(),
+            is_silent: autopilot.is_silent(),
+            is_armed: autopilot.is_armed(),
             dialect: autopilot.settings().dialect,
             profile: autopilot.settings().profile.to_string(),
             command_type: autopilot.settings().command_type.to_string(),
@@ -818,9 +818,9 @@ mod tests {
         scene.nudge(0.25);
         assert_eq!(autopilot(&scene).deflection, 0.75);
         scene.toggle_sweep();
-        assert!(autopilot(&scene).sweeping);
+        assert!(autopilot(&scene).is_sweeping);
         scene.toggle_sweep();
-        assert!(!autopilot(&scene).sweeping);
+        assert!(!autopilot(&scene).is_sweeping);
         assert!((autopilot(&scene).deflection - 0.75).abs() < 1e-9);
         scene.next_command_type();
         assert_eq!(autopilot(&scene).command_type, "position");
@@ -1033,7 +1033,7 @@ mod tests {
     fn an_autopilot_like_ardupilot_can_be_disarmed() {
         let mut scene = scene(&IDLE, "--autopilot ardupilot --inject disarm@100ms");
         scene.advance(F_CPU_HZ / 2 + F_CPU_HZ / 20).unwrap();
-        assert!(!autopilot(&scene).armed);
+        assert!(!autopilot(&scene).is_armed);
         let texts: Vec<String> = {
             let lines = scene.state().traffic.page(1000, None, &Hidden::new());
             lines.into_iter().map(|line| line.text.clone()).collect()

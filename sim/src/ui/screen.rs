@@ -16,7 +16,7 @@ pub enum Popup {
 /// The state of the screen, and how fast time goes.
 #[derive(Clone, Debug, Default)]
 pub struct Screen {
-    pub paused: bool,
+    pub is_paused: bool,
     /// The list that is open.
     pub popup: Option<Popup>,
     /// True: show the load by node and type in place of the traffic.

@@ -112,7 +112,7 @@ pub struct BusState {
     pub bit_rate: u32,
     pub frames: u64,
     pub error_frames: u64,
-    /// Frames that nobody acknowledged.
+    /// Frames without an acknowledgement.
     pub unacknowledged: u64,
     /// End, length in bits, and true for a valid frame, of all frames and error frames within `RATE_WINDOW`.
     window: VecDeque<(Cycles, u32, bool)>,
@@ -186,9 +186,9 @@ pub struct AutopilotState {
     /// True if the autopilot moves all its actuators, not one.
     pub moves_all: bool,
     pub motors: u8,
-    pub sweeping: bool,
-    pub silent: bool,
-    pub armed: bool,
+    pub is_sweeping: bool,
+    pub is_silent: bool,
+    pub is_armed: bool,
     pub dialect: Dialect,
     /// Flight controller that the autopilot imitates.
     pub profile: String,

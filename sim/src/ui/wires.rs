@@ -40,10 +40,10 @@ pub struct Args {
 }
 
 impl Args {
-    /// The wiring that the options make of another one.
+    /// Changes a wiring as the options say.
     ///
     /// # Errors
-    /// If there is no such board, or two signals get one pin.
+    /// If the table has no such board, or two signals get the same pin.
     pub fn apply(&self, mut wiring: Wiring) -> Result<Wiring> {
         if let Some(board) = &self.board {
             wiring.set_board(board)?;

@@ -1,4 +1,4 @@
-/* Converts ADC0, or ADC<CHANNEL>, against AVcc again and again at a prescaler of 128, and counts CPU cycles / 8 of the latest conversion. */
+/* Converts ADC0, or ADC<CHANNEL>, against AVcc in a loop with a prescaler of 128. Measures the last conversion in CPU cycles / 8. */
 #include <avr/io.h>
 
 #ifndef CHANNEL

@@ -1,4 +1,4 @@
-/* A call three deep for ever, and an interrupt each 1.024 ms: something to debug. */
+/* A program to debug: a loop with nested calls, and an interrupt each 1.024 ms. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 

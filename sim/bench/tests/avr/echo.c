@@ -1,4 +1,4 @@
-/* Says "ready", then sends back what it receives, at 115,200 bits per second. */
+/* Sends "ready", and then each byte that it receives, at 115,200 baud. */
 #include <avr/io.h>
 
 static void put(char byte)

@@ -1,5 +1,5 @@
-/* Writes 0x5A to EEPROM cell 7 and measures how long EEPE stays set, in CPU cycles / 8; then reads the cell back.
- * HASTY: reads and writes again while the first write goes on. */
+/* Writes 0x5A to EEPROM cell 7, measures how long EEPE stays set, in CPU cycles / 8, and reads the cell.
+ * HASTY: reads and writes again during the first write. */
 #include <avr/io.h>
 
 volatile uint16_t duration;

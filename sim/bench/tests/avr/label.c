@@ -1,4 +1,4 @@
-/* A program that says which board it is for. */
+/* A program with the section .board, which names its board. */
 #ifndef CRYSTAL
 #define CRYSTAL 8
 #endif

@@ -1,6 +1,7 @@
-/* The least that makes an MCP2515 send and receive at 1 Mbit/s, or at 500 kbit/s with a crystal of 8 MHz: answers each frame that INT announces with one of
- * standard identifier REPLY_ID, whose first data byte is one more than that received.
- * CS_PORT, CS_DDR, CS_BIT, INT_BIT: the pins; INT is on port D. SPI_MODE_BITS: CPOL and CPHA. The first byte that CANSTAT gives after the reset instruction is kept. */
+/* A minimal driver of the MCP2515 at 1 Mbit/s, or at 500 kbit/s with a crystal of 8 MHz. While INT is low it reads a frame and
+ * answers it with a frame of standard identifier REPLY_ID, whose first data byte is the received one plus 1. It keeps the
+ * value of CANSTAT after the reset instruction.
+ * CS_PORT, CS_DDR, CS_BIT, INT_BIT: the pins; INT is on port D. SPI_MODE_BITS: CPOL and CPHA. */
 #include <avr/io.h>
 #include <util/delay.h>
 

@@ -1,4 +1,4 @@
-/* PB0 follows PD2; the pull-ups of PD3 and PD4 are on; falling edges of PD2 are counted by interrupt, which is masked while PD3 is low;
+/* PB0 follows PD2; the pull-ups of PD3 and PD4 are on; an interrupt counts falling edges of PD2, and is masked while PD3 is low;
    PB1 toggles for ever. */
 #include <avr/interrupt.h>
 #include <avr/io.h>

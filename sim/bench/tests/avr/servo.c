@@ -1,5 +1,5 @@
-/* Servo pulses on OC1B, or with ON_OC1A on OC1A, as the node makes them: fast PWM, TOP in ICR1, 0.5 us per tick. The period is 5 ms to keep the
- * test short. The pulse is stepped between 1000 and 4000 ticks at times that have nothing to do with the period. */
+/* Servo pulses on OC1B, or with ON_OC1A on OC1A, like the node's: fast PWM, TOP in ICR1, 0.5 us per tick. The period is 5 ms to
+ * keep the test short. The program changes the pulse between 1000 and 4000 ticks at times that are independent of the period. */
 #include <avr/io.h>
 #include <util/delay.h>
 

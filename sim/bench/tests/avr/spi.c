@@ -1,4 +1,4 @@
-/* Sends 1, 2, 3, 4 to the SPI device at the clock given by SPCR_BITS and SPSR_BITS, and keeps what comes back.
+/* Sends 1, 2, 3, 4 to the SPI device with the clock of SPCR_BITS and SPSR_BITS, and keeps the bytes that it receives.
  * COLLIDE: writes SPDR once more during the first byte. NO_SS: leaves SS an input. */
 #include <avr/io.h>
 

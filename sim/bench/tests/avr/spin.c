@@ -1,4 +1,4 @@
-/* Counts in SRAM for ever: a busy processor. */
+/* Counts in SRAM for ever. */
 #include <stdint.h>
 
 volatile uint32_t count;

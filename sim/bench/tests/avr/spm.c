@@ -1,11 +1,11 @@
-/* A boot loader that makes STEPS, in C, out of the functions below. The test reads what the steps note. */
+/* A bootloader that executes STEPS, which call the functions below. The test reads the bytes that the steps note. */
 #include <avr/boot.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/pgmspace.h>
 #include <avr/wdt.h>
 
-/* avr-libc does not define it for the ATmega168. */
+/* avr-libc does not define SIGRD for the ATmega168. */
 #ifndef SIGRD
 #define SIGRD 5
 #endif

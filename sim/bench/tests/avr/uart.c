@@ -1,4 +1,4 @@
-/* Says "hello" at 115200 baud (U2X, UBRR 16), then sends back each byte plus one.
+/* Sends "hello" at 115200 baud (U2X, UBRR 16), and then each received byte plus 1.
  * ISR_DRIVEN: sends from the data-register-empty interrupt. SLOW: reads only every 2 ms. */
 #include <avr/interrupt.h>
 #include <avr/io.h>

@@ -1,7 +1,7 @@
-/* A program as people write it for an Arduino Uno with a blue MCP2515 module: CS on D10, crystal of 8 MHz, 500 kbit/s.
- * Sends a frame each 100 ms, and says so on the serial port. Uses no library but avr-libc.
- * UBRR sets another rate of the serial port, MODE another mode of the controller; with SD_CARD another device on the SPI, its CS on D8, gets bytes,
- * too. */
+/* A typical program for an Arduino Uno with a blue MCP2515 module: CS on D10, crystal of 8 MHz, 500 kbit/s. It sends a frame
+ * each 100 ms, and a line on the serial port. It uses only avr-libc.
+ * UBRR: baud rate register of the serial port. MODE: mode of the controller. SD_CARD: also sends bytes to another device on the
+ * SPI, with its CS on D8. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/delay.h>
@@ -123,7 +123,7 @@ int main(void)
     _delay_ms(5);
     instruct(RESET);
     _delay_ms(5);
-    /* 8 quanta of 250 ns: 1 + 1 + 3 before the sample, 3 after it. The libraries for Arduino have these numbers, too. */
+    /* 8 quanta of 250 ns: 1 + 1 + 3 before the sample, 3 after it. Arduino libraries use the same values. */
     write(CNF1, 0x00);
     write(CNF2, 0x90);
     write(CNF3, 0x82);

@@ -1,6 +1,6 @@
-/* Counts its starts in SRAM that no start-up code clears. The first start arms the watchdog for 64 ms and hangs.
- * After a watchdog reset it hangs too: as it is (so that the watchdog that runs on must end it), or with the watchdog
- * re-armed for 64 ms (REARM), or switched off (DISABLE). */
+/* Counts its starts in SRAM that the start-up code does not clear. The first start arms the watchdog for 64 ms and hangs. After
+ * a watchdog reset the program hangs again. The watchdog, which is still on, resets it after the shortest time-out.
+ * REARM: arms the watchdog for 64 ms after a reset. DISABLE: switches it off after a reset. */
 #include <avr/io.h>
 #include <avr/wdt.h>
 

@@ -1,5 +1,5 @@
-/* Counts turns of a loop in each of eight time-outs of the watchdog, with interrupts off: its flag is polled, and cleared by
- * writing a one to it. */
+/* Counts turns of a loop in each of eight time-outs of the watchdog. Interrupts are off: the program polls the watchdog's flag,
+ * and clears it by writing a one to it. */
 #include <avr/io.h>
 
 volatile uint16_t turns[8];
