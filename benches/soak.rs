@@ -64,9 +64,9 @@ fn main() -> ExitCode {
         while soak.now() < end && !is_to_stop() {
             let minute = soak.now() + MINUTE;
             soak.run_until(end.min(minute), &is_to_stop);
-            let troubles: u32 = soak.report.troubles.values().map(|(count, _)| count).sum();
+            let faults: u32 = soak.report.faults.values().map(|(count, _)| count).sum();
             println!(
-                "{:6.1} min: {} commands, {troubles} faults, {:.1} times real time",
+                "{:6.1} min: {} commands, {faults} faults, {:.1} times real time",
                 soak.now() as f64 / MINUTE as f64,
                 soak.report.commands,
                 soak.now() as f64 / (1000 * MS) as f64 / started.elapsed().as_secs_f64()

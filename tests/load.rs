@@ -7,7 +7,7 @@
 
 use std::sync::LazyLock;
 
-use rig::load::{Client, Figures, Kind, Load, Loaded, Pace, is_more_than_it_follows, run, run_all};
+use rig::load::{Client, Figures, Kind, Load, Loaded, Pace, may_lose_commands, run, run_all};
 use rig::profile::{Names, Profile};
 
 /// Simulated time of each load.
@@ -19,7 +19,7 @@ static RUNS: LazyLock<Vec<(Load, u64, Figures)>> = LazyLock::new(|| {
     let paces = [(0, Pace::Full, LOAD_MS), (31, Pace::Full, LOAD_MS), (31, Pace::Bursts, BURSTS_MS)];
     let loads = Kind::MATCHING
         .into_iter()
-        .filter(|&kind| !is_more_than_it_follows(kind))
+        .filter(|&kind| !may_lose_commands(kind))
         .flat_map(|kind| paces.map(|(priority, pace, ms)| (Load { kind, priority, pace }, ms)));
     run_all(&loads.collect::<Vec<_>>(), |_, _, _| ())
 });
@@ -80,7 +80,7 @@ fn requests_back_to_back_are_all_read_in_order() {
 /// The node has to read them to find that they are not for it.
 #[test]
 fn frames_of_other_types_that_come_through_the_filters_back_to_back_are_all_read_in_order() {
-    all(|load| load.kind.is_other() && load.pace == Pace::Full, incomplete);
+    all(|load| load.kind.is_rejected_by_program() && load.pace == Pace::Full, incomplete);
 }
 
 #[test]
@@ -140,8 +140,8 @@ fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_o
     };
     // With all features the node follows the newest of these commands, a turn later.
     let is_too_much = |load: Load| rig::has_all_features() && load.kind == Kind::Command(5) && load.pace == Pace::Full;
-    all(|load| load.kind.moves() && !is_too_much(load), is_slower_than(500));
-    all(|load| load.kind.moves(), is_slower_than(600));
+    all(|load| load.kind.moves_servo() && !is_too_much(load), is_slower_than(500));
+    all(|load| load.kind.moves_servo(), is_slower_than(600));
 }
 
 /// Of a bus full of commands of one frame, 8,700 a second, which last 1,840 cycles each, the ATmega168 loses some that are positions, because they take
@@ -184,7 +184,7 @@ fn the_pulses_of_the_servo_have_no_jitter_under_any_load() {
         },
     );
     let steady = |figures: &Figures| (figures.widths.len() != 1).then(|| format!("widths {:?}", figures.widths));
-    all(|load| !load.kind.moves(), steady);
+    all(|load| !load.kind.moves_servo(), steady);
 }
 
 fn own(figures: &Figures) -> String {

@@ -2,7 +2,7 @@
 
 use bench::avr::Chip;
 use rig::status::TRANSFER_ERRORS;
-use rig::{ARRAY_COMMAND, MS, Rig, array_command, quoted, status_fields};
+use rig::{ARRAY_COMMAND, MS, Rig, array_command, parse_frames, status_fields};
 
 /// pydronecan's ArrayCommand of 15: id n has (n - 8) / 8, unitless, from node 10 like ArduPilot's.
 const FIFTEEN: &str = "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 20 | 04 00 00 B8 05 00 00 00 | \
@@ -39,7 +39,7 @@ fn assert_unmoved_and_healthy_after(rig: &mut Rig) {
 fn golden_commands_of_nine_and_five_frames_back_to_back_move_the_servo() {
     let mut rig = Rig::running();
     for (frames, pulse) in [(FIFTEEN, pulse_us(-0.875)), (EIGHT, pulse_us(-0.75))] {
-        for frame in quoted(frames) {
+        for frame in parse_frames(frames) {
             rig.send_frame(frame);
         }
         assert_eq!(rig.settled_pulse_us(), pulse);
@@ -51,13 +51,13 @@ fn each_actuator_finds_its_own_command_wherever_it_is() {
     let mut rig = Rig::running();
     for id in 1..=15 {
         rig.set("OUT1_ID", id);
-        for frame in quoted(FIFTEEN) {
+        for frame in parse_frames(FIFTEEN) {
             rig.send_frame(frame);
         }
         assert_eq!(rig.settled_pulse_us(), pulse_us((id as f64 - 8.0) / 8.0), "actuator {id}");
     }
     rig.set("OUT1_ID", 0);
-    for frame in quoted(EIGHT) {
+    for frame in parse_frames(EIGHT) {
         rig.send_frame(frame);
     }
     assert_eq!(rig.settled_pulse_us(), 1000.0, "actuator 0");
@@ -66,7 +66,7 @@ fn each_actuator_finds_its_own_command_wherever_it_is() {
 #[test]
 fn of_several_commands_for_an_actuator_the_last_counts() {
     let mut rig = Rig::running();
-    for frame in quoted("1003F20A 08 1A 01 00 00 BC 02 84 | 00 00 34 01 00 00 38 64") {
+    for frame in parse_frames("1003F20A 08 1A 01 00 00 BC 02 84 | 00 00 34 01 00 00 38 64") {
         rig.send_frame(frame);
     }
     assert_eq!(rig.settled_pulse_us(), 1750.0);

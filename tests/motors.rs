@@ -220,7 +220,7 @@ fn an_output_that_becomes_a_motor_or_a_servo_stops_following_what_it_did() {
 #[test]
 fn of_2000_raw_commands_for_eight_motors_a_second_no_frame_is_lost() {
     let load = Load { kind: Kind::RawCommand, priority: 31, pace: Pace::Every(16_000_000 / 6000) };
-    let mut loaded = Loaded::of(Rig::running_with(eeprom()), Some(load), Client::Walking);
+    let mut loaded = Loaded::with_rig(Rig::running_with(eeprom()), Some(load), Client::Walking);
     for _ in 0..8 {
         loaded.rig.send(ARMING_STATUS & !0xFF | SENDER, &[ARMED, 0xC0]);
         loaded.run_ms(250);

@@ -5,7 +5,7 @@ use bench::Noise;
 use bench::can::{Frame, Id};
 use bench::dronecan::{Message, ParameterRequest};
 use bench::firmware_for;
-use rig::{ARRAY_COMMAND, MS, Rig, US, array_command, is_from_node, quoted, started_with};
+use rig::{ARRAY_COMMAND, MS, Rig, US, array_command, is_from_node, parse_frames, started_with};
 
 /// A command of the autopilot, node 10, in nine frames: so many microseconds for actuator 1.
 fn long_command(n: u16) -> Vec<Vec<u8>> {
@@ -188,7 +188,7 @@ fn a_talker_of_the_draft_keeps_no_v0_autopilot_out() {
     let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
     let mut rig = Rig::with_boards_of(&elf, &[started_with(&elf)]);
     rig.wait_until_up();
-    let draft = |rig: &mut Rig| rig.send_frame(quoted("17C40409 80").remove(0));
+    let draft = |rig: &mut Rig| rig.send_frame(parse_frames("17C40409 80").remove(0));
     // It has the servo, after the silence.
     for _ in 0..5 {
         draft(&mut rig);

@@ -255,7 +255,7 @@ struct Edges {
 /// The hub under a load for some seconds, with an autopilot's commands for all outputs at 50 Hz unless the load itself has commands.
 fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
     let load = Load { kind, priority: 31, pace: Pace::Full };
-    let mut loaded = Loaded::of(hub(), Some(load), Client::Walking);
+    let mut loaded = Loaded::with_rig(hub(), Some(load), Client::Walking);
     command(&mut loaded.rig, 0..OUTPUTS);
     loaded.run_ms(60);
     loaded.rig.board().take_output_pulses();

@@ -4,7 +4,7 @@ use rig::Rig;
 
 #[track_caller]
 fn starts_and_follows_a_command(features: &str) -> Rig {
-    let mut rig = Rig::of(features);
+    let mut rig = Rig::with_features(features);
     rig.wait_until_up();
     rig.send_command(1, 0, 0.5);
     assert_eq!(rig.settled_pulse_us(), 1750.0, "{features}");

@@ -64,7 +64,7 @@ fn nothing_in_the_programs_can_panic() {
     // One program of the ATmega328P has it all.
     let of_board = if rig::takes_both_dialects() { &["full"][..] } else { &["default", "thesis"] };
     for features in of_board {
-        let mut rig = Rig::of(features);
+        let mut rig = Rig::with_features(features);
         let avr = rig.board().avr();
         assert!(avr.symbol("main").is_some() && avr.symbol_with("panic").is_none(), "{features}");
     }

@@ -5,7 +5,7 @@
 use bench::Cycles;
 use bench::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
 use rig::manage::{ANSWER_TIMEOUT_MS, ms_between, parameters};
-use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, quoted};
+use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, parse_frames};
 
 const GET_NODE_INFO: &str = "1E01F8FF C3";
 
@@ -19,7 +19,7 @@ fn read(index: u16) -> Message {
 fn node_information_has_every_field_in_its_place() {
     let mut rig = Rig::running();
     rig.run_ms(2000);
-    rig.send_frame(quoted(GET_NODE_INFO)[0]);
+    rig.send_frame(parse_frames(GET_NODE_INFO)[0]);
     rig.run_ms(ANSWER_TIMEOUT_MS);
     let frames = rig.to_tool();
     // Two bytes of CRC, 41 of fixed fields and the name, seven in a frame, and each with its tail.
@@ -296,7 +296,7 @@ fn a_restart_takes_the_servo_through_its_failsafe() {
 #[test]
 fn a_firmware_update_is_refused_with_a_reason() {
     let mut rig = Rig::running();
-    rig.send_frame(quoted("1E28F8FF 7F 66 77 2E 62 69 6E C9")[0]);
+    rig.send_frame(parse_frames("1E28F8FF 7F 66 77 2E 62 69 6E C9")[0]);
     rig.run_ms(ANSWER_TIMEOUT_MS);
     let (_, number, answer) = rig.answers().remove(0);
     let Message::UpdateBegun(answer) = answer else { panic!("{answer}") };
@@ -327,11 +327,12 @@ fn requests_for_others_and_of_other_kinds_are_not_answered() {
     let mut rig = Rig::running();
     // To node 121; to nobody; a response; from the node itself; services that the node does not have.
     for text in ["1E01F9FF C0", "1E0180FF C0", "1E0178FF C0", "1E01F8F8 C0", "1E30F8FF 00 C0", "1E63F8FF C0"] {
-        rig.send_frame(quoted(text)[0]);
+        rig.send_frame(parse_frames(text)[0]);
         rig.run_ms(20);
     }
     let services = rig.traffic.iter().filter(|(_, frame)| is_from_node(frame)).filter(|(_, frame)| {
-        matches!(frame.id, bench::can::Id::Extended(id) if id & 0x80 != 0) && frame.id != quoted("1E01F8F8 C0")[0].id
+        matches!(frame.id, bench::can::Id::Extended(id) if id & 0x80 != 0)
+            && frame.id != parse_frames("1E01F8F8 C0")[0].id
     });
     assert_eq!(services.count(), 0);
 }

@@ -14,7 +14,7 @@ use bench::mcp2515::Mode;
 use rig::load::{Meter, compare_register};
 use rig::manage::ms_between;
 use rig::status::{BROWN_OUT, DRAFT, FAILSAFE, ID_CONFLICT, PARAMETERS_LOST, TEMPERATURE, WATCHDOG};
-use rig::{DRAFT_STATUS_OF_NODE, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, quoted};
+use rig::{DRAFT_STATUS_OF_NODE, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, parse_frames};
 
 /// Data types of the draft.
 const ARRAY_COMMAND: u32 = 265;
@@ -210,7 +210,7 @@ fn a_restart_is_told_and_leaves_the_servo_off() {
 /// A record of other builds is not valid for this one. It cannot save its own, so it reports the condition permanently.
 #[test]
 fn parameters_that_another_build_saved_are_not_used() {
-    let mut other = Rig::of("none");
+    let mut other = Rig::with_features("none");
     other.wait_until_up();
     other.set("OUT1_MAX", 1600);
     other.set("CAN_NODE", 42);
@@ -674,7 +674,7 @@ fn transfers_of_a_measurement_are_numbered_in_one_row() {
     assert!(numbers.windows(2).all(|pair| pair[1] == (pair[0] + 1) % 8), "{numbers:?}");
     // Type, sender, last frame, the first transfer; one press.
     let sent: Vec<&Frame> = rig.traffic.iter().map(|(_, frame)| frame).filter(|f| is_of_node(f, MEASUREMENT)).collect();
-    assert_eq!((sent.len(), sent[0]), (numbers.len(), &quoted("17CDE008 01")[0]));
+    assert_eq!((sent.len(), sent[0]), (numbers.len(), &parse_frames("17CDE008 01")[0]));
 }
 
 // ---- load ----

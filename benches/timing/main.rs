@@ -145,7 +145,7 @@ fn servo(page: &mut String, runs: &[(Load, u64, Figures)]) {
         "| frames | priority | pace | commands followed | register written, median | max |\n\
          | --- | ---: | --- | ---: | ---: | ---: |\n",
     );
-    for (load, ms, figures) in runs.iter().filter(|(load, ..)| load.kind.moves()) {
+    for (load, ms, figures) in runs.iter().filter(|(load, ..)| load.kind.moves_servo()) {
         let latency = &figures.command_to_servo;
         row(
             page,

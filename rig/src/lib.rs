@@ -1,8 +1,8 @@
-//! The rig of the black-box tests: the shipped ELF on one or more simulated boards, and one other node on the bus to talk to it.
+//! The rig of the black-box tests: the shipped ELF on one or more simulated boards, and a second node, the peer, on the same bus.
 //!
-//! Numbers of the protocol are written out here and in the tests, or are the simulator's; they are never taken from the
-//! firmware. The client of the node is in [`manage`], its status in [`status`], the load of its bus in
-//! [`load`], and what its program does meanwhile in [`profile`].
+//! Tests write out the protocol's numbers or take them from the simulator, never from the firmware.
+//! [`manage`] is the node's client, [`status`] has the numbers in its status, [`load`] loads its bus,
+//! and [`profile`] measures the running program.
 
 pub mod faults;
 pub mod load;
@@ -26,47 +26,48 @@ use bench::dronecan::{ActuatorCommand, CommandUnit, Heard, Observer, Said, Trans
 use bench::wiring::{Wiring, preset};
 use bench::{Bench, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf};
 
-/// CPU cycles in a millisecond and in a microsecond.
+/// CPU cycles in a millisecond.
 pub const MS: Cycles = 16_000;
+/// CPU cycles in a microsecond.
 pub const US: Cycles = 16;
 
-/// The node under test.
+/// Node ID of the node under test.
 pub const NODE: u32 = 120;
 
-/// CAN identifiers of what the node sends.
+/// CAN identifiers of the messages that the node sends.
 pub const STATUS_OF_NODE: u32 = 0x1801_5500 | NODE;
 pub const TEMPERATURE_OF_NODE: u32 = 0x1804_5600 | NODE;
 pub const DEGREES_OF_NODE: u32 = 0x1804_5800 | NODE;
-/// NodeStatus of the draft of 2014, with transfer ID 0 of its eight.
+/// Identifier of a NodeStatus of the UAVCAN draft of 2014 with transfer ID 0. The draft has 3 bits of transfer ID, in the identifier.
 pub const DRAFT_STATUS_OF_NODE: u32 = 0x1134_0008 | NODE << 10;
-/// Bits of an identifier of the draft.
+/// Mask of the transfer ID in an identifier of the draft.
 const TRANSFER_ID_OF_DRAFT: u32 = 7;
 
-/// CAN identifiers, without a sender, of what it takes.
+/// CAN identifiers, without the sender's node ID, of messages that the node receives.
 pub const NODE_STATUS: u32 = 0x1801_5500;
 pub const ARRAY_COMMAND: u32 = 0x1003_F200;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
-/// The board under test: the one that `NODE_BOARD` and `NODE_SHIELD` name, or the default of avr-specs/boards.toml.
+/// The board under test: `NODE_BOARD` and `NODE_SHIELD` name it; else it is the default of avr-specs/boards.toml.
 pub fn board() -> Wiring {
     chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// Its firmware with the preset of its chip.
+/// The board's firmware with the preset of its chip.
 pub fn shipped() -> PathBuf {
     node_elf().unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// The firmware of a test file: the preset of the board's chip, or one with the feature that the file is about. The running program is the test
-/// file's, named after it and a hash.
+/// The ELF for the running test file: the preset of the board's chip, or a firmware with the feature that the file tests. The name of the
+/// running program is the test file's name and a hash.
 pub fn elf() -> PathBuf {
     let program = std::env::current_exe().unwrap_or_else(|error| panic!("the path of this program: {error}"));
     let name = program.file_stem().unwrap_or_default().to_string_lossy();
     let elf = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
         "thesis" => firmware("thesis"),
-        // It is in no preset.
+        // No preset has this feature.
         "tunnel" => firmware_for("uno", "seeed", "tunnel"),
-        // The ATmega168 has no room for them.
+        // The ATmega168 has no room for these features.
         "allocation" | "lights" | "motors" | "outputs" | "power" | "safety" | "saving" | "stats"
             if !has_all_features() =>
         {
@@ -77,25 +78,25 @@ pub fn elf() -> PathBuf {
     elf.unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// Whether the preset of its chip has all features.
+/// True if the chip's preset has all features.
 pub fn has_all_features() -> bool {
     preset(board().chip) == "full"
 }
 
-/// Whether it takes both dialects, and so has filters that let through more of what is for others.
+/// True if the node accepts both dialects. Its filters then let more frames for other nodes through.
 pub fn takes_both_dialects() -> bool {
     has_all_features()
 }
 
-/// EEPROM of a board that has been started before, and so has its unique ID.
+/// EEPROM of a board that has started before, and so has a unique ID.
 pub fn started() -> &'static [u8] {
     started_with(&elf())
 }
 
-/// The same of a board with another firmware.
+/// Like [`started`] for another firmware.
 pub fn started_with(elf: &Path) -> &'static [u8] {
     static EEPROMS: Mutex<BTreeMap<PathBuf, &[u8]>> = Mutex::new(BTreeMap::new());
-    // A thread that failed here has put nothing in.
+    // A thread that panicked here has not changed the map.
     let mut eeproms = EEPROMS.lock().unwrap_or_else(PoisonError::into_inner);
     eeproms.entry(elf.to_owned()).or_insert_with(|| {
         let eeprom = eeprom_after_first_start(elf).unwrap_or_else(|error| panic!("{error:#}"));
@@ -103,36 +104,36 @@ pub fn started_with(elf: &Path) -> &'static [u8] {
     })
 }
 
-/// Whether a frame is one of the node's.
+/// True if the node sent the frame.
 pub fn is_from_node(frame: &Frame) -> bool {
     matches!(frame.id, Id::Extended(id) if id & 0x7F == NODE)
 }
 
-/// The boards, the bus, and a peer that acknowledges and talks.
+/// The boards, the bus, and a peer that acknowledges and sends frames.
 pub struct Rig {
     pub bench: Bench,
     elf: PathBuf,
-    /// Of the bus, in bits per second: the highest of the board.
+    /// Bit rate of the bus in bits per second: the highest that the board supports.
     bit_rate: u32,
     boards: usize,
     pub peer: Rc<RefCell<SoftNode>>,
     pub peer_port: PortId,
-    /// What passed on the bus: end of frame, and the frame.
+    /// Frames on the bus, each with the time of its end.
     pub traffic: Vec<(Cycles, Frame)>,
     pub error_frames: usize,
-    /// Transfers that passed on the bus: end of the last frame, and the transfer.
+    /// Transfers on the bus, each with the end of its last frame.
     pub transfers: Vec<(Cycles, Transfer)>,
-    /// The same of the draft of 2014, with their meaning.
+    /// Decoded transfers of the draft of 2014, each with the end of its last frame.
     pub drafts: Vec<(Cycles, draft::Transfer, draft::Message)>,
-    /// Frames that are no part of a transfer.
+    /// Frames that belong to no valid transfer, each with the reason.
     pub broken: Vec<(Cycles, Frame, &'static str)>,
     observer: Observer,
     autopilot: Option<(Autopilot, PortId)>,
-    /// Of the first board.
+    /// Output of the first board's serial monitor.
     pub pulses: Vec<Pulse>,
     pub serial: String,
     other_serials: Vec<String>,
-    /// Driver mistakes and lost frames that the test means to happen.
+    /// True if the test expects driver mistakes, or lost frames.
     pub violations_expected: bool,
     pub overflows_expected: bool,
     status_transfer_id: u8,
@@ -141,32 +142,32 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A board that gets its power now, and not for the first time, on a bus of the highest bit rate that the board can have, with the peer.
+    /// A board that has started before and is powered up now, with the peer on a bus of the highest bit rate that the board supports.
     pub fn powered() -> Rig {
         Rig::with_boards(&[started()])
     }
 
-    /// A board that gets its power for the first time.
+    /// A board that is powered up for the first time.
     pub fn new_board() -> Rig {
         Rig::with_boards(&[&[]])
     }
 
-    /// The same as [`Rig::powered`] with the firmware of a preset or of a list of features, such as "thesis" or "allocation".
-    pub fn of(features: &str) -> Rig {
+    /// Like [`Rig::powered`] with the firmware of a preset or of a list of features, such as "thesis" or "allocation".
+    pub fn with_features(features: &str) -> Rig {
         Rig::with_firmware(&firmware(features).unwrap_or_else(|error| panic!("{error:#}")))
     }
 
-    /// The same as [`Rig::powered`] with this ELF.
+    /// Like [`Rig::powered`] with this ELF.
     pub fn with_firmware(elf: &Path) -> Rig {
         Rig::with_boards_of(elf, &[started_with(elf)])
     }
 
-    /// Boards with these EEPROMs, as different from each other as boards are. They get their power now.
+    /// Boards with these EEPROMs, powered up now. Each has its own seed, so that clocks and noise differ.
     pub fn with_boards(eeproms: &[&[u8]]) -> Rig {
         Rig::with_boards_of(&elf(), eeproms)
     }
 
-    /// The same with this ELF.
+    /// Like [`Rig::with_boards`] with this ELF.
     pub fn with_boards_of(elf: &Path, eeproms: &[&[u8]]) -> Rig {
         let load = || Board::load(elf).unwrap_or_else(|error| panic!("{error:#}"));
         let bit_rate = load().wiring().fastest_bit_rate();
@@ -207,7 +208,7 @@ impl Rig {
         }
     }
 
-    /// Attaches another board to the bus, and switches it on. `seed` makes it differ from the first.
+    /// Attaches another board to the bus and powers it up. `seed` makes it differ from the others.
     pub fn add_board(&mut self, eeprom: &[u8], seed: u64) {
         let mut board = Board::load(&self.elf).unwrap_or_else(|error| panic!("{error:#}"));
         board.avr_mut().set_eeprom(eeprom);
@@ -218,23 +219,23 @@ impl Rig {
         self.bench.add_board(board, &format!("node{}", self.boards));
     }
 
-    /// Output of the serial monitor of another board since the last call.
+    /// Output of the serial monitor of this board since the last call.
     pub fn serial_of(&mut self, board: usize) -> String {
         self.other_serials.get_mut(board - 1).map(std::mem::take).unwrap_or_default()
     }
 
-    /// Puts an autopilot on the bus, besides the peer.
+    /// Attaches an autopilot to the bus.
     pub fn attach_autopilot(&mut self, settings: Settings) {
         self.join(Autopilot::new(settings, self.bit_rate));
     }
 
-    /// Puts an autopilot on the bus that gets its power now, and takes the one before it off.
+    /// Replaces the autopilot with one that is powered up now.
     pub fn replace_autopilot(&mut self, settings: Settings) {
         self.detach_autopilot();
         self.join(Autopilot::powered(settings, self.bit_rate, self.now()));
     }
 
-    /// Takes the autopilot off the bus, if there is one.
+    /// Detaches the autopilot from the bus, if there is one.
     pub fn detach_autopilot(&mut self) {
         if let Some((autopilot, port)) = self.autopilot.take() {
             autopilot.switch_off();
@@ -247,19 +248,19 @@ impl Rig {
         self.autopilot = Some((autopilot, port));
     }
 
-    /// The autopilot, if it was attached.
+    /// The autopilot. Panics if none is attached.
     #[track_caller]
     pub fn autopilot(&mut self) -> &mut Autopilot {
         self.autopilot.as_mut().map(|(autopilot, _)| autopilot).expect("an autopilot")
     }
 
-    /// A board that is up: it has sent its first status, and that is forgotten again.
+    /// A running board: it has sent its first status, and the record of that is cleared.
     #[track_caller]
     pub fn running() -> Rig {
         Rig::running_with(started())
     }
 
-    /// The same with this EEPROM.
+    /// Like [`Rig::running`] with this EEPROM.
     #[track_caller]
     pub fn running_with(eeprom: &[u8]) -> Rig {
         let mut rig = Rig::with_boards(&[eeprom]);
@@ -267,7 +268,7 @@ impl Rig {
         rig
     }
 
-    /// A board that is up and has followed a first command, of node 10: its servo is at 1750 us.
+    /// A running board that has followed a first command, from node 10: its servo is at 1750 us.
     #[track_caller]
     pub fn positioned() -> Rig {
         let mut rig = Rig::running();
@@ -276,7 +277,7 @@ impl Rig {
         rig
     }
 
-    /// Waits for the first status after a start, in either dialect, and forgets it.
+    /// Waits for the first status after a start, in either dialect, and clears the record.
     #[track_caller]
     pub fn wait_until_up(&mut self) {
         let is_of_draft =
@@ -288,10 +289,10 @@ impl Rig {
         self.forget();
     }
 
-    /// Takes the first board's power, and gives it again.
+    /// Switches the first board's power off and on.
     pub fn cut_power(&mut self) {
         self.board().reset(ResetCause::PowerOn);
-        // What it was just sending is lost; the others see an error there.
+        // The other nodes see an error in the frame that the node was sending.
         self.run_ms(1);
         self.forget();
     }
@@ -304,7 +305,7 @@ impl Rig {
         self.bench.now()
     }
 
-    /// Forgets what was seen so far.
+    /// Clears the record of frames, transfers, pulses and serial output.
     pub fn forget(&mut self) {
         self.traffic.clear();
         self.pulses.clear();
@@ -321,7 +322,7 @@ impl Rig {
 
     pub fn run_until(&mut self, t: Cycles) {
         while self.now() < t {
-            // In small steps, so that nothing piles up, and an autopilot has its turn.
+            // Short steps keep the record short and let the autopilot run.
             let step = if self.autopilot.is_some() { MS } else { 10 * MS };
             self.step(t.min(self.now() + step));
         }
@@ -335,7 +336,7 @@ impl Rig {
         self.collect();
     }
 
-    /// Runs until the condition holds, which it must within so many simulated milliseconds.
+    /// Runs until `condition` holds. Panics after `timeout_ms` of simulated time.
     #[track_caller]
     pub fn wait_for(&mut self, what: &str, timeout_ms: u64, mut condition: impl FnMut(&Rig) -> bool) {
         let end = self.now() + timeout_ms * MS;
@@ -384,7 +385,7 @@ impl Rig {
         }
     }
 
-    /// The peer sends a frame.
+    /// Queues a frame of the peer with this identifier.
     pub fn send(&mut self, id: u32, data: &[u8]) {
         self.peer.borrow_mut().send(Frame::extended(id, data));
     }
@@ -395,20 +396,20 @@ impl Rig {
 
     /// The peer sends a NodeStatus as node `source`.
     pub fn send_status_from(&mut self, source: u8) {
-        let transfer_id = Self::count(&mut self.status_transfer_id);
+        let transfer_id = Self::next_transfer_id(&mut self.status_transfer_id);
         self.send(NODE_STATUS | u32::from(source), &[10, 0, 0, 0, 0, 0, 0, 0xC0 | transfer_id]);
     }
 
-    /// The peer sends one command of an ArrayCommand, as node 10.
+    /// The peer sends an ArrayCommand with one command, as node 10.
     pub fn send_command(&mut self, actuator_id: u8, command_type: u8, value: f32) {
-        let transfer_id = Self::count(&mut self.command_transfer_id);
+        let transfer_id = Self::next_transfer_id(&mut self.command_transfer_id);
         let [low, high] = half::f16::from_f32(value).to_le_bytes();
         self.send(ARRAY_COMMAND | 10, &[actuator_id, command_type, low, high, 0xC0 | transfer_id]);
     }
 
-    /// The peer sends an ArrayCommand of several commands (actuator, type, value), as node 10: all frames at once.
+    /// The peer sends an ArrayCommand of several (actuator, type, value), as node 10. Queues all frames at once.
     pub fn send_commands(&mut self, commands: &[(u8, u8, f32)]) {
-        let transfer_id = Self::count(&mut self.command_transfer_id);
+        let transfer_id = Self::next_transfer_id(&mut self.command_transfer_id);
         for data in array_command(commands, transfer_id) {
             self.send(ARRAY_COMMAND | 10, &data);
         }
@@ -416,18 +417,18 @@ impl Rig {
 
     /// The peer sends the thesis's command, as node 1.
     pub fn send_servo_command(&mut self, position: u8) {
-        let transfer_id = Self::count(&mut self.command_transfer_id);
+        let transfer_id = Self::next_transfer_id(&mut self.command_transfer_id);
         self.send(SERVO_COMMAND | 1, &[position, 0xC0 | transfer_id]);
     }
 
-    fn count(transfer_id: &mut u8) -> u8 {
+    fn next_transfer_id(transfer_id: &mut u8) -> u8 {
         let current = *transfer_id;
         *transfer_id = (current + 1) % 32;
         current
     }
 
-    /// INT has a bad contact for 2 ms, in which statuses come back to back: more than the controller has room for. How many are
-    /// lost in it. The program looks every 10 ms whether the line is stuck, and this is between two of its looks.
+    /// Gives INT a bad contact for 2 ms and sends more statuses in that time than the controller has room for. Returns the number of lost frames.
+    /// The program checks every 10 ms whether INT is stuck; the 2 ms lie between two checks.
     #[track_caller]
     pub fn lose_frames(&mut self) -> u32 {
         let before = self.board().chip().borrow().rx_overflows();
@@ -447,7 +448,7 @@ impl Rig {
         self.board().chip().borrow().rx_overflows() - before
     }
 
-    /// The frames with this identifier, oldest first.
+    /// Data of the frames with this identifier, oldest first, each with the end of the frame.
     pub fn frames(&self, id: u32) -> Vec<(Cycles, Vec<u8>)> {
         let same = |frame: &Frame| matches!(frame.id, Id::Extended(other) if other == id);
         self.traffic.iter().filter(|(_, frame)| same(frame)).map(|(at, frame)| (*at, frame.data().to_vec())).collect()
@@ -457,19 +458,19 @@ impl Rig {
         self.frames(STATUS_OF_NODE)
     }
 
-    /// The width of the last pulse, in half microseconds.
+    /// Width of the last pulse in half microseconds.
     pub fn last_pulse(&self) -> Option<u64> {
         self.pulses.last().map(|pulse| pulse.width_cycles / 8)
     }
 
-    /// Runs for two periods of the servo, and returns the width of the last pulse in microseconds.
+    /// Runs for two servo periods and returns the width of the last pulse in microseconds.
     #[track_caller]
     pub fn settled_pulse_us(&mut self) -> f64 {
         self.run_ms(45);
         self.pulses.last().expect("a pulse").width_us()
     }
 
-    /// Runs until the serial monitor has this line.
+    /// Runs until the serial monitor's output contains `text`.
     #[track_caller]
     pub fn wait_for_line(&mut self, text: &str, timeout_ms: u64) {
         self.wait_for(&format!("line {text:?}"), timeout_ms, |rig| {
@@ -491,7 +492,7 @@ impl Drop for Rig {
     }
 }
 
-/// The data of the frames of an ArrayCommand of (actuator, type, value).
+/// The data of the frames of an ArrayCommand with these (actuator, type, value).
 pub fn array_command(commands: &[(u8, u8, f32)], transfer_id: u8) -> Vec<Vec<u8>> {
     let command = |&(actuator, unit, value)| ActuatorCommand {
         actuator,
@@ -502,9 +503,9 @@ pub fn array_command(commands: &[(u8, u8, f32)], transfer_id: u8) -> Vec<Vec<u8>
     split(&payload, TransferId::new(transfer_id), types::ARRAY_COMMAND.signature.expect("known"))
 }
 
-/// A frame as it is quoted: "1003F20A 01 00 00 38 C7", or several with `|` between their data.
+/// Parses frames such as "1003F20A 01 00 00 38 C7". `|` separates the data of several frames with the same identifier.
 #[track_caller]
-pub fn quoted(text: &str) -> Vec<Frame> {
+pub fn parse_frames(text: &str) -> Vec<Frame> {
     let (id, data) = text.split_once(' ').unwrap_or((text, ""));
     let id = u32::from_str_radix(id, 16).expect("an identifier");
     let bytes = |part: &str| -> Vec<u8> {
@@ -513,7 +514,7 @@ pub fn quoted(text: &str) -> Vec<Frame> {
     data.split('|').map(|part| Frame::extended(id, &bytes(part))).collect()
 }
 
-/// The uptime, health, mode and vendor code in a NodeStatus.
+/// The uptime (s), health, mode and vendor-specific status code in a NodeStatus.
 pub fn status_fields(data: &[u8]) -> (u32, u8, u8, u16) {
     assert_eq!(data.len(), 8, "a NodeStatus and its tail byte");
     let uptime = u32::from_le_bytes(data[..4].try_into().unwrap());

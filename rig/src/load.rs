@@ -1,5 +1,5 @@
-//! The rig under load: a sender that fills the bus, a client that keeps the node busy, and what a frame costs, as it is seen on
-//! the wires of the board and in the log of its CAN controller.
+//! The rig under load: a sender that fills the bus, a client that keeps the node busy, and a meter of what a received frame costs. The
+//! meter uses the wires of the board and the log of its CAN controller.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
@@ -23,94 +23,94 @@ const RAW_COMMAND: u32 = 0x0704_0600;
 const RAW_COMMAND_SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
 /// Node ID of the sender that fills the bus.
 pub const SENDER: u32 = 10;
-/// Frames that wait in its queue, so that there is always a next one.
+/// Frames that wait in the sender's queue, so that the bus never becomes idle.
 const QUEUE: usize = 24;
-/// Of the bits of an identifier, those below the priority.
+/// Mask of an identifier's bits below the priority.
 const BELOW_PRIORITY: u32 = 0x00FF_FFFF;
-/// A message that the node does not take.
+/// A message type that the node does not accept.
 const FOREIGN: u32 = 0x1804_5600;
-/// What RXF0 of `third-party/job.rs` takes, with RXB1 behind it.
+/// Identifier that RXF0 of `third-party/job.rs` accepts; the frame rolls over to RXB1.
 const THIRD_PARTY: u32 = 0x1234_5600;
 /// LightsCommand.
 const LIGHTS_COMMAND: u32 = 0x1804_3900;
-/// The low bytes of OCR1A and OCR1B.
+/// Addresses of the low bytes of OCR1A and OCR1B.
 const OCR1AL: u16 = 0x88;
 const OCR1BL: u16 = 0x8A;
 /// ArmingStatus.
 const ARMING_STATUS: u32 = 0x1804_4C00;
-/// A message of a manufacturer's, type 20210, whose low byte is that of ArrayCommand.
+/// A vendor-specific message, type 20210, with the low byte of ArrayCommand's type.
 const LOOK_ALIKE: u32 = 0x184E_F200;
-/// A node without an ID asks for one: type 1 of an anonymous message. With this discriminator the frame is what a NodeStatus of node 0 would be.
+/// Anonymous request for a node ID: type 1. With this discriminator its identifier equals that of a NodeStatus of node 0.
 const ANONYMOUS: u32 = 0x1801_5500;
-/// What makes the node publish all that it can, as fast as it can.
+/// Parameters with which the node publishes everything at the highest rate.
 const BUSY: [(&str, i64); 3] =
-    // Without the failsafe, at which the controller gets its filters again and hears nothing for 5 ms.
+    // Without the failsafe, which restarts the controller: it then receives nothing for 5 ms.
     [("TELEM_RATE", 50), ("TEMP_RATE", 50), ("OUT1_TIMEOUT", 0)];
-/// A client waits this long for an answer.
+/// Time after which a client gives up an answer.
 const CLIENT_TIMEOUT_MS: u64 = 300;
-/// RX0IF and RX1IF of CANINTF.
+/// Address of CANINTF; [`RX_FLAGS`] are its RX0IF and RX1IF.
 const CANINTF: u8 = 0x2C;
 const RX_FLAGS: u8 = 0b11;
 
-/// With the draft beside v0 and room for two transfers, a command of the thesis takes longer than such a frame lasts at 1 Mbit/s: of a bus full of
-/// nothing else the node loses some (docs/decisions.md).
-pub fn is_more_than_it_follows(kind: Kind) -> bool {
+/// True if the node may lose some frames of a bus full of `kind` at 1 Mbit/s. It accepts both dialects and assembles two transfers at a time, so a
+/// command of the thesis takes longer than its frame lasts (docs/decisions.md).
+pub fn may_lose_commands(kind: Kind) -> bool {
     super::takes_both_dialects() && super::board().fastest_bit_rate() == 1_000_000 && kind == Kind::Thesis
 }
 
-/// What a frame on a full bus is.
+/// The frames of a load. RXB0 and RXB1 are the buffers whose filters accept them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A frame of ArrayCommand with so many bytes, of which 5 are a command: it has RXB0, and RXB1 when that is full.
+    /// ArrayCommand in one frame of so many bytes; 5 of them are a valid command. RXB0, and RXB1 when RXB0 is full.
     Command(usize),
-    /// A command of 5 bytes for a position, which takes a division.
+    /// ArrayCommand of one position, 5 bytes. The node needs a division for it.
     Position,
-    /// Frames of ArrayCommands with 15 commands: nine each.
+    /// ArrayCommands of 15 commands, nine frames each.
     LongCommand,
-    /// Frames of esc.RawCommands for eight motors: three each. RXB1.
+    /// esc.RawCommands for eight motors, three frames each. RXB1.
     RawCommand,
-    /// First frames of ArrayCommands, of which the rest never comes.
+    /// First frames of ArrayCommands that never continue.
     Beginning,
-    /// A frame of NodeStatus with so many bytes, of which 8 are a status: it has RXB1 alone.
+    /// NodeStatus in a frame of so many bytes; 8 of them are a valid status. RXB1 only.
     Status(usize),
-    /// The thesis's command of 2 bytes: RXB1, too.
+    /// The thesis's command, 2 bytes. RXB1.
     Thesis,
-    /// An ArmingStatus of 2 bytes: RXB1, too.
+    /// ArmingStatus, 2 bytes. RXB1.
     Arming,
-    /// A request for the node's information: RXB0.
+    /// GetNodeInfo request. RXB0.
     Request,
-    /// A request for a parameter by its index, of 3 bytes.
+    /// GetSet request for a parameter by index, 3 bytes.
     ParameterRequest,
-    /// A request for a parameter by its name, of three frames.
+    /// GetSet request for a parameter by name, three frames.
     LongRequest,
-    /// A request to save the parameters, of 8 bytes.
+    /// ExecuteOpcode request to save the parameters, 8 bytes.
     OpcodeRequest,
-    /// A request to restart with a wrong number, of 6 bytes.
+    /// RestartNode request with a wrong magic number, 6 bytes.
     RestartRequest,
-    /// A request for a firmware update, of four frames.
+    /// BeginFirmwareUpdate request, four frames.
     UpdateRequest,
-    /// A frame of another type, with so many bytes, whose type has the low byte of ArrayCommand's: it has RXB0 and RXB1.
+    /// Frame of so many bytes of another message whose type has the low byte of ArrayCommand's. RXB0 and RXB1.
     LookAlike(usize),
-    /// A request to the node for a service that it does not have, of so many bytes: RXB0 and RXB1.
+    /// Request of so many bytes for a service that the node does not have. RXB0 and RXB1.
     UnknownRequest(usize),
-    /// A request for a node ID from a node without one, which looks like a NodeStatus: RXB1.
+    /// Anonymous request for a node ID whose identifier looks like a NodeStatus. RXB1.
     Anonymous,
-    /// A command from a sender that has the node's own ID.
+    /// Command from a sender with the node's own ID.
     OwnId,
-    /// Any of these at random, one after the other, but for positions; transfers of several frames are sent whole.
+    /// Random kinds except positions. Transfers of several frames are sent whole.
     Mixed,
-    /// A frame for others, of 8 bytes.
+    /// Message of 8 bytes for other nodes.
     Foreign,
-    /// A frame of so many bytes that the firmwares of `third-party/` take.
+    /// Frame of so many bytes that the firmwares of `third-party/` accept.
     ThirdParty(usize),
 }
 
 impl Kind {
-    /// All that its filters let through (`src/node/acceptance.rs`): what the node takes, and what it refuses when it has read it. That is
-    /// other messages whose type has the low byte of ArrayCommand's, requests to the node for services that it does not have, whatever has
-    /// one of its types and comes from nobody or from its own ID, and frames of wrong lengths.
+    /// All kinds that the node's filters let through (`src/node/acceptance.rs`): those that the node uses, and those that it rejects after reading
+    /// them. The latter are other messages whose type has the low byte of ArrayCommand's, requests for services that the node does not have,
+    /// messages of the node's types from an anonymous sender or from its own ID, and frames of wrong lengths.
     ///
-    /// [`Position`](Self::Position) is not one of them: it has tests of its own.
+    /// [`Position`](Self::Position) has its own tests.
     pub const MATCHING: [Kind; 28] = [
         Kind::Command(0),
         Kind::Command(1),
@@ -142,7 +142,7 @@ impl Kind {
         Kind::Mixed,
     ];
 
-    /// Whether its frames are requests to the node that it answers.
+    /// True if the frames are requests that the node answers.
     pub fn is_request(self) -> bool {
         matches!(
             self,
@@ -155,13 +155,13 @@ impl Kind {
         )
     }
 
-    /// Whether its frames come through the filters, and the node has no use for them.
-    pub fn is_other(self) -> bool {
+    /// True if the frames pass the filters but the node has no use for them.
+    pub fn is_rejected_by_program(self) -> bool {
         matches!(self, Kind::LookAlike(_) | Kind::UnknownRequest(_) | Kind::Anonymous | Kind::OwnId)
     }
 
-    /// Whether some of its frames make the servo move.
-    pub fn moves(self) -> bool {
+    /// True if some of the frames move the servo.
+    pub fn moves_servo(self) -> bool {
         matches!(self, Kind::Command(5) | Kind::Position | Kind::LongCommand | Kind::Thesis | Kind::Mixed)
     }
 }
@@ -170,24 +170,24 @@ impl Kind {
 #[derive(Clone, Copy, Debug)]
 pub struct Load {
     pub kind: Kind,
-    /// 0 wins every arbitration of the node's, 31 loses every one.
+    /// Priority: 0 wins every arbitration against the node, 31 loses every one.
     pub priority: u8,
     pub pace: Pace,
 }
 
-/// How close together frames are.
+/// The distance between frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
     /// Back to back.
     Full,
     /// Bursts of 1 to 40 frames between silences of up to 10 ms.
     Bursts,
-    /// One in so many cycles.
+    /// One frame in so many cycles.
     Every(Cycles),
 }
 
-/// The node under each of these loads, with a client that [saves](Client::Saving), for so many milliseconds, as many at a time as there are
-/// cores, the last first. In their order; `seen` is told of each when it is done.
+/// Runs the node under each load for so many milliseconds, with a client that [saves](Client::Saving). Uses one thread per core, starts with the
+/// last load, and returns the results in the order of `loads`. Calls `seen` after each load.
 pub fn run_all(loads: &[(Load, u64)], seen: impl Fn(Load, u64, &Figures) + Sync) -> Vec<(Load, u64, Figures)> {
     let left = Mutex::new((0..loads.len()).collect::<Vec<_>>());
     let runs = Mutex::new(Vec::new());
@@ -208,41 +208,41 @@ pub fn run_all(loads: &[(Load, u64)], seen: impl Fn(Load, u64, &Figures) + Sync)
     runs.into_iter().map(|(_, run)| run).collect()
 }
 
-/// The node under one of them.
+/// Runs the node under one load for `ms` milliseconds.
 pub fn run(load: Load, ms: u64) -> Figures {
     let mut loaded = Loaded::new(Some(load), Client::Saving);
     loaded.run_ms(ms);
     loaded.finish()
 }
 
-/// The sender of a [`Load`].
+/// The node that sends a [`Load`].
 pub struct Sender {
     load: Load,
-    /// What the last frame of a mixture was.
+    /// The kind of the last frame of a mixture.
     mixed: Kind,
     station: Rc<RefCell<SoftNode>>,
     count: u32,
     transfer_id: u8,
-    /// The frames of the transfer under way.
+    /// Frames of the current transfer that remain to be sent.
     rest: VecDeque<Vec<u8>>,
     silent_until: Cycles,
     random: Noise,
-    /// Widths in microseconds that the commands to come ask for.
+    /// Pulse widths in microseconds of the queued commands.
     widths: VecDeque<f32>,
 }
 
-/// The frames of a transfer of 15 commands: nine.
+/// The frames of an ArrayCommand of 15 commands: nine.
 pub fn long_command((command_type, value): (u8, f32), transfer_id: u8) -> Vec<Vec<u8>> {
     let commands: Vec<_> = (1..=15).map(|actuator| (actuator, command_type, value)).collect();
     array_command(&commands, transfer_id)
 }
 
-/// Width of the pulse of the nth valid command, in microseconds.
+/// Pulse width of the nth valid command, in microseconds.
 fn pulse_us(n: u32) -> f32 {
     (1000 + n * 37 % 1001) as f32
 }
 
-/// The nth valid command, which asks for that width: its type and value. The three types take turns, also where only each ninth frame
+/// Type and value of the nth valid command. The three types alternate, also if only each ninth frame begins a command.
 /// begins one.
 fn command(n: u32) -> (u8, f32) {
     match (n + n / 9) % 3 {
@@ -256,12 +256,12 @@ fn deflection(n: u32) -> f32 {
     (pulse_us(n) - 1500.0) / 500.0
 }
 
-/// The same as a position. OUT1_RANGE is 90 degrees.
+/// Like [`command`] as a position in radians. OUT1_RANGE is 90 degrees.
 fn position(n: u32) -> (u8, f32) {
     (1, deflection(n) * FRAC_PI_4)
 }
 
-/// The identifier of a request to the node, from node 127.
+/// The identifier of a request from node 127 to the node.
 fn request_id(service: u32) -> u32 {
     0x1E00_80FF | service << 16 | NODE << 8
 }
@@ -288,7 +288,7 @@ impl Sender {
         self.transfer_id
     }
 
-    /// A single frame of so many bytes: `start`, a count, and the tail byte.
+    /// Data of a single frame of `len` bytes: `start`, a counter, and the tail byte.
     fn padded(&mut self, start: &[u8], len: usize) -> Vec<u8> {
         let mut data = start.to_vec();
         data.resize(7, self.count as u8);
@@ -298,7 +298,7 @@ impl Sender {
         data
     }
 
-    /// The next frame.
+    /// The next frame of the load.
     pub fn frame(&mut self) -> Frame {
         self.count += 1;
         let kind = match self.load.kind {
@@ -314,7 +314,7 @@ impl Sender {
         match kind {
             Kind::Command(5) | Kind::Position => self.widths.push_back(pulse_us(self.count)),
             Kind::LongCommand if self.rest.is_empty() => self.widths.push_back(pulse_us(self.count)),
-            // Over the whole travel.
+            // Commands cover the whole travel.
             Kind::Thesis => self.widths.push_back(1000.0 + f32::from(self.count as u8) * 1000.0 / 255.0),
             _ => {}
         }
@@ -369,7 +369,7 @@ impl Sender {
         Frame::extended(id, &data)
     }
 
-    /// The next frame of a request of several frames.
+    /// The next frame of a transfer of several frames.
     fn next_of(&mut self, data_type: &DataType, payload: &[u8]) -> Vec<u8> {
         if self.rest.is_empty() {
             let transfer_id = TransferId::new(self.next_transfer_id());
@@ -378,7 +378,7 @@ impl Sender {
         self.rest.pop_front().expect("a frame")
     }
 
-    /// Sees to it that there are frames to send; to be called every millisecond at least.
+    /// Fills the queue. Call it at least once a millisecond.
     pub fn feed(&mut self, now: Cycles) {
         self.station.borrow_mut().take_received();
         let queued = self.station.borrow().queued();
@@ -387,7 +387,7 @@ impl Sender {
             Pace::Bursts if queued == 0 && now >= self.silent_until => {
                 let (frames, silence_us) = (1 + self.random.below(40), self.random.below(10_000));
                 self.send(frames);
-                // A frame takes 160 us at most.
+                // A frame lasts 160 us at most.
                 self.silent_until = now + (frames * 160 + silence_us) * US;
             }
             Pace::Bursts => {}
@@ -417,7 +417,7 @@ impl Sender {
     }
 }
 
-/// Numbers of which the median and the highest are of interest.
+/// Values of which the median and the maximum are reported.
 #[derive(Clone, Debug, Default)]
 pub struct Samples {
     values: Vec<u32>,
@@ -432,7 +432,7 @@ impl Samples {
         &self.values
     }
 
-    /// The value that so many of a hundred do not exceed; 0 if there is none at all.
+    /// The value that `percent` of the samples do not exceed; 0 without samples.
     pub fn percentile(&self, percent: usize) -> u32 {
         let mut sorted = self.values.clone();
         let at = (sorted.len() * percent).div_ceil(100).saturating_sub(1);
@@ -448,7 +448,7 @@ impl Samples {
     }
 }
 
-/// One instruction on the SPI, from chip select low to high.
+/// One SPI instruction, from chip select low to high.
 #[derive(Clone, Debug, Default)]
 struct Instruction {
     start: Cycles,
@@ -457,20 +457,20 @@ struct Instruction {
     miso: Vec<u8>,
 }
 
-/// What an instruction is for.
+/// Why the driver sends an instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Purpose {
-    /// To see whether there is a frame.
+    /// To check for a received frame.
     Look,
-    /// To read or release one.
+    /// To read or release a frame.
     Fetch,
-    /// To send one.
+    /// To send a frame.
     Send,
     Other,
 }
 
 impl Instruction {
-    /// DS20001801J table 12-1.
+    /// The purpose, by the instruction byte (DS20001801J table 12-1).
     fn purpose(&self) -> Purpose {
         match self.mosi[..] {
             [0xA0 | 0xB0, ..] | [0x03, CANINTF, ..] => Purpose::Look,
@@ -480,7 +480,7 @@ impl Instruction {
         }
     }
 
-    /// The frame that READ RX BUFFER has read from its beginning on.
+    /// The frame that READ RX BUFFER returned, if it was read from its first byte.
     fn frame_read(&self) -> Option<Frame> {
         let ([0x90 | 0x94, ..], [_, sidh, sidl, eid8, eid0, dlc, data @ ..]) = (&self.mosi[..], &self.miso[..]) else {
             return None;
@@ -492,39 +492,39 @@ impl Instruction {
     }
 }
 
-/// A pause between the look and the first byte of the frame that is longer than this is no part of the service: the driver had
-/// looked ahead, and the program handled the frame before.
+/// Longest pause, in cycles, between the check and the first byte of the frame that counts as service. After a longer one the driver had
+/// checked ahead, while the program handled the frame before.
 const PAUSE: Cycles = 300;
 
-/// Watches what a driver does with the frames that its controller takes.
+/// Measures how a driver reads the frames that its controller receives.
 #[derive(Default)]
 pub struct Meter {
     open: Option<Instruction>,
     look: Option<(Cycles, Cycles, usize)>,
     fetch: Vec<Instruction>,
     newest_received_at: Cycles,
-    /// Frames read and released.
+    /// Number of frames read and released.
     pub frames: u64,
-    /// Frames for which there was no room.
+    /// Number of frames lost because both buffers were full.
     pub lost: u64,
-    /// Frames released before an older one.
+    /// Number of frames released before an older one.
     pub out_of_order: u64,
-    /// Frames of which something else was read than what was on the bus.
+    /// Number of frames read with other contents than on the bus.
     pub garbled: u64,
-    /// From the chip select of the look that saw the frame to the release of its buffer.
+    /// Cycles from the chip select of the check that saw the frame to the release of its buffer.
     pub service: Samples,
-    /// From the end of the frame to the release of its buffer.
+    /// Cycles from the end of the frame to the release of its buffer.
     pub latency: Samples,
-    /// Chip selects of a frame.
+    /// Number of chip selects for a frame.
     pub selects: Samples,
-    /// Bytes on the SPI besides those of the frame's data.
+    /// Number of SPI bytes for a frame, without its data bytes.
     pub overhead: Samples,
-    /// Bytes on the SPI to read or release frames.
+    /// Number of SPI bytes to read or release frames.
     pub fetched_bytes: u64,
 }
 
 impl Meter {
-    /// Begins now; what was before is forgotten.
+    /// Starts to measure now.
     pub fn attach(board: &mut Board) -> Meter {
         board.attach_probe();
         board.take_wire_events();
@@ -532,7 +532,7 @@ impl Meter {
         Meter::default()
     }
 
-    /// Takes in what happened since the last call.
+    /// Evaluates what happened since the last call.
     pub fn collect(&mut self, board: &mut Board) {
         let log = board.chip().borrow_mut().take_frame_log();
         let mut releases: VecDeque<(Cycles, Cycles, Frame)> = VecDeque::new();
@@ -606,38 +606,38 @@ impl Meter {
     }
 }
 
-/// What else the node has to do.
+/// Other work of the node during a load.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Client {
     /// Nothing.
     None,
-    /// A client walks the parameters, lights change, and somebody types `?` on the serial monitor.
+    /// A client reads the parameters, lights change, and a user types `?` on the serial monitor.
     Walking,
-    /// It also changes and saves them.
+    /// Like `Walking`; the client also changes and saves parameters.
     Saving,
 }
 
-/// What was seen of the node under a load.
+/// The measurements of a node under a load.
 #[derive(Default)]
 pub struct Figures {
     pub meter: Meter,
-    /// A frame is still in the controller 20 ms after the load.
+    /// True if a frame is still in the controller 20 ms after the load's end.
     pub stuck: bool,
-    /// Answers that the client had.
+    /// Number of answers that the client received.
     pub answers: u64,
-    /// Frames of the node that went out, and NodeStatus among them.
+    /// Number of frames that the node sent; number of NodeStatus among them.
     pub own_frames: u64,
     pub own_statuses: u64,
-    /// From the end of a command's last frame to the write to the compare register; the next pulse has that width.
+    /// Cycles from the end of a command's last frame to the write to the compare register. The next pulse has that width.
     pub command_to_servo: Samples,
-    /// Writes to the compare register of something that no command had asked for.
+    /// Number of writes to the compare register of values that no command had requested.
     pub unasked_moves: u64,
-    /// Periods and widths of the servo's pulses, in cycles, how often each.
+    /// Periods and widths of the servo's pulses in cycles, each with the number of times it occurred.
     pub periods: BTreeMap<u64, u64>,
     pub widths: BTreeMap<u64, u64>,
 }
 
-/// The node under a load with everything on.
+/// The node under a load, with all functions in use.
 pub struct Loaded {
     pub rig: Rig,
     pub figures: Figures,
@@ -647,25 +647,25 @@ pub struct Loaded {
     asked_at: Cycles,
     asked: u16,
     ocr: u16,
-    /// Commands that passed: the end, and the width in microseconds.
+    /// Commands on the bus: end of the last frame, and the width in microseconds.
     commands: VecDeque<(Cycles, f32)>,
 }
 
 impl Loaded {
-    /// A node that is up, with the parameters of [`BUSY`], and then the load.
+    /// A running node with the parameters of [`BUSY`], and then the load.
     pub fn new(load: Option<Load>, client: Client) -> Loaded {
         Loaded::with(Rig::running(), load, client)
     }
 
-    /// The same with a node that does not take the draft.
+    /// Like [`Loaded::new`] with a node that accepts DroneCAN v0 only.
     pub fn of_v0_only(load: Option<Load>, client: Client) -> Loaded {
         let mut rig = Rig::running();
         rig.take_v0_only();
         Loaded::with(rig, load, client)
     }
 
-    /// The same with a node that is up.
-    pub fn of(rig: Rig, load: Option<Load>, client: Client) -> Loaded {
+    /// Like [`Loaded::new`] with this running rig.
+    pub fn with_rig(rig: Rig, load: Option<Load>, client: Client) -> Loaded {
         Loaded::with(rig, load, client)
     }
 
@@ -699,7 +699,7 @@ impl Loaded {
         }
     }
 
-    /// Ends the load, and sees what is left in the controller after that.
+    /// Ends the load and checks what remains in the controller.
     pub fn finish(mut self) -> Figures {
         if let Some(sender) = &mut self.sender {
             sender.stop();
@@ -716,7 +716,7 @@ impl Loaded {
             return;
         }
         let rig = &mut self.rig;
-        // The client waits for the whole answer, and asks for the next one.
+        // The client sends its next request after the whole answer.
         let answered = !rig.answers().is_empty();
         if answered || rig.now() - self.asked_at > CLIENT_TIMEOUT_MS * MS {
             self.figures.answers += u64::from(answered);
@@ -732,7 +732,7 @@ impl Loaded {
                     value: Value::Integer(i64::from(self.asked)),
                     name: "TEMP_ID".into(),
                 }),
-                // Those beyond the last parameter have an answer, too.
+                // The node answers requests beyond the last parameter, too.
                 index => Message::ParameterRequest(ParameterRequest { index, ..ParameterRequest::default() }),
             };
             rig.request(&request);
@@ -752,7 +752,7 @@ impl Loaded {
     fn millisecond(&mut self) {
         let mut writes: Vec<(Cycles, u16)> = Vec::new();
         let ocr = &mut self.ocr;
-        // It is looked at after each step of the bench, which can be long while there is no traffic.
+        // After each step of the bench, which can be long while the bus is idle.
         let end = self.rig.now() + MS;
         while self.rig.now() < end && !self.rig.bench.is_halted() {
             self.rig.bench.run_until_or(
@@ -778,7 +778,7 @@ impl Loaded {
             self.commands.extend(sender.and_then(|sender| sender.widths.pop_front()).map(|width| (at, width)));
         }
         for (at, written) in writes {
-            // Half a microsecond a step, and the same for rounding.
+            // A timer count is half a microsecond; rounding adds as much.
             let is_of = |command: &(Cycles, f32)| (command.1 * 2.0 - f32::from(written)).abs() <= 2.0;
             match self.commands.iter().position(is_of) {
                 Some(found) => {
@@ -803,13 +803,13 @@ impl Loaded {
     }
 }
 
-/// The compare register of the servo's timer: OCR1A for D9, OCR1B for D10.
+/// Value of the servo timer's compare register: OCR1A for D9, OCR1B for D10.
 pub fn compare_register(board: &Board) -> u16 {
     let low = if board.wiring().servo.timer1_output() == Some(Oc::A) { OCR1AL } else { OCR1BL };
     u16::from_le_bytes([board.avr().sram(low), board.avr().sram(low + 1)])
 }
 
-/// A frame that ends a valid command.
+/// True if the frame ends a valid command.
 fn is_last_of_command(id: u32, frame: &Frame) -> bool {
     let below = id & BELOW_PRIORITY;
     let ends = frame.data().last().is_some_and(|tail| tail & 0x40 != 0);

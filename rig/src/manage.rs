@@ -1,6 +1,6 @@
-//! The rig as a tool that manages the node: requests and their answers.
+//! The rig as a management tool: sends requests to the node and reads its answers.
 
-use super::{MS, NODE, Rig, board, quoted, takes_both_dialects};
+use super::{MS, NODE, Rig, board, parse_frames, takes_both_dialects};
 use bench::Cycles;
 use bench::can::{Frame, Id};
 use bench::dronecan::{
@@ -8,7 +8,7 @@ use bench::dronecan::{
     frames,
 };
 
-/// The parameters of the default preset without the bit rate, in order: name, default, least and greatest value (docs/parameters.md).
+/// The parameters of the default preset without CAN_BAUDRATE, in order: name, default, minimum and maximum (docs/parameters.md).
 const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
     ("CAN_NODE", 120, 0, 125),
     ("OUT1_ID", 1, 0, 255),
@@ -35,7 +35,7 @@ const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
     ("ERROR_MASK", 0x0400, 0, 65_535),
     ("CRIT_MASK", 0x2000, 0, 65_535),
 ];
-/// What the preset "full" has after them.
+/// The parameters that follow in the preset "full".
 const OF_FULL: [(&str, i64, i64, i64); 16] = [
     ("LIGHT_ID", 0, 0, 255),
     ("STATS_RATE", 0, 0, 10),
@@ -55,7 +55,7 @@ const OF_FULL: [(&str, i64, i64, i64); 16] = [
     ("PWR1_OUT", 0, 0, 8),
 ];
 
-/// After those, what it has for each output from the second to the eighth.
+/// The parameters that then follow for each output from the second to the eighth.
 fn of_output(output: i64) -> [(&'static str, i64, i64, i64); 10] {
     let parameter = |name: &str, default, least, greatest| {
         let name: &str = format!("OUT{output}_{name}").leak();
@@ -75,7 +75,7 @@ fn of_output(output: i64) -> [(&'static str, i64, i64, i64); 10] {
     ]
 }
 
-/// The parameters that the preset of the board's chip has, in order: name, default, least and greatest value.
+/// The parameters of the preset of the board's chip, in order: name, default, minimum and maximum.
 pub fn parameters() -> Vec<(&'static str, i64, i64, i64)> {
     let highest = board().fastest_bit_rate().into();
     let mut all = OF_DEFAULT.to_vec();
@@ -91,13 +91,13 @@ pub fn parameters() -> Vec<(&'static str, i64, i64, i64)> {
 pub const TOOL: u8 = 127;
 /// Priority of a GUI tool's requests.
 const PRIORITY: u8 = 30;
-/// The longest that a request may wait for its answer while the node has little else to do.
+/// Limit of the time from a request to its answer while the node has little other work.
 pub const ANSWER_TIMEOUT_MS: u64 = 50;
-/// The same for one that writes to the EEPROM. Clients wait for a second.
+/// Limit for an answer that follows a write to the EEPROM. Clients wait for a second.
 pub const SAVE_TIMEOUT_MS: u64 = 1000;
 
 impl Rig {
-    /// Has the node take DroneCAN v0 only, with filters for that.
+    /// Sets DIALECT so that the node accepts DroneCAN v0 only, with filters for that.
     pub fn take_v0_only(&mut self) {
         if takes_both_dialects() {
             self.set("DIALECT", 1);
@@ -105,14 +105,14 @@ impl Rig {
         }
     }
 
-    /// The tool sends a request, and does not wait. The number of the transfer.
+    /// The tool sends a request and does not wait. Returns the transfer ID.
     pub fn request(&mut self, request: &Message) -> TransferId {
         self.request_to(NODE as u8, request)
     }
 
-    /// The same to a node of choice.
+    /// Like [`Rig::request`] to this node.
     pub fn request_to(&mut self, node: u8, request: &Message) -> TransferId {
-        let transfer_id = TransferId::new(Self::count(&mut self.request_transfer_id));
+        let transfer_id = TransferId::new(Self::next_transfer_id(&mut self.request_transfer_id));
         let (data_type, payload) = request.encode().expect("a request");
         let id = CanId::Service {
             priority: PRIORITY,
@@ -127,7 +127,7 @@ impl Rig {
         transfer_id
     }
 
-    /// All answers to the tool so far.
+    /// All answers to the tool in the record.
     pub fn answers(&self) -> Vec<(Cycles, TransferId, Message)> {
         let to_tool =
             |id: &CanId| matches!(id, CanId::Service { request: false, destination, .. } if destination.get() == TOOL);
@@ -135,7 +135,7 @@ impl Rig {
         answers.map(|(at, transfer)| (*at, transfer.transfer_id, Message::decode(transfer))).collect()
     }
 
-    /// Sends a request and waits for its answer.
+    /// Sends a request and waits for the answer.
     #[track_caller]
     pub fn ask(&mut self, request: &Message) -> Message {
         self.ask_for(request, ANSWER_TIMEOUT_MS)
@@ -159,25 +159,25 @@ impl Rig {
         }
     }
 
-    /// The parameter with this index; without a name if there is none.
+    /// Reads the parameter with this index. The name in the answer is empty if the index is beyond the last parameter.
     #[track_caller]
     pub fn parameter_at(&mut self, index: u16) -> ParameterResponse {
         self.ask_for_parameter(ParameterRequest { index, ..ParameterRequest::default() })
     }
 
-    /// What there is to know of a parameter.
+    /// Reads a parameter by name: value, default and limits.
     #[track_caller]
     pub fn parameter(&mut self, name: &str) -> ParameterResponse {
         self.ask_for_parameter(ParameterRequest { name: name.into(), ..ParameterRequest::default() })
     }
 
-    /// The value of a parameter.
+    /// Reads the value of a parameter.
     #[track_caller]
     pub fn get(&mut self, name: &str) -> i64 {
         integer(&self.parameter(name).value)
     }
 
-    /// Asks for another value of a parameter; what is in force then.
+    /// Sends a GetSet request with a value. Returns the value in the answer.
     #[track_caller]
     pub fn set_to(&mut self, name: &str, value: Value) -> Value {
         let response = self.ask_for_parameter(ParameterRequest { index: 0, value, name: name.into() });
@@ -185,13 +185,13 @@ impl Rig {
         response.value
     }
 
-    /// Sets a parameter, which must succeed.
+    /// Sets a parameter. Panics if the node answers another value.
     #[track_caller]
     pub fn set(&mut self, name: &str, value: i64) {
         assert_eq!(self.set_to(name, Value::Integer(value)), Value::Integer(value), "{name}");
     }
 
-    /// Names and values of all parameters, in order.
+    /// Reads the names and values of all parameters, in order.
     #[track_caller]
     pub fn parameters(&mut self) -> Vec<(String, i64)> {
         let mut all = Vec::new();
@@ -204,7 +204,7 @@ impl Rig {
         }
     }
 
-    /// Executes an opcode; true if the node reports success.
+    /// Executes an opcode. Returns true if the node reports success.
     #[track_caller]
     pub fn execute(&mut self, opcode: Opcode) -> bool {
         match self.ask_for(&Message::ExecuteOpcode(opcode), SAVE_TIMEOUT_MS) {
@@ -219,7 +219,7 @@ impl Rig {
         assert!(self.execute(Opcode::SAVE));
     }
 
-    /// Restarts the node over the bus, and waits until it is up again.
+    /// Restarts the node over the bus and waits for its first status.
     #[track_caller]
     pub fn restart(&mut self) {
         assert_eq!(self.ask(&Message::RestartNode(RESTART_MAGIC)), Message::Restarting(true));
@@ -228,7 +228,7 @@ impl Rig {
         self.wait_until_up();
     }
 
-    /// The node's information on itself.
+    /// Reads the node's GetNodeInfo answer.
     #[track_caller]
     pub fn information(&mut self) -> NodeInfo {
         match self.ask(&Message::NodeInfoRequest) {
@@ -237,14 +237,14 @@ impl Rig {
         }
     }
 
-    /// Sends quoted frames, and expects those quoted as the next that the node sends to the tool.
+    /// Sends the quoted frames and checks that the node answers the tool with exactly the quoted ones.
     #[track_caller]
     pub fn golden(&mut self, request: &str, answer: &str) {
         self.forget();
-        for frame in quoted(request) {
+        for frame in parse_frames(request) {
             self.send_frame(frame);
         }
-        let expected = quoted(answer);
+        let expected = parse_frames(answer);
         let wait_ms = if request.contains("0AF8") { SAVE_TIMEOUT_MS } else { ANSWER_TIMEOUT_MS };
         self.wait_for(&format!("answer to {request}"), wait_ms, |rig| rig.to_tool().len() >= expected.len());
         self.run_ms(5);
@@ -253,14 +253,14 @@ impl Rig {
         assert_eq!(text(&heard), text(&expected), "answer to {request}");
     }
 
-    /// Frames of services to the tool, in order.
+    /// Frames of services to the tool, oldest first.
     pub fn to_tool(&self) -> Vec<Frame> {
         let is_to_tool = |id: u32| id & 0x80FF == 0x0080 | NODE && id & 0x7F00 == u32::from(TOOL) << 8;
         let frames = self.traffic.iter().map(|(_, frame)| *frame);
         frames.filter(|frame| matches!(frame.id, Id::Extended(id) if is_to_tool(id))).collect()
     }
 
-    /// Health and vendor-specific status code of the next NodeStatus.
+    /// Waits for the next NodeStatus. Returns its health and vendor-specific status code.
     #[track_caller]
     pub fn next_status(&mut self) -> (u8, u16) {
         let seen = self.statuses().len();
@@ -269,14 +269,14 @@ impl Rig {
         (health, code)
     }
 
-    /// The same of the status in the node's information, without waiting for the next NodeStatus.
+    /// Like [`Rig::next_status`] from the status in a GetNodeInfo answer, without waiting for the next NodeStatus.
     #[track_caller]
     pub fn status_now(&mut self) -> (u8, u16) {
         let status = self.information().status;
         (status.health as u8, status.vendor_code)
     }
 
-    /// Broadcasts a message as node 10; all frames at once.
+    /// Broadcasts a message as node 10. Queues all frames at once.
     pub fn broadcast(&mut self, message: &Message, transfer_id: u8) {
         let (data_type, payload) = message.encode().expect("a message");
         let id = data_type.message_id(16, NodeId::new(10).expect("a node ID"));
@@ -285,7 +285,7 @@ impl Rig {
         }
     }
 
-    /// Messages of the node, decoded, of which `pick` makes something.
+    /// The node's messages, decoded, for which `pick` returns something.
     pub fn heard<T>(&self, pick: impl Fn(Message) -> Option<T>) -> Vec<(Cycles, T)> {
         let from_node = |id: &CanId| id.source().is_some_and(|source| u32::from(source.get()) == NODE);
         let transfers = self.transfers.iter().filter(|(_, transfer)| from_node(&transfer.id));
@@ -293,7 +293,7 @@ impl Rig {
     }
 }
 
-/// The number in a value.
+/// The integer in a value. Panics if it is none.
 #[track_caller]
 pub fn integer(value: &Value) -> i64 {
     match value {
@@ -302,7 +302,7 @@ pub fn integer(value: &Value) -> i64 {
     }
 }
 
-/// Milliseconds from one time to another.
+/// Milliseconds between two times in cycles.
 pub fn ms_between(from: Cycles, to: Cycles) -> f64 {
     to.saturating_sub(from) as f64 / MS as f64
 }

@@ -1,5 +1,5 @@
-//! The program seen from outside: how long a turn of its main loop takes and what it does in it, and how deep its stack is and
-//! by which calls. Every instruction is looked at; names come from the debugging information of the ELF.
+//! Profiles the running program from outside: the duration of a turn of the main loop and of its parts, and the greatest stack depth with the
+//! calls that led to it. It looks at every instruction; names come from the ELF's debugging information.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -9,19 +9,19 @@ use addr2line::Loader;
 use bench::Cycles;
 use bench::avr::{Avr, Moment};
 
-/// WDR, which resets the watchdog: once a turn.
+/// Opcode of WDR, which resets the watchdog once a turn.
 const WDR: u16 = 0x95A8;
-/// What the interrupt vectors end before.
+/// End of the interrupt vectors, a byte address.
 const VECTORS_END: u32 = 0x68;
 
-/// A call under way.
+/// A call that has not returned.
 #[derive(Clone, Copy, Debug)]
 pub struct Call {
-    /// Byte address of the calling instruction, or of an interrupt's vector.
+    /// Byte address of the calling instruction, or of the interrupt's vector.
     pub from: u32,
-    /// Byte address of the function that was called.
+    /// Byte address of the called function.
     pub to: u32,
-    /// Stack pointer in the function that was called.
+    /// Stack pointer in the called function.
     pub sp: u16,
 }
 
@@ -29,9 +29,9 @@ pub struct Call {
 #[derive(Clone, Copy, Debug)]
 struct Step {
     at: Cycles,
-    /// Where in the main function: the call there, or the instruction itself.
+    /// Address in the main function: the call there, or the instruction itself.
     in_main: u32,
-    /// What is called there, if anything.
+    /// Address of the function that is called there.
     called: Option<u32>,
     pc: u32,
 }
@@ -39,7 +39,7 @@ struct Step {
 #[derive(Default)]
 struct State {
     flash: Vec<u8>,
-    /// The watchdog has been reset, so this is the main loop.
+    /// True after the first WDR of the main loop.
     in_loop: bool,
     calls: Vec<Call>,
     before: Option<(u32, u16)>,
@@ -75,7 +75,7 @@ impl State {
                     self.calls.pop();
                 }
             }
-            // PUSH and OUT SPL. Between the writes of its halves the stack pointer means nothing.
+            // PUSH and OUT SPL. Between the writes of SPH and SPL the stack pointer is invalid.
             let moved = called || interrupted || last & 0xFE0F == 0x920F || last & 0xFE0F == 0xBE0D;
             if self.in_loop && moved && sp < self.deepest_sp {
                 self.deepest_sp = sp;
@@ -115,7 +115,7 @@ pub struct Profile {
     state: Rc<RefCell<State>>,
 }
 
-/// Cycles spent on something.
+/// Cycles spent in one function or task.
 #[derive(Clone, Debug)]
 pub struct Share {
     pub name: String,
@@ -123,7 +123,7 @@ pub struct Share {
 }
 
 impl Profile {
-    /// Begins to look at a program that is in its main loop. The first turn is the one after the next reset of the watchdog.
+    /// Starts to profile a program that is in its main loop. The first turn starts at the next reset of the watchdog.
     pub fn begin(avr: &mut Avr) -> Profile {
         let state = State { flash: avr.flash().to_vec(), deepest_sp: u16::MAX, ..State::default() };
         let state = Rc::new(RefCell::new(state));
@@ -132,18 +132,18 @@ impl Profile {
         Profile { state }
     }
 
-    /// Turns, the mean and the longest one in cycles.
+    /// Number of turns; mean and longest turn in cycles.
     pub fn turns(&self) -> (u64, Cycles, Cycles) {
         let state = self.state.borrow();
         (state.turns, state.sum / state.turns.max(1), state.worst_cycles)
     }
 
-    /// What the longest turn was spent on, by what the main function calls, the longest first.
+    /// The longest turn by what the main function calls, longest share first.
     pub fn tasks(&self, names: &Names) -> Vec<Share> {
         self.shares(|step| names.task(step))
     }
 
-    /// The longest turn in the order of its tasks.
+    /// The longest turn, in the order of execution.
     pub fn course(&self, names: &Names) -> Vec<Share> {
         let state = self.state.borrow();
         let mut course: Vec<Share> = Vec::new();
@@ -157,7 +157,7 @@ impl Profile {
         course
     }
 
-    /// The same by the innermost function.
+    /// The longest turn by the innermost function, longest share first.
     pub fn functions(&self, names: &Names) -> Vec<Share> {
         self.shares(|step| names.functions(step.pc).into_iter().next().unwrap_or_default())
     }
@@ -173,28 +173,28 @@ impl Profile {
         shares
     }
 
-    /// The lowest stack pointer, and the calls that led there; the last one is where it was.
+    /// The lowest stack pointer, and the calls that led to it, outermost first.
     pub fn deepest(&self) -> (u16, Vec<Call>) {
         let state = self.state.borrow();
         (state.deepest_sp, state.deepest.clone())
     }
 }
 
-/// Names of functions by their addresses.
+/// Names of functions by address.
 pub struct Names {
     loader: Loader,
     known: RefCell<HashMap<u32, Vec<String>>>,
 }
 
 impl Names {
-    /// Those of the node.
+    /// The names in the node's ELF.
     pub fn of_node() -> Names {
         let loader =
             Loader::new(super::elf()).unwrap_or_else(|error| panic!("debugging information of the ELF: {error}"));
         Names { loader, known: RefCell::default() }
     }
 
-    /// The function at an address, the one that it is inlined in, and so on.
+    /// The function at an address, then the one that it is inlined in, and so on.
     pub fn functions(&self, pc: u32) -> Vec<String> {
         if let Some(known) = self.known.borrow().get(&pc) {
             return known.clone();
@@ -209,7 +209,7 @@ impl Names {
                 names.extend(function.demangle().map(|name| short(&name)));
             }
         }
-        // What the linker has left out is said to be at address 0, where others are.
+        // The linker leaves functions that it removed in the debugging information, at address 0.
         if outermost != symbol && !symbol.is_empty() && !symbol.starts_with("__vector") {
             names = vec![symbol.to_owned()];
         }
@@ -217,7 +217,7 @@ impl Names {
         names
     }
 
-    /// The function whose code is at an address, of whatever may be inlined there.
+    /// The function whose code is at an address, regardless of inlining.
     pub fn function(&self, pc: u32) -> String {
         if pc < VECTORS_END {
             return "an interrupt".to_owned();
@@ -226,7 +226,7 @@ impl Names {
         functions.into_iter().rev().find(|name| !name.starts_with("__vector")).unwrap_or_default()
     }
 
-    /// What the main function is at: the function that it calls, or that is inlined there, or itself.
+    /// What the main function executes: the function that it calls, the one that is inlined there, or itself.
     fn task(&self, step: &Step) -> String {
         if step.in_main < VECTORS_END {
             return "interrupts".to_owned();
@@ -237,7 +237,7 @@ impl Names {
     }
 }
 
-/// `Type::function` of a name in full: `<path::Type<..> as Trait>::function::<..>` or `path::function`.
+/// Shortens a full name to `Type::function`: `<path::Type<..> as Trait>::function::<..>` or `path::function`.
 fn short(name: &str) -> String {
     let own = name.strip_prefix('<').and_then(|rest| {
         let mut depth = 1;
@@ -253,7 +253,7 @@ fn short(name: &str) -> String {
     parts[parts.len().saturating_sub(2)..].join("::")
 }
 
-/// A path without what is in angle brackets, which is longer than all the rest.
+/// A path without generic arguments.
 fn without_arguments(path: &str) -> String {
     let mut depth = 0;
     let mut outside = |letter: &char| {

@@ -3,9 +3,9 @@
 //!
 //! Between faults the node follows and counts each command, each pulse has the width of a recent command and begins 20 ms after the one
 //! before, statuses come in time and in order with the right uptime, the health is OK, no receive buffer overruns, the node answers
-//! requests, and parameters keep their values. At the end the stack has stayed within its limit.
+//! requests, and parameters keep their values. At the end the stack must have stayed within its limit.
 //!
-//! In a fault the pulse is the last commanded or the failsafe's, or none after a restart, until the node follows a command.
+//! During a fault each pulse has the last commanded width or the failsafe's. After a restart there are no pulses until the node follows a command.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -22,23 +22,23 @@ use bench::budget::{Budget, PAINT};
 use bench::can::{Fault, Frame};
 use bench::dronecan::{Message, RESTART_MAGIC};
 
-/// From the end of a fault until commands are followed and requests answered again.
+/// Limit of the time from the end of a fault until the node follows commands and answers requests again.
 pub const RECOVERY_LIMIT_MS: u64 = 1000;
 
-/// Between two commands.
+/// Time between two commands.
 const SLOT_MS: u64 = 20;
 const SERVO_PERIOD: Cycles = 20 * MS;
-/// Where the failsafe puts the servo. No command asks for this width.
+/// Pulse width of the failsafe. No command asks for it.
 const FAILSAFE_US: f64 = 1500.0;
-/// After this time the conditions of a fault are cleared.
-const CONDITIONS_PASS: Cycles = 12_500 * MS;
+/// Time after which the status no longer reports the conditions of a fault.
+const CONDITIONS_CLEAR_AFTER: Cycles = 12_500 * MS;
 
-/// The status has the cause of a restart for this time.
-const RESET_TOLD: Cycles = 59_000 * MS;
+/// For this time after a restart the status reports its cause.
+const RESET_REPORTED: Cycles = 59_000 * MS;
 
-/// What goes wrong. Those that last do so for some tenths of a second to some seconds.
+/// Kinds of faults. Those that last do so for some tenths of a second to some seconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Trouble {
+pub enum FaultKind {
     /// The node's cable is pulled.
     Cable,
     /// The bus is held dominant.
@@ -49,7 +49,7 @@ pub enum Trouble {
     BitErrors,
     /// Another node sends back to back, before all others.
     Babble,
-    /// The autopilot falls silent.
+    /// The autopilot stops sending.
     Silence,
     /// The controller is reset.
     ChipReset,
@@ -71,7 +71,7 @@ pub enum Trouble {
     BrownOut,
     /// The reset pin is pulled.
     ResetPin,
-    /// The power goes, perhaps during a save.
+    /// The power is cut, perhaps during a save.
     PowerCut,
     /// The program hangs.
     Hang,
@@ -83,8 +83,8 @@ pub enum Trouble {
     SecondCommander,
 }
 
-impl Trouble {
-    /// Whether the program starts over.
+impl FaultKind {
+    /// True if the program restarts.
     fn restarts(self) -> bool {
         matches!(self, Self::BrownOut | Self::ResetPin | Self::PowerCut | Self::Hang | Self::Restart)
     }
@@ -94,78 +94,78 @@ impl Trouble {
     }
 }
 
-const TROUBLES: [Trouble; 21] = [
-    Trouble::Cable,
-    Trouble::Short,
-    Trouble::NoAcknowledge,
-    Trouble::BitErrors,
-    Trouble::Babble,
-    Trouble::Silence,
-    Trouble::ChipReset,
-    Trouble::ChipBrownOut,
-    Trouble::ChipPower,
-    Trouble::ChipSleep,
-    Trouble::ChipHeld,
-    Trouble::Register,
-    Trouble::Miso,
-    Trouble::SpiNoise,
-    Trouble::BrownOut,
-    Trouble::ResetPin,
-    Trouble::PowerCut,
-    Trouble::Hang,
-    Trouble::Restart,
-    Trouble::SameId,
-    Trouble::SecondCommander,
+const FAULT_KINDS: [FaultKind; 21] = [
+    FaultKind::Cable,
+    FaultKind::Short,
+    FaultKind::NoAcknowledge,
+    FaultKind::BitErrors,
+    FaultKind::Babble,
+    FaultKind::Silence,
+    FaultKind::ChipReset,
+    FaultKind::ChipBrownOut,
+    FaultKind::ChipPower,
+    FaultKind::ChipSleep,
+    FaultKind::ChipHeld,
+    FaultKind::Register,
+    FaultKind::Miso,
+    FaultKind::SpiNoise,
+    FaultKind::BrownOut,
+    FaultKind::ResetPin,
+    FaultKind::PowerCut,
+    FaultKind::Hang,
+    FaultKind::Restart,
+    FaultKind::SameId,
+    FaultKind::SecondCommander,
 ];
 
 /// CNF3, CNF2, CNF1, CANINTE, CANCTRL and RXB0CTRL (DS20001801J table 11-1).
 const WATCHED: [u8; 6] = [0x28, 0x29, 0x2A, 0x2B, 0x0F, 0x60];
-/// Bits of those that the driver has a use for.
+/// Bits of these registers that the driver checks.
 const WATCHED_BITS: [u8; 6] = [0x07, 0xBF, 0xFF, 0x03, 0xE8, 0x64];
 
-/// What has been seen so far.
+/// Counts and times of a run.
 #[derive(Default)]
 pub struct Report {
-    /// Of each kind of trouble: how often, and the longest recovery in milliseconds.
-    pub troubles: BTreeMap<Trouble, (u32, f64)>,
+    /// For each kind of fault: how often it occurred, and the longest recovery in milliseconds.
+    pub faults: BTreeMap<FaultKind, (u32, f64)>,
     pub commands: u64,
     pub requests: u64,
     pub saves: u64,
     pub statuses: u64,
     pub frames: u64,
-    /// Lost in the controller during faults.
+    /// Frames lost in the controller, all of them during faults.
     pub lost_in_faults: u32,
-    /// Variables and stack at its deepest, in bytes.
+    /// RAM for variables and for the stack at its deepest, in bytes.
     pub ram: u16,
 }
 
-/// A node at work.
+/// A node in a long run, with an autopilot and a client.
 pub struct Soak {
     rig: Rig,
     random: Noise,
-    /// Commanded widths in microseconds, with their times: those of the last second.
+    /// Widths in microseconds that were commanded in the last second, with their times.
     commanded: Vec<(Cycles, u64)>,
     slot: u64,
-    to_come: Vec<Trouble>,
-    /// When the autopilot is to send its next status.
+    to_come: Vec<FaultKind>,
+    /// Time of the autopilot's next status.
     status_due: Cycles,
     statuses_sent: u8,
-    /// TEMP_ID, which the client plays with: in force and saved.
+    /// Value of TEMP_ID, which the client changes: in force and saved.
     temp_id: [i64; 2],
     booted: Cycles,
-    /// The cause in the vendor code for a minute after a fault that restarted it.
+    /// Cause in the vendor-specific code, for a minute after a fault that restarted the program.
     restarted_by: u16,
-    /// Frames that may have been refused of what was never whole, since the calm began.
+    /// Frames of incomplete transfers since the faultless phase began. The node may count each as rejected.
     halves: u16,
-    troubled: Cycles,
+    fault_ended: Cycles,
     pub report: Report,
 }
 
 impl Soak {
-    /// A node that has just been started.
+    /// A node that was just started.
     pub fn new(seed: u64) -> Soak {
         let mut rig = Rig::running_with(started());
-        // Lost frames are looked for here, between the faults.
+        // This program checks for lost frames itself, between faults.
         rig.overflows_expected = true;
         rig.set("OUT1_FS", 1);
         rig.set("OUT1_TIMEOUT", 500);
@@ -182,7 +182,7 @@ impl Soak {
             booted: 0,
             restarted_by: 0,
             halves: 0,
-            troubled: 0,
+            fault_ended: 0,
             report: Report::default(),
         };
         soak.rig.forget();
@@ -194,36 +194,36 @@ impl Soak {
         self.rig.now()
     }
 
-    /// Runs until then, or until `stop` is set, which it checks often.
+    /// Runs until `end`, or until `stop` returns true; checks that often.
     pub fn run_until(&mut self, end: Cycles, stop: &dyn Fn() -> bool) {
         while self.now() < end && !stop() {
             let rest_ms = (end - self.now()) / MS;
             let calm_ms = (4_000 + self.random.below(26_000)).min(rest_ms);
-            self.live_calmly(calm_ms, stop);
+            self.run_without_faults(calm_ms, stop);
             if self.now() < end && !stop() {
-                let trouble = self.next_trouble();
-                self.suffer(trouble);
+                let fault = self.next_fault();
+                self.run_fault(fault);
             }
         }
-        self.look_at_the_stack();
+        self.check_the_stack();
     }
 
-    /// Any, each of them once before one comes again; but those that restart the program less often: it is to grow old, too.
-    fn next_trouble(&mut self) -> Trouble {
+    /// A random kind; each kind occurs once before one is repeated. Those that restart the program occur less often, so that it also runs long.
+    fn next_fault(&mut self) -> FaultKind {
         loop {
             if self.to_come.is_empty() {
-                self.to_come.extend(TROUBLES);
+                self.to_come.extend(FAULT_KINDS);
             }
-            let trouble = self.to_come.swap_remove(self.random.below(self.to_come.len() as u64) as usize);
-            if !trouble.restarts() || self.random.below(6) == 0 {
-                return trouble;
+            let fault = self.to_come.swap_remove(self.random.below(self.to_come.len() as u64) as usize);
+            if !fault.restarts() || self.random.below(6) == 0 {
+                return fault;
             }
         }
     }
 
     // ---- between faults ----
 
-    fn live_calmly(&mut self, for_ms: u64, stop: &dyn Fn() -> bool) {
+    fn run_without_faults(&mut self, for_ms: u64, stop: &dyn Fn() -> bool) {
         let end = self.now() + for_ms * MS;
         let before = self.counters();
         let lost = self.rig.board().chip().borrow().rx_overflows();
@@ -234,9 +234,9 @@ impl Soak {
             self.slot();
             match self.random.below(300) {
                 0..=2 => self.ask(),
-                3 => self.play_with_a_parameter(),
-                4..=9 => self.chatter(),
-                12..=19 => self.mutter(),
+                3 => self.change_a_parameter(),
+                4..=9 => self.send_foreign_burst(),
+                12..=19 => self.send_unfinished_transfer(),
                 10 => self.rig.board().avr_mut().serial_send(b"\r\n"),
                 11 => {
                     let celsius = 5.0 + self.random.below(50) as f64;
@@ -248,7 +248,7 @@ impl Soak {
             self.check_statuses(&mut last_status);
             let serial = &self.rig.serial;
             assert!(!serial.contains("reset:"), "a restart in quiet times\n{serial}");
-            // The last line may not be whole yet.
+            // The last line may be incomplete.
             let from = self.rig.serial.rfind('\n').map_or(0, |at| at + 1);
             self.rig.serial.drain(..from);
             self.rig.broken.clear();
@@ -262,7 +262,7 @@ impl Soak {
         let followed = after[0].wrapping_sub(before[0]);
         assert_eq!(followed, commands, "commands followed; counters {before:?} to {after:?}");
         assert_eq!(after[3], before[3], "sends given up");
-        // Filters let through some of what is for others.
+        // The filters let some frames for other nodes through.
         let limit = if takes_both_dialects() { u16::MAX } else { 40 + self.halves };
         self.halves = 0;
         assert!(after[1].wrapping_sub(before[1]) <= limit, "frames refused {before:?} to {after:?}");
@@ -273,12 +273,12 @@ impl Soak {
         self.rig.peer.borrow_mut().take_events();
     }
 
-    /// One command, once a second a status, and the time until the next.
+    /// Sends one command, once a second a status, and runs until the next command is due.
     fn slot(&mut self) {
         let sweep = (self.slot as f64 / 100.0).sin();
         let us = 1500.0 + 440.0 * sweep + self.random.below(10) as f64;
         self.command(us as u64);
-        // In time, whatever else happens.
+        // In time, whatever the test does between.
         while self.status_due < self.now() + 500 * MS {
             self.status_due = self.now().max(self.status_due + 1000 * MS);
             self.statuses_sent = self.statuses_sent.wrapping_add(1);
@@ -289,7 +289,7 @@ impl Soak {
         self.rig.run_ms(SLOT_MS);
     }
 
-    /// Commands so many microseconds, which a float16 has room for.
+    /// Commands a pulse width that a float16 represents exactly.
     fn command(&mut self, us: u64) {
         let us = if us as f64 == FAILSAFE_US { us + 1 } else { us };
         let now = self.now();
@@ -299,7 +299,7 @@ impl Soak {
         self.report.commands += 1;
     }
 
-    /// Each pulse has the width of a command just given, and begins a period after the one before.
+    /// Checks that each pulse has the width of a recent command and begins one period after the one before.
     #[track_caller]
     fn check_pulses(&mut self) {
         let pulses = &self.rig.pulses;
@@ -307,7 +307,7 @@ impl Soak {
             assert_eq!(pair[1].start - pair[0].start, SERVO_PERIOD, "the period");
         }
         for pulse in pulses {
-            // The newest command that can have come in time for this period, or one a little older.
+            // The newest command that can have arrived in time for this period, or one a little older.
             let since = pulse.start.saturating_sub(2 * SERVO_PERIOD + 10 * MS);
             let given = self.commanded.iter().filter(|(at, _)| *at <= pulse.start);
             let older = given.clone().rfind(|(at, _)| *at < since);
@@ -330,26 +330,26 @@ impl Soak {
             let (uptime, health, mode, code) = status_fields(&data);
             let exact = (at - self.booted) as f64 / (1000 * MS) as f64;
             assert!((f64::from(uptime) - exact).abs() < 1.6, "uptime {uptime} after {exact:.3} s");
-            if at > self.troubled + CONDITIONS_PASS {
-                // The node reports half a transfer of another node, which is not a fault.
+            if at > self.fault_ended + CONDITIONS_CLEAR_AFTER {
+                // Another node's incomplete transfer is reported but is not a fault.
                 let code = code & !TRANSFER_ERRORS;
-                if self.restarted_by != 0 && at < self.booted + RESET_TOLD {
-                    // With it stay other conditions.
+                if self.restarted_by != 0 && at < self.booted + RESET_REPORTED {
+                    // The other conditions of the fault remain with it.
                     assert_eq!((mode, code & RESET), (0, self.restarted_by), "mode and cause of the restart");
-                } else if self.restarted_by == 0 || at > self.booted + RESET_TOLD + 2000 * MS {
+                } else if self.restarted_by == 0 || at > self.booted + RESET_REPORTED + 2000 * MS {
                     assert_eq!(
                         (health, mode, code),
                         (0, 0, 0),
                         "health, mode and vendor code, {} ms after the last fault and {} after the start",
-                        (at - self.troubled) / MS,
+                        (at - self.fault_ended) / MS,
                         (at - self.booted) / MS
                     );
                 }
             }
             if let Some((before, number)) = *last {
                 let gap_ms = (at - before) / MS;
-                // It falls in with the autopilot's, which may come too soon after its own at first.
-                let limit_ms = if at > self.troubled + 4000 * MS { 1100 } else { 1530 };
+                // The node moves its status away from the autopilot's at first, so one can come early.
+                let limit_ms = if at > self.fault_ended + 4000 * MS { 1100 } else { 1530 };
                 assert!((499..=limit_ms).contains(&gap_ms), "{gap_ms} ms between statuses");
                 assert_eq!(data[7] & 31, (number + 1) % 32, "transfer IDs");
             }
@@ -358,10 +358,10 @@ impl Soak {
         }
     }
 
-    /// The counters on the serial monitor: followed, rejected, overruns, given up.
+    /// Reads the counters on the serial monitor: followed, rejected, overruns, given up.
     #[track_caller]
     fn counters(&mut self) -> [u16; 4] {
-        // Lines that wait come first.
+        // Lets queued lines out first.
         self.rig.run_ms(100);
         self.rig.serial.clear();
         self.rig.board().avr_mut().serial_send(b"?");
@@ -376,7 +376,7 @@ impl Soak {
 
     // ---- others on the bus ----
 
-    /// A client looks at the node.
+    /// A client sends one request.
     fn ask(&mut self) {
         match self.random.below(3) {
             0 => {
@@ -393,8 +393,8 @@ impl Soak {
         self.report.requests += 1;
     }
 
-    /// A client sets a parameter, looks at it, and at times saves all.
-    fn play_with_a_parameter(&mut self) {
+    /// A client sets a parameter, reads it back, and sometimes saves all.
+    fn change_a_parameter(&mut self) {
         assert_eq!(self.rig.get("TEMP_ID"), self.temp_id[0]);
         let value = self.random.below(65_536) as i64;
         self.rig.set("TEMP_ID", value);
@@ -402,7 +402,7 @@ impl Soak {
         self.report.requests += 2;
         if self.random.below(3) == 0 {
             self.rig.request(&Message::ExecuteOpcode(bench::dronecan::Opcode::SAVE));
-            // Commands go on meanwhile.
+            // Commands continue meanwhile.
             for _ in 0..40 {
                 self.slot();
             }
@@ -411,8 +411,8 @@ impl Soak {
         }
     }
 
-    /// The beginning of a command or a request that never ends, or a command of the draft, to which a node does not listen that has a v0 autopilot.
-    fn mutter(&mut self) {
+    /// Sends the beginning of a command or request that never ends, or a command of the draft, which a node with a v0 autopilot ignores.
+    fn send_unfinished_transfer(&mut self) {
         let first = [0xC1, 0x45, 0x00, 0x01, 0x20, 0xA1, 0x07, 0x80];
         let source = self.random.below(90) as u32 + 11;
         let id = match self.random.below(3) {
@@ -424,13 +424,13 @@ impl Soak {
         self.halves += 2;
     }
 
-    /// A burst of frames for others, at any priority.
-    fn chatter(&mut self) {
+    /// Sends a burst of frames for other nodes, at any priority.
+    fn send_foreign_burst(&mut self) {
         for _ in 0..self.random.below(40) {
             let [priority, source] = [self.random.below(32) as u32, self.random.below(100) as u32 + 11];
             let kind = [0x0003_F200, 0x0004_2E00, 0x0004_5600][self.random.below(3) as usize];
             let id = (priority << 24 | kind | source) & 0x1FFF_FFFF;
-            // An ESC's status is not for the node; an ArrayCommand is, but has no command for it.
+            // An ESC's status is not for the node. An ArrayCommand is, but has no command for the node's actuator.
             let data = self.random.next_u64().to_le_bytes();
             let frame = match kind {
                 0x0003_F200 => Frame::extended(id, &[2, 0, 0, 0x38, 0xC0 | self.random.below(32) as u8]),
@@ -442,83 +442,83 @@ impl Soak {
 
     // ---- faults ----
 
-    fn suffer(&mut self, trouble: Trouble) {
+    fn run_fault(&mut self, fault: FaultKind) {
         let last_width = self.commanded.last().map(|(_, width)| *width);
         let for_ms = 100 + self.random.below(2900);
         let lost = self.rig.board().chip().borrow().rx_overflows();
         self.rig.violations_expected = true;
         self.rig.forget();
-        self.begin(trouble);
+        self.begin(fault);
         let begun = self.now();
-        while trouble.lasts() && self.now() < begun + for_ms * MS {
-            // What cannot be sent is given up, as an autopilot does.
+        while fault.lasts() && self.now() < begun + for_ms * MS {
+            // Like an autopilot, drops the frames that it could not send.
             self.rig.peer.borrow_mut().clear_queue();
-            if trouble != Trouble::Silence {
+            if fault != FaultKind::Silence {
                 self.command(last_width.unwrap_or(1200));
             }
-            if trouble == Trouble::SameId {
+            if fault == FaultKind::SameId {
                 self.rig.send_status_from(120);
             }
-            if trouble == Trouble::SecondCommander {
+            if fault == FaultKind::SecondCommander {
                 for data in array_command(&[(1, 4, last_width.unwrap_or(1200) as f32)], 0) {
                     self.rig.send(ARRAY_COMMAND | 11, &data);
                 }
             }
             self.rig.run_ms(SLOT_MS);
         }
-        self.check_pulses_in(trouble, last_width);
-        self.end(trouble);
-        let recovery_ms = self.recover(trouble, last_width);
-        if trouble.restarts() || self.rig.serial.contains("reset:") {
-            self.booted = self.now_booted();
-            self.restarted_by = match trouble {
-                Trouble::Hang => WATCHDOG,
-                Trouble::BrownOut => BROWN_OUT,
+        self.check_pulses_in(fault, last_width);
+        self.end(fault);
+        let recovery_ms = self.recover(fault, last_width);
+        if fault.restarts() || self.rig.serial.contains("reset:") {
+            self.booted = self.boot_time();
+            self.restarted_by = match fault {
+                FaultKind::Hang => WATCHDOG,
+                FaultKind::BrownOut => BROWN_OUT,
                 _ => 0,
             };
             self.temp_id[0] = self.temp_id[1];
         }
         self.rig.run_ms(50);
-        self.troubled = self.now();
+        self.fault_ended = self.now();
         self.rig.board().take_violations();
         self.rig.violations_expected = false;
         self.report.lost_in_faults += self.rig.board().chip().borrow().rx_overflows() - lost;
-        let (count, worst) = self.report.troubles.entry(trouble).or_default();
+        let (count, worst) = self.report.faults.entry(fault).or_default();
         *count += 1;
         *worst = worst.max(recovery_ms);
     }
 
-    fn begin(&mut self, trouble: Trouble) {
+    fn begin(&mut self, fault: FaultKind) {
         let port = self.rig.bench.port(0);
         let seed = self.random.next_u64();
-        match trouble {
-            Trouble::Cable => self.rig.bench.bus().connect(port, false),
-            Trouble::Short => self.rig.bench.bus().inject(Fault::StuckDominant(true)),
-            Trouble::NoAcknowledge => self.rig.bench.bus().inject(Fault::NoAck(true)),
-            Trouble::BitErrors => {
+        match fault {
+            FaultKind::Cable => self.rig.bench.bus().connect(port, false),
+            FaultKind::Short => self.rig.bench.bus().inject(Fault::StuckDominant(true)),
+            FaultKind::NoAcknowledge => self.rig.bench.bus().inject(Fault::NoAck(true)),
+            FaultKind::BitErrors => {
                 let per_million = [10, 100, 1000, 10_000][self.random.below(4) as usize];
                 self.rig.bench.bus().inject(Fault::BitErrorRate { per_million, seed });
             }
-            Trouble::Babble => self.rig.peer.borrow_mut().babble(Some(Frame::extended(0x0000_0A7F, &[0x55; 8]))),
-            Trouble::Silence | Trouble::SameId | Trouble::SecondCommander => {}
-            Trouble::ChipReset => self.rig.board().chip_reset(),
-            Trouble::ChipBrownOut => self.rig.board().chip_brown_out(seed),
-            Trouble::ChipPower => self.rig.board().chip_power_off([0x00, 0xFF][seed as usize & 1]),
-            Trouble::ChipSleep => self.rig.board().chip_fall_asleep(),
-            Trouble::ChipHeld => self.rig.board().chip_hold_in_configuration(true),
-            Trouble::Register => {
+            FaultKind::Babble => self.rig.peer.borrow_mut().babble(Some(Frame::extended(0x0000_0A7F, &[0x55; 8]))),
+            FaultKind::Silence | FaultKind::SameId | FaultKind::SecondCommander => {}
+            FaultKind::ChipReset => self.rig.board().chip_reset(),
+            FaultKind::ChipBrownOut => self.rig.board().chip_brown_out(seed),
+            FaultKind::ChipPower => self.rig.board().chip_power_off([0x00, 0xFF][seed as usize & 1]),
+            FaultKind::ChipSleep => self.rig.board().chip_fall_asleep(),
+            FaultKind::ChipHeld => self.rig.board().chip_hold_in_configuration(true),
+            FaultKind::Register => {
                 let which = self.random.below(WATCHED.len() as u64) as usize;
                 let bits: Vec<u8> = (0..8).map(|bit| 1 << bit).filter(|bit| WATCHED_BITS[which] & bit != 0).collect();
                 let bit = bits[self.random.below(bits.len() as u64) as usize];
                 self.rig.board().chip_flip_bits(WATCHED[which], bit);
             }
-            Trouble::Miso => self.rig.board().set_stuck_miso(Some([0x00, 0xFF][seed as usize & 1])),
-            Trouble::SpiNoise => self.rig.board().set_spi_noise(100, seed),
-            Trouble::BrownOut => self.reset(ResetCause::BrownOut),
-            Trouble::ResetPin => self.reset(ResetCause::External),
-            Trouble::PowerCut => {
+            FaultKind::Miso => self.rig.board().set_stuck_miso(Some([0x00, 0xFF][seed as usize & 1])),
+            FaultKind::SpiNoise => self.rig.board().set_spi_noise(100, seed),
+            FaultKind::BrownOut => self.reset(ResetCause::BrownOut),
+            FaultKind::ResetPin => self.reset(ResetCause::External),
+            FaultKind::PowerCut => {
                 if self.random.below(2) == 0 {
-                    // Nothing has changed since the last save, or what has is lost or saved: both are a whole set.
+                    // Unsaved changes may be lost or saved, but the parameters must be one consistent set.
                     self.rig.set("TEMP_ID", self.temp_id[1]);
                     self.rig.request(&Message::ExecuteOpcode(bench::dronecan::Opcode::SAVE));
                     let delay = self.random.below(400);
@@ -526,8 +526,8 @@ impl Soak {
                 }
                 self.reset(ResetCause::PowerOn);
             }
-            Trouble::Hang => self.hang(),
-            Trouble::Restart => {
+            FaultKind::Hang => self.hang(),
+            FaultKind::Restart => {
                 self.rig.request(&Message::RestartNode(RESTART_MAGIC));
                 self.rig.run_ms(150);
             }
@@ -538,50 +538,50 @@ impl Soak {
         self.rig.board().reset(cause);
     }
 
-    /// The main loop hangs until the watchdog has ended it.
+    /// Makes the main loop hang until the watchdog resets the chip.
     fn hang(&mut self) {
         let program = self.rig.board().avr().flash().to_vec();
-        // WDR is 0x95A8, that of the main loop the last of the program; RJMP to itself is 0xCFFF.
+        // WDR is 0x95A8; the last one of the program is in the main loop. RJMP to itself is 0xCFFF.
         let wdr = (0x68..0x3800).step_by(2).rfind(|&at| program[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
         self.rig.board().avr_mut().load_flash(wdr, &[0xFF, 0xCF]);
         self.rig.run_ms(300);
         self.rig.board().avr_mut().load_flash(0, &program);
-        // It hung again after its restart.
+        // The restarted program hung again.
         self.rig.run_ms(300);
     }
 
-    fn end(&mut self, trouble: Trouble) {
+    fn end(&mut self, fault: FaultKind) {
         let port = self.rig.bench.port(0);
-        match trouble {
-            Trouble::Cable => self.rig.bench.bus().connect(port, true),
-            Trouble::Short | Trouble::NoAcknowledge | Trouble::BitErrors => self.rig.bench.bus().clear_faults(),
-            Trouble::Babble => self.rig.peer.borrow_mut().babble(None),
-            Trouble::ChipPower => self.rig.board().chip_power_on(),
-            Trouble::ChipHeld => self.rig.board().chip_hold_in_configuration(false),
-            Trouble::Miso => self.rig.board().set_stuck_miso(None),
-            Trouble::SpiNoise => self.rig.board().set_spi_noise(0, 0),
+        match fault {
+            FaultKind::Cable => self.rig.bench.bus().connect(port, true),
+            FaultKind::Short | FaultKind::NoAcknowledge | FaultKind::BitErrors => self.rig.bench.bus().clear_faults(),
+            FaultKind::Babble => self.rig.peer.borrow_mut().babble(None),
+            FaultKind::ChipPower => self.rig.board().chip_power_on(),
+            FaultKind::ChipHeld => self.rig.board().chip_hold_in_configuration(false),
+            FaultKind::Miso => self.rig.board().set_stuck_miso(None),
+            FaultKind::SpiNoise => self.rig.board().set_spi_noise(0, 0),
             _ => {}
         }
     }
 
-    /// Where the servo may be in a fault.
+    /// Checks that each pulse has a width that is allowed during this fault.
     #[track_caller]
-    fn check_pulses_in(&mut self, trouble: Trouble, last_width: Option<u64>) {
+    fn check_pulses_in(&mut self, fault: FaultKind, last_width: Option<u64>) {
         for pulse in &self.rig.pulses {
             let us = pulse.width_us();
             let expected = last_width.is_some_and(|width| width as f64 == us) || us == FAILSAFE_US;
             // A bit that is inverted between the chips can be one of a command.
-            let possible = trouble == Trouble::SpiNoise && (1000.0..=2000.0).contains(&us);
-            assert!(expected || possible, "{trouble:?}: {us} us, commanded {last_width:?}");
+            let possible = fault == FaultKind::SpiNoise && (1000.0..=2000.0).contains(&us);
+            assert!(expected || possible, "{fault:?}: {us} us, commanded {last_width:?}");
         }
     }
 
-    /// Commands until one is followed, and asks until there is an answer. How long that took, in milliseconds.
+    /// Sends commands and requests until the node follows one and answers one. Returns the time that took, in milliseconds.
     #[track_caller]
-    fn recover(&mut self, trouble: Trouble, last_width: Option<u64>) -> f64 {
+    fn recover(&mut self, fault: FaultKind, last_width: Option<u64>) -> f64 {
         self.rig.pulses.clear();
         let ended = self.now();
-        // Another width than before, so that it shows.
+        // A width that differs from the last one, to recognise it.
         let width = if last_width.is_some_and(|width| width < 1500) { 1800 } else { 1200 };
         let answers = self.rig.answers().len();
         loop {
@@ -596,13 +596,13 @@ impl Soak {
                 break;
             }
             let took_ms = (self.now() - ended) / MS;
-            assert!(took_ms <= RECOVERY_LIMIT_MS, "{trouble:?}: no recovery in {took_ms} ms\n{}", self.rig.serial);
+            assert!(took_ms <= RECOVERY_LIMIT_MS, "{fault:?}: no recovery in {took_ms} ms\n{}", self.rig.serial);
         }
         (self.now() - ended) as f64 / MS as f64
     }
 
-    /// When the program started, by its uptime.
-    fn now_booted(&mut self) -> Cycles {
+    /// The time at which the program started, from its uptime.
+    fn boot_time(&mut self) -> Cycles {
         self.rig.run_ms(20);
         self.rig.forget();
         let uptime = self.rig.information().status.uptime_s;
@@ -610,7 +610,7 @@ impl Soak {
     }
 
     #[track_caller]
-    fn look_at_the_stack(&mut self) {
+    fn check_the_stack(&mut self) {
         let avr = self.rig.board().avr();
         let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
         assert_eq!(avr.sram_range(bottom..=bottom + 1), [PAINT; 2], "the stack has kept clear of the variables");
@@ -631,8 +631,8 @@ impl fmt::Display for Report {
             self.commands, self.requests, self.saves, self.statuses, self.frames, self.lost_in_faults, self.ram
         )?;
         writeln!(f, "{:<14}{:>7}  longest recovery", "fault", "times")?;
-        for (trouble, (count, worst)) in &self.troubles {
-            writeln!(f, "{:<14}{count:>7}  {worst:.0} ms", format!("{trouble:?}"))?;
+        for (fault, (count, worst)) in &self.faults {
+            writeln!(f, "{:<14}{count:>7}  {worst:.0} ms", format!("{fault:?}"))?;
         }
         Ok(())
     }

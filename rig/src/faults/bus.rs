@@ -8,7 +8,7 @@ use crate::status::{BUS_OFF, CONTROLLER, ERROR_PASSIVE};
 use crate::{MS, Rig, board, started};
 use bench::can::{Fault, Frame, SoftNode};
 
-/// How long they last.
+/// How long each fault lasts.
 const LASTS_MS: u64 = 2500;
 
 pub const ALL: [&Case; 13] = [
@@ -29,6 +29,7 @@ pub const ALL: [&Case; 13] = [
 
 const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
 
+/// Runs a case whose fault lasts [`LASTS_MS`].
 fn during(fault: fn(&mut Rig, bool), line: &'static str, reported: u16) -> Measured {
     let mut trial = Trial::running();
     trial.begin(line, |rig| fault(rig, true));
@@ -37,7 +38,7 @@ fn during(fault: fn(&mut Rig, bool), line: &'static str, reported: u16) -> Measu
     trial.recover(BUS_LIMIT_MS, reported)
 }
 
-/// What most cases have in common.
+/// The fields that most cases share.
 const CASE: Case = Case {
     fault: "",
     noticed: "error-passive (bit 6)",
@@ -82,7 +83,7 @@ pub const SHORT: Case = Case {
     reaction: "the controller waits for recessive bits; old frames are dropped",
     run: || {
         let short = |rig: &mut Rig, on| {
-            // The controller gets its filters again meanwhile, and joins the free bus before the driver has looked.
+            // The driver writes the filters again. The controller may join the free bus, and overflow, before the driver polls it.
             rig.overflows_expected = true;
             rig.bench.bus().inject(Fault::StuckDominant(on));
         };
@@ -131,15 +132,15 @@ pub const NO_ACKNOWLEDGE: Case = Case {
         let mut trial = Trial::running();
         trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
         trial.live(500);
-        // At 128 a missing acknowledgement no longer counts. But at 500 kbit/s frames of other nodes begin before the error frame is over, and that does.
+        // From 128 on, a missing acknowledgement does not raise TEC. At 500 kbit/s other nodes' frames begin inside the error frame, which does.
         let tec = trial.rig.board().chip().borrow().tec();
         let most = if trial.rig.bench.bus().bit_rate() == 1_000_000 { 128 } else { 256 };
-        assert!((128..=most).contains(&tec), "an error-passive sender stays there: {tec}");
+        assert!((128..=most).contains(&tec), "TEC leaves the range of an error-passive sender: {tec}");
         trial.end(|rig| rig.bench.bus().inject(Fault::NoAck(false)));
         let measured = trial.recover(BUS_LIMIT_MS, 0);
         assert!(trial.rig.serial.contains("CAN: error-active"), "{}", trial.rig.serial);
         let (_, code) = trial.rig.status_now();
-        assert_eq!(code & ERROR_PASSIVE, 0, "it says so only while it is: {code:#06x}");
+        assert_eq!(code & ERROR_PASSIVE, 0, "error-passive is reported after the node left it: {code:#06x}");
         measured
     },
     ..CASE
@@ -164,13 +165,13 @@ pub const DESTROYED: Case = Case {
     },
 };
 
-/// Bit errors for some seconds. The node has no line for them, but counts them.
+/// Bit errors for [`LASTS_MS`]. The node counts them and logs nothing.
 fn noise(per_million: u32) -> Measured {
     let mut trial = Trial::running();
     trial.begin("", |rig| rig.bench.bus().inject(Fault::BitErrorRate { per_million, seed: u64::from(per_million) }));
     trial.live(LASTS_MS);
     trial.end(|rig| rig.bench.bus().inject(Fault::BitErrorRate { per_million: 0, seed: 0 }));
-    assert!(trial.rig.error_frames > 0, "a fault that did nothing");
+    assert!(trial.rig.error_frames > 0, "the fault caused no error frame");
     let measured = trial.recover(BUS_LIMIT_MS, 0);
     let statistics = trial.statistics();
     assert!(statistics.is_none_or(|of| of.rx_errors > 0 || of.busoff_errors > 0), "{statistics:?}");
@@ -200,7 +201,7 @@ pub const BROKEN_WHILE_STARTING: Case = Case {
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
-        // When the bus is free the controller may join it before the driver has looked.
+        // The controller may join the free bus, and overflow, before the driver polls it.
         trial.rig.overflows_expected = true;
         trial.begin("CAN: bus never idle", |rig| {
             rig.bench.bus().inject(Fault::StuckDominant(true));
@@ -221,7 +222,7 @@ pub const OWN_RATE_WRONG: Case = Case {
     logged_limit_ms: Some(1300),
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        // Set to half the rate and back while it runs: the rate is taken at a start.
+        // Each power-up replaces the EEPROM, because the node reads its bit rate only when it starts.
         let mut rig = Rig::running_with(started());
         let right = rig.board().avr().eeprom();
         rig.set("CAN_BAUDRATE", i64::from(board().fastest_bit_rate() / 2));

@@ -4,21 +4,21 @@ use super::{CHIP_LOGGED_LIMIT_MS, Case, Measured, Trial};
 use crate::Rig;
 use crate::status::CONTROLLER;
 
-/// How long those last that do: so long that each phase of the retries comes up, which are 100 ms and something apart.
+/// Durations of a lasting fault. They differ so that the fault ends in different phases of the restarts, which are at least 100 ms apart.
 const LASTS_MS: [u64; 3] = [600, 635, 670];
-/// The controller is started over 100 ms after it failed at the latest, and is on the bus 5 ms later.
+/// The node restarts the controller at most 100 ms after the fault; the controller is on the bus 5 ms later.
 const LIMIT_MS: u64 = 300;
 
-/// Registers of DS20001801J table 11-1 that the driver watches, and their bits that mean something here.
+/// Registers that the driver checks (DS20001801J table 11-1), each with a mask of the bits that it checks.
 const WATCHED: [(u8, u8); 6] = [
     (0x28, 0x07), // CNF3
-    (0x29, 0xBF), // CNF2, but for SAM
+    (0x29, 0xBF), // CNF2 without SAM
     (0x2A, 0xFF), // CNF1
     (0x2B, 0xFF), // CANINTE
     (0x0F, 0xE8), // CANCTRL
     (0x60, 0x64), // RXB0CTRL
 ];
-/// RXF0SIDL to RXF5SIDL, and their bit for extended frames.
+/// Addresses of RXF0SIDL to RXF5SIDL. Their bit [`EXIDE`] selects extended frames.
 const RXF_SIDL: [u8; 6] = [0x01, 0x05, 0x09, 0x11, 0x15, 0x19];
 const EXIDE: u8 = 0x08;
 
@@ -32,10 +32,10 @@ const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
 const STAYS: &str = "holds its position; the fault is over before the failsafe";
 const STARTED_OVER: &str = "restarted, each register read back";
 
-/// Something that happens once.
+/// Runs a case whose fault happens once.
 fn once(line: &'static str, fault: impl FnOnce(&mut Rig)) -> Measured {
     let mut trial = Trial::running();
-    // The model complains of a driver that goes on with a chip that is not as it left it.
+    // The model reports accesses that are illegal in the chip's state, and the driver does not know the state yet.
     trial.rig.violations_expected = true;
     trial.rig.overflows_expected = true;
     trial.begin(line, fault);
@@ -43,7 +43,7 @@ fn once(line: &'static str, fault: impl FnOnce(&mut Rig)) -> Measured {
     trial.recover(LIMIT_MS, CONTROLLER)
 }
 
-/// Something that lasts.
+/// Runs a case whose fault lasts, once for each of [`LASTS_MS`].
 fn during(line: &'static str, fault: fn(&mut Rig, bool)) -> Measured {
     let measured = LASTS_MS.map(|lasts_ms| {
         let mut trial = Trial::running();
@@ -135,7 +135,7 @@ pub const FLIPPING: Case = Case {
         let widths = trial.rig.pulses.iter().map(|pulse| pulse.width_us());
         assert!(widths.into_iter().all(|us| (1000.0..=2000.0).contains(&us)), "{:?}", trial.rig.pulses);
         trial.end_unchecked(|rig| rig.board().set_spi_noise(0, 0));
-        // What was misread is put right by the next command.
+        // The next command corrects a pulse that comes from a misread command.
         trial.live(60);
         trial.rig.pulses.clear();
         trial.recover(500, CONTROLLER)
@@ -149,7 +149,7 @@ pub const REGISTER: Case = Case {
         let bits = |(address, mask): (u8, u8)| {
             (0..8).map(|bit| 1 << bit).filter(move |bit| mask & bit != 0).map(move |bit| (address, bit))
         };
-        // One bit of each kind; the driver compares them all alike.
+        // Every third bit is enough: the driver compares all of them in one way.
         let all = WATCHED.into_iter().flat_map(|register| bits(register).step_by(3));
         let measured = all.map(|(address, bit)| once(LOST, |rig| rig.board().chip_flip_bits(address, bit)));
         measured.reduce(Measured::or).expect("some")
@@ -171,7 +171,7 @@ pub const FILTER: Case = Case {
                 rig.board().chip_flip_bits(filter, EXIDE);
             }
         });
-        // For as long as the failsafe takes.
+        // Until the failsafe, after 300 ms.
         trial.live(320);
         trial.end(|_| {});
         trial.recover(1300, 0)

@@ -1,4 +1,4 @@
-//! Faults of the sensor, and of what comes over the bus.
+//! Faults of the sensor, and harmful frames from other nodes.
 
 use super::{BUS_LIMIT_MS, COMMANDED_US, Case, FAILSAFE_US, Measured, Trial, assert_servo};
 use crate::status::{ID_CONFLICT, TEMPERATURE};
@@ -64,10 +64,10 @@ pub const SENSOR_NOISY: Case = Case {
     },
 };
 
-/// Commands of the peer that come 2,000 times a second, besides the autopilot's.
+/// The peer sends commands 2,000 times a second in place of the autopilot's.
 fn commands_at_2_khz(trial: &mut Trial, values: &[(u8, u16)], expected: impl Fn(f64) -> bool) -> Measured {
     trial.begin("refused: command", |_| {});
-    trial.autopilot = false;
+    trial.autopilot_sends = false;
     let mut n = 0;
     trial.live_with(2000, COMMANDED_US, |rig| {
         for _ in 0..2 {
@@ -80,7 +80,7 @@ fn commands_at_2_khz(trial: &mut Trial, values: &[(u8, u16)], expected: impl Fn(
     let moved = trial.rig.pulses.iter().find(|pulse| !expected(pulse.width_us()));
     assert!(moved.is_none(), "{moved:?}");
     assert_eq!(trial.rig.board().chip().borrow().rx_overflows(), 0, "no frame is lost");
-    trial.autopilot = true;
+    trial.autopilot_sends = true;
     trial.live(60);
     trial.end_unchecked(|_| {});
     trial.rig.pulses.clear();
@@ -133,8 +133,8 @@ pub const REQUESTS: Case = Case {
     run: || {
         let mut trial = Trial::running();
         trial.begin("", |_| {});
-        // Commands come along with them.
-        trial.autopilot = false;
+        // The closure below sends the commands between the requests.
+        trial.autopilot_sends = false;
         let mut slot = 0u32;
         trial.live_with(2000, COMMANDED_US, |rig| {
             for _ in 0..2 {
@@ -148,9 +148,9 @@ pub const REQUESTS: Case = Case {
         assert_servo(&trial.rig, &[COMMANDED_US]);
         let answers = trial.rig.answers().len();
         assert!(answers > 100, "{answers} answers in two seconds");
-        assert!(trial.rig.statuses().len() >= 2 || trial.rig.now() < 2000 * MS, "statuses go on");
+        assert!(trial.rig.statuses().len() >= 2 || trial.rig.now() < 2000 * MS, "the node must send statuses");
         assert_eq!(trial.rig.board().chip().borrow().rx_overflows(), 0, "no frame is lost");
-        trial.autopilot = true;
+        trial.autopilot_sends = true;
         trial.end(|rig| rig.peer.borrow_mut().clear_queue());
         Measured { logged_ms: None, ..trial.recover(BUS_LIMIT_MS, 0) }
     },
@@ -180,7 +180,7 @@ pub const SAME_ID: Case = Case {
     },
 };
 
-/// Both are the shipped firmware, each with its own clock.
+/// Both boards run the shipped firmware, each with its own clock.
 pub const TWIN: Case = Case {
     fault: "two boards of this firmware with the same ID",
     noticed: "by both, within two seconds (bit 4)",
@@ -197,7 +197,7 @@ pub const TWIN: Case = Case {
         let codes: Vec<u16> = trial.rig.statuses().iter().map(|(_, data)| status_fields(data).3).collect();
         assert!(codes.iter().any(|code| code & ID_CONFLICT != 0), "{codes:x?}");
         let serial = trial.rig.serial_of(1);
-        assert!(serial.contains("refused: type 341 from 120"), "the other one tells it, too: {serial}");
+        assert!(serial.contains("refused: type 341 from 120"), "the other board must log it, too: {serial}");
         trial.end(|rig| {
             let port = rig.bench.port(1);
             rig.bench.bus().connect(port, false);

@@ -1,9 +1,9 @@
-//! What can go wrong, one [`Case`] each: how it is made, and what must become of it. The tests check them, `make reliability`
-//! writes what they measure to docs/reliability.md.
+//! Faults. One [`Case`] causes one fault and checks how the node recovers. The tests check the cases; `make reliability`
+//! writes the times that they measure to docs/reliability.md.
 //!
-//! [`Trial`] is the stand: an autopilot commands the servo to 1750 us 50 times a second and sends its status once a second,
-//! OUT1_FS is the trim, 1500 us, and OUT1_TIMEOUT 300 ms. Whatever happens, each pulse has one of these two widths and
-//! begins 20 ms after the one before. A fault is over when a command with another width is followed *and* a request answered.
+//! A [`Trial`] runs the node. An autopilot commands the servo to 1750 us 50 times a second and sends its status once a second.
+//! OUT1_FS is the trim, 1500 us, and OUT1_TIMEOUT 300 ms. In every fault each pulse has one of these two widths and
+//! begins 20 ms after the one before. The node has recovered when it follows a command with another width *and* answers a request.
 
 pub mod bus;
 pub mod chip;
@@ -16,9 +16,9 @@ use bench::Cycles;
 use bench::can::Id;
 use bench::dronecan::{CanStats, Message};
 
-/// From the end of a fault of the bus to the node's full service.
+/// Limit of the time from the end of a fault of the bus to full service.
 pub const BUS_LIMIT_MS: u64 = 1000;
-/// From a fault of the controller to its line on the serial monitor.
+/// Limit of the time from a fault of the controller to its line on the serial monitor.
 pub const CHIP_LOGGED_LIMIT_MS: u64 = 100;
 
 pub const COMMANDED_US: f64 = 1750.0;
@@ -36,15 +36,15 @@ pub struct Case {
     pub reaction: &'static str,
     /// Where the servo is meanwhile.
     pub servo: &'static str,
-    /// Limit of the time from its beginning to its line on the serial monitor. `None` if it has no line.
+    /// Limit of the time from the fault's beginning to its line on the serial monitor. `None` if the node logs nothing.
     pub logged_limit_ms: Option<u64>,
-    /// Limit of the time from its end to full service.
+    /// Limit of the time from the fault's end to full service.
     pub limit_ms: u64,
     /// Causes the fault, checks the reports and the servo.
     pub run: fn() -> Measured,
 }
 
-/// Times that a run of a case measured, in milliseconds; the worst of several kinds of one fault.
+/// Times that a case measured, in milliseconds. If a case has several runs: the longest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
     pub logged_ms: Option<f64>,
@@ -52,7 +52,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// The worse of both.
+    /// The longer of the two for each time.
     pub fn or(self, other: Measured) -> Measured {
         let logged_ms = match (self.logged_ms, other.logged_ms) {
             (Some(one), Some(other)) => Some(one.max(other)),
@@ -78,28 +78,28 @@ impl Case {
     }
 }
 
-/// A node at work, to which something happens.
+/// A node and an autopilot that commands it, before, during and after a fault.
 pub struct Trial {
     pub rig: Rig,
-    /// Whether the autopilot's frames go out.
-    pub autopilot: bool,
+    /// True if the autopilot sends.
+    pub autopilot_sends: bool,
     begun: Cycles,
     ended: Cycles,
     slot_due: Cycles,
     status_due: Cycles,
-    /// The line to wait for, and when it came.
+    /// The expected text on the serial monitor, and when it came.
     line: &'static str,
     logged_at: Option<Cycles>,
 }
 
 impl Trial {
-    /// A node whose servo is where it is commanded to be.
+    /// Starts a node whose servo follows the autopilot's commands.
     #[track_caller]
     pub fn running() -> Trial {
         Trial::with(Rig::running_with(started()))
     }
 
-    /// The same with a rig of choice.
+    /// Like [`Trial::running`] with this rig.
     #[track_caller]
     pub fn with(mut rig: Rig) -> Trial {
         rig.set("OUT1_FS", 1);
@@ -107,16 +107,24 @@ impl Trial {
         if has_all_features() {
             rig.set("STATS_RATE", 10);
         }
-        let mut trial =
-            Trial { rig, autopilot: true, begun: 0, ended: 0, slot_due: 0, status_due: 0, line: "", logged_at: None };
+        let mut trial = Trial {
+            rig,
+            autopilot_sends: true,
+            begun: 0,
+            ended: 0,
+            slot_due: 0,
+            status_due: 0,
+            line: "",
+            logged_at: None,
+        };
         trial.live(200);
-        // Something for others, after which the filters are those of the dialect alone.
+        // A DroneCAN message for other nodes. After it the node's filters accept DroneCAN v0 only.
         trial.rig.send(0x1804_2E0A, &[0xC0]);
         trial.live(100);
         trial
     }
 
-    /// It begins now. `line`: what the serial monitor is to tell.
+    /// Begins the fault. `line` is the text that the serial monitor must contain; empty if none.
     pub fn begin(&mut self, line: &'static str, fault: impl FnOnce(&mut Rig)) {
         self.rig.forget();
         (self.line, self.logged_at) = (line, None);
@@ -124,19 +132,19 @@ impl Trial {
         fault(&mut self.rig);
     }
 
-    /// Time passes, with the autopilot at work.
+    /// Runs for `ms` milliseconds with the autopilot.
     #[track_caller]
     pub fn live(&mut self, ms: u64) {
         self.live_with(ms, COMMANDED_US, |_| {});
     }
 
-    /// The same, with another command, and with something to do each millisecond.
+    /// Like [`Trial::live`] with another commanded width; calls `also` each millisecond.
     #[track_caller]
     pub fn live_with(&mut self, ms: u64, command_us: f64, mut also: impl FnMut(&mut Rig)) {
         for _ in 0..ms {
-            if self.rig.now() >= self.slot_due && self.autopilot {
+            if self.rig.now() >= self.slot_due && self.autopilot_sends {
                 self.slot_due = self.rig.now() + 20 * MS;
-                // What could not be sent is given up, as an autopilot does.
+                // Like an autopilot, drops the frames that it could not send.
                 self.rig.peer.borrow_mut().clear_queue();
                 self.rig.send_command(1, 4, command_us as f32);
                 if self.rig.now() >= self.status_due {
@@ -152,21 +160,21 @@ impl Trial {
         }
     }
 
-    /// It ends now. Until here the servo was where it was commanded or at its failsafe, without a gap.
+    /// Ends the fault. Checks that each pulse until now had the commanded width or the failsafe's, without a gap.
     #[track_caller]
     pub fn end(&mut self, fault: impl FnOnce(&mut Rig)) {
         assert_servo(&self.rig, &[COMMANDED_US, FAILSAFE_US]);
         self.end_unchecked(fault);
     }
 
-    /// It ends now, and the servo is looked at by the caller.
+    /// Ends the fault without a check of the servo.
     pub fn end_unchecked(&mut self, fault: impl FnOnce(&mut Rig)) {
         fault(&mut self.rig);
         self.ended = self.rig.now();
     }
 
-    /// Waits for full service: a command with another width followed, and a request answered. Then `reported` must be among
-    /// the conditions, and nobody may have flooded the bus.
+    /// Waits until the node follows a command with another width and answers a request. Then the status must have the bits
+    /// `reported`, and the node must not have flooded the bus.
     #[track_caller]
     pub fn recover(&mut self, limit_ms: u64, reported: u16) -> Measured {
         self.rig.traffic.clear();
@@ -181,7 +189,7 @@ impl Trial {
             }
             self.live_with(1, AFTERWARDS_US, |_| {});
             if self.rig.now() <= self.ended + 30 * MS {
-                // A fault that happens and is over must be noticed first.
+                // After a fault that happens once the node needs time to detect it.
                 errors_before = self.rig.error_frames;
             }
             let follows = self.rig.pulses.last().is_some_and(|pulse| pulse.width_us() == AFTERWARDS_US);
@@ -198,20 +206,23 @@ impl Trial {
         let in_service = self.rig.now();
         assert_servo(&self.rig, &[COMMANDED_US, FAILSAFE_US, AFTERWARDS_US]);
         self.live_with(1000 - measured.recovery_ms.min(900.0) as u64, AFTERWARDS_US, |_| {});
-        // Ten telemetry messages of two frames, statistics of four, statuses, a temperature, answers of eleven frames.
+        // The node sends 10 telemetry messages of two frames, statistics of four, statuses, a temperature, answers of eleven.
         let frames = frames_of_node(&self.rig);
         assert!(frames < 200, "{frames} frames in the second after the fault");
         let errors = self.rig.error_frames - errors_before;
         assert!(errors < 50, "{errors} error frames after the fault");
-        // Once it is back it stays.
+        // The recovery must last.
         let widths = self.rig.pulses.iter().filter(|pulse| pulse.start > in_service).map(|pulse| pulse.width_us());
-        assert!(widths.into_iter().all(|us| us == AFTERWARDS_US), "the servo wavers");
+        assert!(
+            widths.into_iter().all(|us| us == AFTERWARDS_US),
+            "the servo left the commanded position after the recovery"
+        );
         let (_, code) = self.rig.status_now();
         assert_eq!(code & reported, reported, "vendor code {code:#06x}");
         measured
     }
 
-    /// The last statistics that came; `None` from a build without them.
+    /// The newest CanStats; `None` if the firmware does not send them.
     #[track_caller]
     pub fn statistics(&self) -> Option<CanStats> {
         if !has_all_features() {
@@ -225,13 +236,13 @@ impl Trial {
     }
 }
 
-/// Frames that the node got out.
+/// Number of frames that the node has sent.
 pub fn frames_of_node(rig: &Rig) -> usize {
     let from_node = |id: Id| matches!(id, Id::Extended(id) if id & 0x7F == NODE);
     rig.traffic.iter().filter(|(_, frame)| from_node(frame.id)).count()
 }
 
-/// All pulses have one of these widths, and each begins a period after the one before.
+/// Checks that each pulse has one of these widths (in us) and begins one period after the one before.
 #[track_caller]
 pub fn assert_servo(rig: &Rig, widths: &[f64]) {
     for pulse in &rig.pulses {

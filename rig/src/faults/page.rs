@@ -1,4 +1,4 @@
-//! docs/reliability.md: all cases, with what was measured.
+//! Writes docs/reliability.md: all cases with their measured times.
 
 use std::fmt::Write as _;
 
@@ -56,15 +56,15 @@ A test that cannot fail proves nothing. So two programs put mistakes into the fi
   within the travel, and the next command corrects it.
 ";
 
-/// The chapters and their cases.
+/// Titles of the chapters, with their cases.
 pub const CHAPTERS: [(&str, &[&Case]); 4] = [
     ("The bus", &bus::ALL),
     ("The CAN controller", &chip::ALL),
     ("The processor", &processor::ALL),
-    ("The sensor, and what comes over the bus", &input::ALL),
+    ("The sensor and the received frames", &input::ALL),
 ];
 
-/// The cells of a case's row; without a measurement those two that have one are empty.
+/// The cells of a case's row. Without a measurement the two measured times are empty.
 pub fn row(case: &Case, measured: Option<Measured>) -> [String; 6] {
     let logged = case.logged_limit_ms.map(|limit| {
         let logged = measured.and_then(|measured| measured.logged_ms);
@@ -81,7 +81,7 @@ pub fn row(case: &Case, measured: Option<Measured>) -> [String; 6] {
     ]
 }
 
-/// The whole page.
+/// The whole page, with the times that `measure` returns for each case.
 pub fn page(measure: impl Fn(&Case) -> Measured) -> String {
     let mut page = String::from(INTRODUCTION);
     for (title, cases) in CHAPTERS {

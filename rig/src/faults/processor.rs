@@ -12,7 +12,7 @@ use bench::dronecan::{Message, Opcode};
 const TCCR1A: u16 = 0x80;
 const COM1A_AND_COM1B: u8 = 0xF0;
 
-/// From a restart to full service.
+/// Limit of the time from a restart to full service.
 const LIMIT_MS: u64 = 200;
 
 pub const ALL: [&Case; 9] = [
@@ -39,10 +39,10 @@ const CASE: Case = Case {
     run: Measured::default,
 };
 
-/// Overwrites the main loop where it resets the watchdog; gives the program as it was.
+/// Overwrites the instructions where the main loop resets the watchdog. Returns the unchanged program.
 fn patch_the_main_loop(rig: &mut Rig, instructions: &[u8]) -> Vec<u8> {
     let flash = rig.board().avr().flash().to_vec();
-    // WDR is 0x95A8. Two others come before the loop: at the very start, and where the watchdog is switched on.
+    // WDR is 0x95A8. The last one of the program is in the main loop.
     let wdr = (0x68..Budget::of(crate::board().chip).flash as usize)
         .step_by(2)
         .rfind(|&at| flash[at..at + 2] == [0xA8, 0x95])
@@ -51,7 +51,7 @@ fn patch_the_main_loop(rig: &mut Rig, instructions: &[u8]) -> Vec<u8> {
     flash
 }
 
-/// The program restarts, by `fault`, and says why. The autopilot does not command before the node is heard again.
+/// Runs a case in which `fault` makes the program restart and log the reason `line`.
 fn restarted_by(line: &'static str, reported: u16, fault: impl FnOnce(&mut Trial)) -> Measured {
     let mut trial = Trial::running();
     trial.begin(line, |_| {});
@@ -69,14 +69,14 @@ pub const HANG: Case = Case {
         let mut program = Vec::new();
         // RJMP to itself.
         trial.begin("reset: WATCHDOG", |rig| program = patch_the_main_loop(rig, &[0xFF, 0xCF]));
-        // It is put right once it has restarted: before, TCCR1A has a mode for the pulse. It may have hung again by then.
+        // Restores the program after the watchdog's reset, which clears TCCR1A. The restarted program may hang again before.
         let end = trial.begun + 300 * MS;
         while trial.rig.board().avr().sram(TCCR1A) & COM1A_AND_COM1B != 0 && trial.rig.now() < end {
             trial.rig.run_ms(1);
         }
         trial.rig.board().avr_mut().load_flash(0, &program);
         super::assert_servo(&trial.rig, &[COMMANDED_US]);
-        assert!(trial.rig.pulses.len() > 10, "pulses go on while the program hangs");
+        assert!(trial.rig.pulses.len() > 10, "pulses must continue while the program hangs");
         trial.rig.pulses.clear();
         trial.live(50);
         trial.end(|_| {});
@@ -117,14 +117,14 @@ fn reset(line: &'static str, cause: ResetCause, reported: u16) -> Measured {
     let mut trial = Trial::running();
     trial.begin(line, |rig| rig.board().reset(cause));
     trial.live(20);
-    assert_cut_short(&trial);
+    assert_reset_ended_pulses(&trial);
     trial.end_unchecked(|_| {});
     trial.recover(LIMIT_MS, reported)
 }
 
-/// A reset of the chip ends the pulse in progress, and there is none after it.
+/// Checks that the reset ended the pulse in progress and that no pulse followed.
 #[track_caller]
-fn assert_cut_short(trial: &Trial) {
+fn assert_reset_ended_pulses(trial: &Trial) {
     let widths: Vec<f64> = trial.rig.pulses.iter().map(|pulse| pulse.width_us()).collect();
     if let Some((last, whole)) = widths.split_last() {
         assert!(whole.iter().all(|us| *us == COMMANDED_US) && *last <= COMMANDED_US, "{widths:?}");
@@ -145,7 +145,7 @@ pub const BROWN_OUT_DURING_SAVE: Case = Case {
     reaction: "restarted, with all old or all new parameters",
     run: || {
         let mut worst = Measured::default();
-        // Anywhere in the save, in the middle of a byte too.
+        // In milliseconds after the request; some are in the middle of a byte's write.
         for delay in [1, 8, 23, 60, 111, 180, 233] {
             let mut trial = Trial::running();
             trial.rig.set("TEMP_ID", 4242);
@@ -155,7 +155,7 @@ pub const BROWN_OUT_DURING_SAVE: Case = Case {
                 rig.board().reset(ResetCause::BrownOut);
             });
             trial.live(20);
-            assert_cut_short(&trial);
+            assert_reset_ended_pulses(&trial);
             trial.end_unchecked(|_| {});
             let logged_ms = delay as f64;
             let measured = trial.recover(LIMIT_MS, status::BROWN_OUT);
@@ -182,7 +182,7 @@ pub const POWER_CUT: Case = Case {
     ..BROWN_OUT
 };
 
-/// Where a counter is in RAM: what has had these values at these times, by the look of it in all of them.
+/// Finds a counter in RAM: addresses whose `len` bytes are within `tolerance` of `value_at(now)` at each of `times` moments.
 fn find_counter(rig: &mut Rig, len: usize, tolerance: u64, value_at: impl Fn(Cycles) -> u64, times: u32) -> Vec<u16> {
     let floor = rig.board().avr().symbol("__heap_start").expect("a symbol").address as u16;
     let mut found: Vec<u16> = (0x100..floor - len as u16).collect();
@@ -200,7 +200,7 @@ fn find_counter(rig: &mut Rig, len: usize, tolerance: u64, value_at: impl Fn(Cyc
     found
 }
 
-/// The clock of 16 bits wraps every 65.536 s, and all deadlines with it. Nothing is to be seen of it.
+/// The 16-bit clock and all deadlines wrap every 65.536 s. The node must behave as at other times.
 pub const MILLISECONDS_WRAP: Case = Case {
     fault: "the millisecond counter wraps, every 65.536 s",
     noticed: "nothing to notice",
@@ -210,7 +210,7 @@ pub const MILLISECONDS_WRAP: Case = Case {
     limit_ms: 100,
     run: || {
         let mut trial = Trial::running();
-        // Up to a second before it, then through it with commands, statuses and a request under way.
+        // Runs to a second before the wrap, then through it with commands, statuses and a request.
         let quiet = 64_500 * MS;
         while trial.rig.now() < quiet {
             trial.live(500);
@@ -222,17 +222,17 @@ pub const MILLISECONDS_WRAP: Case = Case {
         let statuses = trial.rig.statuses();
         let gaps: Vec<u64> = statuses.windows(2).map(|pair| (pair[1].0 - pair[0].0) / MS).collect();
         assert!(!gaps.is_empty() && gaps.iter().all(|gap| (980..=1020).contains(gap)), "{gaps:?}");
-        // No pulse but the commanded: no failsafe, no gap.
+        // The failsafe was not triggered, and no pulse is missing.
         super::assert_servo(&trial.rig, &[COMMANDED_US]);
         trial.end(|_| {});
         let measured = trial.recover(100, 0);
-        // A timeout that runs through a wrap is as long as others.
+        // A timeout that spans the wrap did not end early.
         assert_eq!(trial.rig.status_now().1, 0);
         Measured { logged_ms: None, ..measured }
     },
 };
 
-/// The uptime, set forward in RAM: through 49.7 days (2^32 ms) and to the end of its 32 bits. The transfer IDs wrap meanwhile.
+/// Sets the uptime forward in RAM: shortly before 49.7 days (2^32 ms) and before the end of its 32 bits. The transfer IDs wrap, too.
 pub const UPTIME_WRAPS: Case = Case {
     fault: "the uptime passes 49.7 days, and wraps after 136 years",
     noticed: "nothing to notice",
@@ -243,7 +243,7 @@ pub const UPTIME_WRAPS: Case = Case {
     run: || {
         let mut trial = Trial::running();
         trial.live(8000);
-        // The uptime in whole seconds; it has four bytes, of which the upper ones are zero.
+        // The uptime is a u32 in seconds.
         let places = find_counter(&mut trial.rig, 4, 0, |now| now / (1000 * MS), 5);
         let [uptime] = places[..] else { panic!("the uptime is at one of {places:x?}") };
         for near in [4_294_967 - 3, u32::MAX - 3] {
@@ -261,7 +261,7 @@ pub const UPTIME_WRAPS: Case = Case {
             assert!(uptimes.iter().any(has_passed), "{uptimes:?}");
             super::assert_servo(&trial.rig, &[COMMANDED_US]);
         }
-        // More than 32 statuses have wrapped their transfer ID.
+        // Transfer IDs are consecutive modulo 32.
         let numbers = trial.rig.statuses().iter().map(|(_, data)| data[7] & 31).collect::<Vec<_>>();
         for pair in numbers.windows(2) {
             assert_eq!(pair[1], (pair[0] + 1) % 32);
