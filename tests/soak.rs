@@ -8,5 +8,5 @@ fn in_a_life_full_of_faults_nothing_is_lost_between_them_and_each_is_over_within
     let mut soak = Soak::new(1);
     soak.run_until(60_000 * MS, &|| false);
     println!("{}", soak.report);
-    assert!(soak.report.commands > 2000 && soak.report.troubles.len() > 1);
+    assert!(soak.report.commands > 2000 && soak.report.faults.len() > 1);
 }
