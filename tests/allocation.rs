@@ -1,5 +1,5 @@
-//! With CAN_NODE 0 the node requests its ID from an allocator (specification, chapter 6), and sends and receives nothing else until it
-//! has one. It makes its unique ID at its first start.
+//! With CAN_NODE 0 the node requests its ID from an allocator (DroneCAN specification, chapter 6). It sends nothing else and ignores all other
+//! messages until it has an ID. It generates its unique ID at its first start.
 
 use std::sync::OnceLock;
 
@@ -10,10 +10,10 @@ use bench::dronecan::{Allocation, CanId, Message, NodeId, TransferId, split, typ
 use rig::manage::ms_between;
 use rig::{MS, NODE, Rig, SERVO_COMMAND};
 
-/// An allocator's messages.
+/// Allocation message from node 127, the allocator.
 const ALLOCATION_FROM_127: u32 = 0x1E00_017F;
 
-/// A request, as the node made it.
+/// A request of the node.
 #[derive(Clone, Debug, PartialEq)]
 struct Request {
     at: Cycles,
@@ -21,14 +21,14 @@ struct Request {
     part: Vec<u8>,
 }
 
-/// EEPROM of a board that has CAN_NODE 0, and its unique ID.
+/// EEPROM of a board with CAN_NODE 0 and a unique ID; and that ID.
 fn allocatee() -> (&'static [u8], [u8; 16]) {
     static EEPROM: OnceLock<(Vec<u8>, [u8; 16])> = OnceLock::new();
     let (eeprom, unique_id) = EEPROM.get_or_init(|| another_allocatee(0));
     (eeprom, *unique_id)
 }
 
-/// The same, for another board.
+/// Like [`allocatee`] for another board.
 fn another_allocatee(seed: u64) -> (Vec<u8>, [u8; 16]) {
     let mut rig = Rig::new_board();
     if seed > 0 {
@@ -42,13 +42,13 @@ fn another_allocatee(seed: u64) -> (Vec<u8>, [u8; 16]) {
     (rig.board().avr().eeprom(), unique_id)
 }
 
-/// A board that has just been started and has no ID.
-fn nobody() -> (Rig, [u8; 16]) {
+/// A board without an ID, just started; and its unique ID.
+fn board_without_id() -> (Rig, [u8; 16]) {
     let (eeprom, unique_id) = allocatee();
     (Rig::with_boards(&[eeprom]), unique_id)
 }
 
-/// The node's requests so far. Any other frame of the node fails the test.
+/// The node's requests so far. Panics at any other frame of the node.
 #[track_caller]
 fn requests(rig: &Rig) -> Vec<Request> {
     let from_others = |id: u32| [10, 127].contains(&(id & 0x7F));
@@ -58,17 +58,19 @@ fn requests(rig: &Rig) -> Vec<Request> {
         if from_others(id) {
             continue;
         }
-        let Some(CanId::Anonymous { priority, type_id, .. }) = CanId::parse(id) else { panic!("{frame} of a nobody") };
+        let Some(CanId::Anonymous { priority, type_id, .. }) = CanId::parse(id) else {
+            panic!("{frame} of a board_without_id")
+        };
         assert_eq!((priority, type_id), (30, 1), "{frame}");
         let (tail, payload) = frame.data().split_last().unwrap();
         assert_eq!(tail & 0xE0, 0xC0, "{frame}");
-        assert_eq!(payload[0] >> 1, 0, "any ID is right: {frame}");
+        assert_eq!(payload[0] >> 1, 0, "the node must accept any ID: {frame}");
         requests.push(Request { at: *at, first_part: payload[0] & 1 != 0, part: payload[1..].to_vec() });
     }
     requests
 }
 
-/// The next request, within that many milliseconds.
+/// The next request. Panics if it takes longer than `within_ms`.
 #[track_caller]
 fn next_request(rig: &mut Rig, within_ms: u64) -> Request {
     let seen = requests(rig).len();
@@ -76,7 +78,7 @@ fn next_request(rig: &mut Rig, within_ms: u64) -> Request {
     requests(rig).remove(seen)
 }
 
-/// An Allocation message of node 127.
+/// The allocator, node 127, sends an Allocation message.
 fn allocate(rig: &mut Rig, node_id: u8, unique_id: &[u8]) {
     let message = Allocation { node_id, first_part: false, unique_id: unique_id.to_vec() };
     let parts = split(&message.encode(), TransferId::default(), types::ALLOCATION.signature.unwrap());
@@ -85,12 +87,12 @@ fn allocate(rig: &mut Rig, node_id: u8, unique_id: &[u8]) {
     }
 }
 
-/// Another node's request, of a unique ID that begins with 0xEE.
-fn ask_as_another(rig: &mut Rig) {
+/// Another node sends the first request for a unique ID that begins with 0xEE.
+fn request_as_another_node(rig: &mut Rig) {
     rig.send(0x1E12_3500, &[1, 0xEE, 1, 2, 3, 4, 5, 0xC0]);
 }
 
-/// Goes through the stages up to the last request.
+/// Answers the node's requests up to the last one.
 #[track_caller]
 fn almost_allocated(rig: &mut Rig, unique_id: [u8; 16]) {
     assert!(next_request(rig, 1100).first_part);
@@ -103,7 +105,7 @@ fn almost_allocated(rig: &mut Rig, unique_id: [u8; 16]) {
 
 #[test]
 fn the_three_stages_have_their_parts_and_their_times() {
-    let (mut rig, unique_id) = nobody();
+    let (mut rig, unique_id) = board_without_id();
     let start = rig.now();
     let first = next_request(&mut rig, 1100);
     assert!((600.0..=1050.0).contains(&ms_between(start, first.at)), "{} ms", ms_between(start, first.at));
@@ -119,7 +121,7 @@ fn the_three_stages_have_their_parts_and_their_times() {
     let asked = requests(&rig).len();
     allocate(&mut rig, 55, &unique_id);
     rig.run_ms(1500);
-    // It has an ID: no more requests, a status at once and then each second, and answers.
+    // With an ID the node sends no more requests, but a status at once and then each second, and answers.
     let own = |rig: &Rig| rig.frames(0x1801_5500 | 55);
     assert!((2..=3).contains(&own(&rig).len()), "{}", own(&rig).len());
     let anonymous = rig.traffic.iter().filter(|(_, frame)| matches!(frame.id, Id::Extended(id) if id & 0xFF == 0));
@@ -127,15 +129,15 @@ fn the_three_stages_have_their_parts_and_their_times() {
     rig.request_to(55, &Message::NodeInfoRequest);
     rig.run_ms(50);
     let Some((_, _, Message::NodeInfo(info))) = rig.answers().pop() else { panic!("no answer") };
-    assert_eq!(info.unique_id, unique_id, "the same as in the requests");
+    assert_eq!(info.unique_id, unique_id, "the unique ID of the requests");
     rig.send_command(1, 0, 0.5);
     assert_eq!(rig.settled_pulse_us(), 1750.0);
-    assert!(rig.serial.contains("55"), "the serial monitor tells the ID: {}", rig.serial);
+    assert!(rig.serial.contains("55"), "the serial monitor must show the ID: {}", rig.serial);
 }
 
 #[test]
-fn unanswered_it_asks_again_and_again_at_random_times() {
-    let (mut rig, unique_id) = nobody();
+fn without_an_answer_it_repeats_its_request_at_random_times() {
+    let (mut rig, unique_id) = board_without_id();
     rig.run_ms(20_000);
     let all = requests(&rig);
     assert!(all.iter().all(|request| request.first_part && request.part == unique_id[..6]));
@@ -143,13 +145,13 @@ fn unanswered_it_asks_again_and_again_at_random_times() {
     assert!(gaps.len() >= 19, "{gaps:?}");
     assert!(gaps.iter().all(|gap| (600.0..=1010.0).contains(gap)), "{gaps:?}");
     let (least, most) = (gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max));
-    assert!(most - least > 100.0, "two that ask at the same times would do so for ever: {gaps:?}");
+    assert!(most - least > 100.0, "two nodes with equal gaps would collide every time: {gaps:?}");
 }
 
-/// Requests of different boards at the same moment must differ in their identifiers, which depend on their content.
+/// Two boards may send a request at the same moment. The identifiers must differ then; they depend on the content.
 #[test]
 fn the_identifiers_of_requests_differ_with_their_content() {
-    let (mut rig, unique_id) = nobody();
+    let (mut rig, unique_id) = board_without_id();
     almost_allocated(&mut rig, unique_id);
     let mut ids: Vec<String> =
         rig.traffic.iter().map(|(_, frame)| frame.to_string()).filter(|text| text[6..8] == *"00").collect();
@@ -158,20 +160,20 @@ fn the_identifiers_of_requests_differ_with_their_content() {
 }
 
 #[test]
-fn an_answer_to_another_s_unique_id_is_none() {
-    let (mut rig, unique_id) = nobody();
+fn an_answer_with_another_unique_id_is_ignored() {
+    let (mut rig, unique_id) = board_without_id();
     for wrong in 0..6 {
         let mut other = unique_id;
         other[wrong] ^= 0x80;
         assert!(next_request(&mut rig, 1100).first_part);
         allocate(&mut rig, 0, &other[..6]);
         let next = next_request(&mut rig, 1100);
-        assert!(next.first_part, "byte {wrong}: it begins again");
+        assert!(next.first_part, "byte {wrong}: the node must start again with the first part");
         rig.forget();
     }
-    // In a later stage.
+    // The wrong byte comes in a later stage.
     for (stage, wrong) in [(12, 11), (12, 0), (16, 15), (16, 7)] {
-        let (mut rig, unique_id) = nobody();
+        let (mut rig, unique_id) = board_without_id();
         almost_allocated(&mut rig, unique_id);
         let mut other = unique_id;
         other[wrong] ^= 1;
@@ -183,10 +185,10 @@ fn an_answer_to_another_s_unique_id_is_none() {
 
 #[test]
 fn a_grant_of_0_is_ignored() {
-    let (mut rig, unique_id) = nobody();
+    let (mut rig, unique_id) = board_without_id();
     almost_allocated(&mut rig, unique_id);
     allocate(&mut rig, 0, &unique_id);
-    assert!(next_request(&mut rig, 1100).first_part, "it goes on asking");
+    assert!(next_request(&mut rig, 1100).first_part, "the node must continue to request");
     rig.forget();
     almost_allocated(&mut rig, unique_id);
     allocate(&mut rig, 125, &unique_id);
@@ -194,36 +196,36 @@ fn a_grant_of_0_is_ignored() {
 }
 
 #[test]
-fn while_others_are_allocated_it_waits() {
-    let (mut rig, _) = nobody();
+fn it_waits_while_other_nodes_are_allocated() {
+    let (mut rig, _) = board_without_id();
     for n in 0..10 {
         if n % 2 == 0 {
-            ask_as_another(&mut rig);
+            request_as_another_node(&mut rig);
         } else {
             allocate(&mut rig, 0, &[0xEE, 1, 2, 3, 4, 5]);
         }
         rig.run_ms(500);
     }
     let own: Vec<_> = requests(&rig).into_iter().filter(|request| request.part[0] != 0xEE).collect();
-    assert_eq!(own, [], "each message of this type starts its waiting over");
+    assert_eq!(own, [], "each Allocation message must restart the node's timer");
     let quiet_from = rig.now() - 500 * MS;
     let request = next_request(&mut rig, 700);
     assert!((600.0..=1010.0).contains(&ms_between(quiet_from, request.at)));
 }
 
 #[test]
-fn another_s_request_calls_off_a_follow_up() {
+fn another_node_s_request_cancels_a_follow_up() {
     let mut called_off = 0;
     for delay_ms in [0, 5, 20, 50] {
-        let (mut rig, unique_id) = nobody();
+        let (mut rig, unique_id) = board_without_id();
         next_request(&mut rig, 1100);
         allocate(&mut rig, 0, &unique_id[..6]);
         rig.run_ms(delay_ms);
         let before = requests(&rig).len();
-        ask_as_another(&mut rig);
+        request_as_another_node(&mut rig);
         rig.run_ms(550);
         let after: Vec<_> = requests(&rig).split_off(before).into_iter().filter(|r| r.part[0] != 0xEE).collect();
-        // A random follow-up time may be as short as that.
+        // The random follow-up delay may be as short as this.
         if before == 1 {
             assert_eq!(after, [], "after {delay_ms} ms");
             assert!(next_request(&mut rig, 600).first_part);
@@ -235,8 +237,8 @@ fn another_s_request_calls_off_a_follow_up() {
 
 /// Without an ID the node sends nothing and follows nothing, whatever other nodes send.
 #[test]
-fn without_an_id_it_takes_nothing_but_allocation() {
-    let (mut rig, _) = nobody();
+fn without_an_id_it_accepts_only_allocation_messages() {
+    let (mut rig, _) = board_without_id();
     for n in 0..40u8 {
         rig.send_status_from(10);
         rig.send_command(1, 0, 0.5);
@@ -251,7 +253,7 @@ fn without_an_id_it_takes_nothing_but_allocation() {
         rig.run_ms(100);
     }
     let own = requests(&rig);
-    assert!(own.len() >= 3, "it asks meanwhile");
+    assert!(own.len() >= 3, "the node must continue to request");
     assert_eq!(rig.pulses, []);
     assert!(!rig.serial.contains("pulse"), "{}", rig.serial);
     assert_eq!(rig.serial.matches("reset:").count(), 1, "{}", rig.serial);
@@ -259,9 +261,9 @@ fn without_an_id_it_takes_nothing_but_allocation() {
 
 /// An anonymous frame must not be repeated after an error: another node without an ID may have sent the same identifier.
 #[test]
-fn a_request_that_met_an_error_is_not_repeated() {
+fn a_request_destroyed_by_an_error_is_not_repeated() {
     for bit in [12, 33, 45, 80, 100] {
-        let (mut rig, _) = nobody();
+        let (mut rig, _) = board_without_id();
         next_request(&mut rig, 1100);
         rig.forget();
         rig.bench.bus().inject(Fault::FlipBit { bit });
@@ -276,11 +278,11 @@ fn a_request_that_met_an_error_is_not_repeated() {
 
 #[test]
 fn a_request_that_nobody_acknowledges_is_not_repeated() {
-    let (mut rig, unique_id) = nobody();
+    let (mut rig, unique_id) = board_without_id();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
     rig.run_ms(3500);
-    // Each try counts eight errors. Repeated at once, they would have been hundreds.
+    // Each attempt adds eight to TEC. Repeated frames would add hundreds.
     let tec = rig.board().chip().borrow().tec();
     assert!((8..=64).contains(&tec), "{tec}");
     rig.bench.bus().connect(port, true);
@@ -290,10 +292,10 @@ fn a_request_that_nobody_acknowledges_is_not_repeated() {
     rig.wait_for("status of node 9", 100, |rig| !rig.frames(0x1801_5500 | 9).is_empty());
 }
 
-/// A request that loses arbitration is no error, and goes when the bus is free.
+/// A lost arbitration is not an error: the controller sends the request when the bus is idle.
 #[test]
-fn a_busy_bus_only_delays_it() {
-    let (mut rig, unique_id) = nobody();
+fn a_busy_bus_delays_a_request_and_loses_none() {
+    let (mut rig, unique_id) = board_without_id();
     for _ in 0..30_000 {
         rig.send(0x1804_560A, &[0x55; 8]);
     }
@@ -305,9 +307,9 @@ fn a_busy_bus_only_delays_it() {
 
 /// A bus monitor sends GetNodeInfo as soon as it receives a frame of a node.
 #[test]
-fn with_its_first_status_it_is_ready_for_requests() {
+fn it_answers_requests_from_its_first_status_on() {
     for id in [55, 124] {
-        let (mut rig, unique_id) = nobody();
+        let (mut rig, unique_id) = board_without_id();
         almost_allocated(&mut rig, unique_id);
         allocate(&mut rig, id, &unique_id);
         rig.wait_for("status", 100, |rig| !rig.frames(0x1801_5500 | u32::from(id)).is_empty());
@@ -318,8 +320,8 @@ fn with_its_first_status_it_is_ready_for_requests() {
 }
 
 #[test]
-fn an_allocated_id_is_not_kept() {
-    let (mut rig, unique_id) = nobody();
+fn an_allocated_id_is_forgotten_at_a_restart() {
+    let (mut rig, unique_id) = board_without_id();
     almost_allocated(&mut rig, unique_id);
     allocate(&mut rig, 66, &unique_id);
     rig.run_ms(300);
@@ -330,11 +332,11 @@ fn an_allocated_id_is_not_kept() {
 }
 
 #[test]
-fn a_node_with_an_id_takes_no_part() {
+fn a_node_with_an_id_ignores_allocation() {
     let mut rig = Rig::running();
     let unique_id = rig.information().unique_id;
     for n in 0..10 {
-        ask_as_another(&mut rig);
+        request_as_another_node(&mut rig);
         allocate(&mut rig, 0, &unique_id[..6]);
         allocate(&mut rig, 77, &unique_id);
         rig.run_ms(100 + n);
@@ -344,14 +346,14 @@ fn a_node_with_an_id_takes_no_part() {
         let is_its = |frame: &Frame| matches!(frame.id, Id::Extended(other) if other & 0x7F == id);
         rig.traffic.iter().filter(|(_, frame)| is_its(frame)).count()
     };
-    assert_eq!((sent(77), sent(0)), (0, 10), "nothing as node 77, no request but the other's");
+    assert_eq!((sent(77), sent(0)), (0, 10), "frames as node 77, and requests of the other node only");
     assert!(rig.statuses().len() >= 2);
 }
 
 #[test]
-fn grants_at_the_ends_of_the_range_are_taken() {
+fn it_accepts_the_lowest_and_the_highest_id() {
     for id in [1u8, 125, 127] {
-        let (mut rig, unique_id) = nobody();
+        let (mut rig, unique_id) = board_without_id();
         almost_allocated(&mut rig, unique_id);
         allocate(&mut rig, id, &unique_id);
         if id == 127 {
@@ -361,24 +363,24 @@ fn grants_at_the_ends_of_the_range_are_taken() {
     }
 }
 
-/// Two boards that get their power at the same moment, and the simulator's allocator.
+/// Two boards start at the same moment, with the simulator's allocator.
 #[test]
-fn two_boards_at_once_get_an_id_each() {
+fn two_boards_that_start_together_get_different_ids() {
     let (first, second) = (allocatee(), another_allocatee(5));
     assert_ne!(first.1, second.1);
     let mut rig = Rig::with_boards(&[first.0, &second.0]);
     rig.attach_autopilot(Settings { allocates: true, ..Settings::default() });
     let statuses = |rig: &Rig, id: u32| rig.frames(0x1801_5500 | id).len();
     rig.wait_for("status of both", 15_000, |rig| statuses(rig, 125) > 0 && statuses(rig, 124) > 0);
-    let news: Vec<String> = rig.autopilot().take_news().into_iter().map(|(_, text)| text).collect();
+    let events: Vec<String> = rig.autopilot().take_news().into_iter().map(|(_, text)| text).collect();
     for (_, unique_id) in [(first.0, first.1), (&second.0, second.1)] {
         let digits: String = unique_id.iter().map(|byte| format!("{byte:02X}")).collect();
-        assert!(news.iter().any(|text| text.ends_with(&digits)), "{digits}: {news:?}");
+        assert!(events.iter().any(|text| text.ends_with(&digits)), "{digits}: {events:?}");
     }
     rig.forget();
     rig.run_ms(3000);
     for id in [124, 125] {
-        assert!((2..=4).contains(&statuses(&rig, id)), "node {id} stays");
+        assert!((2..=4).contains(&statuses(&rig, id)), "node {id} must keep its ID");
         let node = NodeId::new(id as u8).unwrap().get();
         rig.request_to(node, &Message::NodeInfoRequest);
         rig.run_ms(50);
@@ -396,9 +398,9 @@ fn two_boards_at_once_get_an_id_each() {
 
 // ---- the unique ID ----
 
-/// The simulated watchdog scatters from a seed, which stands for the difference between boards.
+/// The simulated watchdog's jitter follows from a seed, which differs between boards.
 #[test]
-fn two_new_boards_make_themselves_different_unique_ids_and_keep_them() {
+fn two_new_boards_generate_different_unique_ids_and_keep_them() {
     let ids: Vec<[u8; 16]> = (1..=4)
         .map(|seed| {
             let (eeprom, unique_id) = another_allocatee(seed);
@@ -417,13 +419,13 @@ fn two_new_boards_make_themselves_different_unique_ids_and_keep_them() {
 }
 
 #[test]
-fn a_power_cut_while_the_unique_id_is_written_leaves_a_good_one() {
+fn after_a_power_cut_during_the_write_the_unique_id_is_valid() {
     for cut_ms in (0..80).step_by(7) {
         let mut rig = Rig::new_board();
-        // To the first byte that is written.
+        // Runs to the first write to the EEPROM.
         while rig.board().avr().eeprom().iter().all(|byte| *byte == 0xFF) {
             rig.run_ms(1);
-            assert!(rig.now() < 2000 * MS, "nothing is written");
+            assert!(rig.now() < 2000 * MS, "the node must write its unique ID");
         }
         rig.run_ms(cut_ms);
         rig.cut_power();

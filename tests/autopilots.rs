@@ -8,7 +8,7 @@ use rig::{MS, Rig};
 const ARDUPILOT: u32 = 10;
 const PX4: u32 = 1;
 
-/// A node with those parameters, and that autopilot.
+/// A running node with these parameters, and this autopilot.
 fn flying(profile: Profile, actuator: u8, parameters: &[(&str, i64)]) -> Rig {
     let mut rig = Rig::running();
     for (name, value) in parameters {
@@ -22,7 +22,7 @@ fn flying(profile: Profile, actuator: u8, parameters: &[(&str, i64)]) -> Rig {
 }
 
 #[track_caller]
-fn assert_obeys(rig: &mut Rig) {
+fn assert_follows(rig: &mut Rig) {
     for deflection in [0.5, -1.0, 1.0, 0.0, -0.25] {
         rig.autopilot().hold(deflection);
         rig.run_ms(30);
@@ -30,7 +30,7 @@ fn assert_obeys(rig: &mut Rig) {
     }
 }
 
-/// The places of the frames that begin a transfer.
+/// Indices of the frames that begin a transfer.
 fn starts(frames: &[(Cycles, Vec<u8>)]) -> Vec<usize> {
     let begins = |data: &[u8]| data.last().is_some_and(|tail| tail & 0x80 != 0);
     (0..frames.len()).filter(|&n| begins(&frames[n].1)).collect()
@@ -39,7 +39,7 @@ fn starts(frames: &[(Cycles, Vec<u8>)]) -> Vec<usize> {
 #[test]
 fn ardupilot_s_first_servo_needs_no_parameter() {
     let mut rig = flying(Profile::Ardupilot, 1, &[]);
-    assert_obeys(&mut rig);
+    assert_follows(&mut rig);
     let starts = starts(&rig.frames(0x0803_F200 | ARDUPILOT));
     assert!(
         starts.len() > 10 && starts.windows(2).all(|pair| pair[1] - pair[0] == 9),
@@ -48,24 +48,24 @@ fn ardupilot_s_first_servo_needs_no_parameter() {
 }
 
 #[test]
-fn ardupilot_s_other_servos_need_their_number() {
+fn ardupilot_s_other_servos_need_only_out1_id() {
     for actuator in [2, 8, 15] {
         let mut rig = flying(Profile::Ardupilot, actuator, &[("OUT1_ID", i64::from(actuator))]);
-        assert_obeys(&mut rig);
+        assert_follows(&mut rig);
     }
 }
 
 #[test]
-fn ardupilot_s_pulse_widths_are_followed_too() {
+fn it_follows_ardupilot_s_pulse_widths() {
     let mut rig = flying(Profile::ArdupilotPwm, 3, &[("OUT1_ID", 3)]);
-    assert_obeys(&mut rig);
+    assert_follows(&mut rig);
 }
 
 #[test]
-fn px4_counts_its_servos_from_0() {
+fn it_follows_px4_s_servos_counted_from_0() {
     for actuator in [0, 7] {
         let mut rig = flying(Profile::Px4, actuator, &[("OUT1_ID", i64::from(actuator))]);
-        assert_obeys(&mut rig);
+        assert_follows(&mut rig);
         let frames = rig.frames(0x0603_F200 | PX4);
         let starts = starts(&frames);
         assert!(
@@ -75,9 +75,9 @@ fn px4_counts_its_servos_from_0() {
     }
 }
 
-/// Each pulse is the one of a command of the last 20 ms or so: no command of nine frames is lost.
+/// Each pulse has the width of a command of about the last 20 ms, so no command of nine frames is lost.
 #[test]
-fn a_sweep_is_followed_step_by_step() {
+fn it_follows_each_step_of_a_sweep() {
     for (profile, actuator) in [(Profile::Ardupilot, 15), (Profile::Px4, 7)] {
         let mut rig = flying(profile, actuator, &[("OUT1_ID", i64::from(actuator))]);
         let now = rig.now();
@@ -89,7 +89,7 @@ fn a_sweep_is_followed_step_by_step() {
             let at = rig.now();
             let Some(last) = rig.pulses.last().copied() else { panic!("no pulse") };
             let commanded = |t| 1500.0 + 500.0 * rig_deflection(&mut rig, t);
-            // The command in force when the pulse began is up to 20 ms old, the pulse as well.
+            // When the pulse began, the newest command could be 20 ms old; the pulse is up to 20 ms old, too.
             let (now, then) = (last.start, last.start - 45 * MS);
             let steps: Vec<f64> = (0..=45).map(|ms| then + ms * MS).map(commanded).collect();
             let (least, most) = steps.iter().fold((f64::MAX, f64::MIN), |(a, b), us| (a.min(*us), b.max(*us)));
@@ -105,11 +105,11 @@ fn rig_deflection(rig: &mut Rig, at: u64) -> f64 {
 }
 
 #[test]
-fn both_say_that_they_are_armed_as_the_gate_wants_it() {
+fn both_send_the_arming_status_that_arm_req_requires() {
     for (profile, actuator) in [(Profile::Ardupilot, 1), (Profile::Px4, 1)] {
         let mut rig = flying(profile, actuator, &[("ARM_REQ", 1), ("OUT1_FS", 3)]);
         rig.run_ms(600);
-        assert_obeys(&mut rig);
+        assert_follows(&mut rig);
         rig.autopilot().set_armed(false);
         rig.run_ms(700);
         rig.forget();
@@ -117,24 +117,24 @@ fn both_say_that_they_are_armed_as_the_gate_wants_it() {
         assert_eq!(rig.pulses, [], "disarmed");
         rig.autopilot().set_armed(true);
         rig.run_ms(700);
-        assert_obeys(&mut rig);
+        assert_follows(&mut rig);
     }
 }
 
 #[test]
-fn both_ask_who_the_node_is_and_are_told() {
+fn both_request_and_receive_the_node_s_information() {
     for profile in [Profile::Ardupilot, Profile::Px4] {
         let mut rig = flying(profile, 1, &[]);
         rig.run_ms(1500);
-        let news = rig.autopilot().take_news();
-        let [(_, text)] = &news[..] else { panic!("{news:?}") };
+        let events = rig.autopilot().take_news();
+        let [(_, text)] = &events[..] else { panic!("{events:?}") };
         assert!(text.starts_with("120 is org."), "{text}");
         assert!(rig.broken.is_empty(), "{:?}", rig.broken);
     }
 }
 
 #[test]
-fn an_autopilot_that_falls_silent_is_a_failsafe() {
+fn when_the_autopilot_stops_sending_the_failsafe_begins() {
     let mut rig = flying(Profile::Ardupilot, 1, &[("OUT1_FS", 1), ("OUT1_TIMEOUT", 200)]);
     rig.run_ms(500);
     rig.autopilot().set_silent(true);

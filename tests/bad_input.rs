@@ -5,19 +5,19 @@ use bench::can::{Frame, Id};
 use rig::{ARRAY_COMMAND, NODE_STATUS, Rig, SERVO_COMMAND, array_command};
 
 #[track_caller]
-fn assert_refused(mut rig: Rig, frames: usize, line: &str) {
+fn assert_rejects(mut rig: Rig, frames: usize, line: &str) {
     assert_eq!(rig.settled_pulse_us(), 1750.0);
     rig.run_ms(300);
     assert_eq!(rig.serial.matches(line).count(), frames, "{}", rig.serial);
     rig.board().avr_mut().serial_send(b"?");
     rig.wait_for_line(&format!("commands followed 1, frames refused {frames}"), 100);
-    // And it goes on.
+    // The node still follows commands.
     rig.send_command(1, 0, -1.0);
     assert_eq!(rig.settled_pulse_us(), 1000.0);
 }
 
 #[test]
-fn truncated_and_oversized_commands_are_refused() {
+fn truncated_and_oversized_commands_are_rejected() {
     let mut rig = Rig::positioned();
     let lengths = [1, 2, 3, 5, 6, 7];
     for len in lengths {
@@ -26,19 +26,19 @@ fn truncated_and_oversized_commands_are_refused() {
         rig.send(ARRAY_COMMAND | 10, &data);
         rig.run_ms(10);
     }
-    assert_refused(rig, lengths.len(), "refused: type 1010 from 10 tid 0, wrong length");
+    assert_rejects(rig, lengths.len(), "refused: type 1010 from 10 tid 0, wrong length");
 }
 
 #[test]
-fn a_frame_without_a_tail_byte_is_refused() {
+fn a_frame_without_a_tail_byte_is_rejected() {
     let mut rig = Rig::positioned();
     rig.send(ARRAY_COMMAND | 10, &[]);
-    assert_refused(rig, 1, "refused: type 1010 from 10, not a whole frame");
+    assert_rejects(rig, 1, "refused: type 1010 from 10, not a whole frame");
 }
 
-/// Nor do its remaining frames complete it a minute later, when the node's 16-bit clock has wrapped.
+/// The remaining frames must not complete the command a minute later either, when the node's 16-bit clock has wrapped.
 #[test]
-fn a_command_whose_rest_never_comes_is_given_up_after_50_ms_and_told() {
+fn an_incomplete_command_is_dropped_and_logged_after_50_ms() {
     let mut rig = Rig::positioned();
     rig.set("OUT1_TIMEOUT", 0);
     let frames = array_command(&[(1, 0, -1.0), (2, 0, 0.0), (3, 0, 0.0)], 7);
@@ -50,96 +50,96 @@ fn a_command_whose_rest_never_comes_is_given_up_after_50_ms_and_told() {
     for data in &frames[1..] {
         rig.send(ARRAY_COMMAND | 10, data);
     }
-    assert_refused(rig, 1, "refused: type 1010 from 10, broken");
+    assert_rejects(rig, 1, "refused: type 1010 from 10, broken");
 }
 
 /// long_commands.rs tests complete transfers of several frames.
 #[test]
-fn frames_that_belong_to_no_transfer_leave_the_servo_where_it_is() {
+fn frames_that_belong_to_no_transfer_do_not_move_the_servo() {
     let mut rig = Rig::positioned();
     for tail in [0x00, 0x20, 0x40, 0x60, 0xE0] {
         rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, tail]);
         rig.run_ms(10);
     }
-    // Only the last cannot be any part of a transfer: its start has the toggle bit set.
-    assert_refused(rig, 1, "refused: type 1010 from 10");
+    // Only the last frame can belong to no transfer at all: it is a start of transfer with the toggle bit set.
+    assert_rejects(rig, 1, "refused: type 1010 from 10");
 }
 
 #[test]
-fn anonymous_commands_and_ones_with_the_nodes_own_id_are_refused() {
+fn commands_without_a_sender_or_with_the_node_s_own_id_are_rejected() {
     let mut rig = Rig::positioned();
     rig.send(ARRAY_COMMAND, &[1, 0, 0, 0, 0xC0]);
     rig.send(ARRAY_COMMAND | 120, &[1, 0, 0, 0, 0xC0]);
     rig.send(SERVO_COMMAND, &[0, 0xC0]);
     rig.send(NODE_STATUS | 120, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
-    assert_refused(rig, 4, "wrong sender");
+    assert_rejects(rig, 4, "wrong sender");
 }
 
 #[test]
-fn remote_frames_are_refused() {
+fn remote_frames_are_rejected() {
     let mut rig = Rig::positioned();
     rig.send_frame(Frame::remote(Id::Extended(ARRAY_COMMAND | 10), 5));
     rig.send_frame(Frame::remote(Id::Extended(NODE_STATUS | 1), 8));
-    assert_refused(rig, 2, "refused: not a type of this node");
+    assert_rejects(rig, 2, "refused: not a type of this node");
 }
 
 #[test]
-fn standard_frames_do_not_even_arrive() {
+fn standard_frames_do_not_pass_the_filters() {
     let mut rig = Rig::positioned();
     for id in 0..0x800 {
         rig.send_frame(Frame::standard(id, &[1, 0, 0, 0, 0xC0]));
     }
     rig.run_ms(300);
-    assert_refused(rig, 0, "refused");
+    assert_rejects(rig, 0, "refused");
 }
 
 #[test]
-fn a_length_code_above_8_means_8_bytes_and_blocks_nothing() {
+fn a_dlc_above_8_means_8_bytes_and_blocks_nothing() {
     let mut rig = Rig::positioned();
     for dlc in 9..=15 {
         let data = [1, 0, 0, 0, 0, 0, 0, 0xC0];
         rig.send_frame(Frame::with_dlc(Id::Extended(ARRAY_COMMAND | 10), dlc, data));
         rig.run_ms(10);
     }
-    assert_refused(rig, 7, "refused: type 1010 from 10 tid 0, wrong length");
+    assert_rejects(rig, 7, "refused: type 1010 from 10 tid 0, wrong length");
 }
 
 #[test]
-fn statuses_of_a_wrong_length_are_refused() {
+fn statuses_of_a_wrong_length_are_rejected() {
     let mut rig = Rig::positioned();
     rig.send(NODE_STATUS | 1, &[0, 0, 0, 0, 0, 0, 0xC0]);
     rig.send(NODE_STATUS | 1, &[0xC0]);
-    assert_refused(rig, 2, "refused: type 341 from 1 tid 0, wrong length");
+    assert_rejects(rig, 2, "refused: type 341 from 1 tid 0, wrong length");
 }
 
 #[test]
-fn thesis_commands_of_a_wrong_length_are_refused() {
+fn thesis_commands_of_a_wrong_length_are_rejected() {
     let mut rig = Rig::positioned();
     rig.send(SERVO_COMMAND | 1, &[0xC0]);
     rig.send(SERVO_COMMAND | 1, &[0, 0, 0xC0]);
-    assert_refused(rig, 2, "refused: type 1111 from 1 tid 0, wrong length");
+    assert_rejects(rig, 2, "refused: type 1111 from 1 tid 0, wrong length");
 }
 
 #[test]
-fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
+fn a_bus_full_of_frames_for_others_does_not_disturb_the_node() {
     let mut rig = Rig::positioned();
-    // Or the controller would get its filters again when the commands stop, and acknowledge nothing meanwhile.
+    // The failsafe would restart the controller, which acknowledges nothing while it restarts.
     rig.set("OUT1_TIMEOUT", 0);
     rig.take_v0_only();
-    // An autopilot, or the node would listen for the other dialect, and the filters would let more through.
+    // With an autopilot the node accepts one dialect only, so the filters let less through.
     let autopilot = [10, 0, 0, 0, 0, 0, 0, 0xC0];
     for _ in 0..2 {
         rig.send(NODE_STATUS | 10, &autopilot);
         rig.run_ms(600);
     }
-    // The first that gets through makes it give the controller closer filters after the autopilot's next message, for which that leaves the
+    // The first frame that passes makes the node write narrower filters after the autopilot's next message. For that the controller leaves the
     // bus.
     rig.send(0x1804_562A, &[0xA5; 8]);
     rig.send(NODE_STATUS | 10, &autopilot);
     rig.run_ms(600);
     rig.forget();
     let others = [0x1804_562A, 0x1803_F32A, 0x1E01_AAFF, 0x1E97_4D00, 0x1804_2E0A, 0x1004_5801, 0x1803_F2AA];
-    // Some 2.6 seconds.
+    // About 2.6 s.
     let count = rig::board().fastest_bit_rate() as usize / 50;
     for n in 0..count {
         rig.send(others[n % others.len()], &[0xA5; 8]);
@@ -148,7 +148,7 @@ fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
         }
     }
     rig.run_ms(2500);
-    assert_eq!(rig.statuses().len(), 3, "the node's own statuses, one for each of the autopilot's");
+    assert_eq!(rig.statuses().len(), 3, "the node must send a status for each of the autopilot's");
     let from_node = |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & 0xFF == rig::NODE);
     let of_others = rig.traffic.iter().filter(|(_, frame)| !from_node(frame)).count();
     assert_eq!(of_others, count + 3 - rig.peer.borrow().queued());
@@ -159,9 +159,9 @@ fn other_traffic_at_full_load_stays_out_and_disturbs_nothing() {
 }
 
 #[test]
-fn random_frames_of_our_types_never_stop_the_node() {
+fn random_frames_of_the_node_s_types_do_not_stop_it() {
     let mut rig = Rig::running();
-    // Faster than the node can follow at times. What it loses it must tell.
+    // At times the frames come faster than the node can read them. It must count what it loses.
     rig.overflows_expected = true;
     let mut random = Noise::new(1);
     for _ in 0..3000 {

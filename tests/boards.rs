@@ -7,14 +7,14 @@ use bench::dronecan::{Message, Opcode, ParameterRequest, Value};
 use bench::firmware_for;
 use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, is_from_node, started_with};
 
-/// The answer to a GetNodeInfo, without its priority.
+/// CAN identifier of a GetNodeInfo response of the node, without its priority.
 const NODE_INFO: u32 = 0x0001_7F80 | NODE;
 
-/// The node's frames and pulses.
+/// The recorded frames and pulses of the node.
 struct Seen {
-    /// Of each identifier, the data of its frames in their order.
+    /// For each identifier, the data of its frames in order.
     frames: BTreeMap<u32, Vec<Vec<u8>>>,
-    /// Widths of the pulses in their order, in microseconds, each once.
+    /// Widths of the pulses in order, in microseconds, repeated widths once.
     pulses_us: Vec<f64>,
     lines: Vec<String>,
     lost: u32,
@@ -24,10 +24,10 @@ fn request(name: &str, value: Value) -> Message {
     Message::ParameterRequest(ParameterRequest { index: 0, name: name.as_bytes().to_vec(), value })
 }
 
-/// Two seconds of commands of each kind, requests and invalid frames, and then the failsafe.
+/// Runs two seconds of commands of each kind, requests and invalid frames, and then the failsafe.
 fn traffic_through(board: &str) -> Seen {
     let elf = firmware_for(board, "seeed", "default").unwrap_or_else(|error| panic!("{error:#}"));
-    // The same unique ID and parameters for both.
+    // Both boards have the same unique ID and parameters.
     let diecimila = firmware_for("diecimila", "seeed", "default").unwrap_or_else(|error| panic!("{error:#}"));
     let mut rig = Rig::with_boards_of(&elf, &[started_with(&diecimila)]);
     rig.wait_until_up();
@@ -41,7 +41,7 @@ fn traffic_through(board: &str) -> Seen {
             2 => rig.send_command(1, 4, 1500.0 + 400.0 * part),
             3 => rig.send_servo_command(n * 4),
             4 => rig.send_commands(&[(2, 0, 0.1), (1, 0, part), (3, 0, 0.2), (9, 0, -0.3)]),
-            // For another actuator, of an unknown type, and not a number.
+            // A command for another actuator, one of an unknown type, and one that is NaN.
             5 => rig.send_command(2, 0, part),
             6 => rig.send_command(1, 77, part),
             _ => rig.send_command(1, 0, f32::NAN),
@@ -62,7 +62,7 @@ fn traffic_through(board: &str) -> Seen {
         }
         match n {
             40 => rig.send_frame(Frame::remote(Id::Extended(ARRAY_COMMAND | 10), 5)),
-            // Its own ID, a piece of a transfer, and a status of the autopilot.
+            // A frame with the node's own ID, a piece of a transfer, and a status of the autopilot.
             45 => rig.send(ARRAY_COMMAND | NODE, &[1, 0, 0, 0, 0xC0]),
             50 => rig.send(ARRAY_COMMAND | 10, &[1, 2, 3, 4, 5, 6, 7, 0x80]),
             55 => rig.send_status_from(1),
@@ -83,7 +83,7 @@ fn traffic_through(board: &str) -> Seen {
 }
 
 #[test]
-fn both_chips_send_the_same_frames_pulses_and_lines_on_the_same_traffic() {
+fn both_chips_answer_the_same_traffic_with_the_same_frames_pulses_and_lines() {
     let (small, large) = (traffic_through("diecimila"), traffic_through("uno"));
     assert_eq!((small.lost, large.lost), (0, 0));
     assert_eq!(small.pulses_us, large.pulses_us);
@@ -93,7 +93,7 @@ fn both_chips_send_the_same_frames_pulses_and_lines_on_the_same_traffic() {
     for (&id, frames) in &small.frames {
         let other = &large.frames[&id];
         assert_eq!(frames.len(), other.len(), "{id:08X}");
-        // Name and hardware version are those of the board.
+        // Name and hardware version differ between the boards.
         if id & !(0x1F << 24) != NODE_INFO {
             assert_eq!(frames, other, "{id:08X}");
         }

@@ -8,7 +8,7 @@ fn budget() -> Budget {
 }
 
 #[test]
-fn flash_and_variables_keep_to_their_budgets() {
+fn flash_and_variables_stay_within_their_budgets() {
     let mut rig = Rig::powered();
     let mut address = |name: &str| rig.bench.board(0).avr().symbol(name).unwrap().address;
     let flash = address("__data_load_end");
@@ -20,19 +20,19 @@ fn flash_and_variables_keep_to_their_budgets() {
 }
 
 #[test]
-fn the_linker_refuses_more_than_the_bootloader_leaves_and_than_the_variables_may_have() {
+fn the_linker_checks_the_budgets_of_flash_and_variables() {
     let mut rig = Rig::powered();
     let mut value = |name: &str| rig.bench.board(0).avr().symbol(name).unwrap().address;
     assert_eq!(value("__TEXT_REGION_LENGTH__"), budget().flash);
     assert_eq!(value("__DATA_REGION_LENGTH__"), budget().statics);
 }
 
-/// Everything that makes the stack deep: all kinds of messages, refusals, errors, a lost chip, counters on request.
+/// Causes what makes the stack deep: all kinds of messages, rejections, errors, a chip without power, counters on request.
 #[test]
-fn the_stack_at_its_deepest_stays_within_its_budget() {
+fn the_deepest_stack_stays_within_its_budget() {
     let mut rig = Rig::powered();
     rig.overflows_expected = true;
-    // The program cannot know that a glitch has just reset the chip.
+    // The driver does not know yet that the chip was reset, so the model reports its accesses.
     rig.violations_expected = true;
     for round in 0..60u8 {
         rig.send_status_from(1 + round);

@@ -4,52 +4,52 @@
 use rig::faults::bus;
 
 #[test]
-fn a_pulled_cable_is_told_of_and_forgotten_when_it_is_back() {
+fn a_pulled_cable_is_logged_and_the_node_recovers() {
     bus::CABLE.check();
 }
 
 #[test]
-fn a_node_alone_on_its_bus_waits_for_the_others() {
+fn a_node_alone_on_the_bus_recovers_when_another_joins() {
     bus::ALONE.check();
 }
 
 #[test]
-fn a_shorted_bus_is_told_of_and_survived() {
+fn a_shorted_bus_is_logged_and_the_node_recovers() {
     bus::SHORT.check();
 }
 
 #[test]
-fn a_bus_that_is_shorted_while_the_node_starts_only_delays_it() {
+fn a_bus_shorted_during_the_start_delays_the_node() {
     bus::BROKEN_WHILE_STARTING.check();
 }
 
 #[test]
-fn a_node_that_sends_at_another_rate_is_outlived() {
+fn the_node_recovers_from_a_sender_at_another_bit_rate() {
     bus::WRONG_RATE.check();
 }
 
 #[test]
-fn a_node_set_to_the_wrong_rate_tells_so_and_works_when_it_is_set_right() {
+fn a_wrong_bit_rate_is_logged_and_can_be_corrected() {
     bus::OWN_RATE_WRONG.check();
 }
 
 #[test]
-fn a_babbling_node_is_outlived() {
+fn the_node_recovers_from_a_babbling_node() {
     bus::BABBLE.check();
 }
 
 #[test]
-fn without_acknowledgement_the_node_is_error_passive_until_it_is_heard() {
+fn without_acknowledgement_the_node_is_error_passive_and_recovers() {
     bus::NO_ACKNOWLEDGE.check();
 }
 
 #[test]
-fn bus_off_through_transmit_errors_is_counted_and_told_of_and_the_node_comes_back() {
+fn bus_off_is_counted_and_logged_and_the_node_recovers() {
     bus::DESTROYED.check();
 }
 
 #[test]
-fn bit_errors_are_counted_and_survived_at_each_rate() {
+fn bit_errors_are_counted_and_the_node_recovers_at_each_error_rate() {
     for case in [&bus::NOISE_5, &bus::NOISE_4, &bus::NOISE_3, &bus::NOISE_2] {
         case.check();
     }

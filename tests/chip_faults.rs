@@ -4,57 +4,57 @@
 use rig::faults::chip;
 
 #[test]
-fn a_controller_that_was_reset_is_set_up_again_before_the_servo_feels_it() {
+fn a_reset_controller_is_restarted_before_the_failsafe() {
     chip::RESET.check();
 }
 
 #[test]
-fn a_controller_with_garbage_in_its_registers_is_set_up_again() {
+fn a_controller_with_garbage_in_its_registers_is_restarted() {
     chip::BROWN_OUT.check();
 }
 
 #[test]
-fn a_controller_without_power_is_tried_until_it_has_some() {
+fn a_controller_without_power_is_restarted_until_it_answers() {
     chip::NO_POWER.check();
 }
 
 #[test]
-fn a_controller_that_stays_in_configuration_mode_is_tried_until_it_leaves_it() {
+fn a_controller_stuck_in_configuration_mode_is_restarted_until_it_leaves_it() {
     chip::HELD.check();
 }
 
 #[test]
-fn a_controller_that_fell_asleep_is_woken() {
+fn a_sleeping_controller_is_restarted() {
     chip::ASLEEP.check();
 }
 
 #[test]
-fn an_spi_that_reads_all_zeros_or_all_ones_is_told_of() {
+fn an_spi_that_reads_all_zeros_or_all_ones_is_logged() {
     chip::MISO_LOW.check();
     chip::MISO_HIGH.check();
 }
 
 #[test]
-fn an_spi_that_flips_bits_is_told_of_and_moves_the_servo_no_further_than_its_travel() {
+fn an_spi_that_flips_bits_is_logged_and_the_servo_stays_in_its_travel() {
     chip::FLIPPING.check();
 }
 
 #[test]
-fn a_register_that_changed_by_itself_is_noticed() {
+fn a_flipped_bit_in_a_register_is_detected() {
     chip::REGISTER.check();
 }
 
 #[test]
-fn a_filter_that_changed_by_itself_is_put_right_by_the_failsafe() {
+fn a_flipped_bit_in_a_filter_is_corrected_by_the_failsafe() {
     chip::FILTER.check();
 }
 
 #[test]
-fn an_int_line_stuck_high_is_noticed() {
+fn an_int_line_stuck_high_is_detected() {
     chip::INT_HIGH.check();
 }
 
 #[test]
-fn an_int_line_stuck_low_is_noticed() {
+fn an_int_line_stuck_low_is_detected() {
     chip::INT_LOW.check();
 }

@@ -1,20 +1,20 @@
-//! Two nodes that command the same output, and who may arm.
+//! Two nodes that command the same output, and which node may arm.
 
 use bench::can::Frame;
 use rig::status::{DISARMED, OK, TWO_COMMANDERS, WARNING};
 use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command};
 
-/// ArmingStatus, 255: armed.
+/// ArmingStatus. 255 is fully armed.
 const ARMING_STATUS: u32 = 0x1804_4C00;
 
-/// A command in one frame from any node.
+/// A command in one frame from node `source`.
 fn command_from(rig: &mut Rig, source: u32, actuator: u8, value: f32) {
     let frames = array_command(&[(actuator, 0, value)], 0);
     assert_eq!(frames.len(), 1);
     rig.send_frame(Frame::extended(ARRAY_COMMAND | source, &frames[0]));
 }
 
-/// 50 commands a second of each of these nodes, half a period apart.
+/// Each of these nodes sends 50 commands a second, half a period apart.
 fn command_together(rig: &mut Rig, sources: &[(u32, u8)], ms: u64) {
     let end = rig.now() + ms * MS;
     while rig.now() < end {
@@ -26,7 +26,7 @@ fn command_together(rig: &mut Rig, sources: &[(u32, u8)], ms: u64) {
 }
 
 #[test]
-fn two_nodes_that_command_the_output_are_a_warning_until_ten_seconds_after() {
+fn two_commanders_are_a_warning_until_ten_seconds_after_the_last_conflict() {
     let mut rig = Rig::running();
     command_together(&mut rig, &[(10, 1)], 3000);
     assert_eq!(rig.next_status(), (OK, 0));
@@ -44,13 +44,13 @@ fn a_node_that_commands_other_outputs_is_no_second_commander() {
     assert_eq!(rig.next_status(), (OK, 0));
 }
 
-/// A tool commands first, and then the autopilot.
+/// A tool sends commands first, then the autopilot.
 #[test]
-fn a_commander_that_stops_is_followed_by_another_without_a_warning() {
+fn after_a_commander_stops_another_takes_over_without_a_warning() {
     let mut rig = Rig::running();
     for source in [10, 11, 10] {
         command_together(&mut rig, &[(source, 1)], 1000);
-        // Longer than the two seconds that a command counts as recent; the tool's own status keeps coming.
+        // Longer than the two seconds in which a command counts as recent. The tool continues to send its status.
         for _ in 0..5 {
             rig.send(NODE_STATUS | source, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
             rig.run_ms(500);
@@ -72,9 +72,9 @@ fn only_the_commander_arms_and_disarms() {
     for (source, armed, is_disarmed_then) in [(11, 255, true), (10, 255, false), (11, 0, false), (10, 0, true)] {
         rig.send(ARMING_STATUS | source, &[armed, 0xC0]);
         rig.run_ms(10);
-        let told = format!("refused: type 1100 from {source}, wrong sender");
-        assert_eq!(rig.serial.contains(&told), source == 11, "{}", rig.serial);
-        // A command keeps its sender the commander.
+        let logged = format!("refused: type 1100 from {source}, wrong sender");
+        assert_eq!(rig.serial.contains(&logged), source == 11, "{}", rig.serial);
+        // A command makes its sender the commander for longer.
         command_together(&mut rig, &[(10, 1)], 1000);
         rig.send(ARMING_STATUS | source, &[armed, 0xC0]);
         assert_eq!(is_disarmed(&mut rig), is_disarmed_then, "{armed} of {source}");
@@ -83,7 +83,7 @@ fn only_the_commander_arms_and_disarms() {
 }
 
 #[test]
-fn without_a_commander_the_lowest_node_id_arms() {
+fn without_a_commander_the_lowest_node_id_may_arm() {
     let mut rig = Rig::running();
     rig.set("ARM_REQ", 1);
     for source in [20, 10] {
@@ -96,7 +96,7 @@ fn without_a_commander_the_lowest_node_id_arms() {
 }
 
 #[test]
-fn while_disarmed_a_command_moves_nothing() {
+fn while_disarmed_a_command_does_not_move_the_servo() {
     let mut rig = Rig::running();
     rig.set("ARM_REQ", 1);
     command_together(&mut rig, &[(10, 1)], 500);

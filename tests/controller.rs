@@ -6,7 +6,7 @@ use bench::mcp2515::Mode;
 use rig::status::{CONTROLLER, FRAMES_LOST, WARNING};
 use rig::{ARRAY_COMMAND, MS, Rig, US, status_fields};
 
-/// Addresses of DS20001801J table 11-1.
+/// Register addresses (DS20001801J table 11-1).
 const CNF1: u8 = 0x2A;
 const CNF2: u8 = 0x29;
 const CNF3: u8 = 0x28;
@@ -16,14 +16,14 @@ const CANINTF: u8 = 0x2C;
 const EFLG: u8 = 0x2D;
 const TXB0CTRL: u8 = 0x30;
 
-/// Bits of them.
+/// Bits of these registers.
 const ABAT: u8 = 0x10;
 const ERRIF: u8 = 0x20;
 const MERRF: u8 = 0x80;
 const RX0OVR: u8 = 0x40;
 const RX1OVR: u8 = 0x80;
 
-/// Instructions of table 12-1.
+/// SPI instructions (DS20001801J table 12-1).
 const WRITE: u8 = 0x02;
 const BIT_MODIFY: u8 = 0x05;
 const RESET: u8 = 0xC0;
@@ -38,30 +38,30 @@ fn bit_timing_is_1_mbit_s_with_a_sample_point_of_75_percent() {
     assert_eq!(chip.mode(), Mode::Normal);
 }
 
-/// The serial monitor has a line for every accepted frame, in the order in which the node read them.
+/// The serial monitor logs each accepted frame, in the order in which the node read them.
 #[test]
 fn frames_back_to_back_are_received_in_order() {
     let mut rig = Rig::running();
     for round in 0..40u8 {
-        // Two frames fill both buffers, and the others follow while they are read.
+        // Two frames fill both buffers. The others arrive while the node reads these.
         for n in 0..4 {
             rig.send(0x1003_F20A, &[1, 4, 0, 0x64 + n, 0xC0 | ((round * 4 + n) % 32)]);
         }
         rig.run_ms(25);
     }
-    let told: Vec<u8> = rig
+    let logged: Vec<u8> = rig
         .serial
         .lines()
         .filter_map(|line| line.strip_prefix("rx ArrayCommand from 10 tid "))
         .map(|rest| rest.split(':').next().unwrap().parse().unwrap())
         .collect();
     let expected: Vec<u8> = (0..160).map(|n| n % 32).collect();
-    assert_eq!(told, expected);
+    assert_eq!(logged, expected);
 }
 
-/// INT comes late, so that two frames wait, and a third one arrives while they are read.
+/// INT falls late, so that two frames wait, and a third arrives while the node reads them.
 #[test]
-fn frames_that_waited_in_both_buffers_are_taken_in_order() {
+fn frames_that_waited_in_both_buffers_are_read_in_order() {
     let mut rig = Rig::running();
     rig.overflows_expected = true;
     let mut whole = 0;
@@ -75,14 +75,14 @@ fn frames_that_waited_in_both_buffers_are_taken_in_order() {
         rig.run_until(moment);
         rig.board().set_stuck_int(None);
         rig.run_ms(25);
-        let told: Vec<&str> = rig
+        let logged: Vec<&str> = rig
             .serial
             .lines()
             .filter_map(|line| line.strip_prefix("rx ArrayCommand from 10 tid "))
             .map(|rest| &rest[..1])
             .collect();
-        assert!(told.is_sorted(), "released after {} us: {told:?}", 150 + 2 * step);
-        whole += usize::from(told == ["0", "1", "2"]);
+        assert!(logged.is_sorted(), "released after {} us: {logged:?}", 150 + 2 * step);
+        whole += usize::from(logged == ["0", "1", "2"]);
     }
     assert!(whole > 50, "{whole}");
 }
@@ -96,13 +96,13 @@ fn messages_that_are_due_together_leave_in_order() {
     for n in 0..30 {
         rig.send_status_from(1);
         rig.run_ms(1000);
-        // The bus is held by others when the messages fall due, so that several wait in the controller at once.
+        // Other nodes occupy the bus when the messages fall due, so that several wait in the controller at once.
         if n % 3 == 2 {
             let at = rig.traffic.iter().rposition(|(_, frame)| frame.to_string().starts_with("18045878")).unwrap();
             let (degrees_at, _) = rig.traffic[at];
             let statuses = rig.statuses();
             let (status_at, _) = statuses.iter().rfind(|(at, _)| *at < degrees_at).unwrap();
-            assert!(degrees_at - status_at < 2 * MS, "the status of the same occasion left first");
+            assert!(degrees_at - status_at < 2 * MS, "the status that was due with it must leave first");
             seen += 1;
         }
     }
@@ -110,14 +110,14 @@ fn messages_that_are_due_together_leave_in_order() {
 }
 
 #[test]
-fn a_chip_that_does_not_answer_is_told_of_and_taken_on_when_it_does() {
+fn a_silent_chip_is_logged_and_started_when_it_answers() {
     for floating in [0x00, 0xFF] {
         let mut rig = Rig::powered();
         rig.board().chip_power_off(floating);
         rig.run_ms(1000);
         let line = format!("CAN: MCP2515 silent (CANSTAT {floating:02X})");
-        let told = rig.serial.lines().filter(|told| *told == line).count();
-        assert!((5..=11).contains(&told), "about ten tries a second, each told: {}", rig.serial);
+        let logged = rig.serial.lines().filter(|logged| *logged == line).count();
+        assert!((5..=11).contains(&logged), "about ten attempts a second, each logged: {}", rig.serial);
         assert_eq!(rig.pulses, []);
         rig.board().chip_power_on();
         rig.wait_for_line("CAN: running", 300);
@@ -130,23 +130,23 @@ fn a_chip_that_does_not_answer_is_told_of_and_taken_on_when_it_does() {
 }
 
 #[test]
-fn a_chip_that_was_reset_by_a_glitch_is_noticed_and_set_up_again() {
+fn a_chip_reset_by_a_glitch_is_detected_and_restarted() {
     let mut rig = Rig::running();
     rig.send_command(1, 0, 0.5);
     rig.settled_pulse_us();
-    // The program cannot know that the chip starts again.
+    // The driver does not know yet that the chip was reset, so the model reports its accesses.
     rig.violations_expected = true;
     rig.board().chip_reset();
     rig.wait_for_line("CAN: MCP2515 lost its settings", 50);
     rig.wait_for_line("CAN: running", 200);
     rig.run_ms(50);
-    assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1750.0), "the servo holds meanwhile");
+    assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1750.0), "the servo must hold its position");
     rig.send_command(1, 0, -0.5);
     assert_eq!(rig.settled_pulse_us(), 1250.0);
 }
 
 #[test]
-fn a_chip_that_dies_while_running_is_noticed_and_taken_on_again() {
+fn a_chip_that_stops_answering_is_detected_and_restarted() {
     let mut rig = Rig::running();
     rig.board().chip_power_off(0xFF);
     rig.wait_for_line("CAN: MCP2515 silent (CANSTAT FF)", 400);
@@ -157,7 +157,7 @@ fn a_chip_that_dies_while_running_is_noticed_and_taken_on_again() {
 }
 
 #[test]
-fn a_bus_that_is_held_dominant_is_told_of_and_survived() {
+fn a_bus_held_dominant_is_logged_and_the_node_recovers() {
     let mut rig = Rig::powered();
     rig.bench.bus().inject(Fault::StuckDominant(true));
     rig.run_ms(1000);
@@ -168,7 +168,7 @@ fn a_bus_that_is_held_dominant_is_told_of_and_survived() {
 }
 
 #[test]
-fn bus_off_is_told_of_and_the_node_comes_back() {
+fn bus_off_is_logged_and_the_node_recovers() {
     let mut rig = Rig::running();
     rig.bench.bus().inject(Fault::BitErrorRate { per_million: 60_000, seed: 1 });
     rig.run_ms(4000);
@@ -181,7 +181,7 @@ fn bus_off_is_told_of_and_the_node_comes_back() {
 }
 
 #[test]
-fn noise_on_the_bus_never_moves_the_servo_wrongly() {
+fn noise_on_the_bus_never_causes_a_wrong_pulse() {
     let mut rig = Rig::running();
     rig.bench.bus().inject(Fault::BitErrorRate { per_million: 2_000, seed: 7 });
     for n in 0..500u16 {
@@ -193,9 +193,9 @@ fn noise_on_the_bus_never_moves_the_servo_wrongly() {
 }
 
 #[test]
-fn noise_on_the_spi_is_survived() {
+fn the_node_recovers_from_noise_on_the_spi() {
     let mut rig = Rig::running();
-    // Flipped bits make any nonsense of the instructions, so the model has much to complain of.
+    // Flipped bits turn instructions into illegal ones, so the model reports many violations.
     rig.violations_expected = true;
     rig.overflows_expected = true;
     rig.board().set_spi_noise(200, 3);
@@ -215,7 +215,7 @@ fn noise_on_the_spi_is_survived() {
 }
 
 #[test]
-fn frames_that_nobody_acknowledges_are_given_up_after_a_second() {
+fn frames_that_nobody_acknowledges_are_dropped_after_a_second() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
@@ -227,11 +227,11 @@ fn frames_that_nobody_acknowledges_are_given_up_after_a_second() {
 }
 
 #[test]
-fn frames_that_the_controller_had_no_room_for_are_counted_and_shown_in_the_status() {
+fn receive_overflows_are_counted_and_reported_in_the_status() {
     let mut rig = Rig::running();
     rig.overflows_expected = true;
     let lost = rig.lose_frames();
-    assert!(lost > 5, "only {lost} frames lost: the test asks too little");
+    assert!(lost > 5, "only {lost} frames lost: too few for this test");
     rig.run_ms(1100);
     let (_, health, _, vendor_code) = status_fields(&rig.statuses().last().unwrap().1);
     assert_eq!((health, vendor_code), (WARNING, FRAMES_LOST));
@@ -240,9 +240,9 @@ fn frames_that_the_controller_had_no_room_for_are_counted_and_shown_in_the_statu
     assert!(!rig.serial.contains("overruns 0"), "{}", rig.serial);
 }
 
-/// From CS low for the first look to CS high behind the frame, which clears RXnIF.
+/// Time from the chip select of the first status read to the end of the instruction that reads the frame and clears RXnIF.
 #[test]
-fn a_frame_is_out_of_the_controller_within_450_cycles_of_the_first_chip_select() {
+fn a_frame_is_read_within_450_cycles_of_the_first_chip_select() {
     let mut rig = Rig::running();
     rig.board().attach_probe();
     for n in 0..20u8 {
@@ -259,7 +259,7 @@ fn a_frame_is_out_of_the_controller_within_450_cycles_of_the_first_chip_select()
 }
 
 /// Accesses the chip over the SPI while the program does not use it.
-fn meddle(rig: &mut Rig, instructions: &[&[u8]]) {
+fn access_chip(rig: &mut Rig, instructions: &[&[u8]]) {
     let end = rig.now() + MS;
     let cs = rig.board().wiring().cs;
     while !rig.board().pin(cs) {
@@ -278,9 +278,9 @@ fn meddle(rig: &mut Rig, instructions: &[&[u8]]) {
     }
 }
 
-/// The registers of the chip change. The firmware compares all registers that it can read every 10 ms.
+/// Checks the recovery after a register changed. The firmware compares all readable registers every 10 ms.
 #[track_caller]
-fn put_right_within_100_ms(rig: &mut Rig) {
+fn assert_restarted_within_100_ms(rig: &mut Rig) {
     rig.forget();
     rig.wait_for_line("CAN: MCP2515 lost its settings", 100);
     rig.wait_for_line("CAN: running", 200);
@@ -292,25 +292,25 @@ fn put_right_within_100_ms(rig: &mut Rig) {
 }
 
 #[test]
-fn a_bit_timing_that_changed_by_itself_is_noticed_and_put_right() {
+fn a_changed_bit_timing_is_detected_and_corrected() {
     for (address, value) in [(CNF1, 0x01), (CNF2, 0x99), (CNF3, 0x02)] {
         let mut rig = Rig::running();
-        meddle(&mut rig, &[&[WRITE, CANCTRL, 0x80], &[WRITE, address, value], &[WRITE, CANCTRL, 0x00]]);
-        put_right_within_100_ms(&mut rig);
+        access_chip(&mut rig, &[&[WRITE, CANCTRL, 0x80], &[WRITE, address, value], &[WRITE, CANCTRL, 0x00]]);
+        assert_restarted_within_100_ms(&mut rig);
     }
 }
 
 #[test]
-fn a_mode_that_changed_by_itself_is_noticed_and_put_right() {
-    // Sleep, loopback, listen-only and configuration mode, and one-shot mode, which is no mode of its own.
+fn a_changed_mode_is_detected_and_corrected() {
+    // Sleep, loopback, listen-only and configuration mode, and one-shot, which is a bit of CANCTRL besides the mode.
     for control in [0x20, 0x40, 0x60, 0x80, 0x08] {
         let mut rig = Rig::running();
-        meddle(&mut rig, &[&[WRITE, CANCTRL, control]]);
-        put_right_within_100_ms(&mut rig);
+        access_chip(&mut rig, &[&[WRITE, CANCTRL, control]]);
+        assert_restarted_within_100_ms(&mut rig);
     }
 }
 
-/// An enabled error interrupt whose flag is never cleared holds INT low for ever, as if a frame waited.
+/// An enabled error interrupt whose flag is never cleared would hold INT low for ever, as if a frame waited.
 #[test]
 fn errors_on_the_bus_never_hold_the_int_pin_low() {
     let mut rig = Rig::running();
@@ -324,20 +324,20 @@ fn errors_on_the_bus_never_hold_the_int_pin_low() {
     let chip = rig.board().chip();
     assert!(
         rig.error_frames > 20 && chip.borrow().register(CANINTF) & (MERRF | ERRIF) != 0,
-        "errors leave their flags"
+        "the errors must set their flags"
     );
-    assert!(chip.borrow().int_pin(), "INT is high");
-    // Nor when the enables changed by themselves.
-    meddle(&mut rig, &[&[WRITE, CANINTE, 0xFF]]);
-    put_right_within_100_ms(&mut rig);
+    assert!(chip.borrow().int_pin(), "INT must be high");
+    // Enables that changed by themselves must not hold INT low either.
+    access_chip(&mut rig, &[&[WRITE, CANINTE, 0xFF]]);
+    assert_restarted_within_100_ms(&mut rig);
     assert!(chip.borrow().int_pin());
 }
 
-/// The edge may come while the program waits for frames by interrupt, or while it looks at the line itself.
+/// The edge may come while the program waits for the interrupt, or while it polls the line.
 #[test]
-fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_hold_the_program_up() {
+fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_stop_the_program() {
     let mut rig = Rig::running();
-    // The interrupt of the shorted line may come while the chip starts after RESET.
+    // The shorted line may interrupt while the chip starts after RESET.
     rig.violations_expected = true;
     for n in 0..20 {
         rig.forget();
@@ -353,14 +353,14 @@ fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_hold_the_program_
     }
 }
 
-/// RXnOVR stays set until the program clears it, and would hide the next loss.
+/// RXnOVR stays set until the program clears it, and would hide the next overflow.
 #[test]
-fn the_flags_of_lost_frames_are_cleared_and_each_loss_is_told() {
+fn overflow_flags_are_cleared_and_each_overflow_is_logged() {
     let mut rig = Rig::running();
     let chip = rig.board().chip();
     for flags in [RX0OVR, RX1OVR, RX0OVR | RX1OVR] {
         rig.forget();
-        meddle(&mut rig, &[&[BIT_MODIFY, EFLG, flags, flags]]);
+        access_chip(&mut rig, &[&[BIT_MODIFY, EFLG, flags, flags]]);
         assert_eq!(chip.borrow().register(EFLG), flags);
         rig.wait_for("the cleared flags", 30, |_| chip.borrow().register(EFLG) == 0);
         rig.board().avr_mut().serial_send(b"?");
@@ -371,7 +371,7 @@ fn the_flags_of_lost_frames_are_cleared_and_each_loss_is_told() {
 
 /// While ABAT is set, the chip aborts every request to send.
 #[test]
-fn after_frames_were_given_up_the_node_sends_again() {
+fn after_dropped_frames_the_node_sends_again() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
@@ -387,12 +387,12 @@ fn after_frames_were_given_up_the_node_sends_again() {
 
 /// DS20001801J 8.1: after power-on and after a reset the chip ignores the SPI for 128 periods of its 16 MHz oscillator.
 #[test]
-fn the_chip_is_left_alone_for_128_oscillator_periods_after_a_reset() {
+fn the_node_does_not_access_the_chip_for_128_oscillator_periods_after_a_reset() {
     let mut rig = Rig::powered();
     rig.board().attach_probe();
     let begun = rig.now();
     rig.run_ms(150);
-    // A glitch, after which the program resets it by the instruction.
+    // After a glitch resets the chip, the program resets it by the instruction.
     rig.board().chip_reset();
     rig.run_ms(300);
     let events = rig.board().take_wire_events();

@@ -1,4 +1,4 @@
-//! The output goes to the failsafe of its parameters when, and only when, commands for it stop. With ARM_REQ it moves only while the
+//! The output goes to its failsafe when, and only when, commands for it stop. With ARM_REQ the output follows commands only while the
 //! vehicle is armed.
 
 use bench::dronecan::{Message, ParameterRequest};
@@ -13,14 +13,14 @@ const OFF: i64 = 3;
 
 const ARMED: u8 = 255;
 
-/// A node with that failsafe, whose servo is at 1750 us.
+/// A node with this failsafe, whose servo is at 1750 us.
 fn moving(mode: i64, timeout_ms: i64) -> Rig {
     let mut rig = Rig::running();
     rig.set("OUT1_TRIM", 1450);
     rig.set("OUT1_FS_PWM", 1900);
     rig.set("OUT1_FS", mode);
     rig.set("OUT1_TIMEOUT", timeout_ms);
-    // A unitless 0.5 is between trim and maximum.
+    // A unitless 0.5 is halfway between trim and maximum.
     command(&mut rig);
     rig.run_ms(45);
     rig
@@ -35,7 +35,7 @@ fn arm(rig: &mut Rig, status: u8) {
 }
 
 #[test]
-fn hold_keeps_the_last_pulse_and_tells() {
+fn hold_keeps_the_last_pulse_and_is_logged() {
     let mut rig = moving(HOLD, 1000);
     rig.run_ms(3000);
     assert_eq!(rig.settled_pulse_us(), 1750.0);
@@ -43,7 +43,7 @@ fn hold_keeps_the_last_pulse_and_tells() {
 }
 
 #[test]
-fn trim_pulse_and_off_come_after_the_timeout_and_not_before() {
+fn trim_pulse_and_off_begin_at_the_timeout_and_not_before() {
     for (mode, expected) in [(TRIM, Some(1450.0)), (PULSE, Some(1900.0)), (OFF, None)] {
         for timeout_ms in [100, 1000] {
             let mut rig = moving(mode, timeout_ms);
@@ -52,7 +52,7 @@ fn trim_pulse_and_off_come_after_the_timeout_and_not_before() {
             let commanded = rig.now();
             rig.run_ms(timeout_ms as u64 + 200);
             let old = rig.pulses.iter().rfind(|pulse| pulse.width_us() == 1750.0).unwrap().start;
-            // The new width begins with a period, so the last old one may have begun up to 20 ms before the time was up.
+            // The new width begins with a servo period, so the last old pulse may have begun up to 20 ms before the timeout.
             let held_ms = ms_between(commanded, old);
             let limits = timeout_ms as f64 - 22.0..timeout_ms as f64 + 3.0;
             assert!(limits.contains(&held_ms), "mode {mode}: held for {held_ms} of {timeout_ms} ms");
@@ -69,7 +69,7 @@ fn trim_pulse_and_off_come_after_the_timeout_and_not_before() {
 }
 
 #[test]
-fn the_next_command_ends_it_at_once_and_the_serial_monitor_tells_both() {
+fn the_next_command_ends_the_failsafe_at_once_and_both_are_logged() {
     for mode in [HOLD, TRIM, PULSE, OFF] {
         let mut rig = moving(mode, 300);
         rig.wait_for_line("FAILSAFE", 400);
@@ -80,15 +80,15 @@ fn the_next_command_ends_it_at_once_and_the_serial_monitor_tells_both() {
         assert_eq!(rig.settled_pulse_us(), 1750.0);
         rig.set("OUT1_TIMEOUT", 0);
         assert_eq!(rig.next_status(), (OK, 0));
-        // The command's own line, and another that says that there are commands again.
-        let told: Vec<&str> = rig.serial.lines().skip(seen).filter(|line| !line.contains("rx ")).collect();
-        assert!(told.iter().any(|line| line.contains("command")), "mode {mode}: {told:?}");
+        // Besides the log line of the command, a line must say that commands arrive again.
+        let logged: Vec<&str> = rig.serial.lines().skip(seen).filter(|line| !line.contains("rx ")).collect();
+        assert!(logged.iter().any(|line| line.contains("command")), "mode {mode}: {logged:?}");
     }
 }
 
-/// All other nodes send, also the autopilot, but nobody sends a command.
+/// Other nodes and the autopilot send messages, but no commands.
 #[test]
-fn other_traffic_does_not_feed_it() {
+fn other_messages_do_not_prevent_the_failsafe() {
     let mut rig = moving(TRIM, 500);
     for n in 0..60u8 {
         rig.send_status_from(10);
@@ -110,7 +110,7 @@ fn other_traffic_does_not_feed_it() {
 }
 
 #[test]
-fn commands_at_their_rate_keep_it_away() {
+fn regular_commands_prevent_the_failsafe() {
     let mut rig = moving(OFF, 100);
     rig.forget();
     for _ in 0..40 {
@@ -122,7 +122,7 @@ fn commands_at_their_rate_keep_it_away() {
 }
 
 #[test]
-fn long_commands_and_those_of_the_thesis_feed_it_too() {
+fn long_commands_and_thesis_commands_prevent_the_failsafe() {
     let mut rig = moving(OFF, 100);
     rig.forget();
     for n in 0..20 {
@@ -137,7 +137,7 @@ fn long_commands_and_those_of_the_thesis_feed_it_too() {
 }
 
 #[test]
-fn a_timeout_of_zero_is_never() {
+fn a_timeout_of_zero_disables_the_failsafe() {
     let mut rig = moving(OFF, 0);
     rig.run_ms(12_000);
     assert_eq!(rig.settled_pulse_us(), 1750.0);
@@ -145,7 +145,7 @@ fn a_timeout_of_zero_is_never() {
 }
 
 #[test]
-fn before_the_first_command_there_is_nothing_to_fail() {
+fn before_the_first_command_there_is_no_failsafe() {
     for mode in [HOLD, TRIM, PULSE, OFF] {
         let mut rig = Rig::running();
         rig.set("OUT1_FS", mode);
@@ -156,7 +156,7 @@ fn before_the_first_command_there_is_nothing_to_fail() {
 }
 
 #[test]
-fn its_pulse_keeps_to_the_travel() {
+fn the_failsafe_pulse_stays_within_the_travel() {
     let mut rig = moving(PULSE, 200);
     rig.set("OUT1_FS_PWM", 2400);
     rig.run_ms(300);
@@ -168,7 +168,7 @@ fn its_pulse_keeps_to_the_travel() {
 }
 
 #[test]
-fn the_longest_timeout_holds_as_long() {
+fn the_longest_timeout_is_exact() {
     let mut rig = moving(OFF, 10_000);
     command(&mut rig);
     rig.run_ms(9_950);
@@ -180,7 +180,7 @@ fn the_longest_timeout_holds_as_long() {
 // ---- the gate ----
 
 #[test]
-fn without_the_request_nobody_need_be_armed() {
+fn without_arm_req_commands_are_followed_while_disarmed() {
     let mut rig = Rig::running();
     arm(&mut rig, 0);
     command(&mut rig);
@@ -189,7 +189,7 @@ fn without_the_request_nobody_need_be_armed() {
 }
 
 #[test]
-fn the_gate_opens_and_closes_with_the_arming_status() {
+fn with_arm_req_the_arming_status_starts_and_stops_the_output() {
     let mut rig = Rig::running();
     rig.set("OUT1_FS", OFF);
     rig.set("ARM_REQ", 1);
@@ -203,28 +203,28 @@ fn the_gate_opens_and_closes_with_the_arming_status() {
             command(rig);
             rig.run_ms(20);
         }
-        // The pulse that was on its way when the gate closed.
+        // Skips the pulse that was in progress when the gate closed.
         rig.pulses.iter().any(|pulse| pulse.start + 50 * MS > rig.now())
     };
-    assert!(!obeys(&mut rig, None), "nobody has armed");
+    assert!(!obeys(&mut rig, None), "without an ArmingStatus the vehicle is not armed");
     assert_eq!(rig.next_status().1 & DISARMED, DISARMED);
     assert!(!obeys(&mut rig, Some(0)));
     assert!(obeys(&mut rig, Some(ARMED)));
     assert_eq!(rig.next_status().1 & DISARMED, 0);
-    assert!(obeys(&mut rig, None), "it stays armed for a while");
+    assert!(obeys(&mut rig, None), "the vehicle must count as armed for some seconds");
     assert!(!obeys(&mut rig, Some(0)));
     assert_eq!(rig.next_status().1 & DISARMED, DISARMED);
     // Only 255 is fully armed.
     for status in [1, 100, 254] {
         assert!(!obeys(&mut rig, Some(status)), "{status}");
     }
-    // Without the request it does not matter any more.
+    // Without ARM_REQ the arming status has no effect.
     rig.set("ARM_REQ", 0);
     assert!(obeys(&mut rig, Some(0)));
 }
 
 #[test]
-fn disarming_is_a_failsafe() {
+fn disarming_starts_the_failsafe() {
     for (mode, expected) in [(HOLD, Some(1750.0)), (TRIM, Some(1450.0)), (PULSE, Some(1900.0)), (OFF, None)] {
         let mut rig = moving(mode, 1000);
         arm(&mut rig, ARMED);
@@ -245,10 +245,10 @@ fn disarming_is_a_failsafe() {
 }
 
 #[test]
-fn a_vehicle_that_does_not_say_any_more_that_it_is_armed_is_not() {
+fn a_vehicle_whose_arming_status_stops_counts_as_disarmed() {
     let mut rig = moving(OFF, 1000);
     rig.set("ARM_REQ", 1);
-    // Twice a second, as ArduPilot does.
+    // Twice a second, like ArduPilot.
     for n in 0..400u32 {
         if n % 25 == 0 && n < 200 {
             arm(&mut rig, ARMED);
@@ -264,7 +264,7 @@ fn a_vehicle_that_does_not_say_any_more_that_it_is_armed_is_not() {
 }
 
 #[test]
-fn a_pulse_that_the_failsafe_holds_stays_within_a_travel_that_shrinks() {
+fn a_pulse_held_by_the_failsafe_stays_within_a_reduced_travel() {
     let mut rig = Rig::running();
     rig.send_command(1, 4, 1950.0);
     assert_eq!(rig.settled_pulse_us(), 1950.0);

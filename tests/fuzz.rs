@@ -1,7 +1,7 @@
-//! Random frames, random transfers and mutated ones, from a seed. After them the servo has the same position, the node answers as fast
-//! as before, nothing has restarted, and the stack was within its limit.
+//! Sends random frames, and random and damaged transfers, from a seed. Afterwards the servo has the same position, the node answers as fast
+//! as before, nothing has restarted, and the stack has stayed within its limit.
 //!
-//! 20,000 frames; `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some minutes. `FUZZ_SEED` chooses another seed.
+//! It sends 20,000 frames. `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some minutes. `FUZZ_SEED` sets another seed.
 
 use bench::Noise;
 use bench::budget::{Budget, PAINT};
@@ -13,10 +13,10 @@ use std::time::Duration;
 const FRAMES: u64 = 20_000;
 const SEED: u64 = 0x5EED;
 
-/// Where the servo is meanwhile.
+/// Pulse width during the whole test.
 const PULSE_US: f64 = 1750.0;
 
-/// What it tries.
+/// The source of random choices.
 struct Random(Noise);
 
 impl Random {
@@ -43,7 +43,7 @@ fn setting(name: &str, default: u64) -> u64 {
         .map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is no number: {text}")))
 }
 
-/// Identifiers that the filters accept, without a source.
+/// Identifiers that the filters accept, without the sender.
 const OURS: [u32; 15] = [
     ARRAY_COMMAND,
     ARRAY_COMMAND,
@@ -63,7 +63,7 @@ const OURS: [u32; 15] = [
 ];
 
 /// The frames of a valid transfer. If the node follows it, the servo keeps its position.
-fn sensible(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
+fn valid_transfer(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
     let number = TransferId::new(random.next() as u8);
     let id = random.pick(&OURS);
     let source = random.pick(&[1, 10, 10, 10, 11, 126, 127]);
@@ -128,10 +128,10 @@ fn mutate(random: &mut Random, frames: &mut Vec<Vec<u8>>) {
     }
 }
 
-/// The next frames.
-fn garbage(random: &mut Random) -> Vec<Frame> {
+/// The next random frames.
+fn random_frames(random: &mut Random) -> Vec<Frame> {
     match random.below(8) {
-        // Anything at all.
+        // Any frame.
         0 => {
             let (id, dlc, data) = (random.next() as u32 & 0x1FFF_FFFF, random.below(16) as u8, random.next());
             let id = if random.below(8) == 0 { Id::Standard(id as u16 & 0x7FF) } else { Id::Extended(id) };
@@ -140,27 +140,27 @@ fn garbage(random: &mut Random) -> Vec<Frame> {
                 _ => Frame::with_dlc(id, dlc, data.to_le_bytes()),
             }]
         }
-        // Anything of our types.
+        // Any frame of the node's types.
         1..=3 => {
             let id = random.pick(&OURS) | random.below(128) as u32;
             let dlc = random.pick(&[0, 1, 2, 3, 5, 6, 8, 8, 8, 15]);
             let mut data = random.next().to_le_bytes();
             if random.below(2) == 0 && dlc > 0 {
-                // With a tail that may fit: start, middle, end, both.
+                // With a plausible tail byte: start, middle or end of a transfer, or a single frame.
                 data[usize::from(dlc.min(8)) - 1] =
                     random.pick(&[0x80, 0x00, 0x20, 0x40, 0x60, 0xC0]) | random.below(4) as u8;
             }
             vec![Frame::with_dlc(Id::Extended(id), dlc, data)]
         }
-        // A transfer, or what is left of one, or two that interleave.
+        // A transfer, a damaged one, or two that interleave.
         kind => {
-            let (id, mut frames) = sensible(random);
+            let (id, mut frames) = valid_transfer(random);
             if kind < 7 {
                 mutate(random, &mut frames);
             }
             let mut all: Vec<Frame> = frames.iter().map(|data| Frame::extended(id, data)).collect();
             if random.below(4) == 0 {
-                let (other, frames) = sensible(random);
+                let (other, frames) = valid_transfer(random);
                 for (n, data) in frames.iter().enumerate() {
                     let place = (2 * n + 1).min(all.len());
                     all.insert(place, Frame::extended(other, data));
@@ -186,13 +186,13 @@ fn is_an_order(transfer: &Transfer) -> bool {
 }
 
 #[test]
-fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
+fn after_random_frames_the_node_answers_and_the_servo_has_not_moved() {
     let (count, seed) = (setting("FUZZ_FRAMES", FRAMES), setting("FUZZ_SEED", SEED));
     let mut random = Random(Noise::new(seed));
     let mut rig = Rig::running();
-    // Faster than the node can follow at times.
+    // At times the frames come faster than the node can read them.
     rig.overflows_expected = true;
-    // A node that does not exist must not stay the autopilot for ever. The node logs errors and does not act on them.
+    // A node that sent one status must not count as the autopilot for ever. The node logs errors and does not act on them.
     rig.send_command(1, 0, 0.5);
     assert_eq!(rig.settled_pulse_us(), PULSE_US);
     let parameters = rig.parameters();
@@ -201,15 +201,15 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     let mut sent = 0u64;
     let mut held_back = 0u64;
     let mut next_check = 1000u64;
-    // What has been sent, put together as generously as can be: each source by itself, and without timeouts.
+    // Reassembles what was sent and accepts as much as possible: each source separately, without timeouts.
     let mut assembler = Assembler::new();
     while sent < count {
-        for frame in garbage(&mut random) {
+        for frame in random_frames(&mut random) {
             let Id::Extended(id) = frame.id else {
                 rig.send_frame(frame);
                 continue;
             };
-            // A single frame is an order by itself. The node does not look at the priority.
+            // A single frame can be an order. The node ignores the priority.
             let is_order = !frame.remote
                 && matches!(assembler.push(id & 0x00FF_FFFF, frame.data(), Duration::ZERO), Outcome::Complete(t) if is_an_order(&t));
             if is_order {
@@ -219,7 +219,7 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
             rig.send_frame(frame);
             sent += 1;
         }
-        // Now and then the node has a pause, mostly not.
+        // Now and then the bus is idle for a moment.
         if random.below(3) == 0 {
             let pause = rig.now() + random.below(3 * MS);
             rig.run_until(pause);
@@ -236,7 +236,7 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     rig.run_ms(300);
     check(&mut rig);
 
-    // As before: five at once, and everything in its place.
+    // As before the test: the node answers five requests sent at once, and the servo follows.
     rig.run_ms(2100);
     rig.forget();
     assert_eq!(rig.information().unique_id, information.unique_id);
@@ -246,7 +246,7 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     let before = rig.answers().len();
     rig.run_ms(100);
     let heard: Vec<_> = rig.answers()[before..].iter().map(|(_, number, _)| *number).collect();
-    assert_eq!(heard, numbers, "the queue has its five places");
+    assert_eq!(heard, numbers, "the node must answer all five requests in order");
     rig.send_command(1, 0, -1.0);
     assert_eq!(rig.settled_pulse_us(), 1000.0);
     assert_eq!(rig.board().avr().resets().len(), 1, "only the power-on");
@@ -257,8 +257,8 @@ fn garbage_leaves_the_node_answering_and_the_servo_unmoved() {
     let used = bottom - 0x100 + avr.stack_high_water(PAINT, bottom);
     let lost = rig.board().chip().borrow().rx_overflows();
     println!("{sent} frames sent, {lost} lost, {held_back} held back, {used} B of RAM");
-    // Many of them are back to back, and now and then the controller gets other filters. The program with all features takes more time for each
-    // (docs/decisions.md, "One-frame commands on a full bus").
+    // Many frames come back to back, and now and then the controller restarts for other filters. The program with all features needs more
+    // time for each (docs/decisions.md, "One-frame commands on a full bus").
     let allowed = sent / if rig::has_all_features() { 10_000 } else { 100_000 };
     assert!(u64::from(lost) <= allowed, "{lost} frames lost of {sent}");
     assert!(u32::from(used) <= Budget::of(rig::board().chip).statics_and_stack, "{used} B");

@@ -13,8 +13,8 @@ fn wait_for_status(rig: &mut Rig, health: u8, code: u16, within_ms: u64) {
     let seen = rig.statuses().len();
     let says = |rig: &Rig| {
         rig.statuses()[seen..].iter().any(|(_, data)| {
-            let (_, told, _, vendor_code) = rig::status_fields(data);
-            (told, vendor_code) == (health, code)
+            let (_, reported, _, vendor_code) = rig::status_fields(data);
+            (reported, vendor_code) == (health, code)
         })
     };
     rig.wait_for(&format!("status with health {health} and code {code:#06x}"), within_ms, says);
@@ -22,23 +22,23 @@ fn wait_for_status(rig: &mut Rig, health: u8, code: u16, within_ms: u64) {
 
 /// Kelvin and flags of the last Temperature.
 fn temperature(rig: &Rig) -> Option<bench::dronecan::Temperature> {
-    let told = rig.heard(|message| match message {
+    let reported = rig.heard(|message| match message {
         Message::Temperature(temperature) => Some(temperature),
         _ => None,
     });
-    told.last().map(|(_, temperature)| *temperature)
+    reported.last().map(|(_, temperature)| *temperature)
 }
 
 #[test]
-fn a_temperature_out_of_range_is_a_warning_until_it_is_back() {
+fn a_temperature_out_of_range_is_a_warning_until_it_is_in_range() {
     let mut rig = Rig::running();
     rig.board().set_temperature_c(25.0);
     wait_for_status(&mut rig, OK, 0, 2500);
     rig.board().set_temperature_c(90.0);
     wait_for_status(&mut rig, WARNING, TEMPERATURE, 3000);
     rig.run_ms(1100);
-    let told = temperature(&rig).unwrap();
-    assert!(told.over && !told.under && (told.celsius() - 90.0).abs() < 0.6, "{told}");
+    let reported = temperature(&rig).unwrap();
+    assert!(reported.over && !reported.under && (reported.celsius() - 90.0).abs() < 0.6, "{reported}");
     assert!(rig.serial.contains("temperature out of range"), "{}", rig.serial);
     rig.board().set_temperature_c(80.0);
     wait_for_status(&mut rig, OK, 0, 3000);
@@ -48,25 +48,25 @@ fn a_temperature_out_of_range_is_a_warning_until_it_is_back() {
     rig.set("TEMP_MIN", 82);
     wait_for_status(&mut rig, WARNING, TEMPERATURE, 3000);
     rig.run_ms(1100);
-    let told = temperature(&rig).unwrap();
-    assert!(told.under && !told.over, "{told}");
+    let reported = temperature(&rig).unwrap();
+    assert!(reported.under && !reported.over, "{reported}");
     rig.set("TEMP_MIN", -40);
     wait_for_status(&mut rig, OK, 0, 3000);
 }
 
-/// A sensor of half the slope, with an offset, against the other reference.
+/// A sensor of half the slope, with an offset, against the other ADC reference.
 #[test]
 fn other_sensors_need_only_other_parameters() {
     let mut rig = Rig::running();
-    // TMP36: 500 mV at 0 degrees, 10 mV a degree.
+    // TMP36: 500 mV at 0 degrees, 10 mV per degree.
     rig.set("TEMP_OFFSET", 500);
     for celsius in [-30.0, 0.0, 21.0, 60.0] {
         rig.board().set_sensor_millivolts((500.0 + 10.0 * celsius) as u32);
         rig.run_ms(2100);
-        let told = temperature(&rig).unwrap().celsius();
-        assert!((told - celsius).abs() < 0.6, "{told} C at {celsius} C");
+        let reported = temperature(&rig).unwrap().celsius();
+        assert!((reported - celsius).abs() < 0.6, "{reported} C at {celsius} C");
     }
-    // 5 mV a degree against 1.1 V.
+    // 5 mV per degree against 1.1 V.
     rig.set("TEMP_OFFSET", 0);
     rig.set("TEMP_SLOPE", 50);
     rig.set("TEMP_REF", 1);
@@ -74,9 +74,9 @@ fn other_sensors_need_only_other_parameters() {
     for celsius in [10.0, 45.0, 85.0] {
         rig.board().set_sensor_millivolts((5.0 * celsius) as u32);
         rig.run_ms(2100);
-        let told = temperature(&rig).unwrap();
-        assert!((told.celsius() - celsius).abs() < 0.6, "{told} at {celsius} C");
-        assert_eq!(told.device, 513);
+        let reported = temperature(&rig).unwrap();
+        assert!((reported.celsius() - celsius).abs() < 0.6, "{reported} at {celsius} C");
+        assert_eq!(reported.device, 513);
     }
 }
 
@@ -84,7 +84,7 @@ fn other_sensors_need_only_other_parameters() {
 fn a_sensor_that_opens_or_shorts_is_a_warning_until_it_works() {
     for millivolts in [0, 5000] {
         let mut rig = Rig::running();
-        // So that the range has nothing to say.
+        // Disables the range check.
         rig.set("TEMP_MIN", -55);
         rig.board().set_temperature_c(25.0);
         wait_for_status(&mut rig, OK, 0, 2500);
@@ -99,7 +99,7 @@ fn a_sensor_that_opens_or_shorts_is_a_warning_until_it_works() {
 
 /// A servo without a sensor. ArduPilot does not arm with a node that is not OK.
 #[test]
-fn a_servo_without_a_sensor_is_ok_and_tells_no_temperature() {
+fn a_servo_without_a_sensor_is_ok_and_sends_no_temperature() {
     for (sensor, millivolts) in [(1, 0), (1, 5000), (0, 0), (0, 5000), (0, 250)] {
         let mut rig = Rig::powered();
         rig.board().set_sensor_millivolts(millivolts);
@@ -114,7 +114,7 @@ fn a_servo_without_a_sensor_is_ok_and_tells_no_temperature() {
             assert_eq!((health, mode, code), (OK, OPERATIONAL, 0), "TEMP_SENSOR {sensor}, {millivolts} mV");
         }
         assert!(temperature(&rig).is_none() && !rig.serial.contains("temperature"), "{}", rig.serial);
-        // It comes back with a sensor that is found, or required.
+        // The messages return with a sensor that is detected, or required.
         if sensor == 0 {
             rig.set("TEMP_SENSOR", 1);
         }
@@ -125,8 +125,8 @@ fn a_servo_without_a_sensor_is_ok_and_tells_no_temperature() {
 }
 
 #[test]
-fn a_sensor_is_found_by_16_readings_in_a_row_that_are_not_at_the_ends() {
-    // A reading each millisecond, and a sum of 64 with the sensor at the end of its range after that.
+fn a_sensor_is_detected_by_16_consecutive_readings_within_the_range() {
+    // The node reads once a millisecond. After the disconnection it needs a sum of 64 readings at the end of the range.
     for (connected_ms, is_found) in [(10, false), (20, true)] {
         let mut rig = Rig::powered();
         rig.board().set_sensor_millivolts(0);
@@ -155,9 +155,9 @@ fn a_required_sensor_that_is_missing_is_a_warning() {
     rig.wait_for_line("temperature sensor open or short", 50);
 }
 
-/// It is the fault of the sender, or of an attacker, who must not prevent the vehicle from arming.
+/// An incomplete transfer is the sender's fault, or an attack. It must not prevent the vehicle from arming.
 #[test]
-fn transfers_that_break_are_told_for_ten_seconds_and_are_no_fault_of_the_node() {
+fn broken_transfers_are_reported_for_ten_seconds_and_leave_the_health_ok() {
     let mut rig = Rig::running();
     for _ in 0..2 {
         rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 1, 0, 0, 0x80]);
@@ -170,14 +170,14 @@ fn transfers_that_break_are_told_for_ten_seconds_and_are_no_fault_of_the_node() 
 }
 
 #[test]
-fn the_node_s_own_id_on_another_node_is_a_warning_for_ten_seconds() {
+fn another_node_with_the_node_s_id_is_a_warning_for_ten_seconds() {
     let mut rig = Rig::running();
     rig.send(NODE_STATUS | NODE, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
     wait_for_status(&mut rig, WARNING, ID_CONFLICT, 1200);
     wait_for_status(&mut rig, OK, 0, 12_000);
 }
 
-/// A fault that is over: reported, and cleared after a minute.
+/// A fault that is over stays in the status for a minute.
 #[test]
 fn the_cause_of_a_restart_is_a_warning_for_a_minute() {
     let mut rig = Rig::running();
@@ -190,7 +190,7 @@ fn the_cause_of_a_restart_is_a_warning_for_a_minute() {
 }
 
 #[test]
-fn the_masks_say_how_bad_a_condition_is() {
+fn the_masks_choose_the_health_of_a_condition() {
     let mut rig = Rig::running();
     rig.set("OUT1_TIMEOUT", 100);
     rig.send_command(1, 0, 0.0);
@@ -212,7 +212,7 @@ fn the_masks_say_how_bad_a_condition_is() {
 }
 
 #[test]
-fn conditions_add_up_and_the_worst_counts() {
+fn the_worst_of_several_conditions_is_the_health() {
     let mut rig = Rig::running();
     rig.set("ARM_REQ", 1);
     rig.board().set_temperature_c(120.0);
@@ -227,7 +227,7 @@ fn conditions_add_up_and_the_worst_counts() {
 }
 
 #[test]
-fn being_disarmed_is_told_and_is_no_fault() {
+fn disarmed_is_reported_and_is_no_fault() {
     let mut rig = Rig::running();
     rig.set("ARM_REQ", 1);
     wait_for_status(&mut rig, OK, DISARMED, 1500);

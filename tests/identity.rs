@@ -1,5 +1,5 @@
-//! The unique ID: the node makes it at its first start from the jitter between watchdog oscillator and crystal, and keeps it in EEPROM.
-//! In the simulator the jitter of each chip follows from a seed.
+//! The unique ID: the node generates it at its first start from the jitter between watchdog oscillator and crystal, and keeps it in EEPROM.
+//! In the simulator a seed determines the jitter of each chip.
 
 use bench::Bench;
 use bench::Cycles;
@@ -9,11 +9,11 @@ use bench::board::Board;
 /// CPU cycles in a millisecond.
 const MS: Cycles = 16_000;
 
-/// Where the ID is in the EEPROM (docs/parameters.md): 16 bytes, their CRC, and a marker.
+/// Position of the ID in the EEPROM (docs/parameters.md): 16 bytes, followed by their CRC and a marker.
 const ID: std::ops::Range<usize> = 4..20;
 const RECORD: std::ops::Range<usize> = 4..23;
 
-/// A first start is over after this, in milliseconds.
+/// Longest duration of a first start, in milliseconds.
 const FIRST_START_MS: u64 = 1500;
 
 fn chip(seed: u64) -> Avr {
@@ -23,7 +23,7 @@ fn chip(seed: u64) -> Avr {
     avr.reset(ResetCause::PowerOn);
     avr
 }
-
+/// Starts a board with this EEPROM and returns the EEPROM after `ms` milliseconds.
 /// A board that is started with this EEPROM, and what is there after so many milliseconds.
 fn eeprom_after(seed: u64, eeprom: &[u8], ms: u64) -> Vec<u8> {
     let mut avr = chip(seed);
@@ -41,7 +41,7 @@ fn made(seed: u64) -> Vec<u8> {
 }
 
 #[test]
-fn two_boards_of_one_bench_make_different_ids() {
+fn two_boards_of_one_bench_generate_different_ids() {
     let mut bench = Bench::new(rig::board().fastest_bit_rate());
     for seed in [1, 2] {
         bench.add_board(Board::new(chip(seed)), "node");
@@ -54,31 +54,31 @@ fn two_boards_of_one_bench_make_different_ids() {
 }
 
 #[test]
-fn boards_with_many_seeds_all_differ() {
+fn boards_with_different_seeds_have_different_ids() {
     let ids: std::collections::HashSet<_> = (0..12).map(|seed| made(seed)[ID].to_vec()).collect();
     assert_eq!(ids.len(), 12);
     assert!(ids.iter().all(|id| id.iter().any(|&byte| byte != 0)));
 }
 
 #[test]
-fn the_same_board_makes_the_same_id_again_if_nothing_else_differs() {
+fn the_same_seed_gives_the_same_id() {
     assert_eq!(made(3)[RECORD], made(3)[RECORD]);
 }
 
 #[test]
-fn an_id_is_kept_and_the_second_start_takes_no_second() {
+fn a_stored_id_is_kept_by_the_next_start() {
     let first = made(4);
-    // Another chip would make another one: it does not make any.
+    // Another chip would generate another ID; with a stored ID it generates none.
     assert_eq!(eeprom_after(5, &first, 100), first);
-    assert_eq!(first[RECORD.end - 1], 0, "its marker");
+    assert_eq!(first[RECORD.end - 1], 0, "the record's marker");
     let outside = first.iter().enumerate().filter(|(at, _)| !RECORD.contains(at));
-    assert!(outside.into_iter().all(|(_, &byte)| byte == 0xFF), "nothing else is written");
+    assert!(outside.into_iter().all(|(_, &byte)| byte == 0xFF), "no other byte is written");
 }
 
 #[test]
-fn an_id_that_a_power_cut_left_half_written_is_made_again() {
+fn a_half_written_id_is_generated_again() {
     let written = made(6);
-    // The record takes 65 ms to be written, and that comes last. A write in progress leaves garbage.
+    // The node writes the record last, which takes 65 ms. An interrupted write leaves garbage.
     for cut_ms in [0, 1, 2, 5, 11, 20, 31, 44, 58] {
         let mut avr = chip(6);
         let started = (0..).map(|ms| ms * MS).find(|&at| {
@@ -92,6 +92,6 @@ fn an_id_that_a_power_cut_left_half_written_is_made_again() {
         avr.run_until(avr.now() + FIRST_START_MS * MS);
         let after = avr.eeprom();
         assert_eq!(after[RECORD.end - 1], 0);
-        assert_eq!(eeprom_after(7, &after, 100), after, "it is kept now");
+        assert_eq!(eeprom_after(7, &after, 100), after, "the second ID must be kept");
     }
 }

@@ -4,7 +4,7 @@
 use rig::faults::input;
 
 #[test]
-fn a_sensor_that_is_open_or_shorted_does_not_touch_the_servo() {
+fn an_open_or_shorted_sensor_does_not_affect_the_servo() {
     input::SENSOR_OPEN.check();
     input::SENSOR_SHORTED.check();
 }
@@ -15,26 +15,26 @@ fn a_noisy_sensor_is_averaged() {
 }
 
 #[test]
-fn commands_that_are_no_numbers_move_nothing_at_any_rate() {
+fn nan_and_infinite_commands_do_not_move_the_servo() {
     input::NOT_FINITE.check();
 }
 
 #[test]
-fn commands_out_of_range_keep_to_the_travel_at_any_rate() {
+fn commands_out_of_range_move_the_servo_within_its_travel() {
     input::OUT_OF_RANGE.check();
 }
 
 #[test]
-fn two_thousand_requests_a_second_hold_no_command_up() {
+fn two_thousand_requests_a_second_delay_no_command() {
     input::REQUESTS.check();
 }
 
 #[test]
-fn a_node_id_conflict_is_noticed_and_told() {
+fn a_node_id_conflict_is_detected_and_logged() {
     input::SAME_ID.check();
 }
 
 #[test]
-fn two_nodes_with_one_id_both_notice_it() {
+fn two_nodes_with_one_id_both_detect_it() {
     input::TWIN.check();
 }

@@ -1,4 +1,4 @@
-//! The button, whose presses the node publishes, and the light, which it dims on command, in the build that has them.
+//! The button, whose presses the node publishes, and the light, which it dims on command, in the firmware that has them.
 
 use bench::dronecan::{KeyValue, LightCommand, Message};
 use rig::{MS, NODE, Rig};
@@ -6,7 +6,7 @@ use rig::{MS, NODE, Rig};
 const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
 // ---- button ----
 
-/// Presses or releases with so many bounces, a millisecond each.
+/// Presses or releases the button with `bounces` bounces of a millisecond each.
 fn bounce(rig: &mut Rig, pressed: bool, bounces: u32) {
     for n in 0..bounces {
         rig.board().press_button(if n % 2 == 0 { pressed } else { !pressed });
@@ -24,7 +24,7 @@ fn presses(rig: &Rig) -> Vec<f32> {
 }
 
 #[test]
-fn a_press_of_the_button_publishes_the_count_once_however_it_bounces() {
+fn a_press_of_the_button_publishes_the_count_once_despite_bounces() {
     let mut rig = Rig::running();
     for count in 1..=5u8 {
         bounce(&mut rig, true, 9);
@@ -35,7 +35,7 @@ fn a_press_of_the_button_publishes_the_count_once_however_it_bounces() {
     }
     assert_eq!(presses(&rig), [1.0, 2.0, 3.0, 4.0, 5.0]);
     let frames = rig.frames(KEY_VALUE_OF_NODE);
-    // Golden but for the transfer ID: pydronecan's KeyValue(value=3.0, key="btn").
+    // pydronecan's KeyValue(value=3.0, key="btn"); only the transfer ID differs.
     assert_eq!(frames[2].1, [0x00, 0x00, 0x40, 0x40, 0x62, 0x74, 0x6E, 0xC2]);
 }
 
@@ -52,7 +52,7 @@ fn a_spike_on_the_button_s_wire_is_no_press() {
 }
 
 #[test]
-fn a_button_held_at_the_start_and_released_is_no_trouble() {
+fn a_button_held_at_the_start_counts_at_most_one_press_and_works_later() {
     let mut rig = Rig::powered();
     rig.board().press_button(true);
     rig.run_ms(500);
@@ -74,7 +74,7 @@ fn light(rig: &mut Rig, commands: &[(u8, u8, u8, u8)]) -> f64 {
 }
 
 #[test]
-fn the_light_is_off_until_it_is_told() {
+fn the_light_is_off_until_the_first_command() {
     let mut rig = Rig::powered();
     rig.run_ms(500);
     assert_eq!(rig.board().light(), 0.0);
@@ -88,26 +88,26 @@ fn a_lights_command_dims_the_light() {
     let red: Vec<f64> = (0..=31).map(|red| light(&mut rig, &[(0, red, 0, 0)])).collect();
     assert!(red.windows(2).all(|pair| pair[0] < pair[1]), "{red:?}");
     assert!((red[16] - 0.52).abs() < 0.06, "about half: {}", red[16]);
-    // Its one colour stands for all three.
+    // The light has one colour, which stands for all three.
     for command in [(0, 31, 0, 0), (0, 0, 63, 0), (0, 0, 0, 31)] {
         assert!(light(&mut rig, &[command]) > 0.3, "{command:?}");
     }
 }
 
 #[test]
-fn only_commands_for_its_own_id_reach_the_light() {
+fn the_light_follows_only_commands_for_its_id() {
     let mut rig = Rig::running();
     assert_eq!(light(&mut rig, &[(1, 31, 63, 31), (255, 31, 63, 31)]), 0.0);
     let half = light(&mut rig, &[(1, 31, 63, 31), (0, 16, 32, 16), (2, 31, 63, 31)]);
     assert!((0.4..0.6).contains(&half), "{half}");
     rig.set("LIGHT_ID", 255);
-    assert_eq!(light(&mut rig, &[(0, 0, 0, 0)]), half, "no longer");
+    assert_eq!(light(&mut rig, &[(0, 0, 0, 0)]), half, "the light must not follow the old ID");
     let all: Vec<_> = (236..=255).map(|id| (id, if id == 255 { 31 } else { 0 }, 0, 0)).collect();
-    assert!(light(&mut rig, &all) > half, "twenty commands");
+    assert!(light(&mut rig, &all) > half, "the light must find its command among twenty");
 }
 
 #[test]
-fn a_wrong_transfer_leaves_the_light_as_it_is() {
+fn an_invalid_transfer_does_not_change_the_light() {
     let mut rig = Rig::running();
     let half = light(&mut rig, &[(0, 16, 32, 16)]);
     rig.send(0x1804_390A, &[0, 0xFF, 0xC0]);
@@ -116,7 +116,7 @@ fn a_wrong_transfer_leaves_the_light_as_it_is() {
     rig.send(0x1804_390A, &[0xC0]);
     rig.run_ms(50);
     assert_eq!(rig.board().light(), half);
-    // The servo's pulses are not disturbed by the light, nor the other way round.
+    // The light must not disturb the servo's pulses, nor the servo the light.
     rig.send_command(1, 4, 1321.0);
     rig.run_ms(50);
     rig.forget();

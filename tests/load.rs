@@ -1,7 +1,7 @@
-//! The node on a full bus: no frame is lost, stuck or out of order, and the servo is as steady as on an idle bus. All functions are active:
-//! telemetry at its highest rates, a client that reads, sets and saves all parameters, and the serial monitor.
+//! The node on a full bus: it loses no frame, reads all in order and leaves none in the controller, and the servo is as steady as on an idle bus.
+//! All functions are active: telemetry at its highest rates, a client that reads, sets and saves all parameters, and the serial monitor.
 //!
-//! The bus is full of frames that the filters accept, of each kind alone and of all at random: see [`Kind::MATCHING`].
+//! The bus is full of frames that the filters accept: each kind alone, and all kinds at random. See [`Kind::MATCHING`].
 //!
 //! `make bench` measures the same for longer, and writes docs/benchmarks.md.
 
@@ -14,7 +14,7 @@ use rig::profile::{Names, Profile};
 const LOAD_MS: u64 = 350;
 const BURSTS_MS: u64 = 400;
 
-/// Every kind of frame back to back, at a priority above and below all of the node's own, and in bursts.
+/// Every kind of frame back to back, at a priority above and below all of the node's frames, and in bursts.
 static RUNS: LazyLock<Vec<(Load, u64, Figures)>> = LazyLock::new(|| {
     let paces = [(0, Pace::Full, LOAD_MS), (31, Pace::Full, LOAD_MS), (31, Pace::Bursts, BURSTS_MS)];
     let loads = Kind::MATCHING
@@ -24,7 +24,7 @@ static RUNS: LazyLock<Vec<(Load, u64, Figures)>> = LazyLock::new(|| {
     run_all(&loads.collect::<Vec<_>>(), |_, _, _| ())
 });
 
-/// Fails with all runs for which `wrong` returns a text.
+/// Fails and lists all runs for which `wrong` returns a text.
 #[track_caller]
 fn all(select: impl Fn(Load) -> bool, wrong: impl Fn(&Figures) -> Option<String>) {
     let selected: Vec<_> = RUNS.iter().filter(|(load, ..)| select(*load)).collect();
@@ -35,8 +35,8 @@ fn all(select: impl Fn(Load) -> bool, wrong: impl Fn(&Figures) -> Option<String>
     assert!(wrong.is_empty(), "{} of {} loads\n{}", wrong.len(), selected.len(), wrong.join("\n"));
 }
 
-/// The node reads every frame unchanged, in the order of the bus, and leaves none in the controller.
-fn incomplete(figures: &Figures) -> Option<String> {
+/// Describes how the node failed to read every frame unchanged, in order, and leave none in the controller. `None` if it did not fail.
+fn reading_errors(figures: &Figures) -> Option<String> {
     let meter = &figures.meter;
     let least = u64::from(rig::board().fastest_bit_rate()) * 6 / 10_000;
     let wrong = meter.lost + meter.out_of_order + meter.garbled > 0 || figures.stuck || meter.frames < least;
@@ -54,48 +54,48 @@ fn incomplete(figures: &Figures) -> Option<String> {
 
 #[test]
 fn commands_of_every_length_back_to_back_are_all_read_in_order() {
-    all(|load| matches!(load.kind, Kind::Command(_)) && load.pace == Pace::Full, incomplete);
+    all(|load| matches!(load.kind, Kind::Command(_)) && load.pace == Pace::Full, reading_errors);
 }
 
 #[test]
 fn commands_of_nine_frames_back_to_back_are_all_read_in_order() {
-    all(|load| matches!(load.kind, Kind::LongCommand | Kind::Beginning) && load.pace == Pace::Full, incomplete);
+    all(|load| matches!(load.kind, Kind::LongCommand | Kind::Beginning) && load.pace == Pace::Full, reading_errors);
 }
 
-/// They have one receive buffer only. The node must empty it before the next frame ends.
+/// These frames have one receive buffer only. The node must read each before the next one ends.
 #[test]
 fn statuses_and_the_thesis_s_commands_back_to_back_are_all_read_in_order() {
     all(
         |load| matches!(load.kind, Kind::Status(_) | Kind::Thesis | Kind::Arming) && load.pace == Pace::Full,
-        incomplete,
+        reading_errors,
     );
 }
 
-/// More than the node can answer: it reads and rejects those.
+/// More requests than the node can answer. It reads and rejects the rest.
 #[test]
 fn requests_back_to_back_are_all_read_in_order() {
-    all(|load| load.kind.is_request() && load.pace == Pace::Full, incomplete);
+    all(|load| load.kind.is_request() && load.pace == Pace::Full, reading_errors);
 }
 
-/// The node has to read them to find that they are not for it.
+/// The node must read these frames to find that they are not for it.
 #[test]
 fn frames_of_other_types_that_come_through_the_filters_back_to_back_are_all_read_in_order() {
-    all(|load| load.kind.is_rejected_by_program() && load.pace == Pace::Full, incomplete);
+    all(|load| load.kind.is_rejected_by_program() && load.pace == Pace::Full, reading_errors);
 }
 
 #[test]
 fn frames_of_all_kinds_at_random_back_to_back_are_all_read_in_order() {
-    all(|load| load.kind == Kind::Mixed && load.pace == Pace::Full, incomplete);
+    all(|load| load.kind == Kind::Mixed && load.pace == Pace::Full, reading_errors);
 }
 
 #[test]
 fn bursts_of_frames_after_silence_are_all_read_in_order() {
-    all(|load| load.pace == Pace::Bursts, incomplete);
+    all(|load| load.pace == Pace::Bursts, reading_errors);
 }
 
-/// From the chip select of the look that finds the frame to the end of the instruction that releases its buffer.
+/// Cycles from the chip select of the status read that finds the frame to the end of the instruction that releases its buffer.
 #[test]
-fn half_of_the_frames_are_out_of_the_controller_within_450_cycles_of_the_chip_select() {
+fn half_of_the_frames_are_read_within_450_cycles_of_the_chip_select() {
     all(
         |_| true,
         |figures| {
@@ -106,9 +106,9 @@ fn half_of_the_frames_are_out_of_the_controller_within_450_cycles_of_the_chip_se
 }
 
 #[test]
-fn all_frames_are_out_of_the_controller_within_1250_cycles_of_their_end() {
+fn all_frames_are_read_within_1250_cycles_of_their_end() {
     all(
-        // With all features the queue can be full for a moment, because some of these are one-frame commands. None is lost.
+        // With all features the queue can be full for a moment, because some of these are one-frame commands. No frame is lost.
         |load| !(load.kind == Kind::Mixed && rig::has_all_features()),
         |figures| {
             let latency = &figures.meter.latency;
@@ -128,7 +128,7 @@ fn no_frame_takes_more_than_two_chip_selects_and_nine_bytes_besides_its_data() {
     );
 }
 
-/// From the end of its last frame.
+/// Measured from the end of the command's last frame.
 #[test]
 fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_of_its_end() {
     let is_slower_than = |max_us: u32| {
@@ -138,27 +138,27 @@ fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_o
             (moves < 40 || max > max_us).then(|| format!("{moves} commands, the slowest after {max} us"))
         }
     };
-    // With all features the node follows the newest of these commands, a turn later.
+    // With all features the node follows the newest of these commands, one turn of the main loop later.
     let is_too_much = |load: Load| rig::has_all_features() && load.kind == Kind::Command(5) && load.pace == Pace::Full;
     all(|load| load.kind.moves_servo() && !is_too_much(load), is_slower_than(500));
     all(|load| load.kind.moves_servo(), is_slower_than(600));
 }
 
-/// Of a bus full of commands of one frame, 8,700 a second, which last 1,840 cycles each, the ATmega168 loses some that are positions, because they take
-/// a division. The ATmega328P follows the newest (docs/decisions.md). Up to three quarters of that rate the node follows all.
+/// On a bus full of commands of one frame (8,700 a second, 1,840 cycles each) the ATmega168 loses some positions, because a position takes a
+/// division. The ATmega328P follows the newest (docs/decisions.md). Up to three quarters of that rate the node follows all.
 #[test]
 fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_full_bus() {
     for kind in [Kind::Position, Kind::Command(5), Kind::Thesis] {
         let load = |pace| Load { kind, priority: 31, pace };
-        // Of 8,700 a second; the thesis's commands are shorter.
+        // Frames a second; the thesis's commands are shorter.
         let cycles = match kind {
             Kind::Thesis => 1800,
-            // With all features a conversion from radians takes 70 cycles too long for three quarters.
+            // With all features a conversion from radians takes 70 cycles too long for three quarters of the rate.
             Kind::Position if rig::has_all_features() => 2600,
             _ => 2400,
         };
         let figures = run(load(Pace::Every(cycles)), LOAD_MS);
-        assert_eq!(incomplete(&figures), None, "{kind:?}");
+        assert_eq!(reading_errors(&figures), None, "{kind:?}");
         assert!(figures.command_to_servo.max() <= 500 * 16, "{kind:?}: {} cycles", figures.command_to_servo.max());
         let full = run(load(Pace::Full), LOAD_MS);
         let (frames, lost) = (full.meter.frames, full.meter.lost);
@@ -180,7 +180,7 @@ fn the_pulses_of_the_servo_have_no_jitter_under_any_load() {
         |figures| {
             let (periods, unasked) = (&figures.periods, figures.unasked_moves);
             (periods.len() != 1 || !periods.contains_key(&PERIOD) || unasked > 0)
-                .then(|| format!("periods {periods:?}, {unasked} moves that nobody asked for"))
+                .then(|| format!("periods {periods:?}, {unasked} pulse widths without a command"))
         },
     );
     let steady = |figures: &Figures| (figures.widths.len() != 1).then(|| format!("widths {:?}", figures.widths));
@@ -192,24 +192,24 @@ fn own(figures: &Figures) -> String {
 }
 
 #[test]
-fn the_node_s_own_messages_go_out_when_arbitration_lets_them() {
-    // A load that loses every arbitration: telemetry, and answers to the client. Of saved parameters there are few answers.
+fn the_node_s_messages_go_out_when_they_win_arbitration() {
+    // The load loses every arbitration, so telemetry and answers to the client go out. A client that saves gets few answers.
     all(
         |load| load.priority == 31 && !matches!(load.kind, Kind::Command(5) | Kind::Thesis),
         |figures| (figures.own_frames < 40).then(|| own(figures)),
     );
     all(
         |load| {
-            // With all features a frame takes longer, and leaves less time for answers.
+            // With all features a frame takes longer to handle, which leaves less time for answers.
             // A save of all its parameters takes longer than these loads.
             let is_slow = rig::has_all_features() && (load.pace == Pace::Full || load.kind == Kind::OpcodeRequest);
             load.priority == 31 && !is_slow && !matches!(load.kind, Kind::Command(5) | Kind::Thesis)
         },
         |figures| (figures.answers == 0).then(|| own(figures)),
     );
-    // Commands leave the least time: each frame is a whole one.
+    // Commands leave the least time, because each frame is a whole command.
     all(|load| load.priority == 31, |figures| (figures.own_frames < 5).then(|| own(figures)));
-    // One that wins every arbitration: what waited goes out after it.
+    // A load that wins every arbitration: the node's frames go out after it.
     all(
         |load| load.priority == 0 && load.pace == Pace::Full,
         |figures| (figures.own_frames == 0).then(|| own(figures)),
@@ -221,13 +221,13 @@ fn its_status_goes_out_each_second_on_a_full_bus() {
     for kind in [Kind::Command(5), Kind::Status(8)] {
         let mut loaded = Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Full }), Client::Walking);
         loaded.run_ms(2200);
-        // To an autopilot's statuses it answers with its own, so there may be more.
+        // The node answers an autopilot's statuses with its own, so there may be more than two.
         assert!((2..=5).contains(&loaded.figures.own_statuses), "{kind:?}: {} in 2.2 s", loaded.figures.own_statuses);
     }
 }
 
-/// A load of a frame each `period` cycles, under which the node has time for everything else, too.
-fn with_time_for_the_rest(kind: Kind, period: u64) -> Figures {
+/// Runs a load of one frame every `period` cycles, which must leave time for all other work.
+fn assert_other_work_is_done(kind: Kind, period: u64) -> Figures {
     let mut loaded = Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Every(period) }), Client::Walking);
     loaded.run_ms(2200);
     let figures = loaded.finish();
@@ -240,23 +240,23 @@ fn with_time_for_the_rest(kind: Kind, period: u64) -> Figures {
 }
 
 #[test]
-fn commands_that_never_end_do_not_keep_it_from_its_other_work() {
+fn incomplete_commands_leave_time_for_its_other_work() {
     for period in [2500, 10_000] {
-        with_time_for_the_rest(Kind::Beginning, period);
+        assert_other_work_is_done(Kind::Beginning, period);
     }
 }
 
-/// A bus of 125 kbit/s takes a millisecond for a frame, an adapter on a serial port at 115,200 baud 2.3 ms.
+/// At 125 kbit/s a frame takes a millisecond, through an adapter on a serial port at 115,200 baud 2.3 ms.
 #[test]
-fn commands_that_take_long_to_come_leave_time_for_everything_else() {
+fn slow_commands_leave_time_for_its_other_work() {
     for period in [16_000, 36_800] {
-        let max = with_time_for_the_rest(Kind::LongCommand, period).command_to_servo.max() / 16;
+        let max = assert_other_work_is_done(Kind::LongCommand, period).command_to_servo.max() / 16;
         assert!(max <= 500, "a frame each {period} cycles: {max} us from the end of a command to the servo's register");
     }
 }
 
 #[test]
-fn a_bus_full_of_frames_for_others_costs_nothing() {
+fn a_bus_full_of_frames_for_other_nodes_costs_no_time() {
     let run = |load| {
         let mut loaded = Loaded::of_v0_only(load, Client::None);
         let profile = Profile::begin(loaded.rig.board().avr_mut());
@@ -266,7 +266,7 @@ fn a_bus_full_of_frames_for_others_costs_nothing() {
     };
     let (silent, silent_mean) = run(None);
     let (full, full_mean) = run(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }));
-    assert_eq!((full.meter.frames, full.meter.lost), (0, 0), "frames for others that came through the filters");
+    assert_eq!((full.meter.frames, full.meter.lost), (0, 0), "no frame for another node may pass the filters");
     assert_eq!(full.meter.fetched_bytes, silent.meter.fetched_bytes, "bytes on the SPI to read frames");
     assert!(full_mean.abs_diff(silent_mean) * 50 <= silent_mean, "a turn takes {full_mean} cycles, not {silent_mean}");
     assert!(full.own_frames.abs_diff(silent.own_frames) <= 3 && full.own_frames > 60);

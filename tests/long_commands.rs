@@ -4,11 +4,11 @@ use bench::avr::Chip;
 use rig::status::TRANSFER_ERRORS;
 use rig::{ARRAY_COMMAND, MS, Rig, array_command, parse_frames, status_fields};
 
-/// pydronecan's ArrayCommand of 15: id n has (n - 8) / 8, unitless, from node 10 like ArduPilot's.
+/// pydronecan's ArrayCommand of 15: actuator n has (n - 8) / 8, unitless, from node 10 as ArduPilot's. A golden transfer.
 const FIFTEEN: &str = "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 20 | 04 00 00 B8 05 00 00 00 | \
                        B6 06 00 00 B4 07 00 20 | 00 B0 08 00 00 00 09 00 | 00 00 30 0A 00 00 34 20 | \
                        0B 00 00 36 0C 00 00 00 | 38 0D 00 00 39 0E 00 20 | 00 3A 0F 00 00 3B 40";
-/// pydronecan's ArrayCommand of 8: id n has (n - 4) / 4, unitless, from node 1 like PX4's.
+/// pydronecan's ArrayCommand of 8: actuator n has (n - 4) / 4, unitless, from node 1 as PX4's. A golden transfer.
 const EIGHT: &str = "0603F201 0E 49 00 00 00 BC 01 80 | 00 00 BA 02 00 00 B8 20 | 03 00 00 B4 04 00 00 00 | \
                      00 05 00 00 34 06 00 20 | 00 38 07 00 00 3A 40";
 
@@ -16,7 +16,7 @@ fn pulse_us(value: f64) -> f64 {
     1500.0 + 500.0 * value
 }
 
-/// Fifteen commands, of which that for actuator 1 is -1, as frames.
+/// The frames of fifteen commands; that for actuator 1 is -1.
 fn fifteen(transfer_id: u8) -> Vec<Vec<u8>> {
     let commands: Vec<_> = (1..=15).map(|id| (id, 0, if id == 1 { -1.0 } else { 0.25 })).collect();
     array_command(&commands, transfer_id)
@@ -47,7 +47,7 @@ fn golden_commands_of_nine_and_five_frames_back_to_back_move_the_servo() {
 }
 
 #[test]
-fn each_actuator_finds_its_own_command_wherever_it_is() {
+fn each_actuator_follows_its_command_at_any_place_in_the_list() {
     let mut rig = Rig::running();
     for id in 1..=15 {
         rig.set("OUT1_ID", id);
@@ -64,7 +64,7 @@ fn each_actuator_finds_its_own_command_wherever_it_is() {
 }
 
 #[test]
-fn of_several_commands_for_an_actuator_the_last_counts() {
+fn of_several_commands_for_an_actuator_the_last_is_followed() {
     let mut rig = Rig::running();
     for frame in parse_frames("1003F20A 08 1A 01 00 00 BC 02 84 | 00 00 34 01 00 00 38 64") {
         rig.send_frame(frame);
@@ -75,7 +75,7 @@ fn of_several_commands_for_an_actuator_the_last_counts() {
 }
 
 #[test]
-fn every_length_from_none_to_fifteen_is_understood() {
+fn lists_of_0_to_15_commands_are_followed() {
     let mut rig = Rig::positioned();
     for count in 0..=15u8 {
         let pulse = 1100.0 + 50.0 * f32::from(count);
@@ -90,7 +90,7 @@ fn every_length_from_none_to_fifteen_is_understood() {
 }
 
 #[test]
-fn an_empty_command_is_harmless() {
+fn an_empty_command_does_not_move_the_servo() {
     let mut rig = Rig::positioned();
     for n in 0..50u8 {
         rig.send(ARRAY_COMMAND | 10, &[0xC0 | (n % 32)]);
@@ -121,12 +121,12 @@ fn fifteen_commands_at_400_hz_are_all_followed() {
 }
 
 #[test]
-fn a_wrong_byte_anywhere_leaves_the_servo_where_it_is() {
+fn a_wrong_byte_anywhere_does_not_move_the_servo() {
     let mut rig = Rig::positioned();
     for frame in 0..9 {
         for byte in [0, 3, 6] {
             let mut frames = fifteen(frame as u8);
-            // The last byte of a frame is no part of the payload.
+            // The last byte of a frame is its tail byte, not payload.
             let payload = frames[frame].len() - 1;
             if byte >= payload {
                 continue;
@@ -143,7 +143,7 @@ fn a_wrong_byte_anywhere_leaves_the_servo_where_it_is() {
 }
 
 #[test]
-fn a_missing_frame_leaves_the_servo_where_it_is() {
+fn a_missing_frame_does_not_move_the_servo() {
     for missing in 0..9 {
         let mut rig = Rig::positioned();
         let mut frames = fifteen(5);
@@ -152,13 +152,13 @@ fn a_missing_frame_leaves_the_servo_where_it_is() {
         assert_unmoved_and_healthy_after(&mut rig);
         rig.run_ms(1000);
         let (_, _, _, code) = status_fields(&rig.statuses().last().unwrap().1);
-        // Without its first frame nobody knows that there was a transfer.
+        // Without its first frame the node cannot detect a transfer.
         assert_eq!(code & TRANSFER_ERRORS != 0, missing != 0, "without frame {missing}");
     }
 }
 
 #[test]
-fn frames_in_a_wrong_order_leave_the_servo_where_it_is() {
+fn frames_in_a_wrong_order_do_not_move_the_servo() {
     for (a, b) in [(0, 1), (1, 2), (1, 3), (7, 8), (0, 8)] {
         let mut rig = Rig::positioned();
         let mut frames = fifteen(5);
@@ -169,7 +169,7 @@ fn frames_in_a_wrong_order_leave_the_servo_where_it_is() {
 }
 
 #[test]
-fn wrong_toggle_bits_leave_the_servo_where_it_is() {
+fn wrong_toggle_bits_do_not_move_the_servo() {
     for wrong in 0..9 {
         let mut rig = Rig::positioned();
         let mut frames = fifteen(5);
@@ -180,7 +180,7 @@ fn wrong_toggle_bits_leave_the_servo_where_it_is() {
 }
 
 #[test]
-fn a_change_of_the_transfer_id_leaves_the_servo_where_it_is() {
+fn a_change_of_the_transfer_id_does_not_move_the_servo() {
     let mut rig = Rig::positioned();
     for change in [1, 2, 8] {
         let mut frames = fifteen(5);
@@ -191,9 +191,9 @@ fn a_change_of_the_transfer_id_leaves_the_servo_where_it_is() {
     assert_unmoved_and_healthy_after(&mut rig);
 }
 
-/// A sender that did not see the acknowledgement repeats a frame that was received.
+/// A sender that does not see the acknowledgement repeats a frame that the node has received.
 #[test]
-fn a_frame_that_comes_twice_counts_once() {
+fn a_repeated_frame_counts_once() {
     for twice in 0..9 {
         let mut rig = Rig::positioned();
         let mut frames = fifteen(5);
@@ -203,9 +203,9 @@ fn a_frame_that_comes_twice_counts_once() {
     }
 }
 
-/// Slow buses and adapters take 5 to 12 ms for a frame.
+/// Slow buses and adapters take 5 to 12 ms per frame.
 #[test]
-fn a_transfer_whose_next_frame_takes_longer_than_50_ms_is_given_up() {
+fn a_transfer_with_a_pause_above_50_ms_is_dropped() {
     for (pause_ms, pulse) in [(12, 1000.0), (45, 1000.0), (60, 1750.0)] {
         let mut rig = Rig::positioned();
         rig.set("OUT1_TIMEOUT", 0);
@@ -220,8 +220,8 @@ fn a_transfer_whose_next_frame_takes_longer_than_50_ms_is_given_up() {
 }
 
 #[test]
-fn a_sender_that_restarts_is_heard_at_once() {
-    // Whatever the number of its first transfer is.
+fn a_sender_that_restarts_is_followed_at_once() {
+    // The transfer ID of its first transfer may be any.
     for number in [0, 5, 6, 31] {
         let mut rig = Rig::positioned();
         send_all(&mut rig, 10, &fifteen(5)[..5]);
@@ -230,8 +230,8 @@ fn a_sender_that_restarts_is_heard_at_once() {
     }
 }
 
-/// Two commands of nine frames, one for 1000 us and one for 1950 us, frame by frame in turn.
-fn send_in_turn(rig: &mut Rig, first: u32, second: u32) {
+/// Sends two commands of nine frames, for 1000 us and for 1950 us, alternating frame by frame.
+fn send_alternately(rig: &mut Rig, first: u32, second: u32) {
     let low = fifteen(1);
     let high = array_command(&(1..=15).map(|id| (id, 0, 0.9)).collect::<Vec<_>>(), 9);
     for (a, b) in low.iter().zip(&high) {
@@ -240,28 +240,28 @@ fn send_in_turn(rig: &mut Rig, first: u32, second: u32) {
     }
 }
 
-/// True if two senders can have a command of several frames under way (`lanes` in avr-specs/boards.toml).
+/// True if the node assembles commands of two senders at a time (`lanes` in avr-specs/boards.toml).
 fn has_two_lanes() -> bool {
     rig::board().chip == Chip::Atmega328p
 }
 
-/// The commander is the node whose command was followed last. With two lanes both are followed.
+/// The commander is the node whose command was followed last. With two lanes the node follows both senders.
 #[test]
-fn of_two_senders_at_once_the_commander_is_followed_or_both_are() {
+fn of_two_simultaneous_senders_the_commander_or_both_are_followed() {
     for is_first in [true, false] {
         let mut rig = Rig::positioned();
         if is_first {
-            send_in_turn(&mut rig, 10, 11);
+            send_alternately(&mut rig, 10, 11);
         } else {
-            // What is open already gives way to the commander.
-            send_in_turn(&mut rig, 11, 10);
+            // The commander's command replaces a transfer that has begun.
+            send_alternately(&mut rig, 11, 10);
         }
-        // That of the second sender is complete last.
+        // The second sender's command is complete last.
         let pulse_us = if is_first && !has_two_lanes() { 1000.0 } else { 1950.0 };
         assert_eq!(rig.settled_pulse_us(), pulse_us);
         let (_, code) = rig.next_status();
         assert_eq!(code & TRANSFER_ERRORS != 0, !has_two_lanes(), "the status says what was refused");
-        // One after the other both are followed.
+        // Both are followed if one comes after the other.
         let (low, high) = (fifteen(2), array_command(&[(1, 0, 0.9), (2, 0, 0.0)], 10));
         send_all(&mut rig, 11, &high);
         assert_eq!(rig.settled_pulse_us(), 1950.0);
@@ -271,17 +271,17 @@ fn of_two_senders_at_once_the_commander_is_followed_or_both_are() {
 }
 
 #[test]
-fn of_two_senders_neither_of_which_is_the_commander_the_one_that_begins_later_is_followed() {
+fn without_a_commander_the_later_of_two_simultaneous_senders_is_followed() {
     let mut rig = Rig::positioned();
-    send_in_turn(&mut rig, 11, 12);
+    send_alternately(&mut rig, 11, 12);
     assert_eq!(rig.settled_pulse_us(), 1950.0);
     let (_, code) = rig.next_status();
     assert_eq!(code & TRANSFER_ERRORS != 0, !has_two_lanes(), "the status says what was refused");
 }
 
-/// It does not delay other commands, except if it is the commander and there is one lane: then for 50 ms.
+/// The incomplete transfer delays no other commands, except for 50 ms if its sender is the commander and there is one lane.
 #[test]
-fn a_sender_that_falls_silent_in_a_transfer_does_not_lock_others_out_for_long() {
+fn an_incomplete_transfer_delays_other_senders_for_at_most_50_ms() {
     let during_the_commander_s = if has_two_lanes() { 1000.0 } else { 1750.0 };
     for (silent, other, wait_ms, pulse) in
         [(11, 10, 5, 1000.0), (10, 11, 40, during_the_commander_s), (10, 11, 55, 1000.0)]
@@ -296,7 +296,7 @@ fn a_sender_that_falls_silent_in_a_transfer_does_not_lock_others_out_for_long() 
 }
 
 #[test]
-fn commands_of_one_frame_come_through_while_a_long_one_is_under_way() {
+fn one_frame_commands_are_followed_during_a_long_one() {
     let mut rig = Rig::positioned();
     let long = fifteen(3);
     for data in &long[..5] {
@@ -305,12 +305,12 @@ fn commands_of_one_frame_come_through_while_a_long_one_is_under_way() {
     rig.send_command(1, 0, -0.5);
     assert_eq!(rig.settled_pulse_us(), 1250.0);
     send_all(&mut rig, 11, &long[5..]);
-    assert_eq!(rig.settled_pulse_us(), 1000.0, "and the long one when it is whole");
+    assert_eq!(rig.settled_pulse_us(), 1000.0, "the long command must be followed when it is complete");
 }
 
-/// A length that is not a multiple of a command's, with a valid CRC.
+/// The length is not a multiple of a command's length, and the CRC is valid.
 #[test]
-fn a_broken_list_with_a_right_crc_leaves_the_servo_where_it_is() {
+fn a_malformed_list_with_a_valid_crc_does_not_move_the_servo() {
     use bench::dronecan::{TransferId, split, types};
     let mut rig = Rig::positioned();
     for extra in 1..4 {
@@ -325,7 +325,7 @@ fn a_broken_list_with_a_right_crc_leaves_the_servo_where_it_is() {
 
 /// DSDL 1010.ArrayCommand.uavcan: at most 15 commands.
 #[test]
-fn a_list_of_sixteen_commands_is_a_broken_transfer() {
+fn a_list_of_sixteen_commands_is_rejected() {
     let commands = |count: u8| (1..=count).map(|id| (id, 0, -1.0)).collect::<Vec<_>>();
     let mut rig = Rig::positioned();
     send_all(&mut rig, 10, &array_command(&commands(16), 3));
@@ -337,7 +337,7 @@ fn a_list_of_sixteen_commands_is_a_broken_transfer() {
 }
 
 #[test]
-fn a_command_in_a_long_transfer_that_cannot_be_followed_leaves_the_servo_where_it_is() {
+fn an_invalid_command_in_a_long_transfer_does_not_move_the_servo() {
     let mut rig = Rig::positioned();
     for (unit, value) in [(0, f32::NAN), (0, f32::INFINITY), (4, 0.0), (2, 0.5), (3, 0.5), (9, 0.5)] {
         rig.send_commands(&[(2, 0, 0.5), (1, unit, value), (3, 0, 0.5)]);

@@ -62,13 +62,13 @@ impl Motors {
     }
 
     fn arm(&mut self, status: u8) {
-        // The autopilot's, which is the node that commands.
+        // From the autopilot, which is the commander.
         self.rig.send_status_from(10);
         self.rig.send(ARMING_STATUS, &[status, 0xC0]);
         self.rig.run_ms(5);
     }
 
-    /// Widths of the last pulses of the eight outputs in microseconds, rounded: an edge may be off by half a microsecond. None without a pulse.
+    /// Widths of the eight outputs' last pulses in microseconds, rounded: an edge may be off by half a microsecond. `None` without a pulse.
     fn widths_us(&mut self) -> Vec<Option<f64>> {
         self.rig.run_ms(25);
         self.rig.run_ms(0);
@@ -86,9 +86,9 @@ impl Motors {
     }
 }
 
-/// Written by pydronecan 1.0.27.
+/// pydronecan 1.0.27 encoded these payloads.
 #[test]
-fn the_payloads_of_these_tests_are_pydronecan_s() {
+fn the_payloads_equal_pydronecan_s() {
     let expected = [0xFF, 0x7C, 0x02, 0x00, 0x00, 0x00, 0x40, 0xFF, 0xFC, 0x01, 0x03, 0x44, 0x95, 0x55];
     assert_eq!(payload(&[8191, -8192, 0, 1, -1, 4096, 4660, 5461]), expected);
 }
@@ -100,16 +100,16 @@ fn motors_follow_raw_commands_by_index_while_the_vehicle_is_armed() {
     assert_eq!(node.widths_us(), [None; 8], "no pulse before the first command");
     node.command(&[8191, 4096, 0, -8192]);
     assert_eq!(node.widths_us(), [None, None, None, None, Some(2000.0), Some(1500.0), Some(1000.0), Some(1000.0)]);
-    // In eight frames, of which the receiver keeps what eighteen motors need.
+    // The command has eight frames; the node keeps the part that eighteen motors need.
     node.command(&[2048; 20]);
     assert_eq!(node.motors_us(), [Some(1250.0); 4]);
-    // A shorter command leaves the rest as it is.
+    // A shorter command leaves the other motors unchanged.
     node.command(&[8191]);
     assert_eq!(node.motors_us(), [Some(2000.0), Some(1250.0), Some(1250.0), Some(1250.0)]);
 }
 
 #[test]
-fn neither_command_moves_an_output_of_the_other_kind() {
+fn each_kind_of_command_moves_only_outputs_of_its_kind() {
     let mut node = Motors::new();
     node.arm(ARMED);
     let all: Vec<_> = (0..15).map(|id| (id, PWM, 1700.0)).collect();
@@ -120,7 +120,7 @@ fn neither_command_moves_an_output_of_the_other_kind() {
     assert_eq!(node.widths_us(), [&servos[..], &[Some(1500.0); 4]].concat());
 }
 
-/// A sender that puts its frames in the order of their identifiers interleaves both kinds of command.
+/// A sender that sorts its frames by identifier interleaves both kinds of command.
 #[test]
 fn an_array_command_between_the_frames_of_a_raw_command_breaks_neither() {
     let mut node = Motors::new();
@@ -139,10 +139,10 @@ fn an_array_command_between_the_frames_of_a_raw_command_breaks_neither() {
 }
 
 #[test]
-fn a_motor_stops_when_the_vehicle_is_disarmed_and_stays_so_whatever_is_commanded() {
+fn a_motor_stops_at_disarming_and_ignores_commands() {
     let mut node = Motors::new();
     node.command(&[4096; 4]);
-    assert_eq!(node.motors_us(), [None; 4], "never armed");
+    assert_eq!(node.motors_us(), [None; 4], "the vehicle was never armed");
     node.rig.wait_for_line("refused: command from 10 tid 0, disarmed", 50);
     node.arm(ARMED);
     node.command(&[4096; 4]);
@@ -164,9 +164,9 @@ fn without_arming_statuses_the_vehicle_counts_as_disarmed_after_four_seconds() {
     assert_eq!(node.motors_us(), [Some(1000.0); 4]);
 }
 
-/// OUTn_FS is for servos. A motor has a timeout even if OUTn_TIMEOUT is 0.
+/// OUTn_FS is for servos. A motor has a timeout even with OUTn_TIMEOUT 0.
 #[test]
-fn a_motor_stops_when_its_commands_stop_and_touches_no_other_output() {
+fn a_motor_stops_when_its_commands_stop_and_the_other_outputs_continue() {
     let mut node = Motors::new();
     for (name, value) in [("OUT5_TIMEOUT", 200), ("OUT6_TIMEOUT", 0), ("OUT5_FS", 0), ("OUT6_FS", 3)] {
         node.rig.set(name, value);
@@ -185,7 +185,7 @@ fn a_motor_stops_when_its_commands_stop_and_touches_no_other_output() {
 }
 
 #[test]
-fn while_the_safety_switch_is_on_motors_stop_also_where_servos_hold() {
+fn while_the_safety_switch_is_on_motors_stop_and_servos_may_hold() {
     let mut node = Motors::new();
     node.rig.set("SAFE_MODE", 0);
     node.arm(ARMED);
@@ -201,7 +201,7 @@ fn while_the_safety_switch_is_on_motors_stop_also_where_servos_hold() {
 }
 
 #[test]
-fn an_output_that_becomes_a_motor_or_a_servo_stops_following_what_it_did() {
+fn an_output_whose_type_changes_ignores_its_old_commands() {
     let mut node = Motors::new();
     node.arm(ARMED);
     node.rig.send_commands(&[(1, PWM, 1600.0), (2, PWM, 1600.0)]);
@@ -211,12 +211,12 @@ fn an_output_that_becomes_a_motor_or_a_servo_stops_following_what_it_did() {
     node.rig.send_servo_command(255);
     assert_eq!(node.widths_us()[..2], [Some(1600.0), Some(1900.0)]);
     node.arm(ARMED);
-    // Its index is its ID.
+    // OUTn_ID becomes the motor's index.
     node.command(&[0, 8191]);
     assert_eq!(node.widths_us()[..2], [Some(2000.0), Some(1900.0)]);
 }
 
-/// Autopilots send 50 to 1000 a second. Of a bus full of nothing else, 2550 a second, the node loses one frame in 20.
+/// Autopilots send 50 to 1000 a second. On a bus full of RawCommands, 2550 a second, the node loses one frame in 20.
 #[test]
 fn of_2000_raw_commands_for_eight_motors_a_second_no_frame_is_lost() {
     let load = Load { kind: Kind::RawCommand, priority: 31, pace: Pace::Every(16_000_000 / 6000) };

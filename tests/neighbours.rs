@@ -1,5 +1,5 @@
-//! Other nodes on the bus: some send too much, some do not end their transfers. None prevents the commander or another client from
-//! reaching the node.
+//! Other nodes on the bus: some send too much, some do not end their transfers. The node must still follow the commander and answer other
+//! clients.
 
 use bench::Noise;
 use bench::can::{Frame, Id};
@@ -7,7 +7,7 @@ use bench::dronecan::{Message, ParameterRequest};
 use bench::firmware_for;
 use rig::{ARRAY_COMMAND, MS, Rig, US, array_command, is_from_node, parse_frames, started_with};
 
-/// A command of the autopilot, node 10, in nine frames: so many microseconds for actuator 1.
+/// The autopilot's command, node 10, in nine frames: `n` microseconds for actuator 1.
 fn long_command(n: u16) -> Vec<Vec<u8>> {
     let commands: Vec<_> = (1..=15).map(|id| (id, 4, f32::from(1000 + n))).collect();
     array_command(&commands, n as u8 & 31)
@@ -17,8 +17,8 @@ fn first_frame(source: u32) -> Frame {
     Frame::extended(ARRAY_COMMAND | source, &[0x12, 0xF3, 1, 0, 0, 0x38, 2, 0x80])
 }
 
-/// Commands of 50 Hz and nine frames each, of which the peer sends the frames as `mix` puts others between them. Each command has a width of its own,
-/// which some pulse must have.
+/// The peer sends commands at 50 Hz, nine frames each; `mix` sends each frame and puts others in between. Each command has its own width,
+/// and a pulse must have it.
 #[track_caller]
 fn assert_all_are_followed(rig: &mut Rig, mut mix: impl FnMut(&mut Rig, usize)) {
     rig.send_command(1, 4, 900.0);
@@ -34,15 +34,15 @@ fn assert_all_are_followed(rig: &mut Rig, mut mix: impl FnMut(&mut Rig, usize)) 
     rig.run_ms(50);
     let widths: Vec<f64> = rig.pulses.iter().map(|pulse| pulse.width_us()).collect();
     let missed: Vec<u16> = (0..100).filter(|&n| !widths.contains(&f64::from(1000 + n))).collect();
-    // A pulse begins each 20 ms, so now and then two commands come between two pulses.
+    // A pulse begins every 20 ms, so now and then two commands arrive between two pulses.
     assert!(missed.len() <= 2, "not followed: {missed:?}");
     let longest = rig.pulses.windows(2).filter(|pair| pair[0].width_us() == pair[1].width_us()).count();
-    assert!(longest <= 4, "{longest} pulses were those of the command before");
+    assert!(longest <= 4, "{longest} pulses had the width of an older command");
 }
 
 #[test]
-fn commands_that_others_begin_and_never_end_do_not_keep_the_commander_out() {
-    // One after each frame of the commander's, or one a second, or of many nodes.
+fn incomplete_commands_of_others_do_not_stop_the_commander() {
+    // A first frame after each of the commander's frames, or one a second, or from many nodes.
     for pattern in 0..3 {
         let mut rig = Rig::running();
         let mut n = 0;
@@ -59,17 +59,17 @@ fn commands_that_others_begin_and_never_end_do_not_keep_the_commander_out() {
 }
 
 #[test]
-fn whole_commands_of_another_node_for_other_actuators_do_not_keep_the_commander_out() {
+fn commands_of_others_for_other_actuators_do_not_stop_the_commander() {
     let mut rig = Rig::running();
     let others: Vec<_> = (21..=35).map(|id| (id, 0, 0.5)).collect();
     let others = array_command(&others, 3);
-    // Frame by frame in turn.
+    // The two commands alternate frame by frame.
     assert_all_are_followed(&mut rig, |rig, at| rig.send(ARRAY_COMMAND | 11, &others[at]));
 }
 
-/// It takes the lane before the commander begins.
+/// The other node's command occupies the lane before the commander's begins.
 #[test]
-fn a_command_that_another_node_has_begun_gives_way_to_the_commander() {
+fn the_commander_s_command_replaces_another_node_s_incomplete_one() {
     for pause_us in [0, 150, 1000, 19_000] {
         let mut rig = Rig::running();
         rig.send_command(1, 0, 0.0);
@@ -84,21 +84,21 @@ fn a_command_that_another_node_has_begun_gives_way_to_the_commander() {
 }
 
 #[test]
-fn half_a_request_of_one_client_keeps_no_other_out() {
+fn an_incomplete_request_does_not_stop_other_clients() {
     let mut rig = Rig::running();
-    // The beginning of a GetSet, from node 126.
+    // The first frame of a GetSet request, from node 126.
     let half = Frame::extended(0x1E0B_F8FE, &[0xC1, 0x45, 0x00, 0x01, 0x20, 0xA1, 0x07, 0x82]);
     for n in 0..50 {
         rig.send_frame(half);
         rig.run_until(rig.now() + n * 100 * US);
-        // Within ANSWER_TIMEOUT_MS, or it panics.
+        // Panics if the answer takes longer than ANSWER_TIMEOUT_MS.
         assert_eq!(rig.parameter("OUT1_TIMEOUT").name, b"OUT1_TIMEOUT");
     }
 }
 
-/// On an ATmega328P there is room for two.
+/// An ATmega328P can assemble two transfers at a time.
 #[test]
-fn two_senders_frame_by_frame_are_both_followed_where_there_is_room() {
+fn two_alternating_senders_are_both_followed_on_an_atmega328p() {
     let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
     let mut rig = Rig::with_boards_of(&elf, &[started_with(&elf)]);
     rig.wait_until_up();
@@ -114,9 +114,9 @@ fn two_senders_frame_by_frame_are_both_followed_where_there_is_room() {
             assert!(rig.serial.contains(&format!("rx ArrayCommand from {source} tid")), "{}", rig.serial);
         }
         assert!(!rig.serial.contains("refused"), "{}", rig.serial);
-        assert_eq!(rig.settled_pulse_us(), 1200.0, "the one that ended last");
+        assert_eq!(rig.settled_pulse_us(), 1200.0, "the command that ended last");
     }
-    // Requests by name, too.
+    // The same with two requests by name.
     let request = |name: &str, source: u32| -> Vec<Frame> {
         let request = ParameterRequest { name: name.into(), ..ParameterRequest::default() };
         let (data_type, payload) = Message::ParameterRequest(request).encode().expect("a request");
@@ -137,9 +137,9 @@ fn two_senders_frame_by_frame_are_both_followed_where_there_is_room() {
     }
 }
 
-/// When the failsafe begins, the node writes the filters again, which takes the controller off the bus. It waits until no frame is in progress:
-/// it interrupts no frame of its own, and loses no frame that it has acknowledged.
-fn filters_are_set_at_any_moment(phases: u64) {
+/// When the failsafe begins, the node writes the filters again, for which the controller leaves the bus. The node must wait until no frame is in
+/// progress, so that it interrupts none of its own frames and loses none that it has acknowledged.
+fn set_filters_at_many_moments(phases: u64) {
     let mut rig = Rig::running();
     rig.set("OUT1_TIMEOUT", 40);
     rig.set("TELEM_RATE", 50);
@@ -172,31 +172,31 @@ fn filters_are_set_at_any_moment(phases: u64) {
 }
 
 #[test]
-fn while_the_filters_are_set_nothing_is_cut_off_or_lost() {
-    filters_are_set_at_any_moment(40);
+fn setting_the_filters_interrupts_and_loses_no_frame() {
+    set_filters_at_many_moments(40);
 }
 
 #[test]
 #[ignore = "takes long: make test-all"]
-fn while_the_filters_are_set_at_a_thousand_moments_nothing_is_cut_off_or_lost() {
-    filters_are_set_at_any_moment(1000);
+fn setting_the_filters_at_a_thousand_moments_interrupts_and_loses_no_frame() {
+    set_filters_at_many_moments(1000);
 }
 
-/// With both dialects, on an ATmega328P. One frame of the draft every 1.2 s, as an attacker or an old autopilot sends it.
+/// On an ATmega328P with both dialects. An attacker or an old autopilot sends one frame of the draft every 1.2 s.
 #[test]
-fn a_talker_of_the_draft_keeps_no_v0_autopilot_out() {
+fn a_sender_of_the_draft_does_not_stop_a_v0_autopilot() {
     let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
     let mut rig = Rig::with_boards_of(&elf, &[started_with(&elf)]);
     rig.wait_until_up();
     let draft = |rig: &mut Rig| rig.send_frame(parse_frames("17C40409 80").remove(0));
-    // It has the servo, after the silence.
+    // After the silence the draft's autopilot commands the servo.
     for _ in 0..5 {
         draft(&mut rig);
         rig.run_ms(1200);
     }
     assert!(rig.settled_pulse_us() > 0.0 && rig.serial.contains("draft of 2014"), "{}", rig.serial);
     rig.forget();
-    // After the first status of the v0 autopilot the node's next is in v0.
+    // The node uses v0 from its first status after the v0 autopilot's first status.
     rig.send_status_from(10);
     rig.run_ms(1200);
     assert!(!rig.statuses().is_empty(), "no status in v0");
@@ -206,7 +206,7 @@ fn a_talker_of_the_draft_keeps_no_v0_autopilot_out() {
             draft(&mut rig);
         }
         rig.run_ms(20);
-        // And statuses go on in v0.
+        // The node must continue to send its statuses in v0.
     }
     rig.run_ms(40);
     assert_eq!(rig.last_pulse().map(|_| rig.settled_pulse_us()), Some(1299.0));

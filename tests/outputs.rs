@@ -1,4 +1,4 @@
-//! An Uno as a hub of eight outputs: each follows its own commands and fails safe by itself, and all pulses are exact under any load.
+//! An Uno as a hub of eight outputs. Each output follows its own commands and has its own failsafe, and all pulses are exact under any load.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -11,13 +11,13 @@ use rig::{MS, Rig};
 
 const OUTPUTS: usize = 8;
 const PWM: u8 = 4;
-/// Cycles in a tick of the timers, half a microsecond.
+/// Cycles in a tick of the timers: half a microsecond.
 const TICK: i64 = 8;
-/// From the beginning of a pulse to that of the next output's pulse: 2.5 ms.
+/// Cycles from the beginning of one output's pulse to that of the next output's: 2.5 ms.
 const SLOT: i64 = 40_000;
 const PERIOD: i64 = 20 * MS as i64;
 
-/// EEPROM of a hub: all outputs are in use.
+/// EEPROM of a hub that uses all outputs.
 fn hub_eeprom() -> &'static [u8] {
     static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
     EEPROM.get_or_init(|| {
@@ -32,12 +32,12 @@ fn hub() -> Rig {
     Rig::running_with(hub_eeprom())
 }
 
-/// A width for each output.
+/// A different width for each output.
 fn width_us(output: usize) -> f32 {
     1000.0 + 125.0 * output as f32
 }
 
-/// Commands for some outputs, counted from 0. By default output n has the ID n + 1.
+/// Commands these outputs, counted from 0. By default output n has the ID n + 1.
 fn command(rig: &mut Rig, outputs: impl IntoIterator<Item = usize>) {
     let commands: Vec<_> = outputs.into_iter().map(|output| (output as u8 + 1, PWM, width_us(output))).collect();
     rig.send_commands(&commands);
@@ -54,7 +54,7 @@ fn pulses(rig: &mut Rig) -> Vec<Vec<(i64, i64)>> {
     all.into_iter().map(plain).collect()
 }
 
-/// Width of the last pulse of each output within 60 ms, in microseconds, rounded: an edge may be off by half a microsecond. None without a pulse.
+/// Width of each output's last pulse within 60 ms, in microseconds, rounded because an edge may be off by half a microsecond. `None` without a pulse.
 fn widths_us(rig: &mut Rig) -> Vec<Option<f32>> {
     rig.run_ms(45);
     pulses(rig);
@@ -88,7 +88,7 @@ fn outputs_with_the_same_id_follow_the_same_command_each_with_its_own_travel() {
 }
 
 #[test]
-fn one_output_is_in_use_until_out_count_says_more_and_the_other_pins_stay_inputs() {
+fn by_default_one_output_is_in_use_and_the_other_pins_are_inputs() {
     const DDRB: u16 = 0x24;
     let mut rig = Rig::running();
     command(&mut rig, 0..OUTPUTS);
@@ -99,13 +99,13 @@ fn one_output_is_in_use_until_out_count_says_more_and_the_other_pins_stay_inputs
     let before = directions(&mut rig);
     let mut hub = hub();
     let [b, c, d] = directions(&mut hub);
-    // D8, A1 to A3, D5 to D7.
+    // Pins D8, A1 to A3, D5 to D7.
     assert_eq!([b ^ before[0], c ^ before[1], d ^ before[2]], [1 << 0, 0b1110, 0b1110_0000]);
 }
 
-/// The count and the rate in force after an attempt to set one of them.
+/// An attempt to set OUT_COUNT or OUT_RATE too high leaves both unchanged.
 #[test]
-fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_refused_with_a_reason() {
+fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_rejected_and_logged() {
     for (count, highest_rate) in [(8, 50), (6, 66), (4, 100), (3, 133), (2, 200), (1, 333)] {
         let mut rig = Rig::running();
         rig.set("OUT_COUNT", count);
@@ -151,7 +151,7 @@ fn all_widths_of_a_command_begin_in_the_same_period() {
         let t = rig.now() + 60 * MS + 2_300 * step;
         rig.run_until(t);
         let seen = pulses(&mut rig);
-        // A change of output 1, which is in slot 0, begins a period: the pulses of the others in that period are new, too.
+        // A change of output 1, which has slot 0, starts a new period: the other pulses of that period are new, too.
         let (_, after) = (seen[0][0], seen[0].windows(2).find(|pair| (pair[0].1 - pair[1].1).abs() > TICK));
         let Some(pair) = after else { continue };
         for (output, pulses) in seen.iter().enumerate().skip(1) {
@@ -164,7 +164,7 @@ fn all_widths_of_a_command_begin_in_the_same_period() {
 }
 
 #[test]
-fn the_failsafe_of_one_output_touches_no_other_and_the_node_says_which_it_is() {
+fn the_failsafe_of_one_output_affects_no_other_and_is_reported_with_its_number() {
     let mut rig = hub();
     rig.set("OUT3_FS", 2);
     rig.set("OUT3_FS_PWM", 1900);
@@ -180,11 +180,11 @@ fn the_failsafe_of_one_output_touches_no_other_and_the_node_says_which_it_is() {
         }
         assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
         assert!(rig.serial.contains(&format!("FAILSAFE of output {}", silent + 1)), "{}", rig.serial);
-        let told = rig.heard(|message| match message {
+        let reported = rig.heard(|message| match message {
             Message::KeyValue(pair) if pair.key == b"fs" => Some(pair.value),
             _ => None,
         });
-        assert!(!told.is_empty() && told.iter().all(|(_, value)| *value == bit as f32), "{told:?}");
+        assert!(!reported.is_empty() && reported.iter().all(|(_, value)| *value == bit as f32), "{reported:?}");
         assert_eq!(rig.serial.matches("FAILSAFE of output").count(), 1, "{}", rig.serial);
         command(&mut rig, 0..OUTPUTS);
         rig.wait_for_line(&format!("commands again for output {}", silent + 1), 200);
@@ -194,7 +194,7 @@ fn the_failsafe_of_one_output_touches_no_other_and_the_node_says_which_it_is() {
 }
 
 #[test]
-fn an_entry_that_cannot_be_followed_leaves_its_output_and_the_others_follow_theirs() {
+fn an_invalid_entry_does_not_move_its_output_and_the_others_follow_theirs() {
     let mut rig = hub();
     command(&mut rig, 0..OUTPUTS);
     rig.run_ms(30);
@@ -224,9 +224,9 @@ fn the_outputs_take_turns_in_actuator_status() {
     assert!(ids.windows(2).all(|pair| pair[1] == pair[0] % 8 + 1), "{ids:?}");
 }
 
-/// Reads and sets all parameters of all outputs, and finds them after a restart.
+/// Reads and sets all parameters of all outputs, and reads them after a restart.
 #[test]
-fn every_output_has_parameters_of_its_own_that_survive_a_restart() {
+fn every_output_has_its_own_parameters_that_survive_a_restart() {
     let mut rig = hub();
     for output in 1..=8 {
         for (name, value) in
@@ -245,14 +245,14 @@ fn every_output_has_parameters_of_its_own_that_survive_a_restart() {
     );
 }
 
-/// Deviations of the edges from their times, in cycles, how often each.
+/// Deviations of the pulses' edges from their times, in cycles, each with the number of times it occurred.
 #[derive(Default, Debug)]
 struct Edges {
     rises: BTreeMap<i64, u64>,
     falls: BTreeMap<i64, u64>,
 }
 
-/// The hub under a load for some seconds, with an autopilot's commands for all outputs at 50 Hz unless the load itself has commands.
+/// Runs the hub under a load for `seconds`. An autopilot commands all outputs at 50 Hz unless the load itself has commands.
 fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
     let load = Load { kind, priority: 31, pace: Pace::Full };
     let mut loaded = Loaded::with_rig(hub(), Some(load), Client::Walking);
@@ -269,7 +269,7 @@ fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
                 let start = pulse.start as i64 - SLOT * output;
                 let late = (start - *origin.get_or_insert(start) + PERIOD / 2).rem_euclid(PERIOD) - PERIOD / 2;
                 *edges.rises.entry(late).or_default() += 1;
-                // Widths are whole ticks, and all pulses have the handler's delay.
+                // Widths are whole ticks, and the interrupt handler delays all pulses alike.
                 let width = pulse.width_cycles as i64;
                 *edges.falls.entry(late + (width + TICK / 2).rem_euclid(TICK) - TICK / 2).or_default() += 1;
             }
@@ -278,7 +278,7 @@ fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
     (loaded.finish(), edges)
 }
 
-/// ArduPilot commands the actuators 1 to 15 with one message, PX4 0 to 7, and each of them moves by itself.
+/// ArduPilot commands the actuators 1 to 15 in one message, PX4 0 to 7. Each actuator moves with its own phase.
 #[test]
 fn all_eight_outputs_follow_ardupilot_and_px4() {
     for (profile, first_id) in [(Profile::Ardupilot, 1), (Profile::Px4, 0)] {
@@ -298,27 +298,27 @@ fn all_eight_outputs_follow_ardupilot_and_px4() {
                 (widths.clone().min().unwrap_or_default(), widths.max().unwrap_or_default())
             })
             .collect();
-        // The sweep takes four seconds, so each of them is at both ends.
+        // The sweep takes four seconds, so each output reaches both ends.
         assert!(ranges.iter().all(|&(least, most)| least < 1020 && most > 1980), "{profile:?}: {ranges:?}");
-        // The autopilot was connected in the middle of its first command.
+        // The autopilot was connected during its first command.
         assert_eq!(rig.serial.matches("broken").count(), 1, "{}", rig.serial);
         assert_eq!(rig.status_now(), (OK, TRANSFER_ERRORS), "{profile:?}");
     }
 }
 
 #[test]
-fn with_eight_outputs_no_frame_is_lost_at_full_load_and_each_edge_is_within_half_a_microsecond_of_its_time() {
-    exact_and_lossless(4);
+fn with_eight_outputs_at_full_load_no_frame_is_lost_and_each_edge_is_exact() {
+    assert_exact_and_lossless(4);
 }
 
 #[test]
 #[ignore = "takes long: make test-all"]
 fn with_eight_outputs_the_same_holds_for_a_minute_of_each_load() {
-    exact_and_lossless(60);
+    assert_exact_and_lossless(60);
 }
 
 #[track_caller]
-fn exact_and_lossless(seconds: u64) {
+fn assert_exact_and_lossless(seconds: u64) {
     for kind in [Kind::LongCommand, Kind::Status(8), Kind::Command(8)] {
         let (figures, edges) = loaded(kind, seconds);
         let meter = &figures.meter;
@@ -331,7 +331,7 @@ fn exact_and_lossless(seconds: u64) {
         );
         let all = || edges.rises.iter().chain(&edges.falls);
         assert!(edges.rises.values().sum::<u64>() > 7 * 50 * 3, "{kind:?}: {edges:?}");
-        // The first rise is late itself, by less than a tick, so this is a range and not a distance from zero.
+        // The first rise itself is late by less than a tick, so this compares the range of deviations.
         let (least, most) = (all().map(|(late, _)| *late).min(), all().map(|(late, _)| *late).max());
         assert!(most.zip(least).is_some_and(|(most, least)| most - least <= TICK), "{kind:?}: {edges:?}");
         assert_eq!(figures.periods.keys().collect::<Vec<_>>(), [&(PERIOD as u64)], "{kind:?}");

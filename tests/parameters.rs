@@ -1,11 +1,11 @@
-//! Parameters: their names and ranges, when they take effect, and that the EEPROM always has the complete old or new set.
+//! Parameters: their names and ranges, the time when they take effect, and that the EEPROM always has the complete old or new set.
 
 use bench::dronecan::{Message, Opcode, ParameterRequest, Value};
 use rig::manage::{SAVE_TIMEOUT_MS, integer, ms_between, parameters};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Rig, started};
 
-/// Parameters from the whole table, with other values in each generation. None of them affects the tests.
+/// Parameters that the tests mark with other values in each generation, from all parts of the table. They do not affect the tests.
 const MARKED: [&str; 6] = ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "ERROR_MASK"];
 
 fn mark(generation: i64) -> [i64; 6] {
@@ -32,23 +32,23 @@ fn assert_defaults(rig: &mut Rig) {
 }
 
 #[test]
-fn they_have_these_names_ranges_and_defaults() {
+fn parameters_have_the_documented_names_ranges_and_defaults() {
     let mut rig = Rig::running();
     for (index, (name, default, min, max)) in parameters().into_iter().enumerate() {
-        let told = rig.parameter_at(index as u16);
+        let reported = rig.parameter_at(index as u16);
         assert!(name.len() <= 16);
-        assert_eq!(told.name(), name);
-        let numbers = [&told.value, &told.default, &told.min, &told.max].map(integer);
+        assert_eq!(reported.name(), name);
+        let numbers = [&reported.value, &reported.default, &reported.min, &reported.max].map(integer);
         assert_eq!(numbers, [default, default, min, max], "{name}");
     }
     assert!(rig.parameter_at(parameters().len() as u16).name.is_empty());
 }
 
 #[test]
-fn every_parameter_takes_every_end_of_its_range() {
+fn every_parameter_accepts_both_ends_of_its_range() {
     let mut rig = Rig::running();
     for (name, default, min, max) in parameters() {
-        // In the draft there are no requests.
+        // With DIALECT 2 the node uses the draft, which the client does not.
         let max = if name == "DIALECT" { 1 } else { max };
         for value in [min, max, default] {
             rig.set(name, value);
@@ -59,7 +59,7 @@ fn every_parameter_takes_every_end_of_its_range() {
 }
 
 #[test]
-fn what_was_saved_is_there_after_a_restart_and_a_power_cut() {
+fn saved_parameters_survive_a_restart_and_a_power_cut() {
     let mut rig = Rig::running();
     set_marks(&mut rig, 1);
     rig.save();
@@ -68,10 +68,10 @@ fn what_was_saved_is_there_after_a_restart_and_a_power_cut() {
     rig.cut_power();
     rig.wait_until_up();
     assert_eq!(marks(&mut rig), mark(1));
-    // Each parameter, at an end of its range that is not its default.
+    // Sets each parameter to an end of its range that is not its default.
     let ends: Vec<_> = parameters()
         .into_iter()
-        // The node would answer under another ID, at another bit rate, and in another dialect. Eight outputs do not fit at the highest OUT_RATE.
+        // With these changed the node would answer under another ID, at another bit rate or in another dialect; and eight outputs do not fit.
         .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE", "DIALECT", "OUT_COUNT"].contains(name))
         .map(|(name, default, min, max)| (name, if default == max { min } else { max }))
         .collect();
@@ -86,7 +86,7 @@ fn what_was_saved_is_there_after_a_restart_and_a_power_cut() {
 }
 
 #[test]
-fn what_was_not_saved_is_gone_after_a_restart() {
+fn unsaved_parameters_are_lost_at_a_restart() {
     let mut rig = Rig::running();
     set_marks(&mut rig, 1);
     rig.save();
@@ -96,7 +96,7 @@ fn what_was_not_saved_is_gone_after_a_restart() {
 }
 
 #[test]
-fn erasing_brings_the_defaults_at_once_and_for_good() {
+fn erasing_restores_the_defaults_at_once_and_after_a_restart() {
     let mut rig = Rig::running();
     set_marks(&mut rig, 1);
     rig.save();
@@ -104,16 +104,16 @@ fn erasing_brings_the_defaults_at_once_and_for_good() {
     assert_defaults(&mut rig);
     rig.restart();
     assert_defaults(&mut rig);
-    assert_eq!(rig.next_status(), (OK, 0), "that is no loss");
+    assert_eq!(rig.next_status(), (OK, 0), "an erased EEPROM is not reported as lost");
 }
 
 #[test]
-fn a_node_id_is_taken_at_the_next_start() {
+fn a_node_id_takes_effect_at_the_next_start() {
     let mut rig = Rig::running();
     rig.set("CAN_NODE", 42);
     rig.save();
     rig.run_ms(1500);
-    assert!(!rig.statuses().is_empty(), "it is still 120");
+    assert!(!rig.statuses().is_empty(), "the node must keep ID 120 until the restart");
     rig.cut_power();
     rig.run_ms(1500);
     assert!(rig.statuses().is_empty());
@@ -126,8 +126,8 @@ fn a_node_id_is_taken_at_the_next_start() {
 }
 
 #[test]
-fn a_bit_rate_is_taken_at_the_next_start() {
-    // CNF1 to CNF3, and the sample point in thousandths of a bit: as in docs/wiring.md.
+fn a_bit_rate_takes_effect_at_the_next_start() {
+    // CNF1 to CNF3, and the sample point in thousandths of a bit, as in docs/wiring.md.
     const LONG_BIT: ([u8; 2], u32) = ([0xBC, 0x01], 875);
     const SHORT_BIT: ([u8; 2], u32) = ([0x91, 0x01], 750);
     let of_crystal = match rig::board().crystal_mhz {
@@ -139,8 +139,8 @@ fn a_bit_rate_is_taken_at_the_next_start() {
         rig.set("CAN_BAUDRATE", rate);
         rig.save();
         rig.run_ms(1200);
-        assert!(!rig.statuses().is_empty(), "it is still at the rate before");
-        // What it sends at another rate is an error for all.
+        assert!(!rig.statuses().is_empty(), "the node must keep its rate until the restart");
+        // Other nodes see its frames at another rate as errors.
         let port = rig.bench.port(0);
         rig.bench.bus().connect(port, false);
         rig.cut_power();
@@ -153,9 +153,9 @@ fn a_bit_rate_is_taken_at_the_next_start() {
     }
 }
 
-/// Meanwhile the node follows commands, its pulses are complete, and other requests wait.
+/// During the save the node follows commands, its pulses are complete, and other requests wait.
 #[test]
-fn saving_holds_nothing_up() {
+fn saving_does_not_delay_commands_or_pulses() {
     let mut rig = Rig::running();
     set_marks(&mut rig, 7);
     rig.set("OUT1_ID", 1);
@@ -164,7 +164,7 @@ fn saving_holds_nothing_up() {
     rig.forget();
     let begun = rig.now();
     rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
-    // The program with all features has three times the parameters.
+    // The program with all features has three times as many parameters.
     let (commands, limit_ms) = if rig::has_all_features() { (400u16, 950.0) } else { (200u16, 500.0) };
     for n in 0..commands {
         rig.send_command(1, 4, f32::from(1200 + n));
@@ -178,14 +178,14 @@ fn saving_holds_nothing_up() {
         rig.pulses.len() >= usize::from(commands) / 8 - 1 && rig.pulses.is_sorted_by_key(|pulse| pulse.width_cycles)
     );
     assert!(rig.pulses.iter().all(|pulse| pulse.period_cycles.unwrap_or(20 * MS) == 20 * MS));
-    // The serial monitor cannot keep up with so many commands.
+    // The serial monitor cannot log that many commands.
     rig.run_ms(300);
     rig.board().avr_mut().serial_send(b"?");
     rig.wait_for_line(&format!("commands followed {}, frames refused 0", commands + 1), 300);
 }
 
 #[test]
-fn a_parameter_that_is_set_during_a_save_is_saved_whole_or_not_at_all() {
+fn a_parameter_set_during_a_save_is_saved_completely_or_not_at_all() {
     for delay_ms in [1, 20, 60, 100, 140] {
         let mut rig = Rig::running();
         set_marks(&mut rig, 1);
@@ -198,18 +198,18 @@ fn a_parameter_that_is_set_during_a_save_is_saved_whole_or_not_at_all() {
         rig.run_ms(SAVE_TIMEOUT_MS);
         rig.cut_power();
         rig.wait_until_up();
-        let mut told = marks(&mut rig);
-        assert!([mark(2)[0], 99].contains(&told[0]), "{told:?}");
-        told[0] = mark(2)[0];
-        assert_eq!(told, mark(2), "after {delay_ms} ms");
+        let mut reported = marks(&mut rig);
+        assert!([mark(2)[0], 99].contains(&reported[0]), "{reported:?}");
+        reported[0] = mark(2)[0];
+        assert_eq!(reported, mark(2), "after {delay_ms} ms");
     }
 }
 
-/// Power failures during a save: at the beginning and at the end of the time of each byte. After each the node has the complete old
-/// or new set, and reports no loss.
+/// Cuts the power during a save: at the beginning and at the end of each byte's write. Afterwards the node has the complete old
+/// or the complete new set, and reports no loss.
 #[test]
-fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_set_or_the_new() {
-    // A byte takes 3.4 ms.
+fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new_set() {
+    // The write of a byte takes 3.4 ms.
     const STEP: u64 = 17 * MS / 10;
     let mut rig = Rig::running();
     set_marks(&mut rig, 0);
@@ -221,7 +221,7 @@ fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_set_or_the_new() {
         set_marks(&mut rig, generation);
         rig.forget();
         rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
-        // The request has come: else it would come again after the cut.
+        // Waits until the node has received the request, because otherwise the peer would repeat it after the cut.
         let soon = rig.now() + MS / 2;
         rig.run_until(soon);
         let cut = soon + delay;
@@ -231,13 +231,13 @@ fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_set_or_the_new() {
         rig.wait_until_up();
         let (health, code) = rig.status_now();
         assert_eq!((health, code & PARAMETERS_LOST), (OK, 0), "cut after {} us", delay / 16);
-        let told = marks(&mut rig);
-        if told == mark(generation) {
+        let reported = marks(&mut rig);
+        if reported == mark(generation) {
             in_force = generation;
             new += 1;
         } else {
-            assert!(!answered, "an answer that was not true, cut after {} us", delay / 16);
-            assert_eq!(told, mark(in_force), "a mix, cut after {} us", delay / 16);
+            assert!(!answered, "the answer reported success, but the old set is in force, cut after {} us", delay / 16);
+            assert_eq!(reported, mark(in_force), "not one complete set, cut after {} us", delay / 16);
             old += 1;
         }
         if answered {
@@ -246,15 +246,15 @@ fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_set_or_the_new() {
         delay += STEP;
     }
     println!("{old} cuts left the old set, {new} the new one");
-    assert!(old > 20 && new >= 1, "the cuts were all over the save");
+    assert!(old > 20 && new >= 1, "the cuts must cover the whole save");
 }
 
-/// Positions of the EEPROM that differ.
+/// Positions at which two EEPROMs differ.
 fn difference(a: &[u8], b: &[u8]) -> Vec<usize> {
     (0..a.len()).filter(|&at| a[at] != b[at]).collect()
 }
 
-/// A node that has saved twice: EEPROMs before, between and after.
+/// The EEPROMs of a node that saves twice: before, between and after.
 fn saved_twice() -> [Vec<u8>; 3] {
     let mut rig = Rig::running();
     let eeprom = |rig: &mut Rig| rig.board().avr().eeprom();
@@ -268,7 +268,7 @@ fn saved_twice() -> [Vec<u8>; 3] {
 }
 
 #[test]
-fn a_broken_byte_in_the_newest_copy_brings_the_one_before_and_is_told() {
+fn a_wrong_byte_in_the_newest_copy_restores_the_previous_one_and_is_reported() {
     let [_, between, after] = saved_twice();
     let newest = difference(&between, &after);
     assert!(newest.len() > 20);
@@ -290,16 +290,16 @@ fn crc(start: u16, bytes: &[u8]) -> u16 {
     })
 }
 
-/// Another program wrote it, or a faulty build. Without the check such values made pulses of 17 ms and impossible bit rates.
+/// Another program or a faulty build may have written such a record. Unchecked, the values would cause wrong pulses and bit rates.
 #[test]
-fn values_out_of_range_in_a_record_with_a_right_crc_become_the_defaults_and_are_told() {
-    // The addresses and the form of a record: docs/parameters.md.
+fn values_out_of_range_in_a_valid_record_become_the_defaults_and_are_reported() {
+    // Addresses and form of a record: docs/parameters.md.
     const FIRST: usize = 0x20;
     let len = 2 * parameters().len();
     let [_, saved, _] = saved_twice();
     let record = &saved[FIRST..FIRST + len];
     let right = u16::from_be_bytes([saved[FIRST + len], saved[FIRST + len + 1]]);
-    let start = (0..=u16::MAX).find(|&start| crc(start, record) == right).expect("the start of the CRC");
+    let start = (0..=u16::MAX).find(|&start| crc(start, record) == right).expect("the start value of the CRC");
     let with = |values: &[(usize, u16)]| {
         let mut eeprom = saved.clone();
         for &(index, value) in values {
@@ -310,13 +310,13 @@ fn values_out_of_range_in_a_record_with_a_right_crc_become_the_defaults_and_are_
         eeprom
     };
     let mut rig = Rig::running_with(&with(&[]));
-    assert_eq!((marks(&mut rig), rig.next_status()), (mark(1), (OK, 0)), "the CRC is made as the node makes it");
+    assert_eq!((marks(&mut rig), rig.next_status()), (mark(1), (OK, 0)), "the node must accept a record with this CRC");
     for value in [0xFFFF, 0x8000, 35_968, 200] {
         let all: Vec<_> = (0..parameters().len()).map(|index| (index, value)).collect();
         let mut rig = Rig::running_with(&with(&all));
         rig.wait_for("a status", 1100, |rig| !rig.statuses().is_empty());
         for (index, (name, default, min, max)) in parameters().into_iter().enumerate() {
-            // The bit rate is kept as 0 to 3.
+            // The EEPROM has the bit rate as a number from 0 to 3.
             let number = if min < 0 { i64::from(value as i16) } else { i64::from(value) };
             let expected = if index != 1 && (min..=max).contains(&number) { number } else { default };
             assert_eq!(integer(&rig.parameter_at(index as u16).value), expected, "{name} of {value}");
@@ -330,7 +330,7 @@ fn values_out_of_range_in_a_record_with_a_right_crc_become_the_defaults_and_are_
 }
 
 #[test]
-fn without_a_good_copy_the_defaults_are_in_force_and_the_node_is_critical() {
+fn without_a_valid_copy_the_defaults_are_in_force_and_the_node_is_critical() {
     let [before, between, after] = saved_twice();
     let mut broken = after.clone();
     for at in difference(&before, &between).into_iter().chain(difference(&between, &after)) {
@@ -341,7 +341,7 @@ fn without_a_good_copy_the_defaults_are_in_force_and_the_node_is_critical() {
     rig.wait_for_line("parameters lost", 100);
     assert_eq!(rig.next_status(), (CRITICAL, PARAMETERS_LOST));
     assert_defaults(&mut rig);
-    // It is a node all the same, and a save repairs it.
+    // The node works with the defaults, and a save repairs the EEPROM.
     rig.send_command(1, 0, 0.5);
     assert_eq!(rig.settled_pulse_us(), 1750.0);
     set_marks(&mut rig, 3);
@@ -352,7 +352,7 @@ fn without_a_good_copy_the_defaults_are_in_force_and_the_node_is_critical() {
 }
 
 #[test]
-fn an_erased_eeprom_is_no_loss() {
+fn an_erased_eeprom_is_not_reported_as_lost() {
     let mut rig = Rig::running();
     assert_eq!(rig.next_status(), (OK, 0));
     assert_defaults(&mut rig);
@@ -364,7 +364,7 @@ fn an_erased_eeprom_is_no_loss() {
 }
 
 #[test]
-fn save_after_save_the_newest_counts() {
+fn after_many_saves_the_newest_set_is_in_force() {
     let mut rig = Rig::running();
     for generation in 0..25 {
         set_marks(&mut rig, generation);
@@ -378,7 +378,7 @@ fn save_after_save_the_newest_counts() {
 }
 
 #[test]
-fn a_value_out_of_its_range_is_refused_over_the_bus() {
+fn a_value_out_of_range_is_rejected_over_the_bus() {
     let mut rig = Rig::running();
     for (name, value) in
         [("OUT1_MIN", 499), ("OUT1_MAX", 2501), ("CAN_NODE", 126), ("TEMP_MIN", -56), ("OUT_RATE", 334)]

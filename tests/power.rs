@@ -1,11 +1,11 @@
-//! Voltage and current of a circuit (feature `power`): CircuitStatus, limits, and the load of an output.
+//! Voltage and current of a circuit (feature `power`): CircuitStatus, limits, and the load in actuator.Status.
 
 use bench::dronecan::CircuitStatus;
 use bench::dronecan::Message;
 use rig::Rig;
 use rig::status::{OK, POWER, WARNING};
 
-/// A divider of 10 and 1 kOhm, and an ACS712 for 30 A: 2.5 V without a current, 66 mV more for an ampere.
+/// A node with a divider of 10 and 1 kOhm, and an ACS712 for 30 A: 2.5 V at 0 A, 66 mV more per ampere.
 fn measuring() -> Rig {
     let mut rig = Rig::running();
     for (name, value) in [
@@ -20,7 +20,7 @@ fn measuring() -> Rig {
     rig
 }
 
-/// Puts the circuit's voltage and current on the inputs.
+/// Applies this voltage and current to the circuit.
 fn set(rig: &mut Rig, volts: f64, amperes: f64) {
     rig.board().set_circuit_millivolts((volts * 1000.0 / 11.0) as u32, (2500.0 + 66.0 * amperes) as u32);
     rig.run_ms(150);
@@ -38,7 +38,7 @@ fn statuses(rig: &mut Rig) -> Vec<CircuitStatus> {
 
 #[track_caller]
 fn assert_near(status: &CircuitStatus, volts: f32, amperes: f32) {
-    // A step of the ADC is 54 mV and 74 mA here, and a float16 has steps of 31 mV at 50 V.
+    // An ADC step is 54 mV and 74 mA here, and a float16 has steps of 31 mV at 50 V.
     let (voltage, current) = (f32::from(status.voltage), f32::from(status.current));
     assert!((voltage - volts).abs() < 0.08 && (current - amperes).abs() < 0.08, "{voltage} V, {current} A");
 }
@@ -53,7 +53,7 @@ fn a_node_without_a_rate_sends_no_circuit_status() {
 }
 
 #[test]
-fn voltage_and_current_are_those_of_the_circuit_ten_times_a_second() {
+fn voltage_and_current_are_sent_ten_times_a_second() {
     let mut rig = measuring();
     for (volts, amperes) in [(12.6, 3.2), (50.0, -20.0), (0.0, 0.0), (7.4, 30.0)] {
         set(&mut rig, volts, amperes);
@@ -68,7 +68,7 @@ fn voltage_and_current_are_those_of_the_circuit_ten_times_a_second() {
 }
 
 #[test]
-fn the_temperature_is_measured_as_well() {
+fn the_temperature_is_measured_besides_the_circuit() {
     let mut rig = measuring();
     rig.board().set_temperature_c(36.0);
     set(&mut rig, 12.0, 1.0);
@@ -81,7 +81,7 @@ fn the_temperature_is_measured_as_well() {
 }
 
 #[test]
-fn beyond_a_limit_the_status_has_its_flag_and_the_node_a_condition_until_it_ends() {
+fn beyond_a_limit_the_circuit_status_has_a_flag_and_the_node_a_condition() {
     let mut rig = measuring();
     rig.set("PWR1_VOLT_MIN", 10_000);
     rig.set("PWR1_VOLT_MAX", 17_000);
@@ -99,7 +99,7 @@ fn beyond_a_limit_the_status_has_its_flag_and_the_node_a_condition_until_it_ends
 }
 
 #[test]
-fn the_output_that_the_circuit_feeds_has_its_load_in_actuator_status() {
+fn actuator_status_has_the_load_of_the_output_that_the_circuit_feeds() {
     let mut rig = measuring();
     rig.set("PWR1_AMP_MAX", 2000);
     let ratings = |rig: &mut Rig| {
@@ -120,7 +120,7 @@ fn the_output_that_the_circuit_feeds_has_its_load_in_actuator_status() {
 }
 
 #[test]
-fn without_a_rate_a_condition_ends() {
+fn with_rate_0_the_condition_clears() {
     let mut rig = measuring();
     rig.set("PWR1_VOLT_MAX", 10_000);
     set(&mut rig, 12.0, 0.0);

@@ -1,8 +1,8 @@
-//! docs/reliability.md has every tested fault with its limits, and its measurements are within them.
+//! docs/reliability.md lists every tested fault with its limits, and its measurements are within the limits.
 
 use rig::faults::page::{CHAPTERS, row};
 
-/// The number before the limit, and the limit.
+/// Parses a cell such as "53 (1000)": the measurement and its limit.
 fn numbers(cell: &str) -> Option<(f64, f64)> {
     let (measured, limit) = cell.strip_suffix(')')?.split_once(" (")?;
     Some((measured.parse().ok()?, limit.parse().ok()?))
@@ -31,6 +31,6 @@ fn the_page_has_every_fault_with_its_limits() {
         }
     }
     let cases: usize = CHAPTERS.iter().map(|(_, cases)| cases.len()).sum();
-    // Each chapter has two rows more, for its head.
+    // Each chapter has two more rows: the head of the table.
     assert_eq!(rows.len(), cases + 2 * CHAPTERS.len(), "a fault on the page that is not tested");
 }

@@ -4,15 +4,15 @@ use bench::avr::ResetCause;
 use rig::status::{BROWN_OUT, INITIALIZATION, STACK_COLLISION, STRAY_INTERRUPT, WATCHDOG};
 use rig::{Rig, status_fields};
 
-/// Waits for the banner of a restart, and checks the reported cause.
+/// Waits for the banner of a restart and checks the reported cause.
 #[track_caller]
 fn assert_restarts(rig: &mut Rig, within_ms: u64, cause: &str, bit: u16) {
     rig.wait_for_line(&format!("reset: {cause}"), within_ms);
     rig.run_ms(50);
     let (uptime, health, mode, vendor_code) = status_fields(&rig.statuses().last().expect("a status at once").1);
-    assert_eq!((uptime, mode), (0, INITIALIZATION), "a node that starts");
+    assert_eq!((uptime, mode), (0, INITIALIZATION), "the first status must say that the node initializes");
     assert_eq!((health, vendor_code), (u8::from(bit != 0), bit));
-    // It works again, with the servo off until it is commanded.
+    // The node works again; the servo has no pulse before a command.
     rig.run_ms(100);
     rig.forget();
     rig.run_ms(100);
@@ -21,7 +21,7 @@ fn assert_restarts(rig: &mut Rig, within_ms: u64, cause: &str, bit: u16) {
     assert_eq!(rig.settled_pulse_us(), 1750.0);
 }
 
-/// A node that moves its servo.
+/// A running node whose servo moves.
 fn moving() -> Rig {
     let mut rig = Rig::running();
     rig.send_command(1, 0, 0.0);
@@ -31,10 +31,10 @@ fn moving() -> Rig {
     rig
 }
 
-/// Overwrites the main loop where it resets the watchdog; gives the program as it was.
+/// Overwrites the instructions where the main loop resets the watchdog. Returns the unchanged program.
 fn patch_the_main_loop(rig: &mut Rig, instructions: [u8; 4]) -> Vec<u8> {
     let flash = rig.board().avr().flash().to_vec();
-    // WDR is 0x95A8. Two others come before the loop: at the very start, and where the watchdog is switched on.
+    // WDR is 0x95A8. The last one of the program is in the main loop.
     let wdr = (0x68..flash.len() - 2).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).unwrap();
     rig.board().avr_mut().load_flash(wdr, &instructions);
     flash
@@ -47,21 +47,21 @@ const HANG: [u8; 2] = [0xFF, 0xCF];
 fn a_hung_program_is_restarted_by_the_watchdog() {
     let mut rig = moving();
     let program = patch_the_main_loop(&mut rig, [HANG, HANG].concat().try_into().unwrap());
-    // By now it has restarted, and hangs again.
+    // By now the node has restarted and hangs again.
     rig.run_ms(300);
     rig.board().avr_mut().load_flash(0, &program);
     assert_restarts(&mut rig, 50, "WATCHDOG", WATCHDOG);
     assert_eq!(
         rig.board().avr().resets().len(),
         1,
-        "without a reset of the chip, which the bootloader would not survive"
+        "the program must restart without a reset of the chip, which would start the bootloader"
     );
 }
 
-/// The compiler has removed every check that could fail, so the linker has dropped the panic handler.
+/// The compiler removes every check that cannot fail, so the linker drops the panic handler.
 #[test]
 fn nothing_in_the_programs_can_panic() {
-    // One program of the ATmega328P has it all.
+    // For the ATmega328P one program has all features.
     let of_board = if rig::takes_both_dialects() { &["full"][..] } else { &["default", "thesis"] };
     for features in of_board {
         let mut rig = Rig::with_features(features);
@@ -73,7 +73,7 @@ fn nothing_in_the_programs_can_panic() {
 #[test]
 fn an_interrupt_without_a_handler_restarts_the_node() {
     let mut rig = moving();
-    // TIMSK1.TOIE1: Timer1 overflows at the end of every servo period, and nobody asked for that.
+    // TIMSK1.TOIE1: Timer1 overflows at the end of every servo period. The program has no handler for that.
     rig.board().avr_mut().poke_sram(0x6F, 1);
     assert_restarts(&mut rig, 100, "STRAY INTERRUPT", STRAY_INTERRUPT);
 }
@@ -87,8 +87,8 @@ fn a_stack_that_reaches_the_variables_restarts_the_node() {
 }
 
 #[test]
-fn resets_from_outside_are_told_apart() {
-    for (cause, told, bit) in [
+fn external_resets_are_reported_with_their_cause() {
+    for (cause, logged, bit) in [
         (ResetCause::PowerOn, "power-on", 0),
         (ResetCause::External, "reset pin", 0),
         (ResetCause::Watchdog, "WATCHDOG", WATCHDOG),
@@ -96,18 +96,18 @@ fn resets_from_outside_are_told_apart() {
     ] {
         let mut rig = moving();
         rig.board().reset(cause);
-        assert_restarts(&mut rig, 100, told, bit);
+        assert_restarts(&mut rig, 100, logged, bit);
     }
 }
 
 #[test]
-fn a_restart_never_cuts_a_pulse_short() {
+fn a_restart_does_not_shorten_a_pulse() {
     for delay in 0..40u64 {
         let mut rig = Rig::running();
         rig.send_command(1, 0, 1.0);
         rig.settled_pulse_us();
         rig.forget();
-        // At all phases of the period, in the middle of the pulse too.
+        // At all phases of the servo period, also during a pulse.
         let at = rig.now() + delay * 8_011;
         rig.run_until(at);
         let bottom = rig.board().avr().symbol("__heap_start").unwrap().address as u16;

@@ -1,10 +1,10 @@
-//! Requests during a SAVE, which takes up to 0.4 s, in the build that answers them meanwhile.
+//! Requests during a save, which takes up to 0.4 s, for firmwares with the feature `save-answers`.
 
 use bench::dronecan::{Message, Opcode, ParameterRequest};
 use rig::Rig;
 use rig::manage::{SAVE_TIMEOUT_MS, integer};
 
-/// A node whose next save writes every byte.
+/// A node with so many changes that its next save writes every byte.
 fn changed() -> Rig {
     let mut rig = Rig::running();
     for (name, value) in [("OUT1_MIN", 1100), ("OUT1_MAX", 1900), ("OUT1_TRIM", 1400), ("TEMP_ID", 0x1234)] {
@@ -49,7 +49,7 @@ fn requests_are_answered_within_20_ms_while_the_parameters_are_saved() {
 }
 
 #[test]
-fn a_restart_that_is_asked_for_meanwhile_waits_for_the_save() {
+fn a_restart_requested_during_a_save_waits_for_its_end() {
     let mut rig = changed();
     let save = rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
     let restart = rig.request(&Message::RestartNode(0xAC_CE55_1B1E));
@@ -64,7 +64,7 @@ fn a_restart_that_is_asked_for_meanwhile_waits_for_the_save() {
 }
 
 #[test]
-fn eight_requests_behind_a_save_are_all_answered_before_it() {
+fn eight_requests_after_a_save_are_all_answered_before_its_end() {
     let mut rig = changed();
     let save = rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
     for _ in 0..7 {

@@ -4,7 +4,7 @@ use bench::can::Frame;
 use rig::{MS, Rig};
 
 #[test]
-fn the_banner_tells_version_node_id_and_reset_cause() {
+fn the_banner_has_version_node_id_and_reset_cause() {
     let mut rig = Rig::powered();
     rig.wait_for_line("CAN: running", 100);
     let mut lines = rig.serial.lines();
@@ -14,12 +14,12 @@ fn the_banner_tells_version_node_id_and_reset_cause() {
 }
 
 #[test]
-fn a_flood_of_refused_frames_drops_no_line_about_anything_else() {
+fn many_rejected_frames_drop_no_other_line() {
     let mut rig = Rig::running();
     rig.send_command(1, 0, 0.5);
     rig.run_ms(100);
     rig.overflows_expected = true;
-    // A beginning of nothing, from its own ID.
+    // A middle frame of a transfer that has no start, with the node's own ID.
     let refused = Frame::extended(rig::ARRAY_COMMAND | rig::NODE, &[0xA5; 8]);
     rig.peer.borrow_mut().babble(Some(refused));
     rig.wait_for_line("FAILSAFE: no commands", 1200);
@@ -27,14 +27,14 @@ fn a_flood_of_refused_frames_drops_no_line_about_anything_else() {
 }
 
 #[test]
-fn each_command_and_status_gets_a_line() {
+fn each_command_and_status_is_logged() {
     let mut rig = Rig::running();
     rig.send_status_from(1);
     rig.send_command(1, 0, 0.5);
     rig.send_command(1, 1, -0.5);
     rig.send_command(1, 4, 1234.0);
     rig.send_command(7, 4, 1234.0);
-    // The filter of this one has only the one buffer to go to, where a command may still be.
+    // A status can use one buffer only, in which a command may still wait.
     rig.run_ms(2);
     rig.send_servo_command(90);
     rig.run_ms(100);
@@ -46,7 +46,7 @@ fn each_command_and_status_gets_a_line() {
         "rx ArrayCommand from 10 tid 3: not for actuator 1",
         "rx thesis.ServoCommand from 1 tid 4: 90, pulse 1353.0 us",
     ] {
-        assert!(rig.serial.lines().any(|told| told == line), "{line:?} is missing in\n{}", rig.serial);
+        assert!(rig.serial.lines().any(|logged| logged == line), "{line:?} is missing in\n{}", rig.serial);
     }
 }
 
@@ -56,19 +56,19 @@ fn bytes_come_at_115200_baud_without_gaps() {
     rig.bench.run_until(50 * MS);
     let bytes = rig.board().avr_mut().serial_take();
     assert!(bytes.len() > 60);
-    // A byte has ten bits of 136 cycles: 117,647 baud, 2.1 % fast, as the Arduino core has it.
+    // A byte has ten bits of 136 cycles: 117,647 baud, 2.1 % fast, like the Arduino core.
     let gaps: Vec<u64> = bytes.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
     assert_eq!(gaps.iter().min(), Some(&1360));
-    // It waits for nothing but once: while the parameters are read from the EEPROM.
+    // The line is idle once: while the node reads the parameters from the EEPROM.
     let gaps = &gaps[..55];
     let waits = gaps.iter().filter(|&&gap| gap > 2 * 1360).count();
     assert!(waits <= 2 && gaps.iter().all(|&gap| gap < 20_000), "the line is kept busy: {gaps:?}");
 }
 
 #[test]
-fn what_does_not_fit_is_dropped_and_counted_and_no_frame_waits_for_it() {
+fn lines_that_do_not_fit_are_dropped_and_counted_and_delay_no_frame() {
     let mut rig = Rig::running();
-    // Five times as much as the line carries, for a second.
+    // Sends five times as many lines as the line can carry, for a second.
     for n in 0..1000u16 {
         rig.send_command(1, 4, f32::from(1000 + n));
         let next = rig.now() + MS;
@@ -79,13 +79,13 @@ fn what_does_not_fit_is_dropped_and_counted_and_no_frame_waits_for_it() {
     let dropped: usize =
         rig.serial.lines().filter_map(|line| line.strip_suffix(" lines dropped")?.parse::<usize>().ok()).sum();
     assert!(dropped > 500);
-    // Beside the commands there are some temperatures.
-    assert!((1000..=1003).contains(&(lines + dropped)), "{lines} told and {dropped} dropped");
+    // Some temperatures are logged besides the commands.
+    assert!((1000..=1003).contains(&(lines + dropped)), "{lines} logged and {dropped} dropped");
     assert_eq!(rig.pulses.last().unwrap().width_us(), 1999.0);
 }
 
 #[test]
-fn a_question_mark_brings_the_counters() {
+fn a_question_mark_prints_the_counters_on_the_serial_monitor() {
     let mut rig = Rig::running();
     rig.send_command(1, 0, 0.0);
     rig.send(0x1003_F20A, &[]);

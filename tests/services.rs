@@ -16,13 +16,13 @@ fn read(index: u16) -> Message {
 // ---- GetNodeInfo ----
 
 #[test]
-fn node_information_has_every_field_in_its_place() {
+fn node_info_has_every_field_at_its_place() {
     let mut rig = Rig::running();
     rig.run_ms(2000);
     rig.send_frame(parse_frames(GET_NODE_INFO)[0]);
     rig.run_ms(ANSWER_TIMEOUT_MS);
     let frames = rig.to_tool();
-    // Two bytes of CRC, 41 of fixed fields and the name, seven in a frame, and each with its tail.
+    // The response has two bytes of CRC, 41 bytes of fixed fields and the name, with seven bytes and a tail byte in each frame.
     let (last, full) = frames.split_last().expect("an answer");
     let tails: Vec<u8> = frames.iter().map(|frame| *frame.data().last().unwrap()).collect();
     assert!(full.iter().all(|frame| frame.data().len() == 8) && !last.data().is_empty());
@@ -34,7 +34,7 @@ fn node_information_has_every_field_in_its_place() {
     }
     let stream: Vec<u8> = frames.iter().flat_map(|frame| frame.data().split_last().unwrap().1.to_vec()).collect();
     let payload = &stream[2..];
-    // The simulator has checked the CRC.
+    // The simulator has checked the transfer's CRC.
     let (_, whole) = rig.transfers.iter().rfind(|(_, transfer)| transfer.frames == frames.len()).expect("a transfer");
     assert_eq!(whole.payload, payload);
 
@@ -44,7 +44,7 @@ fn node_information_has_every_field_in_its_place() {
     let [major, minor] = [env!("CARGO_PKG_VERSION_MAJOR"), env!("CARGO_PKG_VERSION_MINOR")];
     assert_eq!(payload[7..9], [major.parse().unwrap(), minor.parse().unwrap()]);
     let commit = u32::from_le_bytes(payload[10..14].try_into().unwrap());
-    assert_eq!(payload[9], u8::from(commit != 0), "a commit, and no CRC of the image");
+    assert_eq!(payload[9], u8::from(commit != 0), "the flags must say that there is a commit, and no CRC of the image");
     assert_eq!(payload[14..22], [0; 8]);
     let unique_id = &payload[24..40];
     assert!(unique_id.iter().any(|byte| *byte != 0) && unique_id.iter().any(|byte| *byte != 0xFF));
@@ -55,7 +55,7 @@ fn node_information_has_every_field_in_its_place() {
 }
 
 #[test]
-fn the_unique_id_outlives_resets_and_power_cuts() {
+fn the_unique_id_survives_resets_and_power_cuts() {
     let mut rig = Rig::running();
     let NodeInfo { unique_id, .. } = rig.information();
     rig.restart();
@@ -66,13 +66,13 @@ fn the_unique_id_outlives_resets_and_power_cuts() {
 }
 
 #[test]
-fn the_status_in_the_information_is_that_of_the_moment() {
+fn node_info_has_the_current_status() {
     let mut rig = Rig::running();
     rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 0x80]);
     rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 0x80]);
     rig.run_ms(1200);
     let (_, code) = rig.next_status();
-    assert_ne!(code, 0, "transfer errors");
+    assert_ne!(code, 0, "the transfer errors must be reported");
     assert_eq!(rig.information().status.vendor_code, code);
 }
 
@@ -119,7 +119,7 @@ fn a_request_whose_frames_come_a_second_apart_is_answered() {
 }
 
 #[test]
-fn negative_numbers_have_their_sign() {
+fn negative_parameters_keep_their_sign() {
     let mut rig = Rig::running();
     let response = rig.parameter("TEMP_MIN");
     let [value, default, max, min] = [-40, -40, 150, -55].map(Value::Integer);
@@ -130,7 +130,7 @@ fn negative_numbers_have_their_sign() {
 }
 
 #[test]
-fn where_there_is_no_parameter_the_answer_is_empty() {
+fn a_request_for_an_unknown_parameter_gets_an_empty_answer() {
     let mut rig = Rig::running();
     let count = rig.parameters().len() as u16;
     for index in [count, 255, 256, 0x1FFF] {
@@ -144,7 +144,7 @@ fn where_there_is_no_parameter_the_answer_is_empty() {
 }
 
 #[test]
-fn a_name_goes_before_the_index() {
+fn in_a_request_with_name_and_index_the_name_is_used() {
     let mut rig = Rig::running();
     let request = ParameterRequest { index: 3, value: Value::Empty, name: b"OUT1_ID".to_vec() };
     let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else { panic!() };
@@ -162,7 +162,7 @@ fn a_parameter_is_set_by_its_index_too() {
 }
 
 #[test]
-fn what_is_out_of_range_is_answered_with_what_is_in_force() {
+fn a_value_out_of_range_is_answered_with_the_current_value() {
     let mut rig = Rig::running();
     rig.set("OUT1_MIN", 1100);
     for wrong in [499, 2501, 0, -1, -1100, 1 << 16 | 1100, 1 << 32 | 1100, 1 << 56 | 1100, i64::MAX, i64::MIN] {
@@ -178,7 +178,7 @@ fn what_is_out_of_range_is_answered_with_what_is_in_force() {
 }
 
 #[test]
-fn bit_rates_are_those_that_the_dialect_has() {
+fn the_node_accepts_only_the_bit_rates_of_dronecan() {
     let mut rig = Rig::running();
     let highest = rig::board().fastest_bit_rate().into();
     let [value, max, min] = [highest, highest, 125_000].map(Value::Integer);
@@ -187,7 +187,7 @@ fn bit_rates_are_those_that_the_dialect_has() {
     for rate in [125_000, 250_000, 500_000, highest] {
         rig.set("CAN_BAUDRATE", rate);
     }
-    // A crystal of 8 MHz is too slow for 1 Mbit/s.
+    // At 1 Mbit/s the MCP2515 needs a crystal of 16 MHz.
     assert_eq!(rig.set_to("CAN_BAUDRATE", Value::Integer(2 * highest)), value);
     for wrong in [0, 8, 1, 100_000, 375_000, 800_000, 2_000_000, 1_000_001, 1 << 32 | 500_000, -125_000] {
         assert_eq!(rig.set_to("CAN_BAUDRATE", Value::Integer(wrong)), value, "{wrong}");
@@ -208,9 +208,9 @@ fn values_of_another_type_change_nothing() {
     );
 }
 
-/// Tags 5 to 7 do not exist, and a request may end at any byte.
+/// Value tags 5 to 7 do not exist, and a request may end at any byte.
 #[test]
-fn malformed_requests_set_nothing_and_block_nothing() {
+fn malformed_requests_set_no_parameter_and_block_nothing() {
     let mut rig = Rig::running();
     let before = rig.parameters();
     let payloads: &[&[u8]] =
@@ -228,14 +228,14 @@ fn malformed_requests_set_nothing_and_block_nothing() {
 // ---- ExecuteOpcode ----
 
 #[test]
-fn saving_and_erasing_are_answered_when_they_are_done() {
+fn save_and_erase_are_answered_when_they_are_done() {
     let mut rig = Rig::running();
     rig.golden("1E0AF8FF 00 00 00 00 00 00 00 C4", "1E0A7FF8 00 00 00 00 00 00 80 C4");
     rig.golden("1E0AF8FF 01 00 00 00 00 00 00 C5", "1E0A7FF8 00 00 00 00 00 00 80 C5");
 }
 
 #[test]
-fn an_unknown_opcode_is_not_done() {
+fn an_unknown_opcode_is_answered_with_an_error() {
     let mut rig = Rig::running();
     rig.golden("1E0AF8FF 02 00 00 00 00 00 00 C6", "1E0A7FF8 00 00 00 00 00 00 00 C6");
     rig.golden("1E0AF8FF FF 00 00 00 00 00 00 C7", "1E0A7FF8 00 00 00 00 00 00 00 C7");
@@ -253,7 +253,7 @@ fn a_restart_needs_its_magic_number() {
 }
 
 #[test]
-fn a_restart_is_answered_and_comes_within_200_ms() {
+fn a_restart_is_answered_and_happens_within_200_ms() {
     let mut rig = Rig::running();
     rig.run_ms(1500);
     rig.golden("1E05F8FF 1E 1B 55 CE AC C6", "1E057FF8 80 C6");
@@ -264,12 +264,12 @@ fn a_restart_is_answered_and_comes_within_200_ms() {
     assert!(ms_between(asked, rig.now()) < 230.0);
     rig.wait_for_line("reset:", 50);
     let (_, code) = rig.next_status();
-    assert_eq!(code, 0, "nothing went wrong");
+    assert_eq!(code, 0, "a requested restart is no fault");
 }
 
 /// Before the restart the servo moves to OUT1_FS, and every pulse is complete.
 #[test]
-fn a_restart_takes_the_servo_through_its_failsafe() {
+fn before_a_restart_the_servo_moves_to_its_failsafe() {
     for (mode, expected) in [(0, vec![1750.0]), (1, vec![1750.0, 1500.0]), (2, vec![1750.0, 1900.0]), (3, vec![1750.0])]
     {
         let mut rig = Rig::running();
@@ -294,7 +294,7 @@ fn a_restart_takes_the_servo_through_its_failsafe() {
 // ---- the others ----
 
 #[test]
-fn a_firmware_update_is_refused_with_a_reason() {
+fn a_firmware_update_is_rejected_with_a_reason() {
     let mut rig = Rig::running();
     rig.send_frame(parse_frames("1E28F8FF 7F 66 77 2E 62 69 6E C9")[0]);
     rig.run_ms(ANSWER_TIMEOUT_MS);
@@ -304,13 +304,13 @@ fn a_firmware_update_is_refused_with_a_reason() {
     assert_eq!((number.get(), answer.number), (9, INVALID_MODE));
     assert!(!answer.text.is_empty() && answer.text.len() <= 127);
     assert!(answer.text.iter().all(|byte| matches!(byte, b' '..=b'~')), "{}", answer.text());
-    // A long path is a transfer of many frames.
+    // A long path makes the request a transfer of many frames.
     let path = Message::BeginUpdate(bench::dronecan::management::NumberAndText { number: 0, text: vec![b'x'; 200] });
     assert!(matches!(rig.ask(&path), Message::UpdateBegun(answer) if answer.number == INVALID_MODE));
 }
 
 #[test]
-fn answers_have_the_priority_and_the_number_of_their_requests() {
+fn answers_have_the_priority_and_the_transfer_id_of_their_requests() {
     let mut rig = Rig::running();
     for (priority, number) in [(0u32, 31u8), (8, 0), (31, 17)] {
         rig.forget();
@@ -325,7 +325,7 @@ fn answers_have_the_priority_and_the_number_of_their_requests() {
 #[test]
 fn requests_for_others_and_of_other_kinds_are_not_answered() {
     let mut rig = Rig::running();
-    // To node 121; to nobody; a response; from the node itself; services that the node does not have.
+    // Requests to node 121 and to node 0; a response; a request with the node's own ID; services that the node does not have.
     for text in ["1E01F9FF C0", "1E0180FF C0", "1E0178FF C0", "1E01F8F8 C0", "1E30F8FF 00 C0", "1E63F8FF C0"] {
         rig.send_frame(parse_frames(text)[0]);
         rig.run_ms(20);
@@ -337,9 +337,9 @@ fn requests_for_others_and_of_other_kinds_are_not_answered() {
     assert_eq!(services.count(), 0);
 }
 
-/// A GUI tool asks for five parameters at once, again and again, while an autopilot commands at 400 Hz.
+/// A GUI tool sends five requests at once, again and again, while an autopilot commands at 400 Hz.
 #[test]
-fn five_requests_at_once_get_five_answers_in_order_while_commands_flow() {
+fn five_requests_at_once_are_answered_in_order_while_commands_arrive() {
     let mut rig = Rig::running();
     for round in 0..5u16 {
         rig.forget();
@@ -366,7 +366,7 @@ fn five_requests_at_once_get_five_answers_in_order_while_commands_flow() {
 }
 
 #[test]
-fn node_information_comes_within_50_ms_while_commands_flow() {
+fn node_info_is_answered_within_50_ms_while_commands_arrive() {
     let mut rig = Rig::running();
     for _ in 0..10 {
         rig.forget();
@@ -379,9 +379,9 @@ fn node_information_comes_within_50_ms_while_commands_flow() {
     }
 }
 
-/// The node answers each request of a burst, or rejects, logs and counts it.
+/// The node answers each request of a burst, or rejects, counts and logs it.
 #[test]
-fn of_a_burst_of_requests_those_whose_replies_would_have_no_room_are_refused() {
+fn requests_beyond_the_queue_are_rejected() {
     const BURST: usize = 30;
     for request in [Message::NodeInfoRequest, read(0)] {
         let mut rig = Rig::running();
@@ -391,7 +391,7 @@ fn of_a_burst_of_requests_those_whose_replies_would_have_no_room_are_refused() {
         rig.run_ms(300);
         let answered = rig.answers().len();
         assert!((8..BURST).contains(&answered), "{answered}");
-        // Their lines are more than the serial monitor has room for.
+        // The serial monitor has no room for the lines of all rejected requests.
         rig.wait_for_line(" lines dropped", 300);
         rig.board().avr_mut().serial_send(b"?");
         rig.wait_for_line(&format!("commands followed 0, frames refused {}", BURST - answered), 300);
@@ -399,7 +399,7 @@ fn of_a_burst_of_requests_those_whose_replies_would_have_no_room_are_refused() {
     }
 }
 
-/// Commands at 400 Hz, each of which must be followed: the pulse is always one of the last two widths.
+/// Sends commands at 400 Hz for `ms` milliseconds. The node must follow each: the pulse always has one of the last two widths.
 fn command_for(rig: &mut Rig, ms: u64) {
     let seen = rig.pulses.len();
     let mut given: Vec<(Cycles, f64)> = Vec::new();
@@ -411,7 +411,7 @@ fn command_for(rig: &mut Rig, ms: u64) {
         rig.run_until(next);
     }
     for pulse in &rig.pulses[seen..] {
-        // The command in force when the pulse began may be one or two ticks old.
+        // When the pulse began, the newest command could be one or two of the loop's steps old.
         let candidates: Vec<f64> =
             given.iter().filter(|(at, _)| *at <= pulse.start).rev().take(3).map(|(_, width)| *width).collect();
         let is_old = candidates.len() < 3;
@@ -422,7 +422,7 @@ fn command_for(rig: &mut Rig, ms: u64) {
 /// A client that sends nine requests at once gets no answer to the ninth, and repeats it: pydronecan after 1 s, ArduPilot after 100 ms. At
 /// 1 Mbit/s the queue is empty after 16 ms.
 #[test]
-fn the_queue_of_eight_requests_is_soon_empty_again() {
+fn the_queue_of_eight_requests_is_empty_in_time_for_repeated_requests() {
     for request in [Message::NodeInfoRequest, read(0)] {
         let mut rig = Rig::running();
         let began = rig.now();

@@ -1,4 +1,4 @@
-//! The servo follows commands exactly, and nothing else.
+//! The servo follows commands exactly, and ignores everything else.
 
 use std::f32::consts::FRAC_PI_4;
 
@@ -10,9 +10,9 @@ const FORCE: u8 = 2;
 const SPEED: u8 = 3;
 const PWM: u8 = 4;
 
-/// Golden: pydronecan's ArrayCommand(1, UNITLESS, 0.5) from node 10.
+/// pydronecan's ArrayCommand(1, UNITLESS, 0.5) from node 10.
 #[test]
-fn golden_command_moves_the_servo_to_its_pulse() {
+fn a_golden_command_moves_the_servo() {
     let mut rig = Rig::running();
     rig.send(0x1003_F20A, &[0x01, 0x00, 0x00, 0x38, 0xC7]);
     assert_eq!(rig.settled_pulse_us(), 1750.0);
@@ -25,7 +25,11 @@ fn there_is_no_pulse_before_the_first_command() {
     assert_eq!(rig.pulses, []);
     rig.send_command(1, UNITLESS, 0.0);
     assert_eq!(rig.settled_pulse_us(), 1500.0);
-    assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1500.0), "the first pulse is whole: {:?}", rig.pulses);
+    assert!(
+        rig.pulses.iter().all(|pulse| pulse.width_us() == 1500.0),
+        "the first pulse must be complete: {:?}",
+        rig.pulses
+    );
 }
 
 #[test]
@@ -63,7 +67,7 @@ fn commands_beyond_the_travel_stop_at_its_ends() {
 }
 
 #[test]
-fn the_byte_of_the_thesis_covers_the_full_travel() {
+fn a_thesis_command_covers_the_full_travel() {
     let mut rig = Rig::running();
     for (position, pulse_us) in [(0, 1000.0), (255, 2000.0), (90, 1353.0), (128, 1502.0)] {
         rig.send_servo_command(position);
@@ -72,7 +76,7 @@ fn the_byte_of_the_thesis_covers_the_full_travel() {
 }
 
 #[test]
-fn a_command_that_cannot_be_followed_leaves_the_servo_where_it_is() {
+fn an_invalid_command_does_not_move_the_servo() {
     let mut rig = Rig::running();
     rig.send_command(1, UNITLESS, 0.5);
     assert_eq!(rig.settled_pulse_us(), 1750.0);
@@ -100,7 +104,7 @@ fn a_command_that_cannot_be_followed_leaves_the_servo_where_it_is() {
 }
 
 #[test]
-fn commands_for_other_actuators_leave_the_servo_where_it_is() {
+fn commands_for_other_actuators_do_not_move_the_servo() {
     let mut rig = Rig::running();
     rig.send_command(1, UNITLESS, 0.5);
     rig.settled_pulse_us();
@@ -115,12 +119,12 @@ fn commands_for_other_actuators_leave_the_servo_where_it_is() {
 }
 
 #[test]
-fn pulses_have_no_jitter_whatever_else_the_node_does() {
+fn pulses_have_no_jitter_while_the_node_does_other_work() {
     let mut rig = Rig::running();
     rig.send_command(1, PWM, 1234.0);
     rig.settled_pulse_us();
     rig.forget();
-    // Statuses, their lines on the serial monitor, temperatures: all the node's other work.
+    // The node's other work: statuses, temperatures, and their lines on the serial monitor.
     for _ in 0..100 {
         rig.send_status_from(1);
         rig.run_ms(20);
@@ -138,7 +142,7 @@ fn a_new_width_begins_with_a_period_whenever_the_command_comes() {
     rig.send_command(1, PWM, 2000.0);
     rig.settled_pulse_us();
     rig.forget();
-    // Commands at all phases of the period, also in the middle of a pulse: every pulse is one of the two widths.
+    // Commands at all phases of the period, also during a pulse: every pulse has one of the two widths.
     for step in 0..200u64 {
         let width = if step % 2 == 0 { 1000.0 } else { 2000.0 };
         rig.send_command(1, PWM, width);
@@ -157,7 +161,7 @@ fn a_thousand_commands_at_50_hz_give_a_thousand_correct_pulses() {
     let mut rig = Rig::running();
     rig.send_command(1, PWM, 1500.0);
     rig.run_ms(50);
-    // To the middle of the pause between two pulses.
+    // Runs to the middle of the pause between two pulses.
     let last = *rig.pulses.last().unwrap();
     rig.run_until(last.start + 10 * MS + 20 * MS);
     rig.forget();

@@ -1,4 +1,4 @@
-//! The counters of the bus, CanStats, in the build that has them.
+//! The counters of CanStats and GetTransportStats, for firmwares that have them.
 
 use bench::Cycles;
 use bench::can::{ErrorState, Fault, Id};
@@ -13,7 +13,7 @@ fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
 }
 
 #[test]
-fn can_statistics_come_at_their_rate_and_count_frames() {
+fn can_stats_are_sent_at_stats_rate_and_count_frames() {
     let mut rig = Rig::running();
     rig.set("STATS_RATE", 2);
     rig.forget();
@@ -21,9 +21,9 @@ fn can_statistics_come_at_their_rate_and_count_frames() {
         rig.send_command(1, 0, 0.5);
         rig.run_ms(10);
     }
-    let told = stats(&rig);
-    assert!((5..=7).contains(&told.len()), "{} in 3 s", told.len());
-    let ((from, first), (to, last)) = (told[0], told[told.len() - 1]);
+    let reported = stats(&rig);
+    assert!((5..=7).contains(&reported.len()), "{} in 3 s", reported.len());
+    let ((from, first), (to, last)) = (reported[0], reported[reported.len() - 1]);
     let within = |id: u32| {
         rig.traffic.iter().filter(move |(at, frame)| {
             (from..to).contains(at) && matches!(frame.id, Id::Extended(other) if other & 0x7F == id)
@@ -41,7 +41,7 @@ fn can_statistics_come_at_their_rate_and_count_frames() {
 }
 
 #[test]
-fn can_statistics_count_frames_lost_and_given_up() {
+fn can_stats_count_lost_and_dropped_frames() {
     let mut rig = Rig::running();
     rig.overflows_expected = true;
     rig.set("STATS_RATE", 5);
@@ -60,9 +60,9 @@ fn can_statistics_count_frames_lost_and_given_up() {
     assert!(last.tx_timedout + last.tx_abort > 0, "{last}");
 }
 
-/// Bus-off lasts 1.4 ms, and with every frame destroyed the next comes after another millisecond.
+/// Bus-off lasts 1.4 ms. If every frame is destroyed, the next bus-off comes a millisecond later.
 #[test]
-fn every_bus_off_is_counted_and_told() {
+fn every_bus_off_is_counted_and_logged() {
     let mut rig = Rig::running();
     rig.set("STATS_RATE", 10);
     rig.set("TELEM_RATE", 50);
@@ -83,12 +83,12 @@ fn every_bus_off_is_counted_and_told() {
         assert_eq!(last.busoff_errors, bus_offs, "after {lasts_ms} ms of destroyed frames");
         assert_eq!(rig.serial.contains("CAN: bus-off"), bus_offs > before, "{}", rig.serial);
     }
-    // Some twenty at 1 Mbit/s, and half as many at 500 kbit/s.
+    // About twenty at 1 Mbit/s, and half as many at 500 kbit/s.
     assert!(bus_offs > 10, "{bus_offs}");
 }
 
 #[test]
-fn transport_statistics_count_transfers_and_frames() {
+fn transport_stats_count_transfers_and_frames() {
     let mut rig = Rig::running();
     let stats = |rig: &mut Rig| match rig.ask(&Message::TransportStatsRequest) {
         Message::TransportStats(stats) => stats,
@@ -103,7 +103,7 @@ fn transport_statistics_count_transfers_and_frames() {
     }
     rig.send_commands(&[(2, 0, 0.5), (3, 0, 0.5), (4, 0, 0.0)]);
     rig.run_ms(1000);
-    // One that breaks off, and one that begins anew.
+    // A transfer that is not completed, and a new one from the same sender.
     rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 1, 0, 0, 0x80]);
     rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, 1, 0, 0, 0x81]);
     rig.run_ms(20);
@@ -111,10 +111,10 @@ fn transport_statistics_count_transfers_and_frames() {
     let after = stats(&mut rig);
     let [tx, rx, errors] = after.interfaces[0];
     let [tx_before, rx_before, errors_before] = before.interfaces[0];
-    assert_eq!(after.transfers_rx - before.transfers_rx, 22, "20 commands, a long one, and this request");
+    assert_eq!(after.transfers_rx - before.transfers_rx, 22, "20 one-frame commands, a long one, and this request");
     assert!(after.transfers_tx > before.transfers_tx);
     assert!(after.transfer_errors > before.transfer_errors);
-    // The answer to the request before was on its way when it counted.
+    // The previous answer was still being sent when the node counted.
     assert!((tx - tx_before).abs_diff(sent_frames) <= 12, "{} of {sent_frames}", tx - tx_before);
     assert_eq!(rx - rx_before, 20 + 2 + 2 + 1);
     assert_eq!(errors, errors_before);

@@ -1,4 +1,4 @@
-//! The node's status: it follows the autopilot's, and comes by itself without an autopilot.
+//! The node's status follows the autopilot's, or comes each second without an autopilot.
 
 use rig::status::{CONTROLLER, INITIALIZATION, OK, OPERATIONAL, WARNING};
 use rig::{MS, Rig, STATUS_OF_NODE, status_fields};
@@ -22,7 +22,7 @@ fn a_status_answers_the_autopilots_within_milliseconds() {
     let mut rig = Rig::running();
     rig.send_status_from(1);
     for _ in 0..10 {
-        // Later than a second, as real autopilots are: the node waits for them.
+        // Real autopilots are later than a second, too. The node waits for their status.
         rig.run_ms(1001);
         rig.forget();
         rig.send_status_from(1);
@@ -44,7 +44,7 @@ fn statuses_are_never_closer_than_half_a_second() {
 }
 
 #[test]
-fn statuses_of_other_nodes_call_for_no_answer_while_there_is_an_autopilot() {
+fn statuses_of_other_nodes_are_not_answered_while_there_is_an_autopilot() {
     let mut rig = Rig::running();
     rig.run_ms(500);
     for _ in 0..5 {
@@ -60,12 +60,12 @@ fn statuses_of_other_nodes_call_for_no_answer_while_there_is_an_autopilot() {
 }
 
 #[test]
-fn who_commands_the_servo_is_the_autopilot() {
+fn the_node_that_commands_the_servo_counts_as_the_autopilot() {
     let mut rig = Rig::running();
     rig.run_ms(500);
     rig.send_status_from(1);
     rig.run_ms(10);
-    // Node 10 commands; from now on its status counts, and not that of node 1.
+    // Node 10 commands the servo. From now on the node follows its status and not that of node 1.
     rig.send_command(1, 0, 0.0);
     rig.run_ms(700);
     rig.forget();
@@ -78,7 +78,7 @@ fn who_commands_the_servo_is_the_autopilot() {
 }
 
 #[test]
-fn a_silent_autopilot_is_replaced_by_the_nodes_own_second() {
+fn without_the_autopilot_s_status_the_node_sends_its_own_each_second() {
     let mut rig = Rig::running();
     for _ in 0..3 {
         rig.send_status_from(1);
@@ -92,7 +92,7 @@ fn a_silent_autopilot_is_replaced_by_the_nodes_own_second() {
 
 #[test]
 #[ignore = "takes long: make test-all"]
-fn uptime_counts_true_seconds_and_transfer_ids_count_to_31() {
+fn uptime_counts_seconds_exactly_and_transfer_ids_count_to_31() {
     let mut rig = Rig::powered();
     rig.run_ms(70_400);
     let statuses = rig.statuses();
@@ -108,7 +108,7 @@ fn uptime_counts_true_seconds_and_transfer_ids_count_to_31() {
 }
 
 #[test]
-fn the_first_status_is_of_a_node_that_initializes_and_the_next_of_one_that_works() {
+fn the_first_status_has_mode_initialization_and_the_next_operational() {
     let mut rig = Rig::powered();
     rig.run_ms(1500);
     let modes: Vec<u8> = rig.statuses().iter().map(|(_, data)| status_fields(data).2).collect();
@@ -117,7 +117,7 @@ fn the_first_status_is_of_a_node_that_initializes_and_the_next_of_one_that_works
 }
 
 #[test]
-fn no_acknowledge_makes_the_node_error_passive_and_it_says_so_when_the_bus_is_back() {
+fn without_acknowledgement_the_node_is_error_passive_and_reports_it_later() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
@@ -126,13 +126,17 @@ fn no_acknowledge_makes_the_node_error_passive_and_it_says_so_when_the_bus_is_ba
     rig.bench.bus().connect(port, true);
     rig.run_ms(1500);
     let statuses = rig.statuses();
-    assert!(gaps_ms(&statuses).iter().all(|gap| *gap >= 500.0), "no pile of old statuses: {:?}", gaps_ms(&statuses));
+    assert!(
+        gaps_ms(&statuses).iter().all(|gap| *gap >= 500.0),
+        "the node must not send old statuses together: {:?}",
+        gaps_ms(&statuses)
+    );
     let (_, health, _, vendor_code) = status_fields(&statuses.last().expect("back on the bus").1);
     assert_eq!(health, WARNING);
-    assert_ne!(vendor_code & CONTROLLER, 0, "frames were given up: {vendor_code:#06x}");
+    assert_ne!(vendor_code & CONTROLLER, 0, "dropped frames must be reported: {vendor_code:#06x}");
     assert!(rig.serial.contains("CAN: error-passive"), "{}", rig.serial);
     assert!(rig.serial.contains("CAN: nothing sent"), "{}", rig.serial);
-    // It passes.
+    // The condition clears.
     rig.run_ms(20_000);
     rig.wait_for("another status", 1100, |rig| {
         rig.traffic.last().is_some_and(|(_, frame)| frame.id == bench::can::Id::Extended(STATUS_OF_NODE))

@@ -1,5 +1,4 @@
-//! Messages that the node publishes besides status and temperature: position of the servo, statistics of the bus, presses of the button.
-//! And the light, which follows its command.
+//! The position of the servo in actuator.Status, and the rates of the node's messages.
 
 use bench::Cycles;
 use bench::can::Id;
@@ -32,7 +31,7 @@ fn an_actuator_status_is_two_frames_with_a_crc() {
         let number = first[7] & 0x1F;
         assert_eq!((first.len(), first[7], second.len(), second[3]), (8, 0x80 | number, 4, 0x60 | number));
         assert!(ms_between(pair[0].0, pair[1].0) < 1.0, "back to back");
-        // By hand: the CRC's start for this type, then the payload.
+        // The CRC is calculated by hand: the start value for this type, then the payload.
         let payload: Vec<u8> = first[2..7].iter().chain(&second[..3]).copied().collect();
         let crc = bench::dronecan::crc::feed(0x9A63, &payload);
         assert_eq!(u16::from_le_bytes([first[0], first[1]]), crc);
@@ -43,7 +42,7 @@ fn an_actuator_status_is_two_frames_with_a_crc() {
 }
 
 #[test]
-fn its_frames_leave_in_order_and_together_whatever_else_is_due() {
+fn its_frames_leave_in_order_without_other_messages_in_between() {
     let mut rig = Rig::running();
     rig.set("TELEM_RATE", 50);
     rig.set("TEMP_RATE", 50);
@@ -59,7 +58,7 @@ fn its_frames_leave_in_order_and_together_whatever_else_is_due() {
     assert!(rig.broken.is_empty(), "{:?}", rig.broken);
     assert!(positions(&rig).len() >= 45);
     assert_eq!(rig.answers().len(), 60);
-    // Of a transfer that has begun no frame waits for another message of the node.
+    // Between the frames of a transfer the node must send no other message.
     let own: Vec<u32> = rig
         .traffic
         .iter()
@@ -79,7 +78,7 @@ fn its_frames_leave_in_order_and_together_whatever_else_is_due() {
 }
 
 #[test]
-fn the_position_is_that_of_the_pulse_in_radians() {
+fn the_position_is_the_pulse_in_radians() {
     let mut rig = Rig::running();
     let quarter = std::f32::consts::FRAC_PI_4;
     for (command_type, value, radians) in [
@@ -99,7 +98,7 @@ fn the_position_is_that_of_the_pulse_in_radians() {
         let position = status.position.to_f32();
         assert!((position - radians).abs() < 0.002, "{position} rad for type {command_type}, {value}");
         assert_eq!((status.actuator, status.power_percent), (1, POWER_UNKNOWN));
-        assert!(status.force.is_nan() && status.speed.is_nan(), "nobody measures them");
+        assert!(status.force.is_nan() && status.speed.is_nan(), "the node does not measure force or speed");
     }
     rig.set("OUT1_ID", 77);
     rig.set("OUT1_RANGE", 180);
@@ -110,17 +109,23 @@ fn the_position_is_that_of_the_pulse_in_radians() {
     rig.run_ms(250);
     let (_, status) = positions(&rig).pop().unwrap();
     assert_eq!(status.actuator, 77);
-    assert!((status.position.to_f32() - quarter).abs() < 0.004, "as an equal command would have it: {status}");
+    assert!(
+        (status.position.to_f32() - quarter).abs() < 0.004,
+        "the position must be that of an equal command: {status}"
+    );
 }
 
 #[test]
-fn what_cannot_be_known_is_nan() {
+fn unknown_values_are_nan() {
     let mut rig = Rig::running();
     rig.run_ms(500);
-    let told = positions(&rig);
-    assert!(told.len() >= 4 && told.iter().all(|(_, status)| status.position.is_nan()), "no pulse, no position");
-    // The NaN of pydronecan or that of IEEE 754 with the sign clear: others might not be understood.
-    for (_, status) in told {
+    let reported = positions(&rig);
+    assert!(
+        reported.len() >= 4 && reported.iter().all(|(_, status)| status.position.is_nan()),
+        "without a pulse the position must be NaN"
+    );
+    // pydronecan's NaN, or that of IEEE 754 without the sign. Other receivers may not recognise other NaNs.
+    for (_, status) in reported {
         for value in [status.position, status.force, status.speed] {
             assert!([0x7E00, 0x7FFF].contains(&value.to_bits()), "{:#06x}", value.to_bits());
         }
@@ -131,7 +136,10 @@ fn what_cannot_be_known_is_nan() {
     rig.run_ms(150);
     assert_eq!(positions(&rig).last().unwrap().1.position.to_f32(), 0.0);
     rig.run_ms(400);
-    assert!(positions(&rig).last().unwrap().1.position.is_nan(), "the failsafe has ended the pulses");
+    assert!(
+        positions(&rig).last().unwrap().1.position.is_nan(),
+        "after the failsafe ended the pulses the position must be NaN"
+    );
 }
 
 #[track_caller]
@@ -142,9 +150,9 @@ fn count_in_2_s(rig: &mut Rig, id: u32, frames_each: usize) -> usize {
 }
 
 #[test]
-fn rates_are_those_of_the_parameters_at_once() {
+fn rates_of_the_parameters_take_effect_at_once() {
     let mut rig = Rig::running();
-    assert!((19..=21).contains(&count_in_2_s(&mut rig, ACTUATOR_STATUS_OF_NODE, 2)), "10 Hz if nobody says otherwise");
+    assert!((19..=21).contains(&count_in_2_s(&mut rig, ACTUATOR_STATUS_OF_NODE, 2)), "the default is 10 Hz");
     assert_eq!(count_in_2_s(&mut rig, CAN_STATS_OF_NODE, 4), 0);
     for rate in [0usize, 1, 7, 50] {
         rig.set("TELEM_RATE", rate as i64);

@@ -1,4 +1,4 @@
-//! The node measures its temperature and sends it.
+//! The node measures a temperature and sends it.
 
 use rig::{DEGREES_OF_NODE, MS, Rig, TEMPERATURE_OF_NODE};
 
@@ -12,7 +12,7 @@ fn fields(data: &[u8]) -> (u16, f32, u8) {
 #[test]
 fn a_temperature_comes_every_second_in_kelvin() {
     let mut rig = Rig::running();
-    // No flags up to there.
+    // The flags of the first messages are not checked.
     rig.set("TEMP_MAX", 150);
     for celsius in [0.0, 4.0, 25.0, 36.6, 85.0, 150.0] {
         rig.board().set_temperature_c(celsius);
@@ -25,7 +25,7 @@ fn a_temperature_comes_every_second_in_kelvin() {
         for (_, data) in &frames {
             let (device_id, kelvin, flags) = fields(data);
             assert_eq!((device_id, flags), (1, 0));
-            // Half a step of the ADC, and half one of the float16.
+            // Half a step of the ADC plus half a step of the float16.
             assert!((f64::from(kelvin) - 273.15 - celsius).abs() < 0.4, "{kelvin} K at {celsius} C");
         }
     }
@@ -44,7 +44,7 @@ fn the_serial_monitor_shows_the_temperature() {
 }
 
 #[test]
-fn nobody_who_did_not_use_the_thesis_types_gets_one() {
+fn without_a_thesis_command_the_node_sends_no_whole_degrees() {
     let mut rig = Rig::running();
     for _ in 0..10 {
         rig.send_status_from(1);
@@ -57,7 +57,7 @@ fn nobody_who_did_not_use_the_thesis_types_gets_one() {
 }
 
 #[test]
-fn after_a_command_of_the_thesis_every_third_autopilot_status_brings_whole_degrees() {
+fn after_a_thesis_command_the_node_sends_whole_degrees_at_every_third_autopilot_status() {
     let mut rig = Rig::running();
     rig.board().set_temperature_c(41.0);
     rig.run_ms(200);
@@ -72,15 +72,15 @@ fn after_a_command_of_the_thesis_every_third_autopilot_status_brings_whole_degre
     let frames = rig.frames(DEGREES_OF_NODE);
     for (n, (_, data)) in frames.iter().enumerate() {
         assert_eq!(data.len(), 2);
-        assert_eq!(data[0], 41, "rounded, as the sum of the readings is a little less");
+        assert_eq!(data[0], 41, "the sum of the readings is a little less, so the node must round");
         assert_eq!(data[1], 0xC0 | n as u8);
     }
 }
 
 #[test]
-fn whole_degrees_are_limited_to_a_byte() {
+fn whole_degrees_are_limited_to_the_range_of_a_byte() {
     let mut rig = Rig::running();
-    // No LM35 does this; a short to the supply does.
+    // An LM35 cannot cause this; a short to the supply can.
     rig.board().set_sensor_millivolts(5000);
     rig.run_ms(200);
     rig.send_servo_command(90);

@@ -1,4 +1,4 @@
-//! The firmware of the preset `thesis` (docs/dialects.md): it uses only the UAVCAN draft of 2014, as the node of the thesis did.
+//! The firmware of the preset `thesis` (docs/dialects.md). Like the node of the thesis it uses only the UAVCAN draft of 2014.
 //!
 //! Identifiers of the draft: type\[28:19\] transfer type\[18:17\] source\[16:10\] frame index\[9:4\] last\[3\] transfer ID\[2:0\].
 
@@ -25,7 +25,7 @@ const GET_SET: u32 = 599;
 const COMMAND: u32 = 760;
 const MEASUREMENT: u32 = 761;
 
-/// Kinds of transfer: a message to all, one to a node, a request.
+/// Transfer types: a message to all nodes, a message to one node, a request.
 const BROADCAST: u32 = 2 << 17;
 const UNICAST: u32 = 3 << 17;
 const REQUEST: u32 = 1 << 17;
@@ -38,7 +38,7 @@ const TRANSFER_ID: u32 = 7;
 const MASK: u32 = 0x1FFE_0008;
 const FILTERS: [u32; 2] = [0x17C4_0408, 0x1134_0408];
 
-/// The node of the autopilot, and another.
+/// Node IDs of the autopilot and of another node.
 const AUTOPILOT: u32 = 1;
 const OTHER: u32 = 9;
 
@@ -49,7 +49,7 @@ fn message_id(type_id: u32, source: u32, transfer_id: u32) -> u32 {
     type_id << 19 | BROADCAST | source << 10 | LAST | (transfer_id % 8)
 }
 
-/// Of a request of node 127.
+/// Identifier of a request from node 127.
 fn request_id(type_id: u32) -> u32 {
     type_id << 19 | REQUEST | 127 << 10 | LAST
 }
@@ -59,20 +59,20 @@ fn command(rig: &mut Rig, source: u32, position: u8) {
     rig.send(message_id(COMMAND, source, 0), &[position]);
 }
 
-/// The pulse of a command: 1000 to 2000 us.
+/// Pulse width of a command, 1000 to 2000 us.
 fn pulse_us(position: u8) -> f64 {
     1000.0 + f64::from(position) * 1000.0 / 255.0
 }
 
-/// A pulse is made in steps of half a microsecond.
+/// The timer's step is half a microsecond.
 #[track_caller]
-fn assert_at(rig: &mut Rig, position: u8, what: &str) {
+fn assert_position(rig: &mut Rig, position: u8, what: &str) {
     let (seen, expected) = (rig.settled_pulse_us(), pulse_us(position));
     assert!((seen - expected).abs() <= 0.5, "{what}: {seen} us, not {expected}");
 }
 
-/// The simulated autopilot of the thesis: a command each 20 ms, a status each second.
-fn flying() -> Rig {
+/// The simulated autopilot of the thesis: a command every 20 ms and a status each second.
+fn following_autopilot() -> Rig {
     let mut rig = Rig::running();
     rig.replace_autopilot(Settings::of(Profile::Thesis).in_dialect(Dialect::Draft));
     rig.autopilot().hold(0.5);
@@ -81,11 +81,11 @@ fn flying() -> Rig {
     rig
 }
 
-/// A node whose servo is at one end of its travel.
-fn at_the_end() -> Rig {
+/// A node whose servo is at the maximum of its travel.
+fn node_at_maximum() -> Rig {
     let mut rig = Rig::running();
     command(&mut rig, OTHER, 255);
-    assert_at(&mut rig, 255, "the first command");
+    assert_position(&mut rig, 255, "the first command");
     rig
 }
 
@@ -93,8 +93,8 @@ fn is_of_node(frame: &Frame, type_id: u32) -> bool {
     matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID == message_id(type_id, NODE, 0))
 }
 
-/// The node's messages, with their time and transfer ID.
-fn said(rig: &Rig) -> Vec<(Cycles, u8, Message)> {
+/// The node's messages, with their times and transfer IDs.
+fn node_messages(rig: &Rig) -> Vec<(Cycles, u8, Message)> {
     let of_node = rig.drafts.iter().filter(|(_, transfer, _)| u32::from(transfer.source.get()) == NODE);
     of_node.map(|(at, transfer, message)| (*at, transfer.transfer_id.get(), message.clone())).collect()
 }
@@ -104,7 +104,7 @@ fn statuses(rig: &Rig) -> Vec<(Cycles, NodeStatus)> {
         Message::NodeStatus(status) => Some((at, status)),
         _ => None,
     };
-    said(rig).into_iter().filter_map(status).collect()
+    node_messages(rig).into_iter().filter_map(status).collect()
 }
 
 fn measurements(rig: &Rig) -> Vec<u8> {
@@ -112,7 +112,7 @@ fn measurements(rig: &Rig) -> Vec<u8> {
         Message::ThesisMeasurement(number) => Some(number),
         _ => None,
     };
-    said(rig).into_iter().filter_map(number).collect()
+    node_messages(rig).into_iter().filter_map(number).collect()
 }
 
 /// Status code and vendor code of the last status.
@@ -126,14 +126,14 @@ fn wait_for_condition(rig: &mut Rig, code: StatusCode, vendor: u16, timeout_ms: 
     rig.wait_for(&format!("status {code} {vendor:04X}"), timeout_ms, |rig| condition(rig) == expected);
 }
 
-/// Frames of v0, and of types of the draft that the node does not receive.
+/// Frames of v0, and frames of the draft whose types the node does not receive.
 fn foreign() -> Vec<Frame> {
     let [low, high] = half::f16::from_f32(-1.0).to_le_bytes();
     let v0 = [
         (0x1003_F20A, vec![1, 0, low, high, 0xC0]),
         (SERVO_COMMAND | AUTOPILOT, vec![0, 0xC1]),
         (NODE_STATUS | AUTOPILOT, vec![10, 0, 0, 0, 0, 0, 0, 0xC2]),
-        // GetNodeInfo, RestartNode and GetSet.
+        // Broadcasts of GetNodeInfo, RestartNode and GetSet.
         (0x1E01_F8FF, vec![0xC3]),
         (0x1E05_F8FF, vec![0x1E, 0x1B, 0x55, 0xCE, 0xAC, 0xC4]),
         (0x1E0B_F8FF, vec![0, 0, 0xC5]),
@@ -143,7 +143,7 @@ fn foreign() -> Vec<Frame> {
         (message_id(COMMAND - 1, OTHER, 0), vec![0]),
         (message_id(MEASUREMENT, OTHER, 0), vec![0]),
         (message_id(STATUS - 1, OTHER, 0), TEN_SECONDS.to_vec()),
-        // To this node alone.
+        // Messages to this node alone.
         (message_id(COMMAND, OTHER, 0) | UNICAST, vec![NODE as u8, 0]),
         // GetNodeInfo, RestartNode and GetSet from node 127.
         (request_id(GET_NODE_INFO), vec![NODE as u8]),
@@ -156,17 +156,17 @@ fn foreign() -> Vec<Frame> {
 // ---- the start ----
 
 #[test]
-fn it_speaks_the_draft_from_power_on() {
+fn it_uses_the_draft_from_power_on() {
     for mut rig in [Rig::powered(), Rig::new_board()] {
         rig.run_ms(6_500);
         assert!(statuses(&rig).len() >= 5, "{:?}", rig.traffic);
-        // Nobody else says anything.
+        // No other node sends.
         assert!(rig.traffic.iter().all(|(_, frame)| is_of_node(frame, STATUS)), "{:?}", rig.traffic);
     }
 }
 
 #[test]
-fn the_first_status_comes_at_once_and_is_of_a_node_that_initializes() {
+fn the_first_status_comes_at_once_with_mode_initialization() {
     let mut rig = Rig::powered();
     rig.run_ms(1_500);
     let codes: Vec<StatusCode> = statuses(&rig).iter().map(|(_, status)| status.code).collect();
@@ -176,40 +176,40 @@ fn the_first_status_comes_at_once_and_is_of_a_node_that_initializes() {
 }
 
 #[test]
-fn the_serial_monitor_says_who_it_is_and_what_it_speaks() {
+fn the_serial_monitor_prints_the_banner_and_the_dialect() {
     let mut rig = Rig::powered();
     rig.wait_for_line("CAN: running", 100);
     let banner = format!("DroneCAN servo node {}, node ID {NODE}, reset: power-on", env!("CARGO_PKG_VERSION"));
     assert_eq!(rig.serial.lines().collect::<Vec<_>>(), [&banner, "draft of 2014", "CAN: running"]);
 }
 
-/// After each reset the node uses the draft, reports the cause, and has no pulse until the next command.
+/// After each reset the node uses the draft, reports the cause, and makes no pulse until the next command.
 #[test]
-fn a_restart_is_told_and_leaves_the_servo_off() {
-    for (cause, told, bit) in [
+fn a_restart_is_reported_and_leaves_the_servo_without_pulses() {
+    for (cause, logged, bit) in [
         (ResetCause::PowerOn, "power-on", 0),
         (ResetCause::External, "reset pin", 0),
         (ResetCause::Watchdog, "WATCHDOG", WATCHDOG),
         (ResetCause::BrownOut, "BROWN-OUT", BROWN_OUT),
     ] {
-        let mut rig = at_the_end();
+        let mut rig = node_at_maximum();
         rig.run_ms(600);
         rig.board().reset(cause);
         rig.run_ms(1);
         rig.forget();
-        rig.wait_for_line(&format!("reset: {told}"), 100);
+        rig.wait_for_line(&format!("reset: {logged}"), 100);
         rig.run_ms(150);
         let code = if bit == 0 { StatusCode::Initializing } else { StatusCode::Warning };
-        assert_eq!(condition(&rig), Some((code, VendorCode::Short(DRAFT | bit))), "{told}");
-        assert_eq!((statuses(&rig)[0].1.uptime_s, &rig.pulses[..]), (0, &[][..]), "{told}");
+        assert_eq!(condition(&rig), Some((code, VendorCode::Short(DRAFT | bit))), "{logged}");
+        assert_eq!((statuses(&rig)[0].1.uptime_s, &rig.pulses[..]), (0, &[][..]), "{logged}");
         command(&mut rig, OTHER, 128);
-        assert_at(&mut rig, 128, told);
+        assert_position(&mut rig, 128, logged);
     }
 }
 
-/// A record of other builds is not valid for this one. It cannot save its own, so it reports the condition permanently.
+/// A record of another firmware is not valid for this one. This firmware cannot save its own, so it reports the condition permanently.
 #[test]
-fn parameters_that_another_build_saved_are_not_used() {
+fn parameters_of_another_firmware_are_not_used() {
     let mut other = Rig::with_features("none");
     other.wait_until_up();
     other.set("OUT1_MAX", 1600);
@@ -217,16 +217,16 @@ fn parameters_that_another_build_saved_are_not_used() {
     other.save();
     let eeprom = other.board().avr().eeprom();
     let mut rig = Rig::running_with(&eeprom);
-    assert!(rig.board().avr().eeprom() == eeprom, "it writes nothing");
+    assert!(rig.board().avr().eeprom() == eeprom, "the node must not write to the EEPROM");
     command(&mut rig, OTHER, 255);
-    assert_at(&mut rig, 255, "the default travel");
+    assert_position(&mut rig, 255, "the default travel");
     wait_for_condition(&mut rig, StatusCode::Critical, DRAFT | PARAMETERS_LOST, 1100);
 }
 
 // ---- the filters ----
 
-/// RXF0SIDH to RXF5EID0, and RXM0SIDH to RXM1EID0, as identifiers (DS20001801J registers 4-10 to 4-17). The chip shows them in configuration mode
-/// only, in which it is left.
+/// Reads RXF0SIDH to RXF5EID0 and RXM0SIDH to RXM1EID0 as identifiers (DS20001801J registers 4-10 to 4-17). The chip shows them in configuration
+/// mode only; the function leaves the chip in it.
 fn filters_and_masks(rig: &mut Rig) -> Vec<u32> {
     const FIRST: [u8; 8] = [0x00, 0x04, 0x08, 0x10, 0x14, 0x18, 0x20, 0x24];
     const WRITE: u8 = 0x02;
@@ -248,9 +248,9 @@ fn filters_and_masks(rig: &mut Rig) -> Vec<u32> {
 }
 
 #[test]
-fn the_controller_has_the_thesis_s_filters_with_any_sender_also_after_a_failsafe() {
+fn the_filters_are_the_thesis_s_with_any_sender_also_after_a_failsafe() {
     for has_failed in [false, true] {
-        let mut rig = at_the_end();
+        let mut rig = node_at_maximum();
         if has_failed {
             rig.wait_for_line("FAILSAFE", 1100);
             rig.wait_for_line("CAN: running", 50);
@@ -265,7 +265,7 @@ fn the_controller_has_the_thesis_s_filters_with_any_sender_also_after_a_failsafe
 
 /// Frames that differ from a command or a status in one bit of the identifier; the filters reject all others.
 #[test]
-fn what_the_controller_lets_through_is_decided_by_those_bits_alone() {
+fn only_the_bits_of_the_mask_decide_what_the_filters_accept() {
     let mut rig = Rig::running();
     rig.board().chip().borrow_mut().take_frame_log();
     let passes = |rig: &mut Rig, frame: Frame| {
@@ -288,7 +288,7 @@ fn what_the_controller_lets_through_is_decided_by_those_bits_alone() {
 
 #[test]
 fn frames_of_v0_and_other_types_of_the_draft_do_not_move_the_servo_and_are_not_answered() {
-    let mut rig = at_the_end();
+    let mut rig = node_at_maximum();
     rig.run_ms(600);
     rig.forget();
     for _ in 0..10 {
@@ -300,17 +300,17 @@ fn frames_of_v0_and_other_types_of_the_draft_do_not_move_the_servo_and_are_not_a
     let foreign = foreign();
     let own: Vec<_> = rig.traffic.iter().filter(|(_, frame)| !foreign.contains(frame)).collect();
     assert_eq!(rig.traffic.len() - own.len(), 10 * foreign.len());
-    // A status each second, which nobody asked for.
+    // The node's own status each second is the only one.
     assert!((1..=2).contains(&own.len()) && own.iter().all(|(_, frame)| is_of_node(frame, STATUS)), "{own:?}");
     assert!(!rig.serial.contains("rx ") && !rig.serial.contains("refused"), "{}", rig.serial);
-    assert_at(&mut rig, 255, "after all");
+    assert_position(&mut rig, 255, "after all");
 }
 
 // ---- commands ----
 
-/// The session that the thesis prints: identifier 398722057 is type 760 of node 1, transfer 1, with the value 1; a byte is 0 to 180 degrees.
+/// The session printed in the thesis: identifier 398722057 is type 760 of node 1, transfer 1, with the value 1. A byte is 0 to 180 degrees.
 #[test]
-fn the_session_that_the_thesis_prints_goes_as_it_says() {
+fn the_session_printed_in_the_thesis_gives_its_results() {
     let mut rig = Rig::running();
     rig.send(398_722_057, &[1]);
     let degrees = (rig.settled_pulse_us() - 1000.0) * 180.0 / 1000.0;
@@ -320,22 +320,22 @@ fn the_session_that_the_thesis_prints_goes_as_it_says() {
 }
 
 #[test]
-fn each_value_of_a_command_has_its_place_on_the_travel() {
+fn each_value_of_a_command_has_its_own_pulse_width() {
     let mut rig = Rig::running();
     for position in (0..=255).rev() {
         command(&mut rig, AUTOPILOT, position);
         rig.run_ms(2);
-        // Steps of half a microsecond, of which the pulse has one more than the register says.
+        // The register has steps of half a microsecond; the pulse is one step longer than its value.
         let written_us = f64::from(compare_register(rig.board()) + 1) / 2.0;
         assert!((written_us - pulse_us(position)).abs() <= 0.5, "{position}: {written_us} us");
     }
     for position in [0, 1, 90, 127, 128, 254, 255] {
         command(&mut rig, AUTOPILOT, position);
-        assert_at(&mut rig, position, "a pulse");
+        assert_position(&mut rig, position, "a pulse");
     }
 }
 
-/// The thesis's filters required node 1.
+/// The thesis's filters accepted node 1 only.
 #[test]
 fn a_command_of_any_node_is_followed() {
     let mut rig = Rig::running();
@@ -349,7 +349,7 @@ fn a_command_of_any_node_is_followed() {
 
 #[test]
 fn the_servo_follows_the_autopilot() {
-    let mut rig = flying();
+    let mut rig = following_autopilot();
     for deflection in [1.0, -1.0, 1.0] {
         rig.autopilot().hold(deflection);
         rig.run_ms(30);
@@ -357,9 +357,9 @@ fn the_servo_follows_the_autopilot() {
     }
 }
 
-/// Frames that are no command, with their line on the serial monitor. The filters reject some of them.
+/// Invalid frames with their lines on the serial monitor. The filters reject those without a line.
 #[test]
-fn a_frame_that_is_no_whole_command_leaves_the_servo_where_it_is() {
+fn an_invalid_command_frame_does_not_move_the_servo() {
     let id = message_id(COMMAND, OTHER, 3);
     let wrong: [(Frame, Option<&str>); 10] = [
         (Frame::extended(id, &[]), Some("type 760 from 9 tid 3, wrong length")),
@@ -373,16 +373,16 @@ fn a_frame_that_is_no_whole_command_leaves_the_servo_where_it_is() {
         (Frame::extended(message_id(COMMAND, NODE, 3), &[0]), Some("type 760 from 120, wrong sender")),
         (Frame::remote(Id::Extended(id), 1), Some("not a type of this node")),
     ];
-    let mut rig = at_the_end();
+    let mut rig = node_at_maximum();
     let (mut refused, mut followed) = (0, 1);
-    for (frame, told) in wrong {
+    for (frame, logged) in wrong {
         rig.forget();
         rig.send_frame(frame);
         rig.run_ms(40);
         let lines: Vec<&str> = rig.serial.lines().filter_map(|line| line.strip_prefix("refused: ")).collect();
-        assert_eq!(lines, Vec::from_iter(told), "{frame}");
-        refused += u32::from(told.is_some());
-        assert_at(&mut rig, 255, &frame.to_string());
+        assert_eq!(lines, Vec::from_iter(logged), "{frame}");
+        refused += u32::from(logged.is_some());
+        assert_position(&mut rig, 255, &frame.to_string());
         command(&mut rig, OTHER, 255);
         followed += 1;
     }
@@ -391,20 +391,20 @@ fn a_frame_that_is_no_whole_command_leaves_the_servo_where_it_is() {
     rig.wait_for_line(&format!("commands followed {followed}, frames refused {refused}"), 100);
 }
 
-/// Both of its frames: the filters accept the second.
+/// The filters accept the second frame, too.
 #[test]
-fn a_command_in_two_frames_is_none() {
-    let mut rig = at_the_end();
+fn a_command_in_two_frames_does_not_move_the_servo() {
+    let mut rig = node_at_maximum();
     let id = message_id(COMMAND, OTHER, 5);
     rig.send(id & !LAST, &[0; 8]);
     rig.send(id | INDEX, &[0]);
-    assert_at(&mut rig, 255, "two frames");
+    assert_position(&mut rig, 255, "two frames");
     rig.send(id, &[0]);
-    assert_at(&mut rig, 0, "one");
+    assert_position(&mut rig, 0, "one");
 }
 
 #[test]
-fn another_node_with_its_id_is_told_of_in_the_status_for_ten_seconds() {
+fn another_node_with_its_id_is_reported_in_the_status_for_ten_seconds() {
     for (type_id, data) in [(COMMAND, &[0][..]), (STATUS, &TEN_SECONDS)] {
         let mut rig = Rig::running();
         rig.send(message_id(type_id, NODE, 0), data);
@@ -419,9 +419,9 @@ fn another_node_with_its_id_is_told_of_in_the_status_for_ten_seconds() {
     }
 }
 
-/// OUT1_TIMEOUT and OUT1_FS have their defaults, and cannot be set: after a second, hold.
+/// OUT1_TIMEOUT and OUT1_FS have their defaults and cannot be set: the servo holds after a second.
 #[test]
-fn when_commands_stop_for_a_second_the_servo_holds_and_the_status_says_so() {
+fn when_commands_stop_for_a_second_the_servo_holds_and_the_status_reports_it() {
     let mut rig = Rig::running();
     command(&mut rig, AUTOPILOT, 200);
     rig.run_ms(990);
@@ -429,7 +429,7 @@ fn when_commands_stop_for_a_second_the_servo_holds_and_the_status_says_so() {
     rig.wait_for_line("FAILSAFE: no commands", 20);
     wait_for_condition(&mut rig, StatusCode::Critical, DRAFT | FAILSAFE, 1100);
     rig.run_ms(5_000);
-    assert_at(&mut rig, 200, "five seconds later");
+    assert_position(&mut rig, 200, "five seconds later");
     rig.forget();
     for _ in 0..60 {
         command(&mut rig, AUTOPILOT, 100);
@@ -437,12 +437,12 @@ fn when_commands_stop_for_a_second_the_servo_holds_and_the_status_says_so() {
     }
     assert_eq!(rig.serial.lines().filter(|line| *line == "commands again").count(), 1, "{}", rig.serial);
     assert_eq!(condition(&rig), Some((StatusCode::Ok, VendorCode::Short(DRAFT))));
-    assert_at(&mut rig, 100, "the next commands");
+    assert_position(&mut rig, 100, "the next commands");
 }
 
 #[test]
-fn statuses_and_wrong_commands_do_not_hold_the_failsafe_off() {
-    let mut rig = at_the_end();
+fn statuses_and_invalid_commands_do_not_prevent_the_failsafe() {
+    let mut rig = node_at_maximum();
     for n in 0..48 {
         rig.send(message_id(STATUS, OTHER, n), &TEN_SECONDS);
         rig.send(message_id(COMMAND, OTHER, n), &[]);
@@ -461,10 +461,10 @@ fn before_the_first_command_there_is_no_pulse_and_no_failsafe() {
 
 // ---- statuses ----
 
-/// Uptime in 28 bits, OK in the four above, and sixteen bits of its own; numbers of transfers are counted to 7.
+/// Uptime in 28 bits, the status code in the four bits above, and a vendor code of 16 bits. Transfer IDs count to 7.
 #[test]
-fn its_status_is_that_of_march_2015() {
-    let mut rig = flying();
+fn its_status_has_the_form_of_march_2015() {
+    let mut rig = following_autopilot();
     rig.run_ms(9_500);
     let frames: Vec<(Cycles, Frame)> =
         rig.traffic.iter().copied().filter(|(_, frame)| is_of_node(frame, STATUS)).collect();
@@ -472,8 +472,8 @@ fn its_status_is_that_of_march_2015() {
     for (at, frame) in &frames {
         let &[u0, u1, u2, u3, v0, v1] = frame.data() else { panic!("{frame}") };
         let up_s = bench::elapsed(*at).as_secs_f64();
-        let said = u32::from_le_bytes([u0, u1, u2, u3 >> 4]);
-        assert!((f64::from(said) - up_s).abs() < 1.02, "{frame} at {up_s:.3} s");
+        let node_messages = u32::from_le_bytes([u0, u1, u2, u3 >> 4]);
+        assert!((f64::from(node_messages) - up_s).abs() < 1.02, "{frame} at {up_s:.3} s");
         assert_eq!((u3 & 15, u16::from_le_bytes([v0, v1])), (0, DRAFT), "{frame}");
     }
     let number = |frame: &Frame| match frame.id {
@@ -486,7 +486,7 @@ fn its_status_is_that_of_march_2015() {
 
 #[test]
 fn its_status_follows_that_of_the_autopilot() {
-    let mut rig = flying();
+    let mut rig = following_autopilot();
     rig.run_ms(5_000);
     let of_autopilot =
         |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID == message_id(STATUS, AUTOPILOT, 0));
@@ -501,7 +501,7 @@ fn its_status_follows_that_of_the_autopilot() {
 
 #[test]
 fn without_an_autopilot_its_status_comes_each_second() {
-    let mut rig = flying();
+    let mut rig = following_autopilot();
     rig.detach_autopilot();
     rig.run_ms(100);
     rig.forget();
@@ -514,12 +514,12 @@ fn without_an_autopilot_its_status_comes_each_second() {
     }
 }
 
-/// 4 bytes of 2014, 6 of March 2015, 8 in between, and the 7 of the thesis.
+/// The draft of 2014 has 4 bytes, that of March 2015 6, a version in between 8, and the thesis 7.
 #[test]
-fn a_status_of_each_length_that_there_was_is_answered_and_no_other() {
+fn statuses_of_the_four_known_lengths_are_answered_and_no_others() {
     let mut rig = Rig::running();
     let answered = |rig: &mut Rig, id: u32, data: &[u8]| {
-        // No two statuses of the node are closer than half a second, and by itself it says the next after one.
+        // The node sends no two statuses within half a second, and one by itself after a second.
         rig.forget();
         rig.wait_for("its own", 1100, |rig| !statuses(rig).is_empty());
         rig.run_ms(600);
@@ -550,8 +550,8 @@ fn its_statuses_are_never_closer_than_half_a_second() {
 }
 
 #[test]
-fn what_is_wrong_is_in_its_status() {
-    let mut rig = flying();
+fn its_status_reports_its_conditions() {
+    let mut rig = following_autopilot();
     rig.board().set_temperature_c(90.0);
     wait_for_condition(&mut rig, StatusCode::Warning, DRAFT | TEMPERATURE, 3000);
     rig.board().set_temperature_c(25.0);
@@ -559,12 +559,12 @@ fn what_is_wrong_is_in_its_status() {
 }
 
 #[test]
-fn the_serial_monitor_tells_of_each_status_and_command_and_of_the_temperature() {
+fn the_serial_monitor_logs_each_status_each_command_and_the_temperature() {
     let mut rig = Rig::running();
     rig.board().set_temperature_c(31.0);
     rig.run_ms(1_500);
     rig.forget();
-    // OK, a warning, critical, and a node that initialises.
+    // OK, a warning, critical, and a node that initializes.
     for (n, state) in [0, 2, 3, 1].into_iter().enumerate() {
         rig.send(message_id(STATUS, AUTOPILOT, n as u32), &[10, 1, 0, state, 0, 0]);
         rig.run_ms(20);
@@ -578,7 +578,7 @@ fn the_serial_monitor_tells_of_each_status_and_command_and_of_the_temperature() 
         "rx NodeStatus from 1 tid 3: up 266 s, OK, INITIALIZATION",
         "rx thesis.ServoCommand from 1 tid 0: 90, pulse 1353.0 us",
     ] {
-        assert!(rig.serial.lines().any(|told| told == line), "{line:?} is missing in\n{}", rig.serial);
+        assert!(rig.serial.lines().any(|logged| logged == line), "{line:?} is missing in\n{}", rig.serial);
     }
     let shown =
         rig.serial.lines().find_map(|line| line.strip_prefix("temperature +")?.strip_suffix(" C")?.parse().ok());
@@ -588,9 +588,9 @@ fn the_serial_monitor_tells_of_each_status_and_command_and_of_the_temperature() 
 // ---- the measurement ----
 
 #[test]
-fn it_says_its_temperature_in_whole_degrees_at_every_third_status_of_the_autopilot() {
-    let mut rig = flying();
-    // The last is a short to the supply: no sensor is so warm, and a byte has no room for it.
+fn it_sends_whole_degrees_at_every_third_status_of_the_autopilot() {
+    let mut rig = following_autopilot();
+    // The last voltage is a short to the supply, which means a temperature that does not fit in a byte.
     for (millivolts, expected) in [(0, 0), (250, 25), (800, 80), (5000, 255)] {
         rig.board().set_sensor_millivolts(millivolts);
         rig.run_ms(3_000);
@@ -602,7 +602,7 @@ fn it_says_its_temperature_in_whole_degrees_at_every_third_status_of_the_autopil
     }
 }
 
-/// The node sends its temperature only after statuses of the autopilot.
+/// The node sends its temperature only at statuses of the autopilot.
 #[test]
 fn without_a_status_of_an_autopilot_there_is_no_temperature() {
     let mut rig = Rig::running();
@@ -614,7 +614,7 @@ fn without_a_status_of_an_autopilot_there_is_no_temperature() {
     assert!(statuses(&rig).len() >= 3);
 }
 
-/// Presses or releases the button with nine bounces, a millisecond each.
+/// Presses or releases the button with nine bounces of a millisecond each.
 fn bounce(rig: &mut Rig, pressed: bool) {
     for n in 0..9 {
         rig.board().press_button(if n % 2 == 0 { pressed } else { !pressed });
@@ -637,7 +637,7 @@ fn each_press_of_the_button_publishes_the_count_once_however_it_bounces() {
         rig.run_ms(100);
         assert_eq!(measurements(&rig), []);
     }
-    // A spike is no press.
+    // A spike does not count as a press.
     rig.board().press_button(true);
     rig.run_ms(5);
     rig.board().press_button(false);
@@ -646,7 +646,7 @@ fn each_press_of_the_button_publishes_the_count_once_however_it_bounces() {
 }
 
 #[test]
-fn the_count_of_the_button_goes_on_from_255_to_0() {
+fn the_count_of_the_button_wraps_from_255_to_0() {
     let mut rig = Rig::running();
     for press in 1..=257u16 {
         rig.forget();
@@ -658,37 +658,37 @@ fn the_count_of_the_button_goes_on_from_255_to_0() {
     }
 }
 
-/// The temperature and the count are one type, so they share transfer IDs; the statuses have their own.
+/// The temperature and the count have the same type, so they share transfer IDs. The statuses have their own.
 #[test]
-fn transfers_of_a_measurement_are_numbered_in_one_row() {
-    let mut rig = flying();
+fn temperature_and_button_share_their_transfer_ids() {
+    let mut rig = following_autopilot();
     for n in 0..40 {
         rig.board().press_button(n % 2 == 0);
         rig.run_ms(650);
     }
-    let numbers: Vec<u8> = said(&rig)
+    let numbers: Vec<u8> = node_messages(&rig)
         .into_iter()
         .filter_map(|(_, number, message)| matches!(message, Message::ThesisMeasurement(_)).then_some(number))
         .collect();
     assert!(numbers.len() >= 27, "20 presses and 8 temperatures: {numbers:?}");
     assert!(numbers.windows(2).all(|pair| pair[1] == (pair[0] + 1) % 8), "{numbers:?}");
-    // Type, sender, last frame, the first transfer; one press.
+    // Type, sender, last frame, first transfer; one press.
     let sent: Vec<&Frame> = rig.traffic.iter().map(|(_, frame)| frame).filter(|f| is_of_node(f, MEASUREMENT)).collect();
     assert_eq!((sent.len(), sent[0]), (numbers.len(), &parse_frames("17CDE008 01")[0]));
 }
 
 // ---- load ----
 
-/// What fills the bus.
+/// The frames that fill the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Load {
     Commands,
-    /// Without a byte: no frame is shorter.
+    /// Commands without data, the shortest frames.
     Empty,
     Statuses,
     /// Frames that the node must reject.
     Wrong,
-    /// All of these, and frames that the filters reject.
+    /// All of these at random, and frames that the filters reject.
     Mixed,
 }
 
@@ -717,17 +717,17 @@ impl Load {
     }
 }
 
-/// A node under a load of so many frames back to back. Meanwhile the button is pressed and `?` is typed.
+/// A node under a load of `frames` frames back to back. Meanwhile the button is pressed and `?` is typed.
 struct Loaded {
     rig: Rig,
     meter: Meter,
-    /// The register of the servo's timer when it was last looked at.
+    /// The servo's compare register at the last check.
     register: u16,
-    /// Commands that have passed, and are not in the register yet: the end, and the position.
+    /// Commands on the bus that are not in the register yet: end of the frame, and position.
     waiting: VecDeque<(Cycles, u8)>,
-    /// Commands that were overtaken by a later one.
+    /// Number of commands that a later one replaced.
     left_out: usize,
-    /// From the end of each other command to the write to the register.
+    /// Cycles from the end of each other command to the write to the register.
     to_servo: Vec<Cycles>,
 }
 
@@ -770,7 +770,7 @@ impl Loaded {
             };
             self.rig.bench.run_until_or(look, US);
         }
-        // For what was seen of it.
+        // The command may be written before the bench reports the frame.
         self.rig.run_until(end + 1);
         self.waiting.extend(self.rig.traffic.iter().filter_map(|(at, frame)| match (frame.id, frame.data()) {
             (Id::Extended(id), &[position]) if id & !TRANSFER_ID == message_id(COMMAND, OTHER, 0) => {
@@ -780,7 +780,7 @@ impl Loaded {
         }));
         for (at, width_us) in writes {
             let is_of = |&(_, position): &(Cycles, u8)| (width_us - pulse_us(position)).abs() <= 1.0;
-            let found = self.waiting.iter().position(is_of).expect("nothing moves without a command");
+            let found = self.waiting.iter().position(is_of).expect("a command for each write to the register");
             let (ended_at, _) = self.waiting[found];
             self.waiting.drain(..=found);
             self.left_out += found;
@@ -791,10 +791,10 @@ impl Loaded {
     }
 }
 
-/// How many of 12,000 commands may be lost that come back to back, each in 67 us, the shortest frames there are (docs/decisions.md).
+/// Number of commands that may be lost out of 12,000 back to back. Each lasts 67 us, the shortest possible frame (docs/decisions.md).
 const MOST_LOST: u64 = 250;
 
-/// One frame more than two: the shortest come each 67 us, and the queue has room for four.
+/// The shortest frames come every 67 us, and the queue has room for four.
 #[test]
 fn frames_back_to_back_are_all_read_in_order() {
     const FRAMES: u32 = 12_000;
@@ -820,7 +820,7 @@ fn on_a_full_bus_every_command_is_in_the_servo_s_register_within_500_us_of_its_e
     }
 }
 
-/// Another step may run before it.
+/// Another task of the main loop may run before the command's.
 #[test]
 fn on_a_quiet_bus_a_command_is_in_the_servo_s_register_within_150_us_of_its_end() {
     let mut rig = Rig::running();

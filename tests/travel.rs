@@ -1,4 +1,4 @@
-//! Limits, trim, direction, range and rate of the servo, as its parameters have them.
+//! The parameters of the servo: limits, trim, direction, range and rate.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -10,7 +10,7 @@ const POSITION: u8 = 1;
 const PWM: u8 = 4;
 
 #[track_caller]
-fn follows(rig: &mut Rig, cases: &[(u8, f32, f64)]) {
+fn assert_follows(rig: &mut Rig, cases: &[(u8, f32, f64)]) {
     for (command_type, value, pulse_us) in cases {
         rig.send_command(1, *command_type, *value);
         let pulse = rig.settled_pulse_us();
@@ -27,9 +27,9 @@ fn with(parameters: &[(&str, i64)]) -> Rig {
 }
 
 #[test]
-fn both_sides_of_the_trim_are_used_to_their_limits() {
+fn deflections_reach_the_limit_on_each_side_of_the_trim() {
     let mut rig = with(&[("OUT1_MIN", 1200), ("OUT1_TRIM", 1400), ("OUT1_MAX", 1900)]);
-    follows(
+    assert_follows(
         &mut rig,
         &[
             (UNITLESS, -1.0, 1200.0),
@@ -46,9 +46,9 @@ fn both_sides_of_the_trim_are_used_to_their_limits() {
 }
 
 #[test]
-fn the_widest_travel_is_500_to_2500() {
+fn the_widest_travel_is_500_to_2500_us() {
     let mut rig = with(&[("OUT1_MIN", 500), ("OUT1_MAX", 2500)]);
-    follows(
+    assert_follows(
         &mut rig,
         &[
             (UNITLESS, -1.0, 500.0),
@@ -65,9 +65,9 @@ fn the_widest_travel_is_500_to_2500() {
 }
 
 #[test]
-fn reversed_turns_deflections_around_and_leaves_widths_alone() {
+fn reversed_inverts_deflections_and_not_pulse_widths() {
     let mut rig = with(&[("OUT1_MIN", 1200), ("OUT1_TRIM", 1400), ("OUT1_MAX", 1900), ("OUT1_REVERSED", 1)]);
-    follows(
+    assert_follows(
         &mut rig,
         &[
             (UNITLESS, -1.0, 1900.0),
@@ -84,14 +84,14 @@ fn reversed_turns_deflections_around_and_leaves_widths_alone() {
 }
 
 #[test]
-fn positions_are_radians_over_the_range() {
+fn a_position_in_radians_is_a_part_of_the_range() {
     for (range, full) in [(180, FRAC_PI_2), (360, PI), (60, PI / 6.0), (10, PI / 36.0)] {
         let mut rig = with(&[("OUT1_RANGE", range)]);
         let half = f64::from(full * 0.5);
         let pulse = |radians: f64| 1500.0 + 500.0 * radians / f64::from(full);
-        // The float16 of the value has eleven bits.
+        // The float16 value has eleven significant bits.
         let sent = |radians: f64| f64::from(half::f16::from_f64(radians).to_f32());
-        follows(
+        assert_follows(
             &mut rig,
             &[
                 (POSITION, full, 2000.0),
@@ -105,7 +105,7 @@ fn positions_are_radians_over_the_range() {
 }
 
 #[test]
-fn limits_in_either_order_and_a_trim_beyond_them_are_borne() {
+fn swapped_limits_and_a_trim_outside_them_are_accepted() {
     let mut rig = with(&[("OUT1_MIN", 1800), ("OUT1_MAX", 1200)]);
     rig.send_command(1, PWM, 1000.0);
     assert_eq!(rig.settled_pulse_us(), 1200.0);
@@ -121,7 +121,7 @@ fn limits_in_either_order_and_a_trim_beyond_them_are_borne() {
 }
 
 #[test]
-fn limits_hold_at_once_for_the_next_command() {
+fn changed_limits_apply_to_the_next_command() {
     let mut rig = Rig::running();
     rig.send_command(1, UNITLESS, 1.0);
     assert_eq!(rig.settled_pulse_us(), 2000.0);
@@ -134,14 +134,14 @@ fn limits_hold_at_once_for_the_next_command() {
 fn assert_periods(pulses: &[Pulse], period_cycles: u64) {
     assert!(pulses.len() > 20);
     for pulse in pulses {
-        // Half a microsecond is the step of the timer.
+        // The timer's step is half a microsecond.
         let period = pulse.period_cycles.unwrap_or(period_cycles);
         assert!(period.abs_diff(period_cycles) <= 8, "{period} cycles, not {period_cycles}");
     }
 }
 
 #[test]
-fn the_rate_is_that_of_the_parameter_from_the_next_start_on() {
+fn the_rate_takes_effect_at_the_next_start() {
     for rate in [50, 100, 200, 333] {
         let mut rig = with(&[("OUT_RATE", rate)]);
         rig.send_command(1, PWM, 1234.0);
@@ -161,7 +161,7 @@ fn the_rate_is_that_of_the_parameter_from_the_next_start_on() {
 }
 
 #[test]
-fn at_333_hz_the_longest_pulse_still_fits() {
+fn at_333_hz_the_longest_pulse_fits_in_a_period() {
     let mut rig = with(&[("OUT_RATE", 333), ("OUT1_MAX", 2500)]);
     rig.save();
     rig.restart();

@@ -1,4 +1,4 @@
-//! Updates over the bus: the bootloader of `boot/` on a simulated board, and a file server.
+//! Firmware updates over the bus: the bootloader of `boot/` on a simulated board, and a file server.
 
 #[path = "support/update_bench.rs"]
 mod update_bench;
@@ -11,7 +11,7 @@ const IN_PROGRESS: u8 = 2;
 const UNKNOWN: u8 = 255;
 
 #[test]
-fn a_board_without_a_program_waits_in_the_loader_and_says_who_it_is() {
+fn a_board_without_a_program_waits_in_the_bootloader_and_answers_get_node_info() {
     let mut bench = UpdateBench::empty();
     assert_eq!(bench.next_mode(), MAINTENANCE);
     let info = bench.call(GET_NODE_INFO, &[]);
@@ -22,7 +22,7 @@ fn a_board_without_a_program_waits_in_the_loader_and_says_who_it_is() {
 }
 
 #[test]
-fn a_file_from_a_server_becomes_the_program_that_runs() {
+fn the_bootloader_writes_a_file_from_a_server_and_starts_it() {
     let mut bench = UpdateBench::empty();
     assert_eq!(bench.next_mode(), MAINTENANCE);
     assert_eq!(bench.begin_update("fw.bin"), OK);
@@ -31,7 +31,7 @@ fn a_file_from_a_server_becomes_the_program_that_runs() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
-/// A file with all that an ATmega168 has room for, or the longer program of an ATmega328P. Pages take their real time.
+/// The file fills the flash of an ATmega168, or is the longer program of an ATmega328P. Page writes take their real time.
 #[test]
 fn an_update_of_14_kb_takes_less_than_3_seconds_at_1_mbit_per_second() {
     let mut bench = UpdateBench::empty();
@@ -43,13 +43,13 @@ fn an_update_of_14_kb_takes_less_than_3_seconds_at_1_mbit_per_second() {
     assert_eq!(bench.begin_update("14k.bin"), OK);
     let took_ms = bench.wait_for_program(10_000);
     println!("{length} bytes: {took_ms} ms, {} requests", bench.server.requests);
-    // A board with a crystal of 8 MHz has a bus of half that rate.
+    // A board with a crystal of 8 MHz has a bus of half that bit rate.
     let limit_ms = if board().fastest_bit_rate() == 1_000_000 { 3000 } else { 4000 };
     assert!(took_ms < limit_ms * length as u64 / 14_336, "{took_ms} ms");
 }
 
 #[test]
-fn a_program_that_a_programmer_uploaded_starts_without_a_check() {
+fn a_program_uploaded_by_a_programmer_starts_without_a_check() {
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
 }
@@ -64,7 +64,7 @@ fn an_update_survives_a_power_cycle() {
 }
 
 #[test]
-fn a_changed_byte_keeps_a_program_from_starting() {
+fn a_program_with_a_changed_byte_does_not_start() {
     let mut file = file();
     let len = file.len();
     file[len / 2] ^= 0x10;
@@ -73,7 +73,7 @@ fn a_changed_byte_keeps_a_program_from_starting() {
 }
 
 #[test]
-fn a_file_for_another_board_is_refused_before_a_byte_is_erased() {
+fn a_file_for_another_board_is_rejected_before_a_byte_is_erased() {
     for (at, change) in [(0, 1), (1, 0x40)] {
         let mut bench = UpdateBench::empty();
         let mut other = file();
@@ -81,9 +81,9 @@ fn a_file_for_another_board_is_refused_before_a_byte_is_erased() {
         bench.server.files.insert("other.bin".to_owned(), with_crc(other));
         bench.begin_update("fw.bin");
         bench.wait_for_program(10_000);
-        bench.wait_in_the_loader();
+        bench.wait_in_the_bootloader();
         bench.begin_update("other.bin");
-        // The loader gives up, and starts the program that is still there.
+        // The bootloader gives up and starts the program that is still in flash.
         bench.wait_for_program(2000);
         let file = file();
         assert!(bench.flash(file.len()) == file, "the program is the one before");
@@ -91,7 +91,7 @@ fn a_file_for_another_board_is_refused_before_a_byte_is_erased() {
 }
 
 #[test]
-fn files_that_are_no_program_are_refused_and_the_next_one_is_taken() {
+fn invalid_files_are_rejected_and_the_next_valid_one_is_written() {
     let whole = file();
     let mut unchecked = whole.clone();
     unchecked[HEADER + 4..HEADER + 6].fill(0);
@@ -110,7 +110,7 @@ fn files_that_are_no_program_are_refused_and_the_next_one_is_taken() {
         bench.server.files.insert(name.to_owned(), file);
         assert_eq!(bench.next_mode(), MAINTENANCE, "before {name}");
         assert_eq!(bench.begin_update(name), OK, "{name}");
-        // The longest is written as a whole, and its CRC found wrong.
+        // The bootloader writes the longest file completely, and then finds its CRC wrong.
         bench.run_ms(2000);
         let known = bench.statuses().len();
         bench.wait_for(&format!("MAINTENANCE after {name}"), 5000, |bench| {
@@ -124,7 +124,7 @@ fn files_that_are_no_program_are_refused_and_the_next_one_is_taken() {
 }
 
 #[test]
-fn a_silent_server_is_asked_again_and_in_the_end_the_loader_waits() {
+fn without_answers_the_bootloader_repeats_its_request_and_then_waits() {
     let mut bench = UpdateBench::empty();
     bench.server.is_silent = true;
     bench.begin_update("fw.bin");
@@ -138,7 +138,7 @@ fn a_silent_server_is_asked_again_and_in_the_end_the_loader_waits() {
 }
 
 #[test]
-fn a_server_that_is_silent_for_some_seconds_loses_nothing() {
+fn a_server_s_pause_of_some_seconds_does_not_stop_an_update() {
     let mut bench = UpdateBench::empty();
     bench.begin_update("fw.bin");
     bench.run_ms(300);
@@ -149,7 +149,7 @@ fn a_server_that_is_silent_for_some_seconds_loses_nothing() {
 }
 
 #[test]
-fn lost_frames_and_a_slow_server_only_take_time() {
+fn lost_frames_and_a_slow_server_delay_an_update() {
     for (drop, delay_ms) in [(9, 0), (0, 900)] {
         let mut bench = UpdateBench::empty();
         (bench.server.drop, bench.server.delay_ms) = (drop, delay_ms);
@@ -168,24 +168,24 @@ fn answers_that_are_repeated_or_late_are_not_written() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
-/// Less than 256 bytes mean the end of the file.
+/// An answer of less than 256 bytes means the end of the file.
 #[test]
-fn a_server_that_answers_with_less_than_256_bytes_gets_nothing_erased() {
+fn after_an_answer_of_less_than_256_bytes_nothing_is_erased() {
     let mut bench = UpdateBench::with(&[(0, file())], &[], board().fastest_bit_rate());
     bench.wait_for_program(3000);
-    bench.wait_in_the_loader();
+    bench.wait_in_the_bootloader();
     bench.server.limit = 255;
     bench.begin_update("fw.bin");
     bench.wait_for_program(3000);
 }
 
 #[test]
-fn a_power_cut_at_any_time_leads_back_to_the_loader_and_a_second_try_succeeds() {
+fn after_a_power_cut_at_any_time_a_second_update_succeeds() {
     let file = file();
     for cut_ms in [40, 60, 200, 333] {
         let mut bench = UpdateBench::with(&[(0, file.clone())], &[], board().fastest_bit_rate());
         bench.wait_for_program(3000);
-        bench.wait_in_the_loader();
+        bench.wait_in_the_bootloader();
         bench.begin_update("fw.bin");
         bench.run_ms(cut_ms);
         bench.cut_power();
@@ -197,10 +197,10 @@ fn a_power_cut_at_any_time_leads_back_to_the_loader_and_a_second_try_succeeds() 
 }
 
 #[test]
-fn a_program_hands_an_update_over_in_ram_and_node_id_and_bit_rate_in_eeprom() {
+fn the_bootloader_takes_the_update_from_ram_and_node_id_and_bit_rate_from_eeprom() {
     let mut bench = UpdateBench::with_bus_record();
     bench.server.files.insert("org.dronecan.servo168.1".to_owned(), file());
-    bench.wait_in_the_loader_with("org.dronecan.servo168.1");
+    bench.start_bootloader_with_update("org.dronecan.servo168.1");
     assert_eq!(bench.next_mode(), SOFTWARE_UPDATE);
     let reads = file().len().div_ceil(256) + 1;
     bench.wait_for("whole file", 20_000, |bench| bench.server.requests == reads);
@@ -210,7 +210,7 @@ fn a_program_hands_an_update_over_in_ram_and_node_id_and_bit_rate_in_eeprom() {
 }
 
 #[test]
-fn a_second_request_is_told_that_the_update_is_in_progress() {
+fn a_second_request_is_answered_with_in_progress() {
     let mut bench = UpdateBench::empty();
     bench.server.delay_ms = 50;
     bench.begin_update("fw.bin");
@@ -223,7 +223,7 @@ fn a_second_request_is_told_that_the_update_is_in_progress() {
 }
 
 #[test]
-fn paths_up_to_24_characters_are_taken() {
+fn paths_up_to_24_characters_are_accepted() {
     for len in [1, 2, 3, 6, 7, 13, 24, 25, 60, 200] {
         let mut bench = UpdateBench::empty();
         let path = "p".repeat(len);
@@ -239,7 +239,7 @@ fn paths_up_to_24_characters_are_taken() {
 }
 
 #[test]
-fn the_loader_restarts_for_the_magic_number_only() {
+fn the_bootloader_restarts_for_the_magic_number_only() {
     let mut bench = UpdateBench::empty();
     bench.run_ms(3000);
     for at in 0..MAGIC.len() {
@@ -254,7 +254,7 @@ fn the_loader_restarts_for_the_magic_number_only() {
 }
 
 #[test]
-fn three_watchdog_restarts_lead_to_the_loader_and_the_reset_button_back() {
+fn three_watchdog_resets_start_the_bootloader_and_the_reset_pin_the_program() {
     use bench::avr::ResetCause::{External, Watchdog};
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
@@ -270,10 +270,10 @@ fn three_watchdog_restarts_lead_to_the_loader_and_the_reset_button_back() {
 }
 
 #[test]
-fn the_loader_comes_back_after_the_controller_has_lost_its_power() {
+fn the_bootloader_recovers_after_the_controller_lost_its_power() {
     let mut bench = UpdateBench::empty();
     bench.next_mode();
-    // Until the next second the loader does not know.
+    // The bootloader checks the controller once a second.
     bench.bench.board(0).chip_reset();
     bench.bench.run_for_ms(1500);
     bench.bench.board(0).take_violations();
@@ -281,7 +281,7 @@ fn the_loader_comes_back_after_the_controller_has_lost_its_power() {
 }
 
 #[test]
-fn a_running_program_answers_and_lets_the_loader_update_it() {
+fn a_running_program_accepts_an_update_and_starts_the_bootloader() {
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
     bench.server.files.insert("uno.bin".to_owned(), file());
@@ -293,12 +293,12 @@ fn a_running_program_answers_and_lets_the_loader_update_it() {
 }
 
 #[test]
-fn a_program_in_use_refuses_an_update_and_says_why() {
+fn a_program_in_use_rejects_an_update_with_a_reason() {
     const INVALID_MODE: u8 = 1;
     const IN_USE: &[u8] = b"armed, or a command in the last 2 s";
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
-    // An ArmingStatus, and a position of an ArrayCommand.
+    // An ArmingStatus, and then an ArrayCommand with a position.
     for (id, data) in [(0x1804_4C0A, &[255, 0xC0][..]), (0x1003_F20A, &[1, 0, 0, 0x38, 0xC7][..])] {
         bench.send(id, data);
         bench.run_ms(20);
@@ -314,10 +314,10 @@ fn a_program_in_use_refuses_an_update_and_says_why() {
 }
 
 #[test]
-fn a_program_that_hangs_again_and_again_leads_back_to_the_loader() {
+fn a_program_that_hangs_repeatedly_starts_the_bootloader() {
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
-    // WDR is 0x95A8, that of the main loop the last of the program; RJMP to itself is 0xCFFF.
+    // WDR is 0x95A8; the last one of the program is in the main loop. RJMP to itself is 0xCFFF.
     let program = bench.flash(file().len());
     let wdr = (0x68..program.len()).step_by(2).rfind(|&at| program[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
     bench.bench.board(0).avr_mut().load_flash(wdr, &[0xFF, 0xCF]);
@@ -327,8 +327,8 @@ fn a_program_that_hangs_again_and_again_leads_back_to_the_loader() {
     bench.wait_for_program(10_000);
 }
 
-/// Mission Planner sends BeginFirmwareUpdate, in one frame, after a response of GetNodeInfo whose name and hardware version fit its file, or whose name is
-/// empty. After an OK it never sends it again, but continues to request the information of nodes that restart.
+/// Mission Planner sends BeginFirmwareUpdate, in one frame, after a GetNodeInfo response whose name and hardware version fit its file, or whose name
+/// is empty. After an OK it does not send it again, but continues to send GetNodeInfo to nodes that restart.
 #[test]
 fn an_update_by_mission_planner_succeeds() {
     let mut bench = UpdateBench::with_program();
@@ -344,7 +344,7 @@ fn an_update_by_mission_planner_succeeds() {
         assert_eq!(
             (&info[22..24], &info[41..]),
             (&hardware[..], &b""[..]),
-            "the loader is the same hardware, and has no name"
+            "the bootloader must report the same hardware, and no name"
         );
         bench.run_ms(200);
     }
@@ -352,7 +352,7 @@ fn an_update_by_mission_planner_succeeds() {
     assert_eq!(bench.call(GET_NODE_INFO, &[])[41..], name);
 }
 
-/// PX4 takes the loader for a node that has restarted: it requests its information, and sends BeginFirmwareUpdate again. Its files are named after the
+/// PX4 takes the bootloader for a node that has restarted: it sends GetNodeInfo, and BeginFirmwareUpdate again. Its files are named after the
 /// board.
 #[test]
 fn an_update_by_px4_succeeds() {
@@ -366,7 +366,7 @@ fn an_update_by_px4_succeeds() {
     bench.call(GET_NODE_INFO, &[]);
     assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &request)[0], IN_PROGRESS);
     bench.wait_for_program(10_000);
-    // PX4 finds in the information of the new program that the update is done.
+    // PX4 sees in the GetNodeInfo response of the new program that the update is done.
     assert_eq!(bench.call(GET_NODE_INFO, &[])[7..9], file()[HEADER + 2..HEADER + 4]);
 }
 
@@ -382,9 +382,9 @@ fn an_update_by_the_gui_tool_needs_one_request() {
     bench.wait_for_program(10_000);
 }
 
-/// 60 % of the bus are messages of others, with a higher priority than the answers of the server.
+/// Messages of other nodes with a higher priority than the server's answers take 60 % of the bus.
 #[test]
-fn a_busy_bus_only_takes_time() {
+fn a_busy_bus_delays_an_update() {
     let mut bench = UpdateBench::empty();
     bench.fill_bus_percent = 60;
     bench.run_ms(1000);
@@ -394,13 +394,13 @@ fn a_busy_bus_only_takes_time() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
-/// Frames for another node have the same services and transfer IDs.
+/// Frames for another node use the same services and transfer IDs.
 #[test]
 fn an_update_of_another_node_at_the_same_time_changes_nothing() {
     let mut bench = UpdateBench::empty();
     assert_eq!(bench.begin_update("fw.bin"), OK);
     for n in 0..400u32 {
-        // Answers of file.Read, and requests, to node 121.
+        // file.Read responses, and requests, to node 121.
         bench.send(0x1E30_79FF, &[0xA5, 0xA5, 0, 0, 1, 2, 3, 0x80 | (n % 32) as u8]);
         bench.send(0x1E28_F9FF, &[0, b'x', 0xC0 | (n % 32) as u8]);
         bench.run_ms(1);
@@ -410,19 +410,19 @@ fn an_update_of_another_node_at_the_same_time_changes_nothing() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
-/// Updates with power cuts at random times. After each the board has a whole program or waits in its loader.
+/// Runs updates with power cuts at random times. After each cut the board runs a complete program or waits in the bootloader.
 fn cut_power_at_random(cuts: u64, seed: u64) {
     let whole = file();
     let mut state = seed;
     let mut random = |limit: u64| {
-        // The generator of Numerical Recipes; its upper bits are good.
+        // The generator of Numerical Recipes. Its upper bits are random enough.
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % limit
     };
     let mut bench = UpdateBench::with(&[(0, whole.clone())], &[], board().fastest_bit_rate());
     for cut in 0..cuts {
         if bench.next_mode() != MAINTENANCE {
-            bench.wait_in_the_loader();
+            bench.wait_in_the_bootloader();
         }
         assert_eq!(bench.begin_update("fw.bin"), OK, "cut {cut}");
         let end = bench.bench.now() + random(900 * 16_000);
@@ -432,10 +432,10 @@ fn cut_power_at_random(cuts: u64, seed: u64) {
         bench.cut_power();
         let mode = bench.next_mode();
         assert!(mode <= MAINTENANCE, "mode {mode} after cut {cut}");
-        assert!(mode == MAINTENANCE || bench.flash(whole.len()) == whole, "a part of a program runs after cut {cut}");
+        assert!(mode == MAINTENANCE || bench.flash(whole.len()) == whole, "an incomplete program runs after cut {cut}");
     }
     if bench.next_mode() != MAINTENANCE {
-        bench.wait_in_the_loader();
+        bench.wait_in_the_bootloader();
     }
     bench.begin_update("fw.bin");
     bench.wait_for_program(10_000);
@@ -443,12 +443,12 @@ fn cut_power_at_random(cuts: u64, seed: u64) {
 }
 
 #[test]
-fn ten_random_power_cuts_leave_no_brick() {
+fn after_ten_random_power_cuts_updates_still_succeed() {
     cut_power_at_random(10, 1);
 }
 
 #[test]
 #[ignore = "takes long"]
-fn a_hundred_random_power_cuts_leave_no_brick() {
+fn after_a_hundred_random_power_cuts_updates_still_succeed() {
     cut_power_at_random(100, 2);
 }

@@ -1,6 +1,6 @@
-//! A board with the bootloader on a bus with a file server.
+//! A board with the bootloader, on a bus with a file server.
 //!
-//! Addresses, layouts and the CRC are written here again, and not imported from the loader.
+//! This file states addresses, layouts and the CRC itself, and imports none of them from the bootloader.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start, firmware,
 /// CPU cycles in a millisecond.
 const MS: u64 = 16_000;
 
-/// The node without a record in EEPROM, and the server.
+/// Node IDs: of a node without a record in EEPROM, and of the server.
 pub const NODE: u8 = 120;
 pub const SERVER: u8 = 127;
 
@@ -31,9 +31,9 @@ pub const MAINTENANCE: u8 = 2;
 pub const SOFTWARE_UPDATE: u8 = 3;
 pub const MAGIC: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
-/// Where a program has its header: hardware major, minor, software major, minor, length.
+/// Address of the header in a program: hardware major, minor, software major, minor, length.
 pub const HEADER: usize = 0x68;
-/// Where the EEPROM has node ID and bit rate.
+/// Address of node ID and bit rate in the EEPROM.
 pub const BUS: usize = 0x18;
 
 fn signature(service: u8) -> u64 {
@@ -57,46 +57,46 @@ pub fn board() -> Wiring {
     chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// A firmware that hands updates over to the loader. On the ATmega168 it is the one without a serial monitor.
+/// A firmware that hands updates over to the bootloader. On the ATmega168 it has no serial monitor.
 fn elf() -> PathBuf {
     let elf = if board().chip == Chip::Atmega168 { firmware("remote") } else { node_elf() };
     elf.unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// The file for an update to that firmware.
+/// The update file of that firmware.
 pub fn file() -> Vec<u8> {
     let path = elf().with_extension("bin");
     std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}; run \"make firmwares\"", path.display()))
 }
 
-/// The same program with a new CRC, after a change of its bytes.
+/// Replaces the CRC of a program after a change of its bytes.
 pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
     file.truncate(file.len() - 2);
     file.extend(crc(&file).to_be_bytes());
     file
 }
 
-/// Answers file.Read.
+/// A file server: answers file.Read.
 #[derive(Default)]
 pub struct Server {
     pub files: BTreeMap<String, Vec<u8>>,
     pub is_silent: bool,
     /// Time from a request to the answer.
     pub delay_ms: u64,
-    /// The longest data of an answer. Zero is 256.
+    /// Maximum data length of an answer; zero means 256.
     pub limit: usize,
-    /// Each `drop`th answer lacks a frame. Zero is none.
+    /// The server omits a frame of each `drop`th answer; zero means none.
     pub drop: usize,
-    /// Each answer comes three times: before it that to the request before, as it was; and then it again.
+    /// The server sends the previous answer, then the answer twice.
     pub is_repeating: bool,
     /// The frames of the last answer.
     last: Vec<Vec<u8>>,
-    /// Requests so far.
+    /// Number of requests so far.
     pub requests: usize,
 }
 
 impl Server {
-    /// The answer to a request, if there is one.
+    /// The answer to a request. `None` if the server does not answer.
     fn answer(&mut self, payload: &[u8]) -> Option<Vec<u8>> {
         self.requests += 1;
         if self.is_silent {
@@ -122,18 +122,18 @@ pub struct UpdateBench {
     pub transfers: Vec<(u64, Transfer)>,
     transfer_id: TransferId,
     pub node: u8,
-    /// Share of the bus that messages of other nodes take.
+    /// Share of the bus that other nodes' messages take, in percent.
     pub fill_bus_percent: u64,
     other: Rc<RefCell<SoftNode>>,
 }
 
 impl UpdateBench {
-    /// A board with only the loader, switched on now.
+    /// A board that has only the bootloader, powered up now.
     pub fn empty() -> UpdateBench {
         UpdateBench::with(&[], &[], board().fastest_bit_rate())
     }
 
-    /// A board with the loader and the firmware, as a programmer leaves it.
+    /// A board with the bootloader and the firmware, as after an upload by a programmer.
     pub fn with_program() -> UpdateBench {
         let elf = elf();
         let firmware = Firmware::read(&elf).unwrap_or_else(|error| panic!("{error:#}"));
@@ -141,7 +141,7 @@ impl UpdateBench {
         UpdateBench::with(&firmware.flash, &eeprom, board().fastest_bit_rate())
     }
 
-    /// A board with the loader, these pieces of flash, and this EEPROM, on a bus of that bit rate.
+    /// A board with the bootloader, these pieces of flash (address, bytes), and this EEPROM, on a bus of this bit rate.
     pub fn with(flash: &[(usize, Vec<u8>)], eeprom: &[u8], bit_rate: u32) -> UpdateBench {
         let loader =
             bootloader(&board()).and_then(|hex| Firmware::read_hex(&hex)).unwrap_or_else(|error| panic!("{error:#}"));
@@ -171,12 +171,12 @@ impl UpdateBench {
             fill_bus_percent: 0,
             other,
         };
-        // Until the loader is on the bus.
+        // Waits until the bootloader is on the bus.
         bench.run_ms(20);
         bench
     }
 
-    /// A board with the loader, and the record of node ID 42 and 125 kbit/s in EEPROM.
+    /// A board with the bootloader, whose EEPROM has node ID 42 and 125 kbit/s.
     pub fn with_bus_record() -> UpdateBench {
         let mut eeprom = [0xFF; 0x20];
         // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at 87.5 %.
@@ -189,9 +189,9 @@ impl UpdateBench {
         bench
     }
 
-    /// Leads the board back to its loader, as a program does that is asked for an update: with a request in the last bytes of the RAM and a
+    /// Starts the bootloader as a program does after BeginFirmwareUpdate: with a request in the last bytes of the RAM and a
     /// watchdog reset.
-    pub fn wait_in_the_loader_with(&mut self, path: &str) {
+    pub fn start_bootloader_with_update(&mut self, path: &str) {
         let mut request = [0; 26];
         request[..path.len()].copy_from_slice(path.as_bytes());
         request[24] = path.len() as u8;
@@ -207,9 +207,9 @@ impl UpdateBench {
         self.assembler = Assembler::new();
     }
 
-    /// Leads the board back to its loader, which waits there: by three watchdog restarts.
+    /// Starts the bootloader by three watchdog resets; it waits for a request.
     #[track_caller]
-    pub fn wait_in_the_loader(&mut self) {
+    pub fn wait_in_the_bootloader(&mut self) {
         for _ in 0..3 {
             self.bench.board(0).reset(ResetCause::Watchdog);
             self.run_ms(200);
@@ -290,7 +290,7 @@ impl UpdateBench {
         transfer_id
     }
 
-    /// Sends a frame of another node.
+    /// Queues a frame of another node.
     pub fn send(&mut self, id: u32, data: &[u8]) {
         self.peer.borrow_mut().send(Frame::extended(id, data));
     }
@@ -313,13 +313,13 @@ impl UpdateBench {
         panic!("no response of service {service} in a second");
     }
 
-    /// Asks the node to update itself from `path`. Returns the error of the response.
+    /// Sends BeginFirmwareUpdate with `path`. Returns the error in the response.
     #[track_caller]
     pub fn begin_update(&mut self, path: &str) -> u8 {
         self.call(BEGIN_FIRMWARE_UPDATE, &[&[0], path.as_bytes()].concat())[0]
     }
 
-    /// Payloads of the node's NodeStatus messages, oldest first.
+    /// The node's NodeStatus messages, oldest first: time in milliseconds and payload.
     pub fn statuses(&self) -> Vec<(u64, &[u8])> {
         let is_status = |transfer: &Transfer| matches!(transfer.id, CanId::Message { type_id: NODE_STATUS, source, .. } if source.get() == self.node);
         self.transfers
@@ -329,7 +329,7 @@ impl UpdateBench {
             .collect()
     }
 
-    /// The mode in the next NodeStatus.
+    /// Waits for the next NodeStatus and returns its mode.
     #[track_caller]
     pub fn next_mode(&mut self) -> u8 {
         let known = self.statuses().len();
@@ -337,7 +337,7 @@ impl UpdateBench {
         self.statuses()[known].1[4] >> 3 & 7
     }
 
-    /// Runs until the condition holds, which it must within so many simulated milliseconds. Returns the milliseconds that it took.
+    /// Runs until `condition` holds. Panics after `timeout_ms` of simulated time. Returns the elapsed milliseconds.
     #[track_caller]
     pub fn wait_for(&mut self, what: &str, timeout_ms: u64, condition: impl Fn(&UpdateBench) -> bool) -> u64 {
         let begin = self.now_ms();
@@ -361,9 +361,9 @@ impl UpdateBench {
     pub fn cut_power(&mut self) {
         self.bench.board(0).reset(ResetCause::PowerOn);
         self.assembler = Assembler::new();
-        // It may have been in the middle of an instruction for the controller.
+        // The SPI instruction in progress ends.
         self.bench.board(0).take_violations();
-        // The others see an error in what the node was sending.
+        // The other nodes see an error in the frame that the node was sending.
         self.bench.run_for_ms(1);
         self.peer.borrow_mut().take_received();
         self.peer.borrow_mut().clear_queue();
@@ -371,7 +371,7 @@ impl UpdateBench {
         self.peer.borrow_mut().take_received();
     }
 
-    /// The program in flash.
+    /// The first `len` bytes of the flash.
     pub fn flash(&mut self, len: usize) -> Vec<u8> {
         self.bench.board(0).avr().flash()[..len].to_vec()
     }
