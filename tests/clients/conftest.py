@@ -1,4 +1,4 @@
-"""A simulated bench for each test, and the programs of others as its clients.
+"""A simulated bench for each test, and client programs of other projects.
 
 A case takes three lines:
 
@@ -7,14 +7,14 @@ A case takes three lines:
         assert client.wait_for(dronecan.uavcan.equipment.device.Temperature).temperature > 310
 
 `bench(...)` starts `sim` with these options and `slcan=N` SLCAN adapters, in real time and in a process group of its own.
-When the test is over its clients are closed, the simulator gets Ctrl-C, and then it must end with exit code 0 (it does not
-if the node crashed or its program made a mistake) and leave no link behind. Nothing outlives a test.
+When the test is over its clients are closed, the simulator gets Ctrl-C, and must then end with exit code 0 and leave no link behind.
+It does not exit with 0 if the node crashed or its program misused the chip. No process outlives a test.
 
-Boards have been started before, so that none of them takes its time to make a unique ID; `fresh=True` starts new ones. Their
-firmware is the default preset's, or `elf=node_elf("thesis")`.
+Boards have started before, so that none spends time on generating a unique ID; `fresh=True` starts new boards. Their
+firmware has the default preset, or is `elf=node_elf("thesis")`.
 
-The program is $SIM_BIN ($BRIDGE_BIN), or the newer one of cargo's debug and release builds. What a MAVLink ground station sees
-through the bridge is tested with the fixtures of ground.py, and buses with many nodes are those of many_nodes.py.
+The programs are $SIM_BIN and $BRIDGE_BIN, or the newer of cargo's debug and release builds. ground.py has the fixtures for tests of
+the bridge, many_nodes.py those for buses with many nodes.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ import time
 import tomllib
 import tty
 
-# pymavlink, which pydronecan uses too, chooses its messages by it when it is imported.
+# pymavlink, which pydronecan also uses, reads this when it is imported.
 os.environ["MAVLINK20"] = "1"
 
 import dronecan
@@ -46,25 +46,25 @@ pytest_plugins = ["ground", "many_nodes"]
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PACKAGE = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]
-# Major and minor version of the project, and so of the node.
+# Major and minor version of the project and of the node.
 VERSION = tuple(int(number) for number in PACKAGE["version"].split(".")[:2])
 TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 NODE = 120
-# The node says how it is each second; a busy machine needs more.
+# The node sends a status each second. A busy machine needs more time.
 TIMEOUT_S = 10
 
-# Run in the background of a script Ctrl-C is ignored, and who is started from here would ignore it, too.
+# In a script's background process SIGINT is ignored, and the programs that start from here would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Our own types, as a user loads them: the directory is the namespace. Loading makes all types anew, the standard ones
-# too, so it comes before anybody uses one; pydronecan's own applications, which hold the old ones, are loaded again.
+# Our own types, loaded as a user loads them: the directory is the namespace. Loading creates all types again, also the standard
+# ones, so it must come before any use. The applications of pydronecan hold the old types, so they are loaded again.
 dronecan.load_dsdl(str(ROOT / "dsdl" / "thesis"))
 importlib.reload(dronecan.app.node_monitor)
 importlib.reload(dronecan.app.dynamic_node_id)
 
 
-def own_program(name):
-    """One of the programs of the project: "sim", "bridge" or "node-update"."""
+def project_program(name):
+    """The path of a program of the project: "sim", "bridge" or "node-update"."""
     if path := os.environ.get(f"{name.upper()}_BIN"):
         return pathlib.Path(path)
     built = [path for path in (TARGET / profile / name for profile in ("debug", "release")) if path.exists()]
@@ -73,12 +73,12 @@ def own_program(name):
     return max(built, key=lambda path: path.stat().st_mtime)
 
 
-# What the file of an ELF does not name.
+# The preset that the name of a board's ELF does not contain.
 PRESETS = {"diecimila": "default", "uno": "full"}
 
 
 def node_elf(features="default", gdb=False, board="diecimila"):
-    """The firmware of a preset, or of a list of features such as "lights,stats"; for avr-gdb if it says so."""
+    """The path of the firmware with a preset or a list of features such as "lights,stats"; with `gdb` the one for avr-gdb."""
     if features == "default" and board == "diecimila" and not gdb and (path := os.environ.get("NODE_ELF")):
         return pathlib.Path(path)
     name = [f"{board}-seeed"]
@@ -93,7 +93,7 @@ def node_elf(features="default", gdb=False, board="diecimila"):
 
 
 def program(name):
-    """A program that the Makefile installs: in the Python environment, by cargo, or by the system."""
+    """The path of a program that the Makefile installs: in the Python environment, by cargo, or by the system."""
     path = os.pathsep.join([os.path.dirname(sys.executable), str(TARGET / "tools/bin"), os.environ["PATH"]])
     found = shutil.which(name, path=path)
     assert found, f'there is no {name}: "make test" installs it'
@@ -112,10 +112,10 @@ GIVEN_PORTS = set()
 
 
 def free_port():
-    """A port of the loopback that is free for TCP and for UDP, another one with each call.
+    """A port of the loopback interface that is free for TCP and for UDP. Each call returns another one.
 
-    It is below those that the kernel gives to a socket that asks for none (Linux: from 32768 on): one of them could be in use
-    again, by a client of another test, before the program under test opens it.
+    It is below the range from which the kernel chooses ports itself (Linux: from 32768 on). The kernel could give a port of that
+    range to a client of another test before the program under test opens it.
     """
     choices = random.SystemRandom()
     while True:
@@ -131,20 +131,20 @@ def free_port():
             return port
 
 
-# What is started in the namespace dies with its first process.
+# A process that is started in the namespace dies with the namespace's first process.
 UNSHARE = ["unshare", "--net", "--pid", "--fork", "--kill-child"]
 
 
 @functools.cache
 def namespace(setup):
-    """The start of a command line with a network of its own, after `setup` as its root: as root, as the root of a user namespace, or by sudo."""
+    """The beginning of a command line that runs in its own network namespace after `setup` as root. Tries root, a user namespace and sudo."""
     back = ["setpriv", f"--reuid={os.getuid()}", f"--regid={os.getgid()}", "--clear-groups"]
     ways = [(UNSHARE, []), ([*UNSHARE, "--map-root-user"], []), (["sudo", "-n", "--preserve-env", *UNSHARE], back)]
     for way, user in ways:
         line = [*way, "sh", "-c", f'set -e\n{setup}\nexec "$@"', "sh", *user]
         if shutil.which(way[0]) and subprocess.run([*line, "true"], capture_output=True).returncode == 0:
             return line
-    pytest.fail("no network namespace to be had: be root, or let sudo work without a password")
+    pytest.fail("cannot create a network namespace: be root, or let sudo work without a password")
 
 
 class Client:
@@ -157,7 +157,7 @@ class Client:
 
     def close(self):
         self.node.close()
-        # The multicast driver does not end its process.
+        # The multicast driver does not end its own process.
         if process := getattr(self.node.can_driver, "proc", None):
             process.terminate()
             process.join(TIMEOUT_S)
@@ -166,7 +166,7 @@ class Client:
         self.node.spin(seconds)
 
     def gather(self, data_type, count, timeout=TIMEOUT_S, source=NODE):
-        """The next messages of that type from that node."""
+        """The next `count` messages of this type from node `source`."""
         messages = []
 
         def heard(event):
@@ -193,25 +193,25 @@ class Client:
             self.node.spin(0.05)
         return result
 
-    def assert_in_the_node_monitor(self):
-        """The node appears in pydronecan's node monitor as a healthy one, and stays there."""
+    def assert_in_node_monitor(self):
+        """Checks that pydronecan's node monitor lists the node as healthy, and continues to."""
         monitor = dronecan.app.node_monitor.NodeMonitor(self.node)
         self.spin_until(lambda: monitor.exists(NODE), "node 120 in the monitor")
         status = monitor.get(NODE).status
         assert (status.health, status.mode) == (status.HEALTH_OK, status.MODE_OPERATIONAL)
-        # Three seconds of silence would take it out.
+        # The monitor removes a node after three seconds of silence.
         self.spin(4)
         assert monitor.exists(NODE)
 
     def ask(self, request, node=NODE, timeout=TIMEOUT_S):
-        """The response to a request; `None` if there is none in pydronecan's time of a second."""
+        """The response to a request; `None` if none arrives within pydronecan's timeout of a second."""
         events = []
         self.node.request(request, node, events.append)
         event = self.spin_until(lambda: events, f"response to {request}", timeout)[0]
         return event and event.response
 
     def parameter(self, name="", index=0, node=NODE, **value):
-        """A parameter, after it was set if there is a value: `integer_value=1100`."""
+        """Sets a parameter if there is a value, such as `integer_value=1100`, and returns it."""
         request = dronecan.uavcan.protocol.param.GetSet.Request(index=index, name=name)
         request.value = dronecan.uavcan.protocol.param.Value(**(value or {"empty": dronecan.uavcan.protocol.param.Empty()}))
         response = self.ask(request, node)
@@ -226,7 +226,7 @@ class Client:
         assert (str(response.name), response.value.integer_value) == (name, value)
 
     def execute(self, opcode, node=NODE):
-        """Whether the node says that the opcode was executed."""
+        """True if the node reports that it executed the opcode."""
         request = dronecan.uavcan.protocol.param.ExecuteOpcode.Request(opcode=opcode)
         response = self.ask(request, node)
         assert response is not None, f"no answer for opcode {opcode}"
@@ -236,7 +236,7 @@ class Client:
         assert self.execute(dronecan.uavcan.protocol.param.ExecuteOpcode.Request().OPCODE_SAVE, node)
 
     def restart(self, node=NODE):
-        """Restarts the node, and waits until it is up again: the first status of one that has its ID is of a node that starts."""
+        """Restarts the node and waits for the first status in which its mode and uptime show the start."""
         request = dronecan.uavcan.protocol.RestartNode.Request()
         request.magic_number = request.MAGIC_NUMBER
         assert self.ask(request, node).ok
@@ -257,14 +257,14 @@ class Client:
 
 
 class Raw:
-    """An SLCAN adapter or serial port without any program's manners, for what well-behaved clients do not do."""
+    """An SLCAN adapter or serial port without a client library, for input that well-behaved clients do not send."""
 
     def __init__(self, path):
         self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(self.fd, termios.TCSANOW)
 
     def write(self, data):
-        """Writes what fits."""
+        """Writes as many bytes as fit."""
         try:
             return os.write(self.fd, data)
         except BlockingIOError:
@@ -278,7 +278,7 @@ class Raw:
             time.sleep(0 if not data else 0.001)
 
     def read(self, timeout=0.0):
-        """All that comes within this time."""
+        """All bytes that arrive within `timeout` seconds."""
         end = time.monotonic() + timeout
         data = b""
         while True:
@@ -290,7 +290,7 @@ class Raw:
                 time.sleep(0.005)
 
     def ask(self, command, timeout=TIMEOUT_S):
-        """The answer to a command, up to its CR or BEL, other lines left out."""
+        """The answer to a command, up to its CR or BEL. Other lines are skipped."""
         self.write_all(command)
         data = b""
         end = time.monotonic() + timeout
@@ -316,7 +316,7 @@ class Bench:
         self.output = directory / "sim.txt"
         self.clients = contextlib.ExitStack()
         self.exit_code = None
-        line = [own_program("sim"), "--plain", "--elf", elf]
+        line = [project_program("sim"), "--plain", "--elf", elf]
         for path in self.slcan:
             line += ["--slcan", path]
         if serial:
@@ -335,7 +335,7 @@ class Bench:
             )
 
     def eeprom(self, board):
-        """Where the EEPROM of a board is kept."""
+        """The path of a board's EEPROM file."""
         return self.directory / ("eeprom" if board == 0 else f"eeprom.{board}")
 
     def wait_for_links(self):
@@ -343,14 +343,14 @@ class Bench:
         assert not self.is_over(), f"sim has ended:\n{self.text()}"
 
     def text(self):
-        """What the simulator has printed."""
+        """The simulator's output so far."""
         return self.output.read_text(errors="replace")
 
     def is_over(self):
         return self.process.poll() is not None
 
     def time_s(self):
-        """Simulated time of the last line."""
+        """Simulated time of the last line of the output."""
         times = re.findall(r"^ *(\d+\.\d+) ", self.text(), re.M)
         return float(times[-1]) if times else 0.0
 
@@ -367,8 +367,8 @@ class Bench:
         percents = re.findall(r" light +(\d+) %", self.text())
         return int(percents[-1]) if percents else 0
 
-    def goes_on(self):
-        """Simulated time passes, and the node still speaks."""
+    def still_runs(self):
+        """True if simulated time passes and the program runs."""
         start = self.time_s()
         wait_until(lambda: not self.is_over() and self.time_s() > start + 1, "progress of the simulation")
         return True
@@ -382,7 +382,7 @@ class Bench:
         return self.clients.enter_context(contextlib.closing(Raw(path or self.slcan[0])))
 
     def start(self, *line, **options):
-        """Starts a client program in a process group of its own; it is killed at the end if it still runs."""
+        """Starts a client program in its own process group, which is killed at the end of the test if it still runs."""
         process = subprocess.Popen(
             [program(str(line[0])), *map(str, line[1:])],
             stdin=options.pop("stdin", subprocess.DEVNULL),
@@ -396,14 +396,14 @@ class Bench:
         return process
 
     def run(self, *line, timeout=30, check=True, **options):
-        """Runs a client program to its end; gives what it printed."""
+        """Runs a client program to its end. Returns its output."""
         process = self.start(*line, **options)
         text = process.communicate(timeout=timeout)[0].decode(errors="replace")
         assert not check or process.returncode == 0, f"{line}: exit code {process.returncode}\n{text}"
         return text
 
     def end(self):
-        """Ends the simulation with Ctrl-C; gives its exit code."""
+        """Ends the simulation with Ctrl-C. Returns its exit code."""
         if self.exit_code is None:
             self.clients.close()
             if not self.is_over():
@@ -416,7 +416,7 @@ class Bench:
 
 
 def end_group(process):
-    """Kills what is left of a process group that was started here."""
+    """Kills what remains of a process group that was started here."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
@@ -425,8 +425,8 @@ def end_group(process):
 
 
 def run_sim(directory, *options, elf=None):
-    """Runs the simulator alone, as fast as it can."""
-    line = [own_program("sim"), "--plain", "--speed", "max", "--elf", elf or node_elf(), *options]
+    """Runs the simulator without clients, as fast as possible."""
+    line = [project_program("sim"), "--plain", "--speed", "max", "--elf", elf or node_elf(), *options]
     done = subprocess.run(
         [str(word) for word in line], cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60
     )
@@ -437,7 +437,7 @@ def run_sim(directory, *options, elf=None):
 
 @pytest.fixture(scope="session")
 def started_eeprom(tmp_path_factory):
-    """The EEPROM of a board that has been started with an ELF before: it has its unique ID."""
+    """The EEPROM of a board that has started before with an ELF, so that it has a unique ID."""
 
     @functools.cache
     def started(elf):
@@ -450,7 +450,7 @@ def started_eeprom(tmp_path_factory):
 
 @pytest.fixture
 def bench(tmp_path, started_eeprom):
-    """Starts a bench: options of `sim`, the number of its SLCAN adapters, and whether it has a serial port."""
+    """Starts a bench with options of `sim`, `slcan` SLCAN adapters, and a serial port if `serial`."""
     benches = []
 
     def start(*options, slcan=1, serial=False, autopilot=False, exit_code=0, fresh=False, eeproms=None, elf=None):
@@ -472,7 +472,7 @@ def bench(tmp_path, started_eeprom):
         try:
             if used.end() != used.expected_exit_code:
                 faults.append(f"sim: exit code {used.exit_code}\n{used.text()[-3000:]}")
-            faults += [f"{path} is left behind" for path in used.links if os.path.lexists(path)]
+            faults += [f"{path} still exists" for path in used.links if os.path.lexists(path)]
         except subprocess.TimeoutExpired:
             faults.append(f"sim did not end at Ctrl-C\n{used.text()[-3000:]}")
     assert not faults, "\n".join(faults)

@@ -1,4 +1,4 @@
-"""The draft of 2014, made a second time: frames from its layouts, payloads and signatures from its definitions by pydronecan.
+"""A second implementation of the UAVCAN draft of 2014: frames by its layouts; payloads and signatures by pydronecan from its definitions.
 
     identifier: type[28:19] transfer type[18:17] source[16:10] frame index[9:4] last[3] transfer ID[2:0]
 
@@ -18,7 +18,7 @@ from dronecan.dsdl.common import bytes_from_crc64, crc16_from_bytes
 RESPONSE, REQUEST, BROADCAST, UNICAST = range(4)
 
 VERSION = ["uint8 major", "uint8 minor"]
-# Definitions without their comments and constants, which do not go into a signature.
+# The definitions without comments and constants, which do not affect a signature.
 DEFINITIONS = {
     "protocol/NodeStatus": ["uint28 uptime_sec", "uint4 status_code", "uint16 vendor_specific_status_code"],
     "protocol/SoftwareVersion": [*VERSION, "uint8 optional_field_mask", "uint32 vcs_commit", "uint64 image_crc"],
@@ -62,7 +62,7 @@ DEFINITIONS = {
 
 
 def _types():
-    """All types by their short names. The numbers of that time are no longer allowed, so the files have none."""
+    """All types by their short names. pydronecan no longer allows the IDs of that time, so the files have none."""
     with tempfile.TemporaryDirectory() as directory:
         root = pathlib.Path(directory) / "uavcan"
         for name, fields in DEFINITIONS.items():
@@ -99,12 +99,12 @@ def identifier(type_id, transfer_type, source, transfer_id, index=0, last=True):
 
 
 def fields(can_id):
-    """type, transfer type, source, transfer ID, frame index, whether it is the last frame"""
+    """Returns type, transfer type, source, transfer ID, frame index, and whether this is the last frame."""
     return can_id >> 19, can_id >> 17 & 3, can_id >> 10 & 0x7F, can_id & 7, can_id >> 4 & 0x3F, can_id >> 3 & 1
 
 
 def frames(type_id, transfer_type, source, transfer_id, payload, destination=None, name=None):
-    """(identifier, data) of each frame; `name` is that of the type, for the CRC of a long payload."""
+    """Returns (identifier, data) of each frame. A long payload needs its type's `name`, for the CRC."""
     front = [] if transfer_type == BROADCAST else [destination]
     room = 8 - len(front)
     stream = bytes(payload)

@@ -1,11 +1,11 @@
-"""The MAVLink bridge, and pymavlink as ground stations.
+"""The MAVLink bridge, and ground stations made with pymavlink.
 
     def test_the_node_is_seen(bench, bridge, station):
         bridge(bench())
         assert station().wait_for("UAVCAN_NODE_STATUS", component=120).health == 0
 
-`bridge(bench)` starts the program on the bench's first SLCAN adapter, listening for ground stations; `station()` is one. When the
-test is over the stations are closed, the bridge gets Ctrl-C, and must end with exit code 0.
+`bridge(bench)` starts the program on the bench's first SLCAN adapter; it listens for ground stations. `station()` is a ground station.
+When the test is over the stations are closed, and the bridge gets Ctrl-C and must end with exit code 0.
 """
 
 import os
@@ -19,7 +19,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v10 import ardupilotmega as mavlink1
 
-from conftest import NODE, TIMEOUT_S, end_group, free_port, own_program, wait_until
+from conftest import NODE, TIMEOUT_S, end_group, free_port, project_program, wait_until
 
 mavlink = mavutil.mavlink
 ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
@@ -33,12 +33,12 @@ SYSTEM = 1
 
 
 def as_float(integer):
-    """An integer's bytes in the place of a float, as PX4 has them."""
+    """The bytes of an integer as a float, as PX4 sends integer parameters."""
     return struct.unpack("<f", struct.pack("<i", integer))[0]
 
 
 def value_of(message):
-    """The value of a PARAM_VALUE, by its type."""
+    """The value of a PARAM_VALUE, decoded by its type."""
     if message.param_type == mavlink.MAV_PARAM_TYPE_REAL32:
         return message.param_value
     packed = struct.pack("<f", message.param_value)
@@ -47,14 +47,14 @@ def value_of(message):
 
 
 class Bridge:
-    """The program, with what it prints."""
+    """The program with its output."""
 
     def __init__(self, directory, *options):
         self.directory = directory
         self.output = directory / f"bridge{len(list(directory.glob('bridge*')))}.txt"
         with open(self.output, "wb") as output:
             self.process = subprocess.Popen(
-                [str(word) for word in [own_program("bridge"), "--plain", *options]],
+                [str(word) for word in [project_program("bridge"), "--plain", *options]],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -69,7 +69,7 @@ class Bridge:
         wait_until(lambda: text in self.text(), f"line with {text!r} in\n{self.text()}", timeout)
 
     def wait(self, timeout=TIMEOUT_S):
-        """Its exit code when it ends by itself."""
+        """Waits until the bridge ends by itself. Returns its exit code."""
         try:
             return self.process.wait(timeout)
         finally:
@@ -82,7 +82,7 @@ class Bridge:
 
 
 class Station:
-    """A ground station on pymavlink."""
+    """A ground station made with pymavlink."""
 
     def __init__(self, device, component=190, **options):
         self.link = mavutil.mavlink_connection(device, source_system=255, source_component=component, **options)
@@ -93,14 +93,14 @@ class Station:
         self.link.close()
 
     def receive(self):
-        """The next message, if there is one."""
+        """The next message, or `None`."""
         if time.monotonic() >= self.next_heartbeat:
             self.next_heartbeat = time.monotonic() + 1
             self.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
         return self.link.recv_match(blocking=True, timeout=0.02)
 
     def gather(self, seconds, kind=None):
-        """All messages of that time."""
+        """All messages that arrive within `seconds`."""
         end = time.monotonic() + seconds
         messages = []
         while time.monotonic() < end:
@@ -109,7 +109,7 @@ class Station:
         return messages
 
     def wait_for(self, kind, component=None, timeout=TIMEOUT_S, heard=None, **fields):
-        """The next message of that kind from that component with these fields. `heard` is called with all that come before."""
+        """The next message of this kind from this component with these fields. Calls `heard` with all messages before it."""
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             message = self.receive()
@@ -142,7 +142,7 @@ class Station:
         return self.wait_for("PARAM_VALUE", component, param_id=name)
 
     def command(self, number, *params, component=NODE, integer=False, heard=None):
-        """A command's COMMAND_ACK."""
+        """Sends a command and returns its COMMAND_ACK."""
         params = [*params, *[0] * (7 - len(params))]
         if integer:
             self.mav.command_int_send(SYSTEM, component, 0, number, 0, 0, *params[:4], int(params[4]), int(params[5]), params[6])
@@ -161,7 +161,7 @@ class Station:
 
 
 class PtyStation(Station):
-    """A ground station at the far end of a pseudo-terminal that stands for a radio."""
+    """A ground station at the other end of a pseudo-terminal, which stands for a radio."""
 
     class File(mavutil.mavfile):
         def __init__(self, fd):
@@ -188,7 +188,7 @@ class PtyStation(Station):
 
 
 class OldStation:
-    """A ground station that knows MAVLink 1 only: nothing else may come from it, and it drops what it does not understand."""
+    """A ground station that knows only MAVLink 1. It drops other messages, and the bridge must send it none."""
 
     def __init__(self, port):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -196,7 +196,7 @@ class OldStation:
         self.socket.connect(("127.0.0.1", port))
         self.mav = mavlink1.MAVLink(self, srcSystem=254, srcComponent=190)
         self.mav.robust_parsing = True
-        # The version of each datagram that came.
+        # The MAVLink version of each received datagram.
         self.magic = b""
 
     def write(self, data):
@@ -222,7 +222,7 @@ class OldStation:
 
 @pytest.fixture
 def bridge(tmp_path):
-    """Starts bridges: on the first adapter of a bench or on a bus given as text, listening on `bridge.port` or with `channels`."""
+    """Starts bridges on the first adapter of a bench or on a bus given as text. They listen on `bridge.port`, or have `channels`."""
     bridges = []
 
     def start(bus, *options, channels=None):
@@ -241,7 +241,7 @@ def bridge(tmp_path):
 
 @pytest.fixture
 def station(bridge):
-    """Ground stations, by default on UDP to the port where the bridge listens."""
+    """Ground stations; by default on UDP to the port on which the bridge listens."""
     stations = []
 
     def start(device=None, kind=Station, **options):

@@ -1,11 +1,11 @@
-"""Many nodes on a slow bus, behind an SLCAN adapter: what one simulated board cannot show.
+"""Many nodes on a slow bus, behind an SLCAN adapter, which one simulated board cannot show.
 
     def test_all_nodes_are_seen(many_nodes, bridge, station):
         used = many_nodes(count=30, parameters=20, frames_per_s=900)
         bridge(used.bus)
 
-The nodes are made with pydronecan. The adapter is a pseudo-terminal. The bus carries `frames_per_s` frames a second, each way and all nodes
-together, in the order in which they come, but statuses first, as their priority says.
+The nodes are made with pydronecan. The adapter is a pseudo-terminal. The bus carries `frames_per_s` frames a second in each direction, for all
+nodes together, in order of arrival; but statuses go first because of their priority.
 """
 
 import collections
@@ -26,7 +26,7 @@ GET_NODE_INFO, GET_SET, EXECUTE_OPCODE, RESTART_NODE = (
     uavcan.protocol.param.ExecuteOpcode,
     uavcan.protocol.RestartNode,
 )
-# The bus hands out its capacity in these steps.
+# The bus releases its capacity in steps of this length.
 STEP_S = 0.002
 
 
@@ -34,7 +34,7 @@ STEP_S = 0.002
 class Node:
     node_id: int
     parameters: dict
-    # From a request to its answer; a node with `one_at_a_time` begins with the next request after that.
+    # Seconds from a request to its answer. With `one_at_a_time` the node starts with the next request after that.
     delay_s: float = 0.0
     one_at_a_time: bool = False
     refuses: bool = False
@@ -48,7 +48,7 @@ class Node:
         return uavcan.protocol.NodeStatus(uptime_sec=int(time.monotonic() - self.started))
 
     def hear(self, message, source):
-        """What it broadcasts when it hears a message."""
+        """The messages that the node broadcasts when it receives `message`."""
         return []
 
     def respond(self, request):
@@ -94,13 +94,13 @@ class ManyNodes(threading.Thread):
         self.bus = f"slcan:{link}"
         self.ended = threading.Event()
         self.is_open = False
-        # What waits for the bus: frames of nodes, and of the bridge.
+        # Frames that wait for the bus: of the nodes, and of the bridge.
         self.urgent, self.ordinary = collections.deque(), collections.deque()
-        # Answers that are being made, by time.
+        # Answers in preparation, by the time at which they are due.
         self.later = []
         self.transfers = TransferManager()
         self.line = b""
-        # The nodes that the bridge has sent frames for.
+        # The nodes for which the bridge has sent frames.
         self.heard_from = set()
 
     def close(self):
@@ -199,7 +199,7 @@ def integers(count):
 
 @pytest.fixture
 def many_nodes(tmp_path):
-    """Starts such a bus with `count` nodes of `parameters` parameters each, or with the nodes that are given."""
+    """Starts such a bus with `count` nodes of `parameters` parameters each, or with these `nodes`."""
     started = []
 
     def start(nodes=None, count=1, parameters=20, frames_per_s=9000, status_hz=1, first=1):

@@ -1,4 +1,4 @@
-"""The cases of test_mcast.py, which runs each in a network of its own."""
+"""The cases of test_mcast.py, which runs each in its own network namespace."""
 
 import re
 
@@ -13,7 +13,7 @@ BUS = 7
 
 @pytest.fixture
 def joined(bench):
-    """A bench on the multicast bus, and a pydronecan node there."""
+    """A bench on the multicast bus, and a pydronecan node on it."""
 
     def start(*options, **more):
         used = bench("--mcast", BUS, *options, slcan=0, **more)
@@ -25,10 +25,10 @@ def joined(bench):
 
 def test_the_node_appears_in_the_node_monitor(joined):
     _, client = joined()
-    client.assert_in_the_node_monitor()
+    client.assert_in_node_monitor()
 
 
-def test_an_array_command_moves_the_servo_and_the_temperature_comes_back(joined):
+def test_a_command_moves_the_servo_and_the_temperature_arrives(joined):
     used, client = joined("--temperature", "40")
     for value, pulse_us in [(0.5, 1750), (-1.0, 1000)]:
         client.command((1, 0, value))
@@ -36,7 +36,7 @@ def test_an_array_command_moves_the_servo_and_the_temperature_comes_back(joined)
     assert client.wait_for(uavcan.equipment.device.Temperature).temperature == pytest.approx(313.15, abs=0.4)
 
 
-def test_no_frame_is_lost_either_way_and_none_comes_twice(joined):
+def test_no_frame_is_lost_or_repeated_in_either_direction(joined):
     used, client = joined("--log", "sim.log", autopilot=True)
     seen = {"rx": [], "tx": []}
     client.node.can_driver.add_io_hook(
@@ -48,7 +48,7 @@ def test_no_frame_is_lost_either_way_and_none_comes_twice(joined):
         frames = re.findall(r"^\([\d.]+\) \S+ (\S+)$", (used.directory / "sim.log").read_text(), re.M)
         return [frame for frame in frames if (re.match("[0-9A-F]{6}0A#", frame) is not None) == ours]
 
-    # The first status of the node that it hears: there is no other with this uptime.
+    # The first status that the client receives. The uptime makes it unique.
     mark = client.spin_until(lambda: next((f for f in seen["rx"] if f.startswith("18015578#")), None), "status")
     for number in range(200):
         for part in range(5):

@@ -42,7 +42,7 @@ class QGroundControl:
         self.links = [Station(link) if isinstance(link, str) else link for link in links]
         self.vehicle = None
         self.is_ardupilot = False
-        # Of the vehicle: (armed, mode) as each heartbeat says, by the rule of all releases and by the later one.
+        # For the vehicle: (armed, mode) of each heartbeat, by the rule of all releases and by the later one.
         self.states_of_system, self.states_of_vehicle = [], []
         self.missing, self.facts, self.tries = {}, {}, {}
         self.batch_is_active = False
@@ -101,7 +101,7 @@ class QGroundControl:
         return not any(self.missing.values()) and AUTOPILOT_COMPONENT in self.facts
 
     def load(self, timeout_s=60):
-        """The seconds until all parameters of all components are there, as it asks for them."""
+        """The seconds until all parameters of all components have arrived, with QGroundControl's requests."""
         start = time.monotonic()
         lists = 0
         while not self.is_loaded():
@@ -123,12 +123,12 @@ class QGroundControl:
         missing = [(component, index) for component, indices in self.missing.items() for index in sorted(indices)]
         for component, index in missing[:BATCH]:
             self.tries[component, index] = self.tries.get((component, index), 0) + 1
-            assert self.tries[component, index] <= PARAMETER_RETRIES, f"gives up {index} of component {component}"
+            assert self.tries[component, index] <= PARAMETER_RETRIES, f"gives up parameter {index} of component {component}"
             for link in self.links:
                 link.mav.param_request_read_send(self.vehicle, component, b"", index)
 
     def set(self, component, name, value):
-        """True if the value is taken: a PARAM_VALUE of the same type with that value came in time."""
+        """Sets a parameter. True if a PARAM_VALUE of the same type with this value arrives in time."""
         kind, _ = self.facts[component][name]
         as_sent = float(value) if self.is_ardupilot else struct.unpack("<f", struct.pack(FORMATS[kind], value))[0]
         for _ in range(SET_TRIES):
@@ -144,7 +144,7 @@ class QGroundControl:
 
 
 class Autopilot(Station):
-    """An ArduPilot as far as its heartbeats and parameters go: component 1 of the system, on a link of the bridge."""
+    """An ArduPilot with only its heartbeats and parameters: component 1 of the system, on a link of the bridge."""
 
     PARAMETERS = {"ARMING_CHECK": 1.0, "SYSID_THISMAV": 1.0}
 
@@ -154,7 +154,7 @@ class Autopilot(Station):
         self.beats = 0
 
     def beat(self, mav=None):
-        """A heartbeat of an armed copter in mode 4, to the bridge or another link."""
+        """Sends a heartbeat of an armed copter in mode 4, to the bridge or to another link."""
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         (mav or self.mav).heartbeat_send(
             mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, armed, 4, mavlink.MAV_STATE_ACTIVE

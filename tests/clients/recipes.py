@@ -1,7 +1,7 @@
-"""Reads the recipes of a page of docs/, and runs those of one section to the letter. test_recipes.py runs each section as a test.
+"""Reads the recipes of a page of docs/ and runs those of one section exactly as written. test_recipes.py runs each section as a test.
 
-A recipe is a fenced block of `sh`. The section is what is between two headings `## `; its blocks run one after the other, from the root of the
-repository, in a home directory that is empty at first. What the reader of the page sees decides how a block runs:
+A recipe is a fenced block of `sh`. A section is the text between two headings `## `. Its blocks run one after the other, from the root of the
+repository, in an empty home directory. What the reader of the page sees decides how a block runs:
 
     Terminal 1:         as the last line before the block: it runs beside the blocks of the terminals with higher numbers that follow, until
                         the last of them has ended; then it gets Ctrl-C. The next terminal begins when the first line of its output block
@@ -10,7 +10,7 @@ repository, in a home directory that is empty at first. What the reader of the p
                         `...` in a line is any text, a line of its own is any lines.
 
 HTML comments before a block say what the reader does not need to see. Several words have commas between them:
-
+HTML comments before a block have what the reader does not need to see. Commas separate several words:
     <!-- recipe: in each terminal -->   begins every terminal from here to the end of the page
     <!-- recipe: as root -->            is run as root, before all other blocks of the section
     <!-- recipe: long -->               only "make test-all" runs it
@@ -39,7 +39,7 @@ NOT_RUN = {"needs a screen", "needs the network", "needs hardware"}
 KINDS = NOT_RUN | {"in each terminal", "as root", "long", "until Ctrl-C", "exit code 1"}
 TIMEOUT_S = 120
 TIMEOUT_OF_LONG_S = 2400
-# Ctrl-C is obeyed within this time.
+# A program must end within this time after Ctrl-C.
 TIMEOUT_OF_END_S = 15
 
 
@@ -48,16 +48,16 @@ class Block:
     line: int
     kinds: set
     terminal: int
-    # What begins each terminal.
+    # The commands that begin each terminal.
     prelude: str
     text: str
-    # Each is a list of lines, and whether numbers vary.
+    # Lists of expected lines, each with whether numbers may vary.
     outputs: list = dataclasses.field(default_factory=list)
     typed: list = dataclasses.field(default_factory=list)
     typed_after: str = ""
 
     def runs(self, mode):
-        """True if this block is run in `mode`: "quick", or "long", which runs the quick ones, too."""
+        """True if this block runs in `mode`: "quick", or "long", which also runs the quick ones."""
         return not self.kinds & (NOT_RUN | {"long"} - {mode})
 
 
@@ -67,7 +67,7 @@ class Page:
     sections: dict
 
     def modes(self, title):
-        """The modes in which the section has something to run that no other mode runs."""
+        """The modes in which the section has a block to run that no other mode runs."""
         blocks = self.sections[title]
         return [
             mode
@@ -118,12 +118,12 @@ def read_page(path):
     return page
 
 
-# With the spaces before it, which are fewer where it is longer.
+# A number with the spaces before it. A longer number has fewer.
 NUMBER = re.compile(r"( *)(?<![\w.])[-+]?\d[\d,]*(?:\.\d+)?(?!\w)")
 
 
 def pattern(lines, numbers_vary):
-    """A regular expression for output that a page promises."""
+    """A regular expression for the output that a page promises."""
 
     def escape(text):
         if not numbers_vary:
@@ -148,12 +148,12 @@ class Failure(Exception):
 
 
 class Running:
-    """A block in a bash of its own, with what it prints."""
+    """A block that runs in its own bash, with its output."""
 
     def __init__(self, block, home, environment):
         self.block = block
         self.output = tempfile.TemporaryFile()
-        # To the letter, except that the target directory may be elsewhere, and that each line must succeed.
+        # Exactly as written, except that the target directory may be elsewhere and that each line must succeed.
         text = (block.prelude + block.text).replace('"$repository"/target/', f"{TARGET}/")
         self.process = subprocess.Popen(
             ["bash", "-c", "set -e -o pipefail\n" + text],
@@ -176,7 +176,7 @@ class Running:
         return self.process.poll() is not None
 
     def type(self):
-        """Types a line after each second in which nothing was printed, at most ten seconds after the last one."""
+        """Types a line after each second without output, at most ten seconds after the last line."""
         end = time.monotonic() + self.timeout_s
         while self.block.typed_after not in self.text() and not self.is_over() and time.monotonic() < end:
             time.sleep(0.05)
@@ -197,9 +197,9 @@ class Running:
         end = time.monotonic() + self.timeout_s
         while not expression.search(self.text()):
             if self.is_over():
-                raise Failure(f"it has ended before it printed {expression.pattern!r}")
+                raise Failure(f"the program ended before it printed {expression.pattern!r}")
             if time.monotonic() > end:
-                raise Failure(f"it has not printed {expression.pattern!r} within {self.timeout_s} s")
+                raise Failure(f"the program did not print {expression.pattern!r} within {self.timeout_s} s")
             time.sleep(0.05)
 
     def wait_until_ready(self):
@@ -210,9 +210,9 @@ class Running:
             self.wait_for(re.compile(r".*\n"))
 
     def interrupt(self):
-        """Ctrl-C."""
+        """Sends Ctrl-C."""
         if self.is_over():
-            raise Failure(f"it has ended by itself, with exit code {self.process.returncode}")
+            raise Failure(f"the program ended by itself, with exit code {self.process.returncode}")
         os.killpg(self.process.pid, signal.SIGINT)
         self.finish(TIMEOUT_OF_END_S, also=[-signal.SIGINT, 128 + signal.SIGINT] if re.match("make ", self.block.text) else [])
 
@@ -220,12 +220,12 @@ class Running:
         try:
             code = self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            raise Failure(f"it has not ended within {timeout_s} s") from None
+            raise Failure(f"the program did not end within {timeout_s} s") from None
         if code != (1 if "exit code 1" in self.block.kinds else 0) and code not in also:
             raise Failure(f"exit code {code}")
         for lines, numbers_vary in self.block.outputs:
             if not pattern(lines, numbers_vary).search(self.text()):
-                raise Failure("its output lacks these lines of the page:\n" + "\n".join(lines))
+                raise Failure("the output lacks these lines of the page:\n" + "\n".join(lines))
 
     def kill(self):
         try:
@@ -236,7 +236,7 @@ class Running:
 
 
 def run_section(page, title, mode, home, environment):
-    """Runs the blocks of a section in order; raises at the first that does not do what the page says."""
+    """Runs the blocks of a section in order. Raises `Failure` at the first that does not do what the page says."""
     background = []
     running = None
 
@@ -280,12 +280,12 @@ def run_section(page, title, mode, home, environment):
 
 
 def main():
-    """Runs one section: PAGE TITLE MODE HOME, with the environment as it is but for HOME."""
+    """Runs one section: PAGE TITLE MODE HOME, with this environment except HOME."""
     path, title, mode, home = sys.argv[1:]
-    # Who is started in the background of a script ignores Ctrl-C, and so would all that is started here.
+    # In a script's background process SIGINT is ignored, and the programs that start from here would inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     environment = dict(os.environ)
-    # sudo does not let PATH through.
+    # sudo does not pass PATH on.
     environment["PATH"] = environment.pop("RECIPES_PATH", environment["PATH"])
     try:
         run_section(read_page(pathlib.Path(path)), title, mode, pathlib.Path(home), environment)

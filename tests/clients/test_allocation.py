@@ -1,4 +1,4 @@
-"""Dynamic node IDs, given by pydronecan's allocator: to one board, and to five that get their power at the same moment."""
+"""Dynamic node IDs from pydronecan's allocator, for one board and for five that start at the same moment."""
 
 import re
 
@@ -28,13 +28,13 @@ def request_line(time_s, request, transfer_id):
 
 
 @pytest.fixture(scope="session")
-def nobodies(tmp_path_factory):
-    """EEPROMs of five boards that have CAN_NODE 0. They made their unique IDs in one simulation, so these differ."""
-    directory = tmp_path_factory.mktemp("nobodies")
+def boards_without_id(tmp_path_factory):
+    """EEPROMs of five boards with CAN_NODE 0. Their unique IDs differ, because one simulation generated them."""
+    directory = tmp_path_factory.mktemp("boards_without_id")
     get_set = protocol.param.GetSet.Request(name="CAN_NODE")
     get_set.value = protocol.param.Value(integer_value=0)
     save = protocol.param.ExecuteOpcode.Request(opcode=0)
-    # All are node 120 at first and speak at once, so what is said to them may have to be said again.
+    # All boards are node 120 at first and answer at once, which can destroy frames. So the script repeats the requests.
     lines = "".join(request_line(1.8 + 0.5 * n, get_set, n) + request_line(2.0 + 0.5 * n, save, n) for n in range(3))
     (directory / "script").write_text(lines)
     options = ["--nodes", "4", "--no-autopilot", "--for", "4s", "--script", directory / "script"]
@@ -44,7 +44,7 @@ def nobodies(tmp_path_factory):
 
 
 class Allocator:
-    """pydronecan's, on a bench."""
+    """pydronecan's allocator on a bench."""
 
     def __init__(self, used):
         self.client = used.dronecan(node_id=126)
@@ -52,26 +52,26 @@ class Allocator:
         self.server = CentralizedServer(self.client.node, self.monitor)
 
     def allocated(self):
-        """Node IDs by unique ID, those of nodes that are alive only. The allocator's own entry has no unique ID."""
+        """Node IDs by unique ID, only of nodes that are online. The allocator's own entry has no unique ID."""
         entries = [(bytes(unique_id), node_id) for unique_id, node_id in self.server.get_allocation_table() if unique_id]
         return {unique_id: node_id for unique_id, node_id in entries if self.monitor.exists(node_id)}
 
 
-def test_one_board_is_allocated_an_id_and_works(bench, nobodies):
-    used = bench(eeproms=nobodies[:1], elf=node_elf("full", board="uno"))
+def test_one_board_is_allocated_an_id_and_works(bench, boards_without_id):
+    used = bench(eeproms=boards_without_id[:1], elf=node_elf("full", board="uno"))
     allocator = Allocator(used)
     client = allocator.client
     entries = client.spin_until(allocator.allocated, "allocation")
     ((unique_id, node_id),) = entries.items()
     client.spin_until(lambda: allocator.monitor.get(node_id).info, "information")
     assert bytes(allocator.monitor.get(node_id).info.hardware_version.unique_id) == unique_id
-    assert client.get("CAN_NODE", node=node_id) == 0, "the ID is lent"
+    assert client.get("CAN_NODE", node=node_id) == 0, "the allocated ID must not become a parameter"
     client.command((1, 0, 0.5))
     client.spin_until(lambda: used.pulse_us() == 1750, "pulse of 1750 us")
 
 
-def test_it_gets_the_same_id_after_a_restart(bench, nobodies):
-    used = bench(eeproms=nobodies[:1], elf=node_elf("full", board="uno"))
+def test_it_gets_the_same_id_after_a_restart(bench, boards_without_id):
+    used = bench(eeproms=boards_without_id[:1], elf=node_elf("full", board="uno"))
     allocator = Allocator(used)
     client = allocator.client
     entries = client.spin_until(allocator.allocated, "allocation")
@@ -87,8 +87,8 @@ def test_it_gets_the_same_id_after_a_restart(bench, nobodies):
 
 
 @pytest.mark.timeout(120)
-def test_five_boards_at_once_are_allocated_five_ids(bench, nobodies):
-    used = bench("--nodes", "4", eeproms=nobodies, elf=node_elf("full", board="uno"))
+def test_five_boards_that_start_together_are_allocated_five_ids(bench, boards_without_id):
+    used = bench("--nodes", "4", eeproms=boards_without_id, elf=node_elf("full", board="uno"))
     allocator = Allocator(used)
     client = allocator.client
     client.spin_until(lambda: len(allocator.allocated()) == 5, "five allocations", timeout=60)
@@ -97,16 +97,16 @@ def test_five_boards_at_once_are_allocated_five_ids(bench, nobodies):
     client.spin_until(lambda: all(allocator.monitor.get(n).info for n in entries.values()), "information of all", timeout=30)
     for unique_id, node_id in entries.items():
         assert bytes(allocator.monitor.get(node_id).info.hardware_version.unique_id) == unique_id
-    # They stay, and are answered each under its own ID.
+    # Each node keeps its ID and answers under it.
     client.spin(3)
     assert allocator.allocated() == entries
     for node_id in entries.values():
         assert client.get("OUT1_ID", node=node_id) == 1
 
 
-def test_the_simulated_autopilot_allocates_too(bench, nobodies):
+def test_the_simulated_autopilot_allocates_ids(bench, boards_without_id):
     options = ["--allocate", "--autopilot", "ardupilot", "--nodes", "1"]
-    used = bench(*options, autopilot=True, eeproms=nobodies[:2], slcan=0, elf=node_elf("full", board="uno"))
+    used = bench(*options, autopilot=True, eeproms=boards_without_id[:2], slcan=0, elf=node_elf("full", board="uno"))
     used.wait_for_text(r" node +125 is allocated to unique ID [0-9A-F]{32}$", timeout=20)
     used.wait_for_text(r" node +124 is allocated to unique ID [0-9A-F]{32}$", timeout=20)
     used.wait_for_text(r" node +125 is org\.\S+ software ", timeout=20)
@@ -114,6 +114,6 @@ def test_the_simulated_autopilot_allocates_too(bench, nobodies):
     assert len(set(ids)) == 2
 
 
-def test_boards_of_one_simulation_make_different_unique_ids(nobodies):
-    """The simulator models how the watchdog's oscillator scatters, from a seed for each board."""
-    assert len(set(nobodies)) == 5
+def test_boards_of_one_simulation_generate_different_unique_ids(boards_without_id):
+    """The simulator models the jitter of the watchdog's oscillator, from a seed for each board."""
+    assert len(set(boards_without_id)) == 5

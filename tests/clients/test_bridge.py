@@ -1,4 +1,4 @@
-"""The node on a ground station: pymavlink, MAVProxy, and pydronecan through MAVLink, against the bridge and the simulated node."""
+"""The node on a ground station: pymavlink, MAVProxy, and pydronecan through MAVLink, with the bridge and the simulated node."""
 
 import collections
 import hashlib
@@ -18,14 +18,14 @@ from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, UNSUPPORTED, OldStation, Pt
 from test_management import PARAMETERS
 
 GET_NODE_INFO, REQUEST_MESSAGE = mavlink.MAV_CMD_UAVCAN_GET_NODE_INFO, mavlink.MAV_CMD_REQUEST_MESSAGE
-# MAV_PARAM_ERROR_TYPE_UNSUPPORTED, which is newer than this pymavlink.
+# MAV_PARAM_ERROR_TYPE_UNSUPPORTED. This version of pymavlink does not have it.
 TYPE_UNSUPPORTED = 6
 INT32, REAL32, UINT8 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32, mavlink.MAV_PARAM_TYPE_UINT8
 
 
 @pytest.fixture
 def joined(bench, bridge, station):
-    """A simulated node, the bridge, and a ground station that has heard of the node."""
+    """A simulated node, the bridge, and a ground station that has received the node's information."""
 
     def start(*options, **bench_options):
         used = bench(**bench_options)
@@ -38,7 +38,7 @@ def joined(bench, bridge, station):
 
 
 class FakeNode(threading.Thread):
-    """A node of pydronecan's with parameters of all types and long names."""
+    """A pydronecan node with parameters of all types and with long names."""
 
     def __init__(self, device, node_id, parameters):
         super().__init__(daemon=True)
@@ -78,7 +78,7 @@ class FakeNode(threading.Thread):
         self.client.close()
 
 
-def test_status_and_information_come_from_the_component_that_is_the_node(joined):
+def test_status_and_information_come_from_the_node_s_component(joined):
     _, ground = joined()
     messages = ground.gather(3.5)
     statuses = [m for m in messages if m.get_type() == "UAVCAN_NODE_STATUS"]
@@ -90,11 +90,11 @@ def test_status_and_information_come_from_the_component_that_is_the_node(joined)
     assert abs(statuses[-1].time_usec / 1e6 - time.time()) < 2
     heartbeats = collections.Counter(m.get_srcComponent() for m in messages if m.get_type() == "HEARTBEAT")
     assert set(heartbeats) == {NODE, BRIDGE} and min(heartbeats.values()) >= 2
-    assert not any(m.get_type() == "UAVCAN_NODE_INFO" for m in messages), "nobody has asked"
+    assert not any(m.get_type() == "UAVCAN_NODE_INFO" for m in messages), "no station requested it"
 
 
 @pytest.mark.parametrize("integer", [False, True])
-def test_information_comes_on_command_once_for_each_node(joined, integer):
+def test_a_command_requests_each_node_s_information_once(joined, integer):
     _, ground = joined()
     for component in (0, BRIDGE, NODE):
         assert ground.command(GET_NODE_INFO, component=component, integer=integer).result == ACCEPTED
@@ -107,10 +107,10 @@ def test_information_comes_on_command_once_for_each_node(joined, integer):
     assert len(set(info.hw_unique_id)) > 4
 
 
-def test_commands_that_cannot_be_done_are_answered(joined):
+def test_unsupported_commands_are_answered(joined):
     _, ground = joined()
     assert ground.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1).result == UNSUPPORTED
-    # A command that the bridge has never heard of.
+    # A command that the bridge does not know.
     assert ground.command(42_650).result == UNSUPPORTED
     assert ground.command(REQUEST_MESSAGE, 30).result == DENIED
     assert ground.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 2, component=0).result == DENIED
@@ -122,7 +122,7 @@ def test_commands_that_cannot_be_done_are_answered(joined):
     assert list(version.uid2) == [*ground.wait_for("UAVCAN_NODE_INFO", NODE).hw_unique_id, 0, 0]
 
 
-def test_parameters_are_fetched_set_saved_and_still_there_after_a_restart(joined):
+def test_parameters_are_fetched_set_saved_and_kept_after_a_restart(joined):
     used, ground = joined(slcan=2)
     found = ground.parameters()
     assert list(found) == PARAMETERS
@@ -136,7 +136,7 @@ def test_parameters_are_fetched_set_saved_and_still_there_after_a_restart(joined
     ground.restart()
     assert value_of(ground.read("OUT1_MAX")) == 1900
     assert value_of(ground.read("TEMP_MIN")) == -12
-    assert value_of(ground.read("OUT1_MIN")) == 1000, "it was not saved"
+    assert value_of(ground.read("OUT1_MIN")) == 1000, "the value was not saved"
     assert used.dronecan(1).get("OUT1_MAX") == 1900
     assert ground.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 2).result == ACCEPTED
     assert value_of(ground.read("OUT1_MAX")) == 2000
@@ -153,14 +153,14 @@ def test_parameters_are_read_by_index_and_by_name(joined):
     assert len({ground.wait_for("PARAM_VALUE", NODE).param_id for _ in range(len(PARAMETERS))}) == len(PARAMETERS)
 
 
-def test_a_set_of_another_type_does_what_it_says_or_nothing(joined):
+def test_a_set_of_another_type_is_converted_or_rejected(joined):
     _, ground = joined()
     for value, kind, in_force in [
         (1900.0, REAL32, 1900),
         (1800.5, REAL32, 1900),
         (float("nan"), REAL32, 1900),
         (as_float(1800), mavlink.MAV_PARAM_TYPE_INT16, 1800),
-        # ArduPilot's way of an integer.
+        # ArduPilot's encoding of an integer.
         (1700.0, INT32, 1700),
         (as_float(9999), INT32, 1700),
         (1600.0, mavlink.MAV_PARAM_TYPE_REAL64, 1700),
@@ -170,7 +170,7 @@ def test_a_set_of_another_type_does_what_it_says_or_nothing(joined):
         assert (message.param_type, value_of(message)) == (INT32, in_force), (value, kind)
 
 
-def test_a_station_with_mavlink_1_is_answered_in_it(joined, station):
+def test_a_station_with_mavlink_1_is_answered_with_mavlink_1(joined, station):
     _, ground = joined()
     old = station(kind=OldStation)
     old.mav.param_request_list_send(SYSTEM, NODE)
@@ -180,15 +180,15 @@ def test_a_station_with_mavlink_1_is_answered_in_it(joined, station):
     old.mav.command_long_send(SYSTEM, NODE, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0)
     assert old.wait_for("COMMAND_ACK", NODE).result == ACCEPTED
     old.wait_for("HEARTBEAT", NODE)
-    assert value_of(ground.read("OUT1_MAX")) == 1800, "the other station still has version 2"
-    # Where pymavlink could do better, and is only waiting to hear that.
+    assert value_of(ground.read("OUT1_MAX")) == 1800, "the other station must still receive version 2"
+    # pymavlink can do MAVLink 2, but sends version 1 until it receives version 2.
     assert old.magic[0] == 0xFD
 
 
-def test_two_stations_see_each_others_changes_and_one_may_go(joined, station):
+def test_two_stations_see_each_other_s_changes_and_one_may_leave(joined, station):
     _, first = joined()
     second = station()
-    # A new station gets the known nodes at once.
+    # A new station receives the known nodes at once.
     second.wait_for("UAVCAN_NODE_INFO", NODE)
     first.set("OUT1_MAX", as_float(1700))
     assert value_of(second.wait_for("PARAM_VALUE", NODE)) == 1700
@@ -210,52 +210,52 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
         stdin=-1, stdout=open(home / "out.txt", "wb"), env={**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
 
-    def said(text, timeout=15):
+    def wait_for_output(text, timeout=15):
         wait_until(lambda: text in (home / "out.txt").read_text(errors="replace"), f"{text!r} of MAVProxy", timeout)
 
-    def tell(line):
+    def type_line(line):
         proxy.stdin.write(f"{line}\n".encode())
         proxy.stdin.flush()
 
-    said("Detected vehicle")
+    wait_for_output("Detected vehicle")
     detected = time.monotonic()
-    said(f"Received {len(PARAMETERS)} parameters")
+    wait_for_output(f"Received {len(PARAMETERS)} parameters")
     print(f"parameters {time.monotonic() - detected:.2f} s after the node was seen")
-    # It looks once a second.
+    # MAVProxy checks once a second.
     assert time.monotonic() < detected + 2
     # MAVProxy asks for a file first. The bridge rejects it at once, and MAVProxy reads the parameters one by one.
     before = (home / "out.txt").read_text(errors="replace").count(f"Received {len(PARAMETERS)} parameters")
-    # pymavlink does not fetch twice within two seconds.
+    # pymavlink does not fetch the parameters twice within two seconds.
     time.sleep(2.1)
     asked = time.monotonic()
-    tell("param fetch")
+    type_line("param fetch")
     wait_until(lambda: (home / "out.txt").read_text(errors="replace").count(f"Received {len(PARAMETERS)} parameters") > before, "parameters")
     print(f"param fetch: {time.monotonic() - asked:.2f} s")
     assert time.monotonic() < asked + 1
-    tell("param show OUT1_M*")
-    said("OUT1_MAX         2000.0")
-    tell("param set OUT1_MAX 1900")
+    type_line("param show OUT1_M*")
+    wait_for_output("OUT1_MAX         2000.0")
+    type_line("param set OUT1_MAX 1900")
     client = used.dronecan(1)
     client.spin_until(lambda: client.get("OUT1_MAX") == 1900, "OUT1_MAX of 1900")
-    tell("param show OUT1_MAX")
-    said("OUT1_MAX         1900.0")
-    tell("long 5200")
-    said("UAVCAN_GET_NODE_INFO: ACCEPTED")
-    tell("long 245 1")
-    said("PREFLIGHT_STORAGE: ACCEPTED")
-    tell("long 246 1")
-    said("PREFLIGHT_REBOOT_SHUTDOWN: ACCEPTED")
-    said("Node 120 has restarted")
-    tell("param fetch OUT1_MAX")
-    said("OUT1_MAX = 1900.0")
-    tell("status UAVCAN*")
-    said("UAVCAN_NODE_INFO {")
-    said("UAVCAN_NODE_STATUS {")
+    type_line("param show OUT1_MAX")
+    wait_for_output("OUT1_MAX         1900.0")
+    type_line("long 5200")
+    wait_for_output("UAVCAN_GET_NODE_INFO: ACCEPTED")
+    type_line("long 245 1")
+    wait_for_output("PREFLIGHT_STORAGE: ACCEPTED")
+    type_line("long 246 1")
+    wait_for_output("PREFLIGHT_REBOOT_SHUTDOWN: ACCEPTED")
+    wait_for_output("Node 120 has restarted")
+    type_line("param fetch OUT1_MAX")
+    wait_for_output("OUT1_MAX = 1900.0")
+    type_line("status UAVCAN*")
+    wait_for_output("UAVCAN_NODE_INFO {")
+    wait_for_output("UAVCAN_NODE_STATUS {")
     end_group(proxy)
 
 
 def test_pydronecan_manages_the_node_through_mavlink(bench, bridge):
-    """As the DroneCAN GUI Tool does with its `mavcan:` adapter."""
+    """Like the DroneCAN GUI Tool with its `mavcan:` adapter."""
     used = bench()
     port = free_port()
     bridge(used, "--allow-can", channels=[f"udpout:127.0.0.1:{port}"])
@@ -270,7 +270,7 @@ def test_pydronecan_manages_the_node_through_mavlink(bench, bridge):
     assert client.get("OUT1_MIN") == 1234
     client.command((1, 4, 1600))
     client.spin_until(lambda: used.pulse_us() == 1600, "pulse of 1600 us")
-    assert monitor.exists(BRIDGE), "the bridge is a node too"
+    assert monitor.exists(BRIDGE), "the bridge must be a node itself"
 
 
 def test_three_nodes_and_one_with_long_names(bench, bridge, station):
@@ -302,9 +302,9 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
     fake.start()
     started = bridge(used)
     ground = station()
-    told = set()
-    wait_until(lambda: told.update(m.get_srcComponent() for m in ground.gather(0.2, "UAVCAN_NODE_INFO")) or len(told) == 4, "4 nodes")
-    assert told == {42, 120, 121, 122}
+    received = set()
+    wait_until(lambda: received.update(m.get_srcComponent() for m in ground.gather(0.2, "UAVCAN_NODE_INFO")) or len(received) == 4, "4 nodes")
+    assert received == {42, 120, 121, 122}
     for node in (120, 121, 122):
         found = ground.parameters(node)
         assert list(found) == PARAMETERS and value_of(found["CAN_NODE"]) == node
@@ -313,7 +313,7 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
 
     found = ground.parameters(42)
     assert [m.param_type for m in found.values()] == [REAL32, INT32, INT32, UINT8, REAL32]
-    assert all(m.param_count == 5 for m in found.values()), "text cannot be shown"
+    assert all(m.param_count == 5 for m in found.values()), "MAVLink has no parameters of text"
     highest, lowest = list(found)[1:3]
     assert highest != lowest and max(map(len, found)) == 16
     assert value_of(found["ratio"]) == struct.unpack("<f", struct.pack("<f", 0.1))[0]
@@ -325,7 +325,7 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
     for name, error in (("label", TYPE_UNSUPPORTED), ("none", mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)):
         ground.mav.param_request_read_send(SYSTEM, 42, name.encode(), -1)
         assert ground.wait_for("PARAM_ERROR", 42).error == error
-    # What was rounded to be shown is not rounded in the node.
+    # The value is rounded for MAVLink, but must not be rounded in the node.
     ground.set("big", found["big"].param_value, REAL32, component=42)
     assert fake.parameters["big"][1] == 1 << 40
     started.wait_for_text(f"{long}max is {highest} in MAVLink")
@@ -361,7 +361,7 @@ class Crowd(threading.Thread):
             self.ended.wait(max(0, start + turn * self.interval - time.monotonic()))
 
 
-def test_thirty_nodes_at_ten_hertz_keep_one_hertz_on_57600_baud(bench, bridge, station):
+def test_statuses_of_thirty_nodes_at_10_hz_come_at_1_hz_on_57600_baud(bench, bridge, station):
     used = bench(slcan=2)
     crowd = Crowd(used.raw(used.slcan[1]), range(1, 31), 10)
     started = bridge(used, "--bandwidth", 57_600)
@@ -375,7 +375,7 @@ def test_thirty_nodes_at_ten_hertz_keep_one_hertz_on_57600_baud(bench, bridge, s
     counts = collections.Counter(m.get_srcComponent() for m in messages if m.get_type() == "UAVCAN_NODE_STATUS")
     assert set(range(1, 31)) <= set(counts)
     assert min(counts[node] for node in range(1, 31)) >= seconds, counts
-    # What goes through such a line, and not much less, for the channel is to be used.
+    # Not more than the line can carry, and not much less, because the channel should be used.
     size = sum(len(m.get_msgbuf()) for m in messages)
     assert 0.7 * 5760 * seconds < size < 1.02 * 5760 * seconds
     assert started.end() == 0
@@ -392,11 +392,11 @@ def test_a_limited_status_rate_is_kept(bench, bridge, station):
     counts = collections.Counter(m.get_srcComponent() for m in ground.gather(3, "UAVCAN_NODE_STATUS"))
     crowd.ended.set()
     crowd.join(TIMEOUT_S)
-    # The node's own are called for by the other's, at two a second.
+    # The node answers the other node's statuses, which come twice a second.
     assert all(5 <= counts[node] <= 8 for node in (42, NODE)), counts
 
 
-def test_a_node_that_goes_is_said_once_and_comes_back(bench, bridge, station):
+def test_a_node_that_leaves_is_reported_once_and_may_return(bench, bridge, station):
     used = bench(slcan=2)
     raw = used.raw(used.slcan[1])
     crowd = Crowd(raw, [42], 5)
@@ -418,7 +418,7 @@ def test_a_node_that_goes_is_said_once_and_comes_back(bench, bridge, station):
     assert started.text().count("node 42 is gone") == 1
 
 
-def test_the_bus_may_go_away_and_come_back(bench, bridge, station, tmp_path):
+def test_the_bus_may_disappear_and_return(bench, bridge, station, tmp_path):
     used = bench()
     link = tmp_path / "adapter"
     link.symlink_to(used.slcan[0])
@@ -435,7 +435,7 @@ def test_the_bus_may_go_away_and_come_back(bench, bridge, station, tmp_path):
     assert len(ground.parameters()) == len(PARAMETERS)
 
 
-def test_a_tcp_port_is_listened_to_by_one_station_after_the_other(bench, bridge, station):
+def test_a_tcp_port_serves_one_station_after_the_other(bench, bridge, station):
     port = free_port()
     bridge(bench(), channels=[f"tcpin:{port}"])
     for _ in range(2):
@@ -445,7 +445,7 @@ def test_a_tcp_port_is_listened_to_by_one_station_after_the_other(bench, bridge,
         ground.close()
 
 
-def test_a_tcp_connection_is_made_again_when_the_station_is_back(bench, bridge, station):
+def test_a_tcp_connection_is_restored_when_the_station_returns(bench, bridge, station):
     port = free_port()
     bridge(bench(), channels=[f"tcp:127.0.0.1:{port}"])
     for _ in range(2):
@@ -456,7 +456,7 @@ def test_a_tcp_connection_is_made_again_when_the_station_is_back(bench, bridge, 
         ground.link.listen.close()
 
 
-def test_a_radio_on_a_serial_port_carries_the_same(bench, bridge, station):
+def test_a_radio_on_a_serial_port_works(bench, bridge, station):
     ours, theirs = os.openpty()
     bridge(bench(), channels=[f"serial:{os.ttyname(theirs)}:57600"])
     ground = station(ours, kind=PtyStation)
@@ -465,7 +465,7 @@ def test_a_radio_on_a_serial_port_carries_the_same(bench, bridge, station):
     os.close(theirs)
 
 
-def test_rubbish_and_a_flood_of_requests_are_survived(joined, bridge):
+def test_the_bridge_survives_invalid_bytes_and_many_requests(joined, bridge):
     _, ground = joined()
     ground.mav.file.write(os.urandom(1400))
     for seed in range(200):
@@ -480,7 +480,7 @@ def test_rubbish_and_a_flood_of_requests_are_survived(joined, bridge):
     assert len(ground.gather(2.5, "UAVCAN_NODE_STATUS")) >= 2
 
 
-def test_with_a_key_only_signed_messages_count(bench, bridge, station, tmp_path):
+def test_with_a_key_unsigned_messages_are_ignored(bench, bridge, station, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
     bridge(bench(), "--signing-key", tmp_path / "key")
     unsigned, wrong, ground = station(), station(), station()
@@ -496,7 +496,7 @@ def test_with_a_key_only_signed_messages_count(bench, bridge, station, tmp_path)
     assert message.get_signed()
 
 
-def test_it_listens_where_it_was_told_to_and_on_loopback(bench, bridge):
+def test_it_listens_only_on_the_given_port_of_the_loopback_interface(bench, bridge):
     started = bridge(bench())
     started.wait_for_text("node 120 is org.")
 
@@ -527,26 +527,26 @@ def test_it_listens_where_it_was_told_to_and_on_loopback(bench, bridge):
         ("mcast:0", "udpout:no.such.host.invalid:1", 4, "there is no host"),
     ],
 )
-def test_what_cannot_be_opened_is_said_with_a_remedy_and_a_code(bridge, bus, channel, code, remedy):
+def test_what_cannot_be_opened_is_reported_with_a_remedy_and_an_exit_code(bridge, bus, channel, code, remedy):
     started = bridge(bus, channels=[channel.format(port=bridge.port)])
     assert started.wait() == code
     assert remedy in started.text()
     assert "panicked" not in started.text()
 
 
-def test_a_bus_of_another_rate_is_refused_with_a_remedy(bench, bridge):
+def test_a_bus_of_another_bit_rate_is_rejected_with_a_remedy(bench, bridge):
     started = bridge(bench(), "--bitrate", 500_000)
     assert started.wait() == 3
     assert "--bitrate" in started.text()
 
 
-def test_a_message_behind_half_of_another_is_not_waited_for(joined):
+def test_a_message_after_an_incomplete_one_is_received_at_once(joined):
     _, ground = joined()
     ground.mav.file.write(bytes([0xFD, 255, 0, 0, 0, 255, 190, 0, 0, 0]))
     assert value_of(ground.read("OUT1_MAX")) == 2000
 
 
-def test_it_waits_for_a_bus_if_it_is_told_to_and_ends_by_itself(bench, bridge, station, tmp_path):
+def test_with_wait_it_waits_for_the_bus_and_with_for_it_ends_by_itself(bench, bridge, station, tmp_path):
     link = tmp_path / "adapter"
     started = bridge(f"slcan:{link}", "--wait", "--for", "5s")
     started.wait_for_text("is away")

@@ -1,4 +1,4 @@
-"""Lists of parameters on buses and channels that are slow, and from nodes that are."""
+"""Parameter lists over slow buses, over slow channels, and from slow nodes."""
 
 import time
 
@@ -7,9 +7,9 @@ from many_nodes import Node, integers
 
 
 def fetch_all(ground, nodes, parameters, timeout):
-    """The seconds until all parameters of all nodes are here, after one PARAM_REQUEST_LIST.
+    """The seconds until all parameters of all nodes have arrived, after one PARAM_REQUEST_LIST.
 
-    What the socket of this busy process has lost is asked for again, as ground stations do, after a second without any.
+    After a second without a parameter it requests the missing ones again, like a ground station: the socket of this busy process may lose some.
     """
     start = heard = time.monotonic()
     ground.mav.param_request_list_send(SYSTEM, 0)
@@ -29,15 +29,15 @@ def fetch_all(ground, nodes, parameters, timeout):
 
 
 def wait_for_infos(ground, nodes):
-    told = set()
+    received = set()
     end = time.monotonic() + 20
-    while told != set(nodes):
-        assert time.monotonic() < end, f"no information of {set(nodes) - told}"
+    while received != set(nodes):
+        assert time.monotonic() < end, f"no information of {set(nodes) - received}"
         if (message := ground.receive()) and message.get_type() == "UAVCAN_NODE_INFO":
-            told.add(message.get_srcComponent())
+            received.add(message.get_srcComponent())
 
 
-def test_thirty_nodes_tell_all_their_parameters_on_a_bus_of_900_frames_a_second(many_nodes, bridge, station):
+def test_all_parameters_of_thirty_nodes_arrive_over_a_bus_of_900_frames_a_second(many_nodes, bridge, station):
     used = many_nodes(count=30, parameters=20, frames_per_s=900)
     bridge(used.bus)
     ground = station()
@@ -46,11 +46,11 @@ def test_thirty_nodes_tell_all_their_parameters_on_a_bus_of_900_frames_a_second(
     seconds = fetch_all(ground, range(1, 31), 20, 15)
     asked = sum(node.requests["uavcan.protocol.param.GetSet"] for node in used.nodes.values()) - asked_before
     print(f"30 nodes x 20 parameters at 900 frames/s: {seconds:.1f} s, {asked} requests")
-    # 20 each, and up to 5 behind the end of each list; the rest was asked for twice.
+    # 20 requests for each node, and up to 5 beyond the end of each list. More were sent twice.
     assert asked < 30 * 25 * 1.1
 
 
-def test_a_node_that_takes_800_ms_for_an_answer_shows_its_parameters(many_nodes, bridge, station):
+def test_all_parameters_arrive_from_a_node_that_takes_800_ms_to_answer(many_nodes, bridge, station):
     used = many_nodes([Node(42, integers(5), delay_s=0.8)])
     bridge(used.bus)
     ground = station()
@@ -59,7 +59,7 @@ def test_a_node_that_takes_800_ms_for_an_answer_shows_its_parameters(many_nodes,
     assert value_of(ground.read("PARAMETER_03", component=42)) == 3
 
 
-def test_a_node_that_works_on_one_request_after_the_other_for_800_ms_shows_its_parameters(many_nodes, bridge, station):
+def test_all_parameters_arrive_from_a_node_that_handles_one_request_in_800_ms(many_nodes, bridge, station):
     used = many_nodes([Node(42, integers(5), delay_s=0.8, one_at_a_time=True)])
     bridge(used.bus)
     ground = station()
@@ -67,7 +67,7 @@ def test_a_node_that_works_on_one_request_after_the_other_for_800_ms_shows_its_p
     print(f"5 parameters of 800 ms each, one after the other: {fetch_all(ground, [42], 5, 25):.1f} s")
 
 
-def test_a_full_bus_of_126_nodes_tells_all_its_parameters(many_nodes, bridge, station):
+def test_all_parameters_of_a_bus_with_126_nodes_arrive(many_nodes, bridge, station):
     used = many_nodes(count=125, parameters=4)
     bridge(used.bus)
     ground = station()
@@ -84,7 +84,7 @@ def worst_gaps(times, start, end):
 
 
 def test_parameters_and_statuses_share_a_narrow_channel(many_nodes, bridge, station):
-    """9600 baud carry 960 bytes a second; 15 nodes at 10 Hz would take 4350 for their statuses alone."""
+    """9600 baud carry 960 bytes a second. The statuses of 15 nodes at 10 Hz would need 4350."""
     nodes, parameters, save = range(1, 16), 50, mavlink.MAV_CMD_PREFLIGHT_STORAGE
     used = many_nodes(count=len(nodes), parameters=parameters, status_hz=10)
     bridge(used.bus, "--bandwidth", 9600)

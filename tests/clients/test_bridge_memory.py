@@ -1,6 +1,6 @@
-"""Stations and nodes that come and go leave nothing behind in the bridge.
+"""The bridge frees the memory of stations and nodes that leave.
 
-`CHURN_S=3600` has it last an hour.
+`CHURN_S=3600` makes the test last an hour.
 """
 
 import os
@@ -16,10 +16,10 @@ from ground import SYSTEM, Station, as_float, mavlink
 from many_nodes import Node, integers
 
 CHURN_S = float(os.environ.get("CHURN_S", 60))
-# After this everything has been there once: nodes are forgotten after 5 s, and a connection lasts for less than 2 s.
+# Time until each kind of object has existed once: the bridge forgets nodes after 5 s, and a connection lasts for less than 2 s.
 WARM_UP_S = min(CHURN_S / 3, 300)
 NODES = 20
-# The allocator's, which does not give back all that it has had.
+# Memory that the allocator keeps after it was freed.
 GROWTH_MAX_KB = 1024
 
 
@@ -29,7 +29,7 @@ def resident_kb(process):
 
 @pytest.mark.long
 @pytest.mark.timeout(CHURN_S + 120)
-def test_stations_and_nodes_that_come_and_go_leave_the_memory_as_it_was(many_nodes, bridge, station):
+def test_the_memory_of_stations_and_nodes_that_leave_is_freed(many_nodes, bridge, station):
     choices = random.Random(1)
     used = many_nodes([Node(node, integers(15)) for node in range(1, NODES + 1)])
     port = free_port()
@@ -59,7 +59,7 @@ def test_stations_and_nodes_that_come_and_go_leave_the_memory_as_it_was(many_nod
                     lambda g: g.mav.file.write(os.urandom(40)),
                 ]
             )(guest)
-        # A station on UDP that sends nothing more.
+        # A station on UDP that sends only one message.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:
             stray.sendto(ground.mav.heartbeat_encode(6, 8, 0, 0, 4).pack(ground.mav), ("127.0.0.1", bridge.port))
         ground.gather(0.1)

@@ -1,4 +1,4 @@
-"""Who may do what through the bridge."""
+"""Which stations may do what through the bridge."""
 
 import contextlib
 import hashlib
@@ -30,7 +30,7 @@ def node(many_nodes):
 
 
 def requests(node):
-    """What has changed the node."""
+    """The services that changed the node."""
     return {name.split(".")[-1] for name in node.requests} & {"ExecuteOpcode", "RestartNode"}
 
 
@@ -43,14 +43,14 @@ def test_a_read_only_bridge_changes_nothing(node, bridge, station):
     for component in (NODE, 0):
         assert ground.command(SAVE, 1, component=component).result == DENIED
     assert ground.command(RESTART, 1, component=NODE).result == DENIED
-    assert ground.command(CAN_FORWARD, 1, component=0).result == ACCEPTED, "to look changes nothing"
+    assert ground.command(CAN_FORWARD, 1, component=0).result == ACCEPTED, "reading the bus changes nothing"
     send_frame(ground)
     ground.gather(0.5)
     assert node.node.parameters["PARAMETER_01"] == ("integer_value", 1) and not requests(node.node)
     assert 30 not in sources(node)
 
 
-def test_the_bus_is_open_only_if_the_command_line_says_so(node, bridge, station):
+def test_frames_are_forwarded_only_with_allow_can(node, bridge, station):
     bridge(node.bus)
     ground = station()
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
@@ -61,12 +61,12 @@ def test_the_bus_is_open_only_if_the_command_line_says_so(node, bridge, station)
 
 
 def send_frame(ground):
-    """A NodeStatus of node 30."""
+    """A NodeStatus of node 30, sent by a ground station."""
     ground.mav.can_frame_send(SYSTEM, BRIDGE, 0, 8, 0x9801551E, list(struct.pack("<IBHB", 1, 0, 0, 0xC0)))
 
 
 def sources(used):
-    """The nodes from which the bridge has put frames on the bus."""
+    """The nodes for which the bridge has sent frames."""
     return used.heard_from
 
 
@@ -81,7 +81,7 @@ def quiet_station(port, address="127.0.0.1"):
     return link
 
 
-def hears(link):
+def receives(link):
     try:
         return bool(link.recv(2048))
     except TimeoutError:
@@ -89,7 +89,7 @@ def hears(link):
 
 
 def drain(link):
-    """Throws away what has come."""
+    """Discards the received data."""
     link.setblocking(False)
     with contextlib.suppress(BlockingIOError):
         while link.recv(2048):
@@ -97,35 +97,35 @@ def drain(link):
     link.settimeout(3)
 
 
-def test_new_stations_do_not_take_the_place_of_a_quiet_station(node, bridge):
+def test_new_stations_do_not_replace_a_quiet_station(node, bridge):
     started = bridge(node.bus)
     started.wait_for_text(f"node {NODE} is org.")
     quiet = quiet_station(bridge.port)
-    assert hears(quiet)
+    assert receives(quiet)
     new_stations = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
-    assert all(hears(new_station) for new_station in new_stations[: PLACES - 1])
-    assert not any(hears(new_station) for new_station in new_stations[-2:])
+    assert all(receives(new_station) for new_station in new_stations[: PLACES - 1])
+    assert not any(receives(new_station) for new_station in new_stations[-2:])
     drain(quiet)
-    assert hears(quiet), "it goes on hearing"
+    assert receives(quiet), "the quiet station must still receive messages"
     started.wait_for_text("no place for")
     assert started.text().count("no place for") == 1
     for link in (quiet, *new_stations):
         link.close()
 
 
-def test_with_a_key_new_stations_take_no_place(node, bridge, station, tmp_path):
+def test_with_a_key_unsigned_stations_take_no_place(node, bridge, station, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
     bridge(node.bus, "--signing-key", tmp_path / "key").wait_for_text(f"node {NODE} is org.")
     new_stations = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
     ground = station()
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=1)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    assert not any(hears(new_station) for new_station in new_stations[:2])
+    assert not any(receives(new_station) for new_station in new_stations[:2])
     for link in new_stations:
         link.close()
 
 
-def test_a_connection_that_does_not_sign_hears_nothing_and_is_closed(node, bridge, station, tmp_path):
+def test_a_connection_that_does_not_sign_receives_nothing_and_is_closed(node, bridge, station, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
     port = free_port()
     bridge(node.bus, "--signing-key", tmp_path / "key", channels=[f"tcpin:{port}"]).wait_for_text("node 42 is org.")
@@ -135,7 +135,7 @@ def test_a_connection_that_does_not_sign_hears_nothing_and_is_closed(node, bridg
     assert new_station.recv(2048) == b""
     assert time.monotonic() > before + 5
     new_station.close()
-    # However many there are, they take no place.
+    # Connections that do not sign must not use up the bridge's places.
     new_stations = [socket.create_connection(("127.0.0.1", port)) for _ in range(2 * PLACES)]
     ground = station(f"tcp:127.0.0.1:{port}", retries=20)
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=1)
@@ -144,18 +144,18 @@ def test_a_connection_that_does_not_sign_hears_nothing_and_is_closed(node, bridg
         link.close()
 
 
-def test_only_the_addresses_that_are_named_may_speak(node, bridge):
+def test_only_the_listed_addresses_are_accepted(node, bridge):
     started = bridge(node.bus, "--peer", "127.0.0.2", "--peer", "127.0.0.3")
     started.wait_for_text(f"node {NODE} is org.")
     named, other = quiet_station(bridge.port, "127.0.0.2"), quiet_station(bridge.port)
-    assert hears(named) and not hears(other)
+    assert receives(named) and not receives(other)
     for link in (named, other):
         link.close()
     assert started.end() == 0
     assert "1 refused" in started.text()
 
 
-def test_a_listener_beyond_loopback_without_a_key_is_warned_of(node, bridge, tmp_path):
+def test_a_port_beyond_loopback_without_a_key_causes_a_warning(node, bridge, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
     bridge(node.bus, channels=["udpin:0.0.0.0:0"]).wait_for_text("has no key")
     signed = bridge(node.bus, "--signing-key", tmp_path / "key", channels=["udpin:0.0.0.0:0"])
@@ -165,14 +165,14 @@ def test_a_listener_beyond_loopback_without_a_key_is_warned_of(node, bridge, tmp
         assert "has no key" not in started.text()
 
 
-def test_a_free_port_is_chosen_and_said(node, bridge, station):
+def test_port_0_chooses_a_free_port_and_prints_it(node, bridge, station):
     started = bridge(node.bus, channels=["udpin:0"])
     started.wait_for_text("is the port that was free")
     port = started.text().split(" is the port that was free")[0].rsplit(":", 1)[1]
     station(f"udpout:127.0.0.1:{port}").wait_for("UAVCAN_NODE_INFO", NODE)
 
 
-def test_a_host_that_is_not_found_keeps_nobody_waiting(node, bridge, station):
+def test_an_unknown_host_does_not_delay_other_channels(node, bridge, station):
     started = bridge(node.bus, "--wait", channels=["udpout:no.such.host.invalid:1", f"udpin:{bridge.port}"])
     ground = station()
     ground.wait_for("UAVCAN_NODE_INFO", NODE)

@@ -1,4 +1,4 @@
-"""Serial ports of nodes through the bus: `bridge --tunnel`."""
+"""Serial ports of nodes over the bus: `bridge --tunnel`."""
 
 import dataclasses
 import os
@@ -22,10 +22,10 @@ VERTIQ = 0x55
 
 @dataclasses.dataclass
 class ArduPilotNode(Node):
-    """A node with AP_Periph's rules for tunnel.Targetted, and a device on its port that answers in upper case."""
+    """A node with AP_Periph's rules for tunnel.Targetted. The device on its port answers in upper case."""
 
     told_s: float = 3.0
-    # The port that was asked for last; the default port is number 3.
+    # The port that was requested last. The default port is number 3.
     port: int = 3
     asked_by: int = 0
     asked_at: float = -1e9
@@ -46,7 +46,7 @@ class ArduPilotNode(Node):
         return self.say(bytes(message.buffer).upper(), message.protocol.protocol)
 
     def say(self, text, protocol=2):
-        """What its device sends, to whoever has asked in the last three seconds."""
+        """Messages with what its device sends, to the node that sent a request in the last three seconds."""
         if not text or time.monotonic() > self.asked_at + self.told_s:
             return []
         reply = TARGETTED(target_node=self.asked_by, serial_id=self.port, baudrate=115200)
@@ -57,7 +57,7 @@ class ArduPilotNode(Node):
 
 @dataclasses.dataclass
 class VertiqNode(Node):
-    """A module that answers bytes of its protocol on tunnel.Broadcast."""
+    """A module that answers bytes of its protocol with tunnel.Broadcast."""
 
     def hear(self, message, source):
         if dronecan.get_dronecan_data_type(message) != BROADCAST or message.protocol.protocol != VERTIQ:
@@ -70,7 +70,7 @@ class VertiqNode(Node):
 
 @pytest.fixture
 def port(tmp_path):
-    """Opens a tunnel's near end as a terminal program does."""
+    """Opens a tunnel's pseudo-terminal as a terminal program does."""
     opened = []
 
     def start(name="port", baud=115200):
@@ -84,7 +84,7 @@ def port(tmp_path):
         used.close()
 
 
-def test_a_terminal_program_talks_to_the_device_behind_a_node(many_nodes, bridge, port):
+def test_a_terminal_program_reaches_the_device_on_a_node_s_port(many_nodes, bridge, port):
     node = ArduPilotNode(42, {})
     bridge(many_nodes([node]).bus, "--tunnel", "42:port", channels=[])
     line = port()
@@ -92,13 +92,13 @@ def test_a_terminal_program_talks_to_the_device_behind_a_node(many_nodes, bridge
     assert line.readline() == b"VERSION?\r\n"
     assert (node.asked_by, node.serial_ids, node.options) == (BRIDGE, {-1}, {0})
     assert 115200 in node.baud_rates
-    # More than a transfer holds, in its order.
+    # More bytes than a transfer holds must arrive in order.
     text = bytes(range(48, 123)) * 40
     line.write(text)
     assert line.read(len(text)) == text.upper()
 
 
-def test_a_node_that_has_something_to_say_is_kept_awake(many_nodes, bridge, port):
+def test_the_bridge_keeps_the_node_s_tunnel_open(many_nodes, bridge, port):
     node = ArduPilotNode(42, {})
     used = many_nodes([node])
     bridge(used.bus, "--tunnel", "42:port,port=1,lock", channels=[])
@@ -117,7 +117,7 @@ def test_a_node_that_has_something_to_say_is_kept_awake(many_nodes, bridge, port
     assert (node.serial_ids, node.options) == ({1}, {1}) and 57600 in node.baud_rates
 
 
-def test_bytes_of_other_nodes_and_for_others_do_not_come_out(many_nodes, bridge, port):
+def test_bytes_from_or_to_other_nodes_do_not_come_out(many_nodes, bridge, port):
     node, other = ArduPilotNode(42, {}), ArduPilotNode(43, {})
     used = many_nodes([node, other])
     bridge(used.bus, "--tunnel", "42:port", channels=[])
@@ -133,7 +133,7 @@ def test_bytes_of_other_nodes_and_for_others_do_not_come_out(many_nodes, bridge,
     assert line.read(1) == b"B"
 
 
-def test_two_tunnels_one_of_them_by_broadcast(many_nodes, bridge, port):
+def test_two_tunnels_work_one_of_them_by_broadcast(many_nodes, bridge, port):
     nodes = [ArduPilotNode(42, {}), VertiqNode(43, {})]
     started = bridge(many_nodes(nodes).bus, "--tunnel", "42:port", "--tunnel", "43:motor,broadcast=0x55", channels=[])
     started.wait_for_text("motor is the serial port of node 43")
@@ -142,17 +142,17 @@ def test_two_tunnels_one_of_them_by_broadcast(many_nodes, bridge, port):
     motor.write(text)
     line.write(b"hello")
     assert line.read(5) == b"HELLO"
-    # Sixty bytes at a time, each part turned round.
+    # Sixty bytes at a time, each part reversed.
     assert motor.read(150) == text[:60][::-1] + text[60:120][::-1] + text[120:][::-1]
 
 
-def test_the_path_is_taken_and_left_with_care(many_nodes, bridge, tmp_path):
+def test_an_existing_file_is_kept_and_a_stale_link_is_replaced(many_nodes, bridge, tmp_path):
     used = many_nodes([Node(42, {})])
     (tmp_path / "file").write_text("precious")
     refused = bridge(used.bus, "--tunnel", "42:file", channels=[])
     assert refused.wait() == 4 and "is there already" in refused.text()
     assert (tmp_path / "file").read_text() == "precious"
-    # What a bridge that was killed has left.
+    # A link that a killed bridge left.
     (tmp_path / "port").symlink_to("/dev/pts/no-such")
     started = bridge(used.bus, "--tunnel", "42:port", channels=[])
     started.wait_for_text("is the serial port of node 42")
@@ -161,8 +161,8 @@ def test_the_path_is_taken_and_left_with_care(many_nodes, bridge, tmp_path):
     assert not os.path.lexists(tmp_path / "port")
 
 
-def test_the_gui_tools_own_serial_port_works_through_the_bridge(many_nodes, bridge):
-    """Its panel "Serial Forwarding" stands on pydronecan's DroneCANSerial; `mavcan:` is how it reaches a bus through MAVLink."""
+def test_the_gui_tool_s_serial_port_works_through_the_bridge(many_nodes, bridge):
+    """Its panel "Serial Forwarding" uses pydronecan's DroneCANSerial. With `mavcan:` it reaches a bus through MAVLink."""
     node = ArduPilotNode(42, {})
     port = free_port()
     bridge(many_nodes([node]).bus, "--allow-can", channels=[f"udpout:127.0.0.1:{port}"])
@@ -170,22 +170,22 @@ def test_the_gui_tools_own_serial_port_works_through_the_bridge(many_nodes, brid
     client.spin_until(lambda: client.wait_for(uavcan.protocol.NodeStatus, source=42), "status of node 42")
     line = DroneCANSerial(None, 42, -1, node=client.node, baudrate=115200)
     line.write(b"hello from the tool")
-    told = bytearray()
+    received = bytearray()
 
     def answer():
         client.spin(0.02)
-        told.extend(line.read(100))
-        return told == b"HELLO FROM THE TOOL"
+        received.extend(line.read(100))
+        return received == b"HELLO FROM THE TOOL"
 
     wait_until(answer, "answer of the device")
     assert node.asked_by == 127
-    # It closes itself, and only once.
+    # DroneCANSerial closes itself, and can be closed only once.
     del line
     client.close()
 
 
-def test_a_nodes_serial_monitor_is_read_through_the_bus(bench, bridge, port):
-    """A node in a wing, whose USB port nobody reaches."""
+def test_a_node_s_serial_monitor_is_read_over_the_bus(bench, bridge, port):
+    """For example a node in a wing, whose USB port cannot be reached."""
     used = bench(elf=node_elf("tunnel", board="uno"))
     bridge(used, "--tunnel", f"{NODE}:port", channels=[])
     line = port()
@@ -198,17 +198,17 @@ def test_a_nodes_serial_monitor_is_read_through_the_bus(bench, bridge, port):
     assert b"refused" in counters
 
 
-def test_the_gui_tools_own_serial_port_shows_the_nodes_serial_monitor(bench):
+def test_the_gui_tool_s_serial_port_shows_the_node_s_serial_monitor(bench):
     used = bench(elf=node_elf("tunnel", board="uno"))
     client = used.dronecan(node_id=127)
     line = DroneCANSerial(None, NODE, -1, node=client.node, baudrate=115200)
     line.send_bytes(b"")
-    told = bytearray()
+    received = bytearray()
 
     def answer():
         client.spin(0.05)
-        told.extend(line.read(100))
-        return re.search(rb"temperature \+2\d\.\d C", told)
+        received.extend(line.read(100))
+        return re.search(rb"temperature \+2\d\.\d C", received)
 
     wait_until(answer, "temperature on the serial monitor")
     del line

@@ -1,4 +1,4 @@
-"""The bytes of the draft of 2014 that the Rust tests quote are what draft.py and pydronecan make, and its signatures too."""
+"""draft.py and pydronecan produce the bytes of the draft of 2014 that the Rust tests quote, and its signatures."""
 
 import re
 
@@ -11,7 +11,7 @@ TOOL, NODE, AUTOPILOT = 127, 120, 1
 
 
 def status(uptime, code, vendor=None):
-    """Without a vendor code, or with one of 32 bits, it is as it was before 2015-03-19."""
+    """Without a vendor code, or with one of 32 bits, it is a NodeStatus as before 2015-03-19."""
     low = vendor or 0
     whole = pack(new("NodeStatus", uptime_sec=uptime, status_code=code, vendor_specific_status_code=low & 0xFFFF))
     if vendor is None:
@@ -45,7 +45,7 @@ def get_set(name="", index=0, **kinds):
 
 
 def parameter(name="", *numbers):
-    """The response for a parameter: value, default, maximum, minimum."""
+    """A GetSet response: value, default, maximum, minimum."""
     response = new("GetSet", "response")
     values = [value(int=number) for number in numbers] or [value()] * 4
     response.value, response.default_value, response.max_value, response.min_value = values
@@ -119,7 +119,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("made, quoted", CASES, ids=[quoted.split(" ", 1)[0] for _, quoted in CASES])
-def test_the_rust_tests_quote_what_is_made_here(made, quoted):
+def test_the_rust_tests_quote_these_frames_of_the_draft(made, quoted):
     assert " | ".join(f"{can_id:08X} {data.hex(' ').upper()}".strip() for can_id, data in made) == quoted
     text = re.sub(r"\\\n\s*", "", (ROOT / "host/src/draft/tests.rs").read_text())
     assert f'"{quoted}"' in text
@@ -136,7 +136,7 @@ def test_the_rust_tests_quote_what_is_made_here(made, quoted):
         (None, "Status"),
     ],
 )
-def test_the_signatures_are_those_of_the_definitions(constant, name):
+def test_the_signatures_equal_those_of_the_definitions(constant, name):
     text = (ROOT / "host/src/draft/types.rs").read_text()
     digits = f"{signature(name):016X}"
     number = "0x" + "_".join(digits[at : at + 4] for at in range(0, 16, 4))
@@ -144,12 +144,12 @@ def test_the_signatures_are_those_of_the_definitions(constant, name):
     assert re.search(wanted, text), f"{name} {number}"
 
 
-def test_the_thesis_s_identifier_is_taken_apart_as_it_says():
+def test_the_thesis_s_identifier_has_the_fields_that_the_thesis_states():
     assert identifier(760, BROADCAST, 1, 1) == 398722057
     assert fields(398722057) == (760, BROADCAST, 1, 1, 0, 1)
 
 
-def test_what_is_packed_can_be_read():
+def test_packed_values_can_be_unpacked():
     message = unpack("NodeStatus", status(0xF012345, 3, 0x1234))
     assert (message.uptime_sec, message.status_code, message.vendor_specific_status_code) == (0xF012345, 3, 0x1234)
     response = unpack("GetSet", parameter("OUT1_MIN", 1100, 1000, 2500, -500), "response")

@@ -1,4 +1,4 @@
-"""The thesis's firmware and the simulated autopilot in the draft of 2014, as a client sees them that knows only draft.py."""
+"""The thesis's firmware and the simulated autopilot use the draft of 2014, checked by a client that uses only draft.py."""
 
 import re
 import time
@@ -20,7 +20,7 @@ class Listener:
         raw.write_all(b"C\rS8\rO\r")
 
     def hear(self, seconds):
-        """(identifier, data) of what passes within that time."""
+        """(identifier, data) of the frames that arrive within `seconds`."""
         end = time.monotonic() + seconds
         heard = []
         while time.monotonic() < end:
@@ -33,7 +33,7 @@ class Listener:
         return heard
 
     def request(self, type_id, payload, transfer_id):
-        """Asks the node for something, in a single frame."""
+        """Sends a request to the node, in a single frame."""
         for can_id, data in frames(type_id, REQUEST, TOOL, transfer_id, payload, NODE):
             self.raw.write_all(f"T{can_id:08X}{len(data)}{data.hex().upper()}\r".encode())
 
@@ -49,7 +49,7 @@ def on_the_bus(bench, *options):
     return used, listener
 
 
-def test_the_autopilot_commands_and_the_node_says_how_it_is(bench):
+def test_the_autopilot_sends_commands_and_the_node_its_status(bench):
     used, listener = on_the_bus(bench, "--autopilot", "thesis", "--hold", "1")
     heard = listener.hear(6)
     commands = data_of(heard, 760, AUTOPILOT)
@@ -64,14 +64,14 @@ def test_the_autopilot_commands_and_the_node_says_how_it_is(bench):
     assert used.pulse_us() == 2000
 
 
-def test_what_the_thesis_s_filters_keep_out_moves_nothing_and_is_not_answered(bench):
-    """ArrayCommand, GetNodeInfo and RestartNode. Their frames are tested by the node's unit tests, and against pydronecan by test_draft.py."""
+def test_frames_that_the_thesis_s_filters_reject_have_no_effect(bench):
+    """ArrayCommand, GetNodeInfo and RestartNode. The node's unit tests test their frames, and test_draft.py compares them with pydronecan."""
     used, listener = on_the_bus(bench, "--hold", "0.5")
     magic = pack(new("RestartNode", "request", magic_number=0xACCE551B1E))
     listener.request(551, b"", 3)
     listener.request(560, magic, 4)
     heard = listener.hear(4)
-    # They were on the bus, and so was the node.
+    # Checks that the frames were on the bus, and the node too.
     assert len(data_of(heard, 265, AUTOPILOT)) > 100 and len(data_of(heard, 550, NODE)) >= 2
     from_node = {fields(can_id)[:2] for can_id, _ in heard if fields(can_id)[2] == NODE}
     assert from_node <= {(550, BROADCAST), (761, BROADCAST)}

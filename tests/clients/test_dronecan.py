@@ -1,4 +1,4 @@
-"""pydronecan over SLCAN: the node speaks the dialect as others understand it."""
+"""pydronecan over SLCAN: the node uses the dialect as other implementations do."""
 
 import pytest
 from dronecan import thirdparty, uavcan
@@ -9,14 +9,14 @@ UNITLESS, POSITION, PWM = 0, 1, 4
 
 
 def test_the_node_appears_in_the_node_monitor(bench):
-    bench().dronecan().assert_in_the_node_monitor()
+    bench().dronecan().assert_in_node_monitor()
 
 
 def test_node_status_is_the_standard_type_and_counts_the_uptime(bench):
     client = bench().dronecan()
     statuses = client.gather(uavcan.protocol.NodeStatus, 5)
     uptimes = [status.uptime_sec for status in statuses]
-    # About one in each second: it answers the client's, whose clock is another.
+    # About one status a second. The node answers the client's, whose clock differs.
     assert uptimes == sorted(uptimes) and uptimes[0] < 5 and 3 <= uptimes[4] - uptimes[0] <= 5
     assert {status.sub_mode for status in statuses} == {0}
 
@@ -25,7 +25,7 @@ def test_node_status_is_the_standard_type_and_counts_the_uptime(bench):
 def test_temperature_is_the_standard_type_in_kelvin(bench, celsius):
     client = bench("--temperature", celsius).dronecan()
     message = client.gather(uavcan.equipment.device.Temperature, 2)[-1]
-    # Half a step of the converter, and half one of the float16.
+    # Half a step of the ADC plus half a step of the float16.
     assert message.temperature == pytest.approx(celsius + 273.15, abs=0.4)
     assert (message.device_id, message.error_flags) == (1, 0)
 
@@ -39,14 +39,14 @@ def test_an_array_command_moves_the_servo_to_the_right_pulse(bench, command_type
     client = used.dronecan()
     client.command((7, UNITLESS, -1.0))
     client.spin(0.2)
-    assert used.pulse_us() is None, "another actuator's command"
+    assert used.pulse_us() is None, "a command for another actuator must not move the servo"
     client.command((1, command_type, value))
     client.spin_until(used.pulse_us, "pulse")
     client.spin_until(lambda: used.pulse_us() == pulse_us, f"pulse of {pulse_us} us")
 
 
-def test_what_the_gui_tool_sends_is_survived(bench):
-    """Its actuator panel sends an empty array while nothing is ticked, and several frames for two channels."""
+def test_the_node_handles_what_the_gui_tool_sends(bench):
+    """Its actuator panel sends an empty array while no channel is ticked, and several frames for two channels."""
     used = bench()
     client = used.dronecan()
     for _ in range(10):
@@ -57,13 +57,13 @@ def test_what_the_gui_tool_sends_is_survived(bench):
     client.spin_until(lambda: used.pulse_us() == 1750, "pulse of 1750 us")
 
 
-def test_our_own_types_go_both_ways(bench):
+def test_the_thesis_s_types_work_in_both_directions(bench):
     used = bench("--temperature", "30")
     client = used.dronecan(node_id=1)
     client.node.mode = uavcan.protocol.NodeStatus().MODE_OPERATIONAL
     client.node.broadcast(thirdparty.thesis.ServoCommand(position=255))
     client.spin_until(lambda: used.pulse_us() == 2000, "pulse of 2000 us")
-    # The node answers every third status of the autopilot, which is this client now.
+    # The client is the autopilot now; the node answers every third of its statuses.
     assert client.wait_for(thirdparty.thesis.DegreesCelsius).degrees in (29, 30, 31)
     client.node.broadcast(thirdparty.thesis.ServoCommand(position=0))
     client.spin_until(lambda: used.pulse_us() == 1000, "pulse of 1000 us")
@@ -83,7 +83,7 @@ def test_two_clients_and_the_node_share_the_bus(bench):
     second.spin_until(both, "status of both others")
 
 
-def test_a_client_finds_its_adapter_again(bench):
+def test_a_client_can_reopen_its_adapter(bench):
     used = bench()
     for _ in range(3):
         client = used.dronecan()
@@ -91,7 +91,7 @@ def test_a_client_finds_its_adapter_again(bench):
         client.close()
 
 
-def test_an_adapter_refuses_another_bit_rate(bench):
+def test_an_adapter_rejects_another_bit_rate(bench):
     used = bench("--bit-rate", "500000")
     assert used.raw().ask(b"S8\r") == b"\x07"
     assert used.raw().ask(b"S6\r") == b"\r"

@@ -1,4 +1,4 @@
-"""What `make firmware` and `make flash` say to FEATURES, BOARD, SHIELD and PORT."""
+"""How `make firmware` and `make flash` react to FEATURES, BOARD, SHIELD and PORT."""
 
 import os
 import pty
@@ -10,7 +10,7 @@ from conftest import ROOT, TARGET
 
 
 def script(name, *arguments):
-    """Nothing can be built: there is no cargo."""
+    """Runs a script without cargo, so that it cannot build."""
     line = [ROOT / "scripts" / name, *arguments]
     return subprocess.run(line, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin", "CARGO_TARGET_DIR": str(TARGET)})
 
@@ -20,7 +20,7 @@ def firmware(*arguments):
 
 
 @pytest.mark.parametrize("wrong", ["lihgts", "allocation,lihgts", "thesis,lights"])
-def test_a_wrong_name_is_answered_with_the_right_ones(wrong):
+def test_a_wrong_feature_is_answered_with_the_valid_ones(wrong):
     done = firmware("default", wrong)
     assert done.returncode == 1 and done.stdout == "" and done.stderr.count("\n") == 1, done
     assert "default, full, remote, thesis, none" in done.stderr and "allocation, button" in done.stderr, done
@@ -36,7 +36,7 @@ def test_a_wrong_name_is_answered_with_the_right_ones(wrong):
         ("stats, lights,button", "-button+lights+stats"),
     ],
 )
-def test_each_set_of_features_has_an_elf_of_its_own(features, name):
+def test_each_set_of_features_has_its_own_elf(features, name):
     assert firmware("--path", features).stdout == f"{TARGET}/firmware/diecimila-seeed{name}.elf\n"
 
 
@@ -51,7 +51,7 @@ def test_each_set_of_features_has_an_elf_of_its_own(features, name):
         (["--int", "D3", "button,lights"], "FEATURES=button"),
     ],
 )
-def test_a_wrong_board_or_pin_is_answered_with_the_right_ones(wrong, right):
+def test_a_wrong_board_or_pin_is_answered_with_the_valid_ones(wrong, right):
     done = firmware(*wrong)
     assert done.returncode == 1 and done.stdout == "" and right in done.stderr and done.stderr.count("\n") == 1, done
 
@@ -66,11 +66,11 @@ def test_a_wrong_board_or_pin_is_answered_with_the_right_ones(wrong, right):
         (["--shield", "module", "--cs", "D10", "--crystal", "8"], "diecimila-module"),
     ],
 )
-def test_each_board_has_an_elf_of_its_own(options, name):
+def test_each_board_has_its_own_elf(options, name):
     assert firmware("--path", *options).stdout == f"{TARGET}/firmware/{name}.elf\n"
 
 
-def test_the_drawings_are_those_of_the_table():
+def test_the_drawings_match_the_table_of_boards():
     done = script("wiring-page", "--check")
     assert done.returncode == 0, done.stderr
 
@@ -79,7 +79,7 @@ def test_flash_checks_the_port_before_anything_else():
     for port, answer in [("/dev/no-such", "PORT=/dev/no-such does not exist."), (__file__, "is no serial port.")]:
         done = subprocess.run(["make", "flash", f"PORT={port}"], cwd=ROOT, capture_output=True, text=True, timeout=5)
         assert done.returncode == 2 and answer in done.stderr and "machine" in done.stderr, done
-    # A terminal is a port, but no board has this name.
+    # A terminal is accepted as a port; the board's name is wrong.
     keyboard, port = pty.openpty()
     done = script("flash", "--check", "--port", os.ttyname(port))
     assert done.returncode == 0, done
@@ -89,7 +89,7 @@ def test_flash_checks_the_port_before_anything_else():
     os.close(port)
 
 
-def test_cargo_run_ends_with_how_to_flash_and_how_to_simulate():
+def test_cargo_run_prints_how_to_flash_and_how_to_simulate():
     done = subprocess.run(["cargo", "run", "--quiet"], cwd=ROOT, capture_output=True, text=True)
     last = done.stderr.splitlines()[-1]
     assert "make flash" in last and "make sim" in last, done

@@ -1,4 +1,4 @@
-"""The bytes that the Rust tests quote are what the installed pydronecan makes."""
+"""The installed pydronecan produces the bytes that the Rust tests quote."""
 
 import re
 
@@ -39,7 +39,7 @@ def get_set(name="", index=0, **value):
 
 
 def parameter(name="", *numbers):
-    """The response for a parameter: value, default, maximum, minimum."""
+    """A GetSet response: value, default, maximum, minimum."""
     value, default, highest, lowest = [{"integer_value": number} for number in numbers] or [{"empty": EMPTY}] * 4
     response = protocol.param.GetSet.Response(name=name)
     response.value, response.default_value = protocol.param.Value(**value), protocol.param.Value(**default)
@@ -172,7 +172,7 @@ CASES = {
 }
 
 
-# Requests of node 127 to node 120 and its responses, as tests/services.rs and the simulator's decoder quote them.
+# Requests from node 127 to node 120 and the responses, as quoted in tests/services.rs and in the tests of the simulator's decoder.
 SERVICES = [
     (protocol.GetNodeInfo.Request, True, 3, "1E01F8FF C3"),
     (get_set, True, 0, "1E0BF8FF 00 00 C0"),
@@ -249,13 +249,13 @@ def vector(message, source, priority, transfer_id):
     return f"{identifier:08X} " + " | ".join(bytes(frame.bytes).hex(" ").upper() for frame in frames)
 
 
-def in_one_piece(path):
-    """The text of a Rust test, with strings that go on in the next line in one piece."""
+def with_joined_strings(path):
+    """The text of a Rust test, with its multi-line strings joined."""
     return re.sub(r"\\\n\s*", "", (ROOT / path).read_text())
 
 
 @pytest.mark.parametrize("make, is_request, transfer_id, expected", SERVICES)
-def test_pydronecan_makes_the_requests_and_responses_that_are_quoted(make, is_request, transfer_id, expected):
+def test_pydronecan_produces_the_quoted_requests_and_responses(make, is_request, transfer_id, expected):
     transfer = Transfer(
         payload=make(),
         source_node_id=127 if is_request else 120,
@@ -268,11 +268,11 @@ def test_pydronecan_makes_the_requests_and_responses_that_are_quoted(make, is_re
     frames = transfer.to_frames()
     assert f"{frames[0].message_id:08X} " + " | ".join(bytes(f.bytes).hex(" ").upper() for f in frames) == expected
     data = expected.split(" ", 1)[1]
-    assert any(f" {data}" in in_one_piece(path) for path in ("tests/services.rs", "host/src/tests.rs"))
+    assert any(f" {data}" in with_joined_strings(path) for path in ("tests/services.rs", "host/src/tests.rs"))
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_pydronecan_makes_the_bytes_that_are_quoted(name):
+def test_pydronecan_produces_the_quoted_messages(name):
     make, source, priority, transfer_id, expected = CASES[name]
     assert vector(make(), source, priority, transfer_id) == expected
 
@@ -299,9 +299,9 @@ def test_pydronecan_makes_the_bytes_that_are_quoted(name):
         ("tests/long_commands.rs", "ArrayCommand with one ID twice", "whole"),
     ],
 )
-def test_the_rust_tests_quote_these_bytes(file, name, quoted):
+def test_the_rust_tests_quote_these_messages(file, name, quoted):
     identifier, data = CASES[name][-1].split(" ", 1)
-    text = in_one_piece(file)
+    text = with_joined_strings(file)
     if quoted == "whole":
         assert f'"{identifier} {data}"' in text
         return

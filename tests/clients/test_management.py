@@ -1,4 +1,4 @@
-"""What a GUI tool does with a node, done by pydronecan: who is it, its parameters, save, restart, update, counters."""
+"""pydronecan does what a GUI tool does with a node: information, parameters, save, restart, update, counters."""
 
 import re
 
@@ -18,8 +18,8 @@ PARAMETERS = [
 ]  # fmt: skip
 
 
-def walk(client):
-    """All parameters by index, until one has no name."""
+def read_all_parameters(client):
+    """Reads all parameters by index, until one has no name."""
     found = {}
     while name := str((response := client.parameter(index=len(found))).name):
         assert name not in found
@@ -27,7 +27,7 @@ def walk(client):
     return found
 
 
-def test_the_node_monitor_learns_who_the_node_is(bench):
+def test_the_node_monitor_receives_the_node_s_information(bench):
     client = bench().dronecan()
     monitor = NodeMonitor(client.node)
     client.spin_until(lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120")
@@ -42,9 +42,9 @@ def test_the_node_monitor_learns_who_the_node_is(bench):
     assert len(info.hardware_version.certificate_of_authenticity) == 0
 
 
-def test_parameters_are_walked_until_the_empty_name(bench):
+def test_parameters_are_read_until_the_empty_name(bench):
     client = bench().dronecan()
-    found = walk(client)
+    found = read_all_parameters(client)
     assert list(found) == PARAMETERS
     for name, response in found.items():
         assert len(name) <= 16
@@ -55,8 +55,8 @@ def test_parameters_are_walked_until_the_empty_name(bench):
         assert (by_name.name, by_name.value.integer_value) == (response.name, response.value.integer_value)
 
 
-def test_the_parameters_of_features_come_after_the_others(bench):
-    found = walk(bench(elf=node_elf("full", board="uno")).dronecan())
+def test_the_parameters_of_features_follow_the_others(bench):
+    found = read_all_parameters(bench(elf=node_elf("full", board="uno")).dronecan())
     singles = ["LIGHT_ID", "STATS_RATE", "DIALECT", "SAFE_MODE", "OUT_COUNT", "OUT1_TYPE", "PWR_RATE"]
     circuit = ["ID", "VOLT_MULT", "VOLT_OFS", "AMP_PERVLT", "AMP_OFFSET", "VOLT_MIN", "VOLT_MAX", "AMP_MAX", "OUT"]
     of_output = ["ID", "MIN", "TRIM", "MAX", "REVERSED", "RANGE", "TIMEOUT", "FS", "FS_PWM", "TYPE"]
@@ -64,7 +64,7 @@ def test_the_parameters_of_features_come_after_the_others(bench):
     assert list(found) == [*PARAMETERS, *singles, *(f"PWR1_{name}" for name in circuit), *outputs]
 
 
-def test_what_is_set_and_saved_is_still_set_after_a_restart(bench):
+def test_saved_parameters_survive_a_restart(bench):
     used = bench()
     client = used.dronecan()
     client.set("OUT1_MIN", 1200)
@@ -73,12 +73,12 @@ def test_what_is_set_and_saved_is_still_set_after_a_restart(bench):
     client.set("OUT1_MAX", 1800)
     client.restart()
     assert (client.get("OUT1_MIN"), client.get("TEMP_MIN")) == (1200, -12)
-    assert client.get("OUT1_MAX") == 2000, "it was not saved"
+    assert client.get("OUT1_MAX") == 2000, "the value was not saved"
     client.command((1, UNITLESS, -1.0))
     client.spin_until(lambda: used.pulse_us() == 1200, "pulse of 1200 us")
 
 
-def test_what_was_saved_outlives_the_simulation(bench):
+def test_saved_parameters_survive_the_end_of_the_simulation(bench):
     first = bench()
     client = first.dronecan()
     client.set("TEMP_ID", 513)
@@ -88,7 +88,7 @@ def test_what_was_saved_outlives_the_simulation(bench):
     assert second.dronecan().get("TEMP_ID") == 513
 
 
-def test_erasing_brings_the_defaults_back(bench):
+def test_erasing_restores_the_defaults(bench):
     client = bench().dronecan()
     client.set("OUT1_MIN", 1200)
     client.save()
@@ -109,12 +109,12 @@ def test_erasing_brings_the_defaults_back(bench):
         ("CAN_BAUDRATE", {"integer_value": 800_000}, 1_000_000),
     ],
 )
-def test_what_cannot_be_set_is_answered_with_what_is_in_force(bench, name, value, in_force):
+def test_an_invalid_value_is_answered_with_the_current_one(bench, name, value, in_force):
     response = bench().dronecan().parameter(name, **value)
     assert (str(response.name), response.value.integer_value) == (name, in_force)
 
 
-def test_an_unknown_parameter_is_answered_with_nothing(bench):
+def test_an_unknown_parameter_gets_an_empty_answer(bench):
     client = bench().dronecan()
     for response in (client.parameter("NO_SUCH_THING"), client.parameter(index=len(PARAMETERS)), client.parameter(index=8191)):
         assert len(response.name) == 0
@@ -128,7 +128,7 @@ def dronecan_field(union):
 
 
 def test_five_requests_at_once_are_answered_in_order(bench):
-    """As the GUI tool fetches parameters, while an autopilot commands."""
+    """Like a GUI tool that fetches parameters, while an autopilot sends commands."""
     used = bench(slcan=2)
     client, autopilot = used.dronecan(0, node_id=127), used.dronecan(1, node_id=10)
     autopilot.node.periodic(0.02, lambda: autopilot.command((1, PWM, 1600)))
@@ -139,12 +139,12 @@ def test_five_requests_at_once_are_answered_in_order(bench):
             client.node.request(request, NODE, lambda event, index=index: answers.append((index, event)), priority=30)
         client.spin_until(lambda: len(answers) == 5 or autopilot.spin(0.01), "five answers")
         assert [index for index, _ in answers] == list(range(first, first + 5))
-        assert all(event is not None for _, event in answers), "one was lost"
+        assert all(event is not None for _, event in answers), "an answer is missing"
         assert [str(event.response.name) for _, event in answers] == [*PARAMETERS, ""][first : first + 5]
     assert used.pulse_us() == 1600
 
 
-def test_a_firmware_update_is_refused_with_a_reason(bench):
+def test_a_firmware_update_is_rejected_with_a_reason(bench):
     client = bench().dronecan()
     request = protocol.file.BeginFirmwareUpdate.Request(source_node_id=0)
     request.image_file_remote_path.path = "firmware.bin"
@@ -153,7 +153,7 @@ def test_a_firmware_update_is_refused_with_a_reason(bench):
     assert str(response.optional_error_message)
 
 
-def test_transport_statistics_count(bench):
+def test_transport_stats_count_transfers_and_frames(bench):
     client = bench(elf=node_elf("full", board="uno")).dronecan()
     first = client.ask(protocol.GetTransportStats.Request())
     for _ in range(20):
@@ -174,20 +174,20 @@ def test_a_restart_needs_its_magic_number(bench):
     request = protocol.RestartNode.Request()
     request.magic_number = 0xBEEFCAFE
     assert not client.ask(request).ok
-    used.goes_on()
+    used.still_runs()
     assert len(re.findall(r"reset: ", used.text())) == 1
     client.restart()
     used.wait_for_text(r"reset: (.|\n)*reset: ")
 
 
-def test_the_simulator_tells_what_was_asked_and_answered(bench):
+def test_the_simulator_prints_requests_and_responses(bench):
     major, minor = VERSION
     used = bench("--traffic", "--log", "said.txt")
     client = used.dronecan()
     client.set("OUT1_MIN", 1100)
     client.ask(protocol.GetNodeInfo.Request())
     client.save()
-    used.goes_on()
+    used.still_runs()
     for text in (used.text(), (used.directory / "said.txt").read_text()):
         for line in [
             r"10>120 param\.GetSet request OUT1_MIN = 1100$",

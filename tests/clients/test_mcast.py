@@ -1,4 +1,4 @@
-"""pydronecan over UDP multicast, in a network that has nothing but loopback: the cases are in mcast_cases.py."""
+"""pydronecan over UDP multicast, in a network namespace that has only the loopback interface. The cases are in mcast_cases.py."""
 
 import pathlib
 import subprocess
@@ -10,7 +10,7 @@ import mcast_cases
 from conftest import namespace
 
 CASES = pathlib.Path(mcast_cases.__file__)
-# As docs/bench.md says.
+# As in docs/bench.md.
 SETUP = "ip link set lo up\nip route add 239.65.82.0/24 dev lo"
 
 

@@ -1,4 +1,4 @@
-"""python-can's own programs over SLCAN: what is played is recorded, byte for byte."""
+"""python-can's own programs over SLCAN: a recording equals what was played, byte for byte."""
 
 import os
 import random
@@ -18,18 +18,18 @@ def write_log(path, frames, gap_s=0.001):
 
 
 def frames(path):
-    """The frames of a candump log, but for those of the node."""
+    """The frames of a candump log without those of the node."""
     found = re.findall(r"^\([\d.]+\) \S+ (\S+)", path.read_text(), re.M)
     return [frame for frame in found if not re.match(r"[0-9A-F]{6}78#", frame)]
 
 
 def start_logger(used, file):
-    """A can_logger on the first adapter; it keeps what it heard to itself until it ends."""
+    """Starts a can_logger on the first adapter. It prints its output only when it ends."""
     logger = used.start("can_logger", *ADAPTER, used.slcan[0], "-f", file, env=dict(os.environ, PYTHONUNBUFFERED="1"))
     for line in logger.stdout:
         if line.startswith(b"Can Logger"):
             break
-    # It does not wait for the adapter's answers.
+    # can_logger does not wait for the adapter's answers.
     time.sleep(0.3)
     return logger
 
@@ -38,7 +38,7 @@ def random_frames(count, seed):
     rng = random.Random(seed)
     made = []
     for index in range(count):
-        # Bit 7 is set: a service of another node, so that the node under test takes no notice.
+        # Bit 7 is set, so the frame is a service for another node, which the node under test ignores.
         identifier = f"{rng.getrandbits(21) << 8 | 0xA5:08X}" if index % 3 else f"{rng.getrandbits(11):03X}"
         made.append(f"{identifier}#{rng.randbytes(rng.randrange(9)).hex().upper()}")
     return made
@@ -50,7 +50,7 @@ def test_can_logger_records_what_can_player_plays(bench):
     write_log(used.directory / "in.log", played)
     logger = start_logger(used, "out.log")
     used.run("can_player", *ADAPTER, used.slcan[1], "in.log")
-    # What the player has left to the adapter goes out, and to the logger.
+    # The adapter sends the rest of the player's frames to the bus and to the logger.
     time.sleep(0.5)
     logger.send_signal(signal.SIGINT)
     logger.wait(TIMEOUT_S)
@@ -59,7 +59,7 @@ def test_can_logger_records_what_can_player_plays(bench):
     assert frames(used.directory / "sim.log") == played
 
 
-def test_a_recording_of_the_simulator_is_played_again(bench):
+def test_a_recording_of_the_simulator_can_be_played(bench):
     first = bench("--log", "sim.log", autopilot=True)
     first.wait_for_text(r"^ +2\.0\d+ ")
     first.end()
@@ -68,7 +68,7 @@ def test_a_recording_of_the_simulator_is_played_again(bench):
     second = bench("--log", "sim.log")
     second.run("can_player", *ADAPTER, second.slcan[0], first.directory / "sim.log")
     second.end()
-    # The last frames may still be on their way when the player closes its port.
+    # When the player closes its port, the last frames may still be on their way.
     again = frames(second.directory / "sim.log")
     assert again == played
     assert second.pulse_us() is not None
@@ -80,7 +80,7 @@ def test_python_can_reads_timestamps_and_remote_frames(bench):
     used = bench(slcan=2)
     buses = [can.Bus(interface="slcan", channel=str(path), bitrate=1_000_000, sleep_after_open=0.1) for path in used.slcan]
     try:
-        # It does not wait for the answers when it opens a channel; this does.
+        # python-can does not wait for the answers when it opens a channel. This waits.
         assert {bus.get_version(2) for bus in buses} == {(10, 13)}
         for message in [
             can.Message(arbitration_id=0x123, is_extended_id=False, is_remote_frame=True, dlc=3),
@@ -101,8 +101,8 @@ def test_python_can_reads_timestamps_and_remote_frames(bench):
 
 
 @pytest.mark.timeout(90)
-def test_a_full_bus_loses_nothing(bench):
-    """As many frames as 1 Mbit/s carries, from one client to another."""
+def test_on_a_full_bus_no_frame_is_lost(bench):
+    """As many frames as 1 Mbit/s can carry, from one client to another."""
     used = bench(slcan=2)
     source, sink = (used.raw(path) for path in used.slcan)
     for port in (source, sink):

@@ -1,4 +1,4 @@
-"""The bridge beside an autopilot, by QGroundControl's rules."""
+"""The bridge besides an autopilot, with QGroundControl's rules."""
 
 import threading
 
@@ -14,7 +14,7 @@ ARMED_IN_MODE_4 = (True, 4)
 
 
 class Vehicle(threading.Thread):
-    """An autopilot with a link to the ground station and one to the bridge, as a router joins them."""
+    """An autopilot with links to the ground station and to the bridge, connected as by a router."""
 
     def __init__(self, bridge_port, ground_port, hears_bridge=True):
         super().__init__(daemon=True)
@@ -54,7 +54,7 @@ def closing():
 
 
 def beside_an_autopilot(many_nodes, bridge, closing, *options, hears_bridge=True):
-    """A bus with the autopilot as node 1 and two others, an autopilot on MAVLink, the bridge, and the ground station."""
+    """A bus with the autopilot as node 1 and two other nodes, an autopilot on MAVLink, the bridge, and the ground station."""
     used = many_nodes([Node(1, integers(3)), Node(42, integers(20)), Node(43, integers(5))])
     bridge(used.bus, "--integers", "cast", *options)
     ground_port = free_port()
@@ -80,7 +80,7 @@ def test_the_parameters_of_the_nodes_are_components_of_the_vehicle(many_nodes, b
     used, qgc = beside_an_autopilot(many_nodes, bridge, closing)
     qgc.spin(3.5)
     assert qgc.vehicle == 1 and qgc.is_ardupilot
-    # It is ready with the autopilot's own, and takes what comes after them. Nothing is asked for one by one.
+    # The vehicle is ready with the autopilot's own parameters, and accepts those that follow. It requests no parameter one by one.
     assert qgc.load() < 3
     qgc.spin(2)
     assert qgc.is_loaded() and not qgc.tries

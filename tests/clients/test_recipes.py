@@ -13,7 +13,7 @@ import sys
 import pytest
 
 import recipes
-from conftest import ROOT, namespace, own_program
+from conftest import ROOT, namespace, project_program
 
 PAGES = {name: recipes.read_page(ROOT / "docs" / f"{name}.md") for name in ("bench", "bridge", "update", "utilisation")}
 MARKS = {
@@ -30,11 +30,11 @@ CASES = [
 
 
 def environment(directory):
-    """That of a user who has run `make install`."""
+    """The environment of a user who has run `make install`."""
     installed, programs = directory / "installed", directory / "programs"
     programs.mkdir()
     for name in ("sim", "bridge", "node-update"):
-        (programs / name).symlink_to(own_program(name))
+        (programs / name).symlink_to(project_program(name))
     home = pathlib.Path.home()
     return {
         **{name: value for name, value in os.environ.items() if name not in ("NODE_ELF", "NODE_BOARD", "NODE_SHIELD", "MAVLINK20")},
@@ -48,7 +48,7 @@ def environment(directory):
 
 
 @pytest.mark.parametrize(("name", "title", "mode"), CASES)
-def test_the_recipe_does_what_the_page_says(name, title, mode, tmp_path):
+def test_the_recipes_of_a_section_do_what_the_page_says(name, title, mode, tmp_path):
     home = tmp_path / "home"
     home.mkdir()
     as_root = [block.text for block in PAGES[name].sections[title] if "as root" in block.kinds and block.runs(mode)]
@@ -66,7 +66,7 @@ def test_the_recipe_does_what_the_page_says(name, title, mode, tmp_path):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_what_is_to_be_pasted_is_in_a_block_and_needs_no_sudo_and_no_fixed_file(name):
+def test_commands_are_in_blocks_and_need_no_sudo_and_no_fixed_file(name):
     page = PAGES[name]
     blocks = [block.prelude + block.text for section in page.sections.values() for block in section]
     assert len(blocks) >= 3
@@ -75,7 +75,7 @@ def test_what_is_to_be_pasted_is_in_a_block_and_needs_no_sudo_and_no_fixed_file(
     assert not re.findall(r"^    (?:sim|bridge|node-update|make|cargo) .*", (ROOT / "docs" / f"{name}.md").read_text(), re.M)
 
 
-def test_a_page_is_read_as_its_comments_say(tmp_path):
+def test_a_page_is_read_according_to_its_comments(tmp_path):
     path = tmp_path / "page.md"
     path.write_text(
         "## One\n\nTerminal 1:\n\n```sh\nserve\n```\n\nIn Terminal 2:\n\n<!-- recipe: long -->\n```sh\nask\n```\n\n"

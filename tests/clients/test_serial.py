@@ -1,4 +1,4 @@
-"""The Arduino's serial port: uploads through its genuine boot loader, and the serial monitor."""
+"""The Arduino's serial port: uploads through the original bootloader, and the serial monitor."""
 
 import fcntl
 import os
@@ -19,18 +19,18 @@ from conftest import ROOT, TARGET, node_elf, program, wait_until
 BOOTLOADERS = pathlib.Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 BOOTLOADER = BOOTLOADERS / "atmega/ATmegaBOOT_168_diecimila.hex"
 MONITOR_BAUD = 115200
-# What a user types. The runner of .cargo/config.toml does the rest; RAVEDUDE_PORT says where the board is.
+# What a user types; .cargo/config.toml has the runner. RAVEDUDE_PORT is the board's port.
 CARGO_RUN = "cargo run --release -p node --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec"
 
 
 @pytest.fixture
 def empty_board(bench):
-    """A board with nothing but its boot loader."""
-    assert BOOTLOADER.exists(), 'there is no boot loader: "make test" installs arduino-core-avr'
+    """A board that has only its bootloader."""
+    assert BOOTLOADER.exists(), 'there is no bootloader: "make test" installs arduino-core-avr'
     return bench("--bootloader", BOOTLOADER, "--no-program", serial=True)
 
 
-def test_the_monitor_tells_how_the_node_does(bench):
+def test_the_serial_monitor_prints_lines(bench):
     used = bench("--temperature", "40", serial=True)
     with serial.Serial(str(used.serial), MONITOR_BAUD, timeout=5) as port:
         text = port.read_until(b"temperature")
@@ -41,22 +41,22 @@ def test_the_monitor_tells_how_the_node_does(bench):
 
 def test_opening_the_port_resets_the_board(bench):
     used = bench(serial=True)
-    used.goes_on()
+    used.still_runs()
     used.raw(used.serial)
     used.wait_for_text(r" reset ")
 
 
-def test_avrdude_uploads_through_the_boot_loader(empty_board):
+def test_avrdude_uploads_through_the_original_bootloader(empty_board):
     used = empty_board
     line = ["-c", "arduino", "-p", "m168", "-P", used.serial, "-b", "19200", "-D", "-U", f"flash:w:{node_elf()}:e"]
     text = used.run("avrdude", *line)
     assert re.search(r"bytes of flash verified", text), text
-    # The node runs: it says so on the bus.
+    # The node runs if it sends on the bus.
     used.dronecan().wait_for(uavcan.protocol.NodeStatus)
 
 
 @pytest.mark.timeout(180)
-def test_cargo_run_uploads_with_ravedude_and_shows_the_monitor(empty_board):
+def test_cargo_run_uploads_with_ravedude_and_shows_the_serial_monitor(empty_board):
     used = empty_board
     ravedude = pathlib.Path(program("ravedude"))
     environment = dict(os.environ, RAVEDUDE_PORT=str(used.serial))
@@ -64,22 +64,22 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_monitor(empty_board):
     output = used.directory / "ravedude.txt"
 
     def shown():
-        """What the console has shown; before it opens its port avrdude has closed it."""
+        """The output of ravedude's console. avrdude has closed the port before the console opens it."""
         return output.read_text(errors="replace").partition(f"Console {used.serial}")[2]
 
     with open(output, "wb") as file:
         with open(TARGET / "firmware/lock", "w") as lock:
-            # As scripts/firmware: nobody else may build before avrdude has read the ELF.
+            # The same lock as in scripts/firmware: no other build may start before avrdude has read the ELF.
             fcntl.flock(lock, fcntl.LOCK_EX)
             cargo = used.start(*shlex.split(CARGO_RUN), cwd=ROOT, env=environment, stdout=file)
             wait_until(lambda: b"flash written" in output.read_bytes() or cargo.poll() is not None, "written flash", timeout=120)
         wait_until(lambda: "temperature +" in shown() or cargo.poll() is not None, "line of the monitor", timeout=120)
-        # As the terminal does at Ctrl-C.
+        # Like a terminal at Ctrl-C.
         os.killpg(cargo.pid, signal.SIGINT)
         exit_code = cargo.wait(10)
     text = output.read_text(errors="replace")
     assert exit_code == 0 and "bytes of flash verified" in text, text
-    # The board starts when the console opens the port, so its first words are there, once.
+    # The board starts when the console opens the port, so the console shows the banner, once.
     assert re.search(r"at 115200 baud\s+CTRL\+C to exit\.\s+DroneCAN servo node", shown()), text
     assert shown().count("reset:") == 1, text
     used.end()
@@ -94,8 +94,8 @@ def test_cargo_upload_is_short_for_cargo_run():
 
 
 def optiboot(directory):
-    """Optiboot for the Uno, built as its own Makefile does, but without the flashes of the light: with them it is too long for its section, and
-    the HEX file of the package runs past the end of the flash."""
+    """Optiboot for the Uno, built like its own Makefile does, but without the flashes of the light: with them it is too long for its section.
+    The HEX file of the package runs past the end of the flash."""
     source, elf, hex_file = BOOTLOADERS / "optiboot/optiboot.c", directory / "optiboot.elf", directory / "optiboot.hex"
     flags = "-Os -fno-inline-small-functions -fno-split-wide-types -mshort-calls -mmcu=atmega328p -nostartfiles -nostdlib"
     settings = "-DF_CPU=16000000L -DBAUD_RATE=115200 -DLED_START_FLASHES=0 -Wl,--section-start=.text=0x7e00 -Wl,--relax -w"

@@ -1,4 +1,4 @@
-"""What the node publishes and heeds beside commands, as pydronecan has it; and what ArduPilot and PX4 would send it."""
+"""What the node publishes, and the messages besides commands that it follows, with pydronecan; and the messages of ArduPilot and PX4."""
 
 import math
 
@@ -13,7 +13,7 @@ UNITLESS, POSITION, PWM = 0, 1, 4
 actuator = uavcan.equipment.actuator
 
 
-def test_the_actuator_status_tells_the_position(bench):
+def test_the_actuator_status_has_the_position(bench):
     used = bench()
     client = used.dronecan()
     status = client.wait_for(actuator.Status)
@@ -55,7 +55,7 @@ def test_the_button_publishes_its_count(bench, tmp_path):
     assert [(str(count.key), count.value) for count in counts] == [("btn", 1.0), ("btn", 2.0), ("btn", 3.0)]
 
 
-def test_can_statistics_count(bench):
+def test_can_stats_count_frames(bench):
     client = bench(elf=node_elf("full", board="uno")).dronecan()
     client.set("STATS_RATE", 5)
     first = client.wait_for(dronecan.dronecan.protocol.CanStats)
@@ -69,7 +69,7 @@ def test_can_statistics_count(bench):
     assert (last.rx_overflow, last.busoff_errors, last.tx_timedout) == (0, 0, 0)
 
 
-def test_the_gate_opens_when_the_vehicle_is_armed(bench):
+def test_with_arm_req_commands_are_followed_when_the_vehicle_is_armed(bench):
     used = bench()
     client = used.dronecan()
     client.set("ARM_REQ", 1)
@@ -84,10 +84,10 @@ def test_the_gate_opens_when_the_vehicle_is_armed(bench):
 
     assert commanded(status.STATUS_DISARMED, 1600) is None
     assert commanded(status.STATUS_FULLY_ARMED, 1700) == 1700
-    assert commanded(status.STATUS_DISARMED, 1800) == 1700, "it holds"
+    assert commanded(status.STATUS_DISARMED, 1800) == 1700, "the servo must hold its position"
 
 
-def test_a_failsafe_shows_in_the_status_until_commands_come_again(bench):
+def test_a_failsafe_is_in_the_status_until_the_next_command(bench):
     used = bench()
     client = used.dronecan()
     status_type = uavcan.protocol.NodeStatus
@@ -105,26 +105,26 @@ def test_a_failsafe_shows_in_the_status_until_commands_come_again(bench):
 
 
 def stream(client, used, make, expected_us):
-    """Commands at 50 Hz for a second; the servo must stand where they say."""
+    """Sends commands at 50 Hz for a second and checks the servo's position."""
     handle = client.node.periodic(0.02, lambda: client.command(*make()))
     client.spin_until(lambda: used.pulse_us() == expected_us, f"pulse of {expected_us} us")
     client.spin(1)
     handle.remove()
     assert used.pulse_us() == expected_us
     status = client.gather(uavcan.protocol.NodeStatus, 1)[0]
-    assert status.vendor_specific_status_code & 1 << 3 == 0, "transfer errors"
+    assert status.vendor_specific_status_code & 1 << 3 == 0, "the node reported transfer errors"
 
 
 @pytest.mark.parametrize("servo", [1, 15])
 @pytest.mark.parametrize("unit", [UNITLESS, PWM])
-def test_fifteen_commands_as_from_ardupilot(bench, servo, unit):
+def test_fifteen_commands_like_ardupilot_s_are_followed(bench, servo, unit):
     used = bench()
     client = used.dronecan(node_id=10)
     client.set("OUT1_ID", servo)
     widths = {number: 1000 + 50 * number for number in range(1, 16)}
     value = (lambda us: us) if unit == PWM else (lambda us: us / 500 - 3)
     commands = [(number, unit, value(us)) for number, us in widths.items()]
-    # A float16 of -1 to 1 is a step of half a microsecond or less from these, but not on them.
+    # A float16 between -1 and 1 differs from these values by up to half a microsecond of pulse width.
     expected = widths[servo]
     if unit == UNITLESS:
         handle = client.node.periodic(0.02, lambda: client.command(*commands))
@@ -135,7 +135,7 @@ def test_fifteen_commands_as_from_ardupilot(bench, servo, unit):
 
 
 @pytest.mark.parametrize("servo, expected_us", [(0, 1000), (7, 1875)])
-def test_eight_commands_as_from_px4(bench, servo, expected_us):
+def test_eight_commands_like_px4_s_are_followed(bench, servo, expected_us):
     used = bench()
     client = used.dronecan(node_id=1)
     client.set("OUT1_ID", servo)
@@ -143,7 +143,7 @@ def test_eight_commands_as_from_px4(bench, servo, expected_us):
 
 
 @pytest.mark.parametrize("kind, servo", [("ardupilot", 1), ("ardupilot-pwm", 4), ("px4", 1)])
-def test_the_simulated_autopilots_are_obeyed(bench, kind, servo):
+def test_the_node_follows_the_simulated_autopilots(bench, kind, servo):
     used = bench("--autopilot", kind, "--actuator", servo, "--hold", "0.5", autopilot=True)
     client = used.dronecan(node_id=127)
     client.set("OUT1_ID", servo)

@@ -1,4 +1,4 @@
-"""Updates through our bootloader: over the bus by pydronecan's file server, through the serial port by avrdude."""
+"""Updates with our bootloader: over the bus by pydronecan's file server, and over the serial port by avrdude."""
 
 import contextlib
 import importlib
@@ -8,10 +8,10 @@ import subprocess
 
 import dronecan.app.file_server
 import pytest
-from conftest import NODE, ROOT, TARGET, VERSION, node_elf, own_program
+from conftest import NODE, ROOT, TARGET, VERSION, node_elf, project_program
 from dronecan import uavcan
 
-# It may hold the types from before conftest.py has loaded them anew.
+# An earlier import may hold the types from before conftest.py loaded them again.
 importlib.reload(dronecan.app.file_server)
 
 NodeStatus = uavcan.protocol.NodeStatus
@@ -22,7 +22,7 @@ LOADER = TARGET / "firmware" / "boot-diecimila-seeed.hex"
 
 @pytest.fixture
 def empty_board(bench):
-    """A board with nothing but our bootloader."""
+    """A board that has only our bootloader."""
     return bench("--bootloader", "--no-program", serial=True)
 
 
@@ -33,18 +33,18 @@ def remote_board(bench):
 
 
 def update(client, file):
-    """Serves the file, and asks the node to take it. Waits until its program runs."""
+    """Serves the file and sends BeginFirmwareUpdate. Waits until the new program runs."""
     with contextlib.closing(dronecan.app.file_server.FileServer(client.node, [str(file.parent)])):
         request = uavcan.protocol.file.BeginFirmwareUpdate.Request(source_node_id=client.node.node_id)
         request.image_file_remote_path.path = file.name
         response = client.ask(request)
         assert response.error == response.ERROR_OK
-        # The program that is to go may still say OPERATIONAL.
+        # The old program may still send OPERATIONAL.
         for mode in (NodeStatus().MODE_SOFTWARE_UPDATE, NodeStatus().MODE_OPERATIONAL):
             client.spin_until(lambda mode=mode: client.wait_for(NodeStatus).mode == mode, f"mode {mode}", timeout=60)
 
 
-def test_pydronecan_s_file_server_updates_a_node_whose_loader_waits(empty_board):
+def test_pydronecan_s_file_server_updates_a_node_in_its_bootloader(empty_board):
     client = empty_board.dronecan()
     assert client.wait_for(NodeStatus).mode == NodeStatus().MODE_MAINTENANCE
     information = client.ask(uavcan.protocol.GetNodeInfo.Request())
@@ -54,7 +54,7 @@ def test_pydronecan_s_file_server_updates_a_node_whose_loader_waits(empty_board)
     assert str(information.name) == "org.dronecan.servo168"
 
 
-def test_avrdude_uploads_through_our_loader_and_the_bus_still_works(empty_board):
+def test_avrdude_uploads_through_our_bootloader_and_the_bus_works_then(empty_board):
     used = empty_board
     line = ["-c", "arduino", "-p", "m168", "-P", used.serial, "-b", "19200", "-D", "-U", f"flash:w:{node_elf()}:e"]
     text = used.run("avrdude", *line)
@@ -63,8 +63,8 @@ def test_avrdude_uploads_through_our_loader_and_the_bus_still_works(empty_board)
     client.spin_until(lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_OPERATIONAL, "program", timeout=20)
 
 
-def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_stay(remote_board, tmp_path):
-    # Its path has the name of the file.
+def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_are_kept(remote_board, tmp_path):
+    # The path that the server gives is the file's name.
     file = tmp_path / "remote.bin"
     file.write_bytes(node_elf("remote").with_suffix(".bin").read_bytes())
     client = remote_board.dronecan()
@@ -77,31 +77,31 @@ def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_stay
 
 
 def node_update(used, *words, node=NODE, file=None, code=0, slcan=0):
-    """Runs our own program. Returns what it printed."""
+    """Runs node-update. Returns its output."""
     file = file or node_elf("remote").with_suffix(".bin")
-    line = [own_program("node-update"), file, "--bus", f"slcan:{used.slcan[slcan]}", "--node", node, *words]
+    line = [project_program("node-update"), file, "--bus", f"slcan:{used.slcan[slcan]}", "--node", node, *words]
     process = used.start(*line)
     text = process.communicate(timeout=90)[0].decode(errors="replace")
     assert process.returncode == code, text
     return text
 
 
-def test_our_own_program_updates_a_running_node_and_says_so(remote_board):
+def test_node_update_updates_a_running_node_and_reports_it(remote_board):
     text = node_update(remote_board)
     assert re.search(r"^node 120: restarting, (\d+) of \1 bytes$", text, re.M), text
     version = r"\.".join(str(number) for number in VERSION)
     assert re.search(rf"^node 120: runs version {version}, before {version}; [0-9.]+ s$", text, re.M), text
-    # The next update finds everything in order.
+    # The next update must succeed, too.
     node_update(remote_board)
 
 
-def test_a_node_in_use_is_not_updated_and_its_reason_is_shown(remote_board):
+def test_node_update_prints_why_a_node_in_use_rejects_an_update(remote_board):
     client = remote_board.dronecan(adapter=1)
     client.wait_for(NodeStatus)
     message = uavcan.equipment.safety.ArmingStatus(status=255)
     handle = client.node.periodic(0.2, lambda: client.node.broadcast(message))
     client.spin(0.5)
-    line = [own_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
+    line = [project_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
     process = remote_board.start(*line)
     client.spin_until(lambda: process.poll() is not None, "end of the program", timeout=30)
     handle.remove()
@@ -110,7 +110,7 @@ def test_a_node_in_use_is_not_updated_and_its_reason_is_shown(remote_board):
     assert "node 120: FAILED: refuses: armed, or a command in the last 2 s" in text
 
 
-def test_wrong_nodes_and_wrong_files_are_refused_with_advice(remote_board, tmp_path):
+def test_wrong_nodes_and_wrong_files_are_rejected_with_a_remedy(remote_board, tmp_path):
     text = node_update(remote_board, node=42, code=4)
     assert "node 42 is not on the bus. Nodes that are: 120" in text
     text = node_update(remote_board, file=node_elf("full", board="uno").with_suffix(".bin"), code=4)
@@ -122,7 +122,7 @@ def test_wrong_nodes_and_wrong_files_are_refused_with_advice(remote_board, tmp_p
 
 
 def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
-    line = [own_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
+    line = [project_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
     process = remote_board.start(*line)
     for text in iter(process.stdout.readline, b""):
         if re.match(rb"node 120: reading, [1-9]", text):
@@ -136,7 +136,7 @@ def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
     assert "node 120: runs version" in node_update(remote_board)
 
 
-def test_a_whole_fleet_is_updated_one_after_the_other(bench):
+def test_several_nodes_are_updated_one_after_the_other(bench):
     eeproms = []
     for node in (120, 121, 122):
         single = bench(elf=node_elf("remote"))
