@@ -9,7 +9,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// More often it would only fill the channel.
+/// Smallest interval; shorter ones would only fill the channel.
 const INFO_INTERVAL_MIN: Duration = Duration::from_secs(1);
 
 const EXAMPLES: &str = "\
@@ -169,13 +169,13 @@ mod tests {
     }
 
     #[test]
-    fn the_shortest_line_is_enough() {
+    fn the_bus_and_one_channel_are_enough() {
         let args = parse("--bus slcan:/tmp/can --mavlink udpout:127.0.0.1:14550").unwrap();
         assert_eq!((args.system, args.component, args.node_id), (1, 126, None));
     }
 
     #[test]
-    fn what_makes_no_sense_is_refused() {
+    fn invalid_options_are_rejected() {
         for wrong in [
             "",
             "--bus mcast:0",

@@ -1,15 +1,15 @@
-//! Requests to nodes: several at a time, repeated without an answer, and failed after a bounded time.
+//! Requests to nodes. Several are sent at a time; one without an answer is repeated, and fails after a bounded time.
 //!
-//! Goals: use a slow bus without flooding it; wait for a slow node; no node delays requests to other nodes.
+//! Goals: use a slow bus without flooding it; wait for slow nodes; no node delays requests to other nodes.
 //!
-//! * Each node has a queue and a window of requests that may be on their way to it at once. A request without an answer
-//!   halves the window, because a small node may have no room for more; answers widen it again.
-//! * All requests together have a window, too, which adapts in the same way: on a slow bus answers come late because of the other
-//!   requests. A node that has never answered does not narrow it, because that shows nothing about the bus.
-//! * The time to wait follows from the delay of the answers so far, as in TCP ([`delay`]).
+//! * Each node has a queue, and a window: the number of requests that may be sent to it and unanswered at once. A timeout
+//! halves the window, because a small node may have room for no more. Answers widen it again.
+//! * All nodes together have a window, too, which adapts in the same way: on a slow bus answers are late because of the other
+//! requests. A node that has never answered does not narrow this window, because its silence shows nothing about the bus.
+//! * The timeout follows from the delay of the answers so far, as in TCP ([`delay`]).
 //!
-//! Invariants: each try has a transfer ID of its own. An answer to any try of a request answers the request. A transfer ID
-//! whose answer may still come is not used again.
+//! Invariants: each attempt has its own transfer ID. An answer to any attempt answers the request. A transfer ID is not
+//! used again while an answer with it may still arrive.
 
 mod delay;
 #[cfg(test)]
@@ -22,29 +22,29 @@ use std::time::Duration;
 
 /// Largest window of one node. The DroneCAN GUI Tool has the same.
 const WINDOW: usize = 5;
-/// Largest window of all nodes together. A GetSet takes seven frames with its answer, so that on a bus of 900 frames a second an answer
+/// Largest window of all nodes together. A GetSet and its answer take seven frames, so on a bus of 900 frames a second an answer
 /// waits for a quarter of a second behind 32 others.
 const TOTAL_WINDOW_MAX: f64 = 32.0;
 const TOTAL_WINDOW_MIN: f64 = 2.0;
 const TOTAL_WINDOW_AT_FIRST: f64 = 8.0;
-/// The second lowest priority: parameters are less urgent than all else on the bus.
+/// The second lowest priority: parameters are less urgent than all other traffic.
 const PRIORITY: u8 = 30;
-/// Most requests in the queue of a node. Further requests fail at once.
+/// Maximum length of a node's queue. Further requests fail at once.
 const QUEUE_LIMIT: usize = 512;
-/// An answer does not come later than this after its request.
-const ANSWERS_WITHIN: Duration = Duration::from_secs(4);
+/// After this time no answer to a request is expected.
+const ANSWER_EXPECTED_WITHIN: Duration = Duration::from_secs(4);
 
 /// The timeouts of a request.
 #[derive(Clone, Copy, Debug)]
 pub struct Timeouts {
-    /// From the first try to the second, while the node's delay is not known.
+    /// Time from the first attempt to the second, while the node's delay is not known.
     pub repeat_after: Duration,
-    /// From the first try to the failure of the request.
+    /// Time from the first attempt to the failure of the request.
     pub give_up_after: Duration,
 }
 
 impl Timeouts {
-    /// In milliseconds.
+    /// Both times in milliseconds.
     pub const fn from_ms(repeat_after: u64, give_up_after: u64) -> Timeouts {
         Timeouts {
             repeat_after: Duration::from_millis(repeat_after),
@@ -53,25 +53,25 @@ impl Timeouts {
     }
 }
 
-/// For ExecuteOpcode. Long: a small node writes all of its memory.
+/// For ExecuteOpcode. They are long because a small node writes all of its parameters.
 pub const OPCODE_TIMEOUTS: Timeouts = Timeouts::from_ms(1500, 3000);
 
-/// Which requests go first.
+/// The order of requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Urgency {
-    /// A station waits for this answer. It ignores the window of all requests.
+    /// A station waits for this answer. The request ignores the window of all nodes.
     Now,
-    /// One of many.
+    /// One request of a list.
     Background,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Try {
+struct Attempt {
     transfer_id: TransferId,
     sent: Duration,
 }
 
-/// A request with what it is for.
+/// A request and its purpose.
 #[derive(Clone, Debug)]
 struct Call<P> {
     service: DataType,
@@ -79,32 +79,32 @@ struct Call<P> {
     timeouts: Timeouts,
     urgency: Urgency,
     purpose: P,
-    tries: Vec<Try>,
-    /// When the last try is given up.
+    tries: Vec<Attempt>,
+    /// When the last attempt times out.
     deadline: Duration,
 }
 
 impl<P> Call<P> {
-    /// When the call has failed. `None` before the first try.
-    fn gives_up_at(&self) -> Option<Duration> {
+    /// When the request fails. `None` before the first attempt.
+    fn fails_at(&self) -> Option<Duration> {
         self.tries.first().map(|first| first.sent + self.timeouts.give_up_after)
     }
 
     fn has_failed(&self, now: Duration) -> bool {
-        self.gives_up_at().is_some_and(|at| now >= at)
+        self.fails_at().is_some_and(|at| now >= at)
     }
 }
 
-/// The requests to one node.
+/// The queue and the window of one node.
 struct Line<P> {
     waiting: VecDeque<Call<P>>,
     flying: Vec<Call<P>>,
     window: usize,
     delay: Delay,
-    /// A transfer ID counter for each service, as the protocol requires.
+    /// Transfer ID counters by service, as the protocol requires.
     counters: BTreeMap<u16, TransferId>,
-    /// Tries of requests that are done, whose answers may still come.
-    orphans: Vec<(u16, Try)>,
+    /// Attempts of completed requests whose answers may still arrive.
+    orphans: Vec<(u16, Attempt)>,
 }
 
 impl<P> Default for Line<P> {
@@ -127,7 +127,7 @@ impl<P> Line<P> {
         self.waiting.insert(at, call);
     }
 
-    /// Takes the call out that the answer is for.
+    /// Removes and returns the request that the answer is for.
     fn take_answered(&mut self, service: u16, transfer_id: TransferId) -> Option<Call<P>> {
         let is_it = |call: &Call<P>| {
             call.service.id == service && call.tries.iter().any(|this| this.transfer_id == transfer_id)
@@ -139,13 +139,13 @@ impl<P> Line<P> {
         self.waiting.remove(at)
     }
 
-    /// Ends a call: the bridge ignores answers to its other tries.
+    /// Ends a request. Later answers to its other attempts are ignored.
     fn abandon(&mut self, call: &Call<P>, answered: Option<TransferId>) {
         let others = call.tries.iter().filter(|this| Some(this.transfer_id) != answered);
         self.orphans.extend(others.map(|this| (call.service.id, *this)));
     }
 
-    /// The next transfer ID that no outstanding answer has.
+    /// The next transfer ID that no outstanding attempt has.
     fn transfer_id(&mut self, service: u16) -> TransferId {
         let calls = self.flying.iter().chain(&self.waiting).filter(|call| call.service.id == service);
         let expected = calls.flat_map(|call| &call.tries);
@@ -164,7 +164,7 @@ impl<P> Line<P> {
     }
 }
 
-/// The answer's payload; `None` if there was none.
+/// The node, the purpose, and the payload of the answer; `None` if the request failed.
 pub type Answer<P> = (NodeId, P, Option<Vec<u8>>);
 
 /// All requests to all nodes.
@@ -174,11 +174,11 @@ pub struct Calls<P> {
     refused: Vec<Answer<P>>,
     /// Window of all nodes together.
     window: f64,
-    /// When that was last narrowed: once for all requests that were lost together.
+    /// When that window was last narrowed. Requests that were lost together narrow it once.
     narrowed_at: Option<Duration>,
-    /// The node that was served last. The next one follows it.
+    /// The node that was served last. The next round starts after it.
     served: Option<NodeId>,
-    /// Of all nodes, for one that has not answered yet.
+    /// Delay of all nodes' answers, for a node that has not answered yet.
     delay: Delay,
 }
 
@@ -213,7 +213,7 @@ impl<P> Calls<P> {
         line.push(Call { service, payload, timeouts, urgency, purpose, tries, deadline });
     }
 
-    /// Finds the request of a response.
+    /// Finds the request that a response answers.
     pub fn answered(&mut self, now: Duration, transfer: &Transfer) -> Option<Answer<P>> {
         let CanId::Service { service_id, request: false, destination, source, .. } = transfer.id else {
             return None;
@@ -235,12 +235,12 @@ impl<P> Calls<P> {
         Some((source, call.purpose, Some(transfer.payload.clone())))
     }
 
-    /// Sends and repeats requests, and returns those that have failed.
+    /// Sends and repeats requests. Returns those that have failed.
     pub fn poll(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Vec<Answer<P>> {
         let mut failed = std::mem::take(&mut self.refused);
-        self.take_overdue(now, &mut failed);
+        self.requeue_overdue(now, &mut failed);
         let mut flying: usize = self.lines.values().map(|line| line.flying.len()).sum();
-        // One request a node and round, and the round begins behind the node that was served last.
+        // Each round sends one request per node and starts after the node that was served last.
         let served = self.served;
         let mut order: Vec<NodeId> = self.lines.keys().copied().collect();
         let behind = order.iter().position(|node| Some(*node) > served).unwrap_or(0);
@@ -258,10 +258,10 @@ impl<P> Calls<P> {
         failed
     }
 
-    /// Puts requests whose time is over back into the queue, in front and in their order, so that each has its turn.
-    fn take_overdue(&mut self, now: Duration, failed: &mut Vec<Answer<P>>) {
+    /// Puts requests that timed out back at the front of their queues, in order.
+    fn requeue_overdue(&mut self, now: Duration, failed: &mut Vec<Answer<P>>) {
         for (node, line) in &mut self.lines {
-            line.orphans.retain(|(_, this)| now < this.sent + ANSWERS_WITHIN);
+            line.orphans.retain(|(_, this)| now < this.sent + ANSWER_EXPECTED_WITHIN);
             let mut overdue = Vec::new();
             while let Some(at) = line.flying.iter().position(|call| call.deadline <= now) {
                 overdue.push(line.flying.remove(at));
@@ -286,7 +286,7 @@ impl<P> Calls<P> {
         }
     }
 
-    /// Sends the next request to a node; `false` if there is none, or if it may not be sent now.
+    /// Sends the next request to a node. Returns `false` if there is none, or if the windows are full.
     fn send_one(&mut self, node: NodeId, now: Duration, flying: usize, frames: &mut Vec<Frame>) -> bool {
         let Some(line) = self.lines.get_mut(&node) else { return false };
         let Some(next) = line.waiting.front() else { return false };
@@ -296,9 +296,9 @@ impl<P> Calls<P> {
         }
         let Some(mut call) = line.waiting.pop_front() else { return false };
         let transfer_id = line.transfer_id(call.service.id);
-        call.tries.push(Try { transfer_id, sent: now });
+        call.tries.push(Attempt { transfer_id, sent: now });
         call.deadline = now + line.delay.timeout(call.timeouts.repeat_after, &self.delay);
-        if let Some(at) = call.gives_up_at() {
+        if let Some(at) = call.fails_at() {
             call.deadline = call.deadline.min(at);
         }
         let id = CanId::Service {
@@ -313,15 +313,15 @@ impl<P> Calls<P> {
         true
     }
 
-    /// When [`poll`](Calls::poll) has something to do next.
+    /// When [`poll`](Calls::poll) must be called next.
     pub fn deadline(&self) -> Option<Duration> {
         let flying = self.lines.values().flat_map(|line| &line.flying).map(|call| call.deadline);
-        let waiting = self.lines.values().flat_map(|line| &line.waiting).filter_map(Call::gives_up_at);
+        let waiting = self.lines.values().flat_map(|line| &line.waiting).filter_map(Call::fails_at);
         flying.chain(waiting).min()
     }
 
-    /// Removes the unanswered requests to a node, and returns their purposes.
-    pub fn take_back(&mut self, node: NodeId, which: impl Fn(&P) -> bool) -> Vec<P> {
+    /// Removes the unanswered requests to a node that satisfy `which`, and returns their purposes.
+    pub fn remove_requests(&mut self, node: NodeId, which: impl Fn(&P) -> bool) -> Vec<P> {
         let Some(line) = self.lines.get_mut(&node) else {
             return Vec::new();
         };

@@ -1,8 +1,8 @@
 //! MAVLink channels: UDP, TCP or a serial port, and the ground stations at their other ends.
 //!
-//! A channel has one far end (`udpout`, `tcp`, `serial`) or several (`udpin`, `tcpin`), each a [`Peer`] with its own queue, its own
-//! version of MAVLink and its own count of messages. Nothing blocks: messages that a channel does not accept wait in the queue, which drops
-//! the least important. The bridge sends no more than the rate of a channel, if it is known, so that important messages do not
+//! A channel has one far end (`udpout`, `tcp`, `serial`) or several (`udpin`, `tcpin`). Each is a [`Peer`] with its own queue, its own
+//! version of MAVLink and its own sequence numbers. Nothing blocks: messages that a channel does not accept wait in the queue, which drops
+//! the least important. If the rate of a channel is known, the bridge sends no more than that, so that important messages do not
 //! wait behind others.
 
 mod budget;
@@ -15,7 +15,7 @@ mod udp;
 
 use crate::core::Bridge;
 use crate::message::{Parser, Received, Refused, Request, Versions, Writer};
-use crate::number::Custom;
+use crate::number::IntegerEncoding;
 use crate::post::{Asker, PeerId, Post, To};
 use crate::queue::{CLASSES, Queue};
 use anyhow::{Result, anyhow};
@@ -34,17 +34,17 @@ use peer::{Peer, write};
 use resolve::{LookUp, resolve};
 pub use spec::Spec;
 
-/// Ground stations at one open port.
+/// Maximum number of ground stations at one open port.
 const PEERS_MAX: usize = 16;
-/// Time between two log lines about stations without a place.
-const REFUSAL_REPEATED_AFTER: Duration = Duration::from_secs(60);
+/// Time between two log lines about rejected stations.
+const REJECTION_LOGGED_AFTER: Duration = Duration::from_secs(60);
 const RETRY: Duration = Duration::from_secs(1);
-/// Reads in one turn, of each peer.
+/// Maximum number of reads from each peer in one turn.
 const READS_AT_ONCE: usize = 64;
 /// The component ID of MAVProxy. MAVProxy reads integers as floats unless component 1 is a PX4.
 const MAVPROXY: u8 = 230;
 
-/// How integers are written.
+/// The encoding of integers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Integers {
     /// Their bytes; to MAVProxy, which reads floats, as floats
@@ -62,24 +62,24 @@ pub struct Options {
     pub system: u8,
     pub versions: Versions,
     pub integers: Integers,
-    /// The least time between two statuses of a node.
+    /// Minimum time between two statuses of a node.
     pub status_interval: Duration,
-    /// Bytes a second, of channels that are not serial.
+    /// Rate of channels that are not serial, in bytes a second.
     pub byte_rate: Option<f64>,
     pub key: Option<[u8; 32]>,
-    /// Addresses that listeners accept; empty for all.
+    /// Addresses that listeners accept; if empty, all.
     pub allowed: Vec<IpAddr>,
 }
 
 enum Transport {
     Udp(UdpSocket),
     Listener(TcpListener),
-    /// The name is looked up.
+    /// The host name is being resolved.
     LookingUp(LookUp),
     Connecting(Socket, Duration),
     Stream,
     Serial(SerialPort),
-    /// Not there, to be tried again then.
+    /// Not available; the next attempt is at this time.
     Away(Duration),
 }
 
@@ -92,11 +92,11 @@ pub struct Channel {
     peers: BTreeMap<PeerId, Peer>,
     budget: Option<Budget>,
     malformed: u64,
-    /// From addresses that are not allowed, or for which there was no place.
+    /// Datagrams and connections from addresses that are not allowed, or for which there was no room.
     refused: u64,
     refusal_said: Option<Duration>,
     unsigned: u64,
-    /// Messages that queues of former peers dropped.
+    /// Messages that the queues of former peers dropped.
     dropped: u64,
     away_said: bool,
     pub log: Vec<String>,
@@ -106,7 +106,7 @@ impl Channel {
     /// Opens the `number`th channel.
     ///
     /// # Errors
-    /// With advice, where waiting would not help or `wait` is not given: a port that is taken, an unknown host, no serial port.
+    /// If a retry would not help, or without `wait`: a port in use, an unknown host, no serial port. The error has a remedy.
     pub fn open(
         spec: Spec,
         number: usize,
@@ -119,7 +119,7 @@ impl Channel {
             .key
             .map(|key| Rc::new(SigningData::from_config(SigningConfig::new(key, number as u8, true, false))));
         let rate = match &spec {
-            // Start bit, eight bits, stop bit; a little less, for clocks differ.
+            // A byte takes a start bit, eight data bits and a stop bit. The rate is a little lower because clocks differ.
             Spec::Serial { baud, .. } => Some(f64::from(*baud) / 10.0 * 0.98),
             _ => options.byte_rate,
         };
@@ -138,9 +138,9 @@ impl Channel {
             away_said: false,
             log: Vec::new(),
         };
-        channel.warn_of_open_listener();
+        channel.warn_about_open_listener();
         let started = match (&channel.spec, wait) {
-            // Nothing else waits yet.
+            // Nothing else is in the queue yet.
             (Spec::UdpOut(remote) | Spec::TcpOut(remote), false) => {
                 resolve(&remote.clone()).and_then(|address| channel.start_to(ids, now, address))
             }
@@ -149,15 +149,15 @@ impl Channel {
         match started {
             Err(error) if !wait => Err(error),
             Err(error) => {
-                channel.away(now, &format!("{error:#}"));
+                channel.mark_unavailable(now, &format!("{error:#}"));
                 Ok(channel)
             }
             Ok(()) => Ok(channel),
         }
     }
 
-    /// Warns of a listener beyond this machine, which accepts commands from every station that reaches it.
-    fn warn_of_open_listener(&mut self) {
+    /// Warns if the channel listens beyond this machine without a key: it accepts commands from every station that reaches it.
+    fn warn_about_open_listener(&mut self) {
         let (Spec::UdpIn(local) | Spec::TcpIn(local)) = self.spec else { return };
         if !local.ip().is_loopback() && self.signing.is_none() {
             let spec = &self.spec;
@@ -166,19 +166,19 @@ impl Channel {
         }
     }
 
-    /// Keeps and logs the port that the system has chosen for port 0.
+    /// Stores and logs the port that the system chose for port 0.
     fn listens_at(&mut self, local: SocketAddr) {
         let (Spec::UdpIn(given) | Spec::TcpIn(given)) = &mut self.spec else { return };
         if given.port() == 0 {
             *given = local;
-            self.log.push(format!("{} is the port that was free", self.spec));
+            self.log.push(format!("{} is open: the system chose the port", self.spec));
         }
     }
 
     fn start(&mut self, ids: &mut PeerId, now: Duration) -> Result<()> {
         match self.spec.clone() {
             Spec::UdpOut(remote) | Spec::TcpOut(remote) => match remote.parse() {
-                // Nothing to look up.
+                // A serial port needs no host name.
                 Ok(address) => self.start_to(ids, now, address)?,
                 Err(_) => self.transport = Transport::LookingUp(LookUp::begin(remote)),
             },
@@ -189,7 +189,7 @@ impl Channel {
         Ok(())
     }
 
-    /// Goes on when the address of the far end is known.
+    /// Opens the channel when the address of the far end is known.
     fn start_to(&mut self, ids: &mut PeerId, now: Duration, address: SocketAddr) -> Result<()> {
         match self.spec {
             Spec::UdpOut(_) => self.start_udp_out(ids, now, address),
@@ -197,16 +197,16 @@ impl Channel {
         }
     }
 
-    /// True if the bridge accepts a station at that address.
+    /// True if the bridge accepts a station at this address.
     fn allows(&self, address: IpAddr) -> bool {
         let allowed = &self.options.allowed;
         allowed.is_empty() || allowed.contains(&address.to_canonical())
     }
 
-    /// Logs that there is no place for a station, at most once a minute, because there may be many.
+    /// Logs that a station was rejected because there is no room; at most once a minute, because there may be many.
     fn refuse(&mut self, now: Duration, from: SocketAddr) {
         self.refused += 1;
-        if self.refusal_said.is_none_or(|said| now >= said + REFUSAL_REPEATED_AFTER) {
+        if self.refusal_said.is_none_or(|said| now >= said + REJECTION_LOGGED_AFTER) {
             self.refusal_said = Some(now);
             self.log.push(format!("{}: no place for {from}; --peer ADDRESS keeps others out", self.spec));
         }
@@ -222,7 +222,11 @@ impl Channel {
             queue: Queue::new(self.options.status_interval),
             unsent: Vec::new(),
             heard: None,
-            custom: if self.options.integers == Integers::Cast { Custom::Cast } else { Custom::Bytewise },
+            encoding: if self.options.integers == Integers::Cast {
+                IntegerEncoding::Cast
+            } else {
+                IntegerEncoding::Bytewise
+            },
             heard_at: now,
             is_trusted: true,
             sent: 0,
@@ -236,27 +240,27 @@ impl Channel {
         *ids
     }
 
-    fn away(&mut self, now: Duration, why: &str) {
+    fn mark_unavailable(&mut self, now: Duration, why: &str) {
         self.transport = Transport::Away(now + RETRY);
         if !self.away_said {
             self.away_said = true;
-            self.log.push(format!("{} is away: {why}", self.spec));
+            self.log.push(format!("{} is mark_unavailable: {why}", self.spec));
         }
     }
 
-    fn came_back(&mut self) {
+    fn mark_available(&mut self) {
         if std::mem::take(&mut self.away_said) {
             self.log.push(format!("{} is back", self.spec));
         }
     }
 
-    /// Takes what has come, to the bridge; gets back what was lost.
+    /// Handles received data, and reopens what was lost.
     pub fn serve(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId) {
         self.connect(now, bridge, ids);
         self.accept(now, bridge, ids);
         self.receive_datagrams(now, bridge, ids);
         self.receive_streams(now, bridge);
-        self.miss_silent(now, bridge);
+        self.remove_silent(now, bridge);
         self.close_untrusted(now, bridge);
     }
 
@@ -287,7 +291,7 @@ impl Channel {
         }
     }
 
-    /// A stream has ended.
+    /// Handles the end of a stream.
     fn lose(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, why: &str) {
         self.remove(bridge, id, why);
         if matches!(self.transport, Transport::Stream | Transport::Serial(_)) {
@@ -299,7 +303,7 @@ impl Channel {
     fn remove(&mut self, bridge: &mut Bridge, id: PeerId, why: &str) {
         if let Some(peer) = self.peers.remove(&id) {
             self.dropped += peer.queue.dropped().values().sum::<u64>();
-            self.log.push(format!("{}: {} is gone: {why}", self.spec, peer.name));
+            self.log.push(format!("{}: {} has left: {why}", self.spec, peer.name));
             bridge.left(id);
         }
     }
@@ -332,9 +336,10 @@ impl Channel {
                         Request::ParameterList | Request::ParameterRead { .. } | Request::ParameterSet { .. }
                     );
                     if self.options.integers == Integers::Auto && of_parameters {
-                        peer.custom = if message.from.1 == MAVPROXY { Custom::Cast } else { Custom::Bytewise };
+                        peer.encoding =
+                            if message.from.1 == MAVPROXY { IntegerEncoding::Cast } else { IntegerEncoding::Bytewise };
                     }
-                    bridge.message(now, Asker { peer: id, from: message.from, custom: peer.custom }, message);
+                    bridge.message(now, Asker { peer: id, from: message.from, encoding: peer.encoding }, message);
                 }
                 Err(Refused::Malformed) => self.malformed += 1,
                 Err(Refused::Signature) => self.unsigned += 1,
@@ -342,7 +347,7 @@ impl Channel {
         }
     }
 
-    /// Puts something into the queues of those it is for.
+    /// Puts a message into the queues of its recipients.
     pub fn post(&mut self, now: Duration, post: &Post) {
         match post {
             Post::Message { to: To::One(id), class, out } => {
@@ -351,25 +356,25 @@ impl Channel {
                 }
             }
             Post::Message { to: To::All, class, out } => {
-                self.trusted().for_each(|peer| peer.queue.push(*class, out.clone()));
+                self.trusted_peers().for_each(|peer| peer.queue.push(*class, out.clone()));
             }
             Post::Status { node, out } => {
-                // Each status leaves where there is room for it.
+                // A status leaves when the queue of each peer allows it.
                 if self.peers.values().any(|peer| peer.queue.has_status(*node)) {
                     self.flush(now);
                 }
-                self.trusted().for_each(|peer| peer.queue.push_status(*node, out.clone()));
+                self.trusted_peers().for_each(|peer| peer.queue.push_status(*node, out.clone()));
             }
             Post::Forget { node } => self.peers.values_mut().for_each(|peer| peer.queue.forget(*node)),
         }
     }
 
-    /// The stations that the bridge sends to.
-    fn trusted(&mut self) -> impl Iterator<Item = &mut Peer> {
+    /// The peers that the bridge sends to.
+    fn trusted_peers(&mut self) -> impl Iterator<Item = &mut Peer> {
         self.peers.values_mut().filter(|peer| peer.is_trusted)
     }
 
-    /// Sends what there is room for. The peers take turns.
+    /// Sends what the peers accept, in turns.
     pub fn flush(&mut self, now: Duration) {
         if let Some(budget) = &mut self.budget {
             budget.refill(now);
@@ -386,7 +391,7 @@ impl Channel {
                 }
                 let Some((class, out)) = peer.queue.pop(now) else { continue };
                 sent = true;
-                if let Some(bytes) = peer.writer.bytes(&out, peer.heard, peer.custom) {
+                if let Some(bytes) = peer.writer.bytes(&out, peer.heard, peer.encoding) {
                     peer.queue.sent(class, bytes.len());
                     if let Some(budget) = &mut self.budget {
                         budget.tokens -= bytes.len() as f64;
@@ -399,7 +404,7 @@ impl Channel {
         }
     }
 
-    /// When to look at it again even if nothing comes.
+    /// When to call again even if nothing is received.
     pub fn deadline(&self) -> Option<Duration> {
         let retry = match &self.transport {
             Transport::Away(until) | Transport::Connecting(_, until) => Some(*until),
@@ -412,7 +417,7 @@ impl Channel {
         retry.into_iter().chain(waiting.map(|at| at.max(affordable))).min()
     }
 
-    /// What to wait for, and whether for room to write too.
+    /// The file descriptors to poll; `true` if also for room to write.
     pub fn poll_fds(&self) -> Vec<(BorrowedFd<'_>, bool)> {
         let unsent = self.peers.values().any(|peer| !peer.unsent.is_empty());
         let mut fds = match &self.transport {
@@ -428,11 +433,11 @@ impl Channel {
         fds
     }
 
-    /// Lines for people: the channel, and its peers.
+    /// Lines for the user: the channel and its peers.
     pub fn report(&self) -> Vec<String> {
         let mut first = self.spec.to_string();
         if matches!(self.transport, Transport::Away(_) | Transport::LookingUp(_) | Transport::Connecting(..)) {
-            first += ", away";
+            first += ", mark_unavailable";
         }
         let dropped = self.dropped;
         let troubles = [

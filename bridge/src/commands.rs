@@ -1,8 +1,8 @@
-//! Commands: COMMAND_LONG and COMMAND_INT, each answered by COMMAND_ACK to whom it came from.
+//! Commands: COMMAND_LONG and COMMAND_INT. Each is answered to its sender with COMMAND_ACK.
 //!
-//! What a node has to do is acknowledged when the node has answered. A command that comes again meanwhile, as they do, is
-//! answered with IN_PROGRESS and not done twice. To component 0, or the bridge itself, all nodes are meant where that does no
-//! harm: they can all be saved at once, but not erased or restarted.
+//! A command to a node is acknowledged when the node has answered. If the station repeats the command before that, as stations do, the answer
+//! is IN_PROGRESS and the command is not executed twice. Component 0 and the bridge's own component stand for all nodes where that is
+//! safe: all nodes can be saved at once, but not erased or restarted.
 
 use crate::calls::{OPCODE_TIMEOUTS, Timeouts, Urgency};
 use crate::forward::Forward;
@@ -18,7 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 const RESTART_TIMEOUTS: Timeouts = Timeouts::from_ms(1000, 2000);
-/// Under way at once; more are rejected.
+/// Maximum number of commands in progress; more are rejected.
 const PENDING_MAX: usize = 64;
 
 const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
@@ -28,28 +28,28 @@ const UNSUPPORTED: MavResult = MavResult::MAV_RESULT_UNSUPPORTED;
 const FAILED: MavResult = MavResult::MAV_RESULT_FAILED;
 const IN_PROGRESS: MavResult = MavResult::MAV_RESULT_IN_PROGRESS;
 
-/// A command that nodes have to answer first.
+/// A command that waits for answers of nodes.
 #[derive(Clone, Debug, PartialEq)]
 struct Pending {
     asker: Asker,
-    /// The component that it was for, which acknowledges it.
+    /// The component that the command was for, which acknowledges it.
     component: u8,
     command: Command,
     waiting_for: BTreeSet<NodeId>,
     failed: bool,
 }
 
-/// The commands that are under way, each with a number of its own.
+/// The commands in progress, each with its own number.
 #[derive(Default)]
 pub struct Commands {
     pending: BTreeMap<u32, Pending>,
     next: u32,
 }
 
-/// Whom a command is for.
+/// The nodes that a command is for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Target {
-    /// The bridge, or everybody.
+    /// The bridge, or all.
     Bridge,
     Node(NodeId),
 }
@@ -64,14 +64,14 @@ impl Commands {
         component: u8,
         command: Command,
     ) {
-        // Where the bridge has the component of a node that is there, what only a node can do is for that node.
+        // If the bridge's component ID is the ID of a node that is online, commands that only a node can execute are for that node.
         let same = NodeId::new(component).filter(|id| state.nodes.contains_key(id));
         let target = match NodeId::new(component) {
             _ if component == state.settings.component && same.is_some() && is_for_one_node(&command) => {
                 same.map_or(Target::Bridge, Target::Node)
             }
             _ if component == 0 || component == state.settings.component => Target::Bridge,
-            Some(id) if state.nodes.contains_key(&id) && !state.speaks_for_itself(component) => Target::Node(id),
+            Some(id) if state.nodes.contains_key(&id) && !state.is_other_component(component) => Target::Node(id),
             // Another component of this system may answer it.
             _ => return,
         };
@@ -79,20 +79,20 @@ impl Commands {
             Target::Bridge => state.settings.component,
             Target::Node(id) => id.get(),
         };
-        if self.is_under_way(&asker, component, &command) {
+        if self.is_in_progress(&asker, component, &command) {
             return acknowledge(state, asker, component, command.number, IN_PROGRESS);
         }
-        // Whole numbers that came as floats; what is none is 0, which is no choice of any command.
+        // Stations send integers as floats. Other values become 0, which no command uses.
         let param = |at: usize| if command.params[at].fract() == 0.0 { command.params[at] as i64 } else { 0 };
         if let Some(why) = why_not_allowed(state.settings.rights, command.number) {
             return deny(state, asker, component, command, why);
         }
         let result = match command.number {
             command::UAVCAN_GET_NODE_INFO => {
-                // For any target: MAVLink's chapter on UAVCAN requires every known node.
+                // For any target: MAVLink's chapter on UAVCAN requires one for every known node.
                 let is_known = |node: &Node| node.online || node.info.known.is_some();
                 let nodes = state.nodes.iter().filter(|(_, node)| is_known(node)).map(|(id, _)| *id).collect();
-                return self.tell_infos(state, now, asker, component, command, nodes);
+                return self.send_infos(state, now, asker, component, command, nodes);
             }
             command::REQUEST_MESSAGE => return self.request_message(state, now, asker, target, component, command),
             command::REQUEST_AUTOPILOT_CAPABILITIES => {
@@ -108,8 +108,8 @@ impl Commands {
         acknowledge(state, asker, component, command.number, result);
     }
 
-    fn is_under_way(&self, asker: &Asker, component: u8, command: &Command) -> bool {
-        // NaN stands for "not given" in some stations, and is not equal to itself.
+    fn is_in_progress(&self, asker: &Asker, component: u8, command: &Command) -> bool {
+        // Some stations use NaN for "not given", and NaN is not equal to itself.
         let bits = |command: &Command| command.params.map(f32::to_bits);
         self.pending.values().any(|pending| {
             (pending.asker.peer, pending.asker.from, pending.component) == (asker.peer, asker.from, component)
@@ -118,7 +118,7 @@ impl Commands {
     }
 
     /// Sends UAVCAN_NODE_INFO of these nodes, at once or when they have answered.
-    fn tell_infos(
+    fn send_infos(
         &mut self,
         state: &mut State,
         now: Duration,
@@ -128,7 +128,7 @@ impl Commands {
         nodes: Vec<NodeId>,
     ) {
         if nodes.is_empty() {
-            return fail(state, asker, component, command, "No node is there");
+            return fail(state, asker, component, command, "No node is online");
         }
         let (known, unknown): (Vec<_>, Vec<_>) = nodes.into_iter().partition(|id| state.nodes[id].info.known.is_some());
         for id in known {
@@ -139,7 +139,7 @@ impl Commands {
         }
         let Some(ticket) = self.begin(state, asker, component, command, &unknown) else { return };
         for id in unknown {
-            state.ask_who_it_is(id);
+            state.request_info(id);
             if let Some(node) = state.nodes.get_mut(&id) {
                 node.info.waiting.push(ticket);
             }
@@ -156,14 +156,14 @@ impl Commands {
         command: Command,
     ) {
         let number = command.params[0] as u32;
-        // Parameter 2 may name a node too.
+        // Parameter 2 may also name a node.
         let named = NodeId::new(command.params[1] as u8).filter(|id| state.nodes.contains_key(id));
         let nodes: Vec<NodeId> = match (target, named) {
             (Target::Node(id), _) | (Target::Bridge, Some(id)) => vec![id],
             (Target::Bridge, None) => state.online().collect(),
         };
         match number {
-            message_id::NODE_INFO => self.tell_infos(state, now, asker, component, command, nodes),
+            message_id::NODE_INFO => self.send_infos(state, now, asker, component, command, nodes),
             message_id::NODE_STATUS if !nodes.is_empty() => {
                 acknowledge(state, asker, component, command.number, ACCEPTED);
                 for id in nodes {
@@ -193,7 +193,7 @@ impl Commands {
         }
     }
 
-    /// MAV_CMD_PREFLIGHT_STORAGE. Parameter 1: 1 saves, 2 to 4 are the ways to get defaults back.
+    /// MAV_CMD_PREFLIGHT_STORAGE. Parameter 1: 1 saves; 2 to 4 reset to the defaults.
     fn storage(&mut self, state: &mut State, asker: Asker, target: Target, component: u8, command: Command) {
         let opcode = match (command.params[0], target) {
             (1.0, _) => Opcode::SAVE,
@@ -201,15 +201,15 @@ impl Commands {
             (2.0 | 3.0 | 4.0, Target::Bridge) => {
                 return deny(state, asker, component, command, "Erase one node at a time: address its component");
             }
-            // Reading back what was saved is no service of the bus.
+            // DroneCAN has no service to read back the saved parameters.
             _ => return acknowledge(state, asker, component, command.number, DENIED),
         };
         let nodes: Vec<NodeId> = match target {
             Target::Node(id) => vec![id],
-            Target::Bridge => state.online().filter(|id| !state.speaks_for_itself(id.get())).collect(),
+            Target::Bridge => state.online().filter(|id| !state.is_other_component(id.get())).collect(),
         };
         if nodes.is_empty() {
-            return fail(state, asker, component, command, "No node is there");
+            return fail(state, asker, component, command, "No node is online");
         }
         let Some(ticket) = self.begin(state, asker, component, command, &nodes) else { return };
         for id in nodes {
@@ -218,7 +218,8 @@ impl Commands {
         }
     }
 
-    /// MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: parameter 1 is 1 to the node itself; or 3 is 1, and 4 is its component.
+    /// MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN. Either parameter 1 is 1 and the target is the node, or parameter 3 is 1 and parameter 4 is the
+    /// node's component.
     fn reboot(&mut self, state: &mut State, asker: Asker, target: Target, component: u8, command: Command) {
         let [whole, _, part, which, ..] = command.params;
         let node = match (target, whole, part) {
@@ -234,7 +235,7 @@ impl Commands {
         state.calls.request(id, types::RESTART_NODE, payload, RESTART_TIMEOUTS, Urgency::Now, Purpose::Restart(ticket));
     }
 
-    /// Notes that nodes have to answer; `None` if too much is under way, which is acknowledged.
+    /// Registers a command that nodes must answer. If too many are in progress, rejects the command and returns `None`.
     fn begin(
         &mut self,
         state: &mut State,
@@ -254,7 +255,7 @@ impl Commands {
         Some(ticket)
     }
 
-    /// Notes that a node has executed its part of a command, or why not, and reports that to the sender of the command.
+    /// Notes the result of a command at one node. Reports a failure to the sender, and acknowledges the command after the last node.
     pub fn done(&mut self, state: &mut State, ticket: u32, id: NodeId, done: Result<(), &str>) {
         let Some(pending) = self.pending.get_mut(&ticket) else { return };
         if !pending.waiting_for.remove(&id) {
@@ -273,9 +274,9 @@ impl Commands {
         }
     }
 
-    /// A node has answered ExecuteOpcode or RestartNode, or has not.
+    /// Handles a node's answer to ExecuteOpcode or RestartNode; `None` if there was none.
     pub fn answer(&mut self, state: &mut State, id: NodeId, purpose: Purpose, payload: Option<&[u8]>) {
-        // Both answers have their "ok" in the uppermost bit of the last byte.
+        // Both responses have "ok" in the most significant bit of the last byte.
         let ok = payload.and_then(<[u8]>::last).is_some_and(|byte| byte & 1 << 7 != 0);
         let done = match payload {
             None => Err("does not answer"),
@@ -298,39 +299,39 @@ impl Commands {
         }
     }
 
-    /// A node has restarted: a command that wanted that is done, even if its answer was lost.
+    /// Completes restart commands to a node that has restarted, even if its answer was lost.
     pub fn restarted(&mut self, state: &mut State, id: NodeId) {
-        for purpose in state.calls.take_back(id, |purpose| matches!(purpose, Purpose::Restart(_))) {
+        for purpose in state.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Restart(_))) {
             if let Purpose::Restart(ticket) = purpose {
                 self.done(state, ticket, id, Ok(()));
             }
         }
     }
 
-    /// True if no command is under way.
+    /// True if no command is in progress.
     #[cfg(test)]
     pub fn is_idle(&self) -> bool {
         self.pending.is_empty()
     }
 
-    /// Nothing that this station wanted is of use any more.
+    /// Removes a ground station from all commands in progress.
     pub fn drop_station(&mut self, peer: PeerId) {
         self.pending.retain(|_, pending| pending.asker.peer != peer);
     }
 }
 
-/// Why nobody may send a command; `None` if it is allowed.
+/// Why a command is not allowed; `None` if it is.
 fn why_not_allowed(rights: Rights, number: u16) -> Option<&'static str> {
     match number {
         command::PREFLIGHT_STORAGE | command::PREFLIGHT_REBOOT_SHUTDOWN if !rights.change => {
             Some("The bridge is read-only")
         }
-        command::CAN_FORWARD if !rights.can => Some("The bridge shows no frames: --allow-can"),
+        command::CAN_FORWARD if !rights.can => Some("The bridge forwards no frames: --allow-can"),
         _ => None,
     }
 }
 
-/// True for what is never done to all nodes at once: to restart, and to erase.
+/// True for commands that are never sent to all nodes: restart and erase.
 fn is_for_one_node(command: &Command) -> bool {
     match command.number {
         command::PREFLIGHT_REBOOT_SHUTDOWN => command.params[0] == 1.0,
@@ -360,7 +361,7 @@ fn own_version() -> (u8, u8) {
     (number(env!("CARGO_PKG_VERSION_MAJOR")), number(env!("CARGO_PKG_VERSION_MINOR")))
 }
 
-/// AUTOPILOT_VERSION, which is also how one learns in what way integers are written.
+/// AUTOPILOT_VERSION. Its capabilities say how integers are encoded.
 fn post_capabilities(state: &mut State, asker: Asker, target: Target) {
     let (component, (major, minor), unique_id) = match target {
         Target::Node(id) => {

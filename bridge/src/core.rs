@@ -1,6 +1,6 @@
-//! The bridge itself: passes frames and messages, with their time, to the part that handles them.
+//! The bridge itself: passes frames and messages, with their time, to the parts that handle them.
 //!
-//! Nothing here opens, waits or reads a clock. The caller takes what is to be sent from [`Bridge::frames`] and [`State::posts`].
+//! Nothing here opens a connection, waits or reads a clock. The caller takes the output from [`Bridge::frames`] and [`State::posts`].
 //!
 //! ```text
 //! core ──> commands ──> forward, identity, presence ──> state ──> node, calls, post
@@ -15,7 +15,7 @@ use crate::ftp;
 use crate::message::{Content, In, Request};
 use crate::node::Node;
 use crate::post::{Asker, PeerId, Post, To};
-use crate::presence::{CONFLICT_REPEATED_AFTER, News};
+use crate::presence::{CONFLICT_REPEATED_AFTER, NodeChange};
 use crate::queue::Class;
 use crate::state::{Settings, State};
 use crate::task::{Op, Purpose};
@@ -27,9 +27,9 @@ use std::time::Duration;
 #[cfg(test)]
 mod tests;
 
-/// Heartbeats, and the bridge's own NodeStatus.
-const BEAT: Duration = Duration::from_secs(1);
-/// What the bridge asks for or answers.
+/// Period of heartbeats and of the bridge's own NodeStatus.
+const HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
+/// Services that the bridge requests or answers.
 const SERVICES: [u16; 4] =
     [types::GET_NODE_INFO.id, types::GET_SET.id, types::EXECUTE_OPCODE.id, types::RESTART_NODE.id];
 
@@ -45,7 +45,7 @@ pub struct Bridge {
     next_beat: Duration,
     /// When the bridge last reported that another node has its node ID.
     conflict_said: Option<Duration>,
-    /// To be sent on the bus.
+    /// Frames to be sent on the bus.
     pub frames: Vec<Frame>,
 }
 
@@ -65,34 +65,34 @@ impl Bridge {
         }
     }
 
-    /// The nodes that have been heard.
+    /// The nodes that have sent a status.
     pub fn nodes(&self) -> &BTreeMap<NodeId, Node> {
         &self.state.nodes
     }
 
-    /// The messages for the ground stations.
+    /// Takes the messages for the ground stations.
     pub fn take_posts(&mut self) -> Vec<Post> {
         std::mem::take(&mut self.state.posts)
     }
 
-    /// Adds a line for people.
-    pub fn note(&mut self, line: String) {
+    /// Adds a line to the log.
+    pub fn log_line(&mut self, line: String) {
         self.state.log.push(line);
     }
 
-    /// Lines for people.
+    /// Takes the lines of the log.
     pub fn take_log(&mut self) -> Vec<String> {
         std::mem::take(&mut self.state.log)
     }
 
-    /// A frame from the bus.
+    /// Handles a frame from the bus.
     pub fn frame(&mut self, now: Duration, frame: &Frame) {
         self.forward.show(&mut self.state, now, frame, None);
-        self.hear(now, frame);
+        self.receive_frame(now, frame);
         self.send(now);
     }
 
-    /// Moves what the parts have for the bus to [`Bridge::frames`], and forwards it to the stations that see the bus.
+    /// Moves the parts' frames to [`Bridge::frames`], and forwards them to the stations that subscribed to the bus.
     fn send(&mut self, now: Duration) {
         for (frame, from) in std::mem::take(&mut self.state.outgoing) {
             self.frames.push(frame);
@@ -101,12 +101,12 @@ impl Bridge {
     }
 
     /// Handles a frame on the bus that the bridge did not send.
-    fn hear(&mut self, now: Duration, frame: &Frame) {
+    fn receive_frame(&mut self, now: Duration, frame: &Frame) {
         let Id::Extended(raw) = frame.id else { return };
         let Some(id) = CanId::parse(raw).filter(|_| !frame.remote) else { return };
         let own = self.state.settings.node;
         if id.source() == Some(own) {
-            return self.tell_conflict(now);
+            return self.report_conflict(now);
         }
         let ours = match id {
             CanId::Message { type_id, source, .. } => {
@@ -117,13 +117,13 @@ impl Bridge {
             }
             CanId::Anonymous { .. } => false,
         };
-        // Reassembles no other transfers, so that a flood of unfinished ones takes no memory.
+        // Other transfers are not reassembled, so that many incomplete ones take no memory.
         if ours && let Outcome::Complete(transfer) = self.assembler.push(raw, frame.data(), now) {
             self.transfer(now, &transfer);
         }
     }
 
-    fn tell_conflict(&mut self, now: Duration) {
+    fn report_conflict(&mut self, now: Duration) {
         if self.conflict_said.is_none_or(|said| now >= said + CONFLICT_REPEATED_AFTER) {
             self.conflict_said = Some(now);
             let id = self.state.settings.node;
@@ -133,7 +133,7 @@ impl Bridge {
 
     fn transfer(&mut self, now: Duration, transfer: &Transfer) {
         match transfer.id {
-            CanId::Message { type_id, .. } if type_id != types::NODE_STATUS.id => self.tunnels.hear(transfer),
+            CanId::Message { type_id, .. } if type_id != types::NODE_STATUS.id => self.tunnels.receive(transfer),
             CanId::Message { source, .. } => {
                 if let Some(status) = NodeStatus::decode(&transfer.payload) {
                     self.node_status(now, source, status);
@@ -141,7 +141,7 @@ impl Bridge {
             }
             CanId::Service { request: true, service_id, source, priority, .. } => {
                 if u16::from(service_id) == types::GET_NODE_INFO.id {
-                    self.state.tell_who_we_are(now, source, priority, transfer.transfer_id);
+                    self.state.answer_node_info(now, source, priority, transfer.transfer_id);
                 }
             }
             CanId::Service { request: false, .. } => {
@@ -155,13 +155,13 @@ impl Bridge {
 
     fn node_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) {
         let was_online = self.state.nodes.get(&id).is_some_and(|node| node.online);
-        let news = self.state.note_status(now, id, status);
-        if news == News::Restarted {
+        let change = self.state.note_status(now, id, status);
+        if change == NodeChange::Restarted {
             self.commands.restarted(&mut self.state, id);
         }
-        if news != News::Nothing {
-            self.state.forget_what_it_said(id);
-            self.state.ask_who_it_is(id);
+        if change != NodeChange::Nothing {
+            self.state.forget_parameters(id);
+            self.state.request_info(id);
         }
         if !was_online {
             for (asker, message) in self.early.take(id, self.state.settings.system) {
@@ -171,12 +171,12 @@ impl Bridge {
         self.state.post_status(now, id, &status);
     }
 
-    /// Handles an answer, or its absence.
+    /// Handles the answer to a request, or its failure.
     fn answer(&mut self, now: Duration, (id, purpose, payload): Answer<Purpose>) {
         match purpose {
             Purpose::Info => {
                 let info = payload.as_deref().and_then(NodeInfo::decode);
-                let done = if info.is_some() { Ok(()) } else { Err("does not say who it is") };
+                let done = if info.is_some() { Ok(()) } else { Err("does not answer GetNodeInfo") };
                 for command in self.state.info_answer(now, id, info) {
                     self.commands.done(&mut self.state, command, id, done);
                 }
@@ -190,7 +190,7 @@ impl Bridge {
         }
     }
 
-    /// A message from a ground station.
+    /// Handles a message from a ground station.
     pub fn message(&mut self, now: Duration, asker: Asker, message: In) {
         let (system, component) = message.to;
         if system != 0 && system != self.state.settings.system {
@@ -209,7 +209,7 @@ impl Bridge {
                 state.parameter_ops(component, || Op::ReadName(asker, name.clone()));
             }
             Request::ParameterSet { name, value, kind } => {
-                // PARAM_SET needs one node: one value for all nodes makes no sense.
+                // PARAM_SET needs one node: the same value for all nodes makes no sense.
                 if component != 0 {
                     state.parameter_ops(component, || Op::Set { asker, name: name.clone(), value, kind });
                 }
@@ -220,8 +220,8 @@ impl Bridge {
             Request::Frame(data) => {
                 if let Some(frame) = self.forward.frame_from_station(state, asker, &data) {
                     self.send(now);
-                    // A frame that it sends shows it as a node like any other.
-                    self.hear(now, &frame);
+                    // A node ID that a station uses is a node like any other.
+                    self.receive_frame(now, &frame);
                 }
             }
             Request::Ftp(request) => self.ftp(asker, component, &request),
@@ -230,13 +230,13 @@ impl Bridge {
         self.send(now);
     }
 
-    /// Rejects file requests, for the bridge or for a node that is online.
+    /// Rejects file requests to the bridge or to a node that is online.
     fn ftp(&mut self, asker: Asker, component: u8, request: &[u8; ftp::PAYLOAD_LEN]) {
         let own = self.state.settings.component;
         let is_node = NodeId::new(component).is_some_and(|id| self.state.nodes.contains_key(&id));
         let answering = match component {
             0 => own,
-            _ if component == own || (is_node && !self.state.speaks_for_itself(component)) => component,
+            _ if component == own || (is_node && !self.state.is_other_component(component)) => component,
             _ => return,
         };
         if let Some(content) = ftp::answer(asker.from, request) {
@@ -244,19 +244,19 @@ impl Bridge {
         }
     }
 
-    /// Greets a new ground station, and sends it the known nodes.
+    /// Sends a new ground station a heartbeat and the known nodes.
     pub fn joined(&mut self, now: Duration, peer: PeerId) {
         let heartbeat = self.state.heartbeat(None);
         self.state.post(To::One(peer), Class::Answer, self.state.settings.component, Content::from(heartbeat));
-        self.state.tell_all_infos(now, peer);
+        self.state.send_all_infos(now, peer);
     }
 
-    /// The bus was lost and is open again. Other nodes may be on it now, which their uptimes need not show.
+    /// Handles that the bus is open again. Other nodes may be on it now, and their uptimes need not show that.
     pub fn bus_is_back(&mut self) {
         let online: Vec<NodeId> = self.state.online().collect();
         for id in online {
-            self.state.forget_what_it_said(id);
-            self.state.ask_who_it_is(id);
+            self.state.forget_parameters(id);
+            self.state.request_info(id);
         }
     }
 
@@ -267,15 +267,19 @@ impl Bridge {
         self.commands.drop_station(peer);
     }
 
-    /// Does what is due.
+    /// Executes everything that is due.
     pub fn poll(&mut self, now: Duration) {
-        self.state.miss_nodes(now);
+        self.state.check_offline_nodes(now);
         self.state.repeat_infos(now);
         self.state.autosave(now);
         if now >= self.next_beat {
-            // Missed beats are not sent later.
-            self.next_beat = if now < self.next_beat + BEAT { self.next_beat + BEAT } else { now + BEAT };
-            self.state.beat(now, self.status_id.advance());
+            // Missed heartbeats are not sent later.
+            self.next_beat = if now < self.next_beat + HEARTBEAT_PERIOD {
+                self.next_beat + HEARTBEAT_PERIOD
+            } else {
+                now + HEARTBEAT_PERIOD
+            };
+            self.state.send_heartbeats(now, self.status_id.advance());
         }
         let mut requests = Vec::new();
         let failed = self.state.calls.poll(now, &mut requests);
@@ -289,7 +293,7 @@ impl Bridge {
         self.early.poll(now);
     }
 
-    /// When [`poll`](Bridge::poll) is needed at the latest.
+    /// When [`poll`](Bridge::poll) must be called at the latest.
     pub fn deadline(&self) -> Duration {
         let deadlines = [self.state.calls.deadline(), self.tunnels.deadline()];
         deadlines.into_iter().flatten().fold(self.next_beat, Duration::min)
@@ -304,12 +308,12 @@ impl Bridge {
         &mut self.tunnels
     }
 
-    /// Reads the parameters of all nodes, for `--names`.
+    /// Fetches the parameters of all nodes, for `--names`.
     pub fn list_all(&mut self) {
         self.state.parameter_ops(0, || Op::Print);
     }
 
-    /// True while tables are being read.
+    /// True while parameters are being fetched.
     pub fn is_listing(&self) -> bool {
         self.state.nodes.values().any(|node| node.listing.is_some())
     }

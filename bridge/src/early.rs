@@ -1,4 +1,4 @@
-//! Messages for a node that has not been heard yet, but may show itself in a moment, as after the start of the bridge.
+//! Messages for a node that is not known yet but may appear in a moment, as after the start of the bridge.
 
 use crate::message::{In, Request};
 use crate::post::{Asker, PeerId};
@@ -6,22 +6,22 @@ use crate::state::State;
 use dronecan_host::NodeId;
 use std::time::Duration;
 
-/// How long such a message waits: all nodes show themselves each second.
+/// Time for which such a message waits. Nodes send a status each second.
 const WAITS_FOR: Duration = Duration::from_secs(3);
 const WAITING_MAX: usize = 32;
 
-/// Messages with the time when each is forgotten.
+/// Messages, each with the time at which it expires.
 #[derive(Default)]
 pub struct Early {
     waiting: Vec<(Duration, Asker, In)>,
 }
 
 impl Early {
-    /// Keeps a message if it is for such a node.
+    /// Keeps a message if it is for an unknown node.
     pub fn keep(&mut self, state: &State, now: Duration, asker: Asker, message: &In) {
         let unknown = NodeId::new(message.to.1).is_some_and(|id| !state.nodes.contains_key(&id));
         let wanted = match message.request {
-            // A list of all nodes is one of those that come later too.
+            // A list of all nodes is also for those that appear later.
             Request::ParameterList => unknown || message.to.1 == 0,
             Request::ParameterRead { .. } | Request::ParameterSet { .. } | Request::Command(_) => unknown,
             _ => false,
@@ -33,7 +33,7 @@ impl Early {
         }
     }
 
-    /// What was for a node that has shown itself, or for all nodes: addressed to that node.
+    /// Takes the messages for a node that has appeared, or for all nodes, addressed to that node.
     pub fn take(&mut self, id: NodeId, system: u8) -> Vec<(Asker, In)> {
         let of_it = |(_, _, message): &&(Duration, Asker, In)| message.to.1 == id.get() || message.to.1 == 0;
         let to_it = |message: &In| In { to: (system, id.get()), ..message.clone() };

@@ -1,8 +1,8 @@
-//! CAN frames through MAVLink: CAN_FORWARD, CAN_FRAME and CAN_FILTER_MODIFY, as ArduPilot has them and as pydronecan's `mavcan:`
-//! and the DroneCAN GUI Tool use them.
+//! CAN frames over MAVLink: CAN_FORWARD, CAN_FRAME and CAN_FILTER_MODIFY, as in ArduPilot; pydronecan's `mavcan:` and the DroneCAN GUI
+//! Tool use them.
 //!
-//! A station that sends MAV_CMD_CAN_FORWARD with bus 1 sees all frames for five seconds; it sends it again and again. Frames that
-//! it sends itself go to the bus, and to the other stations, and do not come back. A filter lets through the message types and
+//! A station that sends MAV_CMD_CAN_FORWARD with bus 1 receives all frames for five seconds, and repeats the command. The frames that
+//! it sends go to the bus and to the other stations, not back to it. A filter passes the message types and
 //! services with its numbers; 0 stands for anonymous frames.
 
 use crate::message::Content;
@@ -14,21 +14,21 @@ use mavlink::dialects::common::{CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, CanFilte
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How long a CAN_FORWARD counts.
+/// Time for which a CAN_FORWARD is valid.
 const FORWARD_FOR: Duration = Duration::from_secs(5);
-/// In the identifier of a CAN_FRAME: it has 29 bits. The two below it mark remote and error frames.
+/// Flag in the identifier of a CAN_FRAME: 29-bit identifier. The two bits below mark remote and error frames.
 const EXTENDED: u32 = 1 << 31;
 const FLAGS: u32 = 0b111 << 29;
 const STANDARD_ID_MAX: u32 = 0x7FF;
-/// What a filter may hold, over several CAN_FILTER_MODIFY.
+/// Maximum number of types in a filter, which several CAN_FILTER_MODIFY can fill.
 const FILTER_MAX: usize = 1024;
 
-/// A station that wants to see the bus.
+/// A station that receives the frames of the bus.
 #[derive(Clone, Debug)]
 struct Subscriber {
     asker: Asker,
     until: Duration,
-    /// Empty for everything.
+    /// Types that pass; if empty, all.
     filter: Vec<u16>,
 }
 
@@ -38,7 +38,7 @@ impl Subscriber {
     }
 }
 
-/// What filters go by: a message type, a service, 0 for an anonymous frame.
+/// The number that filters compare: a message type, a service, or 0 for an anonymous frame.
 fn type_of(frame: &Frame) -> u16 {
     let Id::Extended(id) = frame.id else { return 0 };
     match CanId::parse(id) {
@@ -48,14 +48,14 @@ fn type_of(frame: &Frame) -> u16 {
     }
 }
 
-/// The stations that see the bus.
+/// The stations that receive the frames of the bus.
 #[derive(Default)]
 pub struct Forward {
     subscribers: BTreeMap<PeerId, Subscriber>,
 }
 
 impl Forward {
-    /// MAV_CMD_CAN_FORWARD: bus 1 begins, or goes on; 0 ends.
+    /// MAV_CMD_CAN_FORWARD: bus 1 starts or continues, 0 ends.
     pub fn subscribe(&mut self, state: &mut State, now: Duration, asker: Asker, bus: i64) -> MavResult {
         let until = now + FORWARD_FOR;
         match bus {
@@ -65,25 +65,28 @@ impl Forward {
             1 => {
                 let new = Subscriber { asker, until, filter: Vec::new() };
                 let subscriber = self.subscribers.entry(asker.peer).or_insert_with(|| {
-                    state.log.push(format!("system {} component {} looks at the bus", asker.from.0, asker.from.1));
+                    state.log.push(format!(
+                        "system {} component {} receives the frames of the bus",
+                        asker.from.0, asker.from.1
+                    ));
                     new
                 });
                 subscriber.until = until;
                 subscriber.asker = asker;
             }
-            // There is one bus only.
+            // There is only one bus.
             _ => return MavResult::MAV_RESULT_DENIED,
         }
         MavResult::MAV_RESULT_ACCEPTED
     }
 
-    /// CAN_FILTER_MODIFY. Its bus counts from 1.
+    /// CAN_FILTER_MODIFY. Its bus numbers start with 1.
     pub fn filter(&mut self, state: &State, now: Duration, asker: Asker, data: &CAN_FILTER_MODIFY_DATA) {
         if data.bus != 1 || !state.settings.rights.can {
             return;
         }
         let ids = &data.ids[..usize::from(data.num_ids).min(data.ids.len())];
-        // It may come before the first CAN_FORWARD.
+        // The filter may come before the first CAN_FORWARD.
         let new = Subscriber { asker, until: now + FORWARD_FOR, filter: Vec::new() };
         let filter = &mut self.subscribers.entry(asker.peer).or_insert(new).filter;
         match data.operation {
@@ -96,7 +99,7 @@ impl Forward {
         filter.truncate(FILTER_MAX);
     }
 
-    /// Shows a frame that is on the bus to those who want to see it, except for whom it came from.
+    /// Sends a frame of the bus to the subscribed stations, except to the one that it comes from.
     pub fn show(&self, state: &mut State, now: Duration, frame: &Frame, from: Option<PeerId>) {
         if frame.remote || self.subscribers.is_empty() {
             return;
@@ -123,7 +126,7 @@ impl Forward {
         }
     }
 
-    /// A station's CAN_FRAME, for the bus. Its bus counts from 0.
+    /// A station's CAN_FRAME as a frame for the bus. Its bus numbers start with 0.
     pub fn frame_from_station(&self, state: &mut State, asker: Asker, message: &CAN_FRAME_DATA) -> Option<Frame> {
         let rights = state.settings.rights;
         if !(rights.can && rights.change) {
@@ -143,7 +146,7 @@ impl Forward {
         Some(frame)
     }
 
-    /// Ends what was not renewed.
+    /// Ends subscriptions that were not renewed.
     pub fn poll(&mut self, now: Duration) {
         self.subscribers.retain(|_, subscriber| subscriber.until > now);
     }

@@ -1,7 +1,7 @@
-//! FTP over MAVLink: the bridge has no files, and rejects each request.
+//! FTP over MAVLink: the bridge has no files and rejects each request.
 //!
-//! Ground stations ask for a file of parameters before they ask for the parameters themselves, and wait long for an answer. After an
-//! immediate rejection they continue (MAVLink's chapter "File Transfer Protocol").
+//! Ground stations request a file of parameters before the parameters themselves, and wait long for an answer. After a
+//! rejection they continue at once (MAVLink's chapter "File Transfer Protocol").
 //!
 //! ```text
 //! byte   0..2   2        3       4     5               6               7        8..12   12..
@@ -11,7 +11,7 @@
 use crate::message::Content;
 use mavlink::dialects::common::{FILE_TRANSFER_PROTOCOL_DATA, MavMessage};
 
-/// Bytes of FILE_TRANSFER_PROTOCOL.payload.
+/// Length of FILE_TRANSFER_PROTOCOL.payload in bytes.
 pub const PAYLOAD_LEN: usize = 251;
 
 const OPCODE_AT: usize = 3;
@@ -36,7 +36,7 @@ mod error {
     pub const FILE_NOT_FOUND: u8 = 10;
 }
 
-/// The answer to a request of a system and component; `None` if it is no request.
+/// The answer to a request to this system and component; `None` if the message is not a request.
 pub fn answer((target_system, target_component): (u8, u8), request: &[u8; PAYLOAD_LEN]) -> Option<Content> {
     let requested = request[OPCODE_AT];
     if requested >= opcode::ACK {
@@ -48,7 +48,7 @@ pub fn answer((target_system, target_component): (u8, u8), request: &[u8; PAYLOA
     payload[2] = request[2];
     payload[REQUEST_OPCODE_AT] = requested;
     let error = match requested {
-        // No session is open, as it was asked for.
+        // No session is open, so this succeeds.
         opcode::TERMINATE_SESSION | opcode::RESET_SESSIONS => None,
         opcode::LIST_DIRECTORY | opcode::OPEN_FILE_READ_ONLY | opcode::CALCULATE_FILE_CRC => {
             Some(error::FILE_NOT_FOUND)

@@ -1,6 +1,6 @@
-//! Names of the nodes: GetNodeInfo on the bus, UAVCAN_NODE_INFO on the channels. And the bridge's own answer to GetNodeInfo.
+//! Information of nodes: GetNodeInfo on the bus, UAVCAN_NODE_INFO on the channels; and the bridge's own answer to GetNodeInfo.
 //!
-//! A node is asked when it appears, comes back or restarts. One that does not answer is asked again, less and less often.
+//! The bridge requests the information when a node appears, returns or restarts. Without an answer it repeats the request, less and less often.
 
 use crate::calls::{Timeouts, Urgency};
 use crate::message::{Content, chars};
@@ -13,14 +13,14 @@ use mavlink::dialects::common::{MavMessage, UAVCAN_NODE_INFO_DATA};
 use std::time::Duration;
 
 const INFO_TIMEOUTS: Timeouts = Timeouts::from_ms(500, 2500);
-/// A node that does not say who it is will be asked again after this, then twice, four times.. as long.
+/// Time until the request is repeated to a node that does not answer. It doubles each time.
 const INFO_RETRY: Duration = Duration::from_secs(2);
 const INFO_RETRY_MAX: Duration = Duration::from_secs(60);
-/// How the bridge is called on the bus.
+/// The bridge's node name on the bus.
 pub const NAME: &str = "org.dronecan.mavlink_bridge";
 
 impl State {
-    pub(crate) fn ask_who_it_is(&mut self, id: NodeId) {
+    pub(crate) fn request_info(&mut self, id: NodeId) {
         if let Some(node) = self.nodes.get_mut(&id)
             && !node.info.asked
         {
@@ -29,7 +29,7 @@ impl State {
         }
     }
 
-    /// Handles a node's answer to GetNodeInfo, or its absence. Returns the commands that waited for it.
+    /// Handles the answer to GetNodeInfo; `None` if there was none. Returns the commands that waited for it.
     pub(crate) fn info_answer(&mut self, now: Duration, id: NodeId, info: Option<NodeInfo>) -> Vec<u32> {
         let Some(node) = self.nodes.get_mut(&id) else { return Vec::new() };
         node.info.asked = false;
@@ -44,7 +44,7 @@ impl State {
             None => {
                 let pause = INFO_RETRY.saturating_mul(1 << node.info.failures.min(8)).min(INFO_RETRY_MAX);
                 if node.info.failures == 0 {
-                    self.log.push(format!("node {id} does not say who it is"));
+                    self.log.push(format!("node {id} does not answer GetNodeInfo"));
                 }
                 node.info.failures += 1;
                 node.info.next_try = now + pause;
@@ -53,7 +53,7 @@ impl State {
         waiting
     }
 
-    /// Sends what is known of a node; nothing if that is not known.
+    /// Sends a node's information, if it is known.
     pub(crate) fn post_info(&mut self, now: Duration, id: NodeId, to: To) {
         let time_usec = self.unix_us(now);
         let Some(node) = self.nodes.get(&id) else { return };
@@ -72,14 +72,14 @@ impl State {
         self.post(to, Class::Info, id.get(), Content::from(MavMessage::UAVCAN_NODE_INFO(data)));
     }
 
-    /// Sends GetNodeInfo to nodes without a name, and repeats UAVCAN_NODE_INFO of the others.
+    /// Sends GetNodeInfo to nodes without information, and repeats the UAVCAN_NODE_INFO of the others.
     pub(crate) fn repeat_infos(&mut self, now: Duration) {
         let interval = self.settings.info_interval;
         let online: Vec<NodeId> = self.online().collect();
         for id in online {
             let Some(node) = self.nodes.get_mut(&id) else { continue };
             if node.info.known.is_none() && now >= node.info.next_try {
-                self.ask_who_it_is(id);
+                self.request_info(id);
             } else if node.info.known.is_some() && now >= node.info.sent_at + interval {
                 node.info.sent_at = now;
                 self.post_info(now, id, To::All);
@@ -88,7 +88,7 @@ impl State {
     }
 
     /// Sends the known nodes to a new ground station.
-    pub(crate) fn tell_all_infos(&mut self, now: Duration, peer: PeerId) {
+    pub(crate) fn send_all_infos(&mut self, now: Duration, peer: PeerId) {
         let online: Vec<NodeId> = self.online().collect();
         for id in online {
             self.post_info(now, id, To::One(peer));
@@ -96,7 +96,7 @@ impl State {
     }
 
     /// Answers GetNodeInfo.
-    pub(crate) fn tell_who_we_are(&mut self, now: Duration, to: NodeId, priority: u8, transfer_id: TransferId) {
+    pub(crate) fn answer_node_info(&mut self, now: Duration, to: NodeId, priority: u8, transfer_id: TransferId) {
         let part = |text: &str| text.parse().unwrap_or(0);
         let info = NodeInfo {
             status: NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() },

@@ -4,7 +4,7 @@
 //! Bus (slcan, mcast, socketcan) ── frames ──> Bridge ── posts ──> Queue ── Writer ──> Channel (udp, tcp, serial)
 //!                               <── frames ──        <── requests ── Parser ──────────
 //! ```
-//! [`core::Bridge`] has all decisions; it opens nothing and never waits. Its parts (parameters, commands, forward, presence, identity) work on a
+//! [`core::Bridge`] makes all decisions; it opens nothing and never waits. Its parts (parameters, commands, forward, presence, identity) use a
 //! [`state::State`] and do not know the core. [`bus`] and [`channel`] are its connections, and never block.
 //! [`run`] moves frames and messages between them. See docs/bridge.md.
 

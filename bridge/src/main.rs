@@ -1,4 +1,4 @@
-//! The program `bridge`: see the library for what it is made of.
+//! The program `bridge`. The library of this package has the code.
 
 #![forbid(unsafe_code)]
 

@@ -1,6 +1,6 @@
-//! MAVLink messages as the bridge makes and takes them, and their bytes.
+//! MAVLink messages that the bridge sends and receives, and their bytes.
 //!
-//! Commands and parameter types are plain numbers here ([`Request`], [`Content`]); [`gaps`] says why.
+//! Commands and parameter types are plain numbers here ([`Request`], [`Content`]); [`gaps`] has the reason.
 
 mod gaps;
 mod parser;
@@ -20,7 +20,7 @@ pub use writer::{Versions, Writer};
 #[cfg(test)]
 mod tests;
 
-/// Numbers of commands (MAV_CMD) that the bridge obeys.
+/// Numbers of the commands (MAV_CMD) that the bridge executes.
 pub mod command {
     pub const PREFLIGHT_STORAGE: u16 = 245;
     pub const PREFLIGHT_REBOOT_SHUTDOWN: u16 = 246;
@@ -31,7 +31,7 @@ pub mod command {
     pub const CAN_FORWARD: u16 = 32000;
 }
 
-/// Numbers of messages that can be asked for by MAV_CMD_REQUEST_MESSAGE.
+/// Numbers of the messages that MAV_CMD_REQUEST_MESSAGE can request.
 pub mod id {
     use super::*;
     pub const HEARTBEAT: u32 = HEARTBEAT_DATA::ID;
@@ -40,7 +40,7 @@ pub mod id {
     pub const NODE_INFO: u32 = UAVCAN_NODE_INFO_DATA::ID;
 }
 
-/// A message to be sent, with the component that it is from.
+/// A message to be sent, with the component that it comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Out {
     pub component: u8,
@@ -51,7 +51,7 @@ pub struct Out {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     Message(Box<MavMessage>),
-    /// UAVCAN_NODE_STATUS with the mode as DroneCAN numbers it, defined or not.
+    /// UAVCAN_NODE_STATUS. The mode is DroneCAN's number, defined or not.
     Status {
         data: UAVCAN_NODE_STATUS_DATA,
         mode: u8,
@@ -62,14 +62,14 @@ pub enum Content {
         result: MavResult,
         to: (u8, u8),
     },
-    /// PARAM_VALUE. How its integers are written depends on whom it is for.
+    /// PARAM_VALUE. The recipient decides the encoding of integers.
     Parameter {
         name: String,
         number: Number,
         count: u16,
         index: u16,
     },
-    /// AUTOPILOT_VERSION. It has the encoding of integers.
+    /// AUTOPILOT_VERSION. Its capabilities include the encoding of integers.
     Capabilities {
         software: u32,
         unique_id: [u8; 16],
@@ -77,7 +77,7 @@ pub enum Content {
 }
 
 impl Out {
-    /// Messages with the same key say the same: only the newest is worth sending.
+    /// Messages with the same key replace each other: only the newest needs to be sent.
     pub fn key(&self) -> Option<(u8, u32, u16)> {
         match &self.content {
             Content::Parameter { index, .. } => Some((self.component, PARAM_VALUE_DATA::ID, *index)),
@@ -102,7 +102,7 @@ pub fn text(words: &str) -> MavMessage {
     status_text(MavSeverity::MAV_SEVERITY_NOTICE, words)
 }
 
-/// A STATUSTEXT about what has to be put right.
+/// A STATUSTEXT about a problem that the user must solve.
 pub fn warning(words: &str) -> MavMessage {
     status_text(MavSeverity::MAV_SEVERITY_WARNING, words)
 }
@@ -111,7 +111,7 @@ fn status_text(severity: MavSeverity, words: &str) -> MavMessage {
     MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: chars(words.as_bytes()), id: 0, chunk_seq: 0 })
 }
 
-/// Bytes as a text field, cut to fit.
+/// Bytes as a text field, cut to its length.
 pub fn chars<const N: usize>(bytes: &[u8]) -> CharArray<N> {
     let mut field = [0; N];
     let len = bytes.len().min(N);
@@ -119,7 +119,7 @@ pub fn chars<const N: usize>(bytes: &[u8]) -> CharArray<N> {
     CharArray::new(field)
 }
 
-/// A name field up to its end.
+/// The text of a name field, up to the first zero.
 pub fn name<const N: usize>(field: &CharArray<N>) -> String {
     let end = field.iter().position(|byte| *byte == 0).unwrap_or(N);
     String::from_utf8_lossy(&field[..end]).into_owned()
@@ -132,7 +132,7 @@ pub struct Command {
     pub params: [f32; 7],
 }
 
-/// What a ground station wants.
+/// A message from a ground station.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Request {
     /// HEARTBEAT, with its type and autopilot.
@@ -153,18 +153,18 @@ pub enum Request {
     Command(Command),
     Frame(CAN_FRAME_DATA),
     Filter(CAN_FILTER_MODIFY_DATA),
-    /// FILE_TRANSFER_PROTOCOL, its payload.
+    /// FILE_TRANSFER_PROTOCOL: its payload.
     Ftp(Box<[u8; crate::ftp::PAYLOAD_LEN]>),
     /// Any other message. It shows that the sender is online.
     Other,
 }
 
-/// A message that came, with whom it is from and for.
+/// A received message with its sender and its target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct In {
-    /// System and component.
+    /// The sender's system and component.
     pub from: (u8, u8),
-    /// System and component; 0 is every one.
+    /// The target's system and component; 0 means all.
     pub to: (u8, u8),
     pub request: Request,
 }

@@ -1,11 +1,11 @@
-//! Parameter names that fit into MAVLink: 16 characters, where DroneCAN has 92.
+//! Parameter names for MAVLink, which has 16 characters where DroneCAN has 92.
 //!
-//! A name that fits stays as it is. A longer one becomes `HEAD~XXX~TAIL`: its first five characters, three that stand for the
-//! whole name, and its last six, so that a person finds it again and no two are alike. It depends on the name alone, today,
-//! tomorrow and on another computer; only where two names of one node would still meet, the later in the alphabet gets other
-//! characters in its middle.
+//! A name that fits is not changed. A longer one becomes `HEAD~XXX~TAIL`: its first five characters, three characters of a hash of the
+//! whole name, and its last six. So people recognise it, and all short names differ. The short name depends on the name alone, so it
+//! is the same in every session and on every computer. Only if the short names of two parameters of a node are equal does the second in
+//! alphabetical order get another hash.
 //!
-//! Short names differ in more than upper and lower case, for there are ground stations that send all names in upper case.
+//! Short names differ in more than upper and lower case, because some ground stations send all names in upper case.
 
 use std::collections::HashSet;
 
@@ -17,7 +17,7 @@ const TAIL_LEN: usize = 6;
 const MIDDLE_LEN: usize = 3;
 const _: () = assert!(HEAD_LEN + 1 + MIDDLE_LEN + 1 + TAIL_LEN == SHORT_LEN);
 
-/// 32 characters that are not mistaken for each other.
+/// 32 characters that are not easily confused.
 const ALPHABET: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
 
 /// The short name of each name of a node, in the same order.
@@ -31,16 +31,16 @@ pub fn shorten(names: &[Vec<u8>]) -> Vec<String> {
             _ => rest.push(at),
         }
     }
-    // In the order of the alphabet, so that the order of the node's parameters does not matter.
+    // In alphabetical order, so that the order of the parameters does not matter.
     rest.sort_by_key(|at| &names[*at]);
     for at in rest {
         let mut candidates = (0..=u32::MAX).map(|attempt| candidate(&names[at], attempt));
-        short[at] = candidates.find(|name| taken.insert(name.to_ascii_uppercase())).expect("there are enough of them");
+        short[at] = candidates.find(|name| taken.insert(name.to_ascii_uppercase())).expect("enough candidates");
     }
     short
 }
 
-/// The name as text, if it can be used as it is.
+/// The name as text if it can be used without a change.
 fn fits(name: &[u8]) -> Option<&str> {
     let usable = (1..=SHORT_LEN).contains(&name.len()) && name.iter().all(u8::is_ascii_graphic);
     usable.then_some(name).and_then(|name| std::str::from_utf8(name).ok())
@@ -59,7 +59,7 @@ fn candidate(name: &[u8], attempt: u32) -> String {
     head.chain(['~']).chain(middle).chain(['~']).chain(tail).collect()
 }
 
-/// FNV-1a, folded to the bits that are used.
+/// FNV-1a, folded to the number of bits that the characters need.
 fn fnv1a(name: &[u8], attempt: u32) -> u32 {
     let bytes = name.iter().copied().chain(attempt.to_le_bytes());
     let hash = bytes.fold(0x811C_9DC5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
@@ -76,12 +76,12 @@ mod tests {
     }
 
     #[test]
-    fn names_that_fit_stay_as_they_are() {
+    fn names_that_fit_are_not_changed() {
         assert_eq!(shortened(&["OUT1_MIN", "a", "ABCDEFGHIJKLMNOP"]), ["OUT1_MIN", "a", "ABCDEFGHIJKLMNOP"]);
     }
 
     #[test]
-    fn a_long_name_keeps_its_ends_and_is_the_same_every_time() {
+    fn a_long_name_keeps_its_ends_and_always_has_the_same_short_name() {
         let alone = shortened(&["uavcan.equipment.esc.current_limit_max"]);
         assert_eq!(alone, ["uavca~KW5~it_max"]);
         let among = shortened(&[
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_name_that_looks_like_a_shortened_one_wins_and_the_long_one_moves() {
+    fn a_name_equal_to_a_shortened_one_is_kept_and_the_long_name_changes() {
         let long = "uavcan.equipment.esc.current_limit_max";
         let names = shortened(&[long, "uavca~KW5~it_max"]);
         assert_eq!(names[1], "uavca~KW5~it_max");
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_differ_in_case_only_stay_apart() {
+    fn names_that_differ_only_in_case_get_different_short_names() {
         let names = shortened(&["limit", "LIMIT"]);
         assert_eq!(names[0], "limit");
         assert!(!names[1].eq_ignore_ascii_case("limit"), "{names:?}");
@@ -120,7 +120,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_names_become_different_ones_that_fit(names in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 1..92), 0..60)) {
+        fn any_names_get_different_short_names_that_fit(names in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 1..92), 0..60)) {
             let short = shorten(&names);
             let different: HashSet<String> = short.iter().map(|name| name.to_ascii_uppercase()).collect();
             prop_assert_eq!(different.len(), names.len());

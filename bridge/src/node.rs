@@ -1,4 +1,4 @@
-//! What is known of a node on the bus.
+//! The state of a node on the bus.
 
 use crate::number::Number;
 use crate::{names, task::Op};
@@ -6,32 +6,32 @@ use dronecan_host::{NodeInfo, NodeStatus, ParameterResponse};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-/// A node that has been heard.
+/// A node that has sent a NodeStatus.
 #[derive(Debug)]
 pub struct Node {
     pub status: NodeStatus,
-    /// When its last status came.
+    /// Time of its last status.
     pub heard: Duration,
     pub online: bool,
-    /// The uptime before it last went back. If statuses follow both, there are two nodes.
+    /// The uptime before it last decreased. If later statuses fit both uptimes, two nodes have the ID.
     pub other_uptime: Option<Uptime>,
     /// When a conflict of its ID was last reported.
     pub conflict_said: Option<Duration>,
-    /// Statuses since it appeared.
+    /// Number of statuses since it appeared.
     pub statuses: u64,
     pub info: Information,
-    /// Its parameters, once they have been asked for.
+    /// Its parameters, if they were fetched.
     pub table: Option<Table>,
-    /// They are being asked for.
+    /// The fetching of its parameters, if it is in progress.
     pub listing: Option<Listing>,
-    /// What waits for the table.
+    /// Operations that wait for the table.
     pub waiting: VecDeque<Op>,
-    /// It has been changed, and is to be saved then.
+    /// When its changed parameters are to be saved, if they are.
     pub save_at: Option<Duration>,
 }
 
 impl Node {
-    /// One that was heard for the first time.
+    /// A node that has sent its first status.
     pub fn new(status: NodeStatus, now: Duration) -> Node {
         Node {
             status,
@@ -48,18 +48,18 @@ impl Node {
         }
     }
 
-    /// As it was in the last status.
+    /// The uptime in the last status.
     pub fn uptime(&self) -> Uptime {
         Uptime { seconds: self.status.uptime_s, at: self.heard }
     }
 
-    /// Its name, once it has answered.
+    /// Its name, if it has answered GetNodeInfo.
     pub fn name(&self) -> Option<String> {
         self.info.known.as_ref().map(NodeInfo::name)
     }
 }
 
-/// An uptime that was heard at some time.
+/// An uptime and when it was received.
 #[derive(Clone, Copy, Debug)]
 pub struct Uptime {
     seconds: u32,
@@ -67,10 +67,10 @@ pub struct Uptime {
 }
 
 impl Uptime {
-    /// The status has whole seconds, and arrives at a time that is not exact.
+    /// The status has whole seconds and arrives with jitter.
     const TOLERANCE_S: u64 = 1;
 
-    /// True if `status` may be of the same node, which has not restarted since.
+    /// True if `status` can come from the same node without a restart in between.
     pub fn fits(&self, now: Duration, status: &NodeStatus) -> bool {
         let expected = u64::from(self.seconds) + now.saturating_sub(self.at).as_secs();
         u64::from(status.uptime_s).abs_diff(expected) <= Self::TOLERANCE_S
@@ -81,38 +81,38 @@ impl Uptime {
 #[derive(Debug, Default)]
 pub struct Information {
     pub known: Option<NodeInfo>,
-    /// It has been asked and has not answered yet.
+    /// True while a request is unanswered.
     pub asked: bool,
-    /// Failures in a row.
+    /// Consecutive requests without an answer.
     pub failures: u32,
     pub next_try: Duration,
-    /// When it was last sent to all ground stations.
+    /// When the information was last sent to all ground stations.
     pub sent_at: Duration,
-    /// Commands that wait for it.
+    /// Commands that wait for the information.
     pub waiting: Vec<u32>,
 }
 
-/// Parameters that are being fetched by index.
+/// The fetching of parameters by index.
 #[derive(Debug, Default)]
 pub struct Listing {
-    /// The next index to ask for.
+    /// The next index to request.
     pub next: u16,
     pub on_their_way: usize,
     pub got: BTreeMap<u16, ParameterResponse>,
-    /// The lowest index that there is no parameter at.
+    /// The lowest index without a parameter.
     pub end: Option<u16>,
 }
 
-/// A parameter as MAVLink shows it.
+/// A parameter that MAVLink can represent.
 #[derive(Clone, Debug)]
 pub struct Entry {
     pub full: Vec<u8>,
     pub short: String,
-    /// From the last answer of the node.
+    /// The node's last answer about it.
     pub last: ParameterResponse,
 }
 
-/// The parameters of a node, in its order, and what MAVLink cannot carry.
+/// The parameters of a node in its order, and those that MAVLink cannot represent.
 #[derive(Debug, Default)]
 pub struct Table {
     pub entries: Vec<Entry>,
@@ -120,7 +120,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// From all answers of a node.
+    /// Makes the table from all answers of a node.
     pub fn new(parameters: impl IntoIterator<Item = ParameterResponse>) -> Table {
         let all: Vec<ParameterResponse> = parameters.into_iter().collect();
         let names: Vec<Vec<u8>> = all.iter().map(|parameter| parameter.name.clone()).collect();
@@ -130,12 +130,12 @@ impl Table {
         Table { entries, left_out }
     }
 
-    /// True if the parameter with that short name is one that MAVLink cannot carry.
-    pub fn leaves_out(&self, name: &str) -> bool {
+    /// True if MAVLink cannot represent the parameter with this short name.
+    pub fn is_left_out(&self, name: &str) -> bool {
         self.left_out.iter().any(|entry| entry.short.eq_ignore_ascii_case(name))
     }
 
-    /// Where the parameter with that short name is. Upper and lower case count only where they must.
+    /// Index of the parameter with this short name. Case matters only if two names differ in nothing else.
     pub fn find(&self, name: &str) -> Option<usize> {
         let exact = self.entries.iter().position(|entry| entry.short == name);
         exact.or_else(|| self.entries.iter().position(|entry| entry.short.eq_ignore_ascii_case(name)))
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_leaves_out_what_mavlink_cannot_carry() {
+    fn a_table_leaves_out_parameters_that_mavlink_cannot_represent() {
         let table = Table::new([
             parameter("first", Value::Integer(1)),
             parameter("word", Value::Text(b"x".to_vec())),
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_found_in_any_case_unless_the_case_tells_them_apart() {
+    fn names_are_found_in_any_case_unless_they_differ_only_in_case() {
         let table = Table::new([parameter("limit", Value::Integer(1)), parameter("Rate", Value::Integer(2))]);
         assert_eq!((table.find("LIMIT"), table.find("rate"), table.find("none")), (Some(0), Some(1), None));
     }

@@ -1,8 +1,8 @@
-//! Values of parameters on their way between DroneCAN and MAVLink.
+//! Converts parameter values between DroneCAN and MAVLink.
 //!
-//! PARAM_VALUE and PARAM_SET have four bytes for the value and a byte for its type. Two customs exist for integers, and a
-//! ground station knows by the autopilot which it has to do with: their bytes ([`Custom::Bytewise`]: PX4 and what is no
-//! autopilot; exact), or a float of the same value ([`Custom::Cast`]: ArduPilot; exact up to 2^24). Reals are the same in both.
+//! PARAM_VALUE and PARAM_SET have four bytes for the value and one byte for its type. There are two encodings of integers; a ground
+//! station chooses by the autopilot. [`IntegerEncoding::Bytewise`] has the integer's bytes (PX4, and components that are not an autopilot; exact).
+//! [`IntegerEncoding::Cast`] has a float of the same value (ArduPilot; exact up to 2^24). Reals are the same in both.
 //!
 //! | DroneCAN | MAVLink |
 //! | --- | --- |
@@ -11,31 +11,31 @@
 //! | boolean | UINT8, 0 or 1 |
 //! | text, empty | not shown |
 //!
-//! What was rounded can be read, and writing it back unchanged changes nothing; another number is set as it is.
+//! Setting a rounded value to the number that was read changes nothing. Any other number is set.
 
 use dronecan_host::{ParameterResponse, Value};
 use mavlink::dialects::common::MavParamType;
 
-/// How integers stand in the four bytes.
+/// The encoding of integers in the four bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Custom {
+pub enum IntegerEncoding {
     Bytewise,
     Cast,
 }
 
-/// A value that MAVLink can carry, and the type it is shown as.
+/// A value that MAVLink can represent, with its MAVLink type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Number {
     Int32(i32),
     Uint32(u32),
     Boolean(bool),
     Real(f32),
-    /// An integer that does not fit; shown rounded.
+    /// An integer that does not fit, sent rounded.
     Wide(i64),
 }
 
 impl Number {
-    /// `None` for what MAVLink cannot carry.
+    /// `None` if MAVLink cannot represent the parameter.
     pub fn of(parameter: &ParameterResponse) -> Option<Number> {
         let value = match parameter.value {
             Value::Integer(value) => value,
@@ -61,7 +61,7 @@ impl Number {
         })
     }
 
-    /// The type that goes with it.
+    /// The MAVLink type.
     pub fn kind(self) -> MavParamType {
         match self {
             Number::Int32(_) => MavParamType::MAV_PARAM_TYPE_INT32,
@@ -71,38 +71,38 @@ impl Number {
         }
     }
 
-    /// The four bytes, which the crate takes for a float.
-    pub fn encode(self, custom: Custom) -> f32 {
-        match (self, custom) {
+    /// The four bytes, as the float that the crate expects.
+    pub fn encode(self, encoding: IntegerEncoding) -> f32 {
+        match (self, encoding) {
             (Number::Real(value), _) => value,
             (Number::Wide(value), _) => value as f32,
-            (Number::Int32(value), Custom::Cast) => value as f32,
-            (Number::Uint32(value), Custom::Cast) => value as f32,
-            (Number::Boolean(value), Custom::Cast) => f32::from(u8::from(value)),
-            (Number::Int32(value), Custom::Bytewise) => f32::from_bits(value as u32),
-            (Number::Uint32(value), Custom::Bytewise) => f32::from_bits(value),
-            (Number::Boolean(value), Custom::Bytewise) => f32::from_bits(u32::from(value)),
+            (Number::Int32(value), IntegerEncoding::Cast) => value as f32,
+            (Number::Uint32(value), IntegerEncoding::Cast) => value as f32,
+            (Number::Boolean(value), IntegerEncoding::Cast) => f32::from(u8::from(value)),
+            (Number::Int32(value), IntegerEncoding::Bytewise) => f32::from_bits(value as u32),
+            (Number::Uint32(value), IntegerEncoding::Bytewise) => f32::from_bits(value),
+            (Number::Boolean(value), IntegerEncoding::Bytewise) => f32::from_bits(u32::from(value)),
         }
     }
 }
 
-/// Why a PARAM_SET cannot be passed on.
+/// Why a PARAM_SET is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unfit {
-    /// Its type has no place in four bytes, or there is no such type.
+    /// The type does not fit in four bytes, or does not exist.
     Kind,
-    /// Not a value of the parameter's type: 0.5 for an integer.
+    /// Not a value of the parameter's type, such as 0.5 for an integer.
     Value,
 }
 
-/// What a ground station has sent: an integer, or a real.
+/// The number that a ground station sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Sent {
     Integer(i64),
     Real(f32),
 }
 
-/// The bytes of a PARAM_SET, read by its type.
+/// Decodes the bytes of a PARAM_SET by its type.
 fn read(kind: u8, value: f32) -> Result<Sent, Unfit> {
     let [b0, b1, b2, b3] = value.to_le_bytes();
     Ok(match kind {
@@ -117,38 +117,44 @@ fn read(kind: u8, value: f32) -> Result<Sent, Unfit> {
     })
 }
 
-fn whole(value: f32) -> Option<i64> {
+fn to_integer(value: f32) -> Option<i64> {
     // 2^63 itself does not fit.
     (value.fract() == 0.0 && (-(2f32.powi(63))..2f32.powi(63)).contains(&value)).then_some(value as i64)
 }
 
-/// The value for the node. `current` is the parameter in the node's last answer; `None` if nothing is to be changed.
+/// The value for the node; `None` if the parameter must not change. `current` is the parameter in the node's last answer.
 ///
 /// # Errors
-/// Why there is none.
-pub fn decode(kind: u8, value: f32, custom: Custom, current: &ParameterResponse) -> Result<Option<Value>, Unfit> {
-    let sent = match (read(kind, value)?, custom) {
-        (Sent::Integer(_), Custom::Cast) => Sent::Real(value),
+/// If the value or its type is invalid.
+pub fn decode(
+    kind: u8,
+    value: f32,
+    encoding: IntegerEncoding,
+    current: &ParameterResponse,
+) -> Result<Option<Value>, Unfit> {
+    let sent = match (read(kind, value)?, encoding) {
+        (Sent::Integer(_), IntegerEncoding::Cast) => Sent::Real(value),
         (sent, _) => sent,
     };
     match (&current.value, sent) {
         (Value::Integer(now), Sent::Real(value)) if matches!(Number::of(current), Some(Number::Wide(_))) => {
-            // What was rounded when it was read is not to be rounded in the node.
+            // A value that was rounded for the station must not be rounded in the node.
             if value == *now as f32 {
                 Ok(None)
             } else {
-                whole(value).map(|n| Some(Value::Integer(n))).ok_or(Unfit::Value)
+                to_integer(value).map(|n| Some(Value::Integer(n))).ok_or(Unfit::Value)
             }
         }
         (Value::Integer(_), Sent::Real(value)) => {
-            whole(value).map(|number| Some(Value::Integer(number))).ok_or(Unfit::Value)
+            to_integer(value).map(|number| Some(Value::Integer(number))).ok_or(Unfit::Value)
         }
         (Value::Integer(_), Sent::Integer(number)) => {
-            // A station with ArduPilot's custom: only its reading is within the limits.
-            let cast = whole(value).filter(|cast| !within(current, number) && within(current, *cast));
+            // Only a decoding with ArduPilot's encoding is within the limits.
+            let cast =
+                to_integer(value).filter(|cast| !is_within_limits(current, number) && is_within_limits(current, *cast));
             Ok(Some(Value::Integer(cast.unwrap_or(number))))
         }
-        // No parameter means anything by it, and some nodes would keep it.
+        // NaN is no useful value, and some nodes would store it.
         (Value::Real(_), Sent::Real(value)) if value.is_nan() => Err(Unfit::Value),
         (Value::Real(_), Sent::Real(value)) => Ok(Some(Value::Real(value))),
         (Value::Real(_), Sent::Integer(number)) => {
@@ -159,18 +165,18 @@ pub fn decode(kind: u8, value: f32, custom: Custom, current: &ParameterResponse)
         (Value::Boolean(_), Sent::Real(value)) if value == 0.0 || value == 1.0 => {
             Ok(Some(Value::Boolean(value == 1.0)))
         }
-        // A cast 1.0 in the bytes of an integer.
+        // A float 1.0 in the bytes of an integer.
         (Value::Boolean(_), Sent::Integer(_)) if value == 1.0 => Ok(Some(Value::Boolean(true))),
         (Value::Boolean(_), _) => Err(Unfit::Value),
         (Value::Text(_) | Value::Empty, _) => Err(Unfit::Kind),
     }
 }
 
-/// Whether a number is within limits that are there.
-fn within(parameter: &ParameterResponse, number: i64) -> bool {
+/// True if a number is within the parameter's limits, or there are no limits.
+fn is_within_limits(parameter: &ParameterResponse, number: i64) -> bool {
     match (&parameter.min, &parameter.max) {
         (Value::Integer(min), Value::Integer(max)) => (*min..=*max).contains(&number),
-        // Without limits the plain reading counts.
+
         _ => true,
     }
 }
@@ -205,69 +211,72 @@ mod tests {
     }
 
     #[test]
-    fn a_wide_integer_is_not_rounded_by_writing_it_back() {
+    fn writing_a_rounded_integer_back_does_not_change_it() {
         let wide = integer((1 << 40) + 1);
-        let shown = Number::of(&wide).unwrap().encode(Custom::Bytewise);
-        assert_eq!(decode(REAL32, shown, Custom::Bytewise, &wide), Ok(None));
-        assert_eq!(decode(REAL32, 7.0, Custom::Bytewise, &wide), Ok(Some(Value::Integer(7))));
+        let shown = Number::of(&wide).unwrap().encode(IntegerEncoding::Bytewise);
+        assert_eq!(decode(REAL32, shown, IntegerEncoding::Bytewise, &wide), Ok(None));
+        assert_eq!(decode(REAL32, 7.0, IntegerEncoding::Bytewise, &wide), Ok(Some(Value::Integer(7))));
     }
 
     #[test]
-    fn types_that_do_not_match_are_read_as_they_say() {
+    fn values_of_other_types_are_converted() {
         let limited = parameter(Value::Integer(1000), Some((500, 2500)));
-        assert_eq!(decode(REAL32, 1900.0, Custom::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
-        assert_eq!(decode(REAL32, 1900.5, Custom::Bytewise, &limited), Err(Unfit::Value));
-        assert_eq!(decode(REAL32, f32::NAN, Custom::Bytewise, &limited), Err(Unfit::Value));
-        assert_eq!(decode(REAL32, f32::INFINITY, Custom::Bytewise, &limited), Err(Unfit::Value));
-        assert_eq!(decode(4, f32::from_bits(1900), Custom::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
-        assert_eq!(decode(10, 1900.0, Custom::Bytewise, &limited), Err(Unfit::Kind));
-        assert_eq!(decode(0, 1900.0, Custom::Bytewise, &limited), Err(Unfit::Kind));
+        assert_eq!(decode(REAL32, 1900.0, IntegerEncoding::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
+        assert_eq!(decode(REAL32, 1900.5, IntegerEncoding::Bytewise, &limited), Err(Unfit::Value));
+        assert_eq!(decode(REAL32, f32::NAN, IntegerEncoding::Bytewise, &limited), Err(Unfit::Value));
+        assert_eq!(decode(REAL32, f32::INFINITY, IntegerEncoding::Bytewise, &limited), Err(Unfit::Value));
+        assert_eq!(
+            decode(4, f32::from_bits(1900), IntegerEncoding::Bytewise, &limited),
+            Ok(Some(Value::Integer(1900)))
+        );
+        assert_eq!(decode(10, 1900.0, IntegerEncoding::Bytewise, &limited), Err(Unfit::Kind));
+        assert_eq!(decode(0, 1900.0, IntegerEncoding::Bytewise, &limited), Err(Unfit::Kind));
         let real = parameter(Value::Real(1.0), None);
-        assert_eq!(decode(INT32, f32::from_bits(3), Custom::Bytewise, &real), Ok(Some(Value::Real(3.0))));
+        assert_eq!(decode(INT32, f32::from_bits(3), IntegerEncoding::Bytewise, &real), Ok(Some(Value::Real(3.0))));
         let boolean = parameter(Value::Boolean(false), None);
-        assert_eq!(decode(REAL32, 1.0, Custom::Bytewise, &boolean), Ok(Some(Value::Boolean(true))));
-        assert_eq!(decode(INT32, f32::from_bits(2), Custom::Bytewise, &boolean), Err(Unfit::Value));
+        assert_eq!(decode(REAL32, 1.0, IntegerEncoding::Bytewise, &boolean), Ok(Some(Value::Boolean(true))));
+        assert_eq!(decode(INT32, f32::from_bits(2), IntegerEncoding::Bytewise, &boolean), Err(Unfit::Value));
     }
 
-    /// ArduPilot's encoding to a bridge that uses the other: the limits show which was meant.
+    /// A station uses ArduPilot's encoding and the bridge the other. The parameter's limits show which encoding is meant.
     #[test]
-    fn a_cast_integer_is_understood_where_only_that_is_within_the_limits() {
+    fn a_cast_integer_is_accepted_if_only_that_is_in_the_limits() {
         let limited = parameter(Value::Integer(1000), Some((500, 2500)));
-        assert_eq!(decode(INT32, 1900.0, Custom::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
+        assert_eq!(decode(INT32, 1900.0, IntegerEncoding::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
         let out_of_limits = f32::from_bits(3000);
-        assert_eq!(decode(INT32, out_of_limits, Custom::Bytewise, &limited), Ok(Some(Value::Integer(3000))));
-        assert_eq!(decode(INT32, 1900.0, Custom::Cast, &integer(0)), Ok(Some(Value::Integer(1900))));
+        assert_eq!(decode(INT32, out_of_limits, IntegerEncoding::Bytewise, &limited), Ok(Some(Value::Integer(3000))));
+        assert_eq!(decode(INT32, 1900.0, IntegerEncoding::Cast, &integer(0)), Ok(Some(Value::Integer(1900))));
     }
 
     proptest! {
         #[test]
-        fn every_integer_of_32_bits_comes_back_exactly(value: i32) {
+        fn every_integer_of_32_bits_survives_a_round_trip(value: i32) {
             let current = integer(value.into());
             let sent = Number::of(&current).unwrap();
             prop_assert_eq!(sent.kind() as u8, INT32);
-            let back = decode(INT32, sent.encode(Custom::Bytewise), Custom::Bytewise, &current);
+            let back = decode(INT32, sent.encode(IntegerEncoding::Bytewise), IntegerEncoding::Bytewise, &current);
             prop_assert_eq!(back, Ok(Some(Value::Integer(value.into()))));
         }
 
         #[test]
-        fn every_real_comes_back_exactly(bits: u32) {
+        fn every_real_survives_a_round_trip(bits: u32) {
             let current = parameter(Value::Real(f32::from_bits(bits)), None);
-            for custom in [Custom::Bytewise, Custom::Cast] {
-                let sent = Number::of(&current).unwrap().encode(custom);
+            for encoding in [IntegerEncoding::Bytewise, IntegerEncoding::Cast] {
+                let sent = Number::of(&current).unwrap().encode(encoding);
                 if sent.is_nan() {
-                    prop_assert_eq!(decode(REAL32, sent, custom, &current), Err(Unfit::Value));
+                    prop_assert_eq!(decode(REAL32, sent, encoding, &current), Err(Unfit::Value));
                     continue;
                 }
-                let Ok(Some(Value::Real(back))) = decode(REAL32, sent, custom, &current) else { panic!("no real") };
+                let Ok(Some(Value::Real(back))) = decode(REAL32, sent, encoding, &current) else { panic!("no real") };
                 prop_assert_eq!(back.to_bits(), bits);
             }
         }
 
         #[test]
-        fn a_cast_integer_comes_back_exactly_up_to_2_to_24(value in -(1i64 << 24)..=1 << 24) {
+        fn a_cast_integer_up_to_2_to_24_survives_a_round_trip(value in -(1i64 << 24)..=1 << 24) {
             let current = integer(value);
-            let sent = Number::of(&current).unwrap().encode(Custom::Cast);
-            prop_assert_eq!(decode(INT32, sent, Custom::Cast, &current), Ok(Some(Value::Integer(value))));
+            let sent = Number::of(&current).unwrap().encode(IntegerEncoding::Cast);
+            prop_assert_eq!(decode(INT32, sent, IntegerEncoding::Cast, &current), Ok(Some(Value::Integer(value))));
         }
     }
 }

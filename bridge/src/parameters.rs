@@ -1,11 +1,11 @@
-//! Parameters: PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET on one side, param.GetSet on the other.
+//! Parameters: PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET on the channels, param.GetSet on the bus.
 //!
-//! MAVLink wants to know how many parameters there are, and has names that are too short. So a node's parameters are fetched by
-//! index when somebody asks for any of them, several at a time, and make a [`Table`](crate::node::Table); what was asked waits
-//! until it is there. A list is always fetched anew. A single parameter is read and set by its full name, and what the node
-//! answers is what a ground station is told: after a PARAM_SET the value in force, whatever was asked for.
+//! MAVLink needs the number of parameters, and its names are shorter. So the first request for a node's parameters makes the bridge fetch
+//! all of them by index, several at a time, into a [`Table`](crate::node::Table). Requests wait until the table is complete.
+//! A list is always fetched again. A single parameter is read and set by its full name. The station receives
+//! the node's answer: after a PARAM_SET the current value, even if the node rejected the new one.
 //!
-//! PARAM_ERROR answers a request that cannot be done.
+//! PARAM_ERROR answers a request that cannot be executed.
 
 use crate::calls::{OPCODE_TIMEOUTS, Timeouts, Urgency};
 use crate::message::{Content, chars, text};
@@ -19,24 +19,24 @@ use dronecan_host::{NodeId, Opcode, ParameterRequest, ParameterResponse, Value, 
 use mavlink::dialects::common::{MavMessage, MavParamError, PARAM_ERROR_DATA};
 use std::time::Duration;
 
-/// The GUI tool gives a node 100 ms; one that has to write its memory first needs more, and some take a second for each.
+/// The GUI tool waits 100 ms. A node that writes its memory first needs more, and some nodes take a second for each request.
 const PARAMETER_TIMEOUTS: Timeouts = Timeouts::from_ms(300, 4000);
-/// The highest index that a GetSet can name.
+/// The highest index that GetSet can encode.
 const INDEX_MAX: u16 = (1 << 13) - 1;
-/// Fetched at once.
+/// Number of parameters fetched at once.
 const AT_ONCE: usize = 5;
-/// Requests that may wait for one node's table.
+/// Maximum number of requests that wait for a node's table.
 const WAITING_MAX: usize = 64;
 
 impl State {
-    /// Does `op` with the node that is component `component`, or with all of them.
+    /// Executes `op` for the node with component ID `component`, or for all nodes.
     pub(crate) fn parameter_ops(&mut self, component: u8, op: impl Fn() -> Op) {
         let all: Vec<NodeId> = match NodeId::new(component) {
             None if component == 0 => self.online().collect(),
             None => Vec::new(),
             Some(id) => self.nodes.contains_key(&id).then_some(id).into_iter().collect(),
         };
-        for id in all.into_iter().filter(|id| !self.speaks_for_itself(id.get())).collect::<Vec<_>>() {
+        for id in all.into_iter().filter(|id| !self.is_other_component(id.get())).collect::<Vec<_>>() {
             self.parameter_op(id, op());
         }
     }
@@ -47,7 +47,7 @@ impl State {
         if !must_list && node.listing.is_none() {
             return self.run(id, op);
         }
-        // Asked again before the first was answered.
+        // The same request is waiting already.
         if node.waiting.len() < WAITING_MAX && !node.waiting.contains(&op) {
             node.waiting.push_back(op);
         }
@@ -56,15 +56,15 @@ impl State {
         }
     }
 
-    /// Begins to fetch a node's parameters.
+    /// Starts to fetch a node's parameters.
     pub(crate) fn list(&mut self, id: NodeId) {
         if let Some(node) = self.nodes.get_mut(&id) {
             node.listing = Some(Listing::default());
-            self.list_on(id);
+            self.continue_listing(id);
         }
     }
 
-    fn list_on(&mut self, id: NodeId) {
+    fn continue_listing(&mut self, id: NodeId) {
         let Some(node) = self.nodes.get_mut(&id) else { return };
         let Some(listing) = &mut node.listing else { return };
         while listing.end.is_none() && listing.on_their_way < AT_ONCE && listing.next <= INDEX_MAX {
@@ -84,14 +84,14 @@ impl State {
         if (0..end).all(|index| listing.got.contains_key(&index)) {
             let got = std::mem::take(&mut listing.got);
             node.listing = None;
-            self.calls.take_back(id, |purpose| matches!(purpose, Purpose::Item(_)));
-            self.listed(id, Table::new(got.into_iter().take_while(|(index, _)| *index < end).map(|(_, p)| p)));
+            self.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Item(_)));
+            self.finish_listing(id, Table::new(got.into_iter().take_while(|(index, _)| *index < end).map(|(_, p)| p)));
         }
     }
 
-    /// Forgets what may have changed: after a restart it may be another firmware.
-    pub(crate) fn forget_what_it_said(&mut self, id: NodeId) {
-        let failed = self.calls.take_back(id, |purpose| matches!(purpose, Purpose::Item(_) | Purpose::Info));
+    /// Forgets a node's parameters and information, which may change with a restart: it may run another firmware.
+    pub(crate) fn forget_parameters(&mut self, id: NodeId) {
+        let failed = self.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Item(_) | Purpose::Info));
         let Some(node) = self.nodes.get_mut(&id) else { return };
         node.table = None;
         node.save_at = None;
@@ -103,13 +103,13 @@ impl State {
                 _ => node.listing = None,
             }
         }
-        // Requests that waited for its parameters still wait.
+        // The requests that waited for the parameters continue to wait.
         if !node.waiting.is_empty() && node.listing.is_none() {
             self.list(id);
         }
     }
 
-    fn listed(&mut self, id: NodeId, table: Table) {
+    fn finish_listing(&mut self, id: NodeId, table: Table) {
         let Some(node) = self.nodes.get_mut(&id) else { return };
         if node.table.is_none() {
             let (count, left_out) = (table.entries.len(), table.left_out.len());
@@ -128,8 +128,8 @@ impl State {
         }
     }
 
-    fn not_listed(&mut self, id: NodeId) {
-        self.calls.take_back(id, |purpose| matches!(purpose, Purpose::Item(_)));
+    fn fail_listing(&mut self, id: NodeId) {
+        self.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Item(_)));
         let Some(node) = self.nodes.get_mut(&id) else { return };
         node.listing = None;
         let waiting = std::mem::take(&mut node.waiting);
@@ -149,7 +149,7 @@ impl State {
         }
     }
 
-    /// Does what needs the table, which is there.
+    /// Executes an operation with the complete table.
     fn run(&mut self, id: NodeId, op: Op) {
         let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
         match op {
@@ -191,11 +191,11 @@ impl State {
         if !self.settings.rights.change {
             return self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED));
         }
-        match number::decode(kind, value, asker.custom, &entry.last) {
+        match number::decode(kind, value, asker.encoding, &entry.last) {
             Ok(Some(wanted)) => {
                 self.get_set(id, at, wanted.clone(), Purpose::Set { asker, at, wanted });
             }
-            // Nothing to be changed, but it is answered all the same.
+            // The parameter does not change, but the station gets an answer.
             Ok(None) => self.read(id, asker, at, None),
             Err(Unfit::Kind) => self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED)),
             Err(Unfit::Value) => self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH)),
@@ -208,26 +208,26 @@ impl State {
         self.calls.request(id, types::GET_SET, request.encode(), PARAMETER_TIMEOUTS, Urgency::Now, purpose);
     }
 
-    /// A GetSet was answered, or was not.
+    /// Handles the answer to a GetSet; `None` if there was none.
     pub(crate) fn parameter_answer(&mut self, now: Duration, id: NodeId, purpose: Purpose, payload: Option<&[u8]>) {
         let response = payload.and_then(ParameterResponse::decode);
         match purpose {
             Purpose::Item(index) => self.item(id, index, response),
             Purpose::Read { asker, at, error } => {
-                if self.took(id, asker, at, response) {
+                if self.store_answer(id, asker, at, response) {
                     self.post_parameter(id, at, To::One(asker.peer), Class::Answer);
                     if let Some(error) = error {
-                        self.refuse_entry(id, asker, at, error);
+                        self.reject_entry(id, asker, at, error);
                     }
                 }
             }
             Purpose::Set { asker, at, wanted } => {
                 let in_force = response.as_ref().map(|response| response.value.clone());
-                if self.took(id, asker, at, response) {
-                    // Everybody's view of the node changes.
+                if self.store_answer(id, asker, at, response) {
+                    // All stations must see the new value.
                     self.post_parameter(id, at, To::All, Class::Answer);
                     if in_force != Some(wanted) {
-                        self.refuse_entry(id, asker, at, MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE);
+                        self.reject_entry(id, asker, at, MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE);
                     } else if let (Some(after), Some(node)) = (self.settings.autosave, self.nodes.get_mut(&id)) {
                         node.save_at = Some(now + after);
                     }
@@ -241,7 +241,7 @@ impl State {
         let Some(listing) = self.nodes.get_mut(&id).and_then(|node| node.listing.as_mut()) else { return };
         listing.on_their_way = listing.on_their_way.saturating_sub(1);
         match response {
-            None => return self.not_listed(id),
+            None => return self.fail_listing(id),
             Some(response) if response.name.is_empty() => {
                 listing.end = Some(listing.end.map_or(index, |end| end.min(index)));
             }
@@ -249,11 +249,11 @@ impl State {
                 listing.got.insert(index, response);
             }
         }
-        self.list_on(id);
+        self.continue_listing(id);
     }
 
-    /// Keeps the node's answer about a parameter. `false` if the answer is of no use; the sender of the request gets an error then.
-    fn took(&mut self, id: NodeId, asker: Asker, at: usize, response: Option<ParameterResponse>) -> bool {
+    /// Stores the node's answer about a parameter. If the answer is invalid, reports an error to the sender and returns `false`.
+    fn store_answer(&mut self, id: NodeId, asker: Asker, at: usize, response: Option<ParameterResponse>) -> bool {
         let Some(node) = self.nodes.get_mut(&id) else { return false };
         let Some(entry) = node.table.as_mut().and_then(|table| table.entries.get_mut(at)) else {
             // The node has restarted in between.
@@ -269,7 +269,7 @@ impl State {
             None => (READ_FAIL, entry.short.clone()),
         };
         if error == DOES_NOT_EXIST {
-            // It has other parameters now.
+            // The node has other parameters now.
             node.table = None;
         }
         self.refuse(id, asker, None, &name, error);
@@ -288,13 +288,13 @@ impl State {
         self.post(to, class, id.get(), content);
     }
 
-    fn refuse_entry(&mut self, id: NodeId, asker: Asker, at: usize, error: MavParamError) {
+    fn reject_entry(&mut self, id: NodeId, asker: Asker, at: usize, error: MavParamError) {
         let table = self.nodes.get(&id).and_then(|node| node.table.as_ref());
         let name = table.and_then(|table| table.entries.get(at)).map(|entry| entry.short.clone()).unwrap_or_default();
         self.refuse(id, asker, None, &name, error);
     }
 
-    /// Sends the reason for a missing value to the sender of the request.
+    /// Tells the sender of a request with PARAM_ERROR why there is no value.
     fn refuse(&mut self, id: NodeId, asker: Asker, index: Option<u16>, name: &str, error: MavParamError) {
         let data = PARAM_ERROR_DATA {
             param_index: index.and_then(|index| i16::try_from(index).ok()).unwrap_or(-1),
@@ -306,7 +306,7 @@ impl State {
         self.post(To::One(asker.peer), Class::Answer, id.get(), Content::from(MavMessage::PARAM_ERROR(data)));
     }
 
-    /// Saves parameters a while after the last PARAM_SET.
+    /// Saves parameters some time after the last PARAM_SET.
     pub(crate) fn autosave(&mut self, now: Duration) {
         for (id, node) in &mut self.nodes {
             if node.save_at.is_some_and(|at| now >= at) {
@@ -328,7 +328,7 @@ impl State {
 const READ_FAIL: MavParamError = MavParamError::MAV_PARAM_ERROR_READ_FAIL;
 const DOES_NOT_EXIST: MavParamError = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
 
-/// Why a table has no parameter of that name.
+/// Why the table has no parameter with this name.
 fn why_not_found(table: &Table, name: &str) -> MavParamError {
-    if table.leaves_out(name) { MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED } else { DOES_NOT_EXIST }
+    if table.is_left_out(name) { MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED } else { DOES_NOT_EXIST }
 }

@@ -1,31 +1,31 @@
 //! Messages for ground stations, and their recipients.
 
 use crate::message::Out;
-use crate::number::Custom;
+use crate::number::IntegerEncoding;
 use crate::queue::Class;
 use dronecan_host::NodeId;
 
-/// A ground station, or what leads to some.
+/// A peer of a channel: a ground station, or a link that leads to some.
 pub type PeerId = u32;
 
-/// Who asks.
+/// The sender of a request.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asker {
     pub peer: PeerId,
     /// System and component.
     pub from: (u8, u8),
-    /// How it writes integers.
-    pub custom: Custom,
+    /// Its encoding of integers.
+    pub encoding: IntegerEncoding,
 }
 
-/// To whom a message goes.
+/// The recipients of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum To {
     All,
     One(PeerId),
 }
 
-/// What is to be put into the queues of ground stations.
+/// An entry for the queues of ground stations.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Post {
     Message {
@@ -37,7 +37,7 @@ pub enum Post {
         node: NodeId,
         out: Out,
     },
-    /// The node is gone: its last status is no news.
+    /// The node is offline: its last status must not be sent.
     Forget {
         node: NodeId,
     },

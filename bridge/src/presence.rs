@@ -1,4 +1,4 @@
-//! Nodes online and their status: NodeStatus on the bus, UAVCAN_NODE_STATUS and HEARTBEAT on the channels.
+//! Nodes that are online, and their status: NodeStatus on the bus, UAVCAN_NODE_STATUS and HEARTBEAT on the channels.
 
 use crate::message::{Content, Out, text};
 use crate::node::Node;
@@ -12,32 +12,32 @@ use mavlink::dialects::common::{
 };
 use std::time::Duration;
 
-/// A node is offline when its last status is older.
+/// A node is offline if its last status is older than this.
 pub const OFFLINE_AFTER: Duration = Duration::from_secs(5);
-/// Between two warnings of the same conflict of IDs.
+/// Time between two warnings about the same conflict of IDs.
 pub const CONFLICT_REPEATED_AFTER: Duration = Duration::from_secs(60);
-/// The bridge's statuses have the priority of other nodes'.
+/// Priority of the bridge's statuses, the same as other nodes'.
 const STATUS_PRIORITY: u8 = 24;
 const MAVLINK_VERSION: u8 = 3;
 const OWN_TYPE: MavType = MavType::MAV_TYPE_ONBOARD_CONTROLLER;
-/// What is no autopilot must say so.
+/// A component that is not an autopilot must say so.
 const OWN_AUTOPILOT: MavAutopilot = MavAutopilot::MAV_AUTOPILOT_INVALID;
 
-/// What a NodeStatus shows.
+/// What a NodeStatus shows about its node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum News {
-    /// The node is new, or is back.
+pub enum NodeChange {
+    /// The node is new, or has returned.
     Appeared,
     Restarted,
     Nothing,
 }
 
 impl State {
-    /// Notes a node's status.
-    pub(crate) fn note_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) -> News {
+    /// Stores a node's status.
+    pub(crate) fn note_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) -> NodeChange {
         let known = self.nodes.entry(id).or_insert_with(|| Node { online: false, ..Node::new(status, now) });
         let appeared = !known.online;
-        // Two nodes with one ID look like one that restarts each second.
+        // Two nodes with one ID look like one node that restarts each second.
         let is_other =
             known.other_uptime.is_some_and(|other| other.fits(now, &status)) && !known.uptime().fits(now, &status);
         let restarted = status.uptime_s < known.status.uptime_s && !is_other;
@@ -56,7 +56,7 @@ impl State {
             self.warn(&format!("two nodes have the ID {id}"));
         }
         if appeared {
-            self.log.push(format!("node {id} is there: {status}"));
+            self.log.push(format!("node {id} is online: {status}"));
         } else if restarted {
             self.log.push(format!("node {id} has restarted: {status}"));
         }
@@ -64,13 +64,13 @@ impl State {
             self.post(To::All, Class::Text, id.get(), Content::from(text(&format!("Node {id} has restarted"))));
         }
         match (appeared, restarted) {
-            (_, true) => News::Restarted,
-            (true, false) => News::Appeared,
-            (false, false) => News::Nothing,
+            (_, true) => NodeChange::Restarted,
+            (true, false) => NodeChange::Appeared,
+            (false, false) => NodeChange::Nothing,
         }
     }
 
-    /// Passes a node's status on.
+    /// Sends a node's status to the stations.
     pub(crate) fn post_status(&mut self, now: Duration, id: NodeId, status: &NodeStatus) {
         let out = Out { component: id.get(), content: self.status_content(now, status) };
         self.posts.push(Post::Status { node: id, out });
@@ -93,12 +93,12 @@ impl State {
         Content::Status { data, mode: status.mode.field() }
     }
 
-    /// Finds the nodes that have fallen silent.
-    pub(crate) fn miss_nodes(&mut self, now: Duration) {
+    /// Finds the nodes that have become offline.
+    pub(crate) fn check_offline_nodes(&mut self, now: Duration) {
         let missed = |node: &Node| node.online && now > node.heard + OFFLINE_AFTER;
         let gone: Vec<NodeId> = self.nodes.iter().filter(|(_, node)| missed(node)).map(|(id, _)| *id).collect();
         for id in gone {
-            self.log.push(format!("node {id} is gone: no status for {} s", OFFLINE_AFTER.as_secs()));
+            self.log.push(format!("node {id} is offline: no status for {} s", OFFLINE_AFTER.as_secs()));
             self.post(To::All, Class::Text, id.get(), Content::from(text(&format!("Node {id} is offline"))));
             self.posts.push(Post::Forget { node: id });
             if let Some(node) = self.nodes.get_mut(&id) {
@@ -107,15 +107,15 @@ impl State {
         }
     }
 
-    /// The bridge's NodeStatus, and all heartbeats. Due once a second.
-    pub(crate) fn beat(&mut self, now: Duration, transfer_id: TransferId) {
+    /// Sends the bridge's NodeStatus and all heartbeats. Due once a second.
+    pub(crate) fn send_heartbeats(&mut self, now: Duration, transfer_id: TransferId) {
         let status = NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() };
         let id = types::NODE_STATUS.message_id(STATUS_PRIORITY, self.settings.node);
         self.outgoing.extend(frames(id, &status.encode(), transfer_id).into_iter().map(|frame| (frame, None)));
         self.post(To::All, Class::Answer, self.settings.component, Content::from(self.heartbeat(None)));
-        // Two heartbeats of one component would contradict each other.
+        // A second heartbeat of that component would contradict its own.
         let own = self.settings.component;
-        let speaking = |id: &NodeId| id.get() != own && !self.speaks_for_itself(id.get());
+        let speaking = |id: &NodeId| id.get() != own && !self.is_other_component(id.get());
         let nodes: Vec<NodeId> = self.online().filter(speaking).collect();
         for id in nodes {
             let heartbeat = self.heartbeat(Some(id));
@@ -123,10 +123,10 @@ impl State {
         }
     }
 
-    /// Notes that a component of this system is there by itself. A ground station would take its heartbeats and those of the node with
-    /// the same number for the same component.
+    /// Notes that another program has a component of this system. A ground station would take its heartbeats and those of the node with
+    /// the same ID for the same component.
     pub(crate) fn note_component(&mut self, (system, component): (u8, u8), kind: u8, autopilot: u8) {
-        // Another channel of the bridge may be joined to this one by a router.
+        // A router may connect another channel of the bridge to this one.
         let is_like_ours = (kind, autopilot) == (OWN_TYPE as u8, OWN_AUTOPILOT as u8);
         if system != self.settings.system || is_like_ours || !self.real_components.insert(component) {
             return;
@@ -140,7 +140,7 @@ impl State {
         }
     }
 
-    /// That of a node, or the bridge's own.
+    /// The heartbeat of a node, or the bridge's own.
     pub(crate) fn heartbeat(&self, node: Option<NodeId>) -> MavMessage {
         let status = node.and_then(|id| self.nodes.get(&id)).map_or(NodeStatus::default(), |node| node.status);
         let system_status = match (status.health, status.mode) {

@@ -1,4 +1,4 @@
-//! A pseudo-terminal that stands for a serial port: any terminal program can open the path it is known by.
+//! A pseudo-terminal in place of a serial port. A symbolic link to it has the path that the user chose; any terminal program can open it.
 
 use anyhow::{Context as _, Result, bail};
 use rustix::fs::{Mode, OFlags};
@@ -9,14 +9,14 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::{Path, PathBuf};
 
-/// Until a program sets another.
+/// Baud rate until a program sets another.
 const BAUD_RATE_AT_FIRST: u32 = 115_200;
-/// Bytes that wait for the program at the terminal. When it does not read, the bridge drops the newest.
+/// Maximum number of bytes that wait to be read from the terminal. If no program reads, the bridge drops the newest.
 const UNREAD_MAX: usize = 64 * 1024;
 
 pub struct Pty {
     master: OwnedFd,
-    /// Open as long as we are, so that programs may come and go.
+    /// Stays open so that programs can open and close the terminal.
     slave: OwnedFd,
     link: PathBuf,
     unread: Vec<u8>,
@@ -25,10 +25,10 @@ pub struct Pty {
 }
 
 impl Pty {
-    /// Opens one, and makes `link` a symbolic link to it.
+    /// Opens a pseudo-terminal and makes `link` a symbolic link to it.
     ///
     /// # Errors
-    /// If there is something else at that path.
+    /// If that path exists already.
     pub fn open(link: &Path) -> Result<Pty> {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).context("cannot open a pseudo-terminal")?;
         grantpt(&master)?;
@@ -41,9 +41,9 @@ impl Pty {
         tcsetattr(&slave, OptionalActions::Now, &settings)?;
         rustix::fs::fcntl_setfl(&master, OFlags::NONBLOCK)?;
         match link.symlink_metadata() {
-            // Of a bridge that was killed.
+            // The link of a bridge that was killed.
             Ok(found) if found.is_symlink() && !link.exists() => std::fs::remove_file(link)?,
-            Ok(_) => bail!("{} is there already", link.display()),
+            Ok(_) => bail!("{} exists already", link.display()),
             Err(_) => {}
         }
         let target = Path::new(std::ffi::OsStr::from_bytes(name.to_bytes()));
@@ -51,18 +51,18 @@ impl Pty {
         Ok(Pty { master, slave, link: link.to_owned(), unread: Vec::new(), dropped: 0 })
     }
 
-    /// As the program that has it open wants it.
+    /// The baud rate that the program has set.
     pub fn baud_rate(&self) -> u32 {
         tcgetattr(&self.slave).map_or(BAUD_RATE_AT_FIRST, |settings| settings.output_speed())
     }
 
-    /// What has been written to it.
+    /// Bytes that the program has written.
     pub fn read(&mut self) -> Vec<u8> {
         let mut buffer = [0; 1024];
         rustix::io::read(&self.master, &mut buffer).map_or_else(|_| Vec::new(), |length| buffer[..length].to_vec())
     }
 
-    /// Writes bytes to the program that has it open.
+    /// Writes bytes for the program to read.
     pub fn write(&mut self, bytes: &[u8]) {
         let room = UNREAD_MAX - self.unread.len().min(UNREAD_MAX);
         self.unread.extend(&bytes[..bytes.len().min(room)]);
@@ -70,7 +70,7 @@ impl Pty {
         self.flush();
     }
 
-    /// Goes on with what the terminal did not take.
+    /// Writes the bytes that the terminal did not accept before.
     pub fn flush(&mut self) {
         while !self.unread.is_empty() {
             match rustix::io::write(&self.master, &self.unread) {
@@ -81,7 +81,7 @@ impl Pty {
         }
     }
 
-    /// What to wait for, and whether for room to write too.
+    /// The file descriptor to poll; `true` if also for room to write.
     pub fn poll_fd(&self) -> (BorrowedFd<'_>, bool) {
         (self.master.as_fd(), !self.unread.is_empty())
     }
@@ -89,7 +89,7 @@ impl Pty {
 
 impl Drop for Pty {
     fn drop(&mut self) {
-        // It may be gone already.
+        // The link may be removed already.
         let _ = std::fs::remove_file(&self.link);
     }
 }

@@ -1,24 +1,24 @@
-//! The queue of a channel, and which message it sends next.
+//! The queue of a channel, which chooses the next message.
 //!
-//! Each class of messages has a share of the channel. A class that needs less than its share leaves the rest to the others, in proportion
-//! to their shares, and its messages leave at once. A node's status is not queued: each node has one place, in which the newest
-//! status replaces one that was not sent yet. Of statuses, one a second of each node belongs to the class; more leave only while nothing
+//! Each class of messages has a share of the channel. A class that needs less leaves the rest to the others, in proportion
+//! to their shares, and its messages leave at once. A node's status is not queued: each node has one slot, in which the newest
+//! status replaces an unsent one. One status a second of each node counts for the class; further statuses leave only if nothing
 //! else waits.
 //!
-//! The shares are kept by a clock for each class that runs with what the class sends, divided by its share: the class whose clock is
-//! behind is next (stride scheduling). A class that had nothing to send saves nothing up.
+//! Each class has a clock that advances by the bytes sent, divided by the class's share. The class whose clock is
+//! behind is next (stride scheduling). A class without messages does not save up time.
 
 use crate::message::Out;
 use dronecan_host::NodeId;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-/// Of equal claims the first leaves first.
+/// Order of classes whose clocks are equal: the first leaves first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
     /// Messages that a station waits for: acknowledgements, the value after a PARAM_SET, the bridge's heartbeat.
     Answer,
-    /// A node's status that is due, so that it comes once a second at least. Not queued here.
+    /// A node's status that is due, so that it is sent once a second at least. Has slots and no queue.
     Status,
     Info,
     /// Heartbeats of nodes.
@@ -27,11 +27,11 @@ pub enum Class {
     Text,
     /// CAN frames.
     Frame,
-    /// Statuses beyond one a second. Not queued here.
+    /// Statuses beyond one a second. Have slots and no queue.
     MoreStatus,
 }
 
-/// All classes with the name that a user reads.
+/// All classes with the names that the user sees.
 pub const CLASSES: [(Class, &str); 8] = [
     (Class::Answer, "answers"),
     (Class::Status, "statuses"),
@@ -43,12 +43,12 @@ pub const CLASSES: [(Class, &str); 8] = [
     (Class::MoreStatus, "statuses thinned out"),
 ];
 
-/// Classes that share a channel. [`Class::MoreStatus`] takes what they leave.
+/// Classes that have a share. [`Class::MoreStatus`] takes what they leave.
 const SHARING: [Class; 7] =
     [Class::Answer, Class::Status, Class::Info, Class::Heartbeat, Class::Parameter, Class::Text, Class::Frame];
 
 impl Class {
-    /// Messages that may wait. All parameters of a large node must fit; CAN frames are worth nothing when they are old.
+    /// Maximum number of queued messages. All parameters of a large node must fit; old CAN frames are useless.
     fn limit(self) -> usize {
         match self {
             Class::Answer => 256,
@@ -60,8 +60,8 @@ impl Class {
         }
     }
 
-    /// Percent of a full channel, while all classes have something to send. Statuses have the most, because a node without one counts as
-    /// offline; and a second of 15 nodes' fits into theirs at 9600 baud.
+    /// Share in percent, while all classes have messages. Statuses have the most, because a node without them counts as
+    /// offline. Their share at 9600 baud is enough for one status a second of 15 nodes.
     fn share(self) -> f64 {
         match self {
             Class::Status => 35.0,
@@ -75,13 +75,13 @@ impl Class {
     }
 }
 
-/// A status is due a little less than a second after the last, for the clock of a node that sends one a second may be fast.
+/// A status is due a little less than a second after the last, because the clock of a node that sends one a second may be fast.
 const DUE_AFTER: Duration = Duration::from_millis(950);
 
 #[derive(Debug)]
 struct Slot {
     status: Option<Out>,
-    /// `None` before the first.
+    /// `None` before the first status.
     sent_at: Option<Duration>,
 }
 
@@ -91,23 +91,23 @@ impl Slot {
     }
 }
 
-/// One ground station's queue.
+/// The queue of one ground station.
 #[derive(Debug)]
 pub struct Queue {
     waiting: BTreeMap<Class, VecDeque<Out>>,
     statuses: BTreeMap<NodeId, Slot>,
-    /// Statuses of one node are at least this far apart.
+    /// Minimum time between statuses of one node.
     status_interval: Duration,
     /// Bytes that each class has sent, divided by its share.
     clocks: BTreeMap<Class, f64>,
-    /// The clock of the class that left last.
+    /// The clock of the class that sent last.
     clock: f64,
-    /// Given up, by class.
+    /// Number of dropped messages, by class.
     dropped: BTreeMap<Class, u64>,
 }
 
 impl Queue {
-    /// `status_interval` is zero for no limit, and never above a second.
+    /// `status_interval` is at most a second; zero means no limit.
     pub fn new(status_interval: Duration) -> Queue {
         Queue {
             waiting: BTreeMap::new(),
@@ -143,17 +143,17 @@ impl Queue {
         }
     }
 
-    /// True if the last status of that node still waits.
+    /// True if the last status of this node was not sent yet.
     pub fn has_status(&self, node: NodeId) -> bool {
         self.statuses.get(&node).is_some_and(|slot| slot.status.is_some())
     }
 
-    /// A node has gone: what it said last is no news.
+    /// Drops the status of a node that has become offline.
     pub fn forget(&mut self, node: NodeId) {
         self.statuses.remove(&node);
     }
 
-    /// The next message, if there is one that may leave now. The caller reports its length to [`Queue::sent`].
+    /// The next message that may be sent now. The caller reports its length to [`Queue::sent`].
     pub fn pop(&mut self, now: Duration) -> Option<(Class, Out)> {
         let (ready, idle): (Vec<Class>, Vec<Class>) = SHARING.into_iter().partition(|class| self.is_ready(*class, now));
         for class in idle {
@@ -172,7 +172,7 @@ impl Queue {
         out.map(|out| (class, out))
     }
 
-    /// A message of that class has left.
+    /// Notes that a message of this class was sent.
     pub fn sent(&mut self, class: Class, bytes: usize) {
         if class != Class::MoreStatus {
             *self.clocks.entry(class).or_insert(self.clock) += bytes as f64 / class.share();
@@ -190,7 +190,7 @@ impl Queue {
         }
     }
 
-    /// The status whose node has waited longest.
+    /// The status that has waited longest.
     fn pop_status(&mut self, now: Duration, interval: Duration) -> Option<Out> {
         let ready = self.statuses.values_mut().filter(|slot| slot.may_leave(now, interval));
         let slot = ready.min_by_key(|slot| slot.sent_at)?;
@@ -198,7 +198,7 @@ impl Queue {
         slot.status.take()
     }
 
-    /// When something that waits may leave; `None` if nothing waits.
+    /// When the next message may be sent; `None` if nothing waits.
     pub fn next(&self) -> Option<Duration> {
         if self.waiting.values().any(|waiting| !waiting.is_empty()) {
             return Some(Duration::ZERO);
@@ -207,7 +207,7 @@ impl Queue {
         waiting.map(|slot| slot.sent_at.map_or(Duration::ZERO, |sent| sent + self.status_interval)).min()
     }
 
-    /// What was given up, by class.
+    /// Number of dropped messages, by class.
     pub fn dropped(&self) -> &BTreeMap<Class, u64> {
         &self.dropped
     }
@@ -265,14 +265,14 @@ mod tests {
     }
 
     #[test]
-    fn nodes_take_turns() {
+    fn statuses_of_nodes_leave_in_turn() {
         let mut queue = Queue::new(Duration::ZERO);
         let mut counts = [0; 31];
         for ms in 0..10_000 {
             if ms % 100 == 0 {
                 (1..=30).for_each(|id| queue.push_status(node(id), out(id, "status")));
             }
-            // Room for 40 a second.
+            // A channel for 40 statuses a second.
             if ms % 25 == 0 {
                 counts[usize::from(queue.pop(at(ms)).unwrap().1.component)] += 1;
             }
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limited_rate_delays_and_loses_none_of_one_a_second() {
+    fn a_limited_rate_loses_no_status_of_one_a_second() {
         let mut queue = Queue::new(at(950));
         let mut sent = 0;
         for ms in 0..60_000 {
@@ -295,16 +295,16 @@ mod tests {
     }
 
     #[test]
-    fn a_full_class_gives_up_its_oldest() {
+    fn a_full_class_drops_its_oldest_message() {
         let mut queue = Queue::new(Duration::ZERO);
         (0..=40).for_each(|n| queue.push(Class::Text, out(n, &format!("text {n}"))));
         assert_eq!(queue.dropped()[&Class::Text], 9);
         assert_eq!(queue.pop(at(0)).unwrap().1.component, 9);
     }
 
-    /// The bytes that each class gets of a channel of 1000 bytes a second, in ten seconds, if it has always something to send.
+    /// Bytes of each class on a channel of 1000 bytes a second in ten seconds, if all classes always have messages.
     #[test]
-    fn classes_that_want_more_than_their_share_get_it_in_proportion() {
+    fn busy_classes_share_the_channel_in_proportion() {
         let mut queue = Queue::new(Duration::ZERO);
         let mut sent: BTreeMap<Class, usize> = BTreeMap::new();
         for _ in 0..250 {
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_seldom_does_not_wait_behind_what_comes_always() {
+    fn rare_messages_do_not_wait_behind_frequent_ones() {
         let mut queue = Queue::new(Duration::ZERO);
         for n in 0..500 {
             queue.push(Class::Parameter, out(1, "parameter"));

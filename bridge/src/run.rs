@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Why it ends.
+/// Why the program ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failure {
     Other,
@@ -29,11 +29,11 @@ pub enum Failure {
     Names,
 }
 
-/// No turn is longer, so that a key is seen.
+/// Longest turn, so that a pressed key takes effect.
 const TURN_MAX: Duration = Duration::from_millis(100);
-/// A bus that opens answers within that.
+/// A bus answers within this time after it was opened.
 const OPENS_WITHIN: Duration = Duration::from_secs(3);
-/// Long enough for a NodeStatus of every node.
+/// Time in which every node sends a NodeStatus.
 const NODES_SHOW_WITHIN: Duration = Duration::from_millis(2500);
 const NAMES_WITHIN: Duration = Duration::from_secs(60);
 const AUTOSAVE_AFTER: Duration = Duration::from_secs(2);
@@ -41,7 +41,7 @@ const AUTOSAVE_AFTER: Duration = Duration::from_secs(2);
 /// Runs until the user or `--for` ends it.
 ///
 /// # Errors
-/// If something cannot be opened. The bridge reopens what is lost later.
+/// If something cannot be opened at the start. The bridge reopens what is lost later.
 pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
     let other = |error: Error| (Failure::Other, error);
     let ended = Arc::new(AtomicBool::new(false));
@@ -92,7 +92,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         system: args.system,
         versions: args.mavlink_version,
         integers: args.integers,
-        // A little less, so that a node's own clock does not make it miss one.
+        // A little less, because a node's clock may be fast.
         status_interval: args.status_rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(0.95 / rate)),
         byte_rate: args.bandwidth.map(|baud| f64::from(baud) / 10.0 * 0.98),
         allowed: args.peer.iter().map(IpAddr::to_canonical).collect(),
@@ -101,7 +101,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
     Ok((settings, options))
 }
 
-/// Of this computer, the same each time, and not to be traced to it.
+/// A unique ID for this computer: always the same, and it does not identify the computer.
 fn unique_id(component: u8) -> [u8; 16] {
     let machine = std::fs::read("/etc/machine-id").unwrap_or_default();
     let mut hash = Sha256::new();
@@ -113,7 +113,7 @@ fn unique_id(component: u8) -> [u8; 16] {
     id
 }
 
-/// As MAVProxy and Mission Planner make it of a passphrase.
+/// The key of a passphrase, as MAVProxy and Mission Planner make it.
 fn signing_key(path: &Path) -> Result<[u8; 32]> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the key in {}", path.display()))?;
     let text = text.trim_end_matches(['\r', '\n']);
@@ -137,14 +137,14 @@ pub struct Joined {
     ended: Arc<AtomicBool>,
     pub bus: Bus,
     pub channels: Vec<Channel>,
-    /// The near ends of the tunnels.
+    /// The pseudo-terminals of the tunnels.
     pub ptys: Vec<Pty>,
     pub bridge: Bridge,
     ids: PeerId,
 }
 
 impl Joined {
-    /// Since the start.
+    /// Time since the start.
     pub fn now(&self) -> Duration {
         self.start.elapsed()
     }
@@ -157,7 +157,7 @@ impl Joined {
         for spec in &args.tunnel {
             let named = |error: Error| (Failure::Channel, error.context(format!("--tunnel {}", spec.path.display())));
             self.ptys.push(Pty::open(&spec.path).map_err(named)?);
-            self.bridge.note(format!("{} is the serial port of node {}", spec.path.display(), spec.node));
+            self.bridge.log_line(format!("{} is the serial port of node {}", spec.path.display(), spec.node));
         }
         for (number, spec) in args.mavlink.iter().enumerate() {
             let now = self.now();
@@ -176,7 +176,7 @@ impl Joined {
                 return Err(named(anyhow!("{why}")));
             }
             if self.now() > OPENS_WITHIN {
-                return Err(named(anyhow!("it does not open")));
+                return Err(named(anyhow!("the bus does not answer")));
             }
         }
         Ok(())
@@ -242,7 +242,7 @@ impl Joined {
         let channels = self.channels.iter().filter_map(Channel::deadline);
         let deadlines = channels.chain(self.bus.deadline()).chain(end).chain([self.bridge.deadline(), now + TURN_MAX]);
         let until = deadlines.min().unwrap_or(now);
-        // Rounded up, for a poll that returns early finds nothing to do.
+        // Rounded up, because a poll that returns early finds nothing to do.
         let wait = until.saturating_sub(now) + Duration::from_micros(50);
         let fds = self.channels.iter().flat_map(Channel::poll_fds).chain(self.bus.poll_fd());
         // Bytes that cannot be sent stay in the pseudo-terminal; the loop does not wait for them.
@@ -252,11 +252,11 @@ impl Joined {
         let flags = |write| if write { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
         let mut fds: Vec<PollFd<'_>> = fds.map(|(fd, write)| PollFd::from_borrowed_fd(fd, flags(write))).collect();
         let timeout = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: wait.subsec_nanos().into() };
-        // A signal ends it early; whatever else goes wrong shows when reading.
+        // A signal ends the poll. Other errors show when reading.
         let _ = poll(&mut fds, Some(&timeout));
     }
 
-    /// Lines that have been written since.
+    /// Takes the log lines since the last call.
     pub fn take_log(&mut self) -> Vec<String> {
         let mut lines = std::mem::take(&mut self.bus.log);
         for channel in &mut self.channels {
@@ -266,7 +266,7 @@ impl Joined {
         lines
     }
 
-    /// The table of names.
+    /// Prints the table of names.
     fn print_names(&mut self, args: &Args) -> Result<(), (Failure, Error)> {
         let failed = |text: &str| (Failure::Names, anyhow!("{text}"));
         let shown = self.now() + NODES_SHOW_WITHIN;
@@ -281,7 +281,7 @@ impl Joined {
         }
         let nodes = self.bridge.nodes();
         if nodes.is_empty() {
-            return Err(failed("no node has been heard"));
+            return Err(failed("no node has sent a status"));
         }
         println!("{:>4}  {:<16}  {:<6}  {:<20}  name", "node", "in MAVLink", "type", "value");
         let mut all = true;
@@ -307,6 +307,6 @@ impl Joined {
                 );
             }
         }
-        if all { Ok(()) } else { Err(failed("not all nodes tell their parameters")) }
+        if all { Ok(()) } else { Err(failed("not all nodes sent their parameters")) }
     }
 }

@@ -1,4 +1,4 @@
-//! The output: a live table of nodes in a terminal, else lines.
+//! The output: a live table of nodes in a terminal, otherwise lines.
 
 use crate::args::Args;
 use crate::node::Node;
@@ -15,33 +15,33 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io::{IsTerminal as _, Write as _};
 use std::time::Duration;
 
-/// Between two pictures.
+/// Time between two redraws.
 const REFRESH: Duration = Duration::from_millis(250);
-/// Lines that are kept for the lower part.
+/// Number of lines kept for the lower part.
 const LINES_KEPT: usize = 200;
-/// Over which a node's rate is counted.
+/// Time over which a node's rate is measured.
 const RATE_OVER: Duration = Duration::from_secs(2);
 
-/// Where to.
+/// The kind of output.
 pub enum Screen {
     Live(Box<Live>),
     Plain,
 }
 
-/// A picture of all nodes.
+/// A live table of all nodes.
 pub struct Live {
     terminal: DefaultTerminal,
     lines: VecDeque<String>,
     next: Duration,
-    /// Statuses of each node when its rate was counted last, when that was, and the rate.
+    /// For each node: number of statuses when the rate was last measured, the time of that, and the rate.
     rates: BTreeMap<NodeId, (u64, Duration, f64)>,
 }
 
 impl Screen {
-    /// A table if the output is a terminal, unless lines were asked for.
+    /// A table if the output is a terminal, unless the user asked for lines.
     ///
     /// # Errors
-    /// If the terminal does not do it.
+    /// If the terminal cannot be set up.
     pub fn open(args: &Args) -> Result<Screen> {
         if args.plain || args.names || !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
             return Ok(Screen::Plain);
@@ -51,7 +51,7 @@ impl Screen {
         Ok(Screen::Live(Box::new(Live { terminal, lines, next: Duration::ZERO, rates })))
     }
 
-    /// Shows what is new. Whether the user wants to end.
+    /// Shows what has changed. Returns true if the user wants to end the program.
     ///
     /// # Errors
     /// If the terminal was closed.
@@ -77,7 +77,7 @@ impl Screen {
         }
     }
 
-    /// The last lines, and what passed in all.
+    /// Prints the last lines and the totals.
     pub fn last(&mut self, joined: &mut Joined) {
         self.close();
         let now = joined.now();
@@ -88,7 +88,7 @@ impl Screen {
         }
     }
 
-    /// Leaves the terminal as it was.
+    /// Restores the terminal.
     pub fn close(&mut self) {
         if matches!(self, Screen::Live(_)) {
             ratatui::restore();
@@ -99,7 +99,7 @@ impl Screen {
 
 fn print(now: Duration, lines: &[String]) {
     let mut out = std::io::stdout().lock();
-    // The reader of the lines may exit first.
+    // The reader of the lines may have exited.
     for line in lines {
         let _ = writeln!(out, "{:8.3} {line}", now.as_secs_f64());
     }

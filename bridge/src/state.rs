@@ -1,4 +1,4 @@
-//! What the bridge knows, and what it has to send. The parts of the bridge work on this; [`crate::core`] holds it.
+//! The state of the bridge, and what it has to send. The parts of the bridge use it; [`crate::core`] owns it.
 
 use crate::calls::Calls;
 use crate::message::{Content, Out, warning};
@@ -14,20 +14,20 @@ use std::time::Duration;
 /// Identity of the bridge, and its intervals.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// MAVLink system, for the bridge and all nodes.
+    /// MAVLink system ID of the bridge and all nodes.
     pub system: u8,
-    /// The bridge's MAVLink component.
+    /// MAVLink component ID of the bridge.
     pub component: u8,
     /// The bridge's node ID on the bus.
     pub node: NodeId,
     pub unique_id: [u8; 16],
     /// Time between two UAVCAN_NODE_INFO of a node.
     pub info_interval: Duration,
-    /// Save a node's parameters by itself, that long after the last was set.
+    /// If set, the bridge saves a node's parameters this long after the last was set.
     pub autosave: Option<Duration>,
     pub rights: Rights,
     pub tunnels: Vec<tunnel::Spec>,
-    /// Nodes that are components of the system by themselves, as an autopilot is.
+    /// Nodes that are MAVLink components themselves, such as an autopilot.
     pub hidden: BTreeSet<NodeId>,
     /// Unix time at time 0, in microseconds.
     pub epoch_us: u64,
@@ -38,22 +38,22 @@ pub struct Settings {
 pub struct Rights {
     /// Set, save, erase, restart, and send frames.
     pub change: bool,
-    /// See the bus, and send frames.
+    /// Receive the frames of the bus, and send frames.
     pub can: bool,
 }
 
-/// The nodes, the requests that are under way, and what waits to be taken away.
+/// The nodes, the requests in progress, and the output that the caller takes.
 pub struct State {
     pub settings: Settings,
-    /// Every node that has been heard.
+    /// Every node that has sent a status.
     pub nodes: BTreeMap<NodeId, Node>,
-    /// Components of the system that have been heard on a channel and are not the bridge's.
+    /// Components of the system, except the bridge's, that have sent messages on a channel.
     pub real_components: BTreeSet<u8>,
     pub calls: Calls<Purpose>,
     /// Frames for the bus, with the ground station that a frame comes from; `None` for the bridge's own.
     pub outgoing: Vec<(Frame, Option<PeerId>)>,
     pub posts: Vec<Post>,
-    /// Lines for people.
+    /// Lines for the log.
     pub log: Vec<String>,
 }
 
@@ -74,8 +74,8 @@ impl State {
         self.nodes.iter().filter(|(_, node)| node.online).map(|(id, _)| *id)
     }
 
-    /// True if that component is not the bridge's: the bridge sends no heartbeat for it, and answers no message to it.
-    pub fn speaks_for_itself(&self, component: u8) -> bool {
+    /// True if this component is not the bridge's: the bridge sends no heartbeat for it and answers no message to it.
+    pub fn is_other_component(&self, component: u8) -> bool {
         let is_hidden = NodeId::new(component).is_some_and(|id| self.settings.hidden.contains(&id));
         is_hidden || self.real_components.contains(&component)
     }
@@ -84,7 +84,7 @@ impl State {
         self.posts.push(Post::Message { to, class, out: Out { component, content } });
     }
 
-    /// Reports a problem to all ground stations and the log.
+    /// Reports a problem to all ground stations and in the log.
     pub fn warn(&mut self, words: &str) {
         self.log.push(words.to_owned());
         let mut chars = words.chars();
@@ -92,7 +92,7 @@ impl State {
         self.post(To::All, Class::Text, self.settings.component, Content::from(warning(&sentence)));
     }
 
-    /// Unix time in microseconds, for the messages that carry it.
+    /// Unix time in microseconds, for the messages that have it.
     pub fn unix_us(&self, now: Duration) -> u64 {
         self.settings.epoch_us + now.as_micros() as u64
     }

@@ -1,10 +1,10 @@
-//! What is to be done with a node: for a ground station, or to know the node.
+//! Operations with a node, for a ground station or for the bridge itself.
 
 use crate::post::Asker;
 use dronecan_host::Value;
 use mavlink::dialects::common::MavParamError;
 
-/// What a ground station wants of a node's parameters.
+/// An operation with a node's parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Op {
     List(Asker),
@@ -16,17 +16,17 @@ pub enum Op {
         value: f32,
         kind: u8,
     },
-    /// For the table that is printed.
+    /// For the table that `--names` prints.
     Print,
 }
 
-/// What a request to a node is for.
+/// The purpose of a request to a node.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Purpose {
     Info,
-    /// Parameter by index, for the table.
+    /// Fetches a parameter by index, for the table.
     Item(u16),
-    /// A parameter by its place in the table; and what was wrong with a PARAM_SET that only reads it.
+    /// Reads or sets a parameter, given by its place in the table; and the error of a PARAM_SET that only reads it.
     Read {
         asker: Asker,
         at: usize,

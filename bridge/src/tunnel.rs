@@ -1,9 +1,9 @@
-//! Serial ports through the bus: tunnel.Targetted as ArduPilot's nodes and the DroneCAN GUI Tool have it, or tunnel.Broadcast.
+//! Serial ports over the bus: tunnel.Targetted, as ArduPilot's nodes and the DroneCAN GUI Tool use it, or tunnel.Broadcast.
 //!
-//! What a program writes to the pseudo-terminal ([`crate::pty`]) goes to one node, and what that node sends back comes out of it. A
-//! node answers the last node that sent to it, for three seconds, so the bridge sends an empty message each half second.
+//! Bytes that a program writes to the pseudo-terminal ([`crate::pty`]) go to one node, and the node's bytes come out of it. A
+//! node answers the last sender for three seconds, so the bridge sends an empty message each half second.
 //!
-//! The bridge sends no more than a serial line of that baud rate carries, because the node has to pass the bytes on to one.
+//! The bridge sends no more than a serial line of the baud rate can carry, because the node passes the bytes on to such a line.
 
 use dronecan_host::tunnel::{BROADCAST_MAX, DEFAULT_PORT, GPS_GENERIC, LOCK_PORT, TARGETTED_MAX};
 use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId, TunnelBroadcast, TunnelTargetted, types};
@@ -12,25 +12,25 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Empty messages, twice in the second that ArduPilot's tools take and well within the three that its nodes wait.
-const KEPT_ALIVE_EVERY: Duration = Duration::from_millis(500);
-/// Most bytes that wait for the bus. When there are as many, the bridge stops reading the pseudo-terminal.
+/// Period of empty messages: half that of ArduPilot's tools, and well within the three seconds of its nodes.
+const KEEPALIVE_PERIOD: Duration = Duration::from_millis(500);
+/// Maximum number of bytes that wait for the bus. At this number the bridge stops reading the pseudo-terminal.
 const WAITING_MAX: usize = 4096;
-/// The middle of the priorities: below commands and statuses.
+/// A middle priority: below commands and statuses.
 const PRIORITY: u8 = 20;
-/// Start bit, eight bits, stop bit.
+/// Start bit, eight data bits, stop bit.
 const BITS_PER_BYTE: f64 = 10.0;
-/// tunnel.Targetted has 24 bits for it.
+/// tunnel.Targetted has 24 bits for the baud rate.
 const BAUD_RATE_MAX: u32 = (1 << 24) - 1;
 
-/// How the bytes travel.
+/// The message that carries the bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     Targetted { serial_port: i8, locks: bool },
     Broadcast { protocol: u8 },
 }
 
-/// A tunnel as the user writes it: `NODE:PTY`, and options behind commas.
+/// A tunnel as the user writes it: `NODE:PTY`, with options after commas.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Spec {
     pub node: NodeId,
@@ -60,7 +60,7 @@ impl FromStr for Spec {
                 (("broadcast", protocol), Way::Targetted { serial_port: DEFAULT_PORT, locks: false }) => {
                     Way::Broadcast { protocol: byte(protocol)? }
                 }
-                _ => return Err(format!("\"{word}\" has no place here; {EXAMPLES}")),
+                _ => return Err(format!("\"{word}\" is not an option here; {EXAMPLES}")),
             };
         }
         Ok(Spec { node, path: path.into(), way })
@@ -89,9 +89,9 @@ struct Tunnel {
 pub struct Tunnels {
     own: NodeId,
     all: Vec<Tunnel>,
-    /// Of each message type, whichever tunnel sends it.
+    /// Transfer ID of each message type; all tunnels share it.
     counters: BTreeMap<u16, TransferId>,
-    /// Bytes that have come, with the number of the tunnel.
+    /// Received bytes, with the number of the tunnel.
     received: Vec<(usize, Vec<u8>)>,
 }
 
@@ -108,12 +108,12 @@ impl Tunnels {
         Tunnels { own, all: specs.iter().map(tunnel).collect(), counters: BTreeMap::new(), received: Vec::new() }
     }
 
-    /// True if bytes from the pseudo-terminal have a place.
+    /// True if bytes from the pseudo-terminal can be queued.
     pub fn has_room(&self, at: usize) -> bool {
         self.all.get(at).is_some_and(|tunnel| tunnel.waiting.len() < WAITING_MAX)
     }
 
-    /// Bytes from the pseudo-terminal, which is set to that rate.
+    /// Queues bytes from the pseudo-terminal, whose baud rate is `baud_rate`.
     pub fn write(&mut self, at: usize, baud_rate: u32, bytes: &[u8]) {
         if let Some(tunnel) = self.all.get_mut(at) {
             tunnel.baud_rate = baud_rate.clamp(1, BAUD_RATE_MAX);
@@ -121,7 +121,7 @@ impl Tunnels {
         }
     }
 
-    /// Bytes for pseudo-terminals, with the numbers of their tunnels.
+    /// Takes the bytes for the pseudo-terminals, with the numbers of their tunnels.
     pub fn take_received(&mut self) -> Vec<(usize, Vec<u8>)> {
         std::mem::take(&mut self.received)
     }
@@ -131,13 +131,13 @@ impl Tunnels {
         self.all.iter().any(|tunnel| tunnel.node == source && tunnel.data_type().id == type_id)
     }
 
-    /// A message for which [`Tunnels::wants`] was true.
-    pub fn hear(&mut self, transfer: &Transfer) {
+    /// Handles a message for which [`Tunnels::wants`] was true.
+    pub fn receive(&mut self, transfer: &Transfer) {
         let CanId::Message { type_id, source, .. } = transfer.id else { return };
         for (at, tunnel) in self.all.iter().enumerate().filter(|(_, tunnel)| tunnel.node == source) {
             let buffer = match tunnel.way {
                 Way::Targetted { serial_port, .. } if type_id == types::TUNNEL_TARGETTED.id => {
-                    // A node sends the number of its port, also if the bridge asked for the default port.
+                    // The node sends the number of its port, even if the bridge requested the default port.
                     let of_port = |told: i8| serial_port == DEFAULT_PORT || told == serial_port;
                     TunnelTargetted::decode(&transfer.payload)
                         .filter(|message| message.target == self.own && of_port(message.serial_port))
@@ -153,7 +153,7 @@ impl Tunnels {
         }
     }
 
-    /// Sends what may leave.
+    /// Sends the messages that are due.
     pub fn poll(&mut self, now: Duration, frames: &mut Vec<Frame>) {
         for tunnel in &mut self.all {
             let Some((data_type, payload)) = tunnel.next(now) else { continue };
@@ -162,7 +162,7 @@ impl Tunnels {
         }
     }
 
-    /// When [`Tunnels::poll`] has something to do next.
+    /// When [`Tunnels::poll`] must be called next.
     pub fn deadline(&self) -> Option<Duration> {
         self.all.iter().filter_map(Tunnel::deadline).min()
     }
@@ -183,12 +183,12 @@ impl Tunnel {
         }
         let most = if matches!(self.way, Way::Broadcast { .. }) { BROADCAST_MAX } else { TARGETTED_MAX };
         let buffer: Vec<u8> = self.waiting.drain(..self.waiting.len().min(most)).collect();
-        // Only a node that is asked by its ID has to be kept awake.
+        // Only a node that is addressed by its ID needs empty messages.
         let is_kept_alive = matches!(self.way, Way::Targetted { .. }) && now >= self.next_keep_alive;
         if buffer.is_empty() && !is_kept_alive {
             return None;
         }
-        self.next_keep_alive = now + KEPT_ALIVE_EVERY;
+        self.next_keep_alive = now + KEEPALIVE_PERIOD;
         self.free_at = now + Duration::from_secs_f64(buffer.len() as f64 * BITS_PER_BYTE / f64::from(self.baud_rate));
         let payload = match self.way {
             Way::Targetted { serial_port, locks } => TunnelTargetted {
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tunnels_are_written_as_the_help_says() {
+    fn tunnel_specs_have_the_syntax_of_the_help() {
         let way = |text: &str| text.parse::<Spec>().map(|spec| (spec.node.get(), spec.path, spec.way));
         let path = PathBuf::from("/tmp/port");
         assert_eq!(way("42:/tmp/port"), Ok((42, path.clone(), Way::Targetted { serial_port: -1, locks: false })));
@@ -235,7 +235,7 @@ mod tests {
 
     /// 960 bytes at 9600 baud take a second.
     #[test]
-    fn no_more_leaves_than_the_line_behind_the_node_carries() {
+    fn a_tunnel_sends_no_more_than_its_baud_rate() {
         let own = NodeId::new(126).unwrap();
         let mut tunnels = Tunnels::new(own, &["42:/x".parse().unwrap()]);
         tunnels.write(0, 9600, &[b'x'; 2400]);
@@ -243,7 +243,7 @@ mod tests {
         for ms in 0..1000 {
             tunnels.poll(Duration::from_millis(ms), &mut frames);
         }
-        // 960 bytes are 8 messages of 120 in 19 frames each; the first leaves at once.
+        // 960 bytes are 8 messages of 120 bytes, with 19 frames each. The first is sent at once.
         assert!((8 * 19..=9 * 19).contains(&frames.len()), "{}", frames.len());
     }
 }

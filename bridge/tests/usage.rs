@@ -1,9 +1,9 @@
-//! What the program says to somebody who does not know it yet, or gets it wrong. That it is started here has cargo build it with the
-//! tests, for those of `tests/clients`.
+//! Help and errors of the program. Because this test starts the program, cargo builds it with the tests, and `tests/clients` can
+//! use it.
 
 use std::process::Command;
 
-/// Whether it ends well, and what it says there.
+/// Runs the program. Returns whether it succeeded, and its output.
 fn bridge(arguments: &[&str]) -> (bool, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_bridge")).args(arguments).output().expect("it starts");
     let said = if output.status.success() { output.stdout } else { output.stderr };
@@ -11,7 +11,7 @@ fn bridge(arguments: &[&str]) -> (bool, String) {
 }
 
 #[test]
-fn the_help_has_examples_and_every_kind_of_bus_and_channel() {
+fn the_help_shows_examples_and_every_kind_of_bus_and_channel() {
     let (is_well, said) = bridge(&["--help"]);
     assert!(is_well);
     for word in ["slcan:", "mcast:", "socketcan:", "udpout:", "udpin:", "tcp:", "tcpin:", "serial:", "bridge --bus "] {
@@ -20,7 +20,7 @@ fn the_help_has_examples_and_every_kind_of_bus_and_channel() {
 }
 
 #[test]
-fn whoever_writes_a_bus_or_a_channel_wrongly_is_told_how_to_write_it() {
+fn a_wrong_bus_or_channel_is_answered_with_the_syntax() {
     for (arguments, advice) in [
         (["--bus", "nonsense:1", "--mavlink", "udpin:14550"], "slcan, mcast or socketcan"),
         (["--bus", "mcast:0", "--mavlink", "udpout:nowhere"], "write for example udpout:127.0.0.1:14550"),

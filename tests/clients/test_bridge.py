@@ -415,7 +415,7 @@ def test_a_node_that_leaves_is_reported_once_and_may_return(bench, bridge, stati
     ground.wait_for("UAVCAN_NODE_STATUS", 42)
     again.ended.set()
     again.join(TIMEOUT_S)
-    assert started.text().count("node 42 is gone") == 1
+    assert started.text().count("node 42 is offline") == 1
 
 
 def test_the_bus_may_disappear_and_return(bench, bridge, station, tmp_path):

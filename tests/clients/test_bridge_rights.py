@@ -161,14 +161,14 @@ def test_a_port_beyond_loopback_without_a_key_causes_a_warning(node, bridge, tmp
     signed = bridge(node.bus, "--signing-key", tmp_path / "key", channels=["udpin:0.0.0.0:0"])
     local = bridge(node.bus, channels=["udpin:0"])
     for started in (signed, local):
-        started.wait_for_text("is the port that was free")
+        started.wait_for_text("is open: the system chose the port")
         assert "has no key" not in started.text()
 
 
 def test_port_0_chooses_a_free_port_and_prints_it(node, bridge, station):
     started = bridge(node.bus, channels=["udpin:0"])
-    started.wait_for_text("is the port that was free")
-    port = started.text().split(" is the port that was free")[0].rsplit(":", 1)[1]
+    started.wait_for_text("is open: the system chose the port")
+    port = started.text().split(" is open: the system chose the port")[0].rsplit(":", 1)[1]
     station(f"udpout:127.0.0.1:{port}").wait_for("UAVCAN_NODE_INFO", NODE)
 
 

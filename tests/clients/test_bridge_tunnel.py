@@ -150,7 +150,7 @@ def test_an_existing_file_is_kept_and_a_stale_link_is_replaced(many_nodes, bridg
     used = many_nodes([Node(42, {})])
     (tmp_path / "file").write_text("precious")
     refused = bridge(used.bus, "--tunnel", "42:file", channels=[])
-    assert refused.wait() == 4 and "is there already" in refused.text()
+    assert refused.wait() == 4 and "exists already" in refused.text()
     assert (tmp_path / "file").read_text() == "precious"
     # A link that a killed bridge left.
     (tmp_path / "port").symlink_to("/dev/pts/no-such")

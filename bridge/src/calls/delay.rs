@@ -1,29 +1,29 @@
-//! How long answers take, and how long to wait for the next: the estimator of TCP (RFC 6298).
+//! The delay of a node's answers, and the timeout for the next one: the estimator of TCP (RFC 6298).
 
 use std::time::Duration;
 
-/// Longer than this nothing is waited for before it is repeated.
+/// Longest timeout.
 const TIMEOUT_MAX: Duration = Duration::from_secs(2);
-/// Each time-out in a row doubles the next, up to this many times.
+/// Each timeout in a row doubles the next, at most this many times.
 const DOUBLED_MAX: u32 = 3;
 
-/// The delay of answers: smoothed, and how much it varies.
+/// Smoothed delay of answers, and its variation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Delay {
     /// `None` before the first answer.
     smoothed: Option<Duration>,
     variation: Duration,
-    /// Time-outs since the last answer.
+    /// Timeouts since the last answer.
     timed_out: u32,
 }
 
 impl Delay {
-    /// True if there has been an answer.
+    /// True after the first answer.
     pub fn is_known(&self) -> bool {
         self.smoothed.is_some()
     }
 
-    /// An answer took that long.
+    /// Adds the delay of an answer.
     pub fn measured(&mut self, delay: Duration) {
         self.timed_out = 0;
         match self.smoothed {
@@ -38,12 +38,12 @@ impl Delay {
         }
     }
 
-    /// Nothing came in time.
+    /// Notes that no answer arrived in time.
     pub fn timed_out(&mut self) {
         self.timed_out = (self.timed_out + 1).min(DOUBLED_MAX);
     }
 
-    /// How long to wait for the next answer, at least `least`. Before the first answer others' delay counts.
+    /// Timeout for the next answer, at least `least`. Before the first answer it follows from `others`.
     pub fn timeout(&self, least: Duration, others: &Delay) -> Duration {
         let known = if self.is_known() { self } else { others };
         let usual = known.smoothed.map_or(Duration::ZERO, |smoothed| smoothed + known.variation * 4);
@@ -58,7 +58,7 @@ mod tests {
     const LEAST: Duration = Duration::from_millis(300);
 
     #[test]
-    fn a_node_that_takes_its_time_is_waited_for() {
+    fn a_slow_node_gets_a_longer_timeout() {
         let mut delay = Delay::default();
         assert_eq!(delay.timeout(LEAST, &Delay::default()), LEAST);
         (0..20).for_each(|_| delay.measured(Duration::from_millis(800)));
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn time_outs_double_the_time_up_to_two_seconds() {
+    fn repeated_timeouts_double_the_timeout_up_to_two_seconds() {
         let mut delay = Delay::default();
         let timeouts: Vec<u128> = (0..5)
             .map(|_| {

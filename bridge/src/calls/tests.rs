@@ -1,4 +1,4 @@
-//! Requests and their answers, one by one.
+//! Tests of requests, windows and timeouts.
 
 use super::*;
 use dronecan_host::types::GET_SET;
@@ -30,7 +30,7 @@ fn answer(frame: &Frame) -> Transfer {
 }
 
 #[test]
-fn five_are_on_their_way_at_once_and_answers_make_room() {
+fn five_requests_are_sent_at_once_and_each_answer_allows_another() {
     let mut calls = calls(12);
     let frames = sent(&mut calls, 0);
     assert_eq!(frames.len(), 5);
@@ -40,7 +40,7 @@ fn five_are_on_their_way_at_once_and_answers_make_room() {
 }
 
 #[test]
-fn an_answer_counts_once_and_one_to_nobody_not_at_all() {
+fn an_answer_counts_once_and_only_with_a_request() {
     let mut calls = calls(1);
     let frames = sent(&mut calls, 0);
     let other = CanId::Service {
@@ -56,23 +56,23 @@ fn an_answer_counts_once_and_one_to_nobody_not_at_all() {
 }
 
 #[test]
-fn what_is_not_answered_is_repeated_with_another_transfer_id_and_then_fails() {
+fn an_unanswered_request_is_repeated_with_another_transfer_id_and_then_fails() {
     let mut calls = calls(1);
     let first = sent(&mut calls, 0);
     assert_eq!(calls.deadline(), Some(at(100)));
     let second = sent(&mut calls, 100);
     assert_eq!((first[0].id, second.len()), (second[0].id, 1));
     assert_ne!(first[0].data(), second[0].data());
-    // The time is doubled.
+    // The timeout has doubled.
     assert!(sent(&mut calls, 299).is_empty());
     assert_eq!(sent(&mut calls, 300).len(), 1);
     assert_eq!(calls.poll(at(400), &mut Vec::new()), [(NODE, 0, None)]);
     assert_eq!(calls.deadline(), None);
-    assert_eq!(calls.answered(at(401), &answer(&first[0])), None, "that one was given up");
+    assert_eq!(calls.answered(at(401), &answer(&first[0])), None, "the request had failed");
 }
 
 #[test]
-fn a_node_that_loses_requests_gets_fewer_at_once() {
+fn a_timeout_narrows_the_window_of_the_node() {
     let mut calls = calls(12);
     assert_eq!(sent(&mut calls, 0).len(), 5);
     assert_eq!(sent(&mut calls, 100).len(), 2);
@@ -80,31 +80,31 @@ fn a_node_that_loses_requests_gets_fewer_at_once() {
 }
 
 #[test]
-fn a_queue_has_an_end() {
+fn a_full_queue_rejects_requests() {
     let mut calls = calls(QUEUE_LIMIT as u32 + 3);
     assert_eq!(calls.poll(at(0), &mut Vec::new()).len(), 3);
 }
 
 #[test]
-fn a_late_answer_to_an_earlier_try_counts() {
+fn a_late_answer_to_an_earlier_attempt_counts() {
     let mut calls = calls(1);
     let first = sent(&mut calls, 0);
     let second = sent(&mut calls, 100);
     assert_eq!(calls.answered(at(150), &answer(&first[0])), Some((NODE, 0, Some(vec![7]))));
-    assert_eq!(calls.answered(at(160), &answer(&second[0])), None, "the call is done");
+    assert_eq!(calls.answered(at(160), &answer(&second[0])), None, "the request is done");
 }
 
 #[test]
-fn an_answer_counts_while_its_request_waits_to_be_repeated() {
+fn an_answer_counts_while_the_request_waits_for_its_repetition() {
     let mut calls = calls(5);
     let first = sent(&mut calls, 0);
-    // The window is two now, so that three wait.
+    // The window is two now, so three requests wait.
     assert_eq!(sent(&mut calls, 100).len(), 2);
     assert_eq!(calls.answered(at(150), &answer(&first[4])), Some((NODE, 4, Some(vec![7]))));
 }
 
 #[test]
-fn a_transfer_id_whose_answer_may_still_come_is_not_used_again() {
+fn a_transfer_id_is_not_reused_while_its_answer_may_arrive() {
     let mut calls = calls(80);
     let mut frames = sent(&mut calls, 0);
     let slow = frames.remove(0);
@@ -119,7 +119,7 @@ fn a_transfer_id_whose_answer_may_still_come_is_not_used_again() {
 }
 
 #[test]
-fn nodes_share_the_window_of_all_and_have_turns() {
+fn nodes_share_the_common_window_in_turns() {
     let mut calls = Calls::new(OWN);
     let node = |id: u8| NodeId::new(id).unwrap();
     for id in 1..=30 {
@@ -132,5 +132,5 @@ fn nodes_share_the_window_of_all_and_have_turns() {
         frames.iter().map(|frame| format!("{:?}", frame.id)).collect();
     assert_eq!((frames.len(), destinations.len()), (TOTAL_WINDOW_AT_FIRST as usize, TOTAL_WINDOW_AT_FIRST as usize));
     calls.request(node(1), GET_SET, vec![0, 0], Timeouts::from_ms(100, 400), Urgency::Now, 99);
-    assert_eq!(sent(&mut calls, 1).len(), 1, "somebody waits for this one");
+    assert_eq!(sent(&mut calls, 1).len(), 1, "an urgent request ignores the window");
 }

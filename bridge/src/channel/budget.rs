@@ -1,15 +1,15 @@
-//! How much may be sent through a channel whose rate is known.
+//! Limits what is sent through a channel to its rate.
 
 use std::time::Duration;
 
-/// Longer than any message, for a rate at which that takes its time.
+/// Bytes that may be saved up, more than any message has. Otherwise a slow channel could never send a long message.
 const BURST_MIN: f64 = 300.0;
-/// A leaky bucket.
+/// A token bucket.
 pub struct Budget {
-    /// Bytes a second.
+    /// Rate in bytes a second.
     rate: f64,
     burst: f64,
-    /// Bytes that may be sent now. Below zero after a message that was longer.
+    /// Bytes that may be sent now. Negative after a message that was longer.
     pub tokens: f64,
     at: Duration,
 }
@@ -25,7 +25,7 @@ impl Budget {
         self.at = now;
     }
 
-    /// When there is something to spend again.
+    /// When something may be sent again.
     pub fn next(&self) -> Duration {
         self.at + Duration::from_secs_f64((1.0 - self.tokens).max(0.0) / self.rate)
     }
@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_budget_is_kept_over_time() {
+    fn a_budget_limits_the_rate() {
         let mut budget = Budget::new(5760.0);
         let mut spent = 0.0;
         for ms in 0..10_000 {

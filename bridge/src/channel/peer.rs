@@ -1,43 +1,43 @@
-//! The far end of a channel: a ground station, or what leads to some.
+//! The far end of a channel: a ground station, or a link that leads to some.
 
 use super::Transport;
 use crate::message::{Parser, Writer};
-use crate::number::Custom;
+use crate::number::IntegerEncoding;
 use crate::queue::Queue;
 use mavlink::MavlinkVersion;
 use std::io::{self, ErrorKind, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
-/// The far end of a channel.
+/// The far end of a channel: a ground station, or a link that leads to some.
 pub struct Peer {
     pub name: String,
-    /// On UDP.
+    /// Address on UDP.
     pub address: Option<SocketAddr>,
-    /// On TCP.
+    /// Connection on TCP.
     pub stream: Option<TcpStream>,
     pub parser: Parser,
     pub writer: Writer,
     pub queue: Queue,
-    /// Of a message that was not taken whole.
+    /// The rest of a message that was not sent completely.
     pub unsent: Vec<u8>,
     pub heard: Option<MavlinkVersion>,
-    pub custom: Custom,
+    pub encoding: IntegerEncoding,
     pub heard_at: Duration,
-    /// The station has shown that it has the key, or needs none. The bridge sends nothing to others.
+    /// True if the station has signed a message, or needs no key. The bridge sends nothing to others.
     pub is_trusted: bool,
     pub sent: u64,
     pub received: u64,
 }
 
-/// Writes the rest of a message; true if that was all. A read reports errors.
+/// Writes the rest of a message. Returns true if it is complete. Errors are reported by the next read.
 pub fn write(transport: &Transport, peer: &mut Peer) -> bool {
     while !peer.unsent.is_empty() {
         let written = match (transport, peer.stream.as_mut(), peer.address) {
             (Transport::Udp(socket), _, Some(address)) => {
                 match socket.send_to(&peer.unsent, address) {
                     Err(error) if error.kind() == ErrorKind::WouldBlock => Err(error),
-                    // No route, or no receiver: lost, as on a radio.
+                    // No route or no receiver: the datagram is lost, as on a radio.
                     _ => Ok(peer.unsent.len()),
                 }
             }

@@ -1,15 +1,15 @@
-//! The address of a host that is given by its name. A look-up may take seconds, so that none is made in the loop: each has a thread.
+//! Host names to addresses. A look-up can take seconds, so each runs in its own thread and not in the loop.
 
 use anyhow::{Context as _, Result};
 use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::thread;
 
-/// The address, after as long as it takes.
+/// Resolves a host name; blocks.
 pub fn resolve(remote: &str) -> Result<SocketAddr> {
     let found = remote.to_socket_addrs().with_context(|| format!("there is no host for {remote}"))?;
     let all: Vec<SocketAddr> = found.collect();
-    // Ground stations listen on IPv4.
+    // Ground stations listen on IPv4, so its addresses come first.
     all.iter()
         .find(|address| address.is_ipv4())
         .or(all.first())
@@ -17,18 +17,18 @@ pub fn resolve(remote: &str) -> Result<SocketAddr> {
         .with_context(|| format!("no address for {remote}"))
 }
 
-/// A look-up that is under way.
+/// A look-up in progress.
 pub struct LookUp(Receiver<Result<SocketAddr>>);
 
 impl LookUp {
     pub fn begin(remote: String) -> LookUp {
         let (sender, receiver) = mpsc::channel();
-        // The caller may have dropped its end.
+        // The caller may have dropped the receiver.
         thread::spawn(move || drop(sender.send(resolve(&remote))));
         LookUp(receiver)
     }
 
-    /// The address, once it is known.
+    /// The result, once the look-up has ended.
     pub fn result(&self) -> Option<Result<SocketAddr>> {
         match self.0.try_recv() {
             Ok(result) => Some(result),
@@ -44,7 +44,7 @@ mod tests {
     use std::time::{Duration, Instant};
 
     #[test]
-    fn a_look_up_has_no_result_at_first_and_one_later() {
+    fn a_look_up_returns_at_once_and_has_its_result_later() {
         let look_up = LookUp::begin(String::from("127.0.0.1:14550"));
         let start = Instant::now();
         let result = loop {

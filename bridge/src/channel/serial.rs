@@ -1,4 +1,4 @@
-//! A radio on a serial port.
+//! Serial ports, for example with a radio.
 
 use super::{Channel, Transport};
 use crate::post::PeerId;
@@ -19,7 +19,7 @@ impl Channel {
             _ => anyhow!(error).context(format!("cannot open {}", path.display())),
         })?;
         self.transport = Transport::Serial(port);
-        self.came_back();
+        self.mark_available();
         let peer = self.peer(path.display().to_string(), now);
         self.add(ids, peer);
         Ok(())

@@ -1,11 +1,11 @@
-//! Channels as the user writes them.
+//! The user's notation for channels.
 
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Which channel, as the user writes it.
+/// A channel as the user writes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Spec {
     UdpOut(String),
@@ -15,7 +15,7 @@ pub enum Spec {
     Serial { path: PathBuf, baud: u32 },
 }
 
-/// Slower lines do not carry one status of a node a second.
+/// Minimum baud rate: a slower line cannot carry one status of a node a second.
 const BAUD_MIN: u32 = 300;
 
 const EXAMPLES: &str =
@@ -32,7 +32,7 @@ impl FromStr for Spec {
             }
             _ => Err(format!("\"{rest}\" is not HOST:PORT; {EXAMPLES}")),
         };
-        // Loopback by default.
+        // Without an address: the loopback interface.
         let local = || match rest.parse::<u16>() {
             Ok(port) => Ok(SocketAddr::from((Ipv4Addr::LOCALHOST, port))),
             Err(_) => {
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn channels_are_written_as_the_help_says() {
+    fn specs_have_the_syntax_of_the_help() {
         let udp_in = |address: &str| Ok(Spec::UdpIn(address.parse().unwrap()));
         assert_eq!("udpout:10.0.0.1:14550".parse(), Ok(Spec::UdpOut("10.0.0.1:14550".into())));
         assert_eq!("udpin:14550".parse(), udp_in("127.0.0.1:14550"));

@@ -1,4 +1,4 @@
-//! TCP: one connection that is made again and again, or several that are accepted.
+//! TCP: one connection that is restored when it is lost, or several accepted connections.
 
 use super::{Channel, PEERS_MAX, Peer, Transport, cannot_listen};
 use crate::core::Bridge;
@@ -9,12 +9,12 @@ use socket2::{Domain, Protocol, SockRef, Socket, Type};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::Duration;
 
-/// In one turn.
+/// Maximum number of connections accepted in one turn.
 const ACCEPTED_AT_ONCE: usize = 16;
-/// A connection that has not been signed for that long is ended: stations send a heartbeat each second.
-const SIGNS_WITHIN: Duration = Duration::from_secs(10);
+/// The bridge closes a connection without a signed message after this time. Stations send a heartbeat each second.
+const SIGNED_WITHIN: Duration = Duration::from_secs(10);
 const CONNECT_FOR: Duration = Duration::from_secs(5);
-/// What the kernel may hold back of a TCP connection: enough for speed, and little enough that statuses are not old.
+/// Size of the kernel's send buffer: enough for the throughput, and little enough that statuses are recent.
 const SEND_BUFFER: usize = 32 * 1024;
 
 impl Channel {
@@ -31,7 +31,7 @@ impl Channel {
         socket.set_nonblocking(true)?;
         match socket.connect(&address.into()) {
             Err(error) if error.raw_os_error() != Some(Errno::INPROGRESS.raw_os_error()) => {
-                self.away(now, &error.to_string());
+                self.mark_unavailable(now, &error.to_string());
             }
             _ => self.transport = Transport::Connecting(socket, now + CONNECT_FOR),
         }
@@ -42,14 +42,14 @@ impl Channel {
         match &self.transport {
             Transport::Away(until) if now >= *until => {
                 if let Err(error) = self.start(ids, now) {
-                    self.away(now, &format!("{error:#}"));
+                    self.mark_unavailable(now, &format!("{error:#}"));
                 }
             }
             Transport::LookingUp(look_up) => {
                 let Some(found) = look_up.result() else { return };
                 match found.and_then(|address| self.start_to(ids, now, address)) {
-                    Err(error) => self.away(now, &format!("{error:#}")),
-                    Ok(()) if matches!(self.transport, Transport::Udp(_)) => self.came_back(),
+                    Err(error) => self.mark_unavailable(now, &format!("{error:#}")),
+                    Ok(()) if matches!(self.transport, Transport::Udp(_)) => self.mark_available(),
                     Ok(()) => {}
                 }
             }
@@ -60,12 +60,12 @@ impl Channel {
                     Ok(None) => None,
                 };
                 if let Some(trouble) = trouble {
-                    return self.away(now, &trouble);
+                    return self.mark_unavailable(now, &trouble);
                 }
                 if socket.peer_addr().is_ok()
                     && let Transport::Connecting(socket, _) = std::mem::replace(&mut self.transport, Transport::Stream)
                 {
-                    self.came_back();
+                    self.mark_available();
                     let name = self.spec.to_string();
                     let id = self.add_stream(ids, now, name, socket.into());
                     bridge.joined(now, id);
@@ -76,7 +76,7 @@ impl Channel {
     }
 
     fn add_stream(&mut self, ids: &mut PeerId, now: Duration, name: String, stream: TcpStream) -> PeerId {
-        // All three only make it faster.
+        // Errors are ignored: these options only improve the speed.
         let _ = stream.set_nodelay(true);
         let _ = SockRef::from(&stream).set_send_buffer_size(SEND_BUFFER);
         let _ = SockRef::from(&stream).set_keepalive(true);
@@ -110,21 +110,21 @@ impl Channel {
         }
     }
 
-    /// Connections that have not shown the key take no place of a station. The oldest of them makes room for the newest.
+    /// Connections that have not signed do not use up the stations' places: the oldest is closed for the newest.
     fn make_room_for_untrusted(&mut self, bridge: &mut Bridge) {
         let untrusted: Vec<PeerId> =
             self.peers.iter().filter(|(_, peer)| !peer.is_trusted).map(|(id, _)| *id).collect();
         if untrusted.len() >= PEERS_MAX {
-            self.remove(bridge, untrusted[0], "it has not signed");
+            self.remove(bridge, untrusted[0], "it did not sign");
         }
     }
 
-    /// Ends connections that have not shown the key.
+    /// Closes connections that have not signed in time.
     pub(super) fn close_untrusted(&mut self, now: Duration, bridge: &mut Bridge) {
-        let late = |peer: &Peer| !peer.is_trusted && now > peer.heard_at + SIGNS_WITHIN;
+        let late = |peer: &Peer| !peer.is_trusted && now > peer.heard_at + SIGNED_WITHIN;
         let late: Vec<PeerId> = self.peers.iter().filter(|(_, peer)| late(peer)).map(|(id, _)| *id).collect();
         for id in late {
-            self.remove(bridge, id, "it has not signed");
+            self.remove(bridge, id, "it did not sign");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! UDP: one ground station that is named, or several that are known by what they send.
+//! UDP: one given ground station, or several that are known by their datagrams.
 
 use super::{Channel, PEERS_MAX, Peer, READS_AT_ONCE, Spec, Transport, cannot_listen};
 use crate::core::Bridge;
@@ -42,23 +42,30 @@ impl Channel {
             let (length, from) = match socket.recv_from(&mut buffer) {
                 Ok(received) => received,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => return,
-                // The port of a station was closed: not an error of this socket.
+                // ICMP reports that the station's port is closed: not an error of this socket.
                 Err(_) => continue,
             };
             let known = self.peers.iter().find(|(_, peer)| peer.address == Some(from)).map(|(id, _)| *id);
             match known {
                 Some(id) => self.take_datagram(now, bridge, id, &buffer[..length]),
-                // Only the station that was named may answer.
+                // Only the given station may answer.
                 None if matches!(self.spec, Spec::UdpOut(_)) => self.malformed += 1,
                 None if !self.allows(from.ip()) => self.refused += 1,
-                None => self.meet(now, bridge, ids, from, &buffer[..length]),
+                None => self.handle_unknown_sender(now, bridge, ids, from, &buffer[..length]),
             }
         }
     }
 
-    /// Bytes of somebody new: a peer, if there is a message in them, signed if there is a key, and there is a place. A station that
-    /// has one keeps it while it is heard.
-    fn meet(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId, from: SocketAddr, bytes: &[u8]) {
+    /// Handles a datagram from an unknown address. The address becomes a peer if the datagram has a message, signed if there is a key, and
+    /// there is room. A peer keeps its place while it sends.
+    fn handle_unknown_sender(
+        &mut self,
+        now: Duration,
+        bridge: &mut Bridge,
+        ids: &mut PeerId,
+        from: SocketAddr,
+        bytes: &[u8],
+    ) {
         let mut peer = Peer { address: Some(from), ..self.peer(from.to_string(), now) };
         peer.parser.feed(bytes);
         let messages: Vec<Received> = std::iter::from_fn(|| peer.parser.message()).collect();
@@ -72,13 +79,13 @@ impl Channel {
             return self.refuse(now, from);
         }
         let id = self.add(ids, peer);
-        self.log.push(format!("{}: {from} is there", self.spec));
-        // Before anything that it asked for is answered.
+        self.log.push(format!("{}: {from} has joined", self.spec));
+        // Before the answers to its requests.
         bridge.joined(now, id);
         self.take_messages(now, bridge, id, messages);
     }
 
-    /// Except for rare cases a message is in one datagram, so the bridge does not wait for the rest of an incomplete one.
+    /// Except in rare cases a datagram has a whole message, so the bridge does not wait for the rest of an incomplete one.
     fn take_datagram(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, bytes: &[u8]) {
         if let Some(peer) = self.peers.get_mut(&id).filter(|_| has_message(bytes)) {
             peer.parser = Parser::new(self.signing.clone());
@@ -86,7 +93,7 @@ impl Channel {
         self.take(now, bridge, id, bytes);
     }
 
-    pub(super) fn miss_silent(&mut self, now: Duration, bridge: &mut Bridge) {
+    pub(super) fn remove_silent(&mut self, now: Duration, bridge: &mut Bridge) {
         if !matches!(self.spec, Spec::UdpIn(_)) {
             return;
         }
@@ -98,7 +105,7 @@ impl Channel {
     }
 }
 
-/// True if a message begins and ends in these bytes. Signatures are left to who reads them: no message may be checked twice.
+/// True if these bytes contain a whole message. Does not check the signature, because no message may be checked twice.
 fn has_message(bytes: &[u8]) -> bool {
     let mut parser = Parser::new(None);
     parser.feed(bytes);

@@ -1,30 +1,30 @@
-//! What the `mavlink` crate lacks, and how the bridge goes round it.
+//! Fields of messages that the `mavlink` crate cannot represent.
 //!
-//! The crate's messages hold closed enumerations: a message with a value that the crate does not know cannot be read
-//! (<https://github.com/mavlink/rust-mavlink/issues/112>), nor can one be written. But a command that the crate does not know must
-//! be answered with UNSUPPORTED, and a mode that a vendor has made up must be passed on. So such a field is taken out of the
-//! payload, and replaced by a value that the crate knows, before the crate reads it; and is written over what the crate wrote.
+//! The crate's messages have closed enumerations. A message with a value that the crate does not know can be neither read
+//! (<https://github.com/mavlink/rust-mavlink/issues/112>) nor written. But the bridge must answer an unknown command
+//! with UNSUPPORTED, and must pass on a vendor's mode. So for received messages it takes such a field out of the payload and
+//! puts in a value that the crate knows. In sent messages it writes the field over what the crate wrote.
 //!
-//! The positions are those of the fields in the payload, largest fields first, as MAVLink's serialization orders them.
+//! The offsets are in the payload, in which MAVLink orders the fields by size, largest first.
 
 use super::command;
 
 /// The longest payload of a message.
 pub const PAYLOAD_MAX: usize = 255;
 
-/// COMMAND_LONG.command and COMMAND_INT.command: after seven fields of four bytes.
+/// Offset of COMMAND_LONG.command and COMMAND_INT.command: after seven fields of four bytes.
 const COMMAND_AT: usize = 28;
-/// COMMAND_INT.frame: after the command and the two targets.
+/// Offset of COMMAND_INT.frame: after the command and the two targets.
 const INT_FRAME_AT: usize = 32;
 const KNOWN_INT_FRAME: u8 = 0;
-/// PARAM_SET.param_type: after the value, the two targets and the name.
+/// Offset of PARAM_SET.param_type: after the value, the two targets and the name.
 const PARAM_TYPE_AT: usize = 22;
 /// MAV_PARAM_TYPE_REAL32.
 const KNOWN_PARAM_TYPE: u8 = 9;
-/// UAVCAN_NODE_STATUS.mode: after 8, 4 and 2 bytes, and the health.
+/// Offset of UAVCAN_NODE_STATUS.mode: after 8, 4 and 2 bytes, and the health.
 const STATUS_MODE_AT: usize = 15;
 const ACK_COMMAND_AT: usize = 0;
-/// HEARTBEAT.type and .autopilot: after the custom mode.
+/// Offsets of HEARTBEAT.type and HEARTBEAT.autopilot: after the custom mode.
 const HEARTBEAT_TYPE_AT: usize = 4;
 const HEARTBEAT_AUTOPILOT_AT: usize = 5;
 
@@ -35,8 +35,8 @@ pub fn take_command(payload: &mut [u8; PAYLOAD_MAX]) -> u16 {
     number
 }
 
-/// Takes the frame out of a COMMAND_INT. No command of the bridge has a position.
-pub fn forget_frame(payload: &mut [u8; PAYLOAD_MAX]) {
+/// Replaces the frame of a COMMAND_INT. No command of the bridge has a position.
+pub fn replace_frame(payload: &mut [u8; PAYLOAD_MAX]) {
     payload[INT_FRAME_AT] = KNOWN_INT_FRAME;
 }
 
@@ -50,17 +50,17 @@ pub fn take_param_type(payload: &mut [u8; PAYLOAD_MAX]) -> u8 {
     std::mem::replace(&mut payload[PARAM_TYPE_AT], KNOWN_PARAM_TYPE)
 }
 
-/// Writes the mode into a UAVCAN_NODE_STATUS of `len` bytes; gives its new length.
+/// Writes the mode into a UAVCAN_NODE_STATUS of `len` bytes. Returns the new length.
 pub fn put_mode(payload: &mut [u8], len: usize, mode: u8) -> usize {
     put(payload, len, STATUS_MODE_AT, &[mode])
 }
 
-/// Writes the number of the command into a COMMAND_ACK of `len` bytes; gives its new length.
+/// Writes the number of the command into a COMMAND_ACK of `len` bytes. Returns the new length.
 pub fn put_acknowledged_command(payload: &mut [u8], len: usize, number: u16) -> usize {
     put(payload, len, ACK_COMMAND_AT, &number.to_le_bytes())
 }
 
-/// Writes bytes over those of a payload whose trailing zeros are not counted; gives its new length.
+/// Writes `bytes` at `at` into a payload of `len` bytes without its trailing zeros. Returns the new length.
 fn put(payload: &mut [u8], len: usize, at: usize, bytes: &[u8]) -> usize {
     payload[at..at + bytes.len()].copy_from_slice(bytes);
     let last = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| at + last + 1);

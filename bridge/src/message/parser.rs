@@ -1,4 +1,4 @@
-//! Messages out of a stream of bytes.
+//! Finds and decodes the messages in a stream of bytes.
 
 use super::{Command, In, Request, gaps, name};
 use mavlink::dialects::common::{
@@ -12,13 +12,13 @@ use std::io::{self, Read};
 use std::rc::Rc;
 
 impl In {
-    /// Takes a message apart whose CRC is right.
+    /// Decodes a message whose CRC is valid.
     ///
     /// # Errors
-    /// If its content is nonsense.
+    /// If a field has an invalid value.
     fn parse(raw: &MAVLinkMessageRaw) -> Result<In, ParserError> {
         let version = raw.version();
-        // Trailing zeros are not sent.
+        // MAVLink 2 does not send trailing zeros.
         let mut payload = [0; gaps::PAYLOAD_MAX];
         payload[..raw.payload().len()].copy_from_slice(raw.payload());
         let (to, request) = match raw.message_id() {
@@ -50,7 +50,7 @@ impl In {
             }
             COMMAND_INT_DATA::ID => {
                 let number = gaps::take_command(&mut payload);
-                gaps::forget_frame(&mut payload);
+                gaps::replace_frame(&mut payload);
                 let d = COMMAND_INT_DATA::deser(version, &payload)?;
                 let params = [d.param1, d.param2, d.param3, d.param4, d.x as f32, d.y as f32, d.z];
                 ((d.target_system, d.target_component), Request::Command(Command { number, params }))
@@ -73,7 +73,7 @@ impl In {
     }
 }
 
-/// Bytes that have come and were not looked at.
+/// Received bytes that were not examined yet.
 #[derive(Default)]
 struct Buffer(VecDeque<u8>);
 
@@ -86,15 +86,15 @@ impl Read for Buffer {
     }
 }
 
-/// A message with its version.
+/// A message with its version, or why it was rejected.
 pub type Received = Result<(MavlinkVersion, In), Refused>;
 
-/// Why a message was not taken.
+/// Why a message was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// Its fields are nonsense.
+    /// A field has an invalid value.
     Malformed,
-    /// It is not signed, or wrongly.
+    /// The signature is missing or wrong.
     Signature,
 }
 
@@ -105,17 +105,17 @@ pub struct Parser {
 }
 
 impl Parser {
-    /// Takes signed messages only if there is a key.
+    /// With a key, accepts signed messages only.
     pub fn new(signing: Option<Rc<SigningData>>) -> Parser {
         Parser { reader: MavlinkReader::new(Buffer::default()), signing }
     }
 
-    /// Adds bytes that have come.
+    /// Adds received bytes.
     pub fn feed(&mut self, bytes: &[u8]) {
         self.reader.get_mut().0.extend(bytes);
     }
 
-    /// The next message, with its version; `None` when all bytes are used up.
+    /// The next message; `None` when all bytes are used up.
     pub fn message(&mut self) -> Option<Received> {
         let raw = match self.reader.read_any_raw_message::<MavMessage>() {
             Ok(raw) => raw,

@@ -1,15 +1,15 @@
-//! Messages as bytes: what a ground station gets, and what is made of what it sends.
+//! Tests of the bytes of messages in both directions.
 
 use super::*;
-use crate::number::Custom;
+use crate::number::IntegerEncoding;
 use mavlink::dialects::common::{COMMAND_LONG_DATA, MavCmd, PARAM_REQUEST_LIST_DATA};
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, SigningConfig, SigningData};
 use std::rc::Rc;
 
-/// Of a frame of version 2: magic, length, two flags, sequence, system, component, three bytes of number.
+/// Header length of a frame of version 2: magic, length, two flags, sequence, system, component, three bytes of message ID.
 const V2_HEADER: usize = 10;
 const V1_HEADER: usize = 6;
-/// Of COMMAND_LONG.command in its payload.
+/// Offset of COMMAND_LONG.command in its payload.
 const COMMAND_AT: usize = 28;
 
 fn writer(versions: Versions) -> Writer {
@@ -34,7 +34,7 @@ fn ack(command: u16) -> Out {
     Out { component: 42, content }
 }
 
-/// A ground station's message, as the crate writes it.
+/// A ground station's message, as the crate encodes it.
 fn sent(message: &MavMessage) -> Vec<u8> {
     let mut raw = MAVLinkV2MessageRaw::new();
     raw.serialize_message(MavHeader { system_id: 255, component_id: 190, sequence: 0 }, message);
@@ -48,39 +48,39 @@ fn parsed(bytes: &[u8]) -> Vec<In> {
 }
 
 #[test]
-fn a_station_is_greeted_in_version_2_and_then_answered_in_its_own() {
+fn the_first_message_has_version_2_and_the_next_the_station_s_version() {
     let mut writer = writer(Versions::Auto);
     let v1 = Some(MavlinkVersion::V1);
-    assert_eq!(writer.bytes(&heartbeat(), v1, Custom::Bytewise).unwrap()[0], 0xFD);
-    assert_eq!(writer.bytes(&heartbeat(), v1, Custom::Bytewise).unwrap()[0], 0xFE);
-    assert_eq!(writer.bytes(&status(0), v1, Custom::Bytewise).unwrap()[0], 0xFD);
-    assert_eq!(writer.bytes(&heartbeat(), Some(MavlinkVersion::V2), Custom::Bytewise).unwrap()[0], 0xFD);
+    assert_eq!(writer.bytes(&heartbeat(), v1, IntegerEncoding::Bytewise).unwrap()[0], 0xFD);
+    assert_eq!(writer.bytes(&heartbeat(), v1, IntegerEncoding::Bytewise).unwrap()[0], 0xFE);
+    assert_eq!(writer.bytes(&status(0), v1, IntegerEncoding::Bytewise).unwrap()[0], 0xFD);
+    assert_eq!(writer.bytes(&heartbeat(), Some(MavlinkVersion::V2), IntegerEncoding::Bytewise).unwrap()[0], 0xFD);
 }
 
 #[test]
-fn a_version_that_was_chosen_is_kept_to() {
+fn a_given_version_is_always_used() {
     let mut one = writer(Versions::One);
-    assert_eq!(one.bytes(&heartbeat(), None, Custom::Bytewise).unwrap()[0], 0xFE);
-    assert_eq!(one.bytes(&status(0), Some(MavlinkVersion::V2), Custom::Bytewise), None);
+    assert_eq!(one.bytes(&heartbeat(), None, IntegerEncoding::Bytewise).unwrap()[0], 0xFE);
+    assert_eq!(one.bytes(&status(0), Some(MavlinkVersion::V2), IntegerEncoding::Bytewise), None);
     let mut two = writer(Versions::Two);
-    two.bytes(&heartbeat(), Some(MavlinkVersion::V1), Custom::Bytewise);
-    assert_eq!(two.bytes(&heartbeat(), Some(MavlinkVersion::V1), Custom::Bytewise).unwrap()[0], 0xFD);
+    two.bytes(&heartbeat(), Some(MavlinkVersion::V1), IntegerEncoding::Bytewise);
+    assert_eq!(two.bytes(&heartbeat(), Some(MavlinkVersion::V1), IntegerEncoding::Bytewise).unwrap()[0], 0xFD);
 }
 
 #[test]
-fn each_component_counts_its_own_messages() {
+fn each_component_has_its_own_sequence_numbers() {
     let mut writer = writer(Versions::Two);
-    let mut sequence = |out: &Out| writer.bytes(out, None, Custom::Bytewise).unwrap()[4];
+    let mut sequence = |out: &Out| writer.bytes(out, None, IntegerEncoding::Bytewise).unwrap()[4];
     let numbers = [sequence(&heartbeat()), sequence(&status(0)), sequence(&heartbeat()), sequence(&status(0))];
     assert_eq!(numbers, [0, 0, 1, 1]);
 }
 
-/// The crate's enumeration has no such mode.
+/// The crate's enumeration does not have this mode.
 #[test]
-fn a_mode_that_is_not_defined_is_passed_on() {
+fn an_undefined_mode_is_passed_on() {
     for mode in 0..8 {
-        let bytes = writer(Versions::Two).bytes(&status(mode), None, Custom::Bytewise).unwrap();
-        // Trailing zeros are not sent; mode is the last but one field.
+        let bytes = writer(Versions::Two).bytes(&status(mode), None, IntegerEncoding::Bytewise).unwrap();
+        // MAVLink 2 does not send trailing zeros; mode is the field before the last.
         let sent = bytes[V2_HEADER..V2_HEADER + usize::from(bytes[1])].get(15).copied().unwrap_or(0);
         assert_eq!(sent, mode);
         assert_eq!(&bytes[7..10], [0x36, 0x01, 0x00]);
@@ -88,7 +88,7 @@ fn a_mode_that_is_not_defined_is_passed_on() {
 }
 
 #[test]
-fn commands_of_other_dialects_are_read_and_acknowledged_with_their_number() {
+fn unknown_commands_are_read_and_acknowledged_with_their_number() {
     let known = COMMAND_LONG_DATA {
         command: MavCmd::MAV_CMD_REQUEST_MESSAGE,
         param1: 3.0,
@@ -109,19 +109,21 @@ fn commands_of_other_dialects_are_read_and_acknowledged_with_their_number() {
         [In { from: (255, 190), to: (1, 42), request: Request::Command(Command { number: 42_650, params }) }]
     );
 
-    let bytes = writer(Versions::Two).bytes(&ack(42_650), None, Custom::Bytewise).unwrap();
+    let bytes = writer(Versions::Two).bytes(&ack(42_650), None, IntegerEncoding::Bytewise).unwrap();
     assert_eq!(bytes[V2_HEADER..V2_HEADER + 10], [0x9A, 0xA6, 3, 0, 0, 0, 0, 0, 255, 190]);
-    let bytes = writer(Versions::One).bytes(&ack(42_650), None, Custom::Bytewise).unwrap();
+    let bytes = writer(Versions::One).bytes(&ack(42_650), None, IntegerEncoding::Bytewise).unwrap();
     assert_eq!((bytes[1], &bytes[V1_HEADER..V1_HEADER + 3]), (3, &[0x9A, 0xA6, 3][..]));
 }
 
 #[test]
-fn integers_are_written_as_the_station_reads_them() {
+fn integers_have_the_encoding_of_the_station() {
     let content =
         Content::Parameter { name: "SIXTEEN_LETTERS_".into(), number: Number::Int32(-12), count: 26, index: 3 };
     let out = Out { component: 42, content };
-    for (custom, value) in [(Custom::Bytewise, (-12_i32).to_le_bytes()), (Custom::Cast, (-12.0_f32).to_le_bytes())] {
-        let bytes = writer(Versions::Two).bytes(&out, None, custom).unwrap();
+    for (encoding, value) in
+        [(IntegerEncoding::Bytewise, (-12_i32).to_le_bytes()), (IntegerEncoding::Cast, (-12.0_f32).to_le_bytes())]
+    {
+        let bytes = writer(Versions::Two).bytes(&out, None, encoding).unwrap();
         let payload = &bytes[V2_HEADER..];
         assert_eq!((&payload[..4], &payload[4..8], payload[24]), (&value[..], &[26, 0, 3, 0][..], 6));
         assert_eq!(&payload[8..24], b"SIXTEEN_LETTERS_");
@@ -129,7 +131,7 @@ fn integers_are_written_as_the_station_reads_them() {
 }
 
 #[test]
-fn with_a_key_only_messages_signed_with_it_count_and_each_once() {
+fn with_a_key_only_signed_messages_are_accepted_and_each_once() {
     let mut signed = Writer::new(255, Versions::Auto, key(1));
     let request = Out {
         component: 190,
@@ -138,24 +140,24 @@ fn with_a_key_only_messages_signed_with_it_count_and_each_once() {
             target_component: 42,
         })),
     };
-    let bytes = signed.bytes(&request, Some(MavlinkVersion::V1), Custom::Bytewise).unwrap();
+    let bytes = signed.bytes(&request, Some(MavlinkVersion::V1), IntegerEncoding::Bytewise).unwrap();
     let mut parser = Parser::new(key(1));
     let mut take = |bytes: &[u8]| {
         parser.feed(bytes);
         parser.message().unwrap().map(|(_, message)| message.request)
     };
     assert_eq!(take(&bytes), Ok(Request::ParameterList));
-    assert_eq!(take(&bytes), Err(Refused::Signature), "it was heard before");
-    let wrong = Writer::new(255, Versions::Auto, key(2)).bytes(&request, None, Custom::Bytewise).unwrap();
+    assert_eq!(take(&bytes), Err(Refused::Signature), "a message must not be accepted twice");
+    let wrong = Writer::new(255, Versions::Auto, key(2)).bytes(&request, None, IntegerEncoding::Bytewise).unwrap();
     assert_eq!(take(&wrong), Err(Refused::Signature));
-    let unsigned = writer(Versions::Two).bytes(&request, None, Custom::Bytewise).unwrap();
+    let unsigned = writer(Versions::Two).bytes(&request, None, IntegerEncoding::Bytewise).unwrap();
     assert_eq!(take(&unsigned), Err(Refused::Signature));
-    let old = writer(Versions::One).bytes(&request, None, Custom::Bytewise).unwrap();
+    let old = writer(Versions::One).bytes(&request, None, IntegerEncoding::Bytewise).unwrap();
     assert_eq!(take(&old), Err(Refused::Signature));
 }
 
 #[test]
-fn a_message_is_found_between_rubbish_and_in_pieces() {
+fn messages_are_found_between_other_bytes_and_in_pieces() {
     let message = sent(&MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()));
     let rubbish: Vec<u8> = (0..600_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     let bytes = [&rubbish[..], &message, &[0xFD, 3, 0], &message, &rubbish, &message, &[0; 300]].concat();

@@ -1,12 +1,12 @@
-//! Bytes of messages for one ground station.
+//! Encodes the messages for one ground station.
 //!
-//! The bridge answers a ground station in the version of MAVLink that the station uses. But the first message to it is of version 2, for there
-//! are stations (on pymavlink) that begin with version 1 and go on in the version that they hear first. Messages with numbers
-//! above 255 do not exist in version 1; they are sent in version 2 unless that was forbidden, and a parser of version 1 takes
-//! them for noise.
+//! The bridge answers a ground station in the station's version of MAVLink. But the first message to it has version 2, because some
+//! stations (with pymavlink) begin with version 1 and continue in the version that they first receive. Messages with numbers
+//! above 255 do not exist in version 1. The bridge sends them in version 2 unless the user forbids that; a parser of version 1
+//! ignores them.
 
 use super::{Content, Out, chars, gaps};
-use crate::number::Custom;
+use crate::number::IntegerEncoding;
 use mavlink::dialects::common::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, MavMessage, MavProtocolCapability, PARAM_VALUE_DATA,
     UAVCAN_NODE_STATUS_DATA,
@@ -15,33 +15,33 @@ use mavlink::error::ParserError;
 use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message, MessageData, SigningData};
 use std::rc::Rc;
 
-/// Which version of MAVLink is spoken.
+/// The version of MAVLink in which the bridge sends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Versions {
-    /// That of the ground station, where the message exists in it
+    /// The ground station's version, if the message exists in it
     #[default]
     Auto,
-    /// Nothing that does not exist in version 1
+    /// Only messages that exist in version 1
     #[value(name = "1")]
     One,
-    /// Nothing that is not version 2
+    /// Only version 2
     #[value(name = "2")]
     Two,
 }
 
-/// Makes the bytes of messages for one ground station.
+/// Encodes the messages for one ground station.
 pub struct Writer {
     system: u8,
     versions: Versions,
-    /// By component, for each counts its own messages.
+    /// Sequence numbers by component.
     sequences: [u8; 256],
-    /// It has been shown that there is a version 2.
+    /// True after a message in version 2 was sent.
     greeted: bool,
     signing: Option<Rc<SigningData>>,
 }
 
 const V1_ID_MAX: u32 = 255;
-/// Bytes of AUTOPILOT_VERSION.uid2, which has room for DroneCAN's 16.
+/// Length of AUTOPILOT_VERSION.uid2 in bytes. DroneCAN's unique ID has 16.
 const UID2_LEN: usize = 18;
 
 impl Writer {
@@ -49,9 +49,9 @@ impl Writer {
         Writer { system, versions, sequences: [0; 256], greeted: false, signing }
     }
 
-    /// The bytes of a message to a station that was last heard in version `heard`. `None` if that does not exist.
-    pub fn bytes(&mut self, out: &Out, heard: Option<MavlinkVersion>, custom: Custom) -> Option<Vec<u8>> {
-        let wire = Wire { out, custom };
+    /// The bytes of a message. `heard` is the version of the station's last message. `None` if the message does not exist in the version.
+    pub fn bytes(&mut self, out: &Out, heard: Option<MavlinkVersion>, encoding: IntegerEncoding) -> Option<Vec<u8>> {
+        let wire = Wire { out, encoding };
         let id = wire.message_id();
         let version = match (self.versions, heard) {
             (Versions::One, _) if id > V1_ID_MAX => return None,
@@ -87,10 +87,10 @@ impl Writer {
     }
 }
 
-/// A message together with what its bytes depend on.
+/// A message with the data that its bytes depend on.
 struct Wire<'a> {
     out: &'a Out,
-    custom: Custom,
+    encoding: IntegerEncoding,
 }
 
 impl Message for Wire<'_> {
@@ -123,7 +123,7 @@ impl Message for Wire<'_> {
                 gaps::put_acknowledged_command(bytes, len, *command)
             }
             Content::Parameter { name, number, count, index } => PARAM_VALUE_DATA {
-                param_value: number.encode(self.custom),
+                param_value: number.encode(self.encoding),
                 param_count: *count,
                 param_index: *index,
                 param_id: chars(name.as_bytes()),
@@ -134,9 +134,9 @@ impl Message for Wire<'_> {
                 let [uid @ .., _, _, _, _, _, _, _, _] = *unique_id;
                 let mut uid2 = [0; UID2_LEN];
                 uid2[..unique_id.len()].copy_from_slice(unique_id);
-                let encoding = match self.custom {
-                    Custom::Bytewise => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE,
-                    Custom::Cast => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+                let encoding = match self.encoding {
+                    IntegerEncoding::Bytewise => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE,
+                    IntegerEncoding::Cast => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
                 };
                 let capabilities = encoding
                     | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2

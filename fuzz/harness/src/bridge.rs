@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use bridge::core::Bridge;
 use bridge::message::{Content, Parser, Versions, Writer};
-use bridge::number::Custom;
+use bridge::number::IntegerEncoding;
 use bridge::post::{Asker, Post};
 use bridge::state::{Rights, Settings};
 use dronecan_host::{CanId, Frame, NodeId, NodeStatus, TransferId, split, types};
@@ -60,7 +60,7 @@ impl Rig {
             messages += 1;
             assert!(messages <= bytes.len() + 300, "messages out of nothing");
             if let Ok((_, message)) = message {
-                let asker = Asker { peer: 1, from: message.from, custom: Custom::Bytewise };
+                let asker = Asker { peer: 1, from: message.from, encoding: IntegerEncoding::Bytewise };
                 self.bridge.message(self.now, asker, message);
             }
         }
@@ -75,7 +75,7 @@ impl Rig {
         }
         for post in self.bridge.take_posts() {
             let (Post::Message { out, .. } | Post::Status { out, .. }) = post else { continue };
-            let bytes = self.writer.bytes(&out, None, Custom::Bytewise).expect("it exists in version 2");
+            let bytes = self.writer.bytes(&out, None, IntegerEncoding::Bytewise).expect("it exists in version 2");
             self.reader.feed(&bytes);
             let read = self.reader.message();
             assert!(matches!(&read, Some(Ok((_, message))) if message.from == (SYSTEM, out.component)), "{out:?}");

@@ -1,9 +1,9 @@
-//! Commands and their acknowledgements.
+//! Tests of commands and their acknowledgements.
 
 use super::rig::*;
 
 #[test]
-fn saving_and_erasing_are_acknowledged_when_the_node_has_done_it() {
+fn save_and_erase_are_acknowledged_when_the_node_has_answered() {
     let mut rig = Rig::with_node(3);
     rig.command(42, command::PREFLIGHT_STORAGE, &[1.0]);
     assert!(rig.acks().is_empty());
@@ -19,10 +19,10 @@ fn saving_and_erasing_are_acknowledged_when_the_node_has_done_it() {
 }
 
 #[test]
-fn all_nodes_are_saved_at_once_but_neither_erased_nor_restarted() {
+fn all_nodes_can_be_saved_at_once_but_not_erased_or_restarted() {
     let mut rig = Rig::new(vec![Simulated::new(42, 1), Simulated::new(43, 1)]);
     rig.run_ms(1500);
-    rig.said();
+    rig.sent_messages();
     for component in [0, 126] {
         rig.command(component, command::PREFLIGHT_STORAGE, &[1.0]);
         rig.run_ms(10);
@@ -39,9 +39,9 @@ fn all_nodes_are_saved_at_once_but_neither_erased_nor_restarted() {
 }
 
 #[test]
-fn a_command_that_is_repeated_is_done_once() {
+fn a_repeated_command_is_executed_once() {
     let mut rig = Rig::with_node(3);
-    rig.node().deaf = true;
+    rig.node().is_silent = true;
     for _ in 0..3 {
         rig.command(42, command::PREFLIGHT_STORAGE, &[1.0]);
         rig.run_ms(300);
@@ -51,11 +51,11 @@ fn a_command_that_is_repeated_is_done_once() {
     assert_eq!(results, [in_progress, in_progress]);
     rig.run_ms(3000);
     assert_eq!(rig.acks(), [(42, 245, FAILED, (255, 190))]);
-    assert_eq!(rig.node().requests, 1 + 2, "the information and two attempts");
+    assert_eq!(rig.node().requests, 1 + 2, "one for the information, and two attempts");
 }
 
 #[test]
-fn a_node_is_restarted_by_its_component_and_in_the_newer_way() {
+fn a_node_is_restarted_by_both_forms_of_the_command() {
     let mut rig = Rig::with_node(3);
     rig.command(42, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
     rig.run_ms(10);
@@ -70,10 +70,10 @@ fn a_node_is_restarted_by_its_component_and_in_the_newer_way() {
 }
 
 #[test]
-fn a_restart_whose_answer_was_lost_is_known_by_the_uptime() {
+fn a_restart_without_an_answer_is_detected_by_the_uptime() {
     let mut rig = Rig::with_node(3);
     rig.run_ms(3000);
-    rig.said();
+    rig.sent_messages();
     rig.node().lose_every = Some(1);
     rig.command(42, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
     rig.run_ms(200);
@@ -83,21 +83,21 @@ fn a_restart_whose_answer_was_lost_is_known_by_the_uptime() {
 }
 
 #[test]
-fn node_infos_are_told_once_each_on_command() {
+fn a_command_sends_the_info_of_each_node_once() {
     let mut rig = Rig::new(vec![Simulated::new(42, 1), Simulated::new(43, 1), Simulated::new(44, 1)]);
     rig.run_ms(1500);
-    rig.said();
-    // Of each known node, also if it is addressed to one.
+    rig.sent_messages();
+    // For each known node, even if the command is addressed to one.
     for component in [0, 43, 126] {
         rig.command(component, command::UAVCAN_GET_NODE_INFO, &[]);
         rig.run_ms(100);
-        let said = rig.said();
+        let said = rig.sent_messages();
         assert_eq!(infos(&said).iter().map(|info| info.0).collect::<Vec<_>>(), [42, 43, 44]);
         assert!(matches!(said[3].1, Content::Ack { command: 5200, result: ACCEPTED, .. }));
     }
     rig.command(43, command::REQUEST_MESSAGE, &[311.0]);
     rig.run_ms(100);
-    let said = rig.said();
+    let said = rig.sent_messages();
     assert_eq!((infos(&said).len(), infos(&said)[0].0), (1, 43));
     assert_eq!(said[1], (43, Content::Ack { command: 512, result: ACCEPTED, to: (255, 190) }));
 }
@@ -107,14 +107,14 @@ fn a_requested_info_of_a_node_that_does_not_answer_fails() {
     let mut rig = Rig::new(vec![Simulated::new(42, 1)]);
     rig.node().lose_every = Some(1);
     rig.run_ms(3000);
-    rig.said();
+    rig.sent_messages();
     rig.command(42, command::REQUEST_MESSAGE, &[311.0]);
     rig.run_ms(3000);
     assert_eq!(rig.acks(), [(42, 512, FAILED, (255, 190))]);
 }
 
 #[test]
-fn other_messages_can_be_requested_and_unknown_ones_and_commands_are_answered() {
+fn known_messages_can_be_requested_and_unknown_ones_are_rejected() {
     let mut rig = Rig::with_node(1);
     rig.command(42, command::REQUEST_MESSAGE, &[310.0]);
     rig.command(126, command::REQUEST_MESSAGE, &[148.0]);
@@ -122,7 +122,7 @@ fn other_messages_can_be_requested_and_unknown_ones_and_commands_are_answered() 
     rig.command(42, 400, &[1.0]);
     rig.command(42, 42_000, &[1.0]);
     rig.run_ms(1);
-    let said = rig.said();
+    let said = rig.sent_messages();
     assert!(matches!(said[1], (42, Content::Status { .. })) && matches!(said[3], (126, Content::Capabilities { .. })));
     let results: Vec<(u16, MavResult)> = said
         .iter()
@@ -136,36 +136,36 @@ fn other_messages_can_be_requested_and_unknown_ones_and_commands_are_answered() 
 }
 
 #[test]
-fn what_is_for_another_system_or_component_is_left_to_it() {
+fn commands_for_other_systems_or_components_are_ignored() {
     let mut rig = Rig::with_node(2);
-    rig.say((2, 42), Request::ParameterList);
-    rig.say((1, 77), Request::ParameterList);
+    rig.send_request((2, 42), Request::ParameterList);
+    rig.send_request((1, 77), Request::ParameterList);
     rig.command(77, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
     rig.run_ms(500);
-    assert!(rig.said().is_empty());
+    assert!(rig.sent_messages().is_empty());
 }
 
 #[test]
-fn what_is_for_a_node_that_is_heard_a_moment_later_is_not_lost() {
+fn a_message_for_a_node_that_appears_a_moment_later_is_not_lost() {
     let mut rig = Rig::new(vec![Simulated::new(42, 5), Simulated::new(43, 3)]);
-    rig.say((1, 42), Request::ParameterList);
-    rig.say((1, 42), Request::ParameterList);
+    rig.send_request((1, 42), Request::ParameterList);
+    rig.send_request((1, 42), Request::ParameterList);
     rig.command(43, command::PREFLIGHT_STORAGE, &[1.0]);
     rig.run_ms(1500);
-    let said = rig.said();
+    let said = rig.sent_messages();
     let parameters = said.iter().filter(|(_, content)| matches!(content, Content::Parameter { .. })).count();
     let acks = said.iter().filter(|(_, content)| matches!(content, Content::Ack { .. })).count();
     assert_eq!((parameters, acks, rig.nodes[1].saved), (5, 1, 1));
     let mut rig = Rig::new(vec![Simulated::new(42, 5), Simulated::new(43, 3)]);
-    rig.say((0, 0), Request::ParameterList);
+    rig.send_request((0, 0), Request::ParameterList);
     rig.run_ms(3500);
     assert_eq!(rig.parameters().len(), 8);
-    // The request has expired.
+    // The early message has expired.
     let mut rig = Rig::new(vec![Simulated::new(42, 5)]);
-    rig.node().deaf = true;
-    rig.say((1, 42), Request::ParameterList);
+    rig.node().is_silent = true;
+    rig.send_request((1, 42), Request::ParameterList);
     rig.run_ms(4500);
-    rig.node().deaf = false;
+    rig.node().is_silent = false;
     rig.run_ms(2000);
     assert!(rig.parameters().is_empty());
 }
@@ -175,7 +175,7 @@ fn node_1_is_restarted_where_the_bridge_is_component_1() {
     let mut rig = Rig::new(vec![Simulated::new(1, 0)]);
     rig.bridge.state.settings.component = 1;
     rig.run_ms(1500);
-    rig.said();
+    rig.sent_messages();
     rig.command(1, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
     rig.run_ms(10);
     rig.command(1, command::PREFLIGHT_REBOOT_SHUTDOWN, &[0.0, 0.0, 1.0, 1.0]);
@@ -184,21 +184,21 @@ fn node_1_is_restarted_where_the_bridge_is_component_1() {
     rig.run_ms(10);
     let results: Vec<MavResult> = rig.acks().into_iter().map(|ack| ack.2).collect();
     assert_eq!((results, rig.node().restarts, rig.node().erased), (vec![ACCEPTED; 3], 2, 1));
-    // But it is not everybody who is meant by component 0.
+    // The bridge's component is not all nodes here, component 0 is.
     rig.command(0, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
     rig.run_ms(10);
     assert_eq!(rig.acks(), [(1, 246, DENIED, (255, 190))]);
 }
 
 #[test]
-fn what_is_done_by_no_node_is_not_accepted() {
+fn a_command_without_a_node_fails() {
     let mut rig = Rig::new(Vec::new());
     rig.run_ms(100);
     rig.command(0, command::PREFLIGHT_STORAGE, &[1.0]);
     rig.command(126, command::UAVCAN_GET_NODE_INFO, &[]);
     rig.run_ms(10);
-    let said = rig.said();
-    assert_eq!(texts(&said), ["No node is there"; 2]);
+    let said = rig.sent_messages();
+    assert_eq!(texts(&said), ["No node is online"; 2]);
     let result = |(_, content)| match content {
         Content::Ack { result, .. } => Some(result),
         _ => None,
@@ -207,24 +207,24 @@ fn what_is_done_by_no_node_is_not_accepted() {
 }
 
 #[test]
-fn of_several_nodes_each_that_does_not_save_is_named() {
+fn each_node_that_does_not_save_is_named() {
     let mut rig = Rig::new((42..46).map(|id| Simulated::new(id, 1)).collect());
     rig.run_ms(1500);
-    rig.said();
-    rig.nodes[1].refuses = true;
-    rig.nodes[2].refuses = true;
+    rig.sent_messages();
+    rig.nodes[1].rejects_opcodes = true;
+    rig.nodes[2].rejects_opcodes = true;
     rig.nodes[3].lose_every = Some(1);
     rig.command(0, command::PREFLIGHT_STORAGE, &[1.0]);
     rig.run_ms(3100);
-    let said = rig.said();
+    let said = rig.sent_messages();
     assert_eq!(texts(&said), ["Node 43 refuses", "Node 44 refuses", "Node 45 does not answer"]);
     assert!(said.iter().any(|(_, content)| matches!(content, Content::Ack { result: FAILED, .. })));
 }
 
 #[test]
-fn the_version_has_the_whole_unique_id() {
+fn autopilot_version_has_the_whole_unique_id() {
     let mut rig = Rig::with_node(0);
     rig.command(126, command::REQUEST_MESSAGE, &[148.0]);
     rig.run_ms(1);
-    assert!(matches!(rig.said()[1].1, Content::Capabilities { unique_id, .. } if unique_id == [7; 16]));
+    assert!(matches!(rig.sent_messages()[1].1, Content::Capabilities { unique_id, .. } if unique_id == [7; 16]));
 }

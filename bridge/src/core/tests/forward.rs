@@ -1,4 +1,4 @@
-//! The bus as a station sees it.
+//! Tests of CAN forwarding to stations.
 
 use super::rig::*;
 use mavlink::dialects::common::{CAN_FILTER_MODIFY_DATA, CanFilterOp};
@@ -11,19 +11,19 @@ fn can_frames(rig: &mut Rig) -> Vec<(u8, CAN_FRAME_DATA)> {
         },
         _ => None,
     };
-    rig.said().into_iter().filter_map(frame).collect()
+    rig.sent_messages().into_iter().filter_map(frame).collect()
 }
 
 #[test]
-fn the_bus_is_shown_for_five_seconds_after_each_can_forward() {
+fn frames_are_forwarded_for_five_seconds_after_each_can_forward() {
     let mut rig = Rig::with_node(1);
-    rig.say(
+    rig.send_request(
         (0, 0),
         Request::Command(Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] }),
     );
     rig.run_ms(1000);
     let frames = can_frames(&mut rig);
-    // The node's status, and the bridge's own.
+    // The node's status and the bridge's own.
     let ids: BTreeSet<u32> = frames.iter().map(|frame| frame.1.id).collect();
     assert_eq!(ids, BTreeSet::from([0x9801_552A, 0x9801_557E]));
     let frame = &frames[0].1;
@@ -38,12 +38,12 @@ fn the_bus_is_shown_for_five_seconds_after_each_can_forward() {
 }
 
 #[test]
-fn a_frame_of_a_station_goes_to_the_bus_and_the_other_stations_but_not_back() {
+fn a_station_s_frame_goes_to_the_bus_and_to_the_other_stations() {
     let mut rig = Rig::with_node(1);
     let other = Asker { peer: 2, from: (254, 189), ..STATION };
     let forward = Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
-    rig.say((0, 0), Request::Command(forward));
-    rig.say_as(other, (0, 0), Request::Command(forward));
+    rig.send_request((0, 0), Request::Command(forward));
+    rig.send_request_as(other, (0, 0), Request::Command(forward));
     let sent = CAN_FRAME_DATA {
         id: 0x9801_557F,
         target_system: 0,
@@ -52,7 +52,7 @@ fn a_frame_of_a_station_goes_to_the_bus_and_the_other_stations_but_not_back() {
         len: 8,
         data: [1, 0, 0, 0, 0, 0, 0, 0xC0],
     };
-    rig.say_as(other, (0, 0), Request::Frame(sent.clone()));
+    rig.send_request_as(other, (0, 0), Request::Frame(sent.clone()));
     assert_eq!(rig.bridge.frames, [Frame::extended(0x1801_557F, &sent.data)]);
     rig.run_ms(1);
     let posts = std::mem::take(&mut rig.posts);
@@ -61,7 +61,7 @@ fn a_frame_of_a_station_goes_to_the_bus_and_the_other_stations_but_not_back() {
         _ => None,
     };
     let to: Vec<To> = posts.iter().filter_map(shown).filter(|to| *to == To::One(2)).collect();
-    // The bridge asks the new node 127 who it is: that is one frame, and none is the one that was sent.
+    // The bridge requests the new node's information, in one frame. The station's own frame does not come back.
     assert_eq!(to.len(), 1);
     assert!(posts.iter().filter_map(shown).filter(|to| *to == To::One(1)).count() == 2);
     assert!(rig.bridge.nodes().contains_key(&NodeId::new(127).unwrap()), "a station is a node too");
@@ -71,13 +71,13 @@ fn a_frame_of_a_station_goes_to_the_bus_and_the_other_stations_but_not_back() {
         CAN_FRAME_DATA { id: 0xE000_0001, ..sent.clone() },
     ] {
         rig.bridge.frames.clear();
-        rig.say((0, 0), Request::Frame(wrong));
+        rig.send_request((0, 0), Request::Frame(wrong));
         assert!(rig.bridge.frames.is_empty());
     }
 }
 
 #[test]
-fn a_filter_lets_through_what_it_names() {
+fn a_filter_passes_only_its_types() {
     let mut rig = Rig::with_node(1);
     rig.command(126, command::CAN_FORWARD, &[1.0]);
     let filter = |operation, id: u16| {
@@ -92,14 +92,14 @@ fn a_filter_lets_through_what_it_names() {
             num_ids: 1,
         })
     };
-    rig.say((1, 126), filter(CanFilterOp::CAN_FILTER_REPLACE, 1010));
+    rig.send_request((1, 126), filter(CanFilterOp::CAN_FILTER_REPLACE, 1010));
     rig.run_ms(2000);
     assert!(can_frames(&mut rig).is_empty());
-    rig.say((1, 126), filter(CanFilterOp::CAN_FILTER_ADD, 341));
+    rig.send_request((1, 126), filter(CanFilterOp::CAN_FILTER_ADD, 341));
     rig.run_ms(1000);
     assert_eq!(can_frames(&mut rig).len(), 2);
     rig.command(126, command::CAN_FORWARD, &[1.0]);
-    rig.say((1, 126), filter(CanFilterOp::CAN_FILTER_REMOVE, 341));
+    rig.send_request((1, 126), filter(CanFilterOp::CAN_FILTER_REMOVE, 341));
     rig.run_ms(1000);
     assert!(can_frames(&mut rig).is_empty());
 }

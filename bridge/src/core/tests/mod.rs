@@ -1,4 +1,4 @@
-//! The bridge against simulated nodes, in simulated time.
+//! Tests of the bridge with simulated nodes, in simulated time.
 
 mod commands;
 mod forward;

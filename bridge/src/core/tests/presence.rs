@@ -1,10 +1,10 @@
-//! Which nodes are there, who they are, and who the bridge is.
+//! Tests of nodes that appear, leave and restart, and of the bridge's own node.
 
 use super::rig::*;
 use crate::identity::NAME;
 
 #[test]
-fn each_status_of_a_node_is_passed_on_as_that_of_its_component() {
+fn each_node_status_is_sent_as_that_of_the_node_s_component() {
     let mut rig = Rig::new(vec![Simulated::new(42, 0)]);
     rig.run_ms(3500);
     let statuses: Vec<_> = rig.posts.iter().filter(|(_, post)| matches!(post, Post::Status { .. })).collect();
@@ -16,10 +16,10 @@ fn each_status_of_a_node_is_passed_on_as_that_of_its_component() {
 }
 
 #[test]
-fn a_node_that_appears_is_asked_who_it_is_and_all_are_told() {
+fn a_new_node_s_info_is_requested_and_sent_to_all_stations() {
     let mut rig = Rig::new(vec![Simulated::new(42, 0)]);
     rig.run_ms(1500);
-    let infos = infos(&rig.said());
+    let infos = infos(&rig.sent_messages());
     assert_eq!(infos.len(), 1);
     assert_eq!((infos[0].0, crate::message::name(&infos[0].1.name)), (42, "org.example.node42".into()));
     assert_eq!((infos[0].1.hw_version_major, infos[0].1.hw_version_minor), (3, 4));
@@ -28,51 +28,51 @@ fn a_node_that_appears_is_asked_who_it_is_and_all_are_told() {
 }
 
 #[test]
-fn a_node_that_restarts_is_asked_again() {
+fn a_restarted_node_s_info_is_requested_again() {
     let mut rig = Rig::with_node(0);
     rig.run_ms(3000);
-    rig.said();
+    rig.sent_messages();
     rig.node().uptime_s = 0;
     rig.run_ms(1500);
-    let said = rig.said();
+    let said = rig.sent_messages();
     assert_eq!((infos(&said).len(), texts(&said)), (1, vec![String::from("Node 42 has restarted")]));
 }
 
 #[test]
-fn nodes_are_asked_again_when_the_bus_is_back() {
+fn infos_are_requested_again_when_the_bus_is_back() {
     let mut rig = Rig::with_node(3);
-    rig.say((1, 42), Request::ParameterList);
+    rig.send_request((1, 42), Request::ParameterList);
     rig.run_ms(100);
     rig.node().parameters.truncate(2);
-    rig.said();
+    rig.sent_messages();
     rig.bridge.bus_is_back();
-    rig.say((1, 42), Request::ParameterRead { index: Some(1), name: String::new() });
+    rig.send_request((1, 42), Request::ParameterRead { index: Some(1), name: String::new() });
     rig.run_ms(100);
-    let said = rig.said();
+    let said = rig.sent_messages();
     assert_eq!(infos(&said).len(), 1);
     assert!(said.iter().any(|(_, content)| matches!(content, Content::Parameter { count: 2, index: 1, .. })));
 }
 
 #[test]
-fn a_node_is_offline_after_five_seconds_and_that_is_said_once() {
+fn a_node_is_offline_after_five_seconds_and_reported_once() {
     let mut rig = Rig::with_node(0);
-    rig.node().deaf = true;
-    // Its last status came at 1 s.
+    rig.node().is_silent = true;
+    // The node's last status came at 1 s.
     rig.run_ms(4499);
-    assert!(texts(&rig.said()).is_empty());
+    assert!(texts(&rig.sent_messages()).is_empty());
     rig.run_ms(20_000);
-    assert_eq!(texts(&rig.said()), ["Node 42 is offline"]);
-    rig.node().deaf = false;
+    assert_eq!(texts(&rig.sent_messages()), ["Node 42 is offline"]);
+    rig.node().is_silent = false;
     rig.run_ms(1500);
-    assert_eq!(infos(&rig.said()).len(), 1, "it is asked again when it is back");
+    assert_eq!(infos(&rig.sent_messages()).len(), 1, "the bridge must request the information of a node that returns");
 }
 
 #[test]
-fn only_nodes_that_are_there_have_heartbeats() {
+fn only_nodes_that_are_online_have_heartbeats() {
     let mut rig = Rig::with_node(0);
     rig.run_ms(2000);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
-    rig.node().deaf = true;
+    rig.node().is_silent = true;
     rig.run_ms(8000);
     rig.posts.clear();
     rig.run_ms(3000);
@@ -80,21 +80,21 @@ fn only_nodes_that_are_there_have_heartbeats() {
 }
 
 #[test]
-fn a_node_that_does_not_say_who_it_is_is_asked_less_and_less() {
+fn unanswered_info_requests_become_less_frequent() {
     let mut rig = Rig::new(vec![Simulated::new(42, 0)]);
     rig.node().lose_every = Some(1);
     rig.run_ms(120_000);
     assert!((10..30).contains(&rig.node().requests), "{}", rig.node().requests);
     rig.node().lose_every = None;
     rig.run_ms(61_000);
-    assert_eq!(infos(&rig.said()).len(), 1);
+    assert_eq!(infos(&rig.sent_messages()).len(), 1);
 }
 
 #[test]
-fn infos_come_again_at_a_very_low_rate_and_to_whoever_is_new() {
+fn infos_are_repeated_at_a_low_rate_and_sent_to_new_stations() {
     let mut rig = Rig::with_node(0);
     rig.run_ms(121_000);
-    assert_eq!(infos(&rig.said()).len(), 2);
+    assert_eq!(infos(&rig.sent_messages()).len(), 2);
     rig.bridge.joined(rig.now, 9);
     rig.run_ms(1);
     assert!(matches!(rig.posts[0].1, Post::Message { to: To::One(9), class: Class::Answer, .. }), "a heartbeat");
@@ -102,7 +102,7 @@ fn infos_come_again_at_a_very_low_rate_and_to_whoever_is_new() {
 }
 
 #[test]
-fn the_bridge_is_a_node_that_says_who_it_is() {
+fn the_bridge_answers_get_node_info() {
     let mut rig = Rig::new(Vec::new());
     rig.bridge.poll(Duration::from_secs(1));
     assert_eq!(rig.bridge.frames[0].to_string().split_once('#').unwrap().0, "1801557E");
@@ -122,15 +122,15 @@ fn the_bridge_is_a_node_that_says_who_it_is() {
 }
 
 #[test]
-fn another_node_with_the_bridges_id_is_told_of_and_not_shown() {
+fn another_node_with_the_bridge_s_id_is_reported_and_not_listed() {
     let mut rig = Rig::new(vec![Simulated::new(126, 0)]);
     rig.run_ms(5500);
     assert_eq!(rig.bridge.state.log.len(), 1);
     assert!(rig.bridge.state.log[0].contains("--node-id") && rig.bridge.nodes().is_empty());
-    assert_eq!(texts(&rig.said()), ["Another node has the bridge's ID 126: --node-id"]);
+    assert_eq!(texts(&rig.sent_messages()), ["Another node has the bridge's ID 126: --node-id"]);
 }
 
-/// The components that have sent a HEARTBEAT since the last time.
+/// The components that sent a HEARTBEAT since the last call.
 fn heartbeats(rig: &mut Rig) -> BTreeSet<u8> {
     let posts = std::mem::take(&mut rig.posts);
     let component = |(_, post): (Duration, Post)| match post {
@@ -144,25 +144,25 @@ const QUADROTOR: u8 = 2;
 const ARDUPILOT: u8 = 3;
 
 #[test]
-fn a_component_that_is_heard_on_a_channel_speaks_for_itself() {
+fn the_bridge_sends_no_heartbeat_for_a_component_on_a_channel() {
     let mut rig = Rig::new(vec![Simulated::new(1, 3), Simulated::new(42, 3)]);
     rig.run_ms(2500);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([1, 42, 126]));
     let autopilot = Asker { from: (1, 1), ..STATION };
-    rig.say_as(autopilot, (0, 0), Request::Heartbeat { kind: QUADROTOR, autopilot: ARDUPILOT });
+    rig.send_request_as(autopilot, (0, 0), Request::Heartbeat { kind: QUADROTOR, autopilot: ARDUPILOT });
     rig.run_ms(2500);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
-    // Its own parameters and commands have nothing to do with the node.
+    // Its parameters and commands are not the node's.
     rig.command(1, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
     rig.command(1, 400, &[1.0]);
-    rig.say((1, 0), Request::ParameterList);
+    rig.send_request((1, 0), Request::ParameterList);
     rig.run_ms(100);
-    let components: BTreeSet<u8> = rig.said().into_iter().map(|(component, _)| component).collect();
+    let components: BTreeSet<u8> = rig.sent_messages().into_iter().map(|(component, _)| component).collect();
     assert_eq!((components, rig.nodes[0].restarts), (BTreeSet::from([42]), 0));
 }
 
 #[test]
-fn a_hidden_node_and_the_bridges_own_component_have_one_heartbeat_or_none() {
+fn a_hidden_node_has_no_heartbeat_and_the_bridge_s_component_one() {
     let mut rig = Rig::new(vec![Simulated::new(1, 0), Simulated::new(7, 0)]);
     rig.bridge.state.settings.component = 1;
     rig.bridge.state.settings.hidden.insert(NodeId::new(7).unwrap());
@@ -176,34 +176,34 @@ fn a_hidden_node_and_the_bridges_own_component_have_one_heartbeat_or_none() {
             .any(|(_, post)| matches!(post, Post::Status { node, .. } if node.get() == 7))
     };
     rig.run_ms(1500);
-    assert!(statuses(&mut rig), "its status is shown all the same");
+    assert!(statuses(&mut rig), "the status must be sent nevertheless");
 }
 
 #[test]
-fn another_bridges_heartbeat_or_our_own_that_comes_back_hides_nothing() {
+fn heartbeats_of_other_bridges_or_our_own_hide_no_node() {
     let mut rig = Rig::with_node(0);
     let router = Asker { from: (1, 42), ..STATION };
-    rig.say_as(router, (0, 0), Request::Heartbeat { kind: 18, autopilot: 8 });
+    rig.send_request_as(router, (0, 0), Request::Heartbeat { kind: 18, autopilot: 8 });
     rig.run_ms(1500);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
 }
 
 #[test]
-fn two_nodes_with_one_id_are_told_of_and_do_not_restart_each_second() {
+fn two_nodes_with_one_id_are_reported_and_not_taken_for_restarts() {
     let mut rig = Rig::new(vec![Simulated::new(42, 0), Simulated::new(42, 0)]);
     rig.nodes[0].uptime_s = 500;
     rig.run_ms(20_500);
-    let said = texts(&rig.said());
+    let said = texts(&rig.sent_messages());
     assert_eq!(said, ["Node 42 has restarted", "Two nodes have the ID 42"]);
 }
 
 #[test]
-fn a_node_that_restarts_again_and_again_is_one_node() {
+fn repeated_restarts_are_not_taken_for_two_nodes() {
     let mut rig = Rig::with_node(0);
     for _ in 0..10 {
         rig.run_ms(3000);
         rig.node().uptime_s = 0;
     }
     rig.run_ms(1000);
-    assert_eq!(texts(&rig.said()), ["Node 42 has restarted"; 10]);
+    assert_eq!(texts(&rig.sent_messages()), ["Node 42 has restarted"; 10]);
 }

@@ -1,8 +1,8 @@
-//! A bridge between nodes that answer or do not and a ground station, on a clock of its own.
+//! A bridge with simulated nodes and a ground station, with a simulated clock.
 
 pub use super::super::*;
 pub use crate::message::{Command, command};
-pub use crate::number::{Custom, Number};
+pub use crate::number::{IntegerEncoding, Number};
 pub use crate::state::Rights;
 pub use dronecan_host::{Message, Opcode, ParameterRequest, ParameterResponse, Value, frames};
 pub use mavlink::dialects::common::{CAN_FRAME_DATA, MavMessage, MavParamError, MavResult, UAVCAN_NODE_INFO_DATA};
@@ -10,20 +10,20 @@ pub use std::collections::BTreeSet;
 
 pub const BRIDGE: NodeId = NodeId::new(126).unwrap();
 pub const NODE: NodeId = NodeId::new(42).unwrap();
-pub const STATION: Asker = Asker { peer: 1, from: (255, 190), custom: Custom::Bytewise };
+pub const STATION: Asker = Asker { peer: 1, from: (255, 190), encoding: IntegerEncoding::Bytewise };
 pub const INT32: u8 = 6;
 
-/// A node that does what it is asked.
+/// A simulated node that executes requests.
 pub struct Simulated {
     pub id: NodeId,
     pub uptime_s: u32,
     pub parameters: Vec<ParameterResponse>,
-    /// Requests that it hears, and of these every n-th is lost.
+    /// Number of received requests; every `n`th is lost.
     pub requests: u32,
     pub lose_every: Option<u32>,
-    pub deaf: bool,
-    /// It saves nothing.
-    pub refuses: bool,
+    pub is_silent: bool,
+    /// True if it rejects ExecuteOpcode.
+    pub rejects_opcodes: bool,
     pub saved: u32,
     pub erased: u32,
     pub restarts: u32,
@@ -46,8 +46,8 @@ impl Simulated {
             parameters: (0..count).map(parameter).collect(),
             requests: 0,
             lose_every: None,
-            deaf: false,
-            refuses: false,
+            is_silent: false,
+            rejects_opcodes: false,
             saved: 0,
             erased: 0,
             restarts: 0,
@@ -62,7 +62,7 @@ impl Simulated {
         frames(id, &status.encode(), TransferId::new(self.uptime_s as u8))[0]
     }
 
-    fn hear(&mut self, now: Duration, frame: &Frame) -> Vec<Frame> {
+    fn receive(&mut self, now: Duration, frame: &Frame) -> Vec<Frame> {
         let Id::Extended(raw) = frame.id else { return Vec::new() };
         let Outcome::Complete(transfer) = self.assembler.push(raw, frame.data(), now) else { return Vec::new() };
         match transfer.id {
@@ -70,7 +70,7 @@ impl Simulated {
             _ => return Vec::new(),
         }
         self.requests += 1;
-        if self.deaf || self.lose_every.is_some_and(|every| self.requests.is_multiple_of(every)) {
+        if self.is_silent || self.lose_every.is_some_and(|every| self.requests.is_multiple_of(every)) {
             return Vec::new();
         }
         let CanId::Service { priority, service_id, source, .. } = transfer.id else { return Vec::new() };
@@ -91,7 +91,7 @@ impl Simulated {
             Message::ExecuteOpcode(opcode) => {
                 self.saved += u32::from(opcode == Opcode::SAVE);
                 self.erased += u32::from(opcode == Opcode::ERASE);
-                Message::OpcodeExecuted(!self.refuses)
+                Message::OpcodeExecuted(!self.rejects_opcodes)
             }
             Message::RestartNode(magic) => {
                 assert_eq!(magic, dronecan_host::RESTART_MAGIC);
@@ -125,7 +125,7 @@ pub struct Rig {
     pub now: Duration,
     pub bridge: Bridge,
     pub nodes: Vec<Simulated>,
-    /// Everything posted, with its time.
+    /// Every posted message with its time.
     pub posts: Vec<(Duration, Post)>,
 }
 
@@ -146,7 +146,7 @@ impl Rig {
         Rig { now: Duration::ZERO, bridge: Bridge::new(settings), nodes, posts: Vec::new() }
     }
 
-    /// With one node that has sent its status and its name.
+    /// With one node, whose status and information the bridge has.
     pub fn with_node(parameters: usize) -> Rig {
         let mut rig = Rig::new(vec![Simulated::new(42, parameters)]);
         rig.run_ms(1500);
@@ -158,13 +158,13 @@ impl Rig {
         &mut self.nodes[0]
     }
 
-    /// Milliseconds, with a status of each node at each full second.
+    /// Runs for `ms` milliseconds. Each node sends a status at each full second.
     pub fn run_ms(&mut self, ms: u64) {
         for _ in 0..ms {
             self.now += Duration::from_millis(1);
             if self.now.as_millis().is_multiple_of(1000) {
                 for node in &mut self.nodes {
-                    if !node.deaf {
+                    if !node.is_silent {
                         self.bridge.frame(self.now, &node.status());
                         node.uptime_s += 1;
                     }
@@ -174,7 +174,7 @@ impl Rig {
             let frames = std::mem::take(&mut self.bridge.frames);
             for frame in frames {
                 for node in &mut self.nodes {
-                    for response in node.hear(self.now, &frame) {
+                    for response in node.receive(self.now, &frame) {
                         self.bridge.frame(self.now, &response);
                     }
                 }
@@ -183,22 +183,22 @@ impl Rig {
         }
     }
 
-    pub fn say(&mut self, to: (u8, u8), request: Request) {
-        self.say_as(STATION, to, request);
+    pub fn send_request(&mut self, to: (u8, u8), request: Request) {
+        self.send_request_as(STATION, to, request);
     }
 
-    pub fn say_as(&mut self, asker: Asker, to: (u8, u8), request: Request) {
+    pub fn send_request_as(&mut self, asker: Asker, to: (u8, u8), request: Request) {
         self.bridge.message(self.now, asker, In { from: asker.from, to, request });
     }
 
     pub fn command(&mut self, component: u8, number: u16, params: &[f32]) {
         let mut all = [0.0; 7];
         all[..params.len()].copy_from_slice(params);
-        self.say((1, component), Request::Command(Command { number, params: all }));
+        self.send_request((1, component), Request::Command(Command { number, params: all }));
     }
 
     /// Messages since the last call: component and content, without heartbeats and statuses.
-    pub fn said(&mut self) -> Vec<(u8, Content)> {
+    pub fn sent_messages(&mut self) -> Vec<(u8, Content)> {
         let posts = std::mem::take(&mut self.posts);
         let said = posts.into_iter().filter_map(|(_, post)| match post {
             Post::Message { out, .. } => Some((out.component, out.content)),
@@ -214,7 +214,7 @@ impl Rig {
             Content::Ack { command, result, to } => Some((component, command, result, to)),
             _ => None,
         };
-        self.said().into_iter().filter_map(ack).collect()
+        self.sent_messages().into_iter().filter_map(ack).collect()
     }
 
     pub fn parameters(&mut self) -> Vec<(String, Number, u16, u16)> {
@@ -222,7 +222,7 @@ impl Rig {
             Content::Parameter { name, number, count, index } => Some((name, number, count, index)),
             _ => None,
         };
-        self.said().into_iter().filter_map(parameter).collect()
+        self.sent_messages().into_iter().filter_map(parameter).collect()
     }
 }
 
