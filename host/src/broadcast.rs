@@ -1,4 +1,4 @@
-//! Payloads of messages beside those that move a servo: getting a node ID, lights, circuits, counters, values with a name.
+//! Payloads of broadcast messages other than those that move a servo: Allocation, lights, circuits, counters, named values.
 //!
 //! Layouts from the public DSDL, little endian.
 
@@ -7,19 +7,19 @@ use super::text::hex;
 use half::f16;
 use std::fmt;
 
-/// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`, the first byte filled from its top.
+/// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`. Bits fill the first byte from its most significant bit.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Allocation {
-    /// Asked for or granted; 0 is any, or none yet.
+    /// The requested or granted ID; 0 in a request means any, in an answer none yet.
     pub node_id: u8,
-    /// A request: the unique ID begins here.
+    /// True in the request with the first part of the unique ID.
     pub first_part: bool,
-    /// Of a request the next part, of an answer all that has come so far.
+    /// In a request the next part; in an answer all parts so far.
     pub unique_id: Vec<u8>,
 }
 
 impl Allocation {
-    /// `None` if it is empty, or has more than a unique ID.
+    /// `None` if the payload is empty or longer than a unique ID allows.
     pub fn decode(payload: &[u8]) -> Option<Allocation> {
         let (first, unique_id) = payload.split_first()?;
         let fits = unique_id.len() <= UNIQUE_ID_LEN;
@@ -46,8 +46,8 @@ impl fmt::Display for Allocation {
     }
 }
 
-/// One element of equipment.indication.LightsCommand: `light u8 | red u5 | green u6 | blue u5`, the colours filled from the
-/// top of two bytes.
+/// One element of equipment.indication.LightsCommand: `light u8 | red u5 | green u6 | blue u5`. The colours fill two bytes from the
+/// most significant bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LightCommand {
     pub light: u8,
@@ -63,7 +63,7 @@ const LIGHT_BYTES: usize = 3;
 const LIGHTS_MAX: usize = 20;
 
 impl LightCommand {
-    /// The commands of a payload; `None` unless it is 0 to 20 whole ones.
+    /// The commands in a payload; `None` unless it has 0 to 20 complete ones.
     pub fn decode_array(payload: &[u8]) -> Option<Vec<LightCommand>> {
         let (commands, rest) = payload.as_chunks::<LIGHT_BYTES>();
         let decode = |&[light, high, low]: &[u8; LIGHT_BYTES]| LightCommand {
@@ -97,7 +97,7 @@ pub struct CircuitStatus {
     pub circuit: u16,
     pub voltage: f16,
     pub current: f16,
-    /// Unknown flags are kept.
+    /// Error flags, including unknown ones.
     pub errors: u8,
 }
 
@@ -105,7 +105,7 @@ pub struct CircuitStatus {
 const CIRCUIT_ERRORS: [&str; 3] = ["OVERVOLTAGE", "UNDERVOLTAGE", "OVERCURRENT"];
 
 impl CircuitStatus {
-    /// Seven bytes exactly, else `None`.
+    /// `None` unless the payload has seven bytes.
     pub fn decode(payload: &[u8]) -> Option<CircuitStatus> {
         let &[circuit0, circuit1, v0, v1, c0, c1, errors] = payload else {
             return None;
@@ -127,7 +127,7 @@ impl CircuitStatus {
         payload
     }
 
-    /// The errors in words, with a space before each; flags without a name as a number.
+    /// The errors as text, with a space before each. Unknown flags are a number.
     pub fn errors_text(&self) -> String {
         let is_set = |bit: usize| self.errors >> bit & 1 != 0;
         let named = CIRCUIT_ERRORS.iter().enumerate().filter(|(bit, _)| is_set(*bit));
@@ -170,7 +170,7 @@ pub struct CanStats {
 }
 
 impl CanStats {
-    /// 25 bytes exactly, else `None`.
+    /// `None` unless the payload has 25 bytes.
     pub fn decode(payload: &[u8]) -> Option<CanStats> {
         let &[interface, t0, t1, t2, t3, ref rest @ ..] = payload else {
             return None;
@@ -233,7 +233,7 @@ pub struct KeyValue {
 }
 
 impl KeyValue {
-    /// `None` if it is too short.
+    /// `None` if the payload is too short.
     pub fn decode(payload: &[u8]) -> Option<KeyValue> {
         let (value, key) = payload.split_first_chunk()?;
         Some(KeyValue { value: f32::from_le_bytes(*value), key: key.to_vec() })

@@ -14,12 +14,12 @@ pub fn feed(crc: u16, bytes: &[u8]) -> u16 {
     })
 }
 
-/// CRC after the eight signature bytes, little endian: where a transfer of that type starts.
+/// CRC of the eight signature bytes, little endian: the start value of a transfer of this type.
 pub fn seed(signature: u64) -> u16 {
     feed(INITIAL, &signature.to_le_bytes())
 }
 
-/// CRC of a whole transfer.
+/// CRC of a complete transfer.
 pub fn transfer(signature: u64, payload: &[u8]) -> u16 {
     feed(seed(signature), payload)
 }
@@ -30,7 +30,7 @@ mod tests {
 
     /// The check value that the CRC catalogues give for this parameter set.
     #[test]
-    fn the_catalogue_check_value_comes_out() {
+    fn the_check_value_is_that_of_the_catalogues() {
         assert_eq!(feed(INITIAL, b"123456789"), 0x29B1);
     }
 

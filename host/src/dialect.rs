@@ -1,12 +1,12 @@
 //! Finds the dialect of a frame.
 //!
-//! Every identifier is valid in v0, and almost every one in the draft. The data type decides: the known types of v0 and those of
-//! the draft have no identifier in common, except anonymous frames of v0 and the draft's messages to one node, which none of its
-//! types uses. So:
+//! Every identifier is valid in v0, and almost every one in the draft. The data type decides: no identifier belongs to a known type of v0 and to
+//! one of the draft, with two exceptions: anonymous frames of v0, and the draft's messages to one node, which none of its
+//! types uses. The rules:
 //!
-//! 1. A frame of a known type of v0 is v0; an anonymous one only if its tail byte is that of a transfer of one frame.
-//! 2. Else a frame of a known type of the draft is of the draft, if the draft allows its identifier.
-//! 3. A frame of an unknown type is of the dialect of the last NodeStatus on the bus, and of v0 before the first.
+//! 1. A frame of a known type of v0 is v0. An anonymous frame must also have the tail byte of a single-frame transfer.
+//! 2. Otherwise a frame of a known type of the draft is draft, if the draft allows its identifier.
+//! 3. A frame of an unknown type has the dialect of the last NodeStatus on the bus; before the first one it is v0.
 
 use crate::types::{DataType, NODE_STATUS};
 use crate::{Assembler, CanId, Message, NodeId, Outcome, Transfer, draft};
@@ -42,17 +42,17 @@ impl fmt::Display for Dialect {
     }
 }
 
-/// Finds the dialect of each frame on one bus, by the rule of the module.
+/// Finds the dialect of each frame on one bus, by the module's rules.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Ear {
-    /// That of the last NodeStatus.
+    /// Dialect of the last NodeStatus.
     last_status: Dialect,
 }
 
-/// The upper bits of the tail byte of a transfer of one frame.
+/// The upper bits of the tail byte of a single-frame transfer.
 const WHOLE: u8 = 0b110;
 const TRANSFER_ID_BITS: u32 = 5;
-/// Data bytes of v0's NodeStatus with its tail byte, and those of the draft's, which see.
+/// Data lengths of v0's NodeStatus with its tail byte, and of the draft's NodeStatus (see there).
 const STATUS_LEN: usize = 8;
 const DRAFT_STATUS_LENS: [usize; 4] = [4, 6, 7, 8];
 
@@ -82,7 +82,7 @@ impl Ear {
     }
 }
 
-/// A transfer of either dialect with its meaning.
+/// A decoded transfer of either dialect.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Said {
     V0(Transfer, Message),
@@ -97,7 +97,7 @@ impl Said {
         }
     }
 
-    /// Sender, where it has an identity.
+    /// The sender; `None` if it is anonymous.
     pub fn source(&self) -> Option<NodeId> {
         match self {
             Said::V0(transfer, _) => transfer.id.source(),
@@ -105,7 +105,7 @@ impl Said {
         }
     }
 
-    /// "1", "anon" or "127>42": the source, and the destination if it is one node.
+    /// "1", "anon" or "127>42": the source, and for a service the destination.
     pub fn who(&self) -> String {
         match self {
             Said::V0(transfer, _) => transfer.id.to_string(),
@@ -113,7 +113,7 @@ impl Said {
         }
     }
 
-    /// Name of its type, with the direction of a service: "GetNodeInfo request", "draft.NodeStatus".
+    /// Name of the type, with the direction of a service: "GetNodeInfo request", "draft.NodeStatus".
     pub fn name(&self) -> String {
         match self {
             Said::V0(_, message) => message.name(),
@@ -132,14 +132,14 @@ impl fmt::Display for Said {
     }
 }
 
-/// What a frame shows an observer.
+/// The result of a frame for an observer.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
-    /// A transfer is whole.
+    /// The frame completes a transfer.
     Said(Said),
-    /// A part, more to come.
+    /// The frame is part of a transfer that is not complete.
     Partial,
-    /// Not a valid part of anything in its dialect; the text says why.
+    /// The frame is not valid in its dialect; the text has the reason.
     Invalid(&'static str),
 }
 
@@ -152,12 +152,12 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// An observer that has seen no frame.
+    /// An observer that has received no frame.
     pub fn new() -> Observer {
         Observer::default()
     }
 
-    /// Takes an extended data frame that ended at `at`, counted from any moment that stays the same.
+    /// Handles an extended data frame that ended at `at`. All times count from the same moment.
     pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Heard {
         match self.ear.dialect(id, data) {
             Dialect::V0 => match self.v0.push(id, data, at) {
@@ -180,7 +180,7 @@ impl Observer {
     }
 }
 
-/// Source, if it is not anonymous, and name of the type of an identifier in a dialect. `None` for an identifier that the dialect
+/// Source (`None` if anonymous) and type name of an identifier in a dialect. `None` for an identifier that the dialect
 /// forbids.
 pub fn announced(dialect: Dialect, id: u32) -> Option<(Option<NodeId>, String)> {
     match dialect {

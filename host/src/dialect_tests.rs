@@ -1,10 +1,10 @@
-//! The dialect that is found for frames, on buses with one dialect and with both.
+//! Tests that each frame gets its dialect, on buses with one dialect and with both.
 
 use super::*;
 use crate::Frame;
 use crate::Id;
 
-/// Reads frames in candump's form, and returns their messages.
+/// Decodes frames in candump's format. Returns their messages as text.
 fn heard(observer: &mut Observer, frames: &[&str]) -> Vec<String> {
     let hear = |text: &&str| {
         let frame: Frame = text.parse().unwrap();
@@ -22,7 +22,7 @@ const STATUS: &str = "1801550A#01000000000000C0";
 const DRAFT_STATUS: &str = "1135E00B#EFCDAB02";
 
 #[test]
-fn known_types_of_both_dialects_are_told_apart_on_one_bus() {
+fn known_types_of_both_dialects_are_recognised_on_one_bus() {
     let expected = [
         ("1003F20A#01000038C7", "10 ArrayCommand id 1 unitless +0.50"),
         ("17C40409#5A", "1 draft.ThesisCommand 90"),
@@ -38,9 +38,9 @@ fn known_types_of_both_dialects_are_told_apart_on_one_bus() {
     assert_eq!(heard(&mut Observer::new(), &frames), expected.map(|(_, text)| text));
 }
 
-/// 0x06F40408 is message 222 of node 1 in the draft, and message 0xF404 of node 8 in v0, where 0xC0 is a tail byte.
+/// 0x06F40408 is message 222 of node 1 in the draft, and message 0xF404 of node 8 in v0. In v0 0xC0 is a tail byte.
 #[test]
-fn what_neither_knows_is_of_the_dialect_of_the_last_status() {
+fn unknown_types_have_the_dialect_of_the_last_status() {
     let unknown = "06F40408#01C0";
     let mut observer = Observer::new();
     assert_eq!(heard(&mut observer, &[unknown]), ["8 message 62468 01"]);
@@ -49,7 +49,7 @@ fn what_neither_knows_is_of_the_dialect_of_the_last_status() {
 }
 
 #[test]
-fn a_status_that_is_not_whole_decides_nothing() {
+fn an_invalid_status_does_not_change_the_dialect() {
     let unknown = "06F40408#01C0";
     for broken in ["1135E00B#EFCDAB0200", "1135E01B#EFCDAB02", "1135E003#EFCDAB02EFBE0000"] {
         assert_eq!(heard(&mut Observer::new(), &[broken, unknown])[1], "8 message 62468 01", "{broken}");
@@ -78,14 +78,14 @@ fn transfers_of_several_frames_of_both_dialects_may_interleave() {
 }
 
 #[test]
-fn a_broken_frame_is_told_in_the_terms_of_its_dialect() {
+fn an_invalid_frame_has_the_reason_of_its_dialect() {
     let frames = ["1003F20A#0000000000000020", "113BFC08#F8"];
     let expected = ["invalid: continues a transfer that did not start", "invalid: no valid destination"];
     assert_eq!(heard(&mut Observer::new(), &frames), expected);
 }
 
 #[test]
-fn an_identifier_announces_its_sender_and_type() {
+fn an_identifier_has_its_sender_and_type() {
     let name = |dialect, id| announced(dialect, id).map(|(source, name)| (source.map(NodeId::get), name));
     let of = |source, name: &str| Some((source, String::from(name)));
     assert_eq!(name(Dialect::V0, 0x1003_F20A), of(Some(10), "ArrayCommand"));

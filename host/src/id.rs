@@ -20,10 +20,10 @@ const SERVICE_FLAG: u32 = 1 << 7;
 const PRIORITY_MASK: u32 = 0x1F;
 const NODE_MASK: u32 = 0x7F;
 
-/// Bytes of a unique ID (HardwareVersion).
+/// Length of a unique ID in bytes (HardwareVersion).
 pub const UNIQUE_ID_LEN: usize = 16;
 
-/// Identity of a node on the bus, 1 to 127; 0 on the wire means "none yet" and is not a `NodeId`.
+/// Node ID, 1 to 127. On the wire 0 means "no ID" and is not a `NodeId`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId(u8);
 
@@ -41,7 +41,7 @@ impl NodeId {
         self.0
     }
 
-    /// The lowest seven bits of an identifier's part.
+    /// The lowest seven bits of a field.
     pub(crate) fn from_field(field: u32) -> Option<NodeId> {
         NodeId::new((field & NODE_MASK) as u8)
     }
@@ -56,16 +56,16 @@ impl fmt::Display for NodeId {
 /// A parsed identifier. Priority: 0 is the most urgent, 31 the least.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CanId {
-    /// Broadcast from a node with an identity.
+    /// Broadcast from a node with an ID.
     Message { priority: u8, type_id: u16, source: NodeId },
-    /// Broadcast from a node that has no identity yet. Only types 0 to 3 exist here.
+    /// Broadcast from a node without an ID. It can have types 0 to 3 only.
     Anonymous { priority: u8, type_id: u8, discriminator: u16 },
     /// Request to, or response from, one node.
     Service { priority: u8, service_id: u8, request: bool, destination: NodeId, source: NodeId },
 }
 
 impl CanId {
-    /// Reads a 29-bit identifier; `None` for a service frame from or to node 0, which the dialect forbids.
+    /// Reads a 29-bit identifier. `None` for a service frame from or to node 0, which the dialect forbids.
     pub fn parse(id: u32) -> Option<CanId> {
         let priority = (id >> PRIORITY_SHIFT & PRIORITY_MASK) as u8;
         let source = NodeId::from_field(id);
@@ -88,7 +88,7 @@ impl CanId {
         })
     }
 
-    /// The 29 bits for the wire. Fields wider than their place are cut to it.
+    /// The 29-bit identifier. Values that are too large for their field are truncated.
     pub fn build(self) -> u32 {
         let priority_bits = |priority: u8| (u32::from(priority) & PRIORITY_MASK) << PRIORITY_SHIFT;
         match self {
@@ -111,7 +111,7 @@ impl CanId {
         }
     }
 
-    /// Sender, where it has an identity.
+    /// The sender; `None` if it is anonymous.
     pub fn source(self) -> Option<NodeId> {
         match self {
             CanId::Message { source, .. } | CanId::Service { source, .. } => Some(source),
@@ -120,7 +120,7 @@ impl CanId {
     }
 }
 
-/// "1", "anon" or "127>42": the source, and the destination if it is one node.
+/// "1", "anon" or "127>42": the source, and for a service the destination.
 impl fmt::Display for CanId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

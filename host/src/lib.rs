@@ -1,15 +1,15 @@
-//! DroneCAN v0 for programs on a host: the wire format, and the formats in which frames reach other programs. And the draft
-//! of 2014 that came before it.
+//! DroneCAN v0 for programs on a host: the wire format, and the formats in which frames reach other programs. Also the draft
+//! of 2014, which came before it.
 //!
-//! The simulator and its tests, and the MAVLink bridge, stand on it. It is written from the DroneCAN specification (chapters
-//! 3 to 5) and the public DSDL, and shares nothing with the firmware, so that neither can hide a mistake of the other.
+//! The simulator, its tests and the MAVLink bridge use it. It was written from the DroneCAN specification (chapters
+//! 3 to 5) and the public DSDL and shares no code with the firmware, so that neither can hide a mistake of the other.
 //! Layers, lowest first: [`Frame`], [`crc`], [`id`] (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly),
-//! [`types`] (names and signatures), and the payloads that are read and written in full: [`status`], [`broadcast`], [`esc`], for services
-//! [`management`], and on top of them [`message`]. [`text`] is how they are shown. [`draft`] has the same layers for the draft,
-//! in the same way, and [`dialect`] finds the dialect of a frame. Beside them [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
+//! [`types`] (names and signatures), the payloads that are decoded completely ([`status`], [`broadcast`], [`esc`], and for services
+//! [`management`]), and [`message`] with all of them. [`text`] formats them. [`draft`] has the same layers for the draft,
+//! and [`dialect`] finds the dialect of a frame. Besides there are [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
 //! multicast bus.
 //!
-//! Limits: extended data frames only, as the dialect has no others; types beyond [`Message`] are named, not decoded.
+//! Limits: extended data frames only, because the dialect has no others. Types beyond [`Message`] have a name and are not decoded.
 
 #![forbid(unsafe_code)]
 

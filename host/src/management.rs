@@ -1,7 +1,7 @@
-//! Payloads of the services that a node is managed by: who it is, its parameters, restart, update, counters.
+//! Payloads of the services that manage a node: information, parameters, restart, update, counters.
 //!
-//! Layouts from the public DSDL (uavcan/protocol and uavcan/protocol/param), little endian. Every field begins with a byte;
-//! what is shorter than a byte has void bits in front of it.
+//! Layouts from the public DSDL (uavcan/protocol and uavcan/protocol/param), little endian. Every field begins at a byte
+//! boundary; void bits precede fields that are shorter than a byte.
 
 use super::id::UNIQUE_ID_LEN;
 use super::status::{NodeStatus, StatusField};
@@ -12,7 +12,7 @@ fn text(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| byte.escape_ascii().to_string()).collect()
 }
 
-/// Takes `N` bytes off the front.
+/// Removes the first `N` bytes.
 fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
     let (front, rest) = bytes.split_first_chunk()?;
     *bytes = rest;
@@ -23,18 +23,18 @@ fn byte(bytes: &mut &[u8]) -> Option<u8> {
     take::<1>(bytes).map(|[byte]| byte)
 }
 
-/// Numbers of 48 bits, which this dialect likes.
+/// A number of 48 bits.
 fn uint48(bytes: &mut &[u8]) -> Option<u64> {
     take::<6>(bytes).map(|[b0, b1, b2, b3, b4, b5]| u64::from_le_bytes([b0, b1, b2, b3, b4, b5, 0, 0]))
 }
 
 /// protocol.GetNodeInfo, response: `NodeStatus | SoftwareVersion | HardwareVersion | name`. All but the status is the same in
-/// each dialect.
+/// both dialects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct NodeInfo<S = NodeStatus> {
     pub status: S,
     pub software: (u8, u8),
-    /// The commit that the software was built from.
+    /// The commit from which the software was built.
     pub commit: Option<u32>,
     pub image_crc: Option<u64>,
     pub hardware: (u8, u8),
@@ -47,7 +47,7 @@ const FLAG_COMMIT: u8 = 1 << 0;
 const FLAG_CRC: u8 = 1 << 1;
 
 impl<S: StatusField> NodeInfo<S> {
-    /// `None` if it is too short.
+    /// `None` if the payload is too short.
     pub fn decode(payload: &[u8]) -> Option<NodeInfo<S>> {
         let (status, mut rest) = payload.split_at_checked(S::LEN)?;
         let status = S::read(status)?;
@@ -90,7 +90,7 @@ impl<S: StatusField> NodeInfo<S> {
 }
 
 impl<S> NodeInfo<S> {
-    /// Its name as text.
+    /// The name as text.
     pub fn name(&self) -> String {
         text(&self.name)
     }
@@ -106,7 +106,7 @@ impl<S> fmt::Display for NodeInfo<S> {
     }
 }
 
-/// protocol.param.Value and NumericValue: a union whose tag is in the lowest bits of its first byte.
+/// protocol.param.Value and NumericValue: a union. The tag is in the lowest bits of its first byte.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Value {
     #[default]
@@ -122,7 +122,7 @@ const TAG_INTEGER: u8 = 1;
 const TAG_REAL: u8 = 2;
 const TAG_BOOLEAN: u8 = 3;
 const TAG_TEXT: u8 = 4;
-/// Width of the tag: a NumericValue has only the first three.
+/// Masks of the tag. A NumericValue has only the first three types.
 const TAG_MASK: u8 = 0x07;
 const NUMERIC_TAG_MASK: u8 = 0x03;
 
@@ -166,7 +166,7 @@ impl Value {
         }
     }
 
-    /// Whether it is none.
+    /// True if there is no value.
     pub fn is_empty(&self) -> bool {
         *self == Value::Empty
     }
@@ -184,7 +184,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// protocol.param.GetSet, request: `index u13 | value | name`. A name goes before the index; an empty value only reads.
+/// protocol.param.GetSet, request: `index u13 | value | name`. If there is a name, it is used and not the index. An empty value only reads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ParameterRequest {
     pub index: u16,
@@ -193,7 +193,7 @@ pub struct ParameterRequest {
 }
 
 impl ParameterRequest {
-    /// `None` if it is too short or has a value of no known type.
+    /// `None` if the payload is too short or the type of the value unknown.
     pub fn decode(mut payload: &[u8]) -> Option<ParameterRequest> {
         let rest = &mut payload;
         let [low, high] = take(rest)?;
@@ -222,7 +222,7 @@ impl fmt::Display for ParameterRequest {
     }
 }
 
-/// protocol.param.GetSet, response: `value | default | maximum | minimum | name`. All empty if there is no such parameter.
+/// protocol.param.GetSet, response: `value | default | maximum | minimum | name`. All are empty if the parameter does not exist.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ParameterResponse {
     pub value: Value,
@@ -233,7 +233,7 @@ pub struct ParameterResponse {
 }
 
 impl ParameterResponse {
-    /// `None` if it is too short or has a value of no known type.
+    /// `None` if the payload is too short or the type of the value unknown.
     pub fn decode(mut payload: &[u8]) -> Option<ParameterResponse> {
         let rest = &mut payload;
         let mut value = |mask: u8| {
@@ -256,7 +256,7 @@ impl ParameterResponse {
         payload
     }
 
-    /// Its name as text.
+    /// The name as text.
     pub fn name(&self) -> String {
         text(&self.name)
     }
@@ -284,7 +284,7 @@ impl Opcode {
     pub const ERASE: Opcode = Opcode(1);
     const LEN: usize = 7;
 
-    /// Seven bytes exactly, else `None`. The argument has no meaning.
+    /// `None` unless the payload has seven bytes. The argument has no meaning.
     pub fn decode(payload: &[u8]) -> Option<Opcode> {
         (payload.len() == Opcode::LEN).then(|| Opcode(payload[0]))
     }
@@ -307,30 +307,30 @@ impl fmt::Display for Opcode {
     }
 }
 
-/// The bit "ok" of a response: the uppermost of its last byte.
+/// The bit "ok" of a response: the most significant bit of its last byte.
 const OK: u8 = 1 << 7;
 
-/// protocol.param.ExecuteOpcode, response: `argument i48 | ok bool`. Whether it was done.
+/// protocol.param.ExecuteOpcode, response: `argument i48 | ok bool`. True if the opcode was executed.
 pub(crate) fn decode_executed(payload: &[u8]) -> Option<bool> {
     (payload.len() == Opcode::LEN).then(|| payload[Opcode::LEN - 1] & OK != 0)
 }
 
-/// The other way round.
+/// Encodes the response.
 pub(crate) fn encode_executed(ok: bool) -> Vec<u8> {
     let mut payload = vec![0; Opcode::LEN];
     payload[Opcode::LEN - 1] = if ok { OK } else { 0 };
     payload
 }
 
-/// protocol.RestartNode, request: five bytes that must be right.
+/// protocol.RestartNode, request: the magic number, in five bytes.
 pub const RESTART_MAGIC: u64 = 0xAC_CE55_1B1E;
 
-/// Writes nothing of the right number.
+/// Writes a wrong magic number, and nothing for the right one.
 pub(crate) fn write_magic(f: &mut fmt::Formatter<'_>, magic: u64) -> fmt::Result {
     if magic == RESTART_MAGIC { Ok(()) } else { write!(f, " with the wrong number {magic:#012X}") }
 }
 
-/// Writes whether something was done.
+/// Writes "ok" or "FAILED".
 pub(crate) fn write_ok(f: &mut fmt::Formatter<'_>, ok: bool) -> fmt::Result {
     write!(f, " {}", if ok { "ok" } else { "FAILED" })
 }
@@ -354,7 +354,7 @@ pub(crate) fn encode_restarted(ok: bool) -> Vec<u8> {
     vec![if ok { OK } else { 0 }]
 }
 
-/// protocol.file.BeginFirmwareUpdate, request: `source node u8 | path`; response: `error u8 | text`. A number and a text.
+/// protocol.file.BeginFirmwareUpdate, request: `source node u8 | path`; response: `error u8 | text`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct NumberAndText {
     pub number: u8,
@@ -362,7 +362,7 @@ pub struct NumberAndText {
 }
 
 impl NumberAndText {
-    /// `None` if it is empty.
+    /// `None` if the payload is empty.
     pub fn decode(payload: &[u8]) -> Option<NumberAndText> {
         let (number, text) = payload.split_first()?;
         Some(NumberAndText { number: *number, text: text.to_vec() })
@@ -375,12 +375,12 @@ impl NumberAndText {
         payload
     }
 
-    /// Its text.
+    /// The text.
     pub fn text(&self) -> String {
         text(&self.text)
     }
 
-    /// What the number of a response means.
+    /// Name of the error in a response.
     pub(crate) fn error(&self) -> String {
         match self.number {
             0 => String::from("OK"),
@@ -392,7 +392,7 @@ impl NumberAndText {
     }
 }
 
-/// Counters of one interface: frames out, frames in, errors.
+/// Counters of one interface: frames sent, frames received, errors.
 pub type InterfaceStats = [u64; 3];
 
 /// protocol.GetTransportStats, response: three numbers of 48 bits, and three more for each interface.
@@ -404,11 +404,11 @@ pub struct TransportStats {
     pub interfaces: Vec<InterfaceStats>,
 }
 
-/// A node has three interfaces at most.
+/// Maximum number of interfaces of a node.
 const INTERFACES_MAX: usize = 3;
 
 impl TransportStats {
-    /// `None` unless it is whole.
+    /// `None` if the payload is incomplete.
     pub fn decode(mut payload: &[u8]) -> Option<TransportStats> {
         let rest = &mut payload;
         let mut stats = TransportStats {

@@ -1,9 +1,9 @@
 //! The UDP multicast bus of pydronecan, libcanard and ArduPilot SITL.
 //!
-//! Bus N is the group 239.65.82.N, port 57732; [`datagram`] is the format. A [`Port`] stays on one interface, loopback unless
-//! another is given: datagrams of other interfaces are not even received. It never blocks.
+//! Bus N is the group 239.65.82.N, port 57732; [`datagram`] is the format. A [`Port`] uses one interface, loopback by
+//! default, and receives no datagrams of other interfaces. It never blocks.
 //!
-//! Limits: UDP may lose a datagram, and the sender does not notice it.
+//! Limits: UDP may lose a datagram without an error at the sender.
 
 pub mod datagram;
 
@@ -17,24 +17,24 @@ use std::os::fd::{AsFd, BorrowedFd};
 
 /// The UDP port of all buses.
 const UDP_PORT: u16 = 57732;
-/// The kernel's buffer: a burst must outlast a moment in which nobody listens. The kernel may grant less.
+/// The kernel's receive buffer, for bursts while the program is busy. The kernel may grant less.
 const RECEIVE_BUFFER_BYTES: usize = 1 << 20;
 
-/// A place on one of the buses.
+/// A socket on one of the buses.
 pub struct Port {
     group: SocketAddrV4,
     interface: Ipv4Addr,
     receiver: UdpSocket,
     sender: UdpSocket,
-    /// Our datagrams come back from here.
+    /// The address from which our own datagrams come back.
     own: SocketAddr,
 }
 
 impl Port {
-    /// Joins bus `bus` on the interface with that address, loopback unless given.
+    /// Joins bus `bus` on the interface with this address, by default loopback.
     ///
     /// # Errors
-    /// With advice, when the address is not of this machine or the UDP port is taken.
+    /// If the address is not of this machine or the UDP port is in use. The error has a remedy.
     pub fn open(bus: u8, interface: Option<Ipv4Addr>) -> Result<Port> {
         let group = SocketAddrV4::new(Ipv4Addr::new(239, 65, 82, bus), UDP_PORT);
         let interface = interface.unwrap_or(Ipv4Addr::LOCALHOST);
@@ -44,12 +44,12 @@ impl Port {
         Ok(Port { group, interface, receiver, sender, own })
     }
 
-    /// The next datagram, if it is of somebody else: the frame in it, or why there is none.
+    /// The frame in the next datagram of another program, or why it has none. `None` for our own datagrams.
     ///
     /// # Errors
-    /// `WouldBlock` when there is no datagram; anything else is trouble of the network.
+    /// `WouldBlock` if there is no datagram; other errors come from the network.
     pub fn receive(&self) -> io::Result<Option<std::result::Result<Frame, Refused>>> {
-        // One byte more, so that a longer datagram is not cut to a valid length.
+        // One byte more, so that a longer datagram is not truncated to a valid length.
         let mut buffer = [0; DATAGRAM_MAX + 1];
         match self.receiver.recv_from(&mut buffer) {
             Ok((_, from)) if from == self.own => Ok(None),
@@ -59,10 +59,10 @@ impl Port {
         }
     }
 
-    /// Sends a frame. Whether there is a datagram for it: remote frames have none.
+    /// Sends a frame. Returns `false` for remote frames, which the format does not have.
     ///
     /// # Errors
-    /// What the network says.
+    /// Errors of the network.
     pub fn send(&self, frame: &Frame) -> io::Result<bool> {
         match encode(frame) {
             Some(datagram) => self.sender.send_to(&datagram, self.group).map(|_| true),
@@ -80,18 +80,18 @@ impl Port {
         self.interface
     }
 
-    /// Other programs leave the choice of the interface to the routes: what a user must do if that is not ours.
+    /// What the user must do if other programs, which let the routes choose the interface, use another one.
     pub fn advice(&self) -> Option<String> {
         let Port { group, interface, .. } = *self;
         let route = || -> io::Result<SocketAddr> {
             let probe = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
-            // Nothing is sent: this only asks for the route.
+            // This sends nothing: it only asks for the route.
             probe.connect(group)?;
             probe.local_addr()
         };
         let elsewhere = match route() {
             Ok(local) if local.ip() == interface => return None,
-            // Linux finds no source address for a route that leads to loopback, and does without.
+            // Linux finds no source address for a route to loopback, and needs none.
             Ok(local) if local.ip().is_unspecified() && interface.is_loopback() => return None,
             Ok(local) => format!("other programs speak on {}", local.ip()),
             Err(_) => String::from("other programs find no route for multicast"),
@@ -103,21 +103,21 @@ impl Port {
     }
 }
 
-/// Readable when there may be something to receive.
+/// Readable if there may be a datagram.
 impl AsFd for Port {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.receiver.as_fd()
     }
 }
 
-/// Hears the group, on this interface only, next to other programs of this machine.
+/// A socket that receives the group on this interface only, and shares the port with other programs of this machine.
 fn receiver(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
     let open = || -> io::Result<Socket> {
         let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
         socket.set_reuse_address(true)?;
         socket.set_nonblocking(true)?;
         socket.set_recv_buffer_size(RECEIVE_BUFFER_BYTES)?;
-        // Without this Linux passes on what comes in by interfaces that other programs have joined on.
+        // Otherwise Linux also delivers datagrams from interfaces that other programs have joined on.
         socket.set_multicast_all_v4(false)?;
         Ok(socket)
     };
@@ -132,13 +132,13 @@ fn receiver(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
     Ok(socket.into())
 }
 
-/// Sends from its own port, which shows which datagrams are its own.
+/// A socket with its own port, which identifies its own datagrams.
 fn sender(interface: Ipv4Addr) -> Result<UdpSocket> {
     let open = || -> io::Result<Socket> {
         let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
         socket.set_nonblocking(true)?;
         socket.bind(&SocketAddr::from((interface, 0)).into())?;
-        // No route is needed then, and none can lead elsewhere.
+        // With this no route is needed, and none can lead elsewhere.
         socket.set_multicast_if_v4(&interface)?;
         Ok(socket)
     };

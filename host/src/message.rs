@@ -1,4 +1,4 @@
-//! Payloads that the bench reads and writes in full, and their text form for the traffic view.
+//! Payloads that are decoded completely, and their text for the traffic view.
 //!
 //! Layouts from the public DSDL; little endian throughout, float16 by the crate `half`.
 
@@ -14,7 +14,7 @@ use std::fmt;
 /// Unit of an actuator command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommandUnit {
-    /// -1 to +1.
+    /// -1 to +1, without a unit.
     Unitless,
     /// Radians of a servo, metres of a linear actuator.
     Position,
@@ -70,11 +70,11 @@ pub struct ActuatorCommand {
     pub value: f16,
 }
 
-/// Bytes of one command in an ArrayCommand.
+/// Length of one command in an ArrayCommand, in bytes.
 const COMMAND_BYTES: usize = 4;
 
 impl ActuatorCommand {
-    /// The commands of a payload; `None` unless it is 0 to 15 whole commands.
+    /// The commands in a payload; `None` unless it has 0 to 15 complete ones.
     pub fn decode_array(payload: &[u8]) -> Option<Vec<ActuatorCommand>> {
         let (commands, rest) = payload.as_chunks::<COMMAND_BYTES>();
         if !rest.is_empty() || commands.len() > 15 {
@@ -124,7 +124,7 @@ pub struct ActuatorStatus {
 const POWER_MASK: u8 = 0x7F;
 
 impl ActuatorStatus {
-    /// Eight bytes exactly, else `None`.
+    /// `None` unless the payload has eight bytes.
     pub fn decode(payload: &[u8]) -> Option<ActuatorStatus> {
         let &[actuator, p0, p1, f0, f1, s0, s1, power] = payload else {
             return None;
@@ -179,7 +179,7 @@ const FLAG_UNDER: u8 = 1 << 1;
 const ZERO_CELSIUS_K: f32 = 273.15;
 
 impl Temperature {
-    /// Five bytes exactly, else `None`.
+    /// `None` unless the payload has five bytes.
     pub fn decode(payload: &[u8]) -> Option<Temperature> {
         let &[d0, d1, k0, k1, flags] = payload else {
             return None;
@@ -202,7 +202,7 @@ impl Temperature {
         payload
     }
 
-    /// In degrees Celsius.
+    /// The temperature in degrees Celsius.
     pub fn celsius(&self) -> f32 {
         self.kelvin.to_f32() - ZERO_CELSIUS_K
     }
@@ -222,7 +222,7 @@ impl fmt::Display for Temperature {
     }
 }
 
-/// A transfer with its meaning. `Display` gives "ArrayCommand id 1 unitless +0.50".
+/// A decoded transfer. `Display` gives "ArrayCommand id 1 unitless +0.50".
 #[derive(Clone, Debug, PartialEq)]
 pub enum Message {
     NodeStatus(NodeStatus),
@@ -234,30 +234,30 @@ pub enum Message {
     /// For each motor -8192 to 8191.
     RawCommand(Vec<i16>),
     LightsCommand(Vec<LightCommand>),
-    /// Fully armed is 255, disarmed 0.
+    /// 255 is fully armed, 0 disarmed.
     ArmingStatus(u8),
-    /// ArduPilot's safety switch: outputs are free at 255 ("off") and held at 0 ("on").
+    /// ArduPilot's safety switch. At 255 ("off") outputs are enabled, at 0 ("on") disabled.
     SafetyState(u8),
     CanStats(CanStats),
     KeyValue(KeyValue),
     /// Servo command of the thesis, 0 to 255 over the full travel.
     ThesisCommand(u8),
-    /// Degrees Celsius of the thesis.
+    /// The thesis's temperature in degrees Celsius.
     ThesisTemperature(u8),
     NodeInfoRequest,
     NodeInfo(Box<NodeInfo>),
     ParameterRequest(ParameterRequest),
     ParameterResponse(ParameterResponse),
     ExecuteOpcode(Opcode),
-    /// Whether the opcode was executed.
+    /// True if the opcode was executed.
     OpcodeExecuted(bool),
     /// The magic number.
     RestartNode(u64),
-    /// Whether the node restarts.
+    /// True if the node restarts.
     Restarting(bool),
-    /// Node with the file (0: who asks), and its path.
+    /// Node with the file (0: the sender of the request), and the file's path.
     BeginUpdate(NumberAndText),
-    /// Error (0: none), and why.
+    /// Error (0: none), and the reason.
     UpdateBegun(NumberAndText),
     TransportStatsRequest,
     TransportStats(TransportStats),
@@ -269,7 +269,7 @@ pub enum Message {
 }
 
 impl Message {
-    /// Reads a transfer. Never fails: what cannot be read is `Other`.
+    /// Decodes a transfer. Never fails: what cannot be decoded is `Other`.
     pub fn decode(transfer: &Transfer) -> Message {
         let payload = transfer.payload.as_slice();
         Message::decode_known(transfer.id, payload)
@@ -334,7 +334,7 @@ impl Message {
         }
     }
 
-    /// Type and payload for the wire; `None` for `Other`, whose type is not kept.
+    /// Type and payload; `None` for `Other`, which does not have its type.
     pub fn encode(&self) -> Option<(&'static DataType, Vec<u8>)> {
         Some(match self {
             Message::NodeStatus(status) => (&types::NODE_STATUS, status.encode()),
@@ -368,7 +368,7 @@ impl Message {
         })
     }
 
-    /// Whether it is a request (true) or a response (false) of a service; `None` for a broadcast.
+    /// True for a request, false for a response of a service; `None` for a broadcast.
     pub fn is_request(&self) -> Option<bool> {
         match self {
             Message::NodeInfoRequest
@@ -387,7 +387,7 @@ impl Message {
         }
     }
 
-    /// Name of its type, with the direction of a service: "GetNodeInfo request".
+    /// Name of the type, with the direction of a service: "GetNodeInfo request".
     pub fn name(&self) -> String {
         if let Message::Other { name, .. } = self {
             return name.clone();
@@ -401,7 +401,7 @@ impl Message {
     }
 }
 
-/// "GetNodeInfo request", "message 2222": the name of what an identifier announces.
+/// Name of the type of an identifier: "GetNodeInfo request", "message 2222".
 pub fn name_of(id: CanId) -> String {
     let direction = match id {
         CanId::Service { request: true, .. } => " request",

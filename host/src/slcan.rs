@@ -1,4 +1,4 @@
-//! The text protocol of SLCAN adapters: commands in, frames out.
+//! The text protocol of SLCAN adapters: commands to the adapter, frames from it.
 //!
 //! A command is a letter, its arguments, and a carriage return:
 //!
@@ -10,18 +10,18 @@
 //! | `F`     | flags                               | `V` `N`     | version, serial number                  |
 //! | `Z0` `Z1` | time stamps off, on               | `M` `m` `W` | acceptance filter: only "everything"    |
 //!
-//! Hexadecimal digits are taken in either case and sent in upper case. A line feed is ignored, an empty line is a
-//! command that does nothing. What is not in the table (`s`, `Q`, `X0`, CAN FD) is refused.
+//! Hexadecimal digits may have either case, and are sent in upper case. Line feeds are ignored; an empty line is a
+//! command without effect. Commands that are not in the table (`s`, `Q`, `X0`, CAN FD) are rejected.
 //!
-//! Source: Lawicel AB, "CAN232 manual" and "CANUSB manual", section "Available commands"; what pydronecan and python-can
-//! send was recorded.
+//! Source: Lawicel AB, "CAN232 manual" and "CANUSB manual", section "Available commands", and recordings of pydronecan and
+//! python-can.
 
 use crate::{Frame, Id};
 
 /// Longest command: `T`, identifier, length, eight bytes.
 const LINE_MAX: usize = 1 + 8 + 1 + 16;
 
-/// What a client may ask for.
+/// A command of a client.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     Nothing,
@@ -34,11 +34,11 @@ pub enum Command {
     Version,
     SerialNumber,
     Timestamps(bool),
-    /// A filter that passes everything, which is what there is.
+    /// A filter that passes everything, the only one that exists.
     AcceptAll,
 }
 
-/// Cuts what comes in into lines.
+/// Splits the input into commands.
 #[derive(Debug, Default)]
 pub struct Lines {
     line: Vec<u8>,
@@ -46,7 +46,7 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Takes a byte; at the end of a line gives the command in it, or `Err` if it is none.
+    /// Handles a byte. At the end of a line returns the command in it, or `Err` if it is invalid.
     pub fn push(&mut self, byte: u8) -> Option<Result<Command, ()>> {
         match byte {
             b'\n' => None,
@@ -81,7 +81,7 @@ fn parse(line: &[u8]) -> Option<Command> {
         (b'V', []) => Some(Command::Version),
         (b'N', []) => Some(Command::SerialNumber),
         (b'Z', [digit @ (b'0' | b'1')]) => Some(Command::Timestamps(*digit == b'1')),
-        // Acceptance code and mask of the SJA1000: a 1 in the mask is "does not matter".
+        // Acceptance code and mask of the SJA1000. A 1 in the mask means "does not matter".
         (b'M', [_, ..]) if rest.len() == 8 && hex(rest)? == 0 => Some(Command::AcceptAll),
         (b'm', [_, ..]) if rest.len() == 8 && hex(rest)? == u32::MAX => Some(Command::AcceptAll),
         (b'W', [b'0' | b'1']) => Some(Command::AcceptAll),
@@ -134,21 +134,21 @@ fn hex(digits: &[u8]) -> Option<u32> {
     digits.iter().try_fold(0, |value, digit| Some(value << 4 | char::from(*digit).to_digit(16)?))
 }
 
-/// What an adapter says to its client.
+/// A reply of an adapter to its client.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reply {
-    /// A command was done, or a frame was taken.
+    /// The adapter executed a command or accepted a frame.
     Done,
-    /// A command was not done (BEL).
+    /// The adapter rejected a command (BEL).
     Refused,
     Received(Frame),
-    /// An answer to a question (`V`, `F`), or an invalid line.
+    /// An answer to `V` or `F`, or an invalid line.
     Other,
 }
 
 const BEL: u8 = 0x07;
 
-/// Cuts what an adapter sends into replies.
+/// Splits an adapter's output into replies.
 #[derive(Debug, Default)]
 pub struct Replies {
     line: Vec<u8>,
@@ -158,7 +158,7 @@ pub struct Replies {
 const REPLY_MAX: usize = LINE_MAX + 4;
 
 impl Replies {
-    /// Takes a byte; at the end of a reply gives it.
+    /// Handles a byte. At the end of a reply returns it.
     pub fn push(&mut self, byte: u8) -> Option<Reply> {
         match byte {
             b'\n' => None,
@@ -172,7 +172,7 @@ impl Replies {
                 Some(reply)
             }
             _ => {
-                // What is too long is no reply, however it goes on.
+                // A reply that is too long is invalid.
                 if self.line.len() <= REPLY_MAX {
                     self.line.push(byte);
                 }
@@ -193,18 +193,18 @@ fn reply(line: &[u8]) -> Reply {
         _ => return Reply::Other,
     };
     let remote = matches!(letter, b'r' | b'R');
-    // The time stamp is there only if it was asked for, or if the adapter likes to.
+    // Adapters add time stamps on request; some always do.
     let stamped = || rest.split_last_chunk::<4>().filter(|(_, stamp)| hex(&stamp[..]).is_some());
     let received = frame(rest, id_digits, remote).or_else(|| frame(stamped()?.0, id_digits, remote));
     received.map_or(Reply::Other, Reply::Received)
 }
 
-/// The digit of the command `S` for a bit rate, if there is one.
+/// The digit of the command `S` for a bit rate, if it has one.
 pub fn rate_digit(bit_rate: u32) -> Option<char> {
     ('0'..='8').find(|digit| self::bit_rate(*digit as u8) == Some(bit_rate))
 }
 
-/// A frame as the client reads it, with the time in milliseconds of the minute if asked for.
+/// A frame in the form for the client, with the time in milliseconds of the minute if there is one.
 pub fn line(frame: &Frame, timestamp_ms: Option<u16>) -> Vec<u8> {
     let mut text = match (frame.id, frame.remote) {
         (Id::Standard(id), false) => format!("t{id:03X}"),
@@ -212,7 +212,7 @@ pub fn line(frame: &Frame, timestamp_ms: Option<u16>) -> Vec<u8> {
         (Id::Extended(id), false) => format!("T{id:08X}"),
         (Id::Extended(id), true) => format!("R{id:08X}"),
     };
-    // The protocol has no length codes above 8, which mean eight bytes too.
+    // The protocol has no DLC above 8; those mean eight bytes, too.
     text += &frame.dlc.min(8).to_string();
     for byte in frame.data() {
         text += &format!("{byte:02X}");
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn what_pydronecan_sends_is_understood() {
+    fn commands_of_pydronecan_are_parsed() {
         let frame = Frame::extended(0x1404_562A, &[0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
         assert_eq!(
             commands(b"\rC\rS8\rO\rF\rT1404562A60100a95c00c0\r"),
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_python_can_sends_is_understood() {
+    fn commands_of_python_can_are_parsed() {
         let expected = [
             Ok(Command::Version),
             Ok(Command::SerialNumber),
@@ -262,13 +262,13 @@ mod tests {
     }
 
     #[test]
-    fn both_hex_cases_and_line_feeds_are_taken() {
+    fn both_hex_cases_and_line_feeds_are_accepted() {
         let frame = Ok(Command::Send(Frame::extended(0x1ABC_DEF0, &[0xAB])));
         assert_eq!(commands(b"T1ABCDEF01AB\r\nT1abcdef01ab\r\n"), [frame, frame]);
     }
 
     #[test]
-    fn what_is_no_command_is_an_error() {
+    fn an_invalid_command_is_an_error() {
         let wrong: [&[u8]; 23] = [
             b"S9",
             b"S",
@@ -301,14 +301,14 @@ mod tests {
     }
 
     #[test]
-    fn an_overlong_line_is_one_error_and_the_next_line_counts() {
+    fn a_line_that_is_too_long_is_one_error() {
         let mut bytes = vec![b'T'; 100_000];
         bytes.extend(b"\rO\r");
         assert_eq!(commands(&bytes), [Err(()), Ok(Command::Open)]);
     }
 
     #[test]
-    fn frames_read_back_as_they_were_written() {
+    fn frames_survive_a_round_trip() {
         let frames = [
             Frame::extended(0x1FFF_FFFF, &[1, 2, 3, 4, 5, 6, 7, 0xFF]),
             Frame::standard(0, &[]),
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_understands_what_an_adapter_says() {
+    fn replies_of_an_adapter_are_parsed() {
         let frame = Frame::extended(0x1404_562A, &[0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
         let stamped = line(&frame, Some(59_999));
         let said = [b"\r\x07Z\rz\rV1013\r".to_vec(), line(&frame, None), stamped, b"t12\r".to_vec()].concat();
@@ -334,9 +334,9 @@ mod tests {
         assert_eq!(replies(&said), [done, Reply::Refused, done, done, other, received, received, other]);
     }
 
-    /// Four digits more are a time stamp, but only behind the data that the length announces.
+    /// Four more digits are a time stamp, but only after as much data as the length says.
     #[test]
-    fn a_time_stamp_is_told_from_data() {
+    fn a_time_stamp_is_distinguished_from_data() {
         let remote = Frame::remote(Id::Standard(0x123), 4);
         assert_eq!(replies(b"r1234\rr1234ABCD\r"), [Reply::Received(remote); 2]);
         let data = Frame::standard(0x123, &[0xAB]);
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn an_overlong_reply_is_one_rubbish_and_the_next_counts() {
+    fn a_reply_that_is_too_long_is_one_invalid_reply() {
         let mut bytes = vec![b'T'; 100_000];
         bytes.extend(b"\rZ\r");
         assert_eq!(replies(&bytes), [Reply::Other, Reply::Done]);
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn a_length_code_above_eight_is_said_as_eight() {
+    fn a_dlc_above_eight_is_sent_as_eight() {
         let frame = Frame::with_dlc(Id::Standard(1), 15, [0; 8]);
         assert_eq!(line(&frame, None), b"t00180000000000000000\r");
     }

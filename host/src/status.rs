@@ -1,18 +1,18 @@
-//! What a node says of itself: protocol.NodeStatus, which is a message, and the beginning of a GetNodeInfo response.
+//! The status of a node: protocol.NodeStatus, which is a message and the beginning of a GetNodeInfo response.
 
 use std::fmt;
 
-/// What a GetNodeInfo response begins with: a NodeStatus, as the dialect writes it.
+/// A NodeStatus in a GetNodeInfo response, in the form of a dialect.
 pub trait StatusField: Sized {
-    /// Bytes of it in a response.
+    /// Its length in bytes.
     const LEN: usize;
-    /// That many bytes, else `None`.
+    /// Decodes [`LEN`](Self::LEN) bytes; `None` for another length.
     fn read(bytes: &[u8]) -> Option<Self>;
-    /// The other way round.
+    /// Encodes it.
     fn bytes(&self) -> Vec<u8>;
 }
 
-/// Status code of a node.
+/// Health of a node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Health {
     #[default]
@@ -33,7 +33,7 @@ impl fmt::Display for Health {
     }
 }
 
-/// What a node says it is doing. Numbers 4 to 6 are not defined by the dialect.
+/// Mode of a node. The dialect does not define 4 to 6.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mode {
     #[default]
@@ -106,7 +106,7 @@ impl StatusField for NodeStatus {
 }
 
 impl NodeStatus {
-    /// Seven bytes exactly, else `None`.
+    /// `None` unless the payload has seven bytes.
     pub fn decode(payload: &[u8]) -> Option<NodeStatus> {
         let &[u0, u1, u2, u3, state, v0, v1] = payload else {
             return None;

@@ -1,4 +1,4 @@
-//! The codec against bytes of another implementation: pydronecan 1.0.27, in both directions.
+//! Tests of the codec with bytes of another implementation, pydronecan 1.0.27, in both directions.
 
 use super::management::NumberAndText;
 use super::*;
@@ -6,10 +6,10 @@ use half::f16;
 use proptest::prelude::*;
 use std::time::Duration;
 
-/// All frames at the same time, where it is not what matters.
+/// Time of all frames where the time does not matter.
 const AT: Duration = Duration::ZERO;
 
-/// Frames of one transfer: identifier, then the data fields as hexadecimal, separated by `|`.
+/// Golden frames of one transfer: identifier, then the data in hexadecimal, separated by `|`.
 struct Golden {
     id: u32,
     data: Vec<Vec<u8>>,
@@ -25,7 +25,7 @@ fn golden(text: &str) -> Golden {
     Golden { id: u32::from_str_radix(id, 16).unwrap(), data: data.split('|').map(field).collect() }
 }
 
-/// Feeds the frames of a vector; the last must complete the transfer.
+/// Assembles the frames of a golden transfer; the last one must complete it.
 #[track_caller]
 fn assemble(vector: &Golden) -> Transfer {
     let mut assembler = Assembler::new();
@@ -39,7 +39,7 @@ fn assemble(vector: &Golden) -> Transfer {
     }
 }
 
-/// A vector must decode to `message`, and `message` must encode to the vector.
+/// Checks that a golden transfer decodes to `message`, and that `message` encodes to it.
 #[track_caller]
 fn both_ways(vector: &str, message: Message, text: &str) {
     let vector = golden(vector);
@@ -53,7 +53,7 @@ fn both_ways(vector: &str, message: Message, text: &str) {
     assert_eq!(split(&payload, transfer.transfer_id, signature), vector.data);
 }
 
-/// A vector of a type that is only named: it must assemble with a right CRC and split into the same frames.
+/// Checks a golden transfer of a type that is not decoded: it must assemble with a valid CRC and split into the same frames.
 #[track_caller]
 fn carried(vector: &str, name: &str) {
     let vector = golden(vector);
@@ -112,7 +112,7 @@ fn array_command_of_two_frames_equals_pydronecan() {
     );
 }
 
-/// NaN is not equal to itself, so the decoded form is compared by its text; the bytes must still survive.
+/// NaN is not equal to itself, so this compares the decoded form as text. The bytes must survive the round trip.
 #[test]
 fn actuator_status_equals_pydronecan() {
     let vector = golden("1803F32A 67 C0 01 00 34 FF 7F 81 | FF 7F 7F 61");
@@ -148,7 +148,7 @@ fn circuit_status_equals_pydronecan() {
     );
     let vector = golden("18044378 78 00 4D 4A FF 7F 00 C5");
     let message = Message::decode(&assemble(&vector));
-    assert_eq!(message.to_string(), "CircuitStatus circuit 120 12.60 V", "a current of NaN is not known");
+    assert_eq!(message.to_string(), "CircuitStatus circuit 120 12.60 V", "a current of NaN is unknown and not shown");
     assert_eq!(message.encode().unwrap().1, vector.data[0][..7]);
     assert_eq!(status(1, 0.0, 0.0, 0x81).to_string(), "circuit 1 0.00 V 0.00 A OVERVOLTAGE flags 0x80");
 }
@@ -177,7 +177,7 @@ fn raw_commands_equal_pydronecan() {
 }
 
 #[test]
-fn raw_commands_of_a_length_that_no_count_has_are_shown_as_bytes() {
+fn raw_commands_of_an_impossible_length_are_shown_as_bytes() {
     for length in (0..=40).filter(|length| !(0..=20).any(|count| (14usize * count).div_ceil(8) == *length)) {
         assert_eq!(esc::decode_commands(&vec![0; length]), None, "{length} bytes");
     }
@@ -389,13 +389,13 @@ fn allocations_equal_pydronecan() {
 }
 
 #[test]
-fn an_empty_list_says_so() {
+fn an_empty_list_is_shown_as_empty() {
     both_ways("1003F20A C5", Message::ArrayCommand(Vec::new()), "ArrayCommand (empty)");
 }
 
-/// Each from its own signature: a wrong one would show as a wrong CRC.
+/// Each has its own signature; a wrong one would cause a wrong CRC.
 #[test]
-fn types_that_are_only_named_equal_pydronecan() {
+fn types_that_are_not_decoded_equal_pydronecan() {
     carried("1E30FFAA 7E F0 00 01 00 00 00 80 | 66 77 2E 62 69 6E 60", "file.Read request");
     carried("18042E0A 01 01 00 C0", "hardpoint.Command");
 }
@@ -426,7 +426,7 @@ fn a_wrong_byte_in_a_long_transfer_is_noticed() {
 }
 
 #[test]
-fn a_missing_frame_spoils_only_its_own_transfer() {
+fn a_missing_frame_affects_only_its_own_transfer() {
     let payload: Vec<u8> = (0..20).collect();
     let frames = split(&payload, TransferId::new(4), types::ARRAY_COMMAND.signature.unwrap());
     let id = 0x1003_F20A;
@@ -454,7 +454,7 @@ fn transfers_of_two_nodes_may_interleave() {
 }
 
 #[test]
-fn a_transfer_is_given_up_after_two_seconds() {
+fn a_transfer_times_out_after_two_seconds() {
     let frames = split(&[0; 8], TransferId::new(0), types::ARRAY_COMMAND.signature.unwrap());
     let two_seconds = Duration::from_secs(2);
     for (end, complete) in [(two_seconds, true), (two_seconds + Duration::from_nanos(1), false)] {
@@ -491,7 +491,7 @@ fn transfer_ids_count_modulo_32() {
 }
 
 proptest! {
-    /// What has been decoded encodes to the same bytes, for all that is decoded in full and has no unused bits.
+    /// A decoded message without unused bits encodes to the same bytes.
     #[test]
     fn parameter_messages_survive_both_ways(payload in prop::collection::vec(any::<u8>(), 0..40), service in 0usize..3) {
         let id = [0x1E0B_F8FF, 0x1E0B_7FF8, 0x1E00_017F][service];
@@ -504,9 +504,9 @@ proptest! {
         }
     }
 
-    /// Bus input never panics, whatever is in it.
+    /// No frame from the bus may cause a panic.
     #[test]
-    fn any_frame_is_taken(frames in prop::collection::vec((0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)), 0..64)) {
+    fn no_frame_causes_a_panic(frames in prop::collection::vec((0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)), 0..64)) {
         let mut assembler = Assembler::new();
         for (id, data) in frames {
             if let Outcome::Complete(transfer) = assembler.push(id, &data, AT) {
@@ -515,7 +515,7 @@ proptest! {
         }
     }
 
-    /// Parsing loses nothing of an identifier that the dialect allows.
+    /// Parsing and building an allowed identifier gives the same identifier.
     #[test]
     fn identifiers_survive_parse_and_build(raw in 0u32..1 << 29) {
         if let Some(id) = CanId::parse(raw) {
@@ -523,7 +523,7 @@ proptest! {
         }
     }
 
-    /// What is split comes together again, at any length.
+    /// Assembling the frames of a payload gives the payload, at any length.
     #[test]
     fn split_and_assembly_are_inverse(payload in prop::collection::vec(any::<u8>(), 0..300), number in 0u8..32) {
         let frames = split(&payload, TransferId::new(number), types::GET_NODE_INFO.signature.unwrap());

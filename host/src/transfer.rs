@@ -1,11 +1,11 @@
-//! Transfers: the tail byte, splitting a payload into frames, and putting frames together again.
+//! Transfers: the tail byte, splitting a payload into frames, and reassembling frames.
 //!
 //! Tail byte, last in every frame: `start[7] end[6] toggle[5] transfer_id[4:0]`. A payload of up to 7 bytes is one
-//! frame. A longer one is preceded by its CRC, little endian, and cut into frames of 7 bytes with the toggle bit
+//! frame. A longer one follows its CRC, little endian, and is split into frames of 7 bytes with the toggle bit
 //! alternating from 0 (DroneCAN specification, "CAN bus transport layer").
 //!
-//! Assembly invariants: only a start frame opens or replaces a session; a frame that does not continue its session
-//! closes it. Repeated transfer IDs are not filtered, for this is the view of an observer: what was sent is shown.
+//! Assembly invariants: only a start frame opens or replaces a session. A frame that does not continue its session
+//! closes it. Repeated transfer IDs are not filtered, because an observer shows every frame.
 
 use super::{Frame, crc, id::CanId, sessions::Sessions, types::DataType};
 use std::time::Duration;
@@ -13,18 +13,18 @@ use std::time::Duration;
 const START: u8 = 1 << 7;
 const END: u8 = 1 << 6;
 const TOGGLE: u8 = 1 << 5;
-/// Payload bytes of a frame: eight less the tail byte.
+/// Payload bytes of a frame: eight minus the tail byte.
 const FRAME_PAYLOAD: usize = 7;
-/// A transfer that is not complete this long after its start is given up (specification, transfer-ID timeout).
+/// A transfer that is not complete this long after its start times out (specification, transfer-ID timeout).
 const TIMEOUT: Duration = Duration::from_secs(2);
-/// Longest payload of a type that is not known: that of file.Read, the longest in use, with room to spare.
+/// Longest payload of an unknown type: more than that of file.Read, the longest in use.
 const PAYLOAD_MAX: usize = 512;
 
-/// Number of a transfer, counted in so many bits.
+/// Transfer ID of `BITS` bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct TransferNumber<const BITS: u32>(u8);
 
-/// Number of a transfer, modulo 32.
+/// Transfer ID, modulo 32.
 pub type TransferId = TransferNumber<5>;
 
 impl<const BITS: u32> TransferNumber<BITS> {
@@ -35,12 +35,12 @@ impl<const BITS: u32> TransferNumber<BITS> {
         TransferNumber(id & Self::MASK)
     }
 
-    /// The number, from 0 on.
+    /// The ID as a number.
     pub const fn get(self) -> u8 {
         self.0
     }
 
-    /// Gives the current number and moves on to the next.
+    /// Returns the current ID and advances to the next.
     pub fn advance(&mut self) -> TransferNumber<BITS> {
         let current = *self;
         *self = TransferNumber::new(self.0.wrapping_add(1));
@@ -48,28 +48,28 @@ impl<const BITS: u32> TransferNumber<BITS> {
     }
 }
 
-/// A whole transfer as seen on the bus.
+/// A complete transfer on the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Transfer {
     pub id: CanId,
     pub transfer_id: TransferId,
     pub payload: Vec<u8>,
-    /// Frames that carried it.
+    /// Number of frames that carried it.
     pub frames: usize,
 }
 
-/// Result of a frame.
+/// The result of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// The transfer is whole, and its CRC right where it has one.
+    /// The transfer is complete, and its CRC is valid if it has one.
     Complete(Transfer),
-    /// A part, more to come.
+    /// The frame is part of a transfer that is not complete.
     Partial,
-    /// Not a valid part of anything; the text says why.
+    /// The frame is not valid; the text has the reason.
     Invalid(&'static str),
 }
 
-/// Data fields of the frames that carry `payload`, in order. `signature` is that of the data type; a payload of one
+/// Data of the frames that carry `payload`, in order. `signature` is that of the data type; a single
 /// frame does not need it.
 pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec<u8>> {
     if payload.len() <= FRAME_PAYLOAD {
@@ -94,8 +94,8 @@ pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec
         .collect()
 }
 
-/// The frames that carry `payload` under this identifier, in order. A type that is not in [`types`](super::types) has no signature, so that its payload must
-/// fit in one frame.
+/// The frames that carry `payload` under this identifier, in order. A type that is not in [`types`](super::types) has no known signature, so its
+/// payload must fit in one frame.
 pub fn frames(id: CanId, payload: &[u8], transfer_id: TransferId) -> Vec<Frame> {
     let signature = DataType::of(id).and_then(|data_type| data_type.signature).unwrap_or(0);
     split(payload, transfer_id, signature).iter().map(|data| Frame::extended(id.build(), data)).collect()
@@ -110,8 +110,8 @@ struct SoFar {
     stream: Vec<u8>,
 }
 
-/// Puts the frames of all nodes on a bus together. One session per identifier, for frames of one transfer share it. Of transfers
-/// that never end only the newest are kept.
+/// Reassembles the transfers of all nodes on a bus. One session per identifier, because the frames of a transfer share it. Of incomplete
+/// transfers only the newest are kept.
 pub struct Assembler {
     sessions: Sessions<CanId, SoFar>,
 }
@@ -123,12 +123,12 @@ impl Default for Assembler {
 }
 
 impl Assembler {
-    /// No session open.
+    /// An assembler without a session.
     pub fn new() -> Assembler {
         Assembler { sessions: Sessions::new(TIMEOUT) }
     }
 
-    /// Takes an extended data frame that ended at `at`, counted from any moment that stays the same.
+    /// Handles an extended data frame that ended at `at`. All times count from the same moment.
     pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Outcome {
         let Some(id) = CanId::parse(id) else {
             return Outcome::Invalid("service frame of node 0");
@@ -192,7 +192,7 @@ impl Assembler {
         }
         let payload = so_far.stream.split_off(2);
         let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
-        // A type without a known signature cannot be checked; an observer shows it all the same.
+        // Without a known signature the CRC cannot be checked; an observer shows the transfer nevertheless.
         if let Some(data_type) = DataType::of(id)
             && let Some(signature) = data_type.signature
             && crc::transfer(signature, &payload) != sent_crc
@@ -210,7 +210,7 @@ mod tests {
 
     const FIRST: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, START];
 
-    /// The first frame of a transfer under each of so many identifiers.
+    /// Pushes the first frames of `count` transfers with different identifiers.
     fn begin(assembler: &mut Assembler, count: u32, at: Duration) {
         for n in 0..count {
             assert_eq!(assembler.push(0x1000_0001 + (n << 8), &FIRST, at), Outcome::Partial);
@@ -218,18 +218,18 @@ mod tests {
     }
 
     #[test]
-    fn transfers_that_never_end_do_not_pile_up_and_hinder_no_other() {
+    fn incomplete_transfers_use_limited_memory_and_do_not_stop_others() {
         let mut assembler = Assembler::new();
         begin(&mut assembler, 50_000, Duration::ZERO);
         assert_eq!(assembler.sessions.len(), SESSIONS_MAX);
-        // A type that nobody knows, whose CRC cannot be checked.
+        // An unknown type, whose CRC cannot be checked.
         assert_eq!(assembler.push(0x1FFF_F002, &FIRST, Duration::ZERO), Outcome::Partial);
         let end = assembler.push(0x1FFF_F002, &[8, END | TOGGLE], Duration::ZERO);
         assert!(matches!(end, Outcome::Complete(Transfer { payload, .. }) if payload == [3, 4, 5, 6, 7, 8]));
     }
 
     #[test]
-    fn of_very_many_transfers_those_that_are_too_old_are_forgotten_first() {
+    fn of_too_many_transfers_those_that_timed_out_are_removed_first() {
         let mut assembler = Assembler::new();
         begin(&mut assembler, SESSIONS_MAX as u32, Duration::ZERO);
         let later = TIMEOUT + Duration::from_millis(1);

@@ -1,20 +1,20 @@
-//! Bytes of serial ports through the bus: tunnel.Broadcast and tunnel.Targetted.
+//! Bytes of serial ports over the bus: tunnel.Broadcast and tunnel.Targetted.
 //!
 //! ```text
 //! Broadcast   protocol u8 | channel u8 | buffer u8[<=60]
 //! Targetted   protocol u8 | target node u7 | serial port i5 | options u4 | baud rate u24 | buffer u8[<=120]
 //! ```
-//! The three fields between the protocol and the baud rate fill their two bytes from the top. Little endian.
+//! The three fields between the protocol and the baud rate fill two bytes from the most significant bit. Little endian.
 
 use super::id::NodeId;
 
-/// Bytes that one tunnel.Broadcast carries.
+/// Maximum number of bytes in one tunnel.Broadcast.
 pub const BROADCAST_MAX: usize = 60;
-/// Bytes that one tunnel.Targetted carries.
+/// Maximum number of bytes in one tunnel.Targetted.
 pub const TARGETTED_MAX: usize = 120;
 /// tunnel.Protocol.GPS_GENERIC, which ArduPilot's nodes and tools use for every serial port.
 pub const GPS_GENERIC: u8 = 2;
-/// Targetted.OPTION_LOCK_PORT: the program at the other end of the port is cut off meanwhile.
+/// Targetted.OPTION_LOCK_PORT: the node's own program does not use the port meanwhile.
 pub const LOCK_PORT: u8 = 1;
 /// The node's default port.
 pub const DEFAULT_PORT: i8 = -1;
@@ -28,7 +28,7 @@ pub struct TunnelBroadcast {
 }
 
 impl TunnelBroadcast {
-    /// `None` if it is too short or too long.
+    /// `None` if the payload is too short or too long.
     pub fn decode(payload: &[u8]) -> Option<TunnelBroadcast> {
         match payload {
             [protocol, channel, buffer @ ..] if buffer.len() <= BROADCAST_MAX => {
@@ -58,13 +58,13 @@ pub struct TunnelTargetted {
 }
 
 impl TunnelTargetted {
-    /// `None` if it is too short or too long, or for no node.
+    /// `None` if the payload is too short or too long, or the target is node 0.
     pub fn decode(payload: &[u8]) -> Option<TunnelTargetted> {
         let [protocol, a, b, baud0, baud1, baud2, buffer @ ..] = payload else { return None };
         if buffer.len() > TARGETTED_MAX {
             return None;
         }
-        // Five bits with their sign, moved to the top of a byte and back.
+        // Sign-extends the five bits: shifts them to the top of a byte and back.
         let serial_port = ((a << 7 | b >> 1) as i8) >> 3;
         Some(TunnelTargetted {
             protocol: *protocol,
@@ -91,7 +91,7 @@ mod tests {
 
     /// Bytes of pydronecan 1.0.27.
     #[test]
-    fn both_messages_are_as_pydronecan_writes_them() {
+    fn both_messages_equal_pydronecan_s() {
         let targetted = TunnelTargetted {
             protocol: GPS_GENERIC,
             target: NodeId::new(120).unwrap(),
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_short_too_long_or_for_no_node_is_nothing() {
+    fn payloads_that_are_too_short_too_long_or_for_no_node_are_rejected() {
         assert_eq!(TunnelTargetted::decode(&[2, 0xF1, 0xF1, 0, 0]), None);
         assert_eq!(TunnelTargetted::decode(&[2, 0x01, 0xF1, 0, 0, 0]), None);
         assert_eq!(TunnelTargetted::decode(&[2; 6 + TARGETTED_MAX + 1]), None);

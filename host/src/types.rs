@@ -1,28 +1,28 @@
-//! Names, signatures and lengths of the data types that may be met on a bus, so that the traffic view can name them and
-//! check the CRC of long transfers, and a planner knows what they take.
+//! Names, signatures and lengths of the data types that a bus may have. The traffic view shows the names and
+//! checks the CRC of long transfers; the bus planner uses the lengths.
 //!
-//! Source: public DroneCAN DSDL; signatures and lengths computed with pydronecan 1.0.27. The thesis's two types have no
-//! CRC to check, as they fit in one frame.
+//! Source: public DroneCAN DSDL; signatures and lengths computed with pydronecan 1.0.27. The thesis's two types need no
+//! signature, because they fit in one frame.
 
 use super::id::CanId;
 
-/// Whether a type is broadcast or asked for. The two have separate number spaces.
+/// Message or service. The two have separate data type IDs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Message,
     Service,
 }
 
-/// Length of a payload: a fixed part, and a list that is last in it and may be empty.
+/// Length of a payload: a fixed part, and a list at the end that may be empty.
 ///
-/// A list further in front counts as empty, and of a union the longest member counts.
+/// A list that is not at the end counts as empty, and a union has the length of its longest member.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
-    /// Everything but the list's elements, in bits.
+    /// Length without the list's elements, in bits.
     pub fixed_bits: u16,
-    /// One element of the list, in bits; 0 without a list.
+    /// Length of a list element in bits; 0 without a list.
     pub element_bits: u16,
-    /// Elements that the list can hold; 0 without a list.
+    /// Maximum number of elements in the list; 0 without a list.
     pub elements_max: u16,
 }
 
@@ -35,21 +35,21 @@ const fn list(fixed_bits: u16, element_bits: u16, elements_max: u16) -> Layout {
 }
 
 impl Layout {
-    /// Bytes with that many elements in the list. The last byte may be used in part.
+    /// Length in bytes with this number of elements. The last byte may be used partly.
     pub const fn bytes(self, elements: u16) -> usize {
         let bits = self.fixed_bits as usize + self.element_bits as usize * elements as usize;
         bits.div_ceil(8)
     }
 }
 
-/// One known type.
+/// A known type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DataType {
     pub kind: Kind,
     pub id: u16,
-    /// Short name, without the name space where it is plain without.
+    /// Short name, without the namespace if it is unambiguous without.
     pub name: &'static str,
-    /// Known signature, for the transfer CRC.
+    /// Signature for the transfer CRC, if it is known.
     pub signature: Option<u64>,
     /// Payload of the message, or of the service's request.
     pub payload: Layout,
@@ -79,7 +79,7 @@ pub const LIGHTS_COMMAND: DataType = message(1081, "LightsCommand", 0x2031_D93C_
 pub const CIRCUIT_STATUS: DataType = message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56));
 pub const ARMING_STATUS: DataType = message(1100, "ArmingStatus", 0x8700_F375_556A_8003, fixed(8));
 pub const TEMPERATURE: DataType = message(1110, "Temperature", 0x7026_1C28_A941_44C6, fixed(40));
-/// One byte: servo command, 0..255 over the full travel.
+/// One byte: servo command, 0 to 255 over the full travel.
 pub const THESIS_COMMAND: DataType = thesis(1111, "thesis.ServoCommand");
 /// One byte: degrees Celsius.
 pub const THESIS_TEMPERATURE: DataType = thesis(1112, "thesis.DegreesCelsius");
@@ -170,11 +170,11 @@ pub const KNOWN: &[DataType] = &[
     service(63, "tunnel.Call", 0xDB11_EDC5_1050_2658, list(16, 8, 60), list(0, 8, 60)),
 ];
 
-/// Where public types live; the thesis's have names of their own.
+/// Namespaces of public types; the thesis's types have none.
 const ROOTS: [&str; 3] = ["uavcan", "ardupilot", "dronecan"];
 
 impl DataType {
-    /// The type that a frame with this identifier carries, if it is a known one.
+    /// The type of a frame with this identifier, if it is known.
     pub fn of(id: CanId) -> Option<&'static DataType> {
         let (kind, number) = match id {
             CanId::Message { type_id, .. } => (Kind::Message, type_id),
@@ -184,21 +184,21 @@ impl DataType {
         KNOWN.iter().find(|t| t.kind == kind && t.id == number)
     }
 
-    /// Identifier of a broadcast of this type. Meant for messages: a service also needs a destination.
+    /// Identifier of a broadcast of this type. For messages only: a service also needs a destination.
     pub fn message_id(&self, priority: u8, source: super::NodeId) -> CanId {
         debug_assert!(self.kind == Kind::Message, "{} is a service", self.name);
         CanId::Message { priority, type_id: self.id, source }
     }
 
-    /// All types that a user may mean by `text`: a name as here, its end ("Status"), or the full DSDL name. Upper and
-    /// lower case are the same.
+    /// All types that match the user's `text`: a name as here, its end ("Status"), or the full DSDL name. Case does not
+    /// matter.
     pub fn by_name(text: &str) -> Vec<&'static DataType> {
         let text = text.to_ascii_lowercase();
         let full = text.split_once('.').is_some_and(|(root, _)| ROOTS.contains(&root));
         let ends_with = |whole: &str, end: &str| whole.strip_suffix(end).is_some_and(|front| front.ends_with('.'));
         let means = |name: &str| name == text || ends_with(name, &text) || full && ends_with(&text, name);
         let found: Vec<_> = KNOWN.iter().filter(|known| means(&known.name.to_ascii_lowercase())).collect();
-        // An exact name is meant even where it is the end of another.
+        // An exact name has precedence over the end of another.
         match found.iter().find(|known| known.name.eq_ignore_ascii_case(&text)) {
             Some(exact) => vec![exact],
             None => found,

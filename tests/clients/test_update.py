@@ -118,7 +118,7 @@ def test_wrong_nodes_and_wrong_files_are_rejected_with_a_remedy(remote_board, tm
     assert "take the .bin" in node_update(remote_board, file=node_elf("remote"), code=2)
     cut = tmp_path / "cut.bin"
     cut.write_bytes(node_elf("remote").with_suffix(".bin").read_bytes()[:-100])
-    assert "it is cut" in node_update(remote_board, file=cut, code=2)
+    assert "it is incomplete" in node_update(remote_board, file=cut, code=2)
 
 
 def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):

@@ -44,7 +44,7 @@ pub struct Args {
     #[arg(long, value_name = "BIT/S", default_value_t = 1_000_000)]
     pub bitrate: u32,
 
-    /// Address of the network interface for mcast:, if the bus is to leave this machine
+    /// Address of the network interface for mcast:, to reach other machines
     #[arg(long, value_name = "ADDRESS")]
     pub mcast_interface: Option<Ipv4Addr>,
 
@@ -52,15 +52,15 @@ pub struct Args {
     #[arg(long, value_name = "ID", default_value = "125", value_parser = node_id)]
     pub own_id: NodeId,
 
-    /// Print lines also where the output is a terminal
+    /// Print lines even if the output is a terminal
     #[arg(long)]
     pub plain: bool,
 }
 
-/// Which nodes to update.
+/// The nodes to update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Nodes {
-    /// All whose hardware the file is for.
+    /// All nodes with the hardware of the file.
     All,
     One(NodeId),
 }

@@ -15,14 +15,14 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use crate::args::Args;
 use crate::session::{Action, Outcome, Session};
 
-/// A bus that opens is up after this time.
+/// Time in which a bus must answer after it was opened.
 const OPENS_WITHIN: Duration = Duration::from_secs(3);
-/// The longest wait for frames, so that a signal is seen.
+/// The longest wait for frames, so that a signal takes effect.
 const TURN: Duration = Duration::from_millis(50);
 /// The period of NodeStatus (protocol.NodeStatus).
 const STATUS_PERIOD: Duration = Duration::from_secs(1);
 
-/// Priorities of services and of NodeStatus, as DroneCAN's own tools use them.
+/// Priorities of services and of NodeStatus, as in DroneCAN's own tools.
 const SERVICE_PRIORITY: u8 = 16;
 const STATUS_PRIORITY: u8 = 20;
 
@@ -43,7 +43,7 @@ impl Client {
     /// Opens the bus.
     ///
     /// # Errors
-    /// If it cannot be opened; the message says what to do.
+    /// If the bus cannot be opened; the message says what to do.
     pub fn open(args: &Args, interrupted: Arc<AtomicBool>) -> Result<Client> {
         let mut client = Client {
             bus: Bus::new(args.bus.clone(), args.bitrate, args.mcast_interface),
@@ -69,7 +69,7 @@ impl Client {
         self.start.elapsed()
     }
 
-    /// True if a signal has asked the program to end.
+    /// True if a signal asked the program to end.
     pub fn is_interrupted(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)
     }
@@ -100,15 +100,15 @@ impl Client {
         }
     }
 
-    /// Waits for frames, at most [`TURN`]. Returns the transfers that they complete, without those to other nodes.
+    /// Waits for frames, at most [`TURN`]. Returns the completed transfers, without those for other nodes.
     ///
     /// # Errors
-    /// If the bus has gone away.
+    /// If the bus was lost.
     pub fn receive(&mut self) -> Result<Vec<Transfer>> {
         let wait = Timespec { tv_sec: 0, tv_nsec: TURN.subsec_nanos().into() };
         if let Some((fd, wants_to_write)) = self.bus.poll_fd() {
             let flags = if wants_to_write { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
-            // An error here is a signal: the flag says so.
+            // A signal causes an error here; the flag handles it.
             let _ = poll(&mut [PollFd::from_borrowed_fd(fd, flags)], Some(&wait));
         }
         let now = self.now();
@@ -137,7 +137,7 @@ impl Client {
     /// Runs an update until it ends. Returns `None` if a signal ended it.
     ///
     /// # Errors
-    /// If the bus has gone away.
+    /// If the bus was lost.
     pub fn run(&mut self, session: &mut Session, mut show: impl FnMut(&Session)) -> Result<Option<Outcome>> {
         while !self.is_interrupted() {
             for transfer in self.receive()? {

@@ -6,13 +6,13 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail, ensure};
 use crc::{CRC_16_IBM_3740, Crc};
 
-/// Where the header is: major and minor hardware version, major and minor version of the program, length of the file (little-endian).
+/// Address of the header: major and minor hardware version, major and minor version of the program, length of the file (little-endian).
 const HEADER: usize = 0x68;
 const HEADER_LEN: usize = 6;
-/// The shortest file has more than a page of flash, the longest fills an ATmega328P but for the loader.
+/// A file has more than a page of flash, and at most the flash of an ATmega328P without the bootloader.
 const LENGTHS: std::ops::RangeInclusive<usize> = 129..=30_720;
 
-/// A firmware file with the right CRC.
+/// A firmware file whose CRC is valid.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FirmwareFile {
     pub bytes: Vec<u8>,
@@ -26,11 +26,11 @@ impl FirmwareFile {
     /// Reads a file and checks it.
     ///
     /// # Errors
-    /// If it is no firmware file; the message says what it may be, and what to do.
+    /// If it is not a firmware file; the message says what it may be, and what to do.
     pub fn read(path: &Path) -> Result<FirmwareFile> {
         let metadata = std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
-        // An ELF is longer, but not much.
-        ensure!(metadata.is_file() && metadata.len() < 1 << 26, "{} is no firmware file", path.display());
+        // A limit far above any ELF, so that a wrong file is not read completely.
+        ensure!(metadata.is_file() && metadata.len() < 1 << 26, "{} is not a firmware file", path.display());
         let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         FirmwareFile::parse(bytes).with_context(|| path.display().to_string())
     }
@@ -38,7 +38,7 @@ impl FirmwareFile {
     /// Checks the bytes of a file.
     fn parse(bytes: Vec<u8>) -> Result<FirmwareFile> {
         if bytes.starts_with(b"\x7FELF") {
-            bail!("this is an ELF file: take the .bin that \"make firmware\" leaves beside it");
+            bail!("this is an ELF file: take the .bin that \"make firmware\" writes next to it");
         }
         if bytes.starts_with(b":") {
             bail!("this is an Intel HEX file: take the .bin of \"make firmware\"");
@@ -51,10 +51,10 @@ impl FirmwareFile {
         let length = usize::from(u16::from_le_bytes([low, high]));
         ensure!(
             length == bytes.len() && LENGTHS.contains(&length),
-            "the file has {} bytes, and its header says {length}: it is cut, or no firmware file",
+            "the file has {} bytes, and its header says {length}: it is incomplete, or not a firmware file",
             bytes.len()
         );
-        // The CRC at the end has the high byte first, so that the CRC of all bytes is 0.
+        // The CRC at the end has the high byte first, so the CRC of all bytes is 0.
         ensure!(
             Crc::<u16>::new(&CRC_16_IBM_3740).checksum(&bytes) == 0,
             "the CRC of the file is wrong: it was changed. Build it again"
@@ -86,26 +86,26 @@ pub mod tests {
     }
 
     #[track_caller]
-    fn refused(bytes: &[u8], text: &str) {
+    fn assert_rejected(bytes: &[u8], text: &str) {
         let error = FirmwareFile::parse(bytes.to_vec()).unwrap_err().to_string();
         assert!(error.contains(text), "{error}");
     }
 
     #[test]
-    fn a_file_says_what_it_is_for() {
+    fn a_file_has_the_versions_of_hardware_and_program() {
         let file = file_of(1000);
         assert_eq!((file.hardware, file.software, file.bytes.len()), ((2, 1), (1, 3), 1000));
     }
 
     #[test]
-    fn what_is_no_firmware_file_is_refused_with_advice() {
+    fn other_files_are_rejected_with_a_remedy() {
         let FirmwareFile { bytes, .. } = file_of(1000);
-        refused(b"\x7FELF", "take the .bin");
-        refused(b":10000000", "Intel HEX");
-        refused(b"", "too few");
-        refused(&bytes[..999], "the file has 999 bytes, and its header says 1000");
+        assert_rejected(b"\x7FELF", "take the .bin");
+        assert_rejected(b":10000000", "Intel HEX");
+        assert_rejected(b"", "too few");
+        assert_rejected(&bytes[..999], "the file has 999 bytes, and its header says 1000");
         let mut changed = bytes;
         changed[500] ^= 1;
-        refused(&changed, "CRC");
+        assert_rejected(&changed, "CRC");
     }
 }

@@ -1,7 +1,7 @@
 //! Sends a firmware to nodes over the DroneCAN bus: `make update`.
 //!
-//! The story: read the file, open the bus, find the nodes, and update one after the other. [`session::Session`] decides what an update does next, and
-//! neither waits nor sends; [`client::Client`] sends and receives for it. docs/update.md describes the files and the loader.
+//! The program reads the file, opens the bus, finds the nodes, and updates one after the other. [`session::Session`] decides what an update does
+//! next, and neither waits nor sends; [`client::Client`] sends and receives for it. docs/update.md describes the files and the bootloader.
 
 #![forbid(unsafe_code)]
 
@@ -27,13 +27,13 @@ use progress::Progress;
 use search::Candidate;
 use session::{Outcome, Session};
 
-/// Why the program ends before its work is done.
+/// Why the program ends before all nodes are updated.
 enum Failure {
     Other(Error),
-    /// The command line or the file.
+    /// The command line or the file is wrong.
     Usage(Error),
     Bus(Error),
-    /// These nodes were not updated, or not found.
+    /// These nodes were not updated or not found.
     Nodes(Error),
     Interrupted,
 }
@@ -83,7 +83,7 @@ fn update_all(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<(
                 failed.push(id.to_string());
             }
             None => {
-                println!("node {id}: {}", session.if_left_now());
+                println!("node {id}: {}", session.state_if_ended_now());
                 return Err(Failure::Interrupted);
             }
         }

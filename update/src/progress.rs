@@ -1,4 +1,4 @@
-//! Shows how far an update is: a bar on a terminal, lines elsewhere.
+//! Shows the progress of an update: a bar on a terminal, lines elsewhere.
 
 use std::io::IsTerminal as _;
 
@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::session::Session;
 
-/// A line for each quarter of the file.
+/// Number of lines, one for each quarter of the file.
 const LINES: usize = 4;
 
 pub struct Progress {
@@ -19,7 +19,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Progress of an update with a file of this length.
+    /// Progress of an update with a file of `len` bytes.
     pub fn new(node: NodeId, len: usize, plain: bool) -> Progress {
         let bar = (!plain && std::io::stdout().is_terminal()).then(|| {
             let template = "node {prefix} [{bar:30}] {bytes}/{total_bytes} {msg}";

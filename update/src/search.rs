@@ -11,12 +11,12 @@ use crate::args::{Args, Nodes};
 use crate::client::Client;
 use crate::file::FirmwareFile;
 
-/// Each node sends NodeStatus once a second. A loader that checks its program before it starts is silent for a moment.
+/// Each node sends NodeStatus once a second. A bootloader is silent for a moment while it checks the program.
 const LISTEN: Duration = Duration::from_millis(2500);
-/// The time for an answer of GetNodeInfo, and how often to ask.
-const ANSWERS_WITHIN: Duration = Duration::from_millis(500);
+/// Timeout of GetNodeInfo, and number of attempts.
+const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
 const ATTEMPTS: u32 = 5;
-/// The names of the nodes of this project begin with this. A loader has no name.
+/// The names of this project's nodes begin with this. A bootloader has no name.
 const NAME: &str = "org.dronecan.servo";
 
 /// A node to update.
@@ -25,13 +25,13 @@ pub struct Candidate {
     pub info: NodeInfo,
 }
 
-/// Listens for nodes, asks who they are, and returns those that are to be updated, with the lowest ID first.
+/// Listens for nodes, requests their information, and returns those to update, lowest ID first.
 pub fn search(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<Vec<Candidate>, Failure> {
     println!("listening for nodes");
     let mut nodes: BTreeMap<u8, Option<NodeInfo>> = BTreeMap::new();
     let listen_until = client.now() + LISTEN;
     while client.now() < listen_until {
-        hear(client, &mut nodes, args)?;
+        receive(client, &mut nodes, args)?;
     }
     for _ in 0..ATTEMPTS {
         let asked: Vec<u8> =
@@ -42,16 +42,16 @@ pub fn search(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<V
         for id in asked.into_iter().filter_map(NodeId::new) {
             client.request(&Message::NodeInfoRequest, id);
         }
-        let answers_until = client.now() + ANSWERS_WITHIN;
+        let answers_until = client.now() + ANSWER_TIMEOUT;
         while client.now() < answers_until && nodes.iter().any(|(id, info)| info.is_none() && args.node.includes(*id)) {
-            hear(client, &mut nodes, args)?;
+            receive(client, &mut nodes, args)?;
         }
     }
     choose(nodes, args.node, file).map_err(|text| Failure::Nodes(Error::msg(text)))
 }
 
-/// Takes what comes for a moment.
-fn hear(client: &mut Client, nodes: &mut BTreeMap<u8, Option<NodeInfo>>, args: &Args) -> Result<(), Failure> {
+/// Handles received transfers for a moment.
+fn receive(client: &mut Client, nodes: &mut BTreeMap<u8, Option<NodeInfo>>, args: &Args) -> Result<(), Failure> {
     if client.is_interrupted() {
         return Err(Failure::Interrupted);
     }
@@ -84,7 +84,7 @@ fn choose(nodes: BTreeMap<u8, Option<NodeInfo>>, meant: Nodes, file: &FirmwareFi
             Some(None) => return Err(format!("node {id} does not answer GetNodeInfo")),
             Some(Some(info)) => info.clone(),
         };
-        return match why_not(&info, file) {
+        return match why_unsuitable(&info, file) {
             Some(why) => Err(format!("node {id} {why}")),
             None => Ok(vec![Candidate { id, info }]),
         };
@@ -92,23 +92,23 @@ fn choose(nodes: BTreeMap<u8, Option<NodeInfo>>, meant: Nodes, file: &FirmwareFi
     let mut candidates = Vec::new();
     for (id, info) in nodes {
         let (Some(id), Some(info)) = (NodeId::new(id), info) else {
-            println!("node {id}: left alone: it does not answer GetNodeInfo");
+            println!("node {id}: not updated: it does not answer GetNodeInfo");
             continue;
         };
-        match why_not(&info, file) {
-            Some(why) => println!("node {id}: left alone: it {why}"),
+        match why_unsuitable(&info, file) {
+            Some(why) => println!("node {id}: not updated: it {why}"),
             None => candidates.push(Candidate { id, info }),
         }
     }
     if candidates.is_empty() {
-        Err(format!("no node on the bus is one for this file. Nodes: {seen}"))
+        Err(format!("the file is for no node on the bus. Nodes: {seen}"))
     } else {
         Ok(candidates)
     }
 }
 
-/// Why the file is not for this node.
-fn why_not(info: &NodeInfo, file: &FirmwareFile) -> Option<String> {
+/// Why the file is not for this node; `None` if it is.
+fn why_unsuitable(info: &NodeInfo, file: &FirmwareFile) -> Option<String> {
     let name = info.name();
     if !name.is_empty() && !name.starts_with(NAME) {
         return Some(format!("is another device: {name}"));
@@ -138,20 +138,20 @@ mod tests {
             (2, None),
             (42, node("org.dronecan.servo328", (2, 1))),
             (43, node("org.dronecan.servo168", (1, 0))),
-            // In its loader.
+            // A node in its bootloader.
             (120, node("", (2, 1))),
         ])
     }
 
     #[test]
-    fn all_is_each_node_of_this_project_with_the_hardware_of_the_file() {
+    fn all_selects_each_node_of_this_project_with_the_hardware_of_the_file() {
         let chosen = choose(fleet(), Nodes::All, &file_of(1000)).unwrap();
         assert_eq!(chosen.iter().map(|node| node.id.get()).collect::<Vec<_>>(), [42, 120]);
         assert!(choose(BTreeMap::new(), Nodes::All, &file_of(1000)).is_err());
     }
 
     #[test]
-    fn a_node_that_the_file_is_not_for_is_refused_with_the_reason() {
+    fn an_unsuitable_node_is_rejected_with_the_reason() {
         let refused = |id: u8| choose(fleet(), one(id), &file_of(1000)).err().unwrap();
         assert!(refused(1).contains("another device: org.ardupilot"));
         assert!(refused(2).contains("does not answer"));

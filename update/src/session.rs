@@ -1,12 +1,12 @@
 //! The update of one node, from BeginFirmwareUpdate to the answer of the new program.
 //!
-//! Goals: the user learns what became of the node, and why. No state lasts for ever.
+//! Goals: the user learns the result for the node, and the reason. Every stage ends in bounded time.
 //!
 //! | stage | ends with |
 //! | --- | --- |
-//! | [`Stage::Asking`] | the response of BeginFirmwareUpdate, or the first request of file.Read: the response may be lost |
-//! | [`Stage::Reading`] | the NodeStatus of the program after the last read, or of a loader that waits |
-//! | [`Stage::Checking`] | the response of GetNodeInfo, which has the version of the program that runs |
+//! | [`Stage::Asking`] | the response of BeginFirmwareUpdate, or the first request of file.Read, because the response may be lost |
+//! | [`Stage::Reading`] | the NodeStatus of the program after the last read, or of a bootloader that waits |
+//! | [`Stage::Checking`] | the response of GetNodeInfo, which has the version of the running program |
 
 use std::time::Duration;
 
@@ -15,9 +15,9 @@ use dronecan_host::{DataType, Message, Mode, NodeId, NodeStatus, Transfer, types
 
 use crate::file::FirmwareFile;
 
-/// The path of the file. With it a request of BeginFirmwareUpdate is a single frame.
+/// The path of the file, so short that BeginFirmwareUpdate is a single frame.
 const PATH: &[u8] = b"fw.bin";
-/// The most data in a response of file.Read (48.Read.uavcan).
+/// Maximum length of the data in a response of file.Read (48.Read.uavcan).
 const READ_LEN: usize = 256;
 
 /// Errors of file.Read (file/Error.uavcan).
@@ -29,13 +29,13 @@ const ERROR_OK: u8 = 0;
 const ERROR_INVALID_MODE: u8 = 1;
 const ERROR_IN_PROGRESS: u8 = 2;
 
-/// The time for a response, and how often to ask.
-const ANSWERS_WITHIN: Duration = Duration::from_secs(1);
+/// Timeout of a request, and number of attempts.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 const ATTEMPTS: u32 = 5;
-/// A loader gives up after 20 to 40 seconds without an answer, and then needs a moment to check its program.
+/// A bootloader stops after 20 to 40 seconds without an answer, and then needs a moment to check its program.
 const SILENCE_LIMIT: Duration = Duration::from_secs(45);
 
-/// What an update does now.
+/// The stage of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Asking,
@@ -43,14 +43,14 @@ enum Stage {
     Checking,
 }
 
-/// How an update ended.
+/// The result of an update.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     Updated(String),
     Failed(String),
 }
 
-/// What to do next.
+/// The next action.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
     Request(Message),
@@ -62,13 +62,13 @@ pub struct Session<'a> {
     pub node: NodeId,
     own_id: NodeId,
     file: &'a FirmwareFile,
-    /// Version of the program before.
+    /// Version of the program before the update.
     before: (u8, u8),
     stage: Stage,
-    /// When the update began, and when the last frame of interest came.
+    /// Times of the start and of the last relevant frame.
     began: Duration,
     heard: Duration,
-    /// Requests of this stage, and when the next one is due.
+    /// Number of requests in this stage, and time of the next one.
     attempts: u32,
     ask_at: Duration,
     /// Bytes of the file that were sent, without gaps.
@@ -94,12 +94,12 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Bytes of the file that the node has read.
+    /// Number of bytes of the file that the node has read.
     pub fn sent(&self) -> usize {
         self.sent
     }
 
-    /// What the update does now, in words.
+    /// The stage in words.
     pub fn stage(&self) -> &'static str {
         match self.stage {
             Stage::Asking => "asking",
@@ -109,13 +109,13 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// What becomes of the node if the program ends now.
-    pub fn if_left_now(&self) -> &'static str {
+    /// The state of the node if the program ends now, in words.
+    pub fn state_if_ended_now(&self) -> &'static str {
         match self.stage {
             Stage::Reading if !self.is_all_sent() && self.sent > 0 => {
-                "has no program now, and waits in its loader from about 40 s on. The same command updates it then"
+                "has no program now. Its bootloader waits for an update after about 40 s; the same command then updates it"
             }
-            _ => "not known to be updated. The same command tries it again",
+            _ => "may not be updated. The same command tries again",
         }
     }
 
@@ -123,14 +123,14 @@ impl<'a> Session<'a> {
         self.sent == self.file.bytes.len()
     }
 
-    /// Returns what is due: a request, or the end.
+    /// Returns the action that is due: a request, or the end.
     pub fn poll(&mut self, now: Duration) -> Option<Action> {
         if let Some(outcome) = self.outcome.take() {
             return Some(Action::End(outcome));
         }
         let request = match self.stage {
             Stage::Reading if now > self.heard + SILENCE_LIMIT => {
-                return Some(self.fail("does not read on, and is silent: is its power on?"));
+                return Some(self.fail("stopped reading and is silent: is its power on?"));
             }
             Stage::Reading => return None,
             Stage::Asking => Message::BeginUpdate(NumberAndText { number: self.own_id.get(), text: PATH.to_vec() }),
@@ -146,7 +146,7 @@ impl<'a> Session<'a> {
             }));
         }
         self.attempts += 1;
-        self.ask_at = now + ANSWERS_WITHIN;
+        self.ask_at = now + ANSWER_TIMEOUT;
         Some(Action::Request(request))
     }
 
@@ -158,7 +158,7 @@ impl<'a> Session<'a> {
         (self.stage, self.attempts, self.ask_at, self.heard) = (stage, 0, now, now);
     }
 
-    /// Takes a transfer. Returns the payload of the response if it is a request of file.Read.
+    /// Handles a transfer. Returns the payload of the response if it is a request of file.Read.
     pub fn take(&mut self, transfer: &Transfer, now: Duration) -> Option<Vec<u8>> {
         if transfer.id.source() != Some(self.node) {
             return None;
@@ -189,7 +189,7 @@ impl<'a> Session<'a> {
     fn updated(&self, now: Duration) -> Outcome {
         let seconds = (now - self.began).as_secs_f32();
         let (major, minor) = self.file.software;
-        // A loader without a program has the version 0.0.
+        // A bootloader without a program has the version 0.0.
         let before = match self.before {
             (0, 0) => String::new(),
             (major, minor) => format!(", before {major}.{minor}"),
@@ -197,19 +197,19 @@ impl<'a> Session<'a> {
         Outcome::Updated(format!("runs version {major}.{minor}{before}; {seconds:.1} s"))
     }
 
-    /// The mode says who is running: the loader reads (SOFTWARE_UPDATE) or waits (MAINTENANCE), or a program runs.
+    /// The mode shows what runs: the bootloader reads (SOFTWARE_UPDATE) or waits (MAINTENANCE), or a program runs.
     fn take_status(&mut self, status: NodeStatus, now: Duration) {
         match status.mode {
             Mode::SoftwareUpdate => self.heard = now,
-            // Between the response and the first read, the program that goes and the loader that comes may say this.
+            // Between the response and the first read, both the old program and the bootloader may send these modes.
             _ if self.sent == 0 => {}
             Mode::Maintenance => {
-                let text = "waits in its loader: what it has read is no valid program. Try again";
+                let text = "waits in its bootloader: what it read is not a valid program. Try again";
                 self.outcome = Some(Outcome::Failed(text.to_owned()));
             }
             _ if self.is_all_sent() => self.set_stage(Stage::Checking, now),
             _ => {
-                let text = "runs its old program again: the loader has refused the file, or has waited for it in vain";
+                let text = "runs its old program again: the bootloader rejected the file, or received no answer";
                 self.outcome = Some(Outcome::Failed(text.to_owned()));
             }
         }
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_that_refuses_says_why() {
+    fn a_node_s_reason_for_a_rejection_is_reported() {
         let file = file_of(600);
         let mut session = session(&file);
         begin(&mut session, ERROR_INVALID_MODE, b"armed, or a command in the last 2 s");
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_silent_node_is_asked_five_times() {
+    fn a_silent_node_gets_five_requests() {
         let file = file_of(600);
         let mut session = session(&file);
         let asked = (0..50).filter(|n| session.poll(seconds(0.1 * *n as f32)).is_some()).count();
@@ -335,9 +335,11 @@ mod tests {
     }
 
     #[test]
-    fn a_node_that_ends_in_its_loader_or_its_old_program_is_not_updated() {
+    fn a_node_in_its_bootloader_or_old_program_counts_as_not_updated() {
         let file = file_of(600);
-        for (mode, text) in [(Mode::Maintenance, "waits in its loader"), (Mode::Operational, "runs its old program")] {
+        for (mode, text) in
+            [(Mode::Maintenance, "waits in its bootloader"), (Mode::Operational, "runs its old program")]
+        {
             let mut session = session(&file);
             begin(&mut session, ERROR_OK, b"");
             read(&mut session, 0);
@@ -347,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_that_goes_silent_is_given_up_after_the_loader_has() {
+    fn an_update_of_a_silent_node_fails_after_the_bootloader_s_timeout() {
         let file = file_of(600);
         let mut session = session(&file);
         begin(&mut session, ERROR_IN_PROGRESS, b"");
@@ -358,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_of_another_version_is_no_success() {
+    fn an_update_to_another_version_fails() {
         let file = file_of(300);
         let mut session = session(&file);
         begin(&mut session, ERROR_OK, b"");
@@ -370,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn other_nodes_and_other_files_get_nothing() {
+    fn requests_of_other_nodes_or_for_other_files_are_not_answered() {
         let file = file_of(300);
         let mut session = session(&file);
         begin(&mut session, ERROR_OK, b"");

@@ -1,18 +1,18 @@
-//! Fields that do not begin with a byte.
+//! Fields that do not begin at a byte boundary.
 //!
-//! A field's bytes come lowest first, each from its top bit down; of a last byte that is not full only the low bits are
-//! there (DSDL, "Data serialization").
+//! The bytes of a field come lowest first, each from its most significant bit. A last byte that is not full has only its low
+//! bits (DSDL, "Data serialization").
 
-/// Writes fields one behind the other.
+/// Writes consecutive fields.
 #[derive(Default)]
 pub struct Writer {
     bytes: Vec<u8>,
-    /// Bits in use.
+    /// Number of bits in use.
     len: usize,
 }
 
 impl Writer {
-    /// The low `width` bits of a number.
+    /// Writes the low `width` bits of a number.
     pub fn put(&mut self, value: u64, width: u32) {
         for (byte, bits) in value.to_le_bytes().into_iter().zip(widths(width)) {
             for bit in (0..bits).rev() {
@@ -21,7 +21,7 @@ impl Writer {
         }
     }
 
-    /// Whole bytes.
+    /// Writes whole bytes.
     pub fn put_bytes(&mut self, bytes: &[u8]) {
         bytes.iter().for_each(|byte| self.put(u64::from(*byte), 8));
     }
@@ -36,26 +36,26 @@ impl Writer {
         self.len += 1;
     }
 
-    /// The fields, filled up with zeros to a whole byte.
+    /// The fields, padded with zeros to a whole byte.
     pub fn into_bytes(self) -> Vec<u8> {
         self.bytes
     }
 }
 
-/// Reads fields from the front.
+/// Reads consecutive fields.
 pub struct Reader<'a> {
     bytes: &'a [u8],
-    /// Bits taken.
+    /// Number of bits read.
     taken: usize,
 }
 
 impl<'a> Reader<'a> {
-    /// At the first bit.
+    /// Starts at the first bit.
     pub fn new(bytes: &'a [u8]) -> Reader<'a> {
         Reader { bytes, taken: 0 }
     }
 
-    /// A number of `width` bits, 64 at most; `None` if there are not so many.
+    /// Reads a number of `width` bits, at most 64; `None` if fewer are left.
     pub fn take(&mut self, width: u32) -> Option<u64> {
         let mut value = [0; 8];
         for (byte, bits) in value.iter_mut().zip(widths(width)) {
@@ -66,12 +66,12 @@ impl<'a> Reader<'a> {
         Some(u64::from_le_bytes(value))
     }
 
-    /// So many whole bytes.
+    /// Reads `count` whole bytes.
     pub fn take_bytes(&mut self, count: usize) -> Option<Vec<u8>> {
         (0..count).map(|_| self.take(8).map(|byte| byte as u8)).collect()
     }
 
-    /// All whole bytes that are left.
+    /// All remaining whole bytes.
     pub fn rest(mut self) -> Vec<u8> {
         let count = (self.bytes.len() * 8 - self.taken) / 8;
         self.take_bytes(count).unwrap_or_default()
@@ -85,7 +85,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Bits of each byte of a field.
+/// The number of bits in each byte of a field.
 fn widths(width: u32) -> impl Iterator<Item = u32> {
     (0..width).step_by(8).map(move |from| (width - from).min(8))
 }

@@ -3,7 +3,7 @@
 //! ```text
 //! type[28:19] transfer type[18:17] source[16:10] frame index[9:4] last[3] transfer ID[2:0]
 //! ```
-//! The data type comes first, so it is the priority.
+//! The data type is in the most significant bits, so it is the priority.
 
 use crate::id::NodeId;
 use crate::transfer::TransferNumber;
@@ -21,15 +21,15 @@ const INDEX_MASK: u32 = 0x3F;
 /// Index of the last frame of the longest transfer.
 pub const INDEX_MAX: u8 = 62;
 
-/// Number of a transfer, modulo 8.
+/// Transfer ID, modulo 8.
 pub type TransferId = TransferNumber<3>;
 
-/// To whom a transfer goes, and what for.
+/// Recipients and purpose of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TransferType {
     ServiceResponse,
     ServiceRequest,
-    /// A message to all.
+    /// A message to all nodes.
     MessageBroadcast,
     /// A message to one node.
     MessageUnicast,
@@ -45,7 +45,7 @@ impl TransferType {
         }
     }
 
-    /// Number space of its data type.
+    /// Whether its data types are messages or services.
     pub fn kind(self) -> Kind {
         match self {
             TransferType::MessageBroadcast | TransferType::MessageUnicast => Kind::Message,
@@ -53,7 +53,7 @@ impl TransferType {
         }
     }
 
-    /// Whether the first byte of each frame is its destination.
+    /// True if the first byte of each frame is the destination.
     pub fn has_destination(self) -> bool {
         self != TransferType::MessageBroadcast
     }
@@ -62,20 +62,20 @@ impl TransferType {
 /// A parsed identifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CanId {
-    /// Number of the data type, 0 to 1023. Messages and services count for themselves.
+    /// Data type ID, 0 to 1023. Messages and services have separate IDs.
     pub type_id: u16,
     pub transfer_type: TransferType,
     pub source: NodeId,
-    /// Place of the frame in its transfer, 0 to [`INDEX_MAX`].
+    /// Index of the frame in its transfer, 0 to [`INDEX_MAX`].
     pub index: u8,
-    /// Whether it is the last frame of its transfer.
+    /// True for the last frame of its transfer.
     pub last: bool,
     pub transfer_id: TransferId,
 }
 
 impl CanId {
-    /// Reads a 29-bit identifier; `None` for one that the draft forbids: from node 0, with an index above
-    /// [`INDEX_MAX`], or with that index and not the last of its transfer.
+    /// Reads a 29-bit identifier. `None` if the draft forbids it: source node 0, an index above
+    /// [`INDEX_MAX`], or that index in a frame that is not the last.
     pub fn parse(id: u32) -> Option<CanId> {
         let index = (id >> INDEX_SHIFT & INDEX_MASK) as u8;
         let last = id & LAST_FLAG != 0;
@@ -92,7 +92,7 @@ impl CanId {
         })
     }
 
-    /// The 29 bits for the wire. Fields wider than their place are cut to it.
+    /// The 29-bit identifier. Values that are too large for their field are truncated.
     pub fn build(self) -> u32 {
         (u32::from(self.type_id) & TYPE_MASK) << TYPE_SHIFT
             | (self.transfer_type as u32) << TRANSFER_TYPE_SHIFT

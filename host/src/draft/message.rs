@@ -1,4 +1,4 @@
-//! Payloads of the draft that are read and written in full, and their text form for the traffic view.
+//! Payloads of the draft that are decoded completely, and their text for the traffic view.
 
 use super::bits::{Reader, Writer};
 use super::id::TransferType;
@@ -21,7 +21,7 @@ pub enum StatusCode {
     Warning,
     Critical,
     Offline,
-    /// 4 to 14: not defined.
+    /// 4 to 14, which are not defined.
     Undefined(u8),
 }
 
@@ -63,7 +63,7 @@ impl fmt::Display for StatusCode {
     }
 }
 
-/// The vendor's own part of a status: there was none until 2015-02-03, then one of 32 bits, and from 2015-03-19 one of 16.
+/// The vendor-specific code: none until 2015-02-03, then 32 bits, from 2015-03-19 on 16 bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum VendorCode {
     #[default]
@@ -73,7 +73,7 @@ pub enum VendorCode {
 }
 
 impl VendorCode {
-    /// In 16 bits: none is 0, and of a long one the low half is left.
+    /// As 16 bits: none is 0, and a long code loses its upper half.
     pub fn low(self) -> u16 {
         match self {
             VendorCode::None => 0,
@@ -86,7 +86,7 @@ impl VendorCode {
 /// protocol.NodeStatus. Layout: `uptime_sec u28 | status code u4 | vendor code`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NodeStatus {
-    /// Of 28 bits.
+    /// 28 bits.
     pub uptime_s: u32,
     pub code: StatusCode,
     pub vendor_code: VendorCode,
@@ -96,9 +96,9 @@ const UPTIME_BITS: u32 = 28;
 const CODE_BITS: u32 = 4;
 
 impl NodeStatus {
-    /// Four, six or eight bytes, else `None`; or seven, which are the fields of v0 in which the thesis's node says it:
-    /// `uptime_sec u32 | state u8 | vendor code u16`. To a parser of the draft the uptime's top byte is the status code, so
-    /// that such a node is OK for its first 194 days, whatever its state.
+    /// `None` unless the payload has four, six, seven or eight bytes. Seven bytes are the thesis's node, which uses the fields of v0:
+    /// `uptime_sec u32 | state u8 | vendor code u16`. For a parser of the draft the uptime's most significant byte is the status code,
+    /// so such a node is OK for its first 194 days, whatever its state is.
     pub fn decode(payload: &[u8]) -> Option<NodeStatus> {
         let mut bits = Reader::new(payload);
         let uptime_s = bits.take(UPTIME_BITS)? as u32;
@@ -113,7 +113,7 @@ impl NodeStatus {
         Some(NodeStatus { uptime_s, code, vendor_code })
     }
 
-    /// The payload: four, six or eight bytes, as the vendor code is.
+    /// The payload: four, six or eight bytes, depending on the vendor code.
     pub fn encode(&self) -> Vec<u8> {
         let mut bits = Writer::default();
         bits.put(u64::from(self.uptime_s), UPTIME_BITS);
@@ -138,7 +138,7 @@ impl fmt::Display for NodeStatus {
     }
 }
 
-/// As v0 has it, for a view that shows either. Of a long vendor code the low half is left.
+/// As a status of v0, for a view that shows both. A long vendor code loses its upper half.
 impl From<NodeStatus> for crate::NodeStatus {
     fn from(status: NodeStatus) -> crate::NodeStatus {
         let (health, mode) = match status.code {
@@ -158,7 +158,7 @@ impl From<NodeStatus> for crate::NodeStatus {
     }
 }
 
-/// In a GetNodeInfo response it has six bytes.
+/// In a GetNodeInfo response the status has six bytes.
 impl StatusField for NodeStatus {
     const LEN: usize = 6;
 
@@ -174,7 +174,7 @@ impl StatusField for NodeStatus {
 /// protocol.GetNodeInfo, response.
 pub type NodeInfo = management::NodeInfo<NodeStatus>;
 
-/// One element of equipment.actuator.ArrayCommand: `actuator u8 | command f16`. A servo's command goes from -1 to +1.
+/// One element of equipment.actuator.ArrayCommand: `actuator u8 | command f16`. A servo's command is -1 to +1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActuatorCommand {
     pub actuator: u8,
@@ -182,11 +182,11 @@ pub struct ActuatorCommand {
 }
 
 const COMMAND_LEN: usize = 3;
-/// Commands in one message.
+/// Maximum number of commands in one message.
 const COMMANDS_MAX: usize = 31;
 
 impl ActuatorCommand {
-    /// The commands of a payload; `None` unless it is 0 to 31 whole ones.
+    /// The commands in a payload; `None` unless it has 0 to 31 complete ones.
     pub fn decode_array(payload: &[u8]) -> Option<Vec<ActuatorCommand>> {
         let (commands, rest) = payload.as_chunks::<COMMAND_LEN>();
         let decode = |&[actuator, low, high]: &[u8; COMMAND_LEN]| ActuatorCommand {
@@ -212,20 +212,20 @@ impl fmt::Display for ActuatorCommand {
     }
 }
 
-/// A transfer with its meaning. `Display` gives "draft.ArrayCommand id 1 +0.50".
+/// A decoded transfer. `Display` gives "draft.ArrayCommand id 1 +0.50".
 #[derive(Clone, Debug, PartialEq)]
 pub enum Message {
     NodeStatus(NodeStatus),
     ArrayCommand(Vec<ActuatorCommand>),
     /// Servo command of the thesis, 0 to 255 over the full travel.
     ThesisCommand(u8),
-    /// What a node of the thesis measures: degrees Celsius, or how often its button was pressed.
+    /// Measurement of a node of the thesis: degrees Celsius, or the number of presses of its button.
     ThesisMeasurement(u8),
     NodeInfoRequest,
     NodeInfo(Box<NodeInfo>),
     /// The magic number.
     RestartNode(u64),
-    /// Whether the node restarts.
+    /// True if the node restarts.
     Restarting(bool),
     ParameterRequest(ParameterRequest),
     ParameterResponse(ParameterResponse),
@@ -237,7 +237,7 @@ pub enum Message {
 }
 
 impl Message {
-    /// Reads a transfer. Never fails: what cannot be read is `Other`.
+    /// Decodes a transfer. Never fails: what cannot be decoded is `Other`.
     pub fn decode(transfer: &Transfer) -> Message {
         Message::decode_known(transfer).unwrap_or_else(|| Message::Other {
             name: name_of(transfer.type_id, transfer.route.transfer_type()),
@@ -267,7 +267,7 @@ impl Message {
         }
     }
 
-    /// Type and payload for the wire; `None` for `Other`, whose type is not kept.
+    /// Type and payload; `None` for `Other`, which does not have its type.
     pub fn encode(&self) -> Option<(&'static DataType, Vec<u8>)> {
         Some(match self {
             Message::NodeStatus(status) => (&types::NODE_STATUS, status.encode()),
@@ -284,7 +284,7 @@ impl Message {
         })
     }
 
-    /// Name of its type, with the direction of a service: "draft.GetNodeInfo request".
+    /// Name of the type, with the direction of a service: "draft.GetNodeInfo request".
     pub fn name(&self) -> String {
         if let Message::Other { name, .. } = self {
             return name.clone();
@@ -299,7 +299,7 @@ impl Message {
     }
 }
 
-/// "draft.GetNodeInfo request", "draft message 222": the name of a type that goes this way.
+/// Name of a type in a transfer of this kind: "draft.GetNodeInfo request", "draft message 222".
 pub fn name_of(type_id: u16, transfer_type: TransferType) -> String {
     let direction = match transfer_type {
         TransferType::ServiceRequest => " request",

@@ -1,22 +1,22 @@
-//! The draft's param.GetSet. Requests and responses mean the same as in v0; their bytes differ.
+//! The draft's param.GetSet. Requests and responses have the same meaning as in v0, but other bytes.
 //!
 //! ```text
-//! Value    : list of up to one bool, of up to one int64, one float32, one string of up to 63 bytes; each list behind its length
+//! Value    : list of up to one bool, of up to one int64, one float32, one string of up to 63 bytes; each list after its length
 //! request  : Value, index u8, name
 //! response : Value, default Value, maximum Value, minimum Value, name
 //! ```
-//! Of several values the first in that order counts; a Value without any is empty. The layout is the one whose signature is
+//! If several lists have a value, the first is used; if none has, the Value is empty. The layout is the one with signature
 //! 0xDD4BB39E5963C2C1.
 
 use super::bits::{Reader, Writer};
 use crate::management::{ParameterRequest, ParameterResponse, Value};
 
-/// Bits of the length of a list of up to one, and of a string.
+/// Width of the length of a list of at most one element, and of a string.
 const LIST_LEN_BITS: u32 = 1;
 const TEXT_LEN_BITS: u32 = 6;
-/// Longest string that a Value holds.
+/// Maximum length of a string in a Value.
 const TEXT_MAX: usize = 63;
-/// Longest name of a parameter.
+/// Maximum length of a parameter's name.
 const NAME_MAX: usize = 92;
 
 fn put_value(bits: &mut Writer, value: &Value) {
@@ -63,7 +63,7 @@ fn take_name(bits: Reader<'_>) -> Option<Vec<u8>> {
     Some(bits.rest()).filter(|name| name.len() <= NAME_MAX)
 }
 
-/// `None` if it is too short, or its name too long.
+/// `None` if the payload is too short or the name too long.
 pub fn decode_request(payload: &[u8]) -> Option<ParameterRequest> {
     let mut bits = Reader::new(payload);
     let value = take_value(&mut bits)?;
@@ -71,7 +71,7 @@ pub fn decode_request(payload: &[u8]) -> Option<ParameterRequest> {
     Some(ParameterRequest { index, value, name: take_name(bits)? })
 }
 
-/// Writes the request, with the low eight bits of the index.
+/// Encodes the request with the low eight bits of the index.
 pub fn encode_request(request: &ParameterRequest) -> Vec<u8> {
     let mut bits = Writer::default();
     put_value(&mut bits, &request.value);
@@ -80,7 +80,7 @@ pub fn encode_request(request: &ParameterRequest) -> Vec<u8> {
     bits.into_bytes()
 }
 
-/// `None` if it is too short, or its name too long.
+/// `None` if the payload is too short or the name too long.
 pub fn decode_response(payload: &[u8]) -> Option<ParameterResponse> {
     let mut bits = Reader::new(payload);
     let mut value = || take_value(&mut bits);
@@ -88,7 +88,7 @@ pub fn decode_response(payload: &[u8]) -> Option<ParameterResponse> {
     Some(ParameterResponse { value, default, max, min, name: take_name(bits)? })
 }
 
-/// The other way round.
+/// Encodes the response.
 pub fn encode_response(response: &ParameterResponse) -> Vec<u8> {
     let mut bits = Writer::default();
     for value in [&response.value, &response.default, &response.max, &response.min] {

@@ -1,5 +1,5 @@
-//! The draft's codec against bytes of another implementation, tests/clients/draft.py with pydronecan, in both directions.
-//! tests/clients/test_draft.py makes them again.
+//! Tests of the draft's codec with bytes of another implementation, tests/clients/draft.py with pydronecan, in both directions.
+//! tests/clients/test_draft.py generates the bytes again.
 
 use super::message::name_of;
 use super::*;
@@ -9,10 +9,10 @@ use half::f16;
 use proptest::prelude::*;
 use std::time::Duration;
 
-/// All frames at the same time, where it is not what matters.
+/// Time of all frames where the time does not matter.
 const AT: Duration = Duration::ZERO;
 
-/// Frames as "12BBFC01 78 7E 96 | 12BBFC19 78 F4": an identifier and data each.
+/// Parses frames such as "12BBFC01 78 7E 96 | 12BBFC19 78 F4": identifier and data of each.
 #[track_caller]
 fn golden(text: &str) -> Vec<Frame> {
     let frame = |text: &str| {
@@ -28,7 +28,7 @@ fn push(assembler: &mut Assembler, frame: &Frame, at: Duration) -> Outcome {
     assembler.push(id, frame.data(), at)
 }
 
-/// Feeds the frames of a vector; the last must complete the transfer.
+/// Assembles the frames of a golden transfer; the last one must complete it.
 #[track_caller]
 fn assemble(frames: &[Frame]) -> Transfer {
     let mut assembler = Assembler::new();
@@ -42,7 +42,7 @@ fn assemble(frames: &[Frame]) -> Transfer {
     }
 }
 
-/// A vector must decode to `message`, and `message` must encode to the vector.
+/// Checks that a golden transfer decodes to `message`, and that `message` encodes to it.
 #[track_caller]
 fn both_ways(vector: &str, message: Message, text: &str) -> Transfer {
     let frames = golden(vector);
@@ -64,9 +64,9 @@ fn command(actuator: u8, value: f32) -> ActuatorCommand {
     ActuatorCommand { actuator, value: f16::from_f32(value) }
 }
 
-/// The identifier that the thesis prints.
+/// The identifier printed in the thesis.
 #[test]
-fn an_identifier_has_type_direction_sender_place_and_number() {
+fn an_identifier_has_all_its_fields() {
     assert_eq!(398_722_057, 0x17C4_0409);
     let id = CanId::parse(398_722_057).unwrap();
     let expected = CanId {
@@ -82,14 +82,14 @@ fn an_identifier_has_type_direction_sender_place_and_number() {
 }
 
 #[test]
-fn forbidden_identifiers_are_refused() {
+fn forbidden_identifiers_are_rejected() {
     let id =
         |index: u32, last: bool, source: u32| 760 << 19 | 2 << 17 | source << 10 | index << 4 | u32::from(last) << 3;
     assert!(CanId::parse(id(62, true, 1)).is_some());
     assert!(CanId::parse(id(61, false, 127)).is_some());
-    assert_eq!(CanId::parse(id(62, false, 1)), None, "one more would follow");
+    assert_eq!(CanId::parse(id(62, false, 1)), None, "not the last frame, but with the highest index");
     assert_eq!(CanId::parse(id(63, true, 1)), None, "reserved");
-    assert_eq!(CanId::parse(id(0, true, 0)), None, "from nobody");
+    assert_eq!(CanId::parse(id(0, true, 0)), None, "from node 0");
 }
 
 #[test]
@@ -119,7 +119,7 @@ fn node_status_is_read_in_each_of_its_lengths() {
 
 /// Uptime 300 s, health 0, mode 0, in the fields of v0.
 #[test]
-fn the_thesis_s_seven_bytes_are_a_status_that_is_ok() {
+fn the_thesis_s_seven_bytes_are_an_ok_status() {
     let transfer = assemble(&golden("1134780A 2C 01 00 00 00 34 12"));
     let expected = NodeStatus { uptime_s: 300, code: StatusCode::Ok, vendor_code: VendorCode::Short(0x1234) };
     assert_eq!(Message::decode(&transfer), Message::NodeStatus(expected));
@@ -127,7 +127,7 @@ fn the_thesis_s_seven_bytes_are_a_status_that_is_ok() {
 }
 
 #[test]
-fn a_status_can_be_shown_as_v0_has_it() {
+fn a_status_can_be_converted_to_v0() {
     let shown = |code| {
         let status = NodeStatus { uptime_s: 5, code, vendor_code: VendorCode::Long(0xDEAD_BEEF) };
         crate::NodeStatus::from(status).to_string()
@@ -166,7 +166,7 @@ fn commands_are_three_bytes_each() {
 }
 
 #[test]
-fn a_node_says_who_it_is_with_the_destination_in_each_frame() {
+fn node_info_has_the_destination_in_each_frame() {
     let transfer = both_ways("113BFC08 78", Message::NodeInfoRequest, "draft.GetNodeInfo request");
     assert_eq!((transfer.route, transfer.who().as_str()), (Route::Request(node(120)), "127>120"));
     let info = NodeInfo {
@@ -189,7 +189,7 @@ fn a_node_says_who_it_is_with_the_destination_in_each_frame() {
     assert_eq!(transfer.route, Route::Response(node(127)));
 }
 
-/// A response always has a vendor code of 16 bits, whatever the node's own status has.
+/// A response always has a vendor code of 16 bits, even if the node's own status has another length.
 #[test]
 fn a_status_in_a_response_has_six_bytes() {
     for vendor_code in [VendorCode::None, VendorCode::Short(0), VendorCode::Long(0x1_0000)] {
@@ -255,9 +255,9 @@ fn parameter_responses_are_packed_bit_by_bit() {
     );
 }
 
-/// Bool and int64 at once: 1, true, 1, then 64 bits of 7, then no float and no string, index 0.
+/// Bool and int64 at once: length 1, true, length 1, the 64 bits of 7, then no float and no string, index 0.
 #[test]
-fn of_several_values_the_first_kind_counts() {
+fn of_several_values_the_first_is_used() {
     let payload = [0b1110_0000, 0b1110_0000, 0, 0, 0, 0, 0, 0, 0, 0];
     let id = CanId::parse(0x12BB_FC08).unwrap();
     let transfer = Transfer {
@@ -271,7 +271,7 @@ fn of_several_values_the_first_kind_counts() {
 }
 
 #[test]
-fn types_that_are_only_named_say_their_bytes() {
+fn types_that_are_not_decoded_are_shown_as_bytes() {
     let text = |vector| Message::decode(&assemble(&golden(vector))).to_string();
     assert_eq!(text("1FFC0408 01 02"), "draft.debug.LogMessage 0102");
     assert_eq!(text("12B3FC08 78 00"), "draft.param.ExecuteOpcode request 00");
@@ -281,7 +281,7 @@ fn types_that_are_only_named_say_their_bytes() {
 }
 
 #[test]
-fn frames_with_a_wrong_destination_are_refused() {
+fn frames_with_a_wrong_destination_are_rejected() {
     for (vector, why) in [
         ("113BFC08", "no destination"),
         ("113BFC08 F8", "no valid destination"),
@@ -306,7 +306,7 @@ fn a_wrong_byte_in_a_long_transfer_is_noticed() {
 }
 
 #[test]
-fn a_missing_frame_spoils_only_its_own_transfer() {
+fn a_missing_frame_affects_only_its_own_transfer() {
     let payload: Vec<u8> = (0..30).collect();
     let transfer =
         Transfer { type_id: 265, source: node(1), route: Route::Broadcast, transfer_id: TransferId::new(4), payload };
@@ -323,7 +323,7 @@ fn a_missing_frame_spoils_only_its_own_transfer() {
 }
 
 #[test]
-fn frames_of_another_transfer_id_do_not_continue_one() {
+fn frames_with_another_transfer_id_do_not_continue_a_transfer() {
     let frames = golden(&FOUR_COMMANDS.replace("084C041B", "084C041C"));
     let mut assembler = Assembler::new();
     assert_eq!(push(&mut assembler, &frames[0], AT), Outcome::Partial);
@@ -331,7 +331,7 @@ fn frames_of_another_transfer_id_do_not_continue_one() {
 }
 
 #[test]
-fn a_transfer_is_given_up_after_five_seconds() {
+fn a_transfer_times_out_after_five_seconds() {
     let frames = golden(FOUR_COMMANDS);
     let limit = Duration::from_secs(5);
     for (end, complete) in [(limit, true), (limit + Duration::from_nanos(1), false)] {
@@ -343,7 +343,7 @@ fn a_transfer_is_given_up_after_five_seconds() {
 }
 
 #[test]
-fn parts_that_are_not_full_are_refused_unless_they_are_the_last() {
+fn only_the_last_frame_may_be_short() {
     let short = |vector: &str, why| {
         let mut assembler = Assembler::new();
         let outcomes: Vec<_> = golden(vector).iter().map(|frame| push(&mut assembler, frame, AT)).collect();
@@ -354,7 +354,7 @@ fn parts_that_are_not_full_are_refused_unless_they_are_the_last() {
 }
 
 #[test]
-fn a_broadcast_has_room_for_eight_bytes_and_everything_else_for_seven() {
+fn a_broadcast_frame_has_eight_bytes_and_other_frames_seven() {
     let frames = |route, len| {
         let payload = vec![0; len];
         let transfer = Transfer { type_id: 1, source: node(1), route, transfer_id: TransferId::new(0), payload };
@@ -373,10 +373,10 @@ fn transfer_ids_count_modulo_8() {
     assert_eq!(id.get(), 0);
 }
 
-/// The basis of an observer: an identifier of a known type of one dialect is not one of a known type of the other, except for
+/// [`dialect`](crate::dialect) needs this: an identifier of a known type of one dialect is not one of a known type of the other, except
 /// anonymous frames of v0 and the draft's messages to one node.
 #[test]
-fn no_known_type_of_the_draft_is_a_known_type_of_v0() {
+fn no_identifier_is_a_known_type_of_both_dialects() {
     for known in types::KNOWN {
         for transfer_type in 0..4 {
             for rest in 0..1 << 17 {
@@ -394,9 +394,9 @@ fn no_known_type_of_the_draft_is_a_known_type_of_v0() {
 }
 
 proptest! {
-    /// Bus input never panics, whatever is in it.
+    /// No frame from the bus may cause a panic.
     #[test]
-    fn any_frame_is_taken(frames in prop::collection::vec((0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)), 0..64)) {
+    fn no_frame_causes_a_panic(frames in prop::collection::vec((0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)), 0..64)) {
         let mut assembler = Assembler::new();
         for (id, data) in frames {
             if let Outcome::Complete(transfer) = assembler.push(id, &data, AT) {
@@ -405,9 +405,9 @@ proptest! {
         }
     }
 
-    /// Nor does any payload, of any type.
+    /// No payload of any type may cause a panic.
     #[test]
-    fn any_payload_is_read_or_shown(
+    fn no_payload_causes_a_panic(
         known in 0..types::KNOWN.len(), way in 0..2, payload in prop::collection::vec(any::<u8>(), 0..100),
     ) {
         let DataType { kind, id, .. } = types::KNOWN[known];
@@ -426,7 +426,7 @@ proptest! {
         }
     }
 
-    /// Parsing loses nothing of an identifier that the draft allows.
+    /// Parsing and building an allowed identifier gives the same identifier.
     #[test]
     fn identifiers_survive_parse_and_build(raw in 0u32..1 << 29) {
         if let Some(id) = CanId::parse(raw) {
@@ -434,7 +434,7 @@ proptest! {
         }
     }
 
-    /// What is split comes together again, at any length, to all or to one.
+    /// Assembling the frames of a payload gives the payload, at any length, to all nodes or to one.
     #[test]
     fn split_and_assembly_are_inverse(
         payload in prop::collection::vec(any::<u8>(), 0..=transfer::PAYLOAD_MAX), number in 0u8..8, to_one in any::<bool>(),

@@ -1,10 +1,10 @@
-//! Transfers of the draft: divides a payload into frames, and reassembles frames.
+//! Transfers of the draft: splits a payload into frames and reassembles frames.
 //!
-//! A broadcast has eight bytes of payload in a frame; in everything else the first byte of each frame is the destination, and
-//! seven are left. A longer payload is preceded by its CRC, little endian, and divided. There is no toggle bit: the
+//! A frame of a broadcast has eight bytes of payload. In all other frames the first byte is the destination, which leaves
+//! seven. A longer payload follows its CRC, little endian, and is split. There is no toggle bit: the
 //! identifier counts the frames.
 //!
-//! Assembly invariants: only frame 0 opens or replaces a session; a frame that does not continue its session closes it.
+//! Assembly invariants: only frame 0 opens or replaces a session. A frame that does not continue its session closes it.
 //! Repeated transfer IDs are not filtered, because an observer shows every frame.
 
 use super::id::{CanId, INDEX_MAX, TransferId, TransferType};
@@ -16,24 +16,24 @@ use std::time::Duration;
 /// Data bytes of a CAN frame.
 const FRAME_DATA: usize = 8;
 const CRC_LEN: usize = 2;
-/// Longest payload: so many frames as there are indexes, with seven bytes each, less the CRC (transfer.hpp).
+/// Longest payload: one frame for each index with seven bytes each, minus the CRC (transfer.hpp).
 pub const PAYLOAD_MAX: usize = (INDEX_MAX as usize + 1) * (FRAME_DATA - 1) - CRC_LEN;
-/// A transfer that is not complete this long after its start is given up: five times the interval that a receiver assumes
-/// of a sender it does not know (transfer_receiver.cpp).
+/// A transfer that is not complete this long after its start times out: five times the interval that a receiver assumes
+/// for an unknown sender (transfer_receiver.cpp).
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// Of the destination byte, never set.
+/// A bit of the destination byte that is never set.
 const DESTINATION_RESERVED: u8 = 1 << 7;
 
-/// To whom a transfer goes, and what for.
+/// Recipients and purpose of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Route {
-    /// A message to all.
+    /// A message to all nodes.
     Broadcast,
     /// A message to one node.
     Unicast(NodeId),
-    /// A request to the node that serves.
+    /// A request to the serving node.
     Request(NodeId),
-    /// A response to the node that asked.
+    /// A response to the requesting node.
     Response(NodeId),
 }
 
@@ -47,7 +47,7 @@ impl Route {
         }
     }
 
-    /// The same in the identifier.
+    /// The transfer type in the identifier.
     pub fn transfer_type(self) -> TransferType {
         match self {
             Route::Broadcast => TransferType::MessageBroadcast,
@@ -57,7 +57,7 @@ impl Route {
         }
     }
 
-    /// The destination, if it is one node.
+    /// The destination; `None` for a broadcast.
     pub fn destination(self) -> Option<NodeId> {
         match self {
             Route::Broadcast => None,
@@ -66,10 +66,10 @@ impl Route {
     }
 }
 
-/// A whole transfer.
+/// A complete transfer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Transfer {
-    /// Number of the data type, 0 to 1023.
+    /// Data type ID, 0 to 1023.
     pub type_id: u16,
     pub source: NodeId,
     pub route: Route,
@@ -78,7 +78,7 @@ pub struct Transfer {
 }
 
 impl Transfer {
-    /// Sender and, of what goes to one node, destination: "1", "127>42".
+    /// Source, and destination if it is one node: "1", "127>42".
     pub fn who(&self) -> String {
         match self.route.destination() {
             Some(destination) => format!("{}>{destination}", self.source),
@@ -86,7 +86,7 @@ impl Transfer {
         }
     }
 
-    /// Its frames, in order. `signature` is that of the data type; a payload of one frame does not need it. Panics if the
+    /// Its frames, in order. `signature` is that of the data type; a single frame does not need it. Panics if the
     /// payload is longer than [`PAYLOAD_MAX`].
     pub fn split(&self, signature: u64) -> Vec<Frame> {
         assert!(self.payload.len() <= PAYLOAD_MAX, "a payload of {} bytes", self.payload.len());
@@ -115,18 +115,18 @@ impl Transfer {
     }
 }
 
-/// Result of a frame.
+/// The result of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// The transfer is whole, and its CRC right where it has one.
+    /// The transfer is complete, and its CRC is valid if it has one.
     Complete(Transfer),
-    /// A part, more to come.
+    /// The frame is part of a transfer that is not complete.
     Partial,
-    /// Not a valid part of anything; the text says why.
+    /// The frame is not valid; the text has the reason.
     Invalid(&'static str),
 }
 
-/// What the frames of a transfer have in common, but for the transfer ID.
+/// What the frames of a transfer have in common except for the transfer ID.
 type Key = (u16, NodeId, Route);
 
 /// A transfer that is not complete.
@@ -137,8 +137,8 @@ struct SoFar {
     stream: Vec<u8>,
 }
 
-/// Puts the frames of all nodes on a bus together, one session for each sender, data type and destination. Of transfers that never
-/// end only the newest are kept.
+/// Reassembles the transfers of all nodes on a bus, with one session for each sender, data type and destination. Of incomplete
+/// transfers only the newest are kept.
 pub struct Assembler {
     sessions: Sessions<Key, SoFar>,
 }
@@ -150,12 +150,12 @@ impl Default for Assembler {
 }
 
 impl Assembler {
-    /// No session open.
+    /// An assembler without a session.
     pub fn new() -> Assembler {
         Assembler { sessions: Sessions::new(TIMEOUT) }
     }
 
-    /// Takes an extended data frame that ended at `at`, counted from any moment that stays the same.
+    /// Handles an extended data frame that ended at `at`. All times count from the same moment.
     pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Outcome {
         let Some(id) = CanId::parse(id) else {
             return Outcome::Invalid("forbidden identifier");
@@ -214,7 +214,7 @@ impl Assembler {
             return Outcome::Invalid("transfer too long");
         }
         let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
-        // A type without a known signature cannot be checked; an observer shows it all the same.
+        // Without a known signature the CRC cannot be checked; an observer shows the transfer nevertheless.
         if let Some(signature) = DataType::of(id.type_id, id.transfer_type).and_then(|known| known.signature)
             && crc::transfer(signature, &payload) != sent_crc
         {
@@ -234,9 +234,9 @@ mod tests {
     use crate::sessions::SESSIONS_MAX;
 
     #[test]
-    fn transfers_that_never_end_do_not_pile_up() {
+    fn incomplete_transfers_use_limited_memory() {
         let mut assembler = Assembler::new();
-        // The first frames of broadcasts of so many types from every node.
+        // First frames of broadcasts of many types from every node.
         for (type_id, source) in (0u32..50).flat_map(|type_id| (1u32..128).map(move |source| (type_id, source))) {
             let id = type_id << 19 | 2 << 17 | source << 10;
             assert_eq!(assembler.push(id, &[0; FRAME_DATA], Duration::ZERO), Outcome::Partial);

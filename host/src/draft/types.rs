@@ -1,12 +1,12 @@
 //! Names and signatures of the draft's data types.
 //!
-//! Numbers and signatures are those of 2015-03-19, but for ArrayCommand, which is the one before commands had a unit. The
+//! IDs and signatures are those of 2015-03-19, except ArrayCommand: its definition is the last one without a unit. The
 //! thesis's two types are its own.
 
 use super::id::TransferType;
 use crate::types::Kind;
 
-/// One known type.
+/// A known type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DataType {
     pub kind: Kind,
@@ -30,9 +30,9 @@ const fn named(kind: Kind, id: u16, name: &'static str) -> DataType {
 
 pub const ARRAY_COMMAND: DataType = message(265, "draft.ArrayCommand", 0x1679_B64E_1786_5FFF);
 pub const NODE_STATUS: DataType = message(550, "draft.NodeStatus", 0xE5EB_F57B_2D92_835D);
-/// One byte: servo command, 0..255 over the full travel.
+/// One byte: servo command, 0 to 255 over the full travel.
 pub const THESIS_COMMAND: DataType = named(Kind::Message, 760, "draft.ThesisCommand");
-/// One byte: whatever a node of the thesis measures, degrees Celsius or a count.
+/// One byte: a measurement of a node of the thesis, degrees Celsius or a count.
 pub const THESIS_MEASUREMENT: DataType = named(Kind::Message, 761, "draft.ThesisMeasurement");
 pub const GET_NODE_INFO: DataType = service(551, "draft.GetNodeInfo", 0x1CC6_F807_395C_AE42);
 pub const RESTART_NODE: DataType = service(560, "draft.RestartNode", 0x569E_0539_4A30_17F0);
@@ -60,7 +60,7 @@ pub const KNOWN: &[DataType] = &[
 ];
 
 impl DataType {
-    /// The type with this number that goes this way, if it is a known one.
+    /// The type with this ID in a transfer of this type, if it is known.
     pub fn of(type_id: u16, transfer_type: TransferType) -> Option<&'static DataType> {
         KNOWN.iter().find(|known| known.kind == transfer_type.kind() && known.id == type_id)
     }

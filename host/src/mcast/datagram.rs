@@ -1,4 +1,4 @@
-//! One CAN frame as one datagram of the multicast bus.
+//! A CAN frame as a datagram of the multicast bus.
 //!
 //! ```text
 //! offset  0      2      4       6                        10
@@ -6,11 +6,11 @@
 //!         0x2934        bit 0:  bit 31: it has 29 bits
 //!                       CAN FD
 //! ```
-//! The CRC is CRC-16-CCITT-FALSE over everything that follows it. Source: pydronecan 1.0.27, `driver/mcast.py`;
+//! The CRC is CRC-16-CCITT-FALSE of all bytes after it. Source: pydronecan 1.0.27, `driver/mcast.py`;
 //! libcanard, `drivers/mcast`.
 //!
-//! Limits: classic data frames. The format has no place for a DLC above eight, and its readers would take a remote frame
-//! for a data frame, so that [`encode`] makes none of it.
+//! Limits: classic data frames. The format cannot represent a DLC above eight, and readers would take a remote frame
+//! for a data frame, so [`encode`] rejects remote frames.
 
 use crate::{Frame, Id, crc};
 
@@ -33,14 +33,14 @@ pub const DATAGRAM_MAX: usize = DATA_AT + 64;
 /// Why a datagram is not a frame for a classic bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// Shorter than its header, or more data than a frame can have.
+    /// Shorter than the header, or more data than a frame can have.
     Length,
-    /// Something else speaks on this address.
+    /// Not the magic number: another protocol uses this address.
     Magic,
     Crc,
     /// A CAN FD frame.
     Fd,
-    /// Not an identifier of 11 or 29 bits.
+    /// Neither 11 nor 29 bits.
     Id,
 }
 
@@ -91,7 +91,7 @@ pub fn decode(datagram: &[u8]) -> Result<Frame, Refused> {
 mod tests {
     use super::*;
 
-    /// Made with the packing of pydronecan 1.0.27 for id 0x1404562A, data 01 00 A9 5C 00 C0.
+    /// Packed with pydronecan 1.0.27 for id 0x1404562A, data 01 00 A9 5C 00 C0.
     const GOLDEN: [u8; 16] =
         [0x34, 0x29, 0xF1, 0x83, 0x00, 0x00, 0x2A, 0x56, 0x04, 0x94, 0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0];
 
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_every_length_and_both_widths_survive() {
+    fn frames_of_every_length_and_both_widths_survive_a_round_trip() {
         for len in 0..=8 {
             let data = [0xA5; 8];
             for frame in [Frame::standard(0x7FF, &data[..len]), Frame::extended(0x1FFF_FFFF, &data[..len])] {
@@ -119,14 +119,14 @@ mod tests {
     }
 
     #[test]
-    fn a_dlc_above_eight_becomes_eight_and_a_remote_frame_nothing() {
+    fn a_dlc_above_eight_becomes_eight_and_a_remote_frame_is_rejected() {
         let long = Frame::with_dlc(Id::Standard(1), 15, [7; 8]);
         assert_eq!(decode(&encode(&long).unwrap()), Ok(Frame::standard(1, &[7; 8])));
         assert_eq!(encode(&Frame::remote(Id::Extended(1), 0)), None);
     }
 
     #[test]
-    fn what_is_no_classic_frame_is_refused_with_the_reason() {
+    fn other_datagrams_are_rejected_with_the_reason() {
         for len in 0..10 {
             assert_eq!(decode(&GOLDEN[..len]), Err(Refused::Length));
         }
@@ -146,9 +146,9 @@ mod tests {
         assert_eq!(decode(&with_crc(long)), Err(Refused::Length));
     }
 
-    /// Bits 29 and 30 mark error and remote frames in other programs' identifiers; bit 31 is missing in the last.
+    /// Bits 29 and 30 mark error and remote frames in other programs' identifiers. The last identifier lacks bit 31.
     #[test]
-    fn identifiers_with_foreign_flags_are_refused() {
+    fn identifiers_with_unknown_flags_are_rejected() {
         for top in [0xB4, 0xD4, 0x14] {
             let mut bytes = GOLDEN.to_vec();
             bytes[9] = top;
