@@ -3,9 +3,9 @@
 //! Goals: use a slow bus without flooding it; wait for slow nodes; no node delays requests to other nodes.
 //!
 //! * Each node has a queue, and a window: the number of requests that may be sent to it and unanswered at once. A timeout
-//! halves the window, because a small node may have room for no more. Answers widen it again.
+//!   halves the window, because a small node may have room for no more. Answers widen it again.
 //! * All nodes together have a window, too, which adapts in the same way: on a slow bus answers are late because of the other
-//! requests. A node that has never answered does not narrow this window, because its silence shows nothing about the bus.
+//!   requests. A node that has never answered does not narrow this window, because its silence shows nothing about the bus.
 //! * The timeout follows from the delay of the answers so far, as in TCP ([`delay`]).
 //!
 //! Invariants: each attempt has its own transfer ID. An answer to any attempt answers the request. A transfer ID is not

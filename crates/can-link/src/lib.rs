@@ -1,7 +1,7 @@
-//! A CAN bus for programs on a host: an SLCAN adapter, the multicast bus of DroneCAN, or SocketCAN. It may go away and come back.
+//! A CAN bus for programs on a host: an SLCAN adapter, the multicast bus of DroneCAN, or SocketCAN. A lost bus is reopened.
 //!
-//! Nothing here blocks. Frames that the bus does not take wait, and beyond [`QUEUE_LIMIT`] the newest are dropped and counted,
-//! as from a full transmit queue: what needs an answer is asked for again anyway.
+//! Nothing here blocks. Frames that the bus does not accept are queued. Beyond [`QUEUE_LIMIT`] the newest are dropped and counted,
+//! as with a full transmit queue: a requester repeats what is not answered.
 
 #![forbid(unsafe_code)]
 
@@ -21,18 +21,18 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Half a second of a bus with a few requests on it.
+/// Maximum number of queued frames: half a second of a bus with a few requests.
 const QUEUE_LIMIT: usize = 1000;
-/// Taken in one turn, so that a flood on the bus cannot keep the ground stations waiting.
+/// Maximum number of frames received in one turn, so that a busy bus does not stop the program's other work.
 const TAKEN_AT_ONCE: usize = 500;
-/// Between attempts to get a bus back.
+/// Time between attempts to reopen the bus.
 const RETRY: Duration = Duration::from_secs(1);
-/// For each answer of an SLCAN adapter: some never give one, and work all the same.
+/// Timeout for each answer of an SLCAN adapter. Some adapters never answer, and work nevertheless.
 const SLCAN_TIMEOUT: Duration = Duration::from_millis(500);
-/// Of the adapter's serial port; USB adapters and pseudo-terminals do not care.
+/// Baud rate of the adapter's serial port. USB adapters and pseudo-terminals ignore it.
 const SLCAN_BAUD: u32 = 115_200;
 
-/// Which bus, as the user writes it.
+/// A bus as the user writes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Spec {
     Slcan { path: PathBuf, baud: u32 },
@@ -73,16 +73,16 @@ impl fmt::Display for Spec {
     }
 }
 
-/// What passed.
+/// Numbers of frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     pub received: u64,
     pub sent: u64,
-    /// There was no room in the queue, or they were in it when the bus went away.
+    /// Frames for which the queue had no room, or that were queued when the bus was lost.
     pub dropped: u64,
 }
 
-/// A bus that is there, or that is waited for.
+/// A bus that is open, or that is to be reopened.
 pub struct Bus {
     spec: Spec,
     bit_rate: u32,
@@ -91,7 +91,7 @@ pub struct Bus {
     retry_at: Duration,
     queue: VecDeque<Frame>,
     pub counters: Counters,
-    /// Why it is away, as it was last said.
+    /// Why the bus is not open, as it was last logged.
     trouble: Option<String>,
     pub log: Vec<String>,
 }
@@ -103,7 +103,7 @@ enum Line {
 }
 
 impl Bus {
-    /// Does not open it yet.
+    /// A bus that is not opened yet.
     pub fn new(spec: Spec, bit_rate: u32, interface: Option<Ipv4Addr>) -> Bus {
         Bus {
             spec,
@@ -118,10 +118,10 @@ impl Bus {
         }
     }
 
-    /// Opens it.
+    /// Opens the bus.
     ///
     /// # Errors
-    /// With advice.
+    /// If it cannot be opened. The error has a remedy.
     pub fn open(&mut self, now: Duration) -> Result<()> {
         let line = match &self.spec {
             Spec::Slcan { path, baud } => {
@@ -164,7 +164,7 @@ impl Bus {
         Ok(())
     }
 
-    /// Whether frames can pass.
+    /// True if the bus is open.
     pub fn is_up(&self) -> bool {
         match &self.line {
             Some(Line::Slcan(slcan)) => slcan.state == State::Open,
@@ -173,12 +173,12 @@ impl Bus {
         }
     }
 
-    /// Takes what has come, and gets back a bus that was lost.
+    /// Returns the received frames, and reopens a bus that was lost.
     pub fn serve(&mut self, now: Duration) -> Vec<Frame> {
         if self.line.is_none() && now >= self.retry_at {
             self.retry_at = now + RETRY;
             if let Err(error) = self.open(now) {
-                self.say_trouble(format!("{error:#}"));
+                self.log_trouble(format!("{error:#}"));
             }
         }
         let was_up = self.is_up();
@@ -201,7 +201,7 @@ impl Bus {
                 for _ in 0..TAKEN_AT_ONCE {
                     match port.receive() {
                         Ok(Some(Ok(frame))) => frames.push(frame),
-                        // Our own, or not a classic frame.
+                        // Our own datagram, or not a classic frame.
                         Ok(_) => {}
                         Err(error) if error.kind() == ErrorKind::WouldBlock => break,
                         Err(error) => return Err(error.into()),
@@ -231,7 +231,7 @@ impl Bus {
         Ok(())
     }
 
-    /// Sends a frame, or keeps it until the bus takes it. Into a bus that is away nothing is sent.
+    /// Sends a frame, or queues it until the bus accepts it. If the bus is lost, the frame is dropped.
     pub fn send(&mut self, now: Duration, frame: Frame) {
         if !self.is_up() {
             return;
@@ -270,23 +270,23 @@ impl Bus {
         self.counters.dropped += self.queue.len() as u64;
         self.queue.clear();
         self.retry_at = now + RETRY;
-        self.say_trouble(format!("{error:#}"));
+        self.log_trouble(format!("{error:#}"));
     }
 
-    /// Once, not with each attempt.
-    fn say_trouble(&mut self, why: String) {
+    /// Logs why the bus is lost; the same reason only once.
+    fn log_trouble(&mut self, why: String) {
         if self.trouble.is_none() {
             self.log.push(format!("bus {} is away: {why}", self.spec));
         }
         self.trouble = Some(why);
     }
 
-    /// Why it is away, if it is.
+    /// Why the bus is not open; `None` if it is.
     pub fn trouble(&self) -> Option<&str> {
         self.trouble.as_deref()
     }
 
-    /// What to wait for, and whether for room to write too.
+    /// The file descriptor to poll; `true` if also for room to write.
     pub fn poll_fd(&self) -> Option<(BorrowedFd<'_>, bool)> {
         match self.line.as_ref()? {
             Line::Slcan(slcan) => Some((slcan.port.as_fd(), !slcan.out.is_empty())),
@@ -295,7 +295,7 @@ impl Bus {
         }
     }
 
-    /// When to look at it again even if nothing comes.
+    /// When to call [`Bus::serve`] again even if nothing is received.
     pub fn deadline(&self) -> Option<Duration> {
         match &self.line {
             None => Some(self.retry_at),
@@ -304,7 +304,7 @@ impl Bus {
         }
     }
 
-    /// Leaves the adapter closed.
+    /// Closes the bus and the adapter's channel.
     pub fn close(&mut self) {
         if let Some(Line::Slcan(slcan)) = &mut self.line {
             let _ = rustix::io::write(&slcan.port, b"C\r");
@@ -324,7 +324,7 @@ impl fmt::Display for Bus {
     }
 }
 
-/// `false` if there is no room now.
+/// Returns `false` if there is no room now.
 fn send_socketcan(socket: &CanSocket, frame: &Frame) -> io::Result<bool> {
     let id: Option<socketcan::Id> = match frame.id {
         Id::Standard(id) => socketcan::StandardId::new(id).map(Into::into),
@@ -339,7 +339,7 @@ fn send_socketcan(socket: &CanSocket, frame: &Frame) -> io::Result<bool> {
     }
 }
 
-/// What an SLCAN adapter has been told so far.
+/// The last command sent to an SLCAN adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     Closing,
@@ -355,7 +355,7 @@ struct Slcan {
     state: State,
     deadline: Duration,
     replies: Replies,
-    /// Bytes of a frame that the port has not taken yet.
+    /// Bytes of a frame that the port has not accepted yet.
     out: Vec<u8>,
 }
 
@@ -370,19 +370,19 @@ impl Slcan {
             replies: Replies::default(),
             out: Vec::new(),
         };
-        // Ends a line that was left unfinished, and a session.
-        slcan.tell(now, State::Closing, b"\rC\r")?;
+        // Ends an incomplete line, and a session.
+        slcan.send_command(now, State::Closing, b"\rC\r")?;
         Ok(slcan)
     }
 
-    fn tell(&mut self, now: Duration, state: State, command: &[u8]) -> io::Result<()> {
+    fn send_command(&mut self, now: Duration, state: State, command: &[u8]) -> io::Result<()> {
         self.state = state;
         self.deadline = now + SLCAN_TIMEOUT;
         self.out.extend(command);
         self.write().map(|_| ())
     }
 
-    /// Writes what waits; whether all of it is gone.
+    /// Writes the waiting bytes. Returns true if none is left.
     fn write(&mut self) -> io::Result<bool> {
         while !self.out.is_empty() {
             match rustix::io::write(&self.port, &self.out) {
@@ -395,7 +395,7 @@ impl Slcan {
         Ok(true)
     }
 
-    /// `false` if there is no room now.
+    /// Returns `false` if there is no room now.
     fn send(&mut self, frame: &Frame) -> io::Result<bool> {
         if !self.write()? {
             return Ok(false);
@@ -408,7 +408,7 @@ impl Slcan {
     fn serve(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
         self.write()?;
         let mut buffer = [0; 4096];
-        // Some adapters answer the empty line before the command, some do not: the rate is set when all answers have come.
+        // Some adapters answer the empty line before the command, some do not: the bit rate is set when all answers have arrived.
         while frames.len() < TAKEN_AT_ONCE {
             match rustix::io::read(&self.port, &mut buffer) {
                 Ok(0) => bail!("the adapter has been unplugged"),
@@ -433,11 +433,11 @@ impl Slcan {
         Ok(())
     }
 
-    /// Something was answered, or nothing in time: the next command of the way to an open adapter.
+    /// Sends the next command that opens the adapter, after an answer or a timeout.
     fn step(&mut self, now: Duration, done: bool) -> Result<()> {
         match self.state {
             State::Closing if now < self.deadline => {
-                // Wait a moment for the other answers, so that none is taken for that of the next command.
+                // Waits for the other answers, so that none counts as the answer to the next command.
                 self.deadline = self.deadline.min(now + Duration::from_millis(30));
             }
             State::Closing => {
@@ -447,12 +447,12 @@ impl Slcan {
                         self.bit_rate
                     )
                 })?;
-                self.tell(now, State::Rate, format!("S{digit}\r").as_bytes())?;
+                self.send_command(now, State::Rate, format!("S{digit}\r").as_bytes())?;
             }
             State::Rate | State::Opening if !done => {
                 bail!("the adapter refuses {} bit/s; does the bus have another rate? (--bitrate)", self.bit_rate)
             }
-            State::Rate => self.tell(now, State::Opening, b"O\r")?,
+            State::Rate => self.send_command(now, State::Opening, b"O\r")?,
             State::Opening => self.state = State::Open,
             State::Open => {}
         }
@@ -465,7 +465,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn buses_are_written_as_the_help_says() {
+    fn specs_have_the_syntax_of_the_help() {
         let slcan = |path: &str, baud| Ok(Spec::Slcan { path: path.into(), baud });
         assert_eq!("slcan:/dev/ttyACM0".parse(), slcan("/dev/ttyACM0", 115_200));
         assert_eq!("slcan:/dev/ttyUSB0:921600".parse(), slcan("/dev/ttyUSB0", 921_600));

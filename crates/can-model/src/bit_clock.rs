@@ -1,21 +1,21 @@
 //! The grid of bit boundaries of a bus, in whole AVR cycles.
 //!
-//! Boundary n lies at n x F_CPU / bit rate, rounded down: exact for ever also at rates that do not
+//! Boundary n is at n x F_CPU / bit rate, rounded down. It does not drift, even at rates that do not
 //! divide 16 MHz.
 
 use sim_base::{Cycles, F_CPU_HZ};
 
-/// One AVR cycle.
+/// Picoseconds of an AVR cycle.
 pub(super) const PS_PER_CYCLE: u64 = 1_000_000_000_000 / F_CPU_HZ;
 
-/// Knows where the current bit began and where later ones will.
+/// The start of the current bit and of later ones.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BitClock {
     bit_rate: u64,
     start: Cycles,
-    /// What rounding down took from `start`, in 1 / bit rate cycles.
+    /// The fraction that rounding down removed from `start`, in 1 / bit rate cycles.
     rest: u64,
-    /// Cycles of a bit, if they are whole.
+    /// Cycles of a bit, if that is an integer.
     whole: Option<u64>,
 }
 
@@ -40,7 +40,7 @@ impl BitClock {
         }
     }
 
-    /// How many bits, the current one included, are over at `at`.
+    /// Number of bits, with the current one, that have ended at `at`.
     pub fn bits_until(&self, at: Cycles) -> u64 {
         let Some(cycles) = at.checked_sub(self.start) else {
             return 0;

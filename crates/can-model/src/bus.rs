@@ -1,21 +1,21 @@
-//! The wire: joins what the stations drive, distorts it as the faults demand, and hands it back.
+//! The wire: combines the levels that the stations drive, applies the faults, and returns the result to the stations.
 //!
-//! Bits are stepped one by one while anything is going on; idle bits are skipped up to the first in
+//! While a frame is in progress, bits are stepped one by one. Idle bits are skipped up to the first in
 //! which a station has something to send.
 //!
-//! # Order of things
-//! Whoever runs the AVRs takes [`Bus::horizon`], runs them up to there, then calls [`Bus::run_until`]
-//! with the time they reached. A bit is therefore stepped when its end has been reached: `drive` is
-//! called for its start and `sample` for its end, both in the past of the AVRs, and a station must gate
-//! requests by their time. On an idle bus a request may be up to [`IDLE_HORIZON_BITS`] old when its SOF
-//! is stepped; no effect of it can be visible sooner, unless something goes wrong with its first
-//! bits (an error or abort then shows up to that much late). A caller that wants even this exact asks
-//! for the horizon again after each access to a station: it shrinks as soon as one is not quiet.
+//! # Order of calls
+//! The caller that runs the AVRs reads [`Bus::horizon`], runs them up to there, then calls [`Bus::run_until`]
+//! with the time that they reached. So a bit is stepped after its end: `drive` is
+//! called for its start and `sample` for its end. Both are in the AVRs' past, so a station must check
+//! the times of its requests. On an idle bus a request may be up to [`IDLE_HORIZON_BITS`] old when its SOF
+//! is stepped. Its effects cannot be visible sooner, except an error or abort in its first
+//! bits, which then shows up to that much late. For exact times a caller must read
+//! the horizon again after each access to a station: it becomes shorter as soon as one is not quiet.
 //!
 //! # Stations out of step
-//! While a station runs at another bit rate, the bit is cut into events: the bus's bit begins, is
-//! sampled, ends; the station's bit is sampled, ends and begins anew. They are played in the order of
-//! their times, to the picosecond, and the horizon is the next of them.
+//! While a station has another bit rate, a bit is divided into events: the bus's bit begins, is
+//! sampled, ends; the station's bit is sampled, ends and begins again. They are executed in the order of
+//! their times, in picoseconds. The horizon is the next of them.
 
 use super::bit_clock::{BitClock, PS_PER_CYCLE};
 use super::fault::{BitContext, Distortion, Fault, Faults};
@@ -25,18 +25,18 @@ use super::station::StationRef;
 use super::wire::Level;
 use sim_base::Cycles;
 
-/// AVRs may run this far ahead over an idle bus. The shortest frame is 44 bits, so no frame that is
-/// asked for meanwhile can have been received.
+/// The AVRs may run this far ahead while the bus is idle. The shortest frame is 44 bits, so no frame that is
+/// requested in that time can have been received.
 const IDLE_HORIZON_BITS: u64 = 32;
 
-/// Listens to the changes of the wire.
+/// Called at each change of the wire's level.
 pub type WireTap = Box<dyn FnMut(Cycles, Level)>;
 
-/// A bit of the bus that is cut into events.
+/// A bit of the bus that is divided into events.
 #[derive(Clone, Copy, Debug)]
 struct OpenBit {
     distortion: Distortion,
-    /// The level at the sample point, once that has passed.
+    /// The level at the sample point; `None` before it.
     latched: Option<Level>,
 }
 
@@ -46,7 +46,7 @@ pub struct Bus {
     bit_ps: u64,
     clock: BitClock,
     ports: Vec<Port>,
-    /// Some port has a clock of its own.
+    /// True if a port has its own clock.
     mixed: bool,
     open: Option<OpenBit>,
     faults: Faults,
@@ -56,7 +56,7 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// An empty, idle bus at that many bits per second.
+    /// A bus without stations at `bit_rate` bits per second.
     pub fn new(bit_rate: u32) -> Bus {
         let clock = BitClock::new(bit_rate);
         Bus {
@@ -73,7 +73,7 @@ impl Bus {
         }
     }
 
-    /// Connects a station. It takes part from the next bit on.
+    /// Connects a station, which takes part from the next bit on.
     pub fn attach(&mut self, name: &str, station: StationRef) -> PortId {
         self.ports.push(Port::new(name, station));
         let stats = PortStats { name: name.to_owned(), ..PortStats::default() };
@@ -86,22 +86,22 @@ impl Bus {
         &self.ports[port.0].name
     }
 
-    /// Pulls (false) or plugs a station's cable. Without it the station hears only itself.
+    /// Connects or disconnects a station's cable. A disconnected station receives only itself.
     pub fn connect(&mut self, port: PortId, connected: bool) {
         self.ports[port.0].connected = connected;
     }
 
-    /// Makes something go wrong, on top of what does already.
+    /// Adds a fault to those that are active.
     pub fn inject(&mut self, fault: Fault) {
         self.faults.inject(fault);
     }
 
-    /// Ends all faults. Pulled cables stay pulled.
+    /// Ends all faults. Disconnected cables stay disconnected.
     pub fn clear_faults(&mut self) {
         self.faults.clear();
     }
 
-    /// Bits per second.
+    /// Bit rate in bits per second.
     pub fn bit_rate(&self) -> u32 {
         self.bit_rate
     }
@@ -122,17 +122,17 @@ impl Bus {
         self.recorder.take_records()
     }
 
-    /// Totals since the bus began.
+    /// Totals since the bus was created.
     pub fn stats(&self) -> BusStats {
         self.recorder.stats.clone()
     }
 
-    /// Everything that ended at or before this time has been stepped.
+    /// All events up to this time have been stepped.
     pub fn now(&self) -> Cycles {
         self.clock.start()
     }
 
-    /// How far the AVRs may run before the bus must be stepped.
+    /// The time up to which the AVRs may run before the bus must be stepped.
     pub fn horizon(&self) -> Cycles {
         if self.mixed || self.open.is_some() {
             return self.next_event().0.div_ceil(PS_PER_CYCLE);
@@ -141,7 +141,7 @@ impl Bus {
         self.clock.after((bits + 1).min(IDLE_HORIZON_BITS))
     }
 
-    /// Steps the bus: `sample` of every bit whose end is at or before `t` has been called on return.
+    /// Steps the bus: on return `sample` has been called for every bit whose end is at or before `t`.
     pub fn run_until(&mut self, t: Cycles) {
         loop {
             if self.open.is_some() || self.mixed {
@@ -161,7 +161,7 @@ impl Bus {
         }
     }
 
-    /// Takes over changes of the stations' bit times.
+    /// Applies changes of the stations' bit times.
     fn update_paces(&mut self) {
         let now_ps = self.clock.start() * PS_PER_CYCLE;
         let mut changed = false;
@@ -175,13 +175,13 @@ impl Bus {
 
     // ---- idle bus ----
 
-    /// How many of the next `limit` bits are idle for certain.
+    /// Number of the next `limit` bits that are certainly idle.
     fn idle_bits(&self, limit: u64) -> u64 {
         if !self.recorder.is_idle() || self.ports.iter().any(|port| port.deaf) {
             return 0;
         }
         let limit = limit.min(self.faults.harmless_idle_bits());
-        // Once a station is not quiet it stays so: find the first bit where one is not.
+        // A station that is not quiet stays so: finds the first bit in which one is not.
         let (mut quiet, mut unknown) = (0, limit);
         let mut probe = limit;
         while quiet < unknown {
@@ -200,7 +200,7 @@ impl Bus {
         on_bus.all(|port| port.station.borrow().quiet(at))
     }
 
-    /// Skips idle bits that end at `t` or before; false if there is none.
+    /// Skips idle bits that end at `t` or before. Returns false if there is none.
     fn skip_idle(&mut self, t: Cycles) -> bool {
         if !self.recorder.is_idle() {
             return false;
@@ -237,7 +237,7 @@ impl Bus {
         self.end_bit(level, distortion, start, end);
     }
 
-    /// Asks the stations in step for their level; returns all levels joined, and what will happen to
+    /// Calls `drive` of the stations in step. Returns the combined level, and the faults of
     /// the bit.
     fn begin_bit(&mut self, start: Cycles) -> (Level, Distortion) {
         let idle = self.recorder.is_idle();
@@ -253,7 +253,7 @@ impl Bus {
                 port.mute = port.is_in_step() && !port.station.borrow().transmitting();
             }
         }
-        if self.recorder.asks_for_sender() {
+        if self.recorder.needs_sender() {
             self.recorder.set_sender(self.find_sender());
         }
         let wire = self.wire();
@@ -274,7 +274,7 @@ impl Bus {
             .iter()
             .enumerate()
             .filter(|(_, port)| port.is_heard() && port.is_in_step() && port.driven.is_dominant());
-        // One alone is the sender; among several arbitration decides.
+        // A single sender is known now; among several, arbitration decides.
         let sender = match (drivers.next(), drivers.next()) {
             (Some((at, _)), None) => Some(PortId(at)),
             _ => None,
@@ -295,7 +295,7 @@ impl Bus {
         self.ports.iter().position(sends).map(PortId)
     }
 
-    /// The stations' levels joined.
+    /// The combined level of the stations.
     fn wire(&self) -> Level {
         let heard = self.ports.iter().filter(|port| port.is_heard());
         heard.fold(Level::Recessive, |level, port| level & port.driven)
@@ -328,7 +328,7 @@ impl Bus {
 
     // ---- some station out of step ----
 
-    /// The next event, in picoseconds, and the port whose it is (None: the bus's).
+    /// The next event, in picoseconds, and its port (`None`: the bus's own).
     fn next_event(&self) -> (u64, Option<usize>) {
         let start_ps = self.clock.start() * PS_PER_CYCLE;
         let bus_ps = match &self.open {
@@ -347,7 +347,7 @@ impl Bus {
         next
     }
 
-    /// Plays the next event if it is due at `t`.
+    /// Executes the next event if it is due at `t`.
     fn step_event(&mut self, t: Cycles) -> bool {
         let (at_ps, port) = self.next_event();
         if at_ps > t * PS_PER_CYCLE {
@@ -368,7 +368,7 @@ impl Bus {
         true
     }
 
-    /// Begins a bit that is cut into events, or skips idle ones. False if that must wait for later
+    /// Begins a bit that is divided into events, or skips idle bits. Returns false if that is due later
     /// than `t`.
     fn open_bit(&mut self, t: Cycles) -> bool {
         self.update_paces();
@@ -385,7 +385,7 @@ impl Bus {
         true
     }
 
-    /// The wire takes its new level.
+    /// Sets the wire's new level.
     fn settle(&mut self, at: Cycles) {
         let level = self.wire();
         let level = self.open.map_or(level, |bit| bit.distortion.apply(level));

@@ -1,16 +1,16 @@
 //! Fault confinement: the two error counters of a node and the state they put it in.
 //!
 //! The rules are lettered in ISO 11898-1:2003 13.1.4.2 (and Bosch CAN 2.0B "Fault confinement");
-//! [`Engine`](super::Engine) decides which rule applies, this file what it does to the counters.
+//! [`Engine`](super::Engine) decides which rule applies; this file changes the counters.
 
-/// How much say a node has on the bus.
+/// The error state of a node, from its counters.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
 pub enum ErrorState {
     /// Sends active (dominant) error flags.
     Active,
     /// A counter is at 128 or more: sends passive (recessive) error flags and pauses before sending.
     Passive,
-    /// The transmit error counter passed 255: drives nothing.
+    /// The transmit error counter passed 255 (bus-off): drives nothing.
     BusOff,
 }
 
@@ -18,12 +18,12 @@ pub enum ErrorState {
 const PASSIVE_AT: u16 = 128;
 /// A transmit error counter above this makes a node leave the bus.
 const TEC_LIMIT: u16 = 255;
-/// Real chips keep eight bits; nothing depends on a higher value.
+/// Real chips have eight bits; no rule depends on a higher value.
 const REC_LIMIT: u16 = 255;
-/// The specification allows 119 to 127 after a success beyond 127. The lowest: a single further error
-/// of weight 8 then does not make the node error passive again.
+/// The specification allows 119 to 127 after a success beyond 127. This is the lowest, with which one more error
+/// of 8 does not make the node error-passive again.
 const REC_AFTER_SUCCESS: u16 = 119;
-/// Weight of a severe error.
+/// Increment for a severe error.
 const SEVERE: u16 = 8;
 
 /// TEC and REC.
@@ -54,7 +54,7 @@ impl Confinement {
         self.rec = (self.rec + SEVERE).min(REC_LIMIT);
     }
 
-    /// Rules c), d), f) for a transmitter. Stops counting once beyond the limit.
+    /// Rules c), d), f) for a transmitter. Does not count beyond the limit.
     pub fn transmit_error(&mut self) {
         if self.tec <= TEC_LIMIT {
             self.tec += SEVERE;
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn success_takes_one_off_and_never_goes_below_zero() {
+    fn a_success_decrements_the_counter_but_not_below_zero() {
         let mut counters = Confinement { tec: 1, rec: 1 };
         counters.transmitted();
         counters.transmitted();
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn a_success_makes_a_passive_receiver_active_with_119() {
+    fn a_success_sets_a_passive_receiver_s_counter_to_119() {
         for (before, after) in [(127, 126), (128, 119), (255, 119)] {
             let mut counters = Confinement { tec: 0, rec: before };
             counters.received();

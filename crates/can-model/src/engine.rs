@@ -1,7 +1,7 @@
 //! The CAN 2.0B protocol engine of one node, one bit at a time.
 //!
-//! Each bit is a pair of calls: [`Engine::drive`] gives the level the node puts on the wire,
-//! [`Engine::sample`] takes the level the wire had and returns what that led to.
+//! Each bit is a pair of calls: [`Engine::drive`] returns the level that the node drives, and
+//! [`Engine::sample`] gets the level of the wire and returns the resulting events.
 //!
 //! ```text
 //! Integrating --11 r--> Idle --SOF--> Frame --EOF--> Intermission --3 r--> Idle (or Suspend, 8 r)
@@ -11,24 +11,24 @@
 //!                    TEC > 255: BusOff --128 x 11 r--> Idle
 //! ```
 //!
-//! Goals: every rule of arbitration, signalling and fault confinement, with its exceptions, at its bit.
+//! Goal: every rule of arbitration, signalling and fault confinement, with its exceptions, at its exact bit.
 //!
 //! Invariants:
-//! * `sending` is set only in `Frame`. `transmitter` outlives it: a node stays transmitter through its
-//!   error frame and the intermission, which decides the counter that is charged.
-//! * In `Frame` the parser sees every bit of the wire, the node's own too, so a node that loses
-//!   arbitration goes on as a receiver without a gap.
-//! * A flag is active or passive by the state before its error was counted: the error that makes a node
-//!   passive is still signalled actively.
+//! * `sending` is set only in `Frame`. `transmitter` stays set longer: a node is transmitter until the end of its
+//!   error frame and of the intermission. That decides which counter is incremented.
+//! * In `Frame` the parser gets every bit of the wire, also of the node's own frame, so a node that loses
+//!   arbitration continues as a receiver without a gap.
+//! * A flag is active or passive by the state before its error was counted: the flag of the error that makes a node
+//!   passive is still active.
 //!
-//! Choices where the specification leaves one:
+//! Choices that the specification leaves open:
 //! * A dominant bit that a transmitter sees in its end of frame is a bit error, not a form error (its
 //!   weight is the same), as in Bosch's controllers.
 //! * A bit error in an active error flag or overload flag starts a new error flag.
 //! * A receiver whose dominant acknowledgement reads back recessive has a bit error.
-//! * A node in listen-only mode resumes after an error as soon as it has seen eight recessive bits, the
-//!   error's own bit included. ISO 11898-1 lets it play its error flag internally, which makes it miss
-//!   frames after an error; this one does not.
+//! * A node in listen-only mode resumes after an error when it has received eight recessive bits, including
+//!   the error's own bit. ISO 11898-1 allows that it sends its error flag internally and so misses
+//!   frames after an error; this node does not.
 //!
 //! Source: ISO 11898-1:2003 clauses 10 (formats, error handling) and 13 (fault confinement); Bosch CAN
 //! Specification 2.0 part B.
@@ -43,26 +43,26 @@ use super::event::{ErrorKind, Event, Events};
 use super::parser::{Field, Parser, Step};
 use super::wire::{INTERMISSION_BITS, Level, WireBits};
 
-/// Bits an error passive transmitter waits after the intermission.
+/// Recessive bits that an error-passive transmitter waits after the intermission.
 const SUSPEND_BITS: u8 = 8;
-/// Recessive bits in a row after which the bus is idle for a node.
+/// Consecutive recessive bits after which the bus is idle for a node.
 const IDLE_BITS: u8 = 11;
 
-/// What an [`Engine`] may do.
+/// Modes of an [`Engine`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum EngineMode {
-    /// Drives recessive and hears nothing. The counters stay until [`Engine::reset`].
+    /// Drives recessive and receives nothing. The counters keep their values until [`Engine::reset`].
     Off,
-    /// Takes part.
+    /// Sends and receives.
     Normal,
-    /// Hears frames, drives nothing: no frames, no acknowledgement, no flags. The counters stay 0.
+    /// Receives frames and drives nothing: no frames, acknowledgements or flags. The counters stay 0.
     ListenOnly,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
     Off,
-    /// Waiting for the bus to be idle, after a start.
+    /// Waits for an idle bus after a start.
     Integrating {
         recessive: u8,
     },
@@ -83,10 +83,10 @@ enum State {
     PassiveFlag {
         flag: PassiveFlag,
     },
-    /// The flag is sent; others may still be sending theirs.
+    /// The flag is sent; other nodes may still send theirs.
     FlagTail {
         dominant: u8,
-        /// The next bit is the first after an error flag.
+        /// True if the next bit is the first after an error flag.
         first: bool,
     },
     Delimiter {
@@ -102,13 +102,13 @@ enum State {
     },
 }
 
-/// A passive error flag so far.
+/// The received part of a passive error flag.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 struct PassiveFlag {
-    /// Equal bits in a row, and their level.
+    /// Number of consecutive equal bits, and their level.
     run: u8,
     last: Level,
-    /// It is for an ACK error whose charge is due only if somebody else signals an error too.
+    /// True for an ACK error, which is counted only if another node signals an error too.
     unacknowledged: bool,
 }
 
@@ -129,7 +129,7 @@ pub struct Engine {
     parser: Parser,
     sending: Option<Sending>,
     transmitter: bool,
-    /// The SOF now over came in the third bit of the intermission: the node may join with its own
+    /// True if the last SOF was in the third bit of the intermission: the node may join with its own
     /// frame from the first identifier bit on.
     may_join: bool,
     driven: Level,
@@ -159,20 +159,20 @@ impl Engine {
         }
     }
 
-    /// A listener that was there when the bus was born: it need not integrate.
+    /// A listener that need not integrate, because the bus is new.
     pub(super) fn observer() -> Engine {
         Engine { mode: EngineMode::ListenOnly, state: State::Idle, ..Engine::new() }
     }
 
-    /// Changes the mode. A frame in progress is dropped without a word; the node then integrates
-    /// (11 recessive bits), or, if its counters say bus-off, begins its recovery anew. The same mode
-    /// again changes nothing.
+    /// Changes the mode. A frame in progress is dropped without an event. The node then integrates
+    /// (11 recessive bits); if its counters say bus-off, it starts its recovery again. Setting the same mode
+    /// changes nothing.
     pub fn set_mode(&mut self, mode: EngineMode) {
         if mode == self.mode {
             return;
         }
         self.mode = mode;
-        self.abandon_frame();
+        self.drop_frame();
         if mode == EngineMode::ListenOnly {
             self.counters = Confinement::default();
         }
@@ -190,18 +190,18 @@ impl Engine {
         self.mode
     }
 
-    /// Loopback: on a wire of its own, the node acknowledges its own frames and receives them. Its
-    /// owner feeds the level driven straight back: `sample(drive(pending))`.
+    /// Loopback: on its own wire the node acknowledges its own frames and receives them. Its
+    /// owner returns the driven level at once: `sample(drive(pending))`.
     pub fn set_self_ack(&mut self, self_ack: bool) {
         self.self_ack = self_ack;
     }
 
-    /// As new: off, counters at zero, no loopback.
+    /// Resets to the initial state: off, counters at zero, no loopback.
     pub fn reset(&mut self) {
         *self = Engine::new();
     }
 
-    /// Begins anew and keeps the error counters: it leaves whatever it was doing, and looks for an idle bus.
+    /// Restarts and keeps the error counters: drops a frame in progress and waits for an idle bus.
     pub fn restart(&mut self) {
         *self = Engine { counters: std::mem::take(&mut self.counters), ..Engine::new() };
     }
@@ -216,7 +216,7 @@ impl Engine {
         self.counters.rec
     }
 
-    /// What the counters make of the node.
+    /// The error state, from the counters.
     pub fn error_state(&self) -> ErrorState {
         self.counters.state()
     }
@@ -226,7 +226,7 @@ impl Engine {
         self.sending.is_some()
     }
 
-    /// True if the bus is idle for this node: nothing in progress and nothing to wait for.
+    /// True if the bus is idle for this node: no frame in progress, and nothing to wait for.
     pub fn is_idle(&self) -> bool {
         self.state == State::Idle
     }
@@ -236,24 +236,24 @@ impl Engine {
         matches!(self.state, State::Idle | State::Intermission { bit: 2 })
     }
 
-    /// True from the bit after an error or overload to the end of its delimiter (listen-only).
+    /// True from the bit after an error or overload to the end of the delimiter (listen-only).
     pub(super) fn is_resyncing(&self) -> bool {
         matches!(self.state, State::Resync { .. })
     }
 
-    /// The field of the coming bit, if it is one of a frame.
+    /// The field of the next bit; `None` outside frames.
     pub(super) fn field(&self) -> Option<Field> {
         (self.state == State::Frame).then(|| self.parser.field())
     }
 
-    /// True when the first bit after the arbitration field (and reserved bits) is due.
+    /// True if the next bit is the first after the arbitration field (and reserved bits).
     pub(super) fn is_past_arbitration(&self) -> bool {
         self.state == State::Frame && self.parser.is_past_arbitration()
     }
 
-    /// The level driven in the coming bit. `pending` is the frame the owner wants sent now; it is
-    /// taken, as a copy, if this bit can be its SOF, and then [`Engine::transmitting`] turns true.
-    /// The owner offers it again after a loss or an error if it still wants it sent.
+    /// The level that the node drives in the next bit. `pending` is the frame that the owner wants to send. If
+    /// this bit can be its SOF, the engine copies it, and [`Engine::transmitting`] becomes true.
+    /// After a lost arbitration or an error the owner must pass it again.
     pub fn drive(&mut self, pending: Option<&Frame>) -> Level {
         self.driven = match self.state {
             State::Frame => self.drive_frame(pending),
@@ -275,7 +275,7 @@ impl Engine {
         if self.may_join {
             self.may_join = false;
             if let (Some(frame), EngineMode::Normal) = (pending, self.mode) {
-                // The SOF has been sent by somebody else.
+                // Another node has sent the SOF.
                 return self.begin_sending(frame, 1);
             }
         }
@@ -298,11 +298,11 @@ impl Engine {
         bits.get(at)
     }
 
-    /// The level the wire really had in the bit that [`Engine::drive`] began.
+    /// The level of the wire in the bit that [`Engine::drive`] began. Returns its events.
     #[inline]
     pub fn sample(&mut self, level: Level) -> Events {
         let mut events = Events::default();
-        // Where a busy bus spends its time.
+        // The most frequent case, first.
         if matches!(self.state, State::Frame) {
             self.sample_frame(level, &mut events);
         } else {
@@ -370,7 +370,7 @@ impl Engine {
                 return self.frame_error(ErrorKind::Bit, level, events);
             } else if self.parser.is_arbitrating(sending.frame.is_extended()) {
                 if self.parser.expects_stuff_bit() {
-                    // Rule c), exception 2: others may have sent the stuff bit of another frame.
+                    // Rule c), exception 2: another node may have sent a stuff bit of its frame.
                     return self.error(ErrorKind::Stuff, Charge::None, events);
                 }
                 self.sending = None;
@@ -438,7 +438,7 @@ impl Engine {
         self.transmitter = false;
     }
 
-    fn abandon_frame(&mut self) {
+    fn drop_frame(&mut self) {
         self.sending = None;
         self.transmitter = false;
         self.may_join = false;

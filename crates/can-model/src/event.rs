@@ -1,47 +1,47 @@
-//! What an [`Engine`](super::Engine) reports after a bit.
+//! Events that an [`Engine`](super::Engine) reports after a bit.
 
 use super::Frame;
 
-/// Why a frame was given up.
+/// Why a frame was aborted.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
 pub enum ErrorKind {
     /// The wire did not have the level that the node drove.
     Bit,
-    /// Six equal bits where stuffing forbids them.
+    /// Six equal bits in the stuffed part of a frame.
     Stuff,
-    /// The checksum received is not the one calculated.
+    /// The received CRC differs from the calculated one.
     Crc,
-    /// A dominant bit where the format demands a recessive one.
+    /// A dominant bit where the format requires a recessive one.
     Form,
-    /// Nobody acknowledged the frame sent.
+    /// No node acknowledged the frame.
     Ack,
 }
 
-/// Something a node's owner should know.
+/// An event for a node's owner.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Event {
-    /// A frame of another node is valid: at its last but one end-of-frame bit.
+    /// A frame of another node is valid: in its last but one end-of-frame bit.
     Received(Frame),
-    /// The node's own frame went out: at its last end-of-frame bit.
+    /// The node's own frame was sent: in its last end-of-frame bit.
     Transmitted(Frame),
-    /// Another node with a lower identifier was sending too; this node is its receiver now.
+    /// The node lost arbitration to a lower identifier, and is a receiver now.
     ArbitrationLost,
-    /// An error was found.
+    /// The node detected an error, or its flag shows another node's.
     Error {
-        /// What was wrong.
+        /// The kind of error.
         kind: ErrorKind,
-        /// Whether this node was the transmitter of the frame (or of its error frame).
+        /// True if this node is the transmitter of the frame (or of its error frame).
         transmitting: bool,
     },
-    /// The transmit error counter passed 255: the node has left the bus.
+    /// The transmit error counter passed 255: the node is bus-off.
     BusOff,
-    /// 128 x 11 recessive bits have passed since: the node is back, its counters at zero.
+    /// After 128 x 11 recessive bits the node has recovered from bus-off; its counters are zero.
     Recovered,
-    /// An overload frame was forced upon the node.
+    /// Another node made this node send an overload frame.
     Overload,
 }
 
-/// The events of one bit, none to two, in order.
+/// The events of one bit in order, at most two.
 #[derive(Clone, Copy, Default, Debug)]
 pub struct Events {
     first: Option<Event>,
@@ -49,7 +49,7 @@ pub struct Events {
 }
 
 impl Events {
-    /// True if nothing happened.
+    /// True if there is no event.
     pub fn is_empty(&self) -> bool {
         self.first.is_none()
     }

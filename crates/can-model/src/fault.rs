@@ -1,50 +1,50 @@
-//! What can be made to go wrong on the wire, and the bookkeeping of when.
+//! Faults on the wire, and the times at which they take effect.
 //!
-//! Bits of a frame are counted from its SOF (0) through end of frame and intermission, as they pass on
-//! the wire, stuff bits included. "The next frame" is the next SOF after the injection.
+//! The bits of a frame are counted on the wire from its SOF (0) through end of frame and intermission,
+//! including stuff bits. "The next frame" is the next SOF after the injection.
 //!
-//! Limits: faults aimed at one station do nothing to a station out of step with the bus (it receives
-//! nothing anyway). With such a station about, what happens to a bit is decided as the bit begins.
+//! Limits: faults of one station have no effect on a station out of step with the bus, which receives
+//! nothing anyway. With a station out of step, the faults of a bit are decided when the bit begins.
 
 use super::port::PortId;
 use super::wire::Level;
 
-/// Something to go wrong. See [`Bus::inject`](super::Bus::inject).
+/// A fault. See [`Bus::inject`](super::Bus::inject).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Fault {
-    /// One bit of the next frame is inverted, for everybody.
+    /// One bit of the next frame is inverted for all stations.
     FlipBit {
-        /// Wire bit, 0 is the SOF. Beyond the intermission nothing happens.
+        /// Number of the bit; 0 is the SOF. Beyond the intermission the fault has no effect.
         bit: u32,
     },
-    /// One bit of the next frame is inverted, but only as this station sees it.
+    /// One bit of the next frame is inverted for this station only.
     FlipBitSeenBy {
         /// The station.
         port: PortId,
-        /// Wire bit, 0 is the SOF.
+        /// Number of the bit; 0 is the SOF.
         bit: u32,
     },
-    /// Noise: each bit, idle ones too, is inverted for everybody with this probability. 0 ends it.
+    /// Noise: each bit, also of an idle bus, is inverted for all stations with this probability. 0 ends the noise.
     BitErrorRate {
-        /// Errors in a million bits.
+        /// Bit errors in a million bits.
         per_million: u32,
         /// Equal seeds give equal noise.
         seed: u64,
     },
-    /// The station does not notice the next frame of another: its time stands still meanwhile.
+    /// The station does not receive the next frame of another station: its time stops meanwhile.
     LoseNextFrame {
         /// The station.
         port: PortId,
     },
-    /// Nobody acknowledges, as if the sender were alone with listeners: from the ACK slot on, the wire carries what the sender
+    /// No station acknowledges, as if only listeners were there: from the ACK slot on, the wire has the level that the sender
     /// drives. A sender becomes error-passive and repeats its frame; its TEC stays at 128.
     NoAck(bool),
-    /// The wire is recessive in every ACK slot. The receivers see that their acknowledgements are destroyed, and destroy the
+    /// The wire is recessive in every ACK slot. The receivers detect that their acknowledgements are destroyed, and destroy the
     /// frame: the sender goes bus-off.
     AckDestroyed(bool),
-    /// Every frame is destroyed: its bit 60 is inverted for everybody. In an extended frame that is behind the control field.
+    /// Every frame is destroyed: its bit 60 is inverted for all stations. In an extended frame that is after the control field.
     DestroyFrames(bool),
-    /// The wire is shorted: always dominant.
+    /// The wire is shorted and always dominant.
     StuckDominant(bool),
 }
 
@@ -55,24 +55,24 @@ const DESTROYED_BIT: u32 = 60;
 struct Flip {
     port: Option<PortId>,
     bit: u32,
-    /// Its frame has begun.
+    /// True when its frame has begun.
     armed: bool,
 }
 
-/// What the bus knows about the coming bit when it asks the faults.
+/// What the faults need to know about the next bit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BitContext {
-    /// Nothing is going on: a dominant bit would be a SOF.
+    /// True if the bus is idle: a dominant bit would be a SOF.
     pub idle: bool,
-    /// It is one.
+    /// True if the bit is a SOF.
     pub start_of_frame: bool,
     pub ack_slot: bool,
 }
 
-/// All faults in force.
+/// All active faults.
 #[derive(Default, Debug)]
 pub(super) struct Faults {
-    /// False if there is nothing to look at: the usual case must cost nothing.
+    /// False if no fault is active, which makes the usual case fast.
     any: bool,
     flips: Vec<Flip>,
     noise: Option<Noise>,
@@ -81,21 +81,21 @@ pub(super) struct Faults {
     ack_destroyed: bool,
     destroy: bool,
     stuck: bool,
-    /// Number of the coming bit in its frame.
+    /// Number of the next bit in its frame.
     frame_bit: Option<u32>,
 }
 
-/// What happens to one bit.
+/// The effect of the faults on one bit.
 #[derive(Clone, Copy, Default, Debug)]
 pub(super) struct Distortion {
     force: Option<Level>,
     invert: bool,
-    /// The station that sees the opposite.
+    /// The station that receives the opposite level.
     pub fooled: Option<PortId>,
 }
 
 impl Distortion {
-    /// The level the wire gets.
+    /// The wire's level with the faults.
     pub fn apply(&self, level: Level) -> Level {
         let level = self.force.unwrap_or(level);
         if self.invert { !level } else { level }
@@ -134,7 +134,7 @@ impl Faults {
         self.any = lasting || !self.flips.is_empty() || self.noise.is_some() || !self.lose.is_empty();
     }
 
-    /// Idle bits that may be skipped before something happens.
+    /// Number of idle bits that no fault affects.
     pub fn harmless_idle_bits(&self) -> u64 {
         match &self.noise {
             _ if self.stuck => 0,
@@ -143,14 +143,14 @@ impl Faults {
         }
     }
 
-    /// Idle bits passed, no more than [`Faults::harmless_idle_bits`].
+    /// Skips idle bits, at most [`Faults::harmless_idle_bits`].
     pub fn skip_idle(&mut self, bits: u64) {
         if let Some(noise) = &mut self.noise {
             noise.clean_bits -= bits;
         }
     }
 
-    /// Takes the stations that are to miss the frame now beginning, if `hears` says they could hear it.
+    /// Removes the stations that miss the frame that begins now: those for which `hears` says that they could receive it.
     pub fn losers(&mut self, mut hears: impl FnMut(PortId) -> bool) {
         self.lose.retain(|&port| !hears(port));
         self.update_any();
@@ -160,12 +160,12 @@ impl Faults {
         !self.lose.is_empty()
     }
 
-    /// Whether receivers are kept from acknowledging.
+    /// True if receivers must not acknowledge.
     pub fn mutes_receivers(&self) -> bool {
         self.no_ack
     }
 
-    /// What happens to the coming bit.
+    /// The effect of the faults on the next bit.
     pub fn next_bit(&mut self, context: BitContext) -> Distortion {
         let mut distortion = Distortion::default();
         if !self.any {
@@ -213,12 +213,12 @@ impl Faults {
 
 const MILLION: u64 = 1_000_000;
 
-/// Bit errors as gaps between them, so that idle bits up to the next one can be skipped.
+/// Bit errors by the gaps between them, so that idle bits up to the next error can be skipped.
 #[derive(Debug)]
 struct Noise {
     per_million: u64,
     random: Random,
-    /// Bits left before the next error.
+    /// Number of bits before the next error.
     clean_bits: u64,
 }
 
@@ -246,7 +246,7 @@ impl Noise {
     }
 }
 
-/// SplitMix64 (Steele, Lea, Flood 2014): enough for noise, and the same on every host.
+/// SplitMix64 (Steele, Lea, Flood 2014): random enough for noise, and the same on every host.
 #[derive(Clone, Debug)]
 pub(super) struct Random(pub u64);
 
@@ -259,7 +259,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// A number below `limit` (far below 2^64, so the modulo's bias is nothing).
+    /// A number below `limit`. `limit` is far below 2^64, so the modulo's bias is negligible.
     pub fn below(&mut self, limit: u64) -> u64 {
         self.next() % limit
     }
@@ -273,7 +273,7 @@ mod tests {
     const SOF: BitContext = BitContext { idle: true, start_of_frame: true, ack_slot: false };
     const BUSY: BitContext = BitContext { idle: false, start_of_frame: false, ack_slot: false };
 
-    /// Bits inverted, of an idle bit, a SOF and nine bits of a frame, twice.
+    /// Indices of the inverted bits among an idle bit, a SOF and nine bits of a frame, twice.
     fn inverted(faults: &mut Faults) -> Vec<usize> {
         let frame = [IDLE, SOF].into_iter().chain([BUSY; 9]);
         let bits: Vec<_> = frame.clone().chain(frame).collect();

@@ -3,23 +3,23 @@
 //!
 //! ```text
 //! Bus ── drive()/sample() per bit ──> Station (SoftNode, Mcp2515, ..) ── owns ──> Engine
-//!  ├─ Faults: what goes wrong on the wire                                          ├─ Parser
-//!  └─ Recorder: a silent Engine that writes down what passed                       └─ Confinement
+//!  ├─ Faults: faults on the wire                                                    ├─ Parser
+//!  └─ Recorder: a silent Engine that records the frames                            └─ Confinement
 //! ```
 //!
-//! In each bit the bus asks every station for the level it drives, joins them (dominant wins), applies
-//! the faults, and gives every station the level that resulted. Arbitration,
-//! acknowledgement, error and overload frames are not calculated anywhere: they follow from the
+//! In each bit the bus calls every station for the level that it drives, combines the levels (dominant wins), applies
+//! the faults, and passes the result to every station. Arbitration,
+//! acknowledgement, error and overload frames are not calculated: they follow from the
 //! engines' rules.
 //!
 //! ## What is simplified
 //! * A bit has one level. Sample points, propagation delay, and resynchronisation inside a bit are
 //!   not modelled: stations at (nearly) the bus's bit rate are in step with it. A station at another
-//!   rate runs freely against the wire and is never synchronised, not even by a SOF.
-//! * A station that may not drive (listen-only) waits after an error for eight recessive bits instead
-//!   of playing its own error flag internally. See [`Engine`].
-//! * No CAN FD: a recessive reserved bit is accepted as CAN 2.0 demands, not taken for an FD frame.
-//! * Nobody asks for overload frames; they are sent only where the protocol forces one.
+//!   rate runs freely and is never synchronised, not even by a SOF.
+//! * A station that may not drive (listen-only) waits for eight recessive bits after an error instead
+//!   of sending its own error flag internally. See [`Engine`].
+//! * No CAN FD: a recessive reserved bit is accepted, as CAN 2.0 requires, and does not mean an FD frame.
+//! * No station requests overload frames; they occur only where the protocol requires one.
 //!
 //! Source: Bosch CAN Specification 2.0 part B (1991); ISO 11898-1:2003 clauses 10 to 13.
 

@@ -1,7 +1,7 @@
-//! Takes a frame off the wire bit by bit: removes stuff bits, follows the fields, checks the CRC and
+//! Parses a frame bit by bit: removes stuff bits, follows the fields, checks the CRC and
 //! the fixed bits. It does not know whether its node is receiving or sending.
 //!
-//! Reserved bits and SRR are accepted at either level, a DLC above eight means eight bytes.
+//! Reserved bits and SRR are accepted at either level. A DLC above eight means eight bytes.
 //!
 //! Source: ISO 11898-1:2003 10.4 (formats), 10.5 (stuffing), 10.9 (validity); Bosch CAN 2.0B.
 
@@ -13,7 +13,7 @@ use super::{Frame, Id};
 pub(super) enum Field {
     Sof,
     BaseId,
-    /// RTR of a standard frame or SRR of an extended one: IDE tells.
+    /// RTR of a standard frame or SRR of an extended one; IDE shows which.
     RtrOrSrr,
     Ide,
     ExtendedId,
@@ -29,22 +29,22 @@ pub(super) enum Field {
     EndOfFrame,
 }
 
-/// What a bit led to.
+/// The result of a bit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Step {
-    /// Nothing yet.
+    /// No result yet.
     More,
-    /// The ACK slot is over and the CRC was right.
+    /// The ACK slot has ended and the CRC is valid.
     Acknowledged,
     /// Last but one end-of-frame bit: the frame is valid for a receiver.
     Valid,
-    /// Last end-of-frame bit, recessive as it should be.
+    /// Last end-of-frame bit, recessive as required.
     End,
     /// Last end-of-frame bit, dominant.
     EndDominant,
     /// Six equal bits.
     StuffError,
-    /// The CRC was wrong; told after the ACK delimiter, when the error flag is due.
+    /// The CRC was wrong; reported after the ACK delimiter, when the error flag is due.
     CrcError,
     /// A fixed bit was dominant.
     FormError,
@@ -54,12 +54,12 @@ pub(super) enum Step {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Parser {
     field: Field,
-    /// Bits that `field` still lacks.
+    /// Number of bits that are missing in `field`.
     left: u8,
-    /// Equal bits in a row, stuff bits included.
+    /// Number of consecutive equal bits, including stuff bits.
     run: u8,
     last: Level,
-    /// Bits of `field` so far; of `Data` the current byte.
+    /// Value of the received bits of `field`; in `Data` of the current byte.
     value: u32,
     crc: u16,
     crc_is_right: bool,
@@ -73,7 +73,7 @@ pub(super) struct Parser {
 }
 
 impl Parser {
-    /// Before a SOF.
+    /// A parser that waits for a SOF.
     pub fn new() -> Parser {
         Parser {
             field: Field::Sof,
@@ -97,28 +97,28 @@ impl Parser {
         self.field
     }
 
-    /// True before the first bit of the field that follows arbitration, whatever its format.
+    /// True if the next bit is the first of the field after arbitration, in either format.
     pub fn is_past_arbitration(&self) -> bool {
         self.field == Field::Dlc && self.left == 4
     }
 
-    /// The next bit is a stuff bit.
+    /// True if the next bit is a stuff bit.
     pub fn expects_stuff_bit(&self) -> bool {
         self.run == STUFF_AFTER
     }
 
-    /// The next bit is one in which a sender of that format gives way.
+    /// True if the next bit is one in which a sender of this format can lose arbitration.
     pub fn is_arbitrating(&self, extended: bool) -> bool {
         let last = if extended { Field::ExtendedRtr } else { Field::RtrOrSrr };
         (Field::BaseId..=last).contains(&self.field)
     }
 
-    /// The next bit is the ACK slot of a frame whose CRC was right.
+    /// True if the next bit is the ACK slot of a frame with a valid CRC.
     pub fn wants_acknowledgement(&self) -> bool {
         self.field == Field::AckSlot && self.crc_is_right
     }
 
-    /// Takes one bit.
+    /// Handles one bit.
     pub fn push(&mut self, level: Level) -> Step {
         if self.expects_stuff_bit() {
             if level == self.last {
@@ -207,7 +207,7 @@ impl Parser {
     fn push_fixed(&mut self, level: Level) -> Step {
         match self.field {
             Field::CrcDelimiter => {
-                // Past the last place where a stuff bit can be.
+                // From here on no stuff bit is possible.
                 self.run = 0;
                 self.enter(Field::AckSlot, 1);
                 if level.is_dominant() { Step::FormError } else { Step::More }
@@ -239,7 +239,7 @@ impl Parser {
         }
     }
 
-    /// The frame, once it is [`Step::Valid`].
+    /// The frame, after [`Step::Valid`].
     pub fn frame(&self) -> Frame {
         let id = if self.extended { Id::Extended(self.id) } else { Id::Standard(self.id as u16) };
         if self.remote { Frame::remote(id, self.dlc) } else { Frame::with_dlc(id, self.dlc, self.data) }
@@ -251,7 +251,7 @@ mod tests {
     use super::*;
     use crate::OnWire as _;
 
-    /// Feeds the frame's own bits and returns what each led to.
+    /// Parses the frame's own bits and returns the result of each.
     fn steps(frame: &Frame) -> (Parser, Vec<Step>) {
         let mut parser = Parser::new();
         let steps = frame.wire_bits().into_iter().map(|level| parser.push(level)).collect();
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_every_kind_come_out_as_they_went_in() {
+    fn frames_of_every_kind_survive_a_round_trip() {
         for text in [
             "00000000#",
             "1FFFFFFF#FFFFFFFFFFFFFFFF",
@@ -280,7 +280,7 @@ mod tests {
         }
     }
 
-    /// The last bits of this frame's CRC are five equal ones, so a stuff bit precedes the delimiter.
+    /// The last five bits of this frame's CRC are equal, so a stuff bit precedes the delimiter.
     #[test]
     fn a_stuff_bit_after_the_last_crc_bit_is_not_taken_for_the_delimiter() {
         let frame = (0u16..0x800)
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_crc_is_told_after_the_ack_delimiter() {
+    fn a_wrong_crc_is_reported_after_the_ack_delimiter() {
         let frame = Frame::standard(0x2AA, &[0x55]);
         let mut bits = frame.wire_bits();
         let data_bit = bits.len() - 10 - 15 - 6;

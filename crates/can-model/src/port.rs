@@ -1,14 +1,14 @@
-//! A station's place on the bus: its cable, its pace, the level it drives.
+//! A station's connection to the bus: its cable, its pace, the level that it drives.
 //!
-//! A station within [`IN_STEP_PPM`] of the bus's bit rate shares the bus's bits: resynchronisation
-//! would keep a real controller with it. Any other runs on an [`OwnClock`], as a controller with wrong
-//! bit timing does: it drives when its own bits begin and looks at the wire at its own sample points,
-//! and so takes and gives stuff, form and bit errors.
+//! A station within [`IN_STEP_PPM`] of the bus's bit rate uses the bus's bits: resynchronisation
+//! would keep a real controller in step. Other stations run on an [`OwnClock`], like a controller with wrong
+//! bit timing: such a station drives when its own bits begin and samples the wire at its own sample points,
+//! and so detects and causes stuff, form and bit errors.
 
 use super::station::StationRef;
 use super::wire::Level;
 
-/// Names a station of a bus.
+/// Identifies a station of a bus.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Hash)]
 pub struct PortId(pub(super) usize);
 
@@ -19,7 +19,7 @@ impl PortId {
     }
 }
 
-/// Two clocks this far apart still synchronise: the tolerance of ISO 11898-1 with a jump width of one
+/// Largest difference of two clocks that still synchronise: the tolerance of ISO 11898-1 with a jump width of one
 /// of eight quanta is 0.625 %, rounded down.
 const IN_STEP_PPM: u64 = 5_000;
 
@@ -30,7 +30,7 @@ pub(super) enum Pace {
     Off,
     /// With the bus's bits.
     InStep,
-    /// With bits of its own.
+    /// With its own bits.
     Own(OwnClock),
 }
 
@@ -39,17 +39,17 @@ pub(super) enum Pace {
 pub(super) struct OwnClock {
     bit_ps: u64,
     start_ps: u64,
-    /// The level at this bit's sample point, once that has passed.
+    /// The level at this bit's sample point; `None` before it.
     pub latched: Option<Level>,
 }
 
-/// Where in a bit the level is looked at: the sample point recommended for 1 Mbit/s, 75 %.
+/// Position of the sample point in a bit: 75 %, recommended for 1 Mbit/s.
 pub(super) const fn sample_point_ps(bit_ps: u64) -> u64 {
     bit_ps / 4 * 3
 }
 
 impl OwnClock {
-    /// When the next thing happens in this clock: the sample point, then the end of the bit.
+    /// The time of the next event of this clock: the sample point, then the end of the bit.
     pub fn next_event_ps(&self) -> u64 {
         match self.latched {
             None => self.start_ps + sample_point_ps(self.bit_ps),
@@ -63,7 +63,7 @@ impl OwnClock {
         self.latched = None;
     }
 
-    /// Moves to the bit that contains `to_ps`, over an idle wire; returns the bits passed.
+    /// Advances to the bit that contains `to_ps`, on an idle wire. Returns the number of bits passed.
     pub fn skip_idle(&mut self, to_ps: u64) -> u64 {
         let bits = to_ps.saturating_sub(self.start_ps) / self.bit_ps;
         self.start_ps += bits * self.bit_ps;
@@ -77,16 +77,16 @@ impl OwnClock {
 pub(super) struct Port {
     pub name: String,
     pub station: StationRef,
-    /// False: the cable is pulled, the station hears only itself.
+    /// False if the cable is disconnected and the station receives only itself.
     pub connected: bool,
-    /// It is missing a frame: it is not stepped until the frame is over.
+    /// True while it misses a frame: it is not stepped until the frame ends.
     pub deaf: bool,
-    /// Nobody hears it until the bus is idle, and it does not notice. See [`Fault::NoAck`](super::Fault::NoAck).
+    /// True if the others do not receive it until the bus is idle, which it does not notice. See [`Fault::NoAck`](super::Fault::NoAck).
     pub mute: bool,
-    /// Its bit time as it was when `pace` was derived from it.
+    /// The bit time from which `pace` was derived.
     bit_time_ps: Option<u64>,
     pub pace: Pace,
-    /// In the current bit.
+    /// Its level in the current bit.
     pub driven: Level,
 }
 
@@ -104,7 +104,7 @@ impl Port {
         }
     }
 
-    /// Takes over a change of the station's bit time; true if there was one.
+    /// Applies a change of the station's bit time. Returns true if there was one.
     pub fn update_pace(&mut self, bus_bit_ps: u64, now_ps: u64) -> bool {
         let bit_time_ps = self.station.borrow().bit_time_ps();
         if bit_time_ps == self.bit_time_ps {
@@ -123,12 +123,12 @@ impl Port {
         true
     }
 
-    /// Steps with the bus's bits and is not missing a frame.
+    /// True if it is stepped with the bus's bits and does not miss a frame.
     pub fn is_in_step(&self) -> bool {
         self.pace == Pace::InStep && !self.deaf
     }
 
-    /// Drives the wire that the others see.
+    /// True if the others receive what it drives.
     pub fn is_heard(&self) -> bool {
         self.connected && !self.deaf && !self.mute
     }

@@ -1,8 +1,8 @@
-//! The bus's own record of what passed: a silent engine listens and its events are written down.
+//! The bus's own record of its traffic: a silent engine listens, and the recorder stores its events.
 //!
 //! A frame is recorded when its end of frame is over, an error frame when its delimiter is. The kind of
-//! an error is what a listener could tell: the station that found it first may have seen another kind
-//! (a bit error looks like a stuff error from outside). Overload frames are only counted.
+//! an error is the one that a listener detects. The station that found it first may have detected another kind:
+//! a bit error looks like a stuff error to others. Overload frames are only counted.
 
 use super::Frame;
 use super::engine::Engine;
@@ -13,27 +13,27 @@ use super::wire::{INTERMISSION_BITS, Level};
 use sim_base::Cycles;
 use std::collections::VecDeque;
 
-/// Records kept for a reader who is late; the oldest go first, and are counted. About 8 s of a fully
+/// Maximum number of stored records. The oldest are dropped and counted. About 8 s of a fully
 /// loaded bus at 1 Mbit/s.
 const RECORD_LIMIT: usize = 65_536;
 
-/// What passed on the bus.
+/// A frame or an error frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum RecordKind {
     /// A complete frame.
     Frame {
         /// The frame.
         frame: Frame,
-        /// Who sent it. None: nobody who is attached and in step.
+        /// The sender; `None` if no station that is attached and in step sent it.
         from: Option<PortId>,
-        /// Whether its ACK slot was dominant.
+        /// True if its ACK slot was dominant.
         acked: bool,
     },
     /// A frame that was destroyed.
     ErrorFrame {
-        /// What a listener saw.
+        /// The error that a listener detected.
         kind: Option<ErrorKind>,
-        /// Who was sending, if that was clear already. None too if nobody was, and noise began it.
+        /// The sender, if it was known already. Also `None` if noise and no station began the frame.
         from: Option<PortId>,
     },
 }
@@ -45,44 +45,44 @@ pub struct Record {
     pub start: Cycles,
     /// End of the last end-of-frame bit, or of the error delimiter.
     pub end: Cycles,
-    /// Bits in between, stuff bits included.
+    /// Number of bits in between, including stuff bits.
     pub bits: u32,
-    /// What it was.
+    /// The kind of record.
     pub kind: RecordKind,
 }
 
-/// What one station sent.
+/// Totals of one station.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
 pub struct PortStats {
-    /// The name it was attached with.
+    /// The name with which it was attached.
     pub name: String,
-    /// Complete frames.
+    /// Number of complete frames.
     pub frames: u64,
-    /// Their bits, intermission included.
+    /// Number of their bits, including intermissions.
     pub bits: u64,
 }
 
-/// Totals since the bus began.
+/// Totals since the bus was created.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
 pub struct BusStats {
-    /// Complete frames.
+    /// Number of complete frames.
     pub frames: u64,
-    /// Error frames.
+    /// Number of error frames.
     pub error_frames: u64,
-    /// Overload frames.
+    /// Number of overload frames.
     pub overload_frames: u64,
-    /// Bits of frames, error and overload frames, and intermissions.
+    /// Number of bits of frames, error and overload frames, and intermissions.
     pub busy_bits: u64,
-    /// All bits.
+    /// Number of all bits.
     pub total_bits: u64,
-    /// Records that nobody took in time.
+    /// Number of records that were dropped because they were not taken in time.
     pub lost_records: u64,
     /// Per station, in the order of attachment.
     pub ports: Vec<PortStats>,
 }
 
 impl BusStats {
-    /// Share of the bits since `earlier` that were busy, 0 to 1.
+    /// Part of the bits since `earlier` that were busy, 0 to 1.
     pub fn load_since(&self, earlier: &BusStats) -> f64 {
         let total = self.total_bits - earlier.total_bits;
         if total == 0 { 0.0 } else { (self.busy_bits - earlier.busy_bits) as f64 / total as f64 }
@@ -95,7 +95,7 @@ pub(super) struct Recorder {
     observer: Engine,
     pub stats: BusStats,
     records: VecDeque<Record>,
-    /// The frame now on the wire.
+    /// The frame on the wire now.
     start: Cycles,
     bits: u32,
     sender: Option<PortId>,
@@ -119,24 +119,24 @@ impl Recorder {
         }
     }
 
-    /// Nothing is going on.
+    /// True if no frame is in progress.
     pub fn is_idle(&self) -> bool {
         self.observer.is_idle()
     }
 
-    /// A dominant bit now would be a SOF.
+    /// True if a dominant bit now would be a SOF.
     pub fn is_free_for_sof(&self) -> bool {
         self.observer.is_free_for_sof()
     }
 
-    /// The coming bit is an ACK slot.
+    /// True if the next bit is an ACK slot.
     pub fn is_ack_slot(&self) -> bool {
         self.observer.field() == Some(Field::AckSlot)
     }
 
-    /// Now is a moment to tell [`Recorder::set_sender`] who is sending: arbitration has just been
-    /// decided, or the ACK slot comes.
-    pub fn asks_for_sender(&self) -> bool {
+    /// True if [`Recorder::set_sender`] should be called now: arbitration has just been
+    /// decided, or the ACK slot is next.
+    pub fn needs_sender(&self) -> bool {
         self.observer.is_past_arbitration() || self.is_ack_slot()
     }
 
@@ -148,14 +148,14 @@ impl Recorder {
         self.stats.total_bits += bits;
     }
 
-    /// Takes one bit.
+    /// Handles one bit.
     pub fn bit(&mut self, level: Level, start: Cycles, end: Cycles) {
         let field = self.observer.field();
         if level.is_dominant() && self.observer.is_free_for_sof() {
             self.begin(start);
         }
         let was_idle = self.observer.is_idle();
-        // It is never asked to drive: a listener would not.
+        // The recorder ignores the level to drive; a listener drives recessive.
         let events = self.observer.sample(level);
         self.stats.total_bits += 1;
         self.bits += 1;
@@ -188,7 +188,7 @@ impl Recorder {
         match event {
             Event::Received(frame) => self.accepted = Some(frame),
             Event::Error { kind, .. } => {
-                // Nobody acknowledged, so the sender's error flag starts in the ACK delimiter.
+                // Without an acknowledgement the sender's error flag starts in the ACK delimiter.
                 let unacknowledged = field == Some(Field::AckDelimiter) && !self.acked;
                 let form = kind == ErrorKind::Form;
                 self.error = Some(if unacknowledged && form { ErrorKind::Ack } else { kind });
@@ -203,7 +203,7 @@ impl Recorder {
             return;
         };
         self.stats.frames += 1;
-        // Taken: what noise begins on the idle bus is nobody's.
+        // Removes the sender: noise on the idle bus has none.
         let from = self.sender.take();
         if let Some(port) = from {
             let stats = &mut self.stats.ports[port.0];
@@ -242,7 +242,7 @@ mod tests {
 
     const BIT: Cycles = 16;
 
-    /// Who sent each frame (true) and error frame (false) that has been recorded.
+    /// The sender of each recorded frame (true) and error frame (false).
     fn senders(bus: &mut Bus) -> Vec<(bool, Option<PortId>)> {
         let sender = |record: Record| match record.kind {
             RecordKind::Frame { from, .. } => (true, from),
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_on_the_idle_bus_is_not_the_last_senders() {
+    fn noise_on_the_idle_bus_has_no_sender() {
         let mut bus = Bus::new(1_000_000);
         let node = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
         let port = Some(bus.attach("node", node.clone()));
@@ -262,7 +262,7 @@ mod tests {
             now += bits * BIT;
             bus.run_until(now);
         };
-        // After a frame, and after an error frame whose sender was known.
+        // After a frame, and after an error frame with a known sender.
         node.borrow_mut().send(Frame::extended(1, &[0x55; 8]));
         run(&mut bus, 300);
         for noise in [Fault::StuckDominant(true), Fault::StuckDominant(false)] {

@@ -1,9 +1,9 @@
-//! A node with a perfect controller and endless queues: autopilot, host adapter, test peer, babbler.
+//! A node with an ideal controller and unlimited queues: autopilot, host adapter, test peer, babbling node.
 //!
-//! Frames go out in the order of their due times, and in the order of the calls where those are
-//! equal; a frame that lost arbitration or met an error is sent again until it succeeds.
+//! Frames are sent in the order of their due times, or of the calls if these are
+//! equal. A frame that lost arbitration or was destroyed is sent again until it succeeds.
 //!
-//! Limits: received frames are kept until taken, without bound. Of the other events only the newest
+//! Limits: received frames are kept without limit until they are taken. Of the other events only the newest
 //! [`EVENT_LIMIT`] are kept.
 
 use super::Frame;
@@ -15,13 +15,13 @@ use super::wire::Level;
 use sim_base::Cycles;
 use std::collections::VecDeque;
 
-/// A node that nobody asks for its events must not eat the host's memory: a lone sender makes one per
+/// Limits the memory of a node whose events are not taken: a single sender has one event per
 /// 150 us or so.
 const EVENT_LIMIT: usize = 65_536;
 
 const PS_PER_S: u64 = 1_000_000_000_000;
 
-/// A node without a chip: what it should send goes in, what it heard comes out.
+/// A node without a chip: it sends queued frames and stores received ones.
 #[derive(Debug)]
 pub struct SoftNode {
     engine: Engine,
@@ -29,7 +29,7 @@ pub struct SoftNode {
     /// Frames to send, sorted by due time.
     queue: VecDeque<(Cycles, Frame)>,
     babble: Option<Frame>,
-    /// The frame on the wire is the babble, not the head of the queue.
+    /// True if the frame on the wire is the babbled one, not the head of the queue.
     babbling: bool,
     /// Start or end of the latest bit.
     now: Cycles,
@@ -38,7 +38,7 @@ pub struct SoftNode {
 }
 
 impl SoftNode {
-    /// A node at that many bits per second. It integrates (11 recessive bits) once it is attached.
+    /// A node at `bit_rate` bits per second. It integrates (11 recessive bits) after it is attached.
     pub fn new(bit_rate: u32) -> SoftNode {
         assert!(bit_rate > 0, "a bit rate of 0");
         let mut engine = Engine::new();
@@ -62,39 +62,39 @@ impl SoftNode {
 
     /// Queues a frame whose SOF must not come before `at`.
     pub fn send_at(&mut self, at: Cycles, frame: Frame) {
-        // Not earlier than now, so that it cannot get in front of a frame already on the wire.
+        // Not earlier than now, so that it does not replace a frame already on the wire.
         let due = at.max(self.now);
         let place = self.queue.partition_point(|&(other, _)| other <= due);
         self.queue.insert(place, (due, frame));
     }
 
-    /// Sends this frame back to back, in front of the queue, until told otherwise.
+    /// Sends this frame back to back, before the queue, until called with `None`.
     pub fn babble(&mut self, frame: Option<Frame>) {
         self.babble = frame;
     }
 
-    /// Frames not yet sent, the one on the wire included, the babble not.
+    /// Number of frames not sent yet, with the one on the wire but without the babbled one.
     pub fn queued(&self) -> usize {
         self.queue.len()
     }
 
-    /// Drops all frames not yet begun.
+    /// Drops all frames that have not begun.
     pub fn clear_queue(&mut self) {
         let keep = usize::from(self.engine.transmitting() && !self.babbling);
         self.queue.truncate(keep);
     }
 
-    /// Frames of other nodes since the last call, each with the end of the bit that made it valid.
+    /// Takes the frames of other nodes, each with the end of the bit that made it valid.
     pub fn take_received(&mut self) -> Vec<(Cycles, Frame)> {
         std::mem::take(&mut self.received)
     }
 
-    /// All other events since the last call, with the end of their bit.
+    /// Takes all other events, with the end of their bit.
     pub fn take_events(&mut self) -> Vec<(Cycles, Event)> {
         self.events.drain(..).collect()
     }
 
-    /// Switches between taking part and only listening. The queue stays.
+    /// Switches between normal and listen-only mode. The queue is kept.
     pub fn set_listen_only(&mut self, listen_only: bool) {
         let mode = if listen_only { EngineMode::ListenOnly } else { EngineMode::Normal };
         self.engine.set_mode(mode);

@@ -1,5 +1,5 @@
-//! How an engine signals errors on the bus: error flags, overload flags, their delimiter,
-//! and what each costs the node; at the worst, bus-off and the way back.
+//! Error signalling: error flags, overload flags, their delimiter,
+//! their increments of the counters, bus-off and the recovery from it.
 //!
 //! Source: ISO 11898-1:2003 10.4.4 (error frame), 10.4.5 (overload frame), 13.1 (fault confinement).
 
@@ -8,21 +8,21 @@ use crate::confinement::{Confinement, ErrorState};
 use crate::event::{ErrorKind, Event, Events};
 use crate::wire::Level;
 
-/// Dominant bits of an active error flag and of an overload flag, equal bits of a passive one.
+/// Number of dominant bits of an active error flag and of an overload flag, and of equal bits of a passive error flag.
 const FLAG_BITS: u8 = 6;
-/// Recessive bits of an error or overload delimiter.
+/// Number of recessive bits of an error or overload delimiter.
 pub(super) const DELIMITER_BITS: u8 = 8;
-/// After its flag a node tolerates seven dominant bits; the eighth, and every eighth then, costs.
+/// After its flag a node tolerates seven dominant bits. The eighth, and every eighth after it, increments the counter.
 const DOMINANT_LIMIT: u8 = 8;
-/// Sequences of `IDLE_BITS` recessive bits that bring a node back from bus-off.
+/// Number of sequences of `IDLE_BITS` recessive bits that end bus-off.
 const RECOVERY_SEQUENCES: u8 = 128;
 
-/// What an error costs.
+/// Increment of a counter by an error.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Charge {
     /// 8 for a transmitter, 1 for a receiver.
     Usual,
-    /// 8 for either: a bit error in a flag.
+    /// 8 for both: a bit error in a flag.
     InFlag,
     /// Nothing.
     None,
@@ -34,12 +34,12 @@ impl Engine {
         if self.error_state() != ErrorState::Passive {
             return self.error(ErrorKind::Ack, Charge::Usual, events);
         }
-        // Rule c), exception 1: it costs only if a dominant bit shows up during the passive flag.
+        // Rule c), exception 1: counted only if a dominant bit appears during the passive flag.
         self.error(ErrorKind::Ack, Charge::None, events);
         self.begin_passive_flag(true);
     }
 
-    /// An error in a frame, at a bit of this level.
+    /// An error in a frame, in a bit of this level.
     pub(super) fn frame_error(&mut self, kind: ErrorKind, level: Level, events: &mut Events) {
         if self.mode == EngineMode::ListenOnly {
             events.push(Event::Error { kind, transmitting: false });
@@ -49,7 +49,7 @@ impl Engine {
         }
     }
 
-    /// An error of a node that may signal it.
+    /// An error, for a node that may signal it.
     pub(super) fn error(&mut self, kind: ErrorKind, charge: Charge, events: &mut Events) {
         let passive = self.error_state() == ErrorState::Passive;
         self.sending = None;
@@ -60,7 +60,7 @@ impl Engine {
             (Charge::Usual, false) => self.counters.receive_error(),
             (Charge::InFlag, false) => self.counters.severe_receive_error(),
         }
-        if self.left_the_bus(events) {
+        if self.enter_bus_off_if_due(events) {
         } else if passive {
             self.begin_passive_flag(false);
         } else {
@@ -68,7 +68,7 @@ impl Engine {
         }
     }
 
-    /// Something asks for an overload frame, in a bit of this level.
+    /// Starts an overload frame, in a bit of this level.
     pub(super) fn overload(&mut self, level: Level, events: &mut Events) {
         events.push(Event::Overload);
         if self.mode == EngineMode::ListenOnly {
@@ -106,7 +106,7 @@ impl Engine {
     pub(super) fn sample_passive_flag(&mut self, flag: PassiveFlag, level: Level, events: &mut Events) {
         if flag.unacknowledged && level.is_dominant() {
             self.counters.transmit_error();
-            if self.left_the_bus(events) {
+            if self.enter_bus_off_if_due(events) {
                 return;
             }
         }
@@ -131,7 +131,7 @@ impl Engine {
             return;
         }
         if first && !self.transmitter {
-            // Rule b): this node was the first to see the error.
+            // Rule b): this node was the first to detect the error.
             self.counters.severe_receive_error();
         }
         let mut count = count + 1;
@@ -144,7 +144,7 @@ impl Engine {
                 self.counters.severe_receive_error();
             }
         }
-        if !self.left_the_bus(events) {
+        if !self.enter_bus_off_if_due(events) {
             self.state = State::FlagTail { dominant: count, first: false };
         }
     }
@@ -160,11 +160,11 @@ impl Engine {
         }
     }
 
-    /// Goes bus-off if the counters say so.
-    fn left_the_bus(&mut self, events: &mut Events) -> bool {
+    /// Goes bus-off if the transmit error counter requires it. Returns true then.
+    fn enter_bus_off_if_due(&mut self, events: &mut Events) -> bool {
         let off = self.error_state() == ErrorState::BusOff;
         if off {
-            self.abandon_frame();
+            self.drop_frame();
             self.begin_recovery();
             events.push(Event::BusOff);
         }
