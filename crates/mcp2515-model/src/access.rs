@@ -1,8 +1,8 @@
-//! Register reads and writes with their side effects and their rules about modes.
+//! Register reads and writes with their side effects, and the modes in which they are allowed.
 //!
-//! Everything the SPI side writes comes through `write` (all bits) or `bit_modify` (the masked bits);
-//! side effects happen only for bits in the mask, so that a BIT MODIFY of one bit is not a new request
-//! for its neighbours.
+//! Every SPI write goes through `write` (all bits) or `bit_modify` (the masked bits).
+//! Side effects happen only for bits in the mask, so that a BIT MODIFY of one bit does not repeat the requests
+//! of its neighbours.
 //!
 //! Source: DS20001801J sections 6.6, 6.7, 7, 10.1, 11 and 12.10.
 
@@ -16,7 +16,7 @@ const WARNING_LIMIT: u16 = 96;
 const PASSIVE_LIMIT: u16 = 128;
 
 impl Mcp2515 {
-    /// What a READ of the register returns now. Reading changes nothing.
+    /// The value that a READ of the register returns now. Reading has no side effects.
     pub fn register(&self, address: u8) -> u8 {
         let address = address & registers::ADDRESS_MASK;
         let stored = self.registers[usize::from(address)];
@@ -28,7 +28,7 @@ impl Mcp2515 {
             Kind::ErrorCounter if address == registers::TEC => counter(self.can.tec()),
             Kind::ErrorCounter => counter(self.can.rec()),
             Kind::Eflg => stored | self.error_flags,
-            // Digital inputs show their pins, which are unconnected and so pulled up; pins in
+            // Digital inputs show the level of their pins, which are unconnected and so pulled up; pins in
             // request-to-send mode read as 0 (3.5, Register 3-2).
             Kind::ConfigOnly if address == registers::TXRTSCTRL => {
                 stored | (!stored & txrtsctrl::MODES) << txrtsctrl::PINS_SHIFT
@@ -61,15 +61,15 @@ impl Mcp2515 {
         let index = usize::from(address);
         match registers::kind(address) {
             Kind::Filter | Kind::ConfigOnly if self.mode != Mode::Configuration => {
-                self.refuse(address, value, "writable only in configuration mode", "10.1", at);
+                self.reject(address, value, "writable only in configuration mode", "10.1", at);
             }
             Kind::TxBuffer(n) if self.tx_requested(n) => {
-                self.refuse(address, value, "its TXREQ is set", "3.1", at);
+                self.reject(address, value, "its TXREQ is set", "3.1", at);
             }
             Kind::ErrorCounter | Kind::RxBuffer(_) => {
-                self.refuse(address, value, "read-only", "11", at);
+                self.reject(address, value, "read-only", "11", at);
             }
-            // Read-only too, but a sequential WRITE may well pass over it on its way to CANCTRL.
+            // Also read-only, but a sequential WRITE may pass over it to CANCTRL.
             Kind::Canstat => {}
             Kind::Canctrl => self.write_canctrl(value, mask, at),
             Kind::Canintf => self.write_canintf(value, mask, at),
@@ -82,7 +82,7 @@ impl Mcp2515 {
         }
     }
 
-    fn refuse(&mut self, address: u8, value: u8, why: &str, section: &str, at: Cycles) {
+    fn reject(&mut self, address: u8, value: u8, why: &str, section: &str, at: Cycles) {
         let name = registers::name(address);
         self.violation(at, format!("{name} <- {value:02X}h ignored: {why} (DS20001801J {section})"));
     }
@@ -91,7 +91,7 @@ impl Mcp2515 {
         let index = usize::from(registers::CANINTF);
         let old = self.registers[index];
         let mut new = old & !mask | value & mask;
-        // 7.7: a flag cannot be reset while its condition prevails.
+        // 7.7: a flag cannot be cleared while its condition lasts.
         let overflow = self.registers[usize::from(registers::EFLG)] & (eflg::RX0OVR | eflg::RX1OVR);
         if overflow != 0 {
             new |= old & int::ERR;
@@ -116,7 +116,7 @@ impl Mcp2515 {
         self.registers[usize::from(registers::CANINTF)] & self.registers[usize::from(registers::CANINTE)]
     }
 
-    /// Level of the INT pin: high (`true`) when no enabled interrupt is pending.
+    /// Level of the INT pin: high (`true`) if no enabled interrupt is pending.
     pub fn int_pin(&self) -> bool {
         self.enabled_interrupts() == 0
     }
@@ -128,7 +128,7 @@ impl Mcp2515 {
         BY_PRIORITY.iter().position(|flag| pending & flag != 0).map_or(0, |n| n as u8 + 1)
     }
 
-    /// The read-only bits of EFLG, from the engine.
+    /// The read-only bits of EFLG, from the engine's state.
     pub(super) fn current_error_flags(&self) -> u8 {
         let (tec, rec) = (self.can.tec(), self.can.rec());
         let mut flags = 0;
@@ -141,7 +141,7 @@ impl Mcp2515 {
         flags
     }
 
-    /// Follows the engine's error state; a change of it is an error interrupt (7.6).
+    /// Updates EFLG from the engine's error state. A change sets ERRIF (7.6).
     pub(super) fn follow_errors(&mut self) {
         let flags = self.current_error_flags();
         if flags != self.error_flags {
@@ -151,7 +151,7 @@ impl Mcp2515 {
     }
 }
 
-/// TEC and REC are eight bits wide; the engine counts on in bus-off.
+/// TEC and REC have eight bits; the engine's counter continues in bus-off.
 fn counter(count: u16) -> u8 {
     count.min(0xFF) as u8
 }

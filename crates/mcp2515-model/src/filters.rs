@@ -1,11 +1,11 @@
-//! Acceptance: which buffer a frame is for, and which filter said so.
+//! Acceptance: the buffer and the filter that accept a frame.
 //!
-//! A frame is offered to RXB0 (mask 0, filters 0 and 1) first, then to RXB1 (mask 1, filters 2 to 5);
-//! the lowest-numbered filter that matches counts. For standard data frames the extended part of mask
-//! and filter is applied to the first two data bytes.
+//! A frame is compared for RXB0 (mask 0, filters 0 and 1) first, then for RXB1 (mask 1, filters 2 to 5).
+//! The matching filter with the lowest number is reported. For standard data frames the extended part of mask
+//! and filter is compared with the first two data bytes.
 //!
-//! Two points the datasheet leaves open: a data byte that the frame does not carry compares as 0, and a
-//! frame taken with the filters off (RXM = 11) reports filter 0.
+//! The datasheet leaves two points open: in the model a missing data byte compares as 0, and a
+//! frame that is accepted with the filters off (RXM = 11) reports filter 0.
 //!
 //! Source: DS20001801J sections 4.2 and 4.5, Registers 4-1, 4-2 and 4-10 to 4-17. RXM = 01 and 10 are
 //! reserved there; the model gives them the meaning of the older revisions (standard only without data
@@ -14,12 +14,12 @@
 use super::registers::{RXM0SIDH, sidl};
 use can_model::{Frame, Id};
 
-/// Which buffer takes the frame by its filters, before it is known whether the buffer is free.
+/// The buffer and filter that accept a frame, whether the buffer is free or not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hit {
     /// 0 or 1.
     pub buffer: usize,
-    /// Number of the filter, 0..=5.
+    /// Number of the filter, 0 to 5.
     pub filter: u8,
 }
 
@@ -43,7 +43,7 @@ impl Mode {
     }
 }
 
-/// Finds the buffer for `frame`. `registers` is the register file, `rxm` the RXM fields of RXB0CTRL and
+/// Finds the buffer for `frame`. `registers` is the register file, `rxm` has the RXM fields of RXB0CTRL and
 /// RXB1CTRL.
 pub fn accept(registers: &[u8; super::registers::SIZE], rxm: [u8; 2], frame: &Frame) -> Option<Hit> {
     const FILTERS: [std::ops::Range<u8>; 2] = [0..2, 2..6];
@@ -91,7 +91,7 @@ fn matches(mode: Mode, mask: [u8; 4], filter: [u8; 4], frame: &Frame) -> bool {
     if !wanted || extended != filter_is_extended {
         return false;
     }
-    // Which of the four mask bytes count. EID17 and EID16 have no data bit to be compared with.
+    // The mask bytes that are compared. EID17 and EID16 have no data bit to compare with.
     let used = if extended {
         [0xFF, sidl::SID | sidl::EID, 0xFF, 0xFF]
     } else if frame.remote || mode == Mode::StandardOnly {

@@ -1,15 +1,15 @@
 #![doc = include_str!("../README.md")]
 //! # How it works
 //!
-//! It has two sides. The SPI side (`select`, `begin_byte`, `end_byte`, `deselect`, `int_pin`) is what a
-//! microcontroller sees; the bus side is [`Station`](can_model::Station), stepped bit by bit around a
+//! The model has two sides. The SPI side (`select`, `begin_byte`, `end_byte`, `deselect`, `int_pin`) is connected to a
+//! microcontroller; the bus side is [`Station`](can_model::Station), stepped bit by bit with a
 //! protocol [`Engine`]. What the datasheet forbids is recorded as a [`Violation`].
 //!
-//! One job per file: `registers` the map, `spi` the instructions, `access` what a register access does,
+//! The files: `registers` has the map, `spi` the instructions, `access` register accesses,
 //! `modes` the operating modes and start-up, `timing` CNF1..3, `filters` acceptance, `receive` and
-//! `transmit` the buffers, `station` the bus side, `upset` what nobody asked for.
+//! `transmit` the buffers, `station` the bus side, `upset` faults of the chip.
 //!
-//! Each file names its own limits.
+//! Each file lists its own limits.
 //!
 //! Source: Microchip DS20001801J, "MCP2515 Stand-Alone CAN Controller with SPI Interface", cited by
 //! section in every file.
@@ -36,16 +36,16 @@ pub use violation::Violation;
 use can_model::{Engine, ErrorState, Level};
 use sim_base::Cycles;
 
-/// Mode of operation, as OPMOD shows it.
+/// Mode of operation, as in OPMOD.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// Takes part in the traffic.
+    /// Sends and receives.
     Normal,
-    /// Off, waits for bus activity or the driver.
+    /// Off; waits for bus activity or the driver.
     Sleep,
-    /// Sends to itself, off the bus.
+    /// Receives its own frames, off the bus.
     Loopback,
-    /// Hears, but never drives the bus.
+    /// Receives, but never drives the bus.
     ListenOnly,
     /// Off the bus; the only mode in which bit timing, filters and masks can be written.
     Configuration,
@@ -55,31 +55,31 @@ pub enum Mode {
 #[derive(Debug)]
 pub struct Mcp2515 {
     osc_hz: u32,
-    /// Stored bits; CANSTAT, TEC, REC and the read-only bits of EFLG are computed when read.
+    /// Stored bits. CANSTAT, TEC, REC and the read-only bits of EFLG are computed when read.
     registers: [u8; registers::SIZE],
     spi: spi::Spi,
     can: Engine,
     mode: Mode,
     request: Option<modes::Request>,
-    /// The mode that begins when the engine has seen 11 recessive bits.
+    /// The mode that begins when the engine has received 11 recessive bits.
     joining: Option<Mode>,
-    /// End of the oscillator start-up after a wake-up under way.
+    /// End of the oscillator start-up after a wake-up in progress.
     waking_until: Option<Cycles>,
     /// SPI instructions before this time are ignored.
     deaf_until: Cycles,
-    /// It stays in configuration mode.
+    /// True if a fault holds it in configuration mode.
     is_held: bool,
-    /// Bit timing was checked since configuration mode was entered.
+    /// True if the bit timing was checked since configuration mode was entered.
     timing_checked: bool,
     tx: [transmit::TxState; 3],
     /// The buffer whose frame is on the bus.
     in_flight: Option<usize>,
-    /// Loopback: the level the engine put on its own wire.
+    /// Loopback: the level that the engine drives on its own wire.
     looped_level: Level,
-    /// The filter of the frame in RXB0; FILHIT0 may speak of one that rolled over.
+    /// The filter of the frame in RXB0. FILHIT0 may be that of a frame that rolled over.
     rxb0_filter: u8,
     rx_overflows: u32,
-    /// The read-only bits of EFLG when last looked at.
+    /// The read-only bits of EFLG at the last check.
     error_flags: u8,
     violations: violation::Violations,
     log: receive::FrameLog,
@@ -113,17 +113,17 @@ impl Mcp2515 {
         chip
     }
 
-    /// The RESET pin is pulsed low: registers to their reset values, start-up time begins.
+    /// Pulses the RESET pin low: registers get their reset values, and the start-up time begins.
     pub fn hardware_reset(&mut self, at: Cycles) {
         self.reset(at);
     }
 
-    /// The mode that OPMOD shows.
+    /// The mode in OPMOD.
     pub fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// True if a transmit buffer has a frame to be sent (TXREQ).
+    /// True if a transmit buffer has a frame to send (TXREQ).
     pub fn has_frame_to_send(&self) -> bool {
         self.any_tx_requested()
     }
@@ -143,29 +143,29 @@ impl Mcp2515 {
         self.can.error_state()
     }
 
-    /// Frames that passed the filters and were lost because no buffer was free, since power-up.
+    /// Number of frames since power-up that the filters accepted and that were lost because no buffer was free.
     pub fn rx_overflows(&self) -> u32 {
         self.rx_overflows
     }
 
-    /// Bits per second that CNF1..3 give.
+    /// Bit rate of CNF1 to CNF3, in bits per second.
     pub fn bit_rate(&self) -> u64 {
         let bit_ps = self.bit_timing().bit_time_ps(self.osc_hz);
         (1_000_000_000_000 + bit_ps / 2) / bit_ps
     }
 
-    /// Sample point that CNF1..3 give, in thousandths of a bit.
+    /// Sample point of CNF1 to CNF3, in thousandths of a bit.
     pub fn sample_point_permille(&self) -> u32 {
         self.bit_timing().sample_point_permille()
     }
 
-    /// The driver mistakes since the last call; of a flood only the first ones.
+    /// Takes the driver mistakes since the last call; of very many only the first ones.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         self.violations.take()
     }
 
-    /// The frames that passed the filters and left the chip (RXnIF cleared, or lost) since the last call,
-    /// in that order. A frame still in its buffer comes in a later call.
+    /// Takes the accepted frames that left the chip (RXnIF cleared, or lost) since the last call,
+    /// in that order. A frame that is still in its buffer comes in a later call.
     pub fn take_frame_log(&mut self) -> Vec<LoggedFrame> {
         self.log.take()
     }

@@ -1,21 +1,21 @@
-//! The five modes of operation, the hand-shake between REQOP and OPMOD, sleep and wake-up, and the
+//! The five modes of operation, requests by REQOP and their result in OPMOD, sleep and wake-up, and the
 //! oscillator start-up timer.
 //!
-//! What a request waits for:
-//! - From normal and loopback mode, for all pending transmissions (10.0) and for the end of the frame in
-//!   progress, a received one too. Sleep waits for an idle bus.
-//! - Into normal and listen-only mode, for 11 recessive bits, which the protocol engine counts.
-//! - From configuration mode to loopback or sleep, for nothing.
+//! A request waits
+//! - in normal and loopback mode for all pending transmissions (10.0) and for the end of the frame in
+//!   progress, also a received one. Sleep waits for an idle bus.
+//! - for normal and listen-only mode for 11 recessive bits, which the protocol engine counts.
+//! - from configuration mode to loopback or sleep for nothing.
 //!
-//! A request is made by writing REQOP. After a wake-up the chip is in listen-only mode, although REQOP
-//! still says sleep; it goes elsewhere when REQOP is written again (10.2.1).
+//! Writing REQOP makes a request. After a wake-up the chip is in listen-only mode, although REQOP
+//! still has sleep. It changes its mode when REQOP is written again (10.2.1).
 //!
 //! Oscillator start-up (8.1): for 128 oscillator periods after power-up, the RESET pin, the RESET
-//! instruction, or a wake-up the chip is held in reset. The driver must not use the SPI then:
-//! instructions are ignored, and a violation is recorded. After a wake-up by the bus registers do answer, as in sleep: the driver cannot
-//! know.
+//! instruction, or a wake-up the chip is held in reset. The driver must not use the SPI in this time:
+//! instructions are ignored, and a violation is recorded. After a wake-up by the bus registers can be read as in sleep, because the driver cannot
+//! know of the wake-up.
 //!
-//! Source: DS20001801J sections 8.1, 9 and 10. WAKFIL has no effect: any dominant bit wakes.
+//! Source: DS20001801J sections 8.1, 9 and 10. WAKFIL has no effect: any dominant bit wakes the chip.
 
 use super::registers::{self, canctrl, int};
 use super::timing::BitTiming;
@@ -26,7 +26,7 @@ use sim_base::{Cycles, F_CPU_HZ};
 /// Length of the oscillator start-up timer.
 const START_UP_OSC_PERIODS: u64 = 128;
 
-/// A mode that REQOP asked for.
+/// A mode requested by REQOP.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Request {
     mode: Mode,
@@ -35,7 +35,7 @@ pub(super) struct Request {
 }
 
 impl Mode {
-    /// REQOP and OPMOD share this coding; three values are invalid.
+    /// The mode for a value of REQOP or OPMOD. Three values are invalid.
     fn decode(reqop: u8) -> Option<Mode> {
         Some(match reqop {
             0b000 => Mode::Normal,
@@ -72,7 +72,7 @@ impl Mcp2515 {
         BitTiming::decode(at(registers::CNF1), at(registers::CNF2), at(registers::CNF3))
     }
 
-    /// A write to CANCTRL; `mask` says which bits it may change.
+    /// A write to CANCTRL; `mask` has the bits that it may change.
     pub(super) fn write_canctrl(&mut self, value: u8, mask: u8, at: Cycles) {
         let index = usize::from(registers::CANCTRL);
         let old = self.registers[index];
@@ -90,7 +90,7 @@ impl Mcp2515 {
                 ),
             }
         } else if new & canctrl::ABAT != 0 {
-            // The abort may be what a request was waiting for.
+            // The abort may complete a waiting request.
             self.try_mode_change(at, false);
         }
     }
@@ -118,12 +118,12 @@ impl Mcp2515 {
         self.try_mode_change(at, false);
     }
 
-    /// Whether a request was made by `at` and not yet carried out.
+    /// True if a request was made by `at` and not executed yet.
     pub(super) fn mode_change_due(&self, at: Cycles) -> bool {
         self.request.is_some_and(|request| request.at <= at)
     }
 
-    /// Carries out a request if nothing holds it up. `frame_over`: a frame ended with this bit.
+    /// Executes a request if it need not wait. `frame_over`: a frame ended with this bit.
     pub(super) fn try_mode_change(&mut self, at: Cycles, frame_over: bool) {
         let Some(Request { mode, at: since }) = self.request else {
             return;
@@ -132,7 +132,7 @@ impl Mcp2515 {
             return;
         }
         if mode.on_the_bus() {
-            // The engine is started at the beginning of a bit, by `join_bus`.
+            // `join_bus` starts the engine, at the beginning of a bit.
             if self.mode == Mode::Configuration {
                 self.check_timing(mode, since);
             }
@@ -175,8 +175,8 @@ impl Mcp2515 {
         }
     }
 
-    /// At the start of a bit: if normal or listen-only mode is wanted and nothing holds it up, the engine
-    /// begins to look for 11 recessive bits.
+    /// At the start of a bit: if normal or listen-only mode is requested and need not wait, the engine
+    /// starts to count 11 recessive bits.
     pub(super) fn join_bus(&mut self, at: Cycles) {
         let Some(Request { mode, at: since }) = self.request else {
             return;
@@ -197,7 +197,7 @@ impl Mcp2515 {
         self.joining = Some(mode);
     }
 
-    /// Sets the engine to what `mode` needs. Configuration and listen-only mode clear the error counters
+    /// Sets the engine to the mode for `mode`. Configuration and listen-only mode clear the error counters
     /// (10.1, 10.3); the other modes keep them.
     pub(super) fn start_engine(&mut self, mode: Mode) {
         match mode {
@@ -215,7 +215,7 @@ impl Mcp2515 {
         }
     }
 
-    /// At the end of a bit: OPMOD follows when the engine has found the bus idle.
+    /// At the end of a bit: OPMOD changes when the engine has found the bus idle.
     pub(super) fn finish_joining(&mut self) {
         if let Some(mode) = self.joining
             && self.can.is_idle()
@@ -233,7 +233,7 @@ impl Mcp2515 {
         self.error_flags = self.current_error_flags();
     }
 
-    /// A dominant bit was seen while asleep (7.5, 10.2.1).
+    /// Handles a dominant bit in sleep (7.5, 10.2.1).
     pub(super) fn bus_activity(&mut self, at: Cycles) {
         let enabled = self.registers[usize::from(registers::CANINTE)] & int::WAK != 0;
         if enabled && self.waking_until.is_none() {
@@ -242,7 +242,7 @@ impl Mcp2515 {
         }
     }
 
-    /// The driver set WAKIF: wakes the chip if WAKIE is set (10.2).
+    /// Handles that the driver sets WAKIF: wakes the chip if WAKIE is set (10.2).
     pub(super) fn wake_by_driver(&mut self, at: Cycles) {
         let enabled = self.registers[usize::from(registers::CANINTE)] & int::WAK != 0;
         if self.mode == Mode::Sleep && enabled && self.waking_until.is_none() {
@@ -252,7 +252,7 @@ impl Mcp2515 {
         }
     }
 
-    /// Brings the oscillator start-up timer up to `at`.
+    /// Advances the oscillator start-up timer to `at`.
     pub(super) fn catch_up(&mut self, at: Cycles) {
         if self.waking_until.is_some_and(|until| at >= until) {
             self.waking_until = None;
@@ -266,7 +266,7 @@ impl Mcp2515 {
         }
     }
 
-    /// Everything a reset does, by pin or by instruction (9.0).
+    /// A reset by pin or by instruction (9.0).
     pub(super) fn reset(&mut self, at: Cycles) {
         for n in 0..2 {
             self.rx_flag_cleared(n, at);

@@ -1,13 +1,13 @@
 //! The two receive buffers: filling, rollover, overflow, and a log for latency measurements.
 //!
-//! The message assembly buffer is the protocol engine's; a frame arrives here complete. It goes to the
-//! buffer its filters choose. If RXB0 is full and BUKT is set, RXB1 takes its place, whatever RXB1's own
-//! filters say; RXB1 has nowhere to roll over to. A frame without a free buffer is lost and sets the
-//! overflow flag of the buffer that was tried last (4.2, Figure 4-3).
+//! The protocol engine has the message assembly buffer; frames arrive here complete. A frame goes to the
+//! buffer that its filters choose. If RXB0 is full and BUKT is set, it goes to RXB1, whatever RXB1's own
+//! filters are. RXB1 does not roll over. If no buffer is free, the frame is lost and sets the
+//! overflow flag of the last buffer in question (4.2, Figure 4-3).
 //!
 //! Limit: with RXM = 11 the chip also loads the part of a frame before an error; the model loads only
-//! valid frames. In listen-only mode the masks and filters hold as in any other; 10.3 can be read otherwise. Data bytes
-//! beyond the frame's length keep the previous frame's values; 4.1.2 tells the driver not to count on that.
+//! valid frames. In listen-only mode masks and filters apply as in other modes; 10.3 can be read otherwise. Data bytes
+//! beyond the frame's length keep the previous frame's values; by 4.1.2 the driver must not rely on that.
 //!
 //! Source: DS20001801J section 4, Registers 4-1 to 4-9, section 7.6.1.
 
@@ -19,20 +19,20 @@ use super::registers::{self, BUFFER_STRIDE, RXB0CTRL, dlc, eflg, int, offset, rx
 use can_model::{Frame, Id};
 use sim_base::Cycles;
 
-/// A frame that passed the filters, and what became of it.
+/// An accepted frame, and its result.
 #[derive(Clone, Debug)]
 pub struct LoggedFrame {
     /// The frame.
     pub frame: Frame,
     /// 0 for RXB0, 1 for RXB1.
     pub buffer: usize,
-    /// When it was complete: RXnIF was set, or the frame was lost.
+    /// Time at which it was complete: RXnIF was set, or the frame was lost.
     pub received_at: Cycles,
-    /// What became of it.
+    /// The result.
     pub fate: Fate,
 }
 
-/// The end of a frame in the chip.
+/// How a frame left the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     /// The driver (or a reset) cleared RXnIF at this time.
@@ -41,7 +41,7 @@ pub enum Fate {
     Lost,
 }
 
-/// Closed entries, and the frames now in the buffers.
+/// Logged frames, and the frames now in the buffers.
 #[derive(Debug, Default)]
 pub(super) struct FrameLog {
     closed: VecDeque<LoggedFrame>,
@@ -49,7 +49,7 @@ pub(super) struct FrameLog {
 }
 
 impl FrameLog {
-    /// Enough for some seconds of a full bus; older entries go when nobody takes them.
+    /// Enough for some seconds of a full bus. The oldest entries are dropped if they are not taken.
     const CAPACITY: usize = 65_536;
 
     fn push(&mut self, entry: LoggedFrame) {
@@ -80,7 +80,7 @@ impl Mcp2515 {
         self.registers[usize::from(registers::CANINTF)] & (int::RX0 << n) != 0
     }
 
-    /// A valid frame is complete at `at`.
+    /// Handles a valid frame that is complete at `at`.
     pub(super) fn receive(&mut self, frame: Frame, at: Cycles) {
         let control = [self.registers[Self::rx_control(0)], self.registers[Self::rx_control(1)]];
         let rxm = control.map(|control| (control & rxctrl::RXM) >> rxctrl::RXM_SHIFT);
@@ -105,7 +105,7 @@ impl Mcp2515 {
             self.registers[index] |= remote | filter;
         }
         if rolls_over {
-            // Register 4-1, note 1: FILHIT0 shows the filter of the frame that rolled over.
+            // Register 4-1, note 1: FILHIT0 has the filter of the frame that rolled over.
             let index = Self::rx_control(0);
             self.registers[index] = self.registers[index] & !rxctrl::FILHIT0 | filter;
         }
@@ -120,7 +120,7 @@ impl Mcp2515 {
         self.log.push(LoggedFrame { frame, buffer, received_at: at, fate: Fate::Lost });
     }
 
-    /// Moves the frame into the registers of a buffer.
+    /// Writes the frame into the registers of a buffer.
     fn load(&mut self, frame: &Frame, buffer: usize) {
         let control = Self::rx_control(buffer);
         let [sidh, mut low, eid8, eid0] = pack_id(frame.id);
@@ -144,7 +144,7 @@ impl Mcp2515 {
         }
     }
 
-    /// A write to RXBnCTRL; `mask` says which bits it may change.
+    /// A write to RXBnCTRL; `mask` has the bits that it may change.
     pub(super) fn write_rx_control(&mut self, n: usize, value: u8, mask: u8, at: Cycles) {
         let index = Self::rx_control(n);
         let address = index as u8;
@@ -161,7 +161,7 @@ impl Mcp2515 {
         }
     }
 
-    /// RXnIF went from set to clear.
+    /// RXnIF was cleared.
     pub(super) fn rx_flag_cleared(&mut self, n: usize, at: Cycles) {
         self.log.close(n, at);
     }

@@ -1,5 +1,5 @@
-//! The register map: which address is what, which of its bits exist, which the SPI side may write,
-//! and what a reset leaves in it.
+//! The register map: the register at each address, the bits that exist, those that SPI writes can change,
+//! and the values after a reset.
 //!
 //! The map is two-dimensional in the datasheet: the high digit of the address selects one of eight
 //! columns, the low digit a row. CANSTAT and CANCTRL appear in rows E and F of every column; the model
@@ -8,7 +8,7 @@
 //! Source: DS20001801J section 11 (Tables 11-1 and 11-2) and the register descriptions that it lists.
 //! CANCTRL is 87h after a reset; Table 11-2 of older revisions had another value.
 
-/// Size of the address space; addresses wrap here.
+/// Size of the address space, at which addresses wrap.
 pub const SIZE: usize = 128;
 /// The seven address bits that exist.
 pub const ADDRESS_MASK: u8 = 0x7F;
@@ -29,7 +29,7 @@ pub const EFLG: u8 = 0x2D;
 pub const TXB0CTRL: u8 = 0x30;
 pub const RXB0CTRL: u8 = 0x60;
 
-/// From one transmit or receive buffer to the next.
+/// Distance between two transmit or receive buffers.
 pub const BUFFER_STRIDE: u8 = 0x10;
 /// Offsets inside a buffer, from its control register.
 pub mod offset {
@@ -113,10 +113,10 @@ pub mod dlc {
     pub const CODE: u8 = 0x0F;
 }
 
-/// What lives at an address, as far as access rules differ.
+/// The kind of register at an address, by its access rules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Filter or mask: written, and even read, only in configuration mode.
+    /// Filter or mask: written and read only in configuration mode.
     Filter,
     /// CNF1..3 and TXRTSCTRL: written only in configuration mode.
     ConfigOnly,
@@ -136,7 +136,7 @@ pub enum Kind {
     RxBuffer(usize),
 }
 
-/// Says what lives at `address` (0..=7Fh).
+/// The kind of register at `address` (0 to 7Fh).
 pub fn kind(address: u8) -> Kind {
     let column = usize::from(address >> 4);
     match address {
@@ -156,7 +156,7 @@ pub fn kind(address: u8) -> Kind {
     }
 }
 
-/// The bits that a WRITE can change, all rules about modes aside.
+/// The bits that a WRITE can change, in a mode that allows it.
 pub fn writable(address: u8) -> u8 {
     match kind(address) {
         Kind::Filter if address & 0b11 != 1 => 0xFF,
@@ -182,7 +182,7 @@ pub fn writable(address: u8) -> u8 {
     }
 }
 
-/// The bits that exist in a register whose content a reset leaves undefined.
+/// The bits that exist in a register whose value after a reset is undefined.
 fn implemented(address: u8) -> u8 {
     match (kind(address), address & 0x0F) {
         (Kind::RxBuffer(_), offset::SIDL) => !(1 << 2),
@@ -192,12 +192,12 @@ fn implemented(address: u8) -> u8 {
     }
 }
 
-/// Whether BIT MODIFY works on the register (shaded in Table 11-1).
+/// True if BIT MODIFY works on the register (shaded in Table 11-1).
 pub fn bit_modifiable(address: u8) -> bool {
     !matches!(kind(address), Kind::Filter | Kind::Canstat | Kind::ErrorCounter | Kind::TxBuffer(_) | Kind::RxBuffer(_))
 }
 
-/// What a reset puts into the register; `None`: the datasheet gives "x", the content survives a reset.
+/// The value after a reset. `None` where the datasheet has "x": the reset does not change the register.
 pub fn reset_value(address: u8) -> Option<u8> {
     match kind(address) {
         Kind::Filter if address < RXM0SIDH => None,
@@ -207,7 +207,7 @@ pub fn reset_value(address: u8) -> Option<u8> {
     }
 }
 
-/// What an undefined register holds at power-up: something no driver can take for a default, and the
+/// The value of an undefined register at power-up: differs from all usual defaults, and is the
 /// same in every run.
 pub fn power_up_noise(address: u8) -> u8 {
     address.wrapping_mul(0x9D).wrapping_add(0x5B) & implemented(address)

@@ -1,14 +1,14 @@
 //! The SPI side: instructions, byte by byte.
 //!
-//! An instruction begins with the first byte after CS falls and ends when CS rises. The chip shifts an
-//! answer out while the byte of the master comes in, so the answer is what the registers hold when the
-//! byte begins; what the master sends takes effect when the byte ends. While an instruction, address,
-//! mask or data byte goes in, the chip does not drive SO: the model answers FFh. So it does while CS is
+//! An instruction begins with the first byte after CS falls and ends when CS rises. The chip shifts its
+//! answer out while it shifts the master's byte in, so the answer has the state of the registers when the
+//! byte begins; the master's byte takes effect when it ends. During instruction, address,
+//! mask and data bytes the chip does not drive SO; the model answers FFh. The same holds while CS is
 //! high: then the bytes are for another device.
 //!
-//! The address of READ, WRITE and READ RX BUFFER counts up through the whole map and wraps from 7Fh to
-//! 00h. LOAD TX BUFFER stops at D7 of its buffer: what the chip does with further bytes is not
-//! documented, and they are a violation. One violation at most is recorded per instruction.
+//! The address of READ, WRITE and READ RX BUFFER increments through the whole map and wraps from 7Fh to
+//! 00h. LOAD TX BUFFER stops at D7 of its buffer. The datasheet does not say what the chip does with further
+//! bytes; they are a violation. At most one violation is recorded per instruction.
 //!
 //! Source: DS20001801J section 12.
 
@@ -16,7 +16,7 @@ use super::Mcp2515;
 use super::registers::{self, ADDRESS_MASK, BUFFER_STRIDE, RXB0CTRL, TXB0CTRL, int, offset};
 use sim_base::Cycles;
 
-/// What the master reads while the chip does not drive SO.
+/// The byte that the master reads while the chip does not drive SO.
 const HIGH_IMPEDANCE: u8 = 0xFF;
 
 /// Instruction bytes (Table 12-1).
@@ -35,12 +35,12 @@ mod opcode {
     pub const RESET: u8 = 0xC0;
 }
 
-/// Where the chip is in an instruction.
+/// The state of an instruction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {
     #[default]
     Instruction,
-    /// Complete, unknown, or given in start-up: further bytes do nothing.
+    /// Complete, unknown, or sent during start-up: further bytes have no effect.
     Ignore,
     ReadAddress,
     Read {
@@ -70,14 +70,14 @@ enum State {
     },
 }
 
-/// CS and the instruction under way.
+/// CS and the instruction in progress.
 #[derive(Debug)]
 pub(super) struct Spi {
     selected: bool,
     state: State,
-    /// The answer to the byte that is under way.
+    /// The answer to the byte in progress.
     answer: u8,
-    /// A violation was recorded in this instruction.
+    /// True if a violation was recorded in this instruction.
     complained: bool,
 }
 
@@ -95,7 +95,7 @@ impl Mcp2515 {
         }
     }
 
-    /// The first SCK edge of a byte comes at `at`: the chip latches what it answers.
+    /// The first SCK edge of a byte is at `at`: the chip latches its answer.
     pub fn begin_byte(&mut self, at: Cycles) {
         self.catch_up(at);
         self.spi.answer = match self.spi.state {
@@ -107,7 +107,7 @@ impl Mcp2515 {
         };
     }
 
-    /// The byte is over at `at`: `mosi` was sent to the chip. Returns what the chip answered, which
+    /// The byte ends at `at`; `mosi` was sent to the chip. Returns the chip's answer, which
     /// [`begin_byte`](Self::begin_byte) latched.
     pub fn end_byte(&mut self, mosi: u8, at: Cycles) -> u8 {
         self.catch_up(at);
@@ -182,7 +182,7 @@ impl Mcp2515 {
         self.spi = Spi::default();
     }
 
-    /// Records a mistake, unless this instruction already made one.
+    /// Records a driver mistake, unless this instruction already has one.
     pub(super) fn violation(&mut self, at: Cycles, text: String) {
         if !self.spi.complained {
             self.spi.complained = self.spi.selected;
@@ -229,7 +229,7 @@ impl Mcp2515 {
         };
     }
 
-    /// Bit 2 of the instruction chooses the buffer, bit 1 SIDH or D0 (Figure 12-3).
+    /// Bit 2 of the instruction selects the buffer, bit 1 SIDH or D0 (Figure 12-3).
     fn begin_read_rx(&mut self, instruction: u8, at: Cycles) -> State {
         let buffer = usize::from(instruction >> 2 & 1);
         if !self.rx_full(buffer) {

@@ -1,7 +1,7 @@
-//! The chip on the bus: one engine bit at a time, and what its outcomes do to the registers.
+//! The chip on the bus: steps the engine bit by bit, and updates the registers with its events.
 //!
-//! The bus may lag behind the SPI side by up to its horizon, so requests carry the time of their SPI
-//! byte, and a bit that began earlier does not see them.
+//! The bus may lag behind the SPI side by up to its horizon. So requests have the time of their SPI
+//! byte, and have no effect on a bit that began earlier.
 //!
 //! Source: DS20001801J sections 3 (Figure 3-1), 6, 7.4, 10.
 
@@ -71,18 +71,18 @@ impl Station for Mcp2515 {
         self.mode != Mode::Loopback && self.can.transmitting()
     }
 
-    /// In sleep the chip still watches the bus; in configuration mode it is off.
+    /// In sleep the chip monitors the bus; in configuration mode it is off.
     fn bit_time_ps(&self) -> Option<u64> {
         let off = self.mode == Mode::Configuration && self.request.is_none();
         (!off).then(|| self.bit_timing().bit_time_ps(self.osc_hz))
     }
 
-    /// Nothing counts idle bits in a chip that is quiet.
+    /// A quiet chip does not count idle bits.
     fn skip_idle(&mut self, _bits: u64) {}
 }
 
 impl Mcp2515 {
-    /// Offers the engine the frame that is next, and notes if it begins to send it.
+    /// Offers the next frame to the engine, and notes if the engine begins to send it.
     fn drive_engine(&mut self, at: Cycles) -> Level {
         let candidate = self.next_to_send(at);
         let was_transmitting = self.can.transmitting();

@@ -1,7 +1,7 @@
 //! Bit timing from CNF1, CNF2 and CNF3.
 //!
-//! One bit is SyncSeg (1 TQ) + PropSeg + PS1 + PS2, and one TQ is 2 (BRP + 1) oscillator periods.
-//! The model steps whole bits, so only the length of the bit matters on the bus; the sample point is
+//! A bit is SyncSeg (1 TQ) + PropSeg + PS1 + PS2, and a TQ is 2 (BRP + 1) oscillator periods.
+//! The model steps whole bits, so only the length of the bit affects the bus. The sample point is
 //! computed for checks and displays.
 //!
 //! Source: DS20001801J section 5.
@@ -9,7 +9,7 @@
 /// Shortest PS2: the chip needs 2 TQ to process the sample (5.2.5).
 const INFORMATION_PROCESSING_TQ: u32 = 2;
 const PICOSECONDS_PER_SECOND: u64 = 1_000_000_000_000;
-/// One bit at the fastest bit rate of CAN 2.0, 1 Mbit/s.
+/// Length of a bit at the highest bit rate of CAN 2.0, 1 Mbit/s.
 const SHORTEST_BIT_PS: u64 = 1_000_000;
 
 const BTLMODE: u8 = 1 << 7;
@@ -52,13 +52,13 @@ impl BitTiming {
         periods * PICOSECONDS_PER_SECOND / u64::from(osc_hz)
     }
 
-    /// Where in the bit the level is sampled, in thousandths.
+    /// Position of the sample point in the bit, in thousandths.
     pub fn sample_point_permille(self) -> u32 {
         (self.quanta() - self.ps2_tq) * 1000 / self.quanta()
     }
 
-    /// What the datasheet forbids in this setting (5.5, and the sums of the segments' ends in 5.2), if anything. Off the bus (loopback) any rate is
-    /// good.
+    /// The rule of the datasheet that this setting breaks (5.5, and the sums of the segments in 5.2); `None` if it is legal. Off the
+    /// bus (loopback) any bit rate is legal.
     pub fn fault(self, osc_hz: u32, on_the_bus: bool) -> Option<&'static str> {
         if self.ps2_tq < INFORMATION_PROCESSING_TQ {
             Some("PS2 is shorter than 2 TQ")

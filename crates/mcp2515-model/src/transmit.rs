@@ -1,18 +1,18 @@
-//! The three transmit buffers: request, choice, outcome, abort.
+//! The three transmit buffers: request, selection, result, abort.
 //!
-//! Goals: before each start of frame the pending buffer with the highest TXP is chosen, the highest
-//! buffer number among equals (3.2); a request is never on the wire before the SPI byte that made it.
+//! Goals: before each start of frame the pending buffer with the highest TXP is selected, and with equal TXP the one with the
+//! highest number (3.2). A request has no effect on the bus before its SPI byte ends.
 //!
-//! Assumptions: the engine copies the frame that it begins to send, and reports exactly one outcome for
+//! Assumptions: the engine copies the frame that it begins to send, and reports exactly one result for
 //! it: transmitted, arbitration lost, or error.
 //!
-//! Invariants: TXREQ is set if and only if the buffer holds a frame to be sent; the frame is fixed when
-//! TXREQ is set, because the model ignores writes to the buffer until TXREQ is clear again, which 3.1 asks the driver
-//! to wait for.
+//! Invariants: TXREQ is set if and only if the buffer has a frame to send. The frame does not change while
+//! TXREQ is set, because the model ignores writes to the buffer until TXREQ is clear, which the driver must
+//! wait for (3.1).
 //!
-//! A request takes effect at the end of the SPI byte that makes it: the RTS instruction itself, or the
-//! data byte of a WRITE or BIT MODIFY to TXBnCTRL. ABTF, MLOA and TXERR are cleared by a request and
-//! stay through automatic repetitions.
+//! A request takes effect at the end of its SPI byte: the RTS instruction itself, or the
+//! data byte of a WRITE or BIT MODIFY to TXBnCTRL. A request clears ABTF, MLOA and TXERR;
+//! automatic repetitions do not.
 //!
 //! Source: DS20001801J section 3, Register 3-1, Figure 3-1. Not modelled: the TXnRTS pins, and erratum 5
 //! of the errata DS80179 (CS held low for the length of a whole frame repeats the frame).
@@ -23,33 +23,33 @@ use super::registers::{self, BUFFER_STRIDE, TXB0CTRL, canctrl, dlc, int, offset,
 use can_model::Frame;
 use sim_base::Cycles;
 
-/// What the chip keeps of a buffer besides its registers.
+/// State of a buffer besides its registers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TxState {
     /// The frame, while TXREQ is set.
     frame: Option<Frame>,
     /// End of the SPI byte that set TXREQ.
     requested_at: Cycles,
-    /// How to end a request that was withdrawn while its frame was on the bus.
+    /// The flag of a request that was withdrawn while its frame was on the bus.
     withdrawn: Option<Withdrawal>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Withdrawal {
-    /// TXREQ was cleared: no flag tells.
+    /// TXREQ was cleared: no flag.
     Request,
-    /// CANCTRL.ABAT was set: ABTF tells.
+    /// CANCTRL.ABAT was set: sets ABTF.
     AbortAll,
 }
 
 impl TxState {
-    /// The frame to be sent, while TXREQ is set.
+    /// The frame to send, while TXREQ is set.
     pub(super) fn frame(&self) -> Option<&Frame> {
         self.frame.as_ref()
     }
 }
 
-/// Why an attempt to send did not succeed.
+/// Why an attempt to send failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Failure {
     LostArbitration,
@@ -70,7 +70,7 @@ impl Mcp2515 {
         self.tx.iter().any(|tx| tx.frame.is_some())
     }
 
-    /// A write to TXBnCTRL; `mask` says which bits it may change.
+    /// A write to TXBnCTRL; `mask` has the bits that it may change.
     pub(super) fn write_tx_control(&mut self, n: usize, value: u8, mask: u8, at: Cycles) {
         let index = Self::tx_control(n);
         let kept = mask & txctrl::TXP;
@@ -105,14 +105,14 @@ impl Mcp2515 {
         }
     }
 
-    /// CANCTRL.ABAT was set: gives up all pending transmissions.
+    /// CANCTRL.ABAT was set: aborts all pending transmissions.
     pub(super) fn abort_all(&mut self) {
         for n in 0..self.tx.len() {
             self.withdraw(n, Withdrawal::AbortAll);
         }
     }
 
-    /// Ends a request now, or, if its frame is on the bus, after this attempt (3.6).
+    /// Ends a request now, or after the current attempt if its frame is on the bus (3.6).
     fn withdraw(&mut self, n: usize, how: Withdrawal) {
         if !self.tx_requested(n) {
             return;
@@ -132,7 +132,7 @@ impl Mcp2515 {
         self.tx[n] = TxState::default();
     }
 
-    /// The frame that the registers of the buffer describe.
+    /// The frame in the registers of the buffer.
     fn tx_frame(&self, n: usize) -> Frame {
         let control = Self::tx_control(n);
         let at = |offset: u8| self.registers[control + usize::from(offset)];
@@ -145,14 +145,14 @@ impl Mcp2515 {
         Frame::with_dlc(id, code, data)
     }
 
-    /// The buffer whose frame goes next, among those requested no later than `at`.
+    /// The buffer whose frame is sent next, of those requested no later than `at`.
     pub(super) fn next_to_send(&self, at: Cycles) -> Option<usize> {
         (0..self.tx.len())
             .filter(|&n| self.tx[n].frame.is_some() && self.tx[n].requested_at <= at)
             .max_by_key(|&n| (self.registers[Self::tx_control(n)] & txctrl::TXP, n))
     }
 
-    /// The frame in flight reached its end.
+    /// The frame on the bus was sent successfully.
     pub(super) fn tx_succeeded(&mut self) {
         if let Some(n) = self.in_flight.take() {
             self.finish(n);
@@ -160,7 +160,7 @@ impl Mcp2515 {
         }
     }
 
-    /// The frame in flight did not get through: the buffer keeps its request for another attempt, unless
+    /// The frame on the bus failed. The buffer keeps its request for another attempt, unless
     /// the request was withdrawn or the chip is in one-shot mode.
     pub(super) fn tx_failed(&mut self, why: Failure) {
         let Some(n) = self.in_flight.take() else {
@@ -181,7 +181,7 @@ impl Mcp2515 {
         }
     }
 
-    /// A reset: every request is forgotten, and what is on the bus breaks off.
+    /// A reset: drops all requests, and aborts the frame on the bus.
     pub(super) fn reset_transmit(&mut self) {
         self.tx = Default::default();
         self.in_flight = None;

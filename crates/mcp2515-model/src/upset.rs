@@ -1,6 +1,6 @@
-//! Faults of the chip that the driver does not cause: a dip of the supply, a bit that flips, a chip that ignores instructions.
+//! Faults of the chip that the driver does not cause: a brown-out, a flipped bit, a chip that ignores instructions.
 //!
-//! Limits: a dip of the supply ends what was being sent, and asks for nothing to be sent; the buffers' contents are garbage.
+//! Limits: a brown-out aborts the frame on the bus and requests no transmission; the buffers' contents are garbage.
 
 use super::registers::{self, Kind, canctrl, txctrl};
 use super::{Mcp2515, Mode};
@@ -8,8 +8,8 @@ use sim_base::Cycles;
 use sim_base::Noise;
 
 impl Mcp2515 {
-    /// Flips bits of a register: what a particle or a spike does. In CANCTRL this is a request for another mode; registers
-    /// that only the chip writes (CANSTAT, the error counters, EFLG) keep what they have.
+    /// Flips bits of a register, as a particle or a spike does. In CANCTRL this requests another mode. Registers
+    /// that only the chip writes (CANSTAT, the error counters, EFLG) do not change.
     pub fn flip_bits(&mut self, address: u8, mask: u8, at: Cycles) {
         let address = address & registers::ADDRESS_MASK;
         let stored = self.registers[usize::from(address)];
@@ -22,7 +22,7 @@ impl Mcp2515 {
         }
     }
 
-    /// The supply dips: all registers hold garbage, the mode too, and the chip goes on with that. Equal seeds give equal
+    /// A brown-out: all registers and the mode are garbage, and the chip continues with them. Equal seeds give equal
     /// garbage.
     pub fn brown_out(&mut self, seed: u64, at: Cycles) {
         self.reset(at);
@@ -40,33 +40,33 @@ impl Mcp2515 {
         let mode = MODES[garbage.below(MODES.len() as u64) as usize];
         let rest = garbage.next_u64() as u8 & !(canctrl::REQOP | canctrl::ABAT);
         self.registers[usize::from(registers::CANCTRL)] = mode.code() << 5 | rest;
-        self.be_in(mode);
+        self.force_mode(mode);
     }
 
-    /// The chip falls asleep by itself.
+    /// The chip enters sleep by itself.
     pub fn fall_asleep(&mut self, at: Cycles) {
         self.reset_transmit();
         let canctrl = &mut self.registers[usize::from(registers::CANCTRL)];
         *canctrl = *canctrl & !canctrl::REQOP | Mode::Sleep.code() << 5;
         self.waking_until = None;
         self.deaf_until = at;
-        self.be_in(Mode::Sleep);
+        self.force_mode(Mode::Sleep);
     }
 
-    /// Whether the chip stays in configuration mode whatever is asked of it. It goes there at once.
+    /// Holds the chip in configuration mode (at once), or releases it.
     pub fn hold_in_configuration(&mut self, held: bool) {
         self.is_held = held;
         if held {
             self.reset_transmit();
-            self.be_in(Mode::Configuration);
+            self.force_mode(Mode::Configuration);
         }
     }
 
-    fn be_in(&mut self, mode: Mode) {
+    fn force_mode(&mut self, mode: Mode) {
         self.joining = None;
         self.start_engine(mode);
         self.enter(mode);
-        // The garbage in CNF1 to CNF3 is not the driver's mistake.
+        // The garbage in CNF1 to CNF3 is not a driver mistake.
         self.timing_checked = mode != Mode::Configuration;
     }
 }

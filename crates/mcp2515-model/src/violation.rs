@@ -1,16 +1,16 @@
-//! Driver mistakes: what the datasheet forbids, asks not to do, or lets have no effect.
+//! Driver mistakes: what the datasheet forbids, advises against, or ignores.
 //!
-//! A driver that keeps to the datasheet never causes one. The chip itself has no such report; the model
-//! keeps it so that a test can fail on it.
+//! A driver that follows the datasheet causes none. The chip itself does not report them; the model
+//! records them so that a test can fail.
 
 use std::fmt;
 
 use sim_base::Cycles;
 
-/// One mistake.
+/// A driver mistake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Violation {
-    /// When the SPI byte ended, or CS rose, that made it.
+    /// When its SPI byte ended, or CS rose.
     pub at: Cycles,
     /// Register, value, rule and datasheet section.
     pub text: String,
@@ -22,7 +22,7 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Mistakes that were not read yet. A driver in a loop can make millions: the first ones are enough, so those beyond
+/// Driver mistakes that were not read yet. A driver in a loop can make millions: the first ones are enough, so those beyond
 /// `CAPACITY` are dropped.
 #[derive(Debug, Default)]
 pub(super) struct Violations(Vec<Violation>);

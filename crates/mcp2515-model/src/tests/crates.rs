@@ -1,10 +1,10 @@
-//! The byte sequences of two published drivers, as they put them on the SPI bus: a legal driver causes
-//! no violation, and an illegal one gets what the real chip would give.
+//! The byte sequences that two published drivers send on the SPI bus. A correct driver causes
+//! no violation; an incorrect one gets the answers of the real chip.
 
 use super::support::*;
 use can_model::{Frame, Id};
 
-/// `mcp2515` 0.3.0, `init`: RESET and 5 ms, everything by single WRITEs, BIT MODIFY with a fifth byte.
+/// `mcp2515` 0.3.0, `init`: RESET and 5 ms, single WRITEs, BIT MODIFY with a fifth byte.
 fn init_like_mcp2515() -> Bench {
     let mut bench = Bench::new();
     bench.reset();
@@ -40,7 +40,7 @@ fn init_like_mcp2515() -> Bench {
     }
     modify(&mut bench, CANINTF, WAKIF, 0);
     modify(&mut bench, CANCTRL, 0xE0, NORMAL);
-    // It asks CANSTAT at most 20 times.
+    // The crate reads CANSTAT at most 20 times.
     let reached = (0..20).any(|_| bench.read(CANSTAT) & 0xE0 == NORMAL);
     assert!(reached, "NewModeTimeout");
     bench
@@ -62,7 +62,7 @@ fn the_mcp2515_crate_receives() {
     assert!(!bench.int_is_low());
 }
 
-/// DS20001801J 3.1: and sends, an empty frame too (a WRITE without data).
+/// DS20001801J 3.1: `mcp2515` 0.3.0 sends, also an empty frame (a WRITE without data).
 #[test]
 fn the_mcp2515_crate_sends() {
     let mut bench = init_like_mcp2515();
@@ -80,7 +80,7 @@ fn the_mcp2515_crate_sends() {
     }
 }
 
-/// `mcp25xx` 0.4.0, `apply_config`: RESET and, as soon as a slow processor gets there, three CNFs in one WRITE, mode last.
+/// `mcp25xx` 0.4.0, `apply_config`: RESET, as soon as a slow processor gets there three CNFs in one WRITE, the mode last.
 fn init_like_mcp25xx() -> Bench {
     let mut bench = Bench::new();
     bench.reset();
@@ -111,7 +111,7 @@ fn the_mcp25xx_crate_receives() {
     bench.assert_register(CANINTF, 0);
 }
 
-/// DS20001801J 12: and sends by WRITE and RTS.
+/// DS20001801J 12: `mcp25xx` 0.4.0 sends by WRITE and RTS.
 #[test]
 fn the_mcp25xx_crate_sends() {
     let mut bench = init_like_mcp25xx();
@@ -124,10 +124,10 @@ fn the_mcp25xx_crate_sends() {
     }
 }
 
-/// DS20001801J Figure 12-3: with its feature `mcp2515` the crate asks for RXB1 with 92h, which is the
-/// data field of RXB0: it gets the wrong bytes, frees the wrong buffer, and RXB1 stays full.
+/// DS20001801J Figure 12-3: with its feature `mcp2515` the crate reads RXB1 with 92h, which is the
+/// data field of RXB0. It gets wrong bytes and releases the wrong buffer, and RXB1 stays full.
 #[test]
-fn the_mcp25xx_crate_with_its_feature_reads_the_wrong_buffer() {
+fn the_mcp25xx_crate_with_feature_mcp2515_reads_the_wrong_buffer() {
     let mut bench = init_like_mcp25xx();
     bench.peer_sends(&[Frame::extended(0x0ABC_DEF0, &[1, 2, 3, 4, 5, 6, 7, 8]), Frame::extended(0x1234_5678, &[9; 8])]);
     let mut read = |instruction| {
@@ -141,7 +141,7 @@ fn the_mcp25xx_crate_with_its_feature_reads_the_wrong_buffer() {
     bench.assert_violation(&["92h", "RX0IF"]);
 }
 
-/// DS20001801J 4.1: remote frames through the same paths.
+/// DS20001801J 4.1: remote frames in both directions.
 #[test]
 fn a_remote_frame_passes_both_ways() {
     let mut bench = init_like_mcp25xx();

@@ -1,4 +1,4 @@
-//! Error counters, error states, bus-off and recovery, as the registers show them.
+//! Error counters, error states, bus-off and recovery in the registers.
 
 use super::support::*;
 use can_model::{ErrorState, Fault, Frame};
@@ -20,7 +20,7 @@ fn expected_eflg(tec: u8, rec: u8) -> u8 {
     eflg
 }
 
-/// Runs bit by bit and checks EFLG against TEC and REC in each, until `done`; returns all values seen.
+/// Runs bit by bit until `done`, and checks EFLG against TEC and REC in each bit. Returns all values of EFLG.
 #[track_caller]
 fn watch(bench: &mut Bench, mut done: impl FnMut(u8, u8) -> bool) -> Vec<u8> {
     let mut seen = vec![];
@@ -40,8 +40,8 @@ fn watch(bench: &mut Bench, mut done: impl FnMut(u8, u8) -> bool) -> Vec<u8> {
     panic!("never done: EFLG took the values {seen:02X?}");
 }
 
-/// DS20001801J 6.7, Register 6-3: a lone sender gets to error-passive and no further (an unacknowledged
-/// frame costs a passive node nothing).
+/// DS20001801J 6.7, Register 6-3: a lone sender becomes error-passive, and its TEC stops there (a missing acknowledgement
+/// does not raise a passive node's TEC).
 #[test]
 fn a_lone_sender_becomes_error_passive_and_stays_on_the_bus() {
     let mut bench = Bench::normal();
@@ -55,7 +55,7 @@ fn a_lone_sender_becomes_error_passive_and_stays_on_the_bus() {
     bench.assert_register(TEC, 128);
 }
 
-/// DS20001801J Register 6-3: the flags go when the counter falls below the limit again.
+/// DS20001801J Register 6-3: the flags are cleared when the counter falls below the limit.
 #[test]
 fn error_flags_are_reset_below_their_limits() {
     let mut bench = Bench::normal();
@@ -75,9 +75,9 @@ fn error_flags_are_reset_below_their_limits() {
     bench.assert_register(EFLG, 0);
 }
 
-/// DS20001801J 6.7, Register 6-3: a receiver that sees errors only.
+/// DS20001801J 6.7, Register 6-3: a receiver of destroyed frames.
 #[test]
-fn a_receiver_of_errors_becomes_error_passive() {
+fn a_receiver_of_destroyed_frames_becomes_error_passive() {
     let mut bench = Bench::normal();
     bench.bus.inject(Fault::StuckDominant(true));
     let seen = watch(&mut bench, |_, rec| rec >= 128);
@@ -88,12 +88,12 @@ fn a_receiver_of_errors_becomes_error_passive() {
     assert_eq!(bench.read(EFLG) & RXEP, 0, "a valid frame makes it active again");
 }
 
-/// A chip in bus-off, on a bus that works again, with its frame still pending.
+/// A chip in bus-off on a bus that works again, with its frame still pending.
 fn bus_off() -> Bench {
     let mut bench = Bench::normal();
     bench.load(0, 0x123, &[0x55; 8]);
     bench.rts(1);
-    // Past arbitration, where a dominant bit would only be another sender.
+    // After arbitration, in which a dominant bit would only mean another sender.
     bench.run_bits(30);
     bench.bus.inject(Fault::StuckDominant(true));
     for _ in 0..1_000 {
@@ -106,9 +106,9 @@ fn bus_off() -> Bench {
     panic!("not bus-off: TEC {}", bench.chip.borrow().tec());
 }
 
-/// DS20001801J 6.7, 7.6.6: TXBO when TEC passes 255; TEC is eight bits wide.
+/// DS20001801J 6.7, 7.6.6: TXBO is set when TEC passes 255. TEC has eight bits.
 #[test]
-fn a_sender_of_errors_goes_bus_off() {
+fn a_sender_of_destroyed_frames_goes_bus_off() {
     let mut bench = bus_off();
     assert_eq!(bench.read(EFLG) & TXBO, TXBO);
     bench.assert_register(TEC, 255);
@@ -116,7 +116,7 @@ fn a_sender_of_errors_goes_bus_off() {
     assert_eq!(bench.read(TXB0CTRL) & TXREQ, TXREQ);
 }
 
-/// DS20001801J 6.7, Figure 6-1: back after 128 times 11 recessive bits, with counters at 0, and the
+/// DS20001801J 6.7, Figure 6-1: recovery after 128 times 11 recessive bits, with counters at 0. Then the
 /// pending frame is sent.
 #[test]
 fn bus_off_ends_after_128_times_11_recessive_bits() {
@@ -145,7 +145,7 @@ fn a_reset_ends_bus_off() {
     assert_eq!(bench.peer_received().len(), 1);
 }
 
-/// DS20001801J 3.6, 10.0: without a pending frame configuration mode does not wait for the recovery.
+/// DS20001801J 3.6, 10.0: without a pending frame a request for configuration mode does not wait for the recovery.
 #[test]
 fn configuration_mode_can_be_entered_in_bus_off_after_an_abort() {
     let mut bench = bus_off();
@@ -156,7 +156,7 @@ fn configuration_mode_can_be_entered_in_bus_off_after_an_abort() {
     bench.assert_register(EFLG, 0);
 }
 
-/// DS20001801J 7.6: each change of the error state is an error interrupt, and can be acknowledged while
+/// DS20001801J 7.6: each change of the error state sets ERRIF, which can be cleared while
 /// the state lasts.
 #[test]
 fn each_change_of_the_error_state_raises_errif() {

@@ -13,7 +13,7 @@ fn standard(id: u16, data: [u8; 2]) -> [u8; 4] {
     [(id >> 3) as u8, (id << 5) as u8, data[0], data[1]]
 }
 
-/// A chip whose only filter that can match is RXF0 (all others want something that never comes).
+/// A chip in which only RXF0 can match; the other filters have an identifier that is never sent.
 fn with_filter(mask: [u8; 4], mut filter: [u8; 4], exide: bool) -> Bench {
     let mut bench = Bench::new();
     bench.write(CNF3, &CNF_1M);
@@ -40,7 +40,7 @@ fn assert_accepts(bench: &mut Bench, frame: Frame, accepted: bool) {
     bench.write(CANINTF, &[0]);
 }
 
-/// DS20001801J Table 4-2: mask bit 0 accepts any bit, mask bit 1 only the filter's.
+/// DS20001801J Table 4-2: where the mask bit is 0 any bit matches, where it is 1 only the filter's.
 #[test]
 fn extended_identifiers_match_where_the_mask_is_set() {
     let mask = 0x00FF_FF80;
@@ -81,7 +81,7 @@ fn each_bit_of_a_standard_identifier_is_compared() {
     }
 }
 
-/// DS20001801J Register 4-11: EXIDE decides which kind of frame a filter is for, whatever the mask.
+/// DS20001801J Register 4-11: EXIDE selects the frame format of a filter, whatever the mask is.
 #[test]
 fn exide_selects_standard_or_extended_frames() {
     for exide in [false, true] {
@@ -116,7 +116,7 @@ fn eid17_and_eid16_do_not_matter_for_standard_frames() {
     assert_accepts(&mut bench, Frame::standard(0x123, &[0, 0]), true);
 }
 
-/// DS20001801J 4.5.1: data byte filtering is for data frames.
+/// DS20001801J 4.5.1: data bytes are filtered in data frames only.
 #[test]
 fn remote_frames_are_filtered_by_identifier_alone() {
     let mut bench = with_filter(standard(0x7FF, [0xFF; 2]), standard(0x123, [0xC0, 0x05]), false);
@@ -124,7 +124,7 @@ fn remote_frames_are_filtered_by_identifier_alone() {
     assert_accepts(&mut bench, Frame::remote(Id::Standard(0x122), 2), false);
 }
 
-/// A chip in which filter n wants standard identifier 100h + n, for both buffers.
+/// A chip in which filter n has standard identifier 100h + n, for both buffers.
 fn with_six_filters(same: &[usize]) -> Bench {
     let mut bench = Bench::new();
     bench.write(CNF3, &CNF_1M);
@@ -137,8 +137,8 @@ fn with_six_filters(same: &[usize]) -> Bench {
     bench
 }
 
-/// DS20001801J 4.2, 4.5: mask 0 with filters 0 and 1 is RXB0's, mask 1 with filters 2 to 5 RXB1's;
-/// FILHIT tells which.
+/// DS20001801J 4.2, 4.5: mask 0 with filters 0 and 1 is for RXB0, mask 1 with filters 2 to 5 for RXB1.
+/// FILHIT has the filter.
 #[test]
 fn each_filter_leads_to_its_buffer() {
     let mut bench = with_six_filters(&[]);
@@ -159,9 +159,9 @@ fn each_filter_leads_to_its_buffer() {
     bench.assert_register(CANINTF, 0);
 }
 
-/// DS20001801J 4.5.4: of several matching filters the lowest counts, and one buffer takes the frame.
+/// DS20001801J 4.5.4: of several matching filters the lowest is reported, and one buffer takes the frame.
 #[test]
-fn the_lowest_matching_filter_counts() {
+fn the_lowest_matching_filter_is_reported() {
     for (same, buffer, filhit) in
         [(&[0, 1, 2, 3][..], 0, 0), (&[1, 4], 0, 1), (&[2, 4], 1, 2), (&[3, 5], 1, 3), (&[5], 1, 5)]
     {
@@ -188,7 +188,7 @@ fn rxm_11_receives_any_message() {
 /// DS20001801J Registers 4-1, 4-2: RXM 01 and 10 are reserved (before revision H: standard or extended
 /// frames only, without data byte filtering).
 #[test]
-fn a_reserved_rxm_is_a_violation_and_means_what_it_once_did() {
+fn a_reserved_rxm_is_a_violation_and_has_its_former_meaning() {
     for (rxm, standard_passes, extended_passes) in [(0x20, true, false), (0x40, false, true)] {
         let mut bench = Bench::new();
         bench.set_up();

@@ -5,7 +5,7 @@ use can_model::{Frame, Id};
 
 /// DS20001801J 12.3, 12.5: address, then data from consecutive addresses.
 #[test]
-fn read_and_write_count_the_address_up() {
+fn read_and_write_increment_the_address() {
     let mut bench = Bench::new();
     let values: Vec<u8> = (1..=13).collect();
     bench.write(0x31, &values);
@@ -13,16 +13,16 @@ fn read_and_write_count_the_address_up() {
     assert_eq!(bench.read_many(0x36, 8), values[5..]);
 }
 
-/// DS20001801J Figures 12-2 to 12-9: SO is not driven while instruction and address go in.
+/// DS20001801J Figures 12-2 to 12-9: the chip does not drive SO during instruction and address.
 #[test]
-fn instruction_and_address_are_answered_by_a_released_line() {
+fn so_is_not_driven_during_instruction_and_address() {
     let mut bench = Bench::new();
     assert_eq!(bench.spi(&[READ, CANSTAT, 0]), [0xFF, 0xFF, 0x80]);
     assert_eq!(bench.spi(&[WRITE, BFPCTRL, 0x00]), [0xFF; 3]);
     assert_eq!(bench.spi(&[BIT_MODIFY, BFPCTRL, 0xFF, 0x00]), [0xFF; 4]);
 }
 
-/// DS20001801J Figure 12-1: mask 1 takes the data bit, mask 0 keeps the register's.
+/// DS20001801J Figure 12-1: where the mask is 1 the bit changes, where it is 0 the register keeps its bit.
 #[test]
 fn bit_modify_changes_only_masked_bits() {
     let mut bench = Bench::new();
@@ -56,7 +56,7 @@ fn bit_modify_of_an_unsuitable_register_writes_all_bits_and_is_a_violation() {
     }
 }
 
-/// DS20001801J 12.10: the sequence is address, mask, data; what follows does nothing.
+/// DS20001801J 12.10: the sequence is address, mask, data. Further bytes have no effect.
 #[test]
 fn bytes_after_a_bit_modify_are_ignored() {
     let mut bench = Bench::new();
@@ -65,9 +65,9 @@ fn bytes_after_a_bit_modify_are_ignored() {
     bench.assert_register(CANINTF, 0x00);
 }
 
-/// DS20001801J 12.10: without its data byte a BIT MODIFY changes nothing.
+/// DS20001801J 12.10: without its data byte BIT MODIFY changes nothing.
 #[test]
-fn a_bit_modify_cut_short_is_a_violation() {
+fn an_incomplete_bit_modify_is_a_violation() {
     for length in 1..=3 {
         let mut bench = Bench::new();
         bench.spi(&[BIT_MODIFY, CANINTE, 0xFF, 0x11][..length]);
@@ -76,7 +76,7 @@ fn a_bit_modify_cut_short_is_a_violation() {
     }
 }
 
-/// DS20001801J 12.5: a WRITE of no data is a WRITE of nothing, as drivers do for empty frames.
+/// DS20001801J 12.5: a WRITE without data changes nothing. Drivers send it for empty frames.
 #[test]
 fn a_write_without_data_changes_nothing() {
     let mut bench = Bench::new();
@@ -155,7 +155,7 @@ fn read_rx_buffer_clears_its_flag_when_cs_rises() {
     assert_eq!(bench.chip.borrow().register(CANINTF), 0);
 }
 
-/// DS20001801J 12.4: reading an empty buffer gives stale data, and can throw the next frame away.
+/// DS20001801J 12.4: reading an empty buffer returns old data, and can discard the next frame.
 #[test]
 fn read_rx_buffer_of_an_empty_buffer_is_a_violation() {
     let mut bench = Bench::normal();
@@ -165,7 +165,7 @@ fn read_rx_buffer_of_an_empty_buffer_is_a_violation() {
     bench.assert_register(CANINTF, RX0IF);
 }
 
-/// DS20001801J 12.4: ended at once, the instruction clears the flag of a frame nobody has seen.
+/// DS20001801J 12.4: if it ends at once, the instruction clears the flag of a frame that was not read.
 #[test]
 fn read_rx_buffer_without_a_data_byte_is_a_violation() {
     let mut bench = Bench::normal();
@@ -192,7 +192,7 @@ fn read_status_maps_flags_and_requests() {
     }
 }
 
-/// DS20001801J 12.8: the status is repeated, up to date, as long as clocks come.
+/// DS20001801J 12.8: the status is repeated and updated as long as clocks come.
 #[test]
 fn read_status_repeats() {
     let mut bench = Bench::normal();
@@ -204,9 +204,9 @@ fn read_status_repeats() {
     bench.deselect();
 }
 
-/// DS20001801J Figure 12-9: bits 4..3, type of the message.
+/// DS20001801J Figure 12-9: bits 4 and 3 are the type of the message.
 #[test]
-fn rx_status_tells_the_type_of_the_message() {
+fn rx_status_has_the_type_of_the_message() {
     for (frame, kind) in [
         (Frame::standard(0x123, &[1]), 0b00),
         (Frame::remote(Id::Standard(0x123), 1), 0b01),
@@ -222,9 +222,9 @@ fn rx_status_tells_the_type_of_the_message() {
     }
 }
 
-/// DS20001801J Figure 12-9: bits 2..0, filter match, with codes 6 and 7 for a rollover into RXB1.
+/// DS20001801J Figure 12-9: bits 2 to 0 are the matching filter; codes 6 and 7 mean a rollover into RXB1.
 #[test]
-fn rx_status_tells_the_filter() {
+fn rx_status_has_the_filter() {
     let mut bench = Bench::new();
     bench.write(CNF3, &CNF_1M);
     bench.write(RXM0, &[0xFF, 0xE0, 0, 0, 0xFF, 0xE0, 0, 0]);
@@ -250,7 +250,7 @@ fn rx_status_tells_the_filter() {
     }
 }
 
-/// DS20001801J 12.1: while CS is high the bytes are for another device.
+/// DS20001801J 12.1: bytes while CS is high are for another device.
 #[test]
 fn bytes_while_cs_is_high_are_for_another_device() {
     let mut bench = Bench::normal();
@@ -258,7 +258,7 @@ fn bytes_while_cs_is_high_are_for_another_device() {
     bench.assert_opmod(NORMAL);
 }
 
-/// DS20001801J 12.8: what a status byte shows was latched when the byte began.
+/// DS20001801J 12.8: a status byte was latched when it began.
 #[test]
 fn a_status_byte_does_not_show_what_happens_while_it_is_shifted_out() {
     const BEFORE_THE_END: u64 = 10;
@@ -274,14 +274,14 @@ fn a_status_byte_does_not_show_what_happens_while_it_is_shifted_out() {
     bench.select();
     bench.byte(READ_STATUS);
     assert!(bench.now < sent_at);
-    // TXREQ of TXB0 still, and no TX0IF; then both the other way round.
+    // First TXREQ of TXB0 and no TX0IF, then the opposite.
     assert_eq!(bench.byte(0) & 0x0C, 0x04);
     assert!(bench.now > sent_at);
     assert_eq!(bench.byte(0) & 0x0C, 0x08);
     bench.deselect();
 }
 
-/// A chip that has just been asked to send a frame.
+/// A chip that has just got a request to send a frame.
 fn sending() -> Bench {
     let mut bench = Bench::normal();
     bench.load(0, 0x123, &[]);
@@ -289,7 +289,7 @@ fn sending() -> Bench {
     bench
 }
 
-/// DS20001801J Table 12-1: other bytes are no instructions.
+/// DS20001801J Table 12-1: other bytes are not instructions.
 #[test]
 fn an_unknown_instruction_is_ignored_and_a_violation() {
     for instruction in [0x00, 0x01, 0x04, 0x46, 0x47, 0x88, 0x91, 0x98, 0xA1, 0xB1, 0xC1, 0xFF] {
@@ -300,7 +300,7 @@ fn an_unknown_instruction_is_ignored_and_a_violation() {
     }
 }
 
-/// DS20001801J 12.1: an instruction ends when CS rises, the next begins when it falls.
+/// DS20001801J 12.1: an instruction ends when CS rises, and the next begins when CS falls.
 #[test]
 fn each_fall_of_cs_begins_a_new_instruction() {
     let mut bench = Bench::new();
@@ -310,7 +310,7 @@ fn each_fall_of_cs_begins_a_new_instruction() {
     assert_eq!(bench.read(CANSTAT), 0x80);
 }
 
-/// DS20001801J 12.2, 9.0: RESET brings configuration mode from any mode.
+/// DS20001801J 12.2, 9.0: RESET leads to configuration mode from any mode.
 #[test]
 fn reset_leads_to_configuration_mode() {
     for mode in [NORMAL, LISTEN_ONLY, LOOPBACK] {

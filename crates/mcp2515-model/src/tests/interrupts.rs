@@ -3,7 +3,7 @@
 use super::support::*;
 use can_model::Frame;
 
-/// DS20001801J 7.0: INT is low while an enabled flag is set, whichever it is.
+/// DS20001801J 7.0: INT is low while any enabled flag is set.
 #[test]
 fn int_is_low_while_an_enabled_flag_is_set() {
     let mut bench = Bench::new();
@@ -18,7 +18,7 @@ fn int_is_low_while_an_enabled_flag_is_set() {
     }
 }
 
-/// DS20001801J 7.0: INT is a level: it stays low until the last flag is cleared, and follows CANINTE.
+/// DS20001801J 7.0: INT is a level. It stays low until the last flag is cleared, and depends on CANINTE.
 #[test]
 fn int_stays_low_until_all_flags_are_cleared() {
     let mut bench = Bench::new();
@@ -34,7 +34,7 @@ fn int_stays_low_until_all_flags_are_cleared() {
     assert!(!bench.int_is_low());
 }
 
-/// DS20001801J Table 7-1: codes, with the lower code the higher priority; MERRF has none.
+/// DS20001801J Table 7-1: a lower code has the higher priority; MERRF has no code.
 #[test]
 fn icod_shows_the_pending_interrupt_of_the_highest_priority() {
     let mut bench = Bench::new();
@@ -55,7 +55,7 @@ fn icod_shows_the_pending_interrupt_of_the_highest_priority() {
     bench.assert_register(CANSTAT, 0x80);
 }
 
-/// DS20001801J 7.1: only enabled sources are reflected.
+/// DS20001801J 7.1: ICOD shows enabled sources only.
 #[test]
 fn icod_ignores_sources_that_are_not_enabled() {
     let mut bench = Bench::new();
@@ -104,7 +104,7 @@ fn a_message_error_pulls_int() {
     assert!(!bench.int_is_low());
 }
 
-/// DS20001801J 7.0: with BIT MODIFY a flag that comes meanwhile is not lost.
+/// DS20001801J 7.0: BIT MODIFY does not clear a flag that is set meanwhile.
 #[test]
 fn bit_modify_of_canintf_leaves_other_flags_alone() {
     let mut bench = Bench::normal();

@@ -1,10 +1,10 @@
-//! Modes of operation and the oscillator start-up timer; sleep has a file of its own.
+//! Modes of operation and the oscillator start-up timer; sleep.rs tests sleep.
 
 use super::super::{Mcp2515, Mode};
 use super::support::*;
 use can_model::{Frame, Level, RecordKind, Station};
 
-/// DS20001801J Registers 10-1 and 10-2: REQOP asks, OPMOD answers.
+/// DS20001801J Registers 10-1 and 10-2: REQOP requests a mode, OPMOD shows it.
 #[test]
 fn every_mode_is_reached_from_configuration_mode() {
     for (reqop, mode) in
@@ -16,7 +16,7 @@ fn every_mode_is_reached_from_configuration_mode() {
     }
 }
 
-/// DS20001801J 10.0: and each awake mode from each other.
+/// DS20001801J 10.0: from each awake mode to each other one.
 #[test]
 fn every_awake_mode_is_reached_from_every_other() {
     let awake = [NORMAL, LOOPBACK, LISTEN_ONLY, CONFIGURATION];
@@ -43,7 +43,7 @@ fn normal_mode_begins_after_eleven_recessive_bits() {
     }
 }
 
-/// DS20001801J 10.0: a frame of others on the bus is waited for.
+/// DS20001801J 10.0: the request waits for the end of another node's frame.
 #[test]
 fn normal_mode_waits_for_the_end_of_a_frame_on_the_bus() {
     let mut bench = Bench::new();
@@ -60,7 +60,7 @@ fn normal_mode_waits_for_the_end_of_a_frame_on_the_bus() {
     bench.assert_register(CANINTF, 0);
 }
 
-/// DS20001801J 10.1: configuration mode does not wait when nothing is going on.
+/// DS20001801J 10.1: configuration mode does not wait if nothing is in progress.
 #[test]
 fn an_idle_chip_enters_configuration_mode_at_once() {
     for mode in [NORMAL, LISTEN_ONLY, LOOPBACK] {
@@ -70,7 +70,7 @@ fn an_idle_chip_enters_configuration_mode_at_once() {
     }
 }
 
-/// DS20001801J 10.0: the frame that is being received comes first.
+/// DS20001801J 10.0: a frame in reception is completed first.
 #[test]
 fn a_frame_in_reception_is_finished_before_the_mode_changes() {
     for mode in [CONFIGURATION, LISTEN_ONLY, LOOPBACK, SLEEP] {
@@ -102,9 +102,9 @@ fn pending_transmissions_are_finished_before_the_mode_changes() {
     }
 }
 
-/// DS20001801J 3.6, 10.0: an unacknowledged frame holds up the mode change until it is aborted.
+/// DS20001801J 3.6, 10.0: an unacknowledged frame delays the mode change until it is aborted.
 #[test]
-fn an_abort_frees_a_mode_change_that_waits() {
+fn an_abort_completes_a_waiting_mode_change() {
     let mut bench = Bench::normal();
     bench.unplug_peer();
     bench.load(0, 0x111, &[1]);
@@ -117,10 +117,10 @@ fn an_abort_frees_a_mode_change_that_waits() {
     bench.assert_opmod(CONFIGURATION);
 }
 
-/// A request made ahead of the simulated bus does not act before its time: frames that ended earlier are
+/// A request that is ahead of the simulated bus takes effect at its own time: frames that ended earlier are
 /// received.
 #[test]
-fn a_mode_request_does_not_act_before_its_time() {
+fn a_mode_request_has_no_effect_before_its_time() {
     let mut bench = Bench::normal();
     bench.write(RXB0CTRL, &[BUKT]);
     bench.occupy_bus();
@@ -138,7 +138,7 @@ fn a_mode_request_does_not_act_before_its_time() {
     bench.assert_register(CANINTF, RX0IF | RX1IF);
 }
 
-/// DS20001801J 10.0: a request can be taken back.
+/// DS20001801J 10.0: a request can be cancelled.
 #[test]
 fn a_request_for_the_present_mode_cancels_an_earlier_one() {
     let mut bench = Bench::normal();
@@ -180,7 +180,7 @@ fn configuration_mode_clears_the_error_counters() {
     bench.assert_register(TEC, 0);
 }
 
-/// DS20001801J 10.1: nothing is sent or heard in configuration mode; a request waits.
+/// DS20001801J 10.1: the chip neither sends nor receives in configuration mode; a request waits.
 #[test]
 fn a_request_made_in_configuration_mode_is_sent_in_normal_mode() {
     let mut bench = Bench::new();
@@ -194,10 +194,10 @@ fn a_request_made_in_configuration_mode_is_sent_in_normal_mode() {
     assert_eq!(bench.peer_received(), [Frame::standard(0x111, &[1])]);
 }
 
-/// DS20001801J 10.4: loopback goes from transmit buffer through the filters to receive buffer, with
-/// nothing on the bus and nobody to acknowledge.
+/// DS20001801J 10.4: in loopback mode a frame goes from the transmit buffer through the filters to the receive buffer, without
+/// the bus and without an acknowledgement.
 #[test]
-fn loopback_receives_its_own_frames_and_keeps_off_the_bus() {
+fn loopback_receives_its_own_frames_and_does_not_drive_the_bus() {
     let mut bench = Bench::in_mode(LOOPBACK);
     bench.load(2, 0x123, &[0xDE, 0xAD]);
     bench.rts(0b100);
@@ -210,7 +210,7 @@ fn loopback_receives_its_own_frames_and_keeps_off_the_bus() {
     bench.assert_register(TEC, 0);
 }
 
-/// DS20001801J 10.4: the filters apply; a frame they refuse is still sent.
+/// DS20001801J 10.4: the filters apply. A frame that they reject is still sent.
 #[test]
 fn loopback_applies_the_filters() {
     let mut bench = Bench::new();
@@ -223,16 +223,16 @@ fn loopback_applies_the_filters() {
     bench.assert_register(CANINTF, TX0IF);
 }
 
-/// DS20001801J 10.4: what others send is not heard.
+/// DS20001801J 10.4: frames of other nodes are not received.
 #[test]
-fn loopback_does_not_hear_the_bus() {
+fn loopback_does_not_receive_from_the_bus() {
     let mut bench = Bench::in_mode(LOOPBACK);
     bench.peer_sends(&[Frame::standard(0x123, &[1])]);
     bench.assert_register(CANINTF, 0);
     assert_ne!(bench.peer.borrow().tec(), 0, "nobody acknowledges");
 }
 
-/// DS20001801J 3.2, 10.4: three frames come in the order of their priority.
+/// DS20001801J 3.2, 10.4: three frames are received in the order of their priority.
 #[test]
 fn loopback_takes_time_and_keeps_the_transmit_priority() {
     let mut bench = Bench::in_mode(LOOPBACK);
@@ -249,7 +249,7 @@ fn loopback_takes_time_and_keeps_the_transmit_priority() {
     assert_eq!(bench.read_many(RXB1SIDH, 2), [0x20, 0x00]);
 }
 
-/// DS20001801J 10.3: listen-only hears frames that others acknowledge, and drives nothing itself.
+/// DS20001801J 10.3: in listen-only mode the chip receives frames that others acknowledge, and drives nothing.
 #[test]
 fn listen_only_receives_and_never_acknowledges() {
     let mut bench = Bench::in_mode(LISTEN_ONLY);
@@ -269,7 +269,7 @@ fn listen_only_receives_and_never_acknowledges() {
     bench.assert_register(CANINTF, RX0IF);
 }
 
-/// DS20001801J 10.3: no message leaves in listen-only mode; the error counters are off.
+/// DS20001801J 10.3: in listen-only mode the chip sends no message, and the error counters are off.
 #[test]
 fn listen_only_sends_nothing_and_counts_no_errors() {
     let mut bench = Bench::in_mode(LISTEN_ONLY);
@@ -305,7 +305,7 @@ fn spi_is_ignored_and_a_violation_during_oscillator_start_up() {
     }
 }
 
-/// DS20001801J 9.0: the RESET pin does what the instruction does, and starts the timer.
+/// DS20001801J 9.0: the RESET pin has the effect of the instruction, and starts the timer.
 #[test]
 fn a_hardware_reset_restores_registers_and_starts_the_timer() {
     let mut bench = Bench::normal();
@@ -321,7 +321,7 @@ fn a_hardware_reset_restores_registers_and_starts_the_timer() {
 
 /// DS20001801J 8.1: the start-up timer runs after the RESET instruction, too.
 #[test]
-fn after_the_reset_instruction_the_chip_is_deaf_for_128_oscillator_periods() {
+fn after_the_reset_instruction_spi_is_ignored_for_128_oscillator_periods() {
     let mut bench = Bench::normal();
     bench.spi(&[RESET]);
     bench.write(CNF3, &CNF_1M);
@@ -374,9 +374,9 @@ fn loopback_mode_keeps_the_error_counters_and_configuration_mode_clears_them() {
     bench.assert_register(TEC, 0);
 }
 
-/// DS20001801J 9.0: a reset in the middle of a frame breaks it off; the bus recovers.
+/// DS20001801J 9.0: a reset aborts the frame on the bus; the bus recovers.
 #[test]
-fn a_reset_breaks_off_the_frame_on_the_bus() {
+fn a_reset_aborts_the_frame_on_the_bus() {
     let mut bench = Bench::normal();
     bench.load(0, 0x111, &[0x55; 8]);
     bench.rts(1);

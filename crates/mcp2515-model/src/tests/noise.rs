@@ -1,13 +1,13 @@
-//! Noise on the SPI lines: nothing that is clocked in may stop the model, and RESET cures it.
+//! Noise on the SPI lines: no input may stop the model, and RESET restores it.
 
 use super::support::*;
 use can_model::Frame;
 
-/// Bits per burst of noise: long enough to send or receive a frame between two bursts.
+/// Bits between two bursts of noise: long enough to send or receive a frame.
 const PAUSE_BITS: u64 = 150;
 const BURSTS: usize = 1_000;
 
-/// A linear congruential generator (Knuth's MMIX constants); seeded, so that a failure repeats.
+/// A linear congruential generator (Knuth's MMIX constants), seeded so that a failure can be repeated.
 struct Noise(u64);
 
 impl Noise {
@@ -17,13 +17,13 @@ impl Noise {
     }
 }
 
-/// Instructions that do something, so that noise gets further than "unknown".
+/// Valid instructions, so that not all noise is an unknown instruction.
 const INSTRUCTIONS: [u8; 16] =
     [0x02, 0x02, 0x02, 0x03, 0x05, 0x05, 0x05, 0x40, 0x43, 0x45, 0x81, 0x87, 0x90, 0x96, 0xA0, 0xB0];
 
-/// DS20001801J 12.2, 9.0: whatever was clocked in before, RESET and a new set-up make the chip work.
+/// DS20001801J 12.2, 9.0: after any input, RESET and a new set-up make the chip work.
 #[test]
-fn a_reset_cures_any_noise() {
+fn after_any_noise_a_reset_restores_the_chip() {
     for seed in 0..4 {
         let mut noise = Noise(seed);
         let mut bench = Bench::normal();
@@ -46,7 +46,7 @@ fn a_reset_cures_any_noise() {
         bench.run_bits(8);
         bench.violations();
         bench.assert_opmod(CONFIGURATION);
-        // The peer may have been driven into bus-off.
+        // The noise may have driven the peer into bus-off.
         bench.run_bits(128 * 11 + 10 * FRAME_BITS);
         bench.set_up();
         bench.enter(NORMAL);

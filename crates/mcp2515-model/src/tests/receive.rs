@@ -38,9 +38,9 @@ fn remote_frames_are_marked() {
     bench.assert_register(RXB0CTRL, 0x00);
 }
 
-/// DS20001801J Register 4-8: the length code is stored as it was on the wire; 8 bytes is the most.
+/// DS20001801J Register 4-8: the DLC is stored as received; above 8 it means 8 bytes.
 #[test]
-fn every_length_code_is_stored_as_received() {
+fn every_dlc_is_stored_as_received() {
     let mut bench = Bench::normal();
     let data = [1, 2, 3, 4, 5, 6, 7, 8];
     for code in 0..=15u8 {
@@ -52,8 +52,8 @@ fn every_length_code_is_stored_as_received() {
     }
 }
 
-/// Register 4-9 says nothing of bytes beyond the frame: the model leaves the old ones, so that a driver
-/// that reads them shows.
+/// Register 4-9 does not specify the bytes beyond the frame. The model keeps the old ones, so that a driver
+/// that uses them can be detected.
 #[test]
 fn bytes_beyond_the_frame_keep_their_old_values() {
     let mut bench = Bench::normal();
@@ -63,7 +63,7 @@ fn bytes_beyond_the_frame_keep_their_old_values() {
     assert_eq!(bench.read_many(0x66, 8), [0x11, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5]);
 }
 
-/// DS20001801J 4.1.3: a set RXnIF locks the buffer, and the frame in it.
+/// DS20001801J 4.1.3: while RXnIF is set the buffer keeps its frame.
 #[test]
 fn a_full_buffer_is_not_overwritten() {
     let mut bench = Bench::normal();
@@ -81,7 +81,7 @@ fn without_rollover_rxb0_overflows() {
     assert_eq!(bench.chip.borrow().rx_overflows(), 1);
 }
 
-/// DS20001801J 4.2: with BUKT the second frame rolls over into RXB1, whatever RXB1's filters say.
+/// DS20001801J 4.2: with BUKT the second frame rolls over into RXB1, whatever RXB1's filters are.
 #[test]
 fn with_rollover_the_second_frame_goes_to_rxb1() {
     let mut bench = Bench::new();
@@ -94,7 +94,7 @@ fn with_rollover_the_second_frame_goes_to_rxb1() {
     bench.assert_register(0x66, 0x11);
     bench.assert_register(0x76, 0x22);
     bench.assert_register(EFLG, 0);
-    // RXF1 accepted the second one: FILHIT of RXB1, and FILHIT0 too (Register 4-1, note 1).
+    // RXF1 accepted the second frame: FILHIT of RXB1 and FILHIT0 show it (Register 4-1, note 1).
     bench.assert_register(RXB1CTRL, 0x01);
     bench.assert_register(RXB0CTRL, 0x07);
 }
@@ -110,7 +110,7 @@ fn with_rollover_the_third_frame_overflows_rxb1() {
     assert_eq!(bench.chip.borrow().rx_overflows(), 1);
 }
 
-/// DS20001801J 4.2: RXB0 is tried first again as soon as it is free, so order can turn round.
+/// DS20001801J 4.2: RXB0 is used again as soon as it is free, so the order of frames can change.
 #[test]
 fn after_a_rollover_rxb0_is_filled_again_first() {
     let mut bench = Bench::normal();
@@ -122,9 +122,9 @@ fn after_a_rollover_rxb0_is_filled_again_first() {
     assert_eq!(bench.read_many(RXB1SIDH, 2), [0x00, 0x40]);
 }
 
-/// DS20001801J Register 4-1, note 1: only a rollover touches RXB0's FILHIT0.
+/// DS20001801J Register 4-1, note 1: only a rollover changes RXB0's FILHIT0.
 #[test]
-fn a_frame_for_rxb1_leaves_rxb0ctrl_alone() {
+fn a_frame_for_rxb1_does_not_change_rxb0ctrl() {
     let mut bench = Bench::new();
     bench.set_up();
     // RXB0 takes standard identifier 7FFh only; RXF3 takes all extended frames for RXB1.
@@ -152,7 +152,7 @@ fn rxb1_does_not_roll_over() {
     bench.assert_register(0x76, 0x11);
 }
 
-/// DS20001801J 7.6.1, 7.7: RXnOVR is cleared by the MCU, and ERRIF not before it.
+/// DS20001801J 7.6.1, 7.7: the MCU must clear RXnOVR before ERRIF.
 #[test]
 fn errif_cannot_be_cleared_before_the_overflow_flag() {
     let mut bench = Bench::normal();
@@ -192,7 +192,7 @@ fn a_frame_with_an_error_is_not_received() {
     assert_eq!(bench.read(CANINTF) & (RX0IF | MERRF), MERRF | RX0IF, "the peer repeats it");
 }
 
-/// The log tells when a frame came and when its flag was cleared.
+/// The log has the time of reception and the time at which the flag was cleared.
 #[test]
 fn the_frame_log_has_the_times_of_rxnif() {
     let mut bench = Bench::normal();
@@ -217,9 +217,9 @@ fn the_frame_log_has_the_times_of_rxnif() {
     assert!(log[2].received_at < log[1].received_at && log[1].received_at < log[0].received_at);
 }
 
-/// A frame still in its buffer is logged when it leaves, be it by a reset.
+/// A frame in its buffer is logged when it leaves, also by a reset.
 #[test]
-fn a_frame_is_logged_once_it_has_left() {
+fn a_frame_is_logged_when_it_leaves() {
     let mut bench = Bench::normal();
     bench.peer_sends(&[Frame::standard(1, &[1])]);
     assert!(bench.chip.borrow_mut().take_frame_log().is_empty());

@@ -31,7 +31,7 @@ fn registers_have_their_reset_values() {
     assert_eq!(bench.read_many(RXM0, 8), [0; 8], "masks");
 }
 
-/// DS20001801J 9.0: RESET brings back the same values, whatever was written.
+/// DS20001801J 9.0: RESET restores the same values, whatever was written.
 #[test]
 fn the_reset_instruction_restores_the_reset_values() {
     let mut bench = Bench::new();
@@ -46,8 +46,8 @@ fn the_reset_instruction_restores_the_reset_values() {
     assert_eq!(bench.read_many(0x00, 128), before);
 }
 
-/// DS20001801J Registers 3-3 and 4-10: filters and buffers are "unknown" after a reset; RAM keeps what
-/// it had.
+/// DS20001801J Registers 3-3 and 4-10: filters and buffers are "unknown" after a reset. In the model they keep
+/// their values, as RAM does.
 #[test]
 fn filters_and_buffers_survive_a_reset() {
     let mut bench = Bench::new();
@@ -58,7 +58,7 @@ fn filters_and_buffers_survive_a_reset() {
     assert_eq!(bench.read_many(TXB0SIDH, 2), [0x9A, 0xEB]);
 }
 
-/// DS20001801J section 11: bits that are unimplemented or read-only stay 0 when FFh is written.
+/// DS20001801J section 11: unimplemented and read-only bits stay 0 when FFh is written.
 #[test]
 fn unimplemented_bits_read_as_zero() {
     let mut bench = Bench::new();
@@ -81,7 +81,7 @@ fn unimplemented_bits_read_as_zero() {
         (0x32, 0xEB),
         (0x45, 0x4F),
         (0x5D, 0xFF),
-        // BUKT1 follows BUKT.
+        // BUKT1 is a copy of BUKT.
         (RXB0CTRL, 0x66),
         (RXB1CTRL, 0x60),
         (EFLG, 0xC0),
@@ -92,7 +92,7 @@ fn unimplemented_bits_read_as_zero() {
     }
 }
 
-/// DS20001801J Register 3-1: of TXBnCTRL only TXREQ and TXP can be written.
+/// DS20001801J Register 3-1: only TXREQ and TXP of TXBnCTRL are writable.
 #[test]
 fn the_flags_of_txbnctrl_are_read_only() {
     let mut bench = Bench::new();
@@ -113,7 +113,7 @@ fn canstat_and_canctrl_are_in_every_column() {
     }
 }
 
-/// DS20001801J Register 10-2: CANSTAT is read-only; a sequential WRITE passes over it unpunished.
+/// DS20001801J Register 10-2: CANSTAT is read-only. A sequential WRITE over it is no violation.
 #[test]
 fn canstat_ignores_writes() {
     let mut bench = Bench::new();
@@ -134,9 +134,9 @@ fn a_write_to_a_read_only_register_is_ignored_and_a_violation() {
     }
 }
 
-/// DS20001801J 10.1: CNFn, TXRTSCTRL, filters and masks are modifiable in configuration mode only.
+/// DS20001801J 10.1: CNFn, TXRTSCTRL, filters and masks are writable in configuration mode only.
 #[test]
-fn configuration_registers_refuse_writes_in_other_modes() {
+fn configuration_registers_reject_writes_in_other_modes() {
     for mode in [NORMAL, LISTEN_ONLY, LOOPBACK, SLEEP] {
         for (address, name) in [
             (CNF1, "CNF1"),
@@ -157,7 +157,7 @@ fn configuration_registers_refuse_writes_in_other_modes() {
     }
 }
 
-/// DS20001801J 4.5: masks and filters read as 0 outside configuration mode, and are not lost.
+/// DS20001801J 4.5: masks and filters read as 0 outside configuration mode, but keep their values.
 #[test]
 fn filters_and_masks_read_as_zero_outside_configuration_mode() {
     let mut bench = Bench::new();
@@ -169,7 +169,7 @@ fn filters_and_masks_read_as_zero_outside_configuration_mode() {
     assert_eq!(bench.read_many(RXF[5], 4), [0x11, 0x0A, 0x33, 0x44]);
 }
 
-/// DS20001801J 5.7: the bit timing stays readable in every mode.
+/// DS20001801J 5.7: the bit timing is readable in every mode.
 #[test]
 fn cnf_registers_are_readable_in_normal_mode() {
     let mut bench = Bench::normal();
@@ -184,7 +184,7 @@ fn a_sequential_read_wraps_from_7f_to_00() {
     assert_eq!(bench.read_many(0x7F, 2), [0x87, 0x3C]);
 }
 
-/// DS20001801J Table 11-1: there is nothing beyond 7Fh.
+/// DS20001801J Table 11-1: no addresses exist beyond 7Fh.
 #[test]
 fn an_address_beyond_the_map_is_a_violation() {
     let mut bench = Bench::new();

@@ -14,7 +14,7 @@ fn asleep(wakie: bool) -> Bench {
     bench
 }
 
-/// DS20001801J 10.2: the chip falls asleep when the bus is idle, not in the middle of a frame.
+/// DS20001801J 10.2: the chip enters sleep when the bus is idle, not during a frame.
 #[test]
 fn sleep_waits_for_an_idle_bus() {
     let mut bench = Bench::normal();
@@ -28,7 +28,7 @@ fn sleep_waits_for_an_idle_bus() {
 
 /// DS20001801J 10.2: registers can be accessed in sleep.
 #[test]
-fn registers_answer_in_sleep() {
+fn registers_can_be_read_and_written_in_sleep() {
     let mut bench = asleep(true);
     bench.assert_opmod(SLEEP);
     bench.write(0x36, &[0x77]);
@@ -67,7 +67,7 @@ fn the_frame_that_wakes_the_chip_is_lost() {
     bench.enter(NORMAL);
 }
 
-/// DS20001801J 10.2.1: without WAKIE the bus does not wake the chip.
+/// DS20001801J 10.2.1: without WAKIE bus activity does not wake the chip.
 #[test]
 fn without_wakie_the_chip_sleeps_through_traffic() {
     let mut bench = asleep(false);
@@ -89,7 +89,7 @@ fn setting_wakif_wakes_the_chip() {
     bench.assert_register(CANINTF, RX0IF);
 }
 
-/// DS20001801J 10.2: WAKIF alone does not wake.
+/// DS20001801J 10.2: WAKIF alone does not wake the chip.
 #[test]
 fn setting_wakif_without_wakie_does_not_wake() {
     let mut bench = asleep(false);
@@ -109,7 +109,7 @@ fn spi_right_after_a_wake_up_by_the_driver_is_a_violation() {
     bench.assert_register(CANINTE, WAKIF);
 }
 
-/// DS20001801J 10.2: a mode request does not wake; it is a mistake to wait for it.
+/// DS20001801J 10.2: a mode request does not wake the chip.
 #[test]
 fn a_mode_request_in_sleep_is_ignored_and_a_violation() {
     let mut bench = asleep(true);
@@ -119,7 +119,7 @@ fn a_mode_request_in_sleep_is_ignored_and_a_violation() {
     bench.assert_violation(&["asleep", "10.2"]);
 }
 
-/// DS20001801J 8.1, 9.0: RESET works in sleep, and starts the oscillator.
+/// DS20001801J 8.1, 9.0: RESET works in sleep and starts the oscillator.
 #[test]
 fn a_reset_wakes_the_chip_after_the_start_up_time() {
     let mut bench = asleep(true);

@@ -1,4 +1,4 @@
-//! A chip with a 16 MHz crystal and a peer on a 1 Mbit/s bus, driven through SPI bytes only, and the
+//! A chip with a 16 MHz crystal and a peer on a 1 Mbit/s bus, used through SPI bytes only, and the
 //! datasheet's numbers, restated.
 
 use std::cell::RefCell;
@@ -68,7 +68,7 @@ pub const CONFIGURATION: u8 = 0x80;
 /// AVR cycles of a bit at 1 Mbit/s, and of an SPI byte at 8 MHz.
 pub const BIT: Cycles = 16;
 pub const SPI_BYTE: Cycles = 16;
-/// Longer than any frame with its stuff bits, error frame and intermission.
+/// More bits than any frame with its stuff bits, error frame and intermission.
 pub const FRAME_BITS: u64 = 200;
 /// 1 Mbit/s from 16 MHz with the sample point at 75 %: CNF3, CNF2, CNF1.
 pub const CNF_1M: [u8; 3] = [0x01, 0x91, 0x00];
@@ -81,7 +81,7 @@ pub struct Bench {
     pub peer: Rc<RefCell<SoftNode>>,
     pub peer_port: PortId,
     pub now: Cycles,
-    /// The test looked at the violations, so `drop` need not.
+    /// True if the test has read the violations, so that `drop` need not check them.
     judged: bool,
 }
 
@@ -98,7 +98,7 @@ impl Bench {
         bench
     }
 
-    /// Set up for 1 Mbit/s, everything accepted, and in `mode`.
+    /// A chip with 1 Mbit/s that accepts all frames, in `mode`.
     pub fn in_mode(mode: u8) -> Bench {
         let mut bench = Bench::new();
         bench.set_up();
@@ -110,7 +110,7 @@ impl Bench {
         Bench::in_mode(NORMAL)
     }
 
-    /// 1 Mbit/s; masks 0; RXF0 takes all standard, RXF1 all extended frames.
+    /// Sets 1 Mbit/s and masks 0; RXF0 accepts all standard frames, RXF1 all extended ones.
     pub fn set_up(&mut self) {
         self.write(CNF3, &CNF_1M);
         self.write(RXM0, &[0; 8]);
@@ -130,7 +130,7 @@ impl Bench {
         self.run_to(self.now + bits * BIT);
     }
 
-    /// One whole SPI instruction; returns the answers to each byte.
+    /// Sends one SPI instruction. Returns the answer to each byte.
     pub fn spi(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.select();
         let answers = bytes.iter().map(|&byte| self.byte(byte)).collect();
@@ -174,7 +174,7 @@ impl Bench {
         self.spi(&[BIT_MODIFY, address, mask, value]);
     }
 
-    /// Requests a mode and gives the chip the time of a frame to get there.
+    /// Requests a mode and waits for the time of a frame.
     #[track_caller]
     pub fn enter(&mut self, mode: u8) {
         self.request(mode);
@@ -198,7 +198,7 @@ impl Bench {
         assert_eq!(value, expected, "register {address:02X}h is {value:02X}h, not {expected:02X}h");
     }
 
-    /// The peer sends these frames back to back, and they pass.
+    /// The peer sends these frames back to back; waits until they have ended.
     pub fn peer_sends(&mut self, frames: &[Frame]) {
         for &frame in frames {
             self.peer.borrow_mut().send(frame);
@@ -206,7 +206,7 @@ impl Bench {
         self.run_bits(FRAME_BITS * frames.len() as u64);
     }
 
-    /// What the peer received since the last call.
+    /// Takes the frames that the peer has received.
     pub fn peer_received(&mut self) -> Vec<Frame> {
         let received = self.peer.borrow_mut().take_received();
         received.into_iter().map(|(_, frame)| frame).collect()
@@ -219,24 +219,24 @@ impl Bench {
         self.spi(&bytes);
     }
 
-    /// RESET, and the time that the oscillator takes to start.
+    /// Sends RESET and waits until the oscillator has started.
     pub fn reset(&mut self) {
         self.spi(&[RESET]);
         self.run_bits(8);
     }
 
-    /// RTS for the buffers of the mask.
+    /// Sends RTS for the buffers of the mask.
     pub fn rts(&mut self, mask: u8) {
         self.spi(&[0x80 | mask]);
     }
 
-    /// Makes the bus busy with a frame of the peer, a few bits of which have passed on return.
+    /// The peer begins a frame; returns after its first few bits.
     pub fn occupy_bus(&mut self) {
         self.peer.borrow_mut().send(Frame::standard(0, &[0x55; 8]));
         self.run_bits(20);
     }
 
-    /// The chip is alone on the bus: nobody acknowledges.
+    /// Disconnects the peer, so that no node acknowledges.
     pub fn unplug_peer(&mut self) {
         self.bus.connect(self.peer_port, false);
     }
@@ -249,14 +249,14 @@ impl Bench {
         !self.chip.borrow().int_pin()
     }
 
-    /// The mistakes so far; the test says what it expects.
+    /// Takes the violations so far, for tests that expect some.
     pub fn violations(&mut self) -> Vec<String> {
         self.judged = true;
         let violations = self.chip.borrow_mut().take_violations();
         violations.into_iter().map(|violation| violation.text).collect()
     }
 
-    /// Exactly one mistake was made, and its text contains all of `parts`.
+    /// Checks that there is exactly one violation and that its text contains all of `parts`.
     #[track_caller]
     pub fn assert_violation(&mut self, parts: &[&str]) {
         let violations = self.violations();

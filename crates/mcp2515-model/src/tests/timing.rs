@@ -9,7 +9,7 @@ fn timed(cnf3_to_cnf1: [u8; 3]) -> Bench {
     bench
 }
 
-/// Asks for normal mode, so that the chip has a bit time, and returns it in picoseconds.
+/// Requests normal mode, in which the chip has a bit time, and returns it in picoseconds.
 fn bit_time_ps(bench: &mut Bench) -> u64 {
     bench.request(NORMAL);
     bench.chip.borrow().bit_time_ps().expect("the chip is on the bus")
@@ -35,7 +35,7 @@ fn cnf_registers_give_bit_time_and_sample_point() {
 /// DS20001801J Register 5-2: without BTLMODE, PS2 is the greater of PS1 and 2 TQ.
 #[test]
 fn without_btlmode_ps2_follows_ps1() {
-    // Prop 2, PS1 1 or 5; PHSEG2 says 8 and does not count.
+    // Prop 2, PS1 1 or 5. PHSEG2 is 8, without effect.
     for (cnf2, quanta) in [(0x01, 1 + 2 + 1 + 2), (0x21, 1 + 2 + 5 + 5)] {
         let mut bench = timed([0x07, cnf2, 0x01]);
         assert_eq!(bit_time_ps(&mut bench), quanta * 250_000);
@@ -70,7 +70,7 @@ fn there_is_no_bit_time_in_configuration_mode() {
     assert_eq!(bench.chip.borrow().bit_time_ps(), None);
 }
 
-/// DS20001801J 5.5: what must hold is checked when configuration mode is left.
+/// DS20001801J 5.5: the rules are checked when configuration mode is left.
 #[test]
 fn illegal_bit_timing_is_a_violation_on_leaving_configuration_mode() {
     for (cnf, fault) in [
@@ -94,7 +94,7 @@ fn bit_timing_at_the_limits_is_no_violation() {
     }
 }
 
-/// DS20001801J 5.5: one mistake, one report, until configuration mode is entered again.
+/// DS20001801J 5.5: one violation until configuration mode is entered again.
 #[test]
 fn illegal_bit_timing_is_reported_once() {
     let mut bench = timed([0x00, 0xBC, 0x00]);
@@ -108,16 +108,16 @@ fn illegal_bit_timing_is_reported_once() {
     assert_eq!(bench.violations().len(), 1);
 }
 
-/// DS20001801J 10.4: loopback is not on the bus, so its speed is nobody's business.
+/// DS20001801J 10.4: in loopback mode the chip is off the bus, so its bit rate does not matter.
 #[test]
 fn loopback_may_be_faster_than_any_bus() {
     let mut bench = timed([0x00, 0x00, 0x00]);
     bench.enter(LOOPBACK);
 }
 
-/// DS20001801J 5.0: nodes with different nominal bit rates cannot talk to each other.
+/// DS20001801J 5.0: nodes with different nominal bit rates cannot communicate.
 #[test]
-fn a_chip_with_another_bit_rate_hears_errors_and_no_frames() {
+fn a_chip_with_another_bit_rate_detects_errors_and_receives_no_frames() {
     let mut bench = Bench::new();
     bench.set_up();
     bench.write(CNF3, &CNF_500K);
@@ -128,7 +128,7 @@ fn a_chip_with_another_bit_rate_hears_errors_and_no_frames() {
     assert_ne!(bench.read(REC), 0);
 }
 
-/// DS20001801J 10.3: a listener at the wrong rate sees errors too, and disturbs nobody.
+/// DS20001801J 10.3: a listener at the wrong rate detects errors and does not disturb the bus.
 #[test]
 fn a_listener_with_another_bit_rate_does_not_disturb() {
     let mut bench = Bench::new();

@@ -3,7 +3,7 @@
 use super::support::*;
 use can_model::{Frame, Id};
 
-/// DS20001801J Registers 3-3 to 3-8: what the buffer says goes out, and TXnIF is set.
+/// DS20001801J Registers 3-3 to 3-8: the frame has the contents of the buffer, and TXnIF is set.
 #[test]
 fn a_requested_frame_is_sent() {
     for n in 0..3u8 {
@@ -18,7 +18,7 @@ fn a_requested_frame_is_sent() {
     }
 }
 
-/// DS20001801J Register 3-7: remote frames, empty frames, and length codes beyond 8.
+/// DS20001801J Register 3-7: remote frames, empty frames, and a DLC above 8.
 #[test]
 fn every_kind_of_frame_can_be_sent() {
     let data = [1, 2, 3, 4, 5, 6, 7, 8];
@@ -50,8 +50,8 @@ fn a_request_can_be_made_in_three_ways() {
     }
 }
 
-/// DS20001801J 3.3, 12.7: the frame begins after the end of the byte that asked for it, even if the bus
-/// is simulated later, and then in the next bit.
+/// DS20001801J 3.3, 12.7: the frame begins in the next bit after the end of the byte that requested it, even if the bus
+/// is simulated later.
 #[test]
 fn a_frame_does_not_begin_before_its_request() {
     for ahead in [1, 15, 16, 17, 250, 500] {
@@ -87,7 +87,7 @@ fn buffers_go_in_the_order_of_their_priority() {
     }
 }
 
-/// DS20001801J 3.2: of equals, "the buffer with the highest buffer number will be sent first".
+/// DS20001801J 3.2: with equal priorities, "the buffer with the highest buffer number will be sent first".
 #[test]
 fn the_highest_buffer_number_breaks_a_tie() {
     let mut bench = Bench::normal();
@@ -101,9 +101,9 @@ fn the_highest_buffer_number_breaks_a_tie() {
     assert_eq!(ids, [0x102, 0x101, 0x100].map(Id::Standard));
 }
 
-/// DS20001801J 3.2: priorities are compared anew before each start of frame.
+/// DS20001801J 3.2: priorities are compared again before each start of frame.
 #[test]
-fn a_later_request_of_higher_priority_overtakes() {
+fn a_later_request_of_higher_priority_is_sent_first() {
     let mut bench = Bench::normal();
     bench.load(1, 0x101, &[0x55; 8]);
     bench.load(0, 0x100, &[]);
@@ -132,7 +132,7 @@ fn the_priority_of_a_waiting_frame_can_be_changed() {
 
 /// DS20001801J 3.1: TXREQ must be clear before the buffer is written.
 #[test]
-fn a_pending_buffer_refuses_writes() {
+fn a_pending_buffer_rejects_writes() {
     for (instruction, name) in [(0x40, "TXB0SIDH"), (0x41, "TXB0D0")] {
         let mut bench = Bench::normal();
         bench.occupy_bus();
@@ -145,9 +145,9 @@ fn a_pending_buffer_refuses_writes() {
     }
 }
 
-/// DS20001801J 3.1: a buffer on the bus is as closed as a waiting one, even if the request is withdrawn.
+/// DS20001801J 3.1: a buffer whose frame is on the bus cannot be written, even if the request is withdrawn.
 #[test]
-fn a_buffer_that_is_being_sent_refuses_writes() {
+fn a_buffer_on_the_bus_rejects_writes() {
     let mut bench = Bench::normal();
     bench.load(0, 0x123, &[0x55; 8]);
     bench.rts(1);
@@ -159,7 +159,7 @@ fn a_buffer_that_is_being_sent_refuses_writes() {
     bench.assert_violation(&["TXB0D0", "AAh", "3.1"]);
 }
 
-/// DS20001801J 3.1: other buffers stay open.
+/// DS20001801J 3.1: other buffers can be written.
 #[test]
 fn a_free_buffer_can_be_loaded_while_another_is_sent() {
     let mut bench = Bench::normal();
@@ -171,7 +171,7 @@ fn a_free_buffer_can_be_loaded_while_another_is_sent() {
     assert_eq!(bench.peer_received().len(), 2);
 }
 
-/// DS20001801J 3.6: clearing TXREQ gives up a waiting frame; ABTF is not set.
+/// DS20001801J 3.6: clearing TXREQ aborts a waiting frame without ABTF.
 #[test]
 fn clearing_txreq_aborts_a_waiting_frame() {
     let mut bench = Bench::normal();
@@ -185,7 +185,7 @@ fn clearing_txreq_aborts_a_waiting_frame() {
     bench.assert_register(CANINTF, RX0IF);
 }
 
-/// DS20001801J 3.6: ABAT gives up all waiting frames, with ABTF.
+/// DS20001801J 3.6: ABAT aborts all waiting frames and sets ABTF.
 #[test]
 fn abat_aborts_all_waiting_frames() {
     let mut bench = Bench::normal();
@@ -208,7 +208,7 @@ fn abat_aborts_all_waiting_frames() {
     bench.assert_register(0x50, 0);
 }
 
-/// DS20001801J 3.6, note 1: a frame on the bus goes on, and if it succeeds it is not aborted.
+/// DS20001801J 3.6, note 1: a frame on the bus continues; if it succeeds it was not aborted.
 #[test]
 fn an_abort_lets_the_frame_on_the_bus_finish() {
     for by_abat in [false, true] {
@@ -229,7 +229,7 @@ fn an_abort_lets_the_frame_on_the_bus_finish() {
     }
 }
 
-/// DS20001801J 3.6, note 1: if the attempt fails, it was the last; only ABAT sets ABTF.
+/// DS20001801J 3.6, note 1: if the attempt fails it is not repeated. Only ABAT sets ABTF.
 #[test]
 fn an_abort_prevents_the_next_attempt() {
     for (by_abat, flags) in [(false, TXERR), (true, TXERR | ABTF)] {
@@ -249,7 +249,7 @@ fn an_abort_prevents_the_next_attempt() {
     }
 }
 
-/// DS20001801J 3.3, 3.6: a request made while the abort is pending takes it back.
+/// DS20001801J 3.3, 3.6: a new request cancels a pending abort.
 #[test]
 fn a_new_request_cancels_a_pending_abort() {
     let mut bench = Bench::normal();
@@ -263,7 +263,7 @@ fn a_new_request_cancels_a_pending_abort() {
     bench.assert_register(TXB0CTRL, TXREQ | TXERR);
 }
 
-/// DS20001801J 3.6: ABAT must be reset before anything can be sent.
+/// DS20001801J 3.6: ABAT must be cleared before a frame can be sent.
 #[test]
 fn a_request_under_abat_is_aborted_and_a_violation() {
     let mut bench = Bench::normal();
@@ -274,7 +274,7 @@ fn a_request_under_abat_is_aborted_and_a_violation() {
     bench.assert_violation(&["TXB0CTRL", "ABAT", "3.6"]);
 }
 
-/// Sends 400h from the chip and 001h from the peer at the same bit, and returns when the chip has lost.
+/// The chip sends 400h and the peer 001h at the same bit. Returns when the chip has lost arbitration.
 fn lose_arbitration(canctrl: u8) -> Bench {
     let mut bench = Bench::normal();
     bench.modify(CANCTRL, OSM, canctrl);
@@ -291,7 +291,7 @@ fn lose_arbitration(canctrl: u8) -> Bench {
     panic!("arbitration was not lost");
 }
 
-/// DS20001801J 3.3: MLOA tells of a lost arbitration; the frame is sent again and the flag stays.
+/// DS20001801J 3.3: MLOA shows a lost arbitration. The frame is sent again, and the flag stays.
 #[test]
 fn lost_arbitration_is_flagged_and_the_frame_repeated() {
     let mut bench = lose_arbitration(0);
@@ -303,7 +303,7 @@ fn lost_arbitration_is_flagged_and_the_frame_repeated() {
     bench.assert_register(TEC, 0);
 }
 
-/// DS20001801J 4.1: the winner's frame is received meanwhile.
+/// DS20001801J 4.1: the winning frame is received.
 #[test]
 fn the_frame_that_won_is_received() {
     let mut bench = Bench::normal();
@@ -316,10 +316,10 @@ fn the_frame_that_won_is_received() {
     assert_eq!(bench.read_many(RXB1SIDH, 2), [0x00, 0x20]);
 }
 
-/// DS20001801J 3.4: one-shot mode does not try again after a lost arbitration; ABTF says that it gave up
+/// DS20001801J 3.4: in one-shot mode a frame that lost arbitration is not repeated, and ABTF is set
 /// (3.6, note 2).
 #[test]
-fn one_shot_gives_up_after_lost_arbitration() {
+fn one_shot_does_not_repeat_after_lost_arbitration() {
     let mut bench = lose_arbitration(OSM);
     bench.run_bits(2 * FRAME_BITS);
     bench.assert_register(TXB0CTRL, MLOA | ABTF);
@@ -356,10 +356,10 @@ fn a_new_request_clears_the_flags() {
     bench.assert_register(TXB0CTRL, TXREQ);
 }
 
-/// DS20001801J 3.4: one-shot mode does not try again after an error; ABTF is set, with ABAT or without
+/// DS20001801J 3.4: in one-shot mode a destroyed frame is not repeated; ABTF is set, with ABAT or without
 /// (3.6, note 2).
 #[test]
-fn one_shot_gives_up_after_an_error() {
+fn one_shot_does_not_repeat_after_an_error() {
     for abat in [0, ABAT] {
         let mut bench = Bench::normal();
         bench.unplug_peer();
@@ -375,7 +375,7 @@ fn one_shot_gives_up_after_an_error() {
     }
 }
 
-/// DS20001801J 3.4: one-shot mode does not hinder success.
+/// DS20001801J 3.4: one-shot mode does not affect a successful frame.
 #[test]
 fn one_shot_sends_as_usual() {
     let mut bench = Bench::normal();

@@ -1,12 +1,12 @@
-//! What happens to the chip behind the driver's back, and what a driver can do about it.
+//! Faults of the chip that the driver does not cause, and the driver's means against them.
 
 use super::super::Mode;
 use super::support::*;
 use can_model::Frame;
 
-/// A chip in garbage still answers, and RESET and a new set-up make it work.
+/// The chip answers with garbage in its registers; RESET and a new set-up make it work.
 #[test]
-fn a_brown_out_leaves_garbage_that_differs_with_its_seed_and_a_reset_cures() {
+fn a_brown_out_leaves_garbage_by_its_seed_and_a_reset_restores_the_chip() {
     let mut seen = Vec::new();
     for seed in 0..16 {
         let mut bench = Bench::normal();
@@ -31,12 +31,12 @@ fn a_brown_out_leaves_garbage_that_differs_with_its_seed_and_a_reset_cures() {
 }
 
 #[test]
-fn a_flipped_bit_of_a_register_is_that_bit_only() {
+fn a_flipped_bit_changes_only_that_bit() {
     let mut bench = Bench::normal();
     let before = bench.read(CNF3);
     bench.chip.borrow_mut().flip_bits(CNF3, 0x02, bench.now);
     bench.assert_register(CNF3, before ^ 0x02);
-    // A filter, which shows in configuration mode only.
+    // A filter can be read in configuration mode only.
     bench.chip.borrow_mut().flip_bits(0x00, 0x81, bench.now);
     bench.enter(CONFIGURATION);
     bench.assert_register(0x00, 0x81);
@@ -51,7 +51,7 @@ fn a_flipped_bit_of_the_requested_mode_changes_the_mode() {
 }
 
 #[test]
-fn what_only_the_chip_writes_stays() {
+fn registers_that_only_the_chip_writes_do_not_flip() {
     let mut bench = Bench::normal();
     for address in [0x0E, 0x1C, 0x1D, 0x2D] {
         let before = bench.read(address);
@@ -61,7 +61,7 @@ fn what_only_the_chip_writes_stays() {
 }
 
 #[test]
-fn a_chip_that_fell_asleep_wakes_by_a_reset() {
+fn a_reset_wakes_a_chip_that_fell_asleep() {
     let mut bench = Bench::normal();
     bench.chip.borrow_mut().fall_asleep(bench.now);
     bench.assert_opmod(SLEEP);
@@ -71,7 +71,7 @@ fn a_chip_that_fell_asleep_wakes_by_a_reset() {
 }
 
 #[test]
-fn a_chip_that_is_held_stays_in_configuration_mode_until_it_is_let_go() {
+fn a_held_chip_stays_in_configuration_mode_until_it_is_released() {
     let mut bench = Bench::normal();
     bench.chip.borrow_mut().hold_in_configuration(true);
     bench.assert_opmod(CONFIGURATION);
