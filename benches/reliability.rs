@@ -1,7 +1,7 @@
 //! Measures every fault of `rig/src/faults`, prints docs/reliability.md and writes it. `make reliability`.
 
 fn main() {
-    // Cargo asks bench targets for their tests, too.
+    // Cargo also asks bench targets to list their tests.
     if std::env::args().any(|argument| argument == "--list") {
         return;
     }

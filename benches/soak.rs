@@ -33,7 +33,7 @@ fn setting(name: &str, default: f64) -> Result<f64, String> {
 }
 
 fn main() -> ExitCode {
-    // Cargo asks bench targets for their tests, too.
+    // Cargo also asks bench targets to list their tests.
     if std::env::args().any(|argument| argument == "--list") {
         return ExitCode::SUCCESS;
     }
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
     };
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
-        // The second one ends it at once.
+        // The second signal ends the program at once.
         flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop)).expect("a signal that can be caught");
         flag::register(signal, Arc::clone(&stop)).expect("a signal that can be caught");
     }
@@ -77,17 +77,19 @@ fn main() -> ExitCode {
     let lived = soak.now() as f64 / (60.0 * MINUTE as f64);
     match result {
         Err(_) => {
-            println!("NOT well after {lived:.3} simulated hours, seed {seed}: see above. SOAK_SEED={seed} repeats it.");
-            // After a failed check in a fault the end needs no further check.
+            println!(
+                "a check FAILED after {lived:.3} simulated hours, seed {seed}; see above. SOAK_SEED={seed} repeats it."
+            );
+            // After a failed check the rig's final checks are not needed.
             std::mem::forget(soak);
             ExitCode::FAILURE
         }
         Ok(()) if is_to_stop() => {
-            println!("stopped after {lived:.3} simulated hours; all was well by then");
+            println!("stopped after {lived:.3} simulated hours; no check had failed");
             ExitCode::from(130)
         }
         Ok(()) => {
-            println!("all was well for {lived:.3} simulated hours");
+            println!("no check failed in {lived:.3} simulated hours");
             ExitCode::SUCCESS
         }
     }

@@ -1,8 +1,9 @@
-//! The Arduino of these firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
+//! The Arduino board of these firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
 //!
-//! Pins: D4 (PD4) to ground asks for reception only, chip select is D9 (PB1) or D10 (PB2), D10 is an output so that the SPI stays master, D11 MOSI, D12 MISO, D13 SCK, D1 TXD.
-//! It knows nothing of CAN and shares no line with the node's own `src/`: what the simulator's model is measured against
-//! must not come from the firmware that the model was made for.
+//! Pins: D4 (PD4) low selects reception only. Chip select is D9 (PB1) or D10 (PB2); D10 is an output so that the SPI stays master. D11 MOSI,
+//! D12 MISO, D13 SCK, D1 TXD.
+//! This file knows nothing of CAN and shares no code with the node's `src/`: the firmwares that check the simulator's model
+//! must be independent of the firmware for which the model was made.
 //! Source: ATmega48/88/168 datasheet, sections SPI, USART0, 16-bit Timer/Counter1.
 
 use crate::can_board::{CRYSTAL_MHZ, CS_IS_D10};
@@ -14,22 +15,22 @@ use core::convert::Infallible;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 
-/// Crystal of the Arduino.
+/// Frequency of the Arduino's crystal.
 const F_CPU_HZ: u32 = 16_000_000;
 /// 115,200 baud with U2X0: 16 MHz / (8 * (16 + 1)) = 117,647, 2.1 % fast.
 const UBRR_115200: u16 = 16;
 
-/// The instruction RESET of the MCP2515.
+/// The MCP2515's RESET instruction.
 const RESET: u8 = 0xC0;
 /// A little longer than 128 periods of 8 MHz.
 const START_UP_US: u32 = 20;
 
-/// What the firmware is to do.
+/// What the firmware does.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Task {
-    /// Answer and report every frame.
+    /// Answers and reports every frame.
     WholeJob,
-    /// Read every frame, and do nothing else: the loop in which a driver is at its fastest.
+    /// Reads every frame and does nothing else: the fastest loop of a driver.
     ReceiveOnly,
 }
 
@@ -54,14 +55,14 @@ pub fn take() -> (CanSpi, Serial, Clock, Task) {
 
     let button = peripherals.PORTD;
     button.portd().write(|w| w.pd4().set_bit());
-    // The pull-up takes a moment.
+    // The pull-up needs a moment.
     avr_device::asm::delay_cycles(F_CPU_HZ / 1_000_000);
     let task = if button.pind().read().pd4().bit_is_set() { Task::WholeJob } else { Task::ReceiveOnly };
 
     (CanSpi { spi, port }, Serial { usart }, Clock { timer }, task)
 }
 
-/// The MCP2515 on its SPI bus, chip select included.
+/// The MCP2515 on its SPI bus, with chip select.
 pub struct CanSpi {
     spi: SPI,
     port: PORTB,
@@ -104,7 +105,7 @@ impl SpiDevice for CanSpi {
             }
         }
         select(&mut self.port, false);
-        // `mcp25xx` goes on at once after RESET, and a crystal of 8 MHz takes 16 us to start again (DS20001801J 8.1).
+        // `mcp25xx` continues at once after RESET, and a crystal of 8 MHz needs 16 us to start again (DS20001801J 8.1).
         if CRYSTAL_MHZ == 8 && matches!(*operations, [Operation::Write([RESET])]) {
             avr_device::asm::delay_cycles(START_UP_US * (F_CPU_HZ / 1_000_000));
         }
@@ -112,7 +113,7 @@ impl SpiDevice for CanSpi {
     }
 }
 
-/// Selects the MCP2515, which a low level does, or not.
+/// Sets chip select: low selects the MCP2515.
 fn select(port: &mut PORTB, selected: bool) {
     if CS_IS_D10 {
         port.portb().modify(|_, w| w.pb2().bit(!selected));
@@ -121,7 +122,7 @@ fn select(port: &mut PORTB, selected: bool) {
     }
 }
 
-/// The serial port, write only. It waits for room: the firmwares are slow on purpose while they report.
+/// The serial port, for output only. A write waits for room, which makes the firmwares slow while they report.
 pub struct Serial {
     usart: USART0,
 }
@@ -133,7 +134,7 @@ impl Serial {
     }
 }
 
-/// Timer1, counting CPU cycles; it overflows every 4.096 ms.
+/// Timer1, which counts CPU cycles and overflows every 4.096 ms.
 pub struct Clock {
     timer: TC1,
 }
@@ -144,7 +145,7 @@ impl Clock {
         self.timer.tcnt1().read().bits()
     }
 
-    /// Whether the counter overflowed since the last call.
+    /// True if the counter has overflowed since the last call.
     pub fn overflowed(&mut self) -> bool {
         let overflowed = self.timer.tifr1().read().tov1().bit_is_set();
         if overflowed {
@@ -154,7 +155,7 @@ impl Clock {
     }
 }
 
-/// Busy waiting.
+/// Delays by busy waiting.
 pub struct Delay;
 
 impl DelayNs for Delay {

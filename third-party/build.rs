@@ -1,4 +1,4 @@
-//! Tells `board.rs` its chip, which is in the name of the target: avr-CHIP.
+//! Passes the chip to `board.rs`. The target's name has it: avr-CHIP.
 
 fn main() {
     println!("cargo::rustc-check-cfg=cfg(chip, values(\"atmega168\", \"atmega328p\"))");

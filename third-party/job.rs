@@ -1,18 +1,18 @@
-//! The job of every firmware here, on any driver: receive, answer, report, and count.
+//! The job of every firmware here, with any driver: receive, answer, report, and count.
 //!
-//! Each frame received is answered by the frame with the next ID and the complemented data (a remote frame by a remote
-//! frame). Every 25 overflows of the clock, about 102 ms, a counter frame of its own goes out. Reports on the serial port:
+//! The answer to a frame has the next ID and the complemented data (a remote frame for a remote
+//! frame). Every 25 overflows of the clock, about 102 ms, the firmware sends a counter frame. Reports on the serial port:
 //!
 //! ```text
 //! I                            the chip is configured and in normal mode
 //! R 04D2 12345601#DEADBEEF     frame received, in candump's notation, after 04D2 (hex) CPU cycles in the crate
-//! E                            the crate refused what it found in the chip
-//! X                            the crate would not send
+//! E                            the crate rejected what it read from the chip
+//! X                            the crate rejected the frame to send
 //! ```
 //!
-//! With D4 held low at the start, it only hears, and does nothing with it.
+//! If D4 is low at the start, the firmware only receives.
 //!
-//! A report takes about 3 ms, twenty frame times: frames that arrive meanwhile wait in the two receive buffers.
+//! A report takes about 3 ms, twenty frame times. Frames that arrive meanwhile wait in the two receive buffers.
 
 use crate::board::{Clock, Serial, Task};
 use embedded_can::{ExtendedId, Frame, Id, StandardId};
@@ -35,15 +35,15 @@ pub const FILTERS: [Id; 6] = [
 const COUNTER_ID: Id = extended(0x18C0_FFEE);
 const OVERFLOWS_PER_COUNT: u8 = 25;
 
-/// A third-party driver, as far as the job needs it.
+/// The functions of a third-party driver that the job needs.
 pub trait Driver {
     type Frame: Frame;
     fn receive(&mut self) -> Received<Self::Frame>;
-    /// False if the driver would not take the frame.
+    /// Returns false if the driver rejects the frame.
     fn send(&mut self, frame: &Self::Frame) -> bool;
 }
 
-/// What the driver found in the chip. The crates that cannot refuse a frame do without the last.
+/// The result of a read. Crates that cannot reject a frame do not use the last one.
 #[allow(dead_code)]
 pub enum Received<F> {
     Frame(F),
@@ -51,7 +51,7 @@ pub enum Received<F> {
     Refused,
 }
 
-/// Does the job for ever. The chip is configured and in normal mode.
+/// Runs the job for ever. The chip must be configured and in normal mode.
 pub fn run<D: Driver>(mut driver: D, mut serial: Serial, mut clock: Clock, task: Task) -> ! {
     let mut overflows: u8 = 0;
     let mut count: u16 = 0;

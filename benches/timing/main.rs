@@ -18,11 +18,11 @@ use rig::profile::{Names, Profile};
 use rig::{MS, Rig};
 use third_party::{ThirdParty, receive};
 
-/// Simulated times.
+/// Simulated durations.
 const LOAD_MS: u64 = 2000;
 const FOREIGN_MS: u64 = 1200;
 const SOAK_MS: u64 = 60_000;
-/// Loads for that.
+/// The loads that run for [`SOAK_MS`].
 const SOAKED: [Kind; 8] = [
     Kind::Command(0),
     Kind::Command(5),
@@ -37,10 +37,10 @@ const PROFILE_MS: u64 = 4000;
 const LOSS_MS: u64 = 500;
 const SPEED_MS: u64 = 2000;
 
-/// Loads in per cent of a full bus, for the plot.
+/// Loads in percent of a full bus, for the plot.
 const PERCENTS: [u64; 13] = [5, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 98, 100];
 
-/// Its name on the page.
+/// The name of a kind on the page.
 fn name(kind: Kind) -> String {
     match kind {
         Kind::Command(5) => "ArrayCommand, 5 B: a command".to_owned(),
@@ -50,7 +50,7 @@ fn name(kind: Kind) -> String {
         Kind::LongCommand => "ArrayCommand of 9 frames".to_owned(),
         Kind::Beginning => "ArrayCommand: first frames only, 8 B".to_owned(),
         Kind::Status(8) => "NodeStatus, 8 B".to_owned(),
-        Kind::Status(length) => format!("NodeStatus, {length} B: broken"),
+        Kind::Status(length) => format!("NodeStatus, {length} B: invalid"),
         Kind::Thesis => "thesis's command, 2 B".to_owned(),
         Kind::Arming => "ArmingStatus, 2 B".to_owned(),
         Kind::Request => "GetNodeInfo request, 1 B".to_owned(),
@@ -59,10 +59,10 @@ fn name(kind: Kind) -> String {
         Kind::OpcodeRequest => "ExecuteOpcode request, 8 B".to_owned(),
         Kind::RestartRequest => "RestartNode request, wrong number, 6 B".to_owned(),
         Kind::UpdateRequest => "BeginFirmwareUpdate request, 4 frames".to_owned(),
-        Kind::LookAlike(length) => format!("type 20210, {length} B: of others"),
+        Kind::LookAlike(length) => format!("type 20210, {length} B: rejected"),
         Kind::UnknownRequest(length) => format!("request for an unknown service, {length} B"),
-        Kind::Anonymous => "Allocation from nobody, 8 B: of others".to_owned(),
-        Kind::OwnId => "ArrayCommand from the own ID, 5 B".to_owned(),
+        Kind::Anonymous => "anonymous Allocation, 8 B: rejected".to_owned(),
+        Kind::OwnId => "ArrayCommand from the node's own ID, 5 B".to_owned(),
         Kind::Mixed => "all of these at random".to_owned(),
         Kind::Foreign => "messages for others, 8 B".to_owned(),
         Kind::ThirdParty(length) => format!("{length} B"),
@@ -116,10 +116,10 @@ fn loads(page: &mut String, runs: &[(Load, u64, Figures)]) {
     }
 }
 
-/// Compares the node with the limit that the SPI sets.
+/// Compares the node with the minimum that the SPI's speed allows.
 fn floor(page: &mut String, runs: &[(Load, u64, Figures)]) {
     page.push_str(
-        "| data | bytes on the SPI | floor | service, median | times the floor |\n\
+        "| data | bytes on the SPI | minimum | service, median | times the minimum |\n\
          | ---: | ---: | ---: | ---: | ---: |\n",
     );
     let full = |run: &&(Load, u64, Figures)| run.0.priority == 0 && run.0.pace == Pace::Full;
@@ -169,12 +169,12 @@ fn servo(page: &mut String, runs: &[(Load, u64, Figures)]) {
     let _ = writeln!(
         page,
         "\nThe periods of all {pulses} pulses differ by {} ticks of Timer1 (0.5 us), and the register was\nwritten \
-         {unasked} times with something that no command had asked for.",
+         {unasked} times with a value that no command had requested.",
         jitter / 8
     );
 }
 
-/// Turns of the main loop and the stack.
+/// Writes the turns of the main loop and the stack.
 fn turns(page: &mut String) {
     let names = Names::of_node();
     page.push_str(
@@ -182,7 +182,7 @@ fn turns(page: &mut String) {
     );
     let full = |kind| Some(Load { kind, priority: 31, pace: Pace::Full });
     let loads = [
-        (None, Client::None, "nothing but its own messages"),
+        (None, Client::None, "only its own messages"),
         (None, Client::Saving, "a client only"),
         (
             Some(Load { kind: Kind::Command(5), priority: 31, pace: Pace::Every(5 * MS / 2) }),
@@ -221,8 +221,8 @@ fn turns(page: &mut String) {
         );
         if worst.as_ref().is_none_or(|(most, _)| longest > *most) {
             let mut table = format!(
-                "The longest of all, {longest} cycles with {what},\nby what the main function calls, and by the \
-                 innermost function (of which only those of 2 % and more):\n\n| cycles | task |\n| ---: | --- |\n"
+                "The longest turn, {longest} cycles with {what},\nby what the main function calls, and by the \
+                 innermost function (only those with 2 % or more):\n\n| cycles | task |\n| ---: | --- |\n"
             );
             for share in &tasks {
                 row(&mut table, &[share.cycles.to_string(), format!("`{}`", share.name)]);
@@ -242,7 +242,7 @@ fn turns(page: &mut String) {
             let (statics, depth_seen) = (bottom - 0x100, top - sp);
             let mut table = format!(
                 "{depth} bytes at the deepest, with {what}; with {statics} bytes of variables {} of {}. The calls \
-                 that\nlead there, {depth_seen} bytes, with what is in use when each makes the next one:\n\n\
+                 that\nlead there, {depth_seen} bytes, with the stack in use when each makes the next call:\n\n\
                  | bytes | function |\n| ---: | --- |\n",
                 statics + depth,
                 budget().statics_and_stack
@@ -260,9 +260,9 @@ fn turns(page: &mut String) {
 /// Results of a firmware with frames of two bytes.
 struct Firmware {
     name: &'static str,
-    /// Per cent of the frames lost over the load in per cent.
+    /// Percent of the frames lost, for each load in percent.
     loss: Vec<(f64, f64)>,
-    /// At 100 %.
+    /// The measurement at 100 %.
     full: Meter,
 }
 
@@ -288,7 +288,7 @@ impl Firmware {
     }
 }
 
-/// The table of firmwares. Rows in italics are quoted.
+/// Writes the table of firmwares. Rows in italics are published results.
 fn peers(page: &mut String, firmwares: &[Firmware]) {
     page.push_str(
         "| firmware | lossless up to | lost at 100 % | out of order | service, median / max | release, max | SPI \
@@ -328,14 +328,14 @@ fn frame_cycles() -> Cycles {
     1000 * MS / (meter.frames + meter.lost)
 }
 
-/// Which share of the frames waited for longer, in per cent, over the time in cycles.
+/// Points (time in cycles, percent of the frames that waited longer).
 fn waited(samples: &Samples) -> Vec<(f64, f64)> {
     let mut sorted = samples.values().to_vec();
     sorted.sort_unstable();
     let share = |at: usize| 100.0 * (sorted.len() - at) as f64 / sorted.len() as f64;
     let mut points: Vec<(f64, f64)> = Vec::new();
     for (at, &value) in sorted.iter().enumerate() {
-        // As many points as the plot can show.
+        // Only as many points as the plot can show.
         let far = |&(x, y): &(f64, f64)| f64::from(value) - x >= 4.0 || y / share(at) > 1.02;
         if points.last().is_none_or(far) || at + 1 == sorted.len() {
             points.push((value.into(), share(at)));
@@ -398,7 +398,7 @@ fn eeproms(boards: usize) -> Vec<Vec<u8>> {
     (20..).take(boards).map(one).collect()
 }
 
-/// Simulated seconds a second, with these boards and an autopilot on a bus.
+/// Simulated seconds per second, with these boards and an autopilot on a bus.
 fn speed(eeproms: &[Vec<u8>]) -> f64 {
     let eeproms: Vec<&[u8]> = eeproms.iter().map(Vec::as_slice).collect();
     let mut rig = Rig::with_boards(&eeproms);
@@ -433,7 +433,7 @@ fn speeds() -> String {
     page
 }
 
-/// Writes the pages for the default preset; prints them for another firmware.
+/// Writes a file for the default preset. Another firmware's results are only printed.
 fn write(file: &str, text: &str) {
     if std::env::var_os("NODE_ELF").is_some_and(|path| !path.is_empty()) {
         return;
@@ -443,7 +443,7 @@ fn write(file: &str, text: &str) {
 }
 
 fn main() {
-    // Cargo asks bench targets for their tests, too.
+    // Cargo also asks bench targets to list their tests.
     if std::env::args().any(|argument| argument == "--list") {
         return;
     }
@@ -453,16 +453,16 @@ fn main() {
          Written by `make bench`: the shipped ELF in the simulator, measured at its pins, on the SPI and on the bus, in cycles of the 16 MHz\n\
          AVR (16 cycles are a microsecond). A second run writes the same page. The bus has 1 Mbit/s.\n\n\
          **Everything is on** unless a row says otherwise: `actuator.Status` and `device.Temperature` 50 times a second,\n\
-         a client that walks the parameters as fast as it is answered, sets one and saves all of them in each round, and a serial monitor that\n\
+         a client reads all parameters as fast as the node answers, and in each round sets one and saves all; the serial monitor\n\
          is read and gets a `?` twice a second.\n\n\
          ## Load\n\n\
-         Frames that the node takes, at priority 0 (they win every arbitration against the node) or 31 (they lose every one, so that all of the\n\
-         node's own messages go out, too), back to back, or in bursts of 1 to 40 after silences of up to 10 ms. *Service* is from\n\
-         the chip select of the look that finds a frame to the release of its buffer (RXnIF cleared), *release* from the end of the frame on\n\
-         the bus. Broken ones are what garbage would be: the node reads and refuses them. So it does with frames of others that its filters\n\
-         let through: messages whose type has the low byte of ArrayCommand's (such as 20210), requests for services that it does not have, and\n\
-         what has one of its types and comes from nobody or from its own ID.\n\n\
-         The bounds: no frame of a transfer lost, service 450 cycles in the middle, release 1,250 cycles at worst.\n\n",
+         Frames that the filters accept, at priority 0 (they win every arbitration against the node) or 31 (they lose every arbitration, so that\n\
+         all of the node's messages go out, too), back to back, or in bursts of 1 to 40 after silences of up to 10 ms. *Service* is the time from\n\
+         the chip select of the status read that finds a frame to the release of its buffer (RXnIF cleared), *release* the time from the end of\n\
+         the frame on the bus to that release. The node reads and rejects invalid frames, and frames that are not for it although its filters\n\
+         accept them: messages whose type has the low byte of ArrayCommand's (such as 20210), requests for services that it does not have, and\n\
+         messages of its types from an anonymous sender or from its own ID.\n\n\
+         The limits: no frame of a transfer lost, median of the service 450 cycles, release at most 1,250 cycles.\n\n",
     );
     let paces = [(0, Pace::Full), (31, Pace::Full), (31, Pace::Bursts)];
     let all = Kind::MATCHING.into_iter().flat_map(|kind| paces.map(|(priority, pace)| Load { kind, priority, pace }));
@@ -482,29 +482,29 @@ fn main() {
     let most = positions.map(lost).fold(0.0, f64::max);
     let _ = writeln!(
         page,
-        "\nA command for a position takes a division, and with it more than the 1,840 cycles that such a frame lasts. A bus full of nothing\n\
-         but those has 8,700 a second, of which up to {most:.1} % are lost and reported (docs/decisions.md)."
+        "\nA command for a position takes a division, so the node needs longer than the frame's 1,840 cycles. A bus full of such commands\n\
+         has 8,700 a second; the node loses up to {most:.1} % and reports them (docs/decisions.md)."
     );
     let mut foreign = Loaded::new(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }), Client::Saving);
     foreign.run_ms(FOREIGN_MS);
     let foreign = foreign.finish();
     let _ = writeln!(
         page,
-        "\nA bus full of other messages costs nothing: the filters keep them out, and the {} frames that the node read in {} ms of it were the\n\
-         client's. {} of its own went out meanwhile, {} NodeStatus among them.",
+        "\nA bus full of messages for others takes no time of the node, because the filters reject them. The {} frames that the node read in\n\
+         {} ms were the client's. The node sent {} frames, {} NodeStatus among them.",
         foreign.meter.frames, FOREIGN_MS, foreign.own_frames, foreign.own_statuses
     );
     page.push_str(
-        "\n### The floor\n\n\
-         SCK is at most half of the AVR's clock, so a byte takes 16 cycles. What one look and one READ RX BUFFER take at the least, and\n\
-         what they do take, for ArrayCommand frames back to back:\n\n",
+        "\n### The minimum\n\n\
+         SCK is at most half of the AVR's clock, so a byte takes at least 16 cycles. The shortest possible time of one status read and one READ\n\
+         RX BUFFER, and the measured time, for ArrayCommand frames back to back:\n\n",
     );
     floor(&mut page, &runs);
     page.push_str(
-        "\n### Others\n\n\
+        "\n### Other firmwares\n\n\
          Frames of 2 bytes for the node. The firmwares of `third-party/` only receive; ours is the whole node with everything on. Rows\n\
-         in italics are published figures of such a measurement, and are not run here; those of the two crates are of another build than\n\
-         ours, which is for size (`opt-level = \"z\"`) as the node's is.\n\n",
+         in italics are published results of such a measurement, which `make bench` does not repeat. Those of the two crates have another build than\n\
+         ours, which is for size (`opt-level = \"z\"`), like the node's.\n\n",
     );
     let full = frame_cycles();
     let firmwares = [
@@ -519,16 +519,16 @@ fn main() {
         load](img/loss.svg)\n",
     );
     page.push_str(
-        "\n## From command to servo\n\nFrom the end of a command's last frame to the write to OCR1B, with \
-        which the next pulse begins. The bound is 500 us.\n\n",
+        "\n## From command to servo\n\nThe time from the end of a command's last frame to the write to \
+        OCR1B, which sets the next pulse. The limit is 500 us.\n\n",
     );
     servo(&mut page, &runs);
     page.push_str(
-        "\n## Turns of the main loop\n\nA turn is from one reset of the watchdog to the next, in cycles. \
+        "\n## Turns of the main loop\n\nA turn is the time from one reset of the watchdog to the next, in cycles. \
         The limit is 250 us, 4000 cycles.\n\n",
     );
     turns(&mut page);
-    page.push_str("\nHow fast the simulation is: [simulation-speed.md](simulation-speed.md).\n");
+    page.push_str("\nThe speed of the simulation: [simulation-speed.md](simulation-speed.md).\n");
     print!("{page}");
     write("docs/benchmarks.md", &page);
     draw_latency(&firmwares);

@@ -21,7 +21,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Position of a value on the axis, from 0 to 1, limited to its ends.
+    /// Position of a value on the axis, 0 to 1, limited to its ends.
     fn place(&self, value: f64) -> f64 {
         let scale = |value: f64| if self.logarithmic { value.log10() } else { value };
         let value = value.clamp(self.from, self.to);
@@ -29,13 +29,13 @@ impl Axis {
     }
 }
 
-/// A plot with its lines: a name and points each.
+/// A plot. Each line has a name and its points.
 pub struct Plot {
     pub title: &'static str,
     pub x: Axis,
     pub y: Axis,
     pub lines: Vec<(&'static str, Vec<(f64, f64)>)>,
-    /// Top of the free space for the names at the left side.
+    /// Distance of the line names from the top, to place them where no line is.
     pub names_down: f64,
 }
 
@@ -45,7 +45,7 @@ impl Plot {
         (LEFT + across * self.x.place(x), HEIGHT - BOTTOM - up * self.y.place(y))
     }
 
-    /// The picture.
+    /// The plot as an SVG file.
     pub fn svg(&self) -> String {
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" \

@@ -1,4 +1,4 @@
-//! The firmwares of `third-party/`, in their loop that only receives.
+//! Runs the firmwares of `third-party/` in their loop that only receives.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use bench::{Bench, target_dir};
 use rig::MS;
 use rig::load::{Load, Meter, Sender};
 
-/// Longer than their start.
+/// Longer than the start of a firmware.
 const BOOT_MS: u64 = 50;
 
 /// A firmware with a third-party driver.
@@ -29,10 +29,10 @@ impl ThirdParty {
     }
 }
 
-/// Results of such a firmware under a load.
+/// Measures such a firmware under a load.
 pub fn receive(third_party: ThirdParty, load: Load, ms: u64) -> Meter {
     let mut board = Board::load(&third_party.elf()).unwrap_or_else(|error| panic!("{error:#}"));
-    // D4 at ground: receive only.
+    // D4 low selects reception only.
     board.press_button(true);
     let mut bench = Bench::new(1_000_000);
     bench.add_board(board, "third-party");

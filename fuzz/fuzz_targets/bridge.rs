@@ -1,4 +1,4 @@
-//! See `fuzz_harness::bridge`.
+//! Fuzzes the MAVLink bridge: `fuzz_harness::bridge`.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! See `fuzz_harness::eeprom`.
+//! Fuzzes the EEPROM and its saves: `fuzz_harness::eeprom`.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! See `fuzz_harness::host`.
+//! Fuzzes the parsers of host programs: `fuzz_harness::host`.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! See `fuzz_harness::node`.
+//! Fuzzes the firmware's library: `fuzz_harness::node`.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! See `fuzz_harness::sim`.
+//! Fuzzes the simulator's inputs: `fuzz_harness::sim`.
 
 #![no_main]
 

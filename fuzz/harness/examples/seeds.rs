@@ -1,5 +1,5 @@
-//! Makes the first inputs of the corpus: `cargo run -p fuzz-harness --example seeds -- DIRECTORY LOG...`, where each LOG is what
-//! `sim --log FILE` or candump has written. Inputs for a target go to the folder of its name.
+//! Makes the first inputs of the corpus: `cargo run -p fuzz-harness --example seeds -- DIRECTORY LOG...`. Each LOG is a file of
+//! `sim --log FILE` or candump. The inputs of a target go to the folder with its name.
 
 use std::error::Error;
 use std::fs;
@@ -9,10 +9,10 @@ use dronecan_host::mcast::datagram;
 use dronecan_host::{CanId, Frame, Id, slcan};
 use fuzz_harness::steps::{Damage, Input, Sent, Step, Type, bytes_of};
 
-/// Frames of a log in an input.
+/// Number of a log's frames in an input.
 const PIECE: usize = 40;
 
-/// The node's own frames are not to come from others.
+/// The node's ID. Other nodes do not send the node's own frames.
 const NODE: u8 = 120;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -50,7 +50,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The frames of a log, with their times in microseconds.
+/// The frames of a log with their times in microseconds.
 fn frames(log: &str) -> Vec<(u64, Frame)> {
     let line = |line: &str| {
         let mut words = line.split_whitespace();
@@ -68,7 +68,7 @@ fn extended(frame: &Frame) -> Option<u32> {
     }
 }
 
-/// The frames of other nodes, at the same times.
+/// Steps with the frames of other nodes, at the same times.
 fn life(frames: &[(u64, Frame)]) -> Vec<Step> {
     let mut steps = Vec::new();
     let mut last_us = frames.first().map_or(0, |(at, _)| *at);
@@ -105,7 +105,7 @@ fn raw(frames: &[(u64, Frame)]) -> Vec<u8> {
     input
 }
 
-/// Frames of the bus for the bridge, a sixteenth of a second after each.
+/// Input for the bridge with frames of the bus, a sixteenth of a second after each.
 fn bus(frames: &[(u64, Frame)]) -> Vec<u8> {
     let mut input = Vec::new();
     for (_, frame) in frames {
@@ -122,14 +122,14 @@ fn sent(what: Type, number: u8, payload: &[u8]) -> Step {
     Step::Transfer { sent: Sent { what, source: 127, number, payload: payload.to_vec() }, damage: None }
 }
 
-/// GetSet of an integer by index.
+/// A GetSet request that sets an integer by index.
 fn set(number: u8, index: u8, value: i64) -> Step {
     let mut payload = vec![index, 1];
     payload.extend(value.to_le_bytes());
     sent(Type::GetSet, number, &payload)
 }
 
-/// Inputs with many events.
+/// Inputs with many kinds of events.
 fn lives() -> Vec<(&'static str, Vec<Step>)> {
     const OUT1_FS: u8 = 10;
     const ARM_REQ: u8 = 12;
@@ -137,7 +137,7 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
     let wait = |ms| [Step::Wait(ms), Step::Leave(0)];
     let half = [1, 0, 0, 0x38];
     let long: Vec<u8> = (0..8).flat_map(|actuator| [actuator, 0, 0, 0x34]).collect();
-    // Each has its own value, so that the test notices a command that must not be followed.
+    // Each command has its own value, so that the test detects a command that must not be followed.
     let damaged = |damage, frame| {
         let value = 0x30 + damage as u8;
         let payload = (0..8).flat_map(|actuator| [actuator, 0, 0, value]).collect();
@@ -256,7 +256,7 @@ fn draft() -> Vec<Step> {
     steps
 }
 
-/// EEPROMs: new, empty records put right, and values that are out of their ranges.
+/// EEPROMs: new ones, empty records with a valid CRC, and values out of range.
 fn images() -> Vec<(&'static str, Vec<u8>)> {
     let image = |right: u8, marker: u8, byte: u8| {
         let mut input = vec![right, 3, 0xE8, 3, 0xD0, 7, 5, 0xA5];
@@ -326,12 +326,12 @@ fn sim() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// An ELF of the AVR with a segment of two bytes and a table of symbols with none.
+/// An ELF for the AVR with a segment of two bytes and an empty table of symbols.
 fn elf() -> Vec<u8> {
     let mut elf = b"\x7FELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
     let words16 = |elf: &mut Vec<u8>, words: &[u16]| elf.extend(words.iter().flat_map(|word| word.to_le_bytes()));
     let words32 = |elf: &mut Vec<u8>, words: &[u32]| elf.extend(words.iter().flat_map(|word| word.to_le_bytes()));
-    // An executable for the AVR, its headers right behind: one of 32 bytes, and two of 40 at 88.
+    // An executable for the AVR. Its headers follow: one of 32 bytes, and two of 40 bytes at 88.
     words16(&mut elf, &[2, 83]);
     words32(&mut elf, &[1, 0, 52, 88, 0]);
     words16(&mut elf, &[52, 32, 1, 40, 2, 0]);
@@ -343,7 +343,7 @@ fn elf() -> Vec<u8> {
 }
 
 fn bridge() -> Vec<(&'static str, Vec<u8>)> {
-    // Messages by their places in the harness: HEARTBEAT, PARAM_REQUEST_READ, PARAM_REQUEST_LIST, PARAM_SET, COMMAND_INT,
+    // Numbers of messages in the harness: HEARTBEAT, PARAM_REQUEST_READ, PARAM_REQUEST_LIST, PARAM_SET, COMMAND_INT,
     // COMMAND_LONG, CAN_FRAME, CAN_FILTER_MODIFY.
     let message = |which: u8, payload: &[u8]| [&[(payload.len() as u8 + 1) << 2 | 2, which], payload].concat();
     let status = [7 << 2 | 1 | 1 << 2, 0x18, 0x01, 0x55, 0x78, 1, 0, 0, 0, 0, 0, 0, 0xC0];
@@ -387,7 +387,7 @@ fn bridge() -> Vec<(&'static str, Vec<u8>)> {
             ]
             .concat(),
         ),
-        // A HEARTBEAT of version 1, and noise.
+        // A HEARTBEAT of version 1, and random bytes.
         ("stream", [&[17 << 2], b"\xFE\x09\x00\xFF\xBE\x00\0\0\0\0\x06\x08\x00\x04\x03\x12\x34".as_slice()].concat()),
     ]
 }

@@ -1,7 +1,7 @@
-//! The MAVLink bridge: bytes from ground stations, frames from the bus, and time.
+//! Target `bridge`: bytes from ground stations, frames from the bus, and time.
 //!
-//! Steps of the input, by the lower two bits of their first byte: 0 bytes of a stream, as many as the upper six say; 1 a frame of
-//! the bus; 2 a MAVLink message whose CRC is right; 3 time. The bridge must send only valid CAN frames and valid
+//! The lower two bits of a step's first byte are its kind: 0 bytes of a stream, their number in the upper six bits; 1 a frame of
+//! the bus; 2 a MAVLink message with a valid CRC; 3 time. The bridge must send only valid CAN frames and valid
 //! MAVLink messages. At the end it must report a node that appears.
 
 use std::collections::BTreeSet;
@@ -14,7 +14,7 @@ use bridge::post::{Asker, Post};
 use bridge::state::{Rights, Settings};
 use dronecan_host::{CanId, Frame, NodeId, NodeStatus, TransferId, split, types};
 
-/// System of the bridge and all nodes, component of the bridge, its node ID.
+/// MAVLink system of the bridge and all nodes, component of the bridge, its node ID.
 const SYSTEM: u8 = 1;
 const COMPONENT: u8 = 101;
 const NODE: u8 = 126;
@@ -52,13 +52,13 @@ impl Rig {
         }
     }
 
-    /// Bytes from a ground station. Each message has some.
+    /// Feeds bytes of a ground station. A message needs at least one byte.
     fn feed(&mut self, bytes: &[u8]) {
         self.parser.feed(bytes);
         let mut messages = 0;
         while let Some(message) = self.parser.message() {
             messages += 1;
-            assert!(messages <= bytes.len() + 300, "messages out of nothing");
+            assert!(messages <= bytes.len() + 300, "more messages than bytes");
             if let Ok((_, message)) = message {
                 let asker = Asker { peer: 1, from: message.from, encoding: IntegerEncoding::Bytewise };
                 self.bridge.message(self.now, asker, message);
@@ -96,7 +96,7 @@ impl Rig {
     }
 }
 
-/// What ground stations send to the bridge: number, its seed of the CRC, and bytes of the payload (message definitions `common`
+/// Messages from ground stations to the bridge: message ID, its CRC_EXTRA, and length of the payload (message definitions `common`
 /// of MAVLink).
 const MESSAGES: [(u32, u8, u8); 9] = [
     (0, 50, 9),
@@ -110,7 +110,7 @@ const MESSAGES: [(u32, u8, u8); 9] = [
     (388, 8, 37),
 ];
 
-/// A message of version 2; its payload may be cut short.
+/// A message of version 2. Its payload may be truncated.
 fn message(which: u8, sequence: u8, payload: &[u8]) -> Vec<u8> {
     const STATION: [u8; 2] = [255, 190];
     let (number, extra, len) = MESSAGES[usize::from(which) % MESSAGES.len()];
@@ -125,12 +125,12 @@ fn message(which: u8, sequence: u8, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A byte of MAVLink's CRC (X.25).
+/// Adds a byte to MAVLink's CRC (X.25).
 fn crc_x25(crc: u16, byte: u8) -> u16 {
     (0..8).fold(crc ^ u16::from(byte), |crc, _| crc >> 1 ^ if crc & 1 != 0 { 0x8408 } else { 0 })
 }
 
-/// See the module.
+/// Runs an input.
 pub fn run(mut input: &[u8]) {
     let mut rig = Rig::new();
     rig.bridge.joined(rig.now, 1);
@@ -164,7 +164,7 @@ pub fn run(mut input: &[u8]) {
         };
     }
 
-    // An hour later a node appears, with a new ID or one that was silent.
+    // An hour later a node appears, with a new ID or one that was offline.
     rig.pass(3_600_000);
     rig.pass(1000);
     let source = NodeId::new(125).expect("a node ID");

@@ -1,7 +1,7 @@
-//! The EEPROM: anything in it when the node starts, and a supply that fails during a save.
+//! Target `eeprom`: any contents of the EEPROM when the node starts, and a power failure during a save.
 //!
-//! Bytes of the input: which records get a valid CRC, an index and two values of a parameter, the time of the power failure and the
-//! value of a byte that it interrupts; then the EEPROM from its first address, filled with 0xFF.
+//! Bytes of the input: the records that get a valid CRC, index and two values of a parameter, time of the power failure,
+//! value of the byte that it interrupts; then the EEPROM from its first address, filled with 0xFF.
 //!
 //! The node must start twice with this EEPROM. If it then has a usable node ID, it must keep the values that it reports as saved,
 //! keep its unique ID, and have the old value or the new one after the failure.
@@ -16,35 +16,35 @@ use node::node::store::EEPROM_LEN;
 use crate::rig::Rig;
 use crate::steps::Type;
 
-/// Where the records are (docs/parameters.md, EEPROM), where their CRCs begin, and the bit of the input that requests a valid CRC.
+/// The records (docs/parameters.md, EEPROM): first address, length, start of the CRC, and the bit of the input that requests a valid CRC.
 const RECORDS: [(usize, usize, u16, u8); 3] = [
     (0x04, 16, 0x0100, 1 << 0),
     (0x20, 2 * parameters::COUNT, parameters::DIGEST, 1 << 1),
     (0x120, 2 * parameters::COUNT, parameters::DIGEST, 1 << 2),
 ];
 
-/// Gives a record a valid CRC.
-fn put_right(cells: &mut [u8; EEPROM_LEN], start: usize, len: usize, sum: u16) {
+/// Writes a valid CRC into a record.
+fn write_valid_crc(cells: &mut [u8; EEPROM_LEN], start: usize, len: usize, sum: u16) {
     let marker = cells[start + len + 2];
     let crc = crc::feed(sum ^ u16::from(marker), &cells[start..start + len]);
     cells[start + len..start + len + 2].copy_from_slice(&crc.to_be_bytes());
 }
 
-/// Sets a parameter; returns its value after that.
+/// Sets a parameter. Returns its value after that.
 fn set(rig: &mut Rig, index: u8, number: u16) -> u16 {
     let [low, high] = number.to_le_bytes();
     rig.ask(Type::GetSet, &[index, 1, low, high, 0, 0, 0, 0, 0, 0]);
     rig.parameter(index).expect("a parameter")
 }
 
-/// Saves.
+/// Saves the parameters.
 fn save(rig: &mut Rig) {
     let answer = rig.ask(Type::ExecuteOpcode, &[0; 7]);
     assert_eq!(answer, Some(Message::OpcodeExecuted(true)));
 }
 
-/// True if the parameters that commands depend on are in their ranges (docs/parameters.md). The node trusts a record with a valid
-/// CRC, so the parameters of a record that got its CRC here can have any value.
+/// True if the parameters that commands depend on are within their ranges (docs/parameters.md). The node trusts a record with a valid
+/// CRC, so the parameters of a record that got its CRC from this harness can have any value.
 fn has_travel(rig: &Rig) -> bool {
     const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 10] = [
         (Parameter::Out1Id, 0..=255),
@@ -61,13 +61,13 @@ fn has_travel(rig: &Rig) -> bool {
     RANGES.iter().all(|(parameter, range)| range.contains(&rig.parameter(*parameter as u8).unwrap_or(0)))
 }
 
-/// Starts the node again, as after a power cut.
+/// Restarts the node, as after a power cut.
 fn restart(rig: &mut Rig) {
     rig.desk.memory.fails_after = None;
     rig.start(ResetCause::POWER_ON);
 }
 
-/// See the module.
+/// Runs an input.
 pub fn run(input: &[u8]) {
     let Some((&[right, index, a0, a1, b0, b1, failure, garbage], cells)) = input.split_first_chunk() else { return };
     let mut memory = Memory::blank();
@@ -77,14 +77,14 @@ pub fn run(input: &[u8]) {
     for (start, len, sum, bit) in RECORDS {
         if right & bit != 0 {
             if sum == parameters::DIGEST {
-                // The node's own records have no range of 16 bits, and its products would overflow with one.
+                // The node's own records have no range of 16 bits, with which its products would overflow.
                 for output in 0..OUTPUTS {
                     let index = OutputParameter::Range.index(output);
                     let range = memory.cells[start + 2 * index..].first_chunk_mut().unwrap();
                     *range = u16::from_le_bytes(*range).min(360).to_le_bytes();
                 }
             }
-            put_right(&mut memory.cells, start, len, sum);
+            write_valid_crc(&mut memory.cells, start, len, sum);
         }
     }
     let mut rig = Rig::new(memory);
@@ -97,22 +97,22 @@ pub fn run(input: &[u8]) {
         return;
     }
 
-    let id = rig.who().map(|info| info.unique_id);
+    let id = rig.node_info().map(|info| info.unique_id);
     let index = index % parameters::COUNT as u8;
     let first = set(&mut rig, index, u16::from_le_bytes([a0, a1]));
     let told = rig.ask(Type::GetSet, &[index, 0]);
     assert!(matches!(told, Some(Message::ParameterResponse(told)) if matches!(told.value, Value::Integer(_))));
     save(&mut rig);
     restart(&mut rig);
-    assert_eq!(rig.parameter(index), Some(first), "a saved value is kept");
+    assert_eq!(rig.parameter(index), Some(first), "a saved value must be kept");
     if !(1..=125).contains(&rig.id()) {
         return;
     }
-    assert_eq!(rig.who().map(|info| info.unique_id), id, "the unique ID is kept");
+    assert_eq!(rig.node_info().map(|info| info.unique_id), id, "the unique ID must be kept");
 
     let second = set(&mut rig, index, u16::from_le_bytes([b0, b1]));
     rig.desk.memory.fails_after = Some((failure.into(), garbage));
-    // It may find that it cannot save, which is allowed.
+    // The node may report that it cannot save.
     rig.ask(Type::ExecuteOpcode, &[0; 7]);
     restart(&mut rig);
     let kept = rig.parameter(index);

@@ -1,7 +1,7 @@
-//! What host programs read from other programs: SLCAN text in both directions, datagrams of the multicast bus, frames as text,
-//! identifiers, transfers and their messages. What is read can be written, and reads back as the same value.
+//! Target `host`: input that host programs get from other programs: SLCAN text in both directions, datagrams of the multicast bus, frames
+//! as text, identifiers, transfers and their messages. Decoded values must encode, and decode to the same values again.
 //!
-//! The first byte of the input chooses one.
+//! The first byte of the input selects one of them.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use dronecan_host::{
     Assembler, CanId, DataType, Frame, Heard, Id, Message, NodeId, Observer, Outcome, Transfer, TransferId, crc, split,
 };
 
-/// See the module.
+/// Runs an input.
 pub fn run(input: &[u8]) {
     let Some((&kind, rest)) = input.split_first() else { return };
     match kind % 7 {
@@ -27,7 +27,7 @@ pub fn run(input: &[u8]) {
     }
 }
 
-/// What a client sends to an adapter.
+/// Commands of a client to an adapter.
 fn commands(bytes: &[u8]) {
     let mut lines = slcan::Lines::default();
     let mut replies = slcan::Replies::default();
@@ -38,13 +38,13 @@ fn commands(bytes: &[u8]) {
             assert_eq!(last, Some(Reply::Received(frame)));
         }
     }
-    // After any input, the next line is parsed.
+    // After any input the next line must be parsed.
     lines.push(b'\r');
     let command = b"O\r".iter().filter_map(|&byte| lines.push(byte)).last();
     assert_eq!(command, Some(Ok(Command::Open)));
 }
 
-/// What an adapter sends to a client.
+/// Replies of an adapter to a client.
 fn replies(bytes: &[u8]) {
     let mut replies = slcan::Replies::default();
     let mut lines = slcan::Lines::default();
@@ -75,7 +75,7 @@ fn datagrams(bytes: &[u8]) {
     }
 }
 
-/// Frames as candump writes them, one a line.
+/// Frames as text in candump's form, one a line.
 fn text(bytes: &[u8]) {
     for line in String::from_utf8_lossy(bytes).lines() {
         if let Ok(frame) = line.parse::<Frame>() {
@@ -84,19 +84,19 @@ fn text(bytes: &[u8]) {
     }
 }
 
-/// A message can be printed, and its bytes read back as the same message.
+/// A message must be printable, and must encode to bytes that decode to the same message.
 fn check(transfer: &Transfer) {
     let message = Message::decode(transfer);
     assert!(!message.to_string().is_empty() && !message.name().is_empty());
     let Some((data_type, payload)) = message.encode() else { return };
     assert_eq!(DataType::of(transfer.id), Some(data_type));
     let again = Message::decode(&Transfer { payload: payload.clone(), ..transfer.clone() });
-    // Not the messages: one with NaN does not equal itself.
+    // Compares the text: a message with NaN does not equal itself.
     assert_eq!(again.encode(), Some((data_type, payload)), "{message}");
     assert_eq!(again.to_string(), message.to_string());
 }
 
-/// Frames in any order: an identifier, a length, how long after the last one, and data.
+/// Frames in any order. Each has an identifier, a length, the time since the previous one, and data.
 fn frames(mut bytes: &[u8]) {
     let (mut assembler, mut observer) = (Assembler::new(), Observer::new());
     let mut at = Duration::ZERO;
@@ -120,9 +120,9 @@ fn frames(mut bytes: &[u8]) {
     }
 }
 
-/// The payload of a type: an identifier, and all the rest. It also comes through in frames.
+/// A payload of any type: an identifier, and the payload. Its frames must assemble to the same payload.
 fn payload(bytes: &[u8]) {
-    /// The longest transfer of a type that is not known.
+    /// Longest transfer of an unknown type.
     const MAX: usize = 512;
     let Some((id, payload)) = bytes.split_first_chunk::<4>() else { return };
     let id = u32::from_be_bytes(*id) & 0x1FFF_FFFF;
@@ -142,7 +142,7 @@ fn payload(bytes: &[u8]) {
     assert!(outcomes[..frames.len() - 1].iter().all(|outcome| *outcome == Outcome::Partial));
 }
 
-/// The same in the draft of 2014, as a broadcast, or as a request to a node.
+/// A payload in the draft of 2014, as a broadcast or as a request to a node.
 fn draft_payload(id: u32, payload: &[u8]) {
     let Some(can_id) = draft::CanId::parse(id) else { return };
     let Some(other) = NodeId::new(if can_id.source.get() == 127 { 126 } else { 127 }) else { return };
@@ -172,7 +172,7 @@ fn draft_payload(id: u32, payload: &[u8]) {
     }
 }
 
-/// Names of types, as users write them.
+/// Names of types in the user's notation.
 fn names(bytes: &[u8]) {
     let text = String::from_utf8_lossy(bytes);
     for known in DataType::by_name(&text) {

@@ -1,8 +1,8 @@
-//! Runs an input of the fuzzer and checks what must hold: a module for each target of `fuzz/`, with a function `run` that panics on a
-//! failed check.
+//! Runs inputs of the fuzzer. Each target of `fuzz/` has a module with a function `run`, which panics if a
+//! check fails.
 //!
-//! It is a crate of its own so that the fuzzer and the tests do the same: `tests/corpus.rs` runs all inputs of `fuzz/corpus`.
-//! The checks are written from the specification and the documents of the node, with the codec of `dronecan-host`, so that no code is
+//! This is a separate crate so that the fuzzer and the tests run the same code: `tests/corpus.rs` runs all inputs of `fuzz/corpus`.
+//! The checks follow the specification and the node's documents, and use the codec of `dronecan-host`, so that no code is
 //! compared with itself.
 
 #![forbid(unsafe_code)]

@@ -1,5 +1,5 @@
-//! Computes which commands may move the servo, from the frames and the parameters: for each sender by itself, from the specification
-//! of transfers (chapter 4) and from docs/messages.md.
+//! Computes from the frames and the parameters which commands may move the servo. Each sender is separate. The rules are those of the
+//! specification of transfers (chapter 4) and of docs/messages.md.
 
 use std::collections::HashMap;
 
@@ -12,15 +12,15 @@ const END: u8 = 1 << 6;
 const TOGGLE: u8 = 1 << 5;
 const NUMBER: u8 = 0x1F;
 
-/// A frame that comes later belongs to no transfer (specification, chapter 4).
+/// Time after which a frame no longer continues a transfer (specification, chapter 4).
 const TIMEOUT_MS: u64 = 50;
 
-/// Bytes of the CRC before the payload of a transfer of several frames.
+/// Length of the CRC before the payload of a transfer of several frames, in bytes.
 const SUM: usize = 2;
 
 /// Length of an entry of a command array in bytes.
 const ENTRY: usize = 4;
-/// And in the draft.
+/// Length of an entry in the draft, in bytes.
 const DRAFT_ENTRY: usize = 3;
 
 /// The type of an entry's value (DSDL uavcan/equipment/actuator/Command.uavcan).
@@ -28,21 +28,21 @@ const UNITLESS: u8 = 0;
 const POSITION: u8 = 1;
 const PWM: u8 = 4;
 
-/// The node ignores the priority: frames that differ only in their priority belong together.
+/// The node ignores the priority: frames that differ only in it belong to the same transfer.
 const WITHOUT_PRIORITY: u32 = 0x00FF_FFFF;
-/// And those of the draft have none.
+/// Marks keys of the draft, whose identifiers have no priority.
 const DRAFT: u32 = 1 << 31;
 
-/// A transfer that may be complete for the node. The node may have dropped it for another sender's transfer.
+/// A transfer that may be complete in the node, unless the node dropped it for another sender's.
 pub struct Heard {
     pub id: CanId,
     pub number: u8,
     pub payload: Vec<u8>,
-    /// The node must not drop it: it has one frame, or it is a command array while no other sender has begun one.
+    /// True if the node must not drop it: it has one frame, or is a command array and no other sender has begun one.
     pub is_sure: bool,
-    /// It is of the draft of 2014, which the node accepts only at times.
+    /// True for a transfer of the draft of 2014, which the node accepts only at times.
     pub is_draft: bool,
-    /// OUT1_ID changed during the transfer, so the node may have used the entry of either ID.
+    /// True if OUT1_ID changed during the transfer, so that the node may have used the entry of either ID.
     is_unclear: bool,
 }
 
@@ -50,7 +50,7 @@ struct Session {
     number: u8,
     toggle: bool,
     stream: Vec<u8>,
-    /// When its last frame came.
+    /// Time of its last frame.
     heard_ms: u64,
     actuator: u16,
     is_alone: bool,
@@ -63,13 +63,13 @@ pub struct Transfers {
 }
 
 impl Transfers {
-    /// Takes a frame with a 29-bit identifier; returns the transfer that it completes.
+    /// Handles a frame with a 29-bit identifier. Returns the transfer that it completes.
     pub fn push(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Heard> {
         let signature = CanId::parse(id).and_then(DataType::of).and_then(|known| known.signature);
         self.take(id, data, now_ms, parameters, signature, false)
     }
 
-    /// Takes it as a frame of the draft, if the node may use it, by conversion to the equivalent frame of v0.
+    /// Handles a frame of the draft, if the node may use it: converts it to the equivalent frame of v0.
     pub fn push_draft(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Heard> {
         let service = matches!(id >> 17 & 3, 1);
         let upper = match (id >> 19, id >> 17 & 3) {
@@ -135,14 +135,14 @@ impl Transfers {
         let session = self.sessions.remove(&key)?;
         let (sum, payload) = session.stream.split_first_chunk::<SUM>()?;
         (u16::from_le_bytes(*sum) == crc::transfer(signature?, payload)).then_some(())?;
-        // No list has more: 15 commands, of three bytes in the draft, or 20 lights.
+        // Maximum length of a list: 15 commands, of three bytes in the draft, or 20 lights.
         if is_list(key) && payload.len() > if is_draft { 45 } else { 60 } {
             return None;
         }
         heard(payload.to_vec(), session.is_alone, session.actuator != actuator)
     }
 
-    /// True if a beginning transfer is a list and no other list is in progress. The other lists are then no longer undisturbed.
+    /// True if the transfer that begins is a list and no other list is in progress. Marks the other lists as disturbed.
     fn is_alone(&mut self, key: u32, now_ms: u64) -> bool {
         if !is_list(key) {
             return false;
@@ -156,13 +156,13 @@ impl Transfers {
     }
 }
 
-/// Whether transfers with this key are lists.
+/// True if transfers with this key are lists.
 fn is_list(key: u32) -> bool {
     let lists = [types::ARRAY_COMMAND.id, types::LIGHTS_COMMAND.id, draft::types::ARRAY_COMMAND.id];
     matches!(CanId::parse(key & !DRAFT), Some(CanId::Message { type_id, .. }) if lists.contains(&type_id))
 }
 
-/// A width of the servo pulse in ticks of half a microsecond, and how far from it is near enough.
+/// A pulse width in ticks of half a microsecond, and the tolerance.
 #[derive(Clone, Copy, Debug)]
 pub struct Width {
     pub ticks: f64,
@@ -174,13 +174,13 @@ impl Width {
         Width { ticks, tolerance: 0.0 }
     }
 
-    /// Whether a pulse has it.
+    /// True if a pulse has this width.
     pub fn fits(self, ticks: u16) -> bool {
         (f64::from(ticks) - self.ticks).abs() <= self.tolerance
     }
 }
 
-/// The parameters that decide about commands.
+/// The parameters that commands depend on.
 #[derive(Debug)]
 pub struct Travel {
     low: f64,
@@ -206,12 +206,12 @@ impl Travel {
         }
     }
 
-    /// The pulse after a change of the travel.
+    /// The expected pulse after a change of the travel.
     pub fn limited(&self, ticks: u16) -> Width {
         Width::exactly(if ticks == 0 { 0.0 } else { f64::from(ticks).clamp(self.low, self.high) })
     }
 
-    /// From the trim, -1 to 1 of the travel on that side, with the error that the fraction may have.
+    /// Width at `fraction` (-1 to 1) between the trim and the limit on that side. `error` is the tolerance of the fraction.
     fn deflected(&self, fraction: f64, error: f64) -> Width {
         let fraction = fraction.clamp(-1.0, 1.0) * if self.is_reversed { -1.0 } else { 1.0 };
         let side = if fraction < 0.0 { self.trim - self.low } else { self.high - self.trim };
@@ -219,7 +219,7 @@ impl Travel {
     }
 
     fn of_entry(&self, unit: u8, value: f16) -> Option<Width> {
-        /// Resolution of the node in radians.
+        /// Resolution of the node's angles in radians.
         const ANGLE_STEP: f64 = 1.0 / 4096.0;
         let value = Some(value.to_f64()).filter(|value| value.is_finite())?;
         match unit {
@@ -239,7 +239,7 @@ impl Travel {
     }
 }
 
-/// Where the output goes when it fails safe; `None` if it stays.
+/// The width of the failsafe; `None` if the servo holds.
 pub fn failsafe(parameters: &Parameters) -> Option<Width> {
     let travel = Travel::of(parameters);
     match parameters.get(Parameter::Out1Fs) {
@@ -253,13 +253,13 @@ pub fn failsafe(parameters: &Parameters) -> Option<Width> {
     }
 }
 
-/// What a transfer commands the servo to do.
+/// The effect of a transfer on the servo.
 #[derive(Debug)]
 pub enum Order {
     /// Move to one of these widths, if commands are allowed.
     Go {
         widths: Vec<Width>,
-        /// The node must follow it: it was one entry, with a width that does not round to no pulse.
+        /// True if the node must follow it: it has one entry, with a width that is a valid pulse after rounding.
         is_clear: bool,
     },
     /// Move to the failsafe, because the node restarts.
@@ -273,12 +273,12 @@ impl Heard {
         self.id.source().map_or(0, NodeId::get)
     }
 
-    /// Its order, if the node with this ID and these parameters follows it.
+    /// The order, if the node with this ID and these parameters follows it.
     pub fn order(&self, me: u8, parameters: &Parameters) -> Option<Order> {
         if self.id.source().map(NodeId::get) == Some(me) {
             return None;
         }
-        // The draft has the destination before the payload.
+        // In the draft the destination comes before the payload.
         let skipped = usize::from(self.is_draft && matches!(self.id, CanId::Service { .. }));
         match (self.id, self.payload.get(skipped..)?) {
             (CanId::Message { type_id, .. }, payload) if self.is_draft && type_id == draft::types::ARRAY_COMMAND.id => {

@@ -1,6 +1,6 @@
-//! The firmware's library on its [desk](node::desk). Checks at all times:
+//! The firmware's library on its [desk](node::desk), with these checks at all times:
 //!
-//! * The servo moves only to the position of a valid command for this output, or to the failsafe when it is due; and not before the
+//! * The servo moves only to the position of a valid command for this output, or to the failsafe when it is due, and not before the
 //!   first command. A command in one frame always moves it; one in several frames does if no other sender sends one at the same time.
 //!   The node restarts only on request.
 //! * The node sends valid DroneCAN frames of known types from its own ID, and each response has a request.
@@ -20,68 +20,68 @@ use node::node::parameters::Parameter;
 use crate::orders::{self, Heard, Order, Transfers};
 use crate::steps::{Damage, Input, Sent, Step, Type};
 
-/// Identifiers of requests, without service, destination and source.
+/// Identifier of requests, without service, destination and source.
 const REQUEST: u32 = 0x1E00_8080;
 
 /// Priority of the messages: the middle.
 const MESSAGE: u32 = 0x1000_0000;
 
-/// No line is longer; the longest are about 80 characters.
+/// Maximum length of a line; the longest are about 80 characters.
 const LINE_MAX: usize = 120;
 
 /// Longest simulated time of an input, in milliseconds. `tests/soak.rs` tests the wrap of the 16-bit clock.
 const LIFE_MS: u64 = 20_000;
 
-/// ArmingStatus counts for three to four seconds.
+/// Time for which an ArmingStatus is valid: three to four seconds.
 const ARMED_FOR_MS: (u64, u64) = (3000, 4000);
 
-/// A commander stays the autopilot for this time after its last message.
+/// Time for which a commander stays the autopilot after its last message.
 const COMMANDER_FOR_MS: u64 = 3000;
 
-/// DIALECT for the draft of 2014 alone.
+/// DIALECT for the draft of 2014 only.
 const DRAFT: u16 = 2;
 
-/// Node ID of the client at the end.
+/// Node ID of the client at the end of an input.
 const ASKER: u8 = 126;
 
-/// See the module.
+/// The node under test, and the state that the checks need.
 pub struct Rig {
-    /// The node, and what is around it. The controller has room for frames in [`leave`](Self::leave) only.
+    /// The node and its desk. The controller accepts frames in [`leave`](Self::leave) only.
     pub desk: Desk,
-    /// The line that the serial monitor is at.
+    /// The incomplete line of the serial monitor.
     line: Vec<u8>,
 
     heard: Transfers,
-    /// Requests: service, who asked, transfer ID.
+    /// Open requests: service, client, transfer ID.
     asked: HashSet<(u8, u8, u8)>,
     sent: Observer,
-    /// Transfers that the node has sent since they were last taken.
+    /// Transfers that the node has sent and that were not taken yet.
     pub transfers: Vec<Transfer>,
-    /// It was asked to restart.
+    /// True if a restart was requested.
     may_restart: bool,
-    /// It has received the draft, so it may use it.
+    /// True if the node has received the draft, so that it may use it.
     has_heard_draft: bool,
-    /// When it last followed a command that it must follow, and since when the vehicle is armed.
+    /// When the node last followed a command that it must follow, and since when the vehicle is armed.
     followed_ms: Option<u64>,
     armed: Option<Armed>,
-    /// The last commander, and when, if that is certain.
+    /// The last commander and its time, if they are certain.
     commander: Option<(u8, u64)>,
-    /// There was a SafetyState, so that the pulse may end and commands may be refused.
+    /// True if a SafetyState was sent, so that the pulse may end and commands may be rejected.
     has_heard_safety: bool,
     /// Output 1 was a motor at some time (OUT1_TYPE). This rig does not know when a motor moves.
     was_motor: bool,
 }
 
-/// The vehicle may be armed.
+/// Since when the vehicle may be armed.
 #[derive(Clone, Copy)]
 struct Armed {
     since_ms: u64,
-    /// The commander has sent ArmingStatus.
+    /// True if the commander sent the ArmingStatus.
     is_sure: bool,
 }
 
 impl Rig {
-    /// A node that has just started, with this EEPROM.
+    /// A node that has just started with this EEPROM.
     pub fn new(memory: Memory) -> Rig {
         let mut rig = Rig {
             desk: Desk::start(memory, ResetCause::POWER_ON),
@@ -102,7 +102,7 @@ impl Rig {
         rig
     }
 
-    /// The board is reset, or asked to restart.
+    /// Resets the board, or starts it after a requested restart.
     pub fn start(&mut self, cause: ResetCause) {
         let memory = std::mem::replace(&mut self.desk.memory, Memory::blank());
         // A reset does not change the rest of the desk.
@@ -138,7 +138,7 @@ impl Rig {
         self.desk.node.parameters.value(index)
     }
 
-    /// Since the start.
+    /// Time since the start.
     fn now_ms(&self) -> u64 {
         self.desk.ms.into()
     }
@@ -148,7 +148,7 @@ impl Rig {
         match step {
             Step::Frame { id: [first, rest @ ..], data } => {
                 let [a, b, c] = *rest;
-                // The driver gives 29 bits, and one that says that the frame is of another kind.
+                // The driver passes 29 bits, and one that marks other kinds of frames.
                 self.receive([first & (Frame::FOREIGN | 0x1F), a, b, c], data);
             }
             Step::Known { what, source, data } => self.receive(self.identifier(*what, *source), data),
@@ -208,7 +208,7 @@ impl Rig {
         (id | u32::from(source & 0x7F)).to_be_bytes()
     }
 
-    /// Sends a transfer to the node, or what the damage leaves of it.
+    /// Sends a transfer, damaged if there is damage, to the node.
     pub fn send(&mut self, sent: &Sent, damage: Option<(Damage, u8)>) {
         let id = self.identifier(sent.what, sent.source);
         let can_id = CanId::parse(u32::from_be_bytes(id));
@@ -234,14 +234,14 @@ impl Rig {
         }
     }
 
-    /// A frame comes, and the node acts on it.
+    /// The node receives a frame and handles it.
     pub fn receive(&mut self, id: [u8; 4], data: &[u8]) {
         let mut frame = Frame { id, len: data.len() as u8, ..Frame::EMPTY };
         frame.data[..data.len()].copy_from_slice(data);
         let (before, now_ms) = (self.desk.node.pulse(0), self.now_ms());
         let parameters = self.desk.node.parameters;
         self.desk.hear(&frame);
-        self.look_for_motor();
+        self.note_motor();
         let after = self.desk.node.pulse(0);
         let raw = u32::from_be_bytes(id);
         // The node decides whether it accepts the draft. A frame that it rejects does not move the servo.
@@ -260,7 +260,7 @@ impl Rig {
             if let Heard { id: CanId::Service { service_id, request: true, source, .. }, number, .. } = heard {
                 self.asked.insert((service_id, source.get(), number));
             }
-            // With DIALECT 1 or 2 it accepts messages of that dialect only.
+            // With DIALECT 1 or 2 the node accepts messages of that dialect only.
             let dialect = parameters.get(Parameter::Dialect);
             let is_taken = dialect == 0 || dialect == if heard.is_draft { DRAFT } else { 1 };
             match heard.order(self.desk.node.id(), &parameters) {
@@ -275,7 +275,7 @@ impl Rig {
                         let is_armed = !needs_arming || self.armed.is_some_and(by_commander);
                         must_move = is_sure && is_armed && !self.has_heard_safety;
                     }
-                    // Also a command that is rejected because the vehicle is disarmed.
+                    // Also for a command that is rejected because the vehicle is disarmed.
                     self.commander = is_sure.then_some((source, now_ms));
                 }
                 Some(Order::Restart) => {
@@ -295,7 +295,7 @@ impl Rig {
             }
         }
         let is_there = goals.iter().any(|width| width.fits(after)) || self.has_heard_safety && after == 0;
-        // A parameter may have been set.
+        // The frame may have set a parameter.
         let before = if self.is_limited(before, after) { after } else { before };
         let is_right = is_there || !must_move && after == before || self.was_motor;
         assert!(is_right, "from {before} to {after} ticks, where {goals:?} may be");
@@ -304,17 +304,17 @@ impl Rig {
         }
     }
 
-    /// Takes note of a motor.
-    fn look_for_motor(&mut self) {
+    /// Notes if output 1 is a motor.
+    fn note_motor(&mut self) {
         self.was_motor |= self.desk.node.parameters.get(Parameter::Out1Type) != 0;
     }
 
-    /// True if the current travel turns one pulse into the other.
+    /// True if the current travel changes the pulse `before` to `after`.
     fn is_limited(&self, before: u16, after: u16) -> bool {
         orders::Travel::of(&self.desk.node.parameters).limited(before).fits(after)
     }
 
-    /// Lets time pass.
+    /// Runs for `ms` milliseconds.
     pub fn wait(&mut self, ms: u16) {
         for _ in 0..ms {
             if self.now_ms() >= LIFE_MS {
@@ -329,7 +329,7 @@ impl Rig {
         self.desk.pass(1);
         let after = self.desk.node.pulse(0);
         assert_eq!(self.desk.servos.0[0], after, "the servo has another pulse");
-        self.look_for_motor();
+        self.note_motor();
         if after != before && !self.is_limited(before, after) && !self.was_motor {
             let parameters = &self.desk.node.parameters;
             let timeout_ms = u64::from(parameters.get(Parameter::Out1Timeout));
@@ -341,7 +341,7 @@ impl Rig {
         }
         self.read();
         if self.desk.is_to_restart {
-            assert!(self.may_restart, "nobody asked it to restart");
+            assert!(self.may_restart, "the node restarted without a request");
             self.start(ResetCause::ASKED_FOR);
         }
     }
@@ -354,16 +354,16 @@ impl Rig {
                 byte => {
                     assert!((0x20..0x7F).contains(&byte), "a character {byte:#04x}");
                     self.line.push(byte);
-                    assert!(self.line.len() <= LINE_MAX, "a line without end: {}", String::from_utf8_lossy(&self.line));
+                    assert!(self.line.len() <= LINE_MAX, "a line is too long: {}", String::from_utf8_lossy(&self.line));
                 }
             }
         }
     }
 
-    /// The controller takes up to this many frames from the node.
+    /// The controller accepts up to this many frames from the node.
     pub fn leave(&mut self, frames: u32) {
         self.desk.can.room = frames;
-        // As if a millisecond had begun: then the controller is asked for room again.
+        // As at the start of a millisecond, when the node asks the controller for room again.
         self.desk.agenda = Agenda::new();
         self.desk.idle();
         self.desk.can.room = 0;
@@ -373,7 +373,7 @@ impl Rig {
         self.read();
     }
 
-    /// Checks a frame of the node.
+    /// Checks a frame that the node sent.
     fn check(&mut self, frame: &Frame) {
         let id = u32::from_be_bytes(frame.id);
         assert_eq!(id >> 29, 0, "more than 29 bits: {id:#x}");
@@ -393,25 +393,25 @@ impl Rig {
             CanId::Service { service_id, request, destination, source, .. } => {
                 assert!(!request && source.get() == self.id(), "{message}");
                 let answered = (service_id, destination.get(), transfer.transfer_id.get());
-                assert!(self.asked.contains(&answered), "nobody asked for {message}");
+                assert!(self.asked.contains(&answered), "there was no request for {message}");
             }
         }
         self.transfers.push(transfer);
     }
 
-    /// Another node, which asks and commands.
+    /// Node ID of another node, which sends requests and commands.
     fn other(&self) -> u8 {
         if self.id() == ASKER { ASKER - 1 } else { ASKER }
     }
 
-    /// And what it sends in the draft.
+    /// Checks a message of the draft that the node sent.
     fn check_draft(&self, transfer: &draft::Transfer, message: &draft::Message) {
         assert!(!matches!(message, draft::Message::Other { .. }), "{message}");
         assert_eq!(transfer.source.get(), self.id(), "{message}");
         if let draft::Route::Response(destination) = transfer.route {
             let service = if transfer.type_id == draft::types::GET_NODE_INFO.id { 1 } else { 5 };
             let answered = (service, destination.get(), transfer.transfer_id.get());
-            assert!(self.asked.contains(&answered), "nobody asked for {message}");
+            assert!(self.asked.contains(&answered), "there was no request for {message}");
         } else {
             assert_eq!(transfer.route, draft::Route::Broadcast);
         }
@@ -429,7 +429,7 @@ impl Rig {
                 return None;
             }
             self.send(&Sent { what, source: asker, number, payload: payload.to_vec() }, None);
-            // A reply that waits for the EEPROM is not to be asked for again.
+            // A request whose answer waits for the EEPROM is not repeated.
             for _ in 0..8 {
                 self.leave(u32::MAX);
                 let [_, service, ..] = self.identifier(what, asker);
@@ -447,25 +447,25 @@ impl Rig {
         panic!("no answer to {what:?}");
     }
 
-    /// Asks it who it is, if it has an ID.
-    pub fn who(&mut self) -> Option<NodeInfo> {
+    /// Requests the node's information, if it has an ID.
+    pub fn node_info(&mut self) -> Option<NodeInfo> {
         match self.ask(Type::GetNodeInfo, &[])? {
             Message::NodeInfo(info) => Some(*info),
             other => panic!("{other}"),
         }
     }
 
-    /// Whatever has come before: it answers, and it follows; or it asks for a node ID, if it has none.
+    /// Checks that the node answers and follows commands; or requests a node ID, if it has none.
     pub fn still_works(&mut self) {
-        let Some(info) = self.who() else {
+        let Some(info) = self.node_info() else {
             self.transfers.clear();
             for _ in 0..30 {
                 (0..100).for_each(|_| self.tick());
                 self.leave(u32::MAX);
             }
-            // The draft has no way to ask.
+            // The draft has no requests for a node ID.
             let is_v0 = !self.has_heard_draft && self.desk.node.parameters.get(Parameter::Dialect) != DRAFT;
-            assert!(!is_v0 || !self.transfers.is_empty(), "it does not ask for an ID");
+            assert!(!is_v0 || !self.transfers.is_empty(), "the node must request an ID");
             return;
         };
         assert!(!info.name.is_empty(), "{info}");
@@ -478,10 +478,10 @@ impl Rig {
                 None,
             );
         };
-        // Only who has commanded can arm.
+        // Only a commander can arm the vehicle.
         command(self, 0.0);
         self.send(&Sent { what: Type::ArmingStatus, source, number: 0, payload: vec![255] }, None);
-        // The rig sees to it that both move the servo.
+        // Both commands move the servo, because their widths differ from the current one.
         command(self, 0.5);
         command(self, -0.5);
         let is_deaf = self.has_heard_safety || self.desk.node.parameters.get(Parameter::Dialect) == DRAFT;

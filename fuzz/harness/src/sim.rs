@@ -1,7 +1,7 @@
-//! What the simulator reads: firmware as Intel HEX and as ELF, scripts and logs to play, faults with their times, what a plan
-//! of a bus is to hold; the levels on its wire, and the bytes to its MCP2515, which a node in trouble can make anything.
+//! Target `sim`: the simulator's inputs: firmware as Intel HEX and as ELF, scripts and logs to play, faults with their times, streams
+//! of a bus plan; levels on the wire, and bytes to the MCP2515, which a faulty node can send in any order.
 //!
-//! The first byte of the input says which.
+//! The first byte of the input selects one of them.
 
 use bench::avr::{Chip, Firmware};
 use bench::can::{Engine, EngineMode, Event, Frame, Level, OnWire as _, Station as _};
@@ -11,7 +11,7 @@ use sim::fault::Injection;
 use sim::links::script;
 use sim::time::parse_duration;
 
-/// See the module.
+/// Runs an input.
 pub fn run(input: &[u8]) {
     let Some((&kind, rest)) = input.split_first() else { return };
     match kind % 7 {
@@ -25,7 +25,7 @@ pub fn run(input: &[u8]) {
     }
 }
 
-/// A program that fits a chip is inside the chip's flash.
+/// A program that fits a chip must be inside the chip's flash.
 fn check(firmware: &Result<Firmware, impl Sized>) {
     let Ok(firmware) = firmware else { return };
     let _ = firmware.chip();
@@ -34,7 +34,7 @@ fn check(firmware: &Result<Firmware, impl Sized>) {
     }
 }
 
-/// The lines as they came, and with their checksums put right.
+/// The lines unchanged, and with valid checksums.
 fn hex(text: &str) {
     check(&Firmware::parse_hex(text));
     let right = |line: &str| {
@@ -49,7 +49,7 @@ fn hex(text: &str) {
     check(&Firmware::parse_hex(&text.lines().map(right).collect::<String>()));
 }
 
-/// Scripts, with all their lines and line by line; what is understood is in the order of its times.
+/// Scripts, complete and line by line. Parsed entries must be in the order of their times.
 fn script(text: &str) {
     for part in std::iter::once(text).chain(text.lines()) {
         if let Ok(actions) = script::parse(part) {
@@ -64,13 +64,13 @@ fn faults(text: &str) {
         if let Ok(injection) = line.parse::<Injection>() {
             let again: Injection = injection.to_string().parse().expect("its text parses");
             assert_eq!(again.fault, injection.fault);
-            // The text has seconds, and an f64 has 53 bits for them.
+            // The text has the time in seconds, and an f64 has 53 bits for it.
             assert!(again.at.abs_diff(injection.at) <= 1 + injection.at / (1 << 50), "{again} from {injection}");
         }
     }
 }
 
-/// A stream has at least the bits that it cannot do without.
+/// A stream must need more than zero bits.
 fn plan(text: &str) {
     for line in text.lines().take(4) {
         for stream in line.parse::<Entry>().map(|entry| entry.0).unwrap_or_default() {
@@ -81,17 +81,17 @@ fn plan(text: &str) {
     }
 }
 
-/// Whatever levels there were, with a frame to send meanwhile: when the bus has been idle for long enough, the next frame is
+/// After any levels, with a frame to send meanwhile, and a sufficiently long idle bus, the next frame must be
 /// received.
 fn wire(bytes: &[u8]) {
-    /// The recovery from bus-off takes 128 times 11 recessive bits; and then it joins.
+    /// Bits of the recovery from bus-off (128 times 11 recessive bits) and of the integration after it.
     const RECOVERY: usize = 128 * 11 + 32;
     let mut engine = Engine::new();
     engine.set_mode(EngineMode::Normal);
     let own = Frame::extended(0x1234_5678, &[0x55, 0, 0xFF]);
     for byte in bytes {
         for bit in 0..8 {
-            // A receiver that is also to send, in half of the bytes.
+            // For half of the byte values the receiver has a frame to send, too.
             let level = engine.drive((byte & 1 != 0).then_some(&own));
             let noise = Level::from_bit(byte >> bit & 1 != 0);
             let _ = engine.sample(if byte & 2 != 0 { noise } else { level });
@@ -110,7 +110,7 @@ fn wire(bytes: &[u8]) {
     assert_eq!(received, Some(Event::Received(own)));
 }
 
-/// Instructions to the MCP2515, each a length and its bytes, with bits on the bus in between; then RESET brings it to
+/// Instructions to the MCP2515, each with a length and its bytes, with bits on the bus in between. Then RESET must lead to
 /// configuration mode.
 fn chip(mut bytes: &[u8]) {
     const RESET: u8 = 0xC0;
@@ -119,7 +119,7 @@ fn chip(mut bytes: &[u8]) {
     const CONFIGURATION: u8 = 0x80;
     /// Cycles of an SPI byte at 8 MHz, and of a bit at 1 Mbit/s.
     const SHORT: u64 = 16;
-    /// Longer than the oscillator takes to start.
+    /// Longer than the start of the oscillator.
     const LONG: u64 = 1000;
     let mut chip = Mcp2515::new(16_000_000);
     let mut at = LONG;

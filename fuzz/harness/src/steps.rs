@@ -1,5 +1,5 @@
-//! What happens to a node, as bytes: each step is a byte whose lower three bits say what, with a number in the upper five,
-//! and then what it needs. All bytes mean something, so that the fuzzer wastes none.
+//! The format of inputs of the target `node`. The lower three bits of a step's first byte are its kind, the upper five a number;
+//! further bytes follow by kind. Every byte sequence is valid, so that the fuzzer wastes no inputs.
 //!
 //! | kind | number | then |
 //! | --- | --- | --- |
@@ -12,7 +12,7 @@
 //! | 6 frames may leave | how many; 0 is all | |
 //! | 7 input | [`Input`], modulo 6 | 2 bytes for those that have a value |
 
-/// What is transferred: the types that the node hears, and two that it does not.
+/// The types that a transfer can have: those that the node receives, and two that it does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Type {
     ArrayCommand,
@@ -28,14 +28,14 @@ pub enum Type {
     BeginFirmwareUpdate,
     GetTransportStats,
     RawCommand,
-    /// A message for others.
+    /// A message for other nodes.
     Temperature,
-    /// A service that it does not have: file.Read.
+    /// A service that the node does not have: file.Read.
     FileRead,
 }
 
 impl Type {
-    /// In the order of their numbers.
+    /// In the order of their numbers in the input.
     pub const ALL: [Type; 15] = [
         Type::ArrayCommand,
         Type::ThesisCommand,
@@ -55,24 +55,24 @@ impl Type {
     ];
 }
 
-/// What is done to a transfer on its way.
+/// Damage to a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
     /// The frame is lost.
     Lost,
-    /// It comes twice.
+    /// The frame is repeated.
     Twice,
-    /// It comes first.
+    /// The frame comes first.
     First,
-    /// It is the last that comes.
+    /// The frame is the last; the rest is lost.
     Last,
-    /// A byte of it less.
+    /// The frame lacks a byte.
     Short,
-    /// Its toggle bit is the other.
+    /// The frame's toggle bit is inverted.
     Toggle,
-    /// A bit of its first byte is the other.
+    /// A bit of the frame's first byte is inverted.
     Bit,
-    /// Its transfer ID is one more.
+    /// The frame's transfer ID is one higher.
     Number,
 }
 
@@ -94,12 +94,12 @@ impl Damage {
 pub enum Input {
     Pressed,
     Released,
-    /// Somebody types a question mark at the serial monitor.
+    /// A question mark is typed on the serial monitor.
     Question,
     Reset,
-    /// What the sensor reads from now on.
+    /// The new reading of the sensor.
     Sensor(u16),
-    /// A notice of the controller: the event, modulo their number, and its value.
+    /// A notice of the controller: the event, modulo the number of events, and its value.
     Controller(u8, u8),
 }
 
@@ -114,7 +114,7 @@ pub struct Sent {
     pub payload: Vec<u8>,
 }
 
-/// See the module.
+/// A step of an input.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
     Frame {
@@ -139,7 +139,7 @@ pub enum Step {
 /// Milliseconds in a twentieth of a second.
 const LONG_MS: u16 = 50;
 
-/// The steps of an input. What is cut short at its end counts with what is there.
+/// The steps of an input. A step that is truncated at the end has the bytes that are left.
 pub fn steps(mut input: &[u8]) -> Vec<Step> {
     let mut steps = Vec::new();
     while let Some(step) = next(&mut input) {
@@ -196,7 +196,7 @@ fn sent(input: &mut &[u8], number: u8) -> Option<Sent> {
     Some(Sent { what, source, number, payload: bytes(input, len) })
 }
 
-/// The other way round, for inputs that are made and not found.
+/// Encodes steps, for inputs that a program makes.
 pub fn bytes_of(steps: &[Step]) -> Vec<u8> {
     let mut input = Vec::new();
     for step in steps {
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_read_as_they_were_written() {
+    fn steps_survive_a_round_trip() {
         let all = [
             Step::Frame { id: [0x9F, 0, 0, 1], data: vec![1; 8] },
             Step::Known { what: Type::FileRead, source: 1, data: vec![] },
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wait_may_take_several_steps_and_is_as_long() {
+    fn a_long_wait_takes_several_steps_with_the_same_sum() {
         for ms in [1, 31, 33, 49, 50, 99, 1650, 20_000] {
             let waits = steps(&bytes_of(&[Step::Wait(ms)]));
             let sum: u16 = waits.iter().map(|wait| if let Step::Wait(ms) = wait { *ms } else { 0 }).sum();

@@ -1,4 +1,4 @@
-//! The job on the crate `mcp2515`, unchanged from crates.io, with the crate's own bit timing.
+//! The job with the crate `mcp2515`, unchanged from crates.io, with the crate's own bit timing.
 
 use crate::board::{self, CanSpi, Delay};
 use crate::can_board::CRYSTAL_MHZ;
@@ -13,7 +13,7 @@ use mcp2515::{CanSpeed, MCP2515, McpSpeed, Settings};
 fn main() -> ! {
     let (spi, serial, clock, task) = board::take();
     let mut chip = MCP2515::new(spi);
-    // `init` sets filters that let everything in and would leave configuration mode; masks and filters can only be
+    // `init` sets filters that accept everything, and would leave configuration mode. Masks and filters can only be
     // written there.
     let settings = Settings {
         mode: OpMode::Configuration,

@@ -1,8 +1,8 @@
-//! The job on the crate `mcp25xx`, unchanged from crates.io, with the crate's own bit timing.
+//! The job with the crate `mcp25xx`, unchanged from crates.io, with the crate's own bit timing.
 //!
 //! Two packages build this file: `third-party-mcp25xx-crate` without the crate's feature `mcp2515`, and
-//! `third-party-mcp25xx-wrong-rxb1` with it. The feature turns on READ RX BUFFER, and sends 0x92 (RXB0, from D0 on) where
-//! 0x94 (RXB1, from SIDH on) is meant: DS20001801, table 12-1 and figure 12-3.
+//! `third-party-mcp25xx-wrong-rxb1` with it. The feature enables READ RX BUFFER, but sends 0x92 (RXB0, from D0 on) instead of
+//! 0x94 (RXB1, from SIDH on): DS20001801, table 12-1 and figure 12-3.
 
 use crate::board::{self, CanSpi, Delay};
 use crate::can_board::CRYSTAL_MHZ;
@@ -13,7 +13,7 @@ use mcp25xx::bitrates::{clock_8mhz, clock_16mhz};
 use mcp25xx::registers::{OperationMode, RXB0CTRL, RXB1CTRL, RXM};
 use mcp25xx::{AcceptanceFilter, CanFrame, Config, MCP25xx};
 
-/// Boot waits for the chip's oscillator: 128 of its cycles, 16 us at most (DS20001801, section 8.1), with room to spare.
+/// Waits for the chip's oscillator: 128 of its cycles, at most 16 us (DS20001801, section 8.1).
 const OSCILLATOR_START_MS: u32 = 1;
 
 #[avr_device::entry]
