@@ -372,7 +372,7 @@ fn two_boards_that_start_together_get_different_ids() {
     rig.attach_autopilot(Settings { allocates: true, ..Settings::default() });
     let statuses = |rig: &Rig, id: u32| rig.frames(0x1801_5500 | id).len();
     rig.wait_for("status of both", 15_000, |rig| statuses(rig, 125) > 0 && statuses(rig, 124) > 0);
-    let events: Vec<String> = rig.autopilot().take_news().into_iter().map(|(_, text)| text).collect();
+    let events: Vec<String> = rig.autopilot().take_events().into_iter().map(|(_, text)| text).collect();
     for (_, unique_id) in [(first.0, first.1), (&second.0, second.1)] {
         let digits: String = unique_id.iter().map(|byte| format!("{byte:02X}")).collect();
         assert!(events.iter().any(|text| text.ends_with(&digits)), "{digits}: {events:?}");

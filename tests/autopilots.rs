@@ -126,7 +126,7 @@ fn both_request_and_receive_the_node_s_information() {
     for profile in [Profile::Ardupilot, Profile::Px4] {
         let mut rig = flying(profile, 1, &[]);
         rig.run_ms(1500);
-        let events = rig.autopilot().take_news();
+        let events = rig.autopilot().take_events();
         let [(_, text)] = &events[..] else { panic!("{events:?}") };
         assert!(text.starts_with("120 is org."), "{text}");
         assert!(rig.broken.is_empty(), "{:?}", rig.broken);

@@ -108,7 +108,7 @@ fn a_parameter_is_set_and_the_answer_has_the_new_value() {
 fn a_request_whose_frames_come_a_second_apart_is_answered() {
     let mut rig = Rig::running();
     // GetSet: OUT1_MIN 1100
-    let frames = quoted("1E0BF8FF 4C EE 00 01 4C 04 00 84 | 00 00 00 00 00 4F 55 24 | 54 31 5F 4D 49 4E 44");
+    let frames = parse_frames("1E0BF8FF 4C EE 00 01 4C 04 00 84 | 00 00 00 00 00 4F 55 24 | 54 31 5F 4D 49 4E 44");
     for frame in frames {
         assert_eq!(rig.answers(), []);
         rig.send_frame(frame);
