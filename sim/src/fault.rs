@@ -236,7 +236,7 @@ mod tests {
     use bench::F_CPU_HZ;
 
     #[test]
-    fn every_fault_has_a_name_that_reads_back() {
+    fn every_fault_can_be_parsed_from_its_name() {
         for fault in ALL {
             assert_eq!(fault.name().parse(), Ok(fault));
         }

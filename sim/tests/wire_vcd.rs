@@ -195,7 +195,7 @@ fn sigrok_measures_the_pulses_of_the_servo() {
     assert_eq!(decoded(&path, "pwm:data=SERVO", "pwm=duty-cycle"), periods);
 }
 
-/// Changes of the wires in a file, by name, without their first levels.
+/// Changes of the wires in a file by the wire's name, without the initial levels.
 fn changes(path: &Path) -> HashMap<String, Vec<(Cycles, bool)>> {
     let text = std::fs::read_to_string(path).unwrap();
     let (header, body) = text.split_once("$dumpvars").unwrap();

@@ -177,7 +177,7 @@ impl Base {
         self.violations.take()
     }
 
-    /// Puts `handler` in front of simavr's write handler of a register.
+    /// Replaces simavr's write handler of a register by `handler`. [`Base::forward`] calls the replaced one.
     pub fn hook_write(&self, address: u16, handler: ffi::avr_io_write_t) {
         self.originals.borrow_mut().push((address, self.core.hook_write(address, handler)));
     }
@@ -201,7 +201,7 @@ impl Base {
         })
     }
 
-    /// Makes the next [`Base::take_attention`] true.
+    /// Asks the run loop to handle a reset or a panic: the next [`Base::take_attention`] returns true.
     pub fn ask_for_attention(&self) {
         self.attention.set(true);
     }

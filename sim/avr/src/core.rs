@@ -114,7 +114,7 @@ pub(super) struct Core {
     watchdog: *mut ffi::avr_watchdog_t,
     extint: *mut ffi::avr_extint_t,
     flash: *mut ffi::avr_flash_t,
-    /// In a box, because simavr points to it.
+    /// In a box, so that simavr's pointer to it stays valid.
     owner: OnceCell<Box<Owner>>,
 }
 
@@ -275,7 +275,7 @@ impl Core {
         flags.iter().enumerate().fold(0, |sreg, (bit, flag)| sreg | u8::from(*flag != 0) << bit)
     }
 
-    /// Sets the status register. Interrupts that are pending come as after SEI.
+    /// Sets the status register. If this sets the I flag, pending interrupts run after the next instruction, as after SEI.
     pub fn set_sreg(&self, value: u8) {
         let enabled_before = self.interrupts_enabled();
         // Safety: see the invariant of `Core`. interrupt_state is what simavr's own SREG writes set: -1 for "look
@@ -499,11 +499,11 @@ impl Core {
     pub fn adc_reference_millivolts(&self) -> u16 {
         // Safety: see the invariant of `Core`; the index is masked to the array's 8 entries.
         let reference = unsafe { (*self.adc).ref_values[usize::from((*self.adc).current_refi & 7)] };
-        // Small values name an external pin, and those are all at 5 V; others are the voltage.
+        // Values below ADC_VREF_V110 select an external pin, which is at 5 V here. Other values are the voltage in millivolts.
         if u32::from(reference) < ffi::ADC_VREF_V110 { 5000 } else { reference }
     }
 
-    /// Calls `notify` when the pin may have changed.
+    /// Calls `notify` when the level of a pin may have changed.
     pub fn hook_pin(&self, port: usize, bit: u8, notify: ffi::avr_irq_notify_t, parameter: *mut c_void) {
         assert!(bit < 8);
         // Safety: see the invariant of `Core`; each port has an IRQ per pin. The caller keeps

@@ -40,7 +40,7 @@ type Select = fn(&Peripherals) -> &dyn Peripheral;
 
 macro_rules! peripherals {
     ($($name:ident: $model:ty,)*) => {
-        /// The peripherals whose registers the machine gives to a model.
+        /// The models of the peripherals.
         pub(super) struct Peripherals {
             $(pub $name: $model,)*
         }

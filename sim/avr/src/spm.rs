@@ -80,7 +80,7 @@ const COMMANDS: [(u8, Command); 6] = [
     (SELFPRGEN | SIGRD, Command::Signature),
 ];
 
-/// A command that waits for its instruction.
+/// A command in SPMCSR that waits for its SPM or LPM.
 #[derive(Debug, Clone, Copy)]
 struct Armed {
     bits: u8,

@@ -30,7 +30,7 @@ pub enum Oc {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// Normal and CTC.
+    /// Normal mode and CTC mode.
     Plain,
     FastPwm,
     /// OCR1x is updated at TOP.

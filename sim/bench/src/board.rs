@@ -2,7 +2,7 @@
 //!
 //! [`Wiring`] defines the Arduino, the pins and the crystal. The pins of the default board:
 //!
-//! | Signal      | Arduino  | chip         | Here                                               |
+//! | Signal      | Arduino  | chip         | in the model                                       |
 //! | ----------- | -------- | ------------ | -------------------------------------------------- |
 //! | CS          | D9       | PB1          | with a pull-up: high while the AVR is in reset     |
 //! | INT         | D2       | PD2 (INT0)   | follows the chip's pin; high while it has no power |
@@ -103,7 +103,7 @@ struct Wires {
     probe: RefCell<Option<Vec<(Cycles, WireEvent)>>>,
 }
 
-/// The MCP2515 at the end of the AVR's SPI.
+/// Connects the MCP2515 to the AVR's SPI.
 struct SpiEnd(Rc<Wires>);
 
 impl SpiDevice for SpiEnd {
@@ -256,7 +256,7 @@ impl Board {
         &mut self.avr
     }
 
-    /// The CAN controller. Do not hold a borrow of it while the board runs.
+    /// The MCP2515. It must not be borrowed while the board runs.
     pub fn chip(&self) -> Rc<RefCell<Mcp2515>> {
         Rc::clone(&self.wires.chip)
     }

@@ -79,7 +79,7 @@ impl fmt::Display for Pin {
     }
 }
 
-/// Inputs of the ADC for the circuit that the node measures.
+/// ADC inputs for the voltage and the current of the circuit that the node measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PowerPins {
     pub voltage: Pin,
@@ -443,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn every_board_goes_with_every_can_board() {
+    fn every_board_can_be_combined_with_every_can_board() {
         for board in table()["boards"].as_table().unwrap().keys() {
             for shield in table()["shields"].as_table().unwrap().keys() {
                 let wiring = Wiring::of(board, shield).unwrap();
@@ -473,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn the_circuit_is_on_the_first_two_of_its_pins_that_cs_and_int_leave_free() {
+    fn the_circuit_gets_the_first_two_of_its_pins_that_cs_and_int_leave_free() {
         let mut wiring = Wiring::of("uno", "seeed").unwrap();
         for (cs, voltage, current) in [("D9", "A4", "A5"), ("A4", "A5", "A3"), ("A5", "A4", "A3"), ("A3", "A4", "A5")] {
             wiring.set_cs(pin(cs));

@@ -15,6 +15,7 @@ use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+/// Simulated time between two checks for changes.
 const SAVE_PERIOD: Cycles = 2 * F_CPU_HZ;
 
 /// The file with the EEPROM of one board.

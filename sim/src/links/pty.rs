@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_pass_unchanged_both_ways() {
+    fn bytes_pass_unchanged_in_both_directions() {
         let scratch = Scratch::new();
         let pty = Pty::open(&scratch.path("port"), Hold::Open).unwrap();
         let mut client = client(pty.path());

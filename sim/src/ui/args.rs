@@ -90,7 +90,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 
-    /// Print each message on the bus, not only a count each second; for the plain lines
+    /// Print each message on the bus as a plain line, not only a count each second
     #[arg(long)]
     pub traffic: bool,
 
@@ -106,7 +106,7 @@ pub struct Args {
     #[arg(long, value_name = "WHAT", value_enum)]
     pub only: Option<Only>,
 
-    /// Node ID of the simulated autopilot, 1 to 127 [default: 10 with --autopilot ardupilot, else 1]
+    /// Node ID of the simulated autopilot, 1 to 127 [default: 10 for ardupilot and ardupilot-pwm, else 1]
     #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub autopilot_id: Option<NodeId>,
 
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn without_options_it_is_the_live_bench_in_real_time() {
+    fn without_options_sim_shows_the_live_view_in_real_time() {
         let args = parse("sim").unwrap();
         assert_eq!(args.bit_rate(&args.wires.apply(Wiring::default()).unwrap()).unwrap(), 1_000_000);
         assert_eq!(args.speed, Speed::Factor(1.0));
@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn every_option_of_the_examples_is_understood() {
+    fn every_option_of_the_examples_is_parsed() {
         let args = parse("sim --for 5s --speed max --hold -0.5 --command-type pwm --inject cable@2s").unwrap();
         assert_eq!(args.duration, Some(5 * F_CPU_HZ));
         assert_eq!(args.hold, Some(-0.5));

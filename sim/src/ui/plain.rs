@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn every_transfer_is_printed_when_asked() {
+    fn every_transfer_is_printed_on_request() {
         let mut state = State::new(1_000_000);
         state.report(0, command(0));
         let text = printed(&mut state, true);

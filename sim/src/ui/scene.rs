@@ -733,7 +733,7 @@ mod tests {
     }
 
     #[test]
-    fn the_autopilot_is_heard_on_the_bus() {
+    fn the_autopilot_sends_on_the_bus() {
         let mut scene = scene(&IDLE, "");
         scene.advance(F_CPU_HZ / 2).unwrap();
         assert_eq!(scene.state().bus.frames, 26);
@@ -795,7 +795,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_of_another_rate_destroys_what_others_send() {
+    fn a_node_of_another_rate_destroys_the_frames_of_others() {
         let mut scene = scene(&IDLE, "--inject wrong-rate@1ms --inject wrong-rate@50ms");
         scene.advance(F_CPU_HZ / 20).unwrap();
         let errors = scene.state().bus.error_frames;
@@ -902,7 +902,7 @@ mod tests {
     }
 
     #[test]
-    fn a_heap_outside_the_ram_is_no_stack() {
+    fn a_heap_symbol_outside_the_ram_gives_no_stack() {
         for address in [0, 0x4F8, 0x4FF, 0x500, 0x900, 0xFFFF, 0x1_0200] {
             let mut scene = scene_with_heap_start(address);
             scene.advance(F_CPU_HZ / 4).unwrap();
@@ -1019,7 +1019,7 @@ mod tests {
     }
 
     #[test]
-    fn all_actuators_and_motors_are_commanded_when_asked_for() {
+    fn all_actuators_and_motors_are_commanded_on_request() {
         let mut scene = scene(&IDLE, "--autopilot px4 --actuator all --motors 4 --hold 1");
         scene.advance(F_CPU_HZ / 50).unwrap();
         assert!(autopilot(&scene).moves_all && autopilot(&scene).motors == 4);

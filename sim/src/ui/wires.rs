@@ -30,11 +30,11 @@ pub struct Args {
     #[arg(long, value_name = "PIN")]
     pub int: Option<Pin>,
 
-    /// Crystal of the MCP2515 in MHz, as it is stamped on it: 8 or 16
+    /// Frequency of the MCP2515's crystal in MHz, as marked on it: 8 or 16
     #[arg(long, value_name = "MHZ", value_parser = crystal_mhz, allow_hyphen_values = true)]
     pub crystal: Option<u32>,
 
-    /// Pin on which pulses are measured: D9 or D10
+    /// Pin of the servo, whose pulses sim measures: D9 or D10
     #[arg(long, value_name = "PIN")]
     pub servo: Option<Pin>,
 }
