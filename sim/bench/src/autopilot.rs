@@ -182,7 +182,7 @@ impl Default for Settings {
 /// A node from which the autopilot has received a NodeStatus.
 #[derive(Clone, Debug, Default)]
 struct Known {
-    heard_at: Cycles,
+    last_status_at: Cycles,
     uptime_s: u32,
     /// Time of the next GetNodeInfo request; `None` after the response.
     ask_at: Option<Cycles>,
@@ -414,11 +414,11 @@ impl Autopilot {
         }
         let is_known = self.nodes.contains_key(&source);
         let node = self.nodes.entry(source).or_default();
-        let is_new = !is_known || uptime_s < node.uptime_s || at - node.heard_at > OFFLINE_TIMEOUT;
+        let is_new = !is_known || uptime_s < node.uptime_s || at - node.last_status_at > OFFLINE_TIMEOUT;
         if is_new && self.settings.dialect == Dialect::V0 && self.settings.profile.request_priority().is_some() {
             node.ask_at = Some(at + ANSWER_DELAY);
         }
-        (node.heard_at, node.uptime_s) = (at, uptime_s);
+        (node.last_status_at, node.uptime_s) = (at, uptime_s);
     }
 
     fn allocate(&mut self, at: Cycles, request: &Allocation) {
@@ -537,7 +537,7 @@ impl Autopilot {
             }
             Task::Ask(destination) => {
                 if let Some(node) = self.nodes.get_mut(&destination) {
-                    let is_there = at - node.heard_at <= OFFLINE_TIMEOUT;
+                    let is_there = at - node.last_status_at <= OFFLINE_TIMEOUT;
                     node.ask_at = is_there.then_some(at + REQUEST_PERIOD);
                 }
                 let priority = profile.request_priority().unwrap_or(0);

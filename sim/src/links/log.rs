@@ -168,8 +168,8 @@ impl Log {
 
 impl Link for Log {
     fn serve(&mut self, bench: &mut Bench) -> Result<()> {
-        let due = bench.now() >= self.next_write && !self.text.is_empty();
-        if due || self.text.len() >= WRITE_SIZE {
+        let is_due = bench.now() >= self.next_write && !self.text.is_empty();
+        if is_due || self.text.len() >= WRITE_SIZE {
             self.next_write = bench.now() + WRITE_PERIOD;
             self.write()?;
         }

@@ -140,7 +140,7 @@ impl Pty {
 
     /// Prepares the port for the next program: empties both directions, and sets raw mode again.
     pub fn renew(&self) {
-        // 20 reads are the 70 KiB that the kernel buffers. More could take bytes of the next program.
+        // 20 reads are 80 KiB, which is more than the kernel buffers. More reads could take bytes of the next program.
         for _ in 0..20 {
             self.read();
         }

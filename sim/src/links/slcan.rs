@@ -58,6 +58,15 @@ mod flag {
 /// Error counters from this value on are a warning (ISO 11898-1).
 const WARNING_LIMIT: u16 = 96;
 
+/// Mode in which a channel is open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ChannelMode {
+    /// Sends, receives and acknowledges (`O`).
+    Normal,
+    /// Only receives (`L`).
+    ListenOnly,
+}
+
 /// The adapter's station on the bus, with a node while the channel is open.
 struct Place {
     node: Option<SoftNode>,
@@ -291,8 +300,8 @@ impl Slcan {
                 self.answer(if self.wrong_rate { ERROR } else { OK });
             }
             Command::Open | Command::Listen if self.wrong_rate => self.answer(ERROR),
-            Command::Open => self.open_channel(false, now),
-            Command::Listen => self.open_channel(true, now),
+            Command::Open => self.open_channel(ChannelMode::Normal, now),
+            Command::Listen => self.open_channel(ChannelMode::ListenOnly, now),
             Command::Close => {
                 self.closing_until = Some(now + CLOSING_TIMEOUT);
                 self.try_close(now);
@@ -301,7 +310,8 @@ impl Slcan {
         }
     }
 
-    fn open_channel(&mut self, listen_only: bool, now: Cycles) {
+    fn open_channel(&mut self, mode: ChannelMode, now: Cycles) {
+        let listen_only = mode == ChannelMode::ListenOnly;
         let mut place = self.place.borrow_mut();
         if place.node.is_none() {
             self.flags = 0;

@@ -117,12 +117,12 @@ impl Vcd {
 impl Link for Vcd {
     fn serve(&mut self, bench: &mut Bench) -> Result<()> {
         self.collect(bench);
-        let flush = self.seen_to >= self.next_flush;
-        if flush {
+        let is_flush_due = self.seen_to >= self.next_flush;
+        if is_flush_due {
             self.next_flush = self.seen_to + FLUSH_PERIOD;
         }
         let safe = bench.bus().now().min(self.seen_to.saturating_sub(SPI_LAG));
-        let written = self.writer.advance(safe).and_then(|()| if flush { self.writer.flush() } else { Ok(()) });
+        let written = self.writer.advance(safe).and_then(|()| if is_flush_due { self.writer.flush() } else { Ok(()) });
         if written.is_err() {
             // Prevents a second write at the end, which would fail, too.
             self.finished = true;

@@ -23,13 +23,13 @@ pub struct Allocator {
     /// IDs that other nodes use already.
     taken: Vec<NodeId>,
     so_far: Vec<u8>,
-    heard_at: Cycles,
+    last_request_at: Cycles,
 }
 
 impl Allocator {
     /// An allocator that has granted nothing. It never grants `own`, its own ID.
     pub fn new(own: NodeId) -> Allocator {
-        Allocator { granted: Vec::new(), taken: vec![own], so_far: Vec::new(), heard_at: 0 }
+        Allocator { granted: Vec::new(), taken: vec![own], so_far: Vec::new(), last_request_at: 0 }
     }
 
     /// Notes that a node with this ID is on the bus.
@@ -46,14 +46,14 @@ impl Allocator {
 
     /// Processes an anonymous request at time `at`. Returns the answer to broadcast; `None` if the request does not fit.
     pub fn answer(&mut self, request: &Allocation, at: Cycles) -> Option<Allocation> {
-        if at.saturating_sub(self.heard_at) > FOLLOWUP_TIMEOUT || request.first_part {
+        if at.saturating_sub(self.last_request_at) > FOLLOWUP_TIMEOUT || request.first_part {
             self.so_far.clear();
         }
         let fits = STAGES.contains(&(self.so_far.len(), request.unique_id.len()));
         if !fits || request.first_part != self.so_far.is_empty() {
             return None;
         }
-        self.heard_at = at;
+        self.last_request_at = at;
         self.so_far.extend(&request.unique_id);
         let mut answer = Allocation { unique_id: self.so_far.clone(), ..Allocation::default() };
         if let Ok(unique_id) = self.so_far.as_slice().try_into() {
