@@ -1,46 +1,46 @@
-//! What a transfer takes on the bus, in bits.
+//! The number of bits that a transfer takes on the bus.
 //!
-//! A frame with a 29-bit identifier and n data bytes, the tail byte among them, has 67 + 8n bits from its SOF to the end
-//! of the intermission, and stuff bits: at most one after the first five of the 54 + 8n bits that are stuffed and one
-//! after every further four. How many it really has depends on every bit, so that it is counted in whole frames: with
-//! the identifier, the transfer CRC and the CRC-15 that they would have.
+//! A frame with a 29-bit identifier and n data bytes, including the tail byte, has 67 + 8n bits from its SOF to the end
+//! of the intermission, plus stuff bits: at most one after the first five of the 54 + 8n bits that are stuffed and one
+//! after every further four. The exact number depends on every bit, so it is counted in whole frames with
+//! their identifier, transfer CRC and CRC-15.
 //!
-//! Limits: `least` and `most` are bounds; a given identifier need not reach them. No error frames, no retransmissions.
+//! Limits: `least` and `most` are bounds that a given identifier need not reach. Error frames and retransmissions are not counted.
 
 use super::stream::Stream;
 use can_model as can;
 use can_model::{Frame, OnWire as _};
 use dronecan_host::{NodeId, TransferId, split};
 
-/// Transfer IDs of one node before they begin anew.
+/// Number of transfer IDs.
 const TRANSFER_IDS: u8 = 32;
-/// Where the random payloads start: any number, but always the same, so that a plan can be repeated.
+/// Seed of the random payloads: any constant, so that a plan always gives the same result.
 const SEED: u64 = 0x1D_5EED;
 
-/// Bits of one transfer, all frames with their intermissions.
+/// Bits of one transfer: all frames with their intermissions.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bits {
-    /// No stuff bit anywhere.
+    /// Without any stuff bit.
     pub least: f64,
-    /// Mean over the sending nodes and 32 transfers of each, with the payload that was given, else with random ones.
+    /// Mean of 32 transfers of each sending node, with the given payload or else random ones.
     pub typical: f64,
-    /// As many stuff bits as can be.
+    /// With the maximum number of stuff bits.
     pub most: f64,
 }
 
 impl Bits {
-    /// Each of the three, changed alike.
+    /// Applies `change` to each of the three.
     pub fn map(self, change: impl Fn(f64) -> f64) -> Bits {
         Bits { least: change(self.least), typical: change(self.typical), most: change(self.most) }
     }
 
-    /// Each of the three summed.
+    /// Adds each of the three.
     pub fn plus(self, other: Bits) -> Bits {
         Bits { least: self.least + other.least, typical: self.typical + other.typical, most: self.most + other.most }
     }
 }
 
-/// One transfer of a stream.
+/// The cost of one transfer of a stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cost {
     pub frames: usize,
@@ -106,7 +106,7 @@ mod tests {
         assert!((132.0..150.0).contains(&full.bits.typical), "{full:?}");
     }
 
-    /// 2 bytes of CRC and 14 of payload: 7, 7 and 2, each with its tail byte.
+    /// 2 bytes of CRC and 14 of payload: frames of 7, 7 and 2 bytes, each with its tail byte.
     #[test]
     fn a_long_transfer_has_a_crc_and_a_tail_byte_in_each_frame() {
         let status = cost("esc.Status@1");
@@ -118,7 +118,7 @@ mod tests {
         assert_eq!((cost("ArrayCommand[0]@1").frames, cost("ArrayCommand[0]@1").bits.least), (1, 75.0));
     }
 
-    /// Seven bytes fit beside the tail byte, eight do not.
+    /// Seven bytes fit in a frame with the tail byte; eight do not.
     #[test]
     fn the_second_frame_begins_with_the_eighth_byte() {
         assert_eq!(cost("20100:7@1").frames, 1);

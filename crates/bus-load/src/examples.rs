@@ -1,4 +1,4 @@
-//! Plans to begin with.
+//! Ready plans.
 
 /// A plan with a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -17,9 +17,9 @@ impl Example {
     pub fn messages(self) -> &'static [&'static str] {
         match self {
             Example::Quadcopter => &["RawCommand[4]@400", "4x esc.Status@10", "4x esc.StatusExtended@10"],
-            // A command and a state each second; the node's value every three seconds.
+            // A command and a status each second; the node's temperature every three seconds.
             Example::Thesis => &["2x NodeStatus@1", "thesis.ServoCommand@1", "thesis.DegreesCelsius@0.3333"],
-            // 50 Hz is CAN_D1_UC_SRV_RT; the safety and arming states go out at 2 Hz.
+            // 50 Hz is the default of CAN_D1_UC_SRV_RT; the safety and arming states are sent at 2 Hz.
             Example::Ardupilot15Servos => &[
                 "16x NodeStatus@1",
                 "ArrayCommand[15]@50",

@@ -1,11 +1,11 @@
-//! `sim utilisation`: plans a bus as a vehicle builder does, before anything is bought.
+//! `sim utilisation`: plans the load of a bus before the vehicle is built.
 //!
 //! ```text
-//! text ──> stream (what is sent, how often) ──> cost (bits of a transfer) ──> plan (sums, advice)
-//! published: a maker's rule of thumb and tables, beside the exact bits        measured: a bus that runs
+//! text ──> stream (messages and their rates) ──> cost (bits of a transfer) ──> plan (sums, advice)
+//! published: a manufacturer's rule of thumb and tables, next to the exact bits        measured: a running bus
 //! ```
-//! Limits: a mean over a long time. Whether a message is late in the worst case depends on priorities, and on how
-//! transfers happen to coincide; neither is computed. Error frames and retransmissions are not counted.
+//! Limits: the result is a mean over a long time. Whether a message is late in the worst case depends on priorities and on
+//! transfers at the same time; neither is computed. Error frames and retransmissions are not counted.
 
 #![forbid(unsafe_code)]
 
@@ -86,7 +86,7 @@ pub struct Args {
 /// Prints the plan, the tables or the list.
 ///
 /// # Errors
-/// When nothing is planned, the file is wrong, or the output cannot be written.
+/// If nothing is planned, the file is wrong, or the output cannot be written.
 pub fn run(args: &Args, mut out: impl Write) -> Result<()> {
     if args.list {
         return list(out);
@@ -112,7 +112,7 @@ pub fn run(args: &Args, mut out: impl Write) -> Result<()> {
 
 fn read(path: &Path) -> Result<(Vec<Entry>, Option<u32>)> {
     let text = std::fs::read_to_string(path).map_err(|error| match error.kind() {
-        // The file is there and is none of a plan: that is the user's mistake, and not the machine's.
+        // The file exists but is not a plan: the user's mistake, not the machine's.
         ErrorKind::InvalidData | ErrorKind::IsADirectory => anyhow!("{} is no text: {error}", path.display()),
         _ => anyhow!(error).context(format!("cannot read {}", path.display())),
     })?;

@@ -1,31 +1,31 @@
-//! The load of a bus that runs, by sender and data type, over the last second.
+//! The load of a running bus over the last second, by sender and data type.
 //!
-//! What counts is every bit from SOF to the end of the intermission, as in a plan. A record is counted at its end, so
-//! that a frame at the edge of the second counts as a whole or not at all.
+//! Counts every bit from SOF to the end of the intermission, like a plan. A record is counted at its end, so
+//! a frame at the limit of the second counts completely or not at all.
 
 use can_model::{Id, Record, RecordKind};
 use dronecan_host::dialect::{Ear, announced};
 use sim_base::{Cycles, F_CPU_HZ};
 use std::collections::{HashMap, VecDeque};
 
-/// The time looked at.
+/// The measured time.
 const WINDOW: Cycles = F_CPU_HZ;
-/// Bits between two frames, which no other frame can have.
+/// Bits of the intermission, which belong to the frame before.
 const INTERMISSION_BITS: u32 = 3;
 
-/// What a load is attributed to. The order is that of equally heavy lines.
+/// The sender that a load is attributed to. The order is that of lines with equal loads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 enum Source {
     Node(u8),
-    /// A node that has no identity yet.
+    /// A node without an ID.
     Anonymous,
-    /// Frames that are none of the dialect's.
+    /// Frames that do not belong to the dialect.
     Foreign,
-    /// Nobody's, or that of all: error frames.
+    /// Error frames, which have no sender.
     Bus,
 }
 
-/// One table line: a sender, and an index into the names of types.
+/// A line of the table: a sender, and an index into the names of types.
 type Key = (Source, usize);
 
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +45,7 @@ struct Sum {
 #[derive(Clone, Debug, Default)]
 pub struct LoadByType {
     bit_rate: u32,
-    /// Oldest first. Bounded by what a bus carries in a second.
+    /// Oldest first. The number is limited by what a bus can carry in a second.
     window: VecDeque<Passed>,
     sums: HashMap<Key, Sum>,
     names: Vec<String>,
@@ -53,12 +53,12 @@ pub struct LoadByType {
 }
 
 impl LoadByType {
-    /// For a bus at that many bits per second.
+    /// For a bus of `bit_rate` bits per second.
     pub fn new(bit_rate: u32) -> LoadByType {
         LoadByType { bit_rate, ..LoadByType::default() }
     }
 
-    /// Counts a frame or error frame that has passed. Records come in order of time.
+    /// Counts a frame or error frame. Records must be in order of time.
     pub fn record(&mut self, record: &Record) {
         let (source, name) = attribute(record, &mut self.ear);
         let key = (source, self.name_index(name));
@@ -70,9 +70,9 @@ impl LoadByType {
         self.forget(record.end);
     }
 
-    /// A table for `width` columns and at most `height` lines, the heaviest first. `now` ends the second looked at.
+    /// A table of `width` columns and at most `height` lines, heaviest first, for the second before `now`.
     ///
-    /// What finds no place is summed up in the last line.
+    /// The last line sums up the lines that do not fit.
     pub fn lines(&mut self, now: Cycles, width: usize, height: usize) -> Vec<String> {
         self.forget(now);
         let mut sums: Vec<(Key, Sum)> = self.sums.iter().map(|(key, sum)| (*key, *sum)).collect();
@@ -83,7 +83,7 @@ impl LoadByType {
         let mut lines = vec![format!("{:>4} {:26} {:>8} {:>9} {:>7}", "node", "type", "frames/s", "bits/s", "load %")];
         lines.push(line("all", "", total));
         let room = height.saturating_sub(lines.len());
-        // The rest needs a line of its own.
+        // The sum needs its own line.
         let shown = if sums.len() > room { room.saturating_sub(1) } else { sums.len() };
         lines.extend(sums[..shown].iter().map(|&((source, name), sum)| line(&source.text(), &self.names[name], sum)));
         if shown < sums.len() {
@@ -99,7 +99,7 @@ impl LoadByType {
         let per_second = |count: u64| count as f64 / span_s;
         let percent = per_second(sum.bits) * 100.0 / f64::from(self.bit_rate.max(1));
         let (frames, bits) = (per_second(sum.frames), per_second(sum.bits));
-        // A long name is cut, so that the columns stay.
+        // A long name is truncated to keep the columns.
         format!("{who:>4} {what:26.26} {frames:8.0} {bits:9.0} {percent:7.2}")
     }
 
@@ -116,7 +116,7 @@ impl LoadByType {
         }
     }
 
-    /// Few types are ever met, so that a search is quick; a babbler that invents types only fills one line.
+    /// A bus has few types, so a linear search is fast. A babbling node with random types only fills one line.
     fn name_index(&mut self, name: String) -> usize {
         const NAMES_MAX: usize = 512;
         const OTHER: &str = "(other)";
@@ -207,7 +207,7 @@ mod tests {
         assert_eq!((load.window.len(), load.sums.len()), (0, 0));
     }
 
-    /// In the first half second of a run a frame is two in a second.
+    /// In the first half second of a run one frame counts as two a second.
     #[test]
     fn a_run_shorter_than_a_second_is_scaled() {
         let mut load = LoadByType::new(1_000_000);
@@ -272,7 +272,7 @@ mod tests {
         assert!(load.lines(F_CPU_HZ, 80, 5)[2].contains("(other)"));
     }
 
-    /// The sum equals what the bus itself counts.
+    /// The sum equals the bus's own count.
     #[test]
     fn the_total_is_the_load_of_the_bus() {
         let mut bus = Bus::new(1_000_000);

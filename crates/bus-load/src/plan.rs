@@ -1,18 +1,18 @@
-//! A planned bus: its streams with their costs, the sums, and what to think of them.
+//! A planned bus: its streams with their costs, the sums, and an assessment.
 
 use super::cost::{Bits, Cost};
 use super::stream::Stream;
 use anyhow::Result;
 use std::io::Write;
 
-/// Above this share of the bus, in per cent, a burst, a retransmission or a node's start-up delays what is less urgent.
+/// Load in percent above which a burst, a retransmission or a node's start delays less urgent messages.
 const COMFORTABLE_PERCENT: f64 = 50.0;
-/// Above this no room is left for errors: each costs the frame and up to 23 bits of error frame.
+/// Load in percent above which there is no room for errors. Each costs the frame and up to 23 bits of error frame.
 const TIGHT_PERCENT: f64 = 60.0;
-/// The dialect's bit rates.
+/// The bit rates of DroneCAN.
 const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 
-/// One line of a plan.
+/// A line of a plan.
 #[derive(Clone, Debug)]
 pub struct Row {
     pub stream: Stream,
@@ -20,26 +20,26 @@ pub struct Row {
 }
 
 impl Row {
-    /// Bits of all its nodes in a second.
+    /// Bits per second of all its nodes.
     pub fn bits_per_second(&self) -> Bits {
         let transfers = f64::from(self.stream.nodes) * self.stream.rate_hz;
         self.cost.bits.map(|bits| bits * transfers)
     }
 }
 
-/// Whether a plan will work.
+/// The assessment of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     Comfortable,
-    /// More than is comfortable.
+    /// Above [`COMFORTABLE_PERCENT`].
     High,
-    /// Too much for errors and bursts.
+    /// No room for errors and bursts.
     TooHigh,
-    /// More than the bus carries.
+    /// More than the bus can carry.
     Impossible,
 }
 
-/// Streams on a bus.
+/// The streams on a bus.
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub bit_rate: u32,
@@ -53,17 +53,17 @@ impl Plan {
         Plan { bit_rate, rows }
     }
 
-    /// Bits of everything in a second.
+    /// Bits per second of all streams.
     pub fn bits_per_second(&self) -> Bits {
         self.rows.iter().fold(Bits::default(), |sum, row| sum.plus(row.bits_per_second()))
     }
 
-    /// Share of the bus that everything takes.
+    /// Load of all streams as a share of the bus.
     pub fn percent(&self) -> Bits {
         percent(self.bits_per_second(), self.bit_rate)
     }
 
-    /// Judged by the typical load; comfort is only certain where even the most stuffing leaves it.
+    /// Uses the typical load; it is comfortable only if the load with the most stuff bits is, too.
     pub fn verdict(&self) -> Verdict {
         let Bits { typical, most, .. } = self.percent();
         if typical > 100.0 {
@@ -77,10 +77,10 @@ impl Plan {
         }
     }
 
-    /// Prints everything.
+    /// Prints the plan.
     ///
     /// # Errors
-    /// When `out` takes no more.
+    /// If `out` cannot be written.
     pub fn print(&self, mut out: impl Write) -> Result<()> {
         writeln!(out, "Planned bus at {} bit/s\n", self.bit_rate)?;
         self.print_rows(&mut out)?;
@@ -185,7 +185,7 @@ fn percent(bits_per_second: Bits, bit_rate: u32) -> Bits {
     bits_per_second.map(|bits| bits * 100.0 / f64::from(bit_rate))
 }
 
-/// No more digits than the number has.
+/// A number with only as many digits as it needs.
 fn rate(rate_hz: f64) -> String {
     let text = format!("{rate_hz:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

@@ -1,7 +1,7 @@
-//! The rule of thumb and the tables that Vertiq publishes for motor modules, to hold the exact bits against.
+//! The rule of thumb and the tables that Vertiq publishes for motor modules, to compare with the exact bits.
 //!
-//! The rule: a frame takes 67 bits and 8 for each data byte, so that a full one takes 131; stuff bits are left out, and
-//! a RawCommand counts 14 bits for each command without filling up the last byte. Source: Vertiq, "DroneCAN", section
+//! The rule: a frame takes 67 bits plus 8 for each data byte, so a full one takes 131. It omits stuff bits, and
+//! counts 14 bits for each command of a RawCommand without padding the last byte. Source: Vertiq, "DroneCAN", section
 //! "Calculating DroneCAN Bus Utilization".
 
 use super::cost::Bits;
@@ -10,14 +10,14 @@ use super::stream::Entry;
 use anyhow::Result;
 use std::io::Write;
 
-/// Bits of a frame with no data byte.
+/// Bits of a frame without data bytes.
 const EMPTY_FRAME: f64 = 67.0;
 /// Bits of a frame with seven payload bytes and the tail byte.
 const FULL_FRAME: f64 = 131.0;
 /// Bit rates of the tables' columns.
 const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
 
-/// A frame with that many data bytes, the tail byte included, by the rule.
+/// Bits of a frame with this number of data bytes, including the tail byte, by the rule.
 fn frame_bits(data_bytes: f64) -> f64 {
     EMPTY_FRAME + 8.0 * data_bytes
 }
@@ -27,7 +27,7 @@ fn telemetry_bits() -> f64 {
     FULL_FRAME + (2.0 * FULL_FRAME + frame_bits(3.0))
 }
 
-/// A RawCommand with that many commands, by the rule.
+/// Bits of a RawCommand with this number of commands, by the rule.
 fn raw_command_bits(commands: u32) -> f64 {
     if commands <= 4 {
         return FULL_FRAME - f64::from(4 - commands) * 14.0;
@@ -37,31 +37,31 @@ fn raw_command_bits(commands: u32) -> f64 {
     FULL_FRAME * full_frames + frame_bits(bytes - 7.0 * full_frames + 1.0)
 }
 
-/// One published table: a load at several rates and four bit rates.
+/// A published table: a load at several rates and four bit rates.
 struct Table {
     title: &'static str,
-    /// Transfers a second, one line each.
+    /// Transfers per second, one line for each.
     rates_hz: &'static [u32],
-    /// Bits that go out at each tick of the rate, by the rule.
+    /// Bits of one period of the rate, by the rule.
     bits: f64,
-    /// The messages that these bits stand for, at 1 Hz.
+    /// The messages of these bits, at 1 Hz.
     messages: &'static [&'static str],
 }
 
 impl Table {
-    /// The table's value, in per cent.
+    /// The table's value, in percent.
     fn percent(&self, rate_hz: u32, bit_rate: u32) -> f64 {
         self.bits * f64::from(rate_hz) / f64::from(bit_rate) * 100.0
     }
 
-    /// What the messages take exactly.
+    /// The exact bits of the messages.
     fn exact(&self) -> Bits {
         let streams = self.messages.iter().flat_map(|text| text.parse::<Entry>().expect("a known message").0);
         Plan::new(1, streams.collect()).bits_per_second()
     }
 }
 
-/// The tables, in the order of the document, its sum at the end left out.
+/// The tables in the order of the document, without the sum at its end.
 fn tables() -> Vec<Table> {
     let raw_command =
         |title, commands, rates_hz, messages| Table { title, rates_hz, bits: raw_command_bits(commands), messages };
@@ -85,10 +85,10 @@ fn tables() -> Vec<Table> {
     ]
 }
 
-/// Prints the tables as published, each with the bits that they take exactly.
+/// Prints the tables as published, each with its exact bits.
 ///
 /// # Errors
-/// When `out` takes no more.
+/// If `out` cannot be written.
 pub fn print(mut out: impl Write) -> Result<()> {
     writeln!(out, "Bus load in per cent by the published rule: 67 bits a frame, 8 more a byte, no stuff bits.")?;
     let mut total = [0.0; BIT_RATES.len()];
@@ -128,7 +128,7 @@ fn line(out: &mut impl Write, rate: &str, percents: [f64; 4]) -> Result<()> {
     )?)
 }
 
-/// Four decimals as in the document, without those that say nothing.
+/// Four decimals as in the document, without trailing zeros.
 fn digits(percent: f64) -> String {
     format!("{percent:.4}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
@@ -151,7 +151,7 @@ mod tests {
     ];
 
     #[test]
-    fn every_value_of_the_published_tables_comes_out() {
+    fn every_value_of_the_published_tables_is_computed() {
         for (table, published) in tables().iter().zip(PUBLISHED) {
             let computed: Vec<String> = table
                 .rates_hz
@@ -176,13 +176,13 @@ mod tests {
     }
 
     #[test]
-    fn the_figures_of_the_text_come_out() {
+    fn the_numbers_of_the_published_text_are_computed() {
         assert_eq!((frame_bits(0.0), frame_bits(8.0), FULL_FRAME), (67.0, 131.0, 131.0));
         assert_eq!(telemetry_bits(), 484.0);
         assert_eq!((raw_command_bits(8), raw_command_bits(6)), (353.0, 250.0));
     }
 
-    /// Whole bytes and a tail byte in each frame: where the rule is short by up to six bits, or right.
+    /// All frames have whole bytes and a tail byte. The rule is right, or too low by up to six bits.
     #[test]
     fn the_least_exact_bits_differ_from_the_rule_where_commands_do_not_fill_bytes() {
         let differs = |commands: u32| {

@@ -1,24 +1,24 @@
-//! One regular message in a plan, and the text that asks for it.
+//! A periodic message of a plan, and its text form.
 //!
 //! ```text
 //! [NODESx] TYPE [ [COUNT] | :BYTES | =HEX ] @RATE          4x esc.Status@50   ArrayCommand[8]@50   20100:12@5
 //! ```
-//! A service stands for two streams, its request and its response; COUNT, BYTES and HEX then mean the response.
+//! A service has two streams, its request and its response. COUNT, BYTES and HEX then apply to the response.
 
 use dronecan_host::types::{DataType, KNOWN, Kind, Layout};
 use dronecan_host::{CanId, NodeId};
 use std::str::FromStr;
 
-/// Node IDs that there are.
+/// Maximum number of nodes.
 const NODES_MAX: u16 = 127;
-/// The DSDL's longest payloads are below this.
+/// Longer than the longest payload of the DSDL.
 const PAYLOAD_MAX: usize = 512;
-/// A million transfers a second are beyond any bus: larger numbers are slips of the keyboard.
+/// More than any bus can carry: larger numbers are typing errors.
 const RATE_MAX_HZ: f64 = 1e6;
-/// The dialect's middle. It moves stuff bits, not their number in the long run.
+/// A middle priority. It changes the positions of stuff bits, but hardly their mean number.
 const PRIORITY: u8 = 16;
 
-/// What the identifier says of a stream.
+/// The kind of transfer, for the identifier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
     Message(u16),
@@ -26,24 +26,24 @@ pub enum Channel {
     Response(u8),
 }
 
-/// A transfer that some nodes send at a steady rate.
+/// A transfer that some nodes send at a constant rate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stream {
     pub label: String,
-    /// Nodes that send it, 1 to 127.
+    /// Number of sending nodes, 1 to 127.
     pub nodes: u8,
-    /// Transfers of each node in a second.
+    /// Transfers per second of each node.
     pub rate_hz: f64,
     pub channel: Channel,
-    /// Of the data type, for the transfer CRC; 0 where it is not known.
+    /// Signature of the data type, for the transfer CRC; 0 if it is unknown.
     pub signature: u64,
     pub payload_bytes: usize,
-    /// The payload itself, if it was given.
+    /// The payload, if it was given.
     pub payload: Option<Vec<u8>>,
 }
 
 impl Stream {
-    /// The identifier with which node `source` sends it.
+    /// The identifier when node `source` sends it.
     pub fn id(&self, source: NodeId) -> CanId {
         let peer = |id| NodeId::new(id).expect("a node ID");
         let destination = if source == peer(127) { peer(126) } else { peer(127) };
@@ -57,7 +57,7 @@ impl Stream {
     }
 }
 
-/// What one `--message` asks for: a stream, or the two of a service.
+/// The streams of a `--message`: one, or the two of a service.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry(pub Vec<Stream>);
 
@@ -76,7 +76,7 @@ impl FromStr for Entry {
     }
 }
 
-/// "4x esc.Status" is four nodes; without a number it is one.
+/// "4x esc.Status" means four nodes. Without a number it is one.
 fn nodes(text: &str) -> Result<(u8, &str), String> {
     let Some((count, rest)) = text.split_once(['x', 'X']).filter(|(count, _)| is_number(count)) else {
         return Ok((1, text));
@@ -91,7 +91,7 @@ fn is_number(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// How long the payload is to be.
+/// The requested length of the payload.
 #[derive(Clone, Debug, PartialEq)]
 enum Length {
     /// The longest of the type.
@@ -121,7 +121,7 @@ impl Length {
         Ok((text, Length::Longest))
     }
 
-    /// Payload length, and the payload where it is known.
+    /// Length of the payload, and the payload if it was given.
     fn resolve(&self, name: &str, layout: Option<Layout>) -> Result<(usize, Option<Vec<u8>>), String> {
         match (self, layout) {
             (Length::Bytes(bytes), layout) => Ok((possible(name, layout, *bytes)?, None)),
@@ -141,7 +141,7 @@ impl Length {
     }
 }
 
-/// The length, if a type of this layout can have it.
+/// The length, if the type can have it.
 fn possible(name: &str, layout: Option<Layout>, bytes: usize) -> Result<usize, String> {
     let Some(layout) = layout else { return Ok(bytes) };
     match (layout.bytes(0), layout.bytes(layout.elements_max)) {
@@ -159,7 +159,7 @@ fn hex(digits: &str) -> Option<Vec<u8>> {
     if good { (0..digits.len()).step_by(2).map(pair).collect() } else { None }
 }
 
-/// A type of the table, or the number of a message that is not in it.
+/// A known type, or the ID of a message that is not known.
 enum Subject {
     Known(&'static DataType),
     Unknown(u16),
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn nodes_name_list_and_rate_are_read() {
+    fn nodes_name_list_and_rate_are_parsed() {
         let status = stream("4x esc.Status@50");
         assert_eq!((status.nodes, status.rate_hz, status.payload_bytes), (4, 50.0, 14));
         assert_eq!(status.channel, Channel::Message(1034));
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_answered_with_advice() {
+    fn mistakes_are_answered_with_a_remedy() {
         for (text, advice) in [
             ("NodeStatus", "give a rate"),
             ("NodeStatus@often", "transfers per second"),

@@ -1,4 +1,4 @@
-//! The command as a user types it.
+//! Tests of the command as a user types it.
 
 use super::*;
 use clap::{CommandFactory, Parser};
@@ -9,7 +9,7 @@ struct Line {
     args: Args,
 }
 
-/// Splits as a shell does, as far as the examples need it.
+/// Splits a line like a shell, as far as the examples need it.
 fn words(line: &str) -> Vec<String> {
     let quoted = line.split('"').enumerate();
     quoted
@@ -28,14 +28,14 @@ fn typed(line: &str) -> Result<String> {
     Ok(String::from_utf8(out)?)
 }
 
-/// The line of the table that begins with `label`, as words; "total" is one too.
+/// The words of the first line of the table that contains `label`.
 #[track_caller]
 fn row<'a>(text: &'a str, label: &str) -> Vec<&'a str> {
     let line = text.lines().find(|line| line.contains(label)).unwrap_or_else(|| panic!("no {label}: {text}"));
     line.split_whitespace().collect()
 }
 
-/// A file that is gone when the test is over.
+/// A file that is removed at the end of the test.
 struct Scratch(PathBuf);
 
 impl Scratch {
@@ -69,14 +69,14 @@ fn every_example_of_the_help_works() {
 }
 
 #[test]
-fn help_teaches_the_form_of_a_message_and_the_examples() {
+fn the_help_has_the_form_of_a_message_and_the_examples() {
     let help = Line::command().render_long_help().to_string();
     for expected in ["[NODESx] TYPE[COUNT]@RATE", "--example quadcopter", "stuff bit", "ardupilot-15-servos"] {
         assert!(help.contains(expected), "{expected} is missing: {help}");
     }
 }
 
-/// The published total at 1 Mbit/s is 7.176 %; that is the least, for the rule knows no stuff bits.
+/// The published total at 1 Mbit/s is 7.176 %. That is our minimum, because the rule has no stuff bits.
 #[test]
 fn the_quadcopter_takes_at_least_what_is_published() {
     let text = typed("utilisation --example quadcopter").unwrap();
@@ -89,7 +89,7 @@ fn the_quadcopter_takes_at_least_what_is_published() {
 }
 
 #[test]
-fn a_slow_bus_is_warned_of() {
+fn an_overloaded_bus_causes_a_warning() {
     let text = typed("utilisation --example quadcopter --bit-rate 125000").unwrap();
     assert!(text.contains("WARNING") && text.contains("The heaviest is esc.RawCommand[4]"), "{text}");
 }
@@ -115,7 +115,7 @@ fn a_file_gives_messages_and_bit_rate_and_options_come_on_top() {
 }
 
 #[test]
-fn mistakes_in_a_file_are_told_with_their_line() {
+fn mistakes_in_a_file_are_reported_with_their_line() {
     for (name, content, place) in
         [("wrong", "NodeStatus@1\nNonsense@1\n", "line 2"), ("rate", "bit-rate fast\n", "10000 to 1000000")]
     {
@@ -128,7 +128,7 @@ fn mistakes_in_a_file_are_told_with_their_line() {
 }
 
 #[test]
-fn without_messages_the_remedy_is_told() {
+fn without_messages_the_error_has_a_remedy() {
     let error = typed("utilisation").unwrap_err();
     assert!(error.to_string().contains("--example"), "{error}");
     assert!(typed("utilisation --bit-rate 0 --example thesis").is_err());
@@ -136,7 +136,7 @@ fn without_messages_the_remedy_is_told() {
     assert!(error.to_string().contains("give a rate"), "{error}");
 }
 
-/// Each known type, longest and with its number.
+/// Each known type, with the longest payload and by its number.
 #[test]
 fn every_listed_type_can_be_planned_by_its_name() {
     let text = typed("utilisation --list").unwrap();

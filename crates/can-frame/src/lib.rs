@@ -9,7 +9,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// Data bytes a frame can carry.
+/// Maximum number of data bytes in a frame.
 const MAX_DATA: usize = 8;
 /// The DLC is four bits on the wire; 9 to 15 mean eight bytes.
 const MAX_DLC: u8 = 15;
@@ -26,7 +26,7 @@ pub enum Id {
 }
 
 impl Id {
-    /// Whether the value fits its width.
+    /// True if the value fits in its width.
     const fn in_range(self) -> bool {
         match self {
             Id::Standard(id) => id <= STANDARD_ID_MAX,
@@ -40,11 +40,11 @@ impl Id {
 pub struct Frame {
     /// Identifier.
     pub id: Id,
-    /// A request for data instead of data.
+    /// True for a remote frame, which requests data and has none.
     pub remote: bool,
-    /// Length code as on the wire, 0 to 15.
+    /// DLC as on the wire, 0 to 15.
     pub dlc: u8,
-    /// Bytes beyond the frame's length are 0, so that equal frames compare equal.
+    /// Bytes beyond the frame's length are 0, so that equal frames compare as equal.
     data: [u8; MAX_DATA],
 }
 
@@ -64,7 +64,7 @@ impl Frame {
         Frame { remote: true, ..Frame::with_dlc(id, dlc, [0; MAX_DATA]) }
     }
 
-    /// A data frame with the length code as on the wire; bytes beyond it are dropped. Panics if the
+    /// A data frame with this DLC. Bytes beyond the length are dropped. Panics if the
     /// identifier or the DLC does not fit.
     pub fn with_dlc(id: Id, dlc: u8, data: [u8; 8]) -> Frame {
         assert!(id.in_range(), "CAN identifier out of range: {id:X?}");
@@ -88,7 +88,7 @@ impl Frame {
         &self.data[..len]
     }
 
-    /// Whether the identifier has 29 bits.
+    /// True if the identifier has 29 bits.
     pub fn is_extended(&self) -> bool {
         matches!(self.id, Id::Extended(_))
     }
@@ -117,7 +117,7 @@ impl fmt::Display for Frame {
     }
 }
 
-/// The text is not a frame in candump's form.
+/// Error: the text is not a frame in candump's form.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ParseFrameError;
 
@@ -168,7 +168,7 @@ impl FromStr for Frame {
     }
 }
 
-/// Hexadecimal digits only: `from_str_radix` alone would take a sign.
+/// Accepts hexadecimal digits only; `from_str_radix` alone would accept a sign.
 fn hex(text: &str) -> Result<u32, ParseFrameError> {
     if !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return Err(ParseFrameError);
@@ -213,7 +213,7 @@ impl embedded_can::Frame for Frame {
         self.remote
     }
 
-    /// Panics if the public `id` was set out of range.
+    /// Panics if `id`, which is public, is out of range.
     fn id(&self) -> embedded_can::Id {
         match self.id {
             Id::Standard(id) => embedded_can::StandardId::new(id).expect("11 bits").into(),
@@ -235,7 +235,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_are_written_as_candump_writes_them() {
+    fn frames_have_the_text_form_of_candump() {
         let command = Frame::extended(0x1003_F20A, &[0x01, 0x00, 0x00, 0x38, 0xC7]);
         assert_eq!(command.to_string(), "1003F20A#01000038C7");
         assert_eq!(Frame::standard(0x7, &[]).to_string(), "007#");
@@ -246,14 +246,14 @@ mod tests {
     }
 
     #[test]
-    fn text_is_read_back_as_the_frame_it_was() {
+    fn text_survives_a_round_trip() {
         for text in ["1003F20A#01000038C7", "123#R", "123#RF", "00000000#", "7FF#0011223344556677_9"] {
             assert_eq!(text.parse::<Frame>().unwrap().to_string(), text);
         }
     }
 
     #[test]
-    fn text_that_is_no_frame_is_refused() {
+    fn text_that_is_no_frame_is_rejected() {
         for text in [
             "",
             "#",
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_beyond_the_length_do_not_make_frames_differ() {
+    fn bytes_beyond_the_length_are_not_compared() {
         let noisy = Frame::with_dlc(Id::Standard(1), 2, [1, 2, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5]);
         assert_eq!(noisy, Frame::standard(1, &[1, 2]));
         assert_eq!(noisy.data(), [1, 2]);
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn the_embedded_can_trait_sees_the_same_frame() {
+    fn the_embedded_can_trait_has_the_same_frame() {
         use embedded_can::Frame as _;
         let id = embedded_can::ExtendedId::new(0x1234_5678).unwrap();
         let frame = <Frame as embedded_can::Frame>::new(id, &[1, 2, 3]).unwrap();
@@ -301,7 +301,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "out of range")]
-    fn an_identifier_that_does_not_fit_is_a_mistake_of_the_caller() {
+    fn an_identifier_out_of_range_panics() {
         Frame::standard(0x800, &[]);
     }
 }

@@ -1,12 +1,12 @@
-//! A frame as the row of levels that goes over the wire: fields, CRC-15 and stuff bits.
+//! A frame as the sequence of levels on the wire: fields, CRC-15 and stuff bits.
 //!
 //! ```text
 //! standard: SOF ID[28:18] RTR IDE=d r0 DLC[3:0] data CRC[14:0] | CRCdel ACK ACKdel EOF*7 | 3 x intermission
 //! extended: SOF ID[28:18] SRR=r IDE=r ID[17:0] RTR r1 r0 DLC[3:0] data CRC[14:0] | (the same)
 //!           '------------------------ stuffed --------------------------------'
 //! ```
-//! d = dominant = 0, r = recessive = 1. After five equal bits in the stuffed part, stuff bits
-//! included, one bit of the other level follows, after the last CRC bit too.
+//! d = dominant = 0, r = recessive = 1. In the stuffed part, after five equal bits (including stuff
+//! bits) one bit of the other level follows, also after the last CRC bit.
 //!
 //! Source: Bosch CAN 2.0B, "Frame formats", "Bit stream coding"; ISO 11898-1:2003 10.4, 10.5.
 
@@ -17,9 +17,9 @@ use std::ops::{BitAnd, BitAndAssign, Not};
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
 #[repr(u8)]
 pub enum Level {
-    /// Driven; logical 0; wins over recessive.
+    /// Driven; logical 0; overrides recessive.
     Dominant = 0,
-    /// Released; logical 1; an idle wire.
+    /// Released; logical 1; the level of an idle wire.
     Recessive = 1,
 }
 
@@ -29,7 +29,7 @@ impl Level {
         if bit { Level::Recessive } else { Level::Dominant }
     }
 
-    /// True if some station pulls the wire.
+    /// True if a station drives the wire.
     pub const fn is_dominant(self) -> bool {
         matches!(self, Level::Dominant)
     }
@@ -59,33 +59,33 @@ impl Not for Level {
     }
 }
 
-/// This many equal bits are followed by a stuff bit.
+/// Number of equal bits after which a stuff bit follows.
 pub(super) const STUFF_AFTER: u8 = 5;
-/// Bits of the intermission between frames.
+/// Number of bits of the intermission between frames.
 pub(super) const INTERMISSION_BITS: u8 = 3;
-/// Bits of the end of frame.
+/// Number of bits of the end of frame.
 pub(super) const EOF_BITS: u8 = 7;
-/// Bits of the CRC sequence.
+/// Number of bits of the CRC sequence.
 pub(super) const CRC_BITS: u8 = 15;
 
-/// CRC delimiter, ACK slot, ACK delimiter, end of frame: the part of a frame that is not stuffed.
+/// Number of bits of CRC delimiter, ACK slot, ACK delimiter and end of frame, which are not stuffed.
 const TAIL_BITS: u32 = 3 + EOF_BITS as u32;
-/// Stuffed part of a standard frame without data, before stuffing: SOF to CRC.
+/// Number of bits of the stuffed part of a standard frame without data, before stuffing: SOF to CRC.
 const STANDARD_BITS: u32 = 1 + 11 + 1 + 1 + 1 + 4 + CRC_BITS as u32;
-/// The same of an extended frame: SRR, 18 more identifier bits and r1 come on top.
+/// The same for an extended frame, which also has SRR, 18 more identifier bits and r1.
 const EXTENDED_BITS: u32 = STANDARD_BITS + 1 + 18 + 1;
 
-/// x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1, without its top term.
+/// x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1, without its highest term.
 const CRC_POLYNOMIAL: u16 = 0x4599;
 
-/// The CRC-15 after one more (unstuffed) bit. It starts at 0 with the SOF.
+/// The CRC-15 after one more (unstuffed) bit. It starts with 0 before the SOF.
 pub(super) fn crc15(crc: u16, level: Level) -> u16 {
-    // Without a branch: which way it would go is as random as the data.
+    // No branch, because it could not be predicted: the data is random.
     let feedback = ((crc >> 14) & 1) ^ level as u16;
     ((crc << 1) & 0x7FFF) ^ (CRC_POLYNOMIAL * feedback)
 }
 
-/// Bits of a frame before stuffing, SOF to end of frame.
+/// Number of bits of a frame before stuffing, SOF to end of frame.
 const fn unstuffed_bits(extended: bool, len: u32) -> u32 {
     stuffed_part(extended, len) + TAIL_BITS
 }
@@ -94,12 +94,12 @@ const fn stuffed_part(extended: bool, len: u32) -> u32 {
     (if extended { EXTENDED_BITS } else { STANDARD_BITS }) + 8 * len
 }
 
-/// A frame as the bits that it takes.
+/// The bits of a frame.
 pub trait OnWire {
-    /// The levels a sender drives, from SOF to the end of frame; the ACK slot is recessive in it.
+    /// The levels that a sender drives, from SOF to the end of frame. The ACK slot is recessive.
     fn wire_bits(&self) -> Vec<Level>;
 
-    /// Exact bits this frame takes: SOF to end of frame with its stuff bits, and the intermission.
+    /// Exact number of bits: SOF to end of frame with stuff bits, and the intermission.
     fn bit_count(&self) -> u32;
 }
 
@@ -114,12 +114,12 @@ impl OnWire for Frame {
     }
 }
 
-/// The fewest bits that a data frame of `len` bytes can take, intermission included: no stuff bit.
+/// Minimum number of bits of a data frame of `len` bytes with the intermission: no stuff bit.
 pub const fn min_bits(extended: bool, len: u8) -> u32 {
     unstuffed_bits(extended, len as u32) + INTERMISSION_BITS as u32
 }
 
-/// An upper bound of the same: a stuff bit after the first five bits and after every fourth then.
+/// Maximum number of bits: a stuff bit after the first five bits and after every further four.
 pub const fn max_bits(extended: bool, len: u8) -> u32 {
     min_bits(extended, len) + (stuffed_part(extended, len as u32) - 1) / 4
 }
@@ -182,7 +182,7 @@ impl WireBits {
     }
 }
 
-/// Appends fields, stuffs them, and keeps the CRC of what went in.
+/// Appends fields, stuffs them, and calculates their CRC.
 struct Writer {
     bits: WireBits,
     last: Level,
@@ -220,7 +220,7 @@ mod tests {
     use super::super::fault::Random;
     use super::*;
 
-    /// CRC-15 as a division of bit lists: an implementation that shares nothing with the one above.
+    /// CRC-15 by long division of bits, an implementation that shares no code with the one above.
     fn crc_by_long_division(message: &[u8]) -> Vec<u8> {
         const DIVISOR: [u8; 16] = [1, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1];
         let mut rest = message.to_vec();
@@ -235,7 +235,7 @@ mod tests {
         rest.split_off(message.len())
     }
 
-    /// Stuffing as a rewrite of text.
+    /// Stuffs a text of bits.
     fn stuff_text(text: &str) -> String {
         let mut out = String::new();
         for bit in text.chars() {
@@ -253,7 +253,7 @@ mod tests {
         levels.iter().map(|level| if level.is_dominant() { '0' } else { '1' }).collect()
     }
 
-    /// Frame text by the book: `header` is SOF to DLC.
+    /// The expected text of a frame; `header` is SOF to DLC.
     fn expected(header: &str, data: &[u8]) -> String {
         let mut text: String = header.split(' ').collect();
         data.iter().for_each(|byte| text.push_str(&format!("{byte:08b}")));
@@ -262,7 +262,7 @@ mod tests {
         stuff_text(&text) + "1" + "1" + "1" + "1111111"
     }
 
-    /// SOF, 11 identifier bits, RTR, IDE, r0, DLC, written out by hand.
+    /// SOF, 11 identifier bits, RTR, IDE, r0, DLC, written by hand.
     #[test]
     fn a_standard_frame_has_the_bits_of_the_specification() {
         let frame = Frame::standard(0x123, &[0xDE, 0xAD]);
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dlc_above_eight_goes_out_as_it_is_with_eight_bytes() {
+    fn a_dlc_above_eight_is_sent_unchanged_with_eight_bytes() {
         let data = [0xFF; 8];
         let frame = Frame::with_dlc(Id::Standard(0), 15, data);
         let header = "0 00000000000 0 0 0 1111";
@@ -317,7 +317,7 @@ mod tests {
         assert_eq!(max_bits(false, 8), 135);
     }
 
-    /// A pattern that stuffs much and one that stuffs little, both inside 131..=160.
+    /// A pattern with many stuff bits and one with few, both within 131 to 160.
     #[test]
     fn eight_bytes_take_131_to_160_bits_with_the_intermission() {
         let most = Frame::extended(0, &[0; 8]).bit_count();

@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn identifiers_go_to_embedded_can_and_back() {
+    fn identifiers_survive_a_round_trip_through_embedded_can() {
         for raw in [0, 1, 0x1003_F20A, 0x1E01_AAFF, 0x1FFF_FFFF] {
             let extended = ExtendedId::new(raw).unwrap();
             assert_eq!(Id::from(extended).to_bytes(), raw.to_be_bytes());

@@ -37,7 +37,7 @@ mod tests {
 
     /// Written by pydronecan 1.0.27.
     #[test]
-    fn commands_are_those_of_pydronecan() {
+    fn commands_equal_pydronecan_s() {
         let payload = bytes("FF 7C 02 00 00 00 40 FF FC 01 03 44 95 55");
         let expected = [8191, -8192, 0, 1, -1, 4096, 4660, 5461];
         for (index, command) in (0..).zip(expected) {

@@ -324,7 +324,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.entries = 0;
     }
 
-    /// Takes payload bytes. See [`Received::entry_len`].
+    /// Adds payload bytes. For a list see [`Received::entry_len`].
     #[inline(always)]
     #[allow(clippy::implicit_saturating_add, reason = "of LLVM 22 it takes 8 instructions a byte instead of 3")]
     fn take(&mut self, payload: &[u8], entry_len: u8, slot_of: impl Fn(u8) -> Option<Slot>) {
@@ -351,7 +351,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             }
             if len == entry_len {
                 len = 0;
-                // Of more than 255 the CRC would be right once in 65,536 times.
+                // Of more than 255 entries a wrong CRC would match once in 65,536 times.
                 self.entries = self.entries.wrapping_add(1);
             }
         }
@@ -396,8 +396,8 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
         self.accept_entries(segment, |id| (id == own_id).then_some(Slot::new(0)), protected, now_ms)
     }
 
-    /// The same for a node that takes several entries of a list. `slot_of` says which slot an entry with this ID goes to. `KEPT` must be enough for all
-    /// slots.
+    /// Like [`accept`](Self::accept) for a node that uses several entries of a list. `slot_of` returns the slot for an entry with this ID.
+    /// `KEPT` must be enough for all slots.
     #[inline(always)]
     pub fn accept_entries(
         &mut self,

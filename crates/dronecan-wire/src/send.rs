@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn golden_transfers_come_out_byte_for_byte() {
+    fn golden_transfers_are_made_byte_for_byte() {
         for (signature, golden) in golden::TRANSFERS {
             let frames = golden::frames(golden);
             let (payload, transfer_id) = golden::payload(*signature, &frames);

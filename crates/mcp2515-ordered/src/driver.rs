@@ -110,7 +110,7 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     /// Time of the last poll, modulo 256, and time from then to the next poll.
     polled_ms: u8,
     wait_ms: u8,
-    /// Time of the last look at the error flags, modulo 256.
+    /// Time of the last check of the error flags, modulo 256.
     looked_ms: u8,
     /// Buffers that waited to be sent at the last check, as bits of READ STATUS, and number of supervisions since that changed.
     tx_waiting: u8,
@@ -221,7 +221,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         let step = self.step;
         if step.is_running() && is_early {
             self.looked_ms = now_ms;
-            return self.look_at_errors();
+            return self.check_errors();
         }
         self.polled_ms = now_ms;
         if step.is_running() {
@@ -235,7 +235,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         if step == Step::DOWN {
             self.wait_ms = START_UP_MS;
             self.chip.reset();
-            // What waited is gone. Otherwise the next poll would be due at once, and so on, until the chip answers.
+            // The chip has lost its waiting frames. If they still counted, each next poll would be due at once until the chip answers.
             self.tx_waiting = 0;
             return None;
         }
@@ -340,7 +340,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             return self.check_configuration();
         }
         if self.part == 2 {
-            return self.look_at_errors();
+            return self.check_errors();
         }
         if self.part == 3 {
             let rec = self.chip.read(REC);
@@ -389,9 +389,9 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         None
     }
 
-    /// Reports error flags that have changed. Counts each bus-off: one that begins between two looks sets ERRIF again (DS20001801J 7.6).
+    /// Reports error flags that have changed. Counts each bus-off: one that begins between two checks sets ERRIF again (DS20001801J 7.6).
     #[inline(never)]
-    fn look_at_errors(&mut self) -> Option<Notice> {
+    fn check_errors(&mut self) -> Option<Notice> {
         self.chip.begin_read(CANINTF);
         let has_error = self.chip.next() & ERRIF != 0;
         let eflg = self.chip.next();

@@ -94,7 +94,7 @@ mod tests {
     use embedded_can::{ExtendedId, Frame as _, StandardId};
 
     #[test]
-    fn bytes_are_added_behind_each_other_and_what_does_not_fit_is_counted() {
+    fn bytes_are_appended_and_those_that_do_not_fit_are_counted() {
         let mut frame = Frame::EMPTY;
         for byte in 1..=9 {
             frame.push(byte);
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn the_uppermost_bit_of_an_identifier_marks_a_foreign_frame() {
+    fn the_most_significant_bit_of_an_identifier_marks_a_foreign_frame() {
         let foreign = |first| Frame { id: [first, 0xFF, 0xFF, 0xFF], ..Frame::EMPTY }.is_foreign();
         assert!(foreign(0x80) && foreign(0x9F) && !foreign(0x1F) && !foreign(0));
     }

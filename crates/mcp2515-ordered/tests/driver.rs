@@ -67,11 +67,11 @@ struct World {
     bytes: u32,
     /// The bytes since CS fell.
     instruction: Vec<u8>,
-    /// The next byte written to this register arrives with a wrong bit.
+    /// The next byte that is written to this register arrives with a wrong bit.
     corrupted: Option<u8>,
-    /// INT has this level, whatever the chip does.
+    /// The level of INT, regardless of the chip; `None` for the chip's level.
     int_stuck: Option<bool>,
-    /// The SPI reads this.
+    /// The byte that the SPI reads instead of the chip's; `None` for the chip's.
     miso_stuck: Option<u8>,
 }
 
@@ -168,7 +168,7 @@ struct Rig {
     peer_port: PortId,
     notices: Vec<Notice>,
     received: Vec<DriverFrame>,
-    /// The test makes mistakes on the SPI on purpose.
+    /// Does not fail on violations, for a test that makes mistakes on the SPI.
     violations_expected: bool,
 }
 
@@ -201,7 +201,7 @@ impl Rig {
         rig
     }
 
-    /// Makes a chip that is on the bus.
+    /// A rig whose chip is on the bus.
     fn running(acceptance: Accept, attempts: Attempts) -> Rig {
         let mut rig = Rig::at_rate(8, acceptance, attempts);
         rig.run_ms(20);
@@ -214,7 +214,7 @@ impl Rig {
         (self.wire.0.borrow().now / MS) as u16
     }
 
-    /// Lets time pass without calls of the driver.
+    /// Runs the bus without calls of the driver.
     fn idle_us(&mut self, us: u64) {
         let mut world = self.wire.0.borrow_mut();
         let end = world.now + us * MS / 1000;
@@ -245,7 +245,7 @@ impl Rig {
 
     /// Does a turn of a main loop: receives all frames, then polls if that is due.
     fn turn(&mut self) {
-        // A chip that is gone seems to have frames for ever.
+        // A chip that does not answer seems to have frames for ever.
         for _ in 0..16 {
             if !self.driver.has_frame() {
                 break;
@@ -516,7 +516,7 @@ fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_a
 }
 
 #[test]
-fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_given_up() {
+fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_dropped() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     rig.inject(Fault::FlipBit { bit: 40 });
     assert!(rig.transmit(&frame(0x1E97_4D2A, &[1, 2])));
@@ -574,9 +574,9 @@ fn a_changed_mode_or_register_is_detected_and_repaired_within_20_ms() {
     }
 }
 
-/// A frame waits to be sent, and then the chip answers no more: the SPI reads all ones.
+/// A frame waits to be sent when the chip stops answering: the SPI reads all ones.
 #[test]
-fn a_chip_that_is_gone_is_tried_ten_times_a_second_whatever_it_had_to_send() {
+fn a_chip_that_does_not_answer_is_restarted_ten_times_a_second() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     rig.peer.borrow_mut().set_listen_only(true);
     assert!(rig.transmit(&frame(0x1003_F20A, &[1])));
@@ -597,7 +597,7 @@ fn an_interrupt_pin_that_does_not_follow_the_chip_is_detected_within_20_ms() {
     for level in [false, true] {
         let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
         rig.wire.0.borrow_mut().int_stuck = Some(level);
-        // With INT high, the driver does not see it.
+        // With INT high the driver does not find the frame.
         rig.peer_sends(Frame::extended(0x1003_F20A, &[1, 2, 3]));
         rig.run_ms(20);
         assert_eq!(rig.notices.first().map(|notice| notice.event), Some(Event::Lost), "{level}");
@@ -648,7 +648,7 @@ fn the_chip_does_not_show_its_filters_outside_configuration_mode() {
 }
 
 #[test]
-fn each_check_that_finds_frames_lost_counts_and_reports_it() {
+fn each_check_that_finds_lost_frames_counts_and_reports_them() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     for count in 1..=3 {
         for n in 0..3 {
@@ -737,7 +737,7 @@ fn frames_are_counted_beyond_16_bits() {
 
 /// Bits of EFLG (DS20001801J, register 6-3).
 #[test]
-fn error_flags_say_what_the_bits_of_eflg_mean() {
+fn error_flags_have_the_meaning_of_eflg() {
     for (bit, frames_lost, bus_off, error_passive) in [
         (1 << 7, true, false, false), // RX1OVR
         (1 << 6, true, false, false), // RX0OVR

@@ -1,12 +1,12 @@
-//! Durations as a person writes them on a command line: "500ms", "5s", "2m", "1h".
+//! Durations as a user writes them on a command line: "500ms", "5s", "2m", "1h".
 
-/// Far beyond any run, and far from the end of any type that counts time.
+/// A limit beyond any run, and within the range of all types that count time.
 const TEN_YEARS_S: f64 = 10.0 * 365.25 * 86_400.0;
 
-/// The seconds of a duration with its unit: us, ms, s, m or h. Fractions are allowed ("1.5s").
+/// The seconds of a duration with its unit: us, ms, s, m or h. It may have a fraction ("1.5s").
 ///
 /// # Errors
-/// A text that says what is accepted.
+/// If the text is not such a duration. The error says what to write.
 pub fn parse_seconds(text: &str) -> Result<f64, String> {
     let text = text.trim();
     if text.starts_with('-') {
@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn durations_take_every_unit() {
+    fn durations_accept_every_unit() {
         let cases =
             [("250us", 250e-6), ("500ms", 0.5), ("5s", 5.0), ("1.5s", 1.5), ("2m", 120.0), ("1h", 3600.0), ("0s", 0.0)];
         for (text, seconds) in cases {
@@ -47,7 +47,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_durations_say_what_would_be_right() {
+    fn wrong_durations_are_answered_with_an_example() {
         for text in ["", "5", "s", "5 s", "5d", "-5s", "1.2.3s", "999999h"] {
             assert!(parse_seconds(text).is_err(), "{text}");
         }

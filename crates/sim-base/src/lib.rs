@@ -7,18 +7,18 @@ mod noise;
 pub use duration::parse_seconds;
 pub use noise::Noise;
 
-/// Time, in cycles of a 16 MHz clock since the simulation began. It never goes back, not even when a processor is reset.
+/// Time in cycles of a 16 MHz clock since the start of the simulation. It never decreases, also when a processor is reset.
 pub type Cycles = u64;
 
-/// The clock in whose cycles all simulated time is counted, in hertz: the crystal of the Arduinos.
+/// Frequency of the clock that counts simulated time, in hertz: the crystal of the Arduinos.
 pub const F_CPU_HZ: u64 = 16_000_000;
 
-/// Time since the simulation began, to the microsecond below.
+/// Time since the start of the simulation, rounded down to a microsecond.
 pub fn elapsed(cycles: Cycles) -> std::time::Duration {
     std::time::Duration::from_micros(cycles / (F_CPU_HZ / 1_000_000))
 }
 
-/// A number with a comma before each three digits.
+/// A number with a comma before each group of three digits.
 pub fn thousands(number: usize) -> String {
     match number {
         0..1_000 => number.to_string(),

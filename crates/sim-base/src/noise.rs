@@ -1,4 +1,4 @@
-//! Pseudo-random numbers for noise and for memory after power-on: seeded, so that a run can be
+//! Pseudo-random numbers for noise and for memory after power-on, from a seed, so that a run can be
 //! repeated.
 
 /// Generator after Marsaglia, "Xorshift RNGs" (2003), with a multiplied output.
@@ -6,7 +6,7 @@
 pub struct Noise(u64);
 
 impl Noise {
-    /// Any seed will do.
+    /// A generator with this seed, which may be any number.
     pub fn new(seed: u64) -> Noise {
         // The state must not be 0; an odd multiplier spreads small seeds over all bits.
         let mut noise = Noise(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
@@ -27,7 +27,7 @@ impl Noise {
         ((self.next_u64() >> 32) * limit) >> 32
     }
 
-    /// True `per_million` times out of a million.
+    /// True with a probability of `per_million` in a million.
     pub fn chance(&mut self, per_million: u32) -> bool {
         per_million > 0 && self.below(1_000_000) < u64::from(per_million)
     }
@@ -48,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn chances_come_out_about_as_often_as_asked() {
+    fn a_chance_has_about_its_probability() {
         let mut noise = Noise::new(1);
         let hits = (0..100_000).filter(|_| noise.chance(10_000)).count();
         assert!((900..1100).contains(&hits), "{hits}");

@@ -1,4 +1,4 @@
-//! Who gets the bus, when a frame counts as received, and what the bits look like meanwhile.
+//! Arbitration, the bit at which a frame counts as received, and the levels meanwhile.
 //! ISO 11898-1:2003 10.4, 10.8, 10.9.
 
 use super::*;
@@ -22,7 +22,7 @@ fn a_dominant_bit_makes_a_starting_node_wait_again() {
     assert!(lab.drove_dominant(0, 22..23));
 }
 
-/// ISO 11898-1 10.9: last but one bit of end of frame for receivers, last bit for the transmitter.
+/// ISO 11898-1 10.9: the frame is valid in the last but one bit of end of frame for receivers, in the last bit for the transmitter.
 #[test]
 fn a_frame_is_received_one_bit_before_it_is_transmitted() {
     for text in ["123#", "7FF#R8", "1003F20A#01000038C7", "00000000#0000000000000000"] {
@@ -63,7 +63,7 @@ fn frames_in_a_row_are_three_bits_apart() {
     assert_eq!(ends[0], start + bits_of(&sent).last_eof);
 }
 
-/// `transmitting` and `is_idle` are what an owner sees of the engine's progress.
+/// `transmitting` and `is_idle` show the engine's progress to an owner.
 #[test]
 fn a_node_is_transmitting_from_its_sof_to_its_last_bit() {
     let sent = frame("123#00");
@@ -81,8 +81,8 @@ fn a_node_is_transmitting_from_its_sof_to_its_last_bit() {
     assert!(lab.engines[0].is_idle());
 }
 
-/// Sends all frames at once, each from a node of its own, and returns the order of arrival at a
-/// listener.
+/// Sends all frames at once, each from its own node. Returns the order in which a listener receives
+/// them.
 fn order_of(frames: &[&str]) -> Vec<String> {
     let mut lab = Lab::of(frames.len() + 1);
     for (node, text) in frames.iter().enumerate() {
@@ -90,7 +90,7 @@ fn order_of(frames: &[&str]) -> Vec<String> {
     }
     lab.settle();
     for node in 0..=frames.len() {
-        assert_eq!(lab.counters(node), (0, 0), "arbitration is no error");
+        assert_eq!(lab.counters(node), (0, 0), "a lost arbitration is no error");
     }
     lab.received(frames.len()).iter().map(Frame::to_string).collect()
 }
@@ -120,7 +120,7 @@ fn a_lower_base_identifier_beats_a_standard_frame() {
 }
 
 #[test]
-fn the_loser_says_so_once_and_receives_the_winner() {
+fn the_loser_reports_it_once_and_receives_the_winner() {
     let mut lab = Lab::of(2);
     lab.send(0, frame("101#"));
     lab.send(1, frame("100#"));
@@ -133,7 +133,7 @@ fn the_loser_says_so_once_and_receives_the_winner() {
     assert_eq!(lab.received(1), [frame("101#")]);
 }
 
-/// Equal identifiers are the users' mistake: the protocol answers with a bit error.
+/// Two nodes must not use the same identifier: the protocol answers with a bit error.
 #[test]
 fn equal_identifiers_with_different_data_collide() {
     let mut lab = Lab::of(2);
@@ -144,7 +144,7 @@ fn equal_identifiers_with_different_data_collide() {
 }
 
 #[test]
-fn identical_frames_go_out_as_one() {
+fn identical_frames_are_sent_as_one() {
     let mut lab = Lab::of(3);
     lab.send(0, frame("100#AB"));
     lab.send(1, frame("100#AB"));
@@ -154,10 +154,10 @@ fn identical_frames_go_out_as_one() {
     assert_eq!(lab.events_of(1), [Event::Transmitted(frame("100#AB"))]);
 }
 
-/// ISO 11898-1 10.4.6: dominant in the third bit of intermission is a SOF, and a node with something
-/// to send goes on with the first bit of its identifier.
+/// ISO 11898-1 10.4.6: a dominant third bit of the intermission is a SOF, and a node with a frame
+/// to send continues with the first bit of its identifier.
 #[test]
-fn a_sof_in_the_third_intermission_bit_is_joined() {
+fn a_node_joins_a_sof_in_the_third_intermission_bit() {
     let first = frame("123#00");
     let mut lab = Lab::of(2);
     let start = lab.bit;
@@ -173,7 +173,7 @@ fn a_sof_in_the_third_intermission_bit_is_joined() {
 }
 
 #[test]
-fn a_listen_only_node_hears_frames_and_drives_nothing() {
+fn a_listen_only_node_receives_frames_and_drives_nothing() {
     let mut lab = Lab::of(3);
     lab.engines[2].set_mode(EngineMode::ListenOnly);
     lab.run(11);
@@ -184,7 +184,7 @@ fn a_listen_only_node_hears_frames_and_drives_nothing() {
     assert!(lab.drove_nothing(2, 0..lab.bit));
 }
 
-/// The listener alone does not acknowledge.
+/// With only the listener on the bus the frame is not acknowledged.
 #[test]
 fn a_listen_only_node_does_not_acknowledge() {
     let mut lab = Lab::of(2);
@@ -195,9 +195,9 @@ fn a_listen_only_node_does_not_acknowledge() {
     assert_eq!(lab.errors_of(0), [ErrorKind::Ack]);
 }
 
-/// The sender's flag after a missing acknowledgement must not cost the listener the next frame.
+/// After a missing acknowledgement the sender's error flag must not make the listener miss the next frame.
 #[test]
-fn a_listen_only_node_is_back_for_the_first_frame_after_an_error() {
+fn a_listen_only_node_receives_the_first_frame_after_an_error() {
     let sent = frame("123#AB");
     for bit in 1..=bits_of(&sent).ack_slot {
         let mut lab = Lab::of(3);
@@ -214,7 +214,7 @@ fn a_listen_only_node_is_back_for_the_first_frame_after_an_error() {
 }
 
 #[test]
-fn an_engine_that_is_off_neither_drives_nor_hears() {
+fn an_engine_that_is_off_neither_drives_nor_receives() {
     let mut lab = Lab::of(2);
     lab.engines[1].set_mode(EngineMode::Off);
     lab.send(0, frame("123#AB"));
@@ -225,7 +225,7 @@ fn an_engine_that_is_off_neither_drives_nor_hears() {
     assert!(!lab.engines[1].is_idle());
 }
 
-/// Loopback: one engine, its own wire.
+/// Loopback: one engine on its own wire.
 #[test]
 fn a_self_acknowledging_engine_sends_to_itself() {
     let mut lab = Lab::of(1);

@@ -1,4 +1,4 @@
-//! The bus with well-behaved stations: time, records, figures, horizon, cables.
+//! The bus with stations without faults: time, records, totals, horizon, cables.
 
 use super::*;
 use std::cell::Cell;
@@ -6,7 +6,7 @@ use std::cell::Cell;
 const COMMAND: &str = "1003F20A#01000038C7";
 
 #[test]
-fn three_nodes_that_start_together_are_heard_by_all_in_the_order_of_their_identifiers() {
+fn frames_of_three_nodes_arrive_in_the_order_of_their_identifiers() {
     let mut rig = Rig::of(3);
     let frames = [frame("00000103#03"), frame("00000101#01"), frame("00000102#02")];
     (0..3).for_each(|node| rig.send(node, frames[node]));
@@ -18,7 +18,7 @@ fn three_nodes_that_start_together_are_heard_by_all_in_the_order_of_their_identi
     assert_eq!(rig.recorded_frames(), recorded);
 }
 
-/// Requests fall between bits and onto boundaries; the idle bits before them are skipped.
+/// Requests are between bits and at boundaries. The idle bits before them are skipped.
 #[test]
 fn a_frame_starts_at_the_first_bit_boundary_from_its_time_on() {
     for after in [0, 1, 15, 16, 17, 16_000, 1_000_001] {
@@ -32,7 +32,7 @@ fn a_frame_starts_at_the_first_bit_boundary_from_its_time_on() {
 }
 
 #[test]
-fn a_record_tells_the_frames_bits_and_times() {
+fn a_record_has_the_frame_s_bits_and_times() {
     let mut rig = Rig::of(2);
     let start = rig.bus.now();
     rig.send(0, frame(COMMAND));
@@ -65,9 +65,9 @@ fn frames_of_one_node_leave_in_the_order_of_their_times_then_of_their_calls() {
     assert_eq!(rig.nodes[0].borrow().queued(), 0);
 }
 
-/// A frame queued for an earlier time must not displace the one on the wire.
+/// A frame that is queued for an earlier time must not replace the one on the wire.
 #[test]
-fn a_frame_queued_during_a_transmission_waits_its_turn() {
+fn a_frame_queued_during_a_transmission_waits() {
     let mut rig = Rig::of(2);
     rig.send(0, frame("100#01"));
     rig.run_bits(20);
@@ -88,7 +88,7 @@ fn a_cleared_queue_keeps_only_the_frame_on_the_wire() {
 }
 
 #[test]
-fn the_figures_count_frames_and_busy_bits() {
+fn the_totals_count_frames_and_busy_bits() {
     let mut rig = Rig::of(3);
     let before = rig.bus.stats();
     assert_eq!((before.busy_bits, before.total_bits), (0, 100));
@@ -98,7 +98,7 @@ fn the_figures_count_frames_and_busy_bits() {
     rig.run_bits(1_000);
     let stats = rig.bus.stats();
     let (command, other) = (frame(COMMAND).bit_count(), frame("123#").bit_count());
-    // The two commands are identical and went out as one; it counts for the first sender.
+    // The two commands are identical and were sent as one, which counts for the first sender.
     assert_eq!((stats.frames, stats.error_frames), (2, 0));
     assert_eq!(stats.busy_bits, u64::from(command + other));
     assert_eq!(stats.total_bits, 1_100);
@@ -109,7 +109,7 @@ fn the_figures_count_frames_and_busy_bits() {
     assert!((load - f64::from(command + other) / 1_000.0).abs() < 1e-9);
 }
 
-/// One bit while anything goes on, 32 bits while nothing does.
+/// One bit while a frame is in progress, 32 bits on an idle bus.
 #[test]
 fn the_horizon_is_one_bit_on_a_busy_bus_and_32_on_an_idle_one() {
     let mut rig = Rig::of(2);
@@ -123,7 +123,7 @@ fn the_horizon_is_one_bit_on_a_busy_bus_and_32_on_an_idle_one() {
     assert_eq!(rig.bus.horizon(), rig.bus.now() + 32 * BIT);
 }
 
-/// A frame due within the next 32 bits pulls the horizon to the end of its SOF.
+/// A frame that is due within the next 32 bits limits the horizon to the end of its SOF.
 #[test]
 fn the_horizon_ends_with_the_first_bit_that_is_not_idle() {
     let rig = Rig::of(2);
@@ -141,12 +141,12 @@ fn time_passes_in_whole_bits() {
     rig.bus.run_until(now + BIT);
     assert_eq!(rig.bus.now(), now + BIT);
     rig.bus.run_until(now);
-    assert_eq!(rig.bus.now(), now + BIT, "it never goes back");
+    assert_eq!(rig.bus.now(), now + BIT, "time must not go back");
 }
 
 type Outcome = (Vec<Record>, BusStats, Vec<Vec<(Cycles, Frame)>>);
 
-/// All that can be seen of a rig after some traffic with noise, run in steps of `step` or along the
+/// All observable results of some traffic with noise, run in steps of `step` or along the
 /// horizon.
 fn outcome(step: Option<Cycles>) -> Outcome {
     let mut rig = Rig::with_rates(&[1_000_000, 1_000_000, 1_000_000]);
@@ -177,7 +177,7 @@ fn the_result_does_not_depend_on_the_steps_it_is_run_in() {
 }
 
 #[test]
-fn a_pulled_cable_leaves_a_station_alone_with_itself() {
+fn a_disconnected_station_receives_only_itself() {
     let mut rig = Rig::of(3);
     rig.bus.connect(rig.ports[0], false);
     rig.send(0, frame("001#AA"));
@@ -185,7 +185,7 @@ fn a_pulled_cable_leaves_a_station_alone_with_itself() {
     rig.run_bits(3_000);
     assert_eq!(rig.received(2), [frame("123#01")]);
     assert_eq!(rig.received(0), []);
-    assert_eq!(rig.counters(0), (128, 0), "nobody acknowledges");
+    assert_eq!(rig.counters(0), (128, 0), "no station acknowledges");
     assert_eq!(rig.bus.stats().frames, 1);
     rig.bus.connect(rig.ports[0], true);
     rig.run_bits(2_000);
@@ -194,7 +194,7 @@ fn a_pulled_cable_leaves_a_station_alone_with_itself() {
 }
 
 #[test]
-fn a_babbler_keeps_all_higher_identifiers_off_the_bus() {
+fn a_babbling_node_stops_all_frames_with_higher_identifiers() {
     let mut rig = Rig::of(3);
     rig.nodes[0].borrow_mut().babble(Some(frame("010#00")));
     rig.send(0, frame("020#"));
@@ -213,7 +213,7 @@ fn a_babbler_keeps_all_higher_identifiers_off_the_bus() {
 }
 
 #[test]
-fn a_node_set_to_listen_hears_and_stays_silent() {
+fn a_node_in_listen_only_mode_receives_and_drives_nothing() {
     let mut rig = Rig::of(2);
     rig.nodes[1].borrow_mut().set_listen_only(true);
     rig.run_bits(20);
@@ -221,7 +221,7 @@ fn a_node_set_to_listen_hears_and_stays_silent() {
     rig.send(0, frame("123#"));
     rig.run_bits(5_000);
     assert_eq!(rig.counters(0), (128, 0));
-    // Unacknowledged, but complete once the sender's flags are passive.
+    // Not acknowledged, but complete when the sender's error flags are passive.
     assert!(rig.received(1).len() > 20);
     let recorded = rig.recorded_frames();
     assert!(recorded.iter().all(|&record| record == (frame("123#"), Some(0), false)));
@@ -230,9 +230,9 @@ fn a_node_set_to_listen_hears_and_stays_silent() {
     assert_eq!(rig.received(0), [frame("001#")]);
 }
 
-/// The tap sees every edge of the wire, at its time.
+/// The tap gets every change of level with its time.
 #[test]
-fn the_wire_tap_hears_each_change_of_level() {
+fn the_wire_tap_gets_each_change_of_level() {
     let mut rig = Rig::of(2);
     let edges: Rc<RefCell<Vec<(Cycles, Level)>>> = Rc::default();
     let log = edges.clone();
@@ -253,7 +253,7 @@ fn the_wire_tap_hears_each_change_of_level() {
     assert_eq!(*edges.borrow(), expected);
 }
 
-/// A station that only counts how it is called.
+/// A station that counts its calls.
 #[derive(Default)]
 struct Counter {
     bit_time_ps: Cell<Option<u64>>,
@@ -297,7 +297,7 @@ fn every_idle_bit_is_either_stepped_or_skipped() {
 }
 
 #[test]
-fn a_station_without_a_bit_time_is_left_alone() {
+fn a_station_without_a_bit_time_is_not_stepped() {
     let counter = Rc::new(RefCell::new(Counter { busy: true, ..Counter::default() }));
     let mut bus = Bus::new(1_000_000);
     bus.attach("counter", counter.clone());
@@ -309,7 +309,7 @@ fn a_station_without_a_bit_time_is_left_alone() {
 }
 
 #[test]
-fn records_that_nobody_takes_are_bounded_and_counted() {
+fn records_that_are_not_taken_are_limited_and_counted() {
     let mut rig = Rig::of(2);
     rig.nodes[0].borrow_mut().babble(Some(frame("555#")));
     let frames = 65_536 + 10;
@@ -319,9 +319,9 @@ fn records_that_nobody_takes_are_bounded_and_counted() {
     assert_eq!(rig.bus.take_records().len(), 65_536);
 }
 
-/// 83.333 kbit/s does not divide 16 MHz: bits of 192 and 193 cycles, no drift.
+/// 83.333 kbit/s does not divide 16 MHz: bits of 192 and 193 cycles, without drift.
 #[test]
-fn a_bus_at_an_odd_rate_keeps_its_bits_apart() {
+fn a_bus_whose_rate_does_not_divide_the_clock_works() {
     let node = || Rc::new(RefCell::new(SoftNode::new(83_333)));
     let (sender, receiver) = (node(), node());
     let mut bus = Bus::new(83_333);

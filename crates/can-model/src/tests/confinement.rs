@@ -1,4 +1,4 @@
-//! The error counters over whole sequences: passive, suspended, bus-off and back.
+//! The error counters over whole sequences: error-passive, suspended, bus-off and recovery.
 //! ISO 11898-1:2003 13.1.4.
 
 use super::*;
@@ -25,7 +25,7 @@ fn a_lone_sender_becomes_passive_at_128_and_stays_there() {
     assert_eq!(lab.engines[0].error_state(), ErrorState::Passive);
 }
 
-/// From one SOF to the next: up to the ACK slot, flag, delimiter, intermission, and 8 bits of suspend
+/// Bits from one SOF to the next: up to the ACK slot, flag, delimiter, intermission, and 8 bits of suspend
 /// transmission for a passive node.
 #[test]
 fn a_passive_sender_waits_eight_bits_more_before_it_repeats() {
@@ -37,14 +37,14 @@ fn a_passive_sender_waits_eight_bits_more_before_it_repeats() {
     let active = to_ack + ACTIVE_FLAG + DELIMITER + INTERMISSION;
     let errors = lab.bits_where(0, is_ack_error);
     let gaps: Vec<u64> = errors.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    // The 16th error makes it passive; that frame's intermission is already followed by a wait.
+    // The 16th error makes the node passive; it waits already after that frame's intermission.
     assert!(gaps[..15].iter().all(|&gap| gap == active), "{gaps:?}");
     assert!(gaps[15..].iter().all(|&gap| gap == active + SUSPEND), "{gaps:?}");
     assert!(gaps.len() > 20);
 }
 
 #[test]
-fn a_dominant_bit_during_the_passive_flag_of_an_ack_error_costs_eight() {
+fn a_dominant_bit_during_the_passive_flag_of_an_ack_error_adds_eight() {
     let sent = frame("123#");
     let mut lab = Lab::of(1);
     lab.send(0, sent);
@@ -57,9 +57,9 @@ fn a_dominant_bit_during_the_passive_flag_of_an_ack_error_costs_eight() {
     assert_eq!(lab.engines[0].tec(), 136);
 }
 
-/// A suspended node gives way even to a frame of lower priority.
+/// A suspended node lets other nodes send first, even with a lower priority.
 #[test]
-fn a_passive_sender_lets_others_go_first() {
+fn a_passive_sender_lets_other_nodes_send_first() {
     let mut lab = Lab::of(2);
     lab.engines[1].set_mode(EngineMode::Off);
     lab.send(0, frame("100#"));
@@ -78,7 +78,7 @@ fn a_passive_sender_lets_others_go_first() {
 }
 
 #[test]
-fn success_takes_the_counters_down_by_one_a_frame() {
+fn each_success_decrements_the_counters_by_one() {
     let sent = frame("555#AAAA");
     let mut lab = Lab::of(2);
     lab.send(0, sent);
@@ -104,7 +104,7 @@ fn a_passive_receiver_is_active_again_with_119_after_a_success() {
     assert_eq!(lab.engines[1].error_state(), ErrorState::Active);
 }
 
-/// Feeds one engine a stuff error as a receiver (SOF and five dominant bits) and then its own flag.
+/// Feeds an engine a stuff error as a receiver (SOF and five dominant bits), and then its own flag.
 fn after_a_flag() -> Lab {
     let mut lab = Lab::of(1);
     for _ in 0..6 {
@@ -116,9 +116,9 @@ fn after_a_flag() -> Lab {
     lab
 }
 
-/// Rule b): the first dominant bit after the flag; rule f): the eighth, the sixteenth, ..
+/// Rule b) counts the first dominant bit after the flag, rule f) the eighth, the sixteenth and so on.
 #[test]
-fn dominant_bits_after_a_receivers_flag_cost_at_the_first_and_every_eighth() {
+fn dominant_bits_after_a_receiver_s_flag_count_at_the_first_and_every_eighth() {
     let mut lab = after_a_flag();
     let mut rec = Vec::new();
     for _ in 0..24 {
@@ -129,11 +129,11 @@ fn dominant_bits_after_a_receivers_flag_cost_at_the_first_and_every_eighth() {
     let expected: Vec<u16> = (1..=24).map(|bit| 9 + bit / 8 * 8).collect();
     assert_eq!(rec, expected);
     lab.settle();
-    assert_eq!(lab.counters(0), (0, 33), "the delimiter is clean");
+    assert_eq!(lab.counters(0), (0, 33), "the delimiter has no error");
 }
 
 #[test]
-fn dominant_bits_after_a_senders_flag_cost_at_every_eighth() {
+fn dominant_bits_after_a_sender_s_flag_count_at_every_eighth() {
     let mut lab = Lab::of(1);
     lab.send(0, frame("123#"));
     lab.run(bits_of(&frame("123#")).ack_slot + 1 + ACTIVE_FLAG);
@@ -146,7 +146,7 @@ fn dominant_bits_after_a_senders_flag_cost_at_every_eighth() {
 }
 
 #[test]
-fn dominant_bits_after_an_overload_flag_cost_at_every_eighth() {
+fn dominant_bits_after_an_overload_flag_count_at_every_eighth() {
     let sent = frame("123#");
     let mut lab = Lab::of(2);
     lab.send(0, sent);
@@ -155,12 +155,12 @@ fn dominant_bits_after_an_overload_flag_cost_at_every_eighth() {
     for bit in 1..=16 {
         lab.disturb(0, None, Level::Dominant);
         lab.step();
-        assert_eq!(lab.counters(0), (bit / 8 * 8, 0), "still the transmitter");
+        assert_eq!(lab.counters(0), (bit / 8 * 8, 0), "the node must still be the transmitter");
         assert_eq!(lab.counters(1), (0, bit / 8 * 8));
     }
 }
 
-/// A sender whose every frame meets a bit error: 32 x 8 = 256.
+/// A sender that has a bit error in every frame: 32 x 8 = 256.
 fn driven_to_bus_off() -> Lab {
     let sent = frame("555#AAAA");
     let mut lab = Lab::of(2);
@@ -168,7 +168,7 @@ fn driven_to_bus_off() -> Lab {
     while lab.engines[0].error_state() != ErrorState::BusOff {
         lab.step();
         if lab.engines[0].transmitting() && lab.driven[0].last() == Some(&Level::Dominant) {
-            // The second dominant bit of the frame vanishes for its sender.
+            // The second dominant bit of the frame appears recessive to its sender.
             lab.disturb(1, 0, Level::Recessive);
             lab.run(2);
         }
@@ -199,10 +199,10 @@ fn bus_off_ends_after_exactly_128_times_11_recessive_bits() {
     assert_eq!(recovered, [start + 128 * 11 - 1]);
     assert_eq!(lab.counters(0), (0, 0));
     assert!(lab.drove_nothing(0, start..start + 128 * 11));
-    assert!(lab.drove_dominant(0, start + 128 * 11..start + 128 * 11 + 1), "it tries again");
+    assert!(lab.drove_dominant(0, start + 128 * 11..start + 128 * 11 + 1), "the node must send again");
 }
 
-/// A dominant bit spoils the sequence of eleven it falls into, not the ones before.
+/// A dominant bit invalidates its own sequence of eleven, not the earlier ones.
 #[test]
 fn a_dominant_bit_during_recovery_restarts_only_its_sequence() {
     let mut lab = driven_to_bus_off();
@@ -216,9 +216,9 @@ fn a_dominant_bit_during_recovery_restarts_only_its_sequence() {
     assert_eq!(recovered, [start + 128 * 11 + 11 - 1]);
 }
 
-/// Off and on again is no way around the recovery; a reset is.
+/// Switching off and on does not end the recovery; a reset does.
 #[test]
-fn switching_a_bus_off_engine_off_and_on_starts_its_recovery_anew() {
+fn switching_a_bus_off_engine_off_and_on_restarts_its_recovery() {
     let mut lab = driven_to_bus_off();
     let mut engine = lab.engines.remove(0);
     engine.set_mode(EngineMode::Off);

@@ -1,11 +1,11 @@
-//! Each kind of error, found by whom and at which bit. ISO 11898-1:2003 10.11.
+//! Each kind of error: the node that detects it, and the bit. ISO 11898-1:2003 10.11.
 
 use super::*;
 
-/// No stuff bits up to the data, alternating bits in it: `data_bit(n)` is simple to calculate.
+/// No stuff bits up to the data, and alternating bits in it, so that `data_bit(n)` is simple.
 const PLAIN: &str = "555#AAAAAAAA";
 
-/// Wire bit of the `n`th data bit of [`PLAIN`], if nothing before it is stuffed.
+/// Number of the wire bit of the `n`th data bit of [`PLAIN`], if nothing before it is stuffed.
 fn data_bit(n: u64) -> u64 {
     1 + 11 + 3 + 4 + n
 }
@@ -14,7 +14,7 @@ fn error(kind: ErrorKind, transmitting: bool) -> Event {
     Event::Error { kind, transmitting }
 }
 
-/// One frame from node 0 to 1 and 2, disturbed at one bit.
+/// One frame from node 0 to 1 and 2 with one disturbed bit.
 fn disturbed(bit: u64, victim: impl Into<Option<usize>>, level: Level) -> (Lab, u64) {
     let mut lab = Lab::of(3);
     let start = lab.bit;
@@ -33,11 +33,11 @@ fn a_sender_that_reads_back_another_level_has_a_bit_error() {
         assert_eq!(lab.bits_where(0, |event| event == error(ErrorKind::Bit, true)), [start + bit]);
         let flag = start + bit + 1;
         assert!(lab.drove_dominant(0, flag..flag + ACTIVE_FLAG));
-        assert_eq!(lab.received(1), [frame(PLAIN)], "sent again");
+        assert_eq!(lab.received(1), [frame(PLAIN)], "the frame must be sent again");
     }
 }
 
-/// A dominant identifier bit that reads recessive is no lost arbitration.
+/// A dominant identifier bit that appears recessive is no lost arbitration.
 #[test]
 fn a_dominant_identifier_bit_that_vanishes_is_a_bit_error() {
     let (lab, start) = disturbed(2, 0, Level::Recessive);
@@ -54,7 +54,7 @@ fn six_equal_bits_are_a_stuff_error_for_a_receiver() {
     let start = lab.bit;
     let sent = frame("00F#");
     lab.send(0, sent);
-    // SOF and the first four identifier bits are dominant, bit 5 is the stuff bit.
+    // SOF and the first four identifier bits are dominant; bit 5 is the stuff bit.
     assert_eq!(sent.wire_bits()[5], Level::Recessive);
     lab.disturb(5, 1, Level::Dominant);
     lab.settle();
@@ -65,7 +65,7 @@ fn six_equal_bits_are_a_stuff_error_for_a_receiver() {
 
 /// ISO 11898-1 13.1.4.2 c) exception 2.
 #[test]
-fn a_stuff_bit_overruled_during_arbitration_costs_the_sender_nothing() {
+fn a_stuff_bit_overruled_during_arbitration_does_not_count() {
     let mut lab = Lab::of(2);
     let start = lab.bit;
     lab.send(0, frame("00F#"));
@@ -76,9 +76,9 @@ fn a_stuff_bit_overruled_during_arbitration_costs_the_sender_nothing() {
     assert_eq!(lab.counters(1), (0, 1));
 }
 
-/// The stuff bit after RTR is not in the arbitration field any more.
+/// The stuff bit after RTR does not belong to the arbitration field.
 #[test]
-fn a_stuff_bit_overruled_after_arbitration_costs_the_usual() {
+fn a_stuff_bit_overruled_after_arbitration_counts() {
     let sent = frame("010#");
     let mut lab = Lab::of(2);
     lab.send(0, sent);
@@ -97,14 +97,14 @@ fn a_receiver_with_a_wrong_crc_withholds_its_ack_and_flags_after_the_ack_delimit
     let (lab, start) = disturbed(data_bit(6), 1, Level::Dominant);
     let ack_slot = start + bits_of(&frame(PLAIN)).ack_slot;
     assert!(lab.drove_nothing(1, ack_slot..ack_slot + 2));
-    assert!(lab.drove_dominant(2, ack_slot..ack_slot + 1), "the other receiver does acknowledge");
+    assert!(lab.drove_dominant(2, ack_slot..ack_slot + 1), "the other receiver must acknowledge");
     assert_eq!(lab.bits_where(1, |event| event == error(ErrorKind::Crc, false)), [ack_slot + 1]);
     assert!(lab.drove_dominant(1, ack_slot + 2..ack_slot + 2 + ACTIVE_FLAG));
-    // The others see its flag in the end of frame.
+    // The others detect its flag in the end of frame.
     assert_eq!(lab.bits_where(2, |event| event == error(ErrorKind::Form, false)), [ack_slot + 2]);
     assert_eq!(lab.bits_where(0, |event| event == error(ErrorKind::Bit, true)), [ack_slot + 2]);
     for receiver in [1, 2] {
-        assert_eq!(lab.received(receiver), [frame(PLAIN)], "only the repetition");
+        assert_eq!(lab.received(receiver), [frame(PLAIN)], "a receiver must receive only the repetition");
     }
 }
 
@@ -139,8 +139,8 @@ fn a_receiver_whose_ack_does_not_show_has_a_bit_error() {
     assert_eq!(at, [start + bits.ack_slot]);
 }
 
-/// ISO 11898-1 10.9: the frame is valid for receivers, who answer with an overload frame, but not for
-/// the sender, who repeats it: the one case in which CAN delivers twice.
+/// ISO 11898-1 10.9: the frame is valid for receivers, which answer with an overload frame, but not for
+/// the sender, which repeats it. This is the only case in which CAN delivers a frame twice.
 #[test]
 fn a_dominant_last_bit_is_accepted_by_receivers_and_repeated_by_the_sender() {
     let bits = bits_of(&frame(PLAIN));
@@ -153,13 +153,13 @@ fn a_dominant_last_bit_is_accepted_by_receivers_and_repeated_by_the_sender() {
         assert_eq!(lab.counters(receiver), (0, 0));
     }
     assert_eq!(lab.bits_where(0, |event| event == error(ErrorKind::Bit, true)), [last]);
-    assert_eq!(lab.counters(0), (7, 0), "8 for the error, 1 off for the repetition");
+    assert_eq!(lab.counters(0), (7, 0), "8 for the error, 1 less for the repetition");
 }
 
-/// Every bit of a frame, inverted for everybody: no bit can be hit without the frame being repeated,
-/// and nothing is ever received corrupted.
+/// Inverts every bit of a frame for all stations. After each inversion the frame must be repeated,
+/// and no corrupted frame may be received.
 #[test]
-fn any_single_bit_error_is_noticed_and_the_frame_repeated() {
+fn any_single_bit_error_is_detected_and_the_frame_repeated() {
     for text in [PLAIN, "1003F20A#01000038C7", "000#", "00000000#R4"] {
         let sent = frame(text);
         let bits = sent.wire_bits();

@@ -1,4 +1,4 @@
-//! What the bus can be made to do wrong, and how the stations get over it.
+//! The faults of the bus, and the recovery of the stations.
 
 use super::*;
 
@@ -24,7 +24,7 @@ fn a_flipped_bit_destroys_one_frame_which_is_repeated() {
     assert_eq!(rig.bus.stats().error_frames, 1);
 }
 
-/// Any wire bit, the SOF and the intermission included.
+/// Each wire bit, including the SOF and the intermission.
 #[test]
 fn a_flip_of_any_bit_loses_no_frame() {
     for bit in 0..frame(COMMAND).bit_count() {
@@ -42,7 +42,7 @@ fn a_flip_of_any_bit_loses_no_frame() {
 }
 
 #[test]
-fn a_bit_flipped_for_one_station_costs_everybody_the_frame_but_not_its_repetition() {
+fn a_bit_flipped_for_one_station_destroys_the_frame_and_it_is_repeated() {
     let mut rig = Rig::of(3);
     let port = rig.ports[2];
     rig.bus.inject(Fault::FlipBitSeenBy { port, bit: 50 });
@@ -51,16 +51,16 @@ fn a_bit_flipped_for_one_station_costs_everybody_the_frame_but_not_its_repetitio
     assert_eq!(rig.received(1), [frame(COMMAND)]);
     assert_eq!(rig.received(2), [frame(COMMAND)]);
     assert_eq!(rig.bus.stats().error_frames, 1);
-    // Who saw it first pays 8 more (rule b): 1 + 8, 1 off for the repetition.
+    // The station that detects the error first counts 8 more (rule b): 1 + 8, 1 less for the repetition.
     assert_eq!(rig.counters(1), (0, 0));
     assert_eq!(rig.counters(2), (0, 8));
     assert_eq!(rig.counters(0), (7, 0));
 }
 
-/// The well-known gap of CAN: a receiver that rejects a frame in the last but one bit makes the sender
-/// repeat it for those who had accepted it.
+/// A known weakness of CAN: a receiver that rejects a frame in the last but one bit makes the sender
+/// repeat it for those that have accepted it.
 #[test]
-fn an_error_in_the_last_but_one_bit_of_one_receiver_makes_the_others_receive_twice() {
+fn an_error_of_one_receiver_in_the_last_but_one_bit_doubles_the_frame_for_the_others() {
     let mut rig = Rig::of(3);
     let bit = bits_of(&frame(COMMAND)).last_eof as u32 - 1;
     let port = rig.ports[2];
@@ -85,7 +85,7 @@ fn a_lost_frame_is_missed_by_one_station_only() {
     assert_eq!(rig.bus.stats().error_frames, 0);
 }
 
-/// It must not take the frame it misses for an idle bus.
+/// The station must not take the missed frame for an idle bus.
 #[test]
 fn a_station_that_misses_a_frame_does_not_send_into_it() {
     let mut rig = Rig::of(3);
@@ -100,7 +100,7 @@ fn a_station_that_misses_a_frame_does_not_send_into_it() {
 }
 
 #[test]
-fn only_a_frame_of_another_can_be_lost() {
+fn only_a_frame_of_another_station_can_be_lost() {
     let mut rig = Rig::of(3);
     let port = rig.ports[0];
     rig.bus.inject(Fault::LoseNextFrame { port });
@@ -125,13 +125,13 @@ fn without_acknowledgement_a_sender_repeats_for_ever_and_stays_on_the_bus() {
         let kind = Some(ErrorKind::Ack);
         record.kind == RecordKind::ErrorFrame { kind, from: Some(rig.ports[0]) }
     });
-    assert_eq!(errors.count(), 16, "active flags destroy the frame, passive ones do not");
+    assert_eq!(errors.count(), 16, "active flags destroy the frame and passive ones do not");
     let whole = RecordKind::Frame { frame: frame(COMMAND), from: Some(rig.ports[0]), acked: false };
     assert!(records.len() > 100 && records[16..].iter().all(|record| record.kind == whole));
 }
 
 #[test]
-fn without_an_acknowledgement_the_sender_is_error_passive_and_repeats_its_frame_until_there_is_one() {
+fn without_acknowledgement_the_sender_repeats_its_frame_as_error_passive() {
     let mut rig = Rig::of(3);
     rig.bus.inject(Fault::NoAck(true));
     rig.send(0, frame(COMMAND));
@@ -156,7 +156,7 @@ fn a_sender_whose_acknowledgements_are_destroyed_goes_bus_off() {
 }
 
 #[test]
-fn destroyed_acknowledgements_keep_all_frames_from_completing_until_they_are_whole() {
+fn with_destroyed_acknowledgements_no_frame_completes() {
     let mut rig = Rig::of(2);
     rig.bus.inject(Fault::AckDestroyed(true));
     rig.send(0, frame(COMMAND));
@@ -170,14 +170,14 @@ fn destroyed_acknowledgements_keep_all_frames_from_completing_until_they_are_who
 }
 
 #[test]
-fn a_wire_stuck_dominant_lets_nothing_through_until_it_is_released() {
+fn on_a_wire_stuck_dominant_no_frame_passes_until_it_is_released() {
     let mut rig = Rig::of(2);
     rig.send(0, frame(COMMAND));
     rig.run_bits(30);
     rig.bus.inject(Fault::StuckDominant(true));
     rig.run_bits(200);
     assert_eq!(rig.bus.level(), Level::Dominant);
-    // 1 error, then 8 more for every 8 bits: the sender is out after 31 x 8 of them.
+    // 1 error, then 8 more for every 8 bits: the sender is bus-off after 31 x 8 of them.
     rig.run_bits(300);
     assert_eq!(rig.nodes[0].borrow().error_state(), ErrorState::BusOff);
     assert_eq!(rig.nodes[1].borrow().error_state(), ErrorState::Passive);
@@ -186,12 +186,12 @@ fn a_wire_stuck_dominant_lets_nothing_through_until_it_is_released() {
     rig.run_bits(128 * 11);
     assert!(rig.events(0).contains(&Event::Recovered));
     rig.run_bits(200);
-    assert_eq!(rig.received(1), [frame(COMMAND)], "the queue survives bus-off");
+    assert_eq!(rig.received(1), [frame(COMMAND)], "the queue must survive bus-off");
     assert_eq!(rig.nodes[0].borrow().error_state(), ErrorState::Active);
 }
 
 #[test]
-fn a_glitch_on_an_idle_bus_is_an_error_frame_of_nobody() {
+fn a_glitch_on_an_idle_bus_is_an_error_frame_without_a_sender() {
     let mut rig = Rig::of(2);
     rig.bus.inject(Fault::StuckDominant(true));
     rig.run_bits(1);
@@ -204,7 +204,7 @@ fn a_glitch_on_an_idle_bus_is_an_error_frame_of_nobody() {
 }
 
 #[test]
-fn noise_hits_idle_bits_too() {
+fn noise_also_inverts_idle_bits() {
     let mut rig = Rig::of(2);
     rig.bus.inject(Fault::BitErrorRate { per_million: 100, seed: 3 });
     rig.run_bits(1_000_000);
@@ -217,7 +217,7 @@ fn noise_hits_idle_bits_too() {
 
 /// Transmit errors of 8 each, until the sender is bus-off (ISO 11898-1, fault confinement).
 #[test]
-fn destroyed_frames_take_their_sender_off_the_bus_until_they_are_let_through() {
+fn a_sender_of_destroyed_frames_goes_bus_off_and_recovers() {
     let mut rig = Rig::of(3);
     rig.bus.inject(Fault::DestroyFrames(true));
     rig.send(0, frame(COMMAND));

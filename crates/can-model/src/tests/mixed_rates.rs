@@ -4,7 +4,7 @@ use super::*;
 
 const COMMAND: &str = "1003F20A#01000038C7";
 
-/// Node 2 is at the wrong rate: it disturbs until its counter makes it passive, and hears nothing.
+/// Node 2 has the wrong rate. It disturbs the bus until its counter makes it passive, and receives nothing.
 fn rig_with_rate(rate: u32) -> Rig {
     let mut rig = Rig::with_rates(&[1_000_000, 1_000_000, rate]);
     for count in 0..40u8 {
@@ -28,7 +28,7 @@ fn a_station_at_half_the_rate_causes_errors_and_never_receives() {
 }
 
 #[test]
-fn the_stations_at_the_right_rate_get_through_once_the_other_is_passive() {
+fn stations_at_the_right_rate_communicate_when_the_other_is_passive() {
     let rig = rig_with_rate(500_000);
     assert_eq!(rig.nodes[2].borrow().error_state(), ErrorState::Passive);
     assert_eq!(rig.nodes[0].borrow().queued() + rig.nodes[1].borrow().queued(), 0);
@@ -40,7 +40,7 @@ fn the_stations_at_the_right_rate_get_through_once_the_other_is_passive() {
 }
 
 #[test]
-fn a_faster_station_cannot_talk_to_the_bus_either() {
+fn a_faster_station_cannot_communicate_either() {
     let mut rig = Rig::of(0);
     rig.bus = Bus::new(500_000);
     for rate in [500_000, 500_000, 1_000_000] {
@@ -60,7 +60,7 @@ fn a_faster_station_cannot_talk_to_the_bus_either() {
 }
 
 #[test]
-fn a_station_within_half_a_percent_keeps_up_with_the_bus() {
+fn a_station_within_half_a_percent_of_the_rate_is_in_step() {
     let mut rig = Rig::with_rates(&[1_000_000, 995_500, 1_004_500]);
     rig.send(0, frame(COMMAND));
     rig.send(1, frame("123#01"));
@@ -70,9 +70,9 @@ fn a_station_within_half_a_percent_keeps_up_with_the_bus() {
     assert_eq!(rig.bus.stats().error_frames, 0);
 }
 
-/// Two stations at the same other rate hear each other, but the bus's own listener hears neither.
+/// Two stations at the same other rate receive each other's frames; the bus's own recorder receives neither.
 #[test]
-fn two_stations_at_another_rate_understand_each_other() {
+fn two_stations_at_another_rate_receive_each_other_s_frames() {
     let mut rig = Rig::with_rates(&[500_000, 500_000]);
     rig.send(0, frame(COMMAND));
     rig.run_bits(1_000);
@@ -93,7 +93,7 @@ fn the_horizon_follows_the_station_that_is_out_of_step() {
     while now < 20_000 {
         now = rig.bus.horizon();
         assert!(now > last, "no progress at {now}");
-        // After the first idle stretch (the rate is not known yet): its bits are 16 cycles.
+        // After the first idle period, in which the rate is not known yet, the station's bits are 16 cycles.
         assert!(now - last <= 16 || last < 128 * 32, "{last} to {now}");
         rig.bus.run_until(now);
         last = now;
@@ -101,7 +101,7 @@ fn the_horizon_follows_the_station_that_is_out_of_step() {
     assert!(!node.borrow_mut().take_events().is_empty());
 }
 
-/// The same outcome in one go and in steps of one cycle.
+/// The same result in one step and in steps of one cycle.
 #[test]
 fn events_out_of_step_do_not_depend_on_the_steps_they_are_run_in() {
     let outcome = |step: u64| {
@@ -119,9 +119,9 @@ fn events_out_of_step_do_not_depend_on_the_steps_they_are_run_in() {
     assert!(outcome(1) == outcome(60_000));
 }
 
-/// A chip that is configured to the right rate later joins then.
+/// A chip that is configured to the right rate later must join the bus then.
 #[test]
-fn a_station_may_come_into_step_later() {
+fn a_station_can_get_in_step_later() {
     struct Switch(SoftNode, u64);
     impl Station for Switch {
         fn drive(&mut self, at: Cycles) -> Level {

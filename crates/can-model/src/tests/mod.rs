@@ -1,5 +1,5 @@
-//! Tests of the engine and the bus as a whole, by topic, and the two benches they stand on: [`Lab`],
-//! bare engines on a wire without a clock, and [`Rig`], soft nodes on a [`Bus`].
+//! Tests of the engine and the bus by topic, and the two benches that they use: [`Lab`],
+//! engines on a wire without a clock, and [`Rig`], soft nodes on a [`Bus`].
 
 mod arbitration;
 mod bus;
@@ -16,14 +16,14 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// Bits from the end of the stuffed part to the last end-of-frame bit, restated: CRC delimiter, ACK
+/// Bits from the end of the stuffed part to the last end-of-frame bit: CRC delimiter, ACK
 /// slot, ACK delimiter, 7 EOF.
 const TAIL: usize = 10;
 const ACTIVE_FLAG: u64 = 6;
 const DELIMITER: u64 = 8;
 const INTERMISSION: u64 = 3;
 
-/// Wire bit numbers of the fixed part of a frame.
+/// Numbers of the bits in the fixed part of a frame.
 struct Bits {
     crc_delimiter: u64,
     ack_slot: u64,
@@ -35,16 +35,16 @@ fn bits_of(frame: &Frame) -> Bits {
     Bits { crc_delimiter: (len - TAIL) as u64, ack_slot: (len - TAIL + 1) as u64, last_eof: (len - 1) as u64 }
 }
 
-/// Bare engines on one wire, and a log of what they say. Bit numbers count from the lab's start.
+/// Engines on one wire, and a log of their events. Bit numbers count from the lab's start.
 struct Lab {
     engines: Vec<Engine>,
     pending: Vec<VecDeque<Frame>>,
-    /// Levels that an engine (None: all) sees instead of the real one, by bit.
+    /// Levels that an engine (`None`: all) receives instead of the real one, by bit.
     disturbed: Vec<(u64, Option<usize>, Level)>,
     bit: u64,
-    /// Level of each bit.
+    /// Level of the wire in each bit.
     wire: Vec<Level>,
-    /// What each engine drove in each bit.
+    /// Level that each engine drove in each bit.
     driven: Vec<Vec<Level>>,
     events: Vec<(u64, usize, Event)>,
 }
@@ -57,7 +57,7 @@ impl Lab {
         lab
     }
 
-    /// Engines in normal mode that have seen nothing yet.
+    /// Engines in normal mode that have not received a bit yet.
     fn cold(count: usize) -> Lab {
         let mut engine = Engine::new();
         engine.set_mode(EngineMode::Normal);
@@ -76,7 +76,7 @@ impl Lab {
         self.pending[node].push_back(frame);
     }
 
-    /// From now on `bit` bits on, `node` (None: everybody) sees `level`.
+    /// In the bit that comes after `bit` more bits, `node` (`None`: all) receives `level`.
     fn disturb(&mut self, bit: u64, node: impl Into<Option<usize>>, level: Level) {
         self.disturbed.push((self.bit + bit, node.into(), level));
     }
@@ -87,7 +87,7 @@ impl Lab {
         }
     }
 
-    /// Runs until nobody has anything to do.
+    /// Runs until no engine has anything to do.
     #[track_caller]
     fn settle(&mut self) {
         for _ in 0..100_000 {
@@ -137,7 +137,7 @@ impl Lab {
         self.events_of(node).into_iter().filter_map(error).collect()
     }
 
-    /// Bits at which the node's event satisfied the question.
+    /// Bits at which the node had an event that satisfies `is`.
     fn bits_where(&self, node: usize, is: impl Fn(Event) -> bool) -> Vec<u64> {
         let events = self.events.iter();
         let hits = events.filter(|&&(_, other, event)| other == node && is(event));
@@ -152,13 +152,13 @@ impl Lab {
         self.events_of(node).into_iter().filter_map(frame).collect()
     }
 
-    /// Whether the node drove dominant in all of the bits.
+    /// True if the node drove dominant in all of the bits.
     fn drove_dominant(&self, node: usize, bits: std::ops::Range<u64>) -> bool {
         let range = bits.start as usize..bits.end as usize;
         self.driven[node][range].iter().all(|level| level.is_dominant())
     }
 
-    /// Whether the node drove nothing in any of the bits.
+    /// True if the node drove recessive in all of the bits.
     fn drove_nothing(&self, node: usize, bits: std::ops::Range<u64>) -> bool {
         let range = bits.start as usize..bits.end as usize;
         self.driven[node][range].iter().all(|level| !level.is_dominant())
@@ -168,12 +168,12 @@ impl Lab {
         (self.engines[node].tec(), self.engines[node].rec())
     }
 
-    /// Puts an engine's receive error counter to at least `rec` by lies told to it alone.
+    /// Raises an engine's receive error counter to at least `rec` with levels that only it receives.
     #[track_caller]
     fn raise_rec(&mut self, node: usize, rec: u16) {
         while self.engines[node].rec() < rec {
-            // A dominant bit on the idle bus, then nothing: a stuff error for this node, whose own
-            // flag the others must not see either.
+            // A dominant bit on the idle bus, then recessive ones: a stuff error for this node. The others must not
+            // receive its flag.
             let was = self.engines[node].rec();
             let mut victim = self.engines[node].clone();
             victim.drive(None);
@@ -199,7 +199,7 @@ struct Rig {
 const BIT: Cycles = 16;
 
 impl Rig {
-    /// That many nodes, past their integration.
+    /// `count` nodes that have integrated.
     fn of(count: usize) -> Rig {
         Rig::with_rates(&vec![1_000_000; count])
     }
@@ -239,7 +239,7 @@ impl Rig {
         (self.nodes[node].borrow().tec(), self.nodes[node].borrow().rec())
     }
 
-    /// Frames among the records, with their sender's number and whether they were acknowledged.
+    /// The frames among the records, with their sender's number and whether they were acknowledged.
     fn recorded_frames(&mut self) -> Vec<(Frame, Option<usize>, bool)> {
         let frame = |record: Record| match record.kind {
             RecordKind::Frame { frame, from, acked } => Some((frame, from.map(PortId::index), acked)),

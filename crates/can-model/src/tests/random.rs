@@ -1,9 +1,9 @@
-//! Random traffic under random bit errors: whatever happens, nothing is lost, doubled or corrupted.
+//! Random traffic with random bit errors: no frame may be lost, doubled or corrupted.
 
 use super::fault::Random;
 use super::*;
 
-/// A soft node whose output is watched.
+/// A soft node whose driven levels are recorded.
 struct Watched {
     node: SoftNode,
     drove_dominant: bool,
@@ -32,7 +32,7 @@ impl Station for Watched {
     }
 }
 
-/// A frame that no other call returns: `number` is in its identifier and, as far as it fits, its data.
+/// A frame that no other call returns: `number` is in its identifier and, as far as it fits, in its data.
 fn random_frame(random: &mut Random, number: u32) -> Frame {
     let dlc = random.below(9) as usize;
     let mut data = random.next().to_be_bytes();
@@ -45,7 +45,7 @@ fn random_frame(random: &mut Random, number: u32) -> Frame {
     }
 }
 
-/// Frames of the senders over about 0.1 s, at random times, many at once.
+/// Queues frames of the senders over about 0.1 s at random times, many at once.
 fn load(rig: &Rig, random: &mut Random, frames: u32, senders: u64) {
     for number in 0..frames {
         let sender = random.below(senders) as usize;
@@ -55,8 +55,8 @@ fn load(rig: &Rig, random: &mut Random, frames: u32, senders: u64) {
     }
 }
 
-/// How often the receivers are entitled to the frame: once, and once more for each time its sender saw
-/// an error in the last end-of-frame bit, one bit after they had accepted it.
+/// How often a receiver may receive the frame: once, and once more for each error that its sender had
+/// in the last end-of-frame bit, one bit after the receivers had accepted it.
 fn entitled(sender: &[(Cycles, Event)], receptions: &[Cycles]) -> usize {
     let repeated = receptions.iter().filter(|&&at| {
         let next_bit = at + BIT;
@@ -66,7 +66,7 @@ fn entitled(sender: &[(Cycles, Event)], receptions: &[Cycles]) -> usize {
 }
 
 #[test]
-fn every_frame_transmitted_is_received_once_by_everybody_else_and_unchanged() {
+fn every_frame_is_received_once_and_unchanged_by_all_others() {
     let mut errors = 0;
     for seed in 0..40 {
         let mut random = Random(seed);
@@ -95,15 +95,15 @@ fn every_frame_transmitted_is_received_once_by_everybody_else_and_unchanged() {
             }
         }
         let counts: Vec<usize> = received.iter().map(Vec::len).collect();
-        assert_eq!(counts, expected, "seed {seed}: and nothing else");
+        assert_eq!(counts, expected, "seed {seed}: receivers must receive no other frames");
         errors += rig.bus.stats().error_frames;
     }
-    assert!(errors > 500, "the noise must be felt: {errors}");
+    assert!(errors > 500, "too few errors for this test: {errors}");
 }
 
-/// The bus's record agrees with what the stations say.
+/// The bus's record must agree with the stations' events.
 #[test]
-fn every_frame_on_record_names_its_sender() {
+fn every_recorded_frame_has_its_sender() {
     for seed in 100..110 {
         let mut random = Random(seed);
         let mut rig = Rig::of(4);
@@ -148,8 +148,8 @@ fn a_listen_only_node_never_drives_dominant_whatever_happens() {
     }
 }
 
-/// Errors that only one station sees, all the time: frames may be doubled (see `faults.rs`), never
-/// changed, and the bus comes to rest.
+/// Continuous errors that only one station receives: frames may be doubled (see `faults.rs`) but not
+/// changed, and the bus must become idle.
 #[test]
 fn errors_seen_by_one_station_never_change_a_frame() {
     for seed in 0..20 {

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A dominant CRC delimiter is wrong for everybody at once: one flag, delimiter, intermission, SOF.
+/// A dominant CRC delimiter is an error for all nodes at once: one flag, delimiter, intermission, SOF.
 #[test]
 fn an_error_frame_takes_fourteen_bits_when_all_see_the_error_at_once() {
     let sent = frame("555#AAAA");
@@ -22,7 +22,7 @@ fn an_error_frame_takes_fourteen_bits_when_all_see_the_error_at_once() {
     assert_eq!(lab.errors_of(1), [ErrorKind::Form]);
 }
 
-/// The sender's flag itself is what a receiver takes offence at, up to six bits later.
+/// A receiver detects the sender's flag as an error, up to six bits later.
 #[test]
 fn flags_of_nodes_that_see_the_error_later_follow_and_overlap() {
     let sent = frame("555#AAAA");
@@ -44,7 +44,7 @@ fn flags_of_nodes_that_see_the_error_later_follow_and_overlap() {
 }
 
 #[test]
-fn a_passive_receiver_signals_with_recessive_bits_and_disturbs_nobody() {
+fn a_passive_receiver_signals_with_recessive_bits_and_disturbs_no_node() {
     let sent = frame("555#AAAAAAAA");
     let mut lab = Lab::of(3);
     lab.raise_rec(1, 128);
@@ -59,7 +59,7 @@ fn a_passive_receiver_signals_with_recessive_bits_and_disturbs_nobody() {
     assert_eq!(lab.errors_of(0), []);
 }
 
-/// ISO 11898-1: dominant in the first two bits of the intermission.
+/// ISO 11898-1: a dominant bit in the first two bits of the intermission.
 #[test]
 fn a_dominant_bit_early_in_the_intermission_forces_an_overload_frame() {
     let sent = frame("123#00");
@@ -83,7 +83,7 @@ fn a_dominant_bit_early_in_the_intermission_forces_an_overload_frame() {
     }
 }
 
-/// The eighth bit of a delimiter asks for an overload frame, an earlier one is a form error.
+/// In the eighth bit of a delimiter a dominant bit starts an overload frame; earlier it is a form error.
 #[test]
 fn a_dominant_bit_in_a_delimiter_is_an_error_except_in_its_last_bit() {
     for (bit, overload) in [(2, false), (7, false), (8, true)] {
@@ -105,7 +105,7 @@ fn a_dominant_bit_in_a_delimiter_is_an_error_except_in_its_last_bit() {
     }
 }
 
-/// The flag of the error that makes the node passive is still an active one (ISO 11898-1 13.1.4.2 i).
+/// The flag of the error that makes the node passive is still active (ISO 11898-1 13.1.4.2 i).
 #[test]
 fn the_error_that_makes_a_node_passive_is_signalled_actively() {
     let mut lab = Lab::of(1);
@@ -118,13 +118,13 @@ fn the_error_that_makes_a_node_passive_is_signalled_actively() {
     assert!(lab.drove_dominant(0, flag..flag + ACTIVE_FLAG));
 }
 
-/// A passive flag is over after six equal bits, also if they are another node's active flag.
+/// A passive flag ends after six equal bits, even if they are another node's active flag.
 #[test]
 fn a_passive_flag_ends_with_six_equal_bits_of_either_level() {
     let mut lab = Lab::of(1);
     lab.raise_rec(0, 128);
     let rec = lab.engines[0].rec();
-    // A SOF and five more dominant bits: a stuff error. Then two recessive, six dominant bits.
+    // A SOF and five more dominant bits: a stuff error. Then two recessive and six dominant bits.
     let bits = "000000".to_owned() + "11" + "000000" + "11111111" + "111";
     for bit in bits.chars() {
         lab.disturb(0, None, Level::from_bit(bit == '1'));
@@ -135,7 +135,7 @@ fn a_passive_flag_ends_with_six_equal_bits_of_either_level() {
 }
 
 #[test]
-fn a_bit_error_in_an_active_flag_costs_eight_and_starts_it_anew() {
+fn a_bit_error_in_an_active_flag_adds_eight_and_restarts_it() {
     let mut lab = Lab::of(1);
     for bit in "000000".chars() {
         lab.disturb(0, None, Level::from_bit(bit == '1'));

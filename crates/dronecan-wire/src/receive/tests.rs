@@ -229,7 +229,7 @@ fn the_longest_command_has_an_entry_for_each_of_fifteen_actuators() {
 }
 
 #[test]
-fn the_last_of_several_entries_for_this_actuator_counts() {
+fn the_last_of_several_entries_for_this_actuator_is_used() {
     // (1, unitless, 0.5), (1, unitless, -0.5)
     let transfer = Rig::new().text("1003F20A CB 0C 01 00 00 38 01 8B | 00 00 B8 6B");
     assert_eq!(entry(transfer), Some((0, 0xB800)));
@@ -253,7 +253,7 @@ fn a_list_has_at_most_the_entries_of_its_type() {
 }
 
 #[test]
-fn a_type_is_no_list_unless_it_says_so() {
+fn by_default_a_type_is_no_list() {
     #[derive(Clone, Copy, PartialEq, Eq)]
     struct Plain;
 
@@ -389,7 +389,7 @@ fn a_transfer_that_ends_in_another_is_counted_as_broken_once() {
 }
 
 #[test]
-fn a_frame_that_comes_twice_changes_nothing() {
+fn a_repeated_frame_changes_nothing() {
     let frames = command(10, 1, &[(1, 0, 1), (2, 0, 2), (3, 0, 3), (4, 0, 4), (5, 0, 5)]);
     assert_eq!(frames.len(), 4);
     let mut rig = Rig::new();
@@ -402,7 +402,7 @@ fn a_frame_that_comes_twice_changes_nothing() {
 }
 
 #[test]
-fn a_sender_that_begins_again_is_accepted_with_any_transfer_id() {
+fn a_sender_that_restarts_is_accepted_with_any_transfer_id() {
     let mut rig = Rig::new();
     for transfer_id in [3, 3, 2, 31, 0, 17] {
         assert!(rig.all(&command(10, transfer_id, &[(1, 0, 1), (2, 0, 2)])).is_some(), "{transfer_id}");
