@@ -125,7 +125,7 @@ fn a_bus_full_of_frames_for_others_does_not_disturb_the_node() {
     let mut rig = Rig::positioned();
     // The failsafe would restart the controller, which acknowledges nothing while it restarts.
     rig.set("OUT1_TIMEOUT", 0);
-    rig.take_v0_only();
+    rig.accept_v0_only();
     // With an autopilot the node accepts one dialect only, so the filters let less through.
     let autopilot = [10, 0, 0, 0, 0, 0, 0, 0xC0];
     for _ in 0..2 {

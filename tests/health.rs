@@ -22,7 +22,7 @@ fn wait_for_status(rig: &mut Rig, health: u8, code: u16, within_ms: u64) {
 
 /// Kelvin and flags of the last Temperature.
 fn temperature(rig: &Rig) -> Option<bench::dronecan::Temperature> {
-    let reported = rig.heard(|message| match message {
+    let reported = rig.node_messages(|message| match message {
         Message::Temperature(temperature) => Some(temperature),
         _ => None,
     });

@@ -16,7 +16,7 @@ fn bounce(rig: &mut Rig, pressed: bool, bounces: u32) {
 }
 
 fn presses(rig: &Rig) -> Vec<f32> {
-    let pressed = rig.heard(|message| match message {
+    let pressed = rig.node_messages(|message| match message {
         Message::KeyValue(KeyValue { value, key }) if key == b"btn" => Some(value),
         _ => None,
     });

@@ -240,7 +240,7 @@ fn the_node_s_servos_have_an_actuator_status_and_its_motors_none() {
     node.rig.run_ms(2000);
     let ids: std::collections::BTreeSet<u8> = node
         .rig
-        .heard(|message| match message {
+        .node_messages(|message| match message {
             bench::dronecan::Message::ActuatorStatus(status) => Some(status.actuator),
             _ => None,
         })

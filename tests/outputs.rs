@@ -111,9 +111,9 @@ fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_rejected_and_logged(
         rig.set("OUT_COUNT", count);
         rig.set("OUT_RATE", highest_rate);
         if highest_rate < 333 {
-            assert_eq!(rig.set_to("OUT_RATE", Value::Integer(highest_rate + 1)), Value::Integer(highest_rate));
+            assert_eq!(rig.request_value("OUT_RATE", Value::Integer(highest_rate + 1)), Value::Integer(highest_rate));
             rig.wait_for_line("OUT_COUNT pulses do not fit at OUT_RATE", 100);
-            assert_eq!(rig.set_to("OUT_COUNT", Value::Integer(count + 1)), Value::Integer(count));
+            assert_eq!(rig.request_value("OUT_COUNT", Value::Integer(count + 1)), Value::Integer(count));
         }
     }
 }
@@ -180,7 +180,7 @@ fn the_failsafe_of_one_output_affects_no_other_and_is_reported_with_its_number()
         }
         assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
         assert!(rig.serial.contains(&format!("FAILSAFE of output {}", silent + 1)), "{}", rig.serial);
-        let reported = rig.heard(|message| match message {
+        let reported = rig.node_messages(|message| match message {
             Message::KeyValue(pair) if pair.key == b"fs" => Some(pair.value),
             _ => None,
         });
@@ -213,7 +213,7 @@ fn the_outputs_take_turns_in_actuator_status() {
     rig.forget();
     rig.run_ms(1600);
     let ids: Vec<u8> = rig
-        .heard(|message| match message {
+        .node_messages(|message| match message {
             Message::ActuatorStatus(status) => Some(status.actuator),
             _ => None,
         })

@@ -29,7 +29,7 @@ fn set(rig: &mut Rig, volts: f64, amperes: f64) {
 }
 
 fn statuses(rig: &mut Rig) -> Vec<CircuitStatus> {
-    let heard = rig.heard(|message| match message {
+    let heard = rig.node_messages(|message| match message {
         Message::CircuitStatus(status) => Some(status),
         _ => None,
     });
@@ -72,7 +72,7 @@ fn the_temperature_is_measured_besides_the_circuit() {
     let mut rig = measuring();
     rig.board().set_temperature_c(36.0);
     set(&mut rig, 12.0, 1.0);
-    let temperatures = rig.heard(|message| match message {
+    let temperatures = rig.node_messages(|message| match message {
         Message::Temperature(temperature) => Some(f32::from(temperature.kelvin)),
         _ => None,
     });
@@ -103,7 +103,7 @@ fn actuator_status_has_the_load_of_the_output_that_the_circuit_feeds() {
     let mut rig = measuring();
     rig.set("PWR1_AMP_MAX", 2000);
     let ratings = |rig: &mut Rig| {
-        let heard = rig.heard(|message| match message {
+        let heard = rig.node_messages(|message| match message {
             Message::ActuatorStatus(status) => Some(status.power_percent),
             _ => None,
         });

@@ -81,12 +81,12 @@ fn node_info_has_the_current_status() {
 #[test]
 fn a_parameter_is_read_by_index_and_by_name() {
     let mut rig = Rig::running();
-    rig.golden(
+    rig.assert_answer(
         "1E0BF8FF 00 00 C0",
         "1E0B7FF8 CE 06 01 78 00 00 00 80 | 00 00 00 00 01 78 00 20 | 00 00 00 00 00 00 01 00 | \
          7D 00 00 00 00 00 00 20 | 00 01 00 00 00 00 00 00 | 00 00 00 43 41 4E 5F 20 | 4E 4F 44 45 40",
     );
-    rig.golden(
+    rig.assert_answer(
         "1E0BF8FF AC 76 00 00 43 41 4E 82 | 5F 4E 4F 44 45 62",
         "1E0B7FF8 CE 06 01 78 00 00 00 82 | 00 00 00 00 01 78 00 22 | 00 00 00 00 00 00 01 02 | \
          7D 00 00 00 00 00 00 22 | 00 01 00 00 00 00 00 02 | 00 00 00 43 41 4E 5F 22 | 4E 4F 44 45 42",
@@ -96,7 +96,7 @@ fn a_parameter_is_read_by_index_and_by_name() {
 #[test]
 fn a_parameter_is_set_and_the_answer_has_the_new_value() {
     let mut rig = Rig::running();
-    rig.golden(
+    rig.assert_answer(
         "1E0BF8FF 4C EE 00 01 4C 04 00 84 | 00 00 00 00 00 4F 55 24 | 54 31 5F 4D 49 4E 44",
         "1E0B7FF8 00 32 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 | C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 4F 55 54 31 24 | 5F 4D 49 4E 44",
     );
@@ -140,7 +140,7 @@ fn a_request_for_an_unknown_parameter_gets_an_empty_answer() {
     for name in ["OUT1_MI", "OUT1_MINI", "srv_min", "X", "A_NAME_OF_16_CHR", "A_NAME_OF_17_CHRS", &"N".repeat(92)] {
         assert_eq!(rig.parameter(name), ParameterResponse::default(), "{name}");
     }
-    rig.golden("1E0BF8FF 2C 08 C2", "1E0B7FF8 00 00 00 00 C2");
+    rig.assert_answer("1E0BF8FF 2C 08 C2", "1E0B7FF8 00 00 00 00 C2");
 }
 
 #[test]
@@ -166,13 +166,13 @@ fn a_value_out_of_range_is_answered_with_the_current_value() {
     let mut rig = Rig::running();
     rig.set("OUT1_MIN", 1100);
     for wrong in [499, 2501, 0, -1, -1100, 1 << 16 | 1100, 1 << 32 | 1100, 1 << 56 | 1100, i64::MAX, i64::MIN] {
-        assert_eq!(rig.set_to("OUT1_MIN", Value::Integer(wrong)), Value::Integer(1100), "{wrong}");
+        assert_eq!(rig.request_value("OUT1_MIN", Value::Integer(wrong)), Value::Integer(1100), "{wrong}");
     }
     for (name, min, max) in
         [("OUT1_MIN", 500, 2500), ("TEMP_MIN", -55, 150), ("WARN_MASK", 0, 65_535), ("ARM_REQ", 0, 1)]
     {
         for (value, in_force) in [(min, min), (min - 1, min), (max, max), (max + 1, max)] {
-            assert_eq!(rig.set_to(name, Value::Integer(value)), Value::Integer(in_force), "{name} {value}");
+            assert_eq!(rig.request_value(name, Value::Integer(value)), Value::Integer(in_force), "{name} {value}");
         }
     }
 }
@@ -188,9 +188,9 @@ fn the_node_accepts_only_the_bit_rates_of_dronecan() {
         rig.set("CAN_BAUDRATE", rate);
     }
     // At 1 Mbit/s the MCP2515 needs a crystal of 16 MHz.
-    assert_eq!(rig.set_to("CAN_BAUDRATE", Value::Integer(2 * highest)), value);
+    assert_eq!(rig.request_value("CAN_BAUDRATE", Value::Integer(2 * highest)), value);
     for wrong in [0, 8, 1, 100_000, 375_000, 800_000, 2_000_000, 1_000_001, 1 << 32 | 500_000, -125_000] {
-        assert_eq!(rig.set_to("CAN_BAUDRATE", Value::Integer(wrong)), value, "{wrong}");
+        assert_eq!(rig.request_value("CAN_BAUDRATE", Value::Integer(wrong)), value, "{wrong}");
     }
 }
 
@@ -199,10 +199,10 @@ fn values_of_another_type_change_nothing() {
     let mut rig = Rig::running();
     for (name, in_force) in [("OUT1_MIN", 1000), ("ARM_REQ", 0), ("OUT1_ID", 1)] {
         for wrong in [Value::Real(1100.0), Value::Boolean(true), Value::Text(b"1100".to_vec())] {
-            assert_eq!(rig.set_to(name, wrong.clone()), Value::Integer(in_force), "{name} {wrong}");
+            assert_eq!(rig.request_value(name, wrong.clone()), Value::Integer(in_force), "{name} {wrong}");
         }
     }
-    rig.golden(
+    rig.assert_answer(
         "1E0BF8FF 3A DA 00 02 00 80 89 85 | 44 4F 55 54 31 5F 4D 25 | 49 4E 45",
         "1E0B7FF8 69 5B 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 | C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 4F 55 54 31 25 | 5F 4D 49 4E 45",
     );
@@ -230,15 +230,15 @@ fn malformed_requests_set_no_parameter_and_block_nothing() {
 #[test]
 fn save_and_erase_are_answered_when_they_are_done() {
     let mut rig = Rig::running();
-    rig.golden("1E0AF8FF 00 00 00 00 00 00 00 C4", "1E0A7FF8 00 00 00 00 00 00 80 C4");
-    rig.golden("1E0AF8FF 01 00 00 00 00 00 00 C5", "1E0A7FF8 00 00 00 00 00 00 80 C5");
+    rig.assert_answer("1E0AF8FF 00 00 00 00 00 00 00 C4", "1E0A7FF8 00 00 00 00 00 00 80 C4");
+    rig.assert_answer("1E0AF8FF 01 00 00 00 00 00 00 C5", "1E0A7FF8 00 00 00 00 00 00 80 C5");
 }
 
 #[test]
 fn an_unknown_opcode_is_answered_with_an_error() {
     let mut rig = Rig::running();
-    rig.golden("1E0AF8FF 02 00 00 00 00 00 00 C6", "1E0A7FF8 00 00 00 00 00 00 00 C6");
-    rig.golden("1E0AF8FF FF 00 00 00 00 00 00 C7", "1E0A7FF8 00 00 00 00 00 00 00 C7");
+    rig.assert_answer("1E0AF8FF 02 00 00 00 00 00 00 C6", "1E0A7FF8 00 00 00 00 00 00 00 C6");
+    rig.assert_answer("1E0AF8FF FF 00 00 00 00 00 00 C7", "1E0A7FF8 00 00 00 00 00 00 00 C7");
 }
 
 // ---- RestartNode ----
@@ -246,8 +246,8 @@ fn an_unknown_opcode_is_answered_with_an_error() {
 #[test]
 fn a_restart_needs_its_magic_number() {
     let mut rig = Rig::running();
-    rig.golden("1E05F8FF 1E 1B 55 CE AD C7", "1E057FF8 00 C7");
-    rig.golden("1E05F8FF 00 00 00 00 00 C8", "1E057FF8 00 C8");
+    rig.assert_answer("1E05F8FF 1E 1B 55 CE AD C7", "1E057FF8 00 C7");
+    rig.assert_answer("1E05F8FF 00 00 00 00 00 C8", "1E057FF8 00 C8");
     rig.run_ms(500);
     assert!(!rig.serial.contains("reset:"), "{}", rig.serial);
 }
@@ -256,7 +256,7 @@ fn a_restart_needs_its_magic_number() {
 fn a_restart_is_answered_and_happens_within_200_ms() {
     let mut rig = Rig::running();
     rig.run_ms(1500);
-    rig.golden("1E05F8FF 1E 1B 55 CE AC C6", "1E057FF8 80 C6");
+    rig.assert_answer("1E05F8FF 1E 1B 55 CE AC C6", "1E057FF8 80 C6");
     let asked = rig.now();
     rig.wait_for("the first NodeStatus", 250, |rig| {
         rig.statuses().iter().any(|(_, data)| data[..4] == [0; 4] && data[4] >> 3 & 7 == 1)

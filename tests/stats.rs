@@ -6,7 +6,7 @@ use bench::dronecan::{CanStats, Message};
 use rig::{ARRAY_COMMAND, MS, NODE, Rig, US, is_from_node};
 
 fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
-    rig.heard(|message| match message {
+    rig.node_messages(|message| match message {
         Message::CanStats(stats) => Some(stats),
         _ => None,
     })

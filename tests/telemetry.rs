@@ -11,7 +11,7 @@ const CAN_STATS_OF_NODE: u32 = 0x1801_5700 | NODE;
 const POWER_UNKNOWN: u8 = 127;
 
 fn positions(rig: &Rig) -> Vec<(Cycles, ActuatorStatus)> {
-    rig.heard(|message| match message {
+    rig.node_messages(|message| match message {
         Message::ActuatorStatus(status) => Some(status),
         _ => None,
     })

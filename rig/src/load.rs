@@ -461,9 +461,9 @@ struct Instruction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Purpose {
     /// To check for a received frame.
-    Look,
+    Check,
     /// To read or release a frame.
-    Fetch,
+    Read,
     /// To send a frame.
     Send,
     Other,
@@ -473,8 +473,8 @@ impl Instruction {
     /// The purpose, by the instruction byte (DS20001801J table 12-1).
     fn purpose(&self) -> Purpose {
         match self.mosi[..] {
-            [0xA0 | 0xB0, ..] | [0x03, CANINTF, ..] => Purpose::Look,
-            [0x90..=0x96, ..] | [0x03, 0x60..=0x7F, ..] | [0x02 | 0x05, CANINTF, ..] => Purpose::Fetch,
+            [0xA0 | 0xB0, ..] | [0x03, CANINTF, ..] => Purpose::Check,
+            [0x90..=0x96, ..] | [0x03, 0x60..=0x7F, ..] | [0x02 | 0x05, CANINTF, ..] => Purpose::Read,
             [0x40..=0x45 | 0x80..=0x87, ..] | [0x02 | 0x05, 0x30..=0x5F, ..] => Purpose::Send,
             _ => Purpose::Other,
         }
@@ -500,8 +500,8 @@ const PAUSE: Cycles = 300;
 #[derive(Default)]
 pub struct Meter {
     open: Option<Instruction>,
-    look: Option<(Cycles, Cycles, usize)>,
-    fetch: Vec<Instruction>,
+    check: Option<(Cycles, Cycles, usize)>,
+    reads: Vec<Instruction>,
     newest_received_at: Cycles,
     /// Number of frames read and released.
     pub frames: u64,
@@ -572,37 +572,38 @@ impl Meter {
 
     fn instruction(&mut self, instruction: Instruction, releases: &mut VecDeque<(Cycles, Cycles, Frame)>) {
         match instruction.purpose() {
-            Purpose::Look => {
-                self.look = Some((instruction.start, instruction.end, instruction.mosi.len()));
-                self.fetch.clear();
+            Purpose::Check => {
+                self.check = Some((instruction.start, instruction.end, instruction.mosi.len()));
+                self.reads.clear();
             }
-            Purpose::Fetch => {
+            Purpose::Read => {
                 self.fetched_bytes += instruction.mosi.len() as u64;
-                self.fetch.push(instruction);
+                self.reads.push(instruction);
             }
-            // What it looked at was its own buffers.
-            Purpose::Send => self.look = None,
+            // The status check was for a transmit buffer.
+            Purpose::Send => self.check = None,
             Purpose::Other => {}
         }
-        let Some(last) = self.fetch.last() else { return };
+        let Some(last) = self.reads.last() else { return };
         if releases.front().is_none_or(|&(at, ..)| at > last.end) {
             return;
         }
         let (at, _, frame) = releases.pop_front().expect("a release");
-        let read = self.fetch.iter().find_map(Instruction::frame_read);
+        let read = self.reads.iter().find_map(Instruction::frame_read);
         self.garbled += u64::from(read.is_some_and(|read| read != frame));
-        let first = self.fetch[0].start;
-        let begun = match self.look {
+        let first = self.reads[0].start;
+        let begun = match self.check {
             Some((start, end, _)) if first.saturating_sub(end) <= PAUSE => start,
             Some((start, end, _)) => first - (end - start),
             None => first,
         };
         self.service.push(at - begun);
-        let bytes = self.fetch.iter().map(|fetch| fetch.mosi.len()).sum::<usize>() + self.look.map_or(0, |look| look.2);
+        let bytes =
+            self.reads.iter().map(|read| read.mosi.len()).sum::<usize>() + self.check.map_or(0, |check| check.2);
         self.overhead.push((bytes - frame.data().len()) as Cycles);
-        self.selects.push((self.fetch.len() + usize::from(self.look.is_some())) as Cycles);
-        self.look = None;
-        self.fetch.clear();
+        self.selects.push((self.reads.len() + usize::from(self.check.is_some())) as Cycles);
+        self.check = None;
+        self.reads.clear();
     }
 }
 
@@ -660,7 +661,7 @@ impl Loaded {
     /// Like [`Loaded::new`] with a node that accepts DroneCAN v0 only.
     pub fn of_v0_only(load: Option<Load>, client: Client) -> Loaded {
         let mut rig = Rig::running();
-        rig.take_v0_only();
+        rig.accept_v0_only();
         Loaded::with(rig, load, client)
     }
 

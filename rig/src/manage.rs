@@ -98,7 +98,7 @@ pub const SAVE_TIMEOUT_MS: u64 = 1000;
 
 impl Rig {
     /// Sets DIALECT so that the node accepts DroneCAN v0 only, with filters for that.
-    pub fn take_v0_only(&mut self) {
+    pub fn accept_v0_only(&mut self) {
         if takes_both_dialects() {
             self.set("DIALECT", 1);
             self.run_ms(1500);
@@ -179,7 +179,7 @@ impl Rig {
 
     /// Sends a GetSet request with a value. Returns the value in the answer.
     #[track_caller]
-    pub fn set_to(&mut self, name: &str, value: Value) -> Value {
+    pub fn request_value(&mut self, name: &str, value: Value) -> Value {
         let response = self.ask_for_parameter(ParameterRequest { index: 0, value, name: name.into() });
         assert_eq!(response.name(), name);
         response.value
@@ -188,7 +188,7 @@ impl Rig {
     /// Sets a parameter. Panics if the node answers another value.
     #[track_caller]
     pub fn set(&mut self, name: &str, value: i64) {
-        assert_eq!(self.set_to(name, Value::Integer(value)), Value::Integer(value), "{name}");
+        assert_eq!(self.request_value(name, Value::Integer(value)), Value::Integer(value), "{name}");
     }
 
     /// Reads the names and values of all parameters, in order.
@@ -239,7 +239,7 @@ impl Rig {
 
     /// Sends the quoted frames and checks that the node answers the tool with exactly the quoted ones.
     #[track_caller]
-    pub fn golden(&mut self, request: &str, answer: &str) {
+    pub fn assert_answer(&mut self, request: &str, answer: &str) {
         self.forget();
         for frame in parse_frames(request) {
             self.send_frame(frame);
@@ -286,7 +286,7 @@ impl Rig {
     }
 
     /// The node's messages, decoded, for which `pick` returns something.
-    pub fn heard<T>(&self, pick: impl Fn(Message) -> Option<T>) -> Vec<(Cycles, T)> {
+    pub fn node_messages<T>(&self, pick: impl Fn(Message) -> Option<T>) -> Vec<(Cycles, T)> {
         let from_node = |id: &CanId| id.source().is_some_and(|source| u32::from(source.get()) == NODE);
         let transfers = self.transfers.iter().filter(|(_, transfer)| from_node(&transfer.id));
         transfers.filter_map(|(at, transfer)| Some((*at, pick(Message::decode(transfer))?))).collect()

@@ -126,7 +126,7 @@ pub const BABBLE: Case = Case {
 };
 
 pub const NO_ACKNOWLEDGE: Case = Case {
-    fault: "nobody acknowledges (error-passive)",
+    fault: "no node acknowledges (error-passive)",
     reaction: "continues to send; logs that it is error-active again with the first frames that it can send",
     run: || {
         let mut trial = Trial::running();

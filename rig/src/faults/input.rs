@@ -49,7 +49,7 @@ pub const SENSOR_NOISY: Case = Case {
         trial.live(1100);
         trial.begin("open or short", |rig| rig.board().set_sensor_noise_millivolts(100, 3));
         trial.live(6000);
-        let reported = trial.rig.heard(|message| match message {
+        let reported = trial.rig.node_messages(|message| match message {
             Message::Temperature(temperature) => Some(temperature.celsius()),
             _ => None,
         });

@@ -228,7 +228,7 @@ impl Trial {
         if !has_all_features() {
             return None;
         }
-        let all = self.rig.heard(|message| match message {
+        let all = self.rig.node_messages(|message| match message {
             Message::CanStats(statistics) => Some(statistics),
             _ => None,
         });
