@@ -138,7 +138,7 @@ impl Tunnels {
             let buffer = match tunnel.way {
                 Way::Targetted { serial_port, .. } if type_id == types::TUNNEL_TARGETTED.id => {
                     // The node sends the number of its port, even if the bridge requested the default port.
-                    let of_port = |told: i8| serial_port == DEFAULT_PORT || told == serial_port;
+                    let of_port = |number: i8| serial_port == DEFAULT_PORT || number == serial_port;
                     TunnelTargetted::decode(&transfer.payload)
                         .filter(|message| message.target == self.own && of_port(message.serial_port))
                         .map(|message| message.buffer)

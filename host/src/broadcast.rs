@@ -215,13 +215,13 @@ impl fmt::Display for CanStats {
             ("timed out", self.tx_timedout),
             ("aborted", self.tx_abort),
         ];
-        let mut told = |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
-        faults.into_iter().try_for_each(|(name, count)| told(name, count))?;
+        let mut nonzero = |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
+        faults.into_iter().try_for_each(|(name, count)| nonzero(name, count))?;
         write!(f, ", in {}", self.rx_received)?;
-        let mut told = |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
-        told("overflow", self.rx_overflow)?;
-        told("errors", self.rx_errors)?;
-        told("bus-off", self.busoff_errors)
+        let mut nonzero = |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
+        nonzero("overflow", self.rx_overflow)?;
+        nonzero("errors", self.rx_errors)?;
+        nonzero("bus-off", self.busoff_errors)
     }
 }
 

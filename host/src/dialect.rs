@@ -44,7 +44,7 @@ impl fmt::Display for Dialect {
 
 /// Finds the dialect of each frame on one bus, by the module's rules.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Ear {
+pub struct DialectFinder {
     /// Dialect of the last NodeStatus.
     last_status: Dialect,
 }
@@ -56,7 +56,7 @@ const TRANSFER_ID_BITS: u32 = 5;
 const STATUS_LEN: usize = 8;
 const DRAFT_STATUS_LENS: [usize; 4] = [4, 6, 7, 8];
 
-impl Ear {
+impl DialectFinder {
     /// The dialect of an extended data frame.
     pub fn dialect(&mut self, id: u32, data: &[u8]) -> Dialect {
         let is_whole = data.last().is_some_and(|tail| tail >> TRANSFER_ID_BITS == WHOLE);
@@ -146,7 +146,7 @@ pub enum Heard {
 /// Reassembles the transfers of all nodes on a bus, in either dialect.
 #[derive(Default)]
 pub struct Observer {
-    ear: Ear,
+    dialects: DialectFinder,
     v0: Assembler,
     draft: draft::Assembler,
 }
@@ -159,7 +159,7 @@ impl Observer {
 
     /// Handles an extended data frame that ended at `at`. All times count from the same moment.
     pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Heard {
-        match self.ear.dialect(id, data) {
+        match self.dialects.dialect(id, data) {
             Dialect::V0 => match self.v0.push(id, data, at) {
                 Outcome::Complete(transfer) => {
                     let message = Message::decode(&transfer);

@@ -4,7 +4,7 @@
 //! a frame at the limit of the second counts completely or not at all.
 
 use can_model::{Id, Record, RecordKind};
-use dronecan_host::dialect::{Ear, announced};
+use dronecan_host::dialect::{DialectFinder, announced};
 use sim_base::{Cycles, F_CPU_HZ};
 use std::collections::{HashMap, VecDeque};
 
@@ -49,7 +49,7 @@ pub struct LoadByType {
     window: VecDeque<Passed>,
     sums: HashMap<Key, Sum>,
     names: Vec<String>,
-    ear: Ear,
+    dialects: DialectFinder,
 }
 
 impl LoadByType {
@@ -60,7 +60,7 @@ impl LoadByType {
 
     /// Counts a frame or error frame. Records must be in order of time.
     pub fn record(&mut self, record: &Record) {
-        let (source, name) = attribute(record, &mut self.ear);
+        let (source, name) = attribute(record, &mut self.dialects);
         let key = (source, self.name_index(name));
         let bits = record.bits + INTERMISSION_BITS;
         let sum = self.sums.entry(key).or_default();
@@ -148,13 +148,13 @@ impl Source {
     }
 }
 
-fn attribute(record: &Record, ear: &mut Ear) -> (Source, String) {
+fn attribute(record: &Record, dialects: &mut DialectFinder) -> (Source, String) {
     let frame = match record.kind {
         RecordKind::Frame { frame, .. } => frame,
         RecordKind::ErrorFrame { .. } => return (Source::Bus, String::from("error frames")),
     };
     let known = match frame.id {
-        Id::Extended(id) if !frame.remote => announced(ear.dialect(id, frame.data()), id),
+        Id::Extended(id) if !frame.remote => announced(dialects.dialect(id, frame.data()), id),
         _ => None,
     };
     let Some((source, name)) = known else {

@@ -177,7 +177,7 @@ impl Bus {
 
     /// Number of the next `limit` bits that are certainly idle.
     fn idle_bits(&self, limit: u64) -> u64 {
-        if !self.recorder.is_idle() || self.ports.iter().any(|port| port.deaf) {
+        if !self.recorder.is_idle() || self.ports.iter().any(|port| port.misses_frame) {
             return 0;
         }
         let limit = limit.min(self.faults.harmless_idle_bits());
@@ -242,7 +242,7 @@ impl Bus {
     fn begin_bit(&mut self, start: Cycles) -> (Level, Distortion) {
         let idle = self.recorder.is_idle();
         for port in &mut self.ports {
-            port.deaf &= !idle;
+            port.misses_frame &= !idle;
             port.mute &= !idle;
             if port.is_in_step() {
                 port.driven = port.station.borrow_mut().drive(start);
@@ -284,8 +284,8 @@ impl Bus {
             let ports = &mut self.ports;
             self.faults.losers(|PortId(at)| {
                 let port = &mut ports[at];
-                port.deaf = port.connected && port.is_in_step() && !port.driven.is_dominant();
-                port.deaf
+                port.misses_frame = port.connected && port.is_in_step() && !port.driven.is_dominant();
+                port.misses_frame
             });
         }
     }

@@ -80,7 +80,7 @@ pub(super) struct Port {
     /// False if the cable is disconnected and the station receives only itself.
     pub connected: bool,
     /// True while it misses a frame: it is not stepped until the frame ends.
-    pub deaf: bool,
+    pub misses_frame: bool,
     /// True if the others do not receive it until the bus is idle, which it does not notice. See [`Fault::NoAck`](super::Fault::NoAck).
     pub mute: bool,
     /// The bit time from which `pace` was derived.
@@ -96,7 +96,7 @@ impl Port {
             name: name.to_owned(),
             station,
             connected: true,
-            deaf: false,
+            misses_frame: false,
             mute: false,
             bit_time_ps: None,
             pace: Pace::Off,
@@ -125,11 +125,11 @@ impl Port {
 
     /// True if it is stepped with the bus's bits and does not miss a frame.
     pub fn is_in_step(&self) -> bool {
-        self.pace == Pace::InStep && !self.deaf
+        self.pace == Pace::InStep && !self.misses_frame
     }
 
     /// True if the others receive what it drives.
     pub fn is_heard(&self) -> bool {
-        self.connected && !self.deaf && !self.mute
+        self.connected && !self.misses_frame && !self.mute
     }
 }

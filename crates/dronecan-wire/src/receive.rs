@@ -300,7 +300,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
 
     /// Length of the payload in bytes, at most 255. Counts also the bytes that were not kept. For a list: as [`payload`](Self::payload).
     #[inline(always)]
-    #[allow(clippy::len_without_is_empty, reason = "nobody asks")]
+    #[allow(clippy::len_without_is_empty, reason = "not needed")]
     pub fn len(&self) -> u8 {
         self.len
     }

@@ -100,8 +100,10 @@ pub fn run(input: &[u8]) {
     let id = rig.node_info().map(|info| info.unique_id);
     let index = index % parameters::COUNT as u8;
     let first = set(&mut rig, index, u16::from_le_bytes([a0, a1]));
-    let told = rig.ask(Type::GetSet, &[index, 0]);
-    assert!(matches!(told, Some(Message::ParameterResponse(told)) if matches!(told.value, Value::Integer(_))));
+    let response = rig.ask(Type::GetSet, &[index, 0]);
+    assert!(
+        matches!(response, Some(Message::ParameterResponse(response)) if matches!(response.value, Value::Integer(_)))
+    );
     save(&mut rig);
     restart(&mut rig);
     assert_eq!(rig.parameter(index), Some(first), "a saved value must be kept");

@@ -99,7 +99,7 @@ impl Simulated {
                 self.uptime_s = 0;
                 Message::Restarting(true)
             }
-            other => panic!("nobody asks {other:?}"),
+            other => panic!("unexpected request {other:?}"),
         }
     }
 

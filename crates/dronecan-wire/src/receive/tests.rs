@@ -464,7 +464,7 @@ fn each_lane_serves_one_sender_and_one_more_sender_displaces_one() {
         assert_eq!(rig.rejects(&frames[0]), None);
     }
     let newcomer = two(100, 1, 1);
-    assert_eq!(rig.rejects(&newcomer[0]), Some(Rejection::Interleaved), "somebody's transfer is lost");
+    assert_eq!(rig.rejects(&newcomer[0]), Some(Rejection::Interleaved), "another sender's transfer is lost");
     assert_eq!(entry(rig.frame(&newcomer[1])), Some((0, 1)));
     let mut came = 0;
     for frames in &first {

@@ -229,7 +229,7 @@ fn loopback_does_not_receive_from_the_bus() {
     let mut bench = Bench::in_mode(LOOPBACK);
     bench.peer_sends(&[Frame::standard(0x123, &[1])]);
     bench.assert_register(CANINTF, 0);
-    assert_ne!(bench.peer.borrow().tec(), 0, "nobody acknowledges");
+    assert_ne!(bench.peer.borrow().tec(), 0, "no node acknowledges");
 }
 
 /// DS20001801J 3.2, 10.4: three frames are received in the order of their priority.
@@ -254,7 +254,7 @@ fn loopback_takes_time_and_keeps_the_transmit_priority() {
 fn listen_only_receives_and_never_acknowledges() {
     let mut bench = Bench::in_mode(LISTEN_ONLY);
     bench.peer_sends(&[Frame::standard(0x123, &[1])]);
-    assert_eq!(bench.read(CANINTF) & RX0IF, 0, "nobody acknowledged it");
+    assert_eq!(bench.read(CANINTF) & RX0IF, 0, "no node acknowledged it");
     let records = bench.bus.take_records();
     assert!(!records.is_empty());
     for record in records {
