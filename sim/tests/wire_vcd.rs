@@ -284,7 +284,7 @@ fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
         vcd.serve(&mut bench).unwrap();
         look(&mut bench);
     }
-    vcd.finish().unwrap();
+    vcd.finish(&mut bench).unwrap();
     let mut found = changes(&path);
     for (index, pulses) in metered.iter().enumerate() {
         let name = format!("OUT{}", index + 2);

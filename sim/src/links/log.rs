@@ -185,6 +185,10 @@ impl Link for Log {
         Ok(())
     }
 
+    fn finish(&mut self, _bench: &mut Bench) -> Result<()> {
+        if self.failed { Ok(()) } else { self.write() }
+    }
+
     fn status(&self) -> String {
         let errors = match (self.format, self.error_frames) {
             (_, 0) => String::new(),
@@ -401,6 +405,19 @@ mod tests {
         }
         let error = log.serve(&mut bench).unwrap_err();
         assert!(format!("{error:#}").starts_with("cannot write run.log: "), "{error:#}");
+    }
+
+    #[test]
+    fn a_disk_that_is_full_at_the_end_of_the_run_is_an_error() {
+        let disk = disk(30);
+        let mut bench = Bench::new(1_000_000);
+        let mut log = log(&disk, Format::Candump);
+        for us in 0..2 {
+            log.record(&frame(us, "123#01"), None).unwrap();
+        }
+        let error = log.finish(&mut bench).unwrap_err();
+        assert!(format!("{error:#}").starts_with("cannot write run.log: "), "{error:#}");
+        log.finish(&mut bench).expect("reported once");
     }
 
     #[test]

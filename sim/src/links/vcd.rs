@@ -80,11 +80,8 @@ impl Vcd {
         Ok(Vcd { path, node, writer, bus, drawn, seen_to: now, next_flush: now, finished: false })
     }
 
-    /// Writes the last changes and the time of the end. Dropping does the same, but cannot report an error.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn finish(&mut self) -> Result<()> {
+    /// Writes the last changes and the time of the end.
+    fn write_end(&mut self) -> Result<()> {
         self.finished = true;
         self.writer.finish(self.seen_to).with_context(|| format!("cannot write {}", self.path.display()))
     }
@@ -130,6 +127,14 @@ impl Link for Vcd {
         written.with_context(|| format!("cannot write {}", self.path.display()))
     }
 
+    fn finish(&mut self, bench: &mut Bench) -> Result<()> {
+        if self.finished {
+            return Ok(());
+        }
+        self.collect(bench);
+        self.write_end()
+    }
+
     fn status(&self) -> String {
         format!("wires to {}, {:.1} MB", self.path.display(), self.writer.bytes() as f64 / 1e6)
     }
@@ -139,7 +144,7 @@ impl Drop for Vcd {
     fn drop(&mut self) {
         if !self.finished {
             // A drop cannot report an error. sigrok and GTKWave can read a file without its end, too.
-            let _ = self.finish();
+            let _ = self.write_end();
         }
     }
 }

@@ -92,14 +92,21 @@ impl Clock {
 pub fn plain(scene: &mut Scene, args: &Args, stop: &AtomicBool, out: impl Write) -> Result<()> {
     let mut clock = Clock::new(args, scene);
     let mut view = Plain::new(out, args.traffic);
+    let simulated = print_events(scene, &mut clock, &mut view, stop);
+    // After an error, too: the other links can still write their files.
+    simulated.and(scene.finish())?;
+    view.step(scene.state_mut())?;
+    view.print_summary(scene.state(), clock.average())?;
+    Ok(())
+}
+
+/// Simulates until the end of the run or `stop`, and prints a line for each event.
+fn print_events(scene: &mut Scene, clock: &mut Clock, view: &mut Plain<impl Write>, stop: &AtomicBool) -> Result<()> {
     while !clock.is_over(scene) && !stop.load(Ordering::Relaxed) {
         let wait = clock.step(scene)?;
         view.step(scene.state_mut())?;
         std::thread::sleep(wait);
     }
-    scene.finish()?;
-    view.step(scene.state_mut())?;
-    view.print_summary(scene.state(), clock.average())?;
     Ok(())
 }
 
@@ -111,9 +118,11 @@ pub fn live(scene: &mut Scene, args: &Args, stop: &AtomicBool) -> Result<Measure
     // Also installs a panic hook that restores the terminal before the message is printed.
     let terminal = ratatui::try_init().context("cannot use this terminal: try --plain")?;
     let restored = Restored;
-    let result = live_loop(terminal, scene, args, stop);
+    let speed = live_loop(terminal, scene, args, stop);
     drop(restored);
-    result
+    // After an error, too: the other links can still write their files.
+    let finished = scene.finish();
+    speed.and_then(|speed| finished.map(|()| speed))
 }
 
 /// Restores the terminal when it goes out of scope.
@@ -187,7 +196,6 @@ fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop
             }
         }
     }
-    scene.finish()?;
     Ok(clock.average())
 }
 

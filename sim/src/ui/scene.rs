@@ -321,14 +321,13 @@ impl Scene {
     /// # Errors
     /// If a link cannot write its file.
     pub fn finish(&mut self) -> Result<()> {
-        if let Some(script) = &mut self.script {
-            script.finish(&mut self.bench)?;
-        }
+        let mut result = self.script.as_mut().map_or(Ok(()), |script| script.finish(&mut self.bench));
+        // An error of one file must not keep the others from being written.
         for link in &mut self.links {
-            link.finish(&mut self.bench)?;
+            result = result.and(link.finish(&mut self.bench));
         }
         self.update_links();
-        Ok(())
+        result
     }
 
     fn update_links(&mut self) {

@@ -195,9 +195,9 @@ impl<W: Write> Writer<W> {
         self.out.flush()
     }
 
-    /// Writes the changes before `end`, drops later ones, and writes the time `end`.
+    /// Writes the changes until `end`, drops later ones, and writes the time `end`.
     pub fn finish(&mut self, end: Cycles) -> io::Result<()> {
-        self.advance(end)?;
+        self.advance(end + 1)?;
         self.pending.clear();
         if end > self.written_to {
             self.written_to = end;
@@ -222,6 +222,17 @@ mod tests {
     fn body(out: &[u8]) -> String {
         let text = String::from_utf8(out.to_vec()).unwrap();
         text.split_once("$dumpvars").unwrap().1.split_once("$end\n").unwrap().1.to_owned()
+    }
+
+    #[test]
+    fn a_change_at_the_end_is_in_the_file_and_a_later_one_is_not() {
+        let mut out = Vec::new();
+        let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
+        writer.change(100, Wire::Cs, false);
+        writer.change(101, Wire::Cs, true);
+        writer.finish(100).unwrap();
+        drop(writer);
+        assert_eq!(body(&out), "#62500\n0\"\n");
     }
 
     #[test]
