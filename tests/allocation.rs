@@ -59,7 +59,7 @@ fn requests(rig: &Rig) -> Vec<Request> {
             continue;
         }
         let Some(CanId::Anonymous { priority, type_id, .. }) = CanId::parse(id) else {
-            panic!("{frame} of a board_without_id")
+            panic!("{frame} of a board without an ID")
         };
         assert_eq!((priority, type_id), (30, 1), "{frame}");
         let (tail, payload) = frame.data().split_last().unwrap();

@@ -244,13 +244,13 @@ impl Channel {
         self.transport = Transport::Away(now + RETRY);
         if !self.away_said {
             self.away_said = true;
-            self.log.push(format!("{} is mark_unavailable: {why}", self.spec));
+            self.log.push(format!("{} is not available: {why}", self.spec));
         }
     }
 
     fn mark_available(&mut self) {
         if std::mem::take(&mut self.away_said) {
-            self.log.push(format!("{} is back", self.spec));
+            self.log.push(format!("{} is available again", self.spec));
         }
     }
 
@@ -437,7 +437,7 @@ impl Channel {
     pub fn report(&self) -> Vec<String> {
         let mut first = self.spec.to_string();
         if matches!(self.transport, Transport::Away(_) | Transport::LookingUp(_) | Transport::Connecting(..)) {
-            first += ", mark_unavailable";
+            first += ", not available";
         }
         let dropped = self.dropped;
         let troubles = [
@@ -469,7 +469,7 @@ fn cannot_listen(local: SocketAddr, error: io::Error) -> anyhow::Error {
             anyhow!("{local} is in use; does a ground station listen there? Then send to it with udpout:{local}")
         }
         ErrorKind::AddrNotAvailable => {
-            anyhow!("{} is no address of this machine; \"ip address\" lists them", local.ip())
+            anyhow!("{} is not an address of this machine; \"ip address\" lists them", local.ip())
         }
         _ => anyhow!(error).context(format!("cannot listen on {local}")),
     }

@@ -73,7 +73,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         None => NodeId::new(args.component),
     };
     let node = node.with_context(|| {
-        format!("component {} is no node ID, which is 1 to 127: give one with --node-id", args.component)
+        format!("component {} is not a node ID, which is 1 to 127: give one with --node-id", args.component)
     })?;
     let epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let settings = Settings {

@@ -45,8 +45,11 @@ impl FromStr for Spec {
 
     fn from_str(text: &str) -> Result<Spec, String> {
         let (node, rest) = text.split_once(':').ok_or(EXAMPLES)?;
-        let node =
-            node.parse().ok().and_then(NodeId::new).ok_or_else(|| format!("\"{node}\" is no node; {EXAMPLES}"))?;
+        let node = node
+            .parse()
+            .ok()
+            .and_then(NodeId::new)
+            .ok_or_else(|| format!("\"{node}\" is not a node ID; {EXAMPLES}"))?;
         let mut words = rest.split(',');
         let path = words.next().filter(|path| !path.is_empty()).ok_or(EXAMPLES)?;
         let mut way = Way::Targetted { serial_port: DEFAULT_PORT, locks: false };
@@ -55,7 +58,7 @@ impl FromStr for Spec {
                 (("lock", ""), Way::Targetted { serial_port, .. }) => Way::Targetted { serial_port, locks: true },
                 (("port", number), Way::Targetted { locks, .. }) => match number.parse() {
                     Ok(serial_port @ 0..=15) => Way::Targetted { serial_port, locks },
-                    _ => return Err(format!("\"{number}\" is no serial port of a node: 0 to 15")),
+                    _ => return Err(format!("\"{number}\" is not a serial port of a node: 0 to 15")),
                 },
                 (("broadcast", protocol), Way::Targetted { serial_port: DEFAULT_PORT, locks: false }) => {
                     Way::Broadcast { protocol: byte(protocol)? }
@@ -72,7 +75,7 @@ fn byte(text: &str) -> Result<u8, String> {
         Some(digits) => u8::from_str_radix(digits, 16),
         None => text.parse(),
     };
-    parsed.map_err(|_| format!("\"{text}\" is no protocol: 0 to 255, or 0x00 to 0xFF"))
+    parsed.map_err(|_| format!("\"{text}\" is not a protocol: 0 to 255, or 0x00 to 0xFF"))
 }
 
 struct Tunnel {

@@ -16,7 +16,7 @@ fn impossible_sizes_and_rates_are_rejected_with_advice() {
         ("NodeStatus:8@1", "NodeStatus has 7 bytes, not 8"),
         ("NodeStatus=2A00000000000000@1", "NodeStatus has 7 bytes, not 8"),
         ("ArrayCommand:61@1", "not 61"),
-        ("NodeStatus@0", "is no rate"),
+        ("NodeStatus@0", "is not a rate"),
     ] {
         let (code, text) = utilisation(&["--message", message]);
         assert!(code == Some(2) && text.contains(advice), "{message}: {code:?} {text}");

@@ -426,11 +426,11 @@ def test_the_bus_may_disappear_and_return(bench, bridge, station, tmp_path):
     ground = station()
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
     used.end()
-    started.wait_for_text("is away")
+    started.wait_for_text("is not available")
     again = bench()
     link.unlink()
     link.symlink_to(again.slcan[0])
-    started.wait_for_text("is back")
+    started.wait_for_text("is available again")
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
     assert len(ground.parameters()) == len(PARAMETERS)
 
@@ -521,9 +521,9 @@ def test_it_listens_only_on_the_given_port_of_the_loopback_interface(bench, brid
         ("mcast:0", "pigeon:{port}", 2, "udpout:127.0.0.1:14550"),
         ("mcast:0", "udpin:192.0.2.1:{port}", 4, "ip address"),
         ("mcast:0", "serial:/no/such/port", 4, "is the radio plugged in"),
-        ("slcan:/dev/null", "udpin:{port}", 3, "is no serial port"),
-        ("mcast:0", "serial:/dev/null", 4, "is no serial port"),
-        ("mcast:0", "serial:/dev/null:0", 2, "is no baud rate"),
+        ("slcan:/dev/null", "udpin:{port}", 3, "is not a serial port"),
+        ("mcast:0", "serial:/dev/null", 4, "is not a serial port"),
+        ("mcast:0", "serial:/dev/null:0", 2, "is not a baud rate"),
         ("mcast:0", "udpout:no.such.host.invalid:1", 4, "there is no host"),
     ],
 )
@@ -549,7 +549,7 @@ def test_a_message_after_an_incomplete_one_is_received_at_once(joined):
 def test_with_wait_it_waits_for_the_bus_and_with_for_it_ends_by_itself(bench, bridge, station, tmp_path):
     link = tmp_path / "adapter"
     started = bridge(f"slcan:{link}", "--wait", "--for", "5s")
-    started.wait_for_text("is away")
+    started.wait_for_text("is not available")
     link.symlink_to(bench().slcan[0])
     station().wait_for("UAVCAN_NODE_INFO", NODE)
     assert started.wait(15) == 0

@@ -84,7 +84,7 @@ impl std::str::FromStr for Nodes {
 }
 
 fn node_id(text: &str) -> Result<NodeId, String> {
-    text.parse().ok().and_then(NodeId::new).ok_or_else(|| format!("\"{text}\" is no node ID, which is 1 to 127"))
+    text.parse().ok().and_then(NodeId::new).ok_or_else(|| format!("\"{text}\" is not a node ID, which is 1 to 127"))
 }
 
 #[cfg(test)]

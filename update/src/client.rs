@@ -129,7 +129,7 @@ impl Client {
             }
         }
         match self.bus.trouble() {
-            Some(trouble) => Err(Error::msg(format!("the bus is away: {trouble}"))),
+            Some(trouble) => Err(Error::msg(format!("the bus is not available: {trouble}"))),
             None => Ok(transfers),
         }
     }

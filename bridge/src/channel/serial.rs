@@ -14,7 +14,7 @@ impl Channel {
         let port = SerialPort::open(path, baud).map_err(|error| match error.kind() {
             ErrorKind::NotFound => anyhow!("there is no {}; is the radio plugged in?", path.display()),
             _ if error.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => {
-                anyhow!("{} is no serial port; those of radios are /dev/ttyUSB0, /dev/ttyACM0, ..", path.display())
+                anyhow!("{} is not a serial port; those of radios are /dev/ttyUSB0, /dev/ttyACM0, ..", path.display())
             }
             _ => anyhow!(error).context(format!("cannot open {}", path.display())),
         })?;

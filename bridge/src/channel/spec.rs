@@ -48,7 +48,7 @@ impl FromStr for Spec {
                 let (path, baud) = match rest.rsplit_once(':') {
                     Some((path, baud)) => match baud.parse() {
                         Ok(rate) if rate >= BAUD_MIN => (path, rate),
-                        _ => return Err(format!("\"{baud}\" is no baud rate: {BAUD_MIN} or more")),
+                        _ => return Err(format!("\"{baud}\" is not a baud rate: {BAUD_MIN} or more")),
                     },
                     None => (rest, 57_600),
                 };

@@ -113,7 +113,7 @@ pub fn run(args: &Args, mut out: impl Write) -> Result<()> {
 fn read(path: &Path) -> Result<(Vec<Entry>, Option<u32>)> {
     let text = std::fs::read_to_string(path).map_err(|error| match error.kind() {
         // The file exists but is not a plan: the user's mistake, not the machine's.
-        ErrorKind::InvalidData | ErrorKind::IsADirectory => anyhow!("{} is no text: {error}", path.display()),
+        ErrorKind::InvalidData | ErrorKind::IsADirectory => anyhow!("{} is not a text file: {error}", path.display()),
         _ => anyhow!(error).context(format!("cannot read {}", path.display())),
     })?;
     let (mut entries, mut bit_rate) = (Vec::new(), None);

@@ -68,7 +68,7 @@ impl FromStr for Entry {
         let (what, rate) = text.rsplit_once('@').ok_or("give a rate, as in \"NodeStatus@1\": transfers per second")?;
         let rate_hz = match rate.trim().parse() {
             Ok(rate_hz) if 0.0 < rate_hz && rate_hz <= RATE_MAX_HZ => rate_hz,
-            _ => return Err(format!("\"{rate}\" is no rate: use transfers per second, such as 50 or 0.5")),
+            _ => return Err(format!("\"{rate}\" is not a rate: use transfers per second, such as 50 or 0.5")),
         };
         let (nodes, what) = nodes(what.trim())?;
         let (name, length) = Length::split(what)?;
@@ -111,11 +111,12 @@ impl Length {
         if let Some((name, bytes)) = text.split_once(':') {
             return match bytes.parse() {
                 Ok(bytes @ 0..=PAYLOAD_MAX) => Ok((name, Length::Bytes(bytes))),
-                _ => Err(format!("\"{bytes}\" is no length: use 0 to {PAYLOAD_MAX} bytes")),
+                _ => Err(format!("\"{bytes}\" is not a length: use 0 to {PAYLOAD_MAX} bytes")),
             };
         }
         if let Some((name, digits)) = text.split_once('=') {
-            let payload = hex(digits).ok_or_else(|| format!("\"{digits}\" is no payload: use pairs of hex digits"))?;
+            let payload =
+                hex(digits).ok_or_else(|| format!("\"{digits}\" is not a payload: use pairs of hex digits"))?;
             return Ok((name, Length::Payload(payload)));
         }
         Ok((text, Length::Longest))
@@ -168,7 +169,7 @@ enum Subject {
 impl Subject {
     fn find(name: &str) -> Result<Subject, String> {
         if is_number(name) {
-            let id: u16 = name.parse().map_err(|_| format!("{name} is no message type: they go to 65535"))?;
+            let id: u16 = name.parse().map_err(|_| format!("{name} is not a message type: the highest is 65535"))?;
             let known = KNOWN.iter().find(|known| known.kind == Kind::Message && known.id == id);
             return Ok(known.map_or(Subject::Unknown(id), Subject::Known));
         }

@@ -49,13 +49,13 @@ impl FromStr for Spec {
             (_, "") => Err(String::from("write for example slcan:/dev/ttyACM0, mcast:0 or socketcan:can0")),
             ("slcan", path) => {
                 let (path, baud) = match path.rsplit_once(':') {
-                    Some((path, baud)) => (path, baud.parse().map_err(|_| format!("\"{baud}\" is no baud rate"))?),
+                    Some((path, baud)) => (path, baud.parse().map_err(|_| format!("\"{baud}\" is not a baud rate"))?),
                     None => (path, SLCAN_BAUD),
                 };
                 Ok(Spec::Slcan { path: path.into(), baud })
             }
             ("mcast", bus) => {
-                bus.parse().map(Spec::Mcast).map_err(|_| format!("\"{bus}\" is no bus: 0 to 255, mostly 0"))
+                bus.parse().map(Spec::Mcast).map_err(|_| format!("\"{bus}\" is not a bus: 0 to 255, mostly 0"))
             }
             ("socketcan", interface) => Ok(Spec::SocketCan(interface.to_owned())),
             (other, _) => Err(format!("unknown kind of bus \"{other}\": slcan, mcast or socketcan")),
@@ -131,7 +131,7 @@ impl Bus {
                     }
                     _ if error.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => {
                         anyhow!(
-                            "{} is no serial port; those of adapters are /dev/ttyACM0, /dev/ttyUSB0, ..",
+                            "{} is not a serial port; those of adapters are /dev/ttyACM0, /dev/ttyUSB0, ..",
                             path.display()
                         )
                     }
@@ -187,7 +187,7 @@ impl Bus {
             self.lost(now, &error);
         }
         if self.is_up() && !was_up && self.trouble.take().is_some() {
-            self.log.push(format!("bus {} is back", self.spec));
+            self.log.push(format!("bus {} is available again", self.spec));
         }
         self.counters.received += frames.len() as u64;
         self.transmit(now);
@@ -276,7 +276,7 @@ impl Bus {
     /// Logs why the bus is lost; the same reason only once.
     fn log_trouble(&mut self, why: String) {
         if self.trouble.is_none() {
-            self.log.push(format!("bus {} is away: {why}", self.spec));
+            self.log.push(format!("bus {} is not available: {why}", self.spec));
         }
         self.trouble = Some(why);
     }
@@ -320,7 +320,7 @@ impl fmt::Display for Bus {
         if dropped > 0 {
             write!(f, ", {dropped} dropped")?;
         }
-        self.trouble.as_ref().map_or(Ok(()), |why| write!(f, ", away: {why}"))
+        self.trouble.as_ref().map_or(Ok(()), |why| write!(f, ", not available: {why}"))
     }
 }
 
@@ -424,7 +424,7 @@ impl Slcan {
                 }
                 Err(Errno::INTR) => {}
                 Err(Errno::AGAIN) => break,
-                Err(error) => return Err(io::Error::from(error)).context("the adapter is gone"),
+                Err(error) => return Err(io::Error::from(error)).context("the adapter is lost"),
             }
         }
         if self.state != State::Open && now >= self.deadline {
@@ -450,7 +450,7 @@ impl Slcan {
                 self.send_command(now, State::Rate, format!("S{digit}\r").as_bytes())?;
             }
             State::Rate | State::Opening if !done => {
-                bail!("the adapter refuses {} bit/s; does the bus have another rate? (--bitrate)", self.bit_rate)
+                bail!("the adapter rejects {} bit/s; does the bus have another rate? (--bitrate)", self.bit_rate)
             }
             State::Rate => self.send_command(now, State::Opening, b"O\r")?,
             State::Opening => self.state = State::Open,

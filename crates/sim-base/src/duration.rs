@@ -25,7 +25,7 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
         other => return Err(format!("unknown unit \"{other}\": use us, ms, s, m or h")),
     };
     let number: f64 =
-        number.parse().map_err(|_| format!("\"{text}\" is no duration: write for example 500ms, 5s, 2m or 1h"))?;
+        number.parse().map_err(|_| format!("\"{text}\" is not a duration: write for example 500ms, 5s, 2m or 1h"))?;
     match number * seconds {
         seconds if seconds > TEN_YEARS_S => Err(format!("\"{text}\" is longer than ten years")),
         seconds => Ok(seconds),
