@@ -79,7 +79,7 @@ struct Call<P> {
     timeouts: Timeouts,
     urgency: Urgency,
     purpose: P,
-    tries: Vec<Attempt>,
+    attempts: Vec<Attempt>,
     /// When the last attempt times out.
     deadline: Duration,
 }
@@ -87,7 +87,7 @@ struct Call<P> {
 impl<P> Call<P> {
     /// When the request fails. `None` before the first attempt.
     fn fails_at(&self) -> Option<Duration> {
-        self.tries.first().map(|first| first.sent + self.timeouts.give_up_after)
+        self.attempts.first().map(|first| first.sent + self.timeouts.give_up_after)
     }
 
     fn has_failed(&self, now: Duration) -> bool {
@@ -130,7 +130,7 @@ impl<P> Line<P> {
     /// Removes and returns the request that the answer is for.
     fn take_answered(&mut self, service: u16, transfer_id: TransferId) -> Option<Call<P>> {
         let is_it = |call: &Call<P>| {
-            call.service.id == service && call.tries.iter().any(|this| this.transfer_id == transfer_id)
+            call.service.id == service && call.attempts.iter().any(|this| this.transfer_id == transfer_id)
         };
         if let Some(at) = self.flying.iter().position(is_it) {
             return Some(self.flying.swap_remove(at));
@@ -141,14 +141,14 @@ impl<P> Line<P> {
 
     /// Ends a request. Later answers to its other attempts are ignored.
     fn abandon(&mut self, call: &Call<P>, answered: Option<TransferId>) {
-        let others = call.tries.iter().filter(|this| Some(this.transfer_id) != answered);
+        let others = call.attempts.iter().filter(|this| Some(this.transfer_id) != answered);
         self.orphans.extend(others.map(|this| (call.service.id, *this)));
     }
 
     /// The next transfer ID that no outstanding attempt has.
     fn transfer_id(&mut self, service: u16) -> TransferId {
         let calls = self.flying.iter().chain(&self.waiting).filter(|call| call.service.id == service);
-        let expected = calls.flat_map(|call| &call.tries);
+        let expected = calls.flat_map(|call| &call.attempts);
         let orphaned = self.orphans.iter().filter(|(of, _)| *of == service).map(|(_, this)| this);
         let used: Vec<TransferId> = expected.chain(orphaned).map(|this| this.transfer_id).collect();
         let counter = self.counters.entry(service).or_default();
@@ -209,8 +209,8 @@ impl<P> Calls<P> {
         if line.waiting.len() >= QUEUE_LIMIT {
             return self.refused.push((node, purpose, None));
         }
-        let (tries, deadline) = (Vec::new(), Duration::ZERO);
-        line.push(Call { service, payload, timeouts, urgency, purpose, tries, deadline });
+        let (attempts, deadline) = (Vec::new(), Duration::ZERO);
+        line.push(Call { service, payload, timeouts, urgency, purpose, attempts, deadline });
     }
 
     /// Finds the request that a response answers.
@@ -224,7 +224,7 @@ impl<P> Calls<P> {
             line.orphans.retain(|(of, this)| (*of, this.transfer_id) != (service, transfer_id));
             return None;
         };
-        if let Some(this) = call.tries.iter().find(|this| this.transfer_id == transfer_id) {
+        if let Some(this) = call.attempts.iter().find(|this| this.transfer_id == transfer_id) {
             let delay = now.saturating_sub(this.sent);
             line.delay.measured(delay);
             self.delay.measured(delay);
@@ -268,7 +268,7 @@ impl<P> Calls<P> {
             }
             if !overdue.is_empty() {
                 line.window = (line.window / 2).max(1);
-                let last_sent = overdue.iter().flat_map(|call| call.tries.last()).map(|this| this.sent).max();
+                let last_sent = overdue.iter().flat_map(|call| call.attempts.last()).map(|this| this.sent).max();
                 if line.delay.is_known() && self.narrowed_at < last_sent {
                     self.window = (self.window / 2.0).max(TOTAL_WINDOW_MIN);
                     self.narrowed_at = Some(now);
@@ -296,7 +296,7 @@ impl<P> Calls<P> {
         }
         let Some(mut call) = line.waiting.pop_front() else { return false };
         let transfer_id = line.transfer_id(call.service.id);
-        call.tries.push(Attempt { transfer_id, sent: now });
+        call.attempts.push(Attempt { transfer_id, sent: now });
         call.deadline = now + line.delay.timeout(call.timeouts.repeat_after, &self.delay);
         if let Some(at) = call.fails_at() {
             call.deadline = call.deadline.min(at);

@@ -98,7 +98,7 @@ pub struct Channel {
     unsigned: u64,
     /// Messages that the queues of former peers dropped.
     dropped: u64,
-    away_said: bool,
+    is_loss_logged: bool,
     pub log: Vec<String>,
 }
 
@@ -135,7 +135,7 @@ impl Channel {
             refusal_said: None,
             unsigned: 0,
             dropped: 0,
-            away_said: false,
+            is_loss_logged: false,
             log: Vec::new(),
         };
         channel.warn_about_open_listener();
@@ -242,14 +242,14 @@ impl Channel {
 
     fn mark_unavailable(&mut self, now: Duration, why: &str) {
         self.transport = Transport::Away(now + RETRY);
-        if !self.away_said {
-            self.away_said = true;
+        if !self.is_loss_logged {
+            self.is_loss_logged = true;
             self.log.push(format!("{} is not available: {why}", self.spec));
         }
     }
 
     fn mark_available(&mut self) {
-        if std::mem::take(&mut self.away_said) {
+        if std::mem::take(&mut self.is_loss_logged) {
             self.log.push(format!("{} is available again", self.spec));
         }
     }
@@ -295,7 +295,7 @@ impl Channel {
     fn lose(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, why: &str) {
         self.remove(bridge, id, why);
         if matches!(self.transport, Transport::Stream | Transport::Serial(_)) {
-            self.away_said = true;
+            self.is_loss_logged = true;
             self.transport = Transport::Away(now + RETRY);
         }
     }

@@ -90,7 +90,7 @@ impl Commands {
         let result = match command.number {
             command::UAVCAN_GET_NODE_INFO => {
                 // For any target: MAVLink's chapter on UAVCAN requires one for every known node.
-                let is_known = |node: &Node| node.online || node.info.known.is_some();
+                let is_known = |node: &Node| node.is_online || node.info.known.is_some();
                 let nodes = state.nodes.iter().filter(|(_, node)| is_known(node)).map(|(id, _)| *id).collect();
                 return self.send_infos(state, now, asker, component, command, nodes);
             }
@@ -160,7 +160,7 @@ impl Commands {
         let named = NodeId::new(command.params[1] as u8).filter(|id| state.nodes.contains_key(id));
         let nodes: Vec<NodeId> = match (target, named) {
             (Target::Node(id), _) | (Target::Bridge, Some(id)) => vec![id],
-            (Target::Bridge, None) => state.online().collect(),
+            (Target::Bridge, None) => state.online_nodes().collect(),
         };
         match number {
             message_id::NODE_INFO => self.send_infos(state, now, asker, component, command, nodes),
@@ -206,7 +206,7 @@ impl Commands {
         };
         let nodes: Vec<NodeId> = match target {
             Target::Node(id) => vec![id],
-            Target::Bridge => state.online().filter(|id| !state.is_other_component(id.get())).collect(),
+            Target::Bridge => state.online_nodes().filter(|id| !state.is_other_component(id.get())).collect(),
         };
         if nodes.is_empty() {
             return fail(state, asker, component, command, "No node is online");

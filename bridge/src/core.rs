@@ -154,7 +154,7 @@ impl Bridge {
     }
 
     fn node_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) {
-        let was_online = self.state.nodes.get(&id).is_some_and(|node| node.online);
+        let was_online = self.state.nodes.get(&id).is_some_and(|node| node.is_online);
         let change = self.state.note_status(now, id, status);
         if change == NodeChange::Restarted {
             self.commands.restarted(&mut self.state, id);
@@ -253,7 +253,7 @@ impl Bridge {
 
     /// Handles that the bus is open again. Other nodes may be on it now, and their uptimes need not show that.
     pub fn bus_is_back(&mut self) {
-        let online: Vec<NodeId> = self.state.online().collect();
+        let online: Vec<NodeId> = self.state.online_nodes().collect();
         for id in online {
             self.state.forget_parameters(id);
             self.state.request_info(id);

@@ -22,9 +22,9 @@ pub const NAME: &str = "org.dronecan.mavlink_bridge";
 impl State {
     pub(crate) fn request_info(&mut self, id: NodeId) {
         if let Some(node) = self.nodes.get_mut(&id)
-            && !node.info.asked
+            && !node.info.is_requested
         {
-            node.info.asked = true;
+            node.info.is_requested = true;
             self.calls.request(id, types::GET_NODE_INFO, Vec::new(), INFO_TIMEOUTS, Urgency::Background, Purpose::Info);
         }
     }
@@ -32,7 +32,7 @@ impl State {
     /// Handles the answer to GetNodeInfo; `None` if there was none. Returns the commands that waited for it.
     pub(crate) fn info_answer(&mut self, now: Duration, id: NodeId, info: Option<NodeInfo>) -> Vec<u32> {
         let Some(node) = self.nodes.get_mut(&id) else { return Vec::new() };
-        node.info.asked = false;
+        node.info.is_requested = false;
         let waiting = std::mem::take(&mut node.info.waiting);
         match info {
             Some(info) => {
@@ -75,7 +75,7 @@ impl State {
     /// Sends GetNodeInfo to nodes without information, and repeats the UAVCAN_NODE_INFO of the others.
     pub(crate) fn repeat_infos(&mut self, now: Duration) {
         let interval = self.settings.info_interval;
-        let online: Vec<NodeId> = self.online().collect();
+        let online: Vec<NodeId> = self.online_nodes().collect();
         for id in online {
             let Some(node) = self.nodes.get_mut(&id) else { continue };
             if node.info.known.is_none() && now >= node.info.next_try {
@@ -89,7 +89,7 @@ impl State {
 
     /// Sends the known nodes to a new ground station.
     pub(crate) fn send_all_infos(&mut self, now: Duration, peer: PeerId) {
-        let online: Vec<NodeId> = self.online().collect();
+        let online: Vec<NodeId> = self.online_nodes().collect();
         for id in online {
             self.post_info(now, id, To::One(peer));
         }

@@ -12,7 +12,7 @@ pub struct Node {
     pub status: NodeStatus,
     /// Time of its last status.
     pub heard: Duration,
-    pub online: bool,
+    pub is_online: bool,
     /// The uptime before it last decreased. If later statuses fit both uptimes, two nodes have the ID.
     pub other_uptime: Option<Uptime>,
     /// When a conflict of its ID was last reported.
@@ -36,7 +36,7 @@ impl Node {
         Node {
             status,
             heard: now,
-            online: true,
+            is_online: true,
             other_uptime: None,
             conflict_said: None,
             statuses: 0,
@@ -82,7 +82,7 @@ impl Uptime {
 pub struct Information {
     pub known: Option<NodeInfo>,
     /// True while a request is unanswered.
-    pub asked: bool,
+    pub is_requested: bool,
     /// Consecutive requests without an answer.
     pub failures: u32,
     pub next_try: Duration,

@@ -32,7 +32,7 @@ impl State {
     /// Executes `op` for the node with component ID `component`, or for all nodes.
     pub(crate) fn parameter_ops(&mut self, component: u8, op: impl Fn() -> Op) {
         let all: Vec<NodeId> = match NodeId::new(component) {
-            None if component == 0 => self.online().collect(),
+            None if component == 0 => self.online_nodes().collect(),
             None => Vec::new(),
             Some(id) => self.nodes.contains_key(&id).then_some(id).into_iter().collect(),
         };
@@ -99,7 +99,7 @@ impl State {
         node.info.failures = 0;
         for purpose in failed {
             match purpose {
-                Purpose::Info => node.info.asked = false,
+                Purpose::Info => node.info.is_requested = false,
                 _ => node.listing = None,
             }
         }

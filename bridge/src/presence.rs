@@ -35,8 +35,8 @@ pub enum NodeChange {
 impl State {
     /// Stores a node's status.
     pub(crate) fn note_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) -> NodeChange {
-        let known = self.nodes.entry(id).or_insert_with(|| Node { online: false, ..Node::new(status, now) });
-        let appeared = !known.online;
+        let known = self.nodes.entry(id).or_insert_with(|| Node { is_online: false, ..Node::new(status, now) });
+        let appeared = !known.is_online;
         // Two nodes with one ID look like one node that restarts each second.
         let is_other =
             known.other_uptime.is_some_and(|other| other.fits(now, &status)) && !known.uptime().fits(now, &status);
@@ -50,7 +50,7 @@ impl State {
         }
         known.status = status;
         known.heard = now;
-        known.online = true;
+        known.is_online = true;
         known.statuses += 1;
         if is_new_conflict {
             self.warn(&format!("two nodes have the ID {id}"));
@@ -95,14 +95,14 @@ impl State {
 
     /// Finds the nodes that have become offline.
     pub(crate) fn check_offline_nodes(&mut self, now: Duration) {
-        let missed = |node: &Node| node.online && now > node.heard + OFFLINE_AFTER;
+        let missed = |node: &Node| node.is_online && now > node.heard + OFFLINE_AFTER;
         let gone: Vec<NodeId> = self.nodes.iter().filter(|(_, node)| missed(node)).map(|(id, _)| *id).collect();
         for id in gone {
             self.log.push(format!("node {id} is offline: no status for {} s", OFFLINE_AFTER.as_secs()));
             self.post(To::All, Class::Text, id.get(), Content::from(text(&format!("Node {id} is offline"))));
             self.posts.push(Post::Forget { node: id });
             if let Some(node) = self.nodes.get_mut(&id) {
-                node.online = false;
+                node.is_online = false;
             }
         }
     }
@@ -116,7 +116,7 @@ impl State {
         // A second heartbeat of that component would contradict its own.
         let own = self.settings.component;
         let speaking = |id: &NodeId| id.get() != own && !self.is_other_component(id.get());
-        let nodes: Vec<NodeId> = self.online().filter(speaking).collect();
+        let nodes: Vec<NodeId> = self.online_nodes().filter(speaking).collect();
         for id in nodes {
             let heartbeat = self.heartbeat(Some(id));
             self.post(To::All, Class::Heartbeat, id.get(), Content::from(heartbeat));

@@ -158,7 +158,7 @@ fn draw(frame: &mut Frame, now: Duration, joined: &Joined, lines: &VecDeque<Stri
 }
 
 fn row(now: Duration, id: NodeId, node: &Node, rate: f64) -> Row<'static> {
-    let style = match (node.online, node.status.health) {
+    let style = match (node.is_online, node.status.health) {
         (false, _) => Style::new().fg(Color::DarkGray),
         (_, Health::Ok) => Style::new(),
         (_, Health::Warning) => Style::new().fg(Color::Yellow),
@@ -173,7 +173,7 @@ fn row(now: Duration, id: NodeId, node: &Node, rate: f64) -> Row<'static> {
     Row::new([
         id.to_string(),
         node.name().unwrap_or_else(|| String::from("?")),
-        if node.online { node.status.health.to_string() } else { String::from("offline") },
+        if node.is_online { node.status.health.to_string() } else { String::from("offline") },
         node.status.mode.to_string(),
         format!("{} s", node.status.uptime_s),
         format!("{:#06X}", node.status.vendor_code),

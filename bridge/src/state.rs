@@ -70,8 +70,8 @@ impl State {
         }
     }
 
-    pub fn online(&self) -> impl Iterator<Item = NodeId> {
-        self.nodes.iter().filter(|(_, node)| node.online).map(|(id, _)| *id)
+    pub fn online_nodes(&self) -> impl Iterator<Item = NodeId> {
+        self.nodes.iter().filter(|(_, node)| node.is_online).map(|(id, _)| *id)
     }
 
     /// True if this component is not the bridge's: the bridge sends no heartbeat for it and answers no message to it.

@@ -89,7 +89,7 @@ impl FaultKind {
         matches!(self, Self::BrownOut | Self::ResetPin | Self::PowerCut | Self::Hang | Self::Restart)
     }
 
-    fn lasts(self) -> bool {
+    fn is_lasting(self) -> bool {
         !self.restarts() && !matches!(self, Self::ChipReset | Self::ChipBrownOut | Self::ChipSleep | Self::Register)
     }
 }
@@ -450,7 +450,7 @@ impl Soak {
         self.rig.forget();
         self.begin(fault);
         let begun = self.now();
-        while fault.lasts() && self.now() < begun + for_ms * MS {
+        while fault.is_lasting() && self.now() < begun + for_ms * MS {
             // Like an autopilot, drops the frames that it could not send.
             self.rig.peer.borrow_mut().clear_queue();
             if fault != FaultKind::Silence {

@@ -36,7 +36,7 @@ pub struct Writer {
     /// Sequence numbers by component.
     sequences: [u8; 256],
     /// True after a message in version 2 was sent.
-    greeted: bool,
+    has_sent_v2: bool,
     signing: Option<Rc<SigningData>>,
 }
 
@@ -46,7 +46,7 @@ const UID2_LEN: usize = 18;
 
 impl Writer {
     pub fn new(system: u8, versions: Versions, signing: Option<Rc<SigningData>>) -> Writer {
-        Writer { system, versions, sequences: [0; 256], greeted: false, signing }
+        Writer { system, versions, sequences: [0; 256], has_sent_v2: false, signing }
     }
 
     /// The bytes of a message. `heard` is the version of the station's last message. `None` if the message does not exist in the version.
@@ -57,12 +57,14 @@ impl Writer {
             (Versions::One, _) if id > V1_ID_MAX => return None,
             (Versions::One, _) => MavlinkVersion::V1,
             // Signatures exist in version 2 only.
-            (Versions::Auto, Some(MavlinkVersion::V1)) if id <= V1_ID_MAX && self.greeted && self.signing.is_none() => {
+            (Versions::Auto, Some(MavlinkVersion::V1))
+                if id <= V1_ID_MAX && self.has_sent_v2 && self.signing.is_none() =>
+            {
                 MavlinkVersion::V1
             }
             _ => MavlinkVersion::V2,
         };
-        self.greeted = true;
+        self.has_sent_v2 = true;
         let sequence = &mut self.sequences[usize::from(out.component)];
         let header = MavHeader { system_id: self.system.into(), component_id: out.component, sequence: *sequence };
         *sequence = sequence.wrapping_add(1);

@@ -27,7 +27,7 @@ pub enum Id {
 
 impl Id {
     /// True if the value fits in its width.
-    const fn in_range(self) -> bool {
+    const fn is_in_range(self) -> bool {
         match self {
             Id::Standard(id) => id <= STANDARD_ID_MAX,
             Id::Extended(id) => id <= EXTENDED_ID_MAX,
@@ -67,7 +67,7 @@ impl Frame {
     /// A data frame with this DLC. Bytes beyond the length are dropped. Panics if the
     /// identifier or the DLC does not fit.
     pub fn with_dlc(id: Id, dlc: u8, data: [u8; 8]) -> Frame {
-        assert!(id.in_range(), "CAN identifier out of range: {id:X?}");
+        assert!(id.is_in_range(), "CAN identifier out of range: {id:X?}");
         assert!(dlc <= MAX_DLC, "a DLC has four bits, not {dlc}");
         let mut kept = [0; MAX_DATA];
         let len = usize::from(dlc).min(MAX_DATA);
@@ -140,7 +140,7 @@ impl FromStr for Frame {
             8 => Id::Extended(value),
             _ => return Err(ParseFrameError),
         };
-        if !id.in_range() {
+        if !id.is_in_range() {
             return Err(ParseFrameError);
         }
         if let Some(dlc) = body.strip_prefix('R') {

@@ -185,7 +185,7 @@ impl Bus {
         let (mut quiet, mut unknown) = (0, limit);
         let mut probe = limit;
         while quiet < unknown {
-            if self.all_quiet(self.clock.after(probe - 1)) {
+            if self.are_all_quiet(self.clock.after(probe - 1)) {
                 quiet = probe;
             } else {
                 unknown = probe - 1;
@@ -195,7 +195,7 @@ impl Bus {
         quiet
     }
 
-    fn all_quiet(&self, at: Cycles) -> bool {
+    fn are_all_quiet(&self, at: Cycles) -> bool {
         let mut on_bus = self.ports.iter().filter(|port| port.pace != Pace::Off);
         on_bus.all(|port| port.station.borrow().quiet(at))
     }
@@ -243,14 +243,14 @@ impl Bus {
         let idle = self.recorder.is_idle();
         for port in &mut self.ports {
             port.misses_frame &= !idle;
-            port.mute &= !idle;
+            port.is_muted &= !idle;
             if port.is_in_step() {
                 port.driven = port.station.borrow_mut().drive(start);
             }
         }
         if self.faults.mutes_receivers() && self.recorder.is_ack_slot() {
             for port in &mut self.ports {
-                port.mute = port.is_in_step() && !port.station.borrow().transmitting();
+                port.is_muted = port.is_in_step() && !port.station.borrow().transmitting();
             }
         }
         if self.recorder.needs_sender() {
@@ -306,7 +306,7 @@ impl Bus {
             if port.is_in_step() {
                 let seen = match port.connected {
                     true if distortion.fooled == Some(PortId(at)) => !level,
-                    true if port.mute => level & port.driven,
+                    true if port.is_muted => level & port.driven,
                     true => level,
                     false => port.driven,
                 };

@@ -82,7 +82,7 @@ pub(super) struct Port {
     /// True while it misses a frame: it is not stepped until the frame ends.
     pub misses_frame: bool,
     /// True if the others do not receive it until the bus is idle, which it does not notice. See [`Fault::NoAck`](super::Fault::NoAck).
-    pub mute: bool,
+    pub is_muted: bool,
     /// The bit time from which `pace` was derived.
     bit_time_ps: Option<u64>,
     pub pace: Pace,
@@ -97,7 +97,7 @@ impl Port {
             station,
             connected: true,
             misses_frame: false,
-            mute: false,
+            is_muted: false,
             bit_time_ps: None,
             pace: Pace::Off,
             driven: Level::Recessive,
@@ -130,6 +130,6 @@ impl Port {
 
     /// True if the others receive what it drives.
     pub fn is_heard(&self) -> bool {
-        self.connected && !self.misses_frame && !self.mute
+        self.connected && !self.misses_frame && !self.is_muted
     }
 }

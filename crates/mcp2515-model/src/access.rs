@@ -42,7 +42,7 @@ impl Mcp2515 {
     }
 
     pub(super) fn bit_modify(&mut self, address: u8, mask: u8, value: u8, at: Cycles) {
-        if registers::bit_modifiable(address) {
+        if registers::is_bit_modifiable(address) {
             self.write_bits(address, value, mask, at);
         } else {
             let name = registers::name(address);
@@ -63,7 +63,7 @@ impl Mcp2515 {
             Kind::Filter | Kind::ConfigOnly if self.mode != Mode::Configuration => {
                 self.reject(address, value, "writable only in configuration mode", "10.1", at);
             }
-            Kind::TxBuffer(n) if self.tx_requested(n) => {
+            Kind::TxBuffer(n) if self.is_tx_requested(n) => {
                 self.reject(address, value, "its TXREQ is set", "3.1", at);
             }
             Kind::ErrorCounter | Kind::RxBuffer(_) => {

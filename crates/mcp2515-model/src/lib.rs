@@ -70,7 +70,7 @@ pub struct Mcp2515 {
     /// True if a fault holds it in configuration mode.
     is_held: bool,
     /// True if the bit timing was checked since configuration mode was entered.
-    timing_checked: bool,
+    is_timing_checked: bool,
     tx: [transmit::TxState; 3],
     /// The buffer whose frame is on the bus.
     in_flight: Option<usize>,
@@ -99,7 +99,7 @@ impl Mcp2515 {
             waking_until: None,
             deaf_until: 0,
             is_held: false,
-            timing_checked: false,
+            is_timing_checked: false,
             tx: Default::default(),
             in_flight: None,
             looped_level: Level::Recessive,
@@ -125,7 +125,7 @@ impl Mcp2515 {
 
     /// True if a transmit buffer has a frame to send (TXREQ).
     pub fn has_frame_to_send(&self) -> bool {
-        self.any_tx_requested()
+        self.has_tx_request()
     }
 
     /// Transmit error counter; above 255 in bus-off.

@@ -57,7 +57,7 @@ impl Mode {
         }
     }
 
-    fn on_the_bus(self) -> bool {
+    fn is_on_the_bus(self) -> bool {
         matches!(self, Mode::Normal | Mode::ListenOnly)
     }
 }
@@ -119,7 +119,7 @@ impl Mcp2515 {
     }
 
     /// True if a request was made by `at` and not executed yet.
-    pub(super) fn mode_change_due(&self, at: Cycles) -> bool {
+    pub(super) fn is_mode_change_due(&self, at: Cycles) -> bool {
         self.request.is_some_and(|request| request.at <= at)
     }
 
@@ -131,7 +131,7 @@ impl Mcp2515 {
         if at < since || self.joining.is_some() || self.waking_until.is_some() {
             return;
         }
-        if mode.on_the_bus() {
+        if mode.is_on_the_bus() {
             // `join_bus` starts the engine, at the beginning of a bit.
             if self.mode == Mode::Configuration {
                 self.check_timing(mode, since);
@@ -141,7 +141,7 @@ impl Mcp2515 {
         let off_air = self.can.is_idle() || self.can.error_state() == ErrorState::BusOff;
         let free = match self.mode {
             Mode::Configuration => true,
-            Mode::Normal | Mode::Loopback if self.any_tx_requested() => false,
+            Mode::Normal | Mode::Loopback if self.has_tx_request() => false,
             Mode::Normal | Mode::Loopback | Mode::ListenOnly => match mode {
                 Mode::Sleep => self.can.is_idle(),
                 _ => frame_over || off_air,
@@ -159,10 +159,10 @@ impl Mcp2515 {
     }
 
     fn check_timing(&mut self, mode: Mode, at: Cycles) {
-        if mode == Mode::Sleep || std::mem::replace(&mut self.timing_checked, true) {
+        if mode == Mode::Sleep || std::mem::replace(&mut self.is_timing_checked, true) {
             return;
         }
-        if let Some(fault) = self.bit_timing().fault(self.osc_hz, mode.on_the_bus()) {
+        if let Some(fault) = self.bit_timing().fault(self.osc_hz, mode.is_on_the_bus()) {
             let at_cnf = |address: u8| self.registers[usize::from(address)];
             let text = format!(
                 "CNF1 = {:02X}h, CNF2 = {:02X}h, CNF3 = {:02X}h on leaving configuration mode: {fault} \
@@ -181,12 +181,12 @@ impl Mcp2515 {
         let Some(Request { mode, at: since }) = self.request else {
             return;
         };
-        if at < since || self.joining.is_some() || !mode.on_the_bus() {
+        if at < since || self.joining.is_some() || !mode.is_on_the_bus() {
             return;
         }
         let ready = match self.mode {
             Mode::Configuration => true,
-            Mode::Normal | Mode::Loopback => !self.any_tx_requested() && self.can.is_idle(),
+            Mode::Normal | Mode::Loopback => !self.has_tx_request() && self.can.is_idle(),
             Mode::ListenOnly => self.can.is_idle(),
             Mode::Sleep => false,
         };
@@ -228,7 +228,7 @@ impl Mcp2515 {
     pub(super) fn enter(&mut self, mode: Mode) {
         self.request = None;
         self.mode = mode;
-        self.timing_checked &= mode != Mode::Configuration;
+        self.is_timing_checked &= mode != Mode::Configuration;
         self.in_flight = None;
         self.error_flags = self.current_error_flags();
     }
@@ -282,7 +282,7 @@ impl Mcp2515 {
         self.request = None;
         self.joining = None;
         self.waking_until = None;
-        self.timing_checked = false;
+        self.is_timing_checked = false;
         self.error_flags = 0;
         self.rxb0_filter = 0;
         self.deaf_until = at + self.start_up_cycles();

@@ -76,7 +76,7 @@ impl Mcp2515 {
         usize::from(RXB0CTRL) + n * usize::from(BUFFER_STRIDE)
     }
 
-    pub(super) fn rx_full(&self, n: usize) -> bool {
+    pub(super) fn is_rx_full(&self, n: usize) -> bool {
         self.registers[usize::from(registers::CANINTF)] & (int::RX0 << n) != 0
     }
 
@@ -87,9 +87,9 @@ impl Mcp2515 {
         let Some(Hit { buffer, filter }) = filters::accept(&self.registers, rxm, &frame) else {
             return;
         };
-        let rolls_over = buffer == 0 && self.rx_full(0) && control[0] & rxctrl::BUKT != 0;
+        let rolls_over = buffer == 0 && self.is_rx_full(0) && control[0] & rxctrl::BUKT != 0;
         let buffer = if rolls_over { 1 } else { buffer };
-        if self.rx_full(buffer) {
+        if self.is_rx_full(buffer) {
             self.overflow(frame, buffer, at);
             return;
         }
@@ -168,11 +168,11 @@ impl Mcp2515 {
 
     /// The answer to RX STATUS (Figure 12-9).
     pub(super) fn rx_status(&self) -> u8 {
-        let Some(n) = (0..2).find(|&n| self.rx_full(n)) else {
+        let Some(n) = (0..2).find(|&n| self.is_rx_full(n)) else {
             return 0;
         };
         let control = Self::rx_control(n);
-        let full = u8::from(self.rx_full(0)) << 6 | u8::from(self.rx_full(1)) << 7;
+        let full = u8::from(self.is_rx_full(0)) << 6 | u8::from(self.is_rx_full(1)) << 7;
         let extended = self.registers[control + usize::from(offset::SIDL)] & sidl::EXIDE;
         let remote = self.registers[control] & rxctrl::RXRTR;
         let filter = match n {

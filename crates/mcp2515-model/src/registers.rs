@@ -193,7 +193,7 @@ fn implemented(address: u8) -> u8 {
 }
 
 /// True if BIT MODIFY works on the register (shaded in Table 11-1).
-pub fn bit_modifiable(address: u8) -> bool {
+pub fn is_bit_modifiable(address: u8) -> bool {
     !matches!(kind(address), Kind::Filter | Kind::Canstat | Kind::ErrorCounter | Kind::TxBuffer(_) | Kind::RxBuffer(_))
 }
 

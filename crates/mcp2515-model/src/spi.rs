@@ -78,12 +78,12 @@ pub(super) struct Spi {
     /// The answer to the byte in progress.
     answer: u8,
     /// True if a violation was recorded in this instruction.
-    complained: bool,
+    has_violation: bool,
 }
 
 impl Default for Spi {
     fn default() -> Spi {
-        Spi { selected: false, state: State::default(), answer: HIGH_IMPEDANCE, complained: false }
+        Spi { selected: false, state: State::default(), answer: HIGH_IMPEDANCE, has_violation: false }
     }
 }
 
@@ -160,7 +160,7 @@ impl Mcp2515 {
         self.catch_up(at);
         match self.spi.state {
             State::ReadRx { buffer, read, .. } => {
-                if !read && self.rx_full(buffer) {
+                if !read && self.is_rx_full(buffer) {
                     self.violation(
                         at,
                         format!(
@@ -184,8 +184,8 @@ impl Mcp2515 {
 
     /// Records a driver mistake, unless this instruction already has one.
     pub(super) fn violation(&mut self, at: Cycles, text: String) {
-        if !self.spi.complained {
-            self.spi.complained = self.spi.selected;
+        if !self.spi.has_violation {
+            self.spi.has_violation = self.spi.selected;
             self.violations.record(at, text);
         }
     }
@@ -232,7 +232,7 @@ impl Mcp2515 {
     /// Bit 2 of the instruction selects the buffer, bit 1 SIDH or D0 (Figure 12-3).
     fn begin_read_rx(&mut self, instruction: u8, at: Cycles) -> State {
         let buffer = usize::from(instruction >> 2 & 1);
-        if !self.rx_full(buffer) {
+        if !self.is_rx_full(buffer) {
             self.violation(
                 at,
                 format!(
@@ -265,7 +265,7 @@ impl Mcp2515 {
     fn read_status(&self) -> u8 {
         let flags = self.registers[usize::from(registers::CANINTF)];
         (0..3).fold(flags & (int::RX0 | int::RX1), |status, n| {
-            let requested = u8::from(self.tx_requested(n));
+            let requested = u8::from(self.is_tx_requested(n));
             let sent = u8::from(flags & int::TX0 << n != 0);
             status | requested << (2 + 2 * n) | sent << (3 + 2 * n)
         })

@@ -59,7 +59,7 @@ impl BitTiming {
 
     /// The rule of the datasheet that this setting breaks (5.5, and the sums of the segments in 5.2); `None` if it is legal. Off the
     /// bus (loopback) any bit rate is legal.
-    pub fn fault(self, osc_hz: u32, on_the_bus: bool) -> Option<&'static str> {
+    pub fn fault(self, osc_hz: u32, is_on_the_bus: bool) -> Option<&'static str> {
         if self.ps2_tq < INFORMATION_PROCESSING_TQ {
             Some("PS2 is shorter than 2 TQ")
         } else if self.prop_tq + self.ps1_tq < self.ps2_tq {
@@ -68,7 +68,7 @@ impl BitTiming {
             Some("PS2 is not longer than SJW")
         } else if !(5..=25).contains(&self.quanta()) {
             Some("the bit is not 5 to 25 TQ long")
-        } else if on_the_bus && self.bit_time_ps(osc_hz) < SHORTEST_BIT_PS {
+        } else if is_on_the_bus && self.bit_time_ps(osc_hz) < SHORTEST_BIT_PS {
             Some("the bit rate is above 1 Mbit/s")
         } else {
             None

@@ -62,11 +62,11 @@ impl Mcp2515 {
         usize::from(TXB0CTRL) + n * usize::from(BUFFER_STRIDE)
     }
 
-    pub(super) fn tx_requested(&self, n: usize) -> bool {
+    pub(super) fn is_tx_requested(&self, n: usize) -> bool {
         self.registers[Self::tx_control(n)] & txctrl::TXREQ != 0
     }
 
-    pub(super) fn any_tx_requested(&self) -> bool {
+    pub(super) fn has_tx_request(&self) -> bool {
         self.tx.iter().any(|tx| tx.frame.is_some())
     }
 
@@ -87,7 +87,7 @@ impl Mcp2515 {
 
     pub(super) fn request_to_send(&mut self, n: usize, at: Cycles) {
         let index = Self::tx_control(n);
-        let pending = self.tx_requested(n);
+        let pending = self.is_tx_requested(n);
         self.registers[index] &= !(txctrl::ABTF | txctrl::MLOA | txctrl::TXERR);
         self.registers[index] |= txctrl::TXREQ;
         if pending {
@@ -114,7 +114,7 @@ impl Mcp2515 {
 
     /// Ends a request now, or after the current attempt if its frame is on the bus (3.6).
     fn withdraw(&mut self, n: usize, how: Withdrawal) {
-        if !self.tx_requested(n) {
+        if !self.is_tx_requested(n) {
             return;
         }
         if self.in_flight == Some(n) {

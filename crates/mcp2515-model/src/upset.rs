@@ -67,6 +67,6 @@ impl Mcp2515 {
         self.start_engine(mode);
         self.enter(mode);
         // The garbage in CNF1 to CNF3 is not a driver mistake.
-        self.timing_checked = mode != Mode::Configuration;
+        self.is_timing_checked = mode != Mode::Configuration;
     }
 }

@@ -82,7 +82,7 @@ pub struct Bench {
     pub peer_port: PortId,
     pub now: Cycles,
     /// True if the test has read the violations, so that `drop` need not check them.
-    judged: bool,
+    violations_read: bool,
 }
 
 impl Bench {
@@ -93,7 +93,7 @@ impl Bench {
         let peer = Rc::new(RefCell::new(SoftNode::new(1_000_000)));
         bus.attach("chip", chip.clone());
         let peer_port = bus.attach("peer", peer.clone());
-        let mut bench = Bench { bus, chip, peer, peer_port, now: 0, judged: false };
+        let mut bench = Bench { bus, chip, peer, peer_port, now: 0, violations_read: false };
         bench.run_bits(100);
         bench
     }
@@ -251,7 +251,7 @@ impl Bench {
 
     /// Takes the violations so far, for tests that expect some.
     pub fn violations(&mut self) -> Vec<String> {
-        self.judged = true;
+        self.violations_read = true;
         let violations = self.chip.borrow_mut().take_violations();
         violations.into_iter().map(|violation| violation.text).collect()
     }
@@ -269,7 +269,7 @@ impl Bench {
 
 impl Drop for Bench {
     fn drop(&mut self) {
-        if !std::thread::panicking() && !self.judged {
+        if !std::thread::panicking() && !self.violations_read {
             let violations = self.violations();
             assert!(violations.is_empty(), "unexpected violations: {violations:#?}");
         }
