@@ -243,7 +243,6 @@ fn pulse_us(n: u32) -> f32 {
 }
 
 /// Type and value of the nth valid command. The three types alternate, also if only each ninth frame begins a command.
-/// begins one.
 fn command(n: u32) -> (u8, f32) {
     match (n + n / 9) % 3 {
         0 => (4, pulse_us(n)),
