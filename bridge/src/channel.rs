@@ -94,7 +94,7 @@ pub struct Channel {
     malformed: u64,
     /// Datagrams and connections from addresses that are not allowed, or for which there was no room.
     refused: u64,
-    refusal_said: Option<Duration>,
+    refusal_logged_at: Option<Duration>,
     unsigned: u64,
     /// Messages that the queues of former peers dropped.
     dropped: u64,
@@ -132,7 +132,7 @@ impl Channel {
             budget: rate.map(Budget::new),
             malformed: 0,
             refused: 0,
-            refusal_said: None,
+            refusal_logged_at: None,
             unsigned: 0,
             dropped: 0,
             is_loss_logged: false,
@@ -206,8 +206,8 @@ impl Channel {
     /// Logs that a station was rejected because there is no room; at most once a minute, because there may be many.
     fn refuse(&mut self, now: Duration, from: SocketAddr) {
         self.refused += 1;
-        if self.refusal_said.is_none_or(|said| now >= said + REJECTION_LOGGED_AFTER) {
-            self.refusal_said = Some(now);
+        if self.refusal_logged_at.is_none_or(|logged_at| now >= logged_at + REJECTION_LOGGED_AFTER) {
+            self.refusal_logged_at = Some(now);
             self.log.push(format!("{}: no place for {from}; --peer ADDRESS keeps others out", self.spec));
         }
     }

@@ -283,18 +283,18 @@ impl Commands {
             Some(_) if ok => Ok(()),
             Some(_) => Err("refuses"),
         };
-        let said = done.err().unwrap_or("done");
+        let outcome = done.err().unwrap_or("done");
         match purpose {
             Purpose::Opcode(ticket) => {
                 let saves = self.pending.get(&ticket).is_none_or(|pending| pending.command.params[0] == 1.0);
-                state.log.push(format!("node {id}: {}: {said}", if saves { "save" } else { "erase" }));
+                state.log.push(format!("node {id}: {}: {outcome}", if saves { "save" } else { "erase" }));
                 self.done(state, ticket, id, done);
             }
             Purpose::Restart(ticket) => {
-                state.log.push(format!("node {id}: restart: {said}"));
+                state.log.push(format!("node {id}: restart: {outcome}"));
                 self.done(state, ticket, id, done);
             }
-            Purpose::Autosave => state.log.push(format!("node {id}: saved by itself: {said}")),
+            Purpose::Autosave => state.log.push(format!("node {id}: saved by itself: {outcome}")),
             _ => {}
         }
     }

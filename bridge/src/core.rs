@@ -44,7 +44,7 @@ pub struct Bridge {
     status_id: TransferId,
     next_beat: Duration,
     /// When the bridge last reported that another node has its node ID.
-    conflict_said: Option<Duration>,
+    conflict_logged_at: Option<Duration>,
     /// Frames to be sent on the bus.
     pub frames: Vec<Frame>,
 }
@@ -60,7 +60,7 @@ impl Bridge {
             assembler: Assembler::new(),
             status_id: TransferId::default(),
             next_beat: Duration::ZERO,
-            conflict_said: None,
+            conflict_logged_at: None,
             frames: Vec::new(),
         }
     }
@@ -124,8 +124,8 @@ impl Bridge {
     }
 
     fn report_conflict(&mut self, now: Duration) {
-        if self.conflict_said.is_none_or(|said| now >= said + CONFLICT_REPEATED_AFTER) {
-            self.conflict_said = Some(now);
+        if self.conflict_logged_at.is_none_or(|logged_at| now >= logged_at + CONFLICT_REPEATED_AFTER) {
+            self.conflict_logged_at = Some(now);
             let id = self.state.settings.node;
             self.state.warn(&format!("another node has the bridge's ID {id}: --node-id"));
         }

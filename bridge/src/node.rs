@@ -16,7 +16,7 @@ pub struct Node {
     /// The uptime before it last decreased. If later statuses fit both uptimes, two nodes have the ID.
     pub other_uptime: Option<Uptime>,
     /// When a conflict of its ID was last reported.
-    pub conflict_said: Option<Duration>,
+    pub conflict_logged_at: Option<Duration>,
     /// Number of statuses since it appeared.
     pub statuses: u64,
     pub info: Information,
@@ -38,7 +38,7 @@ impl Node {
             heard: now,
             is_online: true,
             other_uptime: None,
-            conflict_said: None,
+            conflict_logged_at: None,
             statuses: 0,
             info: Information::default(),
             table: None,

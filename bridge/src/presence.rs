@@ -44,9 +44,10 @@ impl State {
         if is_other || restarted {
             known.other_uptime = Some(known.uptime());
         }
-        let is_new_conflict = is_other && known.conflict_said.is_none_or(|said| now >= said + CONFLICT_REPEATED_AFTER);
+        let is_new_conflict =
+            is_other && known.conflict_logged_at.is_none_or(|logged_at| now >= logged_at + CONFLICT_REPEATED_AFTER);
         if is_new_conflict {
-            known.conflict_said = Some(now);
+            known.conflict_logged_at = Some(now);
         }
         known.status = status;
         known.heard = now;

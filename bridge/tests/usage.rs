@@ -6,16 +6,16 @@ use std::process::Command;
 /// Runs the program. Returns whether it succeeded, and its output.
 fn bridge(arguments: &[&str]) -> (bool, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_bridge")).args(arguments).output().expect("it starts");
-    let said = if output.status.success() { output.stdout } else { output.stderr };
-    (output.status.success(), String::from_utf8(said).expect("text"))
+    let printed = if output.status.success() { output.stdout } else { output.stderr };
+    (output.status.success(), String::from_utf8(printed).expect("text"))
 }
 
 #[test]
 fn the_help_shows_examples_and_every_kind_of_bus_and_channel() {
-    let (is_well, said) = bridge(&["--help"]);
+    let (is_well, printed) = bridge(&["--help"]);
     assert!(is_well);
     for word in ["slcan:", "mcast:", "socketcan:", "udpout:", "udpin:", "tcp:", "tcpin:", "serial:", "bridge --bus "] {
-        assert!(said.contains(word), "no {word} in\n{said}");
+        assert!(printed.contains(word), "no {word} in\n{printed}");
     }
 }
 
@@ -26,7 +26,7 @@ fn a_wrong_bus_or_channel_is_answered_with_the_syntax() {
         (["--bus", "mcast:0", "--mavlink", "udpout:nowhere"], "write for example udpout:127.0.0.1:14550"),
         (["--bus", "slcan:/nowhere", "--mavlink", "udpin:0"], "/nowhere"),
     ] {
-        let (is_well, said) = bridge(&arguments);
-        assert!(!is_well && said.contains(advice), "{arguments:?}: {said}");
+        let (is_well, printed) = bridge(&arguments);
+        assert!(!is_well && printed.contains(advice), "{arguments:?}: {printed}");
     }
 }

@@ -84,59 +84,59 @@ impl DialectFinder {
 
 /// A decoded transfer of either dialect.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Said {
+pub enum Decoded {
     V0(Transfer, Message),
     Draft(draft::Transfer, draft::Message),
 }
 
-impl Said {
+impl Decoded {
     pub fn dialect(&self) -> Dialect {
         match self {
-            Said::V0(..) => Dialect::V0,
-            Said::Draft(..) => Dialect::Draft,
+            Decoded::V0(..) => Dialect::V0,
+            Decoded::Draft(..) => Dialect::Draft,
         }
     }
 
     /// The sender; `None` if it is anonymous.
     pub fn source(&self) -> Option<NodeId> {
         match self {
-            Said::V0(transfer, _) => transfer.id.source(),
-            Said::Draft(transfer, _) => Some(transfer.source),
+            Decoded::V0(transfer, _) => transfer.id.source(),
+            Decoded::Draft(transfer, _) => Some(transfer.source),
         }
     }
 
     /// "1", "anon" or "127>42": the source, and for a service the destination.
-    pub fn who(&self) -> String {
+    pub fn endpoints(&self) -> String {
         match self {
-            Said::V0(transfer, _) => transfer.id.to_string(),
-            Said::Draft(transfer, _) => transfer.who(),
+            Decoded::V0(transfer, _) => transfer.id.to_string(),
+            Decoded::Draft(transfer, _) => transfer.endpoints(),
         }
     }
 
     /// Name of the type, with the direction of a service: "GetNodeInfo request", "draft.NodeStatus".
     pub fn name(&self) -> String {
         match self {
-            Said::V0(_, message) => message.name(),
-            Said::Draft(_, message) => message.name(),
+            Decoded::V0(_, message) => message.name(),
+            Decoded::Draft(_, message) => message.name(),
         }
     }
 }
 
 /// The message: "ArrayCommand id 1 unitless +0.50".
-impl fmt::Display for Said {
+impl fmt::Display for Decoded {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Said::V0(_, message) => message.fmt(f),
-            Said::Draft(_, message) => message.fmt(f),
+            Decoded::V0(_, message) => message.fmt(f),
+            Decoded::Draft(_, message) => message.fmt(f),
         }
     }
 }
 
 /// The result of a frame for an observer.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Heard {
+pub enum Observation {
     /// The frame completes a transfer.
-    Said(Said),
+    Complete(Decoded),
     /// The frame is part of a transfer that is not complete.
     Partial,
     /// The frame is not valid in its dialect; the text has the reason.
@@ -158,23 +158,23 @@ impl Observer {
     }
 
     /// Handles an extended data frame that ended at `at`. All times count from the same moment.
-    pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Heard {
+    pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Observation {
         match self.dialects.dialect(id, data) {
             Dialect::V0 => match self.v0.push(id, data, at) {
                 Outcome::Complete(transfer) => {
                     let message = Message::decode(&transfer);
-                    Heard::Said(Said::V0(transfer, message))
+                    Observation::Complete(Decoded::V0(transfer, message))
                 }
-                Outcome::Partial => Heard::Partial,
-                Outcome::Invalid(why) => Heard::Invalid(why),
+                Outcome::Partial => Observation::Partial,
+                Outcome::Invalid(why) => Observation::Invalid(why),
             },
             Dialect::Draft => match self.draft.push(id, data, at) {
                 draft::Outcome::Complete(transfer) => {
                     let message = draft::Message::decode(&transfer);
-                    Heard::Said(Said::Draft(transfer, message))
+                    Observation::Complete(Decoded::Draft(transfer, message))
                 }
-                draft::Outcome::Partial => Heard::Partial,
-                draft::Outcome::Invalid(why) => Heard::Invalid(why),
+                draft::Outcome::Partial => Observation::Partial,
+                draft::Outcome::Invalid(why) => Observation::Invalid(why),
             },
         }
     }

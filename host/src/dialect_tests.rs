@@ -10,9 +10,9 @@ fn heard(observer: &mut Observer, frames: &[&str]) -> Vec<String> {
         let frame: Frame = text.parse().unwrap();
         let Id::Extended(id) = frame.id else { panic!("standard frame") };
         match observer.push(id, frame.data(), Duration::ZERO) {
-            Heard::Said(said) => format!("{} {said}", said.who()),
-            Heard::Partial => String::from("partial"),
-            Heard::Invalid(why) => format!("invalid: {why}"),
+            Observation::Complete(transfer) => format!("{} {transfer}", transfer.endpoints()),
+            Observation::Partial => String::from("partial"),
+            Observation::Invalid(why) => format!("invalid: {why}"),
         }
     };
     frames.iter().map(hear).collect()

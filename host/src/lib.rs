@@ -35,7 +35,7 @@ mod tests;
 
 pub use broadcast::{Allocation, CanStats, CircuitStatus, KeyValue, LightCommand};
 pub use can_frame::{Frame, Id, ParseFrameError};
-pub use dialect::{Dialect, Heard, Observer, Said};
+pub use dialect::{Decoded, Dialect, Observation, Observer};
 pub use id::{CanId, NodeId};
 pub use management::{NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value};
 pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Message, Temperature};

@@ -329,9 +329,9 @@ mod tests {
     fn replies_of_an_adapter_are_parsed() {
         let frame = Frame::extended(0x1404_562A, &[0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
         let stamped = line(&frame, Some(59_999));
-        let said = [b"\r\x07Z\rz\rV1013\r".to_vec(), line(&frame, None), stamped, b"t12\r".to_vec()].concat();
+        let bytes = [b"\r\x07Z\rz\rV1013\r".to_vec(), line(&frame, None), stamped, b"t12\r".to_vec()].concat();
         let (done, other, received) = (Reply::Done, Reply::Other, Reply::Received(frame));
-        assert_eq!(replies(&said), [done, Reply::Refused, done, done, other, received, received, other]);
+        assert_eq!(replies(&bytes), [done, Reply::Refused, done, done, other, received, received, other]);
     }
 
     /// Four more digits are a time stamp, but only after as much data as the length says.

@@ -22,7 +22,9 @@ use bench::autopilot::{Autopilot, Settings};
 use bench::avr::{Pulse, ResetCause};
 use bench::board::Board;
 use bench::can::{Frame, Id, PortId, RecordKind, SoftNode};
-use bench::dronecan::{ActuatorCommand, CommandUnit, Heard, Observer, Said, Transfer, TransferId, draft, split, types};
+use bench::dronecan::{
+    ActuatorCommand, CommandUnit, Decoded, Observation, Observer, Transfer, TransferId, draft, split, types,
+};
 use bench::wiring::{Wiring, preset};
 use bench::{Bench, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf};
 
@@ -378,10 +380,10 @@ impl Rig {
             return;
         }
         match self.observer.push(id, frame.data(), bench::elapsed(at)) {
-            Heard::Said(Said::V0(transfer, _)) => self.transfers.push((at, transfer)),
-            Heard::Said(Said::Draft(transfer, message)) => self.drafts.push((at, transfer, message)),
-            Heard::Invalid(why) => self.broken.push((at, frame, why)),
-            Heard::Partial => {}
+            Observation::Complete(Decoded::V0(transfer, _)) => self.transfers.push((at, transfer)),
+            Observation::Complete(Decoded::Draft(transfer, message)) => self.drafts.push((at, transfer, message)),
+            Observation::Invalid(why) => self.broken.push((at, frame, why)),
+            Observation::Partial => {}
         }
     }
 

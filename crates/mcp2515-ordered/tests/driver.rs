@@ -747,8 +747,8 @@ fn error_flags_have_the_meaning_of_eflg() {
         (0b111, false, false, false), // TXWAR, RXWAR, EWARN
     ] {
         let flags = ErrorFlags(bit);
-        let said = (flags.frames_lost(), flags.bus_off(), flags.error_passive());
-        assert_eq!(said, (frames_lost, bus_off, error_passive), "{bit:#010b}");
+        let reported = (flags.frames_lost(), flags.bus_off(), flags.error_passive());
+        assert_eq!(reported, (frames_lost, bus_off, error_passive), "{bit:#010b}");
     }
     let all = ErrorFlags(0xFF);
     assert!(all.frames_lost() && all.bus_off() && all.error_passive());

@@ -10,7 +10,8 @@ use dronecan_host::draft::{self, Route};
 use dronecan_host::mcast::datagram;
 use dronecan_host::slcan::{self, Command, Reply};
 use dronecan_host::{
-    Assembler, CanId, DataType, Frame, Heard, Id, Message, NodeId, Observer, Outcome, Transfer, TransferId, crc, split,
+    Assembler, CanId, DataType, Frame, Id, Message, NodeId, Observation, Observer, Outcome, Transfer, TransferId, crc,
+    split,
 };
 
 /// Runs an input.
@@ -110,8 +111,10 @@ fn frames(mut bytes: &[u8]) {
         if let Some(can_id) = draft::CanId::parse(id) {
             assert_eq!(can_id.build(), id);
         }
-        if let Heard::Said(said) = observer.push(id, data, at) {
-            assert!(!said.to_string().is_empty() && !said.name().is_empty() && !said.who().is_empty());
+        if let Observation::Complete(transfer) = observer.push(id, data, at) {
+            assert!(
+                !transfer.to_string().is_empty() && !transfer.name().is_empty() && !transfer.endpoints().is_empty()
+            );
         }
         if let Outcome::Complete(transfer) = assembler.push(id, data, at) {
             check(&transfer);

@@ -34,7 +34,7 @@ const WITHOUT_PRIORITY: u32 = 0x00FF_FFFF;
 const DRAFT: u32 = 1 << 31;
 
 /// A transfer that may be complete in the node, unless the node dropped it for another sender's.
-pub struct Heard {
+pub struct Completed {
     pub id: CanId,
     pub number: u8,
     pub payload: Vec<u8>,
@@ -64,13 +64,13 @@ pub struct Transfers {
 
 impl Transfers {
     /// Handles a frame with a 29-bit identifier. Returns the transfer that it completes.
-    pub fn push(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Heard> {
+    pub fn push(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Completed> {
         let signature = CanId::parse(id).and_then(DataType::of).and_then(|known| known.signature);
         self.take(id, data, now_ms, parameters, signature, false)
     }
 
     /// Handles a frame of the draft, if the node may use it: converts it to the equivalent frame of v0.
-    pub fn push_draft(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Heard> {
+    pub fn push_draft(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Completed> {
         let service = matches!(id >> 17 & 3, 1);
         let upper = match (id >> 19, id >> 17 & 3) {
             (265, 2) => 265 << 8,
@@ -98,14 +98,14 @@ impl Transfers {
         parameters: &Parameters,
         signature: Option<u64>,
         is_draft: bool,
-    ) -> Option<Heard> {
+    ) -> Option<Completed> {
         let actuator = parameters.get(Parameter::Out1Id);
         let can_id = CanId::parse(id)?;
         let key = id & WITHOUT_PRIORITY | if is_draft { DRAFT } else { 0 };
         let (&tail, part) = data.split_last()?;
         let (number, toggle) = (tail & NUMBER, tail & TOGGLE != 0);
         let heard = |payload, is_sure, is_unclear| {
-            Some(Heard { id: can_id, number, payload, is_sure: is_sure && !is_draft, is_draft, is_unclear })
+            Some(Completed { id: can_id, number, payload, is_sure: is_sure && !is_draft, is_draft, is_unclear })
         };
         if tail & START != 0 {
             if toggle {
@@ -267,7 +267,7 @@ pub enum Order {
     Arm(bool),
 }
 
-impl Heard {
+impl Completed {
     /// Node ID of the sender; 0 if it has none.
     pub fn source(&self) -> u8 {
         self.id.source().map_or(0, NodeId::get)

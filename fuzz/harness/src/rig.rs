@@ -10,14 +10,14 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
-use dronecan_host::{CanId, Heard as Observed, Message, NodeInfo, Observer, Said, Transfer, draft, split, types};
+use dronecan_host::{CanId, Decoded, Message, NodeInfo, Observation, Observer, Transfer, draft, split, types};
 use mcp2515_ordered::{Event, Frame, Notice};
 use node::desk::{Desk, Memory};
 use node::node::agenda::Agenda;
 use node::node::condition::ResetCause;
 use node::node::parameters::Parameter;
 
-use crate::orders::{self, Heard, Order, Transfers};
+use crate::orders::{self, Completed, Order, Transfers};
 use crate::steps::{Damage, Input, Sent, Step, Type};
 
 /// Identifier of requests, without service, destination and source.
@@ -257,7 +257,7 @@ impl Rig {
         self.has_heard_safety |= is_safety_state && id[0] & Frame::FOREIGN == 0;
         let (mut goals, mut must_move) = (Vec::new(), false);
         for heard in v0.into_iter().chain(draft) {
-            if let Heard { id: CanId::Service { service_id, request: true, source, .. }, number, .. } = heard {
+            if let Completed { id: CanId::Service { service_id, request: true, source, .. }, number, .. } = heard {
                 self.asked.insert((service_id, source.get(), number));
             }
             // With DIALECT 1 or 2 the node accepts messages of that dialect only.
@@ -379,10 +379,10 @@ impl Rig {
         assert_eq!(id >> 29, 0, "more than 29 bits: {id:#x}");
         assert!(frame.len >= 1 && frame.len <= 8, "{} bytes", frame.len);
         let (transfer, message) = match self.sent.push(id, frame.data(), Duration::ZERO) {
-            Observed::Partial => return,
-            Observed::Invalid(why) => panic!("{why}: {frame:?}"),
-            Observed::Said(Said::V0(transfer, message)) => (transfer, message),
-            Observed::Said(Said::Draft(transfer, message)) => return self.check_draft(&transfer, &message),
+            Observation::Partial => return,
+            Observation::Invalid(why) => panic!("{why}: {frame:?}"),
+            Observation::Complete(Decoded::V0(transfer, message)) => (transfer, message),
+            Observation::Complete(Decoded::Draft(transfer, message)) => return self.check_draft(&transfer, &message),
         };
         assert!(!matches!(message, Message::Other { .. }), "{message}");
         match transfer.id {

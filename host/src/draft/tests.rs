@@ -123,7 +123,7 @@ fn the_thesis_s_seven_bytes_are_an_ok_status() {
     let transfer = assemble(&golden("1134780A 2C 01 00 00 00 34 12"));
     let expected = NodeStatus { uptime_s: 300, code: StatusCode::Ok, vendor_code: VendorCode::Short(0x1234) };
     assert_eq!(Message::decode(&transfer), Message::NodeStatus(expected));
-    assert_eq!(transfer.who(), "30");
+    assert_eq!(transfer.endpoints(), "30");
 }
 
 #[test]
@@ -168,7 +168,7 @@ fn commands_are_three_bytes_each() {
 #[test]
 fn node_info_has_the_destination_in_each_frame() {
     let transfer = both_ways("113BFC08 78", Message::NodeInfoRequest, "draft.GetNodeInfo request");
-    assert_eq!((transfer.route, transfer.who().as_str()), (Route::Request(node(120)), "127>120"));
+    assert_eq!((transfer.route, transfer.endpoints().as_str()), (Route::Request(node(120)), "127>120"));
     let info = NodeInfo {
         status: NodeStatus { uptime_s: 10, code: StatusCode::Initializing, vendor_code: VendorCode::Short(0x1234) },
         software: (1, 2),

@@ -79,7 +79,7 @@ pub struct Transfer {
 
 impl Transfer {
     /// Source, and destination if it is one node: "1", "127>42".
-    pub fn who(&self) -> String {
+    pub fn endpoints(&self) -> String {
         match self.route.destination() {
             Some(destination) => format!("{}>{destination}", self.source),
             None => self.source.to_string(),

@@ -21,8 +21,8 @@ pub use profile::Profile;
 
 use crate::can::{Frame, Id, SoftNode, StationRef};
 use crate::dronecan::{
-    ActuatorCommand, Allocation, CanId, CommandUnit, DataType, Dialect, Heard, Message, NodeId, NodeInfo, NodeStatus,
-    Observer, Said, Transfer, TransferId, draft, esc, text::hex,
+    ActuatorCommand, Allocation, CanId, CommandUnit, DataType, Decoded, Dialect, Message, NodeId, NodeInfo, NodeStatus,
+    Observation, Observer, Transfer, TransferId, draft, esc, text::hex,
 };
 use crate::{Cycles, F_CPU_HZ};
 use half::f16;
@@ -372,13 +372,13 @@ impl Autopilot {
             return;
         }
         match self.observer.push(id, frame.data(), crate::elapsed(at)) {
-            Heard::Said(Said::V0(transfer, message)) if self.settings.dialect == Dialect::V0 => {
+            Observation::Complete(Decoded::V0(transfer, message)) if self.settings.dialect == Dialect::V0 => {
                 self.handle(at, &transfer, message);
             }
-            Heard::Said(Said::Draft(transfer, message)) if self.settings.dialect == Dialect::Draft => {
+            Observation::Complete(Decoded::Draft(transfer, message)) if self.settings.dialect == Dialect::Draft => {
                 self.handle_in_draft(at, &transfer, message);
             }
-            Heard::Said(_) | Heard::Partial | Heard::Invalid(_) => {}
+            Observation::Complete(_) | Observation::Partial | Observation::Invalid(_) => {}
         }
     }
 

@@ -25,7 +25,7 @@ use super::Link;
 use anyhow::{Context, Result};
 use bench::Bench;
 use bench::can::{ErrorKind, Frame, Id, Record, RecordKind};
-use bench::dronecan::{Heard, Observer};
+use bench::dronecan::{Observation, Observer};
 use bench::{Cycles, F_CPU_HZ};
 use std::fs::File;
 use std::io::{self, Write};
@@ -154,9 +154,9 @@ impl Log {
             _ => return self.add_line(at, "-", &format!("CAN frame {frame}")),
         };
         match self.observer.push(id, frame.data(), bench::elapsed(at)) {
-            Heard::Partial => Ok(()),
-            Heard::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
-            Heard::Said(transfer) => self.add_line(at, &transfer.who(), &transfer.to_string()),
+            Observation::Partial => Ok(()),
+            Observation::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
+            Observation::Complete(transfer) => self.add_line(at, &transfer.endpoints(), &transfer.to_string()),
         }
     }
 

@@ -12,7 +12,8 @@ use bench::board::SpiUse;
 use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
 use bench::dronecan::{
-    CanId, CircuitStatus, DataType, Dialect, Heard, Message, NodeId, NodeStatus, Observer, Said, Temperature, draft,
+    CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus, Observation, Observer, Temperature,
+    draft,
 };
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
@@ -443,13 +444,13 @@ impl State {
             Id::Standard(_) => return self.add_foreign(at, station, frame, "11-bit identifier"),
         };
         let transfer = match self.observer.push(id, frame.data(), bench::elapsed(at)) {
-            Heard::Partial => return,
-            Heard::Invalid(why) if CanId::parse(id).is_some_and(|id| DataType::of(id).is_some()) => {
+            Observation::Partial => return,
+            Observation::Invalid(why) if CanId::parse(id).is_some_and(|id| DataType::of(id).is_some()) => {
                 let who = station.unwrap_or("-");
                 return self.add_broken(at, who, "invalid frame", format!("{frame} {why}"));
             }
-            Heard::Invalid(why) => return self.add_foreign(at, station, frame, why),
-            Heard::Said(transfer) => transfer,
+            Observation::Invalid(why) => return self.add_foreign(at, station, frame, why),
+            Observation::Complete(transfer) => transfer,
         };
         if let Some((source, status, mut text)) = status_in(&transfer) {
             if from_node && self.knows_vendor_code && status.vendor_code != 0 {
@@ -464,7 +465,7 @@ impl State {
             self.set_measurement(&transfer);
         }
         let origin = if from_node { Origin::Node } else { Origin::Other };
-        let (who, name, text) = (transfer.who(), transfer.name(), transfer.to_string());
+        let (who, name, text) = (transfer.endpoints(), transfer.name(), transfer.to_string());
         self.add_traffic(TrafficLine { at, origin, who, name, text });
     }
 
@@ -478,12 +479,12 @@ impl State {
         self.status = Some((at, node, status));
     }
 
-    fn set_measurement(&mut self, transfer: &Said) {
+    fn set_measurement(&mut self, transfer: &Decoded) {
         match transfer {
-            Said::V0(_, Message::Temperature(temperature)) => self.temperature = Some(*temperature),
-            Said::V0(_, Message::CircuitStatus(circuit)) => self.circuit = Some(*circuit),
-            Said::V0(_, Message::ThesisTemperature(degrees)) => self.thesis_temperature_c = Some(*degrees),
-            Said::Draft(_, draft::Message::ThesisMeasurement(number)) => self.draft_measurement = Some(*number),
+            Decoded::V0(_, Message::Temperature(temperature)) => self.temperature = Some(*temperature),
+            Decoded::V0(_, Message::CircuitStatus(circuit)) => self.circuit = Some(*circuit),
+            Decoded::V0(_, Message::ThesisTemperature(degrees)) => self.thesis_temperature_c = Some(*degrees),
+            Decoded::Draft(_, draft::Message::ThesisMeasurement(number)) => self.draft_measurement = Some(*number),
             _ => {}
         }
     }
@@ -506,10 +507,10 @@ impl State {
 }
 
 /// The NodeStatus in a transfer: its sender, the status converted to v0, and the status in words.
-fn status_in(transfer: &Said) -> Option<(NodeId, NodeStatus, String)> {
+fn status_in(transfer: &Decoded) -> Option<(NodeId, NodeStatus, String)> {
     let (status, text) = match transfer {
-        Said::V0(_, Message::NodeStatus(status)) => (*status, status.to_string()),
-        Said::Draft(_, draft::Message::NodeStatus(status)) => ((*status).into(), format!("draft, {status}")),
+        Decoded::V0(_, Message::NodeStatus(status)) => (*status, status.to_string()),
+        Decoded::Draft(_, draft::Message::NodeStatus(status)) => ((*status).into(), format!("draft, {status}")),
         _ => return None,
     };
     Some((transfer.source()?, status, text))

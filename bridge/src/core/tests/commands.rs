@@ -91,15 +91,15 @@ fn a_command_sends_the_info_of_each_node_once() {
     for component in [0, 43, 126] {
         rig.command(component, command::UAVCAN_GET_NODE_INFO, &[]);
         rig.run_ms(100);
-        let said = rig.sent_messages();
-        assert_eq!(infos(&said).iter().map(|info| info.0).collect::<Vec<_>>(), [42, 43, 44]);
-        assert!(matches!(said[3].1, Content::Ack { command: 5200, result: ACCEPTED, .. }));
+        let sent = rig.sent_messages();
+        assert_eq!(infos(&sent).iter().map(|info| info.0).collect::<Vec<_>>(), [42, 43, 44]);
+        assert!(matches!(sent[3].1, Content::Ack { command: 5200, result: ACCEPTED, .. }));
     }
     rig.command(43, command::REQUEST_MESSAGE, &[311.0]);
     rig.run_ms(100);
-    let said = rig.sent_messages();
-    assert_eq!((infos(&said).len(), infos(&said)[0].0), (1, 43));
-    assert_eq!(said[1], (43, Content::Ack { command: 512, result: ACCEPTED, to: (255, 190) }));
+    let sent = rig.sent_messages();
+    assert_eq!((infos(&sent).len(), infos(&sent)[0].0), (1, 43));
+    assert_eq!(sent[1], (43, Content::Ack { command: 512, result: ACCEPTED, to: (255, 190) }));
 }
 
 #[test]
@@ -122,9 +122,9 @@ fn known_messages_can_be_requested_and_unknown_ones_are_rejected() {
     rig.command(42, 400, &[1.0]);
     rig.command(42, 42_000, &[1.0]);
     rig.run_ms(1);
-    let said = rig.sent_messages();
-    assert!(matches!(said[1], (42, Content::Status { .. })) && matches!(said[3], (126, Content::Capabilities { .. })));
-    let results: Vec<(u16, MavResult)> = said
+    let sent = rig.sent_messages();
+    assert!(matches!(sent[1], (42, Content::Status { .. })) && matches!(sent[3], (126, Content::Capabilities { .. })));
+    let results: Vec<(u16, MavResult)> = sent
         .iter()
         .filter_map(|(_, content)| match content {
             Content::Ack { command, result, .. } => Some((*command, *result)),
@@ -152,9 +152,9 @@ fn a_message_for_a_node_that_appears_a_moment_later_is_not_lost() {
     rig.send_request((1, 42), Request::ParameterList);
     rig.command(43, command::PREFLIGHT_STORAGE, &[1.0]);
     rig.run_ms(1500);
-    let said = rig.sent_messages();
-    let parameters = said.iter().filter(|(_, content)| matches!(content, Content::Parameter { .. })).count();
-    let acks = said.iter().filter(|(_, content)| matches!(content, Content::Ack { .. })).count();
+    let sent = rig.sent_messages();
+    let parameters = sent.iter().filter(|(_, content)| matches!(content, Content::Parameter { .. })).count();
+    let acks = sent.iter().filter(|(_, content)| matches!(content, Content::Ack { .. })).count();
     assert_eq!((parameters, acks, rig.nodes[1].saved), (5, 1, 1));
     let mut rig = Rig::new(vec![Simulated::new(42, 5), Simulated::new(43, 3)]);
     rig.send_request((0, 0), Request::ParameterList);
@@ -197,13 +197,13 @@ fn a_command_without_a_node_fails() {
     rig.command(0, command::PREFLIGHT_STORAGE, &[1.0]);
     rig.command(126, command::UAVCAN_GET_NODE_INFO, &[]);
     rig.run_ms(10);
-    let said = rig.sent_messages();
-    assert_eq!(texts(&said), ["No node is online"; 2]);
+    let sent = rig.sent_messages();
+    assert_eq!(texts(&sent), ["No node is online"; 2]);
     let result = |(_, content)| match content {
         Content::Ack { result, .. } => Some(result),
         _ => None,
     };
-    assert_eq!(said.into_iter().filter_map(result).collect::<Vec<_>>(), [FAILED; 2]);
+    assert_eq!(sent.into_iter().filter_map(result).collect::<Vec<_>>(), [FAILED; 2]);
 }
 
 #[test]
@@ -216,9 +216,9 @@ fn each_node_that_does_not_save_is_named() {
     rig.nodes[3].lose_every = Some(1);
     rig.command(0, command::PREFLIGHT_STORAGE, &[1.0]);
     rig.run_ms(3100);
-    let said = rig.sent_messages();
-    assert_eq!(texts(&said), ["Node 43 refuses", "Node 44 refuses", "Node 45 does not answer"]);
-    assert!(said.iter().any(|(_, content)| matches!(content, Content::Ack { result: FAILED, .. })));
+    let sent = rig.sent_messages();
+    assert_eq!(texts(&sent), ["Node 43 refuses", "Node 44 refuses", "Node 45 does not answer"]);
+    assert!(sent.iter().any(|(_, content)| matches!(content, Content::Ack { result: FAILED, .. })));
 }
 
 #[test]

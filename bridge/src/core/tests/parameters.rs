@@ -55,9 +55,9 @@ fn an_unknown_parameter_is_reported_to_the_sender() {
     rig.send_request((1, 42), Request::ParameterRead { index: Some(3), name: String::new() });
     rig.send_request((1, 42), Request::ParameterSet { name: "NONE".into(), value: 1.0, kind: INT32 });
     rig.run_ms(100);
-    let said = rig.sent_messages();
-    assert_eq!(errors(&said), [MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST; 3]);
-    assert_eq!(said.len(), 3);
+    let sent = rig.sent_messages();
+    assert_eq!(errors(&sent), [MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST; 3]);
+    assert_eq!(sent.len(), 3);
 }
 
 #[test]
@@ -77,9 +77,9 @@ fn a_set_parameter_is_sent_to_all_stations_with_the_node_s_value() {
         Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(9999), kind: INT32 },
     );
     rig.run_ms(100);
-    let said = rig.sent_messages();
-    assert_eq!(errors(&said), [MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE]);
-    assert!(matches!(&said[0].1, Content::Parameter { number: Number::Int32(5000), .. }));
+    let sent = rig.sent_messages();
+    assert_eq!(errors(&sent), [MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE]);
+    assert!(matches!(&sent[0].1, Content::Parameter { number: Number::Int32(5000), .. }));
 }
 
 #[test]
@@ -88,9 +88,9 @@ fn an_invalid_value_is_answered_with_the_current_one() {
     for (value, kind) in [(0.5, 9), (f32::NAN, 9), (1.0, 10), (1.0, 0), (1.0, 99)] {
         rig.send_request((1, 42), Request::ParameterSet { name: "PARAM_1".into(), value, kind });
         rig.run_ms(100);
-        let said = rig.sent_messages();
-        assert_eq!((errors(&said).len(), said.len()), (1, 2), "{said:?}");
-        assert!(matches!(&said[0].1, Content::Parameter { number: Number::Int32(10), .. }));
+        let sent = rig.sent_messages();
+        assert_eq!((errors(&sent).len(), sent.len()), (1, 2), "{sent:?}");
+        assert!(matches!(&sent[0].1, Content::Parameter { number: Number::Int32(10), .. }));
     }
     // A PARAM_SET to all nodes is ignored.
     rig.send_request((1, 0), Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(5), kind: INT32 });
@@ -105,9 +105,9 @@ fn a_list_of_a_silent_node_fails_in_bounded_time() {
     rig.send_request((1, 42), Request::ParameterRead { index: None, name: "PARAM_1".into() });
     rig.send_request((1, 42), Request::ParameterList);
     rig.run_ms(4100);
-    let said = rig.sent_messages();
-    assert_eq!(errors(&said), [MavParamError::MAV_PARAM_ERROR_READ_FAIL]);
-    assert_eq!(texts(&said), ["Node 42 does not send its parameters"]);
+    let sent = rig.sent_messages();
+    assert_eq!(errors(&sent), [MavParamError::MAV_PARAM_ERROR_READ_FAIL]);
+    assert_eq!(texts(&sent), ["Node 42 does not send its parameters"]);
     rig.node().lose_every = None;
     rig.send_request((1, 42), Request::ParameterList);
     rig.run_ms(500);

@@ -34,8 +34,8 @@ fn a_restarted_node_s_info_is_requested_again() {
     rig.sent_messages();
     rig.node().uptime_s = 0;
     rig.run_ms(1500);
-    let said = rig.sent_messages();
-    assert_eq!((infos(&said).len(), texts(&said)), (1, vec![String::from("Node 42 has restarted")]));
+    let sent = rig.sent_messages();
+    assert_eq!((infos(&sent).len(), texts(&sent)), (1, vec![String::from("Node 42 has restarted")]));
 }
 
 #[test]
@@ -48,9 +48,9 @@ fn infos_are_requested_again_when_the_bus_is_back() {
     rig.bridge.bus_is_back();
     rig.send_request((1, 42), Request::ParameterRead { index: Some(1), name: String::new() });
     rig.run_ms(100);
-    let said = rig.sent_messages();
-    assert_eq!(infos(&said).len(), 1);
-    assert!(said.iter().any(|(_, content)| matches!(content, Content::Parameter { count: 2, index: 1, .. })));
+    let sent = rig.sent_messages();
+    assert_eq!(infos(&sent).len(), 1);
+    assert!(sent.iter().any(|(_, content)| matches!(content, Content::Parameter { count: 2, index: 1, .. })));
 }
 
 #[test]
@@ -193,8 +193,8 @@ fn two_nodes_with_one_id_are_reported_and_not_taken_for_restarts() {
     let mut rig = Rig::new(vec![Simulated::new(42, 0), Simulated::new(42, 0)]);
     rig.nodes[0].uptime_s = 500;
     rig.run_ms(20_500);
-    let said = texts(&rig.sent_messages());
-    assert_eq!(said, ["Node 42 has restarted", "Two nodes have the ID 42"]);
+    let sent = texts(&rig.sent_messages());
+    assert_eq!(sent, ["Node 42 has restarted", "Two nodes have the ID 42"]);
 }
 
 #[test]

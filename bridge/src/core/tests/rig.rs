@@ -200,13 +200,13 @@ impl Rig {
     /// Messages since the last call: component and content, without heartbeats and statuses.
     pub fn sent_messages(&mut self) -> Vec<(u8, Content)> {
         let posts = std::mem::take(&mut self.posts);
-        let said = posts.into_iter().filter_map(|(_, post)| match post {
+        let sent = posts.into_iter().filter_map(|(_, post)| match post {
             Post::Message { out, .. } => Some((out.component, out.content)),
             _ => None,
         });
         let heartbeat =
             |content: &Content| matches!(content, Content::Message(m) if matches!(**m, MavMessage::HEARTBEAT(_)));
-        said.filter(|(_, content)| !heartbeat(content)).collect()
+        sent.filter(|(_, content)| !heartbeat(content)).collect()
     }
 
     pub fn acks(&mut self) -> Vec<(u8, u16, MavResult, (u8, u8))> {
@@ -226,7 +226,7 @@ impl Rig {
     }
 }
 
-pub fn infos(said: &[(u8, Content)]) -> Vec<(u8, UAVCAN_NODE_INFO_DATA)> {
+pub fn infos(sent: &[(u8, Content)]) -> Vec<(u8, UAVCAN_NODE_INFO_DATA)> {
     let info = |(component, content): &(u8, Content)| match content {
         Content::Message(message) => match &**message {
             MavMessage::UAVCAN_NODE_INFO(data) => Some((*component, data.clone())),
@@ -234,10 +234,10 @@ pub fn infos(said: &[(u8, Content)]) -> Vec<(u8, UAVCAN_NODE_INFO_DATA)> {
         },
         _ => None,
     };
-    said.iter().filter_map(info).collect()
+    sent.iter().filter_map(info).collect()
 }
 
-pub fn errors(said: &[(u8, Content)]) -> Vec<MavParamError> {
+pub fn errors(sent: &[(u8, Content)]) -> Vec<MavParamError> {
     let error = |(_, content): &(u8, Content)| match content {
         Content::Message(message) => match &**message {
             MavMessage::PARAM_ERROR(data) => Some(data.error),
@@ -245,10 +245,10 @@ pub fn errors(said: &[(u8, Content)]) -> Vec<MavParamError> {
         },
         _ => None,
     };
-    said.iter().filter_map(error).collect()
+    sent.iter().filter_map(error).collect()
 }
 
-pub fn texts(said: &[(u8, Content)]) -> Vec<String> {
+pub fn texts(sent: &[(u8, Content)]) -> Vec<String> {
     let text = |(_, content): &(u8, Content)| match content {
         Content::Message(message) => match &**message {
             MavMessage::STATUSTEXT(data) => Some(crate::message::name(&data.text)),
@@ -256,7 +256,7 @@ pub fn texts(said: &[(u8, Content)]) -> Vec<String> {
         },
         _ => None,
     };
-    said.iter().filter_map(text).collect()
+    sent.iter().filter_map(text).collect()
 }
 
 pub const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
