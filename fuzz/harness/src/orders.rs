@@ -12,8 +12,10 @@ const END: u8 = 1 << 6;
 const TOGGLE: u8 = 1 << 5;
 const NUMBER: u8 = 0x1F;
 
-/// Time after which a frame no longer continues a transfer (specification, chapter 4).
-const TIMEOUT_MS: u64 = 50;
+/// Time after which a frame no longer continues a list.
+const LIST_TIMEOUT_MS: u64 = 50;
+/// Time after which a frame no longer continues any other transfer (specification, chapter 4).
+const TIMEOUT_MS: u64 = 2000;
 
 /// Length of the CRC before the payload of a transfer of several frames, in bytes.
 const SUM: usize = 2;
@@ -123,7 +125,7 @@ impl Transfers {
             return None;
         }
         let session = self.sessions.get_mut(&key)?;
-        if session.number != number || session.toggle != toggle || now_ms - session.heard_ms > TIMEOUT_MS {
+        if session.number != number || session.toggle != toggle || now_ms - session.heard_ms > timeout_ms(key) {
             return None;
         }
         session.toggle = !toggle;
@@ -149,11 +151,16 @@ impl Transfers {
         }
         let mut is_alone = true;
         for (_, session) in self.sessions.iter_mut().filter(|(other, _)| **other != key && is_list(**other)) {
-            is_alone &= now_ms - session.heard_ms > TIMEOUT_MS;
+            is_alone &= now_ms - session.heard_ms > LIST_TIMEOUT_MS;
             session.is_alone = false;
         }
         is_alone
     }
+}
+
+/// The longest time between two frames of a transfer with this key.
+fn timeout_ms(key: u32) -> u64 {
+    if is_list(key) { LIST_TIMEOUT_MS } else { TIMEOUT_MS }
 }
 
 /// True if transfers with this key are lists.
