@@ -306,11 +306,11 @@ impl Node {
 
     /// True if the controller should get new filters now. New filters are pending after the node got an ID, after DIALECT was set, and after a
     /// failsafe during which no command was received, because wrong filters may be the cause. Setting filters takes the controller off the bus for 5
-    /// ms. So the node waits, for `FILTERS_WAIT_S` at most, until no transfer is in progress in either direction and the controller has sent all its
-    /// frames (`is_controller_empty`).
+    /// ms. So the node waits, for `FILTERS_WAIT_S` at most, until it neither sends a transfer nor receives a list, and the controller has sent all its
+    /// frames (`is_controller_empty`). It does not wait for the rest of a request, which may take two seconds: until then it could send nothing.
     pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver) -> bool {
         self.filters_s != 0
-            && (self.filters_s == 1 || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving())
+            && (self.filters_s == 1 || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving_list())
     }
 
     /// True if new filters are pending.

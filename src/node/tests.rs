@@ -1025,7 +1025,7 @@ fn filters_stay_as_they_are_while_commands_are_heard_that_cannot_be_followed_or_
 }
 
 #[test]
-fn filters_wait_until_nothing_goes_out_or_comes_in_and_for_four_seconds_at_most() {
+fn filters_wait_until_no_transfer_goes_out_and_no_list_comes_in_and_for_four_seconds_at_most() {
     let start = || {
         let mut rig = Rig::with(&rates(0, 0, 0));
         rig.run(1500);
@@ -1034,13 +1034,18 @@ fn filters_wait_until_nothing_goes_out_or_comes_in_and_for_four_seconds_at_most(
         rig
     };
     let first = golden::frames("1003F20B 12 F3 01 00 00 38 02 88").pop().unwrap();
-    // An incoming transfer times out 50 ms after its last frame.
+    // An incoming list times out 50 ms after its last frame.
     let mut rig = start();
     rig.frame(&first);
     rig.run(45);
     assert_eq!(rig.can.filters_set, 0);
     rig.run(20);
     assert_eq!(rig.can.filters_set, 1, "it never ended");
+    // They do not wait for the rest of a request, which may take two seconds.
+    let mut rig = start();
+    rig.frame(&golden::frames("1E0BF8FF C5 16 00 01 2A 00 00 81")[0]);
+    rig.run(45);
+    assert_eq!(rig.can.filters_set, 1);
     // One transfer after the other, or a controller that sends nothing.
     for is_held in [false, true] {
         let mut rig = start();

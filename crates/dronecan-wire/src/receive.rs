@@ -374,9 +374,10 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
         Self { lists: [Transfer::NONE; LISTS], others: [Transfer::NONE; OTHERS], single: Transfer::NONE }
     }
 
-    /// True while a multi-frame transfer is being received.
-    pub fn is_receiving(&self) -> bool {
-        self.lists.iter().chain(&self.others).any(|lane| lane.is_open)
+    /// True while a list of several frames is being received. Other transfers do not count: one that is never completed would count for
+    /// [`FRAME_TIMEOUT_MS`].
+    pub fn is_receiving_list(&self) -> bool {
+        self.lists.iter().any(|lane| lane.is_open)
     }
 
     /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so, and at least every 30 s, because the clock

@@ -570,21 +570,21 @@ fn after_the_timeout_another_sender_takes_even_the_protected_lane() {
 }
 
 #[test]
-fn is_receiving_is_true_from_the_first_frame_to_the_last_or_until_the_transfer_expires() {
+fn a_list_is_being_received_from_its_first_frame_to_its_last_or_until_it_expires() {
     let mut rig = Rig::new();
-    assert!(!rig.receiver.is_receiving());
+    assert!(!rig.receiver.is_receiving_list());
     rig.text("1003F20A 01 00 00 38 C7");
-    assert!(!rig.receiver.is_receiving(), "of one frame");
+    assert!(!rig.receiver.is_receiving_list(), "of one frame");
     let frames = two(10, 1, 1);
     rig.frame(&frames[0]);
-    assert!(rig.receiver.is_receiving());
+    assert!(rig.receiver.is_receiving_list());
     rig.frame(&frames[1]);
-    assert!(!rig.receiver.is_receiving());
+    assert!(!rig.receiver.is_receiving_list());
     rig.frame(&frames[0]);
     assert_eq!(rig.receiver.expire(51).map(|lost| lost.source), Some(10));
-    assert!(!rig.receiver.is_receiving());
+    assert!(!rig.receiver.is_receiving_list());
     rig.frame(&golden::frames(SET)[0]);
-    assert!(rig.receiver.is_receiving(), "a request");
+    assert!(!rig.receiver.is_receiving_list(), "a request");
     assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::GetSet));
 }
 
