@@ -139,7 +139,9 @@ fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_o
         }
     };
     // With all features the node follows the newest of these commands, one turn of the main loop later.
-    let is_too_much = |load: Load| rig::has_all_features() && load.kind == Kind::Command(5) && load.pace == Pace::Full;
+    let is_too_much = |load: Load| {
+        rig::has_all_features() && load.kind == Kind::Command(5) && matches!(load.pace, Pace::Full | Pace::Bursts)
+    };
     all(|load| load.kind.moves_servo() && !is_too_much(load), is_slower_than(500));
     all(|load| load.kind.moves_servo(), is_slower_than(600));
 }
