@@ -1,6 +1,5 @@
 //! Reference data for tests, also for those of programs that use this crate: frames that pydronecan 1.0.27 made, and a second, simpler
-//! implementation of transfers, written from the
-//! specification (chapter 4) alone.
+//! implementation of transfers, written from the specification (chapter 4) alone.
 
 use std::format;
 use std::string::String;

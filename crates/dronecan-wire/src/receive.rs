@@ -23,12 +23,12 @@
 use crate::bits::{Id, Tail};
 use crate::crc;
 
-/// The longest time between two frames of a list (a transfer in a [list lane](Received::has_own_lanes)), in milliseconds. A list moves something: half of it
-/// must not wait for a late rest. Slow buses and adapters need 5 to 12 ms for a frame.
+/// The longest time between two frames of a list (a transfer in a [list lane](Received::has_own_lanes)), in milliseconds. A list
+/// commands something, so a late frame must not complete an old list. Slow buses and adapters need 5 to 12 ms for a frame.
 pub const LIST_FRAME_TIMEOUT_MS: u16 = 50;
 
 /// The longest time between two frames of any other transfer, in milliseconds: the transfer timeout of the specification (chapter 4). A client behind a slow
-/// radio link can take that long. The transfer of another sender can use the lane before, because it may take the lane of any sender.
+/// radio link can take that long. Meanwhile the transfer of another sender may take the lane.
 pub const FRAME_TIMEOUT_MS: u16 = 2000;
 
 /// The data types that a node receives. Each value of the implementing type stands for one data type.

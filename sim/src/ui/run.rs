@@ -29,7 +29,7 @@ const SLICE_WITH_CLIENTS_S: f64 = 0.002;
 /// Largest lag behind real time for which the simulation compensates: a few slices, so that a busy host keeps the mean speed.
 const LAG_MAX: Duration = Duration::from_millis(250);
 /// The same limit if clients can use the wall clock. To compensate, the simulation runs faster than real time, and a client's
-/// short delay is a long one in simulated time. It must stay below the 50 ms that a node waits for the next frame of a transfer.
+/// short delay is a long one in simulated time. It must stay below the 50 ms that a node waits for the next frame of a list.
 const LAG_MAX_WITH_CLIENTS: Duration = Duration::from_millis(20);
 /// Shortest and longest slice in simulated time.
 const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
