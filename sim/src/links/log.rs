@@ -113,7 +113,7 @@ impl Log {
         Ok(log)
     }
 
-    /// Writes the lines so far to the file. Dropping the log does the same, but cannot report an error.
+    /// Writes the lines so far to the file.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -122,6 +122,11 @@ impl Log {
         let written = self.out.write_all(&text).and_then(|()| self.out.flush());
         self.failed |= written.is_err();
         written.with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// Writes the last lines, unless a write has failed before.
+    fn write_rest(&mut self) -> Result<()> {
+        if self.failed { Ok(()) } else { self.write() }
     }
 
     fn add(&mut self, record: &Record) -> io::Result<()> {
@@ -186,7 +191,7 @@ impl Link for Log {
     }
 
     fn finish(&mut self, _bench: &mut Bench) -> Result<()> {
-        if self.failed { Ok(()) } else { self.write() }
+        self.write_rest()
     }
 
     fn status(&self) -> String {
@@ -201,10 +206,8 @@ impl Link for Log {
 
 impl Drop for Log {
     fn drop(&mut self) {
-        if !self.failed {
-            // A drop cannot report an error. All but the last 10 ms are in the file already.
-            let _ = self.write();
-        }
+        // A drop cannot report an error. All but the last 10 ms are in the file already.
+        let _ = self.write_rest();
     }
 }
 
@@ -395,26 +398,25 @@ mod tests {
         assert_eq!(*disk.bytes.borrow(), b"(0.000001) can0 123#01\n");
     }
 
-    #[test]
-    fn a_full_disk_is_an_error_that_names_the_file() {
-        let disk = disk(30);
-        let mut bench = Bench::new(1_000_000);
-        let mut log = log(&disk, Format::Candump);
+    /// A log with more lines to write than its disk has room for.
+    fn log_on_a_full_disk() -> (Log, Bench) {
+        let mut log = log(&disk(30), Format::Candump);
         for us in 0..2 {
             log.record(&frame(us, "123#01"), None).unwrap();
         }
+        (log, Bench::new(1_000_000))
+    }
+
+    #[test]
+    fn a_full_disk_is_an_error_that_names_the_file() {
+        let (mut log, mut bench) = log_on_a_full_disk();
         let error = log.serve(&mut bench).unwrap_err();
         assert!(format!("{error:#}").starts_with("cannot write run.log: "), "{error:#}");
     }
 
     #[test]
     fn a_disk_that_is_full_at_the_end_of_the_run_is_an_error() {
-        let disk = disk(30);
-        let mut bench = Bench::new(1_000_000);
-        let mut log = log(&disk, Format::Candump);
-        for us in 0..2 {
-            log.record(&frame(us, "123#01"), None).unwrap();
-        }
+        let (mut log, mut bench) = log_on_a_full_disk();
         let error = log.finish(&mut bench).unwrap_err();
         assert!(format!("{error:#}").starts_with("cannot write run.log: "), "{error:#}");
         log.finish(&mut bench).expect("reported once");

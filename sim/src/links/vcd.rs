@@ -80,9 +80,11 @@ impl Vcd {
         Ok(Vcd { path, node, writer, bus, drawn, seen_to: now, next_flush: now, finished: false })
     }
 
-    /// Writes the last changes and the time of the end.
+    /// Writes the last changes and the time of the end, unless that was done or a write has failed before.
     fn write_end(&mut self) -> Result<()> {
-        self.finished = true;
+        if std::mem::replace(&mut self.finished, true) {
+            return Ok(());
+        }
         self.writer.finish(self.seen_to).with_context(|| format!("cannot write {}", self.path.display()))
     }
 
@@ -128,9 +130,6 @@ impl Link for Vcd {
     }
 
     fn finish(&mut self, bench: &mut Bench) -> Result<()> {
-        if self.finished {
-            return Ok(());
-        }
         self.collect(bench);
         self.write_end()
     }
@@ -142,10 +141,8 @@ impl Link for Vcd {
 
 impl Drop for Vcd {
     fn drop(&mut self) {
-        if !self.finished {
-            // A drop cannot report an error. sigrok and GTKWave can read a file without its end, too.
-            let _ = self.write_end();
-        }
+        // A drop cannot report an error. sigrok and GTKWave can read a file without its end, too.
+        let _ = self.write_end();
     }
 }
 
