@@ -167,8 +167,8 @@ fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_ful
         let part = match kind {
             Kind::Thesis if rig::takes_both_dialects() => 30,
             _ if rig::has_all_features() => 200,
-            // The preset "remote" loses one of eight positions.
-            _ => 6,
+            _ if rig::has_preset_remote() => 6,
+            _ => 7,
         };
         println!("{kind:?}: {lost} lost beside {frames}");
         assert!(lost * part < frames && full.meter.garbled == 0, "{kind:?}: {lost} lost beside {frames}");

@@ -85,6 +85,11 @@ pub fn has_all_features() -> bool {
     preset(board().chip) == "full"
 }
 
+/// True if the firmware under test has the preset "remote", by the name of its ELF.
+pub fn has_preset_remote() -> bool {
+    elf().file_stem().is_some_and(|name| name.to_string_lossy().ends_with("-remote"))
+}
+
 /// True if the node accepts both dialects. Its filters then let more frames for other nodes through.
 pub fn takes_both_dialects() -> bool {
     has_all_features()
