@@ -1,8 +1,9 @@
 //! Tells the program its board and its commit, and the linker its limits.
 //!
-//! The board is the one that NODE_BOARD and NODE_SHIELD name in avr-specs/boards.toml, or the table's default. NODE_CS, NODE_INT and
-//! NODE_CRYSTAL_MHZ replace the wiring of the CAN board. scripts/firmware sets them. `src/hardware.rs` reads what this program finds.
-//! The limits are those of the chip in avr-specs/budget.toml.
+//! The board is the one that NODE_BOARD and NODE_SHIELD name in avr-specs/boards.toml, or the
+//! table's default. NODE_CS, NODE_INT and NODE_CRYSTAL_MHZ replace the wiring of the CAN board.
+//! scripts/firmware sets them. `src/hardware.rs` reads what this program finds. The limits are
+//! those of the chip in avr-specs/budget.toml.
 
 use std::process::Command;
 
@@ -27,7 +28,11 @@ fn main() {
     println!("cargo::rustc-check-cfg=cfg(can_interrupt, values(\"INT0\", \"INT1\"))");
     if std::env::var("CARGO_CFG_TARGET_ARCH").as_deref() == Ok("avr") {
         let target = std::env::var("TARGET").expect("cargo names the target");
-        assert_eq!(target, format!("avr-{chip}"), "the board has another chip: build by \"make firmware BOARD=...\"");
+        assert_eq!(
+            target,
+            format!("avr-{chip}"),
+            "the board has another chip: build by \"make firmware BOARD=...\""
+        );
         println!("cargo::rustc-cfg=chip=\"{chip}\"");
         limit_sizes(&chip);
     }
@@ -46,7 +51,11 @@ fn set(name: &str, value: &str) {
 
 /// What a git command prints, if there is a repository.
 fn git(arguments: &[&str]) -> Option<String> {
-    let output = Command::new("git").args(arguments).output().ok().filter(|output| output.status.success())?;
+    let output = Command::new("git")
+        .args(arguments)
+        .output()
+        .ok()
+        .filter(|output| output.status.success())?;
     Some(String::from_utf8(output.stdout).ok()?.trim().to_owned())
 }
 
@@ -57,22 +66,35 @@ fn describe_board() -> String {
     let shield = chosen("NODE_SHIELD", || text(&table, &["default_shield"]));
     let cs = chosen("NODE_CS", || text(&table, &["shields", &shield, "cs"]));
     let interrupt = chosen("NODE_INT", || text(&table, &["shields", &shield, "int"]));
-    let crystal_mhz = chosen("NODE_CRYSTAL_MHZ", || text(&table, &["shields", &shield, "crystal_mhz"]));
+    let crystal_mhz =
+        chosen("NODE_CRYSTAL_MHZ", || text(&table, &["shields", &shield, "crystal_mhz"]));
     let chip = text(&table, &["boards", &board, "chip"]);
 
     let pins = &table["pins"];
     let servos = pins["servo"].as_array().expect("avr-specs/boards.toml: pins.servo is a list");
-    let servo = servos.iter().filter_map(Value::as_str).find(|pin| *pin != cs).expect("a pin for the servo");
-    let outputs = pins["outputs"].as_array().expect("avr-specs/boards.toml: pins.outputs is a list");
+    let servo = servos
+        .iter()
+        .filter_map(Value::as_str)
+        .find(|pin| *pin != cs)
+        .expect("a pin for the servo");
+    let outputs =
+        pins["outputs"].as_array().expect("avr-specs/boards.toml: pins.outputs is a list");
     let power = pins["power"].as_array().expect("avr-specs/boards.toml: pins.power is a list");
-    let power: Vec<&str> = power.iter().filter_map(Value::as_str).filter(|pin| *pin != cs).take(POWER_INPUTS).collect();
+    let power: Vec<&str> = power
+        .iter()
+        .filter_map(Value::as_str)
+        .filter(|pin| *pin != cs)
+        .take(POWER_INPUTS)
+        .collect();
     assert_eq!(power.len(), POWER_INPUTS, "avr-specs/boards.toml: pins.power has too few pins");
     let is_free = |pin: &&str| *pin != cs && *pin != servo && !power.contains(pin);
-    let outputs: Vec<&str> = outputs.iter().filter_map(Value::as_str).filter(is_free).take(MORE_OUTPUTS).collect();
+    let outputs: Vec<&str> =
+        outputs.iter().filter_map(Value::as_str).filter(is_free).take(MORE_OUTPUTS).collect();
     assert_eq!(outputs.len(), MORE_OUTPUTS, "avr-specs/boards.toml: pins.outputs has too few pins");
     let light = Some(text(&table, &["pins", "light"])).filter(|light| *light != interrupt);
     let has_entry = |shield: &&Value| {
-        let is = |key: &str, value: &str| shield.get(key).is_some_and(|entry| plain(entry) == value);
+        let is =
+            |key: &str, value: &str| shield.get(key).is_some_and(|entry| plain(entry) == value);
         is("cs", &cs) && is("int", &interrupt) && is("crystal_mhz", &crystal_mhz)
     };
     let shields = table["shields"].as_table().expect("avr-specs/boards.toml: shields is a table");
@@ -93,7 +115,10 @@ fn describe_board() -> String {
     set("NODE_NAME", &text(&table, &["chips", &chip, "node_name"]));
     set("NODE_HARDWARE_MAJOR", &text(&table, &["chips", &chip, "hardware_major"]));
     set("NODE_LANES", &text(&table, &["chips", &chip, "lanes"]));
-    set("NODE_HARDWARE_MINOR", &minor.and_then(Value::as_integer).unwrap_or(OWN_WIRING).to_string());
+    set(
+        "NODE_HARDWARE_MINOR",
+        &minor.and_then(Value::as_integer).unwrap_or(OWN_WIRING).to_string(),
+    );
     let number = if interrupt == "D3" { 1 } else { 0 };
     println!("cargo::rustc-cfg=can_interrupt=\"INT{number}\"");
     chip
@@ -107,21 +132,24 @@ fn chosen(name: &str, default: impl FnOnce() -> String) -> String {
 
 /// A file of avr-specs.
 fn table(file: &str) -> Table {
-    let text =
-        std::fs::read_to_string(format!("{SPECS}/{file}")).unwrap_or_else(|error| panic!("avr-specs/{file}: {error}"));
+    let text = std::fs::read_to_string(format!("{SPECS}/{file}"))
+        .unwrap_or_else(|error| panic!("avr-specs/{file}: {error}"));
     text.parse().unwrap_or_else(|error| panic!("avr-specs/{file}: {error}"))
 }
 
 /// An entry of the table, as text.
 fn text(table: &Table, path: &[&str]) -> String {
     let (first, rest) = path.split_first().expect("a path");
-    let found = table.get(*first).and_then(|value| rest.iter().try_fold(value, |value, key| value.get(key)));
+    let found = table
+        .get(*first)
+        .and_then(|value| rest.iter().try_fold(value, |value, key| value.get(key)));
     plain(found.unwrap_or_else(|| panic!("avr-specs/boards.toml has no {}", path.join("."))))
 }
 
 /// A text or a number of the table, as text.
 fn plain(value: &Value) -> String {
-    let number = || value.as_integer().expect("avr-specs/boards.toml has texts and numbers").to_string();
+    let number =
+        || value.as_integer().expect("avr-specs/boards.toml has texts and numbers").to_string();
     value.as_str().map_or_else(number, str::to_owned)
 }
 
@@ -132,8 +160,9 @@ fn limit_sizes(chip: &str) {
         let bytes = budget.get(chip).and_then(|chip| chip.get(name)).and_then(Value::as_integer);
         bytes.unwrap_or_else(|| panic!("avr-specs/budget.toml has no {name} of {chip}"))
     };
-    // The target says that nothing is allowed above the limits; scripts/firmware allows more for firmware that is not for a chip. It
-    // cannot replace a limit, because of two definitions the later one counts, and cargo puts these last.
+    // The target says that nothing is allowed above the limits; scripts/firmware allows more for
+    // firmware that is not for a chip. It cannot replace a limit, because of two definitions
+    // the later one counts, and cargo puts these last.
     set("NODE_BOOT_SECTION", &limit("flash").to_string());
     for argument in [
         format!("-Wl,--defsym=__TEXT_REGION_LENGTH__={}+__ABOVE_LIMITS__", limit("flash")),
@@ -141,7 +170,11 @@ fn limit_sizes(chip: &str) {
     ] {
         println!("cargo::rustc-link-arg-bin=node={argument}");
     }
-    // The stack begins below the RAM that the bootloader shares with the program (`SHARED_RAM` in src/handover.rs).
+    // The stack begins below the RAM that the bootloader shares with the program (`SHARED_RAM` in
+    // src/handover.rs).
     const SHARED_RAM: i64 = 32;
-    println!("cargo::rustc-link-arg-bin=node=-Wl,--defsym=__stack={}", limit("ram_end") - SHARED_RAM - 1);
+    println!(
+        "cargo::rustc-link-arg-bin=node=-Wl,--defsym=__stack={}",
+        limit("ram_end") - SHARED_RAM - 1
+    );
 }

@@ -1,4 +1,5 @@
-//! Measures every fault of `rig/src/faults`, prints docs/reliability.md and writes it. `make reliability`.
+//! Measures every fault of `rig/src/faults`, prints docs/reliability.md and writes it. `make
+//! reliability`.
 
 fn main() {
     // Cargo also asks bench targets to list their tests.

@@ -1,4 +1,5 @@
-//! Runs a node with random faults for simulated hours: see `rig::soak`. `make soak HOURS=4`, or see `--help`.
+//! Runs a node with random faults for simulated hours: see `rig::soak`. `make soak HOURS=4`, or see
+//! `--help`.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
@@ -27,9 +28,13 @@ summary. The exit code is 0 if no check failed, 1 if one failed, 130 after Ctrl-
 const MINUTE: Cycles = 60_000 * MS;
 
 fn setting(name: &str, default: f64) -> Result<f64, String> {
-    let Some(text) = std::env::var(name).ok().filter(|text| !text.is_empty()) else { return Ok(default) };
+    let Some(text) = std::env::var(name).ok().filter(|text| !text.is_empty()) else {
+        return Ok(default);
+    };
     let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
-    number.ok_or_else(|| format!("{name} is \"{text}\": use a number, as in \"make soak HOURS=4 SEED=7\""))
+    number.ok_or_else(|| {
+        format!("{name} is \"{text}\": use a number, as in \"make soak HOURS=4 SEED=7\"")
+    })
 }
 
 fn main() -> ExitCode {
@@ -51,7 +56,8 @@ fn main() -> ExitCode {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         // The second signal ends the program at once.
-        flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop)).expect("a signal that can be caught");
+        flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop))
+            .expect("a signal that can be caught");
         flag::register(signal, Arc::clone(&stop)).expect("a signal that can be caught");
     }
     let is_to_stop = || stop.load(Ordering::Relaxed);

@@ -1,5 +1,6 @@
-//! Tells the linker where the boot section of the chip begins, and how long it is (avr-specs/budget.toml); and the program the baud rate of uploads
-//! (avr-specs/boards.toml). The board's wiring comes from the node's library.
+//! Tells the linker where the boot section of the chip begins, and how long it is
+//! (avr-specs/budget.toml); and the program the baud rate of uploads (avr-specs/boards.toml). The
+//! board's wiring comes from the node's library.
 
 use toml::Table;
 
@@ -15,12 +16,16 @@ fn main() {
     let limit = |name: &str| budget[chip][name].as_integer().expect("a number");
     let boards = table("boards.toml");
     let default = boards["default_board"].as_str().expect("a name");
-    let board = std::env::var("NODE_BOARD").ok().filter(|name| !name.is_empty()).unwrap_or_else(|| default.to_owned());
+    let board = std::env::var("NODE_BOARD")
+        .ok()
+        .filter(|name| !name.is_empty())
+        .unwrap_or_else(|| default.to_owned());
     let baud = boards["boards"][board.as_str()]["upload_baud"].as_integer().expect("a number");
     println!("cargo::rustc-env=UPLOAD_BAUD={baud}");
     let (start, end, ram_end) = (limit("flash"), limit("flash_of_chip"), limit("ram_end"));
     println!("cargo::rustc-env=BOOT_SECTION={start}");
-    // The variables of the loader end with what it shares with the program (src/handover.rs in the root). These are the lengths of both parts.
+    // The variables of the loader end with what it shares with the program (src/handover.rs in the
+    // root). These are the lengths of both parts.
     const VARIABLES: i64 = 344;
     const SHARED_RAM: i64 = 32;
     let variables = ram_end - SHARED_RAM - VARIABLES;
@@ -40,7 +45,7 @@ fn main() {
 
 /// A file of avr-specs.
 fn table(file: &str) -> Table {
-    let text =
-        std::fs::read_to_string(format!("{SPECS}/{file}")).unwrap_or_else(|error| panic!("avr-specs/{file}: {error}"));
+    let text = std::fs::read_to_string(format!("{SPECS}/{file}"))
+        .unwrap_or_else(|error| panic!("avr-specs/{file}: {error}"));
     text.parse().unwrap_or_else(|error| panic!("avr-specs/{file}: {error}"))
 }

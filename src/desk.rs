@@ -1,7 +1,8 @@
 //! The node on a desk: a board of plain variables, for the tests and the fuzzer.
 //!
-//! [`Desk::turn`] takes one turn of the main loop in `src/main.rs`, with the same [`Agenda`]. Time stands still during turns and passes only in
-//! [`Desk::pass`]. A test can read and change every part of the desk at any time.
+//! [`Desk::turn`] takes one turn of the main loop in `src/main.rs`, with the same [`Agenda`]. Time
+//! stands still during turns and passes only in [`Desk::pass`]. A test can read and change every
+//! part of the desk at any time.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -26,25 +27,33 @@ const BYTES_PER_MS: u32 = 11;
 /// More turns than any millisecond needs. Reaching this limit means an endless loop.
 const TURNS_MAX: u32 = 10_000;
 
-/// An EEPROM whose supply can fail. It panics when it is read or written while a write is in progress.
+/// An EEPROM whose supply can fail. It panics when it is read or written while a write is in
+/// progress.
 #[derive(Clone)]
 pub struct Memory {
     /// The contents.
     pub cells: [u8; EEPROM_LEN],
     /// True if writes have no effect.
     pub is_broken: bool,
-    /// Number of writes until the supply fails, and the value that the last of them leaves. Later writes have no effect.
+    /// Number of writes until the supply fails, and the value that the last of them leaves. Later
+    /// writes have no effect.
     pub fails_after: Option<(u16, u8)>,
     busy_for: Cell<u8>,
 }
 
 impl Memory {
-    /// Polls of `is_busy` until a byte is written: one at every tick of a millisecond, and a byte takes 3.4 ms (datasheet 2545, section 8.4).
+    /// Polls of `is_busy` until a byte is written: one at every tick of a millisecond, and a byte
+    /// takes 3.4 ms (datasheet 2545, section 8.4).
     const BUSY_FOR: u8 = 4;
 
     /// An erased EEPROM, as delivered.
     pub fn blank() -> Self {
-        Self { cells: [0xFF; EEPROM_LEN], is_broken: false, fails_after: None, busy_for: Cell::new(0) }
+        Self {
+            cells: [0xFF; EEPROM_LEN],
+            is_broken: false,
+            fails_after: None,
+            busy_for: Cell::new(0),
+        }
     }
 
     /// Waits for a byte that is being written, as the board does at a start.
@@ -65,7 +74,11 @@ impl Eeprom for Memory {
     }
 
     fn begin_write(&mut self, at: Address, byte: u8) {
-        assert_eq!(self.busy_for.replace(Self::BUSY_FOR), 0, "written while a byte is being written");
+        assert_eq!(
+            self.busy_for.replace(Self::BUSY_FOR),
+            0,
+            "written while a byte is being written"
+        );
         if self.is_broken {
             return;
         }
@@ -215,7 +228,15 @@ impl Desk {
         match turn {
             Turn::TakeFrame => {
                 if let Some(frame) = can.received.pop_front() {
-                    node.receive(&frame, receiver, now_ms, || !can.received.is_empty(), InMemory, monitor, servos);
+                    node.receive(
+                        &frame,
+                        receiver,
+                        now_ms,
+                        || !can.received.is_empty(),
+                        InMemory,
+                        monitor,
+                        servos,
+                    );
                 }
             }
             Turn::Tick => {
@@ -286,14 +307,18 @@ impl Desk {
     /// Takes turns until no received frame and no chore is left.
     pub fn settle(&mut self) {
         let mut turns = 0;
-        while !self.can.received.is_empty() || self.node.entry() != Entry::None || self.node.has_chore() {
+        while !self.can.received.is_empty()
+            || self.node.entry() != Entry::None
+            || self.node.has_chore()
+        {
             self.turn();
             turns += 1;
             assert!(turns < TURNS_MAX, "it goes on for ever");
         }
     }
 
-    /// Takes turns until only logging is left, and then logs as many bytes as the UART sends in a millisecond.
+    /// Takes turns until only logging is left, and then logs as many bytes as the UART sends in a
+    /// millisecond.
     pub fn idle(&mut self) {
         let (mut turns, mut log) = (0, 0);
         while log < BYTES_PER_MS {

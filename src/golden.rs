@@ -1,4 +1,5 @@
-//! Reference data for the tests: [`dronecan_wire::golden`], with the frames of the driver, and parameters and conditions.
+//! Reference data for the tests: [`dronecan_wire::golden`], with the frames of the driver, and
+//! parameters and conditions.
 
 use std::string::String;
 use std::vec::Vec;
@@ -80,8 +81,8 @@ pub const CONDITIONS: [Conditions; 14] = [
     Conditions::DRAFT,
 ];
 
-/// The response with transfer ID 2 that CAN_BAUDRATE is 500 kbit/s. Default and maximum are 1 Mbit/s, or 500 kbit/s with a crystal of 8 MHz; the
-/// minimum is 125 kbit/s.
+/// The response with transfer ID 2 that CAN_BAUDRATE is 500 kbit/s. Default and maximum are 1
+/// Mbit/s, or 500 kbit/s with a crystal of 8 MHz; the minimum is 125 kbit/s.
 #[cfg(feature = "standard")]
 pub const BAUDRATE_IS_500_KBIT: &str = if crate::hardware::CAN_CRYSTAL_HZ == 16_000_000 {
     "1E0B7FF8 72 EB 01 20 A1 07 00 82 | 00 00 00 00 01 40 42 22 | 0F 00 00 00 00 00 01 02 | 40 42 0F 00 00 00 00 22 | 00 01 48 \

@@ -1,4 +1,5 @@
-//! What the program and the bootloader (`boot/`) tell each other: layouts and addresses. docs/update.md describes them.
+//! What the program and the bootloader (`boot/`) tell each other: layouts and addresses.
+//! docs/update.md describes them.
 //!
 //! | where | what |
 //! | --- | --- |
@@ -6,34 +7,42 @@
 //! | EEPROM, [`BUS`] | node ID and bit rate, for a loader that starts without a program |
 //! | last bytes of the RAM, from [`REQUEST`] on | the update that the program asks for, and the count of watchdog restarts |
 //!
-//! Each record ends with a CRC of the bytes before it (CRC-16-CCITT-FALSE, high byte first), so that the CRC of the whole record is 0.
+//! Each record ends with a CRC of the bytes before it (CRC-16-CCITT-FALSE, high byte first), so
+//! that the CRC of the whole record is 0.
 
-/// Initial value of the CRC of a record, and of a program. Neither zeros nor erased bytes are valid with it.
+/// Initial value of the CRC of a record, and of a program. Neither zeros nor erased bytes are valid
+/// with it.
 pub const CRC_START: u16 = 0xFFFF;
 
 /// Byte address of the header of the program: behind the 26 vectors, in the first page.
 pub const HEADER: u16 = 0x68;
-/// Length of the header: major and minor hardware version, major and minor software version, length of the program.
+/// Length of the header: major and minor hardware version, major and minor software version, length
+/// of the program.
 pub const HEADER_LEN: usize = 6;
-/// Offset in the header of the length of the program in bytes, with the CRC at its end. Little-endian.
+/// Offset in the header of the length of the program in bytes, with the CRC at its end.
+/// Little-endian.
 pub const HEADER_LENGTH: usize = 4;
-/// The length of a program without a CRC, which was uploaded through the serial port or by a programmer. The loader starts it unchecked.
+/// The length of a program without a CRC, which was uploaded through the serial port or by a
+/// programmer. The loader starts it unchecked.
 pub const UNCHECKED: u16 = 0;
 
-/// Address in EEPROM of the record of the bus: node ID; CNF3, CNF2 and CNF1 of the MCP2515 (the bit rate); CRC.
+/// Address in EEPROM of the record of the bus: node ID; CNF3, CNF2 and CNF1 of the MCP2515 (the bit
+/// rate); CRC.
 pub const BUS: u8 = 0x18;
 /// Length of the record of the bus.
 pub const BUS_LEN: u8 = 6;
 
 /// Bytes at the end of the RAM that the start-up code and the stack leave alone.
 pub const SHARED_RAM: u16 = 32;
-/// Offset in the shared RAM of the request for an update: path, length of the path, node ID of the server, CRC.
+/// Offset in the shared RAM of the request for an update: path, length of the path, node ID of the
+/// server, CRC.
 pub const REQUEST: u16 = 0;
 /// The longest path that a request has room for.
 pub const PATH_LEN: usize = 24;
 /// Length of the request.
 pub const REQUEST_LEN: usize = PATH_LEN + 4;
-/// Offset in the shared RAM of the count of watchdog restarts since the last other reset. The program clears it after a minute.
+/// Offset in the shared RAM of the count of watchdog restarts since the last other reset. The
+/// program clears it after a minute.
 pub const RESTARTS: u16 = 28;
 
 const _: () = assert!(REQUEST + (REQUEST_LEN as u16) <= RESTARTS && RESTARTS < SHARED_RAM);

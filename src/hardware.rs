@@ -5,10 +5,12 @@ pub const NODE_NAME: &str = env!("NODE_NAME");
 
 /// Major hardware version in GetNodeInfo: the chip.
 pub const HARDWARE_MAJOR: u8 = decimal(env!("NODE_HARDWARE_MAJOR"));
-/// Minor hardware version in GetNodeInfo: the wiring of the CAN board; 255 is wiring that is not in the table.
+/// Minor hardware version in GetNodeInfo: the wiring of the CAN board; 255 is wiring that is not in
+/// the table.
 pub const HARDWARE_MINOR: u8 = decimal(env!("NODE_HARDWARE_MINOR"));
 
-/// Transfers of several frames that can be received at the same time: so many commands, and so many requests.
+/// Transfers of several frames that can be received at the same time: so many commands, and so many
+/// requests.
 pub const LANES: usize = decimal(env!("NODE_LANES")) as usize;
 
 /// Crystal of the MCP2515, in hertz.
@@ -22,7 +24,8 @@ pub const CAN_INTERRUPT: Pin = Pin::named(env!("NODE_INT"));
 pub const SERVO: Pin = Pin::named(env!("NODE_SERVO"));
 /// Outputs that the node can have.
 pub const OUTPUTS: usize = if cfg!(feature = "outputs") { 8 } else { 1 };
-/// Time from the beginning of an output's pulse to the beginning of the next output's pulse, in microseconds.
+/// Time from the beginning of an output's pulse to the beginning of the next output's pulse, in
+/// microseconds.
 pub const SLOT_US: u32 = 2500;
 /// The pins of the outputs: the servo's, and those that interrupts switch.
 pub const OUTPUT_PINS: [Pin; OUTPUTS] = {
@@ -42,7 +45,8 @@ pub const OUTPUT_PINS: [Pin; OUTPUTS] = {
     pins
 };
 /// The light (OC2B). `None` if INT is on its pin.
-pub const LIGHT: Option<Pin> = if env!("NODE_LIGHT").is_empty() { None } else { Some(Pin::named(env!("NODE_LIGHT"))) };
+pub const LIGHT: Option<Pin> =
+    if env!("NODE_LIGHT").is_empty() { None } else { Some(Pin::named(env!("NODE_LIGHT"))) };
 /// The temperature sensor.
 const SENSOR: Pin = Pin::named(env!("NODE_SENSOR"));
 /// The pins for voltage and current of the circuit.
@@ -132,16 +136,29 @@ mod tests {
 
     #[test]
     fn pins_have_the_places_that_the_arduino_gives_them() {
-        for (name, port, bit) in
-            [("D0", 'D', 0), ("D7", 'D', 7), ("D8", 'B', 0), ("D10", 'B', 2), ("D13", 'B', 5), ("A5", 'C', 5)]
-        {
+        for (name, port, bit) in [
+            ("D0", 'D', 0),
+            ("D7", 'D', 7),
+            ("D8", 'B', 0),
+            ("D10", 'B', 2),
+            ("D13", 'B', 5),
+            ("A5", 'C', 5),
+        ] {
             assert_eq!(Pin::named(name), Pin { port, bit }, "{name}");
         }
     }
 
     #[test]
     fn no_two_signals_share_a_pin() {
-        let mut pins = vec![CAN_SELECT, CAN_INTERRUPT, SERVO, BUTTON, SENSOR, Pin::named("D0"), Pin::named("D1")];
+        let mut pins = vec![
+            CAN_SELECT,
+            CAN_INTERRUPT,
+            SERVO,
+            BUTTON,
+            SENSOR,
+            Pin::named("D0"),
+            Pin::named("D1"),
+        ];
         pins.extend(&OUTPUT_PINS[1..]);
         pins.extend(POWER);
         pins.extend(["D11", "D12", "D13"].map(Pin::named));

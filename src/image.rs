@@ -1,4 +1,5 @@
-//! Joins all tables of constants into the one image that lies in flash (see [`progmem`](crate::progmem)).
+//! Joins all tables of constants into the one image that lies in flash (see
+//! [`progmem`](crate::progmem)).
 
 use crate::monitor::text::Texts;
 use crate::monitor::{TEXTS, TextsAndNames};

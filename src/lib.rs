@@ -1,4 +1,5 @@
-//! A DroneCAN (UAVCAN v0) servo and temperature node: all of the program that does not access the chip's registers.
+//! A DroneCAN (UAVCAN v0) servo and temperature node: all of the program that does not access the
+//! chip's registers.
 //!
 //! Each layer uses only the layers below it:
 //!
@@ -8,12 +9,14 @@
 //! * [`progmem`]: reads a table of constants from flash.
 //! * [`hardware`]: the board that the program is built for.
 //! * [`dronecan_wire`]: the wire format, a separate crate.
-//! * [`mcp2515_ordered`]: frames, and the driver of the MCP2515 over any `embedded-hal` SPI, a separate crate.
+//! * [`mcp2515_ordered`]: frames, and the driver of the MCP2515 over any `embedded-hal` SPI, a
+//!   separate crate.
 //!
 //! `desk` is a board of plain variables that the tests run the node on.
 //!
-//! The caller passes the time as an argument and the hardware as traits (`embedded-hal` for SPI and pins), so all of the library is tested on
-//! the host. The chip's registers, interrupts and `unsafe` are in `board`, which belongs to the firmware binary alone.
+//! The caller passes the time as an argument and the hardware as traits (`embedded-hal` for SPI and
+//! pins), so all of the library is tested on the host. The chip's registers, interrupts and
+//! `unsafe` are in `board`, which belongs to the firmware binary alone.
 //!
 //! # Glossary
 //!

@@ -1,10 +1,17 @@
-//! The firmware: runs the node on its board. `board` has the pins and all hardware access; the library has everything else.
+//! The firmware: runs the node on its board. `board` has the pins and all hardware access; the
+//! library has everything else.
 //!
-//! The firmware has one main loop and no operating system. Each turn of the loop does one thing and never waits. [`node::node::agenda`] decides
-//! what the next turn does. INT0 moves frames from the CAN controller to a queue, and Timer0 counts milliseconds: normal operation needs no
+//! The firmware has one main loop and no operating system. Each turn of the loop does one thing and
+//! never waits. [`node::node::agenda`] decides what the next turn does. INT0 moves frames from the
+//! CAN controller to a queue, and Timer0 counts milliseconds: normal operation needs no
 //! other interrupt. Timer1 makes the servo pulse without software.
 
-#![cfg_attr(target_arch = "avr", no_std, no_main, feature(asm_experimental_arch, abi_avr_interrupt))]
+#![cfg_attr(
+    target_arch = "avr",
+    no_std,
+    no_main,
+    feature(asm_experimental_arch, abi_avr_interrupt)
+)]
 #![deny(unsafe_op_in_unsafe_fn, clippy::undocumented_unsafe_blocks)]
 // `avr_device::entry` calls `main` once and gives it a `&mut` reference to each of its statics.
 #![cfg_attr(target_arch = "avr", allow(static_mut_refs))]
@@ -35,7 +42,13 @@ fn main() -> ! {
     let (monitor, receiver, node, agenda) = (MONITOR, RECEIVER, NODE, AGENDA);
 
     let board = BOARD.insert(Board::new());
-    node.start(guard::reset_cause(&board.cpu), &mut board.eeprom, || board.jitter.sample(), Image, monitor);
+    node.start(
+        guard::reset_cause(&board.cpu),
+        &mut board.eeprom,
+        || board.jitter.sample(),
+        Image,
+        monitor,
+    );
     board.servo.start(&node.parameters);
     let timing = bit_rate::timing(node.parameters.get(Parameter::CanBaudrate) as u8);
     let (acceptance, attempts) = (node.acceptance(Image), node.attempts());
@@ -66,7 +79,15 @@ fn main() -> ! {
             Turn::TakeFrame => {
                 let has_backlog = board::has_backlog;
                 board.bus.take_frame(|frame| {
-                    node.receive(frame, receiver, now_ms, has_backlog, Image, monitor, &mut board.servo);
+                    node.receive(
+                        frame,
+                        receiver,
+                        now_ms,
+                        has_backlog,
+                        Image,
+                        monitor,
+                        &mut board.servo,
+                    );
                 });
             }
             Turn::Tick => {
@@ -81,7 +102,9 @@ fn main() -> ! {
                 #[cfg(feature = "button")]
                 node.read_button(board.button.is_pressed(), passed_ms, monitor);
                 let next = node.next_input();
-                if let Some(reading) = board.adc.take(node.parameters.is_on(Parameter::TempRef), next) {
+                if let Some(reading) =
+                    board.adc.take(node.parameters.is_on(Parameter::TempRef), next)
+                {
                     node.read_input(reading, next);
                 }
                 #[cfg(feature = "update")]
@@ -142,6 +165,8 @@ fn main() -> ! {
 /// Prints how to flash and how to simulate: the firmware runs on an Arduino and not on the host.
 #[cfg(not(target_arch = "avr"))]
 fn main() {
-    eprintln!("This is firmware for an Arduino: `make flash PORT=/dev/ttyUSB0` uploads it, `make sim` runs it here.");
+    eprintln!(
+        "This is firmware for an Arduino: `make flash PORT=/dev/ttyUSB0` uploads it, `make sim` runs it here."
+    );
     std::process::exit(2);
 }

@@ -1,7 +1,8 @@
 //! Tables of constants that stay in flash.
 //!
-//! The start-up code of the AVR copies a constant that is used by reference to RAM, and RAM is one kilobyte. So each module packs its table into
-//! bytes at compile time, [`image`](crate::image) joins the tables, and the board places the image in flash and reads it byte by byte.
+//! The start-up code of the AVR copies a constant that is used by reference to RAM, and RAM is one
+//! kilobyte. So each module packs its table into bytes at compile time, [`image`](crate::image)
+//! joins the tables, and the board places the image in flash and reads it byte by byte.
 
 /// Access to the table `T` in flash.
 pub trait Progmem<T>: Copy {

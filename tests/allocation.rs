@@ -1,5 +1,6 @@
-//! With CAN_NODE 0 the node requests its ID from an allocator (DroneCAN specification, chapter 6). It sends nothing else and ignores all other
-//! messages until it has an ID. It generates its unique ID at its first start.
+//! With CAN_NODE 0 the node requests its ID from an allocator (DroneCAN specification, chapter 6).
+//! It sends nothing else and ignores all other messages until it has an ID. It generates its unique
+//! ID at its first start.
 
 use std::sync::OnceLock;
 
@@ -65,7 +66,11 @@ fn requests(rig: &Rig) -> Vec<Request> {
         let (tail, payload) = frame.data().split_last().unwrap();
         assert_eq!(tail & 0xE0, 0xC0, "{frame}");
         assert_eq!(payload[0] >> 1, 0, "the node must accept any ID: {frame}");
-        requests.push(Request { at: *at, first_part: payload[0] & 1 != 0, part: payload[1..].to_vec() });
+        requests.push(Request {
+            at: *at,
+            first_part: payload[0] & 1 != 0,
+            part: payload[1..].to_vec(),
+        });
     }
     requests
 }
@@ -81,7 +86,8 @@ fn next_request(rig: &mut Rig, within_ms: u64) -> Request {
 /// The allocator, node 127, sends an Allocation message.
 fn allocate(rig: &mut Rig, node_id: u8, unique_id: &[u8]) {
     let message = Allocation { node_id, first_part: false, unique_id: unique_id.to_vec() };
-    let parts = split(&message.encode(), TransferId::default(), types::ALLOCATION.signature.unwrap());
+    let parts =
+        split(&message.encode(), TransferId::default(), types::ALLOCATION.signature.unwrap());
     for data in parts {
         rig.send(ALLOCATION_FROM_127, &data);
     }
@@ -108,7 +114,11 @@ fn the_three_stages_have_their_parts_and_their_times() {
     let (mut rig, unique_id) = board_without_id();
     let start = rig.now();
     let first = next_request(&mut rig, 1100);
-    assert!((600.0..=1050.0).contains(&ms_between(start, first.at)), "{} ms", ms_between(start, first.at));
+    assert!(
+        (600.0..=1050.0).contains(&ms_between(start, first.at)),
+        "{} ms",
+        ms_between(start, first.at)
+    );
     assert_eq!((first.first_part, &first.part[..]), (true, &unique_id[..6]));
     for (confirmed, len) in [(6, 6), (12, 4)] {
         allocate(&mut rig, 0, &unique_id[..confirmed]);
@@ -116,15 +126,22 @@ fn the_three_stages_have_their_parts_and_their_times() {
         let heard = rig.now();
         let request = next_request(&mut rig, 420);
         assert!(ms_between(heard, request.at) <= 401.0, "{} ms", ms_between(heard, request.at));
-        assert_eq!((request.first_part, &request.part[..]), (false, &unique_id[confirmed..confirmed + len]));
+        assert_eq!(
+            (request.first_part, &request.part[..]),
+            (false, &unique_id[confirmed..confirmed + len])
+        );
     }
     let asked = requests(&rig).len();
     allocate(&mut rig, 55, &unique_id);
     rig.run_ms(1500);
-    // With an ID the node sends no more requests, but a status at once and then each second, and answers.
+    // With an ID the node sends no more requests, but a status at once and then each second, and
+    // answers.
     let own = |rig: &Rig| rig.frames(0x1801_5500 | 55);
     assert!((2..=3).contains(&own(&rig).len()), "{}", own(&rig).len());
-    let anonymous = rig.traffic.iter().filter(|(_, frame)| matches!(frame.id, Id::Extended(id) if id & 0xFF == 0));
+    let anonymous = rig
+        .traffic
+        .iter()
+        .filter(|(_, frame)| matches!(frame.id, Id::Extended(id) if id & 0xFF == 0));
     assert_eq!(anonymous.count(), asked);
     rig.request_to(55, &Message::NodeInfoRequest);
     rig.run_ms(50);
@@ -144,17 +161,23 @@ fn without_an_answer_it_repeats_its_request_at_random_times() {
     let gaps: Vec<f64> = all.windows(2).map(|pair| ms_between(pair[0].at, pair[1].at)).collect();
     assert!(gaps.len() >= 19, "{gaps:?}");
     assert!(gaps.iter().all(|gap| (600.0..=1010.0).contains(gap)), "{gaps:?}");
-    let (least, most) = (gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max));
+    let (least, most) =
+        (gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max));
     assert!(most - least > 100.0, "two nodes with equal gaps would collide every time: {gaps:?}");
 }
 
-/// Two boards may send a request at the same moment. The identifiers must differ then; they depend on the content.
+/// Two boards may send a request at the same moment. The identifiers must differ then; they depend
+/// on the content.
 #[test]
 fn the_identifiers_of_requests_differ_with_their_content() {
     let (mut rig, unique_id) = board_without_id();
     almost_allocated(&mut rig, unique_id);
-    let mut ids: Vec<String> =
-        rig.traffic.iter().map(|(_, frame)| frame.to_string()).filter(|text| text[6..8] == *"00").collect();
+    let mut ids: Vec<String> = rig
+        .traffic
+        .iter()
+        .map(|(_, frame)| frame.to_string())
+        .filter(|text| text[6..8] == *"00")
+        .collect();
     ids.dedup_by_key(|text| text[..8].to_owned());
     assert_eq!(ids.len(), 3, "{ids:?}");
 }
@@ -206,7 +229,8 @@ fn it_waits_while_other_nodes_are_allocated() {
         }
         rig.run_ms(500);
     }
-    let own: Vec<_> = requests(&rig).into_iter().filter(|request| request.part[0] != 0xEE).collect();
+    let own: Vec<_> =
+        requests(&rig).into_iter().filter(|request| request.part[0] != 0xEE).collect();
     assert_eq!(own, [], "each Allocation message must restart the node's timer");
     let quiet_from = rig.now() - 500 * MS;
     let request = next_request(&mut rig, 700);
@@ -224,7 +248,8 @@ fn another_node_s_request_cancels_a_follow_up() {
         let before = requests(&rig).len();
         request_as_another_node(&mut rig);
         rig.run_ms(550);
-        let after: Vec<_> = requests(&rig).split_off(before).into_iter().filter(|r| r.part[0] != 0xEE).collect();
+        let after: Vec<_> =
+            requests(&rig).split_off(before).into_iter().filter(|r| r.part[0] != 0xEE).collect();
         // The random follow-up delay may be as short as this.
         if before == 1 {
             assert_eq!(after, [], "after {delay_ms} ms");
@@ -259,7 +284,8 @@ fn without_an_id_it_accepts_only_allocation_messages() {
     assert_eq!(rig.serial.matches("reset:").count(), 1, "{}", rig.serial);
 }
 
-/// An anonymous frame must not be repeated after an error: another node without an ID may have sent the same identifier.
+/// An anonymous frame must not be repeated after an error: another node without an ID may have sent
+/// the same identifier.
 #[test]
 fn a_request_destroyed_by_an_error_is_not_repeated() {
     for bit in [12, 33, 45, 80, 100] {
@@ -346,7 +372,11 @@ fn a_node_with_an_id_ignores_allocation() {
         let is_its = |frame: &Frame| matches!(frame.id, Id::Extended(other) if other & 0x7F == id);
         rig.traffic.iter().filter(|(_, frame)| is_its(frame)).count()
     };
-    assert_eq!((sent(77), sent(0)), (0, 10), "frames as node 77, and requests of the other node only");
+    assert_eq!(
+        (sent(77), sent(0)),
+        (0, 10),
+        "frames as node 77, and requests of the other node only"
+    );
     assert!(rig.statuses().len() >= 2);
 }
 
@@ -372,7 +402,8 @@ fn two_boards_that_start_together_get_different_ids() {
     rig.attach_autopilot(Settings { allocates: true, ..Settings::default() });
     let statuses = |rig: &Rig, id: u32| rig.frames(0x1801_5500 | id).len();
     rig.wait_for("status of both", 15_000, |rig| statuses(rig, 125) > 0 && statuses(rig, 124) > 0);
-    let events: Vec<String> = rig.autopilot().take_events().into_iter().map(|(_, text)| text).collect();
+    let events: Vec<String> =
+        rig.autopilot().take_events().into_iter().map(|(_, text)| text).collect();
     for (_, unique_id) in [(first.0, first.1), (&second.0, second.1)] {
         let digits: String = unique_id.iter().map(|byte| format!("{byte:02X}")).collect();
         assert!(events.iter().any(|text| text.ends_with(&digits)), "{digits}: {events:?}");
@@ -435,6 +466,8 @@ fn after_a_power_cut_during_the_write_the_unique_id_is_valid() {
         rig.cut_power();
         rig.wait_until_up();
         assert_eq!(rig.information().unique_id, unique_id, "cut {cut_ms} ms later");
-        assert!(unique_id.iter().any(|byte| *byte != 0xFF) && unique_id.iter().any(|byte| *byte != 0));
+        assert!(
+            unique_id.iter().any(|byte| *byte != 0xFF) && unique_id.iter().any(|byte| *byte != 0)
+        );
     }
 }

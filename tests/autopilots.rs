@@ -75,7 +75,8 @@ fn it_follows_px4_s_servos_counted_from_0() {
     }
 }
 
-/// Each pulse has the width of a command of about the last 20 ms, so no command of nine frames is lost.
+/// Each pulse has the width of a command of about the last 20 ms, so no command of nine frames is
+/// lost.
 #[test]
 fn it_follows_each_step_of_a_sweep() {
     for (profile, actuator) in [(Profile::Ardupilot, 15), (Profile::Px4, 7)] {
@@ -89,12 +90,18 @@ fn it_follows_each_step_of_a_sweep() {
             let at = rig.now();
             let Some(last) = rig.pulses.last().copied() else { panic!("no pulse") };
             let commanded = |t| 1500.0 + 500.0 * rig_deflection(&mut rig, t);
-            // When the pulse began, the newest command could be 20 ms old; the pulse is up to 20 ms old, too.
+            // When the pulse began, the newest command could be 20 ms old; the pulse is up to 20 ms
+            // old, too.
             let (now, then) = (last.start, last.start - 45 * MS);
             let steps: Vec<f64> = (0..=45).map(|ms| then + ms * MS).map(commanded).collect();
-            let (least, most) = steps.iter().fold((f64::MAX, f64::MIN), |(a, b), us| (a.min(*us), b.max(*us)));
+            let (least, most) =
+                steps.iter().fold((f64::MAX, f64::MIN), |(a, b), us| (a.min(*us), b.max(*us)));
             let width = last.width_us();
-            assert!((least - 1.0..=most + 1.0).contains(&width), "{width} us at {} ({least} to {most})", now / MS);
+            assert!(
+                (least - 1.0..=most + 1.0).contains(&width),
+                "{width} us at {} ({least} to {most})",
+                now / MS
+            );
             assert!(at - last.start < 25 * MS);
         }
     }

@@ -36,7 +36,8 @@ fn a_frame_without_a_tail_byte_is_rejected() {
     assert_rejects(rig, 1, "refused: type 1010 from 10, not a whole frame");
 }
 
-/// The remaining frames must not complete the command a minute later either, when the node's 16-bit clock has wrapped.
+/// The remaining frames must not complete the command a minute later either, when the node's 16-bit
+/// clock has wrapped.
 #[test]
 fn an_incomplete_command_is_dropped_and_logged_after_50_ms() {
     let mut rig = Rig::positioned();
@@ -61,7 +62,8 @@ fn frames_that_belong_to_no_transfer_do_not_move_the_servo() {
         rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, tail]);
         rig.run_ms(10);
     }
-    // Only the last frame can belong to no transfer at all: it is a start of transfer with the toggle bit set.
+    // Only the last frame can belong to no transfer at all: it is a start of transfer with the
+    // toggle bit set.
     assert_rejects(rig, 1, "refused: type 1010 from 10");
 }
 
@@ -132,13 +134,14 @@ fn a_bus_full_of_frames_for_others_does_not_disturb_the_node() {
         rig.send(NODE_STATUS | 10, &autopilot);
         rig.run_ms(600);
     }
-    // The first frame that passes makes the node write narrower filters after the autopilot's next message. For that the controller leaves the
-    // bus.
+    // The first frame that passes makes the node write narrower filters after the autopilot's next
+    // message. For that the controller leaves the bus.
     rig.send(0x1804_562A, &[0xA5; 8]);
     rig.send(NODE_STATUS | 10, &autopilot);
     rig.run_ms(600);
     rig.forget();
-    let others = [0x1804_562A, 0x1803_F32A, 0x1E01_AAFF, 0x1E97_4D00, 0x1804_2E0A, 0x1004_5801, 0x1803_F2AA];
+    let others =
+        [0x1804_562A, 0x1803_F32A, 0x1E01_AAFF, 0x1E97_4D00, 0x1804_2E0A, 0x1004_5801, 0x1803_F2AA];
     // About 2.6 s.
     let count = rig::board().fastest_bit_rate() as usize / 50;
     for n in 0..count {
@@ -169,7 +172,11 @@ fn random_frames_of_the_node_s_types_do_not_stop_it() {
         let base = [ARRAY_COMMAND, SERVO_COMMAND, NODE_STATUS][(bits % 3) as usize];
         let data = random.next_u64().to_le_bytes();
         let source = (bits >> 8 & 0x7F) as u32;
-        rig.send_frame(Frame::with_dlc(Id::Extended(base | source), (bits >> 16 & 0xF) as u8, data));
+        rig.send_frame(Frame::with_dlc(
+            Id::Extended(base | source),
+            (bits >> 16 & 0xF) as u8,
+            data,
+        ));
         let pause = rig.now() + (bits >> 24 & 0xFFF);
         rig.run_until(pause);
     }
@@ -182,7 +189,12 @@ fn random_frames_of_the_node_s_types_do_not_stop_it() {
     rig.forget();
     rig.board().avr_mut().serial_send(b"?");
     rig.wait_for_line("overruns", 200);
-    assert_eq!(lost > 0, !rig.serial.contains("overruns 0"), "{lost} frames were lost: {}", rig.serial);
+    assert_eq!(
+        lost > 0,
+        !rig.serial.contains("overruns 0"),
+        "{lost} frames were lost: {}",
+        rig.serial
+    );
     rig.forget();
     rig.send_command(1, 0, -1.0);
     assert_eq!(rig.settled_pulse_us(), 1000.0);

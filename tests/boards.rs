@@ -1,4 +1,5 @@
-//! The builds for the two chips behave the same. They differ in compiler flags, addresses of registers, and limits of memory.
+//! The builds for the two chips behave the same. They differ in compiler flags, addresses of
+//! registers, and limits of memory.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +29,8 @@ fn request(name: &str, value: Value) -> Message {
 fn traffic_through(board: &str) -> Seen {
     let elf = firmware_for(board, "seeed", "default").unwrap_or_else(|error| panic!("{error:#}"));
     // Both boards have the same unique ID and parameters.
-    let diecimila = firmware_for("diecimila", "seeed", "default").unwrap_or_else(|error| panic!("{error:#}"));
+    let diecimila =
+        firmware_for("diecimila", "seeed", "default").unwrap_or_else(|error| panic!("{error:#}"));
     let mut rig = Rig::with_boards_of(&elf, &[started_with(&diecimila)]);
     rig.wait_until_up();
     rig.run_until(400 * MS);

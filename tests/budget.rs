@@ -1,4 +1,5 @@
-//! The budgets of avr-specs/budget.toml: flash, variables, and variables with the stack at its deepest.
+//! The budgets of avr-specs/budget.toml: flash, variables, and variables with the stack at its
+//! deepest.
 
 use bench::budget::{Budget, PAINT};
 use rig::Rig;
@@ -27,7 +28,8 @@ fn the_linker_checks_the_budgets_of_flash_and_variables() {
     assert_eq!(value("__DATA_REGION_LENGTH__"), budget().statics);
 }
 
-/// Causes what makes the stack deep: all kinds of messages, rejections, errors, a chip without power, counters on request.
+/// Causes what makes the stack deep: all kinds of messages, rejections, errors, a chip without
+/// power, counters on request.
 #[test]
 fn the_deepest_stack_stays_within_its_budget() {
     let mut rig = Rig::powered();

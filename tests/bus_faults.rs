@@ -1,5 +1,6 @@
-//! Faults of the bus: the node detects and logs each, keeps the servo safe, and recovers within a second of its end without flooding
-//! the bus. The cases are in `faults/bus.rs`, what they measure in docs/reliability.md.
+//! Faults of the bus: the node detects and logs each, keeps the servo safe, and recovers within a
+//! second of its end without flooding the bus. The cases are in `faults/bus.rs`, what they measure
+//! in docs/reliability.md.
 
 use rig::faults::bus;
 

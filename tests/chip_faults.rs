@@ -1,5 +1,6 @@
-//! Faults of the CAN controller and its wires: the node detects and logs each within 100 ms and restarts the controller. The servo
-//! holds its position or moves to its failsafe. The cases are in `faults/chip.rs`, what they measure in docs/reliability.md.
+//! Faults of the CAN controller and its wires: the node detects and logs each within 100 ms and
+//! restarts the controller. The servo holds its position or moves to its failsafe. The cases are in
+//! `faults/chip.rs`, what they measure in docs/reliability.md.
 
 use rig::faults::chip;
 

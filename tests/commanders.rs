@@ -50,7 +50,8 @@ fn after_a_commander_stops_another_takes_over_without_a_warning() {
     let mut rig = Rig::running();
     for source in [10, 11, 10] {
         command_together(&mut rig, &[(source, 1)], 1000);
-        // Longer than the two seconds in which a command counts as recent. The tool continues to send its status.
+        // Longer than the two seconds in which a command counts as recent. The tool continues to
+        // send its status.
         for _ in 0..5 {
             rig.send(NODE_STATUS | source, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
             rig.run_ms(500);
@@ -69,7 +70,9 @@ fn only_the_commander_arms_and_disarms() {
     rig.set("ARM_REQ", 1);
     command_together(&mut rig, &[(10, 1)], 100);
     assert!(is_disarmed(&mut rig));
-    for (source, armed, is_disarmed_then) in [(11, 255, true), (10, 255, false), (11, 0, false), (10, 0, true)] {
+    for (source, armed, is_disarmed_then) in
+        [(11, 255, true), (10, 255, false), (11, 0, false), (10, 0, true)]
+    {
         rig.send(ARMING_STATUS | source, &[armed, 0xC0]);
         rig.run_ms(10);
         let logged = format!("refused: type 1100 from {source}, wrong sender");

@@ -1,4 +1,5 @@
-//! The node sets up the MCP2515, keeps the order of frames in both directions, and restarts the MCP2515 after any fault.
+//! The node sets up the MCP2515, keeps the order of frames in both directions, and restarts the
+//! MCP2515 after any fault.
 
 use bench::board::WireEvent;
 use bench::can::Fault;
@@ -83,7 +84,11 @@ fn frames_that_waited_in_both_buffers_are_read_in_order() {
             .collect();
         assert!(logged.is_sorted(), "released after {} us: {logged:?}", 150 + 2 * step);
         // With all features the node follows, and logs, only the newest of the commands that wait.
-        let is_complete = if rig::has_all_features() { logged.ends_with(&["2"]) } else { logged == ["0", "1", "2"] };
+        let is_complete = if rig::has_all_features() {
+            logged.ends_with(&["2"])
+        } else {
+            logged == ["0", "1", "2"]
+        };
         complete += usize::from(is_complete);
     }
     assert!(complete > 50, "{complete}");
@@ -98,13 +103,21 @@ fn messages_that_are_due_together_leave_in_order() {
     for n in 0..30 {
         rig.send_status_from(1);
         rig.run_ms(1000);
-        // Other nodes occupy the bus when the messages fall due, so that several wait in the controller at once.
+        // Other nodes occupy the bus when the messages fall due, so that several wait in the
+        // controller at once.
         if n % 3 == 2 {
-            let at = rig.traffic.iter().rposition(|(_, frame)| frame.to_string().starts_with("18045878")).unwrap();
+            let at = rig
+                .traffic
+                .iter()
+                .rposition(|(_, frame)| frame.to_string().starts_with("18045878"))
+                .unwrap();
             let (degrees_at, _) = rig.traffic[at];
             let statuses = rig.statuses();
             let (status_at, _) = statuses.iter().rfind(|(at, _)| *at < degrees_at).unwrap();
-            assert!(degrees_at - status_at < 2 * MS, "the status that was due with it must leave first");
+            assert!(
+                degrees_at - status_at < 2 * MS,
+                "the status that was due with it must leave first"
+            );
             seen += 1;
         }
     }
@@ -119,7 +132,11 @@ fn a_silent_chip_is_logged_and_started_when_it_answers() {
         rig.run_ms(1000);
         let line = format!("CAN: MCP2515 silent (CANSTAT {floating:02X})");
         let logged = rig.serial.lines().filter(|logged| *logged == line).count();
-        assert!((5..=11).contains(&logged), "about ten attempts a second, each logged: {}", rig.serial);
+        assert!(
+            (5..=11).contains(&logged),
+            "about ten attempts a second, each logged: {}",
+            rig.serial
+        );
         assert_eq!(rig.pulses, []);
         rig.board().chip_power_on();
         rig.wait_for_line("CAN: running", 300);
@@ -142,7 +159,10 @@ fn a_chip_reset_by_a_glitch_is_detected_and_restarted() {
     rig.wait_for_line("CAN: MCP2515 lost its settings", 50);
     rig.wait_for_line("CAN: running", 200);
     rig.run_ms(50);
-    assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1750.0), "the servo must hold its position");
+    assert!(
+        rig.pulses.iter().all(|pulse| pulse.width_us() == 1750.0),
+        "the servo must hold its position"
+    );
     rig.send_command(1, 0, -0.5);
     assert_eq!(rig.settled_pulse_us(), 1250.0);
 }
@@ -242,7 +262,8 @@ fn receive_overflows_are_counted_and_reported_in_the_status() {
     assert!(!rig.serial.contains("overruns 0"), "{}", rig.serial);
 }
 
-/// Time from the chip select of the first status read to the end of the instruction that reads the frame and clears RXnIF.
+/// Time from the chip select of the first status read to the end of the instruction that reads the
+/// frame and clears RXnIF.
 #[test]
 fn a_frame_is_read_within_450_cycles_of_the_first_chip_select() {
     let mut rig = Rig::running();
@@ -254,7 +275,8 @@ fn a_frame_is_read_within_450_cycles_of_the_first_chip_select() {
         let at_read = |event: &(_, WireEvent)| matches!(event.1, WireEvent::Spi { byte, .. } if byte.mosi == 0x90);
         let read = events.iter().position(at_read).expect("READ RX BUFFER");
         let edges = |level| move |event: &&(_, WireEvent)| event.1 == WireEvent::Cs(level);
-        let (begun, _) = events[..read].iter().rev().filter(edges(false)).nth(1).expect("READ STATUS before");
+        let (begun, _) =
+            events[..read].iter().rev().filter(edges(false)).nth(1).expect("READ STATUS before");
         let (done, _) = events[read..].iter().find(edges(true)).expect("the end");
         assert!(done - begun <= 450, "{} cycles", done - begun);
     }
@@ -280,14 +302,18 @@ fn access_chip(rig: &mut Rig, instructions: &[&[u8]]) {
     }
 }
 
-/// Checks the recovery after a register changed. The firmware compares all readable registers every 10 ms.
+/// Checks the recovery after a register changed. The firmware compares all readable registers every
+/// 10 ms.
 #[track_caller]
 fn assert_restarted_within_100_ms(rig: &mut Rig) {
     rig.forget();
     rig.wait_for_line("CAN: MCP2515 lost its settings", 100);
     rig.wait_for_line("CAN: running", 200);
     let chip = rig.board().chip();
-    assert_eq!([CNF1, CNF2, CNF3].map(|address| chip.borrow().register(address)), [0x00, 0x91, 0x01]);
+    assert_eq!(
+        [CNF1, CNF2, CNF3].map(|address| chip.borrow().register(address)),
+        [0x00, 0x91, 0x01]
+    );
     assert_eq!((chip.borrow().mode(), chip.borrow().register(CANINTE)), (Mode::Normal, 0x03));
     rig.send_command(1, 0, 0.25);
     assert_eq!(rig.settled_pulse_us(), 1625.0);
@@ -297,14 +323,18 @@ fn assert_restarted_within_100_ms(rig: &mut Rig) {
 fn a_changed_bit_timing_is_detected_and_corrected() {
     for (address, value) in [(CNF1, 0x01), (CNF2, 0x99), (CNF3, 0x02)] {
         let mut rig = Rig::running();
-        access_chip(&mut rig, &[&[WRITE, CANCTRL, 0x80], &[WRITE, address, value], &[WRITE, CANCTRL, 0x00]]);
+        access_chip(
+            &mut rig,
+            &[&[WRITE, CANCTRL, 0x80], &[WRITE, address, value], &[WRITE, CANCTRL, 0x00]],
+        );
         assert_restarted_within_100_ms(&mut rig);
     }
 }
 
 #[test]
 fn a_changed_mode_is_detected_and_corrected() {
-    // Sleep, loopback, listen-only and configuration mode, and one-shot, which is a bit of CANCTRL besides the mode.
+    // Sleep, loopback, listen-only and configuration mode, and one-shot, which is a bit of CANCTRL
+    // besides the mode.
     for control in [0x20, 0x40, 0x60, 0x80, 0x08] {
         let mut rig = Rig::running();
         access_chip(&mut rig, &[&[WRITE, CANCTRL, control]]);
@@ -312,7 +342,8 @@ fn a_changed_mode_is_detected_and_corrected() {
     }
 }
 
-/// An enabled error interrupt whose flag is never cleared would hold INT low for ever, as if a frame waited.
+/// An enabled error interrupt whose flag is never cleared would hold INT low for ever, as if a
+/// frame waited.
 #[test]
 fn errors_on_the_bus_never_hold_the_int_pin_low() {
     let mut rig = Rig::running();
@@ -387,7 +418,8 @@ fn after_dropped_frames_the_node_sends_again() {
     assert!(rig.statuses().len() >= 2, "{}", rig.serial);
 }
 
-/// DS20001801J 8.1: after power-on and after a reset the chip ignores the SPI for 128 periods of its 16 MHz oscillator.
+/// DS20001801J 8.1: after power-on and after a reset the chip ignores the SPI for 128 periods of
+/// its 16 MHz oscillator.
 #[test]
 fn the_node_does_not_access_the_chip_for_128_oscillator_periods_after_a_reset() {
     let mut rig = Rig::powered();
@@ -403,11 +435,17 @@ fn the_node_does_not_access_the_chip_for_128_oscillator_periods_after_a_reset() 
     for (at, event) in events {
         match event {
             WireEvent::Cs(level) => selected = !level,
-            WireEvent::Spi { byte, .. } if std::mem::take(&mut selected) => instructions.push((at, byte.mosi)),
+            WireEvent::Spi { byte, .. } if std::mem::take(&mut selected) => {
+                instructions.push((at, byte.mosi))
+            }
             _ => {}
         }
     }
-    assert!(instructions[0].0 - begun >= 128, "the first one after {} cycles", instructions[0].0 - begun);
+    assert!(
+        instructions[0].0 - begun >= 128,
+        "the first one after {} cycles",
+        instructions[0].0 - begun
+    );
     let resets = instructions.windows(2).filter(|pair| pair[0].1 == RESET);
     let pauses: Vec<u64> = resets.map(|pair| pair[1].0 - pair[0].0).collect();
     assert!(pauses.len() >= 2 && pauses.iter().all(|pause| *pause >= 128 + 16), "{pauses:?}");

@@ -1,5 +1,5 @@
-//! The output goes to its failsafe when, and only when, commands for it stop. With ARM_REQ the output follows commands only while the
-//! vehicle is armed.
+//! The output goes to its failsafe when, and only when, commands for it stop. With ARM_REQ the
+//! output follows commands only while the vehicle is armed.
 
 use bench::dronecan::{Message, ParameterRequest};
 use rig::manage::ms_between;
@@ -52,14 +52,22 @@ fn trim_pulse_and_off_begin_at_the_timeout_and_not_before() {
             let commanded = rig.now();
             rig.run_ms(timeout_ms as u64 + 200);
             let old = rig.pulses.iter().rfind(|pulse| pulse.width_us() == 1750.0).unwrap().start;
-            // The new width begins with a servo period, so the last old pulse may have begun up to 20 ms before the timeout.
+            // The new width begins with a servo period, so the last old pulse may have begun up to
+            // 20 ms before the timeout.
             let held_ms = ms_between(commanded, old);
             let limits = timeout_ms as f64 - 22.0..timeout_ms as f64 + 3.0;
-            assert!(limits.contains(&held_ms), "mode {mode}: held for {held_ms} of {timeout_ms} ms");
-            let after: Vec<f64> = rig.pulses.iter().filter(|p| p.start > old).map(|p| p.width_us()).collect();
+            assert!(
+                limits.contains(&held_ms),
+                "mode {mode}: held for {held_ms} of {timeout_ms} ms"
+            );
+            let after: Vec<f64> =
+                rig.pulses.iter().filter(|p| p.start > old).map(|p| p.width_us()).collect();
             match expected {
                 Some(width) => {
-                    assert!(after.len() > 5 && after.iter().all(|us| *us == width), "mode {mode}: {after:?}")
+                    assert!(
+                        after.len() > 5 && after.iter().all(|us| *us == width),
+                        "mode {mode}: {after:?}"
+                    )
                 }
                 None => assert!(after.is_empty(), "mode {mode}: {after:?}"),
             }
@@ -81,7 +89,8 @@ fn the_next_command_ends_the_failsafe_at_once_and_both_are_logged() {
         rig.set("OUT1_TIMEOUT", 0);
         assert_eq!(rig.next_status(), (OK, 0));
         // Besides the log line of the command, a line must say that commands arrive again.
-        let logged: Vec<&str> = rig.serial.lines().skip(seen).filter(|line| !line.contains("rx ")).collect();
+        let logged: Vec<&str> =
+            rig.serial.lines().skip(seen).filter(|line| !line.contains("rx ")).collect();
         assert!(logged.iter().any(|line| line.contains("command")), "mode {mode}: {logged:?}");
     }
 }
@@ -102,7 +111,10 @@ fn other_messages_do_not_prevent_the_failsafe() {
         rig.run_ms(2);
         arm(&mut rig, ARMED);
         rig.run_ms(2);
-        rig.request(&Message::ParameterRequest(ParameterRequest { index: n.into(), ..ParameterRequest::default() }));
+        rig.request(&Message::ParameterRequest(ParameterRequest {
+            index: n.into(),
+            ..ParameterRequest::default()
+        }));
         rig.run_ms(2);
     }
     assert_eq!(rig.settled_pulse_us(), 1450.0);
@@ -225,7 +237,9 @@ fn with_arm_req_the_arming_status_starts_and_stops_the_output() {
 
 #[test]
 fn disarming_starts_the_failsafe() {
-    for (mode, expected) in [(HOLD, Some(1750.0)), (TRIM, Some(1450.0)), (PULSE, Some(1900.0)), (OFF, None)] {
+    for (mode, expected) in
+        [(HOLD, Some(1750.0)), (TRIM, Some(1450.0)), (PULSE, Some(1900.0)), (OFF, None)]
+    {
         let mut rig = moving(mode, 1000);
         arm(&mut rig, ARMED);
         rig.run_ms(5);

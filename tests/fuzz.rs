@@ -1,12 +1,16 @@
-//! Sends random frames, and random and damaged transfers, from a seed. Afterwards the servo has the same position, the node answers as fast
-//! as before, nothing has restarted, and the stack has stayed within its limit.
+//! Sends random frames, and random and damaged transfers, from a seed. Afterwards the servo has the
+//! same position, the node answers as fast as before, nothing has restarted, and the stack has
+//! stayed within its limit.
 //!
-//! It sends 20,000 frames. `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some minutes. `FUZZ_SEED` sets another seed.
+//! It sends 20,000 frames. `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some
+//! minutes. `FUZZ_SEED` sets another seed.
 
 use bench::Noise;
 use bench::budget::{Budget, PAINT};
 use bench::can::{Frame, Id};
-use bench::dronecan::{ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types};
+use bench::dronecan::{
+    ActuatorCommand, Assembler, CanId, Message, Outcome, Transfer, TransferId, split, types,
+};
 use rig::{ARRAY_COMMAND, MS, NODE, Rig};
 use std::time::Duration;
 
@@ -38,9 +42,9 @@ impl Random {
 }
 
 fn setting(name: &str, default: u64) -> u64 {
-    std::env::var(name)
-        .ok()
-        .map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is no number: {text}")))
+    std::env::var(name).ok().map_or(default, |text| {
+        text.parse().unwrap_or_else(|_| panic!("{name} is no number: {text}"))
+    })
 }
 
 /// Identifiers that the filters accept, without the sender.
@@ -67,7 +71,14 @@ fn valid_transfer(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
     let number = TransferId::new(random.next() as u8);
     let id = random.pick(&OURS);
     let source = random.pick(&[1, 10, 10, 10, 11, 126, 127]);
-    let name = random.pick(&[b"OUT1_ID".as_slice(), b"CAN_NODE", b"OUT1_MIN", b"TEMP_OFFSET", b"", b"NOTHING"]);
+    let name = random.pick(&[
+        b"OUT1_ID".as_slice(),
+        b"CAN_NODE",
+        b"OUT1_MIN",
+        b"TEMP_OFFSET",
+        b"",
+        b"NOTHING",
+    ]);
     let (payload, data_type) = match id {
         ARRAY_COMMAND => {
             let half = half::f16::from_f32(0.5).to_bits();
@@ -92,7 +103,9 @@ fn valid_transfer(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
             let len = random.below(60);
             (random.bytes(len), types::BEGIN_FIRMWARE_UPDATE)
         }
-        id if id >> 16 == 0x1E0A => (vec![2 + random.below(3) as u8, 0, 0, 0, 0, 0, 0], types::EXECUTE_OPCODE),
+        id if id >> 16 == 0x1E0A => {
+            (vec![2 + random.below(3) as u8, 0, 0, 0, 0, 0, 0], types::EXECUTE_OPCODE)
+        }
         0x1E00_0100 => {
             let len = 1 + random.below(17);
             (random.bytes(len), types::ALLOCATION)
@@ -133,8 +146,13 @@ fn random_frames(random: &mut Random) -> Vec<Frame> {
     match random.below(8) {
         // Any frame.
         0 => {
-            let (id, dlc, data) = (random.next() as u32 & 0x1FFF_FFFF, random.below(16) as u8, random.next());
-            let id = if random.below(8) == 0 { Id::Standard(id as u16 & 0x7FF) } else { Id::Extended(id) };
+            let (id, dlc, data) =
+                (random.next() as u32 & 0x1FFF_FFFF, random.below(16) as u8, random.next());
+            let id = if random.below(8) == 0 {
+                Id::Standard(id as u16 & 0x7FF)
+            } else {
+                Id::Extended(id)
+            };
             vec![match random.below(16) {
                 0 => Frame::remote(id, dlc.min(8)),
                 _ => Frame::with_dlc(id, dlc, data.to_le_bytes()),
@@ -146,7 +164,8 @@ fn random_frames(random: &mut Random) -> Vec<Frame> {
             let dlc = random.pick(&[0, 1, 2, 3, 5, 6, 8, 8, 8, 15]);
             let mut data = random.next().to_le_bytes();
             if random.below(2) == 0 && dlc > 0 {
-                // With a plausible tail byte: start, middle or end of a transfer, or a single frame.
+                // With a plausible tail byte: start, middle or end of a transfer, or a single
+                // frame.
                 data[usize::from(dlc.min(8)) - 1] =
                     random.pick(&[0x80, 0x00, 0x20, 0x40, 0x60, 0xC0]) | random.below(4) as u8;
             }
@@ -174,12 +193,16 @@ fn random_frames(random: &mut Random) -> Vec<Frame> {
 /// True if the node would rightly execute a transfer that changes its state.
 fn is_an_order(transfer: &Transfer) -> bool {
     let is_half = |command: &ActuatorCommand| {
-        command.actuator != 1 || command.unit == bench::dronecan::CommandUnit::Unitless && command.value.to_f32() == 0.5
+        command.actuator != 1
+            || command.unit == bench::dronecan::CommandUnit::Unitless
+                && command.value.to_f32() == 0.5
     };
     let to_node = |id: CanId| !matches!(id, CanId::Service { destination, .. } if u32::from(destination.get()) != NODE);
     match Message::decode(transfer) {
         Message::ArrayCommand(commands) => !commands.iter().all(is_half),
-        Message::ThesisCommand(_) | Message::RestartNode(_) | Message::ExecuteOpcode(_) => to_node(transfer.id),
+        Message::ThesisCommand(_) | Message::RestartNode(_) | Message::ExecuteOpcode(_) => {
+            to_node(transfer.id)
+        }
         Message::ParameterRequest(request) => to_node(transfer.id) && !request.value.is_empty(),
         _ => false,
     }
@@ -192,7 +215,8 @@ fn after_random_frames_the_node_answers_and_the_servo_has_not_moved() {
     let mut rig = Rig::running();
     // At times the frames come faster than the node can read them.
     rig.overflows_expected = true;
-    // A node that sent one status must not count as the autopilot for ever. The node logs errors and does not act on them.
+    // A node that sent one status must not count as the autopilot for ever. The node logs errors
+    // and does not act on them.
     rig.send_command(1, 0, 0.5);
     assert_eq!(rig.settled_pulse_us(), PULSE_US);
     let parameters = rig.parameters();
@@ -201,7 +225,8 @@ fn after_random_frames_the_node_answers_and_the_servo_has_not_moved() {
     let mut sent = 0u64;
     let mut held_back = 0u64;
     let mut next_check = 1000u64;
-    // Reassembles what was sent and accepts as much as possible: each source separately, without timeouts.
+    // Reassembles what was sent and accepts as much as possible: each source separately, without
+    // timeouts.
     let mut assembler = Assembler::new();
     while sent < count {
         for frame in random_frames(&mut random) {
@@ -257,8 +282,9 @@ fn after_random_frames_the_node_answers_and_the_servo_has_not_moved() {
     let used = bottom - 0x100 + avr.stack_high_water(PAINT, bottom);
     let lost = rig.board().chip().borrow().rx_overflows();
     println!("{sent} frames sent, {lost} lost, {held_back} held back, {used} B of RAM");
-    // Many frames come back to back, and now and then the controller restarts for other filters. The program with all features needs more
-    // time for each (docs/decisions.md, "One-frame commands on a full bus").
+    // Many frames come back to back, and now and then the controller restarts for other filters.
+    // The program with all features needs more time for each (docs/decisions.md, "One-frame
+    // commands on a full bus").
     let allowed = sent / if rig::has_all_features() { 10_000 } else { 100_000 };
     assert!(u64::from(lost) <= allowed, "{lost} frames lost of {sent}");
     assert!(u32::from(used) <= Budget::of(rig::board().chip).statics_and_stack, "{used} B");

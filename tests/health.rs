@@ -1,9 +1,11 @@
-//! The node's health: each condition has a bit, the masks choose its health, and it clears with its cause.
+//! The node's health: each condition has a bit, the masks choose its health, and it clears with its
+//! cause.
 
 use bench::avr::ResetCause;
 use bench::dronecan::Message;
 use rig::status::{
-    BROWN_OUT, CRITICAL, DISARMED, ERROR, FAILSAFE, ID_CONFLICT, OK, OPERATIONAL, TEMPERATURE, TRANSFER_ERRORS, WARNING,
+    BROWN_OUT, CRITICAL, DISARMED, ERROR, FAILSAFE, ID_CONFLICT, OK, OPERATIONAL, TEMPERATURE,
+    TRANSFER_ERRORS, WARNING,
 };
 use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig};
 
@@ -38,7 +40,10 @@ fn a_temperature_out_of_range_is_a_warning_until_it_is_in_range() {
     wait_for_status(&mut rig, WARNING, TEMPERATURE, 3000);
     rig.run_ms(1100);
     let reported = temperature(&rig).unwrap();
-    assert!(reported.over && !reported.under && (reported.celsius() - 90.0).abs() < 0.6, "{reported}");
+    assert!(
+        reported.over && !reported.under && (reported.celsius() - 90.0).abs() < 0.6,
+        "{reported}"
+    );
     assert!(rig.serial.contains("temperature out of range"), "{}", rig.serial);
     rig.board().set_temperature_c(80.0);
     wait_for_status(&mut rig, OK, 0, 3000);
@@ -111,9 +116,17 @@ fn a_servo_without_a_sensor_is_ok_and_sends_no_temperature() {
         assert!(rig.statuses().len() >= 3);
         for (_, data) in rig.statuses() {
             let (_, health, mode, code) = rig::status_fields(&data);
-            assert_eq!((health, mode, code), (OK, OPERATIONAL, 0), "TEMP_SENSOR {sensor}, {millivolts} mV");
+            assert_eq!(
+                (health, mode, code),
+                (OK, OPERATIONAL, 0),
+                "TEMP_SENSOR {sensor}, {millivolts} mV"
+            );
         }
-        assert!(temperature(&rig).is_none() && !rig.serial.contains("temperature"), "{}", rig.serial);
+        assert!(
+            temperature(&rig).is_none() && !rig.serial.contains("temperature"),
+            "{}",
+            rig.serial
+        );
         // The messages return with a sensor that is detected, or required.
         if sensor == 0 {
             rig.set("TEMP_SENSOR", 1);
@@ -126,7 +139,8 @@ fn a_servo_without_a_sensor_is_ok_and_sends_no_temperature() {
 
 #[test]
 fn a_sensor_is_detected_by_16_consecutive_readings_within_the_range() {
-    // The node reads once a millisecond. After the disconnection it needs a sum of 64 readings at the end of the range.
+    // The node reads once a millisecond. After the disconnection it needs a sum of 64 readings at
+    // the end of the range.
     for (connected_ms, is_found) in [(10, false), (20, true)] {
         let mut rig = Rig::powered();
         rig.board().set_sensor_millivolts(0);
@@ -155,7 +169,8 @@ fn a_required_sensor_that_is_missing_is_a_warning() {
     rig.wait_for_line("temperature sensor open or short", 50);
 }
 
-/// An incomplete transfer is the sender's fault, or an attack. It must not prevent the vehicle from arming.
+/// An incomplete transfer is the sender's fault, or an attack. It must not prevent the vehicle from
+/// arming.
 #[test]
 fn broken_transfers_are_reported_for_ten_seconds_and_leave_the_health_ok() {
     let mut rig = Rig::running();
@@ -183,7 +198,9 @@ fn the_cause_of_a_restart_is_a_warning_for_a_minute() {
     let mut rig = Rig::running();
     rig.board().reset(ResetCause::BrownOut);
     rig.wait_until_up();
-    for (after_ms, expected) in [(0, (WARNING, BROWN_OUT)), (57_000, (WARNING, BROWN_OUT)), (4_000, (OK, 0))] {
+    for (after_ms, expected) in
+        [(0, (WARNING, BROWN_OUT)), (57_000, (WARNING, BROWN_OUT)), (4_000, (OK, 0))]
+    {
         rig.run_ms(after_ms);
         assert_eq!(rig.next_status(), expected, "{after_ms} ms later");
     }
@@ -234,5 +251,9 @@ fn disarmed_is_reported_and_is_no_fault() {
     rig.broadcast(&Message::ArmingStatus(255), 0);
     wait_for_status(&mut rig, OK, 0, 1500);
     rig.run_ms(20);
-    assert!(rig.serial.contains("disarmed") && rig.serial.lines().any(|line| line == "armed"), "{}", rig.serial);
+    assert!(
+        rig.serial.contains("disarmed") && rig.serial.lines().any(|line| line == "armed"),
+        "{}",
+        rig.serial
+    );
 }

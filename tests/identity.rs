@@ -1,5 +1,6 @@
-//! The unique ID: the node generates it at its first start from the jitter between watchdog oscillator and crystal, and keeps it in EEPROM.
-//! In the simulator a seed determines the jitter of each chip.
+//! The unique ID: the node generates it at its first start from the jitter between watchdog
+//! oscillator and crystal, and keeps it in EEPROM. In the simulator a seed determines the jitter of
+//! each chip.
 
 use bench::Bench;
 use bench::Cycles;
@@ -9,7 +10,8 @@ use bench::board::Board;
 /// CPU cycles in a millisecond.
 const MS: Cycles = 16_000;
 
-/// Position of the ID in the EEPROM (docs/parameters.md): 16 bytes, followed by their CRC and a marker.
+/// Position of the ID in the EEPROM (docs/parameters.md): 16 bytes, followed by their CRC and a
+/// marker.
 const ID: std::ops::Range<usize> = 4..20;
 const RECORD: std::ops::Range<usize> = 4..23;
 
@@ -47,7 +49,8 @@ fn two_boards_of_one_bench_generate_different_ids() {
         bench.add_board(Board::new(chip(seed)), "node");
     }
     bench.run_for_ms(FIRST_START_MS);
-    let ids: Vec<_> = bench.boards().iter().map(|board| board.avr().eeprom()[ID].to_vec()).collect();
+    let ids: Vec<_> =
+        bench.boards().iter().map(|board| board.avr().eeprom()[ID].to_vec()).collect();
     assert_ne!(ids[0], ids[1]);
     let different = ids[0].iter().zip(&ids[1]).filter(|(a, b)| a != b).count();
     assert!(different >= 12, "{ids:x?}");

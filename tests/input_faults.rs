@@ -1,5 +1,5 @@
-//! Faults of the sensor and invalid input from the bus: the servo follows valid commands and nothing else. The cases are
-//! in `faults/input.rs`, what they measure in docs/reliability.md.
+//! Faults of the sensor and invalid input from the bus: the servo follows valid commands and
+//! nothing else. The cases are in `faults/input.rs`, what they measure in docs/reliability.md.
 
 use rig::faults::input;
 

@@ -1,4 +1,5 @@
-//! The button, whose presses the node publishes, and the light, which it dims on command, in the firmware that has them.
+//! The button, whose presses the node publishes, and the light, which it dims on command, in the
+//! firmware that has them.
 
 use bench::dronecan::{KeyValue, LightCommand, Message};
 use rig::{MS, NODE, Rig};

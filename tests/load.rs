@@ -1,7 +1,9 @@
-//! The node on a full bus: it loses no frame, reads all in order and leaves none in the controller, and the servo is as steady as on an idle bus.
-//! All functions are active: telemetry at its highest rates, a client that reads, sets and saves all parameters, and the serial monitor.
+//! The node on a full bus: it loses no frame, reads all in order and leaves none in the controller,
+//! and the servo is as steady as on an idle bus. All functions are active: telemetry at its highest
+//! rates, a client that reads, sets and saves all parameters, and the serial monitor.
 //!
-//! The bus is full of frames that the filters accept: each kind alone, and all kinds at random. See [`Kind::MATCHING`].
+//! The bus is full of frames that the filters accept: each kind alone, and all kinds at random. See
+//! [`Kind::MATCHING`].
 //!
 //! `make bench` measures the same for longer, and writes docs/benchmarks.md.
 
@@ -14,9 +16,11 @@ use rig::profile::{Names, Profile};
 const LOAD_MS: u64 = 350;
 const BURSTS_MS: u64 = 400;
 
-/// Every kind of frame back to back, at a priority above and below all of the node's frames, and in bursts.
+/// Every kind of frame back to back, at a priority above and below all of the node's frames, and in
+/// bursts.
 static RUNS: LazyLock<Vec<(Load, u64, Figures)>> = LazyLock::new(|| {
-    let paces = [(0, Pace::Full, LOAD_MS), (31, Pace::Full, LOAD_MS), (31, Pace::Bursts, BURSTS_MS)];
+    let paces =
+        [(0, Pace::Full, LOAD_MS), (31, Pace::Full, LOAD_MS), (31, Pace::Bursts, BURSTS_MS)];
     let loads = Kind::MATCHING
         .into_iter()
         .filter(|&kind| !may_lose_commands(kind))
@@ -29,17 +33,22 @@ static RUNS: LazyLock<Vec<(Load, u64, Figures)>> = LazyLock::new(|| {
 fn all(select: impl Fn(Load) -> bool, wrong: impl Fn(&Figures) -> Option<String>) {
     let selected: Vec<_> = RUNS.iter().filter(|(load, ..)| select(*load)).collect();
     assert!(!selected.is_empty());
-    let mut wrong: Vec<String> =
-        selected.iter().filter_map(|(load, _, figures)| Some(format!("{load:?}: {}", wrong(figures)?))).collect();
+    let mut wrong: Vec<String> = selected
+        .iter()
+        .filter_map(|(load, _, figures)| Some(format!("{load:?}: {}", wrong(figures)?)))
+        .collect();
     wrong.sort();
     assert!(wrong.is_empty(), "{} of {} loads\n{}", wrong.len(), selected.len(), wrong.join("\n"));
 }
 
-/// Describes how the node failed to read every frame unchanged, in order, and leave none in the controller. `None` if it did not fail.
+/// Describes how the node failed to read every frame unchanged, in order, and leave none in the
+/// controller. `None` if it did not fail.
 fn reading_errors(figures: &Figures) -> Option<String> {
     let meter = &figures.meter;
     let least = u64::from(rig::board().fastest_bit_rate()) * 6 / 10_000;
-    let wrong = meter.lost + meter.out_of_order + meter.garbled > 0 || figures.stuck || meter.frames < least;
+    let wrong = meter.lost + meter.out_of_order + meter.garbled > 0
+        || figures.stuck
+        || meter.frames < least;
     wrong.then(|| {
         format!(
             "{} frames, {} lost, {} out of order, {} garbled{}",
@@ -59,14 +68,20 @@ fn commands_of_every_length_back_to_back_are_all_read_in_order() {
 
 #[test]
 fn commands_of_nine_frames_back_to_back_are_all_read_in_order() {
-    all(|load| matches!(load.kind, Kind::LongCommand | Kind::Beginning) && load.pace == Pace::Full, reading_errors);
+    all(
+        |load| matches!(load.kind, Kind::LongCommand | Kind::Beginning) && load.pace == Pace::Full,
+        reading_errors,
+    );
 }
 
 /// These frames have one receive buffer only. The node must read each before the next one ends.
 #[test]
 fn statuses_and_the_thesis_s_commands_back_to_back_are_all_read_in_order() {
     all(
-        |load| matches!(load.kind, Kind::Status(_) | Kind::Thesis | Kind::Arming) && load.pace == Pace::Full,
+        |load| {
+            matches!(load.kind, Kind::Status(_) | Kind::Thesis | Kind::Arming)
+                && load.pace == Pace::Full
+        },
         reading_errors,
     );
 }
@@ -93,7 +108,8 @@ fn bursts_of_frames_after_silence_are_all_read_in_order() {
     all(|load| load.pace == Pace::Bursts, reading_errors);
 }
 
-/// Cycles from the chip select of the status read that finds the frame to the end of the instruction that releases its buffer.
+/// Cycles from the chip select of the status read that finds the frame to the end of the
+/// instruction that releases its buffer.
 #[test]
 fn half_of_the_frames_are_read_within_450_cycles_of_the_chip_select() {
     all(
@@ -108,11 +124,13 @@ fn half_of_the_frames_are_read_within_450_cycles_of_the_chip_select() {
 #[test]
 fn all_frames_are_read_within_1250_cycles_of_their_end() {
     all(
-        // With all features the queue can be full for a moment, because some of these are one-frame commands. No frame is lost.
+        // With all features the queue can be full for a moment, because some of these are
+        // one-frame commands. No frame is lost.
         |load| !(load.kind == Kind::Mixed && rig::has_all_features()),
         |figures| {
             let latency = &figures.meter.latency;
-            (latency.max() > 1250).then(|| format!("median {}, max {} cycles", latency.median(), latency.max()))
+            (latency.max() > 1250)
+                .then(|| format!("median {}, max {} cycles", latency.median(), latency.max()))
         },
     );
 }
@@ -123,7 +141,8 @@ fn no_frame_takes_more_than_two_chip_selects_and_nine_bytes_besides_its_data() {
         |_| true,
         |figures| {
             let (selects, overhead) = (figures.meter.selects.max(), figures.meter.overhead.max());
-            (selects > 2 || overhead > 9).then(|| format!("{selects} chip selects, {overhead} bytes besides the data"))
+            (selects > 2 || overhead > 9)
+                .then(|| format!("{selects} chip selects, {overhead} bytes besides the data"))
         },
     );
 }
@@ -135,19 +154,24 @@ fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_o
         move |figures: &Figures| {
             let to_servo = &figures.command_to_servo;
             let (moves, max) = (to_servo.values().len(), to_servo.max() / 16);
-            (moves < 40 || max > max_us).then(|| format!("{moves} commands, the slowest after {max} us"))
+            (moves < 40 || max > max_us)
+                .then(|| format!("{moves} commands, the slowest after {max} us"))
         }
     };
-    // With all features the node follows the newest of these commands, one turn of the main loop later.
+    // With all features the node follows the newest of these commands, one turn of the main loop
+    // later.
     let is_too_much = |load: Load| {
-        rig::has_all_features() && load.kind == Kind::Command(5) && matches!(load.pace, Pace::Full | Pace::Bursts)
+        rig::has_all_features()
+            && load.kind == Kind::Command(5)
+            && matches!(load.pace, Pace::Full | Pace::Bursts)
     };
     all(|load| load.kind.moves_servo() && !is_too_much(load), is_slower_than(500));
     all(|load| load.kind.moves_servo(), is_slower_than(600));
 }
 
-/// On a bus full of commands of one frame (8,700 a second, 1,840 cycles each) the ATmega168 loses some positions, because a position takes a
-/// division. The ATmega328P follows the newest (docs/decisions.md). Up to three quarters of that rate the node follows all.
+/// On a bus full of commands of one frame (8,700 a second, 1,840 cycles each) the ATmega168 loses
+/// some positions, because a position takes a division. The ATmega328P follows the newest
+/// (docs/decisions.md). Up to three quarters of that rate the node follows all.
 #[test]
 fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_full_bus() {
     for kind in [Kind::Position, Kind::Command(5), Kind::Thesis] {
@@ -155,13 +179,18 @@ fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_ful
         // Frames a second; the thesis's commands are shorter.
         let cycles = match kind {
             Kind::Thesis => 1800,
-            // With all features a conversion from radians takes 70 cycles too long for three quarters of the rate.
+            // With all features a conversion from radians takes 70 cycles too long for three
+            // quarters of the rate.
             Kind::Position if rig::has_all_features() => 2600,
             _ => 2400,
         };
         let figures = run(load(Pace::Every(cycles)), LOAD_MS);
         assert_eq!(reading_errors(&figures), None, "{kind:?}");
-        assert!(figures.command_to_servo.max() <= 500 * 16, "{kind:?}: {} cycles", figures.command_to_servo.max());
+        assert!(
+            figures.command_to_servo.max() <= 500 * 16,
+            "{kind:?}: {} cycles",
+            figures.command_to_servo.max()
+        );
         let full = run(load(Pace::Full), LOAD_MS);
         let (frames, lost) = (full.meter.frames, full.meter.lost);
         let part = match kind {
@@ -171,7 +200,10 @@ fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_ful
             _ => 7,
         };
         println!("{kind:?}: {lost} lost beside {frames}");
-        assert!(lost * part < frames && full.meter.garbled == 0, "{kind:?}: {lost} lost beside {frames}");
+        assert!(
+            lost * part < frames && full.meter.garbled == 0,
+            "{kind:?}: {lost} lost beside {frames}"
+        );
     }
 }
 
@@ -186,7 +218,9 @@ fn the_pulses_of_the_servo_have_no_jitter_under_any_load() {
                 .then(|| format!("periods {periods:?}, {unasked} pulse widths without a command"))
         },
     );
-    let steady = |figures: &Figures| (figures.widths.len() != 1).then(|| format!("widths {:?}", figures.widths));
+    let steady = |figures: &Figures| {
+        (figures.widths.len() != 1).then(|| format!("widths {:?}", figures.widths))
+    };
     all(|load| !load.kind.moves_servo(), steady);
 }
 
@@ -196,7 +230,8 @@ fn own(figures: &Figures) -> String {
 
 #[test]
 fn the_node_s_messages_go_out_when_they_win_arbitration() {
-    // The load loses every arbitration, so telemetry and answers to the client go out. A client that saves gets few answers.
+    // The load loses every arbitration, so telemetry and answers to the client go out. A client
+    // that saves gets few answers.
     all(
         |load| load.priority == 31 && !matches!(load.kind, Kind::Command(5) | Kind::Thesis),
         |figures| (figures.own_frames < 40).then(|| own(figures)),
@@ -205,7 +240,8 @@ fn the_node_s_messages_go_out_when_they_win_arbitration() {
         |load| {
             // With all features a frame takes longer to handle, which leaves less time for answers.
             // A save of all its parameters takes longer than these loads.
-            let is_slow = rig::has_all_features() && (load.pace == Pace::Full || load.kind == Kind::OpcodeRequest);
+            let is_slow = rig::has_all_features()
+                && (load.pace == Pace::Full || load.kind == Kind::OpcodeRequest);
             load.priority == 31 && !is_slow && !matches!(load.kind, Kind::Command(5) | Kind::Thesis)
         },
         |figures| (figures.answers == 0).then(|| own(figures)),
@@ -222,16 +258,22 @@ fn the_node_s_messages_go_out_when_they_win_arbitration() {
 #[test]
 fn its_status_goes_out_each_second_on_a_full_bus() {
     for kind in [Kind::Command(5), Kind::Status(8)] {
-        let mut loaded = Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Full }), Client::Walking);
+        let mut loaded =
+            Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Full }), Client::Walking);
         loaded.run_ms(2200);
         // The node answers an autopilot's statuses with its own, so there may be more than two.
-        assert!((2..=5).contains(&loaded.figures.own_statuses), "{kind:?}: {} in 2.2 s", loaded.figures.own_statuses);
+        assert!(
+            (2..=5).contains(&loaded.figures.own_statuses),
+            "{kind:?}: {} in 2.2 s",
+            loaded.figures.own_statuses
+        );
     }
 }
 
 /// Runs a load of one frame every `period` cycles, which must leave time for all other work.
 fn assert_other_work_is_done(kind: Kind, period: u64) -> Figures {
-    let mut loaded = Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Every(period) }), Client::Walking);
+    let mut loaded =
+        Loaded::new(Some(Load { kind, priority: 31, pace: Pace::Every(period) }), Client::Walking);
     loaded.run_ms(2200);
     let figures = loaded.finish();
     let Figures { own_frames, own_statuses, answers, .. } = figures;
@@ -249,12 +291,16 @@ fn incomplete_commands_leave_time_for_its_other_work() {
     }
 }
 
-/// At 125 kbit/s a frame takes a millisecond, through an adapter on a serial port at 115,200 baud 2.3 ms.
+/// At 125 kbit/s a frame takes a millisecond, through an adapter on a serial port at 115,200 baud
+/// 2.3 ms.
 #[test]
 fn slow_commands_leave_time_for_its_other_work() {
     for period in [16_000, 36_800] {
         let max = assert_other_work_is_done(Kind::LongCommand, period).command_to_servo.max() / 16;
-        assert!(max <= 500, "a frame each {period} cycles: {max} us from the end of a command to the servo's register");
+        assert!(
+            max <= 500,
+            "a frame each {period} cycles: {max} us from the end of a command to the servo's register"
+        );
     }
 }
 
@@ -269,9 +315,19 @@ fn a_bus_full_of_frames_for_other_nodes_costs_no_time() {
     };
     let (silent, silent_mean) = run(None);
     let (full, full_mean) = run(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }));
-    assert_eq!((full.meter.frames, full.meter.lost), (0, 0), "no frame for another node may pass the filters");
-    assert_eq!(full.meter.fetched_bytes, silent.meter.fetched_bytes, "bytes on the SPI to read frames");
-    assert!(full_mean.abs_diff(silent_mean) * 50 <= silent_mean, "a turn takes {full_mean} cycles, not {silent_mean}");
+    assert_eq!(
+        (full.meter.frames, full.meter.lost),
+        (0, 0),
+        "no frame for another node may pass the filters"
+    );
+    assert_eq!(
+        full.meter.fetched_bytes, silent.meter.fetched_bytes,
+        "bytes on the SPI to read frames"
+    );
+    assert!(
+        full_mean.abs_diff(silent_mean) * 50 <= silent_mean,
+        "a turn takes {full_mean} cycles, not {silent_mean}"
+    );
     assert!(full.own_frames.abs_diff(silent.own_frames) <= 3 && full.own_frames > 60);
 }
 
@@ -287,8 +343,11 @@ fn no_turn_of_the_main_loop_takes_longer_than_250_us_with_everything_at_once() {
         loaded.run_ms(1200);
         let (turns, _, worst) = profile.turns();
         assert!(turns > 1000);
-        let tasks: Vec<String> =
-            profile.tasks(&names).iter().map(|share| format!("{} {}", share.cycles, share.name)).collect();
+        let tasks: Vec<String> = profile
+            .tasks(&names)
+            .iter()
+            .map(|share| format!("{} {}", share.cycles, share.name))
+            .collect();
         assert!(worst <= 4000, "{load:?}: a turn of {worst} cycles\n{}", tasks.join("\n"));
     }
 }

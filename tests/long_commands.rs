@@ -1,14 +1,17 @@
-//! Commands for many actuators in transfers of many frames, back to back: only complete and valid ones move the servo.
+//! Commands for many actuators in transfers of many frames, back to back: only complete and valid
+//! ones move the servo.
 
 use bench::avr::Chip;
 use rig::status::TRANSFER_ERRORS;
 use rig::{ARRAY_COMMAND, MS, Rig, array_command, parse_frames, status_fields};
 
-/// pydronecan's ArrayCommand of 15: actuator n has (n - 8) / 8, unitless, from node 10 as ArduPilot's. A golden transfer.
+/// pydronecan's ArrayCommand of 15: actuator n has (n - 8) / 8, unitless, from node 10 as
+/// ArduPilot's. A golden transfer.
 const FIFTEEN: &str = "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 20 | 04 00 00 B8 05 00 00 00 | \
                        B6 06 00 00 B4 07 00 20 | 00 B0 08 00 00 00 09 00 | 00 00 30 0A 00 00 34 20 | \
                        0B 00 00 36 0C 00 00 00 | 38 0D 00 00 39 0E 00 20 | 00 3A 0F 00 00 3B 40";
-/// pydronecan's ArrayCommand of 8: actuator n has (n - 4) / 4, unitless, from node 1 as PX4's. A golden transfer.
+/// pydronecan's ArrayCommand of 8: actuator n has (n - 4) / 4, unitless, from node 1 as PX4's. A
+/// golden transfer.
 const EIGHT: &str = "0603F201 0E 49 00 00 00 BC 01 80 | 00 00 BA 02 00 00 B8 20 | 03 00 00 B4 04 00 00 00 | \
                      00 05 00 00 34 06 00 20 | 00 38 07 00 00 3A 40";
 
@@ -245,7 +248,8 @@ fn has_two_lanes() -> bool {
     rig::board().chip == Chip::Atmega328p
 }
 
-/// The commander is the node whose command was followed last. With two lanes the node follows both senders.
+/// The commander is the node whose command was followed last. With two lanes the node follows both
+/// senders.
 #[test]
 fn of_two_simultaneous_senders_the_commander_or_both_are_followed() {
     for is_first in [true, false] {
@@ -260,7 +264,11 @@ fn of_two_simultaneous_senders_the_commander_or_both_are_followed() {
         let pulse_us = if is_first && !has_two_lanes() { 1000.0 } else { 1950.0 };
         assert_eq!(rig.settled_pulse_us(), pulse_us);
         let (_, code) = rig.next_status();
-        assert_eq!(code & TRANSFER_ERRORS != 0, !has_two_lanes(), "the status says what was refused");
+        assert_eq!(
+            code & TRANSFER_ERRORS != 0,
+            !has_two_lanes(),
+            "the status says what was refused"
+        );
         // Both are followed if one comes after the other.
         let (low, high) = (fifteen(2), array_command(&[(1, 0, 0.9), (2, 0, 0.0)], 10));
         send_all(&mut rig, 11, &high);
@@ -279,7 +287,8 @@ fn without_a_commander_the_later_of_two_simultaneous_senders_is_followed() {
     assert_eq!(code & TRANSFER_ERRORS != 0, !has_two_lanes(), "the status says what was refused");
 }
 
-/// The incomplete transfer delays no other commands, except for 50 ms if its sender is the commander and there is one lane.
+/// The incomplete transfer delays no other commands, except for 50 ms if its sender is the
+/// commander and there is one lane.
 #[test]
 fn an_incomplete_transfer_delays_other_senders_for_at_most_50_ms() {
     let during_the_commander_s = if has_two_lanes() { 1000.0 } else { 1750.0 };
@@ -291,7 +300,11 @@ fn an_incomplete_transfer_delays_other_senders_for_at_most_50_ms() {
         send_all(&mut rig, silent, &fifteen(3)[..4]);
         rig.run_ms(wait_ms);
         send_all(&mut rig, other, &fifteen(4));
-        assert_eq!(rig.settled_pulse_us(), pulse, "{silent} is silent, {other} sends after {wait_ms} ms");
+        assert_eq!(
+            rig.settled_pulse_us(),
+            pulse,
+            "{silent} is silent, {other} sends after {wait_ms} ms"
+        );
     }
 }
 
@@ -305,7 +318,11 @@ fn one_frame_commands_are_followed_during_a_long_one() {
     rig.send_command(1, 0, -0.5);
     assert_eq!(rig.settled_pulse_us(), 1250.0);
     send_all(&mut rig, 11, &long[5..]);
-    assert_eq!(rig.settled_pulse_us(), 1000.0, "the long command must be followed when it is complete");
+    assert_eq!(
+        rig.settled_pulse_us(),
+        1000.0,
+        "the long command must be followed when it is complete"
+    );
 }
 
 /// The length is not a multiple of a command's length, and the CRC is valid.
@@ -316,7 +333,8 @@ fn a_malformed_list_with_a_valid_crc_does_not_move_the_servo() {
     for extra in 1..4 {
         let mut payload = [1, 0, 0, 0xBC].repeat(3);
         payload.extend([0; 3].iter().take(extra));
-        let frames = split(&payload, TransferId::new(extra as u8), types::ARRAY_COMMAND.signature.unwrap());
+        let frames =
+            split(&payload, TransferId::new(extra as u8), types::ARRAY_COMMAND.signature.unwrap());
         send_all(&mut rig, 10, &frames);
         rig.run_ms(5);
     }
@@ -339,7 +357,8 @@ fn a_list_of_sixteen_commands_is_rejected() {
 #[test]
 fn an_invalid_command_in_a_long_transfer_does_not_move_the_servo() {
     let mut rig = Rig::positioned();
-    for (unit, value) in [(0, f32::NAN), (0, f32::INFINITY), (4, 0.0), (2, 0.5), (3, 0.5), (9, 0.5)] {
+    for (unit, value) in [(0, f32::NAN), (0, f32::INFINITY), (4, 0.0), (2, 0.5), (3, 0.5), (9, 0.5)]
+    {
         rig.send_commands(&[(2, 0, 0.5), (1, unit, value), (3, 0, 0.5)]);
         assert_eq!(rig.settled_pulse_us(), 1750.0, "type {unit}, {value}");
     }

@@ -1,4 +1,5 @@
-//! Outputs that are motors (OUTn_TYPE 1): they follow esc.RawCommand by index, only while the vehicle is armed, and stop when commands do.
+//! Outputs that are motors (OUTn_TYPE 1): they follow esc.RawCommand by index, only while the
+//! vehicle is armed, and stop when commands do.
 
 use std::sync::OnceLock;
 
@@ -42,7 +43,10 @@ fn payload(commands: &[i16]) -> Vec<u8> {
         bits(low, 8).chain(bits(high << 2, 6)).collect::<Vec<_>>()
     };
     let stream: Vec<u8> = commands.iter().flat_map(bits).collect();
-    stream.chunks(8).map(|bits| bits.iter().enumerate().map(|(n, bit)| bit << (7 - n)).sum()).collect()
+    stream
+        .chunks(8)
+        .map(|bits| bits.iter().enumerate().map(|(n, bit)| bit << (7 - n)).sum())
+        .collect()
 }
 
 fn frames(commands: &[i16], transfer_id: u8) -> Vec<Vec<u8>> {
@@ -68,7 +72,8 @@ impl Motors {
         self.rig.run_ms(5);
     }
 
-    /// Widths of the eight outputs' last pulses in microseconds, rounded: an edge may be off by half a microsecond. `None` without a pulse.
+    /// Widths of the eight outputs' last pulses in microseconds, rounded: an edge may be off by
+    /// half a microsecond. `None` without a pulse.
     fn widths_us(&mut self) -> Vec<Option<f64>> {
         self.rig.run_ms(25);
         self.rig.run_ms(0);
@@ -89,7 +94,8 @@ impl Motors {
 /// pydronecan 1.0.27 encoded these payloads.
 #[test]
 fn the_payloads_equal_pydronecan_s() {
-    let expected = [0xFF, 0x7C, 0x02, 0x00, 0x00, 0x00, 0x40, 0xFF, 0xFC, 0x01, 0x03, 0x44, 0x95, 0x55];
+    let expected =
+        [0xFF, 0x7C, 0x02, 0x00, 0x00, 0x00, 0x40, 0xFF, 0xFC, 0x01, 0x03, 0x44, 0x95, 0x55];
     assert_eq!(payload(&[8191, -8192, 0, 1, -1, 4096, 4660, 5461]), expected);
 }
 
@@ -99,7 +105,10 @@ fn motors_follow_raw_commands_by_index_while_the_vehicle_is_armed() {
     node.arm(ARMED);
     assert_eq!(node.widths_us(), [None; 8], "no pulse before the first command");
     node.command(&[8191, 4096, 0, -8192]);
-    assert_eq!(node.widths_us(), [None, None, None, None, Some(2000.0), Some(1500.0), Some(1000.0), Some(1000.0)]);
+    assert_eq!(
+        node.widths_us(),
+        [None, None, None, None, Some(2000.0), Some(1500.0), Some(1000.0), Some(1000.0)]
+    );
     // The command has eight frames; the node keeps the part that eighteen motors need.
     node.command(&[2048; 20]);
     assert_eq!(node.motors_us(), [Some(1250.0); 4]);
@@ -168,7 +177,9 @@ fn without_arming_statuses_the_vehicle_counts_as_disarmed_after_four_seconds() {
 #[test]
 fn a_motor_stops_when_its_commands_stop_and_the_other_outputs_continue() {
     let mut node = Motors::new();
-    for (name, value) in [("OUT5_TIMEOUT", 200), ("OUT6_TIMEOUT", 0), ("OUT5_FS", 0), ("OUT6_FS", 3)] {
+    for (name, value) in
+        [("OUT5_TIMEOUT", 200), ("OUT6_TIMEOUT", 0), ("OUT5_FS", 0), ("OUT6_FS", 3)]
+    {
         node.rig.set(name, value);
     }
     node.arm(ARMED);
@@ -216,7 +227,8 @@ fn an_output_whose_type_changes_ignores_its_old_commands() {
     assert_eq!(node.widths_us()[..2], [Some(2000.0), Some(1900.0)]);
 }
 
-/// Autopilots send 50 to 1000 a second. On a bus full of RawCommands, 2550 a second, the node loses one frame in 20.
+/// Autopilots send 50 to 1000 a second. On a bus full of RawCommands, 2550 a second, the node loses
+/// one frame in 20.
 #[test]
 fn of_2000_raw_commands_for_eight_motors_a_second_no_frame_is_lost() {
     let load = Load { kind: Kind::RawCommand, priority: 31, pace: Pace::Every(16_000_000 / 6000) };
@@ -225,7 +237,13 @@ fn of_2000_raw_commands_for_eight_motors_a_second_no_frame_is_lost() {
         loaded.rig.send(ARMING_STATUS & !0xFF | SENDER, &[ARMED, 0xC0]);
         loaded.run_ms(250);
     }
-    assert_eq!(loaded.rig.board().take_output_pulses()[4..].iter().filter(|pulses| pulses.len() > 90).count(), 3);
+    assert_eq!(
+        loaded.rig.board().take_output_pulses()[4..]
+            .iter()
+            .filter(|pulses| pulses.len() > 90)
+            .count(),
+        3
+    );
     let figures = loaded.finish();
     let meter = &figures.meter;
     println!("{} frames, release at most {} cycles", meter.frames, meter.latency.max());

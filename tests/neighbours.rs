@@ -1,5 +1,5 @@
-//! Other nodes on the bus: some send too much, some do not end their transfers. The node must still follow the commander and answer other
-//! clients.
+//! Other nodes on the bus: some send too much, some do not end their transfers. The node must still
+//! follow the commander and answer other clients.
 
 use bench::Noise;
 use bench::can::{Frame, Id};
@@ -17,8 +17,8 @@ fn first_frame(source: u32) -> Frame {
     Frame::extended(ARRAY_COMMAND | source, &[0x12, 0xF3, 1, 0, 0, 0x38, 2, 0x80])
 }
 
-/// The peer sends commands at 50 Hz, nine frames each; `mix` sends each frame and puts others in between. Each command has its own width,
-/// and a pulse must have it.
+/// The peer sends commands at 50 Hz, nine frames each; `mix` sends each frame and puts others in
+/// between. Each command has its own width, and a pulse must have it.
 #[track_caller]
 fn assert_all_are_followed(rig: &mut Rig, mut mix: impl FnMut(&mut Rig, usize)) {
     rig.send_command(1, 4, 900.0);
@@ -36,7 +36,8 @@ fn assert_all_are_followed(rig: &mut Rig, mut mix: impl FnMut(&mut Rig, usize)) 
     let missed: Vec<u16> = (0..100).filter(|&n| !widths.contains(&f64::from(1000 + n))).collect();
     // A pulse begins every 20 ms, so now and then two commands arrive between two pulses.
     assert!(missed.len() <= 2, "not followed: {missed:?}");
-    let longest = rig.pulses.windows(2).filter(|pair| pair[0].width_us() == pair[1].width_us()).count();
+    let longest =
+        rig.pulses.windows(2).filter(|pair| pair[0].width_us() == pair[1].width_us()).count();
     assert!(longest <= 4, "{longest} pulses had the width of an older command");
 }
 
@@ -111,7 +112,11 @@ fn two_alternating_senders_are_both_followed_on_an_atmega328p() {
         }
         rig.run_ms(50);
         for source in [first, second] {
-            assert!(rig.serial.contains(&format!("rx ArrayCommand from {source} tid")), "{}", rig.serial);
+            assert!(
+                rig.serial.contains(&format!("rx ArrayCommand from {source} tid")),
+                "{}",
+                rig.serial
+            );
         }
         assert!(!rig.serial.contains("refused"), "{}", rig.serial);
         assert_eq!(rig.settled_pulse_us(), 1200.0, "the command that ended last");
@@ -120,8 +125,11 @@ fn two_alternating_senders_are_both_followed_on_an_atmega328p() {
     let request = |name: &str, source: u32| -> Vec<Frame> {
         let request = ParameterRequest { name: name.into(), ..ParameterRequest::default() };
         let (data_type, payload) = Message::ParameterRequest(request).encode().expect("a request");
-        let frames =
-            bench::dronecan::split(&payload, bench::dronecan::TransferId::new(5), data_type.signature.expect("known"));
+        let frames = bench::dronecan::split(
+            &payload,
+            bench::dronecan::TransferId::new(5),
+            data_type.signature.expect("known"),
+        );
         frames.iter().map(|data| Frame::extended(0x1E0B_F880 | source, data)).collect()
     };
     rig.forget();
@@ -131,14 +139,16 @@ fn two_alternating_senders_are_both_followed_on_an_atmega328p() {
     }
     rig.run_ms(50);
     for client in [126, 127] {
-        let is_answer = |frame: &Frame| matches!(frame.id, Id::Extended(id) if id == 0x1E0B_00F8 | client << 8);
+        let is_answer =
+            |frame: &Frame| matches!(frame.id, Id::Extended(id) if id == 0x1E0B_00F8 | client << 8);
         let frames = rig.traffic.iter().filter(|(_, frame)| is_answer(frame)).count();
         assert_eq!(frames, 8, "an answer to {client}");
     }
 }
 
-/// When the failsafe begins, the node writes the filters again, for which the controller leaves the bus. The node must wait until no frame is in
-/// progress, so that it interrupts none of its own frames and loses none that it has acknowledged.
+/// When the failsafe begins, the node writes the filters again, for which the controller leaves the
+/// bus. The node must wait until no frame is in progress, so that it interrupts none of its own
+/// frames and loses none that it has acknowledged.
 fn set_filters_at_many_moments(phases: u64) {
     let mut rig = Rig::running();
     rig.set("OUT1_TIMEOUT", 40);
@@ -155,7 +165,10 @@ fn set_filters_at_many_moments(phases: u64) {
             if random.below(2) == 0 {
                 rig.request(&Message::NodeInfoRequest);
             } else {
-                let request = ParameterRequest { name: b"OUT1_TIMEOUT".to_vec(), ..ParameterRequest::default() };
+                let request = ParameterRequest {
+                    name: b"OUT1_TIMEOUT".to_vec(),
+                    ..ParameterRequest::default()
+                };
                 rig.request(&Message::ParameterRequest(request));
             }
             asked += 1;
@@ -163,9 +176,14 @@ fn set_filters_at_many_moments(phases: u64) {
         }
         rig.run_ms(40);
         assert_eq!(rig.answers().len(), asked, "phase {phase}\n{}", rig.serial);
-        let broken: Vec<_> = rig.broken.iter().filter(|(_, frame, _)| is_from_node(frame)).collect();
+        let broken: Vec<_> =
+            rig.broken.iter().filter(|(_, frame, _)| is_from_node(frame)).collect();
         assert!(broken.is_empty(), "phase {phase}: {broken:?}");
-        assert!(rig.serial.contains("FAILSAFE") && rig.serial.contains("CAN: running"), "{}", rig.serial);
+        assert!(
+            rig.serial.contains("FAILSAFE") && rig.serial.contains("CAN: running"),
+            "{}",
+            rig.serial
+        );
         assert_eq!(rig.board().chip().borrow().rx_overflows(), 0);
         rig.forget();
     }
@@ -182,7 +200,8 @@ fn setting_the_filters_at_a_thousand_moments_interrupts_and_loses_no_frame() {
     set_filters_at_many_moments(1000);
 }
 
-/// On an ATmega328P with both dialects. An attacker or an old autopilot sends one frame of the draft every 1.2 s.
+/// On an ATmega328P with both dialects. An attacker or an old autopilot sends one frame of the
+/// draft every 1.2 s.
 #[test]
 fn a_sender_of_the_draft_does_not_stop_a_v0_autopilot() {
     let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));

@@ -1,4 +1,5 @@
-//! An Uno as a hub of eight outputs. Each output follows its own commands and has its own failsafe, and all pulses are exact under any load.
+//! An Uno as a hub of eight outputs. Each output follows its own commands and has its own failsafe,
+//! and all pulses are exact under any load.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -39,7 +40,8 @@ fn width_us(output: usize) -> f32 {
 
 /// Commands these outputs, counted from 0. By default output n has the ID n + 1.
 fn command(rig: &mut Rig, outputs: impl IntoIterator<Item = usize>) {
-    let commands: Vec<_> = outputs.into_iter().map(|output| (output as u8 + 1, PWM, width_us(output))).collect();
+    let commands: Vec<_> =
+        outputs.into_iter().map(|output| (output as u8 + 1, PWM, width_us(output))).collect();
     rig.send_commands(&commands);
 }
 
@@ -49,17 +51,22 @@ fn pulses(rig: &mut Rig) -> Vec<Vec<(i64, i64)>> {
     let mut all = vec![std::mem::take(&mut rig.pulses)];
     all.extend(rig.board().take_output_pulses());
     let plain = |pulses: Vec<bench::avr::Pulse>| {
-        pulses.iter().map(|pulse| (pulse.start as i64, pulse.width_cycles as i64)).collect::<Vec<_>>()
+        pulses
+            .iter()
+            .map(|pulse| (pulse.start as i64, pulse.width_cycles as i64))
+            .collect::<Vec<_>>()
     };
     all.into_iter().map(plain).collect()
 }
 
-/// Width of each output's last pulse within 60 ms, in microseconds, rounded because an edge may be off by half a microsecond. `None` without a pulse.
+/// Width of each output's last pulse within 60 ms, in microseconds, rounded because an edge may be
+/// off by half a microsecond. `None` without a pulse.
 fn widths_us(rig: &mut Rig) -> Vec<Option<f32>> {
     rig.run_ms(45);
     pulses(rig);
     rig.run_ms(60);
-    let width = |pulses: &Vec<(i64, i64)>| pulses.last().map(|(_, width)| (*width as f32 / 16.0).round());
+    let width =
+        |pulses: &Vec<(i64, i64)>| pulses.last().map(|(_, width)| (*width as f32 / 16.0).round());
     pulses(rig).iter().map(width).collect()
 }
 
@@ -84,7 +91,10 @@ fn outputs_with_the_same_id_follow_the_same_command_each_with_its_own_travel() {
     rig.set("OUT5_REVERSED", 1);
     rig.send_commands(&[(1, 0, 0.0), (2, 0, 0.5)]);
     let widths = widths_us(&mut rig);
-    assert_eq!((widths[0], widths[1], widths[4], widths[2]), (Some(1500.0), Some(1750.0), Some(1250.0), None));
+    assert_eq!(
+        (widths[0], widths[1], widths[4], widths[2]),
+        (Some(1500.0), Some(1750.0), Some(1250.0), None)
+    );
 }
 
 #[test]
@@ -111,9 +121,15 @@ fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_rejected_and_logged(
         rig.set("OUT_COUNT", count);
         rig.set("OUT_RATE", highest_rate);
         if highest_rate < 333 {
-            assert_eq!(rig.request_value("OUT_RATE", Value::Integer(highest_rate + 1)), Value::Integer(highest_rate));
+            assert_eq!(
+                rig.request_value("OUT_RATE", Value::Integer(highest_rate + 1)),
+                Value::Integer(highest_rate)
+            );
             rig.wait_for_line("OUT_COUNT pulses do not fit at OUT_RATE", 100);
-            assert_eq!(rig.request_value("OUT_COUNT", Value::Integer(count + 1)), Value::Integer(count));
+            assert_eq!(
+                rig.request_value("OUT_COUNT", Value::Integer(count + 1)),
+                Value::Integer(count)
+            );
         }
     }
 }
@@ -133,7 +149,10 @@ fn four_outputs_run_at_100_hz() {
     for (output, pulses) in seen.iter().enumerate() {
         assert_eq!(pulses.len(), if output < 4 { 20 } else { 0 }, "output {output}");
         for pair in pulses.windows(2) {
-            assert!((pair[1].0 - pair[0].0 - 10 * MS as i64).abs() <= TICK, "output {output}: {pair:?}");
+            assert!(
+                (pair[1].0 - pair[0].0 - 10 * MS as i64).abs() <= TICK,
+                "output {output}: {pair:?}"
+            );
         }
     }
 }
@@ -151,8 +170,10 @@ fn all_widths_of_a_command_begin_in_the_same_period() {
         let t = rig.now() + 60 * MS + 2_300 * step;
         rig.run_until(t);
         let seen = pulses(&mut rig);
-        // A change of output 1, which has slot 0, starts a new period: the other pulses of that period are new, too.
-        let (_, after) = (seen[0][0], seen[0].windows(2).find(|pair| (pair[0].1 - pair[1].1).abs() > TICK));
+        // A change of output 1, which has slot 0, starts a new period: the other pulses of that
+        // period are new, too.
+        let (_, after) =
+            (seen[0][0], seen[0].windows(2).find(|pair| (pair[0].1 - pair[1].1).abs() > TICK));
         let Some(pair) = after else { continue };
         for (output, pulses) in seen.iter().enumerate().skip(1) {
             for (start, width) in pulses {
@@ -176,15 +197,26 @@ fn the_failsafe_of_one_output_affects_no_other_and_is_reported_with_its_number()
         }
         let widths = widths_us(&mut rig);
         for (output, width) in widths.into_iter().enumerate() {
-            assert_eq!(width, if output == silent { expected } else { Some(width_us(output)) }, "output {output}");
+            assert_eq!(
+                width,
+                if output == silent { expected } else { Some(width_us(output)) },
+                "output {output}"
+            );
         }
         assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
-        assert!(rig.serial.contains(&format!("FAILSAFE of output {}", silent + 1)), "{}", rig.serial);
+        assert!(
+            rig.serial.contains(&format!("FAILSAFE of output {}", silent + 1)),
+            "{}",
+            rig.serial
+        );
         let reported = rig.node_messages(|message| match message {
             Message::KeyValue(pair) if pair.key == b"fs" => Some(pair.value),
             _ => None,
         });
-        assert!(!reported.is_empty() && reported.iter().all(|(_, value)| *value == bit as f32), "{reported:?}");
+        assert!(
+            !reported.is_empty() && reported.iter().all(|(_, value)| *value == bit as f32),
+            "{reported:?}"
+        );
         assert_eq!(rig.serial.matches("FAILSAFE of output").count(), 1, "{}", rig.serial);
         command(&mut rig, 0..OUTPUTS);
         rig.wait_for_line(&format!("commands again for output {}", silent + 1), 200);
@@ -220,7 +252,10 @@ fn the_outputs_take_turns_in_actuator_status() {
         .into_iter()
         .map(|(_, id)| id)
         .collect();
-    assert!((15..=17).contains(&ids.len()), "ten a second, whatever the number of outputs: {ids:?}");
+    assert!(
+        (15..=17).contains(&ids.len()),
+        "ten a second, whatever the number of outputs: {ids:?}"
+    );
     assert!(ids.windows(2).all(|pair| pair[1] == pair[0] % 8 + 1), "{ids:?}");
 }
 
@@ -229,9 +264,12 @@ fn the_outputs_take_turns_in_actuator_status() {
 fn every_output_has_its_own_parameters_that_survive_a_restart() {
     let mut rig = hub();
     for output in 1..=8 {
-        for (name, value) in
-            [("ID", 100 + output), ("MIN", 900 + output), ("TIMEOUT", 500 + output), ("FS", output % 4)]
-        {
+        for (name, value) in [
+            ("ID", 100 + output),
+            ("MIN", 900 + output),
+            ("TIMEOUT", 500 + output),
+            ("FS", output % 4),
+        ] {
             rig.set(&format!("OUT{output}_{name}"), value);
         }
     }
@@ -245,14 +283,16 @@ fn every_output_has_its_own_parameters_that_survive_a_restart() {
     );
 }
 
-/// Deviations of the pulses' edges from their times, in cycles, each with the number of times it occurred.
+/// Deviations of the pulses' edges from their times, in cycles, each with the number of times it
+/// occurred.
 #[derive(Default, Debug)]
 struct Edges {
     rises: BTreeMap<i64, u64>,
     falls: BTreeMap<i64, u64>,
 }
 
-/// Runs the hub under a load for `seconds`. An autopilot commands all outputs at 50 Hz unless the load itself has commands.
+/// Runs the hub under a load for `seconds`. An autopilot commands all outputs at 50 Hz unless the
+/// load itself has commands.
 fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
     let load = Load { kind, priority: 31, pace: Pace::Full };
     let mut loaded = Loaded::with_rig(hub(), Some(load), Client::Walking);
@@ -264,21 +304,29 @@ fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
     for _ in 0..50 * seconds {
         loaded.run_ms(20);
         for (output, pulses) in (1..).zip(loaded.rig.board().take_output_pulses()) {
-            assert!((1..=2).contains(&pulses.len()) || pulses.is_empty(), "output {output}: {pulses:?}");
+            assert!(
+                (1..=2).contains(&pulses.len()) || pulses.is_empty(),
+                "output {output}: {pulses:?}"
+            );
             for pulse in pulses {
                 let start = pulse.start as i64 - SLOT * output;
-                let late = (start - *origin.get_or_insert(start) + PERIOD / 2).rem_euclid(PERIOD) - PERIOD / 2;
+                let late = (start - *origin.get_or_insert(start) + PERIOD / 2).rem_euclid(PERIOD)
+                    - PERIOD / 2;
                 *edges.rises.entry(late).or_default() += 1;
                 // Widths are whole ticks, and the interrupt handler delays all pulses alike.
                 let width = pulse.width_cycles as i64;
-                *edges.falls.entry(late + (width + TICK / 2).rem_euclid(TICK) - TICK / 2).or_default() += 1;
+                *edges
+                    .falls
+                    .entry(late + (width + TICK / 2).rem_euclid(TICK) - TICK / 2)
+                    .or_default() += 1;
             }
         }
     }
     (loaded.finish(), edges)
 }
 
-/// ArduPilot commands the actuators 1 to 15 in one message, PX4 0 to 7. Each actuator moves with its own phase.
+/// ArduPilot commands the actuators 1 to 15 in one message, PX4 0 to 7. Each actuator moves with
+/// its own phase.
 #[test]
 fn all_eight_outputs_follow_ardupilot_and_px4() {
     for (profile, first_id) in [(Profile::Ardupilot, 1), (Profile::Px4, 0)] {
@@ -294,12 +342,19 @@ fn all_eight_outputs_follow_ardupilot_and_px4() {
             .iter()
             .map(|pulses| {
                 let widths = pulses.iter().map(|(_, width)| width / 16);
-                assert!((249..=251).contains(&pulses.len()), "{profile:?}: {} pulses in 5 s", pulses.len());
+                assert!(
+                    (249..=251).contains(&pulses.len()),
+                    "{profile:?}: {} pulses in 5 s",
+                    pulses.len()
+                );
                 (widths.clone().min().unwrap_or_default(), widths.max().unwrap_or_default())
             })
             .collect();
         // The sweep takes four seconds, so each output reaches both ends.
-        assert!(ranges.iter().all(|&(least, most)| least < 1020 && most > 1980), "{profile:?}: {ranges:?}");
+        assert!(
+            ranges.iter().all(|&(least, most)| least < 1020 && most > 1980),
+            "{profile:?}: {ranges:?}"
+        );
         // The autopilot was connected during its first command.
         assert_eq!(rig.serial.matches("broken").count(), 1, "{}", rig.serial);
         assert_eq!(rig.status_now(), (OK, TRANSFER_ERRORS), "{profile:?}");
@@ -322,7 +377,11 @@ fn assert_exact_and_lossless(seconds: u64) {
     for kind in [Kind::LongCommand, Kind::Status(8), Kind::Command(8)] {
         let (figures, edges) = loaded(kind, seconds);
         let meter = &figures.meter;
-        println!("{kind:?}: {} frames, release at most {} cycles, {edges:?}", meter.frames, meter.latency.max());
+        println!(
+            "{kind:?}: {} frames, release at most {} cycles, {edges:?}",
+            meter.frames,
+            meter.latency.max()
+        );
         assert_eq!((meter.lost, meter.garbled, figures.stuck), (0, 0, false), "{kind:?}");
         assert!(
             meter.latency.max() <= 1600,
@@ -331,9 +390,14 @@ fn assert_exact_and_lossless(seconds: u64) {
         );
         let all = || edges.rises.iter().chain(&edges.falls);
         assert!(edges.rises.values().sum::<u64>() > 7 * 50 * 3, "{kind:?}: {edges:?}");
-        // The first rise itself is late by less than a tick, so this compares the range of deviations.
-        let (least, most) = (all().map(|(late, _)| *late).min(), all().map(|(late, _)| *late).max());
-        assert!(most.zip(least).is_some_and(|(most, least)| most - least <= TICK), "{kind:?}: {edges:?}");
+        // The first rise itself is late by less than a tick, so this compares the range of
+        // deviations.
+        let (least, most) =
+            (all().map(|(late, _)| *late).min(), all().map(|(late, _)| *late).max());
+        assert!(
+            most.zip(least).is_some_and(|(most, least)| most - least <= TICK),
+            "{kind:?}: {edges:?}"
+        );
         assert_eq!(figures.periods.keys().collect::<Vec<_>>(), [&(PERIOD as u64)], "{kind:?}");
     }
 }

@@ -1,12 +1,15 @@
-//! Parameters: their names and ranges, the time when they take effect, and that the EEPROM always has the complete old or new set.
+//! Parameters: their names and ranges, the time when they take effect, and that the EEPROM always
+//! has the complete old or new set.
 
 use bench::dronecan::{Message, Opcode, ParameterRequest, Value};
 use rig::manage::{SAVE_TIMEOUT_MS, integer, ms_between, parameters};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Rig, started};
 
-/// Parameters that the tests mark with other values in each generation, from all parts of the table. They do not affect the tests.
-const MARKED: [&str; 6] = ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "ERROR_MASK"];
+/// Parameters that the tests mark with other values in each generation, from all parts of the
+/// table. They do not affect the tests.
+const MARKED: [&str; 6] =
+    ["OUT1_ID", "OUT1_TRIM", "OUT1_FS_PWM", "TEMP_ID", "TEMP_OFFSET", "ERROR_MASK"];
 
 fn mark(generation: i64) -> [i64; 6] {
     let g = generation % 200;
@@ -38,7 +41,8 @@ fn parameters_have_the_documented_names_ranges_and_defaults() {
         let reported = rig.parameter_at(index as u16);
         assert!(name.len() <= 16);
         assert_eq!(reported.name(), name);
-        let numbers = [&reported.value, &reported.default, &reported.min, &reported.max].map(integer);
+        let numbers =
+            [&reported.value, &reported.default, &reported.min, &reported.max].map(integer);
         assert_eq!(numbers, [default, default, min, max], "{name}");
     }
     assert!(rig.parameter_at(parameters().len() as u16).name.is_empty());
@@ -71,7 +75,8 @@ fn saved_parameters_survive_a_restart_and_a_power_cut() {
     // Sets each parameter to an end of its range that is not its default.
     let ends: Vec<_> = parameters()
         .into_iter()
-        // With these changed the node would answer under another ID, at another bit rate or in another dialect; and eight outputs do not fit.
+        // With these changed the node would answer under another ID, at another bit rate or in
+        // another dialect; and eight outputs do not fit.
         .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE", "DIALECT", "OUT_COUNT"].contains(name))
         .map(|(name, default, min, max)| (name, if default == max { min } else { max }))
         .collect();
@@ -165,7 +170,8 @@ fn saving_does_not_delay_commands_or_pulses() {
     let begun = rig.now();
     rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
     // The program with all features has three times as many parameters.
-    let (commands, limit_ms) = if rig::has_all_features() { (400u16, 950.0) } else { (200u16, 500.0) };
+    let (commands, limit_ms) =
+        if rig::has_all_features() { (400u16, 950.0) } else { (200u16, 500.0) };
     for n in 0..commands {
         rig.send_command(1, 4, f32::from(1200 + n));
         let next = rig.now() + 5 * MS / 2;
@@ -175,7 +181,8 @@ fn saving_does_not_delay_commands_or_pulses() {
     assert!(matches!(answers[..], [(_, _, Message::OpcodeExecuted(true))]), "{answers:?}");
     assert!(ms_between(begun, answers[0].0) < limit_ms, "{} ms", ms_between(begun, answers[0].0));
     assert!(
-        rig.pulses.len() >= usize::from(commands) / 8 - 1 && rig.pulses.is_sorted_by_key(|pulse| pulse.width_cycles)
+        rig.pulses.len() >= usize::from(commands) / 8 - 1
+            && rig.pulses.is_sorted_by_key(|pulse| pulse.width_cycles)
     );
     assert!(rig.pulses.iter().all(|pulse| pulse.period_cycles.unwrap_or(20 * MS) == 20 * MS));
     // The serial monitor cannot log that many commands.
@@ -193,7 +200,8 @@ fn a_parameter_set_during_a_save_is_saved_completely_or_not_at_all() {
         set_marks(&mut rig, 2);
         rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
         rig.run_ms(delay_ms);
-        let request = ParameterRequest { index: 0, value: Value::Integer(99), name: b"OUT1_ID".to_vec() };
+        let request =
+            ParameterRequest { index: 0, value: Value::Integer(99), name: b"OUT1_ID".to_vec() };
         rig.request(&Message::ParameterRequest(request));
         rig.run_ms(SAVE_TIMEOUT_MS);
         rig.cut_power();
@@ -205,8 +213,8 @@ fn a_parameter_set_during_a_save_is_saved_completely_or_not_at_all() {
     }
 }
 
-/// Cuts the power during a save: at the beginning and at the end of each byte's write. Afterwards the node has the complete old
-/// or the complete new set, and reports no loss.
+/// Cuts the power during a save: at the beginning and at the end of each byte's write. Afterwards
+/// the node has the complete old or the complete new set, and reports no loss.
 #[test]
 fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new_set() {
     // The write of a byte takes 3.4 ms.
@@ -221,7 +229,8 @@ fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new_set() {
         set_marks(&mut rig, generation);
         rig.forget();
         rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
-        // Waits until the node has received the request, because otherwise the peer would repeat it after the cut.
+        // Waits until the node has received the request, because otherwise the peer would repeat it
+        // after the cut.
         let soon = rig.now() + MS / 2;
         rig.run_until(soon);
         let cut = soon + delay;
@@ -236,8 +245,17 @@ fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new_set() {
             in_force = generation;
             new += 1;
         } else {
-            assert!(!answered, "the answer reported success, but the old set is in force, cut after {} us", delay / 16);
-            assert_eq!(reported, mark(in_force), "not one complete set, cut after {} us", delay / 16);
+            assert!(
+                !answered,
+                "the answer reported success, but the old set is in force, cut after {} us",
+                delay / 16
+            );
+            assert_eq!(
+                reported,
+                mark(in_force),
+                "not one complete set, cut after {} us",
+                delay / 16
+            );
             old += 1;
         }
         if answered {
@@ -286,11 +304,14 @@ fn a_wrong_byte_in_the_newest_copy_restores_the_previous_one_and_is_reported() {
 /// The CRC of the EEPROM's records: CRC-16-CCITT, bit by bit.
 fn crc(start: u16, bytes: &[u8]) -> u16 {
     bytes.iter().fold(start, |crc, &byte| {
-        (0..8).fold(crc ^ u16::from(byte) << 8, |crc, _| crc << 1 ^ if crc & 0x8000 == 0 { 0 } else { 0x1021 })
+        (0..8).fold(crc ^ u16::from(byte) << 8, |crc, _| {
+            crc << 1 ^ if crc & 0x8000 == 0 { 0 } else { 0x1021 }
+        })
     })
 }
 
-/// Another program or a faulty build may have written such a record. Unchecked, the values would cause wrong pulses and bit rates.
+/// Another program or a faulty build may have written such a record. Unchecked, the values would
+/// cause wrong pulses and bit rates.
 #[test]
 fn values_out_of_range_in_a_valid_record_become_the_defaults_and_are_reported() {
     // Addresses and form of a record: docs/parameters.md.
@@ -299,7 +320,9 @@ fn values_out_of_range_in_a_valid_record_become_the_defaults_and_are_reported() 
     let [_, saved, _] = saved_twice();
     let record = &saved[FIRST..FIRST + len];
     let right = u16::from_be_bytes([saved[FIRST + len], saved[FIRST + len + 1]]);
-    let start = (0..=u16::MAX).find(|&start| crc(start, record) == right).expect("the start value of the CRC");
+    let start = (0..=u16::MAX)
+        .find(|&start| crc(start, record) == right)
+        .expect("the start value of the CRC");
     let with = |values: &[(usize, u16)]| {
         let mut eeprom = saved.clone();
         for &(index, value) in values {
@@ -310,7 +333,11 @@ fn values_out_of_range_in_a_valid_record_become_the_defaults_and_are_reported() 
         eeprom
     };
     let mut rig = Rig::running_with(&with(&[]));
-    assert_eq!((marks(&mut rig), rig.next_status()), (mark(1), (OK, 0)), "the node must accept a record with this CRC");
+    assert_eq!(
+        (marks(&mut rig), rig.next_status()),
+        (mark(1), (OK, 0)),
+        "the node must accept a record with this CRC"
+    );
     for value in [0xFFFF, 0x8000, 35_968, 200] {
         let all: Vec<_> = (0..parameters().len()).map(|index| (index, value)).collect();
         let mut rig = Rig::running_with(&with(&all));
@@ -318,14 +345,23 @@ fn values_out_of_range_in_a_valid_record_become_the_defaults_and_are_reported() 
         for (index, (name, default, min, max)) in parameters().into_iter().enumerate() {
             // The EEPROM has the bit rate as a number from 0 to 3.
             let number = if min < 0 { i64::from(value as i16) } else { i64::from(value) };
-            let expected = if index != 1 && (min..=max).contains(&number) { number } else { default };
-            assert_eq!(integer(&rig.parameter_at(index as u16).value), expected, "{name} of {value}");
+            let expected =
+                if index != 1 && (min..=max).contains(&number) { number } else { default };
+            assert_eq!(
+                integer(&rig.parameter_at(index as u16).value),
+                expected,
+                "{name} of {value}"
+            );
         }
         let (_, code) = rig.next_status();
         assert_eq!(code & PARAMETERS_LOST, PARAMETERS_LOST, "{value}");
         rig.send_command(1, 0, 0.5);
         rig.run_ms(100);
-        assert!(rig.pulses.iter().all(|pulse| (500.0..=2500.0).contains(&pulse.width_us())), "{:?}", rig.pulses);
+        assert!(
+            rig.pulses.iter().all(|pulse| (500.0..=2500.0).contains(&pulse.width_us())),
+            "{:?}",
+            rig.pulses
+        );
     }
 }
 
@@ -380,12 +416,19 @@ fn after_many_saves_the_newest_set_is_in_force() {
 #[test]
 fn a_value_out_of_range_is_rejected_over_the_bus() {
     let mut rig = Rig::running();
-    for (name, value) in
-        [("OUT1_MIN", 499), ("OUT1_MAX", 2501), ("CAN_NODE", 126), ("TEMP_MIN", -56), ("OUT_RATE", 334)]
-    {
+    for (name, value) in [
+        ("OUT1_MIN", 499),
+        ("OUT1_MAX", 2501),
+        ("CAN_NODE", 126),
+        ("TEMP_MIN", -56),
+        ("OUT_RATE", 334),
+    ] {
         let before = rig.get(name);
-        let request =
-            ParameterRequest { name: name.as_bytes().to_vec(), value: Value::Integer(value), ..Default::default() };
+        let request = ParameterRequest {
+            name: name.as_bytes().to_vec(),
+            value: Value::Integer(value),
+            ..Default::default()
+        };
         rig.ask(&Message::ParameterRequest(request));
         assert_eq!(rig.get(name), before, "{name} {value}");
     }

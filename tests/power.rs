@@ -1,11 +1,13 @@
-//! Voltage and current of a circuit (feature `power`): CircuitStatus, limits, and the load in actuator.Status.
+//! Voltage and current of a circuit (feature `power`): CircuitStatus, limits, and the load in
+//! actuator.Status.
 
 use bench::dronecan::CircuitStatus;
 use bench::dronecan::Message;
 use rig::Rig;
 use rig::status::{OK, POWER, WARNING};
 
-/// A node with a divider of 10 and 1 kOhm, and an ACS712 for 30 A: 2.5 V at 0 A, 66 mV more per ampere.
+/// A node with a divider of 10 and 1 kOhm, and an ACS712 for 30 A: 2.5 V at 0 A, 66 mV more per
+/// ampere.
 fn measuring() -> Rig {
     let mut rig = Rig::running();
     for (name, value) in [
@@ -22,7 +24,8 @@ fn measuring() -> Rig {
 
 /// Applies this voltage and current to the circuit.
 fn set(rig: &mut Rig, volts: f64, amperes: f64) {
-    rig.board().set_circuit_millivolts((volts * 1000.0 / 11.0) as u32, (2500.0 + 66.0 * amperes) as u32);
+    rig.board()
+        .set_circuit_millivolts((volts * 1000.0 / 11.0) as u32, (2500.0 + 66.0 * amperes) as u32);
     rig.run_ms(150);
     rig.forget();
     rig.run_ms(1000);
@@ -40,7 +43,10 @@ fn statuses(rig: &mut Rig) -> Vec<CircuitStatus> {
 fn assert_near(status: &CircuitStatus, volts: f32, amperes: f32) {
     // An ADC step is 54 mV and 74 mA here, and a float16 has steps of 31 mV at 50 V.
     let (voltage, current) = (f32::from(status.voltage), f32::from(status.current));
-    assert!((voltage - volts).abs() < 0.08 && (current - amperes).abs() < 0.08, "{voltage} V, {current} A");
+    assert!(
+        (voltage - volts).abs() < 0.08 && (current - amperes).abs() < 0.08,
+        "{voltage} V, {current} A"
+    );
 }
 
 #[test]
@@ -86,9 +92,14 @@ fn beyond_a_limit_the_circuit_status_has_a_flag_and_the_node_a_condition() {
     rig.set("PWR1_VOLT_MIN", 10_000);
     rig.set("PWR1_VOLT_MAX", 17_000);
     rig.set("PWR1_AMP_MAX", 1000);
-    for (volts, amperes, flags) in [(18.0, 1.0, 1), (9.0, 1.0, 2), (12.0, 11.0, 4), (9.0, -11.0, 6)] {
+    for (volts, amperes, flags) in [(18.0, 1.0, 1), (9.0, 1.0, 2), (12.0, 11.0, 4), (9.0, -11.0, 6)]
+    {
         set(&mut rig, volts, amperes);
-        assert_eq!(statuses(&mut rig).last().map(|status| status.errors), Some(flags), "{volts} V, {amperes} A");
+        assert_eq!(
+            statuses(&mut rig).last().map(|status| status.errors),
+            Some(flags),
+            "{volts} V, {amperes} A"
+        );
         assert_eq!(rig.next_status(), (WARNING, POWER));
         assert!(rig.serial.contains("voltage or current out of range"), "{}", rig.serial);
         set(&mut rig, 12.0, 9.5);
@@ -115,7 +126,10 @@ fn actuator_status_has_the_load_of_the_output_that_the_circuit_feeds() {
     for (amperes, expected) in [(5.0, 24..=26), (20.0, 99..=101), (0.0, 0..=1)] {
         set(&mut rig, 12.0, amperes);
         let ratings = ratings(&mut rig);
-        assert!(!ratings.is_empty() && ratings.iter().all(|percent| expected.contains(percent)), "{ratings:?}");
+        assert!(
+            !ratings.is_empty() && ratings.iter().all(|percent| expected.contains(percent)),
+            "{ratings:?}"
+        );
     }
 }
 

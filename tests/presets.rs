@@ -1,4 +1,5 @@
-//! Each v0 firmware that `make test` builds starts and follows a command. `thesis.rs` tests the firmware of the thesis.
+//! Each v0 firmware that `make test` builds starts and follows a command. `thesis.rs` tests the
+//! firmware of the thesis.
 
 use rig::Rig;
 

@@ -1,6 +1,7 @@
-//! Faults of the processor: it restarts, reports the cause, makes no pulse without a command, and follows commands from its first status
-//! on. Wraps of its counters have no effect. The cases are in `faults/processor.rs`. restart.rs tests that nothing can panic, and pulses
-//! during a restart; parameters.rs tests a power failure at each byte of a save.
+//! Faults of the processor: it restarts, reports the cause, makes no pulse without a command, and
+//! follows commands from its first status on. Wraps of its counters have no effect. The cases are
+//! in `faults/processor.rs`. restart.rs tests that nothing can panic, and pulses during a restart;
+//! parameters.rs tests a power failure at each byte of a save.
 
 use rig::faults::processor;
 

@@ -1,4 +1,5 @@
-//! docs/reliability.md lists every tested fault with its limits, and its measurements are within the limits.
+//! docs/reliability.md lists every tested fault with its limits, and its measurements are within
+//! the limits.
 
 use rig::faults::page::{CHAPTERS, row};
 
@@ -19,11 +20,16 @@ fn the_page_has_every_fault_with_its_limits() {
     for case in CHAPTERS.iter().flat_map(|(_, cases)| *cases) {
         let expected = row(case, None);
         let found = rows.iter().find(|cells| cells[0] == expected[0]);
-        let found = found.unwrap_or_else(|| panic!("{:?} is not on the page: make reliability", case.fault));
+        let found = found
+            .unwrap_or_else(|| panic!("{:?} is not on the page: make reliability", case.fault));
         for (cell, expected) in found.iter().zip(&expected) {
             match numbers(cell) {
                 Some((measured, limit)) => {
-                    assert!(expected.ends_with(&format!("({limit})")), "{:?}: make reliability", case.fault);
+                    assert!(
+                        expected.ends_with(&format!("({limit})")),
+                        "{:?}: make reliability",
+                        case.fault
+                    );
                     assert!(measured <= limit, "{:?}: {measured} of {limit} ms", case.fault);
                 }
                 None => assert_eq!(cell, expected, "{:?}: make reliability", case.fault),

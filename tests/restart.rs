@@ -9,8 +9,13 @@ use rig::{Rig, status_fields};
 fn assert_restarts(rig: &mut Rig, within_ms: u64, cause: &str, bit: u16) {
     rig.wait_for_line(&format!("reset: {cause}"), within_ms);
     rig.run_ms(50);
-    let (uptime, health, mode, vendor_code) = status_fields(&rig.statuses().last().expect("a status at once").1);
-    assert_eq!((uptime, mode), (0, INITIALIZATION), "the first status must say that the node initializes");
+    let (uptime, health, mode, vendor_code) =
+        status_fields(&rig.statuses().last().expect("a status at once").1);
+    assert_eq!(
+        (uptime, mode),
+        (0, INITIALIZATION),
+        "the first status must say that the node initializes"
+    );
     assert_eq!((health, vendor_code), (u8::from(bit != 0), bit));
     // The node works again; the servo has no pulse before a command.
     rig.run_ms(100);
@@ -31,11 +36,13 @@ fn moving() -> Rig {
     rig
 }
 
-/// Overwrites the instructions where the main loop resets the watchdog. Returns the unchanged program.
+/// Overwrites the instructions where the main loop resets the watchdog. Returns the unchanged
+/// program.
 fn patch_the_main_loop(rig: &mut Rig, instructions: [u8; 4]) -> Vec<u8> {
     let flash = rig.board().avr().flash().to_vec();
     // WDR is 0x95A8. The last one of the program is in the main loop.
-    let wdr = (0x68..flash.len() - 2).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).unwrap();
+    let wdr =
+        (0x68..flash.len() - 2).step_by(2).rfind(|&at| flash[at..at + 2] == [0xA8, 0x95]).unwrap();
     rig.board().avr_mut().load_flash(wdr, &instructions);
     flash
 }
@@ -73,7 +80,8 @@ fn nothing_in_the_programs_can_panic() {
 #[test]
 fn an_interrupt_without_a_handler_restarts_the_node() {
     let mut rig = moving();
-    // TIMSK1.TOIE1: Timer1 overflows at the end of every servo period. The program has no handler for that.
+    // TIMSK1.TOIE1: Timer1 overflows at the end of every servo period. The program has no handler
+    // for that.
     rig.board().avr_mut().poke_sram(0x6F, 1);
     assert_restarts(&mut rig, 100, "STRAY INTERRUPT", STRAY_INTERRUPT);
 }

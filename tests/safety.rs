@@ -1,4 +1,5 @@
-//! ArduPilot's safety switch (SafetyState): while it is on, missing commands are no error. For firmwares with the feature `safety`.
+//! ArduPilot's safety switch (SafetyState): while it is on, missing commands are no error. For
+//! firmwares with the feature `safety`.
 
 use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
 use rig::{MS, Rig};

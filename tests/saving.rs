@@ -7,7 +7,9 @@ use rig::manage::{SAVE_TIMEOUT_MS, integer};
 /// A node with so many changes that its next save writes every byte.
 fn changed() -> Rig {
     let mut rig = Rig::running();
-    for (name, value) in [("OUT1_MIN", 1100), ("OUT1_MAX", 1900), ("OUT1_TRIM", 1400), ("TEMP_ID", 0x1234)] {
+    for (name, value) in
+        [("OUT1_MIN", 1100), ("OUT1_MAX", 1900), ("OUT1_TRIM", 1400), ("TEMP_ID", 0x1234)]
+    {
         rig.set(name, value);
     }
     rig.forget();
@@ -30,12 +32,14 @@ fn requests_are_answered_within_20_ms_while_the_parameters_are_saved() {
     let mut asked = 0;
     let saved = |rig: &Rig| rig.answers().iter().find_map(|(_, _, answer)| is_saved(answer));
     while saved(&rig).is_none() {
-        let request = ParameterRequest { name: b"OUT1_MIN".to_vec(), ..ParameterRequest::default() };
+        let request =
+            ParameterRequest { name: b"OUT1_MIN".to_vec(), ..ParameterRequest::default() };
         let number = rig.request(&Message::ParameterRequest(request));
         let seen = rig.answers().len();
         rig.wait_for("the value of OUT1_MIN", 20, |rig| {
             rig.answers()[seen..].iter().any(|(_, answered, answer)| {
-                let is_value = matches!(answer, Message::ParameterResponse(of) if integer(&of.value) == 1100);
+                let is_value =
+                    matches!(answer, Message::ParameterResponse(of) if integer(&of.value) == 1100);
                 *answered == number && is_value
             })
         });
@@ -55,7 +59,8 @@ fn a_restart_requested_during_a_save_waits_for_its_end() {
     let restart = rig.request(&Message::RestartNode(0xAC_CE55_1B1E));
     rig.wait_for("both answers", SAVE_TIMEOUT_MS, |rig| rig.answers().len() == 2);
     let answers = rig.answers();
-    let of = |number| answers.iter().find(|(_, other, _)| *other == number).map(|(_, _, answer)| answer);
+    let of =
+        |number| answers.iter().find(|(_, other, _)| *other == number).map(|(_, _, answer)| answer);
     assert_eq!(of(save).and_then(is_saved), Some(true));
     assert!(of(restart).is_some());
     rig.wait_for_line("reset: RestartNode", 200);

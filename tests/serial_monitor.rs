@@ -9,7 +9,10 @@ fn the_banner_has_version_node_id_and_reset_cause() {
     rig.wait_for_line("CAN: running", 100);
     let mut lines = rig.serial.lines();
     let version = env!("CARGO_PKG_VERSION");
-    assert_eq!(lines.next().unwrap(), format!("DroneCAN servo node {version}, node ID 120, reset: power-on"));
+    assert_eq!(
+        lines.next().unwrap(),
+        format!("DroneCAN servo node {version}, node ID 120, reset: power-on")
+    );
     assert_eq!(lines.next().unwrap(), "CAN: running");
 }
 
@@ -23,7 +26,11 @@ fn many_rejected_frames_drop_no_other_line() {
     let refused = Frame::extended(rig::ARRAY_COMMAND | rig::NODE, &[0xA5; 8]);
     rig.peer.borrow_mut().babble(Some(refused));
     rig.wait_for_line("FAILSAFE: no commands", 1200);
-    assert!(rig.serial.contains("refused") && rig.serial.contains("lines dropped"), "{}", rig.serial);
+    assert!(
+        rig.serial.contains("refused") && rig.serial.contains("lines dropped"),
+        "{}",
+        rig.serial
+    );
 }
 
 #[test]
@@ -46,7 +53,11 @@ fn each_command_and_status_is_logged() {
         "rx ArrayCommand from 10 tid 3: not for actuator 1",
         "rx thesis.ServoCommand from 1 tid 4: 90, pulse 1353.0 us",
     ] {
-        assert!(rig.serial.lines().any(|logged| logged == line), "{line:?} is missing in\n{}", rig.serial);
+        assert!(
+            rig.serial.lines().any(|logged| logged == line),
+            "{line:?} is missing in\n{}",
+            rig.serial
+        );
     }
 }
 
@@ -76,8 +87,11 @@ fn lines_that_do_not_fit_are_dropped_and_counted_and_delay_no_frame() {
     }
     rig.run_ms(300);
     let lines = rig.serial.matches("rx ArrayCommand").count();
-    let dropped: usize =
-        rig.serial.lines().filter_map(|line| line.strip_suffix(" lines dropped")?.parse::<usize>().ok()).sum();
+    let dropped: usize = rig
+        .serial
+        .lines()
+        .filter_map(|line| line.strip_suffix(" lines dropped")?.parse::<usize>().ok())
+        .sum();
     assert!(dropped > 500);
     // Some temperatures are logged besides the commands.
     assert!((1000..=1003).contains(&(lines + dropped)), "{lines} logged and {dropped} dropped");

@@ -1,6 +1,7 @@
 //! The node's services: information, parameters, save, restart, statistics.
 //!
-//! pydronecan 1.0.27 made the quoted frames; tests/clients/test_golden.py checks that it still makes the same.
+//! pydronecan 1.0.27 made the quoted frames; tests/clients/test_golden.py checks that it still
+//! makes the same.
 
 use bench::Cycles;
 use bench::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
@@ -22,7 +23,8 @@ fn node_info_has_every_field_at_its_place() {
     rig.send_frame(parse_frames(GET_NODE_INFO)[0]);
     rig.run_ms(ANSWER_TIMEOUT_MS);
     let frames = rig.to_tool();
-    // The response has two bytes of CRC, 41 bytes of fixed fields and the name, with seven bytes and a tail byte in each frame.
+    // The response has two bytes of CRC, 41 bytes of fixed fields and the name, with seven bytes
+    // and a tail byte in each frame.
     let (last, full) = frames.split_last().expect("an answer");
     let tails: Vec<u8> = frames.iter().map(|frame| *frame.data().last().unwrap()).collect();
     assert!(full.iter().all(|frame| frame.data().len() == 8) && !last.data().is_empty());
@@ -32,10 +34,15 @@ fn node_info_has_every_field_at_its_place() {
         let toggle = if number % 2 == 1 { 0x20 } else { 0 };
         assert_eq!(*tail, start | end | toggle | 3, "frame {number}");
     }
-    let stream: Vec<u8> = frames.iter().flat_map(|frame| frame.data().split_last().unwrap().1.to_vec()).collect();
+    let stream: Vec<u8> =
+        frames.iter().flat_map(|frame| frame.data().split_last().unwrap().1.to_vec()).collect();
     let payload = &stream[2..];
     // The simulator has checked the transfer's CRC.
-    let (_, whole) = rig.transfers.iter().rfind(|(_, transfer)| transfer.frames == frames.len()).expect("a transfer");
+    let (_, whole) = rig
+        .transfers
+        .iter()
+        .rfind(|(_, transfer)| transfer.frames == frames.len())
+        .expect("a transfer");
     assert_eq!(whole.payload, payload);
 
     let uptime = u32::from_le_bytes(payload[..4].try_into().unwrap());
@@ -44,14 +51,21 @@ fn node_info_has_every_field_at_its_place() {
     let [major, minor] = [env!("CARGO_PKG_VERSION_MAJOR"), env!("CARGO_PKG_VERSION_MINOR")];
     assert_eq!(payload[7..9], [major.parse().unwrap(), minor.parse().unwrap()]);
     let commit = u32::from_le_bytes(payload[10..14].try_into().unwrap());
-    assert_eq!(payload[9], u8::from(commit != 0), "the flags must say that there is a commit, and no CRC of the image");
+    assert_eq!(
+        payload[9],
+        u8::from(commit != 0),
+        "the flags must say that there is a commit, and no CRC of the image"
+    );
     assert_eq!(payload[14..22], [0; 8]);
     let unique_id = &payload[24..40];
     assert!(unique_id.iter().any(|byte| *byte != 0) && unique_id.iter().any(|byte| *byte != 0xFF));
     assert_eq!(payload[40], 0, "no certificate");
     let name = std::str::from_utf8(&payload[41..]).expect("ASCII");
     assert!(name.starts_with("org.") && name.len() <= 80, "{name}");
-    assert!(name.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'.' | b'-' | b'_')), "{name}");
+    assert!(
+        name.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'.' | b'-' | b'_')),
+        "{name}"
+    );
 }
 
 #[test]
@@ -108,7 +122,9 @@ fn a_parameter_is_set_and_the_answer_has_the_new_value() {
 fn a_request_whose_frames_come_a_second_apart_is_answered() {
     let mut rig = Rig::running();
     // GetSet: OUT1_MIN 1100
-    let frames = parse_frames("1E0BF8FF 4C EE 00 01 4C 04 00 84 | 00 00 00 00 00 4F 55 24 | 54 31 5F 4D 49 4E 44");
+    let frames = parse_frames(
+        "1E0BF8FF 4C EE 00 01 4C 04 00 84 | 00 00 00 00 00 4F 55 24 | 54 31 5F 4D 49 4E 44",
+    );
     for frame in frames {
         assert_eq!(rig.answers(), []);
         rig.send_frame(frame);
@@ -123,7 +139,10 @@ fn negative_parameters_keep_their_sign() {
     let mut rig = Rig::running();
     let response = rig.parameter("TEMP_MIN");
     let [value, default, max, min] = [-40, -40, 150, -55].map(Value::Integer);
-    assert_eq!(response, ParameterResponse { value, default, max, min, name: b"TEMP_MIN".to_vec() });
+    assert_eq!(
+        response,
+        ParameterResponse { value, default, max, min, name: b"TEMP_MIN".to_vec() }
+    );
     rig.set("TEMP_MIN", -55);
     rig.set("TEMP_OFFSET", -500);
     rig.set("TEMP_OFFSET", 1500);
@@ -137,7 +156,15 @@ fn a_request_for_an_unknown_parameter_gets_an_empty_answer() {
         let response = rig.parameter_at(index);
         assert_eq!(response, ParameterResponse::default(), "index {index}");
     }
-    for name in ["OUT1_MI", "OUT1_MINI", "srv_min", "X", "A_NAME_OF_16_CHR", "A_NAME_OF_17_CHRS", &"N".repeat(92)] {
+    for name in [
+        "OUT1_MI",
+        "OUT1_MINI",
+        "srv_min",
+        "X",
+        "A_NAME_OF_16_CHR",
+        "A_NAME_OF_17_CHRS",
+        &"N".repeat(92),
+    ] {
         assert_eq!(rig.parameter(name), ParameterResponse::default(), "{name}");
     }
     rig.assert_answer("1E0BF8FF 2C 08 C2", "1E0B7FF8 00 00 00 00 C2");
@@ -147,7 +174,9 @@ fn a_request_for_an_unknown_parameter_gets_an_empty_answer() {
 fn in_a_request_with_name_and_index_the_name_is_used() {
     let mut rig = Rig::running();
     let request = ParameterRequest { index: 3, value: Value::Empty, name: b"OUT1_ID".to_vec() };
-    let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else { panic!() };
+    let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else {
+        panic!()
+    };
     assert_eq!(response.name(), "OUT1_ID");
 }
 
@@ -156,8 +185,13 @@ fn a_parameter_is_set_by_its_index_too() {
     let mut rig = Rig::running();
     let index = rig.parameters().iter().position(|(name, _)| name == "OUT1_TRIM").unwrap() as u16;
     let request = ParameterRequest { index, value: Value::Integer(1480), name: Vec::new() };
-    let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else { panic!() };
-    assert_eq!((response.name(), response.value), (String::from("OUT1_TRIM"), Value::Integer(1480)));
+    let Message::ParameterResponse(response) = rig.ask(&Message::ParameterRequest(request)) else {
+        panic!()
+    };
+    assert_eq!(
+        (response.name(), response.value),
+        (String::from("OUT1_TRIM"), Value::Integer(1480))
+    );
     assert_eq!(rig.get("OUT1_TRIM"), 1480);
 }
 
@@ -165,14 +199,36 @@ fn a_parameter_is_set_by_its_index_too() {
 fn a_value_out_of_range_is_answered_with_the_current_value() {
     let mut rig = Rig::running();
     rig.set("OUT1_MIN", 1100);
-    for wrong in [499, 2501, 0, -1, -1100, 1 << 16 | 1100, 1 << 32 | 1100, 1 << 56 | 1100, i64::MAX, i64::MIN] {
-        assert_eq!(rig.request_value("OUT1_MIN", Value::Integer(wrong)), Value::Integer(1100), "{wrong}");
+    for wrong in [
+        499,
+        2501,
+        0,
+        -1,
+        -1100,
+        1 << 16 | 1100,
+        1 << 32 | 1100,
+        1 << 56 | 1100,
+        i64::MAX,
+        i64::MIN,
+    ] {
+        assert_eq!(
+            rig.request_value("OUT1_MIN", Value::Integer(wrong)),
+            Value::Integer(1100),
+            "{wrong}"
+        );
     }
-    for (name, min, max) in
-        [("OUT1_MIN", 500, 2500), ("TEMP_MIN", -55, 150), ("WARN_MASK", 0, 65_535), ("ARM_REQ", 0, 1)]
-    {
+    for (name, min, max) in [
+        ("OUT1_MIN", 500, 2500),
+        ("TEMP_MIN", -55, 150),
+        ("WARN_MASK", 0, 65_535),
+        ("ARM_REQ", 0, 1),
+    ] {
         for (value, in_force) in [(min, min), (min - 1, min), (max, max), (max + 1, max)] {
-            assert_eq!(rig.request_value(name, Value::Integer(value)), Value::Integer(in_force), "{name} {value}");
+            assert_eq!(
+                rig.request_value(name, Value::Integer(value)),
+                Value::Integer(in_force),
+                "{name} {value}"
+            );
         }
     }
 }
@@ -183,13 +239,18 @@ fn the_node_accepts_only_the_bit_rates_of_dronecan() {
     let highest = rig::board().fastest_bit_rate().into();
     let [value, max, min] = [highest, highest, 125_000].map(Value::Integer);
     let response = rig.parameter("CAN_BAUDRATE");
-    assert_eq!((&response.value, &response.default, &response.max, &response.min), (&value, &value, &max, &min));
+    assert_eq!(
+        (&response.value, &response.default, &response.max, &response.min),
+        (&value, &value, &max, &min)
+    );
     for rate in [125_000, 250_000, 500_000, highest] {
         rig.set("CAN_BAUDRATE", rate);
     }
     // At 1 Mbit/s the MCP2515 needs a crystal of 16 MHz.
     assert_eq!(rig.request_value("CAN_BAUDRATE", Value::Integer(2 * highest)), value);
-    for wrong in [0, 8, 1, 100_000, 375_000, 800_000, 2_000_000, 1_000_001, 1 << 32 | 500_000, -125_000] {
+    for wrong in
+        [0, 8, 1, 100_000, 375_000, 800_000, 2_000_000, 1_000_001, 1 << 32 | 500_000, -125_000]
+    {
         assert_eq!(rig.request_value("CAN_BAUDRATE", Value::Integer(wrong)), value, "{wrong}");
     }
 }
@@ -199,7 +260,11 @@ fn values_of_another_type_change_nothing() {
     let mut rig = Rig::running();
     for (name, in_force) in [("OUT1_MIN", 1000), ("ARM_REQ", 0), ("OUT1_ID", 1)] {
         for wrong in [Value::Real(1100.0), Value::Boolean(true), Value::Text(b"1100".to_vec())] {
-            assert_eq!(rig.request_value(name, wrong.clone()), Value::Integer(in_force), "{name} {wrong}");
+            assert_eq!(
+                rig.request_value(name, wrong.clone()),
+                Value::Integer(in_force),
+                "{name} {wrong}"
+            );
         }
     }
     rig.assert_answer(
@@ -213,8 +278,16 @@ fn values_of_another_type_change_nothing() {
 fn malformed_requests_set_no_parameter_and_block_nothing() {
     let mut rig = Rig::running();
     let before = rig.parameters();
-    let payloads: &[&[u8]] =
-        &[&[], &[0], &[3, 5], &[3, 7, 1, 2, 3], &[3, 1], &[3, 1, 0x4C], &[3, 1, 0x4C, 4, 0, 0, 0], &[3, 4, 200, 1]];
+    let payloads: &[&[u8]] = &[
+        &[],
+        &[0],
+        &[3, 5],
+        &[3, 7, 1, 2, 3],
+        &[3, 1],
+        &[3, 1, 0x4C],
+        &[3, 1, 0x4C, 4, 0, 0, 0],
+        &[3, 4, 200, 1],
+    ];
     for payload in payloads {
         let mut data = payload.to_vec();
         data.push(0xC9);
@@ -270,7 +343,8 @@ fn a_restart_is_answered_and_happens_within_200_ms() {
 /// Before the restart the servo moves to OUT1_FS, and every pulse is complete.
 #[test]
 fn before_a_restart_the_servo_moves_to_its_failsafe() {
-    for (mode, expected) in [(0, vec![1750.0]), (1, vec![1750.0, 1500.0]), (2, vec![1750.0, 1900.0]), (3, vec![1750.0])]
+    for (mode, expected) in
+        [(0, vec![1750.0]), (1, vec![1750.0, 1500.0]), (2, vec![1750.0, 1900.0]), (3, vec![1750.0])]
     {
         let mut rig = Rig::running();
         rig.set("OUT1_FS_PWM", 1900);
@@ -287,7 +361,10 @@ fn before_a_restart_the_servo_moves_to_its_failsafe() {
         widths.dedup();
         assert!(widths == expected || widths == expected[1..], "mode {mode}: {widths:?}");
         let last = rig.pulses.last().map_or(0, |pulse| pulse.start);
-        assert!(rig.now() - last > 100 * MS, "after the start there are no pulses before the first command");
+        assert!(
+            rig.now() - last > 100 * MS,
+            "after the start there are no pulses before the first command"
+        );
     }
 }
 
@@ -305,8 +382,13 @@ fn a_firmware_update_is_rejected_with_a_reason() {
     assert!(!answer.text.is_empty() && answer.text.len() <= 127);
     assert!(answer.text.iter().all(|byte| matches!(byte, b' '..=b'~')), "{}", answer.text());
     // A long path makes the request a transfer of many frames.
-    let path = Message::BeginUpdate(bench::dronecan::management::NumberAndText { number: 0, text: vec![b'x'; 200] });
-    assert!(matches!(rig.ask(&path), Message::UpdateBegun(answer) if answer.number == INVALID_MODE));
+    let path = Message::BeginUpdate(bench::dronecan::management::NumberAndText {
+        number: 0,
+        text: vec![b'x'; 200],
+    });
+    assert!(
+        matches!(rig.ask(&path), Message::UpdateBegun(answer) if answer.number == INVALID_MODE)
+    );
 }
 
 #[test]
@@ -317,7 +399,11 @@ fn answers_have_the_priority_and_the_transfer_id_of_their_requests() {
         rig.send(priority << 24 | 0x0B_F8FF, &[1, 0, 0xC0 | number]);
         rig.run_ms(ANSWER_TIMEOUT_MS);
         let frames = rig.to_tool();
-        assert!(frames.iter().all(|frame| frame.id == bench::can::Id::Extended(priority << 24 | 0x0B_7FF8)));
+        assert!(
+            frames
+                .iter()
+                .all(|frame| frame.id == bench::can::Id::Extended(priority << 24 | 0x0B_7FF8))
+        );
         assert_eq!(frames.first().map(|frame| frame.data()[7]), Some(0x80 | number));
     }
 }
@@ -325,15 +411,24 @@ fn answers_have_the_priority_and_the_transfer_id_of_their_requests() {
 #[test]
 fn requests_for_others_and_of_other_kinds_are_not_answered() {
     let mut rig = Rig::running();
-    // Requests to node 121 and to node 0; a response; a request with the node's own ID; services that the node does not have.
-    for text in ["1E01F9FF C0", "1E0180FF C0", "1E0178FF C0", "1E01F8F8 C0", "1E30F8FF 00 C0", "1E63F8FF C0"] {
+    // Requests to node 121 and to node 0; a response; a request with the node's own ID; services
+    // that the node does not have.
+    for text in [
+        "1E01F9FF C0",
+        "1E0180FF C0",
+        "1E0178FF C0",
+        "1E01F8F8 C0",
+        "1E30F8FF 00 C0",
+        "1E63F8FF C0",
+    ] {
         rig.send_frame(parse_frames(text)[0]);
         rig.run_ms(20);
     }
-    let services = rig.traffic.iter().filter(|(_, frame)| is_from_node(frame)).filter(|(_, frame)| {
-        matches!(frame.id, bench::can::Id::Extended(id) if id & 0x80 != 0)
-            && frame.id != parse_frames("1E01F8F8 C0")[0].id
-    });
+    let services =
+        rig.traffic.iter().filter(|(_, frame)| is_from_node(frame)).filter(|(_, frame)| {
+            matches!(frame.id, bench::can::Id::Extended(id) if id & 0x80 != 0)
+                && frame.id != parse_frames("1E01F8F8 C0")[0].id
+        });
     assert_eq!(services.count(), 0);
 }
 
@@ -344,7 +439,9 @@ fn five_requests_at_once_are_answered_in_order_while_commands_arrive() {
     for round in 0..5u16 {
         rig.forget();
         let begun = rig.now();
-        let numbers: Vec<_> = (0..5).map(|n| rig.request(&read((round * 5 + n) % parameters().len() as u16))).collect();
+        let numbers: Vec<_> = (0..5)
+            .map(|n| rig.request(&read((round * 5 + n) % parameters().len() as u16)))
+            .collect();
         command_for(&mut rig, 100);
         let answers = rig.answers();
         let heard: Vec<_> = answers.iter().map(|(_, number, _)| *number).collect();
@@ -394,12 +491,16 @@ fn requests_beyond_the_queue_are_rejected() {
         // The serial monitor has no room for the lines of all rejected requests.
         rig.wait_for_line(" lines dropped", 300);
         rig.board().avr_mut().serial_send(b"?");
-        rig.wait_for_line(&format!("commands followed 0, frames refused {}", BURST - answered), 300);
+        rig.wait_for_line(
+            &format!("commands followed 0, frames refused {}", BURST - answered),
+            300,
+        );
         assert_eq!(rig.board().chip().borrow().rx_overflows(), 0);
     }
 }
 
-/// Sends commands at 400 Hz for `ms` milliseconds. The node must follow each: the pulse always has one of the last two widths.
+/// Sends commands at 400 Hz for `ms` milliseconds. The node must follow each: the pulse always has
+/// one of the last two widths.
 fn command_for(rig: &mut Rig, ms: u64) {
     let seen = rig.pulses.len();
     let mut given: Vec<(Cycles, f64)> = Vec::new();
@@ -412,15 +513,24 @@ fn command_for(rig: &mut Rig, ms: u64) {
     }
     for pulse in &rig.pulses[seen..] {
         // When the pulse began, the newest command could be one or two of the loop's steps old.
-        let candidates: Vec<f64> =
-            given.iter().filter(|(at, _)| *at <= pulse.start).rev().take(3).map(|(_, width)| *width).collect();
+        let candidates: Vec<f64> = given
+            .iter()
+            .filter(|(at, _)| *at <= pulse.start)
+            .rev()
+            .take(3)
+            .map(|(_, width)| *width)
+            .collect();
         let is_old = candidates.len() < 3;
-        assert!(is_old || candidates.contains(&pulse.width_us()), "{} us, not one of {candidates:?}", pulse.width_us());
+        assert!(
+            is_old || candidates.contains(&pulse.width_us()),
+            "{} us, not one of {candidates:?}",
+            pulse.width_us()
+        );
     }
 }
 
-/// A client that sends nine requests at once gets no answer to the ninth, and repeats it: pydronecan after 1 s, ArduPilot after 100 ms. At
-/// 1 Mbit/s the queue is empty after 16 ms.
+/// A client that sends nine requests at once gets no answer to the ninth, and repeats it:
+/// pydronecan after 1 s, ArduPilot after 100 ms. At 1 Mbit/s the queue is empty after 16 ms.
 #[test]
 fn the_queue_of_eight_requests_is_empty_in_time_for_repeated_requests() {
     for request in [Message::NodeInfoRequest, read(0)] {

@@ -98,7 +98,12 @@ fn an_invalid_command_does_not_move_the_servo() {
         assert_eq!(rig.settled_pulse_us(), 1750.0, "type {command_type}, value {value}");
     }
     rig.run_ms(200);
-    assert_eq!(rig.serial.matches("refused: command from 10").count(), refused.len(), "{}", rig.serial);
+    assert_eq!(
+        rig.serial.matches("refused: command from 10").count(),
+        refused.len(),
+        "{}",
+        rig.serial
+    );
     rig.board().avr_mut().serial_send(b"?");
     rig.wait_for_line(&format!("commands followed 1, frames refused {}", refused.len()), 100);
 }
@@ -142,7 +147,8 @@ fn a_new_width_begins_with_a_period_whenever_the_command_comes() {
     rig.send_command(1, PWM, 2000.0);
     rig.settled_pulse_us();
     rig.forget();
-    // Commands at all phases of the period, also during a pulse: every pulse has one of the two widths.
+    // Commands at all phases of the period, also during a pulse: every pulse has one of the two
+    // widths.
     for step in 0..200u64 {
         let width = if step % 2 == 0 { 1000.0 } else { 2000.0 };
         rig.send_command(1, PWM, width);

@@ -33,9 +33,15 @@ fn can_stats_are_sent_at_stats_rate_and_count_frames() {
     let tx = u32::from(last.tx_success.wrapping_sub(first.tx_success));
     assert!(tx.abs_diff(sent) <= 8, "{tx} of {sent} frames sent");
     assert!((last.tx_requests - first.tx_requests).abs_diff(sent) <= 8);
-    assert!((last.rx_received - first.rx_received).abs_diff(received) <= 2, "{first} {last}, {received}");
+    assert!(
+        (last.rx_received - first.rx_received).abs_diff(received) <= 2,
+        "{first} {last}, {received}"
+    );
     for stats in [first, last] {
-        assert_eq!((stats.interface, stats.tx_rejected, stats.tx_timedout, stats.rx_overflow), (0, 0, 0, 0));
+        assert_eq!(
+            (stats.interface, stats.tx_rejected, stats.tx_timedout, stats.rx_overflow),
+            (0, 0, 0, 0)
+        );
         assert_eq!((stats.rx_errors, stats.busoff_errors), (0, 0));
     }
 }
@@ -111,7 +117,11 @@ fn transport_stats_count_transfers_and_frames() {
     let after = stats(&mut rig);
     let [tx, rx, errors] = after.interfaces[0];
     let [tx_before, rx_before, errors_before] = before.interfaces[0];
-    assert_eq!(after.transfers_rx - before.transfers_rx, 22, "20 one-frame commands, a long one, and this request");
+    assert_eq!(
+        after.transfers_rx - before.transfers_rx,
+        22,
+        "20 one-frame commands, a long one, and this request"
+    );
     assert!(after.transfers_tx > before.transfers_tx);
     assert!(after.transfer_errors > before.transfer_errors);
     // The previous answer was still being sent when the node counted.

@@ -139,7 +139,9 @@ fn without_acknowledgement_the_node_is_error_passive_and_reports_it_later() {
     // The condition clears.
     rig.run_ms(20_000);
     rig.wait_for("another status", 1100, |rig| {
-        rig.traffic.last().is_some_and(|(_, frame)| frame.id == bench::can::Id::Extended(STATUS_OF_NODE))
+        rig.traffic
+            .last()
+            .is_some_and(|(_, frame)| frame.id == bench::can::Id::Extended(STATUS_OF_NODE))
     });
     let (_, health, _, vendor_code) = status_fields(&rig.statuses().last().unwrap().1);
     assert_eq!((health, vendor_code), (OK, 0));

@@ -29,7 +29,10 @@ fn an_actuator_status_is_two_frames_with_a_crc() {
     for pair in frames.chunks_exact(2) {
         let (first, second) = (&pair[0].1, &pair[1].1);
         let number = first[7] & 0x1F;
-        assert_eq!((first.len(), first[7], second.len(), second[3]), (8, 0x80 | number, 4, 0x60 | number));
+        assert_eq!(
+            (first.len(), first[7], second.len(), second[3]),
+            (8, 0x80 | number, 4, 0x60 | number)
+        );
         assert!(ms_between(pair[0].0, pair[1].0) < 1.0, "back to back");
         // The CRC is calculated by hand: the start value for this type, then the payload.
         let payload: Vec<u8> = first[2..7].iter().chain(&second[..3]).copied().collect();
@@ -96,9 +99,15 @@ fn the_position_is_the_pulse_in_radians() {
         rig.run_ms(250);
         let (_, status) = positions(&rig).pop().expect("a status");
         let position = status.position.to_f32();
-        assert!((position - radians).abs() < 0.002, "{position} rad for type {command_type}, {value}");
+        assert!(
+            (position - radians).abs() < 0.002,
+            "{position} rad for type {command_type}, {value}"
+        );
         assert_eq!((status.actuator, status.power_percent), (1, POWER_UNKNOWN));
-        assert!(status.force.is_nan() && status.speed.is_nan(), "the node does not measure force or speed");
+        assert!(
+            status.force.is_nan() && status.speed.is_nan(),
+            "the node does not measure force or speed"
+        );
     }
     rig.set("OUT1_ID", 77);
     rig.set("OUT1_RANGE", 180);
@@ -124,7 +133,8 @@ fn unknown_values_are_nan() {
         reported.len() >= 4 && reported.iter().all(|(_, status)| status.position.is_nan()),
         "without a pulse the position must be NaN"
     );
-    // pydronecan's NaN, or that of IEEE 754 without the sign. Other receivers may not recognise other NaNs.
+    // pydronecan's NaN, or that of IEEE 754 without the sign. Other receivers may not recognise
+    // other NaNs.
     for (_, status) in reported {
         for value in [status.position, status.force, status.speed] {
             assert!([0x7E00, 0x7FFF].contains(&value.to_bits()), "{:#06x}", value.to_bits());
@@ -152,7 +162,10 @@ fn count_in_2_s(rig: &mut Rig, id: u32, frames_each: usize) -> usize {
 #[test]
 fn rates_of_the_parameters_take_effect_at_once() {
     let mut rig = Rig::running();
-    assert!((19..=21).contains(&count_in_2_s(&mut rig, ACTUATOR_STATUS_OF_NODE, 2)), "the default is 10 Hz");
+    assert!(
+        (19..=21).contains(&count_in_2_s(&mut rig, ACTUATOR_STATUS_OF_NODE, 2)),
+        "the default is 10 Hz"
+    );
     assert_eq!(count_in_2_s(&mut rig, CAN_STATS_OF_NODE, 4), 0);
     for rate in [0usize, 1, 7, 50] {
         rig.set("TELEM_RATE", rate as i64);
@@ -161,7 +174,10 @@ fn rates_of_the_parameters_take_effect_at_once() {
         let counts = [(ACTUATOR_STATUS_OF_NODE, 2), (rig::TEMPERATURE_OF_NODE, 1)];
         for (id, frames) in counts {
             let count = count_in_2_s(&mut rig, id, frames);
-            assert!(count.abs_diff(2 * rate) <= tolerance.min(2 * rate), "{count} in 2 s at {rate} Hz");
+            assert!(
+                count.abs_diff(2 * rate) <= tolerance.min(2 * rate),
+                "{count} in 2 s at {rate} Hz"
+            );
         }
     }
 }

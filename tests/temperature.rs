@@ -26,7 +26,10 @@ fn a_temperature_comes_every_second_in_kelvin() {
             let (device_id, kelvin, flags) = fields(data);
             assert_eq!((device_id, flags), (1, 0));
             // Half a step of the ADC plus half a step of the float16.
-            assert!((f64::from(kelvin) - 273.15 - celsius).abs() < 0.4, "{kelvin} K at {celsius} C");
+            assert!(
+                (f64::from(kelvin) - 273.15 - celsius).abs() < 0.4,
+                "{kelvin} K at {celsius} C"
+            );
         }
     }
 }
@@ -39,7 +42,8 @@ fn the_serial_monitor_shows_the_temperature() {
     rig.forget();
     rig.wait_for_line("temperature +", 1100);
     let line = rig.serial.lines().find(|line| line.starts_with("temperature")).unwrap();
-    let shown: f64 = line.trim_start_matches("temperature +").trim_end_matches(" C").parse().unwrap();
+    let shown: f64 =
+        line.trim_start_matches("temperature +").trim_end_matches(" C").parse().unwrap();
     assert!((shown - 30.0).abs() < 0.5, "{line}");
 }
 
@@ -52,7 +56,8 @@ fn without_a_thesis_command_the_node_sends_no_whole_degrees() {
         rig.run_ms(600);
     }
     assert_eq!(rig.frames(DEGREES_OF_NODE), []);
-    let unknown: Vec<_> = rig.traffic.iter().filter(|(_, frame)| frame.to_string().contains("0458")).collect();
+    let unknown: Vec<_> =
+        rig.traffic.iter().filter(|(_, frame)| frame.to_string().contains("0458")).collect();
     assert!(unknown.is_empty());
 }
 

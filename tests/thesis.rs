@@ -1,6 +1,8 @@
-//! The firmware of the preset `thesis` (docs/dialects.md). Like the node of the thesis it uses only the UAVCAN draft of 2014.
+//! The firmware of the preset `thesis` (docs/dialects.md). Like the node of the thesis it uses only
+//! the UAVCAN draft of 2014.
 //!
-//! Identifiers of the draft: type\[28:19\] transfer type\[18:17\] source\[16:10\] frame index\[9:4\] last\[3\] transfer ID\[2:0\].
+//! Identifiers of the draft: type\[28:19\] transfer type\[18:17\] source\[16:10\] frame
+//! index\[9:4\] last\[3\] transfer ID\[2:0\].
 
 use std::collections::VecDeque;
 
@@ -13,7 +15,9 @@ use bench::dronecan::draft::{Message, NodeStatus, StatusCode, VendorCode};
 use bench::mcp2515::Mode;
 use rig::load::{Meter, compare_register};
 use rig::manage::ms_between;
-use rig::status::{BROWN_OUT, DRAFT, FAILSAFE, ID_CONFLICT, PARAMETERS_LOST, TEMPERATURE, WATCHDOG};
+use rig::status::{
+    BROWN_OUT, DRAFT, FAILSAFE, ID_CONFLICT, PARAMETERS_LOST, TEMPERATURE, WATCHDOG,
+};
 use rig::{DRAFT_STATUS_OF_NODE, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, parse_frames};
 
 /// Data types of the draft.
@@ -95,8 +99,11 @@ fn is_of_node(frame: &Frame, type_id: u32) -> bool {
 
 /// The node's messages, with their times and transfer IDs.
 fn node_messages(rig: &Rig) -> Vec<(Cycles, u8, Message)> {
-    let of_node = rig.drafts.iter().filter(|(_, transfer, _)| u32::from(transfer.source.get()) == NODE);
-    of_node.map(|(at, transfer, message)| (*at, transfer.transfer_id.get(), message.clone())).collect()
+    let of_node =
+        rig.drafts.iter().filter(|(_, transfer, _)| u32::from(transfer.source.get()) == NODE);
+    of_node
+        .map(|(at, transfer, message)| (*at, transfer.transfer_id.get(), message.clone()))
+        .collect()
 }
 
 fn statuses(rig: &Rig) -> Vec<(Cycles, NodeStatus)> {
@@ -123,7 +130,9 @@ fn condition(rig: &Rig) -> Option<(StatusCode, VendorCode)> {
 #[track_caller]
 fn wait_for_condition(rig: &mut Rig, code: StatusCode, vendor: u16, timeout_ms: u64) {
     let expected = Some((code, VendorCode::Short(vendor)));
-    rig.wait_for(&format!("status {code} {vendor:04X}"), timeout_ms, |rig| condition(rig) == expected);
+    rig.wait_for(&format!("status {code} {vendor:04X}"), timeout_ms, |rig| {
+        condition(rig) == expected
+    });
 }
 
 /// Frames of v0, and frames of the draft whose types the node does not receive.
@@ -161,7 +170,11 @@ fn it_uses_the_draft_from_power_on() {
         rig.run_ms(6_500);
         assert!(statuses(&rig).len() >= 5, "{:?}", rig.traffic);
         // No other node sends.
-        assert!(rig.traffic.iter().all(|(_, frame)| is_of_node(frame, STATUS)), "{:?}", rig.traffic);
+        assert!(
+            rig.traffic.iter().all(|(_, frame)| is_of_node(frame, STATUS)),
+            "{:?}",
+            rig.traffic
+        );
     }
 }
 
@@ -172,18 +185,24 @@ fn the_first_status_comes_at_once_with_mode_initialization() {
     let codes: Vec<StatusCode> = statuses(&rig).iter().map(|(_, status)| status.code).collect();
     assert_eq!(codes, [StatusCode::Initializing, StatusCode::Ok]);
     assert!(statuses(&rig)[0].0 < 30 * MS);
-    assert!(statuses(&rig).iter().all(|(_, status)| status.vendor_code == VendorCode::Short(DRAFT)));
+    assert!(
+        statuses(&rig).iter().all(|(_, status)| status.vendor_code == VendorCode::Short(DRAFT))
+    );
 }
 
 #[test]
 fn the_serial_monitor_prints_the_banner_and_the_dialect() {
     let mut rig = Rig::powered();
     rig.wait_for_line("CAN: running", 100);
-    let banner = format!("DroneCAN servo node {}, node ID {NODE}, reset: power-on", env!("CARGO_PKG_VERSION"));
+    let banner = format!(
+        "DroneCAN servo node {}, node ID {NODE}, reset: power-on",
+        env!("CARGO_PKG_VERSION")
+    );
     assert_eq!(rig.serial.lines().collect::<Vec<_>>(), [&banner, "draft of 2014", "CAN: running"]);
 }
 
-/// After each reset the node uses the draft, reports the cause, and makes no pulse until the next command.
+/// After each reset the node uses the draft, reports the cause, and makes no pulse until the next
+/// command.
 #[test]
 fn a_restart_is_reported_and_leaves_the_servo_without_pulses() {
     for (cause, logged, bit) in [
@@ -207,7 +226,8 @@ fn a_restart_is_reported_and_leaves_the_servo_without_pulses() {
     }
 }
 
-/// A record of another firmware is not valid for this one. This firmware cannot save its own, so it reports the condition permanently.
+/// A record of another firmware is not valid for this one. This firmware cannot save its own, so it
+/// reports the condition permanently.
 #[test]
 fn parameters_of_another_firmware_are_not_used() {
     let mut other = Rig::with_features("none");
@@ -225,8 +245,8 @@ fn parameters_of_another_firmware_are_not_used() {
 
 // ---- the filters ----
 
-/// Reads RXF0SIDH to RXF5EID0 and RXM0SIDH to RXM1EID0 as identifiers (DS20001801J registers 4-10 to 4-17). The chip shows them in configuration
-/// mode only; the function leaves the chip in it.
+/// Reads RXF0SIDH to RXF5EID0 and RXM0SIDH to RXM1EID0 as identifiers (DS20001801J registers 4-10
+/// to 4-17). The chip shows them in configuration mode only; the function leaves the chip in it.
 fn filters_and_masks(rig: &mut Rig) -> Vec<u32> {
     const FIRST: [u8; 8] = [0x00, 0x04, 0x08, 0x10, 0x14, 0x18, 0x20, 0x24];
     const WRITE: u8 = 0x02;
@@ -263,7 +283,8 @@ fn the_filters_are_the_thesis_s_with_any_sender_also_after_a_failsafe() {
     }
 }
 
-/// Frames that differ from a command or a status in one bit of the identifier; the filters reject all others.
+/// Frames that differ from a command or a status in one bit of the identifier; the filters reject
+/// all others.
 #[test]
 fn only_the_bits_of_the_mask_decide_what_the_filters_accept() {
     let mut rig = Rig::running();
@@ -277,7 +298,11 @@ fn only_the_bits_of_the_mask_decide_what_the_filters_accept() {
         assert!(passes(&mut rig, Frame::extended(id, &[0])));
         for bit in 0..29 {
             let expected = MASK & 1 << bit == 0;
-            assert_eq!(passes(&mut rig, Frame::extended(id ^ 1 << bit, &[0])), expected, "{id:08X}, bit {bit}");
+            assert_eq!(
+                passes(&mut rig, Frame::extended(id ^ 1 << bit, &[0])),
+                expected,
+                "{id:08X}, bit {bit}"
+            );
         }
         assert!(!passes(&mut rig, Frame::standard((id >> 18) as u16, &[0])), "{id:08X}");
     }
@@ -301,14 +326,18 @@ fn frames_of_v0_and_other_types_of_the_draft_do_not_move_the_servo_and_are_not_a
     let own: Vec<_> = rig.traffic.iter().filter(|(_, frame)| !foreign.contains(frame)).collect();
     assert_eq!(rig.traffic.len() - own.len(), 10 * foreign.len());
     // The node's own status each second is the only one.
-    assert!((1..=2).contains(&own.len()) && own.iter().all(|(_, frame)| is_of_node(frame, STATUS)), "{own:?}");
+    assert!(
+        (1..=2).contains(&own.len()) && own.iter().all(|(_, frame)| is_of_node(frame, STATUS)),
+        "{own:?}"
+    );
     assert!(!rig.serial.contains("rx ") && !rig.serial.contains("refused"), "{}", rig.serial);
     assert_position(&mut rig, 255, "after all");
 }
 
 // ---- commands ----
 
-/// The session printed in the thesis: identifier 398722057 is type 760 of node 1, transfer 1, with the value 1. A byte is 0 to 180 degrees.
+/// The session printed in the thesis: identifier 398722057 is type 760 of node 1, transfer 1, with
+/// the value 1. A byte is 0 to 180 degrees.
 #[test]
 fn the_session_printed_in_the_thesis_gives_its_results() {
     let mut rig = Rig::running();
@@ -316,7 +345,11 @@ fn the_session_printed_in_the_thesis_gives_its_results() {
     let degrees = (rig.settled_pulse_us() - 1000.0) * 180.0 / 1000.0;
     assert!((degrees - 180.0 / 255.0).abs() < 0.1, "{degrees}");
     rig.run_ms(50);
-    assert!(rig.serial.contains("rx thesis.ServoCommand from 1 tid 1: 1, pulse 1004.0 us"), "{}", rig.serial);
+    assert!(
+        rig.serial.contains("rx thesis.ServoCommand from 1 tid 1: 1, pulse 1004.0 us"),
+        "{}",
+        rig.serial
+    );
 }
 
 #[test]
@@ -325,7 +358,8 @@ fn each_value_of_a_command_has_its_own_pulse_width() {
     for position in (0..=255).rev() {
         command(&mut rig, AUTOPILOT, position);
         rig.run_ms(2);
-        // The register has steps of half a microsecond; the pulse is one step longer than its value.
+        // The register has steps of half a microsecond; the pulse is one step longer than its
+        // value.
         let written_us = f64::from(compare_register(rig.board()) + 1) / 2.0;
         assert!((written_us - pulse_us(position)).abs() <= 0.5, "{position}: {written_us} us");
     }
@@ -343,7 +377,10 @@ fn a_command_of_any_node_is_followed() {
         rig.send(message_id(COMMAND, source, source), &[source as u8]);
         rig.run_ms(2);
         let written_us = f64::from(compare_register(rig.board()) + 1) / 2.0;
-        assert!((written_us - pulse_us(source as u8)).abs() <= 0.5, "node {source}: {written_us} us");
+        assert!(
+            (written_us - pulse_us(source as u8)).abs() <= 0.5,
+            "node {source}: {written_us} us"
+        );
     }
 }
 
@@ -370,7 +407,10 @@ fn an_invalid_command_frame_does_not_move_the_servo() {
         (Frame::extended(id & !LAST, &[0]), None),
         (Frame::extended(id & !LAST, &[0, 0, 0, 0, 0, 0, 0, 0]), None),
         (Frame::extended(message_id(COMMAND, 0, 3), &[0]), Some("type 760 from 0, wrong sender")),
-        (Frame::extended(message_id(COMMAND, NODE, 3), &[0]), Some("type 760 from 120, wrong sender")),
+        (
+            Frame::extended(message_id(COMMAND, NODE, 3), &[0]),
+            Some("type 760 from 120, wrong sender"),
+        ),
         (Frame::remote(Id::Extended(id), 1), Some("not a type of this node")),
     ];
     let mut rig = node_at_maximum();
@@ -379,7 +419,8 @@ fn an_invalid_command_frame_does_not_move_the_servo() {
         rig.forget();
         rig.send_frame(frame);
         rig.run_ms(40);
-        let lines: Vec<&str> = rig.serial.lines().filter_map(|line| line.strip_prefix("refused: ")).collect();
+        let lines: Vec<&str> =
+            rig.serial.lines().filter_map(|line| line.strip_prefix("refused: ")).collect();
         assert_eq!(lines, Vec::from_iter(logged), "{frame}");
         refused += u32::from(logged.is_some());
         assert_position(&mut rig, 255, &frame.to_string());
@@ -435,7 +476,12 @@ fn when_commands_stop_for_a_second_the_servo_holds_and_the_status_reports_it() {
         command(&mut rig, AUTOPILOT, 100);
         rig.run_ms(20);
     }
-    assert_eq!(rig.serial.lines().filter(|line| *line == "commands again").count(), 1, "{}", rig.serial);
+    assert_eq!(
+        rig.serial.lines().filter(|line| *line == "commands again").count(),
+        1,
+        "{}",
+        rig.serial
+    );
     assert_eq!(condition(&rig), Some((StatusCode::Ok, VendorCode::Short(DRAFT))));
     assert_position(&mut rig, 100, "the next commands");
 }
@@ -456,12 +502,16 @@ fn statuses_and_invalid_commands_do_not_prevent_the_failsafe() {
 fn before_the_first_command_there_is_no_pulse_and_no_failsafe() {
     let mut rig = Rig::running();
     rig.run_ms(3_000);
-    assert_eq!((condition(&rig), &rig.pulses[..]), (Some((StatusCode::Ok, VendorCode::Short(DRAFT))), &[][..]));
+    assert_eq!(
+        (condition(&rig), &rig.pulses[..]),
+        (Some((StatusCode::Ok, VendorCode::Short(DRAFT))), &[][..])
+    );
 }
 
 // ---- statuses ----
 
-/// Uptime in 28 bits, the status code in the four bits above, and a vendor code of 16 bits. Transfer IDs count to 7.
+/// Uptime in 28 bits, the status code in the four bits above, and a vendor code of 16 bits.
+/// Transfer IDs count to 7.
 #[test]
 fn its_status_has_the_form_of_march_2015() {
     let mut rig = following_autopilot();
@@ -480,7 +530,10 @@ fn its_status_has_the_form_of_march_2015() {
         Id::Extended(id) => id - DRAFT_STATUS_OF_NODE,
         Id::Standard(_) => panic!("{frame}"),
     };
-    assert!(frames.windows(2).all(|pair| number(&pair[1].1) == (number(&pair[0].1) + 1) % 8), "{frames:?}");
+    assert!(
+        frames.windows(2).all(|pair| number(&pair[1].1) == (number(&pair[0].1) + 1) % 8),
+        "{frames:?}"
+    );
     assert!(rig.broken.is_empty(), "{:?}", rig.broken);
 }
 
@@ -488,9 +541,9 @@ fn its_status_has_the_form_of_march_2015() {
 fn its_status_follows_that_of_the_autopilot() {
     let mut rig = following_autopilot();
     rig.run_ms(5_000);
-    let of_autopilot =
-        |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID == message_id(STATUS, AUTOPILOT, 0));
-    let calls: Vec<Cycles> = rig.traffic.iter().filter(|(_, frame)| of_autopilot(frame)).map(|(at, _)| *at).collect();
+    let of_autopilot = |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID == message_id(STATUS, AUTOPILOT, 0));
+    let calls: Vec<Cycles> =
+        rig.traffic.iter().filter(|(_, frame)| of_autopilot(frame)).map(|(at, _)| *at).collect();
     assert!(calls.len() >= 4 && statuses(&rig).len().abs_diff(calls.len()) <= 1, "{calls:?}");
     rig.run_ms(20);
     for call in calls {
@@ -530,9 +583,15 @@ fn statuses_of_the_four_known_lengths_are_answered_and_no_others() {
     };
     let id = message_id(STATUS, AUTOPILOT, 0);
     for len in 0..=8 {
-        assert_eq!(answered(&mut rig, id, &[0; 8][..len]), matches!(len, 4 | 6 | 7 | 8), "{len} bytes");
+        assert_eq!(
+            answered(&mut rig, id, &[0; 8][..len]),
+            matches!(len, 4 | 6 | 7 | 8),
+            "{len} bytes"
+        );
     }
-    for wrong in [message_id(STATUS, 0, 0), id | INDEX, id & !LAST, id | UNICAST, id & !BROADCAST | REQUEST] {
+    for wrong in
+        [message_id(STATUS, 0, 0), id | INDEX, id & !LAST, id | UNICAST, id & !BROADCAST | REQUEST]
+    {
         assert!(!answered(&mut rig, wrong, &TEN_SECONDS), "{wrong:08X}");
     }
 }
@@ -578,10 +637,16 @@ fn the_serial_monitor_logs_each_status_each_command_and_the_temperature() {
         "rx NodeStatus from 1 tid 3: up 266 s, OK, INITIALIZATION",
         "rx thesis.ServoCommand from 1 tid 0: 90, pulse 1353.0 us",
     ] {
-        assert!(rig.serial.lines().any(|logged| logged == line), "{line:?} is missing in\n{}", rig.serial);
+        assert!(
+            rig.serial.lines().any(|logged| logged == line),
+            "{line:?} is missing in\n{}",
+            rig.serial
+        );
     }
-    let shown =
-        rig.serial.lines().find_map(|line| line.strip_prefix("temperature +")?.strip_suffix(" C")?.parse().ok());
+    let shown = rig
+        .serial
+        .lines()
+        .find_map(|line| line.strip_prefix("temperature +")?.strip_suffix(" C")?.parse().ok());
     assert!(shown.is_some_and(|celsius: f64| (celsius - 31.0).abs() < 0.5), "{}", rig.serial);
 }
 
@@ -590,7 +655,8 @@ fn the_serial_monitor_logs_each_status_each_command_and_the_temperature() {
 #[test]
 fn it_sends_whole_degrees_at_every_third_status_of_the_autopilot() {
     let mut rig = following_autopilot();
-    // The last voltage is a short to the supply, which means a temperature that does not fit in a byte.
+    // The last voltage is a short to the supply, which means a temperature that does not fit in a
+    // byte.
     for (millivolts, expected) in [(0, 0), (250, 25), (800, 80), (5000, 255)] {
         rig.board().set_sensor_millivolts(millivolts);
         rig.run_ms(3_000);
@@ -598,7 +664,10 @@ fn it_sends_whole_degrees_at_every_third_status_of_the_autopilot() {
         rig.run_ms(6_000);
         let measured = measurements(&rig);
         assert_eq!(measured.len(), 2, "at {millivolts} mV {measured:?}");
-        assert!(measured.iter().all(|number| number.abs_diff(expected) <= 1), "at {millivolts} mV {measured:?}");
+        assert!(
+            measured.iter().all(|number| number.abs_diff(expected) <= 1),
+            "at {millivolts} mV {measured:?}"
+        );
     }
 }
 
@@ -658,7 +727,8 @@ fn the_count_of_the_button_wraps_from_255_to_0() {
     }
 }
 
-/// The temperature and the count have the same type, so they share transfer IDs. The statuses have their own.
+/// The temperature and the count have the same type, so they share transfer IDs. The statuses have
+/// their own.
 #[test]
 fn temperature_and_button_share_their_transfer_ids() {
     let mut rig = following_autopilot();
@@ -668,12 +738,15 @@ fn temperature_and_button_share_their_transfer_ids() {
     }
     let numbers: Vec<u8> = node_messages(&rig)
         .into_iter()
-        .filter_map(|(_, number, message)| matches!(message, Message::ThesisMeasurement(_)).then_some(number))
+        .filter_map(|(_, number, message)| {
+            matches!(message, Message::ThesisMeasurement(_)).then_some(number)
+        })
         .collect();
     assert!(numbers.len() >= 27, "20 presses and 8 temperatures: {numbers:?}");
     assert!(numbers.windows(2).all(|pair| pair[1] == (pair[0] + 1) % 8), "{numbers:?}");
     // Type, sender, last frame, first transfer; one press.
-    let sent: Vec<&Frame> = rig.traffic.iter().map(|(_, frame)| frame).filter(|f| is_of_node(f, MEASUREMENT)).collect();
+    let sent: Vec<&Frame> =
+        rig.traffic.iter().map(|(_, frame)| frame).filter(|f| is_of_node(f, MEASUREMENT)).collect();
     assert_eq!((sent.len(), sent[0]), (numbers.len(), &parse_frames("17CDE008 01")[0]));
 }
 
@@ -701,9 +774,14 @@ impl Load {
             Load::Empty => Frame::extended(id, &[]),
             Load::Statuses => {
                 let status = [n as u8, 0, 0, 0, 0, 0, 0, 0];
-                Frame::extended(message_id(STATUS, AUTOPILOT, n), &status[..[4, 6, 7, 8][n as usize % 4]])
+                Frame::extended(
+                    message_id(STATUS, AUTOPILOT, n),
+                    &status[..[4, 6, 7, 8][n as usize % 4]],
+                )
             }
-            Load::Wrong if n.is_multiple_of(3) => Frame::extended(message_id(COMMAND, 0, n), &[position]),
+            Load::Wrong if n.is_multiple_of(3) => {
+                Frame::extended(message_id(COMMAND, 0, n), &[position])
+            }
             Load::Wrong if n % 3 == 1 => Frame::extended(id, &[position; 8]),
             Load::Wrong => Frame::extended(id | INDEX, &[position]),
             Load::Mixed => match n * 7919 / 16 % 6 {
@@ -717,7 +795,8 @@ impl Load {
     }
 }
 
-/// A node under a load of `frames` frames back to back. Meanwhile the button is pressed and `?` is typed.
+/// A node under a load of `frames` frames back to back. Meanwhile the button is pressed and `?` is
+/// typed.
 struct Loaded {
     rig: Rig,
     meter: Meter,
@@ -740,7 +819,14 @@ impl Loaded {
         }
         let meter = Meter::attach(rig.board());
         let register = compare_register(rig.board());
-        let mut loaded = Loaded { rig, meter, register, waiting: VecDeque::new(), left_out: 0, to_servo: Vec::new() };
+        let mut loaded = Loaded {
+            rig,
+            meter,
+            register,
+            waiting: VecDeque::new(),
+            left_out: 0,
+            to_servo: Vec::new(),
+        };
         let mut ms = 0;
         while loaded.rig.peer.borrow().queued() > 0 {
             ms += 1;
@@ -772,15 +858,24 @@ impl Loaded {
         }
         // The command may be written before the bench reports the frame.
         self.rig.run_until(end + 1);
-        self.waiting.extend(self.rig.traffic.iter().filter_map(|(at, frame)| match (frame.id, frame.data()) {
-            (Id::Extended(id), &[position]) if id & !TRANSFER_ID == message_id(COMMAND, OTHER, 0) => {
-                Some((*at, position))
+        self.waiting.extend(self.rig.traffic.iter().filter_map(|(at, frame)| {
+            match (frame.id, frame.data()) {
+                (Id::Extended(id), &[position])
+                    if id & !TRANSFER_ID == message_id(COMMAND, OTHER, 0) =>
+                {
+                    Some((*at, position))
+                }
+                _ => None,
             }
-            _ => None,
         }));
         for (at, width_us) in writes {
-            let is_of = |&(_, position): &(Cycles, u8)| (width_us - pulse_us(position)).abs() <= 1.0;
-            let found = self.waiting.iter().position(is_of).expect("a command for each write to the register");
+            let is_of =
+                |&(_, position): &(Cycles, u8)| (width_us - pulse_us(position)).abs() <= 1.0;
+            let found = self
+                .waiting
+                .iter()
+                .position(is_of)
+                .expect("a command for each write to the register");
             let (ended_at, _) = self.waiting[found];
             self.waiting.drain(..=found);
             self.left_out += found;
@@ -791,7 +886,8 @@ impl Loaded {
     }
 }
 
-/// Number of commands that may be lost out of 12,000 back to back. Each lasts 67 us, the shortest possible frame (docs/decisions.md).
+/// Number of commands that may be lost out of 12,000 back to back. Each lasts 67 us, the shortest
+/// possible frame (docs/decisions.md).
 const MOST_LOST: u64 = 250;
 
 /// The shortest frames come every 67 us, and the queue has room for four.
@@ -812,7 +908,11 @@ fn on_a_full_bus_every_command_is_in_the_servo_s_register_within_500_us_of_its_e
     for load in [Load::Commands, Load::Mixed] {
         let mut loaded = Loaded::run(load, 12_000);
         let most_lost = if load == Load::Commands { MOST_LOST as usize } else { 0 };
-        assert!(loaded.meter.lost <= most_lost as u64 && loaded.left_out <= most_lost, "{load:?}: {}", loaded.left_out);
+        assert!(
+            loaded.meter.lost <= most_lost as u64 && loaded.left_out <= most_lost,
+            "{load:?}: {}",
+            loaded.left_out
+        );
         assert!(loaded.waiting.is_empty(), "{load:?}");
         loaded.to_servo.sort();
         let (count, max) = (loaded.to_servo.len(), loaded.to_servo.last().expect("commands") / US);
@@ -837,7 +937,8 @@ fn on_a_quiet_bus_a_command_is_in_the_servo_s_register_within_150_us_of_its_end(
         let written = rig.now();
         rig.run_until(written + US);
         let is_command = |frame: &Frame| frame.id == Id::Extended(message_id(COMMAND, OTHER, 0));
-        let ended = rig.traffic.iter().rfind(|(_, frame)| is_command(frame)).expect("the command").0;
+        let ended =
+            rig.traffic.iter().rfind(|(_, frame)| is_command(frame)).expect("the command").0;
         cycles.push(written - ended);
     }
     cycles.sort();

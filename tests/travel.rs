@@ -14,7 +14,10 @@ fn assert_follows(rig: &mut Rig, cases: &[(u8, f32, f64)]) {
     for (command_type, value, pulse_us) in cases {
         rig.send_command(1, *command_type, *value);
         let pulse = rig.settled_pulse_us();
-        assert!((pulse - pulse_us).abs() <= 0.5, "type {command_type}, value {value}: {pulse} us, not {pulse_us} us");
+        assert!(
+            (pulse - pulse_us).abs() <= 0.5,
+            "type {command_type}, value {value}: {pulse} us, not {pulse_us} us"
+        );
     }
 }
 
@@ -66,7 +69,8 @@ fn the_widest_travel_is_500_to_2500_us() {
 
 #[test]
 fn reversed_inverts_deflections_and_not_pulse_widths() {
-    let mut rig = with(&[("OUT1_MIN", 1200), ("OUT1_TRIM", 1400), ("OUT1_MAX", 1900), ("OUT1_REVERSED", 1)]);
+    let mut rig =
+        with(&[("OUT1_MIN", 1200), ("OUT1_TRIM", 1400), ("OUT1_MAX", 1900), ("OUT1_REVERSED", 1)]);
     assert_follows(
         &mut rig,
         &[

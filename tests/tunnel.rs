@@ -1,4 +1,5 @@
-//! The serial monitor over the bus (feature `tunnel`): tunnel.Targetted, as ArduPilot's nodes and the DroneCAN GUI Tool use it.
+//! The serial monitor over the bus (feature `tunnel`): tunnel.Targetted, as ArduPilot's nodes and
+//! the DroneCAN GUI Tool use it.
 
 use bench::F_CPU_HZ;
 use bench::dronecan::{CanId, Transfer, TunnelTargetted};
@@ -8,7 +9,8 @@ use rig::{NODE, Rig};
 const TARGETTED: u32 = 0x100B_B97E;
 const ASKER: u8 = 126;
 
-/// Sends the node a Targetted with these characters and this transfer ID, which asks it for its output.
+/// Sends the node a Targetted with these characters and this transfer ID, which asks it for its
+/// output.
 fn ask(rig: &mut Rig, target: u8, characters: &[u8], transfer_id: u8) {
     let header = [2, target << 1 | 1, 0xF0, 0, 0xC2, 1];
     let tail = [0xC0 | transfer_id];
@@ -43,10 +45,12 @@ fn a_node_that_asks_receives_the_output_of_the_serial_monitor() {
     rig.run_ms(2500);
     let tunnel_text = tunnel_text(&rig);
     assert!(
-        tunnel_text.contains("rx Targetted from 126 tid 0") && tunnel_text.contains("temperature +20.0 C"),
+        tunnel_text.contains("rx Targetted from 126 tid 0")
+            && tunnel_text.contains("temperature +20.0 C"),
         "{tunnel_text}"
     );
-    // The same text as on the serial port, except for incomplete lines at the beginning and at the end.
+    // The same text as on the serial port, except for incomplete lines at the beginning and at the
+    // end.
     assert!(
         rig.serial.contains(tunnel_text.trim_end_matches(|c| c != '\n')),
         "{tunnel_text}\nis not in\n{}",

@@ -1,4 +1,5 @@
-//! Firmware updates over the bus: the bootloader of `boot/` on a simulated board, and a file server.
+//! Firmware updates over the bus: the bootloader of `boot/` on a simulated board, and a file
+//! server.
 
 #[path = "support/update_bench.rs"]
 mod update_bench;
@@ -31,7 +32,8 @@ fn the_bootloader_writes_a_file_from_a_server_and_starts_it() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
-/// The file fills the flash of an ATmega168, or is the longer program of an ATmega328P. Page writes take their real time.
+/// The file fills the flash of an ATmega168, or is the longer program of an ATmega328P. Page writes
+/// take their real time.
 #[test]
 fn an_update_of_14_kb_takes_less_than_3_seconds_at_1_mbit_per_second() {
     let mut bench = UpdateBench::empty();
@@ -308,7 +310,10 @@ fn a_program_in_use_rejects_an_update_with_a_reason() {
     }
     let long = [&[0][..], &[b'p'; 25]].concat();
     let response = bench.call(BEGIN_FIRMWARE_UPDATE, &long);
-    assert_eq!((response[0], &response[1..]), (INVALID_MODE, &b"path longer than 24 characters"[..]));
+    assert_eq!(
+        (response[0], &response[1..]),
+        (INVALID_MODE, &b"path longer than 24 characters"[..])
+    );
     assert_eq!(bench.begin_update("fw.bin"), OK);
     bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
 }
@@ -319,7 +324,10 @@ fn a_program_that_hangs_repeatedly_starts_the_bootloader() {
     bench.wait_for_program(1500);
     // WDR is 0x95A8; the last one of the program is in the main loop. RJMP to itself is 0xCFFF.
     let program = bench.flash(file().len());
-    let wdr = (0x68..program.len()).step_by(2).rfind(|&at| program[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
+    let wdr = (0x68..program.len())
+        .step_by(2)
+        .rfind(|&at| program[at..at + 2] == [0xA8, 0x95])
+        .expect("a main loop");
     bench.bench.board(0).avr_mut().load_flash(wdr, &[0xFF, 0xCF]);
     bench.run_ms(2000);
     assert_eq!(bench.next_mode(), MAINTENANCE);
@@ -327,8 +335,9 @@ fn a_program_that_hangs_repeatedly_starts_the_bootloader() {
     bench.wait_for_program(10_000);
 }
 
-/// Mission Planner sends BeginFirmwareUpdate, in one frame, after a GetNodeInfo response whose name and hardware version fit its file, or whose name
-/// is empty. After an OK it does not send it again, but continues to send GetNodeInfo to nodes that restart.
+/// Mission Planner sends BeginFirmwareUpdate, in one frame, after a GetNodeInfo response whose name
+/// and hardware version fit its file, or whose name is empty. After an OK it does not send it
+/// again, but continues to send GetNodeInfo to nodes that restart.
 #[test]
 fn an_update_by_mission_planner_succeeds() {
     let mut bench = UpdateBench::with_program();
@@ -352,8 +361,8 @@ fn an_update_by_mission_planner_succeeds() {
     assert_eq!(bench.call(GET_NODE_INFO, &[])[41..], name);
 }
 
-/// PX4 takes the bootloader for a node that has restarted: it sends GetNodeInfo, and BeginFirmwareUpdate again. Its files are named after the
-/// board.
+/// PX4 takes the bootloader for a node that has restarted: it sends GetNodeInfo, and
+/// BeginFirmwareUpdate again. Its files are named after the board.
 #[test]
 fn an_update_by_px4_succeeds() {
     let mut bench = UpdateBench::with_program();
@@ -370,7 +379,8 @@ fn an_update_by_px4_succeeds() {
     assert_eq!(bench.call(GET_NODE_INFO, &[])[7..9], file()[HEADER + 2..HEADER + 4]);
 }
 
-/// The DroneCAN GUI Tool sends up to four requests, 2 s apart, with a path of 7 characters, until the node's mode is SOFTWARE_UPDATE.
+/// The DroneCAN GUI Tool sends up to four requests, 2 s apart, with a path of 7 characters, until
+/// the node's mode is SOFTWARE_UPDATE.
 #[test]
 fn an_update_by_the_gui_tool_needs_one_request() {
     let mut bench = UpdateBench::with_program();
@@ -410,13 +420,15 @@ fn an_update_of_another_node_at_the_same_time_changes_nothing() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
-/// Runs updates with power cuts at random times. After each cut the board runs a complete program or waits in the bootloader.
+/// Runs updates with power cuts at random times. After each cut the board runs a complete program
+/// or waits in the bootloader.
 fn cut_power_at_random(cuts: u64, seed: u64) {
     let whole = file();
     let mut state = seed;
     let mut random = |limit: u64| {
         // The generator of Numerical Recipes. Its upper bits are random enough.
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % limit
     };
     let mut bench = UpdateBench::with(&[(0, whole.clone())], &[], board().fastest_bit_rate());
@@ -432,7 +444,10 @@ fn cut_power_at_random(cuts: u64, seed: u64) {
         bench.cut_power();
         let mode = bench.next_mode();
         assert!(mode <= MAINTENANCE, "mode {mode} after cut {cut}");
-        assert!(mode == MAINTENANCE || bench.flash(whole.len()) == whole, "an incomplete program runs after cut {cut}");
+        assert!(
+            mode == MAINTENANCE || bench.flash(whole.len()) == whole,
+            "an incomplete program runs after cut {cut}"
+        );
     }
     if bench.next_mode() != MAINTENANCE {
         bench.wait_in_the_bootloader();

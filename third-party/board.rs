@@ -1,9 +1,10 @@
-//! The Arduino board of these firmwares: SPI to the MCP2515, a blocking serial port, a cycle counter.
+//! The Arduino board of these firmwares: SPI to the MCP2515, a blocking serial port, a cycle
+//! counter.
 //!
-//! Pins: D4 (PD4) low selects reception only. Chip select is D9 (PB1) or D10 (PB2); D10 is an output so that the SPI stays master. D11 MOSI,
-//! D12 MISO, D13 SCK, D1 TXD.
-//! This file knows nothing of CAN and shares no code with the node's `src/`: the firmwares that check the simulator's model
-//! must be independent of the firmware for which the model was made.
+//! Pins: D4 (PD4) low selects reception only. Chip select is D9 (PB1) or D10 (PB2); D10 is an
+//! output so that the SPI stays master. D11 MOSI, D12 MISO, D13 SCK, D1 TXD.
+//! This file knows nothing of CAN and shares no code with the node's `src/`: the firmwares that
+//! check the simulator's model must be independent of the firmware for which the model was made.
 //! Source: ATmega48/88/168 datasheet, sections SPI, USART0, 16-bit Timer/Counter1.
 
 use crate::can_board::{CRYSTAL_MHZ, CS_IS_D10};
@@ -34,7 +35,8 @@ pub enum Task {
     ReceiveOnly,
 }
 
-/// Sets up the board: SPI mode 0 at 8 MHz, most significant bit first; serial 115200 8N1; Timer1 at 16 MHz.
+/// Sets up the board: SPI mode 0 at 8 MHz, most significant bit first; serial 115200 8N1; Timer1 at
+/// 16 MHz.
 pub fn take() -> (CanSpi, Serial, Clock, Task) {
     let peripherals = Peripherals::take().unwrap();
 
@@ -57,7 +59,8 @@ pub fn take() -> (CanSpi, Serial, Clock, Task) {
     button.portd().write(|w| w.pd4().set_bit());
     // The pull-up needs a moment.
     avr_device::asm::delay_cycles(F_CPU_HZ / 1_000_000);
-    let task = if button.pind().read().pd4().bit_is_set() { Task::WholeJob } else { Task::ReceiveOnly };
+    let task =
+        if button.pind().read().pd4().bit_is_set() { Task::WholeJob } else { Task::ReceiveOnly };
 
     (CanSpi { spi, port }, Serial { usart }, Clock { timer }, task)
 }
@@ -105,7 +108,8 @@ impl SpiDevice for CanSpi {
             }
         }
         select(&mut self.port, false);
-        // `mcp25xx` continues at once after RESET, and a crystal of 8 MHz needs 16 us to start again (DS20001801J 8.1).
+        // `mcp25xx` continues at once after RESET, and a crystal of 8 MHz needs 16 us to start
+        // again (DS20001801J 8.1).
         if CRYSTAL_MHZ == 8 && matches!(*operations, [Operation::Write([RESET])]) {
             avr_device::asm::delay_cycles(START_UP_US * (F_CPU_HZ / 1_000_000));
         }
@@ -122,7 +126,8 @@ fn select(port: &mut PORTB, selected: bool) {
     }
 }
 
-/// The serial port, for output only. A write waits for room, which makes the firmwares slow while they report.
+/// The serial port, for output only. A write waits for room, which makes the firmwares slow while
+/// they report.
 pub struct Serial {
     usart: USART0,
 }

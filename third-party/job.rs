@@ -1,7 +1,8 @@
 //! The job of every firmware here, with any driver: receive, answer, report, and count.
 //!
 //! The answer to a frame has the next ID and the complemented data (a remote frame for a remote
-//! frame). Every 25 overflows of the clock, about 102 ms, the firmware sends a counter frame. Reports on the serial port:
+//! frame). Every 25 overflows of the clock, about 102 ms, the firmware sends a counter frame.
+//! Reports on the serial port:
 //!
 //! ```text
 //! I                            the chip is configured and in normal mode
@@ -12,15 +13,17 @@
 //!
 //! If D4 is low at the start, the firmware only receives.
 //!
-//! A report takes about 3 ms, twenty frame times. Frames that arrive meanwhile wait in the two receive buffers.
+//! A report takes about 3 ms, twenty frame times. Frames that arrive meanwhile wait in the two
+//! receive buffers.
 
 use crate::board::{Clock, Serial, Task};
 use embedded_can::{ExtendedId, Frame, Id, StandardId};
 
 /// Mask of RXB0: all but the low byte of an extended ID.
 pub const MASK_0: Id = extended(0x1FFF_FF00);
-/// Mask of RXB1: the upper 13 bits of an extended ID, all 11 of a standard one. Its EID8 and EID0 must stay 0, because
-/// the MCP2515 applies these two to the first two data bytes of a standard frame (DS20001801, section 4.5).
+/// Mask of RXB1: the upper 13 bits of an extended ID, all 11 of a standard one. Its EID8 and EID0
+/// must stay 0, because the MCP2515 applies these two to the first two data bytes of a standard
+/// frame (DS20001801, section 4.5).
 pub const MASK_1: Id = extended(0x1FFF_0000);
 /// Filters RXF0 to RXF5; the first two belong to RXB0.
 pub const FILTERS: [Id; 6] = [
@@ -83,7 +86,9 @@ pub fn run<D: Driver>(mut driver: D, mut serial: Serial, mut clock: Clock, task:
         if overflows == OVERFLOWS_PER_COUNT {
             overflows = 0;
             count = count.wrapping_add(1);
-            if !Frame::new(COUNTER_ID, &count.to_be_bytes()).is_some_and(|frame| driver.send(&frame)) {
+            if !Frame::new(COUNTER_ID, &count.to_be_bytes())
+                .is_some_and(|frame| driver.send(&frame))
+            {
                 report(&mut serial, b'X');
             }
         }

@@ -1,7 +1,9 @@
-//! Timing of the shipped ELF in cycles of its AVR, that of firmwares with third-party drivers, and the speed of the simulator.
-//! Prints and writes docs/benchmarks.md with its plots, and docs/simulation-speed.md.
+//! Timing of the shipped ELF in cycles of its AVR, that of firmwares with third-party drivers, and
+//! the speed of the simulator. Prints and writes docs/benchmarks.md with its plots, and
+//! docs/simulation-speed.md.
 //!
-//! It measures everything from outside: at the pins, on the SPI, on the bus, and by the program counter.
+//! It measures everything from outside: at the pins, on the SPI, on the bus, and by the program
+//! counter.
 
 mod plot;
 mod third_party;
@@ -108,7 +110,12 @@ fn loads(page: &mut String, runs: &[(Load, u64, Figures)]) {
                 meter.out_of_order.to_string(),
                 if figures.stuck { "yes" } else { "no" }.to_owned(),
                 format!("{} / {}", meter.service.median(), meter.service.max()),
-                format!("{} / {} / {}", meter.latency.median(), meter.latency.percentile(99), meter.latency.max()),
+                format!(
+                    "{} / {} / {}",
+                    meter.latency.median(),
+                    meter.latency.percentile(99),
+                    meter.latency.max()
+                ),
                 meter.selects.max().to_string(),
                 meter.overhead.max().to_string(),
             ],
@@ -206,8 +213,11 @@ fn turns(page: &mut String) {
         loaded.run_ms(PROFILE_MS);
         let (count, mean, longest) = profile.turns();
         let tasks = profile.tasks(&names);
-        let most: Vec<String> =
-            tasks.iter().take(3).map(|share| format!("`{}` {}", share.name, share.cycles)).collect();
+        let most: Vec<String> = tasks
+            .iter()
+            .take(3)
+            .map(|share| format!("`{}` {}", share.name, share.cycles))
+            .collect();
         row(
             page,
             &[
@@ -228,7 +238,9 @@ fn turns(page: &mut String) {
                 row(&mut table, &[share.cycles.to_string(), format!("`{}`", share.name)]);
             }
             table.push_str("\n| cycles | function |\n| ---: | --- |\n");
-            for share in profile.functions(&names).iter().filter(|share| share.cycles * 50 >= longest) {
+            for share in
+                profile.functions(&names).iter().filter(|share| share.cycles * 50 >= longest)
+            {
                 row(&mut table, &[share.cycles.to_string(), format!("`{}`", share.name)]);
             }
             worst = Some((longest, table));
@@ -248,7 +260,10 @@ fn turns(page: &mut String) {
                 budget().statics_and_stack
             );
             for call in &calls {
-                row(&mut table, &[(top - call.sp).to_string(), format!("`{}`", names.function(call.from))]);
+                row(
+                    &mut table,
+                    &[(top - call.sp).to_string(), format!("`{}`", names.function(call.from))],
+                );
             }
             deepest = Some((depth, table));
         }
@@ -272,8 +287,13 @@ impl Firmware {
             100 => run(Pace::Full),
             _ => run(Pace::Every(full * 100 / percent)),
         });
-        let lost = |meter: &Meter| 100.0 * meter.lost as f64 / (meter.frames + meter.lost).max(1) as f64;
-        let loss = PERCENTS.iter().zip(&meters).map(|(percent, meter)| (*percent as f64, lost(meter))).collect();
+        let lost =
+            |meter: &Meter| 100.0 * meter.lost as f64 / (meter.frames + meter.lost).max(1) as f64;
+        let loss = PERCENTS
+            .iter()
+            .zip(&meters)
+            .map(|(percent, meter)| (*percent as f64, lost(meter)))
+            .collect();
         let [.., full] = meters;
         Firmware { name, loss, full }
     }
@@ -296,7 +316,8 @@ fn peers(page: &mut String, firmwares: &[Firmware]) {
          | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
     );
     for Firmware { name, loss, full } in firmwares {
-        let lossless = loss.iter().take_while(|(_, lost)| *lost == 0.0).last().map_or(0.0, |(load, _)| *load);
+        let lossless =
+            loss.iter().take_while(|(_, lost)| *lost == 0.0).last().map_or(0.0, |(load, _)| *load);
         let (_, lost) = loss.last().expect("a load of 100 %");
         row(
             page,
@@ -324,7 +345,11 @@ fn peers(page: &mut String, firmwares: &[Firmware]) {
 
 /// Mean time between frames of two bytes on a full bus, in cycles.
 fn frame_cycles() -> Cycles {
-    let meter = receive(ThirdParty::Mcp25xx, Load { kind: Kind::ThirdParty(2), priority: 0, pace: Pace::Full }, 1000);
+    let meter = receive(
+        ThirdParty::Mcp25xx,
+        Load { kind: Kind::ThirdParty(2), priority: 0, pace: Pace::Full },
+        1000,
+    );
     1000 * MS / (meter.frames + meter.lost)
 }
 
@@ -345,7 +370,8 @@ fn waited(samples: &Samples) -> Vec<(f64, f64)> {
 }
 
 fn draw_latency(firmwares: &[Firmware]) {
-    let lines = firmwares.iter().map(|firmware| (firmware.name, waited(&firmware.full.latency))).collect();
+    let lines =
+        firmwares.iter().map(|firmware| (firmware.name, waited(&firmware.full.latency))).collect();
     let plot = Plot {
         title: "Frames that waited longer in the controller, at 100 % load",
         x: Axis {
@@ -373,7 +399,13 @@ fn draw_loss(firmwares: &[Firmware]) {
     let marks = vec![0.0, 20.0, 40.0, 60.0, 80.0, 100.0];
     let plot = Plot {
         title: "Frames lost over bus load",
-        x: Axis { label: "load of frames for the node, per cent", from: 0.0, to: 100.0, logarithmic: false, marks },
+        x: Axis {
+            label: "load of frames for the node, per cent",
+            from: 0.0,
+            to: 100.0,
+            logarithmic: false,
+            marks,
+        },
         y: Axis {
             label: "per cent lost",
             from: 0.0,
@@ -439,7 +471,8 @@ fn write(file: &str, text: &str) {
         return;
     }
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
-    std::fs::write(&path, text).unwrap_or_else(|error| panic!("{} cannot be written: {error}", path.display()));
+    std::fs::write(&path, text)
+        .unwrap_or_else(|error| panic!("{} cannot be written: {error}", path.display()));
 }
 
 fn main() {
@@ -465,9 +498,12 @@ fn main() {
          The limits: no frame of a transfer lost, median of the service 450 cycles, release at most 1,250 cycles.\n\n",
     );
     let paces = [(0, Pace::Full), (31, Pace::Full), (31, Pace::Bursts)];
-    let all = Kind::MATCHING.into_iter().flat_map(|kind| paces.map(|(priority, pace)| Load { kind, priority, pace }));
+    let all = Kind::MATCHING
+        .into_iter()
+        .flat_map(|kind| paces.map(|(priority, pace)| Load { kind, priority, pace }));
     let long = SOAKED.map(|kind| (Load { kind, priority: 31, pace: Pace::Full }, SOAK_MS));
-    let positions = paces.map(|(priority, pace)| (Load { kind: Kind::Position, priority, pace }, LOAD_MS));
+    let positions =
+        paces.map(|(priority, pace)| (Load { kind: Kind::Position, priority, pace }, LOAD_MS));
     let all: Vec<_> = all.map(|load| (load, LOAD_MS)).chain(positions).chain(long).collect();
     let runs = run_all(&all, |load, ms, figures| {
         let (name, frames) = (named(load, ms), figures.meter.frames);
@@ -478,14 +514,18 @@ fn main() {
         let meter = &figures.meter;
         100.0 * meter.lost as f64 / (meter.frames + meter.lost) as f64
     };
-    let positions = runs.iter().filter(|(load, ..)| load.kind == Kind::Position && load.pace == Pace::Full);
+    let positions =
+        runs.iter().filter(|(load, ..)| load.kind == Kind::Position && load.pace == Pace::Full);
     let most = positions.map(lost).fold(0.0, f64::max);
     let _ = writeln!(
         page,
         "\nA command for a position takes a division, so the node needs longer than the frame's 1,840 cycles. A bus full of such commands\n\
          has 8,700 a second; the node loses up to {most:.1} % and reports them (docs/decisions.md)."
     );
-    let mut foreign = Loaded::new(Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }), Client::Saving);
+    let mut foreign = Loaded::new(
+        Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }),
+        Client::Saving,
+    );
     foreign.run_ms(FOREIGN_MS);
     let foreign = foreign.finish();
     let _ = writeln!(

@@ -52,26 +52,45 @@ impl Plot {
              font-size=\"12\">\n<rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"white\"/>\n"
         );
         let mut text = |x: f64, y: f64, anchor: &str, more: &str, text: &str| {
-            _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\"{more}>{text}</text>");
+            _ = writeln!(
+                svg,
+                "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\"{more}>{text}</text>"
+            );
         };
         text(WIDTH / 2.0, 22.0, "middle", " font-size=\"15\"", self.title);
         text(WIDTH / 2.0, HEIGHT - 12.0, "middle", "", self.x.label);
         let turned = format!(" transform=\"rotate(-90 16 {0})\"", HEIGHT / 2.0);
         text(16.0, HEIGHT / 2.0, "middle", &turned, self.y.label);
         for &mark in &self.x.marks {
-            text(self.at((mark, self.y.from)).0, HEIGHT - BOTTOM + 16.0, "middle", "", &mark.to_string());
+            text(
+                self.at((mark, self.y.from)).0,
+                HEIGHT - BOTTOM + 16.0,
+                "middle",
+                "",
+                &mark.to_string(),
+            );
         }
         for &mark in &self.y.marks {
             text(LEFT - 6.0, self.at((self.x.from, mark)).1 + 4.0, "end", "", &mark.to_string());
         }
         for (n, (name, _)) in self.lines.iter().enumerate() {
             let colour = format!(" fill=\"{}\"", COLOURS[n % COLOURS.len()]);
-            text(LEFT + 8.0, TOP + self.names_down + 18.0 + 16.0 * n as f64, "start", &colour, name);
+            text(
+                LEFT + 8.0,
+                TOP + self.names_down + 18.0 + 16.0 * n as f64,
+                "start",
+                &colour,
+                name,
+            );
         }
         let mut line = |points: &[(f64, f64)], stroke: &str, width: f64| {
-            let points = points.iter().map(|&point| self.at(point)).map(|(x, y)| format!("{x:.1} {y:.1}"));
+            let points =
+                points.iter().map(|&point| self.at(point)).map(|(x, y)| format!("{x:.1} {y:.1}"));
             let path = points.collect::<Vec<_>>().join("L");
-            _ = writeln!(svg, "<path d=\"M{path}\" fill=\"none\" stroke=\"{stroke}\" stroke-width=\"{width}\"/>");
+            _ = writeln!(
+                svg,
+                "<path d=\"M{path}\" fill=\"none\" stroke=\"{stroke}\" stroke-width=\"{width}\"/>"
+            );
         };
         for &mark in &self.x.marks {
             line(&[(mark, self.y.from), (mark, self.y.to)], "#ddd", 1.0);

@@ -1,7 +1,9 @@
-//! The CAN controller: an MCP2515 on the SPI, by polling. Names are those of the datasheet (DS20001801J).
+//! The CAN controller: an MCP2515 on the SPI, by polling. Names are those of the datasheet
+//! (DS20001801J).
 //!
-//! Its filters accept service frames to this node, and nothing else. A frame goes to RXB0, or to RXB1 while RXB0 is full. All frames leave through
-//! TXB0, one after the other, so that they stay in order.
+//! Its filters accept service frames to this node, and nothing else. A frame goes to RXB0, or to
+//! RXB1 while RXB0 is full. All frames leave through TXB0, one after the other, so that they stay
+//! in order.
 
 use node::hardware::{CAN_SELECT, Pin};
 
@@ -15,7 +17,8 @@ mod instruction {
     pub const LOAD_TXB0: u8 = 0x40;
     /// RTS for TXB0.
     pub const RTS_TXB0: u8 = 0x81;
-    /// READ RX BUFFER, from RXB0SIDH and from RXB1SIDH on. The end of the instruction frees the buffer.
+    /// READ RX BUFFER, from RXB0SIDH and from RXB1SIDH on. The end of the instruction frees the
+    /// buffer.
     pub const READ_RXB0: u8 = 0x90;
     pub const READ_RXB1: u8 = 0x94;
     pub const READ_STATUS: u8 = 0xA0;
@@ -49,7 +52,8 @@ pub const REQUEST: u8 = 1 << 7;
 /// The bits of a node ID.
 pub const NODE_ID: u8 = 0x7F;
 
-/// The longest wait for a frame to leave, in turns of 6 us: a second. The frame before may have to win an arbitration first.
+/// The longest wait for a frame to leave, in turns of 6 us: a second. The frame before may have to
+/// win an arbitration first.
 const TURNS_FOR_FRAME: u16 = u16::MAX;
 
 /// Not zero if RXB1 had a frame when RXB0 was read.
@@ -112,7 +116,8 @@ pub fn configure(node_id: u8, cnf: &[u8; 3]) {
     write(CANCTRL, 0);
 }
 
-/// Begins to write `count` filters or masks for services with `destination`. The caller may write the registers behind them, and must end it.
+/// Begins to write `count` filters or masks for services with `destination`. The caller may write
+/// the registers behind them, and must end it.
 #[inline(never)]
 fn begin_filters(register: u8, destination: u8, mut count: u8) {
     begin(instruction::WRITE);
@@ -187,7 +192,8 @@ pub fn wait_for_room() -> bool {
     true
 }
 
-/// Begins to load TXB0, with SIDH to EID0. DLC and the data must follow with [`exchange`], and then [`send`].
+/// Begins to load TXB0, with SIDH to EID0. DLC and the data must follow with [`exchange`], and then
+/// [`send`].
 #[inline(always)]
 pub fn begin_frame(sidh: u8, sidl: u8, eid8: u8, eid0: u8) {
     begin(instruction::LOAD_TXB0);
@@ -232,7 +238,8 @@ fn end() {
     port(CAN_SELECT.port).1.set(CAN_SELECT.mask());
 }
 
-/// Sends a byte over the SPI, and returns the one that comes back. The wait ends after 16 cycles, because the master makes the clock.
+/// Sends a byte over the SPI, and returns the one that comes back. The wait ends after 16 cycles,
+/// because the master makes the clock.
 #[inline(never)]
 pub fn exchange(byte: u8) -> u8 {
     SPDR.write(byte);

@@ -2,7 +2,8 @@
 
 use crate::registers::{CS12_CS10, OCF1A, OCR1AH, OCR1AL, TCCR1B, TIFR1, WGM12};
 
-/// High byte of TOP of Timer1, whose low byte stays zero. It counts to that in a second less half a millisecond, at 16 MHz / 1024.
+/// High byte of TOP of Timer1, whose low byte stays zero. It counts to that in a second less half a
+/// millisecond, at 16 MHz / 1024.
 const TOP_HIGH: u8 = (16_000_000u32 / 1024 / 256) as u8;
 
 /// Starts the clock.

@@ -20,7 +20,8 @@ pub const THIS_BOARD: u16 = u16::from_le_bytes([HARDWARE_MAJOR, HARDWARE_MINOR])
 /// True if a program of this length can have a CRC and fits below the boot section.
 #[inline(always)]
 pub fn is_checkable(length: u16) -> bool {
-    // More than a page, because the first one is written by itself. So this is false for UNCHECKED, which is zero.
+    // More than a page, because the first one is written by itself. So this is false for UNCHECKED,
+    // which is zero.
     length.wrapping_sub(PAGE_LEN + 1) < BOOT_SECTION - PAGE_LEN
 }
 

@@ -3,7 +3,9 @@
 use core::mem::{MaybeUninit, offset_of};
 use core::panic::PanicInfo;
 
-use dronecan_wire::types::{BEGIN_FIRMWARE_UPDATE, FILE_READ, GET_NODE_INFO, NODE_STATUS, RESTART_NODE};
+use dronecan_wire::types::{
+    BEGIN_FIRMWARE_UPDATE, FILE_READ, GET_NODE_INFO, NODE_STATUS, RESTART_NODE,
+};
 use dronecan_wire::{Id, Tail};
 use node::handover::{CRC_START, REQUEST, RESTARTS, SHARED_RAM};
 
@@ -44,7 +46,8 @@ struct EndOfRam {
     restarts: u8,
 }
 
-/// The linker places it so that the request and the count are in the part that the program leaves alone (build.rs).
+/// The linker places it so that the request and the count are in the part that the program leaves
+/// alone (build.rs).
 #[unsafe(link_section = ".noinit")]
 static mut END_OF_RAM: MaybeUninit<EndOfRam> = MaybeUninit::uninit();
 
@@ -54,8 +57,12 @@ const BEFORE_REQUEST: usize = offset_of!(Loader, update.request);
 /// Address of the variables.
 pub const ADDRESS: u16 = decimal(env!("RAM_END")) - SHARED_RAM - BEFORE_REQUEST as u16;
 
-const _: () = assert!(ADDRESS == decimal(env!("VARIABLES")), "boot/build.rs has another length of the variables");
-const _: () = assert!(REQUEST == 0 && RESTARTS as usize == offset_of!(EndOfRam, restarts) - BEFORE_REQUEST);
+const _: () = assert!(
+    ADDRESS == decimal(env!("VARIABLES")),
+    "boot/build.rs has another length of the variables"
+);
+const _: () =
+    assert!(REQUEST == 0 && RESTARTS as usize == offset_of!(EndOfRam, restarts) - BEFORE_REQUEST);
 
 /// The count of watchdog restarts.
 #[inline(always)]
@@ -87,7 +94,8 @@ const fn sid_of_service(service: u8) -> [u8; 2] {
 const SID_OF_STATUS: [u8; 2] = sid(Id::message(24, NODE_STATUS.id, 0));
 const SID_OF_READ: [u8; 2] = sid(Id::request(30, FILE_READ.id, 0, 0));
 
-/// CRC of the magic number of RestartNode, 0xACCE551B1E. To compare that costs less than to compare the number.
+/// CRC of the magic number of RestartNode, 0xACCE551B1E. To compare that costs less than to compare
+/// the number.
 const CRC_OF_MAGIC: u16 = {
     let (magic, mut crc, mut n) = ([0x1E, 0x1B, 0x55, 0xCE, 0xAC], CRC_START, 0);
     while n < magic.len() {
@@ -100,7 +108,8 @@ const CRC_OF_MAGIC: u16 = {
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     let variables = (&raw mut END_OF_RAM).cast::<Loader>();
-    // SAFETY: this is the only reference, and any bytes are valid. The loop clears all but what the program has left.
+    // SAFETY: this is the only reference, and any bytes are valid. The loop clears all but what the
+    // program has left.
     let loader = unsafe {
         let mut byte = variables.cast::<u8>();
         let mut left = BEFORE_REQUEST as u16;
@@ -192,7 +201,8 @@ fn take_frame(loader: &mut Loader) -> Option<Outgoing> {
     let [sidh, sidl, destination, source] = frame.id;
     let source = source & NODE_ID;
     let is_request = destination & can::REQUEST != 0;
-    let is_service = |service| sidh & 7 == sid_of_service(service)[0] && sidl == sid_of_service(service)[1];
+    let is_service =
+        |service| sidh & 7 == sid_of_service(service)[0] && sidl == sid_of_service(service)[1];
     let mut response = Outgoing {
         sidh: 0,
         sidl: 0,
@@ -252,7 +262,8 @@ fn take_frame(loader: &mut Loader) -> Option<Outgoing> {
     loader.response[2] = byte;
     // Reads the identifier again: to keep it in registers takes more instructions.
     // SAFETY: the field is valid.
-    [response.sidh, response.sidl, _, response.eid8] = unsafe { (&raw const loader.frame.id).read_volatile() };
+    [response.sidh, response.sidl, _, response.eid8] =
+        unsafe { (&raw const loader.frame.id).read_volatile() };
     response.eid8 &= NODE_ID;
     response.eid0 = SERVICE | loader.information.node_id;
     Some(response)

@@ -1,8 +1,10 @@
-//! The bootloader: takes a program over DroneCAN, writes it, and starts it. docs/update.md describes it to its users.
+//! The bootloader: takes a program over DroneCAN, writes it, and starts it. docs/update.md
+//! describes it to its users.
 //!
-//! The story: a reset leads to `start.rs`, which calls `main` in `loader.rs`. That decides whether the program starts (`start::decide`). If not, the
-//! loader is one loop without interrupts. Each turn sends at most one transfer: the NodeStatus of each second, a request for the next part of the file,
-//! or the answer to a request.
+//! The story: a reset leads to `start.rs`, which calls `main` in `loader.rs`. That decides whether
+//! the program starts (`start::decide`). If not, the loader is one loop without interrupts. Each
+//! turn sends at most one transfer: the NodeStatus of each second, a request for the next part of
+//! the file, or the answer to a request.
 //!
 //! | file | what it does |
 //! | --- | --- |
@@ -16,8 +18,9 @@
 //! | `can.rs` | the MCP2515 |
 //! | `spm.rs`, `eeprom.rs`, `clock.rs`, `registers.rs`, `crc.rs` | the chip, and the CRC |
 //!
-//! The code is bent for size, with rustc of rust-toolchain.toml and the options of scripts/boot: `main` contains all functions but a few that call none or
-//! one. Loops end with `if left == 0 { break }` instead of `for`, which takes four bytes less. Variables of a byte are in I/O registers
+//! The code is bent for size, with rustc of rust-toolchain.toml and the options of scripts/boot:
+//! `main` contains all functions but a few that call none or one. Loops end with `if left == 0 {
+//! break }` instead of `for`, which takes four bytes less. Variables of a byte are in I/O registers
 //! that have no other use. docs/decisions.md has what that is worth.
 
 #![cfg_attr(target_arch = "avr", no_std, no_main, feature(asm_experimental_arch))]

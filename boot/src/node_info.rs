@@ -1,5 +1,6 @@
-//! What the node says about itself: NodeStatus, and the response of GetNodeInfo, which begins with the same bytes (DSDL 341.NodeStatus and
-//! 1.GetNodeInfo). So both are sent from the same buffer. The name is empty, which all clients accept.
+//! What the node says about itself: NodeStatus, and the response of GetNodeInfo, which begins with
+//! the same bytes (DSDL 341.NodeStatus and 1.GetNodeInfo). So both are sent from the same buffer.
+//! The name is empty, which all clients accept.
 
 use mcp2515_ordered::BitTiming;
 use node::handover::{BUS, BUS_LEN, CRC_START};
@@ -14,7 +15,8 @@ pub const MODE: Register = idle::GPIOR0;
 pub const MAINTENANCE: u8 = 2 << 3;
 pub const SOFTWARE_UPDATE: u8 = 3 << 3;
 
-/// Address in EEPROM of the unique ID, which the program makes at its first start (src/node/store.rs).
+/// Address in EEPROM of the unique ID, which the program makes at its first start
+/// (src/node/store.rs).
 const UNIQUE_ID: u8 = 0x04;
 
 /// Node ID without a record in EEPROM.
@@ -80,7 +82,8 @@ impl Information {
     pub fn tick(&mut self) {
         let mut byte = (&raw mut self.uptime_s).cast::<u8>();
         loop {
-            // SAFETY: the loop ends at the last byte of the uptime, which does not wrap in 136 years.
+            // SAFETY: the loop ends at the last byte of the uptime, which does not wrap in 136
+            // years.
             unsafe {
                 let sum = (*byte).wrapping_add(1);
                 byte.write_volatile(sum);

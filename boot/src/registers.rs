@@ -1,5 +1,5 @@
-//! The registers of the chip that the loader uses, by their names and bits in the datasheet (Atmel 2545, section 31). The ATmega328P has them at the
-//! same addresses.
+//! The registers of the chip that the loader uses, by their names and bits in the datasheet (Atmel
+//! 2545, section 31). The ATmega328P has them at the same addresses.
 
 /// A register of eight bits, by its address in the data memory.
 #[derive(Clone, Copy)]
@@ -9,14 +9,16 @@ impl Register {
     /// Reads the register.
     #[inline(always)]
     pub fn read(self) -> u8 {
-        // SAFETY: only the constants below exist. Each is a register of the chip, which any value may be read from.
+        // SAFETY: only the constants below exist. Each is a register of the chip, which any value
+        // may be read from.
         unsafe { core::ptr::with_exposed_provenance::<u8>(self.0.into()).read_volatile() }
     }
 
     /// Writes the register.
     #[inline(always)]
     pub fn write(self, value: u8) {
-        // SAFETY: only the constants below exist. Each is a register of the chip, and no variable is there.
+        // SAFETY: only the constants below exist. Each is a register of the chip, and no variable
+        // is there.
         unsafe { core::ptr::with_exposed_provenance_mut::<u8>(self.0.into()).write_volatile(value) }
     }
 
@@ -48,7 +50,8 @@ pub const fn port(name: char) -> (Register, Register) {
     }
 }
 
-/// Registers without a function in the loader, which hold its variables: Timer0 stands still. Instructions for them are half as long as for RAM.
+/// Registers without a function in the loader, which hold its variables: Timer0 stands still.
+/// Instructions for them are half as long as for RAM.
 pub mod idle {
     use super::Register;
 

@@ -1,8 +1,9 @@
-//! Takes a program through the serial port, by the protocol of Arduino's bootloaders: STK500 version 1 (Atmel application note AVR061), as far as
-//! avrdude needs it. docs/update.md has what it lacks.
+//! Takes a program through the serial port, by the protocol of Arduino's bootloaders: STK500
+//! version 1 (Atmel application note AVR061), as far as avrdude needs it. docs/update.md has what
+//! it lacks.
 //!
-//! A session begins with the reset that avrdude causes through DTR, and ends by the watchdog: a second after the last byte, or soon after the command
-//! to leave. All waits here end so, too.
+//! A session begins with the reset that avrdude causes through DTR, and ends by the watchdog: a
+//! second after the last byte, or soon after the command to leave. All waits here end so, too.
 
 use crate::registers::*;
 use crate::spm::PAGE_LEN;
@@ -23,7 +24,8 @@ mod command {
     pub const READ_SIGN: u8 = b'u';
 }
 
-/// Type of the memory in PROG_PAGE and READ_PAGE: the flash. The loader has no other, and reads the flash instead.
+/// Type of the memory in PROG_PAGE and READ_PAGE: the flash. The loader has no other, and reads the
+/// flash instead.
 const FLASH: u8 = b'F';
 
 /// End of a command.
@@ -112,7 +114,8 @@ pub fn serve(buffer: &mut [u8; RECEIVED_LEN]) -> ! {
 const VERSION: u8 = 3;
 
 /// Signature bytes of the chip.
-const SIGNATURE: [u8; 3] = if image::BOOT_SECTION < 0x4000 { [0x1E, 0x94, 0x06] } else { [0x1E, 0x95, 0x0F] };
+const SIGNATURE: [u8; 3] =
+    if image::BOOT_SECTION < 0x4000 { [0x1E, 0x94, 0x06] } else { [0x1E, 0x95, 0x0F] };
 
 #[inline(never)]
 fn send(byte: u8) {

@@ -1,7 +1,8 @@
 //! Writes the flash, a page at a time (datasheet 27, "Boot Loader Support").
 //!
-//! Only code in the boot section can do this. While a page below the NRWW section is erased or written, nothing can be read from there, and the
-//! loader goes on; while a page in the NRWW section is, the processor halts. Interrupts are disabled throughout.
+//! Only code in the boot section can do this. While a page below the NRWW section is erased or
+//! written, nothing can be read from there, and the loader goes on; while a page in the NRWW
+//! section is, the processor halts. Interrupts are disabled throughout.
 
 use core::arch::asm;
 
@@ -50,12 +51,13 @@ pub unsafe fn write_page(mut address: u16, bytes: *const u8) {
     do_spm(RWWSRE, address, NO_WORD);
 }
 
-/// Does SPM with a command and SELFPRGEN, when the one before it and a write to the EEPROM have ended. The chip ends both within 5 ms. A word is for
-/// the page buffer only.
+/// Does SPM with a command and SELFPRGEN, when the one before it and a write to the EEPROM have
+/// ended. The chip ends both within 5 ms. A word is for the page buffer only.
 #[inline(never)]
 fn do_spm(command: u8, address: u16, word: u16) {
-    // SPMCSR is 0x37, with SELFPRGEN in bit 0; EECR is 0x1F, with EEPE in bit 1. SPM must follow OUT within four cycles.
-    // SAFETY: SPM reads r1:r0, and changes only the page at `address`. Callers pass addresses below the boot section. r1 is zero again afterwards.
+    // SPMCSR is 0x37, with SELFPRGEN in bit 0; EECR is 0x1F, with EEPE in bit 1. SPM must follow
+    // OUT within four cycles. SAFETY: SPM reads r1:r0, and changes only the page at `address`.
+    // Callers pass addresses below the boot section. r1 is zero again afterwards.
     unsafe {
         asm!(
             "1: in r0, 0x37",

@@ -1,6 +1,7 @@
 //! From a reset to the decision: start the program, or stay in the loader.
 //!
-//! The loader starts only by a reset, and restarts by one, so that all registers have their initial values, here and in the program.
+//! The loader starts only by a reset, and restarts by one, so that all registers have their initial
+//! values, here and in the program.
 
 use core::arch::{asm, global_asm};
 
@@ -11,11 +12,12 @@ use crate::node_info::{MAINTENANCE, MODE};
 use crate::registers::{EXTRF, MCUSR, PORF, WDCE, WDE, WDP2_WDP1, WDRF};
 use crate::{crc, image, serial};
 
-/// So many watchdog restarts, with less than a minute of the program between them, keep the loader from starting the program.
+/// So many watchdog restarts, with less than a minute of the program between them, keep the loader
+/// from starting the program.
 const RESTARTS_ALLOWED: u8 = 3;
 
-// The linker places `.vectors` first, so this is where a reset goes. Interrupts stay disabled, so there are no vectors. The compiler expects zero
-// in r1. SPL is 0x3D, SPH is 0x3E.
+// The linker places `.vectors` first, so this is where a reset goes. Interrupts stay disabled, so
+// there are no vectors. The compiler expects zero in r1. SPL is 0x3D, SPH is 0x3E.
 global_asm!(
     ".section .vectors,\"ax\",@progbits",
     ".global start",
@@ -30,7 +32,8 @@ global_asm!(
     stack = const ADDRESS - 1,
 );
 
-/// Starts the program if it is to start. Returns true if the program has asked for an update, whose request is in its place.
+/// Starts the program if it is to start. Returns true if the program has asked for an update, whose
+/// request is in its place.
 #[inline(always)]
 pub fn decide(loader: &mut Loader) -> bool {
     let flags = MCUSR.read();
@@ -42,7 +45,8 @@ pub fn decide(loader: &mut Loader) -> bool {
     set_watchdog(Timeout::Never);
     // SAFETY: as above.
     unsafe { *restarts() = count };
-    // A serial port resets the chip by its pin. A power-on may set the same flag, and is to start the program at once.
+    // A serial port resets the chip by its pin. A power-on may set the same flag, and is to start
+    // the program at once.
     if flags & (PORF | EXTRF) == EXTRF {
         serial::serve(&mut loader.received);
     }
@@ -54,7 +58,8 @@ pub fn decide(loader: &mut Loader) -> bool {
         return true;
     }
     if count < RESTARTS_ALLOWED && image::is_valid() {
-        // SAFETY: the program is complete and for this board. It does not return, and sets up stack and variables itself.
+        // SAFETY: the program is complete and for this board. It does not return, and sets up stack
+        // and variables itself.
         unsafe { asm!("jmp 0", options(noreturn)) }
     }
     false

@@ -1,7 +1,7 @@
 //! Transfers: splits payloads into frames, and joins frames to payloads (specification, chapter 4).
 //!
-//! Each buffer has room for the CRC before the payload, so that a transfer of several frames is the bytes of the buffer from its start on, and a
-//! transfer of one frame is the bytes behind the CRC.
+//! Each buffer has room for the CRC before the payload, so that a transfer of several frames is the
+//! bytes of the buffer from its start on, and a transfer of one frame is the bytes behind the CRC.
 
 use core::num::NonZeroU16;
 
@@ -40,7 +40,8 @@ pub struct Outgoing {
 pub unsafe fn send(outgoing: Outgoing) {
     let Outgoing { sidh, sidl, eid8, eid0, transfer_id, buffer, len, seed } = outgoing;
     let mut left = len;
-    // SAFETY: the caller guarantees that the CRC and `len` bytes are in the buffer. The loop below reads `left` bytes.
+    // SAFETY: the caller guarantees that the CRC and `len` bytes are in the buffer. The loop below
+    // reads `left` bytes.
     let mut from = unsafe { buffer.add(CRC_LEN.into()) };
     if len > BYTES_PER_FRAME {
         // SAFETY: as above.
@@ -84,19 +85,27 @@ pub unsafe fn send(outgoing: Outgoing) {
     }
 }
 
-/// Room in the buffer of received transfers: an answer to file.Read with 256 bytes of data, and the rest of a frame that is too much.
+/// Room in the buffer of received transfers: an answer to file.Read with 256 bytes of data, and the
+/// rest of a frame that is too much.
 pub const RECEIVED_LEN: usize = CRC_LEN as usize + 2 + 256 + BYTES_PER_FRAME as usize;
 
-/// Toggle bit and transfer ID of the next frame of the transfer that is being received. [`NOTHING`] if a first frame must come.
+/// Toggle bit and transfer ID of the next frame of the transfer that is being received. [`NOTHING`]
+/// if a first frame must come.
 const NEXT: Register = idle::GPIOR1;
 const NOTHING: u8 = 0xFF;
 /// Index in the buffer behind the last byte of this transfer, low and high byte.
 const AT: (Register, Register) = (idle::OCR0B, idle::EEARL);
 
-/// Adds the data of a frame, which has `len` bytes before its tail, to the transfer in `buffer`. Returns the length of the payload if it is complete. An
-/// empty one is no transfer.
+/// Adds the data of a frame, which has `len` bytes before its tail, to the transfer in `buffer`.
+/// Returns the length of the payload if it is complete. An empty one is no transfer.
 #[inline(always)]
-pub fn take(buffer: &mut [u8; RECEIVED_LEN], data: &[u8; 8], len: u8, tail: u8, seed: u16) -> Option<NonZeroU16> {
+pub fn take(
+    buffer: &mut [u8; RECEIVED_LEN],
+    data: &[u8; 8],
+    len: u8,
+    tail: u8,
+    seed: u16,
+) -> Option<NonZeroU16> {
     let is_single = tail >= Tail::START | Tail::END;
     let mut next = NEXT.read();
     let mut at = u16::from_le_bytes([AT.0.read(), AT.1.read()]);
@@ -104,7 +113,9 @@ pub fn take(buffer: &mut [u8; RECEIVED_LEN], data: &[u8; 8], len: u8, tail: u8, 
         next = tail & Tail::TRANSFER_ID;
         at = if is_single { CRC_LEN } else { 0 };
     }
-    if tail & (Tail::TOGGLE | Tail::TRANSFER_ID) != next || at > RECEIVED_LEN as u16 - u16::from(BYTES_PER_FRAME) {
+    if tail & (Tail::TOGGLE | Tail::TRANSFER_ID) != next
+        || at > RECEIVED_LEN as u16 - u16::from(BYTES_PER_FRAME)
+    {
         return None;
     }
     NEXT.write(next ^ Tail::TOGGLE);
@@ -112,7 +123,8 @@ pub fn take(buffer: &mut [u8; RECEIVED_LEN], data: &[u8; 8], len: u8, tail: u8, 
     let mut from = data.as_ptr();
     let mut to = buffer.as_mut_ptr().wrapping_add(at.into());
     while left != 0 {
-        // SAFETY: a frame has at most 7 bytes before its tail, and the buffer has room for them behind those of the frames before.
+        // SAFETY: a frame has at most 7 bytes before its tail, and the buffer has room for them
+        // behind those of the frames before.
         unsafe {
             to.write_volatile(*from);
             (to, from) = (to.add(1), from.add(1));

@@ -1,11 +1,13 @@
 //! The update: reads the file from its server, and writes it to flash.
 //!
-//! Goals: the program before stays until the file has shown that it is for this board. From then on, the flash holds no valid program until all of the
-//! file is written.
+//! Goals: the program before stays until the file has shown that it is for this board. From then
+//! on, the flash holds no valid program until all of the file is written.
 //!
-//! The first answer has the header of the program. If it is for this board, the first page is erased, and with it the old header. The first page of
-//! the file is read again, and written last. Then the chip restarts, and `start.rs` checks the CRC of the whole program. Each answer that cannot be
-//! used, and a silent server, also end in a restart: the loader then starts the old program, or waits if there is none.
+//! The first answer has the header of the program. If it is for this board, the first page is
+//! erased, and with it the old header. The first page of the file is read again, and written last.
+//! Then the chip restarts, and `start.rs` checks the CRC of the whole program. Each answer that
+//! cannot be used, and a silent server, also end in a restart: the loader then starts the old
+//! program, or waits if there is none.
 
 use dronecan_wire::Tail;
 use node::handover::{HEADER, HEADER_LENGTH, PATH_LEN, REQUEST_LEN};
@@ -17,7 +19,8 @@ use crate::spm::PAGE_LEN;
 use crate::transfer::{CRC_LEN, RECEIVED_LEN};
 use crate::{image, spm, start};
 
-/// Counts the seconds without an answer. A request of file.Read is to be sent when [`RETRY`] divides it. Sending counts as a second.
+/// Counts the seconds without an answer. A request of file.Read is to be sent when [`RETRY`]
+/// divides it. Sending counts as a second.
 const SILENCE: Register = idle::OCR0A;
 /// A power of two.
 const RETRY: u8 = 4;
@@ -34,14 +37,16 @@ const DATA: usize = PAYLOAD + 2;
 /// Length of the payload of an answer before the end of the file.
 const ANSWER_LEN: u16 = 2 + 256;
 
-/// A request of file.Read, with room for the CRC before it, and the rest of the request for the update.
+/// A request of file.Read, with room for the CRC before it, and the rest of the request for the
+/// update.
 #[repr(C)]
 pub struct Update {
     /// Length of the program. Set with the first answer.
     length: u16,
     crc: [u8; 2],
     offset: [u8; 5],
-    /// What a program hands over: path, length of the path, node ID of the server, CRC (see [`node::handover`]).
+    /// What a program hands over: path, length of the path, node ID of the server, CRC (see
+    /// [`node::handover`]).
     pub request: [u8; REQUEST_LEN],
 }
 
@@ -101,7 +106,8 @@ impl Update {
         5 + self.request[PATH_LEN]
     }
 
-    /// The node that has the file. While the loader waits for a request of BeginFirmwareUpdate: its sender.
+    /// The node that has the file. While the loader waits for a request of BeginFirmwareUpdate: its
+    /// sender.
     #[inline(always)]
     pub fn server(&mut self) -> &mut u8 {
         &mut self.request[PATH_LEN + 1]
@@ -113,7 +119,8 @@ impl Update {
         (&raw mut self.crc).cast()
     }
 
-    /// Takes server and path from a request of BeginFirmwareUpdate. Returns false if the path is too long.
+    /// Takes server and path from a request of BeginFirmwareUpdate. Returns false if the path is
+    /// too long.
     #[inline(always)]
     pub fn take_request(&mut self, received: &[u8; RECEIVED_LEN], len: u16) -> bool {
         if len > PATH_LEN as u16 + 1 {
@@ -129,7 +136,8 @@ impl Update {
         let mut from = (&raw const received[PAYLOAD + 1]).cast::<u8>();
         let mut left = PATH_LEN as u8;
         loop {
-            // SAFETY: the loop reads and writes the bytes of a path of the greatest length, which both have.
+            // SAFETY: the loop reads and writes the bytes of a path of the greatest length, which
+            // both have.
             unsafe {
                 to.write_volatile(*from);
                 (to, from) = (to.add(1), from.add(1));
@@ -141,8 +149,8 @@ impl Update {
         }
     }
 
-    /// Takes an answer, whose payload has `len` bytes: writes its two pages. Restarts the chip if that were the last ones, or if the file is not a
-    /// program for this board.
+    /// Takes an answer, whose payload has `len` bytes: writes its two pages. Restarts the chip if
+    /// that were the last ones, or if the file is not a program for this board.
     #[inline(always)]
     pub fn take_answer(&mut self, received: &[u8; RECEIVED_LEN], len: u16) {
         SILENCE.write(0);

@@ -41,8 +41,9 @@ Exit codes:
 
 docs/bridge.md has the messages, the order in which a full channel drops them, and how to connect each ground station.";
 
-/// Shows the nodes of a DroneCAN bus to MAVLink ground stations: their names and status. Ground stations can read, set and save
-/// parameters and restart nodes; the DroneCAN GUI Tool can use the bus itself. A node's MAVLink component ID is its node ID.
+/// Shows the nodes of a DroneCAN bus to MAVLink ground stations: their names and status. Ground
+/// stations can read, set and save parameters and restart nodes; the DroneCAN GUI Tool can use the
+/// bus itself. A node's MAVLink component ID is its node ID.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "bridge", version, after_help = EXAMPLES)]
 pub struct Args {
@@ -50,18 +51,21 @@ pub struct Args {
     #[arg(long, value_name = "BUS")]
     pub bus: bus::Spec,
 
-    /// A MAVLink channel: udpout:HOST:PORT, udpin:PORT, tcp:HOST:PORT, tcpin:PORT or serial:PATH:BAUD (repeatable)
+    /// A MAVLink channel: udpout:HOST:PORT, udpin:PORT, tcp:HOST:PORT, tcpin:PORT or
+    /// serial:PATH:BAUD (repeatable)
     #[arg(long, value_name = "CHANNEL", required_unless_present_any = ["names", "tunnel"])]
     pub mavlink: Vec<channel::Spec>,
 
-    /// Node that is a MAVLink component by itself, as an autopilot is: the bridge sends no heartbeat for it, and answers no message
-    /// to it. Not needed if the bridge receives the heartbeats of that component (repeatable)
+    /// Node that is a MAVLink component by itself, as an autopilot is: the bridge sends no
+    /// heartbeat for it, and answers no message to it. Not needed if the bridge receives the
+    /// heartbeats of that component (repeatable)
     #[arg(long, value_name = "NODE", value_parser = clap::value_parser!(u8).range(1..=127))]
     pub hide: Vec<u8>,
 
-    /// A serial port of a node over the bus: NODE:PTY creates the pseudo-terminal PTY and connects it with that node
-    /// (tunnel.Targetted). ",port=N" chooses another port than the default one, ",lock" keeps the node from using it;
-    /// ",broadcast=PROTOCOL" uses tunnel.Broadcast (repeatable)
+    /// A serial port of a node over the bus: NODE:PTY creates the pseudo-terminal PTY and connects
+    /// it with that node (tunnel.Targetted). ",port=N" chooses another port than the default
+    /// one, ",lock" keeps the node from using it; ",broadcast=PROTOCOL" uses tunnel.Broadcast
+    /// (repeatable)
     #[arg(long, value_name = "NODE:PTY")]
     pub tunnel: Vec<tunnel::Spec>,
 
@@ -85,15 +89,18 @@ pub struct Args {
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
     pub node_id: Option<u8>,
 
-    /// Highest rate of the statuses of each node, at least 1. Without it all statuses, unless the channel is full
+    /// Highest rate of the statuses of each node, at least 1. Without it all statuses, unless the
+    /// channel is full
     #[arg(long, value_name = "HZ", value_parser = status_rate)]
     pub status_rate: Option<f64>,
 
-    /// Time between two UAVCAN_NODE_INFO of each node. They are also sent when a node appears or restarts, and on request
+    /// Time between two UAVCAN_NODE_INFO of each node. They are also sent when a node appears or
+    /// restarts, and on request
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = info_interval)]
     pub info_interval: Duration,
 
-    /// Send no more than a serial line of this baud rate carries, on udp and tcp channels that lead to a radio
+    /// Send no more than a serial line of this baud rate carries, on udp and tcp channels that
+    /// lead to a radio
     #[arg(long, value_name = "BAUD", value_parser = clap::value_parser!(u32).range(1200..))]
     pub bandwidth: Option<u32>,
 
@@ -105,8 +112,8 @@ pub struct Args {
     #[arg(long, value_name = "HOW", value_enum, default_value_t = Integers::Auto)]
     pub integers: Integers,
 
-    /// Sign all messages, and accept signed messages only. FILE has the passphrase of the ground station, or 64
-    /// hexadecimal digits
+    /// Sign all messages, and accept signed messages only. FILE has the passphrase of the ground
+    /// station, or 64 hexadecimal digits
     #[arg(long, value_name = "FILE")]
     pub signing_key: Option<PathBuf>,
 
@@ -114,12 +121,13 @@ pub struct Args {
     #[arg(long, value_name = "ADDRESS")]
     pub peer: Vec<IpAddr>,
 
-    /// Reject all changes by ground stations: they cannot set, save, erase or restart, and cannot send frames on the bus
+    /// Reject all changes by ground stations: they cannot set, save, erase or restart, and cannot
+    /// send frames on the bus
     #[arg(long, conflicts_with = "autosave")]
     pub read_only: bool,
 
-    /// Let ground stations see the frames of the bus (CAN_FORWARD) and send frames (CAN_FRAME), as the DroneCAN GUI Tool does.
-    /// Every station that reaches the bridge can then move a servo
+    /// Let ground stations see the frames of the bus (CAN_FORWARD) and send frames (CAN_FRAME), as
+    /// the DroneCAN GUI Tool does. Every station that reaches the bridge can then move a servo
     #[arg(long)]
     pub allow_can: bool,
 
@@ -192,6 +200,9 @@ mod tests {
         }
         assert!(parse("--bus mcast:0 --names").is_ok());
         let args = parse("--bus mcast:0 --mavlink udpin:1 --for 1h --info-interval 2m").unwrap();
-        assert_eq!((args.run_for, args.info_interval), (Some(Duration::from_secs(3600)), Duration::from_secs(120)));
+        assert_eq!(
+            (args.run_for, args.info_interval),
+            (Some(Duration::from_secs(3600)), Duration::from_secs(120))
+        );
     }
 }

@@ -1,15 +1,19 @@
-//! Requests to nodes. Several are sent at a time; one without an answer is repeated, and fails after a bounded time.
+//! Requests to nodes. Several are sent at a time; one without an answer is repeated, and fails
+//! after a bounded time.
 //!
-//! Goals: use a slow bus without flooding it; wait for slow nodes; no node delays requests to other nodes.
+//! Goals: use a slow bus without flooding it; wait for slow nodes; no node delays requests to other
+//! nodes.
 //!
-//! * Each node has a queue, and a window: the number of requests that may be sent to it and unanswered at once. A timeout
-//!   halves the window, because a small node may have room for no more. Answers widen it again.
-//! * All nodes together have a window, too, which adapts in the same way: on a slow bus answers are late because of the other
-//!   requests. A node that has never answered does not narrow this window, because its silence shows nothing about the bus.
+//! * Each node has a queue, and a window: the number of requests that may be sent to it and
+//!   unanswered at once. A timeout halves the window, because a small node may have room for no
+//!   more. Answers widen it again.
+//! * All nodes together have a window, too, which adapts in the same way: on a slow bus answers are
+//!   late because of the other requests. A node that has never answered does not narrow this
+//!   window, because its silence shows nothing about the bus.
 //! * The timeout follows from the delay of the answers so far, as in TCP ([`delay`]).
 //!
-//! Invariants: each attempt has its own transfer ID. An answer to any attempt answers the request. A transfer ID is not
-//! used again while an answer with it may still arrive.
+//! Invariants: each attempt has its own transfer ID. An answer to any attempt answers the request.
+//! A transfer ID is not used again while an answer with it may still arrive.
 
 mod delay;
 #[cfg(test)]
@@ -22,8 +26,8 @@ use std::time::Duration;
 
 /// Largest window of one node. The DroneCAN GUI Tool has the same.
 const WINDOW: usize = 5;
-/// Largest window of all nodes together. A GetSet and its answer take seven frames, so on a bus of 900 frames a second an answer
-/// waits for a quarter of a second behind 32 others.
+/// Largest window of all nodes together. A GetSet and its answer take seven frames, so on a bus of
+/// 900 frames a second an answer waits for a quarter of a second behind 32 others.
 const TOTAL_WINDOW_MAX: f64 = 32.0;
 const TOTAL_WINDOW_MIN: f64 = 2.0;
 const TOTAL_WINDOW_AT_FIRST: f64 = 8.0;
@@ -123,14 +127,19 @@ impl<P> Default for Line<P> {
 impl<P> Line<P> {
     /// Adds a request behind those of the same urgency.
     fn push(&mut self, call: Call<P>) {
-        let at = self.waiting.iter().position(|other| other.urgency > call.urgency).unwrap_or(self.waiting.len());
+        let at = self
+            .waiting
+            .iter()
+            .position(|other| other.urgency > call.urgency)
+            .unwrap_or(self.waiting.len());
         self.waiting.insert(at, call);
     }
 
     /// Removes and returns the request that the answer is for.
     fn take_answered(&mut self, service: u16, transfer_id: TransferId) -> Option<Call<P>> {
         let is_it = |call: &Call<P>| {
-            call.service.id == service && call.attempts.iter().any(|this| this.transfer_id == transfer_id)
+            call.service.id == service
+                && call.attempts.iter().any(|this| this.transfer_id == transfer_id)
         };
         if let Some(at) = self.flying.iter().position(is_it) {
             return Some(self.flying.swap_remove(at));
@@ -147,7 +156,8 @@ impl<P> Line<P> {
 
     /// The next transfer ID that no outstanding attempt has.
     fn transfer_id(&mut self, service: u16) -> TransferId {
-        let calls = self.flying.iter().chain(&self.waiting).filter(|call| call.service.id == service);
+        let calls =
+            self.flying.iter().chain(&self.waiting).filter(|call| call.service.id == service);
         let expected = calls.flat_map(|call| &call.attempts);
         let orphaned = self.orphans.iter().filter(|(of, _)| *of == service).map(|(_, this)| this);
         let used: Vec<TransferId> = expected.chain(orphaned).map(|this| this.transfer_id).collect();
@@ -215,7 +225,8 @@ impl<P> Calls<P> {
 
     /// Finds the request that a response answers.
     pub fn answered(&mut self, now: Duration, transfer: &Transfer) -> Option<Answer<P>> {
-        let CanId::Service { service_id, request: false, destination, source, .. } = transfer.id else {
+        let CanId::Service { service_id, request: false, destination, source, .. } = transfer.id
+        else {
             return None;
         };
         let line = self.lines.get_mut(&source).filter(|_| destination == self.own)?;
@@ -268,7 +279,11 @@ impl<P> Calls<P> {
             }
             if !overdue.is_empty() {
                 line.window = (line.window / 2).max(1);
-                let last_sent = overdue.iter().flat_map(|call| call.attempts.last()).map(|this| this.sent).max();
+                let last_sent = overdue
+                    .iter()
+                    .flat_map(|call| call.attempts.last())
+                    .map(|this| this.sent)
+                    .max();
                 if line.delay.is_known() && self.narrowed_at < last_sent {
                     self.window = (self.window / 2.0).max(TOTAL_WINDOW_MIN);
                     self.narrowed_at = Some(now);
@@ -286,8 +301,15 @@ impl<P> Calls<P> {
         }
     }
 
-    /// Sends the next request to a node. Returns `false` if there is none, or if the windows are full.
-    fn send_one(&mut self, node: NodeId, now: Duration, flying: usize, frames: &mut Vec<Frame>) -> bool {
+    /// Sends the next request to a node. Returns `false` if there is none, or if the windows are
+    /// full.
+    fn send_one(
+        &mut self,
+        node: NodeId,
+        now: Duration,
+        flying: usize,
+        frames: &mut Vec<Frame>,
+    ) -> bool {
         let Some(line) = self.lines.get_mut(&node) else { return false };
         let Some(next) = line.waiting.front() else { return false };
         let has_room = next.urgency == Urgency::Now || flying < self.window as usize;
@@ -325,8 +347,11 @@ impl<P> Calls<P> {
         let Some(line) = self.lines.get_mut(&node) else {
             return Vec::new();
         };
-        let all =
-            line.waiting.drain(..).map(|call| (call, false)).chain(line.flying.drain(..).map(|call| (call, true)));
+        let all = line
+            .waiting
+            .drain(..)
+            .map(|call| (call, false))
+            .chain(line.flying.drain(..).map(|call| (call, true)));
         let (taken, kept): (Vec<_>, Vec<_>) = all.partition(|(call, _)| which(&call.purpose));
         for (call, is_flying) in kept {
             if is_flying {

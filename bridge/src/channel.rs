@@ -1,9 +1,10 @@
 //! MAVLink channels: UDP, TCP or a serial port, and the ground stations at their other ends.
 //!
-//! A channel has one far end (`udpout`, `tcp`, `serial`) or several (`udpin`, `tcpin`). Each is a [`Peer`] with its own queue, its own
-//! version of MAVLink and its own sequence numbers. Nothing blocks: messages that a channel does not accept wait in the queue, which drops
-//! the least important. If the rate of a channel is known, the bridge sends no more than that, so that important messages do not
-//! wait behind others.
+//! A channel has one far end (`udpout`, `tcp`, `serial`) or several (`udpin`, `tcpin`). Each is a
+//! [`Peer`] with its own queue, its own version of MAVLink and its own sequence numbers. Nothing
+//! blocks: messages that a channel does not accept wait in the queue, which drops
+//! the least important. If the rate of a channel is known, the bridge sends no more than that, so
+//! that important messages do not wait behind others.
 
 mod budget;
 mod peer;
@@ -92,7 +93,8 @@ pub struct Channel {
     peers: BTreeMap<PeerId, Peer>,
     budget: Option<Budget>,
     malformed: u64,
-    /// Datagrams and connections from addresses that are not allowed, or for which there was no room.
+    /// Datagrams and connections from addresses that are not allowed, or for which there was no
+    /// room.
     refused: u64,
     refusal_logged_at: Option<Duration>,
     unsigned: u64,
@@ -106,7 +108,8 @@ impl Channel {
     /// Opens the `number`th channel.
     ///
     /// # Errors
-    /// If a retry would not help, or without `wait`: a port in use, an unknown host, no serial port. The error has a remedy.
+    /// If a retry would not help, or without `wait`: a port in use, an unknown host, no serial
+    /// port. The error has a remedy.
     pub fn open(
         spec: Spec,
         number: usize,
@@ -115,11 +118,12 @@ impl Channel {
         now: Duration,
         wait: bool,
     ) -> Result<Channel> {
-        let signing = options
-            .key
-            .map(|key| Rc::new(SigningData::from_config(SigningConfig::new(key, number as u8, true, false))));
+        let signing = options.key.map(|key| {
+            Rc::new(SigningData::from_config(SigningConfig::new(key, number as u8, true, false)))
+        });
         let rate = match &spec {
-            // A byte takes a start bit, eight data bits and a stop bit. The rate is a little lower because clocks differ.
+            // A byte takes a start bit, eight data bits and a stop bit. The rate is a little lower
+            // because clocks differ.
             Spec::Serial { baud, .. } => Some(f64::from(*baud) / 10.0 * 0.98),
             _ => options.byte_rate,
         };
@@ -156,7 +160,8 @@ impl Channel {
         }
     }
 
-    /// Warns if the channel listens beyond this machine without a key: it accepts commands from every station that reaches it.
+    /// Warns if the channel listens beyond this machine without a key: it accepts commands from
+    /// every station that reaches it.
     fn warn_about_open_listener(&mut self) {
         let (Spec::UdpIn(local) | Spec::TcpIn(local)) = self.spec else { return };
         if !local.ip().is_loopback() && self.signing.is_none() {
@@ -203,12 +208,17 @@ impl Channel {
         allowed.is_empty() || allowed.contains(&address.to_canonical())
     }
 
-    /// Logs that a station was rejected because there is no room; at most once a minute, because there may be many.
+    /// Logs that a station was rejected because there is no room; at most once a minute, because
+    /// there may be many.
     fn refuse(&mut self, now: Duration, from: SocketAddr) {
         self.refused += 1;
-        if self.refusal_logged_at.is_none_or(|logged_at| now >= logged_at + REJECTION_LOGGED_AFTER) {
+        if self.refusal_logged_at.is_none_or(|logged_at| now >= logged_at + REJECTION_LOGGED_AFTER)
+        {
             self.refusal_logged_at = Some(now);
-            self.log.push(format!("{}: no place for {from}; --peer ADDRESS keeps others out", self.spec));
+            self.log.push(format!(
+                "{}: no place for {from}; --peer ADDRESS keeps others out",
+                self.spec
+            ));
         }
     }
 
@@ -269,8 +279,13 @@ impl Channel {
         let mut buffer = [0; 2048];
         for id in ids {
             for _ in 0..READS_AT_ONCE {
-                let read = match (&self.transport, self.peers.get_mut(&id).and_then(|peer| peer.stream.as_mut())) {
-                    (Transport::Serial(port), _) => rustix::io::read(port, &mut buffer).map_err(io::Error::from),
+                let read = match (
+                    &self.transport,
+                    self.peers.get_mut(&id).and_then(|peer| peer.stream.as_mut()),
+                ) {
+                    (Transport::Serial(port), _) => {
+                        rustix::io::read(port, &mut buffer).map_err(io::Error::from)
+                    }
                     (_, Some(stream)) => stream.read(&mut buffer),
                     _ => break,
                 };
@@ -315,7 +330,13 @@ impl Channel {
         self.take_messages(now, bridge, id, messages);
     }
 
-    fn take_messages(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, messages: Vec<Received>) {
+    fn take_messages(
+        &mut self,
+        now: Duration,
+        bridge: &mut Bridge,
+        id: PeerId,
+        messages: Vec<Received>,
+    ) {
         let stations = self.peers.values().filter(|peer| peer.is_trusted).count();
         let Some(peer) = self.peers.get_mut(&id) else { return };
         for message in messages {
@@ -333,13 +354,22 @@ impl Channel {
                     peer.received += 1;
                     let of_parameters = matches!(
                         message.request,
-                        Request::ParameterList | Request::ParameterRead { .. } | Request::ParameterSet { .. }
+                        Request::ParameterList
+                            | Request::ParameterRead { .. }
+                            | Request::ParameterSet { .. }
                     );
                     if self.options.integers == Integers::Auto && of_parameters {
-                        peer.encoding =
-                            if message.from.1 == MAVPROXY { IntegerEncoding::Cast } else { IntegerEncoding::Bytewise };
+                        peer.encoding = if message.from.1 == MAVPROXY {
+                            IntegerEncoding::Cast
+                        } else {
+                            IntegerEncoding::Bytewise
+                        };
                     }
-                    bridge.message(now, Asker { peer: id, from: message.from, encoding: peer.encoding }, message);
+                    bridge.message(
+                        now,
+                        Asker { peer: id, from: message.from, encoding: peer.encoding },
+                        message,
+                    );
                 }
                 Err(Refused::Malformed) => self.malformed += 1,
                 Err(Refused::Signature) => self.unsigned += 1,
@@ -365,7 +395,9 @@ impl Channel {
                 }
                 self.trusted_peers().for_each(|peer| peer.queue.push_status(*node, out.clone()));
             }
-            Post::Forget { node } => self.peers.values_mut().for_each(|peer| peer.queue.forget(*node)),
+            Post::Forget { node } => {
+                self.peers.values_mut().for_each(|peer| peer.queue.forget(*node))
+            }
         }
     }
 
@@ -411,8 +443,12 @@ impl Channel {
             _ => None,
         };
         // `poll` waits until the kernel accepts the rest.
-        let waiting =
-            self.peers.values().filter(|peer| peer.unsent.is_empty()).filter_map(|peer| peer.queue.next()).min();
+        let waiting = self
+            .peers
+            .values()
+            .filter(|peer| peer.unsent.is_empty())
+            .filter_map(|peer| peer.queue.next())
+            .min();
         let affordable = self.budget.as_ref().map_or(Duration::ZERO, Budget::next);
         retry.into_iter().chain(waiting.map(|at| at.max(affordable))).min()
     }
@@ -427,8 +463,10 @@ impl Channel {
             Transport::Serial(port) => vec![(port.as_fd(), unsent)],
             Transport::Stream | Transport::LookingUp(_) | Transport::Away(_) => Vec::new(),
         };
-        let streams =
-            self.peers.values().filter_map(|peer| Some((peer.stream.as_ref()?.as_fd(), !peer.unsent.is_empty())));
+        let streams = self
+            .peers
+            .values()
+            .filter_map(|peer| Some((peer.stream.as_ref()?.as_fd(), !peer.unsent.is_empty())));
         fds.extend(streams);
         fds
     }
@@ -436,7 +474,10 @@ impl Channel {
     /// Lines for the user: the channel and its peers.
     pub fn report(&self) -> Vec<String> {
         let mut first = self.spec.to_string();
-        if matches!(self.transport, Transport::Away(_) | Transport::LookingUp(_) | Transport::Connecting(..)) {
+        if matches!(
+            self.transport,
+            Transport::Away(_) | Transport::LookingUp(_) | Transport::Connecting(..)
+        ) {
             first += ", not available";
         }
         let dropped = self.dropped;
@@ -454,7 +495,10 @@ impl Channel {
             let mut line = format!("  {}: {} in, {} out", peer.name, peer.received, peer.sent);
             for (class, what) in CLASSES {
                 if let Some(count) = peer.queue.dropped().get(&class) {
-                    line += &format!(", {count} {what}{}", if what.ends_with("out") { "" } else { " dropped" });
+                    line += &format!(
+                        ", {count} {what}{}",
+                        if what.ends_with("out") { "" } else { " dropped" }
+                    );
                 }
             }
             lines.push(line);
@@ -466,7 +510,9 @@ impl Channel {
 fn cannot_listen(local: SocketAddr, error: io::Error) -> anyhow::Error {
     match error.kind() {
         ErrorKind::AddrInUse => {
-            anyhow!("{local} is in use; does a ground station listen there? Then send to it with udpout:{local}")
+            anyhow!(
+                "{local} is in use; does a ground station listen there? Then send to it with udpout:{local}"
+            )
         }
         ErrorKind::AddrNotAvailable => {
             anyhow!("{} is not an address of this machine; \"ip address\" lists them", local.ip())

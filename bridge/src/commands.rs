@@ -1,7 +1,8 @@
 //! Commands: COMMAND_LONG and COMMAND_INT. Each is answered to its sender with COMMAND_ACK.
 //!
-//! A command to a node is acknowledged when the node has answered. If the station repeats the command before that, as stations do, the answer
-//! is IN_PROGRESS and the command is not executed twice. Component 0 and the bridge's own component stand for all nodes where that is
+//! A command to a node is acknowledged when the node has answered. If the station repeats the
+//! command before that, as stations do, the answer is IN_PROGRESS and the command is not executed
+//! twice. Component 0 and the bridge's own component stand for all nodes where that is
 //! safe: all nodes can be saved at once, but not erased or restarted.
 
 use crate::calls::{OPCODE_TIMEOUTS, Timeouts, Urgency};
@@ -64,14 +65,20 @@ impl Commands {
         component: u8,
         command: Command,
     ) {
-        // If the bridge's component ID is the ID of a node that is online, commands that only a node can execute are for that node.
+        // If the bridge's component ID is the ID of a node that is online, commands that only a
+        // node can execute are for that node.
         let same = NodeId::new(component).filter(|id| state.nodes.contains_key(id));
         let target = match NodeId::new(component) {
-            _ if component == state.settings.component && same.is_some() && is_for_one_node(&command) => {
+            _ if component == state.settings.component
+                && same.is_some()
+                && is_for_one_node(&command) =>
+            {
                 same.map_or(Target::Bridge, Target::Node)
             }
             _ if component == 0 || component == state.settings.component => Target::Bridge,
-            Some(id) if state.nodes.contains_key(&id) && !state.is_other_component(component) => Target::Node(id),
+            Some(id) if state.nodes.contains_key(&id) && !state.is_other_component(component) => {
+                Target::Node(id)
+            }
             // Another component of this system may answer it.
             _ => return,
         };
@@ -83,7 +90,9 @@ impl Commands {
             return acknowledge(state, asker, component, command.number, IN_PROGRESS);
         }
         // Stations send integers as floats. Other values become 0, which no command uses.
-        let param = |at: usize| if command.params[at].fract() == 0.0 { command.params[at] as i64 } else { 0 };
+        let param = |at: usize| {
+            if command.params[at].fract() == 0.0 { command.params[at] as i64 } else { 0 }
+        };
         if let Some(why) = why_not_allowed(state.settings.rights, command.number) {
             return deny(state, asker, component, command, why);
         }
@@ -91,18 +100,29 @@ impl Commands {
             command::UAVCAN_GET_NODE_INFO => {
                 // For any target: MAVLink's chapter on UAVCAN requires one for every known node.
                 let is_known = |node: &Node| node.is_online || node.info.known.is_some();
-                let nodes = state.nodes.iter().filter(|(_, node)| is_known(node)).map(|(id, _)| *id).collect();
+                let nodes = state
+                    .nodes
+                    .iter()
+                    .filter(|(_, node)| is_known(node))
+                    .map(|(id, _)| *id)
+                    .collect();
                 return self.send_infos(state, now, asker, component, command, nodes);
             }
-            command::REQUEST_MESSAGE => return self.request_message(state, now, asker, target, component, command),
+            command::REQUEST_MESSAGE => {
+                return self.request_message(state, now, asker, target, component, command);
+            }
             command::REQUEST_AUTOPILOT_CAPABILITIES => {
                 acknowledge(state, asker, component, command.number, ACCEPTED);
                 return post_capabilities(state, asker, target);
             }
             command::REQUEST_PROTOCOL_VERSION => UNSUPPORTED,
             command::CAN_FORWARD => forward.subscribe(state, now, asker, param(0)),
-            command::PREFLIGHT_STORAGE => return self.storage(state, asker, target, component, command),
-            command::PREFLIGHT_REBOOT_SHUTDOWN => return self.reboot(state, asker, target, component, command),
+            command::PREFLIGHT_STORAGE => {
+                return self.storage(state, asker, target, component, command);
+            }
+            command::PREFLIGHT_REBOOT_SHUTDOWN => {
+                return self.reboot(state, asker, target, component, command);
+            }
             _ => UNSUPPORTED,
         };
         acknowledge(state, asker, component, command.number, result);
@@ -112,8 +132,10 @@ impl Commands {
         // Some stations use NaN for "not given", and NaN is not equal to itself.
         let bits = |command: &Command| command.params.map(f32::to_bits);
         self.pending.values().any(|pending| {
-            (pending.asker.peer, pending.asker.from, pending.component) == (asker.peer, asker.from, component)
-                && (pending.command.number, bits(&pending.command)) == (command.number, bits(command))
+            (pending.asker.peer, pending.asker.from, pending.component)
+                == (asker.peer, asker.from, component)
+                && (pending.command.number, bits(&pending.command))
+                    == (command.number, bits(command))
         })
     }
 
@@ -130,7 +152,8 @@ impl Commands {
         if nodes.is_empty() {
             return fail(state, asker, component, command, "No node is online");
         }
-        let (known, unknown): (Vec<_>, Vec<_>) = nodes.into_iter().partition(|id| state.nodes[id].info.known.is_some());
+        let (known, unknown): (Vec<_>, Vec<_>) =
+            nodes.into_iter().partition(|id| state.nodes[id].info.known.is_some());
         for id in known {
             state.post_info(now, id, To::One(asker.peer));
         }
@@ -194,19 +217,34 @@ impl Commands {
     }
 
     /// MAV_CMD_PREFLIGHT_STORAGE. Parameter 1: 1 saves; 2 to 4 reset to the defaults.
-    fn storage(&mut self, state: &mut State, asker: Asker, target: Target, component: u8, command: Command) {
+    fn storage(
+        &mut self,
+        state: &mut State,
+        asker: Asker,
+        target: Target,
+        component: u8,
+        command: Command,
+    ) {
         let opcode = match (command.params[0], target) {
             (1.0, _) => Opcode::SAVE,
             (2.0 | 3.0 | 4.0, Target::Node(_)) => Opcode::ERASE,
             (2.0 | 3.0 | 4.0, Target::Bridge) => {
-                return deny(state, asker, component, command, "Erase one node at a time: address its component");
+                return deny(
+                    state,
+                    asker,
+                    component,
+                    command,
+                    "Erase one node at a time: address its component",
+                );
             }
             // DroneCAN has no service to read back the saved parameters.
             _ => return acknowledge(state, asker, component, command.number, DENIED),
         };
         let nodes: Vec<NodeId> = match target {
             Target::Node(id) => vec![id],
-            Target::Bridge => state.online_nodes().filter(|id| !state.is_other_component(id.get())).collect(),
+            Target::Bridge => {
+                state.online_nodes().filter(|id| !state.is_other_component(id.get())).collect()
+            }
         };
         if nodes.is_empty() {
             return fail(state, asker, component, command, "No node is online");
@@ -214,13 +252,27 @@ impl Commands {
         let Some(ticket) = self.begin(state, asker, component, command, &nodes) else { return };
         for id in nodes {
             let purpose = Purpose::Opcode(ticket);
-            state.calls.request(id, types::EXECUTE_OPCODE, opcode.encode(), OPCODE_TIMEOUTS, Urgency::Now, purpose);
+            state.calls.request(
+                id,
+                types::EXECUTE_OPCODE,
+                opcode.encode(),
+                OPCODE_TIMEOUTS,
+                Urgency::Now,
+                purpose,
+            );
         }
     }
 
-    /// MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN. Either parameter 1 is 1 and the target is the node, or parameter 3 is 1 and parameter 4 is the
-    /// node's component.
-    fn reboot(&mut self, state: &mut State, asker: Asker, target: Target, component: u8, command: Command) {
+    /// MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN. Either parameter 1 is 1 and the target is the node, or
+    /// parameter 3 is 1 and parameter 4 is the node's component.
+    fn reboot(
+        &mut self,
+        state: &mut State,
+        asker: Asker,
+        target: Target,
+        component: u8,
+        command: Command,
+    ) {
         let [whole, _, part, which, ..] = command.params;
         let node = match (target, whole, part) {
             (Target::Node(id), 1.0, _) => Some(id),
@@ -228,14 +280,31 @@ impl Commands {
             _ => None,
         };
         let Some(id) = node else {
-            return deny(state, asker, component, command, "Restart one node at a time: address its component");
+            return deny(
+                state,
+                asker,
+                component,
+                command,
+                "Restart one node at a time: address its component",
+            );
         };
         let Some(ticket) = self.begin(state, asker, component, command, &[id]) else { return };
-        let payload = Message::RestartNode(RESTART_MAGIC).encode().map(|(_, payload)| payload).unwrap_or_default();
-        state.calls.request(id, types::RESTART_NODE, payload, RESTART_TIMEOUTS, Urgency::Now, Purpose::Restart(ticket));
+        let payload = Message::RestartNode(RESTART_MAGIC)
+            .encode()
+            .map(|(_, payload)| payload)
+            .unwrap_or_default();
+        state.calls.request(
+            id,
+            types::RESTART_NODE,
+            payload,
+            RESTART_TIMEOUTS,
+            Urgency::Now,
+            Purpose::Restart(ticket),
+        );
     }
 
-    /// Registers a command that nodes must answer. If too many are in progress, rejects the command and returns `None`.
+    /// Registers a command that nodes must answer. If too many are in progress, rejects the command
+    /// and returns `None`.
     fn begin(
         &mut self,
         state: &mut State,
@@ -251,11 +320,13 @@ impl Commands {
         let ticket = self.next;
         self.next = self.next.wrapping_add(1);
         let waiting_for = nodes.iter().copied().collect();
-        self.pending.insert(ticket, Pending { asker, component, command, waiting_for, failed: false });
+        self.pending
+            .insert(ticket, Pending { asker, component, command, waiting_for, failed: false });
         Some(ticket)
     }
 
-    /// Notes the result of a command at one node. Reports a failure to the sender, and acknowledges the command after the last node.
+    /// Notes the result of a command at one node. Reports a failure to the sender, and acknowledges
+    /// the command after the last node.
     pub fn done(&mut self, state: &mut State, ticket: u32, id: NodeId, done: Result<(), &str>) {
         let Some(pending) = self.pending.get_mut(&ticket) else { return };
         if !pending.waiting_for.remove(&id) {
@@ -264,7 +335,12 @@ impl Commands {
         if let Err(why) = done {
             pending.failed = true;
             let (peer, component) = (pending.asker.peer, pending.component);
-            state.post(To::One(peer), Class::Text, component, Content::from(text(&format!("Node {id} {why}"))));
+            state.post(
+                To::One(peer),
+                Class::Text,
+                component,
+                Content::from(text(&format!("Node {id} {why}"))),
+            );
         }
         if pending.waiting_for.is_empty()
             && let Some(pending) = self.pending.remove(&ticket)
@@ -275,7 +351,13 @@ impl Commands {
     }
 
     /// Handles a node's answer to ExecuteOpcode or RestartNode; `None` if there was none.
-    pub fn answer(&mut self, state: &mut State, id: NodeId, purpose: Purpose, payload: Option<&[u8]>) {
+    pub fn answer(
+        &mut self,
+        state: &mut State,
+        id: NodeId,
+        purpose: Purpose,
+        payload: Option<&[u8]>,
+    ) {
         // Both responses have "ok" in the most significant bit of the last byte.
         let ok = payload.and_then(<[u8]>::last).is_some_and(|byte| byte & 1 << 7 != 0);
         let done = match payload {
@@ -286,8 +368,14 @@ impl Commands {
         let outcome = done.err().unwrap_or("done");
         match purpose {
             Purpose::Opcode(ticket) => {
-                let saves = self.pending.get(&ticket).is_none_or(|pending| pending.command.params[0] == 1.0);
-                state.log.push(format!("node {id}: {}: {outcome}", if saves { "save" } else { "erase" }));
+                let saves = self
+                    .pending
+                    .get(&ticket)
+                    .is_none_or(|pending| pending.command.params[0] == 1.0);
+                state.log.push(format!(
+                    "node {id}: {}: {outcome}",
+                    if saves { "save" } else { "erase" }
+                ));
                 self.done(state, ticket, id, done);
             }
             Purpose::Restart(ticket) => {
@@ -301,7 +389,9 @@ impl Commands {
 
     /// Completes restart commands to a node that has restarted, even if its answer was lost.
     pub fn restarted(&mut self, state: &mut State, id: NodeId) {
-        for purpose in state.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Restart(_))) {
+        for purpose in
+            state.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Restart(_)))
+        {
             if let Purpose::Restart(ticket) = purpose {
                 self.done(state, ticket, id, Ok(()));
             }
@@ -366,7 +456,11 @@ fn post_capabilities(state: &mut State, asker: Asker, target: Target) {
     let (component, (major, minor), unique_id) = match target {
         Target::Node(id) => {
             let known = state.nodes[&id].info.known.as_ref();
-            (id.get(), known.map_or((0, 0), |info| info.software), known.map_or([0; 16], |info| info.unique_id))
+            (
+                id.get(),
+                known.map_or((0, 0), |info| info.software),
+                known.map_or([0; 16], |info| info.unique_id),
+            )
         }
         Target::Bridge => (state.settings.component, own_version(), state.settings.unique_id),
     };

@@ -1,6 +1,7 @@
 //! The bridge itself: passes frames and messages, with their time, to the parts that handle them.
 //!
-//! Nothing here opens a connection, waits or reads a clock. The caller takes the output from [`Bridge::frames`] and [`State::posts`].
+//! Nothing here opens a connection, waits or reads a clock. The caller takes the output from
+//! [`Bridge::frames`] and [`State::posts`].
 //!
 //! ```text
 //! core ──> commands ──> forward, identity, presence ──> state ──> node, calls, post
@@ -20,7 +21,9 @@ use crate::queue::Class;
 use crate::state::{Settings, State};
 use crate::task::{Op, Purpose};
 use crate::tunnel::Tunnels;
-use dronecan_host::{Assembler, CanId, Frame, Id, NodeId, NodeInfo, NodeStatus, Outcome, Transfer, TransferId, types};
+use dronecan_host::{
+    Assembler, CanId, Frame, Id, NodeId, NodeInfo, NodeStatus, Outcome, Transfer, TransferId, types,
+};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -92,7 +95,8 @@ impl Bridge {
         self.send(now);
     }
 
-    /// Moves the parts' frames to [`Bridge::frames`], and forwards them to the stations that subscribed to the bus.
+    /// Moves the parts' frames to [`Bridge::frames`], and forwards them to the stations that
+    /// subscribed to the bus.
     fn send(&mut self, now: Duration) {
         for (frame, from) in std::mem::take(&mut self.state.outgoing) {
             self.frames.push(frame);
@@ -124,7 +128,10 @@ impl Bridge {
     }
 
     fn report_conflict(&mut self, now: Duration) {
-        if self.conflict_logged_at.is_none_or(|logged_at| now >= logged_at + CONFLICT_REPEATED_AFTER) {
+        if self
+            .conflict_logged_at
+            .is_none_or(|logged_at| now >= logged_at + CONFLICT_REPEATED_AFTER)
+        {
             self.conflict_logged_at = Some(now);
             let id = self.state.settings.node;
             self.state.warn(&format!("another node has the bridge's ID {id}: --node-id"));
@@ -133,7 +140,9 @@ impl Bridge {
 
     fn transfer(&mut self, now: Duration, transfer: &Transfer) {
         match transfer.id {
-            CanId::Message { type_id, .. } if type_id != types::NODE_STATUS.id => self.tunnels.receive(transfer),
+            CanId::Message { type_id, .. } if type_id != types::NODE_STATUS.id => {
+                self.tunnels.receive(transfer)
+            }
             CanId::Message { source, .. } => {
                 if let Some(status) = NodeStatus::decode(&transfer.payload) {
                     self.node_status(now, source, status);
@@ -199,7 +208,9 @@ impl Bridge {
         self.early.keep(&self.state, now, asker, &message);
         let state = &mut self.state;
         match message.request {
-            Request::Heartbeat { kind, autopilot } => state.note_component(asker.from, kind, autopilot),
+            Request::Heartbeat { kind, autopilot } => {
+                state.note_component(asker.from, kind, autopilot)
+            }
             Request::Other => {}
             Request::ParameterList => state.parameter_ops(component, || Op::List(asker)),
             Request::ParameterRead { index: Some(index), .. } => {
@@ -211,7 +222,12 @@ impl Bridge {
             Request::ParameterSet { name, value, kind } => {
                 // PARAM_SET needs one node: the same value for all nodes makes no sense.
                 if component != 0 {
-                    state.parameter_ops(component, || Op::Set { asker, name: name.clone(), value, kind });
+                    state.parameter_ops(component, || Op::Set {
+                        asker,
+                        name: name.clone(),
+                        value,
+                        kind,
+                    });
                 }
             }
             Request::Command(command) => {
@@ -236,7 +252,9 @@ impl Bridge {
         let is_node = NodeId::new(component).is_some_and(|id| self.state.nodes.contains_key(&id));
         let answering = match component {
             0 => own,
-            _ if component == own || (is_node && !self.state.is_other_component(component)) => component,
+            _ if component == own || (is_node && !self.state.is_other_component(component)) => {
+                component
+            }
             _ => return,
         };
         if let Some(content) = ftp::answer(asker.from, request) {
@@ -247,11 +265,17 @@ impl Bridge {
     /// Sends a new ground station a heartbeat and the known nodes.
     pub fn joined(&mut self, now: Duration, peer: PeerId) {
         let heartbeat = self.state.heartbeat(None);
-        self.state.post(To::One(peer), Class::Answer, self.state.settings.component, Content::from(heartbeat));
+        self.state.post(
+            To::One(peer),
+            Class::Answer,
+            self.state.settings.component,
+            Content::from(heartbeat),
+        );
         self.state.send_all_infos(now, peer);
     }
 
-    /// Handles that the bus is open again. Other nodes may be on it now, and their uptimes need not show that.
+    /// Handles that the bus is open again. Other nodes may be on it now, and their uptimes need not
+    /// show that.
     pub fn bus_is_back(&mut self) {
         let online: Vec<NodeId> = self.state.online_nodes().collect();
         for id in online {

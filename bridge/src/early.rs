@@ -1,4 +1,5 @@
-//! Messages for a node that is not known yet but may appear in a moment, as after the start of the bridge.
+//! Messages for a node that is not known yet but may appear in a moment, as after the start of the
+//! bridge.
 
 use crate::message::{In, Request};
 use crate::post::{Asker, PeerId};
@@ -23,7 +24,9 @@ impl Early {
         let wanted = match message.request {
             // A list of all nodes is also for those that appear later.
             Request::ParameterList => unknown || message.to.1 == 0,
-            Request::ParameterRead { .. } | Request::ParameterSet { .. } | Request::Command(_) => unknown,
+            Request::ParameterRead { .. } | Request::ParameterSet { .. } | Request::Command(_) => {
+                unknown
+            }
             _ => false,
         };
         let own = message.to.1 == state.settings.component;
@@ -35,9 +38,16 @@ impl Early {
 
     /// Takes the messages for a node that has appeared, or for all nodes, addressed to that node.
     pub fn take(&mut self, id: NodeId, system: u8) -> Vec<(Asker, In)> {
-        let of_it = |(_, _, message): &&(Duration, Asker, In)| message.to.1 == id.get() || message.to.1 == 0;
+        let of_it = |(_, _, message): &&(Duration, Asker, In)| {
+            message.to.1 == id.get() || message.to.1 == 0
+        };
         let to_it = |message: &In| In { to: (system, id.get()), ..message.clone() };
-        let taken = self.waiting.iter().filter(of_it).map(|(_, asker, message)| (*asker, to_it(message))).collect();
+        let taken = self
+            .waiting
+            .iter()
+            .filter(of_it)
+            .map(|(_, asker, message)| (*asker, to_it(message)))
+            .collect();
         self.waiting.retain(|(_, _, message)| message.to.1 != id.get());
         taken
     }

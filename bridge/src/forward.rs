@@ -1,22 +1,26 @@
-//! CAN frames over MAVLink: CAN_FORWARD, CAN_FRAME and CAN_FILTER_MODIFY, as in ArduPilot; pydronecan's `mavcan:` and the DroneCAN GUI
-//! Tool use them.
+//! CAN frames over MAVLink: CAN_FORWARD, CAN_FRAME and CAN_FILTER_MODIFY, as in ArduPilot;
+//! pydronecan's `mavcan:` and the DroneCAN GUI Tool use them.
 //!
-//! A station that sends MAV_CMD_CAN_FORWARD with bus 1 receives all frames for five seconds, and repeats the command. The frames that
-//! it sends go to the bus and to the other stations, not back to it. A filter passes the message types and
-//! services with its numbers; 0 stands for anonymous frames.
+//! A station that sends MAV_CMD_CAN_FORWARD with bus 1 receives all frames for five seconds, and
+//! repeats the command. The frames that it sends go to the bus and to the other stations, not back
+//! to it. A filter passes the message types and services with its numbers; 0 stands for anonymous
+//! frames.
 
 use crate::message::Content;
 use crate::post::{Asker, PeerId, To};
 use crate::queue::Class;
 use crate::state::State;
 use dronecan_host::{CanId, Frame, Id};
-use mavlink::dialects::common::{CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, CanFilterOp, MavMessage, MavResult};
+use mavlink::dialects::common::{
+    CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, CanFilterOp, MavMessage, MavResult,
+};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Time for which a CAN_FORWARD is valid.
 const FORWARD_FOR: Duration = Duration::from_secs(5);
-/// Flag in the identifier of a CAN_FRAME: 29-bit identifier. The two bits below mark remote and error frames.
+/// Flag in the identifier of a CAN_FRAME: 29-bit identifier. The two bits below mark remote and
+/// error frames.
 const EXTENDED: u32 = 1 << 31;
 const FLAGS: u32 = 0b111 << 29;
 const STANDARD_ID_MAX: u32 = 0x7FF;
@@ -56,7 +60,13 @@ pub struct Forward {
 
 impl Forward {
     /// MAV_CMD_CAN_FORWARD: bus 1 starts or continues, 0 ends.
-    pub fn subscribe(&mut self, state: &mut State, now: Duration, asker: Asker, bus: i64) -> MavResult {
+    pub fn subscribe(
+        &mut self,
+        state: &mut State,
+        now: Duration,
+        asker: Asker,
+        bus: i64,
+    ) -> MavResult {
         let until = now + FORWARD_FOR;
         match bus {
             0 => {
@@ -81,7 +91,13 @@ impl Forward {
     }
 
     /// CAN_FILTER_MODIFY. Its bus numbers start with 1.
-    pub fn filter(&mut self, state: &State, now: Duration, asker: Asker, data: &CAN_FILTER_MODIFY_DATA) {
+    pub fn filter(
+        &mut self,
+        state: &State,
+        now: Duration,
+        asker: Asker,
+        data: &CAN_FILTER_MODIFY_DATA,
+    ) {
         if data.bus != 1 || !state.settings.rights.can {
             return;
         }
@@ -111,8 +127,10 @@ impl Forward {
         let mut data = [0; 8];
         data[..frame.data().len()].copy_from_slice(frame.data());
         let component = state.settings.component;
-        let wanting = |s: &&Subscriber| s.until > now && Some(s.asker.peer) != from && s.wants(frame);
-        let askers: Vec<Asker> = self.subscribers.values().filter(wanting).map(|s| s.asker).collect();
+        let wanting =
+            |s: &&Subscriber| s.until > now && Some(s.asker.peer) != from && s.wants(frame);
+        let askers: Vec<Asker> =
+            self.subscribers.values().filter(wanting).map(|s| s.asker).collect();
         for asker in askers {
             let message = CAN_FRAME_DATA {
                 id,
@@ -122,12 +140,22 @@ impl Forward {
                 len: frame.data().len() as u8,
                 data,
             };
-            state.post(To::One(asker.peer), Class::Frame, component, Content::from(MavMessage::CAN_FRAME(message)));
+            state.post(
+                To::One(asker.peer),
+                Class::Frame,
+                component,
+                Content::from(MavMessage::CAN_FRAME(message)),
+            );
         }
     }
 
     /// A station's CAN_FRAME as a frame for the bus. Its bus numbers start with 0.
-    pub fn frame_from_station(&self, state: &mut State, asker: Asker, message: &CAN_FRAME_DATA) -> Option<Frame> {
+    pub fn frame_from_station(
+        &self,
+        state: &mut State,
+        asker: Asker,
+        message: &CAN_FRAME_DATA,
+    ) -> Option<Frame> {
         let rights = state.settings.rights;
         if !(rights.can && rights.change) {
             return None;

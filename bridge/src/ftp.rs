@@ -1,7 +1,7 @@
 //! FTP over MAVLink: the bridge has no files and rejects each request.
 //!
-//! Ground stations request a file of parameters before the parameters themselves, and wait long for an answer. After a
-//! rejection they continue at once (MAVLink's chapter "File Transfer Protocol").
+//! Ground stations request a file of parameters before the parameters themselves, and wait long for
+//! an answer. After a rejection they continue at once (MAVLink's chapter "File Transfer Protocol").
 //!
 //! ```text
 //! byte   0..2   2        3       4     5               6               7        8..12   12..
@@ -37,7 +37,10 @@ mod error {
 }
 
 /// The answer to a request to this system and component; `None` if the message is not a request.
-pub fn answer((target_system, target_component): (u8, u8), request: &[u8; PAYLOAD_LEN]) -> Option<Content> {
+pub fn answer(
+    (target_system, target_component): (u8, u8),
+    request: &[u8; PAYLOAD_LEN],
+) -> Option<Content> {
     let requested = request[OPCODE_AT];
     if requested >= opcode::ACK {
         return None;
@@ -60,6 +63,7 @@ pub fn answer((target_system, target_component): (u8, u8), request: &[u8; PAYLOA
         payload[SIZE_AT] = 1;
         payload[DATA_AT] = error;
     }
-    let data = FILE_TRANSFER_PROTOCOL_DATA { target_network: 0, target_system, target_component, payload };
+    let data =
+        FILE_TRANSFER_PROTOCOL_DATA { target_network: 0, target_system, target_component, payload };
     Some(Content::from(MavMessage::FILE_TRANSFER_PROTOCOL(data)))
 }

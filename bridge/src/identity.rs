@@ -1,6 +1,8 @@
-//! Information of nodes: GetNodeInfo on the bus, UAVCAN_NODE_INFO on the channels; and the bridge's own answer to GetNodeInfo.
+//! Information of nodes: GetNodeInfo on the bus, UAVCAN_NODE_INFO on the channels; and the bridge's
+//! own answer to GetNodeInfo.
 //!
-//! The bridge requests the information when a node appears, returns or restarts. Without an answer it repeats the request, less and less often.
+//! The bridge requests the information when a node appears, returns or restarts. Without an answer
+//! it repeats the request, less and less often.
 
 use crate::calls::{Timeouts, Urgency};
 use crate::message::{Content, chars};
@@ -25,12 +27,25 @@ impl State {
             && !node.info.is_requested
         {
             node.info.is_requested = true;
-            self.calls.request(id, types::GET_NODE_INFO, Vec::new(), INFO_TIMEOUTS, Urgency::Background, Purpose::Info);
+            self.calls.request(
+                id,
+                types::GET_NODE_INFO,
+                Vec::new(),
+                INFO_TIMEOUTS,
+                Urgency::Background,
+                Purpose::Info,
+            );
         }
     }
 
-    /// Handles the answer to GetNodeInfo; `None` if there was none. Returns the commands that waited for it.
-    pub(crate) fn info_answer(&mut self, now: Duration, id: NodeId, info: Option<NodeInfo>) -> Vec<u32> {
+    /// Handles the answer to GetNodeInfo; `None` if there was none. Returns the commands that
+    /// waited for it.
+    pub(crate) fn info_answer(
+        &mut self,
+        now: Duration,
+        id: NodeId,
+        info: Option<NodeInfo>,
+    ) -> Vec<u32> {
         let Some(node) = self.nodes.get_mut(&id) else { return Vec::new() };
         node.info.is_requested = false;
         let waiting = std::mem::take(&mut node.info.waiting);
@@ -42,7 +57,8 @@ impl State {
                 self.post_info(now, id, To::All);
             }
             None => {
-                let pause = INFO_RETRY.saturating_mul(1 << node.info.failures.min(8)).min(INFO_RETRY_MAX);
+                let pause =
+                    INFO_RETRY.saturating_mul(1 << node.info.failures.min(8)).min(INFO_RETRY_MAX);
                 if node.info.failures == 0 {
                     self.log.push(format!("node {id} does not answer GetNodeInfo"));
                 }
@@ -72,7 +88,8 @@ impl State {
         self.post(to, Class::Info, id.get(), Content::from(MavMessage::UAVCAN_NODE_INFO(data)));
     }
 
-    /// Sends GetNodeInfo to nodes without information, and repeats the UAVCAN_NODE_INFO of the others.
+    /// Sends GetNodeInfo to nodes without information, and repeats the UAVCAN_NODE_INFO of the
+    /// others.
     pub(crate) fn repeat_infos(&mut self, now: Duration) {
         let interval = self.settings.info_interval;
         let online: Vec<NodeId> = self.online_nodes().collect();
@@ -96,11 +113,20 @@ impl State {
     }
 
     /// Answers GetNodeInfo.
-    pub(crate) fn answer_node_info(&mut self, now: Duration, to: NodeId, priority: u8, transfer_id: TransferId) {
+    pub(crate) fn answer_node_info(
+        &mut self,
+        now: Duration,
+        to: NodeId,
+        priority: u8,
+        transfer_id: TransferId,
+    ) {
         let part = |text: &str| text.parse().unwrap_or(0);
         let info = NodeInfo {
             status: NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() },
-            software: (part(env!("CARGO_PKG_VERSION_MAJOR")), part(env!("CARGO_PKG_VERSION_MINOR"))),
+            software: (
+                part(env!("CARGO_PKG_VERSION_MAJOR")),
+                part(env!("CARGO_PKG_VERSION_MINOR")),
+            ),
             unique_id: self.settings.unique_id,
             name: NAME.into(),
             ..NodeInfo::default()
@@ -112,6 +138,7 @@ impl State {
             destination: to,
             source: self.settings.node,
         };
-        self.outgoing.extend(frames(id, &info.encode(), transfer_id).into_iter().map(|frame| (frame, None)));
+        self.outgoing
+            .extend(frames(id, &info.encode(), transfer_id).into_iter().map(|frame| (frame, None)));
     }
 }

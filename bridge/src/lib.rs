@@ -4,9 +4,10 @@
 //! Bus (slcan, mcast, socketcan) ── frames ──> Bridge ── posts ──> Queue ── Writer ──> Channel (udp, tcp, serial)
 //!                               <── frames ──        <── requests ── Parser ──────────
 //! ```
-//! [`core::Bridge`] makes all decisions; it opens nothing and never waits. Its parts (parameters, commands, forward, presence, identity) use a
-//! [`state::State`] and do not know the core. [`bus`] and [`channel`] are its connections, and never block.
-//! [`run`] moves frames and messages between them. See docs/bridge.md.
+//! [`core::Bridge`] makes all decisions; it opens nothing and never waits. Its parts (parameters,
+//! commands, forward, presence, identity) use a [`state::State`] and do not know the core. [`bus`]
+//! and [`channel`] are its connections, and never block. [`run`] moves frames and messages between
+//! them. See docs/bridge.md.
 
 #![forbid(unsafe_code)]
 

@@ -1,6 +1,7 @@
 //! MAVLink messages that the bridge sends and receives, and their bytes.
 //!
-//! Commands and parameter types are plain numbers here ([`Request`], [`Content`]); [`gaps`] has the reason.
+//! Commands and parameter types are plain numbers here ([`Request`], [`Content`]); [`gaps`] has the
+//! reason.
 
 mod gaps;
 mod parser;
@@ -9,8 +10,9 @@ mod writer;
 use crate::number::Number;
 use mavlink::MessageData;
 use mavlink::dialects::common::{
-    AUTOPILOT_VERSION_DATA, CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, HEARTBEAT_DATA, MavMessage, MavResult, MavSeverity,
-    PARAM_VALUE_DATA, STATUSTEXT_DATA, UAVCAN_NODE_INFO_DATA, UAVCAN_NODE_STATUS_DATA,
+    AUTOPILOT_VERSION_DATA, CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, HEARTBEAT_DATA, MavMessage,
+    MavResult, MavSeverity, PARAM_VALUE_DATA, STATUSTEXT_DATA, UAVCAN_NODE_INFO_DATA,
+    UAVCAN_NODE_STATUS_DATA,
 };
 use mavlink::types::CharArray;
 
@@ -80,10 +82,14 @@ impl Out {
     /// Messages with the same key replace each other: only the newest needs to be sent.
     pub fn key(&self) -> Option<(u8, u32, u16)> {
         match &self.content {
-            Content::Parameter { index, .. } => Some((self.component, PARAM_VALUE_DATA::ID, *index)),
+            Content::Parameter { index, .. } => {
+                Some((self.component, PARAM_VALUE_DATA::ID, *index))
+            }
             Content::Message(message) => match **message {
                 MavMessage::HEARTBEAT(_) => Some((self.component, HEARTBEAT_DATA::ID, 0)),
-                MavMessage::UAVCAN_NODE_INFO(_) => Some((self.component, UAVCAN_NODE_INFO_DATA::ID, 0)),
+                MavMessage::UAVCAN_NODE_INFO(_) => {
+                    Some((self.component, UAVCAN_NODE_INFO_DATA::ID, 0))
+                }
                 _ => None,
             },
             _ => None,
@@ -108,7 +114,12 @@ pub fn warning(words: &str) -> MavMessage {
 }
 
 fn status_text(severity: MavSeverity, words: &str) -> MavMessage {
-    MavMessage::STATUSTEXT(STATUSTEXT_DATA { severity, text: chars(words.as_bytes()), id: 0, chunk_seq: 0 })
+    MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+        severity,
+        text: chars(words.as_bytes()),
+        id: 0,
+        chunk_seq: 0,
+    })
 }
 
 /// Bytes as a text field, cut to its length.

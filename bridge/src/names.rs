@@ -1,11 +1,13 @@
 //! Parameter names for MAVLink, which has 16 characters where DroneCAN has 92.
 //!
-//! A name that fits is not changed. A longer one becomes `HEAD~XXX~TAIL`: its first five characters, three characters of a hash of the
-//! whole name, and its last six. So people recognise it, and all short names differ. The short name depends on the name alone, so it
-//! is the same in every session and on every computer. Only if the short names of two parameters of a node are equal does the second in
-//! alphabetical order get another hash.
+//! A name that fits is not changed. A longer one becomes `HEAD~XXX~TAIL`: its first five
+//! characters, three characters of a hash of the whole name, and its last six. So people recognise
+//! it, and all short names differ. The short name depends on the name alone, so it is the same in
+//! every session and on every computer. Only if the short names of two parameters of a node are
+//! equal does the second in alphabetical order get another hash.
 //!
-//! Short names differ in more than upper and lower case, because some ground stations send all names in upper case.
+//! Short names differ in more than upper and lower case, because some ground stations send all
+//! names in upper case.
 
 use std::collections::HashSet;
 
@@ -35,7 +37,9 @@ pub fn shorten(names: &[Vec<u8>]) -> Vec<String> {
     rest.sort_by_key(|at| &names[*at]);
     for at in rest {
         let mut candidates = (0..=u32::MAX).map(|attempt| candidate(&names[at], attempt));
-        short[at] = candidates.find(|name| taken.insert(name.to_ascii_uppercase())).expect("enough candidates");
+        short[at] = candidates
+            .find(|name| taken.insert(name.to_ascii_uppercase()))
+            .expect("enough candidates");
     }
     short
 }
@@ -62,7 +66,8 @@ fn candidate(name: &[u8], attempt: u32) -> String {
 /// FNV-1a, folded to the number of bits that the characters need.
 fn fnv1a(name: &[u8], attempt: u32) -> u32 {
     let bytes = name.iter().copied().chain(attempt.to_le_bytes());
-    let hash = bytes.fold(0x811C_9DC5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+    let hash = bytes
+        .fold(0x811C_9DC5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
     hash >> 16 ^ hash
 }
 
@@ -77,7 +82,10 @@ mod tests {
 
     #[test]
     fn names_that_fit_are_not_changed() {
-        assert_eq!(shortened(&["OUT1_MIN", "a", "ABCDEFGHIJKLMNOP"]), ["OUT1_MIN", "a", "ABCDEFGHIJKLMNOP"]);
+        assert_eq!(
+            shortened(&["OUT1_MIN", "a", "ABCDEFGHIJKLMNOP"]),
+            ["OUT1_MIN", "a", "ABCDEFGHIJKLMNOP"]
+        );
     }
 
     #[test]
@@ -95,7 +103,8 @@ mod tests {
 
     #[test]
     fn the_order_of_the_parameters_does_not_matter() {
-        let names: Vec<String> = (0..3000).map(|n| format!("motor_controller_{n:04}_limit")).collect();
+        let names: Vec<String> =
+            (0..3000).map(|n| format!("motor_controller_{n:04}_limit")).collect();
         let forward: Vec<Vec<u8>> = names.iter().map(|name| name.clone().into_bytes()).collect();
         let backward: Vec<Vec<u8>> = forward.iter().rev().cloned().collect();
         let mut turned = shorten(&backward);

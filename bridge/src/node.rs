@@ -13,7 +13,8 @@ pub struct Node {
     /// Time of its last status.
     pub heard: Duration,
     pub is_online: bool,
-    /// The uptime before it last decreased. If later statuses fit both uptimes, two nodes have the ID.
+    /// The uptime before it last decreased. If later statuses fit both uptimes, two nodes have the
+    /// ID.
     pub other_uptime: Option<Uptime>,
     /// When a conflict of its ID was last reported.
     pub conflict_logged_at: Option<Duration>,
@@ -125,7 +126,11 @@ impl Table {
         let all: Vec<ParameterResponse> = parameters.into_iter().collect();
         let names: Vec<Vec<u8>> = all.iter().map(|parameter| parameter.name.clone()).collect();
         let short = names::shorten(&names);
-        let entries = all.into_iter().zip(short).map(|(last, short)| Entry { full: last.name.clone(), short, last });
+        let entries = all.into_iter().zip(short).map(|(last, short)| Entry {
+            full: last.name.clone(),
+            short,
+            last,
+        });
         let (entries, left_out) = entries.partition(|entry| Number::of(&entry.last).is_some());
         Table { entries, left_out }
     }
@@ -135,10 +140,13 @@ impl Table {
         self.left_out.iter().any(|entry| entry.short.eq_ignore_ascii_case(name))
     }
 
-    /// Index of the parameter with this short name. Case matters only if two names differ in nothing else.
+    /// Index of the parameter with this short name. Case matters only if two names differ in
+    /// nothing else.
     pub fn find(&self, name: &str) -> Option<usize> {
         let exact = self.entries.iter().position(|entry| entry.short == name);
-        exact.or_else(|| self.entries.iter().position(|entry| entry.short.eq_ignore_ascii_case(name)))
+        exact.or_else(|| {
+            self.entries.iter().position(|entry| entry.short.eq_ignore_ascii_case(name))
+        })
     }
 }
 
@@ -164,7 +172,13 @@ mod tests {
 
     #[test]
     fn names_are_found_in_any_case_unless_they_differ_only_in_case() {
-        let table = Table::new([parameter("limit", Value::Integer(1)), parameter("Rate", Value::Integer(2))]);
-        assert_eq!((table.find("LIMIT"), table.find("rate"), table.find("none")), (Some(0), Some(1), None));
+        let table = Table::new([
+            parameter("limit", Value::Integer(1)),
+            parameter("Rate", Value::Integer(2)),
+        ]);
+        assert_eq!(
+            (table.find("LIMIT"), table.find("rate"), table.find("none")),
+            (Some(0), Some(1), None)
+        );
     }
 }

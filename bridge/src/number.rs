@@ -1,8 +1,10 @@
 //! Converts parameter values between DroneCAN and MAVLink.
 //!
-//! PARAM_VALUE and PARAM_SET have four bytes for the value and one byte for its type. There are two encodings of integers; a ground
-//! station chooses by the autopilot. [`IntegerEncoding::Bytewise`] has the integer's bytes (PX4, and components that are not an autopilot; exact).
-//! [`IntegerEncoding::Cast`] has a float of the same value (ArduPilot; exact up to 2^24). Reals are the same in both.
+//! PARAM_VALUE and PARAM_SET have four bytes for the value and one byte for its type. There are two
+//! encodings of integers; a ground station chooses by the autopilot. [`IntegerEncoding::Bytewise`]
+//! has the integer's bytes (PX4, and components that are not an autopilot; exact).
+//! [`IntegerEncoding::Cast`] has a float of the same value (ArduPilot; exact up to 2^24). Reals are
+//! the same in both.
 //!
 //! | DroneCAN | MAVLink |
 //! | --- | --- |
@@ -48,17 +50,23 @@ impl Number {
             _ => None,
         });
         let all: Vec<i64> = limits.chain([value]).collect();
-        Some(if let (true, Ok(value)) = (all.iter().all(|n| i32::try_from(*n).is_ok()), i32::try_from(value)) {
-            Number::Int32(value)
-        } else if let (true, Ok(value)) = (all.iter().all(|n| u32::try_from(*n).is_ok()), u32::try_from(value)) {
-            Number::Uint32(value)
-        } else if let Ok(value) = i32::try_from(value) {
-            Number::Int32(value)
-        } else if let Ok(value) = u32::try_from(value) {
-            Number::Uint32(value)
-        } else {
-            Number::Wide(value)
-        })
+        Some(
+            if let (true, Ok(value)) =
+                (all.iter().all(|n| i32::try_from(*n).is_ok()), i32::try_from(value))
+            {
+                Number::Int32(value)
+            } else if let (true, Ok(value)) =
+                (all.iter().all(|n| u32::try_from(*n).is_ok()), u32::try_from(value))
+            {
+                Number::Uint32(value)
+            } else if let Ok(value) = i32::try_from(value) {
+                Number::Int32(value)
+            } else if let Ok(value) = u32::try_from(value) {
+                Number::Uint32(value)
+            } else {
+                Number::Wide(value)
+            },
+        )
     }
 
     /// The MAVLink type.
@@ -119,10 +127,12 @@ fn read(kind: u8, value: f32) -> Result<Sent, Unfit> {
 
 fn to_integer(value: f32) -> Option<i64> {
     // 2^63 itself does not fit.
-    (value.fract() == 0.0 && (-(2f32.powi(63))..2f32.powi(63)).contains(&value)).then_some(value as i64)
+    (value.fract() == 0.0 && (-(2f32.powi(63))..2f32.powi(63)).contains(&value))
+        .then_some(value as i64)
 }
 
-/// The value for the node; `None` if the parameter must not change. `current` is the parameter in the node's last answer.
+/// The value for the node; `None` if the parameter must not change. `current` is the parameter in
+/// the node's last answer.
 ///
 /// # Errors
 /// If the value or its type is invalid.
@@ -137,7 +147,9 @@ pub fn decode(
         (sent, _) => sent,
     };
     match (&current.value, sent) {
-        (Value::Integer(now), Sent::Real(value)) if matches!(Number::of(current), Some(Number::Wide(_))) => {
+        (Value::Integer(now), Sent::Real(value))
+            if matches!(Number::of(current), Some(Number::Wide(_))) =>
+        {
             // A value that was rounded for the station must not be rounded in the node.
             if value == *now as f32 {
                 Ok(None)
@@ -150,8 +162,9 @@ pub fn decode(
         }
         (Value::Integer(_), Sent::Integer(number)) => {
             // Only a decoding with ArduPilot's encoding is within the limits.
-            let cast =
-                to_integer(value).filter(|cast| !is_within_limits(current, number) && is_within_limits(current, *cast));
+            let cast = to_integer(value).filter(|cast| {
+                !is_within_limits(current, number) && is_within_limits(current, *cast)
+            });
             Ok(Some(Value::Integer(cast.unwrap_or(number))))
         }
         // NaN is no useful value, and some nodes would store it.
@@ -161,7 +174,9 @@ pub fn decode(
             let real = number as f32;
             if real as i64 == number { Ok(Some(Value::Real(real))) } else { Err(Unfit::Value) }
         }
-        (Value::Boolean(_), Sent::Integer(number @ (0 | 1))) => Ok(Some(Value::Boolean(number == 1))),
+        (Value::Boolean(_), Sent::Integer(number @ (0 | 1))) => {
+            Ok(Some(Value::Boolean(number == 1)))
+        }
         (Value::Boolean(_), Sent::Real(value)) if value == 0.0 || value == 1.0 => {
             Ok(Some(Value::Boolean(value == 1.0)))
         }
@@ -190,8 +205,15 @@ mod tests {
     const REAL32: u8 = 9;
 
     fn parameter(value: Value, limits: Option<(i64, i64)>) -> ParameterResponse {
-        let limit = |at: fn((i64, i64)) -> i64| limits.map_or(Value::Empty, |limits| Value::Integer(at(limits)));
-        ParameterResponse { value, min: limit(|l| l.0), max: limit(|l| l.1), ..ParameterResponse::default() }
+        let limit = |at: fn((i64, i64)) -> i64| {
+            limits.map_or(Value::Empty, |limits| Value::Integer(at(limits)))
+        };
+        ParameterResponse {
+            value,
+            min: limit(|l| l.0),
+            max: limit(|l| l.1),
+            ..ParameterResponse::default()
+        }
     }
 
     fn integer(value: i64) -> ParameterResponse {
@@ -200,7 +222,9 @@ mod tests {
 
     #[test]
     fn types_follow_value_and_limits() {
-        let limited = |value, min, max| Number::of(&parameter(Value::Integer(value), Some((min, max)))).unwrap();
+        let limited = |value, min, max| {
+            Number::of(&parameter(Value::Integer(value), Some((min, max)))).unwrap()
+        };
         assert_eq!(limited(5, 0, 10), Number::Int32(5));
         assert_eq!(limited(5, 0, 0xFFFF_FFFF), Number::Uint32(5));
         assert_eq!(limited(5, i64::MIN, i64::MAX), Number::Int32(5));
@@ -215,16 +239,28 @@ mod tests {
         let wide = integer((1 << 40) + 1);
         let shown = Number::of(&wide).unwrap().encode(IntegerEncoding::Bytewise);
         assert_eq!(decode(REAL32, shown, IntegerEncoding::Bytewise, &wide), Ok(None));
-        assert_eq!(decode(REAL32, 7.0, IntegerEncoding::Bytewise, &wide), Ok(Some(Value::Integer(7))));
+        assert_eq!(
+            decode(REAL32, 7.0, IntegerEncoding::Bytewise, &wide),
+            Ok(Some(Value::Integer(7)))
+        );
     }
 
     #[test]
     fn values_of_other_types_are_converted() {
         let limited = parameter(Value::Integer(1000), Some((500, 2500)));
-        assert_eq!(decode(REAL32, 1900.0, IntegerEncoding::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
+        assert_eq!(
+            decode(REAL32, 1900.0, IntegerEncoding::Bytewise, &limited),
+            Ok(Some(Value::Integer(1900)))
+        );
         assert_eq!(decode(REAL32, 1900.5, IntegerEncoding::Bytewise, &limited), Err(Unfit::Value));
-        assert_eq!(decode(REAL32, f32::NAN, IntegerEncoding::Bytewise, &limited), Err(Unfit::Value));
-        assert_eq!(decode(REAL32, f32::INFINITY, IntegerEncoding::Bytewise, &limited), Err(Unfit::Value));
+        assert_eq!(
+            decode(REAL32, f32::NAN, IntegerEncoding::Bytewise, &limited),
+            Err(Unfit::Value)
+        );
+        assert_eq!(
+            decode(REAL32, f32::INFINITY, IntegerEncoding::Bytewise, &limited),
+            Err(Unfit::Value)
+        );
         assert_eq!(
             decode(4, f32::from_bits(1900), IntegerEncoding::Bytewise, &limited),
             Ok(Some(Value::Integer(1900)))
@@ -232,20 +268,39 @@ mod tests {
         assert_eq!(decode(10, 1900.0, IntegerEncoding::Bytewise, &limited), Err(Unfit::Kind));
         assert_eq!(decode(0, 1900.0, IntegerEncoding::Bytewise, &limited), Err(Unfit::Kind));
         let real = parameter(Value::Real(1.0), None);
-        assert_eq!(decode(INT32, f32::from_bits(3), IntegerEncoding::Bytewise, &real), Ok(Some(Value::Real(3.0))));
+        assert_eq!(
+            decode(INT32, f32::from_bits(3), IntegerEncoding::Bytewise, &real),
+            Ok(Some(Value::Real(3.0)))
+        );
         let boolean = parameter(Value::Boolean(false), None);
-        assert_eq!(decode(REAL32, 1.0, IntegerEncoding::Bytewise, &boolean), Ok(Some(Value::Boolean(true))));
-        assert_eq!(decode(INT32, f32::from_bits(2), IntegerEncoding::Bytewise, &boolean), Err(Unfit::Value));
+        assert_eq!(
+            decode(REAL32, 1.0, IntegerEncoding::Bytewise, &boolean),
+            Ok(Some(Value::Boolean(true)))
+        );
+        assert_eq!(
+            decode(INT32, f32::from_bits(2), IntegerEncoding::Bytewise, &boolean),
+            Err(Unfit::Value)
+        );
     }
 
-    /// A station uses ArduPilot's encoding and the bridge the other. The parameter's limits show which encoding is meant.
+    /// A station uses ArduPilot's encoding and the bridge the other. The parameter's limits show
+    /// which encoding is meant.
     #[test]
     fn a_cast_integer_is_accepted_if_only_that_is_in_the_limits() {
         let limited = parameter(Value::Integer(1000), Some((500, 2500)));
-        assert_eq!(decode(INT32, 1900.0, IntegerEncoding::Bytewise, &limited), Ok(Some(Value::Integer(1900))));
+        assert_eq!(
+            decode(INT32, 1900.0, IntegerEncoding::Bytewise, &limited),
+            Ok(Some(Value::Integer(1900)))
+        );
         let out_of_limits = f32::from_bits(3000);
-        assert_eq!(decode(INT32, out_of_limits, IntegerEncoding::Bytewise, &limited), Ok(Some(Value::Integer(3000))));
-        assert_eq!(decode(INT32, 1900.0, IntegerEncoding::Cast, &integer(0)), Ok(Some(Value::Integer(1900))));
+        assert_eq!(
+            decode(INT32, out_of_limits, IntegerEncoding::Bytewise, &limited),
+            Ok(Some(Value::Integer(3000)))
+        );
+        assert_eq!(
+            decode(INT32, 1900.0, IntegerEncoding::Cast, &integer(0)),
+            Ok(Some(Value::Integer(1900)))
+        );
     }
 
     proptest! {

@@ -1,8 +1,10 @@
-//! Parameters: PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET on the channels, param.GetSet on the bus.
+//! Parameters: PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET on the channels, param.GetSet
+//! on the bus.
 //!
-//! MAVLink needs the number of parameters, and its names are shorter. So the first request for a node's parameters makes the bridge fetch
-//! all of them by index, several at a time, into a [`Table`](crate::node::Table). Requests wait until the table is complete.
-//! A list is always fetched again. A single parameter is read and set by its full name. The station receives
+//! MAVLink needs the number of parameters, and its names are shorter. So the first request for a
+//! node's parameters makes the bridge fetch all of them by index, several at a time, into a
+//! [`Table`](crate::node::Table). Requests wait until the table is complete. A list is always
+//! fetched again. A single parameter is read and set by its full name. The station receives
 //! the node's answer: after a PARAM_SET the current value, even if the node rejected the new one.
 //!
 //! PARAM_ERROR answers a request that cannot be executed.
@@ -19,7 +21,8 @@ use dronecan_host::{NodeId, Opcode, ParameterRequest, ParameterResponse, Value, 
 use mavlink::dialects::common::{MavMessage, MavParamError, PARAM_ERROR_DATA};
 use std::time::Duration;
 
-/// The GUI tool waits 100 ms. A node that writes its memory first needs more, and some nodes take a second for each request.
+/// The GUI tool waits 100 ms. A node that writes its memory first needs more, and some nodes take a
+/// second for each request.
 const PARAMETER_TIMEOUTS: Timeouts = Timeouts::from_ms(300, 4000);
 /// The highest index that GetSet can encode.
 const INDEX_MAX: u16 = (1 << 13) - 1;
@@ -36,7 +39,9 @@ impl State {
             None => Vec::new(),
             Some(id) => self.nodes.contains_key(&id).then_some(id).into_iter().collect(),
         };
-        for id in all.into_iter().filter(|id| !self.is_other_component(id.get())).collect::<Vec<_>>() {
+        for id in
+            all.into_iter().filter(|id| !self.is_other_component(id.get())).collect::<Vec<_>>()
+        {
             self.parameter_op(id, op());
         }
     }
@@ -85,13 +90,19 @@ impl State {
             let got = std::mem::take(&mut listing.got);
             node.listing = None;
             self.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Item(_)));
-            self.finish_listing(id, Table::new(got.into_iter().take_while(|(index, _)| *index < end).map(|(_, p)| p)));
+            self.finish_listing(
+                id,
+                Table::new(got.into_iter().take_while(|(index, _)| *index < end).map(|(_, p)| p)),
+            );
         }
     }
 
-    /// Forgets a node's parameters and information, which may change with a restart: it may run another firmware.
+    /// Forgets a node's parameters and information, which may change with a restart: it may run
+    /// another firmware.
     pub(crate) fn forget_parameters(&mut self, id: NodeId) {
-        let failed = self.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Item(_) | Purpose::Info));
+        let failed = self
+            .calls
+            .remove_requests(id, |purpose| matches!(purpose, Purpose::Item(_) | Purpose::Info));
         let Some(node) = self.nodes.get_mut(&id) else { return };
         node.table = None;
         node.save_at = None;
@@ -115,10 +126,17 @@ impl State {
             let (count, left_out) = (table.entries.len(), table.left_out.len());
             self.log.push(format!("node {id} has {} parameters", count + left_out));
             for entry in table.entries.iter().filter(|entry| entry.short.as_bytes() != entry.full) {
-                self.log.push(format!("node {id}: {} is {} in MAVLink", entry.last.name(), entry.short));
+                self.log.push(format!(
+                    "node {id}: {} is {} in MAVLink",
+                    entry.last.name(),
+                    entry.short
+                ));
             }
             for parameter in table.left_out.iter().map(|entry| &entry.last) {
-                self.log.push(format!("node {id}: {} is text, which MAVLink cannot carry", parameter.name()));
+                self.log.push(format!(
+                    "node {id}: {} is text, which MAVLink cannot carry",
+                    parameter.name()
+                ));
             }
         }
         node.table = Some(table);
@@ -138,7 +156,12 @@ impl State {
             match op {
                 Op::List(asker) => {
                     let words = format!("Node {id} does not send its parameters");
-                    self.post(To::One(asker.peer), Class::Text, id.get(), Content::from(text(&words)));
+                    self.post(
+                        To::One(asker.peer),
+                        Class::Text,
+                        id.get(),
+                        Content::from(text(&words)),
+                    );
                 }
                 Op::ReadIndex(asker, index) => self.refuse(id, asker, Some(index), "", READ_FAIL),
                 Op::ReadName(asker, name) | Op::Set { asker, name, .. } => {
@@ -189,7 +212,12 @@ impl State {
         let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
         let entry = &table.entries[at];
         if !self.settings.rights.change {
-            return self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED));
+            return self.read(
+                id,
+                asker,
+                at,
+                Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED),
+            );
         }
         match number::decode(kind, value, asker.encoding, &entry.last) {
             Ok(Some(wanted)) => {
@@ -197,19 +225,36 @@ impl State {
             }
             // The parameter does not change, but the station gets an answer.
             Ok(None) => self.read(id, asker, at, None),
-            Err(Unfit::Kind) => self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED)),
-            Err(Unfit::Value) => self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH)),
+            Err(Unfit::Kind) => {
+                self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED))
+            }
+            Err(Unfit::Value) => {
+                self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH))
+            }
         }
     }
 
     fn get_set(&mut self, id: NodeId, at: usize, value: Value, purpose: Purpose) {
         let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
         let request = ParameterRequest { index: 0, value, name: table.entries[at].full.clone() };
-        self.calls.request(id, types::GET_SET, request.encode(), PARAMETER_TIMEOUTS, Urgency::Now, purpose);
+        self.calls.request(
+            id,
+            types::GET_SET,
+            request.encode(),
+            PARAMETER_TIMEOUTS,
+            Urgency::Now,
+            purpose,
+        );
     }
 
     /// Handles the answer to a GetSet; `None` if there was none.
-    pub(crate) fn parameter_answer(&mut self, now: Duration, id: NodeId, purpose: Purpose, payload: Option<&[u8]>) {
+    pub(crate) fn parameter_answer(
+        &mut self,
+        now: Duration,
+        id: NodeId,
+        purpose: Purpose,
+        payload: Option<&[u8]>,
+    ) {
         let response = payload.and_then(ParameterResponse::decode);
         match purpose {
             Purpose::Item(index) => self.item(id, index, response),
@@ -227,8 +272,15 @@ impl State {
                     // All stations must see the new value.
                     self.post_parameter(id, at, To::All, Class::Answer);
                     if in_force != Some(wanted) {
-                        self.reject_entry(id, asker, at, MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE);
-                    } else if let (Some(after), Some(node)) = (self.settings.autosave, self.nodes.get_mut(&id)) {
+                        self.reject_entry(
+                            id,
+                            asker,
+                            at,
+                            MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE,
+                        );
+                    } else if let (Some(after), Some(node)) =
+                        (self.settings.autosave, self.nodes.get_mut(&id))
+                    {
                         node.save_at = Some(now + after);
                     }
                 }
@@ -238,7 +290,9 @@ impl State {
     }
 
     fn item(&mut self, id: NodeId, index: u16, response: Option<ParameterResponse>) {
-        let Some(listing) = self.nodes.get_mut(&id).and_then(|node| node.listing.as_mut()) else { return };
+        let Some(listing) = self.nodes.get_mut(&id).and_then(|node| node.listing.as_mut()) else {
+            return;
+        };
         listing.on_their_way = listing.on_their_way.saturating_sub(1);
         match response {
             None => return self.fail_listing(id),
@@ -252,8 +306,15 @@ impl State {
         self.continue_listing(id);
     }
 
-    /// Stores the node's answer about a parameter. If the answer is invalid, reports an error to the sender and returns `false`.
-    fn store_answer(&mut self, id: NodeId, asker: Asker, at: usize, response: Option<ParameterResponse>) -> bool {
+    /// Stores the node's answer about a parameter. If the answer is invalid, reports an error to
+    /// the sender and returns `false`.
+    fn store_answer(
+        &mut self,
+        id: NodeId,
+        asker: Asker,
+        at: usize,
+        response: Option<ParameterResponse>,
+    ) -> bool {
         let Some(node) = self.nodes.get_mut(&id) else { return false };
         let Some(entry) = node.table.as_mut().and_then(|table| table.entries.get_mut(at)) else {
             // The node has restarted in between.
@@ -278,7 +339,9 @@ impl State {
 
     fn post_parameter(&mut self, id: NodeId, at: usize, to: To, class: Class) {
         let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
-        let Some(number) = table.entries.get(at).and_then(|entry| Number::of(&entry.last)) else { return };
+        let Some(number) = table.entries.get(at).and_then(|entry| Number::of(&entry.last)) else {
+            return;
+        };
         let content = Content::Parameter {
             name: table.entries[at].short.clone(),
             number,
@@ -290,12 +353,22 @@ impl State {
 
     fn reject_entry(&mut self, id: NodeId, asker: Asker, at: usize, error: MavParamError) {
         let table = self.nodes.get(&id).and_then(|node| node.table.as_ref());
-        let name = table.and_then(|table| table.entries.get(at)).map(|entry| entry.short.clone()).unwrap_or_default();
+        let name = table
+            .and_then(|table| table.entries.get(at))
+            .map(|entry| entry.short.clone())
+            .unwrap_or_default();
         self.refuse(id, asker, None, &name, error);
     }
 
     /// Tells the sender of a request with PARAM_ERROR why there is no value.
-    fn refuse(&mut self, id: NodeId, asker: Asker, index: Option<u16>, name: &str, error: MavParamError) {
+    fn refuse(
+        &mut self,
+        id: NodeId,
+        asker: Asker,
+        index: Option<u16>,
+        name: &str,
+        error: MavParamError,
+    ) {
         let data = PARAM_ERROR_DATA {
             param_index: index.and_then(|index| i16::try_from(index).ok()).unwrap_or(-1),
             target_system: asker.from.0,
@@ -303,7 +376,12 @@ impl State {
             param_id: chars(name.as_bytes()),
             error,
         };
-        self.post(To::One(asker.peer), Class::Answer, id.get(), Content::from(MavMessage::PARAM_ERROR(data)));
+        self.post(
+            To::One(asker.peer),
+            Class::Answer,
+            id.get(),
+            Content::from(MavMessage::PARAM_ERROR(data)),
+        );
     }
 
     /// Saves parameters some time after the last PARAM_SET.
@@ -330,5 +408,9 @@ const DOES_NOT_EXIST: MavParamError = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EX
 
 /// Why the table has no parameter with this name.
 fn why_not_found(table: &Table, name: &str) -> MavParamError {
-    if table.is_left_out(name) { MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED } else { DOES_NOT_EXIST }
+    if table.is_left_out(name) {
+        MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED
+    } else {
+        DOES_NOT_EXIST
+    }
 }

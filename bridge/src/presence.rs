@@ -1,4 +1,5 @@
-//! Nodes that are online, and their status: NodeStatus on the bus, UAVCAN_NODE_STATUS and HEARTBEAT on the channels.
+//! Nodes that are online, and their status: NodeStatus on the bus, UAVCAN_NODE_STATUS and HEARTBEAT
+//! on the channels.
 
 use crate::message::{Content, Out, text};
 use crate::node::Node;
@@ -7,8 +8,8 @@ use crate::queue::Class;
 use crate::state::State;
 use dronecan_host::{Health, Mode, NodeId, NodeStatus, TransferId, frames, types};
 use mavlink::dialects::common::{
-    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType, UAVCAN_NODE_STATUS_DATA,
-    UavcanNodeHealth, UavcanNodeMode,
+    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
+    UAVCAN_NODE_STATUS_DATA, UavcanNodeHealth, UavcanNodeMode,
 };
 use std::time::Duration;
 
@@ -34,18 +35,28 @@ pub enum NodeChange {
 
 impl State {
     /// Stores a node's status.
-    pub(crate) fn note_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) -> NodeChange {
-        let known = self.nodes.entry(id).or_insert_with(|| Node { is_online: false, ..Node::new(status, now) });
+    pub(crate) fn note_status(
+        &mut self,
+        now: Duration,
+        id: NodeId,
+        status: NodeStatus,
+    ) -> NodeChange {
+        let known = self
+            .nodes
+            .entry(id)
+            .or_insert_with(|| Node { is_online: false, ..Node::new(status, now) });
         let appeared = !known.is_online;
         // Two nodes with one ID look like one node that restarts each second.
-        let is_other =
-            known.other_uptime.is_some_and(|other| other.fits(now, &status)) && !known.uptime().fits(now, &status);
+        let is_other = known.other_uptime.is_some_and(|other| other.fits(now, &status))
+            && !known.uptime().fits(now, &status);
         let restarted = status.uptime_s < known.status.uptime_s && !is_other;
         if is_other || restarted {
             known.other_uptime = Some(known.uptime());
         }
-        let is_new_conflict =
-            is_other && known.conflict_logged_at.is_none_or(|logged_at| now >= logged_at + CONFLICT_REPEATED_AFTER);
+        let is_new_conflict = is_other
+            && known
+                .conflict_logged_at
+                .is_none_or(|logged_at| now >= logged_at + CONFLICT_REPEATED_AFTER);
         if is_new_conflict {
             known.conflict_logged_at = Some(now);
         }
@@ -62,7 +73,12 @@ impl State {
             self.log.push(format!("node {id} has restarted: {status}"));
         }
         if restarted {
-            self.post(To::All, Class::Text, id.get(), Content::from(text(&format!("Node {id} has restarted"))));
+            self.post(
+                To::All,
+                Class::Text,
+                id.get(),
+                Content::from(text(&format!("Node {id} has restarted"))),
+            );
         }
         match (appeared, restarted) {
             (_, true) => NodeChange::Restarted,
@@ -97,10 +113,17 @@ impl State {
     /// Finds the nodes that have become offline.
     pub(crate) fn check_offline_nodes(&mut self, now: Duration) {
         let missed = |node: &Node| node.is_online && now > node.heard + OFFLINE_AFTER;
-        let gone: Vec<NodeId> = self.nodes.iter().filter(|(_, node)| missed(node)).map(|(id, _)| *id).collect();
+        let gone: Vec<NodeId> =
+            self.nodes.iter().filter(|(_, node)| missed(node)).map(|(id, _)| *id).collect();
         for id in gone {
-            self.log.push(format!("node {id} is offline: no status for {} s", OFFLINE_AFTER.as_secs()));
-            self.post(To::All, Class::Text, id.get(), Content::from(text(&format!("Node {id} is offline"))));
+            self.log
+                .push(format!("node {id} is offline: no status for {} s", OFFLINE_AFTER.as_secs()));
+            self.post(
+                To::All,
+                Class::Text,
+                id.get(),
+                Content::from(text(&format!("Node {id} is offline"))),
+            );
             self.posts.push(Post::Forget { node: id });
             if let Some(node) = self.nodes.get_mut(&id) {
                 node.is_online = false;
@@ -112,8 +135,15 @@ impl State {
     pub(crate) fn send_heartbeats(&mut self, now: Duration, transfer_id: TransferId) {
         let status = NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() };
         let id = types::NODE_STATUS.message_id(STATUS_PRIORITY, self.settings.node);
-        self.outgoing.extend(frames(id, &status.encode(), transfer_id).into_iter().map(|frame| (frame, None)));
-        self.post(To::All, Class::Answer, self.settings.component, Content::from(self.heartbeat(None)));
+        self.outgoing.extend(
+            frames(id, &status.encode(), transfer_id).into_iter().map(|frame| (frame, None)),
+        );
+        self.post(
+            To::All,
+            Class::Answer,
+            self.settings.component,
+            Content::from(self.heartbeat(None)),
+        );
         // A second heartbeat of that component would contradict its own.
         let own = self.settings.component;
         let speaking = |id: &NodeId| id.get() != own && !self.is_other_component(id.get());
@@ -124,12 +154,18 @@ impl State {
         }
     }
 
-    /// Notes that another program has a component of this system. A ground station would take its heartbeats and those of the node with
-    /// the same ID for the same component.
-    pub(crate) fn note_component(&mut self, (system, component): (u8, u8), kind: u8, autopilot: u8) {
+    /// Notes that another program has a component of this system. A ground station would take its
+    /// heartbeats and those of the node with the same ID for the same component.
+    pub(crate) fn note_component(
+        &mut self,
+        (system, component): (u8, u8),
+        kind: u8,
+        autopilot: u8,
+    ) {
         // A router may connect another channel of the bridge to this one.
         let is_like_ours = (kind, autopilot) == (OWN_TYPE as u8, OWN_AUTOPILOT as u8);
-        if system != self.settings.system || is_like_ours || !self.real_components.insert(component) {
+        if system != self.settings.system || is_like_ours || !self.real_components.insert(component)
+        {
             return;
         }
         if component == self.settings.component {
@@ -143,7 +179,9 @@ impl State {
 
     /// The heartbeat of a node, or the bridge's own.
     pub(crate) fn heartbeat(&self, node: Option<NodeId>) -> MavMessage {
-        let status = node.and_then(|id| self.nodes.get(&id)).map_or(NodeStatus::default(), |node| node.status);
+        let status = node
+            .and_then(|id| self.nodes.get(&id))
+            .map_or(NodeStatus::default(), |node| node.status);
         let system_status = match (status.health, status.mode) {
             (Health::Critical, _) => MavState::MAV_STATE_EMERGENCY,
             (Health::Error, _) => MavState::MAV_STATE_CRITICAL,

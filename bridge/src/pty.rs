@@ -1,4 +1,5 @@
-//! A pseudo-terminal in place of a serial port. A symbolic link to it has the path that the user chose; any terminal program can open it.
+//! A pseudo-terminal in place of a serial port. A symbolic link to it has the path that the user
+//! chose; any terminal program can open it.
 
 use anyhow::{Context as _, Result, bail};
 use rustix::fs::{Mode, OFlags};
@@ -11,7 +12,8 @@ use std::path::{Path, PathBuf};
 
 /// Baud rate until a program sets another.
 const BAUD_RATE_AT_FIRST: u32 = 115_200;
-/// Maximum number of bytes that wait to be read from the terminal. If no program reads, the bridge drops the newest.
+/// Maximum number of bytes that wait to be read from the terminal. If no program reads, the bridge
+/// drops the newest.
 const UNREAD_MAX: usize = 64 * 1024;
 
 pub struct Pty {
@@ -30,11 +32,16 @@ impl Pty {
     /// # Errors
     /// If that path exists already.
     pub fn open(link: &Path) -> Result<Pty> {
-        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).context("cannot open a pseudo-terminal")?;
+        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)
+            .context("cannot open a pseudo-terminal")?;
         grantpt(&master)?;
         unlockpt(&master)?;
         let name = ptsname(&master, Vec::new())?;
-        let slave = rustix::fs::open(&name, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())?;
+        let slave = rustix::fs::open(
+            &name,
+            OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC,
+            Mode::empty(),
+        )?;
         let mut settings: Termios = tcgetattr(&slave)?;
         settings.make_raw();
         settings.set_speed(BAUD_RATE_AT_FIRST)?;
@@ -47,7 +54,8 @@ impl Pty {
             Err(_) => {}
         }
         let target = Path::new(std::ffi::OsStr::from_bytes(name.to_bytes()));
-        std::os::unix::fs::symlink(target, link).with_context(|| format!("cannot make {}", link.display()))?;
+        std::os::unix::fs::symlink(target, link)
+            .with_context(|| format!("cannot make {}", link.display()))?;
         Ok(Pty { master, slave, link: link.to_owned(), unread: Vec::new(), dropped: 0 })
     }
 
@@ -59,7 +67,8 @@ impl Pty {
     /// Bytes that the program has written.
     pub fn read(&mut self) -> Vec<u8> {
         let mut buffer = [0; 1024];
-        rustix::io::read(&self.master, &mut buffer).map_or_else(|_| Vec::new(), |length| buffer[..length].to_vec())
+        rustix::io::read(&self.master, &mut buffer)
+            .map_or_else(|_| Vec::new(), |length| buffer[..length].to_vec())
     }
 
     /// Writes bytes for the program to read.

@@ -1,12 +1,14 @@
 //! The queue of a channel, which chooses the next message.
 //!
-//! Each class of messages has a share of the channel. A class that needs less leaves the rest to the others, in proportion
-//! to their shares, and its messages leave at once. A node's status is not queued: each node has one slot, in which the newest
-//! status replaces an unsent one. One status a second of each node counts for the class; further statuses leave only if nothing
+//! Each class of messages has a share of the channel. A class that needs less leaves the rest to
+//! the others, in proportion to their shares, and its messages leave at once. A node's status is
+//! not queued: each node has one slot, in which the newest status replaces an unsent one. One
+//! status a second of each node counts for the class; further statuses leave only if nothing
 //! else waits.
 //!
-//! Each class has a clock that advances by the bytes sent, divided by the class's share. The class whose clock is
-//! behind is next (stride scheduling). A class without messages does not save up time.
+//! Each class has a clock that advances by the bytes sent, divided by the class's share. The class
+//! whose clock is behind is next (stride scheduling). A class without messages does not save up
+//! time.
 
 use crate::message::Out;
 use dronecan_host::NodeId;
@@ -16,9 +18,11 @@ use std::time::Duration;
 /// Order of classes whose clocks are equal: the first leaves first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
-    /// Messages that a station waits for: acknowledgements, the value after a PARAM_SET, the bridge's heartbeat.
+    /// Messages that a station waits for: acknowledgements, the value after a PARAM_SET, the
+    /// bridge's heartbeat.
     Answer,
-    /// A node's status that is due, so that it is sent once a second at least. Has slots and no queue.
+    /// A node's status that is due, so that it is sent once a second at least. Has slots and no
+    /// queue.
     Status,
     Info,
     /// Heartbeats of nodes.
@@ -44,11 +48,19 @@ pub const CLASSES: [(Class, &str); 8] = [
 ];
 
 /// Classes that have a share. [`Class::MoreStatus`] takes what they leave.
-const SHARING: [Class; 7] =
-    [Class::Answer, Class::Status, Class::Info, Class::Heartbeat, Class::Parameter, Class::Text, Class::Frame];
+const SHARING: [Class; 7] = [
+    Class::Answer,
+    Class::Status,
+    Class::Info,
+    Class::Heartbeat,
+    Class::Parameter,
+    Class::Text,
+    Class::Frame,
+];
 
 impl Class {
-    /// Maximum number of queued messages. All parameters of a large node must fit; old CAN frames are useless.
+    /// Maximum number of queued messages. All parameters of a large node must fit; old CAN frames
+    /// are useless.
     fn limit(self) -> usize {
         match self {
             Class::Answer => 256,
@@ -60,8 +72,9 @@ impl Class {
         }
     }
 
-    /// Share in percent, while all classes have messages. Statuses have the most, because a node without them counts as
-    /// offline. Their share at 9600 baud is enough for one status a second of 15 nodes.
+    /// Share in percent, while all classes have messages. Statuses have the most, because a node
+    /// without them counts as offline. Their share at 9600 baud is enough for one status a
+    /// second of 15 nodes.
     fn share(self) -> f64 {
         match self {
             Class::Status => 35.0,
@@ -75,7 +88,8 @@ impl Class {
     }
 }
 
-/// A status is due a little less than a second after the last, because the clock of a node that sends one a second may be fast.
+/// A status is due a little less than a second after the last, because the clock of a node that
+/// sends one a second may be fast.
 const DUE_AFTER: Duration = Duration::from_millis(950);
 
 #[derive(Debug)]
@@ -119,7 +133,8 @@ impl Queue {
         }
     }
 
-    /// Adds a message. It replaces one with the same key, or the oldest of its class if there is no room.
+    /// Adds a message. It replaces one with the same key, or the oldest of its class if there is no
+    /// room.
     pub fn push(&mut self, class: Class, out: Out) {
         let waiting = self.waiting.entry(class).or_default();
         if let Some(key) = out.key()
@@ -155,7 +170,8 @@ impl Queue {
 
     /// The next message that may be sent now. The caller reports its length to [`Queue::sent`].
     pub fn pop(&mut self, now: Duration) -> Option<(Class, Out)> {
-        let (ready, idle): (Vec<Class>, Vec<Class>) = SHARING.into_iter().partition(|class| self.is_ready(*class, now));
+        let (ready, idle): (Vec<Class>, Vec<Class>) =
+            SHARING.into_iter().partition(|class| self.is_ready(*class, now));
         for class in idle {
             self.clocks.insert(class, self.clock);
         }
@@ -185,7 +201,9 @@ impl Queue {
 
     fn is_ready(&self, class: Class, now: Duration) -> bool {
         match class {
-            Class::Status => self.statuses.values().any(|slot| slot.may_leave(now, self.due_after())),
+            Class::Status => {
+                self.statuses.values().any(|slot| slot.may_leave(now, self.due_after()))
+            }
             class => self.waiting.get(&class).is_some_and(|waiting| !waiting.is_empty()),
         }
     }
@@ -204,7 +222,9 @@ impl Queue {
             return Some(Duration::ZERO);
         }
         let waiting = self.statuses.values().filter(|slot| slot.status.is_some());
-        waiting.map(|slot| slot.sent_at.map_or(Duration::ZERO, |sent| sent + self.status_interval)).min()
+        waiting
+            .map(|slot| slot.sent_at.map_or(Duration::ZERO, |sent| sent + self.status_interval))
+            .min()
     }
 
     /// Number of dropped messages, by class.
@@ -238,7 +258,8 @@ mod tests {
         queue.push_status(node(42), out(3, "status"));
         queue.push(Class::Parameter, out(4, "parameter"));
         queue.push(Class::Answer, out(5, "answer"));
-        let order: Vec<u8> = std::iter::from_fn(|| queue.pop(at(0))).map(|(_, out)| out.component).collect();
+        let order: Vec<u8> =
+            std::iter::from_fn(|| queue.pop(at(0))).map(|(_, out)| out.component).collect();
         assert_eq!(order, [5, 3, 4, 2, 1]);
     }
 
@@ -302,7 +323,8 @@ mod tests {
         assert_eq!(queue.pop(at(0)).unwrap().1.component, 9);
     }
 
-    /// Bytes of each class on a channel of 1000 bytes a second in ten seconds, if all classes always have messages.
+    /// Bytes of each class on a channel of 1000 bytes a second in ten seconds, if all classes
+    /// always have messages.
     #[test]
     fn busy_classes_share_the_channel_in_proportion() {
         let mut queue = Queue::new(Duration::ZERO);

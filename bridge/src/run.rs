@@ -60,7 +60,11 @@ pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
     };
     line.open(args, &options)?;
     let mut screen = Screen::open(args).map_err(|error| (Failure::Other, error))?;
-    let result = if args.names { line.print_names(args) } else { line.serve(args, &mut screen).map_err(other) };
+    let result = if args.names {
+        line.print_names(args)
+    } else {
+        line.serve(args, &mut screen).map_err(other)
+    };
     screen.close();
     line.bus.close();
     result
@@ -73,7 +77,10 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         None => NodeId::new(args.component),
     };
     let node = node.with_context(|| {
-        format!("component {} is not a node ID, which is 1 to 127: give one with --node-id", args.component)
+        format!(
+            "component {} is not a node ID, which is 1 to 127: give one with --node-id",
+            args.component
+        )
     })?;
     let epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let settings = Settings {
@@ -93,7 +100,9 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         versions: args.mavlink_version,
         integers: args.integers,
         // A little less, because a node's clock may be fast.
-        status_interval: args.status_rate.map_or(Duration::ZERO, |rate| Duration::from_secs_f64(0.95 / rate)),
+        status_interval: args
+            .status_rate
+            .map_or(Duration::ZERO, |rate| Duration::from_secs_f64(0.95 / rate)),
         byte_rate: args.bandwidth.map(|baud| f64::from(baud) / 10.0 * 0.98),
         allowed: args.peer.iter().map(IpAddr::to_canonical).collect(),
         key: args.signing_key.as_deref().map(signing_key).transpose()?,
@@ -115,7 +124,8 @@ fn unique_id(component: u8) -> [u8; 16] {
 
 /// The key of a passphrase, as MAVProxy and Mission Planner make it.
 fn signing_key(path: &Path) -> Result<[u8; 32]> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the key in {}", path.display()))?;
+    let text = std::fs::read_to_string(path)
+        .with_context(|| format!("cannot read the key in {}", path.display()))?;
     let text = text.trim_end_matches(['\r', '\n']);
     if text.is_empty() {
         return Err(anyhow!("{} has no key: write a passphrase into it", path.display()));
@@ -155,14 +165,22 @@ impl Joined {
 
     fn open(&mut self, args: &Args, options: &Options) -> Result<(), (Failure, Error)> {
         for spec in &args.tunnel {
-            let named = |error: Error| (Failure::Channel, error.context(format!("--tunnel {}", spec.path.display())));
+            let named = |error: Error| {
+                (Failure::Channel, error.context(format!("--tunnel {}", spec.path.display())))
+            };
             self.ptys.push(Pty::open(&spec.path).map_err(named)?);
-            self.bridge.log_line(format!("{} is the serial port of node {}", spec.path.display(), spec.node));
+            self.bridge.log_line(format!(
+                "{} is the serial port of node {}",
+                spec.path.display(),
+                spec.node
+            ));
         }
         for (number, spec) in args.mavlink.iter().enumerate() {
             let now = self.now();
-            let channel = Channel::open(spec.clone(), number, options.clone(), &mut self.ids, now, args.wait);
-            let named = |error: Error| (Failure::Channel, error.context(format!("--mavlink {spec}")));
+            let channel =
+                Channel::open(spec.clone(), number, options.clone(), &mut self.ids, now, args.wait);
+            let named =
+                |error: Error| (Failure::Channel, error.context(format!("--mavlink {spec}")));
             self.channels.push(channel.map_err(named)?);
         }
         if args.wait {
@@ -240,7 +258,10 @@ impl Joined {
     fn wait(&self, end: Option<Duration>) {
         let now = self.now();
         let channels = self.channels.iter().filter_map(Channel::deadline);
-        let deadlines = channels.chain(self.bus.deadline()).chain(end).chain([self.bridge.deadline(), now + TURN_MAX]);
+        let deadlines = channels
+            .chain(self.bus.deadline())
+            .chain(end)
+            .chain([self.bridge.deadline(), now + TURN_MAX]);
         let until = deadlines.min().unwrap_or(now);
         // Rounded up, because a poll that returns early finds nothing to do.
         let wait = until.saturating_sub(now) + Duration::from_micros(50);
@@ -250,8 +271,10 @@ impl Joined {
         let ptys = self.ptys.iter().enumerate().filter(|(at, _)| takes(*at));
         let fds = fds.chain(ptys.map(|(_, pty)| pty.poll_fd()));
         let flags = |write| if write { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
-        let mut fds: Vec<PollFd<'_>> = fds.map(|(fd, write)| PollFd::from_borrowed_fd(fd, flags(write))).collect();
-        let timeout = Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: wait.subsec_nanos().into() };
+        let mut fds: Vec<PollFd<'_>> =
+            fds.map(|(fd, write)| PollFd::from_borrowed_fd(fd, flags(write))).collect();
+        let timeout =
+            Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: wait.subsec_nanos().into() };
         // A signal ends the poll. Other errors show when reading.
         let _ = poll(&mut fds, Some(&timeout));
     }
@@ -292,10 +315,15 @@ impl Joined {
                 continue;
             };
             for entry in &table.entries {
-                let kind = crate::number::Number::of(&entry.last).map(|number| format!("{:?}", number.kind()));
+                let kind = crate::number::Number::of(&entry.last)
+                    .map(|number| format!("{:?}", number.kind()));
                 let kind = kind.as_deref().and_then(|kind| kind.rsplit('_').next()).unwrap_or("-");
                 let value = entry.last.value.to_string();
-                println!("{id:>4}  {:<16}  {kind:<6}  {value:<20}  {}", entry.short, entry.last.name());
+                println!(
+                    "{id:>4}  {:<16}  {kind:<6}  {value:<20}  {}",
+                    entry.short,
+                    entry.last.name()
+                );
             }
             for parameter in table.left_out.iter().map(|entry| &entry.last) {
                 println!(

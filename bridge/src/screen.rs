@@ -33,7 +33,8 @@ pub struct Live {
     terminal: DefaultTerminal,
     lines: VecDeque<String>,
     next: Duration,
-    /// For each node: number of statuses when the rate was last measured, the time of that, and the rate.
+    /// For each node: number of statuses when the rate was last measured, the time of that, and
+    /// the rate.
     rates: BTreeMap<NodeId, (u64, Duration, f64)>,
 }
 
@@ -43,7 +44,11 @@ impl Screen {
     /// # Errors
     /// If the terminal cannot be set up.
     pub fn open(args: &Args) -> Result<Screen> {
-        if args.plain || args.names || !std::io::stdout().is_terminal() || !std::io::stdin().is_terminal() {
+        if args.plain
+            || args.names
+            || !std::io::stdout().is_terminal()
+            || !std::io::stdin().is_terminal()
+        {
             return Ok(Screen::Plain);
         }
         let terminal = ratatui::try_init()?;
@@ -64,7 +69,9 @@ impl Screen {
                 Ok(false)
             }
             Screen::Live(live) => {
-                live.lines.extend(lines.into_iter().map(|line| format!("{:8.3} {line}", now.as_secs_f64())));
+                live.lines.extend(
+                    lines.into_iter().map(|line| format!("{:8.3} {line}", now.as_secs_f64())),
+                );
                 live.lines.drain(..live.lines.len().saturating_sub(LINES_KEPT));
                 if now >= live.next {
                     live.next = now + REFRESH;
@@ -81,7 +88,8 @@ impl Screen {
     pub fn last(&mut self, joined: &mut Joined) {
         self.close();
         let now = joined.now();
-        let lines: Vec<String> = joined.take_log().into_iter().chain([joined.bus.to_string()]).collect();
+        let lines: Vec<String> =
+            joined.take_log().into_iter().chain([joined.bus.to_string()]).collect();
         print(now, &lines);
         for line in joined.channels.iter().flat_map(|channel| channel.report()) {
             print(now, &[line]);
@@ -109,7 +117,8 @@ fn print(now: Duration, lines: &[String]) {
 fn wants_to_end() -> Result<bool> {
     while event::poll(Duration::ZERO)? {
         if let Event::Key(key) = event::read()? {
-            let control_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+            let control_c =
+                key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
             if control_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
                 return Ok(true);
             }
@@ -133,27 +142,45 @@ impl Live {
 
 type Rates = BTreeMap<NodeId, (u64, Duration, f64)>;
 
-fn draw(frame: &mut Frame, now: Duration, joined: &Joined, lines: &VecDeque<String>, rates: &Rates) {
+fn draw(
+    frame: &mut Frame,
+    now: Duration,
+    joined: &Joined,
+    lines: &VecDeque<String>,
+    rates: &Rates,
+) {
     let nodes = joined.bridge.nodes();
     let reports: Vec<String> = std::iter::once(joined.bus.to_string())
         .chain(joined.channels.iter().flat_map(|channel| channel.report()))
         .collect();
     let height = |lines: usize| Constraint::Length(lines as u16 + 2);
-    let [table, channels, log] =
-        Layout::vertical([height(nodes.len().max(1) + 1), height(reports.len()), Constraint::Min(3)])
-            .areas(frame.area());
-    let header = ["node", "name", "health", "mode", "uptime", "vendor", "status", "heard", "parameters"];
-    let rows = nodes.iter().map(|(id, node)| row(now, *id, node, rates.get(id).map_or(0.0, |rate| rate.2)));
+    let [table, channels, log] = Layout::vertical([
+        height(nodes.len().max(1) + 1),
+        height(reports.len()),
+        Constraint::Min(3),
+    ])
+    .areas(frame.area());
+    let header =
+        ["node", "name", "health", "mode", "uptime", "vendor", "status", "heard", "parameters"];
+    let rows = nodes
+        .iter()
+        .map(|(id, node)| row(now, *id, node, rates.get(id).map_or(0.0, |rate| rate.2)));
     let widths = [4, 32, 8, 15, 10, 6, 8, 7, 10].map(Constraint::Length);
     let widget = Table::new(rows, widths)
         .header(Row::new(header).style(Modifier::BOLD))
         .block(Block::bordered().title(" Nodes ").title_bottom(" q quits "));
     frame.render_widget(widget, table);
     let text: Vec<Line> = reports.into_iter().map(Line::from).collect();
-    frame.render_widget(Paragraph::new(text).block(Block::bordered().title(" Bus and channels ")), channels);
+    frame.render_widget(
+        Paragraph::new(text).block(Block::bordered().title(" Bus and channels ")),
+        channels,
+    );
     let room = usize::from(log.height.saturating_sub(2));
-    let text: Vec<Line> =
-        lines.iter().skip(lines.len().saturating_sub(room)).map(|line| Line::from(line.as_str())).collect();
+    let text: Vec<Line> = lines
+        .iter()
+        .skip(lines.len().saturating_sub(room))
+        .map(|line| Line::from(line.as_str()))
+        .collect();
     frame.render_widget(Paragraph::new(text).block(Block::bordered().title(" Log ")), log);
 }
 

@@ -1,4 +1,5 @@
-//! The state of the bridge, and what it has to send. The parts of the bridge use it; [`crate::core`] owns it.
+//! The state of the bridge, and what it has to send. The parts of the bridge use it;
+//! [`crate::core`] owns it.
 
 use crate::calls::Calls;
 use crate::message::{Content, Out, warning};
@@ -50,7 +51,8 @@ pub struct State {
     /// Components of the system, except the bridge's, that have sent messages on a channel.
     pub real_components: BTreeSet<u8>,
     pub calls: Calls<Purpose>,
-    /// Frames for the bus, with the ground station that a frame comes from; `None` for the bridge's own.
+    /// Frames for the bus, with the ground station that a frame comes from; `None` for the
+    /// bridge's own.
     pub outgoing: Vec<(Frame, Option<PeerId>)>,
     pub posts: Vec<Post>,
     /// Lines for the log.
@@ -74,7 +76,8 @@ impl State {
         self.nodes.iter().filter(|(_, node)| node.is_online).map(|(id, _)| *id)
     }
 
-    /// True if this component is not the bridge's: the bridge sends no heartbeat for it and answers no message to it.
+    /// True if this component is not the bridge's: the bridge sends no heartbeat for it and answers
+    /// no message to it.
     pub fn is_other_component(&self, component: u8) -> bool {
         let is_hidden = NodeId::new(component).is_some_and(|id| self.settings.hidden.contains(&id));
         is_hidden || self.real_components.contains(&component)
@@ -88,7 +91,8 @@ impl State {
     pub fn warn(&mut self, words: &str) {
         self.log.push(words.to_owned());
         let mut chars = words.chars();
-        let sentence: String = chars.next().into_iter().flat_map(char::to_uppercase).chain(chars).collect();
+        let sentence: String =
+            chars.next().into_iter().flat_map(char::to_uppercase).chain(chars).collect();
         self.post(To::All, Class::Text, self.settings.component, Content::from(warning(&sentence)));
     }
 

@@ -26,7 +26,8 @@ pub enum Purpose {
     Info,
     /// Fetches a parameter by index, for the table.
     Item(u16),
-    /// Reads or sets a parameter, given by its place in the table; and the error of a PARAM_SET that only reads it.
+    /// Reads or sets a parameter, given by its place in the table; and the error of a PARAM_SET
+    /// that only reads it.
     Read {
         asker: Asker,
         at: usize,

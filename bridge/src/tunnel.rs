@@ -1,20 +1,27 @@
-//! Serial ports over the bus: tunnel.Targetted, as ArduPilot's nodes and the DroneCAN GUI Tool use it, or tunnel.Broadcast.
+//! Serial ports over the bus: tunnel.Targetted, as ArduPilot's nodes and the DroneCAN GUI Tool use
+//! it, or tunnel.Broadcast.
 //!
-//! Bytes that a program writes to the pseudo-terminal ([`crate::pty`]) go to one node, and the node's bytes come out of it. A
-//! node answers the last sender for three seconds, so the bridge sends an empty message each half second.
+//! Bytes that a program writes to the pseudo-terminal ([`crate::pty`]) go to one node, and the
+//! node's bytes come out of it. A node answers the last sender for three seconds, so the bridge
+//! sends an empty message each half second.
 //!
-//! The bridge sends no more than a serial line of the baud rate can carry, because the node passes the bytes on to such a line.
+//! The bridge sends no more than a serial line of the baud rate can carry, because the node passes
+//! the bytes on to such a line.
 
 use dronecan_host::tunnel::{BROADCAST_MAX, DEFAULT_PORT, GPS_GENERIC, LOCK_PORT, TARGETTED_MAX};
-use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId, TunnelBroadcast, TunnelTargetted, types};
+use dronecan_host::{
+    CanId, DataType, Frame, NodeId, Transfer, TransferId, TunnelBroadcast, TunnelTargetted, types,
+};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Period of empty messages: half that of ArduPilot's tools, and well within the three seconds of its nodes.
+/// Period of empty messages: half that of ArduPilot's tools, and well within the three seconds of
+/// its nodes.
 const KEEPALIVE_PERIOD: Duration = Duration::from_millis(500);
-/// Maximum number of bytes that wait for the bus. At this number the bridge stops reading the pseudo-terminal.
+/// Maximum number of bytes that wait for the bus. At this number the bridge stops reading the
+/// pseudo-terminal.
 const WAITING_MAX: usize = 4096;
 /// A middle priority: below commands and statuses.
 const PRIORITY: u8 = 20;
@@ -38,7 +45,8 @@ pub struct Spec {
     pub way: Way,
 }
 
-const EXAMPLES: &str = "write for example 42:/tmp/port, 42:/tmp/port,port=1,lock or 42:/tmp/port,broadcast=0x55";
+const EXAMPLES: &str =
+    "write for example 42:/tmp/port, 42:/tmp/port,port=1,lock or 42:/tmp/port,broadcast=0x55";
 
 impl FromStr for Spec {
     type Err = String;
@@ -55,14 +63,21 @@ impl FromStr for Spec {
         let mut way = Way::Targetted { serial_port: DEFAULT_PORT, locks: false };
         for word in words {
             way = match (word.split_once('=').unwrap_or((word, "")), way) {
-                (("lock", ""), Way::Targetted { serial_port, .. }) => Way::Targetted { serial_port, locks: true },
+                (("lock", ""), Way::Targetted { serial_port, .. }) => {
+                    Way::Targetted { serial_port, locks: true }
+                }
                 (("port", number), Way::Targetted { locks, .. }) => match number.parse() {
                     Ok(serial_port @ 0..=15) => Way::Targetted { serial_port, locks },
-                    _ => return Err(format!("\"{number}\" is not a serial port of a node: 0 to 15")),
+                    _ => {
+                        return Err(format!(
+                            "\"{number}\" is not a serial port of a node: 0 to 15"
+                        ));
+                    }
                 },
-                (("broadcast", protocol), Way::Targetted { serial_port: DEFAULT_PORT, locks: false }) => {
-                    Way::Broadcast { protocol: byte(protocol)? }
-                }
+                (
+                    ("broadcast", protocol),
+                    Way::Targetted { serial_port: DEFAULT_PORT, locks: false },
+                ) => Way::Broadcast { protocol: byte(protocol)? },
                 _ => return Err(format!("\"{word}\" is not an option here; {EXAMPLES}")),
             };
         }
@@ -108,7 +123,12 @@ impl Tunnels {
             free_at: Duration::ZERO,
             next_keep_alive: Duration::ZERO,
         };
-        Tunnels { own, all: specs.iter().map(tunnel).collect(), counters: BTreeMap::new(), received: Vec::new() }
+        Tunnels {
+            own,
+            all: specs.iter().map(tunnel).collect(),
+            counters: BTreeMap::new(),
+            received: Vec::new(),
+        }
     }
 
     /// True if bytes from the pseudo-terminal can be queued.
@@ -137,22 +157,29 @@ impl Tunnels {
     /// Handles a message for which [`Tunnels::wants`] was true.
     pub fn receive(&mut self, transfer: &Transfer) {
         let CanId::Message { type_id, source, .. } = transfer.id else { return };
-        for (at, tunnel) in self.all.iter().enumerate().filter(|(_, tunnel)| tunnel.node == source) {
+        for (at, tunnel) in self.all.iter().enumerate().filter(|(_, tunnel)| tunnel.node == source)
+        {
             let buffer = match tunnel.way {
                 Way::Targetted { serial_port, .. } if type_id == types::TUNNEL_TARGETTED.id => {
-                    // The node sends the number of its port, even if the bridge requested the default port.
+                    // The node sends the number of its port, even if the bridge requested the
+                    // default port.
                     let of_port = |number: i8| serial_port == DEFAULT_PORT || number == serial_port;
                     TunnelTargetted::decode(&transfer.payload)
-                        .filter(|message| message.target == self.own && of_port(message.serial_port))
+                        .filter(|message| {
+                            message.target == self.own && of_port(message.serial_port)
+                        })
                         .map(|message| message.buffer)
                 }
                 Way::Broadcast { protocol } if type_id == types::TUNNEL_BROADCAST.id => {
                     let message = TunnelBroadcast::decode(&transfer.payload);
-                    message.filter(|message| message.protocol == protocol).map(|message| message.buffer)
+                    message
+                        .filter(|message| message.protocol == protocol)
+                        .map(|message| message.buffer)
                 }
                 _ => None,
             };
-            self.received.extend(buffer.filter(|buffer| !buffer.is_empty()).map(|buffer| (at, buffer)));
+            self.received
+                .extend(buffer.filter(|buffer| !buffer.is_empty()).map(|buffer| (at, buffer)));
         }
     }
 
@@ -161,7 +188,11 @@ impl Tunnels {
         for tunnel in &mut self.all {
             let Some((data_type, payload)) = tunnel.next(now) else { continue };
             let transfer_id = self.counters.entry(data_type.id).or_default().advance();
-            frames.extend(dronecan_host::frames(data_type.message_id(PRIORITY, self.own), &payload, transfer_id));
+            frames.extend(dronecan_host::frames(
+                data_type.message_id(PRIORITY, self.own),
+                &payload,
+                transfer_id,
+            ));
         }
     }
 
@@ -184,15 +215,20 @@ impl Tunnel {
         if now < self.free_at {
             return None;
         }
-        let most = if matches!(self.way, Way::Broadcast { .. }) { BROADCAST_MAX } else { TARGETTED_MAX };
+        let most =
+            if matches!(self.way, Way::Broadcast { .. }) { BROADCAST_MAX } else { TARGETTED_MAX };
         let buffer: Vec<u8> = self.waiting.drain(..self.waiting.len().min(most)).collect();
         // Only a node that is addressed by its ID needs empty messages.
-        let is_kept_alive = matches!(self.way, Way::Targetted { .. }) && now >= self.next_keep_alive;
+        let is_kept_alive =
+            matches!(self.way, Way::Targetted { .. }) && now >= self.next_keep_alive;
         if buffer.is_empty() && !is_kept_alive {
             return None;
         }
         self.next_keep_alive = now + KEEPALIVE_PERIOD;
-        self.free_at = now + Duration::from_secs_f64(buffer.len() as f64 * BITS_PER_BYTE / f64::from(self.baud_rate));
+        self.free_at = now
+            + Duration::from_secs_f64(
+                buffer.len() as f64 * BITS_PER_BYTE / f64::from(self.baud_rate),
+            );
         let payload = match self.way {
             Way::Targetted { serial_port, locks } => TunnelTargetted {
                 protocol: GPS_GENERIC,
@@ -203,7 +239,9 @@ impl Tunnel {
                 buffer,
             }
             .encode(),
-            Way::Broadcast { protocol } => TunnelBroadcast { protocol, channel: 0, buffer }.encode(),
+            Way::Broadcast { protocol } => {
+                TunnelBroadcast { protocol, channel: 0, buffer }.encode()
+            }
         };
         Some((self.data_type(), payload))
     }
@@ -223,15 +261,29 @@ mod tests {
 
     #[test]
     fn tunnel_specs_have_the_syntax_of_the_help() {
-        let way = |text: &str| text.parse::<Spec>().map(|spec| (spec.node.get(), spec.path, spec.way));
+        let way =
+            |text: &str| text.parse::<Spec>().map(|spec| (spec.node.get(), spec.path, spec.way));
         let path = PathBuf::from("/tmp/port");
-        assert_eq!(way("42:/tmp/port"), Ok((42, path.clone(), Way::Targetted { serial_port: -1, locks: false })));
+        assert_eq!(
+            way("42:/tmp/port"),
+            Ok((42, path.clone(), Way::Targetted { serial_port: -1, locks: false }))
+        );
         let locked = Way::Targetted { serial_port: 1, locks: true };
         assert_eq!(way("42:/tmp/port,port=1,lock"), Ok((42, path.clone(), locked)));
-        assert_eq!(way("42:/tmp/port,broadcast=0x55"), Ok((42, path, Way::Broadcast { protocol: 0x55 })));
-        for wrong in
-            ["", "42", "42:", "0:/x", "128:/x", "42:/x,port=16", "42:/x,broadcast=256", "42:/x,lock,broadcast=1"]
-        {
+        assert_eq!(
+            way("42:/tmp/port,broadcast=0x55"),
+            Ok((42, path, Way::Broadcast { protocol: 0x55 }))
+        );
+        for wrong in [
+            "",
+            "42",
+            "42:",
+            "0:/x",
+            "128:/x",
+            "42:/x,port=16",
+            "42:/x,broadcast=256",
+            "42:/x,lock,broadcast=1",
+        ] {
             assert!(wrong.parse::<Spec>().is_err(), "{wrong}");
         }
     }

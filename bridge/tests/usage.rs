@@ -1,11 +1,12 @@
-//! Help and errors of the program. Because this test starts the program, cargo builds it with the tests, and `tests/clients` can
-//! use it.
+//! Help and errors of the program. Because this test starts the program, cargo builds it with the
+//! tests, and `tests/clients` can use it.
 
 use std::process::Command;
 
 /// Runs the program. Returns whether it succeeded, and its output.
 fn bridge(arguments: &[&str]) -> (bool, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_bridge")).args(arguments).output().expect("it starts");
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_bridge")).args(arguments).output().expect("it starts");
     let printed = if output.status.success() { output.stdout } else { output.stderr };
     (output.status.success(), String::from_utf8(printed).expect("text"))
 }
@@ -14,7 +15,17 @@ fn bridge(arguments: &[&str]) -> (bool, String) {
 fn the_help_shows_examples_and_every_kind_of_bus_and_channel() {
     let (is_well, printed) = bridge(&["--help"]);
     assert!(is_well);
-    for word in ["slcan:", "mcast:", "socketcan:", "udpout:", "udpin:", "tcp:", "tcpin:", "serial:", "bridge --bus "] {
+    for word in [
+        "slcan:",
+        "mcast:",
+        "socketcan:",
+        "udpout:",
+        "udpin:",
+        "tcp:",
+        "tcpin:",
+        "serial:",
+        "bridge --bus ",
+    ] {
         assert!(printed.contains(word), "no {word} in\n{printed}");
     }
 }
@@ -23,7 +34,10 @@ fn the_help_shows_examples_and_every_kind_of_bus_and_channel() {
 fn a_wrong_bus_or_channel_is_answered_with_the_syntax() {
     for (arguments, advice) in [
         (["--bus", "nonsense:1", "--mavlink", "udpin:14550"], "slcan, mcast or socketcan"),
-        (["--bus", "mcast:0", "--mavlink", "udpout:nowhere"], "write for example udpout:127.0.0.1:14550"),
+        (
+            ["--bus", "mcast:0", "--mavlink", "udpout:nowhere"],
+            "write for example udpout:127.0.0.1:14550",
+        ),
         (["--bus", "slcan:/nowhere", "--mavlink", "udpin:0"], "/nowhere"),
     ] {
         let (is_well, printed) = bridge(&arguments);

@@ -1,4 +1,5 @@
-//! Payloads of broadcast messages other than those that move a servo: Allocation, lights, circuits, counters, named values.
+//! Payloads of broadcast messages other than those that move a servo: Allocation, lights, circuits,
+//! counters, named values.
 //!
 //! Layouts from the public DSDL, little endian.
 
@@ -7,7 +8,8 @@ use super::text::hex;
 use half::f16;
 use std::fmt;
 
-/// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`. Bits fill the first byte from its most significant bit.
+/// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`. Bits fill the
+/// first byte from its most significant bit.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Allocation {
     /// The requested or granted ID; 0 in a request means any, in an answer none yet.
@@ -23,7 +25,11 @@ impl Allocation {
     pub fn decode(payload: &[u8]) -> Option<Allocation> {
         let (first, unique_id) = payload.split_first()?;
         let fits = unique_id.len() <= UNIQUE_ID_LEN;
-        fits.then(|| Allocation { node_id: first >> 1, first_part: first & 1 != 0, unique_id: unique_id.to_vec() })
+        fits.then(|| Allocation {
+            node_id: first >> 1,
+            first_part: first & 1 != 0,
+            unique_id: unique_id.to_vec(),
+        })
     }
 
     /// The payload.
@@ -46,8 +52,8 @@ impl fmt::Display for Allocation {
     }
 }
 
-/// One element of equipment.indication.LightsCommand: `light u8 | red u5 | green u6 | blue u5`. The colours fill two bytes from the
-/// most significant bit.
+/// One element of equipment.indication.LightsCommand: `light u8 | red u5 | green u6 | blue u5`. The
+/// colours fill two bytes from the most significant bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LightCommand {
     pub light: u8,
@@ -72,13 +78,18 @@ impl LightCommand {
             green: (high & 7) << 3 | low >> 5,
             blue: low & 0x1F,
         };
-        (rest.is_empty() && commands.len() <= LIGHTS_MAX).then(|| commands.iter().map(decode).collect())
+        (rest.is_empty() && commands.len() <= LIGHTS_MAX)
+            .then(|| commands.iter().map(decode).collect())
     }
 
     /// The payload of a LightsCommand.
     pub fn encode_array(commands: &[LightCommand]) -> Vec<u8> {
         let encode = |command: &LightCommand| {
-            [command.light, command.red << 3 | command.green >> 3, command.green << 5 | command.blue & 0x1F]
+            [
+                command.light,
+                command.red << 3 | command.green >> 3,
+                command.green << 5 | command.blue & 0x1F,
+            ]
         };
         commands.iter().flat_map(encode).collect()
     }
@@ -90,8 +101,8 @@ impl fmt::Display for LightCommand {
     }
 }
 
-/// equipment.power.CircuitStatus: circuit u16 | volts f16 | amperes f16 | error flags u8 (1 overvoltage, 2 undervoltage,
-/// 4 overcurrent).
+/// equipment.power.CircuitStatus: circuit u16 | volts f16 | amperes f16 | error flags u8 (1
+/// overvoltage, 2 undervoltage, 4 overcurrent).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CircuitStatus {
     pub circuit: u16,
@@ -175,7 +186,9 @@ impl CanStats {
         let &[interface, t0, t1, t2, t3, ref rest @ ..] = payload else {
             return None;
         };
-        let &[j0, j1, o0, o1, s0, s1, d0, d1, a0, a1, r0, r1, r2, r3, v0, v1, e0, e1, b0, b1] = rest else {
+        let &[j0, j1, o0, o1, s0, s1, d0, d1, a0, a1, r0, r1, r2, r3, v0, v1, e0, e1, b0, b1] =
+            rest
+        else {
             return None;
         };
         Some(CanStats {
@@ -197,7 +210,8 @@ impl CanStats {
     pub fn encode(&self) -> Vec<u8> {
         let mut payload = vec![self.interface];
         payload.extend(self.tx_requests.to_le_bytes());
-        let tx = [self.tx_rejected, self.tx_overflow, self.tx_success, self.tx_timedout, self.tx_abort];
+        let tx =
+            [self.tx_rejected, self.tx_overflow, self.tx_success, self.tx_timedout, self.tx_abort];
         payload.extend(tx.iter().flat_map(|count| count.to_le_bytes()));
         payload.extend(self.rx_received.to_le_bytes());
         let rest = [self.rx_overflow, self.rx_errors, self.busoff_errors];
@@ -215,10 +229,12 @@ impl fmt::Display for CanStats {
             ("timed out", self.tx_timedout),
             ("aborted", self.tx_abort),
         ];
-        let mut nonzero = |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
+        let mut nonzero =
+            |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
         faults.into_iter().try_for_each(|(name, count)| nonzero(name, count))?;
         write!(f, ", in {}", self.rx_received)?;
-        let mut nonzero = |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
+        let mut nonzero =
+            |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
         nonzero("overflow", self.rx_overflow)?;
         nonzero("errors", self.rx_errors)?;
         nonzero("bus-off", self.busoff_errors)

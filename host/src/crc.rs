@@ -1,5 +1,6 @@
-//! The transfer CRC: CRC-16-CCITT-FALSE (polynomial 0x1021, start 0xFFFF, not reflected), fed with the data type
-//! signature before the payload (DroneCAN specification, "CAN bus transport layer", multi-frame transfers).
+//! The transfer CRC: CRC-16-CCITT-FALSE (polynomial 0x1021, start 0xFFFF, not reflected), fed with
+//! the data type signature before the payload (DroneCAN specification, "CAN bus transport layer",
+//! multi-frame transfers).
 
 /// Start value before the signature.
 pub const INITIAL: u16 = 0xFFFF;

@@ -1,12 +1,14 @@
 //! Finds the dialect of a frame.
 //!
-//! Every identifier is valid in v0, and almost every one in the draft. The data type decides: no identifier belongs to a known type of v0 and to
-//! one of the draft, with two exceptions: anonymous frames of v0, and the draft's messages to one node, which none of its
-//! types uses. The rules:
+//! Every identifier is valid in v0, and almost every one in the draft. The data type decides: no
+//! identifier belongs to a known type of v0 and to one of the draft, with two exceptions: anonymous
+//! frames of v0, and the draft's messages to one node, which none of its types uses. The rules:
 //!
-//! 1. A frame of a known type of v0 is v0. An anonymous frame must also have the tail byte of a single-frame transfer.
+//! 1. A frame of a known type of v0 is v0. An anonymous frame must also have the tail byte of a
+//!    single-frame transfer.
 //! 2. Otherwise a frame of a known type of the draft is draft, if the draft allows its identifier.
-//! 3. A frame of an unknown type has the dialect of the last NodeStatus on the bus; before the first one it is v0.
+//! 3. A frame of an unknown type has the dialect of the last NodeStatus on the bus; before the
+//!    first one it is v0.
 
 use crate::types::{DataType, NODE_STATUS};
 use crate::{Assembler, CanId, Message, NodeId, Outcome, Transfer, draft};
@@ -72,8 +74,12 @@ impl DialectFinder {
         if let Some(id) = draft::CanId::parse(id)
             && let Some(known) = draft::DataType::of(id.type_id, id.transfer_type)
         {
-            let is_whole = (id.index, id.last, id.transfer_type) == (0, true, draft::TransferType::MessageBroadcast);
-            if *known == draft::types::NODE_STATUS && is_whole && DRAFT_STATUS_LENS.contains(&data.len()) {
+            let is_whole = (id.index, id.last, id.transfer_type)
+                == (0, true, draft::TransferType::MessageBroadcast);
+            if *known == draft::types::NODE_STATUS
+                && is_whole
+                && DRAFT_STATUS_LENS.contains(&data.len())
+            {
                 self.last_status = Dialect::Draft;
             }
             return Dialect::Draft;
@@ -113,7 +119,8 @@ impl Decoded {
         }
     }
 
-    /// Name of the type, with the direction of a service: "GetNodeInfo request", "draft.NodeStatus".
+    /// Name of the type, with the direction of a service: "GetNodeInfo request",
+    /// "draft.NodeStatus".
     pub fn name(&self) -> String {
         match self {
             Decoded::V0(_, message) => message.name(),
@@ -180,14 +187,13 @@ impl Observer {
     }
 }
 
-/// Source (`None` if anonymous) and type name of an identifier in a dialect. `None` for an identifier that the dialect
-/// forbids.
+/// Source (`None` if anonymous) and type name of an identifier in a dialect. `None` for an
+/// identifier that the dialect forbids.
 pub fn announced(dialect: Dialect, id: u32) -> Option<(Option<NodeId>, String)> {
     match dialect {
         Dialect::V0 => CanId::parse(id).map(|id| (id.source(), crate::message::name_of(id))),
-        Dialect::Draft => {
-            draft::CanId::parse(id).map(|id| (Some(id.source), draft::message::name_of(id.type_id, id.transfer_type)))
-        }
+        Dialect::Draft => draft::CanId::parse(id)
+            .map(|id| (Some(id.source), draft::message::name_of(id.type_id, id.transfer_type))),
     }
 }
 

@@ -38,7 +38,8 @@ fn known_types_of_both_dialects_are_recognised_on_one_bus() {
     assert_eq!(heard(&mut Observer::new(), &frames), expected.map(|(_, text)| text));
 }
 
-/// 0x06F40408 is message 222 of node 1 in the draft, and message 0xF404 of node 8 in v0. In v0 0xC0 is a tail byte.
+/// 0x06F40408 is message 222 of node 1 in the draft, and message 0xF404 of node 8 in v0. In v0 0xC0
+/// is a tail byte.
 #[test]
 fn unknown_types_have_the_dialect_of_the_last_status() {
     let unknown = "06F40408#01C0";
@@ -52,9 +53,15 @@ fn unknown_types_have_the_dialect_of_the_last_status() {
 fn an_invalid_status_does_not_change_the_dialect() {
     let unknown = "06F40408#01C0";
     for broken in ["1135E00B#EFCDAB0200", "1135E01B#EFCDAB02", "1135E003#EFCDAB02EFBE0000"] {
-        assert_eq!(heard(&mut Observer::new(), &[broken, unknown])[1], "8 message 62468 01", "{broken}");
+        assert_eq!(
+            heard(&mut Observer::new(), &[broken, unknown])[1],
+            "8 message 62468 01",
+            "{broken}"
+        );
     }
-    for broken in ["1801550A#010000000000C0", "1801550A#0100000000000080", "1801550A#01000000000000E0"] {
+    for broken in
+        ["1801550A#010000000000C0", "1801550A#0100000000000080", "1801550A#01000000000000E0"]
+    {
         let heard = heard(&mut Observer::new(), &[DRAFT_STATUS, broken, unknown]);
         assert_eq!(heard[2], "1 draft message 222 01C0", "{broken}");
     }
@@ -80,13 +87,15 @@ fn transfers_of_several_frames_of_both_dialects_may_interleave() {
 #[test]
 fn an_invalid_frame_has_the_reason_of_its_dialect() {
     let frames = ["1003F20A#0000000000000020", "113BFC08#F8"];
-    let expected = ["invalid: continues a transfer that did not start", "invalid: no valid destination"];
+    let expected =
+        ["invalid: continues a transfer that did not start", "invalid: no valid destination"];
     assert_eq!(heard(&mut Observer::new(), &frames), expected);
 }
 
 #[test]
 fn an_identifier_has_its_sender_and_type() {
-    let name = |dialect, id| announced(dialect, id).map(|(source, name)| (source.map(NodeId::get), name));
+    let name =
+        |dialect, id| announced(dialect, id).map(|(source, name)| (source.map(NodeId::get), name));
     let of = |source, name: &str| Some((source, String::from(name)));
     assert_eq!(name(Dialect::V0, 0x1003_F20A), of(Some(10), "ArrayCommand"));
     assert_eq!(name(Dialect::V0, 0x1E97_4D00), of(None, "Allocation"));

@@ -1,7 +1,8 @@
 //! equipment.esc.RawCommand: `cmd int14[<=20]`.
 //!
-//! The index of an element is the index of the motor. [`FULL_POWER`] is full power. For a motor that does not reverse, 0 or less is
-//! off. The list is last in the message, so it has no length field. Source: public DSDL, little endian.
+//! The index of an element is the index of the motor. [`FULL_POWER`] is full power. For a motor
+//! that does not reverse, 0 or less is off. The list is last in the message, so it has no length
+//! field. Source: public DSDL, little endian.
 
 use super::types;
 
@@ -13,9 +14,12 @@ const COMMANDS_MAX: usize = types::RAW_COMMAND.payload.elements_max as usize;
 /// The commands in a payload; `None` unless it has 0 to 20 complete ones.
 pub fn decode_commands(payload: &[u8]) -> Option<Vec<i16>> {
     let count = payload.len() * 8 / BITS;
-    let fits = count <= COMMANDS_MAX && types::RAW_COMMAND.payload.bytes(count as u16) == payload.len();
+    let fits =
+        count <= COMMANDS_MAX && types::RAW_COMMAND.payload.bytes(count as u16) == payload.len();
     let bit = |at: usize| payload[at / 8] >> (7 - at % 8) & 1;
-    let number = |from: usize, bits: usize| (from..from + bits).fold(0, |sum, at| sum << 1 | u16::from(bit(at)));
+    let number = |from: usize, bits: usize| {
+        (from..from + bits).fold(0, |sum, at| sum << 1 | u16::from(bit(at)))
+    };
     // The low byte comes first, then the other six bits, each from its most significant bit.
     let command = |index: usize| {
         let low = number(index * BITS, 8);

@@ -65,7 +65,8 @@ pub enum CanId {
 }
 
 impl CanId {
-    /// Reads a 29-bit identifier. `None` for a service frame from or to node 0, which the dialect forbids.
+    /// Reads a 29-bit identifier. `None` for a service frame from or to node 0, which the dialect
+    /// forbids.
     pub fn parse(id: u32) -> Option<CanId> {
         let priority = (id >> PRIORITY_SHIFT & PRIORITY_MASK) as u8;
         let source = NodeId::from_field(id);
@@ -79,7 +80,11 @@ impl CanId {
             });
         }
         Some(match source {
-            Some(source) => CanId::Message { priority, type_id: (id >> MESSAGE_TYPE_SHIFT & 0xFFFF) as u16, source },
+            Some(source) => CanId::Message {
+                priority,
+                type_id: (id >> MESSAGE_TYPE_SHIFT & 0xFFFF) as u16,
+                source,
+            },
             None => CanId::Anonymous {
                 priority,
                 type_id: (id >> ANONYMOUS_TYPE_SHIFT & 0x3) as u8,
@@ -93,7 +98,9 @@ impl CanId {
         let priority_bits = |priority: u8| (u32::from(priority) & PRIORITY_MASK) << PRIORITY_SHIFT;
         match self {
             CanId::Message { priority, type_id, source } => {
-                priority_bits(priority) | u32::from(type_id) << MESSAGE_TYPE_SHIFT | u32::from(source.0)
+                priority_bits(priority)
+                    | u32::from(type_id) << MESSAGE_TYPE_SHIFT
+                    | u32::from(source.0)
             }
             CanId::Anonymous { priority, type_id, discriminator } => {
                 priority_bits(priority)

@@ -1,15 +1,17 @@
-//! DroneCAN v0 for programs on a host: the wire format, and the formats in which frames reach other programs. Also the draft
-//! of 2014, which came before it.
+//! DroneCAN v0 for programs on a host: the wire format, and the formats in which frames reach other
+//! programs. Also the draft of 2014, which came before it.
 //!
-//! The simulator, its tests and the MAVLink bridge use it. It was written from the DroneCAN specification (chapters
-//! 3 to 5) and the public DSDL and shares no code with the firmware, so that neither can hide a mistake of the other.
-//! Layers, lowest first: [`Frame`], [`crc`], [`id`] (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly),
-//! [`types`] (names and signatures), the payloads that are decoded completely ([`status`], [`broadcast`], [`esc`], and for services
-//! [`management`]), and [`message`] with all of them. [`text`] formats them. [`draft`] has the same layers for the draft,
-//! and [`dialect`] finds the dialect of a frame. Besides there are [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
-//! multicast bus.
+//! The simulator, its tests and the MAVLink bridge use it. It was written from the DroneCAN
+//! specification (chapters 3 to 5) and the public DSDL and shares no code with the firmware, so
+//! that neither can hide a mistake of the other. Layers, lowest first: [`Frame`], [`crc`], [`id`]
+//! (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly), [`types`] (names and
+//! signatures), the payloads that are decoded completely ([`status`], [`broadcast`], [`esc`], and
+//! for services [`management`]), and [`message`] with all of them. [`text`] formats them. [`draft`]
+//! has the same layers for the draft, and [`dialect`] finds the dialect of a frame. Besides there
+//! are [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP multicast bus.
 //!
-//! Limits: extended data frames only, because the dialect has no others. Types beyond [`Message`] have a name and are not decoded.
+//! Limits: extended data frames only, because the dialect has no others. Types beyond [`Message`]
+//! have a name and are not decoded.
 
 #![forbid(unsafe_code)]
 
@@ -37,7 +39,9 @@ pub use broadcast::{Allocation, CanStats, CircuitStatus, KeyValue, LightCommand}
 pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Decoded, Dialect, Observation, Observer};
 pub use id::{CanId, NodeId};
-pub use management::{NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value};
+pub use management::{
+    NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value,
+};
 pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Message, Temperature};
 pub use status::{Health, Mode, NodeStatus};
 pub use transfer::{Assembler, Outcome, Transfer, TransferId, frames, split};

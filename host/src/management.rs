@@ -1,7 +1,7 @@
 //! Payloads of the services that manage a node: information, parameters, restart, update, counters.
 //!
-//! Layouts from the public DSDL (uavcan/protocol and uavcan/protocol/param), little endian. Every field begins at a byte
-//! boundary; void bits precede fields that are shorter than a byte.
+//! Layouts from the public DSDL (uavcan/protocol and uavcan/protocol/param), little endian. Every
+//! field begins at a byte boundary; void bits precede fields that are shorter than a byte.
 
 use super::id::UNIQUE_ID_LEN;
 use super::status::{NodeStatus, StatusField};
@@ -25,11 +25,12 @@ fn byte(bytes: &mut &[u8]) -> Option<u8> {
 
 /// A number of 48 bits.
 fn uint48(bytes: &mut &[u8]) -> Option<u64> {
-    take::<6>(bytes).map(|[b0, b1, b2, b3, b4, b5]| u64::from_le_bytes([b0, b1, b2, b3, b4, b5, 0, 0]))
+    take::<6>(bytes)
+        .map(|[b0, b1, b2, b3, b4, b5]| u64::from_le_bytes([b0, b1, b2, b3, b4, b5, 0, 0]))
 }
 
-/// protocol.GetNodeInfo, response: `NodeStatus | SoftwareVersion | HardwareVersion | name`. All but the status is the same in
-/// both dialects.
+/// protocol.GetNodeInfo, response: `NodeStatus | SoftwareVersion | HardwareVersion | name`. All but
+/// the status is the same in both dialects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct NodeInfo<S = NodeStatus> {
     pub status: S,
@@ -77,7 +78,9 @@ impl<S: StatusField> NodeInfo<S> {
         let mut payload = self.status.bytes();
         payload.extend([self.software.0, self.software.1]);
         let flag = |given: bool, flag: u8| if given { flag } else { 0 };
-        payload.push(flag(self.commit.is_some(), FLAG_COMMIT) | flag(self.image_crc.is_some(), FLAG_CRC));
+        payload.push(
+            flag(self.commit.is_some(), FLAG_COMMIT) | flag(self.image_crc.is_some(), FLAG_CRC),
+        );
         payload.extend(self.commit.unwrap_or(0).to_le_bytes());
         payload.extend(self.image_crc.unwrap_or(0).to_le_bytes());
         payload.extend([self.hardware.0, self.hardware.1]);
@@ -102,7 +105,13 @@ impl<S> fmt::Display for NodeInfo<S> {
         if let Some(commit) = self.commit {
             write!(f, " commit {commit:08x}")?;
         }
-        write!(f, " hardware {}.{} unique ID {}", self.hardware.0, self.hardware.1, hex(&self.unique_id))
+        write!(
+            f,
+            " hardware {}.{} unique ID {}",
+            self.hardware.0,
+            self.hardware.1,
+            hex(&self.unique_id)
+        )
     }
 }
 
@@ -184,7 +193,8 @@ impl fmt::Display for Value {
     }
 }
 
-/// protocol.param.GetSet, request: `index u13 | value | name`. If there is a name, it is used and not the index. An empty value only reads.
+/// protocol.param.GetSet, request: `index u13 | value | name`. If there is a name, it is used and
+/// not the index. An empty value only reads.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ParameterRequest {
     pub index: u16,
@@ -198,7 +208,11 @@ impl ParameterRequest {
         let rest = &mut payload;
         let [low, high] = take(rest)?;
         let value = Value::decode(high & TAG_MASK, rest)?;
-        Some(ParameterRequest { index: u16::from(high >> 3) << 8 | u16::from(low), value, name: rest.to_vec() })
+        Some(ParameterRequest {
+            index: u16::from(high >> 3) << 8 | u16::from(low),
+            value,
+            name: rest.to_vec(),
+        })
     }
 
     /// The payload.
@@ -222,7 +236,8 @@ impl fmt::Display for ParameterRequest {
     }
 }
 
-/// protocol.param.GetSet, response: `value | default | maximum | minimum | name`. All are empty if the parameter does not exist.
+/// protocol.param.GetSet, response: `value | default | maximum | minimum | name`. All are empty if
+/// the parameter does not exist.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ParameterResponse {
     pub value: Value,
@@ -240,8 +255,12 @@ impl ParameterResponse {
             let tag = byte(rest)? & mask;
             Value::decode(tag, rest)
         };
-        let (value, default, max, min) =
-            (value(TAG_MASK)?, value(TAG_MASK)?, value(NUMERIC_TAG_MASK)?, value(NUMERIC_TAG_MASK)?);
+        let (value, default, max, min) = (
+            value(TAG_MASK)?,
+            value(TAG_MASK)?,
+            value(NUMERIC_TAG_MASK)?,
+            value(NUMERIC_TAG_MASK)?,
+        );
         Some(ParameterResponse { value, default, max, min, name: rest.to_vec() })
     }
 
@@ -310,7 +329,8 @@ impl fmt::Display for Opcode {
 /// The bit "ok" of a response: the most significant bit of its last byte.
 const OK: u8 = 1 << 7;
 
-/// protocol.param.ExecuteOpcode, response: `argument i48 | ok bool`. True if the opcode was executed.
+/// protocol.param.ExecuteOpcode, response: `argument i48 | ok bool`. True if the opcode was
+/// executed.
 pub(crate) fn decode_executed(payload: &[u8]) -> Option<bool> {
     (payload.len() == Opcode::LEN).then(|| payload[Opcode::LEN - 1] & OK != 0)
 }
@@ -354,7 +374,8 @@ pub(crate) fn encode_restarted(ok: bool) -> Vec<u8> {
     vec![if ok { OK } else { 0 }]
 }
 
-/// protocol.file.BeginFirmwareUpdate, request: `source node u8 | path`; response: `error u8 | text`.
+/// protocol.file.BeginFirmwareUpdate, request: `source node u8 | path`; response: `error u8 |
+/// text`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct NumberAndText {
     pub number: u8,
@@ -395,7 +416,8 @@ impl NumberAndText {
 /// Counters of one interface: frames sent, frames received, errors.
 pub type InterfaceStats = [u64; 3];
 
-/// protocol.GetTransportStats, response: three numbers of 48 bits, and three more for each interface.
+/// protocol.GetTransportStats, response: three numbers of 48 bits, and three more for each
+/// interface.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TransportStats {
     pub transfers_tx: u64,
@@ -436,7 +458,13 @@ impl TransportStats {
 
 impl fmt::Display for TransportStats {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "transfers out {} in {} errors {}", self.transfers_tx, self.transfers_rx, self.transfer_errors)?;
-        self.interfaces.iter().try_for_each(|[tx, rx, errors]| write!(f, ", frames out {tx} in {rx} errors {errors}"))
+        write!(
+            f,
+            "transfers out {} in {} errors {}",
+            self.transfers_tx, self.transfers_rx, self.transfer_errors
+        )?;
+        self.interfaces
+            .iter()
+            .try_for_each(|[tx, rx, errors]| write!(f, ", frames out {tx} in {rx} errors {errors}"))
     }
 }

@@ -1,7 +1,7 @@
 //! The UDP multicast bus of pydronecan, libcanard and ArduPilot SITL.
 //!
-//! Bus N is the group 239.65.82.N, port 57732; [`datagram`] is the format. A [`Port`] uses one interface, loopback by
-//! default, and receives no datagrams of other interfaces. It never blocks.
+//! Bus N is the group 239.65.82.N, port 57732; [`datagram`] is the format. A [`Port`] uses one
+//! interface, loopback by default, and receives no datagrams of other interfaces. It never blocks.
 //!
 //! Limits: UDP may lose a datagram without an error at the sender.
 
@@ -44,7 +44,8 @@ impl Port {
         Ok(Port { group, interface, receiver, sender, own })
     }
 
-    /// The frame in the next datagram of another program, or why it has none. `None` for our own datagrams.
+    /// The frame in the next datagram of another program, or why it has none. `None` for our own
+    /// datagrams.
     ///
     /// # Errors
     /// `WouldBlock` if there is no datagram; other errors come from the network.
@@ -80,7 +81,8 @@ impl Port {
         self.interface
     }
 
-    /// What the user must do if other programs, which let the routes choose the interface, use another one.
+    /// What the user must do if other programs, which let the routes choose the interface, use
+    /// another one.
     pub fn advice(&self) -> Option<String> {
         let Port { group, interface, .. } = *self;
         let route = || -> io::Result<SocketAddr> {
@@ -97,8 +99,12 @@ impl Port {
             Err(_) => String::from("other programs find no route for multicast"),
         };
         Some(match interface {
-            Ipv4Addr::LOCALHOST => format!("{elsewhere}: \"ip route add 239.65.82.0/24 dev lo\" lets them in"),
-            _ => format!("{elsewhere}: set their IP_MULTICAST_IF to {interface}, or a route for 239.65.82.0/24"),
+            Ipv4Addr::LOCALHOST => {
+                format!("{elsewhere}: \"ip route add 239.65.82.0/24 dev lo\" lets them in")
+            }
+            _ => format!(
+                "{elsewhere}: set their IP_MULTICAST_IF to {interface}, or a route for 239.65.82.0/24"
+            ),
         })
     }
 }
@@ -110,14 +116,16 @@ impl AsFd for Port {
     }
 }
 
-/// A socket that receives the group on this interface only, and shares the port with other programs of this machine.
+/// A socket that receives the group on this interface only, and shares the port with other programs
+/// of this machine.
 fn receiver(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
     let open = || -> io::Result<Socket> {
         let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
         socket.set_reuse_address(true)?;
         socket.set_nonblocking(true)?;
         socket.set_recv_buffer_size(RECEIVE_BUFFER_BYTES)?;
-        // Otherwise Linux also delivers datagrams from interfaces that other programs have joined on.
+        // Otherwise Linux also delivers datagrams from interfaces that other programs have joined
+        // on.
         socket.set_multicast_all_v4(false)?;
         Ok(socket)
     };
@@ -128,7 +136,9 @@ fn receiver(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
         ),
         _ => anyhow!(error).context(format!("cannot listen to {group}")),
     })?;
-    socket.join_multicast_v4(group.ip(), &interface).map_err(|error| no_such_interface(interface, error))?;
+    socket
+        .join_multicast_v4(group.ip(), &interface)
+        .map_err(|error| no_such_interface(interface, error))?;
     Ok(socket.into())
 }
 

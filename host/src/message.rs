@@ -4,7 +4,9 @@
 
 use super::broadcast::{Allocation, CanStats, CircuitStatus, KeyValue, LightCommand};
 use super::esc;
-use super::management::{self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, TransportStats};
+use super::management::{
+    self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, TransportStats,
+};
 use super::status::NodeStatus;
 use super::text::{list, write_raw};
 use super::{id::CanId, transfer::Transfer, types, types::DataType};
@@ -272,8 +274,10 @@ impl Message {
     /// Decodes a transfer. Never fails: what cannot be decoded is `Other`.
     pub fn decode(transfer: &Transfer) -> Message {
         let payload = transfer.payload.as_slice();
-        Message::decode_known(transfer.id, payload)
-            .unwrap_or_else(|| Message::Other { name: name_of(transfer.id), payload: payload.to_vec() })
+        Message::decode_known(transfer.id, payload).unwrap_or_else(|| Message::Other {
+            name: name_of(transfer.id),
+            payload: payload.to_vec(),
+        })
     }
 
     fn decode_known(id: CanId, payload: &[u8]) -> Option<Message> {
@@ -293,12 +297,16 @@ impl Message {
         match *data_type {
             types::NODE_STATUS => NodeStatus::decode(payload).map(Message::NodeStatus),
             types::ALLOCATION => Allocation::decode(payload).map(Message::Allocation),
-            types::ARRAY_COMMAND => ActuatorCommand::decode_array(payload).map(Message::ArrayCommand),
+            types::ARRAY_COMMAND => {
+                ActuatorCommand::decode_array(payload).map(Message::ArrayCommand)
+            }
             types::ACTUATOR_STATUS => ActuatorStatus::decode(payload).map(Message::ActuatorStatus),
             types::TEMPERATURE => Temperature::decode(payload).map(Message::Temperature),
             types::CIRCUIT_STATUS => CircuitStatus::decode(payload).map(Message::CircuitStatus),
             types::RAW_COMMAND => esc::decode_commands(payload).map(Message::RawCommand),
-            types::LIGHTS_COMMAND => LightCommand::decode_array(payload).map(Message::LightsCommand),
+            types::LIGHTS_COMMAND => {
+                LightCommand::decode_array(payload).map(Message::LightsCommand)
+            }
             types::ARMING_STATUS => byte().map(Message::ArmingStatus),
             types::SAFETY_STATE => byte().map(Message::SafetyState),
             types::CAN_STATS => CanStats::decode(payload).map(Message::CanStats),
@@ -316,7 +324,9 @@ impl Message {
             types::GET_SET => ParameterRequest::decode(payload).map(Message::ParameterRequest),
             types::EXECUTE_OPCODE => Opcode::decode(payload).map(Message::ExecuteOpcode),
             types::RESTART_NODE => management::decode_restart(payload).map(Message::RestartNode),
-            types::BEGIN_FIRMWARE_UPDATE => NumberAndText::decode(payload).map(Message::BeginUpdate),
+            types::BEGIN_FIRMWARE_UPDATE => {
+                NumberAndText::decode(payload).map(Message::BeginUpdate)
+            }
             types::GET_TRANSPORT_STATS => empty(Message::TransportStatsRequest),
             _ => None,
         }
@@ -324,12 +334,20 @@ impl Message {
 
     fn decode_response(data_type: &DataType, payload: &[u8]) -> Option<Message> {
         match *data_type {
-            types::GET_NODE_INFO => NodeInfo::decode(payload).map(|info| Message::NodeInfo(Box::new(info))),
+            types::GET_NODE_INFO => {
+                NodeInfo::decode(payload).map(|info| Message::NodeInfo(Box::new(info)))
+            }
             types::GET_SET => ParameterResponse::decode(payload).map(Message::ParameterResponse),
-            types::EXECUTE_OPCODE => management::decode_executed(payload).map(Message::OpcodeExecuted),
+            types::EXECUTE_OPCODE => {
+                management::decode_executed(payload).map(Message::OpcodeExecuted)
+            }
             types::RESTART_NODE => management::decode_restarted(payload).map(Message::Restarting),
-            types::BEGIN_FIRMWARE_UPDATE => NumberAndText::decode(payload).map(Message::UpdateBegun),
-            types::GET_TRANSPORT_STATS => TransportStats::decode(payload).map(Message::TransportStats),
+            types::BEGIN_FIRMWARE_UPDATE => {
+                NumberAndText::decode(payload).map(Message::UpdateBegun)
+            }
+            types::GET_TRANSPORT_STATS => {
+                TransportStats::decode(payload).map(Message::TransportStats)
+            }
             _ => None,
         }
     }
@@ -339,12 +357,16 @@ impl Message {
         Some(match self {
             Message::NodeStatus(status) => (&types::NODE_STATUS, status.encode()),
             Message::Allocation(allocation) => (&types::ALLOCATION, allocation.encode()),
-            Message::ArrayCommand(commands) => (&types::ARRAY_COMMAND, ActuatorCommand::encode_array(commands)),
+            Message::ArrayCommand(commands) => {
+                (&types::ARRAY_COMMAND, ActuatorCommand::encode_array(commands))
+            }
             Message::ActuatorStatus(status) => (&types::ACTUATOR_STATUS, status.encode()),
             Message::Temperature(temperature) => (&types::TEMPERATURE, temperature.encode()),
             Message::CircuitStatus(status) => (&types::CIRCUIT_STATUS, status.encode()),
             Message::RawCommand(commands) => (&types::RAW_COMMAND, esc::encode_commands(commands)),
-            Message::LightsCommand(commands) => (&types::LIGHTS_COMMAND, LightCommand::encode_array(commands)),
+            Message::LightsCommand(commands) => {
+                (&types::LIGHTS_COMMAND, LightCommand::encode_array(commands))
+            }
             Message::ArmingStatus(byte) => (&types::ARMING_STATUS, vec![*byte]),
             Message::SafetyState(byte) => (&types::SAFETY_STATE, vec![*byte]),
             Message::CanStats(stats) => (&types::CAN_STATS, stats.encode()),
@@ -356,8 +378,12 @@ impl Message {
             Message::ParameterRequest(request) => (&types::GET_SET, request.encode()),
             Message::ParameterResponse(response) => (&types::GET_SET, response.encode()),
             Message::ExecuteOpcode(opcode) => (&types::EXECUTE_OPCODE, opcode.encode()),
-            Message::OpcodeExecuted(ok) => (&types::EXECUTE_OPCODE, management::encode_executed(*ok)),
-            Message::RestartNode(magic) => (&types::RESTART_NODE, management::encode_restart(*magic)),
+            Message::OpcodeExecuted(ok) => {
+                (&types::EXECUTE_OPCODE, management::encode_executed(*ok))
+            }
+            Message::RestartNode(magic) => {
+                (&types::RESTART_NODE, management::encode_restart(*magic))
+            }
             Message::Restarting(ok) => (&types::RESTART_NODE, management::encode_restarted(*ok)),
             Message::BeginUpdate(update) | Message::UpdateBegun(update) => {
                 (&types::BEGIN_FIRMWARE_UPDATE, update.encode())
@@ -445,7 +471,9 @@ impl fmt::Display for Message {
             Message::ExecuteOpcode(opcode) => write!(f, " {opcode}"),
             Message::OpcodeExecuted(ok) | Message::Restarting(ok) => management::write_ok(f, *ok),
             Message::RestartNode(magic) => management::write_magic(f, *magic),
-            Message::BeginUpdate(update) => write!(f, " of \"{}\" from node {}", update.text(), update.number),
+            Message::BeginUpdate(update) => {
+                write!(f, " of \"{}\" from node {}", update.text(), update.number)
+            }
             Message::UpdateBegun(update) => write!(f, " {} \"{}\"", update.error(), update.text()),
             Message::TransportStats(stats) => write!(f, " {stats}"),
             Message::Other { payload, .. } => write_raw(f, payload),

@@ -16,7 +16,8 @@ pub struct Session<S> {
     pub so_far: S,
 }
 
-/// All sessions of a bus, by what the frames of a transfer have in common. Of transfers that never end only the newest are kept.
+/// All sessions of a bus, by what the frames of a transfer have in common. Of transfers that never
+/// end only the newest are kept.
 pub struct Sessions<K, S> {
     open: HashMap<K, Session<S>>,
     opened: u64,
@@ -65,7 +66,8 @@ impl<K: Copy + Eq + Hash, S> Sessions<K, S> {
         let timeout = self.timeout;
         self.open.retain(|_, session| at.saturating_sub(session.started_at) <= timeout);
         if self.open.len() == SESSIONS_MAX
-            && let Some(oldest) = self.open.iter().min_by_key(|(_, session)| session.number).map(|(key, _)| *key)
+            && let Some(oldest) =
+                self.open.iter().min_by_key(|(_, session)| session.number).map(|(key, _)| *key)
         {
             self.open.remove(&oldest);
         }

@@ -10,11 +10,12 @@
 //! | `F`     | flags                               | `V` `N`     | version, serial number                  |
 //! | `Z0` `Z1` | time stamps off, on               | `M` `m` `W` | acceptance filter: only "everything"    |
 //!
-//! Hexadecimal digits may have either case, and are sent in upper case. Line feeds are ignored; an empty line is a
-//! command without effect. Commands that are not in the table (`s`, `Q`, `X0`, CAN FD) are rejected.
+//! Hexadecimal digits may have either case, and are sent in upper case. Line feeds are ignored; an
+//! empty line is a command without effect. Commands that are not in the table (`s`, `Q`, `X0`, CAN
+//! FD) are rejected.
 //!
-//! Source: Lawicel AB, "CAN232 manual" and "CANUSB manual", section "Available commands", and recordings of pydronecan and
-//! python-can.
+//! Source: Lawicel AB, "CAN232 manual" and "CANUSB manual", section "Available commands", and
+//! recordings of pydronecan and python-can.
 
 use crate::{Frame, Id};
 
@@ -195,7 +196,8 @@ fn reply(line: &[u8]) -> Reply {
     let remote = matches!(letter, b'r' | b'R');
     // Adapters add time stamps on request; some always do.
     let stamped = || rest.split_last_chunk::<4>().filter(|(_, stamp)| hex(&stamp[..]).is_some());
-    let received = frame(rest, id_digits, remote).or_else(|| frame(stamped()?.0, id_digits, remote));
+    let received =
+        frame(rest, id_digits, remote).or_else(|| frame(stamped()?.0, id_digits, remote));
     received.map_or(Reply::Other, Reply::Received)
 }
 
@@ -329,9 +331,14 @@ mod tests {
     fn replies_of_an_adapter_are_parsed() {
         let frame = Frame::extended(0x1404_562A, &[0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
         let stamped = line(&frame, Some(59_999));
-        let bytes = [b"\r\x07Z\rz\rV1013\r".to_vec(), line(&frame, None), stamped, b"t12\r".to_vec()].concat();
+        let bytes =
+            [b"\r\x07Z\rz\rV1013\r".to_vec(), line(&frame, None), stamped, b"t12\r".to_vec()]
+                .concat();
         let (done, other, received) = (Reply::Done, Reply::Other, Reply::Received(frame));
-        assert_eq!(replies(&bytes), [done, Reply::Refused, done, done, other, received, received, other]);
+        assert_eq!(
+            replies(&bytes),
+            [done, Reply::Refused, done, done, other, received, received, other]
+        );
     }
 
     /// Four more digits are a time stamp, but only after as much data as the length says.
@@ -353,7 +360,10 @@ mod tests {
 
     #[test]
     fn bit_rates_have_their_digits() {
-        assert_eq!((rate_digit(1_000_000), rate_digit(125_000), rate_digit(123)), (Some('8'), Some('4'), None));
+        assert_eq!(
+            (rate_digit(1_000_000), rate_digit(125_000), rate_digit(123)),
+            (Some('8'), Some('4'), None)
+        );
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The status of a node: protocol.NodeStatus, which is a message and the beginning of a GetNodeInfo response.
+//! The status of a node: protocol.NodeStatus, which is a message and the beginning of a GetNodeInfo
+//! response.
 
 use std::fmt;
 
@@ -83,7 +84,8 @@ impl fmt::Display for Mode {
     }
 }
 
-/// protocol.NodeStatus. Layout: `uptime_sec u32 | health[7:6] mode[5:3] sub_mode[2:0] | vendor code u16`.
+/// protocol.NodeStatus. Layout: `uptime_sec u32 | health[7:6] mode[5:3] sub_mode[2:0] | vendor code
+/// u16`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NodeStatus {
     pub uptime_s: u32,

@@ -53,7 +53,8 @@ fn both_ways(vector: &str, message: Message, text: &str) {
     assert_eq!(split(&payload, transfer.transfer_id, signature), vector.data);
 }
 
-/// Checks a golden transfer of a type that is not decoded: it must assemble with a valid CRC and split into the same frames.
+/// Checks a golden transfer of a type that is not decoded: it must assemble with a valid CRC and
+/// split into the same frames.
 #[track_caller]
 fn carried(vector: &str, name: &str) {
     let vector = golden(vector);
@@ -85,7 +86,11 @@ fn node_status_equals_pydronecan() {
     );
     both_ways(
         "10015501 01 00 00 00 08 00 00 C0",
-        Message::NodeStatus(NodeStatus { uptime_s: 1, mode: Mode::Initialization, ..NodeStatus::default() }),
+        Message::NodeStatus(NodeStatus {
+            uptime_s: 1,
+            mode: Mode::Initialization,
+            ..NodeStatus::default()
+        }),
         "NodeStatus OK INITIALIZATION up 1 s vendor 0x0000",
     );
 }
@@ -112,7 +117,8 @@ fn array_command_of_two_frames_equals_pydronecan() {
     );
 }
 
-/// NaN is not equal to itself, so this compares the decoded form as text. The bytes must survive the round trip.
+/// NaN is not equal to itself, so this compares the decoded form as text. The bytes must survive
+/// the round trip.
 #[test]
 fn actuator_status_equals_pydronecan() {
     let vector = golden("1803F32A 67 C0 01 00 34 FF 7F 81 | FF 7F 7F 61");
@@ -128,7 +134,12 @@ fn actuator_status_equals_pydronecan() {
 fn temperature_equals_pydronecan() {
     both_ways(
         "1804562A 01 00 A9 5C 00 C2",
-        Message::Temperature(Temperature { device: 1, kelvin: f16::from_f32(298.25), over: false, under: false }),
+        Message::Temperature(Temperature {
+            device: 1,
+            kelvin: f16::from_f32(298.25),
+            over: false,
+            under: false,
+        }),
         "Temperature device 1 298.25 K (25.1 C)",
     );
 }
@@ -148,9 +159,16 @@ fn circuit_status_equals_pydronecan() {
     );
     let vector = golden("18044378 78 00 4D 4A FF 7F 00 C5");
     let message = Message::decode(&assemble(&vector));
-    assert_eq!(message.to_string(), "CircuitStatus circuit 120 12.60 V", "a current of NaN is unknown and not shown");
+    assert_eq!(
+        message.to_string(),
+        "CircuitStatus circuit 120 12.60 V",
+        "a current of NaN is unknown and not shown"
+    );
     assert_eq!(message.encode().unwrap().1, vector.data[0][..7]);
-    assert_eq!(status(1, 0.0, 0.0, 0x81).to_string(), "circuit 1 0.00 V 0.00 A OVERVOLTAGE flags 0x80");
+    assert_eq!(
+        status(1, 0.0, 0.0, 0x81).to_string(),
+        "circuit 1 0.00 V 0.00 A OVERVOLTAGE flags 0x80"
+    );
 }
 
 #[test]
@@ -160,7 +178,11 @@ fn raw_commands_equal_pydronecan() {
     both_ways("00040601 01 00 C4", raw(&[1]), "esc.RawCommand 1");
     both_ways("00040601 01 00 08 00 C4", raw(&[1, 2]), "esc.RawCommand 1, 2");
     both_ways("00040601 01 00 08 00 30 00 C4", raw(&[1, 2, 3]), "esc.RawCommand 1, 2, 3");
-    both_ways("0704060A FF 7C 02 00 00 3F FF C1", raw(&[8191, -8192, 0, -1]), "esc.RawCommand 8191, -8192, 0, -1");
+    both_ways(
+        "0704060A FF 7C 02 00 00 3F FF C1",
+        raw(&[8191, -8192, 0, -1]),
+        "esc.RawCommand 8191, -8192, 0, -1",
+    );
     both_ways(
         "0704060A 1C 29 FF 7C 02 00 00 82 | 3F FF 00 40 04 06 40 22 | 0D 12 42",
         raw(&[8191, -8192, 0, -1, 4096, 1, 100, 4660]),
@@ -178,7 +200,9 @@ fn raw_commands_equal_pydronecan() {
 
 #[test]
 fn raw_commands_of_an_impossible_length_are_shown_as_bytes() {
-    for length in (0..=40).filter(|length| !(0..=20).any(|count| (14usize * count).div_ceil(8) == *length)) {
+    for length in
+        (0..=40).filter(|length| !(0..=20).any(|count| (14usize * count).div_ceil(8) == *length))
+    {
         assert_eq!(esc::decode_commands(&vec![0; length]), None, "{length} bytes");
     }
     let message = Message::decode(&assemble(&golden("0704060A 01 02 03 C1")));
@@ -226,7 +250,11 @@ fn request(index: u16, value: Value, name: &[u8]) -> Message {
 #[test]
 fn parameter_requests_equal_pydronecan() {
     both_ways("1E0BAAFF 00 00 C0", request(0, Value::Empty, b""), "param.GetSet request index 0");
-    both_ways("1E0BF8FF 2C 08 C8", request(300, Value::Empty, b""), "param.GetSet request index 300");
+    both_ways(
+        "1E0BF8FF 2C 08 C8",
+        request(300, Value::Empty, b""),
+        "param.GetSet request index 300",
+    );
     both_ways(
         "1E0BF8FF AC 76 00 00 43 41 4E 82 | 5F 4E 4F 44 45 62",
         request(0, Value::Empty, b"CAN_NODE"),
@@ -258,7 +286,13 @@ fn parameter_requests_equal_pydronecan() {
 fn parameter_responses_equal_pydronecan() {
     let response = |value, default, max, min, name: &[u8]| {
         let [value, default, max, min] = [value, default, max, min].map(Value::Integer);
-        Message::ParameterResponse(ParameterResponse { value, default, max, min, name: name.to_vec() })
+        Message::ParameterResponse(ParameterResponse {
+            value,
+            default,
+            max,
+            min,
+            name: name.to_vec(),
+        })
     };
     both_ways(
         "1E0B7FAA CD 88 01 2A 00 00 00 81 | 00 00 00 00 01 00 00 21 | 00 00 00 00 00 00 01 01 | \
@@ -291,8 +325,16 @@ fn opcodes_and_restarts_equal_pydronecan() {
         Message::ExecuteOpcode(Opcode::ERASE),
         "param.ExecuteOpcode request ERASE",
     );
-    both_ways("1E0A7FAA 00 00 00 00 00 00 80 C4", Message::OpcodeExecuted(true), "param.ExecuteOpcode response ok");
-    both_ways("1E05AAFF 1E 1B 55 CE AC C6", Message::RestartNode(RESTART_MAGIC), "RestartNode request");
+    both_ways(
+        "1E0A7FAA 00 00 00 00 00 00 80 C4",
+        Message::OpcodeExecuted(true),
+        "param.ExecuteOpcode response ok",
+    );
+    both_ways(
+        "1E05AAFF 1E 1B 55 CE AC C6",
+        Message::RestartNode(RESTART_MAGIC),
+        "RestartNode request",
+    );
     both_ways("1E057FAA 80 C6", Message::Restarting(true), "RestartNode response ok");
     both_ways("1E057FF8 00 C7", Message::Restarting(false), "RestartNode response FAILED");
     let wrong = Message::RestartNode(0xBE_EFCA_FE00);
@@ -347,7 +389,11 @@ fn counters_equal_pydronecan() {
          in 168496141 overflow 6 errors 7 bus-off 8",
     );
     let pair = KeyValue { value: 3.0, key: b"btn".to_vec() };
-    both_ways("183FF278 00 00 40 40 62 74 6E C1", Message::KeyValue(pair), "debug.KeyValue btn = 3");
+    both_ways(
+        "183FF278 00 00 40 40 62 74 6E C1",
+        Message::KeyValue(pair),
+        "debug.KeyValue btn = 3",
+    );
 }
 
 #[test]
@@ -403,8 +449,11 @@ fn types_that_are_not_decoded_equal_pydronecan() {
 /// The discriminator is the CRC of the payload, shifted (specification, "Anonymous transfers").
 #[test]
 fn anonymous_identifiers_equal_pydronecan() {
-    for vector in ["1E974D00 01 00 01 02 03 04 05 C0", "1EBC1100 00 06 07 08 09 0A 0B C1", "1E9D1D00 00 0C 0D 0E 0F C2"]
-    {
+    for vector in [
+        "1E974D00 01 00 01 02 03 04 05 C0",
+        "1EBC1100 00 06 07 08 09 0A 0B C1",
+        "1E9D1D00 00 0C 0D 0E 0F C2",
+    ] {
         let vector = golden(vector);
         let transfer = assemble(&vector);
         let discriminator = (crc::feed(crc::INITIAL, &transfer.payload) >> 1) & 0x3FFF;

@@ -1,11 +1,13 @@
 //! Transfers: the tail byte, splitting a payload into frames, and reassembling frames.
 //!
-//! Tail byte, last in every frame: `start[7] end[6] toggle[5] transfer_id[4:0]`. A payload of up to 7 bytes is one
-//! frame. A longer one follows its CRC, little endian, and is split into frames of 7 bytes with the toggle bit
-//! alternating from 0 (DroneCAN specification, "CAN bus transport layer").
+//! Tail byte, last in every frame: `start[7] end[6] toggle[5] transfer_id[4:0]`. A payload of up to
+//! 7 bytes is one frame. A longer one follows its CRC, little endian, and is split into frames of 7
+//! bytes with the toggle bit alternating from 0 (DroneCAN specification, "CAN bus transport
+//! layer").
 //!
-//! Assembly invariants: only a start frame opens or replaces a session. A frame that does not continue its session
-//! closes it. Repeated transfer IDs are not filtered, because an observer shows every frame.
+//! Assembly invariants: only a start frame opens or replaces a session. A frame that does not
+//! continue its session closes it. Repeated transfer IDs are not filtered, because an observer
+//! shows every frame.
 
 use super::{Frame, crc, id::CanId, sessions::Sessions, types::DataType};
 use std::time::Duration;
@@ -15,7 +17,8 @@ const END: u8 = 1 << 6;
 const TOGGLE: u8 = 1 << 5;
 /// Payload bytes of a frame: eight minus the tail byte.
 const FRAME_PAYLOAD: usize = 7;
-/// A transfer that is not complete this long after its start times out (specification, transfer-ID timeout).
+/// A transfer that is not complete this long after its start times out (specification, transfer-ID
+/// timeout).
 const TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest payload of an unknown type: more than that of file.Read, the longest in use.
 const PAYLOAD_MAX: usize = 512;
@@ -69,8 +72,8 @@ pub enum Outcome {
     Invalid(&'static str),
 }
 
-/// Data of the frames that carry `payload`, in order. `signature` is that of the data type; a single
-/// frame does not need it.
+/// Data of the frames that carry `payload`, in order. `signature` is that of the data type; a
+/// single frame does not need it.
 pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec<u8>> {
     if payload.len() <= FRAME_PAYLOAD {
         let mut data = payload.to_vec();
@@ -94,11 +97,14 @@ pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec
         .collect()
 }
 
-/// The frames that carry `payload` under this identifier, in order. A type that is not in [`types`](super::types) has no known signature, so its
-/// payload must fit in one frame.
+/// The frames that carry `payload` under this identifier, in order. A type that is not in
+/// [`types`](super::types) has no known signature, so its payload must fit in one frame.
 pub fn frames(id: CanId, payload: &[u8], transfer_id: TransferId) -> Vec<Frame> {
     let signature = DataType::of(id).and_then(|data_type| data_type.signature).unwrap_or(0);
-    split(payload, transfer_id, signature).iter().map(|data| Frame::extended(id.build(), data)).collect()
+    split(payload, transfer_id, signature)
+        .iter()
+        .map(|data| Frame::extended(id.build(), data))
+        .collect()
 }
 
 /// A transfer that is not complete.
@@ -110,8 +116,8 @@ struct SoFar {
     stream: Vec<u8>,
 }
 
-/// Reassembles the transfers of all nodes on a bus. One session per identifier, because the frames of a transfer share it. Of incomplete
-/// transfers only the newest are kept.
+/// Reassembles the transfers of all nodes on a bus. One session per identifier, because the frames
+/// of a transfer share it. Of incomplete transfers only the newest are kept.
 pub struct Assembler {
     sessions: Sessions<CanId, SoFar>,
 }
@@ -147,7 +153,9 @@ impl Assembler {
             (true, false) if matches!(id, CanId::Anonymous { .. }) => {
                 Outcome::Invalid("anonymous transfer of several frames")
             }
-            (true, false) if part.len() < FRAME_PAYLOAD => Outcome::Invalid("start frame that is not full"),
+            (true, false) if part.len() < FRAME_PAYLOAD => {
+                Outcome::Invalid("start frame that is not full")
+            }
             (true, false) => {
                 let so_far = SoFar { transfer_id, toggle: true, frames: 1, stream: part.to_vec() };
                 self.sessions.open(id, at, so_far);
@@ -192,7 +200,8 @@ impl Assembler {
         }
         let payload = so_far.stream.split_off(2);
         let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
-        // Without a known signature the CRC cannot be checked; an observer shows the transfer nevertheless.
+        // Without a known signature the CRC cannot be checked; an observer shows the transfer
+        // nevertheless.
         if let Some(data_type) = DataType::of(id)
             && let Some(signature) = data_type.signature
             && crc::transfer(signature, &payload) != sent_crc
@@ -225,7 +234,9 @@ mod tests {
         // An unknown type, whose CRC cannot be checked.
         assert_eq!(assembler.push(0x1FFF_F002, &FIRST, Duration::ZERO), Outcome::Partial);
         let end = assembler.push(0x1FFF_F002, &[8, END | TOGGLE], Duration::ZERO);
-        assert!(matches!(end, Outcome::Complete(Transfer { payload, .. }) if payload == [3, 4, 5, 6, 7, 8]));
+        assert!(
+            matches!(end, Outcome::Complete(Transfer { payload, .. }) if payload == [3, 4, 5, 6, 7, 8])
+        );
     }
 
     #[test]

@@ -4,7 +4,8 @@
 //! Broadcast   protocol u8 | channel u8 | buffer u8[<=60]
 //! Targetted   protocol u8 | target node u7 | serial port i5 | options u4 | baud rate u24 | buffer u8[<=120]
 //! ```
-//! The three fields between the protocol and the baud rate fill two bytes from the most significant bit. Little endian.
+//! The three fields between the protocol and the baud rate fill two bytes from the most significant
+//! bit. Little endian.
 
 use super::id::NodeId;
 
@@ -32,7 +33,11 @@ impl TunnelBroadcast {
     pub fn decode(payload: &[u8]) -> Option<TunnelBroadcast> {
         match payload {
             [protocol, channel, buffer @ ..] if buffer.len() <= BROADCAST_MAX => {
-                Some(TunnelBroadcast { protocol: *protocol, channel: *channel, buffer: buffer.to_vec() })
+                Some(TunnelBroadcast {
+                    protocol: *protocol,
+                    channel: *channel,
+                    buffer: buffer.to_vec(),
+                })
             }
             _ => None,
         }

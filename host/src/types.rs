@@ -1,8 +1,8 @@
-//! Names, signatures and lengths of the data types that a bus may have. The traffic view shows the names and
-//! checks the CRC of long transfers; the bus planner uses the lengths.
+//! Names, signatures and lengths of the data types that a bus may have. The traffic view shows the
+//! names and checks the CRC of long transfers; the bus planner uses the lengths.
 //!
-//! Source: public DroneCAN DSDL; signatures and lengths computed with pydronecan 1.0.27. The thesis's two types need no
-//! signature, because they fit in one frame.
+//! Source: public DroneCAN DSDL; signatures and lengths computed with pydronecan 1.0.27. The
+//! thesis's two types need no signature, because they fit in one frame.
 
 use super::id::CanId;
 
@@ -61,7 +61,13 @@ const fn message(id: u16, name: &'static str, signature: u64, payload: Layout) -
     DataType { kind: Kind::Message, id, name, signature: Some(signature), payload, response: None }
 }
 
-const fn service(id: u16, name: &'static str, signature: u64, request: Layout, response: Layout) -> DataType {
+const fn service(
+    id: u16,
+    name: &'static str,
+    signature: u64,
+    request: Layout,
+    response: Layout,
+) -> DataType {
     let (signature, response) = (Some(signature), Some(response));
     DataType { kind: Kind::Service, id, name, signature, payload: request, response }
 }
@@ -72,11 +78,16 @@ const fn thesis(id: u16, name: &'static str) -> DataType {
 
 pub const ALLOCATION: DataType = message(1, "Allocation", 0x0B2A_8126_20A1_1D40, list(8, 8, 16));
 pub const NODE_STATUS: DataType = message(341, "NodeStatus", 0x0F08_68D0_C1A7_C6F1, fixed(56));
-pub const ARRAY_COMMAND: DataType = message(1010, "ArrayCommand", 0xD8A7_4862_38EC_3AF3, list(0, 32, 15));
-pub const ACTUATOR_STATUS: DataType = message(1011, "actuator.Status", 0x5E9B_BA44_FAF1_EA04, fixed(64));
-pub const RAW_COMMAND: DataType = message(1030, "esc.RawCommand", 0x217F_5C87_D7EC_951D, list(0, 14, 20));
-pub const LIGHTS_COMMAND: DataType = message(1081, "LightsCommand", 0x2031_D93C_8BDD_1EC4, list(0, 24, 20));
-pub const CIRCUIT_STATUS: DataType = message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56));
+pub const ARRAY_COMMAND: DataType =
+    message(1010, "ArrayCommand", 0xD8A7_4862_38EC_3AF3, list(0, 32, 15));
+pub const ACTUATOR_STATUS: DataType =
+    message(1011, "actuator.Status", 0x5E9B_BA44_FAF1_EA04, fixed(64));
+pub const RAW_COMMAND: DataType =
+    message(1030, "esc.RawCommand", 0x217F_5C87_D7EC_951D, list(0, 14, 20));
+pub const LIGHTS_COMMAND: DataType =
+    message(1081, "LightsCommand", 0x2031_D93C_8BDD_1EC4, list(0, 24, 20));
+pub const CIRCUIT_STATUS: DataType =
+    message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56));
 pub const ARMING_STATUS: DataType = message(1100, "ArmingStatus", 0x8700_F375_556A_8003, fixed(8));
 pub const TEMPERATURE: DataType = message(1110, "Temperature", 0x7026_1C28_A941_44C6, fixed(40));
 /// One byte: servo command, 0 to 255 over the full travel.
@@ -84,21 +95,29 @@ pub const THESIS_COMMAND: DataType = thesis(1111, "thesis.ServoCommand");
 /// One byte: degrees Celsius.
 pub const THESIS_TEMPERATURE: DataType = thesis(1112, "thesis.DegreesCelsius");
 pub const CAN_STATS: DataType = message(343, "CanStats", 0xCE08_0CAE_3CA3_3C75, fixed(200));
-pub const KEY_VALUE: DataType = message(16370, "debug.KeyValue", 0xE02F_25D6_E0C9_8AE0, list(32, 8, 58));
+pub const KEY_VALUE: DataType =
+    message(16370, "debug.KeyValue", 0xE02F_25D6_E0C9_8AE0, list(32, 8, 58));
 /// ArduPilot's safety switch.
 pub const SAFETY_STATE: DataType = message(20000, "SafetyState", 0xE965_701A_95A1_A6A1, fixed(8));
-pub const GET_NODE_INFO: DataType = service(1, "GetNodeInfo", 0xEE46_8A81_21C4_6A9E, fixed(0), list(328, 8, 80));
+pub const GET_NODE_INFO: DataType =
+    service(1, "GetNodeInfo", 0xEE46_8A81_21C4_6A9E, fixed(0), list(328, 8, 80));
 pub const GET_TRANSPORT_STATS: DataType =
     service(4, "GetTransportStats", 0xBE6F_76A7_EC31_2B04, fixed(0), list(144, 144, 3));
-pub const RESTART_NODE: DataType = service(5, "RestartNode", 0x569E_0539_4A30_17F0, fixed(40), fixed(1));
-pub const EXECUTE_OPCODE: DataType = service(10, "param.ExecuteOpcode", 0x3B13_1AC5_EB69_D2CD, fixed(56), fixed(49));
-pub const TUNNEL_BROADCAST: DataType = message(2010, "tunnel.Broadcast", 0x5AA2_D4D9_CF4B_1E85, list(16, 8, 60));
-pub const TUNNEL_TARGETTED: DataType = message(3001, "tunnel.Targetted", 0xB138_E7EA_72A2_A2E9, list(48, 8, 120));
-pub const GET_SET: DataType = service(11, "param.GetSet", 0xA7B6_22F9_39D1_A4D5, list(80, 8, 92), list(288, 8, 92));
+pub const RESTART_NODE: DataType =
+    service(5, "RestartNode", 0x569E_0539_4A30_17F0, fixed(40), fixed(1));
+pub const EXECUTE_OPCODE: DataType =
+    service(10, "param.ExecuteOpcode", 0x3B13_1AC5_EB69_D2CD, fixed(56), fixed(49));
+pub const TUNNEL_BROADCAST: DataType =
+    message(2010, "tunnel.Broadcast", 0x5AA2_D4D9_CF4B_1E85, list(16, 8, 60));
+pub const TUNNEL_TARGETTED: DataType =
+    message(3001, "tunnel.Targetted", 0xB138_E7EA_72A2_A2E9, list(48, 8, 120));
+pub const GET_SET: DataType =
+    service(11, "param.GetSet", 0xA7B6_22F9_39D1_A4D5, list(80, 8, 92), list(288, 8, 92));
 pub const BEGIN_FIRMWARE_UPDATE: DataType =
     service(40, "BeginFirmwareUpdate", 0xB7D7_25DF_7272_4126, list(8, 8, 200), list(8, 8, 127));
 /// Reads a part of a file: at most 256 bytes.
-pub const FILE_READ: DataType = service(48, "file.Read", 0x8DCD_CA93_9F33_F678, list(40, 8, 200), list(16, 8, 256));
+pub const FILE_READ: DataType =
+    service(48, "file.Read", 0x8DCD_CA93_9F33_F678, list(40, 8, 200), list(16, 8, 256));
 
 /// All types with a name here.
 pub const KNOWN: &[DataType] = &[
@@ -184,20 +203,25 @@ impl DataType {
         KNOWN.iter().find(|t| t.kind == kind && t.id == number)
     }
 
-    /// Identifier of a broadcast of this type. For messages only: a service also needs a destination.
+    /// Identifier of a broadcast of this type. For messages only: a service also needs a
+    /// destination.
     pub fn message_id(&self, priority: u8, source: super::NodeId) -> CanId {
         debug_assert!(self.kind == Kind::Message, "{} is a service", self.name);
         CanId::Message { priority, type_id: self.id, source }
     }
 
-    /// All types that match the user's `text`: a name as here, its end ("Status"), or the full DSDL name. Case does not
-    /// matter.
+    /// All types that match the user's `text`: a name as here, its end ("Status"), or the full DSDL
+    /// name. Case does not matter.
     pub fn by_name(text: &str) -> Vec<&'static DataType> {
         let text = text.to_ascii_lowercase();
         let full = text.split_once('.').is_some_and(|(root, _)| ROOTS.contains(&root));
-        let ends_with = |whole: &str, end: &str| whole.strip_suffix(end).is_some_and(|front| front.ends_with('.'));
-        let means = |name: &str| name == text || ends_with(name, &text) || full && ends_with(&text, name);
-        let found: Vec<_> = KNOWN.iter().filter(|known| means(&known.name.to_ascii_lowercase())).collect();
+        let ends_with = |whole: &str, end: &str| {
+            whole.strip_suffix(end).is_some_and(|front| front.ends_with('.'))
+        };
+        let means =
+            |name: &str| name == text || ends_with(name, &text) || full && ends_with(&text, name);
+        let found: Vec<_> =
+            KNOWN.iter().filter(|known| means(&known.name.to_ascii_lowercase())).collect();
         // An exact name has precedence over the end of another.
         match found.iter().find(|known| known.name.eq_ignore_ascii_case(&text)) {
             Some(exact) => vec![exact],

@@ -1,8 +1,9 @@
-//! The rig of the black-box tests: the shipped ELF on one or more simulated boards, and a second node, the peer, on the same bus.
+//! The rig of the black-box tests: the shipped ELF on one or more simulated boards, and a second
+//! node, the peer, on the same bus.
 //!
 //! Tests write out the protocol's numbers or take them from the simulator, never from the firmware.
-//! [`manage`] is the node's client, [`status`] has the numbers in its status, [`load`] loads its bus,
-//! and [`profile`] measures the running program.
+//! [`manage`] is the node's client, [`status`] has the numbers in its status, [`load`] loads its
+//! bus, and [`profile`] measures the running program.
 
 pub mod faults;
 pub mod load;
@@ -23,7 +24,8 @@ use bench::avr::{Pulse, ResetCause};
 use bench::board::Board;
 use bench::can::{Frame, Id, PortId, RecordKind, SoftNode};
 use bench::dronecan::{
-    ActuatorCommand, CommandUnit, Decoded, Observation, Observer, Transfer, TransferId, draft, split, types,
+    ActuatorCommand, CommandUnit, Decoded, Observation, Observer, Transfer, TransferId, draft,
+    split, types,
 };
 use bench::wiring::{Wiring, preset};
 use bench::{Bench, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf};
@@ -40,7 +42,8 @@ pub const NODE: u32 = 120;
 pub const STATUS_OF_NODE: u32 = 0x1801_5500 | NODE;
 pub const TEMPERATURE_OF_NODE: u32 = 0x1804_5600 | NODE;
 pub const DEGREES_OF_NODE: u32 = 0x1804_5800 | NODE;
-/// Identifier of a NodeStatus of the UAVCAN draft of 2014 with transfer ID 0. The draft has 3 bits of transfer ID, in the identifier.
+/// Identifier of a NodeStatus of the UAVCAN draft of 2014 with transfer ID 0. The draft has 3 bits
+/// of transfer ID, in the identifier.
 pub const DRAFT_STATUS_OF_NODE: u32 = 0x1134_0008 | NODE << 10;
 /// Mask of the transfer ID in an identifier of the draft.
 const TRANSFER_ID_OF_DRAFT: u32 = 7;
@@ -50,7 +53,8 @@ pub const NODE_STATUS: u32 = 0x1801_5500;
 pub const ARRAY_COMMAND: u32 = 0x1003_F200;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
-/// The board under test: `NODE_BOARD` and `NODE_SHIELD` name it; else it is the default of avr-specs/boards.toml.
+/// The board under test: `NODE_BOARD` and `NODE_SHIELD` name it; else it is the default of
+/// avr-specs/boards.toml.
 pub fn board() -> Wiring {
     chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
 }
@@ -60,17 +64,19 @@ pub fn shipped() -> PathBuf {
     node_elf().unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// The ELF for the running test file: the preset of the board's chip, or a firmware with the feature that the file tests. The name of the
-/// running program is the test file's name and a hash.
+/// The ELF for the running test file: the preset of the board's chip, or a firmware with the
+/// feature that the file tests. The name of the running program is the test file's name and a hash.
 pub fn elf() -> PathBuf {
-    let program = std::env::current_exe().unwrap_or_else(|error| panic!("the path of this program: {error}"));
+    let program =
+        std::env::current_exe().unwrap_or_else(|error| panic!("the path of this program: {error}"));
     let name = program.file_stem().unwrap_or_default().to_string_lossy();
     let elf = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
         "thesis" => firmware("thesis"),
         // No preset has this feature.
         "tunnel" => firmware_for("uno", "seeed", "tunnel"),
         // The ATmega168 has no room for these features.
-        "allocation" | "lights" | "motors" | "outputs" | "power" | "safety" | "saving" | "stats"
+        "allocation" | "lights" | "motors" | "outputs" | "power" | "safety" | "saving"
+        | "stats"
             if !has_all_features() =>
         {
             firmware_for("uno", "seeed", "full")
@@ -90,7 +96,8 @@ pub fn has_preset_remote() -> bool {
     elf().file_stem().is_some_and(|name| name.to_string_lossy().ends_with("-remote"))
 }
 
-/// True if the node accepts both dialects. Its filters then let more frames for other nodes through.
+/// True if the node accepts both dialects. Its filters then let more frames for other nodes
+/// through.
 pub fn takes_both_dialects() -> bool {
     has_all_features()
 }
@@ -149,7 +156,8 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A board that has started before and is powered up now, with the peer on a bus of the highest bit rate that the board supports.
+    /// A board that has started before and is powered up now, with the peer on a bus of the highest
+    /// bit rate that the board supports.
     pub fn powered() -> Rig {
         Rig::with_boards(&[started()])
     }
@@ -159,7 +167,8 @@ impl Rig {
         Rig::with_boards(&[&[]])
     }
 
-    /// Like [`Rig::powered`] with the firmware of a preset or of a list of features, such as "thesis" or "allocation".
+    /// Like [`Rig::powered`] with the firmware of a preset or of a list of features, such as
+    /// "thesis" or "allocation".
     pub fn with_features(features: &str) -> Rig {
         Rig::with_firmware(&firmware(features).unwrap_or_else(|error| panic!("{error:#}")))
     }
@@ -169,7 +178,8 @@ impl Rig {
         Rig::with_boards_of(elf, &[started_with(elf)])
     }
 
-    /// Boards with these EEPROMs, powered up now. Each has its own seed, so that clocks and noise differ.
+    /// Boards with these EEPROMs, powered up now. Each has its own seed, so that clocks and noise
+    /// differ.
     pub fn with_boards(eeproms: &[&[u8]]) -> Rig {
         Rig::with_boards_of(&elf(), eeproms)
     }
@@ -287,8 +297,7 @@ impl Rig {
     /// Waits for the first status after a start, in either dialect, and clears the record.
     #[track_caller]
     pub fn wait_until_up(&mut self) {
-        let is_of_draft =
-            |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID_OF_DRAFT == DRAFT_STATUS_OF_NODE);
+        let is_of_draft = |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID_OF_DRAFT == DRAFT_STATUS_OF_NODE);
         self.wait_for("the first NodeStatus", 100, |rig| {
             !rig.statuses().is_empty() || rig.traffic.iter().any(|(_, frame)| is_of_draft(frame))
         });
@@ -345,10 +354,19 @@ impl Rig {
 
     /// Runs until `condition` holds. Panics after `timeout_ms` of simulated time.
     #[track_caller]
-    pub fn wait_for(&mut self, what: &str, timeout_ms: u64, mut condition: impl FnMut(&Rig) -> bool) {
+    pub fn wait_for(
+        &mut self,
+        what: &str,
+        timeout_ms: u64,
+        mut condition: impl FnMut(&Rig) -> bool,
+    ) {
         let end = self.now() + timeout_ms * MS;
         while !condition(self) {
-            assert!(self.now() < end, "no {what} within {timeout_ms} ms\nserial monitor:\n{}", self.serial);
+            assert!(
+                self.now() < end,
+                "no {what} within {timeout_ms} ms\nserial monitor:\n{}",
+                self.serial
+            );
             self.step(self.now() + MS / 10);
         }
     }
@@ -374,7 +392,10 @@ impl Rig {
                 self.other_serials[number - 1].extend(text);
             }
             let violations = board.take_violations();
-            assert!(self.violations_expected || violations.is_empty(), "driver mistakes: {violations:#?}");
+            assert!(
+                self.violations_expected || violations.is_empty(),
+                "driver mistakes: {violations:#?}"
+            );
         }
         self.peer.borrow_mut().take_received();
     }
@@ -386,7 +407,9 @@ impl Rig {
         }
         match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Observation::Complete(Decoded::V0(transfer, _)) => self.transfers.push((at, transfer)),
-            Observation::Complete(Decoded::Draft(transfer, message)) => self.drafts.push((at, transfer, message)),
+            Observation::Complete(Decoded::Draft(transfer, message)) => {
+                self.drafts.push((at, transfer, message))
+            }
             Observation::Invalid(why) => self.broken.push((at, frame, why)),
             Observation::Partial => {}
         }
@@ -414,7 +437,8 @@ impl Rig {
         self.send(ARRAY_COMMAND | 10, &[actuator_id, command_type, low, high, 0xC0 | transfer_id]);
     }
 
-    /// The peer sends an ArrayCommand of several (actuator, type, value), as node 10. Queues all frames at once.
+    /// The peer sends an ArrayCommand of several (actuator, type, value), as node 10. Queues all
+    /// frames at once.
     pub fn send_commands(&mut self, commands: &[(u8, u8, f32)]) {
         let transfer_id = Self::next_transfer_id(&mut self.command_transfer_id);
         for data in array_command(commands, transfer_id) {
@@ -434,8 +458,9 @@ impl Rig {
         current
     }
 
-    /// Gives INT a bad contact for 2 ms and sends more statuses in that time than the controller has room for. Returns the number of lost frames.
-    /// The program checks every 10 ms whether INT is stuck; the 2 ms lie between two checks.
+    /// Gives INT a bad contact for 2 ms and sends more statuses in that time than the controller
+    /// has room for. Returns the number of lost frames. The program checks every 10 ms whether
+    /// INT is stuck; the 2 ms lie between two checks.
     #[track_caller]
     pub fn lose_frames(&mut self) -> u32 {
         let before = self.board().chip().borrow().rx_overflows();
@@ -458,7 +483,11 @@ impl Rig {
     /// Data of the frames with this identifier, oldest first, each with the end of the frame.
     pub fn frames(&self, id: u32) -> Vec<(Cycles, Vec<u8>)> {
         let same = |frame: &Frame| matches!(frame.id, Id::Extended(other) if other == id);
-        self.traffic.iter().filter(|(_, frame)| same(frame)).map(|(at, frame)| (*at, frame.data().to_vec())).collect()
+        self.traffic
+            .iter()
+            .filter(|(_, frame)| same(frame))
+            .map(|(at, frame)| (*at, frame.data().to_vec()))
+            .collect()
     }
 
     pub fn statuses(&self) -> Vec<(Cycles, Vec<u8>)> {
@@ -494,7 +523,10 @@ impl Drop for Rig {
         self.collect();
         for board in self.bench.boards() {
             let lost = board.chip().borrow().rx_overflows();
-            assert!(self.overflows_expected || lost == 0, "{lost} frames were lost in the controller");
+            assert!(
+                self.overflows_expected || lost == 0,
+                "{lost} frames were lost in the controller"
+            );
         }
     }
 }
@@ -510,7 +542,8 @@ pub fn array_command(commands: &[(u8, u8, f32)], transfer_id: u8) -> Vec<Vec<u8>
     split(&payload, TransferId::new(transfer_id), types::ARRAY_COMMAND.signature.expect("known"))
 }
 
-/// Parses frames such as "1003F20A 01 00 00 38 C7". `|` separates the data of several frames with the same identifier.
+/// Parses frames such as "1003F20A 01 00 00 38 C7". `|` separates the data of several frames with
+/// the same identifier.
 #[track_caller]
 pub fn parse_frames(text: &str) -> Vec<Frame> {
     let (id, data) = text.split_once(' ').unwrap_or((text, ""));

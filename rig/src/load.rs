@@ -1,5 +1,6 @@
-//! The rig under load: a sender that fills the bus, a client that keeps the node busy, and a meter of what a received frame costs. The
-//! meter uses the wires of the board and the log of its CAN controller.
+//! The rig under load: a sender that fills the bus, a client that keeps the node busy, and a meter
+//! of what a received frame costs. The meter uses the wires of the board and the log of its CAN
+//! controller.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
@@ -13,7 +14,9 @@ use bench::Noise;
 use bench::avr::Oc;
 use bench::board::{Board, WireEvent};
 use bench::can::{Frame, Id, SoftNode};
-use bench::dronecan::{DataType, Message, Opcode, ParameterRequest, TransferId, Value, split, types};
+use bench::dronecan::{
+    DataType, Message, Opcode, ParameterRequest, TransferId, Value, split, types,
+};
 use bench::mcp2515::Fate;
 
 use super::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, array_command};
@@ -40,7 +43,8 @@ const OCR1BL: u16 = 0x8A;
 const ARMING_STATUS: u32 = 0x1804_4C00;
 /// A vendor-specific message, type 20210, with the low byte of ArrayCommand's type.
 const LOOK_ALIKE: u32 = 0x184E_F200;
-/// Anonymous request for a node ID: type 1. With this discriminator its identifier equals that of a NodeStatus of node 0.
+/// Anonymous request for a node ID: type 1. With this discriminator its identifier equals that of a
+/// NodeStatus of node 0.
 const ANONYMOUS: u32 = 0x1801_5500;
 /// Parameters with which the node publishes everything at the highest rate.
 const BUSY: [(&str, i64); 3] =
@@ -52,16 +56,20 @@ const CLIENT_TIMEOUT_MS: u64 = 300;
 const CANINTF: u8 = 0x2C;
 const RX_FLAGS: u8 = 0b11;
 
-/// True if the node may lose some frames of a bus full of `kind` at 1 Mbit/s. It accepts both dialects and assembles two transfers at a time, so a
-/// command of the thesis takes longer than its frame lasts (docs/decisions.md).
+/// True if the node may lose some frames of a bus full of `kind` at 1 Mbit/s. It accepts both
+/// dialects and assembles two transfers at a time, so a command of the thesis takes longer than its
+/// frame lasts (docs/decisions.md).
 pub fn may_lose_commands(kind: Kind) -> bool {
-    super::takes_both_dialects() && super::board().fastest_bit_rate() == 1_000_000 && kind == Kind::Thesis
+    super::takes_both_dialects()
+        && super::board().fastest_bit_rate() == 1_000_000
+        && kind == Kind::Thesis
 }
 
 /// The frames of a load. RXB0 and RXB1 are the buffers whose filters accept them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// ArrayCommand in one frame of so many bytes; 5 of them are a valid command. RXB0, and RXB1 when RXB0 is full.
+    /// ArrayCommand in one frame of so many bytes; 5 of them are a valid command. RXB0, and RXB1
+    /// when RXB0 is full.
     Command(usize),
     /// ArrayCommand of one position, 5 bytes. The node needs a division for it.
     Position,
@@ -89,7 +97,8 @@ pub enum Kind {
     RestartRequest,
     /// BeginFirmwareUpdate request, four frames.
     UpdateRequest,
-    /// Frame of so many bytes of another message whose type has the low byte of ArrayCommand's. RXB0 and RXB1.
+    /// Frame of so many bytes of another message whose type has the low byte of ArrayCommand's.
+    /// RXB0 and RXB1.
     LookAlike(usize),
     /// Request of so many bytes for a service that the node does not have. RXB0 and RXB1.
     UnknownRequest(usize),
@@ -106,9 +115,11 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// All kinds that the node's filters let through (`src/node/acceptance.rs`): those that the node uses, and those that it rejects after reading
-    /// them. The latter are other messages whose type has the low byte of ArrayCommand's, requests for services that the node does not have,
-    /// messages of the node's types from an anonymous sender or from its own ID, and frames of wrong lengths.
+    /// All kinds that the node's filters let through (`src/node/acceptance.rs`): those that the
+    /// node uses, and those that it rejects after reading them. The latter are other messages
+    /// whose type has the low byte of ArrayCommand's, requests for services that the node does not
+    /// have, messages of the node's types from an anonymous sender or from its own ID, and
+    /// frames of wrong lengths.
     ///
     /// [`Position`](Self::Position) has its own tests.
     pub const MATCHING: [Kind; 28] = [
@@ -162,7 +173,10 @@ impl Kind {
 
     /// True if some of the frames move the servo.
     pub fn moves_servo(self) -> bool {
-        matches!(self, Kind::Command(5) | Kind::Position | Kind::LongCommand | Kind::Thesis | Kind::Mixed)
+        matches!(
+            self,
+            Kind::Command(5) | Kind::Position | Kind::LongCommand | Kind::Thesis | Kind::Mixed
+        )
     }
 }
 
@@ -186,9 +200,13 @@ pub enum Pace {
     Every(Cycles),
 }
 
-/// Runs the node under each load for so many milliseconds, with a client that [saves](Client::Saving). Uses one thread per core, starts with the
-/// last load, and returns the results in the order of `loads`. Calls `seen` after each load.
-pub fn run_all(loads: &[(Load, u64)], seen: impl Fn(Load, u64, &Figures) + Sync) -> Vec<(Load, u64, Figures)> {
+/// Runs the node under each load for so many milliseconds, with a client that
+/// [saves](Client::Saving). Uses one thread per core, starts with the last load, and returns the
+/// results in the order of `loads`. Calls `seen` after each load.
+pub fn run_all(
+    loads: &[(Load, u64)],
+    seen: impl Fn(Load, u64, &Figures) + Sync,
+) -> Vec<(Load, u64, Figures)> {
     let left = Mutex::new((0..loads.len()).collect::<Vec<_>>());
     let runs = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
@@ -242,7 +260,8 @@ fn pulse_us(n: u32) -> f32 {
     (1000 + n * 37 % 1001) as f32
 }
 
-/// Type and value of the nth valid command. The three types alternate, also if only each ninth frame begins a command.
+/// Type and value of the nth valid command. The three types alternate, also if only each ninth
+/// frame begins a command.
 fn command(n: u32) -> (u8, f32) {
     match (n + n / 9) % 3 {
         0 => (4, pulse_us(n)),
@@ -303,23 +322,33 @@ impl Sender {
         let kind = match self.load.kind {
             Kind::Mixed if !self.rest.is_empty() => self.mixed,
             Kind::Mixed => {
-                self.mixed = Kind::MATCHING[self.random.below(Kind::MATCHING.len() as u64 - 1) as usize];
+                self.mixed =
+                    Kind::MATCHING[self.random.below(Kind::MATCHING.len() as u64 - 1) as usize];
                 self.mixed
             }
             kind => kind,
         };
-        let (command_type, value) = if kind == Kind::Position { position(self.count) } else { command(self.count) };
+        let (command_type, value) =
+            if kind == Kind::Position { position(self.count) } else { command(self.count) };
         let [low, high] = half::f16::from_f32(value).to_le_bytes();
         match kind {
             Kind::Command(5) | Kind::Position => self.widths.push_back(pulse_us(self.count)),
-            Kind::LongCommand if self.rest.is_empty() => self.widths.push_back(pulse_us(self.count)),
+            Kind::LongCommand if self.rest.is_empty() => {
+                self.widths.push_back(pulse_us(self.count))
+            }
             // Commands cover the whole travel.
-            Kind::Thesis => self.widths.push_back(1000.0 + f32::from(self.count as u8) * 1000.0 / 255.0),
+            Kind::Thesis => {
+                self.widths.push_back(1000.0 + f32::from(self.count as u8) * 1000.0 / 255.0)
+            }
             _ => {}
         }
         let (id, data) = match kind {
-            Kind::Command(len) => (ARRAY_COMMAND | SENDER, self.padded(&[1, command_type, low, high], len)),
-            Kind::Position => (ARRAY_COMMAND | SENDER, self.padded(&[1, command_type, low, high], 5)),
+            Kind::Command(len) => {
+                (ARRAY_COMMAND | SENDER, self.padded(&[1, command_type, low, high], len))
+            }
+            Kind::Position => {
+                (ARRAY_COMMAND | SENDER, self.padded(&[1, command_type, low, high], 5))
+            }
             Kind::Status(len) => (NODE_STATUS | SENDER, self.padded(&[10, 0, 0, 0, 0, 0, 0], len)),
             Kind::Thesis => (SERVO_COMMAND | SENDER, self.padded(&[self.count as u8], 2)),
             // Armed.
@@ -329,7 +358,10 @@ impl Sender {
             Kind::OpcodeRequest => (request_id(10), self.padded(&[0; 7], 8)),
             Kind::RestartRequest => (request_id(5), self.padded(&[1, 2, 3, 4, 5], 6)),
             Kind::LongRequest => {
-                let request = ParameterRequest { name: "OUT1_REVERSED".into(), ..ParameterRequest::default() };
+                let request = ParameterRequest {
+                    name: "OUT1_REVERSED".into(),
+                    ..ParameterRequest::default()
+                };
                 (request_id(11), self.next_of(&types::GET_SET, &request.encode()))
             }
             Kind::UpdateRequest => {
@@ -344,13 +376,15 @@ impl Sender {
             Kind::Mixed => unreachable!("it is one of the others"),
             Kind::Foreign => (FOREIGN | SENDER, self.padded(&[], 8)),
             Kind::ThirdParty(len) => (THIRD_PARTY, self.padded(&[], len)),
-            Kind::Beginning => {
-                (ARRAY_COMMAND | SENDER, long_command(command(self.count), self.next_transfer_id()).swap_remove(0))
-            }
+            Kind::Beginning => (
+                ARRAY_COMMAND | SENDER,
+                long_command(command(self.count), self.next_transfer_id()).swap_remove(0),
+            ),
             Kind::RawCommand => {
                 if self.rest.is_empty() {
                     let transfer_id = TransferId::new(self.next_transfer_id());
-                    self.rest = split(&[self.count as u8; 14], transfer_id, RAW_COMMAND_SIGNATURE).into();
+                    self.rest =
+                        split(&[self.count as u8; 14], transfer_id, RAW_COMMAND_SIGNATURE).into();
                 }
                 (RAW_COMMAND | SENDER, self.rest.pop_front().expect("a frame"))
             }
@@ -473,7 +507,9 @@ impl Instruction {
     fn purpose(&self) -> Purpose {
         match self.mosi[..] {
             [0xA0 | 0xB0, ..] | [0x03, CANINTF, ..] => Purpose::Check,
-            [0x90..=0x96, ..] | [0x03, 0x60..=0x7F, ..] | [0x02 | 0x05, CANINTF, ..] => Purpose::Read,
+            [0x90..=0x96, ..] | [0x03, 0x60..=0x7F, ..] | [0x02 | 0x05, CANINTF, ..] => {
+                Purpose::Read
+            }
             [0x40..=0x45 | 0x80..=0x87, ..] | [0x02 | 0x05, 0x30..=0x5F, ..] => Purpose::Send,
             _ => Purpose::Other,
         }
@@ -481,18 +517,24 @@ impl Instruction {
 
     /// The frame that READ RX BUFFER returned, if it was read from its first byte.
     fn frame_read(&self) -> Option<Frame> {
-        let ([0x90 | 0x94, ..], [_, sidh, sidl, eid8, eid0, dlc, data @ ..]) = (&self.mosi[..], &self.miso[..]) else {
+        let ([0x90 | 0x94, ..], [_, sidh, sidl, eid8, eid0, dlc, data @ ..]) =
+            (&self.mosi[..], &self.miso[..])
+        else {
             return None;
         };
         let standard = u32::from(*sidh) << 3 | u32::from(sidl >> 5);
-        let id = standard << 18 | u32::from(sidl & 0b11) << 16 | u32::from(*eid8) << 8 | u32::from(*eid0);
+        let id = standard << 18
+            | u32::from(sidl & 0b11) << 16
+            | u32::from(*eid8) << 8
+            | u32::from(*eid0);
         let length = usize::from(dlc & 0x0F).min(8);
         Some(Frame::extended(id, data.get(..length)?))
     }
 }
 
-/// Longest pause, in cycles, between the check and the first byte of the frame that counts as service. After a longer one the driver had
-/// checked ahead, while the program handled the frame before.
+/// Longest pause, in cycles, between the check and the first byte of the frame that counts as
+/// service. After a longer one the driver had checked ahead, while the program handled the frame
+/// before.
 const PAUSE: Cycles = 300;
 
 /// Measures how a driver reads the frames that its controller receives.
@@ -551,7 +593,9 @@ impl Meter {
         }
         for (at, event) in board.take_wire_events() {
             match event {
-                WireEvent::Cs(false) => self.open = Some(Instruction { start: at, ..Instruction::default() }),
+                WireEvent::Cs(false) => {
+                    self.open = Some(Instruction { start: at, ..Instruction::default() })
+                }
                 WireEvent::Spi { byte, miso } => {
                     if let Some(open) = &mut self.open {
                         open.mosi.push(byte.mosi);
@@ -569,7 +613,11 @@ impl Meter {
         }
     }
 
-    fn instruction(&mut self, instruction: Instruction, releases: &mut VecDeque<(Cycles, Cycles, Frame)>) {
+    fn instruction(
+        &mut self,
+        instruction: Instruction,
+        releases: &mut VecDeque<(Cycles, Cycles, Frame)>,
+    ) {
         match instruction.purpose() {
             Purpose::Check => {
                 self.check = Some((instruction.start, instruction.end, instruction.mosi.len()));
@@ -597,8 +645,8 @@ impl Meter {
             None => first,
         };
         self.service.push(at - begun);
-        let bytes =
-            self.reads.iter().map(|read| read.mosi.len()).sum::<usize>() + self.check.map_or(0, |check| check.2);
+        let bytes = self.reads.iter().map(|read| read.mosi.len()).sum::<usize>()
+            + self.check.map_or(0, |check| check.2);
         self.overhead.push((bytes - frame.data().len()) as Cycles);
         self.selects.push((self.reads.len() + usize::from(self.check.is_some())) as Cycles);
         self.check = None;
@@ -628,11 +676,13 @@ pub struct Figures {
     /// Number of frames that the node sent; number of NodeStatus among them.
     pub own_frames: u64,
     pub own_statuses: u64,
-    /// Cycles from the end of a command's last frame to the write to the compare register. The next pulse has that width.
+    /// Cycles from the end of a command's last frame to the write to the compare register. The
+    /// next pulse has that width.
     pub command_to_servo: Samples,
     /// Number of writes to the compare register of values that no command had requested.
     pub unasked_moves: u64,
-    /// Periods and widths of the servo's pulses in cycles, each with the number of times it occurred.
+    /// Periods and widths of the servo's pulses in cycles, each with the number of times it
+    /// occurred.
     pub periods: BTreeMap<u64, u64>,
     pub widths: BTreeMap<u64, u64>,
 }
@@ -685,7 +735,17 @@ impl Loaded {
         let sender = load.map(|load| Sender::attach(&mut rig.bench, load));
         let figures = Figures { meter: Meter::attach(rig.board()), ..Figures::default() };
         let ocr = compare_register(rig.board());
-        Loaded { asked_at: rig.now(), rig, figures, sender, client, ms: 0, asked: 0, ocr, commands: VecDeque::new() }
+        Loaded {
+            asked_at: rig.now(),
+            rig,
+            figures,
+            sender,
+            client,
+            ms: 0,
+            asked: 0,
+            ocr,
+            commands: VecDeque::new(),
+        }
     }
 
     pub fn run_ms(&mut self, ms: u64) {
@@ -733,7 +793,10 @@ impl Loaded {
                     name: "TEMP_ID".into(),
                 }),
                 // The node answers requests beyond the last parameter, too.
-                index => Message::ParameterRequest(ParameterRequest { index, ..ParameterRequest::default() }),
+                index => Message::ParameterRequest(ParameterRequest {
+                    index,
+                    ..ParameterRequest::default()
+                }),
             };
             rig.request(&request);
         }
@@ -775,14 +838,18 @@ impl Loaded {
             figures.own_frames += u64::from(id & 0xFF == NODE);
             figures.own_statuses += u64::from(id == super::STATUS_OF_NODE);
             let sender = self.sender.as_mut().filter(|_| is_last_of_command(id, &frame));
-            self.commands.extend(sender.and_then(|sender| sender.widths.pop_front()).map(|width| (at, width)));
+            self.commands.extend(
+                sender.and_then(|sender| sender.widths.pop_front()).map(|width| (at, width)),
+            );
         }
         for (at, written) in writes {
             // A timer count is half a microsecond; rounding adds as much.
-            let is_of = |command: &(Cycles, f32)| (command.1 * 2.0 - f32::from(written)).abs() <= 2.0;
+            let is_of =
+                |command: &(Cycles, f32)| (command.1 * 2.0 - f32::from(written)).abs() <= 2.0;
             match self.commands.iter().position(is_of) {
                 Some(found) => {
-                    let (ended_at, _) = self.commands.drain(..=found).next_back().expect("a command");
+                    let (ended_at, _) =
+                        self.commands.drain(..=found).next_back().expect("a command");
                     figures.command_to_servo.push(at.saturating_sub(ended_at));
                 }
                 None => figures.unasked_moves += 1,
@@ -814,6 +881,8 @@ fn is_last_of_command(id: u32, frame: &Frame) -> bool {
     let below = id & BELOW_PRIORITY;
     let ends = frame.data().last().is_some_and(|tail| tail & 0x40 != 0);
     let single = frame.data().last().is_some_and(|tail| tail & 0x80 != 0);
-    below == (ARRAY_COMMAND | SENDER) & BELOW_PRIORITY && ends && (!single || frame.data().len() == 5)
+    below == (ARRAY_COMMAND | SENDER) & BELOW_PRIORITY
+        && ends
+        && (!single || frame.data().len() == 5)
         || below == (SERVO_COMMAND | SENDER) & BELOW_PRIORITY
 }

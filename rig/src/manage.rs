@@ -4,11 +4,12 @@ use super::{MS, NODE, Rig, board, parse_frames, takes_both_dialects};
 use bench::Cycles;
 use bench::can::{Frame, Id};
 use bench::dronecan::{
-    CanId, Message, NodeId, NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransferId, Value,
-    frames,
+    CanId, Message, NodeId, NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC,
+    TransferId, Value, frames,
 };
 
-/// The parameters of the default preset without CAN_BAUDRATE, in order: name, default, minimum and maximum (docs/parameters.md).
+/// The parameters of the default preset without CAN_BAUDRATE, in order: name, default, minimum and
+/// maximum (docs/parameters.md).
 const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
     ("CAN_NODE", 120, 0, 125),
     ("OUT1_ID", 1, 0, 255),
@@ -129,10 +130,11 @@ impl Rig {
 
     /// All answers to the tool in the record.
     pub fn answers(&self) -> Vec<(Cycles, TransferId, Message)> {
-        let to_tool =
-            |id: &CanId| matches!(id, CanId::Service { request: false, destination, .. } if destination.get() == TOOL);
+        let to_tool = |id: &CanId| matches!(id, CanId::Service { request: false, destination, .. } if destination.get() == TOOL);
         let answers = self.transfers.iter().filter(|(_, transfer)| to_tool(&transfer.id));
-        answers.map(|(at, transfer)| (*at, transfer.transfer_id, Message::decode(transfer))).collect()
+        answers
+            .map(|(at, transfer)| (*at, transfer.transfer_id, Message::decode(transfer)))
+            .collect()
     }
 
     /// Sends a request and waits for the answer.
@@ -145,7 +147,9 @@ impl Rig {
     fn ask_for(&mut self, request: &Message, timeout_ms: u64) -> Message {
         let seen = self.answers().len();
         let number = self.request(request);
-        self.wait_for(&format!("answer to {request}"), timeout_ms, |rig| rig.answers().len() > seen);
+        self.wait_for(&format!("answer to {request}"), timeout_ms, |rig| {
+            rig.answers().len() > seen
+        });
         let (_, transfer_id, answer) = self.answers().remove(seen);
         assert_eq!(transfer_id, number, "the answer has the number of the request");
         answer
@@ -159,7 +163,8 @@ impl Rig {
         }
     }
 
-    /// Reads the parameter with this index. The name in the answer is empty if the index is beyond the last parameter.
+    /// Reads the parameter with this index. The name in the answer is empty if the index is beyond
+    /// the last parameter.
     #[track_caller]
     pub fn parameter_at(&mut self, index: u16) -> ParameterResponse {
         self.ask_for_parameter(ParameterRequest { index, ..ParameterRequest::default() })
@@ -168,7 +173,10 @@ impl Rig {
     /// Reads a parameter by name: value, default and limits.
     #[track_caller]
     pub fn parameter(&mut self, name: &str) -> ParameterResponse {
-        self.ask_for_parameter(ParameterRequest { name: name.into(), ..ParameterRequest::default() })
+        self.ask_for_parameter(ParameterRequest {
+            name: name.into(),
+            ..ParameterRequest::default()
+        })
     }
 
     /// Reads the value of a parameter.
@@ -180,7 +188,8 @@ impl Rig {
     /// Sends a GetSet request with a value. Returns the value in the answer.
     #[track_caller]
     pub fn request_value(&mut self, name: &str, value: Value) -> Value {
-        let response = self.ask_for_parameter(ParameterRequest { index: 0, value, name: name.into() });
+        let response =
+            self.ask_for_parameter(ParameterRequest { index: 0, value, name: name.into() });
         assert_eq!(response.name(), name);
         response.value
     }
@@ -188,7 +197,11 @@ impl Rig {
     /// Sets a parameter. Panics if the node answers another value.
     #[track_caller]
     pub fn set(&mut self, name: &str, value: i64) {
-        assert_eq!(self.request_value(name, Value::Integer(value)), Value::Integer(value), "{name}");
+        assert_eq!(
+            self.request_value(name, Value::Integer(value)),
+            Value::Integer(value),
+            "{name}"
+        );
     }
 
     /// Reads the names and values of all parameters, in order.
@@ -237,7 +250,8 @@ impl Rig {
         }
     }
 
-    /// Sends the quoted frames and checks that the node answers the tool with exactly the quoted ones.
+    /// Sends the quoted frames and checks that the node answers the tool with exactly the quoted
+    /// ones.
     #[track_caller]
     pub fn assert_answer(&mut self, request: &str, answer: &str) {
         self.forget();
@@ -246,16 +260,20 @@ impl Rig {
         }
         let expected = parse_frames(answer);
         let wait_ms = if request.contains("0AF8") { SAVE_TIMEOUT_MS } else { ANSWER_TIMEOUT_MS };
-        self.wait_for(&format!("answer to {request}"), wait_ms, |rig| rig.to_tool().len() >= expected.len());
+        self.wait_for(&format!("answer to {request}"), wait_ms, |rig| {
+            rig.to_tool().len() >= expected.len()
+        });
         self.run_ms(5);
         let heard = self.to_tool();
-        let text = |frames: &[Frame]| frames.iter().map(|frame| frame.to_string()).collect::<Vec<_>>();
+        let text =
+            |frames: &[Frame]| frames.iter().map(|frame| frame.to_string()).collect::<Vec<_>>();
         assert_eq!(text(&heard), text(&expected), "answer to {request}");
     }
 
     /// Frames of services to the tool, oldest first.
     pub fn to_tool(&self) -> Vec<Frame> {
-        let is_to_tool = |id: u32| id & 0x80FF == 0x0080 | NODE && id & 0x7F00 == u32::from(TOOL) << 8;
+        let is_to_tool =
+            |id: u32| id & 0x80FF == 0x0080 | NODE && id & 0x7F00 == u32::from(TOOL) << 8;
         let frames = self.traffic.iter().map(|(_, frame)| *frame);
         frames.filter(|frame| matches!(frame.id, Id::Extended(id) if is_to_tool(id))).collect()
     }
@@ -269,7 +287,8 @@ impl Rig {
         (health, code)
     }
 
-    /// Like [`Rig::next_status`] from the status in a GetNodeInfo answer, without waiting for the next NodeStatus.
+    /// Like [`Rig::next_status`] from the status in a GetNodeInfo answer, without waiting for the
+    /// next NodeStatus.
     #[track_caller]
     pub fn status_now(&mut self) -> (u8, u16) {
         let status = self.information().status;
@@ -287,9 +306,12 @@ impl Rig {
 
     /// The node's messages, decoded, for which `pick` returns something.
     pub fn node_messages<T>(&self, pick: impl Fn(Message) -> Option<T>) -> Vec<(Cycles, T)> {
-        let from_node = |id: &CanId| id.source().is_some_and(|source| u32::from(source.get()) == NODE);
+        let from_node =
+            |id: &CanId| id.source().is_some_and(|source| u32::from(source.get()) == NODE);
         let transfers = self.transfers.iter().filter(|(_, transfer)| from_node(&transfer.id));
-        transfers.filter_map(|(at, transfer)| Some((*at, pick(Message::decode(transfer))?))).collect()
+        transfers
+            .filter_map(|(at, transfer)| Some((*at, pick(Message::decode(transfer))?)))
+            .collect()
     }
 }
 

@@ -1,5 +1,6 @@
-//! Profiles the running program from outside: the duration of a turn of the main loop and of its parts, and the greatest stack depth with the
-//! calls that led to it. It looks at every instruction; names come from the ELF's debugging information.
+//! Profiles the running program from outside: the duration of a turn of the main loop and of its
+//! parts, and the greatest stack depth with the calls that led to it. It looks at every
+//! instruction; names come from the ELF's debugging information.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -123,7 +124,8 @@ pub struct Share {
 }
 
 impl Profile {
-    /// Starts to profile a program that is in its main loop. The first turn starts at the next reset of the watchdog.
+    /// Starts to profile a program that is in its main loop. The first turn starts at the next
+    /// reset of the watchdog.
     pub fn begin(avr: &mut Avr) -> Profile {
         let state = State { flash: avr.flash().to_vec(), deepest_sp: u16::MAX, ..State::default() };
         let state = Rc::new(RefCell::new(state));
@@ -168,7 +170,8 @@ impl Profile {
         for pair in state.worst.windows(2) {
             *shares.entry(name(&pair[0])).or_default() += pair[1].at - pair[0].at;
         }
-        let mut shares: Vec<Share> = shares.into_iter().map(|(name, cycles)| Share { name, cycles }).collect();
+        let mut shares: Vec<Share> =
+            shares.into_iter().map(|(name, cycles)| Share { name, cycles }).collect();
         shares.sort_by_key(|share| std::cmp::Reverse(share.cycles));
         shares
     }
@@ -189,8 +192,8 @@ pub struct Names {
 impl Names {
     /// The names in the node's ELF.
     pub fn of_node() -> Names {
-        let loader =
-            Loader::new(super::elf()).unwrap_or_else(|error| panic!("debugging information of the ELF: {error}"));
+        let loader = Loader::new(super::elf())
+            .unwrap_or_else(|error| panic!("debugging information of the ELF: {error}"));
         Names { loader, known: RefCell::default() }
     }
 
@@ -226,7 +229,8 @@ impl Names {
         functions.into_iter().rev().find(|name| !name.starts_with("__vector")).unwrap_or_default()
     }
 
-    /// What the main function executes: the function that it calls, the one that is inlined there, or itself.
+    /// What the main function executes: the function that it calls, the one that is inlined there,
+    /// or itself.
     fn task(&self, step: &Step) -> String {
         if step.in_main < VECTORS_END {
             return "interrupts".to_owned();
@@ -237,7 +241,8 @@ impl Names {
     }
 }
 
-/// Shortens a full name to `Type::function`: `<path::Type<..> as Trait>::function::<..>` or `path::function`.
+/// Shortens a full name to `Type::function`: `<path::Type<..> as Trait>::function::<..>` or
+/// `path::function`.
 fn short(name: &str) -> String {
     let own = name.strip_prefix('<').and_then(|rest| {
         let mut depth = 1;

@@ -1,11 +1,14 @@
-//! A long run with random faults, from a seed: an autopilot that commands 50 times a second, other traffic, sometimes a client, and about
-//! four faults a minute. The node must recover from each fault within [`RECOVERY_LIMIT_MS`].
+//! A long run with random faults, from a seed: an autopilot that commands 50 times a second, other
+//! traffic, sometimes a client, and about four faults a minute. The node must recover from each
+//! fault within [`RECOVERY_LIMIT_MS`].
 //!
-//! Between faults the node follows and counts each command, each pulse has the width of a recent command and begins 20 ms after the one
-//! before, statuses come in time and in order with the right uptime, the health is OK, no receive buffer overruns, the node answers
-//! requests, and parameters keep their values. At the end the stack must have stayed within its limit.
+//! Between faults the node follows and counts each command, each pulse has the width of a recent
+//! command and begins 20 ms after the one before, statuses come in time and in order with the right
+//! uptime, the health is OK, no receive buffer overruns, the node answers requests, and parameters
+//! keep their values. At the end the stack must have stayed within its limit.
 //!
-//! During a fault each pulse has the last commanded width or the failsafe's. After a restart there are no pulses until the node follows a command.
+//! During a fault each pulse has the last commanded width or the failsafe's. After a restart there
+//! are no pulses until the node follows a command.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,7 +16,8 @@ use std::fmt;
 use crate::manage::parameters;
 use crate::status::{BROWN_OUT, RESET, TRANSFER_ERRORS, WATCHDOG};
 use crate::{
-    ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command, has_all_features, started, status_fields, takes_both_dialects,
+    ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command, has_all_features, started, status_fields,
+    takes_both_dialects,
 };
 use bench::Cycles;
 use bench::Noise;
@@ -22,7 +26,8 @@ use bench::budget::{Budget, PAINT};
 use bench::can::{Fault, Frame};
 use bench::dronecan::{Message, RESTART_MAGIC};
 
-/// Limit of the time from the end of a fault until the node follows commands and answers requests again.
+/// Limit of the time from the end of a fault until the node follows commands and answers requests
+/// again.
 pub const RECOVERY_LIMIT_MS: u64 = 1000;
 
 /// Time between two commands.
@@ -86,11 +91,18 @@ pub enum FaultKind {
 impl FaultKind {
     /// True if the program restarts.
     fn restarts(self) -> bool {
-        matches!(self, Self::BrownOut | Self::ResetPin | Self::PowerCut | Self::Hang | Self::Restart)
+        matches!(
+            self,
+            Self::BrownOut | Self::ResetPin | Self::PowerCut | Self::Hang | Self::Restart
+        )
     }
 
     fn is_lasting(self) -> bool {
-        !self.restarts() && !matches!(self, Self::ChipReset | Self::ChipBrownOut | Self::ChipSleep | Self::Register)
+        !self.restarts()
+            && !matches!(
+                self,
+                Self::ChipReset | Self::ChipBrownOut | Self::ChipSleep | Self::Register
+            )
     }
 }
 
@@ -155,7 +167,8 @@ pub struct Soak {
     booted: Cycles,
     /// Cause in the vendor-specific code, for a minute after a fault that restarted the program.
     restarted_by: u16,
-    /// Frames of incomplete transfers since the faultless phase began. The node may count each as rejected.
+    /// Frames of incomplete transfers since the faultless phase began. The node may count each as
+    /// rejected.
     halves: u16,
     fault_ended: Cycles,
     pub report: Report,
@@ -208,13 +221,15 @@ impl Soak {
         self.check_the_stack();
     }
 
-    /// A random kind; each kind occurs once before one is repeated. Those that restart the program occur less often, so that it also runs long.
+    /// A random kind; each kind occurs once before one is repeated. Those that restart the program
+    /// occur less often, so that it also runs long.
     fn next_fault(&mut self) -> FaultKind {
         loop {
             if self.to_come.is_empty() {
                 self.to_come.extend(FAULT_KINDS);
             }
-            let fault = self.to_come.swap_remove(self.random.below(self.to_come.len() as u64) as usize);
+            let fault =
+                self.to_come.swap_remove(self.random.below(self.to_come.len() as u64) as usize);
             if !fault.restarts() || self.random.below(6) == 0 {
                 return fault;
             }
@@ -265,9 +280,16 @@ impl Soak {
         // The filters let some frames for other nodes through.
         let limit = if takes_both_dialects() { u16::MAX } else { 40 + self.halves };
         self.halves = 0;
-        assert!(after[1].wrapping_sub(before[1]) <= limit, "frames refused {before:?} to {after:?}");
+        assert!(
+            after[1].wrapping_sub(before[1]) <= limit,
+            "frames refused {before:?} to {after:?}"
+        );
         assert_eq!(after[2], before[2], "receive overruns {before:?} to {after:?}");
-        assert_eq!(self.rig.board().chip().borrow().rx_overflows(), lost, "frames lost in the controller");
+        assert_eq!(
+            self.rig.board().chip().borrow().rx_overflows(),
+            lost,
+            "frames lost in the controller"
+        );
         assert_eq!(self.rig.board().avr().resets().len(), resets, "resets of the chip");
         self.rig.board().chip().borrow_mut().take_frame_log();
         self.rig.peer.borrow_mut().take_events();
@@ -283,7 +305,10 @@ impl Soak {
             self.status_due = self.now().max(self.status_due + 1000 * MS);
             self.statuses_sent = self.statuses_sent.wrapping_add(1);
             let data = [10, 0, 0, 0, 0, 0, 0, 0xC0 | (self.statuses_sent % 32)];
-            self.rig.peer.borrow_mut().send_at(self.status_due, Frame::extended(NODE_STATUS | 10, &data));
+            self.rig
+                .peer
+                .borrow_mut()
+                .send_at(self.status_due, Frame::extended(NODE_STATUS | 10, &data));
         }
         self.slot += 1;
         self.rig.run_ms(SLOT_MS);
@@ -299,7 +324,8 @@ impl Soak {
         self.report.commands += 1;
     }
 
-    /// Checks that each pulse has the width of a recent command and begins one period after the one before.
+    /// Checks that each pulse has the width of a recent command and begins one period after the one
+    /// before.
     #[track_caller]
     fn check_pulses(&mut self) {
         let pulses = &self.rig.pulses;
@@ -307,7 +333,8 @@ impl Soak {
             assert_eq!(pair[1].start - pair[0].start, SERVO_PERIOD, "the period");
         }
         for pulse in pulses {
-            // The newest command that can have arrived in time for this period, or one a little older.
+            // The newest command that can have arrived in time for this period, or one a little
+            // older.
             let since = pulse.start.saturating_sub(2 * SERVO_PERIOD + 10 * MS);
             let given = self.commanded.iter().filter(|(at, _)| *at <= pulse.start);
             let older = given.clone().rfind(|(at, _)| *at < since);
@@ -335,7 +362,11 @@ impl Soak {
                 let code = code & !TRANSFER_ERRORS;
                 if self.restarted_by != 0 && at < self.booted + RESET_REPORTED {
                     // The other conditions of the fault remain with it.
-                    assert_eq!((mode, code & RESET), (0, self.restarted_by), "mode and cause of the restart");
+                    assert_eq!(
+                        (mode, code & RESET),
+                        (0, self.restarted_by),
+                        "mode and cause of the restart"
+                    );
                 } else if self.restarted_by == 0 || at > self.booted + RESET_REPORTED + 2000 * MS {
                     assert_eq!(
                         (health, mode, code),
@@ -348,7 +379,8 @@ impl Soak {
             }
             if let Some((before, number)) = *last {
                 let gap_ms = (at - before) / MS;
-                // The node moves its status away from the autopilot's at first, so one can come early.
+                // The node moves its status away from the autopilot's at first, so one can come
+                // early.
                 let limit_ms = if at > self.fault_ended + 4000 * MS { 1100 } else { 1530 };
                 assert!((499..=limit_ms).contains(&gap_ms), "{gap_ms} ms between statuses");
                 assert_eq!(data[7] & 31, (number + 1) % 32, "transfer IDs");
@@ -368,7 +400,8 @@ impl Soak {
         self.rig.wait_for_line("given up", 300);
         let number = |what: &str| {
             let (_, rest) = self.rig.serial.split_once(what).expect("all counters");
-            let digits: String = rest.trim_start().chars().take_while(char::is_ascii_digit).collect();
+            let digits: String =
+                rest.trim_start().chars().take_while(char::is_ascii_digit).collect();
             digits.parse().expect("a number")
         };
         ["commands followed", "frames refused", "overruns", "given up"].map(number)
@@ -411,7 +444,8 @@ impl Soak {
         }
     }
 
-    /// Sends the beginning of a command or request that never ends, or a command of the draft, which a node with a v0 autopilot ignores.
+    /// Sends the beginning of a command or request that never ends, or a command of the draft,
+    /// which a node with a v0 autopilot ignores.
     fn send_unfinished_transfer(&mut self) {
         let first = [0xC1, 0x45, 0x00, 0x01, 0x20, 0xA1, 0x07, 0x80];
         let source = self.random.below(90) as u32 + 11;
@@ -427,13 +461,17 @@ impl Soak {
     /// Sends a burst of frames for other nodes, at any priority.
     fn send_foreign_burst(&mut self) {
         for _ in 0..self.random.below(40) {
-            let [priority, source] = [self.random.below(32) as u32, self.random.below(100) as u32 + 11];
+            let [priority, source] =
+                [self.random.below(32) as u32, self.random.below(100) as u32 + 11];
             let kind = [0x0003_F200, 0x0004_2E00, 0x0004_5600][self.random.below(3) as usize];
             let id = (priority << 24 | kind | source) & 0x1FFF_FFFF;
-            // An ESC's status is not for the node. An ArrayCommand is, but has no command for the node's actuator.
+            // An ESC's status is not for the node. An ArrayCommand is, but has no command for the
+            // node's actuator.
             let data = self.random.next_u64().to_le_bytes();
             let frame = match kind {
-                0x0003_F200 => Frame::extended(id, &[2, 0, 0, 0x38, 0xC0 | self.random.below(32) as u8]),
+                0x0003_F200 => {
+                    Frame::extended(id, &[2, 0, 0, 0x38, 0xC0 | self.random.below(32) as u8])
+                }
                 _ => Frame::extended(id, &data),
             };
             self.rig.send_frame(frame);
@@ -499,26 +537,36 @@ impl Soak {
                 let per_million = [10, 100, 1000, 10_000][self.random.below(4) as usize];
                 self.rig.bench.bus().inject(Fault::BitErrorRate { per_million, seed });
             }
-            FaultKind::Babble => self.rig.peer.borrow_mut().babble(Some(Frame::extended(0x0000_0A7F, &[0x55; 8]))),
+            FaultKind::Babble => {
+                self.rig.peer.borrow_mut().babble(Some(Frame::extended(0x0000_0A7F, &[0x55; 8])))
+            }
             FaultKind::Silence | FaultKind::SameId | FaultKind::SecondCommander => {}
             FaultKind::ChipReset => self.rig.board().chip_reset(),
             FaultKind::ChipBrownOut => self.rig.board().chip_brown_out(seed),
-            FaultKind::ChipPower => self.rig.board().chip_power_off([0x00, 0xFF][seed as usize & 1]),
+            FaultKind::ChipPower => {
+                self.rig.board().chip_power_off([0x00, 0xFF][seed as usize & 1])
+            }
             FaultKind::ChipSleep => self.rig.board().chip_fall_asleep(),
             FaultKind::ChipHeld => self.rig.board().chip_hold_in_configuration(true),
             FaultKind::Register => {
                 let which = self.random.below(WATCHED.len() as u64) as usize;
-                let bits: Vec<u8> = (0..8).map(|bit| 1 << bit).filter(|bit| WATCHED_BITS[which] & bit != 0).collect();
+                let bits: Vec<u8> = (0..8)
+                    .map(|bit| 1 << bit)
+                    .filter(|bit| WATCHED_BITS[which] & bit != 0)
+                    .collect();
                 let bit = bits[self.random.below(bits.len() as u64) as usize];
                 self.rig.board().chip_flip_bits(WATCHED[which], bit);
             }
-            FaultKind::Miso => self.rig.board().set_stuck_miso(Some([0x00, 0xFF][seed as usize & 1])),
+            FaultKind::Miso => {
+                self.rig.board().set_stuck_miso(Some([0x00, 0xFF][seed as usize & 1]))
+            }
             FaultKind::SpiNoise => self.rig.board().set_spi_noise(100, seed),
             FaultKind::BrownOut => self.reset(ResetCause::BrownOut),
             FaultKind::ResetPin => self.reset(ResetCause::External),
             FaultKind::PowerCut => {
                 if self.random.below(2) == 0 {
-                    // Unsaved changes may be lost or saved, but the parameters must be one consistent set.
+                    // Unsaved changes may be lost or saved, but the parameters must be one
+                    // consistent set.
                     self.rig.set("TEMP_ID", self.temp_id[1]);
                     self.rig.request(&Message::ExecuteOpcode(bench::dronecan::Opcode::SAVE));
                     let delay = self.random.below(400);
@@ -542,7 +590,10 @@ impl Soak {
     fn hang(&mut self) {
         let program = self.rig.board().avr().flash().to_vec();
         // WDR is 0x95A8; the last one of the program is in the main loop. RJMP to itself is 0xCFFF.
-        let wdr = (0x68..0x3800).step_by(2).rfind(|&at| program[at..at + 2] == [0xA8, 0x95]).expect("a main loop");
+        let wdr = (0x68..0x3800)
+            .step_by(2)
+            .rfind(|&at| program[at..at + 2] == [0xA8, 0x95])
+            .expect("a main loop");
         self.rig.board().avr_mut().load_flash(wdr, &[0xFF, 0xCF]);
         self.rig.run_ms(300);
         self.rig.board().avr_mut().load_flash(0, &program);
@@ -554,7 +605,9 @@ impl Soak {
         let port = self.rig.bench.port(0);
         match fault {
             FaultKind::Cable => self.rig.bench.bus().connect(port, true),
-            FaultKind::Short | FaultKind::NoAcknowledge | FaultKind::BitErrors => self.rig.bench.bus().clear_faults(),
+            FaultKind::Short | FaultKind::NoAcknowledge | FaultKind::BitErrors => {
+                self.rig.bench.bus().clear_faults()
+            }
             FaultKind::Babble => self.rig.peer.borrow_mut().babble(None),
             FaultKind::ChipPower => self.rig.board().chip_power_on(),
             FaultKind::ChipHeld => self.rig.board().chip_hold_in_configuration(false),
@@ -576,7 +629,8 @@ impl Soak {
         }
     }
 
-    /// Sends commands and requests until the node follows one and answers one. Returns the time that took, in milliseconds.
+    /// Sends commands and requests until the node follows one and answers one. Returns the time
+    /// that took, in milliseconds.
     #[track_caller]
     fn recover(&mut self, fault: FaultKind, last_width: Option<u64>) -> f64 {
         self.rig.pulses.clear();
@@ -591,12 +645,17 @@ impl Soak {
                 self.rig.request(&Message::NodeInfoRequest);
             }
             self.rig.run_ms(SLOT_MS);
-            let follows = self.rig.pulses.last().is_some_and(|pulse| pulse.width_us() == width as f64);
+            let follows =
+                self.rig.pulses.last().is_some_and(|pulse| pulse.width_us() == width as f64);
             if follows && self.rig.answers().len() > answers {
                 break;
             }
             let took_ms = (self.now() - ended) / MS;
-            assert!(took_ms <= RECOVERY_LIMIT_MS, "{fault:?}: no recovery in {took_ms} ms\n{}", self.rig.serial);
+            assert!(
+                took_ms <= RECOVERY_LIMIT_MS,
+                "{fault:?}: no recovery in {took_ms} ms\n{}",
+                self.rig.serial
+            );
         }
         (self.now() - ended) as f64 / MS as f64
     }
@@ -613,7 +672,11 @@ impl Soak {
     fn check_the_stack(&mut self) {
         let avr = self.rig.board().avr();
         let bottom = avr.symbol("__heap_start").expect("a symbol").address as u16;
-        assert_eq!(avr.sram_range(bottom..=bottom + 1), [PAINT; 2], "the stack has kept clear of the variables");
+        assert_eq!(
+            avr.sram_range(bottom..=bottom + 1),
+            [PAINT; 2],
+            "the stack has kept clear of the variables"
+        );
         self.report.ram = self.report.ram.max(bottom - 0x100 + avr.stack_high_water(PAINT, bottom));
         assert!(
             u32::from(self.report.ram) <= Budget::of(crate::board().chip).statics_and_stack,
@@ -628,7 +691,13 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "{} commands, {} requests, {} saves, {} statuses, {} frames; {} frames lost, all of them in faults; {} B of RAM",
-            self.commands, self.requests, self.saves, self.statuses, self.frames, self.lost_in_faults, self.ram
+            self.commands,
+            self.requests,
+            self.saves,
+            self.statuses,
+            self.frames,
+            self.lost_in_faults,
+            self.ram
         )?;
         writeln!(f, "{:<14}{:>7}  longest recovery", "fault", "times")?;
         for (fault, (count, worst)) in &self.faults {

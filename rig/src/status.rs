@@ -1,4 +1,5 @@
-//! The numbers in a NodeStatus: health, mode, and the bits of the vendor-specific status code (docs/status.md).
+//! The numbers in a NodeStatus: health, mode, and the bits of the vendor-specific status code
+//! (docs/status.md).
 
 /// Health.
 pub const OK: u8 = 0;
@@ -10,7 +11,8 @@ pub const CRITICAL: u8 = 3;
 pub const OPERATIONAL: u8 = 0;
 pub const INITIALIZATION: u8 = 1;
 
-/// Mask of the lowest three bits of the vendor-specific status code: the cause of the last reset, one of the numbers below.
+/// Mask of the lowest three bits of the vendor-specific status code: the cause of the last reset,
+/// one of the numbers below.
 pub const RESET: u16 = 7;
 pub const WATCHDOG: u16 = 1;
 pub const BROWN_OUT: u16 = 2;

@@ -1,4 +1,5 @@
-//! Faults that a user can cause by key or by `--inject NAME@TIME`: of the bus, of the MCP2515, of the wiring, of the autopilot.
+//! Faults that a user can cause by key or by `--inject NAME@TIME`: of the bus, of the MCP2515, of
+//! the wiring, of the autopilot.
 
 use crate::time::{parse_duration, seconds};
 use bench::Cycles;
@@ -43,7 +44,8 @@ pub enum Fault {
 /// Faults of the menu, in the order of their digits.
 pub const MENU: [Fault; 9] = *ALL.first_chunk().expect("more faults than digits");
 
-/// All faults that `--inject` and scripts know. The menu's come first. Some have a key of their own, and some have no key.
+/// All faults that `--inject` and scripts know. The menu's come first. Some have a key of their
+/// own, and some have no key.
 pub const ALL: [Fault; 30] = [
     Fault::BitError,
     Fault::ErrorRate,
@@ -128,10 +130,14 @@ impl Fault {
             Fault::ChipPower => "the MCP2515 has no power (on/off)",
             Fault::Cable => "the node's bus cable is pulled or plugged (on/off)",
             Fault::Silence => "the autopilot stops sending or sends again (on/off)",
-            Fault::Disarm => "the vehicle is disarmed or armed, if the autopilot sends ArmingStatus (on/off)",
+            Fault::Disarm => {
+                "the vehicle is disarmed or armed, if the autopilot sends ArmingStatus (on/off)"
+            }
             Fault::Reset => "the board's reset button is pressed",
             Fault::ErrorStorm => "1 bit in 100 is inverted (on/off)",
-            Fault::AckDestroyed => "every ACK is destroyed, so that receivers destroy the frame (on/off)",
+            Fault::AckDestroyed => {
+                "every ACK is destroyed, so that receivers destroy the frame (on/off)"
+            }
             Fault::DestroyFrames => "every frame is destroyed, so that senders go bus-off (on/off)",
             Fault::WrongRate => "another node sends at half the bit rate (on/off)",
             Fault::SameId => "another node sends one NodeStatus with the node's ID",
@@ -146,12 +152,14 @@ impl Fault {
             Fault::SensorNoise => "the sensor's voltage has noise of 100 mV (on/off)",
             Fault::SensorShort => "the sensor is shorted to ground (on/off)",
             Fault::BrownOut => "the processor's supply dips",
-            Fault::OtherDialect => "an autopilot of the other dialect, v0 or the draft of 2014, replaces the first one",
+            Fault::OtherDialect => {
+                "an autopilot of the other dialect, v0 or the draft of 2014, replaces the first one"
+            }
         }
     }
 
-    /// True if the fault changes the state of the MCP2515 behind the driver's back, or the data on the SPI. The driver can
-    /// then send wrong commands without a mistake of its own.
+    /// True if the fault changes the state of the MCP2515 behind the driver's back, or the data on
+    /// the SPI. The driver can then send wrong commands without a mistake of its own.
     pub fn disturbs_chip(self) -> bool {
         matches!(
             self,
@@ -207,7 +215,8 @@ pub fn table() -> String {
     ALL.iter().map(|fault| format!("  {fault:15}{}\n", fault.explanation())).collect()
 }
 
-/// A fault and its simulated time, "NAME@TIME" on the command line. If a lasting fault is named twice, it ends at the second time.
+/// A fault and its simulated time, "NAME@TIME" on the command line. If a lasting fault is named
+/// twice, it ends at the second time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Injection {
     pub at: Cycles,
@@ -218,8 +227,9 @@ impl FromStr for Injection {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Injection, String> {
-        let (name, time) =
-            text.split_once('@').ok_or_else(|| format!("\"{text}\" has no time: write for example {text}@2s"))?;
+        let (name, time) = text
+            .split_once('@')
+            .ok_or_else(|| format!("\"{text}\" has no time: write for example {text}@2s"))?;
         Ok(Injection { fault: name.parse()?, at: parse_duration(time)? })
     }
 }

@@ -1,7 +1,7 @@
 //! `sim`: the node on a simulated bench, for people and for scripts.
 //!
-//! Steps: read the command line, boot the bench, show it live or as lines, write the report, return the exit code. See
-//! `sim --help`.
+//! Steps: read the command line, boot the bench, show it live or as lines, write the report, return
+//! the exit code. See `sim --help`.
 
 use anyhow::{Context, Result};
 use clap::Parser;
@@ -60,7 +60,8 @@ fn run(args: &Args) -> Result<ExitCode> {
     Ok(print_failure(&scene))
 }
 
-/// Returns a flag that signals set. The run then ends between two slices, so that it restores the terminal and prints the summary.
+/// Returns a flag that signals set. The run then ends between two slices, so that it restores the
+/// terminal and prints the summary.
 fn stop_on_signals() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let asked = stop.clone();
@@ -69,8 +70,9 @@ fn stop_on_signals() -> Result<Arc<AtomicBool>> {
         let mut first = None;
         for signal in signals.forever() {
             asked.store(true, Ordering::Relaxed);
-            // A later signal ends the program at once, in case the run hangs. But one request can come as two signals:
-            // `timeout` sends it to make and to the whole process group, and make passes it on.
+            // A later signal ends the program at once, in case the run hangs. But one request can
+            // come as two signals: `timeout` sends it to make and to the whole process
+            // group, and make passes it on.
             if first.get_or_insert_with(Instant::now).elapsed() > REPEATED_WITHIN {
                 process::exit(128 + signal);
             }

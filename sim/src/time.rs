@@ -1,4 +1,5 @@
-//! Conversion of simulated time: from text such as "500ms", "5s", "2m" or "1h" to cycles, and from cycles to seconds.
+//! Conversion of simulated time: from text such as "500ms", "5s", "2m" or "1h" to cycles, and from
+//! cycles to seconds.
 
 use bench::{Cycles, F_CPU_HZ};
 

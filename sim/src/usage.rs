@@ -50,7 +50,8 @@ mod tests {
         let error = wrong.context("uno").unwrap_err();
         assert!(is_usage(&error));
         assert_eq!(format!("{error:#}"), "uno: --crystal 12: use 8 or 16");
-        let missing: Result<()> = Err(io::Error::from(io::ErrorKind::NotFound)).context("sketch.elf").or_usage();
+        let missing: Result<()> =
+            Err(io::Error::from(io::ErrorKind::NotFound)).context("sketch.elf").or_usage();
         assert!(!is_usage(&missing.unwrap_err()));
     }
 }

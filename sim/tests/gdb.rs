@@ -67,7 +67,8 @@ impl Setup {
             if start.elapsed() > LIMIT {
                 child.kill().expect("avr-gdb ended");
             }
-            // Does not run the chip before avr-gdb attaches, so that it attaches at the first instruction.
+            // Does not run the chip before avr-gdb attaches, so that it attaches at the first
+            // instruction.
             if self.gdb.status().contains("waits") && self.bench.now() == 0 {
                 self.gdb.serve(&mut self.bench).expect("the link is served");
             } else {
@@ -175,7 +176,10 @@ fn avr_gdb_steps_by_instruction_and_by_line() {
         "print rounds",
         "kill",
     ]);
-    assert_in_order(&text, &["Hardware assisted breakpoint 1", "Breakpoint 1, outer", "inner (depth=", "rounds++"]);
+    assert_in_order(
+        &text,
+        &["Hardware assisted breakpoint 1", "Breakpoint 1, outer", "inner (depth=", "rounds++"],
+    );
     setup.assert_running();
 }
 
@@ -265,8 +269,14 @@ fn both_packets_write_all_byte_values_to_memory() {
 #[test]
 fn an_interrupt_from_the_keyboard_halts_a_running_program() {
     let mut setup = Setup::new("interrupt");
-    let child =
-        setup.avr_gdb(&["continue", "print rounds > 0", "print ticks > 0", "print/x $pc", "break inner", "continue"]);
+    let child = setup.avr_gdb(&[
+        "continue",
+        "print rounds > 0",
+        "print ticks > 0",
+        "print/x $pc",
+        "break inner",
+        "continue",
+    ]);
     setup.turn_until(|setup| setup.gdb.status().contains("attached"));
     for _ in 0..50 {
         setup.turn();
@@ -274,8 +284,12 @@ fn an_interrupt_from_the_keyboard_halts_a_running_program() {
     let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
     assert!(sent.success());
     let text = setup.until_end(child);
-    // Does not use a backtrace: in the last instructions of a function avr-gdb may not find the caller.
-    assert_in_order(&text, &["Program received signal SIGINT", "$1 = 1", "$2 = 1", "$3 = 0x", "Breakpoint 1, inner"]);
+    // Does not use a backtrace: in the last instructions of a function avr-gdb may not find the
+    // caller.
+    assert_in_order(
+        &text,
+        &["Program received signal SIGINT", "$1 = 1", "$2 = 1", "$3 = 0x", "Breakpoint 1, inner"],
+    );
     setup.assert_running();
 }
 
@@ -297,7 +311,9 @@ fn the_whole_bench_stops_while_the_chip_is_halted() {
 fn invalid_packets_do_no_harm() {
     let mut setup = Setup::new("nonsense");
     let mut stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
-    stream.write_all(b"$m0,ffffffff#00$\xff\x00}}#zz$Z0,ffffffff,2#2b$G00#d7$m3fff,100#5b+").expect("sent");
+    stream
+        .write_all(b"$m0,ffffffff#00$\xff\x00}}#zz$Z0,ffffffff,2#2b$G00#d7$m3fff,100#5b+")
+        .expect("sent");
     setup.turn_until(|setup| !setup.gdb.status().contains("waits"));
     for _ in 0..20 {
         setup.turn();
@@ -340,5 +356,9 @@ fn breakpoints_of_one_board_do_not_stop_the_other() {
         setup.turn();
         let _ = stream.read_to_end(&mut answer);
     }
-    assert!(answer.starts_with(b"+$S05#b8") || answer.starts_with(b"+$T05"), "{}", String::from_utf8_lossy(&answer));
+    assert!(
+        answer.starts_with(b"+$S05#b8") || answer.starts_with(b"+$T05"),
+        "{}",
+        String::from_utf8_lossy(&answer)
+    );
 }

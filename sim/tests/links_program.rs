@@ -1,4 +1,5 @@
-//! Tests of the program `sim` with ports: their removal at its end, errors, and an upload through the original bootloaders.
+//! Tests of the program `sim` with ports: their removal at its end, errors, and an upload through
+//! the original bootloaders.
 
 mod links;
 
@@ -25,7 +26,8 @@ impl Sim {
     }
 
     fn signal(&self, name: &str) {
-        let sent = Command::new("kill").args([&format!("-{name}"), &self.0.id().to_string()]).status();
+        let sent =
+            Command::new("kill").args([&format!("-{name}"), &self.0.id().to_string()]).status();
         assert!(sent.expect("kill").success());
     }
 
@@ -76,7 +78,8 @@ fn a_signal_ends_the_run_and_removes_the_ports() {
     for signal in ["INT", "TERM", "HUP"] {
         let (can, serial) = (scratch.path("can"), scratch.path("serial"));
         let ports = ["--slcan", can.to_str().unwrap(), "--serial", serial.to_str().unwrap()];
-        let mut sim = Sim::start(&[&["--elf", program.to_str().unwrap()], ports.as_slice()].concat());
+        let mut sim =
+            Sim::start(&[&["--elf", program.to_str().unwrap()], ports.as_slice()].concat());
         wait_for(|| is_link(&can) && is_link(&serial), "the ports");
         sim.signal(signal);
         assert!(sim.end(), "{signal}");
@@ -99,7 +102,10 @@ fn the_port_of_a_killed_run_is_replaced_and_that_of_a_running_one_is_not() {
     assert!(is_link(&port));
     let stale = fs::read_link(&port).unwrap();
     let _second = Sim::start(&options);
-    wait_for(|| fs::read_link(&port).is_ok_and(|target| target != stale || target.exists()), "the new port");
+    wait_for(
+        || fs::read_link(&port).is_ok_and(|target| target != stale || target.exists()),
+        "the new port",
+    );
 }
 
 #[test]
@@ -112,7 +118,10 @@ fn the_error_of_an_option_that_cannot_be_fulfilled_gives_advice() {
     assert_fails(&["--elf", program, "--slcan", file.to_str().unwrap()], "choose another path");
     assert_fails(&["--elf", program, "--serial", "/no/such/place"], "no directory");
     assert_fails(&["--elf", program, "--eeprom", file.to_str().unwrap()], "8 bytes");
-    assert_fails(&["--serial", scratch.path("s").to_str().unwrap(), "--bootloader", program], program);
+    assert_fails(
+        &["--serial", scratch.path("s").to_str().unwrap(), "--bootloader", program],
+        program,
+    );
     assert_fails(&["--elf", "/no/such.elf"], "make firmware");
     assert_eq!(fs::read(&file).unwrap(), b"a thesis");
     assert!(!is_link(&scratch.path("s")));
@@ -120,7 +129,8 @@ fn the_error_of_an_option_that_cannot_be_fulfilled_gives_advice() {
 
 fn bootloader(name: &str) -> Option<PathBuf> {
     let path = Path::new(BOOTLOADERS).join(name);
-    let there = path.exists() && Command::new("avrdude").arg("-v").stderr(Stdio::null()).status().is_ok();
+    let there =
+        path.exists() && Command::new("avrdude").arg("-v").stderr(Stdio::null()).status().is_ok();
     if !there {
         eprintln!("skipped: needs avrdude and {} (Debian: arduino-core-avr)", path.display());
     }
@@ -149,7 +159,14 @@ fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "echo", chip);
     let port = scratch.path("arduino");
-    let options = ["--serial", port.to_str().unwrap(), "--bootloader", hex.to_str().unwrap(), "--board", board];
+    let options = [
+        "--serial",
+        port.to_str().unwrap(),
+        "--bootloader",
+        hex.to_str().unwrap(),
+        "--board",
+        board,
+    ];
     let _sim = Sim::start(&options);
     wait_for(|| is_link(&port), "the port");
     let avrdude = Command::new("avrdude")

@@ -69,9 +69,14 @@ impl Stand {
 #[test]
 fn the_commands_with_which_pydronecan_and_python_can_open_the_adapter_succeed() {
     let mut stand = Stand::new();
-    for (command, answer) in
-        [("\r", "\r"), ("C\r", "\r"), ("S8\r", "\r"), ("O\r", "\r"), ("F\r", "F00\r"), ("C\rC\rC\r", "\r\r\r")]
-    {
+    for (command, answer) in [
+        ("\r", "\r"),
+        ("C\r", "\r"),
+        ("S8\r", "\r"),
+        ("O\r", "\r"),
+        ("F\r", "F00\r"),
+        ("C\rC\rC\r", "\r\r\r"),
+    ] {
         assert_eq!(stand.request(command), answer, "{command:?}");
     }
     assert_eq!(stand.request("C\rS8\r\rO\rO\rV\rN\r"), "\r\r\r\r\rV1013\rNA123\r");
@@ -80,7 +85,10 @@ fn the_commands_with_which_pydronecan_and_python_can_open_the_adapter_succeed() 
 #[test]
 fn frames_go_to_the_bus_in_order_and_are_confirmed() {
     let mut stand = Stand::opened();
-    assert_eq!(stand.request("T1404562A60100a95c00c0\rt1233010203\rr1233\rR000000010\r"), "Z\rz\rz\rZ\r");
+    assert_eq!(
+        stand.request("T1404562A60100a95c00c0\rt1233010203\rr1233\rR000000010\r"),
+        "Z\rz\rz\rZ\r"
+    );
     assert_eq!(
         stand.take_peer_frames(),
         [
@@ -135,7 +143,10 @@ fn another_bit_rate_is_rejected_and_the_adapter_stays_closed() {
     let mut stand = Stand::new();
     assert_eq!(stand.request("S6\rO\r"), "\x07\x07");
     let hint = stand.adapter.take_hint().unwrap();
-    assert!(hint.ends_with("can requested 500 kbit/s, but the bus has 1000: the adapter stays closed"), "{hint}");
+    assert!(
+        hint.ends_with("can requested 500 kbit/s, but the bus has 1000: the adapter stays closed"),
+        "{hint}"
+    );
     assert_eq!(stand.adapter.take_hint(), None, "each hint is given once");
     assert_eq!(stand.request("S8\rO\rS8\r"), "\r\r\x07");
 }
@@ -181,7 +192,10 @@ fn a_client_that_does_not_read_loses_the_oldest_frames_and_a_flag_is_set() {
         received += &stand.read();
         stand.run_ms(1);
     }
-    let ids: Vec<u32> = received.split_terminator('\r').map(|l| u32::from_str_radix(&l[1..9], 16).unwrap()).collect();
+    let ids: Vec<u32> = received
+        .split_terminator('\r')
+        .map(|l| u32::from_str_radix(&l[1..9], 16).unwrap())
+        .collect();
     assert_eq!(ids.len() as u64 + lost, u64::from(total));
     assert!(ids.is_sorted() && ids.last() == Some(&(total - 1)));
     assert_eq!(stand.request("F\r"), "F09\r");
@@ -296,7 +310,8 @@ fn a_full_bus_of_client_traffic_loses_no_frame() {
     let writer = thread::spawn(move || {
         let mut client = Client::open(&from);
         client.write(b"S8\rO\r");
-        let text: Vec<u8> = (0..FRAMES).flat_map(|n| format!("T1404562A8{n:016x}\r").into_bytes()).collect();
+        let text: Vec<u8> =
+            (0..FRAMES).flat_map(|n| format!("T1404562A8{n:016x}\r").into_bytes()).collect();
         let mut rest = text.as_slice();
         while !rest.is_empty() && !writer_stop.load(Ordering::Relaxed) {
             rest = &rest[client.write_some(rest)..];

@@ -1,4 +1,5 @@
-//! Tests of `sim` with programs of other projects: the recipe "Run your own firmware" of docs/bench.md.
+//! Tests of `sim` with programs of other projects: the recipe "Run your own firmware" of
+//! docs/bench.md.
 
 mod links;
 
@@ -30,7 +31,8 @@ fn sim_for(duration: &str, elf: &Path, options: &[&str]) -> Output {
 
 #[track_caller]
 fn lines(output: &Output) -> String {
-    let (out, error) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let (out, error) =
+        (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{out}\n{error}");
     out.into_owned()
 }
@@ -43,7 +45,10 @@ fn error_text(output: &Output) -> String {
 
 /// A line of candump: time in seconds, and the frame.
 fn frame(line: &str) -> (f64, &str) {
-    let (time, rest) = line.strip_prefix('(').and_then(|rest| rest.split_once(") can0 ")).expect("a line of candump");
+    let (time, rest) = line
+        .strip_prefix('(')
+        .and_then(|rest| rest.split_once(") can0 "))
+        .expect("a line of candump");
     (time.parse().expect("seconds"), rest)
 }
 
@@ -65,13 +70,26 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
         }
         let (first, rest) = output.split_once('\n').unwrap();
         assert!(first.contains(" board   Arduino") && first.contains("(ATmega328P)"), "{first}");
-        assert!(first.contains("CS D10, INT D2, crystal 8 MHz") && first.ends_with("bus 500 kbit/s"), "{first}");
+        assert!(
+            first.contains("CS D10, INT D2, crystal 8 MHz") && first.ends_with("bus 500 kbit/s"),
+            "{first}"
+        );
         assert!(rest.contains("serial  CAN started"), "{rest}");
         // Only programs of this project have limits and a measured stack.
-        assert!(rest.contains("\nbus             10 frames, 0 error frames, 0 not acknowledged\n"), "{rest}");
-        let figure =
-            |name: &str| rest.lines().find(|line| line.starts_with(name)).map(|line| line.split_whitespace().count());
-        assert_eq!([figure("flash"), figure("statics"), figure("stack")], [Some(3), Some(3), None], "{rest}");
+        assert!(
+            rest.contains("\nbus             10 frames, 0 error frames, 0 not acknowledged\n"),
+            "{rest}"
+        );
+        let figure = |name: &str| {
+            rest.lines()
+                .find(|line| line.starts_with(name))
+                .map(|line| line.split_whitespace().count())
+        };
+        assert_eq!(
+            [figure("flash"), figure("statics"), figure("stack")],
+            [Some(3), Some(3), None],
+            "{rest}"
+        );
     }
 }
 
@@ -98,7 +116,8 @@ fn a_program_for_a_larger_chip_makes_mistakes_that_are_counted() {
     let output = sim_for("100ms", &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
     assert!(error_text(&output).contains("mistakes"));
     let text = String::from_utf8_lossy(&output.stdout);
-    let expected = "MISTAKE AVR: the program writes 0x08ff, but the RAM of an ATmega168 ends at 0x04ff";
+    let expected =
+        "MISTAKE AVR: the program writes 0x08ff, but the RAM of an ATmega168 ends at 0x04ff";
     assert!(text.contains(expected), "{text}");
 }
 
@@ -112,7 +131,11 @@ fn a_program_that_does_not_name_its_board_runs_on_the_default_one() {
 }
 
 /// The output of a run, its report, and its exit code.
-fn result(scratch: &Scratch, program: &Path, options: &[&str]) -> (String, serde_json::Value, Option<i32>) {
+fn result(
+    scratch: &Scratch,
+    program: &Path,
+    options: &[&str],
+) -> (String, serde_json::Value, Option<i32>) {
     let path = scratch.path("result.json");
     let output = sim(program, &[options, &["--json", path.to_str().unwrap()]].concat());
     let json = fs::read_to_string(&path).expect("a result");
@@ -124,7 +147,8 @@ fn result(scratch: &Scratch, program: &Path, options: &[&str]) -> (String, serde
 fn the_hint_for_a_node_at_another_bit_rate_has_both_rates() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
-    let (text, result, code) = result(&scratch, &program, &[&UNO[..], &["--bit-rate", "250000"]].concat());
+    let (text, result, code) =
+        result(&scratch, &program, &[&UNO[..], &["--bit-rate", "250000"]].concat());
     let expected = "HINT    the node is at 500 kbit/s, the bus at 250 kbit/s";
     assert_eq!(text.matches(expected).count(), 1, "{text}");
     assert!(result["hints"][0].as_str().unwrap().starts_with(&expected[8..]), "{result}");
@@ -134,7 +158,8 @@ fn the_hint_for_a_node_at_another_bit_rate_has_both_rates() {
 #[test]
 fn there_is_a_hint_for_a_serial_port_at_another_baud_rate() {
     let scratch = Scratch::new();
-    let (text, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=103"]), &UNO);
+    let (text, ..) =
+        result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=103"]), &UNO);
     assert_eq!(text.matches("HINT    the UART is at 9600 baud").count(), 1, "{text}");
     let (text, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=71"]), &UNO);
     assert!(text.contains("is at 13888 baud, which no serial monitor has"), "{text}");
@@ -156,8 +181,10 @@ fn another_device_on_the_spi_with_its_own_chip_select_is_not_a_mistake() {
 fn the_hint_for_a_frame_that_waits_names_the_mode_of_the_controller() {
     let scratch = Scratch::new();
     for (mode, name) in [("MODE=0x80", "configuration"), ("MODE=0x60", "listen-only")] {
-        let (text, _, code) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &[mode]), &UNO);
-        let expected = format!("HINT    a frame waits to be sent, but the MCP2515 is in {name} mode");
+        let (text, _, code) =
+            result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &[mode]), &UNO);
+        let expected =
+            format!("HINT    a frame waits to be sent, but the MCP2515 is in {name} mode");
         assert_eq!((code, text.matches(&expected).count()), (Some(0), 1), "{text}");
     }
 }
@@ -166,7 +193,8 @@ fn the_hint_for_a_frame_that_waits_names_the_mode_of_the_controller() {
 fn there_is_a_hint_for_a_chip_select_on_another_pin() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
-    let (text, ..) = result(&scratch, &program, &["--mcu", "atmega328p", "--cs", "D9", "--crystal", "8"]);
+    let (text, ..) =
+        result(&scratch, &program, &["--mcu", "atmega328p", "--cs", "D9", "--crystal", "8"]);
     assert!(text.contains("but CS of the MCP2515 (D9) has never been low"), "{text}");
 }
 
@@ -174,15 +202,29 @@ fn there_is_a_hint_for_a_chip_select_on_another_pin() {
 fn the_result_has_frames_spi_bytes_and_memory() {
     let scratch = Scratch::new();
     let (text, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
-    assert_eq!((code, &result["exit_code"], &result["simulated_s"]), (Some(0), &0.into(), &1.0.into()));
-    assert_eq!((&result["node"]["frames_sent"], &result["node"]["frames_received"]), (&10.into(), &0.into()));
-    assert_eq!((&result["bus"]["frames"], &result["bus"]["bit_rate"]), (&10.into(), &500_000.into()));
-    // A frame takes 12 bytes: READ of TXB0CTRL, LOAD TX BUFFER with 8, RTS. The rest is the configuration of the MCP2515.
+    assert_eq!(
+        (code, &result["exit_code"], &result["simulated_s"]),
+        (Some(0), &0.into(), &1.0.into())
+    );
+    assert_eq!(
+        (&result["node"]["frames_sent"], &result["node"]["frames_received"]),
+        (&10.into(), &0.into())
+    );
+    assert_eq!(
+        (&result["bus"]["frames"], &result["bus"]["bit_rate"]),
+        (&10.into(), &500_000.into())
+    );
+    // A frame takes 12 bytes: READ of TXB0CTRL, LOAD TX BUFFER with 8, RTS. The rest is the
+    // configuration of the MCP2515.
     let bytes = result["spi"]["bytes_per_frame"].as_f64().unwrap();
     assert!((12.0..16.0).contains(&bytes), "{bytes}");
-    assert!(text.contains("bytes in") && text.contains("for 0 frames received and 10 sent"), "{text}");
     assert!(
-        text.contains("CAN frame 123#A500 (not DroneCAN: 11-bit identifier)") || !text.contains("frame  "),
+        text.contains("bytes in") && text.contains("for 0 frames received and 10 sent"),
+        "{text}"
+    );
+    assert!(
+        text.contains("CAN frame 123#A500 (not DroneCAN: 11-bit identifier)")
+            || !text.contains("frame  "),
         "{text}"
     );
 }
@@ -190,12 +232,21 @@ fn the_result_has_frames_spi_bytes_and_memory() {
 #[test]
 fn a_repeated_mistake_is_printed_once_with_its_count() {
     let scratch = Scratch::new();
-    let (text, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
-    assert_eq!((code, &result["outcome"], &result["exit_code"]), (Some(1), &"mistakes".into(), &1.into()));
+    let (text, result, code) =
+        result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
+    assert_eq!(
+        (code, &result["outcome"], &result["exit_code"]),
+        (Some(1), &"mistakes".into(), &1.into())
+    );
     let kinds = result["mistakes"].as_array().unwrap().len();
     assert_eq!(text.matches(" MISTAKE ").count(), kinds, "{text}");
     assert_eq!(text.matches("\nmistake  ").count(), kinds, "{text}");
-    let total: u64 = result["mistakes"].as_array().unwrap().iter().map(|kind| kind["count"].as_u64().unwrap()).sum();
+    let total: u64 = result["mistakes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|kind| kind["count"].as_u64().unwrap())
+        .sum();
     assert_eq!(result["mistakes_total"].as_u64(), Some(total));
 }
 
@@ -218,7 +269,11 @@ fn the_exit_code_is_2_for_a_wrong_command_line_and_3_for_an_error_of_the_compute
     ] {
         assert_eq!(code(usage), Some(2), "{usage:?}");
     }
-    for machine in [&["--script", "/nowhere/script"][..], &["--slcan", "/nowhere/can"], &["--log", "/nowhere/log"]] {
+    for machine in [
+        &["--script", "/nowhere/script"][..],
+        &["--slcan", "/nowhere/can"],
+        &["--log", "/nowhere/log"],
+    ] {
         assert_eq!(code(machine), Some(3), "{machine:?}");
     }
     let elf = |path: &Path| sim(path, &[]).status.code();
@@ -231,7 +286,8 @@ fn a_live_view_ends_when_its_terminal_is_closed() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
     for _ in 0..5 {
-        let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        let terminal =
+            openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         grantpt(&terminal).and_then(|()| unlockpt(&terminal)).unwrap();
         let name = ptsname(&terminal, Vec::new()).unwrap();
         let slave = File::options().read(true).write(true).open(name.to_str().unwrap()).unwrap();

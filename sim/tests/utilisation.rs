@@ -5,8 +5,11 @@ use std::process::Command;
 
 /// The exit code, and the text on the error output.
 fn utilisation(arguments: &[&str]) -> (Option<i32>, String) {
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_sim")).arg("utilisation").args(arguments).output().expect("sim starts");
+    let output = Command::new(env!("CARGO_BIN_EXE_sim"))
+        .arg("utilisation")
+        .args(arguments)
+        .output()
+        .expect("sim starts");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
@@ -26,9 +29,11 @@ fn impossible_sizes_and_rates_are_rejected_with_advice() {
 
 #[test]
 fn tables_and_list_allow_no_other_options() {
-    for arguments in
-        [&["--tables", "--message", "NodeStatus@1"][..], &["--list", "--file", "x"], &["--tables", "--list"]]
-    {
+    for arguments in [
+        &["--tables", "--message", "NodeStatus@1"][..],
+        &["--list", "--file", "x"],
+        &["--tables", "--list"],
+    ] {
         assert_eq!(utilisation(arguments).0, Some(2), "{arguments:?}");
     }
 }
@@ -42,9 +47,16 @@ fn an_invalid_file_is_an_error_of_the_command_line_and_a_missing_one_is_not() {
     fs::write(&binary, [0xFF, 0xFE, 0x00]).expect("a file");
     for path in [&wrong, &binary, &directory] {
         let (code, text) = utilisation(&["--file", path.to_str().expect("text")]);
-        assert!(code == Some(2) && text.contains(path.to_str().expect("text")), "{path:?}: {code:?} {text}");
+        assert!(
+            code == Some(2) && text.contains(path.to_str().expect("text")),
+            "{path:?}: {code:?} {text}"
+        );
     }
     let nowhere = directory.join("nowhere");
-    assert_eq!(utilisation(&["--file", nowhere.to_str().expect("text")]).0, Some(3), "the exit code of a missing file");
+    assert_eq!(
+        utilisation(&["--file", nowhere.to_str().expect("text")]).0,
+        Some(3),
+        "the exit code of a missing file"
+    );
     fs::remove_dir_all(&directory).expect("it is removed");
 }

@@ -48,11 +48,15 @@ fn assert_tshark_reads_all_frames(name: &str) {
     let passed = frames(&logged(&path));
     assert!(passed.len() > peer_frames().len());
     let mut arguments = vec!["-r", text(&path), "-T", "fields"];
-    for field in ["frame.time_epoch", "can.id", "can.flags.xtd", "can.flags.rtr", "can.len", "data.data"] {
+    for field in
+        ["frame.time_epoch", "can.id", "can.flags.xtd", "can.flags.rtr", "can.len", "data.data"]
+    {
         arguments.extend(["-e", field]);
     }
-    let expected: Vec<_> = passed.iter().map(|(start, frame)| as_fields(start / 16, frame)).collect();
-    // For a remote frame in a candump log, tshark shows as many zeros as its DLC says. They were not on the bus.
+    let expected: Vec<_> =
+        passed.iter().map(|(start, frame)| as_fields(start / 16, frame)).collect();
+    // For a remote frame in a candump log, tshark shows as many zeros as its DLC says. They were
+    // not on the bus.
     let without_data = |line: String| match line.rsplit_once('\t') {
         Some((fields, _)) if line.split('\t').nth(3) == Some("1") => format!("{fields}\t"),
         _ => line,
@@ -102,8 +106,10 @@ fn wireshark_reads_the_error_frames_of_a_pcap() {
         log.serve(bench).unwrap();
     });
     drop(log);
-    let errors =
-        lines("tshark", &["-r", text(&path), "-Y", "can.flags.err == 1", "-T", "fields", "-e", "can.err.prot"]);
+    let errors = lines(
+        "tshark",
+        &["-r", text(&path), "-Y", "can.flags.err == 1", "-T", "fields", "-e", "can.err.prot"],
+    );
     assert_eq!(errors.len(), 1, "{errors:?}");
 }
 

@@ -1,4 +1,5 @@
-//! Tests of VCD files with sigrok's decoders. One sample is one cycle of the AVR, so the tests compare times, too.
+//! Tests of VCD files with sigrok's decoders. One sample is one cycle of the AVR, so the tests
+//! compare times, too.
 
 mod wire;
 
@@ -51,7 +52,17 @@ fn probed() -> Vec<(Cycles, WireEvent)> {
 
 /// sigrok's annotations as (first sample, last sample, text).
 fn decoded(path: &Path, decoder: &str, annotations: &str) -> Vec<(Cycles, Cycles, String)> {
-    let arguments = ["-i", text(path), "-I", INPUT, "-P", decoder, "-A", annotations, "--protocol-decoder-samplenum"];
+    let arguments = [
+        "-i",
+        text(path),
+        "-I",
+        INPUT,
+        "-P",
+        decoder,
+        "-A",
+        annotations,
+        "--protocol-decoder-samplenum",
+    ];
     let annotation = |line: &String| {
         let (samples, rest) = line.split_once(' ').unwrap();
         let (first, last) = samples.split_once('-').unwrap();
@@ -69,8 +80,10 @@ fn crc15(frame: &Frame) -> u16 {
         Id::Extended(id) => format!("0{:011b}11{:018b}{remote}00", id >> 18, id & 0x3_FFFF),
     };
     let data: String = frame.data().iter().map(|byte| format!("{byte:08b}")).collect();
-    let mut bits: Vec<u8> =
-        format!("{header}{:04b}{data}000000000000000", frame.dlc).bytes().map(|digit| digit - b'0').collect();
+    let mut bits: Vec<u8> = format!("{header}{:04b}{data}000000000000000", frame.dlc)
+        .bytes()
+        .map(|digit| digit - b'0')
+        .collect();
     let divisor: Vec<u8> = format!("{:016b}", 0xC599).bytes().map(|digit| digit - b'0').collect();
     for at in 0..bits.len() - 15 {
         if bits[at] == 1 {
@@ -87,9 +100,14 @@ fn as_annotations(frame: &Frame) -> Vec<String> {
         Id::Standard(id) => texts.push(format!("Identifier: {id} ({id:#x})")),
         Id::Extended(id) => texts.push(format!("Full Identifier: {id} ({id:#x})")),
     }
-    texts.push(format!("Remote transmission request: {} frame", if frame.remote { "remote" } else { "data" }));
+    texts.push(format!(
+        "Remote transmission request: {} frame",
+        if frame.remote { "remote" } else { "data" }
+    ));
     texts.push(format!("Data length code: {}", frame.dlc));
-    texts.extend(frame.data().iter().enumerate().map(|(at, byte)| format!("Data byte {at}: {byte:#04x}")));
+    texts.extend(
+        frame.data().iter().enumerate().map(|(at, byte)| format!("Data byte {at}: {byte:#04x}")),
+    );
     texts.push(format!("CRC-15 sequence: {:#06x}", crc15(frame)));
     texts.push(String::from("ACK slot: ACK"));
     texts
@@ -108,7 +126,9 @@ fn sigrok_reads_every_frame_with_its_time_and_its_crc() {
         let (first, last, _) = found.peek().expect("one more frame").clone();
         assert_eq!((first, last), (start, start + 15), "{frame}");
         let mut texts = Vec::new();
-        while let Some((_, _, text)) = found.next_if(|(_, _, text)| texts.is_empty() || text != "Start of frame") {
+        while let Some((_, _, text)) =
+            found.next_if(|(_, _, text)| texts.is_empty() || text != "Start of frame")
+        {
             // The first part of an extended identifier also has its own annotation.
             let half = frame.is_extended() && text.starts_with("Identifier: ");
             if !half {
@@ -117,7 +137,8 @@ fn sigrok_reads_every_frame_with_its_time_and_its_crc() {
         }
         let mut expected = as_annotations(&frame);
         if frame.remote && frame.dlc > 0 {
-            // The decoder takes the next bits for data. A remote frame has no data, whatever its DLC.
+            // The decoder takes the next bits for data. A remote frame has no data, whatever its
+            // DLC.
             expected.truncate(4);
             texts.truncate(4);
         }
@@ -137,13 +158,17 @@ fn sigrok_reads_every_byte_on_the_spi_and_the_commands_between_edges_of_cs() {
     for (_, event) in events {
         match event {
             WireEvent::Cs(false) => commands.push(Vec::new()),
-            WireEvent::Spi { byte, miso } => commands.last_mut().expect("CS is low").push((byte, miso)),
+            WireEvent::Spi { byte, miso } => {
+                commands.last_mut().expect("CS is low").push((byte, miso))
+            }
             _ => {}
         }
     }
     assert!(commands.len() > 50, "{}", commands.len());
     let decoder = "spi:clk=SCK:mosi=MOSI:miso=MISO:cs=CS";
-    let hex = |bytes: Vec<u8>| bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ");
+    let hex = |bytes: Vec<u8>| {
+        bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+    };
     let texts = |annotations: &str| -> Vec<_> {
         decoded(&path, decoder, annotations).into_iter().map(|(_, _, text)| text).collect()
     };
@@ -153,7 +178,8 @@ fn sigrok_reads_every_byte_on_the_spi_and_the_commands_between_edges_of_cs() {
     assert_eq!(texts("spi=mosi-transfer"), side(|(byte, _)| byte.mosi));
     assert_eq!(texts("spi=miso-transfer"), side(|(_, miso)| *miso));
     // The decoder begins a byte at its first sampling edge, half a bit after the start.
-    let starts: Vec<_> = decoded(&path, decoder, "spi=mosi-data").iter().map(|(first, _, _)| *first).collect();
+    let starts: Vec<_> =
+        decoded(&path, decoder, "spi=mosi-data").iter().map(|(first, _, _)| *first).collect();
     let expected = commands.iter().flatten().map(|(byte, _)| byte.start + byte.cycles_per_bit / 2);
     assert_eq!(starts, expected.collect::<Vec<_>>());
 }
@@ -167,7 +193,10 @@ fn sigrok_reads_the_serial_text_at_the_nominal_and_the_true_rate() {
     assert!(expected.starts_with(b"DroneCAN"), "{}", String::from_utf8_lossy(&expected));
     for rate in ["115200", "117647"] {
         let decoder = format!("uart:tx=TXD:baudrate={rate}");
-        let found = output("sigrok-cli", &["-i", text(&path), "-I", INPUT, "-P", &decoder, "-B", "uart=tx"]);
+        let found = output(
+            "sigrok-cli",
+            &["-i", text(&path), "-I", INPUT, "-P", &decoder, "-B", "uart=tx"],
+        );
         let (found, last) = found.split_at(expected.len());
         assert_eq!(String::from_utf8_lossy(found), String::from_utf8_lossy(&expected));
         assert!(last.len() <= 1, "more than the byte on the line at the end: {last:?}");
@@ -209,7 +238,9 @@ fn changes(path: &Path) -> HashMap<String, Vec<(Cycles, bool)>> {
     for line in body.lines() {
         match line.split_at(1) {
             ("#", time) => at = time.parse::<u64>().unwrap(),
-            (level, code) => changes.entry(names[code].clone()).or_default().push((at / 625, level == "1")),
+            (level, code) => {
+                changes.entry(names[code].clone()).or_default().push((at / 625, level == "1"))
+            }
         }
         assert_eq!(at % 625, 0);
     }
@@ -230,22 +261,27 @@ fn cs_int_and_servo_have_the_edges_of_the_board() {
         ("SERVO", |event| if let WireEvent::Servo(level) = event { Some(*level) } else { None }),
     ];
     for (name, pick) in picks {
-        let expected: Vec<_> = events.iter().filter_map(|(at, event)| Some((*at, pick(event)?))).collect();
+        let expected: Vec<_> =
+            events.iter().filter_map(|(at, event)| Some((*at, pick(event)?))).collect();
         assert!(expected.len() > 4, "{name} {expected:?}");
         assert_eq!(found.remove(name).unwrap(), expected, "{name}");
     }
 }
 
-/// I/O address of DDRx and bit of D5 to D8 and A1 to A3 (datasheet section 31). PORTx is at the next address.
-const OUTPUT_PINS: [(u16, u16); 7] = [(0x0A, 5), (0x0A, 6), (0x0A, 7), (0x04, 0), (0x07, 1), (0x07, 2), (0x07, 3)];
+/// I/O address of DDRx and bit of D5 to D8 and A1 to A3 (datasheet section 31). PORTx is at the
+/// next address.
+const OUTPUT_PINS: [(u16, u16); 7] =
+    [(0x0A, 5), (0x0A, 6), (0x0A, 7), (0x04, 0), (0x07, 1), (0x07, 2), (0x07, 3)];
 /// Cycles of SBI, CBI and RJMP.
 const INSTRUCTION: u64 = 2;
 
-/// A program that gives a pulse on each pin in turn, for ever. A pulse has `nops` NOPs for the index of its pin.
+/// A program that gives a pulse on each pin in turn, for ever. A pulse has `nops` NOPs for the
+/// index of its pin.
 fn pulsing(nops: impl Fn(usize) -> usize) -> Firmware {
     let set = |register: u16, bit: u16| 0x9A00 | register << 3 | bit;
     let clear = |register: u16, bit: u16| 0x9800 | register << 3 | bit;
-    let mut program: Vec<u16> = OUTPUT_PINS.iter().map(|&(direction, bit)| set(direction, bit)).collect();
+    let mut program: Vec<u16> =
+        OUTPUT_PINS.iter().map(|&(direction, bit)| set(direction, bit)).collect();
     let start = program.len();
     for (index, &(direction, bit)) in OUTPUT_PINS.iter().enumerate() {
         program.push(set(direction + 1, bit));
@@ -254,17 +290,22 @@ fn pulsing(nops: impl Fn(usize) -> usize) -> Firmware {
     }
     let back = start as i16 - (program.len() as i16 + 1);
     program.push(0xC000 | back as u16 & 0xFFF);
-    Firmware { flash: vec![(0, program.into_iter().flat_map(u16::to_le_bytes).collect())], ..Firmware::default() }
+    Firmware {
+        flash: vec![(0, program.into_iter().flat_map(u16::to_le_bytes).collect())],
+        ..Firmware::default()
+    }
 }
 
 /// The file and the board's own meters get the same pulses, in whatever order they are read.
 #[test]
 fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
-    let section = b"board=uno\nshield=seeed\nmcu=atmega328p\ncs=D9\nint=D2\ncrystal_mhz=16\nservo=D10\n\
+    let section =
+        b"board=uno\nshield=seeed\nmcu=atmega328p\ncs=D9\nint=D2\ncrystal_mhz=16\nservo=D10\n\
                     outputs=D5,D6,D7,D8,A1,A2,A3\nsensor=A0\n";
     let nops = |index: usize| 100 + 20 * index;
     let width = |index: usize| nops(index) as u64 + INSTRUCTION;
-    let period = (0..OUTPUT_PINS.len()).map(|index| width(index) + INSTRUCTION).sum::<u64>() + INSTRUCTION;
+    let period =
+        (0..OUTPUT_PINS.len()).map(|index| width(index) + INSTRUCTION).sum::<u64>() + INSTRUCTION;
     let directory = Directory::new("outputs");
     let path = directory.file("run.vcd");
     let mut bench = Bench::new(wire::BIT_RATE);
@@ -288,10 +329,17 @@ fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
     let mut found = changes(&path);
     for (index, pulses) in metered.iter().enumerate() {
         let name = format!("OUT{}", index + 2);
-        assert!(pulses.len() > 100 && pulses.iter().all(|pulse| pulse.width_cycles == width(index)), "{name}");
+        assert!(
+            pulses.len() > 100 && pulses.iter().all(|pulse| pulse.width_cycles == width(index)),
+            "{name}"
+        );
         let edges = found.remove(&name).unwrap();
         let rises: Vec<_> = edges.iter().filter(|(_, high)| *high).map(|(at, _)| *at).collect();
-        assert_eq!(rises[..pulses.len()], pulses.iter().map(|pulse| pulse.start).collect::<Vec<_>>(), "{name}");
+        assert_eq!(
+            rises[..pulses.len()],
+            pulses.iter().map(|pulse| pulse.start).collect::<Vec<_>>(),
+            "{name}"
+        );
         let duty = decoded(&path, &format!("pwm:data={name}"), "pwm=duty-cycle");
         let expected = format!("{:.6}%", 100.0 * width(index) as f64 / period as f64);
         assert!(

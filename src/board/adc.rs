@@ -1,5 +1,5 @@
-//! The analogue inputs: the temperature sensor, and with the feature `power` voltage and current. The ADC measures them against AVCC or the bandgap of
-//! 1.1 V.
+//! The analogue inputs: the temperature sensor, and with the feature `power` voltage and current.
+//! The ADC measures them against AVCC or the bandgap of 1.1 V.
 //!
 //! A conversion takes 104 us. The main loop starts it, collects the result later, and never waits.
 
@@ -42,7 +42,8 @@ impl Adc {
         self.adc.adcsra().write(|w| w.aden().set_bit().adsc().set_bit().adps().prescaler_128());
     }
 
-    /// Returns the result, 0 to 1023, if the conversion is complete, and then starts one of the input `next`, against the bandgap or AVCC.
+    /// Returns the result, 0 to 1023, if the conversion is complete, and then starts one of the
+    /// input `next`, against the bandgap or AVCC.
     pub fn take(&mut self, against_bandgap: bool, next: Input) -> Option<u16> {
         if self.adc.adcsra().read().adsc().bit_is_set() {
             return None;

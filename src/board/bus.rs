@@ -1,19 +1,24 @@
-//! The CAN controller, and its interrupt, which reads frames from it at any point of the main loop. The interrupt is INT0, or INT1 on boards
-//! with the controller's INT on D3. The comments say INT0 for both.
+//! The CAN controller, and its interrupt, which reads frames from it at any point of the main loop.
+//! The interrupt is INT0, or INT1 on boards with the controller's INT on D3. The comments say INT0
+//! for both.
 //!
-//! The controller holds two frames, of some types only one, and a frame may end 67 us after the one before it. So INT0 moves each frame to a
-//! queue of [`QUEUE_LEN`] frames as soon as it arrives, and the main loop takes the frames from the queue.
+//! The controller holds two frames, of some types only one, and a frame may end 67 us after the one
+//! before it. So INT0 moves each frame to a queue of [`QUEUE_LEN`] frames as soon as it arrives,
+//! and the main loop takes the frames from the queue.
 //!
-//! The controller, its SPI and its pins have one owner at a time. While INT0 is enabled, the handler owns them. While INT0 is masked, the code
-//! that masked it owns them: the handler itself, or a method of [`Bus`]. The queue has one writer at a time, the owner of the controller, and
-//! one reader, the main loop. The writer fills the place at `WRITTEN` and then increments `WRITTEN`. The reader empties the place at `READ` and
-//! then increments `READ`.
+//! The controller, its SPI and its pins have one owner at a time. While INT0 is enabled, the
+//! handler owns them. While INT0 is masked, the code that masked it owns them: the handler itself,
+//! or a method of [`Bus`]. The queue has one writer at a time, the owner of the controller, and one
+//! reader, the main loop. The writer fills the place at `WRITTEN` and then increments `WRITTEN`.
+//! The reader empties the place at `READ` and then increments `READ`.
 //!
-//! INT0 triggers on the falling edge, and the chip remembers an edge while INT0 is masked. A level interrupt would repeat for ever if INT is
-//! stuck low. INT0 misses a frame if the queue is full, or if INT stays low for another frame. [`Bus::has_frame`] checks the pin and fetches
+//! INT0 triggers on the falling edge, and the chip remembers an edge while INT0 is masked. A level
+//! interrupt would repeat for ever if INT is stuck low. INT0 misses a frame if the queue is full,
+//! or if INT stays low for another frame. [`Bus::has_frame`] checks the pin and fetches
 //! these frames.
 //!
-//! The handler enables other interrupts, so that Timer0 counts milliseconds and the watchdog detects a handler that hangs.
+//! The handler enables other interrupts, so that Timer0 counts milliseconds and the watchdog
+//! detects a handler that hangs.
 
 use core::sync::atomic::{Ordering, compiler_fence};
 
@@ -30,8 +35,8 @@ use node::node::health::CanCounters;
 /// The CAN controller with its driver.
 pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
 
-/// Frames that can wait for the main loop. A power of two. The longest turn of the main loop takes 250 us, which is as long as three of the
-/// shortest frames of a transfer.
+/// Frames that can wait for the main loop. A power of two. The longest turn of the main loop takes
+/// 250 us, which is as long as three of the shortest frames of a transfer.
 const QUEUE_LEN: u8 = 4;
 
 /// The number of the interrupt: INT0 is on D2, INT1 on D3.
@@ -43,10 +48,16 @@ const INT0_BIT: u8 = 1 << INTERRUPT;
 /// ISC01..0 = 2 in EICRA: the falling edge. The bits of INT1 follow those of INT0.
 const FALLING_EDGE: u8 = 2 << (2 * INTERRUPT);
 
-// Safety: these are the only values of the SPI and of CS: `Pins` has none. Nothing uses them before they are set up: CS is set up by
-// `Pins::new`, which makes the argument of `Bus::new`, and `Bus::new` sets up the SPI before it enables INT0 and returns the `Bus`.
+// Safety: these are the only values of the SPI and of CS: `Pins` has none. Nothing uses them before
+// they are set up: CS is set up by `Pins::new`, which makes the argument of `Bus::new`, and
+// `Bus::new` sets up the SPI before it enables INT0 and returns the `Bus`.
 static mut CAN: Can = unsafe {
-    Mcp2515::unconfigured(CanSpi::steal(), CanSelect::steal(), CanInterrupt::new(), NodeAcceptance::nobody(Image))
+    Mcp2515::unconfigured(
+        CanSpi::steal(),
+        CanSelect::steal(),
+        CanInterrupt::new(),
+        NodeAcceptance::nobody(Image),
+    )
 };
 
 /// Returns the driver.
@@ -57,7 +68,8 @@ static mut CAN: Can = unsafe {
 #[inline(always)]
 unsafe fn can<'a>() -> &'a mut Can {
     let can = &raw mut CAN;
-    // Safety: the pointer is to a static, so it is always valid. The caller guarantees that there is no other reference.
+    // Safety: the pointer is to a static, so it is always valid. The caller guarantees that there
+    // is no other reference.
     unsafe { &mut *can }
 }
 
@@ -66,18 +78,20 @@ static mut QUEUE: [Frame; QUEUE_LEN as usize] = [Frame::EMPTY; QUEUE_LEN as usiz
 static mut WRITTEN: u8 = 0;
 static mut READ: u8 = 0;
 
-/// Reads a counter that the other side may change. An `AtomicU8` would disable interrupts for the read, and a byte does not need that.
+/// Reads a counter that the other side may change. An `AtomicU8` would disable interrupts for the
+/// read, and a byte does not need that.
 #[inline(always)]
 fn load(counter: *const u8) -> u8 {
-    // Safety: callers pass only `WRITTEN` and `READ`, which are statics and thus valid. One instruction reads a byte, so the value is never torn.
-    // The read is volatile because the other side changes the counter between two reads.
+    // Safety: callers pass only `WRITTEN` and `READ`, which are statics and thus valid. One
+    // instruction reads a byte, so the value is never torn. The read is volatile because the
+    // other side changes the counter between two reads.
     unsafe { counter.read_volatile() }
 }
 
 #[inline(always)]
 fn exint() -> EXINT {
-    // Safety: `Bus::new` has consumed these registers, so only this module uses them. One instruction writes each register, so an interrupt
-    // cannot come between a read and a write.
+    // Safety: `Bus::new` has consumed these registers, so only this module uses them. One
+    // instruction writes each register, so an interrupt cannot come between a read and a write.
     unsafe { EXINT::steal() }
 }
 
@@ -97,31 +111,37 @@ fn unmask() {
     exint().eimsk().modify(|r, w| unsafe { w.bits(r.bits() | INT0_BIT) });
 }
 
-/// Moves frames from the controller to the queue until the controller is empty or the queue is full.
+/// Moves frames from the controller to the queue until the controller is empty or the queue is
+/// full.
 ///
 /// # Safety
 ///
 /// INT0 must be masked, and no reference to the controller may be alive.
 #[inline(never)]
 unsafe fn fetch() {
-    // Safety: the caller guarantees that INT0 is masked, so the handler gets no reference, and that no other reference is alive.
+    // Safety: the caller guarantees that INT0 is masked, so the handler gets no reference, and that
+    // no other reference is alive.
     let can = unsafe { can() };
     while can.has_frame() {
         let written = load(&raw const WRITTEN);
         if written.wrapping_sub(load(&raw const READ)) == QUEUE_LEN {
             return;
         }
-        // Clears the flag, so that an edge from here on triggers INT0 again. A write changes only the bits that are 1.
+        // Clears the flag, so that an edge from here on triggers INT0 again. A write changes only
+        // the bits that are 1.
         // Safety: every value of EIFR is valid.
         exint().eifr().write(|w| unsafe { w.bits(INT0_BIT) });
-        // Safety: the index is less than the length. The main loop has references only to places from READ to WRITTEN, and this place is not
-        // among them, because the queue is not full.
-        let place = unsafe { &mut *(&raw mut QUEUE).cast::<Frame>().add(usize::from(written % QUEUE_LEN)) };
+        // Safety: the index is less than the length. The main loop has references only to places
+        // from READ to WRITTEN, and this place is not among them, because the queue is not
+        // full.
+        let place =
+            unsafe { &mut *(&raw mut QUEUE).cast::<Frame>().add(usize::from(written % QUEUE_LEN)) };
         if !can.receive(place) {
             // INT is low without a frame. The driver checks for that every 10 ms.
             return;
         }
-        // Safety: the pointer is to a static. Only the owner of the controller writes this counter, and that is the caller.
+        // Safety: the pointer is to a static. Only the owner of the controller writes this counter,
+        // and that is the caller.
         unsafe { (&raw mut WRITTEN).write_volatile(written.wrapping_add(1)) };
     }
 }
@@ -129,8 +149,9 @@ unsafe fn fetch() {
 /// Does the work of the handler of the interrupt, with other interrupts enabled.
 #[inline(always)]
 fn fetch_in_handler() {
-    // Safety: INT0 is masked, so the handler cannot interrupt itself, and no other handler uses the controller or the queue. INT0 was enabled when the
-    // handler started, and the main loop has a reference to the controller only in the methods of `Bus` that mask INT0.
+    // Safety: INT0 is masked, so the handler cannot interrupt itself, and no other handler uses the
+    // controller or the queue. INT0 was enabled when the handler started, and the main loop has
+    // a reference to the controller only in the methods of `Bus` that mask INT0.
     unsafe { fetch() };
 }
 
@@ -151,8 +172,9 @@ interrupt!(INT0 { handle_interrupt() });
 #[cfg(all(can_interrupt = "INT1", not(feature = "outputs")))]
 interrupt!(INT1 { handle_interrupt() });
 
-// The handler of the interrupt does the same in the other order: it enables interrupts before it saves registers, and disables them after it
-// has restored them. An edge of an output waits for it (see `outputs.rs`).
+// The handler of the interrupt does the same in the other order: it enables interrupts before it
+// saves registers, and disables them after it has restored them. An edge of an output waits for it
+// (see `outputs.rs`).
 //
 // SREG = 0x3F, EIMSK = 0x1D.
 #[cfg(feature = "outputs")]
@@ -235,8 +257,8 @@ impl Bus {
     #[inline(always)]
     pub fn controller<R>(&mut self, what: impl FnOnce(&mut Can) -> R) -> R {
         mask();
-        // Safety: INT0 stays masked until the reference ends. There is one `Bus`, and this method borrows it mutably, so no other method has a
-        // reference.
+        // Safety: INT0 stays masked until the reference ends. There is one `Bus`, and this method
+        // borrows it mutably, so no other method has a reference.
         let result = what(unsafe { can() });
         unmask();
         result
@@ -250,23 +272,27 @@ impl Bus {
                 return false;
             }
             mask();
-            // Safety: INT0 is masked. This method borrows the one `Bus` mutably and has no reference to the controller itself.
+            // Safety: INT0 is masked. This method borrows the one `Bus` mutably and has no
+            // reference to the controller itself.
             unsafe { fetch() };
             unmask();
         }
         load(&raw const WRITTEN) != load(&raw const READ)
     }
 
-    /// Calls `what` with the oldest received frame, if there is one, and removes the frame from the queue.
+    /// Calls `what` with the oldest received frame, if there is one, and removes the frame from the
+    /// queue.
     #[inline(always)]
     pub fn take_frame(&mut self, what: impl FnOnce(&Frame)) {
         let read = load(&raw const READ);
         if load(&raw const WRITTEN) == read {
             return;
         }
-        // Safety: the index is less than the length. The place is from READ to WRITTEN, so `fetch` does not write it before READ is incremented.
+        // Safety: the index is less than the length. The place is from READ to WRITTEN, so `fetch`
+        // does not write it before READ is incremented.
         what(unsafe { &*(&raw const QUEUE).cast::<Frame>().add(usize::from(read % QUEUE_LEN)) });
-        // Safety: the pointer is to a static. Only the main loop writes this counter. The reference to the frame has ended, so the place is free.
+        // Safety: the pointer is to a static. Only the main loop writes this counter. The reference
+        // to the frame has ended, so the place is free.
         unsafe { (&raw mut READ).write_volatile(read.wrapping_add(1)) };
     }
 }
@@ -275,8 +301,8 @@ impl CanCounters for Bus {
     #[inline(never)]
     fn word(&self, n: u8) -> u16 {
         mask();
-        // Safety: INT0 stays masked until the reference ends, so the handler has none. `controller` and `has_frame` borrow the one `Bus` mutably, so
-        // neither is active.
+        // Safety: INT0 stays masked until the reference ends, so the handler has none. `controller`
+        // and `has_frame` borrow the one `Bus` mutably, so neither is active.
         let word = unsafe { can() }.counters().word(n);
         unmask();
         word

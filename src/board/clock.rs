@@ -20,15 +20,17 @@ interrupt!(TIMER0_COMPA {
     unsafe { (&raw mut TICKS).write_volatile(ticks().wrapping_add(1)) }
 });
 
-/// Reads the milliseconds, modulo 256. An `AtomicU8` would disable interrupts for the read, and a byte does not need that.
+/// Reads the milliseconds, modulo 256. An `AtomicU8` would disable interrupts for the read, and a
+/// byte does not need that.
 #[inline(always)]
 fn ticks() -> u8 {
-    // Safety: the pointer is to a static. One instruction reads a byte, so the value is never torn. The read is volatile because the handler
-    // changes the byte between two reads.
+    // Safety: the pointer is to a static. One instruction reads a byte, so the value is never torn.
+    // The read is volatile because the handler changes the byte between two reads.
     unsafe { (&raw const TICKS).read_volatile() }
 }
 
-/// The clock. It loses time if `tick` is not called for 256 ms; the watchdog restarts the program before that, after 250 ms.
+/// The clock. It loses time if `tick` is not called for 256 ms; the watchdog restarts the program
+/// before that, after 250 ms.
 pub struct Clock {
     ticks: u8,
     now_ms: u16,
@@ -51,7 +53,8 @@ impl Clock {
         ticks() != self.ticks
     }
 
-    /// Adds the milliseconds that have begun since the last call to the time, and returns their number.
+    /// Adds the milliseconds that have begun since the last call to the time, and returns their
+    /// number.
     pub fn tick(&mut self) -> u8 {
         let passed_ms = ticks().wrapping_sub(self.ticks);
         self.ticks = self.ticks.wrapping_add(passed_ms);

@@ -1,6 +1,10 @@
-//! The EEPROM (datasheet 2545, section 8.4). Writing a byte takes 3.4 ms. The program starts it and does not wait for the end.
+//! The EEPROM (datasheet 2545, section 8.4). Writing a byte takes 3.4 ms. The program starts it and
+//! does not wait for the end.
 
-#![allow(clippy::unnecessary_cast, reason = "an address has 8 bits, or 16 with the feature outputs")]
+#![allow(
+    clippy::unnecessary_cast,
+    reason = "an address has 8 bits, or 16 with the feature outputs"
+)]
 
 use core::arch::asm;
 
@@ -42,8 +46,9 @@ impl node::node::store::Eeprom for Eeprom {
         self.eeprom.eear().write(|w| w.set(at as u16));
         self.eeprom.eedr().write(|w| w.set(byte));
         // EECR = 0x1F: EEMPE (bit 2), then within four cycles EEPE (bit 1).
-        // Safety: the block writes only EECR, in the sequence that the datasheet requires. No interrupt may come in between, so interrupts are
-        // disabled for seven cycles. SREG (0x3F) is restored.
+        // Safety: the block writes only EECR, in the sequence that the datasheet requires. No
+        // interrupt may come in between, so interrupts are disabled for seven cycles. SREG
+        // (0x3F) is restored.
         unsafe {
             asm!("in {sreg}, 0x3F", "cli", "sbi 0x1F, 2", "sbi 0x1F, 1", "out 0x3F, {sreg}", sreg = out(reg) _,
                 options(nostack, preserves_flags));

@@ -5,8 +5,8 @@ use core::arch::asm;
 use node::image::{IMAGE, Table};
 use node::progmem::Progmem;
 
-// Safety: `.progmem.data` is avr-libc's section for constants in flash. This constant is read only by LPM, in `Image::byte`. No other symbol of
-// the program has this name.
+// Safety: `.progmem.data` is avr-libc's section for constants in flash. This constant is read only
+// by LPM, in `Image::byte`. No other symbol of the program has this name.
 #[unsafe(link_section = ".progmem.data")]
 #[unsafe(no_mangle)]
 static IMAGE_IN_FLASH: [u8; IMAGE.len()] = IMAGE;

@@ -1,14 +1,17 @@
 //! Restarts the program after a fault, and keeps the cause.
 //!
-//! If the main loop completes no turn for 250 ms, the watchdog triggers its interrupt. The handler stores the cause in GPIOR0 and jumps to
-//! the start of the program. The watchdog's own reset is not used for this, because the Diecimila's bootloader leaves the watchdog running
-//! after it: the watchdog would reset the bootloader every 16 ms for ever, while it waits for an upload. That reset remains for a
-//! restart that hangs itself.
+//! If the main loop completes no turn for 250 ms, the watchdog triggers its interrupt. The handler
+//! stores the cause in GPIOR0 and jumps to the start of the program. The watchdog's own reset is
+//! not used for this, because the Diecimila's bootloader leaves the watchdog running after it: the
+//! watchdog would reset the bootloader every 16 ms for ever, while it waits for an upload. That
+//! reset remains for a restart that hangs itself.
 //!
-//! The program cannot hang with interrupts disabled. After `start` they are disabled only at the beginning and the end of a handler, while
-//! Timer0's handler increments a byte, and for seven cycles where the write of an EEPROM byte starts.
+//! The program cannot hang with interrupts disabled. After `start` they are disabled only at the
+//! beginning and the end of a handler, while Timer0's handler increments a byte, and for seven
+//! cycles where the write of an EEPROM byte starts.
 //!
-//! A panic, an interrupt without a handler, and a collision of the stack with the variables restart the program in the same way.
+//! A panic, an interrupt without a handler, and a collision of the stack with the variables restart
+//! the program in the same way.
 
 use core::arch::{asm, global_asm};
 use core::panic::PanicInfo;
@@ -17,8 +20,9 @@ use super::chip::CPU;
 
 use node::node::condition::ResetCause;
 
-// Runs before everything else. Saves MCUSR in GPIOR1 and clears it. Stops the watchdog, which may still run; the second write to WDTCSR must
-// follow within four cycles. Paints the RAM that the stack can grow into. At .init3 r1 is zero and the stack is unused.
+// Runs before everything else. Saves MCUSR in GPIOR1 and clears it. Stops the watchdog, which may
+// still run; the second write to WDTCSR must follow within four cycles. Paints the RAM that the
+// stack can grow into. At .init3 r1 is zero and the stack is unused.
 //
 // GPIOR1 = 0x2A, MCUSR = 0x34, WDTCSR = 0x60. avr-libc's `__stack` is the last byte of the RAM.
 global_asm!(
@@ -57,7 +61,8 @@ unsafe extern "C" {
 pub fn reset_cause(cpu: &CPU) -> ResetCause {
     let software = cpu.gpior0().read().bits();
     cpu.gpior0().write(|w| w.set(0));
-    // The saved MCUSR: WDRF, BORF, EXTRF, PORF from bit 3 down. After a power-on the other flags are undefined.
+    // The saved MCUSR: WDRF, BORF, EXTRF, PORF from bit 3 down. After a power-on the other flags
+    // are undefined.
     let flags = cpu.gpior1().read().bits();
     if flags & 0b0001 != 0 {
         ResetCause::POWER_ON
@@ -76,13 +81,14 @@ pub fn reset_cause(cpu: &CPU) -> ResetCause {
 /// Starts the watchdog and enables interrupts.
 pub fn start() {
     // WDCE | WDE, then within four cycles WDIF (to clear it) | WDIE | WDE | WDP2 (250 ms).
-    // Safety: the block writes only WDTCSR, in the sequence that the datasheet requires. Interrupts are disabled from the reset to here, so none
-    // comes in between.
+    // Safety: the block writes only WDTCSR, in the sequence that the datasheet requires. Interrupts
+    // are disabled from the reset to here, so none comes in between.
     unsafe {
         asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8, value = in(reg) 0xCCu8,
             options(nostack, preserves_flags));
     }
-    // Safety: `main` calls this once, after `Board::new` has set up all that the handlers use, and outside every critical section.
+    // Safety: `main` calls this once, after `Board::new` has set up all that the handlers use, and
+    // outside every critical section.
     unsafe { avr_device::interrupt::enable() };
 }
 
@@ -95,8 +101,9 @@ pub fn is_alive() {
 /// Restarts the program if the stack has reached the variables. Call it once a millisecond.
 pub fn check_stack() {
     let floor = (&raw const __heap_start).cast::<u8>();
-    // Safety: the linker places `__heap_start` after the variables, so these are two valid bytes of RAM that only the stack can write. The read
-    // is volatile because the compiler does not see the writes of the stack.
+    // Safety: the linker places `__heap_start` after the variables, so these are two valid bytes of
+    // RAM that only the stack can write. The read is volatile because the compiler does not see
+    // the writes of the stack.
     let [first, second] = unsafe { [floor.read_volatile(), floor.add(1).read_volatile()] };
     if first != PAINT || second != PAINT {
         restart(ResetCause::STACK_COLLISION);
@@ -111,9 +118,11 @@ pub fn restart(cause: ResetCause) -> ! {
         super::outputs::finish();
     }
     // GPIOR0 = 0x1E.
-    // Safety: the block does not return, so the running program uses nothing any more. The start code sets up the stack and all variables
-    // again, and `Board::new` all registers.
-    unsafe { asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause.0, options(noreturn)) }
+    // Safety: the block does not return, so the running program uses nothing any more. The start
+    // code sets up the stack and all variables again, and `Board::new` all registers.
+    unsafe {
+        asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause.0, options(noreturn))
+    }
 }
 
 #[panic_handler]
@@ -131,7 +140,8 @@ interrupt!(WDT {
 });
 
 /// The handler that avr-libc calls for every interrupt without a handler.
-// Safety: avr-libc declares this name as a weak symbol for this purpose, and calls it as an interrupt handler, which this function is.
+// Safety: avr-libc declares this name as a weak symbol for this purpose, and calls it as an
+// interrupt handler, which this function is.
 #[unsafe(no_mangle)]
 extern "avr-interrupt" fn __vector_default() {
     restart(ResetCause::STRAY_INTERRUPT)

@@ -1,9 +1,12 @@
-//! The header of the program: which board it is for, and its length (see [`node::handover`]). The bootloader reads it.
+//! The header of the program: which board it is for, and its length (see [`node::handover`]). The
+//! bootloader reads it.
 
 use node::handover::{HEADER_LEN, UNCHECKED_HEADER};
 
-// Safety: no other symbol of the program has this name. `.vectors` has the vectors of the start-up code, which the linker is given first, so this
-// follows them, at `handover::HEADER`; scripts/firmware checks that. Nothing runs or reads it as a vector, because the chip has no more of them.
+// Safety: no other symbol of the program has this name. `.vectors` has the vectors of the start-up
+// code, which the linker is given first, so this follows them, at `handover::HEADER`;
+// scripts/firmware checks that. Nothing runs or reads it as a vector, because the chip has no more
+// of them.
 #[unsafe(link_section = ".vectors")]
 #[unsafe(no_mangle)]
 #[used]

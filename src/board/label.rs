@@ -1,4 +1,5 @@
-//! The label of the ELF: the section `.board` says what board the program is for, one `key=value` a line. The simulator reads it.
+//! The label of the ELF: the section `.board` says what board the program is for, one `key=value` a
+//! line. The simulator reads it.
 //!
 //! The section has no flags. So the linker keeps it, and no byte of it gets into the chip.
 

@@ -1,10 +1,14 @@
 //! The light on OC2B, dimmed by Timer2 without software.
 //!
-//! Phase-correct PWM (mode 1) at 490 Hz: constantly off at 0 and constantly on at 255 (ATmega48/88/168 datasheet 2545, section 17).
+//! Phase-correct PWM (mode 1) at 490 Hz: constantly off at 0 and constantly on at 255
+//! (ATmega48/88/168 datasheet 2545, section 17).
 
 use super::chip::TC2;
 
-const _: () = assert!(node::hardware::LIGHT.is_some(), "INT on D3 takes the light's pin: leave out the feature lights");
+const _: () = assert!(
+    node::hardware::LIGHT.is_some(),
+    "INT on D3 takes the light's pin: leave out the feature lights"
+);
 
 /// The light.
 pub struct Light {

@@ -1,4 +1,5 @@
-//! The bootloader of `boot/`, and the end of the RAM, which the program shares with it (see [`node::handover`]).
+//! The bootloader of `boot/`, and the end of the RAM, which the program shares with it (see
+//! [`node::handover`]).
 
 use core::arch::asm;
 
@@ -17,8 +18,8 @@ fn shared(offset: u16) -> *mut u8 {
     (&raw const __stack).cast_mut().wrapping_add(1 + usize::from(offset))
 }
 
-/// True if the boot section begins as the loader of `boot/` does, with CLR r1. Other bootloaders begin with a jump, or are shorter, so that the boot
-/// section begins with erased flash.
+/// True if the boot section begins as the loader of `boot/` does, with CLR r1. Other bootloaders
+/// begin with a jump, or are shorter, so that the boot section begins with erased flash.
 pub fn is_there() -> bool {
     const CLR_R1: u16 = 0x2411;
     const BOOT_SECTION: u16 = match u16::from_str_radix(env!("NODE_BOOT_SECTION"), 10) {
@@ -58,12 +59,14 @@ pub fn enter(request: Option<&[u8; REQUEST_LEN]>) -> ! {
     super::outputs::finish();
     if let Some(request) = request {
         for (n, byte) in request.iter().enumerate() {
-            // Safety: these bytes are behind the stack, so they are no variables, and there is no reference to them.
+            // Safety: these bytes are behind the stack, so they are no variables, and there is no
+            // reference to them.
             unsafe { shared(REQUEST).wrapping_add(n).write_volatile(*byte) };
         }
     }
     // WDCE | WDE, then within four cycles WDE alone: a reset within 16 ms, and no interrupt.
-    // Safety: the block writes only WDTCSR, in the sequence that the datasheet requires. Interrupts are disabled.
+    // Safety: the block writes only WDTCSR, in the sequence that the datasheet requires. Interrupts
+    // are disabled.
     unsafe {
         asm!("sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8, value = in(reg) 0x08u8,
             options(nostack, preserves_flags));

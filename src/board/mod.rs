@@ -1,8 +1,10 @@
-//! The board: an Arduino at 16 MHz with an ATmega168 or ATmega328P, and a CAN board with an MCP2515. avr-specs/boards.toml is the table of
-//! boards; [`node::hardware`] has what differs between them. The two chips differ in the sizes of their memories only.
+//! The board: an Arduino at 16 MHz with an ATmega168 or ATmega328P, and a CAN board with an
+//! MCP2515. avr-specs/boards.toml is the table of boards; [`node::hardware`] has what differs
+//! between them. The two chips differ in the sizes of their memories only.
 //!
-//! All of the firmware's `unsafe` and all its interrupts are in this directory. The start code writes every register in use in full, because
-//! the program can restart without a reset of the chip (see [`guard`]).
+//! All of the firmware's `unsafe` and all its interrupts are in this directory. The start code
+//! writes every register in use in full, because the program can restart without a reset of the
+//! chip (see [`guard`]).
 //!
 //! | signal | pin | of the chip | use |
 //! | --- | --- | --- | --- |
@@ -74,7 +76,8 @@ pub use serial::Serial;
 #[cfg(not(feature = "outputs"))]
 pub use servo::Servo as Outputs;
 
-/// Crystal of the Arduino, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on it.
+/// Crystal of the Arduino, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on
+/// it.
 pub const CLOCK_HZ: u32 = 16_000_000;
 
 /// The parts of the board, ready for use.
@@ -109,13 +112,14 @@ impl Board {
         // Each register block separately: `Peripherals::take` stores in RAM that it was called.
         macro_rules! peripheral {
             ($name:ident) => {
-                // Safety: each register block is named once below, and `main` calls this function once, before interrupts are enabled. So each
-                // value is the only one of its block here. A module that steals a block again argues for that at its place.
+                // Safety: each register block is named once below, and `main` calls this function
+                // once, before interrupts are enabled. So each value is the only one of its
+                // block here. A module that steals a block again argues for that at its place.
                 unsafe { chip::$name::steal() }
             };
         }
-        // The pins come before the SPI, whose SS pin must be an output. After a restart Timer1 still runs and drives the servo's pin, whatever the
-        // port registers hold.
+        // The pins come before the SPI, whose SS pin must be an output. After a restart Timer1
+        // still runs and drives the servo's pin, whatever the port registers hold.
         let pins = Pins::new(peripheral!(PORTB), peripheral!(PORTC), peripheral!(PORTD));
         Self {
             servo: Outputs::new(peripheral!(TC1), pins.servo),

@@ -1,22 +1,30 @@
-//! The pulses of eight outputs. Timer1 makes the pulse of output 1, and an interrupt those of the others.
+//! The pulses of eight outputs. Timer1 makes the pulse of output 1, and an interrupt those of the
+//! others.
 //!
-//! Timer1 is in the mode that it has for a single servo (see `timer1.rs`): a period begins at BOTTOM, and OC1x makes the pulse of output 1 without
-//! software. A period has a slot of 2.5 ms for each output, and the pulse of output `n` begins with slot `n`, counted from 1. A pulse lasts 500 us to
-//! 2400 us, so no two edges are closer together than 100 us.
+//! Timer1 is in the mode that it has for a single servo (see `timer1.rs`): a period begins at
+//! BOTTOM, and OC1x makes the pulse of output 1 without software. A period has a slot of 2.5 ms for
+//! each output, and the pulse of output `n` begins with slot `n`, counted from 1. A pulse lasts 500
+//! us to 2400 us, so no two edges are closer together than 100 us.
 //!
-//! In mode 14 Timer1 takes a compare value over at BOTTOM only, so it cannot interrupt at each edge. Timer0 can: in CTC mode its compare value
-//! takes effect at once (ATmega48/88/168 datasheet 2545, section 15.7.2). A tick of Timer0 is 8 ticks of Timer1, so the interrupt comes
-//! [`LEAD`](edges::LEAD) to `LEAD` + 7 ticks early. Its handler then polls TCNT1, and switches the pin in the tick of the edge.
+//! In mode 14 Timer1 takes a compare value over at BOTTOM only, so it cannot interrupt at each
+//! edge. Timer0 can: in CTC mode its compare value takes effect at once (ATmega48/88/168 datasheet
+//! 2545, section 15.7.2). A tick of Timer0 is 8 ticks of Timer1, so the interrupt comes
+//! [`LEAD`](edges::LEAD) to `LEAD` + 7 ticks early. Its handler then polls TCNT1, and switches the
+//! pin in the tick of the edge.
 //!
-//! `LEAD` covers the longest time from the interrupt's flag to the poll. In cycles of 62.5 ns, from the instructions of the handlers: the end of the
-//! handler of INT0 12, an instruction of the main loop 4, the beginning of the handler of INT0 for another frame 19, another instruction 4, and the
-//! beginning of this handler 61. The sum is 100. The handler of Timer0's millisecond would take 34 more. It begins with TCNT0 at 0, so an interrupt
-//! for this time comes a tick of Timer0 earlier.
+//! `LEAD` covers the longest time from the interrupt's flag to the poll. In cycles of 62.5 ns, from
+//! the instructions of the handlers: the end of the handler of INT0 12, an instruction of the main
+//! loop 4, the beginning of the handler of INT0 for another frame 19, another instruction 4, and
+//! the beginning of this handler 61. The sum is 100. The handler of Timer0's millisecond would take
+//! 34 more. It begins with TCNT0 at 0, so an interrupt for this time comes a tick of Timer0
+//! earlier.
 //!
-//! The main loop computes the edges for new widths, and writes them to one of two sets, while the handler uses the other. The handler changes to the new
-//! set shortly before BOTTOM, and with it writes OCR1x. So all widths of one call of [`Output::set`] begin in the same period.
+//! The main loop computes the edges for new widths, and writes them to one of two sets, while the
+//! handler uses the other. The handler changes to the new set shortly before BOTTOM, and with it
+//! writes OCR1x. So all widths of one call of [`Output::set`] begin in the same period.
 //!
-//! After `start` only the handler uses the 16-bit registers of Timer1, which share a byte of temporary storage (section 16.3).
+//! After `start` only the handler uses the 16-bit registers of Timer1, which share a byte of
+//! temporary storage (section 16.3).
 
 mod edges;
 
@@ -25,8 +33,9 @@ use super::clock::TOP as TIMER0_TOP;
 use super::pins::ServoSignal;
 use super::timer1;
 use edges::{
-    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, FALLS, Falls, IS_NEW, LEAD, Moment, SCHEDULE, SLOT, Switched, TICKS_OF_TIMER0,
-    USED, enable_interrupt, modulo, modulo_of_pulse, other_falls, plus, tc0, tc1,
+    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, FALLS, Falls, IS_NEW, LEAD, Moment, SCHEDULE, SLOT,
+    Switched, TICKS_OF_TIMER0, USED, enable_interrupt, modulo, modulo_of_pulse, other_falls, plus,
+    tc0, tc1,
 };
 use node::hardware::{OUTPUT_PINS, OUTPUTS, Pin};
 use node::node::parameters::{Parameter, Parameters};
@@ -52,7 +61,8 @@ impl Outputs {
         Self { signal, falls: [Moment::NONE; OUTPUTS], has_change: false, is_single: false }
     }
 
-    /// Starts the outputs in use, with OUT_RATE. Call it once, before interrupts are enabled, and while Timer0 runs.
+    /// Starts the outputs in use, with OUT_RATE. Call it once, before interrupts are enabled, and
+    /// while Timer0 runs.
     pub fn start(&mut self, parameters: &Parameters) {
         let (count, rate_hz) = (parameters.outputs(), parameters.get(Parameter::OutRate));
         self.is_single = count == 1;
@@ -130,14 +140,19 @@ impl Output for Outputs {
         }
         // Safety: the handler changes neither the outputs nor the phase.
         let (switched, phase) = unsafe {
-            (&*(&raw const SCHEDULE.outputs).cast::<Switched>().wrapping_add(output % OUTPUTS), SCHEDULE.phase)
+            (
+                &*(&raw const SCHEDULE.outputs).cast::<Switched>().wrapping_add(output % OUTPUTS),
+                SCHEDULE.phase,
+            )
         };
         let at = if width == 0 { 0 } else { switched.rise.at.wrapping_add(width) };
         let fall = &mut self.falls[output % OUTPUTS];
         if fall.at != at {
             fall.at = at;
-            fall.compare =
-                plus(switched.before, modulo_of_pulse(width.wrapping_sub(LEAD + u16::from(phase)) / TICKS_OF_TIMER0));
+            fall.compare = plus(
+                switched.before,
+                modulo_of_pulse(width.wrapping_sub(LEAD + u16::from(phase)) / TICKS_OF_TIMER0),
+            );
             self.has_change = true;
         }
     }
@@ -155,8 +170,9 @@ impl Outputs {
     /// Gives the new ends of the pulses to the handler.
     #[inline(never)]
     fn hand_over(&mut self) {
-        // Safety: while `IS_NEW` is false the handler does not change to the other set, so only the main loop uses that one. `IS_NEW` is a byte, which
-        // one instruction reads or writes.
+        // Safety: while `IS_NEW` is false the handler does not change to the other set, so only the
+        // main loop uses that one. `IS_NEW` is a byte, which one instruction reads or
+        // writes.
         unsafe {
             (&raw mut IS_NEW).write_volatile(false);
             let mut to = other_falls().cast::<Moment>();

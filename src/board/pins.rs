@@ -1,7 +1,7 @@
 //! The pins as types. Each output pin has one value, and the owner of the value owns the pin.
 //!
-//! [`node::hardware`] says which pins the board of this build has. The chip fixes some of them: OC1A is on PB1, OC1B on PB2, OC2B on PD3, INT0 on
-//! PD2 and INT1 on PD3.
+//! [`node::hardware`] says which pins the board of this build has. The chip fixes some of them:
+//! OC1A is on PB1, OC1B on PB2, OC2B on PD3, INT0 on PD2 and INT1 on PD3.
 
 use core::convert::Infallible;
 
@@ -29,9 +29,10 @@ const SCK: Pin = Pin::named("D13");
 const TXD: Pin = Pin::named("D1");
 
 /// Pins that are outputs. Timer1 drives the servo's pin, Timer2 the light's.
-const OUTPUTS: [Option<Pin>; 7] = [Some(CAN_SELECT), Some(SERVO), Some(SS), Some(MOSI), Some(SCK), Some(TXD), LIGHT];
-/// Outputs that start high, and inputs with a pull-up. The pull-up of INT keeps it high without a CAN board. The button's is on even without the
-/// feature `button`.
+const OUTPUTS: [Option<Pin>; 7] =
+    [Some(CAN_SELECT), Some(SERVO), Some(SS), Some(MOSI), Some(SCK), Some(TXD), LIGHT];
+/// Outputs that start high, and inputs with a pull-up. The pull-up of INT keeps it high without a
+/// CAN board. The button's is on even without the feature `button`.
 const HIGH: [Option<Pin>; 4] = [Some(CAN_SELECT), Some(TXD), Some(CAN_INTERRUPT), Some(BUTTON)];
 
 /// The bits of a port among `pins`.
@@ -57,8 +58,9 @@ const fn mask(pins: &[Option<Pin>], port: char) -> u8 {
 unsafe fn set<const PORT: char, const BIT: u8>(is_high: bool) {
     macro_rules! write {
         ($registers:ident, $portx:ident) => {{
-            // Safety: `Pins::new` has consumed the port, so only this module uses it, and the caller owns the pin. The bit is a constant, so this
-            // is one `sbi` or `cbi`: no interrupt can come between reading and writing the other bits.
+            // Safety: `Pins::new` has consumed the port, so only this module uses it, and the
+            // caller owns the pin. The bit is a constant, so this is one `sbi` or `cbi`: no
+            // interrupt can come between reading and writing the other bits.
             let registers = unsafe { $registers::steal() };
             registers.$portx().modify(|r, w| {
                 let bits = if is_high { r.bits() | 1 << BIT } else { r.bits() & !(1 << BIT) };
@@ -77,7 +79,8 @@ unsafe fn set<const PORT: char, const BIT: u8>(is_high: bool) {
 /// Returns true if the bit of PINx is 1.
 #[inline(always)]
 fn is_high<const PORT: char, const BIT: u8>() -> bool {
-    // Safety: this only reads PINx, which has no side effect, so the owner of the port does not matter.
+    // Safety: this only reads PINx, which has no side effect, so the owner of the port does not
+    // matter.
     let pins = unsafe {
         match PORT {
             'B' => PORTB::steal().pinb().read().bits(),
@@ -135,7 +138,8 @@ impl<const PORT: char, const BIT: u8> ErrorType for Output<PORT, BIT> {
 impl<const PORT: char, const BIT: u8> OutputPin for Output<PORT, BIT> {
     #[inline(always)]
     fn set_low(&mut self) -> Result<(), Infallible> {
-        // Safety: there is one value of each output pin, and `&mut self` is that value, so the caller owns the pin.
+        // Safety: there is one value of each output pin, and `&mut self` is that value, so the
+        // caller owns the pin.
         unsafe { set::<PORT, BIT>(false) };
         Ok(())
     }

@@ -6,7 +6,8 @@ use super::CLOCK_HZ;
 
 const BAUD: u32 = 115_200;
 
-/// Divisor with U2X. It gives 117,647 baud, 2.1 % too fast. Without U2X the rate would be 3.5 % too slow.
+/// Divisor with U2X. It gives 117,647 baud, 2.1 % too fast. Without U2X the rate would be 3.5 % too
+/// slow.
 const UBRR: u16 = (CLOCK_HZ / 8 / BAUD - 1) as u16;
 
 /// The UART.

@@ -9,16 +9,19 @@ use embedded_hal::spi::{self, SpiBus};
 pub struct CanSpi(());
 
 impl CanSpi {
-    /// Makes the value before the SPI is set up, so that the driver that owns it can be a static of zero bytes.
+    /// Makes the value before the SPI is set up, so that the driver that owns it can be a static of
+    /// zero bytes.
     ///
     /// # Safety
     ///
-    /// There must be no other value of this type, and nothing may use it before [`set_up`](Self::set_up).
+    /// There must be no other value of this type, and nothing may use it before
+    /// [`set_up`](Self::set_up).
     pub const unsafe fn steal() -> Self {
         Self(())
     }
 
-    /// Sets up the SPI. SS must be an output before. Consumes the registers: from here on only the driver uses them.
+    /// Sets up the SPI. SS must be an output before. Consumes the registers: from here on only the
+    /// driver uses them.
     pub fn set_up(spi: SPI) {
         spi.spcr().write(|w| w.spe().set_bit().mstr().set_bit());
         spi.spsr().write(|w| w.spi2x().set_bit());
@@ -26,7 +29,8 @@ impl CanSpi {
 
     #[inline(always)]
     fn spi(&self) -> SPI {
-        // Safety: `set_up` has consumed the registers, and `steal` requires that there is no other value of this type. So nothing else uses them.
+        // Safety: `set_up` has consumed the registers, and `steal` requires that there is no other
+        // value of this type. So nothing else uses them.
         unsafe { SPI::steal() }
     }
 
@@ -35,8 +39,8 @@ impl CanSpi {
         self.spi().spdr().write(|w| w.set(byte));
     }
 
-    /// Waits for the end of the byte, and returns the received byte. The wait always ends 16 cycles after `begin`, because the master makes the
-    /// clock.
+    /// Waits for the end of the byte, and returns the received byte. The wait always ends 16 cycles
+    /// after `begin`, because the master makes the clock.
     #[inline(always)]
     fn finish(&mut self) -> u8 {
         while self.spi().spsr().read().spif().bit_is_clear() {}

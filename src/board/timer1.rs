@@ -1,8 +1,9 @@
 //! Timer1, which makes the pulse of output 1 without an interrupt, so it has no jitter.
 //!
-//! Timer1 is in fast PWM mode with ICR1 as TOP (mode 14): OC1x goes high at BOTTOM, and low after a compare match with OCR1x. OCR1x is double
-//! buffered and updated only at BOTTOM (ATmega48/88/168 datasheet 2545, section 15). So a new width takes effect at the start of a
-//! period, and the pulse lasts OCR1x + 1 ticks. The servo is on OC1A (D9) or OC1B (D10).
+//! Timer1 is in fast PWM mode with ICR1 as TOP (mode 14): OC1x goes high at BOTTOM, and low after a
+//! compare match with OCR1x. OCR1x is double buffered and updated only at BOTTOM (ATmega48/88/168
+//! datasheet 2545, section 15). So a new width takes effect at the start of a period, and the pulse
+//! lasts OCR1x + 1 ticks. The servo is on OC1A (D9) or OC1B (D10).
 
 use super::CLOCK_HZ;
 use super::chip::TC1;
@@ -24,7 +25,8 @@ pub const TICKS: u32 = {
 /// Turns of six cycles or more that are longer than any pulse, which takes 2.5 ms at most: 3 ms.
 pub const TURNS_OF_A_PULSE: u16 = 8000;
 
-/// Stops the timer between two pulses, in mode 14. After a restart of the program it may be in a pulse, which must end and not be cut.
+/// Stops the timer between two pulses, in mode 14. After a restart of the program it may be in a
+/// pulse, which must end and not be cut.
 #[inline(always)]
 pub fn stop(tc1: &TC1, signal: &ServoSignal) {
     let mut turns = TURNS_OF_A_PULSE;
@@ -49,14 +51,16 @@ pub fn period(rate_hz: u16) -> Ticks {
     scaled((TICKS / 64) as u16, 64, rate_hz)
 }
 
-/// Sets the period, and begins one, so that the timer is never above the new TOP. Call it before the first pulse.
+/// Sets the period, and begins one, so that the timer is never above the new TOP. Call it before
+/// the first pulse.
 #[inline(always)]
 pub fn set_period(tc1: &TC1, period: Ticks) {
     tc1.icr1().write(|w| w.set(period.wrapping_sub(1)));
     tc1.tcnt1().write(|w| w.set(0));
 }
 
-/// Makes pulses of this width from the next period on, or none. Between two pulses only, if it is 0.
+/// Makes pulses of this width from the next period on, or none. Between two pulses only, if it is
+/// 0.
 #[inline(always)]
 pub fn set_width(tc1: &TC1, width: Ticks) {
     if width == 0 {

@@ -1,11 +1,13 @@
 //! Makes the lines of text.
 //!
-//! To queue an [`Event`] takes a few microseconds. The monitor makes the text later, in steps of at most
-//! 125 us. So the caller never waits, and a burst of eight events needs 64 bytes of RAM; its text would need 400. When the queue is full, the
-//! monitor drops events, counts them, and logs the count.
+//! To queue an [`Event`] takes a few microseconds. The monitor makes the text later, in steps of at
+//! most 125 us. So the caller never waits, and a burst of eight events needs 64 bytes of RAM; its
+//! text would need 400. When the queue is full, the monitor drops events, counts them, and logs the
+//! count.
 //!
-//! The texts stay in flash, packed ([`text`]). The monitor unpacks them on a stack: it replaces a code that stands for a pair by the two codes
-//! of the pair, and a field by the characters of its value. It pushes the last code first.
+//! The texts stay in flash, packed ([`text`]). The monitor unpacks them on a stack: it replaces a
+//! code that stands for a pair by the two codes of the pair, and a field by the characters of its
+//! value. It pushes the last code first.
 
 use heapless::Vec;
 
@@ -13,8 +15,8 @@ use super::text::{self, Code, Field, Line, Texts};
 use super::{Event, TextsAndNames};
 use crate::progmem::Progmem;
 
-/// Events in the ring: the one that is being sent, and seven that wait. At 115200 baud a line takes about 5 ms, so this bridges 40 ms. A power
-/// of two.
+/// Events in the ring: the one that is being sent, and seven that wait. At 115200 baud a line takes
+/// about 5 ms, so this bridges 40 ms. A power of two.
 const QUEUE_LEN: usize = 8;
 
 /// Codes on the stack at most. A test checks the depth.
@@ -31,13 +33,14 @@ pub struct Monitor {
     sent: u8,
     /// Events that wait.
     waiting: u8,
-    /// Events dropped since the last [`Line::Lost`], at most 255. The monitor logs the count before the next line; after a [`Line::Lost`] it
-    /// logs another line first.
+    /// Events dropped since the last [`Line::Lost`], at most 255. The monitor logs the count
+    /// before the next line; after a [`Line::Lost`] it logs another line first.
     lost: u8,
     /// Codes to send next. The top of the stack is the first.
     stack: Vec<u8, STACK_LEN, u8>,
-    /// After the stack: index in flash of the rest of a text, and its length. While `text_skip` is not 0 the text is still to be found:
-    /// `text_at` is the index of the length of some text, and the text to send is `text_skip - 1` texts after that one.
+    /// After the stack: index in flash of the rest of a text, and its length. While `text_skip` is
+    /// not 0 the text is still to be found: `text_at` is the index of the length of some text,
+    /// and the text to send is `text_skip - 1` texts after that one.
     text_at: u16,
     text_left: u8,
     text_skip: u8,
@@ -67,8 +70,9 @@ impl Monitor {
         }
     }
 
-    /// Queues a line and returns its event, into which the caller puts the values. Values that the caller does not set are those of an earlier
-    /// event. If the queue is full, the line replaces the last one, which is counted as dropped.
+    /// Queues a line and returns its event, into which the caller puts the values. Values that the
+    /// caller does not set are those of an earlier event. If the queue is full, the line
+    /// replaces the last one, which is counted as dropped.
     #[inline(never)]
     pub fn log_line(&mut self, line: Line) -> &mut Event {
         if self.is_full() {
@@ -81,8 +85,8 @@ impl Monitor {
         event
     }
 
-    /// The same for a line about a single frame. If the queue is full, drops and counts it and returns `None`: such lines come as fast as frames
-    /// do, and must not replace others.
+    /// The same for a line about a single frame. If the queue is full, drops and counts it and
+    /// returns `None`: such lines come as fast as frames do, and must not replace others.
     #[inline(never)]
     pub fn log_frame(&mut self, line: Line) -> Option<&mut Event> {
         if self.is_full() {
@@ -271,8 +275,8 @@ impl Monitor {
     }
 }
 
-/// A tenth of a number, rounded down, or one less. It adds the parts 1/2, 1/4, 1/32 and so on: the AVR has no division, and no multiplication of
-/// words.
+/// A tenth of a number, rounded down, or one less. It adds the parts 1/2, 1/4, 1/32 and so on: the
+/// AVR has no division, and no multiplication of words.
 #[inline(never)]
 fn nearly_a_tenth(number: u16) -> u16 {
     let mut eighths = (number >> 1).wrapping_add(number >> 2);
@@ -300,7 +304,9 @@ mod tests {
     }
 
     fn logged(monitor: &mut Monitor) -> String {
-        std::iter::from_fn(|| Some(next(monitor)).filter(|&byte| byte != 0)).map(char::from).collect()
+        std::iter::from_fn(|| Some(next(monitor)).filter(|&byte| byte != 0))
+            .map(char::from)
+            .collect()
     }
 
     fn line_of(event: Event) -> String {
@@ -317,7 +323,10 @@ mod tests {
     #[test]
     fn a_command_is_logged_with_type_source_transfer_and_value() {
         let event = Event { line: Line::CommandUnitless, bytes: [10, 7, 1], a: 500, b: 3500 };
-        assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n");
+        assert_eq!(
+            line_of(event),
+            "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n"
+        );
     }
 
     #[test]
@@ -325,13 +334,18 @@ mod tests {
         let health = Line::Health.plus(1).number();
         let mode = Line::Mode.plus(3).number();
         let event = Event { line: Line::Status, bytes: [1, 31, health], a: 65_535, b: mode.into() };
-        assert_eq!(line_of(event), "rx NodeStatus from 1 tid 31: up 65535 s, WARNING, SOFTWARE_UPDATE\r\n");
+        assert_eq!(
+            line_of(event),
+            "rx NodeStatus from 1 tid 31: up 65535 s, WARNING, SOFTWARE_UPDATE\r\n"
+        );
     }
 
     #[cfg(feature = "standard")]
     #[test]
     fn a_parameter_is_logged_by_its_name() {
-        for (parameter, name) in [(Parameter::CanNode, "CAN_NODE"), (Parameter::Out1Reversed, "OUT1_REVERSED")] {
+        for (parameter, name) in
+            [(Parameter::CanNode, "CAN_NODE"), (Parameter::Out1Reversed, "OUT1_REVERSED")]
+        {
             let b = parameter as u16;
             let line = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
             assert_eq!(line, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
@@ -353,18 +367,34 @@ mod tests {
             let sign = if a < 0 { '-' } else { '+' };
             let (whole, rest) = (a.unsigned_abs() / 1000, a.unsigned_abs() % 1000);
             let expected = format!("{sign}{whole}.{rest:03}");
-            assert_eq!(field_of(Line::CommandUnitless, zero, a as u16, 0, "unitless ", ","), expected);
+            assert_eq!(
+                field_of(Line::CommandUnitless, zero, a as u16, 0, "unitless ", ","),
+                expected
+            );
             let (whole, rest) = (a.unsigned_abs() / 10, a.unsigned_abs() % 10);
             let expected = format!("{sign}{whole}.{rest}");
-            assert_eq!(field_of(Line::Temperature, zero, a as u16, 0, "temperature ", " C"), expected);
+            assert_eq!(
+                field_of(Line::Temperature, zero, a as u16, 0, "temperature ", " C"),
+                expected
+            );
         }
-        for (b, pulse) in [(0, "0.0"), (1, "0.5"), (2, "1.0"), (1999, "999.5"), (5000, "2500.0"), (65_535, "32767.5")] {
+        for (b, pulse) in [
+            (0, "0.0"),
+            (1, "0.5"),
+            (2, "1.0"),
+            (1999, "999.5"),
+            (5000, "2500.0"),
+            (65_535, "32767.5"),
+        ] {
             assert_eq!(field_of(Line::CommandPwm, zero, 0, b, "pulse ", " us"), pulse);
         }
         for code in 0..=255 {
             let expected = format!("{code:02X}");
             assert_eq!(field_of(Line::NotAnswering, [0, 0, code], 0, 0, "CANSTAT ", ")"), expected);
-            assert_eq!(field_of(Line::CommandUnitless, [0, 0, code], 0, 0, ": id ", " "), code.to_string());
+            assert_eq!(
+                field_of(Line::CommandUnitless, [0, 0, code], 0, 0, ": id ", " "),
+                code.to_string()
+            );
         }
     }
 

@@ -1,7 +1,7 @@
 //! The serial monitor: logs events as lines of text, at the rate of the UART.
 //!
-//! The node queues an [`Event`] of eight bytes, and [`Monitor`] makes its text later. Without the feature `monitor` there are no texts, and events go
-//! nowhere.
+//! The node queues an [`Event`] of eight bytes, and [`Monitor`] makes its text later. Without the
+//! feature `monitor` there are no texts, and events go nowhere.
 
 #[cfg(feature = "monitor")]
 mod lines;
@@ -30,9 +30,11 @@ pub struct Event {
     pub line: Line,
     /// The values of the fields of one byte, in the order of their codes: source, transfer, code.
     bytes: [u8; 3],
-    /// `%a`: a number. `%+`: the sign of a signed number. `%0` to `%3`: its magnitude with 0 to 3 decimal places.
+    /// `%a`: a number. `%+`: the sign of a signed number. `%0` to `%3`: its magnitude with 0 to 3
+    /// decimal places.
     pub a: u16,
-    /// `%b`: a number. `%p`: a number in halves. `%v`: the number of a line to insert. `%n`: the number of a parameter whose name to insert.
+    /// `%b`: a number. `%p`: a number in halves. `%v`: the number of a line to insert. `%n`: the
+    /// number of a parameter whose name to insert.
     pub b: u16,
 }
 
@@ -70,7 +72,8 @@ impl Event {
         self.bytes[Field::TRANSFER as usize] = transfer;
     }
 
-    /// Sets `%c` or `%x`, a code in decimal or hexadecimal, or `%w`, the number of a line to insert.
+    /// Sets `%c` or `%x`, a code in decimal or hexadecimal, or `%w`, the number of a line to
+    /// insert.
     #[inline(always)]
     pub fn set_code(&mut self, code: u8) {
         self.bytes[Field::CODE as usize] = code;
@@ -79,6 +82,7 @@ impl Event {
 
 /// Access to the texts and to the names of the parameters (`%n`) in flash.
 pub trait TextsAndNames: Progmem<Texts> {
-    /// Index of the first name, counted from the first byte of the texts. The length of each name is stored before it.
+    /// Index of the first name, counted from the first byte of the texts. The length of each name
+    /// is stored before it.
     const NAMES: u16;
 }

@@ -1,7 +1,8 @@
 //! The texts of the serial monitor, packed for flash.
 //!
-//! The start-up code of the AVR copies a string literal to RAM. So the texts are packed at compile time into a table that stays in flash. In a
-//! text a `%` and a letter stand for a value: see [`Event`](super::Event).
+//! The start-up code of the AVR copies a string literal to RAM. So the texts are packed at compile
+//! time into a table that stays in flash. In a text a `%` and a letter stand for a value: see
+//! [`Event`](super::Event).
 
 /// The table: [`PACKED`].
 pub struct Texts;
@@ -247,7 +248,8 @@ lines! {
 pub enum Code {
     /// This character.
     Character(u8),
-    /// A pair of codes. The first is at this index of [`PACKED`], the other [`SECOND`] bytes after it.
+    /// A pair of codes. The first is at this index of [`PACKED`], the other [`SECOND`] bytes after
+    /// it.
     Pair(u16),
     /// The value of this field.
     Field(u8),
@@ -277,7 +279,8 @@ impl From<u8> for Code {
 /// Ends a line: the pair of carriage return and line feed.
 pub const LINE_END: u8 = FIRST_PAIR;
 
-/// The numbers of the fields in [`Code::Field`], and their letters in a text. See [`Event`](super::Event).
+/// The numbers of the fields in [`Code::Field`], and their letters in a text. See
+/// [`Event`](super::Event).
 pub struct Field;
 
 impl Field {
@@ -342,7 +345,8 @@ struct Packing {
 impl Packing {
     /// The lines unpacked: one code for each character and each field.
     const fn new() -> Self {
-        let mut packing = Self { text: [END; plain_len()], len: 0, pairs: [[0; 2]; PAIRS as usize], used: 0 };
+        let mut packing =
+            Self { text: [END; plain_len()], len: 0, pairs: [[0; 2]; PAIRS as usize], used: 0 };
         let mut line = 0;
         while line < LINES.len() {
             let text = LINES[line].as_bytes();
@@ -365,10 +369,12 @@ impl Packing {
         packing
     }
 
-    /// Replaces each occurrence of the pair `old` by the code `new`, and counts the pairs of the result. Returns the most frequent pair and its
-    /// count. One pass does both, because the compiler evaluates this slowly, once for each crate that needs the result.
+    /// Replaces each occurrence of the pair `old` by the code `new`, and counts the pairs of the
+    /// result. Returns the most frequent pair and its count. One pass does both, because the
+    /// compiler evaluates this slowly, once for each crate that needs the result.
     const fn replace(&mut self, old: [u16; 2], new: u16) -> ([u16; 2], u8) {
-        // Each array counts a quarter of all pairs: on the AVR, whose sizes apply here, an array of 65,536 bytes is too large.
+        // Each array counts a quarter of all pairs: on the AVR, whose sizes apply here, an array of
+        // 65,536 bytes is too large.
         const QUARTER: usize = 1 << 14;
         let mut q0 = [0u8; QUARTER];
         let mut q1 = [0u8; QUARTER];
@@ -405,7 +411,8 @@ impl Packing {
     }
 }
 
-/// Byte-pair encoding: replaces the most frequent pair of codes by a new code, as long as that makes the table shorter.
+/// Byte-pair encoding: replaces the most frequent pair of codes by a new code, as long as that
+/// makes the table shorter.
 const PACKING: Packing = {
     let mut packing = Packing::new();
     // The first pair is the end of a line.

@@ -1,11 +1,14 @@
-//! The filters and masks of the CAN controller, derived from the table of received types ([`kind`](super::kind)).
+//! The filters and masks of the CAN controller, derived from the table of received types
+//! ([`kind`](super::kind)).
 //!
-//! Every priority and every source passes. Transfers of several frames come in bursts: ArrayCommand and the requests to this node. They get RXB0,
-//! from which a frame rolls over to RXB1 when RXB0 is full. Their common mask ignores the high byte of a message's type, because that byte is the
+//! Every priority and every source passes. Transfers of several frames come in bursts: ArrayCommand
+//! and the requests to this node. They get RXB0, from which a frame rolls over to RXB1 when RXB0 is
+//! full. Their common mask ignores the high byte of a message's type, because that byte is the
 //! service ID in a service. So messages with a type of 1010 modulo 256 also pass.
 //!
-//! All other types share the four filters of RXB1. For up to four types the mask compares all 16 bits of the type. For more types it compares only as
-//! many bits of the low byte as let all of them pass ([`Wide`]).
+//! All other types share the four filters of RXB1. For up to four types the mask compares all 16
+//! bits of the type. For more types it compares only as many bits of the low byte as let all of
+//! them pass ([`Wide`]).
 
 use dronecan_wire::{Id, NodeId};
 use mcp2515_ordered::{Acceptance, Pattern};
@@ -29,16 +32,20 @@ const SLOTS: usize = 4;
 pub enum Row {
     /// DroneCAN v0, for a node with an ID.
     V0,
-    /// The same with esc.RawCommand, for a node with motors. With one type more, the mask compares fewer bits.
+    /// The same with esc.RawCommand, for a node with motors. With one type more, the mask compares
+    /// fewer bits.
     #[cfg(feature = "outputs")]
     WithMotors,
-    /// A node without an ID takes Allocation only: from allocators in RXB0, from other nodes without an ID in RXB1.
+    /// A node without an ID takes Allocation only: from allocators in RXB0, from other nodes
+    /// without an ID in RXB1.
     #[cfg(feature = "allocation")]
     WithoutId,
-    /// Both dialects. RXB1 compares three bits of the type's high byte. NodeStatus and the commands of both dialects pass, and requests of the draft.
+    /// Both dialects. RXB1 compares three bits of the type's high byte. NodeStatus and the commands
+    /// of both dialects pass, and requests of the draft.
     #[cfg(feature = "draft")]
     Either,
-    /// The types of the thesis's node, in the draft. Every source passes; the thesis's filters passed node 1 only.
+    /// The types of the thesis's node, in the draft. Every source passes; the thesis's filters
+    /// passed node 1 only.
     #[cfg(feature = "draft")]
     Thesis,
 }
@@ -61,7 +68,11 @@ impl Wide {
         let mut candidate = 0x100u16;
         while candidate > 0 {
             candidate -= 1;
-            let mask = if candidate == 0xFF && Self::fit(types, 0xFFFF).is_some() { 0xFFFF } else { candidate };
+            let mask = if candidate == 0xFF && Self::fit(types, 0xFFFF).is_some() {
+                0xFFFF
+            } else {
+                candidate
+            };
             if mask.count_ones() > best.mask.count_ones()
                 && let Some(filters) = Self::fit(types, mask)
             {
@@ -71,7 +82,8 @@ impl Wide {
         best
     }
 
-    /// The types under a mask. `None` if there are not enough filters. Unused filters repeat the first.
+    /// The types under a mask. `None` if there are not enough filters. Unused filters repeat the
+    /// first.
     const fn fit(types: &[u16], mask: u16) -> Option<[u16; SLOTS]> {
         let mut filters = [types[0] & mask; SLOTS];
         let mut used = 1;
@@ -105,8 +117,8 @@ const fn singles(has_motors: bool) -> usize {
     count
 }
 
-/// True for a message of v0, except ArrayCommand, which RXB0 takes, and Allocation, which a node with an ID does not need. RawCommand is only for
-/// motors.
+/// True for a message of v0, except ArrayCommand, which RXB0 takes, and Allocation, which a node
+/// with an ID does not need. RawCommand is only for motors.
 const fn is_single(kind: Kind, has_motors: bool) -> bool {
     let _ = has_motors;
     match kind {
@@ -125,7 +137,8 @@ const fn message(data_type: u16) -> Pattern {
     Pattern::filter(Id::message(0, data_type, 0).to_bytes())
 }
 
-/// A mask with these bits of a message's type, and the bit that distinguishes services from messages.
+/// A mask with these bits of a message's type, and the bit that distinguishes services from
+/// messages.
 const fn message_mask(bits: u16) -> Pattern {
     let [priority, high, low, service] = Id::message(0, bits, 0).to_bytes();
     Pattern::mask([priority, high, low, service | SERVICE])
@@ -185,9 +198,19 @@ const EITHER: [Pattern; 8] = {
     const fn high(bits: u16) -> Pattern {
         message(bits << 8)
     }
-    // High bytes in v0: NodeStatus 0x01, others 0x04. In the draft: NodeStatus 0x34, ArrayCommand 0x4C, the thesis's command 0xC4, GetNodeInfo 0x3A,
-    // RestartNode 0x82. The lowest bit is a bit of the source in the draft.
-    [commands, requests, high(0x00), high(0x04), high(0x30), high(0x34), bursts, message_mask(0x3400)]
+    // High bytes in v0: NodeStatus 0x01, others 0x04. In the draft: NodeStatus 0x34, ArrayCommand
+    // 0x4C, the thesis's command 0xC4, GetNodeInfo 0x3A, RestartNode 0x82. The lowest bit is a
+    // bit of the source in the draft.
+    [
+        commands,
+        requests,
+        high(0x00),
+        high(0x04),
+        high(0x30),
+        high(0x34),
+        bursts,
+        message_mask(0x3400),
+    ]
 };
 
 #[cfg(feature = "draft")]
@@ -196,7 +219,8 @@ const THESIS: [Pattern; 8] = {
     const STATUS: [u8; 4] = 0x1134_0408u32.to_be_bytes();
     // Compares the data type, the kind of transfer, and the last-frame bit.
     const MASK: [u8; 4] = 0x1FFE_0008u32.to_be_bytes();
-    let (command, status, mask) = (Pattern::filter(COMMAND), Pattern::filter(STATUS), Pattern::mask(MASK));
+    let (command, status, mask) =
+        (Pattern::filter(COMMAND), Pattern::filter(STATUS), Pattern::mask(MASK));
     [command, status, command, status, command, status, mask, mask]
 };
 
@@ -278,7 +302,8 @@ mod tests {
     use super::*;
     use crate::image::InMemory;
 
-    const WITH_ID: NodeAcceptance<InMemory> = NodeAcceptance { node: NodeId::new(42), row: Row::V0, flash: InMemory };
+    const WITH_ID: NodeAcceptance<InMemory> =
+        NodeAcceptance { node: NodeId::new(42), row: Row::V0, flash: InMemory };
 
     /// The type of each message that RXB1 takes in v0.
     const SINGLE_TYPES: &[u16] = &[
@@ -301,7 +326,8 @@ mod tests {
 
     /// All registers: six filters and two masks.
     fn all(acceptance: NodeAcceptance<InMemory>) -> [u32; 8] {
-        [0, 1, 2, 3, 4, 5, 6, 7].map(|n| u32::from_be_bytes([0, 1, 2, 3].map(|k| acceptance.register(4 * n + k))))
+        [0, 1, 2, 3, 4, 5, 6, 7]
+            .map(|n| u32::from_be_bytes([0, 1, 2, 3].map(|k| acceptance.register(4 * n + k))))
     }
 
     /// The receive buffer for an extended frame with this identifier. `None` if no filter matches.
@@ -328,15 +354,23 @@ mod tests {
 
     #[test]
     fn other_messages_other_nodes_requests_and_all_responses_stay_out() {
-        for id in
-            [0x1804_562A, 0x1803_F32A, 0x1E97_4D00, 0x1E00_017F, 0x1E01_ABFF, 0x1E01_2AFF, 0x1001_55AA, 0x1804_5801]
-        {
+        for id in [
+            0x1804_562A,
+            0x1803_F32A,
+            0x1E97_4D00,
+            0x1E00_017F,
+            0x1E01_ABFF,
+            0x1E01_2AFF,
+            0x1001_55AA,
+            0x1804_5801,
+        ] {
             assert_eq!(buffer(WITH_ID, id), None, "{id:08X}");
         }
     }
 
-    /// Of up to four types the mask of RXB1 compares all bits; of five, 0x55, 0x57, 0x4C, 0x20 and 0x39 in their low bytes, all of these but bit 1;
-    /// of six, with 0xB9, all but bits 1 and 7. RXB0 also takes messages with the low byte of ArrayCommand.
+    /// Of up to four types the mask of RXB1 compares all bits; of five, 0x55, 0x57, 0x4C, 0x20 and
+    /// 0x39 in their low bytes, all of these but bit 1; of six, with 0xB9, all but bits 1 and
+    /// 7. RXB0 also takes messages with the low byte of ArrayCommand.
     #[test]
     fn only_messages_in_use_and_those_with_their_low_bytes_pass() {
         let mask = match SINGLE_TYPES.len() {
@@ -362,11 +396,21 @@ mod tests {
         let (singles, mask) = match SINGLE_TYPES {
             [_, _] => ([0x0009_5500, 0x0028_5700, 0x0009_5500, 0x0009_5500], 0x07E3_FF80),
             [_, _, 1100] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x0009_5500], 0x07E3_FF80),
-            [_, _, 1100, 20_000] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x026A_2000], 0x07E3_FF80),
-            [_, _, 1100, 1081] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x0028_3900], 0x07E3_FF80),
-            [_, _, 1100, 3001] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x004B_B900], 0x07E3_FF80),
-            [_, _, 1100, 20_000, 1081, 3001] => ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_7D80),
-            [_, _, 1100, 20_000, 1081] => ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_FD80),
+            [_, _, 1100, 20_000] => {
+                ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x026A_2000], 0x07E3_FF80)
+            }
+            [_, _, 1100, 1081] => {
+                ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x0028_3900], 0x07E3_FF80)
+            }
+            [_, _, 1100, 3001] => {
+                ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x004B_B900], 0x07E3_FF80)
+            }
+            [_, _, 1100, 20_000, 1081, 3001] => {
+                ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_7D80)
+            }
+            [_, _, 1100, 20_000, 1081] => {
+                ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_FD80)
+            }
             other => panic!("{other:?}"),
         };
         let filters = [&[0x0008_F200, 0x0008_AA80][..], &singles, &[0x0000_FF80, mask]].concat();
@@ -375,11 +419,20 @@ mod tests {
 
     #[test]
     fn types_that_fit_are_compared_in_all_their_bits() {
-        for types in [&[341][..], &[341, 1111], &[1, 2, 3, 4], &[0x0155, 0x0255, 0x0355, 0x0455], &[7, 7, 8, 8, 9, 9]] {
+        for types in [
+            &[341][..],
+            &[341, 1111],
+            &[1, 2, 3, 4],
+            &[0x0155, 0x0255, 0x0355, 0x0455],
+            &[7, 7, 8, 8, 9, 9],
+        ] {
             let wide = Wide::new(types);
             assert_eq!(wide.mask, 0xFFFF, "{types:?}");
             assert!(types.iter().all(|data_type| wide.filters.contains(data_type)), "{types:?}");
-            assert!(wide.filters.iter().all(|filter| types.contains(filter)), "{types:?}: nothing else");
+            assert!(
+                wide.filters.iter().all(|filter| types.contains(filter)),
+                "{types:?}: nothing else"
+            );
         }
     }
 
@@ -394,20 +447,27 @@ mod tests {
         ] {
             let wide = Wide::new(types);
             let distinct = |mask: u16| {
-                let masked: std::collections::HashSet<u16> = types.iter().map(|data_type| data_type & mask).collect();
+                let masked: std::collections::HashSet<u16> =
+                    types.iter().map(|data_type| data_type & mask).collect();
                 masked.len()
             };
             assert!(distinct(0xFFFF) > SLOTS, "{types:?}");
-            let most = (0..=0xFFu16).filter(|&mask| distinct(mask) <= SLOTS).map(u16::count_ones).max();
+            let most =
+                (0..=0xFFu16).filter(|&mask| distinct(mask) <= SLOTS).map(u16::count_ones).max();
             assert_eq!((wide.mask & 0xFF00, Some(wide.mask.count_ones())), (0, most), "{types:?}");
-            assert!(types.iter().all(|data_type| wide.filters.contains(&(data_type & wide.mask))), "{types:?}");
-            let is_one = |&filter: &u16| types.iter().any(|data_type| data_type & wide.mask == filter);
+            assert!(
+                types.iter().all(|data_type| wide.filters.contains(&(data_type & wide.mask))),
+                "{types:?}"
+            );
+            let is_one =
+                |&filter: &u16| types.iter().any(|data_type| data_type & wide.mask == filter);
             assert!(wide.filters.iter().all(is_one), "{types:?}");
         }
         assert_eq!(Wide::new(&[0x0001, 0x0101, 0x0201, 0x0301, 0x0401]).mask, 0x00FF);
     }
 
-    /// Of six types the mask compares five bits of the low byte: 0x06, 0x55, 0x57, 0x4C, 0x20 and 0x39 differ in them, but for two pairs.
+    /// Of six types the mask compares five bits of the low byte: 0x06, 0x55, 0x57, 0x4C, 0x20 and
+    /// 0x39 differ in them, but for two pairs.
     #[cfg(feature = "outputs")]
     #[test]
     fn a_node_with_motors_takes_raw_commands_too() {
@@ -422,7 +482,8 @@ mod tests {
         assert_eq!(buffer(with_motors, 0x1804_0A0A), None, "esc.Status");
         if let [341, 1111, 1100, 20_000, 1081] = SINGLE_TYPES {
             let singles = [0x0008_0600, 0x0008_4400, 0x0008_4600, 0x0008_2000];
-            let filters = [&[0x0008_F200, 0x0008_AA80][..], &singles, &[0x0000_FF80, 0x0000_E680]].concat();
+            let filters =
+                [&[0x0008_F200, 0x0008_AA80][..], &singles, &[0x0000_FF80, 0x0000_E680]].concat();
             assert_eq!(all(with_motors)[..], filters);
         }
     }
@@ -437,10 +498,21 @@ mod tests {
         for id in [0x1E97_4D00, 0x1EBC_1100, 0x1E9D_1D00, 0x1EEE_8100] {
             assert_eq!(buffer(WITHOUT_ID, id), Some(1), "{id:08X}");
         }
-        for id in [0x1003_F20A, 0x1801_552A, 0x1E01_AAFF, 0x1E01_80FF, 0x1E00_01FF, 0x1E97_4E00, 0x1804_4C0A] {
+        for id in [
+            0x1003_F20A,
+            0x1801_552A,
+            0x1E01_AAFF,
+            0x1E01_80FF,
+            0x1E00_01FF,
+            0x1E97_4E00,
+            0x1804_4C0A,
+        ] {
             assert_eq!(buffer(WITHOUT_ID, id), None, "{id:08X}");
         }
-        assert_eq!(all(WITHOUT_ID)[..], [&[0x0008_0100; 6][..], &[0x07E3_FF80, 0x0000_03FF]].concat());
+        assert_eq!(
+            all(WITHOUT_ID)[..],
+            [&[0x0008_0100; 6][..], &[0x07E3_FF80, 0x0000_03FF]].concat()
+        );
     }
 
     #[cfg(feature = "draft")]
@@ -477,17 +549,27 @@ mod tests {
     fn the_row_of_the_thesis_has_its_filters_with_the_sender_left_open() {
         let thesis = NodeAcceptance { row: Row::Thesis, ..WITH_ID };
         let (command, status) = (0x17C4_0408u32, 0x1134_0408u32);
-        let [filter_1, filter_2] = [command, status].map(|id| registers(Pattern::filter(id.to_be_bytes())));
+        let [filter_1, filter_2] =
+            [command, status].map(|id| registers(Pattern::filter(id.to_be_bytes())));
         let all = all(thesis);
         assert_eq!(all[..6], [filter_1, filter_2, filter_1, filter_2, filter_1, filter_2]);
-        // Every source and every transfer ID passes. Frames that are not the last of their transfer, and other types, do not pass.
+        // Every source and every transfer ID passes. Frames that are not the last of their
+        // transfer, and other types, do not pass.
         for id in [command, status] {
             for other in [0, 1, 7, 0x0001_F800] {
                 assert_eq!(buffer(thesis, id | other), Some(0), "{:08X}", id | other);
             }
             assert_eq!(buffer(thesis, id & !8), None);
         }
-        for id in [0x084C_040A, 0x113B_FC0D, 0x1183_FC0E, 0x1003_F20A, 0x1801_550A, 0x1E01_AAFF, 0x17CC_0408] {
+        for id in [
+            0x084C_040A,
+            0x113B_FC0D,
+            0x1183_FC0E,
+            0x1003_F20A,
+            0x1801_550A,
+            0x1E01_AAFF,
+            0x17CC_0408,
+        ] {
             assert_eq!(buffer(thesis, id), None, "{id:08X}");
         }
     }
@@ -515,7 +597,11 @@ mod tests {
                 continue;
             }
             let expected = u8::from(is_single(kind, false));
-            assert_eq!(buffer(WITH_ID, u32::from_be_bytes(id.to_bytes())), Some(expected), "{kind:?}");
+            assert_eq!(
+                buffer(WITH_ID, u32::from_be_bytes(id.to_bytes())),
+                Some(expected),
+                "{kind:?}"
+            );
         }
     }
 }

@@ -16,7 +16,8 @@ mod failsafe {
     pub const PWM: u8 = 2;
 }
 
-/// Time without a command until a motor stops if OUTn_TIMEOUT disables the failsafe, in milliseconds.
+/// Time without a command until a motor stops if OUTn_TIMEOUT disables the failsafe, in
+/// milliseconds.
 const MOTOR_TIMEOUT_MS: u16 = 1000;
 
 /// An output. Outputs are numbered from 0 in the program, and from 1 in the names of parameters.
@@ -74,10 +75,15 @@ impl Actuator {
         self.is_following && now_ms.wrapping_sub(self.followed_ms) < time_ms
     }
 
-    /// The pulse for a command, a command type and its value as a float16, and the line to log; or the line for the reason of a rejection. Fills in the
-    /// value for the line.
+    /// The pulse for a command, a command type and its value as a float16, and the line to log; or
+    /// the line for the reason of a rejection. Fills in the value for the line.
     #[inline(always)]
-    pub(super) fn pulse_of_command(&self, unit: u8, value: u16, event: &mut Event) -> Result<(Ticks, Line), Line> {
+    pub(super) fn pulse_of_command(
+        &self,
+        unit: u8,
+        value: u16,
+        event: &mut Event,
+    ) -> Result<(Ticks, Line), Line> {
         let Some(unit) = CommandType::new(unit) else { return Err(Line::RefusedType) };
         if !float16::is_finite(value) {
             return Err(Line::RefusedValue);
@@ -87,7 +93,8 @@ impl Actuator {
         if pulse == 0 {
             return Err(Line::RefusedValue);
         }
-        // The log has microseconds for PWM (`value` has halves), and thousandths for the others: `value` has 2^14 to 1, or 2^12 to a radian.
+        // The log has microseconds for PWM (`value` has halves), and thousandths for the others:
+        // `value` has 2^14 to 1, or 2^12 to a radian.
         let mut logged = value >> 1;
         let mut line = Line::CommandPwm;
         if unit != CommandType::Pwm {
@@ -126,7 +133,13 @@ impl Actuator {
 
     /// True if no command was followed for OUTn_TIMEOUT. A motor always has a timeout.
     #[inline(always)]
-    pub(super) fn is_late(&self, output: usize, is_motor: bool, now_ms: u16, parameters: &Parameters) -> bool {
+    pub(super) fn is_late(
+        &self,
+        output: usize,
+        is_motor: bool,
+        now_ms: u16,
+        parameters: &Parameters,
+    ) -> bool {
         let mut timeout_ms = parameters.of(output, OutputParameter::Timeout);
         if is_motor && timeout_ms == 0 {
             timeout_ms = MOTOR_TIMEOUT_MS;

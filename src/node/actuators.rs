@@ -22,11 +22,13 @@ use one::Several;
 #[cfg(feature = "outputs")]
 use several::Several;
 
-/// The vehicle counts as disarmed after this time without an ArmingStatus, in seconds. ArduPilot sends two a second.
+/// The vehicle counts as disarmed after this time without an ArmingStatus, in seconds. ArduPilot
+/// sends two a second.
 #[cfg(feature = "standard")]
 const ARMING_TIMEOUT_S: u8 = 4;
 
-/// The safety switch counts as on for this time after a SafetyState that says so, in seconds. ArduPilot sends two a second.
+/// The safety switch counts as on for this time after a SafetyState that says so, in seconds.
+/// ArduPilot sends two a second.
 #[cfg(feature = "safety")]
 const SAFETY_TIMEOUT_S: u8 = 4;
 
@@ -99,7 +101,8 @@ impl Actuators {
         board.commit();
     }
 
-    /// True if no ArrayCommand came after the last followed command, not even one for other actuators.
+    /// True if no ArrayCommand came after the last followed command, not even one for other
+    /// actuators.
     pub fn hears_nothing(&self) -> bool {
         !self.hears_commands
     }
@@ -145,9 +148,16 @@ impl Actuators {
         return false;
     }
 
-    /// Takes a SafetyState. While it says safe, silence is expected, and the outputs do what SAFE_MODE says. `is_failsafe`: commands are missing.
+    /// Takes a SafetyState. While it says safe, silence is expected, and the outputs do what
+    /// SAFE_MODE says. `is_failsafe`: commands are missing.
     #[cfg(feature = "safety")]
-    pub fn take_safety_state(&mut self, status: u8, is_failsafe: bool, now_ms: u16, parameters: &Parameters) {
+    pub fn take_safety_state(
+        &mut self,
+        status: u8,
+        is_failsafe: bool,
+        now_ms: u16,
+        parameters: &Parameters,
+    ) {
         const SAFE: u8 = 0;
         if status != SAFE {
             return self.end_safe(now_ms);
@@ -201,7 +211,14 @@ impl Actuators {
         #[cfg(feature = "draft")]
         if command.len() == 3 {
             let value = u16::from_le_bytes([b1, b2]);
-            return self.take_command(CommandType::Unitless as u8, value, event, now_ms, parameters, board);
+            return self.take_command(
+                CommandType::Unitless as u8,
+                value,
+                event,
+                now_ms,
+                parameters,
+                board,
+            );
         }
         self.take_command(b1, u16::from_le_bytes([b2, b3]), event, now_ms, parameters, board)
     }
@@ -268,7 +285,14 @@ impl Actuators {
 
     /// Sets an output's pulse. The caller has found that nothing [blocks](Self::blocked) it.
     #[inline(always)]
-    fn follow(&mut self, output: usize, pulse: Ticks, event: &mut Event, now_ms: u16, board: &mut impl Output) {
+    fn follow(
+        &mut self,
+        output: usize,
+        pulse: Ticks,
+        event: &mut Event,
+        now_ms: u16,
+        board: &mut impl Output,
+    ) {
         board.set(output, pulse);
         self.each[place(output)].follow(pulse, now_ms);
         self.several.follow(output);
@@ -276,17 +300,19 @@ impl Actuators {
         event.b = pulse;
     }
 
-    /// Starts the failsafe of each output when it is due. Call once a millisecond. Returns true if it starts because no command was followed for
-    /// OUTn_TIMEOUT.
+    /// Starts the failsafe of each output when it is due. Call once a millisecond. Returns true if
+    /// it starts because no command was followed for OUTn_TIMEOUT.
     #[inline(always)]
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
         let mut begins = false;
         for output in self.several.tick() {
             let is_motor = self.several.is_motor(output);
             if self.each[place(output)].is_following() {
-                let is_late = self.each[place(output)].is_late(output, is_motor, now_ms, parameters);
+                let is_late =
+                    self.each[place(output)].is_late(output, is_motor, now_ms, parameters);
                 // A motor needs an armed vehicle, whatever ARM_REQ says.
-                let is_disarmed = if is_motor { self.armed_s == 0 } else { self.is_disarmed(parameters) };
+                let is_disarmed =
+                    if is_motor { self.armed_s == 0 } else { self.is_disarmed(parameters) };
                 if is_late || is_disarmed {
                     self.fail_output(output, parameters);
                     self.several.touch();
@@ -331,7 +357,8 @@ impl Actuators {
     }
 }
 
-/// The place of an output in a table. Outputs beyond the last do not occur, and the compiler cannot know that.
+/// The place of an output in a table. Outputs beyond the last do not occur, and the compiler cannot
+/// know that.
 #[inline(always)]
 #[allow(clippy::unnecessary_min_or_max, reason = "a build may have one output")]
 fn place(output: usize) -> usize {

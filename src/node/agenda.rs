@@ -1,9 +1,12 @@
-//! Chooses what to do next. The main loop collects [`Facts`], does the one [`Turn`] that they select, and begins again. No turn waits.
+//! Chooses what to do next. The main loop collects [`Facts`], does the one [`Turn`] that they
+//! select, and begins again. No turn waits.
 //!
-//! Received frames come first, because their queue is short: an interrupt reads them from the controller during any turn. After [`FRAMES_IN_A_ROW`]
-//! frames another turn follows, so that a flood of frames cannot stop the clock, the failsafe and the node's own messages. The tick never has
-//! two of these turns in a row, and neither have the entries of commands for several outputs, which can come faster than they are followed. All
-//! other work is ordered by how rare it is, the rarest first, so that frequent work cannot starve rare work.
+//! Received frames come first, because their queue is short: an interrupt reads them from the
+//! controller during any turn. After [`FRAMES_IN_A_ROW`] frames another turn follows, so that a
+//! flood of frames cannot stop the clock, the failsafe and the node's own messages. The tick never
+//! has two of these turns in a row, and neither have the entries of commands for several outputs,
+//! which can come faster than they are followed. All other work is ordered by how rare it is, the
+//! rarest first, so that frequent work cannot starve rare work.
 
 /// Frames in a row after which another turn follows.
 pub const FRAMES_IN_A_ROW: u8 = 16;
@@ -60,7 +63,8 @@ pub enum Turn {
     FindRoom,
     /// Hand the ready frame to the controller.
     SendFrame,
-    /// Do a step towards the next frame to send. If nothing can be sent yet: do as for [`Monitor`](Self::Monitor).
+    /// Do a step towards the next frame to send. If nothing can be sent yet: do as for
+    /// [`Monitor`](Self::Monitor).
     PrepareFrame,
     /// Send a character of the log.
     Monitor,
@@ -84,7 +88,8 @@ impl Agenda {
         Self { frames_in_a_row: 0, was_tick: false, was_following: false, is_full: false }
     }
 
-    /// Chooses the next turn. A received frame waits if `has_frame`. Calls `facts` only if that and `entry` do not decide.
+    /// Chooses the next turn. A received frame waits if `has_frame`. Calls `facts` only if that and
+    /// `entry` do not decide.
     #[inline(always)]
     pub fn next(&mut self, has_frame: bool, entry: Entry, facts: impl FnOnce() -> Facts) -> Turn {
         #[cfg(feature = "outputs")]
@@ -173,7 +178,8 @@ mod tests {
 
     #[test]
     fn frames_come_before_everything_else_but_not_for_ever() {
-        let turns: Vec<Turn> = turns(true, EVERYTHING).take(2 * FRAMES_IN_A_ROW as usize + 1).collect();
+        let turns: Vec<Turn> =
+            turns(true, EVERYTHING).take(2 * FRAMES_IN_A_ROW as usize + 1).collect();
         let frames = [Turn::TakeFrame; FRAMES_IN_A_ROW as usize];
         assert_eq!(turns[..frames.len()], frames);
         assert_eq!(turns[frames.len()], Turn::Tick);
@@ -183,8 +189,10 @@ mod tests {
     /// A millisecond passes with the frames between two of its other turns.
     #[test]
     fn in_a_flood_of_frames_there_is_time_for_more_than_the_tick() {
-        let facts = Facts { has_ticked: true, is_on_bus: true, has_to_send: true, ..Facts::default() };
-        let others: Vec<Turn> = turns(true, facts).filter(|&turn| turn != Turn::TakeFrame).take(4).collect();
+        let facts =
+            Facts { has_ticked: true, is_on_bus: true, has_to_send: true, ..Facts::default() };
+        let others: Vec<Turn> =
+            turns(true, facts).filter(|&turn| turn != Turn::TakeFrame).take(4).collect();
         assert_eq!(others, [Turn::Tick, Turn::PrepareFrame, Turn::Tick, Turn::PrepareFrame]);
     }
 
@@ -243,7 +251,10 @@ mod tests {
             }
         }
         use Turn::*;
-        assert_eq!(order, [Tick, DoChore, PollController, SetFilters, SendFrame, PrepareFrame, Monitor]);
+        assert_eq!(
+            order,
+            [Tick, DoChore, PollController, SetFilters, SendFrame, PrepareFrame, Monitor]
+        );
     }
 
     #[test]
@@ -255,7 +266,10 @@ mod tests {
             for _ in 0..5 {
                 assert_eq!(agenda.next(false, Entry::None, || facts), Turn::Monitor);
             }
-            assert_eq!(agenda.next(false, Entry::None, || Facts { has_ticked: true, ..facts }), Turn::Tick);
+            assert_eq!(
+                agenda.next(false, Entry::None, || Facts { has_ticked: true, ..facts }),
+                Turn::Tick
+            );
         }
     }
 
@@ -264,7 +278,10 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
-        assert_eq!(agenda.next(false, Entry::None, || Facts { has_room: true, ..facts }), Turn::SendFrame);
+        assert_eq!(
+            agenda.next(false, Entry::None, || Facts { has_room: true, ..facts }),
+            Turn::SendFrame
+        );
     }
 
     #[test]
@@ -273,7 +290,10 @@ mod tests {
         let mut agenda = Agenda::new();
         for _ in 0..3 {
             assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
-            assert_eq!(agenda.next(false, Entry::None, || Facts { has_room: true, ..facts }), Turn::SendFrame);
+            assert_eq!(
+                agenda.next(false, Entry::None, || Facts { has_room: true, ..facts }),
+                Turn::SendFrame
+            );
         }
         assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
         assert_eq!(agenda.next(false, Entry::None, || facts), Turn::Monitor);
@@ -281,7 +301,12 @@ mod tests {
 
     #[test]
     fn nothing_is_sent_while_the_controller_is_not_on_the_bus() {
-        let facts = Facts { has_frame_to_send: true, has_to_send: true, has_room: true, ..Facts::default() };
+        let facts = Facts {
+            has_frame_to_send: true,
+            has_to_send: true,
+            has_room: true,
+            ..Facts::default()
+        };
         assert_eq!(first(facts), Turn::Monitor);
     }
 }

@@ -1,7 +1,9 @@
-//! Requests a node ID from an allocator (specification, chapter 6; DSDL uavcan/protocol/dynamic_node_id/1.Allocation.uavcan).
+//! Requests a node ID from an allocator (specification, chapter 6; DSDL
+//! uavcan/protocol/dynamic_node_id/1.Allocation.uavcan).
 //!
-//! The node sends its unique ID in three anonymous messages. After each, the allocator sends back all the bytes that it has so far, and the node
-//! continues with the next part. After any other message of this type the node waits and begins again.
+//! The node sends its unique ID in three anonymous messages. After each, the allocator sends back
+//! all the bytes that it has so far, and the node continues with the next part. After any other
+//! message of this type the node waits and begins again.
 
 use dronecan_wire::crc;
 
@@ -10,7 +12,8 @@ use super::wire::Transfer;
 /// Minimum time from an Allocation message, received or sent, to the next request, in milliseconds.
 const MIN_REQUEST_PERIOD_MS: u16 = 600;
 
-/// Maximum random time in milliseconds, added to the minimum, or alone before a follow-up. The DSDL allows 400.
+/// Maximum random time in milliseconds, added to the minimum, or alone before a follow-up. The DSDL
+/// allows 400.
 const RANDOM_MASK: u16 = 0x17F;
 
 /// Bytes of the unique ID in a request.
@@ -52,7 +55,8 @@ impl Allocation {
         now_ms.wrapping_sub(self.due_ms) < 1 << 15
     }
 
-    /// Puts the payload of a request, byte by byte. Without a response of the allocator, the next request begins again with the first part.
+    /// Puts the payload of a request, byte by byte. Without a response of the allocator, the next
+    /// request begins again with the first part.
     #[inline(always)]
     pub fn ask(&mut self, unique_id: &[u8; 16], now_ms: u16, mut put: impl FnMut(u8)) {
         self.wait(MIN_REQUEST_PERIOD_MS, now_ms);

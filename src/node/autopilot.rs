@@ -1,23 +1,28 @@
 //! Finds the autopilot among the nodes on the bus.
 //!
-//! ArduPilot is node 10 by default, PX4 and the thesis's autopilot are node 1, and on a bench a GUI tool may command the servo. So the autopilot is
-//! the node that sent the last valid command: one that was followed, or rejected only because the vehicle was disarmed. Before the first command it
-//! is the lowest node ID that sends a NodeStatus, because flight controllers have low IDs and tools have high ones. An autopilot that is silent for
-//! three seconds is offline, as in the specification.
+//! ArduPilot is node 10 by default, PX4 and the thesis's autopilot are node 1, and on a bench a GUI
+//! tool may command the servo. So the autopilot is the node that sent the last valid command: one
+//! that was followed, or rejected only because the vehicle was disarmed. Before the first command
+//! it is the lowest node ID that sends a NodeStatus, because flight controllers have low IDs and
+//! tools have high ones. An autopilot that is silent for three seconds is offline, as in the
+//! specification.
 
 use dronecan_wire::NodeId;
 
-/// A node is offline after three to four seconds of silence. (DSDL 341.NodeStatus.uavcan: OFFLINE_TIMEOUT_MS is 3000.)
+/// A node is offline after three to four seconds of silence. (DSDL 341.NodeStatus.uavcan:
+/// OFFLINE_TIMEOUT_MS is 3000.)
 const OFFLINE_S: u8 = 4;
 
-/// A node is one of two commanders for this time after its command, in seconds: more than one, and at most two.
+/// A node is one of two commanders for this time after its command, in seconds: more than one, and
+/// at most two.
 const RECENT_S: u8 = 2;
 
 /// The autopilot, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Autopilot {
     id: Option<NodeId>,
-    /// The node that sent the last valid command, or 0. It is the autopilot even if its ID is not the lowest.
+    /// The node that sent the last valid command, or 0. It is the autopilot even if its ID is not
+    /// the lowest.
     commander: u8,
     /// Seconds until it is offline.
     online_s: u8,
@@ -34,15 +39,22 @@ impl Autopilot {
         self.id.is_some()
     }
 
-    /// Takes note of a valid command from `source`. Returns true if the command before it was recent, and another node's.
+    /// Takes note of a valid command from `source`. Returns true if the command before it was
+    /// recent, and another node's.
     #[inline(always)]
     pub fn commanded_by(&mut self, source: NodeId) -> bool {
         let is_second = self.recent_s != 0 && self.commander != source.get();
-        *self = Self { id: Some(source), commander: source.get(), online_s: OFFLINE_S, recent_s: RECENT_S };
+        *self = Self {
+            id: Some(source),
+            commander: source.get(),
+            online_s: OFFLINE_S,
+            recent_s: RECENT_S,
+        };
         is_second
     }
 
-    /// Takes note of a NodeStatus or ArmingStatus from `source`. Returns true if it is the autopilot's.
+    /// Takes note of a NodeStatus or ArmingStatus from `source`. Returns true if it is the
+    /// autopilot's.
     pub fn is_status_of(&mut self, source: NodeId) -> bool {
         let is_better = match self.id {
             None => true,

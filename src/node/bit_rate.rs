@@ -4,8 +4,9 @@ use mcp2515_ordered::BitTiming;
 
 use crate::hardware::CAN_CRYSTAL_HZ;
 
-/// The highest bit rate, 125 kbit/s doubled so many times: 1 Mbit/s, or 500 kbit/s with a crystal of 8 MHz. A time quantum is at least two periods of the
-/// crystal, so 8 MHz gives 4 quanta in a bit of 1 Mbit/s, and the MCP2515 needs 5 (DS20001801J, section 5).
+/// The highest bit rate, 125 kbit/s doubled so many times: 1 Mbit/s, or 500 kbit/s with a crystal
+/// of 8 MHz. A time quantum is at least two periods of the crystal, so 8 MHz gives 4 quanta in a
+/// bit of 1 Mbit/s, and the MCP2515 needs 5 (DS20001801J, section 5).
 pub const HIGHEST_RATE: i32 = if CAN_CRYSTAL_HZ >= 10_000_000 { 3 } else { 2 };
 
 /// The timing for 125 kbit/s, doubled so many times, and the crystal of the board.
@@ -13,11 +14,13 @@ pub fn timing(doublings: u8) -> BitTiming {
     timing_of::<CAN_CRYSTAL_HZ>(doublings)
 }
 
-/// The timing for a crystal of `F_OSC_HZ`. Rates above the highest one give that. The code does not compile if a sample point is outside the
-/// range of DroneCAN's specification, chapter 8, with one exception: 500 kbit/s of an 8 MHz crystal has 8 quanta a bit, of which the MCP2515
+/// The timing for a crystal of `F_OSC_HZ`. Rates above the highest one give that. The code does not
+/// compile if a sample point is outside the range of DroneCAN's specification, chapter 8, with one
+/// exception: 500 kbit/s of an 8 MHz crystal has 8 quanta a bit, of which the MCP2515
 /// needs two after the sample point. So the bit is sampled at 75 % instead of 85 % to 90 %.
 fn timing_of<const F_OSC_HZ: u32>(doublings: u8) -> BitTiming {
-    // The compiler would put a lookup table into RAM. Comparing with ranges, one register at a time, avoids that.
+    // The compiler would put a lookup table into RAM. Comparing with ranges, one register at a
+    // time, avoids that.
     let select = |[of_8, of_4, of_2, of_1]: [u8; 4]| match doublings {
         3.. => of_8,
         2 => of_4,
@@ -26,7 +29,11 @@ fn timing_of<const F_OSC_HZ: u32>(doublings: u8) -> BitTiming {
     };
     let [a, b, c, d] = const {
         [
-            if F_OSC_HZ >= 10_000_000 { checked(F_OSC_HZ, 1_000_000, 750) } else { checked(F_OSC_HZ, 500_000, 750) },
+            if F_OSC_HZ >= 10_000_000 {
+                checked(F_OSC_HZ, 1_000_000, 750)
+            } else {
+                checked(F_OSC_HZ, 500_000, 750)
+            },
             checked(F_OSC_HZ, 500_000, if F_OSC_HZ >= 10_000_000 { 850 } else { 750 }),
             checked(F_OSC_HZ, 250_000, 850),
             checked(F_OSC_HZ, 125_000, 850),
@@ -42,7 +49,10 @@ fn timing_of<const F_OSC_HZ: u32>(doublings: u8) -> BitTiming {
 /// A timing. Panics if its sample point is before `earliest_permille` or after 90 %.
 const fn checked(f_osc_hz: u32, bit_rate: u32, earliest_permille: u16) -> BitTiming {
     let timing = BitTiming::new(f_osc_hz, bit_rate);
-    assert!(timing.sample_point_permille() >= earliest_permille && timing.sample_point_permille() <= 900);
+    assert!(
+        timing.sample_point_permille() >= earliest_permille
+            && timing.sample_point_permille() <= 900
+    );
     timing
 }
 
@@ -52,8 +62,14 @@ mod tests {
 
     #[test]
     fn each_number_is_twice_the_rate_of_the_one_before_up_to_the_highest() {
-        for (doublings, bit_rate) in [(0, 125), (1, 250), (2, 500), (3, 1000), (4, 1000), (255, 1000)] {
-            assert_eq!(timing_of::<16_000_000>(doublings), BitTiming::new(16_000_000, bit_rate * 1000), "{doublings}");
+        for (doublings, bit_rate) in
+            [(0, 125), (1, 250), (2, 500), (3, 1000), (4, 1000), (255, 1000)]
+        {
+            assert_eq!(
+                timing_of::<16_000_000>(doublings),
+                BitTiming::new(16_000_000, bit_rate * 1000),
+                "{doublings}"
+            );
             let at_8_mhz = BitTiming::new(8_000_000, bit_rate.min(500) * 1000);
             assert_eq!(timing_of::<8_000_000>(doublings), at_8_mhz, "{doublings}");
         }

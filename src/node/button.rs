@@ -1,6 +1,7 @@
 //! Debounces the push button and counts its presses.
 
-/// Time that the pin must be stable before the button counts as pressed or released, in milliseconds.
+/// Time that the pin must be stable before the button counts as pressed or released, in
+/// milliseconds.
 const STEADY_MS: u8 = 20;
 
 /// A push button that counts its presses.
@@ -18,7 +19,8 @@ impl Button {
         Self { is_pressed: false, other_ms: 0, count: 0 }
     }
 
-    /// Takes the state of the pin during the last `passed_ms` milliseconds. Returns true if a press has begun.
+    /// Takes the state of the pin during the last `passed_ms` milliseconds. Returns true if a press
+    /// has begun.
     pub fn tick(&mut self, is_pressed: bool, passed_ms: u8) -> bool {
         if is_pressed == self.is_pressed {
             self.other_ms = 0;

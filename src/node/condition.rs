@@ -23,14 +23,16 @@ impl ResetCause {
     pub const STACK_COLLISION: Self = Self(7);
 }
 
-/// Bits of the vendor-specific status code (docs/status.md). WARN_MASK, ERROR_MASK and CRIT_MASK set the health level of each.
+/// Bits of the vendor-specific status code (docs/status.md). WARN_MASK, ERROR_MASK and CRIT_MASK
+/// set the health level of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Conditions(u16);
 
 impl Conditions {
     /// No condition.
     pub const NONE: Self = Self(0);
-    /// Three bits: which fault caused the last reset, as a number. 0 is none, see [`after`](Self::after).
+    /// Three bits: which fault caused the last reset, as a number. 0 is none, see
+    /// [`after`](Self::after).
     pub const RESET: Self = Self(7);
     /// Transfers broke: missing frames, a wrong CRC, or interleaved senders.
     pub const TRANSFER_ERRORS: Self = Self(1 << 3);
@@ -56,7 +58,8 @@ impl Conditions {
     pub const PARAMETERS_LOST: Self = Self(1 << 13);
     /// ARM_REQ requires an armed vehicle, and the vehicle is disarmed; or the safety switch is on.
     pub const DISARMED: Self = Self(1 << 14);
-    /// The node sends in the draft. The bit is in the upper byte, so that a draft status does no harm if it is read as one of v0.
+    /// The node sends in the draft. The bit is in the upper byte, so that a draft status does no
+    /// harm if it is read as one of v0.
     pub const DRAFT: Self = Self(1 << 15);
 
     /// Temporary conditions, which are cleared some time after their last event.
@@ -70,7 +73,8 @@ impl Conditions {
             | Self::TWO_COMMANDERS.0,
     );
 
-    /// The condition that a reset cause sets, if it is a fault: 1 for [`ResetCause::WATCHDOG`], 2 for the next, and so on.
+    /// The condition that a reset cause sets, if it is a fault: 1 for [`ResetCause::WATCHDOG`], 2
+    /// for the next, and so on.
     pub fn after(cause: ResetCause) -> Self {
         Self(u16::from(cause.0.saturating_sub(ResetCause::ASKED_FOR.0)))
     }
@@ -100,7 +104,8 @@ impl Conditions {
     }
 }
 
-/// How long a temporary condition stays set, in seconds. It appears in ten statuses, so that no receiver misses it.
+/// How long a temporary condition stays set, in seconds. It appears in ten statuses, so that no
+/// receiver misses it.
 pub const HOLD_S: u8 = 10;
 
 /// How long the cause of a reset stays set, in seconds.

@@ -1,8 +1,9 @@
-//! Chooses the dialect of the node by DIALECT and the autopilot: DroneCAN v0, or with the feature `draft` the UAVCAN draft of 2014
-//! (docs/dialects.md).
+//! Chooses the dialect of the node by DIALECT and the autopilot: DroneCAN v0, or with the feature
+//! `draft` the UAVCAN draft of 2014 (docs/dialects.md).
 //!
-//! With DIALECT 0 one command or NodeStatus of v0 selects v0, at any time and from any node. The node follows the draft only after [`V0_TIMEOUT_S`]
-//! without either. So no frame of the draft can keep a v0 autopilot out.
+//! With DIALECT 0 one command or NodeStatus of v0 selects v0, at any time and from any node. The
+//! node follows the draft only after [`V0_TIMEOUT_S`] without either. So no frame of the draft can
+//! keep a v0 autopilot out.
 
 #[cfg(feature = "draft")]
 pub use two::Dialect;
@@ -19,7 +20,8 @@ mod two {
     use dronecan_wire::{Id, Rejection};
     use mcp2515_ordered::Frame;
 
-    /// Time without a command or NodeStatus of v0 after which the node follows the draft, in seconds.
+    /// Time without a command or NodeStatus of v0 after which the node follows the draft, in
+    /// seconds.
     const V0_TIMEOUT_S: u8 = 4;
 
     /// DIALECT: the node speaks v0 only.
@@ -62,13 +64,15 @@ mod two {
         pub fn row(&self) -> Row {
             match self.wanted {
                 V0 => Row::V0,
-                // A build with parameters over the bus must always receive v0, so that DIALECT can be set again.
+                // A build with parameters over the bus must always receive v0, so that DIALECT can
+                // be set again.
                 DRAFT if cfg!(not(feature = "standard")) => Row::Thesis,
                 _ => Row::Either,
             }
         }
 
-        /// Reads a frame of either dialect. No frame is a transfer of both. v0 goes first, because its commands come more often.
+        /// Reads a frame of either dialect. No frame is a transfer of both. v0 goes first, because
+        /// its commands come more often.
         #[inline(always)]
         pub fn segment<'a>(&self, frame: &'a Frame, node: u8) -> Result<Segment<'a>, Rejection> {
             match wire::segment(frame, node) {
@@ -90,7 +94,11 @@ mod two {
         /// Data type ID of a message, by its last frame.
         #[inline(always)]
         pub fn data_type(message: &Transfer, frame: &Frame) -> u16 {
-            if Self::is_of_draft(message.priority) { draft::data_type(frame) } else { message.kind.id() }
+            if Self::is_of_draft(message.priority) {
+                draft::data_type(frame)
+            } else {
+                message.kind.id()
+            }
         }
 
         /// True if a transfer with this priority field came in the draft.
@@ -98,7 +106,8 @@ mod two {
             priority & draft::IS_DRAFT != 0
         }
 
-        /// Takes note of a command or NodeStatus, in the draft or in v0. Returns true if the node follows it.
+        /// Takes note of a command or NodeStatus, in the draft or in v0. Returns true if the node
+        /// follows it.
         #[inline(always)]
         pub fn hear(&mut self, is_draft: bool) -> bool {
             match self.wanted {
@@ -230,7 +239,10 @@ mod tests {
         for (wanted, is_draft) in [(1, false), (2, true)] {
             let mut dialect = dialect(wanted);
             for n in 0..100 {
-                assert_eq!((dialect.hear(n % 3 == 0), dialect.is_draft()), ((n % 3 == 0) == is_draft, is_draft));
+                assert_eq!(
+                    (dialect.hear(n % 3 == 0), dialect.is_draft()),
+                    ((n % 3 == 0) == is_draft, is_draft)
+                );
                 dialect.second();
             }
         }
@@ -241,13 +253,18 @@ mod tests {
         let dialect = dialect(0);
         // No transfer has 16 frames, so the upper bits of the frame index are 0.
         for place in (0..1u32 << 17).filter(|place| place & 0x300 == 0) {
-            for (upper, data) in
-                [(0x084C, [1; 8]), (0x17C4, [2; 8]), (0x1134, [3; 8]), (0x113A, [120; 8]), (0x1182, [120; 8])]
-            {
+            for (upper, data) in [
+                (0x084C, [1; 8]),
+                (0x17C4, [2; 8]),
+                (0x1134, [3; 8]),
+                (0x113A, [120; 8]),
+                (0x1182, [120; 8]),
+            ] {
                 let frame = golden::frame(upper << 16 | place, &data);
                 for node in [0, 120] {
                     assert!(wire::segment(&frame, node).is_err(), "{frame:?} is one of v0, too");
-                    let (either, draft) = (dialect.segment(&frame, node), draft::segment(&frame, node));
+                    let (either, draft) =
+                        (dialect.segment(&frame, node), draft::segment(&frame, node));
                     assert!(either == draft || draft == Err(Rejection::Unknown), "{frame:?}");
                 }
             }
@@ -261,7 +278,10 @@ mod tests {
         dialect.update(&golden::parameters(&[(Parameter::Dialect, 0)]));
         assert_eq!(dialect.row(), Row::Either);
         dialect.update(&golden::parameters(&[(Parameter::Dialect, 2)]));
-        assert_eq!(dialect.row(), if cfg!(feature = "standard") { Row::Either } else { Row::Thesis });
+        assert_eq!(
+            dialect.row(),
+            if cfg!(feature = "standard") { Row::Either } else { Row::Thesis }
+        );
         assert!(dialect.is_draft());
     }
 }

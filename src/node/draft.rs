@@ -1,12 +1,13 @@
-//! The UAVCAN draft of 2014, which older autopilots speak: reads its frames, and defines the identifiers of the frames that the node sends.
+//! The UAVCAN draft of 2014, which older autopilots speak: reads its frames, and defines the
+//! identifiers of the frames that the node sends.
 //!
 //! ```text
 //! message: data_type[28:19] 2[18:17]          source[16:10] frame_index[9:4] last_frame[3] transfer_id[2:0]
 //! service: data_type[28:19] 0 or 1[18:17]     the same; 1 is a request
 //! ```
 //!
-//! The draft has no priority and no tail byte. The first byte of each frame of a service is the destination. (Source: libuavcan at the end of 2014,
-//! `uc_frame.cpp` and `transfer.hpp`.)
+//! The draft has no priority and no tail byte. The first byte of each frame of a service is the
+//! destination. (Source: libuavcan at the end of 2014, `uc_frame.cpp` and `transfer.hpp`.)
 
 use dronecan_wire::{Rejection, Tail};
 use mcp2515_ordered::Frame;
@@ -53,21 +54,25 @@ pub mod sent {
     pub const RESTARTED: u16 = upper(560, RESPONSE);
 }
 
-/// The initial CRC of a GetNodeInfo response. No other transfer that the node sends in the draft needs more than one frame.
+/// The initial CRC of a GetNodeInfo response. No other transfer that the node sends in the draft
+/// needs more than one frame.
 pub const NODE_INFO_SEED: u16 = 0x14BB;
 
-/// The identifier of a frame from node `source`, without frame index, last-frame bit and transfer ID.
+/// The identifier of a frame from node `source`, without frame index, last-frame bit and transfer
+/// ID.
 #[inline(never)]
 pub fn id(upper: u16, source: u8) -> [u8; 4] {
     let [b0, b1] = upper.to_be_bytes();
     [b0, b1 | source >> 6, source << 2, 0]
 }
 
-/// Puts the frame index, the last-frame bit and the transfer ID into an identifier. `index` is less than 16: no transfer of the node has more frames.
+/// Puts the frame index, the last-frame bit and the transfer ID into an identifier. `index` is less
+/// than 16: no transfer of the node has more frames.
 #[inline(always)]
 pub fn set_place(id: &mut [u8; 4], index: u8, tail: Tail) {
     let [.., last] = id;
-    *last = index << INDEX_SHIFT | tail.0 & TRANSFER_ID | if tail.is_end() { LAST_FRAME } else { 0 };
+    *last =
+        index << INDEX_SHIFT | tail.0 & TRANSFER_ID | if tail.is_end() { LAST_FRAME } else { 0 };
 }
 
 /// The kind of transfer that a frame of the draft belongs to.
@@ -83,7 +88,8 @@ fn kind(frame: &Frame) -> Kind {
     }
 }
 
-/// The upper half of the identifier. Swapping the bytes here avoids a slow 16-bit swap in the AVR's generated code.
+/// The upper half of the identifier. Swapping the bytes here avoids a slow 16-bit swap in the AVR's
+/// generated code.
 #[inline(always)]
 fn upper_half(frame: &Frame) -> u16 {
     let [b0, b1, ..] = frame.id;
@@ -108,8 +114,8 @@ pub fn origin(frame: &Frame) -> Option<(u16, u8)> {
     (kind(frame) != Kind::Unknown).then(|| (data_type(frame), source(frame)))
 }
 
-/// Reads a frame of the draft for the node with this ID (0 if it has none). Returns [`Rejection::Unknown`] if the node does not take its type; the
-/// frame may then be one of v0.
+/// Reads a frame of the draft for the node with this ID (0 if it has none). Returns
+/// [`Rejection::Unknown`] if the node does not take its type; the frame may then be one of v0.
 #[inline(always)]
 pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
     if frame.is_foreign() {
@@ -160,13 +166,19 @@ mod tests {
 
     #[test]
     fn messages_are_read_with_their_place_in_the_transfer() {
-        // NodeStatus from node 119 (120 is this node's own ID), the thesis's command from node 1, a command for two actuators, and parts of longer
-        // commands.
+        // NodeStatus from node 119 (120 is this node's own ID), the thesis's command from node 1, a
+        // command for two actuators, and parts of longer commands.
         for (text, kind, source, tail, payload) in [
             ("1135DC0B EF CD AB 02 EF BE", Kind::NodeStatus, 119, 0xC3, "EF CD AB 02 EF BE"),
             ("17C40409 5A", Kind::ServoCommand, 1, 0xC1, "5A"),
             ("084C040A 01 00 38 02 00 BC", Kind::DraftCommand, 1, 0xC2, "01 00 38 02 00 BC"),
-            ("084C0412 01 00 38 02 00 BC 03 04", Kind::DraftCommand, 1, 0x22, "01 00 38 02 00 BC 03 04"),
+            (
+                "084C0412 01 00 38 02 00 BC 03 04",
+                Kind::DraftCommand,
+                1,
+                0x22,
+                "01 00 38 02 00 BC 03 04",
+            ),
             ("084C0402 01 00 38", Kind::DraftCommand, 1, 0x82, "01 00 38"),
             ("084C042A 00", Kind::DraftCommand, 1, 0x42, "00"),
         ] {
@@ -177,7 +189,10 @@ mod tests {
     #[test]
     fn requests_are_read_without_their_destination() {
         assert_eq!(read("113BFC0D 78"), Ok((Kind::GetNodeInfo, 127, 0xC5, vec![])));
-        assert_eq!(read("1183FC0E 78 1E 1B 55 CE AC"), Ok((Kind::RestartNode, 127, 0xC6, bytes("1E 1B 55 CE AC"))));
+        assert_eq!(
+            read("1183FC0E 78 1E 1B 55 CE AC"),
+            Ok((Kind::RestartNode, 127, 0xC6, bytes("1E 1B 55 CE AC")))
+        );
     }
 
     #[test]

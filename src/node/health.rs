@@ -1,4 +1,5 @@
-//! The node's health: its conditions, its counters, and the level that WARN_MASK, ERROR_MASK and CRIT_MASK give the conditions.
+//! The node's health: its conditions, its counters, and the level that WARN_MASK, ERROR_MASK and
+//! CRIT_MASK give the conditions.
 
 use mcp2515_ordered::Counters;
 
@@ -32,7 +33,8 @@ impl CanCounters for Counters {
     }
 }
 
-/// Transfer counters for GetTransportStats. All are modulo 65,536. Without the feature `stats` nothing is counted.
+/// Transfer counters for GetTransportStats. All are modulo 65,536. Without the feature `stats`
+/// nothing is counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Transfers {
     /// Transfers received complete.
@@ -119,7 +121,8 @@ impl Health {
         }
     }
 
-    /// Sets the condition for the reset cause, which [`second`](Self::second) clears after [`RESET_HOLD_S`]. Clears all others.
+    /// Sets the condition for the reset cause, which [`second`](Self::second) clears after
+    /// [`RESET_HOLD_S`]. Clears all others.
     pub fn start(&mut self, cause: ResetCause) {
         self.conditions = Conditions::after(cause);
         if self.conditions != Conditions::NONE {
@@ -155,7 +158,13 @@ impl Health {
 
     /// Sets or clears a condition. Logs `begins` or `ends` if the condition changed.
     #[inline(never)]
-    pub fn set(&mut self, condition: Conditions, on: bool, [begins, ends]: [Line; 2], monitor: &mut Monitor) {
+    pub fn set(
+        &mut self,
+        condition: Conditions,
+        on: bool,
+        [begins, ends]: [Line; 2],
+        monitor: &mut Monitor,
+    ) {
         if self.conditions.has(condition) != on {
             self.conditions.set(condition, on);
             monitor.log_line(if on { begins } else { ends });
@@ -167,8 +176,9 @@ impl Health {
         self.conditions.set(condition, false);
     }
 
-    /// Sets a temporary condition. [`second`](Self::second) clears it [`HOLD_S`] after the last event, or with the cause of the reset if that is later.
-    /// TRANSFER_ERRORS, which others cause, does not prolong the rest and is cleared with it.
+    /// Sets a temporary condition. [`second`](Self::second) clears it [`HOLD_S`] after the last
+    /// event, or with the cause of the reset if that is later. TRANSFER_ERRORS, which others
+    /// cause, does not prolong the rest and is cleared with it.
     #[inline(never)]
     pub fn happened(&mut self, condition: Conditions) {
         self.conditions.set(condition, true);
@@ -213,17 +223,27 @@ mod tests {
 
     #[cfg(feature = "monitor")]
     fn logged(monitor: &mut Monitor) -> String {
-        (0..2000).map(|_| monitor.next_byte(crate::image::InMemory)).filter(|&byte| byte != 0).map(char::from).collect()
+        (0..2000)
+            .map(|_| monitor.next_byte(crate::image::InMemory))
+            .filter(|&byte| byte != 0)
+            .map(char::from)
+            .collect()
     }
 
     #[test]
     fn by_default_a_fault_is_a_warning_failsafe_an_error_and_lost_parameters_critical() {
-        // In the order of the bits: transfers that broke, being disarmed and the draft are no fault of the node.
+        // In the order of the bits: transfers that broke, being disarmed and the draft are no fault
+        // of the node.
         let expected = [1, 0, 1, 1, 1, 1, 1, 1, 2, 1, 1, 3, 0, 0];
         for (condition, level) in golden::CONDITIONS.into_iter().zip(expected) {
             let (mut health, mut monitor) = (Health::new(), Monitor::new());
             health.set(condition, true, LINES, &mut monitor);
-            assert_eq!(health.level(&golden::parameters(&[])) as u8, level, "{:#06x}", condition.code());
+            assert_eq!(
+                health.level(&golden::parameters(&[])) as u8,
+                level,
+                "{:#06x}",
+                condition.code()
+            );
         }
     }
 

@@ -20,7 +20,8 @@ pub const NO_UPDATE_AT: u8 = VERSIONS_LEN + 1 + NAME.len() as u8;
 /// Length of the text at [`NO_UPDATE_AT`].
 pub const NO_UPDATE_LEN: u8 = NO_UPDATE.len() as u8;
 
-/// Bytes of a GetNodeInfo response: a NodeStatus, the versions, the unique ID, the length of the certificate, the name.
+/// Bytes of a GetNodeInfo response: a NodeStatus, the versions, the unique ID, the length of the
+/// certificate, the name.
 pub const NODE_INFO_LEN: u8 = 7 + VERSIONS_LEN + 16 + 1 + NAME.len() as u8;
 
 /// The table in flash: [`PACKED`].
@@ -54,8 +55,9 @@ const LEN: usize = {
     len
 };
 
-/// The bytes in the order of a GetNodeInfo response. Before the unique ID: software major, minor, flags, commit, CRC; hardware major, minor. After
-/// the unique ID: the length of the certificate (zero) and the name. Then the texts for BeginFirmwareUpdate.
+/// The bytes in the order of a GetNodeInfo response. Before the unique ID: software major, minor,
+/// flags, commit, CRC; hardware major, minor. After the unique ID: the length of the certificate
+/// (zero) and the name. Then the texts for BeginFirmwareUpdate.
 pub const PACKED: [u8; LEN] = {
     let mut packed = [0; LEN];
     packed[0] = number(env!("CARGO_PKG_VERSION_MAJOR"), 10) as u8;

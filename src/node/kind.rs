@@ -1,5 +1,5 @@
-//! The table of data types that the node receives. It defines their IDs, the seeds of their CRCs, their reassembly, and the filters of the controller
-//! ([`acceptance`](super::acceptance)).
+//! The table of data types that the node receives. It defines their IDs, the seeds of their CRCs,
+//! their reassembly, and the filters of the controller ([`acceptance`](super::acceptance)).
 
 use dronecan_wire::Received;
 use dronecan_wire::types::{self, Message};
@@ -13,7 +13,8 @@ const LONG: u16 = 1 << 14;
 /// Mask of a [`Kind`]'s number: the ID of the data type or service.
 const ID: u16 = LONG - 1;
 
-/// Bits of a [`Kind`]'s number: the transfer is a message of a vendor, with an ID from 16384 to 24575. (A service ID has eight bits only.)
+/// Bits of a [`Kind`]'s number: the transfer is a message of a vendor, with an ID from 16384 to
+/// 24575. (A service ID has eight bits only.)
 #[cfg(feature = "safety")]
 const VENDOR: u16 = REQUEST | 1 << 13;
 
@@ -21,8 +22,9 @@ const VENDOR: u16 = REQUEST | 1 << 13;
 #[cfg(feature = "safety")]
 const VENDOR_ID: u16 = (1 << 13) - 1;
 
-/// A row is `name = space type, form;`, or for a request `name = space type, form of the request, form of the response;`. The space `draft` is for
-/// messages that only the UAVCAN draft has, `vendor` for the IDs of vendors. A transfer of the form `short` has one frame.
+/// A row is `name = space type, form;`, or for a request `name = space type, form of the request,
+/// form of the response;`. The space `draft` is for messages that only the UAVCAN draft has,
+/// `vendor` for the IDs of vendors. A transfer of the form `short` has one frame.
 macro_rules! received {
     ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $kind:ident = $space:ident $type:path, $form:ident $(, $response:ident)?;)*) => {
         /// The kind of a received transfer. Its number is the ID of the data type or service, and the bits `REQUEST` and `LONG`.
@@ -170,7 +172,8 @@ impl Kind {
         self as u16 & LONG != 0
     }
 
-    /// Bytes of an entry for a list, of which the node keeps only the entries with its own ID; 0 for other transfers.
+    /// Bytes of an entry for a list, of which the node keeps only the entries with its own ID; 0
+    /// for other transfers.
     #[inline(always)]
     pub const fn entry_len(self) -> u8 {
         match self {
@@ -223,7 +226,11 @@ impl Received for Kind {
     #[cfg(feature = "allocation")]
     #[inline(always)]
     fn of_anonymous(data_type: u8, node: u8) -> Self {
-        if node == 0 && u16::from(data_type) == Self::Allocation.id() { Self::Allocation } else { Self::Unknown }
+        if node == 0 && u16::from(data_type) == Self::Allocation.id() {
+            Self::Allocation
+        } else {
+            Self::Unknown
+        }
     }
 
     #[inline(always)]

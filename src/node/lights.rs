@@ -1,6 +1,7 @@
 //! The light that LightsCommand sets.
 
-/// The light. It has one colour; its brightness is that of the brightest of the three colours in a command.
+/// The light. It has one colour; its brightness is that of the brightest of the three colours in a
+/// command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lights {
     brightness: u8,
@@ -17,8 +18,9 @@ impl Lights {
         self.brightness
     }
 
-    /// Takes the entry of a LightsCommand for this light: its ID, then five bits of red, six of green and five of blue (DSDL
-    /// uavcan/equipment/indication/RGB565.uavcan). Ignores an entry of any other length.
+    /// Takes the entry of a LightsCommand for this light: its ID, then five bits of red, six of
+    /// green and five of blue (DSDL uavcan/equipment/indication/RGB565.uavcan). Ignores an
+    /// entry of any other length.
     pub fn take(&mut self, entry: &[u8]) {
         let &[_, high, low] = entry else { return };
         let red = high & 0xF8;

@@ -46,11 +46,13 @@ impl Node {
             self.outgoing.step(&self.unique_id, flash);
             return true;
         }
-        // Setting filters takes the controller off the bus and loses the frames that it has not sent. So no new transfer begins before.
+        // Setting filters takes the controller off the bus and loses the frames that it has not
+        // sent. So no new transfer begins before.
         if self.awaits_filters() {
             return false;
         }
-        self.begin_message(counters, now_ms) || self.id != 0 && self.begin_reply(counters, flash, monitor)
+        self.begin_message(counters, now_ms)
+            || self.id != 0 && self.begin_reply(counters, flash, monitor)
     }
 
     /// True if a frame is ready.
@@ -111,17 +113,21 @@ impl Node {
         // The draft has no Allocation, so a node without an ID sends in v0.
         let is_draft = self.dialect.is_draft() && self.id != 0;
         let has_temperature = self.temperature.has_sensor();
-        let Some((publication, transfer_id)) = self.publisher.next(now_ms, self.id != 0, has_temperature, is_draft)
+        let Some((publication, transfer_id)) =
+            self.publisher.next(now_ms, self.id != 0, has_temperature, is_draft)
         else {
             return false;
         };
-        self.sending = if publication == Publication::NodeStatus { Sending::Status } else { Sending::Message };
+        self.sending =
+            if publication == Publication::NodeStatus { Sending::Status } else { Sending::Message };
         self.outgoing.clear(is_draft);
         #[allow(unused_mut, reason = "a build may have no anonymous message")]
         let mut id = Id::message(PRIORITY_LOW, publication.data_type(), self.id);
         match publication {
             Publication::NodeStatus => self.put_status(),
-            Publication::DegreesCelsius => self.outgoing.put8(self.temperature.celsius().clamp(0, 255) as u8),
+            Publication::DegreesCelsius => {
+                self.outgoing.put8(self.temperature.celsius().clamp(0, 255) as u8)
+            }
             #[cfg(feature = "standard")]
             Publication::ActuatorStatus => {
                 let Some(output) = self.actuators.next_to_report() else { return false };
@@ -182,8 +188,13 @@ impl Node {
             #[cfg(feature = "allocation")]
             Publication::Allocation => {
                 self.allocation.ask(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));
-                // The discriminator is 14 bits of the CRC, so that requests of different nodes have different identifiers.
-                id = Id::anonymous(PRIORITY_LOWER, Publication::Allocation.data_type(), self.outgoing.sum() >> 1);
+                // The discriminator is 14 bits of the CRC, so that requests of different nodes have
+                // different identifiers.
+                id = Id::anonymous(
+                    PRIORITY_LOWER,
+                    Publication::Allocation.data_type(),
+                    self.outgoing.sum() >> 1,
+                );
             }
         }
         let _ = counters;

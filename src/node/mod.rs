@@ -1,7 +1,9 @@
-//! The node: follows commands, measures the temperature, publishes its status, and answers requests.
+//! The node: follows commands, measures the temperature, publishes its status, and answers
+//! requests.
 //!
-//! [`Node`] takes received frames and the clock, and gives frames to send and the pulse for the servo. It accesses no hardware and never waits. This
-//! file passes each event to the part that handles it. Each part owns its state:
+//! [`Node`] takes received frames and the clock, and gives frames to send and the pulse for the
+//! servo. It accesses no hardware and never waits. This file passes each event to the part that
+//! handles it. Each part owns its state:
 //!
 //! | part | task |
 //! | --- | --- |
@@ -88,7 +90,12 @@ use button::Button;
 use lights::Lights;
 #[cfg(feature = "power")]
 use power::Power;
-#[cfg(any(feature = "allocation", feature = "button", feature = "outputs", feature = "tunnel"))]
+#[cfg(any(
+    feature = "allocation",
+    feature = "button",
+    feature = "outputs",
+    feature = "tunnel"
+))]
 use publisher::Publication;
 #[cfg(feature = "tunnel")]
 use tunnel::Tunnel;
@@ -151,7 +158,8 @@ enum Sending {
     Reply,
 }
 
-/// The longest time that new filters wait for a moment without a transfer, in seconds. Longer than a transfer may take.
+/// The longest time that new filters wait for a moment without a transfer, in seconds. Longer than
+/// a transfer may take.
 const FILTERS_WAIT_S: u8 = 4;
 
 /// The node.
@@ -177,7 +185,8 @@ pub struct Node {
     sending: Sending,
     /// The log line about the current transfer.
     note: Event,
-    /// True once a thesis command was received. The node then also sends the thesis's temperature message.
+    /// True once a thesis command was received. The node then also sends the thesis's temperature
+    /// message.
     thesis: bool,
     /// Seconds until new filters are set even during a transfer. 0 if no new filters are pending.
     filters_s: u8,
@@ -235,7 +244,8 @@ impl Node {
         }
     }
 
-    /// Starts the node with the contents of the EEPROM. Logs the reset cause and makes a status due at once, which also reports the cause.
+    /// Starts the node with the contents of the EEPROM. Logs the reset cause and makes a status due
+    /// at once, which also reports the cause.
     pub fn start(
         &mut self,
         cause: ResetCause,
@@ -292,8 +302,8 @@ impl Node {
         row
     }
 
-    /// How often the controller tries to send a frame. An anonymous frame is sent once, because other nodes may send frames with the same identifier
-    /// (specification, chapter 4).
+    /// How often the controller tries to send a frame. An anonymous frame is sent once, because
+    /// other nodes may send frames with the same identifier (specification, chapter 4).
     #[inline(always)]
     pub fn attempts(&self) -> Attempts {
         if self.id == 0 { Attempts::Once } else { Attempts::UntilSent }
@@ -304,13 +314,17 @@ impl Node {
         self.id
     }
 
-    /// True if the controller should get new filters now. New filters are pending after the node got an ID, after DIALECT was set, and after a
-    /// failsafe during which no command was received, because wrong filters may be the cause. Setting filters takes the controller off the bus for 5
-    /// ms. So the node waits, for `FILTERS_WAIT_S` at most, until it neither sends a transfer nor receives a list, and the controller has sent all its
-    /// frames (`is_controller_empty`). It does not wait for the rest of a request, which may take two seconds: until then it could send nothing.
+    /// True if the controller should get new filters now. New filters are pending after the node
+    /// got an ID, after DIALECT was set, and after a failsafe during which no command was
+    /// received, because wrong filters may be the cause. Setting filters takes the controller off
+    /// the bus for 5 ms. So the node waits, for `FILTERS_WAIT_S` at most, until it neither
+    /// sends a transfer nor receives a list, and the controller has sent all its
+    /// frames (`is_controller_empty`). It does not wait for the rest of a request, which may take
+    /// two seconds: until then it could send nothing.
     pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver) -> bool {
         self.filters_s != 0
-            && (self.filters_s == 1 || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving_list())
+            && (self.filters_s == 1
+                || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving_list())
     }
 
     /// True if new filters are pending.
@@ -428,8 +442,15 @@ impl Node {
         }
     }
 
-    /// Does the work of `passed_ms` milliseconds. Call at every tick of the millisecond clock, or after several of them.
-    pub fn tick(&mut self, passed_ms: u8, now_ms: u16, eeprom: &mut impl Eeprom, monitor: &mut Monitor) {
+    /// Does the work of `passed_ms` milliseconds. Call at every tick of the millisecond clock, or
+    /// after several of them.
+    pub fn tick(
+        &mut self,
+        passed_ms: u8,
+        now_ms: u16,
+        eeprom: &mut impl Eeprom,
+        monitor: &mut Monitor,
+    ) {
         self.store.step(&mut self.parameters, eeprom);
         self.publisher.tick(passed_ms, now_ms, self.autopilot.is_present(), &self.parameters);
         #[cfg(feature = "allocation")]
@@ -487,7 +508,8 @@ impl Node {
         self.end_failsafe(monitor);
     }
 
-    /// Logs and publishes which outputs are in failsafe, if that has changed and several outputs are in use.
+    /// Logs and publishes which outputs are in failsafe, if that has changed and several outputs
+    /// are in use.
     #[cfg(feature = "outputs")]
     fn report_failsafe(&mut self, monitor: &mut Monitor) {
         if let Some((output, begins)) = self.actuators.take_change() {
@@ -534,12 +556,21 @@ impl Node {
     #[cfg(feature = "draft")]
     #[inline(never)]
     fn show_dialect(&mut self, monitor: &mut Monitor) {
-        self.health.set(Conditions::DRAFT, self.dialect.is_draft(), [Line::Draft, Line::DraftEnd], monitor);
+        self.health.set(
+            Conditions::DRAFT,
+            self.dialect.is_draft(),
+            [Line::Draft, Line::DraftEnd],
+            monitor,
+        );
     }
 
-    /// Takes a received frame, and acts on the transfer that it completes. `has_backlog`: more frames wait, so what can wait does.
+    /// Takes a received frame, and acts on the transfer that it completes. `has_backlog`: more
+    /// frames wait, so what can wait does.
     #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "the parts of the board, which the main loop owns")]
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "the parts of the board, which the main loop owns"
+    )]
     pub fn receive(
         &mut self,
         frame: &Frame,
@@ -569,8 +600,8 @@ impl Node {
         #[cfg(feature = "outputs")]
         let verdict = {
             #[cfg(feature = "lights")]
-            let light_id =
-                (segment.kind == Kind::LightsCommand).then_some(self.parameters.get(Parameter::LightId) as u8);
+            let light_id = (segment.kind == Kind::LightsCommand)
+                .then_some(self.parameters.get(Parameter::LightId) as u8);
             #[cfg(not(feature = "lights"))]
             let light_id: Option<u8> = None;
             let actuators = &self.actuators;
@@ -596,7 +627,9 @@ impl Node {
                 }
                 self.conclude(line, message, monitor);
             }
-            Verdict::Request(_) if self.services.is_full() => self.reject(Rejection::Busy, frame, monitor),
+            Verdict::Request(_) if self.services.is_full() => {
+                self.reject(Rejection::Busy, frame, monitor)
+            }
             Verdict::Request(request) => {
                 self.note.a = request.kind.id();
                 let line = self.serve(request, now_ms, flash);
@@ -671,7 +704,8 @@ impl Node {
         }
     }
 
-    /// Acts on a message, and fills in the values of the log line. Returns the line to log, or the line for the reason of a rejection.
+    /// Acts on a message, and fills in the values of the log line. Returns the line to log, or the
+    /// line for the reason of a rejection.
     #[inline(always)]
     fn act(
         &mut self,
@@ -744,14 +778,28 @@ impl Node {
             Kind::ServoCommand if len == 1 => {
                 self.thesis = true;
                 self.note.set_code(b0);
-                self.actuators.take_servo_command(b0, &mut self.note, now_ms, &self.parameters, servo)
+                self.actuators.take_servo_command(
+                    b0,
+                    &mut self.note,
+                    now_ms,
+                    &self.parameters,
+                    servo,
+                )
             }
             #[cfg(feature = "outputs")]
             Kind::RawCommand => self.actuators.take_raw_command(transfer, &self.parameters),
             _ if kind.is_list() => {
                 self.note.set_code(self.parameters.get(Parameter::Out1Id) as u8);
                 let Self { actuators, parameters, note, .. } = self;
-                actuators.take_array_command(transfer, kind.entry_len(), has_backlog, note, now_ms, parameters, servo)
+                actuators.take_array_command(
+                    transfer,
+                    kind.entry_len(),
+                    has_backlog,
+                    note,
+                    now_ms,
+                    parameters,
+                    servo,
+                )
             }
             _ => return Line::RefusedLength,
         };
@@ -763,7 +811,8 @@ impl Node {
         if is_followed {
             count(&mut self.health.counts.followed);
         }
-        // A command that is rejected because the vehicle is disarmed still identifies the autopilot.
+        // A command that is rejected because the vehicle is disarmed still identifies the
+        // autopilot.
         #[cfg(feature = "standard")]
         let is_followed = is_followed || line == Line::RefusedDisarmed;
         #[cfg(feature = "safety")]
@@ -785,7 +834,13 @@ impl Node {
 
     /// Acts on a NodeStatus.
     #[inline(always)]
-    fn act_on_status(&mut self, status: &Transfer, is_draft: bool, source: NodeId, now_ms: u16) -> Line {
+    fn act_on_status(
+        &mut self,
+        status: &Transfer,
+        is_draft: bool,
+        source: NodeId,
+        now_ms: u16,
+    ) -> Line {
         let &[u0, u1, u2, u3, state, ..] = status.bytes();
         let (level, mode);
         // In the draft the lower four bits are the status, not uptime.
@@ -836,7 +891,8 @@ impl Node {
         Line::Allocated
     }
 
-    /// True if the serial monitor may write a character: without somebody who looks through the bus, always.
+    /// True if the serial monitor may write a character: without somebody who looks through the
+    /// bus, always.
     #[inline(always)]
     pub fn takes_character(&self) -> bool {
         #[cfg(feature = "tunnel")]
@@ -888,7 +944,12 @@ impl Node {
             monitor.log_line(Line::BusOff);
         }
         let is_passive = flags.error_passive();
-        self.health.set(Conditions::ERROR_PASSIVE, is_passive, [Line::ErrorPassive, Line::ErrorActive], monitor);
+        self.health.set(
+            Conditions::ERROR_PASSIVE,
+            is_passive,
+            [Line::ErrorPassive, Line::ErrorActive],
+            monitor,
+        );
     }
 
     /// Logs the counters.

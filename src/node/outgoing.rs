@@ -1,7 +1,7 @@
 //! Outgoing transfers: the payloads that a [`Sender`] splits into frames.
 //!
-//! The payload of a long transfer is never stored: the sender asks for each byte twice. Values that could change in between are kept from the start,
-//! in [`Payload::kept`].
+//! The payload of a long transfer is never stored: the sender asks for each byte twice. Values that
+//! could change in between are kept from the start, in [`Payload::kept`].
 
 use dronecan_wire::{Buffer, Sender};
 
@@ -153,7 +153,8 @@ impl Outgoing {
         self.framing.is_draft
     }
 
-    /// Begins a new payload without any bytes: a message whose bytes are kept. Set another [`Form`] or call `reply_to` afterwards.
+    /// Begins a new payload without any bytes: a message whose bytes are kept. Set another [`Form`]
+    /// or call `reply_to` afterwards.
     #[inline(never)]
     pub fn clear(&mut self, is_draft: bool) {
         #[cfg(feature = "draft")]
@@ -198,7 +199,8 @@ impl Outgoing {
         (0..self.payload.len).fold(0xFFFF, |sum, at| crc::add(sum, self.payload.kept(at)))
     }
 
-    /// Begins a transfer with this identifier and transfer ID. `seed` is the initial CRC of a transfer of several frames.
+    /// Begins a transfer with this identifier and transfer ID. `seed` is the initial CRC of a
+    /// transfer of several frames.
     #[inline(never)]
     pub fn begin(&mut self, id: [u8; 4], transfer_id: u8, seed: u16) {
         self.frame.id = id;
@@ -206,7 +208,8 @@ impl Outgoing {
         self.sender.begin(self.payload.len - self.skipped(), transfer_id, seed);
     }
 
-    /// Makes the next bytes of the transfer, up to the end of the frame. Do not call while a frame is ready.
+    /// Makes the next bytes of the transfer, up to the end of the frame. Do not call while a frame
+    /// is ready.
     #[inline(never)]
     pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Constants) {
         let source = Source { payload: &self.payload, skipped: self.skipped(), unique_id, flash };
@@ -231,7 +234,8 @@ impl Outgoing {
         return 0;
     }
 
-    /// Bytes of the payload that are left out. The status in a GetNodeInfo response of the draft is one byte shorter, so the first byte is left out.
+    /// Bytes of the payload that are left out. The status in a GetNodeInfo response of the draft is
+    /// one byte shorter, so the first byte is left out.
     #[inline(always)]
     fn skipped(&self) -> u8 {
         #[cfg(feature = "draft")]

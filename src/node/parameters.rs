@@ -128,7 +128,8 @@ parameters! {
     Pwr1Out "PWR1_OUT" 0..8 = 0,
 }
 
-/// All parameters: those of [`Parameter`], then those of the outputs from the second on, output by output.
+/// All parameters: those of [`Parameter`], then those of the outputs from the second on, output by
+/// output.
 #[cfg(not(feature = "outputs"))]
 const TABLE: &[Row] = SINGLE;
 #[cfg(feature = "outputs")]
@@ -207,13 +208,15 @@ pub const NONE: u8 = 0xFF;
 /// Maximum length of a name, as in ArduPilot.
 const MAX_NAME_LEN: usize = 16;
 
-/// Bytes of a value, in RAM and in EEPROM: little-endian, two's complement if the minimum is negative.
+/// Bytes of a value, in RAM and in EEPROM: little-endian, two's complement if the minimum is
+/// negative.
 const VALUE_LEN: u8 = 2;
 
 /// Bytes of the values of all parameters.
 pub(super) const VALUES_LEN: u8 = VALUE_LEN * COUNT as u8;
 
-// Layout of the flash: all defaults, all maxima, all minima, then all names, each with its length before it.
+// Layout of the flash: all defaults, all maxima, all minima, then all names, each with its length
+// before it.
 const DEFAULTS: u16 = 0;
 const MAXIMA: u16 = DEFAULTS + VALUES_LEN as u16;
 const MINIMA: u16 = MAXIMA + VALUES_LEN as u16;
@@ -230,7 +233,8 @@ const LEN: usize = {
     len
 };
 
-/// The table. A range may begin below zero or end above 32,767. So the code compares distances from the minimum, modulo 65,536.
+/// The table. A range may begin below zero or end above 32,767. So the code compares distances from
+/// the minimum, modulo 65,536.
 pub const PACKED: [u8; LEN] = {
     let mut packed = [0; LEN];
     let mut at = 3 * VALUES_LEN as usize;
@@ -238,7 +242,12 @@ pub const PACKED: [u8; LEN] = {
     while n < COUNT {
         let (name, min, max, default) = TABLE[n];
         assert!(!name.is_empty() && name.len() <= MAX_NAME_LEN);
-        assert!(i16::MIN as i32 <= min && min <= default && default <= max && max - min <= u16::MAX as i32);
+        assert!(
+            i16::MIN as i32 <= min
+                && min <= default
+                && default <= max
+                && max - min <= u16::MAX as i32
+        );
         assert!(min >= 0 || max <= i16::MAX as i32);
         let values = [default, max, min];
         let mut value = 0;
@@ -290,7 +299,8 @@ fn rate(doublings: u8) -> u32 {
     rate
 }
 
-/// The bits above the lower 16 of a value: its sign if the minimum is negative (then the maximum is below 32,768).
+/// The bits above the lower 16 of a value: its sign if the minimum is negative (then the maximum is
+/// below 32,768).
 fn sign(low: u16, min: u16) -> u16 {
     ((low & min) as i16 >> 15) as u16
 }
@@ -299,7 +309,8 @@ fn sign(low: u16, min: u16) -> u16 {
 #[inline(never)]
 fn is_in_range(value: u16, default_at: u16, flash: impl Progmem<Descriptions>) -> bool {
     let min = flash.word(default_at.wrapping_add(MINIMA - DEFAULTS));
-    value.wrapping_sub(min) <= flash.word(default_at.wrapping_add(MAXIMA - DEFAULTS)).wrapping_sub(min)
+    value.wrapping_sub(min)
+        <= flash.word(default_at.wrapping_add(MAXIMA - DEFAULTS)).wrapping_sub(min)
 }
 
 /// The place of a parameter in a table of values.
@@ -323,7 +334,8 @@ const TAG_INTEGER: u8 = 1;
 /// Bytes of a GetSet response before the name: value, default, maximum and minimum.
 pub const NUMBERS_LEN: u8 = 4 * NUMBER_LEN;
 
-/// A byte of a GetSet response, before the name, for the parameter with this index and a value of it.
+/// A byte of a GetSet response, before the name, for the parameter with this index and a value of
+/// it.
 pub fn response_byte(mut at: u8, value: u16, index: u8, flash: impl Progmem<Descriptions>) -> u8 {
     let mut low = value;
     let mut number_at = place(DEFAULTS, index);
@@ -411,7 +423,8 @@ impl Parameters {
         NONE
     }
 
-    /// Sets a parameter to a number. Returns false, and changes nothing, if the index does not exist or the number is out of range.
+    /// Sets a parameter to a number. Returns false, and changes nothing, if the index does not
+    /// exist or the number is out of range.
     pub fn set(&mut self, index: u8, mut number: i32, flash: impl Progmem<Descriptions>) -> bool {
         if usize::from(index) >= COUNT {
             return false;
@@ -424,7 +437,9 @@ impl Parameters {
             number = i32::from(doublings);
         }
         let (low, high) = (number as u16, (number >> 16) as u16);
-        if !is_in_range(low, place(DEFAULTS, index), flash) || high != sign(low, flash.word(place(MINIMA, index))) {
+        if !is_in_range(low, place(DEFAULTS, index), flash)
+            || high != sign(low, flash.word(place(MINIMA, index)))
+        {
             return false;
         }
         #[cfg(feature = "outputs")]
@@ -441,7 +456,8 @@ impl Parameters {
         self.values.get(usize::from(index)).map(|&value| u16::from_le_bytes(value))
     }
 
-    /// Sets parameters to their defaults: those with a value out of its range, and if `all`, all. Returns true if it set one.
+    /// Sets parameters to their defaults: those with a value out of its range, and if `all`, all.
+    /// Returns true if it set one.
     fn reset(&mut self, all: bool, flash: impl Progmem<Descriptions>) -> bool {
         let mut at = DEFAULTS;
         let mut has_reset = false;
@@ -456,7 +472,8 @@ impl Parameters {
         has_reset
     }
 
-    /// Sets the parameters with values out of range to their defaults. Returns true if there are any.
+    /// Sets the parameters with values out of range to their defaults. Returns true if there are
+    /// any.
     #[inline(always)]
     pub fn repair(&mut self, flash: impl Progmem<Descriptions>) -> bool {
         self.reset(false, flash)
@@ -482,8 +499,11 @@ mod tests {
 
     #[test]
     fn the_digest_is_the_crc_of_all_names_and_ranges() {
-        let range = |min: i32, max: i32| [(min as u16).to_le_bytes(), (max as u16).to_le_bytes()].concat();
-        let bytes = TABLE.iter().flat_map(|&(name, min, max, _)| [name.as_bytes(), &range(min, max)].concat());
+        let range =
+            |min: i32, max: i32| [(min as u16).to_le_bytes(), (max as u16).to_le_bytes()].concat();
+        let bytes = TABLE
+            .iter()
+            .flat_map(|&(name, min, max, _)| [name.as_bytes(), &range(min, max)].concat());
         assert_eq!(DIGEST, bytes.fold(0xFFFF, crc::step));
     }
 
@@ -555,7 +575,15 @@ mod tests {
                     assert_eq!(parameters, before, "{name} {number}");
                 }
             }
-            for number in [i32::MIN, i32::MIN + 500, -0x7FFF_0000, 0x0002_0001, 0x00FF_0000, 0x7FFF_FE0C, i32::MAX] {
+            for number in [
+                i32::MIN,
+                i32::MIN + 500,
+                -0x7FFF_0000,
+                0x0002_0001,
+                0x00FF_0000,
+                0x7FFF_FE0C,
+                i32::MAX,
+            ] {
                 assert!(!set(&mut parameters, index as u8, number.into()), "{name} {number}");
             }
         }
@@ -567,9 +595,14 @@ mod tests {
             // Afresh, because not every number of outputs goes with every rate.
             let mut parameters = fresh();
             for number in [min, max, default, (min + max) / 2] {
-                let [number, min, max, default] = [number, min, max, default].map(|number| on_the_bus(index, number));
+                let [number, min, max, default] =
+                    [number, min, max, default].map(|number| on_the_bus(index, number));
                 if set(&mut parameters, index as u8, number) {
-                    assert_eq!(numbers(&parameters, index as u8), [number, default, max, min], "{name}");
+                    assert_eq!(
+                        numbers(&parameters, index as u8),
+                        [number, default, max, min],
+                        "{name}"
+                    );
                 } else {
                     assert_eq!(name, "CAN_BAUDRATE", "half of the sum of its ends is no bit rate");
                 }
@@ -580,7 +613,8 @@ mod tests {
     #[test]
     fn the_bit_rate_is_one_of_the_board_s_in_bits_per_second() {
         let index = Parameter::CanBaudrate as u8;
-        let highest = if crate::hardware::CAN_CRYSTAL_HZ == 8_000_000 { 500_000 } else { 1_000_000 };
+        let highest =
+            if crate::hardware::CAN_CRYSTAL_HZ == 8_000_000 { 500_000 } else { 1_000_000 };
         let mut parameters = fresh();
         let mut rates = vec![];
         for (rate, units) in [(125_000, 0), (250_000, 1), (500_000, 2), (1_000_000, 3)] {
@@ -606,8 +640,11 @@ mod tests {
         for (index, &(name, min, max, default)) in TABLE.iter().enumerate() {
             // All values around the ends of each range, and some of all the others.
             let around = |end: i32| (end - 3..=end + 3).map(|number| number as u16);
-            for value in
-                (0..=u16::MAX).step_by(97).chain(around(min)).chain(around(max)).chain([i16::MAX as u16, u16::MAX])
+            for value in (0..=u16::MAX)
+                .step_by(97)
+                .chain(around(min))
+                .chain(around(max))
+                .chain([i16::MAX as u16, u16::MAX])
             {
                 let number = if min < 0 { i32::from(value as i16) } else { i32::from(value) };
                 let mut parameters = fresh();
@@ -634,7 +671,17 @@ mod tests {
 
     #[test]
     fn names_of_nothing_are_not_found() {
-        for name in ["", "C", "CAN_NOD", "CAN_NODE ", "CAN_NODEX", "can_node", "OUT1_MIX", "SEVENTEEN_LETTERS", "\0"] {
+        for name in [
+            "",
+            "C",
+            "CAN_NOD",
+            "CAN_NODE ",
+            "CAN_NODEX",
+            "can_node",
+            "OUT1_MIX",
+            "SEVENTEEN_LETTERS",
+            "\0",
+        ] {
             assert_eq!(Parameters::find(name.as_bytes(), InMemory), NONE, "{name:?}");
         }
     }
@@ -656,7 +703,9 @@ mod tests {
         for name in names {
             assert!(
                 name.len() <= 16
-                    && name.bytes().all(|byte| byte.is_ascii_uppercase() || byte.is_ascii_digit() || byte == b'_'),
+                    && name.bytes().all(|byte| byte.is_ascii_uppercase()
+                        || byte.is_ascii_digit()
+                        || byte == b'_'),
                 "{name}"
             );
         }

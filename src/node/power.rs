@@ -1,7 +1,8 @@
 //! Voltage and current of a circuit, from two analogue inputs, and their limits.
 //!
-//! The voltage comes from a divider, the current from a sensor whose voltage follows it, such as an ACS712 or an INA180 with its shunt. The ADC has ten
-//! bits, so a step is 4.9 mV at the pin against 5 V. The node adds up 16 readings of each input, one of all inputs each millisecond.
+//! The voltage comes from a divider, the current from a sensor whose voltage follows it, such as an
+//! ACS712 or an INA180 with its shunt. The ADC has ten bits, so a step is 4.9 mV at the pin against
+//! 5 V. The node adds up 16 readings of each input, one of all inputs each millisecond.
 
 use dronecan_wire::float16;
 
@@ -21,7 +22,8 @@ const OVERCURRENT: u8 = 4;
 
 /// Readings in a sum.
 const READINGS: u8 = 16;
-/// The sum of readings for the reference voltage: a reading is 1024 x voltage / reference (ATmega48/88/168 datasheet 2545, section 23.7).
+/// The sum of readings for the reference voltage: a reading is 1024 x voltage / reference
+/// (ATmega48/88/168 datasheet 2545, section 23.7).
 const FULL_SCALE: u16 = READINGS as u16 * 1024;
 /// The reference voltage in millivolts, for TEMP_REF 0 and 1.
 const AVCC_MV: u16 = 5000;
@@ -69,7 +71,8 @@ impl Power {
         }
     }
 
-    /// Takes a reading of the ADC, which measures the next input now. Returns the input of the reading, and true if it completes a sum.
+    /// Takes a reading of the ADC, which measures the next input now. Returns the input of the
+    /// reading, and true if it completes a sum.
     pub fn add(&mut self, reading: u16, next: Input) -> (Input, bool) {
         let input = core::mem::replace(&mut self.input, next);
         match input {
@@ -111,10 +114,14 @@ impl Power {
         self.flags
     }
 
-    /// The current in percent of PWR1_AMP_MAX, for actuator.Status of the output that PWR1_OUT names. [`RATING_UNKNOWN`] for others.
+    /// The current in percent of PWR1_AMP_MAX, for actuator.Status of the output that PWR1_OUT
+    /// names. [`RATING_UNKNOWN`] for others.
     pub fn rating_percent(&self, output: usize, parameters: &Parameters) -> u8 {
         let most = parameters.get(Parameter::Pwr1AmpMax);
-        if !self.has_measured || most == 0 || usize::from(parameters.get(Parameter::Pwr1Out)) != output + 1 {
+        if !self.has_measured
+            || most == 0
+            || usize::from(parameters.get(Parameter::Pwr1Out)) != output + 1
+        {
             return RATING_UNKNOWN;
         }
         scaled(self.centiamperes.unsigned_abs(), 100, most).min(u16::from(RATING_UNKNOWN) - 1) as u8
@@ -124,11 +131,13 @@ impl Power {
     #[inline(never)]
     pub fn measure(&mut self, parameters: &Parameters) {
         let reference_mv = if parameters.is_on(Parameter::TempRef) { BANDGAP_MV } else { AVCC_MV };
-        let [voltage_mv, current_mv] = self.latest.map(|sum| scaled(sum, reference_mv, FULL_SCALE) as i16);
+        let [voltage_mv, current_mv] =
+            self.latest.map(|sum| scaled(sum, reference_mv, FULL_SCALE) as i16);
         let voltage_mv = (voltage_mv - parameters.get(Parameter::Pwr1VoltOfs) as i16).max(0);
         self.millivolts = scaled(voltage_mv as u16, parameters.get(Parameter::Pwr1VoltMult), 1000);
         let current_mv = current_mv - parameters.get(Parameter::Pwr1AmpOffset) as i16;
-        let centiamperes = scaled(current_mv.unsigned_abs(), parameters.get(Parameter::Pwr1AmpPervlt), 1000);
+        let centiamperes =
+            scaled(current_mv.unsigned_abs(), parameters.get(Parameter::Pwr1AmpPervlt), 1000);
         let centiamperes = centiamperes.min(i16::MAX as u16) as i16;
         self.centiamperes = if current_mv < 0 { -centiamperes } else { centiamperes };
         self.has_measured = true;
@@ -141,12 +150,14 @@ impl Power {
         if limit(Parameter::Pwr1VoltMin).is_some_and(|least| self.millivolts < least) {
             self.flags |= UNDERVOLTAGE;
         }
-        if limit(Parameter::Pwr1AmpMax).is_some_and(|most| self.centiamperes.unsigned_abs() > most) {
+        if limit(Parameter::Pwr1AmpMax).is_some_and(|most| self.centiamperes.unsigned_abs() > most)
+        {
             self.flags |= OVERCURRENT;
         }
     }
 
-    /// Logs voltage and current, and sets or clears the condition for their limits. Call once a second.
+    /// Logs voltage and current, and sets or clears the condition for their limits. Call once a
+    /// second.
     #[inline(always)]
     pub fn second(&mut self, parameters: &Parameters, health: &mut Health, monitor: &mut Monitor) {
         if !parameters.is_on(Parameter::PwrRate) {

@@ -1,18 +1,22 @@
-//! When the node sends its messages: their order, rates and transfer IDs. [`messages`](super::messages) has their payloads.
+//! When the node sends its messages: their order, rates and transfer IDs.
+//! [`messages`](super::messages) has their payloads.
 
 use dronecan_wire::Tail;
 use dronecan_wire::types::{self, Message};
 
 use super::parameters::{Parameter, Parameters};
 
-/// The longest time between two statuses, in milliseconds (DSDL 341.NodeStatus.uavcan, MAX_BROADCASTING_PERIOD_MS).
+/// The longest time between two statuses, in milliseconds (DSDL 341.NodeStatus.uavcan,
+/// MAX_BROADCASTING_PERIOD_MS).
 const MAX_BROADCASTING_PERIOD_MS: u16 = 1000;
 
-/// The shortest time between two statuses, in milliseconds, at any rate of the autopilot's statuses.
+/// The shortest time between two statuses, in milliseconds, at any rate of the autopilot's
+/// statuses.
 const MIN_STATUS_PERIOD_MS: u16 = 500;
 
-/// Extra time to wait for the autopilot's status, in milliseconds. An autopilot that sends every 1000 ms sometimes takes 1001. Without the extra time
-/// its status would come just after the node's own.
+/// Extra time to wait for the autopilot's status, in milliseconds. An autopilot that sends every
+/// 1000 ms sometimes takes 1001. Without the extra time its status would come just after the node's
+/// own.
 const AUTOPILOT_GRACE_MS: u16 = 25;
 
 /// The node sends the thesis's temperature once for this number of statuses from the autopilot.
@@ -165,9 +169,11 @@ pub struct Publisher {
     /// For each message with a rate: progress to the next one, in thousandths of a period.
     pace: [u16; PACED],
     transfer_ids: [u8; COUNT],
-    /// Time when a status last became due, in milliseconds: at a status of the autopilot, or after too long without one.
+    /// Time when a status last became due, in milliseconds: at a status of the autopilot, or after
+    /// too long without one.
     occasion_ms: u16,
-    /// Time when the last status was sent, in milliseconds; while the controller has it, time when it was handed over.
+    /// Time when the last status was sent, in milliseconds; while the controller has it, time when
+    /// it was handed over.
     status_sent_ms: u16,
     is_status_in_controller: bool,
     /// Statuses of the autopilot since the thesis's temperature was last due.
@@ -214,22 +220,44 @@ impl Publisher {
 
     /// Makes messages due by time. Call once for each `passed_ms` milliseconds.
     #[inline(always)]
-    pub fn tick(&mut self, passed_ms: u8, now_ms: u16, has_autopilot: bool, parameters: &Parameters) {
+    pub fn tick(
+        &mut self,
+        passed_ms: u8,
+        now_ms: u16,
+        has_autopilot: bool,
+        parameters: &Parameters,
+    ) {
         let grace_ms = if has_autopilot { AUTOPILOT_GRACE_MS } else { 0 };
         if now_ms.wrapping_sub(self.occasion_ms) >= MAX_BROADCASTING_PERIOD_MS + grace_ms {
             self.occasion_ms = now_ms;
             self.publish(Publication::NodeStatus);
         }
-        self.pace(Publication::Temperature, 0, passed_ms, parameters.get(Parameter::TempRate) as u8);
+        self.pace(
+            Publication::Temperature,
+            0,
+            passed_ms,
+            parameters.get(Parameter::TempRate) as u8,
+        );
         #[cfg(feature = "standard")]
-        self.pace(Publication::ActuatorStatus, 1, passed_ms, parameters.get(Parameter::TelemRate) as u8);
+        self.pace(
+            Publication::ActuatorStatus,
+            1,
+            passed_ms,
+            parameters.get(Parameter::TelemRate) as u8,
+        );
         #[cfg(feature = "stats")]
         self.pace(Publication::CanStats, 2, passed_ms, parameters.get(Parameter::StatsRate) as u8);
         #[cfg(feature = "power")]
-        self.pace(Publication::CircuitStatus, 2 + STATS, passed_ms, parameters.get(Parameter::PwrRate) as u8);
+        self.pace(
+            Publication::CircuitStatus,
+            2 + STATS,
+            passed_ms,
+            parameters.get(Parameter::PwrRate) as u8,
+        );
     }
 
-    /// Advances a message by `passed_ms` milliseconds. Makes it due `rate` times a second, at most 255.
+    /// Advances a message by `passed_ms` milliseconds. Makes it due `rate` times a second, at most
+    /// 255.
     #[inline(never)]
     fn pace(&mut self, publication: Publication, n: usize, passed_ms: u8, rate: u8) {
         let pace = &mut self.pace[n];
@@ -272,7 +300,9 @@ impl Publisher {
             {
                 due = due.without(Publication::Allocation);
             }
-            if self.is_status_in_controller || now_ms.wrapping_sub(self.status_sent_ms) < MIN_STATUS_PERIOD_MS {
+            if self.is_status_in_controller
+                || now_ms.wrapping_sub(self.status_sent_ms) < MIN_STATUS_PERIOD_MS
+            {
                 due = due.without(Publication::NodeStatus);
             }
             if !has_temperature {
@@ -288,13 +318,17 @@ impl Publisher {
         self.withdraw(publication);
         // In the draft both are the thesis's measurement, so they share their transfer IDs.
         #[cfg(all(feature = "draft", feature = "button"))]
-        let counted =
-            if is_draft && publication == Publication::KeyValue { Publication::DegreesCelsius } else { publication };
+        let counted = if is_draft && publication == Publication::KeyValue {
+            Publication::DegreesCelsius
+        } else {
+            publication
+        };
         #[cfg(not(all(feature = "draft", feature = "button")))]
         let counted = publication;
         // Both are KeyValues, so they share their transfer IDs.
         #[cfg(all(feature = "outputs", feature = "button"))]
-        let counted = if counted == Publication::FailsafeOutputs { Publication::KeyValue } else { counted };
+        let counted =
+            if counted == Publication::FailsafeOutputs { Publication::KeyValue } else { counted };
         let transfer_id = &mut self.transfer_ids[counted as usize];
         let current = *transfer_id;
         *transfer_id = (current + 1) & Tail::TRANSFER_ID;
@@ -307,7 +341,8 @@ impl Publisher {
         self.status_sent_ms = now_ms;
     }
 
-    /// Notes that the controller has sent all its frames. So a status that waited in it for the bus was sent just now.
+    /// Notes that the controller has sent all its frames. So a status that waited in it for the bus
+    /// was sent just now.
     pub fn controller_is_empty(&mut self, now_ms: u16) {
         if self.is_status_in_controller {
             self.is_status_in_controller = false;
@@ -333,10 +368,14 @@ mod tests {
         for &publication in Publication::ALL {
             publisher.publish(publication);
         }
-        let order: Vec<Publication> =
-            std::iter::from_fn(|| publisher.next(0, true, true, false)).map(|(publication, _)| publication).collect();
-        let expected: Vec<Publication> =
-            Publication::ALL.iter().copied().filter(|&publication| !WITHOUT_ID.has(publication)).collect();
+        let order: Vec<Publication> = std::iter::from_fn(|| publisher.next(0, true, true, false))
+            .map(|(publication, _)| publication)
+            .collect();
+        let expected: Vec<Publication> = Publication::ALL
+            .iter()
+            .copied()
+            .filter(|&publication| !WITHOUT_ID.has(publication))
+            .collect();
         assert_eq!(order, expected);
     }
 

@@ -1,5 +1,5 @@
-//! Requests of clients, and the node's responses, one at a time and in order. The response to a SAVE waits until the save is
-//! over; with the feature `save-answers` the others go first.
+//! Requests of clients, and the node's responses, one at a time and in order. The response to a
+//! SAVE waits until the save is over; with the feature `save-answers` the others go first.
 
 use dronecan_wire::Id;
 
@@ -22,8 +22,8 @@ use super::{dialect::Dialect, draft};
 /// Requests that can wait for their response. A power of two. GUI tools send five at once.
 const WAITING: usize = 8;
 
-/// Time from the last frame of a RestartNode response to the restart, in milliseconds. In this time the controller sends the frame, and the servo
-/// reaches its failsafe position.
+/// Time from the last frame of a RestartNode response to the restart, in milliseconds. In this time
+/// the controller sends the frame, and the servo reaches its failsafe position.
 const RESTART_MS: u16 = 100;
 
 #[cfg(feature = "standard")]
@@ -42,14 +42,16 @@ struct Reply {
     to: u8,
     priority: u8,
     transfer_id: u8,
-    /// GetSet: the index of the parameter. ExecuteOpcode, RestartNode: 1 if accepted, else 0. BeginFirmwareUpdate: the verdict.
+    /// GetSet: the index of the parameter. ExecuteOpcode, RestartNode: 1 if accepted, else 0.
+    /// BeginFirmwareUpdate: the verdict.
     argument: u8,
     /// GetSet: the value after the request.
     value: u16,
 }
 
 impl Reply {
-    const NONE: Self = Self { kind: Kind::Unknown, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0 };
+    const NONE: Self =
+        Self { kind: Kind::Unknown, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0 };
 }
 
 /// The pending requests.
@@ -137,7 +139,12 @@ impl Default for Services {
 impl Node {
     /// Acts on a request and queues its response. Returns the line to log.
     #[inline(always)]
-    pub(super) fn serve(&mut self, request: &Transfer, now_ms: u16, flash: impl Progmem<Descriptions>) -> Line {
+    pub(super) fn serve(
+        &mut self,
+        request: &Transfer,
+        now_ms: u16,
+        flash: impl Progmem<Descriptions>,
+    ) -> Line {
         #[allow(unused_mut, reason = "a build may have no other line")]
         let mut line = Line::Request;
         let mut argument = 0;
@@ -146,7 +153,9 @@ impl Node {
         match request.kind {
             #[cfg(feature = "standard")]
             Kind::GetSet => {
-                let Some(get_set) = GetSet::read(request, flash) else { return Line::RefusedLength };
+                let Some(get_set) = GetSet::read(request, flash) else {
+                    return Line::RefusedLength;
+                };
                 if let Some(value) = get_set.value {
                     if self.parameters.set(get_set.parameter, value, flash) {
                         line = Line::ParameterSet;
@@ -186,7 +195,8 @@ impl Node {
             }
             // The magic number is 0xACCE551B1E (DSDL 5.RestartNode.uavcan).
             Kind::RestartNode
-                if request.len() == 5 && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]) =>
+                if request.len() == 5
+                    && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]) =>
             {
                 argument = 1;
                 self.actuators.fail_safe(&self.parameters);
@@ -206,7 +216,8 @@ impl Node {
         line
     }
 
-    /// Begins the response to the oldest request. Returns false if there is none, or if it waits for a save.
+    /// Begins the response to the oldest request. Returns false if there is none, or if it waits
+    /// for a save.
     pub(super) fn begin_reply(
         &mut self,
         counters: &impl CanCounters,
@@ -315,7 +326,11 @@ impl Node {
             let is_info = reply.kind == Kind::GetNodeInfo;
             self.outgoing.reply_to(reply.to);
             let upper = if is_info { draft::sent::NODE_INFO } else { draft::sent::RESTARTED };
-            self.outgoing.begin(draft::id(upper, self.id), reply.transfer_id, draft::NODE_INFO_SEED);
+            self.outgoing.begin(
+                draft::id(upper, self.id),
+                reply.transfer_id,
+                draft::NODE_INFO_SEED,
+            );
             return true;
         }
         let id = Id::response(reply.priority, reply.kind.id() as u8, reply.to, self.id);
@@ -327,15 +342,18 @@ impl Node {
 /// A decoded GetSet request.
 #[cfg(feature = "standard")]
 struct GetSet {
-    /// The index of the parameter; [`parameters::NONE`] if the name is unknown or the index does not fit in eight bits.
+    /// The index of the parameter; [`parameters::NONE`] if the name is unknown or the index does
+    /// not fit in eight bits.
     parameter: u8,
-    /// The value to set. `None` if the request has no integer, or one that does not fit in 32 bits.
+    /// The value to set. `None` if the request has no integer, or one that does not fit in 32
+    /// bits.
     value: Option<i32>,
 }
 
 #[cfg(feature = "standard")]
 impl GetSet {
-    /// Reads a request (DSDL 11.GetSet.uavcan): 13 bits of index, 3 of tag, the value, the name. Returns `None` if it is too short.
+    /// Reads a request (DSDL 11.GetSet.uavcan): 13 bits of index, 3 of tag, the value, the name.
+    /// Returns `None` if it is too short.
     #[inline(always)]
     fn read(request: &Transfer, flash: impl Progmem<Descriptions>) -> Option<Self> {
         const INTEGER: u8 = 1;

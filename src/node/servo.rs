@@ -42,8 +42,8 @@ impl CommandType {
 
 /// The outputs of the board, which make the pulses.
 pub trait Output {
-    /// Sets the width of an output's pulse from the next period on; 0 ends the pulses. Does not cut a pulse that has begun, so the pulses end at the
-    /// first call between two pulses.
+    /// Sets the width of an output's pulse from the next period on; 0 ends the pulses. Does not cut
+    /// a pulse that has begun, so the pulses end at the first call between two pulses.
     fn set(&mut self, output: usize, width: Ticks);
 
     /// Ends a group of calls of [`set`](Self::set), whose pulses begin in the same period.
@@ -51,7 +51,8 @@ pub trait Output {
     fn commit(&mut self) {}
 }
 
-/// 4096 x pi / 360 x 65,536. Converts the whole travel in degrees to half of it in 4096ths of a radian, times 65,536.
+/// 4096 x pi / 360 x 65,536. Converts the whole travel in degrees to half of it in 4096ths of a
+/// radian, times 65,536.
 const HALF_RANGE_FACTOR: u32 = 2_342_530;
 
 /// The travel that the parameters define.
@@ -71,8 +72,8 @@ impl Travel {
     /// No travel.
     pub const NONE: Self = Self { trim: 0, below: 0, above: 0, is_reversed: false, half_range: 0 };
 
-    /// Applies the parameters. Accepts OUTn_MIN and OUTn_MAX in either order, and clamps OUTn_TRIM between them, because the bus sets one parameter
-    /// at a time.
+    /// Applies the parameters. Accepts OUTn_MIN and OUTn_MAX in either order, and clamps OUTn_TRIM
+    /// between them, because the bus sets one parameter at a time.
     #[inline(never)]
     pub fn update(&mut self, output: usize, parameters: &Parameters) {
         let mut low = parameters.of(output, OutputParameter::Min) << 1;
@@ -117,7 +118,8 @@ impl Travel {
         }
     }
 
-    /// The pulse for a command; 0 for a width of zero or less. A command beyond the travel gets the end of the travel.
+    /// The pulse for a command; 0 for a width of zero or less. A command beyond the travel gets the
+    /// end of the travel.
     ///
     /// OUTn_REVERSED reverses unitless and position commands, but not a width.
     pub fn pulse(&self, command: CommandType, value: i16) -> Ticks {
@@ -145,12 +147,14 @@ impl Travel {
         self.low()
     }
 
-    /// The pulse for a motor's command: up to 8191, which is the upper end of the travel. 0 and less stop it.
+    /// The pulse for a motor's command: up to 8191, which is the upper end of the travel. 0 and
+    /// less stop it.
     #[cfg(feature = "outputs")]
     pub fn pulse_of_throttle(&self, throttle: i16) -> Ticks {
         let span = self.below + self.above;
         // Divides by 2^13, rounded.
-        self.low() + ((u32::from(throttle.max(0) as u16) * u32::from(span) + (1 << 12)) >> 13) as u16
+        self.low()
+            + ((u32::from(throttle.max(0) as u16) * u32::from(span) + (1 << 12)) >> 13) as u16
     }
 
     /// The pulse for a position of the thesis's command: 0 to 255 over the full travel.
@@ -160,14 +164,16 @@ impl Travel {
             position = !position;
         }
         let [low, high] = (self.below + self.above).to_le_bytes();
-        // The product of 24 bits is 256 x `product` + `rest`. It is computed byte by byte, because the AVR multiplies bytes.
+        // The product of 24 bits is 256 x `product` + `rest`. It is computed byte by byte, because
+        // the AVR multiplies bytes.
         let [rest, carry] = (u16::from(position) * u16::from(low)).to_le_bytes();
         let product = u16::from(position) * u16::from(high) + u16::from(carry);
         // Divides by 255: 1/255 is nearly 1/256 + 1/65,536.
         self.low() + product + ((product + u16::from(rest) + (1 << 7)) >> 8)
     }
 
-    /// The position of a pulse, in radians as a float16. A command of that position gives the pulse again.
+    /// The position of a pulse, in radians as a float16. A command of that position gives the pulse
+    /// again.
     #[inline(always)]
     pub fn position(&self, pulse: Ticks) -> u16 {
         let is_low = pulse < self.trim;
@@ -177,9 +183,11 @@ impl Travel {
     }
 }
 
-/// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0. The divisor is at most 32,767.
+/// `value` x `factor` / `divisor`, rounded, and limited to 16 bits; 0 for a divisor of 0. The
+/// divisor is at most 32,767.
 ///
-/// Divides bit by bit. Divisor and quotient have only 16 bits, so it takes half as long as a division of 32 bits.
+/// Divides bit by bit. Divisor and quotient have only 16 bits, so it takes half as long as a
+/// division of 32 bits.
 #[inline(never)]
 pub fn scaled(value: u16, factor: u16, divisor: u16) -> u16 {
     if divisor == 0 {

@@ -1,12 +1,14 @@
-//! Keeps the parameters and the unique ID in EEPROM. After a power cut at any moment the EEPROM has either the old or the new parameters
-//! (docs/parameters.md).
+//! Keeps the parameters and the unique ID in EEPROM. After a power cut at any moment the EEPROM has
+//! either the old or the new parameters (docs/parameters.md).
 //!
-//! A record is its bytes, their CRC (high byte first), and a marker. To overwrite a record, the store first erases its marker, which makes the record
-//! invalid. Then it writes the bytes and the CRC, and last the new marker. A byte that is being written during a power cut can get any value, so the
-//! CRC also covers the marker.
+//! A record is its bytes, their CRC (high byte first), and a marker. To overwrite a record, the
+//! store first erases its marker, which makes the record invalid. Then it writes the bytes and the
+//! CRC, and last the new marker. A byte that is being written during a power cut can get any value,
+//! so the CRC also covers the marker.
 //!
-//! The parameters have two records, and a save overwrites the older one. The marker has a count of the saves, modulo 4, which distinguishes the newer
-//! record from the older, and the version of the layout.
+//! The parameters have two records, and a save overwrites the older one. The marker has a count of
+//! the saves, modulo 4, which distinguishes the newer record from the older, and the version of the
+//! layout.
 
 #![allow(
     clippy::useless_conversion,
@@ -42,7 +44,8 @@ pub trait Eeprom {
 /// Bytes of a unique ID (DSDL uavcan/protocol/HardwareVersion.uavcan).
 pub const UNIQUE_ID_LEN: u8 = 16;
 
-/// Address of the unique ID. The first addresses are unused: a failing supply most likely corrupts them.
+/// Address of the unique ID. The first addresses are unused: a failing supply most likely corrupts
+/// them.
 const UNIQUE_ID: Address = 0x04;
 
 /// Addresses of the two records of the parameters.
@@ -61,7 +64,8 @@ const MARKER: u8 = VALUES_LEN + CRC_LEN;
 
 const _: () = assert!(PARAMETERS[0] > UNIQUE_ID + (UNIQUE_ID_LEN + CRC_LEN) as Address);
 const _: () = assert!(
-    PARAMETERS[0] + (MARKER as Address) < PARAMETERS[1] && PARAMETERS[1] as usize + (MARKER as usize) < EEPROM_LEN
+    PARAMETERS[0] + (MARKER as Address) < PARAMETERS[1]
+        && PARAMETERS[1] as usize + (MARKER as usize) < EEPROM_LEN
 );
 
 /// The value of an erased byte.
@@ -73,8 +77,8 @@ const NO_RECORD: u8 = ERASED;
 /// In the marker of parameters: the lower two bits count the saves.
 const COUNT_MASK: u8 = 3;
 
-/// In the marker of parameters: the upper six bits are the version of the layout, 1 to 62. Records of another version are invalid. The unique ID has
-/// a marker of 0 and stays valid.
+/// In the marker of parameters: the upper six bits are the version of the layout, 1 to 62. Records
+/// of another version are invalid. The unique ID has a marker of 0 and stays valid.
 const LAYOUT: u8 = 3 << 2;
 
 /// The marker of the next save.
@@ -90,19 +94,22 @@ fn is_usable(marker: u8) -> bool {
 /// The marker of the unique ID.
 const UNIQUE_ID_MARKER: u8 = 0;
 
-/// The initial CRC of a record. It includes the marker, and it makes a record of zeros invalid. For parameters it is based on the digest of names and
-/// ranges, so that a record of a build with another table is invalid.
+/// The initial CRC of a record. It includes the marker, and it makes a record of zeros invalid. For
+/// parameters it is based on the digest of names and ranges, so that a record of a build with
+/// another table is invalid.
 fn crc_start(marker: u8) -> u16 {
     let start = if marker == UNIQUE_ID_MARKER { 0x0100 } else { parameters::DIGEST };
     start ^ u16::from(marker)
 }
 
-/// Samples of noise in a unique ID. Even a sample near the typical 16 ms has a random bit or more (see `board::jitter`). With 64 samples, the
-/// probability that two in a million boards have the same ID is 3e-8.
+/// Samples of noise in a unique ID. Even a sample near the typical 16 ms has a random bit or more
+/// (see `board::jitter`). With 64 samples, the probability that two in a million boards have the
+/// same ID is 3e-8.
 const SAMPLES: u8 = 64;
 
-/// Steps of a save at each call: the check of a byte, and with many parameters the write of the next one, too. A save of 101 parameters then takes
-/// 0.85 s at most, and clients wait for a second.
+/// Steps of a save at each call: the check of a byte, and with many parameters the write of the
+/// next one, too. A save of 101 parameters then takes 0.85 s at most, and clients wait for a
+/// second.
 const STEPS: u8 = if cfg!(feature = "outputs") { 2 } else { 1 };
 
 /// The state of a save.
@@ -138,8 +145,8 @@ impl Store {
         Self { saving: Saving::Done, base: 0, next_marker: 0, marker: 0, place: 0, crc: 0 }
     }
 
-    /// Gives the unique ID from EEPROM. If there is none, makes one from 64 samples of `noise` and stores it. That takes a second, so call it before
-    /// the main loop only.
+    /// Gives the unique ID from EEPROM. If there is none, makes one from 64 samples of `noise` and
+    /// stores it. That takes a second, so call it before the main loop only.
     pub fn identify(
         &mut self,
         id: &mut [u8; UNIQUE_ID_LEN as usize],
@@ -158,7 +165,8 @@ impl Store {
         id[0] |= 1;
         self.base = UNIQUE_ID;
         self.begin(UNIQUE_ID_LEN + CRC_LEN);
-        // Writes 20 bytes of 3.4 ms each; a turn takes 25 cycles or more. The limit ends the loop if the EEPROM stays busy.
+        // Writes 20 bytes of 3.4 ms each; a turn takes 25 cycles or more. The limit ends the loop
+        // if the EEPROM stays busy.
         let mut turns = u16::MAX;
         while turns != 0 && self.is_saving() {
             turns -= 1;
@@ -166,8 +174,9 @@ impl Store {
         }
     }
 
-    /// Loads the newest good copy of the parameters, or sets the defaults. Returns true if something was lost: the newest copy, both copies, or values
-    /// that are out of their ranges. Call before the main loop, and before any save.
+    /// Loads the newest good copy of the parameters, or sets the defaults. Returns true if
+    /// something was lost: the newest copy, both copies, or values that are out of their
+    /// ranges. Call before the main loop, and before any save.
     pub fn load(
         &mut self,
         parameters: &mut Parameters,
@@ -194,7 +203,8 @@ impl Store {
             return parameters.repair(flash) || is_lost;
         }
         parameters.set_defaults(flash);
-        // The first save writes the first copy, beginning with CAN_NODE, and makes it newer than the second, whatever that is.
+        // The first save writes the first copy, beginning with CAN_NODE, and makes it newer than
+        // the second, whatever that is.
         self.base = PARAMETERS[0];
         self.next_marker = next(second);
         has_parameters(eeprom)
@@ -215,8 +225,8 @@ impl Store {
         self.saving == Saving::Done
     }
 
-    /// Does the next step of a save in progress. Starts the save again if a parameter changed. Call in the main loop: takes 10 us, or much less while
-    /// a byte is being written.
+    /// Does the next step of a save in progress. Starts the save again if a parameter changed. Call
+    /// in the main loop: takes 10 us, or much less while a byte is being written.
     pub fn step(&mut self, parameters: &mut Parameters, eeprom: &mut impl Eeprom) {
         for _ in 0..STEPS {
             if self.is_saving() {
@@ -245,7 +255,8 @@ impl Store {
         let end = (bytes.len() as u8).wrapping_add(CRC_LEN);
         let mut byte = self.marker;
         if self.place != end {
-            // After the bytes comes the high byte of the CRC. Adding that byte to the CRC moves the low byte into its place.
+            // After the bytes comes the high byte of the CRC. Adding that byte to the CRC moves the
+            // low byte into its place.
             byte = bytes.get(usize::from(self.place)).copied().unwrap_or((self.crc >> 8) as u8);
         }
         let at = self.base.wrapping_add(self.place.into());
@@ -276,7 +287,8 @@ impl Store {
     }
 }
 
-/// True if something was saved. The markers are no test, because tables of other lengths have them elsewhere.
+/// True if something was saved. The markers are no test, because tables of other lengths have them
+/// elsewhere.
 #[inline(always)]
 pub fn has_parameters(eeprom: &impl Eeprom) -> bool {
     eeprom.read(PARAMETERS[0]) != ERASED
@@ -285,7 +297,8 @@ pub fn has_parameters(eeprom: &impl Eeprom) -> bool {
 /// Reads the record at an address. Returns its marker; [`NO_RECORD`] if it is invalid.
 #[inline(never)]
 fn read(bytes: &mut [u8], base: Address, eeprom: &impl Eeprom) -> u8 {
-    let marker = eeprom.read(base.wrapping_add(bytes.len() as Address).wrapping_add(CRC_LEN.into()));
+    let marker =
+        eeprom.read(base.wrapping_add(bytes.len() as Address).wrapping_add(CRC_LEN.into()));
     let mut crc = crc_start(marker);
     let mut at = base;
     for place in bytes {
@@ -366,7 +379,8 @@ mod tests {
         }
     }
 
-    /// The store and the parameters after a start with this EEPROM, and true if parameters were lost.
+    /// The store and the parameters after a start with this EEPROM, and true if parameters were
+    /// lost.
     fn loaded(eeprom: &Model) -> (Store, Parameters, bool) {
         let (mut store, mut parameters) = (Store::new(), Parameters::new());
         let is_lost = store.load(&mut parameters, eeprom, InMemory);
@@ -390,8 +404,14 @@ mod tests {
         parameters
     }
 
-    /// Saves, and cuts the supply during the write after the first `writes`. Returns false if the save ended before.
-    fn save_and_cut(store: &mut Store, parameters: &mut Parameters, eeprom: &mut Model, writes: u32) -> bool {
+    /// Saves, and cuts the supply during the write after the first `writes`. Returns false if the
+    /// save ended before.
+    fn save_and_cut(
+        store: &mut Store,
+        parameters: &mut Parameters,
+        eeprom: &mut Model,
+        writes: u32,
+    ) -> bool {
         eeprom.writes = 0;
         store.save();
         while store.is_saving() {
@@ -429,8 +449,8 @@ mod tests {
         }
     }
 
-    /// Verifies the layout: cuts a save at every byte, with every value in the byte that was being written, for both copies and all markers, and for
-    /// an EEPROM without a save.
+    /// Verifies the layout: cuts a save at every byte, with every value in the byte that was being
+    /// written, for both copies and all markers, and for an EEPROM without a save.
     #[test]
     fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new_parameters() {
         let mut cuts = 0;
@@ -451,13 +471,18 @@ mod tests {
                     let after = Model::with(cells);
                     let (mut store, mut parameters, is_lost) = loaded(&after);
                     cuts += 1;
-                    assert!(parameters == old || parameters == new, "{saves} saves, {writes} writes, {garbage:#x}");
+                    assert!(
+                        parameters == old || parameters == new,
+                        "{saves} saves, {writes} writes, {garbage:#x}"
+                    );
                     kept_old += u32::from(parameters == old);
                     kept_new += u32::from(parameters == new);
-                    // A cut of the very first save loses parameters, unless it is cut before the first byte of the record or at its end.
+                    // A cut of the very first save loses parameters, unless it is cut before the
+                    // first byte of the record or at its end.
                     let has_begun = after.cells[usize::from(PARAMETERS[0])] != 0xFF;
                     // Garbage in the marker looks like a copy that was complete.
-                    let is_marker = PARAMETERS.contains(&at.wrapping_sub(MARKER.into())) && garbage != NO_RECORD;
+                    let is_marker = PARAMETERS.contains(&at.wrapping_sub(MARKER.into()))
+                        && garbage != NO_RECORD;
                     if !is_marker {
                         let is_first = saves == 0 && parameters == old && has_begun;
                         assert_eq!(is_lost, is_first, "{writes} writes, {garbage:#x}");
@@ -471,7 +496,10 @@ mod tests {
                     }
                 }
             }
-            assert!(kept_old > 5_000 && kept_new == 1, "only the last byte makes it new: {kept_old} {kept_new}");
+            assert!(
+                kept_old > 5_000 && kept_new == 1,
+                "only the last byte makes it new: {kept_old} {kept_new}"
+            );
         }
         assert!(cuts > 50_000, "{cuts}");
     }
@@ -535,10 +563,17 @@ mod tests {
                 }
                 eeprom.settle();
                 let (_, found, _) = loaded(&eeprom);
-                assert!([old, before, after].contains(&found), "changed at {changed_at}, cut at {cut}");
+                assert!(
+                    [old, before, after].contains(&found),
+                    "changed at {changed_at}, cut at {cut}"
+                );
                 if !store.is_saving() {
                     assert!(store.is_saved());
-                    assert_eq!(found, if steps > changed_at { after } else { before }, "changed at {changed_at}");
+                    assert_eq!(
+                        found,
+                        if steps > changed_at { after } else { before },
+                        "changed at {changed_at}"
+                    );
                     break;
                 }
             }
@@ -585,15 +620,23 @@ mod tests {
         }
     }
 
-    /// Loads after 2 to 7 saves, with a broken bit in the copy of the save that is `saves_ago` back.
+    /// Loads after 2 to 7 saves, with a broken bit in the copy of the save that is `saves_ago`
+    /// back.
     #[track_caller]
-    fn assert_loaded_with_a_broken_copy(saves_ago: u16, expected_saves_ago: u16, expected_is_lost: bool) {
+    fn assert_loaded_with_a_broken_copy(
+        saves_ago: u16,
+        expected_saves_ago: u16,
+        expected_is_lost: bool,
+    ) {
         for saves in 2..8 {
             let (mut eeprom, _) = after_saves(saves);
             let broken = PARAMETERS[usize::from((saves - saves_ago).is_multiple_of(2))];
             eeprom.cells[usize::from(broken) + 3] ^= 0x80;
             let (_, parameters, is_lost) = loaded(&eeprom);
-            assert_eq!((parameters, is_lost), (set(saves - 1 - expected_saves_ago), expected_is_lost));
+            assert_eq!(
+                (parameters, is_lost),
+                (set(saves - 1 - expected_saves_ago), expected_is_lost)
+            );
         }
     }
 
@@ -628,7 +671,8 @@ mod tests {
         let (mut eeprom, mut parameters) = after_saves(2);
         let (mut store, _, _) = loaded(&eeprom);
         assert!(save(&mut store, &mut parameters, &mut eeprom));
-        // After two saves of the same values both copies have them. So only the markers and the CRCs change.
+        // After two saves of the same values both copies have them. So only the markers and the
+        // CRCs change.
         assert!(save(&mut store, &mut parameters, &mut eeprom));
         assert!(eeprom.writes <= 4, "{}", eeprom.writes);
     }
@@ -641,7 +685,9 @@ mod tests {
             assert!(save(&mut store, &mut set(number), &mut eeprom));
         }
         for (at, &byte) in eeprom.cells.iter().enumerate() {
-            let is_inside = PARAMETERS.iter().any(|&base| (base..=base + MARKER as Address).contains(&(at as Address)));
+            let is_inside = PARAMETERS
+                .iter()
+                .any(|&base| (base..=base + MARKER as Address).contains(&(at as Address)));
             assert!(is_inside || byte == 0xFF, "{at:#x}");
         }
     }
@@ -665,9 +711,12 @@ mod tests {
                 let mut eeprom = Model::blank();
                 for (save, &base) in PARAMETERS.iter().enumerate().take(saves) {
                     let marker = LAYOUT | save as u8;
-                    let values: Vec<u8> =
-                        (0..len).map(|n| if n % 2 == 0 { 120 } else { 0xFF * (n % 4 / 3) as u8 }).collect();
-                    let sum = values.iter().fold(0x1234 ^ u16::from(marker), |sum, &byte| crc::add(sum, byte));
+                    let values: Vec<u8> = (0..len)
+                        .map(|n| if n % 2 == 0 { 120 } else { 0xFF * (n % 4 / 3) as u8 })
+                        .collect();
+                    let sum = values
+                        .iter()
+                        .fold(0x1234 ^ u16::from(marker), |sum, &byte| crc::add(sum, byte));
                     let record = [&values, &sum.to_be_bytes()[..], &[marker]].concat();
                     eeprom.cells[usize::from(base)..][..record.len()].copy_from_slice(&record);
                 }
@@ -717,7 +766,11 @@ mod tests {
             let (mut store, _, _) = loaded(&eeprom);
             store.next_marker = version << 2;
             assert!(save(&mut store, &mut set(1), &mut eeprom));
-            assert_eq!(eeprom.cells[usize::from(PARAMETERS[0] + MARKER as Address)], version << 2, "a whole record");
+            assert_eq!(
+                eeprom.cells[usize::from(PARAMETERS[0] + MARKER as Address)],
+                version << 2,
+                "a whole record"
+            );
             let (mut store, mut parameters, is_lost) = loaded(&eeprom);
             assert_eq!((parameters, is_lost), (defaults(), true), "{version}");
             assert_eq!(identified(&mut eeprom, || unreachable!()), id);
@@ -788,7 +841,8 @@ mod tests {
                 let mut eeprom = Model::blank();
                 let (mut store, mut id) = (Store::new(), [0; 16]);
                 store.identify(&mut id, &mut eeprom, noise(1));
-                // The state while the next byte was being written. The bytes are written in order, the marker last.
+                // The state while the next byte was being written. The bytes are written in order,
+                // the marker last.
                 let mut cells = [0xFF; EEPROM_LEN];
                 let written = usize::from(UNIQUE_ID) + writes as usize;
                 cells[..written].copy_from_slice(&eeprom.cells[..written]);

@@ -31,7 +31,13 @@ pub struct Temperature {
 impl Temperature {
     /// A temperature that is not measured yet.
     pub const fn new() -> Self {
-        Self { thermometer: Thermometer::new(), kelvin_64ths: 0, celsius: 0, flags: 0, has_sensor: false }
+        Self {
+            thermometer: Thermometer::new(),
+            kelvin_64ths: 0,
+            celsius: 0,
+            flags: 0,
+            has_sensor: false,
+        }
     }
 
     /// Takes a reading of the ADC. Returns true if it is time to [`measure`](Self::measure).
@@ -64,7 +70,8 @@ impl Temperature {
         self.flags
     }
 
-    /// Computes the temperature from the last sum of readings, and compares it with TEMP_MIN and TEMP_MAX.
+    /// Computes the temperature from the last sum of readings, and compares it with TEMP_MIN and
+    /// TEMP_MAX.
     #[inline(never)]
     pub fn measure(&mut self, parameters: &Parameters) {
         self.has_sensor = match parameters.get(Parameter::TempSensor) as u8 {
@@ -83,13 +90,17 @@ impl Temperature {
         };
     }
 
-    /// Logs the temperature, and sets or clears the condition for its limits and its sensor. Call once a second.
+    /// Logs the temperature, and sets or clears the condition for its limits and its sensor. Call
+    /// once a second.
     #[inline(always)]
     pub fn second(&self, health: &mut Health, monitor: &mut Monitor) {
         if self.has_sensor {
             // A whole degree begins five tenths below its value.
             let fraction = self.kelvin_64ths.wrapping_sub(DEGREE_ZERO) & 63;
-            let tenths = (self.celsius as u16).wrapping_mul(10).wrapping_add((fraction * 10) >> 6).wrapping_sub(5);
+            let tenths = (self.celsius as u16)
+                .wrapping_mul(10)
+                .wrapping_add((fraction * 10) >> 6)
+                .wrapping_sub(5);
             monitor.log_line(Line::Temperature).a = tenths;
         }
         let is_faulty = self.thermometer.is_sensor_faulty();

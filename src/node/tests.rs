@@ -69,7 +69,8 @@ impl Rig {
         }
     }
 
-    /// Receives a frame. Asserts that the servo gets the pulse at once if a command was followed, and nothing otherwise.
+    /// Receives a frame. Asserts that the servo gets the pulse at once if a command was followed,
+    /// and nothing otherwise.
     fn frame(&mut self, frame: &Frame) {
         let followed = self.node.health().counts.followed;
         self.servos.0[0] = 0;
@@ -103,7 +104,8 @@ impl Rig {
         self.frames(&[golden::frame(0x1001_5500 | source, &[1, 0, 0, 0, 0, 0, 0, 0xC0])]);
     }
 
-    /// The transfers sent with this identifier: the time of the last frame, the payload and the transfer ID.
+    /// The transfers sent with this identifier: the time of the last frame, the payload and the
+    /// transfer ID.
     fn transfers(&self, id: u32, signature: u64) -> Vec<(u32, Vec<u8>, u8)> {
         let mut transfers = vec![];
         let mut frames = vec![];
@@ -124,7 +126,8 @@ impl Rig {
         self.transfers(NODE_STATUS, 0).into_iter().map(|(ms, ..)| ms).collect()
     }
 
-    /// The last status after another second: the byte of health and mode, and the vendor-specific code.
+    /// The last status after another second: the byte of health and mode, and the vendor-specific
+    /// code.
     fn status(&mut self) -> (u8, u16) {
         self.run(1000);
         let (_, payload, _) = self.transfers(NODE_STATUS, 0).pop().unwrap();
@@ -210,7 +213,8 @@ fn its_mode_is_operational_once_it_has_measured() {
     rig.run(600);
     rig.status_of(10);
     rig.run(1);
-    let modes: Vec<u8> = rig.transfers(NODE_STATUS, 0).into_iter().map(|(_, payload, _)| payload[4]).collect();
+    let modes: Vec<u8> =
+        rig.transfers(NODE_STATUS, 0).into_iter().map(|(_, payload, _)| payload[4]).collect();
     assert_eq!(modes, [8, 0]);
 }
 
@@ -220,7 +224,8 @@ fn its_status_follows_that_of_the_autopilot() {
     for period in [1000, 1001, 1010, 1024] {
         let mut rig = Rig::new();
         rig.run(300);
-        // The first status of the autopilot comes less than 500 ms after the node's own, so the node's next one waits until 500 ms.
+        // The first status of the autopilot comes less than 500 ms after the node's own, so the
+        // node's next one waits until 500 ms.
         let mut expected = vec![0, 500];
         for _ in 0..60 {
             if rig.ms > 500 {
@@ -246,8 +251,8 @@ fn gaps_with_an_autopilot_every(period: u32) -> Vec<u32> {
 #[test]
 fn statuses_are_500_to_1025_ms_apart_however_often_the_autopilot_sends_its_own() {
     for period in [
-        1, 2, 10, 100, 249, 250, 251, 333, 499, 500, 501, 600, 999, 1000, 1001, 1024, 1026, 1100, 1250, 1500, 1524,
-        1525, 2000, 2200, 2999,
+        1, 2, 10, 100, 249, 250, 251, 333, 499, 500, 501, 600, 999, 1000, 1001, 1024, 1026, 1100,
+        1250, 1500, 1524, 1525, 2000, 2200, 2999,
     ] {
         let gaps = gaps_with_an_autopilot_every(period);
         assert!(gaps.len() >= 28, "{} every {period} ms", gaps.len());
@@ -324,7 +329,10 @@ fn messages_keep_their_rates_while_the_main_loop_counts_several_milliseconds_at_
         }
         for (&(id, signature), (parameter, rate)) in PACED.iter().zip(rates) {
             let (sent, asked) = (rig.transfers(id, signature).len(), 10 * rate as usize);
-            assert!(sent.abs_diff(asked) <= 1, "{parameter:?}: {sent} instead of {asked}, {passed_ms} ms at once");
+            assert!(
+                sent.abs_diff(asked) <= 1,
+                "{parameter:?}: {sent} instead of {asked}, {passed_ms} ms at once"
+            );
         }
     }
 }
@@ -343,8 +351,11 @@ fn health_is_that_of_the_worst_mask_that_a_condition_is_in() {
         (0, 0, WARN, 3),
         (0xFFFF ^ WARN, 0xFFFF ^ WARN, 0xFFFF ^ WARN, 0),
     ] {
-        let mut rig =
-            Rig::with(&[(Parameter::WarnMask, warn), (Parameter::ErrorMask, error), (Parameter::CritMask, critical)]);
+        let mut rig = Rig::with(&[
+            (Parameter::WarnMask, warn),
+            (Parameter::ErrorMask, error),
+            (Parameter::CritMask, critical),
+        ]);
         rig.run(100);
         // EFLG with TXEP.
         rig.node.notice(Notice { event: CanEvent::Flags, value: 1 << 4 }, &mut rig.monitor);
@@ -371,7 +382,9 @@ fn a_fault_that_reset_it_shows_for_a_minute() {
 
 #[test]
 fn temporary_conditions_show_for_nine_to_ten_seconds() {
-    use mcp2515_ordered::Event::{Flags, GaveUpSending, Lost, NotAnswering, NotKeeping, NotStarting, Running};
+    use mcp2515_ordered::Event::{
+        Flags, GaveUpSending, Lost, NotAnswering, NotKeeping, NotStarting, Running,
+    };
     // Bits of EFLG: RX0OVR 6, RX1OVR 7, TXBO 5.
     for (event, value, bit) in [
         (Flags, 0x40, 5),
@@ -400,7 +413,9 @@ fn temporary_conditions_show_for_nine_to_ten_seconds() {
 fn error_passive_shows_while_it_lasts() {
     use mcp2515_ordered::Event::Flags;
     let mut rig = Rig::new();
-    for (eflg, code) in [(0x08, 1 << 6), (0x10, 1 << 6), (0x18, 1 << 6), (0x07, 0), (0x10, 1 << 6), (0, 0)] {
+    for (eflg, code) in
+        [(0x08, 1 << 6), (0x10, 1 << 6), (0x18, 1 << 6), (0x07, 0), (0x10, 1 << 6), (0, 0)]
+    {
         rig.node.notice(Notice { event: Flags, value: eflg }, &mut rig.monitor);
         rig.run(12_000);
         assert_eq!(rig.code(), code, "EFLG {eflg:02X}");
@@ -459,7 +474,10 @@ fn a_status_with_its_own_node_id_shows() {
     let mut rig = Rig::new();
     rig.run(2000);
     rig.text("10015578 01 00 00 00 08 00 00 C0");
-    assert_eq!((rig.code(), broken(&rig), rig.node.health().counts.refused), (1 << 4, if_counted(0), 1));
+    assert_eq!(
+        (rig.code(), broken(&rig), rig.node.health().counts.refused),
+        (1 << 4, if_counted(0), 1)
+    );
 }
 
 #[test]
@@ -487,7 +505,11 @@ fn a_temperature_out_of_range_shows() {
         ([0, 0], -40, 85, 1 << 11, 0),
         ([1023, 1023], -40, 85, 1 << 11, 1),
     ] {
-        let mut rig = Rig::with(&[(Parameter::TempMin, min), (Parameter::TempMax, max), (Parameter::TempSensor, 2)]);
+        let mut rig = Rig::with(&[
+            (Parameter::TempMin, min),
+            (Parameter::TempMax, max),
+            (Parameter::TempSensor, 2),
+        ]);
         rig.readings = readings;
         rig.run(2500);
         assert_eq!(rig.code(), code, "{readings:?} {min} {max}");
@@ -591,7 +613,10 @@ fn every_bit_pattern_of_a_command_leaves_the_pulse_within_the_travel() {
                 };
             let pulse = rig.node.pulse(0);
             if is_followed {
-                assert!((us(1000.0)..=us(2000.0)).contains(&pulse), "{command_type} {bits:04X}: {pulse}");
+                assert!(
+                    (us(1000.0)..=us(2000.0)).contains(&pulse),
+                    "{command_type} {bits:04X}: {pulse}"
+                );
             } else {
                 assert_eq!(pulse, before, "{command_type} {bits:04X}");
             }
@@ -624,7 +649,11 @@ fn commands_that_cannot_be_followed_are_refused_and_counted() {
     .enumerate()
     {
         rig.text(text);
-        assert_eq!((rig.node.pulse(0), rig.node.health().counts.refused), (us(1700.0), n as u16 + 1), "{text}");
+        assert_eq!(
+            (rig.node.pulse(0), rig.node.health().counts.refused),
+            (us(1700.0), n as u16 + 1),
+            "{text}"
+        );
     }
     assert_eq!(rig.node.health().counts.followed, 1);
     #[cfg(feature = "lights")]
@@ -636,7 +665,10 @@ fn commands_for_others_and_empty_lists_are_no_commands_and_no_errors() {
     let mut rig = Rig::new();
     rig.text("1003F20A C9");
     rig.text("1003F20A 02 00 00 38 C7");
-    assert_eq!((rig.node.pulse(0), rig.node.health().counts.refused, rig.node.health().counts.followed), (0, 0, 0));
+    assert_eq!(
+        (rig.node.pulse(0), rig.node.health().counts.refused, rig.node.health().counts.followed),
+        (0, 0, 0)
+    );
 }
 
 #[test]
@@ -660,9 +692,15 @@ fn the_temperature_of_the_thesis_is_sent_for_every_third_status_once_its_command
     rig.text("18045701 80 C0");
     (0..9).for_each(|_| second(&mut rig));
     let transfers = rig.transfers(DEGREES_CELSIUS, 0);
-    assert_eq!(transfers.iter().map(|(_, payload, _)| payload[..].to_vec()).collect::<Vec<_>>(), [[25]; 3]);
+    assert_eq!(
+        transfers.iter().map(|(_, payload, _)| payload[..].to_vec()).collect::<Vec<_>>(),
+        [[25]; 3]
+    );
     assert_eq!(gaps(&transfers.iter().map(|(ms, ..)| *ms).collect::<Vec<_>>()), [3000, 3000]);
-    assert_eq!(transfers.iter().map(|(.., transfer_id)| *transfer_id).collect::<Vec<_>>(), [0, 1, 2]);
+    assert_eq!(
+        transfers.iter().map(|(.., transfer_id)| *transfer_id).collect::<Vec<_>>(),
+        [0, 1, 2]
+    );
 }
 
 #[test]
@@ -713,7 +751,9 @@ fn light_never_gets_darker_as_a_colour_gets_brighter() {
             rig.frames(&[golden::frame(0x1804_390A, &[0, high, low, 0xC0])]);
             let light = rig.node.light();
             assert!(light >= last, "{level} of {levels}: {light}");
-            assert!((f64::from(light) - f64::from(level) * 255.0 / f64::from(levels - 1)).abs() < 8.0);
+            assert!(
+                (f64::from(light) - f64::from(level) * 255.0 / f64::from(levels - 1)).abs() < 8.0
+            );
             last = light;
         }
         assert_eq!(last, 255);
@@ -737,7 +777,11 @@ fn without_commands_the_servo_goes_where_out1_fs_has_it() {
             rig.run(timeout_ms as u32);
             assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0), "{failsafe} {timeout_ms}");
             rig.run(1);
-            assert_eq!((rig.node.pulse(0), rig.code()), (us(expected), 1 << 10), "{failsafe} {timeout_ms}");
+            assert_eq!(
+                (rig.node.pulse(0), rig.code()),
+                (us(expected), 1 << 10),
+                "{failsafe} {timeout_ms}"
+            );
             rig.run(2500);
             assert_eq!((rig.node.pulse(0), rig.status()), (us(expected), (0x80, 1 << 10)));
             rig.command(PWM, 1700.0);
@@ -766,9 +810,12 @@ fn with_a_timeout_of_0_the_servo_stays_for_ever() {
 
 #[test]
 fn only_followed_commands_prevent_the_failsafe() {
-    for text in
-        ["1003F20A 02 00 00 38 C7", "1003F20A 01 00 FF 7F CF", "1003F20A C9", "1001550A 01 00 00 00 00 00 00 C0"]
-    {
+    for text in [
+        "1003F20A 02 00 00 38 C7",
+        "1003F20A 01 00 FF 7F CF",
+        "1003F20A C9",
+        "1001550A 01 00 00 00 00 00 00 C0",
+    ] {
         let mut rig = Rig::with(&[(Parameter::Out1Fs, 3)]);
         rig.command(PWM, 1800.0);
         for _ in 0..11 {
@@ -808,14 +855,21 @@ fn where_arming_is_required_only_an_armed_vehicle_is_followed() {
 fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
     for (failsafe, expected) in [(0, 1800.0), (1, 1500.0), (2, 1200.0), (3, 0.0)] {
         for status in [0, 1, 128, 254] {
-            let mut rig =
-                Rig::with(&[(Parameter::ArmReq, 1), (Parameter::Out1Fs, failsafe), (Parameter::Out1FsPwm, 1200)]);
+            let mut rig = Rig::with(&[
+                (Parameter::ArmReq, 1),
+                (Parameter::Out1Fs, failsafe),
+                (Parameter::Out1FsPwm, 1200),
+            ]);
             rig.text(ARMED);
             rig.run(1);
             rig.command(PWM, 1800.0);
             rig.text(&format!("18044C0A {status:02X} C0"));
             rig.run(1);
-            assert_eq!((rig.node.pulse(0), rig.code()), (us(expected), 1 << 14), "{failsafe} {status}");
+            assert_eq!(
+                (rig.node.pulse(0), rig.code()),
+                (us(expected), 1 << 14),
+                "{failsafe} {status}"
+            );
             rig.command(PWM, 1900.0);
             rig.run(2000);
             assert_eq!(rig.node.pulse(0), us(expected));
@@ -828,7 +882,11 @@ fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
 #[test]
 fn arming_ends_three_to_four_seconds_after_the_last_arming_status() {
     for start in [59_000, 59_001, 59_250, 59_500, 59_999] {
-        let mut rig = Rig::with(&[(Parameter::ArmReq, 1), (Parameter::Out1Timeout, 0), (Parameter::Out1Fs, 3)]);
+        let mut rig = Rig::with(&[
+            (Parameter::ArmReq, 1),
+            (Parameter::Out1Timeout, 0),
+            (Parameter::Out1Fs, 3),
+        ]);
         rig.run(start);
         for _ in 0..20 {
             rig.text(ARMED);
@@ -873,10 +931,14 @@ fn each_rate_is_kept_and_even() {
         rig.run(10_000);
         for (&(id, signature), (_, rate)) in PACED.iter().zip(rates) {
             let rate = rate as u32;
-            let times: Vec<u32> = rig.transfers(id, signature).into_iter().map(|(ms, ..)| ms).collect();
+            let times: Vec<u32> =
+                rig.transfers(id, signature).into_iter().map(|(ms, ..)| ms).collect();
             assert_eq!(times.len() as u32, 10 * rate, "{id:08X} at {rate} Hz");
             for gap in gaps(&times) {
-                assert!(gap == 1000 / rate || gap == 1000_u32.div_ceil(rate), "{id:08X} at {rate} Hz: {gap} ms");
+                assert!(
+                    gap == 1000 / rate || gap == 1000_u32.div_ceil(rate),
+                    "{id:08X} at {rate} Hz: {gap} ms"
+                );
             }
         }
     }
@@ -898,7 +960,12 @@ fn by_default_it_sends_ten_actuator_statuses_and_a_temperature_a_second() {
 fn the_golden_temperature_is_sent() {
     let mut rig = Rig::new();
     rig.run(3500);
-    let mut temperatures = rig.can.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == TEMPERATURE);
+    let mut temperatures = rig
+        .can
+        .sent
+        .iter()
+        .map(|(_, frame)| frame)
+        .filter(|frame| golden::id(frame) == TEMPERATURE);
     // The third temperature has transfer ID 2.
     assert_eq!(golden::text(temperatures.next_back()), "18045678 01 00 A9 5C 00 C2");
 }
@@ -926,7 +993,9 @@ fn the_actuator_status_has_the_position_that_was_commanded_and_nothing_that_is_n
     let payload = |position: [u8; 2]| [&[1], &position[..], &nan, &nan, &[127]].concat();
     let last = |rig: &Rig| rig.transfers(ACTUATOR_STATUS, golden::ACTUATOR_STATUS).pop().unwrap().1;
     assert_eq!(last(&rig), payload(nan), "no pulse");
-    for (unitless, radians) in [(0.0, 0.0), (1.0, FRAC_PI_4), (-1.0, -FRAC_PI_4), (0.5, std::f64::consts::FRAC_PI_8)] {
+    for (unitless, radians) in
+        [(0.0, 0.0), (1.0, FRAC_PI_4), (-1.0, -FRAC_PI_4), (0.5, std::f64::consts::FRAC_PI_8)]
+    {
         rig.command(UNITLESS, unitless);
         rig.run(100);
         let bytes = last(&rig);
@@ -942,7 +1011,8 @@ fn the_golden_can_stats_are_sent() {
     let mut rig = Rig::with(&[(Parameter::StatsRate, 1)]);
     rig.can.counters.0 = [1, 2, 2, 3, 4, 5, 6, 7, 8, 8, 9, 10];
     rig.run(1500);
-    let stats = rig.can.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == CAN_STATS);
+    let stats =
+        rig.can.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == CAN_STATS);
     assert_eq!(
         golden::text(stats),
         "18015778 73 A5 00 01 00 02 00 80 | 02 00 03 00 04 00 05 20 | 00 06 00 07 00 08 00 00 | 08 00 09 00 0A 00 60"
@@ -959,13 +1029,21 @@ fn each_press_of_the_button_sends_its_count() {
         rig.is_pressed = false;
         rig.run(50);
     }
-    let presses: Vec<_> =
-        rig.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| golden::id(frame) == KEY_VALUE).collect();
+    let presses: Vec<_> = rig
+        .can
+        .sent
+        .iter()
+        .map(|(_, frame)| *frame)
+        .filter(|frame| golden::id(frame) == KEY_VALUE)
+        .collect();
     assert_eq!(
         golden::text(&presses),
         golden::text(
-            &[golden::frames("183FF278 00 00 80 3F 62 74 6E C0"), golden::frames("183FF278 00 00 00 40 62 74 6E C1")]
-                .concat()
+            &[
+                golden::frames("183FF278 00 00 80 3F 62 74 6E C0"),
+                golden::frames("183FF278 00 00 00 40 62 74 6E C1")
+            ]
+            .concat()
         )
     );
 }
@@ -1083,9 +1161,15 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
         let random_bytes: [u8; 7] = std::array::from_fn(|_| next() as u8);
         match next() % 8 {
             0 | 1 => {
-                let entries: Vec<u8> =
-                    (0..4 * (next() % 4)).map(|n| if n % 4 < 2 { next() as u8 & 5 } else { next() as u8 }).collect();
-                rig.frames(&golden::transfer(0x1003_F200 | source, golden::ARRAY_COMMAND, transfer_id, &entries));
+                let entries: Vec<u8> = (0..4 * (next() % 4))
+                    .map(|n| if n % 4 < 2 { next() as u8 & 5 } else { next() as u8 })
+                    .collect();
+                rig.frames(&golden::transfer(
+                    0x1003_F200 | source,
+                    golden::ARRAY_COMMAND,
+                    transfer_id,
+                    &entries,
+                ));
             }
             2 => {
                 // Set a parameter to a random value, a small value, or a limit of some parameter.
@@ -1101,7 +1185,12 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
                 }
                 let payload = [&[index, 1][..], &value.to_le_bytes()].concat();
                 let before = rig.node.parameters;
-                rig.frames(&golden::transfer(0x1E0B_F880 | source, golden::GET_SET, transfer_id, &payload));
+                rig.frames(&golden::transfer(
+                    0x1E0B_F880 | source,
+                    golden::GET_SET,
+                    transfer_id,
+                    &payload,
+                ));
                 set += u32::from(rig.node.parameters != before);
             }
             3 => {
@@ -1112,11 +1201,14 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
                     &[&random_bytes[..usize::from(next() % 8)], &[0xC0 | transfer_id]].concat(),
                 )]);
             }
-            4 => {
-                rig.frames(&[golden::frame(0x1001_5500 | source, &[&random_bytes[..], &[0xC0 | transfer_id]].concat())])
-            }
+            4 => rig.frames(&[golden::frame(
+                0x1001_5500 | source,
+                &[&random_bytes[..], &[0xC0 | transfer_id]].concat(),
+            )]),
             5 => {
-                let id = [0x1804_3900, 0x1804_4C00, 0x1804_5700, 0x1E00_0100][usize::from(next() % 4)] | source;
+                let id = [0x1804_3900, 0x1804_4C00, 0x1804_5700, 0x1E00_0100]
+                    [usize::from(next() % 4)]
+                    | source;
                 rig.frames(&[golden::frame(
                     id,
                     &[&random_bytes[..usize::from(next() % 8)], &[0xC0 | transfer_id]].concat(),

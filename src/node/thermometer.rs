@@ -1,8 +1,9 @@
 //! Computes the temperature from a sensor whose voltage rises with it, read by a 10-bit ADC.
 //!
-//! The default is an LM35 (10 mV per degree Celsius, 0 V at zero) against 5 V, where a step of the ADC is 0.49 degrees. The node adds up 64 readings,
-//! one each millisecond. The noise of the ADC is half a step or more and spreads the readings over several steps, so the sum has a finer resolution
-//! than one reading.
+//! The default is an LM35 (10 mV per degree Celsius, 0 V at zero) against 5 V, where a step of the
+//! ADC is 0.49 degrees. The node adds up 64 readings, one each millisecond. The noise of the ADC is
+//! half a step or more and spreads the readings over several steps, so the sum has a finer
+//! resolution than one reading.
 
 use super::parameters::{Parameter, Parameters};
 use super::servo;
@@ -18,8 +19,9 @@ pub const ZERO_CELSIUS: u16 = 17_482;
 /// The lower limit of the whole degree 0: half a degree below zero.
 pub const DEGREE_ZERO: u16 = ZERO_CELSIUS - 32;
 
-/// The reference voltage of the ADC in units of 0.8 mV, for TEMP_REF 0 and 1 (ATmega168: AVCC of 5 V, and the bandgap of nominal 1.1 V). 64ths of a
-/// kelvin are half a sum x this / (64 x TEMP_SLOPE).
+/// The reference voltage of the ADC in units of 0.8 mV, for TEMP_REF 0 and 1 (ATmega168: AVCC of 5
+/// V, and the bandgap of nominal 1.1 V). 64ths of a kelvin are half a sum x this / (64 x
+/// TEMP_SLOPE).
 const AVCC: u16 = 6250;
 const BANDGAP: u16 = 1375;
 
@@ -67,7 +69,8 @@ impl Thermometer {
         self.in_range == FOUND
     }
 
-    /// True if the readings are at either end of the range, which no working sensor gives: the sensor or its cable is open or shorted.
+    /// True if the readings are at either end of the range, which no working sensor gives: the
+    /// sensor or its cable is open or shorted.
     pub fn is_sensor_faulty(&self) -> bool {
         self.latest.wrapping_sub(u16::from(READINGS)) > (1022 - 1) * u16::from(READINGS)
     }
@@ -81,14 +84,19 @@ impl Thermometer {
     }
 }
 
-/// Corrects a temperature from [`uncorrected`](Thermometer::uncorrected) by TEMP_OFFSET. The result is in 64ths of a kelvin, rounded, and at most
-/// 784.6 K.
+/// Corrects a temperature from [`uncorrected`](Thermometer::uncorrected) by TEMP_OFFSET. The result
+/// is in 64ths of a kelvin, rounded, and at most 784.6 K.
 #[inline(always)]
 pub fn corrected(measured: u16, parameters: &Parameters) -> u16 {
-    // TEMP_OFFSET is in mV and TEMP_SLOPE in 0.1 mV per kelvin: times 10 for the unit and times 64 for 64ths of a kelvin is 640.
+    // TEMP_OFFSET is in mV and TEMP_SLOPE in 0.1 mV per kelvin: times 10 for the unit and times 64
+    // for 64ths of a kelvin is 640.
     let offset = parameters.get(Parameter::TempOffset) as i16;
     let at_zero = servo::scaled(offset.unsigned_abs(), 640, parameters.get(Parameter::TempSlope));
-    let kelvin_64ths = if offset < 0 { measured.saturating_add(at_zero) } else { measured.saturating_sub(at_zero) };
+    let kelvin_64ths = if offset < 0 {
+        measured.saturating_add(at_zero)
+    } else {
+        measured.saturating_sub(at_zero)
+    };
     kelvin_64ths.min(DEGREE_ZERO + 32_767)
 }
 

@@ -1,18 +1,22 @@
-//! The serial monitor through the bus: tunnel.Targetted, as ArduPilot's nodes and the DroneCAN GUI Tool have it.
+//! The serial monitor through the bus: tunnel.Targetted, as ArduPilot's nodes and the DroneCAN GUI
+//! Tool have it.
 //!
 //! ```text
 //! protocol u8 | target node u7 | serial port i5 | options u4 | baud rate u24 | buffer u8[<=120]
 //! ```
-//! The node that sends a Targetted to this node gets what the serial monitor writes, for three seconds. While somebody looks, the monitor writes
-//! as fast as the tunnel takes it, at most 1,900 characters a second. Transfers of one frame only are taken: they hold up to one character.
+//! The node that sends a Targetted to this node gets what the serial monitor writes, for three
+//! seconds. While somebody looks, the monitor writes as fast as the tunnel takes it, at most 1,900
+//! characters a second. Transfers of one frame only are taken: they hold up to one character.
 
-/// Characters of one message. With the six bytes before them they are as long as the longest message of the node, a CanStats.
+/// Characters of one message. With the six bytes before them they are as long as the longest
+/// message of the node, a CanStats.
 const ROOM: usize = 19;
 
 /// The shortest time between two messages, in milliseconds: 4 % of a bus of 1 Mbit/s.
 const PERIOD_MS: u16 = 10;
 
-/// An asker that has not asked again for this time is gone, in milliseconds. ArduPilot's nodes wait for as long.
+/// An asker that has not asked again for this time is gone, in milliseconds. ArduPilot's nodes wait
+/// for as long.
 const ASKER_STAYS_MS: u16 = 3000;
 
 /// Length of a Targetted without characters.
@@ -38,7 +42,8 @@ impl Tunnel {
         Self { asker: 0, protocol: 0, asked_ms: 0, sent_ms: 0, len: 0, characters: [0; ROOM] }
     }
 
-    /// Takes a Targetted that begins with these bytes. Returns false if it is for another node, or another port than this node has.
+    /// Takes a Targetted that begins with these bytes. Returns false if it is for another node, or
+    /// another port than this node has.
     pub fn hear(&mut self, header: [u8; 3], node: u8, source: u8, now_ms: u16) -> bool {
         let [protocol, target, port] = header;
         let port = (target & 1) << 4 | port >> 4;

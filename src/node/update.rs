@@ -1,9 +1,14 @@
-//! Requests of BeginFirmwareUpdate: which ones are accepted, and what the bootloader is told. docs/update.md describes the hand-over.
+//! Requests of BeginFirmwareUpdate: which ones are accepted, and what the bootloader is told.
+//! docs/update.md describes the hand-over.
 //!
-//! The node accepts a request only if the vehicle cannot be flying: it is not armed, and no command was followed for two seconds. It answers, and some
-//! time later hands the request over to the bootloader, which reads the file.
+//! The node accepts a request only if the vehicle cannot be flying: it is not armed, and no command
+//! was followed for two seconds. It answers, and some time later hands the request over to the
+//! bootloader, which reads the file.
 
-#![allow(clippy::useless_conversion, reason = "an address has 8 bits, or 16 with the feature outputs")]
+#![allow(
+    clippy::useless_conversion,
+    reason = "an address has 8 bits, or 16 with the feature outputs"
+)]
 
 use dronecan_wire::crc;
 
@@ -49,10 +54,14 @@ impl Verdict {
     /// The error in the response; the place and the length of its text in the information in flash.
     pub const fn response(self) -> (u8, u8, u8) {
         match self {
-            Self::NoLoader => (ERROR_INVALID_MODE, information::NO_UPDATE_AT, information::NO_UPDATE_LEN),
+            Self::NoLoader => {
+                (ERROR_INVALID_MODE, information::NO_UPDATE_AT, information::NO_UPDATE_LEN)
+            }
             Self::Accepted => (ERROR_OK, information::NO_UPDATE_AT, 0),
             Self::InUse => (ERROR_INVALID_MODE, information::IN_USE_AT, information::IN_USE_LEN),
-            Self::PathTooLong => (ERROR_INVALID_MODE, information::PATH_TOO_LONG_AT, information::PATH_TOO_LONG_LEN),
+            Self::PathTooLong => {
+                (ERROR_INVALID_MODE, information::PATH_TOO_LONG_AT, information::PATH_TOO_LONG_LEN)
+            }
         }
     }
 }
@@ -108,8 +117,8 @@ impl Node {
         Verdict::Accepted
     }
 
-    /// Returns the accepted request, if there is one, and leaves node ID and bit rate in EEPROM for the bootloader. Takes up to 30 ms. The program must
-    /// end then.
+    /// Returns the accepted request, if there is one, and leaves node ID and bit rate in EEPROM for
+    /// the bootloader. Takes up to 30 ms. The program must end then.
     pub fn hand_over(&self, eeprom: &mut impl Eeprom) -> Option<&[u8; REQUEST_LEN]> {
         if self.update.request[PATH_LEN + 1] == 0 {
             return None;
@@ -132,7 +141,8 @@ impl Node {
     }
 }
 
-/// Waits until a write to the EEPROM has ended. The limit is many times the 3.4 ms that a write takes, and ends the loop if the EEPROM stays busy.
+/// Waits until a write to the EEPROM has ended. The limit is many times the 3.4 ms that a write
+/// takes, and ends the loop if the EEPROM stays busy.
 fn wait(eeprom: &impl Eeprom) {
     let mut turns = u16::MAX;
     while eeprom.is_busy() && turns != 0 {

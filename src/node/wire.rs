@@ -1,4 +1,5 @@
-//! The node's configuration of [`dronecan_wire`]: the number of concurrent transfers, and how to read a frame of the driver.
+//! The node's configuration of [`dronecan_wire`]: the number of concurrent transfers, and how to
+//! read a frame of the driver.
 
 use dronecan_wire::{Id, Rejection};
 use mcp2515_ordered::Frame;
@@ -6,8 +7,8 @@ use mcp2515_ordered::Frame;
 use super::kind::Kind;
 use crate::hardware::LANES;
 
-/// Bytes kept of a request: a GetSet with an integer and a name of 16 characters, and one more byte, so that a longer name does not match by its
-/// first 16 characters.
+/// Bytes kept of a request: a GetSet with an integer and a name of 16 characters, and one more
+/// byte, so that a longer name does not match by its first 16 characters.
 #[cfg(not(feature = "outputs"))]
 pub const KEPT: usize = 27;
 /// Bytes kept of a transfer: entries of an ArrayCommand for eight outputs, or a request as above.

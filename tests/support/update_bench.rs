@@ -1,6 +1,7 @@
 //! A board with the bootloader, on a bus with a file server.
 //!
-//! This file states addresses, layouts and the CRC itself, and imports none of them from the bootloader.
+//! This file states addresses, layouts and the CRC itself, and imports none of them from the
+//! bootloader.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -66,7 +67,8 @@ fn elf() -> PathBuf {
 /// The update file of that firmware.
 pub fn file() -> Vec<u8> {
     let path = elf().with_extension("bin");
-    std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}; run \"make firmwares\"", path.display()))
+    std::fs::read(&path)
+        .unwrap_or_else(|error| panic!("{}: {error}; run \"make firmwares\"", path.display()))
 }
 
 /// Replaces the CRC of a program after a change of its bytes.
@@ -141,12 +143,15 @@ impl UpdateBench {
         UpdateBench::with(&firmware.flash, &eeprom, board().fastest_bit_rate())
     }
 
-    /// A board with the bootloader, these pieces of flash (address, bytes), and this EEPROM, on a bus of this bit rate.
+    /// A board with the bootloader, these pieces of flash (address, bytes), and this EEPROM, on a
+    /// bus of this bit rate.
     pub fn with(flash: &[(usize, Vec<u8>)], eeprom: &[u8], bit_rate: u32) -> UpdateBench {
-        let loader =
-            bootloader(&board()).and_then(|hex| Firmware::read_hex(&hex)).unwrap_or_else(|error| panic!("{error:#}"));
+        let loader = bootloader(&board())
+            .and_then(|hex| Firmware::read_hex(&hex))
+            .unwrap_or_else(|error| panic!("{error:#}"));
         let wiring = board();
-        let mut avr = Avr::programmed(wiring.chip, &loader).unwrap_or_else(|error| panic!("{error:#}"));
+        let mut avr =
+            Avr::programmed(wiring.chip, &loader).unwrap_or_else(|error| panic!("{error:#}"));
         for (address, bytes) in flash {
             avr.load_flash(*address, bytes);
         }
@@ -154,12 +159,16 @@ impl UpdateBench {
         avr.set_reset_vector(loader.flash[0].0 as u32);
         avr.reset(ResetCause::PowerOn);
         let mut bench = Bench::new(bit_rate);
-        bench.add_board(Board::wired(avr, &wiring).unwrap_or_else(|error| panic!("{error:#}")), "node");
+        bench.add_board(
+            Board::wired(avr, &wiring).unwrap_or_else(|error| panic!("{error:#}")),
+            "node",
+        );
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("server", peer.clone());
         let other = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("other", other.clone());
-        let server = Server { files: BTreeMap::from([("fw.bin".to_owned(), file())]), ..Server::default() };
+        let server =
+            Server { files: BTreeMap::from([("fw.bin".to_owned(), file())]), ..Server::default() };
         let mut bench = UpdateBench {
             bench,
             peer,
@@ -179,7 +188,8 @@ impl UpdateBench {
     /// A board with the bootloader, whose EEPROM has node ID 42 and 125 kbit/s.
     pub fn with_bus_record() -> UpdateBench {
         let mut eeprom = [0xFF; 0x20];
-        // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at 87.5 %.
+        // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at
+        // 87.5 %.
         let brp = if board().crystal_hz() == 16_000_000 { 3 } else { 1 };
         let record = [42, 0x01, 0xBC, brp];
         eeprom[BUS..BUS + 4].copy_from_slice(&record);
@@ -189,8 +199,8 @@ impl UpdateBench {
         bench
     }
 
-    /// Starts the bootloader as a program does after BeginFirmwareUpdate: with a request in the last bytes of the RAM and a
-    /// watchdog reset.
+    /// Starts the bootloader as a program does after BeginFirmwareUpdate: with a request in the
+    /// last bytes of the RAM and a watchdog reset.
     pub fn start_bootloader_with_update(&mut self, path: &str) {
         let mut request = [0; 26];
         request[..path.len()].copy_from_slice(path.as_bytes());
@@ -234,8 +244,11 @@ impl UpdateBench {
         if self.fill_bus_percent != 0 && self.other.borrow().queued() == 0 {
             // An actuator.Status of node 50 is about 140 bits.
             let bit = 16_000_000 / u64::from(board().fastest_bit_rate());
-            let due = self.bench.now() + 140 * bit * (100 - self.fill_bus_percent) / self.fill_bus_percent;
-            self.other.borrow_mut().send_at(due, Frame::extended(0x1003_F332, &[0x55, 2, 3, 4, 5, 6, 7, 0xC1]));
+            let due = self.bench.now()
+                + 140 * bit * (100 - self.fill_bus_percent) / self.fill_bus_percent;
+            self.other
+                .borrow_mut()
+                .send_at(due, Frame::extended(0x1003_F332, &[0x55, 2, 3, 4, 5, 6, 7, 0xC1]));
         }
         self.bench.run_until(self.bench.now() + MS / 10);
         let received = self.peer.borrow_mut().take_received();
@@ -255,7 +268,9 @@ impl UpdateBench {
     }
 
     fn serve(&mut self, at: u64, transfer: &Transfer) {
-        let CanId::Service { service_id: FILE_READ, request: true, source, destination, .. } = transfer.id else {
+        let CanId::Service { service_id: FILE_READ, request: true, source, destination, .. } =
+            transfer.id
+        else {
             return;
         };
         assert_eq!((source.get(), destination.get()), (self.node, SERVER));
@@ -277,7 +292,14 @@ impl UpdateBench {
 
     fn service(&self, service_id: u8, request: bool) -> u32 {
         let node = |id| NodeId::new(id).expect("a node ID");
-        CanId::Service { priority: 30, service_id, request, destination: node(self.node), source: node(SERVER) }.build()
+        CanId::Service {
+            priority: 30,
+            service_id,
+            request,
+            destination: node(self.node),
+            source: node(SERVER),
+        }
+        .build()
     }
 
     /// Sends a request to the node. Returns its transfer ID.
@@ -306,7 +328,9 @@ impl UpdateBench {
         };
         for _ in 0..10_000 {
             self.step();
-            if let Some((_, transfer)) = self.transfers[known..].iter().find(|(_, transfer)| is_response(transfer)) {
+            if let Some((_, transfer)) =
+                self.transfers[known..].iter().find(|(_, transfer)| is_response(transfer))
+            {
                 return transfer.payload.clone();
             }
         }
@@ -337,9 +361,15 @@ impl UpdateBench {
         self.statuses()[known].1[4] >> 3 & 7
     }
 
-    /// Runs until `condition` holds. Panics after `timeout_ms` of simulated time. Returns the elapsed milliseconds.
+    /// Runs until `condition` holds. Panics after `timeout_ms` of simulated time. Returns the
+    /// elapsed milliseconds.
     #[track_caller]
-    pub fn wait_for(&mut self, what: &str, timeout_ms: u64, condition: impl Fn(&UpdateBench) -> bool) -> u64 {
+    pub fn wait_for(
+        &mut self,
+        what: &str,
+        timeout_ms: u64,
+        condition: impl Fn(&UpdateBench) -> bool,
+    ) -> u64 {
         let begin = self.now_ms();
         while !condition(self) {
             assert!(self.now_ms() < begin + timeout_ms, "no {what} within {timeout_ms} ms");

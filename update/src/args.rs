@@ -25,7 +25,8 @@ Exit codes:
   1  something else went wrong                  4  a node was not found, or not updated
   2  the command line or the file is wrong      5  ended by a signal";
 
-/// Sends a firmware to DroneCAN nodes with the bootloader of this project, over the bus. "make firmware" makes the file, which ends with ".bin".
+/// Sends a firmware to DroneCAN nodes with the bootloader of this project, over the bus. "make
+/// firmware" makes the file, which ends with ".bin".
 #[derive(Clone, Debug, Parser)]
 #[command(name = "node-update", version, after_help = EXAMPLES)]
 pub struct Args {
@@ -84,7 +85,10 @@ impl std::str::FromStr for Nodes {
 }
 
 fn node_id(text: &str) -> Result<NodeId, String> {
-    text.parse().ok().and_then(NodeId::new).ok_or_else(|| format!("\"{text}\" is not a node ID, which is 1 to 127"))
+    text.parse()
+        .ok()
+        .and_then(NodeId::new)
+        .ok_or_else(|| format!("\"{text}\" is not a node ID, which is 1 to 127"))
 }
 
 #[cfg(test)]

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Error, Result, ensure};
 use can_link::Bus;
 use dronecan_host::{
-    Assembler, CanId, Id, Message, NodeId, NodeStatus, Outcome as Assembled, Transfer, TransferId, frames, types,
+    Assembler, CanId, Id, Message, NodeId, NodeStatus, Outcome as Assembled, Transfer, TransferId,
+    frames, types,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
@@ -77,8 +78,13 @@ impl Client {
     /// Sends a request.
     pub fn request(&mut self, message: &Message, destination: NodeId) {
         if let Some((data_type, payload)) = message.encode() {
-            let transfer_id = self.transfer_ids.entry((data_type.id, destination)).or_default().advance();
-            self.transmit(self.service(data_type.id as u8, true, destination), &payload, transfer_id);
+            let transfer_id =
+                self.transfer_ids.entry((data_type.id, destination)).or_default().advance();
+            self.transmit(
+                self.service(data_type.id as u8, true, destination),
+                &payload,
+                transfer_id,
+            );
         }
     }
 
@@ -90,7 +96,13 @@ impl Client {
     }
 
     fn service(&self, service_id: u8, request: bool, destination: NodeId) -> CanId {
-        CanId::Service { priority: SERVICE_PRIORITY, service_id, request, destination, source: self.id }
+        CanId::Service {
+            priority: SERVICE_PRIORITY,
+            service_id,
+            request,
+            destination,
+            source: self.id,
+        }
     }
 
     fn transmit(&mut self, id: CanId, payload: &[u8], transfer_id: TransferId) {
@@ -100,7 +112,8 @@ impl Client {
         }
     }
 
-    /// Waits for frames, at most [`TURN`]. Returns the completed transfers, without those for other nodes.
+    /// Waits for frames, at most [`TURN`]. Returns the completed transfers, without those for other
+    /// nodes.
     ///
     /// # Errors
     /// If the bus was lost.
@@ -116,7 +129,11 @@ impl Client {
             self.status_at = now + STATUS_PERIOD;
             let status = NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() };
             let transfer_id = self.status_transfer_id.advance();
-            self.transmit(types::NODE_STATUS.message_id(STATUS_PRIORITY, self.id), &status.encode(), transfer_id);
+            self.transmit(
+                types::NODE_STATUS.message_id(STATUS_PRIORITY, self.id),
+                &status.encode(),
+                transfer_id,
+            );
         }
         let mut transfers = Vec::new();
         for frame in self.bus.serve(now) {
@@ -138,7 +155,11 @@ impl Client {
     ///
     /// # Errors
     /// If the bus was lost.
-    pub fn run(&mut self, session: &mut Session, mut show: impl FnMut(&Session)) -> Result<Option<Outcome>> {
+    pub fn run(
+        &mut self,
+        session: &mut Session,
+        mut show: impl FnMut(&Session),
+    ) -> Result<Option<Outcome>> {
         while !self.is_interrupted() {
             for transfer in self.receive()? {
                 if let Some(answer) = session.take(&transfer, self.now()) {

@@ -6,17 +6,20 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail, ensure};
 use crc::{CRC_16_IBM_3740, Crc};
 
-/// Address of the header: major and minor hardware version, major and minor version of the program, length of the file (little-endian).
+/// Address of the header: major and minor hardware version, major and minor version of the program,
+/// length of the file (little-endian).
 const HEADER: usize = 0x68;
 const HEADER_LEN: usize = 6;
-/// A file has more than a page of flash, and at most the flash of an ATmega328P without the bootloader.
+/// A file has more than a page of flash, and at most the flash of an ATmega328P without the
+/// bootloader.
 const LENGTHS: std::ops::RangeInclusive<usize> = 129..=30_720;
 
 /// A firmware file whose CRC is valid.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FirmwareFile {
     pub bytes: Vec<u8>,
-    /// Major and minor version of the hardware that the program is for: chip, and wiring of the CAN board.
+    /// Major and minor version of the hardware that the program is for: chip, and wiring of the
+    /// CAN board.
     pub hardware: (u8, u8),
     /// Major and minor version of the program.
     pub software: (u8, u8),
@@ -28,10 +31,16 @@ impl FirmwareFile {
     /// # Errors
     /// If it is not a firmware file; the message says what it may be, and what to do.
     pub fn read(path: &Path) -> Result<FirmwareFile> {
-        let metadata = std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let metadata =
+            std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
         // A limit far above any ELF, so that a wrong file is not read completely.
-        ensure!(metadata.is_file() && metadata.len() < 1 << 26, "{} is not a firmware file", path.display());
-        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        ensure!(
+            metadata.is_file() && metadata.len() < 1 << 26,
+            "{} is not a firmware file",
+            path.display()
+        );
+        let bytes =
+            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         FirmwareFile::parse(bytes).with_context(|| path.display().to_string())
     }
 
@@ -59,7 +68,11 @@ impl FirmwareFile {
             Crc::<u16>::new(&CRC_16_IBM_3740).checksum(&bytes) == 0,
             "the CRC of the file is wrong: it was changed. Build it again"
         );
-        Ok(FirmwareFile { bytes, hardware: (hardware_major, hardware_minor), software: (major, minor) })
+        Ok(FirmwareFile {
+            bytes,
+            hardware: (hardware_major, hardware_minor),
+            software: (major, minor),
+        })
     }
 }
 
@@ -67,7 +80,11 @@ impl fmt::Display for FirmwareFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (major, minor) = self.software;
         let (hardware_major, hardware_minor) = self.hardware;
-        write!(f, "version {major}.{minor} for hardware {hardware_major}.{hardware_minor}, {} bytes", self.bytes.len())
+        write!(
+            f,
+            "version {major}.{minor} for hardware {hardware_major}.{hardware_minor}, {} bytes",
+            self.bytes.len()
+        )
     }
 }
 

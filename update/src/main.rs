@@ -1,7 +1,9 @@
 //! Sends a firmware to nodes over the DroneCAN bus: `make update`.
 //!
-//! The program reads the file, opens the bus, finds the nodes, and updates one after the other. [`session::Session`] decides what an update does
-//! next, and neither waits nor sends; [`client::Client`] sends and receives for it. docs/update.md describes the files and the bootloader.
+//! The program reads the file, opens the bus, finds the nodes, and updates one after the other.
+//! [`session::Session`] decides what an update does next, and neither waits nor sends;
+//! [`client::Client`] sends and receives for it. docs/update.md describes the files and the
+//! bootloader.
 
 #![forbid(unsafe_code)]
 
@@ -74,7 +76,8 @@ fn update_all(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<(
     for Candidate { id, info } in nodes {
         let mut session = Session::new(id, info.software, file, client.id, client.now());
         let mut progress = Progress::new(id, file.bytes.len(), args.plain);
-        let outcome = client.run(&mut session, |session| progress.show(session)).map_err(Failure::Bus)?;
+        let outcome =
+            client.run(&mut session, |session| progress.show(session)).map_err(Failure::Bus)?;
         progress.end();
         match outcome {
             Some(Outcome::Updated(text)) => println!("node {id}: {text}"),

@@ -23,8 +23,11 @@ impl Progress {
     pub fn new(node: NodeId, len: usize, plain: bool) -> Progress {
         let bar = (!plain && std::io::stdout().is_terminal()).then(|| {
             let template = "node {prefix} [{bar:30}] {bytes}/{total_bytes} {msg}";
-            let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-            ProgressBar::new(len as u64).with_style(style.progress_chars("=> ")).with_prefix(node.to_string())
+            let style = ProgressStyle::with_template(template)
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            ProgressBar::new(len as u64)
+                .with_style(style.progress_chars("=> "))
+                .with_prefix(node.to_string())
         });
         Progress { bar, node, len, printed: 0, stage: "" }
     }

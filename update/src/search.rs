@@ -11,7 +11,8 @@ use crate::args::{Args, Nodes};
 use crate::client::Client;
 use crate::file::FirmwareFile;
 
-/// Each node sends NodeStatus once a second. A bootloader is silent for a moment while it checks the program.
+/// Each node sends NodeStatus once a second. A bootloader is silent for a moment while it checks
+/// the program.
 const LISTEN: Duration = Duration::from_millis(2500);
 /// Timeout of GetNodeInfo, and number of attempts.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
@@ -26,7 +27,11 @@ pub struct Candidate {
 }
 
 /// Listens for nodes, requests their information, and returns those to update, lowest ID first.
-pub fn search(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<Vec<Candidate>, Failure> {
+pub fn search(
+    client: &mut Client,
+    args: &Args,
+    file: &FirmwareFile,
+) -> Result<Vec<Candidate>, Failure> {
     println!("listening for nodes");
     let mut nodes: BTreeMap<u8, Option<NodeInfo>> = BTreeMap::new();
     let listen_until = client.now() + LISTEN;
@@ -34,8 +39,11 @@ pub fn search(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<V
         receive(client, &mut nodes, args)?;
     }
     for _ in 0..ATTEMPTS {
-        let asked: Vec<u8> =
-            nodes.iter().filter(|(id, info)| info.is_none() && args.node.includes(**id)).map(|(id, _)| *id).collect();
+        let asked: Vec<u8> = nodes
+            .iter()
+            .filter(|(id, info)| info.is_none() && args.node.includes(**id))
+            .map(|(id, _)| *id)
+            .collect();
         if asked.is_empty() {
             break;
         }
@@ -43,7 +51,9 @@ pub fn search(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<V
             client.request(&Message::NodeInfoRequest, id);
         }
         let answers_until = client.now() + ANSWER_TIMEOUT;
-        while client.now() < answers_until && nodes.iter().any(|(id, info)| info.is_none() && args.node.includes(*id)) {
+        while client.now() < answers_until
+            && nodes.iter().any(|(id, info)| info.is_none() && args.node.includes(*id))
+        {
             receive(client, &mut nodes, args)?;
         }
     }
@@ -51,14 +61,19 @@ pub fn search(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<V
 }
 
 /// Handles received transfers for a moment.
-fn receive(client: &mut Client, nodes: &mut BTreeMap<u8, Option<NodeInfo>>, args: &Args) -> Result<(), Failure> {
+fn receive(
+    client: &mut Client,
+    nodes: &mut BTreeMap<u8, Option<NodeInfo>>,
+    args: &Args,
+) -> Result<(), Failure> {
     if client.is_interrupted() {
         return Err(Failure::Interrupted);
     }
     for transfer in client.receive().map_err(Failure::Bus)? {
         let Some(source) = transfer.id.source() else { continue };
         if source == client.id {
-            let text = format!("another node has the ID {source}; choose one that is free with --own-id");
+            let text =
+                format!("another node has the ID {source}; choose one that is free with --own-id");
             return Err(Failure::Usage(Error::msg(text)));
         }
         match (transfer.id, Message::decode(&transfer)) {
@@ -75,9 +90,14 @@ fn receive(client: &mut Client, nodes: &mut BTreeMap<u8, Option<NodeInfo>>, args
 }
 
 /// Returns the nodes that the file is for.
-fn choose(nodes: BTreeMap<u8, Option<NodeInfo>>, meant: Nodes, file: &FirmwareFile) -> Result<Vec<Candidate>, String> {
+fn choose(
+    nodes: BTreeMap<u8, Option<NodeInfo>>,
+    meant: Nodes,
+    file: &FirmwareFile,
+) -> Result<Vec<Candidate>, String> {
     let seen: Vec<_> = nodes.keys().map(u8::to_string).collect();
-    let seen = if seen.is_empty() { "none: is the bit rate right?".to_owned() } else { seen.join(", ") };
+    let seen =
+        if seen.is_empty() { "none: is the bit rate right?".to_owned() } else { seen.join(", ") };
     if let Nodes::One(id) = meant {
         let info = match nodes.get(&id.get()) {
             None => return Err(format!("node {id} is not on the bus. Nodes that are: {seen}")),

@@ -1,6 +1,7 @@
 //! The update of one node, from BeginFirmwareUpdate to the answer of the new program.
 //!
-//! Goals: the user learns the result for the node, and the reason. Every stage ends in bounded time.
+//! Goals: the user learns the result for the node, and the reason. Every stage ends in bounded
+//! time.
 //!
 //! | stage | ends with |
 //! | --- | --- |
@@ -32,7 +33,8 @@ const ERROR_IN_PROGRESS: u8 = 2;
 /// Timeout of a request, and number of attempts.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 const ATTEMPTS: u32 = 5;
-/// A bootloader stops after 20 to 40 seconds without an answer, and then needs a moment to check its program.
+/// A bootloader stops after 20 to 40 seconds without an answer, and then needs a moment to check
+/// its program.
 const SILENCE_LIMIT: Duration = Duration::from_secs(45);
 
 /// The stage of an update.
@@ -78,7 +80,13 @@ pub struct Session<'a> {
 
 impl<'a> Session<'a> {
     /// The update of a node that runs a program of version `before`.
-    pub fn new(node: NodeId, before: (u8, u8), file: &'a FirmwareFile, own_id: NodeId, now: Duration) -> Session<'a> {
+    pub fn new(
+        node: NodeId,
+        before: (u8, u8),
+        file: &'a FirmwareFile,
+        own_id: NodeId,
+        now: Duration,
+    ) -> Session<'a> {
         Session {
             node,
             own_id,
@@ -133,7 +141,10 @@ impl<'a> Session<'a> {
                 return Some(self.fail("stopped reading and is silent: is its power on?"));
             }
             Stage::Reading => return None,
-            Stage::Asking => Message::BeginUpdate(NumberAndText { number: self.own_id.get(), text: PATH.to_vec() }),
+            Stage::Asking => Message::BeginUpdate(NumberAndText {
+                number: self.own_id.get(),
+                text: PATH.to_vec(),
+            }),
             Stage::Checking => Message::NodeInfoRequest,
         };
         if now < self.ask_at {
@@ -169,16 +180,24 @@ impl<'a> Session<'a> {
         match (self.stage, Message::decode(transfer)) {
             (Stage::Asking, Message::UpdateBegun(response)) => match response.number {
                 ERROR_OK | ERROR_IN_PROGRESS => self.set_stage(Stage::Reading, now),
-                ERROR_INVALID_MODE => self.outcome = Some(Outcome::Failed(format!("refuses: {}", response.text()))),
-                error => self.outcome = Some(Outcome::Failed(format!("error {error} {}", response.text()))),
+                ERROR_INVALID_MODE => {
+                    self.outcome = Some(Outcome::Failed(format!("refuses: {}", response.text())))
+                }
+                error => {
+                    self.outcome =
+                        Some(Outcome::Failed(format!("error {error} {}", response.text())))
+                }
             },
             (Stage::Reading, Message::NodeStatus(status)) => self.take_status(status, now),
             (Stage::Checking, Message::NodeInfo(info)) => {
                 self.outcome = Some(if info.software == self.file.software {
                     self.updated(now)
                 } else {
-                    let ((major, minor), (file_major, file_minor)) = (info.software, self.file.software);
-                    Outcome::Failed(format!("runs version {major}.{minor}, and the file has {file_major}.{file_minor}"))
+                    let ((major, minor), (file_major, file_minor)) =
+                        (info.software, self.file.software);
+                    Outcome::Failed(format!(
+                        "runs version {major}.{minor}, and the file has {file_major}.{file_minor}"
+                    ))
                 });
             }
             _ => {}
@@ -197,14 +216,17 @@ impl<'a> Session<'a> {
         Outcome::Updated(format!("runs version {major}.{minor}{before}; {seconds:.1} s"))
     }
 
-    /// The mode shows what runs: the bootloader reads (SOFTWARE_UPDATE) or waits (MAINTENANCE), or a program runs.
+    /// The mode shows what runs: the bootloader reads (SOFTWARE_UPDATE) or waits (MAINTENANCE), or
+    /// a program runs.
     fn take_status(&mut self, status: NodeStatus, now: Duration) {
         match status.mode {
             Mode::SoftwareUpdate => self.heard = now,
-            // Between the response and the first read, both the old program and the bootloader may send these modes.
+            // Between the response and the first read, both the old program and the bootloader may
+            // send these modes.
             _ if self.sent == 0 => {}
             Mode::Maintenance => {
-                let text = "waits in its bootloader: what it read is not a valid program. Try again";
+                let text =
+                    "waits in its bootloader: what it read is not a valid program. Try again";
                 self.outcome = Some(Outcome::Failed(text.to_owned()));
             }
             _ if self.is_all_sent() => self.set_stage(Stage::Checking, now),
@@ -227,7 +249,8 @@ impl<'a> Session<'a> {
         }
         self.heard = now;
         let [b0, b1, b2, b3, b4] = *offset;
-        let begin = usize::try_from(u64::from_le_bytes([b0, b1, b2, b3, b4, 0, 0, 0])).unwrap_or(usize::MAX);
+        let begin = usize::try_from(u64::from_le_bytes([b0, b1, b2, b3, b4, 0, 0, 0]))
+            .unwrap_or(usize::MAX);
         let data = self.file.bytes.get(begin..).unwrap_or_default();
         let data = &data[..data.len().min(READ_LEN)];
         if begin <= self.sent {
@@ -261,7 +284,16 @@ mod tests {
 
     /// A service transfer of node 120.
     fn service(service_id: u8, request: bool, payload: Vec<u8>) -> Transfer {
-        transfer(CanId::Service { priority: 16, service_id, request, destination: id(125), source: id(120) }, payload)
+        transfer(
+            CanId::Service {
+                priority: 16,
+                service_id,
+                request,
+                destination: id(125),
+                source: id(120),
+            },
+            payload,
+        )
     }
 
     fn status(mode: Mode) -> Transfer {
@@ -271,11 +303,16 @@ mod tests {
 
     fn read(session: &mut Session, offset: u16) -> Vec<u8> {
         let [low, high] = offset.to_le_bytes();
-        session.take(&service(48, true, [&[low, high, 0, 0, 0][..], b"fw.bin"].concat()), seconds(2.0)).unwrap()
+        session
+            .take(&service(48, true, [&[low, high, 0, 0, 0][..], b"fw.bin"].concat()), seconds(2.0))
+            .unwrap()
     }
 
     fn begin(session: &mut Session, number: u8, text: &[u8]) {
-        assert!(matches!(session.poll(Duration::ZERO), Some(Action::Request(Message::BeginUpdate(_)))));
+        assert!(matches!(
+            session.poll(Duration::ZERO),
+            Some(Action::Request(Message::BeginUpdate(_)))
+        ));
         let response = NumberAndText { number, text: text.to_vec() }.encode();
         assert_eq!(session.take(&service(40, false, response), seconds(0.1)), None);
     }
@@ -296,7 +333,10 @@ mod tests {
         session.take(&status(Mode::Operational), seconds(0.2));
         let answers: Vec<_> = [0, 256, 512].map(|offset| read(&mut session, offset)).to_vec();
         assert_eq!(answers.iter().map(Vec::len).collect::<Vec<_>>(), [258, 258, 90]);
-        assert_eq!(answers.iter().flat_map(|answer| &answer[2..]).copied().collect::<Vec<_>>(), file.bytes);
+        assert_eq!(
+            answers.iter().flat_map(|answer| &answer[2..]).copied().collect::<Vec<_>>(),
+            file.bytes
+        );
         assert_eq!((session.sent(), session.stage()), (600, "restarting"));
         session.take(&status(Mode::SoftwareUpdate), seconds(2.5));
         assert_eq!(session.poll(seconds(2.6)), None);
@@ -337,9 +377,10 @@ mod tests {
     #[test]
     fn a_node_in_its_bootloader_or_old_program_counts_as_not_updated() {
         let file = file_of(600);
-        for (mode, text) in
-            [(Mode::Maintenance, "waits in its bootloader"), (Mode::Operational, "runs its old program")]
-        {
+        for (mode, text) in [
+            (Mode::Maintenance, "waits in its bootloader"),
+            (Mode::Operational, "runs its old program"),
+        ] {
             let mut session = session(&file);
             begin(&mut session, ERROR_OK, b"");
             read(&mut session, 0);
@@ -378,9 +419,17 @@ mod tests {
         begin(&mut session, ERROR_OK, b"");
         let request = [&[0; 5][..], b"other.bin"].concat();
         assert_eq!(session.take(&service(48, true, request), seconds(1.0)), Some(vec![2, 0]));
-        let other =
-            CanId::Service { priority: 16, service_id: 48, request: true, destination: id(125), source: id(121) };
-        assert_eq!(session.take(&transfer(other, [&[0; 5][..], b"fw.bin"].concat()), seconds(1.0)), None);
+        let other = CanId::Service {
+            priority: 16,
+            service_id: 48,
+            request: true,
+            destination: id(125),
+            source: id(121),
+        };
+        assert_eq!(
+            session.take(&transfer(other, [&[0; 5][..], b"fw.bin"].concat()), seconds(1.0)),
+            None
+        );
         assert_eq!(session.sent(), 0);
     }
 }

@@ -1,4 +1,5 @@
-//! The delay of a node's answers, and the timeout for the next one: the estimator of TCP (RFC 6298).
+//! The delay of a node's answers, and the timeout for the next one: the estimator of TCP (RFC
+//! 6298).
 
 use std::time::Duration;
 
@@ -43,10 +44,12 @@ impl Delay {
         self.timed_out = (self.timed_out + 1).min(DOUBLED_MAX);
     }
 
-    /// Timeout for the next answer, at least `least`. Before the first answer it follows from `others`.
+    /// Timeout for the next answer, at least `least`. Before the first answer it follows from
+    /// `others`.
     pub fn timeout(&self, least: Duration, others: &Delay) -> Duration {
         let known = if self.is_known() { self } else { others };
-        let usual = known.smoothed.map_or(Duration::ZERO, |smoothed| smoothed + known.variation * 4);
+        let usual =
+            known.smoothed.map_or(Duration::ZERO, |smoothed| smoothed + known.variation * 4);
         (usual.max(least) * (1 << self.timed_out)).clamp(least, TIMEOUT_MAX.max(least))
     }
 }

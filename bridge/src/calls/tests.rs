@@ -9,7 +9,14 @@ const NODE: NodeId = NodeId::new(42).unwrap();
 fn calls(count: u32) -> Calls<u32> {
     let mut calls = Calls::new(OWN);
     for purpose in 0..count {
-        calls.request(NODE, GET_SET, vec![purpose as u8, 0], Timeouts::from_ms(100, 400), Urgency::Background, purpose);
+        calls.request(
+            NODE,
+            GET_SET,
+            vec![purpose as u8, 0],
+            Timeouts::from_ms(100, 400),
+            Urgency::Background,
+            purpose,
+        );
     }
     calls
 }
@@ -25,8 +32,19 @@ fn sent(calls: &mut Calls<u32>, now: u64) -> Vec<Frame> {
 }
 
 fn answer(frame: &Frame) -> Transfer {
-    let id = CanId::Service { priority: 30, service_id: 11, request: false, destination: OWN, source: NODE };
-    Transfer { id, transfer_id: TransferId::new(*frame.data().last().unwrap()), payload: vec![7], frames: 1 }
+    let id = CanId::Service {
+        priority: 30,
+        service_id: 11,
+        request: false,
+        destination: OWN,
+        source: NODE,
+    };
+    Transfer {
+        id,
+        transfer_id: TransferId::new(*frame.data().last().unwrap()),
+        payload: vec![7],
+        frames: 1,
+    }
 }
 
 #[test]
@@ -124,13 +142,23 @@ fn nodes_share_the_common_window_in_turns() {
     let node = |id: u8| NodeId::new(id).unwrap();
     for id in 1..=30 {
         for purpose in 0..20 {
-            calls.request(node(id), GET_SET, vec![0, 0], Timeouts::from_ms(100, 400), Urgency::Background, purpose);
+            calls.request(
+                node(id),
+                GET_SET,
+                vec![0, 0],
+                Timeouts::from_ms(100, 400),
+                Urgency::Background,
+                purpose,
+            );
         }
     }
     let frames = sent(&mut calls, 0);
     let destinations: std::collections::BTreeSet<String> =
         frames.iter().map(|frame| format!("{:?}", frame.id)).collect();
-    assert_eq!((frames.len(), destinations.len()), (TOTAL_WINDOW_AT_FIRST as usize, TOTAL_WINDOW_AT_FIRST as usize));
+    assert_eq!(
+        (frames.len(), destinations.len()),
+        (TOTAL_WINDOW_AT_FIRST as usize, TOTAL_WINDOW_AT_FIRST as usize)
+    );
     calls.request(node(1), GET_SET, vec![0, 0], Timeouts::from_ms(100, 400), Urgency::Now, 99);
     assert_eq!(sent(&mut calls, 1).len(), 1, "an urgent request ignores the window");
 }

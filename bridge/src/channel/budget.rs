@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-/// Bytes that may be saved up, more than any message has. Otherwise a slow channel could never send a long message.
+/// Bytes that may be saved up, more than any message has. Otherwise a slow channel could never send
+/// a long message.
 const BURST_MIN: f64 = 300.0;
 /// A token bucket.
 pub struct Budget {
@@ -21,7 +22,8 @@ impl Budget {
     }
 
     pub fn refill(&mut self, now: Duration) {
-        self.tokens = (self.tokens + self.rate * now.saturating_sub(self.at).as_secs_f64()).min(self.burst);
+        self.tokens =
+            (self.tokens + self.rate * now.saturating_sub(self.at).as_secs_f64()).min(self.burst);
         self.at = now;
     }
 

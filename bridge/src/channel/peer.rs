@@ -24,13 +24,15 @@ pub struct Peer {
     pub heard: Option<MavlinkVersion>,
     pub encoding: IntegerEncoding,
     pub heard_at: Duration,
-    /// True if the station has signed a message, or needs no key. The bridge sends nothing to others.
+    /// True if the station has signed a message, or needs no key. The bridge sends nothing to
+    /// others.
     pub is_trusted: bool,
     pub sent: u64,
     pub received: u64,
 }
 
-/// Writes the rest of a message. Returns true if it is complete. Errors are reported by the next read.
+/// Writes the rest of a message. Returns true if it is complete. Errors are reported by the next
+/// read.
 pub fn write(transport: &Transport, peer: &mut Peer) -> bool {
     while !peer.unsent.is_empty() {
         let written = match (transport, peer.stream.as_mut(), peer.address) {
@@ -41,7 +43,9 @@ pub fn write(transport: &Transport, peer: &mut Peer) -> bool {
                     _ => Ok(peer.unsent.len()),
                 }
             }
-            (Transport::Serial(port), ..) => rustix::io::write(port, &peer.unsent).map_err(io::Error::from),
+            (Transport::Serial(port), ..) => {
+                rustix::io::write(port, &peer.unsent).map_err(io::Error::from)
+            }
             (_, Some(stream), _) => stream.write(&peer.unsent),
             _ => Ok(peer.unsent.len()),
         };

@@ -1,4 +1,5 @@
-//! Host names to addresses. A look-up can take seconds, so each runs in its own thread and not in the loop.
+//! Host names to addresses. A look-up can take seconds, so each runs in its own thread and not in
+//! the loop.
 
 use anyhow::{Context as _, Result};
 use std::net::{SocketAddr, ToSocketAddrs as _};
@@ -7,7 +8,8 @@ use std::thread;
 
 /// Resolves a host name; blocks.
 pub fn resolve(remote: &str) -> Result<SocketAddr> {
-    let found = remote.to_socket_addrs().with_context(|| format!("there is no host for {remote}"))?;
+    let found =
+        remote.to_socket_addrs().with_context(|| format!("there is no host for {remote}"))?;
     let all: Vec<SocketAddr> = found.collect();
     // Ground stations listen on IPv4, so its addresses come first.
     all.iter()

@@ -10,11 +10,22 @@ use std::path::Path;
 use std::time::Duration;
 
 impl Channel {
-    pub(super) fn start_serial(&mut self, ids: &mut PeerId, now: Duration, path: &Path, baud: u32) -> Result<()> {
+    pub(super) fn start_serial(
+        &mut self,
+        ids: &mut PeerId,
+        now: Duration,
+        path: &Path,
+        baud: u32,
+    ) -> Result<()> {
         let port = SerialPort::open(path, baud).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => anyhow!("there is no {}; is the radio plugged in?", path.display()),
+            ErrorKind::NotFound => {
+                anyhow!("there is no {}; is the radio plugged in?", path.display())
+            }
             _ if error.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => {
-                anyhow!("{} is not a serial port; those of radios are /dev/ttyUSB0, /dev/ttyACM0, ..", path.display())
+                anyhow!(
+                    "{} is not a serial port; those of radios are /dev/ttyUSB0, /dev/ttyACM0, ..",
+                    path.display()
+                )
             }
             _ => anyhow!(error).context(format!("cannot open {}", path.display())),
         })?;

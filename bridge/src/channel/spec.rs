@@ -18,16 +18,18 @@ pub enum Spec {
 /// Minimum baud rate: a slower line cannot carry one status of a node a second.
 const BAUD_MIN: u32 = 300;
 
-const EXAMPLES: &str =
-    "write for example udpout:127.0.0.1:14550, udpin:14550, tcp:HOST:5760, tcpin:5760 or serial:/dev/ttyUSB0:57600";
+const EXAMPLES: &str = "write for example udpout:127.0.0.1:14550, udpin:14550, tcp:HOST:5760, tcpin:5760 or serial:/dev/ttyUSB0:57600";
 
 impl FromStr for Spec {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Spec, String> {
-        let (kind, rest) = text.split_once(':').filter(|(_, rest)| !rest.is_empty()).ok_or(EXAMPLES)?;
+        let (kind, rest) =
+            text.split_once(':').filter(|(_, rest)| !rest.is_empty()).ok_or(EXAMPLES)?;
         let remote = || match rest.rsplit_once(':') {
-            Some((host, port)) if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port != 0) => {
+            Some((host, port))
+                if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port != 0) =>
+            {
                 Ok(rest.to_owned())
             }
             _ => Err(format!("\"{rest}\" is not HOST:PORT; {EXAMPLES}")),
@@ -35,9 +37,9 @@ impl FromStr for Spec {
         // Without an address: the loopback interface.
         let local = || match rest.parse::<u16>() {
             Ok(port) => Ok(SocketAddr::from((Ipv4Addr::LOCALHOST, port))),
-            Err(_) => {
-                rest.parse::<SocketAddr>().map_err(|_| format!("\"{rest}\" is not PORT or ADDRESS:PORT; {EXAMPLES}"))
-            }
+            Err(_) => rest
+                .parse::<SocketAddr>()
+                .map_err(|_| format!("\"{rest}\" is not PORT or ADDRESS:PORT; {EXAMPLES}")),
         };
         Ok(match kind {
             "udpout" => Spec::UdpOut(remote()?),
@@ -48,7 +50,11 @@ impl FromStr for Spec {
                 let (path, baud) = match rest.rsplit_once(':') {
                     Some((path, baud)) => match baud.parse() {
                         Ok(rate) if rate >= BAUD_MIN => (path, rate),
-                        _ => return Err(format!("\"{baud}\" is not a baud rate: {BAUD_MIN} or more")),
+                        _ => {
+                            return Err(format!(
+                                "\"{baud}\" is not a baud rate: {BAUD_MIN} or more"
+                            ));
+                        }
                     },
                     None => (rest, 57_600),
                 };

@@ -11,10 +11,12 @@ use std::time::Duration;
 
 /// Maximum number of connections accepted in one turn.
 const ACCEPTED_AT_ONCE: usize = 16;
-/// The bridge closes a connection without a signed message after this time. Stations send a heartbeat each second.
+/// The bridge closes a connection without a signed message after this time. Stations send a
+/// heartbeat each second.
 const SIGNED_WITHIN: Duration = Duration::from_secs(10);
 const CONNECT_FOR: Duration = Duration::from_secs(5);
-/// Size of the kernel's send buffer: enough for the throughput, and little enough that statuses are recent.
+/// Size of the kernel's send buffer: enough for the throughput, and little enough that statuses are
+/// recent.
 const SEND_BUFFER: usize = 32 * 1024;
 
 impl Channel {
@@ -63,7 +65,8 @@ impl Channel {
                     return self.mark_unavailable(now, &trouble);
                 }
                 if socket.peer_addr().is_ok()
-                    && let Transport::Connecting(socket, _) = std::mem::replace(&mut self.transport, Transport::Stream)
+                    && let Transport::Connecting(socket, _) =
+                        std::mem::replace(&mut self.transport, Transport::Stream)
                 {
                     self.mark_available();
                     let name = self.spec.to_string();
@@ -75,7 +78,13 @@ impl Channel {
         }
     }
 
-    fn add_stream(&mut self, ids: &mut PeerId, now: Duration, name: String, stream: TcpStream) -> PeerId {
+    fn add_stream(
+        &mut self,
+        ids: &mut PeerId,
+        now: Duration,
+        name: String,
+        stream: TcpStream,
+    ) -> PeerId {
         // Errors are ignored: these options only improve the speed.
         let _ = stream.set_nodelay(true);
         let _ = SockRef::from(&stream).set_send_buffer_size(SEND_BUFFER);
@@ -93,7 +102,8 @@ impl Channel {
                 continue;
             }
             let is_trusted = self.signing.is_none();
-            if is_trusted && self.peers.len() >= PEERS_MAX || stream.set_nonblocking(true).is_err() {
+            if is_trusted && self.peers.len() >= PEERS_MAX || stream.set_nonblocking(true).is_err()
+            {
                 self.refuse(now, from);
                 continue;
             }
@@ -110,7 +120,8 @@ impl Channel {
         }
     }
 
-    /// Connections that have not signed do not use up the stations' places: the oldest is closed for the newest.
+    /// Connections that have not signed do not use up the stations' places: the oldest is closed
+    /// for the newest.
     fn make_room_for_untrusted(&mut self, bridge: &mut Bridge) {
         let untrusted: Vec<PeerId> =
             self.peers.iter().filter(|(_, peer)| !peer.is_trusted).map(|(id, _)| *id).collect();
@@ -122,7 +133,8 @@ impl Channel {
     /// Closes connections that have not signed in time.
     pub(super) fn close_untrusted(&mut self, now: Duration, bridge: &mut Bridge) {
         let late = |peer: &Peer| !peer.is_trusted && now > peer.heard_at + SIGNED_WITHIN;
-        let late: Vec<PeerId> = self.peers.iter().filter(|(_, peer)| late(peer)).map(|(id, _)| *id).collect();
+        let late: Vec<PeerId> =
+            self.peers.iter().filter(|(_, peer)| late(peer)).map(|(id, _)| *id).collect();
         for id in late {
             self.remove(bridge, id, "it did not sign");
         }

@@ -13,7 +13,12 @@ use std::time::Duration;
 const SILENT_FOR: Duration = Duration::from_secs(60);
 
 impl Channel {
-    pub(super) fn start_udp_out(&mut self, ids: &mut PeerId, now: Duration, address: SocketAddr) -> Result<()> {
+    pub(super) fn start_udp_out(
+        &mut self,
+        ids: &mut PeerId,
+        now: Duration,
+        address: SocketAddr,
+    ) -> Result<()> {
         let local: IpAddr = match address.ip() {
             ip if ip.is_loopback() => ip,
             IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
@@ -35,7 +40,12 @@ impl Channel {
         Ok(())
     }
 
-    pub(super) fn receive_datagrams(&mut self, now: Duration, bridge: &mut Bridge, ids: &mut PeerId) {
+    pub(super) fn receive_datagrams(
+        &mut self,
+        now: Duration,
+        bridge: &mut Bridge,
+        ids: &mut PeerId,
+    ) {
         let mut buffer = [0; 2048];
         for _ in 0..READS_AT_ONCE * PEERS_MAX {
             let Transport::Udp(socket) = &self.transport else { return };
@@ -45,7 +55,8 @@ impl Channel {
                 // ICMP reports that the station's port is closed: not an error of this socket.
                 Err(_) => continue,
             };
-            let known = self.peers.iter().find(|(_, peer)| peer.address == Some(from)).map(|(id, _)| *id);
+            let known =
+                self.peers.iter().find(|(_, peer)| peer.address == Some(from)).map(|(id, _)| *id);
             match known {
                 Some(id) => self.take_datagram(now, bridge, id, &buffer[..length]),
                 // Only the given station may answer.
@@ -56,8 +67,9 @@ impl Channel {
         }
     }
 
-    /// Handles a datagram from an unknown address. The address becomes a peer if the datagram has a message, signed if there is a key, and
-    /// there is room. A peer keeps its place while it sends.
+    /// Handles a datagram from an unknown address. The address becomes a peer if the datagram has a
+    /// message, signed if there is a key, and there is room. A peer keeps its place while it
+    /// sends.
     fn handle_unknown_sender(
         &mut self,
         now: Duration,
@@ -70,7 +82,8 @@ impl Channel {
         peer.parser.feed(bytes);
         let messages: Vec<Received> = std::iter::from_fn(|| peer.parser.message()).collect();
         if !messages.iter().any(Result::is_ok) {
-            let is_unsigned = messages.iter().any(|message| matches!(message, Err(Refused::Signature)));
+            let is_unsigned =
+                messages.iter().any(|message| matches!(message, Err(Refused::Signature)));
             let counter = if is_unsigned { &mut self.unsigned } else { &mut self.malformed };
             *counter += 1;
             return;
@@ -85,7 +98,8 @@ impl Channel {
         self.take_messages(now, bridge, id, messages);
     }
 
-    /// Except in rare cases a datagram has a whole message, so the bridge does not wait for the rest of an incomplete one.
+    /// Except in rare cases a datagram has a whole message, so the bridge does not wait for the
+    /// rest of an incomplete one.
     fn take_datagram(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, bytes: &[u8]) {
         if let Some(peer) = self.peers.get_mut(&id).filter(|_| has_message(bytes)) {
             peer.parser = Parser::new(self.signing.clone());
@@ -98,14 +112,16 @@ impl Channel {
             return;
         }
         let silent = |peer: &Peer| now > peer.heard_at + SILENT_FOR;
-        let gone: Vec<PeerId> = self.peers.iter().filter(|(_, peer)| silent(peer)).map(|(id, _)| *id).collect();
+        let gone: Vec<PeerId> =
+            self.peers.iter().filter(|(_, peer)| silent(peer)).map(|(id, _)| *id).collect();
         for id in gone {
             self.remove(bridge, id, "silent");
         }
     }
 }
 
-/// True if these bytes contain a whole message. Does not check the signature, because no message may be checked twice.
+/// True if these bytes contain a whole message. Does not check the signature, because no message
+/// may be checked twice.
 fn has_message(bytes: &[u8]) -> bool {
     let mut parser = Parser::new(None);
     parser.feed(bytes);

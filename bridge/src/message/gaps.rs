@@ -1,9 +1,10 @@
 //! Fields of messages that the `mavlink` crate cannot represent.
 //!
-//! The crate's messages have closed enumerations. A message with a value that the crate does not know can be neither read
-//! (<https://github.com/mavlink/rust-mavlink/issues/112>) nor written. But the bridge must answer an unknown command
-//! with UNSUPPORTED, and must pass on a vendor's mode. So for received messages it takes such a field out of the payload and
-//! puts in a value that the crate knows. In sent messages it writes the field over what the crate wrote.
+//! The crate's messages have closed enumerations. A message with a value that the crate does not
+//! know can be neither read (<https://github.com/mavlink/rust-mavlink/issues/112>) nor written. But the bridge must answer an unknown command
+//! with UNSUPPORTED, and must pass on a vendor's mode. So for received messages it takes such a
+//! field out of the payload and puts in a value that the crate knows. In sent messages it writes
+//! the field over what the crate wrote.
 //!
 //! The offsets are in the payload, in which MAVLink orders the fields by size, largest first.
 
@@ -60,7 +61,8 @@ pub fn put_acknowledged_command(payload: &mut [u8], len: usize, number: u16) -> 
     put(payload, len, ACK_COMMAND_AT, &number.to_le_bytes())
 }
 
-/// Writes `bytes` at `at` into a payload of `len` bytes without its trailing zeros. Returns the new length.
+/// Writes `bytes` at `at` into a payload of `len` bytes without its trailing zeros. Returns the new
+/// length.
 fn put(payload: &mut [u8], len: usize, at: usize, bytes: &[u8]) -> usize {
     payload[at..at + bytes.len()].copy_from_slice(bytes);
     let last = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| at + last + 1);

@@ -2,8 +2,9 @@
 
 use super::{Command, In, Request, gaps, name};
 use mavlink::dialects::common::{
-    CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, FILE_TRANSFER_PROTOCOL_DATA,
-    HEARTBEAT_DATA, MavMessage, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
+    CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
+    FILE_TRANSFER_PROTOCOL_DATA, HEARTBEAT_DATA, MavMessage, PARAM_REQUEST_LIST_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
 };
 use mavlink::error::{MessageReadError, ParserError};
 use mavlink::{MAVLinkMessageRaw, MavlinkReader, MavlinkVersion, MessageData, SigningData};
@@ -32,28 +33,40 @@ impl In {
             }
             PARAM_REQUEST_READ_DATA::ID => {
                 let data = PARAM_REQUEST_READ_DATA::deser(version, &payload)?;
-                let request =
-                    Request::ParameterRead { index: u16::try_from(data.param_index).ok(), name: name(&data.param_id) };
+                let request = Request::ParameterRead {
+                    index: u16::try_from(data.param_index).ok(),
+                    name: name(&data.param_id),
+                };
                 ((data.target_system, data.target_component), request)
             }
             PARAM_SET_DATA::ID => {
                 let kind = gaps::take_param_type(&mut payload);
                 let data = PARAM_SET_DATA::deser(version, &payload)?;
-                let request = Request::ParameterSet { name: name(&data.param_id), value: data.param_value, kind };
+                let request = Request::ParameterSet {
+                    name: name(&data.param_id),
+                    value: data.param_value,
+                    kind,
+                };
                 ((data.target_system, data.target_component), request)
             }
             COMMAND_LONG_DATA::ID => {
                 let number = gaps::take_command(&mut payload);
                 let d = COMMAND_LONG_DATA::deser(version, &payload)?;
                 let params = [d.param1, d.param2, d.param3, d.param4, d.param5, d.param6, d.param7];
-                ((d.target_system, d.target_component), Request::Command(Command { number, params }))
+                (
+                    (d.target_system, d.target_component),
+                    Request::Command(Command { number, params }),
+                )
             }
             COMMAND_INT_DATA::ID => {
                 let number = gaps::take_command(&mut payload);
                 gaps::replace_frame(&mut payload);
                 let d = COMMAND_INT_DATA::deser(version, &payload)?;
                 let params = [d.param1, d.param2, d.param3, d.param4, d.x as f32, d.y as f32, d.z];
-                ((d.target_system, d.target_component), Request::Command(Command { number, params }))
+                (
+                    (d.target_system, d.target_component),
+                    Request::Command(Command { number, params }),
+                )
             }
             CAN_FRAME_DATA::ID => {
                 let data = CAN_FRAME_DATA::deser(version, &payload)?;
@@ -130,6 +143,8 @@ impl Parser {
         if !trusted {
             return Some(Err(Refused::Signature));
         }
-        Some(In::parse(&raw).map(|message| (raw.version(), message)).map_err(|_| Refused::Malformed))
+        Some(
+            In::parse(&raw).map(|message| (raw.version(), message)).map_err(|_| Refused::Malformed),
+        )
     }
 }

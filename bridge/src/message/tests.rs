@@ -6,7 +6,8 @@ use mavlink::dialects::common::{COMMAND_LONG_DATA, MavCmd, PARAM_REQUEST_LIST_DA
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, SigningConfig, SigningData};
 use std::rc::Rc;
 
-/// Header length of a frame of version 2: magic, length, two flags, sequence, system, component, three bytes of message ID.
+/// Header length of a frame of version 2: magic, length, two flags, sequence, system, component,
+/// three bytes of message ID.
 const V2_HEADER: usize = 10;
 const V1_HEADER: usize = 6;
 /// Offset of COMMAND_LONG.command in its payload.
@@ -30,7 +31,8 @@ fn status(mode: u8) -> Out {
 }
 
 fn ack(command: u16) -> Out {
-    let content = Content::Ack { command, result: MavResult::MAV_RESULT_UNSUPPORTED, to: (255, 190) };
+    let content =
+        Content::Ack { command, result: MavResult::MAV_RESULT_UNSUPPORTED, to: (255, 190) };
     Out { component: 42, content }
 }
 
@@ -44,7 +46,9 @@ fn sent(message: &MavMessage) -> Vec<u8> {
 fn parsed(bytes: &[u8]) -> Vec<In> {
     let mut parser = Parser::new(None);
     parser.feed(bytes);
-    std::iter::from_fn(|| parser.message()).filter_map(|message| message.ok().map(|(_, message)| message)).collect()
+    std::iter::from_fn(|| parser.message())
+        .filter_map(|message| message.ok().map(|(_, message)| message))
+        .collect()
 }
 
 #[test]
@@ -54,7 +58,10 @@ fn the_first_message_has_version_2_and_the_next_the_station_s_version() {
     assert_eq!(writer.bytes(&heartbeat(), v1, IntegerEncoding::Bytewise).unwrap()[0], 0xFD);
     assert_eq!(writer.bytes(&heartbeat(), v1, IntegerEncoding::Bytewise).unwrap()[0], 0xFE);
     assert_eq!(writer.bytes(&status(0), v1, IntegerEncoding::Bytewise).unwrap()[0], 0xFD);
-    assert_eq!(writer.bytes(&heartbeat(), Some(MavlinkVersion::V2), IntegerEncoding::Bytewise).unwrap()[0], 0xFD);
+    assert_eq!(
+        writer.bytes(&heartbeat(), Some(MavlinkVersion::V2), IntegerEncoding::Bytewise).unwrap()[0],
+        0xFD
+    );
 }
 
 #[test]
@@ -64,14 +71,22 @@ fn a_given_version_is_always_used() {
     assert_eq!(one.bytes(&status(0), Some(MavlinkVersion::V2), IntegerEncoding::Bytewise), None);
     let mut two = writer(Versions::Two);
     two.bytes(&heartbeat(), Some(MavlinkVersion::V1), IntegerEncoding::Bytewise);
-    assert_eq!(two.bytes(&heartbeat(), Some(MavlinkVersion::V1), IntegerEncoding::Bytewise).unwrap()[0], 0xFD);
+    assert_eq!(
+        two.bytes(&heartbeat(), Some(MavlinkVersion::V1), IntegerEncoding::Bytewise).unwrap()[0],
+        0xFD
+    );
 }
 
 #[test]
 fn each_component_has_its_own_sequence_numbers() {
     let mut writer = writer(Versions::Two);
     let mut sequence = |out: &Out| writer.bytes(out, None, IntegerEncoding::Bytewise).unwrap()[4];
-    let numbers = [sequence(&heartbeat()), sequence(&status(0)), sequence(&heartbeat()), sequence(&status(0))];
+    let numbers = [
+        sequence(&heartbeat()),
+        sequence(&status(0)),
+        sequence(&heartbeat()),
+        sequence(&status(0)),
+    ];
     assert_eq!(numbers, [0, 0, 1, 1]);
 }
 
@@ -79,9 +94,11 @@ fn each_component_has_its_own_sequence_numbers() {
 #[test]
 fn an_undefined_mode_is_passed_on() {
     for mode in 0..8 {
-        let bytes = writer(Versions::Two).bytes(&status(mode), None, IntegerEncoding::Bytewise).unwrap();
+        let bytes =
+            writer(Versions::Two).bytes(&status(mode), None, IntegerEncoding::Bytewise).unwrap();
         // MAVLink 2 does not send trailing zeros; mode is the field before the last.
-        let sent = bytes[V2_HEADER..V2_HEADER + usize::from(bytes[1])].get(15).copied().unwrap_or(0);
+        let sent =
+            bytes[V2_HEADER..V2_HEADER + usize::from(bytes[1])].get(15).copied().unwrap_or(0);
         assert_eq!(sent, mode);
         assert_eq!(&bytes[7..10], [0x36, 0x01, 0x00]);
     }
@@ -106,7 +123,11 @@ fn unknown_commands_are_read_and_acknowledged_with_their_number() {
     let params = [3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     assert_eq!(
         messages,
-        [In { from: (255, 190), to: (1, 42), request: Request::Command(Command { number: 42_650, params }) }]
+        [In {
+            from: (255, 190),
+            to: (1, 42),
+            request: Request::Command(Command { number: 42_650, params })
+        }]
     );
 
     let bytes = writer(Versions::Two).bytes(&ack(42_650), None, IntegerEncoding::Bytewise).unwrap();
@@ -117,15 +138,23 @@ fn unknown_commands_are_read_and_acknowledged_with_their_number() {
 
 #[test]
 fn integers_have_the_encoding_of_the_station() {
-    let content =
-        Content::Parameter { name: "SIXTEEN_LETTERS_".into(), number: Number::Int32(-12), count: 26, index: 3 };
+    let content = Content::Parameter {
+        name: "SIXTEEN_LETTERS_".into(),
+        number: Number::Int32(-12),
+        count: 26,
+        index: 3,
+    };
     let out = Out { component: 42, content };
-    for (encoding, value) in
-        [(IntegerEncoding::Bytewise, (-12_i32).to_le_bytes()), (IntegerEncoding::Cast, (-12.0_f32).to_le_bytes())]
-    {
+    for (encoding, value) in [
+        (IntegerEncoding::Bytewise, (-12_i32).to_le_bytes()),
+        (IntegerEncoding::Cast, (-12.0_f32).to_le_bytes()),
+    ] {
         let bytes = writer(Versions::Two).bytes(&out, None, encoding).unwrap();
         let payload = &bytes[V2_HEADER..];
-        assert_eq!((&payload[..4], &payload[4..8], payload[24]), (&value[..], &[26, 0, 3, 0][..], 6));
+        assert_eq!(
+            (&payload[..4], &payload[4..8], payload[24]),
+            (&value[..], &[26, 0, 3, 0][..], 6)
+        );
         assert_eq!(&payload[8..24], b"SIXTEEN_LETTERS_");
     }
 }
@@ -140,7 +169,8 @@ fn with_a_key_only_signed_messages_are_accepted_and_each_once() {
             target_component: 42,
         })),
     };
-    let bytes = signed.bytes(&request, Some(MavlinkVersion::V1), IntegerEncoding::Bytewise).unwrap();
+    let bytes =
+        signed.bytes(&request, Some(MavlinkVersion::V1), IntegerEncoding::Bytewise).unwrap();
     let mut parser = Parser::new(key(1));
     let mut take = |bytes: &[u8]| {
         parser.feed(bytes);
@@ -148,7 +178,9 @@ fn with_a_key_only_signed_messages_are_accepted_and_each_once() {
     };
     assert_eq!(take(&bytes), Ok(Request::ParameterList));
     assert_eq!(take(&bytes), Err(Refused::Signature), "a message must not be accepted twice");
-    let wrong = Writer::new(255, Versions::Auto, key(2)).bytes(&request, None, IntegerEncoding::Bytewise).unwrap();
+    let wrong = Writer::new(255, Versions::Auto, key(2))
+        .bytes(&request, None, IntegerEncoding::Bytewise)
+        .unwrap();
     assert_eq!(take(&wrong), Err(Refused::Signature));
     let unsigned = writer(Versions::Two).bytes(&request, None, IntegerEncoding::Bytewise).unwrap();
     assert_eq!(take(&unsigned), Err(Refused::Signature));
@@ -159,8 +191,10 @@ fn with_a_key_only_signed_messages_are_accepted_and_each_once() {
 #[test]
 fn messages_are_found_between_other_bytes_and_in_pieces() {
     let message = sent(&MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()));
-    let rubbish: Vec<u8> = (0..600_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-    let bytes = [&rubbish[..], &message, &[0xFD, 3, 0], &message, &rubbish, &message, &[0; 300]].concat();
+    let rubbish: Vec<u8> =
+        (0..600_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let bytes =
+        [&rubbish[..], &message, &[0xFD, 3, 0], &message, &rubbish, &message, &[0; 300]].concat();
     let mut parser = Parser::new(None);
     let mut found = 0;
     for byte in bytes {

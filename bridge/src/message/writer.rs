@@ -1,8 +1,9 @@
 //! Encodes the messages for one ground station.
 //!
-//! The bridge answers a ground station in the station's version of MAVLink. But the first message to it has version 2, because some
-//! stations (with pymavlink) begin with version 1 and continue in the version that they first receive. Messages with numbers
-//! above 255 do not exist in version 1. The bridge sends them in version 2 unless the user forbids that; a parser of version 1
+//! The bridge answers a ground station in the station's version of MAVLink. But the first message
+//! to it has version 2, because some stations (with pymavlink) begin with version 1 and continue in
+//! the version that they first receive. Messages with numbers above 255 do not exist in version 1.
+//! The bridge sends them in version 2 unless the user forbids that; a parser of version 1
 //! ignores them.
 
 use super::{Content, Out, chars, gaps};
@@ -12,7 +13,10 @@ use mavlink::dialects::common::{
     UAVCAN_NODE_STATUS_DATA,
 };
 use mavlink::error::ParserError;
-use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message, MessageData, SigningData};
+use mavlink::{
+    MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message, MessageData,
+    SigningData,
+};
 use std::rc::Rc;
 
 /// The version of MAVLink in which the bridge sends.
@@ -49,8 +53,14 @@ impl Writer {
         Writer { system, versions, sequences: [0; 256], has_sent_v2: false, signing }
     }
 
-    /// The bytes of a message. `heard` is the version of the station's last message. `None` if the message does not exist in the version.
-    pub fn bytes(&mut self, out: &Out, heard: Option<MavlinkVersion>, encoding: IntegerEncoding) -> Option<Vec<u8>> {
+    /// The bytes of a message. `heard` is the version of the station's last message. `None` if the
+    /// message does not exist in the version.
+    pub fn bytes(
+        &mut self,
+        out: &Out,
+        heard: Option<MavlinkVersion>,
+        encoding: IntegerEncoding,
+    ) -> Option<Vec<u8>> {
         let wire = Wire { out, encoding };
         let id = wire.message_id();
         let version = match (self.versions, heard) {
@@ -66,7 +76,11 @@ impl Writer {
         };
         self.has_sent_v2 = true;
         let sequence = &mut self.sequences[usize::from(out.component)];
-        let header = MavHeader { system_id: self.system.into(), component_id: out.component, sequence: *sequence };
+        let header = MavHeader {
+            system_id: self.system.into(),
+            component_id: out.component,
+            sequence: *sequence,
+        };
         *sequence = sequence.wrapping_add(1);
         Some(match (version, &self.signing) {
             (MavlinkVersion::V1, _) => {
@@ -137,8 +151,12 @@ impl Message for Wire<'_> {
                 let mut uid2 = [0; UID2_LEN];
                 uid2[..unique_id.len()].copy_from_slice(unique_id);
                 let encoding = match self.encoding {
-                    IntegerEncoding::Bytewise => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE,
-                    IntegerEncoding::Cast => MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST,
+                    IntegerEncoding::Bytewise => {
+                        MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+                    }
+                    IntegerEncoding::Cast => {
+                        MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+                    }
                 };
                 let capabilities = encoding
                     | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2

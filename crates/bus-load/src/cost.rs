@@ -1,11 +1,12 @@
 //! The number of bits that a transfer takes on the bus.
 //!
-//! A frame with a 29-bit identifier and n data bytes, including the tail byte, has 67 + 8n bits from its SOF to the end
-//! of the intermission, plus stuff bits: at most one after the first five of the 54 + 8n bits that are stuffed and one
-//! after every further four. The exact number depends on every bit, so it is counted in whole frames with
-//! their identifier, transfer CRC and CRC-15.
+//! A frame with a 29-bit identifier and n data bytes, including the tail byte, has 67 + 8n bits
+//! from its SOF to the end of the intermission, plus stuff bits: at most one after the first five
+//! of the 54 + 8n bits that are stuffed and one after every further four. The exact number depends
+//! on every bit, so it is counted in whole frames with their identifier, transfer CRC and CRC-15.
 //!
-//! Limits: `least` and `most` are bounds that a given identifier need not reach. Error frames and retransmissions are not counted.
+//! Limits: `least` and `most` are bounds that a given identifier need not reach. Error frames and
+//! retransmissions are not counted.
 
 use super::stream::Stream;
 use can_model as can;
@@ -36,7 +37,11 @@ impl Bits {
 
     /// Adds each of the three.
     pub fn plus(self, other: Bits) -> Bits {
-        Bits { least: self.least + other.least, typical: self.typical + other.typical, most: self.most + other.most }
+        Bits {
+            least: self.least + other.least,
+            typical: self.typical + other.typical,
+            most: self.most + other.most,
+        }
     }
 }
 
@@ -50,11 +55,16 @@ pub struct Cost {
 impl Cost {
     /// Counts the bits of a transfer of this stream.
     pub fn of(stream: &Stream) -> Cost {
-        let template = split(&vec![0; stream.payload_bytes], TransferId::default(), stream.signature);
+        let template =
+            split(&vec![0; stream.payload_bytes], TransferId::default(), stream.signature);
         let total = |bits: fn(bool, u8) -> u32| -> f64 {
             template.iter().map(|data| f64::from(bits(true, data.len() as u8))).sum()
         };
-        let bits = Bits { least: total(can::min_bits), typical: mean_bits(stream), most: total(can::max_bits) };
+        let bits = Bits {
+            least: total(can::min_bits),
+            typical: mean_bits(stream),
+            most: total(can::max_bits),
+        };
         Cost { frames: template.len(), bits }
     }
 }
@@ -65,9 +75,13 @@ fn mean_bits(stream: &Stream) -> f64 {
     for node in 1..=stream.nodes {
         let id = stream.id(NodeId::new(node).expect("1 to 127 nodes")).build();
         for transfer in 0..TRANSFER_IDS {
-            let payload = stream.payload.clone().unwrap_or_else(|| random.bytes(stream.payload_bytes));
+            let payload =
+                stream.payload.clone().unwrap_or_else(|| random.bytes(stream.payload_bytes));
             let frames = split(&payload, TransferId::new(transfer), stream.signature);
-            bits += frames.iter().map(|data| u64::from(Frame::extended(id, data).bit_count())).sum::<u64>();
+            bits += frames
+                .iter()
+                .map(|data| u64::from(Frame::extended(id, data).bit_count()))
+                .sum::<u64>();
         }
     }
     bits as f64 / (f64::from(stream.nodes) * f64::from(TRANSFER_IDS))
@@ -115,14 +129,20 @@ mod tests {
 
     #[test]
     fn an_empty_payload_is_a_frame_with_a_tail_byte() {
-        assert_eq!((cost("ArrayCommand[0]@1").frames, cost("ArrayCommand[0]@1").bits.least), (1, 75.0));
+        assert_eq!(
+            (cost("ArrayCommand[0]@1").frames, cost("ArrayCommand[0]@1").bits.least),
+            (1, 75.0)
+        );
     }
 
     /// Seven bytes fit in a frame with the tail byte; eight do not.
     #[test]
     fn the_second_frame_begins_with_the_eighth_byte() {
         assert_eq!(cost("20100:7@1").frames, 1);
-        assert_eq!((cost("20100:8@1").frames, cost("20100:8@1").bits.least), (2, 131.0 + 67.0 + 8.0 * 4.0));
+        assert_eq!(
+            (cost("20100:8@1").frames, cost("20100:8@1").bits.least),
+            (2, 131.0 + 67.0 + 8.0 * 4.0)
+        );
     }
 
     #[test]
@@ -130,7 +150,9 @@ mod tests {
         let zeros = cost("NodeStatus=00000000000000@1");
         let mixed = cost("NodeStatus=55AA55AA55AA55@1");
         assert!(zeros.bits.typical > mixed.bits.typical + 5.0, "{zeros:?} {mixed:?}");
-        let frame = |transfer: u8| Frame::extended(0x1001_5501, &[0, 0, 0, 0, 0, 0, 0, 0xC0 | transfer]).bit_count();
+        let frame = |transfer: u8| {
+            Frame::extended(0x1001_5501, &[0, 0, 0, 0, 0, 0, 0, 0xC0 | transfer]).bit_count()
+        };
         let mean = (0..32).map(frame).sum::<u32>() as f64 / 32.0;
         assert_eq!(zeros.bits.typical, mean);
     }

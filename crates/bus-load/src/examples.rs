@@ -16,10 +16,15 @@ impl Example {
     /// Its messages, as for `--message`.
     pub fn messages(self) -> &'static [&'static str] {
         match self {
-            Example::Quadcopter => &["RawCommand[4]@400", "4x esc.Status@10", "4x esc.StatusExtended@10"],
+            Example::Quadcopter => {
+                &["RawCommand[4]@400", "4x esc.Status@10", "4x esc.StatusExtended@10"]
+            }
             // A command and a status each second; the node's temperature every three seconds.
-            Example::Thesis => &["2x NodeStatus@1", "thesis.ServoCommand@1", "thesis.DegreesCelsius@0.3333"],
-            // 50 Hz is the default of CAN_D1_UC_SRV_RT; the safety and arming states are sent at 2 Hz.
+            Example::Thesis => {
+                &["2x NodeStatus@1", "thesis.ServoCommand@1", "thesis.DegreesCelsius@0.3333"]
+            }
+            // 50 Hz is the default of CAN_D1_UC_SRV_RT; the safety and arming states are sent at 2
+            // Hz.
             Example::Ardupilot15Servos => &[
                 "16x NodeStatus@1",
                 "ArrayCommand[15]@50",

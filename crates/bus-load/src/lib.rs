@@ -4,8 +4,9 @@
 //! text ──> stream (messages and their rates) ──> cost (bits of a transfer) ──> plan (sums, advice)
 //! published: a manufacturer's rule of thumb and tables, next to the exact bits        measured: a running bus
 //! ```
-//! Limits: the result is a mean over a long time. Whether a message is late in the worst case depends on priorities and on
-//! transfers at the same time; neither is computed. Error frames and retransmissions are not counted.
+//! Limits: the result is a mean over a long time. Whether a message is late in the worst case
+//! depends on priorities and on transfers at the same time; neither is computed. Error frames and
+//! retransmissions are not counted.
 
 #![forbid(unsafe_code)]
 
@@ -105,7 +106,9 @@ pub fn run(args: &Args, mut out: impl Write) -> Result<()> {
     }
     streams.extend(args.message.iter().flat_map(|entry| entry.0.clone()));
     if streams.is_empty() {
-        bail!("nothing is planned: give --message \"NodeStatus@1\", --file or --example; see --help");
+        bail!(
+            "nothing is planned: give --message \"NodeStatus@1\", --file or --example; see --help"
+        );
     }
     Plan::new(bit_rate.unwrap_or(BIT_RATE_DEFAULT), streams).print(&mut out)
 }
@@ -113,7 +116,9 @@ pub fn run(args: &Args, mut out: impl Write) -> Result<()> {
 fn read(path: &Path) -> Result<(Vec<Entry>, Option<u32>)> {
     let text = std::fs::read_to_string(path).map_err(|error| match error.kind() {
         // The file exists but is not a plan: the user's mistake, not the machine's.
-        ErrorKind::InvalidData | ErrorKind::IsADirectory => anyhow!("{} is not a text file: {error}", path.display()),
+        ErrorKind::InvalidData | ErrorKind::IsADirectory => {
+            anyhow!("{} is not a text file: {error}", path.display())
+        }
         _ => anyhow!(error).context(format!("cannot read {}", path.display())),
     })?;
     let (mut entries, mut bit_rate) = (Vec::new(), None);
@@ -122,7 +127,8 @@ fn read(path: &Path) -> Result<(Vec<Entry>, Option<u32>)> {
         let place = || format!("{}, line {}", path.display(), number + 1);
         if let Some(rate) = line.strip_prefix("bit-rate ") {
             let rate = rate.trim().parse().ok().filter(|rate| (10_000..=1_000_000).contains(rate));
-            bit_rate = Some(rate.with_context(|| format!("{}: a bit rate is 10000 to 1000000", place()))?);
+            bit_rate =
+                Some(rate.with_context(|| format!("{}: a bit rate is 10000 to 1000000", place()))?);
         } else if !line.is_empty() {
             entries.push(line.parse().map_err(anyhow::Error::msg).with_context(place)?);
         }
@@ -134,13 +140,20 @@ fn list(mut out: impl Write) -> Result<()> {
     let longest = |layout: Layout| layout.bytes(layout.elements_max);
     let mut known: Vec<&DataType> = KNOWN.iter().collect();
     known.sort_by_key(|known| (known.kind == Kind::Service, known.id));
-    writeln!(out, "{:>6}  {:30} {:>16} {:>17}", "number", "type", "longest, bytes", "[COUNT] at most")?;
+    writeln!(
+        out,
+        "{:>6}  {:30} {:>16} {:>17}",
+        "number", "type", "longest, bytes", "[COUNT] at most"
+    )?;
     for known in known {
         let (bytes, tail) = match known.response {
             None => (longest(known.payload).to_string(), known.payload),
-            Some(response) => (format!("{} + {}", longest(known.payload), longest(response)), response),
+            Some(response) => {
+                (format!("{} + {}", longest(known.payload), longest(response)), response)
+            }
         };
-        let count = if tail.elements_max > 0 { tail.elements_max.to_string() } else { String::new() };
+        let count =
+            if tail.elements_max > 0 { tail.elements_max.to_string() } else { String::new() };
         let line = format!("{:6}  {:30} {bytes:>16} {count:>17}", known.id, known.name);
         writeln!(out, "{}", line.trim_end())?;
     }

@@ -1,7 +1,7 @@
 //! The load of a running bus over the last second, by sender and data type.
 //!
-//! Counts every bit from SOF to the end of the intermission, like a plan. A record is counted at its end, so
-//! a frame at the limit of the second counts completely or not at all.
+//! Counts every bit from SOF to the end of the intermission, like a plan. A record is counted at
+//! its end, so a frame at the limit of the second counts completely or not at all.
 
 use can_model::{Id, Record, RecordKind};
 use dronecan_host::dialect::{DialectFinder, announced};
@@ -70,22 +70,32 @@ impl LoadByType {
         self.forget(record.end);
     }
 
-    /// A table of `width` columns and at most `height` lines, heaviest first, for the second before `now`.
+    /// A table of `width` columns and at most `height` lines, heaviest first, for the second before
+    /// `now`.
     ///
     /// The last line sums up the lines that do not fit.
     pub fn lines(&mut self, now: Cycles, width: usize, height: usize) -> Vec<String> {
         self.forget(now);
         let mut sums: Vec<(Key, Sum)> = self.sums.iter().map(|(key, sum)| (*key, *sum)).collect();
-        sums.sort_by_key(|&((source, name), sum)| (std::cmp::Reverse(sum.bits), source, &self.names[name]));
+        sums.sort_by_key(|&((source, name), sum)| {
+            (std::cmp::Reverse(sum.bits), source, &self.names[name])
+        });
         let span_s = now.clamp(1, WINDOW) as f64 / F_CPU_HZ as f64;
         let line = |who: &str, what: &str, sum: Sum| self.line(who, what, sum, span_s);
         let total = sums.iter().fold(Sum::default(), |total, (_, sum)| total.plus(*sum));
-        let mut lines = vec![format!("{:>4} {:26} {:>8} {:>9} {:>7}", "node", "type", "frames/s", "bits/s", "load %")];
+        let mut lines = vec![format!(
+            "{:>4} {:26} {:>8} {:>9} {:>7}",
+            "node", "type", "frames/s", "bits/s", "load %"
+        )];
         lines.push(line("all", "", total));
         let room = height.saturating_sub(lines.len());
         // The sum needs its own line.
         let shown = if sums.len() > room { room.saturating_sub(1) } else { sums.len() };
-        lines.extend(sums[..shown].iter().map(|&((source, name), sum)| line(&source.text(), &self.names[name], sum)));
+        lines.extend(
+            sums[..shown]
+                .iter()
+                .map(|&((source, name), sum)| line(&source.text(), &self.names[name], sum)),
+        );
         if shown < sums.len() {
             let rest = sums[shown..].iter().fold(Sum::default(), |rest, (_, sum)| rest.plus(*sum));
             lines.push(line("", &format!("{} more", sums.len() - shown), rest));
@@ -105,7 +115,9 @@ impl LoadByType {
 
     fn forget(&mut self, now: Cycles) {
         let Some(oldest) = now.checked_sub(WINDOW) else { return };
-        while let Some(&Passed { bits, key, .. }) = self.window.front().filter(|passed| passed.end <= oldest) {
+        while let Some(&Passed { bits, key, .. }) =
+            self.window.front().filter(|passed| passed.end <= oldest)
+        {
             self.window.pop_front();
             let sum = self.sums.get_mut(&key).expect("what is in the window is in the sums");
             sum.frames -= 1;
@@ -116,7 +128,8 @@ impl LoadByType {
         }
     }
 
-    /// A bus has few types, so a linear search is fast. A babbling node with random types only fills one line.
+    /// A bus has few types, so a linear search is fast. A babbling node with random types only
+    /// fills one line.
     fn name_index(&mut self, name: String) -> usize {
         const NAMES_MAX: usize = 512;
         const OTHER: &str = "(other)";
@@ -175,7 +188,12 @@ mod tests {
 
     fn record(frame: Frame, end: Cycles) -> Record {
         let bits = frame.bit_count() - 3;
-        Record { start: end - 1, end, bits, kind: RecordKind::Frame { frame, from: None, acked: true } }
+        Record {
+            start: end - 1,
+            end,
+            bits,
+            kind: RecordKind::Frame { frame, from: None, acked: true },
+        }
     }
 
     fn words(line: &str) -> Vec<&str> {
@@ -185,14 +203,18 @@ mod tests {
     #[test]
     fn loads_are_told_apart_by_node_and_type_the_heaviest_first() {
         let mut load = LoadByType::new(1_000_000);
-        let (status, command) = (Frame::extended(STATUS_OF_10, &[0; 8]), Frame::extended(COMMAND_OF_1, &[0; 5]));
+        let (status, command) =
+            (Frame::extended(STATUS_OF_10, &[0; 8]), Frame::extended(COMMAND_OF_1, &[0; 5]));
         for ms in 1..=50 {
             load.record(&record(command, ms * 20 * F_CPU_HZ / 1000));
         }
         load.record(&record(status, F_CPU_HZ));
         let lines = load.lines(F_CPU_HZ, 80, 10);
         let (all, each) = (50 * command.bit_count() + status.bit_count(), command.bit_count());
-        assert_eq!(words(&lines[1]), ["all", "51", &all.to_string(), &format!("{:.2}", f64::from(all) / 1e4)]);
+        assert_eq!(
+            words(&lines[1]),
+            ["all", "51", &all.to_string(), &format!("{:.2}", f64::from(all) / 1e4)]
+        );
         assert_eq!(words(&lines[2])[..4], ["1", "ArrayCommand", "50", &(50 * each).to_string()]);
         assert_eq!(words(&lines[3])[..3], ["10", "NodeStatus", "1"]);
         assert_eq!(lines.len(), 4);
@@ -222,7 +244,12 @@ mod tests {
         load.record(&record(Frame::extended(0x1E01_2A55 & !0x7F | 0x80 | 0x2A, &[0xC0]), 200));
         load.record(&record(Frame::extended(0x1855_5100, &[0xC0]), 300));
         load.record(&record(Frame::standard(0x123, &[1]), 400));
-        load.record(&Record { start: 0, end: 500, bits: 30, kind: RecordKind::ErrorFrame { kind: None, from: None } });
+        load.record(&Record {
+            start: 0,
+            end: 500,
+            bits: 30,
+            kind: RecordKind::ErrorFrame { kind: None, from: None },
+        });
         let text = load.lines(F_CPU_HZ, 80, 10).join("\n");
         for expected in [
             " 120 GetNodeInfo request",
@@ -242,7 +269,9 @@ mod tests {
         load.record(&record(Frame::extended(0x1003_F20A, &[1, 0, 0, 0x38, 0xC7]), 200));
         load.record(&record(Frame::extended(0x1139_E005, &[0x7F; 8]), 300));
         let text = load.lines(F_CPU_HZ, 80, 10).join("\n");
-        for expected in ["   1 draft.ThesisCommand", "  10 ArrayCommand", " 120 draft.GetNodeInfo response"] {
+        for expected in
+            ["   1 draft.ThesisCommand", "  10 ArrayCommand", " 120 draft.GetNodeInfo response"]
+        {
             assert!(text.contains(expected), "{expected} is missing:\n{text}");
         }
     }
@@ -251,14 +280,20 @@ mod tests {
     fn the_table_keeps_to_its_size_and_sums_up_the_rest() {
         let mut load = LoadByType::new(1_000_000);
         for node in 1..=100 {
-            load.record(&record(Frame::extended(0x1001_5500 | node, &[0; 8]), 1000 + u64::from(node)));
+            load.record(&record(
+                Frame::extended(0x1001_5500 | node, &[0; 8]),
+                1000 + u64::from(node),
+            ));
         }
         let lines = load.lines(F_CPU_HZ, 80, 10);
         assert_eq!(lines.len(), 10);
         assert_eq!(words(&lines[9])[..3], ["93", "more", "93"]);
         for (width, height) in [(0, 0), (10, 1), (30, 2), (1, 3), (200, 4), (80, 200)] {
             let lines = load.lines(F_CPU_HZ, width, height);
-            assert!(lines.len() <= height && lines.iter().all(|line| line.len() <= width), "{width} x {height}");
+            assert!(
+                lines.len() <= height && lines.iter().all(|line| line.len() <= width),
+                "{width} x {height}"
+            );
         }
     }
 
@@ -266,7 +301,10 @@ mod tests {
     fn names_stay_bounded_when_types_are_invented() {
         let mut load = LoadByType::new(1_000_000);
         for type_id in 0..2000 {
-            load.record(&record(Frame::extended(0x1000_0001 | (30_000 + type_id) << 8, &[0]), 1000));
+            load.record(&record(
+                Frame::extended(0x1000_0001 | (30_000 + type_id) << 8, &[0]),
+                1000,
+            ));
         }
         assert_eq!(load.names.len(), 513);
         assert!(load.lines(F_CPU_HZ, 80, 5)[2].contains("(other)"));

@@ -5,9 +5,11 @@ use super::stream::Stream;
 use anyhow::Result;
 use std::io::Write;
 
-/// Load in percent above which a burst, a retransmission or a node's start delays less urgent messages.
+/// Load in percent above which a burst, a retransmission or a node's start delays less urgent
+/// messages.
 const COMFORTABLE_PERCENT: f64 = 50.0;
-/// Load in percent above which there is no room for errors. Each costs the frame and up to 23 bits of error frame.
+/// Load in percent above which there is no room for errors. Each costs the frame and up to 23 bits
+/// of error frame.
 const TIGHT_PERCENT: f64 = 60.0;
 /// The bit rates of DroneCAN.
 const BIT_RATES: [u32; 4] = [125_000, 250_000, 500_000, 1_000_000];
@@ -49,7 +51,8 @@ pub struct Plan {
 impl Plan {
     /// Counts the cost of each stream.
     pub fn new(bit_rate: u32, streams: Vec<Stream>) -> Plan {
-        let rows = streams.into_iter().map(|stream| Row { cost: Cost::of(&stream), stream }).collect();
+        let rows =
+            streams.into_iter().map(|stream| Row { cost: Cost::of(&stream), stream }).collect();
         Plan { bit_rate, rows }
     }
 
@@ -100,8 +103,10 @@ impl Plan {
             Ok(writeln!(out, "{}", text.trim_end())?)
         };
         line("", ["", "", "", "", "bits:", "", "", "bit/s:", "load %:", "", ""])?;
-        let header =
-            ["nodes", "Hz", "bytes", "frames", "least", "typical", "most", "typical", "least", "typical", "most"];
+        let header = [
+            "nodes", "Hz", "bytes", "frames", "least", "typical", "most", "typical", "least",
+            "typical", "most",
+        ];
         line("message", header)?;
         for row in &self.rows {
             let Row { stream, cost } = row;
@@ -133,7 +138,11 @@ impl Plan {
     }
 
     fn print_bit_rates(&self, out: &mut impl Write) -> Result<()> {
-        writeln!(out, "\nThe same at    {:>10} {:>10} {:>10}   % of the bus", "least", "typical", "most")?;
+        writeln!(
+            out,
+            "\nThe same at    {:>10} {:>10} {:>10}   % of the bus",
+            "least", "typical", "most"
+        )?;
         for bit_rate in BIT_RATES {
             let Bits { least, typical, most } = percent(self.bits_per_second(), bit_rate);
             writeln!(out, "{bit_rate:>9} bit/s {least:10.3} {typical:10.3} {most:10.3}")?;
@@ -158,7 +167,9 @@ impl Plan {
                 "WARNING: {typical:.1} % is too much: above {TIGHT_PERCENT} % bursts and retransmissions make messages late, and \
                  the least urgent may starve."
             )?,
-            Verdict::Impossible => writeln!(out, "WARNING: {typical:.1} % cannot work: the bus carries 100 %.")?,
+            Verdict::Impossible => {
+                writeln!(out, "WARNING: {typical:.1} % cannot work: the bus carries 100 %.")?
+            }
         }
         if self.verdict() != Verdict::Comfortable {
             self.print_remedies(out)?;
@@ -170,12 +181,22 @@ impl Plan {
         let load = |row: &&Row| row.bits_per_second().typical;
         if let Some(row) = self.rows.iter().max_by(|a, b| load(a).total_cmp(&load(b))) {
             let share = percent(row.bits_per_second(), self.bit_rate).typical;
-            writeln!(out, "The heaviest is {}, {share:.1} %: a lower rate helps there first.", row.stream.label)?;
+            writeln!(
+                out,
+                "The heaviest is {}, {share:.1} %: a lower rate helps there first.",
+                row.stream.label
+            )?;
         }
-        let comfortable = |rate: &&u32| percent(self.bits_per_second(), **rate).most <= COMFORTABLE_PERCENT;
+        let comfortable =
+            |rate: &&u32| percent(self.bits_per_second(), **rate).most <= COMFORTABLE_PERCENT;
         match BIT_RATES.iter().find(comfortable) {
-            Some(rate) if *rate > self.bit_rate => writeln!(out, "At {rate} bit/s it would be comfortable.")?,
-            _ => writeln!(out, "No bit rate of the dialect makes it comfortable: use two buses, or lower rates.")?,
+            Some(rate) if *rate > self.bit_rate => {
+                writeln!(out, "At {rate} bit/s it would be comfortable.")?
+            }
+            _ => writeln!(
+                out,
+                "No bit rate of the dialect makes it comfortable: use two buses, or lower rates."
+            )?,
         }
         Ok(())
     }
@@ -197,7 +218,10 @@ mod tests {
     use super::*;
 
     fn plan(bit_rate: u32, messages: &[&str]) -> Plan {
-        Plan::new(bit_rate, messages.iter().flat_map(|text| text.parse::<Entry>().unwrap().0).collect())
+        Plan::new(
+            bit_rate,
+            messages.iter().flat_map(|text| text.parse::<Entry>().unwrap().0).collect(),
+        )
     }
 
     fn text(plan: &Plan) -> String {
@@ -216,9 +240,12 @@ mod tests {
     /// 131 to 160 bits each: 350 a second are 46 to 56 % of 100 kbit/s.
     #[test]
     fn the_verdict_turns_with_the_load() {
-        for (rate, expected) in
-            [(300, Verdict::Comfortable), (350, Verdict::High), (500, Verdict::TooHigh), (800, Verdict::Impossible)]
-        {
+        for (rate, expected) in [
+            (300, Verdict::Comfortable),
+            (350, Verdict::High),
+            (500, Verdict::TooHigh),
+            (800, Verdict::Impossible),
+        ] {
             let plan = plan(100_000, &[&format!("NodeStatus@{rate}")]);
             assert_eq!(plan.verdict(), expected, "{rate} Hz");
             assert_eq!(text(&plan).contains("WARNING"), expected != Verdict::Comfortable);

@@ -1,8 +1,9 @@
-//! The rule of thumb and the tables that Vertiq publishes for motor modules, to compare with the exact bits.
+//! The rule of thumb and the tables that Vertiq publishes for motor modules, to compare with the
+//! exact bits.
 //!
-//! The rule: a frame takes 67 bits plus 8 for each data byte, so a full one takes 131. It omits stuff bits, and
-//! counts 14 bits for each command of a RawCommand without padding the last byte. Source: Vertiq, "DroneCAN", section
-//! "Calculating DroneCAN Bus Utilization".
+//! The rule: a frame takes 67 bits plus 8 for each data byte, so a full one takes 131. It omits
+//! stuff bits, and counts 14 bits for each command of a RawCommand without padding the last byte.
+//! Source: Vertiq, "DroneCAN", section "Calculating DroneCAN Bus Utilization".
 
 use super::cost::Bits;
 use super::plan::Plan;
@@ -56,15 +57,20 @@ impl Table {
 
     /// The exact bits of the messages.
     fn exact(&self) -> Bits {
-        let streams = self.messages.iter().flat_map(|text| text.parse::<Entry>().expect("a known message").0);
+        let streams =
+            self.messages.iter().flat_map(|text| text.parse::<Entry>().expect("a known message").0);
         Plan::new(1, streams.collect()).bits_per_second()
     }
 }
 
 /// The tables in the order of the document, without the sum at its end.
 fn tables() -> Vec<Table> {
-    let raw_command =
-        |title, commands, rates_hz, messages| Table { title, rates_hz, bits: raw_command_bits(commands), messages };
+    let raw_command = |title, commands, rates_hz, messages| Table {
+        title,
+        rates_hz,
+        bits: raw_command_bits(commands),
+        messages,
+    };
     vec![
         Table {
             title: "Telemetry of one module: esc.Status and esc.StatusExtended",
@@ -72,9 +78,24 @@ fn tables() -> Vec<Table> {
             bits: telemetry_bits(),
             messages: &["esc.Status@1", "esc.StatusExtended@1"],
         },
-        raw_command("RawCommand with 4 commands", 4, &[1, 10, 50, 100, 400, 600], &["RawCommand[4]@1"]),
-        raw_command("RawCommand with 6 commands", 6, &[1, 10, 50, 100, 300, 600], &["RawCommand[6]@1"]),
-        raw_command("RawCommand with 8 commands", 8, &[1, 10, 50, 100, 300, 600], &["RawCommand[8]@1"]),
+        raw_command(
+            "RawCommand with 4 commands",
+            4,
+            &[1, 10, 50, 100, 400, 600],
+            &["RawCommand[4]@1"],
+        ),
+        raw_command(
+            "RawCommand with 6 commands",
+            6,
+            &[1, 10, 50, 100, 300, 600],
+            &["RawCommand[6]@1"],
+        ),
+        raw_command(
+            "RawCommand with 8 commands",
+            8,
+            &[1, 10, 50, 100, 300, 600],
+            &["RawCommand[8]@1"],
+        ),
         raw_command("Quadcopter: its RawCommand", 4, &[400], &["RawCommand[4]@1"]),
         Table {
             title: "Quadcopter: telemetry of its 4 modules",
@@ -90,16 +111,26 @@ fn tables() -> Vec<Table> {
 /// # Errors
 /// If `out` cannot be written.
 pub fn print(mut out: impl Write) -> Result<()> {
-    writeln!(out, "Bus load in per cent by the published rule: 67 bits a frame, 8 more a byte, no stuff bits.")?;
+    writeln!(
+        out,
+        "Bus load in per cent by the published rule: 67 bits a frame, 8 more a byte, no stuff bits."
+    )?;
     let mut total = [0.0; BIT_RATES.len()];
     for table in tables() {
         writeln!(out, "\n{}", table.title)?;
         header(&mut out)?;
         for &rate_hz in table.rates_hz {
-            line(&mut out, &rate_hz.to_string(), BIT_RATES.map(|bit_rate| table.percent(rate_hz, bit_rate)))?;
+            line(
+                &mut out,
+                &rate_hz.to_string(),
+                BIT_RATES.map(|bit_rate| table.percent(rate_hz, bit_rate)),
+            )?;
         }
         if let [rate_hz] = table.rates_hz {
-            total.iter_mut().zip(BIT_RATES).for_each(|(sum, bit_rate)| *sum += table.percent(*rate_hz, bit_rate));
+            total
+                .iter_mut()
+                .zip(BIT_RATES)
+                .for_each(|(sum, bit_rate)| *sum += table.percent(*rate_hz, bit_rate));
         }
         let Bits { least, typical, most } = table.exact();
         let (rule, more) = (table.bits, (typical / table.bits - 1.0) * 100.0);
@@ -111,12 +142,16 @@ pub fn print(mut out: impl Write) -> Result<()> {
     writeln!(out, "\nQuadcopter: total")?;
     header(&mut out)?;
     line(&mut out, "", total)?;
-    writeln!(out, "\nTypical are random payloads. Where the exact bits differ, and why: docs/utilisation.md.")?;
+    writeln!(
+        out,
+        "\nTypical are random payloads. Where the exact bits differ, and why: docs/utilisation.md."
+    )?;
     Ok(())
 }
 
 fn header(out: &mut impl Write) -> Result<()> {
-    let columns = BIT_RATES.map(|bit_rate| format!("{:>12}", format!("{} kbit/s", bit_rate / 1000))).concat();
+    let columns =
+        BIT_RATES.map(|bit_rate| format!("{:>12}", format!("{} kbit/s", bit_rate / 1000))).concat();
     Ok(writeln!(out, "  {:>6}{columns}", "Hz")?)
 }
 
@@ -157,7 +192,8 @@ mod tests {
                 .rates_hz
                 .iter()
                 .map(|&rate_hz| {
-                    let percents = BIT_RATES.map(|bit_rate| digits(table.percent(rate_hz, bit_rate)));
+                    let percents =
+                        BIT_RATES.map(|bit_rate| digits(table.percent(rate_hz, bit_rate)));
                     format!("{rate_hz} {}", percents.join(" "))
                 })
                 .collect();
@@ -171,7 +207,15 @@ mod tests {
         let mut out = Vec::new();
         print(&mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
-        let total: Vec<&str> = text.split("total").nth(1).unwrap().lines().nth(2).unwrap().split_whitespace().collect();
+        let total: Vec<&str> = text
+            .split("total")
+            .nth(1)
+            .unwrap()
+            .lines()
+            .nth(2)
+            .unwrap()
+            .split_whitespace()
+            .collect();
         assert_eq!(total, ["57.408", "28.704", "14.352", "7.176"]);
     }
 
@@ -182,7 +226,8 @@ mod tests {
         assert_eq!((raw_command_bits(8), raw_command_bits(6)), (353.0, 250.0));
     }
 
-    /// All frames have whole bytes and a tail byte. The rule is right, or too low by up to six bits.
+    /// All frames have whole bytes and a tail byte. The rule is right, or too low by up to six
+    /// bits.
     #[test]
     fn the_least_exact_bits_differ_from_the_rule_where_commands_do_not_fill_bytes() {
         let differs = |commands: u32| {

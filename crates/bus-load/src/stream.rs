@@ -3,7 +3,8 @@
 //! ```text
 //! [NODESx] TYPE [ [COUNT] | :BYTES | =HEX ] @RATE          4x esc.Status@50   ArrayCommand[8]@50   20100:12@5
 //! ```
-//! A service has two streams, its request and its response. COUNT, BYTES and HEX then apply to the response.
+//! A service has two streams, its request and its response. COUNT, BYTES and HEX then apply to the
+//! response.
 
 use dronecan_host::types::{DataType, KNOWN, Kind, Layout};
 use dronecan_host::{CanId, NodeId};
@@ -47,8 +48,13 @@ impl Stream {
     pub fn id(&self, source: NodeId) -> CanId {
         let peer = |id| NodeId::new(id).expect("a node ID");
         let destination = if source == peer(127) { peer(126) } else { peer(127) };
-        let service =
-            |service_id, request| CanId::Service { priority: PRIORITY, service_id, request, destination, source };
+        let service = |service_id, request| CanId::Service {
+            priority: PRIORITY,
+            service_id,
+            request,
+            destination,
+            source,
+        };
         match self.channel {
             Channel::Message(type_id) => CanId::Message { priority: PRIORITY, type_id, source },
             Channel::Request(service_id) => service(service_id, true),
@@ -65,10 +71,16 @@ impl FromStr for Entry {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Entry, String> {
-        let (what, rate) = text.rsplit_once('@').ok_or("give a rate, as in \"NodeStatus@1\": transfers per second")?;
+        let (what, rate) = text
+            .rsplit_once('@')
+            .ok_or("give a rate, as in \"NodeStatus@1\": transfers per second")?;
         let rate_hz = match rate.trim().parse() {
             Ok(rate_hz) if 0.0 < rate_hz && rate_hz <= RATE_MAX_HZ => rate_hz,
-            _ => return Err(format!("\"{rate}\" is not a rate: use transfers per second, such as 50 or 0.5")),
+            _ => {
+                return Err(format!(
+                    "\"{rate}\" is not a rate: use transfers per second, such as 50 or 0.5"
+                ));
+            }
         };
         let (nodes, what) = nodes(what.trim())?;
         let (name, length) = Length::split(what)?;
@@ -78,7 +90,8 @@ impl FromStr for Entry {
 
 /// "4x esc.Status" means four nodes. Without a number it is one.
 fn nodes(text: &str) -> Result<(u8, &str), String> {
-    let Some((count, rest)) = text.split_once(['x', 'X']).filter(|(count, _)| is_number(count)) else {
+    let Some((count, rest)) = text.split_once(['x', 'X']).filter(|(count, _)| is_number(count))
+    else {
         return Ok((1, text));
     };
     match count.parse() {
@@ -105,7 +118,8 @@ impl Length {
     fn split(text: &str) -> Result<(&str, Length), String> {
         if let Some((name, count)) = text.split_once('[') {
             let count = count.strip_suffix(']').and_then(|count| count.parse().ok());
-            let count = count.ok_or_else(|| format!("\"{text}\": use for example ArrayCommand[8]"))?;
+            let count =
+                count.ok_or_else(|| format!("\"{text}\": use for example ArrayCommand[8]"))?;
             return Ok((name, Length::Elements(count)));
         }
         if let Some((name, bytes)) = text.split_once(':') {
@@ -115,19 +129,27 @@ impl Length {
             };
         }
         if let Some((name, digits)) = text.split_once('=') {
-            let payload =
-                hex(digits).ok_or_else(|| format!("\"{digits}\" is not a payload: use pairs of hex digits"))?;
+            let payload = hex(digits)
+                .ok_or_else(|| format!("\"{digits}\" is not a payload: use pairs of hex digits"))?;
             return Ok((name, Length::Payload(payload)));
         }
         Ok((text, Length::Longest))
     }
 
     /// Length of the payload, and the payload if it was given.
-    fn resolve(&self, name: &str, layout: Option<Layout>) -> Result<(usize, Option<Vec<u8>>), String> {
+    fn resolve(
+        &self,
+        name: &str,
+        layout: Option<Layout>,
+    ) -> Result<(usize, Option<Vec<u8>>), String> {
         match (self, layout) {
             (Length::Bytes(bytes), layout) => Ok((possible(name, layout, *bytes)?, None)),
-            (Length::Payload(payload), layout) => Ok((possible(name, layout, payload.len())?, Some(payload.clone()))),
-            (_, None) => Err(format!("type {name} is not known here: give its length, as in {name}:12@5")),
+            (Length::Payload(payload), layout) => {
+                Ok((possible(name, layout, payload.len())?, Some(payload.clone())))
+            }
+            (_, None) => {
+                Err(format!("type {name} is not known here: give its length, as in {name}:12@5"))
+            }
             (Length::Longest, Some(layout)) => Ok((layout.bytes(layout.elements_max), None)),
             (Length::Elements(_), Some(Layout { elements_max: 0, .. })) => {
                 Err(format!("{name} has no list at its end: leave out the [..]"))
@@ -169,7 +191,9 @@ enum Subject {
 impl Subject {
     fn find(name: &str) -> Result<Subject, String> {
         if is_number(name) {
-            let id: u16 = name.parse().map_err(|_| format!("{name} is not a message type: the highest is 65535"))?;
+            let id: u16 = name
+                .parse()
+                .map_err(|_| format!("{name} is not a message type: the highest is 65535"))?;
             let known = KNOWN.iter().find(|known| known.kind == Kind::Message && known.id == id);
             return Ok(known.map_or(Subject::Unknown(id), Subject::Known));
         }
@@ -192,7 +216,15 @@ impl Subject {
                 let name = id.to_string();
                 let (payload_bytes, payload) = length.resolve(&name, None)?;
                 let (label, channel) = (format!("message {name}"), Channel::Message(id));
-                return Ok(vec![Stream { label, nodes, rate_hz, channel, signature: 0, payload_bytes, payload }]);
+                return Ok(vec![Stream {
+                    label,
+                    nodes,
+                    rate_hz,
+                    channel,
+                    signature: 0,
+                    payload_bytes,
+                    payload,
+                }]);
             }
         };
         let stream = |suffix: &str, channel, length: &Length, layout| -> Result<Stream, String> {
@@ -211,7 +243,12 @@ impl Subject {
             Some(response) => {
                 let service_id = known.id as u8;
                 Ok(vec![
-                    stream(" request", Channel::Request(service_id), &Length::Longest, known.payload)?,
+                    stream(
+                        " request",
+                        Channel::Request(service_id),
+                        &Length::Longest,
+                        known.payload,
+                    )?,
                     stream(" response", Channel::Response(service_id), length, response)?,
                 ])
             }
@@ -241,16 +278,25 @@ mod tests {
         assert_eq!((status.nodes, status.rate_hz, status.payload_bytes), (4, 50.0, 14));
         assert_eq!(status.channel, Channel::Message(1034));
         let command = stream("ArrayCommand[8]@50");
-        assert_eq!((command.nodes, command.payload_bytes, command.label.as_str()), (1, 32, "ArrayCommand[8]"));
+        assert_eq!(
+            (command.nodes, command.payload_bytes, command.label.as_str()),
+            (1, 32, "ArrayCommand[8]")
+        );
         assert_eq!(stream("ArrayCommand@0.5").payload_bytes, 60);
         assert_eq!(stream("ArrayCommand[0]@1").payload_bytes, 0);
     }
 
     #[test]
     fn a_type_may_be_named_in_full_by_its_end_or_by_number() {
-        for text in ["uavcan.equipment.esc.RawCommand[6]@1", "RAWCOMMAND[6]@1", "1030[6]@1", "1x1030[6]@1"] {
+        for text in
+            ["uavcan.equipment.esc.RawCommand[6]@1", "RAWCOMMAND[6]@1", "1030[6]@1", "1x1030[6]@1"]
+        {
             let command = stream(text);
-            assert_eq!((command.channel, command.payload_bytes), (Channel::Message(1030), 11), "{text}");
+            assert_eq!(
+                (command.channel, command.payload_bytes),
+                (Channel::Message(1030), 11),
+                "{text}"
+            );
         }
     }
 
@@ -264,7 +310,8 @@ mod tests {
     #[test]
     fn a_service_is_two_streams() {
         let info = streams("3x GetNodeInfo[24]@0.1");
-        let view: Vec<_> = info.iter().map(|s| (s.label.as_str(), s.channel, s.payload_bytes, s.nodes)).collect();
+        let view: Vec<_> =
+            info.iter().map(|s| (s.label.as_str(), s.channel, s.payload_bytes, s.nodes)).collect();
         let request = ("GetNodeInfo request", Channel::Request(1), 0, 3);
         let response = ("GetNodeInfo response[24]", Channel::Response(1), 41 + 24, 3);
         assert_eq!(view, [request, response]);

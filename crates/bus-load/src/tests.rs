@@ -31,7 +31,10 @@ fn typed(line: &str) -> Result<String> {
 /// The words of the first line of the table that contains `label`.
 #[track_caller]
 fn row<'a>(text: &'a str, label: &str) -> Vec<&'a str> {
-    let line = text.lines().find(|line| line.contains(label)).unwrap_or_else(|| panic!("no {label}: {text}"));
+    let line = text
+        .lines()
+        .find(|line| line.contains(label))
+        .unwrap_or_else(|| panic!("no {label}: {text}"));
     line.split_whitespace().collect()
 }
 
@@ -40,7 +43,8 @@ struct Scratch(PathBuf);
 
 impl Scratch {
     fn new(name: &str, text: &str) -> Scratch {
-        let path = std::env::temp_dir().join(format!("sim-utilisation-{}-{name}", std::process::id()));
+        let path =
+            std::env::temp_dir().join(format!("sim-utilisation-{}-{name}", std::process::id()));
         std::fs::write(&path, text).unwrap();
         Scratch(path)
     }
@@ -60,7 +64,8 @@ fn the_command_line_is_consistent() {
 #[test]
 fn every_example_of_the_help_works() {
     let vehicle = Scratch::new("help", "NodeStatus@1\n");
-    let lines: Vec<_> = EXAMPLES.lines().filter_map(|line| line.trim().strip_prefix("sim utilisation ")).collect();
+    let lines: Vec<_> =
+        EXAMPLES.lines().filter_map(|line| line.trim().strip_prefix("sim utilisation ")).collect();
     assert!(lines.len() >= 6);
     for line in lines {
         let line = line.replace("vehicle.txt", vehicle.0.to_str().unwrap());
@@ -71,12 +76,15 @@ fn every_example_of_the_help_works() {
 #[test]
 fn the_help_has_the_form_of_a_message_and_the_examples() {
     let help = Line::command().render_long_help().to_string();
-    for expected in ["[NODESx] TYPE[COUNT]@RATE", "--example quadcopter", "stuff bit", "ardupilot-15-servos"] {
+    for expected in
+        ["[NODESx] TYPE[COUNT]@RATE", "--example quadcopter", "stuff bit", "ardupilot-15-servos"]
+    {
         assert!(help.contains(expected), "{expected} is missing: {help}");
     }
 }
 
-/// The published total at 1 Mbit/s is 7.176 %. That is our minimum, because the rule has no stuff bits.
+/// The published total at 1 Mbit/s is 7.176 %. That is our minimum, because the rule has no stuff
+/// bits.
 #[test]
 fn the_quadcopter_takes_at_least_what_is_published() {
     let text = typed("utilisation --example quadcopter").unwrap();
@@ -91,7 +99,10 @@ fn the_quadcopter_takes_at_least_what_is_published() {
 #[test]
 fn an_overloaded_bus_causes_a_warning() {
     let text = typed("utilisation --example quadcopter --bit-rate 125000").unwrap();
-    assert!(text.contains("WARNING") && text.contains("The heaviest is esc.RawCommand[4]"), "{text}");
+    assert!(
+        text.contains("WARNING") && text.contains("The heaviest is esc.RawCommand[4]"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -104,7 +115,10 @@ fn every_example_can_be_planned() {
 
 #[test]
 fn a_file_gives_messages_and_bit_rate_and_options_come_on_top() {
-    let file = Scratch::new("file", "# my vehicle\nbit-rate 250000\n4x esc.Status@50   # ESCs\n\nNodeStatus@1\n");
+    let file = Scratch::new(
+        "file",
+        "# my vehicle\nbit-rate 250000\n4x esc.Status@50   # ESCs\n\nNodeStatus@1\n",
+    );
     let path = file.0.display();
     let text = typed(&format!("utilisation --file {path} --message Temperature@1")).unwrap();
     assert!(text.contains("at 250000 bit/s"), "{text}");
@@ -116,9 +130,10 @@ fn a_file_gives_messages_and_bit_rate_and_options_come_on_top() {
 
 #[test]
 fn mistakes_in_a_file_are_reported_with_their_line() {
-    for (name, content, place) in
-        [("wrong", "NodeStatus@1\nNonsense@1\n", "line 2"), ("rate", "bit-rate fast\n", "10000 to 1000000")]
-    {
+    for (name, content, place) in [
+        ("wrong", "NodeStatus@1\nNonsense@1\n", "line 2"),
+        ("rate", "bit-rate fast\n", "10000 to 1000000"),
+    ] {
         let file = Scratch::new(name, content);
         let error = typed(&format!("utilisation --file {}", file.0.display())).unwrap_err();
         assert!(format!("{error:#}").contains(place), "{error:#}");
@@ -140,7 +155,8 @@ fn without_messages_the_error_has_a_remedy() {
 #[test]
 fn every_listed_type_can_be_planned_by_its_name() {
     let text = typed("utilisation --list").unwrap();
-    let names: Vec<&str> = text.lines().skip(1).map(|line| line.split_whitespace().nth(1).unwrap()).collect();
+    let names: Vec<&str> =
+        text.lines().skip(1).map(|line| line.split_whitespace().nth(1).unwrap()).collect();
     assert_eq!(names.len(), KNOWN.len());
     for name in names {
         let entry = format!("{name}@1").parse::<Entry>();

@@ -247,7 +247,9 @@ mod tests {
 
     #[test]
     fn text_survives_a_round_trip() {
-        for text in ["1003F20A#01000038C7", "123#R", "123#RF", "00000000#", "7FF#0011223344556677_9"] {
+        for text in
+            ["1003F20A#01000038C7", "123#R", "123#RF", "00000000#", "7FF#0011223344556677_9"]
+        {
             assert_eq!(text.parse::<Frame>().unwrap().to_string(), text);
         }
     }

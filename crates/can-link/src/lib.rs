@@ -1,7 +1,9 @@
-//! A CAN bus for programs on a host: an SLCAN adapter, the multicast bus of DroneCAN, or SocketCAN. A lost bus is reopened.
+//! A CAN bus for programs on a host: an SLCAN adapter, the multicast bus of DroneCAN, or SocketCAN.
+//! A lost bus is reopened.
 //!
-//! Nothing here blocks. Frames that the bus does not accept are queued. Beyond [`QUEUE_LIMIT`] the newest are dropped and counted,
-//! as with a full transmit queue: a requester repeats what is not answered.
+//! Nothing here blocks. Frames that the bus does not accept are queued. Beyond [`QUEUE_LIMIT`] the
+//! newest are dropped and counted, as with a full transmit queue: a requester repeats what is not
+//! answered.
 
 #![forbid(unsafe_code)]
 
@@ -23,7 +25,8 @@ use std::time::Duration;
 
 /// Maximum number of queued frames: half a second of a bus with a few requests.
 const QUEUE_LIMIT: usize = 1000;
-/// Maximum number of frames received in one turn, so that a busy bus does not stop the program's other work.
+/// Maximum number of frames received in one turn, so that a busy bus does not stop the program's
+/// other work.
 const TAKEN_AT_ONCE: usize = 500;
 /// Time between attempts to reopen the bus.
 const RETRY: Duration = Duration::from_secs(1);
@@ -46,19 +49,26 @@ impl FromStr for Spec {
     fn from_str(text: &str) -> Result<Spec, String> {
         let (kind, rest) = text.split_once(':').unwrap_or((text, ""));
         match (kind, rest) {
-            (_, "") => Err(String::from("write for example slcan:/dev/ttyACM0, mcast:0 or socketcan:can0")),
+            (_, "") => {
+                Err(String::from("write for example slcan:/dev/ttyACM0, mcast:0 or socketcan:can0"))
+            }
             ("slcan", path) => {
                 let (path, baud) = match path.rsplit_once(':') {
-                    Some((path, baud)) => (path, baud.parse().map_err(|_| format!("\"{baud}\" is not a baud rate"))?),
+                    Some((path, baud)) => {
+                        (path, baud.parse().map_err(|_| format!("\"{baud}\" is not a baud rate"))?)
+                    }
                     None => (path, SLCAN_BAUD),
                 };
                 Ok(Spec::Slcan { path: path.into(), baud })
             }
-            ("mcast", bus) => {
-                bus.parse().map(Spec::Mcast).map_err(|_| format!("\"{bus}\" is not a bus: 0 to 255, mostly 0"))
-            }
+            ("mcast", bus) => bus
+                .parse()
+                .map(Spec::Mcast)
+                .map_err(|_| format!("\"{bus}\" is not a bus: 0 to 255, mostly 0")),
             ("socketcan", interface) => Ok(Spec::SocketCan(interface.to_owned())),
-            (other, _) => Err(format!("unknown kind of bus \"{other}\": slcan, mcast or socketcan")),
+            (other, _) => {
+                Err(format!("unknown kind of bus \"{other}\": slcan, mcast or socketcan"))
+            }
         }
     }
 }
@@ -154,9 +164,9 @@ impl Bus {
                     Some(errno) if errno == Errno::AFNOSUPPORT.raw_os_error() => {
                         anyhow!("this kernel has no SocketCAN; use slcan: or mcast:")
                     }
-                    _ => {
-                        anyhow!(error).context(format!("cannot open the CAN interface {name}; \"ip link\" lists them"))
-                    }
+                    _ => anyhow!(error).context(format!(
+                        "cannot open the CAN interface {name}; \"ip link\" lists them"
+                    )),
                 })?)
             }
         };
@@ -231,7 +241,8 @@ impl Bus {
         Ok(())
     }
 
-    /// Sends a frame, or queues it until the bus accepts it. If the bus is lost, the frame is dropped.
+    /// Sends a frame, or queues it until the bus accepts it. If the bus is lost, the frame is
+    /// dropped.
     pub fn send(&mut self, now: Duration, frame: Frame) {
         if !self.is_up() {
             return;
@@ -330,7 +341,9 @@ fn send_socketcan(socket: &CanSocket, frame: &Frame) -> io::Result<bool> {
         Id::Standard(id) => socketcan::StandardId::new(id).map(Into::into),
         Id::Extended(id) => socketcan::ExtendedId::new(id).map(Into::into),
     };
-    let Some(frame) = id.and_then(|id| socketcan::CanDataFrame::new(id, frame.data())) else { return Ok(true) };
+    let Some(frame) = id.and_then(|id| socketcan::CanDataFrame::new(id, frame.data())) else {
+        return Ok(true);
+    };
     match socket.write_frame(&frame) {
         Ok(()) => Ok(true),
         Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(false),
@@ -408,14 +421,17 @@ impl Slcan {
     fn serve(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
         self.write()?;
         let mut buffer = [0; 4096];
-        // Some adapters answer the empty line before the command, some do not: the bit rate is set when all answers have arrived.
+        // Some adapters answer the empty line before the command, some do not: the bit rate is set
+        // when all answers have arrived.
         while frames.len() < TAKEN_AT_ONCE {
             match rustix::io::read(&self.port, &mut buffer) {
                 Ok(0) => bail!("the adapter has been unplugged"),
                 Ok(read) => {
                     for byte in &buffer[..read] {
                         match self.replies.push(*byte) {
-                            Some(Reply::Received(frame)) if self.state == State::Open => frames.push(frame),
+                            Some(Reply::Received(frame)) if self.state == State::Open => {
+                                frames.push(frame)
+                            }
                             Some(Reply::Done) => self.step(now, true)?,
                             Some(Reply::Refused) => self.step(now, false)?,
                             _ => {}
@@ -437,7 +453,8 @@ impl Slcan {
     fn step(&mut self, now: Duration, done: bool) -> Result<()> {
         match self.state {
             State::Closing if now < self.deadline => {
-                // Waits for the other answers, so that none counts as the answer to the next command.
+                // Waits for the other answers, so that none counts as the answer to the next
+                // command.
                 self.deadline = self.deadline.min(now + Duration::from_millis(30));
             }
             State::Closing => {
@@ -450,7 +467,10 @@ impl Slcan {
                 self.send_command(now, State::Rate, format!("S{digit}\r").as_bytes())?;
             }
             State::Rate | State::Opening if !done => {
-                bail!("the adapter rejects {} bit/s; does the bus have another rate? (--bitrate)", self.bit_rate)
+                bail!(
+                    "the adapter rejects {} bit/s; does the bus have another rate? (--bitrate)",
+                    self.bit_rate
+                )
             }
             State::Rate => self.send_command(now, State::Opening, b"O\r")?,
             State::Opening => self.state = State::Open,

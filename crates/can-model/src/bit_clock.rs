@@ -1,7 +1,7 @@
 //! The grid of bit boundaries of a bus, in whole AVR cycles.
 //!
-//! Boundary n is at n x F_CPU / bit rate, rounded down. It does not drift, even at rates that do not
-//! divide 16 MHz.
+//! Boundary n is at n x F_CPU / bit rate, rounded down. It does not drift, even at rates that do
+//! not divide 16 MHz.
 
 use sim_base::{Cycles, F_CPU_HZ};
 

@@ -1,21 +1,23 @@
-//! The wire: combines the levels that the stations drive, applies the faults, and returns the result to the stations.
+//! The wire: combines the levels that the stations drive, applies the faults, and returns the
+//! result to the stations.
 //!
-//! While a frame is in progress, bits are stepped one by one. Idle bits are skipped up to the first in
-//! which a station has something to send.
+//! While a frame is in progress, bits are stepped one by one. Idle bits are skipped up to the first
+//! in which a station has something to send.
 //!
 //! # Order of calls
-//! The caller that runs the AVRs reads [`Bus::horizon`], runs them up to there, then calls [`Bus::run_until`]
-//! with the time that they reached. So a bit is stepped after its end: `drive` is
-//! called for its start and `sample` for its end. Both are in the AVRs' past, so a station must check
-//! the times of its requests. On an idle bus a request may be up to [`IDLE_HORIZON_BITS`] old when its SOF
-//! is stepped. Its effects cannot be visible sooner, except an error or abort in its first
-//! bits, which then shows up to that much late. For exact times a caller must read
-//! the horizon again after each access to a station: it becomes shorter as soon as one is not quiet.
+//! The caller that runs the AVRs reads [`Bus::horizon`], runs them up to there, then calls
+//! [`Bus::run_until`] with the time that they reached. So a bit is stepped after its end: `drive`
+//! is called for its start and `sample` for its end. Both are in the AVRs' past, so a station must
+//! check the times of its requests. On an idle bus a request may be up to [`IDLE_HORIZON_BITS`] old
+//! when its SOF is stepped. Its effects cannot be visible sooner, except an error or abort in its
+//! first bits, which then shows up to that much late. For exact times a caller must read
+//! the horizon again after each access to a station: it becomes shorter as soon as one is not
+//! quiet.
 //!
 //! # Stations out of step
 //! While a station has another bit rate, a bit is divided into events: the bus's bit begins, is
-//! sampled, ends; the station's bit is sampled, ends and begins again. They are executed in the order of
-//! their times, in picoseconds. The horizon is the next of them.
+//! sampled, ends; the station's bit is sampled, ends and begins again. They are executed in the
+//! order of their times, in picoseconds. The horizon is the next of them.
 
 use super::bit_clock::{BitClock, PS_PER_CYCLE};
 use super::fault::{BitContext, Distortion, Fault, Faults};
@@ -25,8 +27,8 @@ use super::station::StationRef;
 use super::wire::Level;
 use sim_base::Cycles;
 
-/// The AVRs may run this far ahead while the bus is idle. The shortest frame is 44 bits, so no frame that is
-/// requested in that time can have been received.
+/// The AVRs may run this far ahead while the bus is idle. The shortest frame is 44 bits, so no
+/// frame that is requested in that time can have been received.
 const IDLE_HORIZON_BITS: u64 = 32;
 
 /// Called at each change of the wire's level.
@@ -111,8 +113,8 @@ impl Bus {
         self.level
     }
 
-    /// Calls `tap` at each change of the wire from now on, with the time and the new level. Times never
-    /// go back, but changes come when their bit is stepped.
+    /// Calls `tap` at each change of the wire from now on, with the time and the new level. Times
+    /// never go back, but changes come when their bit is stepped.
     pub fn set_wire_tap(&mut self, tap: Option<WireTap>) {
         self.tap = tap;
     }
@@ -141,7 +143,8 @@ impl Bus {
         self.clock.after((bits + 1).min(IDLE_HORIZON_BITS))
     }
 
-    /// Steps the bus: on return `sample` has been called for every bit whose end is at or before `t`.
+    /// Steps the bus: on return `sample` has been called for every bit whose end is at or before
+    /// `t`.
     pub fn run_until(&mut self, t: Cycles) {
         loop {
             if self.open.is_some() || self.mixed {
@@ -269,11 +272,10 @@ impl Bus {
     }
 
     fn begin_frame(&mut self) {
-        let mut drivers = self
-            .ports
-            .iter()
-            .enumerate()
-            .filter(|(_, port)| port.is_heard() && port.is_in_step() && port.driven.is_dominant());
+        let mut drivers =
+            self.ports.iter().enumerate().filter(|(_, port)| {
+                port.is_heard() && port.is_in_step() && port.driven.is_dominant()
+            });
         // A single sender is known now; among several, arbitration decides.
         let sender = match (drivers.next(), drivers.next()) {
             (Some((at, _)), None) => Some(PortId(at)),
@@ -284,14 +286,17 @@ impl Bus {
             let ports = &mut self.ports;
             self.faults.losers(|PortId(at)| {
                 let port = &mut ports[at];
-                port.misses_frame = port.connected && port.is_in_step() && !port.driven.is_dominant();
+                port.misses_frame =
+                    port.connected && port.is_in_step() && !port.driven.is_dominant();
                 port.misses_frame
             });
         }
     }
 
     fn find_sender(&self) -> Option<PortId> {
-        let sends = |port: &Port| port.is_heard() && port.is_in_step() && port.station.borrow().transmitting();
+        let sends = |port: &Port| {
+            port.is_heard() && port.is_in_step() && port.station.borrow().transmitting()
+        };
         self.ports.iter().position(sends).map(PortId)
     }
 
@@ -368,8 +373,8 @@ impl Bus {
         true
     }
 
-    /// Begins a bit that is divided into events, or skips idle bits. Returns false if that is due later
-    /// than `t`.
+    /// Begins a bit that is divided into events, or skips idle bits. Returns false if that is due
+    /// later than `t`.
     fn open_bit(&mut self, t: Cycles) -> bool {
         self.update_paces();
         if !self.mixed {

@@ -8,7 +8,8 @@
 pub enum ErrorState {
     /// Sends active (dominant) error flags.
     Active,
-    /// A counter is at 128 or more: sends passive (recessive) error flags and pauses before sending.
+    /// A counter is at 128 or more: sends passive (recessive) error flags and pauses before
+    /// sending.
     Passive,
     /// The transmit error counter passed 255 (bus-off): drives nothing.
     BusOff,
@@ -20,8 +21,8 @@ const PASSIVE_AT: u16 = 128;
 const TEC_LIMIT: u16 = 255;
 /// Real chips have eight bits; no rule depends on a higher value.
 const REC_LIMIT: u16 = 255;
-/// The specification allows 119 to 127 after a success beyond 127. This is the lowest, with which one more error
-/// of 8 does not make the node error-passive again.
+/// The specification allows 119 to 127 after a success beyond 127. This is the lowest, with which
+/// one more error of 8 does not make the node error-passive again.
 const REC_AFTER_SUCCESS: u16 = 119;
 /// Increment for a severe error.
 const SEVERE: u16 = 8;
@@ -68,7 +69,8 @@ impl Confinement {
 
     /// Rule h): a frame was received and acknowledged.
     pub fn received(&mut self) {
-        self.rec = if self.rec >= PASSIVE_AT { REC_AFTER_SUCCESS } else { self.rec.saturating_sub(1) };
+        self.rec =
+            if self.rec >= PASSIVE_AT { REC_AFTER_SUCCESS } else { self.rec.saturating_sub(1) };
     }
 }
 

@@ -11,27 +11,28 @@
 //!                    TEC > 255: BusOff --128 x 11 r--> Idle
 //! ```
 //!
-//! Goal: every rule of arbitration, signalling and fault confinement, with its exceptions, at its exact bit.
+//! Goal: every rule of arbitration, signalling and fault confinement, with its exceptions, at its
+//! exact bit.
 //!
 //! Invariants:
-//! * `sending` is set only in `Frame`. `transmitter` stays set longer: a node is transmitter until the end of its
-//!   error frame and of the intermission. That decides which counter is incremented.
-//! * In `Frame` the parser gets every bit of the wire, also of the node's own frame, so a node that loses
-//!   arbitration continues as a receiver without a gap.
-//! * A flag is active or passive by the state before its error was counted: the flag of the error that makes a node
-//!   passive is still active.
+//! * `sending` is set only in `Frame`. `transmitter` stays set longer: a node is transmitter until
+//!   the end of its error frame and of the intermission. That decides which counter is incremented.
+//! * In `Frame` the parser gets every bit of the wire, also of the node's own frame, so a node that
+//!   loses arbitration continues as a receiver without a gap.
+//! * A flag is active or passive by the state before its error was counted: the flag of the error
+//!   that makes a node passive is still active.
 //!
 //! Choices that the specification leaves open:
-//! * A dominant bit that a transmitter sees in its end of frame is a bit error, not a form error (its
-//!   weight is the same), as in Bosch's controllers.
+//! * A dominant bit that a transmitter sees in its end of frame is a bit error, not a form error
+//!   (its weight is the same), as in Bosch's controllers.
 //! * A bit error in an active error flag or overload flag starts a new error flag.
 //! * A receiver whose dominant acknowledgement reads back recessive has a bit error.
-//! * A node in listen-only mode resumes after an error when it has received eight recessive bits, including
-//!   the error's own bit. ISO 11898-1 allows that it sends its error flag internally and so misses
-//!   frames after an error; this node does not.
+//! * A node in listen-only mode resumes after an error when it has received eight recessive bits,
+//!   including the error's own bit. ISO 11898-1 allows that it sends its error flag internally and
+//!   so misses frames after an error; this node does not.
 //!
-//! Source: ISO 11898-1:2003 clauses 10 (formats, error handling) and 13 (fault confinement); Bosch CAN
-//! Specification 2.0 part B.
+//! Source: ISO 11898-1:2003 clauses 10 (formats, error handling) and 13 (fault confinement); Bosch
+//! CAN Specification 2.0 part B.
 
 mod signalling;
 
@@ -51,11 +52,13 @@ const IDLE_BITS: u8 = 11;
 /// Modes of an [`Engine`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum EngineMode {
-    /// Drives recessive and receives nothing. The counters keep their values until [`Engine::reset`].
+    /// Drives recessive and receives nothing. The counters keep their values until
+    /// [`Engine::reset`].
     Off,
     /// Sends and receives.
     Normal,
-    /// Receives frames and drives nothing: no frames, acknowledgements or flags. The counters stay 0.
+    /// Receives frames and drives nothing: no frames, acknowledgements or flags. The counters stay
+    /// 0.
     ListenOnly,
 }
 
@@ -129,8 +132,8 @@ pub struct Engine {
     parser: Parser,
     sending: Option<Sending>,
     transmitter: bool,
-    /// True if the last SOF was in the third bit of the intermission: the node may join with its own
-    /// frame from the first identifier bit on.
+    /// True if the last SOF was in the third bit of the intermission: the node may join with its
+    /// own frame from the first identifier bit on.
     may_join: bool,
     driven: Level,
     counters: Confinement,
@@ -165,8 +168,8 @@ impl Engine {
     }
 
     /// Changes the mode. A frame in progress is dropped without an event. The node then integrates
-    /// (11 recessive bits); if its counters say bus-off, it starts its recovery again. Setting the same mode
-    /// changes nothing.
+    /// (11 recessive bits); if its counters say bus-off, it starts its recovery again. Setting the
+    /// same mode changes nothing.
     pub fn set_mode(&mut self, mode: EngineMode) {
         if mode == self.mode {
             return;
@@ -251,9 +254,9 @@ impl Engine {
         self.state == State::Frame && self.parser.is_past_arbitration()
     }
 
-    /// The level that the node drives in the next bit. `pending` is the frame that the owner wants to send. If
-    /// this bit can be its SOF, the engine copies it, and [`Engine::transmitting`] becomes true.
-    /// After a lost arbitration or an error the owner must pass it again.
+    /// The level that the node drives in the next bit. `pending` is the frame that the owner wants
+    /// to send. If this bit can be its SOF, the engine copies it, and [`Engine::transmitting`]
+    /// becomes true. After a lost arbitration or an error the owner must pass it again.
     pub fn drive(&mut self, pending: Option<&Frame>) -> Level {
         self.driven = match self.state {
             State::Frame => self.drive_frame(pending),
@@ -342,7 +345,9 @@ impl Engine {
                 self.sample_flag(sent, overload, dominant, events);
             }
             State::PassiveFlag { flag } => self.sample_passive_flag(flag, level, events),
-            State::FlagTail { dominant: count, first } => self.sample_flag_tail(count, first, dominant, events),
+            State::FlagTail { dominant: count, first } => {
+                self.sample_flag_tail(count, first, dominant, events)
+            }
             State::Delimiter { recessive } => {
                 self.sample_delimiter(recessive, dominant, events);
             }

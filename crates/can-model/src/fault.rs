@@ -1,10 +1,11 @@
 //! Faults on the wire, and the times at which they take effect.
 //!
-//! The bits of a frame are counted on the wire from its SOF (0) through end of frame and intermission,
-//! including stuff bits. "The next frame" is the next SOF after the injection.
+//! The bits of a frame are counted on the wire from its SOF (0) through end of frame and
+//! intermission, including stuff bits. "The next frame" is the next SOF after the injection.
 //!
-//! Limits: faults of one station have no effect on a station out of step with the bus, which receives
-//! nothing anyway. With a station out of step, the faults of a bit are decided when the bit begins.
+//! Limits: faults of one station have no effect on a station out of step with the bus, which
+//! receives nothing anyway. With a station out of step, the faults of a bit are decided when the
+//! bit begins.
 
 use super::port::PortId;
 use super::wire::Level;
@@ -24,7 +25,8 @@ pub enum Fault {
         /// Number of the bit; 0 is the SOF.
         bit: u32,
     },
-    /// Noise: each bit, also of an idle bus, is inverted for all stations with this probability. 0 ends the noise.
+    /// Noise: each bit, also of an idle bus, is inverted for all stations with this probability. 0
+    /// ends the noise.
     BitErrorRate {
         /// Bit errors in a million bits.
         per_million: u32,
@@ -36,13 +38,15 @@ pub enum Fault {
         /// The station.
         port: PortId,
     },
-    /// No station acknowledges, as if only listeners were there: from the ACK slot on, the wire has the level that the sender
-    /// drives. A sender becomes error-passive and repeats its frame; its TEC stays at 128.
+    /// No station acknowledges, as if only listeners were there: from the ACK slot on, the wire has
+    /// the level that the sender drives. A sender becomes error-passive and repeats its frame;
+    /// its TEC stays at 128.
     NoAck(bool),
-    /// The wire is recessive in every ACK slot. The receivers detect that their acknowledgements are destroyed, and destroy the
-    /// frame: the sender goes bus-off.
+    /// The wire is recessive in every ACK slot. The receivers detect that their acknowledgements
+    /// are destroyed, and destroy the frame: the sender goes bus-off.
     AckDestroyed(bool),
-    /// Every frame is destroyed: its bit 60 is inverted for all stations. In an extended frame that is after the control field.
+    /// Every frame is destroyed: its bit 60 is inverted for all stations. In an extended frame that
+    /// is after the control field.
     DestroyFrames(bool),
     /// The wire is shorted and always dominant.
     StuckDominant(bool),
@@ -131,7 +135,8 @@ impl Faults {
 
     fn update_any(&mut self) {
         let lasting = self.no_ack || self.ack_destroyed || self.destroy || self.stuck;
-        self.any = lasting || !self.flips.is_empty() || self.noise.is_some() || !self.lose.is_empty();
+        self.any =
+            lasting || !self.flips.is_empty() || self.noise.is_some() || !self.lose.is_empty();
     }
 
     /// Number of idle bits that no fault affects.
@@ -150,7 +155,8 @@ impl Faults {
         }
     }
 
-    /// Removes the stations that miss the frame that begins now: those for which `hears` says that they could receive it.
+    /// Removes the stations that miss the frame that begins now: those for which `hears` says that
+    /// they could receive it.
     pub fn losers(&mut self, mut hears: impl FnMut(PortId) -> bool) {
         self.lose.retain(|&port| !hears(port));
         self.update_any();
@@ -304,8 +310,9 @@ mod tests {
         let count = |seed| {
             let mut faults = Faults::default();
             faults.inject(Fault::BitErrorRate { per_million: 1000, seed });
-            let hits: Vec<u32> =
-                (0..1_000_000).filter(|_| faults.next_bit(BUSY).apply(Level::Recessive).is_dominant()).collect();
+            let hits: Vec<u32> = (0..1_000_000)
+                .filter(|_| faults.next_bit(BUSY).apply(Level::Recessive).is_dominant())
+                .collect();
             hits
         };
         let hits = count(1);

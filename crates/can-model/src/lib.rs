@@ -7,18 +7,19 @@
 //!  └─ Recorder: a silent Engine that records the frames                            └─ Confinement
 //! ```
 //!
-//! In each bit the bus calls every station for the level that it drives, combines the levels (dominant wins), applies
-//! the faults, and passes the result to every station. Arbitration,
+//! In each bit the bus calls every station for the level that it drives, combines the levels
+//! (dominant wins), applies the faults, and passes the result to every station. Arbitration,
 //! acknowledgement, error and overload frames are not calculated: they follow from the
 //! engines' rules.
 //!
 //! ## What is simplified
 //! * A bit has one level. Sample points, propagation delay, and resynchronisation inside a bit are
-//!   not modelled: stations at (nearly) the bus's bit rate are in step with it. A station at another
-//!   rate runs freely and is never synchronised, not even by a SOF.
-//! * A station that may not drive (listen-only) waits for eight recessive bits after an error instead
-//!   of sending its own error flag internally. See [`Engine`].
-//! * No CAN FD: a recessive reserved bit is accepted, as CAN 2.0 requires, and does not mean an FD frame.
+//!   not modelled: stations at (nearly) the bus's bit rate are in step with it. A station at
+//!   another rate runs freely and is never synchronised, not even by a SOF.
+//! * A station that may not drive (listen-only) waits for eight recessive bits after an error
+//!   instead of sending its own error flag internally. See [`Engine`].
+//! * No CAN FD: a recessive reserved bit is accepted, as CAN 2.0 requires, and does not mean an FD
+//!   frame.
 //! * No station requests overload frames; they occur only where the protocol requires one.
 //!
 //! Source: Bosch CAN Specification 2.0 part B (1991); ISO 11898-1:2003 clauses 10 to 13.

@@ -242,7 +242,11 @@ impl Parser {
     /// The frame, after [`Step::Valid`].
     pub fn frame(&self) -> Frame {
         let id = if self.extended { Id::Extended(self.id) } else { Id::Standard(self.id as u16) };
-        if self.remote { Frame::remote(id, self.dlc) } else { Frame::with_dlc(id, self.dlc, self.data) }
+        if self.remote {
+            Frame::remote(id, self.dlc)
+        } else {
+            Frame::with_dlc(id, self.dlc, self.data)
+        }
     }
 }
 

@@ -1,9 +1,9 @@
 //! A station's connection to the bus: its cable, its pace, the level that it drives.
 //!
 //! A station within [`IN_STEP_PPM`] of the bus's bit rate uses the bus's bits: resynchronisation
-//! would keep a real controller in step. Other stations run on an [`OwnClock`], like a controller with wrong
-//! bit timing: such a station drives when its own bits begin and samples the wire at its own sample points,
-//! and so detects and causes stuff, form and bit errors.
+//! would keep a real controller in step. Other stations run on an [`OwnClock`], like a controller
+//! with wrong bit timing: such a station drives when its own bits begin and samples the wire at its
+//! own sample points, and so detects and causes stuff, form and bit errors.
 
 use super::station::StationRef;
 use super::wire::Level;
@@ -19,8 +19,8 @@ impl PortId {
     }
 }
 
-/// Largest difference of two clocks that still synchronise: the tolerance of ISO 11898-1 with a jump width of one
-/// of eight quanta is 0.625 %, rounded down.
+/// Largest difference of two clocks that still synchronise: the tolerance of ISO 11898-1 with a
+/// jump width of one of eight quanta is 0.625 %, rounded down.
 const IN_STEP_PPM: u64 = 5_000;
 
 /// How a station is stepped.
@@ -63,7 +63,8 @@ impl OwnClock {
         self.latched = None;
     }
 
-    /// Advances to the bit that contains `to_ps`, on an idle wire. Returns the number of bits passed.
+    /// Advances to the bit that contains `to_ps`, on an idle wire. Returns the number of bits
+    /// passed.
     pub fn skip_idle(&mut self, to_ps: u64) -> u64 {
         let bits = to_ps.saturating_sub(self.start_ps) / self.bit_ps;
         self.start_ps += bits * self.bit_ps;
@@ -81,7 +82,8 @@ pub(super) struct Port {
     pub connected: bool,
     /// True while it misses a frame: it is not stepped until the frame ends.
     pub misses_frame: bool,
-    /// True if the others do not receive it until the bus is idle, which it does not notice. See [`Fault::NoAck`](super::Fault::NoAck).
+    /// True if the others do not receive it until the bus is idle, which it does not notice. See
+    /// [`Fault::NoAck`](super::Fault::NoAck).
     pub is_muted: bool,
     /// The bit time from which `pace` was derived.
     bit_time_ps: Option<u64>,
@@ -114,7 +116,9 @@ impl Port {
         self.driven = Level::Recessive;
         self.pace = match bit_time_ps {
             None => Pace::Off,
-            Some(ps) if ps.abs_diff(bus_bit_ps) * 1_000_000 <= bus_bit_ps * IN_STEP_PPM => Pace::InStep,
+            Some(ps) if ps.abs_diff(bus_bit_ps) * 1_000_000 <= bus_bit_ps * IN_STEP_PPM => {
+                Pace::InStep
+            }
             Some(ps) => {
                 assert!(ps >= 4, "a bit time of {ps} ps");
                 Pace::Own(OwnClock { bit_ps: ps, start_ps: now_ps, latched: None })

@@ -1,8 +1,10 @@
-//! The bus's own record of its traffic: a silent engine listens, and the recorder stores its events.
+//! The bus's own record of its traffic: a silent engine listens, and the recorder stores its
+//! events.
 //!
-//! A frame is recorded when its end of frame is over, an error frame when its delimiter is. The kind of
-//! an error is the one that a listener detects. The station that found it first may have detected another kind:
-//! a bit error looks like a stuff error to others. Overload frames are only counted.
+//! A frame is recorded when its end of frame is over, an error frame when its delimiter is. The
+//! kind of an error is the one that a listener detects. The station that found it first may have
+//! detected another kind: a bit error looks like a stuff error to others. Overload frames are only
+//! counted.
 
 use super::Frame;
 use super::engine::Engine;
@@ -33,7 +35,8 @@ pub enum RecordKind {
     ErrorFrame {
         /// The error that a listener detected.
         kind: Option<ErrorKind>,
-        /// The sender, if it was known already. Also `None` if noise and no station began the frame.
+        /// The sender, if it was known already. Also `None` if noise and no station began the
+        /// frame.
         from: Option<PortId>,
     },
 }
@@ -280,6 +283,9 @@ mod tests {
         run(&mut bus, 10_000);
         let senders = senders(&mut bus);
         assert_eq!(senders[..2], [(false, port), (true, port)]);
-        assert!(senders[2..].len() > 5 && senders[2..].iter().all(|sender| *sender == (false, None)), "{senders:?}");
+        assert!(
+            senders[2..].len() > 5 && senders[2..].iter().all(|sender| *sender == (false, None)),
+            "{senders:?}"
+        );
     }
 }

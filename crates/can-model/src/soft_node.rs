@@ -1,10 +1,11 @@
-//! A node with an ideal controller and unlimited queues: autopilot, host adapter, test peer, babbling node.
+//! A node with an ideal controller and unlimited queues: autopilot, host adapter, test peer,
+//! babbling node.
 //!
 //! Frames are sent in the order of their due times, or of the calls if these are
 //! equal. A frame that lost arbitration or was destroyed is sent again until it succeeds.
 //!
-//! Limits: received frames are kept without limit until they are taken. Of the other events only the newest
-//! [`EVENT_LIMIT`] are kept.
+//! Limits: received frames are kept without limit until they are taken. Of the other events only
+//! the newest [`EVENT_LIMIT`] are kept.
 
 use super::Frame;
 use super::confinement::ErrorState;
@@ -38,7 +39,8 @@ pub struct SoftNode {
 }
 
 impl SoftNode {
-    /// A node at `bit_rate` bits per second. It integrates (11 recessive bits) after it is attached.
+    /// A node at `bit_rate` bits per second. It integrates (11 recessive bits) after it is
+    /// attached.
     pub fn new(bit_rate: u32) -> SoftNode {
         assert!(bit_rate > 0, "a bit rate of 0");
         let mut engine = Engine::new();

@@ -68,9 +68,11 @@ pub(super) const EOF_BITS: u8 = 7;
 /// Number of bits of the CRC sequence.
 pub(super) const CRC_BITS: u8 = 15;
 
-/// Number of bits of CRC delimiter, ACK slot, ACK delimiter and end of frame, which are not stuffed.
+/// Number of bits of CRC delimiter, ACK slot, ACK delimiter and end of frame, which are not
+/// stuffed.
 const TAIL_BITS: u32 = 3 + EOF_BITS as u32;
-/// Number of bits of the stuffed part of a standard frame without data, before stuffing: SOF to CRC.
+/// Number of bits of the stuffed part of a standard frame without data, before stuffing: SOF to
+/// CRC.
 const STANDARD_BITS: u32 = 1 + 11 + 1 + 1 + 1 + 4 + CRC_BITS as u32;
 /// The same for an extended frame, which also has SRR, 18 more identifier bits and r1.
 const EXTENDED_BITS: u32 = STANDARD_BITS + 1 + 18 + 1;

@@ -1,4 +1,5 @@
-//! Receives and sends a few transfers that agree with those of pydronecan: `cargo run --example golden_frames`.
+//! Receives and sends a few transfers that agree with those of pydronecan: `cargo run --example
+//! golden_frames`.
 
 use dronecan_wire::{Data, Id, Received, Receiver, Segment, Sender, Verdict, float16, types};
 
@@ -81,7 +82,12 @@ const RECEIVED: &[(u32, &[u8])] = &[
 fn main() {
     receive();
     send("NodeStatus", types::NODE_STATUS, 5, &[0x78, 0x56, 0x34, 0x12, 0x40, 0xEF, 0xBE]);
-    send("actuator.Status", types::ACTUATOR_STATUS, 1, &[0x01, 0x00, 0x34, 0xFF, 0x7F, 0xFF, 0x7F, 0x7F]);
+    send(
+        "actuator.Status",
+        types::ACTUATOR_STATUS,
+        1,
+        &[0x01, 0x00, 0x34, 0xFF, 0x7F, 0xFF, 0x7F, 0x7F],
+    );
 }
 
 fn receive() {
@@ -104,7 +110,9 @@ fn receive() {
                 match *message.payload() {
                     [actuator, _, low, high] if message.kind == Kind::ArrayCommand => {
                         let thousandths =
-                            i32::from(float16::to_fixed(u16::from_le_bytes([low, high]), 10)) * 1000 / 1024;
+                            i32::from(float16::to_fixed(u16::from_le_bytes([low, high]), 10))
+                                * 1000
+                                / 1024;
                         println!(", actuator {actuator} to {thousandths} thousandths");
                     }
                     _ => println!(),

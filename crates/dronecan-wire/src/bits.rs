@@ -1,4 +1,5 @@
-//! Identifiers and tail bytes: the bits that DroneCAN adds to a CAN frame (specification, chapter 4).
+//! Identifiers and tail bytes: the bits that DroneCAN adds to a CAN frame (specification, chapter
+//! 4).
 //!
 //! ```text
 //!            byte 0           byte 1                byte 2                          byte 3
@@ -21,10 +22,11 @@ mod byte {
     pub const SOURCE: usize = 3;
 }
 
-/// A 29-bit identifier, most significant byte first. It holds bytes and not a `u32`, because an AVR shifts one bit at a time.
+/// A 29-bit identifier, most significant byte first. It holds bytes and not a `u32`, because an AVR
+/// shifts one bit at a time.
 ///
-/// The three highest bits have no meaning. Messages and services have different fields in the same bits, so call
-/// [`is_service`](Self::is_service) before the accessors of either.
+/// The three highest bits have no meaning. Messages and services have different fields in the same
+/// bits, so call [`is_service`](Self::is_service) before the accessors of either.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Id([u8; 4]);
 
@@ -59,8 +61,9 @@ impl Id {
         Self([priority, high, low, source])
     }
 
-    /// Makes the identifier of an anonymous message. It holds only the lower two bits of the data type ID, and the lower 14 bits of
-    /// `discriminator`. The discriminator is random or a checksum of the payload, so that two nodes do not send the same identifier.
+    /// Makes the identifier of an anonymous message. It holds only the lower two bits of the data
+    /// type ID, and the lower 14 bits of `discriminator`. The discriminator is random or a
+    /// checksum of the payload, so that two nodes do not send the same identifier.
     #[inline(always)]
     pub const fn anonymous(priority: u8, data_type: u16, discriminator: u16) -> Self {
         Self::message(priority, discriminator << 2 | data_type & Self::ANONYMOUS_TYPE as u16, 0)
@@ -197,7 +200,8 @@ impl Tail {
         self.0 & Self::TRANSFER_ID
     }
 
-    /// True if a frame with this tail can follow a frame with the tail `before`: the transfer ID is the same and the toggle bit is inverted.
+    /// True if a frame with this tail can follow a frame with the tail `before`: the transfer ID is
+    /// the same and the toggle bit is inverted.
     #[inline(always)]
     pub const fn follows(self, before: Self) -> bool {
         (before.0 ^ self.0) & (Self::TOGGLE | Self::TRANSFER_ID) == Self::TOGGLE
@@ -210,16 +214,24 @@ mod tests {
 
     #[test]
     fn the_fields_of_an_identifier_are_where_the_specification_has_them() {
-        for (source, data_type, priority) in [(1, 0, 0), (127, 0xFFFF, 31), (42, 341, 24), (10, 1010, 16)] {
+        for (source, data_type, priority) in
+            [(1, 0, 0), (127, 0xFFFF, 31), (42, 341, 24), (10, 1010, 16)]
+        {
             let id = Id::message(priority, data_type, source);
             let number = u32::from_be_bytes(id.to_bytes());
-            assert_eq!(number, u32::from(priority) << 24 | u32::from(data_type) << 8 | u32::from(source));
+            assert_eq!(
+                number,
+                u32::from(priority) << 24 | u32::from(data_type) << 8 | u32::from(source)
+            );
             assert!(!id.is_service());
             assert_eq!((id.priority(), id.data_type(), id.source()), (priority, data_type, source));
         }
         // GetNodeInfo from 127 to 42, and the response, by pydronecan.
         let (request, response) = (Id::request(30, 1, 42, 127), Id::response(30, 1, 127, 42));
-        assert_eq!((request.to_bytes(), response.to_bytes()), ([0x1E, 0x01, 0xAA, 0xFF], [0x1E, 0x01, 0x7F, 0xAA]));
+        assert_eq!(
+            (request.to_bytes(), response.to_bytes()),
+            ([0x1E, 0x01, 0xAA, 0xFF], [0x1E, 0x01, 0x7F, 0xAA])
+        );
         assert!(request.is_service() && request.is_request_to(42) && !request.is_request_to(43));
         assert!(response.is_service() && !response.is_request_to(127));
         assert_eq!((request.service(), request.source(), response.source()), (1, 127, 42));
@@ -234,7 +246,10 @@ mod tests {
         assert_eq!(Id::anonymous(30, 1, 0x974D >> 2), id);
         assert_eq!(Id::anonymous(30, 2, 0).anonymous_data_type(), 2);
         assert_eq!(Id::anonymous(30, 0xFFFD, 0xC000 | 0x974D >> 2), id, "what does not fit");
-        assert_eq!((id.priority(), id.anonymous_data_type(), id.source(), id.is_service()), (30, 1, 0, false));
+        assert_eq!(
+            (id.priority(), id.anonymous_data_type(), id.source(), id.is_service()),
+            (30, 1, 0, false)
+        );
     }
 
     #[test]
@@ -243,23 +258,37 @@ mod tests {
             let extended = ExtendedId::new(raw).unwrap();
             assert_eq!(Id::from(extended).to_bytes(), raw.to_be_bytes());
             assert_eq!(ExtendedId::from(Id::from(extended)), extended);
-            assert_eq!(embedded_can::Id::from(Id::from(extended)), embedded_can::Id::Extended(extended));
+            assert_eq!(
+                embedded_can::Id::from(Id::from(extended)),
+                embedded_can::Id::Extended(extended)
+            );
         }
         let beyond = Id::from_bytes([0xFF, 0x03, 0xF2, 0x0A]);
-        assert_eq!(ExtendedId::from(beyond).as_raw(), 0x1F03_F20A, "the three highest bits have no meaning");
+        assert_eq!(
+            ExtendedId::from(beyond).as_raw(),
+            0x1F03_F20A,
+            "the three highest bits have no meaning"
+        );
     }
 
     #[test]
     fn a_frame_follows_with_the_other_toggle_and_the_same_transfer_id() {
         let first = Tail(Tail::START | 5);
-        assert!(Tail(Tail::TOGGLE | 5).follows(first) && Tail(Tail::END | Tail::TOGGLE | 5).follows(first));
+        assert!(
+            Tail(Tail::TOGGLE | 5).follows(first)
+                && Tail(Tail::END | Tail::TOGGLE | 5).follows(first)
+        );
         assert!(!Tail(5).follows(first) && !Tail(Tail::TOGGLE | 6).follows(first));
     }
 
     #[test]
     fn is_single_means_that_the_first_frame_is_also_the_last() {
         for tail in 0..=u8::MAX {
-            assert_eq!(Tail(tail).is_single(), Tail(tail).is_start() && Tail(tail).is_end(), "{tail:02X}");
+            assert_eq!(
+                Tail(tail).is_single(),
+                Tail(tail).is_start() && Tail(tail).is_end(),
+                "{tail:02X}"
+            );
         }
     }
 }

@@ -1,7 +1,9 @@
-//! The CRC of multi-frame transfers: CRC-16-CCITT-FALSE, polynomial 0x1021, not reflected (specification, chapter 4).
+//! The CRC of multi-frame transfers: CRC-16-CCITT-FALSE, polynomial 0x1021, not reflected
+//! (specification, chapter 4).
 //!
-//! The CRC covers the 64-bit signature of the data type and then the payload. The value after the signature is the *seed* of the type, which
-//! a program can compute at compile time: see [`seed`] and [`types`](crate::types).
+//! The CRC covers the 64-bit signature of the data type and then the payload. The value after the
+//! signature is the *seed* of the type, which a program can compute at compile time: see [`seed`]
+//! and [`types`](crate::types).
 
 /// Returns the CRC after one more byte.
 #[inline(never)]
@@ -23,8 +25,9 @@ pub const fn seed(signature: u64) -> u16 {
 /// Does the same as [`add`], but inlined: for fast loops and for constants.
 #[inline(always)]
 pub const fn step(crc: u16, byte: u8) -> u16 {
-    // Divides a byte at a time, without a table. The quotient is the byte that leaves at the top, with its high nibble added to its low nibble.
-    // The polynomial 0x1021 adds the quotient in three places. An AVR computes with bytes faster than with words.
+    // Divides a byte at a time, without a table. The quotient is the byte that leaves at the top,
+    // with its high nibble added to its low nibble. The polynomial 0x1021 adds the quotient in
+    // three places. An AVR computes with bytes faster than with words.
     let [low, high] = crc.to_le_bytes();
     let mut x = high ^ byte;
     x ^= x >> 4;

@@ -1,10 +1,11 @@
-//! The commands for motors in an esc.RawCommand (DSDL uavcan/equipment/esc/1030.RawCommand.uavcan): up to 20 signed integers of 14 bits, one after the
-//! other.
+//! The commands for motors in an esc.RawCommand (DSDL uavcan/equipment/esc/1030.RawCommand.uavcan):
+//! up to 20 signed integers of 14 bits, one after the other.
 
 /// Bits of a command.
 const BITS: usize = 14;
 
-/// The command with this index in the payload of an esc.RawCommand: -8192 to 8191. `None` if the payload ends before it.
+/// The command with this index in the payload of an esc.RawCommand: -8192 to 8191. `None` if the
+/// payload ends before it.
 ///
 /// ```
 /// // Full speed for the motor 0, and full speed backwards for the motor 1.
@@ -56,9 +57,13 @@ mod tests {
         let payload = bytes("FF 7C 02 00 00 00 40");
         for len in 0..=payload.len() {
             let commands = 8 * len / BITS;
-            let found = (0..20).take_while(|&index| raw_command(&payload[..len], index).is_some()).count();
+            let found =
+                (0..20).take_while(|&index| raw_command(&payload[..len], index).is_some()).count();
             assert_eq!(found, commands, "{len}");
-            assert!((commands as u8..=255).all(|index| raw_command(&payload[..len], index).is_none()), "{len}");
+            assert!(
+                (commands as u8..=255).all(|index| raw_command(&payload[..len], index).is_none()),
+                "{len}"
+            );
         }
     }
 }

@@ -15,8 +15,8 @@ pub fn is_finite(bits: u16) -> bool {
     (bits >> 8) as u8 & 0x7C != 0x7C
 }
 
-/// Converts a finite number to fixed point with `fraction_bits` binary places (at most 14). Rounds to nearest, halves away from zero, and limits
-/// the result to +-32,767.
+/// Converts a finite number to fixed point with `fraction_bits` binary places (at most 14). Rounds
+/// to nearest, halves away from zero, and limits the result to +-32,767.
 #[inline(never)]
 pub fn to_fixed(bits: u16, fraction_bits: u8) -> i16 {
     let mut exponent = (bits >> 8) as u8 >> 2 & 31;
@@ -41,13 +41,15 @@ pub fn to_fixed(bits: u16, fraction_bits: u8) -> i16 {
     if bits & SIGN != 0 { -magnitude } else { magnitude }
 }
 
-/// Converts `value`, fixed point with `fraction_bits` binary places (at most 14), to the nearest half-precision number, ties to even.
+/// Converts `value`, fixed point with `fraction_bits` binary places (at most 14), to the nearest
+/// half-precision number, ties to even.
 #[inline(never)]
 pub fn from_fixed(value: u16, fraction_bits: u8) -> u16 {
     if value == 0 {
         return 0;
     }
-    // Normalises the mantissa so that its leading one is bit 15, which has the value 2^(15 - fraction_bits).
+    // Normalises the mantissa so that its leading one is bit 15, which has the value 2^(15 -
+    // fraction_bits).
     let mut mantissa = value;
     let mut exponent = 15 + 15 - fraction_bits;
     while mantissa & 0x8000 == 0 {
@@ -110,7 +112,11 @@ mod tests {
                 }
                 let exact = value_of(bits) * f64::from(1u32 << fraction_bits);
                 let expected = exact.round().clamp(-32_767.0, 32_767.0) as i16;
-                assert_eq!(to_fixed(bits, fraction_bits), expected, "{bits:04X} with {fraction_bits} places");
+                assert_eq!(
+                    to_fixed(bits, fraction_bits),
+                    expected,
+                    "{bits:04X} with {fraction_bits} places"
+                );
             }
         }
     }
@@ -128,7 +134,10 @@ mod tests {
                 let error = (value_of(bits) - exact).abs();
                 for neighbour in [bits.saturating_sub(1), bits + 1] {
                     if neighbour < 0x7C00 {
-                        assert!(error <= (value_of(neighbour) - exact).abs(), "{value} with {fraction_bits} places");
+                        assert!(
+                            error <= (value_of(neighbour) - exact).abs(),
+                            "{value} with {fraction_bits} places"
+                        );
                     }
                 }
             }
@@ -138,9 +147,12 @@ mod tests {
     #[test]
     fn a_number_half_way_between_two_becomes_the_even_one() {
         // From 32768 on, half-precision numbers are 32 apart.
-        for (value, bits) in
-            [(32_768 + 15, 0x7800), (32_768 + 16, 0x7800), (32_768 + 17, 0x7801), (32_768 + 48, 0x7802)]
-        {
+        for (value, bits) in [
+            (32_768 + 15, 0x7800),
+            (32_768 + 16, 0x7800),
+            (32_768 + 17, 0x7801),
+            (32_768 + 48, 0x7802),
+        ] {
             assert_eq!(from_fixed(value, 0), bits, "{value}");
         }
     }

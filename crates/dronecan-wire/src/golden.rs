@@ -1,5 +1,6 @@
-//! Reference data for tests, also for those of programs that use this crate: frames that pydronecan 1.0.27 made, and a second, simpler
-//! implementation of transfers, written from the specification (chapter 4) alone.
+//! Reference data for tests, also for those of programs that use this crate: frames that pydronecan
+//! 1.0.27 made, and a second, simpler implementation of transfers, written from the specification
+//! (chapter 4) alone.
 
 use std::format;
 use std::string::String;
@@ -15,7 +16,8 @@ pub struct Frame {
     pub data: Vec<u8>,
 }
 
-/// Reads the frames of one transfer: the identifier, then the data of each frame with `|` between the frames, all in hexadecimal.
+/// Reads the frames of one transfer: the identifier, then the data of each frame with `|` between
+/// the frames, all in hexadecimal.
 pub fn frames(text: &str) -> Vec<Frame> {
     let (id, data) = text.split_once(' ').unwrap_or((text, ""));
     data.split('|').map(|data| frame(u32::from_str_radix(id, 16).unwrap(), &bytes(data))).collect()
@@ -78,9 +80,11 @@ pub fn transfer(id: u32, signature: u64, transfer_id: u8, payload: &[u8]) -> Vec
     all.chunks(7).enumerate().map(with_tail).collect()
 }
 
-/// Returns the payload and the transfer ID of a transfer. Asserts that its frames are as the specification has them.
+/// Returns the payload and the transfer ID of a transfer. Asserts that its frames are as the
+/// specification has them.
 pub fn payload(signature: u64, frames: &[Frame]) -> (Vec<u8>, u8) {
-    let mut all: Vec<u8> = frames.iter().flat_map(|frame| frame.data.split_last().unwrap().1.to_vec()).collect();
+    let mut all: Vec<u8> =
+        frames.iter().flat_map(|frame| frame.data.split_last().unwrap().1.to_vec()).collect();
     let transfer_id = frames[0].data.last().unwrap() & 31;
     if frames.len() > 1 {
         all.drain(..2);

@@ -3,35 +3,45 @@
 //! Goals:
 //!
 //! * The receiver returns a transfer only after its last frame, and only if its CRC is right.
-//! * The lists of one sender, which the caller names, are always received, whatever other traffic is on the bus.
-//! * The receiver stores only bytes that the program uses: of a list the entry for this node, of any other payload the first `KEPT` bytes.
+//! * The lists of one sender, which the caller names, are always received, whatever other traffic
+//!   is on the bus.
+//! * The receiver stores only bytes that the program uses: of a list the entry for this node, of
+//!   any other payload the first `KEPT` bytes.
 //!
-//! The receiver reassembles multi-frame transfers in lanes: `LISTS` lanes for lists, `OTHERS` lanes for all other transfers. A lane belongs to
-//! the sender of its transfer; with [`Received::LANE_FOR_EACH_TYPE`] to the sender and the type.
+//! The receiver reassembles multi-frame transfers in lanes: `LISTS` lanes for lists, `OTHERS` lanes
+//! for all other transfers. A lane belongs to the sender of its transfer; with
+//! [`Received::LANE_FOR_EACH_TYPE`] to the sender and the type.
 //!
 //! Invariants:
 //!
-//! * Only the first frame of a transfer opens a lane. The transfer takes the sender's own lane, else a free lane, else the lane of another
-//!   sender, whose transfer is then lost and reported. It never takes a list lane of the sender that the caller protects.
-//! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows) the last one. The receiver ignores any other
-//!   frame that is not a first frame: either it came twice, or its transfer was lost and reported before.
-//! * A transfer whose next frame does not come within [`LIST_FRAME_TIMEOUT_MS`] or [`FRAME_TIMEOUT_MS`] is lost: see [`Receiver::expire`].
+//! * Only the first frame of a transfer opens a lane. The transfer takes the sender's own lane,
+//!   else a free lane, else the lane of another sender, whose transfer is then lost and reported.
+//!   It never takes a list lane of the sender that the caller protects.
+//! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows)
+//!   the last one. The receiver ignores any other frame that is not a first frame: either it came
+//!   twice, or its transfer was lost and reported before.
+//! * A transfer whose next frame does not come within [`LIST_FRAME_TIMEOUT_MS`] or
+//!   [`FRAME_TIMEOUT_MS`] is lost: see [`Receiver::expire`].
 //! * A single-frame transfer needs no lane, so it is always received.
 //!
-//! A first frame begins a transfer whatever its transfer ID, as in libcanard. So the receiver accepts a sender that restarts at once.
+//! A first frame begins a transfer whatever its transfer ID, as in libcanard. So the receiver
+//! accepts a sender that restarts at once.
 
 use crate::bits::{Id, Tail};
 use crate::crc;
 
-/// The longest time between two frames of a list (a transfer in a [list lane](Received::has_own_lanes)), in milliseconds. A list
-/// commands something, so a late frame must not complete an old list. Slow buses and adapters need 5 to 12 ms for a frame.
+/// The longest time between two frames of a list (a transfer in a [list
+/// lane](Received::has_own_lanes)), in milliseconds. A list commands something, so a late frame
+/// must not complete an old list. Slow buses and adapters need 5 to 12 ms for a frame.
 pub const LIST_FRAME_TIMEOUT_MS: u16 = 50;
 
-/// The longest time between two frames of any other transfer, in milliseconds: the transfer timeout of the specification (chapter 4). A client behind a slow
-/// radio link can take that long. Meanwhile the transfer of another sender may take the lane.
+/// The longest time between two frames of any other transfer, in milliseconds: the transfer timeout
+/// of the specification (chapter 4). A client behind a slow radio link can take that long.
+/// Meanwhile the transfer of another sender may take the lane.
 pub const FRAME_TIMEOUT_MS: u16 = 2000;
 
-/// The data types that a node receives. Each value of the implementing type stands for one data type.
+/// The data types that a node receives. Each value of the implementing type stands for one data
+/// type.
 ///
 /// ```
 /// use dronecan_wire::{Received, types};
@@ -80,8 +90,9 @@ pub trait Received: Copy + PartialEq {
     /// Stands for every data type that the node does not receive.
     const UNKNOWN: Self;
 
-    /// True if transfers of different types from one sender have different lanes. A sender interleaves them if it puts the frames that wait in order
-    /// of their identifiers. False saves code in a node that receives only one type of list of several frames from a sender.
+    /// True if transfers of different types from one sender have different lanes. A sender
+    /// interleaves them if it puts the frames that wait in order of their identifiers. False
+    /// saves code in a node that receives only one type of list of several frames from a sender.
     const LANE_FOR_EACH_TYPE: bool = false;
 
     /// Returns the message with this data type ID, or [`UNKNOWN`](Self::UNKNOWN).
@@ -90,8 +101,10 @@ pub trait Received: Copy + PartialEq {
     /// Returns the request with this service ID, or [`UNKNOWN`](Self::UNKNOWN).
     fn of_request(service: u8) -> Self;
 
-    /// Returns the anonymous message with these lower two bits of its data type ID, or [`UNKNOWN`](Self::UNKNOWN). Most nodes always return
-    /// [`UNKNOWN`](Self::UNKNOWN). `node` is this node's own ID, or 0: a node without an ID may evaluate how other nodes request an ID.
+    /// Returns the anonymous message with these lower two bits of its data type ID, or
+    /// [`UNKNOWN`](Self::UNKNOWN). Most nodes always return [`UNKNOWN`](Self::UNKNOWN). `node`
+    /// is this node's own ID, or 0: a node without an ID may evaluate how other nodes request an
+    /// ID.
     #[inline(always)]
     fn of_anonymous(_data_type: u8, _node: u8) -> Self {
         Self::UNKNOWN
@@ -100,18 +113,21 @@ pub trait Received: Copy + PartialEq {
     /// True for a request, false for a message.
     fn is_request(self) -> bool;
 
-    /// True if a transfer may have several frames. The receiver rejects multi-frame transfers of all other types.
+    /// True if a transfer may have several frames. The receiver rejects multi-frame transfers of
+    /// all other types.
     fn is_multi_frame(self) -> bool;
 
-    /// The length of an entry of a list in bytes. The first byte of an entry is the ID that the entry is for; the receiver keeps the last entry
-    /// with the ID of this node. 0 for a type that is not a list: the receiver keeps its payload from the beginning.
+    /// The length of an entry of a list in bytes. The first byte of an entry is the ID that the
+    /// entry is for; the receiver keeps the last entry with the ID of this node. 0 for a type
+    /// that is not a list: the receiver keeps its payload from the beginning.
     #[inline(always)]
     fn entry_len(self) -> u8 {
         0
     }
 
-    /// True for a type whose transfers have the lanes of lists, in which the sender that the caller protects cannot be kept out. All lists, unless the
-    /// program says otherwise: another type of command may need these lanes, too.
+    /// True for a type whose transfers have the lanes of lists, in which the sender that the caller
+    /// protects cannot be kept out. All lists, unless the program says otherwise: another type
+    /// of command may need these lanes, too.
     #[inline(always)]
     fn has_own_lanes(self) -> bool {
         self.entry_len() != 0
@@ -127,15 +143,16 @@ pub trait Received: Copy + PartialEq {
     fn seed(self) -> u16;
 }
 
-/// A frame as a part of a transfer. [`read`](Self::read) makes a segment of a DroneCAN frame. A program for another dialect can make segments of
-/// other frames.
+/// A frame as a part of a transfer. [`read`](Self::read) makes a segment of a DroneCAN frame. A
+/// program for another dialect can make segments of other frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Segment<'a, K> {
     /// The type of the transfer.
     pub kind: K,
     /// Node ID of the sender, or 0 if the sender is anonymous.
     pub source: u8,
-    /// Priority of the frame, 0 to 31. The response to a request has the same priority. A dialect may use the higher bits.
+    /// Priority of the frame, 0 to 31. The response to a request has the same priority. A dialect
+    /// may use the higher bits.
     pub priority: u8,
     /// The tail: the place of the frame in the transfer.
     pub tail: Tail,
@@ -146,7 +163,8 @@ pub struct Segment<'a, K> {
 /// The result of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict<'a, K, const KEPT: usize> {
-    /// Accepted. The transfer is not complete yet; or ignored, because the frame came twice or its transfer was lost.
+    /// Accepted. The transfer is not complete yet; or ignored, because the frame came twice or its
+    /// transfer was lost.
     More,
     /// The frame completed a message.
     Message(&'a Transfer<K, KEPT>),
@@ -165,12 +183,13 @@ pub enum Rejection {
     Anonymous,
     /// The sender has this node's ID.
     OwnId,
-    /// The frame has no tail byte; it is a first frame with its toggle bit set, or too short for the CRC; or its transfer has several frames and must
-    /// have one.
+    /// The frame has no tail byte; it is a first frame with its toggle bit set, or too short for
+    /// the CRC; or its transfer has several frames and must have one.
     Malformed,
     /// A list ends within an entry, or has too many entries.
     Length,
-    /// The program cannot take a request now. This crate never returns this value; it exists so that a program has one type for all reasons.
+    /// The program cannot take a request now. This crate never returns this value; it exists so
+    /// that a program has one type for all reasons.
     Busy,
     /// The CRC is wrong, or the sender began another transfer before this one was complete.
     Broken,
@@ -186,12 +205,17 @@ impl Rejection {
 }
 
 impl<'a, K: Received> Segment<'a, K> {
-    /// Reads a frame with an extended identifier, for the node with the ID `node`, or 0 if the node has no ID.
+    /// Reads a frame with an extended identifier, for the node with the ID `node`, or 0 if the node
+    /// has no ID.
     #[inline(always)]
     pub fn read(id: Id, data: &'a [u8], node: u8) -> Result<Self, Rejection> {
         let source = id.source();
         let kind = if source == 0 {
-            let kind = if id.is_service() { K::UNKNOWN } else { K::of_anonymous(id.anonymous_data_type(), node) };
+            let kind = if id.is_service() {
+                K::UNKNOWN
+            } else {
+                K::of_anonymous(id.anonymous_data_type(), node)
+            };
             if kind == K::UNKNOWN {
                 return Err(Rejection::Anonymous);
             }
@@ -236,7 +260,8 @@ impl Slot {
 /// The place of an entry that is not kept.
 const NOWHERE: u8 = 0xFF;
 
-/// A transfer that is being received, or is complete. Each lane of the [`Receiver`] holds one transfer.
+/// A transfer that is being received, or is complete. Each lane of the [`Receiver`] holds one
+/// transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer<K, const KEPT: usize> {
     /// The transfer is not complete.
@@ -249,9 +274,11 @@ pub struct Transfer<K, const KEPT: usize> {
     pub priority: u8,
     /// Tail of the last frame.
     tail: Tail,
-    /// Number of payload bytes so far, at most 255. In a list: number of bytes of the current entry.
+    /// Number of payload bytes so far, at most 255. In a list: number of bytes of the current
+    /// entry.
     len: u8,
-    /// Where the receiver keeps the payload; in a list, the current entry. [`NOWHERE`] for an entry that is not for this node.
+    /// Where the receiver keeps the payload; in a list, the current entry. [`NOWHERE`] for an
+    /// entry that is not for this node.
     kept_at: u8,
     /// In a list: the slots with an entry, a bit each.
     slots: u8,
@@ -281,7 +308,8 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         bytes: [0; KEPT],
     };
 
-    /// For a list: the [bits](Slot::bit) of the slots that have an entry. The entry is in [`bytes`](Self::bytes), from [`Slot::at`] on.
+    /// For a list: the [bits](Slot::bit) of the slots that have an entry. The entry is in
+    /// [`bytes`](Self::bytes), from [`Slot::at`] on.
     #[inline(always)]
     pub fn slots(&self) -> u8 {
         self.slots
@@ -292,20 +320,23 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.tail.transfer_id()
     }
 
-    /// The payload, at most its first `KEPT` bytes. For a list: the last entry for slot 0, or empty if the list has no entry for this node.
+    /// The payload, at most its first `KEPT` bytes. For a list: the last entry for slot 0, or empty
+    /// if the list has no entry for this node.
     #[inline(always)]
     pub fn payload(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
     }
 
-    /// Length of the payload in bytes, at most 255. Counts also the bytes that were not kept. For a list: as [`payload`](Self::payload).
+    /// Length of the payload in bytes, at most 255. Counts also the bytes that were not kept. For a
+    /// list: as [`payload`](Self::payload).
     #[inline(always)]
     #[allow(clippy::len_without_is_empty, reason = "not needed")]
     pub fn len(&self) -> u8 {
         self.len
     }
 
-    /// The buffer that begins with [`payload`](Self::payload). The bytes after the payload are undefined.
+    /// The buffer that begins with [`payload`](Self::payload). The bytes after the payload are
+    /// undefined.
     #[inline(always)]
     pub fn bytes(&self) -> &[u8; KEPT] {
         &self.bytes
@@ -326,7 +357,10 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
 
     /// Adds payload bytes. For a list see [`Received::entry_len`].
     #[inline(always)]
-    #[allow(clippy::implicit_saturating_add, reason = "of LLVM 22 it takes 8 instructions a byte instead of 3")]
+    #[allow(
+        clippy::implicit_saturating_add,
+        reason = "of LLVM 22 it takes 8 instructions a byte instead of 3"
+    )]
     fn take(&mut self, payload: &[u8], entry_len: u8, slot_of: impl Fn(u8) -> Option<Slot>) {
         let (mut len, mut kept_at) = (self.len, self.kept_at);
         for &byte in payload {
@@ -359,8 +393,9 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     }
 }
 
-/// Reassembles transfers: `LISTS` multi-frame lists and `OTHERS` other multi-frame transfers at the same time. It keeps `KEPT` bytes of each, which
-/// must be enough for the longest entry of a list. See the [module](self).
+/// Reassembles transfers: `LISTS` multi-frame lists and `OTHERS` other multi-frame transfers at the
+/// same time. It keeps `KEPT` bytes of each, which must be enough for the longest entry of a list.
+/// See the [module](self).
 pub struct Receiver<K, const LISTS: usize, const OTHERS: usize, const KEPT: usize> {
     lists: [Transfer<K, KEPT>; LISTS],
     others: [Transfer<K, KEPT>; OTHERS],
@@ -368,37 +403,51 @@ pub struct Receiver<K, const LISTS: usize, const OTHERS: usize, const KEPT: usiz
     single: Transfer<K, KEPT>,
 }
 
-impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Receiver<K, LISTS, OTHERS, KEPT> {
+impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
+    Receiver<K, LISTS, OTHERS, KEPT>
+{
     /// A receiver without transfers.
     pub const fn new() -> Self {
-        Self { lists: [Transfer::NONE; LISTS], others: [Transfer::NONE; OTHERS], single: Transfer::NONE }
+        Self {
+            lists: [Transfer::NONE; LISTS],
+            others: [Transfer::NONE; OTHERS],
+            single: Transfer::NONE,
+        }
     }
 
-    /// True while a list of several frames is being received. Other transfers do not count: one that is never completed would count for
-    /// [`FRAME_TIMEOUT_MS`].
+    /// True while a list of several frames is being received. Other transfers do not count: one
+    /// that is never completed would count for [`FRAME_TIMEOUT_MS`].
     pub fn is_receiving_list(&self) -> bool {
         self.lists.iter().any(|lane| lane.is_open)
     }
 
-    /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so, and at least every 30 s, because the clock
-    /// wraps.
+    /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so,
+    /// and at least every 30 s, because the clock wraps.
     #[inline(always)]
     pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT>> {
         let mut lanes = self.lists.iter_mut().chain(&mut self.others);
-        let lane = lanes.find(|lane| lane.is_open && (lane.expires_ms.wrapping_sub(now_ms) as i16) < 0)?;
+        let lane =
+            lanes.find(|lane| lane.is_open && (lane.expires_ms.wrapping_sub(now_ms) as i16) < 0)?;
         lane.is_open = false;
         Some(lane)
     }
 
-    /// Takes a frame. The entries of a list that begin with `own_id` are for this node. No other sender takes the list lane of the node
-    /// `protected`, for example the node whose command was followed last; 0 protects no node. `now_ms` is a clock that wraps.
+    /// Takes a frame. The entries of a list that begin with `own_id` are for this node. No other
+    /// sender takes the list lane of the node `protected`, for example the node whose command
+    /// was followed last; 0 protects no node. `now_ms` is a clock that wraps.
     #[inline(always)]
-    pub fn accept(&mut self, segment: Segment<'_, K>, own_id: u8, protected: u8, now_ms: u16) -> Verdict<'_, K, KEPT> {
+    pub fn accept(
+        &mut self,
+        segment: Segment<'_, K>,
+        own_id: u8,
+        protected: u8,
+        now_ms: u16,
+    ) -> Verdict<'_, K, KEPT> {
         self.accept_entries(segment, |id| (id == own_id).then_some(Slot::new(0)), protected, now_ms)
     }
 
-    /// Like [`accept`](Self::accept) for a node that uses several entries of a list. `slot_of` returns the slot for an entry with this ID.
-    /// `KEPT` must be enough for all slots.
+    /// Like [`accept`](Self::accept) for a node that uses several entries of a list. `slot_of`
+    /// returns the slot for an entry with this ID. `KEPT` must be enough for all slots.
     #[inline(always)]
     pub fn accept_entries(
         &mut self,
@@ -425,22 +474,33 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
         };
         let mut verdict = Verdict::More;
         let Some(lane) = lane else {
-            // A frame that continues no transfer came twice, or its transfer was lost and reported before.
-            return if tail.is_start() { Verdict::Rejected(Rejection::Interleaved) } else { verdict };
+            // A frame that continues no transfer came twice, or its transfer was lost and reported
+            // before.
+            return if tail.is_start() {
+                Verdict::Rejected(Rejection::Interleaved)
+            } else {
+                verdict
+            };
         };
         if tail.is_start() {
             if tail.toggle() {
                 return Verdict::Rejected(Rejection::Malformed);
             }
             if !tail.is_end() {
-                let &[low, high, ref rest @ ..] = payload else { return Verdict::Rejected(Rejection::Malformed) };
+                let &[low, high, ref rest @ ..] = payload else {
+                    return Verdict::Rejected(Rejection::Malformed);
+                };
                 lane.crc = [low, high];
                 lane.sum = kind.seed();
                 payload = rest;
             }
             if lane.is_open {
                 let is_own = lane.source == source;
-                verdict = Verdict::Rejected(if is_own { Rejection::Broken } else { Rejection::Interleaved });
+                verdict = Verdict::Rejected(if is_own {
+                    Rejection::Broken
+                } else {
+                    Rejection::Interleaved
+                });
             }
             lane.begin(kind, source, priority);
             // A single-frame transfer is complete at once.
@@ -468,7 +528,8 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Re
     }
 }
 
-/// Returns the lane of this sender's transfer of this type, or a lane for a transfer that begins: see the module's invariants.
+/// Returns the lane of this sender's transfer of this type, or a lane for a transfer that begins:
+/// see the module's invariants.
 #[inline(always)]
 fn lane<K: Received, const N: usize, const KEPT: usize>(
     lanes: &mut [Transfer<K, KEPT>; N],

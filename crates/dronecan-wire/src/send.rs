@@ -1,7 +1,9 @@
-//! Splits a payload into the frames of a transfer, a few bytes at a time (specification, chapter 4).
+//! Splits a payload into the frames of a transfer, a few bytes at a time (specification, chapter
+//! 4).
 //!
-//! The [`Sender`] stores no payload. It asks a [`Payload`] for each byte once, or twice in a multi-frame transfer, because the CRC goes before the
-//! payload. So a response of 50 bytes needs no buffer of 50 bytes, but its bytes must not change until the last frame is made.
+//! The [`Sender`] stores no payload. It asks a [`Payload`] for each byte once, or twice in a
+//! multi-frame transfer, because the CRC goes before the payload. So a response of 50 bytes needs
+//! no buffer of 50 bytes, but its bytes must not change until the last frame is made.
 //! [`Sender::step`] makes at most [`BYTES_PER_STEP`] bytes, so that each step is short.
 //!
 //! All frames of a transfer have the same [`Id`](crate::Id). The sender does not need it.
@@ -148,8 +150,8 @@ impl Sender {
         matches!(self.stage, Stage::Ready | Stage::LastReady)
     }
 
-    /// Begins a transfer of `len` bytes of payload. `transfer_id` is 0 to 31. `seed` is the seed of the type (see [`types`](crate::types)); it has no
-    /// effect on a single-frame transfer.
+    /// Begins a transfer of `len` bytes of payload. `transfer_id` is 0 to 31. `seed` is the seed of
+    /// the type (see [`types`](crate::types)); it has no effect on a single-frame transfer.
     #[inline(always)]
     pub fn begin(&mut self, len: u8, transfer_id: u8, seed: u16) {
         self.tail = Tail::START | transfer_id;
@@ -158,8 +160,10 @@ impl Sender {
         self.stage = if len > BYTES_PER_FRAME { Stage::Summing } else { Stage::Making };
     }
 
-    /// Makes the next bytes, at most to the end of the frame. Call it until [`is_ready`](Self::is_ready). Pass the same payload in each call, and a
-    /// buffer that was empty at the beginning of the frame. Do not call it while a frame is ready or without a transfer.
+    /// Makes the next bytes, at most to the end of the frame. Call it until
+    /// [`is_ready`](Self::is_ready). Pass the same payload in each call, and a buffer that was
+    /// empty at the beginning of the frame. Do not call it while a frame is ready or without a
+    /// transfer.
     #[inline(always)]
     pub fn step(&mut self, payload: &(impl Payload + ?Sized), buffer: &mut impl Buffer) {
         if let Some(tail) = self.fill(payload, buffer) {
@@ -167,10 +171,14 @@ impl Sender {
         }
     }
 
-    /// Does the same as [`step`](Self::step), but returns the tail byte of a complete frame and does not add it. A program for another
-    /// dialect can put the tail elsewhere.
+    /// Does the same as [`step`](Self::step), but returns the tail byte of a complete frame and
+    /// does not add it. A program for another dialect can put the tail elsewhere.
     #[inline(always)]
-    pub fn fill(&mut self, payload: &(impl Payload + ?Sized), buffer: &mut impl Buffer) -> Option<Tail> {
+    pub fn fill(
+        &mut self,
+        payload: &(impl Payload + ?Sized),
+        buffer: &mut impl Buffer,
+    ) -> Option<Tail> {
         let mut left = BYTES_PER_STEP;
         while self.at < payload.len() && buffer.len() < BYTES_PER_FRAME {
             if left == 0 {
@@ -202,7 +210,8 @@ impl Sender {
         Some(Tail(tail))
     }
 
-    /// Notes that the program has sent the frame. Returns true if it was the last one of the transfer.
+    /// Notes that the program has sent the frame. Returns true if it was the last one of the
+    /// transfer.
     #[inline(always)]
     pub fn sent(&mut self) -> bool {
         self.tail = (self.tail & !Tail::START) ^ Tail::TOGGLE;
@@ -251,7 +260,12 @@ mod tests {
         assert!(empty(0) && !empty(1));
     }
 
-    fn transfer(id: u32, signature: u64, transfer_id: u8, payload: &[u8]) -> (Vec<Frame>, Vec<usize>) {
+    fn transfer(
+        id: u32,
+        signature: u64,
+        transfer_id: u8,
+        payload: &[u8],
+    ) -> (Vec<Frame>, Vec<usize>) {
         let mut sender = Sender::new();
         sender.begin(Payload::len(payload), transfer_id, crc::seed(signature));
         sent(&mut sender, id, payload)
@@ -262,8 +276,10 @@ mod tests {
         for len in 0..=255 {
             let bytes: Vec<u8> = (0..len).map(|n| (n * 37 + 5) as u8).collect();
             for transfer_id in [0, 1, 31] {
-                let (frames, _) = transfer(0x1801_5778, golden::ACTUATOR_STATUS, transfer_id, &bytes);
-                let expected = golden::transfer(0x1801_5778, golden::ACTUATOR_STATUS, transfer_id, &bytes);
+                let (frames, _) =
+                    transfer(0x1801_5778, golden::ACTUATOR_STATUS, transfer_id, &bytes);
+                let expected =
+                    golden::transfer(0x1801_5778, golden::ACTUATOR_STATUS, transfer_id, &bytes);
                 assert_eq!(golden::text(&frames), golden::text(&expected), "{len} bytes");
             }
         }

@@ -1,8 +1,8 @@
 //! Register reads and writes with their side effects, and the modes in which they are allowed.
 //!
 //! Every SPI write goes through `write` (all bits) or `bit_modify` (the masked bits).
-//! Side effects happen only for bits in the mask, so that a BIT MODIFY of one bit does not repeat the requests
-//! of its neighbours.
+//! Side effects happen only for bits in the mask, so that a BIT MODIFY of one bit does not repeat
+//! the requests of its neighbours.
 //!
 //! Source: DS20001801J sections 6.6, 6.7, 7, 10.1, 11 and 12.10.
 
@@ -28,8 +28,8 @@ impl Mcp2515 {
             Kind::ErrorCounter if address == registers::TEC => counter(self.can.tec()),
             Kind::ErrorCounter => counter(self.can.rec()),
             Kind::Eflg => stored | self.error_flags,
-            // Digital inputs show the level of their pins, which are unconnected and so pulled up; pins in
-            // request-to-send mode read as 0 (3.5, Register 3-2).
+            // Digital inputs show the level of their pins, which are unconnected and so pulled up;
+            // pins in request-to-send mode read as 0 (3.5, Register 3-2).
             Kind::ConfigOnly if address == registers::TXRTSCTRL => {
                 stored | (!stored & txrtsctrl::MODES) << txrtsctrl::PINS_SHIFT
             }
@@ -75,7 +75,12 @@ impl Mcp2515 {
             Kind::Canintf => self.write_canintf(value, mask, at),
             Kind::TxControl(n) => self.write_tx_control(n, value, mask, at),
             Kind::RxControl(n) => self.write_rx_control(n, value, mask, at),
-            Kind::Filter | Kind::ConfigOnly | Kind::TxBuffer(_) | Kind::Bfpctrl | Kind::Caninte | Kind::Eflg => {
+            Kind::Filter
+            | Kind::ConfigOnly
+            | Kind::TxBuffer(_)
+            | Kind::Bfpctrl
+            | Kind::Caninte
+            | Kind::Eflg => {
                 let mask = mask & registers::writable(address);
                 self.registers[index] = self.registers[index] & !mask | value & mask;
             }
@@ -84,7 +89,10 @@ impl Mcp2515 {
 
     fn reject(&mut self, address: u8, value: u8, why: &str, section: &str, at: Cycles) {
         let name = registers::name(address);
-        self.violation(at, format!("{name} <- {value:02X}h ignored: {why} (DS20001801J {section})"));
+        self.violation(
+            at,
+            format!("{name} <- {value:02X}h ignored: {why} (DS20001801J {section})"),
+        );
     }
 
     pub(super) fn write_canintf(&mut self, value: u8, mask: u8, at: Cycles) {
@@ -113,7 +121,8 @@ impl Mcp2515 {
     }
 
     fn enabled_interrupts(&self) -> u8 {
-        self.registers[usize::from(registers::CANINTF)] & self.registers[usize::from(registers::CANINTE)]
+        self.registers[usize::from(registers::CANINTF)]
+            & self.registers[usize::from(registers::CANINTE)]
     }
 
     /// Level of the INT pin: high (`true`) if no enabled interrupt is pending.
@@ -123,7 +132,8 @@ impl Mcp2515 {
 
     /// ICOD (Table 7-1): the pending enabled interrupt of the highest priority. MERRF has no code.
     fn interrupt_code(&self) -> u8 {
-        const BY_PRIORITY: [u8; 7] = [int::ERR, int::WAK, int::TX0, int::TX0 << 1, int::TX0 << 2, int::RX0, int::RX1];
+        const BY_PRIORITY: [u8; 7] =
+            [int::ERR, int::WAK, int::TX0, int::TX0 << 1, int::TX0 << 2, int::RX0, int::RX1];
         let pending = self.enabled_interrupts();
         BY_PRIORITY.iter().position(|flag| pending & flag != 0).map_or(0, |n| n as u8 + 1)
     }

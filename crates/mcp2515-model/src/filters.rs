@@ -1,15 +1,15 @@
 //! Acceptance: the buffer and the filter that accept a frame.
 //!
-//! A frame is compared for RXB0 (mask 0, filters 0 and 1) first, then for RXB1 (mask 1, filters 2 to 5).
-//! The matching filter with the lowest number is reported. For standard data frames the extended part of mask
-//! and filter is compared with the first two data bytes.
+//! A frame is compared for RXB0 (mask 0, filters 0 and 1) first, then for RXB1 (mask 1, filters 2
+//! to 5). The matching filter with the lowest number is reported. For standard data frames the
+//! extended part of mask and filter is compared with the first two data bytes.
 //!
 //! The datasheet leaves two points open: in the model a missing data byte compares as 0, and a
 //! frame that is accepted with the filters off (RXM = 11) reports filter 0.
 //!
-//! Source: DS20001801J sections 4.2 and 4.5, Registers 4-1, 4-2 and 4-10 to 4-17. RXM = 01 and 10 are
-//! reserved there; the model gives them the meaning of the older revisions (standard only without data
-//! byte filtering, extended only), and writing them is a violation.
+//! Source: DS20001801J sections 4.2 and 4.5, Registers 4-1, 4-2 and 4-10 to 4-17. RXM = 01 and 10
+//! are reserved there; the model gives them the meaning of the older revisions (standard only
+//! without data byte filtering, extended only), and writing them is a violation.
 
 use super::registers::{RXM0SIDH, sidl};
 use can_model::{Frame, Id};
@@ -43,9 +43,13 @@ impl Mode {
     }
 }
 
-/// Finds the buffer for `frame`. `registers` is the register file, `rxm` has the RXM fields of RXB0CTRL and
-/// RXB1CTRL.
-pub fn accept(registers: &[u8; super::registers::SIZE], rxm: [u8; 2], frame: &Frame) -> Option<Hit> {
+/// Finds the buffer for `frame`. `registers` is the register file, `rxm` has the RXM fields of
+/// RXB0CTRL and RXB1CTRL.
+pub fn accept(
+    registers: &[u8; super::registers::SIZE],
+    rxm: [u8; 2],
+    frame: &Frame,
+) -> Option<Hit> {
     const FILTERS: [std::ops::Range<u8>; 2] = [0..2, 2..6];
     for (buffer, filters) in FILTERS.into_iter().enumerate() {
         let mode = Mode::decode(rxm[buffer]);

@@ -1,9 +1,10 @@
 #![doc = include_str!("../README.md")]
 //! # How it works
 //!
-//! The model has two sides. The SPI side (`select`, `begin_byte`, `end_byte`, `deselect`, `int_pin`) is connected to a
-//! microcontroller; the bus side is [`Station`](can_model::Station), stepped bit by bit with a
-//! protocol [`Engine`]. What the datasheet forbids is recorded as a [`Violation`].
+//! The model has two sides. The SPI side (`select`, `begin_byte`, `end_byte`, `deselect`,
+//! `int_pin`) is connected to a microcontroller; the bus side is [`Station`](can_model::Station),
+//! stepped bit by bit with a protocol [`Engine`]. What the datasheet forbids is recorded as a
+//! [`Violation`].
 //!
 //! The files: `registers` has the map, `spi` the instructions, `access` register accesses,
 //! `modes` the operating modes and start-up, `timing` CNF1..3, `filters` acceptance, `receive` and
@@ -143,7 +144,8 @@ impl Mcp2515 {
         self.can.error_state()
     }
 
-    /// Number of frames since power-up that the filters accepted and that were lost because no buffer was free.
+    /// Number of frames since power-up that the filters accepted and that were lost because no
+    /// buffer was free.
     pub fn rx_overflows(&self) -> u32 {
         self.rx_overflows
     }

@@ -1,9 +1,9 @@
-//! The five modes of operation, requests by REQOP and their result in OPMOD, sleep and wake-up, and the
-//! oscillator start-up timer.
+//! The five modes of operation, requests by REQOP and their result in OPMOD, sleep and wake-up, and
+//! the oscillator start-up timer.
 //!
 //! A request waits
-//! - in normal and loopback mode for all pending transmissions (10.0) and for the end of the frame in
-//!   progress, also a received one. Sleep waits for an idle bus.
+//! - in normal and loopback mode for all pending transmissions (10.0) and for the end of the frame
+//!   in progress, also a received one. Sleep waits for an idle bus.
 //! - for normal and listen-only mode for 11 recessive bits, which the protocol engine counts.
 //! - from configuration mode to loopback or sleep for nothing.
 //!
@@ -11,11 +11,12 @@
 //! still has sleep. It changes its mode when REQOP is written again (10.2.1).
 //!
 //! Oscillator start-up (8.1): for 128 oscillator periods after power-up, the RESET pin, the RESET
-//! instruction, or a wake-up the chip is held in reset. The driver must not use the SPI in this time:
-//! instructions are ignored, and a violation is recorded. After a wake-up by the bus registers can be read as in sleep, because the driver cannot
-//! know of the wake-up.
+//! instruction, or a wake-up the chip is held in reset. The driver must not use the SPI in this
+//! time: instructions are ignored, and a violation is recorded. After a wake-up by the bus
+//! registers can be read as in sleep, because the driver cannot know of the wake-up.
 //!
-//! Source: DS20001801J sections 8.1, 9 and 10. WAKFIL has no effect: any dominant bit wakes the chip.
+//! Source: DS20001801J sections 8.1, 9 and 10. WAKFIL has no effect: any dominant bit wakes the
+//! chip.
 
 use super::registers::{self, canctrl, int};
 use super::timing::BitTiming;
@@ -175,8 +176,8 @@ impl Mcp2515 {
         }
     }
 
-    /// At the start of a bit: if normal or listen-only mode is requested and need not wait, the engine
-    /// starts to count 11 recessive bits.
+    /// At the start of a bit: if normal or listen-only mode is requested and need not wait, the
+    /// engine starts to count 11 recessive bits.
     pub(super) fn join_bus(&mut self, at: Cycles) {
         let Some(Request { mode, at: since }) = self.request else {
             return;
@@ -197,8 +198,8 @@ impl Mcp2515 {
         self.joining = Some(mode);
     }
 
-    /// Sets the engine to the mode for `mode`. Configuration and listen-only mode clear the error counters
-    /// (10.1, 10.3); the other modes keep them.
+    /// Sets the engine to the mode for `mode`. Configuration and listen-only mode clear the error
+    /// counters (10.1, 10.3); the other modes keep them.
     pub(super) fn start_engine(&mut self, mode: Mode) {
         match mode {
             Mode::Configuration | Mode::ListenOnly => self.can.reset(),

@@ -1,13 +1,14 @@
 //! The two receive buffers: filling, rollover, overflow, and a log for latency measurements.
 //!
-//! The protocol engine has the message assembly buffer; frames arrive here complete. A frame goes to the
-//! buffer that its filters choose. If RXB0 is full and BUKT is set, it goes to RXB1, whatever RXB1's own
-//! filters are. RXB1 does not roll over. If no buffer is free, the frame is lost and sets the
-//! overflow flag of the last buffer in question (4.2, Figure 4-3).
+//! The protocol engine has the message assembly buffer; frames arrive here complete. A frame goes
+//! to the buffer that its filters choose. If RXB0 is full and BUKT is set, it goes to RXB1,
+//! whatever RXB1's own filters are. RXB1 does not roll over. If no buffer is free, the frame is
+//! lost and sets the overflow flag of the last buffer in question (4.2, Figure 4-3).
 //!
-//! Limit: with RXM = 11 the chip also loads the part of a frame before an error; the model loads only
-//! valid frames. In listen-only mode masks and filters apply as in other modes; 10.3 can be read otherwise. Data bytes
-//! beyond the frame's length keep the previous frame's values; by 4.1.2 the driver must not rely on that.
+//! Limit: with RXM = 11 the chip also loads the part of a frame before an error; the model loads
+//! only valid frames. In listen-only mode masks and filters apply as in other modes; 10.3 can be
+//! read otherwise. Data bytes beyond the frame's length keep the previous frame's values; by 4.1.2
+//! the driver must not rely on that.
 //!
 //! Source: DS20001801J section 4, Registers 4-1 to 4-9, section 7.6.1.
 
@@ -157,7 +158,13 @@ impl Mcp2515 {
         }
         let rxm = (self.registers[index] & rxctrl::RXM) >> rxctrl::RXM_SHIFT;
         if mask & rxctrl::RXM != 0 && (rxm == 0b01 || rxm == 0b10) {
-            self.violation(at, format!("RXB{n}CTRL.RXM = {rxm:02b} is reserved (DS20001801J Register 4-{})", n + 1));
+            self.violation(
+                at,
+                format!(
+                    "RXB{n}CTRL.RXM = {rxm:02b} is reserved (DS20001801J Register 4-{})",
+                    n + 1
+                ),
+            );
         }
     }
 

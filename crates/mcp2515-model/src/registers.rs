@@ -1,12 +1,12 @@
-//! The register map: the register at each address, the bits that exist, those that SPI writes can change,
-//! and the values after a reset.
+//! The register map: the register at each address, the bits that exist, those that SPI writes can
+//! change, and the values after a reset.
 //!
 //! The map is two-dimensional in the datasheet: the high digit of the address selects one of eight
-//! columns, the low digit a row. CANSTAT and CANCTRL appear in rows E and F of every column; the model
-//! stores them once.
+//! columns, the low digit a row. CANSTAT and CANCTRL appear in rows E and F of every column; the
+//! model stores them once.
 //!
-//! Source: DS20001801J section 11 (Tables 11-1 and 11-2) and the register descriptions that it lists.
-//! CANCTRL is 87h after a reset; Table 11-2 of older revisions had another value.
+//! Source: DS20001801J section 11 (Tables 11-1 and 11-2) and the register descriptions that it
+//! lists. CANCTRL is 87h after a reset; Table 11-2 of older revisions had another value.
 
 /// Size of the address space, at which addresses wrap.
 pub const SIZE: usize = 128;
@@ -194,10 +194,14 @@ fn implemented(address: u8) -> u8 {
 
 /// True if BIT MODIFY works on the register (shaded in Table 11-1).
 pub fn is_bit_modifiable(address: u8) -> bool {
-    !matches!(kind(address), Kind::Filter | Kind::Canstat | Kind::ErrorCounter | Kind::TxBuffer(_) | Kind::RxBuffer(_))
+    !matches!(
+        kind(address),
+        Kind::Filter | Kind::Canstat | Kind::ErrorCounter | Kind::TxBuffer(_) | Kind::RxBuffer(_)
+    )
 }
 
-/// The value after a reset. `None` where the datasheet has "x": the reset does not change the register.
+/// The value after a reset. `None` where the datasheet has "x": the reset does not change the
+/// register.
 pub fn reset_value(address: u8) -> Option<u8> {
     match kind(address) {
         Kind::Filter if address < RXM0SIDH => None,

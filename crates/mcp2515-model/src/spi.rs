@@ -1,14 +1,15 @@
 //! The SPI side: instructions, byte by byte.
 //!
-//! An instruction begins with the first byte after CS falls and ends when CS rises. The chip shifts its
-//! answer out while it shifts the master's byte in, so the answer has the state of the registers when the
-//! byte begins; the master's byte takes effect when it ends. During instruction, address,
-//! mask and data bytes the chip does not drive SO; the model answers FFh. The same holds while CS is
-//! high: then the bytes are for another device.
+//! An instruction begins with the first byte after CS falls and ends when CS rises. The chip shifts
+//! its answer out while it shifts the master's byte in, so the answer has the state of the
+//! registers when the byte begins; the master's byte takes effect when it ends. During instruction,
+//! address, mask and data bytes the chip does not drive SO; the model answers FFh. The same holds
+//! while CS is high: then the bytes are for another device.
 //!
-//! The address of READ, WRITE and READ RX BUFFER increments through the whole map and wraps from 7Fh to
-//! 00h. LOAD TX BUFFER stops at D7 of its buffer. The datasheet does not say what the chip does with further
-//! bytes; they are a violation. At most one violation is recorded per instruction.
+//! The address of READ, WRITE and READ RX BUFFER increments through the whole map and wraps from
+//! 7Fh to 00h. LOAD TX BUFFER stops at D7 of its buffer. The datasheet does not say what the chip
+//! does with further bytes; they are a violation. At most one violation is recorded per
+//! instruction.
 //!
 //! Source: DS20001801J section 12.
 
@@ -83,7 +84,12 @@ pub(super) struct Spi {
 
 impl Default for Spi {
     fn default() -> Spi {
-        Spi { selected: false, state: State::default(), answer: HIGH_IMPEDANCE, has_violation: false }
+        Spi {
+            selected: false,
+            state: State::default(),
+            answer: HIGH_IMPEDANCE,
+            has_violation: false,
+        }
     }
 }
 
@@ -174,7 +180,8 @@ impl Mcp2515 {
             State::ModifyAddress | State::ModifyMask { .. } | State::ModifyData { .. } => {
                 self.violation(
                     at,
-                    "BIT MODIFY ended before its data byte: nothing is changed (DS20001801J 12.10)".to_owned(),
+                    "BIT MODIFY ended before its data byte: nothing is changed (DS20001801J 12.10)"
+                        .to_owned(),
                 );
             }
             _ => {}
@@ -220,10 +227,17 @@ impl Mcp2515 {
             }
             opcode::LOAD_TX_BUFFER..=opcode::LOAD_TX_BUFFER_LAST => {
                 let buffer = TXB0CTRL + (instruction & 0b111) / 2 * BUFFER_STRIDE;
-                State::LoadTx { address: buffer + [offset::SIDH, offset::D0][usize::from(instruction & 1)] }
+                State::LoadTx {
+                    address: buffer + [offset::SIDH, offset::D0][usize::from(instruction & 1)],
+                }
             }
             _ => {
-                self.violation(at, format!("unknown instruction {instruction:02X}h: ignored (DS20001801J Table 12-1)"));
+                self.violation(
+                    at,
+                    format!(
+                        "unknown instruction {instruction:02X}h: ignored (DS20001801J Table 12-1)"
+                    ),
+                );
                 State::Ignore
             }
         };
@@ -242,12 +256,19 @@ impl Mcp2515 {
             );
         }
         let start = [offset::SIDH, offset::D0][usize::from(instruction >> 1 & 1)];
-        State::ReadRx { buffer, address: RXB0CTRL + BUFFER_STRIDE * buffer as u8 + start, read: false }
+        State::ReadRx {
+            buffer,
+            address: RXB0CTRL + BUFFER_STRIDE * buffer as u8 + start,
+            read: false,
+        }
     }
 
     fn load_tx(&mut self, address: u8, value: u8, at: Cycles) {
         if address & 0x0F > offset::D7 {
-            self.violation(at, format!("LOAD TX BUFFER of {value:02X}h beyond D7: ignored (DS20001801J 12.6)"));
+            self.violation(
+                at,
+                format!("LOAD TX BUFFER of {value:02X}h beyond D7: ignored (DS20001801J 12.6)"),
+            );
         } else {
             self.spi.state = State::LoadTx { address: next(address) };
             self.write(address, value, at);
@@ -256,7 +277,10 @@ impl Mcp2515 {
 
     fn address(&mut self, byte: u8, at: Cycles) -> u8 {
         if byte & !ADDRESS_MASK != 0 {
-            self.violation(at, format!("address {byte:02X}h is beyond 7Fh (DS20001801J Table 11-1)"));
+            self.violation(
+                at,
+                format!("address {byte:02X}h is beyond 7Fh (DS20001801J Table 11-1)"),
+            );
         }
         byte & ADDRESS_MASK
     }

@@ -57,7 +57,10 @@ impl Station for Mcp2515 {
     }
 
     fn quiet(&self, at: Cycles) -> bool {
-        if self.joining.is_some() || self.waking_until.is_some_and(|until| until <= at) || self.is_mode_change_due(at) {
+        if self.joining.is_some()
+            || self.waking_until.is_some_and(|until| until <= at)
+            || self.is_mode_change_due(at)
+        {
             return false;
         }
         match self.mode {

@@ -57,8 +57,8 @@ impl BitTiming {
         (self.quanta() - self.ps2_tq) * 1000 / self.quanta()
     }
 
-    /// The rule of the datasheet that this setting breaks (5.5, and the sums of the segments in 5.2); `None` if it is legal. Off the
-    /// bus (loopback) any bit rate is legal.
+    /// The rule of the datasheet that this setting breaks (5.5, and the sums of the segments in
+    /// 5.2); `None` if it is legal. Off the bus (loopback) any bit rate is legal.
     pub fn fault(self, osc_hz: u32, is_on_the_bus: bool) -> Option<&'static str> {
         if self.ps2_tq < INFORMATION_PROCESSING_TQ {
             Some("PS2 is shorter than 2 TQ")

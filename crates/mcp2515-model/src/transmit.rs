@@ -1,21 +1,22 @@
 //! The three transmit buffers: request, selection, result, abort.
 //!
-//! Goals: before each start of frame the pending buffer with the highest TXP is selected, and with equal TXP the one with the
-//! highest number (3.2). A request has no effect on the bus before its SPI byte ends.
+//! Goals: before each start of frame the pending buffer with the highest TXP is selected, and with
+//! equal TXP the one with the highest number (3.2). A request has no effect on the bus before its
+//! SPI byte ends.
 //!
-//! Assumptions: the engine copies the frame that it begins to send, and reports exactly one result for
-//! it: transmitted, arbitration lost, or error.
+//! Assumptions: the engine copies the frame that it begins to send, and reports exactly one result
+//! for it: transmitted, arbitration lost, or error.
 //!
-//! Invariants: TXREQ is set if and only if the buffer has a frame to send. The frame does not change while
-//! TXREQ is set, because the model ignores writes to the buffer until TXREQ is clear, which the driver must
-//! wait for (3.1).
+//! Invariants: TXREQ is set if and only if the buffer has a frame to send. The frame does not
+//! change while TXREQ is set, because the model ignores writes to the buffer until TXREQ is clear,
+//! which the driver must wait for (3.1).
 //!
 //! A request takes effect at the end of its SPI byte: the RTS instruction itself, or the
 //! data byte of a WRITE or BIT MODIFY to TXBnCTRL. A request clears ABTF, MLOA and TXERR;
 //! automatic repetitions do not.
 //!
-//! Source: DS20001801J section 3, Register 3-1, Figure 3-1. Not modelled: the TXnRTS pins, and erratum 5
-//! of the errata DS80179 (CS held low for the length of a whole frame repeats the frame).
+//! Source: DS20001801J section 3, Register 3-1, Figure 3-1. Not modelled: the TXnRTS pins, and
+//! erratum 5 of the errata DS80179 (CS held low for the length of a whole frame repeats the frame).
 
 use super::Mcp2515;
 use super::filters::unpack_id;
@@ -136,7 +137,8 @@ impl Mcp2515 {
     fn tx_frame(&self, n: usize) -> Frame {
         let control = Self::tx_control(n);
         let at = |offset: u8| self.registers[control + usize::from(offset)];
-        let id = unpack_id([at(offset::SIDH), at(offset::SIDL), at(offset::EID8), at(offset::EID0)]);
+        let id =
+            unpack_id([at(offset::SIDH), at(offset::SIDL), at(offset::EID8), at(offset::EID0)]);
         let code = at(offset::DLC) & dlc::CODE;
         if at(offset::DLC) & dlc::RTR != 0 {
             return Frame::remote(id, code);

@@ -1,6 +1,8 @@
-//! Faults of the chip that the driver does not cause: a brown-out, a flipped bit, a chip that ignores instructions.
+//! Faults of the chip that the driver does not cause: a brown-out, a flipped bit, a chip that
+//! ignores instructions.
 //!
-//! Limits: a brown-out aborts the frame on the bus and requests no transmission; the buffers' contents are garbage.
+//! Limits: a brown-out aborts the frame on the bus and requests no transmission; the buffers'
+//! contents are garbage.
 
 use super::registers::{self, Kind, canctrl, txctrl};
 use super::{Mcp2515, Mode};
@@ -8,8 +10,9 @@ use sim_base::Cycles;
 use sim_base::Noise;
 
 impl Mcp2515 {
-    /// Flips bits of a register, as a particle or a spike does. In CANCTRL this requests another mode. Registers
-    /// that only the chip writes (CANSTAT, the error counters, EFLG) do not change.
+    /// Flips bits of a register, as a particle or a spike does. In CANCTRL this requests another
+    /// mode. Registers that only the chip writes (CANSTAT, the error counters, EFLG) do not
+    /// change.
     pub fn flip_bits(&mut self, address: u8, mask: u8, at: Cycles) {
         let address = address & registers::ADDRESS_MASK;
         let stored = self.registers[usize::from(address)];
@@ -18,12 +21,14 @@ impl Mcp2515 {
             Kind::Canstat | Kind::ErrorCounter | Kind::Eflg => {}
             Kind::Canintf => self.write_canintf(stored ^ mask, mask, at),
             Kind::TxControl(n) => self.write_tx_control(n, stored ^ mask, mask, at),
-            _ => self.registers[usize::from(address)] = stored ^ mask & registers::writable(address),
+            _ => {
+                self.registers[usize::from(address)] = stored ^ mask & registers::writable(address)
+            }
         }
     }
 
-    /// A brown-out: all registers and the mode are garbage, and the chip continues with them. Equal seeds give equal
-    /// garbage.
+    /// A brown-out: all registers and the mode are garbage, and the chip continues with them. Equal
+    /// seeds give equal garbage.
     pub fn brown_out(&mut self, seed: u64, at: Cycles) {
         self.reset(at);
         self.deaf_until = at;
@@ -36,7 +41,8 @@ impl Mcp2515 {
                 _ => self.registers[usize::from(address)] = byte,
             }
         }
-        const MODES: [Mode; 5] = [Mode::Normal, Mode::Sleep, Mode::Loopback, Mode::ListenOnly, Mode::Configuration];
+        const MODES: [Mode; 5] =
+            [Mode::Normal, Mode::Sleep, Mode::Loopback, Mode::ListenOnly, Mode::Configuration];
         let mode = MODES[garbage.below(MODES.len() as u64) as usize];
         let rest = garbage.next_u64() as u8 & !(canctrl::REQOP | canctrl::ABAT);
         self.registers[usize::from(registers::CANCTRL)] = mode.code() << 5 | rest;

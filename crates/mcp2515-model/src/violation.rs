@@ -22,8 +22,8 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Driver mistakes that were not read yet. A driver in a loop can make millions: the first ones are enough, so those beyond
-/// `CAPACITY` are dropped.
+/// Driver mistakes that were not read yet. A driver in a loop can make millions: the first ones are
+/// enough, so those beyond `CAPACITY` are dropped.
 #[derive(Debug, Default)]
 pub(super) struct Violations(Vec<Violation>);
 

@@ -1,4 +1,5 @@
-//! Runs the driver on a host, with a model of the chip of a hundred lines. Sends all received frames back, in order.
+//! Runs the driver on a host, with a model of the chip of a hundred lines. Sends all received
+//! frames back, in order.
 //!
 //!     cargo run --example echo
 
@@ -55,7 +56,8 @@ fn text(id: [u8; 4], data: &[u8]) -> String {
     format!("{:08X} {}", u32::from_be_bytes(id), String::from_utf8_lossy(data))
 }
 
-/// A model of the MCP2515 that is sufficient for the driver: no bus, no errors, and modes that change at once.
+/// A model of the MCP2515 that is sufficient for the driver: no bus, no errors, and modes that
+/// change at once.
 struct Chip {
     registers: [u8; 128],
     /// The bytes of the instruction since CS fell.
@@ -81,14 +83,19 @@ impl Chip {
         self.registers[CANINTF] |= 1 << n;
     }
 
-    /// Sends the frames that wait: the highest priority first, and at equal priority the highest buffer first.
+    /// Sends the frames that wait: the highest priority first, and at equal priority the highest
+    /// buffer first.
     fn sends(&mut self) -> Vec<([u8; 4], Vec<u8>)> {
         let mut frames = vec![];
         loop {
             let waiting = TXBNCTRL.into_iter().filter(|&at| self.registers[at] & TXREQ != 0);
-            let Some(at) = waiting.max_by_key(|&at| (self.registers[at] & 3, at)) else { return frames };
+            let Some(at) = waiting.max_by_key(|&at| (self.registers[at] & 3, at)) else {
+                return frames;
+            };
             self.registers[at] &= !TXREQ;
-            let [sidh, sidl, eid8, eid0, dlc] = self.registers[at + 1..at + 6] else { unreachable!() };
+            let [sidh, sidl, eid8, eid0, dlc] = self.registers[at + 1..at + 6] else {
+                unreachable!()
+            };
             let id = [sidh >> 3, sidh << 5 | (sidl >> 3) & 0x1C | sidl & 3, eid8, eid0];
             frames.push((id, self.registers[at + 6..][..usize::from(dlc)].to_vec()));
         }
@@ -112,11 +119,13 @@ impl Chip {
             }
             0x03 if n >= 2 => return self.registers[usize::from(self.instruction[1]) + n - 2],
             0xA0 if n >= 1 => {
-                let [first, second, third] = TXBNCTRL.map(|at| u8::from(self.registers[at] & TXREQ != 0));
+                let [first, second, third] =
+                    TXBNCTRL.map(|at| u8::from(self.registers[at] & TXREQ != 0));
                 return self.registers[CANINTF] & 3 | first << 2 | second << 4 | third << 6;
             }
             0x81..=0x87 => {
-                for (_, at) in TXBNCTRL.into_iter().enumerate().filter(|(n, _)| byte & 1 << n != 0) {
+                for (_, at) in TXBNCTRL.into_iter().enumerate().filter(|(n, _)| byte & 1 << n != 0)
+                {
                     self.registers[at] |= TXREQ;
                 }
             }

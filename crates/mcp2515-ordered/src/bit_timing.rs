@@ -1,8 +1,8 @@
 //! Bit timing of the MCP2515, derived from its crystal and the bit rate at compile time.
 //!
-//! A bit is 1 (sync) + PROP + PS1 + PS2 time quanta of 2 x (BRP + 1) / F_OSC each (DS20001801J section 5). CAN in Automation recommends a
-//! sample point of 87.5 %. A 16 MHz crystal gives eight quanta at 1 Mbit/s. PS2 must have at least two quanta, so the sample point is then at
-//! 75 %.
+//! A bit is 1 (sync) + PROP + PS1 + PS2 time quanta of 2 x (BRP + 1) / F_OSC each (DS20001801J
+//! section 5). CAN in Automation recommends a sample point of 87.5 %. A 16 MHz crystal gives eight
+//! quanta at 1 Mbit/s. PS2 must have at least two quanta, so the sample point is then at 75 %.
 
 /// Contents of CNF1, CNF2 and CNF3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,7 +18,8 @@ impl BitTiming {
     /// The value in a driver without a configuration.
     pub(crate) const UNSET: Self = Self([0; 3]);
 
-    /// Computes the timing for `bit_rate` with a crystal of `f_osc_hz`. The sample point is between 75 and 90 %, as near to 87.5 % as possible.
+    /// Computes the timing for `bit_rate` with a crystal of `f_osc_hz`. The sample point is between
+    /// 75 and 90 %, as near to 87.5 % as possible.
     ///
     /// ```
     /// # use mcp2515_ordered::BitTiming;
@@ -29,11 +30,13 @@ impl BitTiming {
     ///
     /// # Panics
     ///
-    /// If the crystal does not divide to the bit rate, or gives less than eight quanta in a bit. In a `const` this is a compile error. An 8 MHz
-    /// crystal gives eight quanta at 500 kbit/s, so 1 Mbit/s is not possible.
+    /// If the crystal does not divide to the bit rate, or gives less than eight quanta in a bit. In
+    /// a `const` this is a compile error. An 8 MHz crystal gives eight quanta at 500 kbit/s, so
+    /// 1 Mbit/s is not possible.
     pub const fn new(f_osc_hz: u32, bit_rate: u32) -> Self {
-        // The smallest prescaler gives the most quanta, and more quanta place the sample point more exactly. But with more than 20 quanta, PROP
-        // and PS1, which have eight quanta at most, end too early.
+        // The smallest prescaler gives the most quanta, and more quanta place the sample point more
+        // exactly. But with more than 20 quanta, PROP and PS1, which have eight quanta at
+        // most, end too early.
         let mut brp = 0;
         let mut quanta = f_osc_hz / (2 * bit_rate);
         while quanta > 20 || quanta * 2 * (brp + 1) * bit_rate != f_osc_hz {
@@ -46,18 +49,24 @@ impl BitTiming {
         // PS2 is about an eighth of the bit.
         let ps2 = if quanta < 20 { 2 } else { 3 };
         let before = quanta - 1 - ps2;
-        // PS1 gets three fifths of the rest, and its maximum of 8 from 16 quanta on. PS1 must not be less than PS2.
+        // PS1 gets three fifths of the rest, and its maximum of 8 from 16 quanta on. PS1 must not
+        // be less than PS2.
         let ps1 = if before > 12 { 8 } else { (3 * before).div_ceil(5) };
         let prop = before - ps1;
         assert!(prop >= 1 && prop <= 8 && ps1 >= ps2);
 
         // The jump width is one quantum. PS2 must be larger than the jump width (DS20001801J 5.5).
-        let timing = Self::from_registers(brp as u8, ((ps1 - 1) as u8) << 3 | (prop - 1) as u8, (ps2 - 1) as u8);
+        let timing = Self::from_registers(
+            brp as u8,
+            ((ps1 - 1) as u8) << 3 | (prop - 1) as u8,
+            (ps2 - 1) as u8,
+        );
         assert!(timing.sample_point_permille() >= 750 && timing.sample_point_permille() <= 900);
         timing
     }
 
-    /// Makes a timing of register values from elsewhere. Always sets BTLMODE, so that `cnf3` sets PS2.
+    /// Makes a timing of register values from elsewhere. Always sets BTLMODE, so that `cnf3` sets
+    /// PS2.
     #[inline(always)]
     pub const fn from_registers(cnf1: u8, cnf2: u8, cnf3: u8) -> Self {
         Self([cnf3, BTLMODE | cnf2, cnf1])
@@ -117,19 +126,34 @@ mod tests {
     fn each_timing_has_the_requested_bit_rate_and_legal_segments() {
         let mut pairs = 0;
         for f_osc_hz in (1..=40).map(|mhz| mhz * 1_000_000) {
-            for bit_rate in [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000] {
-                let divides =
-                    |quanta| f_osc_hz % (2 * bit_rate * quanta) == 0 && f_osc_hz / (2 * bit_rate * quanta) <= 64;
+            for bit_rate in
+                [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000]
+            {
+                let divides = |quanta| {
+                    f_osc_hz % (2 * bit_rate * quanta) == 0
+                        && f_osc_hz / (2 * bit_rate * quanta) <= 64
+                };
                 if !(8..=20).any(divides) {
                     continue;
                 }
                 pairs += 1;
                 let timing = BitTiming::new(f_osc_hz, bit_rate);
                 let (cnf1, cnf2, cnf3) = (timing.cnf1(), timing.cnf2(), timing.cnf3());
-                let [prop, ps1, ps2] = [cnf2 & 7, cnf2 >> 3 & 7, cnf3 & 7].map(|bits| u32::from(bits) + 1);
+                let [prop, ps1, ps2] =
+                    [cnf2 & 7, cnf2 >> 3 & 7, cnf3 & 7].map(|bits| u32::from(bits) + 1);
                 let quanta = 1 + prop + ps1 + ps2;
-                assert_eq!(f_osc_hz, bit_rate * quanta * 2 * (u32::from(cnf1 & 0x3F) + 1), "{f_osc_hz} {bit_rate}");
-                assert!(prop + ps1 >= ps2 && ps2 >= 2 && cnf1 >> 6 == 0 && cnf2 & 0xC0 == 0x80 && cnf3 & 0xF8 == 0);
+                assert_eq!(
+                    f_osc_hz,
+                    bit_rate * quanta * 2 * (u32::from(cnf1 & 0x3F) + 1),
+                    "{f_osc_hz} {bit_rate}"
+                );
+                assert!(
+                    prop + ps1 >= ps2
+                        && ps2 >= 2
+                        && cnf1 >> 6 == 0
+                        && cnf2 & 0xC0 == 0x80
+                        && cnf3 & 0xF8 == 0
+                );
                 let permille = 1000 * (quanta - ps2) / quanta;
                 assert_eq!(u32::from(timing.sample_point_permille()), permille);
                 assert!((750..=900).contains(&permille));

@@ -1,7 +1,8 @@
 //! Access to the chip over its SPI, and the steps in which a register may be written.
 //!
-//! The MCP2515 accepts bit timing, filters and masks in configuration mode only (DS20001801J 10.1). Only [`ConfigurationMode`] can write these
-//! registers, and it exists only in the [`Step`]s between a reset and normal mode.
+//! The MCP2515 accepts bit timing, filters and masks in configuration mode only (DS20001801J 10.1).
+//! Only [`ConfigurationMode`] can write these registers, and it exists only in the [`Step`]s
+//! between a reset and normal mode.
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::SpiBus;
@@ -12,8 +13,8 @@ use crate::registers::*;
 use crate::rx_order::Buffer;
 use crate::tx_order::Rank;
 
-/// Number of checks for normal mode, one in each millisecond. The chip waits for eleven recessive bits (10.5), which a busy bus has after every
-/// frame.
+/// Number of checks for normal mode, one in each millisecond. The chip waits for eleven recessive
+/// bits (10.5), which a busy bus has after every frame.
 const NORMAL_MODE_CHECKS: u8 = 50;
 
 /// A step of the start-up.
@@ -55,7 +56,8 @@ pub struct ConfigurationMode<'c, SPI, CS> {
 }
 
 impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
-    /// Returns the register to write in this step: of a filter or a mask, CNF1 to CNF3, or CANINTE. `None` if all are written.
+    /// Returns the register to write in this step: of a filter or a mask, CNF1 to CNF3, or CANINTE.
+    /// `None` if all are written.
     #[inline(always)]
     pub fn register(&self) -> Option<u8> {
         (self.step != Step::ENTERING).then_some(self.step.0.wrapping_sub(Step::CONFIGURING.0))
@@ -68,13 +70,15 @@ impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
         self.chip.read(register) == value
     }
 
-    /// Returns the next step if the registers after this one are not part of the configuration: 0x0C to 0x0F, and 0x1C to 0x1F.
+    /// Returns the next step if the registers after this one are not part of the configuration:
+    /// 0x0C to 0x0F, and 0x1C to 0x1F.
     #[inline(always)]
     pub fn step_over(self, register: u8) -> Option<Step> {
         (register == 0x0B || register == 0x1B).then_some(Step(self.step.0 + 5))
     }
 
-    /// Requests the mode in `canctrl`. Sets RXB0 to use its filters, and to roll a frame over to RXB1 if RXB0 is full.
+    /// Requests the mode in `canctrl`. Sets RXB0 to use its filters, and to roll a frame over to
+    /// RXB1 if RXB0 is full.
     #[inline(always)]
     pub fn leave(self, canctrl: u8) {
         self.chip.access(instruction::WRITE, RXB0CTRL, BUKT);
@@ -98,7 +102,9 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     /// Returns access to configuration mode, if the chip is in it at `step`.
     #[inline(always)]
     pub fn configuration_mode(&mut self, step: Step) -> Option<ConfigurationMode<'_, SPI, CS>> {
-        (Step::CONFIGURING..=Step::ENTERING).contains(&step).then_some(ConfigurationMode { chip: self, step })
+        (Step::CONFIGURING..=Step::ENTERING)
+            .contains(&step)
+            .then_some(ConfigurationMode { chip: self, step })
     }
 
     /// Sends RESET.
@@ -125,7 +131,8 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.access(instruction::READ, register, 0)
     }
 
-    /// Begins a READ of several registers. [`next`](Self::next) reads them, and [`deselect`](Self::deselect) ends the READ.
+    /// Begins a READ of several registers. [`next`](Self::next) reads them, and
+    /// [`deselect`](Self::deselect) ends the READ.
     #[inline(always)]
     pub fn begin_read(&mut self, register: u8) {
         self.begin(instruction::READ, register);
@@ -158,7 +165,8 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.deselect();
     }
 
-    /// Reads a receive buffer with READ RX BUFFER. Stores SIDH, SIDL, EID8 and EID0 in place of the identifier. Returns RXBnDLC.
+    /// Reads a receive buffer with READ RX BUFFER. Stores SIDH, SIDL, EID8 and EID0 in place of the
+    /// identifier. Returns RXBnDLC.
     #[inline(always)]
     pub fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
         self.select();
@@ -177,7 +185,8 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     /// Writes a transmit buffer, and sends RTS for it.
     #[inline(always)]
     pub fn send_frame(&mut self, rank: Rank, frame: &Frame) {
-        // TXB0, TXB1 and TXB2 are at 0x30, 0x40 and 0x50. The register before the identifier holds the priority.
+        // TXB0, TXB1 and TXB2 are at 0x30, 0x40 and 0x50. The register before the identifier holds
+        // the priority.
         self.begin(instruction::WRITE, TXB0CTRL + ((rank.buffer() & 6) << 3));
         self.exchange(rank.priority());
         let [b3, b2, ..] = frame.id;

@@ -8,16 +8,18 @@ use crate::registers::{OSM, RX0IE, RX1IE};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Attempts {
-    /// Until a node acknowledges the frame, or the driver gives it up after [`TX_TIMEOUT_MS`](crate::TX_TIMEOUT_MS).
+    /// Until a node acknowledges the frame, or the driver gives it up after
+    /// [`TX_TIMEOUT_MS`](crate::TX_TIMEOUT_MS).
     UntilSent = 0,
-    /// Once, successful or not (DS20001801J 3.4, one-shot mode). For frames that several nodes may send with the same identifier: if the nodes
-    /// repeated them, the frames would collide for ever.
+    /// Once, successful or not (DS20001801J 3.4, one-shot mode). For frames that several nodes may
+    /// send with the same identifier: if the nodes repeated them, the frames would collide for
+    /// ever.
     Once = OSM,
 }
 
-/// The settings that can change only while the chip is off the bus. [`new`](crate::Mcp2515::new) and
-/// [`configure`](crate::Mcp2515::configure) take a configuration, and [`reconfigure`](crate::Mcp2515::reconfigure) changes it. Each of
-/// them restarts the chip.
+/// The settings that can change only while the chip is off the bus. [`new`](crate::Mcp2515::new)
+/// and [`configure`](crate::Mcp2515::configure) take a configuration, and
+/// [`reconfigure`](crate::Mcp2515::reconfigure) changes it. Each of them restarts the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Configuration<A> {
     /// The bit rate and the sample point.
@@ -37,7 +39,8 @@ impl<A> Configuration<A> {
 }
 
 impl<A: Acceptance> Configuration<A> {
-    /// The value of the register at `address`, which is a register of a filter or a mask, CNF1 to CNF3, or CANINTE.
+    /// The value of the register at `address`, which is a register of a filter or a mask, CNF1 to
+    /// CNF3, or CANINTE.
     #[inline(never)]
     pub(crate) fn register(&self, address: u8) -> u8 {
         // RXF0 to RXF2 begin at address 0, RXF3 to RXF5 at 0x10, the masks at 0x20, CNF3 at 0x28.

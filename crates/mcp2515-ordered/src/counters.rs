@@ -6,21 +6,24 @@
 pub enum Counter {
     /// Frames passed to the chip. 32 bits.
     TxRequests = 0,
-    /// Frames whose TXREQ the chip has cleared by itself. The driver counts them at the next supervision or the next frame. It counts none in
-    /// one-shot mode, where the chip clears TXREQ after a failure, too. A frame in the chip during a restart is not counted at all.
+    /// Frames whose TXREQ the chip has cleared by itself. The driver counts them at the next
+    /// supervision or the next frame. It counts none in one-shot mode, where the chip clears
+    /// TXREQ after a failure, too. A frame in the chip during a restart is not counted at all.
     TxSuccess = 4,
-    /// Frames given up after [`TX_TIMEOUT_MS`](crate::TX_TIMEOUT_MS). Includes a frame that the chip sent at the moment of the abort.
+    /// Frames given up after [`TX_TIMEOUT_MS`](crate::TX_TIMEOUT_MS). Includes a frame that the
+    /// chip sent at the moment of the abort.
     TxTimedOut = 5,
     /// Frames read from the chip, including standard and remote frames. 32 bits.
     RxReceived = 7,
-    /// Supervisions (every [`SUPERVISION_MS`](crate::SUPERVISION_MS)) that found RX0OVR or RX1OVR set. One or more frames were lost before each
-    /// of them.
+    /// Supervisions (every [`SUPERVISION_MS`](crate::SUPERVISION_MS)) that found RX0OVR or RX1OVR
+    /// set. One or more frames were lost before each of them.
     RxOverflow = 9,
-    /// The sum of the increases of the chip's receive error counter (REC) at the supervisions. An error adds 1 or 8 to REC, and a good frame
-    /// subtracts 1, so the sum shows errors between good frames only in part.
+    /// The sum of the increases of the chip's receive error counter (REC) at the supervisions. An
+    /// error adds 1 or 8 to REC, and a good frame subtracts 1, so the sum shows errors between
+    /// good frames only in part.
     RxErrors = 10,
-    /// Supervisions that found the chip bus-off when the supervision before had not. The chip can recover in 128 x 11 bit times (1.4 ms at
-    /// 1 Mbit/s), so a supervision can miss a bus-off.
+    /// Supervisions that found the chip bus-off when the supervision before had not. The chip can
+    /// recover in 128 x 11 bit times (1.4 ms at 1 Mbit/s), so a supervision can miss a bus-off.
     BusOffs = 11,
 }
 
@@ -33,8 +36,9 @@ impl Counter {
 /// Number of words in [`Counters`].
 pub const WORDS: u8 = 12;
 
-/// The counts since the driver was made, in words of 16 bits at the indices of [`Counter`]. A count of 32 bits has its low word first. The counts
-/// wrap around. A restart of the chip does not change them. Words 2, 3 and 6 are zero: an application can use them for its own counts, such as
+/// The counts since the driver was made, in words of 16 bits at the indices of [`Counter`]. A count
+/// of 32 bits has its low word first. The counts wrap around. A restart of the chip does not change
+/// them. Words 2, 3 and 6 are zero: an application can use them for its own counts, such as
 /// frames that it does not pass to the driver.
 #[cfg(feature = "counters")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

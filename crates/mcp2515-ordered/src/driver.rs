@@ -15,17 +15,20 @@ use crate::tx_order::{Rank, TxOrder};
 /// Time between two supervisions of a running chip, in milliseconds.
 pub const SUPERVISION_MS: u8 = 10;
 
-/// Time in which a chip leaves the bus for configuration mode, in milliseconds: the longest frame takes 1.3 ms at 125 kbit/s.
+/// Time in which a chip leaves the bus for configuration mode, in milliseconds: the longest frame
+/// takes 1.3 ms at 125 kbit/s.
 const LEAVE_MS: u8 = 3;
 
 /// Time from a failed start-up to the next reset of the chip, in milliseconds.
 pub const RETRY_MS: u8 = 100;
 
-/// Timeout of frames that wait to be sent, in milliseconds. An older frame is of no use to most receivers.
+/// Timeout of frames that wait to be sent, in milliseconds. An older frame is of no use to most
+/// receivers.
 pub const TX_TIMEOUT_MS: u16 = 1000;
 
-/// Time from RESET to the first access, in milliseconds. The oscillator takes 128 cycles to start (DS20001801J 8.1), 8 us at 16 MHz. The first
-/// tick of the clock may come at once, so two ticks are necessary.
+/// Time from RESET to the first access, in milliseconds. The oscillator takes 128 cycles to start
+/// (DS20001801J 8.1), 8 us at 16 MHz. The first tick of the clock may come at once, so two ticks
+/// are necessary.
 const START_UP_MS: u8 = 2;
 
 /// Number of supervisions until the driver gives up the frames that wait.
@@ -46,7 +49,8 @@ pub struct Notice {
 pub enum Event {
     /// The chip is configured and on the bus. The value is CANSTAT.
     Running,
-    /// The chip was not in configuration mode after a reset. The value is CANSTAT; 0x00 and 0xFF mean that no chip answers.
+    /// The chip was not in configuration mode after a reset. The value is CANSTAT; 0x00 and 0xFF
+    /// mean that no chip answers.
     NotAnswering,
     /// A register did not read back as written. The value is its address.
     NotKeeping,
@@ -69,7 +73,8 @@ pub struct State {
     pub is_running: bool,
     /// At the last check the chip had no frame left to send.
     pub is_empty: bool,
-    /// The chip has room for a frame: [`find_room`](Mcp2515::find_room) has found a buffer, and no frame has taken it since.
+    /// The chip has room for a frame: [`find_room`](Mcp2515::find_room) has found a buffer, and no
+    /// frame has taken it since.
     pub has_room: bool,
 }
 
@@ -96,7 +101,8 @@ impl ErrorFlags {
 
 /// The driver of a chip on an SPI in mode 0,0 with at most 10 MHz, with its CS and INT pins.
 ///
-/// Only the chip may be on the SPI ([`SpiBus`]): the driver keeps CS low during several calls of the bus.
+/// Only the chip may be on the SPI ([`SpiBus`]): the driver keeps CS low during several calls of
+/// the bus.
 pub struct Mcp2515<SPI, CS, INT, A> {
     chip: Chip<SPI, CS>,
     int: INT,
@@ -112,7 +118,8 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     wait_ms: u8,
     /// Time of the last check of the error flags, modulo 256.
     looked_ms: u8,
-    /// Buffers that waited to be sent at the last check, as bits of READ STATUS, and number of supervisions since that changed.
+    /// Buffers that waited to be sent at the last check, as bits of READ STATUS, and number of
+    /// supervisions since that changed.
     tx_waiting: u8,
     tx_checks: u8,
     /// The last part of a supervision that was done.
@@ -146,25 +153,30 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
     }
 
-    /// Makes a driver that does not access the chip before [`configure`](Self::configure). The value is all zero bytes apart from the four
-    /// arguments, so that the start-up code need not copy a `static` from flash.
+    /// Makes a driver that does not access the chip before [`configure`](Self::configure). The
+    /// value is all zero bytes apart from the four arguments, so that the start-up code need
+    /// not copy a `static` from flash.
     pub const fn unconfigured(spi: SPI, cs: CS, int: INT, acceptance: A) -> Self {
-        let configuration =
-            Configuration { timing: crate::BitTiming::UNSET, acceptance, attempts: Attempts::UntilSent };
+        let configuration = Configuration {
+            timing: crate::BitTiming::UNSET,
+            acceptance,
+            attempts: Attempts::UntilSent,
+        };
         Self::new(spi, cs, int, configuration)
     }
 
-    /// Restarts the chip with `configuration`, from the next [`poll`](Self::poll) on. Frames that the chip has not sent yet are lost. The chip is
-    /// off the bus for about 5 ms.
+    /// Restarts the chip with `configuration`, from the next [`poll`](Self::poll) on. Frames that
+    /// the chip has not sent yet are lost. The chip is off the bus for about 5 ms.
     #[inline(always)]
     pub fn configure(&mut self, configuration: Configuration<A>) {
         self.configuration = configuration;
         self.restart();
     }
 
-    /// Changes the configuration of a chip on the bus, and configures it again without a reset. The chip leaves the bus for about 5 ms when the frame
-    /// on the bus is over, so no frame that it has acknowledged is lost. Frames that it has not sent yet are aborted. A chip that is not on the bus is
-    /// restarted as by [`configure`](Self::configure).
+    /// Changes the configuration of a chip on the bus, and configures it again without a reset. The
+    /// chip leaves the bus for about 5 ms when the frame on the bus is over, so no frame that
+    /// it has acknowledged is lost. Frames that it has not sent yet are aborted. A chip that is not
+    /// on the bus is restarted as by [`configure`](Self::configure).
     #[inline(always)]
     pub fn reconfigure(&mut self, now_ms: u16, change: impl FnOnce(&mut Configuration<A>)) {
         change(&mut self.configuration);
@@ -193,7 +205,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.step.is_running()
     }
 
-    /// Returns the state without an access to the chip. `now_ms` wraps around, so call this at least every 100 ms.
+    /// Returns the state without an access to the chip. `now_ms` wraps around, so call this at
+    /// least every 100 ms.
     #[inline(always)]
     pub fn state(&mut self, now_ms: u16) -> State {
         State {
@@ -235,7 +248,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         if step == Step::DOWN {
             self.wait_ms = START_UP_MS;
             self.chip.reset();
-            // The chip has lost its waiting frames. If they still counted, each next poll would be due at once until the chip answers.
+            // The chip has lost its waiting frames. If they still counted, each next poll would be
+            // due at once until the chip answers.
             self.tx_waiting = 0;
             return None;
         }
@@ -274,20 +288,23 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         None
     }
 
-    /// True if [`receive`](Self::receive) is likely to find a frame. Takes a few cycles; `receive` needs an SPI instruction to find that there is
-    /// none.
+    /// True if [`receive`](Self::receive) is likely to find a frame. Takes a few cycles; `receive`
+    /// needs an SPI instruction to find that there is none.
     #[inline(always)]
     pub fn has_frame(&mut self) -> bool {
         // A chip that has left the bus still has the frames that it received.
-        (!self.rx.is_empty() || self.is_int_low()) && (self.is_running() || self.step == Step::STARTING)
+        (!self.rx.is_empty() || self.is_int_low())
+            && (self.is_running() || self.step == Step::STARTING)
     }
 
     fn is_int_low(&mut self) -> bool {
-        // A pin that cannot be read counts as low: an unnecessary check costs 2 us, and a missing check loses a frame.
+        // A pin that cannot be read counts as low: an unnecessary check costs 2 us, and a missing
+        // check loses a frame.
         self.int.is_low().unwrap_or(true)
     }
 
-    /// Reads the next frame from the chip. Returns false if there is none. It marks a standard or remote frame with [`Frame::FOREIGN`].
+    /// Reads the next frame from the chip. Returns false if there is none. It marks a standard or
+    /// remote frame with [`Frame::FOREIGN`].
     #[inline(always)]
     pub fn receive(&mut self, frame: &mut Frame) -> bool {
         if self.rx.is_empty() {
@@ -314,7 +331,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         true
     }
 
-    /// Checks if the chip has a buffer from which a frame is sent after all frames that wait. Then [`State::has_room`] is true.
+    /// Checks if the chip has a buffer from which a frame is sent after all frames that wait. Then
+    /// [`State::has_room`] is true.
     #[inline(never)]
     pub fn find_room(&mut self) {
         if self.step == Step::RUNNING {
@@ -323,7 +341,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         }
     }
 
-    /// Passes a frame to the chip. Does nothing unless [`find_room`](Self::find_room) has found room.
+    /// Passes a frame to the chip. Does nothing unless [`find_room`](Self::find_room) has found
+    /// room.
     #[inline(never)]
     pub fn transmit(&mut self, frame: &Frame) {
         let Some(rank) = self.room.take() else { return };
@@ -332,7 +351,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.chip.send_frame(rank, frame);
     }
 
-    /// Does the next of the four parts of a supervision, each of which takes less time than to pass a frame to the chip.
+    /// Does the next of the four parts of a supervision, each of which takes less time than to pass
+    /// a frame to the chip.
     fn supervise(&mut self) -> Option<Notice> {
         self.wait_ms = 0;
         self.part = self.part.wrapping_add(1);
@@ -358,7 +378,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             self.step = Step::RUNNING;
             self.write_canctrl(0);
         }
-        // This cannot overflow: at TX_TIMEOUT_CHECKS the driver aborts all buffers, and the next check sets the count to 0.
+        // This cannot overflow: at TX_TIMEOUT_CHECKS the driver aborts all buffers, and the next
+        // check sets the count to 0.
         self.tx_checks = self.tx_checks.wrapping_add(1);
         if self.tx_checks == TX_TIMEOUT_CHECKS {
             self.step = Step::ABORTING;
@@ -389,7 +410,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         None
     }
 
-    /// Reports error flags that have changed. Counts each bus-off: one that begins between two checks sets ERRIF again (DS20001801J 7.6).
+    /// Reports error flags that have changed. Counts each bus-off: one that begins between two
+    /// checks sets ERRIF again (DS20001801J 7.6).
     #[inline(never)]
     fn check_errors(&mut self) -> Option<Notice> {
         self.chip.begin_read(CANINTF);
@@ -412,8 +434,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         Some(Notice { event: Event::Flags, value: eflg })
     }
 
-    /// True if INT does not agree with the flags of the chip: it must be low while a frame waits. Between the two checks a frame may arrive, but none
-    /// can leave.
+    /// True if INT does not agree with the flags of the chip: it must be low while a frame waits.
+    /// Between the two checks a frame may arrive, but none can leave.
     #[inline(always)]
     fn is_int_stuck(&mut self) -> bool {
         if self.is_int_low() {

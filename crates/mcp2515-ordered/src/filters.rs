@@ -25,12 +25,15 @@ impl Pattern {
     }
 }
 
-/// The acceptance of the chip: six filters and two masks. Filters 0 and 1 belong to mask 0 and buffer 0, filters 2 to 5 to mask 1 and buffer 1.
-/// A frame that finds buffer 0 full goes to buffer 1.
+/// The acceptance of the chip: six filters and two masks. Filters 0 and 1 belong to mask 0 and
+/// buffer 0, filters 2 to 5 to mask 1 and buffer 1. A frame that finds buffer 0 full goes to buffer
+/// 1.
 ///
-/// It is a trait so that the registers need not be in RAM. [`Filters`] implements it for registers in RAM.
+/// It is a trait so that the registers need not be in RAM. [`Filters`] implements it for registers
+/// in RAM.
 pub trait Acceptance {
-    /// Returns register `n` of 32: four registers of each filter from 0 to 5, then four of each mask. See [`Pattern`].
+    /// Returns register `n` of 32: four registers of each filter from 0 to 5, then four of each
+    /// mask. See [`Pattern`].
     fn register(&self, n: u8) -> u8;
 }
 
@@ -44,20 +47,25 @@ pub struct Filters {
 }
 
 impl Filters {
-    /// Accepts every frame with an extended identifier, first in buffer 0, so that all frames stay in order.
-    pub const ALL_EXTENDED: Self =
-        Self { filters: [Pattern::filter([0; 4]); 6], masks: [Pattern::mask([0; 4]), Pattern::mask([0; 4])] };
+    /// Accepts every frame with an extended identifier, first in buffer 0, so that all frames stay
+    /// in order.
+    pub const ALL_EXTENDED: Self = Self {
+        filters: [Pattern::filter([0; 4]); 6],
+        masks: [Pattern::mask([0; 4]), Pattern::mask([0; 4])],
+    };
 }
 
 impl Acceptance for Filters {
     fn register(&self, n: u8) -> u8 {
         let at = usize::from(n / 4);
-        let pattern = self.filters.get(at).or_else(|| self.masks.get(at.wrapping_sub(self.filters.len())));
+        let pattern =
+            self.filters.get(at).or_else(|| self.masks.get(at.wrapping_sub(self.filters.len())));
         pattern.map_or(0, |pattern| pattern.0[usize::from(n % 4)])
     }
 }
 
-/// SIDH, SIDL, EID8 and EID0 for an extended identifier: bits 28..21; 20..18, IDE and 17..16; 15..8; 7..0.
+/// SIDH, SIDL, EID8 and EID0 for an extended identifier: bits 28..21; 20..18, IDE and 17..16;
+/// 15..8; 7..0.
 const fn registers([b3, b2, b1, b0]: [u8; 4]) -> [u8; 4] {
     [sidh(b3, b2), sidl(b2), b1, b0]
 }

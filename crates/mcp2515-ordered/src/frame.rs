@@ -5,9 +5,11 @@
 pub struct Frame {
     /// Number of valid bytes in `data`: 0 to 8.
     pub len: u8,
-    /// The 29-bit identifier, most significant byte first. It is bytes and not a `u32`, because an AVR shifts one bit at a time.
+    /// The 29-bit identifier, most significant byte first. It is bytes and not a `u32`, because an
+    /// AVR shifts one bit at a time.
     ///
-    /// The three highest bits are zero, except [`FOREIGN`](Self::FOREIGN) in a received standard or remote frame.
+    /// The three highest bits are zero, except [`FOREIGN`](Self::FOREIGN) in a received standard
+    /// or remote frame.
     pub id: [u8; 4],
     /// The data bytes. The bytes after the first `len` are undefined.
     pub data: [u8; Frame::MAX_LEN],
@@ -17,8 +19,9 @@ impl Frame {
     /// Data bytes of a classic CAN frame at most.
     pub const MAX_LEN: usize = 8;
 
-    /// Bit in the first byte of `id`: the received frame has a standard identifier, or is a remote frame. The driver returns the frame because it
-    /// occupies a buffer of the chip. The other bits of `id` are valid only for an extended identifier. Filters for extended identifiers
+    /// Bit in the first byte of `id`: the received frame has a standard identifier, or is a remote
+    /// frame. The driver returns the frame because it occupies a buffer of the chip. The other
+    /// bits of `id` are valid only for an extended identifier. Filters for extended identifiers
     /// reject standard frames; no filter rejects remote frames.
     pub const FOREIGN: u8 = 1 << 7;
 

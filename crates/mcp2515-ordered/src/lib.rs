@@ -1,9 +1,11 @@
-//! A driver for the CAN controller MCP2515 (datasheet DS20001801J) that never waits, keeps frames in order, and supervises the chip.
+//! A driver for the CAN controller MCP2515 (datasheet DS20001801J) that never waits, keeps frames
+//! in order, and supervises the chip.
 //!
 //! # Getting started
 //!
-//! [`Mcp2515::new`] takes an SPI bus that only the chip uses, the pins CS and INT, and a [`Configuration`]. A main loop calls
-//! [`Mcp2515::poll`] when [`State::is_due`] is true, and [`Mcp2515::receive`] when [`Mcp2515::has_frame`] is true; the interrupt of INT may call
+//! [`Mcp2515::new`] takes an SPI bus that only the chip uses, the pins CS and INT, and a
+//! [`Configuration`]. A main loop calls [`Mcp2515::poll`] when [`State::is_due`] is true, and
+//! [`Mcp2515::receive`] when [`Mcp2515::has_frame`] is true; the interrupt of INT may call
 //! `receive` instead. The caller passes the time: 16 bits of milliseconds that wrap around.
 //!
 //! ```
@@ -49,46 +51,54 @@
 //!
 //! # How it works
 //!
-//! [`Mcp2515::poll`] starts the chip one short step at a time: it resets the chip, writes each register *and reads it back*, and requests normal
-//! mode, which CANSTAT must confirm. While the chip runs, `poll` checks every [`SUPERVISION_MS`] that the chip still has its
-//! configuration (a brown-out or a glitch resets it) and that INT agrees with its flags, and reads its error flags and counters. After any
-//! failure it returns a [`Notice`] and restarts the chip, any number of times: at once if the chip was running, else after
-//! [`RETRY_MS`]. It cannot check filters and masks of a running chip: outside configuration mode they read as zero (4.5).
+//! [`Mcp2515::poll`] starts the chip one short step at a time: it resets the chip, writes each
+//! register *and reads it back*, and requests normal mode, which CANSTAT must confirm. While the
+//! chip runs, `poll` checks every [`SUPERVISION_MS`] that the chip still has its configuration (a
+//! brown-out or a glitch resets it) and that INT agrees with its flags, and reads its error flags
+//! and counters. After any failure it returns a [`Notice`] and restarts the chip, any number of
+//! times: at once if the chip was running, else after [`RETRY_MS`]. It cannot check filters and
+//! masks of a running chip: outside configuration mode they read as zero (4.5).
 //!
-//! The registers that the chip accepts in configuration mode only are one value, [`Configuration`]. Only [`Mcp2515::configure`] and
-//! [`Mcp2515::reconfigure`] change it, and both restart the chip. Inside the driver, only a type that exists between reset and normal mode can
-//! write these registers.
+//! The registers that the chip accepts in configuration mode only are one value, [`Configuration`].
+//! Only [`Mcp2515::configure`] and [`Mcp2515::reconfigure`] change it, and both restart the chip.
+//! Inside the driver, only a type that exists between reset and normal mode can write these
+//! registers.
 //!
-//! [`Mcp2515::has_frame`] polls the level of the INT pin. An edge is not enough: if a second frame arrives before the first is read, the pin stays
-//! low, and no further edge comes.
+//! [`Mcp2515::has_frame`] polls the level of the INT pin. An edge is not enough: if a second frame
+//! arrives before the first is read, the pin stays low, and no further edge comes.
 //!
 //! # Order
 //!
-//! The driver sends frames in the order of [`Mcp2515::transmit`], although the chip sends the highest of its three buffers first.
-//! [`Mcp2515::receive`] returns frames in the order in which they arrived, although the chip has two buffers and no order between them. There is
-//! one exception: frames that only buffer 1's own filters accept are in order among themselves, but not with the frames of buffer 0. See
-//! [`Acceptance`].
+//! The driver sends frames in the order of [`Mcp2515::transmit`], although the chip sends the
+//! highest of its three buffers first. [`Mcp2515::receive`] returns frames in the order in which
+//! they arrived, although the chip has two buffers and no order between them. There is
+//! one exception: frames that only buffer 1's own filters accept are in order among themselves, but
+//! not with the frames of buffer 0. See [`Acceptance`].
 //!
 //! # Cost
 //!
-//! To receive a frame takes two chip selects and 8 bytes besides its data: READ STATUS, and READ RX BUFFER, which also clears the flag. If INT is
-//! still low after that, the driver reads the status at once, and the next frame needs no READ STATUS. To send a frame takes three chip
-//! selects and 19 bytes: READ STATUS, WRITE, and RTS.
+//! To receive a frame takes two chip selects and 8 bytes besides its data: READ STATUS, and READ RX
+//! BUFFER, which also clears the flag. If INT is still low after that, the driver reads the status
+//! at once, and the next frame needs no READ STATUS. To send a frame takes three chip selects and
+//! 19 bytes: READ STATUS, WRITE, and RTS.
 //!
 //! # Assumptions and limits
 //!
-//! * The application must call `receive` for each frame within two frame times, or the chip loses frames; within one frame time if the filters
-//!   give the frame one buffer only. The driver reports each check that finds frames lost. An interrupt may call `receive` while the main loop does
-//!   not use the driver.
-//! * The driver requests transmission by RTS in SPI mode 0,0. A request by WRITE could send a frame twice in one-shot mode if CS stayed low until
-//!   the end of the frame (errata DS80000179, 5).
-//! * The driver does not report an error of the SPI or of a pin itself. The values that it then reads are wrong, so its checks find a failure and
-//!   it restarts the chip.
-//! * The driver handles extended data frames only. It marks other frames that the filters accept with [`Frame::FOREIGN`].
+//! * The application must call `receive` for each frame within two frame times, or the chip loses
+//!   frames; within one frame time if the filters give the frame one buffer only. The driver
+//!   reports each check that finds frames lost. An interrupt may call `receive` while the main loop
+//!   does not use the driver.
+//! * The driver requests transmission by RTS in SPI mode 0,0. A request by WRITE could send a frame
+//!   twice in one-shot mode if CS stayed low until the end of the frame (errata DS80000179, 5).
+//! * The driver does not report an error of the SPI or of a pin itself. The values that it then
+//!   reads are wrong, so its checks find a failure and it restarts the chip.
+//! * The driver handles extended data frames only. It marks other frames that the filters accept
+//!   with [`Frame::FOREIGN`].
 //!
 //! # Features
 //!
-//! `counters`: the driver counts in [`Counters`]. Without the feature they are zero and take no memory.
+//! `counters`: the driver counts in [`Counters`]. Without the feature they are zero and take no
+//! memory.
 
 #![no_std]
 #![forbid(unsafe_code)]
@@ -108,6 +118,8 @@ mod tx_order;
 pub use bit_timing::BitTiming;
 pub use configuration::{Attempts, Configuration};
 pub use counters::{Counter, Counters, WORDS};
-pub use driver::{ErrorFlags, Event, Mcp2515, Notice, RETRY_MS, SUPERVISION_MS, State, TX_TIMEOUT_MS};
+pub use driver::{
+    ErrorFlags, Event, Mcp2515, Notice, RETRY_MS, SUPERVISION_MS, State, TX_TIMEOUT_MS,
+};
 pub use filters::{Acceptance, Filters, Pattern};
 pub use frame::Frame;

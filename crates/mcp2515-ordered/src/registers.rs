@@ -1,4 +1,5 @@
-//! Instructions, registers and bits of the MCP2515 that the driver uses, by their names in DS20001801J (sections 11, 12).
+//! Instructions, registers and bits of the MCP2515 that the driver uses, by their names in
+//! DS20001801J (sections 11, 12).
 
 /// SPI instructions (table 12-1).
 pub mod instruction {
@@ -8,7 +9,8 @@ pub mod instruction {
     pub const BIT_MODIFY: u8 = 0x05;
     /// Request to send (RTS). The bits 1, 2 and 4 select the buffers.
     pub const RTS: u8 = 0x80;
-    /// READ RX BUFFER of RXB0, from RXB0SIDH on; add 4 for RXB1. The rising edge of CS clears the buffer's RXnIF.
+    /// READ RX BUFFER of RXB0, from RXB0SIDH on; add 4 for RXB1. The rising edge of CS clears the
+    /// buffer's RXnIF.
     pub const READ_RX_BUFFER: u8 = 0x90;
     pub const READ_STATUS: u8 = 0xA0;
     pub const RESET: u8 = 0xC0;
@@ -30,8 +32,8 @@ pub const CNF3: u8 = 0x28;
 pub const CANINTE: u8 = 0x2B;
 pub const CANINTF: u8 = 0x2C;
 pub const EFLG: u8 = 0x2D;
-/// TXBnCTRL of the other buffers are 16 and 32 higher. The two lowest bits are TXP, the priority. SIDH, SIDL, EID8, EID0, DLC and the data
-/// follow.
+/// TXBnCTRL of the other buffers are 16 and 32 higher. The two lowest bits are TXP, the priority.
+/// SIDH, SIDL, EID8, EID0, DLC and the data follow.
 pub const TXB0CTRL: u8 = 0x30;
 pub const RXB0CTRL: u8 = 0x60;
 
@@ -71,7 +73,8 @@ pub const RXM: u8 = 0b0110_0000;
 /// RXB0CTRL: a frame that finds buffer 0 full goes to buffer 1.
 pub const BUKT: u8 = 1 << 2;
 
-/// RXBnSIDL: the frame has an extended identifier. The name of the bit in TXBnSIDL and RXFnSIDL is EXIDE.
+/// RXBnSIDL: the frame has an extended identifier. The name of the bit in TXBnSIDL and RXFnSIDL is
+/// EXIDE.
 pub const IDE: u8 = 1 << 3;
 /// RXBnDLC: the frame is a remote frame. Only for an extended identifier.
 pub const RTR: u8 = 1 << 6;

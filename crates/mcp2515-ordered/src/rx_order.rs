@@ -1,14 +1,18 @@
 //! Keeps frames in order through the MCP2515's two receive buffers.
 //!
-//! With BUKT set, a frame that finds RXB0 full goes to RXB1. So if a check finds both buffers full and the last check found both empty, RXB0
-//! holds the older frame. But a frame can roll over to RXB1 while the driver reads RXB0, and the next frame then goes to RXB0: now RXB1
-//! holds the older frame. Both sequences can happen between two checks of the chip, and the flags are the same afterwards.
+//! With BUKT set, a frame that finds RXB0 full goes to RXB1. So if a check finds both buffers full
+//! and the last check found both empty, RXB0 holds the older frame. But a frame can roll over to
+//! RXB1 while the driver reads RXB0, and the next frame then goes to RXB0: now RXB1 holds the older
+//! frame. Both sequences can happen between two checks of the chip, and the flags are the same
+//! afterwards.
 //!
-//! The driver distinguishes them right after it has emptied RXB0. If INT is high then, both buffers are empty. If INT is low, the driver
-//! checks the flags at once. No whole frame fits between the release of RXB0 and this check, because a frame takes 67 us or more and the check 5 us.
+//! The driver distinguishes them right after it has emptied RXB0. If INT is high then, both buffers
+//! are empty. If INT is low, the driver checks the flags at once. No whole frame fits between the
+//! release of RXB0 and this check, because a frame takes 67 us or more and the check 5 us.
 //! So if RXB1 is full at this check, its frame is older than a frame in RXB0.
 //!
-//! Frames that only RXB1's own filters accept go directly to RXB1. They keep their order among themselves, but not with frames from RXB0.
+//! Frames that only RXB1's own filters accept go directly to RXB1. They keep their order among
+//! themselves, but not with frames from RXB0.
 
 /// A receive buffer. The value is the bit of its flag in CANINTF and in READ STATUS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,12 +39,14 @@ impl RxOrder {
         Self(0)
     }
 
-    /// True if no buffer is known to be full, so that the driver must check the flags before it reads a frame.
+    /// True if no buffer is known to be full, so that the driver must check the flags before it
+    /// reads a frame.
     pub fn is_empty(&self) -> bool {
         self.0 == 0
     }
 
-    /// Takes the result of a check at any time after both buffers were known to be empty. `status` is the answer to READ STATUS.
+    /// Takes the result of a check at any time after both buffers were known to be empty. `status`
+    /// is the answer to READ STATUS.
     pub fn seen_late(&mut self, status: u8) {
         self.0 = status & BOTH;
     }
@@ -57,7 +63,9 @@ impl RxOrder {
     pub fn take(&mut self) -> Option<Buffer> {
         let buffer = match self.0 {
             0 => return None,
-            order if order & (Buffer::Rxb0 as u8 | RXB1_FIRST) == Buffer::Rxb0 as u8 => Buffer::Rxb0,
+            order if order & (Buffer::Rxb0 as u8 | RXB1_FIRST) == Buffer::Rxb0 as u8 => {
+                Buffer::Rxb0
+            }
             _ => Buffer::Rxb1,
         };
         self.0 &= BOTH & !(buffer as u8);
@@ -86,7 +94,8 @@ mod tests {
         }
     }
 
-    /// Frames arrive at random times, at least 9 steps apart. A read takes 3 steps, a check 1, and other work up to 40.
+    /// Frames arrive at random times, at least 9 steps apart. A read takes 3 steps, a check 1, and
+    /// other work up to 40.
     #[test]
     fn frames_come_out_in_order_whenever_they_arrive() {
         let mut random: u32 = 7;

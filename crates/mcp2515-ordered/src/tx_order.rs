@@ -1,9 +1,10 @@
 //! Keeps frames in order through the MCP2515's three transmit buffers.
 //!
-//! The chip sends the buffer with the highest TXP first, and of buffers with equal TXP the one with the highest number (DS20001801J 3.2). So a
-//! buffer and a priority together are a rank, and the chip sends a frame after all waiting frames if its rank is lower than theirs. The
-//! driver assigns ranks downwards. When none is left, the next frame waits until all buffers are empty, and the ranks start again from
-//! the top. So there is at most one gap in twelve frames.
+//! The chip sends the buffer with the highest TXP first, and of buffers with equal TXP the one with
+//! the highest number (DS20001801J 3.2). So a buffer and a priority together are a rank, and the
+//! chip sends a frame after all waiting frames if its rank is lower than theirs. The driver assigns
+//! ranks downwards. When none is left, the next frame waits until all buffers are empty, and the
+//! ranks start again from the top. So there is at most one gap in twelve frames.
 
 use core::num::NonZeroU8;
 
@@ -24,9 +25,11 @@ impl Rank {
         self.0.get() & 7
     }
 
-    /// The TXREQ of the buffer in the answer to READ STATUS: 0x04, 0x10 or 0x40 for buffer 1, 2 or 4.
+    /// The TXREQ of the buffer in the answer to READ STATUS: 0x04, 0x10 or 0x40 for buffer 1, 2 or
+    /// 4.
     pub fn status(self) -> u8 {
-        // The square of a power of two is a power of two, and an AVR multiplies faster than it shifts.
+        // The square of a power of two is a power of two, and an AVR multiplies faster than it
+        // shifts.
         self.buffer().wrapping_mul(self.buffer()) << 2
     }
 
@@ -48,11 +51,12 @@ impl TxOrder {
         Self(None)
     }
 
-    /// Returns the rank for the next frame, or `None` if no free rank keeps the order. `busy` is the buffers that wait or are being sent, as bits
-    /// of READ STATUS.
+    /// Returns the rank for the next frame, or `None` if no free rank keeps the order. `busy` is
+    /// the buffers that wait or are being sent, as bits of READ STATUS.
     pub fn next(&mut self, busy: u8) -> Option<Rank> {
         let rank = if busy == 0 { Rank::HIGHEST } else { self.0?.next()? };
-        // The driver fills the buffers in a fixed order, and the chip empties them in the same order. So if this one is busy, all are.
+        // The driver fills the buffers in a fixed order, and the chip empties them in the same
+        // order. So if this one is busy, all are.
         if busy & rank.status() != 0 {
             return None;
         }
@@ -78,7 +82,8 @@ mod tests {
         let (mut loaded, mut sent) = (0, 0);
         while sent < 10_000 {
             random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            let busy = (0..3).fold(0, |mask, b| mask | u8::from(waiting[b].is_some()) << (2 * b + 2));
+            let busy =
+                (0..3).fold(0, |mask, b| mask | u8::from(waiting[b].is_some()) << (2 * b + 2));
             if random >> 16 & 1 == 0 {
                 if let Some(rank) = order.next(busy) {
                     let buffer = rank.buffer().trailing_zeros() as usize;

@@ -8,10 +8,13 @@ use can_model::{Bus, Fault, Frame, Id, PortId, RecordKind, SoftNode};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::spi::{self, SpiBus};
 use mcp2515_model::Mcp2515 as Chip;
-use mcp2515_ordered::Counter::{BusOffs, RxOverflow, RxReceived, TxRequests, TxSuccess, TxTimedOut};
+use mcp2515_ordered::Counter::{
+    BusOffs, RxOverflow, RxReceived, TxRequests, TxSuccess, TxTimedOut,
+};
 use mcp2515_ordered::Frame as DriverFrame;
 use mcp2515_ordered::{
-    Acceptance, Attempts, BitTiming, Configuration, Counter, ErrorFlags, Event, Mcp2515, Notice, Pattern,
+    Acceptance, Attempts, BitTiming, Configuration, Counter, ErrorFlags, Event, Mcp2515, Notice,
+    Pattern,
 };
 use sim_base::Cycles;
 
@@ -192,11 +195,20 @@ impl Rig {
             miso_stuck: None,
         };
         let wire = Wire(Rc::new(RefCell::new(world)));
-        let configuration = Configuration { timing: BitTiming::new(CRYSTAL_HZ, bit_rate), acceptance, attempts };
+        let configuration =
+            Configuration { timing: BitTiming::new(CRYSTAL_HZ, bit_rate), acceptance, attempts };
         let driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), configuration);
         let violations_expected = false;
-        let mut rig =
-            Rig { wire, driver, peer, chip_port, peer_port, notices: vec![], received: vec![], violations_expected };
+        let mut rig = Rig {
+            wire,
+            driver,
+            peer,
+            chip_port,
+            peer_port,
+            notices: vec![],
+            received: vec![],
+            violations_expected,
+        };
         rig.idle_ms(1);
         rig
     }
@@ -279,7 +291,9 @@ impl Rig {
         let (mut frames, mut errors) = (vec![], 0);
         for record in records {
             match record.kind {
-                RecordKind::Frame { frame, from, .. } if from == Some(self.chip_port) => frames.push(frame),
+                RecordKind::Frame { frame, from, .. } if from == Some(self.chip_port) => {
+                    frames.push(frame)
+                }
                 RecordKind::Frame { .. } => {}
                 RecordKind::ErrorFrame { .. } => errors += 1,
             }
@@ -303,7 +317,11 @@ impl Rig {
     /// Asserts the counts of frames requested, successful and given up.
     #[track_caller]
     fn assert_sent(&self, requests: u32, success: u32, timed_out: u32) {
-        self.assert_counts(&[(TxRequests, requests), (TxSuccess, success), (TxTimedOut, timed_out)]);
+        self.assert_counts(&[
+            (TxRequests, requests),
+            (TxSuccess, success),
+            (TxTimedOut, timed_out),
+        ]);
     }
 
     fn take_cost(&mut self) -> (u32, u32) {
@@ -428,7 +446,8 @@ fn a_frame_costs_two_chip_selects_and_8_bytes_besides_its_data() {
 
 #[test]
 fn frames_back_to_back_stay_in_order_at_no_more_than_two_chip_selects_each() {
-    // Some of these times fill both buffers, and some roll a frame over while the driver reads RXB0.
+    // Some of these times fill both buffers, and some roll a frame over while the driver reads
+    // RXB0.
     for service_us in [20, 60, 90, 100, 105, 110, 120, 130, 180, 250] {
         let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
         for n in 0..60 {
@@ -444,9 +463,15 @@ fn frames_back_to_back_stay_in_order_at_no_more_than_two_chip_selects_each() {
         }
         let numbers: Vec<u8> = rig.received.iter().map(|frame| frame.data[0]).collect();
         assert!(numbers.is_sorted_by(|a, b| a < b), "served after {service_us} us: {numbers:?}");
-        assert!(service_us > 105 || numbers.len() == 60, "served after {service_us} us: {numbers:?}");
+        assert!(
+            service_us > 105 || numbers.len() == 60,
+            "served after {service_us} us: {numbers:?}"
+        );
         let (selects, _) = rig.take_cost();
-        assert!(selects <= 2 * numbers.len() as u32, "served after {service_us} us: {selects} chip selects");
+        assert!(
+            selects <= 2 * numbers.len() as u32,
+            "served after {service_us} us: {selects} chip selects"
+        );
     }
 }
 
@@ -506,7 +531,8 @@ fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_a
         rig.run_ms(30);
         assert_eq!(rig.take_traffic(), (vec![], 1), "bit {bit}");
     }
-    // The second frame of the peer and the frame of the chip both begin after the frame that is on the bus.
+    // The second frame of the peer and the frame of the chip both begin after the frame that is on
+    // the bus.
     rig.peer_sends(Frame::extended(0x0000_0001, &[0; 8]));
     rig.peer_sends(Frame::extended(0x0000_0001, &[1; 8]));
     rig.idle_us(50);
@@ -563,7 +589,9 @@ fn a_new_configuration_applies_within_20_ms() {
 
 #[test]
 fn a_changed_mode_or_register_is_detected_and_repaired_within_20_ms() {
-    for (register, value) in [(CANCTRL, OSM), (CANCTRL, 0x60), (CANINTE, 0x01), (RXB0CTRL, 0x00), (RXB0CTRL, 0x64)] {
+    for (register, value) in
+        [(CANCTRL, OSM), (CANCTRL, 0x60), (CANINTE, 0x01), (RXB0CTRL, 0x00), (RXB0CTRL, 0x64)]
+    {
         let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
         rig.direct_spi(&[WRITE, register, value]);
         rig.run_ms(20);
@@ -614,7 +642,9 @@ fn a_register_that_reads_back_wrong_is_reported_and_the_chip_stays_off_the_bus()
         let mut rig = Rig::at_rate(8, EVERYTHING, Attempts::UntilSent);
         rig.wire.0.borrow_mut().corrupted = Some(register);
         rig.run_ms(20);
-        let [Notice { event: Event::NotKeeping, value }] = rig.notices[..] else { panic!("{:?}", rig.notices) };
+        let [Notice { event: Event::NotKeeping, value }] = rig.notices[..] else {
+            panic!("{:?}", rig.notices)
+        };
         assert_eq!(value, register);
         assert!(!rig.driver.state(0).is_running);
         rig.notices.clear();
@@ -690,7 +720,8 @@ fn receive_errors_are_counted_as_rec_increases() {
 #[test]
 fn a_long_bus_off_is_counted_once() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
-    // The chip sees another bit than it sends, until it is bus-off. Then the bus is stuck dominant, so that the chip cannot recover.
+    // The chip sees another bit than it sends, until it is bus-off. Then the bus is stuck dominant,
+    // so that the chip cannot recover.
     let chip_port = rig.chip_port;
     rig.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
     assert!(rig.transmit(&frame(0x1801_552A, &[0; 8])));
@@ -702,8 +733,10 @@ fn a_long_bus_off_is_counted_once() {
     }
     rig.inject(Fault::StuckDominant(true));
     rig.run_ms(300);
-    let bus_offs =
-        rig.notices.iter().filter(|notice| notice.event == Event::Flags && ErrorFlags(notice.value).bus_off());
+    let bus_offs = rig
+        .notices
+        .iter()
+        .filter(|notice| notice.event == Event::Flags && ErrorFlags(notice.value).bus_off());
     assert_eq!(bus_offs.count(), 1, "{:?}", rig.notices);
     rig.assert_counts(&[(BusOffs, 1)]);
     rig.inject(Fault::StuckDominant(false));

@@ -12,9 +12,9 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
     if text.starts_with('-') {
         return Err(format!("\"{text}\" is negative: write for example 500ms, 5s, 2m or 1h"));
     }
-    let unit_at = text
-        .find(|c: char| !c.is_ascii_digit() && c != '.')
-        .ok_or_else(|| format!("\"{text}\" has no unit: write {text}s, {text}ms, {text}m or {text}h"))?;
+    let unit_at = text.find(|c: char| !c.is_ascii_digit() && c != '.').ok_or_else(|| {
+        format!("\"{text}\" has no unit: write {text}s, {text}ms, {text}m or {text}h")
+    })?;
     let (number, unit) = text.split_at(unit_at);
     let seconds = match unit {
         "us" => 1e-6,
@@ -24,8 +24,9 @@ pub fn parse_seconds(text: &str) -> Result<f64, String> {
         "h" => 3600.0,
         other => return Err(format!("unknown unit \"{other}\": use us, ms, s, m or h")),
     };
-    let number: f64 =
-        number.parse().map_err(|_| format!("\"{text}\" is not a duration: write for example 500ms, 5s, 2m or 1h"))?;
+    let number: f64 = number.parse().map_err(|_| {
+        format!("\"{text}\" is not a duration: write for example 500ms, 5s, 2m or 1h")
+    })?;
     match number * seconds {
         seconds if seconds > TEN_YEARS_S => Err(format!("\"{text}\" is longer than ten years")),
         seconds => Ok(seconds),
@@ -38,8 +39,15 @@ mod tests {
 
     #[test]
     fn durations_accept_every_unit() {
-        let cases =
-            [("250us", 250e-6), ("500ms", 0.5), ("5s", 5.0), ("1.5s", 1.5), ("2m", 120.0), ("1h", 3600.0), ("0s", 0.0)];
+        let cases = [
+            ("250us", 250e-6),
+            ("500ms", 0.5),
+            ("5s", 5.0),
+            ("1.5s", 1.5),
+            ("2m", 120.0),
+            ("1h", 3600.0),
+            ("0s", 0.0),
+        ];
         for (text, seconds) in cases {
             let parsed = parse_seconds(text).unwrap();
             assert!((parsed - seconds).abs() < 1e-9, "{text}: {parsed}");

@@ -7,7 +7,8 @@ mod noise;
 pub use duration::parse_seconds;
 pub use noise::Noise;
 
-/// Time in cycles of a 16 MHz clock since the start of the simulation. It never decreases, also when a processor is reset.
+/// Time in cycles of a 16 MHz clock since the start of the simulation. It never decreases, also
+/// when a processor is reset.
 pub type Cycles = u64;
 
 /// Frequency of the clock that counts simulated time, in hertz: the crystal of the Arduinos.

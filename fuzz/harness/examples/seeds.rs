@@ -1,5 +1,6 @@
-//! Makes the first inputs of the corpus: `cargo run -p fuzz-harness --example seeds -- DIRECTORY LOG...`. Each LOG is a file of
-//! `sim --log FILE` or candump. The inputs of a target go to the folder with its name.
+//! Makes the first inputs of the corpus: `cargo run -p fuzz-harness --example seeds -- DIRECTORY
+//! LOG...`. Each LOG is a file of `sim --log FILE` or candump. The inputs of a target go to the
+//! folder with its name.
 
 use std::error::Error;
 use std::fs;
@@ -37,12 +38,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     for log in arguments {
         let frames = frames(&fs::read_to_string(&log)?);
-        let stem = Path::new(&log).file_stem().ok_or("a log without a name")?.to_string_lossy().into_owned();
+        let stem = Path::new(&log)
+            .file_stem()
+            .ok_or("a log without a name")?
+            .to_string_lossy()
+            .into_owned();
         for (number, piece) in frames.chunks(PIECE).enumerate() {
             let name = format!("{stem}-{number:03}");
             write("node", &name, &bytes_of(&life(piece)))?;
             write("bridge", &name, &bus(piece))?;
-            for (kind, input) in [(0, slcan_text(piece)), (1, slcan_text(piece)), (3, text(piece)), (4, raw(piece))] {
+            for (kind, input) in
+                [(0, slcan_text(piece)), (1, slcan_text(piece)), (3, text(piece)), (4, raw(piece))]
+            {
                 write("host", &format!("{name}-{kind}"), &[&[kind], input.as_slice()].concat())?;
             }
         }
@@ -119,7 +126,10 @@ fn bus(frames: &[(u64, Frame)]) -> Vec<u8> {
 }
 
 fn sent(what: Type, number: u8, payload: &[u8]) -> Step {
-    Step::Transfer { sent: Sent { what, source: 127, number, payload: payload.to_vec() }, damage: None }
+    Step::Transfer {
+        sent: Sent { what, source: 127, number, payload: payload.to_vec() },
+        damage: None,
+    }
 }
 
 /// A GetSet request that sets an integer by index.
@@ -158,7 +168,11 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
                     sent(Type::GetTransportStats, 1, &[]),
                     sent(Type::FileRead, 2, &[0]),
                 ],
-                vec![sent(Type::BeginFirmwareUpdate, 3, b"\x7Ffirmware.bin"), by_name(b"OUT1_MIN"), by_name(b"NONE")],
+                vec![
+                    sent(Type::BeginFirmwareUpdate, 3, b"\x7Ffirmware.bin"),
+                    by_name(b"OUT1_MIN"),
+                    by_name(b"NONE"),
+                ],
                 wait(100).to_vec(),
             ]
             .concat(),
@@ -199,7 +213,11 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
         (
             "arming",
             [
-                vec![set(1, ARM_REQ, 1), sent(Type::ArrayCommand, 0, &half), sent(Type::ArmingStatus, 0, &[255])],
+                vec![
+                    set(1, ARM_REQ, 1),
+                    sent(Type::ArrayCommand, 0, &half),
+                    sent(Type::ArmingStatus, 0, &[255]),
+                ],
                 vec![sent(Type::ArrayCommand, 1, &half)],
                 wait(5000).to_vec(),
                 vec![sent(Type::ArrayCommand, 2, &half), sent(Type::ArmingStatus, 1, &[0])],
@@ -209,9 +227,21 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
         (
             "long-commands",
             [
-                vec![sent(Type::ArrayCommand, 0, &long), damaged(Damage::Lost, 1), damaged(Damage::Twice, 1)],
-                vec![damaged(Damage::First, 2), damaged(Damage::Last, 0), damaged(Damage::Short, 2)],
-                vec![damaged(Damage::Toggle, 3), damaged(Damage::Bit, 4), damaged(Damage::Number, 1)],
+                vec![
+                    sent(Type::ArrayCommand, 0, &long),
+                    damaged(Damage::Lost, 1),
+                    damaged(Damage::Twice, 1),
+                ],
+                vec![
+                    damaged(Damage::First, 2),
+                    damaged(Damage::Last, 0),
+                    damaged(Damage::Short, 2),
+                ],
+                vec![
+                    damaged(Damage::Toggle, 3),
+                    damaged(Damage::Bit, 4),
+                    damaged(Damage::Number, 1),
+                ],
                 wait(20).to_vec(),
                 vec![sent(Type::LightsCommand, 0, &[0, 0xFF, 0xFF, 1, 0, 0, 2, 3, 4])],
             ]
@@ -223,17 +253,37 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
             (0..8)
                 .flat_map(|second| {
                     let status = sent(Type::NodeStatus, second, &[second, 0, 0, 0, 0, 0, 0]);
-                    [status, sent(Type::ThesisCommand, second, &[second * 30]), Step::Wait(1000), Step::Leave(0)]
+                    [
+                        status,
+                        sent(Type::ThesisCommand, second, &[second * 30]),
+                        Step::Wait(1000),
+                        Step::Leave(0),
+                    ]
                 })
                 .collect(),
         ),
         (
             "inputs",
             [
-                vec![Step::Input(Input::Pressed), Step::Wait(60), Step::Input(Input::Released), Step::Wait(60)],
-                vec![Step::Input(Input::Question), Step::Input(Input::Sensor(1023)), Step::Wait(1200), Step::Leave(0)],
+                vec![
+                    Step::Input(Input::Pressed),
+                    Step::Wait(60),
+                    Step::Input(Input::Released),
+                    Step::Wait(60),
+                ],
+                vec![
+                    Step::Input(Input::Question),
+                    Step::Input(Input::Sensor(1023)),
+                    Step::Wait(1200),
+                    Step::Leave(0),
+                ],
                 (0..7).map(|event| Step::Input(Input::Controller(event, 0xFF))).collect(),
-                vec![Step::Input(Input::Sensor(0)), Step::Wait(1200), Step::Leave(0), Step::Input(Input::Reset)],
+                vec![
+                    Step::Input(Input::Sensor(0)),
+                    Step::Wait(1200),
+                    Step::Leave(0),
+                    Step::Input(Input::Reset),
+                ],
             ]
             .concat(),
         ),
@@ -261,13 +311,14 @@ fn images() -> Vec<(&'static str, Vec<u8>)> {
     let image = |right: u8, marker: u8, byte: u8| {
         let mut input = vec![right, 3, 0xE8, 3, 0xD0, 7, 5, 0xA5];
         let mut cells = vec![byte; 256];
-        (cells[0x04 + 18], cells[0x20 + 60], cells[0x90 + 60]) = (0, marker, marker.wrapping_add(1));
+        (cells[0x04 + 18], cells[0x20 + 60], cells[0x90 + 60]) =
+            (0, marker, marker.wrapping_add(1));
         input.extend(cells);
         input
     };
     let defaults: [u16; 29] = [
-        120, 3, 1, 1000, 1500, 2000, 0, 50, 90, 1000, 0, 1500, 0, 10, 1, 1, 1, 0, 0, 100, 0xFFD8, 85, 0x1BF7, 0x0400,
-        0x2000, 0, 0, 0, 1,
+        120, 3, 1, 1000, 1500, 2000, 0, 50, 90, 1000, 0, 1500, 0, 10, 1, 1, 1, 0, 0, 100, 0xFFD8,
+        85, 0x1BF7, 0x0400, 0x2000, 0, 0, 0, 1,
     ];
     let mut good = image(7, 9, 0xFF);
     for start in [0x20, 0x90] {
@@ -305,7 +356,10 @@ fn sim() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("hex", b"\x00:020000020100FB\n:0100000055AA\n:0400000300003800C1\n:00000001FF\n".to_vec()),
         ("script", script),
-        ("wall-clock", b"\x02(1700000000.000001) can0 123#0102\n(1700000001.5) can0 123#\n".to_vec()),
+        (
+            "wall-clock",
+            b"\x02(1700000000.000001) can0 123#0102\n(1700000001.5) can0 123#\n".to_vec(),
+        ),
         ("faults", b"\x03chip-reset@1.5s\nno-ack@250us\nerror-rate@1h\n2m\n".to_vec()),
         ("plan", b"\x044x esc.Status@50\nArrayCommand[8]@50\n20100:12@5\nGetNodeInfo@1".to_vec()),
         ("payload", b"\x04NodeStatus=00112233445566@1\n".to_vec()),
@@ -329,8 +383,12 @@ fn sim() -> Vec<(&'static str, Vec<u8>)> {
 /// An ELF for the AVR with a segment of two bytes and an empty table of symbols.
 fn elf() -> Vec<u8> {
     let mut elf = b"\x7FELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
-    let words16 = |elf: &mut Vec<u8>, words: &[u16]| elf.extend(words.iter().flat_map(|word| word.to_le_bytes()));
-    let words32 = |elf: &mut Vec<u8>, words: &[u32]| elf.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    let words16 = |elf: &mut Vec<u8>, words: &[u16]| {
+        elf.extend(words.iter().flat_map(|word| word.to_le_bytes()))
+    };
+    let words32 = |elf: &mut Vec<u8>, words: &[u32]| {
+        elf.extend(words.iter().flat_map(|word| word.to_le_bytes()))
+    };
     // An executable for the AVR. Its headers follow: one of 32 bytes, and two of 40 bytes at 88.
     words16(&mut elf, &[2, 83]);
     words32(&mut elf, &[1, 0, 52, 88, 0]);
@@ -343,9 +401,11 @@ fn elf() -> Vec<u8> {
 }
 
 fn bridge() -> Vec<(&'static str, Vec<u8>)> {
-    // Numbers of messages in the harness: HEARTBEAT, PARAM_REQUEST_READ, PARAM_REQUEST_LIST, PARAM_SET, COMMAND_INT,
-    // COMMAND_LONG, CAN_FRAME, CAN_FILTER_MODIFY.
-    let message = |which: u8, payload: &[u8]| [&[(payload.len() as u8 + 1) << 2 | 2, which], payload].concat();
+    // Numbers of messages in the harness: HEARTBEAT, PARAM_REQUEST_READ, PARAM_REQUEST_LIST,
+    // PARAM_SET, COMMAND_INT, COMMAND_LONG, CAN_FRAME, CAN_FILTER_MODIFY.
+    let message = |which: u8, payload: &[u8]| {
+        [&[(payload.len() as u8 + 1) << 2 | 2, which], payload].concat()
+    };
     let status = [7 << 2 | 1 | 1 << 2, 0x18, 0x01, 0x55, 0x78, 1, 0, 0, 0, 0, 0, 0, 0xC0];
     let command = |number: u16, first: f32, to: u8| {
         let mut payload = first.to_le_bytes().to_vec();
@@ -355,13 +415,17 @@ fn bridge() -> Vec<(&'static str, Vec<u8>)> {
         message(5, &payload)
     };
     let wait = [8 << 2 | 3];
-    let commands: Vec<u8> = [(245, 1.0), (246, 3.0), (512, 0.0), (519, 1.0), (520, 1.0), (5200, 0.0), (32000, 1.0)]
-        .into_iter()
-        .flat_map(|(number, first)| [command(number, first, 120), wait.to_vec()].concat())
-        .collect();
-    let set = [&1.5f32.to_le_bytes(), [1, 120].as_slice(), b"OUT1_MIN\0\0\0\0\0\0\0\0\0\x06"].concat();
+    let commands: Vec<u8> =
+        [(245, 1.0), (246, 3.0), (512, 0.0), (519, 1.0), (520, 1.0), (5200, 0.0), (32000, 1.0)]
+            .into_iter()
+            .flat_map(|(number, first)| [command(number, first, 120), wait.to_vec()].concat())
+            .collect();
+    let set =
+        [&1.5f32.to_le_bytes(), [1, 120].as_slice(), b"OUT1_MIN\0\0\0\0\0\0\0\0\0\x06"].concat();
     let read = [&[0, 0, 1, 120], b"OUT1_MIN\0\0\0\0\0\0\0\0\0".as_slice()].concat();
-    let frame = [&0x9404_562Au32.to_le_bytes(), [1, 0, 0, 8].as_slice(), &[1, 2, 3, 4, 5, 6, 7, 0xC0]].concat();
+    let frame =
+        [&0x9404_562Au32.to_le_bytes(), [1, 0, 0, 8].as_slice(), &[1, 2, 3, 4, 5, 6, 7, 0xC0]]
+            .concat();
     vec![
         ("commands", [status.as_slice(), &commands].concat()),
         (
@@ -388,6 +452,13 @@ fn bridge() -> Vec<(&'static str, Vec<u8>)> {
             .concat(),
         ),
         // A HEARTBEAT of version 1, and random bytes.
-        ("stream", [&[17 << 2], b"\xFE\x09\x00\xFF\xBE\x00\0\0\0\0\x06\x08\x00\x04\x03\x12\x34".as_slice()].concat()),
+        (
+            "stream",
+            [
+                &[17 << 2],
+                b"\xFE\x09\x00\xFF\xBE\x00\0\0\0\0\x06\x08\x00\x04\x03\x12\x34".as_slice(),
+            ]
+            .concat(),
+        ),
     ]
 }

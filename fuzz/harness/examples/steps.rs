@@ -1,4 +1,5 @@
-//! Prints the steps of an input of the target `node`: `cargo run -p fuzz-harness --example steps -- FILE`.
+//! Prints the steps of an input of the target `node`: `cargo run -p fuzz-harness --example steps --
+//! FILE`.
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let path = std::env::args().nth(1).ok_or("which file?")?;

@@ -1,8 +1,9 @@
 //! Target `bridge`: bytes from ground stations, frames from the bus, and time.
 //!
-//! The lower two bits of a step's first byte are its kind: 0 bytes of a stream, their number in the upper six bits; 1 a frame of
-//! the bus; 2 a MAVLink message with a valid CRC; 3 time. The bridge must send only valid CAN frames and valid
-//! MAVLink messages. At the end it must report a node that appears.
+//! The lower two bits of a step's first byte are its kind: 0 bytes of a stream, their number in the
+//! upper six bits; 1 a frame of the bus; 2 a MAVLink message with a valid CRC; 3 time. The bridge
+//! must send only valid CAN frames and valid MAVLink messages. At the end it must report a node
+//! that appears.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -38,7 +39,10 @@ impl Rig {
             info_interval: Duration::from_secs(10),
             autosave: Some(Duration::from_secs(2)),
             rights: Rights { change: true, can: true },
-            tunnels: vec!["120:/x".parse().expect("a tunnel"), "121:/y,broadcast=0x55".parse().expect("a tunnel")],
+            tunnels: vec![
+                "120:/x".parse().expect("a tunnel"),
+                "121:/y,broadcast=0x55".parse().expect("a tunnel"),
+            ],
             hidden: BTreeSet::new(),
             epoch_us: 0,
         };
@@ -60,7 +64,8 @@ impl Rig {
             messages += 1;
             assert!(messages <= bytes.len() + 300, "more messages than bytes");
             if let Ok((_, message)) = message {
-                let asker = Asker { peer: 1, from: message.from, encoding: IntegerEncoding::Bytewise };
+                let asker =
+                    Asker { peer: 1, from: message.from, encoding: IntegerEncoding::Bytewise };
                 self.bridge.message(self.now, asker, message);
             }
         }
@@ -75,10 +80,16 @@ impl Rig {
         }
         for post in self.bridge.take_posts() {
             let (Post::Message { out, .. } | Post::Status { out, .. }) = post else { continue };
-            let bytes = self.writer.bytes(&out, None, IntegerEncoding::Bytewise).expect("it exists in version 2");
+            let bytes = self
+                .writer
+                .bytes(&out, None, IntegerEncoding::Bytewise)
+                .expect("it exists in version 2");
             self.reader.feed(&bytes);
             let read = self.reader.message();
-            assert!(matches!(&read, Some(Ok((_, message))) if message.from == (SYSTEM, out.component)), "{out:?}");
+            assert!(
+                matches!(&read, Some(Ok((_, message))) if message.from == (SYSTEM, out.component)),
+                "{out:?}"
+            );
             assert!(self.reader.message().is_none(), "{out:?}");
         }
         self.bridge.take_log();
@@ -96,8 +107,8 @@ impl Rig {
     }
 }
 
-/// Messages from ground stations to the bridge: message ID, its CRC_EXTRA, and length of the payload (message definitions `common`
-/// of MAVLink).
+/// Messages from ground stations to the bridge: message ID, its CRC_EXTRA, and length of the
+/// payload (message definitions `common` of MAVLink).
 const MESSAGES: [(u32, u8, u8); 9] = [
     (0, 50, 9),
     (20, 214, 20),
@@ -169,7 +180,9 @@ pub fn run(mut input: &[u8]) {
     rig.pass(1000);
     let source = NodeId::new(125).expect("a node ID");
     let id = CanId::Message { priority: 24, type_id: types::NODE_STATUS.id, source }.build();
-    let [status] = split(&NodeStatus::default().encode(), TransferId::new(0), 0).try_into().expect("one frame");
+    let [status] = split(&NodeStatus::default().encode(), TransferId::new(0), 0)
+        .try_into()
+        .expect("one frame");
     rig.bridge.frame(rig.now, &Frame::extended(id, &status));
     let is_told = |post: &Post| matches!(post, Post::Status { node, out } if *node == source && matches!(out.content, Content::Status { .. }));
     let posts = rig.bridge.take_posts();

@@ -1,10 +1,13 @@
-//! Target `eeprom`: any contents of the EEPROM when the node starts, and a power failure during a save.
+//! Target `eeprom`: any contents of the EEPROM when the node starts, and a power failure during a
+//! save.
 //!
-//! Bytes of the input: the records that get a valid CRC, index and two values of a parameter, time of the power failure,
-//! value of the byte that it interrupts; then the EEPROM from its first address, filled with 0xFF.
+//! Bytes of the input: the records that get a valid CRC, index and two values of a parameter, time
+//! of the power failure, value of the byte that it interrupts; then the EEPROM from its first
+//! address, filled with 0xFF.
 //!
-//! The node must start twice with this EEPROM. If it then has a usable node ID, it must keep the values that it reports as saved,
-//! keep its unique ID, and have the old value or the new one after the failure.
+//! The node must start twice with this EEPROM. If it then has a usable node ID, it must keep the
+//! values that it reports as saved, keep its unique ID, and have the old value or the new one after
+//! the failure.
 
 use dronecan_host::{Message, Value, crc};
 use node::desk::Memory;
@@ -16,7 +19,8 @@ use node::node::store::EEPROM_LEN;
 use crate::rig::Rig;
 use crate::steps::Type;
 
-/// The records (docs/parameters.md, EEPROM): first address, length, start of the CRC, and the bit of the input that requests a valid CRC.
+/// The records (docs/parameters.md, EEPROM): first address, length, start of the CRC, and the bit
+/// of the input that requests a valid CRC.
 const RECORDS: [(usize, usize, u16, u8); 3] = [
     (0x04, 16, 0x0100, 1 << 0),
     (0x20, 2 * parameters::COUNT, parameters::DIGEST, 1 << 1),
@@ -43,8 +47,9 @@ fn save(rig: &mut Rig) {
     assert_eq!(answer, Some(Message::OpcodeExecuted(true)));
 }
 
-/// True if the parameters that commands depend on are within their ranges (docs/parameters.md). The node trusts a record with a valid
-/// CRC, so the parameters of a record that got its CRC from this harness can have any value.
+/// True if the parameters that commands depend on are within their ranges (docs/parameters.md). The
+/// node trusts a record with a valid CRC, so the parameters of a record that got its CRC from this
+/// harness can have any value.
 fn has_travel(rig: &Rig) -> bool {
     const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 10] = [
         (Parameter::Out1Id, 0..=255),
@@ -58,7 +63,9 @@ fn has_travel(rig: &Rig) -> bool {
         (Parameter::ArmReq, 0..=1),
         (Parameter::Dialect, 0..=2),
     ];
-    RANGES.iter().all(|(parameter, range)| range.contains(&rig.parameter(*parameter as u8).unwrap_or(0)))
+    RANGES
+        .iter()
+        .all(|(parameter, range)| range.contains(&rig.parameter(*parameter as u8).unwrap_or(0)))
 }
 
 /// Restarts the node, as after a power cut.
@@ -69,7 +76,11 @@ fn restart(rig: &mut Rig) {
 
 /// Runs an input.
 pub fn run(input: &[u8]) {
-    let Some((&[right, index, a0, a1, b0, b1, failure, garbage], cells)) = input.split_first_chunk() else { return };
+    let Some((&[right, index, a0, a1, b0, b1, failure, garbage], cells)) =
+        input.split_first_chunk()
+    else {
+        return;
+    };
     let mut memory = Memory::blank();
     for (cell, &byte) in memory.cells.iter_mut().zip(cells) {
         *cell = byte;
@@ -77,7 +88,8 @@ pub fn run(input: &[u8]) {
     for (start, len, sum, bit) in RECORDS {
         if right & bit != 0 {
             if sum == parameters::DIGEST {
-                // The node's own records have no range of 16 bits, with which its products would overflow.
+                // The node's own records have no range of 16 bits, with which its products would
+                // overflow.
                 for output in 0..OUTPUTS {
                     let index = OutputParameter::Range.index(output);
                     let range = memory.cells[start + 2 * index..].first_chunk_mut().unwrap();
@@ -118,7 +130,10 @@ pub fn run(input: &[u8]) {
     rig.ask(Type::ExecuteOpcode, &[0; 7]);
     restart(&mut rig);
     let kept = rig.parameter(index);
-    assert!([Some(first), Some(second)].contains(&kept), "{kept:?} is neither {first} nor {second}");
+    assert!(
+        [Some(first), Some(second)].contains(&kept),
+        "{kept:?} is neither {first} nor {second}"
+    );
     if has_travel(&rig) {
         rig.still_works();
     }

@@ -1,5 +1,6 @@
-//! Target `host`: input that host programs get from other programs: SLCAN text in both directions, datagrams of the multicast bus, frames
-//! as text, identifiers, transfers and their messages. Decoded values must encode, and decode to the same values again.
+//! Target `host`: input that host programs get from other programs: SLCAN text in both directions,
+//! datagrams of the multicast bus, frames as text, identifiers, transfers and their messages.
+//! Decoded values must encode, and decode to the same values again.
 //!
 //! The first byte of the input selects one of them.
 
@@ -10,8 +11,8 @@ use dronecan_host::draft::{self, Route};
 use dronecan_host::mcast::datagram;
 use dronecan_host::slcan::{self, Command, Reply};
 use dronecan_host::{
-    Assembler, CanId, DataType, Frame, Id, Message, NodeId, Observation, Observer, Outcome, Transfer, TransferId, crc,
-    split,
+    Assembler, CanId, DataType, Frame, Id, Message, NodeId, Observation, Observer, Outcome,
+    Transfer, TransferId, crc, split,
 };
 
 /// Runs an input.
@@ -51,7 +52,8 @@ fn replies(bytes: &[u8]) {
     let mut lines = slcan::Lines::default();
     for &byte in bytes {
         if let Some(Reply::Received(frame)) = replies.push(byte) {
-            let command = slcan::line(&frame, None).iter().filter_map(|&byte| lines.push(byte)).last();
+            let command =
+                slcan::line(&frame, None).iter().filter_map(|&byte| lines.push(byte)).last();
             assert_eq!(command, Some(Ok(Command::Send(frame))));
         }
     }
@@ -97,7 +99,8 @@ fn check(transfer: &Transfer) {
     assert_eq!(again.to_string(), message.to_string());
 }
 
-/// Frames in any order. Each has an identifier, a length, the time since the previous one, and data.
+/// Frames in any order. Each has an identifier, a length, the time since the previous one, and
+/// data.
 fn frames(mut bytes: &[u8]) {
     let (mut assembler, mut observer) = (Assembler::new(), Observer::new());
     let mut at = Duration::ZERO;
@@ -113,7 +116,9 @@ fn frames(mut bytes: &[u8]) {
         }
         if let Observation::Complete(transfer) = observer.push(id, data, at) {
             assert!(
-                !transfer.to_string().is_empty() && !transfer.name().is_empty() && !transfer.endpoints().is_empty()
+                !transfer.to_string().is_empty()
+                    && !transfer.name().is_empty()
+                    && !transfer.endpoints().is_empty()
             );
         }
         if let Outcome::Complete(transfer) = assembler.push(id, data, at) {
@@ -123,7 +128,8 @@ fn frames(mut bytes: &[u8]) {
     }
 }
 
-/// A payload of any type: an identifier, and the payload. Its frames must assemble to the same payload.
+/// A payload of any type: an identifier, and the payload. Its frames must assemble to the same
+/// payload.
 fn payload(bytes: &[u8]) {
     /// Longest transfer of an unknown type.
     const MAX: usize = 512;
@@ -139,8 +145,10 @@ fn payload(bytes: &[u8]) {
     let signature = DataType::of(can_id).and_then(|known| known.signature).unwrap_or(0);
     let mut assembler = Assembler::new();
     let frames = split(payload, transfer_id, signature);
-    let outcomes: Vec<_> = frames.iter().map(|data| assembler.push(id, data, Duration::ZERO)).collect();
-    let whole = Transfer { id: can_id, transfer_id, payload: payload.to_vec(), frames: frames.len() };
+    let outcomes: Vec<_> =
+        frames.iter().map(|data| assembler.push(id, data, Duration::ZERO)).collect();
+    let whole =
+        Transfer { id: can_id, transfer_id, payload: payload.to_vec(), frames: frames.len() };
     assert_eq!(outcomes.last(), Some(&Outcome::Complete(whole)));
     assert!(outcomes[..frames.len() - 1].iter().all(|outcome| *outcome == Outcome::Partial));
 }
@@ -148,7 +156,9 @@ fn payload(bytes: &[u8]) {
 /// A payload in the draft of 2014, as a broadcast or as a request to a node.
 fn draft_payload(id: u32, payload: &[u8]) {
     let Some(can_id) = draft::CanId::parse(id) else { return };
-    let Some(other) = NodeId::new(if can_id.source.get() == 127 { 126 } else { 127 }) else { return };
+    let Some(other) = NodeId::new(if can_id.source.get() == 127 { 126 } else { 127 }) else {
+        return;
+    };
     let route = match can_id.transfer_type {
         TransferType::MessageBroadcast => Route::Broadcast,
         TransferType::MessageUnicast => Route::Unicast(other),
@@ -156,15 +166,20 @@ fn draft_payload(id: u32, payload: &[u8]) {
         TransferType::ServiceResponse => Route::Response(other),
     };
     let (type_id, source, transfer_id) = (can_id.type_id, can_id.source, can_id.transfer_id);
-    let transfer = draft::Transfer { type_id, source, route, transfer_id, payload: payload.to_vec() };
+    let transfer =
+        draft::Transfer { type_id, source, route, transfer_id, payload: payload.to_vec() };
     let message = draft::Message::decode(&transfer);
     assert!(!message.to_string().is_empty() && !message.name().is_empty());
     if let Some((data_type, payload)) = message.encode() {
-        let again = draft::Message::decode(&draft::Transfer { payload: payload.clone(), ..transfer.clone() });
+        let again = draft::Message::decode(&draft::Transfer {
+            payload: payload.clone(),
+            ..transfer.clone()
+        });
         assert_eq!(again.encode(), Some((data_type, payload)), "{message}");
     }
     if payload.len() <= draft::transfer::PAYLOAD_MAX {
-        let signature = draft::DataType::of(type_id, can_id.transfer_type).and_then(|known| known.signature);
+        let signature =
+            draft::DataType::of(type_id, can_id.transfer_type).and_then(|known| known.signature);
         let mut assembler = draft::Assembler::new();
         let frames = transfer.split(signature.unwrap_or(0)).into_iter();
         let outcomes = frames.filter_map(|frame| match frame.id {

@@ -1,5 +1,6 @@
-//! Target `node`, the firmware's library: any frames at any time, with restarts, the button, the sensor and the controller's
-//! notices in between. [`crate::rig`] has the checks, [`crate::steps`] the format of the input.
+//! Target `node`, the firmware's library: any frames at any time, with restarts, the button, the
+//! sensor and the controller's notices in between. [`crate::rig`] has the checks, [`crate::steps`]
+//! the format of the input.
 
 use node::desk::Memory;
 
@@ -13,5 +14,8 @@ pub fn run(input: &[u8]) {
         rig.step(&step);
     }
     rig.still_works();
-    assert!(rig.node_info().is_none_or(|info| info.unique_id != [0; 16]), "the unique ID must not be zero");
+    assert!(
+        rig.node_info().is_none_or(|info| info.unique_id != [0; 16]),
+        "the unique ID must not be zero"
+    );
 }

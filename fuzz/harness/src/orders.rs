@@ -1,5 +1,6 @@
-//! Computes from the frames and the parameters which commands may move the servo. Each sender is separate. The rules are those of the
-//! specification of transfers (chapter 4) and of docs/messages.md.
+//! Computes from the frames and the parameters which commands may move the servo. Each sender is
+//! separate. The rules are those of the specification of transfers (chapter 4) and of
+//! docs/messages.md.
 
 use std::collections::HashMap;
 
@@ -40,11 +41,13 @@ pub struct Completed {
     pub id: CanId,
     pub number: u8,
     pub payload: Vec<u8>,
-    /// True if the node must not drop it: it has one frame, or is a command array and no other sender has begun one.
+    /// True if the node must not drop it: it has one frame, or is a command array and no other
+    /// sender has begun one.
     pub is_sure: bool,
     /// True for a transfer of the draft of 2014, which the node accepts only at times.
     pub is_draft: bool,
-    /// True if OUT1_ID changed during the transfer, so that the node may have used the entry of either ID.
+    /// True if OUT1_ID changed during the transfer, so that the node may have used the entry of
+    /// either ID.
     is_unclear: bool,
 }
 
@@ -66,13 +69,26 @@ pub struct Transfers {
 
 impl Transfers {
     /// Handles a frame with a 29-bit identifier. Returns the transfer that it completes.
-    pub fn push(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Completed> {
+    pub fn push(
+        &mut self,
+        id: u32,
+        data: &[u8],
+        now_ms: u64,
+        parameters: &Parameters,
+    ) -> Option<Completed> {
         let signature = CanId::parse(id).and_then(DataType::of).and_then(|known| known.signature);
         self.take(id, data, now_ms, parameters, signature, false)
     }
 
-    /// Handles a frame of the draft, if the node may use it: converts it to the equivalent frame of v0.
-    pub fn push_draft(&mut self, id: u32, data: &[u8], now_ms: u64, parameters: &Parameters) -> Option<Completed> {
+    /// Handles a frame of the draft, if the node may use it: converts it to the equivalent frame of
+    /// v0.
+    pub fn push_draft(
+        &mut self,
+        id: u32,
+        data: &[u8],
+        now_ms: u64,
+        parameters: &Parameters,
+    ) -> Option<Completed> {
         let service = matches!(id >> 17 & 3, 1);
         let upper = match (id >> 19, id >> 17 & 3) {
             (265, 2) => 265 << 8,
@@ -86,7 +102,10 @@ impl Transfers {
         let lower = if service { 0x8080 | to << 8 } else { 0 };
         let bit = |on: bool, bit: u8| if on { bit } else { 0 };
         let index = id >> 4 & 0x3F;
-        let tail = bit(index == 0, START) | bit(id & 8 != 0, END) | bit(index & 1 != 0, TOGGLE) | (id & 7) as u8;
+        let tail = bit(index == 0, START)
+            | bit(id & 8 != 0, END)
+            | bit(index & 1 != 0, TOGGLE)
+            | (id & 7) as u8;
         let data = [data, &[tail]].concat();
         let signature = draft::types::ARRAY_COMMAND.signature;
         self.take(upper | lower | id >> 10 & 0x7F, &data, now_ms, parameters, signature, true)
@@ -107,7 +126,14 @@ impl Transfers {
         let (&tail, part) = data.split_last()?;
         let (number, toggle) = (tail & NUMBER, tail & TOGGLE != 0);
         let heard = |payload, is_sure, is_unclear| {
-            Some(Completed { id: can_id, number, payload, is_sure: is_sure && !is_draft, is_draft, is_unclear })
+            Some(Completed {
+                id: can_id,
+                number,
+                payload,
+                is_sure: is_sure && !is_draft,
+                is_draft,
+                is_unclear,
+            })
         };
         if tail & START != 0 {
             if toggle {
@@ -121,11 +147,17 @@ impl Transfers {
             }
             let is_alone = self.is_alone(key, now_ms);
             let stream = part.to_vec();
-            self.sessions.insert(key, Session { number, toggle: true, stream, heard_ms: now_ms, actuator, is_alone });
+            self.sessions.insert(
+                key,
+                Session { number, toggle: true, stream, heard_ms: now_ms, actuator, is_alone },
+            );
             return None;
         }
         let session = self.sessions.get_mut(&key)?;
-        if session.number != number || session.toggle != toggle || now_ms - session.heard_ms > timeout_ms(key) {
+        if session.number != number
+            || session.toggle != toggle
+            || now_ms - session.heard_ms > timeout_ms(key)
+        {
             return None;
         }
         session.toggle = !toggle;
@@ -144,13 +176,16 @@ impl Transfers {
         heard(payload.to_vec(), session.is_alone, session.actuator != actuator)
     }
 
-    /// True if the transfer that begins is a list and no other list is in progress. Marks the other lists as disturbed.
+    /// True if the transfer that begins is a list and no other list is in progress. Marks the other
+    /// lists as disturbed.
     fn is_alone(&mut self, key: u32, now_ms: u64) -> bool {
         if !is_list(key) {
             return false;
         }
         let mut is_alone = true;
-        for (_, session) in self.sessions.iter_mut().filter(|(other, _)| **other != key && is_list(**other)) {
+        for (_, session) in
+            self.sessions.iter_mut().filter(|(other, _)| **other != key && is_list(**other))
+        {
             is_alone &= now_ms - session.heard_ms > LIST_TIMEOUT_MS;
             session.is_alone = false;
         }
@@ -218,7 +253,8 @@ impl Travel {
         Width::exactly(if ticks == 0 { 0.0 } else { f64::from(ticks).clamp(self.low, self.high) })
     }
 
-    /// Width at `fraction` (-1 to 1) between the trim and the limit on that side. `error` is the tolerance of the fraction.
+    /// Width at `fraction` (-1 to 1) between the trim and the limit on that side. `error` is the
+    /// tolerance of the fraction.
     fn deflected(&self, fraction: f64, error: f64) -> Width {
         let fraction = fraction.clamp(-1.0, 1.0) * if self.is_reversed { -1.0 } else { 1.0 };
         let side = if fraction < 0.0 { self.trim - self.low } else { self.high - self.trim };
@@ -231,10 +267,13 @@ impl Travel {
         let value = Some(value.to_f64()).filter(|value| value.is_finite())?;
         match unit {
             UNITLESS => Some(self.deflected(value, 0.0)),
-            POSITION => Some(self.deflected(value / self.half_range_rad, ANGLE_STEP / self.half_range_rad)),
+            POSITION => {
+                Some(self.deflected(value / self.half_range_rad, ANGLE_STEP / self.half_range_rad))
+            }
             PWM => {
                 let ticks = value * TICKS_PER_US;
-                (ticks > 0.0).then(|| Width { ticks: ticks.clamp(self.low, self.high), tolerance: 1.0 })
+                (ticks > 0.0)
+                    .then(|| Width { ticks: ticks.clamp(self.low, self.high), tolerance: 1.0 })
             }
             _ => None,
         }
@@ -266,7 +305,8 @@ pub enum Order {
     /// Move to one of these widths, if commands are allowed.
     Go {
         widths: Vec<Width>,
-        /// True if the node must follow it: it has one entry, with a width that is a valid pulse after rounding.
+        /// True if the node must follow it: it has one entry, with a width that is a valid pulse
+        /// after rounding.
         is_clear: bool,
     },
     /// Move to the failsafe, because the node restarts.
@@ -288,32 +328,44 @@ impl Completed {
         // In the draft the destination comes before the payload.
         let skipped = usize::from(self.is_draft && matches!(self.id, CanId::Service { .. }));
         match (self.id, self.payload.get(skipped..)?) {
-            (CanId::Message { type_id, .. }, payload) if self.is_draft && type_id == draft::types::ARRAY_COMMAND.id => {
+            (CanId::Message { type_id, .. }, payload)
+                if self.is_draft && type_id == draft::types::ARRAY_COMMAND.id =>
+            {
                 let actuator = parameters.get(Parameter::Out1Id);
                 let travel = Travel::of(parameters);
                 let (entries, []) = payload.as_chunks::<DRAFT_ENTRY>() else { return None };
-                let mine = |entry: &&[u8; DRAFT_ENTRY]| self.is_unclear || u16::from(entry[0]) == actuator;
-                let width =
-                    |&[_, low, high]: &[u8; DRAFT_ENTRY]| travel.of_entry(UNITLESS, f16::from_le_bytes([low, high]));
+                let mine =
+                    |entry: &&[u8; DRAFT_ENTRY]| self.is_unclear || u16::from(entry[0]) == actuator;
+                let width = |&[_, low, high]: &[u8; DRAFT_ENTRY]| {
+                    travel.of_entry(UNITLESS, f16::from_le_bytes([low, high]))
+                };
                 let count = if self.is_unclear { entries.len() } else { 1 };
-                let widths = entries.iter().rev().filter(mine).take(count).filter_map(width).collect();
+                let widths =
+                    entries.iter().rev().filter(mine).take(count).filter_map(width).collect();
                 Some(Order::Go { widths, is_clear: false })
             }
             (CanId::Message { type_id, .. }, payload) if type_id == types::ARRAY_COMMAND.id => {
                 let actuator = parameters.get(Parameter::Out1Id);
                 let travel = Travel::of(parameters);
                 let (entries, []) = payload.as_chunks::<ENTRY>() else { return None };
-                let width =
-                    |&[_, unit, low, high]: &[u8; ENTRY]| travel.of_entry(unit, f16::from_le_bytes([low, high]));
+                let width = |&[_, unit, low, high]: &[u8; ENTRY]| {
+                    travel.of_entry(unit, f16::from_le_bytes([low, high]))
+                };
                 if self.is_unclear {
-                    return Some(Order::Go { widths: entries.iter().filter_map(width).collect(), is_clear: false });
+                    return Some(Order::Go {
+                        widths: entries.iter().filter_map(width).collect(),
+                        is_clear: false,
+                    });
                 }
                 let last = entries.iter().rev().find(|entry| u16::from(entry[0]) == actuator)?;
                 let is_clear = !matches!(*last, [_, PWM, low, high] if f16::from_le_bytes([low, high]) < f16::ONE);
                 Some(Order::Go { widths: vec![width(last)?], is_clear })
             }
             (CanId::Message { type_id, .. }, &[byte]) if type_id == types::THESIS_COMMAND.id => {
-                Some(Order::Go { widths: vec![Travel::of(parameters).of_byte(byte)], is_clear: true })
+                Some(Order::Go {
+                    widths: vec![Travel::of(parameters).of_byte(byte)],
+                    is_clear: true,
+                })
             }
             (CanId::Message { type_id, .. }, &[byte]) if type_id == types::ARMING_STATUS.id => {
                 Some(Order::Arm(byte == 255))

@@ -1,16 +1,20 @@
 //! The firmware's library on its [desk](node::desk), with these checks at all times:
 //!
-//! * The servo moves only to the position of a valid command for this output, or to the failsafe when it is due, and not before the
-//!   first command. A command in one frame always moves it; one in several frames does if no other sender sends one at the same time.
-//!   The node restarts only on request.
-//! * The node sends valid DroneCAN frames of known types from its own ID, and each response has a request.
+//! * The servo moves only to the position of a valid command for this output, or to the failsafe
+//!   when it is due, and not before the first command. A command in one frame always moves it; one
+//!   in several frames does if no other sender sends one at the same time. The node restarts only
+//!   on request.
+//! * The node sends valid DroneCAN frames of known types from its own ID, and each response has a
+//!   request.
 //! * The serial monitor writes lines of printable ASCII.
 //! * The servo output has the node's value, and no work continues for ever.
 
 use std::collections::HashSet;
 use std::time::Duration;
 
-use dronecan_host::{CanId, Decoded, Message, NodeInfo, Observation, Observer, Transfer, draft, split, types};
+use dronecan_host::{
+    CanId, Decoded, Message, NodeInfo, Observation, Observer, Transfer, draft, split, types,
+};
 use mcp2515_ordered::{Event, Frame, Notice};
 use node::desk::{Desk, Memory};
 use node::node::agenda::Agenda;
@@ -29,7 +33,8 @@ const MESSAGE: u32 = 0x1000_0000;
 /// Maximum length of a line; the longest are about 80 characters.
 const LINE_MAX: usize = 120;
 
-/// Longest simulated time of an input, in milliseconds. `tests/soak.rs` tests the wrap of the 16-bit clock.
+/// Longest simulated time of an input, in milliseconds. `tests/soak.rs` tests the wrap of the
+/// 16-bit clock.
 const LIFE_MS: u64 = 20_000;
 
 /// Time for which an ArmingStatus is valid: three to four seconds.
@@ -61,7 +66,8 @@ pub struct Rig {
     may_restart: bool,
     /// True if the node has received the draft, so that it may use it.
     has_heard_draft: bool,
-    /// When the node last followed a command that it must follow, and since when the vehicle is armed.
+    /// When the node last followed a command that it must follow, and since when the vehicle is
+    /// armed.
     followed_ms: Option<u64>,
     armed: Option<Armed>,
     /// The last commander and its time, if they are certain.
@@ -151,7 +157,9 @@ impl Rig {
                 // The driver passes 29 bits, and one that marks other kinds of frames.
                 self.receive([first & (Frame::FOREIGN | 0x1F), a, b, c], data);
             }
-            Step::Known { what, source, data } => self.receive(self.identifier(*what, *source), data),
+            Step::Known { what, source, data } => {
+                self.receive(self.identifier(*what, *source), data)
+            }
             Step::Transfer { sent, damage } => self.send(sent, *damage),
             Step::Wait(ms) => self.wait(*ms),
             Step::Leave(0) => self.leave(u32::MAX),
@@ -226,7 +234,9 @@ impl Rig {
                 Damage::Short => drop(frames[at].remove(0)),
                 Damage::Toggle => frames[at][tail] ^= 1 << 5,
                 Damage::Bit => frames[at][0] ^= 1,
-                Damage::Number => frames[at][tail] = frames[at][tail] & 0xE0 | (frames[at][tail] + 1) & 0x1F,
+                Damage::Number => {
+                    frames[at][tail] = frames[at][tail] & 0xE0 | (frames[at][tail] + 1) & 0x1F
+                }
             }
         }
         for frame in frames {
@@ -244,7 +254,8 @@ impl Rig {
         self.note_motor();
         let after = self.desk.node.pulse(0);
         let raw = u32::from_be_bytes(id);
-        // The node decides whether it accepts the draft. A frame that it rejects does not move the servo.
+        // The node decides whether it accepts the draft. A frame that it rejects does not move the
+        // servo.
         let (v0, draft) = if id[0] & Frame::FOREIGN != 0 {
             (None, None)
         } else {
@@ -253,11 +264,17 @@ impl Rig {
         };
         let is_ambiguous = draft.is_some();
         self.has_heard_draft |= is_ambiguous;
-        let is_safety_state = matches!(CanId::parse(raw), Some(CanId::Message { type_id: 20_000, .. }));
+        let is_safety_state =
+            matches!(CanId::parse(raw), Some(CanId::Message { type_id: 20_000, .. }));
         self.has_heard_safety |= is_safety_state && id[0] & Frame::FOREIGN == 0;
         let (mut goals, mut must_move) = (Vec::new(), false);
         for heard in v0.into_iter().chain(draft) {
-            if let Completed { id: CanId::Service { service_id, request: true, source, .. }, number, .. } = heard {
+            if let Completed {
+                id: CanId::Service { service_id, request: true, source, .. },
+                number,
+                ..
+            } = heard
+            {
                 self.asked.insert((service_id, source.get(), number));
             }
             // With DIALECT 1 or 2 the node accepts messages of that dialect only.
@@ -267,11 +284,15 @@ impl Rig {
                 Some(Order::Go { .. } | Order::Arm(_)) if !is_taken => {}
                 Some(Order::Go { widths, is_clear }) => {
                     let needs_arming = parameters.get(Parameter::ArmReq) != 0;
-                    let is_sure = is_clear && heard.is_sure && !is_ambiguous && self.desk.node.id() != 0;
+                    let is_sure =
+                        is_clear && heard.is_sure && !is_ambiguous && self.desk.node.id() != 0;
                     let source = heard.source();
-                    if !needs_arming || self.armed.is_some_and(|of| now_ms - of.since_ms <= ARMED_FOR_MS.1) {
+                    if !needs_arming
+                        || self.armed.is_some_and(|of| now_ms - of.since_ms <= ARMED_FOR_MS.1)
+                    {
                         goals.extend(widths);
-                        let by_commander = |of: Armed| of.is_sure && now_ms - of.since_ms < ARMED_FOR_MS.0;
+                        let by_commander =
+                            |of: Armed| of.is_sure && now_ms - of.since_ms < ARMED_FOR_MS.0;
                         let is_armed = !needs_arming || self.armed.is_some_and(by_commander);
                         must_move = is_sure && is_armed && !self.has_heard_safety;
                     }
@@ -283,7 +304,8 @@ impl Rig {
                     goals.extend(orders::failsafe(&parameters));
                 }
                 Some(Order::Arm(on)) => {
-                    let is_commander = |(id, at_ms)| id == heard.source() && now_ms - at_ms < COMMANDER_FOR_MS;
+                    let is_commander =
+                        |(id, at_ms)| id == heard.source() && now_ms - at_ms < COMMANDER_FOR_MS;
                     let is_sure = heard.is_sure && self.commander.is_some_and(is_commander);
                     self.armed = match (on, self.armed) {
                         (true, _) => Some(Armed { since_ms: now_ms, is_sure }),
@@ -294,7 +316,8 @@ impl Rig {
                 None => {}
             }
         }
-        let is_there = goals.iter().any(|width| width.fits(after)) || self.has_heard_safety && after == 0;
+        let is_there =
+            goals.iter().any(|width| width.fits(after)) || self.has_heard_safety && after == 0;
         // The frame may have set a parameter.
         let before = if self.is_limited(before, after) { after } else { before };
         let is_right = is_there || !must_move && after == before || self.was_motor;
@@ -334,10 +357,14 @@ impl Rig {
             let parameters = &self.desk.node.parameters;
             let timeout_ms = u64::from(parameters.get(Parameter::Out1Timeout));
             let is_late = self.followed_ms.is_none_or(|followed| now_ms - followed >= timeout_ms);
-            let has_reason =
-                timeout_ms != 0 && is_late || parameters.get(Parameter::ArmReq) != 0 || self.has_heard_safety;
+            let has_reason = timeout_ms != 0 && is_late
+                || parameters.get(Parameter::ArmReq) != 0
+                || self.has_heard_safety;
             let goal = orders::failsafe(parameters);
-            assert!(has_reason && goal.is_some_and(|goal| goal.fits(after)), "from {before} to {after} by itself");
+            assert!(
+                has_reason && goal.is_some_and(|goal| goal.fits(after)),
+                "from {before} to {after} by itself"
+            );
         }
         self.read();
         if self.desk.is_to_restart {
@@ -354,7 +381,11 @@ impl Rig {
                 byte => {
                     assert!((0x20..0x7F).contains(&byte), "a character {byte:#04x}");
                     self.line.push(byte);
-                    assert!(self.line.len() <= LINE_MAX, "a line is too long: {}", String::from_utf8_lossy(&self.line));
+                    assert!(
+                        self.line.len() <= LINE_MAX,
+                        "a line is too long: {}",
+                        String::from_utf8_lossy(&self.line)
+                    );
                 }
             }
         }
@@ -382,7 +413,9 @@ impl Rig {
             Observation::Partial => return,
             Observation::Invalid(why) => panic!("{why}: {frame:?}"),
             Observation::Complete(Decoded::V0(transfer, message)) => (transfer, message),
-            Observation::Complete(Decoded::Draft(transfer, message)) => return self.check_draft(&transfer, &message),
+            Observation::Complete(Decoded::Draft(transfer, message)) => {
+                return self.check_draft(&transfer, &message);
+            }
         };
         assert!(!matches!(message, Message::Other { .. }), "{message}");
         match transfer.id {
@@ -417,8 +450,8 @@ impl Rig {
         }
     }
 
-    /// Sends a request repeatedly for some seconds, because the node may be busy or restart, and returns the answer. `None` if the node
-    /// has no ID, or loses it by the restart.
+    /// Sends a request repeatedly for some seconds, because the node may be busy or restart, and
+    /// returns the answer. `None` if the node has no ID, or loses it by the restart.
     pub fn ask(&mut self, what: Type, payload: &[u8]) -> Option<Message> {
         for number in 0..50u8 {
             self.leave(u32::MAX);
@@ -464,7 +497,8 @@ impl Rig {
                 self.leave(u32::MAX);
             }
             // The draft has no requests for a node ID.
-            let is_v0 = !self.has_heard_draft && self.desk.node.parameters.get(Parameter::Dialect) != DRAFT;
+            let is_v0 =
+                !self.has_heard_draft && self.desk.node.parameters.get(Parameter::Dialect) != DRAFT;
             assert!(!is_v0 || !self.transfers.is_empty(), "the node must request an ID");
             return;
         };
@@ -474,7 +508,12 @@ impl Rig {
             let actuator = rig.desk.node.parameters.get(Parameter::Out1Id) as u8;
             let [low, high] = half::f16::from_f32(value).to_le_bytes();
             rig.send(
-                &Sent { what: Type::ArrayCommand, source, number: 0, payload: vec![actuator, 0, low, high] },
+                &Sent {
+                    what: Type::ArrayCommand,
+                    source,
+                    number: 0,
+                    payload: vec![actuator, 0, low, high],
+                },
                 None,
             );
         };
@@ -484,7 +523,8 @@ impl Rig {
         // Both commands move the servo, because their widths differ from the current one.
         command(self, 0.5);
         command(self, -0.5);
-        let is_deaf = self.has_heard_safety || self.desk.node.parameters.get(Parameter::Dialect) == DRAFT;
+        let is_deaf =
+            self.has_heard_safety || self.desk.node.parameters.get(Parameter::Dialect) == DRAFT;
         assert!(self.desk.node.pulse(0) != 0 || is_deaf || self.was_motor);
     }
 }

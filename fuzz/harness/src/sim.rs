@@ -1,5 +1,6 @@
-//! Target `sim`: the simulator's inputs: firmware as Intel HEX and as ELF, scripts and logs to play, faults with their times, streams
-//! of a bus plan; levels on the wire, and bytes to the MCP2515, which a faulty node can send in any order.
+//! Target `sim`: the simulator's inputs: firmware as Intel HEX and as ELF, scripts and logs to
+//! play, faults with their times, streams of a bus plan; levels on the wire, and bytes to the
+//! MCP2515, which a faulty node can send in any order.
 //!
 //! The first byte of the input selects one of them.
 
@@ -30,7 +31,9 @@ fn check(firmware: &Result<Firmware, impl Sized>) {
     let Ok(firmware) = firmware else { return };
     let _ = firmware.chip();
     for chip in Chip::ALL.into_iter().filter(|chip| firmware.check_fits(*chip).is_ok()) {
-        assert!(firmware.flash.iter().all(|(start, bytes)| start + bytes.len() <= chip.flash_bytes()));
+        assert!(
+            firmware.flash.iter().all(|(start, bytes)| start + bytes.len() <= chip.flash_bytes())
+        );
     }
 }
 
@@ -40,7 +43,8 @@ fn hex(text: &str) {
     let right = |line: &str| {
         let digits: Vec<u8> = line.bytes().filter(u8::is_ascii_hexdigit).collect();
         let value = |digit: u8| char::from(digit).to_digit(16).unwrap_or(0) as u8;
-        let bytes = digits.as_chunks::<2>().0.iter().map(|[high, low]| value(*high) << 4 | value(*low));
+        let bytes =
+            digits.as_chunks::<2>().0.iter().map(|[high, low]| value(*high) << 4 | value(*low));
         let bytes: Vec<u8> = bytes.collect();
         let sum = bytes.iter().fold(0u8, |sum, byte| sum.wrapping_sub(*byte));
         let line: String = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
@@ -65,7 +69,10 @@ fn faults(text: &str) {
             let again: Injection = injection.to_string().parse().expect("its text parses");
             assert_eq!(again.fault, injection.fault);
             // The text has the time in seconds, and an f64 has 53 bits for it.
-            assert!(again.at.abs_diff(injection.at) <= 1 + injection.at / (1 << 50), "{again} from {injection}");
+            assert!(
+                again.at.abs_diff(injection.at) <= 1 + injection.at / (1 << 50),
+                "{again} from {injection}"
+            );
         }
     }
 }
@@ -76,15 +83,19 @@ fn plan(text: &str) {
         for stream in line.parse::<Entry>().map(|entry| entry.0).unwrap_or_default() {
             let cost = Cost::of(&stream);
             let bits = cost.bits;
-            assert!(0.0 < bits.least && bits.least <= bits.typical && bits.typical <= bits.most, "{line}: {bits:?}");
+            assert!(
+                0.0 < bits.least && bits.least <= bits.typical && bits.typical <= bits.most,
+                "{line}: {bits:?}"
+            );
         }
     }
 }
 
-/// After any levels, with a frame to send meanwhile, and a sufficiently long idle bus, the next frame must be
-/// received.
+/// After any levels, with a frame to send meanwhile, and a sufficiently long idle bus, the next
+/// frame must be received.
 fn wire(bytes: &[u8]) {
-    /// Bits of the recovery from bus-off (128 times 11 recessive bits) and of the integration after it.
+    /// Bits of the recovery from bus-off (128 times 11 recessive bits) and of the integration after
+    /// it.
     const RECOVERY: usize = 128 * 11 + 32;
     let mut engine = Engine::new();
     engine.set_mode(EngineMode::Normal);
@@ -105,13 +116,14 @@ fn wire(bytes: &[u8]) {
     let mut received = None;
     for bit in own.wire_bits() {
         let level = if engine.drive(None).is_dominant() { Level::Dominant } else { bit };
-        received = received.or(engine.sample(level).find(|event| matches!(event, Event::Received(_))));
+        received =
+            received.or(engine.sample(level).find(|event| matches!(event, Event::Received(_))));
     }
     assert_eq!(received, Some(Event::Received(own)));
 }
 
-/// Instructions to the MCP2515, each with a length and its bytes, with bits on the bus in between. Then RESET must lead to
-/// configuration mode.
+/// Instructions to the MCP2515, each with a length and its bytes, with bits on the bus in between.
+/// Then RESET must lead to configuration mode.
 fn chip(mut bytes: &[u8]) {
     const RESET: u8 = 0xC0;
     const CANSTAT: u8 = 0x0E;
@@ -148,5 +160,8 @@ fn chip(mut bytes: &[u8]) {
         bytes = rest;
     }
     instruction(&mut chip, &[RESET], 0xFF);
-    assert_eq!(instruction(&mut chip, &[READ, CANSTAT, 0], 0xFF).map(|canstat| canstat & 0xE0), Some(CONFIGURATION));
+    assert_eq!(
+        instruction(&mut chip, &[READ, CANSTAT, 0], 0xFF).map(|canstat| canstat & 0xE0),
+        Some(CONFIGURATION)
+    );
 }

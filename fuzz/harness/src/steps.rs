@@ -1,5 +1,6 @@
-//! The format of inputs of the target `node`. The lower three bits of a step's first byte are its kind, the upper five a number;
-//! further bytes follow by kind. Every byte sequence is valid, so that the fuzzer wastes no inputs.
+//! The format of inputs of the target `node`. The lower three bits of a step's first byte are its
+//! kind, the upper five a number; further bytes follow by kind. Every byte sequence is valid, so
+//! that the fuzzer wastes no inputs.
 //!
 //! | kind | number | then |
 //! | --- | --- | --- |
@@ -152,10 +153,15 @@ fn next(input: &mut &[u8]) -> Option<Step> {
     let first = byte(input)?;
     let number = first >> 3;
     Some(match first & 7 {
-        0 => {
-            Step::Frame { id: [byte(input)?, byte(input)?, byte(input)?, byte(input)?], data: bytes(input, number % 9) }
-        }
-        1 => Step::Known { what: what(input)?, source: byte(input)? & 0x7F, data: bytes(input, number % 9) },
+        0 => Step::Frame {
+            id: [byte(input)?, byte(input)?, byte(input)?, byte(input)?],
+            data: bytes(input, number % 9),
+        },
+        1 => Step::Known {
+            what: what(input)?,
+            source: byte(input)? & 0x7F,
+            data: bytes(input, number % 9),
+        },
         2 => Step::Transfer { sent: sent(input, number)?, damage: None },
         3 => {
             let damage = (Damage::ALL[usize::from(byte(input)? % 8)], byte(input)?);
@@ -285,7 +291,8 @@ mod tests {
     fn a_long_wait_takes_several_steps_with_the_same_sum() {
         for ms in [1, 31, 33, 49, 50, 99, 1650, 20_000] {
             let waits = steps(&bytes_of(&[Step::Wait(ms)]));
-            let sum: u16 = waits.iter().map(|wait| if let Step::Wait(ms) = wait { *ms } else { 0 }).sum();
+            let sum: u16 =
+                waits.iter().map(|wait| if let Step::Wait(ms) = wait { *ms } else { 0 }).sum();
             assert_eq!(sum, ms);
         }
     }

@@ -1,4 +1,5 @@
-//! Runs every input of `fuzz/corpus` without the fuzzer, so that fixed defects do not return and the corpus fits the harness.
+//! Runs every input of `fuzz/corpus` without the fuzzer, so that fixed defects do not return and
+//! the corpus fits the harness.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +7,8 @@ use std::path::Path;
 /// Runs the corpus of a target. Fails if it has fewer than five inputs.
 fn run(target: &str, run: fn(&[u8])) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../corpus").join(target);
-    let mut paths: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut paths: Vec<_> =
+        fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
     assert!(paths.len() >= 5, "no corpus in {}", folder.display());
     for path in paths {

@@ -1,7 +1,7 @@
 //! Fields that do not begin at a byte boundary.
 //!
-//! The bytes of a field come lowest first, each from its most significant bit. A last byte that is not full has only its low
-//! bits (DSDL, "Data serialization").
+//! The bytes of a field come lowest first, each from its most significant bit. A last byte that is
+//! not full has only its low bits (DSDL, "Data serialization").
 
 /// Writes consecutive fields.
 #[derive(Default)]

@@ -96,8 +96,9 @@ const UPTIME_BITS: u32 = 28;
 const CODE_BITS: u32 = 4;
 
 impl NodeStatus {
-    /// `None` unless the payload has four, six, seven or eight bytes. Seven bytes are the thesis's node, which uses the fields of v0:
-    /// `uptime_sec u32 | state u8 | vendor code u16`. For a parser of the draft the uptime's most significant byte is the status code,
+    /// `None` unless the payload has four, six, seven or eight bytes. Seven bytes are the thesis's
+    /// node, which uses the fields of v0: `uptime_sec u32 | state u8 | vendor code u16`. For a
+    /// parser of the draft the uptime's most significant byte is the status code,
     /// so such a node is OK for its first 194 days, whatever its state is.
     pub fn decode(payload: &[u8]) -> Option<NodeStatus> {
         let mut bits = Reader::new(payload);
@@ -107,7 +108,9 @@ impl NodeStatus {
             [_, _, _, _] => VendorCode::None,
             [_, _, _, _, low, high] => VendorCode::Short(u16::from_le_bytes([*low, *high])),
             [_, _, _, _, _, low, high] => VendorCode::Short(u16::from_le_bytes([*low, *high])),
-            [_, _, _, _, b0, b1, b2, b3] => VendorCode::Long(u32::from_le_bytes([*b0, *b1, *b2, *b3])),
+            [_, _, _, _, b0, b1, b2, b3] => {
+                VendorCode::Long(u32::from_le_bytes([*b0, *b1, *b2, *b3]))
+            }
             _ => return None,
         };
         Some(NodeStatus { uptime_s, code, vendor_code })
@@ -174,7 +177,8 @@ impl StatusField for NodeStatus {
 /// protocol.GetNodeInfo, response.
 pub type NodeInfo = management::NodeInfo<NodeStatus>;
 
-/// One element of equipment.actuator.ArrayCommand: `actuator u8 | command f16`. A servo's command is -1 to +1.
+/// One element of equipment.actuator.ArrayCommand: `actuator u8 | command f16`. A servo's command
+/// is -1 to +1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActuatorCommand {
     pub actuator: u8,
@@ -193,7 +197,8 @@ impl ActuatorCommand {
             actuator,
             value: f16::from_le_bytes([low, high]),
         };
-        (rest.is_empty() && commands.len() <= COMMANDS_MAX).then(|| commands.iter().map(decode).collect())
+        (rest.is_empty() && commands.len() <= COMMANDS_MAX)
+            .then(|| commands.iter().map(decode).collect())
     }
 
     /// The payload of an ArrayCommand.
@@ -219,7 +224,8 @@ pub enum Message {
     ArrayCommand(Vec<ActuatorCommand>),
     /// Servo command of the thesis, 0 to 255 over the full travel.
     ThesisCommand(u8),
-    /// Measurement of a node of the thesis: degrees Celsius, or the number of presses of its button.
+    /// Measurement of a node of the thesis: degrees Celsius, or the number of presses of its
+    /// button.
     ThesisMeasurement(u8),
     NodeInfoRequest,
     NodeInfo(Box<NodeInfo>),
@@ -254,15 +260,29 @@ impl Message {
         let data_type = DataType::of(transfer.type_id, transfer.route.transfer_type())?;
         match (*data_type, transfer.route) {
             (types::NODE_STATUS, _) => NodeStatus::decode(payload).map(Message::NodeStatus),
-            (types::ARRAY_COMMAND, _) => ActuatorCommand::decode_array(payload).map(Message::ArrayCommand),
+            (types::ARRAY_COMMAND, _) => {
+                ActuatorCommand::decode_array(payload).map(Message::ArrayCommand)
+            }
             (types::THESIS_COMMAND, _) => byte().map(Message::ThesisCommand),
             (types::THESIS_MEASUREMENT, _) => byte().map(Message::ThesisMeasurement),
-            (types::GET_NODE_INFO, Route::Request(_)) => payload.is_empty().then_some(Message::NodeInfoRequest),
-            (types::GET_NODE_INFO, _) => NodeInfo::decode(payload).map(|info| Message::NodeInfo(Box::new(info))),
-            (types::RESTART_NODE, Route::Request(_)) => management::decode_restart(payload).map(Message::RestartNode),
-            (types::RESTART_NODE, _) => management::decode_restarted(payload).map(Message::Restarting),
-            (types::GET_SET, Route::Request(_)) => parameters::decode_request(payload).map(Message::ParameterRequest),
-            (types::GET_SET, _) => parameters::decode_response(payload).map(Message::ParameterResponse),
+            (types::GET_NODE_INFO, Route::Request(_)) => {
+                payload.is_empty().then_some(Message::NodeInfoRequest)
+            }
+            (types::GET_NODE_INFO, _) => {
+                NodeInfo::decode(payload).map(|info| Message::NodeInfo(Box::new(info)))
+            }
+            (types::RESTART_NODE, Route::Request(_)) => {
+                management::decode_restart(payload).map(Message::RestartNode)
+            }
+            (types::RESTART_NODE, _) => {
+                management::decode_restarted(payload).map(Message::Restarting)
+            }
+            (types::GET_SET, Route::Request(_)) => {
+                parameters::decode_request(payload).map(Message::ParameterRequest)
+            }
+            (types::GET_SET, _) => {
+                parameters::decode_response(payload).map(Message::ParameterResponse)
+            }
             _ => None,
         }
     }
@@ -271,15 +291,23 @@ impl Message {
     pub fn encode(&self) -> Option<(&'static DataType, Vec<u8>)> {
         Some(match self {
             Message::NodeStatus(status) => (&types::NODE_STATUS, status.encode()),
-            Message::ArrayCommand(commands) => (&types::ARRAY_COMMAND, ActuatorCommand::encode_array(commands)),
+            Message::ArrayCommand(commands) => {
+                (&types::ARRAY_COMMAND, ActuatorCommand::encode_array(commands))
+            }
             Message::ThesisCommand(byte) => (&types::THESIS_COMMAND, vec![*byte]),
             Message::ThesisMeasurement(byte) => (&types::THESIS_MEASUREMENT, vec![*byte]),
             Message::NodeInfoRequest => (&types::GET_NODE_INFO, Vec::new()),
             Message::NodeInfo(info) => (&types::GET_NODE_INFO, info.encode()),
-            Message::RestartNode(magic) => (&types::RESTART_NODE, management::encode_restart(*magic)),
+            Message::RestartNode(magic) => {
+                (&types::RESTART_NODE, management::encode_restart(*magic))
+            }
             Message::Restarting(ok) => (&types::RESTART_NODE, management::encode_restarted(*ok)),
-            Message::ParameterRequest(request) => (&types::GET_SET, parameters::encode_request(request)),
-            Message::ParameterResponse(response) => (&types::GET_SET, parameters::encode_response(response)),
+            Message::ParameterRequest(request) => {
+                (&types::GET_SET, parameters::encode_request(request))
+            }
+            Message::ParameterResponse(response) => {
+                (&types::GET_SET, parameters::encode_response(response))
+            }
             Message::Other { .. } => return None,
         })
     }
@@ -291,8 +319,12 @@ impl Message {
         }
         let name = self.encode().map_or("", |(data_type, _)| data_type.name);
         let direction = match self {
-            Message::NodeInfoRequest | Message::RestartNode(_) | Message::ParameterRequest(_) => " request",
-            Message::NodeInfo(_) | Message::Restarting(_) | Message::ParameterResponse(_) => " response",
+            Message::NodeInfoRequest | Message::RestartNode(_) | Message::ParameterRequest(_) => {
+                " request"
+            }
+            Message::NodeInfo(_) | Message::Restarting(_) | Message::ParameterResponse(_) => {
+                " response"
+            }
             _ => "",
         };
         format!("{name}{direction}")

@@ -1,12 +1,13 @@
-//! The draft's param.GetSet. Requests and responses have the same meaning as in v0, but other bytes.
+//! The draft's param.GetSet. Requests and responses have the same meaning as in v0, but other
+//! bytes.
 //!
 //! ```text
 //! Value    : list of up to one bool, of up to one int64, one float32, one string of up to 63 bytes; each list after its length
 //! request  : Value, index u8, name
 //! response : Value, default Value, maximum Value, minimum Value, name
 //! ```
-//! If several lists have a value, the first is used; if none has, the Value is empty. The layout is the one with signature
-//! 0xDD4BB39E5963C2C1.
+//! If several lists have a value, the first is used; if none has, the Value is empty. The layout is
+//! the one with signature 0xDD4BB39E5963C2C1.
 
 use super::bits::{Reader, Writer};
 use crate::management::{ParameterRequest, ParameterResponse, Value};

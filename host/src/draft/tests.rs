@@ -1,5 +1,5 @@
-//! Tests of the draft's codec with bytes of another implementation, tests/clients/draft.py with pydronecan, in both directions.
-//! tests/clients/test_draft.py generates the bytes again.
+//! Tests of the draft's codec with bytes of another implementation, tests/clients/draft.py with
+//! pydronecan, in both directions. tests/clients/test_draft.py generates the bytes again.
 
 use super::message::name_of;
 use super::*;
@@ -17,7 +17,8 @@ const AT: Duration = Duration::ZERO;
 fn golden(text: &str) -> Vec<Frame> {
     let frame = |text: &str| {
         let (id, data) = text.trim().split_once(' ').unwrap_or((text.trim(), ""));
-        let data: Vec<u8> = data.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
+        let data: Vec<u8> =
+            data.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect();
         Frame::extended(u32::from_str_radix(id, 16).unwrap(), &data)
     };
     text.split('|').map(frame).collect()
@@ -83,18 +84,25 @@ fn an_identifier_has_all_its_fields() {
 
 #[test]
 fn forbidden_identifiers_are_rejected() {
-    let id =
-        |index: u32, last: bool, source: u32| 760 << 19 | 2 << 17 | source << 10 | index << 4 | u32::from(last) << 3;
+    let id = |index: u32, last: bool, source: u32| {
+        760 << 19 | 2 << 17 | source << 10 | index << 4 | u32::from(last) << 3
+    };
     assert!(CanId::parse(id(62, true, 1)).is_some());
     assert!(CanId::parse(id(61, false, 127)).is_some());
-    assert_eq!(CanId::parse(id(62, false, 1)), None, "not the last frame, but with the highest index");
+    assert_eq!(
+        CanId::parse(id(62, false, 1)),
+        None,
+        "not the last frame, but with the highest index"
+    );
     assert_eq!(CanId::parse(id(63, true, 1)), None, "reserved");
     assert_eq!(CanId::parse(id(0, true, 0)), None, "from node 0");
 }
 
 #[test]
 fn node_status_is_read_in_each_of_its_lengths() {
-    let status = |uptime_s, code, vendor_code| Message::NodeStatus(NodeStatus { uptime_s, code, vendor_code });
+    let status = |uptime_s, code, vendor_code| {
+        Message::NodeStatus(NodeStatus { uptime_s, code, vendor_code })
+    };
     both_ways(
         "1135E00B EF CD AB 02",
         status(0xAB_CDEF, StatusCode::Warning, VendorCode::None),
@@ -121,7 +129,8 @@ fn node_status_is_read_in_each_of_its_lengths() {
 #[test]
 fn the_thesis_s_seven_bytes_are_an_ok_status() {
     let transfer = assemble(&golden("1134780A 2C 01 00 00 00 34 12"));
-    let expected = NodeStatus { uptime_s: 300, code: StatusCode::Ok, vendor_code: VendorCode::Short(0x1234) };
+    let expected =
+        NodeStatus { uptime_s: 300, code: StatusCode::Ok, vendor_code: VendorCode::Short(0x1234) };
     assert_eq!(Message::decode(&transfer), Message::NodeStatus(expected));
     assert_eq!(transfer.endpoints(), "30");
 }
@@ -149,7 +158,11 @@ fn the_types_of_the_thesis_are_one_byte() {
 
 #[test]
 fn commands_are_three_bytes_each() {
-    both_ways("084C0409 01 00 38", Message::ArrayCommand(vec![command(1, 0.5)]), "draft.ArrayCommand id 1 +0.50");
+    both_ways(
+        "084C0409 01 00 38",
+        Message::ArrayCommand(vec![command(1, 0.5)]),
+        "draft.ArrayCommand id 1 +0.50",
+    );
     both_ways(
         "084C040A 01 00 38 02 00 BC",
         Message::ArrayCommand(vec![command(1, 0.5), command(2, -1.0)]),
@@ -157,7 +170,12 @@ fn commands_are_three_bytes_each() {
     );
     both_ways(
         "084C0403 BE 8D 01 00 38 02 00 BC | 084C041B 03 00 34 04 00 3C",
-        Message::ArrayCommand(vec![command(1, 0.5), command(2, -1.0), command(3, 0.25), command(4, 1.0)]),
+        Message::ArrayCommand(vec![
+            command(1, 0.5),
+            command(2, -1.0),
+            command(3, 0.25),
+            command(4, 1.0),
+        ]),
         "draft.ArrayCommand id 1 +0.50, id 2 -1.00, id 3 +0.25, id 4 +1.00",
     );
     assert_eq!(ActuatorCommand::decode_array(&[0; 93]).map(|commands| commands.len()), Some(31));
@@ -168,9 +186,16 @@ fn commands_are_three_bytes_each() {
 #[test]
 fn node_info_has_the_destination_in_each_frame() {
     let transfer = both_ways("113BFC08 78", Message::NodeInfoRequest, "draft.GetNodeInfo request");
-    assert_eq!((transfer.route, transfer.endpoints().as_str()), (Route::Request(node(120)), "127>120"));
+    assert_eq!(
+        (transfer.route, transfer.endpoints().as_str()),
+        (Route::Request(node(120)), "127>120")
+    );
     let info = NodeInfo {
-        status: NodeStatus { uptime_s: 10, code: StatusCode::Initializing, vendor_code: VendorCode::Short(0x1234) },
+        status: NodeStatus {
+            uptime_s: 10,
+            code: StatusCode::Initializing,
+            vendor_code: VendorCode::Short(0x1234),
+        },
         software: (1, 2),
         commit: Some(0xDEAD_BEEF),
         hardware: (1, 0),
@@ -189,7 +214,8 @@ fn node_info_has_the_destination_in_each_frame() {
     assert_eq!(transfer.route, Route::Response(node(127)));
 }
 
-/// A response always has a vendor code of 16 bits, even if the node's own status has another length.
+/// A response always has a vendor code of 16 bits, even if the node's own status has another
+/// length.
 #[test]
 fn a_status_in_a_response_has_six_bytes() {
     for vendor_code in [VendorCode::None, VendorCode::Short(0), VendorCode::Long(0x1_0000)] {
@@ -201,7 +227,11 @@ fn a_status_in_a_response_has_six_bytes() {
 
 #[test]
 fn restarts_have_the_magic_number_of_v0() {
-    both_ways("1183FC0E 78 1E 1B 55 CE AC", Message::RestartNode(RESTART_MAGIC), "draft.RestartNode request");
+    both_ways(
+        "1183FC0E 78 1E 1B 55 CE AC",
+        Message::RestartNode(RESTART_MAGIC),
+        "draft.RestartNode request",
+    );
     both_ways("1181E00E 7F 80", Message::Restarting(true), "draft.RestartNode response ok");
     both_ways("1181E00F 7F 00", Message::Restarting(false), "draft.RestartNode response FAILED");
 }
@@ -212,7 +242,11 @@ fn request(index: u16, value: Value, name: &[u8]) -> Message {
 
 #[test]
 fn parameter_requests_are_packed_bit_by_bit() {
-    both_ways("12BBFC08 78 00 30", request(3, Value::Empty, b""), "draft.param.GetSet request index 3");
+    both_ways(
+        "12BBFC08 78 00 30",
+        request(3, Value::Empty, b""),
+        "draft.param.GetSet request index 3",
+    );
     both_ways(
         "12BBFC01 78 88 C3 00 04 F5 55 43 | 12BBFC19 78 15 F4 D4 94 E0",
         request(0, Value::Empty, b"OUT1_MIN"),
@@ -245,7 +279,13 @@ fn parameter_responses_are_packed_bit_by_bit() {
     let [value, default, max, min] = [1100, 1000, 2500, -500].map(Value::Integer);
     both_ways(
         "12B9E002 7F 44 B2 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | 12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 4F 55 54 31 5F 4D | 12B9E06A 7F 49 4E",
-        Message::ParameterResponse(ParameterResponse { value, default, max, min, name: b"OUT1_MIN".to_vec() }),
+        Message::ParameterResponse(ParameterResponse {
+            value,
+            default,
+            max,
+            min,
+            name: b"OUT1_MIN".to_vec(),
+        }),
         "draft.param.GetSet response OUT1_MIN = 1100 (-500 to 2500, default 1000)",
     );
     both_ways(
@@ -255,7 +295,8 @@ fn parameter_responses_are_packed_bit_by_bit() {
     );
 }
 
-/// Bool and int64 at once: length 1, true, length 1, the 64 bits of 7, then no float and no string, index 0.
+/// Bool and int64 at once: length 1, true, length 1, the 64 bits of 7, then no float and no string,
+/// index 0.
 #[test]
 fn of_several_values_the_first_is_used() {
     let payload = [0b1110_0000, 0b1110_0000, 0, 0, 0, 0, 0, 0, 0, 0];
@@ -308,14 +349,25 @@ fn a_wrong_byte_in_a_long_transfer_is_noticed() {
 #[test]
 fn a_missing_frame_affects_only_its_own_transfer() {
     let payload: Vec<u8> = (0..30).collect();
-    let transfer =
-        Transfer { type_id: 265, source: node(1), route: Route::Broadcast, transfer_id: TransferId::new(4), payload };
+    let transfer = Transfer {
+        type_id: 265,
+        source: node(1),
+        route: Route::Broadcast,
+        transfer_id: TransferId::new(4),
+        payload,
+    };
     let frames = transfer.split(types::ARRAY_COMMAND.signature.unwrap());
     assert_eq!(frames.len(), 4);
     let mut assembler = Assembler::new();
     assert_eq!(push(&mut assembler, &frames[0], AT), Outcome::Partial);
-    assert_eq!(push(&mut assembler, &frames[2], AT), Outcome::Invalid("a frame of the transfer is missing"));
-    assert_eq!(push(&mut assembler, &frames[3], AT), Outcome::Invalid("continues a transfer that did not start"));
+    assert_eq!(
+        push(&mut assembler, &frames[2], AT),
+        Outcome::Invalid("a frame of the transfer is missing")
+    );
+    assert_eq!(
+        push(&mut assembler, &frames[3], AT),
+        Outcome::Invalid("continues a transfer that did not start")
+    );
     for frame in &frames[..3] {
         assert_eq!(push(&mut assembler, frame, AT), Outcome::Partial);
     }
@@ -327,7 +379,10 @@ fn frames_with_another_transfer_id_do_not_continue_a_transfer() {
     let frames = golden(&FOUR_COMMANDS.replace("084C041B", "084C041C"));
     let mut assembler = Assembler::new();
     assert_eq!(push(&mut assembler, &frames[0], AT), Outcome::Partial);
-    assert_eq!(push(&mut assembler, &frames[1], AT), Outcome::Invalid("a frame of the transfer is missing"));
+    assert_eq!(
+        push(&mut assembler, &frames[1], AT),
+        Outcome::Invalid("a frame of the transfer is missing")
+    );
 }
 
 #[test]
@@ -346,7 +401,8 @@ fn a_transfer_times_out_after_five_seconds() {
 fn only_the_last_frame_may_be_short() {
     let short = |vector: &str, why| {
         let mut assembler = Assembler::new();
-        let outcomes: Vec<_> = golden(vector).iter().map(|frame| push(&mut assembler, frame, AT)).collect();
+        let outcomes: Vec<_> =
+            golden(vector).iter().map(|frame| push(&mut assembler, frame, AT)).collect();
         assert_eq!(outcomes.last(), Some(&Outcome::Invalid(why)));
     };
     short("084C0403 BE 8D 01 00 38 02 00", "start frame that is not full");
@@ -357,7 +413,13 @@ fn only_the_last_frame_may_be_short() {
 fn a_broadcast_frame_has_eight_bytes_and_other_frames_seven() {
     let frames = |route, len| {
         let payload = vec![0; len];
-        let transfer = Transfer { type_id: 1, source: node(1), route, transfer_id: TransferId::new(0), payload };
+        let transfer = Transfer {
+            type_id: 1,
+            source: node(1),
+            route,
+            transfer_id: TransferId::new(0),
+            payload,
+        };
         transfer.split(0).len()
     };
     assert_eq!([0, 8, 9, 14, 15].map(|len| frames(Route::Broadcast, len)), [1, 1, 2, 2, 3]);
@@ -373,8 +435,9 @@ fn transfer_ids_count_modulo_8() {
     assert_eq!(id.get(), 0);
 }
 
-/// [`dialect`](crate::dialect) needs this: an identifier of a known type of one dialect is not one of a known type of the other, except
-/// anonymous frames of v0 and the draft's messages to one node.
+/// [`dialect`](crate::dialect) needs this: an identifier of a known type of one dialect is not one
+/// of a known type of the other, except anonymous frames of v0 and the draft's messages to one
+/// node.
 #[test]
 fn no_identifier_is_a_known_type_of_both_dialects() {
     for known in types::KNOWN {
@@ -382,10 +445,13 @@ fn no_identifier_is_a_known_type_of_both_dialects() {
             for rest in 0..1 << 17 {
                 let id = u32::from(known.id) << 19 | transfer_type << 17 | rest;
                 let Some(draft) = CanId::parse(id) else { continue };
-                if draft.transfer_type.kind() != known.kind || draft.transfer_type == TransferType::MessageUnicast {
+                if draft.transfer_type.kind() != known.kind
+                    || draft.transfer_type == TransferType::MessageUnicast
+                {
                     continue;
                 }
-                if let Some(v0) = V0Id::parse(id).filter(|v0| !matches!(v0, V0Id::Anonymous { .. })) {
+                if let Some(v0) = V0Id::parse(id).filter(|v0| !matches!(v0, V0Id::Anonymous { .. }))
+                {
                     assert_eq!(V0Type::of(v0), None, "{} is {v0:?} too", known.name);
                 }
             }

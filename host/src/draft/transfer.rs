@@ -1,11 +1,12 @@
 //! Transfers of the draft: splits a payload into frames and reassembles frames.
 //!
-//! A frame of a broadcast has eight bytes of payload. In all other frames the first byte is the destination, which leaves
-//! seven. A longer payload follows its CRC, little endian, and is split. There is no toggle bit: the
-//! identifier counts the frames.
+//! A frame of a broadcast has eight bytes of payload. In all other frames the first byte is the
+//! destination, which leaves seven. A longer payload follows its CRC, little endian, and is split.
+//! There is no toggle bit: the identifier counts the frames.
 //!
-//! Assembly invariants: only frame 0 opens or replaces a session. A frame that does not continue its session closes it.
-//! Repeated transfer IDs are not filtered, because an observer shows every frame.
+//! Assembly invariants: only frame 0 opens or replaces a session. A frame that does not continue
+//! its session closes it. Repeated transfer IDs are not filtered, because an observer shows every
+//! frame.
 
 use super::id::{CanId, INDEX_MAX, TransferId, TransferType};
 use super::types::DataType;
@@ -18,8 +19,8 @@ const FRAME_DATA: usize = 8;
 const CRC_LEN: usize = 2;
 /// Longest payload: one frame for each index with seven bytes each, minus the CRC (transfer.hpp).
 pub const PAYLOAD_MAX: usize = (INDEX_MAX as usize + 1) * (FRAME_DATA - 1) - CRC_LEN;
-/// A transfer that is not complete this long after its start times out: five times the interval that a receiver assumes
-/// for an unknown sender (transfer_receiver.cpp).
+/// A transfer that is not complete this long after its start times out: five times the interval
+/// that a receiver assumes for an unknown sender (transfer_receiver.cpp).
 const TIMEOUT: Duration = Duration::from_secs(5);
 /// A bit of the destination byte that is never set.
 const DESTINATION_RESERVED: u8 = 1 << 7;
@@ -86,8 +87,8 @@ impl Transfer {
         }
     }
 
-    /// Its frames, in order. `signature` is that of the data type; a single frame does not need it. Panics if the
-    /// payload is longer than [`PAYLOAD_MAX`].
+    /// Its frames, in order. `signature` is that of the data type; a single frame does not need it.
+    /// Panics if the payload is longer than [`PAYLOAD_MAX`].
     pub fn split(&self, signature: u64) -> Vec<Frame> {
         assert!(self.payload.len() <= PAYLOAD_MAX, "a payload of {} bytes", self.payload.len());
         let destination = self.route.destination().map(NodeId::get);
@@ -137,8 +138,8 @@ struct SoFar {
     stream: Vec<u8>,
 }
 
-/// Reassembles the transfers of all nodes on a bus, with one session for each sender, data type and destination. Of incomplete
-/// transfers only the newest are kept.
+/// Reassembles the transfers of all nodes on a bus, with one session for each sender, data type and
+/// destination. Of incomplete transfers only the newest are kept.
 pub struct Assembler {
     sessions: Sessions<Key, SoFar>,
 }
@@ -163,7 +164,9 @@ impl Assembler {
         let (destination, part) = match data.split_first() {
             _ if !id.transfer_type.has_destination() => (None, data),
             None => return Outcome::Invalid("no destination"),
-            Some((node, _)) if node & DESTINATION_RESERVED != 0 => return Outcome::Invalid("no valid destination"),
+            Some((node, _)) if node & DESTINATION_RESERVED != 0 => {
+                return Outcome::Invalid("no valid destination");
+            }
             Some((node, part)) => (NodeId::new(*node), part),
         };
         let Some(route) = Route::of(id.transfer_type, destination) else {
@@ -178,7 +181,9 @@ impl Assembler {
                 self.sessions.take(&key);
                 Outcome::Complete(transfer(key, id.transfer_id, part.to_vec()))
             }
-            (0, false) if data.len() < FRAME_DATA => Outcome::Invalid("start frame that is not full"),
+            (0, false) if data.len() < FRAME_DATA => {
+                Outcome::Invalid("start frame that is not full")
+            }
             (0, false) => {
                 let so_far = SoFar { transfer_id: id.transfer_id, next: 1, stream: part.to_vec() };
                 self.sessions.open(key, at, so_far);
@@ -214,8 +219,10 @@ impl Assembler {
             return Outcome::Invalid("transfer too long");
         }
         let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
-        // Without a known signature the CRC cannot be checked; an observer shows the transfer nevertheless.
-        if let Some(signature) = DataType::of(id.type_id, id.transfer_type).and_then(|known| known.signature)
+        // Without a known signature the CRC cannot be checked; an observer shows the transfer
+        // nevertheless.
+        if let Some(signature) =
+            DataType::of(id.type_id, id.transfer_type).and_then(|known| known.signature)
             && crc::transfer(signature, &payload) != sent_crc
         {
             return Outcome::Invalid("wrong transfer CRC");
@@ -237,7 +244,9 @@ mod tests {
     fn incomplete_transfers_use_limited_memory() {
         let mut assembler = Assembler::new();
         // First frames of broadcasts of many types from every node.
-        for (type_id, source) in (0u32..50).flat_map(|type_id| (1u32..128).map(move |source| (type_id, source))) {
+        for (type_id, source) in
+            (0u32..50).flat_map(|type_id| (1u32..128).map(move |source| (type_id, source)))
+        {
             let id = type_id << 19 | 2 << 17 | source << 10;
             assert_eq!(assembler.push(id, &[0; FRAME_DATA], Duration::ZERO), Outcome::Partial);
         }

@@ -1,7 +1,7 @@
 //! Names and signatures of the draft's data types.
 //!
-//! IDs and signatures are those of 2015-03-19, except ArrayCommand: its definition is the last one without a unit. The
-//! thesis's two types are its own.
+//! IDs and signatures are those of 2015-03-19, except ArrayCommand: its definition is the last one
+//! without a unit. The thesis's two types are its own.
 
 use super::id::TransferType;
 use crate::types::Kind;

@@ -6,11 +6,11 @@
 //!         0x2934        bit 0:  bit 31: it has 29 bits
 //!                       CAN FD
 //! ```
-//! The CRC is CRC-16-CCITT-FALSE of all bytes after it. Source: pydronecan 1.0.27, `driver/mcast.py`;
-//! libcanard, `drivers/mcast`.
+//! The CRC is CRC-16-CCITT-FALSE of all bytes after it. Source: pydronecan 1.0.27,
+//! `driver/mcast.py`; libcanard, `drivers/mcast`.
 //!
-//! Limits: classic data frames. The format cannot represent a DLC above eight, and readers would take a remote frame
-//! for a data frame, so [`encode`] rejects remote frames.
+//! Limits: classic data frames. The format cannot represent a DLC above eight, and readers would
+//! take a remote frame for a data frame, so [`encode`] rejects remote frames.
 
 use crate::{Frame, Id, crc};
 
@@ -78,7 +78,12 @@ pub fn decode(datagram: &[u8]) -> Result<Frame, Refused> {
     if data.len() > DATA_MAX {
         return Err(Refused::Length);
     }
-    let field = u32::from_le_bytes([header[ID_AT], header[ID_AT + 1], header[ID_AT + 2], header[ID_AT + 3]]);
+    let field = u32::from_le_bytes([
+        header[ID_AT],
+        header[ID_AT + 1],
+        header[ID_AT + 2],
+        header[ID_AT + 3],
+    ]);
     let id = field & !EXTENDED;
     match field & EXTENDED != 0 {
         true if id <= EXTENDED_ID_MAX => Ok(Frame::extended(id, data)),
@@ -92,8 +97,10 @@ mod tests {
     use super::*;
 
     /// Packed with pydronecan 1.0.27 for id 0x1404562A, data 01 00 A9 5C 00 C0.
-    const GOLDEN: [u8; 16] =
-        [0x34, 0x29, 0xF1, 0x83, 0x00, 0x00, 0x2A, 0x56, 0x04, 0x94, 0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0];
+    const GOLDEN: [u8; 16] = [
+        0x34, 0x29, 0xF1, 0x83, 0x00, 0x00, 0x2A, 0x56, 0x04, 0x94, 0x01, 0x00, 0xA9, 0x5C, 0x00,
+        0xC0,
+    ];
 
     fn with_crc(mut datagram: Vec<u8>) -> Vec<u8> {
         let crc = crc::feed(crc::INITIAL, &datagram[4..]);
@@ -112,7 +119,9 @@ mod tests {
     fn frames_of_every_length_and_both_widths_survive_a_round_trip() {
         for len in 0..=8 {
             let data = [0xA5; 8];
-            for frame in [Frame::standard(0x7FF, &data[..len]), Frame::extended(0x1FFF_FFFF, &data[..len])] {
+            for frame in
+                [Frame::standard(0x7FF, &data[..len]), Frame::extended(0x1FFF_FFFF, &data[..len])]
+            {
                 assert_eq!(decode(&encode(&frame).unwrap()), Ok(frame));
             }
         }
@@ -146,7 +155,8 @@ mod tests {
         assert_eq!(decode(&with_crc(long)), Err(Refused::Length));
     }
 
-    /// Bits 29 and 30 mark error and remote frames in other programs' identifiers. The last identifier lacks bit 31.
+    /// Bits 29 and 30 mark error and remote frames in other programs' identifiers. The last
+    /// identifier lacks bit 31.
     #[test]
     fn identifiers_with_unknown_flags_are_rejected() {
         for top in [0xB4, 0xD4, 0x14] {

@@ -83,7 +83,8 @@ pub const SHORT: Case = Case {
     reaction: "the controller waits for recessive bits; old frames are dropped",
     run: || {
         let short = |rig: &mut Rig, on| {
-            // The driver writes the filters again. The controller may join the free bus, and overflow, before the driver polls it.
+            // The driver writes the filters again. The controller may join the free bus, and
+            // overflow, before the driver polls it.
             rig.overflows_expected = true;
             rig.bench.bus().inject(Fault::StuckDominant(on));
         };
@@ -98,7 +99,9 @@ pub const WRONG_RATE: Case = Case {
         let mut trial = Trial::running();
         let intruder = Rc::new(RefCell::new(SoftNode::new(board().fastest_bit_rate() / 2)));
         let port = trial.rig.bench.attach("intruder", intruder.clone());
-        trial.begin("CAN: error-passive", |_| intruder.borrow_mut().babble(Some(Frame::extended(0x123, &[0x55; 8]))));
+        trial.begin("CAN: error-passive", |_| {
+            intruder.borrow_mut().babble(Some(Frame::extended(0x123, &[0x55; 8])))
+        });
         trial.live(LASTS_MS);
         trial.end(|rig| {
             intruder.borrow_mut().babble(None);
@@ -117,7 +120,8 @@ pub const BABBLE: Case = Case {
     logged_limit_ms: Some(1300),
     run: || {
         let flood = |rig: &mut Rig, on: bool| {
-            let frame = Frame::extended(0x0010_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
+            let frame =
+                Frame::extended(0x0010_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
             rig.peer.borrow_mut().babble(on.then_some(frame));
         };
         during(flood, "CAN: nothing sent for 1 s", CONTROLLER)
@@ -132,15 +136,23 @@ pub const NO_ACKNOWLEDGE: Case = Case {
         let mut trial = Trial::running();
         trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
         trial.live(500);
-        // From 128 on, a missing acknowledgement does not raise TEC. At 500 kbit/s other nodes' frames begin inside the error frame, which does.
+        // From 128 on, a missing acknowledgement does not raise TEC. At 500 kbit/s other nodes'
+        // frames begin inside the error frame, which does.
         let tec = trial.rig.board().chip().borrow().tec();
         let most = if trial.rig.bench.bus().bit_rate() == 1_000_000 { 128 } else { 256 };
-        assert!((128..=most).contains(&tec), "TEC leaves the range of an error-passive sender: {tec}");
+        assert!(
+            (128..=most).contains(&tec),
+            "TEC leaves the range of an error-passive sender: {tec}"
+        );
         trial.end(|rig| rig.bench.bus().inject(Fault::NoAck(false)));
         let measured = trial.recover(BUS_LIMIT_MS, 0);
         assert!(trial.rig.serial.contains("CAN: error-active"), "{}", trial.rig.serial);
         let (_, code) = trial.rig.status_now();
-        assert_eq!(code & ERROR_PASSIVE, 0, "error-passive is reported after the node left it: {code:#06x}");
+        assert_eq!(
+            code & ERROR_PASSIVE,
+            0,
+            "error-passive is reported after the node left it: {code:#06x}"
+        );
         measured
     },
     ..CASE
@@ -168,7 +180,9 @@ pub const DESTROYED: Case = Case {
 /// Bit errors for [`LASTS_MS`]. The node counts them and logs nothing.
 fn noise(per_million: u32) -> Measured {
     let mut trial = Trial::running();
-    trial.begin("", |rig| rig.bench.bus().inject(Fault::BitErrorRate { per_million, seed: u64::from(per_million) }));
+    trial.begin("", |rig| {
+        rig.bench.bus().inject(Fault::BitErrorRate { per_million, seed: u64::from(per_million) })
+    });
     trial.live(LASTS_MS);
     trial.end(|rig| rig.bench.bus().inject(Fault::BitErrorRate { per_million: 0, seed: 0 }));
     assert!(trial.rig.error_frames > 0, "the fault caused no error frame");
@@ -222,7 +236,8 @@ pub const OWN_RATE_WRONG: Case = Case {
     logged_limit_ms: Some(1300),
     limit_ms: BUS_LIMIT_MS,
     run: || {
-        // Each power-up replaces the EEPROM, because the node reads its bit rate only when it starts.
+        // Each power-up replaces the EEPROM, because the node reads its bit rate only when it
+        // starts.
         let mut rig = Rig::running_with(started());
         let right = rig.board().avr().eeprom();
         rig.set("CAN_BAUDRATE", i64::from(board().fastest_bit_rate() / 2));

@@ -4,12 +4,15 @@ use super::{CHIP_LOGGED_LIMIT_MS, Case, Measured, Trial};
 use crate::Rig;
 use crate::status::CONTROLLER;
 
-/// Durations of a lasting fault. They differ so that the fault ends in different phases of the restarts, which are at least 100 ms apart.
+/// Durations of a lasting fault. They differ so that the fault ends in different phases of the
+/// restarts, which are at least 100 ms apart.
 const LASTS_MS: [u64; 3] = [600, 635, 670];
-/// The node restarts the controller at most 100 ms after the fault; the controller is on the bus 5 ms later.
+/// The node restarts the controller at most 100 ms after the fault; the controller is on the bus 5
+/// ms later.
 const LIMIT_MS: u64 = 300;
 
-/// Registers that the driver checks (DS20001801J table 11-1), each with a mask of the bits that it checks.
+/// Registers that the driver checks (DS20001801J table 11-1), each with a mask of the bits that it
+/// checks.
 const WATCHED: [(u8, u8); 6] = [
     (0x28, 0x07), // CNF3
     (0x29, 0xBF), // CNF2 without SAM
@@ -23,8 +26,8 @@ const RXF_SIDL: [u8; 6] = [0x01, 0x05, 0x09, 0x11, 0x15, 0x19];
 const EXIDE: u8 = 0x08;
 
 pub const ALL: [&Case; 12] = [
-    &RESET, &BROWN_OUT, &NO_POWER, &HELD, &ASLEEP, &MISO_LOW, &MISO_HIGH, &FLIPPING, &REGISTER, &FILTER, &INT_HIGH,
-    &INT_LOW,
+    &RESET, &BROWN_OUT, &NO_POWER, &HELD, &ASLEEP, &MISO_LOW, &MISO_HIGH, &FLIPPING, &REGISTER,
+    &FILTER, &INT_HIGH, &INT_LOW,
 ];
 
 const LOST: &str = "CAN: MCP2515 lost its settings";
@@ -35,7 +38,8 @@ const STARTED_OVER: &str = "restarted, each register read back";
 /// Runs a case whose fault happens once.
 fn once(line: &'static str, fault: impl FnOnce(&mut Rig)) -> Measured {
     let mut trial = Trial::running();
-    // The model reports accesses that are illegal in the chip's state, and the driver does not know the state yet.
+    // The model reports accesses that are illegal in the chip's state, and the driver does not know
+    // the state yet.
     trial.rig.violations_expected = true;
     trial.rig.overflows_expected = true;
     trial.begin(line, fault);
@@ -67,8 +71,11 @@ const CASE: Case = Case {
     run: Measured::default,
 };
 
-pub const RESET: Case =
-    Case { fault: "MCP2515 reset by a glitch", run: || once(LOST, |rig| rig.board().chip_reset()), ..CASE };
+pub const RESET: Case = Case {
+    fault: "MCP2515 reset by a glitch",
+    run: || once(LOST, |rig| rig.board().chip_reset()),
+    ..CASE
+};
 
 pub const BROWN_OUT: Case = Case {
     fault: "MCP2515's supply is interrupted: all its registers are garbage",
@@ -79,17 +86,22 @@ pub const BROWN_OUT: Case = Case {
     ..CASE
 };
 
-pub const NO_POWER: Case = Case {
-    fault: "MCP2515 without power",
-    reaction: "restarted ten times a second",
-    servo: FAILSAFE,
-    run: || {
-        let of = |power: fn(&mut Rig, bool)| during("CAN: MCP2515", power);
-        let low = of(|rig, off| if off { rig.board().chip_power_off(0x00) } else { rig.board().chip_power_on() });
-        low.or(of(|rig, off| if off { rig.board().chip_power_off(0xFF) } else { rig.board().chip_power_on() }))
-    },
-    ..CASE
-};
+pub const NO_POWER: Case =
+    Case {
+        fault: "MCP2515 without power",
+        reaction: "restarted ten times a second",
+        servo: FAILSAFE,
+        run: || {
+            let of = |power: fn(&mut Rig, bool)| during("CAN: MCP2515", power);
+            let low = of(|rig, off| {
+                if off { rig.board().chip_power_off(0x00) } else { rig.board().chip_power_on() }
+            });
+            low.or(of(|rig, off| {
+                if off { rig.board().chip_power_off(0xFF) } else { rig.board().chip_power_on() }
+            }))
+        },
+        ..CASE
+    };
 
 pub const HELD: Case = Case {
     fault: "MCP2515 stuck in configuration mode",
@@ -100,8 +112,11 @@ pub const HELD: Case = Case {
     ..CASE
 };
 
-pub const ASLEEP: Case =
-    Case { fault: "MCP2515 asleep", run: || once(LOST, |rig| rig.board().chip_fall_asleep()), ..CASE };
+pub const ASLEEP: Case = Case {
+    fault: "MCP2515 asleep",
+    run: || once(LOST, |rig| rig.board().chip_fall_asleep()),
+    ..CASE
+};
 
 pub const MISO_LOW: Case = Case {
     fault: "SPI reads all zeros",
@@ -133,7 +148,11 @@ pub const FLIPPING: Case = Case {
             assert_eq!(pair[1].start - pair[0].start, super::SERVO_PERIOD, "the period");
         }
         let widths = trial.rig.pulses.iter().map(|pulse| pulse.width_us());
-        assert!(widths.into_iter().all(|us| (1000.0..=2000.0).contains(&us)), "{:?}", trial.rig.pulses);
+        assert!(
+            widths.into_iter().all(|us| (1000.0..=2000.0).contains(&us)),
+            "{:?}",
+            trial.rig.pulses
+        );
         trial.end_unchecked(|rig| rig.board().set_spi_noise(0, 0));
         // The next command corrects a pulse that comes from a misread command.
         trial.live(60);
@@ -147,11 +166,15 @@ pub const REGISTER: Case = Case {
     fault: "a bit of CNF1 to CNF3, CANINTE, CANCTRL or RXB0CTRL flips",
     run: || {
         let bits = |(address, mask): (u8, u8)| {
-            (0..8).map(|bit| 1 << bit).filter(move |bit| mask & bit != 0).map(move |bit| (address, bit))
+            (0..8)
+                .map(|bit| 1 << bit)
+                .filter(move |bit| mask & bit != 0)
+                .map(move |bit| (address, bit))
         };
         // Every third bit is enough: the driver compares all of them in one way.
         let all = WATCHED.into_iter().flat_map(|register| bits(register).step_by(3));
-        let measured = all.map(|(address, bit)| once(LOST, |rig| rig.board().chip_flip_bits(address, bit)));
+        let measured =
+            all.map(|(address, bit)| once(LOST, |rig| rig.board().chip_flip_bits(address, bit)));
         measured.reduce(Measured::or).expect("some")
     },
     ..CASE

@@ -6,8 +6,16 @@ use crate::{ARRAY_COMMAND, MS, NODE, Rig, started, status_fields};
 use bench::can::Frame;
 use bench::dronecan::{Message, ParameterRequest};
 
-pub const ALL: [&Case; 8] =
-    [&SENSOR_OPEN, &SENSOR_SHORTED, &SENSOR_NOISY, &NOT_FINITE, &OUT_OF_RANGE, &REQUESTS, &SAME_ID, &TWIN];
+pub const ALL: [&Case; 8] = [
+    &SENSOR_OPEN,
+    &SENSOR_SHORTED,
+    &SENSOR_NOISY,
+    &NOT_FINITE,
+    &OUT_OF_RANGE,
+    &REQUESTS,
+    &SAME_ID,
+    &TWIN,
+];
 
 const FOLLOWS: &str = "follows";
 
@@ -34,7 +42,8 @@ pub const SENSOR_OPEN: Case = Case {
     run: || broken_sensor(5000),
 };
 
-pub const SENSOR_SHORTED: Case = Case { fault: "sensor shorted to ground", run: || broken_sensor(0), ..SENSOR_OPEN };
+pub const SENSOR_SHORTED: Case =
+    Case { fault: "sensor shorted to ground", run: || broken_sensor(0), ..SENSOR_OPEN };
 
 pub const SENSOR_NOISY: Case = Case {
     fault: "sensor noisy, by plus or minus 100 mV (10 degrees)",
@@ -65,7 +74,11 @@ pub const SENSOR_NOISY: Case = Case {
 };
 
 /// The peer sends commands 2,000 times a second in place of the autopilot's.
-fn commands_at_2_khz(trial: &mut Trial, values: &[(u8, u16)], expected: impl Fn(f64) -> bool) -> Measured {
+fn commands_at_2_khz(
+    trial: &mut Trial,
+    values: &[(u8, u16)],
+    expected: impl Fn(f64) -> bool,
+) -> Measured {
     trial.begin("refused: command", |_| {});
     trial.autopilot_sends = false;
     let mut n = 0;
@@ -102,8 +115,11 @@ pub const NOT_FINITE: Case = Case {
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
-        let values = [0, 1, 4].map(|kind| [HALF_NAN, HALF_INFINITY, HALF_MINUS_INFINITY].map(|value| (kind, value)));
-        commands_at_2_khz(&mut trial, &values.concat(), |us| us == COMMANDED_US || us == FAILSAFE_US)
+        let values = [0, 1, 4]
+            .map(|kind| [HALF_NAN, HALF_INFINITY, HALF_MINUS_INFINITY].map(|value| (kind, value)));
+        commands_at_2_khz(&mut trial, &values.concat(), |us| {
+            us == COMMANDED_US || us == FAILSAFE_US
+        })
     },
 };
 
@@ -116,7 +132,8 @@ pub const OUT_OF_RANGE: Case = Case {
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
-        let values = [0, 1, 4].map(|kind| [HALF_MAX, HALF_MIN, HALF_MAX - 0x0400].map(|value| (kind, value)));
+        let values = [0, 1, 4]
+            .map(|kind| [HALF_MAX, HALF_MIN, HALF_MAX - 0x0400].map(|value| (kind, value)));
         commands_at_2_khz(&mut trial, &values.concat(), |us| {
             us == COMMANDED_US || us == FAILSAFE_US || us == 1000.0 || us == 2000.0
         })
@@ -138,7 +155,10 @@ pub const REQUESTS: Case = Case {
         let mut slot = 0u32;
         trial.live_with(2000, COMMANDED_US, |rig| {
             for _ in 0..2 {
-                rig.request(&Message::ParameterRequest(ParameterRequest { index: 3, ..ParameterRequest::default() }));
+                rig.request(&Message::ParameterRequest(ParameterRequest {
+                    index: 3,
+                    ..ParameterRequest::default()
+                }));
             }
             if slot.is_multiple_of(20) {
                 rig.send_command(1, 4, COMMANDED_US as f32);
@@ -148,7 +168,10 @@ pub const REQUESTS: Case = Case {
         assert_servo(&trial.rig, &[COMMANDED_US]);
         let answers = trial.rig.answers().len();
         assert!(answers > 100, "{answers} answers in two seconds");
-        assert!(trial.rig.statuses().len() >= 2 || trial.rig.now() < 2000 * MS, "the node must send statuses");
+        assert!(
+            trial.rig.statuses().len() >= 2 || trial.rig.now() < 2000 * MS,
+            "the node must send statuses"
+        );
         assert_eq!(trial.rig.board().chip().borrow().rx_overflows(), 0, "no frame is lost");
         trial.autopilot_sends = true;
         trial.end(|rig| rig.peer.borrow_mut().clear_queue());
@@ -194,10 +217,14 @@ pub const TWIN: Case = Case {
         trial.begin("refused: type 341 from 120", |rig| rig.add_board(started(), 1));
         trial.live(4000);
         assert_servo(&trial.rig, &[COMMANDED_US]);
-        let codes: Vec<u16> = trial.rig.statuses().iter().map(|(_, data)| status_fields(data).3).collect();
+        let codes: Vec<u16> =
+            trial.rig.statuses().iter().map(|(_, data)| status_fields(data).3).collect();
         assert!(codes.iter().any(|code| code & ID_CONFLICT != 0), "{codes:x?}");
         let serial = trial.rig.serial_of(1);
-        assert!(serial.contains("refused: type 341 from 120"), "the other board must log it, too: {serial}");
+        assert!(
+            serial.contains("refused: type 341 from 120"),
+            "the other board must log it, too: {serial}"
+        );
         trial.end(|rig| {
             let port = rig.bench.port(1);
             rig.bench.bus().connect(port, false);

@@ -1,9 +1,10 @@
-//! Faults. One [`Case`] causes one fault and checks how the node recovers. The tests check the cases; `make reliability`
-//! writes the times that they measure to docs/reliability.md.
+//! Faults. One [`Case`] causes one fault and checks how the node recovers. The tests check the
+//! cases; `make reliability` writes the times that they measure to docs/reliability.md.
 //!
-//! A [`Trial`] runs the node. An autopilot commands the servo to 1750 us 50 times a second and sends its status once a second.
-//! OUT1_FS is the trim, 1500 us, and OUT1_TIMEOUT 300 ms. In every fault each pulse has one of these two widths and
-//! begins 20 ms after the one before. The node has recovered when it follows a command with another width *and* answers a request.
+//! A [`Trial`] runs the node. An autopilot commands the servo to 1750 us 50 times a second and
+//! sends its status once a second. OUT1_FS is the trim, 1500 us, and OUT1_TIMEOUT 300 ms. In every
+//! fault each pulse has one of these two widths and begins 20 ms after the one before. The node has
+//! recovered when it follows a command with another width *and* answers a request.
 
 pub mod bus;
 pub mod chip;
@@ -36,7 +37,8 @@ pub struct Case {
     pub reaction: &'static str,
     /// Where the servo is meanwhile.
     pub servo: &'static str,
-    /// Limit of the time from the fault's beginning to its line on the serial monitor. `None` if the node logs nothing.
+    /// Limit of the time from the fault's beginning to its line on the serial monitor. `None` if
+    /// the node logs nothing.
     pub logged_limit_ms: Option<u64>,
     /// Limit of the time from the fault's end to full service.
     pub limit_ms: u64,
@@ -69,11 +71,21 @@ impl Case {
         let measured = (self.run)();
         println!("{}: {measured:?}", self.fault);
         if let Some(limit) = self.logged_limit_ms {
-            let logged = measured.logged_ms.unwrap_or_else(|| panic!("{}: nothing was logged", self.fault));
-            assert!(logged <= limit as f64, "{}: logged after {logged:.1} of {limit} ms", self.fault);
+            let logged =
+                measured.logged_ms.unwrap_or_else(|| panic!("{}: nothing was logged", self.fault));
+            assert!(
+                logged <= limit as f64,
+                "{}: logged after {logged:.1} of {limit} ms",
+                self.fault
+            );
         }
         let took = measured.recovery_ms;
-        assert!(took <= self.limit_ms as f64, "{}: recovered after {took:.1} of {} ms", self.fault, self.limit_ms);
+        assert!(
+            took <= self.limit_ms as f64,
+            "{}: recovered after {took:.1} of {} ms",
+            self.fault,
+            self.limit_ms
+        );
         measured
     }
 }
@@ -160,7 +172,8 @@ impl Trial {
         }
     }
 
-    /// Ends the fault. Checks that each pulse until now had the commanded width or the failsafe's, without a gap.
+    /// Ends the fault. Checks that each pulse until now had the commanded width or the failsafe's,
+    /// without a gap.
     #[track_caller]
     pub fn end(&mut self, fault: impl FnOnce(&mut Rig)) {
         assert_servo(&self.rig, &[COMMANDED_US, FAILSAFE_US]);
@@ -173,8 +186,8 @@ impl Trial {
         self.ended = self.rig.now();
     }
 
-    /// Waits until the node follows a command with another width and answers a request. Then the status must have the bits
-    /// `reported`, and the node must not have flooded the bus.
+    /// Waits until the node follows a command with another width and answers a request. Then the
+    /// status must have the bits `reported`, and the node must not have flooded the bus.
     #[track_caller]
     pub fn recover(&mut self, limit_ms: u64, reported: u16) -> Measured {
         self.rig.traffic.clear();
@@ -192,12 +205,17 @@ impl Trial {
                 // After a fault that happens once the node needs time to detect it.
                 errors_before = self.rig.error_frames;
             }
-            let follows = self.rig.pulses.last().is_some_and(|pulse| pulse.width_us() == AFTERWARDS_US);
+            let follows =
+                self.rig.pulses.last().is_some_and(|pulse| pulse.width_us() == AFTERWARDS_US);
             if follows && self.rig.answers().len() > answers {
                 break;
             }
             let took = (self.rig.now() - self.ended) / MS;
-            assert!(took <= limit_ms, "no recovery within {limit_ms} ms\nserial monitor:\n{}", self.rig.serial);
+            assert!(
+                took <= limit_ms,
+                "no recovery within {limit_ms} ms\nserial monitor:\n{}",
+                self.rig.serial
+            );
         }
         let measured = Measured {
             logged_ms: self.logged_at.map(|at| (at - self.begun) as f64 / MS as f64),
@@ -206,13 +224,19 @@ impl Trial {
         let in_service = self.rig.now();
         assert_servo(&self.rig, &[COMMANDED_US, FAILSAFE_US, AFTERWARDS_US]);
         self.live_with(1000 - measured.recovery_ms.min(900.0) as u64, AFTERWARDS_US, |_| {});
-        // The node sends 10 telemetry messages of two frames, statistics of four, statuses, a temperature, answers of eleven.
+        // The node sends 10 telemetry messages of two frames, statistics of four, statuses, a
+        // temperature, answers of eleven.
         let frames = frames_of_node(&self.rig);
         assert!(frames < 200, "{frames} frames in the second after the fault");
         let errors = self.rig.error_frames - errors_before;
         assert!(errors < 50, "{errors} error frames after the fault");
         // The recovery must last.
-        let widths = self.rig.pulses.iter().filter(|pulse| pulse.start > in_service).map(|pulse| pulse.width_us());
+        let widths = self
+            .rig
+            .pulses
+            .iter()
+            .filter(|pulse| pulse.start > in_service)
+            .map(|pulse| pulse.width_us());
         assert!(
             widths.into_iter().all(|us| us == AFTERWARDS_US),
             "the servo left the commanded position after the recovery"
@@ -242,11 +266,17 @@ pub fn frames_of_node(rig: &Rig) -> usize {
     rig.traffic.iter().filter(|(_, frame)| from_node(frame.id)).count()
 }
 
-/// Checks that each pulse has one of these widths (in us) and begins one period after the one before.
+/// Checks that each pulse has one of these widths (in us) and begins one period after the one
+/// before.
 #[track_caller]
 pub fn assert_servo(rig: &Rig, widths: &[f64]) {
     for pulse in &rig.pulses {
-        assert!(widths.contains(&pulse.width_us()), "a pulse of {} us\n{}", pulse.width_us(), rig.serial);
+        assert!(
+            widths.contains(&pulse.width_us()),
+            "a pulse of {} us\n{}",
+            pulse.width_us(),
+            rig.serial
+        );
     }
     for pair in rig.pulses.windows(2) {
         assert_eq!(pair[1].start - pair[0].start, SERVO_PERIOD, "the period");

@@ -39,7 +39,8 @@ const CASE: Case = Case {
     run: Measured::default,
 };
 
-/// Overwrites the instructions where the main loop resets the watchdog. Returns the unchanged program.
+/// Overwrites the instructions where the main loop resets the watchdog. Returns the unchanged
+/// program.
 fn patch_the_main_loop(rig: &mut Rig, instructions: &[u8]) -> Vec<u8> {
     let flash = rig.board().avr().flash().to_vec();
     // WDR is 0x95A8. The last one of the program is in the main loop.
@@ -69,7 +70,8 @@ pub const HANG: Case = Case {
         let mut program = Vec::new();
         // RJMP to itself.
         trial.begin("reset: WATCHDOG", |rig| program = patch_the_main_loop(rig, &[0xFF, 0xCF]));
-        // Restores the program after the watchdog's reset, which clears TCCR1A. The restarted program may hang again before.
+        // Restores the program after the watchdog's reset, which clears TCCR1A. The restarted
+        // program may hang again before.
         let end = trial.begun + 300 * MS;
         while trial.rig.board().avr().sram(TCCR1A) & COM1A_AND_COM1B != 0 && trial.rig.now() < end {
             trial.rig.run_ms(1);
@@ -160,8 +162,14 @@ pub const BROWN_OUT_DURING_SAVE: Case = Case {
             let logged_ms = delay as f64;
             let measured = trial.recover(LIMIT_MS, status::BROWN_OUT);
             let set = (trial.rig.get("TEMP_ID"), trial.rig.get("OUT1_TIMEOUT"));
-            assert!([(1, 1000), (4242, 300)].contains(&set), "{set:?} after a dip {delay} ms into a save");
-            worst = worst.or(Measured { logged_ms: measured.logged_ms.map(|ms| ms - logged_ms), ..measured });
+            assert!(
+                [(1, 1000), (4242, 300)].contains(&set),
+                "{set:?} after a dip {delay} ms into a save"
+            );
+            worst = worst.or(Measured {
+                logged_ms: measured.logged_ms.map(|ms| ms - logged_ms),
+                ..measured
+            });
         }
         worst
     },
@@ -182,8 +190,15 @@ pub const POWER_CUT: Case = Case {
     ..BROWN_OUT
 };
 
-/// Finds a counter in RAM: addresses whose `len` bytes are within `tolerance` of `value_at(now)` at each of `times` moments.
-fn find_counter(rig: &mut Rig, len: usize, tolerance: u64, value_at: impl Fn(Cycles) -> u64, times: u32) -> Vec<u16> {
+/// Finds a counter in RAM: addresses whose `len` bytes are within `tolerance` of `value_at(now)` at
+/// each of `times` moments.
+fn find_counter(
+    rig: &mut Rig,
+    len: usize,
+    tolerance: u64,
+    value_at: impl Fn(Cycles) -> u64,
+    times: u32,
+) -> Vec<u16> {
     let floor = rig.board().avr().symbol("__heap_start").expect("a symbol").address as u16;
     let mut found: Vec<u16> = (0x100..floor - len as u16).collect();
     for _ in 0..times {
@@ -218,7 +233,13 @@ pub const MILLISECONDS_WRAP: Case = Case {
         }
         trial.begin("", |_| {});
         trial.live(2500);
-        assert!(trial.rig.serial.lines().all(|line| !line.contains("FAILSAFE") && !line.contains("reset:")));
+        assert!(
+            trial
+                .rig
+                .serial
+                .lines()
+                .all(|line| !line.contains("FAILSAFE") && !line.contains("reset:"))
+        );
         let statuses = trial.rig.statuses();
         let gaps: Vec<u64> = statuses.windows(2).map(|pair| (pair[1].0 - pair[0].0) / MS).collect();
         assert!(!gaps.is_empty() && gaps.iter().all(|gap| (980..=1020).contains(gap)), "{gaps:?}");
@@ -232,7 +253,8 @@ pub const MILLISECONDS_WRAP: Case = Case {
     },
 };
 
-/// Sets the uptime forward in RAM: shortly before 49.7 days (2^32 ms) and before the end of its 32 bits. The transfer IDs wrap, too.
+/// Sets the uptime forward in RAM: shortly before 49.7 days (2^32 ms) and before the end of its 32
+/// bits. The transfer IDs wrap, too.
 pub const UPTIME_WRAPS: Case = Case {
     fault: "the uptime passes 49.7 days, and wraps after 136 years",
     noticed: "nothing to notice",
@@ -252,7 +274,8 @@ pub const UPTIME_WRAPS: Case = Case {
             }
             trial.begin("", |_| {});
             trial.live(8000);
-            let uptimes: Vec<u32> = trial.rig.statuses().iter().map(|(_, data)| status_fields(data).0).collect();
+            let uptimes: Vec<u32> =
+                trial.rig.statuses().iter().map(|(_, data)| status_fields(data).0).collect();
             assert!(uptimes.len() >= 7, "{uptimes:?}");
             for pair in uptimes.windows(2) {
                 assert_eq!(pair[1].wrapping_sub(pair[0]), 1, "{uptimes:?}");

@@ -1,9 +1,9 @@
 //! The voltages at the ADC's inputs (datasheet section 24).
 //!
-//! simavr scales by 1023 instead of 1024 and, at a prescaler of 128, converts in 256 cycles instead of 1664. This model gives
-//! simavr the input for which simavr's formula has the datasheet's result, `Vin * 1024 / Vref` with the first transition at
-//! half a step, and the duration of 13 ADC clocks (25 for the first conversion). Noise is uniform, seeded, and added to each
-//! sample.
+//! simavr scales by 1023 instead of 1024 and, at a prescaler of 128, converts in 256 cycles instead
+//! of 1664. This model gives simavr the input for which simavr's formula has the datasheet's
+//! result, `Vin * 1024 / Vref` with the first transition at half a step, and the duration of 13 ADC
+//! clocks (25 for the first conversion). Noise is uniform, seeded, and added to each sample.
 
 use super::core::Core;
 use super::regs::{ADCSRA, ADPS};

@@ -1,4 +1,5 @@
-//! The base of the models of the peripherals: the core, the time, timers, and the program's violations.
+//! The base of the models of the peripherals: the core, the time, timers, and the program's
+//! violations.
 //!
 //! A model gets `&Base` and does not use the machine, which owns both.
 
@@ -33,8 +34,9 @@ pub(super) struct Timer(pub &'static str);
 
 /// The model of a peripheral. The machine calls it for its registers, its timers and resets.
 ///
-/// simavr calls back in the middle of an instruction, so a model is shared. A model borrows its cells for one step. It borrows
-/// no cell while it calls [`Base::forward`] or code outside of this crate.
+/// simavr calls back in the middle of an instruction, so a model is shared. A model borrows its
+/// cells for one step. It borrows no cell while it calls [`Base::forward`] or code outside of this
+/// crate.
 pub(super) trait Peripheral {
     /// The model before the first reset of the chip.
     fn for_chip(chip: Chip) -> Self
@@ -65,10 +67,12 @@ pub(super) trait Peripheral {
     /// Handles the expiry at time `at` of one of the timers in [`timers`](Peripheral::timers).
     fn expire(&self, _base: &Base, _timer: Timer, _at: Cycles) {}
 
-    /// Resets the model, after simavr has reset its registers and cancelled all timers. `noise` decides what is random.
+    /// Resets the model, after simavr has reset its registers and cancelled all timers. `noise`
+    /// decides what is random.
     fn reset(&self, _base: &Base, _noise: &mut Noise) {}
 
-    /// Called when an interrupt handler returns: requests again the interrupts whose condition still holds.
+    /// Called when an interrupt handler returns: requests again the interrupts whose condition
+    /// still holds.
     fn interrupt_returns(&self, _base: &Base) {}
 }
 
@@ -112,7 +116,8 @@ impl Base {
         })
     }
 
-    /// Registers the timers. simavr calls `callback` with a pointer to a [`TimerSlot`] that lives as long as this base.
+    /// Registers the timers. simavr calls `callback` with a pointer to a [`TimerSlot`] that lives
+    /// as long as this base.
     ///
     /// # Panics
     /// If two timers have the same name, or the timers were set before.
@@ -177,21 +182,27 @@ impl Base {
         self.violations.take()
     }
 
-    /// Replaces simavr's write handler of a register by `handler`. [`Base::forward`] calls the replaced one.
+    /// Replaces simavr's write handler of a register by `handler`. [`Base::forward`] calls the
+    /// replaced one.
     pub fn hook_write(&self, address: u16, handler: ffi::avr_io_write_t) {
         self.originals.borrow_mut().push((address, self.core.hook_write(address, handler)));
     }
 
     /// Calls simavr's own write handler of a hooked register.
     pub fn forward(&self, address: u16, value: u8) {
-        let original =
-            self.originals.borrow().iter().find(|(hooked, _)| *hooked == address).map(|(_, handler)| *handler);
+        let original = self
+            .originals
+            .borrow()
+            .iter()
+            .find(|(hooked, _)| *hooked == address)
+            .map(|(_, handler)| *handler);
         if let Some(handler) = original {
             self.core.forward_write(handler, address, value);
         }
     }
 
-    /// Runs a callback. Catches a panic, which must not unwind through simavr's frames, for the run loop.
+    /// Runs a callback. Catches a panic, which must not unwind through simavr's frames, for the run
+    /// loop.
     pub fn guard<T>(&self, fallback: T, callback: impl FnOnce() -> T) -> T {
         catch_unwind(AssertUnwindSafe(callback)).unwrap_or_else(|panic| {
             self.panic.set(Some(panic));
@@ -201,12 +212,14 @@ impl Base {
         })
     }
 
-    /// Asks the run loop to handle a reset or a panic: the next [`Base::take_attention`] returns true.
+    /// Asks the run loop to handle a reset or a panic: the next [`Base::take_attention`] returns
+    /// true.
     pub fn ask_for_attention(&self) {
         self.attention.set(true);
     }
 
-    /// True if a callback asked for attention since the last call. Resumes a panic that [`Base::guard`] has caught.
+    /// True if a callback asked for attention since the last call. Resumes a panic that
+    /// [`Base::guard`] has caught.
     pub fn take_attention(&self) -> bool {
         let attention = self.attention.replace(false);
         if attention && let Some(panic) = self.panic.take() {

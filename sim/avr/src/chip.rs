@@ -1,7 +1,9 @@
-//! The chips that the simulator knows. They differ in the sizes of their memories. Their vectors, pins and peripherals are the
-//! same, as are the sections of the datasheets that the other files cite.
+//! The chips that the simulator knows. They differ in the sizes of their memories. Their vectors,
+//! pins and peripherals are the same, as are the sections of the datasheets that the other files
+//! cite.
 //!
-//! Source: Atmel 2545, "ATmega48/88/168", and Atmel 7810, "ATmega328P"; sections 8 (memories) and 27 (boot loader).
+//! Source: Atmel 2545, "ATmega48/88/168", and Atmel 7810, "ATmega328P"; sections 8 (memories) and
+//! 27 (boot loader).
 
 use std::fmt;
 use std::str::FromStr;
@@ -28,7 +30,8 @@ impl Chip {
         }
     }
 
-    /// The chip for programs of a device with avr-gcc's name. The suffixes A and P only concern power consumption.
+    /// The chip for programs of a device with avr-gcc's name. The suffixes A and P only concern
+    /// power consumption.
     pub fn of_device(name: &str) -> Option<Chip> {
         match name {
             "atmega168" | "atmega168a" | "atmega168p" | "atmega168pa" => Some(Chip::Atmega168),
@@ -74,7 +77,8 @@ impl Chip {
         }
     }
 
-    /// First byte of the NRWW section, which cannot be read while it is written: the start of the longest boot section.
+    /// First byte of the NRWW section, which cannot be read while it is written: the start of the
+    /// longest boot section.
     pub fn nrww_start(self) -> usize {
         self.boot_sections()[0]
     }
@@ -87,10 +91,12 @@ impl Chip {
         }
     }
 
-    /// Low, high and extended fuse byte of an Arduino whose boot section starts at byte address `boot_start`. BOOTRST is programmed
-    /// if `resets_to_boot` is true.
+    /// Low, high and extended fuse byte of an Arduino whose boot section starts at byte address
+    /// `boot_start`. BOOTRST is programmed if `resets_to_boot` is true.
     pub fn fuses(self, boot_start: usize, resets_to_boot: bool) -> [u8; 3] {
-        let bootsz = self.boot_sections().iter().position(|start| *start == boot_start).unwrap_or_default() as u8;
+        let bootsz =
+            self.boot_sections().iter().position(|start| *start == boot_start).unwrap_or_default()
+                as u8;
         let boot = bootsz << 1 | u8::from(!resets_to_boot);
         match self {
             Chip::Atmega168 => [0xFF, 0xDD, 0xF8 | boot],
@@ -139,7 +145,10 @@ mod tests {
     fn each_boot_section_ends_at_the_end_of_the_flash() {
         for chip in Chip::ALL {
             let words = chip.boot_sections().map(|start| (chip.flash_bytes() - start) / 2);
-            assert_eq!(words, [1024, 512, 256, 128].map(|words| words * (chip.flash_bytes() / 0x4000)));
+            assert_eq!(
+                words,
+                [1024, 512, 256, 128].map(|words| words * (chip.flash_bytes() / 0x4000))
+            );
         }
     }
 

@@ -1,8 +1,9 @@
 //! A safe interface to an AVR core in simavr. No other file accesses simavr's memory.
 //!
-//! [`Core`] owns simavr's `avr_t` and has pointers to its peripherals. Its reads and writes of registers have no side effects.
-//! The models in the other files implement the side effects of the program's writes. They replace simavr's own handlers for
-//! the SPI, USART0, the EEPROM, self-programming and the waveforms of Timer1. simavr keeps the instructions, interrupts,
+//! [`Core`] owns simavr's `avr_t` and has pointers to its peripherals. Its reads and writes of
+//! registers have no side effects. The models in the other files implement the side effects of the
+//! program's writes. They replace simavr's own handlers for the SPI, USART0, the EEPROM,
+//! self-programming and the waveforms of Timer1. simavr keeps the instructions, interrupts,
 //! ports, the ADC, Timer0, Timer2, and the watchdog without its oscillator.
 
 use std::cell::OnceCell;
@@ -18,13 +19,19 @@ use super::regs;
 use sim_base::F_CPU_HZ;
 
 unsafe extern "C" {
-    /// simavr's: runs instructions until a cycle timer is due or an interrupt is pending; returns the new program counter.
-    /// Declared here because bindgen cannot process its header.
+    /// simavr's: runs instructions until a cycle timer is due or an interrupt is pending; returns
+    /// the new program counter. Declared here because bindgen cannot process its header.
     fn avr_run_one(avr: *mut ffi::avr_t) -> ffi::avr_flashaddr_t;
-    /// simavr's. Its header declares the arguments as a `va_list`, which is passed as a pointer on every host of simavr-ffi.
+    /// simavr's. Its header declares the arguments as a `va_list`, which is passed as a pointer on
+    /// every host of simavr-ffi.
     fn avr_global_logger_set(logger: Option<Logger>);
     /// The C library's, with a `va_list` as a pointer.
-    fn vsnprintf(text: *mut c_char, size: usize, format: *const c_char, arguments: *mut c_void) -> c_int;
+    fn vsnprintf(
+        text: *mut c_char,
+        size: usize,
+        format: *const c_char,
+        arguments: *mut c_void,
+    ) -> c_int;
     /// The C library's, for the memory that simavr allocates and does not free.
     fn free(memory: *mut c_void);
     /// The C library's.
@@ -35,8 +42,10 @@ unsafe extern "C" {
 type Logger = unsafe extern "C" fn(*mut ffi::avr_t, c_int, *const c_char, *mut c_void);
 
 /// Start of simavr's log messages about a read or a write beyond the RAM.
-const WRAPS: [(&[u8], Access); 2] =
-    [(b"CORE: *** Wrapping read address", Access::Read), (b"CORE: *** Wrapping write address", Access::Write)];
+const WRAPS: [(&[u8], Access); 2] = [
+    (b"CORE: *** Wrapping read address", Access::Read),
+    (b"CORE: *** Wrapping write address", Access::Write),
+];
 /// Text before the address in these messages.
 const ADDRESS: &str = " Address ";
 /// Size of the buffer for these messages, which are shorter.
@@ -80,8 +89,8 @@ pub(super) enum Activity {
 /// simavr's own handler for a register write, and its parameter.
 pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
 
-/// Handler of requests to simavr's flash: gets the peripheral, the request, and a pointer that depends on the request. Returns -1
-/// for unknown requests.
+/// Handler of requests to simavr's flash: gets the peripheral, the request, and a pointer that
+/// depends on the request. Returns -1 for unknown requests.
 pub(super) type FlashHandler = unsafe extern "C" fn(*mut ffi::avr_io_t, u32, *mut c_void) -> c_int;
 
 /// Handler of accesses beyond the RAM: gets the context, the kind of access, and the address.
@@ -122,8 +131,8 @@ impl Core {
     /// A chip with erased flash, all supplies at 5 V.
     pub fn new(chip: Chip) -> Result<Core> {
         let name = CString::new(chip.name())?;
-        // Safety: `log` has the type that simavr calls, but for the pointer that stands for a `va_list`. It is set once, before there is
-        // a chip that could log.
+        // Safety: `log` has the type that simavr calls, but for the pointer that stands for a
+        // `va_list`. It is set once, before there is a chip that could log.
         LOGGER.call_once(|| unsafe { avr_global_logger_set(Some(log)) });
         // Safety: the name is a C string; the returned chip is ours alone. simavr copies its
         // template into fresh memory, so chips on several threads do not meet.
@@ -137,7 +146,8 @@ impl Core {
             (*avr).vcc = 5000;
             (*avr).avcc = 5000;
             (*avr).aref = 5000;
-            // LPM reads at any 16-bit address, and simavr does not check that the flash is so large.
+            // LPM reads at any 16-bit address, and simavr does not check that the flash is so
+            // large.
             let flash = realloc((*avr).flash.cast(), LPM_BYTES).cast::<u8>();
             ensure!(!flash.is_null(), "no memory for the flash");
             let used = chip.flash_bytes() + OVERFLOW_OPCODE_BYTES;
@@ -169,7 +179,8 @@ impl Core {
             core.flash.cast(),
         ];
         ensure!(
-            modules.iter().all(|module| !module.is_null()) && core.ports.iter().all(|port| !port.is_null()),
+            modules.iter().all(|module| !module.is_null())
+                && core.ports.iter().all(|port| !port.is_null()),
             "this simavr's {chip} lacks a peripheral"
         );
         Ok(core)
@@ -180,7 +191,8 @@ impl Core {
         self.chip
     }
 
-    /// Sets the parameter of all callbacks, and the handler of accesses beyond the RAM. Call it once, before setting hooks.
+    /// Sets the parameter of all callbacks, and the handler of accesses beyond the RAM. Call it
+    /// once, before setting hooks.
     pub fn set_context(&self, context: *mut c_void, on_beyond_ram: BeyondRamHandler) {
         let owner = self.owner.get_or_init(|| Box::new(Owner { context, on_beyond_ram }));
         // Safety: see the invariant of `Core`; simavr itself does not use custom.data after
@@ -275,11 +287,12 @@ impl Core {
         flags.iter().enumerate().fold(0, |sreg, (bit, flag)| sreg | u8::from(*flag != 0) << bit)
     }
 
-    /// Sets the status register. If this sets the I flag, pending interrupts run after the next instruction, as after SEI.
+    /// Sets the status register. If this sets the I flag, pending interrupts run after the next
+    /// instruction, as after SEI.
     pub fn set_sreg(&self, value: u8) {
         let enabled_before = self.interrupts_enabled();
-        // Safety: see the invariant of `Core`. interrupt_state is what simavr's own SREG writes set: -1 for "look
-        // after the next instruction", 0 for none.
+        // Safety: see the invariant of `Core`. interrupt_state is what simavr's own SREG writes
+        // set: -1 for "look after the next instruction", 0 for none.
         unsafe {
             (*self.avr).sreg = std::array::from_fn(|bit| value >> bit & 1);
             if !self.interrupts_enabled() {
@@ -292,7 +305,10 @@ impl Core {
 
     /// Stores a byte in an I/O register, with the side effects of a program's store.
     pub fn store(&self, address: u16, value: u8) {
-        assert!((regs::IO_FIRST..regs::RAMSTART).contains(&address), "no I/O register at {address:#06x}");
+        assert!(
+            (regs::IO_FIRST..regs::RAMSTART).contains(&address),
+            "no I/O register at {address:#06x}"
+        );
         // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
         let slot = unsafe { (*self.avr).io[usize::from(address - regs::IO_FIRST)].w };
         self.forward_write((slot.c, slot.param), address, value);
@@ -372,16 +388,16 @@ impl Core {
         unsafe { (*self.avr).run_cycle_limit = u64::MAX }
     }
 
-    /// Lets `run_one` run one instruction only. [`Core::stop_soon`] alone does not: an instruction that sets a cycle timer, such as
-    /// WDR or a write to UDR0, cancels its effect.
+    /// Lets `run_one` run one instruction only. [`Core::stop_soon`] alone does not: an instruction
+    /// that sets a cycle timer, such as WDR or a write to UDR0, cancels its effect.
     pub fn run_singly(&self) {
         // Safety: see the invariant of `Core`.
         unsafe { (*self.avr).run_cycle_limit = 1 }
         self.stop_soon();
     }
 
-    /// Calls `timer` with `parameter` when simavr's clock reaches `cycle`, in place of an earlier time for the same pair. The caller
-    /// keeps `parameter` alive.
+    /// Calls `timer` with `parameter` when simavr's clock reaches `cycle`, in place of an earlier
+    /// time for the same pair. The caller keeps `parameter` alive.
     pub fn schedule(&self, cycle: u64, timer: ffi::avr_cycle_timer_t, parameter: *mut c_void) {
         let delay = cycle.saturating_sub(self.cycle());
         // Safety: see the invariant of `Core`; simavr only passes the parameter on.
@@ -461,7 +477,11 @@ impl Core {
 
     /// Calls `notify` with the number of each interrupt that is entered or returned from, and at
     /// illegal instructions.
-    pub fn hook_interrupts(&self, running: ffi::avr_irq_notify_t, bad_opcode: ffi::avr_irq_notify_t) {
+    pub fn hook_interrupts(
+        &self,
+        running: ffi::avr_irq_notify_t,
+        bad_opcode: ffi::avr_irq_notify_t,
+    ) {
         // Safety: see the invariant of `Core`; both IRQs exist from avr_init on.
         unsafe {
             let entered = &raw mut (*self.avr).interrupts.irq[ffi::AVR_INT_IRQ_RUNNING as usize];
@@ -471,7 +491,8 @@ impl Core {
         }
     }
 
-    /// Calls `handler` in place of simavr's own at each SPM and LPM, with [`FLASH_SPM`] or [`FLASH_LPM`].
+    /// Calls `handler` in place of simavr's own at each SPM and LPM, with [`FLASH_SPM`] or
+    /// [`FLASH_LPM`].
     pub fn hook_flash(&self, handler: FlashHandler) {
         // Safety: see the invariant of `Core`.
         unsafe { (*self.flash).io.ioctl = Some(handler) }
@@ -486,7 +507,8 @@ impl Core {
         }
     }
 
-    /// Sets the input voltage of the ADC conversion in progress, and the CPU cycles of one ADC clock.
+    /// Sets the input voltage of the ADC conversion in progress, and the CPU cycles of one ADC
+    /// clock.
     pub fn set_adc_input(&self, channel: u8, millivolts: u16, cycles_per_adc_clock: u8) {
         // Safety: see the invariant of `Core`; the index is masked to the array's 16 entries.
         unsafe {
@@ -498,17 +520,31 @@ impl Core {
     /// Reference voltage of the ADC conversion in progress.
     pub fn adc_reference_millivolts(&self) -> u16 {
         // Safety: see the invariant of `Core`; the index is masked to the array's 8 entries.
-        let reference = unsafe { (*self.adc).ref_values[usize::from((*self.adc).current_refi & 7)] };
-        // Values below ADC_VREF_V110 select an external pin, which is at 5 V here. Other values are the voltage in millivolts.
+        let reference =
+            unsafe { (*self.adc).ref_values[usize::from((*self.adc).current_refi & 7)] };
+        // Values below ADC_VREF_V110 select an external pin, which is at 5 V here. Other values are
+        // the voltage in millivolts.
         if u32::from(reference) < ffi::ADC_VREF_V110 { 5000 } else { reference }
     }
 
     /// Calls `notify` when the level of a pin may have changed.
-    pub fn hook_pin(&self, port: usize, bit: u8, notify: ffi::avr_irq_notify_t, parameter: *mut c_void) {
+    pub fn hook_pin(
+        &self,
+        port: usize,
+        bit: u8,
+        notify: ffi::avr_irq_notify_t,
+        parameter: *mut c_void,
+    ) {
         assert!(bit < 8);
         // Safety: see the invariant of `Core`; each port has an IRQ per pin. The caller keeps
         // `parameter` alive.
-        unsafe { ffi::avr_irq_register_notify((*self.ports[port]).io.irq.add(bit.into()), notify, parameter) }
+        unsafe {
+            ffi::avr_irq_register_notify(
+                (*self.ports[port]).io.irq.add(bit.into()),
+                notify,
+                parameter,
+            )
+        }
     }
 
     /// Sets the pins of a port that are driven from outside, and their levels.
@@ -520,7 +556,8 @@ impl Core {
         }
     }
 
-    /// Applies a level from outside to an input pin. This updates PINx, and requests pin change and external interrupts.
+    /// Applies a level from outside to an input pin. This updates PINx, and requests pin change and
+    /// external interrupts.
     pub fn drive_pin(&self, port: usize, bit: u8, level: bool) {
         assert!(bit < 8);
         // Safety: see the invariant of `Core`; each port has an IRQ per pin.
@@ -536,17 +573,19 @@ impl Core {
         }
     }
 
-    /// Sets the length of the watchdog's next time-out in CPU cycles. A time-out that runs does not change.
+    /// Sets the length of the watchdog's next time-out in CPU cycles. A time-out that runs does not
+    /// change.
     pub fn set_watchdog_cycles(&self, cycles: u64) {
         // Safety: see the invariant of `Core`.
         unsafe { (*self.watchdog).cycle_count = cycles }
     }
 
-    /// Removes the watchdog's request for its interrupt from simavr's queue, which has room for 63 requests. simavr would leave it
-    /// there.
+    /// Removes the watchdog's request for its interrupt from simavr's queue, which has room for 63
+    /// requests. simavr would leave it there.
     pub fn withdraw_watchdog(&self) {
-        // Safety: see the invariant of `Core`. The queue is a ring; `read` and `write` stay below its length, and simavr
-        // sets interrupt_state like this after each change of the queue.
+        // Safety: see the invariant of `Core`. The queue is a ring; `read` and `write` stay below
+        // its length, and simavr sets interrupt_state like this after each change of the
+        // queue.
         unsafe {
             let vector = &raw mut (*self.watchdog).watchdog;
             (*vector).set_pending(0);
@@ -575,7 +614,8 @@ impl Core {
         unsafe { ffi::avr_ioctl(self.avr, u32::from_be_bytes(*b"wdtr"), ptr::null_mut()) };
     }
 
-    /// Disconnects simavr's Timer1 from OC1A and OC1B. `timer1` models their edges; simavr would write them into PORTB.
+    /// Disconnects simavr's Timer1 from OC1A and OC1B. `timer1` models their edges; simavr would
+    /// write them into PORTB.
     pub fn disconnect_timer1(&self) {
         for (compare, bit) in [(0, 1), (1, 2)] {
             // Safety: see the invariant of `Core`; both IRQs exist. avr_unconnect_irq does nothing
@@ -600,17 +640,28 @@ impl Drop for Core {
     }
 }
 
-/// Reports accesses beyond the RAM to the machine. simavr only prints them; its other messages are dropped.
-unsafe extern "C" fn log(avr: *mut ffi::avr_t, _level: c_int, format: *const c_char, arguments: *mut c_void) {
+/// Reports accesses beyond the RAM to the machine. simavr only prints them; its other messages are
+/// dropped.
+unsafe extern "C" fn log(
+    avr: *mut ffi::avr_t,
+    _level: c_int,
+    format: *const c_char,
+    arguments: *mut c_void,
+) {
     if avr.is_null() || format.is_null() {
         return;
     }
-    // Safety: simavr passes a chip, whose custom.data is null or points to the owner in the core's box, and a C string.
-    let (owner, message) = unsafe { ((*avr).custom.data.cast::<Owner>().as_ref(), CStr::from_ptr(format).to_bytes()) };
-    let Some((_, access)) = WRAPS.iter().find(|(start, _)| message.starts_with(start)) else { return };
+    // Safety: simavr passes a chip, whose custom.data is null or points to the owner in the core's
+    // box, and a C string.
+    let (owner, message) =
+        unsafe { ((*avr).custom.data.cast::<Owner>().as_ref(), CStr::from_ptr(format).to_bytes()) };
+    let Some((_, access)) = WRAPS.iter().find(|(start, _)| message.starts_with(start)) else {
+        return;
+    };
     let Some(owner) = owner else { return };
     let mut text = [0_u8; LOG_BYTES];
-    // Safety: the buffer has that size, and the arguments are those of the format. The C library ends the text with 0.
+    // Safety: the buffer has that size, and the arguments are those of the format. The C library
+    // ends the text with 0.
     unsafe { vsnprintf(text.as_mut_ptr().cast(), LOG_BYTES, format, arguments) };
     let text = String::from_utf8_lossy(&text);
     let digits = text.split_once(ADDRESS).and_then(|(_, rest)| rest.get(..4));

@@ -1,8 +1,9 @@
-//! The debugger's part of the run loop: halts the chip before an instruction, resumes it, or lets it run one instruction.
+//! The debugger's part of the run loop: halts the chip before an instruction, resumes it, or lets
+//! it run one instruction.
 //!
-//! The breakpoints are a list beside the flash. So their number has no limit, and the program cannot see them. Only with a
-//! breakpoint or during a step does the core run instruction by instruction; otherwise the run loop tests one flag. While the
-//! chip is halted, its clock stops.
+//! The breakpoints are a list beside the flash. So their number has no limit, and the program
+//! cannot see them. Only with a breakpoint or during a step does the core run instruction by
+//! instruction; otherwise the run loop tests one flag. While the chip is halted, its clock stops.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashSet;
@@ -55,7 +56,8 @@ impl Debug {
         self.halted.get().is_some()
     }
 
-    /// Checks before an instruction whether the chip halts there. If not, lets the core run only that instruction.
+    /// Checks before an instruction whether the chip halts there. If not, lets the core run only
+    /// that instruction.
     pub fn halts(&self, core: &Core) -> bool {
         if self.halted.get().is_some() {
             return true;
@@ -116,7 +118,8 @@ impl Debug {
     }
 
     fn update(&self) {
-        let something = self.is_halted() || self.stepping.get() || !self.breakpoints.borrow().is_empty();
+        let something =
+            self.is_halted() || self.stepping.get() || !self.breakpoints.borrow().is_empty();
         self.watching.set(something);
     }
 }

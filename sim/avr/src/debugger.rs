@@ -1,7 +1,8 @@
-//! A debugger's access to the chip from outside the run loop: halts and resumes it, reads and writes registers and memories.
+//! A debugger's access to the chip from outside the run loop: halts and resumes it, reads and
+//! writes registers and memories.
 //!
-//! Reading data space has no side effect: a register has the value that the program or the chip wrote last. Writing an I/O
-//! register has the side effects of a program's store.
+//! Reading data space has no side effect: a register has the value that the program or the chip
+//! wrote last. Writing an I/O register has the side effects of a program's store.
 
 use std::rc::Rc;
 
@@ -53,7 +54,8 @@ impl Debugger {
         self.machine.debug.halt(why);
     }
 
-    /// Resumes the chip. A step from sleep ends after the first instruction that follows the wake-up.
+    /// Resumes the chip. A step from sleep ends after the first instruction that follows the
+    /// wake-up.
     pub fn resume(&self, how: Resume) {
         self.machine.debug.resume(how);
     }
@@ -106,7 +108,11 @@ impl Debugger {
     /// A byte of the data space; `None` if the address does not exist.
     pub fn data(&self, address: u32) -> Option<u8> {
         let address = self.data_address(address)?;
-        Some(if address == regs::SREG { self.machine.base.core.sreg() } else { self.machine.base.core.get(address) })
+        Some(if address == regs::SREG {
+            self.machine.base.core.sreg()
+        } else {
+            self.machine.base.core.get(address)
+        })
     }
 
     /// Stores a byte in the data space; false if the address does not exist.

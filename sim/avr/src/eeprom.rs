@@ -1,8 +1,8 @@
 //! The EEPROM (datasheet section 8.4), with the time that programming takes.
 //!
-//! simavr finishes a write at once. In this model EEPE reads 1 while a cell is programmed, and the cell changes at the end.
-//! Operations that the datasheet forbids meanwhile have no effect and are violations. A reset does not stop a write; a loss of
-//! power leaves a wrong value in the cell.
+//! simavr finishes a write at once. In this model EEPE reads 1 while a cell is programmed, and the
+//! cell changes at the end. Operations that the datasheet forbids meanwhile have no effect and are
+//! violations. A reset does not stop a write; a loss of power leaves a wrong value in the cell.
 
 use super::base::{Base, Timer};
 use super::core::Vector;
@@ -58,7 +58,8 @@ impl Eeprom {
         if self.programming.is_some() { EepromActivity::Writing } else { EepromActivity::Idle }
     }
 
-    /// Resets the EEPROM's registers. Sets the timer of a write in progress again, because simavr's reset has cancelled it.
+    /// Resets the EEPROM's registers. Sets the timer of a write in progress again, because simavr's
+    /// reset has cancelled it.
     pub fn reset(&mut self, base: &Base) {
         self.master_enable_until = 0;
         if let Some(programming) = self.programming {
@@ -66,7 +67,8 @@ impl Eeprom {
         }
     }
 
-    /// Handles a loss of power: a cell that is being programmed gets neither its old nor its new value.
+    /// Handles a loss of power: a cell that is being programmed gets neither its old nor its new
+    /// value.
     pub fn lose_power(&mut self, noise: u8) {
         if let Some(programming) = self.programming.take() {
             self.cells[programming.address] = programming.value ^ (noise | 1);
@@ -86,15 +88,20 @@ impl Eeprom {
         if value & EEPE != 0 && master_enabled {
             self.master_enable_until = 0;
             if busy {
-                base.report_violation("an EEPROM write is started while another goes on: it has no effect");
+                base.report_violation(
+                    "an EEPROM write is started while another goes on: it has no effect",
+                );
             } else {
                 self.program(base, spm, mode, address);
             }
         } else if value & EEMPE != 0 {
             self.master_enable_until = now + MASTER_ENABLE_CYCLES;
         } else if value & EEPE != 0 && !busy {
-            // While busy, EEPE reads 1, and a read-modify-write of another bit writes it back. That is not a mistake.
-            base.report_violation("EEPE is set without EEMPE in the four cycles before: no EEPROM write");
+            // While busy, EEPE reads 1, and a read-modify-write of another bit writes it back. That
+            // is not a mistake.
+            base.report_violation(
+                "EEPE is set without EEMPE in the four cycles before: no EEPROM write",
+            );
         }
         if value & EERE != 0 {
             if busy {
@@ -120,7 +127,9 @@ impl Eeprom {
     /// Writes EEARL or EEARH.
     pub fn write_address(&mut self, base: &Base, register: u16, value: u8) {
         if self.programming.is_some() {
-            base.report_violation("the EEPROM address is written while the EEPROM is written: no effect");
+            base.report_violation(
+                "the EEPROM address is written while the EEPROM is written: no effect",
+            );
         } else {
             base.core.set(register, value);
         }
@@ -149,9 +158,12 @@ impl Eeprom {
 
     fn program(&mut self, base: &Base, spm: &mut Spm, mode: u8, address: usize) {
         let core = &base.core;
-        // > The EEPROM can not be programmed during a CPU write to the Flash memory. (section 8.6.3)
+        // > The EEPROM can not be programmed during a CPU write to the Flash memory. (section
+        // > 8.6.3)
         if spm.is_busy() {
-            base.report_violation("an EEPROM write is started while the flash is programmed: it has no effect");
+            base.report_violation(
+                "an EEPROM write is started while the flash is programmed: it has no effect",
+            );
             return;
         }
         let data = core.get(EEDR);

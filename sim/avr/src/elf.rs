@@ -1,8 +1,9 @@
 //! Reads a firmware's ELF file: the contents of flash and EEPROM, and the symbols.
 //!
-//! The AVR tool chains give each memory its own range of addresses: flash from 0, SRAM from 0x800000, EEPROM from 0x810000,
-//! fuses and lock bits above. A segment is loaded at its physical address. So initialised data is in flash after the text, and
-//! the start-up code copies it from there. Fuses and lock bits are not read.
+//! The AVR tool chains give each memory its own range of addresses: flash from 0, SRAM from
+//! 0x800000, EEPROM from 0x810000, fuses and lock bits above. A segment is loaded at its physical
+//! address. So initialised data is in flash after the text, and the start-up code copies it from
+//! there. Fuses and lock bits are not read.
 //!
 //! avr-gcc's linker writes the name of the device to the section `.note.gnu.avr.deviceinfo`.
 
@@ -25,7 +26,8 @@ const EEPROM_END: u32 = 0x82_0000;
 const DEVICE_NOTE: &[u8] = b".note.gnu.avr.deviceinfo";
 const BOARD_SECTION: &[u8] = b".board";
 
-/// The value of the line `key=value` in a section `.board`. A line without a value counts as missing.
+/// The value of the line `key=value` in a section `.board`. A line without a value counts as
+/// missing.
 pub fn value_of<'a>(lines: &'a [u8], key: &str) -> Option<&'a str> {
     let lines = std::str::from_utf8(lines).ok()?.lines();
     lines
@@ -35,7 +37,8 @@ pub fn value_of<'a>(lines: &'a [u8], key: &str) -> Option<&'a str> {
         .find(|value| !value.is_empty())
 }
 
-/// A symbol of the firmware. Data addresses are those of the program, without the tool chain's 0x800000.
+/// A symbol of the firmware. Data addresses are those of the program, without the tool chain's
+/// 0x800000.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Symbol {
     /// Byte address in flash, SRAM or EEPROM.
@@ -57,7 +60,8 @@ pub struct Firmware {
     pub device: Option<String>,
     /// Bytes of RAM for variables.
     pub statics: u32,
-    /// The section `.board` of programs of this project: lines `key=value`. The line "mcu" names the chip.
+    /// The section `.board` of programs of this project: lines `key=value`. The line "mcu" names
+    /// the chip.
     pub board: Option<Vec<u8>>,
 }
 
@@ -68,11 +72,16 @@ impl Firmware {
     /// If the file is missing or is not an AVR executable.
     pub fn read(path: &Path) -> Result<Firmware> {
         if !path.exists() {
-            let text = format!("{} does not exist: run \"make firmware\", or name an ELF with --elf", path.display());
+            let text = format!(
+                "{} does not exist: run \"make firmware\", or name an ELF with --elf",
+                path.display()
+            );
             return Err(io::Error::new(io::ErrorKind::NotFound, text).into());
         }
-        let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Firmware::parse(&bytes).with_context(|| format!("{} is not a firmware for an AVR", path.display()))
+        let bytes =
+            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        Firmware::parse(&bytes)
+            .with_context(|| format!("{} is not a firmware for an AVR", path.display()))
     }
 
     /// Reads the bytes of an ELF file.
@@ -84,9 +93,13 @@ impl Firmware {
             !bytes.starts_with(b":"),
             "it is an Intel HEX file; use the ELF file, which the compiler writes beside it"
         );
-        let header = FileHeader32::<LittleEndian>::parse(bytes).context("it is not a 32-bit ELF file")?;
+        let header =
+            FileHeader32::<LittleEndian>::parse(bytes).context("it is not a 32-bit ELF file")?;
         let endian = header.endian()?;
-        ensure!(header.e_machine(endian) == EM_AVR, "the ELF is for another processor than the AVR");
+        ensure!(
+            header.e_machine(endian) == EM_AVR,
+            "the ELF is for another processor than the AVR"
+        );
         let mut firmware = Firmware::default();
         for segment in header.program_headers(endian, bytes)? {
             if segment.p_type(endian) != PT_LOAD {
@@ -117,7 +130,10 @@ impl Firmware {
         for symbol in symbols.iter() {
             let name = symbol.name(endian, symbols.strings()).unwrap_or_default();
             if !name.is_empty() {
-                let found = Symbol { address: local_address(symbol.st_value(endian)), size: symbol.st_size(endian) };
+                let found = Symbol {
+                    address: local_address(symbol.st_value(endian)),
+                    size: symbol.st_size(endian),
+                };
                 firmware.symbols.insert(String::from_utf8_lossy(name).into_owned(), found);
             }
         }
@@ -130,12 +146,18 @@ impl Firmware {
     /// If the simulator does not know the device.
     pub fn chip(&self) -> Result<Option<Chip>> {
         if let Some(name) = self.board.as_deref().and_then(|lines| value_of(lines, "mcu")) {
-            return name.parse().map(Some).map_err(anyhow::Error::msg).context("its section .board");
+            return name
+                .parse()
+                .map(Some)
+                .map_err(anyhow::Error::msg)
+                .context("its section .board");
         }
         let Some(device) = &self.device else { return Ok(None) };
         let chip = Chip::of_device(device).with_context(|| {
             let names = Chip::ALL.map(Chip::name).join(" and ");
-            format!("the program is for an {device}; the simulator has {names}, and --mcu chooses one")
+            format!(
+                "the program is for an {device}; the simulator has {names}, and --mcu chooses one"
+            )
         })?;
         Ok(Some(chip))
     }
@@ -143,12 +165,19 @@ impl Firmware {
     /// Checks that the program fits a chip.
     ///
     /// # Errors
-    /// If the program does not fit; the message has the sizes, and names a chip that the program fits.
+    /// If the program does not fit; the message has the sizes, and names a chip that the program
+    /// fits.
     pub fn check_fits(&self, chip: Chip) -> Result<()> {
-        let end =
-            |pieces: &[(usize, Vec<u8>)]| pieces.iter().map(|(start, bytes)| start + bytes.len()).max().unwrap_or(0);
+        let end = |pieces: &[(usize, Vec<u8>)]| {
+            pieces.iter().map(|(start, bytes)| start + bytes.len()).max().unwrap_or(0)
+        };
         for (what, bytes, memory, capacity) in [
-            ("code and initialised data", end(&self.flash), "flash", Chip::flash_bytes as fn(Chip) -> usize),
+            (
+                "code and initialised data",
+                end(&self.flash),
+                "flash",
+                Chip::flash_bytes as fn(Chip) -> usize,
+            ),
             ("data", end(&self.eeprom), "EEPROM", Chip::eeprom_bytes),
             ("variables", self.statics as usize, "RAM", Chip::ram_bytes),
         ] {
@@ -156,7 +185,8 @@ impl Firmware {
                 continue;
             }
             let larger = Chip::ALL.into_iter().find(|chip| bytes <= capacity(*chip));
-            let advice = larger.map(|larger| format!("; is it for an {larger}? --mcu {}", larger.name()));
+            let advice =
+                larger.map(|larger| format!("; is it for an {larger}? --mcu {}", larger.name()));
             bail!(
                 "{} bytes of {what} do not fit the {} bytes of {memory} of an {chip}{}",
                 thousands(bytes),
@@ -193,12 +223,14 @@ impl Firmware {
     }
 }
 
-/// The name of the device in the note `.note.gnu.avr.deviceinfo`. The note has the name "AVR", the addresses and sizes of three
-/// memories, a table of offsets, and texts. The first offset is that of the device's name (binutils, include/elf/avr.h).
+/// The name of the device in the note `.note.gnu.avr.deviceinfo`. The note has the name "AVR", the
+/// addresses and sizes of three memories, a table of offsets, and texts. The first offset is that
+/// of the device's name (binutils, include/elf/avr.h).
 fn device(note: &[u8]) -> Option<String> {
     const TABLE_BYTES_AT: usize = 40;
     const TABLE_AT: usize = 44;
-    let word = |at: usize| Some(u32::from_le_bytes(note.get(at..at + 4)?.try_into().ok()?) as usize);
+    let word =
+        |at: usize| Some(u32::from_le_bytes(note.get(at..at + 4)?.try_into().ok()?) as usize);
     let texts = TABLE_BYTES_AT.checked_add(word(TABLE_BYTES_AT)?)?;
     let text = note.get(texts.checked_add(word(TABLE_AT)?)?..)?;
     let name = text.split(|byte| *byte == 0).next()?;
@@ -256,7 +288,9 @@ mod tests {
         assert_eq!(loader(0x3800).boot_section(Chip::Atmega168).unwrap(), 0x3800);
         assert_eq!(loader(0x7E00).boot_section(Chip::Atmega328p).unwrap(), 0x7E00);
         let error = |chip, address| loader(address).boot_section(chip).unwrap_err().to_string();
-        assert!(error(Chip::Atmega168, 0).ends_with("begins at one of 0x3800, 0x3c00, 0x3e00, 0x3f00"));
+        assert!(
+            error(Chip::Atmega168, 0).ends_with("begins at one of 0x3800, 0x3c00, 0x3e00, 0x3f00")
+        );
         assert!(error(Chip::Atmega168, 0x7E00).ends_with("--mcu atmega328p"));
     }
 
@@ -289,10 +323,14 @@ mod tests {
         for end in 0..NOTE.len() {
             let _ = device(&NOTE[..end]);
         }
-        let firmware = |device: &str| Firmware { device: Some(device.to_owned()), ..Firmware::default() };
+        let firmware =
+            |device: &str| Firmware { device: Some(device.to_owned()), ..Firmware::default() };
         assert_eq!(firmware("atmega168p").chip().unwrap(), Some(Chip::Atmega168));
         assert_eq!(Firmware::default().chip().unwrap(), None);
         let error = firmware("atmega2560").chip().unwrap_err().to_string();
-        assert!(error.contains("for an atmega2560; the simulator has atmega168 and atmega328p"), "{error}");
+        assert!(
+            error.contains("for an atmega2560; the simulator has atmega168 and atmega328p"),
+            "{error}"
+        );
     }
 }

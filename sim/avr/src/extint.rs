@@ -1,4 +1,5 @@
-//! The external interrupts INT0 and INT1 (datasheet section 13): edges while the interrupt is masked.
+//! The external interrupts INT0 and INT1 (datasheet section 13): edges while the interrupt is
+//! masked.
 
 use super::base::{Base, Peripheral};
 use super::chip::Chip;

@@ -1,8 +1,8 @@
 //! Reads Intel HEX files, the usual form of bootloaders.
 //!
-//! A line is `:LLAAAATT`, data, checksum, in hexadecimal: length, address, type, and a byte that makes the sum of all bytes 0.
-//! Types: 0 data, 1 end of file, 2 and 4 the upper part of the addresses that follow, 3 and 5 a start address, which is
-//! ignored because an AVR does not use it.
+//! A line is `:LLAAAATT`, data, checksum, in hexadecimal: length, address, type, and a byte that
+//! makes the sum of all bytes 0. Types: 0 data, 1 end of file, 2 and 4 the upper part of the
+//! addresses that follow, 3 and 5 a start address, which is ignored because an AVR does not use it.
 //!
 //! Source: Intel, "Hexadecimal Object File Format Specification", revision A (1988).
 
@@ -16,8 +16,10 @@ impl Firmware {
     /// # Errors
     /// If the file is missing, or is not Intel HEX.
     pub fn read_hex(path: &Path) -> Result<Firmware> {
-        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-        Firmware::parse_hex(&text).with_context(|| format!("{} is not an Intel HEX file", path.display()))
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        Firmware::parse_hex(&text)
+            .with_context(|| format!("{} is not an Intel HEX file", path.display()))
     }
 
     /// Reads the text of an Intel HEX file.
@@ -75,7 +77,11 @@ fn record(line: &str) -> Result<Record> {
     );
     let sum = bytes.iter().fold(0u8, |sum, byte| sum.wrapping_add(*byte));
     ensure!(sum == 0, "the checksum is wrong");
-    Ok(Record { address: usize::from(u16::from_be_bytes([*high, *low])), kind: *kind, data: data.to_vec() })
+    Ok(Record {
+        address: usize::from(u16::from_be_bytes([*high, *low])),
+        kind: *kind,
+        data: data.to_vec(),
+    })
 }
 
 #[cfg(test)]
@@ -86,7 +92,8 @@ mod tests {
 
     #[test]
     fn lines_with_consecutive_addresses_become_one_piece() {
-        let text = format!(":023800000102C3\r\n:0238020003 04BD\n:0100000055AA\n{END}").replace(' ', "");
+        let text =
+            format!(":023800000102C3\r\n:0238020003 04BD\n:0100000055AA\n{END}").replace(' ', "");
         let firmware = Firmware::parse_hex(&text).unwrap();
         assert_eq!(firmware.flash, [(0x3800, vec![1, 2, 3, 4]), (0, vec![0x55])]);
     }

@@ -1,8 +1,9 @@
-//! A model of the ATmega168 and ATmega328P at 16 MHz: simavr, corrected where it differs from the datasheet.
+//! A model of the ATmega168 and ATmega328P at 16 MHz: simavr, corrected where it differs from the
+//! datasheet.
 //!
-//! [`Avr`] runs a program up to a given time. The board around it drives and watches pins, connects a device to the SPI, sends
-//! and receives on the serial port, and sets the ADC's inputs. Time counts from the start of the simulation; a reset does not
-//! change it.
+//! [`Avr`] runs a program up to a given time. The board around it drives and watches pins, connects
+//! a device to the SPI, sends and receives on the serial port, and sets the ADC's inputs. Time
+//! counts from the start of the simulation; a reset does not change it.
 //!
 //! Modules. Each imports only modules further down:
 //!
@@ -21,14 +22,15 @@
 //! core                   simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog
 //! ```
 //!
-//! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; IVSEL needs no IVCE. Each file names
-//! further limits.
+//! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; IVSEL needs no
+//! IVCE. Each file names further limits.
 //!
-//! Of the simulator's crates only this one has `unsafe` code, in `core` and `machine`. It is sound because simavr's memory
-//! lives as long as the machine, all code runs on one thread, and callbacks use shared references to the machine only.
+//! Of the simulator's crates only this one has `unsafe` code, in `core` and `machine`. It is sound
+//! because simavr's memory lives as long as the machine, all code runs on one thread, and callbacks
+//! use shared references to the machine only.
 //!
-//! Source: Atmel 2545, "ATmega48/88/168", cited by section; the ATmega328P is the same in these sections. simavr as bundled by
-//! simavr-ffi 1.2.
+//! Source: Atmel 2545, "ATmega48/88/168", cited by section; the ATmega328P is the same in these
+//! sections. simavr as bundled by simavr-ffi 1.2.
 
 mod adc;
 mod base;
@@ -84,8 +86,8 @@ pub enum State {
     Running,
     /// Sleeps until an interrupt.
     Sleeping,
-    /// The program counter, a byte address, left the flash, or is in flash that cannot be read while other flash is programmed.
-    /// Only a reset ends this state.
+    /// The program counter, a byte address, left the flash, or is in flash that cannot be read
+    /// while other flash is programmed. Only a reset ends this state.
     Crashed(u32),
     /// Sleeps with interrupts off. Only a reset ends this state.
     Done,
@@ -109,15 +111,18 @@ impl Avr {
         Ok(Avr { machine, symbols: HashMap::new(), board: None })
     }
 
-    /// A chip with the program of an ELF file, just powered on. If the file does not name the chip, it is an ATmega168.
+    /// A chip with the program of an ELF file, just powered on. If the file does not name the chip,
+    /// it is an ATmega168.
     ///
     /// # Errors
-    /// If the file is missing, or is not a program for one of these chips; the message says what to do.
+    /// If the file is missing, or is not a program for one of these chips; the message says what to
+    /// do.
     pub fn load(elf: &Path) -> Result<Avr> {
         Avr::with_firmware(&Firmware::read(elf)?).with_context(|| elf.display().to_string())
     }
 
-    /// A chip with a program that is read already. If the program does not name the chip, it is an ATmega168.
+    /// A chip with a program that is read already. If the program does not name the chip, it is an
+    /// ATmega168.
     ///
     /// # Errors
     /// If the simulator does not know the chip, or the program does not fit.
@@ -137,8 +142,8 @@ impl Avr {
         Ok(avr)
     }
 
-    /// Writes a further program to flash and EEPROM, such as an application beside a bootloader. The chip keeps the symbols and
-    /// the section `.board` of the first program.
+    /// Writes a further program to flash and EEPROM, such as an application beside a bootloader.
+    /// The chip keeps the symbols and the section `.board` of the first program.
     ///
     /// # Errors
     /// If the program does not fit.
@@ -153,7 +158,8 @@ impl Avr {
         Ok(())
     }
 
-    /// Writes a bootloader to flash, and sets BOOTSZ and BOOTRST to its start. Takes effect at the next reset.
+    /// Writes a bootloader to flash, and sets BOOTSZ and BOOTRST to its start. Takes effect at the
+    /// next reset.
     ///
     /// # Errors
     /// If the program does not fit, or no boot section can start at its first byte.
@@ -179,8 +185,9 @@ impl Avr {
         self.machine.base.core.write_flash(address, bytes);
     }
 
-    /// Sets the byte address at which the program starts after a reset. Takes effect at the next reset. If a boot section can start
-    /// there, sets BOOTSZ to that section and programs BOOTRST.
+    /// Sets the byte address at which the program starts after a reset. Takes effect at the next
+    /// reset. If a boot section can start there, sets BOOTSZ to that section and programs
+    /// BOOTRST.
     pub fn set_reset_vector(&mut self, address: u32) {
         let is_boot_section = self.chip().boot_sections().contains(&(address as usize));
         self.machine.peripherals.nvm.spm.borrow_mut().set_boot_reset(is_boot_section);
@@ -190,8 +197,8 @@ impl Avr {
         self.machine.base.core.set_reset_pc(address);
     }
 
-    /// Sets BOOTSZ by the start of the boot section, a byte address. SPM works only from the boot section. A new chip has the longest
-    /// one.
+    /// Sets BOOTSZ by the start of the boot section, a byte address. SPM works only from the boot
+    /// section. A new chip has the longest one.
     ///
     /// # Panics
     /// If no boot section of the chip starts there.
@@ -224,8 +231,8 @@ impl Avr {
         self.machine.base.now()
     }
 
-    /// Runs the program until `t`. The last instruction or interrupt entry can end later. Time also passes while the chip sleeps or
-    /// has crashed, but not while a debugger halts it.
+    /// Runs the program until `t`. The last instruction or interrupt entry can end later. Time also
+    /// passes while the chip sleeps or has crashed, but not while a debugger halts it.
     pub fn run_until(&mut self, t: Cycles) -> State {
         self.machine.run_until(t);
         self.state()
@@ -247,8 +254,9 @@ impl Avr {
         self.machine.reset(cause);
     }
 
-    /// Sets the seed of the properties that differ between chips: the contents of SRAM after the next power-on, and the frequency
-    /// and jitter of the watchdog's oscillator. The default seed is 0.
+    /// Sets the seed of the properties that differ between chips: the contents of SRAM after the
+    /// next power-on, and the frequency and jitter of the watchdog's oscillator. The default
+    /// seed is 0.
     pub fn seed(&mut self, seed: u64) {
         self.machine.seed(seed);
     }
@@ -273,7 +281,8 @@ impl Avr {
         self.machine.level(pins::port_index(port), bit)
     }
 
-    /// Calls `watcher` at each change of a pin. [`Avr::take_edges`] has the edges that Timer1 makes.
+    /// Calls `watcher` at each change of a pin. [`Avr::take_edges`] has the edges that Timer1
+    /// makes.
     pub fn watch_pin(&mut self, port: char, bit: u8, watcher: PinWatcher) {
         self.machine.pins.watch(&self.machine.base, pins::port_index(port), bit, watcher);
     }
@@ -298,19 +307,20 @@ impl Avr {
         self.machine.peripherals.spi.set_device(device);
     }
 
-    /// Removes and returns the bytes that the program sent on the serial port since the last call, each with the time of the end of
-    /// its stop bit.
+    /// Removes and returns the bytes that the program sent on the serial port since the last call,
+    /// each with the time of the end of its stop bit.
     pub fn serial_take(&mut self) -> Vec<(Cycles, u8)> {
         self.machine.peripherals.uart.borrow_mut().take_sent()
     }
 
-    /// Removes and returns the characters that began on TXD and RXD since the last call. The first call starts the recording.
+    /// Removes and returns the characters that began on TXD and RXD since the last call. The first
+    /// call starts the recording.
     pub fn serial_trace(&mut self) -> Vec<SerialCharacter> {
         self.machine.peripherals.uart.borrow_mut().take_trace()
     }
 
-    /// Sends bytes to the serial port. Once the receiver is on, they arrive one after the other at the rate that the program has set.
-    /// A program that reads too slowly loses bytes.
+    /// Sends bytes to the serial port. Once the receiver is on, they arrive one after the other at
+    /// the rate that the program has set. A program that reads too slowly loses bytes.
     pub fn serial_send(&mut self, bytes: &[u8]) {
         self.machine.peripherals.uart.borrow_mut().send_to_chip(&self.machine.base, bytes);
     }
@@ -335,7 +345,8 @@ impl Avr {
         F_CPU_HZ / uart::Uart::cycles_per_bit(&self.machine.base)
     }
 
-    /// Duration of a character on the serial port, in CPU cycles, at the rate that the program has set.
+    /// Duration of a character on the serial port, in CPU cycles, at the rate that the program has
+    /// set.
     pub fn serial_cycles_per_byte(&self) -> u64 {
         uart::Uart::cycles_per_byte(&self.machine.base)
     }
@@ -355,7 +366,8 @@ impl Avr {
         self.machine.adc.borrow_mut().set_noise_uv(amplitude_uv, seed);
     }
 
-    /// Removes and returns the edges of OC1A or OC1B since the last call, exact to the cycle, while the pin is an output.
+    /// Removes and returns the edges of OC1A or OC1B since the last call, exact to the cycle, while
+    /// the pin is an output.
     pub fn take_edges(&mut self, oc: Oc) -> Vec<(Cycles, bool)> {
         self.machine.peripherals.timer1.borrow_mut().take_edges(oc, self.now())
     }
@@ -416,21 +428,24 @@ impl Avr {
         Debugger::new(Rc::clone(&self.machine))
     }
 
-    /// Calls `tracer` before each instruction, which makes the simulation several times slower; `None` ends the tracing. The tracer
-    /// must not run the chip.
+    /// Calls `tracer` before each instruction, which makes the simulation several times slower;
+    /// `None` ends the tracing. The tracer must not run the chip.
     pub fn trace(&mut self, tracer: Option<Tracer>) {
         self.machine.trace.set(tracer);
     }
 
-    /// The whole flash. Resets and power-off do not change it. A page that is being programmed has its old contents.
+    /// The whole flash. Resets and power-off do not change it. A page that is being programmed has
+    /// its old contents.
     pub fn flash(&self) -> &[u8] {
         self.machine.base.core.flash()
     }
 
-    /// Largest size of the stack in bytes, of a program that filled SRAM from `bottom` on with `paint` at its start; 0 if `bottom` is
-    /// above the end of the SRAM.
+    /// Largest size of the stack in bytes, of a program that filled SRAM from `bottom` on with
+    /// `paint` at its start; 0 if `bottom` is above the end of the SRAM.
     pub fn stack_high_water(&self, paint: u8, bottom: u16) -> u16 {
-        let untouched = (bottom..=self.chip().ram_end()).take_while(|address| self.sram(*address) == paint).count();
+        let untouched = (bottom..=self.chip().ram_end())
+            .take_while(|address| self.sram(*address) == paint)
+            .count();
         (self.chip().ram_end() + 1).saturating_sub(bottom) - untouched as u16
     }
 

@@ -1,15 +1,16 @@
 //! A chip: the core and the models around it, the run loop, resets, and simavr's callbacks.
 //!
-//! To add a peripheral, write its file with a type that implements [`Peripheral`], declare the file in lib.rs, and add a line to
-//! `peripherals!` below. The machine then calls the type for writes, reads, timers and resets. A peripheral that needs another
-//! callback of simavr, or another model, needs more code here.
+//! To add a peripheral, write its file with a type that implements [`Peripheral`], declare the file
+//! in lib.rs, and add a line to `peripherals!` below. The machine then calls the type for writes,
+//! reads, timers and resets. A peripheral that needs another callback of simavr, or another model,
+//! needs more code here.
 //!
-//! No module that this file imports may import this file. If a model needs another one, it gets it as an argument, here or in
-//! `nvm`.
+//! No module that this file imports may import this file. If a model needs another one, it gets it
+//! as an argument, here or in `nvm`.
 //!
-//! simavr calls back in the middle of an instruction, and a callback can make simavr call back again. So the machine is shared,
-//! and never borrowed mutably. Each model is in its own cell, which is borrowed for one step. No cell is borrowed while code
-//! outside of this crate runs.
+//! simavr calls back in the middle of an instruction, and a callback can make simavr call back
+//! again. So the machine is shared, and never borrowed mutably. Each model is in its own cell,
+//! which is borrowed for one step. No cell is borrowed while code outside of this crate runs.
 
 use std::cell::{Cell, RefCell};
 use std::ffi::{c_int, c_void};
@@ -84,7 +85,8 @@ const REGISTERS: usize = 0x100;
 /// Cause of a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ResetCause {
-    /// Power-on: SRAM and registers have random contents, and of the flags in MCUSR only PORF is set.
+    /// Power-on: SRAM and registers have random contents, and of the flags in MCUSR only PORF is
+    /// set.
     PowerOn,
     /// The RESET pin was low.
     External,
@@ -129,7 +131,10 @@ impl Machine {
         for (index, peripheral) in peripherals.iter().enumerate() {
             for address in peripheral.writes().iter().chain(peripheral.reads()) {
                 let owner = owners[usize::from(*address)].replace(index);
-                assert!(owner.is_none_or(|owner| owner == index), "two peripherals have register {address:#04x}");
+                assert!(
+                    owner.is_none_or(|owner| owner == index),
+                    "two peripherals have register {address:#04x}"
+                );
             }
             timers.extend(peripheral.timers().iter().map(|timer| (*timer, index)));
         }
@@ -149,7 +154,8 @@ impl Machine {
         let base = &machine.base;
         let core = &base.core;
         core.set_context(Rc::as_ptr(&machine).cast_mut().cast(), on_beyond_ram);
-        let timers: Vec<Timer> = machine.timers.iter().map(|(timer, _)| *timer).chain([STOP]).collect();
+        let timers: Vec<Timer> =
+            machine.timers.iter().map(|(timer, _)| *timer).chain([STOP]).collect();
         base.set_timers(&timers, Some(on_timer));
         core.hook_reset(on_reset);
         core.hook_interrupts(Some(on_interrupt), Some(on_bad_opcode));
@@ -209,13 +215,16 @@ impl Machine {
         loop {
             core.run_freely();
             let cpu_waits = self.peripherals.nvm.spm.borrow().halts_cpu();
-            if self.debug.is_watching() && (self.debug.is_halted() || !cpu_waits && self.debug.halts(core)) {
+            if self.debug.is_watching()
+                && (self.debug.is_halted() || !cpu_waits && self.debug.halts(core))
+            {
                 return;
             }
             if !cpu_waits && core.activity() == Activity::Running {
                 self.peripherals.nvm.spm.borrow().check_execution(&self.base);
             }
-            let asleep_for_good = core.activity() == Activity::Sleeping && !core.interrupts_enabled();
+            let asleep_for_good =
+                core.activity() == Activity::Sleeping && !core.interrupts_enabled();
             if core.activity() == Activity::Running && !cpu_waits {
                 if self.trace.is_on() {
                     self.trace.before_instruction(&self.base);
@@ -234,11 +243,14 @@ impl Machine {
                 }
                 idle = 0;
             } else if asleep_for_good && core.activity() == Activity::Running {
-                // simavr wakes the core for an interrupt even if the I flag is 0; the chip does not.
+                // simavr wakes the core for an interrupt even if the I flag is 0; the chip does
+                // not.
                 core.set_activity(Activity::Sleeping);
             }
             match core.activity() {
-                Activity::Running if !self.peripherals.nvm.spm.borrow().halts_cpu() => core.service_interrupts(),
+                Activity::Running if !self.peripherals.nvm.spm.borrow().halts_cpu() => {
+                    core.service_interrupts()
+                }
                 Activity::Running | Activity::Sleeping | Activity::Crashed => {
                     let rest = until.saturating_sub(self.base.now());
                     core.set_cycle(core.cycle() + idle.min(rest));
@@ -250,7 +262,8 @@ impl Machine {
         }
     }
 
-    /// Corrects the state after simavr's reset: resets the models, and drives the pins from outside again.
+    /// Corrects the state after simavr's reset: resets the models, and drives the pins from outside
+    /// again.
     fn after_reset(&self) {
         self.base.core.disconnect_timer1();
         for peripheral in self.peripherals.iter() {
@@ -278,7 +291,8 @@ impl Machine {
         if address == regs::PINB {
             return (0..8).fold(0, |pins, bit| pins | u8::from(self.level(PORT_B, bit)) << bit);
         }
-        self.owner(address).map_or_else(|| self.base.core.get(address), |owner| owner.read(&self.base, address))
+        self.owner(address)
+            .map_or_else(|| self.base.core.get(address), |owner| owner.read(&self.base, address))
     }
 
     /// True if a pin is high. Timer1 can drive two of the pins.
@@ -309,13 +323,22 @@ unsafe fn machine<'a>(context: *mut c_void) -> &'a Machine {
     unsafe { &*context.cast::<Machine>() }
 }
 
-unsafe extern "C" fn on_write(_: *mut ffi::avr_t, address: ffi::avr_io_addr_t, value: u8, context: *mut c_void) {
+unsafe extern "C" fn on_write(
+    _: *mut ffi::avr_t,
+    address: ffi::avr_io_addr_t,
+    value: u8,
+    context: *mut c_void,
+) {
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
     machine.base.guard((), || machine.write(address, value));
 }
 
-unsafe extern "C" fn on_read(_: *mut ffi::avr_t, address: ffi::avr_io_addr_t, context: *mut c_void) -> u8 {
+unsafe extern "C" fn on_read(
+    _: *mut ffi::avr_t,
+    address: ffi::avr_io_addr_t,
+    context: *mut c_void,
+) -> u8 {
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
     machine.base.guard(0, || machine.read(address))
@@ -330,8 +353,9 @@ unsafe extern "C" fn on_reset(avr: *mut ffi::avr_t) {
         let by_itself = machine.reset_cause.get().is_none();
         let cause = machine.reset_cause.take().unwrap_or(ResetCause::Watchdog);
         machine.resets.borrow_mut().push(Reset { at, cause });
-        // simavr does this at the end of the reset. By then it has started the watchdog with the old clock, so that the time-out
-        // would be too long by the time that the chip had run before.
+        // simavr does this at the end of the reset. By then it has started the watchdog with the
+        // old clock, so that the time-out would be too long by the time that the chip had
+        // run before.
         machine.base.restart_clock();
         if by_itself {
             machine.base.ask_for_attention();
@@ -354,10 +378,10 @@ unsafe extern "C" fn on_interrupt(_: *mut ffi::avr_irq_t, _: u32, context: *mut 
             // > When this bit is set (one), the interrupt vectors are moved to the beginning of the Boot Loader section of the
             // > Flash. (MCUCR, IVSEL) simavr leaves them where they are.
             if machine.base.core.get(regs::MCUCR) & regs::IVSEL != 0 {
-                machine
-                    .base
-                    .core
-                    .set_pc(machine.base.core.pc() + machine.peripherals.nvm.spm.borrow().boot_start() as u32);
+                machine.base.core.set_pc(
+                    machine.base.core.pc()
+                        + machine.peripherals.nvm.spm.borrow().boot_start() as u32,
+                );
             }
         }
     });
@@ -366,7 +390,9 @@ unsafe extern "C" fn on_interrupt(_: *mut ffi::avr_irq_t, _: u32, context: *mut 
 unsafe extern "C" fn on_bad_opcode(_: *mut ffi::avr_irq_t, opcode: u32, context: *mut c_void) {
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
-    machine.base.guard((), || machine.base.report_violation(&format!("illegal instruction {opcode:#06x}")));
+    machine
+        .base
+        .guard((), || machine.base.report_violation(&format!("illegal instruction {opcode:#06x}")));
 }
 
 /// Called when the program reads or writes at an address beyond the RAM.
@@ -399,7 +425,9 @@ unsafe extern "C" fn on_watchdog(_: *mut ffi::avr_irq_t, is_raised: u32, context
     // Safety: simavr passes the context on.
     let machine = unsafe { machine(context) };
     if is_raised != 0 {
-        machine.base.guard((), || machine.peripherals.watchdog.borrow_mut().timed_out(&machine.base.core));
+        machine
+            .base
+            .guard((), || machine.peripherals.watchdog.borrow_mut().timed_out(&machine.base.core));
     }
 }
 
@@ -408,7 +436,8 @@ unsafe extern "C" fn on_timer(
     when: ffi::avr_cycle_count_t,
     slot: *mut c_void,
 ) -> ffi::avr_cycle_count_t {
-    // Safety: simavr passes on what `Base` registers: a slot that lives as long as the core's base, with the context.
+    // Safety: simavr passes on what `Base` registers: a slot that lives as long as the core's base,
+    // with the context.
     let (machine, timer) = unsafe {
         let slot = &*slot.cast::<TimerSlot>();
         (machine(slot.context), slot.timer)
@@ -422,13 +451,15 @@ unsafe extern "C" fn on_flash(flash: *mut ffi::avr_io_t, request: u32, byte: *mu
     if request != FLASH_SPM && request != FLASH_LPM {
         return -1;
     }
-    // Safety: simavr passes the peripheral, which belongs to the chip of the core, which has its context.
+    // Safety: simavr passes the peripheral, which belongs to the chip of the core, which has its
+    // context.
     let machine = unsafe { machine(Core::context_of((*flash).avr)) };
     machine.base.guard((), || {
         if request == FLASH_SPM {
             machine.peripherals.nvm.execute_spm(&machine.base);
         } else {
-            // Safety: with this request simavr passes a pointer to the byte that it has read, in the frame of its caller.
+            // Safety: with this request simavr passes a pointer to the byte that it has read, in
+            // the frame of its caller.
             let byte = unsafe { &mut *byte.cast::<u8>() };
             *byte = machine.peripherals.nvm.spm.borrow_mut().load(&machine.base, *byte);
         }

@@ -25,7 +25,10 @@ impl Nvm {
 
 impl Peripheral for Nvm {
     fn for_chip(chip: Chip) -> Nvm {
-        Nvm { eeprom: RefCell::new(Eeprom::new(chip.eeprom_bytes())), spm: RefCell::new(Spm::new(chip)) }
+        Nvm {
+            eeprom: RefCell::new(Eeprom::new(chip.eeprom_bytes())),
+            spm: RefCell::new(Spm::new(chip)),
+        }
     }
 
     fn writes(&self) -> &'static [u16] {
@@ -43,7 +46,9 @@ impl Peripheral for Nvm {
     fn write(&self, base: &Base, address: u16, value: u8) {
         match address {
             EECR => self.eeprom.borrow_mut().write_control(base, &mut self.spm.borrow_mut(), value),
-            SPMCSR => self.spm.borrow_mut().write_control(base, self.eeprom.borrow().activity(), value),
+            SPMCSR => {
+                self.spm.borrow_mut().write_control(base, self.eeprom.borrow().activity(), value)
+            }
             _ => self.eeprom.borrow_mut().write_address(base, address, value),
         }
     }

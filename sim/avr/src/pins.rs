@@ -1,7 +1,8 @@
 //! The pins: their levels, their watchers, and the levels that are driven from outside.
 //!
-//! An output has the level of its PORT bit. An input has the level that is driven from outside, else that of its pull-up, else
-//! its last one. The module `timer1` has the levels that Timer1 drives.
+//! An output has the level of its PORT bit. An input has the level that is driven from outside,
+//! else that of its pull-up, else its last one. The module `timer1` has the levels that Timer1
+//! drives.
 
 use std::cell::{Cell, RefCell};
 use std::ffi::c_void;
@@ -45,7 +46,10 @@ pub(super) struct Pins {
 
 /// Index of a port in simavr's order.
 pub(super) fn port_index(port: char) -> usize {
-    PORTS.iter().position(|name| *name == port).unwrap_or_else(|| panic!("the chip has no port {port}"))
+    PORTS
+        .iter()
+        .position(|name| *name == port)
+        .unwrap_or_else(|| panic!("the chip has no port {port}"))
 }
 
 impl Drive {
@@ -53,7 +57,8 @@ impl Drive {
     fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
         let pin_register = regs::pin_register(PORTS[port]);
         let mask = 1 << bit;
-        let [pin, ddr, latch] = [0, 1, 2].map(|offset| base.core.get(pin_register + offset) & mask != 0);
+        let [pin, ddr, latch] =
+            [0, 1, 2].map(|offset| base.core.get(pin_register + offset) & mask != 0);
         if ddr {
             latch
         } else if self.driven[port].get() & mask != 0 {
@@ -73,7 +78,8 @@ impl Pins {
     /// Drives a pin from outside; `None` stops driving it.
     pub fn drive(&self, base: &Base, port: usize, bit: u8, level: Option<bool>) {
         let mask = 1u8 << bit;
-        let set = |cell: &Cell<u8>, on: bool| cell.set(cell.get() & !mask | if on { mask } else { 0 });
+        let set =
+            |cell: &Cell<u8>, on: bool| cell.set(cell.get() & !mask | if on { mask } else { 0 });
         set(&self.drive.driven[port], level.is_some());
         set(&self.drive.levels[port], level == Some(true));
         base.core.set_external(port, self.drive.driven[port].get(), self.drive.levels[port].get());
@@ -95,7 +101,8 @@ impl Pins {
         self.watches.borrow_mut().push(watch);
     }
 
-    /// Drives the pins again after a reset, which makes all pins inputs and clears the levels from outside in simavr.
+    /// Drives the pins again after a reset, which makes all pins inputs and clears the levels from
+    /// outside in simavr.
     pub fn reapply(&self, base: &Base) {
         for port in 0..PORTS.len() {
             for bit in (0..8).filter(|bit| self.drive.driven[port].get() & 1 << bit != 0) {
@@ -108,7 +115,8 @@ impl Pins {
         }
     }
 
-    /// Applies the level of an input. Does nothing for an output, because simavr would take the level for the output's.
+    /// Applies the level of an input. Does nothing for an output, because simavr would take the
+    /// level for the output's.
     fn apply(&self, base: &Base, port: usize, bit: u8) {
         if base.core.get(regs::pin_register(PORTS[port]) + 1) & 1 << bit == 0 {
             base.core.drive_pin(port, bit, self.level(base, port, bit));
@@ -131,8 +139,9 @@ impl Watch {
 }
 
 unsafe extern "C" fn on_pin(_: *mut ffi::avr_irq_t, _: u32, parameter: *mut c_void) {
-    // Safety: the parameter is a `Watch` that `Pins` keeps until the machine is dropped. Callbacks come from the core of the `Base`
-    // that the watch points to. The same machine owns that base, so it is alive and has not moved.
+    // Safety: the parameter is a `Watch` that `Pins` keeps until the machine is dropped. Callbacks
+    // come from the core of the `Base` that the watch points to. The same machine owns that
+    // base, so it is alive and has not moved.
     let (watch, base) = unsafe {
         let watch = &*parameter.cast::<Watch>();
         (watch, &*watch.base)

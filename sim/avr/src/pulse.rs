@@ -57,7 +57,10 @@ mod tests {
     fn a_pulse_is_reported_when_it_ends() {
         let mut meter = PulseMeter::new();
         assert_eq!(meter.feed([(10, true)]), []);
-        assert_eq!(meter.feed([(30, false)]), [Pulse { start: 10, width_cycles: 20, period_cycles: None }]);
+        assert_eq!(
+            meter.feed([(30, false)]),
+            [Pulse { start: 10, width_cycles: 20, period_cycles: None }]
+        );
         assert_eq!(
             meter.feed([(110, true), (135, false)]),
             [Pulse { start: 110, width_cycles: 25, period_cycles: Some(100) }]

@@ -1,8 +1,12 @@
 //! Data-space addresses and bits of the registers that the simulator uses.
 //!
-//! The names are those of the datasheet (Atmel 2545, "Register Summary"). Bits are values, not positions.
+//! The names are those of the datasheet (Atmel 2545, "Register Summary"). Bits are values, not
+//! positions.
 
-#![allow(missing_docs, reason = "the names are the documentation: see the datasheet's register summary")]
+#![allow(
+    missing_docs,
+    reason = "the names are the documentation: see the datasheet's register summary"
+)]
 
 /// First I/O register, after R0 to R31.
 pub const IO_FIRST: u16 = 0x20;

@@ -1,8 +1,9 @@
 //! The SPI as a master (datasheet section 19), with one device on it.
 //!
-//! simavr restarts a transfer when the program writes SPDR during it; the chip, and this model, ignore the write and set WCOL.
-//! The model clears SPIF and WCOL as section 19.5 says. The device gets a byte only if SCK is an output. It reports the
-//! program's mistakes as violations. Not modelled: slave mode, the phase of the SCK divider.
+//! simavr restarts a transfer when the program writes SPDR during it; the chip, and this model,
+//! ignore the write and set WCOL. The model clears SPIF and WCOL as section 19.5 says. The device
+//! gets a byte only if SCK is an output. It reports the program's mistakes as violations. Not
+//! modelled: slave mode, the phase of the SCK divider.
 
 use std::cell::RefCell;
 
@@ -129,7 +130,8 @@ impl Peripheral for Spi {
 struct Master {
     in_transfer: Option<SpiByte>,
     received: u8,
-    /// True if the program has read SPSR with SPIF or WCOL set: the next access of SPDR clears both.
+    /// True if the program has read SPSR with SPIF or WCOL set: the next access of SPDR clears
+    /// both.
     status_seen: bool,
 }
 
@@ -143,7 +145,9 @@ impl Master {
             return None;
         }
         if control & MSTR == 0 {
-            base.report_violation("SPDR is written while the SPI is a slave, which is not modelled");
+            base.report_violation(
+                "SPDR is written while the SPI is a slave, which is not modelled",
+            );
             return None;
         }
         if self.in_transfer.is_some() {
@@ -153,7 +157,9 @@ impl Master {
         }
         self.clear_flags_if_seen(base);
         if core.get(DDRB) & SS == 0 {
-            base.report_violation("SS (PB2) is an input while the SPI is master: a low level there ends master mode");
+            base.report_violation(
+                "SS (PB2) is an input while the SPI is master: a low level there ends master mode",
+            );
         }
         let divisor = [4, 16, 64, 128][usize::from(control & SPR)];
         let cycles_per_bit = if core.get(SPSR) & SPI2X != 0 { divisor / 2 } else { divisor };
@@ -199,7 +205,9 @@ impl Master {
         let core = &base.core;
         let outputs = core.get(DDRB);
         if outputs & SCK == 0 {
-            base.report_violation("SCK (PB5) is not an output: the SPI's clock does not leave the chip");
+            base.report_violation(
+                "SCK (PB5) is not an output: the SPI's clock does not leave the chip",
+            );
             return None;
         }
         if outputs & MOSI == 0 {

@@ -1,18 +1,23 @@
-//! Self-programming of the flash by SPM (DS40002061B, chapter 27, "Boot Loader Support"), with the time that it takes.
+//! Self-programming of the flash by SPM (DS40002061B, chapter 27, "Boot Loader Support"), with the
+//! time that it takes.
 //!
-//! simavr erases and writes pages at once, from any place in the flash. In this model a page erase, a page write and a write of
-//! the lock bits take [`PAGE_PROGRAMMING_CYCLES`], and the flash changes at the end. Meanwhile SELFPRGEN reads 1. Programming a
-//! page of the read-while-write (RWW) section sets RWWSB. While RWWSB is set, LPM reads 0xFF from that section, and a program
-//! that executes there has crashed. SPM with RWWSRE, or a fill of the page buffer, clears RWWSB. Programming a page of the
-//! other section (NRWW) halts the CPU. Operations that the datasheet forbids have no effect, and are violations.
+//! simavr erases and writes pages at once, from any place in the flash. In this model a page erase,
+//! a page write and a write of the lock bits take [`PAGE_PROGRAMMING_CYCLES`], and the flash
+//! changes at the end. Meanwhile SELFPRGEN reads 1. Programming a page of the read-while-write
+//! (RWW) section sets RWWSB. While RWWSB is set, LPM reads 0xFF from that section, and a program
+//! that executes there has crashed. SPM with RWWSRE, or a fill of the page buffer, clears RWWSB.
+//! Programming a page of the other section (NRWW) halts the CPU. Operations that the datasheet
+//! forbids have no effect, and are violations.
 //!
-//! A reset during an erase or a write leaves the page half programmed, like a loss of power: the datasheet guarantees
-//! completion for no kind of reset. Each byte then has its old value, its new value, or a mixture, depending on the chip's
-//! seed. Otherwise resets and loss of power do not change flash and lock bits.
+//! A reset during an erase or a write leaves the page half programmed, like a loss of power: the
+//! datasheet guarantees completion for no kind of reset. Each byte then has its old value, its new
+//! value, or a mixture, depending on the chip's seed. Otherwise resets and loss of power do not
+//! change flash and lock bits.
 //!
-//! Limits: a half-programmed cell reads the same each time; a real one may not. LPM ignores the lock bits. Debuggers and the
-//! host read the stored flash while RWWSB is set. All fuses except BOOTSZ and BOOTRST are those of Arduinos. SIGRD works on
-//! the ATmega168, too, although avr-libc does not define it there.
+//! Limits: a half-programmed cell reads the same each time; a real one may not. LPM ignores the
+//! lock bits. Debuggers and the host read the stored flash while RWWSB is set. All fuses except
+//! BOOTSZ and BOOTRST are those of Arduinos. SIGRD works on the ATmega168, too, although avr-libc
+//! does not define it there.
 
 use super::base::{Base, Timer};
 use super::chip::Chip;
@@ -21,21 +26,25 @@ use super::regs::{BLBSET, PGERS, PGWRT, RWWSB, RWWSRE, SELFPRGEN, SIGRD, SPMCSR,
 use sim_base::Noise;
 use sim_base::{Cycles, F_CPU_HZ};
 
-/// > Flash write (Page Erase, Page Write, and write Lock bits by SPM): 3.7 ms to 4.5 ms ("Programming Time for Flash when
+/// > Flash write (Page Erase, Page Write, and write Lock bits by SPM): 3.7 ms to 4.5 ms
+/// > ("Programming Time for Flash when
 /// > Using SPM")
 ///
-/// The calibrated RC oscillator determines the time. The model uses the longest one, so that a program that waits less fails.
+/// The calibrated RC oscillator determines the time. The model uses the longest one, so that a
+/// program that waits less fails.
 pub const PAGE_PROGRAMMING_CYCLES: Cycles = F_CPU_HZ * 45 / 10_000;
 /// Size of a page in bytes, the same for both chips.
 pub const PAGE_BYTES: usize = 128;
 
 const PAGE_WORDS: usize = PAGE_BYTES / 2;
-/// > The SELFPRGEN bit will auto-clear upon completion of an SPM instruction, or if no SPM instruction is executed within
+/// > The SELFPRGEN bit will auto-clear upon completion of an SPM instruction, or if no SPM
+/// > instruction is executed within
 /// > four clock cycles. (SPMCSR)
 const SPM_WINDOW_CYCLES: Cycles = 4;
 /// > An LPM instruction within three cycles after BLBSET and SELFPRGEN are set [...] (SPMCSR)
 const LPM_WINDOW_CYCLES: Cycles = 3;
-/// Mask and value of the high byte of the opcode of OUT, which takes one cycle. The other store instructions take two.
+/// Mask and value of the high byte of the opcode of OUT, which takes one cycle. The other store
+/// instructions take two.
 const OUT_OPCODE: (u8, u8) = (0b1111_1000, 0b1011_1000);
 
 const R0: u16 = 0;
@@ -43,16 +52,19 @@ const R1: u16 = 1;
 const ZL: u16 = 30;
 const ZH: u16 = 31;
 
-/// Boot lock bits. If programmed (0), BLB01 protects the application section from SPM, and BLB11 the boot section.
+/// Boot lock bits. If programmed (0), BLB01 protects the application section from SPM, and BLB11
+/// the boot section.
 const BLB01: u8 = 1 << 2;
 const BLB11: u8 = 1 << 4;
-/// > The only accessible Lock bits are the Boot Lock bits ("Setting the Boot Loader Lock Bits by SPM")
+/// > The only accessible Lock bits are the Boot Lock bits ("Setting the Boot Loader Lock Bits by
+/// > SPM")
 const BOOT_LOCK_BITS: u8 = 0b0011_1100;
 
 /// Expires at the end of an erase or a write.
 pub(super) const TIMER: Timer = Timer("SPM");
 
-/// State of the EEPROM. While it is written, the program cannot write SPMCSR, and the SPM Ready interrupt waits.
+/// State of the EEPROM. While it is written, the program cannot write SPMCSR, and the SPM Ready
+/// interrupt waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum EepromActivity {
     Idle,
@@ -100,7 +112,8 @@ enum Job {
     LockBits(u8),
 }
 
-/// SPMCSR, the page buffer, the fuses and lock bits that concern SPM, and the operation in progress.
+/// SPMCSR, the page buffer, the fuses and lock bits that concern SPM, and the operation in
+/// progress.
 #[derive(Debug)]
 pub(super) struct Spm {
     chip: Chip,
@@ -138,7 +151,10 @@ impl Spm {
 
     /// Sets BOOTSZ by the byte address of the boot section's start.
     pub fn set_boot_start(&mut self, start: usize) {
-        assert!(self.chip.boot_sections().contains(&start), "no boot section begins at {start:#06x}");
+        assert!(
+            self.chip.boot_sections().contains(&start),
+            "no boot section begins at {start:#06x}"
+        );
         self.boot_start = start;
     }
 
@@ -157,19 +173,23 @@ impl Spm {
         self.job.is_some()
     }
 
-    /// > The CPU is halted during the entire Page Write operation if the NRWW section is addressed. (SPMCSR)
+    /// > The CPU is halted during the entire Page Write operation if the NRWW section is addressed.
+    /// > (SPMCSR)
     pub fn halts_cpu(&self) -> bool {
         matches!(self.job, Some((Job::Erase(page) | Job::Write(page), _)) if page >= self.chip.nrww_start())
     }
 
-    /// Checks the program counter before an instruction. Stops a program that executes the RWW section while RWWSB is set.
+    /// Checks the program counter before an instruction. Stops a program that executes the RWW
+    /// section while RWWSB is set.
     #[inline]
     pub fn check_execution(&self, base: &Base) {
         if !self.rww_is_busy {
             return;
         }
         if (base.core.pc() as usize) < self.chip.nrww_start() {
-            base.report_violation("the program executes the RWW section while RWWSB is set: it has crashed");
+            base.report_violation(
+                "the program executes the RWW section while RWWSB is set: it has crashed",
+            );
             base.core.set_activity(Activity::Crashed);
         } else {
             base.core.run_singly();
@@ -203,10 +223,12 @@ impl Spm {
             return;
         }
         core.set(SPMCSR, core.get(SPMCSR) & !SPMIE | value & SPMIE);
-        // While busy, SELFPRGEN reads 1, and a read-modify-write of SPMIE writes it back. That is not a mistake.
+        // While busy, SELFPRGEN reads 1, and a read-modify-write of SPMIE writes it back. That is
+        // not a mistake.
         if self.job.is_none() && value & SELFPRGEN != 0 {
             let bits = value & (SIGRD | RWWSRE | BLBSET | PGWRT | PGERS | SELFPRGEN);
-            let command = COMMANDS.iter().find(|(pattern, _)| *pattern == bits).map(|(_, command)| *command);
+            let command =
+                COMMANDS.iter().find(|(pattern, _)| *pattern == bits).map(|(_, command)| *command);
             if let Some(command) = command {
                 let opcode = core.flash().get(core.pc() as usize + 1).copied().unwrap_or_default();
                 let cycles = if opcode & OUT_OPCODE.0 == OUT_OPCODE.1 { 1 } else { 2 };
@@ -240,7 +262,9 @@ impl Spm {
     pub fn execute(&mut self, base: &Base, eeprom: EepromActivity) {
         let start = self.boot_start;
         if (base.core.pc() as usize) < start {
-            base.report_violation(&format!("SPM outside the boot section, which begins at {start:#06x}: no effect"));
+            base.report_violation(&format!(
+                "SPM outside the boot section, which begins at {start:#06x}: no effect"
+            ));
             return;
         }
         if self.is_busy() {
@@ -259,7 +283,9 @@ impl Spm {
                 self.start(base, Job::LockBits(new));
             }
             Some(Command::Signature) => base.report_violation("SPM with SIGRD: no effect"),
-            None => base.report_violation("SPM without a command in SPMCSR in the four cycles before: no effect"),
+            None => base.report_violation(
+                "SPM without a command in SPMCSR in the four cycles before: no effect",
+            ),
         }
         self.update(base, eeprom);
     }
@@ -276,7 +302,8 @@ impl Spm {
             Some(Command::Signature) => {
                 self.armed = None;
                 let [first, second, third] = self.chip.signature();
-                // The byte 0x80 between those of the signature is the calibration of the RC oscillator, which is not modelled.
+                // The byte 0x80 between those of the signature is the calibration of the RC
+                // oscillator, which is not modelled.
                 return [first, 0x80, second, 0xFF, third].get(z).copied().unwrap_or(0xFF);
             }
             _ => {}
@@ -307,7 +334,8 @@ impl Spm {
 
     /// Updates SPMCSR in the data space, for debuggers, and requests the interrupt.
     ///
-    /// > The SPM Ready interrupt will be executed as long as the SELFPRGEN bit in the SPMCSR Register is cleared. The
+    /// > The SPM Ready interrupt will be executed as long as the SELFPRGEN bit in the SPMCSR
+    /// > Register is cleared. The
     /// > interrupt will not be generated during EEPROM write or SPM. (SPMCSR)
     pub fn update(&self, base: &Base, eeprom: EepromActivity) {
         let control = self.read_control(base);
@@ -317,7 +345,8 @@ impl Spm {
         }
     }
 
-    /// > If the EEPROM is written in the middle of an SPM Page Load operation, all data loaded will be lost. ("Filling the
+    /// > If the EEPROM is written in the middle of an SPM Page Load operation, all data loaded will
+    /// > be lost. ("Filling the
     /// > Temporary Buffer")
     pub fn lose_buffer(&mut self, base: &Base) {
         if self.filled != 0 {
@@ -337,7 +366,8 @@ impl Spm {
 
     fn fill_buffer(&mut self, base: &Base) {
         let index = z(base) / 2 % PAGE_WORDS;
-        // > it is not possible to write more than one time to each address without erasing the temporary buffer. ("Filling
+        // > it is not possible to write more than one time to each address without erasing the
+        // > temporary buffer. ("Filling
         // > the Temporary Buffer")
         if self.filled >> index & 1 != 0 {
             base.report_violation(&format!(
@@ -346,7 +376,8 @@ impl Spm {
         }
         self.buffer[index] &= u16::from_le_bytes([base.core.get(R0), base.core.get(R1)]);
         self.filled |= 1 << index;
-        // > Alternatively the RWWSB bit will automatically be cleared if a page load operation is initiated. (SPMCSR)
+        // > Alternatively the RWWSB bit will automatically be cleared if a page load operation is
+        // > initiated. (SPMCSR)
         self.rww_is_busy = false;
     }
 
@@ -381,8 +412,15 @@ impl Spm {
         base.core.run_singly();
     }
 
-    /// Sets each byte of a page to the result of `choose` for its old value and its value after the complete operation.
-    fn change_page(&self, base: &Base, job: Job, page: usize, mut choose: impl FnMut(u8, u8) -> u8) {
+    /// Sets each byte of a page to the result of `choose` for its old value and its value after the
+    /// complete operation.
+    fn change_page(
+        &self,
+        base: &Base,
+        job: Job,
+        page: usize,
+        mut choose: impl FnMut(u8, u8) -> u8,
+    ) {
         let old = &base.core.flash()[page..page + PAGE_BYTES];
         let changed: Vec<u8> = old
             .iter()

@@ -1,11 +1,13 @@
 //! The waveforms of Timer1 on OC1A (D9) and OC1B (D10), exact to the CPU cycle.
 //!
-//! simavr changes these pins at the end of an instruction, and updates OCR1x at once; the chip does neither. This model follows
-//! the ATmega168 datasheet (Atmel 2545, section 16, "16-bit Timer/Counter1 with PWM"): the free-running prescaler, the TEMP
-//! register, double-buffered OCR1x, and compare outputs in all waveform modes. It calculates the past when the program writes
+//! simavr changes these pins at the end of an instruction, and updates OCR1x at once; the chip does
+//! neither. This model follows the ATmega168 datasheet (Atmel 2545, section 16, "16-bit
+//! Timer/Counter1 with PWM"): the free-running prescaler, the TEMP register, double-buffered OCR1x,
+//! and compare outputs in all waveform modes. It calculates the past when the program writes
 //! a register or the board takes the edges, and goes from one event to the next.
 //!
-//! Limits: no external clock on T1, no input capture, no TSM; PRR is ignored. simavr has the interrupt flags.
+//! Limits: no external clock on T1, no input capture, no TSM; PRR is ignored. simavr has the
+//! interrupt flags.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -67,7 +69,8 @@ const MODES: [(Kind, Top); 16] = [
     (Kind::FastPwm, Top::Ocr1a),
 ];
 
-/// CPU cycles per timer clock, by CS12:0. 0: stopped, also for the external clock, which is not modelled.
+/// CPU cycles per timer clock, by CS12:0. 0: stopped, also for the external clock, which is not
+/// modelled.
 const PRESCALERS: [u64; 8] = [0, 1, 8, 64, 256, 1024, 0, 0];
 
 /// State of one compare unit and of its pin.
@@ -215,7 +218,9 @@ impl Timer1 {
             regs::TCCR1B => {
                 self.configure(self.tccr1a, value, now);
                 if value & 0b111 >= 6 {
-                    return Err("the clock of Timer1 is T1, which is not modelled: the timer stops");
+                    return Err(
+                        "the clock of Timer1 is T1, which is not modelled: the timer stops",
+                    );
                 }
             }
             regs::TCCR1C => self.force_compare(value),
@@ -229,7 +234,9 @@ impl Timer1 {
                 // > that utilizes the ICR1 Register for defining the counter's TOP value. (section
                 // > 16.6)
                 if self.mode().1 != Top::Icr1 {
-                    return Err("ICR1 is written in a mode that does not take TOP from it: the chip ignores that");
+                    return Err(
+                        "ICR1 is written in a mode that does not take TOP from it: the chip ignores that",
+                    );
                 }
                 self.icr1 = word;
             }
@@ -271,7 +278,8 @@ impl Timer1 {
         self.next_tick = now + self.prescaler();
     }
 
-    /// The level that the compare unit drives on the pin; `None` if the unit is not connected or the pin is not an output.
+    /// The level that the compare unit drives on the pin; `None` if the unit is not connected or
+    /// the pin is not an output.
     pub fn output(&mut self, oc: Oc, now: Cycles) -> Option<bool> {
         self.advance(now);
         let connected = self.is_connected(oc as usize);
@@ -279,7 +287,8 @@ impl Timer1 {
         (channel.ddr && connected).then_some(channel.latch)
     }
 
-    /// Removes and returns the edges of the pin since the last call. A pin that is not an output counts as low.
+    /// Removes and returns the edges of the pin since the last call. A pin that is not an output
+    /// counts as low.
     pub fn take_edges(&mut self, oc: Oc, now: Cycles) -> Vec<(Cycles, bool)> {
         self.advance(now);
         self.channels[oc as usize].edges.drain(..).collect()
@@ -306,7 +315,8 @@ impl Timer1 {
         (self.tccr1a >> (6 - 2 * index)) & 0b11
     }
 
-    /// True if OC1x overrides the port (tables 16-1 to 16-3). Toggling in a PWM mode works only for OC1A, in some modes.
+    /// True if OC1x overrides the port (tables 16-1 to 16-3). Toggling in a PWM mode works only for
+    /// OC1A, in some modes.
     fn is_connected(&self, index: usize) -> bool {
         match (self.mode().0, self.com(index)) {
             (_, 0) => false,
@@ -347,7 +357,8 @@ impl Timer1 {
         }
     }
 
-    /// Forces a compare match (FOC1x), which works only in modes that are not PWM (section 16.11.3).
+    /// Forces a compare match (FOC1x), which works only in modes that are not PWM (section
+    /// 16.11.3).
     fn force_compare(&mut self, tccr1c: u8) {
         if self.mode().0 == Kind::Plain {
             for index in 0..2 {
@@ -386,9 +397,15 @@ impl Timer1 {
         let from = self.tcnt;
         let ocrs = self.channels.each_ref().map(|channel| channel.ocr);
         if self.down {
-            ocrs.iter().filter(|ocr| **ocr <= from).map(|ocr| from - ocr).min().unwrap_or(from).min(from)
+            ocrs.iter()
+                .filter(|ocr| **ocr <= from)
+                .map(|ocr| from - ocr)
+                .min()
+                .unwrap_or(from)
+                .min(from)
         } else {
-            let phase = matches!(self.mode().0, Kind::PhaseCorrect | Kind::PhaseAndFrequencyCorrect);
+            let phase =
+                matches!(self.mode().0, Kind::PhaseCorrect | Kind::PhaseAndFrequencyCorrect);
             if phase && from >= self.top() {
                 return 0;
             }
@@ -431,7 +448,8 @@ impl Timer1 {
                 let turns = if self.down { count == 0 } else { count >= top };
                 if turns {
                     self.down = !self.down;
-                    // Phase correct mode updates OCR1x at TOP, phase and frequency correct mode at BOTTOM.
+                    // Phase correct mode updates OCR1x at TOP, phase and frequency correct mode at
+                    // BOTTOM.
                     if self.down == (kind == Kind::PhaseCorrect) {
                         self.load_buffers();
                     }
@@ -439,7 +457,8 @@ impl Timer1 {
                 for (index, _) in matches.iter().enumerate().filter(|(_, matched)| **matched) {
                     self.change_output(index, self.down);
                 }
-                self.tcnt = if self.down { count.saturating_sub(1) } else { (count + 1).min(top.max(1)) };
+                self.tcnt =
+                    if self.down { count.saturating_sub(1) } else { (count + 1).min(top.max(1)) };
                 if top == 0 {
                     self.tcnt = 0;
                 }
@@ -447,7 +466,8 @@ impl Timer1 {
         }
     }
 
-    /// Changes an output at a compare match: toggles, clears or sets it. `inverted`, while counting down, exchanges clear and set.
+    /// Changes an output at a compare match: toggles, clears or sets it. `inverted`, while counting
+    /// down, exchanges clear and set.
     fn change_output(&mut self, index: usize, inverted: bool) {
         let com = self.com(index);
         let latch = &mut self.channels[index].latch;

@@ -1,4 +1,5 @@
-//! Tests of Timer1 against the datasheet's sections 16.8 and 16.9. No program runs: the tests write registers at chosen times.
+//! Tests of Timer1 against the datasheet's sections 16.8 and 16.9. No program runs: the tests write
+//! registers at chosen times.
 
 use super::*;
 
@@ -15,7 +16,8 @@ fn write16(timer: &mut Timer1, low: u16, value: u16, now: Cycles) {
     timer.write(low, low_byte, now).unwrap();
 }
 
-/// Timer1 started at cycle 0, with both pins as outputs, OCR1A 99, OCR1B 20, and ICR1 99 in modes that use it.
+/// Timer1 started at cycle 0, with both pins as outputs, OCR1A 99, OCR1B 20, and ICR1 99 in modes
+/// that use it.
 fn started((tccr1a, tccr1b): (u8, u8), com: u8, clock: u8) -> Timer1 {
     let mut timer = Timer1::new(0);
     timer.set_port(0b110, 0, 0);
@@ -47,13 +49,19 @@ fn a_write_of_ocr1b_takes_effect_in_the_next_period() {
     write16(&mut timer, regs::OCR1BL, 5, 110);
     write16(&mut timer, regs::OCR1BL, 40, 210);
     let edges = timer.take_edges(Oc::B, 399);
-    assert_eq!(edges, [(100, true), (121, false), (200, true), (206, false), (300, true), (341, false)]);
+    assert_eq!(
+        edges,
+        [(100, true), (121, false), (200, true), (206, false), (300, true), (341, false)]
+    );
 }
 
 #[test]
 fn inverting_fast_pwm_is_low_for_ocr_plus_one_clocks() {
     let mut timer = started(FAST_PWM_ICR1, SET_B, DIV_1);
-    assert_eq!(timer.take_edges(Oc::B, 230), [(21, true), (100, false), (121, true), (200, false), (221, true)]);
+    assert_eq!(
+        timer.take_edges(Oc::B, 230),
+        [(21, true), (100, false), (121, true), (200, false), (221, true)]
+    );
 }
 
 #[test]

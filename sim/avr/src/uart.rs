@@ -1,8 +1,9 @@
 //! USART0 in asynchronous mode (datasheet section 20), with its exact timing and buffers.
 //!
-//! simavr counts 11 bits for a byte of 8N1, has one transmit buffer instead of two, and never loses a received byte. This model
-//! follows the datasheet: a shift register and UDR0 to send, a shift register and a FIFO of two bytes to receive, and data
-//! overrun. The other end sends back to back, at exactly the rate that the program has set, while the receiver is on. Not
+//! simavr counts 11 bits for a byte of 8N1, has one transmit buffer instead of two, and never loses
+//! a received byte. This model follows the datasheet: a shift register and UDR0 to send, a shift
+//! register and a FIFO of two bytes to receive, and data overrun. The other end sends back to back,
+//! at exactly the rate that the program has set, while the receiver is on. Not
 //! modelled: synchronous modes, parity and framing errors, nine data bits, the pins.
 
 use std::cell::RefCell;
@@ -12,8 +13,8 @@ use super::base::{Base, Peripheral, Timer};
 use super::chip::Chip;
 use super::core::Vector;
 use super::regs::{
-    DOR0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B, UCSR0C, UCSZ02, UDR0, UDRE0,
-    UDRIE0, UPM0, USBS0,
+    DOR0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B, UCSR0C,
+    UCSZ02, UDR0, UDRE0, UDRIE0, UPM0, USBS0,
 };
 use sim_base::Cycles;
 use sim_base::Noise;
@@ -37,7 +38,8 @@ pub struct SerialCharacter {
     pub cycles_per_bit: u64,
     /// The levels of the bits. Bit 0 is the start bit.
     pub levels: u16,
-    /// Number of bits: 10 for 8N1. 0 if a reset has cut off the last character, and the line is idle from `start` on.
+    /// Number of bits: 10 for 8N1. 0 if a reset has cut off the last character, and the line is
+    /// idle from `start` on.
     pub bits: u8,
 }
 
@@ -113,7 +115,13 @@ impl Uart {
     pub fn reset(&mut self, base: &Base) {
         if let Some(trace) = self.trace.as_mut().filter(|_| self.sending.is_some()) {
             let start = base.now();
-            trace.push(SerialCharacter { to_chip: false, start, cycles_per_bit: 0, levels: 0, bits: 0 });
+            trace.push(SerialCharacter {
+                to_chip: false,
+                start,
+                cycles_per_bit: 0,
+                levels: 0,
+                bits: 0,
+            });
         }
         *self = Uart {
             trace: self.trace.take(),
@@ -137,11 +145,13 @@ impl Uart {
         u64::from(character.bits) * character.cycles_per_bit
     }
 
-    /// The character for a byte that starts now, in the frame format and at the rate that the program has set.
+    /// The character for a byte that starts now, in the frame format and at the rate that the
+    /// program has set.
     fn character(base: &Base, byte: u8) -> SerialCharacter {
         let core = &base.core;
         let (a, b, c) = (core.get(UCSR0A), core.get(UCSR0B), core.get(UCSR0C));
-        let divisor = u64::from(u16::from_le_bytes([core.get(UBRR0L), core.get(UBRR0H) & 0x0F])) + 1;
+        let divisor =
+            u64::from(u16::from_le_bytes([core.get(UBRR0L), core.get(UBRR0H) & 0x0F])) + 1;
         let cycles_per_bit = divisor * if a & U2X0 != 0 { 8 } else { 16 };
         let data_bits = if b & UCSZ02 != 0 { 9 } else { 5 + ((c >> 1) & 0b11) };
         let stop_bits = if c & USBS0 != 0 { 2 } else { 1 };
@@ -154,7 +164,13 @@ impl Uart {
             bits += 1;
         }
         levels |= ((1 << stop_bits) - 1) << bits;
-        SerialCharacter { to_chip: false, start: base.now(), cycles_per_bit, levels, bits: bits + stop_bits }
+        SerialCharacter {
+            to_chip: false,
+            start: base.now(),
+            cycles_per_bit,
+            levels,
+            bits: bits + stop_bits,
+        }
     }
 
     /// Writes UDR0.
@@ -169,7 +185,9 @@ impl Uart {
             base.core.clear(Vector::UsartDataRegisterEmpty);
             base.core.clear_bits(UCSR0A, UDRE0);
         } else {
-            base.report_violation("UDR0 is written while it is full (UDRE0 is 0): the byte is lost");
+            base.report_violation(
+                "UDR0 is written while it is full (UDRE0 is 0): the byte is lost",
+            );
         }
         self.request_levels(base);
     }
@@ -209,7 +227,8 @@ impl Uart {
             core.clear(Vector::UsartReceiveComplete);
             core.clear_bits(UCSR0A, RXC0 | DOR0);
         }
-        // The transmitter still sends the bytes that it has (section 20.6.5); write_data checks TXEN0.
+        // The transmitter still sends the bytes that it has (section 20.6.5); write_data checks
+        // TXEN0.
         self.start_receiving(base, base.now());
         self.request_levels(base);
     }
@@ -266,12 +285,14 @@ impl Uart {
         self.line.clear();
     }
 
-    /// Removes and returns the bytes that the program has sent, each with the time of the end of its last stop bit.
+    /// Removes and returns the bytes that the program has sent, each with the time of the end of
+    /// its last stop bit.
     pub fn take_sent(&mut self) -> Vec<(Cycles, u8)> {
         std::mem::take(&mut self.sent)
     }
 
-    /// Removes and returns the characters that began on both lines since the last call. The first call starts the recording.
+    /// Removes and returns the characters that began on both lines since the last call. The first
+    /// call starts the recording.
     pub fn take_trace(&mut self) -> Vec<SerialCharacter> {
         self.trace.replace(Vec::new()).unwrap_or_default()
     }

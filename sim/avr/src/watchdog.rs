@@ -1,10 +1,11 @@
 //! The watchdog's oscillator, and the flag WDIF (datasheet section 11.8).
 //!
-//! simavr's watchdog counts exactly 125 CPU cycles for each cycle of its oscillator. The chip has an RC oscillator of "128 kHz",
-//! which is independent of the crystal. In this model the frequency differs from chip to chip by up to 10 %, and each time-out
-//! has jitter. Both follow from the chip's seed, so that a run can be repeated, and chips with different seeds differ. The
-//! datasheet has no value for the jitter. The model's 0.01 % of a time-out of 16 ms is less than the jitter that published
-//! random number generators use.
+//! simavr's watchdog counts exactly 125 CPU cycles for each cycle of its oscillator. The chip has
+//! an RC oscillator of "128 kHz", which is independent of the crystal. In this model the frequency
+//! differs from chip to chip by up to 10 %, and each time-out has jitter. Both follow from the
+//! chip's seed, so that a run can be repeated, and chips with different seeds differ. The datasheet
+//! has no value for the jitter. The model's 0.01 % of a time-out of 16 ms is less than the jitter
+//! that published random number generators use.
 //!
 //! In simavr a program cannot clear WDIF by writing a one to it. In this model it can.
 
@@ -21,7 +22,8 @@ use sim_base::Noise;
 const SHORTEST_TIME_OUT: Cycles = 2048 * 125;
 /// Largest deviation of a chip's frequency.
 const TOLERANCE_PER_MILLION: u64 = 100_000;
-/// Largest deviation of the shortest time-out from its mean. It grows with the square root of the time, like a random walk.
+/// Largest deviation of the shortest time-out from its mean. It grows with the square root of the
+/// time, like a random walk.
 const JITTER_CYCLES: u64 = 25;
 
 /// The oscillator of one chip.
@@ -55,7 +57,8 @@ impl Watchdog {
     /// The oscillator of a chip with this seed.
     pub fn new(seed: u64) -> Watchdog {
         let mut noise = Noise::new(seed);
-        let per_million = 1_000_000 - TOLERANCE_PER_MILLION + noise.below(2 * TOLERANCE_PER_MILLION + 1);
+        let per_million =
+            1_000_000 - TOLERANCE_PER_MILLION + noise.below(2 * TOLERANCE_PER_MILLION + 1);
         Watchdog { noise, per_million }
     }
 
@@ -67,7 +70,8 @@ impl Watchdog {
         mean - jitter + self.noise.below(2 * jitter + 1)
     }
 
-    /// Handles a write of `value` to WDTCSR, which had the value `before`, after simavr's own handler.
+    /// Handles a write of `value` to WDTCSR, which had the value `before`, after simavr's own
+    /// handler.
     fn handle_write(&mut self, core: &Core, before: u8, value: u8) {
         let mut after = core.get(WDTCSR);
         // > WDIF is cleared by writing a logic one to the flag. (section 11.9.2)
@@ -78,8 +82,9 @@ impl Watchdog {
         }
         let enabled = after & (WDE | WDIE) != 0;
         core.set_watchdog_cycles(self.time_out(after));
-        // If the length of the time-out changes, simavr keeps the end of the running one. This model restarts it, as for programs
-        // that execute WDR before the change, which the datasheet demands.
+        // If the length of the time-out changes, simavr keeps the end of the running one. This
+        // model restarts it, as for programs that execute WDR before the change, which the
+        // datasheet demands.
         if enabled && (before & (WDE | WDIE) == 0 || (before ^ after) & WDP != 0) {
             core.restart_watchdog();
         }
@@ -113,7 +118,10 @@ mod tests {
         for seed in 0..200 {
             let time_outs = time_outs(seed);
             let (min, max) = (time_outs.iter().min().unwrap(), time_outs.iter().max().unwrap());
-            assert!((230_000..=282_000).contains(min) && max - min <= 2 * JITTER_CYCLES, "{seed}: {min} to {max}");
+            assert!(
+                (230_000..=282_000).contains(min) && max - min <= 2 * JITTER_CYCLES,
+                "{seed}: {min} to {max}"
+            );
             assert!(max - min > JITTER_CYCLES, "no jitter");
         }
     }
@@ -128,7 +136,9 @@ mod tests {
     fn the_prescaler_doubles_the_time_out() {
         let mut watchdog = Watchdog::new(1);
         let mean = watchdog.time_out(0) as f64;
-        for (control, factor) in [(0b001, 2.0), (0b100, 16.0), (0b10_0000, 256.0), (0b10_0001, 512.0)] {
+        for (control, factor) in
+            [(0b001, 2.0), (0b100, 16.0), (0b10_0000, 256.0), (0b10_0001, 512.0)]
+        {
             let time_out = watchdog.time_out(control | WDE) as f64;
             assert!((time_out / mean / factor - 1.0).abs() < 0.001, "{control:#b}");
         }

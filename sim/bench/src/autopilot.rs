@@ -1,15 +1,17 @@
 //! A simulated autopilot: a flight controller as far as it communicates with the node.
 //!
-//! The autopilot sends NodeStatus at 1 Hz and commands servos at 50 Hz. One servo or all of them sweep, or hold a position.
-//! On demand it commands motors, too. They are off while disarmed, and follow the same motion while armed. Its [`Profile`]
-//! decides which further messages it sends. It answers GetNodeInfo, and on demand it allocates node IDs ([`Allocator`]). It
-//! uses one dialect, and ignores the other.
+//! The autopilot sends NodeStatus at 1 Hz and commands servos at 50 Hz. One servo or all of them
+//! sweep, or hold a position. On demand it commands motors, too. They are off while disarmed, and
+//! follow the same motion while armed. Its [`Profile`] decides which further messages it sends. It
+//! answers GetNodeInfo, and on demand it allocates node IDs ([`Allocator`]). It uses one dialect,
+//! and ignores the other.
 //!
-//! The autopilot uses simulated time and queues each frame for its exact time, so that a run can be repeated. It sends each
-//! answer a fixed time after the request.
+//! The autopilot uses simulated time and queues each frame for its exact time, so that a run can be
+//! repeated. It sends each answer a fixed time after the request.
 //!
-//! Limits: GetNodeInfo is its only service, and it queues all frames of a transfer at once. It sends 50 commands a second to
-//! motors; ArduPilot and PX4 send at the rate of their control loops, up to 400 a second.
+//! Limits: GetNodeInfo is its only service, and it queues all frames of a transfer at once. It
+//! sends 50 commands a second to motors; ArduPilot and PX4 send at the rate of their control loops,
+//! up to 400 a second.
 
 mod allocator;
 mod in_draft;
@@ -21,8 +23,8 @@ pub use profile::Profile;
 
 use crate::can::{Frame, Id, SoftNode, StationRef};
 use crate::dronecan::{
-    ActuatorCommand, Allocation, CanId, CommandUnit, DataType, Decoded, Dialect, Message, NodeId, NodeInfo, NodeStatus,
-    Observation, Observer, Transfer, TransferId, draft, esc, text::hex,
+    ActuatorCommand, Allocation, CanId, CommandUnit, DataType, Decoded, Dialect, Message, NodeId,
+    NodeInfo, NodeStatus, Observation, Observer, Transfer, TransferId, draft, esc, text::hex,
 };
 use crate::{Cycles, F_CPU_HZ};
 use half::f16;
@@ -36,7 +38,8 @@ use std::rc::Rc;
 const STATUS_PERIOD: Cycles = F_CPU_HZ;
 /// Default servo output period of ArduPilot's and PX4's DroneCAN drivers.
 const COMMAND_PERIOD: Cycles = F_CPU_HZ / 50;
-/// Time of the first command. This and the next two offsets differ, so that no two messages are due in the same cycle.
+/// Time of the first command. This and the next two offsets differ, so that no two messages are due
+/// in the same cycle.
 const COMMAND_OFFSET: Cycles = F_CPU_HZ / 200;
 /// Time of the first ArmingStatus.
 const ARMING_OFFSET: Cycles = F_CPU_HZ / 80;
@@ -50,11 +53,13 @@ const PWM_HALF_TRAVEL_US: f64 = 500.0;
 /// Most commands whose frames may wait for the bus before the autopilot drops its queue.
 const OVERDUE_MAX: usize = 3;
 
-/// Time from a request to its answer. At least the length of a slice of [`Autopilot::advance`], so that slices change nothing.
+/// Time from a request to its answer. At least the length of a slice of [`Autopilot::advance`], so
+/// that slices change nothing.
 const ANSWER_DELAY: Cycles = F_CPU_HZ / 500;
 /// Time after which the autopilot repeats a request without answer.
 const REQUEST_PERIOD: Cycles = F_CPU_HZ;
-/// A node that was silent for longer counts as new at its next NodeStatus (DSDL 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
+/// A node that was silent for longer counts as new at its next NodeStatus (DSDL
+/// 341.NodeStatus.uavcan, OFFLINE_TIMEOUT_MS).
 const OFFLINE_TIMEOUT: Cycles = 3 * F_CPU_HZ;
 /// Priority of the allocator's messages: libuavcan's OneHigherThanLowest.
 const ALLOCATION_PRIORITY: u8 = 30;
@@ -159,8 +164,9 @@ impl Settings {
         }
     }
 
-    /// Converts the settings to a dialect. If the profile does not support the dialect, it becomes `Profile::Plain`. If the profile
-    /// does not have the command type in the dialect, the type becomes the profile's usual one.
+    /// Converts the settings to a dialect. If the profile does not support the dialect, it becomes
+    /// `Profile::Plain`. If the profile does not have the command type in the dialect, the type
+    /// becomes the profile's usual one.
     pub fn in_dialect(mut self, dialect: Dialect) -> Settings {
         if self.profile.command_types(dialect).is_empty() {
             self.profile = Profile::Plain;
@@ -250,14 +256,16 @@ impl Autopilot {
         self.station.clone()
     }
 
-    /// Removes the power for good: a frame on the bus is cut off, and the station sends and acknowledges nothing more.
+    /// Removes the power for good: a frame on the bus is cut off, and the station sends and
+    /// acknowledges nothing more.
     pub fn switch_off(self) {
         let mut station = self.station.borrow_mut();
         station.set_listen_only(true);
         station.clear_queue();
     }
 
-    /// An autopilot with other settings that starts at `now`, with the motion, arming and silence of this one.
+    /// An autopilot with other settings that starts at `now`, with the motion, arming and silence
+    /// of this one.
     pub fn successor(&self, settings: Settings, bit_rate: u32, now: Cycles) -> Autopilot {
         let (motion, silent, armed) = (self.motion, self.silent, self.armed);
         Autopilot { motion, silent, armed, ..Autopilot::powered(settings, bit_rate, now) }
@@ -268,7 +276,8 @@ impl Autopilot {
         &self.settings
     }
 
-    /// Removes and returns the events since the last call: information of nodes, and node IDs that were granted.
+    /// Removes and returns the events since the last call: information of nodes, and node IDs that
+    /// were granted.
     pub fn take_events(&mut self) -> Vec<(Cycles, String)> {
         std::mem::take(&mut self.events)
     }
@@ -306,7 +315,10 @@ impl Autopilot {
     /// Changes to the next command type of the profile; after the last to the first.
     pub fn next_command_type(&mut self) {
         let types = self.settings.profile.command_types(self.settings.dialect);
-        let at = types.iter().position(|other| *other == self.settings.command_type).map_or(0, |at| at + 1);
+        let at = types
+            .iter()
+            .position(|other| *other == self.settings.command_type)
+            .map_or(0, |at| at + 1);
         self.settings.command_type = types[at % types.len()];
     }
 
@@ -331,7 +343,8 @@ impl Autopilot {
         self.hold(self.deflection(now) + step);
     }
 
-    /// Commanded deflection at `now`, -1 to +1: of the actuator that moves, or of the first one if all move.
+    /// Commanded deflection at `now`, -1 to +1: of the actuator that moves, or of the first one if
+    /// all move.
     pub fn deflection(&self, now: Cycles) -> f64 {
         self.deflection_ahead(now, 0.0)
     }
@@ -341,20 +354,22 @@ impl Autopilot {
         match self.motion {
             Motion::Hold(deflection) => deflection,
             Motion::Sweep { since, phase } => {
-                let turns = now.saturating_sub(since) as f64 / self.settings.sweep_period.max(1) as f64;
+                let turns =
+                    now.saturating_sub(since) as f64 / self.settings.sweep_period.max(1) as f64;
                 ((turns + phase + ahead) * TAU).sin()
             }
         }
     }
 
-    /// Processes the received frames, and queues the frames that are due before `until`, each for its exact time. Call it when
-    /// the bus has reached the `until` of the last call.
+    /// Processes the received frames, and queues the frames that are due before `until`, each for
+    /// its exact time. Call it when the bus has reached the `until` of the last call.
     pub fn advance(&mut self, until: Cycles) {
         let received = self.station.borrow_mut().take_received();
         for (at, frame) in received {
             self.receive(at, &frame);
         }
-        // After the bus was blocked, the autopilot must not send old commands, so it drops a long queue.
+        // After the bus was blocked, the autopilot must not send old commands, so it drops a long
+        // queue.
         let frames_each = self.settings.profile.array().map_or(1, |array| usize::from(array.count));
         if self.station.borrow().queued() > OVERDUE_MAX * frames_each {
             self.station.borrow_mut().clear_queue();
@@ -372,10 +387,14 @@ impl Autopilot {
             return;
         }
         match self.observer.push(id, frame.data(), crate::elapsed(at)) {
-            Observation::Complete(Decoded::V0(transfer, message)) if self.settings.dialect == Dialect::V0 => {
+            Observation::Complete(Decoded::V0(transfer, message))
+                if self.settings.dialect == Dialect::V0 =>
+            {
                 self.handle(at, &transfer, message);
             }
-            Observation::Complete(Decoded::Draft(transfer, message)) if self.settings.dialect == Dialect::Draft => {
+            Observation::Complete(Decoded::Draft(transfer, message))
+                if self.settings.dialect == Dialect::Draft =>
+            {
                 self.handle_in_draft(at, &transfer, message);
             }
             Observation::Complete(_) | Observation::Partial | Observation::Invalid(_) => {}
@@ -388,17 +407,26 @@ impl Autopilot {
                 self.handle_status(at, source, status.uptime_s)
             }
             (Message::Allocation(request), CanId::Anonymous { .. }) => self.allocate(at, &request),
-            (Message::NodeInfo(info), CanId::Service { source, destination, .. }) if self.is_own_id(destination) => {
+            (Message::NodeInfo(info), CanId::Service { source, destination, .. })
+                if self.is_own_id(destination) =>
+            {
                 self.nodes.entry(source).or_default().ask_at = None;
                 self.events.push((at, format!("{source} is {info}")));
             }
-            (Message::NodeInfoRequest, CanId::Service { priority, service_id, destination, source, .. })
-                if self.is_own_id(destination) =>
-            {
-                let id =
-                    CanId::Service { priority, service_id, request: false, destination: source, source: destination };
+            (
+                Message::NodeInfoRequest,
+                CanId::Service { priority, service_id, destination, source, .. },
+            ) if self.is_own_id(destination) => {
+                let id = CanId::Service {
+                    priority,
+                    service_id,
+                    request: false,
+                    destination: source,
+                    source: destination,
+                };
                 let info = Message::NodeInfo(Box::new(self.information(self.status(at))));
-                self.answers.push_back((at + ANSWER_DELAY, frames(id, transfer.transfer_id, &info)));
+                self.answers
+                    .push_back((at + ANSWER_DELAY, frames(id, transfer.transfer_id, &info)));
             }
             _ => {}
         }
@@ -414,17 +442,26 @@ impl Autopilot {
         }
         let is_known = self.nodes.contains_key(&source);
         let node = self.nodes.entry(source).or_default();
-        let is_new = !is_known || uptime_s < node.uptime_s || at - node.last_status_at > OFFLINE_TIMEOUT;
-        if is_new && self.settings.dialect == Dialect::V0 && self.settings.profile.request_priority().is_some() {
+        let is_new =
+            !is_known || uptime_s < node.uptime_s || at - node.last_status_at > OFFLINE_TIMEOUT;
+        if is_new
+            && self.settings.dialect == Dialect::V0
+            && self.settings.profile.request_priority().is_some()
+        {
             node.ask_at = Some(at + ANSWER_DELAY);
         }
         (node.last_status_at, node.uptime_s) = (at, uptime_s);
     }
 
     fn allocate(&mut self, at: Cycles, request: &Allocation) {
-        let Some(answer) = self.allocator.as_mut().and_then(|allocator| allocator.answer(request, at)) else { return };
+        let Some(answer) =
+            self.allocator.as_mut().and_then(|allocator| allocator.answer(request, at))
+        else {
+            return;
+        };
         if answer.node_id != 0 {
-            let text = format!("{} is allocated to unique ID {}", answer.node_id, hex(&answer.unique_id));
+            let text =
+                format!("{} is allocated to unique ID {}", answer.node_id, hex(&answer.unique_id));
             self.events.push((at, text));
         }
         let message = Message::Allocation(answer);
@@ -483,7 +520,8 @@ impl Autopilot {
     fn next_task(&self) -> Option<(Cycles, Task)> {
         let is_v0 = self.settings.dialect == Dialect::V0;
         let has_arming = is_v0 && self.settings.profile.arming().is_some();
-        let has_motors = is_v0 && self.settings.motors > 0 && self.settings.profile.motors().is_some();
+        let has_motors =
+            is_v0 && self.settings.motors > 0 && self.settings.profile.motors().is_some();
         let asked = self.nodes.iter().filter_map(|(id, node)| Some((node.ask_at?, Task::Ask(*id))));
         [(self.next_status_at, Task::Status), (self.next_command_at, Task::Command)]
             .into_iter()
@@ -542,7 +580,8 @@ impl Autopilot {
                 }
                 let priority = profile.request_priority().unwrap_or(0);
                 let source = self.settings.node_id;
-                let id = CanId::Service { priority, service_id: 1, request: true, destination, source };
+                let id =
+                    CanId::Service { priority, service_id: 1, request: true, destination, source };
                 let transfer_id = self.next_transfer(id);
                 frames(id, transfer_id, &Message::NodeInfoRequest)
             }
@@ -563,10 +602,12 @@ impl Autopilot {
             let deflection = match moves {
                 Moves::All => self.deflection_ahead(at, f64::from(index) / f64::from(array.count)),
                 Moves::One if id == actuator => deflection,
-                // Each other actuator holds another position, so that a node that listens to a wrong ID is noticed.
+                // Each other actuator holds another position, so that a node that listens to a
+                // wrong ID is noticed.
                 Moves::One => 2.0 * f64::from(index + 1) / f64::from(array.count + 1) - 1.0,
             };
-            // ArduPilot and PX4 calculate a pulse width in whole microseconds first, and convert it to a deflection.
+            // ArduPilot and PX4 calculate a pulse width in whole microseconds first, and convert it
+            // to a deflection.
             let pulse_us = (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round();
             self.actuator_command(id, (pulse_us - PWM_CENTRE_US) / PWM_HALF_TRAVEL_US)
         });
@@ -586,8 +627,12 @@ impl Autopilot {
 
     fn actuator_command(&self, actuator: u8, deflection: f64) -> ActuatorCommand {
         let (unit, value) = match self.settings.command_type {
-            CommandType::Position => (CommandUnit::Position, deflection * self.settings.position_full_rad),
-            CommandType::Pwm => (CommandUnit::Pwm, (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round()),
+            CommandType::Position => {
+                (CommandUnit::Position, deflection * self.settings.position_full_rad)
+            }
+            CommandType::Pwm => {
+                (CommandUnit::Pwm, (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round())
+            }
             CommandType::Unitless | CommandType::Thesis => (CommandUnit::Unitless, deflection),
         };
         ActuatorCommand { actuator, unit, value: f16::from_f64(value) }
@@ -678,7 +723,10 @@ mod tests {
     /// Times, in milliseconds, at which a frame with this identifier is sent before `until`.
     fn times_of(autopilot: &mut Autopilot, id: u32, until: Cycles) -> Vec<u64> {
         let frames = autopilot.due(until).into_iter();
-        frames.filter(|(_, frame)| frame.id == Id::Extended(id)).map(|(at, _)| at * 1000 / F_CPU_HZ).collect()
+        frames
+            .filter(|(_, frame)| frame.id == Id::Extended(id))
+            .map(|(at, _)| at * 1000 / F_CPU_HZ)
+            .collect()
     }
 
     fn is_command(message: &Message) -> bool {
@@ -699,7 +747,8 @@ mod tests {
         let mut whole = autopilot(CommandType::Unitless);
         let mut pieces = autopilot(CommandType::Unitless);
         let at_once = sent(&mut whole, F_CPU_HZ);
-        let stepped: Vec<_> = (1..=1000).flat_map(|ms| sent(&mut pieces, ms * F_CPU_HZ / 1000)).collect();
+        let stepped: Vec<_> =
+            (1..=1000).flat_map(|ms| sent(&mut pieces, ms * F_CPU_HZ / 1000)).collect();
         assert_eq!(at_once, stepped);
     }
 
@@ -776,10 +825,17 @@ mod tests {
         autopilot.hold(0.5);
         let frames: Vec<_> = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
         assert_eq!(frames.len(), 9);
-        assert!(frames.iter().all(|(at, frame)| *at == COMMAND_OFFSET && frame.id == Id::Extended(0x0803_F20A)));
+        assert!(
+            frames
+                .iter()
+                .all(|(at, frame)| *at == COMMAND_OFFSET && frame.id == Id::Extended(0x0803_F20A))
+        );
         let mut autopilot = like(Profile::Ardupilot);
         autopilot.hold(0.5);
-        let Message::ArrayCommand(commands) = sent(&mut autopilot, COMMAND_OFFSET + 1).remove(1).1 else { panic!() };
+        let Message::ArrayCommand(commands) = sent(&mut autopilot, COMMAND_OFFSET + 1).remove(1).1
+        else {
+            panic!()
+        };
         let ids: Vec<u8> = commands.iter().map(|command| command.actuator).collect();
         assert_eq!(ids, (1..=15).collect::<Vec<u8>>());
         assert!(commands.iter().all(|command| command.unit == CommandUnit::Unitless));
@@ -791,20 +847,26 @@ mod tests {
     /// The values of the first ArrayCommand.
     fn first_commands(autopilot: &mut Autopilot) -> Vec<f32> {
         let messages = sent(autopilot, COMMAND_OFFSET + 1);
-        let Some((_, Message::ArrayCommand(commands))) = messages.last() else { panic!("{messages:?}") };
+        let Some((_, Message::ArrayCommand(commands))) = messages.last() else {
+            panic!("{messages:?}")
+        };
         commands.iter().map(|command| command.value.to_f32()).collect()
     }
 
     #[test]
     fn all_actuators_sweep_each_with_its_own_phase() {
         let all = |profile, motion| {
-            let mut autopilot = Autopilot::new(Settings { moves: Moves::All, ..Settings::of(profile) }, 1_000_000);
+            let mut autopilot =
+                Autopilot::new(Settings { moves: Moves::All, ..Settings::of(profile) }, 1_000_000);
             autopilot.motion = motion;
             first_commands(&mut autopilot)
         };
         let values = all(Profile::Px4, Motion::Sweep { since: COMMAND_OFFSET, phase: 0.0 });
         let expected = [0.0, 0.707, 1.0, 0.707, 0.0, -0.707, -1.0, -0.707];
-        assert!(values.iter().zip(expected).all(|(value, expected)| (value - expected).abs() < 0.002), "{values:?}");
+        assert!(
+            values.iter().zip(expected).all(|(value, expected)| (value - expected).abs() < 0.002),
+            "{values:?}"
+        );
         let mut values = all(Profile::Ardupilot, Motion::Sweep { since: 0, phase: 0.0 });
         values.sort_by(f32::total_cmp);
         values.dedup();
@@ -824,7 +886,8 @@ mod tests {
     #[test]
     fn motors_are_off_while_disarmed_and_follow_the_motion_while_armed() {
         for (profile, idle) in [(Profile::Ardupilot, 0), (Profile::Px4, 1)] {
-            let mut autopilot = Autopilot::new(Settings { motors: 2, ..Settings::of(profile) }, 1_000_000);
+            let mut autopilot =
+                Autopilot::new(Settings { motors: 2, ..Settings::of(profile) }, 1_000_000);
             autopilot.hold(-1.0);
             assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 50), [(15, vec![idle; 2])]);
             autopilot.hold(1.0);
@@ -847,13 +910,22 @@ mod tests {
             (Profile::Px4, 0, 0x0004_0601, 0),
             (Profile::Plain, 4, 0x0004_0601, 0),
         ] {
-            let mut autopilot = Autopilot::new(Settings { motors, ..Settings::of(profile) }, 1_000_000);
-            assert_eq!(times_of(&mut autopilot, id, F_CPU_HZ / 50), vec![15; frames], "{profile:?}");
+            let mut autopilot =
+                Autopilot::new(Settings { motors, ..Settings::of(profile) }, 1_000_000);
+            assert_eq!(
+                times_of(&mut autopilot, id, F_CPU_HZ / 50),
+                vec![15; frames],
+                "{profile:?}"
+            );
             assert!(motors <= profile.motors_max() || profile.motors().is_none());
         }
-        let mut autopilot =
-            Autopilot::new(Settings { motors: 4, ..Settings::of(Profile::Px4) }.in_dialect(Dialect::Draft), 1_000_000);
-        assert!(autopilot.due(F_CPU_HZ).iter().all(|(_, frame)| frame.id != Id::Extended(0x0004_0601)));
+        let mut autopilot = Autopilot::new(
+            Settings { motors: 4, ..Settings::of(Profile::Px4) }.in_dialect(Dialect::Draft),
+            1_000_000,
+        );
+        assert!(
+            autopilot.due(F_CPU_HZ).iter().all(|(_, frame)| frame.id != Id::Extended(0x0004_0601))
+        );
     }
 
     #[test]
@@ -861,7 +933,10 @@ mod tests {
         let mut autopilot = like(Profile::ArdupilotPwm);
         autopilot.hold(-0.5);
         let messages = sent(&mut autopilot, COMMAND_OFFSET + 1);
-        assert!(messages[1].1.to_string().starts_with("ArrayCommand id 1 PWM 1250 us, id 2 PWM "), "{messages:?}");
+        assert!(
+            messages[1].1.to_string().starts_with("ArrayCommand id 1 PWM 1250 us, id 2 PWM "),
+            "{messages:?}"
+        );
     }
 
     #[test]
@@ -874,7 +949,11 @@ mod tests {
                 .filter(|text| !text.starts_with("ArrayC"))
                 .collect::<Vec<_>>()
         };
-        let expected = ["NodeStatus OK OPERATIONAL up 0 s vendor 0x0000", "SafetyState off", "ArmingStatus armed"];
+        let expected = [
+            "NodeStatus OK OPERATIONAL up 0 s vendor 0x0000",
+            "SafetyState off",
+            "ArmingStatus armed",
+        ];
         assert_eq!(of_a_second(&mut autopilot, 1), [&expected[..], &expected[1..]].concat());
         autopilot.set_armed(false);
         assert_eq!(of_a_second(&mut autopilot, 2)[2], "ArmingStatus disarmed");
@@ -884,13 +963,16 @@ mod tests {
 
     #[test]
     fn px4_commands_eight_actuators_from_0_with_five_frames() {
-        let mut autopilot = Autopilot::new(Settings { actuator: 0, ..Settings::of(Profile::Px4) }, 1_000_000);
+        let mut autopilot =
+            Autopilot::new(Settings { actuator: 0, ..Settings::of(Profile::Px4) }, 1_000_000);
         autopilot.hold(-1.0);
         let frames = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
         assert_eq!(frames.len(), 5);
         assert!(frames.iter().all(|(_, frame)| frame.id == Id::Extended(0x0603_F201)));
         let messages = sent(&mut autopilot, COMMAND_OFFSET + COMMAND_PERIOD + 1);
-        let Some((_, Message::ArrayCommand(commands))) = messages.last() else { panic!("{messages:?}") };
+        let Some((_, Message::ArrayCommand(commands))) = messages.last() else {
+            panic!("{messages:?}")
+        };
         assert_eq!((commands.len(), commands[0].actuator, commands[7].actuator), (8, 0, 7));
         assert_eq!(commands[0].value.to_f32(), -1.0);
     }
@@ -925,7 +1007,8 @@ mod tests {
         let mut autopilot = like(Profile::Px4);
         receive(&mut autopilot, F_CPU_HZ, 0x1E01_81FF, &Message::NodeInfoRequest);
         let messages = sent(&mut autopilot, 2 * F_CPU_HZ);
-        let (at, answer) = messages.iter().find(|(_, message)| matches!(message, Message::NodeInfo(_))).unwrap();
+        let (at, answer) =
+            messages.iter().find(|(_, message)| matches!(message, Message::NodeInfo(_))).unwrap();
         assert_eq!(*at, F_CPU_HZ + ANSWER_DELAY);
         assert!(answer.to_string().starts_with("GetNodeInfo response org.pixhawk.px4"), "{answer}");
     }
@@ -933,16 +1016,23 @@ mod tests {
     #[test]
     fn the_autopilot_allocates_node_ids_only_if_it_is_set_to() {
         for allocates in [false, true] {
-            let mut autopilot = Autopilot::new(Settings { allocates, ..Settings::default() }, 1_000_000);
+            let mut autopilot =
+                Autopilot::new(Settings { allocates, ..Settings::default() }, 1_000_000);
             let mut answers = Vec::new();
             for (first, len, at) in [(0, 6, 100), (6, 6, 300), (12, 4, 500)] {
-                let request =
-                    Allocation { node_id: 0, first_part: first == 0, unique_id: (first..first + len).collect() };
+                let request = Allocation {
+                    node_id: 0,
+                    first_part: first == 0,
+                    unique_id: (first..first + len).collect(),
+                };
                 receive(&mut autopilot, at * 16_000, 0x1E97_4D00, &Message::Allocation(request));
                 let messages = sent(&mut autopilot, (at + 100) * 16_000).into_iter();
-                answers.extend(messages.filter(|(_, message)| matches!(message, Message::Allocation(_))));
+                answers.extend(
+                    messages.filter(|(_, message)| matches!(message, Message::Allocation(_))),
+                );
             }
-            let texts: Vec<_> = answers.iter().map(|(at, message)| format!("{} {message}", at / 16_000)).collect();
+            let texts: Vec<_> =
+                answers.iter().map(|(at, message)| format!("{} {message}", at / 16_000)).collect();
             let expected = [
                 "102 Allocation unique ID 000102030405",
                 "302 Allocation unique ID 000102030405060708090A0B",
@@ -983,7 +1073,10 @@ mod tests {
         assert_eq!(frames.iter().filter(|frame| frame.starts_with("1134")).count(), 2);
         assert_eq!(frames.iter().filter(|frame| frame.starts_with("084C")).count(), 100);
         // After the eight transfer IDs of the draft comes the first again.
-        assert_eq!((frames[8].as_str(), frames[9].as_str()), ("084C040F#010038", "084C0408#010038"));
+        assert_eq!(
+            (frames[8].as_str(), frames[9].as_str()),
+            ("084C040F#010038", "084C0408#010038")
+        );
     }
 
     #[test]
@@ -1010,7 +1103,8 @@ mod tests {
             (Dialect::V0, "10015501#01000000000000C1", "0803F201#"),
             (Dialect::Draft, "11340409#010000000000", "084C0409#"),
         ] {
-            let with = |only| Settings { only: Some(only), ..Settings::default().in_dialect(dialect) };
+            let with =
+                |only| Settings { only: Some(only), ..Settings::default().in_dialect(dialect) };
             assert_eq!(sent(with(Only::Status)), (2, 0, String::from(status)));
             let (frames, commands, text) = sent(with(Only::Commands));
             assert_eq!((frames, commands), (100, 100));
@@ -1024,11 +1118,16 @@ mod tests {
     fn the_autopilot_answers_get_node_info_in_its_dialect_and_ignores_the_other() {
         for (profile, request) in [(Profile::Px4, "1E0181FF#C7"), (Profile::Plain, "113BFC08#01")] {
             for dialect in [Dialect::V0, Dialect::Draft] {
-                let mut autopilot = Autopilot::new(Settings::of(profile).in_dialect(dialect), 1_000_000);
+                let mut autopilot =
+                    Autopilot::new(Settings::of(profile).in_dialect(dialect), 1_000_000);
                 autopilot.set_silent(false);
                 autopilot.receive(F_CPU_HZ, &request.parse().unwrap());
                 let asked_in = if request.starts_with("1E") { Dialect::V0 } else { Dialect::Draft };
-                assert_eq!(autopilot.answers.len(), usize::from(dialect == asked_in), "{request} {dialect}");
+                assert_eq!(
+                    autopilot.answers.len(),
+                    usize::from(dialect == asked_in),
+                    "{request} {dialect}"
+                );
             }
         }
         let mut autopilot = in_draft(Profile::Plain, None);
@@ -1055,11 +1154,19 @@ mod tests {
 
     #[test]
     fn settings_keep_what_the_other_dialect_has() {
-        let settings = Settings { actuator: 3, ..Settings::of(Profile::ArdupilotPwm) }.in_dialect(Dialect::Draft);
-        assert_eq!((settings.profile, settings.command_type), (Profile::Plain, CommandType::Unitless));
+        let settings = Settings { actuator: 3, ..Settings::of(Profile::ArdupilotPwm) }
+            .in_dialect(Dialect::Draft);
+        assert_eq!(
+            (settings.profile, settings.command_type),
+            (Profile::Plain, CommandType::Unitless)
+        );
         assert_eq!((settings.actuator, settings.node_id.get()), (3, 10));
-        let settings = Settings::of(Profile::Thesis).in_dialect(Dialect::Draft).in_dialect(Dialect::V0);
-        assert_eq!((settings.profile, settings.command_type), (Profile::Thesis, CommandType::Thesis));
+        let settings =
+            Settings::of(Profile::Thesis).in_dialect(Dialect::Draft).in_dialect(Dialect::V0);
+        assert_eq!(
+            (settings.profile, settings.command_type),
+            (Profile::Thesis, CommandType::Thesis)
+        );
         let mut autopilot = in_draft(Profile::Plain, None);
         let types = [(); 3].map(|()| {
             autopilot.next_command_type();

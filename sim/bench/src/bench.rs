@@ -1,8 +1,8 @@
 //! The bench: boards and other stations on one CAN bus, run in lock step.
 //!
-//! The bus names the time up to which the AVRs may run: one bit ahead while a frame is on the bus, further while it is idle.
-//! Each board runs to that time, then the bus does, then the boards update their INT pins. A board can overshoot that time by
-//! one instruction.
+//! The bus names the time up to which the AVRs may run: one bit ahead while a frame is on the bus,
+//! further while it is idle. Each board runs to that time, then the bus does, then the boards
+//! update their INT pins. A board can overshoot that time by one instruction.
 
 use crate::board::Board;
 use crate::can::{Bus, PortId, StationRef};
@@ -76,8 +76,13 @@ impl Bench {
         }
     }
 
-    /// Runs until `condition` holds, and returns true. Returns false after `timeout` cycles, or if a debugger halts a board.
-    pub fn run_until_or(&mut self, mut condition: impl FnMut(&mut Bench) -> bool, timeout: Cycles) -> bool {
+    /// Runs until `condition` holds, and returns true. Returns false after `timeout` cycles, or if
+    /// a debugger halts a board.
+    pub fn run_until_or(
+        &mut self,
+        mut condition: impl FnMut(&mut Bench) -> bool,
+        timeout: Cycles,
+    ) -> bool {
         let end = self.now + timeout;
         loop {
             if condition(self) {
@@ -105,7 +110,8 @@ impl Bench {
         for board in &mut self.boards {
             board.run_until(horizon);
         }
-        // The bus and the other boards stay at their times until the halted board reaches the horizon, too.
+        // The bus and the other boards stay at their times until the halted board reaches the
+        // horizon, too.
         if self.is_halted() {
             return;
         }

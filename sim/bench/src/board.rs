@@ -1,4 +1,5 @@
-//! The node's board: an Arduino wired to an MCP2515 with its own crystal, a servo, an LM35, a light and a button.
+//! The node's board: an Arduino wired to an MCP2515 with its own crystal, a servo, an LM35, a light
+//! and a button.
 //!
 //! [`Wiring`] defines the Arduino, the pins and the crystal. The pins of the default board:
 //!
@@ -14,8 +15,9 @@
 //! | button      | D4       | PD4          | closes to ground                                   |
 //! | serial      | D0, D1   | PD0, PD1     | through [`Avr`]                                    |
 //!
-//! The MCP2515's RESET pin is not wired: a reset of the AVR does not reset the MCP2515. At power-on both chips start at the
-//! same time. A real AVR with the Diecimila's fuses starts about 65 ms later, which gives the MCP2515 more time to start.
+//! The MCP2515's RESET pin is not wired: a reset of the AVR does not reset the MCP2515. At power-on
+//! both chips start at the same time. A real AVR with the Diecimila's fuses starts about 65 ms
+//! later, which gives the MCP2515 more time to start.
 
 use std::cell::{Cell, RefCell};
 use std::path::Path;
@@ -25,7 +27,8 @@ use anyhow::{Context, Result};
 
 use crate::Cycles;
 use crate::avr::{
-    Avr, Firmware, InputPin, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte, SpiDevice, State,
+    Avr, Firmware, InputPin, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte,
+    SpiDevice, State,
 };
 use crate::lm35 as sensor;
 use crate::mcp2515::Mcp2515;
@@ -144,7 +147,11 @@ impl SwitchedOutput {
     fn attach(avr: &mut Avr, pin: Pin) -> SwitchedOutput {
         let edges = Rc::new(RefCell::new(Vec::new()));
         let seen = Rc::clone(&edges);
-        avr.watch_pin(pin.port(), pin.bit(), Box::new(move |level, at| seen.borrow_mut().push((at, level))));
+        avr.watch_pin(
+            pin.port(),
+            pin.bit(),
+            Box::new(move |level, at| seen.borrow_mut().push((at, level))),
+        );
         SwitchedOutput { edges, meter: PulseMeter::new(), pulses: Vec::new(), level: false }
     }
 }
@@ -182,7 +189,9 @@ impl Board {
     /// If the wiring is impossible.
     pub fn new(avr: Avr) -> Board {
         let wiring = Wiring::of_section(avr.board_section());
-        wiring.and_then(|wiring| Board::wired(avr, &wiring)).unwrap_or_else(|error| panic!("{error:#}"))
+        wiring
+            .and_then(|wiring| Board::wired(avr, &wiring))
+            .unwrap_or_else(|error| panic!("{error:#}"))
     }
 
     /// A board with the given AVR and wiring.
@@ -191,11 +200,15 @@ impl Board {
     /// If the wiring is impossible.
     pub fn wired(mut avr: Avr, wiring: &Wiring) -> Result<Board> {
         wiring.check()?;
-        let servo_output = wiring.servo.timer1_output().context("the servo needs an output of Timer1")?;
-        let sensor_channel = wiring.sensor.adc_channel().context("the sensor needs an input of the ADC")?;
+        let servo_output =
+            wiring.servo.timer1_output().context("the servo needs an output of Timer1")?;
+        let sensor_channel =
+            wiring.sensor.adc_channel().context("the sensor needs an input of the ADC")?;
         let channel = |pin: Pin| pin.adc_channel().context("the circuit needs inputs of the ADC");
-        let circuit_channels =
-            wiring.power.map(|pins| anyhow::Ok([channel(pins.voltage)?, channel(pins.current)?])).transpose()?;
+        let circuit_channels = wiring
+            .power
+            .map(|pins| anyhow::Ok([channel(pins.voltage)?, channel(pins.current)?]))
+            .transpose()?;
         let wiring = Wiring { chip: avr.chip(), ..wiring.clone() };
         let chip = Rc::new(RefCell::new(Mcp2515::new(wiring.crystal_hz())));
         let wires = Rc::new(Wires {
@@ -215,10 +228,15 @@ impl Board {
         wires.int_input.drive(true);
         avr.drive_pin(wiring.cs.port(), wiring.cs.bit(), true);
         let cs = Rc::clone(&wires);
-        avr.watch_pin(wiring.cs.port(), wiring.cs.bit(), Box::new(move |level, at| cs.chip_select(level, at)));
+        avr.watch_pin(
+            wiring.cs.port(),
+            wiring.cs.bit(),
+            Box::new(move |level, at| cs.chip_select(level, at)),
+        );
         let spi = Rc::clone(&wires);
         avr.connect_spi(Box::new(SpiEnd(spi)));
-        let outputs = wiring.outputs.iter().map(|&pin| SwitchedOutput::attach(&mut avr, pin)).collect();
+        let outputs =
+            wiring.outputs.iter().map(|&pin| SwitchedOutput::attach(&mut avr, pin)).collect();
         let mut board = Board {
             wiring,
             avr,
@@ -271,7 +289,8 @@ impl Board {
         self.avr.run_until(t)
     }
 
-    /// Copies the level of the MCP2515's INT to the AVR's pin. The bench calls it after each step of the bus.
+    /// Copies the level of the MCP2515's INT to the AVR's pin. The bench calls it after each step
+    /// of the bus.
     pub fn update_int(&self) {
         self.wires.update_int(self.now());
     }
@@ -315,7 +334,8 @@ impl Board {
         self.update_int();
     }
 
-    /// Removes the MCP2515's power: it sends nothing, INT is high, and MISO reads `miso` (0x00 or 0xFF).
+    /// Removes the MCP2515's power: it sends nothing, INT is high, and MISO reads `miso` (0x00 or
+    /// 0xFF).
     pub fn chip_power_off(&mut self, miso: u8) {
         self.chip_reset();
         self.wires.dead_miso.set(Some(miso));
@@ -331,7 +351,8 @@ impl Board {
         }
     }
 
-    /// Shorts MISO, so that the AVR reads this byte (0x00 or 0xFF) instead of the answer; `None` ends the short.
+    /// Shorts MISO, so that the AVR reads this byte (0x00 or 0xFF) instead of the answer; `None`
+    /// ends the short.
     pub fn set_stuck_miso(&mut self, miso: Option<u8>) {
         self.wires.stuck_miso.set(miso);
     }
@@ -342,7 +363,8 @@ impl Board {
         self.update_int();
     }
 
-    /// Flips each bit on MOSI and on MISO with this probability; 0 ends the noise. Equal seeds give equal noise.
+    /// Flips each bit on MOSI and on MISO with this probability; 0 ends the noise. Equal seeds give
+    /// equal noise.
     pub fn set_spi_noise(&mut self, per_million: u32, seed: u64) {
         self.wires.noise_per_million.set(per_million);
         self.wires.noise.replace(Noise::new(seed));
@@ -358,8 +380,9 @@ impl Board {
         self.avr.set_analog(self.sensor_channel, millivolts);
     }
 
-    /// Sets the voltages at the ADC inputs for the voltage and the current of the circuit, in millivolts, if the board has these
-    /// inputs. The model has no voltage divider and no current sensor.
+    /// Sets the voltages at the ADC inputs for the voltage and the current of the circuit, in
+    /// millivolts, if the board has these inputs. The model has no voltage divider and no
+    /// current sensor.
     pub fn set_circuit_millivolts(&mut self, voltage: u32, current: u32) {
         let Some(channels) = self.circuit_channels else { return };
         for (channel, millivolts) in channels.into_iter().zip([voltage, current]) {
@@ -367,7 +390,8 @@ impl Board {
         }
     }
 
-    /// Adds noise of up to plus or minus `amplitude` millivolts at the sensor's pin; 0 ends the noise. Equal seeds give equal noise.
+    /// Adds noise of up to plus or minus `amplitude` millivolts at the sensor's pin; 0 ends the
+    /// noise. Equal seeds give equal noise.
     pub fn set_sensor_noise_millivolts(&mut self, amplitude: u32, seed: u64) {
         self.avr.set_analog_noise_uv(amplitude * 1000, seed);
     }
@@ -388,7 +412,8 @@ impl Board {
         std::mem::take(&mut self.servo_pulses)
     }
 
-    /// Removes and returns, for output 2 and each further output, the pulses that ended since the last call.
+    /// Removes and returns, for output 2 and each further output, the pulses that ended since the
+    /// last call.
     pub fn take_output_pulses(&mut self) -> Vec<Vec<Pulse>> {
         self.collect_output_edges();
         self.outputs.iter_mut().map(|output| std::mem::take(&mut output.pulses)).collect()
@@ -401,7 +426,8 @@ impl Board {
         self.avr.serial_trace();
         self.wires.probe.replace(Some(Vec::new()));
         let outputs = self.outputs.iter().enumerate();
-        let outputs = outputs.map(|(index, output)| WireEvent::Output { index, high: output.level });
+        let outputs =
+            outputs.map(|(index, output)| WireEvent::Output { index, high: output.level });
         let levels = [
             WireEvent::Cs(!self.wires.selected.get()),
             WireEvent::Int(self.wires.int_level.get()),
@@ -410,14 +436,18 @@ impl Board {
         levels.into_iter().chain(outputs).map(|level| (self.now(), level)).collect()
     }
 
-    /// Removes and returns the events of the probe since the last call, in order of time for each wire, one wire after the other. A
-    /// byte on the SPI is an event at its end, so its start can be up to 1024 cycles before the last call.
+    /// Removes and returns the events of the probe since the last call, in order of time for each
+    /// wire, one wire after the other. A byte on the SPI is an event at its end, so its start
+    /// can be up to 1024 cycles before the last call.
     pub fn take_wire_events(&mut self) -> Vec<(Cycles, WireEvent)> {
         self.collect_servo_edges();
         self.collect_output_edges();
         let serial = self.avr.serial_trace();
-        let mut events = self.wires.probe.borrow_mut().as_mut().map(std::mem::take).unwrap_or_default();
-        events.extend(serial.into_iter().map(|character| (character.start, WireEvent::Serial(character))));
+        let mut events =
+            self.wires.probe.borrow_mut().as_mut().map(std::mem::take).unwrap_or_default();
+        events.extend(
+            serial.into_iter().map(|character| (character.start, WireEvent::Serial(character))),
+        );
         events
     }
 
@@ -457,9 +487,17 @@ impl Board {
     pub fn take_violations(&mut self) -> Vec<Violation> {
         let mut all = self.wires.violations.take();
         let avr = self.avr.take_violations().into_iter();
-        all.extend(avr.map(|violation| Violation { at: violation.at, source: "AVR", text: violation.text }));
+        all.extend(avr.map(|violation| Violation {
+            at: violation.at,
+            source: "AVR",
+            text: violation.text,
+        }));
         let chip = self.wires.chip.borrow_mut().take_violations().into_iter();
-        all.extend(chip.map(|violation| Violation { at: violation.at, source: "MCP2515", text: violation.text }));
+        all.extend(chip.map(|violation| Violation {
+            at: violation.at,
+            source: "MCP2515",
+            text: violation.text,
+        }));
         all.sort_by_key(|violation| violation.at);
         all
     }
@@ -489,7 +527,8 @@ impl Wires {
     fn chip_select(&self, level: bool, at: Cycles) {
         let was_selected = self.selected.replace(!level);
         let so_far = self.spi_use.get();
-        self.spi_use.set(SpiUse { selects: so_far.selects + u64::from(!level && !was_selected), ..so_far });
+        self.spi_use
+            .set(SpiUse { selects: so_far.selects + u64::from(!level && !was_selected), ..so_far });
         self.record(at, WireEvent::Cs(level));
         if self.dead_miso.get().is_none() {
             let mut chip = self.chip.borrow_mut();
@@ -542,6 +581,7 @@ impl Wires {
             return byte;
         }
         let mut noise = self.noise.borrow_mut();
-        (0..8).fold(byte, |byte, bit| if noise.chance(per_million) { byte ^ 1 << bit } else { byte })
+        (0..8)
+            .fold(byte, |byte, bit| if noise.chance(per_million) { byte ^ 1 << bit } else { byte })
     }
 }

@@ -1,4 +1,5 @@
-//! The memory budget of the node's program, from `avr-specs/budget.toml`. The linker's limits come from the same file.
+//! The memory budget of the node's program, from `avr-specs/budget.toml`. The linker's limits come
+//! from the same file.
 
 use crate::avr::Chip;
 use std::sync::LazyLock;
@@ -6,7 +7,8 @@ use toml::Table;
 
 const TEXT: &str = include_str!("../../../avr-specs/budget.toml");
 
-/// The node's program fills the free RAM with this value at its start. The bytes that have changed show the depth of the stack.
+/// The node's program fills the free RAM with this value at its start. The bytes that have changed
+/// show the depth of the stack.
 pub const PAINT: u8 = 0xC5;
 
 /// Limits in bytes. `avr-specs/budget.toml` explains each.
@@ -27,9 +29,13 @@ impl Budget {
     /// If the file has none for the chip.
     pub fn of(chip: Chip) -> Budget {
         let chip = chip.name();
-        let file: Table = TEXT.parse().unwrap_or_else(|error| panic!("avr-specs/budget.toml: {error}"));
+        let file: Table =
+            TEXT.parse().unwrap_or_else(|error| panic!("avr-specs/budget.toml: {error}"));
         let bytes = |name: &str| {
-            let value = file.get(chip).and_then(|limits| limits.get(name)).and_then(|value| value.as_integer());
+            let value = file
+                .get(chip)
+                .and_then(|limits| limits.get(name))
+                .and_then(|value| value.as_integer());
             let value = value.and_then(|value| u32::try_from(value).ok());
             value.unwrap_or_else(|| panic!("avr-specs/budget.toml has no {name} of {chip}"))
         };
@@ -59,7 +65,9 @@ mod tests {
         for chip in Chip::ALL {
             let budget = Budget::of(chip);
             assert_eq!(budget.ram_start, u32::from(regs::RAMSTART));
-            assert!(budget.flash_of_default < budget.flash && budget.flash < chip.flash_bytes() as u32);
+            assert!(
+                budget.flash_of_default < budget.flash && budget.flash < chip.flash_bytes() as u32
+            );
             assert!(budget.statics < budget.statics_and_stack);
             assert!(budget.statics_and_stack < chip.ram_bytes() as u32);
         }

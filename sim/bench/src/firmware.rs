@@ -11,8 +11,9 @@ use crate::board::Board;
 use crate::can::SoftNode;
 use crate::wiring::{Wiring, preset};
 
-/// The EEPROM of a board after its first start with a firmware, on a bus of the default bit rate. At the first start the firmware
-/// makes a unique ID, which takes long. A test that begins with this EEPROM need not wait for that.
+/// The EEPROM of a board after its first start with a firmware, on a bus of the default bit rate.
+/// At the first start the firmware makes a unique ID, which takes long. A test that begins with
+/// this EEPROM need not wait for that.
 ///
 /// # Errors
 /// If the file is missing, or is not a program for a board that the simulator knows.
@@ -37,8 +38,8 @@ pub fn target_dir() -> PathBuf {
     root().join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
-/// The board for [`node_elf`] and [`firmware`]: the one that the environment variables `NODE_BOARD` and `NODE_SHIELD` name, by
-/// default that of `avr-specs/boards.toml`.
+/// The board for [`node_elf`] and [`firmware`]: the one that the environment variables `NODE_BOARD`
+/// and `NODE_SHIELD` name, by default that of `avr-specs/boards.toml`.
 ///
 /// # Errors
 /// If the table has no such board; the message lists those that it has.
@@ -51,8 +52,8 @@ pub fn chosen_board() -> Result<Wiring> {
     Wiring::of(&chosen("NODE_BOARD", board), &chosen("NODE_SHIELD", shield))
 }
 
-/// The path of the node's firmware: the environment variable `NODE_ELF`, by default the file that `make firmware` builds for the
-/// chosen board.
+/// The path of the node's firmware: the environment variable `NODE_ELF`, by default the file that
+/// `make firmware` builds for the chosen board.
 ///
 /// # Errors
 /// Those of [`chosen_board`].
@@ -63,8 +64,8 @@ pub fn node_elf() -> Result<PathBuf> {
     }
 }
 
-/// The path of the firmware for the chosen board with a preset, such as "thesis", or a list of features, such as "lights,stats".
-/// With the default preset of the chip it is [`node_elf`].
+/// The path of the firmware for the chosen board with a preset, such as "thesis", or a list of
+/// features, such as "lights,stats". With the default preset of the chip it is [`node_elf`].
 ///
 /// # Errors
 /// If the file does not exist; the message says how to build it.
@@ -78,10 +79,12 @@ pub fn firmware(features: &str) -> Result<PathBuf> {
     Ok(path)
 }
 
-/// The path of the firmware for a board and a CAN board of `avr-specs/boards.toml`, with a preset or a list of features.
+/// The path of the firmware for a board and a CAN board of `avr-specs/boards.toml`, with a preset
+/// or a list of features.
 ///
 /// # Errors
-/// If the table has no such board, or the file does not exist; the message lists the boards, or says how to build the file.
+/// If the table has no such board, or the file does not exist; the message lists the boards, or
+/// says how to build the file.
 pub fn firmware_for(board: &str, shield: &str, features: &str) -> Result<PathBuf> {
     let path = built(&Wiring::of(board, shield)?, features);
     ensure!(
@@ -99,11 +102,16 @@ pub fn firmware_for(board: &str, shield: &str, features: &str) -> Result<PathBuf
 pub fn bootloader(wiring: &Wiring) -> Result<PathBuf> {
     let Wiring { board, shield, .. } = wiring;
     let path = target_dir().join(format!("firmware/boot-{board}-{shield}.hex"));
-    ensure!(path.exists(), "{} is missing: run \"make boot BOARD={board} SHIELD={shield}\"", path.display());
+    ensure!(
+        path.exists(),
+        "{} is missing: run \"make boot BOARD={board} SHIELD={shield}\"",
+        path.display()
+    );
     Ok(path)
 }
 
-/// The path of an ELF file that scripts/firmware builds. The file name leaves out the default preset of the chip.
+/// The path of an ELF file that scripts/firmware builds. The file name leaves out the default
+/// preset of the chip.
 fn built(wiring: &Wiring, features: &str) -> PathBuf {
     let Wiring { board, shield, chip, .. } = wiring;
     let mut names: Vec<&str> = features.split(',').collect();
@@ -122,7 +130,9 @@ mod tests {
         let error = firmware("stats,no-such").unwrap_err().to_string();
         assert!(error.contains("firmware/diecimila-seeed-no-such+stats.elf is missing"), "{error}");
         assert!(
-            error.ends_with("run \"make firmware BOARD=diecimila SHIELD=seeed FEATURES=stats,no-such\""),
+            error.ends_with(
+                "run \"make firmware BOARD=diecimila SHIELD=seeed FEATURES=stats,no-such\""
+            ),
             "{error}"
         );
         let error = firmware_for("nano", "sparkfun", "stats,no-such").unwrap_err().to_string();

@@ -1,7 +1,7 @@
 //! Simulated boards on a simulated CAN bus, for tests of firmware: no screen, no network.
 //!
-//! [`Bench`] runs [boards](board) and other stations on one bus. A board has an AVR, an MCP2515, and the parts that [`wiring`]
-//! connects to them. [`autopilot`] commands it like ArduPilot or PX4.
+//! [`Bench`] runs [boards](board) and other stations on one bus. A board has an AVR, an MCP2515,
+//! and the parts that [`wiring`] connects to them. [`autopilot`] commands it like ArduPilot or PX4.
 
 #![forbid(unsafe_code)]
 
@@ -19,6 +19,7 @@ pub use {avr_model as avr, can_model as can, dronecan_host as dronecan, mcp2515_
 
 pub use bench::Bench;
 pub use firmware::{
-    bootloader, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf, root, target_dir,
+    bootloader, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf, root,
+    target_dir,
 };
 pub use sim_base::{Cycles, F_CPU_HZ, Noise, elapsed, thousands};

@@ -1,6 +1,8 @@
-//! The temperature sensor LM35: 10 mV per degree Celsius, and 0 V below 0 °C without a negative supply (its datasheet).
+//! The temperature sensor LM35: 10 mV per degree Celsius, and 0 V below 0 °C without a negative
+//! supply (its datasheet).
 //!
-//! For another sensor, write a file like this one, and change the line `use crate::lm35 as sensor` in `board.rs`.
+//! For another sensor, write a file like this one, and change the line `use crate::lm35 as sensor`
+//! in `board.rs`.
 
 const MICROVOLTS_PER_DEGREE: f64 = 10_000.0;
 

@@ -1,7 +1,8 @@
 //! The wiring of a board: its chip, the pins of its signals, and the crystal of the MCP2515.
 //!
-//! An ELF file of this project has a section `.board`, which is not loaded, with lines `key=value`. For other programs, options on
-//! the command line set the wiring. `avr-specs/boards.toml` has the names of boards and CAN boards.
+//! An ELF file of this project has a section `.board`, which is not loaded, with lines `key=value`.
+//! For other programs, options on the command line set the wiring. `avr-specs/boards.toml` has the
+//! names of boards and CAN boards.
 
 use crate::avr::{Chip, Firmware, Oc, value_of};
 use anyhow::{Context, Result, bail, ensure};
@@ -16,11 +17,17 @@ const TABLE: &str = include_str!("../../../avr-specs/boards.toml");
 pub const BIT_RATES: [u32; 4] = [1_000_000, 500_000, 250_000, 125_000];
 /// Oscillator frequencies that the MCP2515 allows, in MHz (DS20001801J section 13).
 const CRYSTALS_MHZ: std::ops::RangeInclusive<u32> = 1..=40;
-/// Oscillator periods of the shortest bit: 5 time quanta of 2 periods (DS20001801J sections 5.1 and 5.2).
+/// Oscillator periods of the shortest bit: 5 time quanta of 2 periods (DS20001801J sections 5.1 and
+/// 5.2).
 const SHORTEST_BIT_PERIODS: u32 = 10;
 /// Pins of the serial port and of the SPI, and their signals.
-const TAKEN: [(&str, &str); 5] =
-    [("D0", "the serial port"), ("D1", "the serial port"), ("D11", "MOSI"), ("D12", "MISO"), ("D13", "SCK")];
+const TAKEN: [(&str, &str); 5] = [
+    ("D0", "the serial port"),
+    ("D1", "the serial port"),
+    ("D11", "MOSI"),
+    ("D12", "MISO"),
+    ("D13", "SCK"),
+];
 
 /// A pin of the Arduino: D0 to D13 or A0 to A5.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,7 +121,8 @@ pub struct Wiring {
 impl Default for Wiring {
     fn default() -> Wiring {
         let name = |key: &str| text(&table()[key], key);
-        Wiring::of(&name("default_board"), &name("default_shield")).expect("the table has its defaults")
+        Wiring::of(&name("default_board"), &name("default_shield"))
+            .expect("the table has its defaults")
     }
 }
 
@@ -126,7 +134,8 @@ impl Wiring {
     pub fn of(board: &str, shield: &str) -> Result<Wiring> {
         let chip = text(field(entry("boards", board)?, "chip"), "chip");
         let pins = &table()["pins"];
-        let pin = |key: &str| text(field(pins, key), key).parse::<Pin>().map_err(anyhow::Error::msg);
+        let pin =
+            |key: &str| text(field(pins, key), key).parse::<Pin>().map_err(anyhow::Error::msg);
         let mut wiring = Wiring {
             board: board.to_owned(),
             shield: String::new(),
@@ -147,7 +156,8 @@ impl Wiring {
         Ok(wiring)
     }
 
-    /// The wiring for a program: that of its section `.board`, else the default wiring with the chip of the program.
+    /// The wiring for a program: that of its section `.board`, else the default wiring with the
+    /// chip of the program.
     ///
     /// # Errors
     /// If the section is invalid, or the simulator does not know the chip.
@@ -172,8 +182,11 @@ impl Wiring {
     pub fn parse(section: &[u8]) -> Result<Wiring> {
         std::str::from_utf8(section).context("the section .board is not text")?;
         let value = |key: &str| value_of(section, key);
-        let needed = |key: &str| value(key).with_context(|| format!("the section .board has no {key}"));
-        let wrong = |key: &str, error: String| anyhow::Error::msg(format!("the section .board: {key}: {error}"));
+        let needed =
+            |key: &str| value(key).with_context(|| format!("the section .board has no {key}"));
+        let wrong = |key: &str, error: String| {
+            anyhow::Error::msg(format!("the section .board: {key}: {error}"))
+        };
         let pin = |key: &str, text: &str| text.parse::<Pin>().map_err(|error| wrong(key, error));
         let optional = |key: &str| value(key).map(|text| pin(key, text)).transpose();
         let wiring = Wiring {
@@ -182,7 +195,8 @@ impl Wiring {
             chip: needed("mcu")?.parse().map_err(|error| wrong("mcu", error))?,
             cs: pin("cs", needed("cs")?)?,
             int: pin("int", needed("int")?)?,
-            crystal_mhz: crystal_mhz(needed("crystal_mhz")?).map_err(|error| wrong("crystal_mhz", error))?,
+            crystal_mhz: crystal_mhz(needed("crystal_mhz")?)
+                .map_err(|error| wrong("crystal_mhz", error))?,
             servo: pin("servo", needed("servo")?)?,
             outputs: value("outputs")
                 .into_iter()
@@ -192,13 +206,16 @@ impl Wiring {
             light: optional("light")?,
             button: optional("button")?,
             sensor: pin("sensor", needed("sensor")?)?,
-            power: value("power").map(|text| power_pins(text).map_err(|error| wrong("power", error))).transpose()?,
+            power: value("power")
+                .map(|text| power_pins(text).map_err(|error| wrong("power", error)))
+                .transpose()?,
         };
         wiring.check().context("the section .board")?;
         Ok(wiring)
     }
 
-    /// Checks that each signal is on a pin with the function that it needs, and that no two signals share a pin.
+    /// Checks that each signal is on a pin with the function that it needs, and that no two signals
+    /// share a pin.
     ///
     /// # Errors
     /// If a signal fails the check; the message names it.
@@ -208,14 +225,25 @@ impl Wiring {
             "the servo is on {}: only D9 and D10 are outputs of Timer1",
             self.servo
         );
-        ensure!(self.sensor.adc_channel().is_some(), "the sensor is on {}: use A0 to A5", self.sensor);
+        ensure!(
+            self.sensor.adc_channel().is_some(),
+            "the sensor is on {}: use A0 to A5",
+            self.sensor
+        );
         let taken = TAKEN.map(|(pin, signal)| (pin.parse::<Pin>().expect("a pin"), signal));
         let optional = [(self.light, "the light"), (self.button, "the button")];
-        let signals = [(self.cs, "CS"), (self.int, "INT"), (self.servo, "the servo"), (self.sensor, "the sensor")];
+        let signals = [
+            (self.cs, "CS"),
+            (self.int, "INT"),
+            (self.servo, "the servo"),
+            (self.sensor, "the sensor"),
+        ];
         let optional = optional.into_iter().filter_map(|(pin, signal)| Some((pin?, signal)));
         let mut seen: Vec<(Pin, &str)> = taken.into();
         let outputs = self.outputs.iter().map(|&pin| (pin, "an output"));
-        let power = self.power.map(|power| [(power.voltage, "the voltage"), (power.current, "the current")]);
+        let power = self
+            .power
+            .map(|power| [(power.voltage, "the voltage"), (power.current, "the current")]);
         for (pin, signal) in power.into_iter().flatten() {
             ensure!(pin.adc_channel().is_some(), "{signal} is on {pin}: use A0 to A5");
         }
@@ -253,7 +281,8 @@ impl Wiring {
         Ok(())
     }
 
-    /// Moves CS to another pin. The servo gets the first free output of Timer1; a light, a button or an input on the pin gives way.
+    /// Moves CS to another pin. The servo gets the first free output of Timer1; a light, a button
+    /// or an input on the pin gives way.
     pub fn set_cs(&mut self, cs: Pin) {
         self.cs = cs;
         let outputs = field(&table()["pins"], "servo").as_array().into_iter().flatten();
@@ -288,7 +317,8 @@ impl Wiring {
         self.crystal_mhz * 1_000_000
     }
 
-    /// The highest bit rate of [`BIT_RATES`] that the MCP2515 reaches with its crystal: the default of a node.
+    /// The highest bit rate of [`BIT_RATES`] that the MCP2515 reaches with its crystal: the default
+    /// of a node.
     pub fn fastest_bit_rate(&self) -> u32 {
         let can = |rate: &u32| rate * SHORTEST_BIT_PERIODS <= self.crystal_hz();
         let [.., slowest] = BIT_RATES;
@@ -302,7 +332,8 @@ impl Wiring {
 
     /// Full name of the board.
     pub fn board_title(&self) -> String {
-        self.board_entry().map_or(String::from("Arduino"), |entry| text(field(entry, "title"), "title"))
+        self.board_entry()
+            .map_or(String::from("Arduino"), |entry| text(field(entry, "title"), "title"))
     }
 
     /// Short name of the CAN board.
@@ -312,7 +343,8 @@ impl Wiring {
 
     /// Full name of the CAN board.
     pub fn shield_title(&self) -> String {
-        self.shield_entry().map_or(String::from("MCP2515 board"), |entry| text(field(entry, "title"), "title"))
+        self.shield_entry()
+            .map_or(String::from("MCP2515 board"), |entry| text(field(entry, "title"), "title"))
     }
 
     /// The board's entry in the table; `None` if the chip differs.
@@ -324,13 +356,18 @@ impl Wiring {
     /// The CAN board's entry in the table; `None` if a pin or the crystal differs.
     fn shield_entry(&self) -> Option<&'static Value> {
         let entry = table()["shields"].get(&self.shield)?;
-        let is = |key: &str, pin: Pin| entry.get(key).and_then(Value::as_str) == Some(pin.to_string().as_str());
-        let alike = is("cs", self.cs) && is("int", self.int) && integer(entry, "crystal_mhz") == self.crystal_mhz;
+        let is = |key: &str, pin: Pin| {
+            entry.get(key).and_then(Value::as_str) == Some(pin.to_string().as_str())
+        };
+        let alike = is("cs", self.cs)
+            && is("int", self.int)
+            && integer(entry, "crystal_mhz") == self.crystal_mhz;
         alike.then_some(entry)
     }
 }
 
-/// The whole wiring in one line: "Arduino Uno (ATmega328P), SparkFun CAN-Bus shield: CS D10, INT D2, crystal 16 MHz, servo D9, ...".
+/// The whole wiring in one line: "Arduino Uno (ATmega328P), SparkFun CAN-Bus shield: CS D10, INT
+/// D2, crystal 16 MHz, servo D9, ...".
 impl fmt::Display for Wiring {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} ({}), {}: ", self.board_title(), self.chip, self.shield_title())?;
@@ -344,7 +381,9 @@ impl fmt::Display for Wiring {
             .filter_map(|(signal, pin)| Some((signal, pin?)))
             .try_for_each(|(signal, pin)| write!(f, ", {signal} {pin}"))?;
         match self.power {
-            Some(PowerPins { voltage, current }) => write!(f, ", voltage {voltage}, current {current}"),
+            Some(PowerPins { voltage, current }) => {
+                write!(f, ", voltage {voltage}, current {current}")
+            }
             None => Ok(()),
         }
     }
@@ -361,7 +400,8 @@ pub fn crystal_mhz(text: &str) -> Result<u32, String> {
 
 /// Reads two pins with a comma between them: voltage and current.
 fn power_pins(text: &str) -> Result<PowerPins, String> {
-    let (voltage, current) = text.split_once(',').ok_or_else(|| format!("\"{text}\" is not two pins: use A4,A5"))?;
+    let (voltage, current) =
+        text.split_once(',').ok_or_else(|| format!("\"{text}\" is not two pins: use A4,A5"))?;
     Ok(PowerPins { voltage: voltage.parse()?, current: current.parse()? })
 }
 
@@ -372,14 +412,17 @@ pub fn preset(chip: Chip) -> String {
 }
 
 fn table() -> &'static Table {
-    static PARSED: LazyLock<Table> =
-        LazyLock::new(|| TABLE.parse().unwrap_or_else(|error| panic!("avr-specs/boards.toml: {error}")));
+    static PARSED: LazyLock<Table> = LazyLock::new(|| {
+        TABLE.parse().unwrap_or_else(|error| panic!("avr-specs/boards.toml: {error}"))
+    });
     &PARSED
 }
 
 /// An entry of one of the tables in the file.
 fn entry(kind: &str, name: &str) -> Result<&'static Value> {
-    let entries = table()[kind].as_table().with_context(|| format!("avr-specs/boards.toml: {kind} is not a table"))?;
+    let entries = table()[kind]
+        .as_table()
+        .with_context(|| format!("avr-specs/boards.toml: {kind} is not a table"))?;
     entries.get(name).with_context(|| {
         let what = match kind {
             "boards" => "board",
@@ -396,7 +439,10 @@ fn field<'a>(entry: &'a Value, key: &str) -> &'a Value {
 }
 
 fn text(value: &Value, key: &str) -> String {
-    value.as_str().unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is not a text")).to_owned()
+    value
+        .as_str()
+        .unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is not a text"))
+        .to_owned()
 }
 
 fn integer(entry: &Value, key: &str) -> u32 {
@@ -418,8 +464,13 @@ mod tests {
 
     #[test]
     fn pins_have_the_names_of_the_arduino() {
-        for (name, port, bit) in [("D0", 'D', 0), ("D7", 'D', 7), ("D8", 'B', 0), ("D13", 'B', 5), ("A5", 'C', 5)] {
-            assert_eq!((pin(name).port(), pin(name).bit(), pin(name).to_string().as_str()), (port, bit, name));
+        for (name, port, bit) in
+            [("D0", 'D', 0), ("D7", 'D', 7), ("D8", 'B', 0), ("D13", 'B', 5), ("A5", 'C', 5)]
+        {
+            assert_eq!(
+                (pin(name).port(), pin(name).bit(), pin(name).to_string().as_str()),
+                (port, bit, name)
+            );
         }
         for wrong in ["D14", "A6", "D", "B1", "", "10", "d2", "D+2", "D-1", "DÄ"] {
             let error = wrong.parse::<Pin>().unwrap_err();
@@ -431,10 +482,16 @@ mod tests {
     fn the_section_and_the_table_agree() {
         let wiring = Wiring::parse(UNO.as_bytes()).unwrap();
         assert_eq!(wiring, Wiring::of("uno", "module").unwrap());
-        assert_eq!((wiring.chip, wiring.cs, wiring.servo), (Chip::Atmega328p, pin("D10"), pin("D9")));
+        assert_eq!(
+            (wiring.chip, wiring.cs, wiring.servo),
+            (Chip::Atmega328p, pin("D10"), pin("D9"))
+        );
         assert_eq!((wiring.crystal_hz(), wiring.fastest_bit_rate()), (8_000_000, 500_000));
         let default = Wiring::default();
-        assert_eq!((default.chip, default.cs, default.servo), (Chip::Atmega168, pin("D9"), pin("D10")));
+        assert_eq!(
+            (default.chip, default.cs, default.servo),
+            (Chip::Atmega168, pin("D9"), pin("D10"))
+        );
         assert_eq!((default.light, default.fastest_bit_rate()), (Some(pin("D3")), 1_000_000));
         let text = "Arduino Uno (ATmega328P), blue MCP2515 module with TJA1050, crystal marked 8.000: \
                     CS D10, INT D2, crystal 8 MHz; servo D9, sensor A0, light D3, button D4, \
@@ -448,7 +505,10 @@ mod tests {
             for shield in table()["shields"].as_table().unwrap().keys() {
                 let wiring = Wiring::of(board, shield).unwrap();
                 wiring.check().unwrap();
-                assert_eq!((wiring.board_name(), wiring.shield_name()), (board.as_str(), shield.as_str()));
+                assert_eq!(
+                    (wiring.board_name(), wiring.shield_name()),
+                    (board.as_str(), shield.as_str())
+                );
             }
         }
         for chip in Chip::ALL {
@@ -475,9 +535,15 @@ mod tests {
     #[test]
     fn the_circuit_gets_the_first_two_of_its_pins_that_cs_and_int_leave_free() {
         let mut wiring = Wiring::of("uno", "seeed").unwrap();
-        for (cs, voltage, current) in [("D9", "A4", "A5"), ("A4", "A5", "A3"), ("A5", "A4", "A3"), ("A3", "A4", "A5")] {
+        for (cs, voltage, current) in
+            [("D9", "A4", "A5"), ("A4", "A5", "A3"), ("A5", "A4", "A3"), ("A3", "A4", "A5")]
+        {
             wiring.set_cs(pin(cs));
-            assert_eq!(wiring.power, Some(PowerPins { voltage: pin(voltage), current: pin(current) }), "CS on {cs}");
+            assert_eq!(
+                wiring.power,
+                Some(PowerPins { voltage: pin(voltage), current: pin(current) }),
+                "CS on {cs}"
+            );
             wiring.check().unwrap();
         }
         wiring.set_cs(pin("D9"));
@@ -500,9 +566,14 @@ mod tests {
             ("power=A4,A5", "power=A4,A9", "power: there is no pin \"A9\""),
             ("power=A4,A5", "power=D5,A5", "the voltage is on D5: use A0 to A5"),
             ("power=A4,A5", "power=A5,A0", "the current is on A0, which is the sensor's"),
-            ("power=A4,A5", "outputs=A4\npower=A4,A5", "the voltage is on A4, which is an output's"),
+            (
+                "power=A4,A5",
+                "outputs=A4\npower=A4,A5",
+                "the voltage is on A4, which is an output's",
+            ),
         ] {
-            let error = format!("{:#}", Wiring::parse(UNO.replace(line, other).as_bytes()).unwrap_err());
+            let error =
+                format!("{:#}", Wiring::parse(UNO.replace(line, other).as_bytes()).unwrap_err());
             assert!(error.contains("section .board") && error.contains(expected), "{error}");
         }
         assert!(Wiring::parse(&[0xFF]).is_err());
@@ -516,7 +587,10 @@ mod tests {
             "no board is called \"mega\": use diecimila, duemilanove, nano, nano-new, nano168, promini, uno"
         );
         let error = Wiring::of("uno", "shield").unwrap_err().to_string();
-        assert_eq!(error, "no CAN board is called \"shield\": use module, module-16mhz, seeed, seeed-v1.0, sparkfun");
+        assert_eq!(
+            error,
+            "no CAN board is called \"shield\": use module, module-16mhz, seeed, seeed-v1.0, sparkfun"
+        );
     }
 
     #[test]

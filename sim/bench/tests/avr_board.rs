@@ -1,4 +1,5 @@
-//! Tests of the board's wiring and of the bench's run loop, with a small program that uses the MCP2515.
+//! Tests of the board's wiring and of the bench's run loop, with a small program that uses the
+//! MCP2515.
 
 mod avr;
 
@@ -20,7 +21,8 @@ struct Setup {
 }
 
 impl Setup {
-    /// Boards with the program mcp2515.c, one for each list of macros, and a peer. Runs until all are on the bus.
+    /// Boards with the program mcp2515.c, one for each list of macros, and a peer. Runs until all
+    /// are on the bus.
     fn new(boards: &[&[&str]]) -> Setup {
         let mut bench = Bench::new(BIT_RATE);
         for (index, defines) in boards.iter().enumerate() {
@@ -79,7 +81,8 @@ fn boards_arbitrate_for_the_bus() {
     let mut setup = Setup::new(&[&["REPLY_ID=0x222"], &["REPLY_ID=0x111"]]);
     setup.send(9);
     setup.bench.run_for_ms(1);
-    // Both boards request to send within a few bits. Each board also answers the other's answer, so only the first two count.
+    // Both boards request to send within a few bits. Each board also answers the other's answer, so
+    // only the first two count.
     let answers = setup.answers();
     assert!(answers.contains(&Frame::standard(0x111, &[10])), "{answers:?}");
     assert!(answers.contains(&Frame::standard(0x222, &[10])), "{answers:?}");
@@ -137,7 +140,10 @@ fn in_a_wrong_spi_mode_the_chip_does_not_answer_and_a_violation_is_reported() {
     board.run_until(MS);
     assert_eq!(byte(board.avr(), "canstat"), 0xFF);
     let violations = board.take_violations();
-    assert!(violations.iter().any(|violation| violation.text.contains("SPI mode 1")), "{violations:?}");
+    assert!(
+        violations.iter().any(|violation| violation.text.contains("SPI mode 1")),
+        "{violations:?}"
+    );
     let mut board = Board::new(program("mcp2515", &["SPI_MODE_BITS=(_BV(CPOL)|_BV(CPHA))"]));
     board.run_until(MS);
     assert_eq!(byte(board.avr(), "canstat"), 0x80);
@@ -179,7 +185,10 @@ fn the_servo_s_pulses_are_measured() {
     let mut board = Board::new(program("servo", &[]));
     assert_eq!(board.run_until(22 * MS), State::Running);
     let pulses = board.take_servo_pulses();
-    assert!(pulses.len() >= 3 && pulses.iter().all(|pulse| pulse.width_us() >= 500.0), "{pulses:?}");
+    assert!(
+        pulses.len() >= 3 && pulses.iter().all(|pulse| pulse.width_us() >= 500.0),
+        "{pulses:?}"
+    );
 }
 
 #[test]
@@ -204,21 +213,28 @@ fn the_wiring_of_a_board_sets_its_pins_and_its_crystal() {
     let d10 = ["CS_PORT=PORTB", "CS_DDR=DDRB", "CS_BIT=PB2"];
     let a1 = ["CS_PORT=PORTC", "CS_DDR=DDRC", "CS_BIT=PC1"];
     for chip in Chip::ALL {
-        for (cs, int, crystal_mhz, defines) in
-            [("D8", "D3", 16, d8.as_slice()), ("D10", "D2", 8, &d10), ("A1", "D2", 8, &a1), ("D9", "D2", 8, &[])]
-        {
+        for (cs, int, crystal_mhz, defines) in [
+            ("D8", "D3", 16, d8.as_slice()),
+            ("D10", "D2", 8, &d10),
+            ("A1", "D2", 8, &a1),
+            ("D9", "D2", 8, &[]),
+        ] {
             let mut wiring = Wiring { chip, crystal_mhz, ..Wiring::default() };
             wiring.set_cs(cs.parse().unwrap());
             wiring.set_int(int.parse().unwrap());
             let bit_rate = if crystal_mhz == 8 { 500_000 } else { 1_000_000 };
             let mut bench = Bench::new(bit_rate);
-            bench.add_board(Board::wired(program_for(chip, "mcp2515", defines), &wiring).unwrap(), "board");
+            bench.add_board(
+                Board::wired(program_for(chip, "mcp2515", defines), &wiring).unwrap(),
+                "board",
+            );
             let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
             bench.attach("peer", peer.clone());
             bench.run_for_ms(2);
             peer.borrow_mut().send(Frame::standard(0x7, &[4]));
             bench.run_for_ms(1);
-            let answers: Vec<Frame> = peer.borrow_mut().take_received().into_iter().map(|(_, frame)| frame).collect();
+            let answers: Vec<Frame> =
+                peer.borrow_mut().take_received().into_iter().map(|(_, frame)| frame).collect();
             assert_eq!(answers, [Frame::standard(0x123, &[5])], "{wiring}");
             assert_eq!(bench.board(0).take_violations(), [], "{wiring}");
         }

@@ -5,7 +5,10 @@ mod avr;
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, read, word};
+use avr::{
+    MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, read,
+    word,
+};
 use bench::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, Resume, State};
 use bench::board::Board;
 use bench::wiring::Wiring;
@@ -49,7 +52,8 @@ fn the_result_does_not_depend_on_the_length_of_the_runs() {
     assert_eq!(count_after(16), count_after(50 * MS));
 }
 
-/// Datasheet 11.9: the watchdog stays on after its reset, with the shortest time-out, until the program turns it off.
+/// Datasheet 11.9: the watchdog stays on after its reset, with the shortest time-out, until the
+/// program turns it off.
 #[test]
 fn the_watchdog_runs_on_after_its_reset() {
     let mut avr = program("watchdog", &[]);
@@ -83,8 +87,8 @@ fn the_watchdog_can_be_switched_off_after_its_reset() {
     assert_eq!(avr.resets().len(), 2);
 }
 
-/// Datasheet 11.9.2: the program polls the flag, and clears it by writing a one to it. It counts turns of a loop meanwhile. Equal
-/// seeds give equal counts.
+/// Datasheet 11.9.2: the program polls the flag, and clears it by writing a one to it. It counts
+/// turns of a loop meanwhile. Equal seeds give equal counts.
 #[test]
 fn time_outs_of_the_watchdog_have_jitter_and_differ_from_chip_to_chip() {
     let turns = |seed: u64| {
@@ -166,10 +170,13 @@ fn a_program_that_leaves_the_flash_has_crashed_and_time_still_passes() {
     assert_eq!(avr.now(), 10 * MS);
 }
 
-/// LDI r24, 0x0E; STS WDTCSR, r24; LDI r24, 0x08; STS UCSR0B, r24; WDR; NOP; STS UDR0, r24; NOP; NOP; RJMP back to WDR. Arming the
-/// watchdog, resetting it and sending a character each set a cycle timer in simavr.
-const WITH_CYCLE_TIMERS: [u16; 13] =
-    [0xE08E, 0x9380, 0x0060, 0xE088, 0x9380, 0x00C1, 0x95A8, 0x0000, 0x9380, 0x00C6, 0x0000, 0x0000, 0xCFF9];
+/// LDI r24, 0x0E; STS WDTCSR, r24; LDI r24, 0x08; STS UCSR0B, r24; WDR; NOP; STS UDR0, r24; NOP;
+/// NOP; RJMP back to WDR. Arming the watchdog, resetting it and sending a character each set a
+/// cycle timer in simavr.
+const WITH_CYCLE_TIMERS: [u16; 13] = [
+    0xE08E, 0x9380, 0x0060, 0xE088, 0x9380, 0x00C1, 0x95A8, 0x0000, 0x9380, 0x00C6, 0x0000, 0x0000,
+    0xCFF9,
+];
 
 fn with_cycle_timers() -> Avr {
     let mut avr = Avr::blank(Chip::Atmega168).unwrap();
@@ -194,7 +201,10 @@ fn a_tracer_sees_every_instruction_before_it_runs() {
     assert_eq!(seen.len(), traced, "the tracer is not called after the end");
     let course: Vec<u32> = seen.iter().map(|&(pc, _)| pc).collect();
     assert_eq!(course[..15], COURSE);
-    assert!(seen.windows(2).all(|pair| (1..=2).contains(&(pair[1].1 - pair[0].1))), "one or two cycles each");
+    assert!(
+        seen.windows(2).all(|pair| (1..=2).contains(&(pair[1].1 - pair[0].1))),
+        "one or two cycles each"
+    );
 }
 
 #[test]
@@ -316,7 +326,10 @@ fn a_program_runs_on_the_chip_that_it_was_linked_for() {
         assert_eq!(word(&avr, "ticks"), 100);
         // main's return address and locals are at the end of the RAM.
         assert!((chip.ram_end() - 32..=chip.ram_end()).contains(&avr.sp()), "{:#x}", avr.sp());
-        assert_eq!((avr.flash().len(), avr.eeprom().len()), (chip.flash_bytes(), chip.eeprom_bytes()));
+        assert_eq!(
+            (avr.flash().len(), avr.eeprom().len()),
+            (chip.flash_bytes(), chip.eeprom_bytes())
+        );
         assert_no_violation(&mut avr);
     }
 }
@@ -349,12 +362,18 @@ fn the_section_board_of_a_program_sets_the_wiring() {
     assert_eq!(Wiring::of_program(&firmware).unwrap(), wiring);
     assert_eq!(Board::new(Avr::with_firmware(&firmware).unwrap()).wiring(), &wiring);
     // The section is not loaded: without it the program has nearly the same size.
-    let bytes = |firmware: &bench::avr::Firmware| firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
+    let bytes = |firmware: &bench::avr::Firmware| {
+        firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum::<usize>()
+    };
     let without = firmware_for(Chip::Atmega328p, "spin", &[]);
     assert!(bytes(&firmware).abs_diff(bytes(&without)) < 64);
-    assert_eq!(Wiring::of_program(&without).unwrap(), Wiring { chip: Chip::Atmega328p, ..Wiring::default() });
-    let error =
-        read(Chip::Atmega328p, "label", &["CRYSTAL=80"]).and_then(|wrong| Wiring::of_program(&wrong)).unwrap_err();
+    assert_eq!(
+        Wiring::of_program(&without).unwrap(),
+        Wiring { chip: Chip::Atmega328p, ..Wiring::default() }
+    );
+    let error = read(Chip::Atmega328p, "label", &["CRYSTAL=80"])
+        .and_then(|wrong| Wiring::of_program(&wrong))
+        .unwrap_err();
     let error = format!("{error:#}");
     assert!(error.contains("the section .board: crystal_mhz: \"80\" is not a crystal"), "{error}");
 }
@@ -375,8 +394,11 @@ fn an_access_beyond_the_ram_is_reported_with_its_program_counter() {
         let address = chip.ram_end() + 1;
         let violations = with_access_of(chip, address).take_violations();
         let texts: Vec<&str> = violations.iter().map(|violation| violation.text.as_str()).collect();
-        let text =
-            |verb, pc| format!("the program {verb} {address:#06x}, but the RAM of an {chip} ends at {end} (PC {pc})");
+        let text = |verb, pc| {
+            format!(
+                "the program {verb} {address:#06x}, but the RAM of an {chip} ends at {end} (PC {pc})"
+            )
+        };
         assert_eq!(texts, [text("reads", "0x0000"), text("writes", "0x0004")]);
     }
 }
@@ -388,13 +410,17 @@ fn the_mistakes_of_a_program_for_a_larger_chip_are_reported_and_the_simulator_go
     let mut avr = Avr::programmed(Chip::Atmega168, &firmware).unwrap();
     avr.run_until(20 * MS);
     let violations = avr.take_violations();
-    assert!(violations[0].text.contains("writes 0x08ff, but the RAM of an ATmega168 ends"), "{violations:?}");
+    assert!(
+        violations[0].text.contains("writes 0x08ff, but the RAM of an ATmega168 ends"),
+        "{violations:?}"
+    );
 }
 
 /// simavr reads and writes flash at any address in Z.
 #[test]
 fn addresses_beyond_the_end_of_the_flash_read_0xff() {
-    // LDI r30, 0xFF; LDI r31, 0xFF; LPM r24, Z; STS 0x100, r24; LDI r31, 0x40; LPM r24, Z; STS 0x101, r24; RJMP to itself.
+    // LDI r30, 0xFF; LDI r31, 0xFF; LPM r24, Z; STS 0x100, r24; LDI r31, 0x40; LPM r24, Z; STS
+    // 0x101, r24; RJMP to itself.
     let program = [0xEFEF, 0xEFFF, 0x9184, 0x9380, 0x0100, 0xE4F0, 0x9184, 0x9380, 0x0101, 0xCFFF];
     let mut avr = Avr::blank(Chip::Atmega168).unwrap();
     avr.load_flash(0, &program.map(u16::to_le_bytes).concat());

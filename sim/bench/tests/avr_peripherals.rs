@@ -1,4 +1,5 @@
-//! Tests of the SPI, USART0, ADC, EEPROM and Timer1 of the simulated ATmega168, with programs that use them.
+//! Tests of the SPI, USART0, ADC, EEPROM and Timer1 of the simulated ATmega168, with programs that
+//! use them.
 
 mod avr;
 
@@ -8,7 +9,8 @@ use std::rc::Rc;
 use avr::{MS, US, assert_no_violation, assert_one_violation, byte, bytes, program, word};
 use bench::avr::{Avr, Oc, PulseMeter, ResetCause, SpiByte};
 
-/// Connects a device that answers each byte with its complement. Returns the bytes that the device gets.
+/// Connects a device that answers each byte with its complement. Returns the bytes that the device
+/// gets.
 fn complementing_device(avr: &mut Avr) -> Rc<RefCell<Vec<SpiByte>>> {
     let seen = Rc::new(RefCell::new(Vec::new()));
     let log = Rc::clone(&seen);
@@ -27,7 +29,10 @@ fn spi_bytes_go_in_both_directions() {
     assert_eq!(bytes(&avr, "received"), [0xFE, 0xFD, 0xFC, 0xFB]);
     let seen = seen.borrow();
     assert_eq!(seen.iter().map(|byte| byte.mosi).collect::<Vec<u8>>(), [1, 2, 3, 4]);
-    assert!(seen.iter().all(|byte| byte.end - byte.start == 16 && byte.cycles_per_bit == 2 && byte.mode == 0));
+    assert!(
+        seen.iter()
+            .all(|byte| byte.end - byte.start == 16 && byte.cycles_per_bit == 2 && byte.mode == 0)
+    );
     assert_no_violation(&mut avr);
 }
 
@@ -37,7 +42,11 @@ fn spi_clock_and_mode_are_those_of_the_registers() {
     let seen = complementing_device(&mut avr);
     avr.run_until(MS);
     let seen = seen.borrow();
-    assert!(seen.iter().all(|byte| byte.end - byte.start == 128 && byte.cycles_per_bit == 16 && byte.mode == 3));
+    assert!(
+        seen.iter().all(|byte| byte.end - byte.start == 128
+            && byte.cycles_per_bit == 16
+            && byte.mode == 3)
+    );
 }
 
 /// Datasheet 19.5.2: a write during a transfer has no effect but WCOL.
@@ -85,7 +94,8 @@ fn serial_input_arrives_byte_by_byte() {
     let early = avr.serial_take();
     assert!((10..=11).contains(&early.len()), "{} bytes in 1 ms", early.len());
     avr.run_until(40 * MS);
-    let echoed: Vec<u8> = early.into_iter().chain(avr.serial_take()).map(|(_, byte)| byte).collect();
+    let echoed: Vec<u8> =
+        early.into_iter().chain(avr.serial_take()).map(|(_, byte)| byte).collect();
     assert_eq!(echoed, message.iter().map(|byte| byte + 1).collect::<Vec<u8>>());
     assert_eq!(avr.serial_overruns(), 0);
 }
@@ -103,7 +113,9 @@ fn a_program_that_reads_too_late_loses_serial_input() {
 #[test]
 fn the_adc_gives_the_datasheet_s_value_in_13_adc_clocks() {
     let mut avr = program("adc", &[]);
-    for (millivolts, expected) in [(0, 0), (2, 0), (3, 1), (5, 1), (200, 41), (2500, 512), (4999, 1023), (5000, 1023)] {
+    for (millivolts, expected) in
+        [(0, 0), (2, 0), (3, 1), (5, 1), (200, 41), (2500, 512), (4999, 1023), (5000, 1023)]
+    {
         avr.set_analog(0, millivolts);
         avr.run_until(avr.now() + MS);
         assert_eq!(word(&avr, "result"), expected, "{millivolts} mV");
@@ -142,7 +154,11 @@ fn servo_pulses_are_exact_whenever_ocr1b_is_written() {
         assert!((1000 * 8..=4000 * 8).contains(&pulse.width_cycles), "{pulse:?}");
         assert!(pulse.period_cycles.is_none_or(|period| period == 10_000 * 8), "{pulse:?}");
     }
-    assert!((1000..=4000).step_by(500).all(|ticks| pulses.iter().any(|pulse| pulse.width_cycles == ticks * 8)));
+    assert!(
+        (1000..=4000)
+            .step_by(500)
+            .all(|ticks| pulses.iter().any(|pulse| pulse.width_cycles == ticks * 8))
+    );
     assert_no_violation(&mut avr);
 }
 
@@ -164,9 +180,13 @@ fn eeprom_access_during_a_write_has_no_effect_and_is_reported() {
     let mut avr = program("eeprom", &["HASTY"]);
     avr.run_until(10 * MS);
     assert_eq!(avr.eeprom()[7], 0x5A);
-    let texts: Vec<String> = avr.take_violations().into_iter().map(|violation| violation.text).collect();
+    let texts: Vec<String> =
+        avr.take_violations().into_iter().map(|violation| violation.text).collect();
     assert_eq!(texts.len(), 2, "{texts:?}");
-    assert!(texts[0].contains("read while it is written") && texts[1].contains("another goes on"), "{texts:?}");
+    assert!(
+        texts[0].contains("read while it is written") && texts[1].contains("another goes on"),
+        "{texts:?}"
+    );
 }
 
 #[test]

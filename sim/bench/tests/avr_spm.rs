@@ -2,7 +2,9 @@
 
 mod avr;
 
-use avr::{MS, assert_no_violation, assert_one_violation, bootloader_for, byte, bytes, firmware_for};
+use avr::{
+    MS, assert_no_violation, assert_one_violation, bootloader_for, byte, bytes, firmware_for,
+};
 use bench::avr::{Avr, Chip, Halt, PAGE_BYTES, PAGE_PROGRAMMING_CYCLES, ResetCause, Resume, State};
 
 const SPMIE: u8 = 1 << 7;
@@ -67,8 +69,14 @@ fn filled(first: u16) -> Vec<u8> {
 
 #[test]
 fn an_erase_and_a_write_change_one_page_and_no_other_flash() {
-    for (chip, start) in [(Chip::Atmega168, 0x3800), (Chip::Atmega328p, 0x7800), (Chip::Atmega328p, 0x7000)] {
-        let mut avr = loader_for(chip, start, "erase(0x1000); wait(); fill_all(0x1234); write(0x1000); wait()");
+    for (chip, start) in
+        [(Chip::Atmega168, 0x3800), (Chip::Atmega328p, 0x7800), (Chip::Atmega328p, 0x7000)]
+    {
+        let mut avr = loader_for(
+            chip,
+            start,
+            "erase(0x1000); wait(); fill_all(0x1234); write(0x1000); wait()",
+        );
         let mut expected = avr.flash().to_vec();
         expected[PAGE..PAGE + PAGE_BYTES].copy_from_slice(&filled(0x1234));
         run(&mut avr);
@@ -81,7 +89,9 @@ fn an_erase_and_a_write_change_one_page_and_no_other_flash() {
 fn an_erase_and_a_write_take_4_5_ms_each_and_the_flash_changes_at_the_end() {
     assert_eq!(PAGE_PROGRAMMING_CYCLES, 72_000);
     let mut avr = loader("erase(0x1000); wait(); fill_all(1); write(0x1000); wait()");
-    for (before, after) in [(vec![OLD; PAGE_BYTES], vec![0xFF; PAGE_BYTES]), (vec![0xFF; PAGE_BYTES], filled(1))] {
+    for (before, after) in
+        [(vec![OLD; PAGE_BYTES], vec![0xFF; PAGE_BYTES]), (vec![0xFF; PAGE_BYTES], filled(1))]
+    {
         let start = run_until_busy(&mut avr, true);
         assert_eq!(page(&avr, PAGE), before);
         avr.run_until(start + PAGE_PROGRAMMING_CYCLES - 10);
@@ -100,7 +110,10 @@ fn selfprgen_reads_1_while_the_flash_is_busy() {
 
 #[test]
 fn rwwsb_stays_set_until_rwwsre_or_a_fill_of_the_page_buffer_clears_it() {
-    assert_eq!(notes("erase(0x1000); wait(); note(SPMCSR); enable_rww(); note(SPMCSR)"), [RWWSB, 0]);
+    assert_eq!(
+        notes("erase(0x1000); wait(); note(SPMCSR); enable_rww(); note(SPMCSR)"),
+        [RWWSB, 0]
+    );
     assert_eq!(notes("erase(0x1000); wait(); note(SPMCSR); fill(0, 0); note(SPMCSR)"), [RWWSB, 0]);
     // RWWSRE has no effect while the page is erased.
     let early = "erase(0x1000); SPMCSR = _BV(RWWSRE) | _BV(SELFPRGEN); wait(); note(SPMCSR)";
@@ -109,8 +122,9 @@ fn rwwsb_stays_set_until_rwwsre_or_a_fill_of_the_page_buffer_clears_it() {
 
 #[test]
 fn the_rww_section_reads_0xff_while_rwwsb_is_set() {
-    let mut avr =
-        loader("erase(0x1000); note(load(0x2000)); wait(); note(load(0x2000)); enable_rww(); note(load(0x2000))");
+    let mut avr = loader(
+        "erase(0x1000); note(load(0x2000)); wait(); note(load(0x2000)); enable_rww(); note(load(0x2000))",
+    );
     avr.load_flash(0x2000, &[0x11]);
     run(&mut avr);
     assert_eq!(bytes(&avr, "notes")[..3], [0xFF, 0xFF, 0x11]);
@@ -153,8 +167,12 @@ fn a_program_that_executes_the_rww_section_while_rwwsb_is_set_has_crashed() {
 
 #[test]
 fn an_erase_or_a_write_of_the_nrww_section_halts_the_cpu() {
-    for (chip, start, page_start) in [(Chip::Atmega168, 0x3800, 0x3F00), (Chip::Atmega328p, 0x7800, 0x7000)] {
-        let steps = format!("erase({page_start}); note(SPMCSR); fill_all(7); write({page_start}); note(SPMCSR)");
+    for (chip, start, page_start) in
+        [(Chip::Atmega168, 0x3800, 0x3F00), (Chip::Atmega328p, 0x7800, 0x7000)]
+    {
+        let steps = format!(
+            "erase({page_start}); note(SPMCSR); fill_all(7); write({page_start}); note(SPMCSR)"
+        );
         let mut avr = loader_for(chip, start, &steps);
         for count in 0..2 {
             let start = run_until_busy(&mut avr, true);
@@ -182,7 +200,11 @@ fn spm_outside_the_boot_section_does_nothing() {
     assert!(avr.flash() == before);
     let violations = avr.take_violations();
     assert_eq!(violations.len(), 65, "64 fills and an erase");
-    assert!(violations.iter().all(|violation| violation.text.contains("boot section, which begins at 0x3c00")));
+    assert!(
+        violations
+            .iter()
+            .all(|violation| violation.text.contains("boot section, which begins at 0x3c00"))
+    );
 }
 
 #[test]
@@ -196,7 +218,10 @@ fn spm_must_begin_within_four_cycles_after_the_write_of_spmcsr() {
             assert_no_violation(&mut avr);
         } else {
             assert_eq!(byte(&avr, "notes"), 0, "SELFPRGEN and PGERS are cleared");
-            assert_one_violation(&mut avr, "SPM without a command in SPMCSR in the four cycles before");
+            assert_one_violation(
+                &mut avr,
+                "SPM without a command in SPMCSR in the four cycles before",
+            );
         }
     }
 }
@@ -220,7 +245,8 @@ fn spm_has_no_effect_while_the_flash_is_busy() {
 
 #[test]
 fn a_word_of_the_page_buffer_that_is_filled_twice_gets_the_and_of_both_values() {
-    let mut avr = loader("erase(0x1000); wait(); fill(4, 0x0FF0); fill(4, 0x3C3C); write(0x1000); wait()");
+    let mut avr =
+        loader("erase(0x1000); wait(); fill(4, 0x0FF0); fill(4, 0x3C3C); write(0x1000); wait()");
     run(&mut avr);
     assert_eq!(page(&avr, PAGE)[2..8], [0xFF, 0xFF, 0x30, 0x0C, 0xFF, 0xFF]);
     assert_one_violation(&mut avr, "word 2 of the page buffer is filled again");
@@ -228,10 +254,10 @@ fn a_word_of_the_page_buffer_that_is_filled_twice_gets_the_and_of_both_values() 
 
 #[test]
 fn the_page_buffer_is_empty_after_a_write_after_rwwsre_and_after_a_reset() {
-    let written_again = "erase(0x1000); wait(); fill_all(1); write(0x2000); wait(); write(0x1000); wait()";
+    let written_again =
+        "erase(0x1000); wait(); fill_all(1); write(0x2000); wait(); write(0x1000); wait()";
     let enabled = "erase(0x1000); wait(); fill_all(1); enable_rww(); write(0x1000); wait()";
-    let reset =
-        "if (MCUSR & _BV(PORF)) { MCUSR = 0; fill_all(1); for (;;) { } } erase(0x1000); wait(); write(0x1000); wait()";
+    let reset = "if (MCUSR & _BV(PORF)) { MCUSR = 0; fill_all(1); for (;;) { } } erase(0x1000); wait(); write(0x1000); wait()";
     for steps in [written_again, enabled, reset] {
         let mut avr = loader(steps);
         avr.run_until(MS);
@@ -252,9 +278,12 @@ fn a_page_that_is_written_without_an_erase_gets_the_and_of_both_values() {
     assert_one_violation(&mut avr, "is written without an erase");
 }
 
-/// The page after a reset in the middle of the erase or write with number `operation`. Checks that SPMCSR is 0 then.
+/// The page after a reset in the middle of the erase or write with number `operation`. Checks that
+/// SPMCSR is 0 then.
 fn interrupted_page(steps: &str, operation: u32, cause: ResetCause, seed: u64) -> Vec<u8> {
-    let mut avr = loader(&format!("if (MCUSR != _BV(PORF)) {{ note(SPMCSR); done = 1; for (;;) {{ }} }} {steps}"));
+    let mut avr = loader(&format!(
+        "if (MCUSR != _BV(PORF)) {{ note(SPMCSR); done = 1; for (;;) {{ }} }} {steps}"
+    ));
     avr.seed(seed);
     for _ in 1..operation {
         run_until_busy(&mut avr, true);
@@ -278,7 +307,10 @@ fn a_reset_during_an_erase_leaves_old_erased_and_mixed_bytes() {
     for cause in [ResetCause::PowerOn, ResetCause::External, ResetCause::BrownOut] {
         let page = interrupted_page("erase(0x1000); wait()", 1, cause, 1);
         let count = |value| page.iter().filter(|byte| **byte == value).count();
-        assert!(count(OLD) > 20 && count(0xFF) > 20 && count(OLD) + count(0xFF) < 118, "{cause:?}: {page:x?}");
+        assert!(
+            count(OLD) > 20 && count(0xFF) > 20 && count(OLD) + count(0xFF) < 118,
+            "{cause:?}: {page:x?}"
+        );
         // An erase only sets bits.
         assert!(page.iter().all(|byte| byte & OLD == OLD), "{cause:?}: {page:x?}");
     }
@@ -286,8 +318,12 @@ fn a_reset_during_an_erase_leaves_old_erased_and_mixed_bytes() {
 
 #[test]
 fn a_reset_during_a_write_leaves_erased_new_and_mixed_bytes() {
-    let page =
-        interrupted_page("erase(0x1000); wait(); fill_all(0x0000); write(0x1000); wait()", 2, ResetCause::PowerOn, 1);
+    let page = interrupted_page(
+        "erase(0x1000); wait(); fill_all(0x0000); write(0x1000); wait()",
+        2,
+        ResetCause::PowerOn,
+        1,
+    );
     let new = filled(0);
     let as_new = page.iter().zip(&new).filter(|(byte, new)| byte == new).count();
     let erased = page.iter().filter(|byte| **byte == 0xFF).count();
@@ -324,7 +360,9 @@ fn a_debugger_steps_over_spm_that_halts_the_cpu() {
     debugger.resume(Resume::Step);
     avr.run_until(20 * MS);
     assert_eq!((avr.pc(), debugger.halted()), (erase + 2, Some(Halt::Stepped)));
-    assert!(!avr.is_programming_flash() && avr.now() > PAGE_PROGRAMMING_CYCLES && avr.now() < 6 * MS);
+    assert!(
+        !avr.is_programming_flash() && avr.now() > PAGE_PROGRAMMING_CYCLES && avr.now() < 6 * MS
+    );
 }
 
 #[test]
@@ -336,7 +374,9 @@ fn a_half_programmed_page_is_the_same_for_equal_seeds_and_differs_from_chip_to_c
 
 #[test]
 fn flash_survives_resets_and_loss_of_power() {
-    let mut avr = loader("if (load(0x1000) == 0x5A) { erase(0x1000); wait(); fill_all(5); write(0x1000); wait(); }");
+    let mut avr = loader(
+        "if (load(0x1000) == 0x5A) { erase(0x1000); wait(); fill_all(5); write(0x1000); wait(); }",
+    );
     run(&mut avr);
     let flash = avr.flash().to_vec();
     for cause in [ResetCause::External, ResetCause::PowerOn, ResetCause::BrownOut] {
@@ -353,7 +393,8 @@ fn an_eeprom_write_blocks_self_programming_and_empties_the_page_buffer() {
     let mut avr = loader("fill(0, 0); write_eeprom(1); erase(0x1000); note(SPMCSR); wait()");
     run(&mut avr);
     assert_eq!((avr.flash()[PAGE], byte(&avr, "notes"), avr.eeprom()[0]), (OLD, 0, 1));
-    let texts: Vec<String> = avr.take_violations().into_iter().map(|violation| violation.text).collect();
+    let texts: Vec<String> =
+        avr.take_violations().into_iter().map(|violation| violation.text).collect();
     assert_eq!(texts.len(), 3, "{texts:?}");
     assert!(texts[0].contains("erases the page buffer"), "{texts:?}");
     assert!(texts[1].contains("SPMCSR is written while the EEPROM is written"), "{texts:?}");
@@ -381,7 +422,8 @@ fn boot_lock_bits_block_spm_and_survive_a_loss_of_power() {
 
 #[test]
 fn lock_bits_can_be_read_within_three_cycles_after_the_write_of_spmcsr() {
-    let read = |nops: usize| notes(&format!("note(lock_bits_after(\"{}\"))", "nop\\n\\t".repeat(nops)));
+    let read =
+        |nops: usize| notes(&format!("note(lock_bits_after(\"{}\"))", "nop\\n\\t".repeat(nops)));
     assert_eq!((read(0), read(2)), (vec![0xFF], vec![0xFF]));
     // After that time LPM reads the flash.
     let mut avr = loader("note(lock_bits_after(\"nop\\n\\tnop\\n\\tnop\\n\\t\"))");

@@ -1,16 +1,20 @@
-//! Tests of the model with third-party drivers: firmwares with the crates `mcp2515` and `mcp25xx`, which other authors wrote
-//! for the real chip. The firmwares work on the model, and the errors of these crates on the real chip show on the model, too.
+//! Tests of the model with third-party drivers: firmwares with the crates `mcp2515` and `mcp25xx`,
+//! which other authors wrote for the real chip. The firmwares work on the model, and the errors of
+//! these crates on the real chip show on the model, too.
 //!
-//! `make third-party` builds the firmwares (`third-party/` in the workspace) for both chips and two CAN boards. Every test runs
-//! on the default board, and some tests run on all boards. With `--nocapture` the test of the costs prints the numbers for the
-//! documents. Sections are those of Microchip DS20001801J.
+//! `make third-party` builds the firmwares (`third-party/` in the workspace) for both chips and two
+//! CAN boards. Every test runs on the default board, and some tests run on all boards. With
+//! `--nocapture` the test of the costs prints the numbers for the documents. Sections are those of
+//! Microchip DS20001801J.
 
 #[path = "third_party/stand.rs"]
 mod stand;
 
 use bench::can::{Frame, Id};
 use bench::mcp2515::Fate;
-use stand::{CanBoard, Instruction, PLACES, Report, SERVED_MS, Stand, ThirdParty, answer_to, milliseconds};
+use stand::{
+    CanBoard, Instruction, PLACES, Report, SERVED_MS, Stand, ThirdParty, answer_to, milliseconds,
+};
 
 /// The firmwares that use their crate correctly.
 const CORRECT: [ThirdParty; 2] = [ThirdParty::Mcp2515, ThirdParty::Mcp25xx];
@@ -34,7 +38,8 @@ fn on_every_board() -> impl Iterator<Item = (stand::Place, ThirdParty)> {
     PLACES.into_iter().flat_map(|place| CORRECT.map(|firmware| (place, firmware)))
 }
 
-/// A frame for each filter, and its buffer. The lengths are 0 to 8. Bits outside of the masks are set.
+/// A frame for each filter, and its buffer. The lengths are 0 to 8. Bits outside of the masks are
+/// set.
 fn one_for_each_filter() -> [(Frame, usize); 6] {
     [
         (Frame::extended(RXF0 | 0xA5, &[1, 2, 3, 4, 5, 6, 7, 8]), 0),
@@ -46,7 +51,8 @@ fn one_for_each_filter() -> [(Frame, usize); 6] {
     ]
 }
 
-/// Frames that differ from a filter in one bit, and frames with the bits of a filter in the other kind of identifier.
+/// Frames that differ from a filter in one bit, and frames with the bits of a filter in the other
+/// kind of identifier.
 fn near_misses() -> Vec<Frame> {
     let extended = [(RXF0, MASK_0), (RXF1, MASK_0), (RXF2, MASK_1), (RXF4, MASK_1)];
     let mut frames = Vec::new();
@@ -162,18 +168,23 @@ fn a_third_frame_without_polling_is_lost_and_the_first_two_are_not() {
         stand.serve_while_busy(frames[0], &frames[1..]);
         assert_eq!(stand.take_frames_reported(), frames[..3], "{firmware:?} {place:?}");
         assert_eq!(stand.frames_lost(), 1, "{firmware:?} {place:?}");
-        let lost: Vec<Frame> =
-            stand.take_frame_log().iter().filter(|entry| entry.fate == Fate::Lost).map(|entry| entry.frame).collect();
+        let lost: Vec<Frame> = stand
+            .take_frame_log()
+            .iter()
+            .filter(|entry| entry.fate == Fate::Lost)
+            .map(|entry| entry.frame)
+            .collect();
         assert_eq!(lost, [frames[3]], "{firmware:?} {place:?}");
         stand.assert_no_violations();
     }
 }
 
-/// Section 3.2: of buffers with equal priority the chip sends the one with the highest number first. Both crates fill the lowest
-/// free one.
+/// Section 3.2: of buffers with equal priority the chip sends the one with the highest number
+/// first. Both crates fill the lowest free one.
 #[test]
 fn answers_that_wait_for_the_bus_are_sent_in_reverse_order() {
-    // 5 ms of traffic that wins arbitration against every answer. Each request wins against the answers to earlier ones.
+    // 5 ms of traffic that wins arbitration against every answer. Each request wins against the
+    // answers to earlier ones.
     let noise = [Frame::standard(0, &[0x55; 8]); 40];
     let requests = [3, 2, 1].map(|n| Frame::extended(RXF0 | n << 4, &[n as u8]));
     for firmware in CORRECT {
@@ -218,13 +229,15 @@ fn the_chip_repeats_an_answer_with_a_bit_error_and_it_arrives_once() {
     }
 }
 
-/// The crate checks TXERR and MLOA right after it sets TXREQ. But the chip repeats the frame in both cases (section 3.4). A program
-/// that sends the frame again after the crate's error sends it twice.
+/// The crate checks TXERR and MLOA right after it sets TXREQ. But the chip repeats the frame in
+/// both cases (section 3.4). A program that sends the frame again after the crate's error sends it
+/// twice.
 #[test]
 fn mcp2515_returns_an_error_for_an_answer_that_the_chip_still_sends() {
     let frame = Frame::standard(RXF3, &[1, 2, 3, 4, 5, 6, 7, 8]);
     let mut stand = Stand::new(ThirdParty::Mcp2515);
-    // The number of bits on the bus when the crate checks the flags depends on the speed of its code.
+    // The number of bits on the bus when the crate checks the flags depends on the speed of its
+    // code.
     let mut errors = 0;
     for bit in 1..=12 {
         stand.serve_with_error_in_answer(frame, bit);
@@ -257,8 +270,9 @@ fn the_firmware_sends_its_counter_frames_periodically() {
     }
 }
 
-/// SRR (register 4-5) marks a standard remote frame, RTR (register 4-8) an extended one. `mcp2515` checks only SRR, and `mcp25xx`
-/// only RTR. They take the other kind for a data frame, with the old contents of the buffer.
+/// SRR (register 4-5) marks a standard remote frame, RTR (register 4-8) an extended one. `mcp2515`
+/// checks only SRR, and `mcp25xx` only RTR. They take the other kind for a data frame, with the old
+/// contents of the buffer.
 #[test]
 fn each_crate_knows_one_kind_of_remote_frame_and_takes_the_other_for_a_data_frame() {
     let data = [0xC0, 0xFF, 0xEE, 0x11];
@@ -291,8 +305,8 @@ fn mcp25xx_takes_a_dlc_above_eight_as_eight_bytes() {
     stand.assert_no_violations();
 }
 
-/// The crate returns an error before it clears RX0IF, and always checks RX0IF first. So one such frame on the bus ends all
-/// reception, also from RXB1.
+/// The crate returns an error before it clears RX0IF, and always checks RX0IF first. So one such
+/// frame on the bus ends all reception, also from RXB1.
 #[test]
 fn mcp2515_receives_nothing_after_a_frame_with_a_dlc_above_eight_in_rxb0() {
     for dlc in 9..=15 {
@@ -320,16 +334,17 @@ fn mcp2515_never_releases_a_frame_with_a_dlc_above_eight_in_rxb1_and_receives_on
     stand.serve(for_rxb1);
     stand.serve(for_rxb0);
     let reports = stand.take_reports();
-    let frames: Vec<&Report> = reports.iter().filter(|report| **report != Report::Rejected).collect();
+    let frames: Vec<&Report> =
+        reports.iter().filter(|report| **report != Report::Rejected).collect();
     assert!(matches!(frames[..], [Report::Received(frame, _)] if *frame == for_rxb0), "{frames:?}");
     assert_eq!(stand.take_answers(), [answer_to(&for_rxb0)]);
     assert_eq!(stand.register(CANINTF) & (RX0IF | RX1IF), RX1IF);
     stand.assert_no_violations();
 }
 
-/// Figure 12-3: 94h reads RXB1 from SIDH on, 92h reads RXB0 from D0 on. With its feature `mcp2515` the crate sends 92h for
-/// RXB1. It takes D0 to D3 of the old frame in RXB0 for the identifier, and D4 for the length. It clears RX0IF instead of
-/// RX1IF, so it repeats this for ever.
+/// Figure 12-3: 94h reads RXB1 from SIDH on, 92h reads RXB0 from D0 on. With its feature `mcp2515`
+/// the crate sends 92h for RXB1. It takes D0 to D3 of the old frame in RXB0 for the identifier, and
+/// D4 for the length. It clears RX0IF instead of RX1IF, so it repeats this for ever.
 #[test]
 fn mcp25xx_with_its_feature_mcp2515_reads_the_old_contents_of_rxb0_for_rxb1_for_ever() {
     let mut stand = Stand::new(ThirdParty::Mcp25xxWrongRxb1);
@@ -347,7 +362,10 @@ fn mcp25xx_with_its_feature_mcp2515_reads_the_old_contents_of_rxb0_for_rxb1_for_
     let frames = stand.take_frames_reported();
     assert!(frames.len() > 20 && frames.iter().all(|frame| *frame == garbage), "{frames:?}");
     let answers = stand.take_answers();
-    assert!(answers.len() > 20 && answers.iter().all(|frame| *frame == answer_to(&garbage)), "{answers:?}");
+    assert!(
+        answers.len() > 20 && answers.iter().all(|frame| *frame == answer_to(&garbage)),
+        "{answers:?}"
+    );
     assert_eq!(stand.register(CANINTF) & (RX0IF | RX1IF), RX1IF);
     let instructions = stand.take_instructions();
     assert!(instructions.iter().any(|instruction| instruction.mosi[0] == 0x92));
@@ -355,7 +373,9 @@ fn mcp25xx_with_its_feature_mcp2515_reads_the_old_contents_of_rxb0_for_rxb1_for_
     let violations = stand.take_violations();
     assert!(
         !violations.is_empty()
-            && violations.iter().all(|text| text.contains("READ RX BUFFER 92h while RX0IF is clear")),
+            && violations
+                .iter()
+                .all(|text| text.contains("READ RX BUFFER 92h while RX0IF is clear")),
         "{violations:?}"
     );
 }
@@ -364,7 +384,8 @@ fn mcp25xx_with_its_feature_mcp2515_reads_the_old_contents_of_rxb0_for_rxb1_for_
 #[test]
 fn the_bit_timings_of_the_crates_give_these_registers_and_sample_points() {
     for (place, firmware) in on_every_board() {
-        // CNF1, CNF2, CNF3 at 16 MHz and 1 Mbit/s, or 8 MHz and 500 kbit/s: SyncSeg + PropSeg + PS1 | PS2 in TQ.
+        // CNF1, CNF2, CNF3 at 16 MHz and 1 Mbit/s, or 8 MHz and 500 kbit/s: SyncSeg + PropSeg + PS1
+        // | PS2 in TQ.
         let (cnf, permille) = match (firmware, place.1) {
             // 1 + 3 + 2 | 2, and 1 + 2 + 3 | 2.
             (ThirdParty::Mcp2515, CanBoard::Shield) => ([0x00, 0xCA, 0x81], 750),
@@ -374,7 +395,11 @@ fn the_bit_timings_of_the_crates_give_these_registers_and_sample_points() {
             (_, CanBoard::Module) => ([0x00, 0x90, 0x82], 625),
         };
         let stand = Stand::at(place, firmware);
-        assert_eq!([0x2A, 0x29, 0x28].map(|address| stand.register(address)), cnf, "{firmware:?} {place:?}");
+        assert_eq!(
+            [0x2A, 0x29, 0x28].map(|address| stand.register(address)),
+            cnf,
+            "{firmware:?} {place:?}"
+        );
         assert_eq!(stand.sample_point_permille(), permille, "{firmware:?} {place:?}");
         stand.assert_no_violations();
     }
@@ -390,7 +415,13 @@ struct Cost {
     cycles: u64,
 }
 
-const fn cost(firmware: ThirdParty, data_bytes: usize, spi_bytes: usize, chip_selects: usize, cycles: u64) -> Cost {
+const fn cost(
+    firmware: ThirdParty,
+    data_bytes: usize,
+    spi_bytes: usize,
+    chip_selects: usize,
+    cycles: u64,
+) -> Cost {
     Cost { firmware, data_bytes, spi_bytes, chip_selects, cycles }
 }
 
@@ -408,7 +439,8 @@ const COSTS: [Cost; 9] = [
 
 /// The instructions from the READ STATUS that shows RX0IF to the one that clears RX0IF.
 fn fetch(instructions: &[Instruction], cleared_at: u64) -> &[Instruction] {
-    let shows_rx0if = |instruction: &Instruction| instruction.mosi[0] == 0xA0 && instruction.miso[1] & RX0IF != 0;
+    let shows_rx0if =
+        |instruction: &Instruction| instruction.mosi[0] == 0xA0 && instruction.miso[1] & RX0IF != 0;
     let first = instructions.iter().position(shows_rx0if).expect("a READ STATUS");
     let last = instructions
         .iter()
@@ -417,7 +449,8 @@ fn fetch(instructions: &[Instruction], cleared_at: u64) -> &[Instruction] {
     &instructions[first..=last]
 }
 
-/// The documents name these costs as a reason for this project's driver. The cycles can vary by a few per cent with the compiler.
+/// The documents name these costs as a reason for this project's driver. The cycles can vary by a
+/// few per cent with the compiler.
 #[test]
 fn the_costs_of_a_frame_are_those_in_the_documents() {
     for Cost { firmware, data_bytes, spi_bytes, chip_selects, cycles } in COSTS {
@@ -425,15 +458,27 @@ fn the_costs_of_a_frame_are_those_in_the_documents() {
         stand.take_instructions();
         stand.serve(Frame::extended(RXF0, &[0x5A; 8][..data_bytes]));
         let reports = stand.take_reports();
-        let [Report::Received(_, measured)] = reports[..] else { panic!("{firmware:?}: {reports:?}") };
+        let [Report::Received(_, measured)] = reports[..] else {
+            panic!("{firmware:?}: {reports:?}")
+        };
         let log = stand.take_frame_log();
         let Fate::Cleared(cleared_at) = log[0].fate else { panic!("{firmware:?}: {log:?}") };
         let instructions = stand.take_instructions();
         let fetch = fetch(&instructions, cleared_at);
         let bytes: usize = fetch.iter().map(|instruction| instruction.mosi.len()).sum();
-        println!("{firmware:?}, {data_bytes} data bytes: {measured} cycles / {bytes} SPI bytes / {} CS", fetch.len());
-        assert_eq!((bytes, fetch.len()), (spi_bytes, chip_selects), "{firmware:?}, {data_bytes} data bytes");
-        assert!(measured.abs_diff(cycles) <= cycles / 10, "{firmware:?}, {data_bytes} data bytes: {measured} cycles");
+        println!(
+            "{firmware:?}, {data_bytes} data bytes: {measured} cycles / {bytes} SPI bytes / {} CS",
+            fetch.len()
+        );
+        assert_eq!(
+            (bytes, fetch.len()),
+            (spi_bytes, chip_selects),
+            "{firmware:?}, {data_bytes} data bytes"
+        );
+        assert!(
+            measured.abs_diff(cycles) <= cycles / 10,
+            "{firmware:?}, {data_bytes} data bytes: {measured} cycles"
+        );
         stand.assert_no_violations();
     }
 }

@@ -1,8 +1,8 @@
 //! Keeps the EEPROM of a board in a file from run to run.
 //!
-//! The file is the image of the EEPROM, byte for byte. The link writes it every two seconds if the image has changed, and at
-//! the end of the run. It writes a new file and renames it, so the file is always complete. A run that is killed loses the
-//! changes of its last two seconds.
+//! The file is the image of the EEPROM, byte for byte. The link writes it every two seconds if the
+//! image has changed, and at the end of the run. It writes a new file and renames it, so the file
+//! is always complete. A run that is killed loses the changes of its last two seconds.
 
 use super::Link;
 use crate::usage::OrUsage;
@@ -36,15 +36,27 @@ impl EepromFile {
         // Checks the size before reading: a wrong file can be very long.
         match fs::metadata(path) {
             Ok(file) => {
-                check_image(&file, avr.chip()).with_context(|| path.display().to_string()).or_usage()?;
-                let cells = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+                check_image(&file, avr.chip())
+                    .with_context(|| path.display().to_string())
+                    .or_usage()?;
+                let cells =
+                    fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
                 avr.set_eeprom(&cells);
             }
             Err(error) if error.kind() == ErrorKind::NotFound => {
-                let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-                ensure!(parent.is_dir(), "there is no directory {} for an EEPROM", parent.display());
+                let parent = path
+                    .parent()
+                    .filter(|parent| !parent.as_os_str().is_empty())
+                    .unwrap_or(Path::new("."));
+                ensure!(
+                    parent.is_dir(),
+                    "there is no directory {} for an EEPROM",
+                    parent.display()
+                );
             }
-            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
+            Err(error) => {
+                return Err(error).with_context(|| format!("cannot read {}", path.display()));
+            }
         }
         Ok(EepromFile { path: path.to_owned(), board, saved: avr.eeprom(), next_at: 0 })
     }

@@ -1,17 +1,19 @@
 //! A port for avr-gdb: GDB's remote serial protocol over TCP, on loopback.
 //!
-//! The crate `gdbstub` implements the protocol; this file connects it to the AVR. (simavr has its own debugger, but that
-//! debugger runs the chip without the bench, and uses a fixed port.) A debugger that attaches halts the board. While the
-//! board is halted, simulated time stops for all boards and the bus.
+//! The crate `gdbstub` implements the protocol; this file connects it to the AVR. (simavr has its
+//! own debugger, but that debugger runs the chip without the bench, and uses a fixed port.) A
+//! debugger that attaches halts the board. While the board is halted, simulated time stops for all
+//! boards and the bus.
 //!
-//! Addresses are those of the AVR tool chain: flash at 0, data space at 0x800000, EEPROM at 0x810000. Flash can be written,
-//! so `load` works. The run loop checks the breakpoints, so flash stays as it is and their number has no limit. `step`
-//! enters a pending interrupt.
+//! Addresses are those of the AVR tool chain: flash at 0, data space at 0x800000, EEPROM at
+//! 0x810000. Flash can be written, so `load` works. The run loop checks the breakpoints, so flash
+//! stays as it is and their number has no limit. `step` enters a pending interrupt.
 //!
-//! Limits: one debugger at a time, others wait; no watchpoints; reading a register of a peripheral has no side effects, so a
-//! running counter shows the value that the program last wrote or read.
+//! Limits: one debugger at a time, others wait; no watchpoints; reading a register of a peripheral
+//! has no side effects, so a running counter shows the value that the program last wrote or read.
 //!
-//! Source: "GDB Remote Serial Protocol", GDB manual appendix E; register numbers from GDB's avr-tdep.c.
+//! Source: "GDB Remote Serial Protocol", GDB manual appendix E; register numbers from GDB's
+//! avr-tdep.c.
 
 use super::Link;
 use anyhow::{Context, Result};
@@ -23,9 +25,12 @@ use gdbstub::conn::Connection;
 use gdbstub::stub::state_machine::GdbStubStateMachine as Session;
 use gdbstub::stub::{GdbStub, SingleThreadStopReason};
 use gdbstub::target::ext::base::BaseOps;
-use gdbstub::target::ext::base::single_register_access::{SingleRegisterAccess, SingleRegisterAccessOps};
+use gdbstub::target::ext::base::single_register_access::{
+    SingleRegisterAccess, SingleRegisterAccessOps,
+};
 use gdbstub::target::ext::base::singlethread::{
-    SingleThreadBase, SingleThreadResume, SingleThreadResumeOps, SingleThreadSingleStep, SingleThreadSingleStepOps,
+    SingleThreadBase, SingleThreadResume, SingleThreadResumeOps, SingleThreadSingleStep,
+    SingleThreadSingleStepOps,
 };
 use gdbstub::target::ext::breakpoints::{
     Breakpoints, BreakpointsOps, HwBreakpoint, HwBreakpointOps, SwBreakpoint, SwBreakpointOps,
@@ -59,7 +64,8 @@ pub struct Gdb {
 type GdbSession = Session<'static, Chip, Client>;
 
 impl Gdb {
-    /// Waits for avr-gdb on a TCP port of loopback (0: any free port). `node` is the number of the board to debug.
+    /// Waits for avr-gdb on a TCP port of loopback (0: any free port). `node` is the number of the
+    /// board to debug.
     ///
     /// # Errors
     /// If the port is in use.
@@ -70,7 +76,13 @@ impl Gdb {
         listener.set_nonblocking(true)?;
         let port = listener.local_addr()?.port();
         let debugger = bench.board(node).avr_mut().debugger();
-        Ok(Gdb { listener, port, node, chip: Chip { debugger, flash_writes: Vec::new() }, session: None })
+        Ok(Gdb {
+            listener,
+            port,
+            node,
+            chip: Chip { debugger, flash_writes: Vec::new() },
+            session: None,
+        })
     }
 
     /// The TCP port.
@@ -83,7 +95,8 @@ impl Gdb {
             return;
         };
         let client = Client { stream, out: Vec::new() };
-        if client.stream.set_nonblocking(true).is_err() || client.stream.set_nodelay(true).is_err() {
+        if client.stream.set_nonblocking(true).is_err() || client.stream.set_nodelay(true).is_err()
+        {
             return;
         }
         self.chip.debugger.halt(Halt::Asked);
@@ -273,9 +286,14 @@ impl gdbstub::arch::Registers for GdbRegisters {
 
     fn gdb_serialize(&self, mut write_byte: impl FnMut(Option<u8>)) {
         let [spl, sph] = self.0.sp.to_le_bytes();
-        self.0.r.into_iter().chain([self.0.sreg, spl, sph]).chain(self.0.pc.to_le_bytes()).for_each(|byte| {
-            write_byte(Some(byte));
-        });
+        self.0
+            .r
+            .into_iter()
+            .chain([self.0.sreg, spl, sph])
+            .chain(self.0.pc.to_le_bytes())
+            .for_each(|byte| {
+                write_byte(Some(byte));
+            });
     }
 
     fn gdb_deserialize(&mut self, bytes: &[u8]) -> Result<(), ()> {
@@ -381,7 +399,12 @@ impl SingleThreadBase for Chip {
 }
 
 impl SingleRegisterAccess<()> for Chip {
-    fn read_register(&mut self, (): (), register: Register, buffer: &mut [u8]) -> TargetResult<usize, Chip> {
+    fn read_register(
+        &mut self,
+        (): (),
+        register: Register,
+        buffer: &mut [u8],
+    ) -> TargetResult<usize, Chip> {
         let registers = self.debugger.registers();
         let bytes = match register {
             Register::R(index) => &registers.r[index..=index],
@@ -393,7 +416,12 @@ impl SingleRegisterAccess<()> for Chip {
         Ok(bytes.len())
     }
 
-    fn write_register(&mut self, (): (), register: Register, value: &[u8]) -> TargetResult<(), Chip> {
+    fn write_register(
+        &mut self,
+        (): (),
+        register: Register,
+        value: &[u8],
+    ) -> TargetResult<(), Chip> {
         let mut registers = self.debugger.registers();
         match (register, value) {
             (Register::R(index), [value]) => registers.r[index] = *value,

@@ -1,25 +1,30 @@
-//! The log of the bus: pcap if the name of the file ends in .pcap, decoded transfers if it ends in .txt, else candump text.
+//! The log of the bus: pcap if the name of the file ends in .pcap, decoded transfers if it ends in
+//! .txt, else candump text.
 //!
 //! ```text
 //! (2.512352) can0 1404562A#0100A95C00C0
 //! ```
 //!
-//! The time is that of the frame's SOF, in simulated seconds since power-on. So `--script` plays each frame of a log at its
-//! time. python-can, can-utils and Wireshark read it as seconds since 1970.
+//! The time is that of the frame's SOF, in simulated seconds since power-on. So `--script` plays
+//! each frame of a log at its time. python-can, can-utils and Wireshark read it as seconds since
+//! 1970.
 //!
-//! A pcap has link type CAN_SOCKETCAN, with error frames. Text has no error frames, because a program that plays the log would
-//! send them as frames; the status line has their number. In text a DLC above 8 becomes 8, because python-can and Wireshark
-//! reject it; a pcap keeps it.
+//! A pcap has link type CAN_SOCKETCAN, with error frames. Text has no error frames, because a
+//! program that plays the log would send them as frames; the status line has their number. In text
+//! a DLC above 8 becomes 8, because python-can and Wireshark reject it; a pcap keeps it.
 //!
-//! The log of decoded transfers has a line for each transfer: the time of its end, its sender, and its content:
+//! The log of decoded transfers has a line for each transfer: the time of its end, its sender, and
+//! its content:
 //!
 //! ```text
 //!      2.514901   127>120 param.GetSet request OUT1_MIN = 1100
 //! ```
 //!
-//! [`dialect`](bench::dronecan::dialect) says how it finds the dialect of a transfer. Transfers of the draft are marked `draft`.
+//! [`dialect`](bench::dronecan::dialect) says how it finds the dialect of a transfer. Transfers of
+//! the draft are marked `draft`.
 //!
-//! Sources: can-utils, log file format (candump.c, lib.h); tcpdump.org, "LINKTYPE_CAN_SOCKETCAN"; Linux, can/error.h.
+//! Sources: can-utils, log file format (candump.c, lib.h); tcpdump.org, "LINKTYPE_CAN_SOCKETCAN";
+//! Linux, can/error.h.
 
 use super::Link;
 use anyhow::{Context, Result};
@@ -32,12 +37,13 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 const CYCLES_PER_US: u64 = F_CPU_HZ / 1_000_000;
-/// The log writes to the file when it has this many bytes, or after `WRITE_PERIOD`. It writes whole lines, so that the file of
-/// a run that is killed can be read.
+/// The log writes to the file when it has this many bytes, or after `WRITE_PERIOD`. It writes whole
+/// lines, so that the file of a run that is killed can be read.
 const WRITE_SIZE: usize = 64 * 1024;
 const WRITE_PERIOD: Cycles = F_CPU_HZ / 100;
 
-/// First word of a pcap file with times in microseconds. A pcap file has the byte order of the computer that writes it.
+/// First word of a pcap file with times in microseconds. A pcap file has the byte order of the
+/// computer that writes it.
 const PCAP_MAGIC: u32 = 0xA1B2_C3D4;
 const PCAP_VERSION: [u16; 2] = [2, 4];
 const PCAP_SNAPSHOT_LENGTH: u32 = 65_535;
@@ -46,7 +52,8 @@ const LINKTYPE_CAN_SOCKETCAN: u32 = 227;
 const CAN_EFF_FLAG: u32 = 1 << 31;
 const CAN_RTR_FLAG: u32 = 1 << 30;
 const CAN_ERR_FLAG: u32 = 1 << 29;
-/// Class of an error frame: protocol violation; data\[2\] and data\[3\] have its kind and its place.
+/// Class of an error frame: protocol violation; data\[2\] and data\[3\] have its kind and its
+/// place.
 const CAN_ERR_PROT: u32 = 0x008;
 /// Class of an error frame: no ACK.
 const CAN_ERR_ACK: u32 = 0x020;
@@ -88,7 +95,8 @@ impl Log {
             Some("txt") => Format::Transfers,
             _ => Format::Candump,
         };
-        let file = File::create(path).with_context(|| format!("--log: cannot write {}", path.display()))?;
+        let file = File::create(path)
+            .with_context(|| format!("--log: cannot write {}", path.display()))?;
         Log::new(path, Box::new(file), format)
     }
 
@@ -137,7 +145,9 @@ impl Log {
                 writeln!(self.text, "({}.{:06}) can0 {frame}", us / 1_000_000, us % 1_000_000)
             }
             (Format::Candump, RecordKind::ErrorFrame { .. }) => Ok(()),
-            (Format::Transfers, RecordKind::Frame { frame, .. }) => self.add_transfer(record.end, &frame),
+            (Format::Transfers, RecordKind::Frame { frame, .. }) => {
+                self.add_transfer(record.end, &frame)
+            }
             (Format::Transfers, RecordKind::ErrorFrame { kind, .. }) => {
                 let kind = kind.map_or(String::new(), |kind| format!(": {kind:?}").to_lowercase());
                 self.add_line(record.end, "-", &format!("error frame{kind}"))
@@ -160,8 +170,12 @@ impl Log {
         };
         match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Observation::Partial => Ok(()),
-            Observation::Invalid(why) => self.add_line(at, "-", &format!("invalid frame {frame} {why}")),
-            Observation::Complete(transfer) => self.add_line(at, &transfer.endpoints(), &transfer.to_string()),
+            Observation::Invalid(why) => {
+                self.add_line(at, "-", &format!("invalid frame {frame} {why}"))
+            }
+            Observation::Complete(transfer) => {
+                self.add_line(at, &transfer.endpoints(), &transfer.to_string())
+            }
         }
     }
 
@@ -223,12 +237,18 @@ fn pcap_header() -> Vec<u8> {
 
 fn pcap_packet(out: &mut Vec<u8>, us: u64, packet: &[u8]) {
     // 32 bits of seconds are enough for a hundred years.
-    let fields = [(us / 1_000_000) as u32, (us % 1_000_000) as u32, packet.len() as u32, packet.len() as u32];
+    let fields = [
+        (us / 1_000_000) as u32,
+        (us % 1_000_000) as u32,
+        packet.len() as u32,
+        packet.len() as u32,
+    ];
     out.extend(fields.iter().flat_map(|field| field.to_ne_bytes()));
     out.extend(packet);
 }
 
-/// A frame as struct can_frame: identifier with flags in network byte order, length, two zeros, DLC if above 8 else 0, data.
+/// A frame as struct can_frame: identifier with flags in network byte order, length, two zeros, DLC
+/// if above 8 else 0, data.
 fn socketcan_frame(frame: &Frame) -> Vec<u8> {
     let id = match frame.id {
         Id::Standard(id) => u32::from(id),
@@ -301,11 +321,21 @@ mod tests {
     fn frame(start_us: u64, text: &str) -> Record {
         let frame = text.parse().unwrap();
         let start = start_us * CYCLES_PER_US;
-        Record { start, end: start + 1, bits: 1, kind: RecordKind::Frame { frame, from: None, acked: true } }
+        Record {
+            start,
+            end: start + 1,
+            bits: 1,
+            kind: RecordKind::Frame { frame, from: None, acked: true },
+        }
     }
 
     fn error(kind: ErrorKind) -> Record {
-        Record { start: 0, end: 1, bits: 1, kind: RecordKind::ErrorFrame { kind: Some(kind), from: None } }
+        Record {
+            start: 0,
+            end: 1,
+            bits: 1,
+            kind: RecordKind::ErrorFrame { kind: Some(kind), from: None },
+        }
     }
 
     #[test]
@@ -381,7 +411,10 @@ mod tests {
         let packet = |text: &str| socketcan_frame(&text.parse().unwrap());
         assert_eq!(packet("123#R4"), [0x40, 0, 1, 0x23, 4, 0, 0, 0]);
         assert_eq!(packet("7FF#1122334455667788_C")[..8], [0, 0, 7, 0xFF, 8, 0, 0, 12]);
-        assert_eq!(socketcan_error(Some(ErrorKind::Stuff))[..12], [0x20, 0, 0, 8, 8, 0, 0, 0, 0, 0, 4, 0]);
+        assert_eq!(
+            socketcan_error(Some(ErrorKind::Stuff))[..12],
+            [0x20, 0, 0, 8, 8, 0, 0, 0, 0, 0, 4, 0]
+        );
         assert_eq!(socketcan_error(Some(ErrorKind::Crc))[8..12], [0, 0, 0, 8]);
         assert_eq!(socketcan_error(Some(ErrorKind::Ack))[..4], [0x20, 0, 0, 0x20]);
     }
@@ -427,6 +460,9 @@ mod tests {
         let Err(error) = Log::create(Path::new("/nonexistent/run.log"), 1_000_000) else {
             panic!("created");
         };
-        assert!(format!("{error:#}").starts_with("--log: cannot write /nonexistent/run.log: "), "{error:#}");
+        assert!(
+            format!("{error:#}").starts_with("--log: cannot write /nonexistent/run.log: "),
+            "{error:#}"
+        );
     }
 }

@@ -1,14 +1,16 @@
-//! The UDP multicast bus of pydronecan, libcanard and ArduPilot SITL, joined to the simulated bus (`--mcast N`).
+//! The UDP multicast bus of pydronecan, libcanard and ArduPilot SITL, joined to the simulated bus
+//! (`--mcast N`).
 //!
-//! Bus N is the group 239.65.82.N, port 57732. On the simulated bus the link is one more node. It queues the frames of
-//! received datagrams and sends them like any node. It sends each frame that it receives as a datagram. It does not receive
-//! its own frames, so no frame goes in a circle.
+//! Bus N is the group 239.65.82.N, port 57732. On the simulated bus the link is one more node. It
+//! queues the frames of received datagrams and sends them like any node. It sends each frame that
+//! it receives as a datagram. It does not receive its own frames, so no frame goes in a circle.
 //!
-//! Without `--mcast-interface` the link uses loopback, and receives no datagrams of other interfaces. Its sockets never
-//! block. When its queue has `QUEUE_LIMIT` frames, it drops and counts new ones, like a full transmit queue.
+//! Without `--mcast-interface` the link uses loopback, and receives no datagrams of other
+//! interfaces. Its sockets never block. When its queue has `QUEUE_LIMIT` frames, it drops and
+//! counts new ones, like a full transmit queue.
 //!
-//! Limits: UDP can lose a datagram, and the sender does not notice it. The multicast bus does not show the times, ACKs and
-//! errors of the simulated bus. The link rejects and counts CAN FD frames.
+//! Limits: UDP can lose a datagram, and the sender does not notice it. The multicast bus does not
+//! show the times, ACKs and errors of the simulated bus. The link rejects and counts CAN FD frames.
 
 #[cfg(test)]
 mod tests;
@@ -23,9 +25,11 @@ use std::io::{self, ErrorKind};
 use std::net::Ipv4Addr;
 use std::rc::Rc;
 
-/// Most frames in the queue for the simulated bus: the length of pydronecan's transmit queue, 0.15 s of a full bus at 1 Mbit/s.
+/// Most frames in the queue for the simulated bus: the length of pydronecan's transmit queue, 0.15
+/// s of a full bus at 1 Mbit/s.
 const QUEUE_LIMIT: usize = 1000;
-/// Most datagrams received in one call of `serve`, so that a flood cannot block the simulation. A bus carries far fewer meanwhile.
+/// Most datagrams received in one call of `serve`, so that a flood cannot block the simulation. A
+/// bus carries far fewer meanwhile.
 const RECEIVE_MAX: usize = 256;
 
 /// Counters of frames and datagrams.
@@ -50,10 +54,12 @@ pub struct Mcast {
 }
 
 impl Mcast {
-    /// Joins multicast bus `bus` on the interface with address `interface`, by default loopback, and the simulated bus.
+    /// Joins multicast bus `bus` on the interface with address `interface`, by default loopback,
+    /// and the simulated bus.
     ///
     /// # Errors
-    /// If `interface` is not an address of this computer, or the port is in use; the message says what to do.
+    /// If `interface` is not an address of this computer, or the port is in use; the message says
+    /// what to do.
     pub fn open(bus: u8, interface: Option<Ipv4Addr>, bench: &mut Bench) -> Result<Mcast> {
         let port = Port::open(bus, interface)?;
         let station = Rc::new(RefCell::new(SoftNode::new(bench.bus().bit_rate())));
@@ -97,7 +103,8 @@ impl Mcast {
         }
     }
 
-    /// Keeps an error for the status line. The simulation goes on, because the interface can come back.
+    /// Keeps an error for the status line. The simulation goes on, because the interface can come
+    /// back.
     fn keep_error(&mut self, error: io::Error) {
         if error.kind() != ErrorKind::WouldBlock {
             self.last_error = Some(error.kind());

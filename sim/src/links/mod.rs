@@ -1,7 +1,8 @@
-//! Links join the simulated bench to programs and files of this computer: adapters, ports, networks, logs, debuggers.
+//! Links join the simulated bench to programs and files of this computer: adapters, ports,
+//! networks, logs, debuggers.
 //!
-//! The scene serves each [`Link`] between two short slices of simulated time. A link never blocks. It must cope with a client
-//! that hangs, ends, or sends too much, so that the simulation goes on.
+//! The scene serves each [`Link`] between two short slices of simulated time. A link never blocks.
+//! It must cope with a client that hangs, ends, or sends too much, so that the simulation goes on.
 
 pub mod eeprom;
 pub mod gdb;
@@ -27,16 +28,18 @@ use std::path::{Path, PathBuf};
 #[command(next_help_heading = "Joining other programs")]
 #[group(id = "links")]
 pub struct Args {
-    /// Offer an SLCAN adapter on a pseudo-terminal, linked at PATH (repeatable: one client for each, all on the same bus)
+    /// Offer an SLCAN adapter on a pseudo-terminal, linked at PATH (repeatable: one client for
+    /// each, all on the same bus)
     #[arg(long, value_name = "PATH")]
     pub slcan: Vec<PathBuf>,
 
-    /// Offer the Arduino's USB serial port on a pseudo-terminal, linked at PATH; opening it resets the board
+    /// Offer the Arduino's USB serial port on a pseudo-terminal, linked at PATH; opening it resets
+    /// the board
     #[arg(long, value_name = "PATH")]
     pub serial: Option<PathBuf>,
 
-    /// Load this bootloader, an Intel HEX file, beside the program, and start it [default HEX: the one that "make boot" has
-    /// built for the board]
+    /// Load this bootloader, an Intel HEX file, beside the program, and start it [default HEX: the
+    /// one that "make boot" has built for the board]
     #[arg(long, value_name = "HEX", num_args = 0..=1)]
     pub bootloader: Option<Option<PathBuf>>,
 
@@ -44,7 +47,8 @@ pub struct Args {
     #[arg(long, requires = "bootloader")]
     pub no_program: bool,
 
-    /// Join the UDP multicast bus N, 0 to 255, of pydronecan, libcanard and ArduPilot SITL, on loopback
+    /// Join the UDP multicast bus N, 0 to 255, of pydronecan, libcanard and ArduPilot SITL, on
+    /// loopback
     #[arg(long, value_name = "N", value_parser = mcast_bus, allow_hyphen_values = true)]
     pub mcast: Option<u8>,
 
@@ -52,12 +56,13 @@ pub struct Args {
     #[arg(long, value_name = "ADDRESS", requires = "mcast")]
     pub mcast_interface: Option<std::net::Ipv4Addr>,
 
-    /// Log the bus: candump text; pcap if FILE ends in .pcap; one line for each transfer, decoded, if it ends in .txt
+    /// Log the bus: candump text; pcap if FILE ends in .pcap; one line for each transfer, decoded,
+    /// if it ends in .txt
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
 
-    /// Record CAN, SPI, INT, UART and all outputs as one-bit signals for sigrok and GTKWave: 1 MB for each simulated second,
-    /// up to 50 MB on a full bus
+    /// Record CAN, SPI, INT, UART and all outputs as one-bit signals for sigrok and GTKWave: 1 MB
+    /// for each simulated second, up to 50 MB on a full bus
     #[arg(long, value_name = "FILE")]
     pub vcd: Option<PathBuf>,
 
@@ -65,7 +70,8 @@ pub struct Args {
     #[arg(long, value_name = "PORT", value_parser = tcp_port, allow_hyphen_values = true)]
     pub gdb: Option<u16>,
 
-    /// Play frames and bench events from FILE: candump lines, and lines such as "(2.5) temperature 60"
+    /// Play frames and bench events from FILE: candump lines, and lines such as "(2.5) temperature
+    /// 60"
     #[arg(long, value_name = "FILE")]
     pub script: Option<PathBuf>,
 
@@ -91,21 +97,29 @@ fn mcast_bus(text: &str) -> Result<u8, String> {
 }
 
 fn tcp_port(text: &str) -> Result<u16, String> {
-    text.parse().ok().filter(|port| *port != 0).ok_or_else(|| String::from("use a number from 1 to 65535"))
+    text.parse()
+        .ok()
+        .filter(|port| *port != 0)
+        .ok_or_else(|| String::from("use a number from 1 to 65535"))
 }
 
 impl Args {
-    /// Opens all links of the options except for the script. `boards` are the numbers of all boards, the node under test first.
+    /// Opens all links of the options except for the script. `boards` are the numbers of all
+    /// boards, the node under test first.
     ///
     /// # Errors
-    /// If a link cannot be opened, for example because its path or port is in use; the message says what to do. The links that
-    /// were open are closed again.
+    /// If a link cannot be opened, for example because its path or port is in use; the message says
+    /// what to do. The links that were open are closed again.
     pub fn open(&self, bench: &mut Bench, boards: &[usize]) -> Result<Vec<Box<dyn Link>>> {
         let node = boards[0];
         let mut links: Vec<Box<dyn Link>> = Vec::new();
         if let Some(path) = &self.eeprom {
             for (number, board) in boards.iter().enumerate() {
-                links.push(Box::new(eeprom::EepromFile::open(&numbered(path, number), bench, *board)?));
+                links.push(Box::new(eeprom::EepromFile::open(
+                    &numbered(path, number),
+                    bench,
+                    *board,
+                )?));
             }
         }
         for path in &self.slcan {
@@ -142,10 +156,12 @@ fn numbered(path: &Path, number: usize) -> PathBuf {
 
 /// A connection between the bench and a program or file outside of the simulation.
 pub trait Link {
-    /// Transfers data in both directions. Called between slices of at most a millisecond of simulated time.
+    /// Transfers data in both directions. Called between slices of at most a millisecond of
+    /// simulated time.
     ///
     /// # Errors
-    /// If the run cannot go on, for example because the disk is full. An error of a client is not such an error.
+    /// If the run cannot go on, for example because the disk is full. An error of a client is not
+    /// such an error.
     fn serve(&mut self, bench: &mut Bench) -> Result<()>;
 
     /// Takes a frame or an error frame of the bus; `from` is the name of its sender, if known.
@@ -156,7 +172,8 @@ pub trait Link {
         Ok(())
     }
 
-    /// Takes bytes that a board has sent on its serial port, each with the time of the end of its stop bit.
+    /// Takes bytes that a board has sent on its serial port, each with the time of the end of its
+    /// stop bit.
     fn serial_output(&mut self, _board: usize, _bytes: &[(Cycles, u8)]) {}
 
     /// Ends the run: writes what the link has to keep.
@@ -170,12 +187,14 @@ pub trait Link {
     /// A line for the user: what the link is, and its state.
     fn status(&self) -> String;
 
-    /// Removes and returns a hint for the user: the probable cause of an error that the link has seen since the last call.
+    /// Removes and returns a hint for the user: the probable cause of an error that the link has
+    /// seen since the last call.
     fn take_hint(&mut self) -> Option<String> {
         None
     }
 
-    /// True if a client that uses the wall clock can be attached, so that the simulation must keep real time.
+    /// True if a client that uses the wall clock can be attached, so that the simulation must keep
+    /// real time.
     fn needs_real_time(&self) -> bool {
         false
     }

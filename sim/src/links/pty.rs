@@ -1,11 +1,14 @@
-//! A pseudo-terminal that serves as a serial port: raw, non-blocking, and with a name that the user chooses.
+//! A pseudo-terminal that serves as a serial port: raw, non-blocking, and with a name that the user
+//! chooses.
 //!
-//! The kernel chooses the number of a pseudo-terminal, so the port has a symbolic link at the user's path. The port removes
-//! the link when it is dropped and when the program panics. It replaces the link of a simulator that was killed, but not of
-//! one that is running: an abstract Unix socket, which ends with its process, reserves each name.
+//! The kernel chooses the number of a pseudo-terminal, so the port has a symbolic link at the
+//! user's path. The port removes the link when it is dropped and when the program panics. It
+//! replaces the link of a simulator that was killed, but not of one that is running: an abstract
+//! Unix socket, which ends with its process, reserves each name.
 //!
-//! A pseudo-terminal has no modem lines and no baud rate, and the kernel buffers about 70 KiB in each direction. inotify
-//! counts how often programs open and close the port, because the master end shows only the present state.
+//! A pseudo-terminal has no modem lines and no baud rate, and the kernel buffers about 70 KiB in
+//! each direction. inotify counts how often programs open and close the port, because the master
+//! end shows only the present state.
 
 use anyhow::{Context, Result, bail};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -25,7 +28,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, Once};
 use std::thread::{self, ThreadId};
 
-/// The directory of pseudo-terminals. A link to another directory is not a port of sim and is not replaced.
+/// The directory of pseudo-terminals. A link to another directory is not a port of sim and is not
+/// replaced.
 const DEVICES: &str = "/dev/pts/";
 /// Most bytes read from a client at once.
 const READ_BYTES: usize = 4096;
@@ -35,16 +39,19 @@ const EVENT_BYTES: usize = 4096;
 /// State of the slave end while no program has the port open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hold {
-    /// Held open: written bytes wait for the next program. The port cannot detect whether a program has it open.
+    /// Held open: written bytes wait for the next program. The port cannot detect whether a program
+    /// has it open.
     Open,
-    /// Closed: [`Pty::take_openings`] shows whether a program has the port open, and how often programs opened it.
+    /// Closed: [`Pty::take_openings`] shows whether a program has the port open, and how often
+    /// programs opened it.
     Released,
 }
 
 /// How programs opened a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Openings {
-    /// Number of openings while no other program had the port open. A real port raises DTR at these.
+    /// Number of openings while no other program had the port open. A real port raises DTR at
+    /// these.
     pub count: u64,
     /// True if a program has the port open now.
     pub is_open: bool,
@@ -72,16 +79,20 @@ impl Pty {
         grantpt(&master)?;
         unlockpt(&master)?;
         fcntl_setfl(&master, OFlags::NONBLOCK)?;
-        let device = ptsname(&master, Vec::new())?.into_string().context("the pseudo-terminal's name")?;
+        let device =
+            ptsname(&master, Vec::new())?.into_string().context("the pseudo-terminal's name")?;
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
-        let slave = open(&device, flags, Mode::empty()).with_context(|| format!("cannot open {device}"))?;
-        // Sets raw mode before any program can open the port, so that no program gets an echo or a translated line end.
-        // Opening and closing the slave end once also makes the master report the port as closed.
+        let slave =
+            open(&device, flags, Mode::empty()).with_context(|| format!("cannot open {device}"))?;
+        // Sets raw mode before any program can open the port, so that no program gets an echo or a
+        // translated line end. Opening and closing the slave end once also makes the master
+        // report the port as closed.
         let mut settings = tcgetattr(&slave)?;
         settings.make_raw();
         tcsetattr(&slave, OptionalActions::Now, &settings)?;
         let held = (hold == Hold::Open).then_some(slave);
-        // Watches from here on: after the opening above, and before the link lets other programs open the port.
+        // Watches from here on: after the opening above, and before the link lets other programs
+        // open the port.
         let watch = if held.is_none() { Some(Watch::new(&device)?) } else { None };
         let link = Link::publish(path, Path::new(&device))?;
         Ok(Pty { master, held, watch, link })
@@ -95,7 +106,8 @@ impl Pty {
     /// Reads bytes of the client, up to 4096. Empty if there are none.
     pub fn read(&self) -> Vec<u8> {
         let mut bytes = vec![0; READ_BYTES];
-        // EIO means that no program has the port open. With any other error there is nothing to read either.
+        // EIO means that no program has the port open. With any other error there is nothing to
+        // read either.
         let count = read(&self.master, &mut bytes).unwrap_or(0);
         bytes.truncate(count);
         bytes
@@ -112,7 +124,8 @@ impl Pty {
         }
     }
 
-    /// The openings since the last call. With [`Hold::Open`] always none, and the port counts as open.
+    /// The openings since the last call. With [`Hold::Open`] always none, and the port counts as
+    /// open.
     pub fn take_openings(&mut self) -> Openings {
         let Some(watch) = &mut self.watch else {
             return Openings { count: 0, is_open: true };
@@ -121,7 +134,8 @@ impl Pty {
         if complete {
             return Openings { count, is_open: watch.openers > 0 };
         }
-        // The kernel's queue overflowed: there was at least one opening, and the master shows the present state.
+        // The kernel's queue overflowed: there was at least one opening, and the master shows the
+        // present state.
         let is_open = is_open(&self.master);
         watch.openers = usize::from(is_open);
         Openings { count: count.max(1), is_open }
@@ -129,18 +143,24 @@ impl Pty {
 
     /// Discards written bytes that no program has read.
     pub fn discard_unread(&self) {
-        // The kernel has two buffers for them: the output of the master, and the input of the slave.
+        // The kernel has two buffers for them: the output of the master, and the input of the
+        // slave.
         let _ = tcflush(&self.master, QueueSelector::OFlush);
         match &self.held {
             Some(slave) => drop(tcflush(slave, QueueSelector::IFlush)),
-            // On Linux the master's settings are those of the slave, and setting them can flush its input.
-            None => drop(tcgetattr(&self.master).map(|s| tcsetattr(&self.master, OptionalActions::Flush, &s))),
+            // On Linux the master's settings are those of the slave, and setting them can flush its
+            // input.
+            None => drop(
+                tcgetattr(&self.master)
+                    .map(|s| tcsetattr(&self.master, OptionalActions::Flush, &s)),
+            ),
         }
     }
 
     /// Prepares the port for the next program: empties both directions, and sets raw mode again.
     pub fn renew(&self) {
-        // 20 reads are 80 KiB, which is more than the kernel buffers. More reads could take bytes of the next program.
+        // 20 reads are 80 KiB, which is more than the kernel buffers. More reads could take bytes
+        // of the next program.
         for _ in 0..20 {
             self.read();
         }
@@ -176,7 +196,8 @@ impl Watch {
         let watch = || {
             let inotify = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
             let what = WatchFlags::OPEN | WatchFlags::CLOSE_WRITE | WatchFlags::CLOSE_NOWRITE;
-            // inotify merges two equal events in a row. The events of the directory between them keep them apart.
+            // inotify merges two equal events in a row. The events of the directory between them
+            // keep them apart.
             inotify::add_watch(&inotify, DEVICES, what)?;
             let device = inotify::add_watch(&inotify, device, what)?;
             Ok::<_, Errno>(Watch { inotify, device, openers: 0 })
@@ -186,7 +207,8 @@ impl Watch {
         })
     }
 
-    /// Openings since the last call while no program had the device open; and false if inotify has lost events.
+    /// Openings since the last call while no program had the device open; and false if inotify has
+    /// lost events.
     fn take(&mut self) -> (u64, bool) {
         let mut buffer = [MaybeUninit::uninit(); EVENT_BYTES];
         let mut events = Reader::new(&self.inotify, &mut buffer);
@@ -217,13 +239,16 @@ struct Link {
     _claim: UnixListener,
 }
 
-/// Links that the panic hook removes if their thread panics. A program that aborts at a panic drops nothing.
+/// Links that the panic hook removes if their thread panics. A program that aborts at a panic drops
+/// nothing.
 static PUBLISHED: Mutex<Vec<(ThreadId, PathBuf, PathBuf)>> = Mutex::new(Vec::new());
 static PANIC_HOOK: Once = Once::new();
 
 impl Link {
     fn publish(path: &Path, device: &Path) -> Result<Link> {
-        let name = path.file_name().with_context(|| format!("{} cannot be the name of a port", path.display()))?;
+        let name = path
+            .file_name()
+            .with_context(|| format!("{} cannot be the name of a port", path.display()))?;
         let directory = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
@@ -234,15 +259,22 @@ impl Link {
         let claim = claim(&path)?;
         match fs::symlink_metadata(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
+            Err(error) => {
+                return Err(error).with_context(|| format!("cannot read {}", path.display()));
+            }
             Ok(found) if found.is_symlink() && fs::read_link(&path)?.starts_with(DEVICES) => {
-                fs::remove_file(&path).with_context(|| format!("cannot replace the old link {}", path.display()))?;
+                fs::remove_file(&path)
+                    .with_context(|| format!("cannot replace the old link {}", path.display()))?;
             }
             Ok(_) => {
-                bail!("{} exists and is not a port of sim: choose another path, or remove it", path.display())
+                bail!(
+                    "{} exists and is not a port of sim: choose another path, or remove it",
+                    path.display()
+                )
             }
         }
-        symlink(device, &path).with_context(|| format!("cannot create the link {}", path.display()))?;
+        symlink(device, &path)
+            .with_context(|| format!("cannot create the link {}", path.display()))?;
         PANIC_HOOK.call_once(remove_links_on_panic);
         published().push((thread::current().id(), path.clone(), device.to_owned()));
         Ok(Link { path, device: device.to_owned(), _claim: claim })
@@ -278,19 +310,26 @@ fn remove_links_on_panic() {
     }));
 }
 
-/// Reserves the name of a port: binds a socket to it. Only one process can do so, and its end releases the name.
+/// Reserves the name of a port: binds a socket to it. Only one process can do so, and its end
+/// releases the name.
 fn claim(path: &Path) -> Result<UnixListener> {
     let mut name = b"sim port ".to_vec();
     name.extend(path.as_os_str().as_encoded_bytes());
-    // The name of a Unix socket has at most 107 bytes. The end of a long path differs more often than its start.
+    // The name of a Unix socket has at most 107 bytes. The end of a long path differs more often
+    // than its start.
     let start = name.len().saturating_sub(100);
     let address = SocketAddr::from_abstract_name(&name[start..])?;
     match UnixListener::bind_addr(&address) {
         Ok(claim) => Ok(claim),
         Err(error) if error.kind() == ErrorKind::AddrInUse => {
-            bail!("{} is a port of another sim that runs: choose another path, or end the other sim", path.display())
+            bail!(
+                "{} is a port of another sim that runs: choose another path, or end the other sim",
+                path.display()
+            )
         }
-        Err(error) => Err(error).with_context(|| format!("cannot reserve the name {}", path.display())),
+        Err(error) => {
+            Err(error).with_context(|| format!("cannot reserve the name {}", path.display()))
+        }
     }
 }
 
@@ -390,9 +429,13 @@ mod tests {
     fn the_state_is_right_after_more_openings_than_the_kernel_can_queue() {
         let scratch = Scratch::new();
         let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
-        let limit: usize =
-            fs::read_to_string("/proc/sys/fs/inotify/max_queued_events").unwrap().trim().parse().unwrap();
-        // Each event comes twice. These clients open the port before the queue is full, and close it after.
+        let limit: usize = fs::read_to_string("/proc/sys/fs/inotify/max_queued_events")
+            .unwrap()
+            .trim()
+            .parse()
+            .unwrap();
+        // Each event comes twice. These clients open the port before the queue is full, and close
+        // it after.
         let crowd: Vec<_> = (0..100).map(|_| client(pty.path())).collect();
         for _ in 0..limit / 4 {
             client(pty.path());

@@ -12,17 +12,20 @@
 //! (5.0) serial help\r
 //! ```
 //!
-//! Times are simulated seconds since power-on, so the log of a run plays at the times of that run. The timestamps of a real
-//! bus count from 1970: if the first timestamp is that large, all times are relative to it. Lines can be in any order.
+//! Times are simulated seconds since power-on, so the log of a run plays at the times of that run.
+//! The timestamps of a real bus count from 1970: if the first timestamp is that large, all times
+//! are relative to it. Lines can be in any order.
 //!
-//! The script has its own station on the bus. It sends each frame at its time, or later if the bus is busy. A log has the
-//! frames of all nodes: remove those of a node that takes part again (`grep -v`), or two stations send the same identifier.
+//! The script has its own station on the bus. It sends each frame at its time, or later if the bus
+//! is busy. A log has the frames of all nodes: remove those of a node that takes part again (`grep
+//! -v`), or two stations send the same identifier.
 //!
-//! `pwr-voltage` and `pwr-current` are millivolts at the inputs that measure a circuit, like the options `--pwr-voltage` and
-//! `--pwr-current`. A board without such inputs ignores them.
+//! `pwr-voltage` and `pwr-current` are millivolts at the inputs that measure a circuit, like the
+//! options `--pwr-voltage` and `--pwr-current`. A board without such inputs ignores them.
 //!
-//! Faults are those of `--inject`: a lasting fault ends when it is named again. The text of `serial` can contain `\r`, `\n`,
-//! `\t`, `\\` and `\xNN`; a line end is not added. Error frames in a log (`20000008#...`) are skipped: no station sent them.
+//! Faults are those of `--inject`: a lasting fault ends when it is named again. The text of
+//! `serial` can contain `\r`, `\n`, `\t`, `\\` and `\xNN`; a line end is not added. Error frames in
+//! a log (`20000008#...`) are skipped: no station sent them.
 
 use super::Link;
 use crate::fault::Fault;
@@ -83,10 +86,12 @@ impl Script {
     /// # Errors
     /// If the file cannot be read, or has an invalid line; the message names the line.
     pub fn open(path: &Path, bench: &mut Bench) -> Result<Script> {
-        let text =
-            std::fs::read_to_string(path).with_context(|| format!("--script: cannot read {}", path.display()))?;
-        let lines = parse(&text).map_err(|(line, error)| anyhow!("--script: {}:{line}: {error}", path.display()))?;
-        let mut script = Script { path: path.to_owned(), station: None, frames: 0, events: VecDeque::new() };
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("--script: cannot read {}", path.display()))?;
+        let lines = parse(&text)
+            .map_err(|(line, error)| anyhow!("--script: {}:{line}: {error}", path.display()))?;
+        let mut script =
+            Script { path: path.to_owned(), station: None, frames: 0, events: VecDeque::new() };
         for (at, action) in lines {
             match action {
                 Action::Send(frame) => {
@@ -134,7 +139,11 @@ impl Link for Script {
     fn status(&self) -> String {
         let sent = self.frames - self.frames_left();
         let events = self.events.len();
-        format!("script {}: {sent} of {} frames sent, {events} events to come", self.path.display(), self.frames)
+        format!(
+            "script {}: {sent} of {} frames sent, {events} events to come",
+            self.path.display(),
+            self.frames
+        )
     }
 }
 
@@ -174,7 +183,11 @@ fn parse_line(line: &str) -> Result<(Cycles, Action), String> {
         "button" => Action::Do(BenchEvent::Button(match argument {
             "press" => true,
             "release" => false,
-            _ => return Err(format!("expected \"button press\" or \"button release\", not \"{rest}\"")),
+            _ => {
+                return Err(format!(
+                    "expected \"button press\" or \"button release\", not \"{rest}\""
+                ));
+            }
         })),
         "fault" => Action::Do(BenchEvent::Fault(argument.parse()?)),
         "serial" => Action::Do(BenchEvent::Serial(parse_text(argument)?)),
@@ -204,10 +217,9 @@ fn parse_seconds(text: &str) -> Result<Cycles, String> {
 }
 
 fn parse_temperature(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|celsius: &f64| celsius.is_finite())
-        .ok_or_else(|| format!("expected degrees Celsius, as in \"temperature 60\", not \"{text}\""))
+    text.parse().ok().filter(|celsius: &f64| celsius.is_finite()).ok_or_else(|| {
+        format!("expected degrees Celsius, as in \"temperature 60\", not \"{text}\"")
+    })
 }
 
 /// Reads a voltage at an analogue input, from ground to the supply of the AVR.
@@ -215,7 +227,10 @@ fn parse_temperature(text: &str) -> Result<f64, String> {
 /// # Errors
 /// If `text` is not a number in this range; the message says the range.
 pub fn millivolts(text: &str) -> Result<u32, String> {
-    text.parse().ok().filter(|mv| *mv <= SUPPLY_MV).ok_or_else(|| format!("use millivolts from 0 to {SUPPLY_MV}"))
+    text.parse()
+        .ok()
+        .filter(|mv| *mv <= SUPPLY_MV)
+        .ok_or_else(|| format!("use millivolts from 0 to {SUPPLY_MV}"))
 }
 
 fn parse_millivolts(text: &str) -> Result<u32, String> {
@@ -248,11 +263,17 @@ fn parse_text(text: &str) -> Result<Vec<u8>, String> {
             (b'\\', Some(b'n')) => (b'\n', 2),
             (b'\\', Some(b't')) => (b'\t', 2),
             (b'\\', Some(b'\\')) => (b'\\', 2),
-            (b'\\', Some(b'x')) if rest.len() >= 4 && rest[2..4].iter().all(u8::is_ascii_hexdigit) => {
+            (b'\\', Some(b'x'))
+                if rest.len() >= 4 && rest[2..4].iter().all(u8::is_ascii_hexdigit) =>
+            {
                 let digit = |at: usize| (rest[at] as char).to_digit(16).unwrap_or_default() as u8;
                 (digit(2) << 4 | digit(3), 4)
             }
-            (b'\\', _) => return Err(String::from("after a \\ expected r, n, t, \\ or two digits as in \\x1B")),
+            (b'\\', _) => {
+                return Err(String::from(
+                    "after a \\ expected r, n, t, \\ or two digits as in \\x1B",
+                ));
+            }
             (byte, _) => (byte, 1),
         };
         bytes.push(byte);
@@ -349,7 +370,8 @@ mod tests {
     fn the_error_of_a_missing_or_invalid_script_names_the_file() {
         let directory = Scratch::new();
         let mut bench = Bench::new(1_000_000);
-        let mut message = |path: &Path| format!("{:#}", Script::open(path, &mut bench).err().unwrap());
+        let mut message =
+            |path: &Path| format!("{:#}", Script::open(path, &mut bench).err().unwrap());
         let path = directory.path("x.script");
         assert!(message(&path).starts_with(&format!("--script: cannot read {}: ", path.display())));
         std::fs::write(&path, "(1) button press\n(2) jump\n").unwrap();

@@ -1,12 +1,15 @@
 //! The Arduino's USB serial port on a pseudo-terminal, for avrdude, ravedude and terminal programs.
 //!
-//! The DTR line of the real port pulses RESET when a program opens the port and no other program has it open. A
-//! pseudo-terminal has no DTR, so that opening resets the board here. Bytes pass at the rate of the board's USART.
+//! The DTR line of the real port pulses RESET when a program opens the port and no other program
+//! has it open. A pseudo-terminal has no DTR, so that opening resets the board here. Bytes pass at
+//! the rate of the board's USART.
 //!
-//! Limits: the port ignores the baud rate that a program sets, as if it always matched. While no program has the port open,
-//! the board's output is lost, as on the real port. If the board does not take a byte for a tenth of a second, because its
-//! receiver is off, the port drops the bytes that wait. If a program closes the port less than a millisecond before another
-//! opens it, the last bytes of the first reach the board after the reset, because the port cannot know who wrote them.
+//! Limits: the port ignores the baud rate that a program sets, as if it always matched. While no
+//! program has the port open, the board's output is lost, as on the real port. If the board does
+//! not take a byte for a tenth of a second, because its receiver is off, the port drops the bytes
+//! that wait. If a program closes the port less than a millisecond before another opens it, the
+//! last bytes of the first reach the board after the reset, because the port cannot know who wrote
+//! them.
 
 use super::Link;
 use super::pty::{Hold, Pty};
@@ -17,7 +20,8 @@ use bench::{Cycles, F_CPU_HZ};
 use std::collections::VecDeque;
 use std::path::Path;
 
-/// Most bytes that wait for a client that does not read: more than a second of output at 115,200 baud.
+/// Most bytes that wait for a client that does not read: more than a second of output at 115,200
+/// baud.
 const TO_CLIENT_MAX: usize = 16 * 1024;
 /// Bytes that wait for the board beside those in the kernel: the size of a USB adapter's buffer.
 const TO_BOARD_MAX: usize = 128;

@@ -1,15 +1,18 @@
 //! An SLCAN adapter on a pseudo-terminal, for pydronecan, the DroneCAN GUI Tool and python-can.
 //!
-//! Each adapter is a station on the bus while its channel is open: it arbitrates and acknowledges like any node. While the
-//! channel is closed it takes no part. [`bench::dronecan::slcan`] has the protocol.
+//! Each adapter is a station on the bus while its channel is open: it arbitrates and acknowledges
+//! like any node. While the channel is closed it takes no part. [`bench::dronecan::slcan`] has the
+//! protocol.
 //!
-//! The adapter loses no frame while its client reads and the bus works. If a client writes faster than the bus carries, its
-//! pseudo-terminal blocks it. The adapter drops only frames for a client that does not read, the oldest first, and frames
-//! for a bus that has taken none for a second. It counts them and shows them in the flags.
+//! The adapter loses no frame while its client reads and the bus works. If a client writes faster
+//! than the bus carries, its pseudo-terminal blocks it. The adapter drops only frames for a client
+//! that does not read, the oldest first, and frames for a bus that has taken none for a second. It
+//! counts them and shows them in the flags.
 //!
-//! Limits: an adapter cannot detect that its client has ended, so its channel stays open, as a real adapter's does. An
-//! adapter has one client: two clients would steal each other's bytes. Frames that a client sent just before `C` still go
-//! out, for a tenth of a second; some real adapters lose them.
+//! Limits: an adapter cannot detect that its client has ended, so its channel stays open, as a real
+//! adapter's does. An adapter has one client: two clients would steal each other's bytes. Frames
+//! that a client sent just before `C` still go out, for a tenth of a second; some real adapters
+//! lose them.
 
 pub use super::Link;
 use super::pty::{Hold, Pty};
@@ -29,13 +32,15 @@ const ERROR: &[u8] = b"\x07";
 const VERSION: &[u8] = b"V1013\r";
 const SERIAL_NUMBER: &[u8] = b"NA123\r";
 
-/// Most frames in the queue for the bus. A full bus carries about 20 of the shortest frames between two calls of `serve`.
+/// Most frames in the queue for the bus. A full bus carries about 20 of the shortest frames between
+/// two calls of `serve`.
 const TO_BUS_MAX: usize = 128;
 /// Most lines in the queue for the client: half a second of a full bus.
 const TO_CLIENT_MAX: usize = 4096;
 /// Bytes for one write to the kernel.
 const CHUNK: usize = 4096;
-/// Most bytes that one call of `serve` takes from the client: several times what the bus carries between two calls.
+/// Most bytes that one call of `serve` takes from the client: several times what the bus carries
+/// between two calls.
 const INPUT_MAX: usize = 16 * 1024;
 /// A full queue whose frames the bus has not taken for this long is dropped.
 const BUS_TIMEOUT: Cycles = F_CPU_HZ;
@@ -287,8 +292,8 @@ impl Slcan {
             }
             Command::BitRate(_) if self.is_open() => self.answer(ERROR),
             Command::BitRate(bit_rate) => {
-                // At a wrong rate the bus would show only errors. `O` and `L` fail, too, because some clients ignore the answer
-                // to `S` and would send.
+                // At a wrong rate the bus would show only errors. `O` and `L` fail, too, because
+                // some clients ignore the answer to `S` and would send.
                 self.wrong_rate = bit_rate != self.bit_rate;
                 if self.wrong_rate {
                     let (asked, bus) = (bit_rate / 1000, self.bit_rate / 1000);
@@ -323,7 +328,8 @@ impl Slcan {
         self.answer(OK);
     }
 
-    /// Closes the channel if all frames are sent or `closing_until` is over. Returns true if the channel is closed.
+    /// Closes the channel if all frames are sent or `closing_until` is over. Returns true if the
+    /// channel is closed.
     fn try_close(&mut self, now: Cycles) -> bool {
         let waiting = self.queued();
         if waiting > 0 && self.closing_until.is_some_and(|until| now < until) {
@@ -361,7 +367,8 @@ impl Slcan {
         };
         let warning = node.tec().max(node.rec()) >= WARNING_LIMIT;
         let passive = node.error_state() != ErrorState::Active;
-        (if warning { flag::ERROR_WARNING } else { 0 }) | (if passive { flag::ERROR_PASSIVE } else { 0 })
+        (if warning { flag::ERROR_WARNING } else { 0 })
+            | (if passive { flag::ERROR_PASSIVE } else { 0 })
     }
 }
 
@@ -377,7 +384,10 @@ impl Link for Slcan {
     fn status(&self) -> String {
         let state = if self.is_open() { "open" } else { "closed" };
         let (path, lost) = (self.pty.path().display(), self.lost_to_bus + self.lost_to_client);
-        format!("slcan {path}: {state}, {} frames in, {} out, {lost} lost", self.to_bus, self.to_client)
+        format!(
+            "slcan {path}: {state}, {} frames in, {} out, {lost} lost",
+            self.to_bus, self.to_client
+        )
     }
 
     fn take_hint(&mut self) -> Option<String> {

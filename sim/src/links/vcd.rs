@@ -1,18 +1,22 @@
-//! The signals of one board and of the bus as a VCD file (value change dump), for sigrok and GTKWave.
+//! The signals of one board and of the bus as a VCD file (value change dump), for sigrok and
+//! GTKWave.
 //!
-//! Each signal has one bit: CAN (0 is dominant), CS, SCK, MOSI, MISO, INT, TXD, RXD, SERVO, and OUT2 to OUT8 for the further
-//! outputs of a board. Times are exact to the cycle of 62.5 ns; the unit is 100 ps. One sample per cycle keeps all edges:
+//! Each signal has one bit: CAN (0 is dominant), CS, SCK, MOSI, MISO, INT, TXD, RXD, SERVO, and
+//! OUT2 to OUT8 for the further outputs of a board. Times are exact to the cycle of 62.5 ns; the
+//! unit is 100 ps. One sample per cycle keeps all edges:
 //!
 //! ```text
 //! sigrok-cli -i run.vcd -I vcd:downsample=625 -P can:can_rx=CAN:nominal_bitrate=1000000 -A can
 //! ```
 //!
-//! The models transfer whole bytes on SPI and UART, so this link draws the bits of a byte from its start and its bit time. The
-//! edges of CAN, CS, INT, SERVO and OUT2 to OUT8 are those of the models.
+//! The models transfer whole bytes on SPI and UART, so this link draws the bits of a byte from its
+//! start and its bit time. The edges of CAN, CS, INT, SERVO and OUT2 to OUT8 are those of the
+//! models.
 //!
-//! Limits: a byte on the SPI that a reset interrupts is not drawn. MISO floats while CS is high and until the first bit, and
-//! keeps the last bit between bytes; the real chip shows its next bit there. INT falls when the AVR samples it, one or two
-//! instructions after the bit on the bus. TXD and RXD are high when idle, even if the pins are not.
+//! Limits: a byte on the SPI that a reset interrupts is not drawn. MISO floats while CS is high and
+//! until the first bit, and keeps the last bit between bytes; the real chip shows its next bit
+//! there. INT falls when the AVR samples it, one or two instructions after the bit on the bus. TXD
+//! and RXD are high when idle, even if the pins are not.
 
 mod writer;
 
@@ -29,7 +33,8 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use writer::{Level, NAMES, WIRES_OF_EVERY_BOARD, Wire, Writer};
 
-/// Longest time from the start of a byte on the SPI to its event, which comes at its end: 8 bits of 128 cycles.
+/// Longest time from the start of a byte on the SPI to its event, which comes at its end: 8 bits of
+/// 128 cycles.
 const SPI_LAG: Cycles = 8 * 128;
 /// Simulated time between two writes to the file. A run that is killed loses at most this time.
 const FLUSH_PERIOD: Cycles = F_CPU_HZ / 100;
@@ -49,8 +54,8 @@ pub struct Vcd {
 }
 
 impl Vcd {
-    /// Creates the file, and attaches probes to the bus and to the board with number `node`. The bus has one tap only: of two
-    /// VCD files, the later one gets the signal CAN.
+    /// Creates the file, and attaches probes to the bus and to the board with number `node`. The
+    /// bus has one tap only: of two VCD files, the later one gets the signal CAN.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -80,12 +85,15 @@ impl Vcd {
         Ok(Vcd { path, node, writer, bus, drawn, seen_to: now, next_flush: now, finished: false })
     }
 
-    /// Writes the last changes and the time of the end, unless that was done or a write has failed before.
+    /// Writes the last changes and the time of the end, unless that was done or a write has failed
+    /// before.
     fn write_end(&mut self) -> Result<()> {
         if std::mem::replace(&mut self.finished, true) {
             return Ok(());
         }
-        self.writer.finish(self.seen_to).with_context(|| format!("cannot write {}", self.path.display()))
+        self.writer
+            .finish(self.seen_to)
+            .with_context(|| format!("cannot write {}", self.path.display()))
     }
 
     fn collect(&mut self, bench: &mut Bench) {
@@ -101,7 +109,9 @@ impl Vcd {
                     }
                 }
                 WireEvent::Spi { byte, miso } => draw_spi(&mut self.writer, &byte, miso),
-                WireEvent::Serial(character) => self.drawn.draw_serial(&mut self.writer, &character),
+                WireEvent::Serial(character) => {
+                    self.drawn.draw_serial(&mut self.writer, &character)
+                }
                 WireEvent::Int(_) | WireEvent::Servo(_) | WireEvent::Output { .. } => {
                     if let Some((wire, level)) = plain_level(event) {
                         self.writer.change(at, wire, level);
@@ -121,7 +131,10 @@ impl Link for Vcd {
             self.next_flush = self.seen_to + FLUSH_PERIOD;
         }
         let safe = bench.bus().now().min(self.seen_to.saturating_sub(SPI_LAG));
-        let written = self.writer.advance(safe).and_then(|()| if is_flush_due { self.writer.flush() } else { Ok(()) });
+        let written = self
+            .writer
+            .advance(safe)
+            .and_then(|()| if is_flush_due { self.writer.flush() } else { Ok(()) });
         if written.is_err() {
             // Prevents a second write at the end, which would fail, too.
             self.finished = true;
@@ -152,13 +165,15 @@ fn plain_level(event: WireEvent) -> Option<(Wire, bool)> {
         WireEvent::Cs(high) => Some((Wire::Cs, high)),
         WireEvent::Int(high) => Some((Wire::Int, high)),
         WireEvent::Servo(high) => Some((Wire::Servo, high)),
-        WireEvent::Output { index, high } => NAMES.get(WIRES_OF_EVERY_BOARD + index).map(|(wire, _)| (*wire, high)),
+        WireEvent::Output { index, high } => {
+            NAMES.get(WIRES_OF_EVERY_BOARD + index).map(|(wire, _)| (*wire, high))
+        }
         WireEvent::Spi { .. } | WireEvent::Serial(_) => None,
     }
 }
 
-/// Draws the bits of a byte (datasheet section 19.4). With CPHA = 0 the data changes half a bit before the first edge of SCK,
-/// with CPHA = 1 at the first edge.
+/// Draws the bits of a byte (datasheet section 19.4). With CPHA = 0 the data changes half a bit
+/// before the first edge of SCK, with CPHA = 1 at the first edge.
 fn draw_spi<W: std::io::Write>(writer: &mut Writer<W>, byte: &SpiByte, miso: u8) {
     let idle = byte.mode & 0b10 != 0;
     let late_phase = byte.mode & 0b01 != 0;
@@ -181,9 +196,16 @@ struct Drawn {
 }
 
 impl Drawn {
-    fn draw_serial<W: std::io::Write>(&mut self, writer: &mut Writer<W>, character: &SerialCharacter) {
-        let (wire, drawn_to) =
-            if character.to_chip { (Wire::Rxd, &mut self.rxd_to) } else { (Wire::Txd, &mut self.txd_to) };
+    fn draw_serial<W: std::io::Write>(
+        &mut self,
+        writer: &mut Writer<W>,
+        character: &SerialCharacter,
+    ) {
+        let (wire, drawn_to) = if character.to_chip {
+            (Wire::Rxd, &mut self.rxd_to)
+        } else {
+            (Wire::Txd, &mut self.txd_to)
+        };
         if character.start < *drawn_to {
             writer.cut(character.start, wire);
         }
@@ -210,7 +232,13 @@ mod tests {
         writer.finish(1_000_000).unwrap();
         drop(writer);
         let text = String::from_utf8(out).unwrap();
-        let code = text.lines().find(|line| line.contains(&format!(" {wire} "))).unwrap().split(' ').nth(3).unwrap();
+        let code = text
+            .lines()
+            .find(|line| line.contains(&format!(" {wire} ")))
+            .unwrap()
+            .split(' ')
+            .nth(3)
+            .unwrap();
         let (mut at, mut changes) = (0, Vec::new());
         for line in text.split_once("$dumpvars").unwrap().1.lines() {
             if let Some(time) = line.strip_prefix('#') {
@@ -230,7 +258,8 @@ mod tests {
     #[test]
     fn in_mode_0_data_changes_at_the_falling_edge_and_is_stable_at_the_rising_one() {
         let clock = drawn("SCK", |writer| draw_spi(writer, &byte(0), 0));
-        let rising: Vec<_> = clock.iter().filter(|(_, level)| *level == '1').map(|(at, _)| *at).collect();
+        let rising: Vec<_> =
+            clock.iter().filter(|(_, level)| *level == '1').map(|(at, _)| *at).collect();
         assert_eq!(rising, [101, 103, 105, 107, 109, 111, 113, 115]);
         assert_eq!((clock[0], clock.last()), ((100, '0'), Some(&(116, '0'))));
         let data = drawn("MOSI", |writer| draw_spi(writer, &byte(0), 0));
@@ -240,7 +269,8 @@ mod tests {
     #[test]
     fn in_mode_3_the_clock_idles_high_and_data_changes_at_the_falling_edge() {
         let clock = drawn("SCK", |writer| draw_spi(writer, &byte(3), 0));
-        let falling: Vec<_> = clock.iter().filter(|(_, level)| *level == '0').map(|(at, _)| *at).collect();
+        let falling: Vec<_> =
+            clock.iter().filter(|(_, level)| *level == '0').map(|(at, _)| *at).collect();
         assert_eq!(falling, [100, 102, 104, 106, 108, 110, 112, 114]);
         assert_eq!(clock.last(), Some(&(115, '1')));
         let data = drawn("MISO", |writer| draw_spi(writer, &byte(3), 0x01));
@@ -248,8 +278,13 @@ mod tests {
     }
 
     /// 'A' as 8N1: start bit, 0x41 from its lowest bit, stop bit.
-    const CHARACTER: SerialCharacter =
-        SerialCharacter { to_chip: false, start: 1000, cycles_per_bit: 136, levels: 0b10_1000_0010, bits: 10 };
+    const CHARACTER: SerialCharacter = SerialCharacter {
+        to_chip: false,
+        start: 1000,
+        cycles_per_bit: 136,
+        levels: 0b10_1000_0010,
+        bits: 10,
+    };
 
     #[test]
     fn the_bits_of_a_character_are_one_bit_time_apart() {
@@ -264,7 +299,10 @@ mod tests {
         let mut serial = Drawn { txd_to: 0, rxd_to: 0 };
         let line = drawn("TXD", |writer| {
             serial.draw_serial(writer, &CHARACTER);
-            serial.draw_serial(writer, &SerialCharacter { start: 1300, levels: 0, bits: 0, ..CHARACTER });
+            serial.draw_serial(
+                writer,
+                &SerialCharacter { start: 1300, levels: 0, bits: 0, ..CHARACTER },
+            );
         });
         assert_eq!(line, [(1000, '0'), (1136, '1'), (1272, '0'), (1300, '1')]);
     }

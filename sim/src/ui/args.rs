@@ -25,7 +25,8 @@ The exit code is 0 if the firmware ran without a crash and without a mistake, 1 
 command line is wrong, and 3 after an error of this computer, such as a missing file or a busy port.";
 
 fn after_help() -> String {
-    let keys: String = keys::HELP.iter().map(|(keys, text)| format!("  {keys:15}{text}\n")).collect();
+    let keys: String =
+        keys::HELP.iter().map(|(keys, text)| format!("  {keys:15}{text}\n")).collect();
     format!(
         "Keys of the live view:\n{keys}\n\
          Faults for --inject NAME@TIME:\n{}\n\
@@ -65,7 +66,8 @@ pub struct Args {
     #[command(subcommand)]
     pub command: Option<Command>,
 
-    /// Firmware to boot, an ELF file for an ATmega168 or ATmega328P [default: the one that "make firmware" has built]
+    /// Firmware to boot, an ELF file for an ATmega168 or ATmega328P [default: the one that "make
+    /// firmware" has built]
     #[arg(long, value_name = "PATH")]
     pub elf: Option<PathBuf>,
 
@@ -77,8 +79,8 @@ pub struct Args {
     #[arg(long, value_name = "FACTOR", default_value = "1", allow_hyphen_values = true)]
     pub speed: Speed,
 
-    /// Bits per second on the bus; a node with another rate gets only errors [default: 500000 if the crystal of the MCP2515
-    /// has 8 MHz, else 1000000]
+    /// Bits per second on the bus; a node with another rate gets only errors [default: 500000 if
+    /// the crystal of the MCP2515 has 8 MHz, else 1000000]
     #[arg(long, value_name = "BIT/S", value_parser = bit_rate, allow_hyphen_values = true)]
     pub bit_rate: Option<u32>,
 
@@ -86,7 +88,8 @@ pub struct Args {
     #[arg(long)]
     pub plain: bool,
 
-    /// Write the result of the run to FILE at its end: pulses, frames, losses, mistakes, restarts, memory
+    /// Write the result of the run to FILE at its end: pulses, frames, losses, mistakes, restarts,
+    /// memory
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 
@@ -98,32 +101,39 @@ pub struct Args {
     #[arg(long, value_name = "KIND", value_enum, default_value_t = Profile::Plain)]
     pub autopilot: Profile,
 
-    /// Dialect of the autopilot: v0, which is DroneCAN, or draft, the UAVCAN of 2014; draft needs --autopilot plain or thesis
+    /// Dialect of the autopilot: v0, which is DroneCAN, or draft, the UAVCAN of 2014; draft needs
+    /// --autopilot plain or thesis
     #[arg(long, value_name = "DIALECT", default_value_t = Dialect::V0, value_parser = dialect)]
     pub dialect: Dialect,
 
-    /// Send only the autopilot's status or only its commands [default: all messages of that flight controller]
+    /// Send only the autopilot's status or only its commands [default: all messages of that flight
+    /// controller]
     #[arg(long, value_name = "WHAT", value_enum)]
     pub only: Option<Only>,
 
-    /// Node ID of the simulated autopilot, 1 to 127 [default: 10 for ardupilot and ardupilot-pwm, else 1]
+    /// Node ID of the simulated autopilot, 1 to 127 [default: 10 for ardupilot and ardupilot-pwm,
+    /// else 1]
     #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub autopilot_id: Option<NodeId>,
 
-    /// Actuator ID that the autopilot moves, 0 to 255; for ardupilot 1 to 15, for px4 0 to 7; all: each with its own phase
+    /// Actuator ID that the autopilot moves, 0 to 255; for ardupilot 1 to 15, for px4 0 to 7; all:
+    /// each with its own phase
     #[arg(long, value_name = "ID|all", default_value = "1", value_parser = actuator, allow_hyphen_values = true)]
     pub actuator: Actuator,
 
-    /// Number of motors that the autopilot commands 50 times a second, from index 0 on; they sweep while armed; for ardupilot
-    /// up to 20, for px4 up to 12 [default: none, and no esc.RawCommand]
+    /// Number of motors that the autopilot commands 50 times a second, from index 0 on; they sweep
+    /// while armed; for ardupilot up to 20, for px4 up to 12 [default: none, and no
+    /// esc.RawCommand]
     #[arg(long, value_name = "NUMBER", value_parser = motors, allow_hyphen_values = true)]
     pub motors: Option<u8>,
 
-    /// Unit of the commands, for --autopilot plain; in the draft only unitless and thesis [default: unitless]
+    /// Unit of the commands, for --autopilot plain; in the draft only unitless and thesis
+    /// [default: unitless]
     #[arg(long, value_name = "TYPE", value_enum)]
     pub command_type: Option<CommandType>,
 
-    /// Let the autopilot allocate node IDs, from 125 downwards, to boards that request one (CAN_NODE 0)
+    /// Let the autopilot allocate node IDs, from 125 downwards, to boards that request one
+    /// (CAN_NODE 0)
     #[arg(long)]
     pub allocate: bool,
 
@@ -139,15 +149,18 @@ pub struct Args {
     #[arg(long, value_name = "DEGREES", default_value_t = 25.0, value_parser = celsius, allow_hyphen_values = true)]
     pub temperature: f64,
 
-    /// Voltage at the input that measures the circuit's voltage, in millivolts, 0 to 5000 [default: 0]
+    /// Voltage at the input that measures the circuit's voltage, in millivolts, 0 to 5000
+    /// [default: 0]
     #[arg(long, value_name = "MV", value_parser = millivolts, allow_hyphen_values = true)]
     pub pwr_voltage: Option<u32>,
 
-    /// Voltage at the input that measures the circuit's current, in millivolts, 0 to 5000 [default: 0]
+    /// Voltage at the input that measures the circuit's current, in millivolts, 0 to 5000
+    /// [default: 0]
     #[arg(long, value_name = "MV", value_parser = millivolts, allow_hyphen_values = true)]
     pub pwr_current: Option<u32>,
 
-    /// Cause a fault at a simulated time, for example chip-reset@2s (repeatable; --help lists the names)
+    /// Cause a fault at a simulated time, for example chip-reset@2s (repeatable; --help lists the
+    /// names)
     #[arg(long, value_name = "NAME@TIME")]
     pub inject: Vec<Injection>,
 
@@ -201,7 +214,10 @@ impl Args {
     pub fn circuit_millivolts(&self, wiring: &Wiring) -> Result<[u32; 2]> {
         let options = [("--pwr-voltage", self.pwr_voltage), ("--pwr-current", self.pwr_current)];
         for (name, option) in options {
-            ensure!(option.is_none() || wiring.power.is_some(), "{name}: this program has no inputs for a circuit");
+            ensure!(
+                option.is_none() || wiring.power.is_some(),
+                "{name}: this program has no inputs for a circuit"
+            );
         }
         Ok(options.map(|(_, option)| option.unwrap_or(0)))
     }
@@ -256,7 +272,11 @@ impl Args {
             "--motors: {} does not send ArmingStatus, use --autopilot ardupilot or px4",
             self.autopilot
         );
-        ensure!(motors <= motors_max, "--motors {motors}: {} commands at most {motors_max}", self.autopilot);
+        ensure!(
+            motors <= motors_max,
+            "--motors {motors}: {} commands at most {motors_max}",
+            self.autopilot
+        );
         Ok(Some(Settings {
             node_id: self.autopilot_id.unwrap_or(usual.node_id),
             actuator,
@@ -278,7 +298,10 @@ fn bit_rate(text: &str) -> Result<u32, String> {
 
 fn dialect(text: &str) -> Result<Dialect, String> {
     let named = |dialect: &Dialect| dialect.to_string() == text;
-    [Dialect::V0, Dialect::Draft].into_iter().find(named).ok_or_else(|| String::from("use v0 or draft"))
+    [Dialect::V0, Dialect::Draft]
+        .into_iter()
+        .find(named)
+        .ok_or_else(|| String::from("use v0 or draft"))
 }
 
 fn node_id(text: &str) -> Result<NodeId, String> {
@@ -289,7 +312,10 @@ fn node_id(text: &str) -> Result<NodeId, String> {
 fn actuator(text: &str) -> Result<Actuator, String> {
     match text {
         "all" => Ok(Actuator::All),
-        id => id.parse().map(Actuator::Id).map_err(|_| String::from("use a number from 0 to 255, or all")),
+        id => id
+            .parse()
+            .map(Actuator::Id)
+            .map_err(|_| String::from("use a number from 0 to 255, or all")),
     }
 }
 
@@ -300,7 +326,8 @@ fn motors(text: &str) -> Result<u8, String> {
         .ok_or_else(|| String::from("use a number from 1 to 20"))
 }
 
-/// Reads the period of the sweep. A shorter one than 100 ms is too fast to see; 1 h is an arbitrary limit.
+/// Reads the period of the sweep. A shorter one than 100 ms is too fast to see; 1 h is an arbitrary
+/// limit.
 fn sweep_period(text: &str) -> Result<Cycles, String> {
     let period = parse_duration(text)?;
     match (F_CPU_HZ / 10..=3600 * F_CPU_HZ).contains(&period) {
@@ -342,7 +369,10 @@ mod tests {
     #[test]
     fn without_options_sim_shows_the_live_view_in_real_time() {
         let args = parse("sim").unwrap();
-        assert_eq!(args.bit_rate(&args.wires.apply(Wiring::default()).unwrap()).unwrap(), 1_000_000);
+        assert_eq!(
+            args.bit_rate(&args.wires.apply(Wiring::default()).unwrap()).unwrap(),
+            1_000_000
+        );
         assert_eq!(args.speed, Speed::Factor(1.0));
         assert_eq!(args.duration, None);
         assert_eq!(args.autopilot().unwrap().unwrap().node_id.get(), 1);
@@ -352,7 +382,9 @@ mod tests {
 
     #[test]
     fn every_option_of_the_examples_is_parsed() {
-        let args = parse("sim --for 5s --speed max --hold -0.5 --command-type pwm --inject cable@2s").unwrap();
+        let args =
+            parse("sim --for 5s --speed max --hold -0.5 --command-type pwm --inject cable@2s")
+                .unwrap();
         assert_eq!(args.duration, Some(5 * F_CPU_HZ));
         assert_eq!(args.hold, Some(-0.5));
         assert_eq!(args.command_type, Some(CommandType::Pwm));
@@ -412,7 +444,11 @@ mod tests {
         let by_wire = wiring("sim --mcu atmega328p --cs D10 --int D2 --crystal 8").unwrap();
         assert_eq!(
             by_wire,
-            Wiring { board: String::from("diecimila"), shield: String::from("seeed"), ..by_name.clone() }
+            Wiring {
+                board: String::from("diecimila"),
+                shield: String::from("seeed"),
+                ..by_name.clone()
+            }
         );
         let servo = wiring("sim --cs D8 --servo D9").unwrap();
         assert_eq!((servo.servo.to_string().as_str(), servo.cs.to_string().as_str()), ("D9", "D8"));
@@ -431,14 +467,20 @@ mod tests {
         assert_eq!(bit_rate("sim --bit-rate 250000", &by_name).unwrap(), 250_000);
         assert_eq!(bit_rate("sim --bit-rate 125000", &Wiring::default()).unwrap(), 125_000);
         let error = bit_rate("sim --bit-rate 1000000", &by_name).unwrap_err().to_string();
-        assert_eq!(error, "--bit-rate 1000000: an MCP2515 with a crystal of 8 MHz does at most 500000 bit/s");
+        assert_eq!(
+            error,
+            "--bit-rate 1000000: an MCP2515 with a crystal of 8 MHz does at most 500000 bit/s"
+        );
     }
 
     #[test]
     fn the_inputs_of_a_circuit_get_their_millivolts_if_the_board_has_them() {
         let mut wiring = Wiring::default();
         let millivolts = |line, wiring: &Wiring| parse(line).unwrap().circuit_millivolts(wiring);
-        assert_eq!(millivolts("sim --pwr-voltage 1260 --pwr-current 5000", &wiring).unwrap(), [1260, 5000]);
+        assert_eq!(
+            millivolts("sim --pwr-voltage 1260 --pwr-current 5000", &wiring).unwrap(),
+            [1260, 5000]
+        );
         assert_eq!(millivolts("sim --pwr-current 330", &wiring).unwrap(), [0, 330]);
         wiring.power = None;
         assert_eq!(millivolts("sim", &wiring).unwrap(), [0, 0]);
@@ -449,10 +491,23 @@ mod tests {
     #[test]
     fn the_options_choose_the_autopilot_and_its_settings() {
         let settings = |line| parse(line).unwrap().autopilot().unwrap();
-        let chosen = |line| settings(line).map(|s| (s.node_id.get(), s.actuator, s.command_type, s.allocates)).unwrap();
-        assert_eq!(chosen("sim --autopilot ardupilot --allocate"), (10, 1, CommandType::Unitless, true));
-        assert_eq!(chosen("sim --autopilot ardupilot-pwm --autopilot-id 3"), (3, 1, CommandType::Pwm, false));
-        assert_eq!(chosen("sim --autopilot px4 --actuator 0"), (1, 0, CommandType::Unitless, false));
+        let chosen = |line| {
+            settings(line)
+                .map(|s| (s.node_id.get(), s.actuator, s.command_type, s.allocates))
+                .unwrap()
+        };
+        assert_eq!(
+            chosen("sim --autopilot ardupilot --allocate"),
+            (10, 1, CommandType::Unitless, true)
+        );
+        assert_eq!(
+            chosen("sim --autopilot ardupilot-pwm --autopilot-id 3"),
+            (3, 1, CommandType::Pwm, false)
+        );
+        assert_eq!(
+            chosen("sim --autopilot px4 --actuator 0"),
+            (1, 0, CommandType::Unitless, false)
+        );
         assert_eq!(chosen("sim --autopilot thesis"), (1, 1, CommandType::Thesis, false));
         let dialect = |line| settings(line).map(|s| (s.dialect, s.command_type, s.only)).unwrap();
         assert_eq!(dialect("sim"), (Dialect::V0, CommandType::Unitless, None));
@@ -460,9 +515,14 @@ mod tests {
         assert_eq!(draft, (Dialect::Draft, CommandType::Unitless, Some(Only::Status)));
         let draft = dialect("sim --dialect draft --autopilot thesis --only commands");
         assert_eq!(draft, (Dialect::Draft, CommandType::Thesis, Some(Only::Commands)));
-        assert!(settings("sim --autopilot none").is_none() && settings("sim --no-autopilot").is_none());
+        assert!(
+            settings("sim --autopilot none").is_none() && settings("sim --no-autopilot").is_none()
+        );
         let moves = |line| settings(line).map(|s| (s.actuator, s.moves, s.motors)).unwrap();
-        assert_eq!(moves("sim --autopilot ardupilot --actuator all --motors 20"), (1, Moves::All, 20));
+        assert_eq!(
+            moves("sim --autopilot ardupilot --actuator all --motors 20"),
+            (1, Moves::All, 20)
+        );
         assert_eq!(moves("sim --autopilot px4 --actuator all --motors 12"), (0, Moves::All, 12));
         assert_eq!(moves("sim --autopilot px4 --actuator 7"), (7, Moves::One, 0));
         for (line, advice) in [

@@ -1,23 +1,28 @@
-//! Hints for the author of a program: bit rates that do not match, a chip select that is never low, and a frame that waits in
-//! a mode of the controller that does not send. The bench gives each hint once.
+//! Hints for the author of a program: bit rates that do not match, a chip select that is never low,
+//! and a frame that waits in a mode of the controller that does not send. The bench gives each hint
+//! once.
 //!
-//! A finding is not a mistake of the program, which may fit another board. [`mistakes`](super::mistakes) has the mistakes.
+//! A finding is not a mistake of the program, which may fit another board.
+//! [`mistakes`](super::mistakes) has the mistakes.
 
 use bench::board::Board;
 use bench::mcp2515::Mode;
 use bench::{Cycles, F_CPU_HZ};
 
-/// Largest difference of two CAN bit rates that counts as equal: just above the 1.58 % that ISO 11898-1 allows at most.
+/// Largest difference of two CAN bit rates that counts as equal: just above the 1.58 % that ISO
+/// 11898-1 allows at most.
 const CAN_TOLERANCE_PER_MILLE: u64 = 16;
 /// Largest difference of two baud rates at which a UART still receives characters of 10 bits.
 const UART_TOLERANCE_PER_MILLE: u64 = 40;
 /// The rate of the Arduino IDE's serial monitor, of ravedude and of this project.
 const SERIAL_MONITOR_RATE: u64 = 115_200;
 /// The rates that serial monitors offer.
-const SERIAL_RATES: [u64; 11] = [300, 1_200, 2_400, 4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 250_000, 1_000_000];
+const SERIAL_RATES: [u64; 11] =
+    [300, 1_200, 2_400, 4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 250_000, 1_000_000];
 /// Time after power-on by which a program has configured its SPI.
 const SPI_SETTLED: Cycles = F_CPU_HZ / 2;
-/// A frame that waits this long for normal mode: the program has not set that mode. The start of a program takes less.
+/// A frame that waits this long for normal mode: the program has not set that mode. The start of a
+/// program takes less.
 const MODE_SETTLED: Cycles = F_CPU_HZ / 2;
 
 /// The hints given so far.
@@ -49,7 +54,9 @@ impl Findings {
             return None;
         }
         let rate = chip.bit_rate();
-        if self.bit_rate.replace(rate) == Some(rate) || is_near(rate, bus_rate.into(), CAN_TOLERANCE_PER_MILLE) {
+        if self.bit_rate.replace(rate) == Some(rate)
+            || is_near(rate, bus_rate.into(), CAN_TOLERANCE_PER_MILLE)
+        {
             return None;
         }
         Some(format!(
@@ -68,11 +75,14 @@ impl Findings {
         if is_near(rate, SERIAL_MONITOR_RATE, UART_TOLERANCE_PER_MILLE) {
             return None;
         }
-        let usual = SERIAL_RATES.into_iter().find(|usual| is_near(rate, *usual, UART_TOLERANCE_PER_MILLE));
+        let usual =
+            SERIAL_RATES.into_iter().find(|usual| is_near(rate, *usual, UART_TOLERANCE_PER_MILLE));
         Some(match usual {
             Some(usual) => format!("the UART is at {usual} baud: set the serial monitor to that"),
             None => {
-                format!("the UART is at {rate} baud, which no serial monitor has: is the program for another clock?")
+                format!(
+                    "the UART is at {rate} baud, which no serial monitor has: is the program for another clock?"
+                )
             }
         })
     }
@@ -118,7 +128,11 @@ fn is_near(rate: u64, other: u64, per_mille: u64) -> bool {
 
 /// `rate` in thousands, with one decimal unless it is 0: "500", "83.3".
 fn kilo(rate: u64) -> String {
-    if rate.is_multiple_of(1000) { format!("{}", rate / 1000) } else { format!("{:.1}", rate as f64 / 1000.0) }
+    if rate.is_multiple_of(1000) {
+        format!("{}", rate / 1000)
+    } else {
+        format!("{:.1}", rate as f64 / 1000.0)
+    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,8 @@
 
 use std::collections::VecDeque;
 
-/// Lines kept of each type of traffic and of the serial monitor: 100 s of commands at 50 Hz, and more than any screen shows.
+/// Lines kept of each type of traffic and of the serial monitor: 100 s of commands at 50 Hz, and
+/// more than any screen shows.
 const LINES_KEPT: usize = 5_000;
 
 /// A bounded history.

@@ -7,7 +7,8 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 /// The action of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// Changes the commanded deflection by this many hundredths of full deflection, and holds it there.
+    /// Changes the commanded deflection by this many hundredths of full deflection, and holds it
+    /// there.
     Nudge(i8),
     ToggleSweep,
     /// Changes the temperature at the sensor by this many degrees Celsius.
@@ -31,7 +32,8 @@ pub enum Action {
     /// Hides or shows the type of traffic under the cursor.
     ToggleType,
     ShowAllTypes,
-    /// Scrolls the traffic by this many pages: back if positive, towards the newest line if negative.
+    /// Scrolls the traffic by this many pages: back if positive, towards the newest line if
+    /// negative.
     Scroll(i8),
     /// Shows the newest traffic again.
     ScrollEnd,
@@ -67,7 +69,8 @@ pub const HELP: &[(&str, &str)] = &[
 const STEP: i8 = 5;
 const FAST_STEP: i8 = 25;
 
-/// The action of `key` while `popup` is open. A digit begins a fault only in the list of faults, but ends it at any time.
+/// The action of `key` while `popup` is open. A digit begins a fault only in the list of faults,
+/// but ends it at any time.
 pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
     if key.kind == KeyEventKind::Release {
         return None;
@@ -112,7 +115,8 @@ pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
     })
 }
 
-/// The key that begins and ends `fault`; `None` if it has no key. A digit begins its fault only in the list of faults.
+/// The key that begins and ends `fault`; `None` if it has no key. A digit begins its fault only in
+/// the list of faults.
 pub fn key_of(fault: Fault) -> Option<char> {
     let begins = |key: &char| {
         let key = KeyEvent::new(KeyCode::Char(*key), KeyModifiers::NONE);
@@ -125,7 +129,8 @@ pub fn key_of(fault: Fault) -> Option<char> {
 mod tests {
     use super::*;
 
-    const POPUPS: [Option<Popup>; 4] = [None, Some(Popup::Faults), Some(Popup::Types), Some(Popup::Help)];
+    const POPUPS: [Option<Popup>; 4] =
+        [None, Some(Popup::Faults), Some(Popup::Types), Some(Popup::Help)];
 
     fn press_in(popup: Option<Popup>, code: KeyCode) -> Option<Action> {
         action(KeyEvent::new(code, KeyModifiers::NONE), popup)
@@ -189,7 +194,10 @@ mod tests {
         assert_eq!(press_in(types, KeyCode::Up), Some(Action::Select(-1)));
         assert_eq!(press_in(types, KeyCode::Down), Some(Action::Select(1)));
         assert_eq!(press(KeyCode::Char(' ')), Some(Action::TogglePause));
-        assert_eq!((press(KeyCode::Enter), press(KeyCode::Up), press(KeyCode::Down)), (None, None, None));
+        assert_eq!(
+            (press(KeyCode::Enter), press(KeyCode::Up), press(KeyCode::Down)),
+            (None, None, None)
+        );
     }
 
     #[test]
@@ -202,8 +210,14 @@ mod tests {
     #[test]
     fn each_fault_names_its_key() {
         let key = |name: &str| key_of(name.parse().unwrap());
-        assert_eq!((key("cable"), key("silence"), key("disarm")), (Some('c'), Some('a'), Some('d')));
-        assert_eq!((key("bit-error"), key("stuck-dominant"), key("error-storm")), (Some('1'), Some('5'), None));
+        assert_eq!(
+            (key("cable"), key("silence"), key("disarm")),
+            (Some('c'), Some('a'), Some('d'))
+        );
+        assert_eq!(
+            (key("bit-error"), key("stuck-dominant"), key("error-storm")),
+            (Some('1'), Some('5'), None)
+        );
     }
 
     /// Some terminals report a key twice, when it is pressed and when it is released.
@@ -230,7 +244,9 @@ mod tests {
                 "Esc" => KeyCode::Esc,
                 "Ctrl-C" => return vec![KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL)],
                 "1..9" => {
-                    return ('1'..='9').map(|digit| KeyEvent::new(KeyCode::Char(digit), KeyModifiers::NONE)).collect();
+                    return ('1'..='9')
+                        .map(|digit| KeyEvent::new(KeyCode::Char(digit), KeyModifiers::NONE))
+                        .collect();
                 }
                 _ => {
                     assert_eq!(name.len(), 1, "{name} is not a key");
@@ -246,7 +262,10 @@ mod tests {
     fn each_key_of_the_help_has_an_action() {
         for (names, _) in HELP {
             for key in keys_in(names) {
-                assert!(POPUPS.iter().any(|popup| action(key, *popup).is_some()), "{names}: {key:?} does nothing");
+                assert!(
+                    POPUPS.iter().any(|popup| action(key, *popup).is_some()),
+                    "{names}: {key:?} does nothing"
+                );
             }
         }
     }
@@ -282,7 +301,8 @@ mod tests {
     #[test]
     fn the_readme_names_every_key_of_the_help() {
         let readme = include_str!("../../../README.md");
-        let paragraph = readme.split("\n\n").find(|text| text.starts_with("Keys in `make sim`")).unwrap();
+        let paragraph =
+            readme.split("\n\n").find(|text| text.starts_with("Keys in `make sim`")).unwrap();
         for name in HELP.iter().flat_map(|(names, _)| names.split(' ')) {
             assert!(paragraph.contains(&format!("`{name}`")), "{name} is not in README.md");
         }

@@ -1,7 +1,7 @@
 //! Draws the live view from the state of the bench and the state of the screen. It changes neither.
 //!
-//! The layout fits 80 columns by 24 rows. On a higher terminal it adds a dial for the servo. On a wider one it puts the
-//! serial monitor beside the traffic.
+//! The layout fits 80 columns by 24 rows. On a higher terminal it adds a dial for the servo. On a
+//! wider one it puts the serial monitor beside the traffic.
 
 use super::keys;
 use super::pace::Measured;
@@ -56,7 +56,8 @@ pub(super) const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier:
 pub(super) const DIM: Style = Style::new().fg(Color::DarkGray);
 const NODE: Style = Style::new().fg(Color::Cyan);
 
-/// Draws the live view. Returns the number of lines of traffic on it, which is a page for scrolling.
+/// Draws the live view. Returns the number of lines of traffic on it, which is a page for
+/// scrolling.
 pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     let area = frame.area();
     if area.width < COLUMNS_MIN || area.height < ROWS_MIN {
@@ -72,9 +73,13 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     let mut note_lines = condition_lines(state, columns);
     note_lines.extend(fault_lines(state, columns));
     let note_rows = note_lines.len() as u16;
-    // On a small terminal the notes take lines from the links, so that the lists keep a useful length.
-    let link_rows_max =
-        if with_dial { LINK_ROWS } else { LINK_ROWS_SMALL.saturating_sub(note_rows.saturating_sub(1)).max(1) };
+    // On a small terminal the notes take lines from the links, so that the lists keep a useful
+    // length.
+    let link_rows_max = if with_dial {
+        LINK_ROWS
+    } else {
+        LINK_ROWS_SMALL.saturating_sub(note_rows.saturating_sub(1)).max(1)
+    };
     let link_rows = u16::try_from(state.links.len()).unwrap_or(u16::MAX).min(link_rows_max);
     let [title, top, notes, links, lists, foot] = Layout::vertical([
         Constraint::Length(1),
@@ -141,12 +146,15 @@ fn title_line(state: &State, screen: &Screen) -> Line<'static> {
         (true, false) => format!("all {deflection:+.2}"),
         (false, _) => format!("{deflection:+.2}"),
     };
-    let motors = if autopilot.motors > 0 { format!(", {} motors", autopilot.motors) } else { String::new() };
+    let motors =
+        if autopilot.motors > 0 { format!(", {} motors", autopilot.motors) } else { String::new() };
     let dialect = dialect_note(autopilot.dialect);
     spans.push(if autopilot.is_silent {
         Span::styled(format!(" {profile} {node_id}{dialect} is silent"), WARN)
     } else {
-        Span::from(format!(" {profile} {node_id}{dialect} {motion} {amount} {command_type}{motors}"))
+        Span::from(format!(
+            " {profile} {node_id}{dialect} {motion} {amount} {command_type}{motors}"
+        ))
     });
     if !autopilot.is_armed {
         spans.push(Span::styled("  disarmed", WARN));
@@ -164,7 +172,9 @@ fn dialect_note(dialect: Dialect) -> &'static str {
 
 /// The conditions in the vendor-specific status code, if the program is this project's.
 fn condition_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
-    let Some((_, node, status)) = state.status.filter(|_| state.knows_vendor_code) else { return Vec::new() };
+    let Some((_, node, status)) = state.status.filter(|_| state.knows_vendor_code) else {
+        return Vec::new();
+    };
     let conditions = vendor_code::conditions(status.vendor_code);
     let last = conditions.len().saturating_sub(1);
     let texts = conditions.iter().enumerate().map(|(index, text)| {
@@ -189,9 +199,14 @@ fn fault_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
     wrapped(Line::from(" Faults on (x ends all):"), faults, columns, FAULT_ROWS)
 }
 
-/// Puts `lead` and `items` on at most `rows` lines of `columns` columns, and counts the items that do not fit. Without items
-/// there are no lines.
-fn wrapped(lead: Line<'static>, items: Vec<Line<'static>>, columns: usize, rows: usize) -> Vec<Line<'static>> {
+/// Puts `lead` and `items` on at most `rows` lines of `columns` columns, and counts the items that
+/// do not fit. Without items there are no lines.
+fn wrapped(
+    lead: Line<'static>,
+    items: Vec<Line<'static>>,
+    columns: usize,
+    rows: usize,
+) -> Vec<Line<'static>> {
     const MORE: &str = " and 99 more";
     if items.is_empty() {
         return Vec::new();
@@ -217,7 +232,8 @@ fn wrapped(lead: Line<'static>, items: Vec<Line<'static>>, columns: usize, rows:
 
 /// The links, a line each, and the number of links that do not fit on `rows` lines.
 fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
-    let mut lines: Vec<_> = state.links.iter().take(rows).map(|link| Line::from(format!(" {link}"))).collect();
+    let mut lines: Vec<_> =
+        state.links.iter().take(rows).map(|link| Line::from(format!(" {link}"))).collect();
     let hidden = state.links.len() - lines.len();
     if hidden > 0 {
         lines.pop();
@@ -226,11 +242,14 @@ fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
     Paragraph::new(lines)
 }
 
-/// Pulse widths of output 2 and the further outputs, in microseconds; `None` if none of them gives pulses.
+/// Pulse widths of output 2 and the further outputs, in microseconds; `None` if none of them gives
+/// pulses.
 fn outputs_line(state: &State, columns: usize) -> Option<Line<'static>> {
     let widths = state.output_widths();
-    let texts: Vec<String> =
-        widths.iter().map(|width| width.map_or(String::from("-"), |width| format!("{:.0}", micros(width)))).collect();
+    let texts: Vec<String> = widths
+        .iter()
+        .map(|width| width.map_or(String::from("-"), |width| format!("{:.0}", micros(width))))
+        .collect();
     let (last, texts) = (widths.len() + 1, texts.join(" "));
     let long = match last {
         2 => format!("output 2: {texts} us"),
@@ -243,9 +262,14 @@ fn outputs_line(state: &State, columns: usize) -> Option<Line<'static>> {
 /// The last CircuitStatus of the node; `None` before the first.
 fn circuit_line(state: &State) -> Option<Line<'static>> {
     let circuit = state.circuit?;
-    let [voltage, current] = [(circuit.voltage, "V"), (circuit.current, "A")].map(|(value, unit)| {
-        if value.is_nan() { format!("- {unit}") } else { format!("{:.2} {unit}", value.to_f32()) }
-    });
+    let [voltage, current] =
+        [(circuit.voltage, "V"), (circuit.current, "A")].map(|(value, unit)| {
+            if value.is_nan() {
+                format!("- {unit}")
+            } else {
+                format!("{:.2} {unit}", value.to_f32())
+            }
+        });
     let errors = Span::styled(circuit.errors_text(), BAD);
     Some(Line::from(vec![Span::from(format!("circuit {voltage}  {current}")), errors]))
 }
@@ -291,9 +315,15 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         return frame.render_widget(Paragraph::new(lines), inner);
     }
     lines.remove(1);
-    let [dial, text] = Layout::vertical([Constraint::Min(0), Constraint::Length(lines.len() as u16)]).areas(inner);
+    let [dial, text] =
+        Layout::vertical([Constraint::Min(0), Constraint::Length(lines.len() as u16)]).areas(inner);
     frame.render_widget(Paragraph::new(lines), text);
-    draw_dial(frame, dial, pulse_us, state.autopilot.as_ref().map(|autopilot| autopilot.deflection));
+    draw_dial(
+        frame,
+        dial,
+        pulse_us,
+        state.autopilot.as_ref().map(|autopilot| autopilot.deflection),
+    );
 }
 
 fn angle_degrees(pulse_us: f64) -> f64 {
@@ -321,7 +351,8 @@ fn servo_bar(width: u16, pulse_us: Option<f64>) -> Line<'static> {
     Line::from(spans)
 }
 
-/// Draws a half dial, 0 degrees up, with the servo's horn, and a mark outside for the commanded deflection.
+/// Draws a half dial, 0 degrees up, with the servo's horn, and a mark outside for the commanded
+/// deflection.
 fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflection: Option<f64>) {
     // A character cell is about twice as high as wide; the bounds keep the dial round.
     let (bottom, top) = (-0.12, 1.25);
@@ -331,7 +362,8 @@ fn draw_dial(frame: &mut Frame<'_>, area: Rect, pulse_us: Option<f64>, deflectio
         let angle = degrees.to_radians();
         (radius * angle.sin(), radius * angle.cos())
     };
-    let stroke = |from: (f64, f64), to: (f64, f64), color| Stroke::new(from.0, from.1, to.0, to.1, color);
+    let stroke =
+        |from: (f64, f64), to: (f64, f64), color| Stroke::new(from.0, from.1, to.0, to.1, color);
     let paint = |context: &mut Context<'_>| {
         let arc: Vec<_> = (-90..=90).map(|d| on_circle(f64::from(d), 1.0)).collect();
         context.draw(&Points { coords: &arc, color: Color::DarkGray });
@@ -402,7 +434,8 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
         let (text, style) = amount("statics", statics, limit(|limits| limits.statics));
         let mut line = Line::styled(format!("{text} B"), style);
         if let Some(stack) = memory.stack {
-            let (text, style) = amount(", RAM", statics + stack, limit(|limits| limits.statics_and_stack));
+            let (text, style) =
+                amount(", RAM", statics + stack, limit(|limits| limits.statics_and_stack));
             line.push_span(Span::styled(text, style));
         }
         lines.push(line);
@@ -412,7 +445,8 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-/// The used bytes of a memory, and their limit if there is one. The style marks a use above the limit.
+/// The used bytes of a memory, and their limit if there is one. The style marks a use above the
+/// limit.
 fn amount(name: &str, used: u32, limit: Option<u32>) -> (String, Style) {
     let of = limit.map_or(String::new(), |limit| format!(" of {}", thousands(limit as usize)));
     let style = if limit.is_some_and(|limit| used > limit) { BAD } else { Style::new() };
@@ -453,17 +487,26 @@ fn draw_controller(frame: &mut Frame<'_>, area: Rect, state: &State) {
             Span::from(format!("  TEC {}  REC {}  ", controller.tec, controller.rec)),
             Span::styled(format!("lost {}", controller.overflows), lost_style),
         ]),
-        Line::from(format!("frame served in {} us, worst {} us", us(state.latency.last), us(state.latency.worst))),
+        Line::from(format!(
+            "frame served in {} us, worst {} us",
+            us(state.latency.last),
+            us(state.latency.worst)
+        )),
     ];
     let Wiring { crystal_mhz, .. } = state.wiring;
-    let title = format!(" MCP2515: {}, {}, {crystal_mhz} MHz ", controller.mode, state.wiring.shield_name());
+    let title = format!(
+        " MCP2515: {}, {}, {crystal_mhz} MHz ",
+        controller.mode,
+        state.wiring.shield_name()
+    );
     let block = Block::bordered().title(title);
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
 fn draw_load(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let (columns, rows) = (area.width.saturating_sub(2), area.height.saturating_sub(2));
-    let lines = state.load_by_type.borrow_mut().lines(state.now, usize::from(columns), usize::from(rows));
+    let lines =
+        state.load_by_type.borrow_mut().lines(state.now, usize::from(columns), usize::from(rows));
     let lines: Vec<_> = lines.into_iter().map(Line::from).collect();
     let block = Block::bordered().title(" Load by node and type (l or Esc: traffic) ");
     frame.render_widget(Paragraph::new(lines).block(block), area);
@@ -482,7 +525,10 @@ fn draw_traffic(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Scree
 fn traffic_title(state: &State, screen: &Screen, columns: usize) -> String {
     let back = match screen.until {
         Some(_) => {
-            format!(", {} lines back (End: newest)", state.traffic.newer(screen.until, &screen.hidden))
+            format!(
+                ", {} lines back (End: newest)",
+                state.traffic.newer(screen.until, &screen.hidden)
+            )
         }
         None => String::new(),
     };
@@ -492,7 +538,11 @@ fn traffic_title(state: &State, screen: &Screen, columns: usize) -> String {
     }
     let names: Vec<_> = screen.hidden.iter().map(String::as_str).collect();
     let named = title(&format!(" without {}", names.join(", ")));
-    if named.chars().count() <= columns { named } else { title(&format!(" without {} types", names.len())) }
+    if named.chars().count() <= columns {
+        named
+    } else {
+        title(&format!(" without {} types", names.len()))
+    }
 }
 
 fn traffic_line(line: &TrafficLine) -> Line<'static> {
@@ -521,8 +571,11 @@ fn foot_line(state: &State, width: u16) -> Line<'static> {
     if let Some(first) = state.mistakes.kinds().first() {
         let count = state.mistakes.total();
         let plural = if count == 1 { "" } else { "S" };
-        let text =
-            format!(" {count} DRIVER MISTAKE{plural}, first at {:.4} s: {}", seconds(first.first_at), first.text);
+        let text = format!(
+            " {count} DRIVER MISTAKE{plural}, first at {:.4} s: {}",
+            seconds(first.first_at),
+            first.text
+        );
         return Line::styled(text, BAD.reversed());
     }
     let keys = [
@@ -550,9 +603,9 @@ fn foot_line(state: &State, width: u16) -> Line<'static> {
         room = room.saturating_sub(length(key));
         fits
     });
-    let spans = fits
-        .chain(last)
-        .flat_map(|(key, text)| [Span::from(format!(" {key}")).bold(), Span::styled(format!(" {text}"), DIM)]);
+    let spans = fits.chain(last).flat_map(|(key, text)| {
+        [Span::from(format!(" {key}")).bold(), Span::styled(format!(" {text}"), DIM)]
+    });
     Line::from(spans.collect::<Vec<_>>())
 }
 

@@ -42,7 +42,11 @@ fn at_work() -> State {
             start: 11 * SECOND,
             end: 11 * SECOND + 2_000,
             bits: 125,
-            kind: RecordKind::Frame { frame: can::Frame::extended(id, data), from: None, acked: true },
+            kind: RecordKind::Frame {
+                frame: can::Frame::extended(id, data),
+                from: None,
+                acked: true,
+            },
         };
         state.add_record(&record, from_node, None);
     }
@@ -108,11 +112,14 @@ fn a_large_terminal_shows_every_value_and_the_dial() {
 #[test]
 fn the_draft_is_noted_at_the_autopilot_and_at_the_node() {
     let mut state = at_work();
-    state.autopilot = state.autopilot.map(|autopilot| AutopilotState { dialect: Dialect::Draft, ..autopilot });
-    let frames: [(u32, &[u8]); 2] = [(0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]), (0x17CD_E008, &[23])];
+    state.autopilot =
+        state.autopilot.map(|autopilot| AutopilotState { dialect: Dialect::Draft, ..autopilot });
+    let frames: [(u32, &[u8]); 2] =
+        [(0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]), (0x17CD_E008, &[23])];
     for (id, data) in frames {
         let (start, end) = (state.now, state.now + 2_000);
-        let kind = RecordKind::Frame { frame: can::Frame::extended(id, data), from: None, acked: true };
+        let kind =
+            RecordKind::Frame { frame: can::Frame::extended(id, data), from: None, acked: true };
         state.add_record(&Record { start, end, bits: 125, kind }, true, None);
     }
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
@@ -134,8 +141,12 @@ fn the_titles_name_the_board_and_its_pins() {
     state.memory.limits = None;
     state.set_light(SECOND, 0.5);
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
-    let expected =
-        ["Servo (D9) and temperature (A0)", "on uno (ATmega328P)", "MCP2515: Normal, module, 8 MHz", "light (D3) 50 %"];
+    let expected = [
+        "Servo (D9) and temperature (A0)",
+        "on uno (ATmega328P)",
+        "MCP2515: Normal, module, 8 MHz",
+        "light (D3) 50 %",
+    ];
     shows(&picture, &expected);
     shows(&picture, &["flash 9,876 B ", "statics 312 B, RAM 512 "]);
 }
@@ -149,13 +160,24 @@ fn the_vendor_code_of_this_projects_program_is_in_words() {
     let set = |state: &mut State, code| state.status.as_mut().unwrap().2.vendor_code = code;
     set(&mut state, 0x0401);
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
-    shows(&picture, &["vendor code 0x0401", " Node 42 says 0x0401: restarted by the watchdog, failsafe "]);
-    // A large terminal shows each condition. A small one counts those that do not fit, and shows all other values.
+    shows(
+        &picture,
+        &["vendor code 0x0401", " Node 42 says 0x0401: restarted by the watchdog, failsafe "],
+    );
+    // A large terminal shows each condition. A small one counts those that do not fit, and shows
+    // all other values.
     set(&mut state, 0xFFF9);
     let picture = drawn(&state, &Screen::default(), 140, 45);
     shows(&picture, &["speaks the draft", "42 Temperature device 1 298.25 K"]);
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
-    shows(&picture, &["restarted by the watchdog, transfer errors,", " more ", "42 Temperature device 1 298.25 K"]);
+    shows(
+        &picture,
+        &[
+            "restarted by the watchdog, transfer errors,",
+            " more ",
+            "42 Temperature device 1 298.25 K",
+        ],
+    );
     set(&mut state, 0);
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     assert!(!picture.contains("says"), "{picture}");
@@ -166,7 +188,9 @@ fn no_size_of_the_terminal_panics() {
     let state = at_work();
     for popup in [Popup::Faults, Popup::Types, Popup::Help] {
         let screen = Screen { popup: Some(popup), ..Screen::default() };
-        for (columns, rows) in [(1, 1), (10, 3), (79, 24), (80, 23), (80, 24), (120, 40), (300, 100)] {
+        for (columns, rows) in
+            [(1, 1), (10, 3), (79, 24), (80, 23), (80, 24), (120, 40), (300, 100)]
+        {
             drawn(&state, &screen, columns, rows);
         }
     }
@@ -208,7 +232,16 @@ fn the_menu_lists_the_faults_and_marks_those_that_are_on() {
     state.active_faults.push(Fault::NoAck);
     let screen = Screen { popup: Some(Popup::Faults), is_paused: true, ..Screen::default() };
     let picture = drawn(&state, &screen, 80, 24);
-    shows(&picture, &["1     bit-error", "4 on  no-ack", "8 off spi-noise", "as in listen-only mode     │", "PAUSED"]);
+    shows(
+        &picture,
+        &[
+            "1     bit-error",
+            "4 on  no-ack",
+            "8 off spi-noise",
+            "as in listen-only mode     │",
+            "PAUSED",
+        ],
+    );
 }
 
 #[test]
@@ -216,15 +249,20 @@ fn the_faults_that_are_on_are_listed_with_the_keys_that_end_them() {
     let mut state = at_work();
     let line = "Faults on (x ends all):";
     assert!(!drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN).contains(line));
-    state.active_faults = vec![Fault::Cable, Fault::Silence, Fault::StuckDominant, Fault::ErrorStorm];
+    state.active_faults =
+        vec![Fault::Cable, Fault::Silence, Fault::StuckDominant, Fault::ErrorStorm];
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &[line, " c cable ", " a silence ", " 5 stuck-dominant ", " error-storm "]);
-    // Even with all faults, conditions and links, each line of traffic and of the serial monitor stays.
+    // Even with all faults, conditions and links, each line of traffic and of the serial monitor
+    // stays.
     state.active_faults = crate::fault::ALL.into_iter().filter(|fault| fault.lasts()).collect();
     state.knows_vendor_code = true;
     state.links = (1..=10).map(|number| format!("slcan /tmp/can{number}: open")).collect();
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
-    shows(&picture, &[line, " more", "42 Temperature device 1 298.25 K", "node 0.1.0 id 42", "and 10 more"]);
+    shows(
+        &picture,
+        &[line, " more", "42 Temperature device 1 298.25 K", "node 0.1.0 id 42", "and 10 more"],
+    );
 }
 
 #[test]
@@ -239,7 +277,10 @@ fn hidden_types_are_named_and_their_lines_are_not_shown() {
     shows(&picture, &["┌ Traffic without ArrayCommand ─", "42 Temperature device 1"]);
     assert!(!picture.contains("1 ArrayCommand id"), "{picture}");
     let names: Vec<String> = (0..9).map(|number| format!("message {number}000")).collect();
-    shows(&hide(&names.iter().map(String::as_str).collect::<Vec<_>>()), &["┌ Traffic without 9 types ─"]);
+    shows(
+        &hide(&names.iter().map(String::as_str).collect::<Vec<_>>()),
+        &["┌ Traffic without 9 types ─"],
+    );
 }
 
 #[test]
@@ -255,7 +296,8 @@ fn the_list_of_types_marks_hidden_ones_and_scrolls_to_the_cursor() {
         state.traffic.push(line);
     }
     let last = state.traffic.types().len() - 1;
-    let picture = drawn(&state, &Screen { selected: last, ..screen.clone() }, COLUMNS_MIN, ROWS_MIN);
+    let picture =
+        drawn(&state, &Screen { selected: last, ..screen.clone() }, COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &["further types "]);
     let nothing = drawn(&State::new(1_000_000), &screen, COLUMNS_MIN, ROWS_MIN);
     shows(&nothing, &["no traffic yet"]);
@@ -272,7 +314,11 @@ fn the_footer_of_a_wide_terminal_names_every_key() {
     let aliases = [("left", "←"), ("right", "→"), ("t", "tT"), ("T", "tT")];
     // Keys that the lists themselves name, and second names of keys.
     let elsewhere = ["1..9", "up", "down", "space", "Enter", "PgDn", "End", "?", "Ctrl-C"];
-    for key in keys::HELP.iter().flat_map(|(keys, _)| keys.split(' ')).filter(|key| !elsewhere.contains(key)) {
+    for key in keys::HELP
+        .iter()
+        .flat_map(|(keys, _)| keys.split(' '))
+        .filter(|key| !elsewhere.contains(key))
+    {
         let shown = aliases.iter().find(|(name, _)| *name == key).map_or(key, |(_, shown)| shown);
         assert!(wide.split([' ', '"']).any(|word| word.contains(shown)), "{key} is not in {wide}");
     }
@@ -286,7 +332,15 @@ fn the_links_are_shown_and_leave_room_for_the_rest() {
     let mut state = at_work();
     state.links = (1..=10).map(|number| format!("slcan /tmp/can{number}: open")).collect();
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
-    shows(&picture, &["slcan /tmp/can1: open", "and 8 more", "42 Temperature device 1 298.25 K", "node 0.1.0 id 42"]);
+    shows(
+        &picture,
+        &[
+            "slcan /tmp/can1: open",
+            "and 8 more",
+            "42 Temperature device 1 298.25 K",
+            "node 0.1.0 id 42",
+        ],
+    );
     let picture = drawn(&state, &Screen::default(), 140, 45);
     shows(&picture, &["slcan /tmp/can1: open", "slcan /tmp/can10: open"]);
 }
@@ -337,7 +391,11 @@ fn scrolled_traffic_shows_older_lines() {
 #[test]
 fn the_title_says_that_all_actuators_move_and_how_many_motors_turn() {
     let mut state = at_work();
-    state.autopilot = state.autopilot.map(|autopilot| AutopilotState { moves_all: true, motors: 20, ..autopilot });
+    state.autopilot = state.autopilot.map(|autopilot| AutopilotState {
+        moves_all: true,
+        motors: 20,
+        ..autopilot
+    });
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
     shows(&picture, &["autopilot 1 sweeps all unitless, 20 motors"]);
 }
@@ -381,7 +439,11 @@ fn the_circuit_is_shown_after_the_first_circuit_status() {
         let picture = drawn(&state, &Screen::default(), columns, rows);
         shows(
             &picture,
-            &["circuit 12.60 V  3.20 A OVERCURRENT", "flash 9,876 of 14,336 B", "CircuitStatus circuit 120 12.60 V"],
+            &[
+                "circuit 12.60 V  3.20 A OVERCURRENT",
+                "flash 9,876 of 14,336 B",
+                "CircuitStatus circuit 120 12.60 V",
+            ],
         );
     }
     send(&mut state, [0xFF, 0x7F], 0);

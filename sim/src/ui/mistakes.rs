@@ -2,7 +2,8 @@
 
 use bench::Cycles;
 
-/// Most kinds that are kept. Mistakes of further kinds only count in the total. A program in a loop makes few kinds.
+/// Most kinds that are kept. Mistakes of further kinds only count in the total. A program in a loop
+/// makes few kinds.
 const KINDS_MAX: usize = 100;
 
 /// A kind of mistake.
@@ -51,7 +52,8 @@ impl Mistakes {
     }
 }
 
-/// The text with `#` for each number, decimal or hexadecimal. It is equal for mistakes that differ only in a value or an address.
+/// The text with `#` for each number, decimal or hexadecimal. It is equal for mistakes that differ
+/// only in a value or an address.
 fn without_numbers(text: &str) -> String {
     let mut kind = String::new();
     for word in text.split_inclusive(|c: char| !c.is_ascii_alphanumeric()) {
@@ -60,7 +62,8 @@ fn without_numbers(text: &str) -> String {
             _ => (word, ""),
         };
         let digits = word.strip_suffix('h').or(word.strip_prefix("0x")).unwrap_or(word);
-        let is_number = digits.contains(|c: char| c.is_ascii_digit()) && digits.chars().all(|c| c.is_ascii_hexdigit());
+        let is_number = digits.contains(|c: char| c.is_ascii_digit())
+            && digits.chars().all(|c| c.is_ascii_hexdigit());
         kind.push_str(if is_number { "#" } else { word });
         kind.push_str(separator);
     }
@@ -76,17 +79,21 @@ mod tests {
         let mut mistakes = Mistakes::default();
         assert!(mistakes.add(5, "AVR: SPDR is written during a transfer (PC 0x01a2)"));
         assert!(!mistakes.add(6, "AVR: SPDR is written during a transfer (PC 0x0b1c)"));
-        assert!(
-            mistakes.add(7, "MCP2515: CNF1 <- 41h ignored: writable only in configuration mode (DS20001801J 10.1)")
-        );
-        assert!(
-            !mistakes.add(8, "MCP2515: CNF1 <- C0h ignored: writable only in configuration mode (DS20001801J 10.1)")
-        );
-        assert!(
-            mistakes.add(9, "MCP2515: CNF2 <- C0h ignored: writable only in configuration mode (DS20001801J 10.1)")
-        );
+        assert!(mistakes.add(
+            7,
+            "MCP2515: CNF1 <- 41h ignored: writable only in configuration mode (DS20001801J 10.1)"
+        ));
+        assert!(!mistakes.add(
+            8,
+            "MCP2515: CNF1 <- C0h ignored: writable only in configuration mode (DS20001801J 10.1)"
+        ));
+        assert!(mistakes.add(
+            9,
+            "MCP2515: CNF2 <- C0h ignored: writable only in configuration mode (DS20001801J 10.1)"
+        ));
         assert_eq!(mistakes.total(), 5);
-        let kinds: Vec<_> = mistakes.kinds().iter().map(|kind| (kind.first_at, kind.count)).collect();
+        let kinds: Vec<_> =
+            mistakes.kinds().iter().map(|kind| (kind.first_at, kind.count)).collect();
         assert_eq!(kinds, [(5, 2), (7, 2), (9, 1)]);
         assert!(mistakes.kinds()[1].text.contains("41h"));
     }
@@ -94,8 +101,13 @@ mod tests {
     #[test]
     fn the_number_of_kinds_is_bounded() {
         let mut mistakes = Mistakes::default();
-        let names = ('a'..='z').flat_map(|first| ('a'..='z').map(move |second| format!("mistake {first}{second}")));
-        let reported = names.map(|name| mistakes.add(0, &name)).filter(|is_first| *is_first).count();
-        assert_eq!((reported, mistakes.kinds().len(), mistakes.total()), (KINDS_MAX, KINDS_MAX, 676));
+        let names = ('a'..='z')
+            .flat_map(|first| ('a'..='z').map(move |second| format!("mistake {first}{second}")));
+        let reported =
+            names.map(|name| mistakes.add(0, &name)).filter(|is_first| *is_first).count();
+        assert_eq!(
+            (reported, mistakes.kinds().len(), mistakes.total()),
+            (KINDS_MAX, KINDS_MAX, 676)
+        );
     }
 }

@@ -4,8 +4,8 @@
 //! args ──> scene ──> state ──┬──> live (terminal)   <── keys
 //!          bench, autopilot  └──> plain (lines)
 //! ```
-//! [`scene`] advances the bench and the autopilot and updates [`state`], which is plain data. The two views read it. Only
-//! [`run`] reads the wall clock. [`pace`] compares it with simulated time.
+//! [`scene`] advances the bench and the autopilot and updates [`state`], which is plain data. The
+//! two views read it. Only [`run`] reads the wall clock. [`pace`] compares it with simulated time.
 
 pub mod args;
 pub mod findings;

@@ -1,7 +1,7 @@
 //! Keeps simulated time at a chosen multiple of real time, and measures the speed.
 //!
-//! Real time is an argument, so that tests can set it. If the simulation is too slow, the pace drops the lag above a limit.
-//! So the simulation does not run at full speed after a stall.
+//! Real time is an argument, so that tests can set it. If the simulation is too slow, the pace
+//! drops the lag above a limit. So the simulation does not run at full speed after a stall.
 
 use bench::{Cycles, F_CPU_HZ};
 use std::str::FromStr;
@@ -37,7 +37,8 @@ impl FromStr for Speed {
 pub struct Measured {
     /// Simulated time divided by real time.
     pub factor: f64,
-    /// Simulated time divided by the real time that the simulator worked, without its waits: the factor of `--speed max`.
+    /// Simulated time divided by the real time that the simulator worked, without its waits: the
+    /// factor of `--speed max`.
     pub capacity: f64,
 }
 
@@ -73,7 +74,8 @@ impl Interval {
 }
 
 impl Pace {
-    /// A pace that starts at 0 in real and simulated time, and compensates for a lag of at most `lag_max`.
+    /// A pace that starts at 0 in real and simulated time, and compensates for a lag of at most
+    /// `lag_max`.
     pub fn new(speed: Speed, lag_max: Duration) -> Pace {
         Pace {
             speed,
@@ -98,7 +100,8 @@ impl Pace {
         }
     }
 
-    /// Real time to wait, from `real` on, before the simulation may go beyond the simulated time `now`.
+    /// Real time to wait, from `real` on, before the simulation may go beyond the simulated time
+    /// `now`.
     pub fn wait(&mut self, now: Cycles, real: Duration) -> Duration {
         let Speed::Factor(factor) = self.speed else {
             return Duration::ZERO;
@@ -111,7 +114,8 @@ impl Pace {
         Duration::from_secs_f64((due_s - real_s).max(0.0))
     }
 
-    /// Continues at `real` after a pause of `paused`, which changes neither the pace nor the measured speed.
+    /// Continues at `real` after a pause of `paused`, which changes neither the pace nor the
+    /// measured speed.
     pub fn resume(&mut self, now: Cycles, paused: Duration, real: Duration) {
         self.anchor = (real.as_secs_f64(), now);
         self.current.real_start_s += paused.as_secs_f64();
@@ -125,7 +129,11 @@ impl Pace {
 
     /// The speed of the last complete interval; before that the speed since the start.
     pub fn measured(&self, real: Duration) -> Measured {
-        if self.last == Measured::default() { self.current.measured(real.as_secs_f64()) } else { self.last }
+        if self.last == Measured::default() {
+            self.current.measured(real.as_secs_f64())
+        } else {
+            self.last
+        }
     }
 }
 

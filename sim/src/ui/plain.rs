@@ -3,8 +3,9 @@
 //! ```text
 //!      1.000000 bus     0.8 %, 51 frames/s: 1 ArrayCommand x50, 1 NodeStatus x1
 //! ```
-//! A line has the simulated time in seconds, a word to filter by, and the event. Frequent events are summed up: traffic
-//! each second, servo pulses each half second while they change, error frames and lost frames above five a second.
+//! A line has the simulated time in seconds, a word to filter by, and the event. Frequent events
+//! are summed up: traffic each second, servo pulses each half second while they change, error
+//! frames and lost frames above five a second.
 
 use super::pace::Measured;
 use super::state::{Event, State, TrafficLine};
@@ -63,7 +64,8 @@ impl<W: Write> Plain<W> {
             self.print_event(at, event)?;
         }
         // The first pulse and the end of pulses are printed at once.
-        let has_begun_or_ended = self.last_pulse.is_none_or(|last| last.is_some() != state.servo.pulse.is_some());
+        let has_begun_or_ended =
+            self.last_pulse.is_none_or(|last| last.is_some() != state.servo.pulse.is_some());
         if has_begun_or_ended || state.now >= self.next_servo_at {
             self.print_servo(state)?;
             self.print_outputs(state)?;
@@ -129,7 +131,9 @@ impl<W: Write> Plain<W> {
         }
         let text = match pulse {
             Some(width) => match state.servo.period {
-                Some(period) => format!("pulse {:.1} us, period {:.3} ms", micros(width), micros(period) / 1e3),
+                Some(period) => {
+                    format!("pulse {:.1} us, period {:.3} ms", micros(width), micros(period) / 1e3)
+                }
                 None => format!("pulse {:.1} us", micros(width)),
             },
             None => String::from("no pulse"),
@@ -143,7 +147,9 @@ impl<W: Write> Plain<W> {
         if widths == self.last_outputs {
             return Ok(());
         }
-        let width = |width: &Option<Cycles>| width.map_or(String::from("-"), |width| format!("{:.1}", micros(width)));
+        let width = |width: &Option<Cycles>| {
+            width.map_or(String::from("-"), |width| format!("{:.1}", micros(width)))
+        };
         let texts = widths.iter().map(width).collect::<Vec<_>>().join(" ");
         let text = match widths.len() {
             0 => String::from("no pulse but the servo's"),
@@ -165,7 +171,8 @@ impl<W: Write> Plain<W> {
 
     fn print_traffic(&mut self, state: &State) -> io::Result<()> {
         let counts = std::mem::take(&mut self.counts);
-        let each: Vec<_> = counts.iter().map(|((who, name), count)| format!("{who} {name} x{count}")).collect();
+        let each: Vec<_> =
+            counts.iter().map(|((who, name), count)| format!("{who} {name} x{count}")).collect();
         let text = format!(
             "{:.1} %, {} frames/s: {}",
             state.bus.load_percent(state.now),
@@ -210,9 +217,17 @@ pub fn summary(state: &State, speed: Measured) -> String {
             state.bus.frames, state.bus.error_frames, state.bus.unacknowledged
         ),
     );
-    line("node", format!("{} frames lost, {} driver mistakes", state.controller.overflows, state.mistakes.total()));
+    line(
+        "node",
+        format!(
+            "{} frames lost, {} driver mistakes",
+            state.controller.overflows,
+            state.mistakes.total()
+        ),
+    );
     let per_frame = |count| state.per_node_frame(count);
-    if let (Some(bytes), Some(selects)) = (per_frame(state.spi.bytes), per_frame(state.spi.selects)) {
+    if let (Some(bytes), Some(selects)) = (per_frame(state.spi.bytes), per_frame(state.spi.selects))
+    {
         let (received, sent) = (state.frames_for_node, state.frames_of_node);
         line(
             "SPI",
@@ -227,11 +242,15 @@ pub fn summary(state: &State, speed: Measured) -> String {
     line(
         "servo",
         match &state.autopilot {
-            Some(autopilot) => format!("{} pulses for {} commands", state.servo.count, autopilot.commands_sent),
+            Some(autopilot) => {
+                format!("{} pulses for {} commands", state.servo.count, autopilot.commands_sent)
+            }
             None => format!("{} pulses", state.servo.count),
         },
     );
-    let of = |limit: fn(Budget) -> u32| memory.limits.map_or(String::new(), |limits| format!(" of {}", limit(limits)));
+    let of = |limit: fn(Budget) -> u32| {
+        memory.limits.map_or(String::new(), |limits| format!(" of {}", limit(limits)))
+    };
     line("flash", format!("{}{} B", memory.flash, of(|limits| limits.flash)));
     if let Some(statics) = memory.statics {
         line("statics", format!("{statics}{} B", of(|limits| limits.statics)));
@@ -239,13 +258,22 @@ pub fn summary(state: &State, speed: Measured) -> String {
     if let (Some(statics), Some(stack)) = (memory.statics, memory.stack) {
         line(
             "stack",
-            format!("{stack} B, with statics {}{} B", statics + stack, of(|limits| limits.statics_and_stack)),
+            format!(
+                "{stack} B, with statics {}{} B",
+                statics + stack,
+                of(|limits| limits.statics_and_stack)
+            ),
         );
     }
     for mistake in state.mistakes.kinds() {
         line(
             "mistake",
-            format!("{} times, first at {:.6} s: {}", mistake.count, seconds(mistake.first_at), mistake.text),
+            format!(
+                "{} times, first at {:.6} s: {}",
+                mistake.count,
+                seconds(mistake.first_at),
+                mistake.text
+            ),
         );
     }
     for hint in &state.hints {
@@ -310,7 +338,10 @@ mod tests {
         }
         state.advance_to(F_CPU_HZ);
         let text = printed(&mut state, false);
-        assert!(text.contains("     1.000000 bus     0.0 %, 0 frames/s: 1 ArrayCommand x50\n"), "{text}");
+        assert!(
+            text.contains("     1.000000 bus     0.0 %, 0 frames/s: 1 ArrayCommand x50\n"),
+            "{text}"
+        );
         assert!(!text.contains("+0.50"));
     }
 
@@ -361,8 +392,11 @@ mod tests {
             plain.step(&mut state).unwrap();
         }
         let text = String::from_utf8(out).unwrap();
-        let lines: Vec<&str> =
-            text.lines().filter(|line| line.contains("outputs") || line.contains("power")).map(str::trim).collect();
+        let lines: Vec<&str> = text
+            .lines()
+            .filter(|line| line.contains("outputs") || line.contains("power"))
+            .map(str::trim)
+            .collect();
         let expected = [
             "0.020000 outputs 2 to 4: 1000.0 - 1500.0 us",
             "1.020000 power   circuit 120 12.60 V 3.20 A",
@@ -417,12 +451,18 @@ mod tests {
         state.advance_to(F_CPU_HZ);
         let text = printed(&mut state, false);
         assert!(text.contains("995 further error frames"), "{text}");
-        assert!(text.contains("LOST    frame lost, both receive buffers were full: 123#01"), "{text}");
+        assert!(
+            text.contains("LOST    frame lost, both receive buffers were full: 123#01"),
+            "{text}"
+        );
         assert!(text.contains("LOST    995 further frames"), "{text}");
         assert_eq!(text.matches("MISTAKE").count(), 1);
         assert!(text.lines().count() < 20);
         let text = summary(&state, Measured::default());
-        assert!(text.contains("mistake         1000 times, first at 0.000000 s: SPI with CS high"), "{text}");
+        assert!(
+            text.contains("mistake         1000 times, first at 0.000000 s: SPI with CS high"),
+            "{text}"
+        );
     }
 
     #[test]
@@ -463,13 +503,21 @@ mod tests {
         state.memory.flash = 9_876;
         state.memory.statics = Some(312);
         let text = summary(&state, Measured::default());
-        assert!(text.contains("flash           9876 B\nstatics         312 B\n") && !text.contains("stack"), "{text}");
+        assert!(
+            text.contains("flash           9876 B\nstatics         312 B\n")
+                && !text.contains("stack"),
+            "{text}"
+        );
     }
 
     #[test]
     fn the_summary_leaves_out_unknown_statics() {
         let mut state = State::new(1_000_000);
-        state.memory = Memory { flash: 9_876, limits: Some(Budget::of(Chip::Atmega328p)), ..Memory::default() };
+        state.memory = Memory {
+            flash: 9_876,
+            limits: Some(Budget::of(Chip::Atmega328p)),
+            ..Memory::default()
+        };
         let text = summary(&state, Measured::default());
         assert!(text.contains("flash           9876 of ") && !text.contains("statics"), "{text}");
     }

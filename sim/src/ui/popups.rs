@@ -37,7 +37,10 @@ fn draw_faults(frame: &mut Frame<'_>, area: Rect, state: &State) {
         Line::from(vec![
             Span::from(format!(" {} ", index + 1)).bold(),
             Span::styled(format!("{mark:3} {fault:15}"), style),
-            Span::styled(fault.explanation().trim_end_matches(" (on/off)"), if is_on { style } else { DIM }),
+            Span::styled(
+                fault.explanation().trim_end_matches(" (on/off)"),
+                if is_on { style } else { DIM },
+            ),
         ])
     };
     let lines = MENU.into_iter().enumerate().map(line).collect();
@@ -60,7 +63,13 @@ fn draw_types(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen)
     if lines.is_empty() {
         lines.push(Line::from(" no traffic yet"));
     }
-    popup(frame, area, " Traffic: ↑ ↓, space hides or shows, Enter shows all, Esc closes ", lines, 70);
+    popup(
+        frame,
+        area,
+        " Traffic: ↑ ↓, space hides or shows, Enter shows all, Esc closes ",
+        lines,
+        70,
+    );
 }
 
 fn draw_help(frame: &mut Frame<'_>, area: Rect) {
@@ -68,7 +77,10 @@ fn draw_help(frame: &mut Frame<'_>, area: Rect) {
         Line::from(vec![Span::from(format!(" {keys:14}")).bold(), Span::from(*text)])
     };
     let mut lines: Vec<_> = keys::HELP.iter().map(line).collect();
-    lines.push(Line::styled(" Traffic: time of the frame's end, sender, message. Cyan: the node.", DIM));
+    lines.push(Line::styled(
+        " Traffic: time of the frame's end, sender, message. Cyan: the node.",
+        DIM,
+    ));
     popup(frame, area, " Keys (Esc closes) ", lines, 74);
 }
 

@@ -1,6 +1,7 @@
 //! The result of a run for other programs: `--json FILE`, and the exit code.
 //!
-//! Field names and units are a stable interface: a CI job may read any of them. A version may add fields; it changes none.
+//! Field names and units are a stable interface: a CI job may read any of them. A version may add
+//! fields; it changes none.
 
 use super::state::State;
 use crate::time::{micros, seconds};
@@ -32,8 +33,8 @@ impl Outcome {
         }
     }
 
-    /// The exit code of `sim` for this outcome: 0 or 1. The program returns 2 for a wrong command line, and 3 for an error of
-    /// this computer.
+    /// The exit code of `sim` for this outcome: 0 or 1. The program returns 2 for a wrong command
+    /// line, and 3 for an error of this computer.
     pub fn exit_code(self) -> u8 {
         match self {
             Outcome::Clean => 0,
@@ -101,7 +102,8 @@ struct Node {
     frames_lost: u64,
     /// The first 100 lost frames, in candump's notation.
     lost: Vec<LostFrame>,
-    /// Longest time from the end of a frame until the driver released its buffer; `null` if it released none.
+    /// Longest time from the end of a frame until the driver released its buffer; `null` if it
+    /// released none.
     served_within_us: Option<f64>,
     tec: u16,
     rec: u16,
@@ -266,7 +268,10 @@ mod tests {
         let report = json(&State::new(500_000));
         assert_eq!((&report["outcome"], &report["exit_code"]), (&"well".into(), &0.into()));
         assert_eq!(report["bus"]["bit_rate"], 500_000);
-        assert!(report["servo"]["width_us"].is_null() && report["spi"]["bytes_per_frame"].is_null(), "{report}");
+        assert!(
+            report["servo"]["width_us"].is_null() && report["spi"]["bytes_per_frame"].is_null(),
+            "{report}"
+        );
     }
 
     #[test]
@@ -284,12 +289,16 @@ mod tests {
     fn the_report_has_further_outputs_and_the_circuit() {
         let mut state = State::new(1_000_000);
         let report = json(&state);
-        assert_eq!((&report["outputs"], &report["circuit"]), (&serde_json::json!([]), &serde_json::Value::Null));
+        assert_eq!(
+            (&report["outputs"], &report["circuit"]),
+            (&serde_json::json!([]), &serde_json::Value::Null)
+        );
         state.set_output_pulses([None, Some((0, 24_008)), None]);
         let (voltage, current) = (f16::from_f32(12.5), f16::NAN);
         state.circuit = Some(CircuitStatus { circuit: 120, voltage, current, errors: 1 });
         let report = json(&state);
-        let outputs = serde_json::json!([{"output": 2, "width_us": null}, {"output": 3, "width_us": 1500.5}]);
+        let outputs =
+            serde_json::json!([{"output": 2, "width_us": null}, {"output": 3, "width_us": 1500.5}]);
         let circuit = serde_json::json!({"circuit_id": 120, "voltage_v": 12.5, "current_a": null, "error_flags": 1});
         assert_eq!((&report["outputs"], &report["circuit"]), (&outputs, &circuit));
     }
@@ -306,12 +315,18 @@ mod tests {
         state.add_pulse(2 * F_CPU_HZ, 24_000, Some(320_000));
         let report = json(&state);
         assert_eq!((&report["outcome"], &report["exit_code"]), (&"mistakes".into(), &1.into()));
-        assert_eq!((&report["mistakes"][0]["count"], &report["mistakes"][0]["first_s"]), (&2.into(), &0.5.into()));
+        assert_eq!(
+            (&report["mistakes"][0]["count"], &report["mistakes"][0]["first_s"]),
+            (&2.into(), &0.5.into())
+        );
         assert_eq!(
             (&report["node"]["lost"][0]["frame"], &report["node"]["lost"][0]["at_s"]),
             (&"123#01".into(), &1.0.into())
         );
-        assert_eq!((&report["restarts_total"], &report["restarts"][0]["cause"]), (&1.into(), &"Watchdog".into()));
+        assert_eq!(
+            (&report["restarts_total"], &report["restarts"][0]["cause"]),
+            (&1.into(), &"Watchdog".into())
+        );
         let servo = &report["servo"];
         assert_eq!(
             (&servo["width_us"], &servo["shortest_us"], &servo["longest_us"]),

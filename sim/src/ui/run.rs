@@ -1,8 +1,9 @@
 //! Runs a scene against the wall clock: as a live view on the terminal, or as plain lines.
 //!
-//! Both loops simulate a slice, show it, and wait for real time. They end between two slices, at a signal or at the end of
-//! the time of `--for`. The live view restores the terminal however the program ends, also by a panic. When the terminal's window
-//! is closed, the live view ends as with the key `q`.
+//! Both loops simulate a slice, show it, and wait for real time. They end between two slices, at a
+//! signal or at the end of the time of `--for`. The live view restores the terminal however the
+//! program ends, also by a panic. When the terminal's window is closed, the live view ends as with
+//! the key `q`.
 
 use super::args::Args;
 use super::keys::{self, Action};
@@ -26,10 +27,12 @@ use std::time::{Duration, Instant};
 const SLICE_S: f64 = 0.01;
 /// Length of a slice if clients that use the wall clock can wait for an answer.
 const SLICE_WITH_CLIENTS_S: f64 = 0.002;
-/// Largest lag behind real time for which the simulation compensates: a few slices, so that a busy host keeps the mean speed.
+/// Largest lag behind real time for which the simulation compensates: a few slices, so that a busy
+/// host keeps the mean speed.
 const LAG_MAX: Duration = Duration::from_millis(250);
-/// The same limit if clients can use the wall clock. To compensate, the simulation runs faster than real time, and a client's
-/// short delay is a long one in simulated time. It must stay below the 50 ms that a node waits for the next frame of a list.
+/// The same limit if clients can use the wall clock. To compensate, the simulation runs faster than
+/// real time, and a client's short delay is a long one in simulated time. It must stay below the 50
+/// ms that a node waits for the next frame of a list.
 const LAG_MAX_WITH_CLIENTS: Duration = Duration::from_millis(20);
 /// Shortest and longest slice in simulated time.
 const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
@@ -47,8 +50,11 @@ struct Clock {
 
 impl Clock {
     fn new(args: &Args, scene: &Scene) -> Clock {
-        let (slice_s, lag_max) =
-            if scene.needs_real_time() { (SLICE_WITH_CLIENTS_S, LAG_MAX_WITH_CLIENTS) } else { (SLICE_S, LAG_MAX) };
+        let (slice_s, lag_max) = if scene.needs_real_time() {
+            (SLICE_WITH_CLIENTS_S, LAG_MAX_WITH_CLIENTS)
+        } else {
+            (SLICE_S, LAG_MAX)
+        };
         let slice = match args.speed {
             Speed::Factor(factor) => (factor * slice_s * F_CPU_HZ as f64) as Cycles,
             Speed::Max => SLICE_MAX,
@@ -101,7 +107,12 @@ pub fn plain(scene: &mut Scene, args: &Args, stop: &AtomicBool, out: impl Write)
 }
 
 /// Simulates until the end of the run or `stop`, and prints a line for each event.
-fn print_events(scene: &mut Scene, clock: &mut Clock, view: &mut Plain<impl Write>, stop: &AtomicBool) -> Result<()> {
+fn print_events(
+    scene: &mut Scene,
+    clock: &mut Clock,
+    view: &mut Plain<impl Write>,
+    stop: &AtomicBool,
+) -> Result<()> {
     while !clock.is_over(scene) && !stop.load(Ordering::Relaxed) {
         let wait = clock.step(scene)?;
         view.step(scene.state_mut())?;
@@ -110,7 +121,8 @@ fn print_events(scene: &mut Scene, clock: &mut Clock, view: &mut Plain<impl Writ
     Ok(())
 }
 
-/// Runs the scene as a live view until the user quits. Returns the speed for the summary, which the caller prints.
+/// Runs the scene as a live view until the user quits. Returns the speed for the summary, which the
+/// caller prints.
 ///
 /// # Errors
 /// If a link cannot go on, or the terminal fails.
@@ -135,7 +147,12 @@ impl Drop for Restored {
     }
 }
 
-fn live_loop(mut terminal: DefaultTerminal, scene: &mut Scene, args: &Args, stop: &AtomicBool) -> Result<Measured> {
+fn live_loop(
+    mut terminal: DefaultTerminal,
+    scene: &mut Scene,
+    args: &Args,
+    stop: &AtomicBool,
+) -> Result<Measured> {
     let mut clock = Clock::new(args, scene);
     let keyboard = Keyboard::open().context("cannot read from this terminal: try --plain")?;
     let mut screen = Screen::default();
@@ -210,16 +227,21 @@ enum KeyboardState {
     Closed,
 }
 
-/// The terminal that crossterm reads from. Crossterm 0.29 never returns from a read of a closed terminal
-/// (event/source/unix/mio.rs), so the terminal must be polled before each call of crossterm.
+/// The terminal that crossterm reads from. Crossterm 0.29 never returns from a read of a closed
+/// terminal (event/source/unix/mio.rs), so the terminal must be polled before each call of
+/// crossterm.
 struct Keyboard(OwnedFd);
 
 impl Keyboard {
-    /// Opens the same terminal as crossterm: standard input if it is a terminal, else the controlling terminal.
+    /// Opens the same terminal as crossterm: standard input if it is a terminal, else the
+    /// controlling terminal.
     fn open() -> io::Result<Keyboard> {
         let input = io::stdin();
-        let terminal =
-            if input.is_terminal() { input.as_fd().try_clone_to_owned()? } else { File::open("/dev/tty")?.into() };
+        let terminal = if input.is_terminal() {
+            input.as_fd().try_clone_to_owned()?
+        } else {
+            File::open("/dev/tty")?.into()
+        };
         Ok(Keyboard(terminal))
     }
 
@@ -246,7 +268,11 @@ impl Keyboard {
         let wait = Timespec::try_from(wait).map_err(io::Error::other)?;
         match poll(&mut terminal, Some(&wait)) {
             Ok(0) => Ok(KeyboardState::Empty),
-            Ok(_) if terminal[0].revents().intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) => {
+            Ok(_)
+                if terminal[0]
+                    .revents()
+                    .intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) =>
+            {
                 Ok(KeyboardState::Closed)
             }
             Ok(_) => Ok(KeyboardState::Ready),
@@ -271,7 +297,8 @@ fn apply(action: Action, scene: &mut Scene, screen: &mut Screen, page: usize) {
     }
 }
 
-/// Turns an interruption by a signal into "no event". The loop checks the flag that the signal sets.
+/// Turns an interruption by a signal into "no event". The loop checks the flag that the signal
+/// sets.
 fn ignore_signal(error: io::Error) -> io::Result<bool> {
     match error.kind() {
         io::ErrorKind::Interrupted => Ok(false),
@@ -305,7 +332,9 @@ mod tests {
         scene.advance(F_CPU_HZ / 1000).unwrap();
         for key in keys.chars() {
             let code = if key == '^' { KeyCode::Esc } else { KeyCode::Char(key) };
-            if let Some(action) = keys::action(KeyEvent::new(code, KeyModifiers::NONE), screen.popup) {
+            if let Some(action) =
+                keys::action(KeyEvent::new(code, KeyModifiers::NONE), screen.popup)
+            {
                 apply(action, &mut scene, &mut screen, 5);
             }
             scene.advance(scene.now() + F_CPU_HZ / 1000).unwrap();

@@ -1,10 +1,12 @@
-//! The scene: the bench, the autopilot on its bus, and the [`State`] of both. Advancing a scene lets simulated time pass.
+//! The scene: the bench, the autopilot on its bus, and the [`State`] of both. Advancing a scene
+//! lets simulated time pass.
 //!
 //! A scene uses no terminal and no wall clock, so a test can run it, too.
 //!
-//! At least three stations share the bus: the node, the autopilot, and a babbler. The babbler acknowledges all frames, as
-//! a bus analyser does, until the fault `babble` makes it send. So the autopilot still gets its ACKs when the node's cable
-//! is pulled. Further boards and links can add stations. The scene serves the links at least each simulated millisecond.
+//! At least three stations share the bus: the node, the autopilot, and a babbler. The babbler
+//! acknowledges all frames, as a bus analyser does, until the fault `babble` makes it send. So the
+//! autopilot still gets its ACKs when the node's cable is pulled. Further boards and links can add
+//! stations. The scene serves the links at least each simulated millisecond.
 
 use super::args::Args;
 use super::findings::Findings;
@@ -51,7 +53,8 @@ const NODE_STATUS_ID: u32 = 0x1801_5500;
 const DEFAULT_NODE_ID: u8 = 120;
 /// Fixed, so that each run has the same bus, SPI and sensor noise.
 const NOISE_SEED: u64 = 1;
-/// Identifier of the babbler's frame: highest priority, an unknown message type, and the node ID of a tool (127).
+/// Identifier of the babbler's frame: highest priority, an unknown message type, and the node ID of
+/// a tool (127).
 const BABBLE_ID: u32 = 0x0000_0A7F;
 /// The longest frame, with a valid tail byte, so that receivers accept it as a transfer.
 const BABBLE_DATA: [u8; 8] = [0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0];
@@ -74,7 +77,8 @@ pub struct Scene {
     links: Vec<Box<dyn Link>>,
     script: Option<Script>,
     next_status_at: Cycles,
-    /// End of the application section in bytes, if there is a bootloader, which can replace the application.
+    /// End of the application section in bytes, if there is a bootloader, which can replace the
+    /// application.
     application_end: Option<usize>,
     babbler: Rc<RefCell<SoftNode>>,
     /// Node of the fault `wrong-rate`; attached when that fault begins for the first time.
@@ -88,7 +92,8 @@ pub struct Scene {
     /// True once the program has filled its free RAM with paint.
     stack_is_painted: bool,
     next_stack_at: Cycles,
-    /// True once a fault has disturbed the chip or its SPI: wrong commands from then on are not the driver's mistakes.
+    /// True once a fault has disturbed the chip or its SPI: wrong commands from then on are not
+    /// the driver's mistakes.
     is_chip_disturbed: bool,
 }
 
@@ -96,7 +101,8 @@ impl Scene {
     /// Reads the firmware that `args` names, and powers the boards at time 0.
     ///
     /// # Errors
-    /// If the firmware or the bootloader is missing or does not fit, or a link cannot be opened; the message says what to do.
+    /// If the firmware or the bootloader is missing or does not fit, or a link cannot be opened;
+    /// the message says what to do.
     pub fn new(args: &Args) -> Result<Scene> {
         let path = args.elf.clone().map_or_else(node_elf, Ok)?;
         // With --no-program the firmware only describes the board, and may be missing.
@@ -104,7 +110,8 @@ impl Scene {
             Err(_) if args.links.no_program && args.elf.is_none() => Firmware::default(),
             firmware => firmware?,
         };
-        let wiring = Wiring::of_program(&firmware).with_context(|| path.display().to_string()).or_usage()?;
+        let wiring =
+            Wiring::of_program(&firmware).with_context(|| path.display().to_string()).or_usage()?;
         let chip = args.wires.apply(wiring).or_usage()?.chip;
         firmware.check_fits(chip).with_context(|| path.display().to_string()).or_usage()?;
         Scene::boot(&firmware, args)
@@ -113,11 +120,21 @@ impl Scene {
     /// Powers the boards at time 0 with a firmware that is read already.
     ///
     /// # Errors
-    /// If the firmware does not fit the chip, an option does not fit the board, or a link cannot be opened.
+    /// If the firmware does not fit the chip, an option does not fit the board, or a link cannot be
+    /// opened.
     pub fn boot(firmware: &Firmware, args: &Args) -> Result<Scene> {
         let wiring = args.wires.apply(Wiring::of_program(firmware)?).or_usage()?;
-        let loader = args.links.bootloader.as_ref().map(|hex| bootloader(hex.as_deref(), &wiring)).transpose()?;
-        let boot_section = loader.as_ref().map(|loader| loader.boot_section(wiring.chip)).transpose().or_usage()?;
+        let loader = args
+            .links
+            .bootloader
+            .as_ref()
+            .map(|hex| bootloader(hex.as_deref(), &wiring))
+            .transpose()?;
+        let boot_section = loader
+            .as_ref()
+            .map(|loader| loader.boot_section(wiring.chip))
+            .transpose()
+            .or_usage()?;
         let nothing = Firmware::default();
         let first = if args.links.no_program { &nothing } else { firmware };
         let powered = |program: &Firmware, seed: u64| {
@@ -138,7 +155,10 @@ impl Scene {
         let mut bench = Bench::new(bit_rate);
         let node = bench.add_board(Board::wired(avr, &wiring)?, "node");
         let others = (2..args.links.nodes + 2).map(|number| {
-            Ok(bench.add_board(Board::wired(powered(firmware, number as u64)?, &wiring)?, &format!("node{number}")))
+            Ok(bench.add_board(
+                Board::wired(powered(firmware, number as u64)?, &wiring)?,
+                &format!("node{number}"),
+            ))
         });
         let others = others.collect::<Result<Vec<usize>>>()?;
         let autopilot = args.autopilot().or_usage()?.map(|settings| {
@@ -152,20 +172,31 @@ impl Scene {
         let babbler = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("babbler", babbler.clone());
         let boards: Vec<usize> = [node].into_iter().chain(others.iter().copied()).collect();
-        let script = args.links.script.as_deref().map(|path| Script::open(path, &mut bench)).transpose().or_usage()?;
+        let script = args
+            .links
+            .script
+            .as_deref()
+            .map(|path| Script::open(path, &mut bench))
+            .transpose()
+            .or_usage()?;
         let links = args.links.open(&mut bench, &boards)?;
         let mut injections: Vec<_> = args.inject.clone();
         injections.sort_by_key(|injection| injection.at);
 
         let mut state = State::new(bit_rate);
         state.memory.flash = first.flash.iter().map(|(_, bytes)| bytes.len() as u32).sum();
-        // The bootloader can load another program, so the symbols and statics of this one do not count.
+        // The bootloader can load another program, so the symbols and statics of this one do not
+        // count.
         let known = if loader.is_some() { &nothing } else { firmware };
         state.memory.statics = loader.is_none().then_some(firmware.statics);
         state.memory.limits = limits;
         state.knows_vendor_code = knows_vendor_code;
-        let bottom = known.symbols.get(STACK_BOTTOM_SYMBOL).and_then(|symbol| u16::try_from(symbol.address).ok());
-        let stack_bottom = bottom.filter(|bottom| (regs::RAMSTART..=wiring.chip.ram_end()).contains(bottom));
+        let bottom = known
+            .symbols
+            .get(STACK_BOTTOM_SYMBOL)
+            .and_then(|symbol| u16::try_from(symbol.address).ok());
+        let stack_bottom =
+            bottom.filter(|bottom| (regs::RAMSTART..=wiring.chip.ram_end()).contains(bottom));
         state.report(0, Event::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
         state.wiring = wiring;
         let mut scene = Scene {
@@ -228,15 +259,18 @@ impl Scene {
         self.links.iter().any(|link| link.needs_real_time())
     }
 
-    /// Simulates until `until`, or until a debugger halts a board. Causes the faults of the command line and the events of
-    /// the script at their times.
+    /// Simulates until `until`, or until a debugger halts a board. Causes the faults of the command
+    /// line and the events of the script at their times.
     ///
     /// # Errors
     /// If a link cannot go on; see [`Link::serve`].
     pub fn advance(&mut self, until: Cycles) -> Result<()> {
         while self.now() < until {
-            let mut next = self.injections.front().map_or(until, |injection| injection.at).min(until);
-            if let Some(at) = self.script.as_ref().and_then(Script::next_event_at).filter(|at| *at > self.now()) {
+            let mut next =
+                self.injections.front().map_or(until, |injection| injection.at).min(until);
+            if let Some(at) =
+                self.script.as_ref().and_then(Script::next_event_at).filter(|at| *at > self.now())
+            {
                 next = next.min(at);
             }
             // An autopilot answers requests between two slices only, as links do.
@@ -247,12 +281,17 @@ impl Scene {
             while let Some(injection) = self.injections.pop_front_if(|i| i.at <= self.state.now) {
                 self.inject(injection.fault);
             }
-            let events = self.script.as_mut().map(|script| script.take_events(self.state.now)).unwrap_or_default();
+            let events = self
+                .script
+                .as_mut()
+                .map(|script| script.take_events(self.state.now))
+                .unwrap_or_default();
             for (_, event) in events {
                 self.apply(event);
             }
             self.serve_links()?;
-            // Time does not pass while a board is halted: return, so that the caller sees keys and signals.
+            // Time does not pass while a board is halted: return, so that the caller sees keys and
+            // signals.
             if self.bench.is_halted() {
                 break;
             }
@@ -321,7 +360,8 @@ impl Scene {
     /// # Errors
     /// If a link cannot write its file.
     pub fn finish(&mut self) -> Result<()> {
-        let mut result = self.script.as_mut().map_or(Ok(()), |script| script.finish(&mut self.bench));
+        let mut result =
+            self.script.as_mut().map_or(Ok(()), |script| script.finish(&mut self.bench));
         // An error of one file must not keep the others from being written.
         for link in &mut self.links {
             result = result.and(link.finish(&mut self.bench));
@@ -334,13 +374,19 @@ impl Scene {
         let further = match self.others.len() {
             0 => None,
             1 => Some(String::from("1 further board, node2, has the same firmware as the node")),
-            count => {
-                Some(format!("{count} further boards, node2 to node{}, have the same firmware as the node", count + 1))
-            }
+            count => Some(format!(
+                "{count} further boards, node2 to node{}, have the same firmware as the node",
+                count + 1
+            )),
         };
         let script = self.script.as_ref().map(Script::status);
         let links = self.links.iter().map(|link| link.status());
-        self.state.links = further.into_iter().chain(script).chain(links).filter(|status| !status.is_empty()).collect();
+        self.state.links = further
+            .into_iter()
+            .chain(script)
+            .chain(links)
+            .filter(|status| !status.is_empty())
+            .collect();
     }
 
     /// Changes the commanded deflection by `step` and holds it there. 1 is full deflection.
@@ -407,7 +453,10 @@ impl Scene {
                     Fault::ErrorStorm => Some(ERROR_STORM_PER_MILLION),
                     _ => None,
                 });
-                let fault = can::Fault::BitErrorRate { per_million: per_million.unwrap_or(0), seed: NOISE_SEED };
+                let fault = can::Fault::BitErrorRate {
+                    per_million: per_million.unwrap_or(0),
+                    seed: NOISE_SEED,
+                };
                 self.bench.bus().inject(fault);
             }
             Fault::LoseFrame => bus.inject(can::Fault::LoseNextFrame { port: node_port }),
@@ -428,7 +477,8 @@ impl Scene {
             Fault::WrongRate => self.connect_intruder(on),
             Fault::SameId => {
                 let id = self.state.status.map_or(DEFAULT_NODE_ID, |(_, node, _)| node.get());
-                let frame = Frame::extended(NODE_STATUS_ID | u32::from(id), &[1, 0, 0, 0, 0, 0, 0, 0xC0]);
+                let frame =
+                    Frame::extended(NODE_STATUS_ID | u32::from(id), &[1, 0, 0, 0, 0, 0, 0, 0xC0]);
                 self.babbler.borrow_mut().send(frame);
             }
             Fault::ChipGarbage => self.board().chip_brown_out(NOISE_SEED),
@@ -497,13 +547,15 @@ impl Scene {
         }
     }
 
-    /// The effect of the active fault that began last, among those for which `effect` is not `None`. Faults of one kind, such as
-    /// two bit error rates, replace each other. When the last one ends, the one before it is in force again.
+    /// The effect of the active fault that began last, among those for which `effect` is not
+    /// `None`. Faults of one kind, such as two bit error rates, replace each other. When the
+    /// last one ends, the one before it is in force again.
     fn latest_effect<T>(&self, effect: impl Fn(Fault) -> Option<T>) -> Option<T> {
         self.state.active_faults.iter().rev().find_map(|fault| effect(*fault))
     }
 
-    /// Replaces the autopilot by one of the other dialect, at its power-on. The next replacement has the first one's settings again.
+    /// Replaces the autopilot by one of the other dialect, at its power-on. The next replacement
+    /// has the first one's settings again.
     fn replace_autopilot(&mut self) {
         let Some((autopilot, port)) = self.autopilot.take() else { return };
         let old = autopilot.settings().clone();
@@ -517,7 +569,8 @@ impl Scene {
         self.autopilot = Some((successor, port));
     }
 
-    /// Lets a node of half the bit rate babble, or disconnects it. The simulation is slower while the node is connected.
+    /// Lets a node of half the bit rate babble, or disconnects it. The simulation is slower while
+    /// the node is connected.
     fn connect_intruder(&mut self, on: bool) {
         let bit_rate = self.bench.bus().bit_rate() / 2;
         let bench = &mut self.bench;
@@ -563,13 +616,17 @@ impl Scene {
             self.state.add_pulse(pulse.start, pulse.width_cycles, pulse.period_cycles);
         }
         let outputs = board.take_output_pulses().into_iter();
-        self.state
-            .set_output_pulses(outputs.map(|pulses| pulses.last().map(|pulse| (pulse.start, pulse.width_cycles))));
+        self.state.set_output_pulses(
+            outputs.map(|pulses| pulses.last().map(|pulse| (pulse.start, pulse.width_cycles))),
+        );
         self.state.set_light(now, board.light());
         for violation in board.take_violations() {
             let text = format!("{}: {}", violation.source, violation.text);
             if self.is_chip_disturbed {
-                self.state.report(violation.at, Event::Fault(format!("after a fault of the chip: {text}")));
+                self.state.report(
+                    violation.at,
+                    Event::Fault(format!("after a fault of the chip: {text}")),
+                );
             } else {
                 self.state.add_mistake(violation.at, text);
             }
@@ -599,7 +656,8 @@ impl Scene {
         }
     }
 
-    /// Reports the mistakes and crashes of the further boards, and drops their other output, which would pile up.
+    /// Reports the mistakes and crashes of the further boards, and drops their other output, which
+    /// would pile up.
     fn collect_from_others(&mut self) {
         let now = self.state.now;
         for (index, number) in self.others.iter().enumerate() {
@@ -644,7 +702,9 @@ impl Scene {
     fn collect_from_bus(&mut self) -> Result<()> {
         for record in self.bench.bus().take_records() {
             let from = match record.kind {
-                can::RecordKind::Frame { from, .. } | can::RecordKind::ErrorFrame { from, .. } => from,
+                can::RecordKind::Frame { from, .. } | can::RecordKind::ErrorFrame { from, .. } => {
+                    from
+                }
             };
             let station = from.map(|port| self.bench.bus().name(port).to_owned());
             let from_node = from == Some(self.node_port);
@@ -686,11 +746,13 @@ impl Scene {
 
 /// Reads the bootloader from `hex`, or the one that `make boot` has built for the board.
 fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<Firmware> {
-    let path = hex.map_or_else(|| bench::bootloader(wiring), |hex| Ok(hex.to_owned())).or_usage()?;
+    let path =
+        hex.map_or_else(|| bench::bootloader(wiring), |hex| Ok(hex.to_owned())).or_usage()?;
     Firmware::read_hex(&path).or_usage()
 }
 
-/// True if the program has filled its free RAM, from `bottom` on, with paint. RAM that no program has written to holds noise.
+/// True if the program has filled its free RAM, from `bottom` on, with paint. RAM that no program
+/// has written to holds noise.
 fn is_painted(avr: &Avr, bottom: u16) -> bool {
     let end = bottom.saturating_add(PAINTED_BYTES - 1);
     end <= avr.chip().ram_end() && avr.sram_range(bottom..=end).iter().all(|byte| *byte == PAINT)
@@ -699,7 +761,9 @@ fn is_painted(avr: &Avr, bottom: u16) -> bool {
 /// Why the program cannot go on; `None` if it can.
 fn crash(state: avr::State) -> Option<String> {
     match state {
-        avr::State::Crashed(pc) => Some(format!("the program counter left the flash that can be read, at {pc:#06x}")),
+        avr::State::Crashed(pc) => {
+            Some(format!("the program counter left the flash that can be read, at {pc:#06x}"))
+        }
         avr::State::Done => Some(String::from("asleep for ever, with interrupts off")),
         avr::State::Running | avr::State::Sleeping => None,
     }
@@ -744,7 +808,8 @@ mod tests {
 
     #[test]
     fn faults_happen_at_their_time_in_any_order_and_end_when_repeated() {
-        let mut scene = scene(&IDLE, "--inject silence@30ms --inject babble@10ms --inject babble@20ms");
+        let mut scene =
+            scene(&IDLE, "--inject silence@30ms --inject babble@10ms --inject babble@20ms");
         scene.advance(F_CPU_HZ / 20).unwrap();
         let faults: Vec<_> = events(&mut scene)
             .into_iter()
@@ -786,7 +851,8 @@ mod tests {
             scene.advance(F_CPU_HZ).unwrap();
             (scene.state().active_faults.clone(), scene.state().bus.error_frames - before)
         };
-        let (active, errors) = errors_after("--inject error-storm@0s --inject error-rate@1ms --inject error-rate@2ms");
+        let (active, errors) =
+            errors_after("--inject error-storm@0s --inject error-rate@1ms --inject error-rate@2ms");
         assert_eq!(active, [Fault::ErrorStorm]);
         assert!(errors > 5, "{errors}");
         let (active, errors) = errors_after("--inject error-storm@0s --inject error-storm@1ms");
@@ -830,7 +896,8 @@ mod tests {
     /// The uptime of the new autopilot begins at 0, and it holds the deflection of the old one.
     #[test]
     fn an_autopilot_of_the_other_dialect_replaces_the_first_and_is_replaced_by_it() {
-        let mut scene = scene(&IDLE, "--autopilot ardupilot --hold 0.5 --inject other-dialect@1500ms");
+        let mut scene =
+            scene(&IDLE, "--autopilot ardupilot --hold 0.5 --inject other-dialect@1500ms");
         scene.advance(F_CPU_HZ * 3 / 2).unwrap();
         assert_eq!(autopilot(&scene).dialect, Dialect::Draft);
         scene.state_mut().take_events();
@@ -843,12 +910,18 @@ mod tests {
             events(scene).into_iter().filter_map(line).collect::<Vec<_>>()
         };
         let lines = traffic(&mut scene);
-        assert!(lines.iter().all(|(_, who, text)| who == "10" && text.starts_with("draft.")), "{lines:?}");
+        assert!(
+            lines.iter().all(|(_, who, text)| who == "10" && text.starts_with("draft.")),
+            "{lines:?}"
+        );
         assert_eq!(lines[0].2, "draft.NodeStatus OK up 0 s vendor 0x0000");
         assert_eq!(lines[1].2, "draft.ArrayCommand id 1 +0.50");
         assert_eq!(lines.iter().filter(|(_, _, text)| text.contains("NodeStatus")).count(), 2);
         scene.inject(Fault::OtherDialect);
-        assert_eq!((autopilot(&scene).dialect, autopilot(&scene).profile.as_str()), (Dialect::V0, "ArduPilot"));
+        assert_eq!(
+            (autopilot(&scene).dialect, autopilot(&scene).profile.as_str()),
+            (Dialect::V0, "ArduPilot")
+        );
         scene.advance(4 * F_CPU_HZ).unwrap();
         let lines = traffic(&mut scene);
         assert!(lines.iter().any(|(_, _, text)| text.starts_with("ArmingStatus")), "{lines:?}");
@@ -874,7 +947,8 @@ mod tests {
         scene.advance(F_CPU_HZ / 5).unwrap();
         let crash = scene.state().crash.clone().unwrap();
         assert!(crash.contains("left the flash"), "{crash}");
-        let crashes = events(&mut scene).into_iter().filter(|(_, event)| matches!(event, Event::Crash(_)));
+        let crashes =
+            events(&mut scene).into_iter().filter(|(_, event)| matches!(event, Event::Crash(_)));
         assert_eq!(crashes.count(), 1);
     }
 
@@ -897,7 +971,11 @@ mod tests {
         assert_eq!(scene.state().memory.stack, Some(15));
         (0x200..=0x4F0).for_each(|address| scene.board().avr_mut().poke_sram(address, 0));
         scene.advance(F_CPU_HZ).unwrap();
-        assert_eq!(scene.state().memory.stack, Some(0x300), "it has been painted, so this was the stack");
+        assert_eq!(
+            scene.state().memory.stack,
+            Some(0x300),
+            "it has been painted, so this was the stack"
+        );
     }
 
     #[test]
@@ -913,7 +991,11 @@ mod tests {
     fn the_board_is_announced_first_and_has_the_limits_of_its_chip() {
         let program = vec![(0, IDLE.to_vec())];
         let section = b"board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\nservo=D9\nsensor=A0\n";
-        let firmware = Firmware { flash: program.clone(), board: Some(section.to_vec()), ..Firmware::default() };
+        let firmware = Firmware {
+            flash: program.clone(),
+            board: Some(section.to_vec()),
+            ..Firmware::default()
+        };
         let wiring = Wiring::of_program(&firmware).unwrap();
         let args = |line: &str| Args::try_parse_from(line.split(' ')).unwrap();
         let mut scene = Scene::boot(&firmware, &args("sim")).unwrap();
@@ -924,12 +1006,16 @@ mod tests {
         // Options replace what the program says.
         let scene = Scene::boot(&firmware, &args("sim --shield sparkfun")).unwrap();
         assert_eq!((scene.state().wiring.crystal_mhz, scene.state().bus.bit_rate), (16, 1_000_000));
-        let error = Scene::boot(&firmware, &args("sim --bit-rate 1000000")).err().unwrap().to_string();
+        let error =
+            Scene::boot(&firmware, &args("sim --bit-rate 1000000")).err().unwrap().to_string();
         assert!(error.contains("a crystal of 8 MHz does at most 500000"), "{error}");
         // A program without the section `.board` is not of this project, and has no limits.
         let firmware = Firmware { flash: program, ..Firmware::default() };
         let scene = Scene::boot(&firmware, &args("sim --mcu atmega328p")).unwrap();
-        assert_eq!((scene.state().memory.limits, scene.state().wiring.chip), (None, Chip::Atmega328p));
+        assert_eq!(
+            (scene.state().memory.limits, scene.state().wiring.chip),
+            (None, Chip::Atmega328p)
+        );
         assert!(!scene.state().knows_vendor_code);
     }
 
@@ -938,7 +1024,8 @@ mod tests {
         let mut scene = scene(&IDLE, "--inject reset@5ms");
         scene.advance(F_CPU_HZ / 100).unwrap();
         let is_reported = events(&mut scene).into_iter().any(|(at, event)| {
-            matches!(event, Event::Reset(text) if text.contains("External")) && at / (F_CPU_HZ / 1000) == 5
+            matches!(event, Event::Reset(text) if text.contains("External"))
+                && at / (F_CPU_HZ / 1000) == 5
         });
         assert!(is_reported);
     }
@@ -982,7 +1069,9 @@ mod tests {
     #[test]
     fn further_boards_are_announced_and_watched() {
         let mut scene = scene(&[0x00, 0x00], "--nodes 2");
-        assert!(matches!(&events(&mut scene)[1].1, Event::Link(text) if text.contains("node2 to node3")));
+        assert!(
+            matches!(&events(&mut scene)[1].1, Event::Link(text) if text.contains("node2 to node3"))
+        );
         scene.advance(F_CPU_HZ / 5).unwrap();
         assert_eq!(scene.bench.boards().len(), 3);
         assert!(scene.state().crash.is_some());
@@ -1003,7 +1092,8 @@ mod tests {
             assert_eq!(std::fs::read(scratch.path(name)).unwrap()[0], byte, "{name}");
         }
         let mut second = scene(&IDLE, &options);
-        let bytes: Vec<u8> = second.bench.boards().iter().map(|board| board.avr().eeprom()[0]).collect();
+        let bytes: Vec<u8> =
+            second.bench.boards().iter().map(|board| board.avr().eeprom()[0]).collect();
         assert_eq!(bytes, [1, 2, 3]);
     }
 
@@ -1025,7 +1115,9 @@ mod tests {
         let lines = scene.state().traffic.page(1000, None, &Hidden::new());
         let texts: Vec<&str> = lines.iter().map(|line| line.text.as_str()).collect();
         assert!(texts.contains(&"esc.RawCommand 8191, 8191, 8191, 8191"), "{texts:?}");
-        assert!(texts.iter().any(|text| text.contains("id 0 unitless +1.00") && text.contains("id 7 unitless +1.00")));
+        assert!(texts.iter().any(
+            |text| text.contains("id 0 unitless +1.00") && text.contains("id 7 unitless +1.00")
+        ));
     }
 
     #[test]

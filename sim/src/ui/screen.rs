@@ -1,4 +1,5 @@
-//! The state of the screen: the list that is open, the types of traffic that are hidden, and the scroll position.
+//! The state of the screen: the list that is open, the types of traffic that are hidden, and the
+//! scroll position.
 
 use super::keys::Action;
 use super::pace::Measured;
@@ -31,7 +32,8 @@ pub struct Screen {
 }
 
 impl Screen {
-    /// Applies an action to the screen, on which `page` lines of traffic fit. Actions on the bench change nothing here.
+    /// Applies an action to the screen, on which `page` lines of traffic fit. Actions on the bench
+    /// change nothing here.
     pub fn apply(&mut self, action: Action, traffic: &Traffic, page: usize) {
         let types = traffic.types();
         match action {
@@ -74,7 +76,13 @@ mod tests {
         let mut traffic = Traffic::default();
         for name in names {
             let (who, text) = (String::from("1"), name.to_string());
-            traffic.push(TrafficLine { at: 0, origin: Origin::Other, who, name: text.clone(), text });
+            traffic.push(TrafficLine {
+                at: 0,
+                origin: Origin::Other,
+                who,
+                name: text.clone(),
+                text,
+            });
         }
         traffic
     }
@@ -98,9 +106,11 @@ mod tests {
     #[test]
     fn a_popup_closes_by_its_own_key_and_replaces_another() {
         let (traffic, mut screen) = (Traffic::default(), Screen::default());
-        for (popup, open) in
-            [(Popup::Help, Some(Popup::Help)), (Popup::Faults, Some(Popup::Faults)), (Popup::Faults, None)]
-        {
+        for (popup, open) in [
+            (Popup::Help, Some(Popup::Help)),
+            (Popup::Faults, Some(Popup::Faults)),
+            (Popup::Faults, None),
+        ] {
             screen.apply(Action::Toggle(popup), &traffic, 5);
             assert_eq!(screen.popup, open);
         }
@@ -127,7 +137,8 @@ mod tests {
     #[test]
     fn without_traffic_there_is_nothing_to_hide() {
         let mut screen = Screen::default();
-        for action in [Action::Select(1), Action::ToggleType, Action::Scroll(1), Action::Scroll(-1)] {
+        for action in [Action::Select(1), Action::ToggleType, Action::Scroll(1), Action::Scroll(-1)]
+        {
             screen.apply(action, &Traffic::default(), 0);
         }
         assert!(screen.hidden.is_empty() && screen.until.is_none());

@@ -1,7 +1,8 @@
 //! The state of the bench as the views show it, updated as simulated time passes.
 //!
-//! Plain data and the rules that update it: no bench, no terminal, no wall clock. The scene updates it, the live view draws
-//! it, and the plain view prints its events. Histories are bounded; counters are not.
+//! Plain data and the rules that update it: no bench, no terminal, no wall clock. The scene updates
+//! it, the live view draws it, and the plain view prints its events. Histories are bounded;
+//! counters are not.
 
 use super::history::Log;
 use super::mistakes::Mistakes;
@@ -12,8 +13,8 @@ use bench::board::SpiUse;
 use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
 use bench::dronecan::{
-    CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus, Observation, Observer, Temperature,
-    draft,
+    CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus, Observation,
+    Observer, Temperature, draft,
 };
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
@@ -23,14 +24,16 @@ use std::collections::VecDeque;
 
 /// Bus load and frame rate are measured over this time.
 const RATE_WINDOW: Cycles = F_CPU_HZ;
-/// Longest line of the serial monitor, in characters. A line that the node does not end is cut here.
+/// Longest line of the serial monitor, in characters. A line that the node does not end is cut
+/// here.
 const SERIAL_LINE_MAX: usize = 200;
 /// A PWM output without a pulse for this long is off. Usual servo periods are 20 ms or less.
 const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
 /// Intermission between two frames (ISO 11898-1): part of the load, because no frame can use it.
 const INTERMISSION_BITS: u32 = 3;
 
-/// The report lists this many lost frames, resets and hints, the first ones. Counters count them all.
+/// The report lists this many lost frames, resets and hints, the first ones. Counters count them
+/// all.
 const LOST_FRAMES_MAX: usize = 100;
 const RESETS_MAX: usize = 100;
 const HINTS_MAX: usize = 20;
@@ -115,7 +118,8 @@ pub struct BusState {
     pub error_frames: u64,
     /// Frames without an acknowledgement.
     pub unacknowledged: u64,
-    /// End, length in bits, and true for a valid frame, of all frames and error frames within `RATE_WINDOW`.
+    /// End, length in bits, and true for a valid frame, of all frames and error frames within
+    /// `RATE_WINDOW`.
     window: VecDeque<(Cycles, u32, bool)>,
 }
 
@@ -154,11 +158,18 @@ pub struct Controller {
 
 impl Default for Controller {
     fn default() -> Controller {
-        Controller { mode: String::from("?"), tec: 0, rec: 0, error_state: ErrorState::Active, overflows: 0 }
+        Controller {
+            mode: String::from("?"),
+            tec: 0,
+            rec: 0,
+            error_state: ErrorState::Active,
+            overflows: 0,
+        }
     }
 }
 
-/// Time that received frames waited in the chip, from the end of the frame until the driver cleared RXnIF.
+/// Time that received frames waited in the chip, from the end of the frame until the driver cleared
+/// RXnIF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Latency {
     pub last: Option<Cycles>,
@@ -170,7 +181,8 @@ pub struct Latency {
 pub struct Memory {
     /// .text + .data.
     pub flash: u32,
-    /// .data + .bss; `None` for a chip with a bootloader, because an update can have replaced the program.
+    /// .data + .bss; `None` for a chip with a bootloader, because an update can have replaced the
+    /// program.
     pub statics: Option<u32>,
     /// Deepest stack so far; `None` for a program that does not paint its stack.
     pub stack: Option<u32>,
@@ -204,7 +216,8 @@ pub struct State {
     /// The board of the node under test.
     pub wiring: Wiring,
     pub servo: Servo,
-    /// Start and width of the last pulse of output 2 and each further output; empty if the board has one output.
+    /// Start and width of the last pulse of output 2 and each further output; empty if the board
+    /// has one output.
     pub outputs: Vec<Option<(Cycles, Cycles)>>,
     /// Brightness of the light, in per cent.
     pub light_percent: u32,
@@ -217,13 +230,16 @@ pub struct State {
     pub circuit: Option<CircuitStatus>,
     /// Last temperature that the node sent in the thesis's message, in degrees Celsius.
     pub thesis_temperature_c: Option<u8>,
-    /// Last measurement that the node sent in the draft: degrees Celsius, or the presses of its button.
+    /// Last measurement that the node sent in the draft: degrees Celsius, or the presses of its
+    /// button.
     pub draft_measurement: Option<u8>,
-    /// Last NodeStatus of the node under test, and its time. A status of the draft is converted to v0.
+    /// Last NodeStatus of the node under test, and its time. A status of the draft is converted to
+    /// v0.
     pub status: Option<(Cycles, NodeId, NodeStatus)>,
     /// Dialect of the last NodeStatus.
     pub dialect: Dialect,
-    /// True for a program of this project: the views show its vendor-specific status code in words.
+    /// True for a program of this project: the views show its vendor-specific status code in
+    /// words.
     pub knows_vendor_code: bool,
     pub bus: BusState,
     /// Load by node and type. Drawing it drops old frames, hence the cell.
@@ -291,7 +307,8 @@ impl State {
         }
     }
 
-    /// Takes the last whole pulse, start and width, of output 2 and each further output. `None`: no new pulse.
+    /// Takes the last whole pulse, start and width, of output 2 and each further output. `None`: no
+    /// new pulse.
     pub fn set_output_pulses(&mut self, last: impl IntoIterator<Item = Option<(Cycles, Cycles)>>) {
         let last: Vec<_> = last.into_iter().collect();
         self.outputs.resize(last.len(), None);
@@ -300,7 +317,8 @@ impl State {
         }
     }
 
-    /// Pulse widths from output 2 to the last output that gives pulses; `None` for an output between that gives none.
+    /// Pulse widths from output 2 to the last output that gives pulses; `None` for an output
+    /// between that gives none.
     pub fn output_widths(&self) -> Vec<Option<Cycles>> {
         let count = self.outputs.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
         self.outputs[..count].iter().map(|output| output.map(|(_, width)| width)).collect()
@@ -357,7 +375,8 @@ impl State {
         }
     }
 
-    /// `count` divided by the number of frames that the node received and sent; `None` if there were no frames.
+    /// `count` divided by the number of frames that the node received and sent; `None` if there
+    /// were no frames.
     pub fn per_node_frame(&self, count: u64) -> Option<f64> {
         let frames = self.frames_for_node + self.frames_of_node;
         (frames > 0).then(|| count as f64 / frames as f64)
@@ -368,7 +387,10 @@ impl State {
         if self.lost_frames.len() < LOST_FRAMES_MAX {
             self.lost_frames.push((at, frame));
         }
-        self.report(at, Event::Lost(format!("frame lost, both receive buffers were full: {frame}")));
+        self.report(
+            at,
+            Event::Lost(format!("frame lost, both receive buffers were full: {frame}")),
+        );
     }
 
     /// Counts and reports a reset of the AVR.
@@ -408,7 +430,8 @@ impl State {
         self.latency.worst = self.latency.worst.max(Some(latency));
     }
 
-    /// Adds a frame or an error frame of the bus. `from_node` is true if the node under test sent it; `station` is the sender's name.
+    /// Adds a frame or an error frame of the bus. `from_node` is true if the node under test sent
+    /// it; `station` is the sender's name.
     pub fn add_record(&mut self, record: &Record, from_node: bool, station: Option<&str>) {
         self.load_by_type.get_mut().record(record);
         let valid = matches!(record.kind, RecordKind::Frame { .. });
@@ -445,7 +468,9 @@ impl State {
         };
         let transfer = match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             Observation::Partial => return,
-            Observation::Invalid(why) if CanId::parse(id).is_some_and(|id| DataType::of(id).is_some()) => {
+            Observation::Invalid(why)
+                if CanId::parse(id).is_some_and(|id| DataType::of(id).is_some()) =>
+            {
                 let who = station.unwrap_or("-");
                 return self.add_broken(at, who, "invalid frame", format!("{frame} {why}"));
             }
@@ -469,10 +494,12 @@ impl State {
         self.add_traffic(TrafficLine { at, origin, who, name, text });
     }
 
-    /// Sets the node's status. If its dialect changed, the measurements that it sent in the old dialect are out of date and dropped.
+    /// Sets the node's status. If its dialect changed, the measurements that it sent in the old
+    /// dialect are out of date and dropped.
     fn set_node_status(&mut self, at: Cycles, node: NodeId, status: NodeStatus, dialect: Dialect) {
         if dialect != self.dialect {
-            (self.temperature, self.thesis_temperature_c, self.draft_measurement) = (None, None, None);
+            (self.temperature, self.thesis_temperature_c, self.draft_measurement) =
+                (None, None, None);
             self.circuit = None;
         }
         self.dialect = dialect;
@@ -481,15 +508,22 @@ impl State {
 
     fn set_measurement(&mut self, transfer: &Decoded) {
         match transfer {
-            Decoded::V0(_, Message::Temperature(temperature)) => self.temperature = Some(*temperature),
+            Decoded::V0(_, Message::Temperature(temperature)) => {
+                self.temperature = Some(*temperature)
+            }
             Decoded::V0(_, Message::CircuitStatus(circuit)) => self.circuit = Some(*circuit),
-            Decoded::V0(_, Message::ThesisTemperature(degrees)) => self.thesis_temperature_c = Some(*degrees),
-            Decoded::Draft(_, draft::Message::ThesisMeasurement(number)) => self.draft_measurement = Some(*number),
+            Decoded::V0(_, Message::ThesisTemperature(degrees)) => {
+                self.thesis_temperature_c = Some(*degrees)
+            }
+            Decoded::Draft(_, draft::Message::ThesisMeasurement(number)) => {
+                self.draft_measurement = Some(*number)
+            }
             _ => {}
         }
     }
 
-    /// Adds a frame that is not part of a DroneCAN transfer. Other protocols may share the bus, so this is not an error.
+    /// Adds a frame that is not part of a DroneCAN transfer. Other protocols may share the bus, so
+    /// this is not an error.
     fn add_foreign(&mut self, at: Cycles, station: Option<&str>, frame: &Frame, why: &str) {
         let text = format!("CAN frame {frame} (not DroneCAN: {why})");
         let (who, name) = (station.unwrap_or("-").to_owned(), String::from("CAN frame"));
@@ -497,7 +531,13 @@ impl State {
     }
 
     fn add_broken(&mut self, at: Cycles, who: &str, name: &str, text: String) {
-        self.add_traffic(TrafficLine { at, origin: Origin::Broken, who: who.to_owned(), name: name.to_owned(), text });
+        self.add_traffic(TrafficLine {
+            at,
+            origin: Origin::Broken,
+            who: who.to_owned(),
+            name: name.to_owned(),
+            text,
+        });
     }
 
     fn add_traffic(&mut self, line: TrafficLine) {
@@ -510,7 +550,9 @@ impl State {
 fn status_in(transfer: &Decoded) -> Option<(NodeId, NodeStatus, String)> {
     let (status, text) = match transfer {
         Decoded::V0(_, Message::NodeStatus(status)) => (*status, status.to_string()),
-        Decoded::Draft(_, draft::Message::NodeStatus(status)) => ((*status).into(), format!("draft, {status}")),
+        Decoded::Draft(_, draft::Message::NodeStatus(status)) => {
+            ((*status).into(), format!("draft, {status}"))
+        }
         _ => return None,
     };
     Some((transfer.source()?, status, text))
@@ -560,7 +602,11 @@ mod tests {
         let reported = |knows_vendor_code, code: u16, from_node| {
             let mut state = State { knows_vendor_code, ..State::new(1_000_000) };
             let [low, high] = code.to_le_bytes();
-            state.add_record(&record(16_000, 0x1801_552A, &[12, 0, 0, 0, 0x40, low, high, 0xC0]), from_node, None);
+            state.add_record(
+                &record(16_000, 0x1801_552A, &[12, 0, 0, 0, 0x40, low, high, 0xC0]),
+                from_node,
+                None,
+            );
             match state.take_events().swap_remove(0).1 {
                 Event::Status(_, text) => text,
                 other => panic!("{other:?}"),
@@ -577,9 +623,17 @@ mod tests {
     fn a_status_and_a_measurement_of_the_draft_are_kept_and_those_of_v0_dropped() {
         let mut state = State::new(1_000_000);
         state.add_record(&record(8_000, 0x1801_5578, &STATUS), true, Some("node"));
-        state.add_record(&record(9_000, 0x1804_5678, &[1, 0, 0xA9, 0x5C, 0, 0xC2]), true, Some("node"));
+        state.add_record(
+            &record(9_000, 0x1804_5678, &[1, 0, 0xA9, 0x5C, 0, 0xC2]),
+            true,
+            Some("node"),
+        );
         assert!(state.temperature.is_some());
-        state.add_record(&record(16_000, 0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]), true, Some("node"));
+        state.add_record(
+            &record(16_000, 0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]),
+            true,
+            Some("node"),
+        );
         state.add_record(&record(17_000, 0x17CD_E008, &[23]), true, Some("node"));
         state.add_record(&record(18_000, 0x17C4_0409, &[90]), false, Some("autopilot"));
         let (at, node_id, status) = state.status.unwrap();
@@ -587,7 +641,8 @@ mod tests {
         assert_eq!(status.to_string(), "WARNING OPERATIONAL up 11259375 s vendor 0xBEEF");
         assert_eq!((state.temperature, state.draft_measurement), (None, Some(23)));
         let events = state.take_events();
-        let expected = Event::Status(node_id, String::from("draft, WARNING up 11259375 s vendor 0xBEEF"));
+        let expected =
+            Event::Status(node_id, String::from("draft, WARNING up 11259375 s vendor 0xBEEF"));
         assert!(events.contains(&(16_000, expected)), "{events:?}");
         let line = state.traffic.last().unwrap();
         assert_eq!((line.who.as_str(), line.text.as_str()), ("1", "draft.ThesisCommand 90"));
@@ -673,9 +728,13 @@ mod tests {
         assert_eq!(state.bus.error_frames, 1);
         assert_eq!(state.traffic.last().unwrap().text, "error frame: stuff error");
         let mut foreign = record(32_000, 0, &[]);
-        foreign.kind = RecordKind::Frame { frame: Frame::standard(0x123, &[1]), from: None, acked: false };
+        foreign.kind =
+            RecordKind::Frame { frame: Frame::standard(0x123, &[1]), from: None, acked: false };
         state.add_record(&foreign, false, None);
-        assert_eq!(state.traffic.last().unwrap().text, "CAN frame 123#01 (not DroneCAN: 11-bit identifier)");
+        assert_eq!(
+            state.traffic.last().unwrap().text,
+            "CAN frame 123#01 (not DroneCAN: 11-bit identifier)"
+        );
         assert_eq!(state.bus.unacknowledged, 1);
     }
 

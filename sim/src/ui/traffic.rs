@@ -1,14 +1,15 @@
 //! The traffic on the bus as lines, with a bounded history for each type of message.
 //!
-//! A frequent type pushes out only its own old lines, so the lines of rare types stay. A page merges the histories of the
-//! types that the user has not hidden. Each line has a number, in order of time. A page that is scrolled back stays on its
-//! numbers while new lines come.
+//! A frequent type pushes out only its own old lines, so the lines of rare types stay. A page
+//! merges the histories of the types that the user has not hidden. Each line has a number, in order
+//! of time. A page that is scrolled back stays on its numbers while new lines come.
 
 use super::history::Log;
 use super::state::TrafficLine;
 use std::collections::BTreeSet;
 
-/// Most types with a history of their own. Further types share one history; only foreign or broken nodes send so many.
+/// Most types with a history of their own. Further types share one history; only foreign or broken
+/// nodes send so many.
 const TYPES_MAX: usize = 32;
 /// Name of the history that the types beyond `TYPES_MAX` share.
 const FURTHER_TYPES: &str = "further types";
@@ -31,7 +32,8 @@ pub struct MessageType {
 /// The histories of all types.
 #[derive(Clone, Debug, Default)]
 pub struct Traffic {
-    /// In the order of their first lines, so that a list of the types does not move under the cursor.
+    /// In the order of their first lines, so that a list of the types does not move under the
+    /// cursor.
     types: Vec<MessageType>,
     next_number: u64,
 }
@@ -47,7 +49,8 @@ impl Traffic {
     }
 
     fn index_of(&mut self, name: &str) -> usize {
-        let index_of = |types: &[MessageType], name: &str| types.iter().position(|known| known.name == name);
+        let index_of =
+            |types: &[MessageType], name: &str| types.iter().position(|known| known.name == name);
         let name = match index_of(&self.types, name) {
             Some(index) => return index,
             None if self.types.len() < TYPES_MAX => name,
@@ -69,7 +72,8 @@ impl Traffic {
         self.before(self.next_number, &Hidden::new()).next().map(|(_, line)| line)
     }
 
-    /// A page of `rows` lines of types that are not hidden, oldest first. It ends with line number `until`, or the newest line.
+    /// A page of `rows` lines of types that are not hidden, oldest first. It ends with line number
+    /// `until`, or the newest line.
     pub fn page(&self, rows: usize, until: Option<u64>, hidden: &Hidden) -> Vec<&TrafficLine> {
         let end = self.end(until);
         let mut lines: Vec<_> = self.before(end, hidden).take(rows).collect();
@@ -86,19 +90,29 @@ impl Traffic {
         self.shown(hidden).map(|lines| lines.len() - position(lines, end)).sum()
     }
 
-    /// Scrolls a page of `rows` lines that ends at `until` back by `lines` lines that are not hidden. Returns the number of its new
-    /// last line. It stops at the first page of the history.
-    pub fn back(&self, until: Option<u64>, lines: usize, rows: usize, hidden: &Hidden) -> Option<u64> {
-        let older: Vec<_> =
-            self.before(self.end(until), hidden).take(lines + rows).map(|(number, _)| *number).collect();
+    /// Scrolls a page of `rows` lines that ends at `until` back by `lines` lines that are not
+    /// hidden. Returns the number of its new last line. It stops at the first page of the
+    /// history.
+    pub fn back(
+        &self,
+        until: Option<u64>,
+        lines: usize,
+        rows: usize,
+        hidden: &Hidden,
+    ) -> Option<u64> {
+        let older: Vec<_> = self
+            .before(self.end(until), hidden)
+            .take(lines + rows)
+            .map(|(number, _)| *number)
+            .collect();
         match lines.min(older.len().saturating_sub(rows)) {
             0 => until,
             moved => older.get(moved).or(older.last()).copied(),
         }
     }
 
-    /// Scrolls a page that ends at `until` by `lines` lines towards the newest. Returns the number of its new last line; `None` for
-    /// the newest.
+    /// Scrolls a page that ends at `until` by `lines` lines towards the newest. Returns the number
+    /// of its new last line; `None` for the newest.
     pub fn forth(&self, until: Option<u64>, lines: usize, hidden: &Hidden) -> Option<u64> {
         let mut newer = self.from(self.end(until), hidden).skip(lines.saturating_sub(1));
         let (number, _) = newer.next()?;
@@ -116,7 +130,8 @@ impl Traffic {
 
     /// Lines with numbers below `end`, without hidden types, newest first.
     fn before(&self, end: u64, hidden: &Hidden) -> impl Iterator<Item = &Numbered> {
-        let mut heads: Vec<_> = self.shown(hidden).map(|lines| (lines, position(lines, end))).collect();
+        let mut heads: Vec<_> =
+            self.shown(hidden).map(|lines| (lines, position(lines, end))).collect();
         std::iter::from_fn(move || {
             let newest = |(lines, end): &&mut (&Log<Numbered>, usize)| {
                 end.checked_sub(1).and_then(|last| lines.get(last)).map(|(number, _)| *number)
@@ -129,10 +144,12 @@ impl Traffic {
 
     /// Lines with numbers from `start` on, without hidden types, oldest first.
     fn from(&self, start: u64, hidden: &Hidden) -> impl Iterator<Item = &Numbered> {
-        let mut heads: Vec<_> = self.shown(hidden).map(|lines| (lines, position(lines, start))).collect();
+        let mut heads: Vec<_> =
+            self.shown(hidden).map(|lines| (lines, position(lines, start))).collect();
         std::iter::from_fn(move || {
-            let oldest =
-                |(lines, next): &&mut (&Log<Numbered>, usize)| lines.get(*next).map_or(u64::MAX, |(number, _)| *number);
+            let oldest = |(lines, next): &&mut (&Log<Numbered>, usize)| {
+                lines.get(*next).map_or(u64::MAX, |(number, _)| *number)
+            };
             let (lines, next) = heads.iter_mut().min_by_key(oldest)?;
             let line = lines.get(*next)?;
             *next += 1;
@@ -153,10 +170,17 @@ mod tests {
 
     fn line(name: &str, number: u64) -> TrafficLine {
         let text = format!("{name} {number}");
-        TrafficLine { at: number, origin: Origin::Other, who: String::from("1"), name: name.to_owned(), text }
+        TrafficLine {
+            at: number,
+            origin: Origin::Other,
+            who: String::from("1"),
+            name: name.to_owned(),
+            text,
+        }
     }
 
-    /// `count` seconds with 50 commands and one status each; the status is the last line of its second.
+    /// `count` seconds with 50 commands and one status each; the status is the last line of its
+    /// second.
     fn seconds(count: u64) -> Traffic {
         let mut traffic = Traffic::default();
         for second in 0..count {
@@ -179,7 +203,10 @@ mod tests {
         let traffic = seconds(2);
         let all = Hidden::new();
         assert_eq!(texts(traffic.page(3, None, &all)), ["command 98", "command 99", "status 1"]);
-        assert_eq!(texts(traffic.page(3, Some(51), &all)), ["command 49", "status 0", "command 50"]);
+        assert_eq!(
+            texts(traffic.page(3, Some(51), &all)),
+            ["command 49", "status 0", "command 50"]
+        );
         assert_eq!(traffic.page(1000, None, &all).len(), 102);
         assert_eq!(traffic.last().unwrap().text, "status 1");
     }
@@ -187,7 +214,10 @@ mod tests {
     #[test]
     fn hidden_types_are_left_out() {
         let traffic = seconds(3);
-        assert_eq!(texts(traffic.page(9, None, &without("command"))), ["status 0", "status 1", "status 2"]);
+        assert_eq!(
+            texts(traffic.page(9, None, &without("command"))),
+            ["status 0", "status 1", "status 2"]
+        );
         assert_eq!(texts(traffic.page(1, None, &without("status"))), ["command 149"]);
         let both = ["command", "status"].map(String::from).into();
         assert!(traffic.page(9, None, &both).is_empty());

@@ -1,7 +1,7 @@
 //! The vendor-specific status code in words.
 //!
-//! docs/status.md defines the code of this project's firmware. The codes of other programs have other meanings, so the views show
-//! words only for programs with the ELF section `.board`.
+//! docs/status.md defines the code of this project's firmware. The codes of other programs have
+//! other meanings, so the views show words only for programs with the ELF section `.board`.
 
 /// Bits 0 to 2 of the code: the fault that caused the last reset, as a number.
 const RESET: u16 = 0b111;
@@ -79,7 +79,10 @@ mod tests {
         ];
         for (bit, word) in (3..).zip(words) {
             let start = format!("| {bit} |");
-            let row = document.lines().find(|line| line.starts_with(&start)).expect("each bit has its row");
+            let row = document
+                .lines()
+                .find(|line| line.starts_with(&start))
+                .expect("each bit has its row");
             assert!(row.contains(word) && conditions(1 << bit)[0].contains(word), "{word}: {row}");
         }
     }

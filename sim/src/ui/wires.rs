@@ -1,4 +1,5 @@
-//! Options for the board and its wiring, for programs without the ELF section `.board`, or to run a program on another board.
+//! Options for the board and its wiring, for programs without the ELF section `.board`, or to run a
+//! program on another board.
 
 use anyhow::Result;
 use bench::avr::Chip;

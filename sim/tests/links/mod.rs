@@ -1,4 +1,5 @@
-//! Helpers for tests of links: clients that open a port without blocking, scratch directories, and compiled programs.
+//! Helpers for tests of links: clients that open a port without blocking, scratch directories, and
+//! compiled programs.
 
 #![allow(dead_code, reason = "each test file uses some of these")]
 
@@ -23,7 +24,8 @@ pub struct Scratch(PathBuf);
 impl Scratch {
     pub fn new() -> Scratch {
         static NEXT: AtomicU32 = AtomicU32::new(0);
-        let name = format!("sim-test-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+        let name =
+            format!("sim-test-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
         let directory = std::env::temp_dir().join(name);
         fs::create_dir_all(&directory).expect("a temporary directory");
         Scratch(directory)
@@ -47,7 +49,14 @@ impl Client {
     #[track_caller]
     pub fn open(path: &Path) -> Client {
         let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
-        Client(File::options().read(true).write(true).custom_flags(flags).open(path).expect("the port opens"))
+        Client(
+            File::options()
+                .read(true)
+                .write(true)
+                .custom_flags(flags)
+                .open(path)
+                .expect("the port opens"),
+        )
     }
 
     /// Writes all bytes. For short texts.

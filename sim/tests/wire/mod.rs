@@ -1,4 +1,5 @@
-//! The bench for tests of logs and VCD files: the node, an autopilot, and a peer that sends frames of every kind.
+//! The bench for tests of logs and VCD files: the node, an autopilot, and a peer that sends frames
+//! of every kind.
 
 #![allow(dead_code, reason = "each test file uses some of these")]
 
@@ -45,7 +46,8 @@ pub struct Rig {
     peer: Rc<RefCell<SoftNode>>,
 }
 
-/// Frames of the peer: both kinds of identifiers, every length, remote frames, and sequences of equal bits, which are stuffed.
+/// Frames of the peer: both kinds of identifiers, every length, remote frames, and sequences of
+/// equal bits, which are stuffed.
 pub fn peer_frames() -> Vec<Frame> {
     let data = [0x00, 0xFF, 0x55, 0xAA, 0x0F, 0xF8, 0x1C, 0x80];
     let mut frames = Vec::new();
@@ -64,14 +66,16 @@ pub fn peer_frames() -> Vec<Frame> {
 fn eeprom() -> &'static [u8] {
     static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
     EEPROM.get_or_init(|| {
-        eeprom_after_first_start(&node_elf().expect("the table has its defaults")).expect("run `make firmware`")
+        eeprom_after_first_start(&node_elf().expect("the table has its defaults"))
+            .expect("run `make firmware`")
     })
 }
 
 impl Rig {
     /// Each rig gives the same run.
     pub fn new() -> Rig {
-        let mut board = Board::load(&node_elf().expect("the table has its defaults")).expect("run `make firmware`");
+        let mut board = Board::load(&node_elf().expect("the table has its defaults"))
+            .expect("run `make firmware`");
         board.avr_mut().set_eeprom(eeprom());
         let mut bench = Bench::new(BIT_RATE);
         let node = bench.add_board(board, "node");
@@ -86,7 +90,8 @@ impl Rig {
         Rig { bench, node, autopilot, peer }
     }
 
-    /// Runs for `milliseconds`, and calls `turn` after each millisecond with the records of the bus.
+    /// Runs for `milliseconds`, and calls `turn` after each millisecond with the records of the
+    /// bus.
     pub fn run(&mut self, milliseconds: u64, mut turn: impl FnMut(&mut Bench, &[Record])) {
         for _ in 0..milliseconds {
             let until = self.bench.now() + MS;
@@ -113,7 +118,8 @@ pub fn frames(records: &[Record]) -> Vec<(Cycles, Frame)> {
 #[track_caller]
 pub fn output(program: &str, arguments: &[&str]) -> Vec<u8> {
     let run = Command::new(program).args(arguments).stdin(Stdio::null()).output();
-    let output = run.unwrap_or_else(|error| panic!("{program} cannot be run ({error}): run `make setup`"));
+    let output =
+        run.unwrap_or_else(|error| panic!("{program} cannot be run ({error}): run `make setup`"));
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{program} {arguments:?}: {errors}");
     output.stdout

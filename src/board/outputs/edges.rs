@@ -1,4 +1,5 @@
-//! The interrupt that switches the outputs 2 to 8, and its schedule. [`outputs`](super) has the whole.
+//! The interrupt that switches the outputs 2 to 8, and its schedule. [`outputs`](super) has the
+//! whole.
 
 use core::arch::global_asm;
 
@@ -19,19 +20,22 @@ pub(super) const SLOT: Ticks = (SLOT_US * (TICKS / 1_000_000)) as Ticks;
 /// The interrupt comes at least this number of ticks before an edge. See the module.
 pub(super) const LEAD: Ticks = 15;
 
-/// The handler takes an edge that is less than this number of ticks ahead. An edge that is farther ahead is for a later round of Timer0.
+/// The handler takes an edge that is less than this number of ticks ahead. An edge that is farther
+/// ahead is for a later round of Timer0.
 pub(super) const DUE: Ticks = LEAD + 3 * TICKS_OF_TIMER0;
 
-/// An edge that is this number of ticks ahead, modulo 65,536, or more, is late. If an interrupt were missed, the next one, a millisecond later, would take
-/// the edge. The shortest period is longer, so an edge of the next period does not look late.
+/// An edge that is this number of ticks ahead, modulo 65,536, or more, is late. If an interrupt
+/// were missed, the next one, a millisecond later, would take the edge. The shortest period is
+/// longer, so an edge of the next period does not look late.
 pub(super) const LATE: Ticks = ((TICKS / 1000) as u16 + 0x200).wrapping_neg() & 0xFF00;
 
-/// The handler changes to the new widths this number of ticks before BOTTOM. That is after the longest pulse of the last slot, and early enough to be
-/// complete at BOTTOM even if a frame is received meanwhile.
+/// The handler changes to the new widths this number of ticks before BOTTOM. That is after the
+/// longest pulse of the last slot, and early enough to be complete at BOTTOM even if a frame is
+/// received meanwhile.
 pub(super) const CHANGE_AHEAD: Ticks = 100;
 
-/// Time of an event without an edge at the beginning of a period. So the change to new widths is never followed by another one, for which TCNT1
-/// would be due in the same period.
+/// Time of an event without an edge at the beginning of a period. So the change to new widths is
+/// never followed by another one, for which TCNT1 would be due in the same period.
 pub(super) const BEGIN_AT: Ticks = 1000;
 
 /// OCIE0A and OCIE0B in TIMSK0, and OCF0B in TIFR0.
@@ -45,7 +49,8 @@ pub(super) const OCF0B: u8 = 1 << 2;
 pub(super) struct Moment {
     /// Value of TCNT1.
     pub(super) at: Ticks,
-    /// OCR0B for the interrupt before it, if TCNT0 is 0 when [`Schedule::timer0`] says which value it has.
+    /// OCR0B for the interrupt before it, if TCNT0 is 0 when [`Schedule::timer0`] says which value
+    /// it has.
     pub(super) compare: u8,
     _unused: u8,
 }
@@ -119,7 +124,8 @@ pub(super) static mut SCHEDULE: Schedule = Schedule {
     timer0: 0,
     phase: 0,
     period: 0,
-    outputs: [Switched { port: core::ptr::null_mut(), mask: 0, rise: Moment::NONE, before: 0 }; OUTPUTS],
+    outputs: [Switched { port: core::ptr::null_mut(), mask: 0, rise: Moment::NONE, before: 0 };
+        OUTPUTS],
 };
 
 /// The ends of the pulses, in two sets: see the module. An output whose pulse ends at 0 has none.
@@ -132,19 +138,22 @@ pub(super) static mut IS_NEW: bool = false;
 
 #[inline(always)]
 pub(super) fn tc0() -> TC0 {
-    // Safety: `Clock` uses other registers of Timer0, and TIMSK0 only before interrupts are enabled.
+    // Safety: `Clock` uses other registers of Timer0, and TIMSK0 only before interrupts are
+    // enabled.
     unsafe { TC0::steal() }
 }
 
 #[inline(always)]
 pub(super) fn tc1() -> TC1 {
-    // Safety: `Outputs::new` has consumed these registers. After `start` only the handler uses the 16-bit registers.
+    // Safety: `Outputs::new` has consumed these registers. After `start` only the handler uses the
+    // 16-bit registers.
     unsafe { TC1::steal() }
 }
 
-// The handler of the interrupt. It returns if the edge is not due. Else it polls the low byte of TCNT1 until the tick of the edge, in turns of 5
-// cycles of the 8 of a tick, and writes to the port. Then it disables its own interrupt, so that it can enable the others, and `go_on` prepares the
-// next edge.
+// The handler of the interrupt. It returns if the edge is not due. Else it polls the low byte of
+// TCNT1 until the tick of the edge, in turns of 5 cycles of the 8 of a tick, and writes to the
+// port. Then it disables its own interrupt, so that it can enable the others, and `go_on` prepares
+// the next edge.
 //
 // SREG = 0x3F, TCNT1 = 0x84, TIMSK0 = 0x6E.
 global_asm!(
@@ -224,10 +233,12 @@ global_asm!(
     ocie0a = const OCIE0A,
 );
 
-/// Prepares the next edge. The handler calls it with interrupts enabled and its own disabled. Returns the other way round.
+/// Prepares the next edge. The handler calls it with interrupts enabled and its own disabled.
+/// Returns the other way round.
 extern "C" fn go_on() {
     let (schedule, edge) = (&raw mut SCHEDULE, &raw mut EDGE);
-    // Safety: after `start` only this function and the handler use these, and the handler is disabled.
+    // Safety: after `start` only this function and the handler use these, and the handler is
+    // disabled.
     let (schedule, edge) = unsafe { (&mut *schedule, &mut *edge) };
     let Moment { at, compare, .. } = schedule.advance(edge);
     edge.at = at;
@@ -237,10 +248,13 @@ extern "C" fn go_on() {
         compare -= 1;
     }
     avr_device::interrupt::disable();
-    // If the interrupt cannot come in time, it comes as soon as it can. That takes more than two frames since the last edge.
+    // If the interrupt cannot come in time, it comes as soon as it can. That takes more than two
+    // frames since the last edge.
     let ahead = at.wrapping_sub(tc1().tcnt1().read().bits());
     let is_in_time = (DUE..LATE).contains(&ahead);
-    tc0().ocr0b().write(|w| w.set(if is_in_time { compare } else { plus(tc0().tcnt0().read().bits(), 2) }));
+    tc0()
+        .ocr0b()
+        .write(|w| w.set(if is_in_time { compare } else { plus(tc0().tcnt0().read().bits(), 2) }));
     enable_interrupt();
 }
 
@@ -261,7 +275,8 @@ pub(super) fn plus(a: u8, b: u8) -> u8 {
     if a >= room { a.wrapping_sub(room) } else { a.wrapping_add(b) }
 }
 
-/// Ticks of Timer0 in the longest pulse, modulo its period. A remainder takes 200 cycles, this takes 15.
+/// Ticks of Timer0 in the longest pulse, modulo its period. A remainder takes 200 cycles, this
+/// takes 15.
 #[inline(always)]
 pub(super) fn modulo_of_pulse(mut ticks: u16) -> u8 {
     const PERIOD: u16 = TIMER0_PERIOD as u16;
@@ -286,7 +301,8 @@ impl Schedule {
     /// Goes on to the next event. Returns its time.
     #[inline(always)]
     fn advance(&mut self, edge: &mut Edge) -> Moment {
-        // Safety: `start` has set the pointer to one of two statics. The main loop writes to the other one only.
+        // Safety: `start` has set the pointer to one of two statics. The main loop writes to the
+        // other one only.
         let falls = unsafe { &*(&raw const USED).read() };
         if self.event == Event::Rise {
             let slot = usize::from(self.slot) % OUTPUTS;
@@ -337,8 +353,9 @@ impl Schedule {
 #[inline(always)]
 pub(super) fn other_falls() -> *mut Falls {
     let first = (&raw mut FALLS).cast::<Falls>();
-    // Safety: the pointer is to a static. The handler changes it only while `IS_NEW` is true; the callers are the handler, and the main loop after it
-    // has made it false. So no interrupt comes between the reads of the two bytes of a value that changes.
+    // Safety: the pointer is to a static. The handler changes it only while `IS_NEW` is true; the
+    // callers are the handler, and the main loop after it has made it false. So no interrupt
+    // comes between the reads of the two bytes of a value that changes.
     let used = unsafe { (&raw const USED).read_volatile() };
     if core::ptr::eq(used, first) { first.wrapping_add(1) } else { first }
 }
@@ -346,8 +363,9 @@ pub(super) fn other_falls() -> *mut Falls {
 /// Changes to the new widths, if there are any. No pulse is active.
 #[inline(always)]
 pub(super) fn change() {
-    // Safety: only this function writes `USED` after `start`. The main loop clears `IS_NEW` before it writes the other set, and sets it afterwards. It is a
-    // byte, which one instruction reads or writes.
+    // Safety: only this function writes `USED` after `start`. The main loop clears `IS_NEW` before
+    // it writes the other set, and sets it afterwards. It is a byte, which one instruction
+    // reads or writes.
     let width = unsafe {
         if !(&raw const IS_NEW).read_volatile() {
             return;
@@ -360,7 +378,8 @@ pub(super) fn change() {
     timer1::set_width(&tc1(), width);
 }
 
-/// Ends the pulse that an interrupt would end. For a restart of the program: call it with interrupts disabled, after which no pulse begins.
+/// Ends the pulse that an interrupt would end. For a restart of the program: call it with
+/// interrupts disabled, after which no pulse begins.
 pub fn finish() {
     let (schedule, edge) = (&raw const SCHEDULE, &raw const EDGE);
     // Safety: interrupts are disabled, so the handler does not run.

@@ -22,7 +22,8 @@ impl Several {
         1
     }
 
-    /// True: the board gets the pulse each millisecond, because it ends pulses only between two of them.
+    /// True: the board gets the pulse each millisecond, because it ends pulses only between two of
+    /// them.
     #[inline(always)]
     pub fn take_stale(&mut self) -> bool {
         true

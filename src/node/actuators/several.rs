@@ -1,4 +1,5 @@
-//! A node with several outputs: which are in use, which commands are for them, and which of them are in failsafe.
+//! A node with several outputs: which are in use, which commands are for them, and which of them
+//! are in failsafe.
 
 use super::super::actuator::Actuator;
 use super::super::agenda::Entry;
@@ -29,7 +30,8 @@ pub struct Several {
     is_new: bool,
     /// The last frame brought the entry that waits.
     is_fresh: bool,
-    /// The slots of the last commands, the length of an entry, and the last command's source and transfer ID.
+    /// The slots of the last commands, the length of an entry, and the last command's source and
+    /// transfer ID.
     bytes: [u8; KEPT],
     entry_len: u8,
     source: u8,
@@ -37,9 +39,11 @@ pub struct Several {
     /// Outputs that have not followed theirs yet, a bit each, and the output to look at next.
     waiting: u8,
     next: u8,
-    /// For each output the slot in which the receiver keeps its entry. Outputs with the same ID have the same.
+    /// For each output the slot in which the receiver keeps its entry. Outputs with the same ID
+    /// have the same.
     slots: [Slot; OUTPUTS],
-    /// For each value of the lower four bits of an ID, an output in use with such an ID, from 1. 0 if there is none.
+    /// For each value of the lower four bits of an ID, an output in use with such an ID, from 1. 0
+    /// if there is none.
     by_lower_bits: [u8; 16],
     /// The output whose commands and failsafe are looked at next.
     ticked: u8,
@@ -95,16 +99,19 @@ impl Several {
         self.is_stale = true;
     }
 
-    /// The slot for an ID, if an output in use has it. It is looked up in 20 cycles, unless IDs differ by 16.
+    /// The slot for an ID, if an output in use has it. It is looked up in 20 cycles, unless IDs
+    /// differ by 16.
     #[inline(always)]
     fn slot_of(&self, id: u8) -> Option<Slot> {
-        let output = usize::from(self.by_lower_bits[usize::from(id % 16)].checked_sub(1)?) % OUTPUTS;
+        let output =
+            usize::from(self.by_lower_bits[usize::from(id % 16)].checked_sub(1)?) % OUTPUTS;
         if self.ids[output] == id { Some(self.slots[output]) } else { self.search(id) }
     }
 
     #[inline(never)]
     fn search(&self, id: u8) -> Option<Slot> {
-        let output = (0..self.used()).find(|&output| self.ids[output] == id && self.slots[output] != NO_SLOT)?;
+        let output = (0..self.used())
+            .find(|&output| self.ids[output] == id && self.slots[output] != NO_SLOT)?;
         Some(self.slots[output])
     }
 
@@ -158,7 +165,8 @@ impl Several {
     /// True if the pulses are to be given to the board, which they are after each change.
     #[inline(always)]
     pub fn take_stale(&mut self) -> bool {
-        // A single output ends its pulses only between two of them, so it gets its width again until it does.
+        // A single output ends its pulses only between two of them, so it gets its width again
+        // until it does.
         core::mem::take(&mut self.is_stale) || self.used == 1
     }
 
@@ -233,9 +241,11 @@ impl Actuators {
         self.several.slot_of(id)
     }
 
-    /// Takes an ArrayCommand, whose entries have `entry_len` bytes: those for the outputs in use. An output follows a single entry at once, unless more
-    /// frames wait (`has_backlog`). Other entries are followed later, one at a time, by [`follow_next`](Self::follow_next), because each takes up to
-    /// 100 us. So also on a full bus no frame is lost, and the newest commands are followed.
+    /// Takes an ArrayCommand, whose entries have `entry_len` bytes: those for the outputs in use.
+    /// An output follows a single entry at once, unless more frames wait (`has_backlog`). Other
+    /// entries are followed later, one at a time, by [`follow_next`](Self::follow_next), because
+    /// each takes up to 100 us. So also on a full bus no frame is lost, and the newest commands
+    /// are followed.
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "it is inlined")]
     pub fn take_array_command(
@@ -263,7 +273,8 @@ impl Actuators {
             }
             bit <<= 1;
         }
-        // A sender's single entry never replaces the entry of another sender that waits: what is rejected could keep what is not from being followed.
+        // A sender's single entry never replaces the entry of another sender that waits: what is
+        // rejected could keep what is not from being followed.
         let is_others = self.several.waiting != 0 && self.several.source != command.source;
         if waiting.is_power_of_two() && (is_others || !has_backlog()) {
             let entry = entry(command.bytes(), self.several.slots[output], entry_len);
@@ -293,8 +304,10 @@ impl Actuators {
         }
     }
 
-    /// Follows the next entry that waits. After those of all outputs it has the board begin their pulses in the same period. Returns the line to log and
-    /// fills in the event for it; [`Line::CommandWaits`] if there is nothing to log, because another entry of the same command was logged.
+    /// Follows the next entry that waits. After those of all outputs it has the board begin their
+    /// pulses in the same period. Returns the line to log and fills in the event for it;
+    /// [`Line::CommandWaits`] if there is nothing to log, because another entry of the same command
+    /// was logged.
     #[inline(never)]
     pub fn follow_next(
         &mut self,
@@ -304,7 +317,8 @@ impl Actuators {
         board: &mut impl Output,
     ) -> Line {
         let mut line = Line::CommandWaits;
-        // From one output to the next, also if a newer command comes meanwhile. So each has its turn.
+        // From one output to the next, also if a newer command comes meanwhile. So each has its
+        // turn.
         let mut left = self.several.waiting >> self.several.next;
         if left != 0 {
             let mut output = self.several.next;
@@ -326,7 +340,13 @@ impl Actuators {
                 line
             } else {
                 let (slot, entry_len) = (self.several.slots[output], self.several.entry_len);
-                self.follow_entry(entry(&self.several.bytes, slot, entry_len), output, event, now_ms, board)
+                self.follow_entry(
+                    entry(&self.several.bytes, slot, entry_len),
+                    output,
+                    event,
+                    now_ms,
+                    board,
+                )
             };
             if !line.is_refusal() {
                 if !core::mem::take(&mut self.several.is_new) {
@@ -343,7 +363,8 @@ impl Actuators {
         line
     }
 
-    /// Follows the entry for an output. The caller has found that nothing [blocks](Self::blocked) it.
+    /// Follows the entry for an output. The caller has found that nothing [blocks](Self::blocked)
+    /// it.
     #[inline(never)]
     fn follow_entry(
         &mut self,
@@ -364,8 +385,8 @@ impl Actuators {
         }
     }
 
-    /// Takes an esc.RawCommand: the commands for the outputs that are motors. They are followed later, as the entries of an ArrayCommand for several
-    /// outputs.
+    /// Takes an esc.RawCommand: the commands for the outputs that are motors. They are followed
+    /// later, as the entries of an ArrayCommand for several outputs.
     #[inline(never)]
     pub fn take_raw_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
         let Several { motors, ids, bytes, .. } = &mut self.several;
@@ -389,7 +410,8 @@ impl Actuators {
         self.several.wait(found, command)
     }
 
-    /// The line for the reason to reject all commands for motors, if there is one. Motors need an armed vehicle, whatever ARM_REQ says.
+    /// The line for the reason to reject all commands for motors, if there is one. Motors need an
+    /// armed vehicle, whatever ARM_REQ says.
     fn blocked_motor(&self, parameters: &Parameters) -> Option<Line> {
         if self.armed_s == 0 { Some(Line::RefusedDisarmed) } else { self.blocked(parameters) }
     }
@@ -412,7 +434,13 @@ impl Actuators {
         let throttle = i16::from_le_bytes([byte(0), byte(1)]);
         event.set_code(self.several.ids[output]);
         event.a = throttle as u16;
-        self.follow(output, self.each[place(output)].pulse_of_throttle(throttle), event, now_ms, board);
+        self.follow(
+            output,
+            self.each[place(output)].pulse_of_throttle(throttle),
+            event,
+            now_ms,
+            board,
+        );
         Line::RawCommand
     }
 
@@ -443,12 +471,14 @@ impl Actuators {
         self.several.failing = 0;
     }
 
-    /// True if several outputs are in use and one is in failsafe. Of a single output the status says all.
+    /// True if several outputs are in use and one is in failsafe. Of a single output the status
+    /// says all.
     pub fn publishes_failsafe(&self) -> bool {
         self.several.used > 1 && self.several.failing != 0
     }
 
-    /// An output whose failsafe has begun (true) or ended (false) since it was last logged, if several outputs are in use.
+    /// An output whose failsafe has begun (true) or ended (false) since it was last logged, if
+    /// several outputs are in use.
     pub fn take_change(&mut self) -> Option<(usize, bool)> {
         let changed = self.several.failing ^ self.several.published;
         if changed == 0 || self.several.used == 1 {
@@ -459,7 +489,8 @@ impl Actuators {
         Some((output, self.several.failing & 1 << output != 0))
     }
 
-    /// The output of the next actuator.Status: the servos take turns. A motor has an index and no actuator ID, so it has none.
+    /// The output of the next actuator.Status: the servos take turns. A motor has an index and no
+    /// actuator ID, so it has none.
     #[cfg(feature = "standard")]
     #[inline(always)]
     pub fn next_to_report(&mut self) -> Option<usize> {

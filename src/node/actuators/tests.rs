@@ -23,15 +23,27 @@ impl Rig {
         Self { actuators, servos: Servos([0; OUTPUTS]), parameters, now_ms: 0 }
     }
 
-    /// Gives the actuator an ArrayCommand in one frame. The receiver keeps the entries for actuator 1.
+    /// Gives the actuator an ArrayCommand in one frame. The receiver keeps the entries for actuator
+    /// 1.
     fn command(&mut self, payload: &[u8]) -> (Line, Event) {
         let frame = golden::frame(0x1003_F20A, &[payload, &[0xC0]].concat());
         let mut receiver = Receiver::new();
-        let Verdict::Message(command) = receiver.accept(segment(&frame, 120).unwrap(), 1, 0, 0) else { panic!() };
+        let Verdict::Message(command) = receiver.accept(segment(&frame, 120).unwrap(), 1, 0, 0)
+        else {
+            panic!()
+        };
         let mut event = Event::new(Line::Running);
         let (parameters, servos) = (&self.parameters, &mut self.servos);
         let now_ms = self.now_ms;
-        let line = self.actuators.take_array_command(command, 4, || false, &mut event, now_ms, parameters, servos);
+        let line = self.actuators.take_array_command(
+            command,
+            4,
+            || false,
+            &mut event,
+            now_ms,
+            parameters,
+            servos,
+        );
         (line, event)
     }
 
@@ -94,7 +106,8 @@ fn the_thesis_command_goes_over_the_travel() {
     let mut rig = Rig::new(&[]);
     for (byte, pulse) in [(0, 2000), (255, 4000), (51, 2400)] {
         let mut event = Event::new(Line::Running);
-        let line = rig.actuators.take_servo_command(byte, &mut event, 0, &rig.parameters, &mut rig.servos);
+        let line =
+            rig.actuators.take_servo_command(byte, &mut event, 0, &rig.parameters, &mut rig.servos);
         assert_eq!((line, event.b, rig.servos.0[0]), (Line::CommandThesis, pulse, pulse));
     }
 }
@@ -113,9 +126,17 @@ fn the_failsafe_begins_after_the_timeout_once_and_goes_where_out1_fs_says() {
             assert_eq!(rig.run(20_000), None, "before the first command");
             rig.pwm(1800.0);
             assert_eq!(rig.run(30_000), Some(timeout_ms as u16), "{failsafe}");
-            assert_eq!((rig.actuators.pulse(0), rig.actuators.is_following(0)), (pulse, false), "{failsafe}");
+            assert_eq!(
+                (rig.actuators.pulse(0), rig.actuators.is_following(0)),
+                (pulse, false),
+                "{failsafe}"
+            );
             rig.pwm(1700.0);
-            assert_eq!((rig.actuators.pulse(0), rig.actuators.is_following(0)), (3400, true), "commands again");
+            assert_eq!(
+                (rig.actuators.pulse(0), rig.actuators.is_following(0)),
+                (3400, true),
+                "commands again"
+            );
         }
     }
 }
@@ -182,7 +203,8 @@ mod safety {
     #[test]
     fn while_safe_there_is_no_pulse_or_the_last_one_and_silence_is_no_failsafe() {
         for (safe_mode, pulse) in [(0, 3600), (1, 0)] {
-            let mut rig = Rig::new(&[(Parameter::SafeMode, safe_mode), (Parameter::Out1Timeout, 100)]);
+            let mut rig =
+                Rig::new(&[(Parameter::SafeMode, safe_mode), (Parameter::Out1Timeout, 100)]);
             rig.pwm(1800.0);
             assert!(!rig.actuators.is_safe());
             rig.tell(SAFE, false);

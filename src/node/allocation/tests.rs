@@ -21,7 +21,8 @@ fn message(source: u8, node_id: u8, unique_id: &[u8]) -> Transfer {
     transfer
 }
 
-/// Makes a request. Returns how many bytes of the unique ID it skips because the allocator has them.
+/// Makes a request. Returns how many bytes of the unique ID it skips because the allocator has
+/// them.
 fn ask(allocation: &mut Allocation, unique_id: &[u8; 16], now_ms: u16) -> usize {
     let mut payload = vec![];
     allocation.ask(unique_id, now_ms, |byte| payload.push(byte));
@@ -126,7 +127,11 @@ fn each_answer_asks_for_the_next_part_within_400_ms_and_the_last_gives_the_id() 
                 now_ms = now_ms.wrapping_add(3);
                 let confirmed = skipped + if skipped == 12 { 4 } else { 6 };
                 let node_id = if confirmed == 16 { 125 } else { 0 };
-                let granted = allocation.hear(&message(127, node_id, &unique_id[..confirmed]), &unique_id, now_ms);
+                let granted = allocation.hear(
+                    &message(127, node_id, &unique_id[..confirmed]),
+                    &unique_id,
+                    now_ms,
+                );
                 assert_eq!(granted, node_id);
                 if confirmed != 16 {
                     let waits = waits(&allocation, now_ms);
@@ -160,7 +165,8 @@ fn a_follow_up_that_is_not_answered_begins_all_over_after_600_ms_or_more() {
     assert_eq!(ask(&mut allocation, &UNIQUE_ID, asked_ms + period), 0);
 }
 
-/// Asserts that after `transfer` the node waits and begins with the first part again, without an ID, from every stage.
+/// Asserts that after `transfer` the node waits and begins with the first part again, without an
+/// ID, from every stage.
 fn sends_back(transfer: &Transfer, what: &str) {
     for confirmed in [0, 6, 12] {
         let mut allocation = asking(&UNIQUE_ID, 0);
@@ -204,7 +210,9 @@ fn answers_with_no_or_too_much_of_a_unique_id_are_none() {
     sends_back(&message(127, 125, &long), "17 bytes");
     let mut receiver = Receiver::new();
     let empty = golden::frame(0x1E00_017F, &[0xC0]);
-    let Verdict::Message(empty) = receiver.accept(segment(&empty, 0).unwrap(), 0, 0, 0) else { panic!() };
+    let Verdict::Message(empty) = receiver.accept(segment(&empty, 0).unwrap(), 0, 0, 0) else {
+        panic!()
+    };
     sends_back(empty, "no payload");
 }
 

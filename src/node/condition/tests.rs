@@ -43,7 +43,8 @@ fn temporary_conditions_are_cleared_and_others_stay() {
         conditions.set(Conditions(1 << bit), true);
     }
     conditions.pass();
-    // Cleared: the reset (0 to 2), transfer errors (3), ID conflict (4), frames lost (5), bus-off (7), controller (8), two commanders (9).
+    // Cleared: the reset (0 to 2), transfer errors (3), ID conflict (4), frames lost (5), bus-off
+    // (7), controller (8), two commanders (9).
     assert_eq!(conditions.code(), 0b1111_1100_0100_0000);
     conditions.set(Conditions::ERROR_PASSIVE, false);
     assert_eq!(conditions.code(), 0b1111_1100_0000_0000);

@@ -88,7 +88,10 @@ fn messages_and_services_of_the_same_number_are_distinguished() {
 #[test]
 fn only_services_in_use_are_known() {
     for service in 0..=u8::MAX {
-        let expected = REQUESTS.iter().find(|&&(_, id)| id == service).map_or(Kind::Unknown, |&(kind, _)| kind);
+        let expected = REQUESTS
+            .iter()
+            .find(|&&(_, id)| id == service)
+            .map_or(Kind::Unknown, |&(kind, _)| kind);
         assert_eq!(Kind::of_request(service), expected, "service {service}");
     }
 }
@@ -96,7 +99,10 @@ fn only_services_in_use_are_known() {
 #[test]
 fn only_messages_in_use_are_known() {
     for data_type in 0..=u16::MAX {
-        let expected = RECEIVED.iter().find(|&&(_, id)| id == data_type).map_or(Kind::Unknown, |&(kind, _)| kind);
+        let expected = RECEIVED
+            .iter()
+            .find(|&&(_, id)| id == data_type)
+            .map_or(Kind::Unknown, |&(kind, _)| kind);
         assert_eq!(Kind::of_message(data_type), expected, "message {data_type}");
     }
 }

@@ -61,7 +61,11 @@ fn kept_bytes_of_every_length_go_as_the_specification_has_it() {
             let mut outgoing = kept(&bytes);
             begin(&mut outgoing, 0x1801_5778, transfer_id, SIGNATURE);
             let expected = golden::transfer(0x1801_5778, SIGNATURE, transfer_id, &bytes);
-            assert_eq!(golden::text(&sent(&mut outgoing).0), golden::text(&expected), "{len} bytes");
+            assert_eq!(
+                golden::text(&sent(&mut outgoing).0),
+                golden::text(&expected),
+                "{len} bytes"
+            );
         }
     }
 }
@@ -95,7 +99,10 @@ fn numbers_are_kept_low_byte_first() {
     outgoing.put16(0x1234);
     outgoing.put8(0x40);
     outgoing.put16(0xBEEF);
-    assert_eq!((outgoing.payload.len, &outgoing.payload.kept[..5]), (5, &[0x34, 0x12, 0x40, 0xEF, 0xBE][..]));
+    assert_eq!(
+        (outgoing.payload.len, &outgoing.payload.kept[..5]),
+        (5, &[0x34, 0x12, 0x40, 0xEF, 0xBE][..])
+    );
 }
 
 #[test]
@@ -161,7 +168,8 @@ fn parameter(parameter: Parameter, value: i16, transfer_id: u8) -> String {
     let mut outgoing = new(Form::Parameter);
     let name_at = parameters::name_at(parameter as u8, InMemory);
     outgoing.payload.parameter = (parameter as u8, value as u16, name_at);
-    outgoing.payload.len = parameters::NUMBERS_LEN + Progmem::<Descriptions>::byte(InMemory, name_at - 1);
+    outgoing.payload.len =
+        parameters::NUMBERS_LEN + Progmem::<Descriptions>::byte(InMemory, name_at - 1);
     begin(&mut outgoing, 0x1E0B_7FF8, transfer_id, golden::GET_SET);
     golden::text(&sent(&mut outgoing).0)
 }

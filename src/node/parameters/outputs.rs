@@ -3,8 +3,8 @@
 use super::{Parameter, Parameters, Row};
 use crate::hardware::SLOT_US;
 
-/// The longest pulse of these outputs in microseconds. Between its end and the next output's pulse there has to be a pause, which output 1 does not need:
-/// the timer ends its pulse.
+/// The longest pulse of these outputs in microseconds. Between its end and the next output's pulse
+/// there has to be a pause, which output 1 does not need: the timer ends its pulse.
 const HIGHEST_PULSE: i32 = SLOT_US as i32 - 100;
 
 macro_rules! rows {
@@ -39,7 +39,8 @@ fn is_room(count: u16, rate_hz: u16) -> bool {
 }
 
 impl Parameters {
-    /// True if a value in the range of the parameter with this index does not go with the values in force: so many pulses have no room in a period.
+    /// True if a value in the range of the parameter with this index does not go with the values in
+    /// force: so many pulses have no room in a period.
     pub(in crate::node) fn has_no_room(&self, index: u8, value: u16) -> bool {
         let (count, rate_hz) = (self.get(Parameter::OutCount), self.get(Parameter::OutRate));
         if index == Parameter::OutCount as u8 {
@@ -49,7 +50,8 @@ impl Parameters {
         }
     }
 
-    /// The number of outputs in use. If the EEPROM had values that do not go together, as many as have room.
+    /// The number of outputs in use. If the EEPROM had values that do not go together, as many as
+    /// have room.
     pub fn outputs(&self) -> usize {
         let mut count = self.get(Parameter::OutCount);
         while !is_room(count, self.get(Parameter::OutRate)) {

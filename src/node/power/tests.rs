@@ -64,11 +64,14 @@ fn against_the_bandgap_full_scale_is_1_1_volts() {
     assert!((volts(&measured(1023, 0, &values)) - 21.98).abs() < 0.02);
 }
 
-/// ACS712-30A: 2.5 V without a current, and 66 mV more for an ampere. INA180A1 with 10 mOhm: 0.2 V for an ampere.
+/// ACS712-30A: 2.5 V without a current, and 66 mV more for an ampere. INA180A1 with 10 mOhm: 0.2 V
+/// for an ampere.
 #[test]
 fn sensors_of_the_current_have_a_slope_and_an_offset() {
     let acs712 = [(Parameter::Pwr1AmpPervlt, 1515), (Parameter::Pwr1AmpOffset, 2500)];
-    for (reading, expected) in [(511, -0.07), (512, 0.0), (646, 9.91), (376, -10.06), (1023, 37.8), (0, -37.9)] {
+    for (reading, expected) in
+        [(511, -0.07), (512, 0.0), (646, 9.91), (376, -10.06), (1023, 37.8), (0, -37.9)]
+    {
         assert!((amperes(&measured(0, reading, &acs712)) - expected).abs() < 0.05, "{reading}");
     }
     let ina180 = [(Parameter::Pwr1AmpPervlt, 500)];
@@ -81,7 +84,8 @@ fn sensors_of_the_current_have_a_slope_and_an_offset() {
 fn each_limit_has_its_flag_and_0_is_no_limit() {
     let values = [(Parameter::Pwr1VoltMult, 10_000), (Parameter::Pwr1AmpPervlt, 1000)];
     // 1001 mV at each pin.
-    let flags = |limits: &[(Parameter, i32)]| measured(205, 205, &[&values[..], limits].concat()).flags();
+    let flags =
+        |limits: &[(Parameter, i32)]| measured(205, 205, &[&values[..], limits].concat()).flags();
     assert_eq!(flags(&[]), 0);
     assert_eq!(flags(&[(Parameter::Pwr1VoltMax, 10_000)]), OVERVOLTAGE);
     assert_eq!(flags(&[(Parameter::Pwr1VoltMax, 10_010)]), 0);
@@ -99,8 +103,10 @@ fn the_rating_is_that_of_the_output_that_the_circuit_feeds() {
     assert_eq!(power.rating_percent(2, &parameters), 50);
     assert_eq!(power.rating_percent(3, &parameters), RATING_UNKNOWN);
     assert_eq!(
-        measured(0, 1023, &[])
-            .rating_percent(2, &golden::parameters(&[(Parameter::Pwr1AmpMax, 100), (Parameter::Pwr1Out, 3)])),
+        measured(0, 1023, &[]).rating_percent(
+            2,
+            &golden::parameters(&[(Parameter::Pwr1AmpMax, 100), (Parameter::Pwr1Out, 3)])
+        ),
         126
     );
     assert_eq!(Power::new().rating_percent(2, &parameters), RATING_UNKNOWN);

@@ -22,7 +22,8 @@ const TRAVELS: [[i32; 4]; 14] = [
     [799, 1234, 2345, 271],
 ];
 
-/// A travel and its expected values: low end, trim and high end in ticks, and half its range in radians.
+/// A travel and its expected values: low end, trim and high end in ticks, and half its range in
+/// radians.
 struct Case {
     travel: Travel,
     low: f64,
@@ -58,7 +59,9 @@ impl Case {
     }
 
     fn all() -> impl Iterator<Item = Self> {
-        TRAVELS.into_iter().flat_map(|travel| [false, true].map(|is_reversed| Self::new(travel, is_reversed)))
+        TRAVELS
+            .into_iter()
+            .flat_map(|travel| [false, true].map(|is_reversed| Self::new(travel, is_reversed)))
     }
 
     /// The longer of the two halves.
@@ -91,8 +94,14 @@ fn only_unitless_position_and_pwm_are_followed() {
 fn unitless_ends_and_trim_are_those_of_the_parameters() {
     for case in Case::all() {
         let pulse = |value| f64::from(case.travel.pulse(CommandType::Unitless, value));
-        let (minus, plus) = if case.is_reversed { (case.high, case.low) } else { (case.low, case.high) };
-        assert_eq!((pulse(-0x4000), pulse(0), pulse(0x4000)), (minus, case.trim, plus), "{:?}", case.travel);
+        let (minus, plus) =
+            if case.is_reversed { (case.high, case.low) } else { (case.low, case.high) };
+        assert_eq!(
+            (pulse(-0x4000), pulse(0), pulse(0x4000)),
+            (minus, case.trim, plus),
+            "{:?}",
+            case.travel
+        );
         assert_eq!((pulse(i16::MIN), pulse(i16::MAX)), (minus, plus), "beyond the ends");
     }
 }
@@ -103,7 +112,11 @@ fn every_unitless_command_is_within_half_a_tick_of_exact() {
         for value in i16::MIN..=i16::MAX {
             let pulse = case.travel.pulse(CommandType::Unitless, value);
             let exact = case.ticks(f64::from(value) / 16_384.0);
-            assert!((f64::from(pulse) - exact).abs() <= 0.5, "{value}: {pulse} is not {exact} {:?}", case.travel);
+            assert!(
+                (f64::from(pulse) - exact).abs() <= 0.5,
+                "{value}: {pulse} is not {exact} {:?}",
+                case.travel
+            );
         }
     }
 }
@@ -116,7 +129,11 @@ fn every_position_is_within_half_a_tick_of_exact_but_for_the_rounding_in_between
         for value in i16::MIN..=i16::MAX {
             let pulse = case.travel.pulse(CommandType::Position, value);
             let exact = case.ticks(f64::from(value) / 4096.0 / case.half_range);
-            assert!((f64::from(pulse) - exact).abs() <= tolerance, "{value}: {pulse} is not {exact} {:?}", case.travel);
+            assert!(
+                (f64::from(pulse) - exact).abs() <= tolerance,
+                "{value}: {pulse} is not {exact} {:?}",
+                case.travel
+            );
         }
     }
 }
@@ -126,7 +143,8 @@ fn every_width_is_taken_as_it_is_within_the_travel_and_never_turned_around() {
     for case in Case::all() {
         for value in i16::MIN..=i16::MAX {
             let pulse = f64::from(case.travel.pulse(CommandType::Pwm, value));
-            let expected = if value <= 0 { 0.0 } else { f64::from(value).clamp(case.low, case.high) };
+            let expected =
+                if value <= 0 { 0.0 } else { f64::from(value).clamp(case.low, case.high) };
             assert_eq!(pulse, expected, "{value} {:?}", case.travel);
         }
     }
@@ -139,7 +157,10 @@ fn more_deflection_never_gives_less_travel() {
             let mut last = case.travel.pulse(command, i16::MIN);
             for value in i16::MIN..=i16::MAX {
                 let pulse = case.travel.pulse(command, value);
-                assert!(if case.is_reversed { pulse <= last } else { pulse >= last }, "{command:?} {value}");
+                assert!(
+                    if case.is_reversed { pulse <= last } else { pulse >= last },
+                    "{command:?} {value}"
+                );
                 last = pulse;
             }
         }
@@ -148,10 +169,15 @@ fn more_deflection_never_gives_less_travel() {
 
 #[test]
 fn reversed_is_the_mirror_image_where_the_trim_is_in_the_middle() {
-    let [normal, reversed] = [false, true].map(|is_reversed| Case::new([1000, 1500, 2000, 90], is_reversed).travel);
+    let [normal, reversed] =
+        [false, true].map(|is_reversed| Case::new([1000, 1500, 2000, 90], is_reversed).travel);
     for command in [CommandType::Unitless, CommandType::Position] {
         for value in -i16::MAX..=i16::MAX {
-            assert_eq!(reversed.pulse(command, value), normal.pulse(command, -value), "{command:?} {value}");
+            assert_eq!(
+                reversed.pulse(command, value),
+                normal.pulse(command, -value),
+                "{command:?} {value}"
+            );
         }
     }
     for position in 0..=255 {
@@ -171,10 +197,19 @@ fn the_position_of_half_the_range_is_the_end_of_the_travel() {
                 let pulse = f64::from(case.travel.pulse(CommandType::Position, value));
                 // For small ranges the rounding to 4096ths of a radian is larger.
                 let tolerance = 0.5 + case.span() / 4096.0 + case.span() / 8192.0 / case.half_range;
-                assert!((pulse - case.ticks(deflection)).abs() <= tolerance, "{range} degrees: {pulse}");
+                assert!(
+                    (pulse - case.ticks(deflection)).abs() <= tolerance,
+                    "{range} degrees: {pulse}"
+                );
                 // A position beyond the range gives the end.
-                let beyond = float16::to_fixed(f16::from_f64(case.half_range * 1.002 * deflection).to_bits(), 12);
-                assert_eq!(f64::from(case.travel.pulse(CommandType::Position, beyond)), case.ticks(deflection));
+                let beyond = float16::to_fixed(
+                    f16::from_f64(case.half_range * 1.002 * deflection).to_bits(),
+                    12,
+                );
+                assert_eq!(
+                    f64::from(case.travel.pulse(CommandType::Position, beyond)),
+                    case.ticks(deflection)
+                );
             }
         }
     }
@@ -196,10 +231,17 @@ fn the_byte_of_the_thesis_covers_the_travel_exactly() {
             let exact = case.low + part * (case.high - case.low);
             let pulse = f64::from(case.travel.pulse_of_byte(position));
             let tolerance = 0.5 + 1.0 / 16.0;
-            assert!((pulse - exact).abs() <= tolerance, "{position}: {pulse} is not {exact} {:?}", case.travel);
+            assert!(
+                (pulse - exact).abs() <= tolerance,
+                "{position}: {pulse} is not {exact} {:?}",
+                case.travel
+            );
         }
         let ends = [0, 255].map(|position| f64::from(case.travel.pulse_of_byte(position)));
-        assert_eq!(ends, if case.is_reversed { [case.high, case.low] } else { [case.low, case.high] });
+        assert_eq!(
+            ends,
+            if case.is_reversed { [case.high, case.low] } else { [case.low, case.high] }
+        );
     }
 }
 
@@ -216,9 +258,14 @@ fn the_reported_position_matches_the_pulse() {
                 exact = -exact;
             }
             let reported = f16::from_bits(bits).to_f64();
-            // Roundings of the half range and of the position to 4096ths of a radian, and the resolution of a float16.
+            // Roundings of the half range and of the position to 4096ths of a radian, and the
+            // resolution of a float16.
             let tolerance = 1.0 / 4096.0 + exact.abs() / 2048.0;
-            assert!((reported - exact).abs() <= tolerance, "{pulse}: {reported} is not {exact} {:?}", case.travel);
+            assert!(
+                (reported - exact).abs() <= tolerance,
+                "{pulse}: {reported} is not {exact} {:?}",
+                case.travel
+            );
         }
     }
 }
@@ -227,12 +274,22 @@ fn the_reported_position_matches_the_pulse() {
 fn a_command_of_the_reported_position_gives_the_pulse_again() {
     for case in Case::all() {
         for pulse in case.low as Ticks..=case.high as Ticks {
-            let value = float16::to_fixed(case.travel.position(pulse), CommandType::Position.fraction_bits());
+            let value = float16::to_fixed(
+                case.travel.position(pulse),
+                CommandType::Position.fraction_bits(),
+            );
             let again = case.travel.pulse(CommandType::Position, value);
             let ticks = (f64::from(pulse) - case.trim).abs();
             // The same roundings in ticks, and half a tick.
-            let tolerance = 0.5 + case.span() / 16_384.0 + case.span() / 8192.0 / case.half_range + ticks * 0.0006;
-            assert!((f64::from(again) - f64::from(pulse)).abs() <= tolerance, "{pulse} {again} {:?}", case.travel);
+            let tolerance = 0.5
+                + case.span() / 16_384.0
+                + case.span() / 8192.0 / case.half_range
+                + ticks * 0.0006;
+            assert!(
+                (f64::from(again) - f64::from(pulse)).abs() <= tolerance,
+                "{pulse} {again} {:?}",
+                case.travel
+            );
         }
     }
 }

@@ -69,7 +69,10 @@ fn the_golden_conversation_gives_it_a_node_id() {
     assert_eq!(rig.node.acceptance(InMemory).node, NodeId::new(125));
     rig.can.sent.clear();
     rig.run(3000);
-    assert!(rig.can.sent.iter().all(|(_, frame)| Id::from_bytes(frame.id).source() == 125), "all from its new ID");
+    assert!(
+        rig.can.sent.iter().all(|(_, frame)| Id::from_bytes(frame.id).source() == 125),
+        "all from its new ID"
+    );
     assert!(rig.transfers(0x1801_557D, 0).len() >= 3, "statuses");
 }
 
@@ -87,7 +90,8 @@ fn without_an_id_it_sends_nothing_but_requests_600_to_1000_ms_apart() {
         rig.run(1000);
     }
     for (n, (ms, frame)) in rig.can.sent.iter().enumerate() {
-        let expected = golden::frames(&format!("1E974D00 01 00 01 02 03 04 05 {:02X}", 0xC0 | n & 31));
+        let expected =
+            golden::frames(&format!("1E974D00 01 00 01 02 03 04 05 {:02X}", 0xC0 | n & 31));
         assert_eq!(golden::text(&[*frame]), golden::text(&expected));
         times.push(*ms);
     }
@@ -178,7 +182,13 @@ fn its_unique_id_is_made_once_and_kept() {
     assert_ne!(unique_id, [0; 16]);
     let mut again = Node::new();
     let mut memory = first.memory;
-    again.start(ResetCause::POWER_ON, &mut memory, || unreachable!(), InMemory, &mut Monitor::new());
+    again.start(
+        ResetCause::POWER_ON,
+        &mut memory,
+        || unreachable!(),
+        InMemory,
+        &mut Monitor::new(),
+    );
     assert_eq!(*again.unique_id(), unique_id);
 }
 
@@ -188,7 +198,8 @@ fn set_to_the_draft_which_has_no_allocation_it_asks_in_v0_and_goes_on_in_the_dra
     let mut rig = Rig::with(&[(Parameter::CanNode, 0), (Parameter::Dialect, 2)]);
     rig.run(2000);
     assert!(
-        !rig.can.sent.is_empty() && rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x03FF == 0x0100),
+        !rig.can.sent.is_empty()
+            && rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x03FF == 0x0100),
         "{:?}",
         rig.can.sent
     );
@@ -197,5 +208,8 @@ fn set_to_the_draft_which_has_no_allocation_it_asks_in_v0_and_goes_on_in_the_dra
     rig.run(1100);
     // NodeStatus 550 of node 42, OK.
     let frame = rig.can.sent[0].1;
-    assert_eq!((frame.id[..3].to_vec(), frame.len, frame.data[3]), (vec![0x11, 0x34, 42 << 2], 6, 0));
+    assert_eq!(
+        (frame.id[..3].to_vec(), frame.len, frame.data[3]),
+        (vec![0x11, 0x34, 42 << 2], 6, 0)
+    );
 }

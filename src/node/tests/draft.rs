@@ -50,7 +50,8 @@ fn commands_of_the_draft_move_the_servo_where_nobody_speaks_v0() {
 
 #[test]
 fn a_command_of_the_draft_in_two_frames_is_put_together() {
-    // 0.5, -1, 0.25 and 1 for actuators 1 to 4, as pydronecan makes it (tests/clients/test_draft.py).
+    // 0.5, -1, 0.25 and 1 for actuators 1 to 4, as pydronecan makes it
+    // (tests/clients/test_draft.py).
     let first = golden::frame(0x084C_0403, &golden::bytes("BE 8D 01 00 38 02 00 BC"));
     let second = golden::frame(0x084C_041B, &golden::bytes("03 00 34 04 00 3C"));
     for (own_id, pulse) in [(1, 1750.0), (2, 1000.0), (3, 1625.0), (4, 2000.0)] {
@@ -61,7 +62,8 @@ fn a_command_of_the_draft_in_two_frames_is_put_together() {
 }
 
 #[test]
-fn v0_wins_at_once_and_the_draft_is_followed_only_after_v0_has_been_silent_for_three_to_four_seconds() {
+fn v0_wins_at_once_and_the_draft_is_followed_only_after_v0_has_been_silent_for_three_to_four_seconds()
+ {
     for v0 in [V0_HALF, V0_STATUS] {
         for start in [2000, 2300, 2999, 64_990] {
             let mut rig = Rig::with(&[(Parameter::Out1Timeout, 0)]);
@@ -69,7 +71,11 @@ fn v0_wins_at_once_and_the_draft_is_followed_only_after_v0_has_been_silent_for_t
             rig.text(DRAFT_LOW);
             assert_eq!(rig.node.pulse(0), us(1000.0));
             rig.text(v0);
-            assert_eq!(rig.node.pulse(0), if v0 == V0_HALF { us(1750.0) } else { us(1000.0) }, "at once");
+            assert_eq!(
+                rig.node.pulse(0),
+                if v0 == V0_HALF { us(1750.0) } else { us(1000.0) },
+                "at once"
+            );
             let mut silent_ms = 0;
             while rig.node.pulse(0) != us(2000.0) {
                 rig.run(1);
@@ -123,7 +129,11 @@ fn with_dialect_2_nothing_of_v0_is_followed_and_all_is_sent_in_the_draft() {
     }
     assert_eq!(rig.node.pulse(0), 0);
     assert!(speaks_draft(&mut rig));
-    assert!(rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x0001_FC00 == 0x0001_E000), "{:?}", rig.can.sent);
+    assert!(
+        rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x0001_FC00 == 0x0001_E000),
+        "{:?}",
+        rig.can.sent
+    );
     rig.text(DRAFT_HALF);
     assert_eq!(rig.node.pulse(0), us(1750.0));
 }
@@ -145,13 +155,19 @@ fn with_another_dialect_the_controller_gets_other_filters() {
     rig.run(1000);
     rig.set(Parameter::Dialect, 0);
     rig.run(1);
-    assert_eq!((rig.can.filters_set, rig.can.filters.map(|filters| filters.row)), (1, Some(Row::Either)));
+    assert_eq!(
+        (rig.can.filters_set, rig.can.filters.map(|filters| filters.row)),
+        (1, Some(Row::Either))
+    );
     rig.set(Parameter::Out1Id, 2);
     rig.run(1000);
     assert_eq!(rig.can.filters_set, 1, "another parameter");
     rig.set(Parameter::Dialect, 1);
     rig.run(1);
-    assert_eq!((rig.can.filters_set, rig.can.filters.map(|filters| filters.row)), (2, Some(Row::V0)));
+    assert_eq!(
+        (rig.can.filters_set, rig.can.filters.map(|filters| filters.row)),
+        (2, Some(Row::V0))
+    );
 }
 
 #[test]
@@ -162,18 +178,29 @@ fn requests_of_the_draft_are_answered_in_it() {
     // GetNodeInfo from node 127 to node 120.
     rig.text("113BFC0D 78");
     rig.run(10);
-    let reply: Vec<Frame> =
-        rig.can.sent.iter().map(|(_, frame)| *frame).filter(|frame| golden::id(frame) & !0xFF == 0x1139_E000).collect();
+    let reply: Vec<Frame> = rig
+        .can
+        .sent
+        .iter()
+        .map(|(_, frame)| *frame)
+        .filter(|frame| golden::id(frame) & !0xFF == 0x1139_E000)
+        .collect();
     // Each frame has the destination, the index, the transfer ID, and the last-frame bit.
     for (n, frame) in reply.iter().enumerate() {
         let last = if n + 1 == reply.len() { 8 } else { 0 };
-        assert_eq!((frame.data[0], golden::id(frame) & 0xFF), (127, (n as u32) << 4 | last | 5), "{reply:?}");
+        assert_eq!(
+            (frame.data[0], golden::id(frame) & 0xFF),
+            (127, (n as u32) << 4 | last | 5),
+            "{reply:?}"
+        );
     }
     let stream: Vec<u8> = reply.iter().flat_map(|frame| frame.data()[1..].to_vec()).collect();
     let (crc, payload) = stream.split_at(2);
-    // The CRC is over the signature of GetNodeInfo as pydronecan makes it (tests/clients/test_draft.py), and then the payload.
+    // The CRC is over the signature of GetNodeInfo as pydronecan makes it
+    // (tests/clients/test_draft.py), and then the payload.
     let summed = 0x1CC6_F807_395C_AE42u64.to_le_bytes();
-    let sum = summed.iter().chain(payload).fold(0xFFFF, |sum, &byte| dronecan_wire::crc::add(sum, byte));
+    let sum =
+        summed.iter().chain(payload).fold(0xFFFF, |sum, &byte| dronecan_wire::crc::add(sum, byte));
     assert_eq!(crc, sum.to_le_bytes());
     // A status of six bytes, then the versions, the unique ID and the name.
     assert_eq!(payload.len(), usize::from(information::NODE_INFO_LEN) - 1);

@@ -48,7 +48,8 @@ const NO_SUCH_PARAMETER: [u8; 4] = [0; 4];
 
 #[cfg(feature = "standard")]
 fn set(index: u16, value: i64, name: &str) -> Vec<u8> {
-    [&[index as u8, (index >> 8 << 3) as u8 | 1], &value.to_le_bytes()[..], name.as_bytes()].concat()
+    [&[index as u8, (index >> 8 << 3) as u8 | 1], &value.to_le_bytes()[..], name.as_bytes()]
+        .concat()
 }
 
 #[cfg(feature = "standard")]
@@ -87,7 +88,9 @@ fn golden_requests_for_parameters_get_golden_replies() {
          00 00 00 00 00 | 00 00 00 43 41 4E 5F 20 | 4E 4F 44 45 40"
     );
     assert_eq!(
-        rig.ask("1E0BF8FF C5 16 00 01 2A 00 00 81 | 00 00 00 00 00 43 41 21 | 4E 5F 4E 4F 44 45 41"),
+        rig.ask(
+            "1E0BF8FF C5 16 00 01 2A 00 00 81 | 00 00 00 00 00 43 41 21 | 4E 5F 4E 4F 44 45 41"
+        ),
         "1E0B7FF8 47 0A 01 2A 00 00 00 81 | 00 00 00 00 01 78 00 21 | 00 00 00 00 00 00 01 01 | 7D 00 00 00 00 00 00 21 | 00 01 00 \
          00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 45 41"
     );
@@ -107,7 +110,10 @@ fn golden_requests_for_parameters_get_golden_replies() {
     );
     // Index 300, and the name NO_SUCH.
     assert_eq!(rig.ask("1E0BF8FF 2C 08 C5"), "1E0B7FF8 00 00 00 00 C5");
-    assert_eq!(rig.ask("1E0BF8FF 50 D7 00 00 4E 4F 5F 8A | 53 55 43 48 6A"), "1E0B7FF8 00 00 00 00 CA");
+    assert_eq!(
+        rig.ask("1E0BF8FF 50 D7 00 00 4E 4F 5F 8A | 53 55 43 48 6A"),
+        "1E0B7FF8 00 00 00 00 CA"
+    );
 }
 
 #[cfg(feature = "standard")]
@@ -120,15 +126,23 @@ fn all_parameters_are_found_by_index_and_by_name_and_no_more() {
         let ([value, default, max, min], name) = response(&by_index);
         assert!(min <= default && default <= max && value == default, "{name}");
         assert!(
-            name.len() <= 16 && name.bytes().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == b'_'),
+            name.len() <= 16
+                && name.bytes().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == b'_'),
             "{name}"
         );
         // The name takes precedence over the index.
-        assert_eq!(rig.get_set(&[&[parameters::COUNT as u8 - 1 - index, 0], name.as_bytes()].concat()), by_index);
+        assert_eq!(
+            rig.get_set(&[&[parameters::COUNT as u8 - 1 - index, 0], name.as_bytes()].concat()),
+            by_index
+        );
         assert!(names.insert(name));
     }
     for index in [parameters::COUNT as u16, 255, 256, 300, 0x1FFF] {
-        assert_eq!(rig.get_set(&[index as u8, (index >> 8 << 3) as u8]), NO_SUCH_PARAMETER, "{index}");
+        assert_eq!(
+            rig.get_set(&[index as u8, (index >> 8 << 3) as u8]),
+            NO_SUCH_PARAMETER,
+            "{index}"
+        );
     }
     let long = "A".repeat(92);
     for name in ["CAN_NOD", "CAN_NODE_", "can_node", "OUT1_MIN\0", "ABCDEFGHIJKLMNOPQ", &long] {
@@ -144,15 +158,32 @@ fn every_parameter_takes_both_ends_of_its_range_and_nothing_beyond() {
     for index in 0..parameters::COUNT as u16 {
         let ([_, default, max, min], name) = response(&rig.get_set(&[index as u8, 0]));
         let mut now = default;
-        for value in
-            [min - 1, min, max + 1, max, i64::MIN, i64::MAX, max + (1 << 16), max + (1 << 32), min - (1 << 16), default]
-        {
+        for value in [
+            min - 1,
+            min,
+            max + 1,
+            max,
+            i64::MIN,
+            i64::MAX,
+            max + (1 << 16),
+            max + (1 << 32),
+            min - (1 << 16),
+            default,
+        ] {
             if (min..=max).contains(&value) {
                 now = value;
             }
             let expected = ([now, default, max, min], name.clone());
-            assert_eq!(response(&rig.get_set(&set(index, value, ""))), expected, "{value} by index");
-            assert_eq!(response(&rig.get_set(&set(0x1FFF, value, &name))), expected, "{value} by name");
+            assert_eq!(
+                response(&rig.get_set(&set(index, value, ""))),
+                expected,
+                "{value} by index"
+            );
+            assert_eq!(
+                response(&rig.get_set(&set(0x1FFF, value, &name))),
+                expected,
+                "{value} by name"
+            );
         }
     }
 }
@@ -161,10 +192,13 @@ fn every_parameter_takes_both_ends_of_its_range_and_nothing_beyond() {
 #[test]
 fn only_the_bit_rates_of_the_board_can_be_set() {
     let mut rig = Rig::new();
-    let rates = &[125_000, 250_000, 500_000, 1_000_000][..if bit_rate::HIGHEST_RATE == 3 { 4 } else { 3 }];
+    let rates =
+        &[125_000, 250_000, 500_000, 1_000_000][..if bit_rate::HIGHEST_RATE == 3 { 4 } else { 3 }];
     let mut now = rates[rates.len() - 1];
-    for value in [125_000, 250_000, 500_000, 1_000_000, 0, 1, 8, 125_001, 375_000, 750_000, 875_000, 2_000_000, 62_500]
-    {
+    for value in [
+        125_000, 250_000, 500_000, 1_000_000, 0, 1, 8, 125_001, 375_000, 750_000, 875_000,
+        2_000_000, 62_500,
+    ] {
         if rates.contains(&value) {
             now = value;
         }
@@ -246,7 +280,12 @@ fn a_reply_has_the_value_that_the_request_left_even_when_the_next_has_come() {
     let mut rig = Rig::new();
     rig.replies();
     for (transfer_id, value) in [(1, 100), (2, 200), (3, 300)] {
-        rig.frames(&golden::transfer(0x1E0B_F8FF, golden::GET_SET, transfer_id, &set(9, value, "")));
+        rig.frames(&golden::transfer(
+            0x1E0B_F8FF,
+            golden::GET_SET,
+            transfer_id,
+            &set(9, value, ""),
+        ));
     }
     rig.run(100);
     let replies = rig.replies();
@@ -306,7 +345,11 @@ fn opcodes_get_golden_replies() {
     assert_eq!(execute(&mut rig, 255), "1E0A7FF8 00 00 00 00 00 00 00 C4");
     rig.memory.is_broken = true;
     rig.get_set(&set(0, 77, "OUT1_TIMEOUT"));
-    assert_eq!(execute(&mut rig, 0), "1E0A7FF8 00 00 00 00 00 00 00 C4", "an EEPROM that keeps nothing");
+    assert_eq!(
+        execute(&mut rig, 0),
+        "1E0A7FF8 00 00 00 00 00 00 00 C4",
+        "an EEPROM that keeps nothing"
+    );
     rig.memory.is_broken = false;
     assert_eq!(execute(&mut rig, 0), "1E0A7FF8 00 00 00 00 00 00 80 C4", "and one that does again");
 }
@@ -454,7 +497,8 @@ fn it_restarts_though_others_go_on_asking() {
     panic!("never");
 }
 
-/// Requests of every form, sent at once as GUI tools do: with the service and the transfer ID of each.
+/// Requests of every form, sent at once as GUI tools do: with the service and the transfer ID of
+/// each.
 const PIPELINED: &[(&str, u8, u8)] = &[
     ("1E01F8FF C0", 1, 0),
     #[cfg(feature = "standard")]
@@ -498,7 +542,10 @@ fn several_requests_at_once_are_answered_in_order() {
             rig.text(text);
         }
         rig.run(1500);
-        let expected: Vec<_> = PIPELINED.iter().map(|&(_, service, transfer_id)| (service, transfer_id, 127)).collect();
+        let expected: Vec<_> = PIPELINED
+            .iter()
+            .map(|&(_, service, transfer_id)| (service, transfer_id, 127))
+            .collect();
         let mut answers = replied(&rig.replies());
         if cfg!(feature = "save-answers") {
             // That to the SAVE, which waits, comes later than others.
@@ -539,7 +586,8 @@ fn more_requests_than_can_wait_are_refused_and_later_ones_are_answered_again() {
     assert_eq!(replied(&rig.replies()), [(1, 16, 127)]);
 }
 
-/// The node rejects the request once, and does not count a broken transfer when the client sends it again.
+/// The node rejects the request once, and does not count a broken transfer when the client sends it
+/// again.
 #[cfg(feature = "standard")]
 #[test]
 fn a_request_of_several_frames_that_is_refused_for_want_of_room_is_over() {
@@ -620,7 +668,8 @@ fn an_accepted_update_is_handed_over_with_server_path_node_id_and_bit_rate() {
     let request = *rig.node.hand_over(&mut eeprom).expect("a request");
     assert_eq!(request[..6], *b"fw.bin");
     assert_eq!(request[PATH_LEN..REQUEST_LEN - 2], [6, 127], "the sender is the server");
-    let crc = |bytes: &[u8]| bytes.iter().fold(0xFFFF, |crc, &byte| dronecan_wire::crc::add(crc, byte));
+    let crc =
+        |bytes: &[u8]| bytes.iter().fold(0xFFFF, |crc, &byte| dronecan_wire::crc::add(crc, byte));
     assert_eq!(crc(&request), 0);
     let bus = &eeprom.cells[usize::from(BUS)..usize::from(BUS) + 6];
     let timing = bit_rate::timing(rig.node.parameters.get(Parameter::CanBaudrate) as u8);

@@ -39,7 +39,8 @@ impl Rig {
 
     /// Receives an esc.RawCommand from node 10. Each command is a multiple of 4.
     fn throttles(&mut self, payload: &str) {
-        for frame in golden::transfer(RAW_COMMAND, golden::RAW_COMMAND, 4, &golden::bytes(payload)) {
+        for frame in golden::transfer(RAW_COMMAND, golden::RAW_COMMAND, 4, &golden::bytes(payload))
+        {
             self.can.received.push_back(frame);
         }
         self.settle();
@@ -58,7 +59,17 @@ impl Rig {
 #[test]
 fn each_output_follows_the_entries_for_its_id() {
     let mut rig = hub();
-    rig.widths(&[(1, 1100), (2, 1200), (3, 1300), (4, 1400), (5, 1500), (6, 1600), (7, 1700), (8, 1800), (9, 1900)]);
+    rig.widths(&[
+        (1, 1100),
+        (2, 1200),
+        (3, 1300),
+        (4, 1400),
+        (5, 1500),
+        (6, 1600),
+        (7, 1700),
+        (8, 1800),
+        (9, 1900),
+    ]);
     assert_eq!(rig.servos_us(), [1100, 1200, 1300, 1400, 1500, 1600, 1700, 1800]);
     rig.widths(&[(9, 1000), (5, 1550)]);
     assert_eq!(rig.servos_us(), [1100, 1200, 1300, 1400, 1550, 1600, 1700, 1800]);
@@ -107,7 +118,10 @@ fn of_many_commands_the_newest_is_followed_and_every_output_has_its_turn() {
     while !rig.can.received.is_empty() {
         rig.turn();
         let now = rig.servos_us();
-        assert!(now.iter().zip(&highest).all(|(now, before)| now >= before), "an older command replaced a newer one");
+        assert!(
+            now.iter().zip(&highest).all(|(now, before)| now >= before),
+            "an older command replaced a newer one"
+        );
         highest = now;
     }
     let slowest = highest.into_iter().min().unwrap();
@@ -158,7 +172,8 @@ fn a_rejected_command_of_another_node_does_not_replace_one_that_waits() {
     assert_eq!(rig.node.health().counts.refused, 3);
 }
 
-/// Outputs 1 and 2 have the same ID, so they share a slot. The slot of output 2 alone has the entry of an old command.
+/// Outputs 1 and 2 have the same ID, so they share a slot. The slot of output 2 alone has the entry
+/// of an old command.
 #[test]
 fn an_output_whose_id_changes_while_its_entry_waits_does_not_follow_an_old_one() {
     let mut rig = hub();
@@ -194,7 +209,12 @@ fn what_waits_is_not_followed_after_the_vehicle_was_disarmed() {
     rig.set(Parameter::ArmReq, 1);
     rig.arm(255);
     let [low, high] = half::f16::from_f32(1700.0).to_le_bytes();
-    for frame in golden::transfer(ARRAY_COMMAND, golden::ARRAY_COMMAND, 3, &[1, PWM, low, high, 2, PWM, low, high]) {
+    for frame in golden::transfer(
+        ARRAY_COMMAND,
+        golden::ARRAY_COMMAND,
+        3,
+        &[1, PWM, low, high, 2, PWM, low, high],
+    ) {
         rig.can.received.push_back(frame);
     }
     while rig.node.entry() == Entry::None {
@@ -203,7 +223,9 @@ fn what_waits_is_not_followed_after_the_vehicle_was_disarmed() {
     rig.can.received.push_back(golden::frame(ARMING_STATUS, &[0, 0xC0]));
     rig.settle();
     assert!(rig.servos_us()[..2].contains(&0), "{:?}", rig.servos_us());
-    assert!(rig.log.windows(8).any(|text| text == b"disarmed") || rig.node.health().counts.refused > 0);
+    assert!(
+        rig.log.windows(8).any(|text| text == b"disarmed") || rig.node.health().counts.refused > 0
+    );
 }
 
 #[test]
@@ -227,15 +249,29 @@ fn each_output_has_a_failsafe_of_its_own() {
 
 #[test]
 fn counts_and_rates_that_do_not_go_together_are_refused() {
-    for (count, rate, fits) in
-        [(8, 50, true), (8, 51, false), (7, 57, true), (7, 58, false), (4, 100, true), (3, 134, false), (1, 333, true)]
-    {
+    for (count, rate, fits) in [
+        (8, 50, true),
+        (8, 51, false),
+        (7, 57, true),
+        (7, 58, false),
+        (4, 100, true),
+        (3, 134, false),
+        (1, 333, true),
+    ] {
         let mut parameters = golden::parameters(&[]);
         assert!(parameters.set(Parameter::OutCount as u8, count, InMemory));
-        assert_eq!(parameters.set(Parameter::OutRate as u8, rate, InMemory), fits, "{count} at {rate} Hz");
+        assert_eq!(
+            parameters.set(Parameter::OutRate as u8, rate, InMemory),
+            fits,
+            "{count} at {rate} Hz"
+        );
         assert_eq!(parameters.outputs(), count as usize);
         let mut parameters = golden::parameters(&[(Parameter::OutRate, rate)]);
-        assert_eq!(parameters.set(Parameter::OutCount as u8, count, InMemory), fits, "{count} at {rate} Hz");
+        assert_eq!(
+            parameters.set(Parameter::OutCount as u8, count, InMemory),
+            fits,
+            "{count} at {rate} Hz"
+        );
     }
 }
 
@@ -312,7 +348,10 @@ fn a_raw_command_that_is_too_short_or_for_others_is_no_command() {
     rig.throttles("FF");
     assert_eq!(rig.node.health().counts.followed, followed);
     rig.throttles("FF 7C");
-    assert_eq!((rig.servos_us()[6..].to_vec(), rig.node.health().counts.followed), (vec![2000, 0], followed + 1));
+    assert_eq!(
+        (rig.servos_us()[6..].to_vec(), rig.node.health().counts.followed),
+        (vec![2000, 0], followed + 1)
+    );
     assert!(!Line::RawCommandElsewhere.is_refusal() && Line::RawCommandElsewhere.is_elsewhere());
 }
 

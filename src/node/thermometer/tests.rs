@@ -99,7 +99,8 @@ fn any_settings_give_the_temperature_or_the_limit_that_it_exceeds() {
     for setting in settings() {
         let parameters = setting.parameters();
         for sum in (0..=MAX_SUM).step_by(31).chain([MAX_SUM]) {
-            // For a sensor with a small slope the range ends 750 K above the temperature at which it gives 0 V.
+            // For a sensor with a small slope the range ends 750 K above the temperature at which
+            // it gives 0 V.
             if (Setting { offset_mv: 0, ..setting }).kelvin(sum) > 273.0 + 750.0 {
                 continue;
             }
@@ -116,7 +117,10 @@ fn no_settings_and_readings_overflow() {
         let parameters = setting.parameters();
         for sum in (0..=MAX_SUM).step_by(17).chain([MAX_SUM]) {
             let kelvin_64ths = kelvin_64ths(&measured(sum), &parameters);
-            assert!((-274..512).contains(&celsius(kelvin_64ths)), "{kelvin_64ths}: {sum} {setting:?}");
+            assert!(
+                (-274..512).contains(&celsius(kelvin_64ths)),
+                "{kelvin_64ths}: {sum} {setting:?}"
+            );
         }
     }
 }

@@ -13,8 +13,8 @@ use mcp2515::{CanSpeed, MCP2515, McpSpeed, Settings};
 fn main() -> ! {
     let (spi, serial, clock, task) = board::take();
     let mut chip = MCP2515::new(spi);
-    // `init` sets filters that accept everything, and would leave configuration mode. Masks and filters can only be
-    // written there.
+    // `init` sets filters that accept everything, and would leave configuration mode. Masks and
+    // filters can only be written there.
     let settings = Settings {
         mode: OpMode::Configuration,
         can_speed: if CRYSTAL_MHZ == 8 { CanSpeed::Kbps500 } else { CanSpeed::Kbps1000 },

@@ -1,8 +1,8 @@
 //! The job with the crate `mcp25xx`, unchanged from crates.io, with the crate's own bit timing.
 //!
-//! Two packages build this file: `third-party-mcp25xx-crate` without the crate's feature `mcp2515`, and
-//! `third-party-mcp25xx-wrong-rxb1` with it. The feature enables READ RX BUFFER, but sends 0x92 (RXB0, from D0 on) instead of
-//! 0x94 (RXB1, from SIDH on): DS20001801, table 12-1 and figure 12-3.
+//! Two packages build this file: `third-party-mcp25xx-crate` without the crate's feature `mcp2515`,
+//! and `third-party-mcp25xx-wrong-rxb1` with it. The feature enables READ RX BUFFER, but sends 0x92
+//! (RXB0, from D0 on) instead of 0x94 (RXB1, from SIDH on): DS20001801, table 12-1 and figure 12-3.
 
 use crate::board::{self, CanSpi, Delay};
 use crate::can_board::CRYSTAL_MHZ;
@@ -33,7 +33,11 @@ fn main() -> ! {
     ];
     let config = Config::default()
         .mode(OperationMode::NormalOperation)
-        .bitrate(if CRYSTAL_MHZ == 8 { clock_8mhz::CNF_500K_BPS } else { clock_16mhz::CNF_1000K_BPS })
+        .bitrate(if CRYSTAL_MHZ == 8 {
+            clock_8mhz::CNF_500K_BPS
+        } else {
+            clock_16mhz::CNF_1000K_BPS
+        })
         .receive_buffer_0(RXB0CTRL::default().with_rxm(RXM::Filter).with_bukt(true))
         .receive_buffer_1(RXB1CTRL::default().with_rxm(RXM::Filter))
         .filters(&filters);

@@ -84,7 +84,8 @@ fn a_restart_without_an_answer_is_detected_by_the_uptime() {
 
 #[test]
 fn a_command_sends_the_info_of_each_node_once() {
-    let mut rig = Rig::new(vec![Simulated::new(42, 1), Simulated::new(43, 1), Simulated::new(44, 1)]);
+    let mut rig =
+        Rig::new(vec![Simulated::new(42, 1), Simulated::new(43, 1), Simulated::new(44, 1)]);
     rig.run_ms(1500);
     rig.sent_messages();
     // For each known node, even if the command is addressed to one.
@@ -123,7 +124,10 @@ fn known_messages_can_be_requested_and_unknown_ones_are_rejected() {
     rig.command(42, 42_000, &[1.0]);
     rig.run_ms(1);
     let sent = rig.sent_messages();
-    assert!(matches!(sent[1], (42, Content::Status { .. })) && matches!(sent[3], (126, Content::Capabilities { .. })));
+    assert!(
+        matches!(sent[1], (42, Content::Status { .. }))
+            && matches!(sent[3], (126, Content::Capabilities { .. }))
+    );
     let results: Vec<(u16, MavResult)> = sent
         .iter()
         .filter_map(|(_, content)| match content {
@@ -132,7 +136,16 @@ fn known_messages_can_be_requested_and_unknown_ones_are_rejected() {
         })
         .collect();
     let unsupported = MavResult::MAV_RESULT_UNSUPPORTED;
-    assert_eq!(results, [(512, ACCEPTED), (512, ACCEPTED), (512, DENIED), (400, unsupported), (42_000, unsupported)]);
+    assert_eq!(
+        results,
+        [
+            (512, ACCEPTED),
+            (512, ACCEPTED),
+            (512, DENIED),
+            (400, unsupported),
+            (42_000, unsupported)
+        ]
+    );
 }
 
 #[test]
@@ -153,7 +166,8 @@ fn a_message_for_a_node_that_appears_a_moment_later_is_not_lost() {
     rig.command(43, command::PREFLIGHT_STORAGE, &[1.0]);
     rig.run_ms(1500);
     let sent = rig.sent_messages();
-    let parameters = sent.iter().filter(|(_, content)| matches!(content, Content::Parameter { .. })).count();
+    let parameters =
+        sent.iter().filter(|(_, content)| matches!(content, Content::Parameter { .. })).count();
     let acks = sent.iter().filter(|(_, content)| matches!(content, Content::Ack { .. })).count();
     assert_eq!((parameters, acks, rig.nodes[1].saved), (5, 1, 1));
     let mut rig = Rig::new(vec![Simulated::new(42, 5), Simulated::new(43, 3)]);
@@ -226,5 +240,7 @@ fn autopilot_version_has_the_whole_unique_id() {
     let mut rig = Rig::with_node(0);
     rig.command(126, command::REQUEST_MESSAGE, &[148.0]);
     rig.run_ms(1);
-    assert!(matches!(rig.sent_messages()[1].1, Content::Capabilities { unique_id, .. } if unique_id == [7; 16]));
+    assert!(
+        matches!(rig.sent_messages()[1].1, Content::Capabilities { unique_id, .. } if unique_id == [7; 16])
+    );
 }

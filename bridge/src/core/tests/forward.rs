@@ -19,7 +19,10 @@ fn frames_are_forwarded_for_five_seconds_after_each_can_forward() {
     let mut rig = Rig::with_node(1);
     rig.send_request(
         (0, 0),
-        Request::Command(Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] }),
+        Request::Command(Command {
+            number: command::CAN_FORWARD,
+            params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        }),
     );
     rig.run_ms(1000);
     let frames = can_frames(&mut rig);
@@ -27,7 +30,10 @@ fn frames_are_forwarded_for_five_seconds_after_each_can_forward() {
     let ids: BTreeSet<u32> = frames.iter().map(|frame| frame.1.id).collect();
     assert_eq!(ids, BTreeSet::from([0x9801_552A, 0x9801_557E]));
     let frame = &frames[0].1;
-    assert_eq!((frame.bus, frame.len, frame.target_system, frame.target_component), (0, 8, 255, 190));
+    assert_eq!(
+        (frame.bus, frame.len, frame.target_system, frame.target_component),
+        (0, 8, 255, 190)
+    );
     rig.run_ms(5000);
     can_frames(&mut rig);
     rig.run_ms(3000);
@@ -41,7 +47,8 @@ fn frames_are_forwarded_for_five_seconds_after_each_can_forward() {
 fn a_station_s_frame_goes_to_the_bus_and_to_the_other_stations() {
     let mut rig = Rig::with_node(1);
     let other = Asker { peer: 2, from: (254, 189), ..STATION };
-    let forward = Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
+    let forward =
+        Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
     rig.send_request((0, 0), Request::Command(forward));
     rig.send_request_as(other, (0, 0), Request::Command(forward));
     let sent = CAN_FRAME_DATA {
@@ -61,7 +68,8 @@ fn a_station_s_frame_goes_to_the_bus_and_to_the_other_stations() {
         _ => None,
     };
     let to: Vec<To> = posts.iter().filter_map(shown).filter(|to| *to == To::One(2)).collect();
-    // The bridge requests the new node's information, in one frame. The station's own frame does not come back.
+    // The bridge requests the new node's information, in one frame. The station's own frame does
+    // not come back.
     assert_eq!(to.len(), 1);
     assert!(posts.iter().filter_map(shown).filter(|to| *to == To::One(1)).count() == 2);
     assert!(rig.bridge.nodes().contains_key(&NodeId::new(127).unwrap()), "a station is a node too");

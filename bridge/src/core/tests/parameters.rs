@@ -53,7 +53,10 @@ fn an_unknown_parameter_is_reported_to_the_sender() {
     let mut rig = Rig::with_node(3);
     rig.send_request((1, 42), Request::ParameterRead { index: None, name: "NONE".into() });
     rig.send_request((1, 42), Request::ParameterRead { index: Some(3), name: String::new() });
-    rig.send_request((1, 42), Request::ParameterSet { name: "NONE".into(), value: 1.0, kind: INT32 });
+    rig.send_request(
+        (1, 42),
+        Request::ParameterSet { name: "NONE".into(), value: 1.0, kind: INT32 },
+    );
     rig.run_ms(100);
     let sent = rig.sent_messages();
     assert_eq!(errors(&sent), [MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST; 3]);
@@ -93,7 +96,10 @@ fn an_invalid_value_is_answered_with_the_current_one() {
         assert!(matches!(&sent[0].1, Content::Parameter { number: Number::Int32(10), .. }));
     }
     // A PARAM_SET to all nodes is ignored.
-    rig.send_request((1, 0), Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(5), kind: INT32 });
+    rig.send_request(
+        (1, 0),
+        Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(5), kind: INT32 },
+    );
     rig.run_ms(100);
     assert_eq!(rig.node().parameters[1].value, Value::Integer(10));
 }
@@ -124,7 +130,10 @@ fn long_names_are_shortened_and_set_by_the_short_name_in_any_case() {
     let short: Vec<String> = rig.parameters().into_iter().map(|parameter| parameter.0).collect();
     assert!(short.iter().all(|name| name.len() == 16) && short[0] != short[1]);
     let name = short[1].to_ascii_uppercase();
-    rig.send_request((1, 42), Request::ParameterSet { name, value: f32::from_bits(77), kind: INT32 });
+    rig.send_request(
+        (1, 42),
+        Request::ParameterSet { name, value: f32::from_bits(77), kind: INT32 },
+    );
     rig.run_ms(100);
     assert_eq!(rig.node().parameters[1].value, Value::Integer(77));
     assert_eq!(rig.node().parameters[0].value, Value::Integer(0));
@@ -151,7 +160,11 @@ fn autosave_saves_once_after_the_last_change() {
     for value in 1..=3 {
         rig.send_request(
             (1, 42),
-            Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(value), kind: INT32 },
+            Request::ParameterSet {
+                name: "PARAM_1".into(),
+                value: f32::from_bits(value),
+                kind: INT32,
+            },
         );
         rig.run_ms(1500);
         assert_eq!(rig.node().saved, 0);
@@ -166,10 +179,16 @@ fn text_and_nan_are_rejected_with_the_reason() {
     rig.node().parameters[0].value = Value::Text(b"left".to_vec());
     rig.node().parameters[2].value = Value::Real(1.5);
     rig.send_request((1, 42), Request::ParameterRead { index: None, name: "PARAM_0".into() });
-    rig.send_request((1, 42), Request::ParameterSet { name: "PARAM_0".into(), value: 1.0, kind: INT32 });
+    rig.send_request(
+        (1, 42),
+        Request::ParameterSet { name: "PARAM_0".into(), value: 1.0, kind: INT32 },
+    );
     rig.run_ms(100);
     assert_eq!(errors(&rig.sent_messages()), [MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED; 2]);
-    rig.send_request((1, 42), Request::ParameterSet { name: "PARAM_2".into(), value: f32::NAN, kind: 9 });
+    rig.send_request(
+        (1, 42),
+        Request::ParameterSet { name: "PARAM_2".into(), value: f32::NAN, kind: 9 },
+    );
     rig.run_ms(100);
     assert_eq!(errors(&rig.sent_messages()), [MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH]);
     assert_eq!(rig.node().parameters[2].value, Value::Real(1.5));

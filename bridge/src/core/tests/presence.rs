@@ -7,7 +7,8 @@ use crate::identity::NAME;
 fn each_node_status_is_sent_as_that_of_the_node_s_component() {
     let mut rig = Rig::new(vec![Simulated::new(42, 0)]);
     rig.run_ms(3500);
-    let statuses: Vec<_> = rig.posts.iter().filter(|(_, post)| matches!(post, Post::Status { .. })).collect();
+    let statuses: Vec<_> =
+        rig.posts.iter().filter(|(_, post)| matches!(post, Post::Status { .. })).collect();
     assert_eq!(statuses.len(), 3);
     let (at, Post::Status { node, out }) = statuses[2] else { panic!() };
     let Content::Status { data, mode } = &out.content else { panic!() };
@@ -21,7 +22,10 @@ fn a_new_node_s_info_is_requested_and_sent_to_all_stations() {
     rig.run_ms(1500);
     let infos = infos(&rig.sent_messages());
     assert_eq!(infos.len(), 1);
-    assert_eq!((infos[0].0, crate::message::name(&infos[0].1.name)), (42, "org.example.node42".into()));
+    assert_eq!(
+        (infos[0].0, crate::message::name(&infos[0].1.name)),
+        (42, "org.example.node42".into())
+    );
     assert_eq!((infos[0].1.hw_version_major, infos[0].1.hw_version_minor), (3, 4));
     rig.run_ms(20_000);
     assert_eq!(rig.node().info_requests, 1);
@@ -35,7 +39,10 @@ fn a_restarted_node_s_info_is_requested_again() {
     rig.node().uptime_s = 0;
     rig.run_ms(1500);
     let sent = rig.sent_messages();
-    assert_eq!((infos(&sent).len(), texts(&sent)), (1, vec![String::from("Node 42 has restarted")]));
+    assert_eq!(
+        (infos(&sent).len(), texts(&sent)),
+        (1, vec![String::from("Node 42 has restarted")])
+    );
 }
 
 #[test]
@@ -50,7 +57,10 @@ fn infos_are_requested_again_when_the_bus_is_back() {
     rig.run_ms(100);
     let sent = rig.sent_messages();
     assert_eq!(infos(&sent).len(), 1);
-    assert!(sent.iter().any(|(_, content)| matches!(content, Content::Parameter { count: 2, index: 1, .. })));
+    assert!(
+        sent.iter()
+            .any(|(_, content)| matches!(content, Content::Parameter { count: 2, index: 1, .. }))
+    );
 }
 
 #[test]
@@ -64,7 +74,11 @@ fn a_node_is_offline_after_five_seconds_and_reported_once() {
     assert_eq!(texts(&rig.sent_messages()), ["Node 42 is offline"]);
     rig.node().is_silent = false;
     rig.run_ms(1500);
-    assert_eq!(infos(&rig.sent_messages()).len(), 1, "the bridge must request the information of a node that returns");
+    assert_eq!(
+        infos(&rig.sent_messages()).len(),
+        1,
+        "the bridge must request the information of a node that returns"
+    );
 }
 
 #[test]
@@ -97,7 +111,10 @@ fn infos_are_repeated_at_a_low_rate_and_sent_to_new_stations() {
     assert_eq!(infos(&rig.sent_messages()).len(), 2);
     rig.bridge.joined(rig.now, 9);
     rig.run_ms(1);
-    assert!(matches!(rig.posts[0].1, Post::Message { to: To::One(9), class: Class::Answer, .. }), "a heartbeat");
+    assert!(
+        matches!(rig.posts[0].1, Post::Message { to: To::One(9), class: Class::Answer, .. }),
+        "a heartbeat"
+    );
     assert!(matches!(rig.posts[1].1, Post::Message { to: To::One(9), class: Class::Info, .. }));
 }
 
@@ -107,18 +124,29 @@ fn the_bridge_answers_get_node_info() {
     rig.bridge.poll(Duration::from_secs(1));
     assert_eq!(rig.bridge.frames[0].to_string().split_once('#').unwrap().0, "1801557E");
     rig.bridge.frames.clear();
-    let ask = CanId::Service { priority: 20, service_id: 1, request: true, destination: BRIDGE, source: NODE };
+    let ask = CanId::Service {
+        priority: 20,
+        service_id: 1,
+        request: true,
+        destination: BRIDGE,
+        source: NODE,
+    };
     rig.bridge.frame(Duration::from_secs(1), &Frame::extended(ask.build(), &[0xC5]));
     let mut assembler = Assembler::new();
     let mut outcomes = rig.bridge.frames.iter().map(|frame| {
         let Id::Extended(id) = frame.id else { panic!() };
         assembler.push(id, frame.data(), Duration::ZERO)
     });
-    let Some(Outcome::Complete(transfer)) = outcomes.find(|outcome| matches!(outcome, Outcome::Complete(_))) else {
+    let Some(Outcome::Complete(transfer)) =
+        outcomes.find(|outcome| matches!(outcome, Outcome::Complete(_)))
+    else {
         panic!()
     };
     let Message::NodeInfo(info) = Message::decode(&transfer) else { panic!() };
-    assert_eq!((info.name(), transfer.transfer_id.get(), info.unique_id), (NAME.into(), 5, [7; 16]));
+    assert_eq!(
+        (info.name(), transfer.transfer_id.get(), info.unique_id),
+        (NAME.into(), 5, [7; 16])
+    );
 }
 
 #[test]
@@ -149,7 +177,11 @@ fn the_bridge_sends_no_heartbeat_for_a_component_on_a_channel() {
     rig.run_ms(2500);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([1, 42, 126]));
     let autopilot = Asker { from: (1, 1), ..STATION };
-    rig.send_request_as(autopilot, (0, 0), Request::Heartbeat { kind: QUADROTOR, autopilot: ARDUPILOT });
+    rig.send_request_as(
+        autopilot,
+        (0, 0),
+        Request::Heartbeat { kind: QUADROTOR, autopilot: ARDUPILOT },
+    );
     rig.run_ms(2500);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
     // Its parameters and commands are not the node's.
@@ -157,7 +189,8 @@ fn the_bridge_sends_no_heartbeat_for_a_component_on_a_channel() {
     rig.command(1, 400, &[1.0]);
     rig.send_request((1, 0), Request::ParameterList);
     rig.run_ms(100);
-    let components: BTreeSet<u8> = rig.sent_messages().into_iter().map(|(component, _)| component).collect();
+    let components: BTreeSet<u8> =
+        rig.sent_messages().into_iter().map(|(component, _)| component).collect();
     assert_eq!((components, rig.nodes[0].restarts), (BTreeSet::from([42]), 0));
 }
 

@@ -5,7 +5,9 @@ pub use crate::message::{Command, command};
 pub use crate::number::{IntegerEncoding, Number};
 pub use crate::state::Rights;
 pub use dronecan_host::{Message, Opcode, ParameterRequest, ParameterResponse, Value, frames};
-pub use mavlink::dialects::common::{CAN_FRAME_DATA, MavMessage, MavParamError, MavResult, UAVCAN_NODE_INFO_DATA};
+pub use mavlink::dialects::common::{
+    CAN_FRAME_DATA, MavMessage, MavParamError, MavResult, UAVCAN_NODE_INFO_DATA,
+};
 pub use std::collections::BTreeSet;
 
 pub const BRIDGE: NodeId = NodeId::new(126).unwrap();
@@ -64,19 +66,31 @@ impl Simulated {
 
     fn receive(&mut self, now: Duration, frame: &Frame) -> Vec<Frame> {
         let Id::Extended(raw) = frame.id else { return Vec::new() };
-        let Outcome::Complete(transfer) = self.assembler.push(raw, frame.data(), now) else { return Vec::new() };
+        let Outcome::Complete(transfer) = self.assembler.push(raw, frame.data(), now) else {
+            return Vec::new();
+        };
         match transfer.id {
             CanId::Service { request: true, destination, .. } if destination == self.id => {}
             _ => return Vec::new(),
         }
         self.requests += 1;
-        if self.is_silent || self.lose_every.is_some_and(|every| self.requests.is_multiple_of(every)) {
+        if self.is_silent
+            || self.lose_every.is_some_and(|every| self.requests.is_multiple_of(every))
+        {
             return Vec::new();
         }
-        let CanId::Service { priority, service_id, source, .. } = transfer.id else { return Vec::new() };
+        let CanId::Service { priority, service_id, source, .. } = transfer.id else {
+            return Vec::new();
+        };
         let response = self.respond(&transfer);
         let (_, payload) = response.encode().unwrap();
-        let id = CanId::Service { priority, service_id, request: false, destination: source, source: self.id };
+        let id = CanId::Service {
+            priority,
+            service_id,
+            request: false,
+            destination: source,
+            source: self.id,
+        };
         frames(id, &payload, transfer.transfer_id)
     }
 
@@ -85,9 +99,15 @@ impl Simulated {
             Message::NodeInfoRequest => {
                 self.info_requests += 1;
                 let name = format!("org.example.node{}", self.id).into();
-                Message::NodeInfo(Box::new(NodeInfo { name, hardware: (3, 4), ..NodeInfo::default() }))
+                Message::NodeInfo(Box::new(NodeInfo {
+                    name,
+                    hardware: (3, 4),
+                    ..NodeInfo::default()
+                }))
             }
-            Message::ParameterRequest(request) => Message::ParameterResponse(self.get_set(&request)),
+            Message::ParameterRequest(request) => {
+                Message::ParameterResponse(self.get_set(&request))
+            }
             Message::ExecuteOpcode(opcode) => {
                 self.saved += u32::from(opcode == Opcode::SAVE);
                 self.erased += u32::from(opcode == Opcode::ERASE);
@@ -110,7 +130,9 @@ impl Simulated {
         };
         let Some(parameter) = found else { return ParameterResponse::default() };
         match (&request.value, &parameter.value) {
-            (Value::Integer(wanted), Value::Integer(_)) => parameter.value = Value::Integer((*wanted).clamp(0, 5000)),
+            (Value::Integer(wanted), Value::Integer(_)) => {
+                parameter.value = Value::Integer((*wanted).clamp(0, 5000))
+            }
             (Value::Real(_), Value::Real(_)) | (Value::Boolean(_), Value::Boolean(_)) => {
                 parameter.value = request.value.clone();
             }
@@ -204,8 +226,7 @@ impl Rig {
             Post::Message { out, .. } => Some((out.component, out.content)),
             _ => None,
         });
-        let heartbeat =
-            |content: &Content| matches!(content, Content::Message(m) if matches!(**m, MavMessage::HEARTBEAT(_)));
+        let heartbeat = |content: &Content| matches!(content, Content::Message(m) if matches!(**m, MavMessage::HEARTBEAT(_)));
         sent.filter(|(_, content)| !heartbeat(content)).collect()
     }
 

@@ -31,7 +31,8 @@ fn random_input_from_both_sides_causes_no_panic() {
                 kind: random() as u8,
             },
             4 => Request::Command(Command {
-                number: [245, 246, 512, 519, 520, 5200, 32_000, random() as u16][(random() % 8) as usize],
+                number: [245, 246, 512, 519, 520, 5200, 32_000, random() as u16]
+                    [(random() % 8) as usize],
                 params: [
                     f32::from_bits(random() as u32),
                     (random() % 5) as f32,

@@ -1,18 +1,21 @@
 //! Error signalling: error flags, overload flags, their delimiter,
 //! their increments of the counters, bus-off and the recovery from it.
 //!
-//! Source: ISO 11898-1:2003 10.4.4 (error frame), 10.4.5 (overload frame), 13.1 (fault confinement).
+//! Source: ISO 11898-1:2003 10.4.4 (error frame), 10.4.5 (overload frame), 13.1 (fault
+//! confinement).
 
 use super::{Engine, EngineMode, IDLE_BITS, PassiveFlag, State};
 use crate::confinement::{Confinement, ErrorState};
 use crate::event::{ErrorKind, Event, Events};
 use crate::wire::Level;
 
-/// Number of dominant bits of an active error flag and of an overload flag, and of equal bits of a passive error flag.
+/// Number of dominant bits of an active error flag and of an overload flag, and of equal bits of a
+/// passive error flag.
 const FLAG_BITS: u8 = 6;
 /// Number of recessive bits of an error or overload delimiter.
 pub(super) const DELIMITER_BITS: u8 = 8;
-/// After its flag a node tolerates seven dominant bits. The eighth, and every eighth after it, increments the counter.
+/// After its flag a node tolerates seven dominant bits. The eighth, and every eighth after it,
+/// increments the counter.
 const DOMINANT_LIMIT: u8 = 8;
 /// Number of sequences of `IDLE_BITS` recessive bits that end bus-off.
 const RECOVERY_SEQUENCES: u8 = 128;
@@ -92,7 +95,13 @@ impl Engine {
         self.state = State::Resync { recessive };
     }
 
-    pub(super) fn sample_flag(&mut self, sent: u8, overload: bool, dominant: bool, events: &mut Events) {
+    pub(super) fn sample_flag(
+        &mut self,
+        sent: u8,
+        overload: bool,
+        dominant: bool,
+        events: &mut Events,
+    ) {
         let sent = sent + 1;
         if !dominant {
             self.error(ErrorKind::Bit, Charge::InFlag, events);
@@ -103,7 +112,12 @@ impl Engine {
         }
     }
 
-    pub(super) fn sample_passive_flag(&mut self, flag: PassiveFlag, level: Level, events: &mut Events) {
+    pub(super) fn sample_passive_flag(
+        &mut self,
+        flag: PassiveFlag,
+        level: Level,
+        events: &mut Events,
+    ) {
         if flag.unacknowledged && level.is_dominant() {
             self.counters.transmit_error();
             if self.enter_bus_off_if_due(events) {
@@ -125,7 +139,13 @@ impl Engine {
         self.state = State::FlagTail { dominant: 0, first };
     }
 
-    pub(super) fn sample_flag_tail(&mut self, count: u8, first: bool, dominant: bool, events: &mut Events) {
+    pub(super) fn sample_flag_tail(
+        &mut self,
+        count: u8,
+        first: bool,
+        dominant: bool,
+        events: &mut Events,
+    ) {
         if !dominant {
             self.state = State::Delimiter { recessive: 1 };
             return;
@@ -175,7 +195,13 @@ impl Engine {
         self.state = State::BusOff { recessive: 0, sequences: 0 };
     }
 
-    pub(super) fn sample_bus_off(&mut self, recessive: u8, sequences: u8, dominant: bool, events: &mut Events) {
+    pub(super) fn sample_bus_off(
+        &mut self,
+        recessive: u8,
+        sequences: u8,
+        dominant: bool,
+        events: &mut Events,
+    ) {
         let (mut recessive, mut sequences) = (recessive + 1, sequences);
         if dominant {
             recessive = 0;

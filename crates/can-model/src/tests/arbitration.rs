@@ -22,7 +22,8 @@ fn a_dominant_bit_makes_a_starting_node_wait_again() {
     assert!(lab.drove_dominant(0, 22..23));
 }
 
-/// ISO 11898-1 10.9: the frame is valid in the last but one bit of end of frame for receivers, in the last bit for the transmitter.
+/// ISO 11898-1 10.9: the frame is valid in the last but one bit of end of frame for receivers, in
+/// the last bit for the transmitter.
 #[test]
 fn a_frame_is_received_one_bit_before_it_is_transmitted() {
     for text in ["123#", "7FF#R8", "1003F20A#01000038C7", "00000000#0000000000000000"] {
@@ -195,7 +196,8 @@ fn a_listen_only_node_does_not_acknowledge() {
     assert_eq!(lab.errors_of(0), [ErrorKind::Ack]);
 }
 
-/// After a missing acknowledgement the sender's error flag must not make the listener miss the next frame.
+/// After a missing acknowledgement the sender's error flag must not make the listener miss the next
+/// frame.
 #[test]
 fn a_listen_only_node_receives_the_first_frame_after_an_error() {
     let sent = frame("123#AB");

@@ -14,7 +14,8 @@ fn frames_of_three_nodes_arrive_in_the_order_of_their_identifiers() {
     assert_eq!(rig.received(0), [frames[1], frames[2]]);
     assert_eq!(rig.received(1), [frames[2], frames[0]]);
     assert_eq!(rig.received(2), [frames[1], frames[0]]);
-    let recorded = [(frames[1], Some(1), true), (frames[2], Some(2), true), (frames[0], Some(0), true)];
+    let recorded =
+        [(frames[1], Some(1), true), (frames[2], Some(2), true), (frames[0], Some(0), true)];
     assert_eq!(rig.recorded_frames(), recorded);
 }
 

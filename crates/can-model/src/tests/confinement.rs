@@ -25,8 +25,8 @@ fn a_lone_sender_becomes_passive_at_128_and_stays_there() {
     assert_eq!(lab.engines[0].error_state(), ErrorState::Passive);
 }
 
-/// Bits from one SOF to the next: up to the ACK slot, flag, delimiter, intermission, and 8 bits of suspend
-/// transmission for a passive node.
+/// Bits from one SOF to the next: up to the ACK slot, flag, delimiter, intermission, and 8 bits of
+/// suspend transmission for a passive node.
 #[test]
 fn a_passive_sender_waits_eight_bits_more_before_it_repeats() {
     let sent = frame("123#");
@@ -116,7 +116,8 @@ fn after_a_flag() -> Lab {
     lab
 }
 
-/// Rule b) counts the first dominant bit after the flag, rule f) the eighth, the sixteenth and so on.
+/// Rule b) counts the first dominant bit after the flag, rule f) the eighth, the sixteenth and so
+/// on.
 #[test]
 fn dominant_bits_after_a_receiver_s_flag_count_at_the_first_and_every_eighth() {
     let mut lab = after_a_flag();
@@ -199,7 +200,10 @@ fn bus_off_ends_after_exactly_128_times_11_recessive_bits() {
     assert_eq!(recovered, [start + 128 * 11 - 1]);
     assert_eq!(lab.counters(0), (0, 0));
     assert!(lab.drove_nothing(0, start..start + 128 * 11));
-    assert!(lab.drove_dominant(0, start + 128 * 11..start + 128 * 11 + 1), "the node must send again");
+    assert!(
+        lab.drove_dominant(0, start + 128 * 11..start + 128 * 11 + 1),
+        "the node must send again"
+    );
 }
 
 /// A dominant bit invalidates its own sequence of eleven, not the earlier ones.

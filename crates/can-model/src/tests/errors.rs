@@ -104,7 +104,11 @@ fn a_receiver_with_a_wrong_crc_withholds_its_ack_and_flags_after_the_ack_delimit
     assert_eq!(lab.bits_where(2, |event| event == error(ErrorKind::Form, false)), [ack_slot + 2]);
     assert_eq!(lab.bits_where(0, |event| event == error(ErrorKind::Bit, true)), [ack_slot + 2]);
     for receiver in [1, 2] {
-        assert_eq!(lab.received(receiver), [frame(PLAIN)], "a receiver must receive only the repetition");
+        assert_eq!(
+            lab.received(receiver),
+            [frame(PLAIN)],
+            "a receiver must receive only the repetition"
+        );
     }
 }
 
@@ -139,8 +143,8 @@ fn a_receiver_whose_ack_does_not_show_has_a_bit_error() {
     assert_eq!(at, [start + bits.ack_slot]);
 }
 
-/// ISO 11898-1 10.9: the frame is valid for receivers, which answer with an overload frame, but not for
-/// the sender, which repeats it. This is the only case in which CAN delivers a frame twice.
+/// ISO 11898-1 10.9: the frame is valid for receivers, which answer with an overload frame, but not
+/// for the sender, which repeats it. This is the only case in which CAN delivers a frame twice.
 #[test]
 fn a_dominant_last_bit_is_accepted_by_receivers_and_repeated_by_the_sender() {
     let bits = bits_of(&frame(PLAIN));

@@ -51,14 +51,15 @@ fn a_bit_flipped_for_one_station_destroys_the_frame_and_it_is_repeated() {
     assert_eq!(rig.received(1), [frame(COMMAND)]);
     assert_eq!(rig.received(2), [frame(COMMAND)]);
     assert_eq!(rig.bus.stats().error_frames, 1);
-    // The station that detects the error first counts 8 more (rule b): 1 + 8, 1 less for the repetition.
+    // The station that detects the error first counts 8 more (rule b): 1 + 8, 1 less for the
+    // repetition.
     assert_eq!(rig.counters(1), (0, 0));
     assert_eq!(rig.counters(2), (0, 8));
     assert_eq!(rig.counters(0), (7, 0));
 }
 
-/// A known weakness of CAN: a receiver that rejects a frame in the last but one bit makes the sender
-/// repeat it for those that have accepted it.
+/// A known weakness of CAN: a receiver that rejects a frame in the last but one bit makes the
+/// sender repeat it for those that have accepted it.
 #[test]
 fn an_error_of_one_receiver_in_the_last_but_one_bit_doubles_the_frame_for_the_others() {
     let mut rig = Rig::of(3);
@@ -223,7 +224,10 @@ fn a_sender_of_destroyed_frames_goes_bus_off_and_recovers() {
     rig.send(0, frame(COMMAND));
     rig.run_bits(32 * 200);
     let ends = rig.bus.take_records();
-    assert!(ends.len() >= 32 && ends.iter().all(|record| matches!(record.kind, RecordKind::ErrorFrame { .. })));
+    assert!(
+        ends.len() >= 32
+            && ends.iter().all(|record| matches!(record.kind, RecordKind::ErrorFrame { .. }))
+    );
     assert_eq!(rig.received(1), []);
     rig.bus.inject(Fault::DestroyFrames(false));
     rig.run_bits(128 * 11 + 500);

@@ -4,7 +4,8 @@ use super::*;
 
 const COMMAND: &str = "1003F20A#01000038C7";
 
-/// Node 2 has the wrong rate. It disturbs the bus until its counter makes it passive, and receives nothing.
+/// Node 2 has the wrong rate. It disturbs the bus until its counter makes it passive, and receives
+/// nothing.
 fn rig_with_rate(rate: u32) -> Rig {
     let mut rig = Rig::with_rates(&[1_000_000, 1_000_000, rate]);
     for count in 0..40u8 {
@@ -70,7 +71,8 @@ fn a_station_within_half_a_percent_of_the_rate_is_in_step() {
     assert_eq!(rig.bus.stats().error_frames, 0);
 }
 
-/// Two stations at the same other rate receive each other's frames; the bus's own recorder receives neither.
+/// Two stations at the same other rate receive each other's frames; the bus's own recorder receives
+/// neither.
 #[test]
 fn two_stations_at_another_rate_receive_each_other_s_frames() {
     let mut rig = Rig::with_rates(&[500_000, 500_000]);
@@ -93,7 +95,8 @@ fn the_horizon_follows_the_station_that_is_out_of_step() {
     while now < 20_000 {
         now = rig.bus.horizon();
         assert!(now > last, "no progress at {now}");
-        // After the first idle period, in which the rate is not known yet, the station's bits are 16 cycles.
+        // After the first idle period, in which the rate is not known yet, the station's bits are
+        // 16 cycles.
         assert!(now - last <= 16 || last < 128 * 32, "{last} to {now}");
         rig.bus.run_until(now);
         last = now;

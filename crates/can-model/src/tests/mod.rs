@@ -32,7 +32,11 @@ struct Bits {
 
 fn bits_of(frame: &Frame) -> Bits {
     let len = frame.wire_bits().len();
-    Bits { crc_delimiter: (len - TAIL) as u64, ack_slot: (len - TAIL + 1) as u64, last_eof: (len - 1) as u64 }
+    Bits {
+        crc_delimiter: (len - TAIL) as u64,
+        ack_slot: (len - TAIL + 1) as u64,
+        last_eof: (len - 1) as u64,
+    }
 }
 
 /// Engines on one wire, and a log of their events. Bit numbers count from the lab's start.
@@ -108,10 +112,9 @@ impl Lab {
             level &= driven;
         }
         for node in 0..self.engines.len() {
-            let disturbance = self
-                .disturbed
-                .iter()
-                .find(|&&(bit, victim, _)| bit == self.bit && victim.is_none_or(|victim| victim == node));
+            let disturbance = self.disturbed.iter().find(|&&(bit, victim, _)| {
+                bit == self.bit && victim.is_none_or(|victim| victim == node)
+            });
             let seen = disturbance.map_or(level, |&(_, _, level)| level);
             for event in self.engines[node].sample(seen) {
                 if let Event::Transmitted(_) = event {
@@ -168,12 +171,13 @@ impl Lab {
         (self.engines[node].tec(), self.engines[node].rec())
     }
 
-    /// Raises an engine's receive error counter to at least `rec` with levels that only it receives.
+    /// Raises an engine's receive error counter to at least `rec` with levels that only it
+    /// receives.
     #[track_caller]
     fn raise_rec(&mut self, node: usize, rec: u16) {
         while self.engines[node].rec() < rec {
-            // A dominant bit on the idle bus, then recessive ones: a stuff error for this node. The others must not
-            // receive its flag.
+            // A dominant bit on the idle bus, then recessive ones: a stuff error for this node. The
+            // others must not receive its flag.
             let was = self.engines[node].rec();
             let mut victim = self.engines[node].clone();
             victim.drive(None);
@@ -242,7 +246,9 @@ impl Rig {
     /// The frames among the records, with their sender's number and whether they were acknowledged.
     fn recorded_frames(&mut self) -> Vec<(Frame, Option<usize>, bool)> {
         let frame = |record: Record| match record.kind {
-            RecordKind::Frame { frame, from, acked } => Some((frame, from.map(PortId::index), acked)),
+            RecordKind::Frame { frame, from, acked } => {
+                Some((frame, from.map(PortId::index), acked))
+            }
             RecordKind::ErrorFrame { .. } => None,
         };
         self.bus.take_records().into_iter().filter_map(frame).collect()

@@ -32,7 +32,8 @@ impl Station for Watched {
     }
 }
 
-/// A frame that no other call returns: `number` is in its identifier and, as far as it fits, in its data.
+/// A frame that no other call returns: `number` is in its identifier and, as far as it fits, in its
+/// data.
 fn random_frame(random: &mut Random, number: u32) -> Frame {
     let dlc = random.below(9) as usize;
     let mut data = random.next().to_be_bytes();
@@ -55,12 +56,14 @@ fn load(rig: &Rig, random: &mut Random, frames: u32, senders: u64) {
     }
 }
 
-/// How often a receiver may receive the frame: once, and once more for each error that its sender had
-/// in the last end-of-frame bit, one bit after the receivers had accepted it.
+/// How often a receiver may receive the frame: once, and once more for each error that its sender
+/// had in the last end-of-frame bit, one bit after the receivers had accepted it.
 fn entitled(sender: &[(Cycles, Event)], receptions: &[Cycles]) -> usize {
     let repeated = receptions.iter().filter(|&&at| {
         let next_bit = at + BIT;
-        sender.iter().any(|&(time, event)| time == next_bit && matches!(event, Event::Error { transmitting: true, .. }))
+        sender.iter().any(|&(time, event)| {
+            time == next_bit && matches!(event, Event::Error { transmitting: true, .. })
+        })
     });
     1 + repeated.count()
 }
@@ -75,7 +78,8 @@ fn every_frame_is_received_once_and_unchanged_by_all_others() {
         let per_million = [0, 100, 500, 1_000][seed as usize % 4];
         rig.bus.inject(Fault::BitErrorRate { per_million, seed });
         rig.run_bits(200_000);
-        let received: Vec<_> = rig.nodes.iter().map(|node| node.borrow_mut().take_received()).collect();
+        let received: Vec<_> =
+            rig.nodes.iter().map(|node| node.borrow_mut().take_received()).collect();
         let events: Vec<_> = rig.nodes.iter().map(|node| node.borrow_mut().take_events()).collect();
         let mut expected = [0; 4];
         for (sender, events) in events.iter().enumerate() {
@@ -148,8 +152,8 @@ fn a_listen_only_node_never_drives_dominant_whatever_happens() {
     }
 }
 
-/// Continuous errors that only one station receives: frames may be doubled (see `faults.rs`) but not
-/// changed, and the bus must become idle.
+/// Continuous errors that only one station receives: frames may be doubled (see `faults.rs`) but
+/// not changed, and the bus must become idle.
 #[test]
 fn errors_seen_by_one_station_never_change_a_frame() {
     for seed in 0..20 {

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// A dominant CRC delimiter is an error for all nodes at once: one flag, delimiter, intermission, SOF.
+/// A dominant CRC delimiter is an error for all nodes at once: one flag, delimiter, intermission,
+/// SOF.
 #[test]
 fn an_error_frame_takes_fourteen_bits_when_all_see_the_error_at_once() {
     let sent = frame("555#AAAA");
@@ -83,7 +84,8 @@ fn a_dominant_bit_early_in_the_intermission_forces_an_overload_frame() {
     }
 }
 
-/// In the eighth bit of a delimiter a dominant bit starts an overload frame; earlier it is a form error.
+/// In the eighth bit of a delimiter a dominant bit starts an overload frame; earlier it is a form
+/// error.
 #[test]
 fn a_dominant_bit_in_a_delimiter_is_an_error_except_in_its_last_bit() {
     for (bit, overload) in [(2, false), (7, false), (8, true)] {

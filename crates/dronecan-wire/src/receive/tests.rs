@@ -12,7 +12,8 @@ const LIGHT: u8 = 5;
 const THREE: &str = "1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68";
 
 /// The golden request to set CAN_NODE to 42.
-const SET: &str = "1E0BF8FF C5 16 00 01 2A 00 00 81 | 00 00 00 00 00 43 41 21 | 4E 5F 4E 4F 44 45 41";
+const SET: &str =
+    "1E0BF8FF C5 16 00 01 2A 00 00 81 | 00 00 00 00 00 43 41 21 | 4E 5F 4E 4F 44 45 41";
 
 const KEPT: usize = 27;
 const LIST_LANES: usize = 1;
@@ -47,7 +48,10 @@ impl Received for Kind {
             (types::ARMING_STATUS, Kind::ArmingStatus),
             (types::ALLOCATION, Kind::Allocation),
         ];
-        TABLE.iter().find(|(message, _)| message.id == data_type).map_or(Self::Unknown, |&(_, kind)| kind)
+        TABLE
+            .iter()
+            .find(|(message, _)| message.id == data_type)
+            .map_or(Self::Unknown, |&(_, kind)| kind)
     }
 
     fn of_request(service: u8) -> Self {
@@ -58,11 +62,18 @@ impl Received for Kind {
             (types::EXECUTE_OPCODE, Kind::ExecuteOpcode),
             (types::BEGIN_FIRMWARE_UPDATE, Kind::BeginFirmwareUpdate),
         ];
-        TABLE.iter().find(|(request, _)| request.id == service).map_or(Self::Unknown, |&(_, kind)| kind)
+        TABLE
+            .iter()
+            .find(|(request, _)| request.id == service)
+            .map_or(Self::Unknown, |&(_, kind)| kind)
     }
 
     fn of_anonymous(data_type: u8, node: u8) -> Self {
-        if node == 0 && u16::from(data_type) == types::ALLOCATION.id { Self::Allocation } else { Self::Unknown }
+        if node == 0 && u16::from(data_type) == types::ALLOCATION.id {
+            Self::Allocation
+        } else {
+            Self::Unknown
+        }
     }
 
     fn is_request(self) -> bool {
@@ -189,8 +200,10 @@ fn entry(transfer: Option<Transfer>) -> Option<(u8, u16)> {
 }
 
 fn command(source: u32, transfer_id: u8, entries: &[(u8, u8, u16)]) -> Vec<Frame> {
-    let payload: Vec<u8> =
-        entries.iter().flat_map(|&(id, kind, value)| [id, kind, value as u8, (value >> 8) as u8]).collect();
+    let payload: Vec<u8> = entries
+        .iter()
+        .flat_map(|&(id, kind, value)| [id, kind, value as u8, (value >> 8) as u8])
+        .collect();
     golden::transfer(0x1003_F200 | source, golden::ARRAY_COMMAND, transfer_id, &payload)
 }
 
@@ -204,7 +217,9 @@ fn a_command_in_one_frame_is_decoded() {
 
 #[test]
 fn a_command_in_several_frames_gives_the_entry_for_this_actuator_wherever_it_is() {
-    for (actuator, expected) in [(1, Some((0, 0x3800))), (2, Some((0, 0xBC00))), (3, Some((4, 0x65DC))), (4, None)] {
+    for (actuator, expected) in
+        [(1, Some((0, 0x3800))), (2, Some((0, 0xBC00))), (3, Some((4, 0x65DC))), (4, None)]
+    {
         let transfer = Rig::for_actuator(actuator).text(THREE).unwrap();
         assert_eq!(entry(Some(transfer)), expected, "actuator {actuator}");
         assert_eq!(transfer.payload().first().copied(), expected.map(|_| actuator));
@@ -304,10 +319,15 @@ fn a_list_that_ends_within_an_entry_is_rejected() {
 #[test]
 fn a_light_is_found_among_others() {
     let mut rig = Rig::new();
-    assert_eq!(entry(rig.text("1804390A 05 F8 00 C0")).map(|(high, low)| (high, low as u8)), Some((0xF8, 0)));
+    assert_eq!(
+        entry(rig.text("1804390A 05 F8 00 C0")).map(|(high, low)| (high, low as u8)),
+        Some((0xF8, 0))
+    );
     // (7, blue), (0, half green), (8, white)
     let lights = frames("1804390A 68 6B 07 00 1F 00 05 82 | 40 08 FF FF 62");
-    for (light, expected) in [(7, Some((0x00, 0x1F))), (0, Some((0x05, 0x40))), (8, Some((0xFF, 0xFF))), (5, None)] {
+    for (light, expected) in
+        [(7, Some((0x00, 0x1F))), (0, Some((0x05, 0x40))), (8, Some((0xFF, 0xFF))), (5, None)]
+    {
         let mut rig = Rig { light, ..Rig::new() };
         assert!(rig.frame(&lights[0]).is_none());
         let transfer = rig.frame(&lights[1]);
@@ -320,12 +340,17 @@ fn a_request_of_several_frames_is_kept_in_full() {
     let transfer = Rig::new().text(SET).unwrap();
     assert_eq!((transfer.kind, transfer.source, transfer.priority), (Kind::GetSet, 127, 30));
     assert_eq!((transfer.transfer_id(), transfer.len), (1, 18));
-    assert_eq!(transfer.payload(), golden::bytes("00 01 2A 00 00 00 00 00 00 00 43 41 4E 5F 4E 4F 44 45"));
+    assert_eq!(
+        transfer.payload(),
+        golden::bytes("00 01 2A 00 00 00 00 00 00 00 43 41 4E 5F 4E 4F 44 45")
+    );
 }
 
 #[test]
 fn an_allocation_of_several_frames_is_a_message() {
-    let transfer = Rig::new().text("1E00017F 58 5D 00 00 01 02 03 81 | 04 05 06 07 08 09 0A 21 | 0B 41").unwrap();
+    let transfer = Rig::new()
+        .text("1E00017F 58 5D 00 00 01 02 03 81 | 04 05 06 07 08 09 0A 21 | 0B 41")
+        .unwrap();
     assert_eq!((transfer.kind, transfer.len), (Kind::Allocation, 13));
 }
 
@@ -355,9 +380,15 @@ fn each_single_wrong_bit_breaks_the_transfer() {
             let mut frames = good.clone();
             frames[n].data[bit / 8] ^= 1 << (bit % 8);
             let mut rig = Rig::new();
-            assert_eq!((rig.all(&frames), rig.rejection), (None, Some(Rejection::Broken)), "frame {n} bit {bit}");
+            assert_eq!(
+                (rig.all(&frames), rig.rejection),
+                (None, Some(Rejection::Broken)),
+                "frame {n} bit {bit}"
+            );
             // The lane is free for every sender.
-            assert!(rig.all(&golden::transfer(0x1E0B_F8FE, golden::GET_SET, 0, &[0; 10])).is_some());
+            assert!(
+                rig.all(&golden::transfer(0x1E0B_F8FE, golden::GET_SET, 0, &[0; 10])).is_some()
+            );
         }
     }
 }
@@ -372,7 +403,11 @@ fn a_missing_frame_loses_the_transfer_and_no_other() {
                 assert_eq!(rig.frame(frame), None, "{n} without {missing}");
             }
         }
-        assert_eq!(entry(rig.all(&command(10, 2, &[(1, 0, 1), (2, 0, 2)]))), Some((0, 1)), "without {missing}");
+        assert_eq!(
+            entry(rig.all(&command(10, 2, &[(1, 0, 1), (2, 0, 2)]))),
+            Some((0, 1)),
+            "without {missing}"
+        );
     }
 }
 
@@ -405,11 +440,20 @@ fn a_repeated_frame_changes_nothing() {
 fn a_sender_that_restarts_is_accepted_with_any_transfer_id() {
     let mut rig = Rig::new();
     for transfer_id in [3, 3, 2, 31, 0, 17] {
-        assert!(rig.all(&command(10, transfer_id, &[(1, 0, 1), (2, 0, 2)])).is_some(), "{transfer_id}");
-        assert!(rig.all(&command(10, transfer_id, &[(1, 0, 1)])).is_some(), "{transfer_id} in one frame");
+        assert!(
+            rig.all(&command(10, transfer_id, &[(1, 0, 1), (2, 0, 2)])).is_some(),
+            "{transfer_id}"
+        );
+        assert!(
+            rig.all(&command(10, transfer_id, &[(1, 0, 1)])).is_some(),
+            "{transfer_id} in one frame"
+        );
     }
     rig.frame(&command(10, 5, &[(1, 0, 1), (2, 0, 2)])[0]);
-    assert!(rig.all(&command(10, 0, &[(1, 0, 1), (2, 0, 2)])).is_some(), "in the middle of a transfer");
+    assert!(
+        rig.all(&command(10, 0, &[(1, 0, 1), (2, 0, 2)])).is_some(),
+        "in the middle of a transfer"
+    );
 }
 
 #[test]
@@ -423,7 +467,11 @@ fn a_frame_with_another_transfer_id_or_toggle_is_ignored() {
         let mut stray = frames[n].clone();
         *stray.data.last_mut().unwrap() ^= changed_bits;
         assert_eq!((rig.frame(&stray), rig.rejection), (None, None));
-        assert_eq!(entry(rig.all(&frames[n..])), Some((0, 1)), "frame {n} changed by {changed_bits:02X}");
+        assert_eq!(
+            entry(rig.all(&frames[n..])),
+            Some((0, 1)),
+            "frame {n} changed by {changed_bits:02X}"
+        );
     }
 }
 
@@ -445,7 +493,11 @@ fn a_first_frame_with_its_toggle_set_is_rejected() {
     let mut rig = Rig::new();
     for tail in [0xE0, 0xA0] {
         let frame = golden::frame(0x1003_F20A, &[1, 0, 0, 0x38, tail]);
-        assert_eq!((rig.frame(&frame), rig.rejection), (None, Some(Rejection::Malformed)), "{tail:02X}");
+        assert_eq!(
+            (rig.frame(&frame), rig.rejection),
+            (None, Some(Rejection::Malformed)),
+            "{tail:02X}"
+        );
     }
 }
 
@@ -459,12 +511,17 @@ fn two(source: u32, transfer_id: u8, value: u16) -> [Frame; 2] {
 #[test]
 fn each_lane_serves_one_sender_and_one_more_sender_displaces_one() {
     let mut rig = Rig::new();
-    let first: Vec<[Frame; 2]> = (0..LIST_LANES as u32).map(|n| two(10 + n, 1, 100 + n as u16)).collect();
+    let first: Vec<[Frame; 2]> =
+        (0..LIST_LANES as u32).map(|n| two(10 + n, 1, 100 + n as u16)).collect();
     for frames in &first {
         assert_eq!(rig.rejects(&frames[0]), None);
     }
     let newcomer = two(100, 1, 1);
-    assert_eq!(rig.rejects(&newcomer[0]), Some(Rejection::Interleaved), "another sender's transfer is lost");
+    assert_eq!(
+        rig.rejects(&newcomer[0]),
+        Some(Rejection::Interleaved),
+        "another sender's transfer is lost"
+    );
     assert_eq!(entry(rig.frame(&newcomer[1])), Some((0, 1)));
     let mut came = 0;
     for frames in &first {
@@ -546,7 +603,10 @@ fn commands_and_requests_and_transfers_of_one_frame_may_interleave() {
 fn a_request_of_the_protected_sender_may_be_displaced() {
     let mut rig = Rig { protected: 127, ..Rig::new() };
     for n in 0..REQUEST_LANES as u32 {
-        assert_eq!(rig.rejects(&golden::transfer(0x1E0B_F8FF - n, golden::GET_SET, 0, &[0; 12])[0]), None);
+        assert_eq!(
+            rig.rejects(&golden::transfer(0x1E0B_F8FF - n, golden::GET_SET, 0, &[0; 12])[0]),
+            None
+        );
     }
     let newcomer = golden::transfer(0x1E0B_F881, golden::GET_SET, 5, &[7; 12]);
     assert_eq!(rig.rejects(&newcomer[0]), Some(Rejection::Interleaved));
@@ -642,7 +702,8 @@ fn a_command_in_one_frame_is_received_during_a_longer_one() {
     assert_eq!(entry(rig.frame(&long[1])), Some((0, 1)));
 }
 
-/// Sends a transfer whose frames come with a pause after each. Returns true if it is received, false if it expires, at most once.
+/// Sends a transfer whose frames come with a pause after each. Returns true if it is received,
+/// false if it expires, at most once.
 fn is_received_with_pauses(frames: &[Frame], start_ms: u16, pause_ms: u16) -> bool {
     let mut rig = Rig::new();
     rig.now_ms = start_ms;
@@ -663,8 +724,14 @@ fn the_next_frame_of_a_list_may_come_after_fifty_milliseconds_and_no_later() {
     let list = command(10, 1, &commands);
     assert_eq!(list.len(), 9);
     for start_ms in [0, 65_400, u16::MAX] {
-        for (pause_ms, is_received) in [(0, true), (12, true), (50, true), (51, false), (30_000, false)] {
-            assert_eq!(is_received_with_pauses(&list, start_ms, pause_ms), is_received, "{pause_ms} ms");
+        for (pause_ms, is_received) in
+            [(0, true), (12, true), (50, true), (51, false), (30_000, false)]
+        {
+            assert_eq!(
+                is_received_with_pauses(&list, start_ms, pause_ms),
+                is_received,
+                "{pause_ms} ms"
+            );
         }
     }
 }
@@ -675,7 +742,11 @@ fn the_next_frame_of_a_request_may_come_after_two_seconds_and_no_later() {
     assert_eq!(request.len(), 3);
     for start_ms in [0, 62_000, u16::MAX] {
         for (pause_ms, is_received) in [(51, true), (2000, true), (2001, false), (30_000, false)] {
-            assert_eq!(is_received_with_pauses(&request, start_ms, pause_ms), is_received, "{pause_ms} ms");
+            assert_eq!(
+                is_received_with_pauses(&request, start_ms, pause_ms),
+                is_received,
+                "{pause_ms} ms"
+            );
         }
     }
 }
@@ -693,7 +764,10 @@ fn frames_without_a_first_frame_are_ignored() {
 #[test]
 fn a_frame_without_a_tail_byte_is_rejected() {
     let mut rig = Rig::new();
-    assert_eq!((rig.frame(&golden::frame(0x1003_F20A, &[])), rig.rejection), (None, Some(Rejection::Malformed)));
+    assert_eq!(
+        (rig.frame(&golden::frame(0x1003_F20A, &[])), rig.rejection),
+        (None, Some(Rejection::Malformed))
+    );
 }
 
 #[test]
@@ -702,7 +776,11 @@ fn several_frames_of_a_single_frame_type_are_rejected() {
     let ids = [0x1801_550A, 0x1E01_F8FF, 0x1E05_F8FF, 0x1804_4C0A, 0x1E0A_F8FF];
     for id in ids {
         for frame in golden::transfer(id, 0, 1, &[0; 14]) {
-            assert_eq!((rig.frame(&frame), rig.rejection), (None, Some(Rejection::Malformed)), "{id:08X}");
+            assert_eq!(
+                (rig.frame(&frame), rig.rejection),
+                (None, Some(Rejection::Malformed)),
+                "{id:08X}"
+            );
         }
     }
 }
@@ -778,9 +856,11 @@ fn without_an_id_the_golden_replies_of_an_allocator_are_received() {
 fn without_an_id_the_anonymous_requests_of_other_nodes_are_received() {
     let mut rig = Rig::new();
     rig.me = 0;
-    for text in
-        ["1E974D00 01 00 01 02 03 04 05 C0", "1EBC1100 00 06 07 08 09 0A 0B C1", "1EEE8100 01 44 C0 8B 63 5E 05 C0"]
-    {
+    for text in [
+        "1E974D00 01 00 01 02 03 04 05 C0",
+        "1EBC1100 00 06 07 08 09 0A 0B C1",
+        "1EEE8100 01 44 C0 8B 63 5E 05 C0",
+    ] {
         let transfer = rig.text(text).unwrap_or_else(|| panic!("{text}"));
         assert_eq!((transfer.kind, transfer.source, transfer.len), (Kind::Allocation, 0, 7));
     }
@@ -820,12 +900,20 @@ fn a_first_frame_too_short_for_a_crc_is_rejected_and_changes_nothing() {
     for data in [&[0x81][..], &[0x00, 0x81]] {
         let mut rig = Rig::new();
         assert_eq!(rig.frame(&golden::frame(0x1003_F20A, data)), None);
-        assert_eq!(entry(rig.all(&command(11, 1, &[(1, 0, 1), (2, 0, 2)]))), Some((0, 1)), "{data:02X?}");
+        assert_eq!(
+            entry(rig.all(&command(11, 1, &[(1, 0, 1), (2, 0, 2)]))),
+            Some((0, 1)),
+            "{data:02X?}"
+        );
         // It does not end an open transfer of any sender.
         for source in [10, 11] {
             let frames = two(source, 2, 3);
             assert_eq!(rig.rejects(&frames[0]), None);
-            assert_eq!(rig.rejects(&golden::frame(0x1003_F20A, data)), Some(Rejection::Malformed), "{data:02X?}");
+            assert_eq!(
+                rig.rejects(&golden::frame(0x1003_F20A, data)),
+                Some(Rejection::Malformed),
+                "{data:02X?}"
+            );
             assert_eq!(entry(rig.frame(&frames[1])), Some((0, 3)), "{data:02X?}");
         }
     }
@@ -834,7 +922,15 @@ fn a_first_frame_too_short_for_a_crc_is_rejected_and_changes_nothing() {
 #[test]
 fn random_frames_cause_no_panic() {
     let mut rig = Rig::new();
-    let ids: &[u32] = &[0x1003_F20A, 0x1003_F20B, 0x1804_390A, 0x1E0B_F8FF, 0x1E28_F8FF, 0x1E00_017F, 0x1E97_4D00];
+    let ids: &[u32] = &[
+        0x1003_F20A,
+        0x1003_F20B,
+        0x1804_390A,
+        0x1E0B_F8FF,
+        0x1E28_F8FF,
+        0x1E00_017F,
+        0x1E97_4D00,
+    ];
     let mut random = 1u32;
     let mut next = || {
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -866,10 +962,12 @@ fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
     let entries = [[3, 0, 1, 1], [9, 0, 2, 2], [7, 4, 3, 3], [3, 4, 4, 4], [1, 0, 5, 5]];
     for (entries, slots) in [(&entries[..], 0b101), (&entries[..2], 0b100), (&entries[4..], 0)] {
         let mut receiver = Receiver::<Kind, 1, 1, 27>::new();
-        let frames = golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, entries.as_flattened());
+        let frames =
+            golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, entries.as_flattened());
         let mut complete = None;
         for frame in &frames {
-            let segment = Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
+            let segment =
+                Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
             if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot_of, 0, 0) {
                 complete = Some(*transfer);
             }
@@ -877,7 +975,10 @@ fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
         let transfer = complete.expect("a whole transfer");
         assert_eq!(transfer.slots(), slots);
         if slots == 0b101 {
-            assert_eq!((&transfer.bytes()[..4], &transfer.bytes()[8..12]), (&[7, 4, 3, 3][..], &[3, 4, 4, 4][..]));
+            assert_eq!(
+                (&transfer.bytes()[..4], &transfer.bytes()[8..12]),
+                (&[7, 4, 3, 3][..], &[3, 4, 4, 4][..])
+            );
         }
     }
 }

@@ -80,7 +80,8 @@ fn the_mcp2515_crate_sends() {
     }
 }
 
-/// `mcp25xx` 0.4.0, `apply_config`: RESET, as soon as a slow processor gets there three CNFs in one WRITE, the mode last.
+/// `mcp25xx` 0.4.0, `apply_config`: RESET, as soon as a slow processor gets there three CNFs in one
+/// WRITE, the mode last.
 fn init_like_mcp25xx() -> Bench {
     let mut bench = Bench::new();
     bench.reset();
@@ -97,7 +98,8 @@ fn init_like_mcp25xx() -> Bench {
     bench
 }
 
-/// DS20001801J 12: `mcp25xx` 0.4.0 without features receives 13 bytes by READ, and clears by BIT MODIFY.
+/// DS20001801J 12: `mcp25xx` 0.4.0 without features receives 13 bytes by READ, and clears by BIT
+/// MODIFY.
 #[test]
 fn the_mcp25xx_crate_receives() {
     let mut bench = init_like_mcp25xx();
@@ -129,7 +131,10 @@ fn the_mcp25xx_crate_sends() {
 #[test]
 fn the_mcp25xx_crate_with_feature_mcp2515_reads_the_wrong_buffer() {
     let mut bench = init_like_mcp25xx();
-    bench.peer_sends(&[Frame::extended(0x0ABC_DEF0, &[1, 2, 3, 4, 5, 6, 7, 8]), Frame::extended(0x1234_5678, &[9; 8])]);
+    bench.peer_sends(&[
+        Frame::extended(0x0ABC_DEF0, &[1, 2, 3, 4, 5, 6, 7, 8]),
+        Frame::extended(0x1234_5678, &[9; 8]),
+    ]);
     let mut read = |instruction| {
         let mut bytes = [0; 14];
         bytes[0] = instruction;

@@ -13,20 +13,26 @@ const TXBO: u8 = 0x20;
 /// EFLG as Register 6-3 derives it from the counters.
 fn expected_eflg(tec: u8, rec: u8) -> u8 {
     let mut eflg = 0;
-    for (set, bits) in [(tec >= 96, TXWAR | EWARN), (rec >= 96, RXWAR | EWARN), (tec >= 128, TXEP), (rec >= 128, RXEP)]
-    {
+    for (set, bits) in [
+        (tec >= 96, TXWAR | EWARN),
+        (rec >= 96, RXWAR | EWARN),
+        (tec >= 128, TXEP),
+        (rec >= 128, RXEP),
+    ] {
         eflg |= if set { bits } else { 0 };
     }
     eflg
 }
 
-/// Runs bit by bit until `done`, and checks EFLG against TEC and REC in each bit. Returns all values of EFLG.
+/// Runs bit by bit until `done`, and checks EFLG against TEC and REC in each bit. Returns all
+/// values of EFLG.
 #[track_caller]
 fn watch(bench: &mut Bench, mut done: impl FnMut(u8, u8) -> bool) -> Vec<u8> {
     let mut seen = vec![];
     for _ in 0..10_000 {
         bench.run_bits(1);
-        let [tec, rec, eflg] = [TEC, REC, EFLG].map(|address| bench.chip.borrow().register(address));
+        let [tec, rec, eflg] =
+            [TEC, REC, EFLG].map(|address| bench.chip.borrow().register(address));
         if eflg & TXBO == 0 {
             assert_eq!(eflg, expected_eflg(tec, rec), "TEC {tec}, REC {rec}");
         }
@@ -40,8 +46,8 @@ fn watch(bench: &mut Bench, mut done: impl FnMut(u8, u8) -> bool) -> Vec<u8> {
     panic!("never done: EFLG took the values {seen:02X?}");
 }
 
-/// DS20001801J 6.7, Register 6-3: a lone sender becomes error-passive, and its TEC stops there (a missing acknowledgement
-/// does not raise a passive node's TEC).
+/// DS20001801J 6.7, Register 6-3: a lone sender becomes error-passive, and its TEC stops there (a
+/// missing acknowledgement does not raise a passive node's TEC).
 #[test]
 fn a_lone_sender_becomes_error_passive_and_stays_on_the_bus() {
     let mut bench = Bench::normal();
@@ -116,8 +122,8 @@ fn a_sender_of_destroyed_frames_goes_bus_off() {
     assert_eq!(bench.read(TXB0CTRL) & TXREQ, TXREQ);
 }
 
-/// DS20001801J 6.7, Figure 6-1: recovery after 128 times 11 recessive bits, with counters at 0. Then the
-/// pending frame is sent.
+/// DS20001801J 6.7, Figure 6-1: recovery after 128 times 11 recessive bits, with counters at 0.
+/// Then the pending frame is sent.
 #[test]
 fn bus_off_ends_after_128_times_11_recessive_bits() {
     let mut bench = bus_off();
@@ -145,7 +151,8 @@ fn a_reset_ends_bus_off() {
     assert_eq!(bench.peer_received().len(), 1);
 }
 
-/// DS20001801J 3.6, 10.0: without a pending frame a request for configuration mode does not wait for the recovery.
+/// DS20001801J 3.6, 10.0: without a pending frame a request for configuration mode does not wait
+/// for the recovery.
 #[test]
 fn configuration_mode_can_be_entered_in_bus_off_after_an_abort() {
     let mut bench = bus_off();

@@ -96,7 +96,8 @@ fn exide_selects_standard_or_extended_frames() {
 /// DS20001801J 4.5.1, Figure 4-4: EID8 and EID0 filter the first two data bytes of standard frames.
 #[test]
 fn standard_frames_are_filtered_by_their_first_two_data_bytes() {
-    let mut bench = with_filter(standard(0x7FF, [0xFF, 0x0F]), standard(0x123, [0xC0, 0x05]), false);
+    let mut bench =
+        with_filter(standard(0x7FF, [0xFF, 0x0F]), standard(0x123, [0xC0, 0x05]), false);
     for (data, accepted) in [
         (&[0xC0, 0x05][..], true),
         (&[0xC0, 0xF5, 0x99], true),
@@ -137,8 +138,8 @@ fn with_six_filters(same: &[usize]) -> Bench {
     bench
 }
 
-/// DS20001801J 4.2, 4.5: mask 0 with filters 0 and 1 is for RXB0, mask 1 with filters 2 to 5 for RXB1.
-/// FILHIT has the filter.
+/// DS20001801J 4.2, 4.5: mask 0 with filters 0 and 1 is for RXB0, mask 1 with filters 2 to 5 for
+/// RXB1. FILHIT has the filter.
 #[test]
 fn each_filter_leads_to_its_buffer() {
     let mut bench = with_six_filters(&[]);
@@ -159,7 +160,8 @@ fn each_filter_leads_to_its_buffer() {
     bench.assert_register(CANINTF, 0);
 }
 
-/// DS20001801J 4.5.4: of several matching filters the lowest is reported, and one buffer takes the frame.
+/// DS20001801J 4.5.4: of several matching filters the lowest is reported, and one buffer takes the
+/// frame.
 #[test]
 fn the_lowest_matching_filter_is_reported() {
     for (same, buffer, filhit) in
@@ -185,8 +187,8 @@ fn rxm_11_receives_any_message() {
     }
 }
 
-/// DS20001801J Registers 4-1, 4-2: RXM 01 and 10 are reserved (before revision H: standard or extended
-/// frames only, without data byte filtering).
+/// DS20001801J Registers 4-1, 4-2: RXM 01 and 10 are reserved (before revision H: standard or
+/// extended frames only, without data byte filtering).
 #[test]
 fn a_reserved_rxm_is_a_violation_and_has_its_former_meaning() {
     for (rxm, standard_passes, extended_passes) in [(0x20, true, false), (0x40, false, true)] {

@@ -22,7 +22,8 @@ fn so_is_not_driven_during_instruction_and_address() {
     assert_eq!(bench.spi(&[BIT_MODIFY, BFPCTRL, 0xFF, 0x00]), [0xFF; 4]);
 }
 
-/// DS20001801J Figure 12-1: where the mask is 1 the bit changes, where it is 0 the register keeps its bit.
+/// DS20001801J Figure 12-1: where the mask is 1 the bit changes, where it is 0 the register keeps
+/// its bit.
 #[test]
 fn bit_modify_changes_only_masked_bits() {
     let mut bench = Bench::new();
@@ -126,7 +127,9 @@ fn rts_requests_the_buffers_of_its_mask() {
 /// DS20001801J Figure 12-3: two buffers, from SIDH or from D0; 92h is RXB0's data, not RXB1.
 #[test]
 fn read_rx_buffer_starts_at_one_of_four_addresses() {
-    for (instruction, buffer, start) in [(0x90, 0, 0x61), (0x92, 0, 0x66), (0x94, 1, 0x71), (0x96, 1, 0x76)] {
+    for (instruction, buffer, start) in
+        [(0x90, 0, 0x61), (0x92, 0, 0x66), (0x94, 1, 0x71), (0x96, 1, 0x76)]
+    {
         let mut bench = Bench::normal();
         bench.write(RXB0CTRL, &[BUKT]);
         bench.peer_sends(&[
@@ -165,7 +168,8 @@ fn read_rx_buffer_of_an_empty_buffer_is_a_violation() {
     bench.assert_register(CANINTF, RX0IF);
 }
 
-/// DS20001801J 12.4: if it ends at once, the instruction clears the flag of a frame that was not read.
+/// DS20001801J 12.4: if it ends at once, the instruction clears the flag of a frame that was not
+/// read.
 #[test]
 fn read_rx_buffer_without_a_data_byte_is_a_violation() {
     let mut bench = Bench::normal();
@@ -179,7 +183,9 @@ fn read_rx_buffer_without_a_data_byte_is_a_violation() {
 #[test]
 fn read_status_maps_flags_and_requests() {
     let mut bench = Bench::new();
-    for (flags, status) in [(0x01, 0x01), (0x02, 0x02), (0x04, 0x08), (0x08, 0x20), (0x10, 0x80), (0xE0, 0x00)] {
+    for (flags, status) in
+        [(0x01, 0x01), (0x02, 0x02), (0x04, 0x08), (0x08, 0x20), (0x10, 0x80), (0xE0, 0x00)]
+    {
         bench.write(CANINTF, &[flags]);
         assert_eq!(bench.spi(&[READ_STATUS, 0])[1], status, "CANINTF {flags:02X}h");
     }
@@ -222,7 +228,8 @@ fn rx_status_has_the_type_of_the_message() {
     }
 }
 
-/// DS20001801J Figure 12-9: bits 2 to 0 are the matching filter; codes 6 and 7 mean a rollover into RXB1.
+/// DS20001801J Figure 12-9: bits 2 to 0 are the matching filter; codes 6 and 7 mean a rollover into
+/// RXB1.
 #[test]
 fn rx_status_has_the_filter() {
     let mut bench = Bench::new();

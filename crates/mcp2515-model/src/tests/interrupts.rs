@@ -18,7 +18,8 @@ fn int_is_low_while_an_enabled_flag_is_set() {
     }
 }
 
-/// DS20001801J 7.0: INT is a level. It stays low until the last flag is cleared, and depends on CANINTE.
+/// DS20001801J 7.0: INT is a level. It stays low until the last flag is cleared, and depends on
+/// CANINTE.
 #[test]
 fn int_stays_low_until_all_flags_are_cleared() {
     let mut bench = Bench::new();

@@ -1,7 +1,8 @@
-//! Tests of the model against its datasheet. Each test cites the section of DS20001801J that it checks.
+//! Tests of the model against its datasheet. Each test cites the section of DS20001801J that it
+//! checks.
 //!
-//! `support` has the bench (chip, bus, a peer node) and restates addresses and bits. The tests do not
-//! use the model's own constants.
+//! `support` has the bench (chip, bus, a peer node) and restates addresses and bits. The tests do
+//! not use the model's own constants.
 
 mod crates;
 mod errors;

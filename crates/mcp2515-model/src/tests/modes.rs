@@ -7,9 +7,12 @@ use can_model::{Frame, Level, RecordKind, Station};
 /// DS20001801J Registers 10-1 and 10-2: REQOP requests a mode, OPMOD shows it.
 #[test]
 fn every_mode_is_reached_from_configuration_mode() {
-    for (reqop, mode) in
-        [(NORMAL, Mode::Normal), (SLEEP, Mode::Sleep), (LOOPBACK, Mode::Loopback), (LISTEN_ONLY, Mode::ListenOnly)]
-    {
+    for (reqop, mode) in [
+        (NORMAL, Mode::Normal),
+        (SLEEP, Mode::Sleep),
+        (LOOPBACK, Mode::Loopback),
+        (LISTEN_ONLY, Mode::ListenOnly),
+    ] {
         let mut bench = Bench::in_mode(reqop);
         assert_eq!(bench.mode(), mode);
         bench.assert_register(CANCTRL, reqop | 0x07);
@@ -117,8 +120,8 @@ fn an_abort_completes_a_waiting_mode_change() {
     bench.assert_opmod(CONFIGURATION);
 }
 
-/// A request that is ahead of the simulated bus takes effect at its own time: frames that ended earlier are
-/// received.
+/// A request that is ahead of the simulated bus takes effect at its own time: frames that ended
+/// earlier are received.
 #[test]
 fn a_mode_request_has_no_effect_before_its_time() {
     let mut bench = Bench::normal();
@@ -194,8 +197,8 @@ fn a_request_made_in_configuration_mode_is_sent_in_normal_mode() {
     assert_eq!(bench.peer_received(), [Frame::standard(0x111, &[1])]);
 }
 
-/// DS20001801J 10.4: in loopback mode a frame goes from the transmit buffer through the filters to the receive buffer, without
-/// the bus and without an acknowledgement.
+/// DS20001801J 10.4: in loopback mode a frame goes from the transmit buffer through the filters to
+/// the receive buffer, without the bus and without an acknowledgement.
 #[test]
 fn loopback_receives_its_own_frames_and_does_not_drive_the_bus() {
     let mut bench = Bench::in_mode(LOOPBACK);
@@ -249,7 +252,8 @@ fn loopback_takes_time_and_keeps_the_transmit_priority() {
     assert_eq!(bench.read_many(RXB1SIDH, 2), [0x20, 0x00]);
 }
 
-/// DS20001801J 10.3: in listen-only mode the chip receives frames that others acknowledge, and drives nothing.
+/// DS20001801J 10.3: in listen-only mode the chip receives frames that others acknowledge, and
+/// drives nothing.
 #[test]
 fn listen_only_receives_and_never_acknowledges() {
     let mut bench = Bench::in_mode(LISTEN_ONLY);
@@ -332,7 +336,8 @@ fn after_the_reset_instruction_spi_is_ignored_for_128_oscillator_periods() {
     assert_eq!(bench.read_many(CNF3, 3), CNF_1M);
 }
 
-/// DS20001801J 8.1: with a crystal of 8 MHz an access 10 us after RESET is ignored, and one after 16 us is not.
+/// DS20001801J 8.1: with a crystal of 8 MHz an access 10 us after RESET is ignored, and one after
+/// 16 us is not.
 #[test]
 fn a_slower_crystal_takes_longer_to_start_after_reset() {
     const US: u64 = 16;

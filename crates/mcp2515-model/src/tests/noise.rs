@@ -7,19 +7,22 @@ use can_model::Frame;
 const PAUSE_BITS: u64 = 150;
 const BURSTS: usize = 1_000;
 
-/// A linear congruential generator (Knuth's MMIX constants), seeded so that a failure can be repeated.
+/// A linear congruential generator (Knuth's MMIX constants), seeded so that a failure can be
+/// repeated.
 struct Noise(u64);
 
 impl Noise {
     fn byte(&mut self) -> u8 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 56) as u8
     }
 }
 
 /// Valid instructions, so that not all noise is an unknown instruction.
-const INSTRUCTIONS: [u8; 16] =
-    [0x02, 0x02, 0x02, 0x03, 0x05, 0x05, 0x05, 0x40, 0x43, 0x45, 0x81, 0x87, 0x90, 0x96, 0xA0, 0xB0];
+const INSTRUCTIONS: [u8; 16] = [
+    0x02, 0x02, 0x02, 0x03, 0x05, 0x05, 0x05, 0x40, 0x43, 0x45, 0x81, 0x87, 0x90, 0x96, 0xA0, 0xB0,
+];
 
 /// DS20001801J 12.2, 9.0: after any input, RESET and a new set-up make the chip work.
 #[test]

@@ -24,7 +24,8 @@ fn a_standard_frame_fills_the_buffer() {
     bench.assert_register(RXB0CTRL, 0x00);
 }
 
-/// DS20001801J Registers 4-1, 4-5, 4-8: RXRTR for both kinds, SRR for standard, RTR for extended ones.
+/// DS20001801J Registers 4-1, 4-5, 4-8: RXRTR for both kinds, SRR for standard, RTR for extended
+/// ones.
 #[test]
 fn remote_frames_are_marked() {
     let mut bench = Bench::normal();
@@ -52,8 +53,8 @@ fn every_dlc_is_stored_as_received() {
     }
 }
 
-/// Register 4-9 does not specify the bytes beyond the frame. The model keeps the old ones, so that a driver
-/// that uses them can be detected.
+/// Register 4-9 does not specify the bytes beyond the frame. The model keeps the old ones, so that
+/// a driver that uses them can be detected.
 #[test]
 fn bytes_beyond_the_frame_keep_their_old_values() {
     let mut bench = Bench::normal();
@@ -71,7 +72,8 @@ fn a_full_buffer_is_not_overwritten() {
     assert_eq!(bench.read_many(RXB0SIDH, 6), [0x00, 0x20, 0, 0, 1, 0x11]);
 }
 
-/// DS20001801J 4.2, Figure 4-3, BUKT clear: the second frame for RXB0 is lost, although RXB1 is empty.
+/// DS20001801J 4.2, Figure 4-3, BUKT clear: the second frame for RXB0 is lost, although RXB1 is
+/// empty.
 #[test]
 fn without_rollover_rxb0_overflows() {
     let mut bench = Bench::normal();

@@ -46,8 +46,8 @@ fn the_reset_instruction_restores_the_reset_values() {
     assert_eq!(bench.read_many(0x00, 128), before);
 }
 
-/// DS20001801J Registers 3-3 and 4-10: filters and buffers are "unknown" after a reset. In the model they keep
-/// their values, as RAM does.
+/// DS20001801J Registers 3-3 and 4-10: filters and buffers are "unknown" after a reset. In the
+/// model they keep their values, as RAM does.
 #[test]
 fn filters_and_buffers_survive_a_reset() {
     let mut bench = Bench::new();

@@ -36,8 +36,8 @@ fn registers_can_be_read_and_written_in_sleep() {
     assert_eq!(bench.mode(), Mode::Sleep);
 }
 
-/// DS20001801J 7.5, 10.2.1: bus activity sets WAKIF, pulls INT, and after the start-up time the chip is
-/// in listen-only mode.
+/// DS20001801J 7.5, 10.2.1: bus activity sets WAKIF, pulls INT, and after the start-up time the
+/// chip is in listen-only mode.
 #[test]
 fn bus_activity_wakes_into_listen_only() {
     let mut bench = asleep(true);

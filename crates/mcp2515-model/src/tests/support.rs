@@ -214,7 +214,8 @@ impl Bench {
 
     /// Fills transmit buffer `n` with a standard data frame, without sending it.
     pub fn load(&mut self, n: u8, id: u16, data: &[u8]) {
-        let mut bytes = vec![0x40 + 2 * n, (id >> 3) as u8, (id << 5) as u8, 0, 0, data.len() as u8];
+        let mut bytes =
+            vec![0x40 + 2 * n, (id >> 3) as u8, (id << 5) as u8, 0, 0, data.len() as u8];
         bytes.extend_from_slice(data);
         self.spi(&bytes);
     }

@@ -41,7 +41,8 @@ fn every_kind_of_frame_can_be_sent() {
 /// DS20001801J 3.3: TXREQ can be set by WRITE, BIT MODIFY and RTS, with TXP in the same write.
 #[test]
 fn a_request_can_be_made_in_three_ways() {
-    for bytes in [&[WRITE, TXB0CTRL, TXREQ | 3][..], &[BIT_MODIFY, TXB0CTRL, 0x0B, TXREQ], &[RTS0]] {
+    for bytes in [&[WRITE, TXB0CTRL, TXREQ | 3][..], &[BIT_MODIFY, TXB0CTRL, 0x0B, TXREQ], &[RTS0]]
+    {
         let mut bench = Bench::normal();
         bench.load(0, 0x123, &[]);
         bench.spi(bytes);
@@ -50,8 +51,8 @@ fn a_request_can_be_made_in_three_ways() {
     }
 }
 
-/// DS20001801J 3.3, 12.7: the frame begins in the next bit after the end of the byte that requested it, even if the bus
-/// is simulated later.
+/// DS20001801J 3.3, 12.7: the frame begins in the next bit after the end of the byte that requested
+/// it, even if the bus is simulated later.
 #[test]
 fn a_frame_does_not_begin_before_its_request() {
     for ahead in [1, 15, 16, 17, 250, 500] {
@@ -87,7 +88,8 @@ fn buffers_go_in_the_order_of_their_priority() {
     }
 }
 
-/// DS20001801J 3.2: with equal priorities, "the buffer with the highest buffer number will be sent first".
+/// DS20001801J 3.2: with equal priorities, "the buffer with the highest buffer number will be sent
+/// first".
 #[test]
 fn the_highest_buffer_number_breaks_a_tie() {
     let mut bench = Bench::normal();
@@ -145,7 +147,8 @@ fn a_pending_buffer_rejects_writes() {
     }
 }
 
-/// DS20001801J 3.1: a buffer whose frame is on the bus cannot be written, even if the request is withdrawn.
+/// DS20001801J 3.1: a buffer whose frame is on the bus cannot be written, even if the request is
+/// withdrawn.
 #[test]
 fn a_buffer_on_the_bus_rejects_writes() {
     let mut bench = Bench::normal();
@@ -274,7 +277,8 @@ fn a_request_under_abat_is_aborted_and_a_violation() {
     bench.assert_violation(&["TXB0CTRL", "ABAT", "3.6"]);
 }
 
-/// The chip sends 400h and the peer 001h at the same bit. Returns when the chip has lost arbitration.
+/// The chip sends 400h and the peer 001h at the same bit. Returns when the chip has lost
+/// arbitration.
 fn lose_arbitration(canctrl: u8) -> Bench {
     let mut bench = Bench::normal();
     bench.modify(CANCTRL, OSM, canctrl);
@@ -356,8 +360,8 @@ fn a_new_request_clears_the_flags() {
     bench.assert_register(TXB0CTRL, TXREQ);
 }
 
-/// DS20001801J 3.4: in one-shot mode a destroyed frame is not repeated; ABTF is set, with ABAT or without
-/// (3.6, note 2).
+/// DS20001801J 3.4: in one-shot mode a destroyed frame is not repeated; ABTF is set, with ABAT or
+/// without (3.6, note 2).
 #[test]
 fn one_shot_does_not_repeat_after_an_error() {
     for abat in [0, ABAT] {

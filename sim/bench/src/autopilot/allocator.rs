@@ -1,13 +1,15 @@
 //! A centralized allocator of node IDs (specification, chapter 6, "Dynamic node ID allocation").
 //!
-//! A node sends its unique ID in three anonymous messages. After each, the allocator broadcasts the bytes that it has so far.
-//! With the last broadcast it grants an ID. It serves one node at a time: a new request replaces the one in progress. Until the
-//! end of the run the same unique ID gets the same node ID.
+//! A node sends its unique ID in three anonymous messages. After each, the allocator broadcasts the
+//! bytes that it has so far. With the last broadcast it grants an ID. It serves one node at a time:
+//! a new request replaces the one in progress. Until the end of the run the same unique ID gets the
+//! same node ID.
 
 use crate::dronecan::{Allocation, NodeId};
 use crate::{Cycles, F_CPU_HZ};
 
-/// Time in which the node must send its next message, or begin again (DSDL 1.Allocation.uavcan, FOLLOWUP_TIMEOUT_MS).
+/// Time in which the node must send its next message, or begin again (DSDL 1.Allocation.uavcan,
+/// FOLLOWUP_TIMEOUT_MS).
 const FOLLOWUP_TIMEOUT: Cycles = F_CPU_HZ / 2;
 /// For each of the three requests: the number of bytes of the unique ID before it, and in it.
 const STAGES: [(usize, usize); 3] = [(0, 6), (6, 6), (12, 4)];
@@ -44,7 +46,8 @@ impl Allocator {
         &self.granted
     }
 
-    /// Processes an anonymous request at time `at`. Returns the answer to broadcast; `None` if the request does not fit.
+    /// Processes an anonymous request at time `at`. Returns the answer to broadcast; `None` if the
+    /// request does not fit.
     pub fn answer(&mut self, request: &Allocation, at: Cycles) -> Option<Allocation> {
         if at.saturating_sub(self.last_request_at) > FOLLOWUP_TIMEOUT || request.first_part {
             self.so_far.clear();
@@ -63,14 +66,16 @@ impl Allocator {
         Some(answer)
     }
 
-    /// The ID for a unique ID: the one granted before, or the free one nearest to `preferred`, first upwards and then
-    /// downwards. `None` if no ID is free.
+    /// The ID for a unique ID: the one granted before, or the free one nearest to `preferred`,
+    /// first upwards and then downwards. `None` if no ID is free.
     fn grant(&mut self, unique_id: [u8; UNIQUE_ID_LEN], preferred: u8) -> Option<NodeId> {
         if let Some((_, id)) = self.granted.iter().find(|(known, _)| *known == unique_id) {
             return Some(*id);
         }
         let from = if preferred == 0 { HIGHEST } else { preferred.min(HIGHEST) };
-        let is_free = |id: &NodeId| !self.taken.contains(id) && !self.granted.iter().any(|(_, other)| other == id);
+        let is_free = |id: &NodeId| {
+            !self.taken.contains(id) && !self.granted.iter().any(|(_, other)| other == id)
+        };
         let id = (from..=HIGHEST).chain((1..from).rev()).filter_map(NodeId::new).find(is_free)?;
         self.granted.push((unique_id, id));
         Some(id)
@@ -102,7 +107,8 @@ mod tests {
 
     #[track_caller]
     fn allocate(allocator: &mut Allocator, unique_id: &[u8], preferred: u8) -> u8 {
-        let mut answers = requests(unique_id, preferred).map(|request| allocator.answer(&request, MS).unwrap());
+        let mut answers =
+            requests(unique_id, preferred).map(|request| allocator.answer(&request, MS).unwrap());
         for (answer, known) in answers.iter().zip([6, 12, 16]) {
             assert_eq!(answer.unique_id, unique_id[..known]);
             assert!(!answer.first_part && (answer.node_id == 0) == (known < 16));

@@ -4,17 +4,26 @@ use super::{ANSWER_DELAY, Autopilot, CommandType, thesis_position};
 use crate::Cycles;
 use crate::can::Frame;
 use crate::dronecan::NodeId;
-use crate::dronecan::draft::{ActuatorCommand, DataType, Message, NodeStatus, Route, Transfer, TransferId, VendorCode};
+use crate::dronecan::draft::{
+    ActuatorCommand, DataType, Message, NodeStatus, Route, Transfer, TransferId, VendorCode,
+};
 use half::f16;
 
 impl Autopilot {
     pub(super) fn handle_in_draft(&mut self, at: Cycles, transfer: &Transfer, message: Message) {
         match (message, transfer.route) {
-            (Message::NodeStatus(status), _) => self.handle_status(at, transfer.source, status.uptime_s),
+            (Message::NodeStatus(status), _) => {
+                self.handle_status(at, transfer.source, status.uptime_s)
+            }
             (Message::NodeInfoRequest, Route::Request(asked)) if self.is_own_id(asked) => {
-                let info = Message::NodeInfo(Box::new(self.information(self.node_status_in_draft(at))));
-                let answer =
-                    frames(&info, self.settings.node_id, Route::Response(transfer.source), transfer.transfer_id);
+                let info =
+                    Message::NodeInfo(Box::new(self.information(self.node_status_in_draft(at))));
+                let answer = frames(
+                    &info,
+                    self.settings.node_id,
+                    Route::Response(transfer.source),
+                    transfer.transfer_id,
+                );
                 self.answers.push_back((at + ANSWER_DELAY, answer));
             }
             _ => {}
@@ -23,7 +32,11 @@ impl Autopilot {
 
     /// NodeStatus in its form of 2015-03-19, with six bytes.
     fn node_status_in_draft(&self, at: Cycles) -> NodeStatus {
-        NodeStatus { uptime_s: self.uptime_s(at), vendor_code: VendorCode::Short(0), ..NodeStatus::default() }
+        NodeStatus {
+            uptime_s: self.uptime_s(at),
+            vendor_code: VendorCode::Short(0),
+            ..NodeStatus::default()
+        }
     }
 
     pub(super) fn status_in_draft(&self, at: Cycles) -> Message {

@@ -1,8 +1,8 @@
 //! Profiles of common flight controllers: the IDs, priorities and rates of their messages.
 //!
-//! Sources: ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator, SRV_send_esc, safety_state_send, init);
-//! PX4, src/drivers/uavcan/actuators/servo.cpp at f929353e, esc.cpp at 000f5fdb and arming_status.cpp; priorities of libcanard's
-//! canard.h.
+//! Sources: ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator,
+//! SRV_send_esc, safety_state_send, init); PX4, src/drivers/uavcan/actuators/servo.cpp at f929353e,
+//! esc.cpp at 000f5fdb and arming_status.cpp; priorities of libcanard's canard.h.
 
 use super::CommandType;
 use crate::dronecan::{Dialect, NodeId};
@@ -17,7 +17,8 @@ pub enum Profile {
     Plain,
     /// The autopilot of the thesis: like plain, but with the thesis's own commands.
     Thesis,
-    /// ArduPilot: 15 commands in each message, for actuators 1 to 15, -1 to +1; ArmingStatus and SafetyState.
+    /// ArduPilot: 15 commands in each message, for actuators 1 to 15, -1 to +1; ArmingStatus and
+    /// SafetyState.
     Ardupilot,
     /// ArduPilot with the option to command pulse widths (CAN_Dn_UC_OPTION, bit 4).
     ArdupilotPwm,
@@ -83,7 +84,8 @@ impl Profile {
         }
     }
 
-    /// Command types in a dialect, the usual one first; empty if the profile does not support the dialect.
+    /// Command types in a dialect, the usual one first; empty if the profile does not support the
+    /// dialect.
     pub fn command_types(self, dialect: Dialect) -> &'static [CommandType] {
         use CommandType::{Position, Pwm, Thesis, Unitless};
         match (self, dialect) {
@@ -97,8 +99,8 @@ impl Profile {
         }
     }
 
-    /// Most motors that the profile can command: for ArduPilot the elements of a RawCommand, for PX4 its CONNECTED_ESC_MAX; 0 for
-    /// profiles that do not send ArmingStatus.
+    /// Most motors that the profile can command: for ArduPilot the elements of a RawCommand, for
+    /// PX4 its CONNECTED_ESC_MAX; 0 for profiles that do not send ArmingStatus.
     pub fn motors_max(self) -> u8 {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => 20,
@@ -107,8 +109,8 @@ impl Profile {
         }
     }
 
-    /// Command for motors. ArduPilot's priority is one above that of its ArrayCommand, PX4's is the highest. PX4 keeps motors
-    /// turning while armed (UAVCAN_EC_MINn 1).
+    /// Command for motors. ArduPilot's priority is one above that of its ArrayCommand, PX4's is the
+    /// highest. PX4 keeps motors turning while armed (UAVCAN_EC_MINn 1).
     pub(super) fn motors(self) -> Option<Motors> {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => Some(Motors { priority: 7, idle: 0 }),

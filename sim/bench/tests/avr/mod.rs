@@ -14,19 +14,22 @@ pub const MS: u64 = F_CPU_HZ / 1000;
 /// CPU cycles of a microsecond.
 pub const US: u64 = F_CPU_HZ / 1_000_000;
 
-/// Compiles `tests/avr/<name>.c` with macros defined. Returns an ATmega168 with the program, just powered on.
+/// Compiles `tests/avr/<name>.c` with macros defined. Returns an ATmega168 with the program, just
+/// powered on.
 #[track_caller]
 pub fn program(name: &str, defines: &[&str]) -> Avr {
     program_for(Chip::Atmega168, name, defines)
 }
 
-/// Compiles `tests/avr/<name>.c` with macros defined. Returns a chip with the program, just powered on.
+/// Compiles `tests/avr/<name>.c` with macros defined. Returns a chip with the program, just powered
+/// on.
 #[track_caller]
 pub fn program_for(chip: Chip, name: &str, defines: &[&str]) -> Avr {
     Avr::with_firmware(&firmware_for(chip, name, defines)).expect("a program that fits")
 }
 
-/// Compiles `tests/avr/<name>.c` as a bootloader at byte address `start`. Returns a chip with the program, just powered on.
+/// Compiles `tests/avr/<name>.c` as a bootloader at byte address `start`. Returns a chip with the
+/// program, just powered on.
 #[track_caller]
 pub fn bootloader_for(chip: Chip, start: usize, name: &str, defines: &[&str]) -> Avr {
     let section = format!("-Wl,--section-start=.text={start:#x}");

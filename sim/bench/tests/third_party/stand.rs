@@ -1,6 +1,8 @@
-//! The test stand: a firmware with a third-party driver on a board, a peer that sends to it, and a recorder on its SPI.
+//! The test stand: a firmware with a third-party driver on a board, a peer that sends to it, and a
+//! recorder on its SPI.
 //!
-//! This file repeats the constants of the firmwares (`third-party/job.rs`) on purpose, so that an error there shows.
+//! This file repeats the constants of the firmwares (`third-party/job.rs`) on purpose, so that an
+//! error there shows.
 
 use bench::Cycles;
 use bench::avr::{Chip, SpiByte, SpiDevice};
@@ -138,7 +140,8 @@ impl Stand {
         Stand::at(DEFAULT, firmware)
     }
 
-    /// The firmware on a board, booted until its chip is on the bus. The bus has the highest bit rate of the board.
+    /// The firmware on a board, booted until its chip is on the bus. The bus has the highest bit
+    /// rate of the board.
     #[track_caller]
     pub fn at(place: Place, firmware: ThirdParty) -> Stand {
         let wiring = wiring(place);
@@ -192,7 +195,8 @@ impl Stand {
         self.run_ms(SERVED_MS);
     }
 
-    /// Sends a frame, and then the others while the firmware still reports the first and does not poll the chip.
+    /// Sends a frame, and then the others while the firmware still reports the first and does not
+    /// poll the chip.
     pub fn serve_while_busy(&mut self, first: Frame, others: &[Frame]) {
         self.send(&[first]);
         self.run_us(1_000);
@@ -219,7 +223,8 @@ impl Stand {
         std::mem::take(&mut self.reports)
     }
 
-    /// Removes and returns the frames in the firmware's reports since the last call. Panics at another report.
+    /// Removes and returns the frames in the firmware's reports since the last call. Panics at
+    /// another report.
     #[track_caller]
     pub fn take_frames_reported(&mut self) -> Vec<Frame> {
         let firmware = self.firmware;
@@ -237,13 +242,15 @@ impl Stand {
         frames.filter(|frame| frame.id != COUNTER_ID).collect()
     }
 
-    /// Removes and returns the counter frames that the peer received since the last call, with their times.
+    /// Removes and returns the counter frames that the peer received since the last call, with
+    /// their times.
     pub fn take_counters(&mut self) -> Vec<(Cycles, Frame)> {
         let received = std::mem::take(&mut self.received);
         received.into_iter().filter(|(_, frame)| frame.id == COUNTER_ID).collect()
     }
 
-    /// Removes and returns the frames that passed the chip's filters and were read or lost since the last call.
+    /// Removes and returns the frames that passed the chip's filters and were read or lost since
+    /// the last call.
     pub fn take_frame_log(&mut self) -> Vec<LoggedFrame> {
         self.chip.borrow_mut().take_frame_log()
     }
@@ -266,7 +273,8 @@ impl Stand {
         self.chip.borrow().rx_overflows()
     }
 
-    /// Removes and returns the violations that the AVR, the MCP2515 and the board reported since the last call.
+    /// Removes and returns the violations that the AVR, the MCP2515 and the board reported since
+    /// the last call.
     pub fn take_violations(&mut self) -> Vec<String> {
         let violations = self.bench.board(0).take_violations().into_iter();
         violations.map(|violation| format!("{}: {}", violation.source, violation.text)).collect()
@@ -333,10 +341,16 @@ impl SpiDevice for Recorder {
 }
 
 /// Records all instructions on the SPI between the AVR and the chip.
-fn record_spi(board: &mut Board, chip: &Rc<RefCell<Mcp2515>>, cs: Pin) -> Rc<RefCell<Vec<Instruction>>> {
+fn record_spi(
+    board: &mut Board,
+    chip: &Rc<RefCell<Mcp2515>>,
+    cs: Pin,
+) -> Rc<RefCell<Vec<Instruction>>> {
     let instructions = Rc::new(RefCell::new(Vec::new()));
     let current = Rc::new(RefCell::new(Instruction::default()));
-    board.avr_mut().connect_spi(Box::new(Recorder { chip: chip.clone(), current: current.clone() }));
+    board
+        .avr_mut()
+        .connect_spi(Box::new(Recorder { chip: chip.clone(), current: current.clone() }));
     let finished = instructions.clone();
     board.avr_mut().watch_pin(
         cs.port(),

@@ -1,7 +1,7 @@
 //! Tests of the link with a plain UDP peer, in a network namespace that has only loopback.
 //!
-//! The first test starts this program again in the namespace, where it runs the ignored tests below: as root, as the root of a
-//! user namespace, or by sudo.
+//! The first test starts this program again in the namespace, where it runs the ignored tests
+//! below: as root, as the root of a user namespace, or by sudo.
 
 use super::*;
 use bench::dronecan::mcast::datagram::encode;
@@ -16,7 +16,8 @@ const WAIT: Duration = Duration::from_secs(2);
 
 #[test]
 fn the_tests_below_pass_in_a_namespace_with_only_loopback() {
-    let ways = ["unshare --net", "unshare --map-root-user --net", "sudo -n --preserve-env unshare --net"];
+    let ways =
+        ["unshare --net", "unshare --map-root-user --net", "sudo -n --preserve-env unshare --net"];
     let command = |way: &str| {
         let (program, options) = way.split_once(' ').unwrap();
         let mut command = Command::new(program);
@@ -24,13 +25,20 @@ fn the_tests_below_pass_in_a_namespace_with_only_loopback() {
         command
     };
     let works = |way: &&str| {
-        command(way).args(["ip", "link", "set", "lo", "up"]).output().is_ok_and(|out| out.status.success())
+        command(way)
+            .args(["ip", "link", "set", "lo", "up"])
+            .output()
+            .is_ok_and(|out| out.status.success())
     };
-    let way = ways.into_iter().find(works).expect("a network namespace: be root, or let sudo work without a password");
+    let way = ways
+        .into_iter()
+        .find(works)
+        .expect("a network namespace: be root, or let sudo work without a password");
     let script = "\"$0\" links::mcast::tests::inside_without_loopback --ignored --nocapture && ip link set lo up && \
                   exec \"$0\" links::mcast::tests::inside::  --ignored --test-threads=1 --nocapture";
     let this = std::env::current_exe().unwrap();
-    let output = command(way).args(["sh", "-c", script]).arg(this).env(INSIDE, "1").output().unwrap();
+    let output =
+        command(way).args(["sh", "-c", script]).arg(this).env(INSIDE, "1").output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{text}");
     assert!(text.contains("6 passed"), "{text}");
@@ -38,7 +46,10 @@ fn the_tests_below_pass_in_a_namespace_with_only_loopback() {
 
 /// Panics outside of the namespace, so that no test uses the network of the computer.
 fn assert_inside() {
-    assert!(std::env::var_os(INSIDE).is_some(), "only the test that creates the namespace may run this test");
+    assert!(
+        std::env::var_os(INSIDE).is_some(),
+        "only the test that creates the namespace may run this test"
+    );
 }
 
 /// Runs while loopback is down.
@@ -46,7 +57,8 @@ fn assert_inside() {
 #[ignore = "run in a namespace by another test"]
 fn inside_without_loopback_the_error_says_what_to_do() {
     assert_inside();
-    let error = Mcast::open(0, None, &mut Bench::new(1_000_000)).err().expect("there is no loopback");
+    let error =
+        Mcast::open(0, None, &mut Bench::new(1_000_000)).err().expect("there is no loopback");
     assert!(format!("{error:#}").contains("ip link set lo up"), "{error:#}");
 }
 
@@ -105,7 +117,8 @@ mod inside {
     #[ignore = "run in a namespace by another test"]
     fn frames_of_the_peer_reach_the_nodes_in_their_order() {
         let mut stand = Stand::new(1);
-        let frames: Vec<Frame> = (0..50).map(|n| Frame::extended(0x1000_0000 - n, &[n as u8])).collect();
+        let frames: Vec<Frame> =
+            (0..50).map(|n| Frame::extended(0x1000_0000 - n, &[n as u8])).collect();
         frames.iter().for_each(|frame| stand.send(&encode(frame).unwrap()));
         stand.serve_until(|counters| counters.received == 50);
         stand.bench.run_for_ms(10);
@@ -125,7 +138,10 @@ mod inside {
         stand.serve_until(|counters| counters.sent == 1 && counters.unsent == 1);
         let mut buffer = [0xA5; 100];
         let (length, from) = stand.peer.recv_from(&mut buffer).unwrap();
-        let golden = [0x34, 0x29, 0xF1, 0x83, 0x00, 0x00, 0x2A, 0x56, 0x04, 0x94, 0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0];
+        let golden = [
+            0x34, 0x29, 0xF1, 0x83, 0x00, 0x00, 0x2A, 0x56, 0x04, 0x94, 0x01, 0x00, 0xA9, 0x5C,
+            0x00, 0xC0,
+        ];
         assert_eq!(buffer[..length], golden);
         assert_eq!(from.ip(), Ipv4Addr::LOCALHOST);
         stand.link.serve(&mut stand.bench).unwrap();
@@ -172,8 +188,15 @@ mod inside {
     #[ignore = "run in a namespace by another test"]
     fn the_status_says_how_to_add_a_route_for_other_programs() {
         let stand = Stand::new(5);
-        assert!(stand.link.status().contains("ip route add 239.65.82.0/24 dev lo"), "{}", stand.link.status());
-        let added = Command::new("ip").args(["route", "add", "239.65.82.0/24", "dev", "lo"]).status().unwrap();
+        assert!(
+            stand.link.status().contains("ip route add 239.65.82.0/24 dev lo"),
+            "{}",
+            stand.link.status()
+        );
+        let added = Command::new("ip")
+            .args(["route", "add", "239.65.82.0/24", "dev", "lo"])
+            .status()
+            .unwrap();
         assert!(added.success());
         assert!(stand.link.status().ends_with("0 in, 0 out"), "{}", stand.link.status());
     }
@@ -184,7 +207,8 @@ mod inside {
         assert_inside();
         let mut bench = Bench::new(1_000_000);
         let foreign = Some(Ipv4Addr::new(192, 0, 2, 1));
-        let error = Mcast::open(6, foreign, &mut bench).err().expect("the address is of another computer");
+        let error =
+            Mcast::open(6, foreign, &mut bench).err().expect("the address is of another computer");
         assert!(format!("{error:#}").contains("ip -4 address"), "{error:#}");
         let _other = UdpSocket::bind((Ipv4Addr::new(239, 65, 82, 7), 57732)).unwrap();
         let error = Mcast::open(7, None, &mut bench).err().expect("the port is in use");

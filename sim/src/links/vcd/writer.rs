@@ -1,14 +1,15 @@
 //! The writer of a VCD file: its header, and the changes in the order of their times.
 //!
-//! Callers add changes in any order. `advance` names a time before which no more changes come. The writer sorts and writes
-//! the changes before that time, and keeps the others.
+//! Callers add changes in any order. `advance` names a time before which no more changes come. The
+//! writer sorts and writes the changes before that time, and keeps the others.
 //!
 //! Source: IEEE 1364-2005, section 18.2, "Format of the four-state VCD file".
 
 use bench::{Cycles, F_CPU_HZ};
 use std::io::{self, Write};
 
-/// Units of the time scale in a second: 100 ps, the coarsest power of ten that divides a cycle of 62.5 ns.
+/// Units of the time scale in a second: 100 ps, the coarsest power of ten that divides a cycle of
+/// 62.5 ns.
 const UNITS_PER_S: u64 = 10_000_000_000;
 const UNITS_PER_CYCLE: u64 = UNITS_PER_S / F_CPU_HZ;
 const _: () = assert!(UNITS_PER_S.is_multiple_of(F_CPU_HZ));
@@ -99,7 +100,8 @@ pub struct Writer<W: Write> {
     out: W,
     text: Vec<u8>,
     bytes: u64,
-    /// Changes that are not written yet. Of two changes of one wire at the same time the later in this list counts.
+    /// Changes that are not written yet. Of two changes of one wire at the same time the later in
+    /// this list counts.
     pending: Vec<(Cycles, Wire, Level)>,
     /// The wires that are in the file.
     names: &'static [(Wire, &'static str)],
@@ -108,7 +110,8 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Writes the header and the levels at `start`, for a board with `outputs` outputs besides the servo's.
+    /// Writes the header and the levels at `start`, for a board with `outputs` outputs besides the
+    /// servo's.
     pub fn new(out: W, start: Cycles, outputs: usize, levels: Levels) -> io::Result<Writer<W>> {
         let names = &NAMES[..NAMES.len().min(WIRES_OF_EVERY_BOARD + outputs)];
         let mut header = String::from(
@@ -118,13 +121,17 @@ impl<W: Write> Writer<W> {
         for (wire, name) in names {
             header += &format!("$var wire 1 {} {name} $end\n", wire.code() as char);
         }
-        header += &format!("$upscope $end\n$enddefinitions $end\n#{}\n$dumpvars\n", start * UNITS_PER_CYCLE);
+        header += &format!(
+            "$upscope $end\n$enddefinitions $end\n#{}\n$dumpvars\n",
+            start * UNITS_PER_CYCLE
+        );
         let mut text = header.into_bytes();
         for (wire, _) in names {
             text.extend([levels[*wire as usize].code(), wire.code(), b'\n']);
         }
         text.extend(b"$end\n");
-        let mut writer = Writer { out, text, bytes: 0, pending: Vec::new(), names, levels, written_to: start };
+        let mut writer =
+            Writer { out, text, bytes: 0, pending: Vec::new(), names, levels, written_to: start };
         writer.flush()?;
         Ok(writer)
     }
