@@ -181,7 +181,7 @@ test-packages:
 # simulator have the same features in all calls: cargo builds the simulator once, and not twice.
 test-library:
 	@set -e; for features in $(PRESETS); do \
-		options="-p node -p bridge --lib $$(scripts/firmware --cargo $$features)"; \
+		options="-p servo-node -p bridge --lib $$(scripts/firmware --cargo $$features)"; \
 		echo "cargo test $$options"; $(ON_BOARD) cargo test $$options; \
 	done
 
@@ -192,12 +192,12 @@ test-host:
 # They run the program that is in target/firmware, so it must be of these sources.
 TEST_FILES := $(patsubst tests/%.rs,%,$(wildcard tests/*.rs))
 test-firmware: firmware
-	$(ON_BOARD) cargo test -p node -p bridge $(addprefix --test ,$(TEST_FILES)) $(LONG_TESTS)
+	$(ON_BOARD) cargo test -p servo-node -p bridge $(addprefix --test ,$(TEST_FILES)) $(LONG_TESTS)
 
 # The same tests for the boards with an ATmega328P.
 test-uno:
-	NODE_BOARD=uno NODE_SHIELD=seeed cargo test -p node -p bridge $(addprefix --test ,$(ON_UNO)) $(LONG_TESTS)
-	NODE_BOARD=uno NODE_SHIELD=module cargo test -p node -p bridge $(addprefix --test ,$(ON_UNO_MODULE)) $(LONG_TESTS)
+	NODE_BOARD=uno NODE_SHIELD=seeed cargo test -p servo-node -p bridge $(addprefix --test ,$(ON_UNO)) $(LONG_TESTS)
+	NODE_BOARD=uno NODE_SHIELD=module cargo test -p servo-node -p bridge $(addprefix --test ,$(ON_UNO_MODULE)) $(LONG_TESTS)
 
 # They mostly wait for real time. Their node is on the default board.
 CLIENTS := not long
@@ -212,9 +212,9 @@ test-all: test lint
 	@$(MAKE) --no-print-directory test-library PRESETS=none
 	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
 	@# The tests that take long, on the default board, and all on the boards with the other chip.
-	cargo test -p node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
+	cargo test -p servo-node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
 	@# The preset without a serial monitor, which most tests read.
-	NODE_ELF=$$(scripts/firmware --path remote) cargo test -p node -p bridge --test load
+	NODE_ELF=$$(scripts/firmware --path remote) cargo test -p servo-node -p bridge --test load
 	@# Except the tests of the thesis, whose node was an ATmega168.
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
@@ -232,7 +232,7 @@ test-boards:
 	@scripts/boot --every-board
 
 fuzz: firmware
-	FUZZ_FRAMES=1000000 cargo test -p node --test fuzz -- --nocapture
+	FUZZ_FRAMES=1000000 cargo test -p servo-node --test fuzz -- --nocapture
 
 # New inputs stay in the target directory; fuzz/corpus is only read. See docs/fuzzing.md.
 FUZZED := node eeprom host sim bridge
@@ -270,10 +270,10 @@ lint-firmware: setup
 	scripts/drawings --check
 	scripts/wiring-page --check
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
-	cargo clippy $(AVR) -p node --bin node -- -D warnings
-	cargo clippy $(AVR) -p node --bin node --features full -- -D warnings
-	cargo clippy $(AVR) -p node --bin node $$(scripts/firmware --cargo remote) -- -D warnings
-	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) -p node --bin node --features full -- -D warnings
+	cargo clippy $(AVR) -p servo-node --bin servo-node -- -D warnings
+	cargo clippy $(AVR) -p servo-node --bin servo-node --features full -- -D warnings
+	cargo clippy $(AVR) -p servo-node --bin servo-node $$(scripts/firmware --cargo remote) -- -D warnings
+	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) -p servo-node --bin servo-node --features full -- -D warnings
 	cargo clippy $(AVR) -p boot -- -D warnings
 	cargo clippy $(AVR) -p third-party-mcp2515-crate -p third-party-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p third-party-mcp25xx-wrong-rxb1 -- -D warnings
@@ -297,7 +297,7 @@ bench: firmware third-party
 # Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
 mutants: $(TOOLS)/bin/cargo-mutants
 	@# All features, or what is not compiled would survive. Of the node the unit tests only, without the slow ones of a module that is not changed.
-	$(MUTANTS) -p node --features full --cargo-arg=--lib --output $(TARGET_DIR)/mutants/node $(ARGS) -- -- --skip monitor::lines::tests
+	$(MUTANTS) -p servo-node --features full --cargo-arg=--lib --output $(TARGET_DIR)/mutants/node $(ARGS) -- -- --skip monitor::lines::tests
 	$(MUTANTS) -p dronecan-wire -p mcp2515-ordered --all-features --output $(TARGET_DIR)/mutants/crates $(ARGS)
 
 # Mistakes in the firmware that the tests on simulated boards must notice.

@@ -168,13 +168,13 @@ fn limit_sizes(chip: &str) {
         format!("-Wl,--defsym=__TEXT_REGION_LENGTH__={}+__ABOVE_LIMITS__", limit("flash")),
         format!("-Wl,--defsym=__DATA_REGION_LENGTH__={}+__ABOVE_LIMITS__", limit("statics")),
     ] {
-        println!("cargo::rustc-link-arg-bin=node={argument}");
+        println!("cargo::rustc-link-arg-bin=servo-node={argument}");
     }
     // The stack begins below the RAM that the bootloader shares with the program (`SHARED_RAM` in
     // src/handover.rs).
     const SHARED_RAM: i64 = 32;
     println!(
-        "cargo::rustc-link-arg-bin=node=-Wl,--defsym=__stack={}",
+        "cargo::rustc-link-arg-bin=servo-node=-Wl,--defsym=__stack={}",
         limit("ram_end") - SHARED_RAM - 1
     );
 }

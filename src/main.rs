@@ -2,7 +2,7 @@
 //! library has everything else.
 //!
 //! The firmware has one main loop and no operating system. Each turn of the loop does one thing and
-//! never waits. [`node::node::agenda`] decides what the next turn does. INT0 moves frames from the
+//! never waits. [`firmware::node::agenda`] decides what the next turn does. INT0 moves frames from the
 //! CAN controller to a queue, and Timer0 counts milliseconds: normal operation needs no
 //! other interrupt. Timer1 makes the servo pulse without software.
 
@@ -24,10 +24,12 @@ use board::loader;
 #[cfg(target_arch = "avr")]
 use {
     board::{Board, flash::Image, guard},
+    firmware::monitor::{self, Monitor},
+    firmware::node::agenda::{Agenda, Facts, Turn},
+    firmware::node::{
+        Node, bit_rate, condition::ResetCause, parameters::Parameter, wire::Receiver,
+    },
     mcp2515_ordered::Configuration,
-    node::monitor::{self, Monitor},
-    node::node::agenda::{Agenda, Facts, Turn},
-    node::node::{Node, bit_rate, condition::ResetCause, parameters::Parameter, wire::Receiver},
 };
 
 #[cfg(target_arch = "avr")]

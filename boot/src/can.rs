@@ -5,7 +5,7 @@
 //! RXB1 while RXB0 is full. All frames leave through TXB0, one after the other, so that they stay
 //! in order.
 
-use node::hardware::{CAN_SELECT, Pin};
+use firmware::hardware::{CAN_SELECT, Pin};
 
 use crate::registers::*;
 

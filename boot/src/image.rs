@@ -2,8 +2,8 @@
 
 use core::arch::asm;
 
-use node::handover::{CRC_START, HEADER, HEADER_LENGTH, UNCHECKED};
-use node::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR};
+use firmware::handover::{CRC_START, HEADER, HEADER_LENGTH, UNCHECKED};
+use firmware::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR};
 
 use crate::crc;
 use crate::spm::PAGE_LEN;

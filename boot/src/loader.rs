@@ -7,7 +7,7 @@ use dronecan_wire::types::{
     BEGIN_FIRMWARE_UPDATE, FILE_READ, GET_NODE_INFO, NODE_STATUS, RESTART_NODE,
 };
 use dronecan_wire::{Id, Tail};
-use node::handover::{CRC_START, REQUEST, RESTARTS, SHARED_RAM};
+use firmware::handover::{CRC_START, REQUEST, RESTARTS, SHARED_RAM};
 
 use crate::can::{self, EXIDE, Frame, NODE_ID, SERVICE};
 use crate::node_info::{Information, MAINTENANCE, MODE};

@@ -2,10 +2,10 @@
 //! the same bytes (DSDL 341.NodeStatus and 1.GetNodeInfo). So both are sent from the same buffer.
 //! The name is empty, which all clients accept.
 
+use firmware::handover::{BUS, BUS_LEN, CRC_START};
+use firmware::hardware::{CAN_CRYSTAL_HZ, HARDWARE_MAJOR, HARDWARE_MINOR};
+use firmware::node::bit_rate::HIGHEST_RATE;
 use mcp2515_ordered::BitTiming;
-use node::handover::{BUS, BUS_LEN, CRC_START};
-use node::hardware::{CAN_CRYSTAL_HZ, HARDWARE_MAJOR, HARDWARE_MINOR};
-use node::node::bit_rate::HIGHEST_RATE;
 
 use crate::registers::{Register, idle};
 use crate::{crc, eeprom};

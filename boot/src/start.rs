@@ -5,7 +5,7 @@
 
 use core::arch::{asm, global_asm};
 
-use node::handover::{CRC_START, REQUEST_LEN};
+use firmware::handover::{CRC_START, REQUEST_LEN};
 
 use crate::loader::{ADDRESS, Loader, restarts};
 use crate::node_info::{MAINTENANCE, MODE};

@@ -10,7 +10,7 @@
 //! program, or waits if there is none.
 
 use dronecan_wire::Tail;
-use node::handover::{HEADER, HEADER_LENGTH, PATH_LEN, REQUEST_LEN};
+use firmware::handover::{HEADER, HEADER_LENGTH, PATH_LEN, REQUEST_LEN};
 
 use crate::can::NODE_ID;
 use crate::node_info::{MODE, SOFTWARE_UPDATE};
@@ -46,7 +46,7 @@ pub struct Update {
     crc: [u8; 2],
     offset: [u8; 5],
     /// What a program hands over: path, length of the path, node ID of the server, CRC (see
-    /// [`node::handover`]).
+    /// [`firmware::handover`]).
     pub request: [u8; REQUEST_LEN],
 }
 

@@ -4,7 +4,7 @@
 //! A conversion takes 104 us. The main loop starts it, collects the result later, and never waits.
 
 use super::chip::ADC;
-use node::hardware::Input;
+use firmware::hardware::Input;
 
 /// DIDR0: these pins need no digital input.
 const ANALOGUE: u8 = {

@@ -27,10 +27,10 @@ use super::chip::{EXINT, SPI};
 use super::flash::Image;
 use super::pins::{CanInterrupt, CanSelect};
 use super::spi::CanSpi;
+use firmware::hardware::CAN_INTERRUPT;
+use firmware::node::acceptance::NodeAcceptance;
+use firmware::node::health::CanCounters;
 use mcp2515_ordered::{Frame, Mcp2515};
-use node::hardware::CAN_INTERRUPT;
-use node::node::acceptance::NodeAcceptance;
-use node::node::health::CanCounters;
 
 /// The CAN controller with its driver.
 pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;

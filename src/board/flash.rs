@@ -2,8 +2,8 @@
 
 use core::arch::asm;
 
-use node::image::{IMAGE, Table};
-use node::progmem::Progmem;
+use firmware::image::{IMAGE, Table};
+use firmware::progmem::Progmem;
 
 // Safety: `.progmem.data` is avr-libc's section for constants in flash. This constant is read only
 // by LPM, in `Image::byte`. No other symbol of the program has this name.

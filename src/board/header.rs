@@ -1,7 +1,7 @@
-//! The header of the program: which board it is for, and its length (see [`node::handover`]). The
+//! The header of the program: which board it is for, and its length (see [`firmware::handover`]). The
 //! bootloader reads it.
 
-use node::handover::{HEADER_LEN, UNCHECKED_HEADER};
+use firmware::handover::{HEADER_LEN, UNCHECKED_HEADER};
 
 // Safety: no other symbol of the program has this name. `.vectors` has the vectors of the start-up
 // code, which the linker is given first, so this follows them, at `handover::HEADER`;

@@ -6,7 +6,7 @@
 //! random. Random generators for the Arduino that use this jitter assume one random bit for
 //! each timeout: W. Anderson's Entropy library makes 32 bits of 32 samples, and endolith's
 //! "probably random" 8 bits of 8 samples, although it estimates 4.4 bits in a raw sample.
-//! `node::store` assumes one bit, too.
+//! `firmware::node::store` assumes one bit, too.
 
 use super::chip::WDT;
 

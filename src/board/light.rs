@@ -6,7 +6,7 @@
 use super::chip::TC2;
 
 const _: () = assert!(
-    node::hardware::LIGHT.is_some(),
+    firmware::hardware::LIGHT.is_some(),
     "INT on D3 takes the light's pin: leave out the feature lights"
 );
 

@@ -1,9 +1,9 @@
 //! The bootloader of `boot/`, and the end of the RAM, which the program shares with it (see
-//! [`node::handover`]).
+//! [`firmware::handover`]).
 
 use core::arch::asm;
 
-use node::handover::{REQUEST, REQUEST_LEN, RESTARTS};
+use firmware::handover::{REQUEST, REQUEST_LEN, RESTARTS};
 
 unsafe extern "C" {
     /// The last byte of the stack, from the linker (build.rs). The shared RAM follows.

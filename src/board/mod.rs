@@ -1,5 +1,5 @@
 //! The board: an Arduino at 16 MHz with an ATmega168 or ATmega328P, and a CAN board with an
-//! MCP2515. avr-specs/boards.toml is the table of boards; [`node::hardware`] has what differs
+//! MCP2515. avr-specs/boards.toml is the table of boards; [`firmware::hardware`] has what differs
 //! between them. The two chips differ in the sizes of their memories only.
 //!
 //! All of the firmware's `unsafe` and all its interrupts are in this directory. The start code

@@ -37,9 +37,9 @@ use edges::{
     Switched, TICKS_OF_TIMER0, USED, enable_interrupt, modulo, modulo_of_pulse, other_falls, plus,
     tc0, tc1,
 };
-use node::hardware::{OUTPUT_PINS, OUTPUTS, Pin};
-use node::node::parameters::{Parameter, Parameters};
-use node::node::servo::{Output, Ticks};
+use firmware::hardware::{OUTPUT_PINS, OUTPUTS, Pin};
+use firmware::node::parameters::{Parameter, Parameters};
+use firmware::node::servo::{Output, Ticks};
 
 pub use edges::finish;
 

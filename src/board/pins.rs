@@ -1,12 +1,12 @@
 //! The pins as types. Each output pin has one value, and the owner of the value owns the pin.
 //!
-//! [`node::hardware`] says which pins the board of this build has. The chip fixes some of them:
+//! [`firmware::hardware`] says which pins the board of this build has. The chip fixes some of them:
 //! OC1A is on PB1, OC1B on PB2, OC2B on PD3, INT0 on PD2 and INT1 on PD3.
 
 use core::convert::Infallible;
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use node::hardware::{BUTTON, CAN_INTERRUPT, CAN_SELECT, LIGHT, Pin, SERVO};
+use firmware::hardware::{BUTTON, CAN_INTERRUPT, CAN_SELECT, LIGHT, Pin, SERVO};
 
 use super::chip::{PORTB, PORTC, PORTD};
 

@@ -3,8 +3,8 @@
 use super::chip::TC1;
 use super::pins::ServoSignal;
 use super::timer1;
-use node::node::parameters::{Parameter, Parameters};
-use node::node::servo::{Output, Ticks};
+use firmware::node::parameters::{Parameter, Parameters};
+use firmware::node::servo::{Output, Ticks};
 
 /// The servo output. It makes no pulse before the first [`set`](Output::set).
 pub struct Servo {

@@ -50,7 +50,7 @@ def test_the_node_stops_at_a_breakpoint_and_continues(debugged):
     text = debug(
         used,
         port,
-        "break node::node::Node::tick<node::board::eeprom::Eeprom>",
+        "break firmware::node::Node::tick<servo_node::board::eeprom::Eeprom>",
         "continue",
         "backtrace 2",
         "print now_ms",

@@ -10,11 +10,11 @@
 //! the failure.
 
 use dronecan_host::{Message, Value, crc};
-use node::desk::Memory;
-use node::hardware::OUTPUTS;
-use node::node::condition::ResetCause;
-use node::node::parameters::{self, OutputParameter, Parameter};
-use node::node::store::EEPROM_LEN;
+use firmware::desk::Memory;
+use firmware::hardware::OUTPUTS;
+use firmware::node::condition::ResetCause;
+use firmware::node::parameters::{self, OutputParameter, Parameter};
+use firmware::node::store::EEPROM_LEN;
 
 use crate::rig::Rig;
 use crate::steps::Type;

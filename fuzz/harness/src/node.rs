@@ -2,7 +2,7 @@
 //! sensor and the controller's notices in between. [`crate::rig`] has the checks, [`crate::steps`]
 //! the format of the input.
 
-use node::desk::Memory;
+use firmware::desk::Memory;
 
 use crate::rig::Rig;
 use crate::steps::steps;

@@ -5,8 +5,8 @@
 use std::collections::HashMap;
 
 use dronecan_host::{CanId, DataType, NodeId, RESTART_MAGIC, crc, draft, types};
+use firmware::node::parameters::{Parameter, Parameters};
 use half::f16;
-use node::node::parameters::{Parameter, Parameters};
 
 const START: u8 = 1 << 7;
 const END: u8 = 1 << 6;

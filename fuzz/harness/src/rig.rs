@@ -1,4 +1,4 @@
-//! The firmware's library on its [desk](node::desk), with these checks at all times:
+//! The firmware's library on its [desk](firmware::desk), with these checks at all times:
 //!
 //! * The servo moves only to the position of a valid command for this output, or to the failsafe
 //!   when it is due, and not before the first command. A command in one frame always moves it; one
@@ -15,11 +15,11 @@ use std::time::Duration;
 use dronecan_host::{
     CanId, Decoded, Message, NodeInfo, Observation, Observer, Transfer, draft, split, types,
 };
+use firmware::desk::{Desk, Memory};
+use firmware::node::agenda::Agenda;
+use firmware::node::condition::ResetCause;
+use firmware::node::parameters::Parameter;
 use mcp2515_ordered::{Event, Frame, Notice};
-use node::desk::{Desk, Memory};
-use node::node::agenda::Agenda;
-use node::node::condition::ResetCause;
-use node::node::parameters::Parameter;
 
 use crate::orders::{self, Completed, Order, Transfers};
 use crate::steps::{Damage, Input, Sent, Step, Type};

@@ -251,7 +251,7 @@ mod tests {
 
     #[test]
     fn the_error_of_a_missing_file_names_make_firmware() {
-        let error = Firmware::read(Path::new("/nonexistent/node.elf")).unwrap_err();
+        let error = Firmware::read(Path::new("/nonexistent/servo-node.elf")).unwrap_err();
         assert!(error.to_string().contains("make firmware"), "{error}");
     }
 

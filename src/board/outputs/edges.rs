@@ -6,8 +6,8 @@ use core::arch::global_asm;
 use super::super::chip::{TC0, TC1};
 use super::super::clock::TOP as TIMER0_TOP;
 use super::super::timer1::{self, TICKS};
-use node::hardware::{OUTPUTS, SLOT_US};
-use node::node::servo::Ticks;
+use firmware::hardware::{OUTPUTS, SLOT_US};
+use firmware::node::servo::Ticks;
 
 /// Ticks of Timer1 in a tick of Timer0.
 pub(super) const TICKS_OF_TIMER0: Ticks = 8;
