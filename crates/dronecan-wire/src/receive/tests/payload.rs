@@ -1,0 +1,199 @@
+//! Which bytes of a transfer are kept.
+
+use super::*;
+
+#[test]
+fn a_command_in_one_frame_is_decoded() {
+    let transfer = Rig::new().text("1003F20A 01 00 00 38 C7").unwrap();
+    assert_eq!((transfer.kind, transfer.source, transfer.priority), (Kind::ArrayCommand, 10, 16));
+    assert_eq!((transfer.transfer_id(), transfer.payload()), (7, &[1, 0, 0, 0x38][..]));
+    assert_eq!(entry(Some(transfer)), Some((0, 0x3800)));
+}
+
+#[test]
+fn a_command_in_several_frames_gives_the_entry_for_this_actuator_wherever_it_is() {
+    for (actuator, expected) in
+        [(1, Some((0, 0x3800))), (2, Some((0, 0xBC00))), (3, Some((4, 0x65DC))), (4, None)]
+    {
+        let transfer = Rig::for_actuator(actuator).text(THREE).unwrap();
+        assert_eq!(entry(Some(transfer)), expected, "actuator {actuator}");
+        assert_eq!(transfer.payload().first().copied(), expected.map(|_| actuator));
+        assert_eq!(transfer.transfer_id(), 8);
+    }
+}
+
+#[test]
+fn the_longest_command_has_an_entry_for_each_of_fifteen_actuators() {
+    // 1100, 1200, ... 2500 us.
+    let frames = frames(
+        "1003F20A 49 48 01 04 4C 64 02 8A | 04 B0 64 03 04 14 65 2A | 04 04 78 65 05 04 DC 0A | 65 06 04 40 66 07 04 2A | \
+         A4 66 08 04 08 67 09 0A | 04 6C 67 0A 04 D0 67 2A | 0B 04 1A 68 0C 04 4C 0A | 68 0D 04 7E 68 0E 04 2A | B0 68 0F 04 E2 \
+         68 4A",
+    );
+    assert_eq!(frames.len(), 9);
+    for actuator in 1..=15 {
+        let done = Rig::for_actuator(actuator).all(&frames);
+        let width = crate::float16::from_fixed(1000 + 100 * u16::from(actuator), 0);
+        assert_eq!(entry(done), Some((4, width)));
+    }
+}
+
+#[test]
+fn the_last_of_several_entries_for_this_actuator_is_used() {
+    // (1, unitless, 0.5), (1, unitless, -0.5)
+    let transfer = Rig::new().text("1003F20A CB 0C 01 00 00 38 01 8B | 00 00 B8 6B");
+    assert_eq!(entry(transfer), Some((0, 0xB800)));
+}
+
+#[test]
+fn an_empty_list_is_complete_and_has_no_entry() {
+    let mut rig = Rig::new();
+    rig.text("1003F20A 01 00 00 38 C7");
+    let transfer = rig.text("1003F20A C9").unwrap();
+    assert_eq!((transfer.slots(), transfer.payload()), (0, &[][..]));
+}
+
+#[test]
+fn a_list_has_at_most_the_entries_of_its_type() {
+    let entries: Vec<_> = (1..=16).map(|id| (id, 0, 0x3800)).collect();
+    assert_eq!(entry(Rig::for_actuator(1).all(&command(10, 0, &entries[..15]))), Some((0, 0x3800)));
+    let mut rig = Rig::for_actuator(1);
+    assert_eq!(rig.all(&command(10, 0, &entries)), None);
+    assert_eq!(rig.rejection, Some(Rejection::Length));
+}
+
+#[test]
+fn by_default_a_type_is_no_list() {
+    #[derive(Clone, Copy, PartialEq, Eq)]
+    struct Plain;
+
+    impl Received for Plain {
+        const UNKNOWN: Self = Self;
+        fn of_message(_: u16) -> Self {
+            Self
+        }
+        fn of_request(_: u8) -> Self {
+            Self
+        }
+        fn of_anonymous(_: u8, _: u8) -> Self {
+            Self
+        }
+        fn is_request(self) -> bool {
+            false
+        }
+        fn is_multi_frame(self) -> bool {
+            false
+        }
+        fn seed(self) -> u16 {
+            0
+        }
+    }
+
+    assert_eq!((Plain.entry_len(), Plain.most_entries()), (0, 255));
+}
+
+#[test]
+fn a_transfer_for_this_node_that_cannot_be_used_is_a_loss() {
+    use Rejection::{Broken, Busy, Interleaved, Length};
+    for loss in [Broken, Interleaved, Length] {
+        assert!(loss.is_loss(), "{loss:?}");
+    }
+    assert!(!Busy.is_loss());
+}
+
+#[test]
+fn a_list_that_ends_within_an_entry_is_rejected() {
+    let mut rig = Rig::new();
+    for len in [1, 2, 3, 5, 6, 7] {
+        let payload = &[1, 0, 0, 0x38, 1, 0, 0][..len];
+        let list = golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 0, payload);
+        assert_eq!((rig.all(&list), rig.rejection), (None, Some(Rejection::Length)), "{len} bytes");
+    }
+}
+
+#[test]
+fn a_light_is_found_among_others() {
+    let mut rig = Rig::new();
+    assert_eq!(
+        entry(rig.text("1804390A 05 F8 00 C0")).map(|(high, low)| (high, low as u8)),
+        Some((0xF8, 0))
+    );
+    // (7, blue), (0, half green), (8, white)
+    let lights = frames("1804390A 68 6B 07 00 1F 00 05 82 | 40 08 FF FF 62");
+    for (light, expected) in
+        [(7, Some((0x00, 0x1F))), (0, Some((0x05, 0x40))), (8, Some((0xFF, 0xFF))), (5, None)]
+    {
+        let mut rig = Rig { light, ..Rig::new() };
+        assert!(rig.frame(&lights[0]).is_none());
+        let transfer = rig.frame(&lights[1]);
+        assert_eq!(entry(transfer).map(|(high, low)| (high, low as u8)), expected, "light {light}");
+    }
+}
+
+#[test]
+fn a_request_of_several_frames_is_kept_in_full() {
+    let transfer = Rig::new().text(SET).unwrap();
+    assert_eq!((transfer.kind, transfer.source, transfer.priority), (Kind::GetSet, 127, 30));
+    assert_eq!((transfer.transfer_id(), transfer.len), (1, 18));
+    assert_eq!(
+        transfer.payload(),
+        golden::bytes("00 01 2A 00 00 00 00 00 00 00 43 41 4E 5F 4E 4F 44 45")
+    );
+}
+
+#[test]
+fn an_allocation_of_several_frames_is_a_message() {
+    let transfer = Rig::new()
+        .text("1E00017F 58 5D 00 00 01 02 03 81 | 04 05 06 07 08 09 0A 21 | 0B 41")
+        .unwrap();
+    assert_eq!((transfer.kind, transfer.len), (Kind::Allocation, 13));
+}
+
+#[test]
+fn a_request_longer_than_what_is_kept_still_counts_its_bytes_and_checks_its_crc() {
+    for len in [KEPT - 1, KEPT, KEPT + 1, 202, 224, 255, 256, 400] {
+        let payload: Vec<u8> = (0..len).map(|n| (n * 7 + 1) as u8).collect();
+        let good = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 0, &payload);
+        let transfer = Rig::new().all(&good).unwrap();
+        assert_eq!(usize::from(transfer.len()), len.min(255));
+        assert!(transfer.bytes().starts_with(transfer.payload()));
+        assert_eq!(transfer.payload(), &payload[..len.min(KEPT)]);
+        let mut bad = good;
+        let last = bad.len() - 1;
+        bad[last].data[0] ^= 1;
+        let mut rig = Rig::new();
+        assert_eq!((rig.all(&bad), rig.rejection), (None, Some(Rejection::Broken)));
+    }
+}
+
+/// A node with several outputs: actuators 7 and 3 have slots 0 and 2.
+#[test]
+fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
+    let slot_of = |id| match id {
+        7 => Some(Slot::new(0)),
+        3 => Some(Slot::new(2)),
+        _ => None,
+    };
+    let entries = [[3, 0, 1, 1], [9, 0, 2, 2], [7, 4, 3, 3], [3, 4, 4, 4], [1, 0, 5, 5]];
+    for (entries, slots) in [(&entries[..], 0b101), (&entries[..2], 0b100), (&entries[4..], 0)] {
+        let mut receiver = Receiver::<Kind, 1, 1, 27>::new();
+        let frames =
+            golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, entries.as_flattened());
+        let mut complete = None;
+        for frame in &frames {
+            let segment =
+                Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
+            if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot_of, 0, 0) {
+                complete = Some(*transfer);
+            }
+        }
+        let transfer = complete.expect("a whole transfer");
+        assert_eq!(transfer.slots(), slots);
+        if slots == 0b101 {
+            assert_eq!(
+                (&transfer.bytes()[..4], &transfer.bytes()[8..12]),
+                (&[7, 4, 3, 3][..], &[3, 4, 4, 4][..])
+            );
+        }
+    }
+}
