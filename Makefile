@@ -7,8 +7,8 @@ unexport MAKEFLAGS MFLAGS
 
 TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
 BUILD_STD := -Zbuild-std=core -Zjson-target-spec
-AVR := --release --target avr-specs/avr-atmega168.json $(BUILD_STD)
-AVR_328P := --release --target avr-specs/avr-atmega328p.json $(BUILD_STD)
+AVR := --profile firmware --target avr-specs/avr-atmega168.json $(BUILD_STD)
+AVR_328P := --profile firmware --target avr-specs/avr-atmega328p.json $(BUILD_STD)
 # The board and the CAN board, entries of avr-specs/boards.toml, and wires of one's own. Empty: the table's default.
 BOARD ?=
 SHIELD ?=

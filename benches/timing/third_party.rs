@@ -23,7 +23,7 @@ impl ThirdParty {
             ThirdParty::Mcp2515 => "third-party-mcp2515-crate.elf",
             ThirdParty::Mcp25xx => "third-party-mcp25xx-crate.elf",
         };
-        let path = target_dir().join("avr-atmega168/release").join(file);
+        let path = target_dir().join("avr-atmega168/firmware").join(file);
         assert!(path.exists(), "{} is missing: run `make third-party`", path.display());
         path
     }

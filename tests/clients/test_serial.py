@@ -20,7 +20,10 @@ BOOTLOADERS = pathlib.Path("/usr/share/arduino/hardware/arduino/avr/bootloaders"
 BOOTLOADER = BOOTLOADERS / "atmega/ATmegaBOOT_168_diecimila.hex"
 MONITOR_BAUD = 115200
 # What a user types; .cargo/config.toml has the runner. RAVEDUDE_PORT is the board's port.
-CARGO_RUN = "cargo run --release -p servo-node --target avr-specs/avr-atmega168.json -Zbuild-std=core -Zjson-target-spec"
+CARGO_RUN = (
+    "cargo run --profile firmware -p servo-node --target avr-specs/avr-atmega168.json"
+    " -Zbuild-std=core -Zjson-target-spec"
+)
 
 
 @pytest.fixture

@@ -78,7 +78,7 @@ impl ThirdParty {
             CanBoard::Shield => "",
             CanBoard::Module => "-module",
         };
-        let path = target_dir().join(format!("avr-{}/release/{name}{suffix}.elf", chip.name()));
+        let path = target_dir().join(format!("avr-{}/firmware/{name}{suffix}.elf", chip.name()));
         assert!(path.exists(), "{} is missing: run `make third-party`", path.display());
         path
     }
