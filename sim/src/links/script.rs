@@ -13,8 +13,8 @@
 //! ```
 //!
 //! Times are simulated seconds since power-on, so the log of a run plays at the times of that run.
-//! The timestamps of a real bus count from 1970: if the first timestamp is that large, all times
-//! are relative to it. Lines can be in any order.
+//! The timestamps of a recording count from 1970 or from the start of a computer, with ten digits
+//! before the point: these times are relative to the earliest of them. Lines can be in any order.
 //!
 //! The script has its own station on the bus. It sends each frame at its time, or later if the bus
 //! is busy. A log has the frames of all nodes: remove those of a node that takes part again (`grep
@@ -25,59 +25,36 @@
 //!
 //! Faults are those of `--inject`: a lasting fault ends when it is named again. The text of
 //! `serial` can contain `\r`, `\n`, `\t`, `\\` and `\xNN`; a line end is not added. Error frames in
-//! a log (`20000008#...`) are skipped: no station sent them.
+//! a log (`20000008#...`) are skipped: no station sent them. [`candump`] has the forms of
+//! recordings.
+
+mod candump;
+mod line;
 
 use super::Link;
-use crate::fault::Fault;
 use anyhow::{Context, Result, anyhow};
-use bench::Bench;
-use bench::can::{Frame, SoftNode};
-use bench::{Cycles, F_CPU_HZ};
+use bench::can::SoftNode;
+use bench::{Bench, Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// Timestamps from here on, September 2001, are of the wall clock. No run is that long.
-const WALL_CLOCK_FROM: Cycles = 1_000_000_000 * F_CPU_HZ;
-/// Flag in the identifier of an error frame in candump's format.
-const CAN_ERR_FLAG: u32 = 1 << 29;
-/// Supply of the AVR, and the highest voltage at an input.
-const SUPPLY_MV: u32 = 5000;
-const NS_PER_S: u64 = 1_000_000_000;
-
-/// An event of a script other than a frame.
-#[derive(Clone, Debug, PartialEq)]
-pub enum BenchEvent {
-    /// Degrees Celsius at the sensor.
-    Temperature(f64),
-    /// Millivolts at the input for the circuit's voltage.
-    CircuitVoltage(u32),
-    /// Millivolts at the input for the circuit's current.
-    CircuitCurrent(u32),
-    /// The button is pressed (true) or released.
-    Button(bool),
-    /// A fault begins; a lasting fault that is on ends.
-    Fault(Fault),
-    /// Bytes to the Arduino's serial port.
-    Serial(Vec<u8>),
-}
-
-/// The action of a line.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Action {
-    Send(Frame),
-    Do(BenchEvent),
-    /// Nothing, for an error frame of a log.
-    Skip,
-}
+pub use line::{Action, BenchEvent, millivolts, parse};
 
 /// A script, with the events that are not due yet and the station that sends its frames.
 pub struct Script {
     path: PathBuf,
     station: Option<Rc<RefCell<SoftNode>>>,
-    frames: usize,
+    /// Times of all frames, in order.
+    frame_times: Vec<Cycles>,
     events: VecDeque<(Cycles, BenchEvent)>,
+    events_total: usize,
+    /// Error frames of a log.
+    error_frames: usize,
+    /// Empty lines and comments.
+    blank_lines: usize,
+    hint: Option<String>,
 }
 
 impl Script {
@@ -86,16 +63,26 @@ impl Script {
     /// # Errors
     /// If the file cannot be read, or has an invalid line; the message names the line.
     pub fn open(path: &Path, bench: &mut Bench) -> Result<Script> {
-        let text = std::fs::read_to_string(path)
+        let bytes = std::fs::read(path)
             .with_context(|| format!("--script: cannot read {}", path.display()))?;
+        let text = candump::text(bytes)
+            .map_err(|error| anyhow!("--script: {}: {error}", path.display()))?;
         let lines = parse(&text)
             .map_err(|(line, error)| anyhow!("--script: {}:{line}: {error}", path.display()))?;
-        let mut script =
-            Script { path: path.to_owned(), station: None, frames: 0, events: VecDeque::new() };
+        let mut script = Script {
+            path: path.to_owned(),
+            station: None,
+            frame_times: Vec::new(),
+            events: VecDeque::new(),
+            events_total: 0,
+            error_frames: 0,
+            blank_lines: text.lines().count() - lines.len(),
+            hint: None,
+        };
         for (at, action) in lines {
             match action {
                 Action::Send(frame) => {
-                    script.frames += 1;
+                    script.frame_times.push(at);
                     let station = script.station.get_or_insert_with(|| {
                         let station = Rc::new(RefCell::new(SoftNode::new(bench.bus().bit_rate())));
                         bench.attach("script", station.clone());
@@ -104,9 +91,10 @@ impl Script {
                     station.borrow_mut().send_at(at, frame);
                 }
                 Action::Do(event) => script.events.push_back((at, event)),
-                Action::Skip => {}
+                Action::Skip => script.error_frames += 1,
             }
         }
+        script.events_total = script.events.len();
         Ok(script)
     }
 
@@ -125,6 +113,52 @@ impl Script {
     pub fn frames_left(&self) -> usize {
         self.station.as_ref().map_or(0, |station| station.borrow().queued())
     }
+
+    fn frames_sent(&self) -> usize {
+        self.frame_times.len() - self.frames_left()
+    }
+
+    /// Why a run that ended at `now` played nothing of the file, with each class of its lines;
+    /// `None` if it sent a frame or had an event.
+    fn why_nothing_was_played(&self, now: Cycles) -> Option<String> {
+        if self.frames_sent() > 0 || self.events.len() < self.events_total {
+            return None;
+        }
+        let (frames, events) = (self.frame_times.len(), self.events_total);
+        let due = self.frame_times.partition_point(|at| *at < now);
+        let mut reasons = Vec::new();
+        if due > 0 {
+            reasons.push(format!("{due} frames were due, and the bus took none of them"));
+        }
+        if let Some(first) = self.frame_times.get(due) {
+            let (late, first, end) = (frames - due, seconds(*first), seconds(now));
+            reasons.push(format!(
+                "{late} frames come after the end of the run at {end:.3} s, the first at {first:.3} s"
+            ));
+        }
+        if let Some((first, _)) = self.events.front() {
+            let first = seconds(*first);
+            reasons.push(format!("{events} events come after it, the first at {first:.3} s"));
+        }
+        if self.error_frames > 0 {
+            reasons.push(format!(
+                "{} lines are error frames, which no station sends",
+                self.error_frames
+            ));
+        }
+        if self.blank_lines > 0 {
+            reasons.push(format!("{} lines are empty or comments", self.blank_lines));
+        }
+        if reasons.is_empty() {
+            reasons.push(String::from("the file is empty"));
+        }
+        Some(format!("the script {} sent nothing: {}", self.path.display(), reasons.join("; ")))
+    }
+}
+
+/// Simulated time in seconds.
+fn seconds(at: Cycles) -> f64 {
+    at as f64 / F_CPU_HZ as f64
 }
 
 impl Link for Script {
@@ -136,235 +170,38 @@ impl Link for Script {
         Ok(())
     }
 
+    fn finish(&mut self, bench: &mut Bench) -> Result<()> {
+        self.hint = self.why_nothing_was_played(bench.now());
+        Ok(())
+    }
+
+    fn take_hint(&mut self) -> Option<String> {
+        self.hint.take()
+    }
+
     fn status(&self) -> String {
-        let sent = self.frames - self.frames_left();
+        let (sent, frames) = (self.frames_sent(), self.frame_times.len());
+        let first = match self.frame_times.first() {
+            Some(first) if sent == 0 => format!(", the first at {:.3} s", seconds(*first)),
+            _ => String::new(),
+        };
         let events = self.events.len();
         format!(
-            "script {}: {sent} of {} frames sent, {events} events to come",
-            self.path.display(),
-            self.frames
+            "script {}: {sent} of {frames} frames sent{first}, {events} events to come",
+            self.path.display()
         )
     }
-}
-
-/// Reads all lines, and sorts them by time. Lines of the same time keep their order.
-///
-/// # Errors
-/// For an invalid line: its number, and the reason.
-pub fn parse(text: &str) -> Result<Vec<(Cycles, Action)>, (usize, String)> {
-    let mut lines = Vec::new();
-    for (line, number) in text.lines().zip(1..) {
-        let line = line.trim();
-        if !line.is_empty() && !line.starts_with('#') {
-            lines.push(parse_line(line).map_err(|error| (number, error))?);
-        }
-    }
-    lines.sort_by_key(|(at, _)| *at);
-    let origin = lines.first().map_or(0, |(at, _)| *at);
-    if origin >= WALL_CLOCK_FROM {
-        lines.iter_mut().for_each(|(at, _)| *at -= origin);
-    }
-    Ok(lines)
-}
-
-fn parse_line(line: &str) -> Result<(Cycles, Action), String> {
-    let (time, rest) = line
-        .strip_prefix('(')
-        .and_then(|line| line.split_once(')'))
-        .ok_or("expected a time in brackets, as in \"(2.5) temperature 60\"")?;
-    let at = parse_seconds(time)?;
-    let rest = rest.trim_start();
-    let (word, argument) = rest.split_once(char::is_whitespace).unwrap_or((rest, ""));
-    let argument = argument.trim_start();
-    let action = match word {
-        "temperature" => Action::Do(BenchEvent::Temperature(parse_temperature(argument)?)),
-        "pwr-voltage" => Action::Do(BenchEvent::CircuitVoltage(parse_millivolts(argument)?)),
-        "pwr-current" => Action::Do(BenchEvent::CircuitCurrent(parse_millivolts(argument)?)),
-        "button" => Action::Do(BenchEvent::Button(match argument {
-            "press" => true,
-            "release" => false,
-            _ => {
-                return Err(format!(
-                    "expected \"button press\" or \"button release\", not \"{rest}\""
-                ));
-            }
-        })),
-        "fault" => Action::Do(BenchEvent::Fault(argument.parse()?)),
-        "serial" => Action::Do(BenchEvent::Serial(parse_text(argument)?)),
-        _ if argument.contains('#') => parse_frame(argument)?,
-        _ => {
-            return Err(format!(
-                "expected \"can0 1404562A#0100\", \"temperature 60\", \"pwr-voltage 1260\", \"pwr-current 330\", \"button press\", \
-                 \"button release\", \"fault NAME\" or \"serial TEXT\", not \"{rest}\""
-            ));
-        }
-    };
-    Ok((at, action))
-}
-
-/// Reads decimal seconds, rounded to a cycle.
-fn parse_seconds(text: &str) -> Result<Cycles, String> {
-    let wrong = || format!("\"{text}\" is not a time in seconds: write for example 2.5");
-    let (whole, fraction) = text.trim().split_once('.').unwrap_or((text.trim(), "0"));
-    let digits = |part: &str| !part.is_empty() && part.bytes().all(|digit| digit.is_ascii_digit());
-    if !digits(whole) || !digits(fraction) {
-        return Err(wrong());
-    }
-    let seconds: u32 = whole.parse().map_err(|_| wrong())?;
-    let ns: u64 = format!("{fraction:0<9.9}").parse().map_err(|_| wrong())?;
-    let cycles = (ns * F_CPU_HZ + NS_PER_S / 2) / NS_PER_S;
-    Ok(u64::from(seconds) * F_CPU_HZ + cycles)
-}
-
-fn parse_temperature(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|celsius: &f64| celsius.is_finite()).ok_or_else(|| {
-        format!("expected degrees Celsius, as in \"temperature 60\", not \"{text}\"")
-    })
-}
-
-/// Reads a voltage at an analogue input, from ground to the supply of the AVR.
-///
-/// # Errors
-/// If `text` is not a number in this range; the message says the range.
-pub fn millivolts(text: &str) -> Result<u32, String> {
-    text.parse()
-        .ok()
-        .filter(|mv| *mv <= SUPPLY_MV)
-        .ok_or_else(|| format!("use millivolts from 0 to {SUPPLY_MV}"))
-}
-
-fn parse_millivolts(text: &str) -> Result<u32, String> {
-    millivolts(text).map_err(|advice| format!("{advice}, not \"{text}\""))
-}
-
-fn parse_frame(text: &str) -> Result<Action, String> {
-    // python-can adds R or T for the direction.
-    let (frame, direction) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
-    if !matches!(direction.trim(), "" | "R" | "T") {
-        return Err(format!("expected nothing after the frame, not \"{}\"", direction.trim()));
-    }
-    if frame.contains("##") {
-        return Err(format!("{frame} is a CAN FD frame, and this bus has classic frames only"));
-    }
-    let id = frame.split('#').next().filter(|id| id.len() == 8);
-    if id.and_then(|id| u32::from_str_radix(id, 16).ok()).is_some_and(|id| id & CAN_ERR_FLAG != 0) {
-        return Ok(Action::Skip);
-    }
-    frame.parse().map(Action::Send).map_err(|error| format!("\"{frame}\": {error}"))
-}
-
-fn parse_text(text: &str) -> Result<Vec<u8>, String> {
-    let mut bytes = Vec::new();
-    let mut rest = text.as_bytes();
-    while let Some((&byte, behind)) = rest.split_first() {
-        let escaped = if byte == b'\\' { behind.first() } else { None };
-        let (byte, length) = match (byte, escaped) {
-            (b'\\', Some(b'r')) => (b'\r', 2),
-            (b'\\', Some(b'n')) => (b'\n', 2),
-            (b'\\', Some(b't')) => (b'\t', 2),
-            (b'\\', Some(b'\\')) => (b'\\', 2),
-            (b'\\', Some(b'x'))
-                if rest.len() >= 4 && rest[2..4].iter().all(u8::is_ascii_hexdigit) =>
-            {
-                let digit = |at: usize| (rest[at] as char).to_digit(16).unwrap_or_default() as u8;
-                (digit(2) << 4 | digit(3), 4)
-            }
-            (b'\\', _) => {
-                return Err(String::from(
-                    "after a \\ expected r, n, t, \\ or two digits as in \\x1B",
-                ));
-            }
-            (byte, _) => (byte, 1),
-        };
-        bytes.push(byte);
-        rest = &rest[length..];
-    }
-    if bytes.is_empty() {
-        return Err(String::from("expected the text to send, as in \"serial help\\r\""));
-    }
-    Ok(bytes)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fault::Fault;
     use crate::links::log::Log;
     use crate::links::scratch::Scratch;
-    use bench::can::RecordKind;
+    use bench::can::{Frame, RecordKind};
 
     const S: Cycles = F_CPU_HZ;
-
-    fn error(text: &str) -> (usize, String) {
-        parse(text).unwrap_err()
-    }
-
-    #[test]
-    fn a_script_has_frames_events_and_comments_in_any_order() {
-        let text = "# warm up\n\n(2.5) temperature -3.5\n (1.000001) can0 123#0102\n(3) button press\n\
-                    (3) button release\n(4.0) fault no-ack\n(4.5) pwr-voltage 1260\n(4.5) pwr-current 0\n(5.000000) serial a b\\r\\x1b\\\\\n(6) vcan1 00000001#R R\n";
-        let actions = parse(text).unwrap();
-        let expected = [
-            (S + 16, Action::Send(Frame::standard(0x123, &[1, 2]))),
-            (S * 5 / 2, Action::Do(BenchEvent::Temperature(-3.5))),
-            (3 * S, Action::Do(BenchEvent::Button(true))),
-            (3 * S, Action::Do(BenchEvent::Button(false))),
-            (4 * S, Action::Do(BenchEvent::Fault(Fault::NoAck))),
-            (S * 9 / 2, Action::Do(BenchEvent::CircuitVoltage(1260))),
-            (S * 9 / 2, Action::Do(BenchEvent::CircuitCurrent(0))),
-            (5 * S, Action::Do(BenchEvent::Serial(b"a b\r\x1B\\".to_vec()))),
-            (6 * S, Action::Send(Frame::remote(bench::can::Id::Extended(1), 0))),
-        ];
-        assert_eq!(actions, expected);
-    }
-
-    #[test]
-    fn timestamps_of_the_wall_clock_count_from_the_first_line() {
-        let text = "(1795219694.512352) can0 123#\n(1795219695.512354) can0 124#\n(1795219695.6) can0 20000008#00\n";
-        let times: Vec<_> = parse(text).unwrap().into_iter().map(|(at, _)| at).collect();
-        assert_eq!(times[..2], [0, S + 32]);
-    }
-
-    #[test]
-    fn times_are_exact_to_the_cycle() {
-        assert_eq!(parse_seconds("0.0000000625"), Ok(1));
-        assert_eq!(parse_seconds("7.000001"), Ok(7 * S + 16));
-        assert_eq!(parse_seconds("4294967295.999999999"), Ok(4_294_967_296 * S));
-        for text in ["", ".", "-1", "1.", "1e3", "0x1", "4294967296.0", "١"] {
-            assert!(parse_seconds(text).is_err(), "{text}");
-        }
-    }
-
-    #[test]
-    fn error_frames_of_a_log_are_not_sent() {
-        assert_eq!(parse("(0) can0 20000008#0000040000000000").unwrap(), [(0, Action::Skip)]);
-    }
-
-    #[test]
-    fn the_error_of_an_invalid_line_has_its_number_and_the_valid_form() {
-        for (text, line, expected) in [
-            ("(1) can0 123#01\ncan0 123#01", 2, "time in brackets"),
-            ("# x\n\n(x) can0 123#01", 3, "2.5"),
-            ("(1) can0 123#0", 1, "not a CAN frame"),
-            ("(1) can0 123##100", 1, "classic"),
-            ("(1) can0 123#00 now", 1, "after the frame"),
-            ("(1) can0", 1, "1404562A#0100"),
-            ("(1)", 1, "serial TEXT"),
-            ("(1) temperature hot", 1, "degrees"),
-            ("(1) temperature nan", 1, "degrees"),
-            ("(1) pwr-voltage 12.6", 1, "0 to 5000, not \"12.6\""),
-            ("(1) pwr-current", 1, "0 to 5000"),
-            ("(1) button push", 1, "button release"),
-            ("(1) fault gremlins", 1, "stuck-dominant"),
-            ("(1) serial", 1, "serial help"),
-            ("(1) serial \\q", 1, "\\x1B"),
-            ("(1) serial \\x1", 1, "\\x1B"),
-            ("(1) serial \\", 1, "\\x1B"),
-        ] {
-            let (at, message) = error(text);
-            assert_eq!(at, line, "{text}");
-            assert!(message.contains(expected), "{text}: {message}");
-        }
-    }
 
     #[test]
     fn the_error_of_a_missing_or_invalid_script_names_the_file() {
@@ -445,5 +282,36 @@ mod tests {
             let text = |name: &str| std::fs::read_to_string(directory.path(name)).unwrap();
             assert_eq!(text("first.log"), text("second.log"));
         }
+    }
+
+    /// The hint after a run of 10 ms with a script of this text.
+    fn hint(text: &str) -> Option<String> {
+        let directory = Scratch::new();
+        let path = directory.path("x.log");
+        std::fs::write(&path, text).unwrap();
+        let mut bench = Bench::new(1_000_000);
+        let mut script = Script::open(&path, &mut bench).unwrap();
+        bench.run_for_ms(10);
+        script.take_events(bench.now());
+        script.finish(&mut bench).unwrap();
+        let hint = script.take_hint()?;
+        let (_, reasons) = hint.split_once("x.log sent nothing: ").expect("the file's name");
+        Some(reasons.to_owned())
+    }
+
+    #[test]
+    fn a_file_that_sends_nothing_says_so_with_the_reason_for_each_class_of_lines() {
+        let late = "2 frames come after the end of the run at 0.010 s, the first at 12345.679 s";
+        let text = "(12345.678901) can0 123# R\n(12346.0) can0 124# R\n";
+        assert_eq!(hint(text).as_deref(), Some(late));
+        let text = "# x\n\n(0) can0 20000008#00\n(7) temperature 60\n";
+        let expected = "1 events come after it, the first at 7.000 s; \
+                        1 lines are error frames, which no station sends; 2 lines are empty or comments";
+        assert_eq!(hint(text).as_deref(), Some(expected));
+        assert_eq!(hint("").as_deref(), Some("the file is empty"));
+        // No other station acknowledges.
+        let alone = "1 frames were due, and the bus took none of them";
+        assert_eq!(hint("(0.001) can0 123#").as_deref(), Some(alone));
+        assert_eq!(hint("(0.001) temperature 60\n(99) can0 123#"), None);
     }
 }

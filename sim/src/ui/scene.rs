@@ -362,6 +362,9 @@ impl Scene {
     pub fn finish(&mut self) -> Result<()> {
         let mut result =
             self.script.as_mut().map_or(Ok(()), |script| script.finish(&mut self.bench));
+        if let Some(hint) = self.script.as_mut().and_then(Script::take_hint) {
+            self.state.add_hint(self.state.now, hint);
+        }
         // An error of one file must not keep the others from being written.
         for link in &mut self.links {
             result = result.and(link.finish(&mut self.bench));
