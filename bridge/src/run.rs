@@ -10,6 +10,7 @@ use crate::screen::Screen;
 use crate::state::{Rights, Settings};
 use anyhow::{Context, Error, Result, anyhow};
 use dronecan_host::NodeId;
+use dronecan_host::text::visible;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use sha2::{Digest, Sha256};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -319,20 +320,14 @@ impl Joined {
                     .map(|number| format!("{:?}", number.kind()));
                 let kind = kind.as_deref().and_then(|kind| kind.rsplit('_').next()).unwrap_or("-");
                 let value = entry.last.value.to_string();
-                println!(
-                    "{id:>4}  {:<16}  {kind:<6}  {value:<20}  {}",
-                    entry.short,
-                    entry.last.name()
-                );
+                let name = entry.last.name();
+                let line = format!("{id:>4}  {:<16}  {kind:<6}  {value:<20}  {name}", entry.short);
+                println!("{}", visible(&line));
             }
             for parameter in table.left_out.iter().map(|entry| &entry.last) {
-                println!(
-                    "{id:>4}  {:<16}  {:<6}  {:<20}  {}",
-                    "-",
-                    "text",
-                    parameter.value.to_string(),
-                    parameter.name()
-                );
+                let (value, name) = (parameter.value.to_string(), parameter.name());
+                let line = format!("{id:>4}  {:<16}  {:<6}  {value:<20}  {name}", "-", "text");
+                println!("{}", visible(&line));
             }
         }
         if all { Ok(()) } else { Err(failed("not all nodes sent their parameters")) }

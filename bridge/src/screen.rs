@@ -4,6 +4,7 @@ use crate::args::Args;
 use crate::node::Node;
 use crate::run::Joined;
 use anyhow::Result;
+use dronecan_host::text::visible;
 use dronecan_host::{Health, NodeId};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout};
@@ -12,7 +13,7 @@ use ratatui::text::Line;
 use ratatui::widgets::{Block, Paragraph, Row, Table};
 use ratatui::{DefaultTerminal, Frame};
 use std::collections::{BTreeMap, VecDeque};
-use std::io::{IsTerminal as _, Write as _};
+use std::io::{IsTerminal as _, Write};
 use std::time::Duration;
 
 /// Time between two redraws.
@@ -106,10 +107,13 @@ impl Screen {
 }
 
 fn print(now: Duration, lines: &[String]) {
-    let mut out = std::io::stdout().lock();
+    print_to(&mut std::io::stdout().lock(), now, lines);
+}
+
+fn print_to(out: &mut impl Write, now: Duration, lines: &[String]) {
     // The reader of the lines may have exited.
     for line in lines {
-        let _ = writeln!(out, "{:8.3} {line}", now.as_secs_f64());
+        let _ = writeln!(out, "{:8.3} {}", now.as_secs_f64(), visible(line));
     }
     let _ = out.flush();
 }
@@ -170,7 +174,7 @@ fn draw(
         .header(Row::new(header).style(Modifier::BOLD))
         .block(Block::bordered().title(" Nodes ").title_bottom(" q quits "));
     frame.render_widget(widget, table);
-    let text: Vec<Line> = reports.into_iter().map(Line::from).collect();
+    let text: Vec<Line> = reports.iter().map(|line| Line::from(visible(line))).collect();
     frame.render_widget(
         Paragraph::new(text).block(Block::bordered().title(" Bus and channels ")),
         channels,
@@ -179,7 +183,7 @@ fn draw(
     let text: Vec<Line> = lines
         .iter()
         .skip(lines.len().saturating_sub(room))
-        .map(|line| Line::from(line.as_str()))
+        .map(|line| Line::from(visible(line)))
         .collect();
     frame.render_widget(Paragraph::new(text).block(Block::bordered().title(" Log ")), log);
 }
@@ -209,4 +213,18 @@ fn row(now: Duration, id: NodeId, node: &Node, rate: f64) -> Row<'static> {
         parameters,
     ])
     .style(style)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_shows_control_characters() {
+        let mut out = Vec::new();
+        let line = String::from("node 42 is \u{1b}]0;owned\u{7}\u{9b}2J");
+        print_to(&mut out, Duration::from_millis(1500), &[line]);
+        let expected = "   1.500 node 42 is \\x1b]0;owned\\x07\\x9b2J\n";
+        assert_eq!(String::from_utf8(out).unwrap(), expected);
+    }
 }

@@ -553,6 +553,21 @@ proptest! {
         }
     }
 
+    /// A terminal shows what nodes send.
+    #[test]
+    fn no_transfer_has_control_characters_as_text(
+        id in 0u32..1 << 29, payload in prop::collection::vec(any::<u8>(), 0..80), known in 0usize..12
+    ) {
+        let known = [
+            0x1E0B_F8FF, 0x1E0B_7FF8, 0x1E01_7FF8, 0x1E28_FFF8, 0x1E28_7FF8, 0x183F_F22A, 0x183F_FF2A,
+            0x1807_DA2A, 0x180B_B92A, 0x1E04_7FF8, 0x1400_0000 | 1 << 8 | 42, id,
+        ][known];
+        let id = CanId::parse(known).unwrap();
+        let transfer = Transfer { id, transfer_id: TransferId::new(0), payload, frames: 1 };
+        let text = Message::decode(&transfer).to_string();
+        prop_assert!(!text.contains(char::is_control), "{:?}", text);
+    }
+
     /// No frame from the bus may cause a panic.
     #[test]
     fn no_frame_causes_a_panic(frames in prop::collection::vec((0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)), 0..64)) {

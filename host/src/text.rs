@@ -1,6 +1,38 @@
-//! Text forms of payloads.
+//! Text forms of payloads, and of text whose origin is unknown.
 
-use std::fmt;
+use std::borrow::Cow;
+use std::fmt::{self, Write as _};
+
+/// Makes the control characters in `text` visible: `\x1b`, `\u{202e}`.
+///
+/// For text from a node, a file or another program, before a terminal, a log or a report shows it:
+/// an escape sequence could otherwise change what the terminal shows, or what it types. Line ends
+/// are control characters, too: pass single lines.
+pub fn visible(text: &str) -> Cow<'_, str> {
+    if !text.contains(is_hidden) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 8);
+    for character in text.chars() {
+        // Writing to a String cannot fail.
+        let _ = match u32::from(character) {
+            code @ ..0x100 if is_hidden(character) => write!(shown, "\\x{code:02x}"),
+            code if is_hidden(character) => write!(shown, "\\u{{{code:x}}}"),
+            _ => shown.write_char(character),
+        };
+    }
+    Cow::Owned(shown)
+}
+
+/// True for the control characters of Unicode (C0, DEL, C1), for those that change the direction of
+/// text (UAX #9), and for the separators of lines and paragraphs.
+fn is_hidden(character: char) -> bool {
+    let changes_direction = matches!(
+        character,
+        '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}'
+    );
+    character.is_control() || changes_direction || matches!(character, '\u{2028}' | '\u{2029}')
+}
 
 /// Bytes as hexadecimal digits without separators.
 pub fn hex(bytes: &[u8]) -> String {
@@ -21,4 +53,24 @@ pub(crate) fn list<T: fmt::Display>(f: &mut fmt::Formatter<'_>, items: &[T]) -> 
         let separator = if index == 0 { " " } else { ", " };
         write!(f, "{separator}{item}")
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_become_visible_and_all_else_stays() {
+        for (text, expected) in [
+            ("\u{1b}[2J\u{1b}]0;x\u{7}", "\\x1b[2J\\x1b]0;x\\x07"),
+            ("a\tb\r\nc\0", "a\\x09b\\x0d\\x0ac\\x00"),
+            ("\u{7f}\u{9b}2J\u{85}", "\\x7f\\x9b2J\\x85"),
+            ("\u{202e}evil\u{2066}\u{2028}", "\\u{202e}evil\\u{2066}\\u{2028}"),
+        ] {
+            assert_eq!(visible(text), expected);
+        }
+        for plain in ["", "ß → 漢 \\x1b", "node 42 is org.example"] {
+            assert!(matches!(visible(plain), Cow::Borrowed(same) if same == plain));
+        }
+    }
 }

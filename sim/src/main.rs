@@ -4,6 +4,7 @@
 //! the exit code. See `sim --help`.
 
 use anyhow::{Context, Result};
+use bench::dronecan::text::visible;
 use clap::Parser;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -34,7 +35,8 @@ fn main() -> ExitCode {
         // The reader has closed the pipe, as `| head` does.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("sim: {error:#}");
+            // Errors can have text from an ELF file or a script.
+            format!("{error:#}").lines().for_each(|line| eprintln!("sim: {}", visible(line)));
             ExitCode::from(if is_usage(&error) { WRONG_USAGE } else { MACHINE_FAILED })
         }
     }

@@ -20,6 +20,7 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Error};
 use clap::Parser as _;
+use dronecan_host::text::visible;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use args::Args;
@@ -49,7 +50,7 @@ fn main() -> ExitCode {
         Err(Failure::Nodes(error)) => (4, error),
         Err(Failure::Interrupted) => (5, Error::msg("ended by a signal")),
     };
-    eprintln!("node-update: {error:#}");
+    eprintln!("node-update: {}", visible(&format!("{error:#}")));
     ExitCode::from(code)
 }
 
@@ -61,7 +62,7 @@ fn run(args: &Args) -> Result<(), Failure> {
             .map_err(Failure::Other)?;
     }
     let file = FirmwareFile::read(&args.file).map_err(Failure::Usage)?;
-    println!("{}: {file}", args.file.display());
+    println!("{}", visible(&format!("{}: {file}", args.file.display())));
     let mut client = Client::open(args, interrupted).map_err(Failure::Bus)?;
     let result = update_all(&mut client, args, &file);
     client.close();
@@ -80,9 +81,9 @@ fn update_all(client: &mut Client, args: &Args, file: &FirmwareFile) -> Result<(
             client.run(&mut session, |session| progress.show(session)).map_err(Failure::Bus)?;
         progress.end();
         match outcome {
-            Some(Outcome::Updated(text)) => println!("node {id}: {text}"),
+            Some(Outcome::Updated(text)) => println!("node {id}: {}", visible(&text)),
             Some(Outcome::Failed(text)) => {
-                println!("node {id}: FAILED: {text}");
+                println!("node {id}: FAILED: {}", visible(&text));
                 failed.push(id.to_string());
             }
             None => {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use anyhow::Error;
+use dronecan_host::text::visible;
 use dronecan_host::{CanId, Message, NodeId, NodeInfo};
 
 use crate::Failure;
@@ -116,7 +117,7 @@ fn choose(
             continue;
         };
         match why_unsuitable(&info, file) {
-            Some(why) => println!("node {id}: not updated: it {why}"),
+            Some(why) => println!("node {id}: not updated: it {}", visible(&why)),
             None => candidates.push(Candidate { id, info }),
         }
     }

@@ -5,6 +5,7 @@
 //! names of boards and CAN boards.
 
 use crate::avr::{Chip, Firmware, Oc, value_of};
+use crate::dronecan::text::visible;
 use anyhow::{Context, Result, bail, ensure};
 use std::fmt;
 use std::str::FromStr;
@@ -190,8 +191,8 @@ impl Wiring {
         let pin = |key: &str, text: &str| text.parse::<Pin>().map_err(|error| wrong(key, error));
         let optional = |key: &str| value(key).map(|text| pin(key, text)).transpose();
         let wiring = Wiring {
-            board: needed("board")?.to_owned(),
-            shield: needed("shield")?.to_owned(),
+            board: visible(needed("board")?).into_owned(),
+            shield: visible(needed("shield")?).into_owned(),
             chip: needed("mcu")?.parse().map_err(|error| wrong("mcu", error))?,
             cs: pin("cs", needed("cs")?)?,
             int: pin("int", needed("int")?)?,

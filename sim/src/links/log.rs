@@ -30,6 +30,7 @@ use super::Link;
 use anyhow::{Context, Result};
 use bench::Bench;
 use bench::can::{ErrorKind, Frame, Id, Record, RecordKind};
+use bench::dronecan::text::visible;
 use bench::dronecan::{Observation, Observer};
 use bench::{Cycles, F_CPU_HZ};
 use std::fs::File;
@@ -181,6 +182,7 @@ impl Log {
 
     fn add_line(&mut self, at: Cycles, who: &str, text: &str) -> io::Result<()> {
         let us = at / CYCLES_PER_US;
+        let text = visible(text);
         writeln!(self.text, "{:6}.{:06} {who:>9} {text}", us / 1_000_000, us % 1_000_000)
     }
 }

@@ -11,6 +11,7 @@ use super::pace::Measured;
 use super::state::{Event, State, TrafficLine};
 use crate::time::{micros, seconds};
 use bench::budget::Budget;
+use bench::dronecan::text::visible;
 use bench::{Cycles, F_CPU_HZ};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -80,7 +81,7 @@ impl<W: Write> Plain<W> {
     }
 
     fn line(&mut self, at: Cycles, topic: &str, text: &str) -> io::Result<()> {
-        writeln!(self.out, "{:13.6} {topic:7} {text}", seconds(at))
+        writeln!(self.out, "{:13.6} {topic:7} {}", seconds(at), visible(text))
     }
 
     fn print_event(&mut self, at: Cycles, event: Event) -> io::Result<()> {
@@ -207,7 +208,7 @@ impl<W: Write> Plain<W> {
 pub fn summary(state: &State, speed: Measured) -> String {
     let memory = &state.memory;
     let mut text = String::from("---\n");
-    let mut line = |name: &str, value: String| text += &format!("{name:16}{value}\n");
+    let mut line = |name: &str, value: String| text += &format!("{name:16}{}\n", visible(&value));
     line("simulated", format!("{:.3} s", seconds(state.now)));
     line("speed", format!("{:.2} of real time ({:.2} at most)", speed.factor, speed.capacity));
     line(
@@ -328,6 +329,16 @@ mod tests {
         assert_eq!(lines[1], "     1.000000 status  node 42: OK OPERATIONAL up 0 s vendor 0x0000");
         assert_eq!(lines[2], "     1.000000 MISTAKE SPI with CS high");
         assert_eq!(lines[3], "     0.000000 servo   no pulse");
+    }
+
+    #[test]
+    fn lines_and_summary_show_control_characters() {
+        let mut state = State::new(1_000_000);
+        state.report(0, Event::Link(String::from("script a\u{1b}[2Jb")));
+        state.links.push(String::from("log to \u{9b}2J"));
+        assert!(printed(&mut state, false).contains("link    script a\\x1b[2Jb\n"));
+        let text = summary(&state, Measured::default());
+        assert!(text.contains("link            log to \\x9b2J\n"), "{text}");
     }
 
     #[test]

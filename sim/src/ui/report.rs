@@ -285,6 +285,22 @@ mod tests {
         assert_eq!(state.take_events().len(), 20);
     }
 
+    /// A symbol of the program can have any name.
+    #[test]
+    fn names_from_the_program_have_no_control_characters_in_the_report() {
+        let mut state = State::new(1_000_000);
+        let name = "\u{1b}[2J\u{9b}\u{7f}";
+        state.add_mistake(0, format!("mistake at {name}"));
+        state.add_hint(0, format!("hint at {name}"));
+        state.set_crash(0, format!("crash at {name}"));
+        let report = json(&state);
+        let shown = |what: &str| serde_json::json!(format!("{what} at \\x1b[2J\\x9b\\x7f"));
+        assert_eq!(report["mistakes"][0]["text"], shown("mistake"));
+        assert_eq!(report["hints"][0], shown("hint"));
+        assert_eq!(report["crash"], shown("crash"));
+        assert!(!Report::new(&state).to_json().replace('\n', "").contains(char::is_control));
+    }
+
     #[test]
     fn the_report_has_further_outputs_and_the_circuit() {
         let mut state = State::new(1_000_000);

@@ -22,6 +22,7 @@ use bench::avr::{self, Avr, Firmware, ResetCause, regs};
 use bench::board::Board;
 use bench::budget::{Budget, PAINT};
 use bench::can::{self, Frame, PortId, SoftNode};
+use bench::dronecan::text::visible;
 use bench::mcp2515::Fate;
 use bench::wiring::Wiring;
 use bench::{Bench, node_elf};
@@ -389,6 +390,8 @@ impl Scene {
             .chain(script)
             .chain(links)
             .filter(|status| !status.is_empty())
+            // A status has the paths of the command line.
+            .map(|status| visible(&status).into_owned())
             .collect();
     }
 

@@ -14,7 +14,7 @@ use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
 use bench::dronecan::{
     CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus, Observation,
-    Observer, Temperature, draft,
+    Observer, Temperature, draft, text::visible,
 };
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
@@ -360,8 +360,10 @@ impl State {
         }
     }
 
-    /// Counts a driver mistake. Reports the first of its kind.
+    /// Counts a driver mistake. Reports the first of its kind. The text can have names from the
+    /// program; so can that of a hint and of a crash.
     pub fn add_mistake(&mut self, at: Cycles, text: String) {
+        let text = visible(&text).into_owned();
         if self.mistakes.add(at, &text) {
             self.report(at, Event::Mistake(text));
         }
@@ -369,6 +371,7 @@ impl State {
 
     /// Reports a hint, unless its text was reported before or `HINTS_MAX` texts were.
     pub fn add_hint(&mut self, at: Cycles, text: String) {
+        let text = visible(&text).into_owned();
         if self.hints.len() < HINTS_MAX && !self.hints.contains(&text) {
             self.hints.push(text.clone());
             self.report(at, Event::Hint(text));
@@ -405,6 +408,7 @@ impl State {
     /// Reports that the node's program crashed. Later calls change nothing.
     pub fn set_crash(&mut self, at: Cycles, text: String) {
         if self.crash.is_none() {
+            let text = visible(&text).into_owned();
             self.report(at, Event::Crash(text.clone()));
             self.crash = Some(text);
         }
