@@ -117,6 +117,11 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub signing_key: Option<PathBuf>,
 
+    /// File with the times of the signatures that were accepted, so that none is accepted again
+    /// after a restart [default: the key's FILE with ".times" behind its name]
+    #[arg(long, value_name = "FILE", requires = "signing_key")]
+    pub signing_state: Option<PathBuf>,
+
     /// Accept only stations at this address on udpin: and tcpin: (repeatable)
     #[arg(long, value_name = "ADDRESS")]
     pub peer: Vec<IpAddr>,
@@ -195,6 +200,7 @@ mod tests {
             "--bus mcast:0 --mavlink udpin:1 --for -1s",
             "--bus mcast:0 --mavlink udpin:1 --info-interval 500ms",
             "--bus mcast:0 --mavlink udpin:1 --read-only --autosave",
+            "--bus mcast:0 --mavlink udpin:1 --signing-state times",
         ] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }

@@ -8,23 +8,29 @@
 
 mod budget;
 mod peer;
+mod receive;
+mod report;
 mod resolve;
 mod serial;
 mod spec;
 mod tcp;
 mod udp;
 
+#[cfg(test)]
+mod tests;
+
 use crate::core::Bridge;
-use crate::message::{Parser, Received, Refused, Request, Versions, Writer};
+use crate::message::{Parser, Versions, Writer};
 use crate::number::IntegerEncoding;
-use crate::post::{Asker, PeerId, Post, To};
-use crate::queue::{CLASSES, Queue};
+use crate::post::{PeerId, Post, To};
+use crate::queue::Queue;
+use crate::signing::{Signer, Signing};
 use anyhow::{Result, anyhow};
-use mavlink::{SigningConfig, SigningData};
 use serial2::SerialPort;
 use socket2::Socket;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::io::{self, ErrorKind, Read as _};
+use std::io::{self, ErrorKind};
 use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
@@ -67,7 +73,8 @@ pub struct Options {
     pub status_interval: Duration,
     /// Rate of channels that are not serial, in bytes a second.
     pub byte_rate: Option<f64>,
-    pub key: Option<[u8; 32]>,
+    /// Key and timestamps of signatures, of all channels.
+    pub signing: Option<Rc<RefCell<Signing>>>,
     /// Addresses that listeners accept; if empty, all.
     pub allowed: Vec<IpAddr>,
 }
@@ -88,7 +95,7 @@ enum Transport {
 pub struct Channel {
     spec: Spec,
     options: Options,
-    signing: Option<Rc<SigningData>>,
+    signer: Option<Signer>,
     transport: Transport,
     peers: BTreeMap<PeerId, Peer>,
     budget: Option<Budget>,
@@ -118,9 +125,7 @@ impl Channel {
         now: Duration,
         wait: bool,
     ) -> Result<Channel> {
-        let signing = options.key.map(|key| {
-            Rc::new(SigningData::from_config(SigningConfig::new(key, number as u8, true, false)))
-        });
+        let signer = options.signing.clone().map(|signing| Signer::new(signing, number as u8));
         let rate = match &spec {
             // A byte takes a start bit, eight data bits and a stop bit. The rate is a little lower
             // because clocks differ.
@@ -130,7 +135,7 @@ impl Channel {
         let mut channel = Channel {
             spec,
             options,
-            signing,
+            signer,
             transport: Transport::Away(now),
             peers: BTreeMap::new(),
             budget: rate.map(Budget::new),
@@ -164,7 +169,7 @@ impl Channel {
     /// every station that reaches it.
     fn warn_about_open_listener(&mut self) {
         let (Spec::UdpIn(local) | Spec::TcpIn(local)) = self.spec else { return };
-        if !local.ip().is_loopback() && self.signing.is_none() {
+        if !local.ip().is_loopback() && self.signer.is_none() {
             let spec = &self.spec;
             self.log
                 .push(format!("{spec} has no key: whoever can reach it can command the nodes; give a --signing-key"));
@@ -227,8 +232,8 @@ impl Channel {
             name,
             address: None,
             stream: None,
-            parser: Parser::new(self.signing.clone()),
-            writer: Writer::new(self.options.system, self.options.versions, self.signing.clone()),
+            parser: Parser::new(self.signer.clone()),
+            writer: Writer::new(self.options.system, self.options.versions, self.signer.clone()),
             queue: Queue::new(self.options.status_interval),
             unsent: Vec::new(),
             heard: None,
@@ -272,109 +277,6 @@ impl Channel {
         self.receive_streams(now, bridge);
         self.remove_silent(now, bridge);
         self.close_untrusted(now, bridge);
-    }
-
-    fn receive_streams(&mut self, now: Duration, bridge: &mut Bridge) {
-        let ids: Vec<PeerId> = self.peers.keys().copied().collect();
-        let mut buffer = [0; 2048];
-        for id in ids {
-            for _ in 0..READS_AT_ONCE {
-                let read = match (
-                    &self.transport,
-                    self.peers.get_mut(&id).and_then(|peer| peer.stream.as_mut()),
-                ) {
-                    (Transport::Serial(port), _) => {
-                        rustix::io::read(port, &mut buffer).map_err(io::Error::from)
-                    }
-                    (_, Some(stream)) => stream.read(&mut buffer),
-                    _ => break,
-                };
-                match read {
-                    Ok(0) => {
-                        self.lose(now, bridge, id, "closed");
-                        break;
-                    }
-                    Ok(length) => self.take(now, bridge, id, &buffer[..length]),
-                    Err(error) if error.kind() == ErrorKind::WouldBlock => break,
-                    Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                    Err(error) => {
-                        self.lose(now, bridge, id, &error.to_string());
-                        break;
-                    }
-                }
-            }
-        }
-    }
-
-    /// Handles the end of a stream.
-    fn lose(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, why: &str) {
-        self.remove(bridge, id, why);
-        if matches!(self.transport, Transport::Stream | Transport::Serial(_)) {
-            self.is_loss_logged = true;
-            self.transport = Transport::Away(now + RETRY);
-        }
-    }
-
-    fn remove(&mut self, bridge: &mut Bridge, id: PeerId, why: &str) {
-        if let Some(peer) = self.peers.remove(&id) {
-            self.dropped += peer.queue.dropped().values().sum::<u64>();
-            self.log.push(format!("{}: {} has left: {why}", self.spec, peer.name));
-            bridge.left(id);
-        }
-    }
-
-    fn take(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, bytes: &[u8]) {
-        let Some(peer) = self.peers.get_mut(&id) else { return };
-        peer.parser.feed(bytes);
-        let messages: Vec<_> = std::iter::from_fn(|| peer.parser.message()).collect();
-        self.take_messages(now, bridge, id, messages);
-    }
-
-    fn take_messages(
-        &mut self,
-        now: Duration,
-        bridge: &mut Bridge,
-        id: PeerId,
-        messages: Vec<Received>,
-    ) {
-        let stations = self.peers.values().filter(|peer| peer.is_trusted).count();
-        let Some(peer) = self.peers.get_mut(&id) else { return };
-        for message in messages {
-            match message {
-                Ok(_) if !peer.is_trusted && stations >= PEERS_MAX => {
-                    self.refused += 1;
-                    return self.lose(now, bridge, id, "no place for another station");
-                }
-                Ok((version, message)) => {
-                    if !std::mem::replace(&mut peer.is_trusted, true) {
-                        bridge.joined(now, id);
-                    }
-                    peer.heard = Some(version);
-                    peer.heard_at = now;
-                    peer.received += 1;
-                    let of_parameters = matches!(
-                        message.request,
-                        Request::ParameterList
-                            | Request::ParameterRead { .. }
-                            | Request::ParameterSet { .. }
-                    );
-                    if self.options.integers == Integers::Auto && of_parameters {
-                        peer.encoding = if message.from.1 == MAVPROXY {
-                            IntegerEncoding::Cast
-                        } else {
-                            IntegerEncoding::Bytewise
-                        };
-                    }
-                    bridge.message(
-                        now,
-                        Asker { peer: id, from: message.from, encoding: peer.encoding },
-                        message,
-                    );
-                }
-                Err(Refused::Malformed) => self.malformed += 1,
-                Err(Refused::Signature) => self.unsigned += 1,
-            }
-        }
     }
 
     /// Puts a message into the queues of its recipients.
@@ -469,41 +371,6 @@ impl Channel {
             .filter_map(|peer| Some((peer.stream.as_ref()?.as_fd(), !peer.unsent.is_empty())));
         fds.extend(streams);
         fds
-    }
-
-    /// Lines for the user: the channel and its peers.
-    pub fn report(&self) -> Vec<String> {
-        let mut first = self.spec.to_string();
-        if matches!(
-            self.transport,
-            Transport::Away(_) | Transport::LookingUp(_) | Transport::Connecting(..)
-        ) {
-            first += ", not available";
-        }
-        let dropped = self.dropped;
-        let troubles = [
-            (self.malformed, "malformed"),
-            (self.unsigned, "not signed"),
-            (self.refused, "refused"),
-            (dropped, "dropped before"),
-        ];
-        for (count, what) in troubles.into_iter().filter(|(count, _)| *count > 0) {
-            first += &format!(", {count} {what}");
-        }
-        let mut lines = vec![first];
-        for peer in self.peers.values() {
-            let mut line = format!("  {}: {} in, {} out", peer.name, peer.received, peer.sent);
-            for (class, what) in CLASSES {
-                if let Some(count) = peer.queue.dropped().get(&class) {
-                    line += &format!(
-                        ", {count} {what}{}",
-                        if what.ends_with("out") { "" } else { " dropped" }
-                    );
-                }
-            }
-            lines.push(line);
-        }
-        lines
     }
 }
 

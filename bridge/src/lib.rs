@@ -31,6 +31,7 @@ mod pty;
 pub mod queue;
 pub mod run;
 mod screen;
+pub mod signing;
 pub mod state;
 pub mod task;
 pub mod tunnel;

@@ -7,6 +7,7 @@ use crate::core::Bridge;
 use crate::post::PeerId;
 use crate::pty::Pty;
 use crate::screen::Screen;
+use crate::signing::Signing;
 use crate::state::{Rights, Settings};
 use anyhow::{Context, Error, Result, anyhow};
 use dronecan_host::NodeId;
@@ -14,8 +15,10 @@ use dronecan_host::text::visible;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use sha2::{Digest, Sha256};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::cell::RefCell;
 use std::net::IpAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
@@ -57,6 +60,7 @@ pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
         channels: Vec::new(),
         ptys: Vec::new(),
         bridge: Bridge::new(settings),
+        signing: options.signing.clone(),
         ids: 0,
     };
     line.open(args, &options)?;
@@ -106,7 +110,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
             .map_or(Duration::ZERO, |rate| Duration::from_secs_f64(0.95 / rate)),
         byte_rate: args.bandwidth.map(|baud| f64::from(baud) / 10.0 * 0.98),
         allowed: args.peer.iter().map(IpAddr::to_canonical).collect(),
-        key: args.signing_key.as_deref().map(signing_key).transpose()?,
+        signing: args.signing_key.as_deref().map(|key| signing(args, key)).transpose()?,
     };
     Ok((settings, options))
 }
@@ -121,6 +125,18 @@ fn unique_id(component: u8) -> [u8; 16] {
     let mut id = [0; 16];
     id.copy_from_slice(&hash.finalize()[..16]);
     id
+}
+
+/// The key, and the timestamps that the bridge has accepted before.
+fn signing(args: &Args, key: &Path) -> Result<Rc<RefCell<Signing>>> {
+    let beside = || {
+        let mut path = key.as_os_str().to_owned();
+        path.push(".times");
+        PathBuf::from(path)
+    };
+    let path = args.signing_state.clone().unwrap_or_else(beside);
+    let signing = Signing::with_file(signing_key(key)?, &path)?;
+    Ok(Rc::new(RefCell::new(signing)))
 }
 
 /// The key of a passphrase, as MAVProxy and Mission Planner make it.
@@ -151,6 +167,7 @@ pub struct Joined {
     /// The pseudo-terminals of the tunnels.
     pub ptys: Vec<Pty>,
     pub bridge: Bridge,
+    signing: Option<Rc<RefCell<Signing>>>,
     ids: PeerId,
 }
 
@@ -287,6 +304,9 @@ impl Joined {
             lines.append(&mut channel.log);
         }
         lines.append(&mut self.bridge.take_log());
+        if let Some(signing) = &self.signing {
+            lines.append(&mut signing.borrow_mut().take_log());
+        }
         lines
     }
 

@@ -101,7 +101,7 @@ impl Channel {
                 self.refused += 1;
                 continue;
             }
-            let is_trusted = self.signing.is_none();
+            let is_trusted = self.signer.is_none();
             if is_trusted && self.peers.len() >= PEERS_MAX || stream.set_nonblocking(true).is_err()
             {
                 self.refuse(now, from);

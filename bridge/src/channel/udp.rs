@@ -102,7 +102,7 @@ impl Channel {
     /// rest of an incomplete one.
     fn take_datagram(&mut self, now: Duration, bridge: &mut Bridge, id: PeerId, bytes: &[u8]) {
         if let Some(peer) = self.peers.get_mut(&id).filter(|_| has_message(bytes)) {
-            peer.parser = Parser::new(self.signing.clone());
+            peer.parser = Parser::new(self.signer.clone());
         }
         self.take(now, bridge, id, bytes);
     }

@@ -1,16 +1,16 @@
 //! Finds and decodes the messages in a stream of bytes.
 
 use super::{Command, In, Request, gaps, name};
+use crate::signing::Signer;
 use mavlink::dialects::common::{
     CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
     FILE_TRANSFER_PROTOCOL_DATA, HEARTBEAT_DATA, MavMessage, PARAM_REQUEST_LIST_DATA,
     PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
 };
 use mavlink::error::{MessageReadError, ParserError};
-use mavlink::{MAVLinkMessageRaw, MavlinkReader, MavlinkVersion, MessageData, SigningData};
+use mavlink::{MAVLinkMessageRaw, MavlinkReader, MavlinkVersion, MessageData};
 use std::collections::VecDeque;
 use std::io::{self, Read};
-use std::rc::Rc;
 
 impl In {
     /// Decodes a message whose CRC is valid.
@@ -114,13 +114,13 @@ pub enum Refused {
 /// Finds the messages in a stream of bytes.
 pub struct Parser {
     reader: MavlinkReader<Buffer>,
-    signing: Option<Rc<SigningData>>,
+    signer: Option<Signer>,
 }
 
 impl Parser {
-    /// With a key, accepts signed messages only.
-    pub fn new(signing: Option<Rc<SigningData>>) -> Parser {
-        Parser { reader: MavlinkReader::new(Buffer::default()), signing }
+    /// With a signer, accepts signed messages only.
+    pub fn new(signer: Option<Signer>) -> Parser {
+        Parser { reader: MavlinkReader::new(Buffer::default()), signer }
     }
 
     /// Adds received bytes.
@@ -135,10 +135,10 @@ impl Parser {
             Err(MessageReadError::Io(_)) => return None,
             Err(MessageReadError::Parse(_)) => return Some(Err(Refused::Malformed)),
         };
-        let trusted = match (&self.signing, &raw) {
+        let trusted = match (&self.signer, &raw) {
             (None, _) => true,
             (Some(_), MAVLinkMessageRaw::V1(_)) => false,
-            (Some(signing), MAVLinkMessageRaw::V2(raw)) => signing.verify_signature(raw),
+            (Some(signer), MAVLinkMessageRaw::V2(raw)) => signer.accepts(raw),
         };
         if !trusted {
             return Some(Err(Refused::Signature));

@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::number::IntegerEncoding;
+use crate::signing::{Signer, Signing};
 use mavlink::dialects::common::{COMMAND_LONG_DATA, MavCmd, PARAM_REQUEST_LIST_DATA};
-use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, SigningConfig, SigningData};
+use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkVersion};
+use std::cell::RefCell;
 use std::rc::Rc;
 
 /// Header length of a frame of version 2: magic, length, two flags, sequence, system, component,
@@ -17,8 +19,8 @@ fn writer(versions: Versions) -> Writer {
     Writer::new(1, versions, None)
 }
 
-fn key(byte: u8) -> Option<Rc<SigningData>> {
-    Some(Rc::new(SigningData::from_config(SigningConfig::new([byte; 32], 0, true, false))))
+fn key(byte: u8) -> Option<Signer> {
+    Some(Signer::new(Rc::new(RefCell::new(Signing::new([byte; 32]))), 0))
 }
 
 fn heartbeat() -> Out {

@@ -8,6 +8,7 @@
 
 use super::{Content, Out, chars, gaps};
 use crate::number::IntegerEncoding;
+use crate::signing::Signer;
 use mavlink::dialects::common::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, MavMessage, MavProtocolCapability, PARAM_VALUE_DATA,
     UAVCAN_NODE_STATUS_DATA,
@@ -15,9 +16,7 @@ use mavlink::dialects::common::{
 use mavlink::error::ParserError;
 use mavlink::{
     MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message, MessageData,
-    SigningData,
 };
-use std::rc::Rc;
 
 /// The version of MAVLink in which the bridge sends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -41,7 +40,7 @@ pub struct Writer {
     sequences: [u8; 256],
     /// True after a message in version 2 was sent.
     has_sent_v2: bool,
-    signing: Option<Rc<SigningData>>,
+    signer: Option<Signer>,
 }
 
 const V1_ID_MAX: u32 = 255;
@@ -49,8 +48,8 @@ const V1_ID_MAX: u32 = 255;
 const UID2_LEN: usize = 18;
 
 impl Writer {
-    pub fn new(system: u8, versions: Versions, signing: Option<Rc<SigningData>>) -> Writer {
-        Writer { system, versions, sequences: [0; 256], has_sent_v2: false, signing }
+    pub fn new(system: u8, versions: Versions, signer: Option<Signer>) -> Writer {
+        Writer { system, versions, sequences: [0; 256], has_sent_v2: false, signer }
     }
 
     /// The bytes of a message. `heard` is the version of the station's last message. `None` if the
@@ -68,7 +67,7 @@ impl Writer {
             (Versions::One, _) => MavlinkVersion::V1,
             // Signatures exist in version 2 only.
             (Versions::Auto, Some(MavlinkVersion::V1))
-                if id <= V1_ID_MAX && self.has_sent_v2 && self.signing.is_none() =>
+                if id <= V1_ID_MAX && self.has_sent_v2 && self.signer.is_none() =>
             {
                 MavlinkVersion::V1
             }
@@ -82,7 +81,7 @@ impl Writer {
             sequence: *sequence,
         };
         *sequence = sequence.wrapping_add(1);
-        Some(match (version, &self.signing) {
+        Some(match (version, &self.signer) {
             (MavlinkVersion::V1, _) => {
                 let mut raw = MAVLinkV1MessageRaw::new();
                 raw.serialize_message(header, &wire);
@@ -93,10 +92,10 @@ impl Writer {
                 raw.serialize_message(header, &wire);
                 raw.raw_bytes().to_vec()
             }
-            (MavlinkVersion::V2, Some(signing)) => {
+            (MavlinkVersion::V2, Some(signer)) => {
                 let mut raw = MAVLinkV2MessageRaw::new();
                 raw.serialize_message_for_signing(header, &wire);
-                signing.sign_message(&mut raw);
+                signer.sign(&mut raw);
                 raw.raw_bytes().to_vec()
             }
         })
