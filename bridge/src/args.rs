@@ -99,8 +99,7 @@ pub struct Args {
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = info_interval)]
     pub info_interval: Duration,
 
-    /// Send no more than a serial line of this baud rate carries, on udp and tcp channels that
-    /// lead to a radio
+    /// Send no more than a serial line of this baud rate carries, on channels that lead to a radio
     #[arg(long, value_name = "BAUD", value_parser = clap::value_parser!(u32).range(1200..))]
     pub bandwidth: Option<u32>,
 

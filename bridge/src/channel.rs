@@ -4,10 +4,12 @@
 //! [`Peer`] with its own queue, its own version of MAVLink and its own sequence numbers. Nothing
 //! blocks: messages that a channel does not accept wait in the queue, which drops
 //! the least important. If the rate of a channel is known, the bridge sends no more than that, so
-//! that important messages do not wait behind others.
+//! that important messages do not wait behind others. A [`radio`] on the way sets the pace of its
+//! station.
 
 mod budget;
 mod peer;
+mod radio;
 mod receive;
 mod report;
 mod resolve;
@@ -38,6 +40,7 @@ use std::time::Duration;
 
 use budget::Budget;
 use peer::{Peer, write};
+use radio::Radio;
 use resolve::{LookUp, resolve};
 pub use spec::Spec;
 
@@ -71,7 +74,7 @@ pub struct Options {
     pub integers: Integers,
     /// Minimum time between two statuses of a node.
     pub status_interval: Duration,
-    /// Rate of channels that are not serial, in bytes a second.
+    /// Highest rate of a channel, in bytes a second.
     pub byte_rate: Option<f64>,
     /// Key and timestamps of signatures, of all channels.
     pub signing: Option<Rc<RefCell<Signing>>>,
@@ -127,9 +130,10 @@ impl Channel {
     ) -> Result<Channel> {
         let signer = options.signing.clone().map(|signing| Signer::new(signing, number as u8));
         let rate = match &spec {
-            // A byte takes a start bit, eight data bits and a stop bit. The rate is a little lower
-            // because clocks differ.
-            Spec::Serial { baud, .. } => Some(f64::from(*baud) / 10.0 * 0.98),
+            Spec::Serial { baud, .. } => {
+                let carried = byte_rate(*baud);
+                Some(options.byte_rate.map_or(carried, |limit| limit.min(carried)))
+            }
             _ => options.byte_rate,
         };
         let mut channel = Channel {
@@ -246,6 +250,7 @@ impl Channel {
             is_trusted: true,
             sent: 0,
             received: 0,
+            radio: None,
         }
     }
 
@@ -276,6 +281,9 @@ impl Channel {
         self.receive_datagrams(now, bridge, ids);
         self.receive_streams(now, bridge);
         self.remove_silent(now, bridge);
+        for peer in self.peers.values_mut() {
+            peer.radio.take_if(|radio| radio.is_gone(now));
+        }
         self.close_untrusted(now, bridge);
     }
 
@@ -323,12 +331,18 @@ impl Channel {
                 if self.budget.as_ref().is_some_and(|budget| budget.tokens < 1.0) {
                     return;
                 }
+                if peer.radio.as_mut().is_some_and(|radio| !radio.has_room(now)) {
+                    continue;
+                }
                 let Some((class, out)) = peer.queue.pop(now) else { continue };
                 sent = true;
                 if let Some(bytes) = peer.writer.bytes(&out, peer.heard, peer.encoding) {
                     peer.queue.sent(class, bytes.len());
                     if let Some(budget) = &mut self.budget {
                         budget.tokens -= bytes.len() as f64;
+                    }
+                    if let Some(radio) = &mut peer.radio {
+                        radio.spend(bytes.len());
                     }
                     peer.sent += 1;
                     peer.unsent = bytes;
@@ -349,7 +363,10 @@ impl Channel {
             .peers
             .values()
             .filter(|peer| peer.unsent.is_empty())
-            .filter_map(|peer| peer.queue.next())
+            .filter_map(|peer| {
+                let paced = peer.radio.as_ref().map_or(Duration::ZERO, Radio::next);
+                peer.queue.next().map(|at| at.max(paced))
+            })
             .min();
         let affordable = self.budget.as_ref().map_or(Duration::ZERO, Budget::next);
         retry.into_iter().chain(waiting.map(|at| at.max(affordable))).min()
@@ -372,6 +389,12 @@ impl Channel {
         fds.extend(streams);
         fds
     }
+}
+
+/// Bytes a second on a serial line: a byte takes a start bit, eight data bits and a stop bit. A
+/// little less, because clocks differ.
+pub fn byte_rate(baud: u32) -> f64 {
+    f64::from(baud) / 10.0 * 0.98
 }
 
 fn cannot_listen(local: SocketAddr, error: io::Error) -> anyhow::Error {

@@ -211,7 +211,8 @@ impl Bridge {
             Request::Heartbeat { kind, autopilot } => {
                 state.note_component(asker.from, kind, autopilot)
             }
-            Request::Other => {}
+            // The channel has slowed down already.
+            Request::Other | Request::Radio { .. } => {}
             Request::ParameterList => state.parameter_ops(component, || Op::List(asker)),
             Request::ParameterRead { index: Some(index), .. } => {
                 state.parameter_ops(component, || Op::ReadIndex(asker, index));

@@ -166,6 +166,11 @@ pub enum Request {
     Filter(CAN_FILTER_MODIFY_DATA),
     /// FILE_TRANSFER_PROTOCOL: its payload.
     Ftp(Box<[u8; crate::ftp::PAYLOAD_LEN]>),
+    /// RADIO_STATUS, from a radio on the way: the free part of the buffer for what it has to send
+    /// (`txbuf`).
+    Radio {
+        free_percent: u8,
+    },
     /// Any other message. It shows that the sender is online.
     Other,
 }

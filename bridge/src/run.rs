@@ -2,7 +2,7 @@
 
 use crate::args::Args;
 use crate::bus::Bus;
-use crate::channel::{Channel, Options};
+use crate::channel::{Channel, Options, byte_rate};
 use crate::core::Bridge;
 use crate::post::PeerId;
 use crate::pty::Pty;
@@ -108,7 +108,7 @@ fn configure(args: &Args) -> Result<(Settings, Options)> {
         status_interval: args
             .status_rate
             .map_or(Duration::ZERO, |rate| Duration::from_secs_f64(0.95 / rate)),
-        byte_rate: args.bandwidth.map(|baud| f64::from(baud) / 10.0 * 0.98),
+        byte_rate: args.bandwidth.map(byte_rate),
         allowed: args.peer.iter().map(IpAddr::to_canonical).collect(),
         signing: args.signing_key.as_deref().map(|key| signing(args, key)).transpose()?,
     };

@@ -21,6 +21,18 @@ impl Budget {
         Budget { rate, burst, tokens: burst, at: Duration::ZERO }
     }
 
+    /// A budget that begins at `now` with nothing saved up.
+    pub fn starting(rate: f64, now: Duration) -> Budget {
+        Budget { tokens: 0.0, at: now, ..Budget::new(rate) }
+    }
+
+    /// Changes the rate. What was saved up stays, as far as the new rate allows.
+    pub fn set_rate(&mut self, now: Duration, rate: f64) {
+        self.refill(now);
+        let Budget { rate, burst, .. } = Budget::new(rate);
+        (self.rate, self.burst, self.tokens) = (rate, burst, self.tokens.min(burst));
+    }
+
     pub fn refill(&mut self, now: Duration) {
         self.tokens =
             (self.tokens + self.rate * now.saturating_sub(self.at).as_secs_f64()).min(self.burst);

@@ -1,6 +1,7 @@
 //! The far end of a channel: a ground station, or a link that leads to some.
 
 use super::Transport;
+use super::radio::Radio;
 use crate::message::{Parser, Writer};
 use crate::number::IntegerEncoding;
 use crate::queue::Queue;
@@ -29,6 +30,8 @@ pub struct Peer {
     pub is_trusted: bool,
     pub sent: u64,
     pub received: u64,
+    /// A radio on the way to the station, or a serial port that may lead to one.
+    pub radio: Option<Radio>,
 }
 
 /// Writes the rest of a message. Returns true if it is complete. Errors are reported by the next

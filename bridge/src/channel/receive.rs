@@ -1,8 +1,9 @@
 //! What a channel receives, and the end of its peers.
 
+use super::radio::Radio;
 use super::{Channel, Integers, MAVPROXY, PEERS_MAX, READS_AT_ONCE, RETRY, Transport};
 use crate::core::Bridge;
-use crate::message::{Received, Refused, Request};
+use crate::message::{In, Received, Refused, Request};
 use crate::number::IntegerEncoding;
 use crate::post::{Asker, PeerId};
 use std::io::{self, ErrorKind, Read as _};
@@ -76,6 +77,10 @@ impl Channel {
         let Some(peer) = self.peers.get_mut(&id) else { return };
         for message in messages {
             match message {
+                // Shows neither that the station is there nor which version it speaks.
+                Ok((_, In { request: Request::Radio { free_percent }, .. })) => {
+                    peer.radio.get_or_insert_with(|| Radio::presumed(now)).report(now, free_percent)
+                }
                 Ok(_) if !peer.is_trusted && stations >= PEERS_MAX => {
                     self.refused += 1;
                     return self.lose(now, bridge, id, "no place for another station");

@@ -1,5 +1,6 @@
 //! What the user sees of a channel.
 
+use super::radio::Radio;
 use super::{Channel, Transport};
 use crate::queue::CLASSES;
 
@@ -26,6 +27,9 @@ impl Channel {
         let mut lines = vec![first];
         for peer in self.peers.values() {
             let mut line = format!("  {}: {} in, {} out", peer.name, peer.received, peer.sent);
+            if let Some(radio) = peer.radio.as_ref().and_then(Radio::text) {
+                line += &format!(", {radio}");
+            }
             for (class, what) in CLASSES {
                 if let Some(count) = peer.queue.dropped().get(&class) {
                     line += &format!(

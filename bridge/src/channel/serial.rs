@@ -1,6 +1,7 @@
 //! Serial ports, for example with a radio.
 
-use super::{Channel, Transport};
+use super::radio::Radio;
+use super::{Channel, Peer, Transport};
 use crate::post::PeerId;
 use anyhow::{Result, anyhow};
 use rustix::io::Errno;
@@ -32,7 +33,7 @@ impl Channel {
         self.transport = Transport::Serial(port);
         self.mark_available();
         let peer = self.peer(path.display().to_string(), now);
-        self.add(ids, peer);
+        self.add(ids, Peer { radio: Some(Radio::presumed(now)), ..peer });
         Ok(())
     }
 }

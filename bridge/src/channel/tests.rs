@@ -1,10 +1,14 @@
-//! Tests of channels on sockets of the loopback interface.
+//! Tests of channels on sockets of the loopback interface and on a pseudo-terminal.
 
 use super::*;
+use crate::message::{Content, Out, command};
+use crate::queue::Class;
 use crate::state::{Rights, Settings};
 use dronecan_host::NodeId;
-use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage};
+use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, RADIO_STATUS_DATA};
 use mavlink::{MAVLinkV2MessageRaw, MavHeader};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use std::os::fd::OwnedFd;
 
 const KEY: [u8; 32] = [7; 32];
 
@@ -78,6 +82,13 @@ fn heartbeat(signer: &Signer) -> Vec<u8> {
     raw.raw_bytes().to_vec()
 }
 
+fn radio_status(free_percent: u8) -> Vec<u8> {
+    let mut raw = MAVLinkV2MessageRaw::new();
+    let data = RADIO_STATUS_DATA { txbuf: free_percent, ..RADIO_STATUS_DATA::default() };
+    raw.serialize_message(header(), &MavMessage::RADIO_STATUS(data));
+    raw.raw_bytes().to_vec()
+}
+
 #[test]
 fn a_signed_message_is_executed_on_one_of_all_channels() {
     let signing = Rc::new(RefCell::new(Signing::new(KEY)));
@@ -89,4 +100,78 @@ fn a_signed_message_is_executed_on_one_of_all_channels() {
     assert_eq!(listeners.send(1, &captured), 0, "on another channel");
     assert!(listeners.channels[1].peers.is_empty(), "it gets no place there");
     assert_eq!(listeners.send(1, &heartbeat(&station)), 1, "the next one");
+}
+
+#[test]
+fn the_status_of_a_radio_needs_no_key_and_gives_no_rights() {
+    let signing = Rc::new(RefCell::new(Signing::new(KEY)));
+    let mut listeners = Listeners::new(1, Some(signing));
+    let station = Signer::new(Rc::new(RefCell::new(Signing::new(KEY))), 3);
+    listeners.send(0, &radio_status(40));
+    assert!(listeners.channels[0].peers.is_empty());
+    assert_eq!(listeners.send(0, &heartbeat(&station)), 1);
+    assert_eq!(listeners.send(0, &radio_status(40)), 1);
+    let peer = listeners.channels[0].peers.values().next().unwrap();
+    assert!(peer.radio.is_some());
+    assert!(
+        listeners.channels[0].report()[1].contains("radio "),
+        "{:?}",
+        listeners.channels[0].report()
+    );
+}
+
+/// A serial channel, and the other end of its line.
+fn serial(options: Options) -> (Channel, OwnedFd) {
+    let far = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    rustix::fs::fcntl_setfl(&far, rustix::fs::OFlags::NONBLOCK).unwrap();
+    grantpt(&far).unwrap();
+    unlockpt(&far).unwrap();
+    let path = ptsname(&far, Vec::new()).unwrap().into_string().unwrap();
+    let spec = format!("serial:{path}:57600").parse().unwrap();
+    let mut ids = 0;
+    (Channel::open(spec, 0, options, &mut ids, Duration::ZERO, false).unwrap(), far)
+}
+
+/// Bytes that a channel with very much to send has sent at the end of each second.
+fn sent_each_second(channel: &mut Channel, far: &OwnedFd, seconds: u64) -> Vec<usize> {
+    let out = Out {
+        component: 42,
+        content: Content::Ack {
+            command: command::PREFLIGHT_STORAGE,
+            result: mavlink::dialects::common::MavResult::MAV_RESULT_ACCEPTED,
+            to: (255, 190),
+        },
+    };
+    let (mut total, mut sums) = (0, Vec::new());
+    let mut buffer = [0; 4096];
+    for ms in 1..=seconds * 1000 {
+        let post = Post::Message { to: To::All, class: Class::Answer, out: out.clone() };
+        (0..10).for_each(|_| channel.post(Duration::from_millis(ms), &post));
+        channel.flush(Duration::from_millis(ms));
+        total += rustix::io::read(far, &mut buffer).unwrap_or(0);
+        if ms % 1000 == 0 {
+            sums.push(total);
+        }
+    }
+    sums
+}
+
+#[test]
+fn a_bandwidth_limits_a_serial_port_that_could_carry_more() {
+    let (mut channel, far) = serial(Options { byte_rate: Some(byte_rate(2400)), ..options() });
+    let sums = sent_each_second(&mut channel, &far, 20);
+    let rate = (sums[19] - sums[9]) / 10;
+    assert!((220..=240).contains(&rate), "{sums:?}");
+}
+
+#[test]
+fn a_serial_port_begins_slowly_because_it_may_lead_to_a_radio() {
+    let (mut channel, far) = serial(options());
+    let (mut bridge, mut ids) = (bridge(), 1);
+    let early = sent_each_second(&mut channel, &far, 3);
+    assert!(early[2] < 3300, "{early:?}");
+    // No radio has reported for five seconds.
+    channel.serve(Duration::from_secs(6), &mut bridge, &mut ids);
+    let peer = channel.peers.values_mut().next().unwrap();
+    assert!(peer.radio.is_none());
 }

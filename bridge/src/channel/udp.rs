@@ -2,7 +2,7 @@
 
 use super::{Channel, PEERS_MAX, Peer, READS_AT_ONCE, Spec, Transport, cannot_listen};
 use crate::core::Bridge;
-use crate::message::{Parser, Received, Refused};
+use crate::message::{In, Parser, Received, Refused, Request};
 use crate::post::PeerId;
 use anyhow::{Context as _, Result};
 use std::io::ErrorKind;
@@ -81,7 +81,10 @@ impl Channel {
         let mut peer = Peer { address: Some(from), ..self.peer(from.to_string(), now) };
         peer.parser.feed(bytes);
         let messages: Vec<Received> = std::iter::from_fn(|| peer.parser.message()).collect();
-        if !messages.iter().any(Result::is_ok) {
+        let is_of_station = |message: &Received| {
+            !matches!(message, Err(_) | Ok((_, In { request: Request::Radio { .. }, .. })))
+        };
+        if !messages.iter().any(is_of_station) {
             let is_unsigned =
                 messages.iter().any(|message| matches!(message, Err(Refused::Signature)));
             let counter = if is_unsigned { &mut self.unsigned } else { &mut self.malformed };

@@ -5,7 +5,7 @@ use crate::signing::Signer;
 use mavlink::dialects::common::{
     CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
     FILE_TRANSFER_PROTOCOL_DATA, HEARTBEAT_DATA, MavMessage, PARAM_REQUEST_LIST_DATA,
-    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, RADIO_STATUS_DATA,
 };
 use mavlink::error::{MessageReadError, ParserError};
 use mavlink::{MAVLinkMessageRaw, MavlinkReader, MavlinkVersion, MessageData};
@@ -80,6 +80,10 @@ impl In {
                 let data = FILE_TRANSFER_PROTOCOL_DATA::deser(version, &payload)?;
                 ((data.target_system, data.target_component), Request::Ftp(Box::new(data.payload)))
             }
+            RADIO_STATUS_DATA::ID => {
+                let data = RADIO_STATUS_DATA::deser(version, &payload)?;
+                ((0, 0), Request::Radio { free_percent: data.txbuf })
+            }
             _ => ((0, 0), Request::Other),
         };
         Ok(In { from: (raw.system_id().min(255) as u8, raw.component_id()), to, request })
@@ -118,7 +122,8 @@ pub struct Parser {
 }
 
 impl Parser {
-    /// With a signer, accepts signed messages only.
+    /// With a signer, accepts signed messages only, and [`Request::Radio`] also without a
+    /// signature.
     pub fn new(signer: Option<Signer>) -> Parser {
         Parser { reader: MavlinkReader::new(Buffer::default()), signer }
     }
@@ -137,6 +142,8 @@ impl Parser {
         };
         let trusted = match (&self.signer, &raw) {
             (None, _) => true,
+            // A radio has no key.
+            (Some(_), raw) if raw.message_id() == RADIO_STATUS_DATA::ID => true,
             (Some(_), MAVLinkMessageRaw::V1(_)) => false,
             (Some(signer), MAVLinkMessageRaw::V2(raw)) => signer.accepts(raw),
         };

@@ -3,7 +3,9 @@
 use super::*;
 use crate::number::IntegerEncoding;
 use crate::signing::{Signer, Signing};
-use mavlink::dialects::common::{COMMAND_LONG_DATA, MavCmd, PARAM_REQUEST_LIST_DATA};
+use mavlink::dialects::common::{
+    COMMAND_LONG_DATA, MavCmd, PARAM_REQUEST_LIST_DATA, RADIO_STATUS_DATA,
+};
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkVersion};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -188,6 +190,10 @@ fn with_a_key_only_signed_messages_are_accepted_and_each_once() {
     assert_eq!(take(&unsigned), Err(Refused::Signature));
     let old = writer(Versions::One).bytes(&request, None, IntegerEncoding::Bytewise).unwrap();
     assert_eq!(take(&old), Err(Refused::Signature));
+    // A radio puts its status between the messages, and has no key.
+    let status = RADIO_STATUS_DATA { txbuf: 42, ..RADIO_STATUS_DATA::default() };
+    let radio = sent(&MavMessage::RADIO_STATUS(status));
+    assert_eq!(take(&radio), Ok(Request::Radio { free_percent: 42 }));
 }
 
 #[test]
